@@ -1,0 +1,28 @@
+"""A conversation with a device as a generator: it yields what to send and how long to listen, and is sent what came.
+
+Drivers know their device's dialogue but no port; a transport runs the generator, blocking or inside an event loop.
+A dialogue never raises for what the device says: it returns its finding, or `None` when the device did not play along.
+"""
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from typing import TypeVar
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """Send, then listen. The transport answers with the bytes received meanwhile.
+
+    baud: change the line's speed first. discard: throw away what is waiting in the input first.
+    listen_s: longest time to listen. enough: stop earlier when this is true of the bytes so far.
+    """
+
+    send: bytes = b""
+    listen_s: float = 0.0
+    enough: Callable[[bytes], bool] | None = None
+    baud: int | None = None
+    discard: bool = False
+
+
+Result = TypeVar("Result")
+Dialogue = Generator[Exchange, bytes, Result]

@@ -1,0 +1,13 @@
+"""The one way a kernel of this package is compiled: nopython, cached on disk, IEEE division, bits equal on every CPU."""
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def kernel(function: Function) -> Function:
+    """Compile `function` in nopython mode on first use; its own type is kept for the type checker."""
+    return cast(Function, numba.njit(cache=True, error_model="numpy")(function))

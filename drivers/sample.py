@@ -1,0 +1,24 @@
+"""The inertial sample: what every driver of an inertial sensor hands on, in SI units and the sensor's FRD axes.
+
+A level sensor at rest shows f = (0, 0, -g): specific force, not gravity. Drivers write rows of a preallocated
+array of `SAMPLE`; `t_ns` is left to the clock, which fits `tick` (in sample periods, counter wraps removed, lost samples
+counted) to the host's time.
+"""
+
+import numpy as np
+
+SAMPLE = np.dtype(
+    [
+        ("t_ns", "<i8"),  # time of the sample on the estimator's axis; written by the clock
+        ("tick", "<i8"),  # device counter in sample periods since the first sample
+        ("w", "<f8", (3,)),  # angular rate of the body against inertial space, rad/s
+        ("f", "<f8", (3,)),  # specific force, m/s^2
+        ("temperature", "<f8"),  # degC, NaN where the sensor has none
+        ("flags", "<i8"),  # bits below
+    ],
+    align=True,
+)
+
+SUSPECT = 1  # the values contradict their neighbours: damaged on the wire, hold the last good sample
+SATURATED = 2  # an axis is at the end of its range
+DEVICE_ERROR = 4  # the sensor reports a fault

@@ -1,0 +1,64 @@
+"""The records that estimators read and write: a GNSS fix, a solution, an innovation. SI units, radians, NED, FRD."""
+
+import numpy as np
+
+FIX = np.dtype(
+    [
+        ("t_ns", "<i8"),  # epoch of the fix on the estimator's time axis
+        ("arrival_ns", "<i8"),  # when it became known
+        ("lat", "<f8"),  # rad, WGS-84
+        ("lon", "<f8"),  # rad
+        ("height", "<f8"),  # m above the ellipsoid; NaN: unknown
+        ("sigma", "<f8", (3,)),  # m, 1 sigma north, east, down; NaN: unknown
+        ("hdop", "<f8"),  # NaN: unknown
+        ("v", "<f8", (3,)),  # m/s, NED; NaN where unknown (NMEA gives none)
+        ("speed", "<f8"),  # m/s over ground; NaN: unknown
+        ("course", "<f8"),  # rad from true north; NaN: unknown
+        ("quality", "<i8"),  # as NMEA GGA: 1 GPS, 2 differential, 4 RTK fixed, 5 RTK float, 6 dead reckoning
+        ("satellites", "<i8"),  # in use; -1: unknown
+    ],
+    align=True,
+)
+
+SOLUTION = np.dtype(
+    [
+        ("t_ns", "<i8"),
+        ("status", "<i8"),  # bits below
+        ("lat", "<f8"),  # rad; NaN without POSITION_VALID, like height and v
+        ("lon", "<f8"),  # rad
+        ("height", "<f8"),  # m above the ellipsoid
+        ("v", "<f8", (3,)),  # m/s, NED
+        ("q_nb", "<f8", (4,)),  # Hamilton, scalar first, rotates body vectors into NED
+        ("w", "<f8", (3,)),  # rad/s, body, bias removed
+        ("f", "<f8", (3,)),  # m/s^2, body specific force, bias removed
+        ("bg", "<f8", (3,)),  # rad/s gyro bias
+        ("ba", "<f8", (3,)),  # m/s^2 accelerometer bias
+        ("sigma_p", "<f8", (3,)),  # m, 1 sigma NED
+        ("sigma_v", "<f8", (3,)),  # m/s
+        ("sigma_rpy", "<f8", (3,)),  # rad, of roll, pitch, yaw
+        ("sigma_bg", "<f8", (3,)),
+        ("sigma_ba", "<f8", (3,)),
+    ],
+    align=True,
+)
+
+ATTITUDE_VALID = 1  # roll and pitch may be trusted to their sigmas
+HEADING_VALID = 2  # so may yaw, against true north; otherwise its origin is arbitrary
+POSITION_VALID = 4  # so may position and velocity
+AT_REST = 8
+COASTING = 16  # position without a recent fix
+REJECTING = 32  # fixes come, and contradict the estimate
+SATURATED = 64  # the inertial sensor is at the end of its range
+
+INNOVATION = np.dtype(
+    [
+        ("t_ns", "<i8"),
+        ("kind", "<i8"),  # one of the codes below
+        ("value", "<f8"),  # measured minus predicted
+        ("variance", "<f8"),  # predicted variance of `value`
+        ("used", "<i8"),  # 1 fused, 0 rejected by its gate
+    ],
+    align=True,
+)
+
+POSITION_N, POSITION_E, POSITION_D, VELOCITY_N, VELOCITY_E, VELOCITY_D, HEADING = range(7)

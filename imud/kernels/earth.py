@@ -1,0 +1,34 @@
+"""The WGS-84 ellipsoid: radii of curvature, normal gravity, earth rate.
+
+Source: NIMA TR8350.2 (2000), Somigliana's formula (eq. 4-1) and its second-order height term (eq. 4-3).
+"""
+
+import math
+
+from .jit import kernel
+
+SEMI_MAJOR_M = 6378137.0
+FLATTENING = 1.0 / 298.257223563
+ECCENTRICITY2 = FLATTENING * (2.0 - FLATTENING)
+EARTH_RATE_RADPS = 7.292115e-5
+GRAVITY_EQUATOR = 9.7803253359  # m/s^2
+SOMIGLIANA_K = 0.00193185265241
+GRAVITY_RATIO = 0.00344978650684  # m = omega^2 a^2 b / GM
+STANDARD_GRAVITY = 9.80665  # m/s^2, the unit "g"
+
+
+@kernel
+def radii(lat: float) -> tuple[float, float]:
+    """Meridian and prime-vertical radii of curvature in m at latitude `lat` (rad)."""
+    d = 1.0 - ECCENTRICITY2 * math.sin(lat) ** 2
+    prime_vertical = SEMI_MAJOR_M / math.sqrt(d)
+    return prime_vertical * (1.0 - ECCENTRICITY2) / d, prime_vertical
+
+
+@kernel
+def gravity(lat: float, height: float) -> float:
+    """Normal gravity in m/s^2 at latitude (rad) and ellipsoidal height (m), positive down."""
+    s2 = math.sin(lat) ** 2
+    surface = GRAVITY_EQUATOR * (1.0 + SOMIGLIANA_K * s2) / math.sqrt(1.0 - ECCENTRICITY2 * s2)
+    h = height / SEMI_MAJOR_M
+    return surface * (1.0 - 2.0 * h * (1.0 + FLATTENING + GRAVITY_RATIO - 2.0 * FLATTENING * s2) + 3.0 * h * h)

@@ -1,0 +1,89 @@
+"""Covariance arithmetic on a packed upper triangle: symmetric by construction, no temporaries.
+
+A symmetric n x n matrix P is kept as a flat array of n (n + 1) / 2 numbers, rows of the upper triangle one after
+another. A sparse transition Phi is applied as a product of elementary steps, each of which is a congruence and so keeps P
+positive semidefinite; measurements are taken one scalar at a time in the symmetric Joseph form.
+
+Source: Bierman, Factorization Methods for Discrete Sequential Estimation (1977), ch. II; Bucy and Joseph (1968).
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .jit import kernel
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@kernel
+def packed_index(n: int, i: int, j: int) -> int:
+    """Where element (i, j) of an n x n symmetric matrix is in its packed triangle."""
+    if i > j:
+        i, j = j, i
+    return i * n - i * (i - 1) // 2 + (j - i)
+
+
+@kernel
+def shear(P: Floats, n: int, i: int, j: int, a: float) -> None:
+    """P <- E P E' with E = I + a e_i e_j', i != j: state i gains `a` times state j."""
+    pij = P[packed_index(n, i, j)]
+    pjj = P[packed_index(n, j, j)]
+    for k in range(n):
+        if k != i:
+            P[packed_index(n, i, k)] += a * P[packed_index(n, j, k)]
+    P[packed_index(n, i, i)] += a * (2.0 * pij + a * pjj)
+
+
+@kernel
+def scale(P: Floats, n: int, i: int, a: float) -> None:
+    """P <- E P E' with E the identity but for E[i, i] = a: state i decays."""
+    for k in range(n):
+        P[packed_index(n, i, k)] *= a
+    P[packed_index(n, i, i)] *= a
+
+
+@kernel
+def reset(P: Floats, n: int, i: int, variance: float) -> None:
+    """Make state i independent of the others, with `variance`."""
+    for k in range(n):
+        P[packed_index(n, i, k)] = 0.0
+    P[packed_index(n, i, i)] = variance
+
+
+@kernel
+def measure(P: Floats, n: int, columns: Indices, values: Floats, m: int, d: Floats) -> float:
+    """d <- P h for the sparse row h (`values[k]` at `columns[k]`, k < m); returns h P h'."""
+    for i in range(n):
+        s = 0.0
+        for k in range(m):
+            s += P[packed_index(n, i, columns[k])] * values[k]
+        d[i] = s
+    v = 0.0
+    for k in range(m):
+        v += values[k] * d[columns[k]]
+    return v
+
+
+@kernel
+def update(P: Floats, n: int, x: Floats, d: Floats, s: float, z: float, keep: int) -> None:
+    """Take one scalar measurement with innovation z (h x already removed), variance s = h P h' + r and d = P h.
+
+    x is the correction gathered so far; states from index `keep` on are considered, not corrected (Schmidt):
+    P <- P + k s k' - k d' - d k' is valid for any gain k.
+    """
+    for i in range(n):
+        ki = d[i] / s if i < keep else 0.0
+        x[i] += ki * z
+        for j in range(i, n):
+            kj = d[j] / s if j < keep else 0.0
+            P[packed_index(n, i, j)] += ki * s * kj - ki * d[j] - d[i] * kj
+
+
+def unpack(P: Floats, n: int) -> Any:
+    """The full symmetric matrix of a packed triangle (not for kernels)."""
+    full = np.zeros((n, n))
+    full[np.triu_indices(n)] = P
+    return full + np.triu(full, 1).T

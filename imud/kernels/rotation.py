@@ -1,0 +1,128 @@
+"""Rotations: unit quaternions q_nb (Hamilton, scalar first, body to navigation) and Euler angles ZYX, on plain scalars.
+
+Source: Solà, Quaternion kinematics for the error-state Kalman filter (2017); Titterton and Weston (2004), ch. 3.
+"""
+
+import math
+
+from .jit import kernel
+
+Quaternion = tuple[float, float, float, float]
+Vector = tuple[float, float, float]
+
+
+@kernel
+def quat_product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Hamilton product a*b."""
+    return (
+        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+    )
+
+
+@kernel
+def quat_normalised(q: Quaternion) -> Quaternion:
+    """q scaled to unit length."""
+    s = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return q[0] * s, q[1] * s, q[2] * s, q[3] * s
+
+
+@kernel
+def quat_exp(x: float, y: float, z: float) -> Quaternion:
+    """Quaternion of the rotation vector (x, y, z), rad."""
+    angle2 = x * x + y * y + z * z
+    if angle2 < 1e-8:  # series: the next term is below 1e-18
+        c = 1.0 - angle2 / 8.0
+        s = 0.5 - angle2 / 48.0
+    else:
+        angle = math.sqrt(angle2)
+        c = math.cos(0.5 * angle)
+        s = math.sin(0.5 * angle) / angle
+    return c, s * x, s * y, s * z
+
+
+@kernel
+def quat_rotate(q: Quaternion, v: Vector) -> Vector:
+    """v rotated by q: body to navigation for q_nb."""
+    tx = 2.0 * (q[2] * v[2] - q[3] * v[1])
+    ty = 2.0 * (q[3] * v[0] - q[1] * v[2])
+    tz = 2.0 * (q[1] * v[1] - q[2] * v[0])
+    return (
+        v[0] + q[0] * tx + q[2] * tz - q[3] * ty,
+        v[1] + q[0] * ty + q[3] * tx - q[1] * tz,
+        v[2] + q[0] * tz + q[1] * ty - q[2] * tx,
+    )
+
+
+@kernel
+def quat_rotate_back(q: Quaternion, v: Vector) -> Vector:
+    """v rotated by the inverse of q: navigation to body for q_nb."""
+    return quat_rotate((q[0], -q[1], -q[2], -q[3]), v)
+
+
+@kernel
+def dcm_of_quat(q: Quaternion) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """Rotation matrix C_nb by rows."""
+    w, x, y, z = q
+    return (
+        1.0 - 2.0 * (y * y + z * z),
+        2.0 * (x * y - w * z),
+        2.0 * (x * z + w * y),
+        2.0 * (x * y + w * z),
+        1.0 - 2.0 * (x * x + z * z),
+        2.0 * (y * z - w * x),
+        2.0 * (x * z - w * y),
+        2.0 * (y * z + w * x),
+        1.0 - 2.0 * (x * x + y * y),
+    )
+
+
+@kernel
+def quat_of_euler(roll: float, pitch: float, yaw: float) -> Quaternion:
+    """q_nb of ZYX Euler angles, rad."""
+    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
+    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+    cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+@kernel
+def euler_of_quat(q: Quaternion) -> Vector:
+    """Roll, pitch, yaw in rad; roll and yaw in (-pi, pi], pitch in [-pi/2, pi/2]."""
+    w, x, y, z = q
+    roll = math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
+    pitch = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - x * z))))
+    yaw = math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
+    return roll, pitch, yaw
+
+
+@kernel
+def quat_of_gravity(fx: float, fy: float, fz: float) -> Quaternion:
+    """q_nb with yaw 0 of a body at rest that measures specific force (fx, fy, fz) != 0."""
+    roll = math.atan2(-fy, -fz)
+    pitch = math.atan2(fx, math.sqrt(fy * fy + fz * fz))
+    return quat_of_euler(roll, pitch, 0.0)
+
+
+@kernel
+def euler_variances(q: Quaternion, p00: float, p01: float, p02: float, p11: float, p12: float, p22: float) -> Vector:
+    """Variances of roll, pitch, yaw (rad^2) for a small navigation-frame rotation error with covariance p (NED).
+
+    At pitch +-90 deg roll and yaw are not defined; their variances stop at that of a uniform angle, pi^2/3.
+    """
+    _, pitch, yaw = euler_of_quat(q)
+    cy, sy = math.cos(yaw), math.sin(yaw)
+    limit = math.pi * math.pi / 3.0
+    along = cy * cy * p00 + 2.0 * cy * sy * p01 + sy * sy * p11  # about the horizontal heading axis
+    across = sy * sy * p00 - 2.0 * cy * sy * p01 + cy * cy * p11  # about the horizontal pitch axis
+    cp2 = max(math.cos(pitch) ** 2, 1e-12)
+    tp = math.sin(pitch) / math.sqrt(cp2)
+    vertical = p22 + 2.0 * tp * (cy * p02 + sy * p12) + tp * tp * along
+    return min(along / cp2, limit), min(across, limit), min(vertical, limit)

@@ -1,0 +1,57 @@
+"""Noise profiles of inertial sensors by name: what an estimator must know of a sensor, with its source."""
+
+import math
+from dataclasses import dataclass
+
+from .kernels.earth import STANDARD_GRAVITY
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Noise of one sensor model, SI."""
+
+    gyro_noise: float  # angular random walk, (rad/s)/sqrt(Hz)
+    gyro_bias_instability: float  # rad/s
+    gyro_bias_initial: float  # rad/s, 1 sigma at switch-on
+    gyro_scale: float  # 1 sigma of scale factor and misalignment
+    gyro_range: float  # rad/s
+    accel_noise: float  # velocity random walk, (m/s^2)/sqrt(Hz)
+    accel_bias_instability: float  # m/s^2
+    accel_bias_initial: float  # m/s^2, 1 sigma at switch-on
+    accel_scale: float
+    accel_range: float  # m/s^2
+
+
+_DEG = math.radians(1.0)
+_HOUR = 3600.0
+_MG = 1e-3 * STANDARD_GRAVITY
+
+PROFILES = {
+    # Epson M-G350-PD11 data sheet, in its units: ARW 0.2 deg/sqrt(h), VRW 0.04 (m/s)/sqrt(h), scale factor +-0.5 %
+    "m-g350": Profile(
+        gyro_noise=0.2 * _DEG / math.sqrt(_HOUR),
+        gyro_bias_instability=6.0 * _DEG / _HOUR,
+        gyro_bias_initial=0.5 * _DEG,
+        gyro_scale=0.005,
+        gyro_range=300.0 * _DEG,
+        accel_noise=0.04 / math.sqrt(_HOUR),
+        accel_bias_instability=0.1 * _MG,
+        accel_bias_initial=8.0 * _MG,
+        accel_scale=0.005,
+        accel_range=3.0 * STANDARD_GRAVITY,
+    ),
+    # a phone- or drone-class part of unknown make: ten times the noise, and biases that need a wide prior
+    # (one real unit in our recordings had 4.5 deg/s)
+    "consumer-mems": Profile(
+        gyro_noise=0.01 * _DEG,
+        gyro_bias_instability=20.0 * _DEG / _HOUR,
+        gyro_bias_initial=2.0 * _DEG,
+        gyro_scale=0.01,
+        gyro_range=2000.0 * _DEG,
+        accel_noise=2e-3,
+        accel_bias_instability=0.5 * _MG,
+        accel_bias_initial=30.0 * _MG,
+        accel_scale=0.01,
+        accel_range=16.0 * STANDARD_GRAVITY,
+    ),
+}

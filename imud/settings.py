@@ -1,0 +1,67 @@
+"""Everything a user may set, typed, with units in the names. Values only: reading files is `config`'s business."""
+
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+Positive = Annotated[float, Meta(gt=0.0)]
+NonNegative = Annotated[float, Meta(ge=0.0)]
+Triple = tuple[float, float, float]
+
+
+class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The inertial sensor."""
+
+    profile: str = "auto"  # noise profile by name; auto: what the driver says, else consumer-mems
+    rate_hz: Annotated[float, Meta(gt=0.0, le=2000.0)] = 1000.0
+    mount_rpy_deg: Triple = (0.0, 0.0, 0.0)  # ZYX angles of the sensor's axes in the vehicle's
+
+
+class Gnss(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The receiver."""
+
+    latency_s: NonNegative = 0.15  # from a fix's epoch to its arrival, when nothing better is known
+    min_satellites: Annotated[int, Meta(ge=0)] = 0  # fixes with fewer are not used
+    max_hdop: Positive = 20.0
+
+
+class Navigation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The navigation filter."""
+
+    vehicle: Literal["auto", "land", "free"] = "auto"
+    lever_arm_m: Triple = (0.0, 0.0, 0.0)  # antenna from IMU, body FRD
+
+
+class Gpsd(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The gpsd JSON server."""
+
+    listen: str = "127.0.0.1:2947"
+    allow_remote: bool = False
+    rate_hz: Annotated[float, Meta(gt=0.0, le=1000.0)] = 10.0
+    max_clients: Annotated[int, Meta(gt=0, le=1024)] = 64
+
+
+class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The whole."""
+
+    estimator: str = "auto"  # navigation with GNSS, attitude without
+    ports: tuple[str, ...] = ()
+    imu: Imu = Imu()
+    gnss: Gnss = Gnss()
+    navigation: Navigation = Navigation()
+    gpsd: Gpsd = Gpsd()
+
+
+class Initial(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A start that the user knows (`--initial`); what is None the filter finds by itself."""
+
+    lat_deg: float | None = None
+    lon_deg: float | None = None
+    height_m: float | None = None
+    vn_mps: float | None = None
+    ve_mps: float | None = None
+    vd_mps: float | None = None
+    roll_deg: float | None = None
+    pitch_deg: float | None = None
+    yaw_deg: float | None = None

@@ -1,4 +1,4 @@
-"""The one way a kernel of this package is compiled: nopython, cached on disk, IEEE division, bits equal on every CPU."""
+"""The one way a kernel of this package is compiled: nopython, cached on disk, IEEE division, no fast-math."""
 
 from collections.abc import Callable
 from typing import Any, TypeVar, cast

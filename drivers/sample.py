@@ -1,8 +1,8 @@
 """The inertial sample: what every driver of an inertial sensor hands on, in SI units and the sensor's FRD axes.
 
 A level sensor at rest shows f = (0, 0, -g): specific force, not gravity. Drivers write rows of a preallocated
-array of `SAMPLE`; `t_ns` is left to the clock, which fits `tick` (in sample periods, counter wraps removed, lost samples
-counted) to the host's time.
+array of `SAMPLE`; `t_ns` is left to the clock, which fits `tick` (in sample periods, counter wraps removed, lost
+samples counted) to the host's time.
 """
 
 import numpy as np

@@ -1,8 +1,8 @@
 """The estimators and the one small interface behind which they all stand.
 
-An estimator is three fixed-size nopython kernels on records: a parameter record (fixed after `configure`), a state record and
-rows of `records`. Kernels never allocate, never raise, and depend on nothing but their arguments, so that the same bytes give the
-same bits live and in replay.
+An estimator is fixed-size nopython kernels on records: a parameter record (fixed after `configure`), a state record and
+rows of `records`. Kernels never allocate, never raise, and depend on nothing but their arguments, so that the same
+bytes give the same bits live and in replay.
 """
 
 from collections.abc import Callable
@@ -21,7 +21,7 @@ Record = NDArray[np.void]  # a structured array of one element
 class Estimator:
     """name: what the user calls it.
 
-    configure(settings, rate_hz) -> parameter record (1 element). start(parameters, initial) -> state record (1 element).
+    configure(settings, rate_hz) -> parameters (1 element). start(parameters, initial) -> state (1 element).
     step(parameters[0], state[0], sample, solution): one inertial sample in, one solution row out.
     update(parameters[0], state[0], fix, innovations) -> rows of `innovations` written. None: takes no fixes.
     """

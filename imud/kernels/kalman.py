@@ -1,8 +1,8 @@
 """Covariance arithmetic on a packed upper triangle: symmetric by construction, no temporaries.
 
 A symmetric n x n matrix P is kept as a flat array of n (n + 1) / 2 numbers, rows of the upper triangle one after
-another. A sparse transition Phi is applied as a product of elementary steps, each of which is a congruence and so keeps P
-positive semidefinite; measurements are taken one scalar at a time in the symmetric Joseph form.
+another. A sparse transition Phi is applied as a product of elementary steps, each of which is a congruence and so
+keeps P positive semidefinite; measurements are taken one scalar at a time in the symmetric Joseph form.
 
 Source: Bierman, Factorization Methods for Discrete Sequential Estimation (1977), ch. II; Bucy and Joseph (1968).
 """

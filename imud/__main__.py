@@ -1,0 +1,73 @@
+"""The `imud` command: which sub-command, and how its failures end. Sub-commands are imported only when called."""
+
+import argparse
+import importlib
+import importlib.metadata
+import os
+import sys
+from typing import NoReturn
+
+from . import runtime
+from .errors import ImudError
+
+_COMMANDS = {
+    "run": "the daemon: sensors in, attitude and position out (the default command)",
+    "demo": "emulated sensors and the daemon in one command, estimate against truth on the terminal",
+    "sim": "emulated sensors on pseudo-terminals",
+    "replay": "recorded data through the same filter, as fast as it goes",
+}
+_USAGE, _INTERRUPTED = 64, 130
+
+
+class _Parser(argparse.ArgumentParser):
+    """An argument parser whose usage errors exit with 64 (EX_USAGE)."""
+
+    def error(self, message: str) -> NoReturn:
+        self.print_usage(sys.stderr)
+        self.exit(_USAGE, f"{self.prog}: {message}\n")
+
+
+def _parser(command: str | None) -> argparse.ArgumentParser:
+    """The whole parser; only the named command's module is imported for its arguments."""
+    parser = _Parser(
+        prog="imud",
+        description="Inertial sensor daemon: attitude, velocity and position from an IMU and a GNSS receiver.",
+        epilog="`imud --port /dev/ttyUSB0` alone is `imud run --port /dev/ttyUSB0`. `imud COMMAND --help` tells more.",
+    )
+    version = importlib.metadata.version("imud")
+    parser.add_argument("--version", action="version", version=f"imud {version}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name, summary in _COMMANDS.items():
+        sub = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
+        if name == command:
+            importlib.import_module(f"imud.{name}").add_arguments(sub)
+    return parser
+
+
+def _with_default_command(arguments: list[str]) -> list[str]:
+    first = arguments[0] if arguments else ""
+    return ["run", *arguments] if first.startswith("-") and first not in ("-h", "--help", "--version") else arguments
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command; returns the process's exit code (see `imud.errors`)."""
+    runtime.prepare()
+    arguments = _with_default_command(sys.argv[1:] if arguments is None else arguments)
+    if not arguments:
+        _parser(None).print_help(sys.stderr)
+        return _USAGE
+    args = _parser(arguments[0]).parse_args(arguments)
+    try:
+        return int(importlib.import_module(f"imud.{args.command}").run(args))
+    except ImudError as error:
+        print(f"imud: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        return _INTERRUPTED
+    except BrokenPipeError:  # the reader of our output went away: `imud … | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

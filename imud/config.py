@@ -1,0 +1,110 @@
+"""From TOML file and `--set KEY=VALUE` to `Settings`: every problem at once, each with its key and where it stands."""
+
+import difflib
+import re
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+import msgspec
+
+from .errors import ConfigError
+from .settings import Settings
+
+Struct = TypeVar("Struct", bound=msgspec.Struct)
+
+
+def _is_table(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
+
+
+def _problems(table: dict[str, Any], schema: type[msgspec.Struct], prefix: str = "") -> Iterable[tuple[str, str]]:
+    """(key path, what is wrong) for every key of `table` that `schema` does not take."""
+    fields = get_type_hints(schema, include_extras=True)
+    for key, value in table.items():
+        path = prefix + key
+        if key not in fields:
+            near = difflib.get_close_matches(key, fields, n=1, cutoff=0.5)
+            hint = f"did you mean {prefix}{near[0]}?" if near else f"known here: {', '.join(fields)}"
+            yield path, f"unknown key; {hint}"
+        elif _is_table(fields[key]):
+            if isinstance(value, dict):
+                yield from _problems(value, fields[key], path + ".")
+            else:
+                yield path, "is a table of keys, not a value"
+        else:
+            try:
+                msgspec.convert(value, fields[key])
+            except msgspec.ValidationError as error:
+                yield path, str(error)
+
+
+def _line_of(text: str, path: str) -> int | None:
+    """Line on which the key stands in the TOML text, for the message; None if it cannot be told."""
+    *tables, key = path.split(".")
+    current: list[str] = []
+    for number, line in enumerate(text.splitlines(), 1):
+        if header := re.match(r"\s*\[+\s*([\w.\-]+)\s*\]+", line):
+            current = header[1].split(".")
+        elif (assigned := re.match(r"\s*([\w.\-]+)\s*=", line)) and current + assigned[1].split(".") == [*tables, key]:
+            return number
+    return None
+
+
+def _parse_override(text: str) -> tuple[list[str], Any]:
+    key, sign, value = text.partition("=")
+    if not sign or not key.strip():
+        raise ConfigError(f"--set {text}: write it as KEY=VALUE, for example --set navigation.vehicle=land")
+    try:
+        parsed = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        parsed = value.strip()  # a bare word is a string
+    return key.strip().split("."), parsed
+
+
+def _merge(table: dict[str, Any], path: list[str], value: Any) -> None:
+    for name in path[:-1]:
+        inner = table.setdefault(name, {})
+        if not isinstance(inner, dict):
+            table[name] = inner = {}
+        table = inner
+    table[path[-1]] = value
+
+
+def load(file: Path | None, overrides: Iterable[str] = ()) -> Settings:
+    """Read and check. Overrides win over the file.
+
+    Raises ConfigError listing every problem: unreadable file, TOML syntax, unknown keys, wrong types and ranges.
+    """
+    table: dict[str, Any] = {}
+    text = ""
+    if file is not None:
+        try:
+            text = file.read_text()
+            table = tomllib.loads(text)
+        except (OSError, UnicodeDecodeError) as error:
+            raise ConfigError(f"cannot read the configuration {file}: {error}") from error
+        except tomllib.TOMLDecodeError as error:
+            raise ConfigError(f"{file} is not valid TOML: {error}") from error
+    for override in overrides:
+        _merge(table, *_parse_override(override))
+    problems = []
+    for path, what in _problems(table, Settings):
+        line = _line_of(text, path)
+        where = f"{file}:{line}: " if line else ""
+        problems.append(f"{where}{path}: {what}")
+    if problems:
+        raise ConfigError("bad configuration\n  " + "\n  ".join(problems))
+    return msgspec.convert(table, Settings)
+
+
+def parse_assignments(text: str, schema: type[Struct], option: str) -> Struct:
+    """`a=1,b=2` as a struct, for options such as --initial. Raises ConfigError naming the option and all bad keys."""
+    table: dict[str, Any] = {}
+    for item in filter(None, text.split(",")):
+        path, value = _parse_override(item)
+        _merge(table, path, value)
+    if problems := [f"{path}: {what}" for path, what in _problems(table, schema)]:
+        raise ConfigError(f"{option}: " + "; ".join(problems))
+    return msgspec.convert(table, schema)

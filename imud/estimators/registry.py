@@ -1,0 +1,22 @@
+"""Which estimators there are. A new one is a module with an `ESTIMATOR` and a line here, imported when asked for."""
+
+import importlib
+
+from imud.errors import UsageError
+
+from . import Estimator
+
+_MODULES = {
+    "attitude": "imud.estimators.attitude",
+    "navigation": "imud.estimators.navigation",
+}
+NAMES = tuple(_MODULES)
+
+
+def by_name(name: str) -> Estimator:
+    """The estimator called `name`. Raises UsageError naming those there are."""
+    if name not in _MODULES:
+        raise UsageError(f"no estimator is called {name!r}; there are {', '.join(NAMES)}")
+    estimator = importlib.import_module(_MODULES[name]).ESTIMATOR
+    assert isinstance(estimator, Estimator)
+    return estimator

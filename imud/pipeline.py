@@ -1,0 +1,136 @@
+"""From bytes, or samples, to solutions in one compiled call: the driver's decoder, the clock and the estimator as one.
+
+The kernel is composed for each pair of driver and estimator from one template; live and replay step with the same
+code, whatever the chunks in which the bytes came.
+"""
+
+import math
+import types
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.sample import SAMPLE
+
+from .clock import new_clock, stamp
+from .estimators import Estimator
+from .estimators.records import INNOVATION, SOLUTION
+from .kernels.jit import kernel
+from .kernels.rotation import dcm_of_quat, quat_of_euler
+from .settings import Initial, Settings
+
+Floats = NDArray[np.float64]
+Records = NDArray[np.void]
+BATCH = 256  # samples one call may yield; more stay in the buffer for the next call
+
+
+@kernel
+def mount(sample: Any, C: Floats) -> None:
+    """Turn a sample from sensor axes into body axes by the matrix C (row-major 9)."""
+    w0, w1, w2 = sample.w[0], sample.w[1], sample.w[2]
+    f0, f1, f2 = sample.f[0], sample.f[1], sample.f[2]
+    w, f = sample.w, sample.f
+    for i in range(3):
+        w[i] = C[3 * i] * w0 + C[3 * i + 1] * w1 + C[3 * i + 2] * w2
+        f[i] = C[3 * i] * f0 + C[3 * i + 1] * f1 + C[3 * i + 2] * f2
+
+
+def _ingest(
+    rx: Any,
+    fill: int,
+    arrival_ns: int,
+    decoder: Any,
+    clock: Any,
+    samples: Any,
+    C: Any,
+    parameters: Any,
+    state: Any,
+    out: Any,
+) -> int:
+    n: int = decode(rx, fill, decoder, samples)  # type: ignore[name-defined]  # noqa: F821
+    for k in range(n):
+        samples[k].t_ns = stamp(clock[0], samples[k].tick, arrival_ns)
+        mount(samples[k], C)
+        step(parameters[0], state[0], samples[k], out[k])  # type: ignore[name-defined]  # noqa: F821
+    return n
+
+
+def _run(samples: Any, C: Any, parameters: Any, state: Any, out: Any) -> None:
+    for k in range(len(samples)):
+        mount(samples[k], C)
+        step(parameters[0], state[0], samples[k], out[k])  # type: ignore[name-defined]  # noqa: F821
+
+
+def _compose(template: Callable[..., Any], name: str, **parts: Any) -> Callable[..., Any]:
+    """The template with its free names bound to kernels, under a name of its own so that numba caches it apart."""
+    bound = types.FunctionType(template.__code__, {**globals(), **parts}, name)
+    bound.__qualname__ = name
+    return kernel(bound)
+
+
+def mount_matrix(rpy_deg: tuple[float, float, float]) -> Floats:
+    """Row-major C from sensor axes to body axes for ZYX angles in deg."""
+    roll, pitch, yaw = (math.radians(angle) for angle in rpy_deg)
+    return np.array(dcm_of_quat(quat_of_euler(roll, pitch, yaw)))
+
+
+class Filter:
+    """An estimator with its records, fed with samples and fixes. Not thread-safe."""
+
+    def __init__(self, estimator: Estimator, settings: Settings, initial: Initial, rate_hz: float) -> None:
+        self.estimator = estimator
+        self.parameters = estimator.configure(settings, rate_hz)
+        self.state = estimator.start(self.parameters, initial)
+        self.mount = mount_matrix(settings.imu.mount_rpy_deg)
+        self._run = _compose(_run, f"run_{estimator.name.replace('-', '_')}", step=estimator.step)
+        self._innovations = np.zeros(16, INNOVATION)
+
+    def run(self, samples: Records, out: Records) -> None:
+        """Step through `samples` (SAMPLE, turned to body axes in place), one solution each into `out` (SOLUTION)."""
+        self._run(samples, self.mount, self.parameters, self.state, out)
+
+    def update(self, fix: Records) -> Records:
+        """Take a fix (array of one FIX); returns its innovations (INNOVATION), valid until the next call."""
+        if self.estimator.update is None:
+            return self._innovations[:0]
+        n = self.estimator.update(self.parameters[0], self.state[0], fix[0], self._innovations)
+        return self._innovations[:n]
+
+
+class Stream:
+    """Bytes of one inertial sensor to solutions of one filter. Owns the preallocated buffers; not thread-safe."""
+
+    def __init__(self, name: str, decode: Callable[..., int], decoder: Records, filter_: Filter) -> None:
+        self.filter = filter_
+        self.decoder = decoder
+        self.rx = np.zeros(65536, np.uint8)
+        self.samples = np.zeros(BATCH, SAMPLE)
+        self.solutions = np.zeros(BATCH, SOLUTION)
+        self.clock = new_clock(1e6, 0.0)
+        self.fill = 0
+        stem = f"ingest_{name}_{filter_.estimator.name.replace('-', '_')}"
+        self._ingest = _compose(_ingest, stem, decode=decode, step=filter_.estimator.step)
+
+    def restart(self, decoder: Records, period_ns: float, delay_ns: float) -> None:
+        """A new connection to the sensor: forget half frames and the clock's fit, keep the filter's knowledge."""
+        self.decoder, self.fill = decoder, 0
+        self.clock = new_clock(period_ns, delay_ns)
+
+    def ingest(self, received: int, arrival_ns: int) -> int:
+        """Decode, stamp and step what was written to rx[fill:fill + received]; returns how many solutions are new."""
+        n = self._ingest(
+            self.rx,
+            self.fill + received,
+            arrival_ns,
+            self.decoder,
+            self.clock,
+            self.samples,
+            self.filter.mount,
+            self.filter.parameters,
+            self.filter.state,
+            self.solutions,
+        )
+        self.fill = int(self.decoder["leftover"][0])
+        return int(n)

@@ -1,0 +1,145 @@
+"""`imud replay`: recorded samples and fixes through the same filter as the daemon's, as fast as it goes."""
+
+import argparse
+import math
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from . import config
+from .errors import BadDataError, CannotCreateError, InputMissingError, UsageError
+from .settings import Initial, Settings
+
+if TYPE_CHECKING:
+    from .pipeline import Filter, Records
+
+BLOCK = 4096
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--imu", type=Path, metavar="CSV", help="inertial samples: t_s,gx_radps,…,az_mps2 (FRD)")
+    parser.add_argument("--gnss", type=Path, metavar="CSV|NMEA", help="fixes: t_s,lat_deg,lon_deg,height_m,…, or NMEA")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="CSV", help="estimates; - for stdout")
+    parser.add_argument("--estimator", metavar="NAME", help="navigation (default with --gnss) or attitude")
+    parser.add_argument("--initial", default="", metavar="KEY=V,…", help="known start: lat_deg=…,lon_deg=…,yaw_deg=…")
+    parser.add_argument("--rate", type=float, metavar="HZ", help="thin the output (default: every sample)")
+    parser.add_argument("--config", type=Path, metavar="TOML")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a configuration key")
+
+
+class Progress:
+    """A bar on stderr while it is a terminal; silent otherwise."""
+
+    def __init__(self, total: int) -> None:
+        self._total, self._shown = total, -1
+        self._on = sys.stderr.isatty()
+
+    def at(self, done: int) -> None:
+        percent = 100 * done // max(self._total, 1)
+        if self._on and percent != self._shown:
+            self._shown = percent
+            end = "\n" if percent == 100 else ""
+            print(f"\r  {'#' * (percent // 3):<34}{percent:3d} %", end=end, file=sys.stderr, flush=True)
+
+
+def play(filter_: "Filter", samples: "Records", fixes: "Records", write: Any, keep: "Records") -> int:
+    """Feed everything in the order in which it became known: a fix goes in before the first sample not older than its
+    arrival. `keep` is a mask of the samples whose solutions go to `write(rows)`. Returns the number of fixes fed."""
+    from .estimators.records import SOLUTION
+
+    out = np.zeros(BLOCK, SOLUTION)
+    progress = Progress(len(samples))
+    places = np.searchsorted(samples["t_ns"], fixes["arrival_ns"], side="left")
+    start = fed = 0
+    for place, fix in [*((p, fixes[i : i + 1]) for i, p in enumerate(places)), (len(samples), None)]:
+        while start < place:
+            stop = min(start + BLOCK, place)
+            filter_.run(samples[start:stop], out[: stop - start])
+            write(out[: stop - start][keep[start:stop]])
+            progress.at(stop)
+            start = stop
+        if fix is not None and 0 < place < len(samples):
+            filter_.update(fix)
+            fed += 1
+    return fed
+
+
+def _kept(t_ns: Any, rate_hz: float | None) -> Any:
+    """Mask of the samples that start a new output period."""
+    if rate_hz is None:
+        return np.ones(len(t_ns), bool)
+    slot = np.floor((t_ns - t_ns[0]) * 1e-9 * rate_hz + 1e-6)
+    return np.concatenate([[True], np.diff(slot) > 0])
+
+
+def _estimator_name(args: argparse.Namespace, settings: Settings) -> str:
+    name = args.estimator or settings.estimator
+    return ("navigation" if args.gnss else "attitude") if name == "auto" else name
+
+
+def run(args: argparse.Namespace) -> int:
+    settings = config.load(args.config, args.set)
+    initial = config.parse_assignments(args.initial, Initial, "--initial")
+    if args.imu is None:
+        raise UsageError("replay: name the recording: --imu imu.csv [--gnss gnss.csv]")
+    if args.rate is not None and not args.rate > 0.0:
+        raise UsageError(f"--rate {args.rate}: must be above 0 Hz")
+    from .estimators import registry
+    from .pipeline import Filter
+    from .tables import EstimateWriter, read_imu
+
+    estimator = registry.by_name(_estimator_name(args, settings))
+    samples, origin, skipped = read_imu(args.imu)
+    fixes = _read_gnss(args.gnss, origin, samples, settings)
+    rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
+    begin = time.perf_counter()
+    with _open_output(args.output) as file:
+        writer = EstimateWriter(file, origin)
+        filter_ = Filter(estimator, settings, initial, rate_hz)
+        fed = play(filter_, samples, fixes, writer.write, _kept(samples["t_ns"], args.rate))
+    _summary(samples, len(fixes), fed, skipped, time.perf_counter() - begin)
+    return 0
+
+
+def _read_gnss(path: Path | None, origin: int, samples: "Records", settings: Settings) -> "Records":
+    from .estimators.records import FIX
+    from .tables import read_fixes
+
+    if path is None:
+        return np.zeros(0, FIX)
+    if not path.exists():
+        raise InputMissingError(f"{path}: no such file")
+    with path.open("rb") as file:
+        sentences = file.read(4096).lstrip()[:1] in (b"$", b"!")
+    if sentences:
+        from .gnss import fixes_of_log
+
+        return fixes_of_log(path, origin, int(samples["t_ns"][0]), settings.gnss)
+    return read_fixes(path, origin)
+
+
+def _open_output(path: Path) -> Any:
+    if str(path) == "-":
+        return open(sys.stdout.fileno(), "wb", closefd=False)
+    try:
+        return path.open("wb")
+    except OSError as error:
+        raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _summary(samples: "Records", fixes: int, fed: int, skipped: int, seconds: float) -> None:
+    span = float(samples["t_ns"][-1] - samples["t_ns"][0]) * 1e-9
+    say = [f"{len(samples)} samples of {span:.1f} s in {seconds:.2f} s ({span / max(seconds, 1e-9):.0f} x real time)"]
+    if fixes:
+        say.append(f"{fed} of {fixes} fixes")
+    if skipped:
+        say.append(f"{skipped} samples skipped: their time did not advance")
+    if fixes and not fed:
+        raise BadDataError("no fix lies within the time of the samples: are both files on the same clock?")
+    if not math.isfinite(span) or sys.stderr.isatty():
+        print("imud replay: " + ", ".join(say), file=sys.stderr)
+    elif skipped:
+        print("imud replay: " + say[-1], file=sys.stderr)

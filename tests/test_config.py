@@ -1,0 +1,59 @@
+"""Configuration: every problem at once, with key path and line; overrides win."""
+
+import pytest
+
+from imud import config
+from imud.errors import ConfigError
+from imud.settings import Initial, Settings
+
+
+def test_defaults_without_a_file():
+    assert config.load(None) == Settings()
+
+
+def test_file_and_overrides(tmp_path):
+    file = tmp_path / "imud.toml"
+    file.write_text('[imu]\nprofile = "m-g350"\nmount_rpy_deg = [0, 0, 90]\n[gpsd]\nrate_hz = 5\n')
+    settings = config.load(file, ["navigation.vehicle=land", "navigation.lever_arm_m=[0,0.3,0]", "gpsd.rate_hz=20"])
+    assert settings.imu.profile == "m-g350"
+    assert settings.imu.mount_rpy_deg == (0.0, 0.0, 90.0)
+    assert settings.navigation.vehicle == "land"
+    assert settings.navigation.lever_arm_m == (0.0, 0.3, 0.0)
+    assert settings.gpsd.rate_hz == 20.0
+
+
+def test_all_problems_at_once_with_key_and_line(tmp_path):
+    file = tmp_path / "imud.toml"
+    file.write_text('[imu]\nprofil = "m-g350"\nrate_hz = -1\n\n[navigation]\nvehicle = "boat"\n')
+    with pytest.raises(ConfigError) as error:
+        config.load(file, ["gpsd.listen=7"])
+    message = str(error.value)
+    assert f"{file}:2: imu.profil: unknown key; did you mean imu.profile?" in message
+    assert f"{file}:3: imu.rate_hz" in message
+    assert f"{file}:6: navigation.vehicle" in message
+    assert "gpsd.listen" in message
+    assert len(message.splitlines()) == 5
+
+
+@pytest.mark.parametrize("text", ["imu = [", "imu = 3\n", "\x00"])
+def test_bad_toml_is_one_clear_error(tmp_path, text):
+    file = tmp_path / "imud.toml"
+    file.write_text(text)
+    with pytest.raises(ConfigError):
+        config.load(file)
+
+
+def test_missing_file_and_malformed_override():
+    from pathlib import Path
+
+    with pytest.raises(ConfigError, match="cannot read"):
+        config.load(Path("/nonexistent.toml"))
+    with pytest.raises(ConfigError, match="KEY=VALUE"):
+        config.load(None, ["imu.profile"])
+
+
+def test_initial_values():
+    initial = config.parse_assignments("lat_deg=35.5,yaw_deg=-46", Initial, "--initial")
+    assert (initial.lat_deg, initial.yaw_deg, initial.roll_deg) == (35.5, -46.0, None)
+    with pytest.raises(ConfigError, match="--initial: yaw: unknown key"):
+        config.parse_assignments("yaw=1", Initial, "--initial")

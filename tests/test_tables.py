@@ -1,0 +1,155 @@
+"""CSV in and out: exact numbers, and errors that name the line."""
+
+import io
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from imud import tables
+from imud.errors import BadDataError, InputMissingError
+from imud.estimators.records import POSITION_VALID, SOLUTION
+from imud.kernels.decimal import write_fixed, write_seconds
+from imud.kernels.rotation import quat_of_euler
+
+HEADER = "t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2\n"
+
+
+def text(value, decimals):
+    buffer = np.zeros(64, np.uint8)
+    return bytes(buffer[: write_fixed(buffer, 0, value, decimals)]).decode()
+
+
+@given(st.floats(-1e8, 1e8), st.integers(0, 9))
+def test_fixed_decimals_are_pythons_own(value, decimals):
+    ours = text(value, decimals)
+    assert abs(float(ours) - value) <= 0.5000001 * 10.0**-decimals + abs(value) * 4e-16
+    assert len(ours.partition(".")[2]) == decimals
+
+
+@pytest.mark.parametrize(
+    ("value", "decimals", "expected"),
+    [
+        (0.0, 2, "0.00"),
+        (-0.001, 2, "0.00"),
+        (-1.5, 0, "-2"),
+        (35.6585805, 7, "35.6585805"),
+        (math.nan, 3, ""),
+        (1e300, 3, ""),
+    ],
+)
+def test_fixed_decimals(value, decimals, expected):
+    assert text(value, decimals) == expected
+
+
+def test_seconds_are_exact_to_the_nanosecond():
+    buffer = np.zeros(64, np.uint8)
+    for t_ns in (0, 1, 1_700_000_000_123_456_789, -1_500_000_001):
+        written = bytes(buffer[: write_seconds(buffer, 0, t_ns)]).decode()
+        whole, _, fraction = written.partition(".")
+        assert int(whole + fraction) == t_ns
+
+
+def write(tmp_path, body, header=HEADER):
+    path = tmp_path / "in.csv"
+    path.write_text(header + body)
+    return path
+
+
+def test_samples_keep_their_values_and_times(tmp_path):
+    path = write(tmp_path, "373424.0001,1,2,3,4,5,6\n373424.0101,-1,-2,-3,-4,-5,-6\n")
+    samples, origin, skipped = tables.read_imu(path)
+    assert (origin, skipped) == (373424, 0)
+    assert samples["t_ns"].tolist() == [100_000, 10_100_000]
+    assert samples["w"].tolist() == [[1, 2, 3], [-1, -2, -3]]
+    assert samples["f"].tolist() == [[4, 5, 6], [-4, -5, -6]]
+
+
+def test_columns_go_by_name_and_others_are_ignored(tmp_path):
+    path = write(
+        tmp_path, "9,6,5,4,3,2,1,0\n9,6,5,4,3,2,1,1\n", "temp,az_mps2,ay_mps2,ax_mps2,gz_radps,gy_radps,gx_radps,t_s\n"
+    )
+    samples, _, _ = tables.read_imu(path)
+    assert samples["w"][0].tolist() == [1, 2, 3]
+    assert samples["f"][0].tolist() == [4, 5, 6]
+
+
+def test_time_that_stands_or_runs_back_is_skipped_and_counted(tmp_path):
+    rows = "".join(f"{t},0,0,0,0,0,-9.8\n" for t in (0, 0.01, 0.01, 0.005, 0.02))
+    samples, _, skipped = tables.read_imu(write(tmp_path, rows))
+    assert skipped == 2
+    assert samples["t_ns"].tolist() == [0, 10_000_000, 20_000_000]
+
+
+@pytest.mark.parametrize(
+    ("body", "says"),
+    [
+        ("0,0,0,0,0,0,-9.8\n0.01,0,x,0,0,0,-9.8\n", "line 3: gy_radps is 'x'"),
+        ("0,0,0,0,0,0,-9.8\n0.01,0,nan,0,0,0,-9.8\n", "line 3: gy_radps is nan"),
+        ("0,0,0,0,0,0,-9.8\n0.01,0,0\n", "line 3: 3 columns"),
+        ("", "0 samples"),
+    ],
+)
+def test_bad_samples_are_named_by_line_and_column(tmp_path, body, says):
+    with pytest.raises(BadDataError, match=says):
+        tables.read_imu(write(tmp_path, body))
+
+
+def test_missing_file_and_missing_column(tmp_path):
+    with pytest.raises(InputMissingError, match="no such file"):
+        tables.read_imu(tmp_path / "absent.csv")
+    with pytest.raises(BadDataError, match="no column az_mps2"):
+        tables.read_imu(write(tmp_path, "", "t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2\n"))
+
+
+def test_fixes_with_and_without_optional_columns(tmp_path):
+    path = write(
+        tmp_path,
+        "11.0,11.25,35.5,139.5,40.0,0.9,1.5,90\n10.0,10.25,35.5,139.5,40.0,,0.0,\n",
+        "t_s,arrival_s,lat_deg,lon_deg,height_m,hdop,speed_mps,course_deg\n",
+    )
+    fixes = tables.read_fixes(path, 10)
+    assert fixes["t_ns"].tolist() == [0, 1_000_000_000]
+    assert fixes["arrival_ns"].tolist() == [250_000_000, 1_250_000_000]
+    assert fixes["course"][1] == pytest.approx(math.pi / 2)
+    assert np.isnan([fixes["course"][0], fixes["hdop"][0], fixes["sigma"][0, 0], fixes["v"][0, 0]]).all()
+    path = write(tmp_path, "1,35.5,139.5,40.0\n", "t_s,lat_deg,lon_deg,height_m\n")
+    assert tables.read_fixes(path, 0)["arrival_ns"].tolist() == [1_000_000_000]
+
+
+@pytest.mark.parametrize(
+    ("row", "says"), [("1,95,0,0", "lat_deg is 95"), ("1,a,0,0", "line 2"), (",1,1,1", "t_s is empty")]
+)
+def test_bad_fixes_are_named_by_line(tmp_path, row, says):
+    with pytest.raises(BadDataError, match=says):
+        tables.read_fixes(write(tmp_path, row + "\n", "t_s,lat_deg,lon_deg,height_m\n"), 0)
+
+
+def test_estimates_are_written_in_the_columns_of_the_contract():
+    rows = np.zeros(2, SOLUTION)
+    rows["t_ns"] = [500_000_000, 501_000_000]
+    rows["status"] = [POSITION_VALID, 0]
+    rows["lat"], rows["lon"], rows["height"] = math.radians(35.5), math.radians(-139.25), 12.5
+    rows["v"] = [1.0, -2.0, 0.5]
+    rows["q_nb"] = quat_of_euler(math.radians(10), math.radians(-5), math.radians(120))
+    rows["sigma_p"], rows["sigma_v"] = [1, 2, 3], [0.1, 0.2, 0.3]
+    rows["sigma_rpy"] = np.radians([0.1, 0.2, 5.0])
+    file = io.BytesIO()
+    tables.EstimateWriter(file, 100).write(rows)
+    header, first, second = file.getvalue().decode().splitlines()
+    assert header.startswith(
+        "t_s,lat_deg,lon_deg,height_m,vn_mps,ve_mps,vd_mps,roll_deg,pitch_deg,yaw_deg,sn_m,se_m,sd_m,"
+    )
+    assert len(first.split(",")) == len(header.split(","))
+    cells = dict(zip(header.split(","), first.split(","), strict=True))
+    expected = {
+        "t_s": 100.5, "lat_deg": 35.5, "lon_deg": -139.25, "height_m": 12.5, "vn_mps": 1, "ve_mps": -2, "vd_mps": 0.5,
+        "roll_deg": 10, "pitch_deg": -5, "yaw_deg": 120, "sn_m": 1, "se_m": 2, "sd_m": 3, "svd_mps": 0.3, "syaw_deg": 5,
+    }  # fmt: skip
+    for name, value in expected.items():
+        assert float(cells[name]) == pytest.approx(value, abs=1e-5), name
+    blank = dict(zip(header.split(","), second.split(","), strict=True))
+    assert [blank[name] for name in ("lat_deg", "height_m", "vd_mps", "sn_m", "svn_mps")] == [""] * 5
+    assert float(blank["yaw_deg"]) == pytest.approx(120)

@@ -1,0 +1,42 @@
+"""Before the heading is known: position and velocity are the receiver's, and every fix helps to find the heading."""
+
+import math
+from typing import Any
+
+from ...kernels.jit import kernel
+from ...kernels.kalman import reset
+from .alignment import engage, find_heading, levelled, pair
+from .gnss import velocity_of
+from .state import POSITION, STATES, VELOCITY
+
+UNKNOWN_POSITION = 100.0  # m
+UNKNOWN_SPEED = 5.0  # m/s
+RECEIVED_SPEED = 0.3
+
+
+@kernel
+def place(p: Any, c: Any, fix: Any) -> None:
+    """Put the core on the fix; begin to navigate when roll, pitch and heading are known."""
+    c.lat, c.lon = fix.lat, fix.lon
+    if math.isfinite(fix.height):
+        c.height = fix.height
+    vn, ve = velocity_of(fix, 0), velocity_of(fix, 1)
+    pair(c, vn, ve)
+    known = math.isfinite(vn) and math.isfinite(ve)
+    if not known and c.slope[4] > 0.0:
+        vn, ve = c.slope[0], c.slope[1]
+    moving = known or c.slope[4] > 0.0
+    c.v[0] = vn if moving else 0.0
+    c.v[1] = ve if moving else 0.0
+    c.v[2] = 0.0
+    arm2 = p.lever[0] ** 2 + p.lever[1] ** 2 + p.lever[2] ** 2
+    for i in range(3):
+        sigma = c.reported[0] if i < 2 else c.reported[1]
+        reset(c.P, STATES, POSITION + i, sigma * sigma + arm2)
+        reset(c.P, STATES, VELOCITY + i, (RECEIVED_SPEED if known else UNKNOWN_SPEED) ** 2)
+    c.fix_ns = c.t_ns
+    if levelled(c) and (c.heading_sigma > 0.0 or find_heading(c)):
+        for i in range(3):
+            reset(c.P, STATES, POSITION + i, UNKNOWN_POSITION**2)
+            reset(c.P, STATES, VELOCITY + i, UNKNOWN_SPEED**2)
+        engage(p, c)

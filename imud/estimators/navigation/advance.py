@@ -1,0 +1,135 @@
+"""One sample further: the same code for new samples and for those integrated again after a late fix."""
+
+import math
+from typing import Any
+
+from ...kernels.jit import kernel
+from ..records import AT_REST, SATURATED
+from .alignment import engage, feel, levelled
+from .covariance import INTERVAL_S, grow, predict
+from .levelling import level
+from .motion import WINDOW_S, at_rest, clear, gather, judge
+from .non_holonomic import INTERVAL_S as CONSTRAINT_S
+from .non_holonomic import constrain, learn_axis
+from .state import ATTITUDE, LEVELLING, NAVIGATING, POSITION, VELOCITY
+from .strapdown import integrate
+from .zero_velocity import rest
+
+CHUNK_S = 0.05
+GAP_S = 0.1  # a longer silence of the sensor is bridged, with doubt
+GAP_ACCEL, GAP_TURN = 2.0, 0.3  # m/s^2, rad/s: what may have happened meanwhile
+LONGEST_GAP_S = 30.0
+SMOOTH_S = 0.2
+
+
+@kernel
+def move(p: Any, c: Any, w: Any, f: Any, dt: float) -> None:
+    """Integrate over dt, which is short; while levelling the velocity is the receiver's, not an integral."""
+    if c.phase == LEVELLING:
+        vn, ve, vd = c.v[0], c.v[1], c.v[2]
+        dvn, dve = c.dv[0], c.dv[1]
+        integrate(c, w, f, dt)
+        feel(c, c.dv[0] - dvn, c.dv[1] - dve, dt)
+        c.v[0], c.v[1], c.v[2] = vn, ve, vd
+    else:
+        v0, v1, v2 = c.v[0], c.v[1], c.v[2]
+        integrate(c, w, f, dt)
+        a = min(dt / SMOOTH_S, 1.0) / dt
+        b = min(dt / SMOOTH_S, 1.0)
+        c.accel[0] += a * (c.v[0] - v0) - b * c.accel[0]
+        c.accel[1] += a * (c.v[1] - v1) - b * c.accel[1]
+        c.accel[2] += a * (c.v[2] - v2) - b * c.accel[2]
+    if c.gathered >= INTERVAL_S:
+        predict(p, c)
+
+
+@kernel
+def bridge(p: Any, c: Any, w: Any, f: Any, dt: float) -> None:
+    """Integrate over a gap in the samples, holding what is known, and doubt the result."""
+    if dt > LONGEST_GAP_S:
+        dt = LONGEST_GAP_S
+    chunks = int(dt / CHUNK_S) + 1
+    for i in range(3):
+        c.w[i] = 0.5 * (c.w[i] + w[i])
+        c.f[i] = 0.5 * (c.f[i] + f[i])
+    for _ in range(chunks):
+        move(p, c, c.w, c.f, dt / chunks)
+    predict(p, c)
+    for i in range(3):
+        grow(c, POSITION + i, (0.5 * GAP_ACCEL * dt * dt) ** 2)
+        grow(c, VELOCITY + i, (GAP_ACCEL * dt) ** 2)
+        grow(c, ATTITUDE + i, (GAP_TURN * dt) ** 2)
+    c.quiet = 0
+    clear(c)
+
+
+@kernel
+def carry(p: Any, c: Any, t_ns: int, w: Any, f: Any) -> None:
+    """Bring the core to time t_ns, at which the sensor shows (w, f)."""
+    dt = 1e-9 * (t_ns - c.t_ns)
+    if dt <= 0.0:
+        return
+    if dt > max(GAP_S, 5.0 * p.period):
+        bridge(p, c, w, f, dt)
+    else:
+        move(p, c, w, f, dt)
+    c.t_ns = t_ns
+    for i in range(3):
+        c.w[i] = w[i]
+        c.f[i] = f[i]
+
+
+@kernel
+def window(p: Any, c: Any) -> None:
+    """The end of a motion window: rest, level, and the vehicle's axis."""
+    predict(p, c)
+    judge(p, c)
+    resting = at_rest(c)
+    c.flags = c.flags | AT_REST if resting else c.flags & ~AT_REST
+    if resting:
+        rest(p, c)
+    if c.phase == LEVELLING:
+        level(c, resting)
+        if c.fixes > 0 and c.heading_sigma > 0.0 and levelled(c):
+            engage(p, c)
+    else:
+        learn_axis(p, c)
+    clear(c)
+
+
+@kernel
+def saturation(p: Any, c: Any) -> None:
+    """Note a sample at the end of the range; what it hides is unknown."""
+    worst_w, worst_f = 0.0, 0.0
+    for i in range(3):
+        worst_w = max(worst_w, abs(c.w[i]))
+        worst_f = max(worst_f, abs(c.f[i]))
+    if worst_w < 0.99 * p.gyro_range and worst_f < 0.99 * p.accel_range:
+        c.flags &= ~SATURATED
+        return
+    c.flags |= SATURATED
+    for i in range(3):
+        grow(c, ATTITUDE + i, (0.1 * p.gyro_range * p.period) ** 2 if worst_w >= 0.99 * p.gyro_range else 0.0)
+        grow(c, VELOCITY + i, (0.1 * p.accel_range * p.period) ** 2 if worst_f >= 0.99 * p.accel_range else 0.0)
+
+
+@kernel
+def advance(p: Any, c: Any, sample: Any) -> None:
+    """Take one kept sample (body axes) and whatever becomes due with it."""
+    dt = 1e-9 * (sample.t_ns - c.t_ns)
+    c.taken += 1
+    if dt <= 0.0:
+        return
+    gather(c, sample.w, sample.f, min(dt, GAP_S))
+    carry(p, c, sample.t_ns, sample.w, sample.f)
+    saturation(p, c)
+    rate2 = 0.0
+    for i in range(3):
+        rate2 += (c.w[i] - c.bg[i]) ** 2
+    c.turn += min(dt / SMOOTH_S, 1.0) * (math.sqrt(rate2) - c.turn)
+    if c.elapsed >= WINDOW_S and c.n > 3:
+        window(p, c)
+    c.since_constraint += dt
+    if c.constrained and c.phase == NAVIGATING and c.since_constraint >= CONSTRAINT_S:
+        predict(p, c)
+        constrain(p, c)

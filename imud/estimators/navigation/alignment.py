@@ -1,0 +1,169 @@
+"""Heading from motion: velocity changes felt in a level frame of arbitrary heading are matched with the receiver's.
+
+Between fixes k-1 and k the receiver shows dV (from its velocity, or as a difference of mean velocities between three
+positions), the integrated level specific force shows dz, both as complex numbers north + i east; dV = exp(i psi) dz.
+The least-squares heading of the level frame is psi = arg sum(conj(dz) dV), whatever way the sensor is mounted. A gyro
+bias not yet known makes psi drift, so the sum is kept for a bank of drift rates; their likelihoods weigh the answer.
+
+Source: Wu and Pan, Velocity/position integration formula, part I (2013), in the plane; matched-filter bank.
+"""
+
+import math
+from typing import Any
+
+from ...kernels.earth import radii
+from ...kernels.jit import kernel
+from ...kernels.kalman import reset
+from ...kernels.rotation import dcm_of_quat, quat_exp
+from .correction import correct, predicted, row, take
+from .covariance import grow, predict, variance
+from .state import ATTITUDE, GYRO_BIAS, NAVIGATING, RATES, STATES
+from .strapdown import cosine, rotate, wrapped
+
+SHORTEST_S, LONGEST_S = 0.9, 3.0  # between two fixes of a pair
+MOVED = 0.3  # m/s, a velocity change worth matching
+FORGET = 0.98  # per pair
+NOISE = 0.15  # m/s, least residual of a pair
+READY = math.radians(10.0)
+PAIRS = 4.0
+COHERENCE = 0.6
+RATE_STEP = math.radians(0.3)  # rad/s between hypotheses
+LEAST_HEADING = math.radians(3.0)
+START_TILT = math.radians(1.0)
+LEVELLED = math.radians(6.0)
+
+
+@kernel
+def feel(c: Any, dvn: float, dve: float, dt: float) -> None:
+    """Add the level specific force of one interval, in the frame of arbitrary heading."""
+    c.path[0] += (c.zeta[0] + 0.5 * dvn) * dt
+    c.path[1] += (c.zeta[1] + 0.5 * dve) * dt
+    c.zeta[0] += dvn
+    c.zeta[1] += dve
+
+
+@kernel
+def mark(c: Any, vn: float, ve: float) -> None:
+    """Remember this fix as the first of the next pair."""
+    c.mark_ns = c.t_ns
+    m = c.mark
+    m[0], m[1], m[2], m[3], m[4], m[5] = c.zeta[0], c.zeta[1], c.path[0], c.path[1], vn, ve
+    m[6], m[7] = c.lat, c.lon
+
+
+@kernel
+def add(c: Any, zn: float, ze: float, vn: float, ve: float) -> None:
+    """Take one pair of changes: felt (zn, ze), received (vn, ve)."""
+    z2 = zn * zn + ze * ze
+    v2 = vn * vn + ve * ve
+    if max(z2, v2) < MOVED**2:
+        return
+    if c.pairs == 0.0:
+        c.origin_ns = c.t_ns
+    age = 1e-9 * (c.t_ns - c.origin_ns)
+    re = zn * vn + ze * ve
+    im = zn * ve - ze * vn
+    for k in range(RATES):
+        drift = (k - RATES // 2) * RATE_STEP * age
+        s, co = math.sin(drift), math.cos(drift)
+        c.match[k, 0] = FORGET * c.match[k, 0] + co * re + s * im
+        c.match[k, 1] = FORGET * c.match[k, 1] + co * im - s * re
+    c.pairs = FORGET * c.pairs + 1.0
+    c.energy[0] = FORGET * c.energy[0] + z2
+    c.energy[1] = FORGET * c.energy[1] + v2
+
+
+@kernel
+def pair(c: Any, vn: float, ve: float) -> None:
+    """A fix at the core's time and position, with its velocity (NaN when it has none)."""
+    dt = 1e-9 * (c.t_ns - c.mark_ns)
+    if c.mark_ns != 0 and dt < SHORTEST_S:
+        return
+    m = c.mark
+    meridian, prime_vertical = radii(c.lat)
+    north = (c.lat - m[6]) * (meridian + c.height)
+    east = wrapped(c.lon - m[7]) * (prime_vertical + c.height) * cosine(c.lat)
+    if c.mark_ns == 0 or dt > LONGEST_S:
+        c.slope[4] = 0.0
+    elif math.isfinite(vn) and math.isfinite(m[4]):
+        add(c, c.zeta[0] - m[0], c.zeta[1] - m[1], vn - m[4], ve - m[5])
+    else:
+        zn, ze = (c.path[0] - m[2]) / dt, (c.path[1] - m[3]) / dt
+        s = c.slope
+        if s[4] > 0.0:
+            add(c, zn - s[2], ze - s[3], north / dt - s[0], east / dt - s[1])
+        s[0], s[1], s[2], s[3], s[4] = north / dt, east / dt, zn, ze, 1.0
+    mark(c, vn, ve)
+
+
+@kernel
+def vertical_bias(c: Any) -> int:
+    """Put the gyro bias about the vertical into the measurement row; returns its length."""
+    m = dcm_of_quat((c.q[0], c.q[1], c.q[2], c.q[3]))
+    k = 0
+    for i in range(3):
+        k = row(c, k, GYRO_BIAS + i, m[6 + i])
+    return k
+
+
+@kernel
+def solve(c: Any, bias_variance: float) -> tuple[float, float, float, float]:
+    """Heading of the level frame now, its sigma (pi when not ready), and its drift rate with its variance."""
+    unknown = (0.0, math.pi, 0.0, 0.0)
+    if c.pairs < PAIRS * 0.9:
+        return unknown
+    z2, v2 = c.energy[0], c.energy[1]
+    best = 0.0
+    for k in range(RATES):
+        best = max(best, math.hypot(c.match[k, 0], c.match[k, 1]))
+    if best * best < COHERENCE * z2 * v2:
+        return unknown
+    r = max((z2 + v2 - 2.0 * best) / (2.0 * c.pairs), NOISE**2)
+    age = 1e-9 * (c.t_ns - c.origin_ns)
+    weight, re, im, rate, rate2 = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(RATES):
+        drift = (k - RATES // 2) * RATE_STEP
+        size = math.hypot(c.match[k, 0], c.match[k, 1])
+        w = math.exp((size - best) / r - 0.5 * drift * drift / (bias_variance + RATE_STEP**2 / 12.0))
+        psi = math.atan2(c.match[k, 1], c.match[k, 0]) + drift * age
+        weight += w
+        re += w * math.cos(psi)
+        im += w * math.sin(psi)
+        rate += w * drift
+        rate2 += w * drift * drift
+    rate /= weight
+    length = min(math.hypot(re, im) / weight, 1.0)
+    spread = math.sqrt(-2.0 * math.log(max(length, 1e-9)))
+    sigma = math.sqrt(r / z2 + spread * spread)
+    return math.atan2(im, re), sigma, rate, max(rate2 / weight - rate * rate, 0.0) + RATE_STEP**2 / 12.0
+
+
+@kernel
+def find_heading(c: Any) -> bool:
+    """Turn the level frame to north when the pairs tell how; its sigma goes to c.heading_sigma."""
+    k = vertical_bias(c)
+    psi, sigma, rate, rate_variance = solve(c, predicted(c, k))
+    if sigma > READY:
+        return False
+    take(c, vertical_bias(c), -rate, rate_variance, 0.0)
+    c.x[ATTITUDE + 2] = 0.0
+    correct(c)
+    rotate(c, quat_exp(0.0, 0.0, 0.0), 0.0, 0.0, psi)
+    c.heading_sigma = max(sigma, LEAST_HEADING)
+    return True
+
+
+@kernel
+def levelled(c: Any) -> bool:
+    """Whether roll and pitch are known well enough to navigate."""
+    return max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1)) < LEVELLED**2
+
+
+@kernel
+def engage(p: Any, c: Any) -> None:
+    """Begin to navigate, at the position and velocity in hand, with the heading in hand and its sigma."""
+    predict(p, c)
+    reset(c.P, STATES, ATTITUDE + 2, c.heading_sigma**2)
+    grow(c, ATTITUDE, START_TILT**2)
+    grow(c, ATTITUDE + 1, START_TILT**2)
+    c.phase = NAVIGATING

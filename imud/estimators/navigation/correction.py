@@ -1,0 +1,81 @@
+"""Scalar measurements of the error state: gate, take, and carry the correction over into the nominal state."""
+
+import math
+from typing import Any
+
+from ...kernels.jit import kernel
+from ...kernels.kalman import measure, update
+from ...kernels.rotation import quat_exp
+from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LATENCY, MOUNT_PITCH, MOUNT_YAW, POSITION, STATES, VELOCITY, WANDER
+from .strapdown import displace, rotate
+
+
+@kernel
+def row(c: Any, k: int, column: int, value: float) -> int:
+    """Put one element into the measurement row that has `k` already; returns k + 1."""
+    c.columns[k] = column
+    c.values[k] = value
+    return k + 1
+
+
+@kernel
+def predicted(c: Any, m: int) -> float:
+    """h P h' of the row in hand; leaves P h in c.d."""
+    return measure(c.P, STATES, c.columns, c.values, m, c.d)
+
+
+@kernel
+def residual(c: Any, m: int, z: float) -> float:
+    """What is left of residual z (against the nominal state) after the corrections gathered so far."""
+    for k in range(m):
+        z -= c.values[k] * c.x[c.columns[k]]
+    return z
+
+
+@kernel
+def take(c: Any, m: int, z: float, r: float, gate: float) -> float:
+    """Fuse the row in hand with residual z (against the nominal state) and variance r, unless z^2/s > gate > 0.
+
+    Returns the normalised innovation squared, negative when rejected.
+    """
+    s = predicted(c, m) + r
+    z = residual(c, m, z)
+    nis = z * z / s
+    if 0.0 < gate < nis or not nis < math.inf:
+        return -nis
+    update(c.P, STATES, c.x, c.d, s, z, STATES)
+    return nis
+
+
+@kernel
+def turn_axis(c: Any, pitch: float, yaw: float) -> None:
+    """Turn the vehicle's forward and lateral axes by small angles about lateral and vertical."""
+    fx, fy, fz = c.forward[0], c.forward[1], c.forward[2]
+    lx, ly, lz = c.lateral[0], c.lateral[1], c.lateral[2]
+    ux, uy, uz = fy * lz - fz * ly, fz * lx - fx * lz, fx * ly - fy * lx
+    fx, fy, fz = fx + yaw * lx - pitch * ux, fy + yaw * ly - pitch * uy, fz + yaw * lz - pitch * uz
+    n = math.sqrt(fx * fx + fy * fy + fz * fz)
+    fx, fy, fz = fx / n, fy / n, fz / n
+    s = lx * fx + ly * fy + lz * fz
+    lx, ly, lz = lx - s * fx, ly - s * fy, lz - s * fz
+    n = math.sqrt(lx * lx + ly * ly + lz * lz)
+    c.forward[0], c.forward[1], c.forward[2] = fx, fy, fz
+    c.lateral[0], c.lateral[1], c.lateral[2] = lx / n, ly / n, lz / n
+
+
+@kernel
+def correct(c: Any) -> None:
+    """Add the gathered error estimate to the nominal state and clear it."""
+    x = c.x
+    displace(c, x[POSITION], x[POSITION + 1], x[POSITION + 2])
+    for i in range(3):
+        c.v[i] += x[VELOCITY + i]
+        c.bg[i] += x[GYRO_BIAS + i]
+        c.ba[i] += x[ACCEL_BIAS + i]
+        c.wander[i] += x[WANDER + i]
+    rotate(c, quat_exp(0.0, 0.0, 0.0), x[ATTITUDE], x[ATTITUDE + 1], x[ATTITUDE + 2])
+    if c.constrained:
+        turn_axis(c, x[MOUNT_PITCH], x[MOUNT_YAW])
+    c.latency += x[LATENCY]
+    for i in range(STATES):
+        x[i] = 0.0

@@ -1,0 +1,101 @@
+"""How the errors grow between measurements: the covariance is propagated over what has gathered since the last time.
+
+p' = v; v' = phi x f - C ba; phi' = -C bg; biases and mounting walk; the GNSS wander is first-order Gauss-Markov.
+Left out, being below a hundredth of what a MEMS sensor adds in minutes: Coriolis and frame rotation of the errors,
+the change of gravity and of transport rate with them. Scale factor and misalignment have no states: they act as
+noise that grows with the rate and with the force beyond gravity.
+
+Source: Groves, Principles of GNSS, Inertial and Multisensor Integrated Navigation (2013), sec. 14.2.
+"""
+
+import math
+from typing import Any
+
+from ...kernels.earth import STANDARD_GRAVITY
+from ...kernels.jit import kernel
+from ...kernels.kalman import packed_index, scale, shear
+from ...kernels.rotation import dcm_of_quat
+from .state import (
+    ACCEL_BIAS,
+    ATTITUDE,
+    GYRO_BIAS,
+    LATENCY,
+    LEVELLING,
+    MOUNT_PITCH,
+    MOUNT_YAW,
+    POSITION,
+    STATES,
+    VELOCITY,
+    WANDER,
+)
+
+INTERVAL_S = 0.0095  # the covariance follows at about 100 Hz
+WANDER_S = 40.0  # time constant of the GNSS position error (four real receivers: 20 to 60 s)
+SCALE_S = 2.0  # how long a scale-factor error acts in one direction
+MOUNT_WALK = math.radians(0.02) ** 2  # rad^2/s, load and suspension
+LATENCY_WALK = 1e-6  # s^2/s
+LEVEL_ACCEL = 2.0  # m/s^2, of a vehicle whose heading is not known yet
+
+
+@kernel
+def variance(c: Any, i: int) -> float:
+    """P[i, i]."""
+    return c.P[packed_index(STATES, i, i)]
+
+
+@kernel
+def grow(c: Any, i: int, q: float) -> None:
+    """P[i, i] += q."""
+    c.P[packed_index(STATES, i, i)] += q
+
+
+@kernel
+def couple(c: Any, dt: float) -> None:
+    """Velocity errors from attitude and accelerometer bias, over `dt`."""
+    m = dcm_of_quat((c.q[0], c.q[1], c.q[2], c.q[3]))
+    fx, fy, fz = c.dv[0], c.dv[1], c.dv[2]
+    shear(c.P, STATES, VELOCITY, ATTITUDE + 1, fz)
+    shear(c.P, STATES, VELOCITY, ATTITUDE + 2, -fy)
+    shear(c.P, STATES, VELOCITY + 1, ATTITUDE + 2, fx)
+    shear(c.P, STATES, VELOCITY + 1, ATTITUDE, -fz)
+    shear(c.P, STATES, VELOCITY + 2, ATTITUDE, fy)
+    shear(c.P, STATES, VELOCITY + 2, ATTITUDE + 1, -fx)
+    for i in range(3):
+        for j in range(3):
+            shear(c.P, STATES, VELOCITY + i, ACCEL_BIAS + j, -m[3 * i + j] * dt)
+
+
+@kernel
+def predict(p: Any, c: Any) -> None:
+    """Propagate P over the gathered interval and start a new one."""
+    dt = c.gathered
+    if dt <= 0.0:
+        return
+    for i in range(3):
+        shear(c.P, STATES, POSITION + i, VELOCITY + i, dt)
+    excess2 = c.dv[0] ** 2 + c.dv[1] ** 2 + (c.dv[2] + STANDARD_GRAVITY * dt) ** 2
+    qv = p.accel_psd + c.vibration_accel + p.accel_scale**2 * excess2 / (dt * dt) * SCALE_S
+    if c.phase == LEVELLING:
+        qv = LEVEL_ACCEL**2
+    else:
+        couple(c, dt)
+    m = dcm_of_quat((c.q[0], c.q[1], c.q[2], c.q[3]))
+    for i in range(3):
+        for j in range(3):
+            shear(c.P, STATES, ATTITUDE + i, GYRO_BIAS + j, -m[3 * i + j] * dt)
+    qa = p.gyro_psd + c.vibration_gyro + (p.gyro_scale * c.turn) ** 2 * SCALE_S
+    decay = math.exp(-dt / WANDER_S)
+    for i in range(3):
+        scale(c.P, STATES, WANDER + i, decay)
+        c.wander[i] *= decay
+        sigma = c.reported[0] if i < 2 else c.reported[1]
+        grow(c, WANDER + i, sigma * sigma * (1.0 - decay * decay))
+        grow(c, VELOCITY + i, qv * dt)
+        grow(c, ATTITUDE + i, qa * dt)
+        grow(c, GYRO_BIAS + i, p.gyro_walk * dt)
+        grow(c, ACCEL_BIAS + i, p.accel_walk * dt)
+        c.dv[i] = 0.0
+    grow(c, MOUNT_PITCH, MOUNT_WALK * dt)
+    grow(c, MOUNT_YAW, MOUNT_WALK * dt)
+    grow(c, LATENCY, LATENCY_WALK * dt)
+    c.gathered = 0.0

@@ -1,0 +1,95 @@
+"""The two entries of the navigation filter: an inertial sample, and a fix."""
+
+import math
+from typing import Any
+
+from drivers.sample import SUSPECT
+
+from ...kernels.jit import kernel
+from ...kernels.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
+from ..records import POSITION_N
+from .acquisition import place
+from .covariance import predict
+from .gnss import fuse_position, fuse_velocity, grade, report
+from .history import approach, follow, remember, rewind, snap
+from .solution import write
+from .state import LEVELLING
+
+AHEAD_NS = 100_000_000  # a fix may be newer than the newest sample by this
+
+
+@kernel
+def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
+    """One inertial sample in, one solution out. A suspect sample shows nothing: the last good one is held."""
+    w, f = s.w, s.f
+    good = (sample.flags & SUSPECT) == 0
+    for i in range(3):
+        good = good and math.isfinite(sample.w[i]) and math.isfinite(sample.f[i])
+    if good:
+        for i in range(3):
+            w[i] = p.mount[i, 0] * sample.w[0] + p.mount[i, 1] * sample.w[1] + p.mount[i, 2] * sample.w[2]
+            f[i] = p.mount[i, 0] * sample.f[0] + p.mount[i, 1] * sample.f[1] + p.mount[i, 2] * sample.f[2]
+    c = s.core[0]
+    if s.received == 0:
+        if good:
+            begin(c, sample.t_ns, w, f, s.initial_rpy)
+            remember(s, sample.t_ns, w, f)
+            c.taken = 1
+    elif sample.t_ns > s.ring[(s.received - 1) % len(s.ring)].t_ns:
+        remember(s, sample.t_ns, w, f)
+        follow(p, s)
+    write(c, solution)
+
+
+@kernel
+def begin(c: Any, t_ns: int, w: Any, f: Any, rpy: Any) -> None:
+    """Take the first sample: the attitude is that of rest, unless it was given."""
+    c.t_ns = t_ns
+    for i in range(3):
+        c.w[i] = w[i]
+        c.f[i] = f[i]
+    roll, pitch, yaw = rpy[0], rpy[1], rpy[2]
+    if not (math.isfinite(roll) and math.isfinite(pitch)):
+        if f[0] * f[0] + f[1] * f[1] + f[2] * f[2] > 1.0:
+            roll, pitch, _ = euler_of_quat(quat_of_gravity(f[0], f[1], f[2]))
+        else:
+            roll, pitch = 0.0, 0.0
+    c.q[0], c.q[1], c.q[2], c.q[3] = quat_of_euler(roll, pitch, yaw if math.isfinite(yaw) else 0.0)
+
+
+@kernel
+def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
+    """One fix in, fused at its epoch less the latency found; returns the rows of innovations written."""
+    c = s.core[0]
+    usable = math.isfinite(fix.lat) and math.isfinite(fix.lon) and fix.quality != 0 and fix.quality != 6
+    if s.received == 0 or not usable or abs(fix.lat) > 0.5 * math.pi:
+        return 0
+    latency = c.latency
+    t_ns = min(fix.t_ns - int(1e9 * latency), c.t_ns + AHEAD_NS)
+    if c.fixes > 0 and fix.t_ns >= s.stamp_ns:
+        t_ns = max(t_ns, s.fused_ns)
+    if (c.fixes > 0 and t_ns < s.fused_ns) or not rewind(s, t_ns):
+        return report(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
+    s.stamp_ns = fix.t_ns
+    approach(p, s, t_ns, s.between_w, s.between_f)
+    predict(p, c)
+    grade(c, fix)
+    rows = fuse(p, c, fix, c.latency - latency, innovations)
+    s.fused_ns = c.t_ns
+    snap(s)
+    follow(p, s)
+    return rows
+
+
+@kernel
+def fuse(p: Any, c: Any, fix: Any, late: float, innovations: Any) -> int:
+    """Take the fix at the time where the core is; `late` is what is left of the latency, s."""
+    c.fix_speed = math.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed
+    if c.phase == LEVELLING:
+        place(p, c, fix)
+    rows = 0
+    if c.phase != LEVELLING:
+        rows = fuse_position(p, c, fix, late, innovations, rows)
+        rows = fuse_velocity(p, c, fix, late, innovations, rows)
+    c.fixes += 1
+    return rows

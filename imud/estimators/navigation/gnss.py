@@ -1,0 +1,181 @@
+"""A fix, at its epoch: how good it is, what it says against the estimate, and whether it may correct it.
+
+A receiver's position error is almost purely correlated over tens of seconds, so it is mostly the wander state; the
+white part is learned from the innovations. Position and velocity are gated; a filter that goes on rejecting gives in.
+"""
+
+import math
+from typing import Any
+
+from ...kernels.earth import radii
+from ...kernels.jit import kernel
+from ...kernels.kalman import reset
+from ...kernels.rotation import quat_rotate
+from ..records import POSITION_N, REJECTING, VELOCITY_N
+from .correction import correct, predicted, residual, row, take
+from .covariance import grow, variance
+from .state import ATTITUDE, LATENCY, POSITION, STATES, VELOCITY, WANDER
+from .strapdown import cosine, displace, wrapped
+
+UERE = 2.0  # m per HDOP, horizontal
+VERTICAL = 1.8  # times the horizontal sigma
+UNKNOWN_HDOP = 1.5
+RTK_FIXED, RTK_FLOAT = 0.03, 0.4  # m, when nothing better is reported
+SPEED_SIGMA = 0.1  # m/s
+VELOCITY_LAG = 0.05  # s, of a receiver's velocity behind its position
+COURSE_SPEED = 0.5  # m/s, below it the course is noise
+GATE = 25.0
+GIVE_IN_COUNT, GIVE_IN_S = 5, 8.0
+LEARNING = 0.03
+LATENCY_FLOOR = 0.01  # s per metre of sigma
+
+
+@kernel
+def horizontal_sigma(fix: Any) -> float:
+    """1 sigma of the position, m, from what the receiver reports."""
+    if math.isfinite(fix.sigma[0]) and math.isfinite(fix.sigma[1]):
+        return max(math.sqrt(0.5 * (fix.sigma[0] ** 2 + fix.sigma[1] ** 2)), 1e-3)
+    hdop = fix.hdop if fix.hdop > 0.0 else UNKNOWN_HDOP
+    unit = RTK_FIXED if fix.quality == 4 else (RTK_FLOAT if fix.quality == 5 else UERE)
+    return unit * hdop
+
+
+@kernel
+def grade(c: Any, fix: Any) -> None:
+    """Scale wander and white noise to the reported quality; another kind of solution has another wander."""
+    h = horizontal_sigma(fix)
+    v = max(fix.sigma[2], 1e-3) if math.isfinite(fix.sigma[2]) else VERTICAL * h
+    for k in range(2):
+        sigma = h if k == 0 else v
+        if not 0.5 * c.reported[k] < sigma < 2.0 * c.reported[k]:
+            c.white[k] = min(sigma, 0.05 + 0.2 * sigma) ** 2
+            for i in range(2 * k, 2 + k):
+                reset(c.P, STATES, WANDER + i, sigma * sigma)
+                c.wander[i] = 0.0
+        c.reported[k] = sigma
+    floor = LATENCY_FLOOR * h
+    grow(c, LATENCY, max(0.0, floor * floor - variance(c, LATENCY)))
+
+
+@kernel
+def offset(c: Any, fix: Any, out: Any) -> None:
+    """out <- the way in m (NED) from the estimate to the fix; down is NaN without a height."""
+    meridian, prime_vertical = radii(c.lat)
+    out[0] = (fix.lat - c.lat) * (meridian + c.height)
+    out[1] = wrapped(fix.lon - c.lon) * (prime_vertical + c.height) * cosine(c.lat)
+    out[2] = -(fix.height - c.height)
+
+
+@kernel
+def position_row(c: Any, lever: Any, i: int) -> int:
+    """Row of the antenna's position along axis i, from IMU position, attitude, wander and latency."""
+    k = row(c, 0, POSITION + i, 1.0)
+    j, m = (i + 1) % 3, (i + 2) % 3
+    k = row(c, k, ATTITUDE + j, lever[m])
+    k = row(c, k, ATTITUDE + m, -lever[j])
+    k = row(c, k, WANDER + i, 1.0)
+    return row(c, k, LATENCY, -c.v[i])
+
+
+@kernel
+def report(innovations: Any, n: int, t_ns: int, kind: int, z: float, s: float, used: bool) -> int:
+    """Write one row, if there is room; returns the rows written so far."""
+    if n < len(innovations):
+        r = innovations[n]
+        r.t_ns, r.kind, r.value, r.variance, r.used = t_ns, kind, z, s, 1 if used else 0
+        n += 1
+    return n
+
+
+@kernel
+def give_in(c: Any, z: Any) -> None:
+    """The fixes have contradicted the estimate for long enough: believe them, and doubt velocity and heading."""
+    displace(c, z[0], z[1], z[2] if math.isfinite(z[2]) else 0.0)
+    for i in range(3):
+        sigma = c.reported[0] if i < 2 else c.reported[1]
+        reset(c.P, STATES, POSITION + i, 4.0 * sigma * sigma + 1.0)
+        reset(c.P, STATES, WANDER + i, sigma * sigma)
+        c.wander[i] = 0.0
+        grow(c, VELOCITY + i, 4.0)
+        if math.isfinite(z[i]):
+            z[i] = 0.0
+    grow(c, ATTITUDE + 2, math.radians(10.0) ** 2)
+
+
+@kernel
+def fuse_position(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: int) -> int:
+    """Gate and take the position; `late` is the part of the latency that the rewinding has not undone, s."""
+    z = c.z
+    offset(c, fix, z)
+    lever = quat_rotate((c.q[0], c.q[1], c.q[2], c.q[3]), (p.lever[0], p.lever[1], p.lever[2]))
+    worst = 0.0
+    for i in range(3):
+        z[i] += late * c.v[i] - lever[i] - c.wander[i]
+        if math.isfinite(z[i]):
+            worst = max(worst, z[i] ** 2 / (predicted(c, position_row(c, lever, i)) + c.white[i // 2]))
+    accepted = worst < GATE
+    c.rejected = 0 if accepted else c.rejected + 1
+    if not accepted and c.rejected > GIVE_IN_COUNT and c.t_ns - c.fix_ns > 1e9 * GIVE_IN_S:
+        give_in(c, z)
+        accepted = True
+        c.rejected = 0
+    for i in range(3):
+        if not math.isfinite(z[i]):
+            continue
+        r = c.white[i // 2]
+        m = position_row(c, lever, i)
+        s = predicted(c, m) + r
+        n = report(innovations, n, fix.t_ns, POSITION_N + i, residual(c, m, z[i]), s, accepted)
+        if accepted:
+            nis = abs(take(c, m, z[i], r, 0.0))
+            least, most = (0.3 * min(c.reported[i // 2], 0.3)) ** 2, (2.0 * c.reported[i // 2]) ** 2
+            c.white[i // 2] = min(max(r + LEARNING * (min(nis, 9.0) - 1.0) * s, least), most)
+    if accepted:
+        correct(c)
+        c.fix_ns = c.t_ns
+        c.flags &= ~REJECTING
+    else:
+        c.flags |= REJECTING
+    return n
+
+
+@kernel
+def velocity_of(fix: Any, axis: int) -> float:
+    """North, east or down velocity of a fix, m/s; NaN where it says nothing."""
+    if math.isfinite(fix.v[axis]):
+        return fix.v[axis]
+    if axis == 2 or not math.isfinite(fix.speed):
+        return math.nan
+    if fix.speed < COURSE_SPEED:
+        return 0.0
+    return fix.speed * (math.cos(fix.course) if axis == 0 else math.sin(fix.course))
+
+
+@kernel
+def fuse_velocity(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: int) -> int:
+    """Gate and take the velocity, component by component."""
+    w = (c.w[0] - c.bg[0], c.w[1] - c.bg[1], c.w[2] - c.bg[2])
+    q = (c.q[0], c.q[1], c.q[2], c.q[3])
+    arm = quat_rotate(
+        q,
+        (
+            w[1] * p.lever[2] - w[2] * p.lever[1],
+            w[2] * p.lever[0] - w[0] * p.lever[2],
+            w[0] * p.lever[1] - w[1] * p.lever[0],
+        ),
+    )
+    slow = fix.speed if not math.isfinite(fix.v[0]) and fix.speed < COURSE_SPEED else 0.0
+    for i in range(3):
+        received = velocity_of(fix, i)
+        if not math.isfinite(received):
+            continue
+        z = received - c.v[i] - arm[i] + late * c.accel[i]
+        r = SPEED_SIGMA**2 + slow * slow + (VELOCITY_LAG * c.accel[i]) ** 2
+        m = row(c, 0, VELOCITY + i, 1.0)
+        m = row(c, m, LATENCY, -c.accel[i])
+        s = predicted(c, m) + r
+        left = residual(c, m, z)
+        used = take(c, m, z, r, GATE) >= 0.0
+        n = report(innovations, n, fix.t_ns, VELOCITY_N + i, left, s, used)
+    correct(c)
+    return n

@@ -1,0 +1,76 @@
+"""The recent past, so that a late fix meets the state of its own epoch: samples in a ring, snapshots of the core.
+
+To fuse at epoch t the core goes back to the last snapshot not after t, forward to t exactly, and after the fusion
+forward again to the newest sample, with the code that new samples take; the snapshots on the way are renewed.
+"""
+
+from typing import Any
+
+from ...kernels.jit import kernel
+from .advance import advance, carry
+from .state import RING, SNAPSHOT_NS, SNAPSHOTS
+
+
+@kernel
+def remember(s: Any, t_ns: int, w: Any, f: Any) -> None:
+    """Put a sample (body axes) into the ring."""
+    r = s.ring[s.received % RING]
+    r.t_ns = t_ns
+    for i in range(3):
+        r.w[i] = w[i]
+        r.f[i] = f[i]
+    s.received += 1
+
+
+@kernel
+def snap(s: Any) -> None:
+    """Keep a copy of the core."""
+    s.snapshots[s.snapped % SNAPSHOTS] = s.core[0]
+    s.snapped += 1
+
+
+@kernel
+def follow(p: Any, s: Any) -> None:
+    """Bring the core up to the newest sample, with a snapshot whenever one is due."""
+    c = s.core[0]
+    while c.taken < s.received:
+        advance(p, c, s.ring[c.taken % RING])
+        if s.snapped == 0 or c.t_ns - s.snapshots[(s.snapped - 1) % SNAPSHOTS].t_ns >= SNAPSHOT_NS:
+            snap(s)
+
+
+@kernel
+def rewind(s: Any, t_ns: int) -> bool:
+    """Put the core back to the last snapshot not after t_ns; False when that is forgotten."""
+    if s.core[0].t_ns <= t_ns:
+        return True
+    oldest = max(0, s.snapped - SNAPSHOTS)
+    k = s.snapped - 1
+    while k >= oldest and s.snapshots[k % SNAPSHOTS].t_ns > t_ns:
+        k -= 1
+    if k < oldest or s.snapshots[k % SNAPSHOTS].taken < s.received - RING:
+        return False
+    s.core[0] = s.snapshots[k % SNAPSHOTS]
+    s.snapped = k + 1
+    return True
+
+
+@kernel
+def approach(p: Any, s: Any, t_ns: int, w: Any, f: Any) -> None:
+    """Forward from a snapshot to t_ns exactly; (w, f) is room for the sample interpolated there."""
+    c = s.core[0]
+    while c.taken < s.received and s.ring[c.taken % RING].t_ns <= t_ns:
+        advance(p, c, s.ring[c.taken % RING])
+    if c.t_ns >= t_ns:
+        return
+    share = 0.0
+    for i in range(3):
+        w[i] = c.w[i]
+        f[i] = c.f[i]
+    if c.taken < s.received:
+        r = s.ring[c.taken % RING]
+        share = (t_ns - c.t_ns) / (r.t_ns - c.t_ns)
+        for i in range(3):
+            w[i] += share * (r.w[i] - w[i])
+            f[i] += share * (r.f[i] - f[i])
+    carry(p, c, t_ns, w, f)

@@ -1,0 +1,103 @@
+"""Windows of half a second over the inertial data: is the sensor quiet, how strongly does it vibrate, is it at rest?
+
+Quiet alone is not rest: at constant speed a smooth car is nearly as quiet as a parked one. Rest needs the quiet of
+the quietest time seen, a mean rate that is the bias, and a speed, from a fresh fix or from the filter, near zero.
+"""
+
+import math
+from typing import Any
+
+from ...kernels.jit import kernel
+from ...kernels.rotation import quat_rotate
+from .covariance import variance
+from .state import GYRO_BIAS, NAVIGATING, VELOCITY
+
+WINDOW_S = 0.5
+QUIET = 3.0  # times the quietest gyro deviation seen
+QUIET_ACCEL = 0.35  # m/s^2, an idling engine
+FLOOR_GROWTH = 1.001  # per window: the quietest is forgotten within some ten minutes
+VIBRATION_ACCEL = 0.1  # share of the vibration's power that acts as white noise
+VIBRATION_GYRO = 0.1
+FRESH_S = 2.0
+REST_SPEED = 0.3  # m/s, three sigma of a receiver's speed at rest
+REST_RATE = 0.003  # rad/s beyond the uncertainty of the bias
+
+
+@kernel
+def gather(c: Any, w: Any, f: Any, dt: float) -> None:
+    """Add one sample (body axes) that ends an interval of `dt` s; to be called before it replaces c.w and c.f."""
+    fn = quat_rotate((c.q[0], c.q[1], c.q[2], c.q[3]), (f[0] - c.ba[0], f[1] - c.ba[1], f[2] - c.ba[2]))
+    for i in range(3):
+        c.sum_w[i] += w[i]
+        c.sum_f[i] += f[i]
+        c.sum_n[i] += fn[i]
+        c.sum_w2 += w[i] * w[i]
+        c.sum_f2 += f[i] * f[i]
+        c.sum_jump2[0] += (w[i] - c.w[i]) ** 2
+        c.sum_jump2[1] += (f[i] - c.f[i]) ** 2
+    c.n += 1
+    c.elapsed += dt
+
+
+@kernel
+def clear(c: Any) -> None:
+    """Begin a new window."""
+    c.n = 0
+    c.elapsed = 0.0
+    c.sum_w2 = 0.0
+    c.sum_f2 = 0.0
+    for i in range(3):
+        c.sum_w[i] = 0.0
+        c.sum_f[i] = 0.0
+        c.sum_n[i] = 0.0
+    for i in range(2):
+        c.sum_jump2[i] = 0.0
+
+
+@kernel
+def judge(p: Any, c: Any) -> None:
+    """At the end of a window: vibration densities, and how many windows in a row were quiet."""
+    w2 = c.sum_w2 / c.n
+    f2 = c.sum_f2 / c.n
+    changed = 0.0
+    for i in range(3):
+        mean = c.sum_w[i] / c.n
+        w2 -= mean * mean
+        f2 -= (c.sum_f[i] / c.n) ** 2
+        changed = max(changed, abs(mean - c.mean_w[i]))
+        c.mean_w[i] = mean
+    deviation = math.sqrt(max(w2, 0.0))
+    dt = c.elapsed / c.n
+    c.vibration_gyro = VIBRATION_GYRO * c.sum_jump2[0] / (6.0 * c.n) * dt
+    c.vibration_accel = VIBRATION_ACCEL * c.sum_jump2[1] / (6.0 * c.n) * dt
+    least = math.sqrt(3.0 * p.gyro_psd / dt)
+    if c.floor <= 0.0:
+        c.floor = deviation
+    c.floor = max(min(c.floor * FLOOR_GROWTH, deviation), least)
+    quiet = deviation < QUIET * c.floor and f2 < QUIET_ACCEL**2 and changed < REST_RATE + c.floor
+    c.quiet = c.quiet + 1 if quiet else 0
+
+
+@kernel
+def slow(c: Any) -> bool:
+    """Whether nothing known of the speed speaks against rest."""
+    age = 1e-9 * (c.t_ns - c.fix_ns)
+    known = c.fixes > 0 and age < FRESH_S and c.fix_speed >= 0.0
+    if known and c.fix_speed > REST_SPEED:
+        return False
+    if c.phase != NAVIGATING:
+        return known or c.fixes == 0 or c.quiet > 10
+    speed2 = c.v[0] ** 2 + c.v[1] ** 2 + c.v[2] ** 2
+    s2 = max(variance(c, VELOCITY), variance(c, VELOCITY + 1))
+    return (known and speed2 < 1.0 + 9.0 * s2) or (speed2 < REST_SPEED**2 and s2 < 0.25)
+
+
+@kernel
+def at_rest(c: Any) -> bool:
+    """Whether the last two windows at least were at rest."""
+    if c.quiet < 2 or not slow(c):
+        return False
+    for i in range(3):
+        if abs(c.mean_w[i] - c.bg[i]) > REST_RATE + 3.0 * math.sqrt(variance(c, GYRO_BIAS + i)):
+            return False
+    return True

@@ -1,0 +1,137 @@
+"""The records of the navigation filter: its parameters, its core (what a snapshot holds) and its whole state.
+
+Errors are "true minus estimate", 21 of them: position NED m, velocity m/s, attitude (small rotation in NED,
+C_true = exp(phi) C), gyro bias, accelerometer bias, slowly wandering GNSS position error (Gauss-Markov), mounting
+pitch and yaw of the vehicle's forward axis, and latency of the fixes.
+"""
+
+import numpy as np
+
+STATES = 21
+POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS, WANDER = 0, 3, 6, 9, 12, 15
+MOUNT_PITCH, MOUNT_YAW, LATENCY = 18, 19, 20
+
+LEVELLING, NAVIGATING = 0, 1  # phases: roll and pitch only, position from GNSS; everything
+FREE, AUTO, LAND = 0, 1, 2  # vehicle
+
+RATES = 33  # hypotheses of the heading's drift while aligning
+RING = 4096  # samples kept: 2 s at the highest rate
+SNAPSHOTS = 64
+SNAPSHOT_NS = 50_000_000
+SPREAD = 10  # most nonzero elements of a measurement row
+
+PARAMETERS = np.dtype(
+    [
+        ("period", "<f8"),  # s, nominal time between samples
+        ("mount", "<f8", (3, 3)),  # sensor axes to body axes
+        ("lever", "<f8", (3,)),  # m, antenna from IMU, body
+        ("vehicle", "<i8"),
+        ("latency_sigma", "<f8"),  # s
+        ("gyro_psd", "<f8"),  # rad^2/s
+        ("gyro_walk", "<f8"),  # rad^2/s^3
+        ("gyro_initial", "<f8"),  # rad/s
+        ("gyro_scale", "<f8"),
+        ("gyro_range", "<f8"),  # rad/s
+        ("accel_psd", "<f8"),  # m^2/s^3
+        ("accel_walk", "<f8"),  # m^2/s^5
+        ("accel_initial", "<f8"),  # m/s^2
+        ("accel_scale", "<f8"),
+        ("accel_range", "<f8"),  # m/s^2
+    ],
+    align=True,
+)
+
+CORE = np.dtype(
+    [
+        ("t_ns", "<i8"),
+        ("taken", "<i8"),  # samples integrated since the start
+        ("phase", "<i8"),
+        ("flags", "<i8"),  # AT_REST, REJECTING, SATURATED of records
+        # nominal state
+        ("lat", "<f8"),
+        ("lon", "<f8"),
+        ("height", "<f8"),
+        ("v", "<f8", (3,)),  # m/s, NED
+        ("q", "<f8", (4,)),  # q_nb; while levelling the heading's origin is arbitrary
+        ("bg", "<f8", (3,)),
+        ("ba", "<f8", (3,)),
+        ("wander", "<f8", (3,)),  # m, NED, fix minus truth
+        ("forward", "<f8", (3,)),  # unit vector of the vehicle's motion in the body
+        ("lateral", "<f8", (3,)),  # unit vector across it, level
+        ("latency", "<f8"),  # s, the fix is older than its stamp by this
+        ("P", "<f8", (STATES * (STATES + 1) // 2,)),
+        # last sample, body axes, and what has gathered since the last covariance step
+        ("w", "<f8", (3,)),
+        ("f", "<f8", (3,)),
+        ("gathered", "<f8"),  # s
+        ("dv", "<f8", (3,)),  # m/s, integral of specific force in NED
+        ("accel", "<f8", (3,)),  # m/s^2, smoothed acceleration in NED
+        ("turn", "<f8"),  # rad/s, smoothed rate of rotation
+        # motion window
+        ("n", "<i8"),
+        ("elapsed", "<f8"),  # s
+        ("sum_w", "<f8", (3,)),
+        ("sum_f", "<f8", (3,)),
+        ("sum_n", "<f8", (3,)),  # specific force in NED
+        ("sum_w2", "<f8"),
+        ("sum_f2", "<f8"),
+        ("sum_jump2", "<f8", (2,)),  # of differences between successive rates, and specific forces
+        ("mean_w", "<f8", (3,)),  # of the last complete window
+        ("quiet", "<i8"),  # complete quiet windows in a row
+        ("floor", "<f8"),  # rad/s, quietest gyro deviation seen
+        ("vibration_accel", "<f8"),  # m^2/s^3, noise density added by vibration
+        ("vibration_gyro", "<f8"),  # rad^2/s
+        # non-holonomic constraint
+        ("since_constraint", "<f8"),  # s
+        ("constrained", "<i8"),
+        ("axis", "<f8", (3,)),  # sum of unit velocities in the body
+        ("course", "<f8", (2,)),  # and over ground
+        ("axis_n", "<f8"),
+        ("contradiction", "<f8"),  # smoothed normalised innovation squared
+        # fixes
+        ("fix_ns", "<i8"),  # epoch of the last one used
+        ("fixes", "<i8"),
+        ("fix_speed", "<f8"),  # m/s, NaN unknown
+        ("rejected", "<i8"),  # in a row
+        ("white", "<f8", (2,)),  # m^2, learned white variance, horizontal and vertical
+        ("reported", "<f8", (2,)),  # m, the sigma the wander was last scaled to
+        ("z", "<f8", (3,)),  # scratch: position residuals
+        # alignment, in a level frame of arbitrary heading
+        ("heading_sigma", "<f8"),  # rad, of a heading given by the user; 0: none
+        ("zeta", "<f8", (2,)),  # m/s, integral of level specific force
+        ("path", "<f8", (2,)),  # m, its integral
+        ("mark_ns", "<i8"),  # last fix used for alignment, 0: none
+        ("mark", "<f8", (8,)),  # its zeta, path, velocity, and latitude and longitude
+        ("slope", "<f8", (5,)),  # mean velocity and mean zeta over the last pair, and 1 when there is one
+        ("origin_ns", "<i8"),
+        ("pairs", "<f8"),
+        ("energy", "<f8", (2,)),  # of zeta changes and of velocity changes
+        ("match", "<f8", (RATES, 2)),
+        # scratch
+        ("x", "<f8", (STATES,)),
+        ("d", "<f8", (STATES,)),
+        ("columns", "<i8", (SPREAD,)),
+        ("values", "<f8", (SPREAD,)),
+    ],
+    align=True,
+)
+
+SAMPLE_KEPT = np.dtype([("t_ns", "<i8"), ("w", "<f8", (3,)), ("f", "<f8", (3,))], align=True)
+
+STATE = np.dtype(
+    [
+        ("core", CORE, (1,)),
+        ("snapshots", CORE, (SNAPSHOTS,)),
+        ("ring", SAMPLE_KEPT, (RING,)),
+        ("snapped", "<i8"),  # snapshots ever taken, less those withdrawn
+        ("received", "<i8"),  # samples ever put into the ring
+        ("stamp_ns", "<i8"),  # stamp of the last fix fused
+        ("fused_ns", "<i8"),  # and the time of the core at which it was fused
+        ("initial_rpy", "<f8", (3,)),  # rad, NaN where the first sample or motion must tell
+        ("w", "<f8", (3,)),  # last good sample, body axes
+        ("f", "<f8", (3,)),
+        ("between_w", "<f8", (3,)),  # scratch: the sample interpolated at a fix
+        ("between_f", "<f8", (3,)),
+    ],
+    align=True,
+)

@@ -1,0 +1,30 @@
+"""What rest tells: the velocity is zero, and the gyro shows its bias and the earth's rotation (ZUPT and ZARU)."""
+
+import math
+from typing import Any
+
+from ...kernels.earth import EARTH_RATE_RADPS
+from ...kernels.jit import kernel
+from ...kernels.rotation import quat_rotate_back
+from .correction import correct, row, take
+from .state import GYRO_BIAS, NAVIGATING, VELOCITY
+
+REST_VELOCITY = 0.02  # m/s, people get in, wind rocks
+REST_TURN = 1e-4  # rad/s
+GATE = 25.0
+
+
+@kernel
+def rest(p: Any, c: Any) -> None:
+    """Fuse one window of rest (call at its end, before it is cleared)."""
+    if c.phase == NAVIGATING:
+        for i in range(3):
+            take(c, row(c, 0, VELOCITY + i, 1.0), -c.v[i], REST_VELOCITY**2, 4.0 * GATE)
+    earth = quat_rotate_back(
+        (c.q[0], c.q[1], c.q[2], c.q[3]),
+        (EARTH_RATE_RADPS * math.cos(c.lat), 0.0, -EARTH_RATE_RADPS * math.sin(c.lat)),
+    )
+    r = p.gyro_psd / c.elapsed + c.floor**2 / c.n + REST_TURN**2
+    for i in range(3):
+        take(c, row(c, 0, GYRO_BIAS + i, 1.0), c.mean_w[i] - earth[i] - c.bg[i], r, GATE)
+    correct(c)

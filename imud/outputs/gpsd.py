@@ -1,0 +1,261 @@
+"""A server for gpsd's clients that lives in somebody else's event loop: it never waits, and starts no thread.
+
+The loop polls; for each descriptor that is `in` the server it calls `on_event`, with every new solution `publish`, and
+it wakes up by `next_deadline` to call `tick`. All times are monotonic nanoseconds, one for all events of a wake-up: the
+work of one wake-up is limited by it, so that a flood of connections or requests delays the sensors by little and is
+served in the following ones. A slow, stalled or hostile client loses its own messages.
+"""
+
+import contextlib
+import errno
+import select
+import socket
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from imud.errors import ConfigError
+from imud.settings import Gpsd
+
+from .connection import SECOND_NS, Connection
+from .gpsd_dialogue import Policy, Request, answer, device_object, error_object, version_object
+from .gpsd_json import Report, line
+from .listen import is_local, listen, parse_address, shown_address
+from .view import Device, View
+
+PORT = 2947
+_EVENTS_PER_WAKEUP = 4
+_STUCK_NS = 10 * SECOND_NS  # nothing read by the client
+_SILENT_NS = 60 * SECOND_NS  # nothing asked since connecting; as gpsd
+_POLLING_NS = 900 * SECOND_NS  # nothing asked, and not watching either; as gpsd
+_NEVER_NS = 1 << 63
+
+
+class Poller(Protocol):
+    """What the server needs of the loop's poll object; `select.poll()` and level-triggered `select.epoll()` have it."""
+
+    def register(self, fd: int, eventmask: int, /) -> None: ...
+    def modify(self, fd: int, eventmask: int, /) -> None: ...
+    def unregister(self, fd: int, /) -> None: ...
+
+
+@dataclass(slots=True)
+class Counters:
+    """Since the start."""
+
+    connections: int = 0
+    refused: int = 0  # too many clients
+    requests: int = 0
+    errors: int = 0  # requests answered with ERROR
+    dropped: int = 0  # messages that slow clients lost
+    expelled: int = 0  # clients cut off: stuck, silent, or sending rubbish
+
+
+class GpsdServer:
+    """gpsd's JSON protocol on the addresses of `settings.listen`, separated by commas."""
+
+    def __init__(self, settings: Gpsd, poller: Poller) -> None:
+        """Open. Raises ConfigError (78), AddressInUseError or CannotCreateError (73), PermissionDeniedError (77)."""
+        self.counters = Counters()
+        self._settings = settings
+        self._poller = poller
+        self._listeners: dict[int, socket.socket] = {}
+        self._clients: dict[int, Connection] = {}
+        self._view = View()
+        self._report: Report | None = None
+        self._due_ns = _NEVER_NS  # earliest time that a client wants a message
+        self._tick_ns = 0
+        self._wakeup_ns, self._events_left = -1, 0
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self) -> None:
+        addresses = [parse_address(text, PORT) for text in self._settings.listen.split(",")]
+        for address in addresses:
+            if not self._settings.allow_remote and not is_local(address):
+                raise ConfigError(
+                    f"refusing to listen on {address.text}: other machines could connect, and the protocol knows no "
+                    "password; listen on 127.0.0.1, or set gpsd.allow_remote = true"
+                )
+        for address in addresses:
+            sock = listen(address)
+            self._listeners[sock.fileno()] = sock
+            self._poller.register(sock.fileno(), select.POLLIN)
+
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        """Where it listens, with real port numbers."""
+        return tuple(shown_address(sock) for sock in self._listeners.values())
+
+    @property
+    def clients(self) -> int:
+        return len(self._clients)
+
+    def __contains__(self, fd: int) -> bool:
+        return fd in self._clients or fd in self._listeners
+
+    def next_deadline(self) -> int | None:
+        """When `tick` wants to be called at the latest; None while there is nothing to look after."""
+        return self._tick_ns if self._clients else None
+
+    def close(self) -> None:
+        """End all connections and stop listening."""
+        for client in list(self._clients.values()):
+            self._remove(client)
+        for fd, sock in self._listeners.items():
+            self._poller.unregister(fd)
+            if sock.family == socket.AF_UNIX:
+                with contextlib.suppress(OSError):
+                    Path(sock.getsockname()).unlink()
+            sock.close()
+        self._listeners.clear()
+
+    def publish(self, view: View, now_ns: int) -> None:
+        """Give the newest view; clients whose next message is due get it."""
+        if view.devices != self._view.devices:
+            self._announce(self._view.devices, view.devices, now_ns)
+        self._view, self._report = view, None
+        self.tick(now_ns)
+        if now_ns < self._due_ns:
+            return
+        for client in [c for c in self._clients.values() if c.policy.streaming]:
+            if kinds := client.due(now_ns):
+                self._offer(client, self._reported().lines(kinds), now_ns)
+        self._reschedule()
+
+    def on_event(self, fd: int, mask: int, now_ns: int) -> None:
+        """Handle what poll said of one of our descriptors; beyond the limit of this wake-up, poll says it again."""
+        self.tick(now_ns)
+        if now_ns != self._wakeup_ns:
+            self._wakeup_ns, self._events_left = now_ns, _EVENTS_PER_WAKEUP
+        self._events_left -= 1
+        if self._events_left < 0:
+            return
+        if listener := self._listeners.get(fd):
+            self._accept(listener, now_ns)
+        elif client := self._clients.get(fd):
+            self._converse(client, mask, now_ns)
+
+    def tick(self, now_ns: int) -> None:
+        """Once per second: cut off who is stuck or silent, let those go on who asked too much."""
+        if now_ns < self._tick_ns:
+            return
+        self._tick_ns = now_ns + SECOND_NS
+        for listener in self._listeners.values():
+            self._poller.modify(listener.fileno(), select.POLLIN)
+        for client in list(self._clients.values()):
+            throttled = client.throttled
+            client.renew_allowance()
+            if self._has_overstayed(client, now_ns):
+                self._expel(client)
+            elif throttled:
+                self._converse(client, 0, now_ns)
+
+    def _has_overstayed(self, client: Connection, now_ns: int) -> bool:
+        if client.stuck_ns is not None and now_ns - client.stuck_ns > _STUCK_NS:
+            return True
+        patience = _POLLING_NS if client.ever_asked else _SILENT_NS
+        return not client.policy.enable and now_ns - client.asked_ns > patience
+
+    def _accept(self, listener: socket.socket, now_ns: int) -> None:
+        try:
+            sock, _ = listener.accept()
+        except OSError as error:
+            if error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
+                self._poller.modify(listener.fileno(), 0)  # until the next tick: poll would say it again at once
+            return
+        if len(self._clients) >= self._settings.max_clients:
+            self.counters.refused += 1
+            with sock, contextlib.suppress(OSError):
+                sock.send(line(error_object("too many clients")), socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+            return
+        try:
+            client = Connection(sock, Policy(rate_hz=self._settings.rate_hz), now_ns)
+        except OSError:  # gone already
+            sock.close()
+            return
+        self.counters.connections += 1
+        self._clients[sock.fileno()] = client
+        self._poller.register(sock.fileno(), client.events)
+        self._send(client, line(version_object()), now_ns)
+
+    def _converse(self, client: Connection, mask: int, now_ns: int) -> None:
+        """Write what is owed, read what has come, answer what is complete."""
+        try:
+            if mask & (select.POLLHUP | select.POLLERR):
+                raise ConnectionResetError
+            client.flush(now_ns)
+            if mask & select.POLLIN and not client.read():
+                raise ConnectionResetError
+            while request := client.next_request(now_ns):
+                client.write(self._answer(client, request), now_ns)
+        except OSError:
+            self._remove(client)
+            return
+        if client.inbox.overlong:
+            self._send(client, line(error_object("request too long")), now_ns)
+            self._expel(client)
+        else:
+            self._settle(client)
+
+    def _answer(self, client: Connection, request: Request) -> bytes:
+        answered = answer(request, client.policy, self._reported())
+        self.counters.requests += 1
+        self.counters.errors += answered.refused
+        if answered.policy is not client.policy:
+            client.watch(answered.policy)
+            self._reschedule()
+        return line(*answered.objects)
+
+    def _announce(self, before: tuple[Device, ...], after: tuple[Device, ...], now_ns: int) -> None:
+        """Tell those who watch which devices went and which came."""
+        gone = [device_object(device, active=False) for device in before if device not in after]
+        came = [device_object(device) for device in after if device not in before]
+        for client in [c for c in self._clients.values() if c.policy.streaming]:
+            self._offer(client, line(*gone, *came), now_ns)
+
+    def _reported(self) -> Report:
+        if self._report is None:
+            self._report = Report(self._view)
+        return self._report
+
+    def _reschedule(self) -> None:
+        self._due_ns = min((c.pace.due_ns for c in self._clients.values() if c.policy.streaming), default=_NEVER_NS)
+
+    def _offer(self, client: Connection, data: bytes, now_ns: int) -> None:
+        before = client.dropped
+        try:
+            client.offer(data, now_ns)
+        except OSError:
+            self._remove(client)
+            return
+        self.counters.dropped += client.dropped - before
+        self._settle(client)
+
+    def _send(self, client: Connection, data: bytes, now_ns: int) -> None:
+        try:
+            client.write(data, now_ns)
+        except OSError:
+            self._remove(client)
+        else:
+            self._settle(client)
+
+    def _settle(self, client: Connection) -> None:
+        """Wait for what the client is waiting for."""
+        events = client.wanted_events()
+        if events != client.events:
+            client.events = events
+            self._poller.modify(client.sock.fileno(), events)
+
+    def _expel(self, client: Connection) -> None:
+        self.counters.expelled += 1
+        self._remove(client)
+
+    def _remove(self, client: Connection) -> None:
+        fd = client.sock.fileno()
+        if self._clients.pop(fd, None) is not None:
+            self._poller.unregister(fd)
+            client.close()

@@ -1,0 +1,232 @@
+"""gpsd's requests and the messages that answer them: the language, not the connection.
+
+A request ends at `;`, LF or CR; text that does not begin with `?` is passed over. No bytes raise anything: what cannot
+be understood is answered with ERROR. Real gpsd is the model, with two more keys in ?WATCH, both optional:
+`rate` (Hz) and `class` (names separated by commas) say how often and which messages a client wants.
+"""
+
+import functools
+import importlib.metadata
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from .gpsd_json import CLASSES, Report, iso, quoted
+from .view import Device
+
+REQUEST_MAX = 1024  # bytes; gpsd's own limit is 80
+_DEVICES_MAX = 4  # libgps loops for ever when it is told of more
+_ERROR_MAX = 255
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """`?COMMAND` or `?COMMAND=ARGUMENT`. text: the whole as printable ASCII."""
+
+    command: str
+    argument: bytes | None
+    text: str
+
+
+class Inbox:
+    """Bytes in, requests out; holds what is not complete."""
+
+    def __init__(self) -> None:
+        self._bytes = bytearray()
+
+    def feed(self, data: bytes) -> None:
+        self._bytes += data
+
+    @property
+    def overlong(self) -> bool:
+        """True when a request is longer than REQUEST_MAX: the sender is no gpsd client."""
+        return len(self._bytes) > REQUEST_MAX and _END.search(self._bytes, 0, REQUEST_MAX + 1) is None
+
+    def take(self) -> Request | None:
+        """The next complete request, if there is one."""
+        while end := _END.search(self._bytes):
+            text = bytes(self._bytes[: end.start()]).strip()
+            del self._bytes[: end.end()]
+            if text.startswith(b"?"):
+                command, equals, argument = text[1:].partition(b"=")
+                return Request(command.decode("latin-1"), argument if equals else None, _printable(text))
+        return None
+
+
+_END = re.compile(rb"[;\r\n]")
+
+
+def _printable(text: bytes) -> str:
+    return re.sub(r"[^ -~]", "?", text.decode("latin-1"))
+
+
+class _WatchArgument(msgspec.Struct):
+    """What ?WATCH may be told; other keys are passed over. None: leave it as it is."""
+
+    enable: bool = True
+    json: bool | None = None
+    device: str | None = None
+    rate: Annotated[float, Meta(gt=0.0, le=1000.0)] | None = None
+    classes: str | None = msgspec.field(name="class", default=None)
+
+
+class _DeviceArgument(msgspec.Struct):
+    path: str | None = None
+
+
+_watch_argument = msgspec.json.Decoder(_WatchArgument, strict=False)
+_device_argument = msgspec.json.Decoder(_DeviceArgument)
+
+
+class RefusedError(Exception):
+    """A request that is answered with ERROR; the message is its text."""
+
+
+@dataclass(frozen=True, slots=True)
+class Policy:
+    """What one client watches."""
+
+    rate_hz: float
+    enable: bool = False
+    json: bool = False
+    device: str | None = None
+    classes: tuple[str, ...] = CLASSES
+
+    @property
+    def streaming(self) -> bool:
+        return self.enable and self.json
+
+    def told(self, argument: bytes) -> "Policy":
+        """This policy after ?WATCH=argument. Raises RefusedError."""
+        try:
+            given = _watch_argument.decode(argument)
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+            raise RefusedError(f"Invalid WATCH: {error}") from None
+        return replace(
+            self,
+            enable=given.enable,
+            json=self.json if given.json is None else given.json,
+            device=self.device if given.device is None else given.device,
+            rate_hz=given.rate or self.rate_hz,
+            classes=self.classes if given.classes is None else _chosen(given.classes),
+        )
+
+
+def _chosen(names: str) -> tuple[str, ...]:
+    """The classes of a comma-separated list; `WATCH`, the request's own class, chooses nothing."""
+    wanted = {name.strip().upper() for name in names.split(",")} - {"WATCH", ""}
+    if unknown := wanted.difference(CLASSES):
+        raise RefusedError(f"Invalid WATCH: no class {', '.join(sorted(unknown))}; there are {', '.join(CLASSES)}")
+    return tuple(kind for kind in CLASSES if kind in wanted) if wanted else CLASSES
+
+
+def _path_asked(argument: bytes | None) -> str | None:
+    """The path in ?DEVICE's argument, None when it names none. Raises RefusedError."""
+    try:
+        return _device_argument.decode(argument).path if argument else None
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        raise RefusedError(f"Invalid DEVICE: {error}") from None
+
+
+@functools.cache
+def version_object() -> str:
+    """Protocol 3.14, the one that gpsd 3.22 speaks."""
+    release = importlib.metadata.version("imud")
+    name = quoted(f"imud-{release}", 63)
+    return f'{{"class":"VERSION","release":{quoted(release, 63)},"rev":{name},"proto_major":3,"proto_minor":14}}'
+
+
+def error_object(message: str) -> str:
+    return f'{{"class":"ERROR","message":{quoted(_printable(message.encode()), _ERROR_MAX)}}}'
+
+
+def device_object(device: Device, active: bool = True) -> str:
+    """One DEVICE; without `activated` a client takes it for gone."""
+    optional = {"subtype": device.model, "sernum": device.serial}
+    texts = "".join(f',"{key}":{quoted(text, 63)}' for key, text in optional.items() if text)
+    activated = f',"activated":{text}' if active and (text := iso(device.activated_s)) else ""
+    line = f',"bps":{device.bps},"parity":"N","stopbits":1' if device.bps is not None else ""
+    return (
+        f'{{"class":"DEVICE","path":{quoted(device.path)},"driver":{quoted(device.driver, 63)}{texts}{activated}'
+        f',"flags":1,"native":0{line}}}'
+    )
+
+
+def devices_object(devices: Iterable[Device]) -> str:
+    return f'{{"class":"DEVICES","devices":[{",".join(map(device_object, list(devices)[:_DEVICES_MAX]))}]}}'
+
+
+def watch_object(policy: Policy) -> str:
+    """The policy as it is: there are no raw, NMEA or AIS streams to watch here."""
+    words = {True: "true", False: "false"}
+    device = f',"device":{quoted(policy.device)}' if policy.device is not None else ""
+    return (
+        f'{{"class":"WATCH","enable":{words[policy.enable]},"json":{words[policy.json]},"nmea":false,"raw":0'
+        f',"scaled":false,"timing":false,"split24":false,"pps":false{device}'
+        f',"rate":{policy.rate_hz:.6g},"classes":"{",".join(policy.classes)}"}}'
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """objects: the messages, in order. policy: what the client watches from now on."""
+
+    objects: tuple[str, ...]
+    policy: Policy
+    refused: bool = False
+
+
+def _find(devices: tuple[Device, ...], path: str | None) -> Device:
+    for device in devices:
+        if path in (None, device.path):
+            return device
+    raise RefusedError("No devices attached" if path is None else f"No such device as {path}")
+
+
+def _answer_version(_: bytes | None, policy: Policy, report: Report) -> Answer:
+    return Answer((version_object(),), policy)
+
+
+def _answer_devices(_: bytes | None, policy: Policy, report: Report) -> Answer:
+    return Answer((devices_object(report.view.devices),), policy)
+
+
+def _answer_device(argument: bytes | None, policy: Policy, report: Report) -> Answer:
+    """The device unchanged: clients do not configure sensors here."""
+    return Answer((device_object(_find(report.view.devices, _path_asked(argument))),), policy)
+
+
+def _answer_watch(argument: bytes | None, policy: Policy, report: Report) -> Answer:
+    if argument is not None:
+        policy = policy.told(argument)
+        if policy.device is not None:
+            _find(report.view.devices, policy.device)
+    return Answer((devices_object(report.view.devices), watch_object(policy)), policy)
+
+
+def _answer_poll(_: bytes | None, policy: Policy, report: Report) -> Answer:
+    return Answer((report.poll(policy.enable),), policy)
+
+
+_ANSWERS: dict[str, Callable[[bytes | None, Policy, Report], Answer]] = {
+    "VERSION": _answer_version,
+    "DEVICES": _answer_devices,
+    "DEVICE": _answer_device,
+    "WATCH": _answer_watch,
+    "POLL": _answer_poll,
+}
+_WITH_ARGUMENT = ("DEVICE", "WATCH")
+
+
+def answer(request: Request, policy: Policy, report: Report) -> Answer:
+    """Answer one request of a client with `policy`, out of the newest report."""
+    try:
+        if request.command not in _ANSWERS or (request.argument is not None and request.command not in _WITH_ARGUMENT):
+            raise RefusedError(f"Unrecognized request '{request.text}'")
+        return _ANSWERS[request.command](request.argument, policy, report)
+    except RefusedError as refusal:
+        return Answer((error_object(str(refusal)),), policy, refused=True)

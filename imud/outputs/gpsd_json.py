@@ -1,0 +1,257 @@
+"""A solution as gpsd's JSON messages: which field carries what, in which unit, and when it is left out.
+
+Unknown is NaN, and a number that is not finite is never printed: its key is left out. Objects are compact, begin with
+their class and hold flat scalars only, because gpsd's clients depend on it. `EST` is a class of our own, with the keys
+and units of `imud replay`'s est.csv; gpsd's clients pass over it. Errors in gpsd's fields are 95 % bounds, those in
+`EST` one sigma.
+
+Source: gpsd_json(5); gpsd 3.22, 3.25 and 3.27.5 tried.
+"""
+
+import functools
+import json
+import math
+import time
+from collections.abc import Callable
+
+from imud.estimators.records import (
+    AT_REST,
+    ATTITUDE_VALID,
+    COASTING,
+    HEADING_VALID,
+    POSITION_VALID,
+    REJECTING,
+    SATURATED,
+)
+
+from .view import NAN, NO_SOLUTION, NO_VECTOR, Gnss, State, Vector, View, decode, euler
+
+
+class _Numbers:
+    """The members `,"key":number` of an object in a fixed order, without those that are not finite."""
+
+    def __init__(self, **formats: str) -> None:
+        self._members = tuple(f',"{key}":{form}' for key, form in formats.items())
+        self._template = "".join(self._members)
+
+    def __call__(self, *values: float) -> str:
+        text = self._template % values
+        if ":nan" not in text and "inf" not in text:
+            return text
+        return "".join(m % v for m, v in zip(self._members, values, strict=True) if math.isfinite(v))
+
+
+def quoted(text: str, limit: int = 127) -> str:
+    """A JSON string of at most `limit` ASCII characters: libgps loops for ever over longer paths."""
+    return json.dumps(text[:limit].encode("ascii", "replace").decode())
+
+
+@functools.lru_cache(maxsize=4)
+def _iso_second(second: int) -> str:
+    return time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(second))
+
+
+def iso(utc_s: float | None) -> str:
+    """Quoted ISO 8601 with microseconds of unix time; empty when unknown or outside the years 1970 to 9999."""
+    if utc_s is None or not 0.0 <= utc_s < 253402300799.0:
+        return ""
+    second, micro = divmod(round(utc_s * 1e6), 1_000_000)
+    return f'"{_iso_second(second)}.{micro:06d}Z"'
+
+
+@functools.lru_cache(maxsize=16)
+def _class_and_device(kind: str, path: str | None) -> str:
+    device = "" if path is None else f',"device":{quoted(path)}'
+    return f'{{"class":"{kind}"{device}'
+
+
+def _head(kind: str, view: View) -> str:
+    return _class_and_device(kind, view.devices[0].path if view.devices else None)
+
+
+def _time(view: View) -> str:
+    text = iso(view.utc_s)
+    return f',"time":{text}' if text else ""
+
+
+def _bound95(*sigmas: float) -> float:
+    """Radius that holds 95 % of an error with independent normal components: within 1.5 % for any of their ratios.
+
+    Satterthwaite's chi-square for the sum of squares, its quantile after Wilson and Hilferty (1931).
+    """
+    largest = max(sigmas)
+    if not largest > 0.0:
+        return largest
+    squares = [(s / largest) ** 2 for s in sigmas]
+    mean = sum(squares)
+    a = 2.0 / 9.0 * sum(s * s for s in squares) / (mean * mean)
+    return largest * math.sqrt(mean * (1.0 - a + 1.6448536 * math.sqrt(a)) ** 3)
+
+
+_NORMAL95 = 1.959964
+_TPV = _Numbers(
+    ept="%.3g", lat="%.12g", lon="%.12g", altHAE="%.9g", altMSL="%.9g", alt="%.9g", geoidSep="%.6g",
+    epx="%.4g", epy="%.4g", epv="%.4g", eph="%.4g", sep="%.4g",
+    track="%.7g", speed="%.7g", climb="%.6g", epd="%.4g", eps="%.4g", epc="%.4g",
+    velN="%.7g", velE="%.7g", velD="%.7g",
+)  # fmt: skip
+
+
+def _motion(s: State) -> Vector:
+    """Track, speed, climb and their bounds epd, eps, epc. A track known to less than a quarter turn is no track."""
+    (vn, ve, vd), (sn, se, sd) = s.v, s.sigma_v
+    speed = math.hypot(vn, ve)
+    if speed > 0.0:
+        along, across = math.hypot(vn * sn, ve * se) / speed, math.hypot(ve * sn, vn * se) / speed
+        epd = math.degrees(_NORMAL95 * across / speed)
+    else:
+        along, epd = max(sn, se), NAN
+    known = epd < 90.0
+    track = math.degrees(math.atan2(ve, vn)) % 360.0 if known else NAN
+    return track, speed, -vd, epd if known else NAN, _NORMAL95 * along, _NORMAL95 * sd
+
+
+def _altitude_msl(s: State, gnss: Gnss | None) -> float:
+    if gnss is None or not math.isfinite(s.height):
+        return NAN
+    return s.height - gnss.geoid_sep if math.isfinite(gnss.geoid_sep) else gnss.alt_msl
+
+
+_DEAD_RECKONING, _GNSS_AND_DEAD_RECKONING, _SIMULATED = 5, 6, 8
+
+
+def _fix(view: View, s: State) -> str:
+    """`status` where gpsd has a word for it, and `mode`: 0 nothing known yet, 1 no position, 2 no height, 3 all."""
+    if not s.status & POSITION_VALID:
+        return f',"mode":{0 if view.solution == NO_SOLUTION else 1}'
+    status = _SIMULATED if view.emulated else _DEAD_RECKONING if s.status & COASTING else _GNSS_AND_DEAD_RECKONING
+    return f',"status":{status},"mode":{3 if math.isfinite(s.height) else 2}'
+
+
+def _tpv(view: View, s: State) -> str:
+    sn, se, sd = s.sigma_p
+    msl = _altitude_msl(s, view.gnss)
+    geoid_sep = view.gnss.geoid_sep if view.gnss else NAN
+    numbers = _TPV(
+        view.utc_error_s if view.utc_s is not None else NAN, s.lat, s.lon, s.height, msl, msl, geoid_sep,
+        _NORMAL95 * se, _NORMAL95 * sn, _NORMAL95 * sd, _bound95(sn, se), _bound95(sn, se, sd),
+        *_motion(s), *s.v,
+    )  # fmt: skip
+    return f"{_head('TPV', view)}{_fix(view, s)}{_time(view)}{numbers}}}"
+
+
+def _turn_rate(roll: float, pitch: float, w: Vector) -> float:
+    """Rate of the heading in the unit of w, positive to starboard; NaN where it is not defined, pitch near 90 deg."""
+    cos_pitch = math.cos(math.radians(pitch))
+    if cos_pitch < 0.01:
+        return NAN
+    r = math.radians(roll)
+    return (w[1] * math.sin(r) + w[2] * math.cos(r)) / cos_pitch
+
+
+_ATT = _Numbers(
+    heading="%.7g", yaw="%.7g", pitch="%.6g", roll="%.7g", rot="%.6g",
+    acc_len="%.7g", acc_x="%.7g", acc_y="%.7g", acc_z="%.7g", gyro_x="%.7g", gyro_y="%.7g", gyro_z="%.7g", temp="%.5g",
+)  # fmt: skip
+
+
+def _att(view: View, s: State) -> str:
+    """Body axes FRD, specific force in m/s^2, gyros in deg/s, `rot` in deg/min; yaw without heading is relative."""
+    roll, pitch, yaw = euler(s.q_nb) if s.status & ATTITUDE_VALID else NO_VECTOR
+    heading = yaw % 360.0 if s.status & HEADING_VALID else NAN
+    rot = 60.0 * _turn_rate(roll, pitch, s.w)
+    numbers = _ATT(heading, yaw, pitch, roll, rot, math.hypot(*s.f), *s.f, *s.w, view.temperature)
+    return f"{_head('ATT', view)}{_time(view)}{numbers}}}"
+
+
+_SKY = _Numbers(hdop="%.4g", nSat="%.4g", uSat="%.4g")
+_FIX_LIFE_S = 10.0
+
+
+def _sky(view: View, s: State) -> str:
+    """Satellites of the last fix, of which only the number in use is known; nothing of a fix older than 10 s."""
+    gnss = view.gnss
+    if gnss is None or gnss.age_s > _FIX_LIFE_S:
+        return f"{_head('SKY', view)}{_time(view)}}}"
+    used = NAN if gnss.satellites is None or gnss.satellites < 0 else gnss.satellites
+    return f"{_head('SKY', view)}{_time(view)}{_SKY(gnss.hdop, used, used)}}}"
+
+
+_STATUS = {
+    ATTITUDE_VALID: "attitude",
+    HEADING_VALID: "heading",
+    POSITION_VALID: "position",
+    AT_REST: "at-rest",
+    COASTING: "coasting",
+    REJECTING: "rejecting",
+    SATURATED: "saturated",
+}
+
+
+@functools.lru_cache(maxsize=128)
+def status_words(status: int) -> str:
+    """The status bits by name, separated by commas; "aligning" when nothing is valid yet."""
+    words = [word for bit, word in _STATUS.items() if status & bit]
+    return ",".join(words if status & ATTITUDE_VALID else ["aligning", *words])
+
+
+_EST = _Numbers(
+    lat_deg="%.12g", lon_deg="%.12g", height_m="%.9g", vn_mps="%.7g", ve_mps="%.7g", vd_mps="%.7g",
+    roll_deg="%.7g", pitch_deg="%.7g", yaw_deg="%.7g",
+    sn_m="%.4g", se_m="%.4g", sd_m="%.4g", svn_mps="%.4g", sve_mps="%.4g", svd_mps="%.4g",
+    sroll_deg="%.4g", spitch_deg="%.4g", syaw_deg="%.4g", q0="%.9g", q1="%.9g", q2="%.9g", q3="%.9g",
+    bgx_dps="%.6g", bgy_dps="%.6g", bgz_dps="%.6g", bax_mps2="%.6g", bay_mps2="%.6g", baz_mps2="%.6g",
+    sbgx_dps="%.4g", sbgy_dps="%.4g", sbgz_dps="%.4g", sbax_mps2="%.4g", sbay_mps2="%.4g", sbaz_mps2="%.4g",
+    gnss_age_s="%.4g",
+)  # fmt: skip
+
+
+def _est(view: View, s: State) -> str:
+    numbers = _EST(
+        s.lat, s.lon, s.height, *s.v, *euler(s.q_nb), *s.sigma_p, *s.sigma_v, *s.sigma_rpy, *s.q_nb,
+        *s.bg, *s.ba, *s.sigma_bg, *s.sigma_ba, view.gnss.age_s if view.gnss else NAN,
+    )  # fmt: skip
+    return (
+        f'{_head("EST", view)}{_time(view)},"t_mono_ns":{view.t_mono_ns},"seq":{view.seq}'
+        f',"estimator":{quoted(view.estimator)},"status":{s.status},"state":"{status_words(s.status)}"{numbers}}}'
+    )
+
+
+_ENCODERS: dict[str, Callable[[View, State], str]] = {"TPV": _tpv, "SKY": _sky, "ATT": _att, "EST": _est}
+CLASSES = tuple(_ENCODERS)
+
+
+class Report:
+    """The messages of one view, each encoded when it is first asked for."""
+
+    def __init__(self, view: View) -> None:
+        self.view = view
+        self._state = decode(view.solution)
+        self._objects: dict[str, str] = {}
+        self._lines: dict[tuple[str, ...], bytes] = {}
+
+    def object(self, kind: str) -> str:
+        """One of CLASSES as a JSON object."""
+        if kind not in self._objects:
+            self._objects[kind] = _ENCODERS[kind](self.view, self._state)
+        return self._objects[kind]
+
+    def lines(self, kinds: tuple[str, ...]) -> bytes:
+        """Messages as they go on the wire; those that would say nothing are left out."""
+        if kinds not in self._lines:
+            silent = {"ATT", "EST"} if self.view.solution == NO_SOLUTION else set()
+            if self.view.gnss is None:
+                silent.add("SKY")
+            self._lines[kinds] = line(*(self.object(kind) for kind in kinds if kind not in silent))
+        return self._lines[kinds]
+
+    def poll(self, watched: bool) -> str:
+        """The answer to ?POLL as an object; empty lists for a client that does not watch."""
+        tpv, sky = (self.object("TPV"), self.object("SKY")) if watched else ("", "")
+        active = len(self.view.devices) if watched else 0
+        return f'{{"class":"POLL"{_time(self.view)},"active":{active},"tpv":[{tpv}],"gst":[],"sky":[{sky}]}}'
+
+
+def line(*objects: str) -> bytes:
+    """Objects as they go on the wire: py-gps waits for ever for a message that ends in LF alone."""
+    return "".join(f"{text}\r\n" for text in objects).encode("ascii")

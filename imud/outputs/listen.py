@@ -1,0 +1,157 @@
+"""Listening sockets: addresses as users write them, which of them are safe to open, and who holds one that is taken."""
+
+import errno
+import ipaddress
+import os
+import re
+import socket
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from imud.errors import CannotCreateError, ConfigError, PermissionDeniedError
+
+_BACKLOG = 16
+_LISTENING = "0A"  # TCP_LISTEN in /proc/net/tcp
+
+
+class AddressInUseError(CannotCreateError):
+    """Somebody listens there already."""
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where to listen: a TCP address or the path of a Unix socket."""
+
+    text: str
+    family: socket.AddressFamily
+    where: str | tuple[str, int]
+
+
+def parse_address(text: str, default_port: int) -> Address:
+    """`HOST[:PORT]`, `[IPV6][:PORT]`, `/PATH` or `unix:PATH`. An empty host is every address of the machine.
+
+    Raises ConfigError for anything else and for names that do not resolve.
+    """
+    text = text.strip()
+    if text.startswith(("/", "unix:")):
+        path = text.removeprefix("unix:")
+        if not 0 < len(os.fsencode(path)) < 108 or "\0" in path:  # sizeof(sockaddr_un.sun_path)
+            raise ConfigError(f"cannot listen on {text!r}: the path of a Unix socket has 1 to 107 bytes")
+        return Address(f"unix:{path}", socket.AF_UNIX, path)
+    match = re.fullmatch(r"(?:\[(?P<v6>[^\]]+)\]|(?P<host>[^:\[\]]*))(?::(?P<port>\d{1,5}))?", text, re.ASCII)
+    if not match or not text:
+        raise ConfigError(
+            f"cannot listen on {text!r}: write it as HOST:PORT, [IPV6]:PORT or /path/of/socket, "
+            f"for example 127.0.0.1:{default_port}"
+        )
+    port = int(match["port"] or default_port)
+    if port > 65535:
+        raise ConfigError(f"cannot listen on {text!r}: the highest port is 65535")
+    family, host = _resolve(match["v6"] or match["host"] or "0.0.0.0", text)
+    return Address(_shown(host, port), family, (host, port))
+
+
+def _resolve(host: str, text: str) -> tuple[socket.AddressFamily, str]:
+    try:
+        found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+    except (OSError, UnicodeError) as error:
+        raise ConfigError(f"cannot listen on {text!r}: {error}") from None
+    found.sort(key=lambda entry: entry[0] != socket.AF_INET)  # `localhost` is 127.0.0.1 to most clients
+    return found[0][0], str(found[0][4][0])
+
+
+def _shown(host: str, port: int) -> str:
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def is_local(address: Address) -> bool:
+    """True when nobody outside this machine can connect."""
+    if isinstance(address.where, str):
+        return True
+    ip = ipaddress.ip_address(address.where[0])
+    return (getattr(ip, "ipv4_mapped", None) or ip).is_loopback
+
+
+def listen(address: Address) -> socket.socket:
+    """A non-blocking listening socket. Anybody on this machine may connect to a Unix socket.
+
+    Raises AddressInUseError naming the holder where it can be found, PermissionDeniedError, CannotCreateError.
+    """
+    sock = socket.socket(address.family, socket.SOCK_STREAM)
+    try:
+        sock.setblocking(False)
+        if isinstance(address.where, str):
+            _clear_stale(address.where)
+        else:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            if address.family == socket.AF_INET6:
+                sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        sock.bind(address.where)
+        if isinstance(address.where, str):
+            Path(address.where).chmod(0o666)  # a service's umask would shut everybody out
+        sock.listen(_BACKLOG)
+    except OSError as error:
+        sock.close()
+        raise _explained(address, error) from error
+    return sock
+
+
+def shown_address(sock: socket.socket) -> str:
+    """Where a socket listens, with the port that the system chose for port 0."""
+    name = sock.getsockname()
+    return f"unix:{name}" if isinstance(name, str) else _shown(name[0], name[1])
+
+
+def _clear_stale(path: str) -> None:
+    """Remove a socket that a dead process left behind; a living one and other kinds of file stay."""
+    if not Path(path).is_socket():
+        return
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        probe.setblocking(False)
+        try:
+            probe.connect(path)
+        except ConnectionRefusedError:
+            Path(path).unlink(missing_ok=True)
+        except BlockingIOError:
+            pass
+
+
+def _explained(address: Address, error: OSError) -> Exception:
+    if error.errno == errno.EADDRINUSE:
+        holder = holder_of(address)
+        by = f" by {holder}" if holder else ""
+        return AddressInUseError(f"cannot listen on {address.text}: in use{by}; stop that or choose another --listen")
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return PermissionDeniedError(f"cannot listen on {address.text}: permission denied")
+    return CannotCreateError(f"cannot listen on {address.text}: {error.strerror or error}")
+
+
+def holder_of(address: Address) -> str | None:
+    """`gpsd (pid 123)` for the process that listens there, as far as /proc shows it to this user."""
+    sockets = {f"socket:[{inode}]" for inode in _inodes(address)}
+    if not sockets:
+        return None
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            if any(str(entry.readlink()) in sockets for entry in (process / "fd").iterdir()):
+                return f"{(process / 'comm').read_text().strip()} (pid {process.name})"
+        except OSError:  # gone meanwhile, or another user's
+            continue
+    return None
+
+
+def _inodes(address: Address) -> set[str]:
+    if isinstance(address.where, str):
+        rows = _rows("unix")
+        return {row[6] for row in rows if len(row) > 7 and row[7] == address.where}
+    port = f"{address.where[1]:04X}"
+    rows = [row for table in ("tcp", "tcp6") for row in _rows(table)]
+    return {row[9] for row in rows if row[1].rpartition(":")[2] == port and row[3] == _LISTENING}
+
+
+def _rows(table: str) -> Iterable[list[str]]:
+    try:
+        return [row.split() for row in Path("/proc/net", table).read_text().splitlines()[1:]]
+    except OSError:
+        return []

@@ -1,0 +1,122 @@
+"""What the outputs are given of one instant, and a solution's bytes as plain numbers in the units they publish.
+
+Values only, frozen: an output may keep a view as long as it likes. Unknown is NaN, as in the records.
+"""
+
+import math
+import struct
+from collections.abc import Callable, Iterable
+from operator import itemgetter, mul
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from imud.estimators.records import POSITION_VALID, SOLUTION
+
+NAN = math.nan
+Vector = tuple[float, ...]
+NO_VECTOR = (NAN, NAN, NAN)
+
+
+def _unknown() -> bytes:
+    row = np.zeros(1, SOLUTION)
+    for name in SOLUTION.names or ():
+        if SOLUTION[name].base.kind == "f":
+            row[name] = NAN
+    return row.tobytes()
+
+
+NO_SOLUTION = _unknown()
+
+
+class Device(NamedTuple):
+    """A sensor as the clients see it."""
+
+    path: str
+    driver: str
+    bps: int | None = None
+    model: str = ""
+    serial: str = ""
+    activated_s: float = NAN  # unix time of opening
+
+
+class Gnss(NamedTuple):
+    """What the receiver said with its last fix that the solution does not hold."""
+
+    satellites: int | None = None  # in use
+    hdop: float = NAN
+    quality: int | None = None  # as NMEA GGA
+    alt_msl: float = NAN  # m
+    geoid_sep: float = NAN  # m, geoid above ellipsoid
+    age_s: float = NAN  # since the fix
+
+
+class View(NamedTuple):
+    """Everything that is published of one instant. `solution` holds the bytes of one SOLUTION row (`row.tobytes()`)."""
+
+    solution: bytes = NO_SOLUTION
+    utc_s: float | None = None  # unix time of the solution
+    utc_error_s: float = NAN  # 95 %
+    t_mono_ns: int = 0
+    seq: int = 0
+    estimator: str = ""
+    devices: tuple[Device, ...] = ()  # the first is named as the source of the messages
+    gnss: Gnss | None = None
+    temperature: float = NAN  # of the inertial sensor, degC
+    emulated: bool = False
+
+
+class State(NamedTuple):
+    """The columns of SOLUTION in the units of the records, but angles in degrees and rates in degrees per second."""
+
+    status: int
+    lat: float
+    lon: float
+    height: float
+    v: Vector
+    q_nb: Vector
+    w: Vector
+    f: Vector
+    bg: Vector
+    ba: Vector
+    sigma_p: Vector
+    sigma_v: Vector
+    sigma_rpy: Vector
+    sigma_bg: Vector
+    sigma_ba: Vector
+
+
+_ANGLES = {"lat", "lon", "w", "bg", "sigma_rpy", "sigma_bg"}
+
+
+def _layout() -> tuple[struct.Struct, tuple[float, ...], Callable[[tuple[float, ...]], Iterable[Any]]]:
+    """From SOLUTION: how to unpack a row, the factor of each number, and where each column of State is."""
+    form, where = "<", {}
+    scale: list[float] = []
+    for name in SOLUTION.names or ():
+        first, count = len(scale), math.prod(SOLUTION[name].shape)
+        where[name] = slice(first, first + count) if SOLUTION[name].shape else first
+        form += {"i": "q", "f": "d"}[SOLUTION[name].base.kind] * count
+        scale += [math.degrees(1.0) if name in _ANGLES else 1] * count
+    return struct.Struct(form), tuple(scale), itemgetter(*(where[name] for name in State._fields))
+
+
+_row, _scale, _columns = _layout()
+
+
+def decode(solution: bytes) -> State:
+    """The numbers of a solution; position and velocity are unknown without POSITION_VALID, whatever the bytes say."""
+    state = State._make(_columns(tuple(map(mul, _row.unpack(solution), _scale))))
+    if state.status & POSITION_VALID:
+        return state
+    return state._replace(lat=NAN, lon=NAN, height=NAN, v=NO_VECTOR, sigma_p=NO_VECTOR, sigma_v=NO_VECTOR)
+
+
+def euler(q: Vector) -> tuple[float, float, float]:
+    """Roll, pitch, yaw in degrees of q_nb, ZYX."""
+    w, x, y, z = q
+    return (
+        math.degrees(math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))),
+        math.degrees(math.asin(max(min(2.0 * (w * y - x * z), 1.0), -1.0))),
+        math.degrees(math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))),
+    )

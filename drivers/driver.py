@@ -1,0 +1,147 @@
+"""What a driver is: the two protocols behind which every device stands, and the frozen values they exchange.
+
+A driver knows its device's data sheet. It opens no port and reads no clock: conversations are dialogues
+(`dialogue.py`) that somebody else runs, decoders are fed with bytes.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .dialogue import Dialogue
+from .fix import Fix, ReceiverStatus
+
+
+@dataclass(frozen=True)
+class Identity:
+    """A recognised device. Unknown texts are empty; `baud` 0 until the detection that knows it fills it in."""
+
+    driver: str
+    model: str
+    serial: str = ""
+    firmware: str = ""
+    baud: int = 0
+    profile: str = ""  # name of the noise profile that fits this model
+
+
+@dataclass(frozen=True)
+class Unsupported:
+    """A device that a driver knows by name but cannot serve."""
+
+    driver: str
+    model: str
+    why: str
+    baud: int = 0
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the user wants of the device. readonly: write nothing to it, take what it sends by itself."""
+
+    rate_hz: float = 1000.0
+    readonly: bool = False
+
+
+@dataclass(frozen=True)
+class ImuConfigured:
+    """An inertial sensor that streams. Shareable."""
+
+    identity: Identity
+    rate_hz: float  # samples per second, nominal
+    period_ns: int  # between ticks, nominal
+    delay_ns: int  # from a sample's instant to its last byte at best: the sensor's filter and the wire
+    frame_bytes: int  # on the wire per sample
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class GnssConfigured:
+    """A receiver that streams."""
+
+    identity: Identity
+    warnings: tuple[str, ...] = ()
+
+
+class Driver(Protocol):
+    """What imu and gnss drivers have in common."""
+
+    @property
+    def name(self) -> str:
+        """As the user writes it, and the name of its folder."""
+
+    @property
+    def bauds(self) -> Sequence[int]:
+        """Speeds its devices use, likeliest first."""
+
+    @property
+    def patience_s(self) -> float:
+        """A healthy device of this driver that speaks by itself has said something recognisable by then."""
+
+    def recognise(self, heard: bytes) -> Identity | Unsupported | None:
+        """The device, if `heard` is what it says by itself at the right speed."""
+
+    def identify(self) -> Dialogue[Identity | Unsupported | None]:
+        """Ask a silent line. Never writes flash; harmless for other devices. None: no such device, or no answer."""
+
+
+class ImuDriver(Driver, Protocol):
+    """An inertial sensor."""
+
+    @property
+    def kind(self) -> Literal["imu"]:
+        """The kind of device."""
+
+    def configure(self, identity: Identity, options: Options) -> Dialogue[ImuConfigured | None]:
+        """Set the device up and start its stream. None: it stopped answering, or sends nothing."""
+
+    def new_state(self, configured: ImuConfigured) -> NDArray[np.void]:
+        """A fresh decoder state, an array of one record, for `decode`.
+
+        Every state has the fields leftover, frames, junk, bad, lost, suspect and errors (counters, i8).
+        """
+
+    @property
+    def decode(self) -> Callable[[NDArray[np.uint8], int, NDArray[np.void], NDArray[np.void]], int]:
+        """Kernel (rx, fill, state, samples) -> n.
+
+        Decodes the complete frames of rx[:fill] into rows of `samples` (SAMPLE) and moves what is left to
+        rx[:state.leftover]; with `samples` full it stops and keeps the rest. Any chunking gives the same samples.
+        """
+
+
+class GnssDecoder(Protocol):
+    """Bytes of one receiver to fixes. Not thread-safe."""
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """Sentences and epochs taken and refused, by reason."""
+
+    @property
+    def status(self) -> ReceiverStatus:
+        """What the receiver last said of itself: quality and satellites, with or without a fix."""
+
+    def feed(self, data: bytes, arrival_ns: int) -> list[Fix]:
+        """Take bytes that arrived at `arrival_ns` (monotonic); returns the fixes they complete."""
+
+    def flush(self, now_ns: int) -> list[Fix]:
+        """The fix of an epoch whose end did not come, once the line has been quiet."""
+
+
+class GnssDriver(Driver, Protocol):
+    """A satellite receiver."""
+
+    @property
+    def kind(self) -> Literal["gnss"]:
+        """The kind of device."""
+
+    def configure(self, identity: Identity, options: Options) -> Dialogue[GnssConfigured | None]:
+        """Set the receiver up as far as its driver can. None: it stopped answering."""
+
+    def new_decoder(self) -> GnssDecoder:
+        """A fresh decoder."""
+
+
+AnyDriver = ImuDriver | GnssDriver

@@ -1,0 +1,67 @@
+"""From the device's COUNT word to ticks: sample periods since the first sample, wraps removed, lost samples counted.
+
+What one sample adds to COUNT differs between models and rates (1, 2, 20, …), so it is learned as the modal difference.
+A jump of COUNT is believed once the next frame goes on from it, since a single odd value may be damage; until then, and
+without a COUNT that counts, a frame is one tick, and each frame's length of junk before it another.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from ..jit import kernel
+
+VOTES = 24  # lead over all other differences before the commonest is taken for the step
+MOST_LOST = 2048  # samples; a longer jump is a restarted counter
+
+COUNTING = np.dtype(
+    [
+        ("step", "<i8"),  # of COUNT per sample; 0: not known
+        ("candidate", "<i8"),
+        ("votes", "<i8"),
+        ("trusted", "<i8"),  # the last COUNT believed
+        ("since", "<i8"),  # ticks given out since then
+        ("odd", "<i8"),  # the last COUNT not believed
+    ],
+    align=True,
+)
+
+
+@kernel
+def learn_step(c: Any, count: int) -> None:
+    """Majority vote over differences (Boyer and Moore, MJRTY, 1981)."""
+    step = (count - c.trusted) & 0xFFFF
+    c.trusted = count
+    if step == c.candidate:
+        c.votes = min(c.votes + 1, VOTES)
+    elif c.votes == 0:
+        c.candidate, c.votes = step, 1
+    else:
+        c.votes -= 1
+    if c.votes == VOTES and 0 < c.candidate < 0x8000:
+        c.step = c.candidate
+
+
+@kernel
+def ticks_since(c: Any, count: int, missing: int, first: bool) -> int:
+    """Ticks from the last frame to this one with `count` (-1: has none) after junk of the size of `missing` frames."""
+    expected = 1 + missing
+    if first:
+        c.trusted = count
+        return 0
+    if count < 0:
+        return expected
+    if c.step == 0:
+        learn_step(c, count)
+        return expected
+    ahead = (count - c.trusted) & 0xFFFF
+    ticks = ahead // c.step - c.since
+    if ahead % c.step != 0 or ticks > MOST_LOST:
+        ticks = 0
+    goes_on = c.since > 0 and (count - c.odd) & 0xFFFF == c.step
+    if not (1 <= ticks <= expected or goes_on):
+        c.odd = count
+        c.since += expected
+        return expected
+    c.trusted, c.since = count, 0
+    return int(max(ticks, 1))

@@ -1,0 +1,53 @@
+"""Damaged values: without a checksum a flipped bit shows only as a single sample that contradicts its neighbours.
+
+A sample is a spike if an axis leaves the last good value by more than motion ever makes it in one sample period
+(`floor`), and by more than twice what it recently did. It is motion, not a spike, if the sample before left to the same
+side. Never more than `LONGEST` samples in a row are called spikes, so motion always comes through.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from ..jit import kernel
+
+LONGEST = 3
+GAP = 8  # ticks after which neighbours say nothing any more
+DECAY = 1.0 / 1024.0  # per sample, of the recent largest difference
+
+SPIKES = np.dtype(
+    [
+        ("raw", "<i8", (6,)),  # gyro x y z, accelerometer x y z of the sample at hand, LSB
+        ("good", "<i8", (6,)),  # of the last sample that was no spike
+        ("side", "<i8", (6,)),  # to which side the spike before this sample left: -1, 0, 1
+        ("floor", "<f8", (6,)),  # LSB per tick that are always allowed
+        ("recent", "<f8", (6,)),  # largest difference per tick, decaying
+        ("run", "<i8"),  # spikes in a row
+        ("started", "<i8"),
+    ],
+    align=True,
+)
+
+
+@kernel
+def is_spike(s: Any, ticks: int) -> bool:
+    """Judge s.raw, `ticks` after the sample before."""
+    raw, good, side, recent = s.raw, s.good, s.side, s.recent
+    contradicts = False
+    comparable = s.started and 0 < ticks <= GAP
+    if comparable:
+        for i in range(6):
+            limit = max(s.floor[i], 2.0 * recent[i]) * (ticks + s.run)
+            left = raw[i] - good[i]
+            to = 1 if left > limit else -1 if left < -limit else 0
+            contradicts |= to not in (0, side[i])
+            side[i] = to
+    if contradicts and s.run < LONGEST:
+        s.run += 1
+        return True
+    for i in range(6):
+        if comparable:
+            recent[i] = max(recent[i] * (1.0 - DECAY), abs(raw[i] - good[i]) / ticks)
+        good[i], side[i] = raw[i], 0
+    s.run, s.started = 0, 1
+    return False

@@ -1,0 +1,42 @@
+"""What can go wrong with a port, as one tree. Each message says what, where, and what to do next.
+
+PortError
+├── PortAbsentError    no such device (yet)
+├── PortDeniedError    the user may not open it
+├── PortBusyError      another process has it
+├── NotSerialError     it exists, but is no serial line
+└── PortLostError      it was open and went away, or fails at input or output
+SpecError         a port that was written in a way that cannot be understood
+"""
+
+
+class PortError(Exception):
+    """A port cannot be used."""
+
+    def __init__(self, path: str, message: str) -> None:
+        super().__init__(message)
+        self.path = path
+
+
+class PortAbsentError(PortError):
+    """There is no such device."""
+
+
+class PortDeniedError(PortError):
+    """The device exists, but this user may not open it."""
+
+
+class PortBusyError(PortError):
+    """Another process holds the device."""
+
+
+class NotSerialError(PortError):
+    """The path is not a serial line."""
+
+
+class PortLostError(PortError):
+    """The device was unplugged, or its line failed."""
+
+
+class SpecError(ValueError):
+    """A port specification that cannot be understood."""

@@ -1,0 +1,44 @@
+"""The position fix as a receiver tells it: degrees, metres, seconds; None where it did not say."""
+
+from dataclasses import dataclass
+from datetime import date
+
+
+@dataclass(frozen=True)
+class Fix:
+    """One epoch of a receiver that had a solution."""
+
+    arrival_ns: int  # monotonic, of the epoch's first byte
+    utc_s: float | None  # seconds of the UTC day
+    date: date | None
+    lat_deg: float  # WGS-84
+    lon_deg: float
+    alt_msl_m: float | None
+    geoid_sep_m: float | None  # geoid above the ellipsoid
+    quality: (
+        int  # as NMEA GGA: 1 GPS, 2 differential, 3 PPS, 4 RTK, 5 float RTK, 6 dead reckoning, 7 manual, 8 simulator
+    )
+    satellites: int | None  # in use
+    hdop: float | None
+    speed_mps: float | None  # over ground
+    course_deg: float | None  # over ground, from true north
+    mode: str  # NMEA mode letter (A D E F M P R S), empty if the receiver sends none
+    sigma_n_m: float | None = None
+    sigma_e_m: float | None = None
+    sigma_d_m: float | None = None
+
+    @property
+    def height_m(self) -> float | None:
+        """Height above the ellipsoid."""
+        if self.alt_msl_m is None or self.geoid_sep_m is None:
+            return None
+        return self.alt_msl_m + self.geoid_sep_m
+
+
+@dataclass(frozen=True)
+class ReceiverStatus:
+    """What the receiver last said of itself, also without a fix."""
+
+    quality: int = 0  # as in `Fix`; 0: no fix
+    satellites: int | None = None
+    arrival_ns: int = 0  # 0: nothing heard yet

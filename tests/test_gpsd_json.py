@@ -1,0 +1,343 @@
+"""What gpsd's messages say of a solution: golden lines, units, bounds, and what is left out when it is not known."""
+
+import datetime
+import json
+import math
+import re
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gpsd_synthetic import IMU, RECEIVER, solution
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from imud.estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, SOLUTION
+from imud.kernels.rotation import euler_of_quat
+from imud.outputs.gpsd_json import CLASSES, Report, _bound95, _motion, _turn_rate, iso, line, quoted, status_words
+from imud.outputs.view import NO_SOLUTION, Device, Gnss, View, decode, euler
+
+FULL = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID
+GNSS = Gnss(satellites=9, hdop=0.9, quality=1, alt_msl=454.0, geoid_sep=46.125, age_s=0.1)
+
+
+def golden_solution(status: int = FULL) -> np.ndarray:
+    """Numbers that a reader can convert in his head."""
+    row = np.zeros(1, SOLUTION)
+    row["status"] = status
+    row["lat"], row["lon"], row["height"] = math.radians(48.5), math.radians(-11.25), 500.125
+    row["v"] = (3.0, -4.0, 0.5)
+    row["q_nb"] = (math.sqrt(0.5), 0.0, 0.0, -math.sqrt(0.5))  # heading west
+    row["w"] = np.radians((1.0, -2.0, 3.0))
+    row["f"] = (3.0, 4.0, -12.0)
+    row["bg"], row["ba"] = np.radians((0.1, 0.2, 0.3)), (0.01, 0.02, 0.03)
+    row["sigma_p"], row["sigma_v"] = (1.0, 1.0, 2.0), (0.1, 0.1, 0.2)
+    row["sigma_rpy"] = np.radians((0.5, 0.25, 1.5))
+    row["sigma_bg"], row["sigma_ba"] = np.radians((0.01, 0.02, 0.03)), (0.001, 0.002, 0.003)
+    return row
+
+
+def golden_view(**changes) -> View:
+    full = View(
+        solution=golden_solution().tobytes(), utc_s=1774267220.25, utc_error_s=0.005, t_mono_ns=9007199254740993,
+        seq=42, estimator="navigation", devices=(IMU, RECEIVER), gnss=GNSS, temperature=31.5,
+    )  # fmt: skip
+    return full._replace(**changes)
+
+
+def fields(kind: str, view: View) -> dict:
+    return json.loads(Report(view).object(kind))
+
+
+GOLDEN = {
+    "TPV": '{"class":"TPV","device":"/dev/ttyUSB0","status":6,"mode":3,"time":"2026-03-23T12:00:20.250000Z",'
+    '"ept":0.005,"lat":48.5,"lon":-11.25,"altHAE":500.125,"altMSL":454,"alt":454,"geoidSep":46.125,'
+    '"epx":1.96,"epy":1.96,"epv":3.92,"eph":2.437,"sep":4.22,'
+    '"track":306.8699,"speed":5,"climb":-0.5,"epd":2.246,"eps":0.196,"epc":0.392,"velN":3,"velE":-4,"velD":0.5}\r\n',
+    "SKY": '{"class":"SKY","device":"/dev/ttyUSB0","time":"2026-03-23T12:00:20.250000Z",'
+    '"hdop":0.9,"nSat":9,"uSat":9}\r\n',
+    "ATT": '{"class":"ATT","device":"/dev/ttyUSB0","time":"2026-03-23T12:00:20.250000Z",'
+    '"heading":270,"yaw":-90,"pitch":0,"roll":0,"rot":180,"acc_len":13,"acc_x":3,"acc_y":4,"acc_z":-12,'
+    '"gyro_x":1,"gyro_y":-2,"gyro_z":3,"temp":31.5}\r\n',
+    "EST": '{"class":"EST","device":"/dev/ttyUSB0","time":"2026-03-23T12:00:20.250000Z","t_mono_ns":9007199254740993,'
+    '"seq":42,"estimator":"navigation","status":7,"state":"attitude,heading,position",'
+    '"lat_deg":48.5,"lon_deg":-11.25,"height_m":500.125,"vn_mps":3,"ve_mps":-4,"vd_mps":0.5,'
+    '"roll_deg":0,"pitch_deg":0,"yaw_deg":-90,"sn_m":1,"se_m":1,"sd_m":2,"svn_mps":0.1,"sve_mps":0.1,"svd_mps":0.2,'
+    '"sroll_deg":0.5,"spitch_deg":0.25,"syaw_deg":1.5,"q0":0.707106781,"q1":0,"q2":0,"q3":-0.707106781,'
+    '"bgx_dps":0.1,"bgy_dps":0.2,"bgz_dps":0.3,"bax_mps2":0.01,"bay_mps2":0.02,"baz_mps2":0.03,'
+    '"sbgx_dps":0.01,"sbgy_dps":0.02,"sbgz_dps":0.03,"sbax_mps2":0.001,"sbay_mps2":0.002,"sbaz_mps2":0.003,'
+    '"gnss_age_s":0.1}\r\n',
+}
+
+
+@pytest.mark.parametrize("kind", CLASSES)
+def test_golden_line(kind):
+    assert Report(golden_view()).lines((kind,)).decode() == GOLDEN[kind]
+
+
+def test_several_classes_go_out_in_one_piece():
+    report = Report(golden_view())
+    assert report.lines(("TPV", "ATT")).decode() == GOLDEN["TPV"] + GOLDEN["ATT"]
+
+
+def test_attitude_alone_has_no_fix_no_heading_and_a_relative_yaw():
+    view = golden_view(solution=golden_solution(ATTITUDE_VALID).tobytes(), gnss=None)
+    tpv = {"class": "TPV", "device": "/dev/ttyUSB0", "mode": 1, "time": "2026-03-23T12:00:20.250000Z", "ept": 0.005}
+    assert fields("TPV", view) == tpv
+    att = fields("ATT", view)
+    assert "heading" not in att
+    assert (att["yaw"], att["pitch"], att["roll"]) == (-90, 0, 0)
+    est = fields("EST", view)
+    assert not {"lat_deg", "vn_mps", "sn_m", "svn_mps", "gnss_age_s"} & est.keys()
+    assert est["syaw_deg"] == 1.5
+
+
+def test_no_angles_before_alignment():
+    att = fields("ATT", golden_view(solution=golden_solution(0).tobytes()))
+    assert not {"roll", "pitch", "yaw", "heading", "rot"} & att.keys()
+    assert att["gyro_z"] == 3
+
+
+def test_without_a_solution_there_is_only_a_fixless_position_report():
+    report = Report(View(devices=(IMU,)))
+    assert report.lines(CLASSES) == b'{"class":"TPV","device":"/dev/ttyUSB0","mode":0}\r\n'
+    assert json.loads(report.poll(watched=True)) == {
+        "class": "POLL",
+        "active": 1,
+        "tpv": [{"class": "TPV", "device": "/dev/ttyUSB0", "mode": 0}],
+        "gst": [],
+        "sky": [{"class": "SKY", "device": "/dev/ttyUSB0"}],
+    }
+
+
+def test_without_devices_there_is_no_device():
+    assert Report(View()).lines(("TPV",)) == b'{"class":"TPV","mode":0}\r\n'
+
+
+def test_poll_before_watch_is_empty():
+    assert json.loads(Report(golden_view()).poll(watched=False)) == {
+        "class": "POLL", "time": "2026-03-23T12:00:20.250000Z", "active": 0, "tpv": [], "gst": [], "sky": [],
+    }  # fmt: skip
+
+
+def test_unknown_time_is_left_out_everywhere():
+    view = golden_view(utc_s=None)
+    for kind in CLASSES:
+        assert not {"time", "ept"} & fields(kind, view).keys()
+    assert "time" not in json.loads(Report(view).poll(watched=True))
+
+
+@pytest.mark.parametrize(
+    ("status", "emulated", "height", "expected"),
+    [
+        (FULL, False, 500.0, (6, 3)),  # GNSS and dead reckoning
+        (FULL | COASTING, False, 500.0, (5, 3)),  # dead reckoning
+        (FULL, True, 500.0, (8, 3)),  # simulated
+        (FULL | COASTING, True, 500.0, (8, 3)),
+        (FULL, False, math.nan, (6, 2)),
+        (ATTITUDE_VALID, True, 500.0, (None, 1)),
+    ],
+)
+def test_status_and_mode(status, emulated, height, expected):
+    row = golden_solution(status)
+    row["height"] = height
+    tpv = fields("TPV", golden_view(solution=row.tobytes(), emulated=emulated))
+    assert (tpv.get("status"), tpv["mode"]) == expected
+
+
+@pytest.mark.parametrize(
+    ("gnss", "expected"),
+    [
+        (Gnss(geoid_sep=46.0, alt_msl=1.0), 454.125),
+        (Gnss(alt_msl=450.0), 450.0),
+        (Gnss(), None),
+        (None, None),
+    ],
+)
+def test_altitude_above_the_sea(gnss, expected):
+    tpv = fields("TPV", golden_view(gnss=gnss))
+    assert (tpv.get("altMSL"), tpv.get("alt")) == (expected, expected)
+
+
+@pytest.mark.parametrize(
+    ("gnss", "expected"),
+    [
+        (Gnss(satellites=9, hdop=0.9), {"hdop": 0.9, "nSat": 9, "uSat": 9}),
+        (Gnss(satellites=-1, hdop=1.5), {"hdop": 1.5}),
+        (Gnss(satellites=9, hdop=0.9, age_s=11.0), {}),
+    ],
+)
+def test_satellites(gnss, expected):
+    sky = fields("SKY", golden_view(gnss=gnss, utc_s=None, devices=()))
+    assert sky == {"class": "SKY"} | expected
+
+
+def test_a_track_is_given_only_while_the_vehicle_moves():
+    row = golden_solution()
+    row["v"] = (0.05, 0.05, 0.0)  # 1 sigma of 0.1 m/s
+    tpv = fields("TPV", golden_view(solution=row.tobytes()))
+    assert not {"track", "epd"} & tpv.keys()
+    assert tpv["speed"] == pytest.approx(math.hypot(0.05, 0.05), rel=1e-6)
+    row["v"] = 0.0
+    assert fields("TPV", golden_view(solution=row.tobytes()))["eps"] == pytest.approx(0.196, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [(0, "aligning"), (7, "attitude,heading,position"), (1 | 8, "attitude,at-rest"), (7 | 16 | 32, None), (64, None)],
+)
+def test_status_words(status, words):
+    known = {7 | 16 | 32: "attitude,heading,position,coasting,rejecting", 64: "aligning,saturated"}
+    assert status_words(status) == (words or known[status])
+
+
+# --- units, angles and bounds against independent computations
+
+
+@given(st.binary(min_size=SOLUTION.itemsize, max_size=SOLUTION.itemsize))
+def test_decoding_reads_every_column_in_its_unit(data):
+    row = np.frombuffer(data, SOLUTION)[0]
+    state = decode(data)
+    with np.errstate(all="ignore"):
+        for name in state._fields:
+            value = np.degrees(row[name]) if name in ("lat", "lon", "w", "bg", "sigma_rpy", "sigma_bg") else row[name]
+            hidden = name in ("lat", "lon", "height", "v", "sigma_p", "sigma_v") and not row["status"] & POSITION_VALID
+            expected = np.full_like(value, math.nan) if hidden else value
+            np.testing.assert_allclose(getattr(state, name), expected, rtol=1e-14, equal_nan=True)
+
+
+unit_quaternions = (
+    st.tuples(*[st.floats(-1.0, 1.0)] * 4)
+    .map(np.array)
+    .filter(lambda q: np.linalg.norm(q) > 0.1)
+    .map(lambda q: q / np.linalg.norm(q))
+)
+
+
+@given(unit_quaternions)
+def test_euler_angles_are_those_of_the_kernel(q):
+    np.testing.assert_allclose(euler(tuple(q)), np.degrees(euler_of_quat(tuple(q))), atol=1e-9)
+
+
+@given(unit_quaternions, st.tuples(*[st.floats(-3.0, 3.0)] * 3))
+def test_rate_of_turn_is_the_derivative_of_the_heading(q, w):
+    roll, pitch, yaw = euler(tuple(q))
+    if abs(pitch) > 80.0:
+        return
+    dt = 1e-5
+    turned = Rotation.from_quat(q, scalar_first=True) * Rotation.from_rotvec(np.array(w) * dt)
+    change = turned.as_euler("ZYX", degrees=True)[0] - yaw
+    expected = (change + 180.0) % 360.0 - 180.0
+    assert _turn_rate(roll, pitch, tuple(np.degrees(w))) * dt == pytest.approx(expected, abs=2e-6)
+
+
+def test_rate_of_turn_is_unknown_when_the_nose_points_up():
+    assert math.isnan(_turn_rate(0.0, 89.9, (0.0, 0.0, 1.0)))
+
+
+@pytest.mark.parametrize("sigmas", [(1, 1), (1, 0.5), (1, 0.1), (3, 0), (2, 2, 2), (1, 1, 3), (1, 2, 4), (0.1, 0.1, 5)])
+def test_radial_bound_holds_95_percent(sigmas):
+    samples = np.random.default_rng(1).normal(size=(400_000, len(sigmas))) * sigmas
+    inside = np.mean(np.linalg.norm(samples, axis=1) < _bound95(*sigmas))
+    assert inside == pytest.approx(0.95, abs=0.004)
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e200])
+def test_radial_bound_scales_with_the_sigmas_however_small_or_large(scale):
+    assert _bound95(scale, 2.0 * scale) == pytest.approx(_bound95(1.0, 2.0) * scale)
+
+
+def test_radial_bound_of_nothing_and_of_the_unknown():
+    assert _bound95(0.0, 0.0) == 0.0
+    assert math.isnan(_bound95(math.nan, math.nan))
+
+
+@pytest.mark.parametrize(("v", "sigma"), [((10, 0), (0.5, 0.2)), ((3, -4), (0.1, 0.3)), ((-6, 6), (0.2, 0.2))])
+def test_bounds_of_track_speed_and_climb_hold_95_percent(v, sigma):
+    row = golden_solution()
+    row["v"], row["sigma_v"] = (*v, -0.5), (*sigma, 0.3)
+    track, speed, climb, epd, eps, epc = _motion(decode(row.tobytes()))
+    samples = np.random.default_rng(2).normal(size=(400_000, 3)) * (*sigma, 0.3) + (*v, -0.5)
+    tracks = np.degrees(np.arctan2(samples[:, 1], samples[:, 0]))
+    assert np.mean(np.abs((tracks - track + 180.0) % 360.0 - 180.0) < epd) == pytest.approx(0.95, abs=0.005)
+    assert np.mean(np.abs(np.hypot(samples[:, 0], samples[:, 1]) - speed) < eps) == pytest.approx(0.95, abs=0.005)
+    assert np.mean(np.abs(-samples[:, 2] - climb) < epc) == pytest.approx(0.95, abs=0.005)
+
+
+@given(st.floats(0.0, 4e9))
+def test_time_is_iso_8601_to_the_microsecond(utc_s):
+    text = iso(utc_s)
+    parsed = datetime.datetime.strptime(text, '"%Y-%m-%dT%H:%M:%S.%fZ"').replace(tzinfo=datetime.UTC)
+    assert abs((parsed - datetime.datetime.fromtimestamp(utc_s, datetime.UTC)).total_seconds()) <= 1e-6
+
+
+@pytest.mark.parametrize("utc_s", [None, math.nan, math.inf, -1.0, 1e18])
+def test_impossible_times_are_unknown(utc_s):
+    assert iso(utc_s) == ""
+
+
+def test_time_carries_into_the_next_second():
+    assert iso(1774267220.9999999) == '"2026-03-23T12:00:21.000000Z"'
+
+
+# --- what every client depends on, whatever the numbers are
+
+
+def strict(text: str | bytes) -> dict:
+    """The object of a line, read as strictly as RFC 8259 allows."""
+
+    def refuse(constant):
+        raise AssertionError(f"{constant} is not JSON")
+
+    def unique(pairs):
+        assert len(pairs) == len(dict(pairs)), "a key occurs twice"
+        return dict(pairs)
+
+    return json.loads(text, parse_constant=refuse, object_pairs_hook=unique)
+
+
+any_double = st.floats(width=64) | st.sampled_from([0.0, -0.0, math.nan, math.inf, -math.inf, 1e308, 5e-324, 1e-300])
+
+
+@given(
+    st.integers(0, 127), st.lists(any_double, min_size=37, max_size=37), st.none() | any_double,
+    st.none() | st.builds(Gnss, st.none() | st.integers(-1, 99), *[any_double, st.none()], *[any_double] * 3),
+    any_double, any_double, st.booleans(), st.text(max_size=300),
+)  # fmt: skip
+def test_any_numbers_give_lines_that_all_clients_read(status, numbers, utc_s, gnss, error, temperature, emulated, path):
+    data = struct.pack("<2q37d", 0, status, *numbers)
+    view = View(data, utc_s, error, 2**62, 2**40, "navigation", (Device(path, "x"),), gnss, temperature, emulated)
+    report = Report(view)
+    for kind in CLASSES:
+        text = line(report.object(kind))
+        assert text.startswith(b'{"class":"%s"' % kind.encode())
+        assert text.endswith(b"}\r\n") and text.count(b"\n") == 1
+        assert len(text) < 10240 and text.isascii()
+        for key, value in strict(text).items():
+            assert len(key) <= 31
+            assert isinstance(value, (int, float, str)) and not isinstance(value, bool)
+    strict(report.poll(watched=True))
+    assert len(strict(report.object("TPV"))["device"]) <= 127
+
+
+@given(st.text(max_size=400))
+def test_texts_are_quoted_and_limited(text):
+    assert len(strict(quoted(text))) <= 127
+
+
+def test_est_has_the_columns_of_replay():
+    contract = Path(__file__).parents[2] / "shared/design/interfaces.md"
+    if not contract.exists():
+        pytest.skip("no ../shared with the contract of est.csv")
+    text = contract.read_text()
+    header = re.search(r"`est.csv` header starts `t_s,([\w,]+)`", text)[1]
+    sigmas = re.search(r"1σ of those nine\s+\(`([\w,]+)`\), then `([\w,]+)`", text)
+    columns = ",".join((header, sigmas[1], sigmas[2])).split(",")
+    assert len(columns) == 22
+    assert set(columns) <= fields("EST", golden_view()).keys()
+
+
+def test_the_synthetic_solution_is_a_solution():
+    assert solution(0.0).dtype == SOLUTION and solution(0.0).tobytes() != NO_SOLUTION

@@ -79,7 +79,7 @@ def _bound95(*sigmas: float) -> float:
 
     Satterthwaite's chi-square for the sum of squares, its quantile after Wilson and Hilferty (1931).
     """
-    largest = max(sigmas)
+    largest = max(map(abs, sigmas))
     if not largest > 0.0:
         return largest
     squares = [(s / largest) ** 2 for s in sigmas]

@@ -1,0 +1,74 @@
+"""A receiver's fix on its way to the filter: which are used, at what time on its axis, in its units."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.fix import Fix
+from drivers.registry import by_name
+
+from .errors import BadDataError
+from .estimators.records import FIX
+from .settings import Gnss
+
+Records = NDArray[np.void]
+_DAY_S = 86_400.0
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def refusal(fix: Fix, settings: Gnss) -> str | None:
+    """Why the settings forbid this fix; None: use it."""
+    if fix.satellites is not None and fix.satellites < settings.min_satellites:
+        return f"{fix.satellites} satellites, fewer than gnss.min_satellites"
+    if fix.hdop is not None and fix.hdop > settings.max_hdop:
+        return f"HDOP {fix.hdop}, above gnss.max_hdop"
+    if fix.utc_s is None:
+        return "no time"
+    return None
+
+
+def record(fix: Fix, t_ns: int, arrival_ns: int) -> Records:
+    """The fix as an array of one FIX. Without a geoid separation the height above sea level must do."""
+    row = np.zeros(1, FIX)
+    height = fix.height_m if fix.height_m is not None else fix.alt_msl_m
+    row["t_ns"], row["arrival_ns"] = t_ns, arrival_ns
+    row["lat"], row["lon"], row["height"] = math.radians(fix.lat_deg), math.radians(fix.lon_deg), _or_nan(height)
+    row["sigma"] = [_or_nan(fix.sigma_n_m), _or_nan(fix.sigma_e_m), _or_nan(fix.sigma_d_m)]
+    row["v"] = math.nan
+    row["hdop"], row["speed"] = _or_nan(fix.hdop), _or_nan(fix.speed_mps)
+    row["course"] = math.radians(_or_nan(fix.course_deg))
+    row["quality"] = fix.quality
+    row["satellites"] = -1 if fix.satellites is None else fix.satellites
+    return row
+
+
+def fixes_of_log(path: Path, origin: int, first_ns: int, settings: Gnss) -> Records:
+    """The fixes of an NMEA log, placed by their UTC time of day near the samples that start `first_ns` after `origin`.
+
+    A log holds no arrival times: each fix is known `latency_s` after its epoch. Raises BadDataError without any fix.
+    """
+    driver = by_name("nmea")
+    assert driver.kind == "gnss"
+    decoder = driver.new_decoder()
+    fixes: list[Fix] = []
+    for number, line in enumerate(path.read_bytes().splitlines(keepends=True)):
+        fixes += decoder.feed(line, number)
+    fixes += decoder.flush(1 << 62)
+    if not fixes:
+        raise BadDataError(f"{path}: no fix in it; refused: {dict(decoder.counters)}")
+    start_s = origin + first_ns * 1e-9
+    rows = []
+    day = None
+    for fix in fixes:
+        if fix.utc_s is None or refusal(fix, settings):
+            continue
+        near = start_s if day is None else rows[-1]["t_ns"][0] * 1e-9 + origin
+        day = round((near - fix.utc_s) / _DAY_S)
+        t_ns = round((fix.utc_s + day * _DAY_S - origin) * 1e9)
+        rows.append(record(fix, t_ns, t_ns + round(settings.latency_s * 1e9)))
+    return np.concatenate(rows) if rows else np.zeros(0, FIX)

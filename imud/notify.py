@@ -1,0 +1,30 @@
+"""What the service manager is told: sd_notify's datagrams. Silent where there is no service manager.
+
+Source: sd_notify(3). The socket is named by NOTIFY_SOCKET; a leading @ means the abstract namespace.
+"""
+
+import contextlib
+import os
+import socket
+
+
+class Notifier:
+    """Tells the service manager how things are. One per process; close it, or let the process end."""
+
+    def __init__(self) -> None:
+        self._socket: socket.socket | None = None
+        address = os.environ.get("NOTIFY_SOCKET", "")
+        if address:
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC | socket.SOCK_NONBLOCK)
+            with contextlib.suppress(OSError):
+                self._socket.connect("\0" + address[1:] if address.startswith("@") else address)
+        mine = os.environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
+        microseconds = int(os.environ.get("WATCHDOG_USEC", "0") or "0") if mine else 0
+        self.watchdog_s = microseconds * 1e-6 / 3.0 if microseconds else None
+        """How often to ping, s; None: nobody watches."""
+
+    def say(self, *assignments: str) -> None:
+        """Send, for example, "READY=1", "STATUS=waiting". Never blocks, never raises."""
+        if self._socket is not None:
+            with contextlib.suppress(OSError):
+                self._socket.send("\n".join(assignments).encode())

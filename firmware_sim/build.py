@@ -1,0 +1,87 @@
+"""From the command's options to devices on a common motion."""
+
+import argparse
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .device import Device
+from .fixes import FixSource, SimulatedFixes
+from .g350 import G350
+from .motion import Trajectory
+from .nmea import FvM11
+from .noise import DEG, IDEAL, M_G350, MILLI_G, ImuErrors
+from .replay import RecordedFixes, RecordedImu
+from .sampling import TICK_HZ, Signal
+from .scenarios import SCENARIOS
+
+START = (35.6586, 139.7454, 60.0)  # latitude and longitude in deg, height in m: Tokyo
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What the devices go through. trajectory is None for a recording, fixes for a scenario."""
+
+    signal: Signal
+    trajectory: Trajectory | None
+    fixes: RecordedFixes | None
+
+    def time_zero(self) -> tuple[float, float]:
+        """CLOCK_MONOTONIC and UTC of time 0, in s: now, or soon, when recorded epochs fall on whole UTC seconds."""
+        now, utc = time.monotonic(), time.time()
+        wait = -(utc + self.fixes.phase) % 1.0 if self.fixes else 0.0
+        return now + wait, utc + wait
+
+
+def scene(args: argparse.Namespace) -> Scene:
+    """The scenario or recording that the options name. Raises DataError, OSError for a recording."""
+    if args.replay:
+        imu = RecordedImu(args.replay[0], args.loop)
+        return Scene(imu, None, RecordedFixes(args.replay[1], imu) if len(args.replay) > 1 else None)
+    angles = (math.radians(angle) for angle in (args.roll_deg, args.pitch_deg, args.yaw_deg))
+    trajectory = Trajectory(SCENARIOS[args.scenario](*angles), *START, delay_s=args.start_delay)
+    return Scene(trajectory, trajectory, None)
+
+
+def device(args: argparse.Namespace, scene: Scene, utc: float, index: int) -> Device:
+    """Device number `index` of the command line, with errors from a random stream of its own. utc: of time 0, in s."""
+    name, baud = args.devices[index]
+    rng = np.random.default_rng([args.seed, index])
+    return _BUILDERS[name](args, scene, utc, baud, rng)
+
+
+def _g350(args: argparse.Namespace, scene: Scene, _utc: float, baud: int, rng: np.random.Generator) -> Device:
+    errors = ImuErrors(
+        IDEAL if args.ideal else M_G350,
+        rng,
+        TICK_HZ,
+        gyro_bias=_scaled(args.gyro_bias_dps, DEG),
+        accel_bias=_scaled(args.accel_bias_mg, MILLI_G),
+    )
+    oscillator = 1.0 + args.clock_ppm * 1e-6
+    identity = not args.no_identity
+    return G350(scene.signal, errors, baud, count_step=args.count_step, identity=identity, oscillator=oscillator)
+
+
+def _nmea(args: argparse.Namespace, scene: Scene, utc: float, baud: int, rng: np.random.Generator) -> Device:
+    source: FixSource
+    if scene.fixes is not None:
+        source = scene.fixes
+    elif scene.trajectory is not None:
+        source = SimulatedFixes(scene.trajectory, rng, utc, args.ideal)
+    else:
+        raise ValueError("a receiver needs fixes: give --replay a gnss.csv as well")
+    return FvM11(source, utc, baud, args.rate, args.no_fix)
+
+
+def _scaled(values: tuple[float, float, float] | None, unit: float) -> tuple[float, float, float] | None:
+    return None if values is None else (values[0] * unit, values[1] * unit, values[2] * unit)
+
+
+_BUILDERS: dict[str, Callable[[argparse.Namespace, Scene, float, int, np.random.Generator], Device]] = {
+    "g350": _g350,
+    "nmea": _nmea,
+}

@@ -1,0 +1,145 @@
+"""`imud sim` and `python -m firmware_sim`: which devices, on which motion, with which errors, for how long."""
+
+import argparse
+import logging
+import math
+import signal
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .build import Scene
+
+EXIT_USAGE, EXIT_DATA, EXIT_NO_INPUT, EXIT_NO_OUTPUT, EXIT_INTERRUPTED = 64, 65, 66, 73, 130
+DEFAULT_BAUD = {"g350": 460800, "nmea": 9600}
+SCENARIO_NAMES = ("rest", "turntable", "car", "figure8")
+BAUDS = (4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800)
+
+Triple = tuple[float, float, float]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of the emulator."""
+    add = parser.add_argument
+    add(
+        "devices",
+        nargs="+",
+        type=_device,
+        metavar="DEVICE",
+        help="g350 or nmea, optionally @BAUD; they share one motion",
+    )
+    add("--scenario", choices=SCENARIO_NAMES, default="rest", help="motion (default rest)")
+    add("--replay", nargs="+", type=Path, metavar="CSV", help="recorded motion instead: imu.csv [gnss.csv]")
+    add("--loop", action="store_true", help="repeat the recording for ever; else the devices fall silent at its end")
+    add(
+        "--link",
+        action="append",
+        type=Path,
+        default=[],
+        metavar="PATH",
+        help="stable name; once per device, same order",
+    )
+    add("--seed", type=int, default=1, help="of noise and biases (default 1)")
+    add("--seconds", type=float, default=math.inf, metavar="N", help="end after that")
+    add("--rate", type=float, default=1.0, metavar="HZ", help="fixes per second, 1 to 5; the host sets the IMU's rate")
+    add("--roll-deg", type=float, default=0.0, metavar="X", help="attitude at rest and on the turntable")
+    add("--pitch-deg", type=float, default=0.0, metavar="X")
+    add("--yaw-deg", type=float, default=0.0, metavar="X")
+    add("--start-delay", type=float, default=0.0, metavar="S", help="rest before the scenario begins")
+    add("--no-fix", type=float, default=2.5, metavar="S", help="how long the receiver searches (default 2.5)")
+    add("--ideal", action="store_true", help="no noise, no biases, no GNSS errors")
+    add("--gyro-bias-dps", type=_triple, metavar="X,Y,Z", help="instead of drawn ones; write =-0.3,0,0 if negative")
+    add("--accel-bias-mg", type=_triple, metavar="X,Y,Z")
+    add("--clock-ppm", type=float, default=0.0, metavar="X", help="error of the IMU's clock")
+    add("--count-step", type=int, metavar="N", help="COUNT per sample (default: the 2 kHz ticks of a sample)")
+    add("--no-identity", action="store_true", help="an IMU without product name and serial number")
+    add("--truth", type=Path, metavar="FILE", help="write the true motion there, CSV at 100 Hz")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Emulate until told to stop. Returns the exit code."""
+    from . import build
+    from .replay import DataError
+
+    if not logging.getLogger().handlers:
+        logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(name)s: %(message)s")
+    problem = _misuse(args)
+    if problem:
+        return _fail(EXIT_USAGE, problem)
+    try:
+        scene = build.scene(args)
+    except DataError as error:
+        return _fail(EXIT_DATA, str(error))
+    except OSError as error:
+        return _fail(EXIT_NO_INPUT, f"{error.filename}: {error.strerror}")
+    try:
+        return _emulate(args, scene)
+    except OSError as error:
+        return _fail(EXIT_NO_OUTPUT, f"{error.filename}: {error.strerror}" if error.filename else str(error))
+
+
+def _device(text: str) -> tuple[str, int]:
+    name, _, baud = text.partition("@")
+    if name not in DEFAULT_BAUD or (baud and baud not in map(str, BAUDS)):
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: a device is {' or '.join(DEFAULT_BAUD)}, optionally @ and one of {', '.join(map(str, BAUDS))}"
+        )
+    return name, int(baud or DEFAULT_BAUD[name])
+
+
+def _triple(text: str) -> Triple:
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r}: three numbers with commas between are needed") from None
+    return x, y, z
+
+
+def _misuse(args: argparse.Namespace) -> str:
+    """What is wrong with the arguments together, or nothing."""
+    names = [name for name, _ in args.devices]
+    checks = [
+        (len(args.link) > len(names), "more --link than devices"),
+        (len(set(args.link)) < len(args.link), "two devices cannot have the same --link"),
+        (not 1.0 <= args.rate <= 5.0, "--rate: the receiver gives 1 to 5 fixes per second"),
+        (bool(args.replay) and len(args.replay) > 2, "--replay takes imu.csv and gnss.csv"),
+        (bool(args.replay) and "nmea" in names and len(args.replay) < 2, "--replay: nmea needs a gnss.csv as well"),
+        (bool(args.replay) and args.truth is not None, "--truth: a recording knows no truth"),
+        (args.loop and not args.replay, "--loop goes with --replay"),
+        (args.seed < 0, "--seed must not be negative"),
+        (abs(args.clock_ppm) > 10000.0, "--clock-ppm: at most 10000"),
+    ]
+    return next((text for wrong, text in checks if wrong), "")
+
+
+def _fail(code: int, message: str) -> int:
+    print(f"imud sim: {message}", file=sys.stderr)
+    return code
+
+
+def _emulate(args: argparse.Namespace, scene: "Scene") -> int:
+    from .build import device
+    from .emulator import Port, TruthLog, serve
+    from .pty import Pty
+
+    received: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: received.append(number))
+    with ExitStack() as stack:
+        links = [*args.link, *[None] * len(args.devices)]
+        ptys = [stack.enter_context(Pty(link, baud)) for link, (_, baud) in zip(links, args.devices, strict=False)]
+        start, utc = scene.time_zero()
+        ports = [Port(args.devices[i][0], device(args, scene, utc, i), pty) for i, pty in enumerate(ptys)]
+        logs: list[TruthLog] = []
+        if args.truth is not None and scene.trajectory is not None:
+            logs.append(TruthLog(args.truth, scene.trajectory, start))
+            stack.callback(logs[0].close)
+        for port in ports:
+            print(port.name, port.pty.path, flush=True)
+        serve(ports, logs, start, args.seconds, lambda: bool(received))
+        for port in ports:
+            if port.pty.lost:
+                logging.getLogger("firmware_sim").info("%s: %d bytes found no reader", port.name, port.pty.lost)
+    return EXIT_INTERRUPTED if signal.SIGINT in received else 0

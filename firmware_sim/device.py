@@ -1,0 +1,27 @@
+"""What every emulated device is to the outside: something on a serial line that is told the time."""
+
+from typing import Protocol
+
+from .uart import Uart
+
+
+class Device(Protocol):
+    """Sans-IO. Times are seconds since the emulation's start and never decrease."""
+
+    uart: Uart  # what it sends waits here
+
+    def receive(self, data: bytes, t: float) -> None:
+        """Take in bytes that arrived at time `t`."""
+        ...
+
+    def advance(self, t: float) -> None:
+        """Do what was due until time `t`."""
+        ...
+
+    def deadline(self) -> float:
+        """When the device will next have something on the line of its own accord; infinite when it only answers."""
+        ...
+
+    def prepare(self) -> None:
+        """Use idle time to compute ahead."""
+        ...

@@ -1,0 +1,84 @@
+"""A pseudo-terminal that stands for a serial port: raw, never blocking, with a stable link, and with a speed.
+
+Pitfalls (design/realtime.md §6, tried): the line discipline must be raw before anybody can open it; without a slave
+descriptor of our own every close by the host would be a hang-up; the kernel ignores the speed but shows it to us.
+"""
+
+import os
+import termios
+import tty
+from pathlib import Path
+
+_SPEEDS = {getattr(termios, name): int(name[1:]) for name in dir(termios) if name[0] == "B" and name[1:].isdigit()}
+_CODES = {speed: code for code, speed in _SPEEDS.items()}
+
+
+class Pty:
+    """Context manager: the port exists inside. link: where a symbolic link to it is made, replacing an older link.
+
+    Raises FileExistsError where something else than a link is in its place, OSError where the link cannot be made.
+    """
+
+    def __init__(self, link: Path | None, baud: int) -> None:
+        self.lost = 0  # bytes for which nobody made room
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        self._set_speed(baud)
+        os.set_blocking(self._master, False)
+        self.device = Path(os.ttyname(self._slave))
+        self.path = self.device if link is None else link
+        try:
+            self._publish()
+        except OSError:
+            self._close()
+            raise
+
+    def __enter__(self) -> "Pty":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Unplug: the host sees a hang-up."""
+        if self.path != self.device and self.path.is_symlink() and self.path.readlink() == self.device:
+            self.path.unlink()
+        self._close()
+
+    def fileno(self) -> int:
+        return self._master
+
+    def baud(self) -> int:
+        """The speed that the host has set; 0 for one that has no name."""
+        return _SPEEDS.get(termios.tcgetattr(self._master)[5], 0)
+
+    def read(self) -> bytes:
+        """What the host has sent."""
+        try:
+            return os.read(self._master, 4096)
+        except BlockingIOError:
+            return b""
+
+    def write(self, data: bytes) -> None:
+        """Send to the host; what finds no room is lost, as on a real line, and counted."""
+        try:
+            sent = os.write(self._master, data)
+        except BlockingIOError:
+            sent = 0
+        self.lost += len(data) - sent
+
+    def _set_speed(self, baud: int) -> None:
+        """Until a host sets its own speed the device is understood, so that `cat` works."""
+        attributes = termios.tcgetattr(self._slave)
+        attributes[4] = attributes[5] = _CODES[baud]
+        termios.tcsetattr(self._slave, termios.TCSANOW, attributes)
+
+    def _publish(self) -> None:
+        if self.path == self.device:
+            return
+        if self.path.exists() and not self.path.is_symlink():
+            raise FileExistsError(f"{self.path}: exists and is not a link; choose another --link")
+        new = self.path.with_name(f".{self.path.name}.{os.getpid()}")
+        new.symlink_to(self.device)
+        new.replace(self.path)
+
+    def _close(self) -> None:
+        os.close(self._slave)
+        os.close(self._master)

@@ -1,0 +1,104 @@
+"""Recorded data as a source of motion and fixes: the CSV pair of `imud replay`, played as if the devices felt it now.
+
+imu.csv: t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2. gnss.csv by column name: t_s,lat_deg,lon_deg,height_m,
+then optionally arrival_s, hdop, and speed_mps,course_deg or vn_mps,ve_mps. Time 0 is the first row of imu.csv.
+"""
+
+import csv
+import math
+from bisect import bisect_right
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from .ellipsoid import Array
+from .fixes import COMPUTE_S, Fix
+
+_IMU_HEADER = "t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2"
+_NEEDED = {"t_s", "lat_deg", "lon_deg", "height_m"}
+
+
+class DataError(Exception):
+    """A file does not hold what it should: which, where, and what was expected."""
+
+
+class RecordedImu:
+    """Rates and forces by linear interpolation between the recorded samples; `loop`: again and again."""
+
+    def __init__(self, path: Path, loop: bool = False) -> None:
+        with path.open(encoding="utf-8") as file:
+            header = file.readline().strip()
+            if not header.startswith(_IMU_HEADER):
+                raise DataError(f"{path}:1: the header must be {_IMU_HEADER}, found {header[:80]!r}")
+            try:
+                rows = np.loadtxt(file, delimiter=",", usecols=range(7), ndmin=2)
+            except (ValueError, UnicodeDecodeError) as error:
+                raise DataError(f"{path}: {error}") from None
+        if len(rows) < 2 or not np.isfinite(rows).all():
+            raise DataError(f"{path}: at least two rows of finite numbers are needed, found {len(rows)}")
+        late = np.flatnonzero(np.diff(rows[:, 0]) <= 0.0)
+        if len(late):
+            raise DataError(f"{path}:{late[0] + 3}: time does not increase")
+        self.start = float(rows[0, 0])
+        self.duration = float(rows[-1, 0]) - self.start
+        self.end = math.inf if loop else self.duration
+        self._t, self._values = rows[:, 0] - self.start, rows[:, 1:].T.copy()
+
+    def imu(self, t: Array) -> Array:
+        """w_ib_b in rad/s and f_b in m/s^2, (n, 6), at times `t` (n,) in s since the first sample."""
+        t = t if math.isfinite(self.end) else np.mod(t, self.duration)
+        return np.stack([np.interp(t, self._t, column) for column in self._values], axis=1)
+
+
+class RecordedFixes:
+    """The recorded fixes at their recorded arrival times; the receiver's own fix interval does not apply."""
+
+    def __init__(self, path: Path, imu: RecordedImu) -> None:
+        with path.open(encoding="utf-8", newline="") as file:
+            reader = csv.DictReader(file)
+            missing = _NEEDED - set(reader.fieldnames or ())
+            if missing:
+                raise DataError(f"{path}:1: columns missing: {', '.join(sorted(missing))}")
+            self._fixes = [_fix(row, imu.start, f"{path}:{line}") for line, row in enumerate(reader, 2)]
+        self._fixes = [fix for fix in self._fixes if 0.0 <= fix.t <= imu.duration]
+        self._epochs = [fix.t for fix in self._fixes]
+        if not self._fixes:
+            raise DataError(f"{path}: no fix lies within the time of the inertial data")
+        late = next((i for i in range(1, len(self._epochs)) if self._epochs[i] <= self._epochs[i - 1]), 0)
+        if late:
+            raise DataError(f"{path}: time does not increase after t_s={self._epochs[late] + imu.start:.3f}")
+        self._period = imu.duration if math.isinf(imu.end) else math.inf
+
+    @property
+    def phase(self) -> float:
+        """Fraction of a second by which the epochs lie after whole seconds since the start."""
+        return self._epochs[0] % 1.0
+
+    def after(self, t: float, interval: float) -> Fix | None:
+        """The first fix with its epoch after time `t`; None at the end. `interval` is what the recording has."""
+        lap = math.floor(t / self._period) if math.isfinite(self._period) else 0
+        offset = lap * self._period if lap else 0.0
+        i = bisect_right(self._epochs, t - offset + 1e-9)
+        if i == len(self._epochs):
+            if math.isinf(self._period):
+                return None
+            i, offset = 0, (lap + 1) * self._period
+        fix = self._fixes[i]
+        return replace(fix, t=fix.t + offset, arrival=fix.arrival + offset)
+
+
+def _fix(row: dict[str, str], start: float, where: str) -> Fix:
+    try:
+        given = {name: float(value) for name, value in row.items() if name and value and value.strip()}
+        t, lat, lon, height = (given[name] for name in ("t_s", "lat_deg", "lon_deg", "height_m"))
+    except (ValueError, TypeError, KeyError) as error:
+        raise DataError(f"{where}: not a fix: {error}") from None
+    if not all(map(math.isfinite, (t, lat, lon, height))):
+        raise DataError(f"{where}: not a fix: time and position must be finite")
+    speed, course = given.get("speed_mps"), given.get("course_deg")
+    if "vn_mps" in given and "ve_mps" in given:
+        speed = math.hypot(given["vn_mps"], given["ve_mps"])
+        course = math.degrees(math.atan2(given["ve_mps"], given["vn_mps"])) % 360.0
+    arrival = given.get("arrival_s", t + COMPUTE_S)
+    return Fix(t - start, arrival - start, lat, lon, height, speed, course, given.get("hdop", 1.0))

@@ -1,0 +1,80 @@
+"""A device's serial line: bytes leave at the speed of the baud rate, and a listener at another speed hears garbage.
+
+Sans-IO: times are passed in. The queue is what waits in the device's transmitter.
+"""
+
+import math
+from collections import deque
+
+BITS = 10  # on the wire per byte: start, 8 data, stop
+_FIFO = 32  # bytes handed over at once, as a UART's buffer does
+_PATIENCE = 4e-3  # s; the longest time that a byte waits in that buffer
+
+
+class Uart:
+    """One end of a line, 8N1. `baud` may be changed at any time; what is queued already leaves at the old speed."""
+
+    def __init__(self, baud: int) -> None:
+        self.baud = baud
+        self._free = -math.inf  # when the last byte queued will have left
+        self._queue: deque[tuple[float, bytes, int]] = deque()  # (complete at, bytes, baud)
+
+    def send(self, data: bytes, t: float) -> None:
+        """Queue `data` for transmission from time `t` on, or after what is queued already."""
+        size = max(1, min(_FIFO, int(_PATIENCE * self.baud / BITS)))
+        self._free = max(t, self._free)
+        for i in range(0, len(data), size):
+            chunk = data[i : i + size]
+            self._free += len(chunk) * BITS / self.baud
+            self._queue.append((self._free, chunk, self.baud))
+
+    def backlog(self, t: float) -> float:
+        """Bytes that have still to leave at time `t`."""
+        return max(self._free - t, 0.0) * self.baud / BITS
+
+    def due(self) -> float:
+        """When the next bytes will have arrived at the other end; infinite when idle."""
+        return self._queue[0][0] if self._queue else math.inf
+
+    def earliest(self, t: float, size: int) -> float:
+        """When `size` bytes that are sent at time `t` will have arrived, were nothing else sent before."""
+        return max(t, self._free) + size * BITS / self.baud
+
+    def take(self, t: float, listener_baud: int) -> bytes:
+        """What a listener at that speed has received since the last call, at time `t`."""
+        out = b""
+        while self._queue and self._queue[0][0] <= t:
+            _, chunk, baud = self._queue.popleft()
+            out += chunk if baud == listener_baud else mishear(chunk, baud, listener_baud)
+        return out
+
+    def hear(self, data: bytes, talker_baud: int) -> bytes:
+        """What this end receives of bytes sent at the talker's speed."""
+        return data if talker_baud == self.baud else mishear(data, talker_baud, self.baud)
+
+    def clear(self) -> None:
+        """Forget what is queued: reset of the device."""
+        self._queue.clear()
+        self._free = -math.inf
+
+
+def mishear(data: bytes, talker_baud: int, listener_baud: int) -> bytes:
+    """Bytes that a receiver at the wrong speed makes of `data`, framing errors included.
+
+    It starts at a falling edge and samples the line in the middle of its own bits, as a UART does; a bad stop bit
+    delivers the byte all the same, as Linux does without INPCK.
+    """
+    if talker_baud <= 0 or listener_baud <= 0:
+        return b""
+    level = [bit for byte in data for bit in (0, *((byte >> i) & 1 for i in range(8)), 1)]
+    step = talker_baud / listener_baud  # listener's bit in bits of the talker
+    heard = bytearray()
+    at = 0
+    while at < len(level):
+        if level[at] or (at and not level[at - 1]):
+            at += 1
+            continue
+        samples = [int(at + (i + 1.5) * step) for i in range(8)]
+        heard.append(sum(level[s] << i if s < len(level) else 1 << i for i, s in enumerate(samples)))
+        at = max(at + 1, math.ceil(at + 9.5 * step))
+    return bytes(heard)

@@ -13,6 +13,7 @@ from ..jit import kernel
 
 LONGEST = 3
 GAP = 8  # ticks after which neighbours say nothing any more
+REPEATED = 1.0 / 8.0  # share of a spike's difference that counts as motion
 DECAY = 1.0 / 1024.0  # per sample, of the recent largest difference
 
 SPIKES = np.dtype(
@@ -43,6 +44,9 @@ def is_spike(s: Any, ticks: int) -> bool:
             contradicts |= to not in (0, side[i])
             side[i] = to
     if contradicts and s.run < LONGEST:
+        for i in range(6):
+            if side[i] != 0:  # what happens again and again is motion
+                recent[i] += abs(raw[i] - good[i]) * REPEATED / ticks
         s.run += 1
         return True
     for i in range(6):

@@ -63,11 +63,17 @@ def _run(samples: Any, C: Any, parameters: Any, state: Any, out: Any) -> None:
         step(parameters[0], state[0], samples[k], out[k])  # type: ignore[name-defined]  # noqa: F821
 
 
+_composed: dict[str, Callable[..., Any]] = {}
+
+
 def _compose(template: Callable[..., Any], name: str, **parts: Any) -> Callable[..., Any]:
     """The template with its free names bound to kernels, under a name of its own so that numba caches it apart."""
+    if name in _composed:
+        return _composed[name]
     bound = types.FunctionType(template.__code__, {**globals(), **parts}, name)
     bound.__qualname__ = name
-    return kernel(bound)
+    _composed[name] = kernel(bound)
+    return _composed[name]
 
 
 def mount_matrix(rpy_deg: tuple[float, float, float]) -> Floats:

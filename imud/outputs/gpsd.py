@@ -25,9 +25,10 @@ from .view import Device, View
 
 PORT = 2947
 _EVENTS_PER_WAKEUP = 4
-_STUCK_NS = 10 * SECOND_NS  # nothing read by the client
+_STUCK_NS = 60 * SECOND_NS  # nothing read by the client
 _SILENT_NS = 60 * SECOND_NS  # nothing asked since connecting; as gpsd
 _POLLING_NS = 900 * SECOND_NS  # nothing asked, and not watching either; as gpsd
+_FRESH_NS = SECOND_NS // 10  # a view for ?POLL is not older than this
 _NEVER_NS = 1 << 63
 
 
@@ -65,6 +66,7 @@ class GpsdServer:
         self._report: Report | None = None
         self._due_ns = _NEVER_NS  # earliest time that a client wants a message
         self._tick_ns = 0
+        self._published_ns = -_FRESH_NS
         self._wakeup_ns, self._events_left = -1, 0
         try:
             self._open()
@@ -113,11 +115,15 @@ class GpsdServer:
             sock.close()
         self._listeners.clear()
 
+    def wants(self, now_ns: int) -> bool:
+        """True when a view is worth making: some client's message is due, or the one kept for ?POLL is old."""
+        return now_ns >= min(self._due_ns, self._published_ns + _FRESH_NS)
+
     def publish(self, view: View, now_ns: int) -> None:
         """Give the newest view; clients whose next message is due get it."""
         if view.devices != self._view.devices:
             self._announce(self._view.devices, view.devices, now_ns)
-        self._view, self._report = view, None
+        self._view, self._report, self._published_ns = view, None, now_ns
         self.tick(now_ns)
         if now_ns < self._due_ns:
             return

@@ -1,0 +1,269 @@
+"""The daemon's one loop: waits on all descriptors at once, hands bytes to the sensors and solutions to the outputs.
+
+It owns the descriptors and the order of things; it knows no register, no equation and no JSON key.
+"""
+
+import contextlib
+import gc
+import os
+import select
+import signal
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+import numpy as np
+import structlog
+
+from drivers.driver import AnyDriver, Identity, ImuConfigured, ImuDriver, Options
+from drivers.errors import PortLostError
+from drivers.registry import drivers
+
+from .estimators import Estimator, registry
+from .estimators.records import ATTITUDE_VALID, COASTING, FIX, HEADING_VALID, POSITION_VALID, REJECTING
+from .notify import Notifier
+from .outputs.gpsd import GpsdServer
+from .outputs.view import Device, View
+from .pipeline import Filter, Stream
+from .ports import Configured, Port
+from .profiles import PROFILES
+from .sensors import Inertial, Receiver, Records
+from .settings import Initial, Settings
+
+_SLOW_NS = 20_000_000  # what is not urgent is looked after this often
+_SILENCE_NS = {"imu": 1_000_000_000, "gnss": 5_000_000_000}  # a stream this long silent is broken
+_CHANGES = (
+    (ATTITUDE_VALID, "roll and pitch are valid", "roll and pitch are lost"),
+    (HEADING_VALID, "heading is valid", "heading is lost"),
+    (POSITION_VALID, "position is valid", "position is lost"),
+    (COASTING, "no fixes: coasting", "fixes are back"),
+    (REJECTING, "the fixes contradict the estimate: rejecting them", "fixes and estimate agree again"),
+)
+
+
+class Daemon:
+    """Runs until a signal ends it. One per process."""
+
+    def __init__(self, settings: Settings, wait: bool = True) -> None:
+        self._settings = settings
+        self._log = structlog.get_logger()
+        self._estimator = registry.by_name(_estimator_name(settings))
+        self._poll = select.poll()
+        options = Options(rate_hz=settings.imu.rate_hz)
+        self._ports = [Port(text, options, self, patient=wait) for text in settings.ports]
+        self._by_fd: dict[int, Port] = {}
+        self._imu: tuple[Port, Inertial] | None = None
+        self._gnss: tuple[Port, Receiver] | None = None
+        self._inertial: Inertial | None = None  # outlives its connections
+        self._settled: tuple[str, float] = ("", 0.0)  # profile and rate that the filter was made for
+        self._devices: tuple[Device, ...] = ()
+        self._status = self._told = 0
+        self._exit: int | None = None
+
+    def run(self) -> int:
+        """Serve until SIGTERM (returns 0) or Ctrl-C (130). Raises ImudError when there is no point in going on."""
+        notifier = Notifier()
+        with contextlib.ExitStack() as stack:
+            wakeup = stack.enter_context(_signals(self._end))
+            self._poll.register(wakeup, select.POLLIN)
+            self._gpsd = stack.enter_context(contextlib.closing(GpsdServer(self._settings.gpsd, self._poll)))
+            notifier.say("STATUS=compiling", "EXTEND_TIMEOUT_USEC=300000000")
+            self._log.info("compiling the filter (the first start takes a while)", estimator=self._estimator.name)
+            _warm_up(self._estimator, self._settings)
+            gc.collect()
+            gc.freeze()
+            self._log.info("ready", gpsd=" ".join(self._gpsd.addresses), estimator=self._estimator.name)
+            notifier.say("READY=1")
+            stack.callback(self._farewell)
+            stack.callback(notifier.say, "STOPPING=1")
+            self._serve(notifier)
+        assert self._exit is not None
+        return self._exit
+
+    def _end(self, code: int) -> None:
+        self._exit = code
+
+    def _serve(self, notifier: Notifier) -> None:
+        slow_ns = 0
+        while self._exit is None:
+            due_s = min(slow_ns * 1e-9, *(port.deadline_s for port in self._ports))
+            events = self._poll.poll(max(0.0, 1e3 * (due_s - time.monotonic())))
+            now_ns = time.monotonic_ns()
+            for fd, mask in events:
+                self._dispatch(fd, mask, now_ns)
+            for port in self._ports:
+                port.on_time(now_ns * 1e-9)
+            if now_ns >= slow_ns:
+                slow_ns = now_ns + _SLOW_NS
+                self._look_after(now_ns, notifier)
+
+    def _dispatch(self, fd: int, mask: int, now_ns: int) -> None:
+        port = self._by_fd.get(fd)
+        if port is None:
+            if fd in self._gpsd:
+                self._gpsd.on_event(fd, mask, now_ns)
+            return
+        try:
+            if self._imu and port is self._imu[0]:
+                n = self._imu[1].read(fd, now_ns)
+                if n:
+                    self._publish(self._imu[1].stream.solutions[n - 1], now_ns)
+            elif self._gnss and port is self._gnss[0]:
+                self._take(self._gnss[1].read(fd, now_ns))
+            else:
+                port.on_event()
+        except PortLostError as error:
+            port.lost(str(error))
+
+    def _take(self, fixes: list[Records]) -> None:
+        for fix in fixes:
+            if self._inertial is not None:
+                self._inertial.stream.filter.update(fix)
+
+    def _publish(self, solution: Any, now_ns: int) -> None:
+        self._status = int(solution["status"])
+        if not self._gpsd.wants(now_ns):
+            return
+        inertial = self._inertial
+        assert inertial is not None
+        t_ns = int(solution["t_ns"])
+        view = View(
+            solution=solution.tobytes(),
+            utc_s=(time.time_ns() - time.monotonic_ns() + t_ns) * 1e-9,
+            t_mono_ns=t_ns,
+            seq=inertial.samples,
+            estimator=self._estimator.name,
+            devices=self._devices,
+            gnss=self._gnss[1].view(now_ns) if self._gnss else None,
+            temperature=float(inertial.stream.samples[0]["temperature"]),
+        )
+        self._gpsd.publish(view, now_ns)
+
+    def _look_after(self, now_ns: int, notifier: Notifier) -> None:
+        """What is due now and then: silence, unfinished epochs, slow clients, the watchdog, changes worth a line."""
+        if self._gnss:
+            self._take(self._gnss[1].flush(now_ns))
+        for kind, pair in (("imu", self._imu), ("gnss", self._gnss)):
+            if pair and now_ns - pair[1].heard_ns > _SILENCE_NS[kind]:
+                pair[0].lost("the device fell silent")
+        if (deadline := self._gpsd.next_deadline()) is not None and now_ns >= deadline:
+            self._gpsd.tick(now_ns)
+        self._tell_changes()
+        if notifier.watchdog_s is not None:
+            notifier.say("WATCHDOG=1")
+
+    def _tell_changes(self) -> None:
+        for bit, came, went in _CHANGES:
+            if (self._status ^ self._told) & bit:
+                self._log.info(came if self._status & bit else went)
+        self._told = self._status
+
+    def watch(self, port: Port, fd: int) -> None:
+        """A port opened its device."""
+        self._by_fd[fd] = port
+        self._poll.register(fd, select.POLLIN)
+
+    def unwatch(self, fd: int) -> None:
+        """A port closes its device."""
+        del self._by_fd[fd]
+        self._poll.unregister(fd)
+
+    def connected(self, port: Port, driver: AnyDriver, configured: Configured) -> None:
+        """A device streams."""
+        identity = configured.identity
+        role = self._imu if driver.kind == "imu" else self._gnss
+        if role is not None:
+            self._log.warning("not used: another device has this part", port=port.spec.path, other=role[0].spec.path)
+            return
+        now_ns = time.monotonic_ns()
+        facts: dict[str, Any] = {"port": port.spec.path, "device": identity.model or driver.name, "baud": identity.baud}
+        if isinstance(configured, ImuConfigured) and driver.kind == "imu":
+            self._imu = (port, self._connect_inertial(driver, configured, now_ns))
+            facts |= {"serial": identity.serial, "firmware": identity.firmware, "rate_hz": configured.rate_hz}
+        elif driver.kind == "gnss":
+            self._gnss = (port, Receiver(driver, self._settings.gnss, now_ns))
+        self._log.info("streaming", **{name: value for name, value in facts.items() if value})
+        self._describe()
+
+    def disconnected(self, port: Port) -> None:
+        """A device streams no more."""
+        if self._imu and self._imu[0] is port:
+            self._imu = None
+        if self._gnss and self._gnss[0] is port:
+            self._gnss = None
+        self._describe()
+
+    def _describe(self) -> None:
+        streaming = [pair[0] for pair in (self._imu, self._gnss) if pair and pair[0].configured]
+        self._devices = tuple(_device(port) for port in streaming)
+
+    def _connect_inertial(self, driver: ImuDriver, configured: ImuConfigured, now_ns: int) -> Inertial:
+        settings = _resolved(self._settings, configured.identity)
+        made_for = (settings.imu.profile, configured.rate_hz)
+        if self._inertial is None or made_for != self._settled:
+            filter_ = Filter(self._estimator, settings, Initial(), configured.rate_hz)
+            self._inertial = Inertial(Stream(driver.name, driver.decode, driver.new_state(configured), filter_))
+            self._settled = made_for
+        self._inertial.connect(driver, configured, now_ns)
+        return self._inertial
+
+    def _farewell(self) -> None:
+        for port in self._ports:
+            port.close()
+        if self._inertial is not None:
+            self._log.info("ended", samples=self._inertial.samples, **self._inertial.counters())
+
+
+def _estimator_name(settings: Settings) -> str:
+    """What the user asked for; else by whether a receiver may be there."""
+    if settings.estimator != "auto":
+        return settings.estimator
+    return "navigation" if len(settings.ports) > 1 else "attitude"
+
+
+def _resolved(settings: Settings, identity: Identity) -> Settings:
+    """Settings with the noise profile of the sensor that was found, unless the user chose one."""
+    if settings.imu.profile != "auto" or identity.profile not in PROFILES:
+        return settings
+    return msgspec.structs.replace(settings, imu=msgspec.structs.replace(settings.imu, profile=identity.profile))
+
+
+def _device(port: Port) -> Device:
+    assert port.configured is not None
+    identity = port.configured.identity
+    return Device(
+        path=port.spec.path,
+        driver=identity.driver,
+        bps=identity.baud or None,
+        model=identity.model,
+        serial=identity.serial,
+        activated_s=time.time(),
+    )
+
+
+def _warm_up(estimator: Estimator, settings: Settings) -> None:
+    """Compile, or load, everything that the loop calls, with the types with which it calls it."""
+    for driver in drivers():
+        if driver.kind == "imu":
+            scratch = ImuConfigured(Identity(driver.name, ""), 1000.0, 1_000_000, 0, 0)
+            filter_ = Filter(estimator, settings, Initial(), 1000.0)
+            Stream(driver.name, driver.decode, driver.new_state(scratch), filter_).ingest(0, 1)
+            filter_.update(np.zeros(1, FIX))
+
+
+@contextlib.contextmanager
+def _signals(end: Any) -> Iterator[int]:
+    """Lets SIGTERM and SIGINT call `end(exit code)`; yields a descriptor that becomes readable when they come."""
+    reader, writer = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+    codes = {signal.SIGTERM: 0, signal.SIGINT: 130}
+    before = {number: signal.signal(number, lambda n, _: end(codes[signal.Signals(n)])) for number in codes}
+    wakeup = signal.set_wakeup_fd(writer)
+    try:
+        yield reader
+    finally:
+        signal.set_wakeup_fd(wakeup)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        os.close(reader)
+        os.close(writer)

@@ -1,0 +1,167 @@
+"""One port, from absent to streaming and back again: a state machine that never waits.
+
+Absent, silent and unknown devices are tried again with growing patience; every change is logged once. A port knows
+when a device streams, not what the bytes mean.
+"""
+
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import structlog
+
+from drivers.detect import Finding, detect
+from drivers.dialogue import Dialogue
+from drivers.driver import AnyDriver, GnssConfigured, Identity, ImuConfigured, Options, Unsupported
+from drivers.errors import NotSerialError, PortBusyError, PortDeniedError, PortError
+from drivers.registry import by_name
+from drivers.transport.serial import Conversation, PortSpec, SerialPort
+
+from .errors import DeviceAbsentError, ImudError, InputOutputError, PermissionDeniedError
+
+Configured = ImuConfigured | GnssConfigured
+
+_FIRST_RETRY_S, _LAST_RETRY_S = 0.25, 4.0
+_UNTRIED = "not tried yet"
+_FATAL: dict[type[PortError], type[ImudError]] = {  # at the start; later the device may be given back
+    PortDeniedError: PermissionDeniedError,
+    PortBusyError: InputOutputError,
+    NotSerialError: InputOutputError,
+}
+
+
+class Host(Protocol):
+    """Who owns the port: is told of streams, and has the poll object."""
+
+    def watch(self, port: "Port", fd: int) -> None: ...
+    def unwatch(self, fd: int) -> None: ...
+    def connected(self, port: "Port", driver: AnyDriver, configured: Configured) -> None: ...
+    def disconnected(self, port: "Port") -> None: ...
+
+
+class Port:
+    """A serial port and what is known of the device on it."""
+
+    def __init__(self, spec: PortSpec, options: Options, host: Host, patient: bool) -> None:
+        self.spec, self.options = spec, options
+        self.configured: Configured | None = None
+        self.deadline_s = 0.0  # when `on_time` wants to be called
+        self.story = _UNTRIED
+        self.connects = 0
+        self._host, self._patient = host, patient
+        self._log = structlog.get_logger().bind(port=spec.path)
+        self._line: SerialPort | None = None
+        self._talk: Conversation[Any] | None = None
+        self._then: Callable[[Any], None] = lambda result: None
+        self._retry_s = _FIRST_RETRY_S
+
+    @property
+    def fd(self) -> int:
+        """The open descriptor; -1 while there is none."""
+        return self._line.fd if self._line else -1
+
+    def on_time(self, now_s: float) -> None:
+        """Something is due: another try, or the end of a listening."""
+        if now_s < self.deadline_s:
+            return
+        if self._line is None:
+            self._open()
+        elif self._talk is not None:
+            self._guard(self._talk.on_deadline)
+
+    def on_event(self) -> None:
+        """Bytes for the dialogue. (A streaming port is read by its owner.)"""
+        if self._talk is not None:
+            self._guard(self._talk.on_readable)
+
+    def lost(self, why: str) -> None:
+        """The stream ended: close, and begin again."""
+        self._close()
+        self._retry_s = _FIRST_RETRY_S
+        self._wait(why, warn=True)
+
+    def close(self) -> None:
+        """Let go of the device."""
+        self._close()
+
+    def _open(self) -> None:
+        try:
+            self._line = SerialPort(self.spec)
+        except PortError as error:
+            fatal = _FATAL.get(type(error))
+            if fatal and not self.connects:
+                raise fatal(str(error)) from error
+            self._fail(str(error))
+            return
+        self._host.watch(self, self._line.fd)
+        if self.story == _UNTRIED:
+            self._tell("looking for a device")
+        self._converse(detect(self.spec.driver, self.spec.baud, readonly=self.options.readonly), self._detected)
+
+    def _converse(self, dialogue: Dialogue[Any], then: Callable[[Any], None]) -> None:
+        assert self._line is not None
+        self._then = then
+        self._talk = Conversation(self._line, dialogue)
+        self._guard(self._talk.start)
+
+    def _guard(self, act: Callable[[], None]) -> None:
+        """Let the dialogue go on; a lost line ends it, a finished one leads to the next step."""
+        talk = self._talk
+        assert talk is not None
+        try:
+            act()
+        except PortError as error:
+            self._fail(str(error))
+            return
+        self.deadline_s = talk.deadline_s
+        if talk.finished:
+            self._talk = None
+            self._then(talk.result)
+
+    def _detected(self, found: Identity | Unsupported | Finding) -> None:
+        if not isinstance(found, Identity):
+            self._fail(str(found))
+            return
+        driver = by_name(found.driver)
+        self._converse(driver.configure(found, self.options), lambda result: self._streams(driver, result))
+
+    def _streams(self, driver: AnyDriver, configured: Configured | None) -> None:
+        if configured is None:
+            self._fail(f"found a {driver.name} device, but it does not start to stream")
+            return
+        self.configured = configured
+        self.connects += 1
+        self._retry_s = _FIRST_RETRY_S
+        self.deadline_s = float("inf")
+        for warning in configured.warnings:
+            self._log.warning(warning)
+        self._host.connected(self, driver, configured)
+
+    def _fail(self, why: str) -> None:
+        """No stream this time."""
+        if not self._patient and not self.connects:
+            self._close()
+            raise DeviceAbsentError(f"{self.spec.path}: {why}")
+        self._close()
+        self._wait(why)
+
+    def _wait(self, why: str, warn: bool = False) -> None:
+        self._tell(f"{why}; trying again", warn)
+        self.deadline_s = time.monotonic() + self._retry_s
+        self._retry_s = min(2.0 * self._retry_s, _LAST_RETRY_S)
+
+    def _tell(self, story: str, warn: bool = False) -> None:
+        """Log a change, once."""
+        if story != self.story:
+            self.story = story
+            (self._log.warning if warn else self._log.info)(story)
+
+    def _close(self) -> None:
+        self._talk = None
+        if self._line is not None:
+            self._host.unwatch(self._line.fd)
+            self._line.close()
+            self._line = None
+        if self.configured is not None:
+            self.configured = None
+            self._host.disconnected(self)

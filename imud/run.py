@@ -1,0 +1,49 @@
+"""`imud run`: the daemon. Arguments to settings, ports to sensors, signals to an orderly end."""
+
+import argparse
+from pathlib import Path
+
+import msgspec
+
+from . import config, log
+from .errors import UsageError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--port",
+        action="append",
+        default=[],
+        metavar="DEV[:DRIVER[@BAUD]]",
+        help="a serial port; repeat for the receiver. Device and baud rate are found by themselves",
+    )
+    parser.add_argument("--estimator", metavar="NAME", help="navigation (default with two ports) or attitude")
+    parser.add_argument("--listen", metavar="ADDR", help="gpsd JSON: HOST:PORT or /path (default 127.0.0.1:2947)")
+    parser.add_argument(
+        "--wait",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="wait for absent and silent devices (default), or exit with 69",
+    )
+    parser.add_argument("--config", type=Path, metavar="TOML")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a configuration key")
+    parser.add_argument("--check", action="store_true", help="check the configuration and exit")
+    parser.add_argument("--log-level", default="info", choices=("debug", "info", "warning", "error"))
+
+
+def run(args: argparse.Namespace) -> int:
+    settings = config.load(args.config, args.set)
+    if args.port:
+        settings = msgspec.structs.replace(settings, ports=tuple(args.port))
+    if args.estimator:
+        settings = msgspec.structs.replace(settings, estimator=args.estimator)
+    if args.listen:
+        settings = msgspec.structs.replace(settings, gpsd=msgspec.structs.replace(settings.gpsd, listen=args.listen))
+    if args.check:
+        return 0
+    if not settings.ports:
+        raise UsageError("no port: name one, for example --port /dev/ttyUSB0, or try `imud demo`")
+    log.configure(args.log_level)
+    from .daemon import Daemon
+
+    return Daemon(settings, wait=args.wait).run()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from imud.errors import CannotCreateError, ConfigError, PermissionDeniedError
 
-_BACKLOG = 16
+_BACKLOG = 128
 _LISTENING = "0A"  # TCP_LISTEN in /proc/net/tcp
 
 

@@ -17,9 +17,11 @@ import numpy as np
 import structlog
 
 from drivers.driver import AnyDriver, Identity, ImuConfigured, ImuDriver, Options
-from drivers.errors import PortLostError
+from drivers.errors import PortLostError, SpecError
 from drivers.registry import drivers
+from drivers.transport.portspec import PortSpec
 
+from .errors import UsageError
 from .estimators import Estimator, registry
 from .estimators.records import ATTITUDE_VALID, COASTING, FIX, HEADING_VALID, POSITION_VALID, REJECTING
 from .notify import Notifier
@@ -51,7 +53,7 @@ class Daemon:
         self._estimator = registry.by_name(_estimator_name(settings))
         self._poll = select.poll()
         options = Options(rate_hz=settings.imu.rate_hz)
-        self._ports = [Port(text, options, self, patient=wait) for text in settings.ports]
+        self._ports = [Port(_spec(text), options, self, patient=wait) for text in settings.ports]
         self._by_fd: dict[int, Port] = {}
         self._imu: tuple[Port, Inertial] | None = None
         self._gnss: tuple[Port, Receiver] | None = None
@@ -213,6 +215,13 @@ class Daemon:
             port.close()
         if self._inertial is not None:
             self._log.info("ended", samples=self._inertial.samples, **self._inertial.counters())
+
+
+def _spec(text: str) -> PortSpec:
+    try:
+        return PortSpec.parse(text)
+    except SpecError as error:
+        raise UsageError(str(error)) from error
 
 
 def _estimator_name(settings: Settings) -> str:

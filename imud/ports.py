@@ -15,7 +15,9 @@ from drivers.dialogue import Dialogue
 from drivers.driver import AnyDriver, GnssConfigured, Identity, ImuConfigured, Options, Unsupported
 from drivers.errors import NotSerialError, PortBusyError, PortDeniedError, PortError
 from drivers.registry import by_name
-from drivers.transport.serial import Conversation, PortSpec, SerialPort
+from drivers.transport.conversation import Conversation
+from drivers.transport.portspec import PortSpec
+from drivers.transport.serial import SerialPort
 
 from .errors import DeviceAbsentError, ImudError, InputOutputError, PermissionDeniedError
 
@@ -141,7 +143,7 @@ class Port:
         """No stream this time."""
         if not self._patient and not self.connects:
             self._close()
-            raise DeviceAbsentError(f"{self.spec.path}: {why}")
+            raise DeviceAbsentError(why)
         self._close()
         self._wait(why)
 

@@ -13,6 +13,8 @@ def main() -> int:
         return cli.run(parser.parse_args())
     except SystemExit as done:
         return cli.EXIT_USAGE if done.code else 0
+    except KeyboardInterrupt:
+        return cli.EXIT_INTERRUPTED
 
 
 if __name__ == "__main__":

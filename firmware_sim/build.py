@@ -55,7 +55,7 @@ def device(args: argparse.Namespace, scene: Scene, utc: float, index: int) -> De
 
 def _g350(args: argparse.Namespace, scene: Scene, _utc: float, baud: int, rng: np.random.Generator) -> Device:
     errors = ImuErrors(
-        IDEAL if args.ideal else M_G350,
+        IDEAL if args.ideal or args.replay else M_G350,  # a recording has its own errors
         rng,
         TICK_HZ,
         gyro_bias=_scaled(args.gyro_bias_dps, DEG),

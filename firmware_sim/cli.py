@@ -23,32 +23,20 @@ Triple = tuple[float, float, float]
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of the emulator."""
     add = parser.add_argument
-    add(
-        "devices",
-        nargs="+",
-        type=_device,
-        metavar="DEVICE",
-        help="g350 or nmea, optionally @BAUD; they share one motion",
-    )
-    add("--scenario", choices=SCENARIO_NAMES, default="rest", help="motion (default rest)")
+    add("devices", nargs="+", type=_device, metavar="DEVICE", help="g350 or nmea, optionally @BAUD; on one motion")
+    scenarios = ", ".join(SCENARIO_NAMES)
+    add("--scenario", choices=SCENARIO_NAMES, default="rest", metavar="NAME", help=f"{scenarios} (default rest)")
     add("--replay", nargs="+", type=Path, metavar="CSV", help="recorded motion instead: imu.csv [gnss.csv]")
     add("--loop", action="store_true", help="repeat the recording for ever; else the devices fall silent at its end")
-    add(
-        "--link",
-        action="append",
-        type=Path,
-        default=[],
-        metavar="PATH",
-        help="stable name; once per device, same order",
-    )
-    add("--seed", type=int, default=1, help="of noise and biases (default 1)")
-    add("--seconds", type=float, default=math.inf, metavar="N", help="end after that")
+    add("--link", action="append", type=Path, default=[], metavar="PATH", help="stable name; one per device, in order")
+    add("--seed", type=int, default=1, metavar="N", help="of noise and biases (default 1)")
+    add("--seconds", type=_span, default=math.inf, metavar="N", help="end after that")
     add("--rate", type=float, default=1.0, metavar="HZ", help="fixes per second, 1 to 5; the host sets the IMU's rate")
     add("--roll-deg", type=float, default=0.0, metavar="X", help="attitude at rest and on the turntable")
     add("--pitch-deg", type=float, default=0.0, metavar="X")
     add("--yaw-deg", type=float, default=0.0, metavar="X")
-    add("--start-delay", type=float, default=0.0, metavar="S", help="rest before the scenario begins")
-    add("--no-fix", type=float, default=2.5, metavar="S", help="how long the receiver searches (default 2.5)")
+    add("--start-delay", type=_span, default=0.0, metavar="S", help="rest before the scenario begins")
+    add("--no-fix", type=_span, default=2.5, metavar="S", help="how long the receiver searches (default 2.5)")
     add("--ideal", action="store_true", help="no noise, no biases, no GNSS errors")
     add("--gyro-bias-dps", type=_triple, metavar="X,Y,Z", help="instead of drawn ones; write =-0.3,0,0 if negative")
     add("--accel-bias-mg", type=_triple, metavar="X,Y,Z")
@@ -77,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         return _emulate(args, scene)
     except OSError as error:
-        return _fail(EXIT_NO_OUTPUT, f"{error.filename}: {error.strerror}" if error.filename else str(error))
+        return _fail(EXIT_NO_OUTPUT, f"{error.filename or 'stdout'}: {error.strerror}")
 
 
 def _device(text: str) -> tuple[str, int]:
@@ -87,6 +75,13 @@ def _device(text: str) -> tuple[str, int]:
             f"{text!r}: a device is {' or '.join(DEFAULT_BAUD)}, optionally @ and one of {', '.join(map(str, BAUDS))}"
         )
     return name, int(baud or DEFAULT_BAUD[name])
+
+
+def _span(text: str) -> float:
+    value = float(text)
+    if not value >= 0.0:
+        raise argparse.ArgumentTypeError(f"{text!r}: a time in seconds is needed")
+    return value
 
 
 def _triple(text: str) -> Triple:
@@ -125,9 +120,10 @@ def _emulate(args: argparse.Namespace, scene: "Scene") -> int:
     from .pty import Pty
 
     received: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _: received.append(number))
     with ExitStack() as stack:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            before = signal.signal(number, lambda number, _: received.append(number))
+            stack.callback(signal.signal, number, before)
         links = [*args.link, *[None] * len(args.devices)]
         ptys = [stack.enter_context(Pty(link, baud)) for link, (_, baud) in zip(links, args.devices, strict=False)]
         start, utc = scene.time_zero()

@@ -120,9 +120,14 @@ class FvM11:
                 continue
             for body in form(epoch):
                 if self.uart.backlog(t) > _BUFFER:
-                    self.lost += 1
+                    self._lose()
                 else:
                     self.uart.send(seal(body), t)
+
+    def _lose(self) -> None:
+        if not self.lost:
+            _log.warning("%d baud is too slow for what is to be said: sentences are lost", self.uart.baud)
+        self.lost += 1
 
     def _obey(self, line: bytes, t: float) -> None:
         body, _, _ = line.decode("ascii", "ignore").partition("*")

@@ -4,6 +4,7 @@ Pitfalls (design/realtime.md §6, tried): the line discipline must be raw before
 descriptor of our own every close by the host would be a hang-up; the kernel ignores the speed but shows it to us.
 """
 
+import errno
 import os
 import termios
 import tty
@@ -16,7 +17,7 @@ _CODES = {speed: code for code, speed in _SPEEDS.items()}
 class Pty:
     """Context manager: the port exists inside. link: where a symbolic link to it is made, replacing an older link.
 
-    Raises FileExistsError where something else than a link is in its place, OSError where the link cannot be made.
+    Raises OSError with the link's name where it cannot be made, as when something else than a link is in its place.
     """
 
     def __init__(self, link: Path | None, baud: int) -> None:
@@ -29,9 +30,9 @@ class Pty:
         self.path = self.device if link is None else link
         try:
             self._publish()
-        except OSError:
+        except OSError as error:
             self._close()
-            raise
+            raise OSError(error.errno, error.strerror, str(self.path)) from None
 
     def __enter__(self) -> "Pty":
         return self
@@ -74,7 +75,7 @@ class Pty:
         if self.path == self.device:
             return
         if self.path.exists() and not self.path.is_symlink():
-            raise FileExistsError(f"{self.path}: exists and is not a link; choose another --link")
+            raise OSError(errno.EEXIST, "exists and is not a link: choose another place")
         new = self.path.with_name(f".{self.path.name}.{os.getpid()}")
         new.symlink_to(self.device)
         new.replace(self.path)

@@ -1,0 +1,121 @@
+"""Emulator and daemon as processes of their own, and a client of the daemon's socket, for the end-to-end tests."""
+
+import contextlib
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+
+START_S = 240.0  # kernels may have to be compiled first
+PATIENCE_S = 40.0
+
+
+@contextlib.contextmanager
+def process(*arguments: str, **options) -> Iterator[subprocess.Popen]:
+    """`python -m …`, ended with the block."""
+    running = subprocess.Popen([sys.executable, "-m", *arguments], text=True, **options)
+    try:
+        yield running
+    finally:
+        if running.poll() is None:
+            running.send_signal(signal.SIGTERM)
+            try:
+                running.wait(10.0)
+            except subprocess.TimeoutExpired:
+                running.kill()
+                running.wait()
+
+
+@contextlib.contextmanager
+def emulator(*arguments: str, links: list[Path]) -> Iterator[subprocess.Popen]:
+    """`imud sim` with its pseudo-terminals linked and ready."""
+    linked = [item for link in links for item in ("--link", str(link))]
+    with process("firmware_sim", *arguments, *linked, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
+        for _ in links:
+            assert running.stdout.readline(), running.stderr.read()
+        yield running
+
+
+class Daemon:
+    """A running daemon: its process, its log and a client of its socket."""
+
+    def __init__(self, running: subprocess.Popen, folder: Path) -> None:
+        self.process, self._folder = running, folder
+        self.client: socket.socket | None = None
+        self._buffer = b""
+
+    @property
+    def log(self) -> str:
+        return (self._folder / "daemon.log").read_text()
+
+    def connect(self) -> None:
+        deadline = time.monotonic() + START_S
+        while self.client is None:
+            assert self.process.poll() is None, self.log
+            assert time.monotonic() < deadline, self.log
+            client = socket.socket(socket.AF_UNIX)
+            try:
+                client.connect(str(self._folder / "gpsd.sock"))
+                self.client = client
+            except OSError:
+                client.close()
+                time.sleep(0.05)
+        self.client.sendall(b'?WATCH={"enable":true,"json":true,"rate":20}\n')
+
+    def messages(self, seconds: float) -> Iterator[dict]:
+        """Messages as they come, for at most so long."""
+        deadline = time.monotonic() + seconds
+        while (left := deadline - time.monotonic()) > 0.0:
+            if not select.select([self.client], [], [], left)[0]:
+                return
+            data = self.client.recv(65536)
+            assert data, self.log
+            *lines, self._buffer = (self._buffer + data).split(b"\n")
+            yield from map(json.loads, lines)
+
+    def until(self, accept, seconds: float = PATIENCE_S) -> dict:
+        """The first message that `accept` takes."""
+        last = {}
+        for message in self.messages(seconds):
+            last[message["class"]] = message
+            if accept(message):
+                return message
+        raise AssertionError(f"not seen within {seconds} s; last {last}; the daemon said:\n{self.log}")
+
+    def says(self, text: str, seconds: float = PATIENCE_S) -> None:
+        """Wait until the log holds `text`."""
+        deadline = time.monotonic() + seconds
+        while text not in self.log:
+            assert time.monotonic() < deadline, f"{text!r} not logged:\n{self.log}"
+            time.sleep(0.05)
+
+
+@contextlib.contextmanager
+def daemon(folder: Path, *arguments: str) -> Iterator[Daemon]:
+    """`imud run` with its socket in `folder`, connected."""
+    with (folder / "daemon.log").open("w") as log:
+        command = ("imud", "run", *arguments, "--listen", str(folder / "gpsd.sock"))
+        with process(*command, stderr=log, env={**os.environ, "NO_COLOR": "1"}) as running:
+            started = Daemon(running, folder)
+            started.connect()
+            with started.client:
+                yield started
+
+
+@contextlib.contextmanager
+def silent_tty() -> Iterator[tuple[int, str]]:
+    """A pseudo-terminal that says nothing: its master and the slave's path."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    try:
+        yield master, os.ttyname(slave)
+    finally:
+        os.close(master)
+        os.close(slave)

@@ -1,0 +1,156 @@
+"""The daemon as a user meets it: processes, pseudo-terminals and sockets, nothing inside."""
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+from processes import daemon, emulator, process, silent_tty
+
+REST = ("--scenario", "rest", "--roll-deg", "10", "--pitch-deg", "-5", "--gyro-bias-dps", "0.3,-0.3,0.3")
+
+
+def is_settled(message):
+    return message["class"] == "EST" and "aligning" not in message["state"] and message.get("sbgx_dps", 1.0) < 0.1
+
+
+def test_attitude_and_bias_of_a_still_sensor(tmp_path):
+    with (
+        emulator("g350", *REST, "--accel-bias-mg", "0,0,0", links=[tmp_path / "imu"]),
+        daemon(tmp_path, "--port", str(tmp_path / "imu")) as imud,
+    ):
+        est = imud.until(is_settled)
+        assert est["roll_deg"] == pytest.approx(10.0, abs=0.3)
+        assert est["pitch_deg"] == pytest.approx(-5.0, abs=0.3)
+        assert [est[f"bg{axis}_dps"] for axis in "xyz"] == pytest.approx([0.3, -0.3, 0.3], abs=0.1)
+        assert "lat_deg" not in est
+        first = est["seq"], est["t_mono_ns"]
+        later = imud.until(lambda m: m["class"] == "EST" and m["t_mono_ns"] > first[1] + 2_000_000_000)
+        rate = (later["seq"] - first[0]) / (later["t_mono_ns"] - first[1]) * 1e9
+        assert rate == pytest.approx(1000.0, rel=0.02)
+        imud.process.send_signal(signal.SIGTERM)
+        assert imud.process.wait(10.0) == 0
+        assert "lost=0" in imud.log
+
+
+def test_position_with_a_receiver_and_a_reconnect(tmp_path):
+    imu, gnss = tmp_path / "imu", tmp_path / "gnss"
+    ports = ("--port", str(imu), "--port", str(gnss))
+    with daemon(tmp_path, *ports) as imud:
+        imud.says("no such")
+        with emulator("g350", "nmea", "--scenario", "rest", links=[imu, gnss]):
+            est = imud.until(lambda m: m["class"] == "EST" and "position" in m["state"])
+            assert est["lat_deg"] == pytest.approx(35.6586, abs=1e-3)
+            assert est["lon_deg"] == pytest.approx(139.7454, abs=1e-3)
+            tpv = imud.until(lambda m: m["class"] == "TPV" and m["mode"] == 3)
+            assert tpv["lat"] == pytest.approx(35.6586, abs=1e-3)
+            before = imud.until(lambda m: m["class"] == "EST")["seq"]
+        imud.says("trying again")
+        with emulator("g350", "nmea", "--scenario", "rest", links=[imu, gnss]):
+            imud.until(lambda m: m["class"] == "EST" and m["seq"] > before + 1000)
+        assert imud.process.poll() is None
+
+
+def run(*arguments, timeout=240.0):
+    return subprocess.run(
+        [sys.executable, "-m", "imud", *arguments], capture_output=True, text=True, timeout=timeout, check=False,
+        env={**os.environ, "NO_COLOR": "1"},
+    )  # fmt: skip
+
+
+def run_on(tmp_path, port, *arguments):
+    return run("run", "--port", str(port), "--no-wait", "--listen", str(tmp_path / "gpsd.sock"), *arguments)
+
+
+def test_a_missing_device_without_waiting(tmp_path):
+    ended = run_on(tmp_path, tmp_path / "absent")
+    assert (ended.returncode, ended.stdout) == (69, "")
+    assert "absent" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+def test_a_file_is_no_port(tmp_path):
+    (tmp_path / "file").write_text("")
+    ended = run_on(tmp_path, tmp_path / "file")
+    assert ended.returncode == 74, ended.stderr
+
+
+def test_a_silent_line_without_waiting(tmp_path):
+    with silent_tty() as (_, path):
+        ended = run_on(tmp_path, path)
+        assert ended.returncode == 69, ended.stderr
+        assert path in ended.stderr
+
+
+def test_noise_is_no_device(tmp_path):
+    with silent_tty() as (master, path):
+        stop = threading.Event()
+
+        def babble():
+            noise = os.urandom(4096)
+            while not stop.wait(0.01):
+                os.write(master, noise[:100])
+
+        thread = threading.Thread(target=babble)
+        thread.start()
+        try:
+            ended = run_on(tmp_path, path)
+        finally:
+            stop.set()
+            thread.join()
+        assert ended.returncode == 69, ended.stderr
+        assert "Traceback" not in ended.stderr
+
+
+def test_a_port_in_use_names_its_holder(tmp_path):
+    with silent_tty() as (_, path):
+        holder = f"import serial,sys; p=serial.Serial({path!r}, exclusive=True); print(1, flush=True); sys.stdin.read()"
+        with subprocess.Popen([sys.executable, "-c", holder], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+            other.stdout.readline()
+            ended = run_on(tmp_path, path)
+            other.kill()
+        assert ended.returncode == 74, ended.stderr
+        assert str(other.pid) in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        (["run"], 64, "no port"),
+        (["fly"], 64, "fly"),
+        (["run", "--port", "/dev/null:toaster"], 64, "toaster"),
+        (["run", "--port", "/dev/x", "--estimator", "guess"], 64, "guess"),
+        (["run", "--port", "/dev/x", "--set", "imu.rate=3"], 78, "imu.rate"),
+        (["run", "--port", "/dev/x", "--config", "/nonexistent.toml"], 78, "/nonexistent.toml"),
+        (["run", "--port", "/dev/x", "--listen", "0.0.0.0:0"], 78, "allow_remote"),
+        (["replay", "--imu", "/nonexistent.csv", "-o", "-"], 66, "/nonexistent.csv"),
+    ],
+)
+def test_exit_codes(arguments, code, says):
+    ended = run(*arguments)
+    assert (ended.returncode, ended.stdout) == (code, "")
+    assert says in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+def test_ctrl_c(tmp_path):
+    with daemon(tmp_path, "--port", str(tmp_path / "absent")) as imud:
+        begin = time.monotonic()
+        imud.process.send_signal(signal.SIGINT)
+        assert imud.process.wait(10.0) == 130
+        assert time.monotonic() - begin < 5.0
+        assert "Traceback" not in imud.log
+
+
+def test_the_demo_ends_by_itself_with_errors_against_the_truth(tmp_path):
+    with process("imud", "demo", "--seconds", "8", stdout=subprocess.PIPE, stderr=subprocess.PIPE) as demo:
+        out, err = demo.communicate(timeout=280.0)
+    assert demo.returncode == 0, out + err
+    values = {words[0]: words[1] for line in out.splitlines() if len(words := line.split()) >= 2}
+    assert float(values["roll"]) < 1.0
+    assert float(values["pitch"]) < 1.0
+    assert math.isfinite(float(values["position"]))

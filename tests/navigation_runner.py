@@ -11,12 +11,12 @@ import numba
 import numpy as np
 
 from drivers.sample import SAMPLE
-from imud.estimators.navigation import NAVIGATION
+from imud.estimators.navigation import ESTIMATOR
 from imud.estimators.records import FIX, INNOVATION, SOLUTION
 from imud.settings import Initial, Settings
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
-_step, _update = NAVIGATION.step, NAVIGATION.update
+_step, _update = ESTIMATOR.step, ESTIMATOR.update
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -26,7 +26,7 @@ def run(p, s, samples, fixes, arrivals, innovations, out):
     while k < len(fixes) and arrivals[k] < samples[0].t_ns:
         k += 1
     for i in range(len(samples)):
-        while k < len(fixes) and arrivals[k] < samples[i].t_ns:
+        while k < len(fixes) and arrivals[k] <= samples[i].t_ns:
             rows += _update(p, s, fixes[k], innovations[rows : rows + 8])
             k += 1
         _step(p, s, samples[i], out[i])
@@ -79,8 +79,8 @@ def navigate(samples, fixes, settings=None, initial=None):
     """(solutions, innovations, final state) of one pass."""
     settings = settings or Settings()
     rate = 1e9 / np.median(np.diff(samples["t_ns"]))
-    p = NAVIGATION.configure(settings, rate)
-    s = NAVIGATION.start(p, initial or Initial())
+    p = ESTIMATOR.configure(settings, rate)
+    s = ESTIMATOR.start(p, initial or Initial())
     order = np.argsort(fixes["arrival_ns"], kind="stable")
     fixes = fixes[order]
     innovations = np.zeros(8 * len(fixes) + 8, INNOVATION)

@@ -9,4 +9,4 @@ from .. import Estimator
 from .filter import step, update
 from .setup import configure, start
 
-NAVIGATION = Estimator("navigation", configure, start, step, update)
+ESTIMATOR = Estimator("navigation", configure, start, step, update)

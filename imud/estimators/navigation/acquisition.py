@@ -11,6 +11,7 @@ from .state import POSITION, STATES, VELOCITY
 
 UNKNOWN_POSITION = 100.0  # m
 UNKNOWN_SPEED = 5.0  # m/s
+UNKNOWN_CLIMB = 1.0
 RECEIVED_SPEED = 0.3
 
 
@@ -38,5 +39,5 @@ def place(p: Any, c: Any, fix: Any) -> None:
     if levelled(c) and (c.heading_sigma > 0.0 or find_heading(c)):
         for i in range(3):
             reset(c.P, STATES, POSITION + i, UNKNOWN_POSITION**2)
-            reset(c.P, STATES, VELOCITY + i, UNKNOWN_SPEED**2)
+            reset(c.P, STATES, VELOCITY + i, UNKNOWN_SPEED**2 if i < 2 else UNKNOWN_CLIMB**2)
         engage(p, c)

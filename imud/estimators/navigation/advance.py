@@ -1,6 +1,5 @@
 """One sample further: the same code for new samples and for those integrated again after a late fix."""
 
-import math
 from typing import Any
 
 from ...kernels.jit import kernel
@@ -123,10 +122,8 @@ def advance(p: Any, c: Any, sample: Any) -> None:
     gather(c, sample.w, sample.f, min(dt, GAP_S))
     carry(p, c, sample.t_ns, sample.w, sample.f)
     saturation(p, c)
-    rate2 = 0.0
     for i in range(3):
-        rate2 += (c.w[i] - c.bg[i]) ** 2
-    c.turn += min(dt / SMOOTH_S, 1.0) * (math.sqrt(rate2) - c.turn)
+        c.rate[i] += min(dt / SMOOTH_S, 1.0) * (c.w[i] - c.bg[i] - c.rate[i])
     if c.elapsed >= WINDOW_S and c.n > 3:
         window(p, c)
     c.since_constraint += dt

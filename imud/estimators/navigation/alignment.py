@@ -13,7 +13,7 @@ from typing import Any
 
 from ...kernels.earth import radii
 from ...kernels.jit import kernel
-from ...kernels.kalman import reset
+from ...kernels.kalman import reset, shear
 from ...kernels.rotation import dcm_of_quat, quat_exp
 from .correction import correct, predicted, row, take
 from .covariance import grow, predict, variance
@@ -139,6 +139,16 @@ def solve(c: Any, bias_variance: float) -> tuple[float, float, float, float]:
 
 
 @kernel
+def turn_north(c: Any, psi: float) -> None:
+    """Turn the level frame by psi about down, and the roll and pitch errors, given in it, with it (as three shears)."""
+    rotate(c, quat_exp(0.0, 0.0, 0.0), 0.0, 0.0, psi)
+    for _ in range(2):
+        shear(c.P, STATES, ATTITUDE, ATTITUDE + 1, -math.tan(0.25 * psi))
+        shear(c.P, STATES, ATTITUDE + 1, ATTITUDE, math.sin(0.5 * psi))
+        shear(c.P, STATES, ATTITUDE, ATTITUDE + 1, -math.tan(0.25 * psi))
+
+
+@kernel
 def find_heading(c: Any) -> bool:
     """Turn the level frame to north when the pairs tell how; its sigma goes to c.heading_sigma."""
     k = vertical_bias(c)
@@ -148,7 +158,7 @@ def find_heading(c: Any) -> bool:
     take(c, vertical_bias(c), -rate, rate_variance, 0.0)
     c.x[ATTITUDE + 2] = 0.0
     correct(c)
-    rotate(c, quat_exp(0.0, 0.0, 0.0), 0.0, 0.0, psi)
+    turn_north(c, psi)
     c.heading_sigma = max(sigma, LEAST_HEADING)
     return True
 

@@ -15,6 +15,7 @@ from ...kernels.earth import STANDARD_GRAVITY
 from ...kernels.jit import kernel
 from ...kernels.kalman import packed_index, scale, shear
 from ...kernels.rotation import dcm_of_quat
+from ..records import AT_REST
 from .state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -33,7 +34,7 @@ INTERVAL_S = 0.0095  # the covariance follows at about 100 Hz
 WANDER_S = 40.0  # time constant of the GNSS position error (four real receivers: 20 to 60 s)
 SCALE_S = 2.0  # how long a scale-factor error acts in one direction
 MOUNT_WALK = math.radians(0.02) ** 2  # rad^2/s, load and suspension
-LATENCY_WALK = 1e-6  # s^2/s
+LATENCY_WALK = 1e-9  # s^2/s
 LEVEL_ACCEL = 2.0  # m/s^2, of a vehicle whose heading is not known yet
 
 
@@ -41,6 +42,12 @@ LEVEL_ACCEL = 2.0  # m/s^2, of a vehicle whose heading is not known yet
 def variance(c: Any, i: int) -> float:
     """P[i, i]."""
     return c.P[packed_index(STATES, i, i)]
+
+
+@kernel
+def deviation(c: Any, i: int) -> float:
+    """Square root of P[i, i]."""
+    return math.sqrt(max(variance(c, i), 0.0))
 
 
 @kernel
@@ -54,6 +61,8 @@ def couple(c: Any, dt: float) -> None:
     """Velocity errors from attitude and accelerometer bias, over `dt`."""
     m = dcm_of_quat((c.q[0], c.q[1], c.q[2], c.q[3]))
     fx, fy, fz = c.dv[0], c.dv[1], c.dv[2]
+    if c.flags & AT_REST:  # known better than felt: no false knowledge of the heading from noise in fx, fy
+        fx, fy, fz = 0.0, 0.0, -STANDARD_GRAVITY * dt
     shear(c.P, STATES, VELOCITY, ATTITUDE + 1, fz)
     shear(c.P, STATES, VELOCITY, ATTITUDE + 2, -fy)
     shear(c.P, STATES, VELOCITY + 1, ATTITUDE + 2, fx)
@@ -73,8 +82,9 @@ def predict(p: Any, c: Any) -> None:
         return
     for i in range(3):
         shear(c.P, STATES, POSITION + i, VELOCITY + i, dt)
-    excess2 = c.dv[0] ** 2 + c.dv[1] ** 2 + (c.dv[2] + STANDARD_GRAVITY * dt) ** 2
-    qv = p.accel_psd + c.vibration_accel + p.accel_scale**2 * excess2 / (dt * dt) * SCALE_S
+    accel2 = c.accel[0] ** 2 + c.accel[1] ** 2 + c.accel[2] ** 2
+    rate2 = c.rate[0] ** 2 + c.rate[1] ** 2 + c.rate[2] ** 2
+    qv = p.accel_psd + p.tune[5]**2 + c.vibration_accel + p.accel_scale**2 * accel2 * p.tune[2]
     if c.phase == LEVELLING:
         qv = LEVEL_ACCEL**2
     else:
@@ -83,7 +93,7 @@ def predict(p: Any, c: Any) -> None:
     for i in range(3):
         for j in range(3):
             shear(c.P, STATES, ATTITUDE + i, GYRO_BIAS + j, -m[3 * i + j] * dt)
-    qa = p.gyro_psd + c.vibration_gyro + (p.gyro_scale * c.turn) ** 2 * SCALE_S
+    qa = p.gyro_psd + c.vibration_gyro + p.gyro_scale**2 * rate2 * p.tune[3]
     decay = math.exp(-dt / WANDER_S)
     for i in range(3):
         scale(c.P, STATES, WANDER + i, decay)
@@ -93,7 +103,7 @@ def predict(p: Any, c: Any) -> None:
         grow(c, VELOCITY + i, qv * dt)
         grow(c, ATTITUDE + i, qa * dt)
         grow(c, GYRO_BIAS + i, p.gyro_walk * dt)
-        grow(c, ACCEL_BIAS + i, p.accel_walk * dt)
+        grow(c, ACCEL_BIAS + i, (p.accel_walk + p.tune[6]**2) * dt)
         c.dv[i] = 0.0
     grow(c, MOUNT_PITCH, MOUNT_WALK * dt)
     grow(c, MOUNT_YAW, MOUNT_WALK * dt)

@@ -10,25 +10,25 @@ from ...kernels.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
 from ..records import POSITION_N
 from .acquisition import place
 from .covariance import predict
-from .gnss import fuse_position, fuse_velocity, grade, report
-from .history import approach, follow, remember, rewind, snap
+from .gnss import fuse_position, fuse_velocity, grade, report, trust_stamp
+from .history import approach, follow, remember, rewind, snap, trace_velocity
 from .solution import write
 from .state import LEVELLING
 
-AHEAD_NS = 100_000_000  # a fix may be newer than the newest sample by this
+AHEAD_S = 1.0  # a fix may be newer than the newest sample by this
 
 
 @kernel
 def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
-    """One inertial sample in, one solution out. A suspect sample shows nothing: the last good one is held."""
+    """One inertial sample (body axes) in, one solution out. A suspect sample shows nothing: the last good one is held."""
     w, f = s.w, s.f
     good = (sample.flags & SUSPECT) == 0
     for i in range(3):
         good = good and math.isfinite(sample.w[i]) and math.isfinite(sample.f[i])
     if good:
         for i in range(3):
-            w[i] = p.mount[i, 0] * sample.w[0] + p.mount[i, 1] * sample.w[1] + p.mount[i, 2] * sample.w[2]
-            f[i] = p.mount[i, 0] * sample.f[0] + p.mount[i, 1] * sample.f[1] + p.mount[i, 2] * sample.f[2]
+            w[i] = sample.w[i]
+            f[i] = sample.f[i]
     c = s.core[0]
     if s.received == 0:
         if good:
@@ -64,17 +64,20 @@ def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
     usable = math.isfinite(fix.lat) and math.isfinite(fix.lon) and fix.quality != 0 and fix.quality != 6
     if s.received == 0 or not usable or abs(fix.lat) > 0.5 * math.pi:
         return 0
-    latency = c.latency
-    t_ns = min(fix.t_ns - int(1e9 * latency), c.t_ns + AHEAD_NS)
-    if c.fixes > 0 and fix.t_ns >= s.stamp_ns:
+    t_ns = min(fix.t_ns - int(1e9 * c.latency), c.t_ns)
+    ordered = c.fixes == 0 or fix.t_ns >= s.stamp_ns
+    if ordered:
         t_ns = max(t_ns, s.fused_ns)
-    if (c.fixes > 0 and t_ns < s.fused_ns) or not rewind(s, t_ns):
+    if not ordered or 1e-9 * (fix.t_ns - c.t_ns) > AHEAD_S or not rewind(s, t_ns):
         return report(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
-    s.stamp_ns = fix.t_ns
     approach(p, s, t_ns, s.between_w, s.between_f)
     predict(p, c)
+    if s.stamp_ns == 0:
+        trust_stamp(p, c, fix)
     grade(c, fix)
-    rows = fuse(p, c, fix, c.latency - latency, innovations)
+    trace_velocity(s)
+    rows = fuse(p, c, fix, c.latency - 1e-9 * (fix.t_ns - c.t_ns), innovations)
+    s.stamp_ns = fix.t_ns
     s.fused_ns = c.t_ns
     snap(s)
     follow(p, s)
@@ -83,7 +86,7 @@ def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
 
 @kernel
 def fuse(p: Any, c: Any, fix: Any, late: float, innovations: Any) -> int:
-    """Take the fix at the time where the core is; `late` is what is left of the latency, s."""
+    """Take the fix at the time where the core is; it was true `late` s before that, and the rewinding has seen to the rest."""
     c.fix_speed = math.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed
     if c.phase == LEVELLING:
         place(p, c, fix)

@@ -27,6 +27,7 @@ COURSE_SPEED = 0.5  # m/s, below it the course is noise
 GATE = 25.0
 GIVE_IN_COUNT, GIVE_IN_S = 5, 8.0
 LEARNING = 0.03
+STAMP_S, STAMP_SIGMA = 1e-3, 0.03  # s
 LATENCY_FLOOR = 0.01  # s per metre of sigma
 
 
@@ -41,6 +42,14 @@ def horizontal_sigma(fix: Any) -> float:
 
 
 @kernel
+def trust_stamp(p: Any, c: Any, fix: Any) -> None:
+    """At the first fix: is its epoch the receiver's, or only the arrival, with or without an assumed latency?"""
+    delay = 1e-9 * (fix.arrival_ns - fix.t_ns)
+    if delay > STAMP_S and abs(delay - p.latency) > STAMP_S:
+        reset(c.P, STATES, LATENCY, STAMP_SIGMA**2)
+
+
+@kernel
 def grade(c: Any, fix: Any) -> None:
     """Scale wander and white noise to the reported quality; another kind of solution has another wander."""
     h = horizontal_sigma(fix)
@@ -48,7 +57,7 @@ def grade(c: Any, fix: Any) -> None:
     for k in range(2):
         sigma = h if k == 0 else v
         if not 0.5 * c.reported[k] < sigma < 2.0 * c.reported[k]:
-            c.white[k] = min(sigma, 0.05 + 0.2 * sigma) ** 2
+            c.white[k] = min(sigma, 0.03 + 0.5 * sigma) ** 2
             for i in range(2 * k, 2 + k):
                 reset(c.P, STATES, WANDER + i, sigma * sigma)
                 c.wander[i] = 0.0
@@ -104,7 +113,7 @@ def give_in(c: Any, z: Any) -> None:
 
 @kernel
 def fuse_position(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: int) -> int:
-    """Gate and take the position; `late` is the part of the latency that the rewinding has not undone, s."""
+    """Gate and take the position; the fix was true `late` s before the core's time."""
     z = c.z
     offset(c, fix, z)
     lever = quat_rotate((c.q[0], c.q[1], c.q[2], c.q[3]), (p.lever[0], p.lever[1], p.lever[2]))
@@ -169,10 +178,10 @@ def fuse_velocity(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
         received = velocity_of(fix, i)
         if not math.isfinite(received):
             continue
-        z = received - c.v[i] - arm[i] + late * c.accel[i]
-        r = SPEED_SIGMA**2 + slow * slow + (VELOCITY_LAG * c.accel[i]) ** 2
+        z = received - c.v[i] - arm[i] + late * c.trend[i]
+        r = SPEED_SIGMA**2 + slow * slow + (VELOCITY_LAG * c.trend[i]) ** 2 + c.bend[i] ** 2
         m = row(c, 0, VELOCITY + i, 1.0)
-        m = row(c, m, LATENCY, -c.accel[i])
+        m = row(c, m, LATENCY, -c.trend[i])
         s = predicted(c, m) + r
         left = residual(c, m, z)
         used = take(c, m, z, r, GATE) >= 0.0

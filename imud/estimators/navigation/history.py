@@ -4,11 +4,15 @@ To fuse at epoch t the core goes back to the last snapshot not after t, forward 
 forward again to the newest sample, with the code that new samples take; the snapshots on the way are renewed.
 """
 
+import math
 from typing import Any
 
 from ...kernels.jit import kernel
 from .advance import advance, carry
-from .state import RING, SNAPSHOT_NS, SNAPSHOTS
+from .covariance import deviation
+from .state import LATENCY, NAVIGATING, RING, SNAPSHOT_NS, SNAPSHOTS
+
+UNKNOWN_ACCEL = 2.0  # m/s^2
 
 
 @kernel
@@ -56,21 +60,41 @@ def rewind(s: Any, t_ns: int) -> bool:
 
 
 @kernel
+def velocity_at(s: Any, t_ns: int, axis: int) -> float:
+    """Velocity at the last snapshot not after t_ns; NaN when it is forgotten or was not navigated."""
+    k = s.snapped - 1
+    oldest = max(0, s.snapped - SNAPSHOTS)
+    while k >= oldest and s.snapshots[k % SNAPSHOTS].t_ns > t_ns:
+        k -= 1
+    if k < oldest or s.snapshots[k % SNAPSHOTS].phase != NAVIGATING:
+        return math.nan
+    return s.snapshots[k % SNAPSHOTS].v[axis]
+
+
+@kernel
+def trace_velocity(s: Any) -> None:
+    """Straight line through the velocities of the last moments, as long as the latency is uncertain, and its misfit."""
+    c = s.core[0]
+    span = max(deviation(c, LATENCY), 1e-9 * SNAPSHOT_NS)
+    for i in range(3):
+        v1 = velocity_at(s, c.t_ns - int(1e9 * span), i)
+        v2 = velocity_at(s, c.t_ns - int(2e9 * span), i)
+        known = math.isfinite(v1) and math.isfinite(v2)
+        c.trend[i] = (c.v[i] - v1) / span if known else 0.0
+        c.bend[i] = 0.5 * (c.v[i] - 2.0 * v1 + v2) if known else UNKNOWN_ACCEL * span
+
+
+@kernel
 def approach(p: Any, s: Any, t_ns: int, w: Any, f: Any) -> None:
-    """Forward from a snapshot to t_ns exactly; (w, f) is room for the sample interpolated there."""
+    """Forward from a snapshot to t_ns exactly, which is not after the newest sample; (w, f) is room for the sample interpolated there."""
     c = s.core[0]
     while c.taken < s.received and s.ring[c.taken % RING].t_ns <= t_ns:
         advance(p, c, s.ring[c.taken % RING])
-    if c.t_ns >= t_ns:
+    if c.t_ns >= t_ns or c.taken >= s.received:
         return
-    share = 0.0
+    r = s.ring[c.taken % RING]
+    share = (t_ns - c.t_ns) / (r.t_ns - c.t_ns)
     for i in range(3):
-        w[i] = c.w[i]
-        f[i] = c.f[i]
-    if c.taken < s.received:
-        r = s.ring[c.taken % RING]
-        share = (t_ns - c.t_ns) / (r.t_ns - c.t_ns)
-        for i in range(3):
-            w[i] += share * (r.w[i] - w[i])
-            f[i] += share * (r.f[i] - f[i])
+        w[i] = c.w[i] + share * (r.w[i] - c.w[i])
+        f[i] = c.f[i] + share * (r.f[i] - c.f[i])
     carry(p, c, t_ns, w, f)

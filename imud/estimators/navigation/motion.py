@@ -68,8 +68,8 @@ def judge(p: Any, c: Any) -> None:
         c.mean_w[i] = mean
     deviation = math.sqrt(max(w2, 0.0))
     dt = c.elapsed / c.n
-    c.vibration_gyro = VIBRATION_GYRO * c.sum_jump2[0] / (6.0 * c.n) * dt
-    c.vibration_accel = VIBRATION_ACCEL * c.sum_jump2[1] / (6.0 * c.n) * dt
+    c.vibration_gyro = p.tune[1] * c.sum_jump2[0] / (6.0 * c.n) * dt
+    c.vibration_accel = p.tune[0] * c.sum_jump2[1] / (6.0 * c.n) * dt
     least = math.sqrt(3.0 * p.gyro_psd / dt)
     if c.floor <= 0.0:
         c.floor = deviation

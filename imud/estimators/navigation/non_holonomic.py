@@ -95,7 +95,7 @@ def constrain(p: Any, c: Any) -> None:
     c.since_constraint = 0.0
     if abs(along) < SPEED:
         return
-    sigma = SIGMA + ARM * c.turn
+    sigma = p.tune[7] + ARM * math.sqrt(c.rate[0] ** 2 + c.rate[1] ** 2 + c.rate[2] ** 2)
     worst = 0.0
     for axis in range(2):
         e = lateral if axis == 0 else vertical

@@ -7,7 +7,6 @@ import numpy as np
 from imud.profiles import PROFILES
 from imud.settings import Initial, Settings
 
-from ...kernels.rotation import dcm_of_quat, quat_of_euler
 from .. import Record
 from .state import (
     ACCEL_BIAS,
@@ -33,6 +32,7 @@ GIVEN_TILT = math.radians(2.0)
 GIVEN_HEADING = math.radians(5.0)
 GIVEN_POSITION, UNKNOWN_HEIGHT, GIVEN_VELOCITY = 5.0, 100.0, 0.5  # m, m, m/s
 LATENCY_SIGMA = 0.2  # s
+TUNE = np.array([.003,.003,.1,.1,.05,0,1e-3,.15,.15,.03,0,0,0,0,0,0])
 VEHICLES = {"free": FREE, "auto": AUTO, "land": LAND}
 
 
@@ -43,11 +43,9 @@ def configure(settings: Settings, rate_hz: float) -> Record:
     p = np.zeros(1, PARAMETERS)
     r = p[0]
     r["period"] = 1.0 / rate_hz
-    roll, pitch, yaw = np.radians(settings.imu.mount_rpy_deg)
-    r["mount"] = np.reshape(dcm_of_quat(quat_of_euler(roll, pitch, yaw)), (3, 3))
     r["lever"] = settings.navigation.lever_arm_m
     r["vehicle"] = VEHICLES[settings.navigation.vehicle]
-    r["latency_sigma"] = LATENCY_SIGMA
+    r["latency"] = settings.gnss.latency_s
     r["gyro_psd"] = profile.gyro_noise**2
     r["gyro_walk"] = profile.gyro_bias_instability**2 / WALK_S
     r["gyro_initial"] = profile.gyro_bias_initial
@@ -58,6 +56,7 @@ def configure(settings: Settings, rate_hz: float) -> Record:
     r["accel_initial"] = profile.accel_bias_initial
     r["accel_scale"] = profile.accel_scale
     r["accel_range"] = profile.accel_range
+    r["tune"] = TUNE
     return p
 
 
@@ -65,7 +64,7 @@ def start(parameters: Record, initial: Initial) -> Record:
     """State (1 element) before the first sample, with what `initial` tells."""
     p = parameters[0]
     s = np.zeros(1, STATE)
-    c = s["core"][0]
+    c = s["core"][0, 0]
     sigmas = np.zeros(STATES)
     sigmas[POSITION : POSITION + 3] = 1e4
     sigmas[VELOCITY : VELOCITY + 3] = 10.0
@@ -74,7 +73,7 @@ def start(parameters: Record, initial: Initial) -> Record:
     sigmas[GYRO_BIAS : GYRO_BIAS + 3] = p["gyro_initial"]
     sigmas[ACCEL_BIAS : ACCEL_BIAS + 3] = p["accel_initial"]
     sigmas[WANDER : WANDER + 3] = 2.0
-    sigmas[LATENCY] = p["latency_sigma"]
+    sigmas[LATENCY] = LATENCY_SIGMA
     c["phase"] = LEVELLING
     c["forward"] = (1.0, 0.0, 0.0)
     c["lateral"] = (0.0, 1.0, 0.0)

@@ -7,18 +7,12 @@ from ...kernels.jit import kernel
 from ...kernels.kalman import packed_index
 from ...kernels.rotation import euler_variances
 from ..records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID
-from .covariance import variance
+from .covariance import deviation
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, POSITION, STATES, VELOCITY
 
 COASTING_S = 2.5
 TILT_VALID = math.radians(10.0)
 HEADING_LIMIT = math.radians(30.0)
-
-
-@kernel
-def deviation(c: Any, i: int) -> float:
-    """Square root of P[i, i]."""
-    return math.sqrt(max(variance(c, i), 0.0))
 
 
 @kernel

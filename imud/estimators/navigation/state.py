@@ -23,10 +23,9 @@ SPREAD = 10  # most nonzero elements of a measurement row
 PARAMETERS = np.dtype(
     [
         ("period", "<f8"),  # s, nominal time between samples
-        ("mount", "<f8", (3, 3)),  # sensor axes to body axes
         ("lever", "<f8", (3,)),  # m, antenna from IMU, body
         ("vehicle", "<i8"),
-        ("latency_sigma", "<f8"),  # s
+        ("latency", "<f8"),  # s, from epoch to arrival where the epoch is only assumed
         ("gyro_psd", "<f8"),  # rad^2/s
         ("gyro_walk", "<f8"),  # rad^2/s^3
         ("gyro_initial", "<f8"),  # rad/s
@@ -37,6 +36,7 @@ PARAMETERS = np.dtype(
         ("accel_initial", "<f8"),  # m/s^2
         ("accel_scale", "<f8"),
         ("accel_range", "<f8"),  # m/s^2
+        ("tune", "<f8", (16,)),
     ],
     align=True,
 )
@@ -66,7 +66,7 @@ CORE = np.dtype(
         ("gathered", "<f8"),  # s
         ("dv", "<f8", (3,)),  # m/s, integral of specific force in NED
         ("accel", "<f8", (3,)),  # m/s^2, smoothed acceleration in NED
-        ("turn", "<f8"),  # rad/s, smoothed rate of rotation
+        ("rate", "<f8", (3,)),  # rad/s, smoothed rate of the body
         # motion window
         ("n", "<i8"),
         ("elapsed", "<f8"),  # s
@@ -96,6 +96,8 @@ CORE = np.dtype(
         ("white", "<f8", (2,)),  # m^2, learned white variance, horizontal and vertical
         ("reported", "<f8", (2,)),  # m, the sigma the wander was last scaled to
         ("z", "<f8", (3,)),  # scratch: position residuals
+        ("trend", "<f8", (3,)),  # scratch: m/s^2, acceleration over the uncertain part of the latency
+        ("bend", "<f8", (3,)),  # scratch: m/s, how far the velocity was from that line
         # alignment, in a level frame of arbitrary heading
         ("heading_sigma", "<f8"),  # rad, of a heading given by the user; 0: none
         ("zeta", "<f8", (2,)),  # m/s, integral of level specific force

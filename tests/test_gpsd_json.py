@@ -68,7 +68,7 @@ GOLDEN = {
     '"sroll_deg":0.5,"spitch_deg":0.25,"syaw_deg":1.5,"q0":0.707106781,"q1":0,"q2":0,"q3":-0.707106781,'
     '"bgx_dps":0.1,"bgy_dps":0.2,"bgz_dps":0.3,"bax_mps2":0.01,"bay_mps2":0.02,"baz_mps2":0.03,'
     '"sbgx_dps":0.01,"sbgy_dps":0.02,"sbgz_dps":0.03,"sbax_mps2":0.001,"sbay_mps2":0.002,"sbaz_mps2":0.003,'
-    '"gnss_age_s":0.1}\r\n',
+    '"gnss_age_s":0.1,"gnss_quality":1}\r\n',
 }
 
 

@@ -15,7 +15,7 @@ from gpsd_synthetic import IMU, RECEIVER, running, solution, view
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imud.errors import CannotCreateError, ConfigError
+from imud.errors import CannotCreateError, ConfigError, PermissionDeniedError
 from imud.outputs.connection import Pace
 from imud.outputs.gpsd import GpsdServer
 from imud.outputs.gpsd_dialogue import REQUEST_MAX, Inbox, Policy, answer, devices_object
@@ -350,6 +350,20 @@ def test_devices_that_come_and_go_are_told_to_those_who_watch(loop):
     assert silent.classes() == ["VERSION"]
 
 
+def test_a_view_is_wanted_when_a_message_is_due_and_ten_times_per_second_for_poll(loop):
+    assert loop.server.wants(loop.now)
+    loop.publish()
+    assert not loop.server.wants(loop.now + 99 * MS)
+    assert loop.server.wants(loop.now + 100 * MS)
+    client = loop.connect(b'?WATCH={"json":true,"rate":1000};')
+    assert loop.server.wants(loop.now)
+    loop.publish(MS)
+    client.send(b'?WATCH={"rate":50};')
+    loop.turn()
+    loop.publish(MS)
+    assert [loop.server.wants(loop.now + step * MS) for step in (1, 10, 20)] == [False, False, True]
+
+
 # --- rates
 
 
@@ -415,7 +429,7 @@ def fill(loop: Loop, seconds: float = 4.0) -> None:
     """Publish at 1 kHz; the waiting time of poll is not spent."""
     for _ in range(int(seconds * 1000)):
         loop.publish(MS)
-        loop.turn(step=0)
+        loop.turn(step=1)
 
 
 def test_a_stalled_client_loses_messages_whole_and_the_others_none(loop):
@@ -429,7 +443,7 @@ def test_a_stalled_client_loses_messages_whole_and_the_others_none(loop):
     seen = []
     for _ in range(4000):
         loop.publish(MS)
-        loop.turn(step=0)
+        loop.turn(step=1)
         seen += [message["seq"] for message in live.receive()]
     assert seen == list(range(2, 4002))
     assert loop.server.counters.dropped > 1000
@@ -445,7 +459,7 @@ def catch_up(loop: Loop, client: Client) -> list[int]:
     seen = []
     while select.select([client.sock], [], [], 1.0)[0]:
         seen += [message["seq"] for message in client.receive() if message["class"] == "EST"]
-        loop.turn(step=0)
+        loop.turn(step=1)
     assert client.rest == b""
     return seen
 
@@ -455,7 +469,7 @@ def test_a_client_that_never_reads_is_cut_off(loop):
     (connection,) = loop.server._clients.values()
     while loop.server.clients and loop.now < 300 * SECOND:
         loop.publish(MS if connection.stuck_ns is None else 100 * MS)
-        loop.turn(step=0)
+        loop.turn(step=1)
     assert loop.server.counters.expelled == 1
     assert 60 * SECOND < loop.now - connection.stuck_ns < 62 * SECOND
 
@@ -465,7 +479,7 @@ def test_a_slow_reader_gets_whole_lines_and_stays(loop):
     data = b""
     for _ in range(3000):
         loop.publish(10 * MS)
-        loop.turn(step=0)
+        loop.turn(step=1)
         with contextlib.suppress(BlockingIOError):
             data += client.sock.recv(997, socket.MSG_DONTWAIT)
     client.rest = data
@@ -492,11 +506,11 @@ def test_a_client_that_reads_no_answers_is_read_no_further(loop):
             while True:
                 client.sock.send(b"?POLL;" * 100)
         loop.now += SECOND
-        loop.turn(step=0)
+        loop.turn(step=1)
         loop.server.tick(loop.now)
     (connection,) = loop.server._clients.values()
     assert 100 < loop.server.counters.requests < 50 * 100
-    assert len(connection.inbox._bytes) <= REQUEST_MAX + 512
+    assert len(connection.inbox._bytes) <= REQUEST_MAX + 128
     assert 0 < len(connection._owed) < 10240
 
 
@@ -507,7 +521,7 @@ def test_a_flood_of_requests_is_served_in_slices(loop):
     answered = []
     for second in range(30):
         before = loop.server.counters.requests
-        loop.turn(step=0)
+        loop.turn(step=1)
         assert loop.server.counters.requests - before <= 100, second
         answered += client.classes()
         loop.now += SECOND
@@ -800,6 +814,20 @@ def test_a_dead_unix_socket_is_replaced_and_a_file_is_not(make_loop, tmp_path):
     assert file.read_text() == "keep me"
     with pytest.raises(CannotCreateError, match="No such file"):
         GpsdServer(Gpsd(listen=str(tmp_path / "none/gpsd.sock")), select.poll())
+
+
+def test_a_forbidden_place_is_named(tmp_path):
+    tmp_path.chmod(0o500)
+    root = os.geteuid() == 0
+    try:
+        if root:
+            os.seteuid(65534)
+        with pytest.raises(PermissionDeniedError, match=r"gpsd\.sock: permission denied"):
+            GpsdServer(Gpsd(listen=str(tmp_path / "gpsd.sock")), select.poll())
+    finally:
+        if root:
+            os.seteuid(0)
+    tmp_path.chmod(0o700)
 
 
 def test_a_solution_may_be_overwritten_after_it_was_published(loop):

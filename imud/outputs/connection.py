@@ -11,7 +11,7 @@ import socket
 
 from .gpsd_dialogue import Inbox, Policy, Request
 
-_READ_MAX = 512  # bytes per event: bounds the work of one wake-up
+_READ_MAX = 128  # bytes per event: two dozen requests at most, which bounds the work of one wake-up
 _ALLOWANCE = 100  # reads and requests per second
 _SEND_BUFFER = 64 * 1024  # bytes in the kernel: what is older is no longer news
 SECOND_NS = 1_000_000_000

@@ -202,14 +202,15 @@ _EST = _Numbers(
     sroll_deg="%.4g", spitch_deg="%.4g", syaw_deg="%.4g", q0="%.9g", q1="%.9g", q2="%.9g", q3="%.9g",
     bgx_dps="%.6g", bgy_dps="%.6g", bgz_dps="%.6g", bax_mps2="%.6g", bay_mps2="%.6g", baz_mps2="%.6g",
     sbgx_dps="%.4g", sbgy_dps="%.4g", sbgz_dps="%.4g", sbax_mps2="%.4g", sbay_mps2="%.4g", sbaz_mps2="%.4g",
-    gnss_age_s="%.4g",
+    gnss_age_s="%.4g", gnss_quality="%.4g",
 )  # fmt: skip
 
 
 def _est(view: View, s: State) -> str:
+    gnss = view.gnss or Gnss()
     numbers = _EST(
         s.lat, s.lon, s.height, *s.v, *euler(s.q_nb), *s.sigma_p, *s.sigma_v, *s.sigma_rpy, *s.q_nb,
-        *s.bg, *s.ba, *s.sigma_bg, *s.sigma_ba, view.gnss.age_s if view.gnss else NAN,
+        *s.bg, *s.ba, *s.sigma_bg, *s.sigma_ba, gnss.age_s, NAN if gnss.quality is None else gnss.quality,
     )  # fmt: skip
     return (
         f'{_head("EST", view)}{_time(view)},"t_mono_ns":{view.t_mono_ns},"seq":{view.seq}'

@@ -1,4 +1,4 @@
-"""Which estimators there are. A new one is a line here, as module:object; it is imported when asked for."""
+"""Which estimators there are. A new one is a module with an `ESTIMATOR` and a line here, imported when asked for."""
 
 import importlib
 
@@ -6,18 +6,13 @@ from imud.errors import UsageError
 
 from . import Estimator
 
-_PLACES = {
-    "attitude": "imud.estimators.attitude:ATTITUDE",
-    "navigation": "imud.estimators.navigation:NAVIGATION",
-}
-NAMES = tuple(_PLACES)
+NAMES = ("attitude", "navigation")
 
 
 def by_name(name: str) -> Estimator:
     """The estimator called `name`. Raises UsageError naming those there are."""
-    if name not in _PLACES:
+    if name not in NAMES:
         raise UsageError(f"no estimator is called {name!r}; there are {', '.join(NAMES)}")
-    module, _, attribute = _PLACES[name].partition(":")
-    estimator = getattr(importlib.import_module(module), attribute)
+    estimator = importlib.import_module(f"{__package__}.{name}").ESTIMATOR
     assert isinstance(estimator, Estimator)
     return estimator

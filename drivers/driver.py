@@ -36,6 +36,9 @@ class Unsupported:
     why: str
     baud: int = 0
 
+    def __str__(self) -> str:
+        return f"found {self.model} at {self.baud} baud, not supported yet: {self.why}"
+
 
 @dataclass(frozen=True)
 class Options:

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from ..dialogue import Dialogue
 from ..driver import Identity, ImuConfigured, Options, Unsupported
 from . import registers
-from .conversation import ask, describe, reach, windowed
 from .hearing import ENOUGH_FRAMES, flat_frames, is_windowed
 from .models import MODELS, STANDARD_GRAVITY, Model
 from .setup import fastest, listen, program, start, to_configuration
+from .talk import ask, describe, reach, windowed
 
 SPIKE_RADPS, SPIKE_MPS2 = math.radians(20.0), 0.25 * STANDARD_GRAVITY  # per ms: more than motion makes within 140 Hz
 NUMBERED = 22  # bytes of a frame with COUNT
@@ -25,7 +25,7 @@ class Epson:
 
     name = "epson"
     bauds = (460800, 230400, 115200, 19200, 9600)
-    patience_s = 0.25  # three frames at the lowest rate
+    patience_s = 0.5  # four frames at the lowest rate take 0.26 s
 
     @property
     def kind(self) -> Literal["imu"]:

@@ -4,9 +4,9 @@ import math
 
 from ..dialogue import Dialogue, Exchange
 from . import registers
-from .conversation import STOP_S, STOPS, ask, tell, wait_ready
 from .hearing import ENOUGH_FRAMES, flat_frames
 from .models import RATES, Model
+from .talk import STOP_S, STOPS, ask, tell, wait_ready
 
 RESET_S = 0.8
 STREAM_S = 1.0

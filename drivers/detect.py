@@ -1,0 +1,128 @@
+"""Finding out which device is on a line, and how fast it talks.
+
+First listen: a device that speaks by itself is recognised without a byte written to it, and a line that carries
+something unknown is listened to at all speeds. Only a silent line, or one whose driver the user named, is asked, driver
+by driver and speed by speed. Three turns, since a device may be starting up.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import zip_longest
+
+from .dialogue import Dialogue, Exchange
+from .driver import AnyDriver, Identity, Unsupported
+from .registry import by_name, drivers
+
+TURNS = 3
+CHATTER = 16  # bytes; fewer are glitches of a line that is idle, or being plugged
+PLENTY = 1024  # bytes in which any driver recognises its device
+GARBAGE, TEXT_SHARE = 200, 0.7  # bytes after which, with less text than that, nothing will be recognised any more
+SHOWN = 24  # bytes
+
+
+@dataclass(frozen=True)
+class Silence:
+    """Nothing came."""
+
+    bauds: tuple[int, ...]
+    asked: bool
+
+    def __str__(self) -> str:
+        speeds = ", ".join(map(str, self.bauds))
+        advice = "is it powered, and are its TX and RX the right way round?" if self.asked else "does it talk unasked?"
+        return f"silent at all baud rates tried ({speeds}): {advice}"
+
+
+@dataclass(frozen=True)
+class Chatter:
+    """Something came, but nothing known."""
+
+    heard: bytes
+    baud: int  # at which that was heard
+    bauds: tuple[int, ...]
+
+    def __str__(self) -> str:
+        speeds = ", ".join(map(str, self.bauds))
+        start = self.heard[:SHOWN].hex(" ")
+        return f"{len(self.heard)} bytes heard at {self.baud} baud, but nothing known (tried {speeds}): {start} …"
+
+
+Found = Identity | Unsupported
+Finding = Silence | Chatter
+
+
+def detect(
+    driver: str | None = None,
+    baud: int | None = None,
+    readonly: bool = False,
+    candidates: Sequence[AnyDriver] | None = None,
+) -> Dialogue[Found | Finding]:
+    """The device on the line, or why there is none; `driver` and `baud` as far as the user named them.
+
+    readonly: only listen. candidates: the drivers to try instead of all.
+    """
+    among = candidates or ((by_name(driver),) if driver else drivers())
+    bauds = (baud,) if baud else tuple(_merged([one.bauds for one in among]))
+    for turn in range(TURNS):
+        first = bauds[turn % len(bauds)]
+        heard = yield from _listen(among, first)
+        found = _recognised(among, heard, first)
+        noise = None
+        if found is None and len(heard) >= CHATTER:
+            found, noise = yield from _listen_at_all(among, bauds, Chatter(heard, first, bauds))
+        if found is None and not readonly and (noise is None or driver):
+            found = yield from _ask(among, baud)
+        if found is not None:
+            return found
+        if noise is not None:
+            return noise
+    return Silence(bauds, not readonly)
+
+
+def _merged(lists: Sequence[Sequence[int]]) -> Iterator[int]:
+    """Every driver's likeliest, then every driver's second, without repetition."""
+    return iter(dict.fromkeys(baud for rank in zip_longest(*lists) for baud in rank if baud))
+
+
+def _recognised(among: Sequence[AnyDriver], heard: bytes, baud: int) -> Found | None:
+    for driver in among:
+        if found := driver.recognise(heard):
+            return replace(found, baud=baud)
+    return None
+
+
+def _listen(among: Sequence[AnyDriver], baud: int) -> Dialogue[bytes]:
+    def enough(heard: bytes) -> bool:
+        return len(heard) >= PLENTY or _is_garbage(heard) or _recognised(among, heard, baud) is not None
+
+    patience_s = max(driver.patience_s for driver in among)
+    return (yield Exchange(baud=baud, listen_s=patience_s, enough=enough, discard=True))
+
+
+def _is_garbage(heard: bytes) -> bool:
+    text = sum(32 <= byte < 127 or byte in b"\r\n" for byte in heard)
+    return len(heard) >= GARBAGE and text < TEXT_SHARE * len(heard)
+
+
+def _listen_at_all(
+    among: Sequence[AnyDriver], bauds: Sequence[int], first: Chatter
+) -> Dialogue[tuple[Found | None, Chatter | None]]:
+    """Listen to a line that talks at all other speeds; the device, or the most that was heard."""
+    noise = first
+    for baud in bauds:
+        if baud == first.baud:
+            continue
+        heard = yield from _listen(among, baud)
+        if found := _recognised(among, heard, baud):
+            return found, None
+        noise = max(noise, replace(noise, heard=heard, baud=baud), key=lambda chatter: len(chatter.heard))
+    return None, noise
+
+
+def _ask(among: Sequence[AnyDriver], baud: int | None) -> Dialogue[Found | None]:
+    for driver in among:
+        for speed in (baud,) if baud else driver.bauds:
+            yield Exchange(baud=speed, discard=True)
+            if found := (yield from driver.identify()):
+                return replace(found, baud=speed)
+    return None

@@ -1,0 +1,162 @@
+"""What the sentences that matter here say: GGA, RMC, VTG, GST, ZDA to typed values."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import date
+
+from .sentences import RefusedError, Sentence, angle, calendar, integer, number, quotient, utc_ns
+
+KNOTS, KMH = (1852, 3600), (10, 36)  # to m/s
+FASTEST = 4000.0  # knots or km/h
+UNKNOWN_HDOP = 99.0  # and above: the receiver has no figure
+QUALITY_OF_MODE = {"A": 1, "D": 2, "P": 3, "R": 4, "F": 5, "E": 6, "M": 7, "S": 8, "": 1}
+
+
+@dataclass(frozen=True)
+class Position:
+    """GGA."""
+
+    utc_ns: int | None
+    quality: int  # 0: no fix, and the fields below mean nothing
+    satellites: int | None
+    lat_deg: float = 0.0
+    lon_deg: float = 0.0
+    alt_msl_m: float | None = None
+    geoid_sep_m: float | None = None
+    hdop: float | None = None
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """RMC."""
+
+    utc_ns: int | None
+    date: date | None
+    quality: int  # as GGA's, from status and mode
+    mode: str
+    lat_deg: float = 0.0
+    lon_deg: float = 0.0
+    speed_mps: float | None = None
+    course_deg: float | None = None
+
+
+@dataclass(frozen=True)
+class Velocity:
+    """VTG."""
+
+    speed_mps: float | None
+    course_deg: float | None
+    mode: str
+    utc_ns: int | None = None  # it has none
+
+
+@dataclass(frozen=True)
+class Errors:
+    """GST, 1 sigma."""
+
+    utc_ns: int | None
+    sigma_n_m: float | None
+    sigma_e_m: float | None
+    sigma_d_m: float | None
+
+
+@dataclass(frozen=True)
+class Calendar:
+    """ZDA."""
+
+    utc_ns: int | None
+    date: date | None
+
+
+Content = Position | Minimum | Velocity | Errors | Calendar
+
+
+def latlon(s: Sentence, first: int) -> tuple[float, float]:
+    """Four fields from `first` on; a position that is not there is refused, not taken for 0, 0."""
+    lat = angle(s.field(first), s.field(first + 1), 2, "NS", 90, "latitude")
+    lon = angle(s.field(first + 2), s.field(first + 3), 3, "EW", 180, "longitude")
+    if lat is None or lon is None:
+        raise RefusedError("position missing")
+    return lat, lon
+
+
+def metres(s: Sentence, i: int, limit: float, reason: str) -> float | None:
+    """Field i, with its unit in the next one."""
+    if s.field(i + 1) not in ("M", ""):
+        raise RefusedError("unit")
+    return number(s.field(i), -limit, limit, reason)
+
+
+def gga(s: Sentence) -> Position:
+    """Time, position, quality, satellites, HDOP, altitude, geoid."""
+    time_ns, quality = utc_ns(s.field(1)), integer(s.field(6), 8, "quality") or 0
+    satellites = integer(s.field(7), 999, "satellites")
+    if quality == 0:  # the position may be a dummy such as 8960.000000
+        return Position(time_ns, 0, satellites)
+    lat, lon = latlon(s, 2)
+    hdop = number(s.field(8), 0.0, 1e4, "HDOP")
+    return Position(
+        time_ns,
+        quality,
+        satellites,
+        lat,
+        lon,
+        metres(s, 9, 1e6, "altitude"),
+        metres(s, 11, 1e3, "geoid"),
+        hdop if hdop and hdop < UNKNOWN_HDOP else None,
+    )
+
+
+def rmc(s: Sentence) -> Minimum:
+    """Time, status, position, speed, course, date, mode."""
+    time_ns, mode = utc_ns(s.field(1)), s.field(12)
+    if s.field(2) not in ("A", "V"):
+        raise RefusedError("status")
+    if s.field(2) == "V" or mode == "N":
+        return Minimum(time_ns, None, 0, mode)
+    if mode not in QUALITY_OF_MODE:
+        raise RefusedError("mode")
+    lat, lon = latlon(s, 3)
+    speed = speed_mps(s.field(7), KNOTS)
+    return Minimum(time_ns, calendar(s.field(9)), QUALITY_OF_MODE[mode], mode, lat, lon, speed, course(s.field(8)))
+
+
+def vtg(s: Sentence) -> Velocity:
+    """Course and speed. Before NMEA 2 there were no unit letters."""
+    if len(s.fields) <= 4:
+        return Velocity(speed_mps(s.field(4), KMH, s.field(3)), course(s.field(1)), "")
+    if any(s.field(2 * i) not in (unit, "") for i, unit in enumerate("TMNK", start=1)):
+        raise RefusedError("unit")
+    speed, mode = speed_mps(s.field(7), KMH, s.field(5)), s.field(9)
+    if mode not in (*QUALITY_OF_MODE, "N"):
+        raise RefusedError("mode")
+    return Velocity(None, None, mode) if mode == "N" else Velocity(speed, course(s.field(1)), mode)
+
+
+def gst(s: Sentence) -> Errors:
+    """Standard deviations of latitude, longitude, altitude."""
+    sigma = [number(s.field(i), 0.0, 1e7, "sigma") for i in (6, 7, 8)]
+    return Errors(utc_ns(s.field(1)), *sigma)
+
+
+def zda(s: Sentence) -> Calendar:
+    """Time and date."""
+    day, month, year = s.field(2), s.field(3), s.field(4)
+    return Calendar(utc_ns(s.field(1)), calendar(day + month + year[-2:]))
+
+
+def speed_mps(text: str, unit: tuple[int, int], knots: str = "") -> float | None:
+    """A speed in `unit`, or else in knots."""
+    if not text:
+        return speed_mps(knots, KNOTS) if knots else None
+    number(text, 0.0, FASTEST, "speed")
+    return quotient(text, *unit)
+
+
+def course(text: str) -> float | None:
+    """Degrees from true north, in [0, 360)."""
+    value = number(text, 0.0, 360.0, "course")
+    return None if value is None else value % 360.0
+
+
+READERS: dict[str, Callable[[Sentence], Content]] = {"GGA": gga, "RMC": rmc, "VTG": vtg, "GST": gst, "ZDA": zda}

@@ -1,0 +1,163 @@
+"""NMEA 0183 sentences, strictly: bytes to checked sentences, and their fields to values.
+
+A sentence ends with CR, LF, or the `$` of the next one, so that a good sentence after a torn one survives. What is not
+correct to the letter is refused with a reason, never guessed; empty fields are `None`. Angles are computed from the
+digits as one quotient of integers, so they are right to the last bit. Source: NMEA 0183 v4.11, and gpsd's NMEA.adoc.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import date
+
+LONGEST = 512  # bytes; the standard has 82, receivers send more
+BODY = re.compile(rb"([A-Z0-9]{2,})((?:,[\x20-\x7e]*)?)")
+ENDING = re.compile(rb"\*([0-9A-Fa-f]{2})$")
+NUMBER = re.compile(r"-?(?:\d+\.?\d*|\.\d+)")
+TIME = re.compile(r"(\d\d)(\d\d)(\d\d)(?:\.(\d*))?")
+DATE = re.compile(r"(\d\d)(\d\d)(\d\d)")
+DEGREES = {2: re.compile(r"(\d{2})(\d\d)(?:\.(\d*))?"), 3: re.compile(r"(\d{3})(\d\d)(?:\.(\d*))?")}
+
+
+class RefusedError(ValueError):
+    """A sentence that is not to be used; the message is the reason it is counted under."""
+
+
+@dataclass(frozen=True)
+class Sentence:
+    """A sentence whose checksum is right."""
+
+    talker: str
+    kind: str
+    fields: tuple[str, ...]  # after the address
+    arrival_ns: int  # of its `$`
+
+    def field(self, i: int) -> str:
+        """Field i, counted from 1 after the address; empty if the sentence is shorter."""
+        return self.fields[i - 1] if i <= len(self.fields) else ""
+
+
+class Splitter:
+    """Bytes to sentences. Any chunking gives the same sentences."""
+
+    def __init__(self, counters: Counter[str]) -> None:
+        self._counters = counters
+        self._line = bytearray()
+        self._inside = False
+        self._arrival_ns = 0
+
+    def feed(self, data: bytes, arrival_ns: int) -> Iterator[Sentence]:
+        """Take bytes; yields the sentences that they complete."""
+        for piece in re.split(rb"([$\r\n])", data):
+            if piece in (b"$", b"\r", b"\n"):
+                yield from self._end()
+                if piece == b"$":
+                    self._inside, self._arrival_ns = True, arrival_ns
+            elif self._inside:
+                self._line += piece[: LONGEST + 1 - len(self._line)]
+            elif piece:
+                self._counters["noise bytes"] += len(piece)
+
+    def _end(self) -> Iterator[Sentence]:
+        if self._inside:
+            try:
+                yield self._checked(bytes(self._line))
+            except RefusedError as reason:
+                self._counters[str(reason)] += 1
+        self._inside = False
+        self._line.clear()
+
+    def _checked(self, line: bytes) -> Sentence:
+        ending = ENDING.search(line)
+        if len(line) > LONGEST:
+            raise RefusedError("overlong")
+        if ending is None:
+            raise RefusedError("no checksum")
+        body = line[: ending.start()]
+        if checksum(body) != int(ending[1], 16):
+            raise RefusedError("checksum")
+        parts = BODY.fullmatch(body)
+        if parts is None:
+            raise RefusedError("garbage")
+        address = parts[1].decode("ascii")
+        talker, kind = ("P", address[1:]) if address[0] == "P" else (address[:2], address[2:])
+        return Sentence(talker, kind, tuple(parts[2].decode("ascii").split(",")[1:]), self._arrival_ns)
+
+
+def checksum(body: bytes) -> int:
+    """Exclusive or of all bytes between `$` and `*`."""
+    total = 0
+    for byte in body:
+        total ^= byte
+    return total
+
+
+def number(text: str, low: float, high: float, reason: str) -> float | None:
+    """A decimal number within [low, high], correctly rounded."""
+    if not text:
+        return None
+    if not NUMBER.fullmatch(text) or not low <= float(text) <= high:
+        raise RefusedError(reason)
+    return float(text)
+
+
+def quotient(text: str, numerator: int, denominator: int) -> float:
+    """A decimal number times numerator / denominator, correctly rounded."""
+    whole, _, fraction = text.partition(".")
+    result: float = int(whole + fraction) * numerator / (10 ** len(fraction) * denominator)
+    return result
+
+
+def integer(text: str, high: int, reason: str) -> int | None:
+    """A whole number from 0 to `high`."""
+    if not text:
+        return None
+    if not text.isdecimal() or int(text) > high:
+        raise RefusedError(reason)
+    return int(text)
+
+
+def utc_ns(text: str) -> int | None:
+    """hhmmss.sss as nanoseconds of the day."""
+    if not text:
+        return None
+    parts = TIME.fullmatch(text)
+    if parts is None:
+        raise RefusedError("time")
+    hours, minutes, seconds = (int(part) for part in parts.group(1, 2, 3))
+    if hours > 23 or minutes > 59 or seconds > 60:
+        raise RefusedError("time")
+    fraction = int((parts[4] or "").ljust(9, "0")[:9])
+    return (hours * 3600 + minutes * 60 + seconds) * 1_000_000_000 + fraction
+
+
+def calendar(text: str) -> date | None:
+    """ddmmyy; years from 80 on belong to the last century."""
+    if not text:
+        return None
+    parts = DATE.fullmatch(text)
+    if parts is None:
+        raise RefusedError("date")
+    day, month, year = (int(part) for part in parts.groups())
+    try:
+        return date(year + (1900 if year >= 80 else 2000), month, day)
+    except ValueError as error:
+        raise RefusedError("date") from error
+
+
+def angle(text: str, hemisphere: str, digits: int, signs: str, limit: int, reason: str) -> float | None:
+    """[d]ddmm.mmm and its hemisphere (positive, negative letter in `signs`) as degrees, at most `limit`."""
+    if not text and not hemisphere:
+        return None
+    parts = DEGREES[digits].fullmatch(text)
+    if parts is None or len(hemisphere) != 1 or hemisphere not in signs:
+        raise RefusedError(reason)
+    fraction = parts[3] or ""
+    scale = 10 ** len(fraction)
+    minutes = int(parts[2] + fraction)
+    units = int(parts[1]) * 60 * scale + minutes
+    if minutes >= 60 * scale or units > limit * 60 * scale:
+        raise RefusedError(reason)
+    degrees: float = units / (60 * scale)
+    return degrees if hemisphere == signs[0] else -degrees

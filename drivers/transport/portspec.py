@@ -1,0 +1,55 @@
+"""Reading `DEV[:DRIVER[@BAUD]]`. Paths such as /dev/serial/by-path/…-usb-0:1.0-port0 have colons of their own."""
+
+import re
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import SpecError
+from ..registry import names
+
+SUFFIX = re.compile(r"(?P<driver>[A-Za-z][\w-]*)?(?:@(?P<baud>.*))?")
+SCHEME = re.compile(r"(?:spi|replay|sim):")
+BAUDS = range(50, 4_000_001)
+
+
+@dataclass(frozen=True)
+class PortSpec:
+    """A port as the user named it."""
+
+    path: str  # or spi:BUS.DEV, replay:FILE, sim:SCENARIO
+    driver: str | None = None
+    baud: int | None = None
+
+    def __str__(self) -> str:
+        baud = "" if self.baud is None else f"@{self.baud}"
+        return f"{self.path}:{self.driver or ''}{baud}" if self.driver or baud else self.path
+
+    @classmethod
+    def parse(cls, text: str, drivers: Collection[str] | None = None) -> "PortSpec":
+        """The parts of `text`; `drivers` are the names that count, by default all. Raises SpecError."""
+        known = names() if drivers is None else drivers
+        scheme = SCHEME.match(text)
+        start = scheme.end() if scheme else 0
+        path, _, suffix = text[start:].rpartition(":")
+        parts = SUFFIX.fullmatch(suffix)
+        if not path or not suffix or not parts:
+            return _whole(text, start)
+        driver, baud = parts["driver"], parts["baud"]
+        if driver is not None and driver not in known:
+            if Path(text[start:]).exists():
+                return _whole(text, start)
+            raise SpecError(f"port {text!r}: no driver {driver!r}; there are: {', '.join(known)}")
+        return cls(text[:start] + path, driver, None if baud is None else _baud(text, baud))
+
+
+def _whole(text: str, start: int) -> PortSpec:
+    if len(text) == start or text.startswith(":"):
+        raise SpecError(f"port {text!r}: no device; write DEV[:DRIVER[@BAUD]]")
+    return PortSpec(text)
+
+
+def _baud(text: str, baud: str) -> int:
+    if not (baud.isascii() and baud.isdecimal() and int(baud) in BAUDS):
+        raise SpecError(f"port {text!r}: {baud!r} is no baud rate")
+    return int(baud)

@@ -77,7 +77,7 @@ class RecordedFixes:
 
     def after(self, t: float, interval: float) -> Fix | None:
         """The first fix with its epoch after time `t`; None at the end. `interval` is what the recording has."""
-        lap = math.floor(t / self._period) if math.isfinite(self._period) else 0
+        lap = max(math.floor(t / self._period), 0)
         offset = lap * self._period if lap else 0.0
         i = bisect_right(self._epochs, t - offset + 1e-9)
         if i == len(self._epochs):

@@ -55,10 +55,13 @@ class Loop:
         self.seq += 1
         self.server.publish(view(self.now / SECOND, self.now / SECOND, self.seq)._replace(**changes), self.now)
 
-    def connect(self, *requests: bytes) -> "Client":
+    def connect(self, *requests: bytes, buffer: int | None = None) -> "Client":
+        """A client that has sent requests; `buffer` bounds what the kernel holds for it in bytes."""
         host, _, port = self.server.addresses[0].rpartition(":")
-        sock = socket.create_connection((host, int(port)), timeout=10)
-        sock.settimeout(None)  # a timeout would make MSG_DONTWAIT wait
+        sock = socket.socket()
+        if buffer is not None:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer)
+        sock.connect((host, int(port)))
         client = Client(sock)
         self.sockets.append(sock)
         self.turn()
@@ -425,20 +428,10 @@ def test_no_more_messages_than_the_rate_allows(steps, rate_hz):
 # --- clients that are slow, stalled or hostile
 
 
-def fill(loop: Loop, seconds: float = 4.0) -> None:
-    """Publish at 1 kHz; the waiting time of poll is not spent."""
-    for _ in range(int(seconds * 1000)):
-        loop.publish(MS)
-        loop.turn(step=1)
-
-
 def test_a_stalled_client_loses_messages_whole_and_the_others_none(loop):
     fast = b'?WATCH={"json":true,"rate":1000,"class":"EST"};'
     loop.publish()
-    live, stalled = loop.connect(fast), loop.connect()
-    stalled.sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    stalled.send(fast)
-    loop.turn()
+    live, stalled = loop.connect(fast), loop.connect(fast, buffer=4096)
     live.receive()
     seen = []
     for _ in range(4000):
@@ -465,7 +458,7 @@ def catch_up(loop: Loop, client: Client) -> list[int]:
 
 
 def test_a_client_that_never_reads_is_cut_off(loop):
-    loop.connect(b'?WATCH={"json":true,"rate":1000};')
+    loop.connect(b'?WATCH={"json":true,"rate":1000};', buffer=4096)
     (connection,) = loop.server._clients.values()
     while loop.server.clients and loop.now < 300 * SECOND:
         loop.publish(MS if connection.stuck_ns is None else 100 * MS)
@@ -475,7 +468,7 @@ def test_a_client_that_never_reads_is_cut_off(loop):
 
 
 def test_a_slow_reader_gets_whole_lines_and_stays(loop):
-    client = loop.connect(b'?WATCH={"json":true,"rate":1000};')
+    client = loop.connect(b'?WATCH={"json":true,"rate":1000};', buffer=65536)
     data = b""
     for _ in range(3000):
         loop.publish(10 * MS)
@@ -490,16 +483,18 @@ def test_a_slow_reader_gets_whole_lines_and_stays(loop):
 
 
 def test_what_a_client_is_owed_is_bounded(loop):
-    loop.connect(b'?WATCH={"json":true,"rate":1000};')
+    loop.connect(b'?WATCH={"json":true,"rate":1000};', buffer=4096)
     (client,) = loop.server._clients.values()
-    fill(loop, 2.0)
+    for _ in range(2000):
+        loop.publish(MS)
+        loop.turn(step=1)
     assert client.sock.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) <= 131072
     assert 0 < len(client._owed) < 10240
 
 
 def test_a_client_that_reads_no_answers_is_read_no_further(loop):
     loop.publish()
-    client = loop.connect(b'?WATCH={"enable":true};')
+    client = loop.connect(b'?WATCH={"enable":true};', buffer=4096)
     client.sock.setblocking(False)
     for _ in range(50):
         with contextlib.suppress(BlockingIOError):

@@ -7,6 +7,7 @@ import argparse
 import contextlib
 import json
 import math
+import os
 import select
 import signal
 import socket
@@ -123,22 +124,23 @@ def _process(*arguments: str, **options: Any) -> Iterator[subprocess.Popen[str]]
             process.wait()
 
 
-def _connect(path: Path, daemon: subprocess.Popen[str], log: Path) -> socket.socket:
+def _wait_until_ready(notices: socket.socket, daemon: subprocess.Popen[str], log: Path) -> None:
+    """Wait for the daemon's READY=1, as a service manager does."""
     deadline = time.monotonic() + _START_S
     while time.monotonic() < deadline:
         if daemon.poll() is not None:
             raise ImudError(f"demo: the daemon ended with code {daemon.returncode}:\n{log.read_text()}")
-        client = socket.socket(socket.AF_UNIX)
-        try:
-            client.connect(str(path))
-        except OSError:
-            client.close()
-            time.sleep(0.1)
-            continue
-        watch = {"enable": True, "json": True, "rate": _RATE_HZ, "class": "EST"}
-        client.sendall(b"?WATCH=" + json.dumps(watch).encode() + b"\n")
-        return client
-    raise ImudError(f"demo: the daemon did not start within {_START_S:.0f} s:\n{log.read_text()}")
+        if select.select([notices], [], [], 0.5)[0] and b"READY=1" in notices.recv(4096):
+            return
+    raise ImudError(f"demo: the daemon was not ready within {_START_S:.0f} s:\n{log.read_text()}")
+
+
+def _subscribe(path: Path) -> socket.socket:
+    client = socket.socket(socket.AF_UNIX)
+    client.connect(str(path))
+    watch = {"enable": True, "json": True, "rate": _RATE_HZ, "class": "EST"}
+    client.sendall(b"?WATCH=" + json.dumps(watch).encode() + b"\n")
+    return client
 
 
 def _estimates(client: socket.socket) -> Iterator[dict[str, Any]]:
@@ -221,10 +223,17 @@ def run(args: argparse.Namespace) -> int:
             "imud demo: starting the emulator and the daemon (a first start compiles for a minute or two)", flush=True
         )
         log_file = stack.enter_context(log.open("w"))
+        notices = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+        notices.bind(str(base / "notify"))
         daemon = stack.enter_context(
-            _process("run", *(f"--port={link}" for link in links), f"--listen={listen}", stderr=log_file)
+            _process(
+                *("run", *(f"--port={link}" for link in links), f"--listen={listen}"),
+                stderr=log_file,
+                env={**os.environ, "NOTIFY_SOCKET": str(base / "notify")},
+            )
         )
-        client = stack.enter_context(_connect(listen, daemon, log))
+        _wait_until_ready(notices, daemon, log)
+        client = stack.enter_context(_subscribe(listen))
         stack.enter_context(
             _process(
                 *("sim", *devices, "--scenario", args.scenario, "--seed", str(args.seed), "--truth", str(truth_file)),

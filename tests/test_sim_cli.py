@@ -105,6 +105,17 @@ def test_a_stream_without_gaps_and_with_the_attitude_asked_for(tmp_path):
     assert words[:, 2:5].mean(axis=0) * GYRO_LSB == pytest.approx([0.3] * 3, abs=0.0125)
 
 
+def test_what_a_stall_delays_is_caught_up():
+    with emulator("g350") as (process, paths), serial.Serial(paths["g350"], 460800, timeout=2.0) as port:
+        configure(port)
+        before = read_frames(port, 200)
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(0.2)
+        process.send_signal(signal.SIGCONT)
+        counts = np.concatenate([before, read_frames(port, 500)])[:, 9].astype(np.uint16)
+    assert set(np.diff(counts)) == {2}
+
+
 def test_polled_bursts_and_reopening():
     with emulator("g350", "--ideal") as (_, paths):
         with serial.Serial(paths["g350"], 460800, timeout=2.0) as port:

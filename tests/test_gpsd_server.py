@@ -506,7 +506,7 @@ def test_a_client_that_reads_no_answers_is_read_no_further(loop):
     (connection,) = loop.server._clients.values()
     assert 100 < loop.server.counters.requests < 50 * 100
     assert len(connection.inbox._bytes) <= REQUEST_MAX + 128
-    assert 0 < len(connection._owed) < 10240
+    assert 0 < len(connection._owed) < 1000  # one answer
 
 
 def test_a_flood_of_requests_is_served_in_slices(loop):
@@ -517,7 +517,7 @@ def test_a_flood_of_requests_is_served_in_slices(loop):
     for second in range(30):
         before = loop.server.counters.requests
         loop.turn(step=1)
-        assert loop.server.counters.requests - before <= 100, second
+        assert loop.server.counters.requests - before <= 100 + 14, second  # 14 fit into the last read
         answered += client.classes()
         loop.now += SECOND
         loop.server.tick(loop.now)

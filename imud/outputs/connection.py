@@ -2,7 +2,7 @@
 
 Bounded whatever the peer does: a message is either taken whole or dropped whole, so that no line is ever torn; while
 one is still going out nothing else is queued and no request is read, so a peer that does not read its answers is
-stopped by its own socket buffer; a second has a limited number of reads and requests, the rest waits for the next.
+stopped by its own socket buffer; after a number of reads and requests in one second, no more is read until the next.
 """
 
 import contextlib
@@ -59,15 +59,11 @@ class Connection:
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
 
-    @property
-    def throttled(self) -> bool:
-        return self._allowance <= 0
-
     def wanted_events(self) -> int:
         """What to wait for: room to write while something is owed, requests while some are allowed."""
         if self._owed:
             return select.POLLOUT
-        return 0 if self.throttled else select.POLLIN
+        return select.POLLIN if self._allowance > 0 else 0
 
     def renew_allowance(self) -> None:
         """Once per second."""
@@ -109,8 +105,8 @@ class Connection:
         return bool(data)
 
     def next_request(self, now_ns: int) -> Request | None:
-        """The next request that may be answered now."""
-        if self._owed or self.throttled or (request := self.inbox.take()) is None:
+        """The next request, unless an earlier answer is still going out."""
+        if self._owed or (request := self.inbox.take()) is None:
             return None
         self._allowance -= 1
         self.asked_ns, self.ever_asked = now_ns, True

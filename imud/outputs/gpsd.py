@@ -153,12 +153,11 @@ class GpsdServer:
         for listener in self._listeners.values():
             self._poller.modify(listener.fileno(), select.POLLIN)
         for client in list(self._clients.values()):
-            throttled = client.throttled
             client.renew_allowance()
             if self._has_overstayed(client, now_ns):
                 self._expel(client)
-            elif throttled:
-                self._converse(client, 0, now_ns)
+            else:
+                self._settle(client)
 
     def _has_overstayed(self, client: Connection, now_ns: int) -> bool:
         if client.stuck_ns is not None and now_ns - client.stuck_ns > _STUCK_NS:

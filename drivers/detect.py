@@ -51,17 +51,12 @@ Found = Identity | Unsupported
 Finding = Silence | Chatter
 
 
-def detect(
-    driver: str | None = None,
-    baud: int | None = None,
-    readonly: bool = False,
-    candidates: Sequence[AnyDriver] | None = None,
-) -> Dialogue[Found | Finding]:
+def detect(driver: str | None = None, baud: int | None = None, readonly: bool = False) -> Dialogue[Found | Finding]:
     """The device on the line, or why there is none; `driver` and `baud` as far as the user named them.
 
-    readonly: only listen. candidates: the drivers to try instead of all.
+    readonly: only listen.
     """
-    among = candidates or ((by_name(driver),) if driver else drivers())
+    among = (by_name(driver),) if driver else drivers()
     bauds = (baud,) if baud else tuple(_merged([one.bauds for one in among]))
     for turn in range(TURNS):
         first = bauds[turn % len(bauds)]

@@ -1,4 +1,4 @@
-"""Epson automatic frames: bytes to samples. Oracle on clean streams: a second decoder in plain Python, from the table."""
+"""Epson automatic frames: bytes to samples. Oracle on clean streams: a second decoder in plain Python."""
 
 import math
 import struct

@@ -129,7 +129,7 @@ class NmeaDecoder:
             return fixes
         if self._epoch is None or not self._epoch.takes(sentence.kind, content.utc_ns):
             fixes += self._finish()
-            self._learn_ending()
+            self._learn_ending(content.utc_ns)
             self._epoch = Epoch(sentence.arrival_ns, fresh)
             self._pause_ns = None
         self._epoch.add(sentence.kind, content)
@@ -137,10 +137,15 @@ class NmeaDecoder:
             fixes += self._finish()
         return fixes
 
-    def _learn_ending(self) -> None:
-        if self._epoch is not None:
-            self._ending = self._epoch.last if self._epoch.last == self._last_ending else ""
-            self._last_ending = self._epoch.last
+    def _learn_ending(self, next_utc_ns: int | None) -> None:
+        """From the epoch that is left, and the time of the sentence with which the next one begins."""
+        if self._epoch is None:
+            return
+        if self._epoch.last == self._last_ending:
+            self._ending = self._last_ending
+        elif next_utc_ns is not None and next_utc_ns == self._epoch.utc_ns:  # the burst went on
+            self._ending = ""
+        self._last_ending = self._epoch.last
 
     def _finish(self) -> list[Fix]:
         """Close the epoch; its fix, once."""

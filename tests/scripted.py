@@ -1,0 +1,167 @@
+"""Devices in memory and a line without a port: dialogues run against them in a time of their own."""
+
+import itertools
+import struct
+
+STEP_S = 0.001
+RATES = {1: 1000.0, 2: 500.0, 3: 250.0, 4: 125.0, 5: 62.5, 6: 31.25, 7: 15.625}
+LEAST_EXCHANGE_S = 0.0005  # what even an exchange that listens to nothing takes
+
+
+def run(dialogue, device):
+    """Run a dialogue against `device`; returns its result and the time it took."""
+    time_s, answer = 0.0, None
+    try:
+        while True:
+            exchange = dialogue.send(answer)
+            if exchange.baud is not None:
+                device.host_baud = exchange.baud
+            if exchange.discard:
+                device.outgoing.clear()
+            device.hear(exchange.send)
+            heard, waited = bytearray(), 0.0
+            while waited < exchange.listen_s and not (exchange.enough and exchange.enough(bytes(heard))):
+                device.pass_time(STEP_S)
+                waited += STEP_S
+                heard += device.outgoing
+                device.outgoing.clear()
+            device.pass_time(LEAST_EXCHANGE_S)
+            time_s += waited + LEAST_EXCHANGE_S
+            answer = bytes(heard)
+    except StopIteration as finding:
+        return finding.value, time_s
+
+
+class Line:
+    """One end of a wire; at the wrong speed only garbage passes, in both directions."""
+
+    def __init__(self, baud):
+        self.baud, self.host_baud = baud, 0
+        self.outgoing, self.written = bytearray(), bytearray()
+        self.now_s = 0.0
+
+    def say(self, data):
+        same = self.host_baud == self.baud
+        self.outgoing += data if same else bytes((byte * 37 + 129) & 0xFF | 0x80 for byte in data)
+
+    def hear(self, data):
+        self.written += data
+        if self.host_baud == self.baud:
+            self.receive(data)
+
+    def receive(self, data):
+        pass
+
+    def pass_time(self, seconds):
+        self.now_s += seconds
+
+
+class Mute(Line):
+    """A wire with nothing at its end."""
+
+
+class Speaker(Line):
+    """Says `burst` every `period_s`, whatever it hears."""
+
+    def __init__(self, baud, burst, period_s=1.0, first_s=0.3):
+        super().__init__(baud)
+        self.burst, self.period_s, self.next_s = burst, period_s, first_s
+
+    def pass_time(self, seconds):
+        super().pass_time(seconds)
+        if self.now_s >= self.next_s:
+            self.next_s += self.period_s
+            self.say(self.burst)
+
+
+class G350(Line):
+    """An M-G350 on its UART as protocols.md 1.2 to 1.5 describe it: registers by byte, modes, automatic frames."""
+
+    def __init__(self, baud=460800, boot_s=0.0, silent_boot=True, product="G350PD11", serial="A0000123"):
+        super().__init__(baud)
+        self.boot_s, self.silent_boot = boot_s, silent_boot
+        self.byte = dict.fromkeys(range(0x80), 0)
+        self.byte |= {0x37: 1, 0x38: 1, 0x39: 0x04, 0x3B: 0x00}
+        self.byte |= dict(zip(range(0x6A, 0x72), product.encode(), strict=False))
+        self.byte |= dict(zip(range(0x74, 0x7C), serial.encode(), strict=False))
+        self.byte |= {0x72: 0x13, 0x73: 0x01}
+        self.stuck = {}  # bytes that keep their value
+        self.absent = set()  # words that are not answered
+        self.restarts = 0
+        self.next_frame_s = 0.0
+        self.frames = itertools.count()
+        self.input = bytearray()
+
+    @property
+    def sampling(self):
+        return not self.byte[0x39] & 0x04
+
+    @property
+    def rate_hz(self):
+        return RATES[self.byte[0x37]]
+
+    def start(self, rate_code=1):
+        """As a host before left it: streaming."""
+        self.byte |= {0x37: rate_code, 0x3A: 1, 0x50: 1, 0x39: 0}
+        self.next_frame_s = self.now_s
+        return self
+
+    def receive(self, data):
+        if self.now_s < self.boot_s and self.silent_boot:
+            return
+        self.input += data
+        while b"\r" in self.input:
+            command, _, self.input = self.input.partition(b"\r")
+            if len(command) == 2:
+                self.obey(*command)
+
+    def obey(self, address, value):
+        if address & 0x80:
+            self.store(address & 0x7F, value)
+        elif not (self.sampling and self.byte[0x3A] & 1) and address & 0x7E not in self.absent:
+            self.say(bytes((address & 0x7E, *self.word(address & 0x7E), 0x0D)))
+
+    def store(self, address, value):
+        if address == 0x39:
+            self.byte[0x39] = 0x04 if value == 2 else self.byte[0x39] if value != 1 else 0x00
+            self.next_frame_s = self.now_s + 1.0 / self.rate_hz
+        elif address == 0x3E and value & 0x80:
+            self.restarts += 1
+            self.boot_s = self.now_s + 0.8
+            self.byte |= {0x39: 0x04, 0x3A: 0, 0x50: 0}
+        elif not self.sampling:
+            self.byte[address] = value
+        self.byte |= self.stuck
+
+    def word(self, address):
+        high, low = self.byte[address + 1], self.byte[address]
+        if address == 0x3E and self.now_s < self.boot_s:
+            high |= 0x04
+        return high, low
+
+    def pass_time(self, seconds):
+        super().pass_time(seconds)
+        while self.sampling and self.byte[0x3A] & 1 and self.now_s >= self.next_frame_s:
+            self.next_frame_s += 1.0 / self.rate_hz
+            count = struct.pack(">H", 2 * next(self.frames) & 0xFFFF) if self.byte[0x50] & 1 else b""
+            self.say(b"\x20" + struct.pack(">Hh6hH", 0xFE00, -15214, 1, 2, 3, 4, 5, -8000, 0) + count + b"\r")
+
+
+class Windowed(G350):
+    """An M-G364 or other successor: register windows, an ID word, product name in window 1."""
+
+    def __init__(self, **options):
+        super().__init__(**options)
+        self.window = 0
+
+    def store(self, address, value):
+        if address == 0x7E:
+            self.window = value
+
+    def word(self, address):
+        if address == 0x4C and self.window == 0:
+            return 0x53, 0x45
+        if 0x6A <= address < 0x72 and self.window == 1:
+            name = b"G364PDCA"[address - 0x6A :]
+            return name[1], name[0]
+        return 0, 0

@@ -1,0 +1,117 @@
+"""Detection: which device, at which speed, and a reason that helps where there is none. On lines in memory."""
+
+import pytest
+from scripted import G350, Mute, Speaker, Windowed, run
+
+from drivers.detect import Chatter, Silence, detect
+from drivers.driver import Identity, Unsupported
+from drivers.registry import by_name, drivers, names
+
+BURST = (
+    b"$GPGGA,081437.000,5212.981473,N,00653.102458,E,1,3,2.88,102.907,M,47.093,M,,*5E\r\n"
+    b"$GPVTG,0.00,T,,M,0.042,N,0.079,K,A*35\r\n"
+)
+BOOT = b"$PMTK010,001*2E\r\n$POLYN,1\r\n"
+
+
+def test_the_registry_finds_every_driver_by_its_folder():
+    assert names() == ("epson", "nmea")
+    assert [by_name(name).name for name in names()] == list(names())
+    assert {driver.kind for driver in drivers()} == {"imu", "gnss"}
+    with pytest.raises(KeyError, match="there are: epson, nmea"):
+        by_name("eposn")
+
+
+@pytest.mark.parametrize("baud", [460800, 230400, 115200, 19200, 9600])
+def test_a_silent_imu_is_asked_at_every_speed(baud):
+    found, seconds = run(detect(), G350(baud))
+    assert found == Identity("epson", "M-G350", "A0000123", "0113", baud, "m-g350")
+    assert seconds < (2.0 if baud == 460800 else 3.0)
+
+
+@pytest.mark.parametrize("boot_s", [0.8, 2.0, 3.0])
+@pytest.mark.parametrize("silent", [True, False])
+def test_an_imu_that_is_starting_up_is_waited_for(boot_s, silent):
+    found, seconds = run(detect(), G350(boot_s=boot_s, silent_boot=silent))
+    assert isinstance(found, Identity)
+    assert seconds < 10.0
+
+
+@pytest.mark.parametrize("baud", [460800, 230400, 115200, 19200])
+def test_a_streaming_imu_is_recognised_without_a_byte_written(baud):
+    device = G350(baud).start(1 if baud > 200000 else 5)
+    found, seconds = run(detect(), device)
+    assert (found.driver, found.baud) == ("epson", baud)
+    assert device.written == b""
+    assert seconds < 7.0
+
+
+@pytest.mark.parametrize("baud", [4800, 9600, 38400, 57600, 115200, 19200])
+def test_a_receiver_is_recognised_without_a_byte_written(baud):
+    device = Speaker(baud, BURST, first_s=0.95)
+    found, seconds = run(detect(), device)
+    assert (found.driver, found.baud) == ("nmea", baud)
+    assert device.written == b""
+    assert seconds < 12.0
+
+
+def test_a_receiver_that_names_its_maker():
+    found, _ = run(detect(baud=4800), Speaker(4800, BOOT + BURST))
+    assert found.model == "MediaTek NMEA receiver"
+
+
+def test_what_the_user_names_is_all_that_is_tried():
+    device = G350(230400)
+    found, seconds = run(detect("epson", 230400), device)
+    assert (found.baud, device.host_baud) == (230400, 230400)
+    assert seconds < 1.5
+    assert isinstance(run(detect("epson", 9600), G350(230400))[0], Silence)
+    receiver = Speaker(9600, BURST)
+    assert isinstance(run(detect("epson"), receiver)[0], Chatter)
+    silent = G350()
+    assert isinstance(run(detect("nmea"), silent)[0], Silence)
+    assert silent.written == b""
+
+
+def test_readonly_never_writes():
+    device = G350()
+    found, seconds = run(detect(readonly=True), device)
+    assert isinstance(found, Silence)
+    assert device.written == b""
+    assert seconds < 10.0
+
+
+def test_silence_is_explained_in_time():
+    found, seconds = run(detect(), Mute(9600))
+    assert seconds < 10.0
+    assert "silent at all baud rates tried" in str(found)
+    for baud in ("460800", "4800", "9600"):
+        assert baud in str(found)
+
+
+def test_an_unknown_talker_is_explained_and_left_alone():
+    device = Speaker(9600, b"hello, I am a coffee machine\r\n")
+    found, _ = run(detect(), device)
+    assert isinstance(found, Chatter)
+    assert "bytes heard at" in str(found)
+    assert found.heard[:8].hex(" ") in str(found)
+    assert device.written == b""
+
+
+@pytest.mark.parametrize("glitch", [b"\0", b"\xff\x00\xfe"])
+def test_glitches_on_an_idle_line_do_not_hide_the_device(glitch):
+    device = G350()
+    device.host_baud = device.baud
+    device.pass_time = lambda seconds, tick=device.pass_time: (tick(seconds), glitches(device, glitch))
+    assert isinstance(run(detect(), device)[0], Identity)
+
+
+def glitches(device, glitch):
+    if 0.5 < device.now_s < 0.5011:
+        device.outgoing += glitch
+
+
+def test_a_later_model_is_named():
+    found, _ = run(detect(), Windowed())
+    assert isinstance(found, Unsupported)
+    assert "M-G364PDCA at 460800 baud, not supported yet" in str(found)

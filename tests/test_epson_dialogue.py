@@ -1,0 +1,199 @@
+"""Epson's start-up dialogue, against a device in memory written from the data sheet's side (`scripted.py`)."""
+
+import pytest
+from scripted import G350, Mute, Speaker, Windowed, run
+
+from drivers.driver import Identity, Options, Unsupported
+from drivers.epson.driver import DRIVER
+from drivers.epson.models import G350 as G350_ROW
+from drivers.epson.models import V340 as V340_ROW
+
+FLASH_BACKUP = bytes.fromhex("BE080D")
+
+
+def identify(device):
+    device.host_baud = device.baud
+    return run(DRIVER.identify(), device)
+
+
+def configure(device, identity=None, **options):
+    device.host_baud = device.baud
+    identity = identity or Identity("epson", "M-G350", baud=device.baud)
+    return run(DRIVER.configure(identity, Options(**options)), device)[0]
+
+
+def test_a_device_at_rest_is_identified_without_a_trace():
+    device = G350()
+    found, seconds = identify(device)
+    assert found == Identity("epson", "M-G350", "A0000123", "0113", profile="m-g350")
+    assert seconds < 0.3
+    assert FLASH_BACKUP not in device.written
+    assert device.restarts == 0
+
+
+def test_the_sibling_is_told_by_its_name():
+    found, _ = identify(G350(product="V340PDD0"))
+    assert found.model == "M-V340"
+
+
+@pytest.mark.parametrize("missing", ["silent", "zero", "garbage"])
+def test_a_device_without_a_name_is_an_m_g350(missing):
+    device = G350(product="\xff" * 4 if missing == "garbage" else "\0" * 8, serial="\0" * 8)
+    device.byte |= {0x72: 0, 0x73: 0}
+    if missing == "silent":
+        device.absent = set(range(0x4C, 0x80, 2)) - {0x50}
+    found, seconds = identify(device)
+    assert found == Identity("epson", "M-G350", profile="m-g350")
+    assert seconds < 0.8
+
+
+@pytest.mark.parametrize("silent", [True, False])
+def test_start_up_is_waited_for(silent):
+    device = G350(boot_s=0.9, silent_boot=silent)
+    found, seconds = identify(device)
+    if silent:  # nothing to tell it from an empty line yet: the detection comes again
+        assert found is None
+        device.now_s = 1.0
+        found, seconds = identify(device)
+    assert isinstance(found, Identity)
+    assert seconds < 1.5
+
+
+@pytest.mark.parametrize("code", [1, 4, 7])
+def test_a_stream_is_stopped(code):
+    found, _ = identify(G350().start(code))
+    assert isinstance(found, Identity)
+
+
+def test_silence_is_left_after_a_moment():
+    found, seconds = identify(Mute(460800))
+    assert found is None
+    assert seconds < 0.25
+
+
+@pytest.mark.parametrize("burst", [b"$GPGGA,,,,,,0,,,,,,,,*66\r\n", bytes(range(256)), b"\x3e\x00\x00\x0d" * 50])
+def test_other_talkers_are_not_taken_for_an_imu(burst):
+    found, seconds = identify(Speaker(460800, burst, period_s=0.01))
+    assert found is None
+    assert seconds < 2.0
+
+
+def test_a_later_model_is_named_as_not_supported():
+    found, _ = identify(Windowed())
+    assert isinstance(found, Unsupported)
+    assert found.model == "M-G364PDCA"
+
+
+def test_an_automatic_stream_is_recognised_by_itself():
+    device = G350().start()
+    device.host_baud = device.baud
+    device.pass_time(0.01)
+    stream = bytes(device.outgoing)
+    assert DRIVER.recognise(stream).model == "M-G350"
+    assert DRIVER.recognise(stream[7:]).model == "M-G350"
+    assert DRIVER.recognise(stream[:60]) is None
+    assert DRIVER.recognise(bytes(300)) is None
+    windowed = (b"\x80" + bytes(22) + b"\r") * 4
+    assert isinstance(DRIVER.recognise(windowed), Unsupported)
+
+
+def test_configuration_ends_in_a_numbered_stream_at_full_rate():
+    device = G350()
+    result = configure(device)
+    assert result.identity == Identity("epson", "M-G350", "A0000123", "0113", 460800, "m-g350")
+    assert (result.rate_hz, result.period_ns, result.frame_bytes, result.warnings) == (1000.0, 1_000_000, 22, ())
+    wire_ns = round(220 / 460800 * 1e9)
+    assert result.delay_ns == 250_000 + wire_ns  # two taps at 2 kHz delay by half a period
+    assert device.sampling
+    assert [device.byte[address] for address in (0x37, 0x38, 0x3A, 0x50)] == [1, 1, 1, 1]
+    assert FLASH_BACKUP not in device.written
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "code", "taps_code"),
+    [(1000.0, 1, 1), (500.0, 2, 2), (250.0, 3, 3), (125.0, 4, 4), (62.5, 5, 5), (31.25, 6, 6), (15.625, 7, 7)],
+)
+def test_every_rate_has_the_shortest_filter_that_is_valid(rate_hz, code, taps_code):
+    device = G350()
+    result = configure(device, rate_hz=rate_hz)
+    assert (device.byte[0x37], device.byte[0x38]) == (code, taps_code)
+    assert result.rate_hz == rate_hz
+    assert result.period_ns * rate_hz == 1e9
+    assert result.warnings == ()
+
+
+def test_filter_rules_of_the_two_models():
+    for model, hz in ((G350_ROW, 2000.0), (V340_ROW, 1000.0)):
+        for rate in model.rates.values():
+            assert model.taps(rate) == max(hz / rate, min(model.tap_codes))
+
+
+@pytest.mark.parametrize(
+    ("baud", "possible_hz"), [(460800, 1000.0), (230400, 1000.0), (115200, 500.0), (19200, 62.5), (9600, 31.25)]
+)
+def test_a_rate_that_does_not_fit_on_the_line_is_lowered_with_a_warning(baud, possible_hz):
+    result = configure(G350(baud))
+    assert result.rate_hz == possible_hz
+    assert result.frame_bytes * 10 * possible_hz < baud
+    assert bool(result.warnings) == (possible_hz != 1000.0)
+
+
+def test_a_running_stream_is_reconfigured():
+    device = G350().start(4)
+    assert configure(device, rate_hz=500.0).rate_hz == 500.0
+
+
+@pytest.mark.parametrize(
+    ("stuck", "complaint", "rate_hz"),
+    [
+        ({0x37: 2}, "keeps rate code 2", 500.0),
+        ({0x38: 5}, "keeps filter code 5", 1000.0),
+        ({0x50: 0}, "does not number its samples", 1000.0),
+    ],
+)
+def test_what_reads_back_differently_is_believed_and_reported(stuck, complaint, rate_hz):
+    device = G350()
+    device.stuck = stuck
+    result = configure(device)
+    assert result.rate_hz == rate_hz
+    assert complaint in " ".join(result.warnings)
+    assert result.frame_bytes == (20 if 0x50 in stuck else 22)
+
+
+def test_a_hardware_error_is_reported():
+    device = G350()
+    device.byte[0x3C] = 0x20
+    assert "hardware error" in " ".join(configure(device).warnings)
+
+
+def test_a_device_that_does_not_read_back_is_used_all_the_same():
+    device = G350()
+    device.absent = {0x36, 0x38, 0x3C, 0x4C, 0x50, *range(0x6A, 0x80, 2)}
+    result = configure(device)
+    assert result.rate_hz == 1000.0
+    assert "configuration mode" in " ".join(result.warnings)
+
+
+@pytest.mark.parametrize("device", [Mute(460800), Speaker(460800, b"hello\r\n", period_s=0.05)])
+def test_what_does_not_answer_is_not_configured(device):
+    assert configure(device) is None
+
+
+def test_no_stream_is_no_success():
+    device = G350()
+    device.stuck = {0x3A: 0}
+    assert configure(device) is None
+
+
+@pytest.mark.parametrize(("code", "rate_hz"), [(1, 1000.0), (3, 250.0), (7, 15.625)])
+def test_readonly_takes_the_stream_as_it_is(code, rate_hz):
+    device = G350().start(code)
+    result = configure(device, readonly=True)
+    assert (result.rate_hz, result.frame_bytes) == (rate_hz, 22)
+    assert device.written == b""
+
+
+def test_readonly_cannot_start_a_stream():
+    device = G350()
+    assert configure(device, readonly=True) is None
+    assert device.written == b""

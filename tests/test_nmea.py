@@ -1,0 +1,394 @@
+"""NMEA sentences and epochs. Oracles: pynmeagps for the fields, exact fractions for the arithmetic."""
+
+import math
+from collections import Counter
+from datetime import date
+from fractions import Fraction
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pynmeagps import NMEAReader
+from scripted import Mute, run
+
+from drivers.driver import Options
+from drivers.nmea.driver import DRIVER
+from drivers.nmea.epochs import QUIET_NS, NmeaDecoder
+from drivers.nmea.sentences import Splitter, checksum
+
+# protocols.md 4.1, from a real FV-M11
+NO_FIX = b"$GPGGA,235946.005,8960.000000,N,00000.000000,E,0,0,,137.000,M,13.000,M,,*49\r\n"
+NO_FIX_VTG = b"$GPVTG,0.00,T,,M,0.000,N,0.000,K,N*32\r\n"
+FIX = b"$GPGGA,081437.000,5212.981473,N,00653.102458,E,1,3,2.88,102.907,M,47.093,M,,*5E\r\n"
+FIX_VTG = b"$GPVTG,0.00,T,,M,0.042,N,0.079,K,A*35\r\n"
+BOOT = b"$PMTK010,001*2E\r\n$POLYN,0,1\r\n$POLYN,2\r\n"
+
+
+def line(body, end=b"\r\n"):
+    body = body.encode() if isinstance(body, str) else body
+    return b"$%s*%02X%s" % (body, checksum(body), end)
+
+
+def gga(time="120000.000", lat="4807.038,N", lon="01131.000,E", rest="1,08,0.9,545.4,M,46.9,M,,"):
+    return line(f"GPGGA,{time},{lat},{lon},{rest}")
+
+
+def rmc(time="120000.000", status="A", motion="022.4,084.4", day="230394", tail=",,,A"):
+    return line(f"GPRMC,{time},{status},4807.038,N,01131.000,E,{motion},{day}{tail}")
+
+
+def vtg(course="054.7", kmh="010.2", mode=",A"):
+    return line(f"GPVTG,{course},T,034.4,M,005.5,N,{kmh},K{mode}")
+
+
+def decode(data):
+    """Fixes and decoder after `data` and a pause."""
+    decoder = NmeaDecoder()
+    return decoder.feed(data, 1) + decoder.flush(1 + QUIET_NS), decoder
+
+
+def fix_of(data):
+    fixes, _ = decode(data)
+    assert len(fixes) == 1
+    return fixes[0]
+
+
+def test_the_real_receivers_fix():
+    fix = fix_of(BOOT + FIX + FIX_VTG)
+    assert fix.lat_deg == float(Fraction(52) + Fraction("12.981473") / 60)
+    assert fix.lon_deg == float(Fraction(6) + Fraction("53.102458") / 60)
+    assert (fix.alt_msl_m, fix.geoid_sep_m, fix.height_m) == (102.907, 47.093, 150.0)
+    assert (fix.quality, fix.satellites, fix.hdop, fix.utc_s) == (1, 3, 2.88, 8 * 3600 + 14 * 60 + 37)
+    assert (fix.course_deg, fix.mode, fix.date) == (0.0, "A", None)
+    assert fix.speed_mps == float(Fraction("0.079") / Fraction("3.6"))
+
+
+def test_the_real_receivers_search_is_a_state_and_no_fix():
+    fixes, decoder = decode(BOOT + NO_FIX + NO_FIX_VTG)
+    assert fixes == []
+    assert (decoder.status.quality, decoder.status.satellites, decoder.status.arrival_ns) == (0, 0, 1)
+    assert decoder.counters == {"other": 1, "no checksum": 2, "no fix": 1}
+
+
+@st.composite
+def positions(draw):
+    decimals = draw(st.integers(0, 9))
+    digits = draw(st.text("0123456789", min_size=decimals, max_size=decimals))
+    point = "." + digits if digits else draw(st.sampled_from(["", "."]))
+    lat, lon = draw(st.integers(0, 89)), draw(st.integers(0, 179))
+    minutes = draw(st.integers(0, 59))
+    return (f"{lat:02}{minutes:02}{point}", draw(st.sampled_from("NS"))), (f"{lon:03}{minutes:02}{point}", "E")
+
+
+@given(positions(), st.integers(1, 8), st.integers(0, 40), st.decimals(-500, 9000, places=3), st.integers(0, 86399))
+def test_gga_agrees_with_pynmeagps_and_is_exact(position, quality, satellites, altitude, second):
+    (lat, ns), (lon, ew) = position
+    time = f"{second // 3600:02}{second // 60 % 60:02}{second % 60:02}.25"
+    sentence = gga(time, f"{lat},{ns}", f"{lon},{ew}", f"{quality},{satellites},1.25,{altitude},M,-12.5,M,,")
+    fix = fix_of(sentence)
+    oracle = NMEAReader.parse(sentence)
+    if oracle.lat != "":  # it reads no minutes without decimals
+        assert fix.lat_deg == pytest.approx(oracle.lat, abs=2e-10)
+        assert fix.lon_deg == pytest.approx(oracle.lon, abs=2e-10)
+    assert (fix.alt_msl_m, fix.geoid_sep_m, fix.hdop) == (oracle.alt, oracle.sep, oracle.HDOP)
+    assert (fix.quality, fix.satellites) == (oracle.quality, oracle.numSV)
+    assert fix.utc_s == second + 0.25
+    exact = Fraction(int(lat[:2])) + Fraction(lat[2:].rstrip(".")) / 60
+    assert fix.lat_deg == float(exact) * (1 if ns == "N" else -1)
+    assert fix.lon_deg == float(Fraction(int(lon[:3])) + Fraction(lon[3:].rstrip(".")) / 60)
+
+
+@given(st.decimals(0, 3000, places=3), st.decimals(0, 359, places=2))
+def test_speeds_and_courses_are_exact(speed, course):
+    fix = fix_of(gga() + vtg(course=str(course), kmh=str(speed)))
+    assert fix.speed_mps == float(Fraction(speed) * 10 / 36)
+    assert fix.course_deg == float(course)
+    fix = fix_of(rmc(motion=f"{speed},{course}"))
+    assert fix.speed_mps == float(Fraction(speed) * 1852 / 3600)
+    assert fix.speed_mps == pytest.approx(NMEAReader.parse(rmc(motion=f"{speed},{course}")).spd * 1852 / 3600)
+
+
+ACCEPTED = {
+    "lower-case checksum": b"$GPGGA,1,*".replace(b"$GPGGA,1,*", gga()[:-4] + gga()[-4:-2].lower() + b"\r\n"),
+    "LF only": gga().replace(b"\r", b""),
+    "CR only": gga().replace(b"\n", b""),
+    "noise before": b"\0\0\xff~" + gga(),
+    "torn sentence before": gga()[:30] + gga(),
+    "no line end before the next": gga().strip() + b"$GPGSV,1\r\n",
+    "talker GN": line(gga()[1:-5].replace(b"GPGGA", b"GNGGA")),
+    "talker BD": line(gga()[1:-5].replace(b"GPGGA", b"BDGGA")),
+    "13 fields": gga(rest="1,08,0.9,545.4,M,46.9,M,"),
+    "15 fields": gga(rest="1,08,0.9,545.4,M,46.9,M,,,extra"),
+    "longer than 82 characters": gga(
+        lat="4807.0380000000,N", lon="01131.0000000000,E", rest="1,08,0.9,545.40000,M,46.9,M,,"
+    ),
+    "long proprietary sentence before": line("PMTKCHN," + ",".join(["31432"] * 32)) + gga(),
+    "no decimals in time and minutes": gga("120000", "4807,N", "01131,E"),
+    "one-digit satellites": gga(rest="1,8,0.9,545.4,M,46.9,M,,"),
+}
+
+
+@pytest.mark.parametrize("name", ACCEPTED)
+def test_deviations_of_real_receivers_are_accepted(name):
+    fix = fix_of(ACCEPTED[name])
+    assert math.isclose(fix.lat_deg, 48.117, abs_tol=2e-3)
+    assert fix.satellites == 8
+
+
+UNKNOWN = {
+    "hdop": (
+        gga(rest="1,08,99.99,545.4,M,46.9,M,,"),
+        gga(rest="1,08,0.00,545.4,M,46.9,M,,"),
+        gga(rest="1,08,,1,M,1,M,,"),
+    ),
+    "satellites": (gga(rest="1,,0.9,545.4,M,46.9,M,,"),),
+    "alt_msl_m": (gga(rest="1,08,0.9,,M,46.9,M,,"), gga(rest="1,08,0.9,,,,,,")),
+    "height_m": (gga(rest="1,08,0.9,545.4,M,,M,,"),),
+    "utc_s": (gga(time=""),),
+    "course_deg": (gga() + vtg(course=""), gga() + vtg(mode=",N"), gga()),
+    "speed_mps": (gga() + line("GPVTG,,T,,M,,N,,K,A"), gga() + vtg(mode=",N"), gga()),
+}
+
+
+@pytest.mark.parametrize(("field", "data"), [(field, data) for field, cases in UNKNOWN.items() for data in cases])
+def test_what_is_not_said_is_unknown(field, data):
+    assert getattr(fix_of(data), field) is None
+
+
+def test_vtg_in_its_forms():
+    eight = fix_of(gga() + vtg(mode=""))
+    assert (eight.mode, eight.course_deg) == ("", 54.7)
+    old = fix_of(gga() + line("GPVTG,054.7,034.4,005.5,010.2"))
+    assert old.speed_mps == eight.speed_mps == float(Fraction("10.2") / Fraction("3.6"))
+    knots = fix_of(gga() + line("GPVTG,360.0,T,,M,005.5,N,,K,D"))
+    assert (knots.speed_mps, knots.course_deg) == (float(Fraction("5.5") * 1852 / 3600), 0.0)
+
+
+REFUSED = {
+    "checksum": gga().replace(b"4807", b"4808"),
+    "no checksum": gga()[:-5] + b"\r\n",
+    "garbage": line(b"GPGGA,12\x0000"),
+    "overlong": line("GPGGA," + "1" * 600),
+    "GGA latitude": (
+        gga(lat="8960.000000,N"),
+        gga(lat="36000.0000,N"),
+        gga(lat="9000.0001,N"),
+        gga(lat="4860.000,N"),
+        gga(lat="4807.038,"),
+        gga(lat=",N"),
+        gga(lat="4807.038,E"),
+        gga(lat="48o7.038,N"),
+        gga(lat="-4807.038,N"),
+    ),
+    "GGA longitude": (gga(lon="18000.001,E"), gga(lon="1131.000,E"), gga(lon="01131.000,")),
+    "GGA position missing": gga(lat=",", lon=","),
+    "GGA time": (gga("240000"), gga("126000"), gga("120061"), gga("12000"), gga("12:00:00")),
+    "GGA quality": (gga(rest="9,08,0.9,545.4,M,46.9,M,,"), gga(rest="x,08,0.9,545.4,M,46.9,M,,")),
+    "GGA satellites": gga(rest="1,-8,0.9,545.4,M,46.9,M,,"),
+    "GGA HDOP": (gga(rest="1,08,-1,545.4,M,46.9,M,,"), gga(rest="1,08,nan,545.4,M,46.9,M,,")),
+    "GGA altitude": (gga(rest="1,08,0.9,5e4,M,46.9,M,,"), gga(rest="1,08,0.9,1_0,M,46.9,M,,")),
+    "GGA unit": gga(rest="1,08,0.9,545.4,F,46.9,M,,"),
+    "VTG speed": (vtg(kmh="-1"), vtg(kmh="inf"), vtg(kmh="9999")),
+    "VTG course": (vtg(course="360.1"), vtg(course="-1")),
+    "VTG unit": line("GPVTG,1,T,,M,1,K,1,N,A"),
+    "VTG mode": vtg(mode=",x"),
+    "RMC status": rmc(status=""),
+    "RMC date": (rmc(day="310294"), rmc(day="2303945")),
+    "RMC mode": rmc(tail=",,,Z"),
+    "GST sigma": line("GPGST,120000,,,,,x,1,1"),
+}
+
+
+@pytest.mark.parametrize(
+    ("reason", "data"),
+    [(reason, data) for reason, cases in REFUSED.items() for data in (cases if isinstance(cases, tuple) else (cases,))],
+)
+def test_what_is_not_correct_is_refused_and_counted(reason, data):
+    fixes, decoder = decode(data)
+    assert fixes == []
+    assert decoder.counters == {reason: 1}
+
+
+@given(st.integers(0, len(FIX) - 3), st.integers(0, 255))
+def test_no_damage_to_one_byte_changes_a_fix(at, value):
+    damaged = bytearray(FIX)
+    damaged[at] = value
+    fixes, _ = decode(bytes(damaged))
+    assert fixes in ([], decode(FIX)[0])
+
+
+GOOD = [
+    NO_FIX,
+    NO_FIX_VTG,
+    FIX,
+    FIX_VTG,
+    BOOT,
+    rmc("081437.000"),
+    gga("081438"),
+    vtg(),
+    gga()[:20],
+    b"\0\xff",
+    b"$" * 3,
+]
+
+
+@given(
+    st.lists(st.one_of(st.sampled_from(GOOD), st.binary(max_size=40), st.just(b"$" + b"x" * 700)), max_size=20),
+    st.data(),
+)
+def test_any_chunking_gives_the_same_fixes_and_counters(pieces, data):
+    stream = b"".join(pieces)
+    whole, chunked = NmeaDecoder(), NmeaDecoder()
+    fixes = whole.feed(stream, 5)
+    at, others = 0, []
+    while at < len(stream):
+        size = data.draw(st.integers(1, 50))
+        others += chunked.feed(stream[at : at + size], 5)
+        at += size
+    assert others == fixes
+    assert chunked.counters == whole.counters
+
+
+class Receiver:
+    """Feeds bursts to a decoder a second apart, each sentence 20 ms after the other; flushes in between."""
+
+    def __init__(self, flush=True):
+        self.decoder, self.now_ns, self.flush = NmeaDecoder(), 10**12, flush
+        self.fixes = []
+
+    def burst(self, *sentences):
+        """Indices of the sentences that completed a fix; -1: the flush."""
+        begin_ns, told = self.now_ns, []
+        for i, sentence in enumerate(sentences):
+            self.now_ns += 20_000_000
+            for fix in self.decoder.feed(sentence, self.now_ns):
+                self.fixes.append(fix)
+                told.append(i)
+        self.now_ns = begin_ns + 10**9
+        if self.flush:
+            for fix in self.decoder.flush(self.now_ns - 20_000_000):
+                self.fixes.append(fix)
+                told.append(-1)
+        return told
+
+
+def at(k):
+    return f"{120000 + k}.000"
+
+
+def test_the_sentence_that_ends_a_burst_is_learned():
+    receiver = Receiver()
+    told = [receiver.burst(gga(at(k)), rmc(at(k)), vtg(kmh=str(k))) for k in range(5)]
+    assert told == [[-1], [-1], [2], [2], [2]]
+    assert [fix.utc_s for fix in receiver.fixes] == [43200 + k for k in range(5)]
+    assert [fix.speed_mps for fix in receiver.fixes] == [float(Fraction(k) * 10 / 36) for k in range(5)]
+    assert {fix.date for fix in receiver.fixes} == {date(1994, 3, 23)}
+    assert receiver.fixes[0].arrival_ns == 10**12 + 20_000_000
+    assert receiver.fixes[3].arrival_ns == 10**12 + 3 * 10**9 + 20_000_000
+
+
+@pytest.mark.parametrize("flush", [True, False])
+@pytest.mark.parametrize(
+    "order", [(gga,), (rmc,), (gga, rmc), (rmc, gga), (gga, vtg), (vtg, gga), (rmc, vtg, gga), (gga, rmc, vtg)]
+)
+def test_any_order_of_sentences_gives_each_epoch_once_with_its_own_speed(order, flush):
+    receiver = Receiver(flush)
+    for k in range(6):
+        make = {gga: lambda: gga(at(k)), vtg: lambda: vtg(kmh=str(k)), rmc: lambda: rmc(at(k))}  # noqa: B023
+        receiver.burst(*[make[kind]() for kind in order])
+    receiver.fixes += receiver.decoder.flush(receiver.now_ns)
+    assert [fix.utc_s for fix in receiver.fixes] == [43200 + k for k in range(6)]
+    if vtg in order:  # the very first sentence may be the end of a burst
+        assert [fix.speed_mps for fix in receiver.fixes][1:] == [float(Fraction(k) * 10 / 36) for k in range(1, 6)]
+
+
+@pytest.mark.parametrize("paused", [True, False])
+def test_a_damaged_sentence_costs_its_own_epoch_only(paused):
+    receiver = Receiver(flush=paused)
+    for k in range(8):
+        first = b"$GPGGA,broken*00\r\n" if k == 4 else gga(at(k))
+        receiver.burst(first, vtg(kmh=str(k)))
+        if not paused:
+            receiver.now_ns -= 900_000_000  # a line without a pause
+    receiver.fixes += receiver.decoder.flush(receiver.now_ns + QUIET_NS)
+    assert [fix.utc_s - 43200 for fix in receiver.fixes] == [0, 1, 2, 3, 5, 6, 7]
+    assert [round(fix.speed_mps * 3.6) for fix in receiver.fixes] == [0, 1, 2, 3, 5, 6, 7]
+
+
+def test_a_lost_ending_is_replaced_by_the_next_burst():
+    receiver = Receiver(flush=False)
+    for k in range(3):
+        receiver.burst(gga(at(k)), vtg())
+    assert receiver.burst(gga(at(3))) == []
+    assert receiver.burst(gga(at(4)), vtg()) == [0, 1]
+    assert [fix.utc_s - 43200 for fix in receiver.fixes] == [0, 1, 2, 3, 4]
+
+
+def test_a_changed_ending_is_learned_anew():
+    receiver = Receiver()
+    for k in range(3):
+        receiver.burst(gga(at(k)), vtg())
+    told = [receiver.burst(gga(at(k)), vtg(), rmc(at(k))) for k in range(3, 8)]
+    assert told[-1] == [2]
+    assert [fix.utc_s - 43200 for fix in receiver.fixes] == list(range(8))
+
+
+def test_midnight_is_an_epoch_like_any_other():
+    receiver = Receiver()
+    for time, day in (("235959.000", "311225"), ("000000.000", "010126"), ("000001.000", "010126")):
+        receiver.burst(gga(time), rmc(time, day=day))
+    assert [fix.utc_s for fix in receiver.fixes] == [86399.0, 0.0, 1.0]
+    assert [fix.date for fix in receiver.fixes] == [date(2025, 12, 31), date(2026, 1, 1), date(2026, 1, 1)]
+
+
+def test_a_time_that_stands_still_is_dropped_and_counted():
+    receiver = Receiver()
+    for k in (0, 1, 1, 1, 2):
+        receiver.burst(gga(at(k)), vtg())
+    assert [fix.utc_s - 43200 for fix in receiver.fixes] == [0, 1, 2]
+    assert receiver.decoder.counters["repeated"] == 2
+
+
+def test_a_transition_epoch_with_a_position_but_quality_0_is_no_fix():
+    fixes, decoder = decode(gga(rest="0,03,2.0,545.4,M,46.9,M,,") + vtg())
+    assert fixes == []
+    assert (decoder.status.quality, decoder.status.satellites) == (0, 3)
+    fixes, decoder = decode(gga() + rmc(status="V"))
+    assert fixes == []
+    assert decoder.counters["no fix"] == 1
+
+
+def test_gst_and_zda_complete_the_fix():
+    fix = fix_of(gga() + line("GPGST,120000.000,1,2,3,4,0.5,0.6,1.7") + line("GPZDA,120000.000,21,11,2026,00,00"))
+    assert (fix.sigma_n_m, fix.sigma_e_m, fix.sigma_d_m) == (0.5, 0.6, 1.7)
+    assert fix.date == date(2026, 11, 21)
+
+
+def test_a_receiver_without_gga_gives_fixes_too():
+    fix = fix_of(rmc(tail=",,,D"))
+    assert (fix.quality, fix.mode, fix.height_m, fix.satellites) == (2, "D", None, None)
+
+
+def test_recognition():
+    assert DRIVER.recognise(FIX).driver == "nmea"
+    assert DRIVER.recognise(FIX_VTG) is None, "one sentence may be chance"
+    assert DRIVER.recognise(FIX_VTG[5:] + FIX_VTG + FIX_VTG).model == "NMEA receiver"
+    assert DRIVER.recognise(FIX[:-2]) is None
+    assert DRIVER.recognise(FIX.replace(b"1,3", b"1,4")) is None
+
+
+def test_receivers_are_only_listened_to():
+    device = Mute(9600)
+    assert run(DRIVER.identify(), device)[0] is None
+    configured, _ = run(DRIVER.configure(DRIVER.recognise(FIX), Options()), device)
+    assert configured.identity.driver == "nmea"
+    assert device.written == b""
+
+
+def test_checksums_of_the_public_examples():
+    sentences = list(Splitter(Counter()).feed(b"$PMTK220,1000*1F\r\n$PMTK251,9600*17\r\n$PMTK314,-1*04\r\n", 3))
+    assert [(s.talker, s.kind, s.fields, s.arrival_ns) for s in sentences] == [
+        ("P", "MTK220", ("1000",), 3),
+        ("P", "MTK251", ("9600",), 3),
+        ("P", "MTK314", ("-1",), 3),
+    ]

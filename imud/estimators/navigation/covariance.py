@@ -32,7 +32,9 @@ from .state import (
 
 INTERVAL_S = 0.0095  # the covariance follows at about 100 Hz
 WANDER_S = 40.0  # time constant of the GNSS position error (four real receivers: 20 to 60 s)
-SCALE_S = 2.0  # how long a scale-factor error acts in one direction
+FORCE_SCALE_S, RATE_SCALE_S = 0.2, 0.05  # how long a scale-factor error acts in one direction
+SHAKEN_NOISE = 0.011  # (m/s)/sqrt(s), of an accelerometer on a vehicle under way, beyond its own
+SHAKEN_WALK = 2e-3  # (m/s^2)/sqrt(s), vibration rectified into bias
 MOUNT_WALK = math.radians(0.02) ** 2  # rad^2/s, load and suspension
 LATENCY_WALK = 1e-9  # s^2/s
 LEVEL_ACCEL = 2.0  # m/s^2, of a vehicle whose heading is not known yet
@@ -84,7 +86,7 @@ def predict(p: Any, c: Any) -> None:
         shear(c.P, STATES, POSITION + i, VELOCITY + i, dt)
     accel2 = c.accel[0] ** 2 + c.accel[1] ** 2 + c.accel[2] ** 2
     rate2 = c.rate[0] ** 2 + c.rate[1] ** 2 + c.rate[2] ** 2
-    qv = p.accel_psd + p.tune[5]**2 + c.vibration_accel + p.accel_scale**2 * accel2 * p.tune[2]
+    qv = p.accel_psd + SHAKEN_NOISE**2 * c.shaking + c.vibration_accel + p.accel_scale**2 * accel2 * FORCE_SCALE_S
     if c.phase == LEVELLING:
         qv = LEVEL_ACCEL**2
     else:
@@ -93,7 +95,7 @@ def predict(p: Any, c: Any) -> None:
     for i in range(3):
         for j in range(3):
             shear(c.P, STATES, ATTITUDE + i, GYRO_BIAS + j, -m[3 * i + j] * dt)
-    qa = p.gyro_psd + c.vibration_gyro + p.gyro_scale**2 * rate2 * p.tune[3]
+    qa = p.gyro_psd + c.vibration_gyro + p.gyro_scale**2 * rate2 * RATE_SCALE_S
     decay = math.exp(-dt / WANDER_S)
     for i in range(3):
         scale(c.P, STATES, WANDER + i, decay)
@@ -103,7 +105,7 @@ def predict(p: Any, c: Any) -> None:
         grow(c, VELOCITY + i, qv * dt)
         grow(c, ATTITUDE + i, qa * dt)
         grow(c, GYRO_BIAS + i, p.gyro_walk * dt)
-        grow(c, ACCEL_BIAS + i, (p.accel_walk + p.tune[6]**2) * dt)
+        grow(c, ACCEL_BIAS + i, (p.accel_walk + SHAKEN_WALK**2 * c.shaking) * dt)
         c.dv[i] = 0.0
     grow(c, MOUNT_PITCH, MOUNT_WALK * dt)
     grow(c, MOUNT_YAW, MOUNT_WALK * dt)

@@ -27,6 +27,7 @@ COURSE_SPEED = 0.5  # m/s, below it the course is noise
 GATE = 25.0
 GIVE_IN_COUNT, GIVE_IN_S = 5, 8.0
 LEARNING = 0.03
+SECOND_ORDER = 10.0  # m, m/s per rad^2 of heading variance: what the linear model leaves out
 STAMP_S, STAMP_SIGMA = 1e-3, 0.03  # s
 LATENCY_FLOOR = 0.01  # s per metre of sigma
 
@@ -117,11 +118,12 @@ def fuse_position(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
     z = c.z
     offset(c, fix, z)
     lever = quat_rotate((c.q[0], c.q[1], c.q[2], c.q[3]), (p.lever[0], p.lever[1], p.lever[2]))
+    curved = (SECOND_ORDER * variance(c, ATTITUDE + 2)) ** 2
     worst = 0.0
     for i in range(3):
         z[i] += late * c.v[i] - lever[i] - c.wander[i]
         if math.isfinite(z[i]):
-            worst = max(worst, z[i] ** 2 / (predicted(c, position_row(c, lever, i)) + c.white[i // 2]))
+            worst = max(worst, z[i] ** 2 / (predicted(c, position_row(c, lever, i)) + c.white[i // 2] + curved))
     accepted = worst < GATE
     c.rejected = 0 if accepted else c.rejected + 1
     if not accepted and c.rejected > GIVE_IN_COUNT and c.t_ns - c.fix_ns > 1e9 * GIVE_IN_S:
@@ -131,14 +133,14 @@ def fuse_position(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
     for i in range(3):
         if not math.isfinite(z[i]):
             continue
-        r = c.white[i // 2]
+        r = c.white[i // 2] + curved
         m = position_row(c, lever, i)
         s = predicted(c, m) + r
         n = report(innovations, n, fix.t_ns, POSITION_N + i, residual(c, m, z[i]), s, accepted)
         if accepted:
             nis = abs(take(c, m, z[i], r, 0.0))
             least, most = (0.3 * min(c.reported[i // 2], 0.3)) ** 2, (2.0 * c.reported[i // 2]) ** 2
-            c.white[i // 2] = min(max(r + LEARNING * (min(nis, 9.0) - 1.0) * s, least), most)
+            c.white[i // 2] = min(max(c.white[i // 2] + LEARNING * (min(nis, 9.0) - 1.0) * s, least), most)
     if accepted:
         correct(c)
         c.fix_ns = c.t_ns
@@ -179,7 +181,7 @@ def fuse_velocity(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
         if not math.isfinite(received):
             continue
         z = received - c.v[i] - arm[i] + late * c.trend[i]
-        r = SPEED_SIGMA**2 + slow * slow + (VELOCITY_LAG * c.trend[i]) ** 2 + c.bend[i] ** 2
+        r = SPEED_SIGMA**2 + (SECOND_ORDER * variance(c, ATTITUDE + 2)) ** 2 + slow * slow + (VELOCITY_LAG * c.trend[i]) ** 2 + c.bend[i] ** 2
         m = row(c, 0, VELOCITY + i, 1.0)
         m = row(c, m, LATENCY, -c.trend[i])
         s = predicted(c, m) + r

@@ -20,7 +20,7 @@ from .state import ATTITUDE, FREE, LAND, MOUNT_PITCH, MOUNT_YAW, STATES, VELOCIT
 
 INTERVAL_S = 0.1
 SPEED = 1.0  # m/s, below it the constraint says little
-SIGMA = 0.15  # m/s
+SIGMA = 0.2  # m/s
 ARM = 1.0  # m, of the sensor from the axle that does not slip: v = arm * rate
 GATE = 12.0
 CONTRADICTION = 4.0  # mean normalised innovation squared
@@ -95,7 +95,7 @@ def constrain(p: Any, c: Any) -> None:
     c.since_constraint = 0.0
     if abs(along) < SPEED:
         return
-    sigma = p.tune[7] + ARM * math.sqrt(c.rate[0] ** 2 + c.rate[1] ** 2 + c.rate[2] ** 2)
+    sigma = SIGMA + ARM * math.sqrt(c.rate[0] ** 2 + c.rate[1] ** 2 + c.rate[2] ** 2)
     worst = 0.0
     for axis in range(2):
         e = lateral if axis == 0 else vertical

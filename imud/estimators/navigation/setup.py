@@ -32,7 +32,6 @@ GIVEN_TILT = math.radians(2.0)
 GIVEN_HEADING = math.radians(5.0)
 GIVEN_POSITION, UNKNOWN_HEIGHT, GIVEN_VELOCITY = 5.0, 100.0, 0.5  # m, m, m/s
 LATENCY_SIGMA = 0.2  # s
-TUNE = np.array([.003,.003,.1,.1,.05,0,1e-3,.15,.15,.03,0,0,0,0,0,0])
 VEHICLES = {"free": FREE, "auto": AUTO, "land": LAND}
 
 
@@ -56,7 +55,6 @@ def configure(settings: Settings, rate_hz: float) -> Record:
     r["accel_initial"] = profile.accel_bias_initial
     r["accel_scale"] = profile.accel_scale
     r["accel_range"] = profile.accel_range
-    r["tune"] = TUNE
     return p
 
 

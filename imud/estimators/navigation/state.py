@@ -36,7 +36,6 @@ PARAMETERS = np.dtype(
         ("accel_initial", "<f8"),  # m/s^2
         ("accel_scale", "<f8"),
         ("accel_range", "<f8"),  # m/s^2
-        ("tune", "<f8", (16,)),
     ],
     align=True,
 )
@@ -79,6 +78,7 @@ CORE = np.dtype(
         ("mean_w", "<f8", (3,)),  # of the last complete window
         ("quiet", "<i8"),  # complete quiet windows in a row
         ("floor", "<f8"),  # rad/s, quietest gyro deviation seen
+        ("shaking", "<f8"),  # 0 to 1, how much of a vehicle's vibration there is
         ("vibration_accel", "<f8"),  # m^2/s^3, noise density added by vibration
         ("vibration_gyro", "<f8"),  # rad^2/s
         # non-holonomic constraint

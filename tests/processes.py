@@ -93,6 +93,7 @@ class Daemon:
         """Wait until the log holds `text`."""
         deadline = time.monotonic() + seconds
         while text not in self.log:
+            assert self.process.poll() is None, self.log
             assert time.monotonic() < deadline, f"{text!r} not logged:\n{self.log}"
             time.sleep(0.05)
 
@@ -105,6 +106,7 @@ def daemon(folder: Path, *arguments: str) -> Iterator[Daemon]:
         with process(*command, stderr=log, env={**os.environ, "NO_COLOR": "1"}) as running:
             started = Daemon(running, folder)
             started.connect()
+            started.says(" ready ", START_S)
             with started.client:
                 yield started
 

@@ -41,7 +41,7 @@ def test_position_with_a_receiver_and_a_reconnect(tmp_path):
     imu, gnss = tmp_path / "imu", tmp_path / "gnss"
     ports = ("--port", str(imu), "--port", str(gnss))
     with daemon(tmp_path, *ports) as imud:
-        imud.says("no such")
+        imud.says("there is no")
         with emulator("g350", "nmea", "--scenario", "rest", links=[imu, gnss]):
             est = imud.until(lambda m: m["class"] == "EST" and "position" in m["state"])
             assert est["lat_deg"] == pytest.approx(35.6586, abs=1e-3)

@@ -149,6 +149,8 @@ class Daemon:
         for kind, pair in (("imu", self._imu), ("gnss", self._gnss)):
             if pair and now_ns - pair[1].heard_ns > _SILENCE_NS[kind]:
                 pair[0].lost("the device fell silent")
+        if self._imu is None and self._gpsd.wants(now_ns):
+            self._gpsd.publish(View(devices=self._devices), now_ns)  # the clients must not take old news for new
         if (deadline := self._gpsd.next_deadline()) is not None and now_ns >= deadline:
             self._gpsd.tick(now_ns)
         self._tell_changes()

@@ -78,6 +78,17 @@ def test_other_talkers_are_not_taken_for_an_imu(burst):
     assert seconds < 2.0
 
 
+def test_one_fitting_answer_may_be_chance():
+    class Parrot(Mute):
+        def receive(self, data):
+            if data.startswith(b"\x3e") and self.written.count(b"\x3e") == 1:
+                self.say(b"\x3e\x00\x00\r")
+
+    found, seconds = identify(Parrot(460800))
+    assert found is None
+    assert seconds < 2.0
+
+
 def test_a_later_model_is_named_as_not_supported():
     found, _ = identify(Windowed())
     assert isinstance(found, Unsupported)

@@ -315,6 +315,14 @@ def test_a_damaged_sentence_costs_its_own_epoch_only(paused):
     assert [round(fix.speed_mps * 3.6) for fix in receiver.fixes] == [0, 1, 2, 3, 5, 6, 7]
 
 
+def test_the_end_of_a_burst_that_began_before_us_stays_out_of_the_next():
+    decoder, stream = NmeaDecoder(), vtg(kmh="0")
+    for k in range(1, 5):
+        stream += gga(at(k)) + rmc(at(k)) + vtg(kmh=str(k))
+    fixes = decoder.feed(stream, 1) + decoder.flush(1 + QUIET_NS)  # a line without pauses
+    assert [fix.speed_mps for fix in fixes] == [float(Fraction(k) * 10 / 36) for k in range(1, 5)]
+
+
 def test_a_lost_ending_is_replaced_by_the_next_burst():
     receiver = Receiver(flush=False)
     for k in range(3):

@@ -10,6 +10,8 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import date
+from functools import reduce
+from operator import xor
 
 LONGEST = 512  # bytes; the standard has 82, receivers send more
 BODY = re.compile(rb"([A-Z0-9]{2,})((?:,[\x20-\x7e]*)?)")
@@ -87,10 +89,7 @@ class Splitter:
 
 def checksum(body: bytes) -> int:
     """Exclusive or of all bytes between `$` and `*`."""
-    total = 0
-    for byte in body:
-        total ^= byte
-    return total
+    return reduce(xor, body, 0)
 
 
 def number(text: str, low: float, high: float, reason: str) -> float | None:

@@ -35,6 +35,7 @@ from .settings import Initial, Settings
 
 _SLOW_NS = 20_000_000  # what is not urgent is looked after this often
 _SILENCE_NS = {"imu": 1_000_000_000, "gnss": 5_000_000_000}  # a stream this long silent is broken
+_PARTS = {"imu": "inertial sensor", "gnss": "receiver"}
 _CHANGES = (
     (ATTITUDE_VALID, "roll and pitch are valid", "roll and pitch are lost"),
     (HEADING_VALID, "heading is valid", "heading is lost"),
@@ -154,8 +155,8 @@ class Daemon:
         if (deadline := self._gpsd.next_deadline()) is not None and now_ns >= deadline:
             self._gpsd.tick(now_ns)
         self._tell_changes()
-        if notifier.watchdog_s is not None:
-            notifier.say("WATCHDOG=1")
+        notifier.status("; ".join(f"{port.spec.path}: {port.story}" for port in self._ports))
+        notifier.alive(now_ns)
 
     def _tell_changes(self) -> None:
         for bit, came, went in _CHANGES:
@@ -178,7 +179,7 @@ class Daemon:
         identity = configured.identity
         role = self._imu if driver.kind == "imu" else self._gnss
         if role is not None:
-            self._log.warning("not used: another device has this part", port=port.spec.path, other=role[0].spec.path)
+            port.retire(f"not used: {role[0].spec.path} is the {_PARTS[driver.kind]} already")
             return
         now_ns = time.monotonic_ns()
         facts: dict[str, Any] = {"port": port.spec.path, "device": identity.model or driver.name, "baud": identity.baud}
@@ -188,6 +189,8 @@ class Daemon:
         elif driver.kind == "gnss":
             self._gnss = (port, Receiver(driver, self._settings.gnss, now_ns))
         self._log.info("streaming", **{name: value for name, value in facts.items() if value})
+        if self._imu is None and all(port.configured for port in self._ports):
+            self._log.warning("there is no inertial sensor on any port: nothing to estimate")
         self._describe()
 
     def disconnected(self, port: Port) -> None:

@@ -20,11 +20,24 @@ class Notifier:
                 self._socket.connect("\0" + address[1:] if address.startswith("@") else address)
         mine = os.environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         microseconds = int(os.environ.get("WATCHDOG_USEC", "0") or "0") if mine else 0
-        self.watchdog_s = microseconds * 1e-6 / 3.0 if microseconds else None
-        """How often to ping, s; None: nobody watches."""
+        self._ping_ns = microseconds * 1000 // 3
+        self._due_ns = 0
+        self._status = ""
 
     def say(self, *assignments: str) -> None:
         """Send, for example, "READY=1", "STATUS=waiting". Never blocks, never raises."""
         if self._socket is not None:
             with contextlib.suppress(OSError):
                 self._socket.send("\n".join(assignments).encode())
+
+    def alive(self, now_ns: int) -> None:
+        """Feed the watchdog, if there is one; as often as it needs, however often this is called."""
+        if self._ping_ns and now_ns >= self._due_ns:
+            self._due_ns = now_ns + self._ping_ns
+            self.say("WATCHDOG=1")
+
+    def status(self, text: str) -> None:
+        """What the service is doing, for `systemctl status`; sent when it changes."""
+        if text != self._status:
+            self._status = text
+            self.say(f"STATUS={text}")

@@ -82,6 +82,12 @@ class Port:
         self._retry_s = _FIRST_RETRY_S
         self._wait(why, warn=True)
 
+    def retire(self, why: str) -> None:
+        """Let go of a device that is not wanted, for good."""
+        self._close()
+        self.deadline_s = float("inf")
+        self._tell(why, warn=True)
+
     def close(self) -> None:
         """Let go of the device."""
         self._close()
@@ -135,6 +141,7 @@ class Port:
         self.connects += 1
         self._retry_s = _FIRST_RETRY_S
         self.deadline_s = float("inf")
+        self.story = "streaming"
         for warning in configured.warnings:
             self._log.warning(warning)
         self._host.connected(self, driver, configured)

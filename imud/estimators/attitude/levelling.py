@@ -1,0 +1,86 @@
+"""Beginnings: the first sample, roll and pitch from gravity, and going on after samples that are missing or false."""
+
+import math
+from typing import Any
+
+from ...kernels.jit import kernel
+from ...kernels.kalman import reset
+from ...kernels.rotation import Vector, euler_of_quat, quat_of_euler, quat_of_gravity
+from .covariance import clear, forget_motion, grow, report, variance
+from .state import ATTITUDE, GYRO_BIAS, STATES
+
+START_TILT = 0.1  # rad
+GIVEN_ANGLE = math.radians(1.0)  # of a roll, pitch or yaw given by the user
+UNIFORM = math.pi / math.sqrt(3.0)  # rad, sigma of an angle of which nothing is known
+LIGHTEST, HEAVIEST = 0.5, 2.0  # of gravity, for a force that may show the vertical
+GAP_RATE_PSD = 0.5**2  # (rad/s)^2/s: how fast a rate wanders unseen
+GAP_FORCE_PSD = 3.0**2  # (m/s^2)^2/s
+OVERRANGE = 0.2  # sqrt(s): noise of a saturated sensor as a part of its reading
+
+
+@kernel
+def begin(s: Any, w: Vector, f: Vector) -> None:
+    """Take the first sample, or the first one after a long gap: running means start from it."""
+    for i in range(3):
+        s.w[i] = s.w_mean[i] = w[i]
+        s.f[i] = s.f_mean[i] = s.f_anchor[i] = f[i]
+    s.force2 = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
+    s.quiet_s = s.contradicted_s = s.held_s = 0.0
+    s.resting = 0
+
+
+@kernel
+def resume(p: Any, s: Any, w: Vector, f: Vector, dt: float) -> None:
+    """After a long gap: tilt and heading unknown, biases as they were, a little older."""
+    begin(s, w, f)
+    clear(s)
+    s.levelled = s.heading = 0
+    for i in range(3):
+        grow(s, GYRO_BIAS + i, p.gyro_bias_psd * dt)
+        reset(s.P, STATES, ATTITUDE + i, UNIFORM**2)
+
+
+@kernel
+def level(s: Any, f: Vector) -> None:
+    """Take roll and pitch from specific force f, or from the user, yaw as it is; forget velocity and position."""
+    weight = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]) / s.gravity
+    if not LIGHTEST < weight < HEAVIEST:
+        return
+    _, _, yaw = euler_of_quat((s.q[0], s.q[1], s.q[2], s.q[3]))
+    roll, pitch, _ = euler_of_quat(quat_of_gravity(f[0], f[1], f[2]))
+    tilt2 = START_TILT**2 + (weight - 1.0) ** 2
+    heading2 = variance(s, ATTITUDE + 2)
+    g = s.given
+    if math.isfinite(g[0]) and math.isfinite(g[1]):
+        roll, pitch, tilt2 = g[0], g[1], GIVEN_ANGLE**2
+    if math.isfinite(g[2]):
+        yaw, heading2 = g[2], GIVEN_ANGLE**2
+    q = quat_of_euler(roll, pitch, yaw)
+    s.q[0], s.q[1], s.q[2], s.q[3] = q
+    for i in range(3):
+        reset(s.P, STATES, ATTITUDE + i, tilt2 if i < 2 else heading2)
+        g[i] = math.nan
+    forget_motion(s)
+    clear(s)
+    s.levelled = 1
+    report(s)
+
+
+@kernel
+def doubt(p: Any, s: Any, w: Vector, f: Vector, dt: float, saturated: bool) -> None:
+    """Noise for what was not measured: between samples far apart, while values are held, beyond the range."""
+    dw2 = df2 = w2 = f2 = 0.0
+    for i in range(3):
+        dw2 += (w[i] - s.w[i]) ** 2
+        df2 += (f[i] - s.f[i]) ** 2
+        w2 += w[i] * w[i]
+        f2 += f[i] * f[i]
+    if dt > p.gap_s:
+        s.attitude_extra += (dw2 + GAP_RATE_PSD * dt) * dt * dt / 12.0
+        s.velocity_extra += (df2 + GAP_FORCE_PSD * dt) * dt * dt / 12.0
+    if s.held_s > 0.0:
+        s.attitude_extra += GAP_RATE_PSD * s.held_s * s.held_s * dt
+        s.velocity_extra += GAP_FORCE_PSD * s.held_s * s.held_s * dt
+    if saturated:
+        s.attitude_extra += OVERRANGE**2 * w2 * dt
+        s.velocity_extra += OVERRANGE**2 * f2 * dt

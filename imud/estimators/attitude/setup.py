@@ -1,0 +1,67 @@
+"""Parameters from the sensor's noise profile, and the state before the first sample."""
+
+import math
+
+import numpy as np
+
+from ...kernels.earth import STANDARD_GRAVITY, gravity
+from ...profiles import PROFILES
+from ...settings import Initial, Settings
+from .. import Record
+from .levelling import UNIFORM
+from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, LAG, PARAMETERS, STATE, STATES
+
+DEFAULT_PROFILE = "consumer-mems"
+GRAVITY_SPREAD = 0.0015  # of standard gravity over the earth's surface, 1 sigma
+LAG_SPREAD = 0.0013  # s, of the accelerometer behind the gyro, 1 sigma
+BIAS_WALK = 1.4  # 1/sqrt(s), of the bias instability
+
+
+def configure(settings: Settings, rate_hz: float) -> Record:
+    """Parameters (PARAMETERS) from the sensor's profile. rate_hz: nominal; a step of more than 2.5 periods is a gap."""
+    name = settings.imu.profile
+    profile = PROFILES[DEFAULT_PROFILE if name == "auto" else name]
+    p = np.zeros(1, PARAMETERS)
+    p["gap_s"] = 2.5 / rate_hz
+    p["gyro_psd"] = profile.gyro_noise**2
+    p["gyro_bias_var"] = profile.gyro_bias_initial**2
+    p["gyro_bias_psd"] = (BIAS_WALK * profile.gyro_bias_instability) ** 2
+    p["gyro_matrix_var"] = profile.gyro_scale**2
+    p["accel_psd"] = profile.accel_noise**2
+    p["accel_bias_var"] = profile.accel_bias_initial**2
+    p["accel_scale_var"] = profile.accel_scale**2
+    p["rest_rate_psd"] = (6.0 * profile.gyro_noise) ** 2
+    return p
+
+
+def start(parameters: Record, initial: Initial) -> Record:
+    """A state (STATE) that waits for its first sample. A latitude makes gravity known; given angles are kept."""
+    s = np.zeros(1, STATE)
+    known = initial.lat_deg is not None
+    lat = math.radians(initial.lat_deg or 0.0)
+    s["gravity"] = gravity(lat, initial.height_m or 0.0) if known else STANDARD_GRAVITY
+    s["q"] = (1.0, 0.0, 0.0, 0.0)
+    angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)
+    s["given"] = [math.nan if angle is None else math.radians(angle) for angle in angles]
+    s["heading"] = initial.yaw_deg is not None
+    s["one"] = 1.0
+    s["sigma_tilt"] = s["sigma_rpy"] = UNIFORM
+    s["P"][0] = _covariance(parameters, known)[np.triu_indices(STATES)]
+    return s
+
+
+def _covariance(parameters: Record, gravity_known: bool) -> np.ndarray:
+    P = np.zeros((STATES, STATES))
+    for first, count, name in (
+        (GYRO_BIAS, 3, "gyro_bias_var"),
+        (ACCEL_BIAS, 3, "accel_bias_var"),
+        (GYRO_MATRIX, 9, "gyro_matrix_var"),
+        (ACCEL_SCALE, 3, "accel_scale_var"),
+    ):
+        each = range(first, first + count)
+        P[each, each] = parameters[name][0]
+    P[[ATTITUDE, ATTITUDE + 1], [ATTITUDE, ATTITUDE + 1]] = UNIFORM**2  # yaw counts from the start
+    P[LAG, LAG] = LAG_SPREAD**2
+    if not gravity_known:  # looks like the same scale error on every axis
+        P[ACCEL_SCALE : ACCEL_SCALE + 3, ACCEL_SCALE : ACCEL_SCALE + 3] += GRAVITY_SPREAD**2
+    return P

@@ -1,0 +1,85 @@
+"""The records of the attitude filter: its 28 error states, its parameters and what it remembers.
+
+Errors are "true minus estimate". The attitude error is a small rotation in NED (q_true = exp(phi) q_nb); velocity and
+position are NED and leak to zero; gyro and accelerometer follow true = (I - M)(measured - bias), M full for the gyro
+(scale factors and misalignments, row-major), diagonal for the accelerometer.
+"""
+
+import numpy as np
+
+ATTITUDE, GYRO_BIAS, VELOCITY, POSITION, ACCEL_BIAS, GYRO_MATRIX, ACCEL_SCALE, LAG = 0, 3, 6, 9, 12, 15, 24, 27
+STATES = 28
+PACKED = STATES * (STATES + 1) // 2
+
+# What a sensor's profile gives, in variances and power spectral densities, and the nominal sample period.
+PARAMETERS = np.dtype(
+    [
+        ("gap_s", "<f8"),  # a longer step between samples is a gap
+        ("gyro_psd", "<f8"),  # rad^2/s
+        ("gyro_bias_var", "<f8"),  # (rad/s)^2 at switch-on
+        ("gyro_bias_psd", "<f8"),  # (rad/s)^2/s
+        ("gyro_matrix_var", "<f8"),
+        ("accel_psd", "<f8"),  # (m/s)^2/s
+        ("accel_bias_var", "<f8"),  # (m/s^2)^2 at switch-on
+        ("accel_bias_psd", "<f8"),  # (m/s^2)^2/s
+        ("accel_scale_var", "<f8"),
+        ("rest_rate_psd", "<f8"),  # (rad/s)^2 s: noise of the mean rate at rest
+    ],
+    align=True,
+)
+
+STATE = np.dtype(
+    [
+        ("t_ns", "<i8"),  # of the newest sample
+        ("samples", "<i8"),
+        ("levelled", "<i8"),  # 1 when roll and pitch have been found
+        ("heading", "<i8"),  # 1 while yaw refers to true north
+        ("given", "<f8", (3,)),  # roll, pitch, yaw that the user knows, NaN: unknown
+        ("gravity", "<f8"),  # m/s^2
+        ("q", "<f8", (4,)),
+        ("v", "<f8", (3,)),
+        ("p", "<f8", (3,)),
+        ("bg", "<f8", (3,)),
+        ("ba", "<f8", (3,)),
+        ("gm", "<f8", (9,)),
+        ("sa", "<f8", (3,)),
+        ("lag", "<f8"),  # s
+        ("P", "<f8", (PACKED,)),
+        ("x", "<f8", (STATES,)),
+        ("d", "<f8", (STATES,)),
+        ("column", "<i8", (1,)),  # a measurement row of one element
+        ("one", "<f8", (1,)),
+        ("sigma_tilt", "<f8"),
+        ("sigma_rpy", "<f8", (3,)),
+        ("sigma_bg", "<f8", (3,)),
+        ("sigma_ba", "<f8", (3,)),
+        # the newest good sample as measured, and for how long it has been held
+        ("w", "<f8", (3,)),
+        ("f", "<f8", (3,)),
+        ("held_s", "<f8"),
+        # gathered since the covariance was last propagated; C is q_nb as a matrix
+        ("span", "<f8"),  # s
+        ("turn", "<f8", (9,)),  # integral of C
+        ("push", "<f8", (3,)),  # of C f
+        ("turn_rate", "<f8", (27,)),  # of C[i, j] w[k]
+        ("turn_force", "<f8", (9,)),  # of C[i, j] f[j]
+        ("sweep", "<f8", (3,)),  # of C (f x w)
+        ("motion", "<f8", (6,)),  # of a a', a the acceleration: upper triangle
+        ("spin", "<f8"),  # of |w|^2
+        ("attitude_extra", "<f8"),  # rad^2, from gaps and saturation
+        ("velocity_extra", "<f8"),  # (m/s)^2
+        ("a", "<f8", (3,)),  # m/s^2, acceleration in NED
+        # how lively the velocity is
+        ("v_mean", "<f8", (3,)),
+        ("v_energy", "<f8", (3,)),
+        # rest
+        ("w_mean", "<f8", (3,)),
+        ("f_mean", "<f8", (3,)),
+        ("f_anchor", "<f8", (3,)),
+        ("force2", "<f8"),  # (m/s^2)^2, mean square of the force
+        ("quiet_s", "<f8"),
+        ("contradicted_s", "<f8"),
+        ("resting", "<i8"),
+    ],
+    align=True,
+)

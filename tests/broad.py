@@ -1,0 +1,55 @@
+"""The attitude filter as a callable of `score_attitude.py`: z-up sensor axes in, z-up sensor-to-earth quaternions out.
+
+Usage: score_attitude.py broad:attitude, with this folder on the path.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from drivers.sample import SAMPLE
+from imud.estimators.attitude import ESTIMATOR
+from imud.estimators.records import SOLUTION
+from imud.settings import Imu, Initial, Settings
+
+Floats = NDArray[np.float64]
+HALF_TURN_ABOUT_X = np.array([1.0, -1.0, -1.0])  # z-up axes to FRD and back; a quaternion's vector part turns with them
+step = ESTIMATOR.step
+
+
+@njit
+def run(parameters, state, samples, out):
+    for k in range(len(samples)):
+        step(parameters[0], state[0], samples[k], out[k])
+
+
+def samples_of(t: Floats, w: Floats, f: Floats) -> NDArray[np.void]:
+    """Samples (SAMPLE) at times t in s with rates w (N, 3) and specific forces f (N, 3), FRD."""
+    samples = np.zeros(len(t), SAMPLE)
+    samples["t_ns"] = np.round((t - t[0]) * 1e9).astype(np.int64) + 1_000_000_000
+    samples["tick"] = np.arange(len(t))
+    samples["w"], samples["f"], samples["temperature"] = w, f, np.nan
+    return samples
+
+
+def solutions_of(samples: NDArray[np.void], profile: str = "auto", initial: Initial | None = None, rate_hz: float = 0.0) -> NDArray[np.void]:
+    """Every sample's solution from a fresh filter. rate_hz 0: the samples' own."""
+    rate_hz = rate_hz or 1e9 / float(np.median(np.diff(samples["t_ns"])))
+    parameters = ESTIMATOR.configure(Settings(imu=Imu(profile=profile)), rate_hz)
+    state = ESTIMATOR.start(parameters, initial or Initial())
+    out = np.zeros(len(samples), SOLUTION)
+    run(parameters, state, samples, out)
+    return out
+
+
+def with_profile(profile: str) -> Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]:
+    def filtered(t: Floats, gyr: Floats, acc: Floats) -> tuple[Floats, Floats]:
+        out = solutions_of(samples_of(t, gyr * HALF_TURN_ABOUT_X, acc * HALF_TURN_ABOUT_X), profile)
+        return out["q_nb"] * np.concatenate([[1.0], HALF_TURN_ABOUT_X]), out["bg"] * HALF_TURN_ABOUT_X
+
+    return filtered
+
+
+attitude = with_profile("auto")

@@ -1,4 +1,4 @@
-"""Recorded drives through the navigation filter: CSV in, estimate out, each fix at its arrival, scored against truth."""
+"""Recorded drives through the navigation filter: CSV in, estimate out, each fix at its arrival, then the score."""
 
 from __future__ import annotations
 
@@ -171,18 +171,26 @@ def evaluate(name, grade, vehicle="auto", outages=("60", "30"), profile="auto"):
 def settings_of(vehicle="auto", lever=(0.0, 0.0, 0.0), profile="auto"):
     from imud.settings import Imu, Navigation
 
-    return Settings(imu=Imu(profile=profile), navigation=Navigation(vehicle=vehicle, lever_arm_m=tuple(map(float, lever))))
+    return Settings(
+        imu=Imu(profile=profile), navigation=Navigation(vehicle=vehicle, lever_arm_m=tuple(map(float, lever)))
+    )
 
 
 def line(name, grade, vehicle, figures):
     c, n = figures["channels"], figures["nees"]
-    text = f"{name:9s} {grade:13s} {vehicle:5s} pH {c['pH']['rms']:7.3f} pD {c['pD']['rms']:6.3f} vH {c['vH']['rms']:6.3f}"
+    text = (
+        f"{name:9s} {grade:13s} {vehicle:5s} pH {c['pH']['rms']:7.3f} pD {c['pD']['rms']:6.3f} vH {c['vH']['rms']:6.3f}"
+    )
     text += f" vD {c['vD']['rms']:6.3f} NEES p {n['pos']['anees']:5.2f} v {n['vel']['anees']:5.2f}"
     if "yaw" in c:
-        text += f" rpy {c['roll']['rms']:.2f} {c['pitch']['rms']:.2f} {c['yaw']['rms']:.2f} NEES a {n['att']['anees']:.2f}"
+        text += (
+            f" rpy {c['roll']['rms']:.2f} {c['pitch']['rms']:.2f} {c['yaw']['rms']:.2f} NEES a {n['att']['anees']:.2f}"
+        )
     for length, e in figures["outages"].items():
         rms = np.sqrt(np.mean(e[:, 0] ** 2))
-        text += f" | {length}s med {np.median(e[:, 0]):.1f} rms {rms:.1f} max {e[:, 0].max():.1f} nees {e[:, 1].mean():.1f}"
+        text += (
+            f" | {length}s med {np.median(e[:, 0]):.1f} rms {rms:.1f} max {e[:, 0].max():.1f} nees {e[:, 1].mean():.1f}"
+        )
     return text
 
 

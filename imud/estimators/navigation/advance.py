@@ -45,8 +45,7 @@ def move(p: Any, c: Any, w: Any, f: Any, dt: float) -> None:
 @kernel
 def bridge(p: Any, c: Any, w: Any, f: Any, dt: float) -> None:
     """Integrate over a gap in the samples, holding what is known, and doubt the result."""
-    if dt > LONGEST_GAP_S:
-        dt = LONGEST_GAP_S
+    dt = min(dt, LONGEST_GAP_S)
     chunks = int(dt / CHUNK_S) + 1
     for i in range(3):
         c.w[i] = 0.5 * (c.w[i] + w[i])

@@ -43,7 +43,7 @@ LEVEL_ACCEL = 2.0  # m/s^2, of a vehicle whose heading is not known yet
 @kernel
 def variance(c: Any, i: int) -> float:
     """P[i, i]."""
-    return c.P[packed_index(STATES, i, i)]
+    return float(c.P[packed_index(STATES, i, i)])
 
 
 @kernel

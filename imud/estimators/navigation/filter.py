@@ -20,7 +20,7 @@ AHEAD_S = 1.0  # a fix may be newer than the newest sample by this
 
 @kernel
 def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
-    """One inertial sample (body axes) in, one solution out. A suspect sample shows nothing: the last good one is held."""
+    """One inertial sample (body axes) in, one solution out. For a suspect sample the last good one is held."""
     w, f = s.w, s.f
     good = (sample.flags & SUSPECT) == 0
     for i in range(3):
@@ -86,7 +86,7 @@ def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
 
 @kernel
 def fuse(p: Any, c: Any, fix: Any, late: float, innovations: Any) -> int:
-    """Take the fix at the time where the core is; it was true `late` s before that, and the rewinding has seen to the rest."""
+    """Take the fix at the time where the core is; it was true `late` s before that (what rewinding has left)."""
     c.fix_speed = math.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed
     if c.phase == LEVELLING:
         place(p, c, fix)

@@ -154,12 +154,12 @@ def fuse_position(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
 def velocity_of(fix: Any, axis: int) -> float:
     """North, east or down velocity of a fix, m/s; NaN where it says nothing."""
     if math.isfinite(fix.v[axis]):
-        return fix.v[axis]
+        return float(fix.v[axis])
     if axis == 2 or not math.isfinite(fix.speed):
         return math.nan
     if fix.speed < COURSE_SPEED:
         return 0.0
-    return fix.speed * (math.cos(fix.course) if axis == 0 else math.sin(fix.course))
+    return float(fix.speed) * (math.cos(fix.course) if axis == 0 else math.sin(fix.course))
 
 
 @kernel
@@ -181,7 +181,13 @@ def fuse_velocity(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
         if not math.isfinite(received):
             continue
         z = received - c.v[i] - arm[i] + late * c.trend[i]
-        r = SPEED_SIGMA**2 + (SECOND_ORDER * variance(c, ATTITUDE + 2)) ** 2 + slow * slow + (VELOCITY_LAG * c.trend[i]) ** 2 + c.bend[i] ** 2
+        r = (
+            SPEED_SIGMA**2
+            + (SECOND_ORDER * variance(c, ATTITUDE + 2)) ** 2
+            + slow * slow
+            + (VELOCITY_LAG * c.trend[i]) ** 2
+            + c.bend[i] ** 2
+        )
         m = row(c, 0, VELOCITY + i, 1.0)
         m = row(c, m, LATENCY, -c.trend[i])
         s = predicted(c, m) + r

@@ -68,7 +68,7 @@ def velocity_at(s: Any, t_ns: int, axis: int) -> float:
         k -= 1
     if k < oldest or s.snapshots[k % SNAPSHOTS].phase != NAVIGATING:
         return math.nan
-    return s.snapshots[k % SNAPSHOTS].v[axis]
+    return float(s.snapshots[k % SNAPSHOTS].v[axis])
 
 
 @kernel
@@ -86,7 +86,7 @@ def trace_velocity(s: Any) -> None:
 
 @kernel
 def approach(p: Any, s: Any, t_ns: int, w: Any, f: Any) -> None:
-    """Forward from a snapshot to t_ns exactly, which is not after the newest sample; (w, f) is room for the sample interpolated there."""
+    """Forward from a snapshot to t_ns exactly, not after the newest sample; (w, f) is room to interpolate there."""
     c = s.core[0]
     while c.taken < s.received and s.ring[c.taken % RING].t_ns <= t_ns:
         advance(p, c, s.ring[c.taken % RING])

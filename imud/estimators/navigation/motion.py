@@ -88,10 +88,10 @@ def slow(c: Any) -> bool:
     if known and c.fix_speed > REST_SPEED:
         return False
     if c.phase != NAVIGATING:
-        return known or c.fixes == 0 or c.quiet > 10
+        return bool(known or c.fixes == 0 or c.quiet > 10)
     speed2 = c.v[0] ** 2 + c.v[1] ** 2 + c.v[2] ** 2
     s2 = max(variance(c, VELOCITY), variance(c, VELOCITY + 1))
-    return (known and speed2 < 1.0 + 9.0 * s2) or (speed2 < REST_SPEED**2 and s2 < 0.25)
+    return bool((known and speed2 < 1.0 + 9.0 * s2) or (speed2 < REST_SPEED**2 and s2 < 0.25))
 
 
 @kernel

@@ -18,7 +18,7 @@ HEADING_LIMIT = math.radians(30.0)
 @kernel
 def status(c: Any, sigma_rpy: Any) -> int:
     """The status bits of the solution."""
-    bits = c.flags
+    bits: int = c.flags
     if max(sigma_rpy[0], sigma_rpy[1]) < TILT_VALID:
         bits |= ATTITUDE_VALID
     if (c.phase == NAVIGATING or c.heading_sigma > 0.0) and sigma_rpy[2] < HEADING_LIMIT:

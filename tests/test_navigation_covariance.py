@@ -1,0 +1,132 @@
+"""Covariance propagation against dense Phi P Phi' + Q by the matrix exponential; measurements against the textbook."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+
+from imud.estimators.navigation import covariance as k
+from imud.estimators.navigation.correction import correct, row, take
+from imud.estimators.navigation.setup import configure, start
+from imud.estimators.navigation.state import (
+    ACCEL_BIAS,
+    ATTITUDE,
+    GYRO_BIAS,
+    LATENCY,
+    MOUNT_PITCH,
+    MOUNT_YAW,
+    NAVIGATING,
+    POSITION,
+    STATES,
+    VELOCITY,
+    WANDER,
+)
+from imud.kernels.kalman import unpack
+from imud.settings import Initial, Settings
+
+
+def skew(v):
+    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+
+
+def block(i, n=3):
+    return slice(i, i + n)
+
+
+def made(seed):
+    """Parameters and a navigating core with a random full covariance."""
+    rng = np.random.default_rng(seed)
+    p = configure(Settings(), 100.0)
+    s = start(p, Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=10.0))
+    c = s["core"][0, 0]
+    scale = np.array([2.0] * 3 + [0.3] * 3 + [0.02] * 3 + [1e-3] * 3 + [0.1] * 3 + [2.0] * 3 + [0.03] * 2 + [0.1])
+    root = rng.standard_normal((STATES, STATES)) * scale[:, None]
+    P = root @ root.T / STATES
+    c["phase"] = NAVIGATING
+    c["P"] = P[np.triu_indices(STATES)]
+    attitude = Rotation.random(random_state=seed)
+    c["q"] = np.roll(attitude.as_quat(), 1)
+    c["reported"] = (1.5, 3.0)
+    c["accel"], c["rate"], c["shaking"] = rng.standard_normal(3), 0.3 * rng.standard_normal(3), 0.4
+    return p, s, c, P, attitude.as_matrix(), rng
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_one_interval_is_that_of_the_matrix_exponential(seed):
+    p, _, c, P, C, rng = made(seed)
+    dt = 0.01
+    force = rng.standard_normal(3) * 3 + (0, 0, -9.8)
+    c["dv"], c["gathered"] = force * dt, dt
+    F = np.zeros((STATES, STATES))
+    F[block(POSITION), block(VELOCITY)] = np.eye(3)
+    F[block(VELOCITY), block(ATTITUDE)] = -skew(force)
+    F[block(VELOCITY), block(ACCEL_BIAS)] = -C
+    F[block(ATTITUDE), block(GYRO_BIAS)] = -C
+    F[block(WANDER), block(WANDER)] = -np.eye(3) / k.WANDER_S
+    q = np.zeros(STATES)
+    r = p[0]
+    q[block(VELOCITY)] = (
+        r["accel_psd"] + k.SHAKEN_NOISE**2 * 0.4 + r["accel_scale"] ** 2 * np.sum(c["accel"] ** 2) * k.FORCE_SCALE_S
+    )
+    q[block(ATTITUDE)] = r["gyro_psd"] + r["gyro_scale"] ** 2 * np.sum(c["rate"] ** 2) * k.RATE_SCALE_S
+    q[block(GYRO_BIAS)] = r["gyro_walk"]
+    q[block(ACCEL_BIAS)] = r["accel_walk"] + k.SHAKEN_WALK**2 * 0.4
+    q[block(WANDER)] = 2.0 / k.WANDER_S * np.array([1.5, 1.5, 3.0]) ** 2
+    q[[MOUNT_PITCH, MOUNT_YAW]] = k.MOUNT_WALK
+    q[LATENCY] = k.LATENCY_WALK
+    phi = expm(F * dt)
+    expected = phi @ P @ phi.T + np.diag(q) * dt
+    k.predict(p[0], c)
+    sigma = np.sqrt(np.diag(expected))
+    assert np.abs((unpack(c["P"], STATES) - expected) / np.outer(sigma, sigma)).max() < 2e-3
+    growth = np.diag(unpack(c["P"], STATES)) - np.diag(phi @ P @ phi.T)
+    noisy = q[block(GYRO_BIAS, 6)]
+    assert growth[block(GYRO_BIAS, 6)] == pytest.approx(noisy * dt, rel=1e-3)
+    assert c["gathered"] == 0.0
+
+
+def test_many_intervals_stay_positive_definite():
+    p, _, c, *_ = made(7)
+    for i in range(2000):
+        c["dv"], c["gathered"] = (0.05 * np.sin(i), 0.02, -0.098), 0.01
+        k.predict(p[0], c)
+    P = unpack(c["P"], STATES)
+    sigma = np.sqrt(np.diag(P))
+    assert np.linalg.eigvalsh(P / np.outer(sigma, sigma)).min() > 0.0
+
+
+def test_scalar_measurements_are_one_textbook_update():
+    _, _, c, P, _, rng = made(3)
+    H = np.zeros((2, STATES))
+    H[0, [VELOCITY, ATTITUDE + 1, LATENCY]] = 1.0, 2.0, -3.0
+    H[1, [POSITION + 1, WANDER + 1]] = 1.0, 1.0
+    z, R = rng.standard_normal(2), np.diag([0.04, 0.5])
+    K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+    for h, zi, ri in zip(H, z, np.diag(R), strict=True):
+        m = 0
+        for i in np.flatnonzero(h):
+            m = row(c, m, i, h[i])
+        take(c, m, zi, ri, 0.0)
+    assert c["x"] == pytest.approx(K @ z, abs=1e-10)
+    assert unpack(c["P"], STATES) == pytest.approx((np.eye(STATES) - K @ H) @ P, abs=1e-10)
+
+
+def test_a_gated_measurement_changes_nothing():
+    _, _, c, P, *_ = made(5)
+    assert take(c, row(c, 0, VELOCITY, 1.0), 100.0, 0.01, 25.0) < 0.0
+    assert not c["x"].any()
+    assert unpack(c["P"], STATES) == pytest.approx(P)
+
+
+def test_corrections_move_the_nominal_state_by_the_error():
+    _, _, c, _, C, _ = made(6)
+    lat, height, v = float(c["lat"]), float(c["height"]), c["v"].copy()
+    c["x"][POSITION : POSITION + 3] = 10.0, 0.0, 2.0
+    c["x"][VELOCITY] = 0.5
+    c["x"][ATTITUDE : ATTITUDE + 3] = 0.01, -0.02, 0.03
+    correct(c)
+    assert (c["lat"] - lat) * 6.3781e6 == pytest.approx(10.0, rel=0.01)
+    assert (c["height"] - height, c["v"][0] - v[0]) == pytest.approx((-2.0, 0.5))
+    turned = Rotation.from_rotvec([0.01, -0.02, 0.03]).as_matrix() @ C
+    assert Rotation.from_quat(np.roll(c["q"], -1)).as_matrix() == pytest.approx(turned, abs=1e-9)
+    assert not c["x"].any()

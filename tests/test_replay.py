@@ -1,0 +1,162 @@
+"""`imud replay` as a command: the CSV contract, determinism, and that nothing is used before it was known."""
+
+import csv
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from firmware_sim.motion import Trajectory
+from firmware_sim.scenarios import SCENARIOS
+
+RATE_HZ = 100
+SECONDS = 60
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """A noiseless drive: imu.csv, gnss.csv (0.2 s late), track.nmea, and the truth."""
+    folder = tmp_path_factory.mktemp("drive")
+    trajectory = Trajectory(SCENARIOS["car"](0.0, 0.0, 0.0), 35.6586, 139.7454, 40.0)
+    t = np.arange(0, SECONDS, 1 / RATE_HZ)
+    samples = np.column_stack([t + 1000.0, trajectory.imu(t)])
+    header = "t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2"
+    np.savetxt(folder / "imu.csv", samples, delimiter=",", header=header, comments="", fmt="%.9f")
+    epochs = np.arange(1.0, SECONDS - 1)
+    truth = trajectory.at(epochs)
+    speed = np.hypot(*truth.v_n[:, :2].T)
+    course = np.degrees(np.arctan2(truth.v_n[:, 1], truth.v_n[:, 0])) % 360
+    with (folder / "gnss.csv").open("w") as file:
+        print("t_s,arrival_s,lat_deg,lon_deg,height_m,hdop,speed_mps,course_deg", file=file)
+        for k, e in enumerate(epochs):
+            lat, lon = np.degrees(truth.lat[k]), np.degrees(truth.lon[k])
+            print(
+                f"{e + 1000},{e + 1000.2},{lat:.9f},{lon:.9f},{truth.height[k]:.3f},0.9,{speed[k]:.3f},{course[k]:.2f}",
+                file=file,
+            )
+    with (folder / "track.nmea").open("w") as file:
+        for k, e in enumerate(epochs):
+            file.write(
+                sentences(
+                    e + 1000, np.degrees(truth.lat[k]), np.degrees(truth.lon[k]), truth.height[k], speed[k], course[k]
+                )
+            )
+    return folder, trajectory
+
+
+def sentences(t, lat, lon, height, speed, course):
+    def dm(angle, width):
+        return f"{int(abs(angle)):0{width}d}{(abs(angle) % 1) * 60:09.6f}"
+
+    clock = f"{int(t // 3600):02d}{int(t % 3600 // 60):02d}{t % 60:06.3f}"
+    bodies = (
+        f"GPGGA,{clock},{dm(lat, 2)},N,{dm(lon, 3)},E,1,8,0.90,{height - 36.0:.3f},M,36.000,M,,",
+        f"GPVTG,{course:.2f},T,,M,{speed / 0.514444:.3f},N,{speed * 3.6:.3f},K,A",
+    )
+    return "".join(f"${b}*{np.bitwise_xor.reduce(np.frombuffer(b.encode(), np.uint8)):02X}\r\n" for b in bodies)
+
+
+def replay(*arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "imud", "replay", *map(str, arguments)], capture_output=True, check=False, timeout=280,
+        env={**os.environ, "NO_COLOR": "1"},
+    )  # fmt: skip
+
+
+def rows(path):
+    with path.open() as file:
+        return [{k: float(v) if v else None for k, v in row.items()} for row in csv.DictReader(file)]
+
+
+def metres_off(row, trajectory):
+    truth = trajectory.at(np.array([row["t_s"] - 1000.0]))
+    north = np.radians(row["lat_deg"]) - truth.lat[0]
+    east = (np.radians(row["lon_deg"]) - truth.lon[0]) * np.cos(truth.lat[0])
+    return 6.37e6 * float(np.hypot(north, east)), np.degrees(truth.rpy[0])
+
+
+@pytest.mark.parametrize("gnss", ["gnss.csv", "track.nmea"])
+def test_a_drive_is_followed_with_csv_and_nmea_fixes(drive, tmp_path, gnss):
+    folder, trajectory = drive
+    out = tmp_path / "est.csv"
+    ended = replay("--imu", folder / "imu.csv", "--gnss", folder / gnss, "-o", out)
+    assert ended.returncode == 0, ended.stderr
+    estimates = rows(out)
+    assert len(estimates) == SECONDS * RATE_HZ
+    off, rpy = metres_off(estimates[-1], trajectory)
+    assert off < 1.0
+    for name, angle in zip(("roll_deg", "pitch_deg", "yaw_deg"), rpy, strict=True):
+        assert abs((estimates[-1][name] - angle + 180) % 360 - 180) < 1.0
+    assert all(estimates[-1][name] > 0.0 for name in ("sn_m", "svn_mps", "syaw_deg", "sbgx_radps"))
+
+
+def test_the_same_input_gives_the_same_bits_on_stdout_too(drive, tmp_path):
+    folder, _ = drive
+    arguments = ("--imu", folder / "imu.csv", "--gnss", folder / "gnss.csv", "--rate", "10")
+    assert replay(*arguments, "-o", tmp_path / "a.csv").returncode == 0
+    printed = replay(*arguments, "-o", "-")
+    assert printed.stdout == (tmp_path / "a.csv").read_bytes()
+    assert len(printed.stdout.splitlines()) == SECONDS * 10 + 1
+
+
+def test_a_fix_is_not_used_before_it_arrived(drive, tmp_path):
+    """Cutting the fixes after some time must not change anything before the first missing one's arrival."""
+    folder, _ = drive
+    lines = (folder / "gnss.csv").read_text().splitlines()
+    (tmp_path / "cut.csv").write_text("\n".join(lines[:31]) + "\n")
+    replay("--imu", folder / "imu.csv", "--gnss", folder / "gnss.csv", "-o", tmp_path / "all.csv")
+    replay("--imu", folder / "imu.csv", "--gnss", tmp_path / "cut.csv", "-o", tmp_path / "some.csv")
+    everything, some = ((tmp_path / n).read_text().splitlines()[1:] for n in ("all.csv", "some.csv"))
+    first = next(k for k, (a, b) in enumerate(zip(everything, some, strict=True)) if a != b)
+    assert float(everything[first].split(",")[0]) == pytest.approx(1000.0 + 31.2, abs=1.5 / RATE_HZ)
+
+
+def test_without_fixes_attitude_only(drive, tmp_path):
+    folder, _ = drive
+    ended = replay("--imu", folder / "imu.csv", "-o", tmp_path / "est.csv", "--rate", "5")
+    assert ended.returncode == 0, ended.stderr
+    estimates = rows(tmp_path / "est.csv")
+    assert estimates[-1]["lat_deg"] is None
+    assert estimates[-1]["svn_mps"] is None
+    assert abs(estimates[20]["roll_deg"]) < 0.3
+
+
+def test_a_given_start_needs_no_alignment(drive, tmp_path):
+    folder, trajectory = drive
+    start = trajectory.at(np.array([0.0]))
+    initial = ",".join(
+        f"{name}={value:.9f}"
+        for name, value in zip(
+            ("lat_deg", "lon_deg", "height_m", "yaw_deg"),
+            (*np.degrees([start.lat[0], start.lon[0]]), start.height[0], np.degrees(start.rpy[0, 2])), strict=True,
+        )
+    )  # fmt: skip
+    out = tmp_path / "est.csv"
+    ended = replay("--imu", folder / "imu.csv", "--gnss", folder / "gnss.csv", "-o", out, "--initial", initial)
+    assert ended.returncode == 0, ended.stderr
+    early = rows(out)[2 * RATE_HZ]
+    off, rpy = metres_off(early, trajectory)
+    assert off < 2.0
+    assert abs((early["yaw_deg"] - rpy[2] + 180) % 360 - 180) < 2.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        (("-o", "/nonexistent/est.csv"), 73, b"/nonexistent/est.csv"),
+        (("-o", "-", "--gnss", "/nonexistent.csv"), 66, b"/nonexistent.csv"),
+        (("-o", "-", "--gnss", "{imu}"), 65, b"lat_deg"),
+        (("-o", "-", "--estimator", "magic"), 64, b"magic"),
+        (("-o", "-", "--initial", "yaw=3"), 78, b"--initial"),
+        (("-o", "-", "--rate", "0"), 64, b"--rate"),
+        (("-o", "-", "--set", "navigation.vehicle=boat"), 78, b"navigation.vehicle"),
+    ],
+)
+def test_what_cannot_be_done_is_said(drive, arguments, code, says):
+    folder, _ = drive
+    ended = replay("--imu", folder / "imu.csv", *(a.format(imu=folder / "imu.csv") for a in arguments))
+    assert ended.returncode == code, ended.stderr
+    assert says in ended.stderr
+    assert b"Traceback" not in ended.stderr

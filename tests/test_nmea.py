@@ -8,13 +8,14 @@ from fractions import Fraction
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from nmea_lines import decode, gga, line, rmc, vtg
 from pynmeagps import NMEAReader
 from scripted import Mute, run
 
 from drivers.driver import Options
 from drivers.nmea.driver import DRIVER
-from drivers.nmea.epochs import QUIET_NS, NmeaDecoder
-from drivers.nmea.sentences import Splitter, checksum
+from drivers.nmea.epochs import NmeaDecoder
+from drivers.nmea.sentences import Splitter
 
 # protocols.md 4.1, from a real FV-M11
 NO_FIX = b"$GPGGA,235946.005,8960.000000,N,00000.000000,E,0,0,,137.000,M,13.000,M,,*49\r\n"
@@ -22,29 +23,6 @@ NO_FIX_VTG = b"$GPVTG,0.00,T,,M,0.000,N,0.000,K,N*32\r\n"
 FIX = b"$GPGGA,081437.000,5212.981473,N,00653.102458,E,1,3,2.88,102.907,M,47.093,M,,*5E\r\n"
 FIX_VTG = b"$GPVTG,0.00,T,,M,0.042,N,0.079,K,A*35\r\n"
 BOOT = b"$PMTK010,001*2E\r\n$POLYN,0,1\r\n$POLYN,2\r\n"
-
-
-def line(body, end=b"\r\n"):
-    body = body.encode() if isinstance(body, str) else body
-    return b"$%s*%02X%s" % (body, checksum(body), end)
-
-
-def gga(time="120000.000", lat="4807.038,N", lon="01131.000,E", rest="1,08,0.9,545.4,M,46.9,M,,"):
-    return line(f"GPGGA,{time},{lat},{lon},{rest}")
-
-
-def rmc(time="120000.000", status="A", motion="022.4,084.4", day="230394", tail=",,,A"):
-    return line(f"GPRMC,{time},{status},4807.038,N,01131.000,E,{motion},{day}{tail}")
-
-
-def vtg(course="054.7", kmh="010.2", mode=",A"):
-    return line(f"GPVTG,{course},T,034.4,M,005.5,N,{kmh},K{mode}")
-
-
-def decode(data):
-    """Fixes and decoder after `data` and a pause."""
-    decoder = NmeaDecoder()
-    return decoder.feed(data, 1) + decoder.flush(1 + QUIET_NS), decoder
 
 
 def fix_of(data):
@@ -247,123 +225,6 @@ def test_any_chunking_gives_the_same_fixes_and_counters(pieces, data):
         at += size
     assert others == fixes
     assert chunked.counters == whole.counters
-
-
-class Receiver:
-    """Feeds bursts to a decoder a second apart, each sentence 20 ms after the other; flushes in between."""
-
-    def __init__(self, flush=True):
-        self.decoder, self.now_ns, self.flush = NmeaDecoder(), 10**12, flush
-        self.fixes = []
-
-    def burst(self, *sentences):
-        """Indices of the sentences that completed a fix; -1: the flush."""
-        begin_ns, told = self.now_ns, []
-        for i, sentence in enumerate(sentences):
-            self.now_ns += 20_000_000
-            for fix in self.decoder.feed(sentence, self.now_ns):
-                self.fixes.append(fix)
-                told.append(i)
-        self.now_ns = begin_ns + 10**9
-        if self.flush:
-            for fix in self.decoder.flush(self.now_ns - 20_000_000):
-                self.fixes.append(fix)
-                told.append(-1)
-        return told
-
-
-def at(k):
-    return f"{120000 + k}.000"
-
-
-def test_the_sentence_that_ends_a_burst_is_learned():
-    receiver = Receiver()
-    told = [receiver.burst(gga(at(k)), rmc(at(k)), vtg(kmh=str(k))) for k in range(5)]
-    assert told == [[-1], [-1], [2], [2], [2]]
-    assert [fix.utc_s for fix in receiver.fixes] == [43200 + k for k in range(5)]
-    assert [fix.speed_mps for fix in receiver.fixes] == [float(Fraction(k) * 10 / 36) for k in range(5)]
-    assert {fix.date for fix in receiver.fixes} == {date(1994, 3, 23)}
-    assert receiver.fixes[0].arrival_ns == 10**12 + 20_000_000
-    assert receiver.fixes[3].arrival_ns == 10**12 + 3 * 10**9 + 20_000_000
-
-
-@pytest.mark.parametrize("flush", [True, False])
-@pytest.mark.parametrize(
-    "order", [(gga,), (rmc,), (gga, rmc), (rmc, gga), (gga, vtg), (vtg, gga), (rmc, vtg, gga), (gga, rmc, vtg)]
-)
-def test_any_order_of_sentences_gives_each_epoch_once_with_its_own_speed(order, flush):
-    receiver = Receiver(flush)
-    for k in range(6):
-        make = {gga: lambda: gga(at(k)), vtg: lambda: vtg(kmh=str(k)), rmc: lambda: rmc(at(k))}  # noqa: B023
-        receiver.burst(*[make[kind]() for kind in order])
-    receiver.fixes += receiver.decoder.flush(receiver.now_ns)
-    assert [fix.utc_s for fix in receiver.fixes] == [43200 + k for k in range(6)]
-    if vtg in order:  # the very first sentence may be the end of a burst
-        assert [fix.speed_mps for fix in receiver.fixes][1:] == [float(Fraction(k) * 10 / 36) for k in range(1, 6)]
-
-
-@pytest.mark.parametrize("paused", [True, False])
-def test_a_damaged_sentence_costs_its_own_epoch_only(paused):
-    receiver = Receiver(flush=paused)
-    for k in range(8):
-        first = b"$GPGGA,broken*00\r\n" if k == 4 else gga(at(k))
-        receiver.burst(first, vtg(kmh=str(k)))
-        if not paused:
-            receiver.now_ns -= 900_000_000  # a line without a pause
-    receiver.fixes += receiver.decoder.flush(receiver.now_ns + QUIET_NS)
-    assert [fix.utc_s - 43200 for fix in receiver.fixes] == [0, 1, 2, 3, 5, 6, 7]
-    assert [round(fix.speed_mps * 3.6) for fix in receiver.fixes] == [0, 1, 2, 3, 5, 6, 7]
-
-
-def test_the_end_of_a_burst_that_began_before_us_stays_out_of_the_next():
-    decoder, stream = NmeaDecoder(), vtg(kmh="0")
-    for k in range(1, 5):
-        stream += gga(at(k)) + rmc(at(k)) + vtg(kmh=str(k))
-    fixes = decoder.feed(stream, 1) + decoder.flush(1 + QUIET_NS)  # a line without pauses
-    assert [fix.speed_mps for fix in fixes] == [float(Fraction(k) * 10 / 36) for k in range(1, 5)]
-
-
-def test_a_lost_ending_is_replaced_by_the_next_burst():
-    receiver = Receiver(flush=False)
-    for k in range(3):
-        receiver.burst(gga(at(k)), vtg())
-    assert receiver.burst(gga(at(3))) == []
-    assert receiver.burst(gga(at(4)), vtg()) == [0, 1]
-    assert [fix.utc_s - 43200 for fix in receiver.fixes] == [0, 1, 2, 3, 4]
-
-
-def test_a_changed_ending_is_learned_anew():
-    receiver = Receiver()
-    for k in range(3):
-        receiver.burst(gga(at(k)), vtg())
-    told = [receiver.burst(gga(at(k)), vtg(), rmc(at(k))) for k in range(3, 8)]
-    assert told[-1] == [2]
-    assert [fix.utc_s - 43200 for fix in receiver.fixes] == list(range(8))
-
-
-def test_midnight_is_an_epoch_like_any_other():
-    receiver = Receiver()
-    for time, day in (("235959.000", "311225"), ("000000.000", "010126"), ("000001.000", "010126")):
-        receiver.burst(gga(time), rmc(time, day=day))
-    assert [fix.utc_s for fix in receiver.fixes] == [86399.0, 0.0, 1.0]
-    assert [fix.date for fix in receiver.fixes] == [date(2025, 12, 31), date(2026, 1, 1), date(2026, 1, 1)]
-
-
-def test_a_time_that_stands_still_is_dropped_and_counted():
-    receiver = Receiver()
-    for k in (0, 1, 1, 1, 2):
-        receiver.burst(gga(at(k)), vtg())
-    assert [fix.utc_s - 43200 for fix in receiver.fixes] == [0, 1, 2]
-    assert receiver.decoder.counters["repeated"] == 2
-
-
-def test_a_transition_epoch_with_a_position_but_quality_0_is_no_fix():
-    fixes, decoder = decode(gga(rest="0,03,2.0,545.4,M,46.9,M,,") + vtg())
-    assert fixes == []
-    assert (decoder.status.quality, decoder.status.satellites) == (0, 3)
-    fixes, decoder = decode(gga() + rmc(status="V"))
-    assert fixes == []
-    assert decoder.counters["no fix"] == 1
 
 
 def test_gst_and_zda_complete_the_fix():

@@ -125,8 +125,12 @@ class SerialPort:
             self._serial.close()
 
     def _lost(self, error: Exception | None) -> PortLostError:
-        why = os.strerror(error.args[0]) if error and isinstance(error.args[0], int) else str(error or "end of file")
-        return PortLostError(self.path, f"{self.path} went away: {why}")
+        return PortLostError(self.path, f"{self.path} went away: {_reason(error) if error else 'end of file'}")
+
+
+def _reason(error: BaseException) -> str:
+    """OSError and termios.error carry a number, pyserial sometimes only words."""
+    return os.strerror(error.args[0]) if error.args and isinstance(error.args[0], int) else str(error)
 
 
 def _status(path: str) -> os.stat_result:
@@ -164,7 +168,7 @@ def _explain(path: str, status: os.stat_result, error: Exception) -> NoReturn:
         raise PortBusyError(path, f"{path} is in use by {others}: stop it first") from error
     if number in NOT_SERIAL:
         raise NotSerialError(path, f"{path} is not a serial device") from error
-    raise PortLostError(path, f"{path} cannot be opened: {cause}") from error
+    raise PortLostError(path, f"{path} cannot be opened: {_reason(cause)}") from error
 
 
 def _denied(path: str, status: os.stat_result) -> str:

@@ -119,9 +119,6 @@ class SerialPort:
     def close(self) -> None:
         """Give the line back. May be called twice, also on a line that is gone."""
         with contextlib.suppress(OSError):
-            if self._serial.is_open:
-                fcntl.ioctl(self.fd, termios.TIOCNXCL)
-        with contextlib.suppress(OSError):
             self._serial.close()
 
     def _lost(self, error: Exception | None) -> PortLostError:

@@ -2,7 +2,8 @@
 
 Between fixes k-1 and k the receiver shows dV (from its velocity, or as a difference of mean velocities between three
 positions), the integrated level specific force shows dz, both as complex numbers north + i east; dV = exp(i psi) dz.
-The least-squares heading of the level frame is psi = arg sum(conj(dz) dV), whatever way the sensor is mounted. A gyro
+The least-squares heading of the level frame is psi = arg sum(conj(dz) dV), whatever way the sensor is mounted; means
+are removed, because a tilt error adds a constant to dz. A gyro
 bias not yet known makes psi drift, so the sum is kept for a bank of drift rates; their likelihoods weigh the answer.
 
 Source: Wu and Pan, Velocity/position integration formula, part I (2013), in the plane; matched-filter bank.
@@ -14,10 +15,10 @@ from typing import Any
 from ...kernels.earth import radii
 from ...kernels.jit import kernel
 from ...kernels.kalman import reset, shear
-from ...kernels.rotation import dcm_of_quat, quat_exp
+from ...kernels.rotation import dcm_of_quat, quat_exp, quat_of_gravity
 from .correction import correct, predicted, row, take
 from .covariance import grow, predict, variance
-from .state import ATTITUDE, GYRO_BIAS, NAVIGATING, RATES, STATES
+from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LEVELLING, NAVIGATING, RATES, STATES, WANDER
 from .strapdown import cosine, rotate, wrapped
 
 SHORTEST_S, LONGEST_S = 0.9, 3.0  # between two fixes of a pair
@@ -25,11 +26,12 @@ MOVED = 0.3  # m/s, a velocity change worth matching
 FORGET = 0.98  # per pair
 NOISE = 0.15  # m/s, least residual of a pair
 READY = math.radians(7.0)
-PAIRS = 4.0
+PAIRS = 5.0
 COHERENCE = 0.6
-RATE_STEP = math.radians(0.3)  # rad/s between hypotheses
+RATE_STEP = math.radians(0.35)  # rad/s between hypotheses
 LEAST_HEADING = math.radians(3.0)
 START_TILT = math.radians(1.0)
+LOST_TILT = math.radians(20.0)
 LEVELLED = math.radians(6.0)
 
 
@@ -61,16 +63,28 @@ def add(c: Any, zn: float, ze: float, vn: float, ve: float) -> None:
     if c.pairs == 0.0:
         c.origin_ns = c.t_ns
     age = 1e-9 * (c.t_ns - c.origin_ns)
-    re = zn * vn + ze * ve
-    im = zn * ve - ze * vn
     for k in range(RATES):
         drift = (k - RATES // 2) * RATE_STEP * age
-        s, co = math.sin(drift), math.cos(drift)
-        c.match[k, 0] = FORGET * c.match[k, 0] + co * re + s * im
-        c.match[k, 1] = FORGET * c.match[k, 1] + co * im - s * re
+        si, co = math.sin(drift), math.cos(drift)
+        a, b = co * vn + si * ve, co * ve - si * vn  # the velocity change, turned back
+        c.match[k, 0] = FORGET * c.match[k, 0] + zn * a + ze * b
+        c.match[k, 1] = FORGET * c.match[k, 1] + zn * b - ze * a
+        c.seen[k, 0] = FORGET * c.seen[k, 0] + a
+        c.seen[k, 1] = FORGET * c.seen[k, 1] + b
+    c.felt[0] = FORGET * c.felt[0] + zn
+    c.felt[1] = FORGET * c.felt[1] + ze
     c.pairs = FORGET * c.pairs + 1.0
     c.energy[0] = FORGET * c.energy[0] + z2
     c.energy[1] = FORGET * c.energy[1] + v2
+
+
+@kernel
+def correlation(c: Any, k: int) -> tuple[float, float, float]:
+    """Of drift hypothesis k: sum conj(dz) dV without the means (a tilt adds a constant to dz), and energy of dV so."""
+    n = c.pairs
+    re = c.match[k, 0] - (c.felt[0] * c.seen[k, 0] + c.felt[1] * c.seen[k, 1]) / n
+    im = c.match[k, 1] - (c.felt[0] * c.seen[k, 1] - c.felt[1] * c.seen[k, 0]) / n
+    return re, im, c.energy[1] - (c.seen[k, 0] ** 2 + c.seen[k, 1] ** 2) / n
 
 
 @kernel
@@ -112,30 +126,34 @@ def solve(c: Any, bias_variance: float) -> tuple[float, float, float, float]:
     unknown = (0.0, math.pi, 0.0, 0.0)
     if c.pairs < PAIRS * 0.9:
         return unknown
-    z2, v2 = c.energy[0], c.energy[1]
-    best = 0.0
+    z2 = c.energy[0] - (c.felt[0] ** 2 + c.felt[1] ** 2) / c.pairs
+    least, coherent = math.inf, 0.0
     for k in range(RATES):
-        best = max(best, math.hypot(c.match[k, 0], c.match[k, 1]))
-    if best * best < COHERENCE * z2 * v2:
+        re, im, v2 = correlation(c, k)
+        size = math.hypot(re, im)
+        coherent = max(coherent, size * size / max(z2 * v2, 1e-9))
+        least = min(least, z2 + v2 - 2.0 * size)
+    if coherent < COHERENCE or z2 < PAIRS * MOVED**2:
         return unknown
-    r = max((z2 + v2 - 2.0 * best) / (2.0 * c.pairs), NOISE**2)
+    r = max(least / (2.0 * c.pairs), NOISE**2)
     age = 1e-9 * (c.t_ns - c.origin_ns)
-    weight, re, im, rate, rate2 = 0.0, 0.0, 0.0, 0.0, 0.0
+    weight, sr, si, rate, rate2 = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(RATES):
         drift = (k - RATES // 2) * RATE_STEP
-        size = math.hypot(c.match[k, 0], c.match[k, 1])
-        w = math.exp((size - best) / r - 0.5 * drift * drift / (bias_variance + RATE_STEP**2 / 12.0))
-        psi = math.atan2(c.match[k, 1], c.match[k, 0]) + drift * age
+        re, im, v2 = correlation(c, k)
+        misfit = z2 + v2 - 2.0 * math.hypot(re, im) - least
+        w = math.exp(-0.5 * misfit / r - 0.5 * drift * drift / (bias_variance + RATE_STEP**2 / 12.0))
+        psi = math.atan2(im, re) + drift * age
         weight += w
-        re += w * math.cos(psi)
-        im += w * math.sin(psi)
+        sr += w * math.cos(psi)
+        si += w * math.sin(psi)
         rate += w * drift
         rate2 += w * drift * drift
     rate /= weight
-    length = min(math.hypot(re, im) / weight, 1.0)
+    length = min(math.hypot(sr, si) / weight, 1.0)
     spread = math.sqrt(-2.0 * math.log(max(length, 1e-9)))
     sigma = math.sqrt(r / z2 + spread * spread)
-    return math.atan2(im, re), sigma, rate, max(rate2 / weight - rate * rate, 0.0) + RATE_STEP**2 / 12.0
+    return math.atan2(si, sr), sigma, rate, max(rate2 / weight - rate * rate, 0.0) + RATE_STEP**2 / 12.0
 
 
 @kernel
@@ -177,3 +195,31 @@ def engage(p: Any, c: Any) -> None:
     grow(c, ATTITUDE, START_TILT**2)
     grow(c, ATTITUDE + 1, START_TILT**2)
     c.phase = NAVIGATING
+
+
+@kernel
+def forget_heading(p: Any, c: Any) -> None:
+    """Back to levelling: the heading was wrong, and what was learned with it."""
+    c.phase = LEVELLING
+    c.heading_sigma = 0.0
+    c.constrained = 0
+    c.axis_n = 0.0
+    c.axis[:] = 0.0
+    c.course[:] = 0.0
+    c.mark_ns = 0
+    c.slope[4] = 0.0
+    c.pairs = 0.0
+    c.energy[:] = 0.0
+    c.felt[:] = 0.0
+    c.seen[:] = 0.0
+    c.match[:] = 0.0
+    q = quat_of_gravity(c.f[0], c.f[1], c.f[2] - 1e-3)
+    c.q[0], c.q[1], c.q[2], c.q[3] = q
+    for i in range(3):
+        c.bg[i] = 0.0
+        c.ba[i] = 0.0
+        c.wander[i] = 0.0
+        reset(c.P, STATES, ATTITUDE + i, LOST_TILT**2 if i < 2 else math.pi**2)
+        reset(c.P, STATES, GYRO_BIAS + i, p.gyro_initial**2)
+        reset(c.P, STATES, ACCEL_BIAS + i, p.accel_initial**2)
+        reset(c.P, STATES, WANDER + i, c.reported[0 if i < 2 else 1] ** 2)

@@ -9,12 +9,15 @@ from ...kernels.jit import kernel
 from ...kernels.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
 from ..records import POSITION_N
 from .acquisition import place
+from .alignment import forget_heading
 from .covariance import predict
 from .gnss import fuse_position, fuse_velocity, grade, report, trust_stamp
 from .history import approach, follow, remember, rewind, snap, trace_velocity
 from .solution import write
 from .state import LEVELLING
 
+CONTRARY = 8  # fixes in a row with a velocity that contradicts: the heading is wrong
+LOST = 1.5
 AHEAD_S = 1.0  # a fix may be newer than the newest sample by this
 
 
@@ -94,5 +97,11 @@ def fuse(p: Any, c: Any, fix: Any, late: float, innovations: Any) -> int:
     if c.phase != LEVELLING:
         rows = fuse_position(p, c, fix, late, innovations, rows)
         rows = fuse_velocity(p, c, fix, late, innovations, rows)
+        c.lost *= 0.98
+        if c.contrary > CONTRARY or c.lost > LOST:
+            c.contrary = 0
+            c.lost = 0.0
+            forget_heading(p, c)
+            place(p, c, fix)
     c.fixes += 1
     return rows

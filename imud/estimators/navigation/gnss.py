@@ -130,6 +130,7 @@ def fuse_position(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
         give_in(c, z)
         accepted = True
         c.rejected = 0
+        c.lost += 1
     for i in range(3):
         if not math.isfinite(z[i]):
             continue
@@ -176,6 +177,7 @@ def fuse_velocity(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
         ),
     )
     slow = fix.speed if not math.isfinite(fix.v[0]) and fix.speed < COURSE_SPEED else 0.0
+    rejected = 0
     for i in range(3):
         received = velocity_of(fix, i)
         if not math.isfinite(received):
@@ -194,5 +196,7 @@ def fuse_velocity(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
         left = residual(c, m, z)
         used = take(c, m, z, r, GATE) >= 0.0
         n = report(innovations, n, fix.t_ns, VELOCITY_N + i, left, s, used)
+        rejected += 0 if used else 1
+    c.contrary = c.contrary + 1 if rejected else 0
     correct(c)
     return n

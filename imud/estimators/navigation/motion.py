@@ -20,6 +20,7 @@ VIBRATION = 0.005  # share of the vibration's power that acts as white noise
 JOLT = 0.05  # m/s^2, sample to sample, of a vehicle under way
 FRESH_S = 2.0
 REST_SPEED = 0.3  # m/s, three sigma of a receiver's speed at rest
+LONG_QUIET = 10  # windows, enough when no speed is known
 REST_RATE = 0.003  # rad/s beyond the uncertainty of the bias
 
 
@@ -88,7 +89,7 @@ def slow(c: Any) -> bool:
     if known and c.fix_speed > REST_SPEED:
         return False
     if c.phase != NAVIGATING:
-        return bool(known or c.fixes == 0 or c.quiet > 10)
+        return bool(known or c.quiet > LONG_QUIET)
     speed2 = c.v[0] ** 2 + c.v[1] ** 2 + c.v[2] ** 2
     s2 = max(variance(c, VELOCITY), variance(c, VELOCITY + 1))
     return bool((known and speed2 < 1.0 + 9.0 * s2) or (speed2 < REST_SPEED**2 and s2 < 0.25))

@@ -93,6 +93,8 @@ CORE = np.dtype(
         ("fixes", "<i8"),
         ("fix_speed", "<f8"),  # m/s, NaN unknown
         ("rejected", "<i8"),  # in a row
+        ("contrary", "<i8"),  # fixes in a row whose velocity was rejected
+        ("lost", "<f8"),  # times that the filter gave in to contradicting fixes, fading
         ("white", "<f8", (2,)),  # m^2, learned white variance, horizontal and vertical
         ("reported", "<f8", (2,)),  # m, the sigma the wander was last scaled to
         ("z", "<f8", (3,)),  # scratch: position residuals
@@ -108,7 +110,9 @@ CORE = np.dtype(
         ("origin_ns", "<i8"),
         ("pairs", "<f8"),
         ("energy", "<f8", (2,)),  # of zeta changes and of velocity changes
-        ("match", "<f8", (RATES, 2)),
+        ("match", "<f8", (RATES, 2)),  # sum of conj(zeta change) times velocity change, per drift rate
+        ("felt", "<f8", (2,)),  # sum of zeta changes
+        ("seen", "<f8", (RATES, 2)),  # and of velocity changes, per drift rate
         # scratch
         ("x", "<f8", (STATES,)),
         ("d", "<f8", (STATES,)),

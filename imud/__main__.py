@@ -14,6 +14,7 @@ _COMMANDS = {
     "run": "the daemon: sensors in, attitude and position out (the default command)",
     "demo": "emulated sensors and the daemon in one command, estimate against truth on the terminal",
     "sim": "emulated sensors on pseudo-terminals",
+    "probe": "which device is on which port, at which baud rate",
     "replay": "recorded data through the same filter, as fast as it goes",
 }
 _USAGE, _INTERRUPTED = 64, 130

@@ -22,8 +22,7 @@ def place(p: Any, c: Any, fix: Any) -> None:
     if math.isfinite(fix.height):
         c.height = fix.height
     vn, ve = velocity_of(fix, 0), velocity_of(fix, 1)
-    if levelled(c):
-        pair(c, vn, ve)
+    pair(c, vn, ve)
     known = math.isfinite(vn) and math.isfinite(ve)
     if not known and c.slope[4] > 0.0:
         vn, ve = c.slope[0], c.slope[1]

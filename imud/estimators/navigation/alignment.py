@@ -18,14 +18,16 @@ from ...kernels.kalman import reset, shear
 from ...kernels.rotation import dcm_of_quat, quat_exp, quat_of_gravity
 from .correction import correct, predicted, row, take
 from .covariance import grow, predict, variance
+from .levelling import level_between
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LEVELLING, NAVIGATING, RATES, STATES, WANDER
 from .strapdown import cosine, rotate, wrapped
 
 SHORTEST_S, LONGEST_S = 0.9, 3.0  # between two fixes of a pair
 MOVED = 0.3  # m/s, a velocity change worth matching
-FORGET = 0.98  # per pair
+FORGET = 0.97  # per pair
 NOISE = 0.15  # m/s, least residual of a pair
-READY = math.radians(7.0)
+CORRELATED = 1.5  # residuals of neighbouring pairs are not independent
+READY = math.radians(10.0)
 PAIRS = 5.0
 COHERENCE = 0.6
 RATE_STEP = math.radians(0.35)  # rad/s between hypotheses
@@ -54,11 +56,18 @@ def mark(c: Any, vn: float, ve: float) -> None:
 
 
 @kernel
-def add(c: Any, zn: float, ze: float, vn: float, ve: float) -> None:
-    """Take one pair of changes: felt (zn, ze), received (vn, ve)."""
+def levelled(c: Any) -> bool:
+    """Whether roll and pitch are known well enough to navigate."""
+    return max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1)) < LEVELLED**2
+
+
+@kernel
+def add(c: Any, zn: float, ze: float, vn: float, ve: float, dt: float) -> None:
+    """Take one pair of changes over `dt` s: felt (zn, ze), received (vn, ve)."""
+    level_between(c, zn / dt, ze / dt, math.hypot(vn, ve) / dt)
     z2 = zn * zn + ze * ze
     v2 = vn * vn + ve * ve
-    if max(z2, v2) < MOVED**2:
+    if max(z2, v2) < MOVED**2 or not levelled(c):
         return
     if c.pairs == 0.0:
         c.origin_ns = c.t_ns
@@ -100,12 +109,12 @@ def pair(c: Any, vn: float, ve: float) -> None:
     if c.mark_ns == 0 or dt > LONGEST_S:
         c.slope[4] = 0.0
     elif math.isfinite(vn) and math.isfinite(m[4]):
-        add(c, c.zeta[0] - m[0], c.zeta[1] - m[1], vn - m[4], ve - m[5])
+        add(c, c.zeta[0] - m[0], c.zeta[1] - m[1], vn - m[4], ve - m[5], dt)
     else:
         zn, ze = (c.path[0] - m[2]) / dt, (c.path[1] - m[3]) / dt
         s = c.slope
         if s[4] > 0.0:
-            add(c, zn - s[2], ze - s[3], north / dt - s[0], east / dt - s[1])
+            add(c, zn - s[2], ze - s[3], north / dt - s[0], east / dt - s[1], dt)
         s[0], s[1], s[2], s[3], s[4] = north / dt, east / dt, zn, ze, 1.0
     mark(c, vn, ve)
 
@@ -152,7 +161,7 @@ def solve(c: Any, bias_variance: float) -> tuple[float, float, float, float]:
     rate /= weight
     length = min(math.hypot(sr, si) / weight, 1.0)
     spread = math.sqrt(-2.0 * math.log(max(length, 1e-9)))
-    sigma = math.sqrt(r / z2 + spread * spread)
+    sigma = CORRELATED * math.sqrt(r / z2 + spread * spread)
     return math.atan2(si, sr), sigma, rate, max(rate2 / weight - rate * rate, 0.0) + RATE_STEP**2 / 12.0
 
 
@@ -179,12 +188,6 @@ def find_heading(c: Any) -> bool:
     turn_north(c, psi)
     c.heading_sigma = max(sigma, LEAST_HEADING)
     return True
-
-
-@kernel
-def levelled(c: Any) -> bool:
-    """Whether roll and pitch are known well enough to navigate."""
-    return max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1)) < LEVELLED**2
 
 
 @kernel

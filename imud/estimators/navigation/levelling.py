@@ -1,7 +1,7 @@
 """Roll and pitch from the specific force, while the heading is unknown: at rest it is gravity, in motion nearly so.
 
-Both are one measurement of the mean specific force over a window, with the sigma of rest or that of a vehicle's
-accelerations; the gyro, whose bias is estimated at the same time, carries the attitude between.
+Both are one measurement of a mean specific force, with the sigma of rest, of the acceleration that the receiver saw, or
+of a vehicle's accelerations in general; the gyro, whose bias is estimated at the same time, carries the attitude between.
 """
 
 from typing import Any
@@ -9,20 +9,21 @@ from typing import Any
 from ...kernels.earth import gravity
 from ...kernels.jit import kernel
 from ...kernels.rotation import dcm_of_quat
+from ..records import AT_REST
 from .correction import correct, row, take
 from .state import ACCEL_BIAS, ATTITUDE
 
 REST_FORCE = 0.02  # m/s^2
+RECEIVED_FORCE = 0.3  # m/s^2, what a receiver's velocity does not show
+FRESH_S = 3.0
 MOTION_FORCE = 1.5  # m/s^2, accelerations last for several windows
 
 
 @kernel
-def level(c: Any, resting: bool) -> None:
-    """Fuse the mean specific force of a window (call at its end, before it is cleared)."""
+def fuse_level(c: Any, fx: float, fy: float, fz: float, sigma: float, axes: int) -> None:
+    """Fuse a mean specific force (level axes), which is -gravity but for accelerations of `sigma`, on `axes` axes."""
     m = dcm_of_quat((c.q[0], c.q[1], c.q[2], c.q[3]))
-    fx, fy, fz = c.sum_n[0] / c.n, c.sum_n[1] / c.n, c.sum_n[2] / c.n
-    sigma = REST_FORCE if resting else MOTION_FORCE
-    for i in range(3):
+    for i in range(axes):
         # C f + phi x C f - C ba = (0, 0, -g); heading error has no part in it
         k = row(c, 0, ACCEL_BIAS, -m[3 * i])
         k = row(c, k, ACCEL_BIAS + 1, -m[3 * i + 1])
@@ -39,3 +40,18 @@ def level(c: Any, resting: bool) -> None:
             z = -gravity(c.lat, c.height) - fz
         take(c, k, z, sigma * sigma, 0.0)
     correct(c)
+
+
+@kernel
+def level(c: Any, resting: bool) -> None:
+    """Fuse the mean specific force of a window (call at its end, before it is cleared)."""
+    if resting or 1e-9 * (c.t_ns - c.mark_ns) > FRESH_S:  # else the receiver's velocity tells more: level_between
+        sigma = REST_FORCE if resting else MOTION_FORCE
+        fuse_level(c, c.sum_n[0] / c.n, c.sum_n[1] / c.n, c.sum_n[2] / c.n, sigma, 3)
+
+
+@kernel
+def level_between(c: Any, an: float, ae: float, pull: float) -> None:
+    """Fuse the mean level specific force between two fixes, which the receiver saw accelerate by `pull` m/s^2."""
+    if not c.flags & AT_REST:
+        fuse_level(c, an, ae, -gravity(c.lat, c.height), pull + RECEIVED_FORCE, 2)

@@ -88,7 +88,7 @@ def predict(p: Any, c: Any) -> None:
     rate2 = c.rate[0] ** 2 + c.rate[1] ** 2 + c.rate[2] ** 2
     qv = p.accel_psd + SHAKEN_NOISE**2 * c.shaking + c.vibration_accel + p.accel_scale**2 * accel2 * FORCE_SCALE_S
     if c.phase == LEVELLING:
-        qv = LEVEL_ACCEL**2
+        qv = LEVEL_ACCEL**2 if not c.flags & AT_REST else 0.0
     else:
         couple(c, dt)
     m = dcm_of_quat((c.q[0], c.q[1], c.q[2], c.q[3]))

@@ -18,7 +18,8 @@ from .state import LEVELLING
 
 CONTRARY = 8  # fixes in a row with a velocity that contradicts: the heading is wrong
 LOST = 1.5
-AHEAD_S = 1.0  # a fix may be newer than the newest sample by this
+AHEAD_S, OLDEST_S = 1.0, 10.0  # a fix may be newer or older than the newest sample by this
+STALE_S = 1.0
 
 
 @kernel
@@ -71,8 +72,11 @@ def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
     ordered = c.fixes == 0 or fix.t_ns >= s.stamp_ns
     if ordered:
         t_ns = max(t_ns, s.fused_ns)
-    if not ordered or 1e-9 * (fix.t_ns - c.t_ns) > AHEAD_S or not rewind(s, t_ns):
+    age = 1e-9 * (c.t_ns - fix.t_ns)
+    if not ordered or not -AHEAD_S < age < OLDEST_S:
         return report(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
+    if not rewind(s, t_ns):
+        t_ns = c.t_ns  # too late for that: fused now, with more noise
     approach(p, s, t_ns, s.between_w, s.between_f)
     predict(p, c)
     if s.stamp_ns == 0:
@@ -96,7 +100,8 @@ def fuse(p: Any, c: Any, fix: Any, late: float, innovations: Any) -> int:
     rows = 0
     if c.phase != LEVELLING:
         rows = fuse_position(p, c, fix, late, innovations, rows)
-        rows = fuse_velocity(p, c, fix, late, innovations, rows)
+        if abs(late) < STALE_S:
+            rows = fuse_velocity(p, c, fix, late, innovations, rows)
         c.lost *= 0.98
         if c.contrary > CONTRARY or c.lost > LOST:
             c.contrary = 0

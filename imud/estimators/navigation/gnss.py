@@ -29,6 +29,7 @@ GIVE_IN_COUNT, GIVE_IN_S = 5, 8.0
 LEARNING = 0.03
 SECOND_ORDER = 10.0  # m, m/s per rad^2 of heading variance: what the linear model leaves out
 STAMP_S, STAMP_SIGMA = 1e-3, 0.03  # s
+STALE_ACCEL = 1.0  # m/s^2, where a fix is too late for rewinding
 LATENCY_FLOOR = 0.01  # s per metre of sigma
 
 
@@ -118,12 +119,18 @@ def fuse_position(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
     z = c.z
     offset(c, fix, z)
     lever = quat_rotate((c.q[0], c.q[1], c.q[2], c.q[3]), (p.lever[0], p.lever[1], p.lever[2]))
-    curved = (SECOND_ORDER * variance(c, ATTITUDE + 2)) ** 2
+    extra = (SECOND_ORDER * variance(c, ATTITUDE + 2)) ** 2 + (0.5 * STALE_ACCEL * late * late) ** 2
     worst = 0.0
     for i in range(3):
         z[i] += late * c.v[i] - lever[i] - c.wander[i]
         if math.isfinite(z[i]):
-            worst = max(worst, z[i] ** 2 / (predicted(c, position_row(c, lever, i)) + c.white[i // 2] + curved))
+            r = c.white[i // 2] + extra
+            wandered = (
+                variance(c, POSITION + i) + c.reported[i // 2] ** 2 + r
+            )  # a wander state that has run away is no excuse
+            worst = max(
+                worst, z[i] ** 2 / (predicted(c, position_row(c, lever, i)) + r), (z[i] + c.wander[i]) ** 2 / wandered
+            )
     accepted = worst < GATE
     c.rejected = 0 if accepted else c.rejected + 1
     if not accepted and c.rejected > GIVE_IN_COUNT and c.t_ns - c.fix_ns > 1e9 * GIVE_IN_S:
@@ -134,7 +141,7 @@ def fuse_position(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
     for i in range(3):
         if not math.isfinite(z[i]):
             continue
-        r = c.white[i // 2] + curved
+        r = c.white[i // 2] + extra
         m = position_row(c, lever, i)
         s = predicted(c, m) + r
         n = report(innovations, n, fix.t_ns, POSITION_N + i, residual(c, m, z[i]), s, accepted)

@@ -1,7 +1,7 @@
 """Roll and pitch from the specific force, while the heading is unknown: at rest it is gravity, in motion nearly so.
 
 Both are one measurement of a mean specific force, with the sigma of rest, of the acceleration that the receiver saw, or
-of a vehicle's accelerations in general; the gyro, whose bias is estimated at the same time, carries the attitude between.
+of any vehicle; the gyro, whose bias is estimated at the same time, carries the attitude between.
 """
 
 from typing import Any

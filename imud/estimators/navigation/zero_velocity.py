@@ -5,9 +5,10 @@ from typing import Any
 
 from ...kernels.earth import EARTH_RATE_RADPS
 from ...kernels.jit import kernel
+from ...kernels.kalman import reset
 from ...kernels.rotation import quat_rotate_back
 from .correction import correct, row, take
-from .state import GYRO_BIAS, NAVIGATING, VELOCITY
+from .state import GYRO_BIAS, NAVIGATING, STATES, VELOCITY
 
 # m/s. Weak on purpose: windows at rest all show the same tilt and bias, and a filter that counts them as independent
 # comes to know, from its own linearization errors, what rest cannot show
@@ -22,6 +23,10 @@ def rest(p: Any, c: Any) -> None:
     if c.phase == NAVIGATING:
         for i in range(3):
             take(c, row(c, 0, VELOCITY + i, 1.0), -c.v[i], REST_VELOCITY**2, 4.0 * GATE)
+    else:
+        for i in range(3):
+            reset(c.P, STATES, VELOCITY + i, REST_VELOCITY**2)
+            c.v[i] = 0.0
     earth = quat_rotate_back(
         (c.q[0], c.q[1], c.q[2], c.q[3]),
         (EARTH_RATE_RADPS * math.cos(c.lat), 0.0, -EARTH_RATE_RADPS * math.sin(c.lat)),

@@ -15,6 +15,7 @@ _COMMANDS = {
     "demo": "emulated sensors and the daemon in one command, estimate against truth on the terminal",
     "sim": "emulated sensors on pseudo-terminals",
     "probe": "which device is on which port, at which baud rate",
+    "doctor": "why this machine would not work, and the mend",
     "replay": "recorded data through the same filter, as fast as it goes",
 }
 _USAGE, _INTERRUPTED = 64, 130

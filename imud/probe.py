@@ -25,9 +25,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="one JSON object per port")
 
 
-def candidates() -> list[str]:
-    """Serial ports of this machine, each device once."""
-    found = {path.resolve(): str(path) for pattern in _CANDIDATES for path in sorted(Path("/dev").glob(pattern))}
+def candidates(root: Path = Path("/")) -> list[str]:
+    """Serial ports of the machine below `root`, each device once."""
+    present = (path for pattern in _CANDIDATES for path in sorted((root / "dev").glob(pattern)))
+    found = {path.resolve(): f"/{path.relative_to(root)}" for path in present}
     return sorted(found.values())
 
 

@@ -1,0 +1,68 @@
+"""The doctor on machines imitated in folders."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from imud.doctor import examine
+
+
+def machine(root: Path, files: dict[str, str]) -> list[str]:
+    for name, text in files.items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(text)
+    return [f"{finding.grade}: {finding.what}" for finding in examine(root)]
+
+
+def test_a_machine_without_ports(tmp_path):
+    findings = machine(tmp_path, {"proc/cmdline": "quiet"})
+    assert any(text.startswith("note: no serial port") for text in findings)
+    assert not any(text.startswith("problem") for text in findings)
+
+
+@pytest.mark.parametrize(
+    ("files", "says"),
+    [
+        (
+            {"proc/cmdline": "console=tty1 console=serial0,115200 root=/dev/x"},
+            "problem: the kernel's console is on serial0",
+        ),
+        (
+            {"etc/systemd/system/getty.target.wants/serial-getty@ttyAMA0.service": ""},
+            "problem: a login prompt waits on ttyAMA0",
+        ),
+        ({"proc/42/comm": "ModemManager\n"}, "note: ModemManager is running (pid 42)"),
+        ({"sys/bus/usb-serial/devices/ttyUSB0/latency_timer": "16\n"}, "note: ttyUSB0 delivers bytes up to 16 ms late"),
+        ({"boot/firmware/config.txt": "arm_64bit=1\n"}, "note: SPI is off"),
+        ({"boot/firmware/config.txt": "arm_64bit=1\n", "dev/spidev0.0": ""}, "ok: SPI is on"),
+        ({"dev/ttyUSB0": ""}, "ok: /dev/ttyUSB0 may be opened"),
+    ],
+)
+def test_each_obstacle_is_found(tmp_path, files, says):
+    assert any(text.startswith(says) for text in machine(tmp_path, files))
+
+
+def test_healthy_settings_are_not_complained_of(tmp_path):
+    files = {
+        "sys/bus/usb-serial/devices/ttyUSB0/latency_timer": "1\n",
+        "proc/cmdline": "console=tty1",
+        "proc/7/comm": "bash\n",
+    }
+    assert not any("late" in text or "console" in text or "running" in text for text in machine(tmp_path, files))
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may open everything")
+def test_a_port_of_others_names_the_mend(tmp_path):
+    (tmp_path / "dev").mkdir()
+    (tmp_path / "dev/ttyUSB0").write_text("")
+    (tmp_path / "dev/ttyUSB0").chmod(0)
+    problem = next(finding for finding in examine(tmp_path) if finding.grade == "problem")
+    assert "usermod" in problem.mend or "chmod" in problem.mend
+
+
+def test_two_names_of_one_device_are_one_port(tmp_path):
+    (tmp_path / "dev").mkdir()
+    (tmp_path / "dev/ttyAMA0").write_text("")
+    (tmp_path / "dev/serial0").symlink_to("ttyAMA0")
+    assert sum("may be opened" in finding.what for finding in examine(tmp_path)) == 1

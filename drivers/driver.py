@@ -58,6 +58,7 @@ class ImuConfigured:
     delay_ns: int  # from a sample's instant to its last byte at best: the sensor's filter and the wire
     frame_bytes: int  # on the wire per sample
     warnings: tuple[str, ...] = ()
+    gyro_axes: tuple[bool, bool, bool] = (True, True, True)  # which exist; `w` of the others is 0 and means nothing
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """The inertial sample: what every driver of an inertial sensor hands on, in SI units and the sensor's FRD axes.
 
 A level sensor at rest shows f = (0, 0, -g): specific force, not gravity. Drivers write rows of a preallocated
-array of `SAMPLE`; `t_ns` is left to the clock, which fits `tick` (in sample periods, counter wraps removed, lost
-samples counted) to the host's time.
+array of `SAMPLE`; `t_ns` is left to the clock, which fits `tick` (counter wraps removed, lost samples counted) to the
+host's time.
 """
 
 import numpy as np
@@ -10,9 +10,10 @@ import numpy as np
 SAMPLE = np.dtype(
     [
         ("t_ns", "<i8"),  # time of the sample on the estimator's axis; written by the clock
-        ("tick", "<i8"),  # device counter in sample periods since the first sample
+        ("tick", "<i8"),  # device counter since the first sample, in `ImuConfigured.period_ns`
         ("w", "<f8", (3,)),  # angular rate of the body against inertial space, rad/s
         ("f", "<f8", (3,)),  # specific force, m/s^2
+        ("down", "<f8", (3,)),  # unit vector down as the device itself computed it; zeros where it does not
         ("temperature", "<f8"),  # degC, NaN where the sensor has none
         ("flags", "<i8"),  # bits below
     ],

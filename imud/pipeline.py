@@ -31,10 +31,12 @@ def mount(sample: Any, C: Floats) -> None:
     """Turn a sample from sensor axes into body axes by the matrix C (row-major 9)."""
     w0, w1, w2 = sample.w[0], sample.w[1], sample.w[2]
     f0, f1, f2 = sample.f[0], sample.f[1], sample.f[2]
-    w, f = sample.w, sample.f
+    d0, d1, d2 = sample.down[0], sample.down[1], sample.down[2]
+    w, f, down = sample.w, sample.f, sample.down
     for i in range(3):
         w[i] = C[3 * i] * w0 + C[3 * i + 1] * w1 + C[3 * i + 2] * w2
         f[i] = C[3 * i] * f0 + C[3 * i + 1] * f1 + C[3 * i + 2] * f2
+        down[i] = C[3 * i] * d0 + C[3 * i + 1] * d1 + C[3 * i + 2] * d2
 
 
 def _ingest(

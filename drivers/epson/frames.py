@@ -7,7 +7,7 @@ A frame has header and CR at its ends, and the bits that do not change (reserved
 neighbours that agree with each other begin the lock, and renew it when those bits have changed. Whatever is not a
 frame is left by one byte only, so that a good frame inside a bad one is found, and is delivered with its last byte. A
 frame that its successor does not confirm may have been put together by a loss of bytes: it has been delivered, but is
-searched again for the frame it may hide. `counting.py` turns COUNT into ticks, `spikes.py` judges the values.
+searched again for the frame it may hide. `counting.py` turns COUNT into ticks, `drivers/spikes.py` judges the values.
 
 Every decision is a function of the bytes alone, never of the chunks in which they came.
 """
@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 
 from ..jit import kernel
 from ..sample import DEVICE_ERROR, SATURATED, SUSPECT
+from ..spikes import SPIKES, is_spike
+from ..words import signed, word
 from .counting import COUNTING, ticks_since
 from .models import Model
 from .registers import CR, HEADER
-from .spikes import SPIKES, is_spike
 
 SHORT, LONG = 20, 22
 CONSTANT = 0x01FE_FFFF  # FLAG bits 8 to 1 and the GPIO word, as `constants` packs them
@@ -70,20 +71,6 @@ def new_state(model: Model, gyro_floor: float, accel_floor: float) -> NDArray[np
     state["length"], state["mask"] = SHORT, CONSTANT
     state["spikes"]["floor"] = [gyro_floor] * 3 + [accel_floor] * 3
     return state
-
-
-@kernel
-def word(rx: Any, i: int) -> int:
-    """Unsigned big-endian word at i."""
-    high: int = rx[i]
-    low: int = rx[i + 1]
-    return high * 256 + low
-
-
-@kernel
-def signed(rx: Any, i: int) -> int:
-    """Two's complement big-endian word at i."""
-    return (word(rx, i) ^ 0x8000) - 0x8000
 
 
 @kernel

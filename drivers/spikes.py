@@ -1,4 +1,4 @@
-"""Damaged values: without a checksum a flipped bit shows only as a single sample that contradicts its neighbours.
+"""Damaged values: past a weak checksum, or without one, damage shows only as a sample that contradicts its neighbours.
 
 A sample is a spike if an axis leaves the last good value by more than motion ever makes it in one sample period
 (`floor`), and by more than twice what it recently did. It is motion, not a spike, if the sample before left to the same
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..jit import kernel
+from .jit import kernel
 
 LONGEST = 3
 GAP = 8  # ticks after which neighbours say nothing any more

@@ -10,12 +10,13 @@ from ...kernels.earth import gravity
 from ...kernels.jit import kernel
 from ...kernels.rotation import dcm_of_quat
 from ..records import AT_REST
-from .correction import correct, row, take
+from .correction import correct, predicted, row, take
 from .state import ACCEL_BIAS, ATTITUDE
 
 REST_FORCE = 0.02  # m/s^2
 RECEIVED_FORCE = 0.3  # m/s^2, what a receiver's velocity does not show
 FRESH_S = 3.0
+VERTICAL_FORCE = 0.03  # m/s^2, gravity times half the square of a tilt: no repetition tells more
 MOTION_FORCE = 1.5  # m/s^2, accelerations last for several windows
 
 
@@ -38,6 +39,8 @@ def fuse_level(c: Any, fx: float, fy: float, fz: float, sigma: float, axes: int)
             k = row(c, k, ATTITUDE, fy)
             k = row(c, k, ATTITUDE + 1, -fx)
             z = -gravity(c.lat, c.height) - fz
+            if predicted(c, k) < VERTICAL_FORCE**2:
+                continue
         take(c, k, z, sigma * sigma, 0.0)
     correct(c)
 

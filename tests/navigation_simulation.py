@@ -39,7 +39,7 @@ class Drive:
 
 
 def drive(seconds, rate=100, rest=10.0, lat_deg=48.0, lon_deg=11.0, speed=8.0, fast_start=False):
-    """A car that rests, then drives curves with changing speed; with `fast_start` it is under way from the beginning."""
+    """A car that rests, then drives curves with changing speed; with `fast_start` it is under way at once."""
     t = np.arange(int(seconds * rate)) / rate
     u = np.maximum(t - rest, 0.0)
     ramp = 1.0 if fast_start else 1.0 - np.exp(-((u / 4.0) ** 3))
@@ -87,7 +87,7 @@ def sensed(d, rng, gyro_psd=1.7e-4, accel_psd=2e-3, bg=(0, 0, 0), ba=(0, 0, 0), 
 
 
 def received(d, rng, every=1.0, late=0.0, sigma=1.0, tau=40.0, white=0.3, speed_sigma=0.05, hdop=0.9, stamp=0.0):
-    """FIX rows: Gauss-Markov plus white error, `late` s from epoch to arrival, the epoch itself misstated by `stamp`."""
+    """FIX rows: Gauss-Markov plus white error, `late` s from epoch to arrival, the epoch misstated by `stamp` s."""
     k = np.arange(int(every / (d.t[1] - d.t[0])), len(d.t), int(every / (d.t[1] - d.t[0])))
     wander = np.zeros((len(k), 3))
     wander[0] = sigma * rng.standard_normal(3)

@@ -13,12 +13,11 @@ from imud.estimators.navigation.strapdown import integrate, wrapped
 
 
 def core_at(lat, lon, height, v, attitude, w, f):
-    core = np.zeros(1, CORE)
-    c = core[0]
+    c = np.zeros(1, CORE)[0]
     c["lat"], c["lon"], c["height"], c["v"] = lat, lon, height, v
     c["q"] = np.roll(attitude.as_quat(), 1)
     c["w"], c["f"] = w, f
-    return core, c
+    return c
 
 
 def run(c, w, f, dt):
@@ -33,7 +32,7 @@ def ned_of(lat, lon):
 
 
 def earth_centred(lat, lon, height, v, attitude, w, f, dt, substeps=4):
-    """Position, velocity (NED) and attitude by midpoint steps in the rotating earth-centred frame, rates linear in time."""
+    """Position, velocity (NED), attitude by midpoint steps in the rotating earth-centred frame, rates linear in time."""
     r = np.array(pymap3d.geodetic2ecef(lat, lon, height, deg=False))
     u = ned_of(lat, lon).T @ v
     c = Rotation.from_matrix(ned_of(lat, lon).T) * attitude
@@ -68,7 +67,7 @@ def test_agrees_with_an_earth_centred_mechanization_under_hard_motion(lat):
     f = 4.0 * np.sin(8.0 * t[:, None] + phase[2]) + (0, 0, -9.8)
     v = np.array([30.0, -20.0, 1.0])
     attitude = Rotation.from_euler("ZYX", [1.0, 0.2, -0.3])
-    core, c = core_at(lat, 2.0, 300.0, v, attitude, w[0], f[0])
+    c = core_at(lat, 2.0, 300.0, v, attitude, w[0], f[0])
     run(c, w, f, dt)
     la, lo, h, v_ned, end = earth_centred(lat, 2.0, 300.0, v, attitude, w, f, dt)
     meridian, prime_vertical = curvature(lat)
@@ -81,14 +80,14 @@ def test_agrees_with_an_earth_centred_mechanization_under_hard_motion(lat):
 
 
 def test_coning_terms_matter_and_are_right():
-    """Classical coning: without the term the mechanization drifts twice as far (the other half is the trapezoid's own)."""
+    """Classical coning: without the term the drift is twice as large (the other half is the trapezoid's own)."""
     dt, n, rate, angle = 0.01, 1000, 40.0, 0.05
     t = np.arange(n) * dt
     truth = Rotation.from_rotvec(angle * np.column_stack([np.cos(rate * t), np.sin(rate * t), 0 * t]))
     fine = 1e-6
     ahead = Rotation.from_rotvec(angle * np.column_stack([np.cos(rate * (t + fine)), np.sin(rate * (t + fine)), 0 * t]))
     w = (truth.inv() * ahead).as_rotvec() / fine
-    core, c = core_at(0.0, 0.0, 0.0, np.zeros(3), truth[0], w[0], np.zeros(3))
+    c = core_at(0.0, 0.0, 0.0, np.zeros(3), truth[0], w[0], np.zeros(3))
     plain = truth[0]
     for k in range(1, n):
         integrate(c, w[k], np.zeros(3), dt)
@@ -102,7 +101,7 @@ def test_coning_terms_matter_and_are_right():
 
 def test_follows_a_simulated_drive():
     d = drive(60.0, rate=200, rest=5.0)
-    core, c = core_at(d.lat[0], d.lon[0], d.height[0], d.v[0], d.attitude[0], d.w[0], d.f[0])
+    c = core_at(d.lat[0], d.lon[0], d.height[0], d.v[0], d.attitude[0], d.w[0], d.f[0])
     run(c, d.w, d.f, 1 / 200)
     assert np.abs(c["v"] - d.v[-1]).max() < 0.02
     assert abs(c["lat"] - d.lat[-1]) * 6.37e6 < 0.5
@@ -112,10 +111,10 @@ def test_follows_a_simulated_drive():
 def test_longitude_wraps_and_poles_stay_finite():
     assert wrapped(math.pi + 0.1) == pytest.approx(-math.pi + 0.1)
     still = np.array([0.0, 0.0, -9.8])
-    core, c = core_at(0.5, math.pi - 1e-7, 0.0, [0.0, 50.0, 0.0], Rotation.identity(), np.zeros(3), still)
+    c = core_at(0.5, math.pi - 1e-7, 0.0, [0.0, 50.0, 0.0], Rotation.identity(), np.zeros(3), still)
     run(c, np.zeros((200, 3)), np.tile(still, (200, 1)), 0.01)
     assert -math.pi <= c["lon"] < -3.0
-    core, c = core_at(0.5 * math.pi - 1e-6, 0.0, 0.0, [50.0, 5.0, 0.0], Rotation.identity(), np.zeros(3), still)
+    c = core_at(0.5 * math.pi - 1e-6, 0.0, 0.0, [50.0, 5.0, 0.0], Rotation.identity(), np.zeros(3), still)
     run(c, np.zeros((2000, 3)), np.tile(still, (2000, 1)), 0.01)
     assert np.isfinite([c["lat"], c["lon"], *c["v"], *c["q"]]).all()
     assert abs(c["lat"]) <= 0.5 * math.pi

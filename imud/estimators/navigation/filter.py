@@ -9,7 +9,7 @@ from ...kernels.jit import kernel
 from ...kernels.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
 from ..records import POSITION_N
 from .acquisition import place
-from .alignment import forget_heading
+from .alignment import engage, forget_heading, levelled
 from .covariance import predict
 from .gnss import fuse_position, fuse_velocity, grade, report, trust_stamp
 from .history import approach, follow, remember, rewind, snap, trace_velocity
@@ -36,7 +36,7 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
     c = s.core[0]
     if s.received == 0:
         if good:
-            begin(c, sample.t_ns, w, f, s.initial_rpy)
+            begin(p, c, sample.t_ns, w, f, s.initial_rpy)
             remember(s, sample.t_ns, w, f)
             c.taken = 1
     elif sample.t_ns > s.ring[(s.received - 1) % len(s.ring)].t_ns:
@@ -46,7 +46,7 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
 
 
 @kernel
-def begin(c: Any, t_ns: int, w: Any, f: Any, rpy: Any) -> None:
+def begin(p: Any, c: Any, t_ns: int, w: Any, f: Any, rpy: Any) -> None:
     """Take the first sample: the attitude is that of rest, unless it was given."""
     c.t_ns = t_ns
     for i in range(3):
@@ -59,6 +59,8 @@ def begin(c: Any, t_ns: int, w: Any, f: Any, rpy: Any) -> None:
         else:
             roll, pitch = 0.0, 0.0
     c.q[0], c.q[1], c.q[2], c.q[3] = quat_of_euler(roll, pitch, yaw if math.isfinite(yaw) else 0.0)
+    if c.fixes > 0 and c.heading_sigma > 0.0 and levelled(c):
+        engage(p, c)
 
 
 @kernel
@@ -68,7 +70,7 @@ def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
     usable = math.isfinite(fix.lat) and math.isfinite(fix.lon) and fix.quality != 0 and fix.quality != 6
     if s.received == 0 or not usable or abs(fix.lat) > 0.5 * math.pi:
         return 0
-    t_ns = min(fix.t_ns - int(1e9 * c.latency), c.t_ns)
+    t_ns = min(fix.t_ns - int(1e9 * s.latency), c.t_ns)
     ordered = c.fixes == 0 or fix.t_ns >= s.stamp_ns
     if ordered:
         t_ns = max(t_ns, s.fused_ns)
@@ -85,6 +87,7 @@ def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
     trace_velocity(s)
     rows = fuse(p, c, fix, c.latency - 1e-9 * (fix.t_ns - c.t_ns), innovations)
     s.stamp_ns = fix.t_ns
+    s.latency = c.latency
     s.fused_ns = c.t_ns
     snap(s)
     follow(p, s)

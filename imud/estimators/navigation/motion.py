@@ -21,6 +21,7 @@ JOLT = 0.05  # m/s^2, sample to sample, of a vehicle under way
 FRESH_S = 2.0
 REST_SPEED = 0.3  # m/s, three sigma of a receiver's speed at rest
 LONG_QUIET = 10  # windows, enough when no speed is known
+REST_VARIANCE, LONG_REST_VARIANCE = 0.5, 10.0  # m^2/s^2, a velocity less certain than that cannot tell rest
 REST_RATE = 0.003  # rad/s beyond the uncertainty of the bias
 
 
@@ -92,7 +93,10 @@ def slow(c: Any) -> bool:
         return bool(known or c.quiet > LONG_QUIET)
     speed2 = c.v[0] ** 2 + c.v[1] ** 2 + c.v[2] ** 2
     s2 = max(variance(c, VELOCITY), variance(c, VELOCITY + 1))
-    return bool((known and speed2 < 1.0 + 9.0 * s2) or (speed2 < REST_SPEED**2 and s2 < 0.25))
+    return bool(
+        (known and speed2 < 1.0 + 9.0 * s2)
+        or (speed2 < REST_SPEED**2 and s2 < (LONG_REST_VARIANCE if c.quiet > LONG_QUIET else REST_VARIANCE))
+    )
 
 
 @kernel

@@ -30,7 +30,7 @@ WALK_S = 300.0  # s in which a bias walks by its instability
 TILT_SIGMA = math.radians(20.0)  # of the first sample taken for gravity
 GIVEN_TILT = math.radians(2.0)
 GIVEN_HEADING = math.radians(5.0)
-GIVEN_POSITION, UNKNOWN_HEIGHT, GIVEN_VELOCITY = 5.0, 100.0, 0.5  # m, m, m/s
+GIVEN_POSITION, UNKNOWN_HEIGHT, GIVEN_VELOCITY = 5.0, 100.0, 0.3  # m, m, m/s
 LATENCY_SIGMA = 0.2  # s
 VEHICLES = {"free": FREE, "auto": AUTO, "land": LAND}
 

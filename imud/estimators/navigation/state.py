@@ -132,6 +132,7 @@ STATE = np.dtype(
         ("snapped", "<i8"),  # snapshots ever taken, less those withdrawn
         ("received", "<i8"),  # samples ever put into the ring
         ("stamp_ns", "<i8"),  # stamp of the last fix fused
+        ("latency", "<f8"),  # s, as found at that fix
         ("fused_ns", "<i8"),  # and the time of the core at which it was fused
         ("initial_rpy", "<f8", (3,)),  # rad, NaN where the first sample or motion must tell
         ("w", "<f8", (3,)),  # last good sample, body axes

@@ -1,0 +1,35 @@
+"""Errors over sigmas in simulated drives with random biases and noise: about 1, neither boast nor fear."""
+
+import numpy as np
+import pytest
+from navigation_runner import navigate
+from navigation_simulation import drive, errors, received, sensed
+
+from imud.profiles import PROFILES
+from imud.settings import Imu, Navigation, Settings
+
+
+def normalised(name, rate, vehicle, seed):
+    """Mean squared error over variance of one run: position, velocity, attitude; and of its innovations."""
+    profile, rng = PROFILES[name], np.random.default_rng(seed)
+    d = drive(110.0, rate=rate, speed=6.0 + seed % 4)
+    bg = profile.gyro_bias_initial * rng.standard_normal(3)
+    ba = profile.accel_bias_initial * rng.standard_normal(3)
+    samples = sensed(d, rng, profile.gyro_noise, profile.accel_noise, bg, ba)
+    fixes = received(d, rng, late=0.2, sigma=1.8, white=0.3, speed_sigma=0.1)
+    settings = Settings(imu=Imu(profile=name), navigation=Navigation(vehicle=vehicle))
+    out, rows, _ = navigate(samples, fixes, settings)
+    k = np.arange(40 * rate, len(d.t), rate)
+    sigmas = (out["sigma_p"], out["sigma_v"], out["sigma_rpy"])
+    nees = [np.mean((e / s)[k] ** 2) for e, s in zip(errors(d, out), sigmas, strict=True)]
+    rows = rows[(rows["used"] == 1) & (rows["t_ns"] > 140e9)]
+    return [*nees, np.mean(rows["value"] ** 2 / rows["variance"])]
+
+
+@pytest.mark.parametrize("name, rate, vehicle", [("consumer-mems", 100, "free"), ("m-g350", 200, "auto")])
+def test_normalised_errors_are_about_one(name, rate, vehicle):
+    p, v, a, nis = np.mean([normalised(name, rate, vehicle, seed) for seed in range(10)], axis=0)
+    assert 0.5 < p < 2.0
+    assert 0.25 < v < 2.0
+    assert 0.2 < a < 2.0  # below 1: scale factor errors are allowed for, and there are none here
+    assert 0.4 < nis < 1.6

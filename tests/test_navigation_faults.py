@@ -1,0 +1,194 @@
+"""What goes wrong in the field: jumps, outages, gaps, rubbish, the ends of the map. The filter says so and recovers."""
+
+import numpy as np
+import pytest
+from navigation_runner import fixes_of, navigate, samples_of
+from navigation_simulation import drive, errors, received, sensed
+
+from drivers.sample import SUSPECT
+from imud.estimators.records import AT_REST, COASTING, HEADING_VALID, POSITION_VALID, REJECTING
+from imud.settings import Initial, Navigation, Settings
+
+RATE = 100
+D = drive(160.0)
+
+
+def at(seconds):
+    return int(seconds * RATE)
+
+
+def data(seed=1):
+    rng = np.random.default_rng(seed)
+    return sensed(D, rng), received(D, rng, late=0.2)
+
+
+def moved(fixes, begin, end, metres, per_second=0.0):
+    fixes = fixes.copy()
+    t = fixes["t_ns"] * 1e-9 - 100.0
+    m = (t >= begin) & (t < end)
+    fixes["lat"][m] += (metres + per_second * (t[m] - begin)) / 6.37e6
+    return fixes
+
+
+def finite(out):
+    assert np.isfinite(out["q_nb"]).all()
+    assert np.isfinite(out["sigma_rpy"]).all()
+    assert np.isfinite(out["sigma_bg"]).all()
+    assert np.isfinite(out["sigma_ba"]).all()
+    placed = out[(out["status"] & POSITION_VALID) > 0]
+    for name in ("lat", "lon", "height", "v", "sigma_p", "sigma_v"):
+        assert np.isfinite(placed[name]).all(), name
+
+
+@pytest.mark.parametrize("metres", [30.0, 100.0, 500.0])
+def test_a_jump_of_a_few_seconds_is_rejected(metres):
+    samples, fixes = data()
+    out, rows, _ = navigate(samples, moved(fixes, 100.0, 103.0, metres))
+    clean = navigate(samples, fixes)[0]
+    assert np.nanmax(np.abs(errors(D, out)[0] - errors(D, clean)[0])) < 1.0
+    assert (out["status"][at(101.0) : at(103.0)] & REJECTING).any()
+    assert not (out["status"][at(106.0)] & REJECTING)
+    refused = rows[(rows["used"] == 0) & (rows["kind"] == 0)]
+    assert set(refused["t_ns"] // 10**9) == {200, 201, 202}
+
+
+def test_a_jump_that_stays_is_believed_in_bounded_time():
+    samples, fixes = data()
+    out, _, _ = navigate(samples, moved(fixes, 100.0, 1e9, 100.0))
+    p, v, a = errors(D, out)
+    assert abs(p[at(105.0), 0]) < 5.0
+    assert abs(p[at(115.0), 0] + 100.0) < 6.0
+    assert np.abs(v[at(120.0) :, :2]).max() < 0.5
+    assert np.abs(a[at(120.0) :, 2]).max() < np.radians(2.0)
+
+
+def test_a_creeping_position_is_noticed():
+    samples, fixes = data()
+    out, _, _ = navigate(samples, moved(fixes, 100.0, 1e9, 0.0, per_second=1.0))
+    noticed = np.flatnonzero(out["status"][at(100.0) :] & REJECTING)
+    assert len(noticed) and noticed[0] < at(25.0)
+    assert abs(errors(D, out)[0][at(100.0) + noticed[0], 0]) < 12.0
+
+
+def test_an_outage_coasts_with_honest_sigmas():
+    samples, fixes = data()
+    t = fixes["t_ns"] * 1e-9 - 100.0
+    for vehicle in ("free", "auto"):
+        settings = Settings(navigation=Navigation(vehicle=vehicle))
+        out, _, _ = navigate(samples, fixes[(t < 95.0) | (t > 155.0)], settings)
+        p, _, _ = errors(D, out)
+        end = at(154.9)
+        assert out["status"][end] & COASTING
+        assert out["status"][end] & POSITION_VALID
+        assert not (out["status"][at(94.0)] & COASTING)
+        assert (np.abs(p[end]) < 4.0 * out["sigma_p"][end]).all()
+        assert out["sigma_p"][end, 0] > 1.5 * out["sigma_p"][at(95.0), 0]
+
+
+def test_a_wrong_heading_from_the_user_is_found_out():
+    samples, fixes = data()
+    out, _, _ = navigate(samples, fixes, None, Initial(yaw_deg=-120.0))
+    _, v, a = errors(D, out)
+    assert np.abs(a[at(140.0) :, 2]).max() < np.radians(3.0)
+    assert np.abs(v[at(140.0) :, :2]).max() < 0.5
+
+
+def test_gaps_in_the_samples_widen_the_sigmas_and_pass():
+    samples, fixes = data()
+    keep = np.ones(len(samples), bool)
+    keep[at(80.0) : at(82.0)] = False
+    out, _, _ = navigate(samples[keep], fixes)
+    p = errors(D, navigate(samples, fixes)[0])[0]
+    after = at(80.0)
+    assert out["sigma_v"][after, 0] > 2.0
+    finite(out)
+    assert np.abs(out["lat"][-1] - D.lat[-1]) * 6.37e6 < np.abs(p[-1, 0]) + 3.0
+    keep[at(80.0) : at(140.0)] = False
+    finite(navigate(samples[keep], fixes)[0])
+
+
+def test_rubbish_samples_are_held():
+    samples, fixes = data()
+    bad = samples.copy()
+    bad["w"][at(50.0) : at(50.2)] = np.nan
+    bad["f"][at(90.0) : at(90.3)] = 1e9
+    bad["flags"][at(90.0) : at(90.3)] = SUSPECT
+    out, _, _ = navigate(bad, fixes)
+    finite(out)
+    assert np.abs(errors(D, out)[1][-1]).max() < 0.5
+
+
+@pytest.mark.parametrize(
+    "w, f", [((0, 0, 0), (0, 0, 0)), ((0.1, 0.2, 0.3), (1, 2, -9)), ((30, -30, 30), (150, -150, 150))]
+)
+def test_constant_data_never_make_a_nan(w, f):
+    n = 3000
+    samples = samples_of(100.0 + np.arange(n) / RATE, np.tile(np.float64(w), (n, 1)), np.tile(np.float64(f), (n, 1)))
+    t = 101.0 + np.arange(25)
+    columns = {"t_s": t, "arrival_s": t + 0.2, "lat_deg": 45 + 0 * t, "lon_deg": 8 + 0 * t, "height_m": 50 + 0 * t}
+    for fixes in (fixes_of(columns, 25), fixes_of({**columns, "speed_mps": 0 * t, "course_deg": 0 * t}, 25)):
+        finite(navigate(samples, fixes)[0])
+        finite(navigate(samples, fixes, None, Initial(yaw_deg=10.0, roll_deg=0.0, pitch_deg=0.0))[0])
+
+
+@pytest.mark.parametrize("yaw_deg", [None, 20.0])
+def test_an_hour_at_rest(yaw_deg):
+    rng = np.random.default_rng(0)
+    n = 3600 * 20
+    w = 0.002 * rng.standard_normal((n, 3)) + (0.01, -0.01, 0.0)
+    f = 0.01 * rng.standard_normal((n, 3)) + (0.1, 0.0, -9.81)
+    t = 101.0 + np.arange(3590)
+    columns = {
+        "t_s": t, "arrival_s": t + 0.2, "lat_deg": 45 + 0 * t, "lon_deg": 8 + 0 * t, "height_m": 50 + 0 * t,
+        "hdop": 1 + 0 * t, "speed_mps": 0.05 + 0 * t, "course_deg": 10 + 0 * t,
+    }  # fmt: skip
+    out, _, _ = navigate(
+        samples_of(100.0 + np.arange(n) / 20, w, f), fixes_of(columns, len(t)), None, Initial(yaw_deg=yaw_deg)
+    )
+    finite(out)
+    assert (out["status"][200:] & AT_REST).mean() > 0.99
+    assert ((out["status"][-1] & HEADING_VALID) > 0) == (yaw_deg is not None)
+    assert np.abs(out["bg"][-1] - (0.01, -0.01, 0.0)).max() < 2e-4
+    assert np.abs(out["v"][-1]).max() < 0.15
+    assert abs(np.degrees(out["lat"][-1]) - 45.0) * 111e3 < 3.0
+
+
+@pytest.mark.parametrize("lat_deg", [89.9999, -89.9999, 90.0])
+def test_at_the_poles_nothing_breaks(lat_deg):
+    d = drive(60.0, lat_deg=np.clip(lat_deg, -89.9999, 89.9999))
+    rng = np.random.default_rng(0)
+    fixes = received(d, rng, late=0.2)
+    if lat_deg == 90.0:
+        fixes["lat"] = 0.5 * np.pi
+    finite(navigate(sensed(d, rng), fixes)[0])
+
+
+def test_across_the_date_line():
+    d = drive(100.0, lat_deg=10.0, lon_deg=179.9999)
+    assert np.degrees(d.lon.max()) > 180.0
+    rng = np.random.default_rng(0)
+    fixes = received(d, rng, late=0.2)
+    fixes["lon"] = (fixes["lon"] + np.pi) % (2 * np.pi) - np.pi
+    out, _, _ = navigate(sensed(d, rng), fixes)
+    assert ((out["lon"][at(50.0) :] >= -np.pi) & (out["lon"][at(50.0) :] < np.pi)).all()
+    p, v, _ = errors(d, out)
+    assert np.abs(p[at(60.0) :, :2]).max() < 5.0
+    assert np.abs(v[at(60.0) :, :2]).max() < 0.5
+
+
+def test_lever_arm_is_taken_out():
+    rng = np.random.default_rng(2)
+    lever = np.array([1.0, -2.0, -1.5])
+    fixes = received(D, rng, late=0.2, sigma=0.0, white=0.02)
+    k = np.searchsorted(100.0 + D.t, fixes["t_ns"] * 1e-9 - 1e-6)
+    arm = D.attitude[k].apply(lever)
+    fixes["lat"] += arm[:, 0] / 6.37e6
+    fixes["lon"] += arm[:, 1] / (6.39e6 * np.cos(fixes["lat"]))
+    fixes["height"] -= arm[:, 2]
+    fixes["sigma"], fixes["hdop"] = (0.02, 0.02, 0.04), np.nan
+    samples = sensed(D, rng)
+    set_ = Settings(navigation=Navigation(lever_arm_m=tuple(lever)))
+    with_arm = errors(D, navigate(samples, fixes, set_)[0])[0][at(80.0) :]
+    without = errors(D, navigate(samples, fixes)[0])[0][at(80.0) :]
+    assert np.sqrt(np.mean(with_arm**2)) < 0.15
+    assert np.sqrt(np.mean(without**2)) > 1.0

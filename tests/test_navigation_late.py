@@ -1,0 +1,79 @@
+"""A fix belongs to its epoch, whenever it arrives."""
+
+import numpy as np
+import pytest
+from navigation_runner import navigate
+from navigation_simulation import drive, errors, received, sensed
+
+from imud.estimators.records import INNOVATION
+
+RATE = 100
+D = drive(120.0)
+
+
+def data(seed=1, **how):
+    rng = np.random.default_rng(seed)
+    return sensed(D, rng), received(D, rng, **how)
+
+
+def test_a_fix_that_comes_late_gives_the_state_of_one_that_came_soon():
+    samples, fixes = data(late=0.1)
+    late = fixes.copy()
+    late["arrival_ns"] += 280_000_000
+    prompt, _, prompt_state = navigate(samples, fixes)
+    out, _, late_state = navigate(samples, late)
+    between = np.arange(60 * RATE + 60, len(D.t), RATE)  # both have arrived by then
+    assert np.abs(out["v"] - prompt["v"])[between].max() < 1e-9
+    assert np.abs(out["q_nb"] - prompt["q_nb"])[between].max() < 1e-11
+    assert np.abs(out["lat"] - prompt["lat"])[between].max() * 6.4e6 < 1e-6
+    assert np.abs(out["sigma_p"] - prompt["sigma_p"])[between].max() < 1e-9
+    assert np.abs(out["lat"] - prompt["lat"])[between - 50].max() * 6.4e6 > 1e-3  # and not before
+    assert late_state["core"][0, 0]["taken"] == prompt_state["core"][0, 0]["taken"]
+
+
+def test_the_same_input_gives_the_same_output_bit_for_bit():
+    samples, fixes = data(late=0.25)
+    first, first_rows, _ = navigate(samples, fixes)
+    second, second_rows, _ = navigate(samples, fixes)
+    assert first.tobytes() == second.tobytes()
+    assert first_rows.tobytes() == second_rows.tobytes()
+
+
+def test_an_unknown_latency_is_found():
+    d = drive(300.0)
+    rng = np.random.default_rng(2)
+    samples = sensed(d, rng)
+    fixes = received(d, rng, late=0.25, stamp=0.25)  # stamped with the time of arrival
+    out, _, state = navigate(samples, fixes)
+    assert state["core"][0, 0]["latency"] == pytest.approx(0.25, abs=0.03)
+    p = errors(d, out)[0][200 * RATE :, :2]
+    known = errors(d, navigate(samples, received(d, np.random.default_rng(99), late=0.25))[0])[0][200 * RATE :, :2]
+    assert np.sqrt(np.mean(p**2)) < 1.5 * np.sqrt(np.mean(known**2)) + 0.5
+
+
+def test_a_fix_older_than_one_already_fused_is_refused_with_a_record():
+    samples, fixes = data(late=0.2)
+    fixes["arrival_ns"][80] += 2_500_000_000
+    out, rows, _ = navigate(samples, fixes)
+    old = rows[rows["t_ns"] == fixes["t_ns"][80]]
+    assert len(old) == 1
+    assert old["used"][0] == 0
+    assert np.isfinite(out["sigma_p"][-1]).all()
+
+
+@pytest.mark.parametrize("late", [2.0, 6.0, 60.0])
+def test_very_late_fixes_do_no_harm(late):
+    samples, fixes = data(late=0.2)
+    fixes["arrival_ns"][60:] += int(late * 1e9)
+    out, rows, _ = navigate(samples, fixes)
+    assert rows.dtype == INNOVATION
+    p, _, _ = errors(D, out)
+    assert (np.abs(p[100 * RATE]) < 5.0 * out["sigma_p"][100 * RATE]).all()
+
+
+def test_fixes_of_the_future_are_refused():
+    samples, fixes = data(late=0.2)
+    fixes["t_ns"][70:] += 60_000_000_000
+    out, rows, _ = navigate(samples, fixes)
+    assert not rows["used"][rows["t_ns"] >= fixes["t_ns"][70]].any()
+    assert np.isfinite(out["v"][-1]).all()

@@ -1,0 +1,117 @@
+"""The navigation filter finds its heading by itself: from rest, in any mounting, under way, or as the user says."""
+
+import numpy as np
+import pytest
+from navigation_runner import navigate
+from navigation_simulation import drive, errors, received, sensed
+from scipy.spatial.transform import Rotation
+
+from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALID
+from imud.settings import Initial, Navigation, Settings
+
+RATE = 100
+
+
+def at(seconds):
+    return int(seconds * RATE)
+
+
+@pytest.mark.parametrize("yaw_deg, pitch_deg, roll_deg", [(0, 0, 0), (90, 10, -20), (-135, 0, 0), (30, 0, 180)])
+def test_heading_is_found_whatever_the_mounting(yaw_deg, pitch_deg, roll_deg):
+    rng = np.random.default_rng(3)
+    mount = Rotation.from_euler("ZYX", [yaw_deg, pitch_deg, roll_deg], degrees=True).inv()
+    d = drive(120.0)
+    samples = sensed(d, rng, bg=(0.01, -0.02, 0.005), ba=(0.1, -0.2, 0.05), mount=mount)
+    out, _, state = navigate(samples, received(d, rng, late=0.25))
+    p, v, a = errors(d, out, mount)
+    heading = (out["status"] & HEADING_VALID) > 0
+    assert not heading[: at(10.0)].any()  # still at rest: nobody can know
+    assert heading[at(30.0) :].all()
+    assert np.abs(a[at(60.0) :, 2]).max() < np.radians(1.5)
+    assert np.abs(a[at(60.0) :, :2]).max() < np.radians(0.5)
+    assert np.abs(v[at(60.0) :]).max() < 0.4
+    assert np.hypot(*p[at(60.0) :, :2].T).max() < 5.0
+    forward = state["core"][0, 0]["forward"] * np.sign(state["core"][0, 0]["forward"] @ mount.apply([1, 0, 0]))
+    assert forward == pytest.approx(mount.apply([1.0, 0.0, 0.0]), abs=0.02)
+
+
+def test_before_the_heading_is_known_position_follows_the_receiver_and_roll_and_pitch_are_valid():
+    rng = np.random.default_rng(4)
+    d = drive(14.0, rest=20.0)
+    out, _, _ = navigate(sensed(d, rng), received(d, rng))
+    p, _, a = errors(d, out)
+    assert (out["status"][at(3.0) :] & ATTITUDE_VALID).all()
+    assert not (out["status"] & HEADING_VALID).any()
+    assert (out["status"][at(1.1) :] & POSITION_VALID).all()
+    assert not (out["status"][: at(0.9)] & POSITION_VALID).any()
+    assert np.isnan(out["lat"][: at(0.9)]).all()
+    assert np.abs(a[at(5.0) :, :2]).max() < np.radians(1.0)
+    assert (np.abs(p[at(2.0) :]) < 4.0 * out["sigma_p"][at(2.0) :]).all()
+
+
+def test_start_under_way():
+    rng = np.random.default_rng(5)
+    d = drive(150.0, rest=0.0, fast_start=True)
+    out, _, _ = navigate(sensed(d, rng, bg=(0.02, -0.03, -0.01)), received(d, rng, late=0.25))
+    _, v, a = errors(d, out)
+    assert (out["status"][at(90.0) :] & HEADING_VALID).all()
+    assert np.abs(a[at(110.0) :, 2]).max() < np.radians(3.0)
+    assert np.abs(v[at(110.0) :, :2]).max() < 0.5
+
+
+def test_start_under_way_with_a_gyro_bias_of_4_5_deg_per_s():
+    rng = np.random.default_rng(1)
+    d = drive(200.0, rest=0.0, fast_start=True)
+    out, _, _ = navigate(sensed(d, rng, bg=(0.02, -0.03, np.radians(4.5))), received(d, rng, late=0.25))
+    _, _, a = errors(d, out)
+    assert np.abs(a[at(185.0) :, 2]).max() < np.radians(5.0)
+    assert out["bg"][-1][2] == pytest.approx(np.radians(4.5), abs=2e-3)
+
+
+def test_positions_alone_are_enough():
+    rng = np.random.default_rng(6)
+    d = drive(120.0)
+    fixes = received(d, rng, sigma=0.0, white=0.02)
+    fixes["speed"] = fixes["course"] = fixes["hdop"] = np.nan
+    fixes["sigma"] = (0.02, 0.02, 0.04)
+    out, _, _ = navigate(sensed(d, rng), fixes)
+    p, _, a = errors(d, out)
+    assert np.abs(a[at(60.0) :, 2]).max() < np.radians(2.0)
+    assert np.sqrt(np.mean(p[at(60.0) :, :2] ** 2)) < 0.2
+
+
+def test_what_the_user_knows_is_taken_at_once():
+    rng = np.random.default_rng(7)
+    d = drive(20.0, rest=30.0)
+    start = Initial(
+        lat_deg=np.degrees(d.lat[0]), lon_deg=np.degrees(d.lon[0]), height_m=500.0, vn_mps=0.0, ve_mps=0.0, vd_mps=0.0,
+        roll_deg=0.0, pitch_deg=0.0, yaw_deg=np.degrees(0.7),
+    )  # fmt: skip
+    out, _, _ = navigate(sensed(d, rng), received(d, rng)[:0], None, start)
+    assert (out["status"][at(1.0) :] & (POSITION_VALID | HEADING_VALID | ATTITUDE_VALID) == 7).all()
+    p, v, a = errors(d, out)
+    assert np.degrees(np.abs(a)).max() < 2.0
+    assert np.abs(v).max() < 0.5
+    assert (np.abs(p) < 4.0 * out["sigma_p"]).all()
+
+
+@pytest.mark.parametrize("vehicle, constrained", [("free", 0), ("auto", 1), ("land", 1)])
+def test_the_land_vehicle_constraint_is_a_mode(vehicle, constrained):
+    rng = np.random.default_rng(8)
+    d = drive(90.0)
+    out, _, state = navigate(sensed(d, rng), received(d, rng), Settings(navigation=Navigation(vehicle=vehicle)))
+    assert state["core"][0, 0]["constrained"] == constrained
+    assert np.isfinite(out["sigma_v"][-1]).all()
+
+
+def test_auto_does_not_take_a_craft_that_moves_sideways_for_a_land_vehicle():
+    rng = np.random.default_rng(9)
+    d = drive(120.0)
+    drifting = Rotation.from_rotvec(np.outer(2.5 * np.sin(0.2 * d.t), (0, 0, 1)))  # its nose turns about freely
+    d.w = drifting.inv().apply(d.w) + np.column_stack([0 * d.t, 0 * d.t, 0.5 * np.cos(0.2 * d.t)])
+    d.f, d.attitude = drifting.inv().apply(d.f), d.attitude * drifting
+    out, _, state = navigate(sensed(d, rng), received(d, rng))
+    _, v, a = errors(d, out)
+    assert state["core"][0, 0]["constrained"] == 0
+    assert np.abs(v[at(80.0) :, :2]).max() < 0.5
+    assert np.abs(a[at(80.0) :, 2]).max() < np.radians(3.0)

@@ -4,7 +4,7 @@ import argparse
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,8 +13,9 @@ from .fixes import FixSource, SimulatedFixes
 from .g350 import G350
 from .motion import Trajectory
 from .nmea import FvM11
-from .noise import DEG, IDEAL, M_G350, MILLI_G, ImuErrors
+from .noise import DEG, IDEAL, M_G350, MILLI_G, Grade, ImuErrors
 from .replay import RecordedFixes, RecordedImu
+from .rga300 import RGA300, Rga300
 from .sampling import TICK_HZ, Signal
 from .scenarios import SCENARIOS
 
@@ -54,16 +55,29 @@ def device(args: argparse.Namespace, scene: Scene, utc: float, index: int) -> De
 
 
 def _g350(args: argparse.Namespace, scene: Scene, _utc: float, baud: int, rng: np.random.Generator) -> Device:
-    errors = ImuErrors(
-        IDEAL if args.ideal or args.replay else M_G350,  # a recording has its own errors
+    errors = _errors(args, M_G350, rng, TICK_HZ)
+    identity = not args.no_identity
+    return G350(scene.signal, errors, baud, count_step=args.count_step, identity=identity, oscillator=_oscillator(args))
+
+
+def _rga300(args: argparse.Namespace, scene: Scene, _utc: float, baud: int, rng: np.random.Generator) -> Device:
+    errors = _errors(args, RGA300, rng, args.stream_rate)
+    return Rga300(scene.signal, errors, baud, rate_hz=args.stream_rate, oscillator=_oscillator(args))
+
+
+def _errors(args: argparse.Namespace, grade: Grade, rng: np.random.Generator, tick_hz: float) -> ImuErrors:
+    ideal = args.ideal or args.replay  # a recording has its own errors
+    return ImuErrors(
+        replace(IDEAL, limit=grade.limit) if ideal else grade,
         rng,
-        TICK_HZ,
+        tick_hz,
         gyro_bias=_scaled(args.gyro_bias_dps, DEG),
         accel_bias=_scaled(args.accel_bias_mg, MILLI_G),
     )
-    oscillator = 1.0 + args.clock_ppm * 1e-6
-    identity = not args.no_identity
-    return G350(scene.signal, errors, baud, count_step=args.count_step, identity=identity, oscillator=oscillator)
+
+
+def _oscillator(args: argparse.Namespace) -> float:
+    return float(1.0 + args.clock_ppm * 1e-6)
 
 
 def _nmea(args: argparse.Namespace, scene: Scene, utc: float, baud: int, rng: np.random.Generator) -> Device:
@@ -84,4 +98,5 @@ def _scaled(values: tuple[float, float, float] | None, unit: float) -> tuple[flo
 _BUILDERS: dict[str, Callable[[argparse.Namespace, Scene, float, int, np.random.Generator], Device]] = {
     "g350": _g350,
     "nmea": _nmea,
+    "rga300": _rga300,
 }

@@ -1,0 +1,102 @@
+"""The driver of Crossbow's DMU RGA300CA on a UART: three accelerometers, one gyro about its z axis, its own tilt.
+
+The unit sends at a rate of its own, which is measured. It reports gravity, +1 g on z when level; samples are specific
+force.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..dialogue import Dialogue, Exchange
+from ..driver import Identity, ImuConfigured, Options, Unsupported
+from .hearing import convention, is_stream, relative, scan
+from .packet import ACCEL_FAILED, BIT, CONVENTIONS, LENGTH, PART, TICK_NS, TIMER, ZERO_INVALID, word
+from .talk import describe, ping, unsupported
+from .timer import spacing_ns
+
+START_S = 0.2
+RATE_S = 1.0  # for which the stream is counted
+PART_NUMBER = 300
+BAUD = 38400
+
+
+class Crossbow:
+    """The driver."""
+
+    name = "crossbow"
+    bauds = (BAUD,)
+    patience_s = 0.5
+
+    @property
+    def kind(self) -> Literal["imu"]:
+        """The kind of device."""
+        return "imu"
+
+    def recognise(self, heard: bytes) -> Identity | Unsupported | None:
+        """A continuous stream."""
+        if is_stream(heard):
+            return Identity(self.name, "DMU RGA300CA", profile="consumer-mems")
+        model = relative(heard)
+        return unsupported(self.name, model) if model else None
+
+    def identify(self) -> Dialogue[Identity | Unsupported | None]:
+        """Stop whatever runs, and ask. Leaves the unit in polled mode."""
+        return (yield from describe(self.name)) if (yield from ping()) else None
+
+    def configure(self, identity: Identity, options: Options) -> Dialogue[ImuConfigured | None]:
+        """Continuous mode. The unit has no settings; `options.rate_hz` cannot be met."""
+        if not options.readonly:
+            found = yield from self.identify()
+            if not isinstance(found, Identity):
+                return None
+            identity = replace(found, baud=identity.baud)
+            yield Exchange(b"C", START_S, discard=True)
+        heard = yield Exchange(listen_s=RATE_S, discard=True)
+        summed = convention(heard)
+        starts = scan(heard, summed or 0)
+        if summed is None or len(starts) < 2:
+            return None
+        timers = [word(heard, p + TIMER) for p in starts]
+        rate_hz = neat(1e9 / spacing_ns(timers, RATE_S * 1e9 / len(starts)))
+        wire_ns = round(LENGTH * 10 / (identity.baud or BAUD) * 1e9)
+        warnings = oddities(heard[starts[-1] :], summed)
+        gyro_axes = (False, False, True)
+        return ImuConfigured(identity, rate_hz, TICK_NS, wire_ns, LENGTH, warnings, gyro_axes)
+
+    def new_state(self, configured: ImuConfigured) -> NDArray[np.void]:
+        """See `ImuDriver`."""
+        from .frames import new_state
+
+        return new_state(configured.rate_hz)
+
+    @property
+    def decode(self) -> Callable[[NDArray[np.uint8], int, NDArray[np.void], NDArray[np.void]], int]:
+        """See `ImuDriver`."""
+        from .frames import decode
+
+        return decode
+
+
+def neat(rate_hz: float) -> float:
+    """Rounded, so that one unit has the same rate each time."""
+    return float(round(rate_hz)) if rate_hz >= 10.0 else round(rate_hz, 1)
+
+
+def oddities(packet: bytes, summed: int) -> tuple[str, ...]:
+    """What is unusual about this unit."""
+    part, bit = word(packet, PART), word(packet, BIT)
+    facts = (
+        (summed != 0, f"its checksum is the {CONVENTIONS[summed]}, not the {CONVENTIONS[0]}"),
+        (part != PART_NUMBER, f"part number {part} instead of {PART_NUMBER}: ranges may differ"),
+        (bool(bit & ACCEL_FAILED), f"it reports a failed accelerometer (BIT {bit:#06x})"),
+        (bool(bit & ZERO_INVALID), f"it reports an invalid gyro zero (BIT {bit:#06x})"),
+        (bool(bit & ~(ACCEL_FAILED | ZERO_INVALID)), f"BIT {bit:#06x}: meaning not known"),
+    )
+    return tuple(text for true, text in facts if true)
+
+
+DRIVER = Crossbow()

@@ -1,0 +1,101 @@
+"""Talking to a Crossbow DMU: single letters, most of them answered.
+
+    R -> H ping   P polled   C continuous   G -> packet   S -> FF, serial number, its byte sum   v or V -> FF, text, $
+    z n -> Z when the gyro's zero is found, over n hundred samples   b -> B, then a at the new speed -> A
+
+Sources: Prasanna (2009), table "IMU Commands"; VRPN's vrpn_Tracker_Crossbow; Moog Crossbow manual 7430-0280-01.
+"""
+
+from ..dialogue import Dialogue, Exchange
+from ..driver import Identity, Unsupported
+from .hearing import RELATIVES, without_packets
+from .packet import CONVENTIONS, HEADER, LENGTH, is_packet
+
+QUIET_S = 0.05  # after P, until the last packet is through
+ANSWER_S = 0.1
+PACKET_S = 0.15
+TEXT_S = 0.3
+TRIES = 3
+STRANGE_S = 0.05  # in which a longer packet than the RGA's would go on
+ZERO_S = 0.5  # at most, for a hundred samples: VRPN found 3 to 4 ms each
+ZERO_MARGIN_S, ZERO_LONGEST_S = 5.0, 120.0
+
+
+def stop() -> Dialogue[None]:
+    """End a running stream, and forget what it left."""
+    yield Exchange(b"P", QUIET_S, discard=True)
+
+
+def ping() -> Dialogue[bool]:
+    """Whether something here answers as a DMU does, and is quiet otherwise."""
+    for _ in range(TRIES):
+        yield from stop()
+        heard = yield Exchange(b"R", ANSWER_S, enough=lambda heard: heard == b"H", discard=True)
+        if heard == b"H":
+            return True
+        if not heard:
+            return False
+    return False
+
+
+def serial_number() -> Dialogue[str]:
+    """In decimal; empty if the answer is not as it should be."""
+    reply = yield Exchange(b"S", ANSWER_S, enough=lambda heard: len(heard) >= 6, discard=True)
+    if len(reply) != 6 or reply[0] != 0xFF or sum(reply[1:5]) & 0xFF != reply[5]:
+        return ""
+    return str(int.from_bytes(reply[1:5], "big"))
+
+
+def version() -> Dialogue[str]:
+    """The unit's own description; empty if it gives none."""
+    for command in (b"v", b"V"):
+        reply = yield Exchange(command, TEXT_S, enough=lambda heard: b"$" in heard or HEADER in heard, discard=True)
+        text = reply.partition(b"$")[0].partition(HEADER)[0].removeprefix(b"\xff").strip(b"\0 \r\n")
+        if text and text.isascii() and text.decode("ascii").isprintable():
+            return text.decode("ascii")
+    return ""
+
+
+def describe(name: str) -> Dialogue[Identity | Unsupported | None]:
+    """Who answers: a packet tells. None: it sends none, so it is something else."""
+    packet = yield Exchange(b"G", PACKET_S, enough=lambda heard: len(heard) >= LENGTH, discard=True)
+    if len(packet) >= LENGTH:
+        packet += yield Exchange(listen_s=STRANGE_S)
+    serial = yield from serial_number()
+    firmware = yield from version()
+    if any(is_packet(packet, convention) for convention in range(len(CONVENTIONS))):
+        return Identity(name, "DMU RGA300CA", serial, firmware, profile="consumer-mems")  # no noise figures published
+    for kind in RELATIVES:
+        if kind.is_packet(packet):
+            return unsupported(name, f"{kind.name}: {firmware}" if firmware else kind.name)
+    if serial:
+        return unsupported(name, f"Crossbow DMU {firmware or 'of an unknown model'}")
+    return None
+
+
+def unsupported(name: str, model: str) -> Unsupported:
+    """A relative."""
+    return Unsupported(name, model, "this driver speaks the RGA300CA's angle mode")
+
+
+def find_zero(hundreds: int) -> Dialogue[bool]:
+    """Let the unit average its gyro over that many hundred samples at rest (1 to 255) and take the mean for zero.
+
+    Ends a stream. False: the unit did not say that it was done.
+    """
+    yield from stop()
+    longest_s = min(ZERO_LONGEST_S, ZERO_S * hundreds + ZERO_MARGIN_S)
+    heard = yield Exchange(
+        bytes((ord("z"), hundreds)), longest_s, enough=lambda heard: b"Z" in without_packets(heard), discard=True
+    )
+    return b"Z" in without_packets(heard)
+
+
+def change_baud(baud: int) -> Dialogue[bool]:
+    """Go over to another speed. False: the unit did not follow; the line is at the new speed all the same."""
+    yield from stop()
+    heard = yield Exchange(b"b", ANSWER_S, enough=lambda heard: heard == b"B", discard=True)
+    if heard != b"B":
+        return False
+    heard = yield Exchange(b"a", ANSWER_S, enough=lambda heard: heard == b"A", baud=baud, discard=True)
+    return heard == b"A"

@@ -1,0 +1,75 @@
+"""The DMU's timer word: 16 bits of 0.79 us, which wrap every 51.8 ms, to ticks since the first packet.
+
+How many wraps lie between two packets follows from the nominal spacing; which way the timer counts is learned from
+packets. Until that is known, and for a timer that contradicts the spacing, a packet is its nominal number of ticks.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from ..jit import kernel
+from .packet import TICK_NS
+
+VOTES = 20  # net, for one direction
+TIMER = np.dtype(
+    [
+        ("spacing", "<i8"),  # nominal ticks from packet to packet
+        ("last", "<i8"),  # timer word of the last packet
+        ("votes", "<i8"),  # for counting up; negative: down
+        ("direction", "<i8"),  # 1 up, -1 down, 0 not known
+    ],
+    align=True,
+)
+
+
+@kernel
+def distance(ticks: int, expected: int) -> int:
+    """How far `ticks` is from `expected`, whatever the wraps between."""
+    return abs(((ticks - expected + 0x8000) & 0xFFFF) - 0x8000)
+
+
+@kernel
+def learn_direction(t: Any, up: int, expected: int) -> None:
+    """Vote by one step of the timer; a step that fits neither way takes a vote back."""
+    far_up, far_down = distance(up, expected), distance(-up, expected)
+    if far_up == far_down or min(far_up, far_down) > t.spacing // 2:
+        t.votes -= (t.votes > 0) - (t.votes < 0)
+    else:
+        t.votes += 1 if far_up < far_down else -1
+    if abs(t.votes) >= VOTES:
+        t.direction = 1 if t.votes > 0 else -1
+
+
+@kernel
+def ticks_since(t: Any, timer: int, missing: int, first: bool) -> int:
+    """Ticks from the last packet to this one with the word `timer`, after junk of the size of `missing` packets."""
+    up = (timer - t.last) & 0xFFFF
+    t.last = timer
+    if first:
+        return 0
+    expected: int = t.spacing * (1 + missing)
+    if t.direction == 0:
+        learn_direction(t, up, expected)
+        return expected
+    ahead = up if t.direction > 0 else -up & 0xFFFF
+    wraps = max(0, (expected - ahead + 0x8000) >> 16)
+    return int(max(1, ahead + (wraps << 16)))
+
+
+def spacing_ns(timers: Sequence[int], rough_ns: float) -> float:
+    """Mean time between packets with these timer words, which are about `rough_ns` apart, if the timer agrees."""
+    rough = rough_ns / TICK_NS
+    means = []
+    for direction in (-1, 1):
+        ticks = packets = 0
+        for before, after in pairwise(timers):
+            ahead = direction * (after - before) & 0xFFFF
+            ahead += max(0, round((rough - ahead) / 0x10000)) << 16
+            ticks += ahead
+            packets += max(1, round(ahead / rough))
+        means.append(ticks / packets if packets else rough)
+    best = min(means, key=lambda mean: abs(mean - rough))
+    return best * TICK_NS if abs(best / rough - 1.0) < 0.1 else rough_ns

@@ -73,7 +73,6 @@ def test_one_interval_is_that_of_the_matrix_exponential(seed):
     q[block(ACCEL_BIAS)] = r["accel_walk"] + k.SHAKEN_WALK**2 * 0.4
     q[block(WANDER)] = 2.0 / k.WANDER_S * np.array([1.5, 1.5, 3.0]) ** 2
     q[[MOUNT_PITCH, MOUNT_YAW]] = k.MOUNT_WALK
-    q[LATENCY] = k.LATENCY_WALK
     phi = expm(F * dt)
     expected = phi @ P @ phi.T + np.diag(q) * dt
     k.predict(p[0], c)

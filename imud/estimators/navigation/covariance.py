@@ -20,7 +20,6 @@ from .state import (
     ACCEL_BIAS,
     ATTITUDE,
     GYRO_BIAS,
-    LATENCY,
     LEVELLING,
     MOUNT_PITCH,
     MOUNT_YAW,
@@ -36,7 +35,6 @@ FORCE_SCALE_S, RATE_SCALE_S = 0.2, 0.05  # how long a scale-factor error acts in
 SHAKEN_NOISE = 0.011  # (m/s)/sqrt(s), of an accelerometer on a vehicle under way, beyond its own
 SHAKEN_WALK = 2e-3  # (m/s^2)/sqrt(s), vibration rectified into bias
 MOUNT_WALK = math.radians(0.02) ** 2  # rad^2/s, load and suspension
-LATENCY_WALK = 1e-9  # s^2/s
 LEVEL_ACCEL = 2.0  # m/s^2, of a vehicle whose heading is not known yet
 
 
@@ -109,5 +107,4 @@ def predict(p: Any, c: Any) -> None:
         c.dv[i] = 0.0
     grow(c, MOUNT_PITCH, MOUNT_WALK * dt)
     grow(c, MOUNT_YAW, MOUNT_WALK * dt)
-    grow(c, LATENCY, LATENCY_WALK * dt)
     c.gathered = 0.0

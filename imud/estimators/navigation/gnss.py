@@ -29,6 +29,7 @@ GIVE_IN_COUNT, GIVE_IN_S = 5, 8.0
 LEARNING = 0.03
 SECOND_ORDER = 10.0  # m, m/s per rad^2 of heading variance: what the linear model leaves out
 STAMP_S, STAMP_SIGMA = 1e-3, 0.03  # s
+CENTIMETRES, SURVEY_STAMP_SIGMA = 0.1, 2e-4  # m, s
 STALE_ACCEL = 1.0  # m/s^2, where a fix is too late for rewinding
 LATENCY_FLOOR = 0.01  # s per metre of sigma
 
@@ -45,9 +46,14 @@ def horizontal_sigma(fix: Any) -> float:
 
 @kernel
 def trust_stamp(p: Any, c: Any, fix: Any) -> None:
-    """At the first fix: is its epoch the receiver's, or only the arrival, with or without an assumed latency?"""
+    """At the first fix: is its epoch the receiver's, or only the arrival, with or without an assumed latency?
+
+    Who reports centimetres also states the epoch.
+    """
     delay = 1e-9 * (fix.arrival_ns - fix.t_ns)
-    if delay > STAMP_S and abs(delay - p.latency) > STAMP_S:
+    if horizontal_sigma(fix) < CENTIMETRES:
+        reset(c.P, STATES, LATENCY, SURVEY_STAMP_SIGMA**2)
+    elif delay > STAMP_S and abs(delay - p.latency) > STAMP_S:
         reset(c.P, STATES, LATENCY, STAMP_SIGMA**2)
 
 

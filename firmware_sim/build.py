@@ -18,6 +18,7 @@ from .replay import RecordedFixes, RecordedImu
 from .rga300 import RGA300, Rga300
 from .sampling import TICK_HZ, Signal
 from .scenarios import SCENARIOS
+from .seraccel import SerAccel, Settings, mma7260
 
 START = (35.6586, 139.7454, 60.0)  # latitude and longitude in deg, height in m: Tokyo
 
@@ -65,6 +66,12 @@ def _rga300(args: argparse.Namespace, scene: Scene, _utc: float, baud: int, rng:
     return Rga300(scene.signal, errors, baud, rate_hz=args.stream_rate, oscillator=_oscillator(args))
 
 
+def _seraccel(args: argparse.Namespace, scene: Scene, _utc: float, baud: int, rng: np.random.Generator) -> Device:
+    settings = Settings(mode=args.stream_mode, rate_hz=args.stream_rate)
+    errors = _errors(args, mma7260(args.stream_rate), rng, args.stream_rate)
+    return SerAccel(scene.signal, errors, baud, settings, streaming=args.streaming, oscillator=_oscillator(args))
+
+
 def _errors(args: argparse.Namespace, grade: Grade, rng: np.random.Generator, tick_hz: float) -> ImuErrors:
     ideal = args.ideal or args.replay  # a recording has its own errors
     return ImuErrors(
@@ -99,4 +106,5 @@ _BUILDERS: dict[str, Callable[[argparse.Namespace, Scene, float, int, np.random.
     "g350": _g350,
     "nmea": _nmea,
     "rga300": _rga300,
+    "seraccel": _seraccel,
 }

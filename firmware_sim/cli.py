@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from .build import Scene
 
 EXIT_USAGE, EXIT_DATA, EXIT_NO_INPUT, EXIT_NO_OUTPUT, EXIT_INTERRUPTED = 64, 65, 66, 73, 130
-DEFAULT_BAUD = {"g350": 460800, "nmea": 9600, "rga300": 38400}
+DEFAULT_BAUD = {"g350": 460800, "nmea": 9600, "rga300": 38400, "seraccel": 57600}
+SERACCEL_MODES = ("gravity", "raw", "binary")
 SCENARIO_NAMES = ("rest", "turntable", "car", "figure8")
 BAUDS = (4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800)
 
@@ -33,7 +34,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=int, default=1, metavar="N", help="of noise and biases (default 1)")
     add("--seconds", type=_span, default=math.inf, metavar="N", help="end after that")
     add("--rate", type=float, default=1.0, metavar="HZ", help="fixes per second, 1 to 5; the host sets the IMU's rate")
-    add("--stream-rate", type=float, default=100.0, metavar="HZ", help="packets per second of an rga300, 1 to 160")
+    add("--stream-rate", type=float, default=100.0, metavar="HZ", help="of rga300 and seraccel, 1 to 160 (default 100)")
+    add(
+        "--stream-mode",
+        choices=SERACCEL_MODES,
+        default="gravity",
+        metavar="NAME",
+        help="gravity, raw, binary: seraccel",
+    )
+    add("--streaming", action="store_true", help="a seraccel that streams already; else it waits in its menu")
     add("--roll-deg", type=float, default=0.0, metavar="X", help="attitude at rest and on the turntable")
     add("--pitch-deg", type=float, default=0.0, metavar="X")
     add("--yaw-deg", type=float, default=0.0, metavar="X")
@@ -101,7 +110,7 @@ def _misuse(args: argparse.Namespace) -> str:
         (len(args.link) > len(names), "more --link than devices"),
         (len(set(args.link)) < len(args.link), "two devices cannot have the same --link"),
         (not 1.0 <= args.rate <= 5.0, "--rate: the receiver gives 1 to 5 fixes per second"),
-        (not 1.0 <= args.stream_rate <= 160.0, "--stream-rate: an rga300 gives 1 to 160 packets per second"),
+        (not 1.0 <= args.stream_rate <= 160.0, "--stream-rate: 1 to 160 samples per second"),
         (bool(args.replay) and len(args.replay) > 2, "--replay takes imu.csv and gnss.csv"),
         (bool(args.replay) and "nmea" in names and len(args.replay) < 2, "--replay: nmea needs a gnss.csv as well"),
         (bool(args.replay) and args.truth is not None, "--truth: a recording knows no truth"),

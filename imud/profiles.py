@@ -1,7 +1,7 @@
 """Noise profiles of inertial sensors by name: what an estimator must know of a sensor, with its source."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from .kernels.earth import STANDARD_GRAVITY
 
@@ -55,3 +55,13 @@ PROFILES = {
         accel_range=16.0 * STANDARD_GRAVITY,
     ),
 }
+# Freescale MMA7260QT on SparkFun's serial accelerometers: 0.35 mg/sqrt(Hz) up to 350 Hz, which sampling at 50/s turns
+# into 8 mg a sample; the zero-g offset that a hand calibration leaves. It has no gyro to describe
+PROFILES["mma7260"] = replace(
+    PROFILES["consumer-mems"],
+    accel_noise=8.0 * _MG / math.sqrt(50.0),
+    accel_bias_instability=2.0 * _MG,
+    accel_bias_initial=30.0 * _MG,
+    accel_scale=0.03,
+    accel_range=6.0 * STANDARD_GRAVITY,
+)

@@ -6,7 +6,7 @@ from imud.errors import UsageError
 
 from . import Estimator
 
-NAMES = ("attitude", "navigation")
+NAMES = ("attitude", "navigation", "tilt")
 
 
 def by_name(name: str) -> Estimator:

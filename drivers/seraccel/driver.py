@@ -1,0 +1,90 @@
+"""The driver of SparkFun's Serial Accelerometer V5 (SerAccel) and its successor, the Serial Accelerometer Dongle."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..dialogue import Dialogue
+from ..driver import Identity, ImuConfigured, Options
+from .hearing import Stream, firmware_in, menu_in, range_in, stream_in
+from .ranges import FULL_COUNT, LOW_PASS_NS, MODEL, RANGES, STANDARD_GRAVITY, range_of
+from .talk import PATIENCE_S, measure_rate, probe, reach_stream
+
+PROFILE = "mma7260"
+
+
+class SerAccel:
+    """The driver."""
+
+    name = "seraccel"
+    bauds = (57600, 38400, 19200, 9600)
+    patience_s = PATIENCE_S
+
+    @property
+    def kind(self) -> Literal["imu"]:
+        """The kind of device."""
+        return "imu"
+
+    def recognise(self, heard: bytes) -> Identity | None:
+        """A stream in any mode, or the menu."""
+        if stream_in(heard) is None and not menu_in(heard):
+            return None
+        return Identity(self.name, MODEL, firmware=firmware_in(heard), profile=PROFILE)
+
+    def identify(self) -> Dialogue[Identity | None]:
+        """Ask a silent line for the menu."""
+        return self.recognise((yield from probe()))
+
+    def configure(self, identity: Identity, options: Options) -> Dialogue[ImuConfigured | None]:
+        """Leave the menu if the board is there, and listen. Rate and range stay as the user chose them in the menu."""
+        streaming, heard = yield from reach_stream(options.readonly)
+        if not streaming:
+            return None
+        rate_hz, newest = yield from measure_rate()
+        stream = stream_in(newest)
+        if stream is None:
+            return None
+        identity = replace(identity, firmware=firmware_in(heard) or identity.firmware)
+        range_g, warnings = range_in(heard), tuple[str, ...]()
+        if range_g is None and stream.counts:
+            range_g, warnings = judged_range(stream)
+        model = next((row.model for row in RANGES if row.g == range_g), MODEL)
+        wire_ns = round(stream.bytes_each * 10 / (identity.baud or self.bauds[0]) * 1e9)
+        return ImuConfigured(
+            replace(identity, model=model),
+            rate_hz,
+            round(1e9 / rate_hz),
+            LOW_PASS_NS + wire_ns,
+            round(stream.bytes_each),
+            warnings,
+            gyro_axes=(False, False, False),
+        )
+
+    def new_state(self, configured: ImuConfigured) -> NDArray[np.void]:
+        """See `ImuDriver`."""
+        from .lines import new_state
+
+        return new_state(range_of(configured.identity.model))
+
+    @property
+    def decode(self) -> Callable[[NDArray[np.uint8], int, NDArray[np.void], NDArray[np.void]], int]:
+        """See `ImuDriver`."""
+        from .lines import decode
+
+        return decode
+
+
+def judged_range(stream: Stream) -> tuple[float, tuple[str, ...]]:
+    """The range in which the counts heard are nearest to 1 g, and a warning: only the menu tells it."""
+    mean = [sum(axis) / len(stream.samples) - FULL_COUNT / 2.0 for axis in zip(*stream.samples, strict=True)]
+    force = {row.g: math.hypot(*mean) * row.scale / STANDARD_GRAVITY for row in RANGES}
+    range_g = min(force, key=lambda g: abs(math.log(max(force[g], 1e-3))))
+    why = f"raw counts: taken as range ±{range_g:g} g, in which the force is {force[range_g]:.2f} g now"
+    return range_g, (f"{why}; choose the output of gravity values in the board's menu to be sure",)
+
+
+DRIVER = SerAccel()

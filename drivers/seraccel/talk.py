@@ -1,0 +1,82 @@
+"""Getting the board to stream, and finding out how fast: a dialogue that never writes while it streams.
+
+Any byte stops a running stream and brings up the menu, so nothing is sent before the line has been listened to. On a
+silent line the menu may be waiting: 0xFF is no choice of it, at whatever speed it is misheard, and makes the board say
+its menu again. `x` leaves the menu, and is sent only after text that resembles it, once that has ended.
+"""
+
+from ..dialogue import Dialogue, Exchange
+from .hearing import is_streaming, menu_in, stream_in
+
+PROBE, LEAVE = b"\xff", b"x"
+LISTEN_S = 0.1  # before a silent line is probed; the detection has listened for longer
+ANSWER_S, MENU_S = 0.15, 1.0  # to the first bytes of the menu; to its end, 600 bytes at 9600 baud
+QUIET_S = 0.15  # within a menu there is no pause of that length
+START_S = 2.5
+PATIENCE_S = 1.3
+ATTEMPTS = 6
+SPAN_S, LINES, SPANS = 2.0, 40, 3  # of listening for the rate: so many times, until there are enough lines
+WHOLE_HZ = 12.0  # slower rates are whole numbers, as the menu sets them
+
+
+def probe() -> Dialogue[bytes]:
+    """What a silent line says when asked for its menu; empty if it is not silent, or does not answer."""
+    if (yield Exchange(listen_s=LISTEN_S, enough=lambda heard: len(heard) > 0)):
+        return b""
+    heard = yield Exchange(PROBE, ANSWER_S, enough=lambda heard: len(heard) > 0)
+    return (yield from listen_on(heard)) if heard else b""
+
+
+def listen_on(heard: bytes) -> Dialogue[bytes]:
+    """Listen until the line is quiet, or streams."""
+    spent_s = 0.0
+    while spent_s < MENU_S and not is_streaming(heard):
+        more = yield Exchange(listen_s=QUIET_S)
+        if not more:
+            break
+        heard += more
+        spent_s += QUIET_S
+    return heard
+
+
+def reach_stream(readonly: bool) -> Dialogue[tuple[bool, bytes]]:
+    """Whether the board streams now, left from its menu if need be, and what was heard meanwhile."""
+    everything = heard = yield Exchange(
+        listen_s=PATIENCE_S, enough=lambda heard: is_streaming(heard) or bool(menu_in(heard))
+    )
+    for _ in range(ATTEMPTS):
+        if is_streaming(heard):
+            return True, everything
+        if readonly:
+            break
+        if menu_in(heard):
+            heard = yield from leave_menu(heard)
+        elif heard:
+            heard = yield from listen_on(b"")
+        else:
+            heard = yield from probe()
+        everything += heard
+    return is_streaming(heard), everything
+
+
+def leave_menu(heard: bytes) -> Dialogue[bytes]:
+    """Once the menu's text has ended, leave it; returns what comes then."""
+    text = yield from listen_on(heard)
+    if is_streaming(text):
+        return text
+    return (
+        yield Exchange(LEAVE, START_S, enough=lambda heard: is_streaming(heard) or bool(menu_in(heard)), discard=True)
+    )
+
+
+def measure_rate() -> Dialogue[tuple[float, bytes]]:
+    """Samples per second of the running stream, 0 if it ended, and what was heard of it."""
+    heard = yield Exchange(listen_s=SPAN_S, discard=True)
+    spans = 1
+    while (stream := stream_in(heard)) and len(heard) < LINES * stream.bytes_each and spans < SPANS:
+        heard += yield Exchange(listen_s=SPAN_S)
+        spans += 1
+    if stream is None:
+        return 0.0, heard
+    rate_hz = len(heard) / stream.bytes_each / (spans * SPAN_S)
+    return (rate_hz if rate_hz > WHOLE_HZ else max(1.0, round(rate_hz))), heard

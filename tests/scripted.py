@@ -147,21 +147,93 @@ class G350(Line):
             self.say(b"\x20" + struct.pack(">Hh6hH", 0xFE00, -15214, 1, 2, 3, 4, 5, -8000, 0) + count + b"\r")
 
 
-class Windowed(G350):
-    """An M-G364 or other successor: register windows, an ID word, product name in window 1."""
+class Windowed(Line):
+    """An M-G364 or other successor (protocols.md 1.7): registers in two windows, frames as BURST_CTRL says."""
 
-    def __init__(self, **options):
-        super().__init__(**options)
-        self.window = 0
+    RATES = {0: 2000.0, **RATES, 8: 400.0, 9: 200.0, 10: 100.0, 11: 80.0, 12: 50.0, 13: 40.0, 14: 25.0, 15: 20.0}
+
+    def __init__(self, baud=460800, boot_s=0.0, product="G364PDCA", serial="W0000456"):
+        super().__init__(baud)
+        self.boot_s, self.window, self.restarts = boot_s, 0, 0
+        text = {0x6A: product, 0x74: serial}
+        self.names = {(1, at + i): ord(char) for at, string in text.items() for i, char in enumerate(string)}
+        self.names |= {(0, 0x4C): 0x45, (0, 0x4D): 0x53, (1, 0x72): 0x30, (1, 0x73): 0x02}
+        self.stuck = {}  # bytes that keep their value, by window and address
+        self.frames = itertools.count()
+        self.input = bytearray()
+        self.reset()
+
+    def reset(self):
+        self.byte = dict.fromkeys(itertools.product((0, 1), range(0x80)), 0) | self.names
+        self.byte |= {(0, 0x03): 4, (1, 0x05): 1, (1, 0x04): 3, (1, 0x06): 1, (1, 0x0D): 0xF0, (1, 0x0C): 6}
+        self.byte |= {(1, 0x39): 0x40, (1, 0x41): 0x40, (1, 0x49): 0x40}  # of the rotation matrix
+        self.matrix = [self.byte[1, 0x38 + i] for i in range(36)]
+        self.byte |= self.stuck
+
+    @property
+    def sampling(self):
+        return not self.byte[0, 0x03] & 0x04
+
+    @property
+    def automatic(self):
+        return self.sampling and self.byte[1, 0x08] & 1
+
+    @property
+    def rate_hz(self):
+        return self.RATES[self.byte[1, 0x05]]
+
+    def start(self, rate_code=1, fields=0xF006, wide=0, window=0):
+        """As a host before left it: streaming."""
+        self.byte |= {(1, 0x05): rate_code, (1, 0x08): 1, (1, 0x0C): fields & 0xFF, (1, 0x0D): fields >> 8}
+        self.byte |= {(1, 0x0F): wide, (0, 0x03): 0}
+        self.next_frame_s, self.window = self.now_s, window
+        return self
+
+    def receive(self, data):
+        if self.now_s < self.boot_s:
+            return
+        self.input += data
+        while b"\r" in self.input:
+            command, _, self.input = self.input.partition(b"\r")
+            if len(command) == 2:
+                self.obey(*command)
+
+    def obey(self, address, value):
+        if address & 0x80:
+            self.store(address & 0x7F, value)
+        elif not self.automatic:
+            address &= 0x7E
+            self.say(bytes((address, self.byte[self.window, address + 1], self.byte[self.window, address], 0x0D)))
 
     def store(self, address, value):
         if address == 0x7E:
-            self.window = value
+            self.window = value & 1
+        elif (self.window, address) == (0, 0x03):
+            self.byte[0, 0x03] = {1: 0, 2: 4}.get(value, self.byte[0, 0x03])
+            self.next_frame_s = self.now_s + 1.0 / self.rate_hz
+        elif (self.window, address) == (1, 0x0A) and value & 0x80:
+            self.restarts += 1
+            self.boot_s = self.now_s + 0.8
+            self.reset()
+        elif not self.sampling and (self.window, address) not in self.names:
+            self.byte[self.window, address] = value
+        self.byte |= self.stuck
 
-    def word(self, address):
-        if address == 0x4C and self.window == 0:
-            return 0x53, 0x45
-        if 0x6A <= address < 0x72 and self.window == 1:
-            name = b"G364PDCA"[address - 0x6A :]
-            return name[1], name[0]
-        return 0, 0
+    def frame(self):
+        fields, wide = self.byte[1, 0x0D] << 8 | self.byte[1, 0x0C], self.byte[1, 0x0F] << 8
+        parts = [(0x8000, "H", [0xFE00]), (0x4000, "h", [2634]), (0x2000, "h", [1, 2, 3]), (0x1000, "h", [4, 5, -8000])]
+        parts += [(0x0004, "H", [0x0200]), (0x0002, "H", [next(self.frames) & 0xFFFF])]
+        body = b""
+        for bit, form, values in parts:
+            if fields & bit:
+                wider = wide & bit
+                body += struct.pack(f">{len(values)}{'i' if wider else form}", *[v << 16 if wider else v for v in values])
+        if fields & 1:
+            body += struct.pack(">H", sum(struct.unpack(f">{len(body) // 2}H", body)) & 0xFFFF)
+        return b"\x80" + body + b"\r"
+
+    def pass_time(self, seconds):
+        super().pass_time(seconds)
+        while self.automatic and self.now_s >= self.next_frame_s:
+            self.next_frame_s += 1.0 / self.rate_hz
+            self.say(self.frame())

@@ -111,7 +111,17 @@ def glitches(device, glitch):
         device.outgoing += glitch
 
 
-def test_a_later_model_is_named():
-    found, _ = run(detect(), Windowed())
+def test_a_later_model_is_asked_or_recognised():
+    asked, seconds = run(detect(), Windowed())
+    assert (asked.driver, asked.model, asked.baud) == ("epson", "M-G364PDCA", 460800)
+    assert seconds < 3.0
+    heard = Windowed(230400).start(2)
+    found, _ = run(detect(), heard)
+    assert (found.driver, found.baud) == ("epson", 230400)
+    assert heard.written == b""
+
+
+def test_a_model_without_known_scales_is_named():
+    found, _ = run(detect(), Windowed(product="G999PDX0"))
     assert isinstance(found, Unsupported)
-    assert "M-G364PDCA at 460800 baud, not supported yet" in str(found)
+    assert "G999PDX0 at 460800 baud, not supported yet" in str(found)

@@ -1,9 +1,9 @@
 """Epson's start-up dialogue, against a device in memory written from the data sheet's side (`scripted.py`)."""
 
 import pytest
-from scripted import G350, Mute, Speaker, Windowed, run
+from scripted import G350, Mute, Speaker, run
 
-from drivers.driver import Identity, Options, Unsupported
+from drivers.driver import Identity, Options
 from drivers.epson.driver import DRIVER
 from drivers.epson.models import G350 as G350_ROW
 from drivers.epson.models import V340 as V340_ROW
@@ -89,12 +89,6 @@ def test_one_fitting_answer_may_be_chance():
     assert seconds < 2.0
 
 
-def test_a_later_model_is_named_as_not_supported():
-    found, _ = identify(Windowed())
-    assert isinstance(found, Unsupported)
-    assert found.model == "M-G364PDCA"
-
-
 def test_an_automatic_stream_is_recognised_by_itself():
     device = G350().start()
     device.host_baud = device.baud
@@ -104,8 +98,6 @@ def test_an_automatic_stream_is_recognised_by_itself():
     assert DRIVER.recognise(stream[7:]).model == "M-G350"
     assert DRIVER.recognise(stream[:60]) is None
     assert DRIVER.recognise(bytes(300)) is None
-    windowed = (b"\x80" + bytes(22) + b"\r") * 4
-    assert isinstance(DRIVER.recognise(windowed), Unsupported)
 
 
 def test_configuration_ends_in_a_numbered_stream_at_full_rate():

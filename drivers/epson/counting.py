@@ -2,7 +2,8 @@
 
 What one sample adds to COUNT differs between models and rates (1, 2, 20, …), so it is learned as the modal difference.
 A jump of COUNT is believed once the next frame goes on from it, since a single odd value may be damage; until then, and
-without a COUNT that counts, a frame is one tick, and each frame's length of junk before it another.
+without a COUNT that counts, a frame is one tick, and each frame's length of junk before it another. Where a checksum
+vouches for COUNT, a jump is believed at once.
 """
 
 from typing import Any
@@ -43,7 +44,7 @@ def learn_step(c: Any, count: int) -> None:
 
 
 @kernel
-def ticks_since(c: Any, count: int, missing: int, first: bool) -> int:
+def ticks_since(c: Any, count: int, missing: int, first: bool, sure: bool) -> int:
     """Ticks from the last frame to this one with `count` (-1: has none) after junk of the size of `missing` frames."""
     expected = 1 + missing
     if first:
@@ -59,7 +60,7 @@ def ticks_since(c: Any, count: int, missing: int, first: bool) -> int:
     if ahead % c.step != 0 or ticks > MOST_LOST:
         ticks = 0
     goes_on = c.since > 0 and (count - c.odd) & 0xFFFF == c.step
-    if not (1 <= ticks <= expected or goes_on):
+    if not (1 <= ticks <= expected or goes_on or (sure and ticks >= 1)):
         c.odd = count
         c.since += expected
         return expected

@@ -1,33 +1,40 @@
 """What an Epson sensor in automatic mode says by itself, found in a piece of its stream in plain Python."""
 
-from .registers import CR, HEADER
+from collections.abc import Sequence
+
+from .dialects import Dialect, Layout
+from .registers import CR
 
 ENOUGH_FRAMES = 3  # in sequence: 1 in 2^48 of random bytes
-FLAT_LENGTHS = (20, 22)  # without and with COUNT
-WINDOWED_HEADER = 0x80  # M-G352, M-G362 and later
-WINDOWED_LENGTHS = range(8, 74, 2)
 
 
-def longest_run(heard: bytes, header: int, length: int) -> int:
-    """Frames in the longest unbroken sequence of frames of `length` that begin with `header`."""
+def is_frame(frame: bytes, header: int, checked: bool = False) -> bool:
+    """Whether header and CR are at the ends, and the sum fits if there is one."""
+    if frame[0] != header or frame[-1] != CR:
+        return False
+    words = [int.from_bytes(frame[i : i + 2]) for i in range(1, len(frame) - 2, 2)]
+    return not checked or sum(words[:-1]) & 0xFFFF == words[-1]
+
+
+def longest_run(heard: bytes, header: int, length: int, checked: bool = False) -> int:
+    """Frames in the longest unbroken sequence of frames of `length`."""
     best = 0
     for start in range(min(length, len(heard))):
         run = 0
         for p in range(start, len(heard) - length + 1, length):
-            run = run + 1 if heard[p] == header and heard[p + length - 1] == CR else 0
+            run = run + 1 if is_frame(heard[p : p + length], header, checked) else 0
             best = max(best, run)
     return best
 
 
-def flat_frames(heard: bytes) -> tuple[int, int]:
-    """Number and length of the frames of the flat dialect in sequence; (0, 20) if there are none."""
-    runs = {length: longest_run(heard, HEADER, length) for length in FLAT_LENGTHS}
-    length = max(runs, key=lambda key: runs[key])
-    return runs[length], length
-
-
-def is_windowed(heard: bytes) -> bool:
-    """Whether this is the stream of a later model, with register windows."""
-    if heard.count(WINDOWED_HEADER) < 3:
+def is_spoken(heard: bytes, dialect: Dialect) -> bool:
+    """Whether this is a stream of the dialect, in whatever layout."""
+    if heard.count(dialect.header) < ENOUGH_FRAMES:
         return False
-    return any(longest_run(heard, WINDOWED_HEADER, length) >= 3 for length in WINDOWED_LENGTHS)
+    return any(longest_run(heard, dialect.header, length) >= ENOUGH_FRAMES for length in dialect.lengths)
+
+
+def layout_of(heard: bytes, layouts: Sequence[Layout]) -> Layout | None:
+    """The layout of which most frames came in sequence, if enough did."""
+    runs = [longest_run(heard, layout.header, layout.length, layout.checked) for layout in layouts]
+    return layouts[runs.index(max(runs))] if max(runs) >= ENOUGH_FRAMES else None

@@ -1,31 +1,39 @@
-"""The models of the flat dialect, one row each: scale factors, output rates and filters.
+"""The models, one row each: dialect, scale factors, range and filters.
 
-Sources: M-G350-PD11 brief sheet (2013); Epson's public driver for the V340 (sensor_epsonV340.h).
+Sources of the scale factors: M-G350-PD11 brief sheet (2013); Epson's public drivers: sensor_epsonV340.h, the models of
+py_esensorlib (mg320.py to mg370pdt0.py); for the M-G362 its data sheet and NASA Astrobee's G362P.h. Ranges are the
+rated ones of Epson's product pages.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from .dialects import FLAT, WINDOWED, Dialect
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
-
-RATES = {1: 1000.0, 2: 500.0, 3: 250.0, 4: 125.0, 5: 62.5, 6: 31.25, 7: 15.625}
-"""Output rate in samples per second by the code in the high byte of SMPL_CTRL."""
 
 
 @dataclass(frozen=True)
 class Model:
-    """One row. Scales are per LSB of the signed 16-bit words."""
+    """One row. Scales are per LSB of signed 16-bit words; 32-bit words have 65536 times finer ones."""
 
-    name: str
-    product_code: str  # stands in PROD_ID
-    profile: str
+    code: str  # with which the product name in PROD_ID begins
     gyro_dps: float
     accel_mg: float
     temperature_degc: float
     temperature_raw_25: int  # the word at 25 degC
-    range_lsb: int  # |word| at the end of the rated range
-    tap_codes: dict[int, int]  # number of taps of the moving average: code in the low byte of MODE_CTRL
-    filter_hz: float  # a rate is valid with at least filter_hz / rate taps
+    gyro_range_dps: float
+    accel_range_g: float
+    dialect: Dialect = WINDOWED
+    profile: str = "epson-windowed"
+    # number of taps of the moving average: filter code
+    tap_codes: dict[int, int] = field(default_factory=lambda: {1 << code: code for code in range(8)})
+    filter_hz: float = 2000.0  # a rate is valid with at least filter_hz / rate taps
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return f"M-{self.code}"
 
     @property
     def gyro_scale(self) -> float:
@@ -38,10 +46,18 @@ class Model:
         return self.accel_mg * 1e-3 * STANDARD_GRAVITY
 
     @property
+    def range_lsb(self) -> tuple[int, int]:
+        """|word| at the end of the range, gyros and accelerometers; at most the end of the word."""
+        return (
+            min(round(self.gyro_range_dps / self.gyro_dps), 32767),
+            min(round(self.accel_range_g * 1e3 / self.accel_mg), 32767),
+        )
+
+    @property
     def rates(self) -> dict[int, float]:
-        """The rows of `RATES` that this model has a valid filter for."""
+        """Those of the dialect that this model has a valid filter for: samples per second by code."""
         longest = max(self.tap_codes)
-        return {code: rate for code, rate in RATES.items() if longest * rate >= self.filter_hz}
+        return {code: rate for code, rate in self.dialect.rates.items() if longest * rate >= self.filter_hz}
 
     def taps(self, rate_hz: float) -> int:
         """The shortest valid filter, for the least delay."""
@@ -52,33 +68,41 @@ class Model:
         return round((self.taps(rate_hz) - 1) / 2 / self.filter_hz * 1e9)
 
 
+FALLING = (-0.0037918, 2634)  # degC per LSB, and the word at 25 degC
+RISING = (1 / 256, 0)
+
 G350 = Model(
-    name="M-G350",
-    product_code="G350",
+    *("G350", 0.0125, 0.125, 0.0042725, -15214, 300.0, 3.0),
+    dialect=FLAT,
     profile="m-g350",
-    gyro_dps=0.0125,
-    accel_mg=0.125,
-    temperature_degc=0.0042725,
-    temperature_raw_25=-15214,
-    range_lsb=24000,  # 300 deg/s and 3 G
-    tap_codes={2: 1, 4: 2, 8: 3, 16: 4, 32: 5, 64: 6, 128: 7},
-    filter_hz=2000.0,  # its successors' rule; the brief sheet's own pair, 125/s with 16 taps, agrees
+    tap_codes={2: 1, 4: 2, 8: 3, 16: 4, 32: 5, 64: 6, 128: 7},  # 2 kHz: its successors' rule, and the sheet's 125/s, 16
 )
 V340 = Model(
-    name="M-V340",
-    product_code="V340",
+    *("V340", 0.015, 0.18, -0.0053964, 2634, 1000.0, 10.0),  # ranges not published: the end of the word
+    dialect=FLAT,
     profile="consumer-mems",  # no noise figures published
-    gyro_dps=0.015,
-    accel_mg=0.18,
-    temperature_degc=-0.0053964,
-    temperature_raw_25=2634,
-    range_lsb=32767,
     tap_codes={1: 2, 2: 3, 4: 4, 8: 5, 16: 6, 32: 7},
     filter_hz=1000.0,
 )
-MODELS = (G350, V340)
+MODELS = (
+    G350,
+    V340,
+    Model("G320", 1 / 125, 1 / 5, *FALLING, 150.0, 5.0),
+    Model("G330", 1 / 66, 1 / 4, *RISING, 450.0, 8.0),
+    Model("G354", 1 / 62.5, 1 / 5, *FALLING, 450.0, 5.0),
+    Model("G362", 0.005, 0.125, 0.0042725, -15214, 150.0, 3.0),
+    Model("G364PDC0", 0.0075, 1 / 8, *FALLING, 200.0, 3.0),
+    Model("G364PDCA", 0.00375, 1 / 8, *FALLING, 100.0, 3.0),
+    Model("G365PDC", 1 / 66, 1 / 6.25, *FALLING, 450.0, 6.0),
+    Model("G365PDF", 1 / 66, 1 / 2.5, *FALLING, 450.0, 10.0),
+    Model("G366", 1 / 66, 1 / 4, *RISING, 450.0, 8.0),
+    Model("G370PDF", 1 / 66, 1 / 2.5, *FALLING, 450.0, 10.0),
+    Model("G370PDS", 1 / 150, 1 / 2.5, *FALLING, 200.0, 10.0),
+    Model("G370PDG", 1 / 66, 1 / 4, *RISING, 450.0, 8.0),
+    Model("G370PDT", 1 / 150, 1 / 4, *RISING, 200.0, 8.0),
+)
 
 
-def model_of(product_id: str) -> Model:
-    """The model that says `product_id` of itself; an M-G350, which may say nothing, if no other fits."""
-    return next((model for model in MODELS if model.product_code in product_id), G350)
+def model_of(name: str) -> Model | None:
+    """The model whose code stands in `name`, a product name or that of a model."""
+    return next((model for model in MODELS if model.code in name), None)

@@ -1,51 +1,45 @@
-"""Registers and commands of the flat dialect (M-G350, M-V340) on a UART, and the bytes that read and write them.
+"""How a register is read and written over a UART, and the bits that mean the same in both dialects.
 
 A write is address | 0x80, value, CR and is not answered; a read is address, any, CR and answered with address, high
-byte, low byte, CR. Low bytes have even addresses. Sources: Epson's public V340 driver (sensor_epsonV340.h), and
-rtedwards' code for the G350.
+byte, low byte, CR. Where registers are spread over windows, the window is selected first. Sources: Epson's public
+drivers (ess_imu_driver, py_esensorlib), and rtedwards' code for the G350.
 """
 
+from dataclasses import dataclass
+
 CR = 0x0D
-HEADER = 0x20  # of a burst and of an automatic frame
+WIN_CTRL = 0x7E  # without effect where there are no windows
 
-SMPL_CTRL = 0x36
-MODE_CTRL = 0x38  # low byte: filter; high byte: mode
-UART_CTRL = 0x3A
-DIAG_STAT = 0x3C
-GLOB_CMD = 0x3E
-COUNT_CTRL = 0x50
-PRODUCT_ID = (0x6A, 0x6C, 0x6E, 0x70)
-VERSION = 0x72
-SERIAL_NUMBER = (0x74, 0x76, 0x78, 0x7A)
-WINDOWED_ID = 0x4C  # of M-G362 and later, window 0
-WINDOWED_ID_VALUE = 0x5345
-
+SAMPLE, CONFIGURE = 0x01, 0x02  # MODE_CTRL, high byte
 CONFIGURING = 1 << 10  # MODE_CTRL
+RESET = 0x80  # GLOB_CMD, low byte
 NOT_READY = 1 << 10  # GLOB_CMD
-HARD_ERROR = 0x60  # DIAG_STAT
+AUTO = 0x01  # UART_CTRL, low byte
+HARD_ERROR = 0x0060  # DIAG_STAT
+TEST = 0x04  # MSC_CTRL, high byte
+TESTING = 1 << 10  # MSC_CTRL
+TEST_FAILED = 0x7802  # DIAG_STAT: a gyro or the accelerometers, and the summary
+
+
+@dataclass(frozen=True)
+class Register:
+    """A 16-bit register: its low byte at the even `address`, its high byte at the next. No window: there are none."""
+
+    address: int
+    window: int | None = None
+
+    def answer(self, reply: bytes) -> int | None:
+        """The word in the reply to a read; None unless the reply is exactly that answer."""
+        if len(reply) != 4 or reply[0] != self.address or reply[3] != CR:
+            return None
+        return reply[1] << 8 | reply[2]
+
+
+def read(register: Register) -> bytes:
+    """The command that reads the word."""
+    return bytes((register.address, 0, CR))
 
 
 def write(address: int, value: int) -> bytes:
     """The command that writes one byte."""
     return bytes((address | 0x80, value, CR))
-
-
-def read(address: int) -> bytes:
-    """The command that reads one word."""
-    return bytes((address & 0x7E, 0, CR))
-
-
-def answer(address: int, reply: bytes) -> int | None:
-    """The word in the reply to `read(address)`; None unless the reply is exactly that answer."""
-    if len(reply) != 4 or reply[0] != address & 0x7E or reply[3] != CR:
-        return None
-    return reply[1] << 8 | reply[2]
-
-
-TO_CONFIGURATION = write(MODE_CTRL + 1, 0x02)
-TO_SAMPLING = write(MODE_CTRL + 1, 0x01)
-SOFT_RESET = write(GLOB_CMD, 0x80)
-COUNT_ON = write(COUNT_CTRL, 0x01)
-AUTO_ON = write(UART_CTRL, 0x01)
-WINDOW_0 = write(0x7E, 0x00)  # without effect on the flat dialect
-WINDOW_1 = write(0x7E, 0x01)

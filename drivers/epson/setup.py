@@ -1,76 +1,109 @@
-"""Configuring an Epson sensor of the flat dialect, and starting its automatic stream."""
+"""Configuring an Epson sensor, and starting its automatic stream: the same conversation in both dialects."""
 
 import math
+from collections.abc import Sequence
 
 from ..dialogue import Dialogue, Exchange
-from . import registers
-from .hearing import ENOUGH_FRAMES, flat_frames
-from .models import RATES, Model
-from .talk import STOP_S, STOPS, ask, tell, wait_ready
+from .dialects import Dialect, Layout
+from .hearing import layout_of
+from .models import Model
+from .registers import AUTO, CONFIGURE, CONFIGURING, HARD_ERROR, RESET, SAMPLE, write
+from .talk import STOP_S, STOPS, ask, put, select, wait_ready
 
 RESET_S = 0.8
 STREAM_S = 1.0
 WIRE_SHARE = 0.96  # of the line's capacity that a stream may take
+FILTER_CODE = 0x1F  # of the filter register; the bit above is set while the filter changes
 
 
-def to_configuration() -> Dialogue[list[str]]:
+def to_configuration(dialect: Dialect) -> Dialogue[list[str]]:
     """Have configuration mode confirmed, by a reset if need be; returns warnings."""
     for attempt in range(STOPS + 1):
-        mode = yield from ask(registers.MODE_CTRL)
-        if mode is not None and mode & registers.CONFIGURING:
+        mode = yield from ask(dialect.mode)
+        if mode is not None and mode & CONFIGURING:
             return []
         if attempt < STOPS - 1:
-            yield Exchange(registers.TO_CONFIGURATION, STOP_S)
+            yield from put(dialect.mode, high=CONFIGURE)
+            yield Exchange(listen_s=STOP_S)
         elif attempt == STOPS - 1:
-            yield Exchange(registers.SOFT_RESET, RESET_S)
-            yield from wait_ready()
+            yield from put(dialect.command, low=RESET)
+            yield Exchange(listen_s=RESET_S)
+            yield from wait_ready(dialect)
     return ["the sensor does not confirm configuration mode"]
 
 
-def fastest(model: Model, wanted_hz: float, baud: int, frame_bytes: int) -> tuple[int, float]:
-    """Code and rate nearest to `wanted_hz` whose frames fit on the line; the slowest if none does."""
-    bits = 10 * frame_bytes
-    fitting = {code: hz for code, hz in model.rates.items() if hz * bits <= WIRE_SHARE * baud}
-    rates = fitting or dict([min(model.rates.items(), key=lambda row: row[1])])
-    return min(rates.items(), key=lambda row: abs(math.log(row[1] / wanted_hz)))
+def examine(dialect: Dialect) -> Dialogue[list[str]]:
+    """What the sensor has to complain about."""
+    diagnosis = (yield from ask(dialect.diagnosis)) or 0
+    broken = diagnosis & HARD_ERROR
+    return [f"the sensor reports a hardware error (DIAG_STAT {diagnosis:#06x})"] if broken else []
+
+
+def fastest(model: Model, wanted_hz: float, baud: int) -> tuple[float, int, tuple[Layout, ...]]:
+    """Rate nearest to `wanted_hz` that fits on the line, its code, and the layouts with which it does, best first."""
+
+    def fits(layout: Layout, hz: float) -> bool:
+        return hz * 10 * layout.length <= WIRE_SHARE * baud
+
+    layouts = model.dialect.layouts
+    slowest = min(model.rates.values())
+    possible = [(code, hz) for code, hz in model.rates.items() if any(fits(layout, hz) for layout in layouts)]
+    possible = possible or [row for row in model.rates.items() if row[1] == slowest]
+    code, rate = min(possible, key=lambda row: abs(math.log(row[1] / wanted_hz)))
+    return rate, code, tuple(layout for layout in layouts if fits(layout, rate)) or layouts[-1:]
 
 
 def program(model: Model, code: int) -> Dialogue[tuple[float, list[str]]]:
-    """Write rate, filter, COUNT and automatic mode, and read them back; returns the true rate and warnings."""
-    rate, warnings = RATES[code], []
+    """Write rate, filter and automatic mode, and read them back; returns the true rate and warnings."""
+    dialect, rate, warnings = model.dialect, model.rates[code], list[str]()
     taps = model.tap_codes[model.taps(rate)]
-    yield from tell(registers.write(registers.SMPL_CTRL + 1, code), registers.write(registers.MODE_CTRL, taps))
-    yield from tell(registers.COUNT_ON, registers.AUTO_ON)
-    kept = yield from ask(registers.SMPL_CTRL)
+    yield from put(dialect.rate, high=code)
+    yield from put(dialect.filter, low=taps)
+    yield from put(dialect.uart, low=AUTO)
+    kept = yield from ask(dialect.rate)
     if kept is not None and kept >> 8 != code:
-        rate = RATES.get(kept >> 8, rate)
+        rate = dialect.rates.get(kept >> 8, rate)
         warnings.append(f"the sensor keeps rate code {kept >> 8} instead of {code}: taken as {rate:g} samples/s")
-    mode = yield from ask(registers.MODE_CTRL)
-    if mode is not None and mode & 0xFF != taps:
-        warnings.append(f"the sensor keeps filter code {mode & 0xFF} instead of {taps}")
-    count = yield from ask(registers.COUNT_CTRL)
-    if count is not None and not count & 1:
-        warnings.append("the sensor does not number its samples: losses are estimated")
+    filter_ = yield from ask(dialect.filter)
+    if filter_ is not None and filter_ & FILTER_CODE != taps:
+        warnings.append(f"the sensor keeps filter code {filter_ & FILTER_CODE} instead of {taps}")
     return rate, warnings
 
 
-def start() -> Dialogue[int]:
-    """Begin sampling; returns the length of the frames that come, 0 if none do."""
+def arrange(layouts: Sequence[Layout]) -> Dialogue[list[str]]:
+    """Ask for the first of `layouts` that the sensor keeps, as far as it can be read back; returns warnings."""
+    for layout in layouts:
+        for register, low, high in layout.settings:
+            yield from put(register, low, high)
+        kept = True
+        for register, low, high in layout.settings:
+            word = yield from ask(register)
+            kept &= word is None or (low in (None, word & 0xFF) and high in (None, word >> 8))
+        if kept:
+            return [layout.drawback] if layout.drawback else []
+    return ["the sensor does not keep what its frames shall hold"]
+
+
+def start(dialect: Dialect) -> Dialogue[Layout | None]:
+    """Begin sampling; returns the layout of the frames that come, None if none do."""
     for _ in range(2):
+        yield from select(dialect.mode)
         heard = yield Exchange(
-            registers.TO_SAMPLING, STREAM_S, enough=lambda heard: flat_frames(heard)[0] >= ENOUGH_FRAMES, discard=True
+            write(dialect.mode.address + 1, SAMPLE),
+            STREAM_S,
+            enough=lambda heard: layout_of(heard, dialect.layouts) is not None,
+            discard=True,
         )
-        frames, length = flat_frames(heard)
-        if frames >= ENOUGH_FRAMES:
-            return length
-    return 0
+        if layout := layout_of(heard, dialect.layouts):
+            return layout
+    return None
 
 
-def listen(model: Model) -> Dialogue[tuple[float, int]]:
-    """Rate and frame length of a stream that runs already; (0, 0) if none does."""
+def listen(model: Model) -> Dialogue[tuple[float, Layout | None]]:
+    """Rate and layout of a stream that runs already; (0, None) if none does."""
     heard = yield Exchange(listen_s=STREAM_S, discard=True)
-    frames, length = flat_frames(heard)
-    if frames < ENOUGH_FRAMES:
-        return 0.0, 0
-    per_second = len(heard) / length / STREAM_S
-    return min(model.rates.values(), key=lambda hz: abs(math.log(hz / per_second))), length
+    layout = layout_of(heard, model.dialect.layouts)
+    if layout is None:
+        return 0.0, None
+    per_second = len(heard) / layout.length / STREAM_S
+    return min(model.rates.values(), key=lambda hz: abs(math.log(hz / per_second))), layout

@@ -1,34 +1,53 @@
-"""Talking to an Epson sensor of the flat dialect: reach it, whatever it is doing, and find out who it is."""
+"""Talking to an Epson sensor: reach it, whatever it is doing and whichever dialect it speaks; find out who it is."""
 
 from ..dialogue import Dialogue, Exchange
 from ..driver import Identity, Unsupported
-from . import registers
-from .models import model_of
+from .dialects import FLAT, IDENTITY, IDENTITY_VALUE, WINDOWED, Dialect
+from .models import G350, model_of
+from .registers import CONFIGURE, CR, NOT_READY, WIN_CTRL, Register, read, write
 
 ANSWER_S = 0.1  # an answer takes microseconds; adapters and stand-ins take longer
+FIRST_ANSWER_S = 0.06  # to the first question of all, most often put to a line with no sensor at its end
 WRITE_S = 0.004  # from one command to the next: 3.7 ms at 19200 baud, 0.2 ms at 460800
 STOPS = 5  # attempts to end automatic mode
 STOP_S = 0.2  # until its last frames have drained from adapter and driver
 READY_POLLS, READY_S = 30, 0.05  # start-up takes 0.8 s
-
-
-def ask(address: int) -> Dialogue[int | None]:
-    """The word of a register, or None without an exact answer."""
-    reply = yield Exchange(registers.read(address), ANSWER_S, enough=lambda heard: len(heard) >= 4, discard=True)
-    return registers.answer(address, reply)
+IDENTITY_ANSWER = bytes((IDENTITY.address, *IDENTITY_VALUE.to_bytes(2), CR))
 
 
 def tell(*commands: bytes) -> Dialogue[None]:
-    """Write commands that are not answered."""
+    """Send commands that are not answered."""
     for command in commands:
         yield Exchange(command, WRITE_S)
 
 
-def ask_text(addresses: tuple[int, ...]) -> Dialogue[str]:
+def select(register: Register) -> Dialogue[None]:
+    """Have the window of `register` open."""
+    if register.window is not None:
+        yield from tell(write(WIN_CTRL, register.window))
+
+
+def ask(register: Register) -> Dialogue[int | None]:
+    """The word of a register, or None without an exact answer."""
+    yield from select(register)
+    reply = yield Exchange(read(register), ANSWER_S, enough=lambda heard: len(heard) >= 4, discard=True)
+    return register.answer(reply)
+
+
+def put(register: Register, low: int | None = None, high: int | None = None) -> Dialogue[None]:
+    """Write a register's low byte, its high byte, or both."""
+    yield from select(register)
+    if low is not None:
+        yield from tell(write(register.address, low))
+    if high is not None:
+        yield from tell(write(register.address + 1, high))
+
+
+def ask_text(registers: tuple[Register, ...]) -> Dialogue[str]:
     """ASCII of several registers, low bytes first; empty if they do not answer with printable text."""
     text = b""
-    for address in addresses:
-        word = yield from ask(address)
+    for register in registers:
+        word = yield from ask(register)
         if word is None:
             return ""
         text += bytes((word & 0xFF, word >> 8))
@@ -36,45 +55,47 @@ def ask_text(addresses: tuple[int, ...]) -> Dialogue[str]:
     return plain.decode("ascii") if plain.isascii() and plain.decode("ascii").isprintable() else ""
 
 
-def reach() -> Dialogue[bool]:
-    """End automatic mode and wait until the sensor is ready; False if nothing here answers like one."""
-    for attempt in range(STOPS):
-        stop = b"\r" + registers.TO_CONFIGURATION
-        heard = yield Exchange(stop, STOP_S if attempt else STOP_S / 4, discard=True)
-        first = yield from ask(registers.GLOB_CMD)
-        if first is not None and (yield from ask(registers.GLOB_CMD)) is not None:
-            return (yield from wait_ready())
+def reach() -> Dialogue[Dialect | None]:
+    """End automatic mode and wait until the sensor is ready; None if nothing here answers like one.
+
+    The windowed dialect is tried first: to a flat sensor its commands mean nothing, while the flat stop command would
+    write into the rotation matrix of a windowed one.
+    """
+    for _ in range(STOPS):
+        yield from tell(b"\r" + write(WIN_CTRL, 0), write(WINDOWED.mode.address + 1, CONFIGURE))
+        heard = yield Exchange(read(IDENTITY), FIRST_ANSWER_S, enough=lambda heard: heard.endswith(IDENTITY_ANSWER))
+        if heard.endswith(IDENTITY_ANSWER) and (yield from ask(IDENTITY)) == IDENTITY_VALUE:
+            return WINDOWED if (yield from wait_ready(WINDOWED)) else None
+        yield Exchange(write(FLAT.mode.address + 1, CONFIGURE), STOP_S if heard else WRITE_S)
+        first = yield from ask(FLAT.command)
+        if first is not None and (yield from ask(FLAT.command)) is not None:
+            if (yield from ask(IDENTITY)) == IDENTITY_VALUE:
+                continue
+            return FLAT if (yield from wait_ready(FLAT)) else None
         if first is None and not heard:
-            return False
-    return False
+            return None
+    return None
 
 
-def wait_ready() -> Dialogue[bool]:
+def wait_ready(dialect: Dialect) -> Dialogue[bool]:
     """Poll until start-up is over."""
     for _ in range(READY_POLLS):
-        word = yield from ask(registers.GLOB_CMD)
-        if word is not None and not word & registers.NOT_READY:
+        word = yield from ask(dialect.command)
+        if word is not None and not word & NOT_READY:
             return True
         yield Exchange(listen_s=READY_S)
     return False
 
 
-def describe() -> Dialogue[Identity | Unsupported]:
-    """Who answers: all of these registers may be missing on an M-G350."""
-    yield from tell(registers.WINDOW_0)
-    if (yield from ask(registers.WINDOWED_ID)) == registers.WINDOWED_ID_VALUE:
-        yield from tell(registers.WINDOW_1)
-        product = yield from ask_text(registers.PRODUCT_ID)
-        yield from tell(registers.WINDOW_0)
-        return windowed(product)
-    model = model_of((yield from ask_text(registers.PRODUCT_ID)))
-    version = yield from ask(registers.VERSION)
-    serial = yield from ask_text(registers.SERIAL_NUMBER)
-    return Identity("epson", model.name, serial, f"{version:04x}" if version else "", profile=model.profile)
-
-
-def windowed(product: str) -> Unsupported:
-    """A later model."""
-    return Unsupported(
-        "epson", f"M-{product}" if product else "M-G362 family", "this driver speaks the M-G350's dialect"
-    )
+def describe(dialect: Dialect) -> Dialogue[Identity | Unsupported]:
+    """Who answers: a flat sensor may have none of these registers."""
+    product = yield from ask_text(dialect.product)
+    model = model_of(product)
+    if dialect is FLAT:
+        model = model if model is not None and model.dialect is FLAT else G350
+    elif model is None:
+        return Unsupported("epson", f"Epson {product or 'IMU'}", "its scale factors are not in drivers/epson/models.py")
+    version = yield from ask(dialect.version)
+    serial = yield from ask_text(dialect.serial)
+    name = model.name if dialect is FLAT else f"M-{product}"
+    return Identity("epson", name, serial, f"{version:04x}" if version else "", profile=model.profile)

@@ -1,0 +1,150 @@
+"""Automatic frames of the flat dialect: bytes to samples, without a checksum to lean on.
+
+    0     1-2   3-4   5-10        11-16        17-18  [19-20]  last
+    0x20  FLAG  TEMP  GYRO x y z  ACCL x y z   GPIO   COUNT    0x0D       words big endian; 20 bytes, or 22 with COUNT
+
+A frame has header and CR at its ends, and the bits that do not change (reserved bits of FLAG, GPIO) as they were. Two
+neighbours that agree with each other begin the lock, and renew it when those bits have changed. Whatever is not a
+frame is left by one byte only, so that a good frame inside a bad one is found, and is delivered with its last byte. A
+frame that its successor does not confirm may have been put together by a loss of bytes: it has been delivered, but is
+searched again for the frame it may hide. `counting.py` turns COUNT into ticks, `drivers/spikes.py` judges the values.
+
+Every decision is a function of the bytes alone, never of the chunks in which they came.
+"""
+
+from typing import Any
+
+from ..jit import kernel
+from ..sample import SATURATED, SUSPECT
+from ..spikes import is_spike
+from ..words import signed, word
+from .counting import ticks_since
+from .dialects import FLAT
+from .registers import CR
+from .state import deliver, is_saturated
+
+HEADER = FLAT.header
+LONG, SHORT = FLAT.layouts[0].length, FLAT.layouts[1].length
+CONSTANT = 0x01FE_FFFF  # FLAG bits 8 to 1 and the GPIO word, as `constants` packs them
+FORGET = 1000  # junk bytes after which the other frame length is tried as well
+TEMP, GYRO, GPIO, COUNT = 3, 5, 17, 19  # offsets in the frame
+
+WAIT, BAD, GOOD, LOCK = range(4)
+
+
+@kernel
+def constants(rx: Any, p: int) -> int:
+    """FLAG and GPIO of the frame at p."""
+    return (word(rx, p + 1) << 16) | word(rx, p + GPIO)
+
+
+@kernel
+def is_framed(rx: Any, p: int, length: int) -> bool:
+    """Whether header and CR stand at the ends."""
+    return bool(rx[p] == HEADER and rx[p + length - 1] == CR)
+
+
+@kernel
+def is_pair(rx: Any, p: int, length: int) -> bool:
+    """Whether the bytes before p and those from p on are two frames that agree with each other."""
+    return (
+        is_framed(rx, p, length)
+        and is_framed(rx, p - length, length)
+        and (constants(rx, p) ^ constants(rx, p - length)) & CONSTANT == 0
+    )
+
+
+@kernel
+def lock(s: Any, seen: int, length: int) -> None:
+    """Begin or renew the lock; bits that changed since the last one are not relied on any more."""
+    if s.locked:
+        s.mask &= ~(s.constants ^ seen)
+    s.constants, s.length, s.locked = seen, length, 1
+
+
+@kernel
+def examine(s: Any, rx: Any, p: int, fill: int) -> int:
+    """What begins at p: GOOD, a frame; LOCK, the second of two; BAD, none; WAIT, too early to say."""
+    if rx[p] != HEADER:
+        return BAD
+    length = s.length
+    if p + length > fill:
+        return WAIT
+    if s.locked and is_framed(rx, p, length) and (constants(rx, p) ^ s.constants) & s.mask == 0:
+        return GOOD
+    if s.gap >= length and is_pair(rx, p, length):
+        lock(s, constants(rx, p), length)
+        return LOCK
+    if s.locked and s.gap < FORGET:
+        return BAD
+    other = SHORT + LONG - length
+    if p + other > fill:
+        return WAIT
+    if s.gap >= other and is_pair(rx, p, other):
+        lock(s, constants(rx, p), other)
+        return LOCK
+    return BAD
+
+
+@kernel
+def skip(s: Any, p: int) -> int:
+    """Leave a byte that begins no frame, or go back into the unconfirmed frame before it; returns where to go on."""
+    if s.unconfirmed:
+        s.unconfirmed = 0
+        s.covered = s.length - 1
+        s.bad += 1
+        return p - int(s.length) + 1
+    if s.covered > 0:
+        s.covered -= 1
+    else:
+        s.junk += 1
+        s.gap += 1
+    return p + 1
+
+
+@kernel
+def emit(s: Any, rx: Any, p: int, sample: Any) -> None:
+    """The frame at p as a sample."""
+    missing = (s.gap + s.length // 2) // s.length
+    count = word(rx, p + COUNT) if s.length == LONG else -1
+    advance = ticks_since(s.counting, count, missing, s.frames == 0, False)
+    if s.frames > 0:
+        s.lost += advance - 1
+    s.tick += advance
+    for i in range(6):
+        s.spikes.raw[i] = signed(rx, p + GYRO + 2 * i)
+    flags = 0
+    if is_spike(s.spikes, advance):
+        flags = SUSPECT
+        s.suspect += 1
+    elif is_saturated(s):
+        flags = SATURATED
+    deliver(s, word(rx, p + 1), signed(rx, p + TEMP), flags, sample)
+    s.unconfirmed, s.covered, s.gap = 1, 0, 0
+
+
+@kernel
+def decode_flat(rx: Any, fill: int, s: Any, samples: Any) -> int:
+    """The frames of rx[:fill] into `samples`, as `ImuDriver.decode` does it; s is a record of STATE."""
+    p, n = s.scanned, 0
+    while n < len(samples) and p < fill:
+        found = examine(s, rx, p, fill)
+        if found == WAIT:
+            break
+        if found == BAD:
+            p = skip(s, p)
+        elif found == GOOD:
+            emit(s, rx, p, samples[n])
+            n += 1
+            p += s.length
+        else:  # p itself is examined again, and good
+            s.gap -= s.length
+            s.junk -= s.length
+            emit(s, rx, p - s.length, samples[n])
+            n += 1
+    start = max(p - LONG, 0)
+    s.leftover, s.scanned = fill - start, p - start
+    if start > 0:
+        for i in range(s.leftover):
+            rx[i] = rx[start + i]
+    return n

@@ -1,0 +1,80 @@
+"""Automatic frames of the windowed dialect: bytes to samples.
+
+          0     1-2   TEMP  GYRO x y z  ACCL x y z  COUNT  CHECKSUM  last
+    16    0x80  FLAG  3-4   5-10        11-16       17-18  19-20     0x0D
+    32    0x80  FLAG  3-6   7-18        19-30       31-32  33-34     0x0D       bits of the sensors' words; big endian
+
+A frame is good when header and CR are at its ends and the checksum, the sum of the 16-bit words between the header
+and it, fits. Whatever is not a good frame is left by one byte only, so that no good frame after or inside it is lost.
+"""
+
+from typing import Any
+
+from ..jit import kernel
+from ..sample import SATURATED
+from ..words import signed, word
+from .counting import ticks_since
+from .dialects import WINDOWED
+from .registers import CR
+from .state import deliver, is_saturated
+
+HEADER = WINDOWED.header
+FLAG, TEMP = 1, 3  # offsets in the frame; those of COUNT and CHECKSUM count from its end
+COUNT, CHECKSUM = 5, 3
+
+
+@kernel
+def is_good(rx: Any, p: int, length: int) -> bool:
+    """Whether a frame of `length` is at p and undamaged."""
+    if rx[p] != HEADER or rx[p + length - 1] != CR:
+        return False
+    total = 0
+    for i in range(p + FLAG, p + length - CHECKSUM, 2):
+        total += word(rx, i)
+    return total & 0xFFFF == word(rx, p + length - CHECKSUM)
+
+
+@kernel
+def number(rx: Any, i: int, size: int) -> int:
+    """Two's complement value of `size` bytes, 2 or 4, at i."""
+    return signed(rx, i) if size == 2 else signed(rx, i) * 65536 + word(rx, i + 2)
+
+
+@kernel
+def emit(s: Any, rx: Any, p: int, sample: Any) -> None:
+    """The frame at p as a sample."""
+    missing = (s.gap + s.length // 2) // s.length
+    advance = ticks_since(s.counting, word(rx, p + s.length - COUNT), missing, s.frames == 0, True)
+    if s.frames > 0:
+        s.lost += advance - 1
+    s.tick += advance
+    for i in range(6):
+        s.spikes.raw[i] = number(rx, p + TEMP + (i + 1) * s.size, s.size)
+    flags = SATURATED if is_saturated(s) else 0
+    deliver(s, word(rx, p + FLAG), number(rx, p + TEMP, s.size), flags, sample)
+    s.gap = 0
+
+
+@kernel
+def decode_windowed(rx: Any, fill: int, s: Any, samples: Any) -> int:
+    """The frames of rx[:fill] into `samples`, as `ImuDriver.decode` does it; s is a record of STATE."""
+    p, n = 0, 0
+    while n < len(samples) and p < fill:
+        if rx[p] == HEADER:
+            if p + s.length > fill:
+                break
+            if is_good(rx, p, s.length):
+                emit(s, rx, p, samples[n])
+                n += 1
+                p += s.length
+                continue
+        if s.gap == 0 and s.frames > 0:
+            s.bad += 1
+        s.junk += 1
+        s.gap += 1
+        p += 1
+    s.leftover = fill - p
+    if p > 0:
+        for i in range(s.leftover):
+            rx[i] = rx[p + i]
+    return n

@@ -26,6 +26,8 @@ class Fix:
     sigma_n_m: float | None = None
     sigma_e_m: float | None = None
     sigma_d_m: float | None = None
+    dimensions: int | None = None  # 2: the receiver holds the height and solves for the rest; 3; None: not said
+    heading_deg: float | None = None  # of the antenna baseline, from true north
 
     @property
     def height_m(self) -> float | None:

@@ -1,6 +1,6 @@
 """NMEA sentences made to order, with their checksum from a plain loop, and a decoder that takes them all."""
 
-from drivers.nmea.epochs import QUIET_NS, NmeaDecoder
+from drivers.nmea.decoder import QUIET_NS, NmeaDecoder
 
 
 def checksum(body):

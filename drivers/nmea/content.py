@@ -1,4 +1,4 @@
-"""What the sentences that matter here say: GGA, RMC, VTG, GST, ZDA to typed values."""
+"""What the sentences that matter here say, as typed values: `READERS` lists them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,12 +9,13 @@ from .sentences import RefusedError, Sentence, angle, calendar, integer, number,
 KNOTS, KMH = (1852, 3600), (10, 36)  # to m/s
 FASTEST = 4000.0  # knots or km/h
 UNKNOWN_HDOP = 99.0  # and above: the receiver has no figure
+TRUST = (8, 7, 6, 1, 2, 3, 5, 4)  # qualities, the best last
 QUALITY_OF_MODE = {"A": 1, "D": 2, "P": 3, "R": 4, "F": 5, "E": 6, "M": 7, "S": 8, "": 1}
 
 
 @dataclass(frozen=True)
 class Position:
-    """GGA."""
+    """GGA, GNS."""
 
     utc_ns: int | None
     quality: int  # 0: no fix, and the fields below mean nothing
@@ -28,7 +29,7 @@ class Position:
 
 @dataclass(frozen=True)
 class Minimum:
-    """RMC."""
+    """RMC, GLL."""
 
     utc_ns: int | None
     date: date | None
@@ -68,7 +69,23 @@ class Calendar:
     date: date | None
 
 
-Content = Position | Minimum | Velocity | Errors | Calendar
+@dataclass(frozen=True)
+class Heading:
+    """HDT."""
+
+    heading_deg: float | None
+    utc_ns: int | None = None  # it has none
+
+
+@dataclass(frozen=True)
+class Dimensions:
+    """GSA."""
+
+    dimensions: int  # 1: no fix
+    utc_ns: int | None = None  # it has none
+
+
+Content = Position | Minimum | Velocity | Errors | Calendar | Heading | Dimensions
 
 
 def latlon(s: Sentence, first: int) -> tuple[float, float]:
@@ -93,18 +110,27 @@ def gga(s: Sentence) -> Position:
     satellites = integer(s.field(7), 999, "satellites")
     if quality == 0:  # the position may be a dummy such as 8960.000000
         return Position(time_ns, 0, satellites)
-    lat, lon = latlon(s, 2)
-    hdop = number(s.field(8), 0.0, 1e4, "HDOP")
-    return Position(
-        time_ns,
-        quality,
-        satellites,
-        lat,
-        lon,
-        metres(s, 9, 1e6, "altitude"),
-        metres(s, 11, 1e3, "geoid"),
-        hdop if hdop and hdop < UNKNOWN_HDOP else None,
-    )
+    height, geoid = metres(s, 9, 1e6, "altitude"), metres(s, 11, 1e3, "geoid")
+    return Position(time_ns, quality, satellites, *latlon(s, 2), height, geoid, hdop(s))
+
+
+def gns(s: Sentence) -> Position:
+    """Time, position, a mode letter for each satellite system, satellites, HDOP, altitude, geoid."""
+    time_ns, satellites = utc_ns(s.field(1)), integer(s.field(7), 999, "satellites")
+    letters = set(s.field(6)) - {"N"}
+    if not letters <= QUALITY_OF_MODE.keys():
+        raise RefusedError("mode")
+    if not letters:
+        return Position(time_ns, 0, satellites)
+    quality = max((QUALITY_OF_MODE[letter] for letter in letters), key=TRUST.index)
+    height, geoid = number(s.field(9), -1e6, 1e6, "altitude"), number(s.field(10), -1e3, 1e3, "geoid")
+    return Position(time_ns, quality, satellites, *latlon(s, 2), height, geoid, hdop(s))
+
+
+def hdop(s: Sentence) -> float | None:
+    """Field 8 of GGA and GNS; 0 and 99.x say that the receiver has no figure."""
+    value = number(s.field(8), 0.0, 1e4, "HDOP")
+    return value if value and value < UNKNOWN_HDOP else None
 
 
 def rmc(s: Sentence) -> Minimum:
@@ -119,6 +145,18 @@ def rmc(s: Sentence) -> Minimum:
     lat, lon = latlon(s, 3)
     speed = speed_mps(s.field(7), KNOTS)
     return Minimum(time_ns, calendar(s.field(9)), QUALITY_OF_MODE[mode], mode, lat, lon, speed, course(s.field(8)))
+
+
+def gll(s: Sentence) -> Minimum:
+    """Position, time, status, mode."""
+    time_ns, mode = utc_ns(s.field(5)), s.field(7)
+    if s.field(6) not in ("A", "V"):
+        raise RefusedError("status")
+    if s.field(6) == "V" or mode == "N":
+        return Minimum(time_ns, None, 0, mode)
+    if mode not in QUALITY_OF_MODE:
+        raise RefusedError("mode")
+    return Minimum(time_ns, None, QUALITY_OF_MODE[mode], mode, *latlon(s, 1))
 
 
 def vtg(s: Sentence) -> Velocity:
@@ -142,7 +180,23 @@ def gst(s: Sentence) -> Errors:
 def zda(s: Sentence) -> Calendar:
     """Time and date."""
     day, month, year = s.field(2), s.field(3), s.field(4)
-    return Calendar(utc_ns(s.field(1)), calendar(day + month + year[-2:]))
+    if year and len(year) != 4:
+        raise RefusedError("date")
+    return Calendar(utc_ns(s.field(1)), calendar(day + month + year[2:]))
+
+
+def hdt(s: Sentence) -> Heading:
+    """True heading."""
+    if s.field(2) != "T":
+        raise RefusedError("unit")
+    return Heading(course(s.field(1)))
+
+
+def gsa(s: Sentence) -> Dimensions:
+    """Which kind of fix; the satellites behind it do not matter here."""
+    if s.field(2) not in ("1", "2", "3"):
+        raise RefusedError("dimensions")
+    return Dimensions(int(s.field(2)))
 
 
 def speed_mps(text: str, unit: tuple[int, int], knots: str = "") -> float | None:
@@ -159,4 +213,14 @@ def course(text: str) -> float | None:
     return None if value is None else value % 360.0
 
 
-READERS: dict[str, Callable[[Sentence], Content]] = {"GGA": gga, "RMC": rmc, "VTG": vtg, "GST": gst, "ZDA": zda}
+READERS: dict[str, Callable[[Sentence], Content]] = {
+    "GGA": gga,
+    "GNS": gns,
+    "RMC": rmc,
+    "GLL": gll,
+    "VTG": vtg,
+    "GST": gst,
+    "ZDA": zda,
+    "HDT": hdt,
+    "GSA": gsa,
+}

@@ -5,11 +5,11 @@ from typing import Literal
 
 from ..dialogue import Dialogue, Exchange
 from ..driver import GnssConfigured, Identity, Options
-from .epochs import NmeaDecoder
+from .decoder import NmeaDecoder
 from .sentences import Splitter
 
 ENOUGH = 2  # checked sentences; one of a kind that only receivers send will do
-TELLING = {"GGA", "RMC"}
+TELLING = {"GGA", "GNS", "RMC"}
 
 
 class Nmea:

@@ -1,8 +1,9 @@
 """NMEA 0183 sentences, strictly: bytes to checked sentences, and their fields to values.
 
-A sentence ends with CR, LF, or the `$` of the next one, so that a good sentence after a torn one survives. What is not
-correct to the letter is refused with a reason, never guessed; empty fields are `None`. Angles are computed from the
-digits as one quotient of integers, so they are right to the last bit. Source: NMEA 0183 v4.11, and gpsd's NMEA.adoc.
+A sentence ends with its checksum, CR, LF, or the `$` of the next one, so that good sentences around a torn one survive.
+What is not correct to the letter is refused with a reason, never guessed; empty fields are `None`. Angles are computed
+from the digits as one quotient of integers, so they are right to the last bit. Source: NMEA 0183 v4.11, gpsd's
+NMEA.adoc.
 """
 
 import re
@@ -15,8 +16,8 @@ from operator import xor
 
 LONGEST = 512  # bytes; the standard has 82, receivers send more
 BODY = re.compile(rb"([A-Z0-9]{2,})((?:,[\x20-\x7e]*)?)")
-ENDING = re.compile(rb"\*([0-9A-Fa-f]{2})$")
-NUMBER = re.compile(r"-?(?:\d+\.?\d*|\.\d+)")
+ENDING = re.compile(rb"\*([0-9A-Fa-f]{2})")
+NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)")
 TIME = re.compile(r"(\d\d)(\d\d)(\d\d)(?:\.(\d*))?")
 DATE = re.compile(r"(\d\d)(\d\d)(\d\d)")
 DEGREES = {2: re.compile(r"(\d{2})(\d\d)(?:\.(\d*))?"), 3: re.compile(r"(\d{3})(\d\d)(?:\.(\d*))?")}
@@ -62,7 +63,9 @@ class Splitter:
                 self._counters["noise bytes"] += len(piece)
 
     def _end(self) -> Iterator[Sentence]:
-        if self._inside:
+        if self._inside and not self._line:  # `$$`
+            self._counters["noise bytes"] += 1
+        elif self._inside:
             try:
                 yield self._checked(bytes(self._line))
             except RefusedError as reason:

@@ -1,0 +1,186 @@
+"""From sentences to fixes: what a receiver sends in one burst is one epoch, and gives one fix.
+
+A new burst begins after a pause, with another time, or with a kind of sentence that the epoch has already: VTG has no
+time of its own. Which kinds end a burst is learned; then a fix is ready with that sentence. Otherwise it is ready when
+the next burst begins, or when the line has been quiet. GST and ZDA alone make no epoch: some clocks are ahead in them.
+"""
+
+from collections import Counter
+
+from ..fix import Fix, ReceiverStatus
+from .content import READERS, Content, Dimensions
+from .epochs import Epoch, same_time
+from .sentences import RefusedError, Sentence, Splitter
+
+QUIET_NS = 200_000_000  # longer than any pause within a burst
+SURE, DOUBT = 2, -3  # bursts: so many ended alike, and so many more must after one that went on
+COMPANIONS = {"GST", "ZDA"}
+DIMENSIONS_LAST = 30  # epochs without a GSA after which the last one no longer counts
+
+
+class Endings:
+    """Which kinds of sentence end a burst, learned from bursts of which any sentence may have been lost."""
+
+    def __init__(self) -> None:
+        self._score: Counter[str] = Counter()
+
+    def ended(self, kind: str) -> None:
+        """A burst ended with `kind`."""
+        self._score[kind] = min(self._score[kind] + 1, SURE)
+
+    def went_on(self, kind: str) -> None:
+        """A burst went on after `kind`."""
+        self._score[kind] = DOUBT
+
+    def sure(self, kind: str) -> bool:
+        """Whether `kind` ends bursts."""
+        return self._score[kind] >= SURE
+
+    def doubted(self, kind: str) -> bool:
+        """Whether bursts went on after `kind` lately."""
+        return self._score[kind] < 0
+
+
+class HeightMode:
+    """What the receiver last said in GSA. It may send one for each satellite system, and none in most epochs."""
+
+    def __init__(self) -> None:
+        self._dimensions: int | None = None
+        self._complete = True  # something else came since, so the next GSA is of another epoch
+        self._age = 0
+
+    def hear(self, said: Dimensions) -> None:
+        """One GSA."""
+        best = max(said.dimensions, 1 if self._complete or self._dimensions is None else self._dimensions)
+        self._dimensions = best if best > 1 else None
+        self._complete, self._age = False, 0
+
+    def other(self) -> None:
+        """Another sentence of the burst."""
+        self._complete = True
+
+    def now(self) -> int | None:
+        """For a fix."""
+        self._age += 1
+        return self._dimensions if self._age <= DIMENSIONS_LAST else None
+
+
+class NmeaDecoder:
+    """Bytes of one receiver to fixes. Not thread-safe.
+
+    Counters: `fixes`; epochs without one: `no fix`, `repeated` (also sentences said twice), `contradictory`; `other`,
+    sentences of no interest; `late`, those of an epoch already told; `noise bytes`; and refused sentences by reason.
+    """
+
+    def __init__(self) -> None:
+        self.counters: Counter[str] = Counter()
+        self.status = ReceiverStatus()
+        self._splitter = Splitter(self.counters)
+        self._epoch: Epoch | None = None
+        self._endings = Endings()
+        self._heights = HeightMode()
+        self._waiting: dict[str, tuple[Content, int]] = {}  # companions of an epoch to come, with their arrival
+        self._told_utc_ns: int | None = None
+        self._heard_ns: int | None = None
+        self._pause_ns: int | None = None  # when the first bytes after a pause came
+
+    def feed(self, data: bytes, arrival_ns: int) -> list[Fix]:
+        """See `GnssDecoder`."""
+        if self._heard_ns is not None and arrival_ns - self._heard_ns >= QUIET_NS:
+            self._pause_ns = arrival_ns
+        self._heard_ns = arrival_ns
+        fixes = []
+        for sentence in self._splitter.feed(data, arrival_ns):
+            fixes += self._take(sentence)
+        return fixes
+
+    def flush(self, now_ns: int) -> list[Fix]:
+        """See `GnssDecoder`."""
+        if self._heard_ns is None or now_ns - self._heard_ns < QUIET_NS:
+            return []
+        return self._close()
+
+    def _take(self, sentence: Sentence) -> list[Fix]:
+        fresh = self._pause_ns is not None and sentence.arrival_ns >= self._pause_ns
+        fixes = self._close() if fresh else []
+        content = self._read(sentence)
+        if content is None:
+            return fixes
+        if isinstance(content, Dimensions):
+            self._heights.hear(content)
+            return fixes
+        self._heights.other()
+        return fixes + self._place(sentence, content, fresh)
+
+    def _read(self, sentence: Sentence) -> Content | None:
+        """What it says; None if that is of no interest, or not to be used."""
+        reader = READERS.get(sentence.kind)
+        if reader is None or (sentence.kind == "HDT" and sentence.talker[0] != "G"):  # a compass on the same line
+            self.counters["other"] += 1
+            return None
+        try:
+            return reader(sentence)
+        except RefusedError as reason:
+            self.counters[f"{sentence.kind} {reason}"] += 1
+            return None
+
+    def _place(self, sentence: Sentence, content: Content, fresh: bool) -> list[Fix]:
+        """Put a sentence into the epoch to which it belongs."""
+        epoch, kind = self._epoch, sentence.kind
+        if epoch is not None and epoch.fits(kind, content.utc_ns) and not fresh:
+            if epoch.done:
+                self.counters["late"] += 1
+                self._endings.went_on(epoch.last)
+                return []
+            self._endings.went_on(epoch.last)
+            epoch.add(kind, content)
+        elif kind in COMPANIONS:
+            self._waiting[kind] = content, sentence.arrival_ns
+            return []
+        elif epoch is not None and not epoch.done and content.utc_ns and same_time(content.utc_ns, epoch.utc_ns):
+            self.counters["repeated"] += 1  # by another talker
+            return []
+        else:
+            return self._close() + self._begin(sentence, content, fresh)
+        return self._finish() if self._endings.sure(kind) else []
+
+    def _begin(self, sentence: Sentence, content: Content, fresh: bool) -> list[Fix]:
+        kind = sentence.kind
+        first = self._endings.doubted(kind) or (fresh and not self._endings.sure(kind))
+        epoch = self._epoch = Epoch(sentence.arrival_ns, open_time=first)
+        self._pause_ns = None
+        for name, (waiting, arrival_ns) in self._waiting.items():
+            if same_time(waiting.utc_ns, content.utc_ns):
+                epoch.add(name, waiting)
+                epoch.arrival_ns = min(epoch.arrival_ns, arrival_ns)
+        self._waiting.clear()
+        epoch.add(kind, content)
+        return self._finish() if self._endings.sure(kind) else []
+
+    def _close(self) -> list[Fix]:
+        """The epoch is over."""
+        if self._epoch is None or self._epoch.done:
+            return []
+        self._endings.ended(self._epoch.last)
+        return self._finish()
+
+    def _finish(self) -> list[Fix]:
+        """The epoch's fix, once."""
+        epoch = self._epoch
+        assert epoch is not None
+        epoch.done = True
+        status = epoch.status()
+        if status is None:
+            return []
+        self.status = status
+        if status.quality == 0:
+            self.counters["no fix"] += 1
+        elif same_time(epoch.utc_ns, self._told_utc_ns):
+            self.counters["repeated"] += 1
+        elif epoch.contradictory():
+            self.counters["contradictory"] += 1
+        elif fix := epoch.fix(status.quality, self._heights.now()):
+            self._told_utc_ns = epoch.utc_ns
+            self.counters["fixes"] += 1
+            return [fix]
+        return []

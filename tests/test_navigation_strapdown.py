@@ -32,7 +32,7 @@ def ned_of(lat, lon):
 
 
 def earth_centred(lat, lon, height, v, attitude, w, f, dt, substeps=4):
-    """Position, velocity (NED), attitude by midpoint steps in the rotating earth-centred frame, rates linear in time."""
+    """Position, velocity (NED), attitude by midpoint steps in the turning earth-centred frame, rates linear in time."""
     r = np.array(pymap3d.geodetic2ecef(lat, lon, height, deg=False))
     u = ned_of(lat, lon).T @ v
     c = Rotation.from_matrix(ned_of(lat, lon).T) * attitude

@@ -19,7 +19,7 @@ from ...kernels.rotation import dcm_of_quat, quat_exp, quat_of_gravity
 from .correction import correct, predicted, row, take
 from .covariance import grow, predict, variance
 from .levelling import level_between
-from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LEVELLING, NAVIGATING, RATES, STATES, WANDER
+from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LEVELLING, NAVIGATING, NEVER_NS, RATES, STATES, WANDER
 from .strapdown import cosine, rotate, wrapped
 
 SHORTEST_S, LONGEST_S = 0.9, 3.0  # between two fixes of a pair
@@ -100,13 +100,13 @@ def correlation(c: Any, k: int) -> tuple[float, float, float]:
 def pair(c: Any, vn: float, ve: float) -> None:
     """A fix at the core's time and position, with its velocity (NaN when it has none)."""
     dt = 1e-9 * (c.t_ns - c.mark_ns)
-    if c.mark_ns != 0 and dt < SHORTEST_S:
+    if dt < SHORTEST_S:
         return
     m = c.mark
     meridian, prime_vertical = radii(c.lat)
     north = (c.lat - m[6]) * (meridian + c.height)
     east = wrapped(c.lon - m[7]) * (prime_vertical + c.height) * cosine(c.lat)
-    if c.mark_ns == 0 or dt > LONGEST_S:
+    if dt > LONGEST_S:
         c.slope[4] = 0.0
     elif math.isfinite(vn) and math.isfinite(m[4]):
         add(c, c.zeta[0] - m[0], c.zeta[1] - m[1], vn - m[4], ve - m[5], dt)
@@ -209,7 +209,7 @@ def forget_heading(p: Any, c: Any) -> None:
     c.axis_n = 0.0
     c.axis[:] = 0.0
     c.course[:] = 0.0
-    c.mark_ns = 0
+    c.mark_ns = NEVER_NS
     c.slope[4] = 0.0
     c.pairs = 0.0
     c.energy[:] = 0.0

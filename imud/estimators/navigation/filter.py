@@ -14,7 +14,7 @@ from .covariance import predict
 from .gnss import fuse_position, fuse_velocity, grade, report, trust_stamp
 from .history import approach, follow, remember, rewind, snap, trace_velocity
 from .solution import write
-from .state import LEVELLING
+from .state import LEVELLING, NEVER_NS
 
 CONTRARY = 8  # fixes in a row with a velocity that contradicts: the heading is wrong
 LOST = 1.5
@@ -71,7 +71,7 @@ def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
     if s.received == 0 or not usable or abs(fix.lat) > 0.5 * math.pi:
         return 0
     t_ns = min(fix.t_ns - int(1e9 * s.latency), c.t_ns)
-    ordered = c.fixes == 0 or fix.t_ns >= s.stamp_ns
+    ordered = fix.t_ns >= s.stamp_ns
     if ordered:
         t_ns = max(t_ns, s.fused_ns)
     age = 1e-9 * (c.t_ns - fix.t_ns)
@@ -81,7 +81,7 @@ def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
         t_ns = c.t_ns  # too late for that: fused now, with more noise
     approach(p, s, t_ns, s.between_w, s.between_f)
     predict(p, c)
-    if s.stamp_ns == 0:
+    if s.stamp_ns == NEVER_NS:
         trust_stamp(p, c, fix)
     grade(c, fix)
     trace_velocity(s)

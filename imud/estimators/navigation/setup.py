@@ -17,6 +17,7 @@ from .state import (
     LAND,
     LATENCY,
     LEVELLING,
+    NEVER_NS,
     PARAMETERS,
     POSITION,
     STATE,
@@ -76,6 +77,7 @@ def start(parameters: Record, initial: Initial) -> Record:
     c["forward"] = (1.0, 0.0, 0.0)
     c["lateral"] = (0.0, 1.0, 0.0)
     c["fix_speed"] = math.nan
+    c["fix_ns"] = c["mark_ns"] = s["stamp_ns"] = s["fused_ns"] = NEVER_NS
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)
     s["initial_rpy"] = [math.nan if a is None else math.radians(a) for a in angles]
     if initial.yaw_deg is not None:

@@ -15,6 +15,7 @@ LEVELLING, NAVIGATING = 0, 1  # phases: roll and pitch only, position from GNSS;
 FREE, AUTO, LAND = 0, 1, 2  # vehicle
 
 RATES = 33  # hypotheses of the heading's drift while aligning
+NEVER_NS = -(1 << 62)  # a time before all others
 RING = 4096  # samples kept: 2 s at the highest rate
 SNAPSHOTS = 64
 SNAPSHOT_NS = 50_000_000
@@ -104,7 +105,7 @@ CORE = np.dtype(
         ("heading_sigma", "<f8"),  # rad, of a heading given by the user; 0: none
         ("zeta", "<f8", (2,)),  # m/s, integral of level specific force
         ("path", "<f8", (2,)),  # m, its integral
-        ("mark_ns", "<i8"),  # last fix used for alignment, 0: none
+        ("mark_ns", "<i8"),  # last fix used for alignment
         ("mark", "<f8", (8,)),  # its zeta, path, velocity, and latitude and longitude
         ("slope", "<f8", (5,)),  # mean velocity and mean zeta over the last pair, and 1 when there is one
         ("origin_ns", "<i8"),

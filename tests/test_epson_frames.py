@@ -3,14 +3,24 @@
 import math
 import struct
 
+import framer_properties
 import numpy as np
 import pytest
+from framer_properties import (
+    CAPACITY,
+    SIZES,
+    check_any_chunking,
+    check_garbage,
+    check_last_byte,
+    damaged_streams,
+    is_subsequence,
+)
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from drivers.driver import Identity, ImuConfigured
 from drivers.epson.driver import DRIVER
-from drivers.sample import DEVICE_ERROR, SAMPLE, SATURATED, SUSPECT
+from drivers.sample import DEVICE_ERROR, SATURATED, SUSPECT
 
 G = 9.80665
 GOLDEN = "20 FE00 C492 0064 FF9C 0000 0000 0000 1F40 0000"  # protocols.md 1.5: 25 degC, +-1.25 dps, +1 G
@@ -20,36 +30,11 @@ def configured(model="M-G350", rate_hz=1000.0):
     return ImuConfigured(Identity("epson", model), rate_hz, round(1e9 / rate_hz), 0, 22)
 
 
-class Decoder:
-    """The kernel with its buffers; collects samples."""
+class Decoder(framer_properties.Decoder):
+    """The kernel, with frames read back as words."""
 
     def __init__(self, capacity=256, room=1 << 17, **model):
-        self.state = DRIVER.new_state(configured(**model))
-        self.rx = np.zeros(room, np.uint8)
-        self.batch = np.zeros(capacity, SAMPLE)
-        self.samples = []
-
-    def feed(self, data):
-        fill = self["leftover"]
-        self.rx[fill : fill + len(data)] = np.frombuffer(data, np.uint8)
-        fill += len(data)
-        while True:
-            n = DRIVER.decode(self.rx, fill, self.state, self.batch)
-            self.samples += [sample.copy() for sample in self.batch[:n]]
-            fill = self["leftover"]
-            if n < len(self.batch):
-                return self
-
-    def __getitem__(self, counter):
-        return int(self.state[counter][0])
-
-    @property
-    def ticks(self):
-        return [int(sample["tick"]) for sample in self.samples]
-
-    @property
-    def flags(self):
-        return [int(sample["flags"]) for sample in self.samples]
+        super().__init__(DRIVER, configured(**model), capacity, room)
 
     def words(self):
         return [raw_words(sample) for sample in self.samples]
@@ -74,10 +59,6 @@ def reference(stream, length):
         w = [math.radians(0.0125 * value) for value in word[2:5]]
         f = [0.125e-3 * G * value for value in word[5:8]]
         yield w, f, 25.0 + 0.0042725 * (word[1] + 15214)
-
-
-def identical(a, b):
-    return np.array(a, SAMPLE).tobytes() == np.array(b, SAMPLE).tobytes()
 
 
 WORD = st.one_of(st.integers(-32768, 32767), st.sampled_from([0, 0x0D0D, 0x2020, 0x200D, 0x0D20, 0x20FE, 0x000D]))
@@ -122,57 +103,23 @@ def test_clean_streams_agree_with_the_reference(words, numbered, temperature, gp
 
 
 @st.composite
-def damaged_streams(draw):
-    """Frames of one sensor with pieces lost, inserted and overwritten."""
+def frame_lists(draw):
+    """Frames of one sensor."""
     numbered = draw(st.booleans())
-    parts = []
-    for k in range(draw(st.integers(2, 30))):
-        piece = bytearray(
-            frame(draw(WORDS), 20 * k if numbered else None, gpio=draw(st.sampled_from([0, 0, 0, 0x100])))
-        )
-        if draw(st.integers(0, 4)) == 0:
-            at, what = draw(st.integers(0, len(piece) - 1)), draw(st.sampled_from(["cut", "drop", "flip", "noise"]))
-            if what == "cut":
-                del piece[at:]
-            elif what == "drop":
-                del piece[at]
-            elif what == "flip":
-                piece[at] ^= 1 << draw(st.integers(0, 7))
-            else:
-                piece[at:at] = draw(st.binary(max_size=50))
-        parts.append(bytes(piece))
-    return b"".join(parts)
+    gpio = st.sampled_from([0, 0, 0, 0, 0x100])
+    return [frame(draw(WORDS), 20 * k if numbered else None, gpio=draw(gpio)) for k in range(draw(st.integers(2, 30)))]
 
 
-@given(damaged_streams(), st.lists(st.integers(1, 60), min_size=1, max_size=20), st.integers(1, 7))
+@given(damaged_streams(frame_lists()), SIZES, CAPACITY)
 def test_any_chunking_gives_the_same_samples(stream, sizes, capacity):
-    whole, bytewise, chunked = Decoder().feed(stream), Decoder(), Decoder(capacity)
-    for byte in stream:
-        bytewise.feed(bytes([byte]))
-    at = k = 0
-    while at < len(stream):
-        chunked.feed(stream[at : at + sizes[k % len(sizes)]])
-        at += sizes[k % len(sizes)]
-        k += 1
-    for other in (bytewise, chunked):
-        assert identical(other.samples, whole.samples)
-        assert other.state.tobytes() == whole.state.tobytes()
+    check_any_chunking(Decoder, stream, sizes, capacity)
 
 
 @given(st.binary(max_size=3000))
 def test_garbage_neither_raises_nor_grows(noise):
-    decoder = Decoder(capacity=3, room=4096).feed(noise)
-    assert decoder["leftover"] <= 64
-    assert decoder["junk"] <= len(noise)
-    before = decoder["frames"]
-    decoder.feed(b"".join(frame(STILL, k) for k in range(60)))
-    assert decoder["frames"] - before >= 58
+    decoder = Decoder(capacity=3, room=4096)
+    check_garbage(decoder, noise, [frame(STILL, k) for k in range(60)], held_back=2)
     assert raw_words(decoder.samples[-1]) == STILL
-
-
-def is_subsequence(some, whole):
-    rest = iter(whole)
-    return all(item in rest for item in some)
 
 
 @given(st.lists(WORDS, min_size=3, max_size=6), st.binary(max_size=60), st.integers(0, 22), st.lists(WORDS, max_size=4))
@@ -196,11 +143,7 @@ def test_a_good_frame_is_delivered_with_its_last_byte(words, noise, kept, last, 
     decoder = Decoder().feed(b"".join(good))
     decoder.feed(good[-1][:kept] + noise.replace(b" ", b""))
     for k, values in enumerate((last, words[0]), start=len(good) + 1):
-        following = frame(values, k if numbered else None)
-        before = decoder.feed(following[:-1])["frames"]
-        decoder.feed(following[-1:])
-        assert decoder["frames"] == before + 1
-        assert raw_words(decoder.samples[-1]) == values
+        check_last_byte(decoder, [(frame(values, k if numbered else None), values)], raw_words)
 
 
 def test_a_frame_put_together_by_a_loss_does_not_hide_the_good_one():

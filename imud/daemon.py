@@ -5,6 +5,7 @@ It owns the descriptors and the order of things; it knows no register, no equati
 
 import contextlib
 import gc
+import math
 import os
 import select
 import signal
@@ -34,7 +35,8 @@ from .sensors import Inertial, Receiver, Records
 from .settings import Initial, Settings
 
 _SLOW_NS = 20_000_000  # what is not urgent is looked after this often
-_SILENCE_NS = {"imu": 1_000_000_000, "gnss": 5_000_000_000}  # a stream this long silent is broken
+WITHOUT_GYROS = "tilt"  # the estimator for sensors that lack them
+RATE_STEP = 0.1  # logarithmic: sensors within that are the same to a filter
 _PARTS = {"imu": "inertial sensor", "gnss": "receiver"}
 _CHANGES = (
     (ATTITUDE_VALID, "roll and pitch are valid", "roll and pitch are lost"),
@@ -51,15 +53,17 @@ class Daemon:
     def __init__(self, settings: Settings, wait: bool = True) -> None:
         self._settings = settings
         self._log = structlog.get_logger()
-        self._estimator = registry.by_name(_estimator_name(settings))
+        self._wanted = self._estimator = registry.by_name(_estimator_name(settings))
+        self._fallback = registry.by_name(WITHOUT_GYROS) if settings.estimator == "auto" else None
         self._poll = select.poll()
-        options = Options(rate_hz=settings.imu.rate_hz)
+        gnss = settings.gnss
+        options = Options(rate_hz=settings.imu.rate_hz, fix_rate_hz=gnss.rate_hz if gnss.configure else 0.0)
         self._ports = [Port(_spec(text), options, self, patient=wait) for text in settings.ports]
         self._by_fd: dict[int, Port] = {}
         self._imu: tuple[Port, Inertial] | None = None
         self._gnss: tuple[Port, Receiver] | None = None
         self._inertial: Inertial | None = None  # outlives its connections
-        self._settled: tuple[str, float] = ("", 0.0)  # profile and rate that the filter was made for
+        self._settled: tuple[Any, ...] = ()  # what the filter was made for
         self._devices: tuple[Device, ...] = ()
         self._status = self._told = 0
         self._exit: int | None = None
@@ -73,7 +77,8 @@ class Daemon:
             self._gpsd = stack.enter_context(contextlib.closing(GpsdServer(self._settings.gpsd, self._poll)))
             notifier.say("STATUS=compiling", "EXTEND_TIMEOUT_USEC=300000000")
             self._log.info("compiling the filter (the first start takes a while)", estimator=self._estimator.name)
-            _warm_up(self._estimator, self._settings)
+            for estimator in filter(None, (self._wanted, self._fallback)):
+                _warm_up(estimator, self._settings)
             gc.collect()
             gc.freeze()
             self._log.info("ready", gpsd=" ".join(self._gpsd.addresses), estimator=self._estimator.name)
@@ -147,8 +152,8 @@ class Daemon:
         """What is due now and then: silence, unfinished epochs, slow clients, the watchdog, changes worth a line."""
         if self._gnss:
             self._take(self._gnss[1].flush(now_ns))
-        for kind, pair in (("imu", self._imu), ("gnss", self._gnss)):
-            if pair and now_ns - pair[1].heard_ns > _SILENCE_NS[kind]:
+        for pair in (self._imu, self._gnss):
+            if pair and now_ns - pair[1].heard_ns > pair[1].silence_ns:
                 pair[0].lost("the device fell silent")
         if self._imu is None and self._gpsd.wants(now_ns):
             self._gpsd.publish(View(devices=self._devices), now_ns)  # the clients must not take old news for new
@@ -207,13 +212,29 @@ class Daemon:
 
     def _connect_inertial(self, driver: ImuDriver, configured: ImuConfigured, now_ns: int) -> Inertial:
         settings = _resolved(self._settings, configured.identity)
-        made_for = (settings.imu.profile, configured.rate_hz)
+        self._estimator = self._fitting(configured)
+        about_hz = round(math.log(configured.rate_hz) / RATE_STEP)  # a rate that was heard varies a little
+        made_for = (driver.name, self._estimator.name, settings.imu.profile, about_hz)
         if self._inertial is None or made_for != self._settled:
             filter_ = Filter(self._estimator, settings, Initial(), configured.rate_hz)
             self._inertial = Inertial(Stream(driver.name, driver.decode, driver.new_state(configured), filter_))
             self._settled = made_for
         self._inertial.connect(driver, configured, now_ns)
         return self._inertial
+
+    def _fitting(self, configured: ImuConfigured) -> Estimator:
+        """What the sensor suffices for. Raises UsageError if the user asked for more."""
+        if all(configured.gyro_axes) or not self._wanted.needs_gyros:
+            return self._wanted
+        missing = ", ".join(axis for axis, there in zip("xyz", configured.gyro_axes, strict=True) if not there)
+        device = configured.identity.model or configured.identity.driver
+        if self._fallback is None:
+            raise UsageError(
+                f"the estimator {self._wanted.name!r} needs all gyros, and {device} has none about {missing}: "
+                f"choose --estimator {WITHOUT_GYROS}, or leave the choice to imud"
+            )
+        self._log.warning(f"{device} has no gyro about {missing}: {self._fallback.name} instead of {self._wanted.name}")
+        return self._fallback
 
     def _farewell(self) -> None:
         for port in self._ports:

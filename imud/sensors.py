@@ -17,6 +17,8 @@ from .pipeline import Stream
 from .settings import Gnss as GnssSettings
 
 READ = 4096  # bytes at a time: fewer frames than the pipeline takes in one batch
+SILENCE_NS = {"imu": 1_000_000_000, "gnss": 5_000_000_000}  # a stream this long silent is broken
+SILENT_PERIODS = 4  # at least
 Records = NDArray[np.void]
 
 
@@ -26,6 +28,7 @@ class Inertial:
     def __init__(self, stream: Stream) -> None:
         self.stream = stream
         self.heard_ns = 0
+        self.silence_ns = SILENCE_NS["imu"]
         self.samples = 0
         self._room = stream.rx.data
 
@@ -33,6 +36,7 @@ class Inertial:
         """A new connection; the filter keeps what it knows."""
         self.stream.restart(driver.new_state(configured), configured.period_ns, configured.delay_ns)
         self.heard_ns = now_ns
+        self.silence_ns = max(SILENCE_NS["imu"], SILENT_PERIODS * round(1e9 / configured.rate_hz))
 
     def read(self, fd: int, now_ns: int) -> int:
         """Read and step; returns how many solutions are new, the newest last. Raises PortLostError."""
@@ -62,6 +66,7 @@ class Receiver:
     def __init__(self, driver: GnssDriver, settings: GnssSettings, now_ns: int) -> None:
         self.decoder = driver.new_decoder()
         self.heard_ns = now_ns
+        self.silence_ns = SILENCE_NS["gnss"]
         self.used = 0
         self.refused: dict[str, int] = {}
         self._settings = settings

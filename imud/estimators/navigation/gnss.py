@@ -18,7 +18,7 @@ from .state import ATTITUDE, LATENCY, POSITION, STATES, VELOCITY, WANDER
 from .strapdown import cosine, displace, wrapped
 
 UERE = 2.0  # m per HDOP, horizontal
-VERTICAL = 1.8  # times the horizontal sigma
+VERTICAL = 2.2  # times the horizontal sigma
 UNKNOWN_HDOP = 1.5
 RTK_FIXED, RTK_FLOAT = 0.03, 0.4  # m, when nothing better is reported
 SPEED_SIGMA = 0.1  # m/s

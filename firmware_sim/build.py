@@ -11,6 +11,7 @@ import numpy as np
 from .device import Device
 from .fixes import FixSource, SimulatedFixes
 from .g350 import G350
+from .g370 import VARIANTS, Windowed
 from .motion import Trajectory
 from .nmea import FvM11
 from .noise import DEG, IDEAL, M_G350, MILLI_G, Grade, ImuErrors
@@ -52,6 +53,8 @@ def device(args: argparse.Namespace, scene: Scene, utc: float, index: int) -> De
     """Device number `index` of the command line, with errors from a random stream of its own. utc: of time 0, in s."""
     name, baud = args.devices[index]
     rng = np.random.default_rng([args.seed, index])
+    if name in VARIANTS:
+        return _windowed(args, scene, name, baud, rng)
     return _BUILDERS[name](args, scene, utc, baud, rng)
 
 
@@ -59,6 +62,12 @@ def _g350(args: argparse.Namespace, scene: Scene, _utc: float, baud: int, rng: n
     errors = _errors(args, M_G350, rng, TICK_HZ)
     identity = not args.no_identity
     return G350(scene.signal, errors, baud, count_step=args.count_step, identity=identity, oscillator=_oscillator(args))
+
+
+def _windowed(args: argparse.Namespace, scene: Scene, name: str, baud: int, rng: np.random.Generator) -> Device:
+    variant = VARIANTS[name]
+    errors = _errors(args, variant.grade, rng, TICK_HZ)
+    return Windowed(variant, scene.signal, errors, baud, count_step=args.count_step, oscillator=_oscillator(args))
 
 
 def _rga300(args: argparse.Namespace, scene: Scene, _utc: float, baud: int, rng: np.random.Generator) -> Device:

@@ -1,8 +1,9 @@
-"""From motion to the numbers an M-G350 puts out: internal sampling at 2 kHz, moving average, decimation, 16-bit words.
+"""From motion to the numbers an Epson sensor puts out: internal sampling at 2 kHz, moving average, decimation, words.
 
 Works ahead in blocks, so that a sample costs a slice of bytes.
 """
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -11,10 +12,21 @@ from .ellipsoid import Array
 from .noise import DEG, MILLI_G, ImuErrors
 
 TICK_HZ = 2000.0  # internal sampling; the averaging filter's taps count these
-_LSB = np.repeat([0.0125 * DEG, 0.125 * MILLI_G], 3)  # data sheet, "Sensitivity"
-_TEMPERATURE_LSB, _TEMPERATURE_RAW_25 = 0.0042725, -15214  # degC, data sheet "Temperature sensor"
 _BLOCK_TICKS = 200
-_ROW = 14  # bytes: temperature, gyro x y z, accelerometer x y z
+
+
+@dataclass(frozen=True)
+class Words:
+    """How a model turns values into two's complement words."""
+
+    gyro_lsb: float  # rad/s, of 16-bit words
+    accel_lsb: float  # m/s^2
+    temperature_lsb: float  # degC
+    temperature_raw_25: int  # the word at 25 degC
+    size: int = 2  # bytes; words of 4 are 65536 times finer
+
+
+M_G350_WORDS = Words(0.0125 * DEG, 0.125 * MILLI_G, 0.0042725, -15214)  # data sheet, "Sensitivity"
 
 
 class Signal(Protocol):
@@ -37,10 +49,19 @@ class Sampler:
     """
 
     def __init__(
-        self, signal: Signal, errors: ImuErrors, start: float, decimation: int, taps: int, oscillator: float = 1.0
+        self,
+        signal: Signal,
+        errors: ImuErrors,
+        start: float,
+        decimation: int,
+        taps: int,
+        oscillator: float = 1.0,
+        words: Words = M_G350_WORDS,
     ) -> None:
         self._signal, self._errors, self._tick_s = signal, errors, 1.0 / (TICK_HZ * oscillator)
-        self._start, self._decimation, self._taps = start, decimation, taps
+        self._start, self._decimation, self._taps, self._words = start, decimation, taps, words
+        self._lsb = np.array([words.temperature_lsb, *[words.gyro_lsb] * 3, *[words.accel_lsb] * 3])
+        self._finer, self._row = 1 << (8 * words.size - 16), 7 * words.size
         self._tick = 0  # last tick computed
         self._given = 0  # rows handed out
         self._rows, self._at = b"", 0
@@ -53,10 +74,10 @@ class Sampler:
         return t if t <= self._signal.end else np.inf
 
     def row(self) -> bytes:
-        """The next output sample: temperature, gyro x y z, accelerometer x y z, two bytes each, high byte first."""
+        """The next output sample: temperature, gyro x y z, accelerometer x y z, high bytes first."""
         self.prepare()
-        row = self._rows[self._at : self._at + _ROW]
-        self._at += _ROW
+        row = self._rows[self._at : self._at + self._row]
+        self._at += self._row
         self._given += 1
         return row
 
@@ -81,8 +102,10 @@ class Sampler:
         total = np.vstack([np.zeros(6), np.cumsum(values, axis=0)])
         last = np.arange(self._decimation, ticks + 1, self._decimation) + self._taps - 1
         mean = (total[last] - total[last - self._taps]) / self._taps
-        words = np.empty((rows, 7), dtype=">i2")
-        celsius = self._errors.temperature(self._start + self._tick * self._tick_s)
-        words[:, 0] = round((celsius - 25.0) / _TEMPERATURE_LSB) + _TEMPERATURE_RAW_25
-        words[:, 1:] = np.rint(mean / _LSB)
-        self._rows, self._at = words.tobytes(), 0
+        values = np.empty((rows, 7))
+        values[:, 0] = self._errors.temperature(self._start + self._tick * self._tick_s) - 25.0
+        values[:, 1:] = mean
+        words = np.rint(values / self._lsb * self._finer)
+        words[:, 0] += self._words.temperature_raw_25 * self._finer
+        limit = 1 << (8 * self._words.size - 1)
+        self._rows, self._at = np.clip(words, -limit, limit - 1).astype(f">i{self._words.size}").tobytes(), 0

@@ -147,10 +147,11 @@ class G350(Line):
             self.say(b"\x20" + struct.pack(">Hh6hH", 0xFE00, -15214, 1, 2, 3, 4, 5, -8000, 0) + count + b"\r")
 
 
+WINDOWED_RATES = {0: 2000.0, **RATES, 8: 400.0, 9: 200.0, 10: 100.0, 11: 80.0, 12: 50.0, 13: 40.0, 14: 25.0, 15: 20.0}
+
+
 class Windowed(Line):
     """An M-G364 or other successor (protocols.md 1.7): registers in two windows, frames as BURST_CTRL says."""
-
-    RATES = {0: 2000.0, **RATES, 8: 400.0, 9: 200.0, 10: 100.0, 11: 80.0, 12: 50.0, 13: 40.0, 14: 25.0, 15: 20.0}
 
     def __init__(self, baud=460800, boot_s=0.0, product="G364PDCA", serial="W0000456"):
         super().__init__(baud)
@@ -180,7 +181,7 @@ class Windowed(Line):
 
     @property
     def rate_hz(self):
-        return self.RATES[self.byte[1, 0x05]]
+        return WINDOWED_RATES[self.byte[1, 0x05]]
 
     def start(self, rate_code=1, fields=0xF006, wide=0, window=0):
         """As a host before left it: streaming."""
@@ -226,8 +227,8 @@ class Windowed(Line):
         body = b""
         for bit, form, values in parts:
             if fields & bit:
-                wider = wide & bit
-                body += struct.pack(f">{len(values)}{'i' if wider else form}", *[v << 16 if wider else v for v in values])
+                shift, size = (16, "i") if wide & bit else (0, form)
+                body += struct.pack(f">{len(values)}{size}", *[value << shift for value in values])
         if fields & 1:
             body += struct.pack(">H", sum(struct.unpack(f">{len(body) // 2}H", body)) & 0xFFFF)
         return b"\x80" + body + b"\r"

@@ -6,6 +6,7 @@ packets. Until that is known, and for a timer that contradicts the spacing, a pa
 
 from collections.abc import Sequence
 from itertools import pairwise
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -60,16 +61,21 @@ def ticks_since(t: Any, timer: int, missing: int, first: bool) -> int:
 
 
 def spacing_ns(timers: Sequence[int], rough_ns: float) -> float:
-    """Mean time between packets with these timer words, which are about `rough_ns` apart, if the timer agrees."""
+    """Mean time between packets with these timer words, most of which are about `rough_ns` apart, if the timer agrees.
+
+    Some packets may be missing.
+    """
     rough = rough_ns / TICK_NS
-    means = []
-    for direction in (-1, 1):
-        ticks = packets = 0
-        for before, after in pairwise(timers):
-            ahead = direction * (after - before) & 0xFFFF
-            ahead += max(0, round((rough - ahead) / 0x10000)) << 16
-            ticks += ahead
-            packets += max(1, round(ahead / rough))
-        means.append(ticks / packets if packets else rough)
-    best = min(means, key=lambda mean: abs(mean - rough))
-    return best * TICK_NS if abs(best / rough - 1.0) < 0.1 else rough_ns
+    steps = [after - before for before, after in pairwise(timers)]
+    if not any(steps):
+        return rough_ns
+    down, up = ([_unwrapped(direction * step, rough) for step in steps] for direction in (-1, 1))
+    best = min(down, up, key=lambda ticks: median(abs(one - rough) for one in ticks))
+    mean = sum(best) / sum(max(1, round(one / rough)) for one in best)
+    return mean * TICK_NS if abs(mean / rough - 1.0) < 0.1 else rough_ns
+
+
+def _unwrapped(step: int, expected: float) -> int:
+    """The number of ticks nearest to `expected` that a difference of timer words may stand for."""
+    ahead = step & 0xFFFF
+    return ahead + (max(0, round((expected - ahead) / 0x10000)) << 16)

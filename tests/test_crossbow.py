@@ -1,0 +1,432 @@
+"""The Crossbow DMU RGA300CA: packets to samples, the timer, recognition and dialogues.
+
+The golden packet was captured from a real unit (first commit of VRPN's Crossbow tracker). Oracle on other streams: a
+decoder in plain Python after Prasanna's tables.
+"""
+
+import math
+import struct
+
+import numpy as np
+import pytest
+from framer_properties import (
+    CAPACITY,
+    SIZES,
+    Decoder,
+    check_any_chunking,
+    check_garbage,
+    check_last_byte,
+    damaged_streams,
+    is_subsequence,
+)  # fmt: skip
+from hypothesis import example, given
+from hypothesis import strategies as st
+from scripted import G350, Line, Mute, Speaker, run
+
+from drivers.crossbow import timer
+from drivers.crossbow.driver import DRIVER
+from drivers.crossbow.hearing import SERIES_440
+from drivers.crossbow.talk import change_baud, find_zero
+from drivers.detect import detect
+from drivers.driver import Identity, ImuConfigured, Options, Unsupported
+from drivers.epson.driver import DRIVER as EPSON
+from drivers.sample import DEVICE_ERROR, SATURATED, SUSPECT
+from firmware_sim.uart import mishear
+
+G = 9.80665
+GOLDEN = bytes.fromhex("AA55005BFF97FFEE005F005C2A59ADA20621012C000006BF")
+SPACING = 12658  # ticks of 0.79 us in 10 ms
+STILL = (91, -105, -18, 95, 92, 10841)
+
+SUMS = {  # of the 20 bytes between header and checksum
+    "bytes": sum,
+    "words 65536": lambda body: sum(struct.unpack(">10H", body)) % 65536,
+    "words 65535": lambda body: sum(struct.unpack(">10H", body)) % 65535,
+    "bytes 256": lambda body: sum(body) % 256,
+}
+
+
+def configured(rate_hz=100.0):
+    return ImuConfigured(Identity("crossbow", "DMU RGA300CA"), rate_hz, 790, 0, 24, gyro_axes=(False, False, True))
+
+
+def decoder(capacity=256, room=1 << 17, rate_hz=100.0):
+    return Decoder(DRIVER, configured(rate_hz), capacity, room)
+
+
+def packet(words=STILL, clock=0, temperature=1569, part=300, bit=0, checksum=sum):
+    """words: roll, pitch, yaw rate, accelerations, LSB."""
+    body = struct.pack(">6h4H", *words, clock & 0xFFFF, temperature, part, bit)
+    return b"\xaa\x55" + body + struct.pack(">H", checksum(body))
+
+
+def packets(n, first=0, spacing=-SPACING, words=STILL, **fields):
+    return [packet(words, (first + k) * spacing, **fields) for k in range(n)]
+
+
+def content(sample):
+    """Yaw rate and accelerations that a sample was made of, LSB."""
+    return tuple(int(v) for v in np.rint([math.degrees(sample["w"][2]) * 32768 / 150, *-sample["f"] / G * 32768 / 3]))
+
+
+WORD = st.one_of(st.integers(-32768, 32767), st.sampled_from([0, -21931, 0x55AA, -21846, 0x5555, -86]))
+WORDS = st.tuples(*[WORD] * 6)
+FRAMES = st.lists(st.builds(packet, WORDS, st.integers(0, 65535), bit=st.sampled_from([0, 0, 4])), max_size=20)
+
+
+def test_the_captured_packet():
+    (sample,) = decoder().feed(GOLDEN).samples
+    assert np.degrees(sample["w"]).tolist() == pytest.approx([0.0, 0.0, -0.0824], abs=1e-4)
+    assert (sample["f"] / G).tolist() == pytest.approx([-0.0087, -0.0084, -0.9925], abs=5e-5)
+    down = sample["down"]
+    assert math.degrees(math.atan2(down[1], down[2])) == pytest.approx(0.500, abs=5e-4)
+    assert math.degrees(math.asin(-down[0])) == pytest.approx(-0.577, abs=5e-4)
+    assert np.linalg.norm(down) == pytest.approx(1.0, abs=1e-12)
+    assert sample["temperature"] == pytest.approx(24.0, abs=0.05)
+    assert (sample["flags"], sample["tick"]) == (0, 0)
+    assert packet() == GOLDEN[:14] + packet()[14:16] + GOLDEN[16:22] + packet()[22:]
+
+
+@given(WORDS, st.integers(0, 65535))
+def test_samples_agree_with_the_tables(words, temperature):
+    (sample,) = decoder().feed(packet(words, temperature=temperature)).samples
+    roll, pitch, yaw_rate, *gravity = words
+    np.testing.assert_allclose(sample["w"], [0.0, 0.0, math.radians(yaw_rate * (100 * 1.5) / 2**15)], rtol=1e-12)
+    np.testing.assert_allclose(sample["f"], [-g * (2 * 1.5) / 2**15 * G for g in gravity], rtol=1e-12)
+    roll, pitch = (math.radians(angle * 180 / 2**15) for angle in (roll, pitch))
+    turn_x = np.array([[1, 0, 0], [0, math.cos(roll), math.sin(roll)], [0, -math.sin(roll), math.cos(roll)]])
+    turn_y = np.array([[math.cos(pitch), 0, -math.sin(pitch)], [0, 1, 0], [math.sin(pitch), 0, math.cos(pitch)]])
+    np.testing.assert_allclose(sample["down"], turn_x @ turn_y @ [0.0, 0.0, 1.0], atol=1e-12)
+    assert sample["temperature"] == pytest.approx(44.44 * (temperature * 5 / 4096 - 1.375), rel=1e-12, abs=1e-9)
+
+
+@given(damaged_streams(FRAMES), SIZES, CAPACITY)
+def test_any_chunking_gives_the_same_samples(stream, sizes, capacity):
+    check_any_chunking(decoder, stream, sizes, capacity)
+
+
+@given(st.binary(max_size=3000))
+@example(b"\xaa\x55" * 500)
+@example(b"\xaa" * 500)
+def test_garbage_neither_raises_nor_grows(noise):
+    check_garbage(decoder(3, 4096), noise, packets(60))
+
+
+@given(st.lists(WORDS, max_size=4), st.binary(max_size=60), st.integers(0, 23), st.lists(WORDS, max_size=4))
+@example([], b"\xaa\x55", 0, [])
+def test_good_packets_after_a_bad_one_are_neither_lost_nor_held_back(before, noise, kept, after):
+    decoding = decoder().feed(b"".join(map(packet, before)) + packet()[:kept] + noise)
+    check_last_byte(decoding, [(packet(words), words[2:]) for words in [*after, STILL]], content)
+    assert is_subsequence([words[2:] for words in [*before, *after, STILL]], map(content, decoding.samples))
+
+
+@pytest.mark.parametrize("kind", ["delete", "insert", "flip"])
+def test_damage_at_every_byte_costs_exactly_that_packet(kind):
+    for at in range(24):
+        frames = [packet((k, -k, 3 * k, 100 + k, -k, 9000 - k), -k * SPACING) for k in range(60)]
+        middle = bytearray(frames[40])
+        if kind == "delete":
+            del middle[at]
+        elif kind == "insert":
+            middle.insert(at, 0x3C)
+        else:
+            middle[at] ^= 0x40
+        frames[40] = bytes(middle)
+        decoding = decoder().feed(b"".join(frames))
+        whole = {("insert", 0): True}.get((kind, at), False)  # the byte stands before the packet, which is whole
+        expected = [k for k in range(60) if k != 40 or whole]
+        assert [content(sample)[0] for sample in decoding.samples] == [3 * k for k in expected], at
+        assert decoding.ticks == [k * SPACING for k in expected]
+        assert decoding["lost"] == 60 - len(expected)
+        assert decoding["junk"] == len(middle) - 24 * whole
+        assert decoding["bad"] == 1
+
+
+@pytest.mark.parametrize("name", list(SUMS)[1:])
+def test_another_checksum_is_taken_once_it_fits_twenty_times(name):
+    odd = [packet((91, -105, k, 95, 92, 10841), -k * SPACING, checksum=SUMS[name]) for k in range(60)]
+    decoding = decoder().feed(b"".join(odd))
+    assert [content(sample)[0] for sample in decoding.samples] == list(range(20, 60))
+    usual = b"".join(packets(5))
+    decoding = decoder().feed(b"".join(usual + b"".join(odd[:19]) for _ in range(5)))
+    assert decoding["frames"] == 25
+    torn = b"".join(b"".join(odd[k : k + 10]) + b"\0" for k in range(0, 60, 10))
+    assert decoder().feed(torn)["frames"] == 0
+
+
+def test_the_sums_are_told_apart():
+    body = GOLDEN[2:22]
+    assert [sums(body) for sums in SUMS.values()] == [0x06BF, 0xDFE3, 0xDFE5, 0xBF]
+
+
+@pytest.mark.parametrize("direction", [-1, 1])
+@pytest.mark.parametrize("spacing", [7911, 12658, 31000, 50000, 126582, 632911])
+def test_the_timer_is_unwrapped_whichever_way_it_counts(direction, spacing):
+    rng = np.random.default_rng(spacing)
+    # the unit's own sampling makes the spacing uneven
+    at = np.cumsum(rng.integers(-3000, 3000, 300) + spacing)
+    stream = b"".join(packet(clock=int(direction * t)) for t in at)
+    ticks = np.array(decoder(rate_hz=1e9 / 790 / spacing).feed(stream).ticks)
+    learned = 80 if spacing == 31000 else 25  # near half a turn both ways look alike
+    assert (np.diff(ticks)[learned:] == np.diff(at)[learned:]).all()
+    assert (np.diff(ticks)[:15] == spacing).all()  # not learned yet
+
+
+@pytest.mark.parametrize("clock", [lambda k: 7, lambda k: (k * k * 7919) ^ (k << 7)])
+def test_a_timer_that_stands_or_raves_is_left_alone(clock):
+    decoding = decoder().feed(b"".join(packet(clock=clock(k)) for k in range(300)))
+    assert decoding.ticks == [k * SPACING for k in range(300)]
+    assert decoding["lost"] == 0
+
+
+@given(st.lists(st.integers(1, 4), max_size=30))
+def test_packets_that_vanish_are_bridged_by_the_timer(steps):
+    at = list(range(30)) + [29 + sum(steps[: k + 1]) for k in range(len(steps))]
+    decoding = decoder().feed(b"".join(packet(clock=-k * SPACING) for k in at))
+    assert decoding.ticks == [k * SPACING for k in at]
+    assert decoding["lost"] == at[-1] - len(at) + 1
+
+
+def test_faults_and_range_are_marked():
+    level, fast = (0, 0, 0, 0, 0, 10922), (0, 0, 21845, 0, 0, 10922)
+    frames = [packet(level), packet(level, bit=4), packet(level, bit=16), packet(level, bit=0xC0), packet(fast)]
+    decoding = decoder().feed(b"".join([*frames, packet(fast)]))
+    assert decoding.flags == [0, DEVICE_ERROR, DEVICE_ERROR, 0, SUSPECT, SATURATED]
+    assert (decoding["errors"], decoding["suspect"]) == (2, 1)
+
+
+def test_damage_that_the_sum_of_bytes_does_not_see_is_suspect():
+    frames = packets(50)
+    middle = bytearray(frames[40])
+    middle[12], middle[2] = middle[12] ^ 0x20, middle[2] ^ 0x20  # one bit set, one cleared: the sum stays
+    frames[40] = bytes(middle)
+    assert sum(middle) == sum(packet(clock=-40 * SPACING))
+    decoding = decoder().feed(b"".join(frames))
+    assert [k for k, flags in enumerate(decoding.flags) if flags] == [40]
+
+
+@pytest.mark.parametrize(("rate", "guess"), [(100.0, 96.0), (20.0, 21.0), (160.0, 155.0), (5.0, 5.2)])
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_the_rate_follows_from_the_timer(rate, guess, direction):
+    timers = [round(direction * k / rate / 0.79e-6) & 0xFFFF for k in range(200) if k % 17]
+    assert 1e9 / timer.spacing_ns(timers, 1e9 / guess) == pytest.approx(rate, rel=5e-3)
+    frozen = [5] * 100
+    assert timer.spacing_ns(frozen, 1e9 / guess) == 1e9 / guess
+
+
+class Rga(Line):
+    """A unit in memory, after the papers; `relative` makes its packets another model's."""
+
+    def __init__(self, baud=38400, rate_hz=100.0, streaming=False, sends=packet, silent="", part=300, deaf_s=0.0):
+        super().__init__(baud)
+        self.rate_hz, self.streaming, self.sends, self.silent = rate_hz, streaming, sends, silent
+        self.next_s, self.count, self.pending, self.part, self.deaf_s = 0.0, 0, b"", part, deaf_s
+        self.zeroed_s = None
+
+    def one(self):
+        self.count += 1
+        clock = -round(self.now_s / 0.79e-6)
+        return self.sends(clock=clock) if self.sends is not packet else packet(clock=clock, part=self.part)
+
+    def receive(self, data):
+        if self.now_s < self.deaf_s:
+            return
+        self.pending += data
+        while self.pending:
+            command, self.pending = self.pending[:1], self.pending[1:]
+            if command == b"z":
+                if not self.pending:
+                    self.pending = command
+                    return
+                self.zeroed_s, self.pending = self.now_s + self.pending[0] * 0.35, self.pending[1:]
+            elif command == b"b":
+                self.say(b"B")
+                self.baud = 57600
+            elif command.decode("latin1") not in self.silent:
+                self.obey(command)
+
+    def obey(self, command):
+        if command in (b"P", b"C", b"G"):
+            self.streaming = command == b"C"
+            self.next_s = self.now_s
+        replies = {
+            b"R": b"H", b"S": b"\xff\0\0\x75\x5a\xcf", b"v": b"\xffRGA300CA $", b"V": b"\xffupper$", b"a": b"A",
+        }  # fmt: skip
+        self.say(self.one() if command == b"G" else replies.get(command, b""))
+
+    def pass_time(self, seconds):
+        super().pass_time(seconds)
+        if self.zeroed_s is not None and self.now_s >= self.zeroed_s:
+            self.zeroed_s = None
+            self.say(b"Z")
+        while self.streaming and self.now_s >= self.next_s:
+            self.say(self.one())
+            self.next_s += 1.0 / self.rate_hz
+
+
+@pytest.mark.parametrize("deaf_s", [0.0, 1.5])
+def test_a_polled_unit_is_asked(deaf_s):
+    found, seconds = run(detect(), Rga(deaf_s=deaf_s))
+    assert found == Identity("crossbow", "DMU RGA300CA", "30042", "RGA300CA", 38400, "consumer-mems")
+    assert seconds < 2.0 + 2.5 * deaf_s
+
+
+@pytest.mark.parametrize("rate_hz", [20.0, 100.0, 160.0])
+def test_a_stream_is_recognised_without_a_byte_written(rate_hz):
+    unit = Rga(rate_hz=rate_hz, streaming=True)
+    found, seconds = run(detect(), unit)
+    assert (found.driver, found.model, found.baud) == ("crossbow", "DMU RGA300CA", 38400)
+    assert unit.written == b""
+    assert seconds < 10.0
+
+
+@pytest.mark.parametrize("name", list(SUMS))
+def test_a_stream_with_another_checksum_is_recognised_and_said(name):
+    def odd(clock):
+        return packet(clock=clock, checksum=SUMS[name])
+
+    unit = Rga(streaming=True, sends=odd)
+    unit.host_baud = 38400
+    found, _ = run(detect(baud=38400), unit)
+    assert found.driver == "crossbow"
+    result, _ = run(DRIVER.configure(found, Options()), unit)
+    assert bool(result.warnings) == (name != "bytes")
+    assert result.rate_hz == 100.0
+
+
+@pytest.mark.parametrize("rate_hz", [10.0, 33.0, 100.0, 160.0])
+def test_configuring_starts_the_stream_and_measures_its_rate(rate_hz):
+    unit = Rga(rate_hz=rate_hz, streaming=True)
+    found, _ = run(detect(), unit)
+    result, _ = run(DRIVER.configure(found, Options()), unit)
+    assert unit.streaming
+    assert (result.rate_hz, result.period_ns, result.frame_bytes) == (rate_hz, 790, 24)
+    assert result.gyro_axes == (False, False, True)
+    assert (result.identity.serial, result.identity.firmware, result.identity.baud) == ("30042", "RGA300CA", 38400)
+    assert (result.delay_ns, result.warnings) == (6_250_000, ())
+
+
+def test_readonly_takes_the_stream_as_it_is():
+    unit = Rga(streaming=True)
+    found, _ = run(detect(readonly=True), unit)
+    result, _ = run(DRIVER.configure(found, Options(readonly=True)), unit)
+    assert result.rate_hz == 100.0
+    assert unit.written == b""
+
+
+def test_what_is_unusual_is_said():
+    unit = Rga(part=301)
+    unit.host_baud = 38400
+    result, _ = run(DRIVER.configure(Identity("crossbow", "", baud=38400), Options()), unit)
+    assert ["part number 301" in warning for warning in result.warnings] == [True]
+    assert run(DRIVER.configure(Identity("crossbow", "", baud=38400), Options()), Mute(38400))[0] is None
+
+
+@pytest.mark.parametrize(("silent", "serial", "firmware"), [("S", "", "RGA300CA"), ("v", "30042", "upper")])
+def test_a_unit_that_answers_not_everything(silent, serial, firmware):
+    found, _ = run(detect(), Rga(silent=silent))
+    assert (found.serial, found.firmware) == (serial, firmware)
+
+
+def ff(length):
+    def one(clock):
+        body = struct.pack(">hH", -3, clock & 0xFFFF).rjust(length - 2, b"\x12")
+        return b"\xff" + body + bytes([sum(body) & 0xFF])
+
+    return one
+
+
+def vg700(clock):
+    body = struct.pack(">hH", -3, clock & 0xFFFF).rjust(22, b"\x12")
+    return b"\xaa\x55" + body + struct.pack(">H", sum(body))
+
+
+@pytest.mark.parametrize("streaming", [True, False])
+@pytest.mark.parametrize(
+    ("sends", "says"), [(ff(18), "IMU"), (ff(22), "VG or"), (ff(30), "AHRS"), (vg700, "VG700MB")]
+)  # fmt: skip
+def test_relatives_are_named(sends, says, streaming):
+    found, _ = run(detect(), Rga(sends=sends, streaming=streaming))
+    assert isinstance(found, Unsupported)
+    assert says in found.model
+    assert "at 38400 baud, not supported yet" in str(found)
+
+
+def crc16(data):
+    """CRC-16/AUG-CCITT by long division of the whole message. Its check value is E5CC."""
+    bits = int.from_bytes(data, "big") << 16
+    bits ^= 0x1D0F << (8 * len(data))
+    for i in range(8 * len(data) - 1, -1, -1):
+        if bits >> (i + 16) & 1:
+            bits ^= 0x11021 << i
+    return bits
+
+
+def test_the_later_series_is_named():
+    assert crc16(b"123456789") == 0xE5CC
+
+    def series_440(clock):
+        body = b"S1\x18" + struct.pack(">H", clock & 0xFFFF) + b"\x12" * 22
+        return b"UU" + body + struct.pack(">H", crc16(body))
+
+    found, _ = run(detect(), Rga(sends=series_440, streaming=True))
+    assert (type(found), found.model) == (Unsupported, SERIES_440)
+
+
+@given(st.binary(max_size=1500))
+def test_noise_is_nobody(noise):
+    assert DRIVER.recognise(noise) is None
+
+
+def test_others_are_not_taken_for_one():
+    assert DRIVER.recognise(b"\x20" + b"\xff" * 60) is None
+    assert DRIVER.recognise(b"X=-0.501 Y=-0.007 Z= 0.082\r\n" * 30) is None
+    for device in (G350(), G350().start(), Speaker(38400, b"$GPVTG,0.00,T,,M,0.042,N,0.079,K,A*35\r\n" * 2)):
+        found, _ = run(detect(), device)
+        assert found.driver != "crossbow"
+    assert run(DRIVER.identify(), Speaker(0, b"HHHH", period_s=0.01, first_s=0.0))[0] is None
+
+
+def test_nothing_that_an_epson_is_asked_moves_a_dmu():
+    """At none of its speeds: no zeroing, no change of speed, no stream."""
+    epson = Mute(1)
+    heard = b""
+    for baud in EPSON.bauds:
+        epson.written.clear()
+        run(EPSON.identify(), epson)
+        heard += mishear(bytes(epson.written), baud, 38400) if baud != 38400 else bytes(epson.written)
+    assert heard
+    assert not set(heard) & set(b"zbC")
+
+
+def test_asking_for_a_dmu_leaves_an_epson_as_it_was():
+    device = G350(38400)
+    device.host_baud = 38400
+    before = dict(device.byte)
+    assert run(DRIVER.identify(), device)[0] is None
+    assert device.byte == before
+    assert run(detect("epson", 38400), device)[0].model == "M-G350"
+
+
+def test_asking_a_silent_line_takes_little_of_the_time_that_detection_has():
+    line = Mute(38400)
+    assert run(DRIVER.identify(), line)[0] is None
+    assert run(DRIVER.identify(), line)[1] < 0.2
+    assert line.written == b"PRPR"
+
+
+def test_finding_the_gyro_zero_takes_its_time():
+    unit = Rga(streaming=True)
+    unit.host_baud = 38400
+    done, seconds = run(find_zero(10), unit)
+    assert done
+    assert 3.5 <= seconds < 4.0
+    assert not run(find_zero(1), Mute(38400))[0]
+
+
+def test_changing_the_speed():
+    unit = Rga(streaming=True)
+    unit.host_baud = 38400
+    assert run(change_baud(57600), unit)[0]
+    assert unit.host_baud == 57600
+    assert not run(change_baud(57600), Mute(38400))[0]

@@ -1,0 +1,22 @@
+"""The daemon with an emulated Crossbow DMU, through a pseudo-terminal."""
+
+import pytest
+from processes import daemon, emulator
+
+
+def test_tilt_of_a_still_dmu(tmp_path):
+    imu = tmp_path / "imu"
+    errors = ("--gyro-bias-dps", "0,0,0.2", "--accel-bias-mg", "0,0,0")
+    rest = ("--scenario", "rest", "--roll-deg", "10", "--pitch-deg", "-5")
+    with emulator("rga300", *rest, *errors, links=[imu]), daemon(tmp_path, "--port", str(imu)) as imud:
+        imud.says("DMU RGA300CA")
+        first = imud.until(lambda m: m["class"] == "EST" and "aligning" not in m["state"])
+        est = imud.until(lambda m: m["class"] == "EST" and m["t_mono_ns"] > first["t_mono_ns"] + 3_000_000_000)
+        assert est["roll_deg"] == pytest.approx(10.0, abs=0.5)
+        assert est["pitch_deg"] == pytest.approx(-5.0, abs=0.5)
+        rate = (est["seq"] - first["seq"]) / (est["t_mono_ns"] - first["t_mono_ns"]) * 1e9
+        assert rate == pytest.approx(100.0, rel=0.02)
+        imud.process.terminate()
+        assert imud.process.wait(10.0) == 0
+        assert "serial=30042" in imud.log
+        assert "lost=0" in imud.log

@@ -21,8 +21,13 @@ def _or_nan(value: float | None) -> float:
     return math.nan if value is None else value
 
 
+_QUALITIES = {6: "6 (dead reckoning by the receiver)", 7: "7 (entered by hand)", 8: "8 (simulated)"}
+
+
 def refusal(fix: Fix, settings: Gnss) -> str | None:
     """Why the settings forbid this fix; None: use it."""
+    if fix.quality not in settings.qualities:
+        return f"quality {_QUALITIES.get(fix.quality, fix.quality)}, not in gnss.qualities"
     if fix.satellites is not None and fix.satellites < settings.min_satellites:
         return f"{fix.satellites} satellites, fewer than gnss.min_satellites"
     if fix.hdop is not None and fix.hdop > settings.max_hdop:
@@ -33,9 +38,14 @@ def refusal(fix: Fix, settings: Gnss) -> str | None:
 
 
 def record(fix: Fix, t_ns: int, arrival_ns: int) -> Records:
-    """The fix as an array of one FIX. Without a geoid separation the height above sea level must do."""
+    """The fix as an array of one FIX. Without a geoid separation the height above sea level must do.
+
+    The height of a two-dimensional fix is an old one that the receiver holds, or a guess: it counts as unknown.
+    """
     row = np.zeros(1, FIX)
     height = fix.height_m if fix.height_m is not None else fix.alt_msl_m
+    if fix.dimensions == 2:
+        height = None
     row["t_ns"], row["arrival_ns"] = t_ns, arrival_ns
     row["lat"], row["lon"], row["height"] = math.radians(fix.lat_deg), math.radians(fix.lon_deg), _or_nan(height)
     row["sigma"] = [_or_nan(fix.sigma_n_m), _or_nan(fix.sigma_e_m), _or_nan(fix.sigma_d_m)]

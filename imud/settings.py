@@ -7,6 +7,7 @@ from msgspec import Meta
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NonNegative = Annotated[float, Meta(ge=0.0)]
+Quality = Annotated[int, Meta(ge=1, le=8)]
 Triple = tuple[float, float, float]
 
 
@@ -22,8 +23,11 @@ class Gnss(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The receiver."""
 
     latency_s: NonNegative = 0.15  # from a fix's epoch to its arrival, when nothing better is known
-    min_satellites: Annotated[int, Meta(ge=0)] = 0  # fixes with fewer are not used
+    min_satellites: Annotated[int, Meta(ge=0)] = 5  # fixes with fewer are not used; those that do not say are
     max_hdop: Positive = 20.0
+    qualities: tuple[Quality, ...] = (1, 2, 3, 4, 5)  # of GGA: neither estimated nor entered nor simulated
+    configure: bool = False  # set a MediaTek receiver up: faster line, fewer sentences, rate_hz (no @BAUD on its port)
+    rate_hz: Annotated[float, Meta(ge=1.0, le=10.0)] = 5.0  # fixes per second, if so
 
 
 class Navigation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

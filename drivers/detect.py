@@ -1,8 +1,8 @@
 """Finding out which device is on a line, and how fast it talks.
 
 First listen: a device that speaks by itself is recognised without a byte written to it, and a line that carries
-something unknown is listened to at all speeds. Only a silent line, or one whose driver the user named, is asked, driver
-by driver and speed by speed. Three turns, since a device may be starting up.
+something unknown is listened to at all speeds. Only a silent line, or one whose driver the user named, is asked, by
+every driver at the speeds that its devices use. Three turns, since a device may be starting up.
 """
 
 from collections.abc import Iterator, Sequence
@@ -115,9 +115,11 @@ def _listen_at_all(
 
 
 def _ask(among: Sequence[AnyDriver], baud: int | None) -> Dialogue[Found | None]:
-    for driver in among:
-        for speed in (baud,) if baud else driver.bauds:
-            yield Exchange(baud=speed, discard=True)
-            if found := (yield from driver.identify()):
-                return replace(found, baud=speed)
+    """Every driver at its likeliest speed, then every driver at its second."""
+    for rank in range(1 if baud else max(len(driver.bauds) for driver in among)):
+        for driver in among:
+            if speed := baud or next(iter(driver.bauds[rank : rank + 1]), None):
+                yield Exchange(baud=speed, discard=True)
+                if found := (yield from driver.identify()):
+                    return replace(found, baud=speed)
     return None

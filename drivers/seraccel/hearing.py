@@ -19,6 +19,7 @@ MENU = re.compile(
     rb"calibrat(?:e|ion) (?:menu|[xyz] axis)",
     re.IGNORECASE,
 )
+PROMPT = re.compile(rb"(?:selection|\[x\][^\r\n]*)[:\s]*$", re.IGNORECASE)
 FIRMWARE = re.compile(rb"firmware version[: ]*([\w.]+)", re.IGNORECASE)
 RANGE = re.compile(rb"range[^\r\n]*?(\d(?:\.\d)?) ?g", re.IGNORECASE)
 
@@ -68,6 +69,11 @@ def menu_in(heard: bytes) -> bytes:
     """The text up to the end of what resembles the menu or one of its prompts; empty if nothing does."""
     matches = list(MENU.finditer(heard))
     return heard[: matches[-1].end()] if matches else b""
+
+
+def ends_in_prompt(heard: bytes) -> bool:
+    """Whether the last words ask for a choice, of whatever menu."""
+    return PROMPT.search(heard) is not None
 
 
 def is_streaming(heard: bytes) -> bool:

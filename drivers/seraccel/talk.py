@@ -6,11 +6,11 @@ its menu again. `x` leaves the menu, and is sent only after text that resembles 
 """
 
 from ..dialogue import Dialogue, Exchange
-from .hearing import is_streaming, menu_in, stream_in
+from .hearing import ends_in_prompt, is_streaming, menu_in, stream_in
 
 PROBE, LEAVE = b"\xff", b"x"
-LISTEN_S = 0.1  # before a silent line is probed; the detection has listened for longer
-ANSWER_S, MENU_S = 0.15, 1.0  # to the first bytes of the menu; to its end, 600 bytes at 9600 baud
+LISTEN_S = 0.04  # before a silent line is probed; the detection has listened for longer
+ANSWER_S, MENU_S = 0.08, 1.0  # to the first bytes of the menu; to its end, 600 bytes at 9600 baud
 QUIET_S = 0.15  # within a menu there is no pause of that length
 START_S = 2.5
 PATIENCE_S = 1.3
@@ -20,9 +20,12 @@ WHOLE_HZ = 12.0  # slower rates are whole numbers, as the menu sets them
 
 
 def probe() -> Dialogue[bytes]:
-    """What a silent line says when asked for its menu; empty if it is not silent, or does not answer."""
-    if (yield Exchange(listen_s=LISTEN_S, enough=lambda heard: len(heard) > 0)):
-        return b""
+    """What the line says, if need be when asked for the menu: a line that is silent, or only showed a prompt."""
+    heard = yield Exchange(listen_s=LISTEN_S, enough=lambda heard: len(heard) > 0)
+    if heard:
+        heard = yield from listen_on(heard)
+        if menu_in(heard) or not ends_in_prompt(heard):
+            return heard
     heard = yield Exchange(PROBE, ANSWER_S, enough=lambda heard: len(heard) > 0)
     return (yield from listen_on(heard)) if heard else b""
 

@@ -65,6 +65,6 @@ PROFILES["mma7260"] = replace(
     accel_scale=0.03,
     accel_range=6.0 * STANDARD_GRAVITY,
 )
-# Epson M-G320, M-G354, M-G362 and later: no data sheet of their noise at hand, and Epson claims each to be better than the
-# ones before; so the M-G350's noise, and the widest ranges among them
+# Epson M-G320, M-G354, M-G362 and later: no data sheet of their noise at hand, only that they succeeded the M-G350; so
+# its noise, with the widest ranges among them
 PROFILES["epson-windowed"] = replace(PROFILES["m-g350"], gyro_range=450.0 * _DEG, accel_range=10.0 * STANDARD_GRAVITY)

@@ -1,8 +1,9 @@
 """Finding out which device is on a line, and how fast it talks.
 
 First listen: a device that speaks by itself is recognised without a byte written to it, and a line that carries
-something unknown is listened to at all speeds. Only a silent line, or one whose driver the user named, is asked, by
-every driver at the speeds that its devices use. Three turns, since a device may be starting up.
+something unknown is listened to at all speeds. Only a silent line is asked, by every driver at the speeds that its
+devices use, or one whose driver the user named if that may interrupt a stream. Three turns, since a device may be
+starting up.
 """
 
 from collections.abc import Iterator, Sequence
@@ -65,8 +66,9 @@ def detect(driver: str | None = None, baud: int | None = None, readonly: bool = 
         noise = None
         if found is None and len(heard) >= CHATTER:
             found, noise = yield from _listen_at_all(among, bauds, Chatter(heard, first, bauds))
-        if found is None and not readonly and (noise is None or driver):
-            found = yield from _ask(among, baud)
+        if found is None and not readonly:
+            askable = among if noise is None else [one for one in among if driver and one.interrupts]
+            found = yield from _ask(askable, baud)
         if found is not None:
             return found
         if noise is not None:
@@ -116,7 +118,7 @@ def _listen_at_all(
 
 def _ask(among: Sequence[AnyDriver], baud: int | None) -> Dialogue[Found | None]:
     """Every driver at its likeliest speed, then every driver at its second."""
-    for rank in range(1 if baud else max(len(driver.bauds) for driver in among)):
+    for rank in range(1 if baud else max((len(driver.bauds) for driver in among), default=0)):
         for driver in among:
             if speed := baud or next(iter(driver.bauds[rank : rank + 1]), None):
                 yield Exchange(baud=speed, discard=True)

@@ -85,6 +85,10 @@ class Driver(Protocol):
     def patience_s(self) -> float:
         """A healthy device of this driver that speaks by itself has said something recognisable by then."""
 
+    @property
+    def interrupts(self) -> bool:
+        """Whether `identify` may be asked of a device that streams. If not, a byte would do harm, or no good."""
+
     def recognise(self, heard: bytes) -> Identity | Unsupported | None:
         """The device, if `heard` is what it says by itself at the right speed."""
 

@@ -30,6 +30,7 @@ class Crossbow:
     name = "crossbow"
     bauds = (BAUD,)
     patience_s = 0.5
+    interrupts = True
 
     @property
     def kind(self) -> Literal["imu"]:

@@ -22,6 +22,7 @@ class Epson:
     name = "epson"
     bauds = (460800, 230400, 115200, 19200, 9600, 921600)
     patience_s = 0.5  # four frames at the lowest rate take 0.26 s
+    interrupts = True
 
     @property
     def kind(self) -> Literal["imu"]:

@@ -21,6 +21,7 @@ class Nmea:
     name = "nmea"
     bauds = (4800, 9600, 38400, 115200, 57600, 19200)
     patience_s = 1.3  # a burst a second, a little late
+    interrupts = False
 
     @property
     def kind(self) -> Literal["gnss"]:

@@ -23,6 +23,7 @@ class SerAccel:
     name = "seraccel"
     bauds = (57600, 38400, 19200, 9600)
     patience_s = PATIENCE_S
+    interrupts = False
 
     @property
     def kind(self) -> Literal["imu"]:

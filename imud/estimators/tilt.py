@@ -182,7 +182,8 @@ def tell(p: Any, s: Any, sample: Any, out: Any) -> None:
         out.v[i] = out.sigma_p[i] = out.sigma_v[i] = math.nan
         out.w[i] = s.w[i] if s.gyro[i] == 1 else math.nan
         out.f[i] = sample.f[i]
-        out.bg[i] = out.ba[i] = 0.0
+        out.bg[i] = 0.0 if s.gyro[i] == 1 else math.nan
+        out.ba[i] = 0.0
         out.sigma_bg[i] = math.sqrt(p.gyro_bias_var) if s.gyro[i] == 1 else math.nan
         out.sigma_ba[i] = math.sqrt(p.bias_var)
     out.sigma_rpy[0], out.sigma_rpy[1] = math.sqrt(s.angle_var[0]), math.sqrt(s.angle_var[1])

@@ -13,31 +13,33 @@ from .epochs import Epoch, same_time
 from .sentences import RefusedError, Sentence, Splitter
 
 QUIET_NS = 200_000_000  # longer than any pause within a burst
-SURE, DOUBT = 2, -3  # bursts: so many ended alike, and so many more must after one that went on
+SURE, DOUBT = 2, -3  # bursts: so many were alike, and so many more must be after one that was not
+LATEST = 1.1  # intervals after an epoch's first sentence, in which one without a time can be of that epoch
+LONGEST_NS = 10_000_000_000  # interval
 COMPANIONS = {"GST", "ZDA"}
 DIMENSIONS_LAST = 30  # epochs without a GSA after which the last one no longer counts
 
 
-class Endings:
-    """Which kinds of sentence end a burst, learned from bursts of which any sentence may have been lost."""
+class Habit:
+    """Which kinds of sentence have a place in the burst (last, or first), though any sentence may be lost."""
 
     def __init__(self) -> None:
         self._score: Counter[str] = Counter()
 
-    def ended(self, kind: str) -> None:
-        """A burst ended with `kind`."""
+    def kept(self, kind: str) -> None:
+        """A burst had `kind` there."""
         self._score[kind] = min(self._score[kind] + 1, SURE)
 
-    def went_on(self, kind: str) -> None:
-        """A burst went on after `kind`."""
+    def broken(self, kind: str) -> None:
+        """A burst had `kind` elsewhere."""
         self._score[kind] = DOUBT
 
     def sure(self, kind: str) -> bool:
-        """Whether `kind` ends bursts."""
+        """Whether that is the place of `kind`."""
         return self._score[kind] >= SURE
 
     def doubted(self, kind: str) -> bool:
-        """Whether bursts went on after `kind` lately."""
+        """Whether bursts had `kind` elsewhere lately."""
         return self._score[kind] < 0
 
 
@@ -77,7 +79,9 @@ class NmeaDecoder:
         self.status = ReceiverStatus()
         self._splitter = Splitter(self.counters)
         self._epoch: Epoch | None = None
-        self._endings = Endings()
+        self._beginnings, self._endings = Habit(), Habit()
+        self._vtg_agrees = True  # with RMC, where there was both
+        self._interval_ns = LONGEST_NS  # between epochs
         self._heights = HeightMode()
         self._waiting: dict[str, tuple[Content, int]] = {}  # companions of an epoch to come, with their arrival
         self._told_utc_ns: int | None = None
@@ -101,9 +105,11 @@ class NmeaDecoder:
         return self._close()
 
     def _take(self, sentence: Sentence) -> list[Fix]:
-        fresh = self._pause_ns is not None and sentence.arrival_ns >= self._pause_ns
-        fixes = self._close() if fresh else []
         content = self._read(sentence)
+        fresh = self._pause_ns is not None and sentence.arrival_ns >= self._pause_ns
+        if fresh and self._epoch and content and same_time(content.utc_ns, self._epoch.utc_ns):
+            fresh = False  # a pause in the burst, for bytes that were lost
+        fixes = self._close() if fresh else []
         if content is None:
             return fixes
         if isinstance(content, Dimensions):
@@ -127,26 +133,34 @@ class NmeaDecoder:
     def _place(self, sentence: Sentence, content: Content, fresh: bool) -> list[Fix]:
         """Put a sentence into the epoch to which it belongs."""
         epoch, kind = self._epoch, sentence.kind
-        if epoch is not None and epoch.fits(kind, content.utc_ns) and not fresh:
+        if epoch is not None and not fresh and self._belongs(sentence, content, epoch):
+            self._endings.broken(epoch.last)
+            self._beginnings.broken(kind)
             if epoch.done:
                 self.counters["late"] += 1
-                self._endings.went_on(epoch.last)
                 return []
-            self._endings.went_on(epoch.last)
             epoch.add(kind, content)
         elif kind in COMPANIONS:
             self._waiting[kind] = content, sentence.arrival_ns
             return []
-        elif epoch is not None and not epoch.done and content.utc_ns and same_time(content.utc_ns, epoch.utc_ns):
+        elif epoch is not None and not epoch.done and same_time(content.utc_ns, epoch.utc_ns):
             self.counters["repeated"] += 1  # by another talker
             return []
         else:
-            return self._close() + self._begin(sentence, content, fresh)
+            fixes = self._close()
+            self._begin(sentence, content, fresh)
+            return fixes + (self._finish() if self._endings.sure(kind) else [])
         return self._finish() if self._endings.sure(kind) else []
 
-    def _begin(self, sentence: Sentence, content: Content, fresh: bool) -> list[Fix]:
+    def _belongs(self, sentence: Sentence, content: Content, epoch: Epoch) -> bool:
+        late = content.utc_ns is None and sentence.arrival_ns - epoch.arrival_ns > LATEST * self._interval_ns
+        return not late and epoch.fits(sentence.kind, content.utc_ns)
+
+    def _begin(self, sentence: Sentence, content: Content, fresh: bool) -> None:
         kind = sentence.kind
-        first = self._endings.doubted(kind) or (fresh and not self._endings.sure(kind))
+        unusual = self._beginnings.doubted(kind) or self._endings.sure(kind)
+        first = self._beginnings.sure(kind) or (fresh and not unusual)
+        self._beginnings.kept(kind)
         epoch = self._epoch = Epoch(sentence.arrival_ns, open_time=first)
         self._pause_ns = None
         for name, (waiting, arrival_ns) in self._waiting.items():
@@ -155,13 +169,12 @@ class NmeaDecoder:
                 epoch.arrival_ns = min(epoch.arrival_ns, arrival_ns)
         self._waiting.clear()
         epoch.add(kind, content)
-        return self._finish() if self._endings.sure(kind) else []
 
     def _close(self) -> list[Fix]:
         """The epoch is over."""
         if self._epoch is None or self._epoch.done:
             return []
-        self._endings.ended(self._epoch.last)
+        self._endings.kept(self._epoch.last)
         return self._finish()
 
     def _finish(self) -> list[Fix]:
@@ -179,8 +192,19 @@ class NmeaDecoder:
             self.counters["repeated"] += 1
         elif epoch.contradictory():
             self.counters["contradictory"] += 1
-        elif fix := epoch.fix(status.quality, self._heights.now()):
-            self._told_utc_ns = epoch.utc_ns
-            self.counters["fixes"] += 1
-            return [fix]
+        else:
+            return self._tell(epoch, status.quality)
         return []
+
+    def _tell(self, epoch: Epoch, quality: int) -> list[Fix]:
+        agrees = epoch.vtg_agrees()
+        self._vtg_agrees = self._vtg_agrees if agrees is None else agrees
+        fix = epoch.fix(quality, self._heights.now(), self._vtg_agrees)
+        if fix is None:
+            return []
+        if epoch.utc_ns is not None and self._told_utc_ns is not None:
+            step_ns = epoch.utc_ns - self._told_utc_ns
+            self._interval_ns = step_ns if 0 < step_ns < LONGEST_NS else LONGEST_NS
+        self._told_utc_ns = epoch.utc_ns
+        self.counters["fixes"] += 1
+        return [fix]

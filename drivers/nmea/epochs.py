@@ -8,6 +8,7 @@ from .content import Calendar, Content, Errors, Heading, Minimum, Position, Velo
 
 SAME_NS = 10_000_000  # receivers round the time of one epoch to 2 decimals here and to 3 there
 FAR_DEG = 1e-3  # sentences of one epoch further apart than that contradict each other
+ROUNDING_MPS = 0.15  # speeds in RMC and VTG of one epoch differ by less
 
 
 def same_time(a_ns: int | None, b_ns: int | None) -> bool:
@@ -41,7 +42,11 @@ class Epoch:
         """Whether a sentence may be of this burst: its kind is missing, and nothing is against its time."""
         if self.has(kind):
             return False
-        return utc_ns is None or same_time(utc_ns, self.utc_ns) or (self.utc_ns is None and self.open_time)
+        return (
+            utc_ns is None
+            or same_time(utc_ns, self.utc_ns)
+            or (self.utc_ns is None and self.open_time and not self.done)
+        )
 
     def add(self, kind: str, content: Content) -> None:
         """Take it."""
@@ -73,14 +78,19 @@ class Epoch:
         places = self.places()
         return any(_apart_deg(places[0], other) > FAR_DEG for other in places[1:])
 
-    def fix(self, quality: int, dimensions: int | None) -> Fix | None:
+    def vtg_agrees(self) -> bool | None:
+        """Whether VTG gives the speed of RMC; None if one of them does not give any."""
+        rmc, vtg = (said.speed_mps if said else None for said in (self.rmc, self.vtg))
+        return None if rmc is None or vtg is None else abs(rmc - vtg) < ROUNDING_MPS
+
+    def fix(self, quality: int, dimensions: int | None, with_vtg: bool) -> Fix | None:
         """The burst as a fix of `quality`; None without a position."""
         places = self.places()
         if not places:
             return None
         place = places[0]
-        # RMC says by its time to which position its speed belongs; VTG can only be guessed by its place in the burst.
-        motion = self.rmc if self.rmc and self.rmc.speed_mps is not None else self.vtg
+        # RMC says by its time to which position its speed belongs; VTG can only be told by its place in the burst.
+        motion = self.rmc if self.rmc and self.rmc.speed_mps is not None else self.vtg if with_vtg else None
         dated = self.rmc or self.zda
         height = self.gga or self.gns or Position(None, quality, None)
         gst = self.gst or Errors(None, None, None, None)

@@ -32,6 +32,7 @@ from drivers.driver import Identity, ImuConfigured, Options, Unsupported
 from drivers.epson.driver import DRIVER as EPSON
 from drivers.sample import DEVICE_ERROR, SATURATED, SUSPECT
 from firmware_sim.uart import mishear
+from imud.clock import new_clock, stamp
 
 G = 9.80665
 GOLDEN = bytes.fromhex("AA55005BFF97FFEE005F005C2A59ADA20621012C000006BF")
@@ -187,6 +188,21 @@ def test_packets_that_vanish_are_bridged_by_the_timer(steps):
     assert decoding["lost"] == at[-1] - len(at) + 1
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_stamps_follow_the_uneven_sampling_of_the_unit(seed):
+    """The unit's clock is 500 ppm fast, it samples every 3.5 ms and sends the latest sample every 10 ms."""
+    rng = np.random.default_rng(seed)
+    sampled = np.floor(np.arange(3000) * 0.01 / 3.5e-3) * 3.5e-3  # s
+    frames = [packet(clock=-int(t * (1.0 + 500e-6) / 0.79e-6)) for t in sampled]
+    ticks = decoder().feed(b"".join(frames)).ticks
+    arrivals = np.arange(3000) * 0.01 + 6.25e-3 + rng.exponential(3e-4, 3000)
+    clock = new_clock(790.0, 6.25e6)
+    stamps = [stamp(clock[0], tick, int(t * 1e9)) for tick, t in zip(ticks, arrivals, strict=True)]
+    error = np.array(stamps) * 1e-9 - sampled
+    assert np.abs(error[1000:]).max() < 0.5e-3
+    assert np.std(np.arange(3000) * 0.01 - sampled) > 0.9e-3  # what a fixed spacing would make of it
+
+
 def test_faults_and_range_are_marked():
     level, fast = (0, 0, 0, 0, 0, 10922), (0, 0, 21845, 0, 0, 10922)
     frames = [packet(level), packet(level, bit=4), packet(level, bit=16), packet(level, bit=0xC0), packet(fast)]
@@ -215,10 +231,13 @@ def test_the_rate_follows_from_the_timer(rate, guess, direction):
 
 
 class Rga(Line):
-    """A unit in memory, after the papers; `relative` makes its packets another model's."""
+    """A unit in memory, after the papers. sends: its packets; silent: commands that it does not know."""
 
-    def __init__(self, baud=38400, rate_hz=100.0, streaming=False, sends=packet, silent="", part=300, deaf_s=0.0):
+    def __init__(
+        self, baud=38400, rate_hz=100.0, streaming=False, sends=packet, silent="", part=300, deaf_s=0.0, serial=None
+    ):
         super().__init__(baud)
+        self.serial = serial or b"\xff\0\0\x75\x5a\xcf"
         self.rate_hz, self.streaming, self.sends, self.silent = rate_hz, streaming, sends, silent
         self.next_s, self.count, self.pending, self.part, self.deaf_s = 0.0, 0, b"", part, deaf_s
         self.zeroed_s = None
@@ -250,7 +269,7 @@ class Rga(Line):
             self.streaming = command == b"C"
             self.next_s = self.now_s
         replies = {
-            b"R": b"H", b"S": b"\xff\0\0\x75\x5a\xcf", b"v": b"\xffRGA300CA $", b"V": b"\xffupper$", b"a": b"A",
+            b"R": b"H", b"S": self.serial, b"v": b"\xffRGA300CA $", b"V": b"\xffupper$", b"a": b"A",
         }  # fmt: skip
         self.say(self.one() if command == b"G" else replies.get(command, b""))
 
@@ -322,10 +341,24 @@ def test_what_is_unusual_is_said():
     assert run(DRIVER.configure(Identity("crossbow", "", baud=38400), Options()), Mute(38400))[0] is None
 
 
-@pytest.mark.parametrize(("silent", "serial", "firmware"), [("S", "", "RGA300CA"), ("v", "30042", "upper")])
+@pytest.mark.parametrize(
+    ("silent", "serial", "firmware"), [("S", "", "RGA300CA"), ("v", "30042", "upper"), ("G", "30042", "RGA300CA")]
+)
 def test_a_unit_that_answers_not_everything(silent, serial, firmware):
     found, _ = run(detect(), Rga(silent=silent))
     assert (found.serial, found.firmware) == (serial, firmware)
+
+
+def test_a_unit_that_gives_its_serial_number_as_text():
+    found, _ = run(detect(), Rga(serial=b"SN 30042\r\n"))
+    assert found.serial == "SN 30042"
+
+
+def test_a_stream_that_nothing_stops_is_taken_as_it_is():
+    unit = Rga(streaming=True, silent="RPCGSvV")
+    found, _ = run(detect(), unit)
+    result, _ = run(DRIVER.configure(found, Options()), unit)
+    assert (result.rate_hz, result.identity.model) == (100.0, "DMU RGA300CA")
 
 
 def ff(length):

@@ -52,9 +52,10 @@ class Crossbow:
         """Continuous mode. The unit has no settings; `options.rate_hz` cannot be met."""
         if not options.readonly:
             found = yield from self.identify()
-            if not isinstance(found, Identity):
+            if isinstance(found, Unsupported):
                 return None
-            identity = replace(found, baud=identity.baud)
+            if found is not None:  # else it may stream without listening
+                identity = replace(found, baud=identity.baud)
             yield Exchange(b"C", START_S, discard=True)
         heard = yield Exchange(listen_s=RATE_S, discard=True)
         summed = convention(heard)

@@ -8,12 +8,13 @@ Sources: Prasanna (2009), table "IMU Commands"; VRPN's vrpn_Tracker_Crossbow; Mo
 
 from ..dialogue import Dialogue, Exchange
 from ..driver import Identity, Unsupported
-from .hearing import RELATIVES, without_packets
+from .hearing import RELATIVES, is_stream, without_packets
 from .packet import CONVENTIONS, HEADER, LENGTH, is_packet
 
 QUIET_S = 0.05  # after P, until the last packet is through
 ANSWER_S = 0.1
 PACKET_S = 0.15
+STREAM_S = 0.3
 TEXT_S = 0.3
 TRIES = 3
 STRANGE_S = 0.05  # in which a longer packet than the RGA's would go on
@@ -31,7 +32,7 @@ def ping() -> Dialogue[bool]:
     for _ in range(TRIES):
         yield from stop()
         heard = yield Exchange(b"R", ANSWER_S, enough=lambda heard: heard == b"H", discard=True)
-        if heard == b"H":
+        if heard.strip() == b"H":
             return True
         if not heard:
             return False
@@ -39,31 +40,43 @@ def ping() -> Dialogue[bool]:
 
 
 def serial_number() -> Dialogue[str]:
-    """In decimal; empty if the answer is not as it should be."""
-    reply = yield Exchange(b"S", ANSWER_S, enough=lambda heard: len(heard) >= 6, discard=True)
-    if len(reply) != 6 or reply[0] != 0xFF or sum(reply[1:5]) & 0xFF != reply[5]:
-        return ""
-    return str(int.from_bytes(reply[1:5], "big"))
+    """In decimal, or the text that Prasanna's table promises; empty if the answer is neither."""
+    reply = yield Exchange(b"S", ANSWER_S, enough=is_serial_number, discard=True)
+    return str(int.from_bytes(reply[1:5], "big")) if is_serial_number(reply) else plain(reply)
+
+
+def is_serial_number(reply: bytes) -> bool:
+    """Whether this is the binary form that VRPN found."""
+    return len(reply) == 6 and reply[0] == 0xFF and sum(reply[1:5]) & 0xFF == reply[5]
+
+
+def plain(reply: bytes) -> str:
+    """The reply as one line of text; empty if it is none."""
+    text = reply.strip(b"\0 \r\n")
+    return text.decode("ascii") if text.isascii() and text.decode("ascii").isprintable() else ""
 
 
 def version() -> Dialogue[str]:
     """The unit's own description; empty if it gives none."""
     for command in (b"v", b"V"):
         reply = yield Exchange(command, TEXT_S, enough=lambda heard: b"$" in heard or HEADER in heard, discard=True)
-        text = reply.partition(b"$")[0].partition(HEADER)[0].removeprefix(b"\xff").strip(b"\0 \r\n")
-        if text and text.isascii() and text.decode("ascii").isprintable():
-            return text.decode("ascii")
+        if text := plain(reply.partition(b"$")[0].partition(HEADER)[0].removeprefix(b"\xff")):
+            return text
     return ""
 
 
 def describe(name: str) -> Dialogue[Identity | Unsupported | None]:
-    """Who answers: a packet tells. None: it sends none, so it is something else."""
+    """Who answers: a packet tells. None: nothing that is known."""
     packet = yield Exchange(b"G", PACKET_S, enough=lambda heard: len(heard) >= LENGTH, discard=True)
+    heard = b""
     if len(packet) >= LENGTH:
         packet += yield Exchange(listen_s=STRANGE_S)
+    else:
+        heard = yield Exchange(b"C", STREAM_S, enough=is_stream, discard=True)
+        yield from stop()
     serial = yield from serial_number()
     firmware = yield from version()
-    if any(is_packet(packet, convention) for convention in range(len(CONVENTIONS))):
+    if is_stream(heard) or any(is_packet(packet, convention) for convention in range(len(CONVENTIONS))):
         return Identity(name, "DMU RGA300CA", serial, firmware, profile="consumer-mems")  # no noise figures published
     for kind in RELATIVES:
         if kind.is_packet(packet):

@@ -38,20 +38,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass
 class Errors:
-    """Squares of one quantity's errors."""
+    """Of one quantity: the squares of its errors, and those of the standard deviations that were claimed for them."""
 
     total: float = 0.0
+    claimed: float = 0.0
     count: int = 0
     last: float = math.nan
 
-    def add(self, error: float) -> None:
+    def add(self, error: float, *sigmas: float) -> None:
         self.last = error
         self.total += error * error
+        self.claimed += sum(sigma * sigma for sigma in sigmas)
         self.count += 1
 
     @property
     def rms(self) -> float:
         return math.sqrt(self.total / self.count) if self.count else math.nan
+
+    @property
+    def claimed_rms(self) -> float:
+        return math.sqrt(self.claimed / self.count) if self.count else math.nan
 
 
 @dataclass
@@ -66,14 +72,15 @@ class Comparison:
         state = est.get("state", "")
         if "aligning" not in state:
             for name in ("roll", "pitch"):
-                self.errors[name].add(_turn(est[f"{name}_deg"] - truth[f"{name}_deg"]))
+                self.errors[name].add(_turn(est[f"{name}_deg"] - truth[f"{name}_deg"]), est[f"s{name}_deg"])
         if "heading" in state:
-            self.errors["heading"].add(_turn(est["yaw_deg"] - truth["yaw_deg"]))
+            self.errors["heading"].add(_turn(est["yaw_deg"] - truth["yaw_deg"]), est["syaw_deg"])
         if "position" in state:
             north = (est["lat_deg"] - truth["lat_deg"]) * _METRES_PER_DEG
             east = (est["lon_deg"] - truth["lon_deg"]) * _METRES_PER_DEG * math.cos(math.radians(truth["lat_deg"]))
-            self.errors["position"].add(math.hypot(north, east))
-            self.errors["velocity"].add(math.dist(*([d[f"v{a}_mps"] for a in "ned"] for d in (est, truth))))
+            self.errors["position"].add(math.hypot(north, east), est["sn_m"], est["se_m"])
+            velocities = ([d[f"v{axis}_mps"] for axis in "ned"] for d in (est, truth))
+            self.errors["velocity"].add(math.dist(*velocities), *(est[f"sv{axis}_mps"] for axis in "ned"))
 
 
 def _turn(angle_deg: float) -> float:
@@ -206,10 +213,13 @@ _UNITS = {"roll": "deg", "pitch": "deg", "heading": "deg", "position": "m, horiz
 
 
 def _summary(comparison: Comparison, estimates: int, elapsed_s: float) -> str:
-    lines = [f"\n{estimates} estimates in {elapsed_s:.1f} s. RMS error against the truth, while claimed valid:"]
+    lines = [
+        f"\n{estimates} estimates in {elapsed_s:.1f} s. RMS error against the truth, while claimed valid:",
+        f"  {'':10}{'error':>9}{'claimed 1σ':>12}",
+    ]
     for name, errors in comparison.errors.items():
-        value = f"{errors.rms:9.3f} {_UNITS[name]}" if errors.count else "        -"
-        lines.append(f"  {name:10}{value}")
+        known = f"{errors.rms:9.3f}{errors.claimed_rms:12.3f}  {_UNITS[name]}" if errors.count else f"{'-':>9}{'-':>12}"
+        lines.append(f"  {name:10}{known}")
     return "\n".join(lines)
 
 

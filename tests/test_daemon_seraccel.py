@@ -1,0 +1,46 @@
+"""The serial accelerometer through the daemon: found in its menu or streaming, served by `tilt`; others are refused."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from processes import daemon, emulator
+
+TILTED = ("--scenario", "rest", "--roll-deg", "10", "--pitch-deg", "-5", "--accel-bias-mg", "0,0,0")
+
+
+def test_tilt_from_a_board_in_its_menu_and_again_from_one_that_streams_counts(tmp_path):
+    board = tmp_path / "imu"
+    with daemon(tmp_path, "--port", str(board)) as imud:
+        with emulator("seraccel", *TILTED, links=[board]):
+            est = imud.until(lambda m: m["class"] == "EST" and m["state"] == "attitude")
+            assert est["estimator"] == "tilt"
+            assert est["roll_deg"] == pytest.approx(10.0, abs=3.0 * est["sroll_deg"])
+            assert est["pitch_deg"] == pytest.approx(-5.0, abs=3.0 * est["spitch_deg"])
+            assert est["syaw_deg"] == pytest.approx(103.9, abs=0.1)
+            assert "sbgz_dps" not in est and "lat_deg" not in est
+            first = est["seq"], est["t_mono_ns"]
+            later = imud.until(lambda m: m["class"] == "EST" and m["t_mono_ns"] > first[1] + 2_000_000_000)
+            assert (later["seq"] - first[0]) / (later["t_mono_ns"] - first[1]) * 1e9 == pytest.approx(100.0, rel=0.05)
+        imud.says("trying again")
+        running = (*TILTED, "--streaming", "--stream-mode", "binary", "--stream-rate", "50")
+        with emulator("seraccel@19200", *running, links=[board]):
+            imud.says("baud=19200")
+            est = imud.until(lambda m: m["class"] == "EST" and m["t_mono_ns"] > later["t_mono_ns"] + 3_000_000_000)
+            assert est["roll_deg"] == pytest.approx(10.0, abs=3.0 * est["sroll_deg"])
+        assert "has no gyro about x, y, z: tilt instead of attitude" in imud.log
+        assert imud.process.poll() is None
+
+
+def test_an_estimator_that_needs_gyros_is_refused(tmp_path):
+    board = tmp_path / "imu"
+    with emulator("seraccel", *TILTED, "--streaming", links=[board]):
+        ended = subprocess.run(
+            [sys.executable, "-m", "imud", "run", "--port", f"{board}:seraccel@57600", "--estimator", "attitude",
+             "--listen", str(tmp_path / "gpsd.sock")],
+            capture_output=True, text=True, timeout=240.0, check=False, env={**os.environ, "NO_COLOR": "1"},
+        )  # fmt: skip
+    assert ended.returncode == 64, ended.stderr
+    assert "'attitude' needs all gyros" in ended.stderr and "--estimator tilt" in ended.stderr
+    assert "Traceback" not in ended.stderr

@@ -46,6 +46,7 @@ class Options:
 
     rate_hz: float = 1000.0
     readonly: bool = False
+    self_test: bool = False  # have an inertial sensor test itself first; it must be at rest
     fix_rate_hz: float = 0.0  # a receiver may be set up for so many fixes per second; 0: it is left as it is
 
 

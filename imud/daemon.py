@@ -56,8 +56,9 @@ class Daemon:
         self._wanted = self._estimator = registry.by_name(_estimator_name(settings))
         self._fallback = registry.by_name(WITHOUT_GYROS) if settings.estimator == "auto" else None
         self._poll = select.poll()
-        gnss = settings.gnss
-        options = Options(rate_hz=settings.imu.rate_hz, fix_rate_hz=gnss.rate_hz if gnss.configure else 0.0)
+        imu, gnss = settings.imu, settings.gnss
+        fix_rate_hz = gnss.rate_hz if gnss.configure else 0.0
+        options = Options(rate_hz=imu.rate_hz, self_test=imu.self_test, fix_rate_hz=fix_rate_hz)
         self._ports = [Port(_spec(text), options, self, patient=wait) for text in settings.ports]
         self._by_fd: dict[int, Port] = {}
         self._imu: tuple[Port, Inertial] | None = None

@@ -17,6 +17,7 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     profile: str = "auto"  # noise profile by name; auto: what the driver says, else consumer-mems
     rate_hz: Annotated[float, Meta(gt=0.0, le=2000.0)] = 1000.0
     mount_rpy_deg: Triple = (0.0, 0.0, 0.0)  # ZYX angles of the sensor's axes in the vehicle's
+    self_test: bool = False  # have the sensor test itself whenever it is connected; it must be at rest
 
 
 class Gnss(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -37,6 +38,20 @@ class Navigation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     lever_arm_m: Triple = (0.0, 0.0, 0.0)  # antenna from IMU, body FRD
 
 
+class GpsTrack(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The estimator `gps-track`: Prasanna's Q and R."""
+
+    acceleration_var: Positive = 0.2  # (m/s^2)^2, constant from fix to fix
+    position_var: Positive = 0.5  # m^2, of fixes without a sigma of their own
+
+
+class Ins9(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The estimator `ins9`: Prasanna's Q and R."""
+
+    acceleration_walk: Positive = 0.7  # (m/s^2)^2/s
+    distance_var: Positive = 0.2  # m^2, of each reckoned distance
+
+
 class Gpsd(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The gpsd JSON server."""
 
@@ -54,6 +69,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     imu: Imu = Imu()
     gnss: Gnss = Gnss()
     navigation: Navigation = Navigation()
+    gps_track: GpsTrack = GpsTrack()
+    ins9: Ins9 = Ins9()
     gpsd: Gpsd = Gpsd()
 
 

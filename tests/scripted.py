@@ -162,6 +162,7 @@ class Windowed(Line):
         self.stuck = {}  # bytes that keep their value, by window and address
         self.frames = itertools.count()
         self.input = bytearray()
+        self.test_s, self.tested_s = 0.15, 0.0
         self.reset()
 
     def reset(self):
@@ -218,6 +219,8 @@ class Windowed(Line):
             self.reset()
         elif not self.sampling and (self.window, address) not in self.names:
             self.byte[self.window, address] = value
+            if (self.window, address, value) == (1, 0x03, 0x04):
+                self.tested_s = self.now_s + self.test_s
         self.byte |= self.stuck
 
     def frame(self):
@@ -235,6 +238,8 @@ class Windowed(Line):
 
     def pass_time(self, seconds):
         super().pass_time(seconds)
+        if self.now_s >= self.tested_s:
+            self.byte[1, 0x03] &= ~0x04
         while self.automatic and self.now_s >= self.next_frame_s:
             self.next_frame_s += 1.0 / self.rate_hz
             self.say(self.frame())

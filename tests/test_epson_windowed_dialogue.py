@@ -167,6 +167,22 @@ def test_a_hardware_error_is_reported():
     assert "hardware error" in " ".join(configure(device).warnings)
 
 
+@pytest.mark.parametrize(
+    ("diagnosis", "test_s", "complaint"), [(0, 0.15, ""), (0x20, 0.15, "failed"), (0, 9.0, "does not end")]
+)
+def test_the_self_test_is_run_when_wanted(diagnosis, test_s, complaint):
+    device = Windowed()
+    device.test_s, device.byte[0, 0x05] = test_s, diagnosis
+    result = configure(device, self_test=True)
+    assert bytes.fromhex("83040D") in device.written
+    assert complaint in " ".join(result.warnings)
+    assert bool(result.warnings) == bool(complaint)
+    assert result.frame_bytes == 36
+    untested = Windowed()
+    configure(untested)
+    assert bytes.fromhex("83040D") not in untested.written
+
+
 def test_a_running_stream_of_another_host_is_reconfigured():
     device = Windowed().start(4, fields=0xF007, wide=0x70, window=1)
     assert configure(device).frame_bytes == 36

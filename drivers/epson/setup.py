@@ -7,10 +7,11 @@ from ..dialogue import Dialogue, Exchange
 from .dialects import Dialect, Layout
 from .hearing import layout_of
 from .models import Model
-from .registers import AUTO, CONFIGURE, CONFIGURING, HARD_ERROR, RESET, SAMPLE, write
+from .registers import AUTO, CONFIGURE, CONFIGURING, HARD_ERROR, RESET, SAMPLE, TEST, TEST_FAILED, TESTING, write
 from .talk import STOP_S, STOPS, ask, put, select, wait_ready
 
 RESET_S = 0.8
+TEST_POLLS, TEST_S = 10, 0.1  # it takes 80 to 150 ms
 STREAM_S = 1.0
 WIRE_SHARE = 0.96  # of the line's capacity that a stream may take
 FILTER_CODE = 0x1F  # of the filter register; the bit above is set while the filter changes
@@ -37,6 +38,19 @@ def examine(dialect: Dialect) -> Dialogue[list[str]]:
     diagnosis = (yield from ask(dialect.diagnosis)) or 0
     broken = diagnosis & HARD_ERROR
     return [f"the sensor reports a hardware error (DIAG_STAT {diagnosis:#06x})"] if broken else []
+
+
+def self_test(dialect: Dialect) -> Dialogue[list[str]]:
+    """Have the sensor test itself, in configuration mode and at rest; returns warnings."""
+    yield from put(dialect.test, high=TEST)
+    for _ in range(TEST_POLLS):
+        yield Exchange(listen_s=TEST_S)
+        word = yield from ask(dialect.test)
+        if word is not None and not word & TESTING:
+            diagnosis = (yield from ask(dialect.diagnosis)) or 0
+            failed = diagnosis & TEST_FAILED
+            return [f"the sensor's self test failed (DIAG_STAT {diagnosis:#06x})"] if failed else []
+    return ["the sensor's self test does not end"]
 
 
 def fastest(model: Model, wanted_hz: float, baud: int) -> tuple[float, int, tuple[Layout, ...]]:

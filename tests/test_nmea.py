@@ -92,6 +92,9 @@ ACCEPTED = {
     "CR only": gga().replace(b"\n", b""),
     "noise before": b"\0\0\xff~" + gga(),
     "torn sentence before": gga()[:30] + gga(),
+    "two dollars": b"$" + gga(),  # ST Teseo
+    "noise instead of the line end": gga().strip() + b"\x86\x00*12$",
+    "explicit plus": gga(rest="1,08,+0.9,+545.4,M,+46.9,M,,"),
     "no line end before the next": gga().strip() + b"$GPGSV,1\r\n",
     "talker GN": line(gga()[1:-5].replace(b"GPGGA", b"GNGGA")),
     "talker BD": line(gga()[1:-5].replace(b"GPGGA", b"BDGGA")),
@@ -174,6 +177,15 @@ REFUSED = {
     "RMC date": (rmc(day="310294"), rmc(day="2303945")),
     "RMC mode": rmc(tail=",,,Z"),
     "GST sigma": line("GPGST,120000,,,,,x,1,1"),
+    "GNS mode": line("GNGNS,120000,4807.038,N,01131.000,E,AX,08,0.9,545.4,46.9,,"),
+    "GNS position missing": line("GNGNS,120000,,,,,AN,08,0.9,545.4,46.9,,"),
+    "GLL status": line("GPGLL,4807.038,N,01131.000,E,120000"),
+    "GLL latitude": line("GPGLL,9000.001,N,01131.000,E,120000,A,A"),
+    "GLL mode": line("GPGLL,4807.038,N,01131.000,E,120000,A,Z"),
+    "HDT course": (line("GPHDT,361.0,T"), line("GNHDT,-1,T")),
+    "HDT unit": line("GPHDT,10.0,M"),
+    "GSA dimensions": (line("GPGSA,A,,01"), line("GPGSA,A,4,01")),
+    "ZDA date": (line("GPZDA,120000,31,02,2026,,"), line("GPZDA,120000,21,11,26,,")),
 }
 
 
@@ -236,6 +248,39 @@ def test_gst_and_zda_complete_the_fix():
 def test_a_receiver_without_gga_gives_fixes_too():
     fix = fix_of(rmc(tail=",,,D"))
     assert (fix.quality, fix.mode, fix.height_m, fix.satellites) == (2, "D", None, None)
+
+
+def test_gns_and_gll_give_fixes_where_there_is_no_gga():
+    fix = fix_of(line("GNGNS,112257.00,3844.24011,N,00908.43828,W,ADF,13,1.2,12.9,47.0,,,V"))
+    assert (fix.quality, fix.satellites, fix.hdop, fix.alt_msl_m, fix.height_m) == (5, 13, 1.2, 12.9, 59.9)
+    assert fix.lat_deg == float(Fraction(38) + Fraction("44.24011") / 60)
+    assert decode(line("GNGNS,053231.438,,,,,NNNN,00,,,0.0,,0000"))[0] == []
+    fix = fix_of(line("INGLL,4426.1130,N,07140.5579,W,194102,A"))  # gpsd's humminbird-M37.log
+    assert (fix.quality, fix.height_m, fix.satellites, fix.utc_s) == (1, None, None, 19 * 3600 + 41 * 60 + 2)
+    assert fix.lon_deg == -float(Fraction(71) + Fraction("40.5579") / 60)
+    assert decode(line("GPGLL,,,,,,V,N"))[0] == []
+
+
+def test_an_invalid_sentence_beside_a_valid_one_is_no_place():
+    """Both are at 0, 0 until somebody takes them for a position."""
+    void = line("GNGNS,120000.000,,,,,NN,00,,,,,")
+    assert fix_of(void + rmc()).lat_deg == pytest.approx(48.1173)
+    assert fix_of(line("GPGLL,,,,,120000.000,V,N") + gga()).lat_deg == pytest.approx(48.1173)
+
+
+@given(st.decimals(0, 359, places=3))
+def test_true_heading_is_that_of_satellite_receivers_only(heading):
+    sentence = line(f"GNHDT,{heading},T")
+    assert fix_of(gga() + sentence).heading_deg == float(heading) == NMEAReader.parse(sentence).headingT
+    assert fix_of(gga() + line(f"HEHDT,{heading},T")).heading_deg is None
+    assert fix_of(gga() + line("GNHDT,,T")).heading_deg is None
+
+
+def test_a_fix_without_satellites_in_gga_does_not_know_them():
+    """Garmin 25 LP and Furuno GT-88 (gpsd's garmin25lp.log, furuno_gl_ga.log)."""
+    assert fix_of(gga(rest="1,00,3.1,746.1,M,44.2,M,,")).satellites is None
+    gns = line("GNGNS,120000.000,4807.038,N,01131.000,E,NDD,11,1.3,545.4,46.9,,,V")
+    assert fix_of(gga(rest="2,00,1.3,545.4,M,46.9,M,,") + gns).satellites == 11
 
 
 def test_recognition():

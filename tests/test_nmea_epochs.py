@@ -4,7 +4,7 @@ from datetime import date
 from fractions import Fraction
 
 import pytest
-from nmea_lines import decode, gga, rmc, vtg
+from nmea_lines import decode, gga, line, rmc, vtg
 
 from drivers.nmea.decoder import QUIET_NS, NmeaDecoder
 
@@ -129,3 +129,90 @@ def test_a_transition_epoch_with_a_position_but_quality_0_is_no_fix():
     fixes, decoder = decode(gga() + rmc(status="V"))
     assert fixes == []
     assert decoder.counters["no fix"] == 1
+
+
+def gsa(mode, talker="GP"):
+    return line(f"{talker}GSA,A,{mode},01,03,14,,,,,,,,,,3.1,3.1,")
+
+
+def test_dimensions_are_those_last_said():
+    receiver = Receiver()
+    for k, modes in enumerate([(2,), (), (), (3,), (3, 1), (1, 3), (), (1,), (1, 1)]):
+        receiver.burst(gga(at(k)), *[gsa(mode) for mode in modes], vtg())
+    assert [fix.dimensions for fix in receiver.fixes] == [2, 2, 2, 3, 3, 3, 3, None, None]
+    for k in range(40):
+        receiver.burst(gga(at(100 + k)), gsa(2) if k == 0 else b"", vtg())
+    assert receiver.fixes[-20].dimensions == 2
+    assert receiver.fixes[-1].dimensions is None, "too long ago"
+
+
+def test_a_clock_that_is_ahead_in_zda_makes_no_epoch():
+    """Ashtech AC12 (gpsd's ac12.log): ZDA says two seconds more than GGA and RMC."""
+    receiver = Receiver(flush=False)
+    for k in range(6):
+        receiver.burst(gga(at(k)), slow_rmc(at(k)), line(f"GPZDA,{at(k + 2)},23,03,1994,00,00"), vtg(kmh=str(k)))
+    assert [fix.utc_s - 43200 for fix in receiver.fixes] == [0, 1, 2, 3, 4, 5][: len(receiver.fixes)]
+    assert len(receiver.fixes) >= 5
+    assert [round(fix.speed_mps * 3.6) for fix in receiver.fixes] == list(range(len(receiver.fixes)))
+
+
+def test_zda_before_the_rest_dates_the_fix_and_begins_the_epoch():
+    decoder, stream = NmeaDecoder(), b""
+    for k in range(4):
+        stream += line(f"GPZDA,{at(k)},2{k},11,2026,00,00") + gga(at(k))
+    fixes = decoder.feed(stream, 1) + decoder.flush(1 + QUIET_NS)
+    assert [fix.date for fix in fixes] == [date(2026, 11, 20 + k) for k in range(4)]
+    receiver = Receiver()
+    receiver.burst(line(f"GPZDA,{at(0)},21,11,2026,00,00"), gga(at(0)))
+    assert receiver.fixes[0].arrival_ns == 10**12 + 20_000_000
+
+
+def test_times_rounded_apart_are_one_epoch():
+    """Magellan eXplorist (gpsd's eXplorist210.log): GLL says .297, GGA and RMC .30."""
+    gll = line("GPGLL,4807.038,N,01131.000,E,120000.297,A")
+    fixes, _ = decode(gll + gga("120000.30") + rmc("120000.30"))
+    assert [fix.utc_s for fix in fixes] == [43200.3]
+
+
+def test_two_talkers_of_one_epoch_give_one_fix():
+    receiver = Receiver()
+    for k in range(4):
+        receiver.burst(gga(at(k)), line(gga(at(k))[1:-5].replace(b"GP", b"GN")), rmc(at(k)))
+    assert len(receiver.fixes) == 4
+
+
+def test_rmc_and_gga_that_contradict_each_other_are_no_fix():
+    """Two flipped bits can cancel in the checksum."""
+    fixes, decoder = decode(gga(lat="5807.039,N") + rmc())
+    assert fixes == []
+    assert decoder.counters["contradictory"] == 1
+    assert len(decode(gga(lat="4807.0380,N", lon="01131.0001,E") + rmc())[0]) == 1
+
+
+def test_the_speed_of_rmc_goes_before_that_of_vtg():
+    assert decode(gga() + rmc(motion="10.0,20.0") + vtg(kmh="99.0"))[0][0].speed_mps == float(Fraction(18520, 3600))
+
+
+def test_vtg_that_does_not_go_with_rmc_is_not_used_alone():
+    """A burst that begins with VTG, without a pause before: it looks like the end of the one before."""
+    decoder, stream = NmeaDecoder(), b""
+    for k in range(5):
+        stream += vtg(kmh=str(10 * k)) + (rmc(at(k), motion=f"{k / 0.1852},0") if k != 3 else b"") + gga(at(k))
+    fixes = decoder.feed(stream, 1) + decoder.flush(1 + QUIET_NS)
+    assert [fix.speed_mps and round(fix.speed_mps * 3.6) for fix in fixes] == [0, 10, 20, None, 40]
+
+
+def test_endings_survive_losses_in_succession():
+    receiver = Receiver(flush=False)
+    for k in range(10):
+        receiver.burst(gga(at(k)), b"" if k in (4, 5) else vtg(kmh=str(k)))
+    told = [receiver.burst(gga(at(k)), vtg(kmh=str(k))) for k in range(10, 13)]
+    assert told == [[1], [1], [1]]
+    assert [fix.speed_mps is None for fix in receiver.fixes] == [k in (4, 5) for k in range(13)]
+
+
+def test_a_burst_torn_by_lost_bytes_stays_one_epoch():
+    decoder, now = NmeaDecoder(), 10**12
+    fixes = decoder.feed(gga(), now) + decoder.feed(rmc(motion="10.0,20.0"), now + 300_000_000)
+    fixes += decoder.flush(now + 10**9)
+    assert [fix.course_deg for fix in fixes] == [20.0]

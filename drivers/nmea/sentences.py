@@ -1,9 +1,9 @@
 """NMEA 0183 sentences, strictly: bytes to checked sentences, and their fields to values.
 
-A sentence ends with its checksum, CR, LF, or the `$` of the next one, so that good sentences around a torn one survive.
-What is not correct to the letter is refused with a reason, never guessed; empty fields are `None`. Angles are computed
-from the digits as one quotient of integers, so they are right to the last bit. Source: NMEA 0183 v4.11, gpsd's
-NMEA.adoc.
+A sentence ends with CR, LF, or the `$` of the next one, and what stands behind its checksum does not count: good
+sentences beside a torn one survive. What is not correct to the letter is refused with a reason, never guessed; empty
+fields are `None`. Angles are computed from the digits as one quotient of integers, so they are right to the last bit.
+Source: NMEA 0183 v4.11, gpsd's NMEA.adoc.
 """
 
 import re

@@ -1,0 +1,71 @@
+"""Fixes on their way to the filter: which are refused, and what their records say. Oracle: the definitions."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from nmea_lines import decode, gga, line, rmc, vtg
+
+from imud.config import load
+from imud.errors import ConfigError
+from imud.gnss import fixes_of_log, record, refusal
+from imud.settings import Gnss
+
+FIX = decode(gga() + rmc(motion="10.0,90.0") + vtg())[0][0]
+
+
+def test_the_papers_rules_are_the_defaults_and_can_be_changed():
+    assert refusal(FIX, Gnss()) is None
+    assert "4 satellites" in refusal(replace(FIX, satellites=4), Gnss())
+    assert refusal(replace(FIX, satellites=5), Gnss()) is None
+    assert refusal(replace(FIX, satellites=None), Gnss()) is None, "RMC does not say"
+    assert refusal(replace(FIX, satellites=3), Gnss(min_satellites=0)) is None
+
+
+@pytest.mark.parametrize(("quality", "word"), [(6, "dead reckoning"), (7, "by hand"), (8, "simulated")])
+def test_guesses_and_simulations_are_refused_unless_wanted(quality, word):
+    assert word in refusal(replace(FIX, quality=quality), Gnss())
+    assert refusal(replace(FIX, quality=quality), Gnss(qualities=(quality,))) is None
+    for measured in (1, 2, 3, 4, 5):
+        assert refusal(replace(FIX, quality=measured), Gnss()) is None
+
+
+def test_a_poor_or_timeless_fix_is_refused_but_an_unknown_hdop_is_not():
+    assert "HDOP" in refusal(replace(FIX, hdop=20.1), Gnss())
+    assert refusal(decode(gga(rest="1,08,99.99,545.4,M,46.9,M,,"))[0][0], Gnss()) is None
+    assert "no time" in refusal(replace(FIX, utc_s=None), Gnss())
+
+
+def test_the_record_is_in_si_units():
+    row = record(FIX, 5, 7)[0]
+    assert (row["t_ns"], row["arrival_ns"], row["quality"], row["satellites"]) == (5, 7, 1, 8)
+    assert row["lat"] == math.radians(48 + 7.038 / 60)
+    assert row["height"] == pytest.approx(545.4 + 46.9)
+    assert row["speed"] == pytest.approx(18520 / 3600)
+    assert row["course"] == math.radians(90.0)
+    assert all(math.isnan(v) for v in row["v"])
+    assert record(replace(FIX, satellites=None), 0, 0)["satellites"][0] == -1
+
+
+def test_a_height_that_the_receiver_holds_is_unknown():
+    """Garmin 25 LP with three satellites: the height stays where it was (gpsd's garmin25lp.log)."""
+    flat = decode(line("GPGSA,A,2,01,03,,14,,,,,,,,,3.1,3.1,") + gga(rest="1,03,3.1,746.1,M,44.2,M,,"))[0][0]
+    assert (flat.dimensions, flat.height_m) == (2, pytest.approx(790.3))
+    assert math.isnan(record(flat, 0, 0)["height"][0])
+    assert record(replace(flat, dimensions=3), 0, 0)["height"][0] == pytest.approx(790.3)
+    assert record(replace(flat, dimensions=None), 0, 0)["height"][0] == pytest.approx(790.3)
+
+
+def test_settings_name_the_qualities_that_there_are():
+    assert load(None, ["gnss.qualities=[4, 5]"]).gnss.qualities == (4, 5)
+    with pytest.raises(ConfigError, match=r"gnss\.qualities"):
+        load(None, ["gnss.qualities=[0]"])
+
+
+def test_a_log_is_placed_near_the_samples_and_over_midnight(tmp_path):
+    log = tmp_path / "track.nmea"
+    log.write_bytes(b"".join(gga(time) for time in ("235958.000", "235959.000", "000000.000", "000001.000")))
+    origin = 1_700_000_000 // 86_400 * 86_400
+    rows = fixes_of_log(log, origin, 86_397 * 10**9, Gnss())
+    assert [round(t * 1e-9) for t in rows["t_ns"]] == [86_398, 86_399, 86_400, 86_401]
+    assert set(rows["arrival_ns"] - rows["t_ns"]) == {150_000_000}

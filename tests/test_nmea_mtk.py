@@ -1,0 +1,187 @@
+"""Setting up a MediaTek receiver: the emulated FV-M11 on a pseudo-terminal, and in memory when it misbehaves."""
+
+import time
+
+import numpy as np
+import pytest
+from nmea_lines import gga, line, rmc, vtg
+from processes import emulator
+from scripted import Line, Speaker, run
+
+from drivers.detect import detect
+from drivers.driver import Identity, Options
+from drivers.nmea.driver import DRIVER, MEDIATEK
+from drivers.nmea.mtk import command, speaks_mtk
+from drivers.transport.conversation import run_dialogue
+from drivers.transport.portspec import PortSpec
+from drivers.transport.serial import SerialPort
+from firmware_sim.fixes import SimulatedFixes
+from firmware_sim.motion import Trajectory
+from firmware_sim.nmea import FvM11
+from firmware_sim.scenarios import SCENARIOS
+from imud.config import load
+from imud.settings import Settings
+
+FAST = Options(fix_rate_hz=5.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),  # protocols.md 4.3
+    [
+        ("220,200", b"$PMTK220,200*2C\r\n"),
+        ("300,200,0,0,0,0", b"$PMTK300,200,0,0,0,0*2F\r\n"),
+        ("251,57600", b"$PMTK251,57600*2C\r\n"),
+        ("314,-1", b"$PMTK314,-1*04\r\n"),
+    ],
+)
+def test_commands_are_those_of_the_manual(text, sentence):
+    assert command(text) == sentence
+
+
+def test_mediatek_receivers_say_so_themselves():
+    assert speaks_mtk(b"noise$PMTK010,001*2E\r\n")
+    assert speaks_mtk(line("PMTK705,AXN_2.51_3339_19071200,0002,QUECTEL-L70,1.0"))  # of gpsd's quectel-L70.log
+    assert not speaks_mtk(b"$PMTK010,001*2F\r\n" + gga())
+
+
+class Device(Line):
+    """The emulated receiver on a wire in memory. deaf: commands that it does not hear."""
+
+    def __init__(self, baud=9600, deaf=(), **options):
+        super().__init__(baud)
+        trajectory = Trajectory(SCENARIOS["rest"](0.0, 0.0, 0.0), 35.0, 139.0, 60.0)
+        source = SimulatedFixes(trajectory, np.random.default_rng(1), 1.8e9, True)
+        self.unit = FvM11(source, 1.8e9, baud=baud, no_fix_s=0.0, **options)
+        self.deaf = {str(number) for number in deaf}
+        self.commands = []
+
+    def hear(self, data):
+        self.written += data
+        number = data[5:8].decode()
+        if data:
+            self.commands.append(number)
+        if number not in self.deaf:
+            self.unit.receive(self.unit.uart.hear(data, self.host_baud), self.now_s)
+
+    def pass_time(self, seconds):
+        super().pass_time(seconds)
+        self.unit.advance(self.now_s)
+        self.outgoing += self.unit.uart.take(self.now_s, self.host_baud)
+
+    def listen(self, seconds):
+        """What it says from now on."""
+        self.outgoing.clear()
+        for _ in range(int(seconds / 0.01)):
+            self.pass_time(0.01)
+        return bytes(self.outgoing)
+
+
+def configure(device, options=FAST, model=MEDIATEK, baud=9600):
+    device.host_baud = baud
+    return run(DRIVER.configure(Identity("nmea", model, baud=baud), options), device)[0]
+
+
+def fixes_in(data):
+    return len(DRIVER.new_decoder().feed(data, 1))
+
+
+@pytest.mark.parametrize("baud", [4800, 9600, 38400, 115200])
+@pytest.mark.parametrize("periods", [(220, 300), (300,)])
+def test_five_fixes_a_second_through_a_faster_line(baud, periods):
+    device = Device(baud, periods=periods)
+    configured = configure(device, baud=baud)
+    assert configured.warnings == ()
+    assert configured.identity.baud == device.unit.uart.baud == max(baud, 57600)
+    data = device.listen(4.0)
+    assert 15 <= fixes_in(data) <= 20, "the first may still be a second away"
+    assert b"GPGSV" not in data
+    assert b"GPGSA" in data
+
+
+def test_a_receiver_whose_boot_was_missed_is_asked_who_it_is():
+    device = Device()
+    configured = configure(device, model="NMEA receiver")
+    assert device.commands[0] == "605"
+    assert configured.identity.model == MEDIATEK
+    assert configured.warnings == ()
+
+
+def test_another_makers_receiver_is_asked_and_left_alone():
+    device = Speaker(9600, gga() + rmc() + vtg())
+    configured = configure(device, model="NMEA receiver")
+    assert bytes(device.written) == 3 * command("605")
+    assert "not known to be a MediaTek" in configured.warnings[0]
+    assert configured.identity.baud == 9600
+
+
+@pytest.mark.parametrize("options", [Options(), Options(readonly=True, fix_rate_hz=5.0)])
+def test_nothing_is_written_unasked_or_to_a_readonly_port(options):
+    device = Device()
+    assert configure(device, options).warnings == ()
+    assert device.written == b""
+
+
+def test_two_retries_then_the_old_state():
+    device = Device(deaf=("220", "300"))
+    configured = configure(device)
+    assert [device.commands.count(n) for n in ("220", "300")] == [6, 6]  # thrice to set, thrice to set back
+    assert "neither by PMTK220 nor by PMTK300" in configured.warnings[0]
+    assert configured.identity.baud == device.unit.uart.baud == 9600
+    assert b"GPGSV" in device.listen(6.0), "the sentences are the receiver's own again"
+
+
+def test_a_rate_that_it_refuses_leaves_the_old_state():
+    device = Device()
+    configured = configure(device, Options(fix_rate_hz=10.0))
+    assert configured.warnings
+    assert device.unit.uart.baud == 9600
+    assert fixes_in(device.listen(10.0)) in (9, 10)
+
+
+def test_a_receiver_that_keeps_its_speed_is_left_at_it():
+    device = Device(deaf=("251",))
+    configured = configure(device)
+    assert "does not change to 57600 baud" in configured.warnings[0]
+    assert configured.identity.baud == 9600
+    assert b"GPGSV" in device.listen(6.0)
+
+
+def test_sentences_that_cannot_be_chosen_change_nothing():
+    device = Device(deaf=("314",))
+    assert "PMTK314" in configure(device).warnings[0]
+    assert set(device.commands) == {"314"}
+    assert device.unit.uart.baud == 9600
+
+
+def test_a_receiver_that_falls_silent_is_lost():
+    class Dying(Device):
+        def pass_time(self, seconds):
+            super().pass_time(seconds)
+            if "251" in self.commands:
+                self.outgoing.clear()
+
+    assert configure(Dying()) is None
+
+
+def test_settings_leave_receivers_alone_by_default():
+    assert Settings().gnss.configure is False
+    assert load(None, ["gnss.configure=true", "gnss.rate_hz=2"]).gnss.rate_hz == 2.0
+
+
+@pytest.mark.parametrize("baud", [4800, 57600])
+def test_on_a_pseudo_terminal(tmp_path, baud):
+    link = tmp_path / "gnss"
+    with emulator(f"nmea@{baud}", "--no-fix", "0.5", links=[link]):
+        port = SerialPort(PortSpec.parse(str(link)))
+        try:
+            found = run_dialogue(port, detect("nmea"))
+            configured = run_dialogue(port, DRIVER.configure(found, FAST))
+            assert (configured.identity.baud, configured.warnings) == (57600, ())
+            decoder, fixes, end = DRIVER.new_decoder(), [], time.monotonic() + 20.0
+            while len(fixes) < 12 and time.monotonic() < end:
+                fixes += decoder.feed(port.read(), time.monotonic_ns())
+                time.sleep(0.01)
+        finally:
+            port.close()
+    steps = np.diff([fix.utc_s for fix in fixes]) % 86_400
+    assert np.allclose(steps[4:], 0.2, atol=1e-6)

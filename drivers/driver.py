@@ -46,6 +46,7 @@ class Options:
 
     rate_hz: float = 1000.0
     readonly: bool = False
+    filter_taps: int = 0  # of an inertial sensor's moving average, at least; 0: as few as the rate allows, least delay
     self_test: bool = False  # have an inertial sensor test itself first; it must be at rest
     fix_rate_hz: float = 0.0  # a receiver may be set up for so many fixes per second; 0: it is left as it is
 

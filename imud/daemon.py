@@ -58,7 +58,9 @@ class Daemon:
         self._poll = select.poll()
         imu, gnss = settings.imu, settings.gnss
         fix_rate_hz = gnss.rate_hz if gnss.configure else 0.0
-        options = Options(rate_hz=imu.rate_hz, self_test=imu.self_test, fix_rate_hz=fix_rate_hz)
+        options = Options(
+            rate_hz=imu.rate_hz, filter_taps=imu.filter_taps, self_test=imu.self_test, fix_rate_hz=fix_rate_hz
+        )
         self._ports = [Port(_spec(text), options, self, patient=wait) for text in settings.ports]
         self._by_fd: dict[int, Port] = {}
         self._imu: tuple[Port, Inertial] | None = None

@@ -17,6 +17,7 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     profile: str = "auto"  # noise profile by name; auto: what the driver says, else consumer-mems
     rate_hz: Annotated[float, Meta(gt=0.0, le=2000.0)] = 1000.0
     mount_rpy_deg: Triple = (0.0, 0.0, 0.0)  # ZYX angles of the sensor's axes in the vehicle's
+    filter_taps: Annotated[int, Meta(ge=0, le=128)] = 0  # of the sensor's own filter, at least; 0: for the least delay
     self_test: bool = False  # have the sensor test itself whenever it is connected; it must be at rest
 
 

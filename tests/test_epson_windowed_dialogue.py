@@ -6,6 +6,7 @@ from scripted import G350, WINDOWED_RATES, Mute, Windowed, run
 from drivers.driver import Identity, Options, Unsupported
 from drivers.epson.driver import DRIVER
 from drivers.epson.models import MODELS
+from imud.profiles import PROFILES
 
 FLASH_BACKUP, INITIAL_BACKUP = bytes.fromhex("8A080D"), bytes.fromhex("8A100D")  # GLOB_CMD in window 1
 FLAT_STOP = bytes.fromhex("B9020D")  # in window 1: into the rotation matrix
@@ -111,6 +112,17 @@ def test_every_rate_has_the_shortest_filter_that_is_valid(code):
 
 
 @pytest.mark.parametrize(
+    ("wanted", "taps", "warned"), [(0, 2, False), (16, 16, False), (1, 2, True), (100, 128, True), (128, 128, False)]
+)
+def test_a_longer_filter_may_be_asked_for(wanted, taps, warned):
+    device = Windowed()
+    result = configure(device, filter_taps=wanted)
+    assert 1 << device.byte[1, 0x06] == taps
+    assert result.delay_ns == round((taps - 1) / 2 / 2000.0 * 1e9) + round(360 / 460800 * 1e9)
+    assert bool(result.warnings) == warned
+
+
+@pytest.mark.parametrize(
     ("baud", "wanted_hz", "possible_hz", "frame_bytes"),
     [
         (921600, 2000.0, 2000.0, 36),
@@ -210,6 +222,7 @@ def test_readonly_needs_to_know_the_model():
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
 def test_the_table_of_models_is_sound(model):
     assert model.rates
+    assert model.profile in PROFILES
     for rate in model.rates.values():
         assert model.taps(rate) * rate >= model.filter_hz
     assert all(16383 < end <= 32767 for end in model.range_lsb)  # a range that would use no bit of the word is a slip

@@ -41,14 +41,14 @@ class Epson:
         return (yield from describe(dialect)) if dialect else None
 
     def configure(self, identity: Identity, options: Options) -> Dialogue[ImuConfigured | None]:
-        """The nearest possible rate, the shortest filter, COUNT, the finest words, automatic frames.
+        """The nearest possible rate, the shortest filter that will do, COUNT, the finest words, automatic frames.
 
         A stream of the windowed dialect does not say of which model it is, so readonly it cannot be used.
         """
         model = model_of(identity.model)
         if options.readonly:
             rate, layout = (yield from listen(model)) if model else (0.0, None)
-            return configured(identity, model, rate, layout, ()) if model and layout else None
+            return configured(identity, model, rate, model.taps(rate), layout, ()) if model and layout else None
         dialect = yield from reach()
         described = (yield from describe(dialect)) if dialect else None
         model = model_of(described.model) if isinstance(described, Identity) else None
@@ -64,9 +64,12 @@ class Epson:
         if rate != options.rate_hz:
             warnings.append(f"{options.rate_hz:g} samples/s wanted, {rate:g} is the nearest possible at {baud} baud")
         warnings += yield from arrange(layouts)
-        rate, refused = yield from program(model, code)
+        taps = model.taps(rate, options.filter_taps)
+        if taps != options.filter_taps and options.filter_taps:
+            warnings.append(f"a filter of {options.filter_taps} taps wanted, {taps} are possible at {rate:g} samples/s")
+        rate, refused = yield from program(model, code, taps)
         layout = yield from start(model.dialect)
-        return configured(identity, model, rate, layout, (*warnings, *refused)) if layout else None
+        return configured(identity, model, rate, taps, layout, (*warnings, *refused)) if layout else None
 
     def new_state(self, configured: ImuConfigured) -> NDArray[np.void]:
         """See `ImuDriver`."""
@@ -83,11 +86,11 @@ class Epson:
 
 
 def configured(
-    identity: Identity, model: Model, rate_hz: float, layout: Layout, warnings: tuple[str, ...]
+    identity: Identity, model: Model, rate_hz: float, taps: int, layout: Layout, warnings: tuple[str, ...]
 ) -> ImuConfigured:
     """The finding of `configure`."""
     wire_ns = round(layout.length * 10 / (identity.baud or Epson.bauds[0]) * 1e9)
-    delay_ns = model.delay_ns(rate_hz) + wire_ns
+    delay_ns = model.delay_ns(taps) + wire_ns
     return ImuConfigured(identity, rate_hz, round(1e9 / rate_hz), delay_ns, layout.length, warnings)
 
 

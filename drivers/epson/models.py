@@ -59,13 +59,14 @@ class Model:
         longest = max(self.tap_codes)
         return {code: rate for code, rate in self.dialect.rates.items() if longest * rate >= self.filter_hz}
 
-    def taps(self, rate_hz: float) -> int:
-        """The shortest valid filter, for the least delay."""
-        return min(taps for taps in self.tap_codes if taps * rate_hz >= self.filter_hz)
+    def taps(self, rate_hz: float, wanted: int = 0) -> int:
+        """The shortest filter that is valid and has the taps wanted; the longest there is if none has."""
+        enough = (taps for taps in self.tap_codes if taps * rate_hz >= self.filter_hz and taps >= wanted)
+        return min(enough, default=max(self.tap_codes))
 
-    def delay_ns(self, rate_hz: float) -> int:
-        """Group delay of that filter: (taps - 1) / 2 of its input periods."""
-        return round((self.taps(rate_hz) - 1) / 2 / self.filter_hz * 1e9)
+    def delay_ns(self, taps: int) -> int:
+        """Group delay of a filter: (taps - 1) / 2 of its input periods."""
+        return round((taps - 1) / 2 / self.filter_hz * 1e9)
 
 
 FALLING = (-0.0037918, 2634)  # degC per LSB, and the word at 25 degC

@@ -67,20 +67,20 @@ def fastest(model: Model, wanted_hz: float, baud: int) -> tuple[float, int, tupl
     return rate, code, tuple(layout for layout in layouts if fits(layout, rate)) or layouts[-1:]
 
 
-def program(model: Model, code: int) -> Dialogue[tuple[float, list[str]]]:
+def program(model: Model, code: int, taps: int) -> Dialogue[tuple[float, list[str]]]:
     """Write rate, filter and automatic mode, and read them back; returns the true rate and warnings."""
     dialect, rate, warnings = model.dialect, model.rates[code], list[str]()
-    taps = model.tap_codes[model.taps(rate)]
+    filter_code = model.tap_codes[taps]
     yield from put(dialect.rate, high=code)
-    yield from put(dialect.filter, low=taps)
+    yield from put(dialect.filter, low=filter_code)
     yield from put(dialect.uart, low=AUTO)
     kept = yield from ask(dialect.rate)
     if kept is not None and kept >> 8 != code:
         rate = dialect.rates.get(kept >> 8, rate)
         warnings.append(f"the sensor keeps rate code {kept >> 8} instead of {code}: taken as {rate:g} samples/s")
-    filter_ = yield from ask(dialect.filter)
-    if filter_ is not None and filter_ & FILTER_CODE != taps:
-        warnings.append(f"the sensor keeps filter code {filter_ & FILTER_CODE} instead of {taps}")
+    kept = yield from ask(dialect.filter)
+    if kept is not None and kept & FILTER_CODE != filter_code:
+        warnings.append(f"the sensor keeps filter code {kept & FILTER_CODE} instead of {filter_code}")
     return rate, warnings
 
 

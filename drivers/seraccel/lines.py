@@ -8,7 +8,7 @@
 A text line ends with any run of CR and LF, or where the next one's X begins. What is no line is skipped; behind
 damage a line begins after a line end or with an X, never in the middle. Lines have a fixed width, so a line of another
 width lost or gained a byte that the grammar does not miss: it is delivered as suspect, unless widths vary anyway.
-There is no counter: a line is one tick, and each line's length of junk before it another.
+There is no counter: a line is one tick, and each line's length of junk before it, or what is left of one, another.
 
 The board reports +1 g on the axis that points up: z, when it lies level with its parts up. That is specific force in
 axes x forward, y left, z up, turned to FRD here. For z it is sure: the successor's factory test wants 0.8 to 1.2 g of
@@ -32,6 +32,7 @@ from .text import LETTER_X, NO_NUMBER, read_line, skip_blanks
 
 FRAME = 8  # bytes of a binary frame
 LONGEST = 64  # bytes of a line
+STRAY = 2  # bytes of junk that need not be what is left of a line
 HASH, DOLLAR, CR, LF = ord("#"), ord("$"), 13, 10
 FIXED, DEVIATION = 8, 4  # lines of one width that make it count; how many of them a deviation takes back
 SPIKE_MG = 500.0  # per sample: a larger step that the next sample does not confirm is damage
@@ -133,8 +134,11 @@ def is_odd(s: Any, width: int) -> bool:
 @kernel
 def emit(s: Any, sample: Any, size: int, odd: bool) -> None:
     """s.force as a sample that took `size` bytes."""
-    missing = (s.gap + size // 2) // size if s.frames > 0 else 0
+    missing = 0
     if s.frames > 0:
+        missing = (s.gap + size // 2) // size
+        if missing == 0 and s.gap > STRAY:
+            missing = 1
         s.tick += 1 + missing
         s.lost += missing
     end, raw = s.end, s.spikes.raw

@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 from nmea_lines import gga, line, rmc, vtg
-from processes import emulator
+from processes import daemon, emulator
 from scripted import Line, Speaker, run
 
 from drivers.detect import detect
@@ -185,3 +185,14 @@ def test_on_a_pseudo_terminal(tmp_path, baud):
             port.close()
     steps = np.diff([fix.utc_s for fix in fixes]) % 86_400
     assert np.allclose(steps[4:], 0.2, atol=1e-6)
+
+
+def test_the_daemon_sets_the_receiver_up_when_asked(tmp_path):
+    imu, gnss = tmp_path / "imu", tmp_path / "gnss"
+    ports = ("--port", str(imu), "--port", str(gnss))
+    with (
+        emulator("g350", "nmea@4800", "--no-fix", "0.5", links=[imu, gnss]),
+        daemon(tmp_path, *ports, "--set", "gnss.configure=true") as imud,
+    ):
+        imud.says("57600")
+        imud.until(lambda m: m["class"] == "EST" and "position" in m["state"])

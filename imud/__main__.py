@@ -17,6 +17,7 @@ _COMMANDS = {
     "probe": "which device is on which port, at which baud rate",
     "doctor": "why this machine would not work, and the mend",
     "replay": "recorded data through the same filter, as fast as it goes",
+    "reproduce": "a paper's experiment: its numbers beside ours, its figures, pass or fail",
 }
 _USAGE, _INTERRUPTED = 64, 130
 

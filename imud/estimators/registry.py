@@ -1,4 +1,4 @@
-"""Which estimators there are. A new one is a module with an `ESTIMATOR` and a line here, imported when asked for."""
+"""Which estimators there are. A new one is a module and a line here; it is imported when asked for."""
 
 import importlib
 
@@ -6,13 +6,26 @@ from imud.errors import UsageError
 
 from . import Estimator
 
-NAMES = ("attitude", "navigation", "tilt")
+# what the user calls it: the module, and the estimator in it
+_WHERE = {
+    "attitude": ("attitude", "ESTIMATOR"),
+    "navigation": ("navigation", "ESTIMATOR"),
+    "tilt": ("tilt", "ESTIMATOR"),
+    "stationary": ("stationary", "ESTIMATOR"),
+    "suh-standard": ("suh", "SUH_STANDARD"),
+    "suh-adaptive": ("suh", "SUH_ADAPTIVE"),
+    "suh-two-step": ("suh", "SUH_TWO_STEP"),
+    "gps-track": ("gps_track", "ESTIMATOR"),
+    "ins9": ("ins9", "ESTIMATOR"),
+}
+NAMES = tuple(_WHERE)
 
 
 def by_name(name: str) -> Estimator:
     """The estimator called `name`. Raises UsageError naming those there are."""
-    if name not in NAMES:
+    if name not in _WHERE:
         raise UsageError(f"no estimator is called {name!r}; there are {', '.join(NAMES)}")
-    estimator = importlib.import_module(f"{__package__}.{name}").ESTIMATOR
+    module, attribute = _WHERE[name]
+    estimator = getattr(importlib.import_module(f"{__package__}.{module}"), attribute)
     assert isinstance(estimator, Estimator)
     return estimator

@@ -98,7 +98,10 @@ def euler_of_quat(q: Quaternion) -> Vector:
     """Roll, pitch, yaw in rad; roll and yaw in (-pi, pi], pitch in [-pi/2, pi/2]."""
     w, x, y, z = q
     roll = math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
-    pitch = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - x * z))))
+    sine = 2.0 * (w * y - x * z)
+    if abs(sine) > 1.0:  # by rounding; an unknown attitude stays NaN
+        sine = math.copysign(1.0, sine)
+    pitch = math.asin(sine)
     yaw = math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
     return roll, pitch, yaw
 

@@ -1,0 +1,260 @@
+"""Farrell's Kalman filter of a stationary accelerometer: position, velocity and bias, one such filter per body axis.
+
+Source: Farrell, Simple Kalman Filter: Design Example; equation numbers are his. His position is measured once per
+second: at rest it is known, so the measurement is 0 with R = (1e-5 m)^2, the table's vibration. On a moving body the
+filter is therefore wrong by design, and says so: REJECTING instead of AT_REST while a residual exceeds GATE sigma.
+
+What is built instead of the print:
+- (11), (14) integrate `u - b`; by the model (3), u = a - b - n, and Problem 1 the acceleration is `u + b`;
+- (12), (15) hold b constant; the mean follows the same Phi as the covariance, b <- exp(-lambda T) b;
+- (13), (14) are Euler's method; here u is constant over a sample and the integral exact, so mean and Phi agree;
+- sigma_b = 8 mg is 7.845e-2 m/s^2, not 7.2e-2; the data sheet's VRW is in (m/s)/sqrt(h), not (m/s)/sqrt(Hz);
+- P = (I - KH) P is symmetric only on paper; here it is the packed triangle of `kernels.kalman`.
+
+The three axes have the same parameters and therefore one covariance, which turning the axes does not change. Tilt is
+given by the user or taken from the first sample, and then fixed: in the second case the estimated bias is what the
+accelerometer's bias differs from that tilt's gravity. `ba` of a solution is -b. Position needs an origin: the user's,
+or the first fix; further fixes say nothing that the filter does not claim to know.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from drivers.sample import SUSPECT
+
+from ..kernels.earth import STANDARD_GRAVITY, gravity, radii
+from ..kernels.jit import kernel
+from ..kernels.kalman import measure, scale, shear, update
+from ..kernels.rotation import euler_of_quat, quat_of_euler, quat_of_gravity, quat_rotate, quat_rotate_back
+from ..profiles import PROFILES
+from ..settings import Initial, Settings
+from . import Estimator, Record
+from .records import AT_REST, ATTITUDE_VALID, POSITION_VALID, REJECTING
+from .unknown import blank
+
+DEFAULT_PROFILE = "consumer-mems"
+LAMBDA = 1e-3  # 1/s
+BIAS_PSD = 8e-6  # (m/s^2)^2/s, his Q_omega
+POSITION_SIGMA = 1e-5  # m
+INTERVAL_S = 1.0  # his T
+GATE = 5.0
+ORIGIN_SIGMA = 5.0  # m, of an origin whose source does not say
+TERMS = 12  # of the series below: the next one is under 1e-16 for lambda T < 1
+NODES = ((-0.8611363115940526, 0.3478548451374538), (-0.3399810435848563, 0.6521451548625461))  # Gauss-Legendre, 4
+POSITION, VELOCITY, BIAS, STATES = 0, 1, 2, 3
+
+PARAMETERS = np.dtype(
+    [
+        ("bias_rate", "<f8"),  # 1/s, lambda
+        ("accel_psd", "<f8"),  # (m/s)^2/s, Q_n
+        ("bias_psd", "<f8"),  # (m/s^2)^2/s, Q_omega
+        ("bias_var", "<f8"),  # (m/s^2)^2, in P0
+        ("position_var", "<f8"),  # m^2, R
+        ("interval_ns", "<i8"),
+        ("sample_var", "<f8"),  # (m/s^2)^2, white noise of one sample
+    ],
+    align=True,
+)
+
+STATE = np.dtype(
+    [
+        ("t_ns", "<i8"),
+        ("samples", "<i8"),
+        ("gravity", "<f8"),  # m/s^2
+        ("given", "<f8", (3,)),  # rad, roll, pitch, yaw that the user knows; NaN: unknown
+        ("q", "<f8", (4,)),
+        ("u", "<f8", (3,)),  # m/s^2, newest measured acceleration, body
+        ("p", "<f8", (3,)),  # m, body axes, from the origin
+        ("v", "<f8", (3,)),
+        ("b", "<f8", (3,)),  # m/s^2, his sign
+        ("P", "<f8", (6,)),
+        ("x", "<f8", (3,)),
+        ("d", "<f8", (3,)),
+        ("column", "<i8", (1,)),
+        ("one", "<f8", (1,)),
+        ("measured_ns", "<i8"),  # when the position was last measured
+        ("measured", "<i8"),  # how often
+        ("residual", "<f8", (3,)),  # m, the newest r_k
+        ("variance", "<f8"),  # m^2, its S_k
+        ("contradicted", "<i8"),
+        ("origin", "<f8", (3,)),  # rad, rad, m; NaN: none
+        ("origin_var", "<f8", (3,)),  # m^2
+    ],
+    align=True,
+)
+
+
+def configure(settings: Settings, rate_hz: float) -> Record:
+    """Parameters (PARAMETERS): noise and bias from the sensor's profile, the rest Farrell's."""
+    name = settings.imu.profile
+    profile = PROFILES[DEFAULT_PROFILE if name == "auto" else name]
+    p = np.zeros(1, PARAMETERS)
+    p["bias_rate"], p["bias_psd"] = LAMBDA, BIAS_PSD
+    p["accel_psd"], p["bias_var"] = profile.accel_noise**2, profile.accel_bias_initial**2
+    p["position_var"], p["interval_ns"] = POSITION_SIGMA**2, round(INTERVAL_S * 1e9)
+    p["sample_var"] = profile.accel_noise**2 * rate_hz
+    return p
+
+
+def start(parameters: Record, initial: Initial) -> Record:
+    """A state (STATE) that waits for its first sample: P0 = diag(0, 0, sigma_b^2) (Solution 7)."""
+    s = np.zeros(1, STATE)
+    angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)
+    s["given"] = [math.nan if angle is None else math.radians(angle) for angle in angles]
+    s["gravity"], s["origin"], s["one"] = STANDARD_GRAVITY, math.nan, 1.0
+    if initial.lat_deg is not None:
+        s["gravity"] = gravity(math.radians(initial.lat_deg), initial.height_m or 0.0)
+        if initial.lon_deg is not None:
+            s["origin"] = math.radians(initial.lat_deg), math.radians(initial.lon_deg), initial.height_m or 0.0
+    s["P"][0, 5] = parameters["bias_var"][0]
+    return s
+
+
+@kernel
+def transition(rate: float, T: float) -> tuple[float, float, float]:
+    """Phi[0, 2], Phi[1, 2], Phi[2, 2] over T s for lambda = rate, of F in (16); Phi[0, 1] is T, the rest is I.
+
+    They are T^2 phi_2(x), T phi_1(x), exp(-x) with x = lambda T and phi_k(x) = sum of (-x)^j / (j + k)!; the closed
+    forms (exp(-x) - 1 + x) / lambda^2 lose all digits at 1 kHz. Meant for x < 1.
+    """
+    x = rate * T
+    phi1 = phi2 = 0.0
+    term = 1.0
+    for j in range(TERMS):
+        phi1 += term / (j + 1)
+        phi2 += term / ((j + 1) * (j + 2))
+        term *= -x / (j + 1)
+    return T * T * phi2, T * phi1, math.exp(-x)
+
+
+@kernel
+def process_noise(p: Any, T: float, add: Any) -> None:
+    """add (packed triangle) += Q_d over T s: the integral of Phi(s) G Q G' Phi(s)' by Gauss and Legendre's rule.
+
+    Four nodes are exact to s^7: Q_n's part exactly, Q_omega's to (lambda T)^4 1e-6.
+    """
+    for node in range(4):
+        place, weight = NODES[node % 2]
+        s = 0.5 * T * (1.0 + (place if node < 2 else -place))
+        w = 0.5 * T * weight
+        to_p, to_v, to_b = transition(p.bias_rate, s)
+        n, b = w * p.accel_psd, w * p.bias_psd
+        add[0] += n * s * s + b * to_p * to_p
+        add[1] += n * s + b * to_p * to_v
+        add[2] += b * to_p * to_b
+        add[3] += n + b * to_v * to_v
+        add[4] += b * to_v * to_b
+        add[5] += b * to_b * to_b
+
+
+@kernel
+def predict(p: Any, s: Any, T: float) -> None:
+    """(9), (10)-(12) corrected: mean and covariance over T s with the acceleration u constant."""
+    to_p, to_v, to_b = transition(p.bias_rate, T)
+    for i in range(3):
+        s.p[i] += T * s.v[i] + to_p * s.b[i] + 0.5 * T * T * s.u[i]
+        s.v[i] += to_v * s.b[i] + T * s.u[i]
+        s.b[i] *= to_b
+    shear(s.P, STATES, POSITION, VELOCITY, T)
+    shear(s.P, STATES, POSITION, BIAS, to_p)
+    shear(s.P, STATES, VELOCITY, BIAS, to_v)
+    scale(s.P, STATES, BIAS, to_b)
+    process_noise(p, T, s.P)
+
+
+@kernel
+def rest(p: Any, s: Any) -> None:
+    """Solution 7, step 3b: the position is 0. The gain is the same for all axes, and so is P."""
+    s.variance = measure(s.P, STATES, s.column, s.one, 1, s.d) + p.position_var
+    s.contradicted = 0
+    for i in range(3):
+        r = -s.p[i]
+        s.residual[i] = r
+        if r * r > GATE * GATE * s.variance:
+            s.contradicted = 1
+        s.p[i] += s.d[POSITION] / s.variance * r
+        s.v[i] += s.d[VELOCITY] / s.variance * r
+        s.b[i] += s.d[BIAS] / s.variance * r
+    update(s.P, STATES, s.x, s.d, s.variance, 0.0, STATES)
+    s.measured += 1
+
+
+@kernel
+def level(s: Any, f: Any) -> None:
+    """Fix the tilt: the user's, or that of the first force."""
+    roll, pitch, _ = euler_of_quat(quat_of_gravity(f[0], f[1], f[2] if f[2] != 0.0 else -1e-12))
+    if math.isfinite(s.given[0]) and math.isfinite(s.given[1]):
+        roll, pitch = s.given[0], s.given[1]
+    yaw = s.given[2] if math.isfinite(s.given[2]) else 0.0
+    s.q[0], s.q[1], s.q[2], s.q[3] = quat_of_euler(roll, pitch, yaw)
+
+
+@kernel
+def tell(p: Any, s: Any, sample: Any, out: Any) -> None:
+    """Write a row of SOLUTION."""
+    blank(out, s.t_ns, sample)
+    if s.samples == 0:
+        return
+    q = (s.q[0], s.q[1], s.q[2], s.q[3])
+    out.status |= ATTITUDE_VALID | (REJECTING if s.contradicted == 1 else AT_REST)
+    for i in range(4):
+        out.q_nb[i] = s.q[i]
+    tilt_var = (p.bias_var + p.sample_var) / (s.gravity * s.gravity)
+    out.sigma_rpy[0] = out.sigma_rpy[1] = math.sqrt(tilt_var)
+    for i in range(3):
+        out.f[i] = sample.f[i] + s.b[i]
+        out.ba[i] = -s.b[i]
+        out.sigma_ba[i] = math.sqrt(s.P[5])
+    if not math.isfinite(s.origin[0]):
+        return
+    out.status |= POSITION_VALID
+    p_n = quat_rotate(q, (s.p[0], s.p[1], s.p[2]))
+    v_n = quat_rotate(q, (s.v[0], s.v[1], s.v[2]))
+    meridian, prime_vertical = radii(s.origin[0])
+    out.lat = s.origin[0] + p_n[0] / (meridian + s.origin[2])
+    out.lon = s.origin[1] + p_n[1] / ((prime_vertical + s.origin[2]) * max(math.cos(s.origin[0]), 1e-9))
+    out.height = s.origin[2] - p_n[2]
+    for i in range(3):
+        out.v[i] = v_n[i]
+        out.sigma_p[i] = math.sqrt(s.P[0] + s.origin_var[i])
+        out.sigma_v[i] = math.sqrt(s.P[3])
+
+
+@kernel
+def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
+    """Take one sample (SAMPLE), write one row (SOLUTION). A bad sample repeats the last good one."""
+    f = sample.f
+    good = sample.flags & SUSPECT == 0 and math.isfinite(f[0] + f[1] + f[2])
+    if s.samples == 0 and good:
+        level(s, f)
+        s.samples = 1
+        s.t_ns = s.measured_ns = sample.t_ns
+    elif s.samples > 0 and sample.t_ns > s.t_ns:
+        if good:
+            weight = quat_rotate_back((s.q[0], s.q[1], s.q[2], s.q[3]), (0.0, 0.0, s.gravity))
+            for i in range(3):
+                s.u[i] = f[i] + weight[i]
+        predict(p, s, (sample.t_ns - s.t_ns) * 1e-9)
+        s.t_ns = sample.t_ns
+        s.samples += 1
+        if s.t_ns - s.measured_ns >= p.interval_ns:
+            s.measured_ns = s.t_ns
+            rest(p, s)
+    tell(p, s, sample, solution)
+
+
+@kernel
+def set_origin(p: Any, s: Any, fix: Any, innovations: Any) -> int:
+    """Take the first fix for the place where the sensor rests. No innovation: nothing was predicted."""
+    usable = math.isfinite(fix.lat + fix.lon) and fix.quality != 0 and fix.quality != 6
+    if usable and not math.isfinite(s.origin[0]):
+        s.origin[0], s.origin[1] = fix.lat, fix.lon
+        s.origin[2] = fix.height if math.isfinite(fix.height) else 0.0
+        for i in range(3):
+            s.origin_var[i] = (fix.sigma[i] if math.isfinite(fix.sigma[i]) else ORIGIN_SIGMA) ** 2
+    return 0
+
+
+ESTIMATOR = Estimator("stationary", configure, start, step, set_origin, needs_gyros=False)

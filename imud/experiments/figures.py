@@ -1,0 +1,84 @@
+"""Figures as one self-contained HTML page, drawn by plotly where it is installed (the extra `imud[plots]`)."""
+
+import importlib
+import importlib.util
+import math
+from pathlib import Path
+from typing import Any
+
+from .report import Figure, Panel, Report, Trace
+
+COLOURS = ("#0b6fa4", "#d1495b", "#3a7d44", "#8a5a9e", "#b07d12")
+MOST_POINTS = 4000  # of a curve: a page of some MB, not hundreds
+ROW_PX = 340
+
+
+def available() -> bool:
+    """Is plotly installed?"""
+    return importlib.util.find_spec("plotly") is not None
+
+
+def _thin(trace: Trace) -> slice:
+    return slice(None, None, max(1, math.ceil(len(trace.x) / MOST_POINTS)))
+
+
+def _band(trace: Trace, colour: str) -> list[dict[str, Any]]:
+    """+-sigma as two thin lines with the space between them tinted."""
+    if trace.sigma is None:
+        return []
+    take = _thin(trace)
+    middle = (trace.y if trace.about is None else trace.about)[take]
+    line = {"color": colour, "width": 0.7, "dash": "dot"}
+    shared = {"x": trace.x[take], "mode": "lines", "line": line, "legendgroup": trace.name, "hoverinfo": "skip"}
+    fill = {"fill": "tonexty", "fillcolor": f"rgba{(*(int(colour[i : i + 2], 16) for i in (1, 3, 5)), 0.15)}"}
+    return [
+        {**shared, "y": middle - trace.sigma[take], "showlegend": False},
+        {**shared, "y": middle + trace.sigma[take], "name": f"±σ {trace.name}", "showlegend": True, **fill},
+    ]
+
+
+def _curve(go: Any, trace: Trace, colour: str) -> Any:
+    take = _thin(trace)
+    x, y = trace.x[take], trace.y[take]
+    if trace.style == "bars":
+        return go.Bar(x=x, y=y, name=trace.name, marker_color=colour, opacity=0.6)
+    line, marker = {"color": colour, "width": 1.2}, {"color": colour, "size": 4}
+    return go.Scatter(x=x, y=y, name=trace.name, mode=trace.style, line=line, marker=marker, legendgroup=trace.name)
+
+
+def _fill(go: Any, figure: Any, panel: Panel, row: int, column: int) -> None:
+    for k, trace in enumerate(panel.traces):
+        colour = COLOURS[k % len(COLOURS)]
+        for band in _band(trace, colour):
+            figure.add_trace(go.Scatter(**band), row=row, col=column)
+        figure.add_trace(_curve(go, trace, colour), row=row, col=column)
+    figure.update_xaxes(title_text=panel.x, row=row, col=column)
+    figure.update_yaxes(title_text=panel.y, row=row, col=column)
+    if panel.equal:
+        axis = next(figure.select_xaxes(row=row, col=column)).plotly_name.replace("axis", "")
+        figure.update_yaxes(scaleanchor=axis, scaleratio=1, row=row, col=column)
+
+
+def _draw(figure: Figure) -> Any:
+    go: Any = importlib.import_module("plotly.graph_objects")
+    subplots: Any = importlib.import_module("plotly.subplots")
+    rows = math.ceil(len(figure.panels) / figure.columns)
+    drawn = subplots.make_subplots(
+        rows, figure.columns, subplot_titles=[p.title for p in figure.panels], vertical_spacing=min(0.3 / rows, 0.12)
+    )
+    for k, panel in enumerate(figure.panels):
+        _fill(go, drawn, panel, k // figure.columns + 1, k % figure.columns + 1)
+    drawn.update_layout(
+        title=figure.title, template="plotly_white", height=ROW_PX * rows + 120, bargap=0.02,
+        legend={"groupclick": "togglegroup", "font": {"size": 10}},
+    )  # fmt: skip
+    return drawn
+
+
+def write(report: Report, path: Path) -> None:
+    """The report's table and figures as one HTML file that needs nothing else. Raises OSError."""
+    table = "\n".join(report.lines()).replace("&", "&amp;").replace("<", "&lt;")
+    drawn = [_draw(figure).to_html(full_html=False, include_plotlyjs=k == 0) for k, figure in enumerate(report.figures)]
+    head = f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{report.title}</title></head>'
+    body = f'<body style="font-family:sans-serif;margin:1.5em"><pre>{table}</pre>{"".join(drawn)}</body></html>'
+    path.write_text(head + body, encoding="utf-8")

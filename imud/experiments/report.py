@@ -1,0 +1,106 @@
+"""What an experiment hands back: a table of the paper's numbers beside ours, and figures as plain values."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table. holds: whether the claim in it does; None: a number without a claim."""
+
+    quantity: str
+    paper: str
+    ours: str
+    holds: bool | None = None
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A curve. sigma: its computed standard deviation, drawn as a band of +-sigma about `about` (default: y)."""
+
+    name: str
+    x: Floats
+    y: Floats
+    sigma: Floats | None = None
+    about: Floats | None = None
+    style: str = "lines"  # lines, markers, bars
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes. equal: one metre is as long on both."""
+
+    title: str
+    x: str  # with unit
+    y: str
+    traces: Sequence[Trace]
+    equal: bool = False
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Panels side by side, `columns` in a row."""
+
+    title: str
+    panels: Sequence[Panel]
+    columns: int = 2
+
+
+@dataclass(frozen=True)
+class Report:
+    """One paper, reproduced."""
+
+    title: str
+    rows: Sequence[Row]
+    figures: Sequence[Figure] = field(default_factory=tuple)
+
+    @property
+    def failed(self) -> list[Row]:
+        """The claims that do not hold."""
+        return [row for row in self.rows if row.holds is False]
+
+    def lines(self) -> list[str]:
+        """The table as text."""
+        table = [("", "quantity", "paper", "ours")]
+        marks = {True: "ok", False: "FAIL", None: ""}
+        table += [(marks[row.holds], row.quantity, row.paper, row.ours) for row in self.rows]
+        widths = [max(len(line[i]) for line in table) for i in range(4)]
+        text = ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in table]
+        return [self.title, "", text[0].rstrip(), "-" * sum(widths, 6), *(line.rstrip() for line in text[1:])]
+
+    def plain(self) -> dict[str, Any]:
+        """The table for machines."""
+        rows = [{"quantity": r.quantity, "paper": r.paper, "ours": r.ours, "holds": r.holds} for r in self.rows]
+        return {"title": self.title, "holds": not self.failed, "rows": rows}
+
+
+def at_most(quantity: str, paper: str, value: float, limit: float, unit: str = "") -> Row:
+    """A claim that `value` does not exceed `limit`."""
+    return Row(quantity, paper, f"{value:.4g} {unit}".rstrip() + f" (limit {limit:.3g})", bool(value <= limit))
+
+
+def within(quantity: str, paper: str, value: float, low: float, high: float, unit: str = "") -> Row:
+    """A claim that `value` lies between `low` and `high`."""
+    return Row(
+        quantity, paper, f"{value:.4g} {unit}".rstrip() + f" ({low:.3g} to {high:.3g})", bool(low <= value <= high)
+    )
+
+
+def circles(p: Floats, sigma: Floats, every: int) -> tuple[Floats, Floats]:
+    """East and north in m of circles of radius sigma about every so many points p (north, east), for a map."""
+    turn = np.append(np.linspace(0.0, 2.0 * np.pi, 25), np.nan)
+    chosen = range(0, len(p), every)
+    east = np.concatenate([p[k, 1] + sigma[k] * np.cos(turn) for k in chosen])
+    north = np.concatenate([p[k, 0] + sigma[k] * np.sin(turn) for k in chosen])
+    return east, north
+
+
+def rms(values: Floats) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))

@@ -1,0 +1,154 @@
+"""Farrell's filter: check values against Van Loan, a dense textbook filter beside the kernels, and what the row says."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.stats import chi2, kstest, norm
+
+from imud.estimators import registry, stationary
+from imud.estimators.records import AT_REST, FIX, INNOVATION, POSITION_VALID, REJECTING, SOLUTION
+from imud.experiments import farrell
+from imud.experiments.simulate import level_at_rest, m_g350, samples_of
+from imud.pipeline import Filter
+from imud.settings import Imu, Initial, Settings
+
+SETTINGS = Settings(imu=Imu(profile="m-g350"))
+LEVEL = Initial(roll_deg=0.0, pitch_deg=0.0, yaw_deg=0.0)
+PHI = [[1, 1, 0.49983337], [0, 1, 0.99950017], [0, 0, 0.9990005]]
+Q_D = 1e-6 * np.array(
+    [[0.54644452, 1.21933361, 1.33200073], [1.21933361, 3.1046676, 3.99600233], [1.33200073, 3.99600233, 7.99200533]]
+)
+
+
+def van_loan(T, rate=1e-3, q_n=4.4e-7, q_w=8e-6):
+    F = np.array([[0, 1, 0], [0, 0, 1], [0, 0, -rate]])
+    block = np.zeros((6, 6))
+    block[:3, :3], block[:3, 3:], block[3:, 3:] = -F, np.diag([0, q_n, q_w]), F.T
+    e = expm(block * T)
+    phi = e[3:, 3:].T
+    return phi, phi @ e[:3, 3:]
+
+
+@pytest.mark.parametrize("steps", [1, 1000])
+def test_transition_and_noise_to_the_printed_digits(steps):
+    phi, q_d = farrell.discrete(steps)
+    np.testing.assert_allclose(phi, PHI, atol=5e-9)
+    np.testing.assert_allclose(q_d, Q_D, atol=6e-15)
+
+
+@pytest.mark.parametrize("T", [1e-3, 0.01, 0.3, 1.0, 60.0])
+def test_one_step_against_van_loan(T):
+    p = farrell.parameters()
+    packed = np.zeros(6)
+    stationary.process_noise(p[0], T, packed)
+    phi, q_d = van_loan(T)
+    np.testing.assert_allclose(stationary.transition(1e-3, T), [phi[0, 2], phi[1, 2], phi[2, 2]], rtol=1e-13)
+    np.testing.assert_allclose(packed, q_d[np.triu_indices(3)], rtol=1e-9 if T < 10 else 1e-6)
+
+
+def dense(u, T, p, every):
+    """Solution 7 in full matrices, Joseph form, u constant over each step; returns states and covariances."""
+    phi, q_d = van_loan(T, p["bias_rate"][0], p["accel_psd"][0], p["bias_psd"][0])
+    H, R = np.array([[1.0, 0.0, 0.0]]), np.array([[p["position_var"][0]]])
+    x, P = np.zeros(3), np.diag([0.0, 0.0, p["bias_var"][0]])
+    states, covariances = [x], [P]
+    for k in range(1, len(u)):
+        x = phi @ x + u[k] * np.array([0.5 * T * T, T, 0.0])
+        P = phi @ P @ phi.T + q_d
+        if k % every == 0:
+            K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+            x = x - K[:, 0] * x[0]
+            I_KH = np.eye(3) - K @ H
+            P = I_KH @ P @ I_KH.T + K @ R @ K.T
+        states.append(x)
+        covariances.append(P)
+    return np.array(states), np.array(covariances)
+
+
+def test_the_filter_agrees_with_a_dense_one():
+    rng = np.random.default_rng(3)
+    t = np.arange(3001) / 100.0
+    samples = m_g350(rng, t, *level_at_rest(len(t)))
+    p = farrell.parameters()
+    states, covariances = dense(samples["f"][:, 0], 0.01, p, 100)
+    run = farrell.filtered(samples, np.zeros(len(t)))
+    np.testing.assert_allclose(run.states, states, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(run.sigmas**2, np.diagonal(covariances, axis1=1, axis2=2), rtol=1e-6, atol=1e-15)
+
+
+def test_residuals_are_white_and_standard_normal_on_model_data():
+    rng = np.random.default_rng(8)
+    run = farrell.filtered(*farrell.model_samples(rng))
+    eta = run.normalised
+    assert len(eta) == farrell.SECONDS
+    assert kstest(eta, norm.cdf).pvalue > 0.01
+    assert farrell.normal_distance(eta) == pytest.approx(kstest(eta, norm.cdf).statistic, rel=1e-9)
+    assert chi2.cdf(eta @ eta, len(eta)) == pytest.approx(0.5, abs=0.49)
+    assert farrell.CHI2_99 == pytest.approx(chi2.ppf(0.99, farrell.LAGS), abs=0.01)
+    assert farrell.ljung_box(eta) < farrell.CHI2_99
+
+
+def test_a_coloured_sequence_is_not_called_white():
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal(600)
+    assert farrell.ljung_box(x[1:] + 0.5 * x[:-1]) > farrell.CHI2_99
+
+
+def test_the_claims_hold():
+    assert farrell.reproduce(1).failed == []
+
+
+def rows(samples, initial, fix=None):
+    filter_ = Filter(registry.by_name("stationary"), SETTINGS, initial, 100.0)
+    out = np.zeros(len(samples), SOLUTION)
+    if fix is not None:
+        assert len(filter_.update(fix)) == 0
+    filter_.run(samples, out)
+    return out
+
+
+def fix_at(lat, lon):
+    fix = np.zeros(1, FIX)
+    fix["lat"], fix["lon"], fix["height"], fix["quality"], fix["sigma"] = lat, lon, 50.0, 1, np.nan
+    return fix
+
+
+def test_a_tilted_sensor_rests_where_it_is():
+    rng = np.random.default_rng(2)
+    t = np.arange(2000) / 100.0
+    bias = np.array([0.05, -0.04, 0.03])
+    c, s = np.cos(0.3), np.sin(0.3)  # roll 0.3 rad
+    f = np.tile([0.0, -9.80665 * s, -9.80665 * c], (len(t), 1)) + bias + 0.001 * rng.standard_normal((len(t), 3))
+    told = Initial(roll_deg=np.degrees(0.3), pitch_deg=0.0, yaw_deg=90.0)
+    out = rows(samples_of(t, np.zeros((len(t), 3)), f), told, fix_at(0.8, 0.2))[-1]
+    assert out["status"] & (AT_REST | POSITION_VALID) == AT_REST | POSITION_VALID
+    np.testing.assert_allclose(out["ba"], bias, atol=0.01)
+    assert (np.abs(out["ba"] - bias) < 4 * out["sigma_ba"]).all()
+    np.testing.assert_allclose([out["lat"], out["lon"]], [0.8, 0.2], atol=1e-9)
+    np.testing.assert_allclose(out["f"] - (f[-1] - out["ba"]), 0.0, atol=1e-12)
+    assert np.isnan(out["bg"]).all()
+    assert np.isnan(out["sigma_rpy"][2])
+
+
+def test_motion_contradicts_rest():
+    t = np.arange(2000) / 100.0
+    w, f = level_at_rest(len(t))
+    f[1000:, 0] += 2.0 * np.sin(2 * np.pi * t[1000:] / 3.0)
+    out = rows(samples_of(t, w, f), LEVEL)
+    assert out["status"][900] & (AT_REST | REJECTING) == AT_REST
+    assert out["status"][-1] & (AT_REST | REJECTING) == REJECTING
+    assert out["status"][-1] & POSITION_VALID == 0
+    assert np.isnan(out["lat"]).all()
+
+
+def test_unusable_samples_and_fixes_change_nothing():
+    t = np.arange(500) / 100.0
+    samples = samples_of(t, *level_at_rest(len(t)))
+    samples["f"][100:120] = np.nan
+    out = rows(samples, LEVEL)
+    assert np.isfinite(out["ba"]).all()
+    filter_ = Filter(registry.by_name("stationary"), SETTINGS, LEVEL, 100.0)
+    bad = fix_at(0.5, 0.5)
+    bad["quality"] = 0
+    assert stationary.set_origin(filter_.parameters[0], filter_.state[0], bad[0], np.zeros(4, INNOVATION)) == 0
+    assert np.isnan(filter_.state["origin"]).all()

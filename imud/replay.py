@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--imu", type=Path, metavar="CSV", help="inertial samples: t_s,gx_radps,…,az_mps2 (FRD)")
     parser.add_argument("--gnss", type=Path, metavar="CSV|NMEA", help="fixes: t_s,lat_deg,lon_deg,height_m,…, or NMEA")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="CSV", help="estimates; - for stdout")
-    parser.add_argument("--estimator", metavar="NAME", help="navigation (default with --gnss) or attitude")
+    parser.add_argument("--estimator", metavar="NAME", help="default: navigation with --gnss, else attitude")
     parser.add_argument("--initial", default="", metavar="KEY=V,…", help="known start: lat_deg=…,lon_deg=…,yaw_deg=…")
     parser.add_argument("--rate", type=float, metavar="HZ", help="thin the output (default: every sample)")
     parser.add_argument("--config", type=Path, metavar="TOML")

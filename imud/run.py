@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DEV[:DRIVER[@BAUD]]",
         help="a serial port; repeat for the receiver. Device and baud rate are found by themselves",
     )
-    parser.add_argument("--estimator", metavar="NAME", help="default: navigation with two ports, else attitude; tilt without gyros")
+    parser.add_argument("--estimator", metavar="NAME", help="default: navigation with two ports, else attitude")
     parser.add_argument("--listen", metavar="ADDR", help="gpsd JSON: HOST:PORT or /path (default 127.0.0.1:2947)")
     parser.add_argument(
         "--wait",

@@ -64,7 +64,8 @@ STATE = np.dtype(
     [
         ("t_ns", "<i8"),
         ("samples", "<i8"),
-        ("since_s", "<f8"),  # since the first sample
+        ("begin_ns", "<i8"),  # of the first sample
+        ("since_s", "<f8"),  # how long the rest at the start was
         ("moving_s", "<f8"),  # since the rest at the start
         ("w_sum", "<f8", (3,)),  # over that rest
         ("f_sum", "<f8", (3,)),
@@ -119,9 +120,9 @@ def start(parameters: Record, initial: Initial) -> Record:
 
 
 @kernel
-def calibrate(s: Any, sample: Any, T: float) -> None:
+def calibrate(s: Any, sample: Any) -> None:
     """Mean rate and force so far: gyro bias, gravity, tilt."""
-    s.since_s += T
+    s.since_s = (sample.t_ns - s.begin_ns) * 1e-9
     for i in range(3):
         s.w_sum[i] += sample.w[i]
         s.f_sum[i] += sample.f[i]
@@ -244,7 +245,7 @@ def tell(p: Any, s: Any, sample: Any, out: Any) -> None:
     heading_var = min((GIVEN_HEADING**2 if known else UNIFORM**2) + yaw_drift, UNIFORM**2)
     out.sigma_rpy[0] = out.sigma_rpy[1] = math.sqrt(tilt_var)
     out.sigma_rpy[2] = math.sqrt(heading_var)
-    out.status |= AT_REST if s.since_s < REST_S else COASTING
+    out.status |= AT_REST if s.moving_s == 0.0 else COASTING
     if out.sigma_rpy[0] < TRUSTED:
         out.status |= ATTITUDE_VALID
     if known and out.sigma_rpy[2] < TRUSTED:
@@ -268,9 +269,11 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
     if good and (s.samples == 0 or sample.t_ns > s.t_ns):
         T = (sample.t_ns - s.t_ns) * 1e-9 if s.samples > 0 else 0.0
         s.t_ns = sample.t_ns
+        if s.samples == 0:
+            s.begin_ns = s.t_ns
         s.samples += 1
-        if s.since_s < REST_S:
-            calibrate(s, sample, T)
+        if s.t_ns - s.begin_ns <= REST_S * 1e9:
+            calibrate(s, sample)
         else:
             s.moving_s += T
             reckon(s, sample, T)

@@ -1,0 +1,118 @@
+"""`imud reproduce`: table, JSON, figures, exit codes; and that every paper's estimator runs in `imud replay`."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from imud.__main__ import main
+from imud.estimators import registry
+from imud.experiments import figures, suh
+from imud.experiments.report import Figure, Panel, Report, Row, Trace, at_most, within
+
+PAPERS = ("stationary", "suh-standard", "suh-adaptive", "suh-two-step", "gps-track", "ins9")
+
+
+def report_of(*rows, drawn=()):
+    return Report("a title", rows, drawn)
+
+
+def a_figure():
+    x = np.linspace(0.0, 1.0, 50_000)
+    panel = Panel("a panel", "time [s]", "error [m]", [Trace("error", x, x, np.full(len(x), 0.5))], equal=True)
+    return Figure("a figure", [panel, panel, panel])
+
+
+def test_a_claim_that_holds_ends_with_0(monkeypatch, capsys):
+    monkeypatch.setattr(suh, "reproduce", lambda seed: report_of(at_most("an error", "small", 1.0, 2.0, "m")))
+    assert main(["reproduce", "suh"]) == 0
+    assert re.search(r"ok +an error +small +1 m \(limit 2\)", capsys.readouterr().out)
+
+
+def test_a_claim_that_fails_ends_with_1_and_is_named(monkeypatch, capsys):
+    rows = (within("a ratio", "1", 3.0, 0.5, 2.0), Row("a number", "2", "2"))
+    monkeypatch.setattr(suh, "reproduce", lambda seed: report_of(*rows))
+    assert main(["reproduce", "suh"]) == 1
+    said = capsys.readouterr()
+    assert re.search(r"FAIL +a ratio", said.out)
+    assert "does not hold: a ratio: 3" in said.err
+    assert main(["reproduce", "suh", "--json"]) == 1
+    table = json.loads(capsys.readouterr().out)
+    assert table["holds"] is False
+    assert [row["holds"] for row in table["rows"]] == [False, None]
+
+
+def test_a_nan_is_no_success():
+    assert at_most("x", "", float("nan"), 1.0).holds is False
+    assert within("x", "", float("nan"), 0.0, 1.0).holds is False
+
+
+def test_the_order_of_the_filters_can_fail(monkeypatch):
+    """Swapping two filters must break the claim: it is not true by construction."""
+    swapped = {**suh.FILTERS, "two-step": suh.FILTERS["standard"], "standard": suh.FILTERS["two-step"]}
+    monkeypatch.setattr(suh, "FILTERS", swapped)
+    monkeypatch.setattr(suh, "CARTS", 1)
+    failed = {row.quantity for row in suh.reproduce(1).failed}
+    assert "roll RMS in deg" in failed
+    assert "largest roll error in deg" in failed
+
+
+def test_an_unknown_paper_is_a_usage_error():
+    with pytest.raises(SystemExit) as ended:
+        main(["reproduce", "kalman"])
+    assert ended.value.code == 64
+
+
+def test_without_plotly_the_table_is_printed_and_the_mend_is_told(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(suh, "reproduce", lambda seed: report_of(Row("a number", "2", "2"), drawn=[a_figure()]))
+    monkeypatch.setattr(figures, "available", lambda: False)
+    assert main(["reproduce", "suh", "-o", str(tmp_path)]) == 0
+    said = capsys.readouterr()
+    assert "a number" in said.out
+    assert "pip install 'imud[plots]'" in said.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_page_holds_everything(monkeypatch, capsys, tmp_path):
+    pytest.importorskip("plotly", reason="figures need the extra imud[plots]")
+    monkeypatch.setattr(
+        suh, "reproduce", lambda seed: report_of(Row("a < b", "2", "2"), drawn=[a_figure(), a_figure()])
+    )
+    assert main(["reproduce", "suh", "-o", str(tmp_path / "new")]) == 0
+    page = (tmp_path / "new" / "suh.html").read_text()
+    assert "a &lt; b" in page
+    for text in ("a figure", "a panel", "time [s]", "error [m]"):
+        assert text in page
+    assert "±σ error" in page or "\\u00b1\\u03c3 error" in page
+    assert not re.search(r"<script[^>]+src=", page)  # nothing is fetched
+    assert page.count("Plotly.newPlot(") >= 2
+    assert main(["reproduce", "suh", "-o", str(tmp_path / "new" / "suh.html")]) == 73
+    assert "cannot write" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", PAPERS)
+def test_replay_runs_every_papers_estimator(name, tmp_path):
+    t = np.arange(0.0, 12.0, 0.05)
+    table = np.column_stack([t, 0 * t, 0 * t, 0 * t, 0 * t, 0 * t, 0 * t - 9.81])
+    header = "t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2"
+    np.savetxt(tmp_path / "imu.csv", table, delimiter=",", header=header, comments="")
+    fixes = "".join(f"{k},47.0,8.0,400.0\n" for k in range(1, 11))
+    (tmp_path / "gnss.csv").write_text("t_s,lat_deg,lon_deg,height_m\n" + fixes)
+    files = ["--imu", str(tmp_path / "imu.csv"), "--gnss", str(tmp_path / "gnss.csv"), "-o", str(tmp_path / "e.csv")]
+    assert main(["replay", *files, "--estimator", name]) == 0
+    head, *_, last = (tmp_path / "e.csv").read_text().splitlines()
+    row = dict(zip(head.split(","), last.split(","), strict=True))
+    knows_attitude, knows_position = name != "gps-track", not name.startswith("suh")
+    assert (row["roll_deg"] != "") == (row["pitch_deg"] != "") == (row["q0"] != "") == knows_attitude
+    assert (row["lat_deg"] != "") == (row["sn_m"] != "") == (row["ve_mps"] != "") == knows_position
+    if knows_attitude:
+        assert float(row["roll_deg"]) == pytest.approx(0.0, abs=0.01)
+    if knows_position:
+        assert float(row["lat_deg"]) == pytest.approx(47.0, abs=1e-7)
+
+
+def test_the_registry_names_what_there_is():
+    assert set(PAPERS) <= set(registry.NAMES)
+    for name in registry.NAMES:
+        assert registry.by_name(name).name == name

@@ -161,6 +161,24 @@ def test_what_reads_back_differently_is_believed_and_reported(stuck, complaint, 
     assert complaint in " ".join(result.warnings)
 
 
+@pytest.mark.parametrize(
+    ("product", "before", "after"),
+    [("G330PDG0", 1, 0), ("G366PDG0", 1, 0), ("G370PDG0", 1, 0), ("G370PDT0", 1, 0), ("G370PDF1", 1, 1)],
+)
+def test_the_range_of_16_g_is_left_where_there_is_one(product, before, after):  # py_esensorlib: DLT_CTRL, high byte
+    device = Windowed(product=product)
+    device.byte |= {(1, 0x13): before, (1, 0x12): 0xCC}
+    assert configure(device).warnings == ()
+    assert (device.byte[1, 0x13], device.byte[1, 0x12]) == (after, 0xCC)
+
+
+def test_a_range_that_stays_is_reported():
+    device = Windowed(product="G366PDG0")
+    device.stuck = {(1, 0x13): 1}
+    device.byte |= device.stuck
+    assert "range of 8 G" in " ".join(configure(device).warnings)
+
+
 def test_a_filter_that_is_still_changing_is_no_complaint():
     device = Windowed()
     device.stuck = {(1, 0x06): 0x21}  # code 1, busy

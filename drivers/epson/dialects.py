@@ -6,7 +6,7 @@ M-G354, M-G362 and all later ones (register maps of Epson's py_esensorlib; proto
 
 from dataclasses import dataclass
 
-from .registers import Register
+from .registers import Register, Setting
 
 
 @dataclass(frozen=True)
@@ -15,7 +15,7 @@ class Layout:
 
     header: int
     length: int  # bytes, header and CR included
-    settings: tuple[tuple[Register, int | None, int | None], ...]  # low byte and high byte, None: as it is
+    settings: tuple[Setting, ...]
     checked: bool = False  # the word before CR is the sum of the words between the header and it
     drawback: str = ""
 

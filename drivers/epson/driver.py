@@ -12,7 +12,7 @@ from ..driver import Identity, ImuConfigured, Options, Unsupported
 from .dialects import FLAT, WINDOWED, Layout
 from .hearing import is_spoken
 from .models import G350, Model, model_of
-from .setup import arrange, examine, fastest, listen, program, self_test, start, to_configuration
+from .setup import arrange, choose_range, examine, fastest, listen, program, self_test, start, to_configuration
 from .talk import describe, reach
 
 
@@ -57,6 +57,7 @@ class Epson:
         identity = replace(described, baud=identity.baud)
         warnings = yield from to_configuration(model.dialect)
         warnings += yield from examine(model.dialect)
+        warnings += yield from choose_range(model)
         if options.self_test:
             warnings += yield from self_test(model.dialect)
         baud = identity.baud or self.bauds[0]

@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass, field
 
 from .dialects import FLAT, WINDOWED, Dialect
+from .registers import Register, Setting
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
 
@@ -29,6 +30,7 @@ class Model:
     # number of taps of the moving average: filter code
     tap_codes: dict[int, int] = field(default_factory=lambda: {1 << code: code for code in range(8)})
     filter_hz: float = 2000.0  # a rate is valid with at least filter_hz / rate taps
+    settings: tuple[Setting, ...] = ()  # without which the row does not hold
 
     @property
     def name(self) -> str:
@@ -71,6 +73,7 @@ class Model:
 
 FALLING = (-0.0037918, 2634)  # degC per LSB, and the word at 25 degC
 RISING = (1 / 256, 0)
+TO_8_G = ((Register(0x12, 1), None, 0),)  # A_RANGE in GLOB_CMD3: otherwise 16 G and twice the scale
 
 G350 = Model(
     *("G350", 0.0125, 0.125, 0.0042725, -15214, 300.0, 3.0),
@@ -89,18 +92,18 @@ MODELS = (
     G350,
     V340,
     Model("G320", 1 / 125, 1 / 5, *FALLING, 150.0, 5.0),
-    Model("G330", 1 / 66, 1 / 4, *RISING, 450.0, 8.0),
+    Model("G330", 1 / 66, 1 / 4, *RISING, 450.0, 8.0, settings=TO_8_G),
     Model("G354", 1 / 62.5, 1 / 5, *FALLING, 450.0, 5.0),
     Model("G362", 0.005, 0.125, 0.0042725, -15214, 150.0, 3.0),
     Model("G364PDC0", 0.0075, 1 / 8, *FALLING, 200.0, 3.0),
     Model("G364PDCA", 0.00375, 1 / 8, *FALLING, 100.0, 3.0),
     Model("G365PDC", 1 / 66, 1 / 6.25, *FALLING, 450.0, 6.0),
     Model("G365PDF", 1 / 66, 1 / 2.5, *FALLING, 450.0, 10.0),
-    Model("G366", 1 / 66, 1 / 4, *RISING, 450.0, 8.0),
+    Model("G366", 1 / 66, 1 / 4, *RISING, 450.0, 8.0, settings=TO_8_G),
     Model("G370PDF", 1 / 66, 1 / 2.5, *FALLING, 450.0, 10.0),
     Model("G370PDS", 1 / 150, 1 / 2.5, *FALLING, 200.0, 10.0),
-    Model("G370PDG", 1 / 66, 1 / 4, *RISING, 450.0, 8.0),
-    Model("G370PDT", 1 / 150, 1 / 4, *RISING, 200.0, 8.0),
+    Model("G370PDG", 1 / 66, 1 / 4, *RISING, 450.0, 8.0, settings=TO_8_G),
+    Model("G370PDT", 1 / 150, 1 / 4, *RISING, 200.0, 8.0, settings=TO_8_G),
 )
 
 

@@ -35,6 +35,9 @@ class Register:
         return reply[1] << 8 | reply[2]
 
 
+Setting = tuple[Register, int | None, int | None]  # what its low and its high byte shall be; None: left as they are
+
+
 def read(register: Register) -> bytes:
     """The command that reads the word."""
     return bytes((register.address, 0, CR))

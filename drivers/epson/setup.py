@@ -7,7 +7,19 @@ from ..dialogue import Dialogue, Exchange
 from .dialects import Dialect, Layout
 from .hearing import layout_of
 from .models import Model
-from .registers import AUTO, CONFIGURE, CONFIGURING, HARD_ERROR, RESET, SAMPLE, TEST, TEST_FAILED, TESTING, write
+from .registers import (
+    AUTO,
+    CONFIGURE,
+    CONFIGURING,
+    HARD_ERROR,
+    RESET,
+    SAMPLE,
+    TEST,
+    TEST_FAILED,
+    TESTING,
+    Setting,
+    write,
+)
 from .talk import STOP_S, STOPS, ask, put, select, wait_ready
 
 RESET_S = 0.8
@@ -38,6 +50,12 @@ def examine(dialect: Dialect) -> Dialogue[list[str]]:
     diagnosis = (yield from ask(dialect.diagnosis)) or 0
     broken = diagnosis & HARD_ERROR
     return [f"the sensor reports a hardware error (DIAG_STAT {diagnosis:#06x})"] if broken else []
+
+
+def choose_range(model: Model) -> Dialogue[list[str]]:
+    """Have the accelerometer range for which the scale factors are; returns warnings."""
+    kept = yield from keeps(model.settings)
+    return [] if kept else [f"the sensor does not keep the range of {model.accel_range_g:g} G: its scale may be wrong"]
 
 
 def self_test(dialect: Dialect) -> Dialogue[list[str]]:
@@ -84,16 +102,21 @@ def program(model: Model, code: int, taps: int) -> Dialogue[tuple[float, list[st
     return rate, warnings
 
 
+def keeps(settings: Sequence[Setting]) -> Dialogue[bool]:
+    """Write, and read back; whether the sensor keeps what it was told, as far as it can be read."""
+    for register, low, high in settings:
+        yield from put(register, low, high)
+    kept = True
+    for register, low, high in settings:
+        word = yield from ask(register)
+        kept &= word is None or (low in (None, word & 0xFF) and high in (None, word >> 8))
+    return kept
+
+
 def arrange(layouts: Sequence[Layout]) -> Dialogue[list[str]]:
-    """Ask for the first of `layouts` that the sensor keeps, as far as it can be read back; returns warnings."""
+    """Ask for the first of `layouts` that the sensor keeps; returns warnings."""
     for layout in layouts:
-        for register, low, high in layout.settings:
-            yield from put(register, low, high)
-        kept = True
-        for register, low, high in layout.settings:
-            word = yield from ask(register)
-            kept &= word is None or (low in (None, word & 0xFF) and high in (None, word >> 8))
-        if kept:
+        if (yield from keeps(layout.settings)):
             return [layout.drawback] if layout.drawback else []
     return ["the sensor does not keep what its frames shall hold"]
 

@@ -1,6 +1,7 @@
 """A receiver's fix on its way to the filter: which are used, at what time on its axis, in its units."""
 
 import math
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -60,7 +61,8 @@ def record(fix: Fix, t_ns: int, arrival_ns: int) -> Records:
 def fixes_of_log(path: Path, origin: int, first_ns: int, settings: Gnss) -> Records:
     """The fixes of an NMEA log, placed by their UTC time of day near the samples that start `first_ns` after `origin`.
 
-    A log holds no arrival times: each fix is known `latency_s` after its epoch. Raises BadDataError without any fix.
+    A log holds no arrival times: each fix is known `latency_s` after its epoch. Raises BadDataError without any fix,
+    or if the settings refuse all.
     """
     driver = by_name("nmea")
     assert driver.kind == "gnss"
@@ -74,11 +76,16 @@ def fixes_of_log(path: Path, origin: int, first_ns: int, settings: Gnss) -> Reco
     start_s = origin + first_ns * 1e-9
     rows = []
     day = None
+    refused: Counter[str] = Counter()
     for fix in fixes:
-        if fix.utc_s is None or refusal(fix, settings):
+        if (why := refusal(fix, settings)) or fix.utc_s is None:
+            refused[why or ""] += 1
             continue
         near = start_s if day is None else rows[-1]["t_ns"][0] * 1e-9 + origin
         day = round((near - fix.utc_s) / _DAY_S)
         t_ns = round((fix.utc_s + day * _DAY_S - origin) * 1e9)
         rows.append(record(fix, t_ns, t_ns + round(settings.latency_s * 1e9)))
-    return np.concatenate(rows) if rows else np.zeros(0, FIX)
+    if not rows:
+        reasons = ", ".join(f"{why} ({count} times)" for why, count in refused.items())
+        raise BadDataError(f"{path}: none of its fixes is used: {reasons}")
+    return np.concatenate(rows)

@@ -7,7 +7,7 @@ import pytest
 from nmea_lines import decode, gga, line, rmc, vtg
 
 from imud.config import load
-from imud.errors import ConfigError
+from imud.errors import BadDataError, ConfigError
 from imud.gnss import fixes_of_log, record, refusal
 from imud.settings import Gnss
 
@@ -69,3 +69,14 @@ def test_a_log_is_placed_near_the_samples_and_over_midnight(tmp_path):
     rows = fixes_of_log(log, origin, 86_397 * 10**9, Gnss())
     assert [round(t * 1e-9) for t in rows["t_ns"]] == [86_398, 86_399, 86_400, 86_401]
     assert set(rows["arrival_ns"] - rows["t_ns"]) == {150_000_000}
+
+
+def test_a_log_of_which_nothing_is_used_says_why(tmp_path):
+    log = tmp_path / "track.nmea"
+    log.write_bytes(gga(rest="1,04,0.9,545.4,M,46.9,M,,"))
+    with pytest.raises(BadDataError, match=r"4 satellites, fewer than gnss\.min_satellites \(1 times\)"):
+        fixes_of_log(log, 0, 0, Gnss())
+    assert len(fixes_of_log(log, 0, 0, Gnss(min_satellites=4))) == 1
+    log.write_bytes(b"$GPGGA,nonsense*00\r\n")
+    with pytest.raises(BadDataError, match="no fix in it"):
+        fixes_of_log(log, 0, 0, Gnss())

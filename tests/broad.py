@@ -34,9 +34,9 @@ def samples_of(t: Floats, w: Floats, f: Floats) -> NDArray[np.void]:
     return samples
 
 
-def solutions_of(samples: NDArray[np.void], profile: str = "auto", initial: Initial | None = None, rate_hz: float = 0.0) -> NDArray[np.void]:
-    """Every sample's solution from a fresh filter. rate_hz 0: the samples' own."""
-    rate_hz = rate_hz or 1e9 / float(np.median(np.diff(samples["t_ns"])))
+def solutions_of(samples: NDArray[np.void], profile: str = "auto", initial: Initial | None = None) -> NDArray[np.void]:
+    """Every sample's solution from a fresh filter."""
+    rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
     parameters = ESTIMATOR.configure(Settings(imu=Imu(profile=profile)), rate_hz)
     state = ESTIMATOR.start(parameters, initial or Initial())
     out = np.zeros(len(samples), SOLUTION)

@@ -31,9 +31,12 @@ def shear(P: Floats, n: int, i: int, j: int, a: float) -> None:
     """P <- E P E' with E = I + a e_i e_j', i != j: state i gains `a` times state j."""
     pij = P[packed_index(n, i, j)]
     pjj = P[packed_index(n, j, j)]
+    at_i, at_j = i, j  # of elements (k, i) and (k, j), down the columns to the diagonal, then along the rows
     for k in range(n):
         if k != i:
-            P[packed_index(n, i, k)] += a * P[packed_index(n, j, k)]
+            P[at_i] += a * P[at_j]
+        at_i += n - 1 - k if k < i else 1
+        at_j += n - 1 - k if k < j else 1
     P[packed_index(n, i, i)] += a * (2.0 * pij + a * pjj)
 
 
@@ -57,10 +60,13 @@ def reset(P: Floats, n: int, i: int, variance: float) -> None:
 def measure(P: Floats, n: int, columns: Indices, values: Floats, m: int, d: Floats) -> float:
     """d <- P h for the sparse row h (`values[k]` at `columns[k]`, k < m); returns h P h'."""
     for i in range(n):
-        s = 0.0
-        for k in range(m):
-            s += P[packed_index(n, i, columns[k])] * values[k]
-        d[i] = s
+        d[i] = 0.0
+    for k in range(m):
+        column = columns[k]
+        at = column  # of element (i, column), down the column to the diagonal, then along the row
+        for i in range(n):
+            d[i] += P[at] * values[k]
+            at += n - 1 - i if i < column else 1
     v = 0.0
     for k in range(m):
         v += values[k] * d[columns[k]]
@@ -72,14 +78,16 @@ def update(P: Floats, n: int, x: Floats, d: Floats, s: float, z: float, keep: in
     """Take one scalar measurement with innovation z (h x already removed), variance s = h P h' + r and d = P h.
 
     x is the correction gathered so far; states from index `keep` on are considered, not corrected (Schmidt):
-    P <- P + k s k' - k d' - d k' is valid for any gain k.
+    P <- P + k s k' - k d' - d k', valid for any gain k, is with k = d / s above `keep` and 0 below it the same as
+    subtracting d d' / s from all but the block of the considered states.
     """
-    for i in range(n):
-        ki = d[i] / s if i < keep else 0.0
-        x[i] += ki * z
+    first = 0
+    for i in range(keep):
+        gain = d[i] / s
+        x[i] += gain * z
         for j in range(i, n):
-            kj = d[j] / s if j < keep else 0.0
-            P[packed_index(n, i, j)] += ki * s * kj - ki * d[j] - d[i] * kj
+            P[first + j - i] -= gain * d[j]
+        first += n - i
 
 
 def unpack(P: Floats, n: int) -> Any:

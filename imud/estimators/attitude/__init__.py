@@ -1,6 +1,7 @@
-"""Attitude without GNSS or magnetometer: an error-state filter of 27 states on gyro and accelerometer alone.
+"""Attitude without GNSS or magnetometer: an error-state filter of 25 states on gyro and accelerometer alone.
 
-Every sample is integrated; the covariance follows at about 40 Hz whatever the sample rate. Roll and pitch are
+Every sample is integrated; the covariance follows at about 40 Hz whatever the sample rate. The accelerometer is not
+averaged: its integral, a velocity, is held to be about zero, which tells gravity from acceleration. Roll and pitch are
 absolute. Yaw counts from the start, or from the heading that the user gives; nothing corrects it and its sigma grows.
 HEADING_VALID is set only after a given heading, while that sigma is small.
 
@@ -17,7 +18,7 @@ from ...kernels.jit import kernel
 from .. import Estimator
 from ..records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SATURATED
 from .covariance import clear, correct, forget_motion, hold_near, hold_still, predict, report
-from .levelling import begin, doubt, level, resume
+from .levelling import begin, doubt, level, middle, resume
 from .rest import judge, watch
 from .setup import configure, start
 from .strapdown import advance, corrected_force, corrected_rate
@@ -34,7 +35,8 @@ def settle(p: Any, s: Any) -> None:
     """One step of the covariance: propagate, take the pseudo-measurements, correct."""
     predict(p, s)
     if s.force2 < (WEIGHTLESS * s.gravity) ** 2:
-        forget_motion(s)
+        for i in range(3):
+            forget_motion(s, i)
     elif judge(p, s):
         hold_still(p, s)
     else:
@@ -62,7 +64,10 @@ def take(p: Any, s: Any, sample: Any, dt: float) -> None:
         saturated = sample.flags & BEYOND_RANGE != 0
         if saturated or dt > p.gap_s or s.held_s > 0.0:
             doubt(p, s, w, f, dt, saturated)
-        advance(s, w, f, dt)
+        if dt > p.gap_s:
+            advance(s, middle(s.w, w), middle(s.f, f), dt)
+        else:
+            advance(s, w, f, dt)
         watch(p, s, w, f, dt)
         for i in range(3):
             s.w[i] = w[i]

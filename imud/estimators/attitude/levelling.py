@@ -25,7 +25,7 @@ def begin(s: Any, w: Vector, f: Vector) -> None:
         s.w[i] = s.w_mean[i] = w[i]
         s.f[i] = s.f_mean[i] = s.f_anchor[i] = f[i]
     s.force2 = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
-    s.quiet_s = s.contradicted_s = s.held_s = 0.0
+    s.quiet_s = s.contradicted_s = s.unlevel_s = s.held_s = 0.0
     s.resting = 0
 
 
@@ -42,7 +42,7 @@ def resume(p: Any, s: Any, w: Vector, f: Vector, dt: float) -> None:
 
 @kernel
 def level(s: Any, f: Vector) -> None:
-    """Take roll and pitch from specific force f, or from the user, yaw as it is; forget velocity and position."""
+    """Take roll and pitch from specific force f, or from the user, yaw as it is; forget velocity."""
     weight = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]) / s.gravity
     if not LIGHTEST < weight < HEAVIEST:
         return
@@ -60,10 +60,16 @@ def level(s: Any, f: Vector) -> None:
     for i in range(3):
         reset(s.P, STATES, ATTITUDE + i, tilt2 if i < 2 else heading2)
         g[i] = math.nan
-    forget_motion(s)
+        forget_motion(s, i)
     clear(s)
     s.levelled = 1
     report(s)
+
+
+@kernel
+def middle(a: Any, b: Vector) -> Vector:
+    """What lies between two readings is best guessed as their mean."""
+    return 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
 
 
 @kernel

@@ -1,29 +1,32 @@
 """Whether the body rests, from the inertial sensor alone, and whether the rate it then shows may be the gyro's bias.
 
-Rest is: for REST_S no sample far from the running means, the direction of gravity unchanged, and a mean rate that a
-bias can explain. Steady slow rotation about the vertical looks just the same; it is told from a bias by what is known
-already. A mean rate that contradicts the known bias is believed only after WAIT_S when it is the likelier bias by
-what the sensor's maker promises (then the body turned before and rests now), else after a long PATIENCE_S.
+Rest is: for REST_S no sample far from the running means, the direction of the force unchanged, a mean rate that a bias
+can explain, and a force that is weight in the known attitude (else it is steady acceleration, or after PATIENCE_S the
+attitude is wrong). Steady slow rotation about the vertical looks just like a bias; it is told from one by what is known
+already. A mean rate that contradicts the known bias is not taken, however long it lasts, until the growing variance of
+the bias allows it; unless it is the smaller and so the likelier bias: then the body turned before and rests now.
 """
 
 from typing import Any
 
 from ...kernels.jit import kernel
-from ...kernels.kalman import reset
-from ...kernels.rotation import Vector
-
+from ...kernels.kalman import measure, reset
+from ...kernels.rotation import Vector, dcm_of_quat, quat_rotate
 from .covariance import variance
-from .state import GYRO_BIAS, STATES
+from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, STATES
+from .strapdown import corrected_force
 
 MEAN_S = 0.35
-REST_S = 1.5
+REST_S = 1.0
 RATE_DEVIATION = 0.035  # rad/s, of a sample from the mean
 FORCE_DEVIATION = 0.5  # m/s^2
 TURNED = 0.1  # m/s^2, of the mean force since the quiet began
 GATE = 5.0  # sigma, against what is known of the bias
 PLAUSIBLE = 4.0  # sigma, against what the maker promises
 BIAS_FLOOR = 5e-4  # rad/s, how well a bias is ever known (warming, counts, earth rate)
-WAIT_S, PATIENCE_S = 3.0, 300.0
+FORCE_FLOOR = 0.03  # m/s^2
+WAIT_S = 3.0
+PATIENCE_S = 10.0  # no body accelerates so steadily for so long
 
 
 @kernel
@@ -49,12 +52,47 @@ def watch(p: Any, s: Any, w: Vector, f: Vector, dt: float) -> None:
 
 
 @kernel
+def accelerates(s: Any) -> bool:
+    """Does the mean force differ from weight by more than the errors of attitude and accelerometer explain?"""
+    C = dcm_of_quat((s.q[0], s.q[1], s.q[2], s.q[3]))
+    f = corrected_force(s, s.f_mean[0], s.f_mean[1], s.f_mean[2])
+    n = quat_rotate((s.q[0], s.q[1], s.q[2], s.q[3]), f)
+    acceleration = (n[0], n[1], n[2] + s.gravity)
+    tilt = ((0.0, n[2]), (-n[2], 0.0), (n[1], -n[0]))
+    for i in range(3):
+        s.columns[0], s.values[0] = ATTITUDE, tilt[i][0]
+        s.columns[1], s.values[1] = ATTITUDE + 1, tilt[i][1]
+        for m in range(3):
+            s.columns[2 + m], s.values[2 + m] = ACCEL_BIAS + m, -C[3 * i + m]
+            s.columns[5 + m], s.values[5 + m] = ACCEL_SCALE + m, -C[3 * i + m] * f[m]
+        known = measure(s.P, STATES, s.columns, s.values, 8, s.d) + FORCE_FLOOR**2
+        if acceleration[i] * acceleration[i] > GATE**2 * known:
+            return True
+    return False
+
+
+@kernel
+def doubt_level(s: Any) -> None:
+    """Let roll and pitch be as uncertain as the mean force says they are wrong."""
+    f = quat_rotate((s.q[0], s.q[1], s.q[2], s.q[3]), (s.f_mean[0], s.f_mean[1], s.f_mean[2]))
+    tilt2 = (f[0] * f[0] + f[1] * f[1]) / (s.gravity * s.gravity)
+    for i in range(2):
+        reset(s.P, STATES, ATTITUDE + i, tilt2)
+
+
+@kernel
 def judge(p: Any, s: Any) -> bool:
     """Is this rest, with a mean rate that may correct the gyro bias? To be asked once per covariance interval."""
     s.resting = 0
     if s.quiet_s < REST_S:
-        s.contradicted_s = 0.0
+        s.contradicted_s = s.unlevel_s = 0.0
         return False
+    if accelerates(s):
+        s.unlevel_s += s.span
+        if s.unlevel_s > PATIENCE_S:
+            doubt_level(s)
+        return False
+    s.unlevel_s = 0.0
     contradicts = False
     known2 = shown2 = 0.0
     for i in range(3):
@@ -68,7 +106,7 @@ def judge(p: Any, s: Any) -> bool:
         s.resting = 1
         return True
     s.contradicted_s += s.span
-    if s.contradicted_s > (WAIT_S if shown2 < known2 else PATIENCE_S):
+    if shown2 < known2 and s.contradicted_s > WAIT_S:
         for i in range(3):
             reset(s.P, STATES, GYRO_BIAS + i, p.gyro_bias_var)
     return False

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...kernels.earth import STANDARD_GRAVITY, gravity
 from ...profiles import PROFILES
@@ -13,24 +14,28 @@ from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, LA
 
 DEFAULT_PROFILE = "consumer-mems"
 GRAVITY_SPREAD = 0.0015  # of standard gravity over the earth's surface, 1 sigma
-LAG_SPREAD = 0.0013  # s, of the accelerometer behind the gyro, 1 sigma
-BIAS_WALK = 1.4  # 1/sqrt(s), of the bias instability
+ACCEL_BIAS_S = 100.0  # in which the accelerometer's bias may change by its instability
+LAG_SPREAD = 0.003  # s, of the accelerometer behind the gyro, 1 sigma
 
 
 def configure(settings: Settings, rate_hz: float) -> Record:
-    """Parameters (PARAMETERS) from the sensor's profile. rate_hz: nominal; a step of more than 2.5 periods is a gap."""
+    """Parameters (PARAMETERS) from the sensor's profile; rate_hz is nominal, a step of more than 2.5 periods is a gap.
+
+    Raises KeyError when there is no such profile.
+    """
     name = settings.imu.profile
     profile = PROFILES[DEFAULT_PROFILE if name == "auto" else name]
     p = np.zeros(1, PARAMETERS)
     p["gap_s"] = 2.5 / rate_hz
     p["gyro_psd"] = profile.gyro_noise**2
     p["gyro_bias_var"] = profile.gyro_bias_initial**2
-    p["gyro_bias_psd"] = (BIAS_WALK * profile.gyro_bias_instability) ** 2
+    p["gyro_bias_psd"] = profile.gyro_bias_instability**2
     p["gyro_matrix_var"] = profile.gyro_scale**2
     p["accel_psd"] = profile.accel_noise**2
     p["accel_bias_var"] = profile.accel_bias_initial**2
+    p["accel_bias_psd"] = profile.accel_bias_instability**2 / ACCEL_BIAS_S
     p["accel_scale_var"] = profile.accel_scale**2
-    p["rest_rate_psd"] = (6.0 * profile.gyro_noise) ** 2
+    p["rest_rate_psd"] = (3.0 * profile.gyro_noise) ** 2
     return p
 
 
@@ -44,13 +49,12 @@ def start(parameters: Record, initial: Initial) -> Record:
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)
     s["given"] = [math.nan if angle is None else math.radians(angle) for angle in angles]
     s["heading"] = initial.yaw_deg is not None
-    s["one"] = 1.0
     s["sigma_tilt"] = s["sigma_rpy"] = UNIFORM
     s["P"][0] = _covariance(parameters, known)[np.triu_indices(STATES)]
     return s
 
 
-def _covariance(parameters: Record, gravity_known: bool) -> np.ndarray:
+def _covariance(parameters: Record, gravity_known: bool) -> NDArray[np.float64]:
     P = np.zeros((STATES, STATES))
     for first, count, name in (
         (GYRO_BIAS, 3, "gyro_bias_var"),

@@ -1,14 +1,14 @@
-"""The records of the attitude filter: its 28 error states, its parameters and what it remembers.
+"""The records of the attitude filter: its 25 error states, its parameters and what it remembers.
 
-Errors are "true minus estimate". The attitude error is a small rotation in NED (q_true = exp(phi) q_nb); velocity and
-position are NED and leak to zero; gyro and accelerometer follow true = (I - M)(measured - bias), M full for the gyro
+Errors are "true minus estimate". The attitude error is a small rotation in NED (q_true = exp(phi) q_nb); velocity
+is NED; gyro and accelerometer follow true = (I - M)(measured - bias), M full for the gyro
 (scale factors and misalignments, row-major), diagonal for the accelerometer.
 """
 
 import numpy as np
 
-ATTITUDE, GYRO_BIAS, VELOCITY, POSITION, ACCEL_BIAS, GYRO_MATRIX, ACCEL_SCALE, LAG = 0, 3, 6, 9, 12, 15, 24, 27
-STATES = 28
+ATTITUDE, GYRO_BIAS, VELOCITY, ACCEL_BIAS, GYRO_MATRIX, ACCEL_SCALE, LAG = 0, 3, 6, 9, 12, 21, 24
+STATES = 25
 PACKED = STATES * (STATES + 1) // 2
 
 # What a sensor's profile gives, in variances and power spectral densities, and the nominal sample period.
@@ -17,7 +17,7 @@ PARAMETERS = np.dtype(
         ("gap_s", "<f8"),  # a longer step between samples is a gap
         ("gyro_psd", "<f8"),  # rad^2/s
         ("gyro_bias_var", "<f8"),  # (rad/s)^2 at switch-on
-        ("gyro_bias_psd", "<f8"),  # (rad/s)^2/s
+        ("gyro_bias_psd", "<f8"),  # (rad/s)^2/s, a walk of one bias instability per root second
         ("gyro_matrix_var", "<f8"),
         ("accel_psd", "<f8"),  # (m/s)^2/s
         ("accel_bias_var", "<f8"),  # (m/s^2)^2 at switch-on
@@ -38,7 +38,6 @@ STATE = np.dtype(
         ("gravity", "<f8"),  # m/s^2
         ("q", "<f8", (4,)),
         ("v", "<f8", (3,)),
-        ("p", "<f8", (3,)),
         ("bg", "<f8", (3,)),
         ("ba", "<f8", (3,)),
         ("gm", "<f8", (9,)),
@@ -47,8 +46,8 @@ STATE = np.dtype(
         ("P", "<f8", (PACKED,)),
         ("x", "<f8", (STATES,)),
         ("d", "<f8", (STATES,)),
-        ("column", "<i8", (1,)),  # a measurement row of one element
-        ("one", "<f8", (1,)),
+        ("columns", "<i8", (8,)),  # a measurement row
+        ("values", "<f8", (8,)),
         ("sigma_tilt", "<f8"),
         ("sigma_rpy", "<f8", (3,)),
         ("sigma_bg", "<f8", (3,)),
@@ -78,7 +77,8 @@ STATE = np.dtype(
         ("f_anchor", "<f8", (3,)),
         ("force2", "<f8"),  # (m/s^2)^2, mean square of the force
         ("quiet_s", "<f8"),
-        ("contradicted_s", "<f8"),
+        ("contradicted_s", "<f8"),  # for how long a quiet body has shown a rate that is not the known bias
+        ("unlevel_s", "<f8"),  # and a force that is not weight in the known attitude
         ("resting", "<i8"),
     ],
     align=True,

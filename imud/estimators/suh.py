@@ -20,6 +20,8 @@ His numbers belong to 20 samples per second: faster samples are averaged over ST
 next step. Yaw is not in the paper; it is integrated aside from an arbitrary origin, only to have a quaternion. The
 covariances are in his numbers, whose ratios alone matter (his section 5): r_nom = 0.05 stands for 0.22 g of external
 acceleration, so the sigmas are far above the errors of a sensor at rest.
+His delta wants a zeroed accelerometer: more than 2.5 mg of bias along gravity is external acceleration to it for good
+(an M-G350 may start with 8 mg).
 """
 
 import math

@@ -270,7 +270,7 @@ def _loop_figures(run: Loop) -> list[Figure]:
     track = Panel("path", "east [m]", "north [m]", traces, equal=True)
     panels = [track]
     for i, axis in enumerate(("north", "east", "down")):
-        estimate = Trace(f"{axis} ±σ", run.t, run.estimated[:, i], run.sigma)
+        estimate = Trace(axis, run.t, run.estimated[:, i], run.sigma)
         panels.append(
             Panel(
                 f"displacement {axis}",
@@ -282,7 +282,7 @@ def _loop_figures(run: Loop) -> list[Figure]:
     for i, axis in enumerate(("north", "east")):
         estimate = Trace(f"acceleration {axis}", run.t, run.acceleration[:, i], run.acceleration_sigma)
         true = Trace(f"true acceleration {axis}", run.t, run.true_acceleration[:, i])
-        panels.append(Panel(f"acceleration {axis}", "time [s]", "[m/s²]", [estimate, true]))
+        panels.append(Panel(f"acceleration {axis}", "time [s]", f"{axis} [m/s²]", [estimate, true]))
     printed = [
         Trace("as printed", run.literal[:, 1], run.literal[:, 0]),
         Trace("true path", run.truth[:, 1], run.truth[:, 0]),

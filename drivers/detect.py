@@ -70,7 +70,9 @@ def detect(driver: str | None = None, baud: int | None = None, readonly: bool = 
             askable = among if noise is None else [one for one in among if driver and one.interrupts]
             found = yield from _ask(askable, baud)
         if found is not None:
-            return found
+            speed = _plausible(found, baud)
+            yield Exchange(baud=speed)
+            return replace(found, baud=speed)
         if noise is not None:
             return noise
     return Silence(bauds, not readonly)
@@ -86,6 +88,12 @@ def _recognised(among: Sequence[AnyDriver], heard: bytes, baud: int) -> Found | 
         if found := driver.recognise(heard):
             return replace(found, baud=baud)
     return None
+
+
+def _plausible(found: Found, named: int | None) -> int:
+    """The speed of the device's line. A pseudo-terminal carries it at speeds that its driver does not know, too."""
+    bauds = by_name(found.driver).bauds
+    return found.baud if named or found.baud in bauds else bauds[0]
 
 
 def _listen(among: Sequence[AnyDriver], baud: int) -> Dialogue[bytes]:

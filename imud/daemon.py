@@ -70,6 +70,7 @@ class Daemon:
         self._devices: tuple[Device, ...] = ()
         self._status = self._told = 0
         self._exit: int | None = None
+        self._compiling = False
 
     def run(self) -> int:
         """Serve until SIGTERM (returns 0) or Ctrl-C (130). Raises ImudError when there is no point in going on."""
@@ -80,8 +81,10 @@ class Daemon:
             self._gpsd = stack.enter_context(contextlib.closing(GpsdServer(self._settings.gpsd, self._poll)))
             notifier.say("STATUS=compiling", "EXTEND_TIMEOUT_USEC=300000000")
             self._log.info("compiling the filter (the first start takes a while)", estimator=self._estimator.name)
+            self._compiling = True
             for estimator in filter(None, (self._wanted, self._fallback)):
                 _warm_up(estimator, self._settings)
+            self._compiling = False
             gc.collect()
             gc.freeze()
             self._log.info("ready", gpsd=" ".join(self._gpsd.addresses), estimator=self._estimator.name)
@@ -94,6 +97,8 @@ class Daemon:
 
     def _end(self, code: int) -> None:
         self._exit = code
+        if self._compiling:  # no loop runs yet that would see it
+            raise SystemExit(code)
 
     def _serve(self, notifier: Notifier) -> None:
         slow_ns = 0

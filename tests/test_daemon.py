@@ -137,6 +137,23 @@ def test_exit_codes(arguments, code, says):
     assert "Traceback" not in ended.stderr
 
 
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
+def test_a_signal_ends_the_compiling(tmp_path, number, code):
+    log = (tmp_path / "log").open("w")
+    command = ("imud", "run", "--port", str(tmp_path / "absent"), "--listen", str(tmp_path / "gpsd.sock"))
+    environment = {**os.environ, "NO_COLOR": "1", "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    with log, process(*command, stderr=log, env=environment) as running:
+        while not list(tmp_path.glob("cache/**/*.nbi")):  # the first kernel is done, many are to come
+            assert running.poll() is None
+            time.sleep(0.02)
+        running.send_signal(number)
+        assert running.wait(20.0) == code
+    said = (tmp_path / "log").read_text()
+    assert "ready" not in said
+    assert "Traceback" not in said
+    assert not (tmp_path / "gpsd.sock").exists()
+
+
 def test_ctrl_c(tmp_path):
     with daemon(tmp_path, "--port", str(tmp_path / "absent")) as imud:
         begin = time.monotonic()

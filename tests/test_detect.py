@@ -29,7 +29,7 @@ def test_the_registry_finds_every_driver_by_its_folder():
 def test_a_silent_imu_is_asked_at_every_speed(baud):
     found, seconds = run(detect(), G350(baud))
     assert found == Identity("epson", "M-G350", "A0000123", "0113", baud, "m-g350")
-    assert seconds < (2.0 if baud == 460800 else 3.0)
+    assert seconds < (2.0 if baud == 460800 else 3.2)
 
 
 @pytest.mark.parametrize("boot_s", [0.8, 2.0, 3.0])
@@ -47,6 +47,25 @@ def test_a_streaming_imu_is_recognised_without_a_byte_written(baud):
     assert (found.driver, found.baud) == ("epson", baud)
     assert device.written == b""
     assert seconds < 7.0
+
+
+class Pseudo(G350):
+    """A pseudo-terminal: what one end says the other hears, whatever the speed."""
+
+    def say(self, data):
+        self.outgoing += data
+
+    def hear(self, data):
+        self.written += data
+        self.receive(data)
+
+
+def test_a_streaming_imu_on_a_line_without_speed_gets_the_speed_that_carries_its_full_rate():
+    device = Pseudo().start()
+    found, _ = run(detect(), device)
+    assert (found.driver, found.baud, device.host_baud) == ("epson", 460800, 460800)
+    named, _ = run(detect(baud=38400), Pseudo().start())
+    assert (named.driver, named.baud) == ("epson", 38400)
 
 
 @pytest.mark.parametrize("baud", [4800, 9600, 38400, 57600, 115200, 19200])

@@ -47,6 +47,27 @@ def test_a_device_without_a_name_is_an_m_g350(missing):
     assert seconds < 0.8
 
 
+class Unhurried(G350):
+    """Misses what comes too soon after the last command, as the data sheet warns."""
+
+    def __init__(self, pause_s):
+        super().__init__()
+        self.pause_s, self.heard_s, self.missed = pause_s, -1.0, 0
+
+    def obey(self, address, value):
+        soon, self.heard_s = self.now_s - self.heard_s < self.pause_s, self.now_s
+        if soon:
+            self.missed += 1
+        else:
+            super().obey(address, value)
+
+
+def test_commands_keep_the_pause_that_slow_lines_need_after_answers_too():
+    device = Unhurried(0.005)
+    assert configure(device).rate_hz == 1000.0
+    assert device.missed == 0
+
+
 @pytest.mark.parametrize("silent", [True, False])
 def test_start_up_is_waited_for(silent):
     device = G350(boot_s=0.9, silent_boot=silent)

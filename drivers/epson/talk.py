@@ -8,7 +8,7 @@ from .registers import CONFIGURE, CR, NOT_READY, WIN_CTRL, Register, read, write
 
 ANSWER_S = 0.1  # an answer takes microseconds; adapters and stand-ins take longer
 FIRST_ANSWER_S = 0.06  # to the first question of all, most often put to a line with no sensor at its end
-WRITE_S = 0.004  # from one command to the next: 3.7 ms at 19200 baud, 0.2 ms at 460800
+PAUSE_S = 0.006  # from one command or answer to the next command: 3.7 ms at 19200 baud, 0.2 ms at 460800
 STOPS = 5  # attempts to end automatic mode
 STOP_S = 0.2  # until its last frames have drained from adapter and driver
 READY_POLLS, READY_S = 30, 0.05  # start-up takes 0.8 s
@@ -18,7 +18,7 @@ IDENTITY_ANSWER = bytes((IDENTITY.address, *IDENTITY_VALUE.to_bytes(2), CR))
 def tell(*commands: bytes) -> Dialogue[None]:
     """Send commands that are not answered."""
     for command in commands:
-        yield Exchange(command, WRITE_S)
+        yield Exchange(command, PAUSE_S)
 
 
 def select(register: Register) -> Dialogue[None]:
@@ -31,6 +31,8 @@ def ask(register: Register) -> Dialogue[int | None]:
     """The word of a register, or None without an exact answer."""
     yield from select(register)
     reply = yield Exchange(read(register), ANSWER_S, enough=lambda heard: len(heard) >= 4, discard=True)
+    if reply:
+        yield Exchange(listen_s=PAUSE_S)
     return register.answer(reply)
 
 
@@ -66,7 +68,7 @@ def reach() -> Dialogue[Dialect | None]:
         heard = yield Exchange(read(IDENTITY), FIRST_ANSWER_S, enough=lambda heard: heard.endswith(IDENTITY_ANSWER))
         if heard.endswith(IDENTITY_ANSWER) and (yield from ask(IDENTITY)) == IDENTITY_VALUE:
             return WINDOWED if (yield from wait_ready(WINDOWED)) else None
-        yield Exchange(write(FLAT.mode.address + 1, CONFIGURE), STOP_S if heard else WRITE_S)
+        yield Exchange(write(FLAT.mode.address + 1, CONFIGURE), STOP_S if heard else PAUSE_S)
         first = yield from ask(FLAT.command)
         if first is not None and (yield from ask(FLAT.command)) is not None:
             if (yield from ask(IDENTITY)) == IDENTITY_VALUE:

@@ -23,7 +23,7 @@ from .simulate import level_at_rest, m_g350
 RATE_HZ, SECONDS = 200.0, 60.0
 SHAKING = 0.01 * STANDARD_GRAVITY  # m/s^2, 1 sigma per axis of rails and rollers
 CARTS = 20  # repetitions of experiment 2
-ZEROED = 0.2  # of the switch-on bias is left on the cart
+ZEROED = 0.2  # of the switch-on bias is left
 FILTERS: dict[str, tuple[Estimator, bool]] = {
     "standard": (SUH_STANDARD, False),
     "simple adaptive": (SUH_ADAPTIVE, False),
@@ -80,7 +80,7 @@ def filtered(name: str, samples: Any) -> Run:
 def still(rng: np.random.Generator) -> Any:
     """Experiment 1: samples of the sensor at rest."""
     t = np.arange(int(SECONDS * RATE_HZ)) / RATE_HZ
-    return m_g350(rng, t, *level_at_rest(len(t)))
+    return m_g350(rng, t, *level_at_rest(len(t)), ZEROED)
 
 
 def pushes(rng: np.random.Generator, t: Floats) -> Floats:

@@ -161,7 +161,7 @@ class Daemon:
         if self._gnss:
             self._take(self._gnss[1].flush(now_ns))
         for pair in (self._imu, self._gnss):
-            if pair and now_ns - pair[1].heard_ns > pair[1].silence_ns:
+            if pair and now_ns - pair[1].heard_ns > pair[1].silence_ns and not _is_readable(pair[0].fd):
                 pair[0].lost("the device fell silent")
         if self._imu is None and self._gpsd.wants(now_ns):
             self._gpsd.publish(View(devices=self._devices), now_ns)  # the clients must not take old news for new
@@ -283,6 +283,13 @@ def _device(port: Port) -> Device:
         serial=identity.serial,
         activated_s=time.time(),
     )
+
+
+def _is_readable(fd: int) -> bool:
+    """Whether bytes wait: it may be we who slept, not the device."""
+    poll = select.poll()
+    poll.register(fd, select.POLLIN)
+    return bool(poll.poll(0))
 
 
 def _warm_up(estimator: Estimator, settings: Settings) -> None:

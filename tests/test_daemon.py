@@ -55,6 +55,20 @@ def test_position_with_a_receiver_and_a_reconnect(tmp_path):
         assert imud.process.poll() is None
 
 
+def test_a_daemon_that_was_stopped_does_not_blame_the_devices(tmp_path):
+    imu, gnss = tmp_path / "imu", tmp_path / "gnss"
+    with (
+        emulator("g350", "nmea", "--scenario", "rest", links=[imu, gnss]),
+        daemon(tmp_path, "--port", str(imu), "--port", str(gnss)) as imud,
+    ):
+        before = imud.until(lambda m: m["class"] == "EST" and "position" in m["state"])["t_mono_ns"]
+        imud.process.send_signal(signal.SIGSTOP)
+        time.sleep(6.0)  # longer than either device may be silent
+        imud.process.send_signal(signal.SIGCONT)
+        imud.until(lambda m: m["class"] == "EST" and m["t_mono_ns"] > before + 8_000_000_000)
+        assert "silent" not in imud.log
+
+
 def run(*arguments, timeout=240.0):
     return subprocess.run(
         [sys.executable, "-m", "imud", *arguments], capture_output=True, text=True, timeout=timeout, check=False,

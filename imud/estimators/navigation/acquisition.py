@@ -7,12 +7,22 @@ from ...kernels.jit import kernel
 from ...kernels.kalman import reset
 from .alignment import engage, find_heading, levelled, pair
 from .gnss import velocity_of
+from .motion import REST_SPEED
 from .state import POSITION, STATES, VELOCITY
 
 UNKNOWN_POSITION = 100.0  # m
 UNKNOWN_SPEED = 5.0  # m/s
 UNKNOWN_CLIMB = 1.0
 RECEIVED_SPEED = 0.3
+SURE = 3.0  # times its sigma, a speed seen in positions is no noise
+
+
+@kernel
+def seen_speed(c: Any) -> float:
+    """Speed over the last pair of positions, m/s; NaN where it may be noise or there is none."""
+    sigma = math.sqrt(2.0 * c.white[0])  # of a difference over about a second, in which the wander hardly changes
+    speed = math.hypot(c.slope[0], c.slope[1])
+    return speed if c.slope[4] > 0.0 and (SURE * sigma < REST_SPEED or speed > SURE * sigma) else math.nan
 
 
 @kernel
@@ -22,8 +32,10 @@ def place(p: Any, c: Any, fix: Any) -> None:
     if math.isfinite(fix.height):
         c.height = fix.height
     vn, ve = velocity_of(fix, 0), velocity_of(fix, 1)
-    pair(c, vn, ve)
+    pair(c, fix.lat, fix.lon, vn, ve)
     known = math.isfinite(vn) and math.isfinite(ve)
+    if not math.isfinite(c.fix_speed):
+        c.fix_speed = seen_speed(c)
     if not known and c.slope[4] > 0.0:
         vn, ve = c.slope[0], c.slope[1]
     moving = known or c.slope[4] > 0.0

@@ -32,7 +32,9 @@ def move(p: Any, c: Any, w: Any, f: Any, dt: float) -> None:
         c.v[0], c.v[1], c.v[2] = vn, ve, vd
     else:
         v0, v1, v2 = c.v[0], c.v[1], c.v[2]
+        dvn, dve = c.dv[0], c.dv[1]
         integrate(c, w, f, dt)
+        feel(c, c.dv[0] - dvn, c.dv[1] - dve, dt)
         a = min(dt / SMOOTH_S, 1.0) / dt
         b = min(dt / SMOOTH_S, 1.0)
         c.accel[0] += a * (c.v[0] - v0) - b * c.accel[0]
@@ -58,6 +60,7 @@ def bridge(p: Any, c: Any, w: Any, f: Any, dt: float) -> None:
         grow(c, VELOCITY + i, (GAP_ACCEL * dt) ** 2)
         grow(c, ATTITUDE + i, (GAP_TURN * dt) ** 2)
     c.quiet = 0
+    c.still = 0
     clear(c)
 
 
@@ -84,10 +87,11 @@ def window(p: Any, c: Any) -> None:
     judge(p, c)
     resting = at_rest(c)
     c.flags = c.flags | AT_REST if resting else c.flags & ~AT_REST
+    if c.phase == LEVELLING:
+        level(c, resting)  # before `rest` turns the attitude that the mean belongs to
     if resting:
         rest(p, c)
     if c.phase == LEVELLING:
-        level(c, resting)
         if c.fixes > 0 and c.heading_sigma > 0.0 and levelled(c):
             engage(p, c)
     else:

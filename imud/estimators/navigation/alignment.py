@@ -19,6 +19,7 @@ from ...kernels.rotation import dcm_of_quat, quat_exp, quat_of_gravity
 from .correction import correct, predicted, row, take
 from .covariance import grow, predict, variance
 from .levelling import level_between
+from .non_holonomic import stop
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LEVELLING, NAVIGATING, NEVER_NS, RATES, STATES, WANDER
 from .strapdown import cosine, rotate, wrapped
 
@@ -26,10 +27,13 @@ SHORTEST_S, LONGEST_S = 0.9, 3.0  # between two fixes of a pair
 MOVED = 0.3  # m/s, a velocity change worth matching
 FORGET = 0.97  # per pair
 NOISE = 0.15  # m/s, least residual of a pair
-CORRELATED = 1.5  # residuals of neighbouring pairs are not independent
-READY = math.radians(10.0)
+CORRELATED = 1.5**2  # residuals of neighbouring pairs are not independent
+FITTED = 3.0  # north and east mean, heading
+READY = math.radians(11.0)
+HORIZON_S = 8.0  # for which the heading has to stay known
 PAIRS = 5.0
 COHERENCE = 0.6
+UNEQUAL = 0.25  # least ratio of the squares of felt and received changes
 RATE_STEP = math.radians(0.35)  # rad/s between hypotheses
 LEAST_HEADING = math.radians(3.0)
 START_TILT = math.radians(1.0)
@@ -47,12 +51,12 @@ def feel(c: Any, dvn: float, dve: float, dt: float) -> None:
 
 
 @kernel
-def mark(c: Any, vn: float, ve: float) -> None:
+def mark(c: Any, lat: float, lon: float, vn: float, ve: float) -> None:
     """Remember this fix as the first of the next pair."""
     c.mark_ns = c.t_ns
     m = c.mark
     m[0], m[1], m[2], m[3], m[4], m[5] = c.zeta[0], c.zeta[1], c.path[0], c.path[1], vn, ve
-    m[6], m[7] = c.lat, c.lon
+    m[6], m[7] = lat, lon
 
 
 @kernel
@@ -64,10 +68,13 @@ def levelled(c: Any) -> bool:
 @kernel
 def add(c: Any, zn: float, ze: float, vn: float, ve: float, dt: float) -> None:
     """Take one pair of changes over `dt` s: felt (zn, ze), received (vn, ve)."""
-    level_between(c, zn / dt, ze / dt, math.hypot(vn, ve) / dt)
+    if c.phase == LEVELLING:
+        level_between(c, zn / dt, ze / dt, dt, math.hypot(vn, ve) / dt)
     z2 = zn * zn + ze * ze
     v2 = vn * vn + ve * ve
     if max(z2, v2) < MOVED**2 or not levelled(c):
+        return
+    if c.phase != LEVELLING and not UNEQUAL * v2 < z2 < v2 / UNEQUAL:  # a bad fix, whatever the heading
         return
     if c.pairs == 0.0:
         c.origin_ns = c.t_ns
@@ -97,15 +104,15 @@ def correlation(c: Any, k: int) -> tuple[float, float, float]:
 
 
 @kernel
-def pair(c: Any, vn: float, ve: float) -> None:
-    """A fix at the core's time and position, with its velocity (NaN when it has none)."""
+def pair(c: Any, lat: float, lon: float, vn: float, ve: float) -> None:
+    """A fix at the core's time, with its velocity (NaN when it has none)."""
     dt = 1e-9 * (c.t_ns - c.mark_ns)
     if dt < SHORTEST_S:
         return
     m = c.mark
     meridian, prime_vertical = radii(c.lat)
-    north = (c.lat - m[6]) * (meridian + c.height)
-    east = wrapped(c.lon - m[7]) * (prime_vertical + c.height) * cosine(c.lat)
+    north = (lat - m[6]) * (meridian + c.height)
+    east = wrapped(lon - m[7]) * (prime_vertical + c.height) * cosine(c.lat)
     if dt > LONGEST_S:
         c.slope[4] = 0.0
     elif math.isfinite(vn) and math.isfinite(m[4]):
@@ -116,7 +123,7 @@ def pair(c: Any, vn: float, ve: float) -> None:
         if s[4] > 0.0:
             add(c, zn - s[2], ze - s[3], north / dt - s[0], east / dt - s[1], dt)
         s[0], s[1], s[2], s[3], s[4] = north / dt, east / dt, zn, ze, 1.0
-    mark(c, vn, ve)
+    mark(c, lat, lon, vn, ve)
 
 
 @kernel
@@ -144,7 +151,7 @@ def solve(c: Any, bias_variance: float) -> tuple[float, float, float, float]:
         least = min(least, z2 + v2 - 2.0 * size)
     if coherent < COHERENCE or z2 < PAIRS * MOVED**2:
         return unknown
-    r = max(least / (2.0 * c.pairs), NOISE**2)
+    r = CORRELATED * max(least / (2.0 * c.pairs - FITTED), NOISE**2)
     age = 1e-9 * (c.t_ns - c.origin_ns)
     weight, sr, si, rate, rate2 = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(RATES):
@@ -161,7 +168,7 @@ def solve(c: Any, bias_variance: float) -> tuple[float, float, float, float]:
     rate /= weight
     length = min(math.hypot(sr, si) / weight, 1.0)
     spread = math.sqrt(-2.0 * math.log(max(length, 1e-9)))
-    sigma = CORRELATED * math.sqrt(r / z2 + spread * spread)
+    sigma = math.sqrt(r / z2 + spread * spread)
     return math.atan2(si, sr), sigma, rate, max(rate2 / weight - rate * rate, 0.0) + RATE_STEP**2 / 12.0
 
 
@@ -180,7 +187,7 @@ def find_heading(c: Any) -> bool:
     """Turn the level frame to north when the pairs tell how; its sigma goes to c.heading_sigma."""
     k = vertical_bias(c)
     psi, sigma, rate, rate_variance = solve(c, predicted(c, k))
-    if sigma > READY:
+    if sigma * sigma + rate_variance * HORIZON_S**2 > READY**2:
         return False
     take(c, vertical_bias(c), -rate, rate_variance, 0.0)
     c.x[ATTITUDE + 2] = 0.0
@@ -191,6 +198,18 @@ def find_heading(c: Any) -> bool:
 
 
 @kernel
+def forget_pairs(c: Any) -> None:
+    """Begin to match anew."""
+    c.pairs = 0.0
+    c.turned = 0.0
+    c.astray = 0
+    c.energy[:] = 0.0
+    c.felt[:] = 0.0
+    c.seen[:] = 0.0
+    c.match[:] = 0.0
+
+
+@kernel
 def engage(p: Any, c: Any) -> None:
     """Begin to navigate, at the position and velocity in hand, with the heading in hand and its sigma."""
     predict(p, c)
@@ -198,6 +217,7 @@ def engage(p: Any, c: Any) -> None:
     grow(c, ATTITUDE, START_TILT**2)
     grow(c, ATTITUDE + 1, START_TILT**2)
     c.phase = NAVIGATING
+    forget_pairs(c)
 
 
 @kernel
@@ -205,17 +225,10 @@ def forget_heading(p: Any, c: Any) -> None:
     """Back to levelling: the heading was wrong, and what was learned with it."""
     c.phase = LEVELLING
     c.heading_sigma = 0.0
-    c.constrained = 0
-    c.axis_n = 0.0
-    c.axis[:] = 0.0
-    c.course[:] = 0.0
+    stop(c)
     c.mark_ns = NEVER_NS
     c.slope[4] = 0.0
-    c.pairs = 0.0
-    c.energy[:] = 0.0
-    c.felt[:] = 0.0
-    c.seen[:] = 0.0
-    c.match[:] = 0.0
+    forget_pairs(c)
     q = quat_of_gravity(c.f[0], c.f[1], c.f[2] - 1e-3)
     c.q[0], c.q[1], c.q[2], c.q[3] = q
     for i in range(3):

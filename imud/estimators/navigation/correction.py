@@ -74,6 +74,7 @@ def correct(c: Any) -> None:
         c.ba[i] += x[ACCEL_BIAS + i]
         c.wander[i] += x[WANDER + i]
     rotate(c, quat_exp(0.0, 0.0, 0.0), x[ATTITUDE], x[ATTITUDE + 1], x[ATTITUDE + 2])
+    c.turned += x[ATTITUDE + 2]
     if c.constrained:
         turn_axis(c, x[MOUNT_PITCH], x[MOUNT_YAW])
     c.latency += x[LATENCY]

@@ -11,10 +11,11 @@ from ..records import POSITION_N
 from .acquisition import place
 from .alignment import engage, forget_heading, levelled
 from .covariance import predict
-from .gnss import fuse_position, fuse_velocity, grade, report, trust_stamp
+from .gnss import fuse_position, fuse_velocity, grade, report, trust_stamp, velocity_of
 from .history import approach, follow, remember, rewind, snap, trace_velocity
 from .solution import write
 from .state import LEVELLING, NEVER_NS
+from .supervision import supervise
 
 CONTRARY = 8  # fixes in a row with a velocity that contradicts: the heading is wrong
 LOST = 1.5
@@ -106,7 +107,8 @@ def fuse(p: Any, c: Any, fix: Any, late: float, innovations: Any) -> int:
         if abs(late) < STALE_S:
             rows = fuse_velocity(p, c, fix, late, innovations, rows)
         c.lost *= 0.98
-        if c.contrary > CONTRARY or c.lost > LOST:
+        right = supervise(p, c, fix.lat, fix.lon, velocity_of(fix, 0), velocity_of(fix, 1))
+        if c.contrary > CONTRARY or c.lost > LOST or not right:
             c.contrary = 0
             c.lost = 0.0
             forget_heading(p, c)

@@ -11,7 +11,7 @@ from ...kernels.jit import kernel
 from ...kernels.rotation import dcm_of_quat
 from ..records import AT_REST
 from .correction import correct, predicted, row, take
-from .state import ACCEL_BIAS, ATTITUDE
+from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 
 REST_FORCE = 0.02  # m/s^2
 RECEIVED_FORCE = 0.3  # m/s^2, what a receiver's velocity does not show
@@ -21,8 +21,19 @@ MOTION_FORCE = 1.5  # m/s^2, accelerations last for several windows
 
 
 @kernel
-def fuse_level(c: Any, fx: float, fy: float, fz: float, sigma: float, axes: int) -> None:
-    """Fuse a mean specific force (level axes), which is -gravity but for accelerations of `sigma`, on `axes` axes."""
+def tilt(c: Any, k: int, m: Any, axis: int, gain: float, ago: float) -> int:
+    """Row of the tilt about `axis` as it was `ago` s before now: the error of the gyro bias has turned it since."""
+    for j in range(3):
+        k = row(c, k, GYRO_BIAS + j, gain * ago * m[3 * axis + j])
+    return row(c, k, ATTITUDE + axis, gain)
+
+
+@kernel
+def fuse_level(c: Any, fx: float, fy: float, fz: float, ago: float, sigma: float, axes: int) -> None:
+    """Fuse a mean specific force (level axes), which is -gravity but for accelerations of `sigma`, on `axes` axes.
+
+    It is the mean about a time `ago` s in the past: the attitude error was another then, by the gyro bias.
+    """
     m = dcm_of_quat((c.q[0], c.q[1], c.q[2], c.q[3]))
     for i in range(axes):
         # C f + phi x C f - C ba = (0, 0, -g); heading error has no part in it
@@ -30,10 +41,10 @@ def fuse_level(c: Any, fx: float, fy: float, fz: float, sigma: float, axes: int)
         k = row(c, k, ACCEL_BIAS + 1, -m[3 * i + 1])
         k = row(c, k, ACCEL_BIAS + 2, -m[3 * i + 2])
         if i == 0:
-            k = row(c, k, ATTITUDE + 1, fz)
+            k = tilt(c, k, m, 1, fz, ago)
             z = -fx
         elif i == 1:
-            k = row(c, k, ATTITUDE, -fz)
+            k = tilt(c, k, m, 0, -fz, ago)
             z = -fy
         else:
             k = row(c, k, ATTITUDE, fy)
@@ -50,11 +61,11 @@ def level(c: Any, resting: bool) -> None:
     """Fuse the mean specific force of a window (call at its end, before it is cleared)."""
     if resting or 1e-9 * (c.t_ns - c.mark_ns) > FRESH_S:  # else the receiver's velocity tells more: level_between
         sigma = REST_FORCE if resting else MOTION_FORCE
-        fuse_level(c, c.sum_n[0] / c.n, c.sum_n[1] / c.n, c.sum_n[2] / c.n, sigma, 3)
+        fuse_level(c, c.sum_n[0] / c.n, c.sum_n[1] / c.n, c.sum_n[2] / c.n, 0.5 * c.elapsed, sigma, 3)
 
 
 @kernel
-def level_between(c: Any, an: float, ae: float, pull: float) -> None:
-    """Fuse the mean level specific force between two fixes, which the receiver saw accelerate by `pull` m/s^2."""
+def level_between(c: Any, an: float, ae: float, dt: float, pull: float) -> None:
+    """Fuse the mean level specific force of the last `dt` s, which the receiver saw accelerate by `pull` m/s^2."""
     if not c.flags & AT_REST:
-        fuse_level(c, an, ae, -gravity(c.lat, c.height), pull + RECEIVED_FORCE, 2)
+        fuse_level(c, an, ae, -gravity(c.lat, c.height), 0.5 * dt, pull + RECEIVED_FORCE, 2)

@@ -2,6 +2,8 @@
 
 Quiet alone is not rest: at constant speed a smooth car is nearly as quiet as a parked one. Rest needs the quiet of
 the quietest time seen, a mean rate that is the bias, and a speed, from a fresh fix or from the filter, near zero.
+Where no speed is known, as in the first seconds of a start under way, the quietest time seen may itself be motion:
+there only a stillness will do that no vehicle under way has.
 """
 
 import math
@@ -15,6 +17,7 @@ from .state import GYRO_BIAS, NAVIGATING, VELOCITY
 WINDOW_S = 0.5
 QUIET = 3.0  # times the quietest gyro deviation seen
 QUIET_ACCEL = 0.35  # m/s^2, an idling engine
+STILL_ACCEL = 0.05  # m/s^2, parked; a smooth car that creeps has 0.06 to 0.1
 FLOOR_GROWTH = 1.001  # per window: the quietest is forgotten within some ten minutes
 VIBRATION = 0.005  # share of the vibration's power that acts as white noise
 JOLT = 0.05  # m/s^2, sample to sample, of a vehicle under way
@@ -80,6 +83,7 @@ def judge(p: Any, c: Any) -> None:
     c.floor = max(min(c.floor * FLOOR_GROWTH, deviation), least)
     quiet = deviation < QUIET * c.floor and f2 < QUIET_ACCEL**2 and changed < REST_RATE + c.floor
     c.quiet = c.quiet + 1 if quiet else 0
+    c.still = c.still + 1 if quiet and f2 < STILL_ACCEL**2 else 0
 
 
 @kernel
@@ -90,7 +94,7 @@ def slow(c: Any) -> bool:
     if known and c.fix_speed > REST_SPEED:
         return False
     if c.phase != NAVIGATING:
-        return bool(known or c.quiet > LONG_QUIET)
+        return bool(known or c.still > LONG_QUIET)
     speed2 = c.v[0] ** 2 + c.v[1] ** 2 + c.v[2] ** 2
     s2 = max(variance(c, VELOCITY), variance(c, VELOCITY + 1))
     return bool(
@@ -100,11 +104,19 @@ def slow(c: Any) -> bool:
 
 
 @kernel
+def rest_rate(c: Any, i: int) -> float:
+    """Most mean rate about axis i, less the bias estimated, that may be rest, rad/s."""
+    return REST_RATE + 3.0 * math.sqrt(variance(c, GYRO_BIAS + i))
+
+
+@kernel
 def at_rest(c: Any) -> bool:
     """Whether the last two windows at least were at rest."""
     if c.quiet < 2 or not slow(c):
         return False
+    if c.still > LONG_QUIET and c.fix_speed <= REST_SPEED and 1e-9 * (c.t_ns - c.fix_ns) < FRESH_S:
+        return True  # whatever the bias: it is wrong if it contradicts
     for i in range(3):
-        if abs(c.mean_w[i] - c.bg[i]) > REST_RATE + 3.0 * math.sqrt(variance(c, GYRO_BIAS + i)):
+        if abs(c.mean_w[i] - c.bg[i]) > rest_rate(c, i):
             return False
     return True

@@ -15,6 +15,7 @@ LEVELLING, NAVIGATING = 0, 1  # phases: roll and pitch only, position from GNSS;
 FREE, AUTO, LAND = 0, 1, 2  # vehicle
 
 RATES = 33  # hypotheses of the heading's drift while aligning
+ASTRAY = 3  # pairs of fixes in a row that contradict the heading: it is wrong
 NEVER_NS = -(1 << 62)  # a time before all others
 RING = 4096  # samples kept: 2 s at the highest rate
 SNAPSHOTS = 64
@@ -78,6 +79,7 @@ CORE = np.dtype(
         ("sum_jump2", "<f8", (2,)),  # of differences between successive rates, and specific forces
         ("mean_w", "<f8", (3,)),  # of the last complete window
         ("quiet", "<i8"),  # complete quiet windows in a row
+        ("still", "<i8"),  # and still ones
         ("floor", "<f8"),  # rad/s, quietest gyro deviation seen
         ("shaking", "<f8"),  # 0 to 1, how much of a vehicle's vibration there is
         ("vibration_accel", "<f8"),  # m^2/s^3, noise density added by vibration
@@ -111,6 +113,8 @@ CORE = np.dtype(
         ("origin_ns", "<i8"),
         ("pairs", "<f8"),
         ("energy", "<f8", (2,)),  # of zeta changes and of velocity changes
+        ("turned", "<f8"),  # rad, corrections of the heading since the last pair
+        ("astray", "<i8"),  # pairs in a row that contradict the heading
         ("match", "<f8", (RATES, 2)),  # sum of conj(zeta change) times velocity change, per drift rate
         ("felt", "<f8", (2,)),  # sum of zeta changes
         ("seen", "<f8", (RATES, 2)),  # and of velocity changes, per drift rate

@@ -8,7 +8,8 @@ from ...kernels.jit import kernel
 from ...kernels.kalman import reset
 from ...kernels.rotation import quat_rotate_back
 from .correction import correct, row, take
-from .state import GYRO_BIAS, NAVIGATING, STATES, VELOCITY
+from .motion import rest_rate
+from .state import ASTRAY, GYRO_BIAS, NAVIGATING, STATES, VELOCITY
 
 # m/s. Weak on purpose: windows at rest all show the same tilt and bias, and a filter that counts them as independent
 # comes to know, from its own linearization errors, what rest cannot show
@@ -33,5 +34,9 @@ def rest(p: Any, c: Any) -> None:
     )
     r = p.gyro_psd / c.elapsed + c.floor**2 / c.n + REST_TURN**2
     for i in range(3):
-        take(c, row(c, 0, GYRO_BIAS + i, 1.0), c.mean_w[i] - earth[i] - c.bg[i], r, GATE)
+        z = c.mean_w[i] - earth[i] - c.bg[i]
+        if abs(z) > rest_rate(c, i):  # certain rest, or it would not have come to this
+            reset(c.P, STATES, GYRO_BIAS + i, z * z)
+            c.astray = ASTRAY  # and so is what was navigated with such a bias
+        take(c, row(c, 0, GYRO_BIAS + i, 1.0), z, r, GATE)
     correct(c)

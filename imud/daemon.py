@@ -172,10 +172,20 @@ class Daemon:
         notifier.alive(now_ns)
 
     def _tell_changes(self) -> None:
+        changed = self._status ^ self._told
         for bit, came, went in _CHANGES:
-            if (self._status ^ self._told) & bit:
+            if changed & bit:
                 self._log.info(came if self._status & bit else went)
+        if changed & self._status & ATTITUDE_VALID:
+            self._doubt_the_axes()
         self._told = self._status
+
+    def _doubt_the_axes(self) -> None:
+        """A sensor that seems upside down may have other axes than ours: nothing on the wire can tell."""
+        if self._inertial is not None and self._inertial.stream.samples[0]["f"][2] > 0.0:
+            self._log.warning(
+                "the sensor is upside down; if it is not, its axes are others: imu.mount_rpy_deg = [180, 0, 0]"
+            )
 
     def watch(self, port: Port, fd: int) -> None:
         """A port opened its device."""

@@ -27,6 +27,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import pyte
 import pytest
 from gpsd_synthetic import GEOID_M, HEIGHT_M, LAT_DEG, LON_DEG, RADIUS_M, ROLL_DEG, SPEED_MPS, running
 
@@ -85,22 +86,22 @@ def test_gpspipe_prints_what_we_send(server):
 
 @contextlib.contextmanager
 def terminal(*command: str) -> Iterator[Callable[[], str]]:
-    """A program in a pseudo-terminal; yields a function that reads the screen's text so far."""
+    """A program in a pseudo-terminal; yields a function that reads its screen as a person would."""
     pid, fd = pty.fork()
     if pid == 0:
         os.environ.update(TERM="xterm", LINES="40", COLUMNS="130")
         os.execv(command[0], command)
     fcntl.ioctl(fd, termios.TIOCSWINSZ, struct.pack("4H", 40, 130, 0, 0))
-    text = ""
+    display = pyte.Screen(130, 40)
+    stream = pyte.ByteStream(display)
 
     def screen() -> str:
-        nonlocal text
         while select.select([fd], [], [], 0)[0]:
             try:
-                text += os.read(fd, 65536).decode("latin-1")
+                stream.feed(os.read(fd, 65536))
             except OSError:  # the program has ended
                 break
-        return re.sub(r"\x1b[\[(][0-9;?]*[A-Za-z]", " ", text)
+        return "\n".join(display.display)
 
     try:
         yield screen

@@ -10,7 +10,7 @@ from ..records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID
 from .covariance import deviation
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, POSITION, STATES, VELOCITY
 
-COASTING_S = 2.5
+COASTING_S = 5.0  # a slow line may bring a 1 Hz receiver's fixes two seconds apart
 TILT_VALID = math.radians(10.0)
 HEADING_LIMIT = math.radians(30.0)
 

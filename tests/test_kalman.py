@@ -1,0 +1,160 @@
+"""The packed-triangle covariance arithmetic against plain numpy on dense matrices."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from imud.kernels import kalman
+
+SEEDS = st.integers(0, 2**32 - 1)
+SIZES = st.integers(1, 12)
+
+
+def random_covariance(rng, n):
+    """Dense P, badly scaled on purpose, of full or less than full rank."""
+    scales = 10.0 ** rng.uniform(-4, 2, n)
+    root = scales[:, None] * rng.normal(size=(n, rng.integers(1, n + 2)))
+    return root @ root.T
+
+
+def packed(P):
+    return P[np.triu_indices(len(P))].copy()
+
+
+def close(got, wanted, scale=None):
+    """Equal to rounding of the elements' own size, sqrt(P_ii P_jj)."""
+    sigma = np.sqrt(np.abs(np.diag(wanted if scale is None else scale))) + 1e-300
+    assert np.all(np.abs(got - wanted) <= 1e-11 * np.outer(sigma, sigma))
+
+
+def assert_positive_semidefinite(P):
+    sigma = np.sqrt(np.maximum(np.diag(P), 1e-300))
+    assert np.linalg.eigvalsh(P / np.outer(sigma, sigma)).min() > -1e-9
+
+
+@given(SIZES)
+def test_the_triangle_is_addressed_row_by_row_and_symmetrically(n):
+    rows, columns = np.triu_indices(n)
+    for place, (i, j) in enumerate(zip(rows, columns, strict=True)):
+        assert kalman.packed_index(n, i, j) == kalman.packed_index(n, j, i) == place
+
+
+@given(SEEDS, SIZES)
+def test_unpack_inverts_packing(seed, n):
+    P = random_covariance(np.random.default_rng(seed), n)
+    assert np.array_equal(kalman.unpack(packed(P), n), np.triu(P) + np.triu(P, 1).T)
+
+
+@given(SEEDS, st.integers(2, 12), st.floats(-1e3, 1e3))
+def test_shear_is_a_congruence(seed, n, a):
+    rng = np.random.default_rng(seed)
+    i, j = rng.permutation(n)[:2]
+    P = random_covariance(rng, n)
+    E = np.eye(n)
+    E[i, j] = a
+    p = packed(P)
+    kalman.shear(p, n, i, j, a)
+    close(kalman.unpack(p, n), E @ P @ E.T, np.abs(E) @ np.abs(P) @ np.abs(E).T)
+
+
+@given(SEEDS, SIZES, st.floats(-2.0, 2.0))
+def test_scale_is_a_congruence(seed, n, a):
+    rng = np.random.default_rng(seed)
+    i = rng.integers(n)
+    P = random_covariance(rng, n)
+    E = np.eye(n)
+    E[i, i] = a
+    p = packed(P)
+    kalman.scale(p, n, i, a)
+    close(kalman.unpack(p, n), E @ P @ E.T, P)
+
+
+@given(SEEDS, SIZES, st.floats(0.0, 1e6))
+def test_reset_makes_a_state_independent(seed, n, variance):
+    rng = np.random.default_rng(seed)
+    i = rng.integers(n)
+    P = random_covariance(rng, n)
+    p = packed(P)
+    kalman.reset(p, n, i, variance)
+    P[i, :] = P[:, i] = 0.0
+    P[i, i] = variance
+    assert np.array_equal(kalman.unpack(p, n), np.triu(P) + np.triu(P, 1).T)
+
+
+def random_row(rng, n):
+    """A sparse measurement row as columns (in any order), values, and dense."""
+    m = rng.integers(1, n + 1)
+    columns, values = rng.permutation(n)[:m], rng.normal(size=m)
+    h = np.zeros(n)
+    h[columns] = values
+    return columns, values, h
+
+
+@given(SEEDS, SIZES)
+def test_measure_gives_the_cross_covariance_and_the_predicted_variance(seed, n):
+    rng = np.random.default_rng(seed)
+    P = random_covariance(rng, n)
+    columns, values, h = random_row(rng, n)
+    d = np.full(n, np.nan)
+    v = kalman.measure(packed(P), n, columns, values, len(columns), d)
+    sigma = np.sqrt(np.diag(P))
+    size = np.abs(h) @ sigma
+    assert np.all(np.abs(d - P @ h) <= 1e-12 * (sigma * size + 1e-300))
+    assert v == pytest.approx(h @ P @ h, abs=1e-12 * size**2 + 1e-300)
+
+
+@given(SEEDS, SIZES, st.floats(-6.0, 3.0))
+def test_update_is_joseph_s_form_with_considered_states_left_alone(seed, n, log_r):
+    rng = np.random.default_rng(seed)
+    P = random_covariance(rng, n)
+    columns, values, h = random_row(rng, n)
+    keep, r, z = rng.integers(0, n + 1), 10.0**log_r, rng.normal()
+    s = h @ P @ h + r
+    K = P @ h / s
+    K[keep:] = 0.0
+    A = np.eye(n) - np.outer(K, h)
+    p, x, d = packed(P), rng.normal(size=n), np.empty(n)
+    before = x.copy()
+    kalman.update(p, n, x, d, kalman.measure(p, n, columns, values, len(columns), d) + r, z, keep)
+    close(kalman.unpack(p, n), A @ P @ A.T + r * np.outer(K, K), P)
+    np.testing.assert_allclose(x, before + K * z, rtol=1e-9, atol=1e-12)
+    assert np.array_equal(x[keep:], before[keep:])
+
+
+@given(SEEDS, st.integers(2, 10))
+def test_p_stays_a_covariance_through_any_sequence(seed, n):
+    rng = np.random.default_rng(seed)
+    p, x, d = packed(random_covariance(rng, n)), np.zeros(n), np.empty(n)
+    for _ in range(60):
+        i, j = rng.permutation(n)[:2]
+        kind = rng.integers(4)
+        if kind == 0:
+            kalman.shear(p, n, i, j, rng.normal())
+        elif kind == 1:
+            kalman.scale(p, n, i, rng.uniform(-1.0, 1.0))
+        elif kind == 2:
+            kalman.reset(p, n, i, 10.0 ** rng.uniform(-6, 2))
+        else:
+            columns, values, _ = random_row(rng, n)
+            v = kalman.measure(p, n, columns, values, len(columns), d)
+            r = 1e-9 + v * 10.0 ** rng.uniform(-3, 1)
+            kalman.update(p, n, x, d, v + r, rng.normal(), rng.integers(0, n + 1))
+        P = kalman.unpack(p, n)
+        assert np.all(np.diag(P) >= 0.0)
+        assert_positive_semidefinite(P)
+    assert np.all(np.isfinite(x))
+
+
+def test_scalar_updates_one_by_one_equal_the_vector_update():
+    rng = np.random.default_rng(7)
+    n, m = 6, 3
+    P, H, R = random_covariance(rng, n) + np.eye(n), rng.normal(size=(m, n)), np.diag([0.1, 2.0, 0.5])
+    z = rng.normal(size=m)
+    K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+    p, x, d = packed(P), np.zeros(n), np.empty(n)
+    for k in range(m):
+        s = kalman.measure(p, n, np.arange(n), H[k], n, d) + R[k, k]
+        kalman.update(p, n, x, d, s, z[k] - H[k] @ x, n)
+    np.testing.assert_allclose(x, K @ z, rtol=1e-9)
+    np.testing.assert_allclose(kalman.unpack(p, n), P - K @ H @ P, rtol=1e-9, atol=1e-9 * np.diag(P).max())

@@ -21,7 +21,7 @@ ACCEL_MOTION = 0.02  # sqrt(s): accelerometer noise in proportion to the acceler
 VELOCITY_NOISE = 0.023  # m/s sqrt(s), of zero velocity in slow motion
 VELOCITY_LIVELY = 3.0  # sqrt(s), of it in proportion to the liveliness
 REST_VELOCITY_NOISE = 0.09  # m/s sqrt(s)
-UNIFORM_MOTION = 4.0  # sigma of a velocity that must be real
+UNIFORM_MOTION = 4.0  # sigma
 KNOWN = 2.0  # sigma
 FAST = 5.0  # m/s: a hand does not move faster; a vehicle does, and for long
 START_VELOCITY_VAR = 0.1
@@ -100,23 +100,32 @@ def observe(s: Any, i: int, z: float, r: float) -> None:
 
 
 @kernel
+def hold(s: Any, i: int, psd: float) -> None:
+    """Take velocity along axis i as zero with noise of this density.
+
+    What is beyond it is real: uniform motion, which feels like rest and is forgotten. A speed on the way there is one
+    of a vehicle, which lasts; it is fast in what exceeds the velocity's own uncertainty.
+    """
+    if s.v[i] * s.v[i] > UNIFORM_MOTION**2 * (variance(s, VELOCITY + i) + psd):
+        forget_motion(s, i)
+    fast2 = max(s.v[i] * s.v[i] - KNOWN**2 * variance(s, VELOCITY + i), 0.0)
+    psd += VELOCITY_LIVELY**2 * fast2 * (fast2 / FAST**2) ** 2
+    observe(s, VELOCITY + i, -s.v[i], psd / s.span)
+
+
+@kernel
 def hold_still(p: Any, s: Any) -> None:
-    """At rest the mean rate is the gyro bias, and velocity zero. Uniform motion feels the same: forget its velocity."""
-    noise = REST_VELOCITY_NOISE**2
+    """At rest the mean rate is the gyro bias, and velocity zero."""
     for i in range(3):
         observe(s, GYRO_BIAS + i, s.w_mean[i] - s.bg[i], p.rest_rate_psd / s.span)
-        if s.v[i] * s.v[i] > UNIFORM_MOTION**2 * (variance(s, VELOCITY + i) + noise):
-            forget_motion(s, i)
-        observe(s, VELOCITY + i, -s.v[i], noise / s.span)
+        hold(s, i, REST_VELOCITY_NOISE**2)
 
 
 @kernel
 def hold_near(s: Any) -> None:
-    """In motion: velocity is about zero, the livelier or faster (beyond its own uncertainty) the less surely."""
+    """In motion velocity is about zero, the livelier the less surely."""
     for i in range(3):
-        fast2 = max(s.v[i] * s.v[i] - KNOWN**2 * variance(s, VELOCITY + i), 0.0)
-        lively = s.v_energy[i] + fast2 * (fast2 / FAST**2) ** 2
-        observe(s, VELOCITY + i, -s.v[i], (VELOCITY_NOISE**2 + VELOCITY_LIVELY**2 * lively) / s.span)
+        hold(s, i, VELOCITY_NOISE**2 + VELOCITY_LIVELY**2 * s.v_energy[i])
 
 
 @kernel

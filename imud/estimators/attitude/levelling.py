@@ -7,6 +7,7 @@ from ...kernels.jit import kernel
 from ...kernels.kalman import reset
 from ...kernels.rotation import Vector, euler_of_quat, quat_of_euler, quat_of_gravity
 from .covariance import clear, forget_motion, grow, report, variance
+from .rest import restart
 from .state import ATTITUDE, GYRO_BIAS, STATES
 
 START_TILT = 0.1  # rad
@@ -22,10 +23,11 @@ OVERRANGE = 0.2  # sqrt(s): noise of a saturated sensor as a part of its reading
 def begin(s: Any, w: Vector, f: Vector) -> None:
     """Take the first sample, or the first one after a long gap: running means start from it."""
     for i in range(3):
-        s.w[i] = s.w_mean[i] = w[i]
-        s.f[i] = s.f_mean[i] = s.f_anchor[i] = f[i]
+        s.w[i] = w[i]
+        s.f[i] = f[i]
+    restart(s, w, f)
     s.force2 = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
-    s.quiet_s = s.contradicted_s = s.unlevel_s = s.held_s = 0.0
+    s.contradicted_s = s.unlevel_s = s.held_s = 0.0
     s.resting = 0
 
 

@@ -31,24 +31,31 @@ PATIENCE_S = 10.0  # no body accelerates so steadily for so long
 
 @kernel
 def watch(p: Any, s: Any, w: Vector, f: Vector, dt: float) -> None:
-    """Follow the means with this sample and count how long it has been quiet."""
+    """Count for how long samples have been near their running means; a sample that is not starts the means anew."""
     fade = dt / (MEAN_S + dt)
     rate2 = force2 = turned2 = mean2 = 0.0
     for i in range(3):
         s.w_mean[i] += fade * (w[i] - s.w_mean[i])
         s.f_mean[i] += fade * (f[i] - s.f_mean[i])
+        if s.quiet_s < MEAN_S:
+            s.f_anchor[i] = s.f_mean[i]
         rate2 += (w[i] - s.w_mean[i]) ** 2
         force2 += (f[i] - s.f_mean[i]) ** 2
         turned2 += (s.f_mean[i] - s.f_anchor[i]) ** 2
         mean2 = max(mean2, s.w_mean[i] ** 2)
     s.force2 += fade * (f[0] * f[0] + f[1] * f[1] + f[2] * f[2] - s.force2)
+    s.quiet_s += dt
     quiet = rate2 < RATE_DEVIATION**2 and force2 < FORCE_DEVIATION**2 and turned2 < TURNED**2
-    if quiet and mean2 < PLAUSIBLE**2 * p.gyro_bias_var:
-        s.quiet_s += dt
-        return
+    if not quiet or mean2 > PLAUSIBLE**2 * p.gyro_bias_var:
+        restart(s, w, f)
+
+
+@kernel
+def restart(s: Any, w: Vector, f: Vector) -> None:
+    """Begin to count, with the means at these readings."""
     s.quiet_s = 0.0
     for i in range(3):
-        s.f_anchor[i] = s.f_mean[i]
+        s.w_mean[i], s.f_mean[i], s.f_anchor[i] = w[i], f[i], f[i]
 
 
 @kernel
@@ -102,7 +109,10 @@ def judge(p: Any, s: Any) -> bool:
         if d * d > GATE**2 * (variance(s, GYRO_BIAS + i) + BIAS_FLOOR**2):
             contradicts = True
     if not contradicts:
-        s.contradicted_s = 0.0
+        if s.contradicted_s > 0.0:  # the rate has just changed
+            restart(s, (s.w[0], s.w[1], s.w[2]), (s.f[0], s.f[1], s.f[2]))
+            s.contradicted_s = 0.0
+            return False
         s.resting = 1
         return True
     s.contradicted_s += s.span

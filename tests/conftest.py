@@ -1,4 +1,4 @@
-"""Shared by all tests: the kernels' cache directory, Hypothesis without deadlines (kernels compile), shared recordings."""
+"""Shared by all tests: where kernels are cached, Hypothesis without deadlines (kernels compile), the recordings."""
 
 from pathlib import Path
 

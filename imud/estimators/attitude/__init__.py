@@ -17,7 +17,7 @@ from drivers.sample import SUSPECT
 from ...kernels.jit import kernel
 from .. import Estimator
 from ..records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SATURATED
-from .covariance import clear, correct, forget_motion, hold_near, hold_still, predict, report
+from .covariance import clear, correct, hold_near, hold_still, predict, report
 from .levelling import begin, doubt, level, middle, resume
 from .rest import judge, watch
 from .setup import configure, start
@@ -25,7 +25,6 @@ from .strapdown import advance, corrected_force, corrected_rate
 
 INTERVAL_S = 0.0245  # of the covariance
 LONG_GAP_S = 1.0  # after it the attitude is found anew
-WEIGHTLESS = 0.3  # of gravity: a smaller force, root mean square, says nothing of the vertical
 TRUSTED_TILT = math.radians(10.0)
 TRUSTED_HEADING = math.radians(20.0)
 
@@ -34,10 +33,7 @@ TRUSTED_HEADING = math.radians(20.0)
 def settle(p: Any, s: Any) -> None:
     """One step of the covariance: propagate, take the pseudo-measurements, correct."""
     predict(p, s)
-    if s.force2 < (WEIGHTLESS * s.gravity) ** 2:
-        for i in range(3):
-            forget_motion(s, i)
-    elif judge(p, s):
+    if judge(p, s):
         hold_still(p, s)
     else:
         hold_near(s)

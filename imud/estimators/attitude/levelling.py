@@ -26,7 +26,6 @@ def begin(s: Any, w: Vector, f: Vector) -> None:
         s.w[i] = w[i]
         s.f[i] = f[i]
     restart(s, w, f)
-    s.force2 = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
     s.contradicted_s = s.unlevel_s = s.held_s = 0.0
     s.resting = 0
 

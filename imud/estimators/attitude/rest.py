@@ -12,7 +12,7 @@ from typing import Any
 from ...kernels.jit import kernel
 from ...kernels.kalman import measure, reset
 from ...kernels.rotation import Vector, dcm_of_quat, quat_rotate
-from .covariance import variance
+from .covariance import grow, variance
 from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, STATES
 from .strapdown import corrected_force
 
@@ -43,7 +43,6 @@ def watch(p: Any, s: Any, w: Vector, f: Vector, dt: float) -> None:
         force2 += (f[i] - s.f_mean[i]) ** 2
         turned2 += (s.f_mean[i] - s.f_anchor[i]) ** 2
         mean2 = max(mean2, s.w_mean[i] ** 2)
-    s.force2 += fade * (f[0] * f[0] + f[1] * f[1] + f[2] * f[2] - s.force2)
     s.quiet_s += dt
     quiet = rate2 < RATE_DEVIATION**2 and force2 < FORCE_DEVIATION**2 and turned2 < TURNED**2
     if not quiet or mean2 > PLAUSIBLE**2 * p.gyro_bias_var:
@@ -83,8 +82,8 @@ def doubt_level(s: Any) -> None:
     """Let roll and pitch be as uncertain as the mean force says they are wrong."""
     f = quat_rotate((s.q[0], s.q[1], s.q[2], s.q[3]), (s.f_mean[0], s.f_mean[1], s.f_mean[2]))
     tilt2 = (f[0] * f[0] + f[1] * f[1]) / (s.gravity * s.gravity)
-    for i in range(2):
-        reset(s.P, STATES, ATTITUDE + i, tilt2)
+    grow(s, ATTITUDE, tilt2)
+    grow(s, ATTITUDE + 1, tilt2)
 
 
 @kernel

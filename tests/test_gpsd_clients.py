@@ -112,7 +112,7 @@ def terminal(*command: str) -> Iterator[Callable[[], str]]:
 
 
 def test_cgps_shows_a_3d_fix_and_the_position(server):
-    with terminal(program("cgps"), "-s", server) as screen:
+    with terminal(program("cgps"), "-s", "-u", "m", server) as screen:
         epx = "+/-  2.9 m"  # 1.96 times 1.5 m; drawn after the rest of the first fix
         until(lambda: "3D" in screen() and epx in screen(), "a 3D fix on cgps' screen")
         shown = screen()
@@ -125,7 +125,7 @@ def test_cgps_shows_a_3d_fix_and_the_position(server):
 
 
 def test_cgps_shows_no_fix_for_attitude_alone(attitude_server):
-    with terminal(program("cgps"), "-s", attitude_server) as screen:
+    with terminal(program("cgps"), "-s", "-u", "m", attitude_server) as screen:
         until(lambda: re.search(r"20\d\d-\d\d-\d\dT", screen()), "the time on cgps' screen")
         shown = screen()
     assert "NO FIX" in shown
@@ -294,7 +294,7 @@ def test_a_real_gpsd_relays_every_class_and_loses_nothing(relay):
 
 
 def test_cgps_behind_a_real_gpsd_shows_a_3d_fix(relay):
-    with terminal(program("cgps"), "-s", relay) as screen:
+    with terminal(program("cgps"), "-s", "-u", "m", relay) as screen:
         until(lambda: "3D" in screen() and re.search(r"48\.13\d+ N", screen()), "a 3D fix through the relay")
 
 

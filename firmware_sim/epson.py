@@ -5,6 +5,7 @@ on the host but still plausible: a command that is not exactly two bytes and CR 
 the NOT_READY poll during start-up.
 """
 
+import abc
 import logging
 import math
 import struct
@@ -50,7 +51,7 @@ class Map:
     rates: dict[int, int] = field(default_factory=lambda: dict(BINARY_RATES))
 
 
-class EpsonSensor:
+class EpsonSensor(abc.ABC):
     """One unit, switched on at time 0. Models say what `_fields` there are in their frames."""
 
     map: Map
@@ -115,9 +116,9 @@ class EpsonSensor:
         if self._sampler is not None:
             self._sampler.prepare()
 
+    @abc.abstractmethod
     def _fields(self) -> bytes:
         """What stands between header and CR."""
-        raise NotImplementedError
 
     @property
     def _auto(self) -> bool:

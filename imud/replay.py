@@ -1,7 +1,6 @@
 """`imud replay`: recorded samples and fixes through the same filter as the daemon's, as fast as it goes."""
 
 import argparse
-import math
 import sys
 import time
 from pathlib import Path
@@ -131,15 +130,16 @@ def _open_output(path: Path) -> Any:
 
 
 def _summary(samples: "Records", fixes: int, fed: int, skipped: int, seconds: float) -> None:
+    """What was done, on a terminal; what went wrong, everywhere."""
     span = float(samples["t_ns"][-1] - samples["t_ns"][0]) * 1e-9
-    say = [f"{len(samples)} samples of {span:.1f} s in {seconds:.2f} s ({span / max(seconds, 1e-9):.0f} x real time)"]
-    if fixes:
-        say.append(f"{fed} of {fixes} fixes")
+    if sys.stderr.isatty():
+        speed = span / max(seconds, 1e-9)
+        print(
+            f"imud replay: {len(samples)} samples of {span:.1f} s in {seconds:.2f} s ({speed:.0f} x real time), "
+            f"{fed} of {fixes} fixes",
+            file=sys.stderr,
+        )
     if skipped:
-        say.append(f"{skipped} samples skipped: their time did not advance")
+        print(f"imud replay: {skipped} samples skipped: their time did not advance", file=sys.stderr)
     if fixes and not fed:
         raise BadDataError("no fix lies within the time of the samples: are both files on the same clock?")
-    if not math.isfinite(span) or sys.stderr.isatty():
-        print("imud replay: " + ", ".join(say), file=sys.stderr)
-    elif skipped:
-        print("imud replay: " + say[-1], file=sys.stderr)

@@ -5,12 +5,13 @@ import importlib
 import importlib.metadata
 import os
 import sys
+from types import ModuleType
 from typing import NoReturn
 
 from . import runtime
 from .errors import ImudError
 
-_COMMANDS = {
+COMMANDS = {
     "run": "the daemon: sensors in, attitude and position out (the default command)",
     "demo": "emulated sensors and the daemon in one command, estimate against truth on the terminal",
     "sim": "emulated sensors on pseudo-terminals",
@@ -18,6 +19,8 @@ _COMMANDS = {
     "doctor": "why this machine would not work, and the mend",
     "replay": "recorded data through the same filter, as fast as it goes",
     "reproduce": "a paper's experiment: its numbers beside ours, its figures, pass or fail",
+    "reference": "every setting: a sample configuration, a table, the man pages",
+    "install-service": "imud under systemd: shows what it would do, then does it",
 }
 _USAGE, _INTERRUPTED = 64, 130
 
@@ -40,10 +43,21 @@ def _parser(command: str | None) -> argparse.ArgumentParser:
     version = importlib.metadata.version("imud")
     parser.add_argument("--version", action="version", version=f"imud {version}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name, summary in _COMMANDS.items():
+    for name, summary in COMMANDS.items():
         sub = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
         if name == command:
-            importlib.import_module(f"imud.{name}").add_arguments(sub)
+            _module(name).add_arguments(sub)
+    return parser
+
+
+def _module(command: str) -> ModuleType:
+    return importlib.import_module(f"imud.{command.replace('-', '_')}")
+
+
+def arguments_of(command: str) -> argparse.ArgumentParser:
+    """The parser of one command's arguments alone, for who describes them."""
+    parser = _Parser(prog=f"imud {command}")
+    _module(command).add_arguments(parser)
     return parser
 
 
@@ -61,7 +75,7 @@ def main(arguments: list[str] | None = None) -> int:
         return _USAGE
     args = _parser(arguments[0]).parse_args(arguments)
     try:
-        return int(importlib.import_module(f"imud.{args.command}").run(args))
+        return int(_module(args.command).run(args))
     except ImudError as error:
         print(f"imud: {error}", file=sys.stderr)
         return error.exit_code

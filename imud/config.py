@@ -15,7 +15,8 @@ from .settings import Settings
 Struct = TypeVar("Struct", bound=msgspec.Struct)
 
 
-def _is_table(kind: Any) -> bool:
+def is_table(kind: Any) -> bool:
+    """Whether a field of the schema is a table of keys, not a value."""
     return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
 
 
@@ -28,7 +29,7 @@ def _problems(table: dict[str, Any], schema: type[msgspec.Struct], prefix: str =
             near = difflib.get_close_matches(key, fields, n=1, cutoff=0.5)
             hint = f"did you mean {prefix}{near[0]}?" if near else f"known here: {', '.join(fields)}"
             yield path, f"unknown key; {hint}"
-        elif _is_table(fields[key]):
+        elif is_table(fields[key]):
             if isinstance(value, dict):
                 yield from _problems(value, fields[key], path + ".")
             else:
@@ -77,22 +78,25 @@ def load(file: Path | None, overrides: Iterable[str] = ()) -> Settings:
 
     Raises ConfigError listing every problem: unreadable file, TOML syntax, unknown keys, wrong types and ranges.
     """
-    table: dict[str, Any] = {}
-    text = ""
-    if file is not None:
-        try:
-            text = file.read_text()
-            table = tomllib.loads(text)
-        except (OSError, UnicodeDecodeError) as error:
-            raise ConfigError(f"cannot read the configuration {file}: {error}") from error
-        except tomllib.TOMLDecodeError as error:
-            raise ConfigError(f"{file} is not valid TOML: {error}") from error
+    try:
+        text = "" if file is None else file.read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"cannot read the configuration {file}: {error}") from error
+    return loads(text, overrides, str(file))
+
+
+def loads(text: str, overrides: Iterable[str] = (), name: str = "the configuration") -> Settings:
+    """As `load`, for a text that messages call `name`."""
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{name} is not valid TOML: {error}") from error
     for override in overrides:
         _merge(table, *_parse_override(override))
     problems = []
     for path, what in _problems(table, Settings):
         line = _line_of(text, path)
-        where = f"{file}:{line}: " if line else ""
+        where = f"{name}:{line}: " if line else ""
         problems.append(f"{where}{path}: {what}")
     if problems:
         raise ConfigError("bad configuration\n  " + "\n  ".join(problems))

@@ -1,72 +1,117 @@
-"""Everything a user may set, typed, with units in the names. Values only: reading files is `config`'s business."""
+"""Everything a user may set: typed, described, units in the names. Values only: reading files is `config`'s business.
+
+The descriptions are what users read (`imud reference`). A HOT key takes effect on SIGHUP, any other at the next start.
+"""
 
 from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
 
-Positive = Annotated[float, Meta(gt=0.0)]
-NonNegative = Annotated[float, Meta(ge=0.0)]
 Quality = Annotated[int, Meta(ge=1, le=8)]
 Triple = tuple[float, float, float]
+HOT = {"hot": True}
 
 
 class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The inertial sensor."""
 
-    profile: str = "auto"  # noise profile by name; auto: what the driver says, else consumer-mems
-    rate_hz: Annotated[float, Meta(gt=0.0, le=2000.0)] = 1000.0
-    mount_rpy_deg: Triple = (0.0, 0.0, 0.0)  # ZYX angles of the sensor's axes in the vehicle's
-    filter_taps: Annotated[int, Meta(ge=0, le=128)] = 0  # of the sensor's own filter, at least; 0: for the least delay
-    self_test: bool = False  # have the sensor test itself whenever it is connected; it must be at rest
+    profile: Annotated[
+        str, Meta(description="Noise profile by name; `auto`: what the driver says, else `consumer-mems`.")
+    ] = "auto"
+    rate_hz: Annotated[float, Meta(gt=0.0, le=2000.0, description="Samples per second to ask the sensor for.")] = 1000.0
+    mount_rpy_deg: Annotated[
+        Triple,
+        Meta(description="Roll, pitch, yaw (ZYX) of the sensor's axes in the vehicle's (x forward, y right, z down)."),
+    ] = (0.0, 0.0, 0.0)
+    filter_taps: Annotated[
+        int, Meta(ge=0, le=128, description="Of the sensor's own filter, at least; 0: for the least delay.")
+    ] = 0
+    self_test: Annotated[
+        bool, Meta(description="Have the sensor test itself whenever it is connected; it must be at rest.")
+    ] = False
 
 
 class Gnss(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The receiver."""
 
-    latency_s: NonNegative = 0.15  # from a fix's epoch to its arrival, when nothing better is known
-    min_satellites: Annotated[int, Meta(ge=0)] = 5  # fixes with fewer are not used; those that do not say are
-    max_hdop: Positive = 20.0
-    qualities: tuple[Quality, ...] = (1, 2, 3, 4, 5)  # of GGA: neither estimated nor entered nor simulated
-    configure: bool = False  # set a MediaTek receiver up: faster line, fewer sentences, rate_hz (no @BAUD on its port)
-    rate_hz: Annotated[float, Meta(ge=1.0, le=10.0)] = 5.0  # fixes per second, if so
+    latency_s: Annotated[
+        float, Meta(ge=0.0, description="From a fix's epoch to its arrival, when nothing better is known.", extra=HOT)
+    ] = 0.15
+    min_satellites: Annotated[
+        int, Meta(ge=0, description="Fixes with fewer satellites are not used; those that do not say are.", extra=HOT)
+    ] = 5
+    max_hdop: Annotated[float, Meta(gt=0.0, description="Fixes with a larger HDOP are not used.", extra=HOT)] = 20.0
+    qualities: Annotated[
+        tuple[Quality, ...],
+        Meta(
+            description="GGA qualities that are used: by default none that is estimated, entered or simulated.",
+            extra=HOT,
+        ),
+    ] = (1, 2, 3, 4, 5)
+    configure: Annotated[
+        bool,
+        Meta(
+            description="Set a MediaTek receiver up: faster line, fewer sentences, rate_hz. No @BAUD on its port then."
+        ),
+    ] = False
+    rate_hz: Annotated[float, Meta(ge=1.0, le=10.0, description="Fixes per second, if it is set up.")] = 5.0
 
 
 class Navigation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The navigation filter."""
+    """The estimator `navigation`."""
 
-    vehicle: Literal["auto", "land", "free"] = "auto"
-    lever_arm_m: Triple = (0.0, 0.0, 0.0)  # antenna from IMU, body FRD
+    vehicle: Annotated[
+        Literal["auto", "land", "free"],
+        Meta(description="`land`: does not slip sideways; `free`: may move anywhere; `auto`: finds out.", extra=HOT),
+    ] = "auto"
+    lever_arm_m: Annotated[
+        Triple, Meta(description="Antenna from the inertial sensor, in the vehicle's axes (FRD).", extra=HOT)
+    ] = (0.0, 0.0, 0.0)
 
 
 class GpsTrack(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The estimator `gps-track`: Prasanna's Q and R."""
 
-    acceleration_var: Positive = 0.2  # (m/s^2)^2, constant from fix to fix
-    position_var: Positive = 0.5  # m^2, of fixes without a sigma of their own
+    acceleration_var: Annotated[
+        float, Meta(gt=0.0, description="(m/s^2)^2, of an acceleration that is constant from fix to fix.", extra=HOT)
+    ] = 0.2
+    position_var: Annotated[
+        float, Meta(gt=0.0, description="m^2, of fixes without a sigma of their own.", extra=HOT)
+    ] = 0.5
 
 
 class Ins9(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The estimator `ins9`: Prasanna's Q and R."""
 
-    acceleration_walk: Positive = 0.7  # (m/s^2)^2/s
-    distance_var: Positive = 0.2  # m^2, of each reckoned distance
+    acceleration_walk: Annotated[
+        float, Meta(gt=0.0, description="(m/s^2)^2/s, of the accelerations' random walk.", extra=HOT)
+    ] = 0.7
+    distance_var: Annotated[float, Meta(gt=0.0, description="m^2, of each reckoned distance.", extra=HOT)] = 0.2
 
 
 class Gpsd(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The gpsd JSON server."""
 
-    listen: str = "127.0.0.1:2947"
-    allow_remote: bool = False
-    rate_hz: Annotated[float, Meta(gt=0.0, le=1000.0)] = 10.0
-    max_clients: Annotated[int, Meta(gt=0, le=1024)] = 64
+    listen: Annotated[str, Meta(description="Where: HOST:PORT, [IPV6]:PORT or /path/of/a/unix/socket.")] = (
+        "127.0.0.1:2947"
+    )
+    allow_remote: Annotated[bool, Meta(description="Let other machines connect; there is no password.")] = False
+    rate_hz: Annotated[
+        float, Meta(gt=0.0, le=1000.0, description="Messages per second to clients that do not say.", extra=HOT)
+    ] = 10.0
+    max_clients: Annotated[int, Meta(gt=0, le=1024, description="Connections at a time.", extra=HOT)] = 64
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The whole."""
 
-    estimator: str = "auto"  # navigation with GNSS, attitude without
-    ports: tuple[str, ...] = ()
+    estimator: Annotated[
+        str, Meta(description="Estimator by name; `auto`: `navigation` with a second port, else `attitude`.")
+    ] = "auto"
+    ports: Annotated[
+        tuple[str, ...], Meta(description="DEV[:DRIVER[@BAUD]] of the inertial sensor and the receiver, in any order.")
+    ] = ()
     imu: Imu = Imu()
     gnss: Gnss = Gnss()
     navigation: Navigation = Navigation()

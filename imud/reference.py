@@ -1,0 +1,185 @@
+"""`imud reference`: every setting and command, as sample file, table or man page, from the schema and the parsers.
+
+What is printed here is all that is written about settings anywhere: nothing can drift.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+
+import msgspec
+
+from .config import is_table
+from .settings import Settings
+
+_EXAMPLE_PORTS = ("/dev/ttyUSB0", "/dev/ttyACM0")
+_LIMITS = (("ge", "≥"), ("gt", ">"), ("le", "≤"), ("lt", "<"))
+_KINDS = {float: "number", int: "integer", bool: "true or false", str: "text"}
+
+
+@dataclass(frozen=True)
+class Key:
+    """A setting. `value` is its default, in TOML."""
+
+    table: str
+    name: str
+    kind: str
+    value: str
+    what: str
+    hot: bool
+
+    @property
+    def path(self) -> str:
+        return f"{self.table}.{self.name}" if self.table else self.name
+
+
+def keys(schema: type[msgspec.Struct] = Settings, table: str = "") -> Iterator[Key]:
+    """Every key, the outermost first."""
+    hints = get_type_hints(schema, include_extras=True)
+    inner = []
+    for field in msgspec.structs.fields(schema):
+        hint = hints[field.name]
+        if is_table(hint):
+            inner.append((hint, field.name))
+            continue
+        kind, meta = _kind(hint)
+        value = json.dumps(field.default)  # is TOML, too, for all that settings are made of
+        yield Key(table, field.name, kind, value, meta.description or "", bool((meta.extra or {}).get("hot")))
+    for hint, name in inner:
+        yield from keys(hint, name)
+
+
+def _kind(hint: Any) -> tuple[str, msgspec.Meta]:
+    """What a value may be, in words, and what else the schema says of it."""
+    meta = msgspec.Meta()
+    if get_origin(hint) is Annotated:
+        hint, meta = get_args(hint)[:2]
+    limits = " and ".join(
+        f"{sign} {getattr(meta, name):g}" for name, sign in _LIMITS if getattr(meta, name) is not None
+    )
+    if get_origin(hint) is Literal:
+        kind = " | ".join(f'"{choice}"' for choice in get_args(hint))
+    elif get_origin(hint) is tuple:
+        items = get_args(hint)
+        count = "list" if items[-1] is Ellipsis else f"list of {len(items)}"
+        kind = f"{count}: {_kind(items[0])[0]}"
+    else:
+        kind = _KINDS.get(hint, str(hint))
+    return f"{kind} {limits}".strip(), meta
+
+
+def titles() -> dict[str, str]:
+    """What each table is about."""
+    hints = get_type_hints(Settings)
+    return {name: hint.__doc__ or "" for name, hint in hints.items() if is_table(hint)}
+
+
+def sample(ports: list[str] | None = None) -> str:
+    """A configuration file with every key at its default, commented out; with `ports` set if given."""
+    lines = [
+        "# imud: every setting with its default. Take the # away from what you change.",
+        "# (hot) takes effect on `systemctl reload`, the others at the next start.",
+    ]
+    table = ""
+    for key in keys():
+        if key.table != table:
+            table = key.table
+            lines += ["", f"[{table}]  # {titles()[table].rstrip('.')}"]
+        lines += ["", f"# {key.what} {key.kind[0].upper()}{key.kind[1:]}.{' (hot)' * key.hot}"]
+        if key.path == "ports":
+            chosen = f"ports = {json.dumps(ports or _EXAMPLE_PORTS)}"
+            lines.append(chosen if ports else f"# {chosen}")
+        else:
+            lines.append(f"# {key.name} = {key.value}")
+    return "\n".join(lines) + "\n"
+
+
+def table() -> str:
+    """Markdown."""
+    rows = [
+        f"| `{key.path}` | {_cell(key.kind)} | `{key.value}` | {'✓' * key.hot} | {_cell(key.what)} |" for key in keys()
+    ]
+    return "\n".join(["| key | value | default | hot | |", "|---|---|---|---|---|", *rows]) + "\n"
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+def man_configuration() -> str:
+    """imud.toml(5)."""
+    lines = [
+        '.TH IMUD.TOML 5 "" imud',
+        ".SH NAME",
+        "imud.toml \\- configuration of the inertial sensor daemon",
+        ".SH SYNOPSIS",
+        ".I /etc/imud/NAME.toml",
+        ".SH DESCRIPTION",
+        "TOML. Keys carry their units. A key marked hot takes effect on SIGHUP, any other at the next start.",
+        "A file with an error changes nothing; all errors are reported at once.",
+    ]
+    table = None
+    for key in keys():
+        if key.table != table:
+            table = key.table
+            lines.append(f".SH {f'[{table}] ' + titles()[table].rstrip('.').upper() if table else 'TOP LEVEL'}")
+        hot = ", hot" if key.hot else ""
+        lines += [".TP", f".B {_roff(key.name)}", _roff(f"{key.what} ({key.kind}; default {key.value}{hot})")]
+    return "\n".join([*lines, ".SH SEE ALSO", ".BR imud (1)"]) + "\n"
+
+
+def man_command() -> str:
+    """imud(1)."""
+    from .__main__ import COMMANDS, arguments_of
+
+    lines = [
+        '.TH IMUD 1 "" imud',
+        ".SH NAME",
+        "imud \\- attitude, velocity and position from an inertial sensor and a satellite receiver",
+        ".SH SYNOPSIS",
+        ".B imud\n[\\fICOMMAND\\fR] [\\fIOPTIONS\\fR]",
+        ".SH COMMANDS",
+    ]
+    for name, summary in COMMANDS.items():
+        lines += [".SS " + f"imud {_roff(name)}", _roff(summary[0].upper() + summary[1:]) + "."]
+        for action in arguments_of(name)._actions:
+            if action.help != argparse.SUPPRESS and action.dest != "help":
+                lines += [".TP", f".B {_roff(_option(action))}", _roff((action.help or "") % vars(action))]
+    codes = (
+        "0 ok, 1 failure, 64 usage, 65 bad data file, 66 input missing, 69 no device, 73 cannot create output, "
+        "74 input or output, 77 permission, 78 configuration, 130 Ctrl-C"
+    )
+    return "\n".join([*lines, ".SH EXIT STATUS", codes, ".SH SEE ALSO", ".BR imud.toml (5)"]) + "\n"
+
+
+def _option(action: argparse.Action) -> str:
+    value = action.metavar or (action.dest.upper() if action.nargs != 0 else "")
+    return " ".join(filter(None, (", ".join(action.option_strings), str(value))))
+
+
+def _roff(text: str) -> str:
+    """Plain text for troff; a leading dot would be a request."""
+    escaped = text.replace("\\", "\\\\").replace("-", "\\-")
+    return "\\&" + escaped if escaped.startswith((".", "'")) else escaped
+
+
+FORMS: dict[str, Callable[[], str]] = {
+    "toml": sample,
+    "markdown": table,
+    "man1": man_command,
+    "man5": man_configuration,
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "form", nargs="?", choices=FORMS, default="toml", help="a sample file (default), a table, man pages"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    sys.stdout.write(FORMS[args.form]())
+    return 0

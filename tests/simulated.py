@@ -1,5 +1,6 @@
-"""Recordings of the emulator's motions and sensor errors, run through any estimator: shared by the golden traces and the
-consistency tests. `firmware_sim` shares no code with the filters, so neither can hide the other's mistake.
+"""The emulator's motions and sensor errors, run through any estimator: for the golden traces and the consistency tests.
+
+`firmware_sim` shares no code with the filters, so neither can hide the other's mistake.
 """
 
 import math
@@ -7,7 +8,6 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-
 from scipy.spatial.transform import Rotation
 
 from drivers.sample import SAMPLE

@@ -1,9 +1,13 @@
-"""Time: a device's counter, and a receiver's UTC, fitted to the host's monotonic clock.
+"""Time: a device's counter fitted to the host's monotonic clock.
 
 Nothing arrives before it was sent, and much arrives late: so the line that turns a counter into host time lies below
 all arrivals and as close to them as it can. Over a window the earliest arrival counts; over half a minute of windows
 the line is the edge of their lower convex hull above the mean (the least sum of distances of all lines below the
 points). Stamps follow a changed line by slewing, never by stepping back.
+
+A counter may be wrong. One that jumped ahead shows at once: its sample was there before it was taken. One that stood
+still while samples were not sent (a sensor may have none, and its samples are counted as they come) makes all that
+follow late, and equally late; bytes that only waited do not, for whoever reads them has caught up with the end of it.
 
 Source: Zhang, Liu and Xia, Clock synchronization algorithms for network measurements, IEEE INFOCOM (2002), sec. III.
 """
@@ -16,9 +20,15 @@ from .kernels.jit import kernel
 
 POINTS = 64
 WINDOW_NS = 500_000_000.0
+MEMORY_NS = 120e9
 FIT_SPAN_NS = 3e9  # a slope needs a base line this long; until then the nominal period holds
 SLEW = 0.01  # stamps run at most 1 % fast or slow while they catch up with a changed line
-LATE_NS = 1.5e9  # later than any buffer can make a byte: the counter jumped, so fit anew
+FAR_NS = 20e6  # more than jitter: what is this far from the line was counted wrongly, and is not caught up with slowly
+STOP = 0.9  # by how much stamps that are far ahead run slow
+WATCH_NS, WATCHED = 250_000_000.0, 4  # host time, and samples at least, of which not one may be in time
+SAME_NS = 10e6  # as late as before: more is a line that catches up
+UNFITTED_NS = 50e6  # a nominal period may be a few percent off, and the line with it
+PATIENCE = 8  # watches after which lateness is believed, whatever it is
 PERIOD_TOLERANCE = 0.1  # a fitted period further off its nominal value is not believed
 
 CLOCK = np.dtype(
@@ -26,23 +36,29 @@ CLOCK = np.dtype(
         ("period_ns", "<f8"),  # nominal, between ticks
         ("delay_ns", "<f8"),  # from the sample's instant to its arrival at best: filter group delay and wire time
         ("started", "<i8"),
+        ("fitted", "<i8"),  # 1: slope comes from arrivals
         ("base_tick", "<i8"),
         ("base_ns", "<i8"),
+        ("missed", "<f8"),  # ticks that passed since base_tick and were not counted
         ("slope", "<f8"),  # fitted period, ns per tick
         ("offset", "<f8"),  # ns above base_ns at base_tick
         ("slew_ns", "<f8"),  # what stamps are still ahead of the line
         ("last_tick", "<i8"),
         ("last_ns", "<i8"),
-        ("window_start", "<i8"),
-        ("window_tick", "<i8"),
+        ("window_start", "<i8"),  # tick
+        ("window_x", "<f8"),
         ("window_arrival", "<f8"),
         ("window_residual", "<f8"),
-        ("late_windows", "<i8"),
+        ("watch_start", "<f8"),  # arrival
+        ("watch_samples", "<i8"),
+        ("watch_least", "<f8"),  # lateness of the earliest
+        ("watch_before", "<f8"),  # and in the watch before
+        ("watches", "<i8"),  # in a row that were late
         ("count", "<i8"),
         ("ticks", "<f8", (POINTS,)),  # earliest arrival of each window, oldest first
         ("arrivals", "<f8", (POINTS,)),
         ("residual_ns", "<f8"),  # mean distance of the window minima above the line
-        ("resets", "<i8"),
+        ("corrections", "<i8"),  # of the counter
     ],
     align=True,
 )
@@ -62,22 +78,51 @@ def _restart(clock: Any, tick: int, arrival_ns: int) -> None:
     if clock.started == 0:
         clock.slope = clock.period_ns
     clock.started = 1
+    clock.fitted = 0
+    clock.missed = 0.0
     clock.offset = 0.0
     clock.slew_ns = 0.0
     clock.count = 0
-    clock.late_windows = 0
     clock.window_start = tick
     clock.window_residual = np.inf
+    clock.watches = 0
+    _watch_anew(clock, 0.0)
+
+
+@kernel
+def _watch_anew(clock: Any, y: float) -> None:
+    clock.watch_start = y
+    clock.watch_samples = 0
+    clock.watch_least = np.inf
+
+
+@kernel
+def _thin(clock: Any) -> None:
+    """Make room: forget what is too old, and of each two points of the older half the one farther above the line."""
+    first = 0
+    while clock.ticks[clock.count - 1] - clock.ticks[first] > MEMORY_NS / clock.period_ns:
+        first += 1
+    n = 0
+    i = first
+    while i < clock.count:
+        if i < POINTS // 2:
+            a = clock.arrivals[i] - clock.slope * clock.ticks[i]
+            b = clock.arrivals[i + 1] - clock.slope * clock.ticks[i + 1]
+            i += 1 if b < a else 0
+            clock.ticks[n], clock.arrivals[n] = clock.ticks[i], clock.arrivals[i]
+            i += 1 if b < a else 2
+        else:
+            clock.ticks[n], clock.arrivals[n] = clock.ticks[i], clock.arrivals[i]
+            i += 1
+        n += 1
+    clock.count = n
 
 
 @kernel
 def _add_point(clock: Any) -> None:
     if clock.count == POINTS:
-        for i in range(1, POINTS):
-            clock.ticks[i - 1] = clock.ticks[i]
-            clock.arrivals[i - 1] = clock.arrivals[i]
-        clock.count -= 1
-    clock.ticks[clock.count] = clock.window_tick - clock.base_tick
+        _thin(clock)
+    clock.ticks[clock.count] = clock.window_x
     clock.arrivals[clock.count] = clock.window_arrival
     clock.count += 1
 
@@ -107,9 +152,8 @@ def _hull_slope(clock: Any) -> float:
 
 
 @kernel
-def _refit(clock: Any, tick: int) -> None:
+def _refit(clock: Any, x: float) -> None:
     """Lay the line anew below the window minima; stamps stay where they are and slew to it."""
-    x = float(tick - clock.base_tick)
     before = clock.offset + clock.slope * x
     fitted = (clock.ticks[clock.count - 1] - clock.ticks[0]) * clock.period_ns >= FIT_SPAN_NS
     first = 0 if fitted else max(0, clock.count - 2)  # an unknown slope makes old points misleading
@@ -117,6 +161,7 @@ def _refit(clock: Any, tick: int) -> None:
         slope = _hull_slope(clock)
         if abs(slope / clock.period_ns - 1.0) < PERIOD_TOLERANCE:
             clock.slope = slope
+            clock.fitted = 1
     offset = np.inf
     total = 0.0
     for i in range(first, clock.count):
@@ -129,19 +174,50 @@ def _refit(clock: Any, tick: int) -> None:
 
 
 @kernel
-def _close_window(clock: Any, tick: int, arrival_ns: int) -> None:
-    if clock.window_residual > LATE_NS:
-        clock.late_windows += 1
-        if clock.late_windows >= 2:
-            clock.resets += 1
-            _restart(clock, tick, arrival_ns)
-            return
-    else:
-        clock.late_windows = 0
-        _add_point(clock)
-        _refit(clock, tick)
+def _gather(clock: Any, tick: int, x: float, y: float, residual: float) -> None:
+    """Keep the earliest arrival of each window for the fit; one that is far too late says nothing of the line."""
+    if residual < clock.window_residual:
+        clock.window_residual = residual
+        clock.window_x = x
+        clock.window_arrival = y
+    if (tick - clock.window_start) * clock.period_ns >= WINDOW_NS:
+        if clock.window_residual < FAR_NS or clock.fitted == 0:
+            _add_point(clock)
+            _refit(clock, x)
+        clock.window_start = tick
+        clock.window_residual = np.inf
+
+
+@kernel
+def _correct(clock: Any, tick: int, ticks: float) -> None:
+    """So many ticks passed that were not counted (negative: were counted and did not pass)."""
+    clock.missed += ticks
+    clock.corrections += 1
     clock.window_start = tick
     clock.window_residual = np.inf
+
+
+@kernel
+def _watch(clock: Any, tick: int, arrival_ns: int, residual: float) -> None:
+    """Notice samples that are all late, and equally late, for two watches: the counter missed the time before them."""
+    y = float(arrival_ns - clock.base_ns)
+    clock.watch_samples += 1
+    clock.watch_least = min(clock.watch_least, residual)
+    if y - clock.watch_start < WATCH_NS or clock.watch_samples < WATCHED:
+        return
+    least, before = clock.watch_least, clock.watch_before
+    clock.watch_before = least
+    clock.watches = clock.watches + 1 if least > (FAR_NS if clock.fitted else UNFITTED_NS) else 0
+    _watch_anew(clock, y)
+    if clock.watches < 2:
+        return
+    same = abs(least - before) < SAME_NS
+    if same and clock.fitted:
+        _correct(clock, tick, min(least, before) / clock.slope)
+        clock.watches = 0
+    elif same or clock.watches >= PATIENCE:
+        clock.corrections += 1
+        _restart(clock, tick, arrival_ns)
 
 
 @kernel
@@ -151,80 +227,27 @@ def stamp(clock: Any, tick: int, arrival_ns: int) -> int:
         _restart(clock, tick, arrival_ns)
         clock.last_tick = tick - 1
     y = float(arrival_ns - clock.base_ns)
-    residual = y - (clock.offset + clock.slope * (tick - clock.base_tick))
+    x = tick - clock.base_tick + clock.missed
+    passed = clock.slope * (tick - clock.last_tick)
+    residual = y - (clock.offset + clock.slope * x)
+    if residual < -FAR_NS:
+        ahead = min(-residual, passed) / clock.slope
+        _correct(clock, tick, -ahead)
+        x -= ahead
+        residual += ahead * clock.slope
     if residual < 0.0:  # earlier than the line allows: the line was too high
-        if residual < -LATE_NS:
-            clock.resets += 1
-            _restart(clock, tick, arrival_ns)
-        else:
-            clock.offset += residual
-            clock.slew_ns -= residual
+        clock.offset += residual
+        clock.slew_ns -= residual
         residual = 0.0
         clock.window_residual = np.inf
-        y = float(arrival_ns - clock.base_ns)
-    if residual < clock.window_residual:
-        clock.window_residual = residual
-        clock.window_tick = tick
-        clock.window_arrival = y
-    if (tick - clock.window_start) * clock.period_ns >= WINDOW_NS:
-        _close_window(clock, tick, arrival_ns)
-    most = SLEW * clock.period_ns * (tick - clock.last_tick)
+    _gather(clock, tick, x, y, residual)
+    if clock.slew_ns < -FAR_NS:
+        clock.slew_ns = 0.0
+    most = (STOP if clock.slew_ns > FAR_NS else SLEW) * passed
     clock.slew_ns -= max(-most, min(most, clock.slew_ns))
-    line = clock.offset + clock.slope * (tick - clock.base_tick) + clock.slew_ns - clock.delay_ns
+    line = clock.offset + clock.slope * x + clock.slew_ns - clock.delay_ns
     t_ns = max(int(clock.base_ns + int(line)), int(clock.last_ns) + 1)
     clock.last_tick = tick
     clock.last_ns = t_ns
+    _watch(clock, tick, arrival_ns, residual)
     return t_ns
-
-
-_DAY_NS = 86_400_000_000_000
-_BAND_NS = 10_000_000_000  # a tty's 4096 bytes last 9 s at 4800 baud: what comes later still, UTC stepped
-_MEMORY_S = 64
-_STEP_S = 5  # so long must arrivals stay late by whole seconds until that is a step of the receiver's UTC
-_ABRUPT_NS, _NEAR_WHOLE_NS = 500_000_000, 250_000_000
-
-
-class EpochClock:
-    """A receiver's UTC time of day fitted to the host's monotonic clock: the smallest delay seen is the latency.
-
-    An epoch is never placed after its arrival less the latency, nor more than 10 s before. Steps of the receiver's UTC
-    are followed at once if forward, or of more than 10 s; after 5 s if of whole seconds (leap seconds that it learns,
-    or that occur); else after 64 s, for a line that falls behind looks the same. Not thread-safe; one per receiver.
-    """
-
-    def __init__(self, latency_s: float) -> None:
-        self._latency_ns = round(latency_s * 1e9)
-        self._seconds: list[int] = []  # of arrival, on the host's clock, oldest first
-        self._least: list[int] = []  # arrival less UTC, ns, the least in each of them
-
-    def epoch_ns(self, utc_of_day_s: float, arrival_ns: int) -> int:
-        """Monotonic time in ns of the epoch that the receiver calls `utc_of_day_s` and that arrived at `arrival_ns`."""
-        utc_ns = round(utc_of_day_s * 1e9)
-        if self._least:
-            utc_ns += round((arrival_ns - utc_ns - self._least[-1]) / _DAY_NS) * _DAY_NS
-        self._remember(arrival_ns // 1_000_000_000, arrival_ns - utc_ns)
-        return utc_ns + min(self._least) - self._latency_ns
-
-    def _remember(self, second: int, offset: int) -> None:
-        if self._least and abs(offset - min(self._least)) > _BAND_NS:
-            self._keep(0)
-        if self._seconds and self._seconds[-1] == second:
-            self._least[-1] = min(self._least[-1], offset)
-        else:
-            self._seconds.append(second)
-            self._least.append(offset)
-        self._keep(_MEMORY_S)
-        if self._stepped():
-            self._keep(_STEP_S)
-
-    def _keep(self, n: int) -> None:
-        self._seconds, self._least = (values[max(0, len(values) - n) :] for values in (self._seconds, self._least))
-
-    def _stepped(self) -> bool:
-        """Whether all of the last seconds are late by about the same, whole, number of seconds."""
-        before, recent = self._least[:-_STEP_S], self._least[-_STEP_S:]
-        if not before or recent[0] - before[-1] < _ABRUPT_NS or max(recent) - min(recent) > _ABRUPT_NS:
-            return False
-        excess = min(recent) - min(before)
-        whole = round(excess / 1e9)
-        return whole > 0 and abs(excess - whole * 1_000_000_000) < _NEAR_WHOLE_NS

@@ -10,7 +10,7 @@ from drivers.driver import GnssDriver, ImuConfigured, ImuDriver
 from drivers.errors import PortLostError
 from drivers.fix import Fix
 
-from .clock import EpochClock
+from .epochs import EpochClock
 from .gnss import record, refusal
 from .outputs.view import Gnss
 from .pipeline import Stream

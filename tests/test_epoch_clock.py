@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imud.clock import EpochClock
+from imud.epochs import EpochClock
 
 LATENCY_S = 0.15
 DAY_S = 86_400
@@ -147,3 +147,27 @@ def test_a_lost_hour_is_bridged():
     receiver.utc_s += 3600.0
     receiver.true_ns += 3600 * 10**9
     assert 0.0 <= receiver.fix(0.1) <= 0.1 + 1e-6
+
+
+def test_epochs_follow_the_fastest_delivery():
+    clock = EpochClock(latency_s=0.15)
+    rng = np.random.default_rng(3)
+    late = rng.uniform(0.15e9, 0.4e9, 200)
+    late[0] = 0.35e9
+    utc = 86_350.0 + np.arange(200)  # over midnight
+    true_ns = 5 * 10**12 + np.arange(200) * 10**9
+    epochs = np.array([clock.epoch_ns(u % 86_400, int(t + d)) for u, t, d in zip(utc, true_ns, late, strict=True)])
+    assert np.abs(epochs - true_ns)[30:].max() < 0.03e9
+
+
+def test_a_step_of_the_receivers_utc_is_followed():
+    clock = EpochClock(latency_s=0.1)
+    for k in range(20):
+        utc = 1000.0 + k + (18.0 if k >= 10 else 0.0)
+        epoch = clock.epoch_ns(utc, 10**12 + k * 10**9 + 10**8)
+    assert epoch == 10**12 + 19 * 10**9
+    clock = EpochClock(latency_s=0.1)
+    for k in range(20):
+        utc = 1000.0 + k - (18.0 if k >= 10 else 0.0)
+        epoch = clock.epoch_ns(utc, 10**12 + k * 10**9 + 10**8)
+    assert epoch == 10**12 + 19 * 10**9

@@ -115,7 +115,7 @@ def test_a_silent_gap_before_there_is_a_fit_does_no_harm(gap_s):
 @pytest.mark.parametrize("stop_s", [0.3, 3.0])
 @pytest.mark.parametrize("kept_s", [9.0, 0.2])
 def test_after_a_suspension_only_what_overflowed_is_missing(stop_s, kept_s):
-    ticks, truth, arrivals = device(30_000, jitter_ns=1e5)
+    _, truth, arrivals = device(30_000, jitter_ns=1e5)
     waking = truth[20_000] + stop_s * 1e9
     lost = (truth > truth[20_000] + kept_s * 1e9) & (truth < waking)
     arrivals = np.where((truth >= truth[20_000]) & (truth < waking), waking, arrivals)
@@ -128,7 +128,7 @@ def test_after_a_suspension_only_what_overflowed_is_missing(stop_s, kept_s):
 
 
 def test_a_backlog_that_a_slow_line_works_off_is_no_gap():
-    ticks, truth, arrivals = device(6_000, jitter_ns=1e5)
+    ticks, truth, _ = device(6_000, jitter_ns=1e5)
     truth = 10**15 + ticks * 1e7
     late = np.maximum(0.0, 1e9 - 0.4 * (truth - truth[3000])) * (ticks >= 3000)  # 24 kbit/s on a line of 38.4
     t, clock = stamps(ticks, truth + late, clock=new_clock(1e7, 0.0))

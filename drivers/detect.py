@@ -59,13 +59,15 @@ def detect(driver: str | None = None, baud: int | None = None, readonly: bool = 
     """
     among = (by_name(driver),) if driver else drivers()
     bauds = (baud,) if baud else tuple(_merged([one.bauds for one in among]))
+    once: Chatter | None = None
     for turn in range(TURNS):
         first = bauds[turn % len(bauds)]
         heard = yield from _listen(among, first)
         found = _recognised(among, heard, first)
         noise = None
         if found is None and len(heard) >= CHATTER:
-            found, noise = yield from _listen_at_all(among, bauds, Chatter(heard, first, bauds))
+            once = Chatter(heard, first, bauds)
+            found, noise = yield from _listen_at_all(among, bauds, first)
         if found is None and not readonly:
             askable = among if noise is None else [one for one in among if driver and one.interrupts]
             found = yield from _ask(askable, baud)
@@ -75,7 +77,7 @@ def detect(driver: str | None = None, baud: int | None = None, readonly: bool = 
             return replace(found, baud=speed)
         if noise is not None:
             return noise
-    return Silence(bauds, not readonly)
+    return once or Silence(bauds, not readonly)
 
 
 def _merged(lists: Sequence[Sequence[int]]) -> Iterator[int]:
@@ -110,16 +112,19 @@ def _is_garbage(heard: bytes) -> bool:
 
 
 def _listen_at_all(
-    among: Sequence[AnyDriver], bauds: Sequence[int], first: Chatter
+    among: Sequence[AnyDriver], bauds: Sequence[int], first: int
 ) -> Dialogue[tuple[Found | None, Chatter | None]]:
-    """Listen to a line that talks at all other speeds; the device, or the most that was heard."""
-    noise = first
-    for baud in bauds:
-        if baud == first.baud:
-            continue
+    """Listen to a line that talks at all speeds, last at the first one again; the device, or the most that was heard.
+
+    Neither: it said something once, as a device does that starts, and has fallen silent.
+    """
+    noise = Chatter(b"", first, tuple(bauds))
+    for baud in (*(other for other in bauds if other != first), first):
         heard = yield from _listen(among, baud)
         if found := _recognised(among, heard, baud):
             return found, None
+        if not heard:
+            return None, None
         noise = max(noise, replace(noise, heard=heard, baud=baud), key=lambda chatter: len(chatter.heard))
     return None, noise
 

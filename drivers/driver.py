@@ -46,9 +46,18 @@ class Options:
 
     rate_hz: float = 1000.0
     readonly: bool = False
+    polled: bool = False  # have an inertial sensor send each sample only when asked, if it can; not if readonly
     filter_taps: int = 0  # of an inertial sensor's moving average, at least; 0: as few as the rate allows, least delay
     self_test: bool = False  # have an inertial sensor test itself first; it must be at rest
     fix_rate_hz: float = 0.0  # a receiver may be set up for so many fixes per second; 0: it is left as it is
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be sent, and how often, to a sensor that speaks only when asked."""
+
+    command: bytes
+    period_ns: int
 
 
 @dataclass(frozen=True)
@@ -62,6 +71,7 @@ class ImuConfigured:
     frame_bytes: int  # on the wire per sample
     warnings: tuple[str, ...] = ()
     gyro_axes: tuple[bool, bool, bool] = (True, True, True)  # which exist; `w` of the others is 0 and means nothing
+    request: Request | None = None  # None: it sends by itself
 
 
 @dataclass(frozen=True)

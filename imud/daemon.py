@@ -55,11 +55,15 @@ class Daemon:
         self._log = structlog.get_logger()
         self._wanted = self._estimator = registry.by_name(_estimator_name(settings))
         self._fallback = registry.by_name(WITHOUT_GYROS) if settings.estimator == "auto" else None
-        self._poll = select.poll()
+        self._poll = select.epoll()
         imu, gnss = settings.imu, settings.gnss
         fix_rate_hz = gnss.rate_hz if gnss.configure else 0.0
         options = Options(
-            rate_hz=imu.rate_hz, filter_taps=imu.filter_taps, self_test=imu.self_test, fix_rate_hz=fix_rate_hz
+            rate_hz=imu.rate_hz,
+            polled=imu.mode == "polled",
+            filter_taps=imu.filter_taps,
+            self_test=imu.self_test,
+            fix_rate_hz=fix_rate_hz,
         )
         self._ports = [Port(_spec(text), options, self, patient=wait) for text in settings.ports]
         self._by_fd: dict[int, Port] = {}
@@ -104,9 +108,9 @@ class Daemon:
         slow_ns = 0
         while self._exit is None:
             due_s = min(slow_ns * 1e-9, *(port.deadline_s for port in self._ports))
-            events = self._poll.poll(max(0.0, 1e3 * (due_s - time.monotonic())))
+            select.select((self._poll,), (), (), max(0.0, due_s - time.monotonic()))  # epoll itself knows only ms
             now_ns = time.monotonic_ns()
-            for fd, mask in events:
+            for fd, mask in self._poll.poll(0):
                 self._dispatch(fd, mask, now_ns)
             for port in self._ports:
                 port.on_time(now_ns * 1e-9)
@@ -162,7 +166,7 @@ class Daemon:
             self._take(self._gnss[1].flush(now_ns))
         for pair in (self._imu, self._gnss):
             if pair and now_ns - pair[1].heard_ns > pair[1].silence_ns and not _is_readable(pair[0].fd):
-                pair[0].lost("the device fell silent")
+                pair[0].lost("the device sends nothing more of use")
         if self._imu is None and self._gpsd.wants(now_ns):
             self._gpsd.publish(View(devices=self._devices), now_ns)  # the clients must not take old news for new
         if (deadline := self._gpsd.next_deadline()) is not None and now_ns >= deadline:

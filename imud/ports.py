@@ -4,6 +4,7 @@ Absent, silent and unknown devices are tried again with growing patience; every 
 when a device streams, not what the bytes mean.
 """
 
+import math
 import time
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -12,7 +13,7 @@ import structlog
 
 from drivers.detect import Finding, detect
 from drivers.dialogue import Dialogue
-from drivers.driver import AnyDriver, GnssConfigured, Identity, ImuConfigured, Options, Unsupported
+from drivers.driver import AnyDriver, GnssConfigured, Identity, ImuConfigured, Options, Request, Unsupported
 from drivers.errors import NotSerialError, PortBusyError, PortDeniedError, PortError
 from drivers.registry import by_name
 from drivers.transport.conversation import Conversation
@@ -70,6 +71,8 @@ class Port:
             self._open()
         elif self._talk is not None:
             self._guard(self._talk.on_deadline)
+        elif isinstance(self.configured, ImuConfigured) and self.configured.request is not None:
+            self._ask(self.configured.request, now_s)
 
     def on_event(self) -> None:
         """Bytes for the dialogue. (A streaming port is read by its owner.)"""
@@ -140,11 +143,24 @@ class Port:
         self.configured = configured
         self.connects += 1
         self._retry_s = _FIRST_RETRY_S
-        self.deadline_s = float("inf")
+        asked = isinstance(configured, ImuConfigured) and configured.request is not None
+        self.deadline_s = time.monotonic() if asked else float("inf")
         self.story = "streaming"
         for warning in configured.warnings:
             self._log.warning(warning)
+        if driver.kind == "imu" and self.options.polled and not asked:
+            self._log.warning("this sensor cannot be asked for its samples: it sends them by itself")
         self._host.connected(self, driver, configured)
+
+    def _ask(self, request: Request, now_s: float) -> None:
+        """Ask for a sample. The times to ask are fixed from the start; what a late wake-up missed is left out."""
+        assert self._line is not None
+        period_s = request.period_ns * 1e-9
+        self.deadline_s += period_s * (1 + math.floor((now_s - self.deadline_s) / period_s))
+        try:
+            self._line.write(request.command)
+        except PortError as error:
+            self.lost(str(error))
 
     def _fail(self, why: str) -> None:
         """No stream this time."""

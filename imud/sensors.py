@@ -49,8 +49,9 @@ class Inertial:
             raise PortLostError("", f"the device is gone ({error.strerror})") from error
         if received == 0:
             raise PortLostError("", "the device is gone")
-        self.heard_ns = now_ns
         n = self.stream.ingest(received, now_ns)
+        if n:
+            self.heard_ns = now_ns
         self.samples += n
         return n
 

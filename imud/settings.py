@@ -27,6 +27,10 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     filter_taps: Annotated[
         int, Meta(ge=0, le=128, description="Of the sensor's own filter, at least; 0: for the least delay.")
     ] = 0
+    mode: Annotated[
+        Literal["auto", "polled"],
+        Meta(description="`auto`: the sensor sends by itself; `polled`: it is asked for each sample, if it can be."),
+    ] = "auto"
     self_test: Annotated[
         bool, Meta(description="Have the sensor test itself whenever it is connected; it must be at rest.")
     ] = False

@@ -12,15 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..dialogue import Dialogue, Exchange
-from ..driver import Identity, ImuConfigured, Options, Unsupported
+from ..driver import Identity, ImuConfigured, Options, Request, Unsupported
 from .hearing import convention, is_stream, relative, scan
-from .packet import ACCEL_FAILED, BIT, CONVENTIONS, LENGTH, PART, TICK_NS, TIMER, ZERO_INVALID, word
-from .talk import describe, ping, unsupported
+from .packet import ACCEL_FAILED, BIT, CONVENTIONS, LENGTH, PART, SURE, TICK_NS, TIMER, ZERO_INVALID, word
+from .talk import ask_packets, describe, ping, unsupported
 from .timer import spacing_ns
 
 START_S = 0.2
 RATE_S = 1.0  # for which the stream is counted
+TURN_S = 1e-3  # from a request to its answer, at most
 PART_NUMBER = 300
+YAW_ONLY = (False, False, True)
 BAUD = 38400
 
 
@@ -49,13 +51,17 @@ class Crossbow:
         return (yield from describe(self.name)) if (yield from ping()) else None
 
     def configure(self, identity: Identity, options: Options) -> Dialogue[ImuConfigured | None]:
-        """Continuous mode. The unit has no settings; `options.rate_hz` cannot be met."""
+        """Continuous mode, at a rate of the unit's own; or polled, at `options.rate_hz` if the line carries that."""
+        polled = options.polled and not options.readonly
         if not options.readonly:
             found = yield from self.identify()
             if isinstance(found, Unsupported):
                 return None
             if found is not None:  # else it may stream without listening
                 identity = replace(found, baud=identity.baud)
+        if polled:
+            return self._polled(identity, options.rate_hz, (yield from ask_packets(SURE + 1)))
+        if not options.readonly:
             yield Exchange(b"C", START_S, discard=True)
         heard = yield Exchange(listen_s=RATE_S, discard=True)
         summed = convention(heard)
@@ -66,8 +72,22 @@ class Crossbow:
         rate_hz = neat(1e9 / spacing_ns(timers, RATE_S * 1e9 / len(starts)))
         wire_ns = round(LENGTH * 10 / (identity.baud or BAUD) * 1e9)
         warnings = oddities(heard[starts[-1] :], summed)
-        gyro_axes = (False, False, True)
-        return ImuConfigured(identity, rate_hz, TICK_NS, wire_ns, LENGTH, warnings, gyro_axes)
+        return ImuConfigured(identity, rate_hz, TICK_NS, wire_ns, LENGTH, warnings, YAW_ONLY)
+
+    def _polled(self, identity: Identity, wanted_hz: float, heard: bytes) -> ImuConfigured | None:
+        """What `configure` finds in packets that were asked for."""
+        summed = convention(heard)
+        if summed is None:
+            return None
+        wire_s = (1 + LENGTH) * 10 / (identity.baud or BAUD)
+        rate_hz = min(wanted_hz, neat(1.0 / (wire_s + TURN_S)))
+        warnings = oddities(heard[scan(heard, summed)[-1] :], summed)
+        if rate_hz < wanted_hz:
+            warnings += (
+                f"{wanted_hz:g} samples/s wanted, {rate_hz:g} can be asked for at {identity.baud or BAUD} baud",
+            )
+        ask = Request(b"G", round(1e9 / rate_hz))
+        return ImuConfigured(identity, rate_hz, TICK_NS, round(wire_s * 1e9), LENGTH, warnings, YAW_ONLY, request=ask)
 
     def new_state(self, configured: ImuConfigured) -> NDArray[np.void]:
         """See `ImuDriver`."""

@@ -65,6 +65,17 @@ def version() -> Dialogue[str]:
     return ""
 
 
+def ask_packets(n: int) -> Dialogue[bytes]:
+    """What a polled unit answers to so many requests for a packet; nothing if the first is not answered."""
+    heard = b""
+    for _ in range(n):
+        answer = yield Exchange(b"G", PACKET_S, enough=lambda answer: len(answer) >= LENGTH, discard=True)
+        if not answer:
+            break
+        heard += answer
+    return heard
+
+
 def describe(name: str) -> Dialogue[Identity | Unsupported | None]:
     """Who answers: a packet tells. None: nothing that is known."""
     packet = yield Exchange(b"G", PACKET_S, enough=lambda heard: len(heard) >= LENGTH, discard=True)

@@ -8,11 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..dialogue import Dialogue
-from ..driver import Identity, ImuConfigured, Options, Unsupported
+from ..driver import Identity, ImuConfigured, Options, Request, Unsupported
 from .dialects import FLAT, WINDOWED, Layout
 from .hearing import is_spoken
 from .models import G350, Model, model_of
-from .setup import arrange, choose_range, examine, fastest, listen, program, self_test, start, to_configuration
+from .registers import burst
+from .setup import (
+    EAGERNESS,
+    arrange,
+    choose_range,
+    examine,
+    fastest,
+    listen,
+    program,
+    self_test,
+    start,
+    to_configuration,
+    wire_s,
+)
 from .talk import describe, reach
 
 
@@ -48,7 +61,7 @@ class Epson:
         model = model_of(identity.model)
         if options.readonly:
             rate, layout = (yield from listen(model)) if model else (0.0, None)
-            return configured(identity, model, rate, model.taps(rate), layout, ()) if model and layout else None
+            return configured(identity, model, rate, model.taps(rate), layout) if model and layout else None
         dialect = yield from reach()
         described = (yield from describe(dialect)) if dialect else None
         model = model_of(described.model) if isinstance(described, Identity) else None
@@ -61,16 +74,18 @@ class Epson:
         if options.self_test:
             warnings += yield from self_test(model.dialect)
         baud = identity.baud or self.bauds[0]
-        rate, code, layouts = fastest(model, options.rate_hz, baud)
+        rate, code, layouts = fastest(model, options.rate_hz, baud, options.polled)
         if rate != options.rate_hz:
             warnings.append(f"{options.rate_hz:g} samples/s wanted, {rate:g} is the nearest possible at {baud} baud")
         warnings += yield from arrange(layouts)
         taps = model.taps(rate, options.filter_taps)
         if taps != options.filter_taps and options.filter_taps:
             warnings.append(f"a filter of {options.filter_taps} taps wanted, {taps} are possible at {rate:g} samples/s")
-        rate, refused = yield from program(model, code, taps)
-        layout = yield from start(model.dialect)
-        return configured(identity, model, rate, taps, layout, (*warnings, *refused)) if layout else None
+        rate, refused = yield from program(model, code, taps, options.polled)
+        layout = yield from start(model.dialect, options.polled)
+        if layout is None:
+            return None
+        return configured(identity, model, rate, taps, layout, (*warnings, *refused), options.polled)
 
     def new_state(self, configured: ImuConfigured) -> NDArray[np.void]:
         """See `ImuDriver`."""
@@ -87,12 +102,19 @@ class Epson:
 
 
 def configured(
-    identity: Identity, model: Model, rate_hz: float, taps: int, layout: Layout, warnings: tuple[str, ...]
+    identity: Identity,
+    model: Model,
+    rate_hz: float,
+    taps: int,
+    layout: Layout,
+    warnings: tuple[str, ...] = (),
+    polled: bool = False,
 ) -> ImuConfigured:
     """The finding of `configure`."""
-    wire_ns = round(layout.length * 10 / (identity.baud or Epson.bauds[0]) * 1e9)
+    wire_ns = round(wire_s(layout, identity.baud or Epson.bauds[0], polled) * 1e9)
     delay_ns = model.delay_ns(taps) + wire_ns
-    return ImuConfigured(identity, rate_hz, round(1e9 / rate_hz), delay_ns, layout.length, warnings)
+    ask = Request(burst(layout.header), round(1e9 / (EAGERNESS * rate_hz))) if polled else None
+    return ImuConfigured(identity, rate_hz, round(1e9 / rate_hz), delay_ns, layout.length, warnings, request=ask)
 
 
 DRIVER = Epson()

@@ -21,7 +21,7 @@ from ..words import signed, word
 from .counting import ticks_since
 from .dialects import FLAT
 from .registers import CR
-from .state import deliver, is_saturated
+from .state import deliver, is_repeated, is_saturated
 
 HEADER = FLAT.header
 LONG, SHORT = FLAT.layouts[0].length, FLAT.layouts[1].length
@@ -103,10 +103,13 @@ def skip(s: Any, p: int) -> int:
 
 
 @kernel
-def emit(s: Any, rx: Any, p: int, sample: Any) -> None:
-    """The frame at p as a sample."""
+def emit(s: Any, rx: Any, p: int, sample: Any) -> int:
+    """The frame at p as a sample; returns how many that are."""
     missing = (s.gap + s.length // 2) // s.length
     count = word(rx, p + COUNT) if s.length == LONG else -1
+    s.unconfirmed, s.covered, s.gap = 1, 0, 0
+    if is_repeated(s, word(rx, p + 1), count):
+        return 0
     advance = ticks_since(s.counting, count, missing, s.frames == 0, False)
     if s.frames > 0:
         s.lost += advance - 1
@@ -120,7 +123,7 @@ def emit(s: Any, rx: Any, p: int, sample: Any) -> None:
     elif is_saturated(s):
         flags = SATURATED
     deliver(s, word(rx, p + 1), signed(rx, p + TEMP), flags, sample)
-    s.unconfirmed, s.covered, s.gap = 1, 0, 0
+    return 1
 
 
 @kernel
@@ -134,14 +137,12 @@ def decode_flat(rx: Any, fill: int, s: Any, samples: Any) -> int:
         if found == BAD:
             p = skip(s, p)
         elif found == GOOD:
-            emit(s, rx, p, samples[n])
-            n += 1
+            n += emit(s, rx, p, samples[n])
             p += s.length
         else:  # p itself is examined again, and good
             s.gap -= s.length
             s.junk -= s.length
-            emit(s, rx, p - s.length, samples[n])
-            n += 1
+            n += emit(s, rx, p - s.length, samples[n])
     start = max(p - LONG, 0)
     s.leftover, s.scanned = fill - start, p - start
     if start > 0:

@@ -23,6 +23,7 @@ def state_for(configured: ImuConfigured) -> NDArray[np.void]:
     wide = model.dialect is WINDOWED and configured.frame_bytes == WIDE.length
     state = new_state(model, 4 if wide else 2)
     state["windowed"] = model.dialect is WINDOWED
+    state["polled"] = configured.request is not None
     state["length"] = configured.frame_bytes
     if model.dialect is FLAT:
         per_ms = configured.period_ns * 1e-6

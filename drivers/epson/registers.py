@@ -14,7 +14,7 @@ SAMPLE, CONFIGURE = 0x01, 0x02  # MODE_CTRL, high byte
 CONFIGURING = 1 << 10  # MODE_CTRL
 RESET = 0x80  # GLOB_CMD, low byte
 NOT_READY = 1 << 10  # GLOB_CMD
-AUTO = 0x01  # UART_CTRL, low byte
+AUTO, POLLED = 0x01, 0x00  # UART_CTRL, low byte
 HARD_ERROR = 0x0060  # DIAG_STAT
 TEST = 0x04  # MSC_CTRL, high byte
 TESTING = 1 << 10  # MSC_CTRL
@@ -41,6 +41,11 @@ Setting = tuple[Register, int | None, int | None]  # what its low and its high b
 def read(register: Register) -> bytes:
     """The command that reads the word."""
     return bytes((register.address, 0, CR))
+
+
+def burst(header: int) -> bytes:
+    """The command that has one frame sent, in polled mode; window 0 must be open."""
+    return bytes((header, 0, CR))
 
 
 def write(address: int, value: int) -> bytes:

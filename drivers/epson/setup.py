@@ -11,21 +11,27 @@ from .registers import (
     AUTO,
     CONFIGURE,
     CONFIGURING,
+    CR,
     HARD_ERROR,
+    POLLED,
     RESET,
     SAMPLE,
     TEST,
     TEST_FAILED,
     TESTING,
     Setting,
+    burst,
     write,
 )
-from .talk import STOP_S, STOPS, ask, put, select, wait_ready
+from .talk import STOP_S, STOPS, ask, put, select, tell, wait_ready
 
 RESET_S = 0.8
 TEST_POLLS, TEST_S = 10, 0.1  # it takes 80 to 150 ms
 STREAM_S = 1.0
 WIRE_SHARE = 0.96  # of the line's capacity that a stream may take
+EAGERNESS = 1.25  # requests per sample in polled mode: no sample is missed although the two clocks are not in step
+COMMAND_BYTES, STALL_S = 3, 90e-6  # of a request; besides its bytes and the answer's (M-G362PDC1 data sheet, timing)
+SAMPLE_ANSWERS, POLL_S = 4, 0.05  # asked for to see what the frames are like; for each
 FILTER_CODE = 0x1F  # of the filter register; the bit above is set while the filter changes
 
 
@@ -71,11 +77,23 @@ def self_test(dialect: Dialect) -> Dialogue[list[str]]:
     return ["the sensor's self test does not end"]
 
 
-def fastest(model: Model, wanted_hz: float, baud: int) -> tuple[float, int, tuple[Layout, ...]]:
+def most_hz(layout: Layout, baud: int, polled: bool) -> float:
+    """Samples per second that the line carries."""
+    if polled:
+        return 1.0 / (EAGERNESS * (wire_s(layout, baud, polled) + STALL_S))
+    return WIRE_SHARE / wire_s(layout, baud, polled)
+
+
+def wire_s(layout: Layout, baud: int, polled: bool) -> float:
+    """What a frame, and the request for it, take on the line."""
+    return (layout.length + COMMAND_BYTES * polled) * 10 / baud
+
+
+def fastest(model: Model, wanted_hz: float, baud: int, polled: bool) -> tuple[float, int, tuple[Layout, ...]]:
     """Rate nearest to `wanted_hz` that fits on the line, its code, and the layouts with which it does, best first."""
 
     def fits(layout: Layout, hz: float) -> bool:
-        return hz * 10 * layout.length <= WIRE_SHARE * baud
+        return hz <= most_hz(layout, baud, polled)
 
     layouts = model.dialect.layouts
     slowest = min(model.rates.values())
@@ -85,13 +103,13 @@ def fastest(model: Model, wanted_hz: float, baud: int) -> tuple[float, int, tupl
     return rate, code, tuple(layout for layout in layouts if fits(layout, rate)) or layouts[-1:]
 
 
-def program(model: Model, code: int, taps: int) -> Dialogue[tuple[float, list[str]]]:
-    """Write rate, filter and automatic mode, and read them back; returns the true rate and warnings."""
+def program(model: Model, code: int, taps: int, polled: bool) -> Dialogue[tuple[float, list[str]]]:
+    """Write rate, filter and automatic or polled mode, and read them back; returns the true rate and warnings."""
     dialect, rate, warnings = model.dialect, model.rates[code], list[str]()
     filter_code = model.tap_codes[taps]
     yield from put(dialect.rate, high=code)
     yield from put(dialect.filter, low=filter_code)
-    yield from put(dialect.uart, low=AUTO)
+    yield from put(dialect.uart, low=POLLED if polled else AUTO)
     kept = yield from ask(dialect.rate)
     if kept is not None and kept >> 8 != code:
         rate = dialect.rates.get(kept >> 8, rate)
@@ -121,10 +139,15 @@ def arrange(layouts: Sequence[Layout]) -> Dialogue[list[str]]:
     return ["the sensor does not keep what its frames shall hold"]
 
 
-def start(dialect: Dialect) -> Dialogue[Layout | None]:
-    """Begin sampling; returns the layout of the frames that come, None if none do."""
+def start(dialect: Dialect, polled: bool) -> Dialogue[Layout | None]:
+    """Begin sampling; returns the layout of the frames that come, None if none do. Leaves window 0 open."""
     for _ in range(2):
         yield from select(dialect.mode)
+        if polled:
+            yield from tell(write(dialect.mode.address + 1, SAMPLE))
+            if layout := layout_of((yield from request(dialect)), dialect.layouts):
+                return layout
+            continue
         heard = yield Exchange(
             write(dialect.mode.address + 1, SAMPLE),
             STREAM_S,
@@ -134,6 +157,20 @@ def start(dialect: Dialect) -> Dialogue[Layout | None]:
         if layout := layout_of(heard, dialect.layouts):
             return layout
     return None
+
+
+def request(dialect: Dialect) -> Dialogue[bytes]:
+    """A few frames, each asked for."""
+    shortest = min(layout.length for layout in dialect.layouts)
+    heard = b""
+    for _ in range(SAMPLE_ANSWERS):
+        heard += yield Exchange(
+            burst(dialect.header),
+            POLL_S,
+            enough=lambda answer: len(answer) >= shortest and answer[-1] == CR,
+            discard=True,
+        )
+    return heard
 
 
 def listen(model: Model) -> Dialogue[tuple[float, Layout | None]]:

@@ -11,6 +11,8 @@ from ..spikes import SPIKES
 from .counting import COUNTING
 from .models import Model
 
+ALL_NEWS = 0xFE00  # bits of FLAG: temperature, gyros, accelerometers that were not read yet
+
 STATE = np.dtype(
     [
         ("gyro_scale", "<f8"),  # rad/s per LSB
@@ -29,6 +31,8 @@ STATE = np.dtype(
         ("mask", "<i8"),  # * bits of `constants` that never changed
         ("unconfirmed", "<i8"),  # * the bytes before the scan are a delivered frame
         ("covered", "<i8"),  # * bytes from here on that belong to one
+        ("polled", "<i8"),  # frames are answers: one may repeat the sample before
+        ("count", "<i8"),  # of the last frame
         ("gap", "<i8"),  # junk bytes since the last frame
         ("tick", "<i8"),
         ("counting", COUNTING),
@@ -63,6 +67,14 @@ def is_saturated(s: Any) -> bool:
     worst_gyro = max(abs(raw[0]), abs(raw[1]), abs(raw[2]))
     worst_accel = max(abs(raw[3]), abs(raw[4]), abs(raw[5]))
     return bool(worst_gyro >= s.gyro_end or worst_accel >= s.accel_end)
+
+
+@kernel
+def is_repeated(s: Any, flag: int, count: int) -> bool:
+    """Whether an answer holds the same sample as the one before: by COUNT, or without one (-1) by FLAG's news."""
+    same = flag & ALL_NEWS == 0 if count < 0 else count == s.count
+    s.count = count
+    return bool(s.polled and s.frames > 0 and same)
 
 
 @kernel

@@ -16,7 +16,7 @@ from ..words import signed, word
 from .counting import ticks_since
 from .dialects import WINDOWED
 from .registers import CR
-from .state import deliver, is_saturated
+from .state import deliver, is_repeated, is_saturated
 
 HEADER = WINDOWED.header
 FLAG, TEMP = 1, 3  # offsets in the frame; those of COUNT and CHECKSUM count from its end
@@ -41,10 +41,14 @@ def number(rx: Any, i: int, size: int) -> int:
 
 
 @kernel
-def emit(s: Any, rx: Any, p: int, sample: Any) -> None:
-    """The frame at p as a sample."""
+def emit(s: Any, rx: Any, p: int, sample: Any) -> int:
+    """The frame at p as a sample; returns how many that are."""
     missing = (s.gap + s.length // 2) // s.length
-    advance = ticks_since(s.counting, word(rx, p + s.length - COUNT), missing, s.frames == 0, True)
+    count = word(rx, p + s.length - COUNT)
+    s.gap = 0
+    if is_repeated(s, word(rx, p + FLAG), count):
+        return 0
+    advance = ticks_since(s.counting, count, missing, s.frames == 0, True)
     if s.frames > 0:
         s.lost += advance - 1
     s.tick += advance
@@ -52,7 +56,7 @@ def emit(s: Any, rx: Any, p: int, sample: Any) -> None:
         s.spikes.raw[i] = number(rx, p + TEMP + (i + 1) * s.size, s.size)
     flags = SATURATED if is_saturated(s) else 0
     deliver(s, word(rx, p + FLAG), number(rx, p + TEMP, s.size), flags, sample)
-    s.gap = 0
+    return 1
 
 
 @kernel
@@ -64,8 +68,7 @@ def decode_windowed(rx: Any, fill: int, s: Any, samples: Any) -> int:
             if p + s.length > fill:
                 break
             if is_good(rx, p, s.length):
-                emit(s, rx, p, samples[n])
-                n += 1
+                n += emit(s, rx, p, samples[n])
                 p += s.length
                 continue
         if s.gap == 0 and s.frames > 0:

@@ -1,0 +1,65 @@
+"""Emulated devices on a wire in memory: `scripted.run` talks to them in a time of their own, without waiting."""
+
+import math
+
+import numpy as np
+from scripted import Line
+
+from firmware_sim.fixes import SimulatedFixes
+from firmware_sim.g350 import G350
+from firmware_sim.g370 import VARIANTS, Windowed
+from firmware_sim.motion import Trajectory
+from firmware_sim.nmea import FvM11
+from firmware_sim.noise import IDEAL, ImuErrors
+from firmware_sim.rga300 import Rga300
+from firmware_sim.scenarios import SCENARIOS
+from firmware_sim.seraccel import SerAccel, Settings
+
+ROLL, PITCH = math.radians(10.0), math.radians(-5.0)
+REST = Trajectory(SCENARIOS["rest"](ROLL, PITCH, 0.0), 35.0, 139.0, 60.0)
+UTC = 1.8e9
+
+
+class Emulated(Line):
+    """An emulated device and the wire to it. Its time is exact, its speed is what the device has at the moment."""
+
+    def __init__(self, unit):
+        super().__init__(unit.uart.baud)
+        self.unit = unit
+
+    def hear(self, data):
+        self.written += data
+        if data:
+            self.unit.receive(self.unit.uart.hear(data, self.host_baud), self.now_s)
+
+    def pass_time(self, seconds):
+        super().pass_time(seconds)
+        self.unit.advance(self.now_s)
+        self.outgoing += self.unit.uart.take(self.now_s, self.host_baud)
+
+    def stream(self, seconds, request=None, step_s=1e-4):
+        """What comes in that time; with each `request` sent when it is due."""
+        heard, begin, asked = bytearray(), self.now_s, 0
+        while (passed := self.now_s - begin) < seconds:
+            if request and passed >= asked * request.period_ns * 1e-9:
+                self.hear(request.command)
+                asked += 1
+            self.pass_time(step_s)
+            heard += self.outgoing
+            self.outgoing.clear()
+        return bytes(heard)
+
+
+def device(name, baud, **options):
+    """A faultless one at rest, switched on at time 0."""
+    errors = ImuErrors(IDEAL, np.random.default_rng(1), 2000.0)
+    if name == "g350":
+        return Emulated(G350(REST, errors, baud, **options))
+    if name == "rga300":
+        return Emulated(Rga300(REST, errors, baud, **options))
+    if name == "seraccel":
+        return Emulated(SerAccel(REST, errors, baud, Settings(mode="gravity", rate_hz=20.0), **options))
+    if name == "nmea":
+        source = SimulatedFixes(REST, np.random.default_rng(1), UTC, True)
+        return Emulated(FvM11(source, UTC, baud=baud, **{"no_fix_s": 0.0, **options}))
+    return Emulated(Windowed(VARIANTS[name], REST, errors, baud, **options))

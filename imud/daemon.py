@@ -26,9 +26,10 @@ from .errors import UsageError
 from .estimators import Estimator, registry
 from .estimators.records import ATTITUDE_VALID, COASTING, FIX, HEADING_VALID, POSITION_VALID, REJECTING
 from .notify import Notifier
+from .outputs.binary import BinaryOutputs
 from .outputs.gpsd import GpsdServer
 from .outputs.view import Device, View
-from .pipeline import Filter, Stream
+from .pipeline import BATCH, Filter, Stream
 from .ports import Configured, Port
 from .profiles import PROFILES
 from .sensors import Inertial, Receiver, Records
@@ -83,6 +84,7 @@ class Daemon:
             wakeup = stack.enter_context(_signals(self._end))
             self._poll.register(wakeup, select.POLLIN)
             self._gpsd = stack.enter_context(contextlib.closing(GpsdServer(self._settings.gpsd, self._poll)))
+            self._binary = stack.enter_context(contextlib.closing(BinaryOutputs(self._settings, self._poll, BATCH)))
             notifier.say("STATUS=compiling", "EXTEND_TIMEOUT_USEC=300000000")
             self._log.info("compiling the filter (the first start takes a while)", estimator=self._estimator.name)
             self._compiling = True
@@ -123,12 +125,15 @@ class Daemon:
         if port is None:
             if fd in self._gpsd:
                 self._gpsd.on_event(fd, mask, now_ns)
+            elif fd in self._binary.stream:
+                self._binary.stream.on_event(fd)
             return
         try:
             if self._imu and port is self._imu[0]:
-                n = self._imu[1].read(fd, now_ns)
-                if n:
-                    self._publish(self._imu[1].stream.solutions[n - 1], now_ns)
+                inertial = self._imu[1]
+                if n := inertial.read(fd, now_ns):
+                    self._binary.publish(inertial.stream.solutions, n, inertial.samples, now_ns)
+                    self._publish(inertial.stream.solutions[n - 1], now_ns)
             elif self._gnss and port is self._gnss[0]:
                 self._take(self._gnss[1].read(fd, now_ns))
             else:

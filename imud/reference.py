@@ -1,6 +1,6 @@
-"""`imud reference`: every setting and command, as sample file, table or man page, from the schema and the parsers.
+"""`imud reference`: settings, commands and records as sample file, table, man page or C header.
 
-What is printed here is all that is written about settings anywhere: nothing can drift.
+It is made from what defines them, and is all that is written about them: nothing can drift.
 """
 
 import argparse
@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import msgspec
 
+from . import client
 from .config import is_table
 from .settings import Settings
 
@@ -166,17 +167,68 @@ def _roff(text: str) -> str:
     return "\\&" + escaped if escaped.startswith((".", "'")) else escaped
 
 
+def c_header() -> str:
+    """The binary stream and the shared memory for C."""
+    bits = [f"#define IMUD_{name} {bit}" for name, bit in client.STATUS.items()]
+    fields = []
+    for name, kind, count, what in client.FIELDS:
+        array = f"[{count}]" if count > 1 else ""
+        fields.append(f"    {kind} {name}{array}; /* {what} */")
+    return _HEADER.format(
+        bits="\n".join(bits), fields="\n".join(fields), version=client.VERSION, size=client.RECORD.size
+    )
+
+
+_HEADER = """\
+/* States of imud, little-endian, as `imud reference c` printed them. SI units, radians, NED, body FRD.
+ *
+ * stream.listen: a SOCK_SEQPACKET Unix socket; each message is one struct imud_state. Send a uint32_t divisor to
+ * get one of so many. shared_memory.path: map it, and read by imud_read(). */
+#ifndef IMUD_H
+#define IMUD_H
+#include <stdint.h>
+#include <string.h>
+
+#define IMUD_VERSION {version}
+{bits}
+
+struct imud_state {{
+{fields}
+}};
+
+struct imud_shared {{
+    uint64_t lock; /* 0 before the first state, odd while one is written */
+    struct imud_state state;
+    uint64_t check; /* exclusive or of the state's 64-bit words */
+}};
+
+_Static_assert(sizeof(struct imud_state) == {size}, "layout");
+
+/* Copies the newest state; 0 if there is none yet, or the writer is at work: try again. */
+static inline int imud_read(const volatile struct imud_shared *shared, struct imud_state *state)
+{{
+    uint64_t lock = __atomic_load_n(&shared->lock, __ATOMIC_ACQUIRE);
+    if (lock == 0 || lock & 1)
+        return 0;
+    memcpy(state, (const void *)&shared->state, sizeof *state);
+    __atomic_thread_fence(__ATOMIC_ACQUIRE);
+    return __atomic_load_n(&shared->lock, __ATOMIC_RELAXED) == lock;
+}}
+#endif
+"""
+
 FORMS: dict[str, Callable[[], str]] = {
     "toml": sample,
     "markdown": table,
     "man1": man_command,
     "man5": man_configuration,
+    "c": c_header,
 }
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "form", nargs="?", choices=FORMS, default="toml", help="a sample file (default), a table, man pages"
+        "form", nargs="?", choices=FORMS, default="toml", help="a sample file (default), a table, man pages, a C header"
     )
 
 

@@ -107,6 +107,21 @@ class Gpsd(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     max_clients: Annotated[int, Meta(gt=0, le=1024, description="Connections at a time.", extra=HOT)] = 64
 
 
+class Stream(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Every state in binary, for `imud.client` and C programs."""
+
+    listen: Annotated[
+        str, Meta(description="A Unix socket (SEQPACKET), such as /run/imud/front.stream; empty: none.")
+    ] = ""
+    max_clients: Annotated[int, Meta(gt=0, le=64, description="Connections at a time.")] = 16
+
+
+class SharedMemory(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The newest state behind a sequence lock, for control loops that cannot wait on a socket."""
+
+    path: Annotated[str, Meta(description="A file on a tmpfs, such as /run/imud/front.state; empty: none.")] = ""
+
+
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The whole."""
 
@@ -122,6 +137,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     gps_track: GpsTrack = GpsTrack()
     ins9: Ins9 = Ins9()
     gpsd: Gpsd = Gpsd()
+    stream: Stream = Stream()
+    shared_memory: SharedMemory = SharedMemory()
 
 
 class Initial(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

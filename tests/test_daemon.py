@@ -1,5 +1,6 @@
 """The daemon as a user meets it: processes, pseudo-terminals and sockets, nothing inside."""
 
+import contextlib
 import math
 import os
 import signal
@@ -10,6 +11,8 @@ import time
 
 import pytest
 from processes import daemon, emulator, process, silent_tty
+
+from imud import client
 
 REST = ("--scenario", "rest", "--roll-deg", "10", "--pitch-deg", "-5", "--gyro-bias-dps", "0.3,-0.3,0.3")
 
@@ -35,6 +38,30 @@ def test_attitude_and_bias_of_a_still_sensor(tmp_path):
         imud.process.send_signal(signal.SIGTERM)
         assert imud.process.wait(10.0) == 0
         assert "lost=0" in imud.log
+
+
+def test_live_subscribers_miss_nothing_beside_one_that_stalls(tmp_path):
+    stream, memory = tmp_path / "stream", tmp_path / "state"
+    settings = ("--set", f"stream.listen={stream}", "--set", f"shared_memory.path={memory}")
+    with (
+        emulator("g350", *REST, links=[tmp_path / "imu"]),
+        daemon(tmp_path, "--port", str(tmp_path / "imu"), *settings) as imud,
+        client.connect(stream),  # never reads
+        contextlib.ExitStack() as stack,
+    ):
+        imud.says("roll and pitch are valid")
+        live = [stack.enter_context(client.connect(stream, timeout_s=10.0)) for _ in range(3)]
+        last = [next(states) for states in live]
+        for _ in range(3000):
+            for i, states in enumerate(live):
+                state = next(states)
+                assert state.seq == last[i].seq + 1
+                last[i] = state
+        assert last[0].roll == pytest.approx(math.radians(10.0), abs=0.02)
+        assert last[0].pitch == pytest.approx(math.radians(-5.0), abs=0.02)
+        assert client.latest(memory).seq >= last[0].seq
+        assert client.latest(memory).utc_s == pytest.approx(time.time(), abs=10.0)
+    assert client.latest(memory) is None
 
 
 def test_position_with_a_receiver_and_a_reconnect(tmp_path):

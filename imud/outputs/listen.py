@@ -35,10 +35,7 @@ def parse_address(text: str, default_port: int) -> Address:
     """
     text = text.strip()
     if text.startswith(("/", "unix:")):
-        path = text.removeprefix("unix:")
-        if not 0 < len(os.fsencode(path)) < 108 or "\0" in path:  # sizeof(sockaddr_un.sun_path)
-            raise ConfigError(f"cannot listen on {text!r}: the path of a Unix socket has 1 to 107 bytes")
-        return Address(f"unix:{path}", socket.AF_UNIX, path)
+        return parse_path(text)
     match = re.fullmatch(r"(?:\[(?P<v6>[^\]]+)\]|(?P<host>[^:\[\]]*))(?::(?P<port>\d{1,5}))?", text, re.ASCII)
     if not match or not text:
         raise ConfigError(
@@ -50,6 +47,14 @@ def parse_address(text: str, default_port: int) -> Address:
         raise ConfigError(f"cannot listen on {text!r}: the highest port is 65535")
     family, host = _resolve(match["v6"] or match["host"] or "0.0.0.0", text)
     return Address(_shown(host, port), family, (host, port))
+
+
+def parse_path(text: str) -> Address:
+    """`/PATH` or `unix:PATH`. Raises ConfigError for what cannot be a Unix socket."""
+    path = text.strip().removeprefix("unix:")
+    if not 0 < len(os.fsencode(path)) < 108 or "\0" in path:  # sizeof(sockaddr_un.sun_path)
+        raise ConfigError(f"cannot listen on {text!r}: the path of a Unix socket has 1 to 107 bytes")
+    return Address(f"unix:{path}", socket.AF_UNIX, path)
 
 
 def _resolve(host: str, text: str) -> tuple[socket.AddressFamily, str]:
@@ -73,16 +78,16 @@ def is_local(address: Address) -> bool:
     return (getattr(ip, "ipv4_mapped", None) or ip).is_loopback
 
 
-def listen(address: Address) -> socket.socket:
+def listen(address: Address, kind: socket.SocketKind = socket.SOCK_STREAM) -> socket.socket:
     """A non-blocking listening socket. Anybody on this machine may connect to a Unix socket.
 
     Raises AddressInUseError naming the holder where it can be found, PermissionDeniedError, CannotCreateError.
     """
-    sock = socket.socket(address.family, socket.SOCK_STREAM)
+    sock = socket.socket(address.family, kind)
     try:
         sock.setblocking(False)
         if isinstance(address.where, str):
-            _clear_stale(address.where)
+            _clear_stale(address.where, kind)
         else:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             if address.family == socket.AF_INET6:
@@ -103,17 +108,17 @@ def shown_address(sock: socket.socket) -> str:
     return f"unix:{name}" if isinstance(name, str) else _shown(name[0], name[1])
 
 
-def _clear_stale(path: str) -> None:
+def _clear_stale(path: str, kind: socket.SocketKind) -> None:
     """Remove a socket that a dead process left behind; a living one and other kinds of file stay."""
     if not Path(path).is_socket():
         return
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+    with socket.socket(socket.AF_UNIX, kind) as probe:
         probe.setblocking(False)
         try:
             probe.connect(path)
         except ConnectionRefusedError:
             Path(path).unlink(missing_ok=True)
-        except BlockingIOError:
+        except OSError:  # it lives: busy, or of another kind
             pass
 
 

@@ -1,0 +1,237 @@
+"""Reading a running daemon's states from Python: every solution from its stream, or the newest from shared memory.
+
+    from imud.client import connect, latest
+
+    with connect("/run/imud/front.stream", divisor=10) as states:   # every tenth
+        for state in states:
+            print(state.roll, state.pitch, state.sigma_rpy)
+
+    state = latest("/dev/shm/imud-front")
+
+Needs nothing but the standard library. What is on the wire is told by `FIELDS`; the C header (`imud reference c`) is
+made from the same table. All numbers are little-endian.
+"""
+
+import math
+import mmap
+import socket
+import struct
+from collections.abc import Iterator
+from functools import reduce
+from operator import xor
+from pathlib import Path
+from typing import Final, NamedTuple
+
+MAGIC: Final = b"IMUD"
+VERSION: Final = 1
+FIELDS: Final = (  # name, what C and `struct` call it, how many, what it is
+    ("magic", "char", 4, '"IMUD"'),
+    ("version", "uint16_t", 1, "of this layout: 1"),
+    ("size", "uint16_t", 1, "bytes of this record"),
+    ("seq", "uint64_t", 1, "number of the sample since the daemon's start; a gap is what this client missed"),
+    ("utc_offset_ns", "int64_t", 1, "t_ns + utc_offset_ns is Unix time, as far as the machine's clock is right"),
+    ("t_ns", "int64_t", 1, "instant of the state on CLOCK_MONOTONIC"),
+    ("status", "int64_t", 1, "bits: see IMUD_*"),
+    ("lat", "double", 1, "rad, WGS-84; NaN without IMUD_POSITION_VALID, like lon, height and v"),
+    ("lon", "double", 1, "rad"),
+    ("height", "double", 1, "m above the ellipsoid"),
+    ("v", "double", 3, "m/s, north east down"),
+    ("q_nb", "double", 4, "Hamilton, scalar first, turns body (FRD) into NED vectors"),
+    ("w", "double", 3, "rad/s, body, bias removed"),
+    ("f", "double", 3, "m/s^2, specific force, body, bias removed"),
+    ("bg", "double", 3, "rad/s, gyro bias"),
+    ("ba", "double", 3, "m/s^2, accelerometer bias"),
+    ("sigma_p", "double", 3, "m, 1 sigma, north east down"),
+    ("sigma_v", "double", 3, "m/s"),
+    ("sigma_rpy", "double", 3, "rad, of roll, pitch, yaw"),
+    ("sigma_bg", "double", 3, "rad/s"),
+    ("sigma_ba", "double", 3, "m/s^2"),
+)
+STATUS: Final = {
+    "ATTITUDE_VALID": 1,
+    "HEADING_VALID": 2,
+    "POSITION_VALID": 4,
+    "AT_REST": 8,
+    "COASTING": 16,
+    "REJECTING": 32,
+    "SATURATED": 64,
+}
+_CODES = {"char": "s", "uint16_t": "H", "uint64_t": "Q", "int64_t": "q", "double": "d"}
+RECORD: Final = struct.Struct("<" + "".join(f"{count}{_CODES[kind]}" for _, kind, count, _ in FIELDS))
+_SHARED = struct.Struct(f"<Q{RECORD.size // 8}QQ")  # lock, record, exclusive or of the record's 64-bit words
+SHARED_SIZE: Final = _SHARED.size
+DIVISOR: Final = struct.Struct("<I")  # what a client may send: one of so many states, from now on
+_TRIES = 1000
+
+Vector = tuple[float, float, float]
+
+
+class ProtocolError(Exception):
+    """The other side is no imud, or one that speaks another version."""
+
+
+class State(NamedTuple):
+    """One solution: SI units, radians, NED, body FRD. See `FIELDS`."""
+
+    seq: int
+    utc_offset_ns: int
+    t_ns: int
+    status: int
+    lat: float
+    lon: float
+    height: float
+    v: Vector
+    q_nb: tuple[float, float, float, float]
+    w: Vector
+    f: Vector
+    bg: Vector
+    ba: Vector
+    sigma_p: Vector
+    sigma_v: Vector
+    sigma_rpy: Vector
+    sigma_bg: Vector
+    sigma_ba: Vector
+
+    @property
+    def utc_s(self) -> float:
+        """Unix time of the state, s."""
+        return (self.t_ns + self.utc_offset_ns) * 1e-9
+
+    @property
+    def roll(self) -> float:
+        """rad."""
+        w, x, y, z = self.q_nb
+        return math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
+
+    @property
+    def pitch(self) -> float:
+        """rad."""
+        w, x, y, z = self.q_nb
+        return math.asin(max(-1.0, min(1.0, 2.0 * (w * y - x * z))))
+
+    @property
+    def yaw(self) -> float:
+        """rad, clockwise from north if `heading_valid`, else from where it happened to start."""
+        w, x, y, z = self.q_nb
+        return math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
+
+    @property
+    def attitude_valid(self) -> bool:
+        return bool(self.status & STATUS["ATTITUDE_VALID"])
+
+    @property
+    def heading_valid(self) -> bool:
+        return bool(self.status & STATUS["HEADING_VALID"])
+
+    @property
+    def position_valid(self) -> bool:
+        return bool(self.status & STATUS["POSITION_VALID"])
+
+
+def decode(record: bytes) -> State:
+    """The state in one record. Raises ProtocolError."""
+    if len(record) != RECORD.size or record[:4] != MAGIC:
+        raise ProtocolError(f"{len(record)} bytes starting with {record[:4]!r} are no state of imud")
+    numbers = RECORD.unpack(record)
+    if numbers[1] != VERSION:
+        raise ProtocolError(f"the daemon speaks version {numbers[1]}, this client {VERSION}: install the same imud")
+    return State(*numbers[3:10], *(numbers[i:j] for i, j in _VECTORS))
+
+
+def _vectors() -> Iterator[tuple[int, int]]:
+    at = 0
+    for _, kind, count, _ in FIELDS:
+        size = 1 if kind == "char" else count
+        if size > 1:
+            yield at, at + size
+        at += size
+
+
+_VECTORS = tuple(_vectors())
+
+
+class Stream:
+    """An iterator over states; ends when the daemon does. Not thread-safe."""
+
+    def __init__(self, sock: socket.socket) -> None:
+        self._socket = sock
+        self._divisor = 1
+
+    def set_divisor(self, divisor: int) -> None:
+        """From now on one of `divisor` states: those whose `seq` it divides."""
+        self._socket.send(DIVISOR.pack(divisor))
+        self._divisor = divisor
+
+    def fileno(self) -> int:
+        """For select and poll."""
+        return self._socket.fileno()
+
+    def __iter__(self) -> Iterator[State]:
+        return self
+
+    def __next__(self) -> State:
+        """The next state. Raises StopIteration at the daemon's end, TimeoutError and ProtocolError."""
+        while record := self._socket.recv(2 * RECORD.size):
+            state = decode(record)
+            if state.seq % self._divisor == 0:  # others were sent before the daemon knew
+                return state
+        raise StopIteration
+
+    def __enter__(self) -> "Stream":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def connect(path: str | Path, divisor: int = 1, timeout_s: float | None = None) -> Stream:
+    """The states of the daemon whose `stream.listen` is `path`, one of `divisor`. Raises OSError."""
+    sock = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    try:
+        sock.connect(str(path))
+        sock.settimeout(timeout_s)
+        stream = Stream(sock)
+        if divisor != 1:
+            stream.set_divisor(divisor)
+    except BaseException:
+        sock.close()
+        raise
+    return stream
+
+
+class Shared:
+    """The newest state of the daemon whose `shared_memory.path` is `path`, without a system call. Raises OSError."""
+
+    def __init__(self, path: str | Path) -> None:
+        with Path(path).open("rb") as file:
+            self._memory = mmap.mmap(file.fileno(), SHARED_SIZE, prot=mmap.PROT_READ)
+
+    def read(self) -> State | None:
+        """The newest state; None before the first. Raises ProtocolError.
+
+        A lock that is odd, or changes meanwhile, is a write in progress. The check word makes this right on machines
+        that reorder reads, which Python cannot forbid.
+        """
+        for _ in range(_TRIES):
+            memory = self._memory[:]
+            lock, *words, check = _SHARED.unpack(memory)
+            if lock == 0:
+                return None
+            if lock % 2 == 0 and self._memory[:8] == memory[:8] and reduce(xor, words) == check:
+                return decode(memory[8:-8])
+        raise ProtocolError("the daemon ended in the middle of a write")
+
+    def close(self) -> None:
+        self._memory.close()
+
+
+def latest(path: str | Path) -> State | None:
+    """The newest state in shared memory; None before the first. For many reads keep a `Shared`. Raises OSError."""
+    shared = Shared(path)
+    try:
+        return shared.read()
+    finally:
+        shared.close()

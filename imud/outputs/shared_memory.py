@@ -1,0 +1,86 @@
+"""The newest state in a file on a tmpfs, behind a sequence lock: readers map it and never meet us.
+
+Layout, all little-endian: the lock (uint64: 0 before the first state, odd while one is written), the record
+(`imud.client.FIELDS`), and the exclusive or of the record's 64-bit words, for readers that cannot order their reads.
+"""
+
+import fcntl
+import mmap
+import os
+from typing import Any
+
+import numpy as np
+from numba import types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from imud.client import SHARED_SIZE
+from imud.errors import CannotCreateError, PermissionDeniedError
+from imud.kernels.jit import kernel
+
+
+def _emit_fence(typing_context: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        builder.fence("seq_cst")
+        return context.get_dummy_value()
+
+    return types.none(), generate
+
+
+_fence: Any = intrinsic(_emit_fence)  # no store moves across it, in either direction: ARM would let them
+
+
+@kernel
+def _write(memory: NDArray[np.uint64], record: NDArray[np.uint64]) -> None:
+    lock = memory[0]
+    memory[0] = lock + np.uint64(1)
+    _fence()
+    check = np.uint64(0)
+    for i in range(len(record)):
+        memory[i + 1] = record[i]
+        check ^= record[i]
+    memory[len(record) + 1] = check
+    _fence()
+    memory[0] = lock + np.uint64(2)
+
+
+class SharedMemory:
+    """The one writer of one file. Not thread-safe."""
+
+    def __init__(self, path: str) -> None:
+        """Create, or take over what an earlier run left. Raises CannotCreateError (73), PermissionDeniedError (77)."""
+        self._file = _open(path)
+        try:
+            os.ftruncate(self._file, SHARED_SIZE)
+            self._memory: NDArray[np.uint64] = np.frombuffer(mmap.mmap(self._file, SHARED_SIZE), np.uint64)
+        except OSError as error:
+            os.close(self._file)
+            raise CannotCreateError(f"cannot share memory in {path}: {error.strerror}") from error
+        self._memory[0] = 0
+        _write(np.zeros_like(self._memory), self._memory[1:-1])  # compiles
+
+    def publish(self, record: NDArray[np.uint64]) -> None:
+        """The newest record, as 64-bit words."""
+        _write(self._memory, record)
+
+    def close(self) -> None:
+        """Let readers know that there is no state any more."""
+        self._memory[0] = 0
+        os.close(self._file)
+
+
+def _open(path: str) -> int:
+    flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
+    try:
+        file = os.open(path, flags, 0o644)
+    except PermissionError as error:
+        raise PermissionDeniedError(f"cannot share memory in {path}: permission denied") from error
+    except OSError as error:
+        raise CannotCreateError(f"cannot share memory in {path}: {error.strerror}") from error
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(file)
+        raise CannotCreateError(f"cannot share memory in {path}: another imud writes there") from error
+    os.fchmod(file, 0o644)  # whatever a service's umask
+    return file

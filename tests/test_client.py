@@ -1,0 +1,275 @@
+"""The binary outputs and their client: layout, losses, stalled readers, torn writes; in C as in Python."""
+
+import ctypes
+import math
+import multiprocessing
+import os
+import select
+import shutil
+import socket
+import struct
+import subprocess
+import threading
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from imud import client, reference
+from imud.errors import CannotCreateError
+from imud.estimators import records
+from imud.estimators.records import SOLUTION
+from imud.outputs.binary import LAYOUT, BinaryOutputs
+from imud.outputs.shared_memory import SharedMemory
+from imud.settings import Settings
+from imud.settings import SharedMemory as SharedMemorySettings
+from imud.settings import Stream as StreamSettings
+
+
+def solutions(n: int, first: int = 0) -> np.ndarray:
+    """Rows whose every number tells row and column."""
+    rows = np.zeros(n, SOLUTION)
+    numbers = rows.view(np.float64).reshape(n, -1)
+    numbers[:, 2:] = np.arange(first, first + n)[:, None] + np.arange(numbers.shape[1] - 2) / 64.0
+    rows["t_ns"], rows["status"] = 1000 + np.arange(first, first + n), 5
+    return rows
+
+
+@pytest.fixture
+def outputs(tmp_path):
+    settings = Settings(
+        stream=StreamSettings(listen=str(tmp_path / "s"), max_clients=5),
+        shared_memory=SharedMemorySettings(path=str(tmp_path / "m")),
+    )
+    poller = select.poll()
+    made = BinaryOutputs(settings, poller, 256)
+    made.poller, made.at = poller, tmp_path
+    yield made
+    made.close()
+
+
+def serve(outputs: BinaryOutputs) -> None:
+    for fd, _ in outputs.poller.poll(0):
+        outputs.stream.on_event(fd)
+
+
+def test_the_layout_is_the_solutions_own():
+    ours = [(name, kind, count) for name, kind, count, _ in client.FIELDS]
+    kinds = {"f": "double", "i": "int64_t"}
+    theirs = [(name, kinds[SOLUTION[name].base.kind], math.prod(SOLUTION[name].shape)) for name in SOLUTION.names]
+    assert ours[5:] == theirs
+    assert LAYOUT.itemsize == client.RECORD.size
+    assert client.State._fields == tuple(name for name, *_ in ours[3:])
+    assert {getattr(records, name): name for name in client.STATUS} == {
+        bit: name for name, bit in client.STATUS.items()
+    }
+
+
+def test_a_record_byte_for_byte():
+    """The header written by hand: a change of layout needs a new version."""
+    row = solutions(1)
+    record = (
+        b"IMUD" + struct.pack("<HHQq", 1, 336, 7, -9) + struct.pack("<qq37d", 1000, 5, *(i / 64.0 for i in range(37)))
+    )
+    state = client.decode(record)
+    assert (state.seq, state.utc_offset_ns, state.t_ns, state.status) == (7, -9, 1000, 5)
+    for name in SOLUTION.names[2:]:
+        np.testing.assert_array_equal(getattr(state, name), row[name][0])
+
+
+@pytest.mark.parametrize("record", [b"", b"IMUD", b"x" * 336, b"IMUD\x02\x00" + bytes(330)])
+def test_what_is_no_state_is_refused(record):
+    with pytest.raises(client.ProtocolError):
+        client.decode(record)
+
+
+def test_angles_agree_with_scipy():
+    rng = np.random.default_rng(1)
+    for rotation in Rotation.random(50, rng):
+        x, y, z, w = rotation.as_quat()
+        state = client.State(*[0] * 7, (0,) * 3, (w, x, y, z), *[(0,) * 3] * 9)
+        np.testing.assert_allclose((state.yaw, state.pitch, state.roll), rotation.as_euler("ZYX"), atol=1e-12)
+
+
+def test_clients_get_every_state_they_asked_for(outputs):
+    all_ = client.connect(outputs.at / "s", timeout_s=5.0)
+    with all_, client.connect(outputs.at / "s", divisor=10, timeout_s=5.0) as tenth:
+        for _ in range(3):  # two connections and a request
+            serve(outputs)
+        for first in range(0, 1000, 25):
+            outputs.publish(solutions(25, first), 25, first + 24, 0)
+            heard = [next(all_) for _ in range(25)]
+            assert [state.seq for state in heard] == list(range(first, first + 25))
+            assert [state.lat for state in heard] == list(range(first, first + 25))
+        heard = [next(tenth).seq for _ in range(100)]
+        assert heard == list(range(0, 1000, 10))
+
+
+def test_a_stalled_client_loses_its_own_and_is_told_by_the_numbers(outputs):
+    with client.connect(outputs.at / "s") as live, client.connect(outputs.at / "s", timeout_s=1.0) as stalled:
+        serve(outputs)
+        serve(outputs)
+        for seq in range(5000):
+            outputs.publish(solutions(1, seq), 1, seq, seq)
+            assert next(live).seq == seq
+        kept = outputs.stream.dropped
+        assert 0 < kept < 5000
+        got = [next(stalled).seq for _ in range(5000 - kept)]
+        assert got == list(range(5000 - kept))
+        outputs.publish(solutions(1), 1, 5000, 0)
+        assert next(stalled).seq == 5000
+
+
+def test_one_that_never_reads_is_cut_off(outputs):
+    with client.connect(outputs.at / "s"):
+        serve(outputs)
+        for seq in range(3000):
+            outputs.publish(solutions(1), 1, seq, 0)
+        outputs.publish(solutions(1), 1, 3000, 61_000_000_000)
+        assert outputs.stream.clients == 0
+
+
+def test_rubbish_and_crowds(outputs):
+    crowd = [client.connect(outputs.at / "s") for _ in range(8)]
+    for _ in crowd:
+        serve(outputs)
+    assert outputs.stream.clients == 5
+    crowd[0]._socket.send(b"GET / HTTP/1.0\r\n\r\n")
+    crowd[1].set_divisor(0)
+    serve(outputs)
+    assert outputs.stream.clients == 3
+    for stream in crowd:
+        stream.close()
+    serve(outputs)
+    assert outputs.stream.clients == 0
+
+
+def test_the_end_of_the_daemon_ends_the_stream(outputs):
+    stream = client.connect(outputs.at / "s")
+    serve(outputs)
+    outputs.close()
+    assert list(stream) == []
+    assert not (outputs.at / "s").exists()
+    with pytest.raises(OSError, match="No such file"):
+        client.connect(outputs.at / "s")
+
+
+def test_two_daemons_never_share_an_output(outputs):
+    with pytest.raises(CannotCreateError, match="in use"):
+        BinaryOutputs(Settings(stream=StreamSettings(listen=str(outputs.at / "s"))), select.poll(), 1)
+    with pytest.raises(CannotCreateError, match="another imud"):
+        SharedMemory(str(outputs.at / "m"))
+
+
+def test_a_dead_daemon_leaves_nothing_in_the_way(tmp_path):
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as dead:
+        dead.bind(str(tmp_path / "s"))
+    (tmp_path / "m").write_bytes(b"\xff" * 1000)
+    settings = Settings(
+        stream=StreamSettings(listen=str(tmp_path / "s")), shared_memory=SharedMemorySettings(path=str(tmp_path / "m"))
+    )
+    outputs = BinaryOutputs(settings, select.poll(), 1)
+    assert client.latest(tmp_path / "m") is None
+    outputs.publish(solutions(1), 1, 0, 0)
+    assert client.latest(tmp_path / "m").t_ns == 1000
+    outputs.close()
+
+
+def test_shared_memory_follows_and_ends(outputs):
+    assert client.latest(outputs.at / "m") is None
+    shared = client.Shared(outputs.at / "m")
+    for seq in range(3):
+        outputs.publish(solutions(4, 4 * seq), 4, 4 * seq + 3, 0)
+        state = shared.read()
+        assert (state.seq, state.lat) == (4 * seq + 3, 4 * seq + 3)
+    outputs.close()
+    assert shared.read() is None
+    shared.close()
+
+
+def _write_without_end(path: str, stop: multiprocessing.Event) -> None:
+    memory = SharedMemory(path)
+    record = np.zeros(client.RECORD.size // 8, np.uint64)
+    header = np.frombuffer(b"IMUD" + struct.pack("<HH", 1, 336), np.uint64)
+    seq = 0
+    while not stop.is_set():
+        seq += 1
+        record[:] = seq
+        record[0] = header[0]
+        memory.publish(record)
+
+
+def test_no_reader_sees_half_a_state(tmp_path):
+    path = tmp_path / "m"
+    SharedMemory(str(path)).close()
+    shared = client.Shared(path)
+    context = multiprocessing.get_context("spawn")
+    stop = context.Event()
+    writer = context.Process(target=_write_without_end, args=(str(path), stop))
+    writer.start()
+    try:
+        seen = set()
+        while len(seen) < 200:
+            if (state := shared.read()) is not None:
+                words = struct.unpack("<41Q", struct.pack("<Qqqq37d", *state[:4], *_flat(state[4:])))
+                assert len(set(words)) == 1
+                seen.add(state.seq)
+    finally:
+        stop.set()
+        writer.join()
+
+
+def _flat(values):
+    for value in values:
+        yield from value if isinstance(value, tuple) else (value,)
+
+
+def test_a_writer_that_died_in_the_middle_is_noticed(outputs):
+    outputs.publish(solutions(1), 1, 0, 0)
+    outputs._shared._memory[0] += np.uint64(1)
+    with pytest.raises(client.ProtocolError, match="middle of a write"):
+        client.latest(outputs.at / "m")
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_the_c_header_reads_what_python_reads(outputs, tmp_path):
+    (tmp_path / "imud.h").write_text(reference.c_header())
+    (tmp_path / "reader.c").write_text(
+        '#include "imud.h"\nint get(void *m, struct imud_state *s) { return imud_read(m, s); }'
+    )
+    library = tmp_path / "reader.so"
+    flags = ["-Wall", "-Wextra", "-Werror", "-std=c11", "-shared", "-fPIC"]
+    subprocess.run(["cc", *flags, str(tmp_path / "reader.c"), "-o", str(library)], check=True)
+    read = ctypes.CDLL(str(library)).get
+    out = ctypes.create_string_buffer(client.RECORD.size)
+    memory = np.memmap(tmp_path / "m", np.uint8, "r+")
+    assert read(ctypes.c_void_p(memory.ctypes.data), out) == 0
+    outputs.publish(solutions(1, 9), 1, 9, 0)
+    assert read(ctypes.c_void_p(memory.ctypes.data), out) == 1
+    assert client.decode(out.raw) == client.latest(tmp_path / "m")
+    outputs._shared._memory[0] += np.uint64(1)
+    assert read(ctypes.c_void_p(memory.ctypes.data), out) == 0
+
+
+def test_nothing_is_done_while_nobody_listens(tmp_path):
+    outputs = BinaryOutputs(Settings(), select.poll(), 4)
+    outputs.publish(solutions(4), 4, 3, 0)
+    assert not outputs._records["seq"].any()
+    outputs.close()
+
+
+def test_the_client_needs_only_the_standard_library():
+    code = "import sys, imud.client; print({'numpy', 'numba', 'msgspec', 'structlog'} & set(sys.modules))"
+    done = subprocess.run([os.sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == "set()"
+
+
+def test_a_thread_may_wait_while_the_daemon_starts(outputs):
+    heard = []
+    with client.connect(outputs.at / "s") as stream:
+        thread = threading.Thread(target=lambda: heard.append(next(stream)))
+        thread.start()
+        serve(outputs)
+        outputs.publish(solutions(1), 1, 3, 0)
+        thread.join(10)
+    assert heard[0].seq == 3

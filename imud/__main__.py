@@ -19,6 +19,7 @@ COMMANDS = {
     "doctor": "why this machine would not work, and the mend",
     "replay": "recorded data through the same filter, as fast as it goes",
     "reproduce": "a paper's experiment: its numbers beside ours, its figures, pass or fail",
+    "warmup": "compile everything now, so that the first start need not",
     "reference": "every setting: a sample configuration, a table, the man pages",
     "install-service": "imud under systemd: shows what it would do, then does it",
 }

@@ -14,17 +14,16 @@ from collections.abc import Iterator
 from typing import Any
 
 import msgspec
-import numpy as np
 import structlog
 
 from drivers.driver import AnyDriver, Identity, ImuConfigured, ImuDriver, Options
 from drivers.errors import PortLostError, SpecError
-from drivers.registry import drivers
 from drivers.transport.portspec import PortSpec
 
+from . import compilation, runtime
 from .errors import UsageError
 from .estimators import Estimator, registry
-from .estimators.records import ATTITUDE_VALID, COASTING, FIX, HEADING_VALID, POSITION_VALID, REJECTING
+from .estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, REJECTING
 from .notify import Notifier
 from .outputs.binary import BinaryOutputs
 from .outputs.gpsd import GpsdServer
@@ -86,10 +85,9 @@ class Daemon:
             self._gpsd = stack.enter_context(contextlib.closing(GpsdServer(self._settings.gpsd, self._poll)))
             self._binary = stack.enter_context(contextlib.closing(BinaryOutputs(self._settings, self._poll, BATCH)))
             notifier.say("STATUS=compiling", "EXTEND_TIMEOUT_USEC=300000000")
-            self._log.info("compiling the filter (the first start takes a while)", estimator=self._estimator.name)
             self._compiling = True
-            for estimator in filter(None, (self._wanted, self._fallback)):
-                _warm_up(estimator, self._settings)
+            self._prepare_kernels()
+            compilation.release_compiler()
             self._compiling = False
             gc.collect()
             gc.freeze()
@@ -100,6 +98,17 @@ class Daemon:
             self._serve(notifier)
         assert self._exit is not None
         return self._exit
+
+    def _prepare_kernels(self) -> None:
+        estimators = [estimator for estimator in (self._wanted, self._fallback) if estimator]
+        if missing := compilation.missing(estimators):
+            self._log.info("compiling the filter (the first start takes a while)", estimator=self._estimator.name)
+            if not compilation.compile_apart(missing, self._settings):
+                places = ", ".join(str(path) for path in runtime.candidates())
+                self._log.warning(f"compiled kernels could not be kept, every start compiles anew: see {places}")
+        compilation.warm_decoders()
+        for estimator in estimators:
+            compilation.warm(estimator, self._settings)
 
     def _end(self, code: int) -> None:
         self._exit = code
@@ -244,7 +253,7 @@ class Daemon:
         made_for = (driver.name, self._estimator.name, settings.imu.profile, about_hz)
         if self._inertial is None or made_for != self._settled:
             filter_ = Filter(self._estimator, settings, Initial(), configured.rate_hz)
-            self._inertial = Inertial(Stream(driver.name, driver.decode, driver.new_state(configured), filter_))
+            self._inertial = Inertial(Stream(driver.decode, driver.new_state(configured), filter_))
             self._settled = made_for
         self._inertial.connect(driver, configured, now_ns)
         return self._inertial
@@ -309,16 +318,6 @@ def _is_readable(fd: int) -> bool:
     poll = select.poll()
     poll.register(fd, select.POLLIN)
     return bool(poll.poll(0))
-
-
-def _warm_up(estimator: Estimator, settings: Settings) -> None:
-    """Compile, or load, everything that the loop calls, with the types with which it calls it."""
-    for driver in drivers():
-        if driver.kind == "imu":
-            scratch = ImuConfigured(Identity(driver.name, ""), 1000.0, 1_000_000, 0, 0)
-            filter_ = Filter(estimator, settings, Initial(), 1000.0)
-            Stream(driver.name, driver.decode, driver.new_state(scratch), filter_).ingest(0, 1)
-            filter_.update(np.zeros(1, FIX))
 
 
 @contextlib.contextmanager

@@ -1,7 +1,8 @@
-"""From bytes, or samples, to solutions in one compiled call: the driver's decoder, the clock and the estimator as one.
+"""From bytes to solutions in two compiled calls: the driver's decoder; then clock and estimator.
 
-The kernel is composed for each pair of driver and estimator from one template; live and replay step with the same
-code, whatever the chunks in which the bytes came.
+The second is composed for each estimator from one template, so that there are drivers plus estimators to compile and
+to keep in memory, not drivers times estimators. Live and replay step with the same code, whatever the chunks in which
+the bytes came.
 """
 
 import math
@@ -39,24 +40,11 @@ def mount(sample: Any, C: Floats) -> None:
         down[i] = C[3 * i] * d0 + C[3 * i + 1] * d1 + C[3 * i + 2] * d2
 
 
-def _ingest(
-    rx: Any,
-    fill: int,
-    arrival_ns: int,
-    decoder: Any,
-    clock: Any,
-    samples: Any,
-    C: Any,
-    parameters: Any,
-    state: Any,
-    out: Any,
-) -> int:
-    n: int = decode(rx, fill, decoder, samples)  # type: ignore[name-defined]  # noqa: F821
+def _advance(samples: Any, n: int, arrival_ns: int, clock: Any, C: Any, parameters: Any, state: Any, out: Any) -> None:
     for k in range(n):
         samples[k].t_ns = stamp(clock[0], samples[k].tick, arrival_ns)
         mount(samples[k], C)
         step(parameters[0], state[0], samples[k], out[k])  # type: ignore[name-defined]  # noqa: F821
-    return n
 
 
 def _run(samples: Any, C: Any, parameters: Any, state: Any, out: Any) -> None:
@@ -92,12 +80,18 @@ class Filter:
         self.parameters = estimator.configure(settings, rate_hz)
         self.state = estimator.start(self.parameters, initial)
         self.mount = mount_matrix(settings.imu.mount_rpy_deg)
-        self._run = _compose(_run, f"run_{estimator.name.replace('-', '_')}", step=estimator.step)
+        stem = estimator.name.replace("-", "_")
+        self._run = _compose(_run, f"run_{stem}", step=estimator.step)
+        self._advance = _compose(_advance, f"advance_{stem}", step=estimator.step)
         self._innovations = np.zeros(16, INNOVATION)
 
     def run(self, samples: Records, out: Records) -> None:
         """Step through `samples` (SAMPLE, turned to body axes in place), one solution each into `out` (SOLUTION)."""
         self._run(samples, self.mount, self.parameters, self.state, out)
+
+    def advance(self, samples: Records, n: int, arrival_ns: int, clock: Records, out: Records) -> None:
+        """The same with the first n of samples that still lack their time: they came at `arrival_ns`."""
+        self._advance(samples, n, arrival_ns, clock, self.mount, self.parameters, self.state, out)
 
     def update(self, fix: Records) -> Records:
         """Take a fix (array of one FIX); returns its innovations (INNOVATION), valid until the next call."""
@@ -110,7 +104,7 @@ class Filter:
 class Stream:
     """Bytes of one inertial sensor to solutions of one filter. Owns the preallocated buffers; not thread-safe."""
 
-    def __init__(self, name: str, decode: Callable[..., int], decoder: Records, filter_: Filter) -> None:
+    def __init__(self, decode: Callable[..., int], decoder: Records, filter_: Filter) -> None:
         self.filter = filter_
         self.decoder = decoder
         self.rx = np.zeros(65536, np.uint8)
@@ -118,8 +112,7 @@ class Stream:
         self.solutions = np.zeros(BATCH, SOLUTION)
         self.clock = new_clock(1e6, 0.0)
         self.fill = 0
-        stem = f"ingest_{name}_{filter_.estimator.name.replace('-', '_')}"
-        self._ingest = _compose(_ingest, stem, decode=decode, step=filter_.estimator.step)
+        self._decode = decode
 
     def restart(self, decoder: Records, period_ns: float, delay_ns: float) -> None:
         """A new connection to the sensor: forget half frames and the clock's fit, keep the filter's knowledge."""
@@ -128,17 +121,8 @@ class Stream:
 
     def ingest(self, received: int, arrival_ns: int) -> int:
         """Decode, stamp and step what was written to rx[fill:fill + received]; returns how many solutions are new."""
-        n = self._ingest(
-            self.rx,
-            self.fill + received,
-            arrival_ns,
-            self.decoder,
-            self.clock,
-            self.samples,
-            self.filter.mount,
-            self.filter.parameters,
-            self.filter.state,
-            self.solutions,
-        )
+        n = int(self._decode(self.rx, self.fill + received, self.decoder, self.samples))
         self.fill = int(self.decoder["leftover"][0])
-        return int(n)
+        if n:
+            self.filter.advance(self.samples, n, arrival_ns, self.clock, self.solutions)
+        return n

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from . import config, log
+from . import config, log, runtime
 from .errors import UsageError
 
 
@@ -44,6 +44,7 @@ def run(args: argparse.Namespace) -> int:
     if not settings.ports:
         raise UsageError("no port: name one, for example --port /dev/ttyUSB0, or try `imud demo`")
     log.configure(args.log_level)
+    runtime.without_scipy()
     from .daemon import Daemon
 
     return Daemon(settings, wait=args.wait).run()

@@ -1,0 +1,104 @@
+"""When kernels are compiled: all that a loop will call, called once before it begins, with the types it will use.
+
+Compiling needs twice the memory of running, which would stay with the process; so a daemon that finds no compiled
+kernels lets a child compile them into the cache, loads them from there, and lets go of the compiler's own code.
+"""
+
+import ctypes
+import io
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from drivers.driver import Identity, ImuConfigured
+from drivers.registry import drivers
+from drivers.sample import SAMPLE
+
+from .clock import new_clock
+from .estimators import Estimator
+from .estimators.records import FIX, SOLUTION
+from .pipeline import Filter
+from .settings import Initial, Settings
+
+_MADV_DONTNEED = 4
+_RATE_HZ, _PERIOD_NS = 1000.0, 1_000_000
+
+
+def warm_decoders() -> None:
+    """Compile, or load, the decoder of every inertial sensor."""
+    for driver in drivers():
+        if driver.kind == "imu":
+            scratch = ImuConfigured(Identity(driver.name, ""), _RATE_HZ, _PERIOD_NS, 0, 0)
+            driver.decode(np.zeros(64, np.uint8), 0, driver.new_state(scratch), np.zeros(1, SAMPLE))
+
+
+def warm(estimator: Estimator, settings: Settings) -> None:
+    """Compile, or load, what a live stream calls of an estimator."""
+    filter_ = Filter(estimator, settings, Initial(), _RATE_HZ)
+    clock = new_clock(_PERIOD_NS, 0.0)
+    filter_.advance(np.zeros(1, SAMPLE), 0, 0, clock, np.zeros(1, SOLUTION))
+    filter_.update(np.zeros(1, FIX))
+
+
+def warm_replay(estimator: Estimator, settings: Settings) -> None:
+    """Compile, or load, what a replay calls of an estimator."""
+    from .tables import EstimateWriter
+
+    solutions = np.zeros(1, SOLUTION)
+    Filter(estimator, settings, Initial(), _RATE_HZ).run(np.zeros(1, SAMPLE), solutions)
+    EstimateWriter(io.BytesIO(), 0).write(solutions)
+
+
+def missing(estimators: Iterable[Estimator]) -> list[Estimator]:
+    """Those of the estimators that the cache lacks."""
+    cache = os.environ.get("NUMBA_CACHE_DIR")
+    return [estimator for estimator in estimators if cache is None or not _mark(cache, estimator).exists()]
+
+
+def release_compiler() -> None:
+    """Give back the memory of LLVM's code, 50 MB; the kernel reads it again from the file if ever it is needed."""
+    libc = ctypes.CDLL(None)
+    for line in Path("/proc/self/maps").read_text().splitlines():
+        span, protection, *_, name = line.split(maxsplit=5)
+        if protection == "r-xp" and "llvmlite" in name:
+            begin, end = (int(address, 16) for address in span.split("-"))
+            libc.madvise(ctypes.c_void_p(begin), ctypes.c_size_t(end - begin), _MADV_DONTNEED)
+
+
+def compile_apart(estimators: list[Estimator], settings: Settings) -> bool:
+    """Fill the cache by a child process with what a daemon needs; False if there is no cache, or the child failed.
+
+    An exception that interrupts the waiting, as of a signal, ends the child as well.
+    """
+    import multiprocessing
+
+    cache = os.environ.get("NUMBA_CACHE_DIR")
+    if cache is None:
+        return False
+    fork = multiprocessing.get_context("fork")
+    child = fork.Process(target=_fill_all, args=(cache, estimators, settings), daemon=True)
+    child.start()
+    try:
+        child.join()
+    finally:
+        child.kill()
+    return child.exitcode == 0
+
+
+def fill(cache: str, estimator: Estimator, settings: Settings) -> None:
+    """Compile into the cache what a daemon needs for this estimator."""
+    warm_decoders()
+    warm(estimator, settings)
+    _mark(cache, estimator).touch()
+
+
+def _fill_all(cache: str, estimators: list[Estimator], settings: Settings) -> None:
+    for estimator in estimators:
+        fill(cache, estimator, settings)
+
+
+def _mark(cache: str, estimator: Estimator) -> Path:
+    """Exists once decoders and estimator have been compiled into the cache."""
+    return Path(cache) / f"{estimator.name}.compiled"

@@ -1,0 +1,115 @@
+"""Where compiled kernels are kept: never stale, never for ever, and not at all where nothing can be written."""
+
+import os
+import shutil
+import time
+from pathlib import Path
+
+import pytest
+
+from imud import runtime
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture
+def sources(tmp_path):
+    for room in ("imud/kernels", "drivers"):
+        (tmp_path / room).mkdir(parents=True)
+        (tmp_path / room / "a.py").write_text("RATE = 7.292115e-5\n")
+    return tmp_path
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    """A machine where no cache directory has been chosen yet."""
+    for variable in ("NUMBA_CACHE_DIR", "CACHE_DIRECTORY"):
+        monkeypatch.setenv(variable, "")  # so that monkeypatch restores it, whatever `prepare` does
+        monkeypatch.delenv(variable)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path
+
+
+def test_the_digest_notices_a_constant_in_another_file(sources):
+    before = runtime.source_digest(sources)
+    assert runtime.source_digest(sources) == before
+    (sources / "drivers" / "a.py").write_text("RATE = 7.292116e-5\n")
+    assert runtime.source_digest(sources) != before
+
+
+def test_the_digest_notices_a_new_and_a_renamed_file(sources):
+    digests = [runtime.source_digest(sources)]
+    (sources / "imud" / "b.py").write_text("")
+    digests.append(runtime.source_digest(sources))
+    (sources / "imud" / "b.py").rename(sources / "imud" / "c.py")
+    digests.append(runtime.source_digest(sources))
+    assert len(set(digests)) == 3
+
+
+@pytest.mark.parametrize("library", ["numba", "llvmlite", "numpy"])
+def test_the_digest_notices_another_library(sources, monkeypatch, library):
+    before = runtime.source_digest(sources)
+    version = runtime.importlib.metadata.version
+    monkeypatch.setattr(runtime.importlib.metadata, "version", lambda name: version(name) + "x" * (name == library))
+    assert runtime.source_digest(sources) != before
+
+
+def test_the_digest_notices_another_python_and_another_processor(sources, monkeypatch):
+    digests = {runtime.source_digest(sources)}
+    monkeypatch.setattr(runtime.sys, "version", "3.99")
+    digests.add(runtime.source_digest(sources))
+    monkeypatch.setattr(runtime, "_processor", lambda: "CPU part: 0xd0b")
+    digests.add(runtime.source_digest(sources))
+    monkeypatch.setenv("NUMBA_OPT", "1")
+    digests.add(runtime.source_digest(sources))
+    assert len(digests) == 4
+
+
+def test_the_processor_is_told_by_what_does_not_change_from_start_to_start():
+    described = runtime._processor()
+    assert described
+    assert "MHz" not in described
+    assert described == runtime._processor()
+
+
+def test_the_first_place_that_can_be_written_is_taken(home, monkeypatch):
+    monkeypatch.setenv("CACHE_DIRECTORY", "/dev/null/imud")
+    assert runtime.prepare() == home / "cache" / "imud" / f"numba-{runtime.source_digest()}"
+    assert os.environ["NUMBA_CACHE_DIR"] == str(runtime.prepare())
+
+
+def test_a_service_has_its_own(home, monkeypatch):
+    monkeypatch.setenv("CACHE_DIRECTORY", f"{home}/service:{home}/other")
+    assert runtime.prepare().parent == home / "service"
+
+
+@pytest.mark.parametrize("variable", ["XDG_CACHE_HOME", "NUMBA_CACHE_DIR"])
+def test_without_a_writable_place_nothing_is_cached(home, monkeypatch, variable):
+    monkeypatch.setenv(variable, "/dev/null/x")
+    assert runtime.prepare() is None
+    assert "NUMBA_CACHE_DIR" not in os.environ
+
+
+def test_a_full_disk_is_no_place(home, monkeypatch):
+    full = shutil._ntuple_diskusage(10**9, 10**9, 0)
+    monkeypatch.setattr(runtime.shutil, "disk_usage", lambda path: full)
+    assert runtime.prepare() is None
+
+
+def test_digests_that_nobody_used_for_weeks_are_removed(home):
+    base = home / "cache" / "imud"
+    days = {"numba-old": 30, "numba-recent": 3, "other": 30}
+    for name, age in days.items():
+        (base / name / "sub").mkdir(parents=True)
+        (base / name / "sub" / "kernel.nbc").write_text("")
+        os.utime(base / name, (time.time() - 86400 * age,) * 2)
+    mine = runtime.prepare()
+    assert sorted(path.name for path in base.iterdir()) == sorted([mine.name, "numba-recent", "other"])
+
+
+def test_what_is_used_stays(home, monkeypatch):
+    mine = runtime.prepare()
+    os.utime(mine, (0, 0))
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    assert runtime.prepare() == mine
+    assert mine.stat().st_mtime > time.time() - 3600

@@ -18,7 +18,7 @@ TURNS = 3
 CHATTER = 16  # bytes; fewer are glitches of a line that is idle, or being plugged
 PLENTY = 1024  # bytes in which any driver recognises its device
 GARBAGE, TEXT_SHARE = 200, 0.7  # bytes after which, with less text than that, nothing will be recognised any more
-SHOWN = 24  # bytes
+SHOWN, TEXT_SHOWN = 24, 90  # bytes
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,8 @@ class Silence:
     asked: bool
 
     def __str__(self) -> str:
-        speeds = ", ".join(map(str, self.bauds))
         advice = "is it powered, and are its TX and RX the right way round?" if self.asked else "does it talk unasked?"
-        return f"silent at all baud rates tried ({speeds}): {advice}"
+        return f"silent at {_speeds(self.bauds)}: {advice}{_other_speeds(self.bauds)}"
 
 
 @dataclass(frozen=True)
@@ -43,9 +42,31 @@ class Chatter:
     bauds: tuple[int, ...]
 
     def __str__(self) -> str:
-        speeds = ", ".join(map(str, self.bauds))
-        start = self.heard[:SHOWN].hex(" ")
-        return f"{len(self.heard)} bytes heard at {self.baud} baud, but nothing known (tried {speeds}): {start} …"
+        heard = f"{len(self.heard)} bytes heard at {self.baud} baud, {_kind(self.heard)}"
+        return f"{heard} (tried {_speeds(self.bauds)}){_other_speeds(self.bauds)}: {_shown(self.heard)} …"
+
+
+def _speeds(bauds: Sequence[int]) -> str:
+    return f"{'all of ' * (len(bauds) > 1)}{', '.join(map(str, bauds))} baud"
+
+
+def _other_speeds(bauds: Sequence[int]) -> str:
+    return "; no other speed was tried, leave out @BAUD to have all of them tried" if len(bauds) == 1 else ""
+
+
+def _kind(heard: bytes) -> str:
+    """What the bytes look like, though no driver knows them."""
+    if _text_share(heard) < TEXT_SHARE:
+        return "but nothing known: garbage, as of a line at another speed, or a device that imud does not know"
+    if any(line.startswith(b"$") and b"*" in line for line in heard.splitlines()):
+        return "NMEA sentences with wrong checksums: a disturbed line"
+    return "text, but of no device that imud knows"
+
+
+def _shown(heard: bytes) -> str:
+    if _text_share(heard) < TEXT_SHARE:
+        return heard[:SHOWN].hex(" ")
+    return repr(heard[:TEXT_SHOWN].decode("ascii", "replace").strip())
 
 
 Found = Identity | Unsupported
@@ -107,8 +128,11 @@ def _listen(among: Sequence[AnyDriver], baud: int) -> Dialogue[bytes]:
 
 
 def _is_garbage(heard: bytes) -> bool:
-    text = sum(32 <= byte < 127 or byte in b"\r\n" for byte in heard)
-    return len(heard) >= GARBAGE and text < TEXT_SHARE * len(heard)
+    return len(heard) >= GARBAGE and _text_share(heard) < TEXT_SHARE
+
+
+def _text_share(heard: bytes) -> float:
+    return sum(32 <= byte < 127 or byte in b"\r\n" for byte in heard) / len(heard)
 
 
 def _listen_at_all(
@@ -125,8 +149,13 @@ def _listen_at_all(
             return found, None
         if not heard:
             return None, None
-        noise = max(noise, replace(noise, heard=heard, baud=baud), key=lambda chatter: len(chatter.heard))
+        noise = max(noise, replace(noise, heard=heard, baud=baud), key=_worth)
     return None, noise
+
+
+def _worth(chatter: Chatter) -> tuple[bool, int]:
+    """For choosing what to show: text before garbage, much before little."""
+    return len(chatter.heard) >= CHATTER and _text_share(chatter.heard) >= TEXT_SHARE, len(chatter.heard)
 
 
 def _ask(among: Sequence[AnyDriver], baud: int | None) -> Dialogue[Found | None]:

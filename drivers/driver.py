@@ -29,7 +29,7 @@ class Identity:
 
 @dataclass(frozen=True)
 class Unsupported:
-    """A device that a driver knows by name but cannot serve."""
+    """A device that a driver knows but cannot serve, or not as the user wants it."""
 
     driver: str
     model: str
@@ -37,7 +37,7 @@ class Unsupported:
     baud: int = 0
 
     def __str__(self) -> str:
-        return f"found {self.model} at {self.baud} baud, not supported yet: {self.why}"
+        return f"found {self.model} at {self.baud} baud, but it cannot be used: {self.why}"
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,7 @@ class Options:
 
     rate_hz: float = 1000.0
     readonly: bool = False
+    model: str = ""  # which it is, where a device that must not be asked does not tell
     polled: bool = False  # have an inertial sensor send each sample only when asked, if it can; not if readonly
     filter_taps: int = 0  # of an inertial sensor's moving average, at least; 0: as few as the rate allows, least delay
     self_test: bool = False  # have an inertial sensor test itself first; it must be at rest
@@ -115,7 +116,7 @@ class ImuDriver(Driver, Protocol):
     def kind(self) -> Literal["imu"]:
         """The kind of device."""
 
-    def configure(self, identity: Identity, options: Options) -> Dialogue[ImuConfigured | None]:
+    def configure(self, identity: Identity, options: Options) -> Dialogue[ImuConfigured | Unsupported | None]:
         """Set the device up and start its stream. None: it stopped answering, or sends nothing."""
 
     def new_state(self, configured: ImuConfigured) -> NDArray[np.void]:

@@ -10,7 +10,8 @@ import os
 import select
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
+from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -59,13 +60,18 @@ class Daemon:
         imu, gnss = settings.imu, settings.gnss
         fix_rate_hz = gnss.rate_hz if gnss.configure else 0.0
         options = Options(
+            model=imu.model,
             rate_hz=imu.rate_hz,
             polled=imu.mode == "polled",
             filter_taps=imu.filter_taps,
             self_test=imu.self_test,
             fix_rate_hz=fix_rate_hz,
         )
-        self._ports = [Port(_spec(text), options, self, patient=wait) for text in settings.ports]
+        specs = [_spec(text) for text in settings.ports]
+        readonly = _readonly(settings.readonly, [spec.path for spec in specs])
+        self._ports = [
+            Port(spec, replace(options, readonly=spec.path in readonly), self, patient=wait) for spec in specs
+        ]
         self._by_fd: dict[int, Port] = {}
         self._imu: tuple[Port, Inertial] | None = None
         self._gnss: tuple[Port, Receiver] | None = None
@@ -284,6 +290,15 @@ def _spec(text: str) -> PortSpec:
         return PortSpec.parse(text)
     except SpecError as error:
         raise UsageError(str(error)) from error
+
+
+def _readonly(wanted: bool | tuple[str, ...], paths: list[str]) -> Collection[str]:
+    """The ports to which nothing is written."""
+    if isinstance(wanted, bool):
+        return paths if wanted else ()
+    if unknown := [path for path in wanted if path not in paths]:
+        raise UsageError(f"readonly names {', '.join(unknown)}, but the ports are {', '.join(paths)}")
+    return wanted
 
 
 def _estimator_name(settings: Settings) -> str:

@@ -136,9 +136,13 @@ class Port:
         driver = by_name(found.driver)
         self._converse(driver.configure(found, self.options), lambda result: self._streams(driver, result))
 
-    def _streams(self, driver: AnyDriver, configured: Configured | None) -> None:
+    def _streams(self, driver: AnyDriver, configured: Configured | Unsupported | None) -> None:
         if configured is None:
-            self._fail(f"found a {driver.name} device, but it does not start to stream")
+            hint = " by itself, and its port is readonly" if self.options.readonly else ""
+            self._fail(f"found a {driver.name} device, but it does not start to stream{hint}")
+            return
+        if isinstance(configured, Unsupported):
+            self._fail(str(configured))
             return
         self.configured = configured
         self.connects += 1

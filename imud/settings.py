@@ -19,6 +19,10 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     profile: Annotated[
         str, Meta(description="Noise profile by name; `auto`: what the driver says, else `consumer-mems`.")
     ] = "auto"
+    model: Annotated[
+        str,
+        Meta(description="Which it is (such as `G365PDF`), where it may not be asked (`readonly`) and does not tell."),
+    ] = ""
     rate_hz: Annotated[float, Meta(gt=0.0, le=2000.0, description="Samples per second to ask the sensor for.")] = 1000.0
     mount_rpy_deg: Annotated[
         Triple,
@@ -131,6 +135,9 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ports: Annotated[
         tuple[str, ...], Meta(description="DEV[:DRIVER[@BAUD]] of the inertial sensor and the receiver, in any order.")
     ] = ()
+    readonly: Annotated[
+        bool | tuple[str, ...], Meta(description="Those DEVs to which nothing is ever written; `true`: all of them.")
+    ] = False
     imu: Imu = Imu()
     gnss: Gnss = Gnss()
     navigation: Navigation = Navigation()

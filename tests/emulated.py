@@ -23,9 +23,9 @@ UTC = 1.8e9
 class Emulated(Line):
     """An emulated device and the wire to it. Its time is exact, its speed is what the device has at the moment."""
 
-    def __init__(self, unit):
+    def __init__(self, unit, now_s=0.0):
         super().__init__(unit.uart.baud)
-        self.unit = unit
+        self.unit, self.now_s = unit, now_s
 
     def hear(self, data):
         self.written += data
@@ -63,3 +63,42 @@ def device(name, baud, **options):
         source = SimulatedFixes(REST, np.random.default_rng(1), UTC, True)
         return Emulated(FvM11(source, UTC, baud=baud, **{"no_fix_s": 0.0, **options}))
     return Emulated(Windowed(VARIANTS[name], REST, errors, baud, **options))
+
+
+class TouchedError(AssertionError):
+    """Something was written to a device that must be left alone."""
+
+
+class Untouchable(Emulated):
+    """Fails on any byte received."""
+
+    def hear(self, data):
+        if data:
+            raise TouchedError(data)
+
+
+def streaming(name, baud, **registers):
+    """One to which nothing may be written, as another host left it: streaming. registers: for `Windowed`, its words."""
+    wire = device(name, baud)
+    unit = wire.unit
+    wire.host_baud = baud
+    wire.pass_time(1.0)
+    for command in COMMANDS[name](**registers):
+        unit.receive(command, wire.now_s)
+        wire.pass_time(0.01)
+    wire.outgoing.clear()
+    return Untouchable(unit, wire.now_s)
+
+
+def _windowed(fields=0xF007, wide=0x00, rate=4):
+    words = (0x8C, fields & 0xFF), (0x8D, fields >> 8), (0x8F, wide), (0x85, rate), (0x86, 4), (0x88, 1)
+    settings = [bytes((address, value, 0x0D)) for address, value in words]
+    return [b"\xfe\x01\r", *settings, b"\xfe\x00\r", b"\x83\x01\r"]
+
+
+COMMANDS = {
+    "g350": lambda: [b"\xb7\x04\r", b"\xb8\x04\r", b"\xba\x01\r", b"\xb9\x01\r"],
+    "rga300": lambda: [b"C"],
+    "seraccel": lambda: [b"x"],
+    "nmea": lambda: [],
+} | dict.fromkeys(("g364", "g365", "g370"), _windowed)

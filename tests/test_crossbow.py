@@ -381,7 +381,7 @@ def test_relatives_are_named(sends, says, streaming):
     found, _ = run(detect(), Rga(sends=sends, streaming=streaming))
     assert isinstance(found, Unsupported)
     assert says in found.model
-    assert "at 38400 baud, not supported yet" in str(found)
+    assert "at 38400 baud, but it cannot be used" in str(found)
 
 
 def crc16(data):

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from emulated import streaming
 from scripted import G350, Mute, Speaker, Windowed, run
 
 from drivers.detect import Chatter, Silence, detect
@@ -106,7 +107,7 @@ def test_readonly_never_writes():
 def test_silence_is_explained_in_time():
     found, seconds = run(detect(), Mute(9600))
     assert seconds < 10.0
-    assert "silent at all baud rates tried" in str(found)
+    assert "silent at all of " in str(found)
     for baud in ("460800", "4800", "9600"):
         assert baud in str(found)
 
@@ -116,8 +117,30 @@ def test_an_unknown_talker_is_explained_and_left_alone():
     found, _ = run(detect(), device)
     assert isinstance(found, Chatter)
     assert "bytes heard at" in str(found)
-    assert found.heard[:8].hex(" ") in str(found)
+    assert "text, but of no device" in str(found)
+    assert "hello, I am a coffee machine" in str(found)
     assert device.written == b""
+
+
+@pytest.mark.parametrize("baud", [115200, 9600])
+def test_a_stream_at_another_speed_than_the_one_named_is_called_garbage(baud):
+    found, _ = run(detect("epson", baud, readonly=True), streaming("g350", 460800))
+    assert "garbage, as of a line at another speed" in str(found)
+    assert "leave out @BAUD" in str(found)
+
+
+def test_a_silent_line_at_the_one_speed_named_says_that_no_other_was_tried():
+    found, _ = run(detect("epson", 115200), G350(460800))
+    assert str(found).startswith("silent at 115200 baud")
+    assert "leave out @BAUD" in str(found)
+
+
+def test_damaged_sentences_are_shown_as_they_are():
+    found, _ = run(
+        detect(), Speaker(9600, b"$GPGGA,092750.000,5321.6802,N,00630.3372,W,1,8,1.03,61.7,M,55.2,M,,*00\r\n")
+    )
+    assert "NMEA sentences with wrong checksums" in str(found)
+    assert "$GPGGA,092750.000" in str(found)
 
 
 @pytest.mark.parametrize("glitch", [b"\0", b"\xff\x00\xfe"])
@@ -146,4 +169,4 @@ def test_a_later_model_is_asked_or_recognised():
 def test_a_model_without_known_scales_is_named():
     found, _ = run(detect(), Windowed(product="G999PDX0"))
     assert isinstance(found, Unsupported)
-    assert "G999PDX0 at 460800 baud, not supported yet" in str(found)
+    assert "G999PDX0 at 460800 baud, but it cannot be used" in str(found)

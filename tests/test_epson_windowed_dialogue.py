@@ -230,7 +230,7 @@ def test_a_stream_is_recognised_by_itself_whatever_its_layout(fields, wide):
 
 def test_readonly_needs_to_know_the_model():
     device = Windowed().start(fields=0xF003, wide=0x70)
-    assert configure(device, readonly=True) is None
+    assert isinstance(configure(device, readonly=True), Unsupported)
     known = Identity("epson", "M-G364PDCA", baud=460800)
     result, _ = run(DRIVER.configure(known, Options(readonly=True)), device)
     assert (result.rate_hz, result.frame_bytes) == (1000.0, 36)

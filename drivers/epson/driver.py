@@ -12,6 +12,7 @@ from ..driver import Identity, ImuConfigured, Options, Request, Unsupported
 from .dialects import FLAT, WINDOWED, Layout
 from .hearing import is_spoken
 from .models import G350, Model, model_of
+from .overhear import overhear
 from .registers import burst
 from .setup import (
     EAGERNESS,
@@ -19,7 +20,6 @@ from .setup import (
     choose_range,
     examine,
     fastest,
-    listen,
     program,
     self_test,
     start,
@@ -53,20 +53,23 @@ class Epson:
         dialect = yield from reach()
         return (yield from describe(dialect)) if dialect else None
 
-    def configure(self, identity: Identity, options: Options) -> Dialogue[ImuConfigured | None]:
+    def configure(self, identity: Identity, options: Options) -> Dialogue[ImuConfigured | Unsupported | None]:
         """The nearest possible rate, the shortest filter that will do, COUNT, the finest words, automatic frames.
 
-        A stream of the windowed dialect does not say of which model it is, so readonly it cannot be used.
+        Readonly: the stream as it is, with the shortest filter of its rate supposed.
         """
-        model = model_of(identity.model)
         if options.readonly:
-            rate, layout = (yield from listen(model)) if model else (0.0, None)
-            return configured(identity, model, rate, model.taps(rate), layout) if model and layout else None
+            found = yield from overhear(identity, options.model)
+            if not isinstance(found, tuple):
+                return found
+            identity, model, rate, overheard = found
+            return configured(identity, model, rate, model.taps(rate), overheard)
         dialect = yield from reach()
         described = (yield from describe(dialect)) if dialect else None
-        model = model_of(described.model) if isinstance(described, Identity) else None
-        if not isinstance(described, Identity) or model is None:
+        known = model_of(described.model) if isinstance(described, Identity) else None
+        if not isinstance(described, Identity) or known is None:
             return None
+        model = known
         identity = replace(described, baud=identity.baud)
         warnings = yield from to_configuration(model.dialect)
         warnings += yield from examine(model.dialect)

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from ..driver import ImuConfigured
 from ..jit import kernel
-from .dialects import FLAT, WIDE, WINDOWED
+from .dialects import WINDOWED
 from .flat import CONSTANT, SHORT, decode_flat
 from .models import G350, STANDARD_GRAVITY, model_of
 from .state import new_state
-from .windowed import decode_windowed
+from .windowed import NUMBERED, READABLE, decode_windowed
 
 SPIKE_RADPS, SPIKE_MPS2 = math.radians(20.0), 0.25 * STANDARD_GRAVITY  # per ms: more than motion makes within 140 Hz
 
@@ -20,12 +20,12 @@ SPIKE_RADPS, SPIKE_MPS2 = math.radians(20.0), 0.25 * STANDARD_GRAVITY  # per ms:
 def state_for(configured: ImuConfigured) -> NDArray[np.void]:
     """A fresh decoder state (array of one `STATE`) for the stream that was configured."""
     model = model_of(configured.identity.model) or G350
-    wide = model.dialect is WINDOWED and configured.frame_bytes == WIDE.length
-    state = new_state(model, 4 if wide else 2)
-    state["windowed"] = model.dialect is WINDOWED
+    windowed = model.dialect is WINDOWED
+    state = new_state(model, READABLE[configured.frame_bytes] if windowed else 2)
+    state["windowed"], state["numbered"] = windowed, configured.frame_bytes in NUMBERED
     state["polled"] = configured.request is not None
     state["length"] = configured.frame_bytes
-    if model.dialect is FLAT:
+    if not windowed:
         per_ms = configured.period_ns * 1e-6
         floors = SPIKE_RADPS * per_ms / model.gyro_scale, SPIKE_MPS2 * per_ms / model.accel_scale
         state["length"], state["mask"] = SHORT, CONSTANT

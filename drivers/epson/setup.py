@@ -171,13 +171,3 @@ def request(dialect: Dialect) -> Dialogue[bytes]:
             discard=True,
         )
     return heard
-
-
-def listen(model: Model) -> Dialogue[tuple[float, Layout | None]]:
-    """Rate and layout of a stream that runs already; (0, None) if none does."""
-    heard = yield Exchange(listen_s=STREAM_S, discard=True)
-    layout = layout_of(heard, model.dialect.layouts)
-    if layout is None:
-        return 0.0, None
-    per_second = len(heard) / layout.length / STREAM_S
-    return min(model.rates.values(), key=lambda hz: abs(math.log(hz / per_second))), layout

@@ -31,6 +31,7 @@ STATE = np.dtype(
         ("mask", "<i8"),  # * bits of `constants` that never changed
         ("unconfirmed", "<i8"),  # * the bytes before the scan are a delivered frame
         ("covered", "<i8"),  # * bytes from here on that belong to one
+        ("numbered", "<i8"),  # the word where COUNT stands may be one
         ("polled", "<i8"),  # frames are answers: one may repeat the sample before
         ("count", "<i8"),  # of the last frame
         ("gap", "<i8"),  # junk bytes since the last frame

@@ -4,6 +4,8 @@
     16    0x80  FLAG  3-4   5-10        11-16       17-18  19-20     0x0D
     32    0x80  FLAG  3-6   7-18        19-30       31-32  33-34     0x0D       bits of the sensors' words; big endian
 
+This is what the driver asks for. In a stream that another host asked for GPIO may stand before COUNT, or neither.
+
 A frame is good when header and CR are at its ends and the checksum, the sum of the 16-bit words between the header
 and it, fits. Whatever is not a good frame is left by one byte only, so that no good frame after or inside it is lost.
 """
@@ -19,6 +21,8 @@ from .registers import CR
 from .state import deliver, is_repeated, is_saturated
 
 HEADER = WINDOWED.header
+READABLE = {20: 2, 22: 2, 24: 2, 34: 4, 36: 4, 38: 4}  # length of a frame: size of its words; with 0 to 2 more words
+NUMBERED = (22, 24, 36, 38)  # may have a COUNT
 FLAG, TEMP = 1, 3  # offsets in the frame; those of COUNT and CHECKSUM count from its end
 COUNT, CHECKSUM = 5, 3
 
@@ -44,7 +48,7 @@ def number(rx: Any, i: int, size: int) -> int:
 def emit(s: Any, rx: Any, p: int, sample: Any) -> int:
     """The frame at p as a sample; returns how many that are."""
     missing = (s.gap + s.length // 2) // s.length
-    count = word(rx, p + s.length - COUNT)
+    count = word(rx, p + s.length - COUNT) if s.numbered else -1
     s.gap = 0
     if is_repeated(s, word(rx, p + FLAG), count):
         return 0

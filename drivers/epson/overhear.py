@@ -1,0 +1,97 @@
+"""A stream that must not be interrupted: what its frames hold, and how often they come, learned from the stream itself.
+
+A flat frame tells everything by its length. A windowed one tells its layout by length and checksum, and whether it has
+a COUNT by the decoder's learning; but never of which model it is, so the user must say that. Without a checksum there
+is nothing to tell a good windowed frame from a damaged one, so such a stream is refused.
+"""
+
+import math
+from dataclasses import replace
+
+from ..dialogue import Dialogue, Exchange
+from ..driver import Identity, Unsupported
+from .dialects import FLAT, WINDOWED, Dialect, Layout
+from .hearing import ENOUGH_FRAMES, is_frame, is_spoken, layout_of, longest_run
+from .models import G350, MODELS, Model, model_of
+from .state import ALL_NEWS
+from .windowed import FLAG, READABLE, TEMP
+
+LISTEN_S = 1.0
+PLAUSIBLE_G = 0.7, 1.4  # mean specific force of a second
+Overheard = tuple[Identity, Model, float, Layout]  # rate in 1/s
+
+
+def overhear(identity: Identity, named: str) -> Dialogue[Overheard | Unsupported | None]:
+    """The stream that runs, of a sensor whose model the user `named`, or not. None: there is none."""
+    heard = yield Exchange(listen_s=LISTEN_S, discard=True)
+    if is_spoken(heard, FLAT):
+        return _flat(identity, heard, named)
+    return _windowed(identity, heard, named) if is_spoken(heard, WINDOWED) else None
+
+
+def _flat(identity: Identity, heard: bytes, named: str) -> Overheard | Unsupported | None:
+    model = (model_of(named) if named else model_of(identity.model)) or G350
+    if model.dialect is not FLAT:
+        return _contradiction(identity, model, FLAT)
+    layout = layout_of(heard, FLAT.layouts)
+    return _found(identity, model, heard, layout) if layout else None
+
+
+def _windowed(identity: Identity, heard: bytes, named: str) -> Overheard | Unsupported:
+    length, checked = _shape(heard)
+    model = model_of(named or identity.model)
+    shape = f"frames of {length} bytes {'with' if checked else 'without'} a checksum"
+    if not checked or length not in READABLE:
+        why = f"{shape} that imud cannot read as they are; let it write to the port, or have them set up otherwise"
+        return _refusal(identity, why)
+    if model is None:
+        codes = ", ".join(model.code for model in MODELS if model.dialect is WINDOWED)
+        return _refusal(identity, f"{shape} do not tell which model it is; set imu.model to one of {codes}")
+    if model.dialect is not WINDOWED:
+        return _contradiction(identity, model, WINDOWED)
+    frames = _frames(heard, length)
+    if not all(word & ALL_NEWS == ALL_NEWS for word in (int.from_bytes(frame[FLAG : FLAG + 2]) for frame in frames)):
+        return _refusal(identity, f"{shape} do not begin with FLAG: let imud write to the port")
+    if not PLAUSIBLE_G[0] <= (force_g := _force_g(frames, model)) <= PLAUSIBLE_G[1]:
+        return _refusal(identity, f"{shape}, read as those of {model.code}, show {force_g:.2g} g: is imu.model right?")
+    return _found(identity, model, heard, Layout(WINDOWED.header, length, (), checked=True))
+
+
+def _shape(heard: bytes) -> tuple[int, bool]:
+    """Length of most frames in sequence, and whether their sums fit."""
+    header = WINDOWED.header
+    for checked in (True, False):
+        runs = {length: longest_run(heard, header, length, checked) for length in WINDOWED.lengths}
+        length = max(runs, key=lambda length: runs[length])
+        if runs[length] >= ENOUGH_FRAMES:
+            break
+    return length, checked
+
+
+def _frames(heard: bytes, length: int) -> list[bytes]:
+    pieces = (heard[p : p + length] for p in range(len(heard) - length + 1))
+    return [piece for piece in pieces if is_frame(piece, WINDOWED.header, checked=True)]
+
+
+def _force_g(frames: list[bytes], model: Model) -> float:
+    """Mean specific force, were the words where they are expected."""
+    size = READABLE[len(frames[0])]
+    lsb = model.accel_mg * 1e-3 / (1 << (8 * size - 16))
+    places = range(TEMP + 4 * size, TEMP + 7 * size, size)
+    sums = (sum(int.from_bytes(frame[i : i + size], signed=True) for frame in frames) for i in places)
+    return lsb * math.hypot(*sums) / len(frames)
+
+
+def _found(identity: Identity, model: Model, heard: bytes, layout: Layout) -> Overheard:
+    per_second = len(heard) / layout.length / LISTEN_S
+    rate_hz = min(model.rates.values(), key=lambda hz: abs(math.log(hz / per_second)))
+    return replace(identity, model=model.name, profile=model.profile), model, rate_hz, layout
+
+
+def _contradiction(identity: Identity, model: Model, dialect: Dialect) -> Unsupported:
+    codes = ", ".join(model.code for model in MODELS if model.dialect is dialect)
+    return _refusal(identity, f"imu.model says {model.code}, but the frames are of another kind, of {codes}")
+
+
+def _refusal(identity: Identity, why: str) -> Unsupported:
+    return Unsupported(identity.driver, "an Epson sensor's stream", why, identity.baud)

@@ -28,6 +28,7 @@ from .estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITIO
 from .notify import Notifier
 from .outputs.binary import BinaryOutputs
 from .outputs.gpsd import GpsdServer
+from .outputs.nmea import NmeaOutput
 from .outputs.view import Device, View
 from .pipeline import BATCH, Filter, Stream
 from .ports import Configured, Port
@@ -89,6 +90,8 @@ class Daemon:
             wakeup = stack.enter_context(_signals(self._end))
             self._poll.register(wakeup, select.POLLIN)
             self._gpsd = stack.enter_context(contextlib.closing(GpsdServer(self._settings.gpsd, self._poll)))
+            nmea = stack.enter_context(contextlib.closing(NmeaOutput(self._settings.nmea)))
+            self._viewers = (self._gpsd, nmea)
             self._binary = stack.enter_context(contextlib.closing(BinaryOutputs(self._settings, self._poll, BATCH)))
             notifier.say("STATUS=compiling", "EXTEND_TIMEOUT_USEC=300000000")
             self._compiling = True
@@ -163,7 +166,8 @@ class Daemon:
 
     def _publish(self, solution: Any, now_ns: int) -> None:
         self._status = int(solution["status"])
-        if not self._gpsd.wants(now_ns):
+        due = [viewer for viewer in self._viewers if viewer.wants(now_ns)]
+        if not due:
             return
         inertial = self._inertial
         assert inertial is not None
@@ -178,7 +182,8 @@ class Daemon:
             gnss=self._gnss[1].view(now_ns) if self._gnss else None,
             temperature=float(inertial.stream.samples[0]["temperature"]),
         )
-        self._gpsd.publish(view, now_ns)
+        for viewer in due:
+            viewer.publish(view, now_ns)
 
     def _look_after(self, now_ns: int, notifier: Notifier) -> None:
         """What is due now and then: silence, unfinished epochs, slow clients, the watchdog, changes worth a line."""
@@ -187,8 +192,9 @@ class Daemon:
         for pair in (self._imu, self._gnss):
             if pair and now_ns - pair[1].heard_ns > pair[1].silence_ns and not _is_readable(pair[0].fd):
                 pair[0].lost("the device sends nothing more of use")
-        if self._imu is None and self._gpsd.wants(now_ns):
-            self._gpsd.publish(View(devices=self._devices), now_ns)  # the clients must not take old news for new
+        for viewer in self._viewers:
+            if self._imu is None and viewer.wants(now_ns):  # the clients must not take old news for new
+                viewer.publish(View(devices=self._devices), now_ns)
         if (deadline := self._gpsd.next_deadline()) is not None and now_ns >= deadline:
             self._gpsd.tick(now_ns)
         self._tell_changes()

@@ -126,6 +126,15 @@ class SharedMemory(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     path: Annotated[str, Meta(description="A file on a tmpfs, such as /run/imud/front.state; empty: none.")] = ""
 
 
+class Nmea(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """NMEA 0183 sentences (GGA, RMC, VTG, HDT, ROT, PASHR) for plotters and autopilots."""
+
+    udp: Annotated[str, Meta(description="HOST[:PORT] to send to, such as 127.0.0.1:10110; empty: none.")] = ""
+    allow_remote: Annotated[bool, Meta(description="That may be another machine, or a broadcast address.")] = False
+    pty: Annotated[str, Meta(description="Name of a pseudo-terminal, such as /run/imud/front.nmea; empty: none.")] = ""
+    rate_hz: Annotated[float, Meta(gt=0.0, le=50.0, description="Bursts of sentences per second.")] = 5.0
+
+
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The whole."""
 
@@ -144,6 +153,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     gps_track: GpsTrack = GpsTrack()
     ins9: Ins9 = Ins9()
     gpsd: Gpsd = Gpsd()
+    nmea: Nmea = Nmea()
     stream: Stream = Stream()
     shared_memory: SharedMemory = SharedMemory()
 

@@ -1,0 +1,116 @@
+"""NMEA sentences to a UDP address and to a pseudo-terminal, for programs that know receivers only.
+
+Nobody is waited for: what a reader does not take is thrown away, the oldest first, so that it never reads old news.
+"""
+
+import contextlib
+import errno
+import fcntl
+import os
+import socket
+import struct
+import termios
+import tty
+from pathlib import Path
+
+from imud.errors import CannotCreateError, ConfigError, PermissionDeniedError
+from imud.settings import Nmea
+
+from .connection import Pace
+from .listen import Address, is_local, parse_address
+from .nmea_sentences import sentences
+from .view import View
+
+PORT = 10110  # IANA: nmea-0183
+_UNREAD = 2048  # bytes that may wait for the reader of the pseudo-terminal: a second or two of sentences
+
+
+class NmeaOutput:
+    """As far as it is configured. Not thread-safe."""
+
+    def __init__(self, settings: Nmea) -> None:
+        """Open. Raises ConfigError (78), CannotCreateError (73), PermissionDeniedError (77)."""
+        self._pace = Pace(settings.rate_hz)
+        self._udp: socket.socket | None = None
+        self._master = self._slave = -1
+        self._link: Path | None = None
+        try:
+            if settings.udp:
+                self._udp = _connected(parse_address(settings.udp, PORT), settings.allow_remote)
+            if settings.pty:
+                self._open_pty(Path(settings.pty))
+        except BaseException:
+            self.close()
+            raise
+        self._wanted = self._udp is not None or self._link is not None
+
+    def _open_pty(self, link: Path) -> None:
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        path = os.ttyname(self._slave)
+        with contextlib.suppress(OSError):  # some mounts forbid it; then only our user may read
+            Path(path).chmod(0o666)
+        try:
+            if link.is_symlink():
+                link.unlink()  # an earlier run's
+            link.symlink_to(path)
+        except PermissionError as error:
+            raise PermissionDeniedError(f"cannot make {link} (nmea.pty): permission denied") from error
+        except OSError as error:
+            raise CannotCreateError(f"cannot make {link} (nmea.pty): {error.strerror}") from error
+        self._link = link
+
+    def wants(self, now_ns: int) -> bool:
+        """True when a view is worth making."""
+        return self._wanted and now_ns >= self._pace.due_ns
+
+    def publish(self, view: View, now_ns: int) -> None:
+        """Send, if it is time."""
+        if not self._wanted or not self._pace.take(now_ns):
+            return
+        data = sentences(view)
+        if self._udp is not None:
+            with contextlib.suppress(OSError):  # nobody there, or no room
+                self._udp.send(data)
+        if self._link is not None:
+            self._feed(data)
+
+    def _feed(self, data: bytes) -> None:
+        unread = struct.unpack("i", fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4)))[0]
+        if unread > _UNREAD:
+            termios.tcflush(self._slave, termios.TCIFLUSH)
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._master, data)
+        with contextlib.suppress(BlockingIOError):
+            os.read(self._master, 4096)  # what the reader tells its "receiver"
+
+    def close(self) -> None:
+        """Take the pseudo-terminal away. May be called twice."""
+        if self._udp is not None:
+            self._udp.close()
+        if self._link is not None:
+            self._link.unlink(missing_ok=True)
+            self._link = None
+        for fd in (self._master, self._slave):
+            if fd >= 0:
+                os.close(fd)
+        self._master = self._slave = -1
+        self._wanted = False
+
+
+def _connected(address: Address, allow_remote: bool) -> socket.socket:
+    if isinstance(address.where, str):
+        raise ConfigError(f"nmea.udp: {address.text!r} is no HOST:PORT")
+    if not allow_remote and not is_local(address):
+        raise ConfigError(f"nmea.udp: {address.text} is another machine: set nmea.allow_remote = true if you mean it")
+    sock = socket.socket(address.family, socket.SOCK_DGRAM)
+    try:
+        sock.setblocking(False)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+        sock.connect(address.where)
+    except OSError as error:
+        sock.close()
+        reason = "no route to it" if error.errno == errno.ENETUNREACH else error.strerror
+        raise CannotCreateError(f"nmea.udp: cannot send to {address.text}: {reason}") from error
+    return sock

@@ -21,10 +21,11 @@ from drivers.driver import AnyDriver, Identity, ImuConfigured, ImuDriver, Option
 from drivers.errors import PortLostError, SpecError
 from drivers.transport.portspec import PortSpec
 
-from . import compilation, runtime
+from . import compilation, realtime, runtime
 from .errors import UsageError
 from .estimators import Estimator, registry
 from .estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, REJECTING
+from .load import Load
 from .notify import Notifier
 from .outputs.binary import BinaryOutputs
 from .outputs.gpsd import GpsdServer
@@ -37,6 +38,7 @@ from .sensors import Inertial, Receiver, Records
 from .settings import Initial, Settings
 
 _SLOW_NS = 20_000_000  # what is not urgent is looked after this often
+_COARSE_S = 0.05  # epoll knows only whole milliseconds: too coarse for the next sample of a polled sensor
 WITHOUT_GYROS = "tilt"  # the estimator for sensors that lack them
 RATE_STEP = 0.1  # logarithmic: sensors within that are the same to a filter
 _PARTS = {"imu": "inertial sensor", "gnss": "receiver"}
@@ -80,6 +82,7 @@ class Daemon:
         self._settled: tuple[Any, ...] = ()  # what the filter was made for
         self._devices: tuple[Device, ...] = ()
         self._status = self._told = 0
+        self._load = Load()
         self._exit: int | None = None
         self._compiling = False
 
@@ -100,6 +103,7 @@ class Daemon:
             self._compiling = False
             gc.collect()
             gc.freeze()
+            realtime.apply(self._settings.realtime)
             self._log.info("ready", gpsd=" ".join(self._gpsd.addresses), estimator=self._estimator.name)
             notifier.say("READY=1")
             stack.callback(self._farewell)
@@ -127,16 +131,23 @@ class Daemon:
     def _serve(self, notifier: Notifier) -> None:
         slow_ns = 0
         while self._exit is None:
-            due_s = min(slow_ns * 1e-9, *(port.deadline_s for port in self._ports))
-            select.select((self._poll,), (), (), max(0.0, due_s - time.monotonic()))  # epoll itself knows only ms
+            events = self._wait(slow_ns * 1e-9)
             now_ns = time.monotonic_ns()
-            for fd, mask in self._poll.poll(0):
+            for fd, mask in events:
                 self._dispatch(fd, mask, now_ns)
             for port in self._ports:
                 port.on_time(now_ns * 1e-9)
             if now_ns >= slow_ns:
                 slow_ns = now_ns + _SLOW_NS
                 self._look_after(now_ns, notifier)
+
+    def _wait(self, slow_s: float) -> list[tuple[int, int]]:
+        """What has happened, as soon as something has, or at the latest when something is due."""
+        now_s, due_s = time.monotonic(), min([port.deadline_s for port in self._ports])
+        if due_s - now_s > _COARSE_S:
+            return self._poll.poll(max(0.0, min(due_s, slow_s) - now_s))
+        select.select((self._poll,), (), (), max(0.0, min(due_s, slow_s) - now_s))
+        return self._poll.poll(0)
 
     def _dispatch(self, fd: int, mask: int, now_ns: int) -> None:
         port = self._by_fd.get(fd)
@@ -150,8 +161,11 @@ class Daemon:
             if self._imu and port is self._imu[0]:
                 inertial = self._imu[1]
                 if n := inertial.read(fd, now_ns):
-                    self._binary.publish(inertial.stream.solutions, n, inertial.samples, now_ns)
-                    self._publish(inertial.stream.solutions[n - 1], now_ns)
+                    newest = inertial.stream.solutions[n - 1]
+                    self._status = int(newest["status"])
+                    if self._load.leaves_time_to_publish(n, inertial.period_s, now_ns):
+                        self._binary.publish(inertial.stream.solutions, n, inertial.samples, now_ns)
+                        self._publish(newest, now_ns)
             elif self._gnss and port is self._gnss[0]:
                 self._take(self._gnss[1].read(fd, now_ns))
             else:
@@ -165,7 +179,6 @@ class Daemon:
                 self._inertial.stream.filter.update(fix)
 
     def _publish(self, solution: Any, now_ns: int) -> None:
-        self._status = int(solution["status"])
         due = [viewer for viewer in self._viewers if viewer.wants(now_ns)]
         if not due:
             return
@@ -198,6 +211,8 @@ class Daemon:
         if (deadline := self._gpsd.next_deadline()) is not None and now_ns >= deadline:
             self._gpsd.tick(now_ns)
         self._tell_changes()
+        if news := self._load.news(self._inertial.counters()["lost"] if self._inertial else 0, now_ns):
+            self._log.warning(news)
         notifier.status("; ".join(f"{port.spec.path}: {port.story}" for port in self._ports))
         notifier.alive(now_ns)
 

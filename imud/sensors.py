@@ -30,12 +30,14 @@ class Inertial:
         self.heard_ns = 0
         self.silence_ns = SILENCE_NS["imu"]
         self.samples = 0
+        self.period_s = 0.0  # nominal, between samples
         self._room = stream.rx.data
 
     def connect(self, driver: ImuDriver, configured: ImuConfigured, now_ns: int) -> None:
         """A new connection; the filter keeps what it knows."""
         self.stream.restart(driver.new_state(configured), configured.period_ns, configured.delay_ns)
         self.heard_ns = now_ns
+        self.period_s = 1.0 / configured.rate_hz
         self.silence_ns = max(SILENCE_NS["imu"], SILENT_PERIODS * round(1e9 / configured.rate_hz))
 
     def read(self, fd: int, now_ns: int) -> int:

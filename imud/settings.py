@@ -135,6 +135,17 @@ class Nmea(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rate_hz: Annotated[float, Meta(gt=0.0, le=50.0, description="Bursts of sentences per second.")] = 5.0
 
 
+class Realtime(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """For control loops. Each needs permission (`imud install-service --realtime`); without it the start fails."""
+
+    lock_memory: Annotated[bool, Meta(description="Keep all memory from being paged out.")] = False
+    scheduler: Annotated[
+        Literal["other", "fifo", "rr"], Meta(description="Of the kernel: `other` is the usual one.")
+    ] = "other"
+    priority: Annotated[int, Meta(ge=1, le=99, description="Of `fifo` and `rr`; interrupt threads have 50.")] = 40
+    cpus: Annotated[tuple[Annotated[int, Meta(ge=0)], ...], Meta(description="Processors to run on; empty: any.")] = ()
+
+
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The whole."""
 
@@ -156,6 +167,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     nmea: Nmea = Nmea()
     stream: Stream = Stream()
     shared_memory: SharedMemory = SharedMemory()
+    realtime: Realtime = Realtime()
 
 
 class Initial(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

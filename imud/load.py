@@ -1,0 +1,53 @@
+"""Whether the machine keeps up with the sensor, judged from how much waits when the daemon comes to read.
+
+A single late batch is a hiccup and costs nobody anything: it is worked off whole. Lateness that goes on means that
+there is no time for everything: publishing is then cut down to a trickle, and estimation gets the time.
+"""
+
+LATE_S, LATE_SAMPLES = 0.1, 5  # a batch with so much is late
+PATIENCE_NS = 1_000_000_000  # lateness that lasts longer is overload
+CALM_NS = 500_000_000  # without a late batch, and it is over
+TRICKLE_NS = 500_000_000  # between what is still published
+STANDSTILL_NS = 1_000_000_000
+
+
+class Load:
+    """Takes note of batches. All times are monotonic nanoseconds; not thread-safe."""
+
+    def __init__(self) -> None:
+        self.overloaded = False
+        self.shed = 0  # batches that were not published in this spell
+        self._since_ns: int | None = None  # of the first late batch of this spell
+        self._late_ns = 0  # of the last one
+        self._published_ns = 0
+        self._looked_ns = 0
+        self._told = False
+        self._lost_before = 0
+
+    def leaves_time_to_publish(self, n: int, period_s: float, now_ns: int) -> bool:
+        """Take note of a batch of n samples; should it be published?"""
+        if n >= LATE_SAMPLES and n * period_s > LATE_S:
+            self._since_ns = now_ns if self._since_ns is None else self._since_ns
+            self._late_ns = now_ns
+        elif self._since_ns is not None and now_ns - self._late_ns > CALM_NS:
+            self._since_ns = None
+        self.overloaded = self._since_ns is not None and self._late_ns - self._since_ns > PATIENCE_NS
+        if self.overloaded and now_ns - self._published_ns < TRICKLE_NS:
+            self.shed += 1
+            return False
+        self._published_ns = now_ns
+        return True
+
+    def news(self, lost: int, now_ns: int) -> str:
+        """What is worth a line since the last call, which should be many times a second ago; lost: samples so far."""
+        gap_ns = now_ns - self._looked_ns if self._looked_ns else 0
+        self._looked_ns = now_ns
+        if self.overloaded != self._told:
+            self._told = self.overloaded
+            if self.overloaded:
+                self._lost_before = lost
+                return "the machine cannot keep up with the sensor: publishing waits, estimation goes on"
+            return f"the machine keeps up again; {lost - self._lost_before} samples lost, {self.shed} batches not published"
+        if gap_ns > STANDSTILL_NS:
+            return f"this process stood still for {gap_ns * 1e-9:.1f} s: it was stopped, or starved of processor time"
+        return ""

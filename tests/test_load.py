@@ -1,0 +1,82 @@
+"""Overload: said once per change, publishing shed before estimation, hiccups and sleep not mistaken for it."""
+
+import signal
+import time
+
+from processes import daemon, emulator
+
+from imud.load import Load
+
+MS = 1_000_000
+
+
+def feed(load, batches, start_ms=1000, period_s=1e-3):
+    """Batches of (milliseconds since the last, samples): which were published, and the lines told."""
+    now, published, told = start_ms * MS, [], []
+    for after_ms, n in batches:
+        now += after_ms * MS
+        published.append(load.leaves_time_to_publish(n, period_s, now))
+        told.append(load.news(0, now))
+    return published, [line for line in told if line]
+
+
+def test_keeping_up_publishes_everything():
+    published, told = feed(Load(), [(1, 1)] * 3000)
+    assert all(published)
+    assert not told
+
+
+def test_a_hiccup_is_worked_off_whole():
+    published, told = feed(Load(), [(1, 1)] * 100 + [(700, 186), (1, 186), (1, 186), (1, 142)] + [(1, 1)] * 2000)
+    assert all(published)
+    assert not told
+
+
+def test_lateness_that_lasts_sheds_publishing_and_is_told_once():
+    load = Load()
+    published, told = feed(load, [(1, 1)] * 100 + [(186, 186)] * 50)
+    assert len(told) == 1
+    assert "cannot keep up" in told[0]
+    late = published[100:]
+    assert all(late[:6])
+    assert 0 < sum(late[10:]) <= 40 * 186 / 500 + 1
+    published, told = feed(load, [(1, 1)] * 2000, start_ms=20000)
+    assert all(published)
+    assert sum("keeps up again" in line for line in told) == 1
+
+
+def test_batches_that_take_seconds_each_are_lateness_too():
+    _, told = feed(Load(), [(1900, 186)] * 5)
+    assert "cannot keep up" in told[1] or "cannot keep up" in told[0]
+
+
+def test_two_samples_of_a_slow_sensor_are_not_late():
+    _, told = feed(Load(), [(128, 2)] * 40, period_s=0.064)
+    assert not told
+
+
+def test_a_standstill_is_told():
+    _, told = feed(Load(), [(1, 1)] * 10 + [(6000, 186)] + [(1, 1)] * 10)
+    assert len(told) == 1
+    assert "stood still for 6.0 s" in told[0]
+
+
+def test_a_starved_daemon_says_so_and_catches_up(tmp_path):
+    with (
+        emulator("g350", "--scenario", "rest", links=[tmp_path / "imu"]),
+        daemon(tmp_path, "--port", str(tmp_path / "imu")) as imud,
+    ):
+        imud.until(lambda m: m["class"] == "EST" and "aligning" not in m["state"])
+        for _ in range(40):  # some of the time, but never for long: the line's buffer holds 0.7 s
+            imud.process.send_signal(signal.SIGSTOP)
+            time.sleep(0.2)
+            imud.process.send_signal(signal.SIGCONT)
+            time.sleep(0.01)
+            if "cannot keep up" in imud.log:
+                break
+        imud.says("keeps up again")
+        seq = imud.until(lambda m: m["class"] == "EST")["seq"]
+        imud.until(lambda m: m["class"] == "EST" and m["seq"] > seq + 500)
+        assert imud.log.count("cannot keep up") == 1
+        assert imud.log.count("keeps up again") == 1
+        assert "again; 0 samples lost" in imud.log

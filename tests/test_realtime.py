@@ -1,0 +1,80 @@
+"""`[realtime]`: off unless asked for, done before READY, and refused with what to do about it."""
+
+import ctypes
+import errno
+import os
+import resource
+import subprocess
+import sys
+
+import pytest
+from processes import daemon
+
+from imud import realtime
+from imud.errors import ConfigError, ImudError, PermissionDeniedError
+from imud.settings import Realtime
+
+PR_CAPBSET_DROP, CAP_IPC_LOCK, CAP_SYS_NICE = 24, 14, 23
+ALL = ("realtime.lock_memory=true", "realtime.scheduler=fifo", "realtime.priority=7", "realtime.cpus=[0]")
+
+
+def unprivileged():
+    """Runs in the child: root without the two capabilities, and limits of nothing."""
+    libc = ctypes.CDLL(None)
+    for capability in (CAP_IPC_LOCK, CAP_SYS_NICE):
+        libc.prctl(PR_CAPBSET_DROP, capability, 0, 0, 0)
+    resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
+    resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))
+
+
+def start(tmp_path, setting, **options):
+    command = ("imud", "run", "--estimator", "tilt", "--port", str(tmp_path / "absent"), "--no-wait")
+    return subprocess.run(
+        [sys.executable, "-m", *command, "--listen", str(tmp_path / "s"), "--set", setting],
+        capture_output=True, text=True, timeout=240.0, check=False, env={**os.environ, "NO_COLOR": "1"}, **options,
+    )  # fmt: skip
+
+
+def test_off_by_default(monkeypatch):
+    for name in ("sched_setscheduler", "sched_setaffinity"):
+        monkeypatch.setattr(os, name, lambda *_: pytest.fail("asked the kernel for something"))
+    monkeypatch.setattr(ctypes, "CDLL", lambda *_, **__: pytest.fail("asked the kernel for something"))
+    realtime.apply(Realtime())
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may lock memory and take a real-time priority")
+def test_what_is_asked_for_is_so_when_ready(tmp_path):
+    settings = [word for setting in ALL for word in ("--set", setting)]
+    with daemon(tmp_path, "--estimator", "tilt", "--port", str(tmp_path / "absent"), *settings) as imud:
+        pid = imud.process.pid
+        assert os.sched_getscheduler(pid) == os.SCHED_FIFO
+        assert os.sched_getparam(pid).sched_priority == 7
+        assert os.sched_getaffinity(pid) == {0}
+        with open(f"/proc/{pid}/status") as status:
+            locked = next(line for line in status if line.startswith("VmLck"))
+        assert int(locked.split()[1]) > 10_000
+
+
+@pytest.mark.parametrize("setting", ["realtime.lock_memory=true", "realtime.scheduler=rr"])
+def test_a_refusal_ends_the_start_and_says_what_to_do(tmp_path, setting):
+    ended = start(tmp_path, setting, preexec_fn=unprivileged)
+    assert ended.returncode == 77, ended.stderr
+    assert setting.partition("=")[0] in ended.stderr
+    assert "LimitRTPRIO=" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+def test_a_processor_that_is_not_there_is_a_mistake_of_the_configuration():
+    with pytest.raises(ConfigError, match=r"realtime\.cpus = \[1023\].* there are 0"):
+        realtime.apply(Realtime(cpus=(1023,)))
+
+
+@pytest.mark.parametrize(("code", "kind"), [(errno.EPERM, PermissionDeniedError), (errno.EINVAL, ImudError)])
+def test_refusals_are_told_apart(monkeypatch, code, kind):
+    def refuse(*_):
+        raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    with pytest.raises(ImudError, match=r"realtime\.scheduler = fifo at priority 40") as caught:
+        realtime.apply(Realtime(scheduler="fifo"))
+    assert type(caught.value) is kind

@@ -45,9 +45,10 @@ class Load:
         if self.overloaded != self._told:
             self._told = self.overloaded
             if self.overloaded:
-                self._lost_before = lost
+                self._lost_before, self.shed = lost, 0
                 return "the machine cannot keep up with the sensor: publishing waits, estimation goes on"
-            return f"the machine keeps up again; {lost - self._lost_before} samples lost, {self.shed} batches not published"
+            lost -= self._lost_before
+            return f"the machine keeps up again; {lost} samples lost, {self.shed} batches not published"
         if gap_ns > STANDSTILL_NS:
             return f"this process stood still for {gap_ns * 1e-9:.1f} s: it was stopped, or starved of processor time"
         return ""

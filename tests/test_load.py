@@ -80,3 +80,4 @@ def test_a_starved_daemon_says_so_and_catches_up(tmp_path):
         assert imud.log.count("cannot keep up") == 1
         assert imud.log.count("keeps up again") == 1
         assert "again; 0 samples lost" in imud.log
+        assert "; 0 samples lost, 0 batches" not in imud.log

@@ -6,6 +6,7 @@ import os
 import resource
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from processes import daemon
@@ -50,8 +51,8 @@ def test_what_is_asked_for_is_so_when_ready(tmp_path):
         assert os.sched_getscheduler(pid) == os.SCHED_FIFO
         assert os.sched_getparam(pid).sched_priority == 7
         assert os.sched_getaffinity(pid) == {0}
-        with open(f"/proc/{pid}/status") as status:
-            locked = next(line for line in status if line.startswith("VmLck"))
+        status = Path(f"/proc/{pid}/status").read_text()
+        locked = next(line for line in status.splitlines() if line.startswith("VmLck"))
         assert int(locked.split()[1]) > 10_000
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pymap3d import geodetic2enu
 
-from imud.estimators import registry
+from imud.estimators import ins9, registry
 from imud.estimators.records import (
     AT_REST,
     ATTITUDE_VALID,
@@ -247,7 +247,8 @@ def test_the_sigmas_of_dead_reckoning_are_those_of_many_runs():
         )
         out = np.zeros(len(t), SOLUTION)
         filter_.run(samples, out)
-        errors.append(filter_.state["p"][0][:2] / out["sigma_p"][-1][2])
+        distance_var, _ = ins9.reckoning_variance(filter_.parameters[0], filter_.state[0], 0)
+        errors.append(filter_.state["p"][0][:2] / np.sqrt(distance_var + filter_.state["P"][0, 0]))
     assert 0.7 < np.sqrt(np.mean(np.square(errors))) < 1.3
 
 

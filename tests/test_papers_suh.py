@@ -112,7 +112,7 @@ def test_faster_samples_are_averaged_to_the_papers_rate(name):
     assert yaw == pytest.approx(math.radians(30.0), abs=2e-3)
     assert out["status"][-1] & (ATTITUDE_VALID | HEADING_VALID) == ATTITUDE_VALID
     assert np.isnan(out["lat"][-1])
-    assert np.isnan(out["sigma_rpy"][-1][2])
+    assert out["sigma_rpy"][-1][2] > 1.5
     assert not np.isfinite(out["q_nb"][10]).any()  # nothing is known before the first step
 
 

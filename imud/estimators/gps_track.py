@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.earth import radii
+from ..kernels.earth import MIN_COS, displaced, radii
 from ..kernels.jit import kernel
 from ..kernels.kalman import measure, shear, update
 from ..settings import Initial, Settings
@@ -30,7 +30,6 @@ NORTH, VELOCITY_N, EAST, VELOCITY_E, STATES = 0, 1, 2, 3, 4
 PACKED = STATES * (STATES + 1) // 2
 UNKNOWN_SPEED = 30.0  # m/s, 1 sigma at the first fix
 COASTING_S = 2.5
-MIN_COS = 1e-9  # at the poles east is not defined
 
 PARAMETERS = np.dtype([("acceleration_var", "<f8"), ("position_var", "<f8")], align=True)
 
@@ -82,14 +81,6 @@ def predict(P: Any, T: float, acceleration_var: float) -> None:
 
 
 @kernel
-def moved(s: Any, north: float, east: float) -> tuple[float, float]:
-    """Latitude and longitude of a point `north` and `east` m away."""
-    meridian, prime_vertical = radii(s.lat)
-    lon = s.lon + east / (prime_vertical * max(math.cos(s.lat), MIN_COS))
-    return s.lat + north / meridian, lon - 2.0 * math.pi * math.floor(lon / (2.0 * math.pi) + 0.5)
-
-
-@kernel
 def offset(s: Any, fix: Any) -> tuple[float, float]:
     """The way north and east in m from the estimate to the fix."""
     meridian, prime_vertical = radii(s.lat)
@@ -119,7 +110,7 @@ def begin(p: Any, s: Any, fix: Any) -> None:
 def take(p: Any, s: Any, fix: Any, innovations: Any) -> int:
     """Fuse the fix at its epoch; returns the rows of `innovations` written."""
     T = (fix.t_ns - s.fix_ns) * 1e-9
-    s.lat, s.lon = moved(s, T * s.v[0], T * s.v[1])
+    s.lat, s.lon = displaced(s.lat, s.lon, 0.0, T * s.v[0], T * s.v[1])
     predict(s.P, T, p.acceleration_var)
     z = offset(s, fix)
     for i in range(STATES):
@@ -132,7 +123,7 @@ def take(p: Any, s: Any, fix: Any, innovations: Any) -> int:
         row = innovations[axis]
         row.t_ns, row.value, row.variance, row.used = fix.t_ns, left, variance, 1
         row.kind = POSITION_N if axis == 0 else POSITION_E
-    s.lat, s.lon = moved(s, s.x[NORTH], s.x[EAST])
+    s.lat, s.lon = displaced(s.lat, s.lon, 0.0, s.x[NORTH], s.x[EAST])
     s.v[0] += s.x[VELOCITY_N]
     s.v[1] += s.x[VELOCITY_E]
     return 2
@@ -165,7 +156,7 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
         s.ahead[i] = s.P[i]
     predict(s.ahead, T, p.acceleration_var)
     solution.status |= POSITION_VALID | (COASTING if T > COASTING_S else 0)
-    solution.lat, solution.lon = moved(s, T * s.v[0], T * s.v[1])
+    solution.lat, solution.lon = displaced(s.lat, s.lon, 0.0, T * s.v[0], T * s.v[1])
     for axis in range(2):
         solution.v[axis] = s.v[axis]
         solution.sigma_p[axis] = math.sqrt(s.ahead[0 if axis == 0 else 7])

@@ -24,7 +24,7 @@ import numpy as np
 
 from drivers.sample import SUSPECT
 
-from ..kernels.earth import STANDARD_GRAVITY, gravity, radii
+from ..kernels.earth import STANDARD_GRAVITY, displaced, gravity
 from ..kernels.jit import kernel
 from ..kernels.kalman import measure, scale, shear, update
 from ..kernels.rotation import euler_of_quat, quat_of_euler, quat_of_gravity, quat_rotate, quat_rotate_back
@@ -43,6 +43,7 @@ GATE = 5.0
 ORIGIN_SIGMA = 5.0  # m, of an origin whose source does not say
 TERMS = 12  # of the series below: the next one is under 1e-16 for lambda T < 1
 NODES = ((-0.8611363115940526, 0.3478548451374538), (-0.3399810435848563, 0.6521451548625461))  # Gauss-Legendre, 4
+UNIFORM = math.pi / math.sqrt(3.0)  # rad, of a yaw that nothing measures
 POSITION, VELOCITY, BIAS, STATES = 0, 1, 2, 3
 
 PARAMETERS = np.dtype(
@@ -203,6 +204,7 @@ def tell(p: Any, s: Any, sample: Any, out: Any) -> None:
         out.q_nb[i] = s.q[i]
     tilt_var = (p.bias_var + p.sample_var) / (s.gravity * s.gravity)
     out.sigma_rpy[0] = out.sigma_rpy[1] = math.sqrt(tilt_var)
+    out.sigma_rpy[2] = UNIFORM
     for i in range(3):
         out.f[i] = sample.f[i] + s.b[i]
         out.ba[i] = -s.b[i]
@@ -212,9 +214,7 @@ def tell(p: Any, s: Any, sample: Any, out: Any) -> None:
     out.status |= POSITION_VALID
     p_n = quat_rotate(q, (s.p[0], s.p[1], s.p[2]))
     v_n = quat_rotate(q, (s.v[0], s.v[1], s.v[2]))
-    meridian, prime_vertical = radii(s.origin[0])
-    out.lat = s.origin[0] + p_n[0] / (meridian + s.origin[2])
-    out.lon = s.origin[1] + p_n[1] / ((prime_vertical + s.origin[2]) * max(math.cos(s.origin[0]), 1e-9))
+    out.lat, out.lon = displaced(s.origin[0], s.origin[1], s.origin[2], p_n[0], p_n[1])
     out.height = s.origin[2] - p_n[2]
     for i in range(3):
         out.v[i] = v_n[i]

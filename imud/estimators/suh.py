@@ -17,9 +17,10 @@ What is built instead of the print:
 The standard and the simple adaptive filter are well defined as printed too: `literal` in the parameters.
 
 His numbers belong to 20 samples per second: faster samples are averaged over STEP_S, and the answer holds until the
-next step. Yaw is not in the paper; it is integrated aside from an arbitrary origin, only to have a quaternion. The
-covariances are in his numbers, whose ratios alone matter (his section 5): r_nom = 0.05 stands for 0.22 g of external
-acceleration, so the sigmas are far above the errors of a sensor at rest.
+next step. Yaw is not in the paper; it is integrated aside from an arbitrary origin, only to have a quaternion, with
+the sigma of an angle of which nothing is known. The covariances are in his numbers, whose ratios alone matter (his
+section 5): r_nom = 0.05 stands for 0.22 g of external acceleration, so the sigmas are far above the errors of a sensor
+at rest.
 His delta wants a zeroed accelerometer: more than 2.5 mg of bias along gravity is external acceleration to it for good
 (an M-G350 may start with 8 mg).
 """
@@ -34,7 +35,7 @@ from drivers.sample import SUSPECT
 
 from ..kernels.earth import STANDARD_GRAVITY, gravity
 from ..kernels.jit import kernel
-from ..kernels.kalman import measure, shear, update
+from ..kernels.kalman import measure, scale, shear, update
 from ..kernels.rotation import quat_of_euler
 from ..settings import Initial, Settings
 from . import Estimator, Record
@@ -46,7 +47,7 @@ LONG_GAP_S = 1.0  # after it the filter begins anew
 Q1, R_NOMINAL, R3 = 1.0, 0.05, 1.0
 DELTA, ALPHA1, R_LARGE = 0.005, 0.4, 5.0
 ALPHA2 = 10.0 / math.sqrt(DELTA)  # 1/g, of the squared residual
-TRUSTED_TILT = math.radians(20.0)
+TRUSTED_TILT, UNIFORM = math.radians(20.0), math.pi / math.sqrt(3.0)
 STEEP = 1e-3  # least |cos(pitch)|: at 90 deg roll and its rate are not defined
 PITCH, ROLL, RATE, STATES = 0, 1, 2, 5
 STANDARD, ADAPTIVE, TWO_STEP = range(3)
@@ -196,6 +197,7 @@ def fold(s: Any) -> None:
         x[PITCH] = math.copysign(math.pi, x[PITCH]) - x[PITCH]
         x[ROLL] += math.pi
         s.yaw += math.pi
+        scale(s.P, STATES, PITCH, -1.0)
     x[ROLL] -= 2.0 * math.pi * math.floor(x[ROLL] / (2.0 * math.pi) + 0.5)
     s.yaw -= 2.0 * math.pi * math.floor(s.yaw / (2.0 * math.pi) + 0.5)
 
@@ -242,6 +244,7 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
         for i in range(4):
             solution.q_nb[i] = q[i]
         solution.sigma_rpy[0], solution.sigma_rpy[1] = math.sqrt(s.P[5]), math.sqrt(s.P[0])
+        solution.sigma_rpy[2] = UNIFORM
         if max(solution.sigma_rpy[0], solution.sigma_rpy[1]) < TRUSTED_TILT:
             solution.status |= ATTITUDE_VALID
 

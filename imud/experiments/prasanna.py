@@ -168,7 +168,7 @@ def looped(rng: np.random.Generator) -> Loop:
     out, rows = np.zeros(1, SOLUTION), []
     for k in range(len(t)):
         ins9.step(p[0], s[0], samples[k], out[0])
-        drift, _, _ = ins9.reckoning_variance(p[0], s[0])
+        drift, _ = ins9.reckoning_variance(p[0], s[0], 0)
         rows.append(
             [
                 *s["reckoned_p"][0],

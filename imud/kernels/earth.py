@@ -15,6 +15,7 @@ GRAVITY_EQUATOR = 9.7803253359  # m/s^2
 SOMIGLIANA_K = 0.00193185265241
 GRAVITY_RATIO = 0.00344978650684  # m = omega^2 a^2 b / GM
 STANDARD_GRAVITY = 9.80665  # m/s^2, the unit "g"
+MIN_COS = 1e-9  # of a latitude: at the poles east is not defined
 
 
 @kernel
@@ -32,3 +33,13 @@ def gravity(lat: float, height: float) -> float:
     surface = GRAVITY_EQUATOR * (1.0 + SOMIGLIANA_K * s2) / math.sqrt(1.0 - ECCENTRICITY2 * s2)
     h = height / SEMI_MAJOR_M
     return surface * (1.0 - 2.0 * h * (1.0 + FLATTENING + GRAVITY_RATIO - 2.0 * FLATTENING * s2) + 3.0 * h * h)
+
+
+@kernel
+def displaced(lat: float, lon: float, height: float, north: float, east: float) -> tuple[float, float]:
+    """Latitude within +-pi/2 and longitude in [-pi, pi) of the point `north` and `east` m from (lat, lon), both small
+    against the earth."""
+    meridian, prime_vertical = radii(lat)
+    lon += east / ((prime_vertical + height) * max(math.cos(lat), MIN_COS))
+    lon -= 2.0 * math.pi * math.floor(lon / (2.0 * math.pi) + 0.5)
+    return min(max(lat + north / (meridian + height), -0.5 * math.pi), 0.5 * math.pi), lon

@@ -9,10 +9,15 @@ import csv
 from pathlib import Path
 
 import numpy as np
-from simulated import estimated, motion, received, rpy, sensed
 
-from imud.estimators.registry import NAMES
-from imud.settings import Initial
+from imud import runtime
+
+runtime.prepare()  # else numba would run stale kernels
+
+from simulated import estimated, motion, received, rpy, sensed  # noqa: E402
+
+from imud.estimators.registry import NAMES  # noqa: E402
+from imud.settings import Initial  # noqa: E402
 
 FOLDER = Path(__file__).with_name("golden")
 SECONDS, RATE_HZ, EVERY = 80.0, 100.0, 200

@@ -2,13 +2,14 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from imud.__main__ import main
-from imud.estimators import registry
-from imud.experiments import figures, suh
+from imud.estimators import registry, stationary
+from imud.experiments import farrell, figures, simulate, suh
 from imud.experiments.report import Figure, Panel, Report, Row, Trace, at_most, within
 
 PAPERS = ("stationary", "suh-standard", "suh-adaptive", "suh-two-step", "gps-track", "ins9")
@@ -55,7 +56,22 @@ def test_the_order_of_the_filters_can_fail(monkeypatch):
     monkeypatch.setattr(suh, "CARTS", 1)
     failed = {row.quantity for row in suh.reproduce(1).failed}
     assert "roll RMS in deg" in failed
-    assert "largest roll error in deg" in failed
+    assert "carts with the order of roll largest error, 0.2 of the bias left" in failed
+
+
+def test_another_bias_model_is_not_farrell_s(monkeypatch, capsys):
+    monkeypatch.setattr(stationary, "BIAS_PSD", 9e-6)
+    monkeypatch.setattr(farrell, "SECONDS", 60)
+    assert main(["reproduce", "farrell"]) == 1
+    said = capsys.readouterr().err
+    assert all(f"does not hold: Q_d 1e6 row {row}, 1000 steps of 1 ms" in said for row in (1, 2, 3))
+
+
+def test_a_sensor_worse_than_its_sheet_fails_prasanna_s_claims(monkeypatch, capsys):
+    worse = replace(simulate.PROFILE, accel_bias_initial=20.0 * simulate.PROFILE.accel_bias_initial)
+    monkeypatch.setattr(simulate, "PROFILE", worse)
+    assert main(["reproduce", "prasanna"]) == 1
+    assert "does not hold: tilt at 10 deg" in capsys.readouterr().err
 
 
 def test_an_unknown_paper_is_a_usage_error():

@@ -4,6 +4,7 @@ A driver knows its device's data sheet. It opens no port and reads no clock: con
 (`dialogue.py`) that somebody else runs, decoders are fed with bytes.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
@@ -72,6 +73,8 @@ class ImuConfigured:
     frame_bytes: int  # on the wire per sample
     warnings: tuple[str, ...] = ()
     gyro_axes: tuple[bool, bool, bool] = (True, True, True)  # which exist; `w` of the others is 0 and means nothing
+    gyro_range: float = math.inf  # rad/s, where readings end; infinite: not known
+    accel_range: float = math.inf  # m/s^2
     request: Request | None = None  # None: it sends by itself
 
 

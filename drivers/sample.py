@@ -2,7 +2,7 @@
 
 A level sensor at rest shows f = (0, 0, -g): specific force, not gravity. Drivers write rows of a preallocated
 array of `SAMPLE`; `t_ns` is left to the clock, which fits `tick` (counter wraps removed, lost samples counted) to the
-host's time.
+host's time, and the last flags to whoever judges the sensor's health.
 """
 
 import numpy as np
@@ -16,6 +16,7 @@ SAMPLE = np.dtype(
         ("down", "<f8", (3,)),  # unit vector down as the device itself computed it; zeros where it does not
         ("temperature", "<f8"),  # degC, NaN where the sensor has none
         ("flags", "<i8"),  # bits below
+        ("unseen_s", "<f8"),  # s for which rates, or forces, have told nothing; written by the judge of health
     ],
     align=True,
 )
@@ -23,3 +24,7 @@ SAMPLE = np.dtype(
 SUSPECT = 1  # the values contradict their neighbours: damaged on the wire, hold the last good sample
 SATURATED = 2  # an axis is at the end of its range
 DEVICE_ERROR = 4  # the sensor reports a fault
+NO_RATE = 8  # the rates tell nothing: an axis is frozen or impossible
+NO_FORCE = 16  # the forces tell nothing
+LIMITED_RATE = 32  # a gyro is what is saturated
+LIMITED_FORCE = 64  # an accelerometer is

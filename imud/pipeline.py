@@ -1,10 +1,11 @@
-"""From bytes to solutions in two compiled calls: the driver's decoder; then clock and estimator.
+"""From bytes to solutions in two compiled calls: the driver's decoder; then clock, judge of health and estimator.
 
 The second is composed for each estimator from one template, so that there are drivers plus estimators to compile and
 to keep in memory, not drivers times estimators. Live and replay step with the same code, whatever the chunks in which
 the bytes came.
 """
 
+import dataclasses
 import math
 import types
 from collections.abc import Callable
@@ -13,13 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.driver import ImuConfigured
 from drivers.sample import SAMPLE
 
 from .clock import new_clock, stamp
 from .estimators import Estimator
 from .estimators.records import INNOVATION, SOLUTION
+from .health import examine, new_health
 from .kernels.jit import kernel
 from .kernels.rotation import dcm_of_quat, quat_of_euler
+from .profiles import profile_of
 from .settings import Initial, Settings
 
 Floats = NDArray[np.float64]
@@ -40,15 +44,19 @@ def mount(sample: Any, C: Floats) -> None:
         down[i] = C[3 * i] * d0 + C[3 * i + 1] * d1 + C[3 * i + 2] * d2
 
 
-def _advance(samples: Any, n: int, arrival_ns: int, clock: Any, C: Any, parameters: Any, state: Any, out: Any) -> None:
+def _advance(
+    samples: Any, n: int, arrival_ns: int, clock: Any, health: Any, C: Any, parameters: Any, state: Any, out: Any
+) -> None:
     for k in range(n):
         samples[k].t_ns = stamp(clock[0], samples[k].tick, arrival_ns)
+        examine(health[0], samples[k])
         mount(samples[k], C)
         step(parameters[0], state[0], samples[k], out[k])  # type: ignore[name-defined]  # noqa: F821
 
 
-def _run(samples: Any, C: Any, parameters: Any, state: Any, out: Any) -> None:
+def _run(health: Any, samples: Any, C: Any, parameters: Any, state: Any, out: Any) -> None:
     for k in range(len(samples)):
+        examine(health[0], samples[k])
         mount(samples[k], C)
         step(parameters[0], state[0], samples[k], out[k])  # type: ignore[name-defined]  # noqa: F821
 
@@ -80,18 +88,29 @@ class Filter:
         self.parameters = estimator.configure(settings, rate_hz)
         self.state = estimator.start(self.parameters, initial)
         self.mount = mount_matrix(settings.imu.mount_rpy_deg)
+        self._profile = profile_of(settings.imu.profile)
+        self.health = new_health(self._profile, rate_hz)
         stem = estimator.name.replace("-", "_")
         self._run = _compose(_run, f"run_{stem}", step=estimator.step)
         self._advance = _compose(_advance, f"advance_{stem}", step=estimator.step)
         self._innovations = np.zeros(16, INNOVATION)
 
+    def watch_over(self, sensor: ImuConfigured) -> None:
+        """Judge the health of this sensor from now on, by its own ranges where it knows them."""
+        ranges = {
+            name: value for name in ("gyro_range", "accel_range") if math.isfinite(value := getattr(sensor, name))
+        }
+        self.health = new_health(dataclasses.replace(self._profile, **ranges), sensor.rate_hz)
+
     def run(self, samples: Records, out: Records) -> None:
         """Step through `samples` (SAMPLE, turned to body axes in place), one solution each into `out` (SOLUTION)."""
-        self._run(samples, self.mount, self.parameters, self.state, out)
+        self._run(self.health, samples, self.mount, self.parameters, self.state, out)
 
     def advance(self, samples: Records, n: int, arrival_ns: int, clock: Records, out: Records) -> None:
         """The same with the first n of samples that still lack their time: they came at `arrival_ns`."""
-        self._advance(samples, n, arrival_ns, clock, self.mount, self.parameters, self.state, out)
+        self._advance(
+            samples, n, arrival_ns, clock, self.health, self.mount, self.parameters, self.state, out
+        )
 
     def update(self, fix: Records) -> Records:
         """Take a fix (array of one FIX); returns its innovations (INNOVATION), valid until the next call."""
@@ -114,10 +133,11 @@ class Stream:
         self.fill = 0
         self._decode = decode
 
-    def restart(self, decoder: Records, period_ns: float, delay_ns: float) -> None:
+    def restart(self, decoder: Records, configured: ImuConfigured) -> None:
         """A new connection to the sensor: forget half frames and the clock's fit, keep the filter's knowledge."""
         self.decoder, self.fill = decoder, 0
-        self.clock = new_clock(period_ns, delay_ns)
+        self.clock = new_clock(configured.period_ns, configured.delay_ns)
+        self.filter.watch_over(configured)
 
     def ingest(self, received: int, arrival_ns: int) -> int:
         """Decode, stamp and step what was written to rx[fill:fill + received]; returns how many solutions are new."""

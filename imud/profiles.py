@@ -68,3 +68,10 @@ PROFILES["mma7260"] = replace(
 # Epson M-G320, M-G354, M-G362 and later: no data sheet of their noise at hand, only that they succeeded the M-G350; so
 # its noise, with the widest ranges among them
 PROFILES["epson-windowed"] = replace(PROFILES["m-g350"], gyro_range=450.0 * _DEG, accel_range=10.0 * STANDARD_GRAVITY)
+
+DEFAULT = "consumer-mems"
+
+
+def profile_of(name: str) -> Profile:
+    """The profile called `name`; that of an unknown sensor for "auto". Raises KeyError."""
+    return PROFILES[DEFAULT if name == "auto" else name]

@@ -35,7 +35,7 @@ class Inertial:
 
     def connect(self, driver: ImuDriver, configured: ImuConfigured, now_ns: int) -> None:
         """A new connection; the filter keeps what it knows."""
-        self.stream.restart(driver.new_state(configured), configured.period_ns, configured.delay_ns)
+        self.stream.restart(driver.new_state(configured), configured)
         self.heard_ns = now_ns
         self.period_s = 1.0 / configured.rate_hz
         self.silence_ns = max(SILENCE_NS["imu"], SILENT_PERIODS * round(1e9 / configured.rate_hz))

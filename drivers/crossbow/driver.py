@@ -14,7 +14,21 @@ from numpy.typing import NDArray
 from ..dialogue import Dialogue, Exchange
 from ..driver import Identity, ImuConfigured, Options, Request, Unsupported
 from .hearing import convention, is_stream, relative, scan
-from .packet import ACCEL_FAILED, BIT, CONVENTIONS, LENGTH, PART, SURE, TICK_NS, TIMER, ZERO_INVALID, word
+from .packet import (
+    ACCEL_FAILED,
+    ACCEL_SCALE,
+    BIT,
+    CONVENTIONS,
+    LENGTH,
+    PART,
+    RANGE_LSB,
+    RATE_SCALE,
+    SURE,
+    TICK_NS,
+    TIMER,
+    ZERO_INVALID,
+    word,
+)
 from .talk import ask_packets, describe, ping, unsupported
 from .timer import spacing_ns
 
@@ -22,7 +36,7 @@ START_S = 0.2
 RATE_S = 1.0  # for which the stream is counted
 TURN_S = 1e-3  # from a request to its answer, at most
 PART_NUMBER = 300
-YAW_ONLY = (False, False, True)
+ABILITIES = (False, False, True), RANGE_LSB * RATE_SCALE, RANGE_LSB * ACCEL_SCALE  # gyro axes; ranges
 BAUD = 38400
 
 
@@ -72,7 +86,7 @@ class Crossbow:
         rate_hz = neat(1e9 / spacing_ns(timers, RATE_S * 1e9 / len(starts)))
         wire_ns = round(LENGTH * 10 / (identity.baud or BAUD) * 1e9)
         warnings = oddities(heard[starts[-1] :], summed)
-        return ImuConfigured(identity, rate_hz, TICK_NS, wire_ns, LENGTH, warnings, YAW_ONLY)
+        return ImuConfigured(identity, rate_hz, TICK_NS, wire_ns, LENGTH, warnings, *ABILITIES)
 
     def _polled(self, identity: Identity, wanted_hz: float, heard: bytes) -> ImuConfigured | None:
         """What `configure` finds in packets that were asked for."""
@@ -87,7 +101,7 @@ class Crossbow:
                 f"{wanted_hz:g} samples/s wanted, {rate_hz:g} can be asked for at {identity.baud or BAUD} baud",
             )
         ask = Request(b"G", round(1e9 / rate_hz))
-        return ImuConfigured(identity, rate_hz, TICK_NS, round(wire_s * 1e9), LENGTH, warnings, YAW_ONLY, request=ask)
+        return ImuConfigured(identity, rate_hz, TICK_NS, round(wire_s * 1e9), LENGTH, warnings, *ABILITIES, ask)
 
     def new_state(self, configured: ImuConfigured) -> NDArray[np.void]:
         """See `ImuDriver`."""

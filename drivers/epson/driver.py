@@ -117,7 +117,18 @@ def configured(
     wire_ns = round(wire_s(layout, identity.baud or Epson.bauds[0], polled) * 1e9)
     delay_ns = model.delay_ns(taps) + wire_ns
     ask = Request(burst(layout.header), round(1e9 / (EAGERNESS * rate_hz))) if polled else None
-    return ImuConfigured(identity, rate_hz, round(1e9 / rate_hz), delay_ns, layout.length, warnings, request=ask)
+    gyro_end, accel_end = model.range_lsb
+    return ImuConfigured(
+        identity,
+        rate_hz,
+        round(1e9 / rate_hz),
+        delay_ns,
+        layout.length,
+        warnings,
+        gyro_range=gyro_end * model.gyro_scale,
+        accel_range=accel_end * model.accel_scale,
+        request=ask,
+    )
 
 
 DRIVER = Epson()

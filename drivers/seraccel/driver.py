@@ -63,6 +63,7 @@ class SerAccel:
             round(stream.bytes_each),
             warnings,
             gyro_axes=(False, False, False),
+            accel_range=range_of(model).end_g * STANDARD_GRAVITY,
         )
 
     def new_state(self, configured: ImuConfigured) -> NDArray[np.void]:

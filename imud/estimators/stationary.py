@@ -28,13 +28,12 @@ from ..kernels.earth import STANDARD_GRAVITY, displaced, gravity
 from ..kernels.jit import kernel
 from ..kernels.kalman import measure, scale, shear, update
 from ..kernels.rotation import euler_of_quat, quat_of_euler, quat_of_gravity, quat_rotate, quat_rotate_back
-from ..profiles import PROFILES
+from ..profiles import profile_of
 from ..settings import Initial, Settings
 from . import Estimator, Record
 from .records import AT_REST, ATTITUDE_VALID, POSITION_VALID, REJECTING
 from .unknown import blank
 
-DEFAULT_PROFILE = "consumer-mems"
 LAMBDA = 1e-3  # 1/s
 BIAS_PSD = 8e-6  # (m/s^2)^2/s, his Q_omega
 POSITION_SIGMA = 1e-5  # m
@@ -89,8 +88,7 @@ STATE = np.dtype(
 
 def configure(settings: Settings, rate_hz: float) -> Record:
     """Parameters (PARAMETERS): noise and bias from the sensor's profile, the rest Farrell's."""
-    name = settings.imu.profile
-    profile = PROFILES[DEFAULT_PROFILE if name == "auto" else name]
+    profile = profile_of(settings.imu.profile)
     p = np.zeros(1, PARAMETERS)
     p["bias_rate"], p["bias_psd"] = LAMBDA, BIAS_PSD
     p["accel_psd"], p["bias_var"] = profile.accel_noise**2, profile.accel_bias_initial**2

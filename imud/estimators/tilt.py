@@ -25,12 +25,11 @@ from drivers.sample import SUSPECT
 from ..kernels.earth import STANDARD_GRAVITY, gravity
 from ..kernels.jit import kernel
 from ..kernels.rotation import quat_of_euler
-from ..profiles import PROFILES
+from ..profiles import profile_of
 from ..settings import Initial, Settings
 from . import Estimator, Record
 from .records import ATTITUDE_VALID, HEADING_VALID, SATURATED
 
-DEFAULT_PROFILE = "consumer-mems"
 BANDWIDTH_HZ = 1.0
 TIME_S = 1.0 / (2.0 * math.pi * BANDWIDTH_HZ)
 SLOW = 3.0  # times as slow: the second average, behind which the first one runs by twice its own lag
@@ -79,8 +78,7 @@ STATE = np.dtype(
 
 def configure(settings: Settings, rate_hz: float) -> Record:
     """Parameters (PARAMETERS) from the sensor's noise profile; a sample's noise fills half of `rate_hz`."""
-    name = settings.imu.profile
-    profile = PROFILES[DEFAULT_PROFILE if name == "auto" else name]
+    profile = profile_of(settings.imu.profile)
     p = np.zeros(1, PARAMETERS)
     p["sample_var"] = profile.accel_noise**2 * rate_hz
     p["bias_var"] = profile.accel_bias_initial**2

@@ -6,13 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...kernels.earth import STANDARD_GRAVITY, gravity
-from ...profiles import PROFILES
+from ...profiles import profile_of
 from ...settings import Initial, Settings
 from .. import Record
 from .levelling import UNIFORM
 from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, LAG, PARAMETERS, STATE, STATES
 
-DEFAULT_PROFILE = "consumer-mems"
 GRAVITY_SPREAD = 0.0015  # of standard gravity over the earth's surface, 1 sigma
 ACCEL_BIAS_S = 100.0  # in which the accelerometer's bias may change by its instability
 LAG_SPREAD = 0.003  # s, of the accelerometer behind the gyro, 1 sigma
@@ -23,8 +22,7 @@ def configure(settings: Settings, rate_hz: float) -> Record:
 
     Raises KeyError when there is no such profile.
     """
-    name = settings.imu.profile
-    profile = PROFILES[DEFAULT_PROFILE if name == "auto" else name]
+    profile = profile_of(settings.imu.profile)
     p = np.zeros(1, PARAMETERS)
     p["gap_s"] = 2.5 / rate_hz
     p["gyro_psd"] = profile.gyro_noise**2

@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 
-from ...profiles import PROFILES
+from ...profiles import profile_of
 from ...settings import Initial, Settings
 from .. import Record
 
-DEFAULT_PROFILE = "consumer-mems"
 REST_S = 5.0
 IN_RUN_S = 300.0  # time in which a bias wanders by its in-run stability
 DISTANCE, SPEED, ACCELERATION, STATES = 0, 1, 2, 3
@@ -73,8 +72,7 @@ STATE = np.dtype(
 
 def configure(settings: Settings, rate_hz: float) -> Record:
     """Parameters (PARAMETERS): Q and R, and the sensor's noise for the sigmas of dead reckoning."""
-    name = settings.imu.profile
-    profile = PROFILES[DEFAULT_PROFILE if name == "auto" else name]
+    profile = profile_of(settings.imu.profile)
     p = np.zeros(1, PARAMETERS)
     p["acceleration_walk"] = settings.ins9.acceleration_walk
     p["distance_var"] = settings.ins9.distance_var

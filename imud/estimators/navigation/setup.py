@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from imud.profiles import PROFILES
+from imud.profiles import profile_of
 from imud.settings import Initial, Settings
 
 from .. import Record
@@ -26,7 +26,6 @@ from .state import (
     WANDER,
 )
 
-DEFAULT_PROFILE = "consumer-mems"
 WALK_S = 300.0  # s in which a bias walks by its instability
 TILT_SIGMA = math.radians(20.0)  # of the first sample taken for gravity
 GIVEN_TILT = math.radians(2.0)
@@ -38,8 +37,7 @@ VEHICLES = {"free": FREE, "auto": AUTO, "land": LAND}
 
 def configure(settings: Settings, rate_hz: float) -> Record:
     """Parameters (1 element) for a sensor of `rate_hz`; profile "auto" is consumer-mems."""
-    name = settings.imu.profile
-    profile = PROFILES[DEFAULT_PROFILE if name == "auto" else name]
+    profile = profile_of(settings.imu.profile)
     p = np.zeros(1, PARAMETERS)
     r = p[0]
     r["period"] = 1.0 / rate_hz

@@ -1,0 +1,190 @@
+"""The judge of an inertial sensor's health: what is found on which axis, how soon, and what is not."""
+
+import dataclasses
+import math
+
+import numba
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, SAMPLE, SATURATED, SUSPECT
+from imud.health import examine, new_health, shown, words
+from imud.profiles import PROFILES
+
+G = 9.80665
+G350 = PROFILES["m-g350"]
+GYRO_LSB, ACCEL_LSB = math.radians(0.0125), 0.125e-3 * G
+RATE = 500
+
+
+@numba.njit(cache=True)
+def run(health, samples):
+    for i in range(len(samples)):
+        examine(health[0], samples[i])
+
+
+def noisy(seconds, rng, rate=RATE, gyro_lsbs=4.0, accel_lsbs=10.0, motion=0.0, shaking_lsbs=0.0):
+    """Quantised rates and forces of a level sensor, noise in LSB, that turns to and fro with `motion` rad/s."""
+    gyro_lsbs, accel_lsbs = (math.hypot(lsbs, shaking_lsbs) for lsbs in (gyro_lsbs, accel_lsbs))
+    t = np.arange(round(seconds * rate)) / rate
+    samples = np.zeros(len(t), SAMPLE)
+    samples["t_ns"] = 10**12 + np.rint(t * 1e9).astype(np.int64)
+    turn = motion * np.sin(2.0 * math.pi * t[:, None] * (0.31, 0.47, 0.23))
+    w = np.rint(turn / GYRO_LSB + gyro_lsbs * rng.standard_normal((len(t), 3)))
+    weight = G * np.column_stack([0.3 * motion * np.sin(t), 0.2 * motion * np.cos(2 * t), -1.0 + 0 * t])
+    f = np.rint(weight / ACCEL_LSB + accel_lsbs * rng.standard_normal((len(t), 3)))
+    samples["w"], samples["f"], samples["temperature"] = w * GYRO_LSB, f * ACCEL_LSB, 25.0
+    return samples
+
+
+def judged(samples, profile=G350, rate=RATE):
+    health = new_health(profile, rate)
+    run(health, samples)
+    return health
+
+
+def at(seconds):
+    return round(seconds * RATE)
+
+
+@pytest.mark.parametrize("axis", range(6))
+@pytest.mark.parametrize("motion", [0.0, 1.0])
+def test_one_frozen_axis_is_found_within_a_fifth_of_a_second(axis, motion):
+    samples = noisy(20.0, np.random.default_rng(axis), motion=motion)
+    values = samples["w"] if axis < 3 else samples["f"]
+    values[at(10.0) : at(15.0), axis % 3] = values[at(10.0), axis % 3]
+    run(health := new_health(G350, RATE), samples)
+    mine, other = (NO_RATE, NO_FORCE) if axis < 3 else (NO_FORCE, NO_RATE)
+    marked = np.flatnonzero(samples["flags"] & mine)
+    assert at(10.0) < marked[0] < at(10.2)
+    assert np.array_equal(marked, np.arange(marked[0], at(15.0)))
+    assert not (samples["flags"] & other).any()
+    assert samples["unseen_s"][marked] == pytest.approx((marked - at(10.0)) / RATE, abs=2.5 / RATE)
+    assert not samples["unseen_s"][: at(10.0)].any()
+    assert not samples["unseen_s"][at(15.0) :].any()
+    name = "xyz"[axis % 3]
+    assert words(shown(judged(samples[: at(15.0)]))) == (f"{'gyro' if axis < 3 else 'accelerometer'} {name} frozen",)
+    assert shown(health) == 0  # seconds ago
+
+
+def test_a_freeze_is_found_between_damaged_frames():
+    rng = np.random.default_rng(3)
+    samples = noisy(12.0, rng)
+    samples["w"][at(10.0) :] = samples["w"][at(10.0)]
+    damaged = rng.random(len(samples)) < 0.03
+    samples["w"][damaged] += 1.0
+    samples["flags"][damaged] = SUSPECT
+    run(new_health(G350, RATE), samples)
+    marked = np.flatnonzero(samples["flags"] & NO_RATE)
+    assert marked[0] < at(10.2)
+    assert not samples["flags"][damaged & (np.arange(len(samples)) < at(10.0))].max() & NO_RATE
+
+
+@pytest.mark.parametrize("lsbs", [0.0, 0.05, 0.2, 0.4, 0.7, 1.0])
+@pytest.mark.parametrize("before", ["rest", "motion", "vibration"])
+@pytest.mark.parametrize("rate", [50, 500])
+def test_a_quiet_sensor_of_coarse_resolution_is_not_frozen(lsbs, before, rate):
+    rng = np.random.default_rng(5)
+    motion, shaking_lsbs = {"rest": (0.0, 0.0), "motion": (1.0, 0.0), "vibration": (1.0, 30.0)}[before]
+    busy = noisy(20.0, rng, rate, lsbs, lsbs, motion, shaking_lsbs)
+    samples = np.concatenate([busy, noisy(60.0, rng, rate, lsbs, lsbs)])
+    samples["t_ns"] = 10**12 + np.arange(len(samples)) * 10**9 // rate
+    # the maker promises as little noise as there is
+    quiet = dataclasses.replace(
+        G350,
+        gyro_noise=min(lsbs, 0.9) * GYRO_LSB / math.sqrt(0.5 * rate),
+        accel_noise=min(lsbs, 0.9) * ACCEL_LSB / math.sqrt(0.5 * rate),
+    )
+    run(new_health(quiet, rate), samples)
+    assert not samples["flags"].any()
+
+
+def test_a_simulated_sensor_without_noise_is_not_frozen():
+    t = np.arange(60 * RATE) / RATE
+    samples = noisy(60.0, np.random.default_rng(0))
+    move = np.where((t > 10.0) & (t < 40.0), np.sin(t), 0.0)
+    samples["w"] = move[:, None] * (0.3, 0.2, 1.0)
+    samples["f"] = np.column_stack([move, 0.5 * move, -G + 0.0 * t])
+    run(new_health(G350, RATE), samples)
+    assert not samples["flags"].any()
+
+
+def test_a_sensor_that_always_holds_its_values_for_a_while_is_not_frozen():
+    slow = noisy(60.0, np.random.default_rng(1), rate=20)
+    samples = np.repeat(slow, 25)
+    samples["t_ns"] = 10**12 + np.arange(len(samples)) * 2_000_000
+    run(new_health(G350, RATE), samples)
+    assert not samples["flags"].any()
+
+
+@settings(max_examples=50)
+@given(st.integers(0, 10**6), st.floats(0.0, 30.0), st.sampled_from([15.625, 125.0, 1000.0]), st.floats(0.0, 2.0))
+def test_noise_alone_is_never_a_finding(seed, lsbs, rate, motion):
+    samples = noisy(20000.0 / rate, np.random.default_rng(seed), rate, lsbs, lsbs, motion)
+    run(new_health(G350, rate), samples)
+    assert not samples["flags"].any()
+
+
+def test_the_ends_of_the_range_are_told_by_axis():
+    samples = noisy(5.0, np.random.default_rng(2))
+    samples["w"][at(3.5) : at(3.7), 1] = -G350.gyro_range
+    samples["f"][at(4.0) : at(4.1), 0] = G350.accel_range
+    health = judged(samples)
+    limited_rate = np.flatnonzero(samples["flags"] & LIMITED_RATE)
+    limited_force = np.flatnonzero(samples["flags"] & LIMITED_FORCE)
+    assert np.array_equal(limited_rate, np.arange(at(3.5), at(3.7)))
+    assert np.array_equal(limited_force, np.arange(at(4.0), at(4.1)))
+    assert (samples["flags"][limited_rate] & SATURATED).all()
+    assert not (samples["flags"] & (NO_RATE | NO_FORCE)).any()
+    assert words(shown(health)) == ("gyro y at the end of its range", "accelerometer x at the end of its range")
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf, 1e6])
+def test_what_cannot_be_is_not_taken(wrong):
+    samples = noisy(4.0, np.random.default_rng(2))
+    samples["w"][at(2.5) : at(2.6), 2] = wrong
+    samples["f"][at(3.0) : at(3.1), 2] = wrong
+    health = judged(samples)
+    assert np.array_equal(np.flatnonzero(samples["flags"] & NO_RATE), np.arange(at(2.5), at(2.6)))
+    assert np.array_equal(np.flatnonzero(samples["flags"] & NO_FORCE), np.arange(at(3.0), at(3.1)))
+    assert samples["unseen_s"][at(2.6) - 1] == pytest.approx(0.1, abs=0.003)
+    assert words(shown(health)) == ("gyro z impossible", "accelerometer z impossible")
+    assert np.isfinite(health["force2"]).all()
+
+
+def test_nothing_at_all_is_found_at_once_even_from_the_start():
+    samples = noisy(1.0, np.random.default_rng(2))
+    samples["w"] = samples["f"] = 0.0
+    assert "shows nothing" in words(shown(judged(samples)))[0]
+    assert np.flatnonzero(samples["flags"] & NO_FORCE)[0] < 10
+
+
+def test_a_force_unlike_gravity_for_long():
+    samples = noisy(60.0, np.random.default_rng(2))
+    samples["f"][at(5.0) : at(7.0)] *= 2.4  # a hard landing
+    samples["f"][at(30.0) :] *= 0.3
+    judged(samples)
+    marked = np.flatnonzero(samples["flags"] & NO_FORCE)
+    assert at(32.0) < marked[0] < at(50.0)
+
+
+def test_temperature():
+    samples = noisy(1.0, np.random.default_rng(2))
+    samples["temperature"] = math.nan  # has none
+    assert shown(judged(samples)) == 0
+    samples["temperature"] = 1000.0
+    assert words(shown(judged(samples))) == ("temperature is impossible",)
+
+
+def test_a_finding_that_comes_and_goes_stays():
+    samples = noisy(5.0, np.random.default_rng(2))
+    samples["w"][at(1.0) :: 50, 0] = G350.gyro_range
+    health = new_health(G350, RATE)
+    run(health, samples[: at(1.0) + 1])
+    seen = set()
+    for k in range(at(1.0) + 1, len(samples), 10):
+        run(health, samples[k : k + 10])
+        seen.add(shown(health))
+    assert len(seen) == 1

@@ -108,9 +108,7 @@ class Filter:
 
     def advance(self, samples: Records, n: int, arrival_ns: int, clock: Records, out: Records) -> None:
         """The same with the first n of samples that still lack their time: they came at `arrival_ns`."""
-        self._advance(
-            samples, n, arrival_ns, clock, self.health, self.mount, self.parameters, self.state, out
-        )
+        self._advance(samples, n, arrival_ns, clock, self.health, self.mount, self.parameters, self.state, out)
 
     def update(self, fix: Records) -> Records:
         """Take a fix (array of one FIX); returns its innovations (INNOVATION), valid until the next call."""

@@ -11,14 +11,16 @@ from dataclasses import dataclass, replace
 from itertools import zip_longest
 
 from .dialogue import Dialogue, Exchange
-from .driver import AnyDriver, Identity, Unsupported
+from .driver import AnyDriver, Identity, SpiDriver, Unsupported
 from .registry import by_name, drivers
+from .transport.portspec import PortSpec
 
 TURNS = 3
 CHATTER = 16  # bytes; fewer are glitches of a line that is idle, or being plugged
 PLENTY = 1024  # bytes in which any driver recognises its device
 GARBAGE, TEXT_SHARE = 200, 0.7  # bytes after which, with less text than that, nothing will be recognised any more
 SHOWN, TEXT_SHOWN = 24, 90  # bytes
+START_S = 0.4  # between turns on SPI: a device may be starting up
 
 
 @dataclass(frozen=True)
@@ -69,8 +71,38 @@ def _shown(heard: bytes) -> str:
     return repr(heard[:TEXT_SHOWN].decode("ascii", "replace").strip())
 
 
+@dataclass(frozen=True)
+class NoAnswer:
+    """Nothing that is known answers on an SPI line."""
+
+    readonly: bool
+
+    def __str__(self) -> str:
+        if self.readonly:
+            return "a device on SPI says nothing unasked, and nothing may be written"
+        return "nothing known answers on SPI: is it powered, wired (CS, SCLK, MOSI, MISO) and set to SPI?"
+
+
 Found = Identity | Unsupported
-Finding = Silence | Chatter
+Finding = Silence | Chatter | NoAnswer
+
+
+def search(spec: PortSpec, readonly: bool = False) -> Dialogue[Found | Finding]:
+    """The device on the port as the user named it, or why there is none."""
+    if spec.spi:
+        return detect_spi(spec.driver, readonly)
+    return detect(spec.driver, spec.baud, readonly)
+
+
+def detect_spi(driver: str | None = None, readonly: bool = False) -> Dialogue[Found | Finding]:
+    """The device on an SPI line. It says nothing by itself, so every driver asks."""
+    among = (by_name(driver),) if driver else drivers()
+    for _ in range(0 if readonly else TURNS):
+        for one in among:
+            if isinstance(one, SpiDriver) and (found := (yield from one.identify_spi())):
+                return found
+        yield Exchange(listen_s=START_S)
+    return NoAnswer(readonly)
 
 
 def detect(driver: str | None = None, baud: int | None = None, readonly: bool = False) -> Dialogue[Found | Finding]:

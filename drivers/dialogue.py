@@ -8,12 +8,15 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import TypeVar
 
+from .spi import Bus, Fetch
+
 
 @dataclass(frozen=True)
 class Exchange:
     """Send, then listen. The transport answers with the bytes received meanwhile.
 
-    baud: change the line's speed first. discard: throw away what is waiting in the input first.
+    baud: change the line's speed first. discard: throw away what is waiting in the input first. spi: on such a line,
+    set the bus up first, or begin to fetch samples; `send` then are 16-bit words, and what is heard their answers.
     listen_s: longest time to listen. enough: stop earlier when this is true of the bytes so far.
     """
 
@@ -22,6 +25,7 @@ class Exchange:
     enough: Callable[[bytes], bool] | None = None
     baud: int | None = None
     discard: bool = False
+    spi: Bus | Fetch | None = None
 
 
 Result = TypeVar("Result")

@@ -7,7 +7,7 @@ A driver knows its device's data sheet. It opens no port and reads no clock: con
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,9 @@ class Identity:
     model: str
     serial: str = ""
     firmware: str = ""
-    baud: int = 0
+    baud: int = 0  # also 0 on SPI
     profile: str = ""  # name of the noise profile that fits this model
+    spi: bool = False  # how it is connected
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,8 @@ class Unsupported:
     baud: int = 0
 
     def __str__(self) -> str:
-        return f"found {self.model} at {self.baud} baud, but it cannot be used: {self.why}"
+        at = f" at {self.baud} baud" if self.baud else ""
+        return f"found {self.model}{at}, but it cannot be used: {self.why}"
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,8 @@ class ImuConfigured:
     identity: Identity
     rate_hz: float  # samples per second, nominal
     period_ns: int  # between ticks, nominal
-    delay_ns: int  # from a sample's instant to its last byte at best: the sensor's filter and the wire
+    delay_ns: int  # from a sample's instant to its arrival at best: the sensor's filter, and the wire up to the last
+    # byte; on SPI to the moment when it may be fetched
     frame_bytes: int  # on the wire per sample
     warnings: tuple[str, ...] = ()
     gyro_axes: tuple[bool, bool, bool] = (True, True, True)  # which exist; `w` of the others is 0 and means nothing
@@ -167,6 +170,14 @@ class GnssDriver(Driver, Protocol):
 
     def new_decoder(self) -> GnssDecoder:
         """A fresh decoder."""
+
+
+@runtime_checkable
+class SpiDriver(Protocol):
+    """What a driver has besides if its devices speak SPI, too. `configure` then goes by `Identity.spi`."""
+
+    def identify_spi(self) -> Dialogue[Identity | Unsupported | None]:
+        """Ask on an SPI line, as `identify` does on a serial one."""
 
 
 AnyDriver = ImuDriver | GnssDriver

@@ -5,6 +5,7 @@ PortError
 ├── PortDeniedError    the user may not open it
 ├── PortBusyError      another process has it
 ├── NotSerialError     it exists, but is no serial line
+├── PortSupportError   a package without which this kind of port cannot be used is not installed
 └── PortLostError      it was open and went away, or fails at input or output
 SpecError         a port that was written in a way that cannot be understood
 """
@@ -32,6 +33,10 @@ class PortBusyError(PortError):
 
 class NotSerialError(PortError):
     """The path is not a serial line."""
+
+
+class PortSupportError(PortError):
+    """A Python package that this kind of port needs is missing, or of a wrong version."""
 
 
 class PortLostError(PortError):

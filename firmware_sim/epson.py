@@ -1,4 +1,4 @@
-"""What Epson's inertial sensors have in common, from the device's side of a UART: commands, modes, sampling, resets.
+"""What Epson's inertial sensors have in common, from the device's side: registers, modes, sampling, resets; its UART.
 
 A model adds its register map and the words of its frames. Where sources are silent the emulator does what is hardest
 on the host but still plausible: a command that is not exactly two bytes and CR is ignored, and so is everything but
@@ -9,6 +9,7 @@ import abc
 import logging
 import math
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from .noise import ImuErrors
@@ -20,6 +21,7 @@ _STALL_S = 25e-6  # from the end of a command to its answer
 _CR = 0x0D
 _ALL_NEW = 0xFE00  # FLAG b15-9: temperature, gyro x y z, accelerometer x y z
 _MODE_STAT, _NOT_READY, _SELF_TEST = 0x0400, 0x0400, 0x0400  # b10 of MODE_CTRL, GLOB_CMD, MSC_CTRL
+_DRDY_HIGH = 0x0006  # of MSC_CTRL: that line is on, and high when a sample is there
 _UART_OVERRUN = 0x0008  # of DIAG_STAT
 
 Key = tuple[int, int]  # window, and address of the low byte
@@ -27,6 +29,10 @@ Key = tuple[int, int]  # window, and address of the low byte
 BINARY_RATES = {code: 1 << code for code in range(1, 8)}  # rate code -> ticks per sample: 1000 to 15.625 /s
 
 _log = logging.getLogger("firmware_sim.epson")
+
+
+def _nobody(_t: float) -> None:
+    """The line is not wired."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +85,7 @@ class EpsonSensor(abc.ABC):
         self._count_step = count_step
         self._sampler: Sampler | None = None
         self._count = self._step = 0
+        self.on_data_ready: Callable[[float], None] = _nobody  # told when that line rises
         self._reset(0.0)
 
     def receive(self, data: bytes, t: float) -> None:
@@ -100,15 +107,22 @@ class EpsonSensor(abc.ABC):
             self._sample = self._sampler.row()
             self._count = (self._count + self._step) & 0xFFFF
             self._fresh = _ALL_NEW & self._word[self.map.signal]
-            if not self._auto:
+            if self._word[self.map.test] & _DRDY_HIGH == _DRDY_HIGH:
+                self.on_data_ready(due)  # low since it was read, or for a moment before
+            if not self.auto:
                 continue
             if self.uart.backlog(due) > self._frame_size:
                 self._word[self.map.diagnosis] |= _UART_OVERRUN
             else:
                 self.uart.send(self._frame(), due)
 
+    @property
+    def next_sample(self) -> float:
+        """When it will be there; infinite while none are taken."""
+        return math.inf if self._sampler is None else self._sampler.next_time
+
     def deadline(self) -> float:
-        if self._sampler is None or not self._auto:
+        if self._sampler is None or not self.auto:
             return math.inf
         return self.uart.earliest(self._sampler.next_time, self._frame_size)
 
@@ -121,13 +135,12 @@ class EpsonSensor(abc.ABC):
         """What stands between header and CR."""
 
     @property
-    def _auto(self) -> bool:
+    def auto(self) -> bool:
+        """Whether samples are sent on the UART unasked; then no register can be read."""
         return self._sampler is not None and bool(self._word[self.map.uart] & 1)
 
     def _frame(self) -> bytes:
-        frame = bytes((self.header,)) + self._fields() + b"\r"
-        self._fresh = 0
-        return frame
+        return bytes((self.header,)) + self.burst() + b"\r"
 
     @property
     def _frame_size(self) -> int:
@@ -157,21 +170,36 @@ class EpsonSensor(abc.ABC):
         self._ready_at = t + START_UP_S
         self._tested_at = t
 
+    def listens(self, address: int, t: float) -> bool:
+        """Whether a command is taken: during start-up all but the NOT_READY poll are ignored."""
+        return t >= self._ready_at or address & 0x7F in (self.map.command[1], self.map.window)
+
+    def is_burst(self, address: int, value: int) -> bool:
+        """Whether a command asks for all data at once."""
+        return (self._window, address) == self.map.burst and value == 0
+
+    def burst(self) -> bytes:
+        """All data, high bytes first."""
+        fields = self._fields()
+        self._fresh = 0
+        return fields
+
     def _execute(self, address: int, value: int, t: float) -> None:
-        polling = address & 0x7F in (self.map.command[1], self.map.window)
-        if t < self._ready_at and not polling:
+        if not self.listens(address, t):
             return
         line = 3 * BITS / self.uart.baud  # the command itself was on the line
-        if (self._window, address) == self.map.burst and value == 0:
-            if not self._auto:
+        if self.is_burst(address, value):
+            if not self.auto:
                 self.uart.send(self._frame(), t + line + _STALL_S)
         elif address & 0x80:
-            self._write(address & 0x7F, value, t)
-        elif not self._auto:
-            word = self._read((self._window, address & 0x7E), t)
+            self.write(address & 0x7F, value, t)
+        elif not self.auto:
+            word = self.read(address & 0x7E, t)
             self.uart.send(struct.pack(">BHB", address & 0x7E, word, _CR), t + line + _STALL_S)
 
-    def _read(self, key: Key, t: float) -> int:
+    def read(self, address: int, t: float) -> int:
+        """The word of a register in the window that is open."""
+        key = self._window, address
         if key in self.map.data:
             index = self.map.data.index(key)
             self._fresh &= ~(0x8000 >> index)
@@ -187,7 +215,8 @@ class EpsonSensor(abc.ABC):
         live: dict[Key, int] = {self.map.flag: self._flag, self.map.count: self._count}
         return live.get(key, value | busy.get(key, 0))
 
-    def _write(self, address: int, value: int, t: float) -> None:
+    def write(self, address: int, value: int, t: float) -> None:
+        """Write one byte of a register in the window that is open."""
         if address == self.map.window:
             self._window = value & 1
             return
@@ -217,4 +246,4 @@ class EpsonSensor(abc.ABC):
             self._step = decimation if self._count_step is None else self._count_step
             self._sampler = Sampler(self._signal, self._errors, t, decimation, taps, self._oscillator, self._words)
             self._sampler.prepare()
-            _log.info("sampling %g/s, %d taps, %s", TICK_HZ / decimation, taps, "auto" if self._auto else "polled")
+            _log.info("sampling %g/s, %d taps, %s", TICK_HZ / decimation, taps, "auto" if self.auto else "polled")

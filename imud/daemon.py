@@ -19,6 +19,7 @@ import structlog
 
 from drivers.driver import AnyDriver, Identity, ImuConfigured, ImuDriver, Options
 from drivers.errors import PortLostError, SpecError
+from drivers.transport.line import Line
 from drivers.transport.portspec import PortSpec
 
 from . import compilation, realtime, runtime
@@ -70,7 +71,7 @@ class Daemon:
             self_test=imu.self_test,
             fix_rate_hz=fix_rate_hz,
         )
-        specs = [_spec(text) for text in settings.ports]
+        specs = [_spec(text, settings) for text in settings.ports]
         readonly = _readonly(settings.readonly, [spec.path for spec in specs])
         self._ports = [
             Port(spec, replace(options, readonly=spec.path in readonly), self, patient=wait) for spec in specs
@@ -160,7 +161,7 @@ class Daemon:
         try:
             if self._imu and port is self._imu[0]:
                 inertial = self._imu[1]
-                if n := inertial.read(fd, now_ns):
+                if n := inertial.read(now_ns):
                     newest = inertial.stream.solutions[n - 1]
                     self._status = int(newest["status"])
                     if self._load.leaves_time_to_publish(n, inertial.period_s, now_ns):
@@ -252,7 +253,7 @@ class Daemon:
         now_ns = time.monotonic_ns()
         facts: dict[str, Any] = {"port": port.spec.path, "device": identity.model or driver.name, "baud": identity.baud}
         if isinstance(configured, ImuConfigured) and driver.kind == "imu":
-            self._imu = (port, self._connect_inertial(driver, configured, now_ns))
+            self._imu = (port, self._connect_inertial(port.line, driver, configured, now_ns))
             facts |= {"serial": identity.serial, "firmware": identity.firmware, "rate_hz": configured.rate_hz}
         elif driver.kind == "gnss":
             self._gnss = (port, Receiver(driver, self._settings.gnss, now_ns))
@@ -273,7 +274,7 @@ class Daemon:
         streaming = [pair[0] for pair in (self._imu, self._gnss) if pair and pair[0].configured]
         self._devices = tuple(_device(port) for port in streaming)
 
-    def _connect_inertial(self, driver: ImuDriver, configured: ImuConfigured, now_ns: int) -> Inertial:
+    def _connect_inertial(self, line: Line, driver: ImuDriver, configured: ImuConfigured, now_ns: int) -> Inertial:
         settings = _resolved(self._settings, configured.identity)
         self._estimator = self._fitting(configured)
         about_hz = round(math.log(configured.rate_hz) / RATE_STEP)  # a rate that was heard varies a little
@@ -282,7 +283,7 @@ class Daemon:
             filter_ = Filter(self._estimator, settings, Initial(), configured.rate_hz)
             self._inertial = Inertial(Stream(driver.decode, driver.new_state(configured), filter_))
             self._settled = made_for
-        self._inertial.connect(driver, configured, now_ns)
+        self._inertial.connect(line, driver, configured, now_ns)
         return self._inertial
 
     def _fitting(self, configured: ImuConfigured) -> Estimator:
@@ -306,9 +307,10 @@ class Daemon:
             self._log.info("ended", samples=self._inertial.samples, **self._inertial.counters())
 
 
-def _spec(text: str) -> PortSpec:
+def _spec(text: str, settings: Settings) -> PortSpec:
     try:
-        return PortSpec.parse(text)
+        spec = PortSpec.parse(text)
+        return replace(spec, data_ready=settings.spi.data_ready or None) if spec.spi else spec
     except SpecError as error:
         raise UsageError(str(error)) from error
 

@@ -11,14 +11,14 @@ from typing import Any, Protocol
 
 import structlog
 
-from drivers.detect import Finding, detect
+from drivers.detect import Finding, search
 from drivers.dialogue import Dialogue
 from drivers.driver import AnyDriver, GnssConfigured, Identity, ImuConfigured, Options, Request, Unsupported
-from drivers.errors import NotSerialError, PortBusyError, PortDeniedError, PortError
+from drivers.errors import NotSerialError, PortBusyError, PortDeniedError, PortError, PortSupportError
 from drivers.registry import by_name
 from drivers.transport.conversation import Conversation
+from drivers.transport.line import Line, open_line
 from drivers.transport.portspec import PortSpec
-from drivers.transport.serial import SerialPort
 
 from .errors import DeviceAbsentError, ImudError, InputOutputError, PermissionDeniedError
 
@@ -30,6 +30,7 @@ _FATAL: dict[type[PortError], type[ImudError]] = {  # at the start; later the de
     PortDeniedError: PermissionDeniedError,
     PortBusyError: InputOutputError,
     NotSerialError: InputOutputError,
+    PortSupportError: DeviceAbsentError,
 }
 
 
@@ -43,7 +44,7 @@ class Host(Protocol):
 
 
 class Port:
-    """A serial port and what is known of the device on it."""
+    """A port and what is known of the device on it."""
 
     def __init__(self, spec: PortSpec, options: Options, host: Host, patient: bool) -> None:
         self.spec, self.options = spec, options
@@ -53,7 +54,7 @@ class Port:
         self.connects = 0
         self._host, self._patient = host, patient
         self._log = structlog.get_logger().bind(port=spec.path)
-        self._line: SerialPort | None = None
+        self._line: Line | None = None
         self._talk: Conversation[Any] | None = None
         self._then: Callable[[Any], None] = lambda result: None
         self._retry_s = _FIRST_RETRY_S
@@ -62,6 +63,12 @@ class Port:
     def fd(self) -> int:
         """The open descriptor; -1 while there is none."""
         return self._line.fd if self._line else -1
+
+    @property
+    def line(self) -> Line:
+        """The open line; while it streams."""
+        assert self._line is not None
+        return self._line
 
     def on_time(self, now_s: float) -> None:
         """Something is due: another try, or the end of a listening."""
@@ -97,7 +104,7 @@ class Port:
 
     def _open(self) -> None:
         try:
-            self._line = SerialPort(self.spec)
+            self._line = open_line(self.spec)
         except PortError as error:
             fatal = _FATAL.get(type(error))
             if fatal and not self.connects:
@@ -107,7 +114,7 @@ class Port:
         self._host.watch(self, self._line.fd)
         if self.story == _UNTRIED:
             self._tell("looking for a device")
-        self._converse(detect(self.spec.driver, self.spec.baud, readonly=self.options.readonly), self._detected)
+        self._converse(search(self.spec, self.options.readonly), self._detected)
 
     def _converse(self, dialogue: Dialogue[Any], then: Callable[[Any], None]) -> None:
         assert self._line is not None
@@ -152,7 +159,7 @@ class Port:
         self.story = "streaming"
         for warning in configured.warnings:
             self._log.warning(warning)
-        if driver.kind == "imu" and self.options.polled and not asked:
+        if driver.kind == "imu" and self.options.polled and not (asked or configured.identity.spi):
             self._log.warning("this sensor cannot be asked for its samples: it sends them by itself")
         self._host.connected(self, driver, configured)
 

@@ -7,12 +7,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from drivers.detect import detect
+from drivers.detect import search
 from drivers.driver import Identity
 from drivers.errors import PortError, SpecError
 from drivers.transport.conversation import run_dialogue
+from drivers.transport.line import open_line
 from drivers.transport.portspec import PortSpec
-from drivers.transport.serial import SerialPort
 
 from .errors import DeviceAbsentError, UsageError
 
@@ -20,7 +20,12 @@ _CANDIDATES = ("ttyUSB*", "ttyACM*", "ttyAMA*", "serial[0-9]*")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("port", nargs="*", metavar="DEV[:DRIVER[@BAUD]]", help="default: every serial port there is")
+    parser.add_argument(
+        "port",
+        nargs="*",
+        metavar="DEV[:DRIVER[@BAUD]]",
+        help="default: every serial port there is; SPI only if named (spi:0.0)",
+    )
     parser.add_argument("--readonly", action="store_true", help="only listen, write nothing")
     parser.add_argument("--json", action="store_true", help="one JSON object per port")
 
@@ -35,9 +40,9 @@ def candidates(root: Path = Path("/")) -> list[str]:
 def examine(spec: PortSpec, readonly: bool) -> dict[str, Any]:
     """What is on the port: the identity's fields, or `problem` in words."""
     try:
-        line = SerialPort(spec)
+        line = open_line(spec)
         try:
-            found = run_dialogue(line, detect(spec.driver, spec.baud, readonly))
+            found = run_dialogue(line, search(spec, readonly))
         finally:
             line.close()
     except PortError as error:
@@ -52,7 +57,8 @@ def _sentence(result: dict[str, Any]) -> str:
         return f"{result['port']}: {result['problem']}"
     facts = [f"serial {result['serial']}"] * bool(result["serial"])
     facts += [f"firmware {result['firmware']}"] * bool(result["firmware"])
-    facts += [f"{result['baud']} baud", f"--port {result['port']}:{result['driver']}@{result['baud']}"]
+    named = f"--port {result['port']}:{result['driver']}"
+    facts += [named] if result["spi"] else [f"{result['baud']} baud", f"{named}@{result['baud']}"]
     return f"{result['port']}: {result['model'] or result['driver']}, {', '.join(facts)}"
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from drivers.driver import GnssDriver, ImuConfigured, ImuDriver
 from drivers.errors import PortLostError
 from drivers.fix import Fix
+from drivers.transport.line import Line
 
 from .epochs import EpochClock
 from .gnss import record, refusal
@@ -32,35 +33,34 @@ class Inertial:
         self.samples = 0
         self.period_s = 0.0  # nominal, between samples
         self._room = stream.rx.data
+        self._line: Line | None = None
 
-    def connect(self, driver: ImuDriver, configured: ImuConfigured, now_ns: int) -> None:
+    def connect(self, line: Line, driver: ImuDriver, configured: ImuConfigured, now_ns: int) -> None:
         """A new connection; the filter keeps what it knows."""
+        self._line = line
         self.stream.restart(driver.new_state(configured), configured)
         self.heard_ns = now_ns
         self.period_s = 1.0 / configured.rate_hz
         self.silence_ns = max(SILENCE_NS["imu"], SILENT_PERIODS * round(1e9 / configured.rate_hz))
 
-    def read(self, fd: int, now_ns: int) -> int:
+    def read(self, now_ns: int) -> int:
         """Read and step; returns how many solutions are new, the newest last. Raises PortLostError."""
+        assert self._line is not None
         fill = self.stream.fill
-        try:
-            received = os.readv(fd, [self._room[fill : fill + READ]])
-        except BlockingIOError:
-            return 0
-        except OSError as error:
-            raise PortLostError("", f"the device is gone ({error.strerror})") from error
+        received, arrival_ns = self._line.receive(self._room[fill : fill + READ], now_ns)
         if received == 0:
-            raise PortLostError("", "the device is gone")
-        n = self.stream.ingest(received, now_ns)
+            return 0
+        n = self.stream.ingest(received, arrival_ns)
         if n:
             self.heard_ns = now_ns
         self.samples += n
         return n
 
     def counters(self) -> dict[str, int]:
-        """What the decoder counted since this connection."""
+        """What decoder and line counted since this connection."""
         names = ("frames", "junk", "bad", "lost", "suspect", "errors")
-        return {name: int(self.stream.decoder[name][0]) for name in names}
+        counted = {name: int(self.stream.decoder[name][0]) for name in names}
+        return counted | (dict(self._line.counters) if self._line else {})
 
 
 class Receiver:

@@ -40,6 +40,19 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = False
 
 
+class Spi(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An inertial sensor on SPI."""
+
+    data_ready: Annotated[
+        str,
+        Meta(
+            pattern=r"^$|^[^:]+:[^:]+$",
+            description="CHIP:LINE of the GPIO that its data-ready pin is wired to, as `gpiochip0:24` or "
+            "`gpiochip0:GPIO24`; its edges then time the samples. Without it they are fetched by the clock.",
+        ),
+    ] = ""
+
+
 class Gnss(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The receiver."""
 
@@ -153,12 +166,16 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         str, Meta(description="Estimator by name; `auto`: `navigation` with a second port, else `attitude`.")
     ] = "auto"
     ports: Annotated[
-        tuple[str, ...], Meta(description="DEV[:DRIVER[@BAUD]] of the inertial sensor and the receiver, in any order.")
+        tuple[str, ...],
+        Meta(
+            description="DEV[:DRIVER[@BAUD]] of the inertial sensor and the receiver, in any order; SPI: spi:BUS.DEV."
+        ),
     ] = ()
     readonly: Annotated[
         bool | tuple[str, ...], Meta(description="Those DEVs to which nothing is ever written; `true`: all of them.")
     ] = False
     imu: Imu = Imu()
+    spi: Spi = Spi()
     gnss: Gnss = Gnss()
     navigation: Navigation = Navigation()
     gps_track: GpsTrack = GpsTrack()

@@ -29,6 +29,7 @@ class Dialect:
     filter: Register  # low byte
     uart: Register  # UART_CTRL
     test: Register  # MSC_CTRL
+    signal: Register  # SIG_CTRL
     diagnosis: Register  # DIAG_STAT
     command: Register  # GLOB_CMD
     product: tuple[Register, ...]
@@ -59,6 +60,7 @@ FLAT = Dialect(
     filter=Register(0x38),
     uart=Register(0x3A),
     test=Register(0x34),
+    signal=Register(0x32),
     diagnosis=Register(0x3C),
     command=Register(0x3E),
     product=_text(0x6A, None),
@@ -85,6 +87,7 @@ WINDOWED = Dialect(
     filter=Register(0x06, 1),
     uart=Register(0x08, 1),
     test=Register(0x02, 1),
+    signal=Register(0x00, 1),
     diagnosis=Register(0x04, 0),
     command=Register(0x0A, 1),
     product=_text(0x6A, 1),

@@ -1,4 +1,4 @@
-"""The driver of Epson's inertial sensors on a UART, in both dialects of the family."""
+"""The driver of Epson's inertial sensors on UART and SPI, in both dialects of the family."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,16 +16,20 @@ from .overhear import overhear
 from .registers import burst
 from .setup import (
     EAGERNESS,
+    announce,
     arrange,
     choose_range,
     examine,
     fastest,
+    is_configuring,
     program,
     self_test,
     start,
     to_configuration,
+    uart_carries,
     wire_s,
 )
+from .spi import fetch, over_spi, spi_carries
 from .talk import describe, reach
 
 
@@ -53,42 +57,65 @@ class Epson:
         dialect = yield from reach()
         return (yield from describe(dialect)) if dialect else None
 
+    def identify_spi(self) -> Dialogue[Identity | Unsupported | None]:
+        """See `SpiDriver`."""
+        return over_spi(self._identify_spi())
+
+    def _identify_spi(self) -> Dialogue[Identity | Unsupported | None]:
+        dialect = yield from reach()
+        if dialect is None or not (yield from is_configuring(dialect)):  # a dead line reads as zeros
+            return None
+        found = yield from describe(dialect)
+        return replace(found, spi=True) if isinstance(found, Identity) else found
+
     def configure(self, identity: Identity, options: Options) -> Dialogue[ImuConfigured | Unsupported | None]:
         """The nearest possible rate, the shortest filter that will do, COUNT, the finest words, automatic frames.
 
-        Readonly: the stream as it is, with the shortest filter of its rate supposed.
+        On SPI the frames are fetched. Readonly: the stream as it is, with the shortest filter of its rate supposed.
         """
         if options.readonly:
-            found = yield from overhear(identity, options.model)
-            if not isinstance(found, tuple):
-                return found
-            identity, model, rate, overheard = found
-            return configured(identity, model, rate, model.taps(rate), overheard)
+            return self._take_over(identity, options.model)
+        dialogue = self._set_up(identity, options)
+        return over_spi(dialogue) if identity.spi else dialogue
+
+    def _take_over(self, identity: Identity, named: str) -> Dialogue[ImuConfigured | Unsupported | None]:
+        found = yield from overhear(identity, named)
+        if not isinstance(found, tuple):
+            return found
+        identity, model, rate, overheard = found
+        return configured(identity, model, rate, model.taps(rate), overheard)
+
+    def _set_up(self, identity: Identity, options: Options) -> Dialogue[ImuConfigured | Unsupported | None]:
         dialect = yield from reach()
         described = (yield from describe(dialect)) if dialect else None
-        known = model_of(described.model) if isinstance(described, Identity) else None
-        if not isinstance(described, Identity) or known is None:
+        model = model_of(described.model) if isinstance(described, Identity) else None
+        if dialect is None or not isinstance(described, Identity) or model is None:
             return None
-        model = known
-        identity = replace(described, baud=identity.baud)
-        warnings = yield from to_configuration(model.dialect)
-        warnings += yield from examine(model.dialect)
+        identity = replace(described, baud=identity.baud, spi=identity.spi)
+        polled = options.polled and not identity.spi
+        warnings = yield from to_configuration(dialect)
+        warnings += yield from examine(dialect)
         warnings += yield from choose_range(model)
         if options.self_test:
-            warnings += yield from self_test(model.dialect)
+            warnings += yield from self_test(dialect)
         baud = identity.baud or self.bauds[0]
-        rate, code, layouts = fastest(model, options.rate_hz, baud, options.polled)
+        most_hz = spi_carries(dialect) if identity.spi else uart_carries(baud, polled)
+        rate, code, layouts = fastest(model, options.rate_hz, most_hz)
         if rate != options.rate_hz:
-            warnings.append(f"{options.rate_hz:g} samples/s wanted, {rate:g} is the nearest possible at {baud} baud")
-        warnings += yield from arrange(layouts)
+            line = "on SPI" if identity.spi else f"at {baud} baud"
+            warnings.append(f"{options.rate_hz:g} samples/s wanted, {rate:g} is the nearest possible {line}")
+        warnings += yield from arrange(layouts[:1] if identity.spi else layouts)
         taps = model.taps(rate, options.filter_taps)
         if taps != options.filter_taps and options.filter_taps:
             warnings.append(f"a filter of {options.filter_taps} taps wanted, {taps} are possible at {rate:g} samples/s")
-        rate, refused = yield from program(model, code, taps, options.polled)
-        layout = yield from start(model.dialect, options.polled)
+        rate, refused = yield from program(model, code, taps, automatic=not (polled or identity.spi))
+        if identity.spi:
+            yield from announce(dialect)
+        fetched = fetch(dialect, layouts[0], rate) if identity.spi else None
+        layout = yield from start(dialect, polled, fetched)
         if layout is None:
             return None
-        return configured(identity, model, rate, taps, layout, (*warnings, *refused), options.polled)
+        return configured(identity, model, rate, taps, layout, (*warnings, *refused), polled)
 
     def new_state(self, configured: ImuConfigured) -> NDArray[np.void]:
         """See `ImuDriver`."""
@@ -114,7 +141,7 @@ def configured(
     polled: bool = False,
 ) -> ImuConfigured:
     """The finding of `configure`."""
-    wire_ns = round(wire_s(layout, identity.baud or Epson.bauds[0], polled) * 1e9)
+    wire_ns = 0 if identity.spi else round(wire_s(layout, identity.baud or Epson.bauds[0], polled) * 1e9)
     delay_ns = model.delay_ns(taps) + wire_ns
     ask = Request(burst(layout.header), round(1e9 / (EAGERNESS * rate_hz))) if polled else None
     gyro_end, accel_end = model.range_lsb

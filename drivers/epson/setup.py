@@ -1,17 +1,20 @@
 """Configuring an Epson sensor, and starting its automatic stream: the same conversation in both dialects."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from ..dialogue import Dialogue, Exchange
+from ..spi import Fetch
 from .dialects import Dialect, Layout
 from .hearing import layout_of
 from .models import Model
 from .registers import (
+    ALL_NEWS,
     AUTO,
     CONFIGURE,
     CONFIGURING,
     CR,
+    DATA_READY,
     HARD_ERROR,
     POLLED,
     RESET,
@@ -35,11 +38,16 @@ SAMPLE_ANSWERS, POLL_S = 4, 0.05  # asked for to see what the frames are like; f
 FILTER_CODE = 0x1F  # of the filter register; the bit above is set while the filter changes
 
 
+def is_configuring(dialect: Dialect) -> Dialogue[bool]:
+    """Whether the sensor says that it is in configuration mode."""
+    mode = yield from ask(dialect.mode)
+    return mode is not None and bool(mode & CONFIGURING)
+
+
 def to_configuration(dialect: Dialect) -> Dialogue[list[str]]:
     """Have configuration mode confirmed, by a reset if need be; returns warnings."""
     for attempt in range(STOPS + 1):
-        mode = yield from ask(dialect.mode)
-        if mode is not None and mode & CONFIGURING:
+        if (yield from is_configuring(dialect)):
             return []
         if attempt < STOPS - 1:
             yield from put(dialect.mode, high=CONFIGURE)
@@ -77,11 +85,18 @@ def self_test(dialect: Dialect) -> Dialogue[list[str]]:
     return ["the sensor's self test does not end"]
 
 
-def most_hz(layout: Layout, baud: int, polled: bool) -> float:
-    """Samples per second that the line carries."""
-    if polled:
-        return 1.0 / (EAGERNESS * (wire_s(layout, baud, polled) + STALL_S))
-    return WIRE_SHARE / wire_s(layout, baud, polled)
+Fastest = Callable[[Layout], float]  # samples per second that a line carries
+
+
+def uart_carries(baud: int, polled: bool) -> Fastest:
+    """What a serial line carries."""
+
+    def most_hz(layout: Layout) -> float:
+        if polled:
+            return 1.0 / (EAGERNESS * (wire_s(layout, baud, polled) + STALL_S))
+        return WIRE_SHARE / wire_s(layout, baud, polled)
+
+    return most_hz
 
 
 def wire_s(layout: Layout, baud: int, polled: bool) -> float:
@@ -89,11 +104,11 @@ def wire_s(layout: Layout, baud: int, polled: bool) -> float:
     return (layout.length + COMMAND_BYTES * polled) * 10 / baud
 
 
-def fastest(model: Model, wanted_hz: float, baud: int, polled: bool) -> tuple[float, int, tuple[Layout, ...]]:
+def fastest(model: Model, wanted_hz: float, most_hz: Fastest) -> tuple[float, int, tuple[Layout, ...]]:
     """Rate nearest to `wanted_hz` that fits on the line, its code, and the layouts with which it does, best first."""
 
     def fits(layout: Layout, hz: float) -> bool:
-        return hz <= most_hz(layout, baud, polled)
+        return hz <= most_hz(layout)
 
     layouts = model.dialect.layouts
     slowest = min(model.rates.values())
@@ -103,13 +118,13 @@ def fastest(model: Model, wanted_hz: float, baud: int, polled: bool) -> tuple[fl
     return rate, code, tuple(layout for layout in layouts if fits(layout, rate)) or layouts[-1:]
 
 
-def program(model: Model, code: int, taps: int, polled: bool) -> Dialogue[tuple[float, list[str]]]:
-    """Write rate, filter and automatic or polled mode, and read them back; returns the true rate and warnings."""
+def program(model: Model, code: int, taps: int, automatic: bool) -> Dialogue[tuple[float, list[str]]]:
+    """Write rate, filter and UART mode, and read them back; returns the true rate and warnings."""
     dialect, rate, warnings = model.dialect, model.rates[code], list[str]()
     filter_code = model.tap_codes[taps]
     yield from put(dialect.rate, high=code)
     yield from put(dialect.filter, low=filter_code)
-    yield from put(dialect.uart, low=POLLED if polled else AUTO)
+    yield from put(dialect.uart, low=AUTO if automatic else POLLED)
     kept = yield from ask(dialect.rate)
     if kept is not None and kept >> 8 != code:
         rate = dialect.rates.get(kept >> 8, rate)
@@ -118,6 +133,12 @@ def program(model: Model, code: int, taps: int, polled: bool) -> Dialogue[tuple[
     if kept is not None and kept & FILTER_CODE != filter_code:
         warnings.append(f"the sensor keeps filter code {kept & FILTER_CODE} instead of {filter_code}")
     return rate, warnings
+
+
+def announce(dialect: Dialect) -> Dialogue[None]:
+    """Have new samples flagged, and announced on the data-ready line."""
+    yield from put(dialect.signal, high=ALL_NEWS)
+    yield from put(dialect.test, low=DATA_READY)
 
 
 def keeps(settings: Sequence[Setting]) -> Dialogue[bool]:
@@ -139,8 +160,11 @@ def arrange(layouts: Sequence[Layout]) -> Dialogue[list[str]]:
     return ["the sensor does not keep what its frames shall hold"]
 
 
-def start(dialect: Dialect, polled: bool) -> Dialogue[Layout | None]:
-    """Begin sampling; returns the layout of the frames that come, None if none do. Leaves window 0 open."""
+def start(dialect: Dialect, polled: bool, fetch: Fetch | None = None) -> Dialogue[Layout | None]:
+    """Begin sampling; returns the layout of the frames that come, or are fetched; None if none are.
+
+    Leaves window 0 open.
+    """
     for _ in range(2):
         yield from select(dialect.mode)
         if polled:
@@ -153,6 +177,7 @@ def start(dialect: Dialect, polled: bool) -> Dialogue[Layout | None]:
             STREAM_S,
             enough=lambda heard: layout_of(heard, dialect.layouts) is not None,
             discard=True,
+            spi=fetch,
         )
         if layout := layout_of(heard, dialect.layouts):
             return layout

@@ -3,9 +3,10 @@
 import select
 import time
 from collections.abc import Callable
-from typing import Generic, Protocol
+from typing import Generic, Protocol, runtime_checkable
 
 from ..dialogue import Dialogue, Exchange, Result
+from ..spi import Bus, Fetch
 
 
 class Port(Protocol):
@@ -26,6 +27,14 @@ class Port(Protocol):
 
     def read(self) -> bytes:
         """What is waiting, without blocking."""
+
+
+@runtime_checkable
+class SpiTarget(Protocol):
+    """What it needs besides of an SPI line."""
+
+    def set_spi(self, setup: Bus | Fetch) -> None:
+        """Set the bus up, or begin to fetch samples."""
 
 
 class Conversation(Generic[Result]):
@@ -75,6 +84,8 @@ class Conversation(Generic[Result]):
     def _begin(self, exchange: Exchange) -> None:
         if exchange.baud is not None:
             self._port.set_baud(exchange.baud)
+        if exchange.spi is not None and isinstance(self._port, SpiTarget):
+            self._port.set_spi(exchange.spi)
         if exchange.discard:
             self._port.discard()
         if exchange.send:

@@ -10,6 +10,7 @@ from ..registry import names
 
 SUFFIX = re.compile(r"(?P<driver>[A-Za-z][\w-]*)?(?:@(?P<baud>.*))?")
 SCHEME = re.compile(r"(?:spi|replay|sim):")
+SPI = re.compile(r"spi:(\d+)\.(\d+)")
 BAUDS = range(50, 4_000_001)
 
 
@@ -20,14 +21,28 @@ class PortSpec:
     path: str  # or spi:BUS.DEV, replay:FILE, sim:SCENARIO
     driver: str | None = None
     baud: int | None = None
+    data_ready: str | None = None  # CHIP:LINE of the line on which an SPI device says that a sample is there
 
     def __str__(self) -> str:
         baud = "" if self.baud is None else f"@{self.baud}"
         return f"{self.path}:{self.driver or ''}{baud}" if self.driver or baud else self.path
 
+    @property
+    def spi(self) -> tuple[int, int] | None:
+        """Bus and device (chip select), if this is an SPI port."""
+        numbers = SPI.fullmatch(self.path)
+        return (int(numbers[1]), int(numbers[2])) if numbers else None
+
     @classmethod
     def parse(cls, text: str, drivers: Collection[str] | None = None) -> "PortSpec":
         """The parts of `text`; `drivers` are the names that count, by default all. Raises SpecError."""
+        spec = cls._split(text, drivers)
+        if spec.path.startswith("spi:") and (spec.spi is None or spec.baud is not None):
+            raise SpecError(f"port {text!r}: write spi:BUS.DEVICE[:DRIVER], for example spi:0.0 for /dev/spidev0.0")
+        return spec
+
+    @classmethod
+    def _split(cls, text: str, drivers: Collection[str] | None) -> "PortSpec":
         known = names() if drivers is None else drivers
         scheme = SCHEME.match(text)
         start = scheme.end() if scheme else 0

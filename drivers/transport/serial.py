@@ -5,13 +5,13 @@ Reading never blocks. A line that went away shows itself as EIO, ENODEV, EBADF o
 """
 
 import contextlib
-import errno
 import fcntl
 import grp
 import os
 import pwd
 import stat
 import termios
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NoReturn
 
@@ -20,11 +20,8 @@ import serial
 from ..errors import NotSerialError, PortAbsentError, PortBusyError, PortDeniedError, PortError, PortLostError
 from .holders import holders, is_pty
 from .portspec import PortSpec
+from .reasons import ABSENT, BUSY, DENIED, UNFIT, reason
 
-ABSENT = {errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.ENOTDIR}
-DENIED = {errno.EACCES, errno.EPERM}
-BUSY = {errno.EBUSY, errno.EAGAIN}
-NOT_SERIAL = {errno.ENOTTY, errno.EINVAL, errno.EISDIR}
 PATTERNS = ("serial/by-id/*", "ttyUSB*", "ttyACM*", "ttyAMA*")
 CHUNK = 4096
 DEFAULT_BAUD = 460800
@@ -71,6 +68,11 @@ class SerialPort:
         termios.tcsetattr(self.fd, termios.TCSANOW, attributes)
 
     @property
+    def counters(self) -> Mapping[str, int]:
+        """What went wrong on the line; a UART does not say."""
+        return {}
+
+    @property
     def baud(self) -> int:
         """Speed of the line."""
         return int(self._serial.baudrate)
@@ -97,6 +99,18 @@ class SerialPort:
             raise self._lost(None)
         return data
 
+    def receive(self, room: memoryview, now_ns: int) -> tuple[int, int]:
+        """Read into `room`; returns how many bytes, and when they came: `now_ns`, the time of the wake-up."""
+        try:
+            received = os.readv(self.fd, [room])
+        except BlockingIOError:
+            return 0, now_ns
+        except OSError as error:
+            raise self._lost(error) from error
+        if received == 0:
+            raise self._lost(None)
+        return received, now_ns
+
     def write(self, data: bytes) -> None:
         """Send a command. What a jammed line does not take is dropped: the missing answer will tell."""
         try:
@@ -122,12 +136,7 @@ class SerialPort:
             self._serial.close()
 
     def _lost(self, error: Exception | None) -> PortLostError:
-        return PortLostError(self.path, f"{self.path} went away: {_reason(error) if error else 'end of file'}")
-
-
-def _reason(error: BaseException) -> str:
-    """OSError and termios.error carry a number, pyserial sometimes only words."""
-    return os.strerror(error.args[0]) if error.args and isinstance(error.args[0], int) else str(error)
+        return PortLostError(self.path, f"{self.path} went away: {reason(error) if error else 'end of file'}")
 
 
 def _status(path: str) -> os.stat_result:
@@ -163,9 +172,9 @@ def _explain(path: str, status: os.stat_result, error: Exception) -> NoReturn:
     if number in BUSY:
         others = ", ".join(map(str, holders(status))) or "a process that this user may not see, or this one"
         raise PortBusyError(path, f"{path} is in use by {others}: stop it first") from error
-    if number in NOT_SERIAL:
+    if number in UNFIT:
         raise NotSerialError(path, f"{path} is not a serial device") from error
-    raise PortLostError(path, f"{path} cannot be opened: {_reason(cause)}") from error
+    raise PortLostError(path, f"{path} cannot be opened: {reason(cause)}") from error
 
 
 def _denied(path: str, status: os.stat_result) -> str:

@@ -1,0 +1,45 @@
+"""What a driver tells an SPI line: how the bus is set up, and how a sample is fetched. Values only."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+WORD_BITS = 16
+
+
+@dataclass(frozen=True)
+class Bus:
+    """How words are exchanged until further notice."""
+
+    mode: int  # clock polarity and phase, 0 to 3
+    clock_hz: int
+    stall_us: int  # least pause after every word
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """One 16-bit word on the bus, a transfer of its own, and the least pause after it."""
+
+    word: bytes
+    stall_us: int
+
+
+@dataclass(frozen=True)
+class Fetch:
+    """How one sample is fetched. The line does so whenever one is due, from the time this is given to it.
+
+    The answers to `cycles`, two bytes each, become what `ImuDriver.decode` takes by `frame`; which makes nothing of
+    them if they are not of one sample.
+    """
+
+    clock_hz: int
+    cycles: tuple[Cycle, ...]
+    gate: int  # the cycle whose answer tells whether there is a new sample; if not, the others are left out
+    is_new: Callable[[bytes], bool]  # of that answer
+    capture: int  # the cycle with which the sample is chosen that is fetched
+    frame: Callable[[bytes], bytes]
+    period_ns: int  # between samples, nominal
+
+    def bus_ns(self, first: int = 0) -> int:
+        """Time on the bus from a cycle on."""
+        wire_ns = WORD_BITS * 1_000_000_000 // self.clock_hz
+        return sum(wire_ns + 1000 * cycle.stall_us for cycle in self.cycles[first:])

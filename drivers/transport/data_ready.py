@@ -1,0 +1,76 @@
+"""A device's data-ready line: a GPIO whose rising edges the kernel stamps, read through libgpiod 2.
+
+Source: libgpiod's Python bindings (gpiod 2.x), `gpiod.request_lines`. The interrupt handler takes the stamp, so that it
+does not suffer from late wake-ups.
+"""
+
+import contextlib
+import select
+from typing import Any
+
+from ..errors import NotSerialError, PortAbsentError, PortBusyError, PortDeniedError, PortError, PortSupportError
+from .reasons import ABSENT, BUSY, DENIED, reason
+
+EDGES = 64  # kept by the kernel until they are read
+REMEDY = "pip install 'imud[spi]'"
+
+
+class DataReady:
+    """The requested line. `fd` is readable while edges wait. Raises the errors of `drivers.errors` on opening."""
+
+    def __init__(self, line: str) -> None:
+        """line: CHIP:LINE, as /dev/gpiochip0:24 or gpiochip0:GPIO24 (offset, or the line's name)."""
+        chip, _, name = line.rpartition(":")
+        self.dropped = 0  # edges for which the kernel had no room
+        self._next: int | None = None  # sequence number
+        self._request = _request(line, chip if chip.startswith("/") else f"/dev/{chip}", name)
+        self.fd: int = self._request.fd
+        self._poll = select.poll()
+        self._poll.register(self.fd, select.POLLIN)
+
+    def take(self) -> list[int]:
+        """Monotonic times in ns of the edges since the last call, oldest first; does not block."""
+        if not self._poll.poll(0):
+            return []
+        events = self._request.read_edge_events()
+        if self._next is not None:
+            self.dropped += events[-1].line_seqno + 1 - self._next - len(events)
+        self._next = events[-1].line_seqno + 1
+        return [event.timestamp_ns for event in events]
+
+    def close(self) -> None:
+        """Give the line back."""
+        with contextlib.suppress(OSError):
+            self._request.release()
+
+
+def _request(line: str, chip: str, name: str) -> Any:
+    try:
+        import gpiod
+        from gpiod.line import Clock, Direction, Edge
+
+        settings = gpiod.LineSettings(
+            direction=Direction.INPUT, edge_detection=Edge.RISING, event_clock=Clock.MONOTONIC
+        )
+    except (ImportError, AttributeError) as error:
+        raise PortSupportError(
+            line, f"the data-ready line {line} needs the Python package gpiod 2: {REMEDY}"
+        ) from error
+    offset = int(name) if name.isdecimal() else name
+    try:
+        return gpiod.request_lines(chip, consumer="imud", config={offset: settings}, event_buffer_size=EDGES)
+    except (OSError, ValueError) as error:
+        raise _explained(line, chip, error) from error
+
+
+def _explained(line: str, chip: str, error: Exception) -> PortError:
+    number = getattr(error, "errno", None)
+    if number in ABSENT:
+        return PortAbsentError(line, f"there is no {chip} for the data-ready line {line}: `gpioinfo` lists all")
+    if number in DENIED:
+        return PortDeniedError(
+            line, f"no permission to open {chip}: join group gpio (sudo usermod -aG gpio $USER) and log in again"
+        )
+    if number in BUSY:
+        return PortBusyError(line, f"the data-ready line {line} is in use: `gpioinfo` tells by whom")
+    return NotSerialError(line, f"the data-ready line {line} cannot be used: {reason(error)}")

@@ -1,0 +1,31 @@
+"""Ports by their scheme, behind one small interface."""
+
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from .conversation import Port
+from .portspec import PortSpec
+from .serial import SerialPort
+from .spi import SpiPort
+
+
+class Line(Port, Protocol):
+    """An open port. Reading never blocks; whatever fails in use is PortLostError."""
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """What went wrong below the frames."""
+
+    def receive(self, room: memoryview, now_ns: int) -> tuple[int, int]:
+        """Read into `room` at the time `now_ns`; returns how many bytes, and when the last of them was there."""
+
+    def close(self) -> None:
+        """Give the port back. May be called twice."""
+
+
+_OPENERS: dict[str, Callable[[PortSpec], Line]] = {"spi": SpiPort}
+
+
+def open_line(spec: PortSpec) -> Line:
+    """Open the port. Raises the errors of `drivers.errors`."""
+    return _OPENERS.get(spec.path.partition(":")[0], SerialPort)(spec)

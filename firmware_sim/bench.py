@@ -1,0 +1,95 @@
+"""A workbench inside the host's own process: emulated sensors on /dev/spidev0.0, 0.1, … and their data-ready lines.
+
+The stand-ins for the Python packages spidev and gpiod (in `stand_in/`) reach them here. A sensor needs no process of
+its own: it computes what it sampled until now whenever it is asked, so its timing does not depend on anybody's load.
+The environment says which sensors: IMUD_SIM="g350 --scenario car --ideal", as for `imud sim` (default: g350).
+"""
+
+import argparse
+import math
+import os
+import shlex
+import time
+from collections import deque
+from functools import cache
+
+from . import build, cli
+from .alarm import Alarm
+from .epson import EpsonSensor
+from .epson_spi import EpsonSpi
+
+CHIP = "/dev/gpiochip0"
+FIRST_LINE = 24  # of the sensor at chip select 0; the next one's is the next
+
+
+class Wire:
+    """A data-ready line as the kernel sees it: rising edges with their times, kept until they are read."""
+
+    def __init__(self, sensor: EpsonSensor, start: float) -> None:
+        self._sensor, self._start = sensor, start
+        self._edges: deque[tuple[int, int]] = deque()
+        self._seen = 0
+        self.alarm: Alarm | None = None  # while somebody listens
+        sensor.on_data_ready = self._rise
+
+    def listen(self, room: int) -> Alarm:
+        """Keep up to `room` edges from now on; returns what becomes readable with them."""
+        self._edges, self._seen = deque(maxlen=room), 0
+        self.alarm = Alarm()
+        self.follow()
+        return self.alarm
+
+    def take(self) -> list[tuple[int, int]]:
+        """Edges since the last call: sequence number from 1 on, CLOCK_MONOTONIC in ns."""
+        self._sensor.advance(time.monotonic() - self._start)
+        edges = list(self._edges)
+        self._edges.clear()
+        self.follow()
+        return edges
+
+    def follow(self) -> None:
+        """Be readable when there will be an edge, or while there is one."""
+        due = self._start if self._edges else self._start + self._sensor.next_sample
+        if self.alarm is not None and due != self.alarm.at:
+            self.alarm.set(due)
+
+    def _rise(self, t: float) -> None:
+        if self.alarm is not None:
+            self._seen += 1
+            self._edges.append((self._seen, round((self._start + t) * 1e9)))
+
+
+class Socket:
+    """One chip select: the sensor behind it, and the time on its bus."""
+
+    def __init__(self, sensor: EpsonSensor, start: float) -> None:
+        self.spi, self.wire = EpsonSpi(sensor), Wire(sensor, start)
+        self._sensor, self._start = sensor, start
+        self._free = -math.inf  # when the bus will have rested as long as the host asked
+
+    def transfer(self, data: bytes, clock_hz: int, mode: int, delay_s: float) -> bytes:
+        """As the kernel does it: on the bus, then the delay; returns when both are over."""
+        begin = max(time.monotonic(), self._free)
+        answer = self.spi.transfer(data, begin - self._start, clock_hz, mode)
+        self._free = begin + 8 * len(data) / clock_hz + delay_s
+        self.wire.follow()
+        self._sensor.prepare()
+        while time.monotonic() < self._free:
+            pass
+        return answer
+
+    def __str__(self) -> str:
+        broken = ", ".join(f"{rule} {count}" for rule, count in self.spi.violations.items())
+        return f"{self.spi.words} words, broken rules: {broken or 'none'}"
+
+
+@cache
+def sockets() -> tuple[Socket, ...]:
+    """The sensors of this process, switched on at the first call."""
+    parser = argparse.ArgumentParser(prog="IMUD_SIM")
+    cli.add_arguments(parser)
+    args = parser.parse_args(shlex.split(os.environ.get("IMUD_SIM", "g350")))
+    scene = build.scene(args)
+    start, utc = scene.time_zero()
+    sensors = [build.device(args, scene, utc, i) for i in range(len(args.devices))]
+    return tuple(Socket(sensor, start) for sensor in sensors if isinstance(sensor, EpsonSensor))

@@ -298,6 +298,27 @@ def test_no_motion_makes_an_uncertain_heading_certain():
     assert np.min(yaw_sigma_deg(out)[level]) > 0.95  # it was given with 1 deg
 
 
+# counts
+
+
+@pytest.mark.parametrize(("cast", "cut_off"), [(np.trunc, True), (np.round, False), (np.floor, False), (None, False)])
+def test_rates_cut_off_toward_zero_are_recognised_and_restored(cast, cut_off):
+    count = 2000.0 * DEG / 2**15
+    truth = simulate(120.0, 200.0, after(5.0, wobble(6, 0.5, 0.3, 1.5)), after(5.0, wobble(6, 0.5, 1.0, 3.0)))
+    samples = samples_from(truth, Flaws(gyro_bias=(0.3 * DEG, -0.2 * DEG, -0.4 * DEG)))
+    if cast is not None:
+        samples["w"] = cast(samples["w"] / count) * count
+    parameters = ESTIMATOR.configure(Settings(imu=Imu(profile="m-g350")), 200.0)
+    state, out = ESTIMATOR.start(parameters, Initial()), np.zeros(len(samples), SOLUTION)
+    broad.run(parameters, state, samples, out)
+    np.testing.assert_allclose(state["cut"][0], 0.5 * count if cut_off else 0.0, atol=0.1 * count)
+    expected = np.array((0.3, -0.2, -0.4)) * DEG - (0.5 * count if cast is np.floor else 0.0)
+    np.testing.assert_allclose(out["bg"][-1], expected, atol=0.2 * count)
+    _, yaw = errors_deg(out["q_nb"], truth.attitude)
+    drift_deg_per_min = np.polyfit(truth.t[12000:], yaw[12000:], 1)[0] * 60.0
+    assert abs(drift_deg_per_min) < 0.9  # 1.8 if cut off and not restored
+
+
 # what the user gives
 
 

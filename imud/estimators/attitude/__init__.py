@@ -22,6 +22,7 @@ from .levelling import begin, doubt, level, middle, resume
 from .rest import judge, watch
 from .setup import configure, start
 from .strapdown import advance, corrected_force, corrected_rate
+from .truncation import examine, restored
 
 INTERVAL_S = 0.0245  # of the covariance
 LONG_GAP_S = 1.0  # after it the attitude is found anew
@@ -45,7 +46,7 @@ def settle(p: Any, s: Any) -> None:
 @kernel
 def take(p: Any, s: Any, sample: Any, dt: float) -> None:
     """One sample, dt s after the last one (dt < 0: the very first)."""
-    w = (sample.w[0], sample.w[1], sample.w[2])
+    w = (restored(s, sample.w[0], 0), restored(s, sample.w[1], 1), restored(s, sample.w[2], 2))
     f = (sample.f[0], sample.f[1], sample.f[2])
     good = sample.flags & SUSPECT == 0 and math.isfinite(w[0] + w[1] + w[2] + f[0] + f[1] + f[2])
     if not good:
@@ -70,6 +71,7 @@ def take(p: Any, s: Any, sample: Any, dt: float) -> None:
             s.f[i] = f[i]
     if good:
         s.held_s = 0.0
+        examine(s, (sample.w[0], sample.w[1], sample.w[2]))
     if s.levelled == 0:
         level(s, f)
     if s.span >= INTERVAL_S:

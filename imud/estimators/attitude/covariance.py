@@ -9,6 +9,7 @@ turn with the yaw error, and no measurement can seem to observe it. The noise de
 recordings with optical truth (BROAD) such that tilt errors agree with their sigmas.
 """
 
+import math
 from typing import Any
 
 from ...kernels.jit import kernel
@@ -117,6 +118,7 @@ def hold(s: Any, i: int, psd: float) -> None:
 def hold_still(p: Any, s: Any) -> None:
     """At rest the mean rate is the gyro bias, and velocity zero."""
     for i in range(3):
+        s.rest_sign[i] = math.copysign(1.0, s.w_mean[i])
         observe(s, GYRO_BIAS + i, s.w_mean[i] - s.bg[i], p.rest_rate_psd / s.span)
         hold(s, i, REST_VELOCITY_NOISE**2)
 

@@ -71,6 +71,15 @@ STATE = np.dtype(
         # how lively the velocity is
         ("v_mean", "<f8", (3,)),
         ("v_energy", "<f8", (3,)),
+        # counts of the gyro, rad/s
+        ("read", "<f8", (3,)),  # the newest rates as read
+        ("count", "<f8", (3,)),  # the smallest step between readings
+        ("cut", "<f8", (3,)),  # what is believed to be cut off toward zero
+        ("truncation", "<f8"),  # log odds
+        ("side", "<f8", (3,)),  # of zero where the rate was, -1 or 1, 0: unknown
+        ("zeros", "<f8", (3,)),  # readings since
+        ("ones", "<f8", (3,)),
+        ("rest_sign", "<f8", (3,)),  # of the rates at the last rest, 0: none yet
         # rest
         ("w_mean", "<f8", (3,)),
         ("f_mean", "<f8", (3,)),

@@ -10,14 +10,10 @@ from typing import Any, TypeVar, get_type_hints
 import msgspec
 
 from .errors import ConfigError
+from .schema import is_table, keys
 from .settings import Settings
 
 Struct = TypeVar("Struct", bound=msgspec.Struct)
-
-
-def is_table(kind: Any) -> bool:
-    """Whether a field of the schema is a table of keys, not a value."""
-    return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
 
 
 def _problems(table: dict[str, Any], schema: type[msgspec.Struct], prefix: str = "") -> Iterable[tuple[str, str]]:
@@ -101,6 +97,29 @@ def loads(text: str, overrides: Iterable[str] = (), name: str = "the configurati
     if problems:
         raise ConfigError("bad configuration\n  " + "\n  ".join(problems))
     return msgspec.convert(table, Settings)
+
+
+def adopt(running: Settings, fresh: Settings) -> tuple[Settings, list[str], list[str]]:
+    """`running` with what is hot in `fresh`; the changed keys that it took, and those that wait for the next start."""
+    taken, waiting = [], []
+    for key in keys():
+        before, after = _value(running, key.path), _value(fresh, key.path)
+        if before == after:
+            continue
+        if key.hot:
+            taken.append(key.path)
+            table = msgspec.structs.replace(getattr(running, key.table), **{key.name: after})
+            running = msgspec.structs.replace(running, **{key.table: table})
+        else:
+            waiting.append(key.path)
+    return running, taken, waiting
+
+
+def _value(settings: Settings, path: str) -> Any:
+    value: Any = settings
+    for name in path.split("."):
+        value = getattr(value, name)
+    return value
 
 
 def parse_assignments(text: str, schema: type[Struct], option: str) -> Struct:

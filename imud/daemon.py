@@ -10,8 +10,9 @@ import os
 import select
 import signal
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -23,7 +24,8 @@ from drivers.transport.line import Line
 from drivers.transport.portspec import PortSpec
 
 from . import compilation, realtime, runtime
-from .errors import UsageError
+from .config import adopt
+from .errors import ImudError, UsageError
 from .estimators import Estimator, registry
 from .estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, REJECTING
 from .load import Load
@@ -37,11 +39,13 @@ from .ports import Configured, Port
 from .profiles import PROFILES
 from .sensors import Inertial, Receiver, Records
 from .settings import Initial, Settings
+from .signals import caught
 
 _SLOW_NS = 20_000_000  # what is not urgent is looked after this often
 _COARSE_S = 0.05  # epoll knows only whole milliseconds: too coarse for the next sample of a polled sensor
 WITHOUT_GYROS = "tilt"  # the estimator for sensors that lack them
 RATE_STEP = 0.1  # logarithmic: sensors within that are the same to a filter
+_INTERRUPTED, _HUNG_UP = 130, 129
 _PARTS = {"imu": "inertial sensor", "gnss": "receiver"}
 _CHANGES = (
     (ATTITUDE_VALID, "roll and pitch are valid", "roll and pitch are lost"),
@@ -55,8 +59,10 @@ _CHANGES = (
 class Daemon:
     """Runs until a signal ends it. One per process."""
 
-    def __init__(self, settings: Settings, wait: bool = True) -> None:
+    def __init__(self, settings: Settings, wait: bool = True, reread: Callable[[], Settings] | None = None) -> None:
+        """`wait` for devices that are absent at the start; `reread` is called on SIGHUP."""
         self._settings = settings
+        self._reread = reread
         self._log = structlog.get_logger()
         self._wanted = self._estimator = registry.by_name(_estimator_name(settings))
         self._fallback = registry.by_name(WITHOUT_GYROS) if settings.estimator == "auto" else None
@@ -85,14 +91,15 @@ class Daemon:
         self._status = self._told = 0
         self._load = Load()
         self._exit: int | None = None
+        self._reload_due = False
         self._compiling = False
 
     def run(self) -> int:
         """Serve until SIGTERM (returns 0) or Ctrl-C (130). Raises ImudError when there is no point in going on."""
         notifier = Notifier()
         with contextlib.ExitStack() as stack:
-            wakeup = stack.enter_context(_signals(self._end))
-            self._poll.register(wakeup, select.POLLIN)
+            self._wakeup = stack.enter_context(caught(self._actions()))
+            self._poll.register(self._wakeup, select.POLLIN)
             self._gpsd = stack.enter_context(contextlib.closing(GpsdServer(self._settings.gpsd, self._poll)))
             nmea = stack.enter_context(contextlib.closing(NmeaOutput(self._settings.nmea)))
             self._viewers = (self._gpsd, nmea)
@@ -124,6 +131,38 @@ class Daemon:
         for estimator in estimators:
             compilation.warm(estimator, self._settings)
 
+    def _actions(self) -> dict[signal.Signals, Callable[[], None]]:
+        """What the signals mean. Without a file to read again a hang-up is the terminal's, and an end."""
+        ends = {signal.SIGTERM: 0, signal.SIGINT: _INTERRUPTED, signal.SIGHUP: _HUNG_UP}
+        actions: dict[signal.Signals, Callable[[], None]] = {n: partial(self._end, code) for n, code in ends.items()}
+        if self._reread is not None:
+            actions[signal.SIGHUP] = self._ask_for_reload
+        return actions
+
+    def _ask_for_reload(self) -> None:
+        self._reload_due = True
+
+    def _reload(self, notifier: Notifier) -> None:
+        """Read the configuration again and take what is hot; one with an error changes nothing."""
+        assert self._reread is not None
+        self._reload_due = False
+        notifier.say("RELOADING=1", f"MONOTONIC_USEC={time.monotonic_ns() // 1000}")
+        try:
+            self._settings, taken, waiting = adopt(self._settings, self._reread())
+        except ImudError as error:
+            self._log.error(f"the configuration stays as it was: {error}")
+        else:
+            self._gpsd.settings = self._settings.gpsd
+            if self._gnss:
+                self._gnss[1].settings = self._settings.gnss
+            if self._imu and self._imu[0].configured:
+                settings = _resolved(self._settings, self._imu[0].configured.identity)
+                self._imu[1].stream.filter.configure(settings)
+            self._log.info("read the configuration again", changed=", ".join(taken) or "nothing")
+            if waiting:
+                self._log.warning(f"takes effect at the next start: {', '.join(waiting)}")
+        notifier.say("READY=1")
+
     def _end(self, code: int) -> None:
         self._exit = code
         if self._compiling:  # no loop runs yet that would see it
@@ -138,6 +177,8 @@ class Daemon:
                 self._dispatch(fd, mask, now_ns)
             for port in self._ports:
                 port.on_time(now_ns * 1e-9)
+            if self._reload_due:
+                self._reload(notifier)
             if now_ns >= slow_ns:
                 slow_ns = now_ns + _SLOW_NS
                 self._look_after(now_ns, notifier)
@@ -157,6 +198,8 @@ class Daemon:
                 self._gpsd.on_event(fd, mask, now_ns)
             elif fd in self._binary.stream:
                 self._binary.stream.on_event(fd)
+            elif fd == self._wakeup:
+                os.read(fd, 64)  # its handler has run
             return
         try:
             if self._imu and port is self._imu[0]:
@@ -283,6 +326,7 @@ class Daemon:
             filter_ = Filter(self._estimator, settings, Initial(), configured.rate_hz)
             self._inertial = Inertial(Stream(driver.decode, driver.new_state(configured), filter_))
             self._settled = made_for
+        self._inertial.stream.filter.configure(settings)
         self._inertial.connect(line, driver, configured, now_ns)
         return self._inertial
 
@@ -356,20 +400,3 @@ def _is_readable(fd: int) -> bool:
     poll = select.poll()
     poll.register(fd, select.POLLIN)
     return bool(poll.poll(0))
-
-
-@contextlib.contextmanager
-def _signals(end: Any) -> Iterator[int]:
-    """Lets SIGTERM and SIGINT call `end(exit code)`; yields a descriptor that becomes readable when they come."""
-    reader, writer = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
-    codes = {signal.SIGTERM: 0, signal.SIGINT: 130}
-    before = {number: signal.signal(number, lambda n, _: end(codes[signal.Signals(n)])) for number in codes}
-    wakeup = signal.set_wakeup_fd(writer)
-    try:
-        yield reader
-    finally:
-        signal.set_wakeup_fd(wakeup)
-        for number, handler in before.items():
-            signal.signal(number, handler)
-        os.close(reader)
-        os.close(writer)

@@ -85,6 +85,7 @@ class Filter:
 
     def __init__(self, estimator: Estimator, settings: Settings, initial: Initial, rate_hz: float) -> None:
         self.estimator = estimator
+        self._rate_hz = rate_hz
         self.parameters = estimator.configure(settings, rate_hz)
         self.state = estimator.start(self.parameters, initial)
         self.mount = mount_matrix(settings.imu.mount_rpy_deg)
@@ -101,6 +102,10 @@ class Filter:
             name: value for name in ("gyro_range", "accel_range") if math.isfinite(value := getattr(sensor, name))
         }
         self.health = new_health(dataclasses.replace(self._profile, **ranges), sensor.rate_hz)
+
+    def configure(self, settings: Settings) -> None:
+        """Go on with other settings and the same knowledge."""
+        self.parameters = self.estimator.configure(settings, self._rate_hz)
 
     def run(self, samples: Records, out: Records) -> None:
         """Step through `samples` (SAMPLE, turned to body axes in place), one solution each into `out` (SOLUTION)."""

@@ -6,70 +6,14 @@ It is made from what defines them, and is all that is written about them: nothin
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
-
-import msgspec
+from collections.abc import Callable
+from typing import get_type_hints
 
 from . import client
-from .config import is_table
+from .schema import is_table, keys
 from .settings import Settings
 
 _EXAMPLE_PORTS = ("/dev/ttyUSB0", "/dev/ttyACM0")
-_LIMITS = (("ge", "≥"), ("gt", ">"), ("le", "≤"), ("lt", "<"))
-_KINDS = {float: "number", int: "integer", bool: "true or false", str: "text"}
-
-
-@dataclass(frozen=True)
-class Key:
-    """A setting. `value` is its default, in TOML."""
-
-    table: str
-    name: str
-    kind: str
-    value: str
-    what: str
-    hot: bool
-
-    @property
-    def path(self) -> str:
-        return f"{self.table}.{self.name}" if self.table else self.name
-
-
-def keys(schema: type[msgspec.Struct] = Settings, table: str = "") -> Iterator[Key]:
-    """Every key, the outermost first."""
-    hints = get_type_hints(schema, include_extras=True)
-    inner = []
-    for field in msgspec.structs.fields(schema):
-        hint = hints[field.name]
-        if is_table(hint):
-            inner.append((hint, field.name))
-            continue
-        kind, meta = _kind(hint)
-        value = json.dumps(field.default)  # is TOML, too, for all that settings are made of
-        yield Key(table, field.name, kind, value, meta.description or "", bool((meta.extra or {}).get("hot")))
-    for hint, name in inner:
-        yield from keys(hint, name)
-
-
-def _kind(hint: Any) -> tuple[str, msgspec.Meta]:
-    """What a value may be, in words, and what else the schema says of it."""
-    meta = msgspec.Meta()
-    if get_origin(hint) is Annotated:
-        hint, meta = get_args(hint)[:2]
-    limits = " and ".join(
-        f"{sign} {getattr(meta, name):g}" for name, sign in _LIMITS if getattr(meta, name) is not None
-    )
-    if get_origin(hint) is Literal:
-        kind = " | ".join(f'"{choice}"' for choice in get_args(hint))
-    elif get_origin(hint) is tuple:
-        items = get_args(hint)
-        count = "list" if items[-1] is Ellipsis else f"list of {len(items)}"
-        kind = f"{count}: {_kind(items[0])[0]}"
-    else:
-        kind = _KINDS.get(hint, str(hint))
-    return f"{kind} {limits}".strip(), meta
 
 
 def titles() -> dict[str, str]:

@@ -7,6 +7,7 @@ import msgspec
 
 from . import config, log, runtime
 from .errors import UsageError
+from .settings import Settings
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,13 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    settings = config.load(args.config, args.set)
-    if args.port:
-        settings = msgspec.structs.replace(settings, ports=tuple(args.port))
-    if args.estimator:
-        settings = msgspec.structs.replace(settings, estimator=args.estimator)
-    if args.listen:
-        settings = msgspec.structs.replace(settings, gpsd=msgspec.structs.replace(settings.gpsd, listen=args.listen))
+    settings = _settings(args)
     if args.check:
         return 0
     if not settings.ports:
@@ -47,4 +42,17 @@ def run(args: argparse.Namespace) -> int:
     runtime.without_scipy()
     from .daemon import Daemon
 
-    return Daemon(settings, wait=args.wait).run()
+    reread = None if args.config is None else lambda: _settings(args)
+    return Daemon(settings, wait=args.wait, reread=reread).run()
+
+
+def _settings(args: argparse.Namespace) -> Settings:
+    """The configuration file and what overrides it. Raises ConfigError."""
+    settings = config.load(args.config, args.set)
+    if args.port:
+        settings = msgspec.structs.replace(settings, ports=tuple(args.port))
+    if args.estimator:
+        settings = msgspec.structs.replace(settings, estimator=args.estimator)
+    if args.listen:
+        settings = msgspec.structs.replace(settings, gpsd=msgspec.structs.replace(settings.gpsd, listen=args.listen))
+    return settings

@@ -72,7 +72,7 @@ class Receiver:
         self.silence_ns = SILENCE_NS["gnss"]
         self.used = 0
         self.refused: dict[str, int] = {}
-        self._settings = settings
+        self.settings = settings
         self._epochs = EpochClock(settings.latency_s)
         self._last: Fix | None = None
 
@@ -97,7 +97,7 @@ class Receiver:
         rows = []
         for fix in fixes:
             self._last = fix
-            if why := refusal(fix, self._settings):
+            if why := refusal(fix, self.settings):
                 self.refused[why] = self.refused.get(why, 0) + 1
             elif fix.utc_s is not None:
                 rows.append(record(fix, self._epochs.epoch_ns(fix.utc_s, fix.arrival_ns), now_ns))

@@ -57,3 +57,14 @@ def test_initial_values():
     assert (initial.lat_deg, initial.yaw_deg, initial.roll_deg) == (35.5, -46.0, None)
     with pytest.raises(ConfigError, match="--initial: yaw: unknown key"):
         config.parse_assignments("yaw=1", Initial, "--initial")
+
+
+def test_what_is_hot_is_adopted_and_the_rest_waits():
+    running = config.loads("[gpsd]\nrate_hz = 5.0\n[gnss]\nmax_hdop = 3.0")
+    fresh = config.loads(
+        'ports = ["/dev/ttyS0"]\n[gpsd]\nrate_hz = 7.0\nlisten = "127.0.0.1:1"\n[gnss]\nmax_hdop = 3.0'
+    )
+    settings, taken, waiting = config.adopt(running, fresh)
+    assert (taken, waiting) == (["gpsd.rate_hz"], ["ports", "gpsd.listen"])
+    assert settings == config.loads("[gpsd]\nrate_hz = 7.0\n[gnss]\nmax_hdop = 3.0")
+    assert config.adopt(settings, settings) == (settings, [], [])

@@ -40,6 +40,28 @@ def test_attitude_and_bias_of_a_still_sensor(tmp_path):
         assert "lost=0" in imud.log
 
 
+def test_the_configuration_is_read_again(tmp_path):
+    imu, gnss, file = tmp_path / "imu", tmp_path / "gnss", tmp_path / "imud.toml"
+    file.write_text("[gnss]\nmax_hdop = 20.0\n")
+    ports = ("--port", str(imu), "--port", str(gnss))
+    with (
+        emulator("g350", "nmea", "--scenario", "rest", links=[imu, gnss]),
+        daemon(tmp_path, *ports, "--config", str(file)) as imud,
+    ):
+        imud.until(lambda m: m["class"] == "EST" and "position" in m["state"])
+        file.write_text("[gnss]\nmax_hdop = -1.0\nfoo = 3\n")
+        imud.process.send_signal(signal.SIGHUP)
+        imud.says("the configuration stays as it was")
+        imud.says("gnss.foo: unknown key")
+        file.write_text("estimator = 'attitude'\n[gnss]\nmax_hdop = 0.1\n")
+        imud.process.send_signal(signal.SIGHUP)
+        imud.says("changed=gnss.max_hdop")
+        imud.says("takes effect at the next start: estimator")
+        imud.says("no fixes: coasting")
+        imud.process.send_signal(signal.SIGTERM)
+        assert imud.process.wait(10.0) == 0
+
+
 def test_live_subscribers_miss_nothing_beside_one_that_stalls(tmp_path):
     stream, memory = tmp_path / "stream", tmp_path / "state"
     settings = ("--set", f"stream.listen={stream}", "--set", f"shared_memory.path={memory}")

@@ -10,7 +10,8 @@ import pytest
 
 from imud import config
 from imud.__main__ import COMMANDS
-from imud.reference import keys, man_command, man_configuration, sample, table, titles
+from imud.reference import man_command, man_configuration, sample, table, titles
+from imud.schema import keys
 from imud.settings import Settings
 
 

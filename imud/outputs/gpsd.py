@@ -58,7 +58,7 @@ class GpsdServer:
     def __init__(self, settings: Gpsd, poller: Poller) -> None:
         """Open. Raises ConfigError (78), AddressInUseError or CannotCreateError (73), PermissionDeniedError (77)."""
         self.counters = Counters()
-        self._settings = settings
+        self.settings = settings
         self._poller = poller
         self._listeners: dict[int, socket.socket] = {}
         self._clients: dict[int, Connection] = {}
@@ -75,9 +75,9 @@ class GpsdServer:
             raise
 
     def _open(self) -> None:
-        addresses = [parse_address(text, PORT) for text in self._settings.listen.split(",")]
+        addresses = [parse_address(text, PORT) for text in self.settings.listen.split(",")]
         for address in addresses:
-            if not self._settings.allow_remote and not is_local(address):
+            if not self.settings.allow_remote and not is_local(address):
                 raise ConfigError(
                     f"refusing to listen on {address.text}: other machines could connect, and the protocol knows no "
                     "password; listen on 127.0.0.1, or set gpsd.allow_remote = true"
@@ -172,13 +172,13 @@ class GpsdServer:
             if error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
                 self._poller.modify(listener.fileno(), 0)  # until the next tick: poll would say it again at once
             return
-        if len(self._clients) >= self._settings.max_clients:
+        if len(self._clients) >= self.settings.max_clients:
             self.counters.refused += 1
             with sock, contextlib.suppress(OSError):
                 sock.send(line(error_object("too many clients")), socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
             return
         try:
-            client = Connection(sock, Policy(rate_hz=self._settings.rate_hz), now_ns)
+            client = Connection(sock, Policy(rate_hz=self.settings.rate_hz), now_ns)
         except OSError:  # gone already
             sock.close()
             return

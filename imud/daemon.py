@@ -268,6 +268,9 @@ class Daemon:
         if changed & self._status & ATTITUDE_VALID:
             self._doubt_the_axes()
         self._told = self._status
+        if self._gnss and (news := self._gnss[1].news):
+            self._log.warning(news)
+            self._gnss[1].news = ""
 
     def _doubt_the_axes(self) -> None:
         """A sensor that seems upside down may have other axes than ours: nothing on the wire can tell."""
@@ -310,6 +313,7 @@ class Daemon:
         if self._imu and self._imu[0] is port:
             self._imu = None
         if self._gnss and self._gnss[0] is port:
+            self._log.info("receiver ended", port=port.spec.path, **self._gnss[1].counters())
             self._gnss = None
         self._describe()
 

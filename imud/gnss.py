@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,17 +26,28 @@ def _or_nan(value: float | None) -> float:
 _QUALITIES = {6: "6 (dead reckoning by the receiver)", 7: "7 (entered by hand)", 8: "8 (simulated)"}
 
 
-def refusal(fix: Fix, settings: Gnss) -> str | None:
+@dataclass(frozen=True)
+class Refusal:
+    """Why a fix is not used. rule: the setting that forbids it, or what it lacks."""
+
+    rule: str
+    why: str
+
+    def __str__(self) -> str:
+        return self.why
+
+
+def refusal(fix: Fix, settings: Gnss) -> Refusal | None:
     """Why the settings forbid this fix; None: use it."""
     if fix.quality not in settings.qualities:
-        return f"quality {_QUALITIES.get(fix.quality, fix.quality)}, not in gnss.qualities"
+        quality, allowed = _QUALITIES.get(fix.quality, fix.quality), ", ".join(map(str, settings.qualities))
+        return Refusal("gnss.qualities", f"quality {quality}, not in gnss.qualities = [{allowed}]")
     if fix.satellites is not None and fix.satellites < settings.min_satellites:
-        return f"{fix.satellites} satellites, fewer than gnss.min_satellites"
+        limit = f"gnss.min_satellites = {settings.min_satellites}"
+        return Refusal("gnss.min_satellites", f"{fix.satellites} satellites, fewer than {limit}")
     if fix.hdop is not None and fix.hdop > settings.max_hdop:
-        return f"HDOP {fix.hdop}, above gnss.max_hdop"
-    if fix.utc_s is None:
-        return "no time"
-    return None
+        return Refusal("gnss.max_hdop", f"HDOP {fix.hdop}, above gnss.max_hdop = {settings.max_hdop:g}")
+    return Refusal("time", "they have no time") if fix.utc_s is None else None
 
 
 def record(fix: Fix, t_ns: int, arrival_ns: int) -> Records:
@@ -79,7 +91,7 @@ def fixes_of_log(path: Path, origin: int, first_ns: int, settings: Gnss) -> Reco
     refused: Counter[str] = Counter()
     for fix in fixes:
         if (why := refusal(fix, settings)) or fix.utc_s is None:
-            refused[why or ""] += 1
+            refused[str(why)] += 1
             continue
         near = start_s if day is None else rows[-1]["t_ns"][0] * 1e-9 + origin
         day = round((near - fix.utc_s) / _DAY_S)

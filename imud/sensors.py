@@ -2,6 +2,7 @@
 
 import math
 import os
+from collections import Counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +13,14 @@ from drivers.fix import Fix
 from drivers.transport.line import Line
 
 from .epochs import EpochClock
-from .gnss import record, refusal
+from .gnss import Refusal, record, refusal
 from .outputs.view import Gnss
 from .pipeline import Stream
 from .settings import Gnss as GnssSettings
 
 READ = 4096  # bytes at a time: fewer frames than the pipeline takes in one batch
 SILENCE_NS = {"imu": 1_000_000_000, "gnss": 5_000_000_000}  # a stream this long silent is broken
+STEADY = 3  # fixes
 SILENT_PERIODS = 4  # at least
 Records = NDArray[np.void]
 
@@ -71,8 +73,11 @@ class Receiver:
         self.heard_ns = now_ns
         self.silence_ns = SILENCE_NS["gnss"]
         self.used = 0
-        self.refused: dict[str, int] = {}
+        self.refused = Counter[str]()  # by rule
+        self.news = ""  # a change of the verdict on its fixes, until somebody has told it
         self.settings = settings
+        self._verdict: str | None = None  # the rule that refuses them
+        self._dissent = 0  # fixes in sequence of another verdict
         self._epochs = EpochClock(settings.latency_s)
         self._last: Fix | None = None
 
@@ -97,12 +102,28 @@ class Receiver:
         rows = []
         for fix in fixes:
             self._last = fix
-            if why := refusal(fix, self.settings):
-                self.refused[why] = self.refused.get(why, 0) + 1
+            refused = refusal(fix, self.settings)
+            self._judge(refused)
+            if refused:
+                self.refused[refused.rule] += 1
             elif fix.utc_s is not None:
                 rows.append(record(fix, self._epochs.epoch_ns(fix.utc_s, fix.arrival_ns), now_ns))
         self.used += len(rows)
         return rows
+
+    def _judge(self, refused: Refusal | None) -> None:
+        """Have news when several fixes in sequence are taken otherwise than those before."""
+        verdict = refused.rule if refused else None
+        self._dissent = 0 if verdict == self._verdict else self._dissent + 1
+        if self._dissent == STEADY:
+            self._verdict, self._dissent = verdict, 0
+            self.news = f"the fixes are refused: {refused}" if refused else "the fixes are used again"
+
+    def counters(self) -> dict[str, object]:
+        """What became of its sentences and fixes since this connection."""
+        told = {"sentences": self.decoder.counters, "refused": self.refused}
+        tables = {name: ", ".join(f"{count} {key}" for key, count in table.items()) for name, table in told.items()}
+        return {"fixes_used": self.used, **{name: text for name, text in tables.items() if text}}
 
     def view(self, now_ns: int) -> Gnss | None:
         """The last fix, for those who publish it; None before the first."""

@@ -1,14 +1,17 @@
 """Fixes on their way to the filter: which are refused, and what their records say. Oracle: the definitions."""
 
 import math
+import os
 from dataclasses import replace
 
 import pytest
 from nmea_lines import decode, gga, line, rmc, vtg
 
+from drivers.registry import by_name
 from imud.config import load
 from imud.errors import BadDataError, ConfigError
 from imud.gnss import fixes_of_log, record, refusal
+from imud.sensors import Receiver
 from imud.settings import Gnss
 
 FIX = decode(gga() + rmc(motion="10.0,90.0") + vtg())[0][0]
@@ -16,7 +19,7 @@ FIX = decode(gga() + rmc(motion="10.0,90.0") + vtg())[0][0]
 
 def test_the_papers_rules_are_the_defaults_and_can_be_changed():
     assert refusal(FIX, Gnss()) is None
-    assert "4 satellites" in refusal(replace(FIX, satellites=4), Gnss())
+    assert "4 satellites" in str(refusal(replace(FIX, satellites=4), Gnss()))
     assert refusal(replace(FIX, satellites=5), Gnss()) is None
     assert refusal(replace(FIX, satellites=None), Gnss()) is None, "RMC does not say"
     assert refusal(replace(FIX, satellites=3), Gnss(min_satellites=0)) is None
@@ -24,16 +27,16 @@ def test_the_papers_rules_are_the_defaults_and_can_be_changed():
 
 @pytest.mark.parametrize(("quality", "word"), [(6, "dead reckoning"), (7, "by hand"), (8, "simulated")])
 def test_guesses_and_simulations_are_refused_unless_wanted(quality, word):
-    assert word in refusal(replace(FIX, quality=quality), Gnss())
+    assert word in str(refusal(replace(FIX, quality=quality), Gnss()))
     assert refusal(replace(FIX, quality=quality), Gnss(qualities=(quality,))) is None
     for measured in (1, 2, 3, 4, 5):
         assert refusal(replace(FIX, quality=measured), Gnss()) is None
 
 
 def test_a_poor_or_timeless_fix_is_refused_but_an_unknown_hdop_is_not():
-    assert "HDOP" in refusal(replace(FIX, hdop=20.1), Gnss())
+    assert "HDOP" in str(refusal(replace(FIX, hdop=20.1), Gnss()))
     assert refusal(decode(gga(rest="1,08,99.99,545.4,M,46.9,M,,"))[0][0], Gnss()) is None
-    assert "no time" in refusal(replace(FIX, utc_s=None), Gnss())
+    assert "no time" in str(refusal(replace(FIX, utc_s=None), Gnss()))
 
 
 def test_the_record_is_in_si_units():
@@ -80,3 +83,28 @@ def test_a_log_of_which_nothing_is_used_says_why(tmp_path):
     log.write_bytes(b"$GPGGA,nonsense*00\r\n")
     with pytest.raises(BadDataError, match="no fix in it"):
         fixes_of_log(log, 0, 0, Gnss())
+
+
+def test_the_verdict_on_fixes_is_told_once_per_change_with_the_key_that_changes_it():
+    driver = by_name("nmea")
+    reader, writer = os.pipe2(os.O_NONBLOCK)
+    receiver = Receiver(driver, Gnss(), 0)
+    told = []
+    satellites = [3, 4, 3, 3, 4, 6, 4, 6, 6, 6, 6, 4, 6, 6]  # one of another kind now and then is no change
+    for second, count in enumerate(satellites):
+        os.write(writer, gga(f"1200{second:02}.000", rest=f"1,{count},2.9,545.4,M,46.9,M,,"))
+        receiver.read(reader, second * 1_000_000_000)
+        receiver.flush(second * 1_000_000_000 + 500_000_000)
+        if receiver.news:
+            told.append((second, receiver.news))
+            receiver.news = ""
+    os.close(reader)
+    os.close(writer)
+    assert told == [
+        (2, "the fixes are refused: 3 satellites, fewer than gnss.min_satellites = 5"),
+        (9, "the fixes are used again"),
+    ]
+    counters = receiver.counters()
+    assert counters["fixes_used"] == sum(count >= 5 for count in satellites)
+    assert counters["refused"] == f"{sum(count < 5 for count in satellites)} gnss.min_satellites"
+    assert "14 fixes" in counters["sentences"]

@@ -51,7 +51,7 @@ class Options:
     readonly: bool = False
     model: str = ""  # which it is, where a device that must not be asked does not tell
     polled: bool = False  # have an inertial sensor send each sample only when asked, if it can; not if readonly
-    filter_taps: int = 0  # of an inertial sensor's moving average, at least; 0: as few as the rate allows, least delay
+    filter_taps: int = 0  # of an inertial sensor's moving average; 0: as few as the rate allows, least delay
     self_test: bool = False  # have an inertial sensor test itself first; it must be at rest
     fix_rate_hz: float = 0.0  # a receiver may be set up for so many fixes per second; 0: it is left as it is
 

@@ -29,7 +29,8 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Meta(description="Roll, pitch, yaw (ZYX) of the sensor's axes in the vehicle's (x forward, y right, z down)."),
     ] = (0.0, 0.0, 0.0)
     filter_taps: Annotated[
-        int, Meta(ge=0, le=128, description="Of the sensor's own filter, at least; 0: for the least delay.")
+        int,
+        Meta(ge=0, le=128, description="Of the sensor's own filter; 0: as few as its rate allows, least delay."),
     ] = 0
     mode: Annotated[
         Literal["auto", "polled"],

@@ -17,6 +17,7 @@ LOCAL = 9.7971  # normal gravity there (WGS-84)
 F = LOCAL * np.array([np.sin(PITCH), -np.cos(PITCH) * np.sin(ROLL), -np.cos(PITCH) * np.cos(ROLL)])  # specific force
 EPSON_BAUDS = (460800, 230400, 115200, 19200, 9600, 921600)
 MODELS = {"g350": "M-G350", "g364": "M-G364PDCA", "g365": "M-G365PDF1", "g370": "M-G370PDF1"}
+GLOB_CMD = (0xBE, 0x8A)  # its low byte, written; in the flat dialect and the windowed one
 DETECTED_S = 12.0  # "within seconds", on a line that is tried at all speeds
 LOST_AT_START = 2  # frames may be cut where listening begins
 
@@ -26,7 +27,13 @@ def detected(wire):
     assert isinstance(found, Identity), found
     assert found.baud == wire.unit.uart.baud
     assert seconds < DETECTED_S
+    assert not [command for command in wire.written.split(b"\r") if writes_flash(command)]
     return found
+
+
+def writes_flash(command):
+    """Whether an Epson sensor takes it for the backup of its registers, of the present or the initial values."""
+    return len(command) == 2 and command[0] in GLOB_CMD and bool(command[1] & 0x18)
 
 
 def sampled(wire, found, seconds=2.0, **options):

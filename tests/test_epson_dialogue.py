@@ -162,6 +162,14 @@ def test_a_rate_that_does_not_fit_on_the_line_is_lowered_with_a_warning(baud, po
     assert bool(result.warnings) == (possible_hz != 1000.0)
 
 
+def test_a_rate_that_the_sensor_has_not_is_answered_with_those_it_has():
+    result = configure(G350(115200), rate_hz=333.0)
+    assert result.rate_hz == 250.0
+    assert result.warnings == (
+        "333 samples/s wanted, 250 taken; possible at 115200 baud: 500, 250, 125, 62.5, 31.25, 15.625",
+    )
+
+
 def test_a_running_stream_is_reconfigured():
     device = G350().start(4)
     assert configure(device, rate_hz=500.0).rate_hz == 500.0

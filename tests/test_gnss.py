@@ -77,7 +77,7 @@ def test_a_log_is_placed_near_the_samples_and_over_midnight(tmp_path):
 def test_a_log_of_which_nothing_is_used_says_why(tmp_path):
     log = tmp_path / "track.nmea"
     log.write_bytes(gga(rest="1,04,0.9,545.4,M,46.9,M,,"))
-    with pytest.raises(BadDataError, match=r"4 satellites, fewer than gnss\.min_satellites \(1 times\)"):
+    with pytest.raises(BadDataError, match=r"4 satellites, fewer than gnss\.min_satellites = 5 \(1 times\)"):
         fixes_of_log(log, 0, 0, Gnss())
     assert len(fixes_of_log(log, 0, 0, Gnss(min_satellites=4))) == 1
     log.write_bytes(b"$GPGGA,nonsense*00\r\n")

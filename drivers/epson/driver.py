@@ -22,6 +22,7 @@ from .setup import (
     examine,
     fastest,
     is_configuring,
+    possible_rates,
     program,
     self_test,
     start,
@@ -103,11 +104,14 @@ class Epson:
         rate, code, layouts = fastest(model, options.rate_hz, most_hz)
         if rate != options.rate_hz:
             line = "on SPI" if identity.spi else f"at {baud} baud"
-            warnings.append(f"{options.rate_hz:g} samples/s wanted, {rate:g} is the nearest possible {line}")
+            listed = ", ".join(f"{hz:g}" for hz in sorted(possible_rates(model, most_hz), reverse=True))
+            warnings.append(f"{options.rate_hz:g} samples/s wanted, {rate:g} taken; possible {line}: {listed}")
+        taps = options.filter_taps or model.taps(rate)
+        if taps not in model.possible_taps(rate):
+            listed = ", ".join(map(str, model.possible_taps(rate)))
+            why = f"imu.filter_taps = {taps} is not possible at {rate:g} samples/s; possible: {listed}, or 0 to choose"
+            return Unsupported(self.name, identity.model, why, identity.baud)
         warnings += yield from arrange(layouts[:1] if identity.spi else layouts)
-        taps = model.taps(rate, options.filter_taps)
-        if taps != options.filter_taps and options.filter_taps:
-            warnings.append(f"a filter of {options.filter_taps} taps wanted, {taps} are possible at {rate:g} samples/s")
         rate, refused = yield from program(model, code, taps, automatic=not (polled or identity.spi))
         if identity.spi:
             yield from announce(dialect)

@@ -61,10 +61,14 @@ class Model:
         longest = max(self.tap_codes)
         return {code: rate for code, rate in self.dialect.rates.items() if longest * rate >= self.filter_hz}
 
-    def taps(self, rate_hz: float, wanted: int = 0) -> int:
-        """The shortest filter that is valid and has the taps wanted; the longest there is if none has."""
-        enough = (taps for taps in self.tap_codes if taps * rate_hz >= self.filter_hz and taps >= wanted)
-        return min(enough, default=max(self.tap_codes))
+    def possible_taps(self, rate_hz: float) -> list[int]:
+        """Of the filters that are valid at that rate, shortest first; the longest there is if none is."""
+        taps = sorted(self.tap_codes)
+        return [count for count in taps if count * rate_hz >= self.filter_hz] or taps[-1:]
+
+    def taps(self, rate_hz: float) -> int:
+        """The shortest filter that is valid."""
+        return self.possible_taps(rate_hz)[0]
 
     def delay_ns(self, taps: int) -> int:
         """Group delay of a filter: (taps - 1) / 2 of its input periods."""

@@ -106,16 +106,17 @@ def wire_s(layout: Layout, baud: int, polled: bool) -> float:
 
 def fastest(model: Model, wanted_hz: float, most_hz: Fastest) -> tuple[float, int, tuple[Layout, ...]]:
     """Rate nearest to `wanted_hz` that fits on the line, its code, and the layouts with which it does, best first."""
-
-    def fits(layout: Layout, hz: float) -> bool:
-        return hz <= most_hz(layout)
-
     layouts = model.dialect.layouts
-    slowest = min(model.rates.values())
-    possible = [(code, hz) for code, hz in model.rates.items() if any(fits(layout, hz) for layout in layouts)]
-    possible = possible or [row for row in model.rates.items() if row[1] == slowest]
-    code, rate = min(possible, key=lambda row: abs(math.log(row[1] / wanted_hz)))
-    return rate, code, tuple(layout for layout in layouts if fits(layout, rate)) or layouts[-1:]
+    possible = possible_rates(model, most_hz)
+    rate = min(possible, key=lambda hz: abs(math.log(hz / wanted_hz)))
+    return rate, possible[rate], tuple(layout for layout in layouts if rate <= most_hz(layout)) or layouts[-1:]
+
+
+def possible_rates(model: Model, most_hz: Fastest) -> dict[float, int]:
+    """Those that fit on the line, with their codes; the slowest, if none does."""
+    limit = max(most_hz(layout) for layout in model.dialect.layouts)
+    rates = {hz: code for code, hz in model.rates.items()}
+    return {hz: code for hz, code in rates.items() if hz <= limit} or {min(rates): rates[min(rates)]}
 
 
 def program(model: Model, code: int, taps: int, automatic: bool) -> Dialogue[tuple[float, list[str]]]:

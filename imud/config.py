@@ -90,13 +90,26 @@ def loads(text: str, overrides: Iterable[str] = (), name: str = "the configurati
     for override in overrides:
         _merge(table, *_parse_override(override))
     problems = []
-    for path, what in _problems(table, Settings):
+    for path, what in (*_problems(table, Settings), *_unknown_names(table)):
         line = _line_of(text, path)
         where = f"{name}:{line}: " if line else ""
         problems.append(f"{where}{path}: {what}")
     if problems:
         raise ConfigError("bad configuration\n  " + "\n  ".join(problems))
     return msgspec.convert(table, Settings)
+
+
+def _unknown_names(table: dict[str, Any]) -> Iterable[tuple[str, str]]:
+    """(key path, what is wrong) where a value must be one of the names that exist."""
+    imu = table.get("imu")
+    given = {"estimator": table.get("estimator"), "imu.profile": imu.get("profile") if isinstance(imu, dict) else None}
+    if any(given.values()):
+        from .estimators.registry import NAMES
+        from .profiles import PROFILES
+
+        for (path, name), known in zip(given.items(), (NAMES, tuple(PROFILES)), strict=True):
+            if isinstance(name, str) and name not in ("auto", *known):
+                yield path, f"there is no {name!r}; known are auto, {', '.join(known)}"
 
 
 def adopt(running: Settings, fresh: Settings) -> tuple[Settings, list[str], list[str]]:

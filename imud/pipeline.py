@@ -89,7 +89,7 @@ class Filter:
         self.parameters = estimator.configure(settings, rate_hz)
         self.state = estimator.start(self.parameters, initial)
         self.mount = mount_matrix(settings.imu.mount_rpy_deg)
-        self._profile = profile_of(settings.imu.profile)
+        self._profile = profile_of(settings)
         self.health = new_health(self._profile, rate_hz)
         stem = estimator.name.replace("-", "_")
         self._run = _compose(_run, f"run_{stem}", step=estimator.step)

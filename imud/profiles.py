@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, replace
 
 from .kernels.earth import STANDARD_GRAVITY
+from .settings import Settings
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,22 @@ PROFILES["epson-windowed"] = replace(PROFILES["m-g350"], gyro_range=450.0 * _DEG
 DEFAULT = "consumer-mems"
 
 
-def profile_of(name: str) -> Profile:
-    """The profile called `name`; that of an unknown sensor for "auto". Raises KeyError."""
-    return PROFILES[DEFAULT if name == "auto" else name]
+# settings.noise: key, what it replaces, its unit in SI
+_KNOWN_BETTER = (
+    ("gyro_random_walk_deg_per_sqrt_h", "gyro_noise", _DEG / math.sqrt(_HOUR)),
+    ("gyro_bias_instability_deg_per_h", "gyro_bias_instability", _DEG / _HOUR),
+    ("gyro_bias_initial_dps", "gyro_bias_initial", _DEG),
+    ("gyro_scale_percent", "gyro_scale", 0.01),
+    ("accel_random_walk_mps_per_sqrt_h", "accel_noise", 1.0 / math.sqrt(_HOUR)),
+    ("accel_bias_instability_mg", "accel_bias_instability", _MG),
+    ("accel_bias_initial_mg", "accel_bias_initial", _MG),
+    ("accel_scale_percent", "accel_scale", 0.01),
+)
+
+
+def profile_of(settings: Settings) -> Profile:
+    """The profile that the settings name, that of an unknown sensor for "auto", with what they know better."""
+    name = settings.imu.profile
+    profile = PROFILES[DEFAULT if name == "auto" else name]
+    known = {field: value * unit for key, field, unit in _KNOWN_BETTER if (value := getattr(settings.noise, key))}
+    return replace(profile, **known)

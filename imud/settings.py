@@ -54,6 +54,19 @@ class Spi(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = ""
 
 
+class Noise(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What is known of the inertial sensor better than by its profile: see `imud allan`. 0: as the profile says."""
+
+    gyro_random_walk_deg_per_sqrt_h: Annotated[float, Meta(ge=0.0, description="Angular random walk N.")] = 0.0
+    gyro_bias_instability_deg_per_h: Annotated[float, Meta(ge=0.0, description="Bias instability B.")] = 0.0
+    gyro_bias_initial_dps: Annotated[float, Meta(ge=0.0, description="Bias at switch-on, 1 sigma.")] = 0.0
+    gyro_scale_percent: Annotated[float, Meta(ge=0.0, description="Scale factor and misalignment, 1 sigma.")] = 0.0
+    accel_random_walk_mps_per_sqrt_h: Annotated[float, Meta(ge=0.0, description="Velocity random walk N.")] = 0.0
+    accel_bias_instability_mg: Annotated[float, Meta(ge=0.0, description="Bias instability B.")] = 0.0
+    accel_bias_initial_mg: Annotated[float, Meta(ge=0.0, description="Bias at switch-on, 1 sigma.")] = 0.0
+    accel_scale_percent: Annotated[float, Meta(ge=0.0, description="Scale factor and misalignment, 1 sigma.")] = 0.0
+
+
 class Gnss(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The receiver."""
 
@@ -176,6 +189,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         bool | tuple[str, ...], Meta(description="Those DEVs to which nothing is ever written; `true`: all of them.")
     ] = False
     imu: Imu = Imu()
+    noise: Noise = Noise()
     spi: Spi = Spi()
     gnss: Gnss = Gnss()
     navigation: Navigation = Navigation()

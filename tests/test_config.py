@@ -68,3 +68,12 @@ def test_what_is_hot_is_adopted_and_the_rest_waits():
     assert (taken, waiting) == (["gpsd.rate_hz"], ["ports", "gpsd.listen"])
     assert settings == config.loads("[gpsd]\nrate_hz = 7.0\n[gnss]\nmax_hdop = 3.0")
     assert config.adopt(settings, settings) == (settings, [], [])
+
+
+def test_names_that_do_not_exist_are_listed_with_those_that_do():
+    with pytest.raises(ConfigError) as caught:
+        config.loads('estimator = "kalman"\n[imu]\nprofile = "m-g530"\n[gnss]\nmax_hdop = -1', name="x.toml")
+    message = str(caught.value)
+    assert "x.toml:1: estimator: there is no 'kalman'; known are auto, attitude" in message
+    assert "x.toml:3: imu.profile: there is no 'm-g530'; known are auto, m-g350" in message
+    assert "x.toml:5: gnss.max_hdop" in message

@@ -88,7 +88,7 @@ STATE = np.dtype(
 
 def configure(settings: Settings, rate_hz: float) -> Record:
     """Parameters (PARAMETERS): noise and bias from the sensor's profile, the rest Farrell's."""
-    profile = profile_of(settings.imu.profile)
+    profile = profile_of(settings)
     p = np.zeros(1, PARAMETERS)
     p["bias_rate"], p["bias_psd"] = LAMBDA, BIAS_PSD
     p["accel_psd"], p["bias_var"] = profile.accel_noise**2, profile.accel_bias_initial**2

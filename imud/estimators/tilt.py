@@ -78,7 +78,7 @@ STATE = np.dtype(
 
 def configure(settings: Settings, rate_hz: float) -> Record:
     """Parameters (PARAMETERS) from the sensor's noise profile; a sample's noise fills half of `rate_hz`."""
-    profile = profile_of(settings.imu.profile)
+    profile = profile_of(settings)
     p = np.zeros(1, PARAMETERS)
     p["sample_var"] = profile.accel_noise**2 * rate_hz
     p["bias_var"] = profile.accel_bias_initial**2

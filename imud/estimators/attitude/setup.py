@@ -23,7 +23,7 @@ def configure(settings: Settings, rate_hz: float) -> Record:
 
     Raises KeyError when there is no such profile.
     """
-    profile = profile_of(settings.imu.profile)
+    profile = profile_of(settings)
     p = np.zeros(1, PARAMETERS)
     p["gap_s"] = 2.5 / rate_hz
     p["gyro_psd"] = profile.gyro_noise**2

@@ -72,7 +72,7 @@ STATE = np.dtype(
 
 def configure(settings: Settings, rate_hz: float) -> Record:
     """Parameters (PARAMETERS): Q and R, and the sensor's noise for the sigmas of dead reckoning."""
-    profile = profile_of(settings.imu.profile)
+    profile = profile_of(settings)
     p = np.zeros(1, PARAMETERS)
     p["acceleration_walk"] = settings.ins9.acceleration_walk
     p["distance_var"] = settings.ins9.distance_var

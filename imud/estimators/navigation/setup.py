@@ -37,7 +37,7 @@ VEHICLES = {"free": FREE, "auto": AUTO, "land": LAND}
 
 def configure(settings: Settings, rate_hz: float) -> Record:
     """Parameters (1 element) for a sensor of `rate_hz`; profile "auto" is consumer-mems."""
-    profile = profile_of(settings.imu.profile)
+    profile = profile_of(settings)
     p = np.zeros(1, PARAMETERS)
     r = p[0]
     r["period"] = 1.0 / rate_hz

@@ -243,7 +243,8 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
         q = quat_of_euler(s.x[ROLL], s.x[PITCH], s.yaw)
         for i in range(4):
             solution.q_nb[i] = q[i]
-        solution.sigma_rpy[0], solution.sigma_rpy[1] = math.sqrt(s.P[5]), math.sqrt(s.P[0])
+        solution.sigma_rpy[0] = min(math.sqrt(s.P[5]), UNIFORM)
+        solution.sigma_rpy[1] = min(math.sqrt(s.P[0]), UNIFORM)
         solution.sigma_rpy[2] = UNIFORM
         if max(solution.sigma_rpy[0], solution.sigma_rpy[1]) < TRUSTED_TILT:
             solution.status |= ATTITUDE_VALID

@@ -3,7 +3,8 @@
 Quiet alone is not rest: at constant speed a smooth car is nearly as quiet as a parked one. Rest needs the quiet of
 the quietest time seen, a mean rate that is the bias, and a speed, from a fresh fix or from the filter, near zero.
 Where no speed is known, as in the first seconds of a start under way, the quietest time seen may itself be motion:
-there only a stillness will do that no vehicle under way has.
+there only a stillness will do that no vehicle under way has. In an outage the speed is known less and less: there
+the quiet is compared with what this vehicle has shown at rest and in slow motion while its speed was known.
 """
 
 import math
@@ -26,6 +27,10 @@ REST_SPEED = 0.3  # m/s, three sigma of a receiver's speed at rest
 LONG_QUIET = 10  # windows, enough when no speed is known
 REST_VARIANCE, LONG_REST_VARIANCE = 0.5, 10.0  # m^2/s^2, a velocity less certain than that cannot tell rest
 REST_RATE = 0.003  # rad/s beyond the uncertainty of the bias
+UNDER_WAY = (0.5, 5.0)  # m/s, slow motion: what rest could be mistaken for
+MANNER_MEMORY, MANNER_LEAST = 0.01, 20.0  # per window; windows before a manner is known
+MANNER_SPREAD = 0.25  # least standard deviation of the logarithm
+WEIGHT, SURE = 0.25, 3.0  # neighbouring windows are not independent; log likelihood ratio
 
 
 @kernel
@@ -84,6 +89,42 @@ def judge(p: Any, c: Any) -> None:
     quiet = deviation < QUIET * c.floor and f2 < QUIET_ACCEL**2 and changed < REST_RATE + c.floor
     c.quiet = c.quiet + 1 if quiet else 0
     c.still = c.still + 1 if quiet and f2 < STILL_ACCEL**2 else 0
+    weigh(c, math.log(max(deviation, least)))
+
+
+@kernel
+def weigh(c: Any, x: float) -> None:
+    """Learn the log deviation x of this window where the speed is known, and gather evidence of rest where it is not."""
+    known = c.fixes > 0 and 1e-9 * (c.t_ns - c.fix_ns) < FRESH_S
+    speed = c.fix_speed
+    if c.phase == NAVIGATING and not speed >= 0.0:
+        speed = math.sqrt(c.v[0] ** 2 + c.v[1] ** 2)
+    if known and speed < UNDER_WAY[1]:
+        if speed < REST_SPEED and c.quiet > 1:
+            learn(c.manner[0], x)
+        elif speed > UNDER_WAY[0]:
+            learn(c.manner[1], x)
+    ratio = 0.0
+    if min(c.manner[0, 0], c.manner[1, 0]) >= MANNER_LEAST:
+        ratio = likelihood(c.manner[0], x) - likelihood(c.manner[1], x)
+    c.evidence = c.evidence + WEIGHT * min(max(ratio, -2.0), 2.0) if c.quiet > 1 else 0.0
+
+
+@kernel
+def learn(manner: Any, x: float) -> None:
+    """Count, mean and variance of x, of which the past is slowly forgotten."""
+    manner[0] += 1.0
+    share = max(1.0 / manner[0], MANNER_MEMORY)
+    left = x - manner[1]
+    manner[1] += share * left
+    manner[2] += share * ((1.0 - share) * left * left - manner[2])
+
+
+@kernel
+def likelihood(manner: Any, x: float) -> float:
+    """Logarithm of the normal density, but for its constant."""
+    variance = max(manner[2], MANNER_SPREAD**2)
+    return -0.5 * ((x - manner[1]) ** 2 / variance + math.log(variance))
 
 
 @kernel
@@ -100,6 +141,7 @@ def slow(c: Any) -> bool:
     return bool(
         (known and speed2 < 1.0 + 9.0 * s2)
         or (speed2 < REST_SPEED**2 and s2 < (LONG_REST_VARIANCE if c.quiet > LONG_QUIET else REST_VARIANCE))
+        or (c.evidence > SURE and speed2 < REST_SPEED**2 + 9.0 * s2 and s2 < LONG_REST_VARIANCE)
     )
 
 

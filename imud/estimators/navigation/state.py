@@ -80,6 +80,8 @@ CORE = np.dtype(
         ("mean_w", "<f8", (3,)),  # of the last complete window
         ("quiet", "<i8"),  # complete quiet windows in a row
         ("still", "<i8"),  # and still ones
+        ("manner", "<f8", (2, 3)),  # at rest and in slow motion: count, mean and variance of the log gyro deviation
+        ("evidence", "<f8"),  # of rest, by these: log likelihood ratio
         ("floor", "<f8"),  # rad/s, quietest gyro deviation seen
         ("shaking", "<f8"),  # 0 to 1, how much of a vehicle's vibration there is
         ("vibration_accel", "<f8"),  # m^2/s^3, noise density added by vibration

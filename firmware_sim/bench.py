@@ -91,5 +91,10 @@ def sockets() -> tuple[Socket, ...]:
     args = parser.parse_args(shlex.split(os.environ.get("IMUD_SIM", "g350")))
     scene = build.scene(args)
     start, utc = scene.time_zero()
-    sensors = [build.device(args, scene, utc, i) for i in range(len(args.devices))]
-    return tuple(Socket(sensor, start) for sensor in sensors if isinstance(sensor, EpsonSensor))
+    found = []
+    for i, (name, _) in enumerate(args.devices):
+        sensor = build.device(args, scene, utc, i)
+        if not isinstance(sensor, EpsonSensor):
+            parser.error(f"{name} does not speak SPI")
+        found.append(Socket(sensor, start))
+    return tuple(found)

@@ -249,6 +249,8 @@ class Daemon:
         for pair in (self._imu, self._gnss):
             if pair and now_ns - pair[1].heard_ns > pair[1].silence_ns and not _is_readable(pair[0].fd):
                 pair[0].lost("the device sends nothing more of use")
+        for port in self._ports:
+            port.pass_on()
         for viewer in self._viewers:
             if self._imu is None and viewer.wants(now_ns):  # the clients must not take old news for new
                 viewer.publish(View(devices=self._devices), now_ns)

@@ -56,6 +56,7 @@ class Port:
         self._log = structlog.get_logger().bind(port=spec.path)
         self._line: Line | None = None
         self._talk: Conversation[Any] | None = None
+        self._complaint = ""
         self._then: Callable[[Any], None] = lambda result: None
         self._retry_s = _FIRST_RETRY_S
 
@@ -85,6 +86,13 @@ class Port:
         """Bytes for the dialogue. (A streaming port is read by its owner.)"""
         if self._talk is not None:
             self._guard(self._talk.on_readable)
+
+    def pass_on(self) -> None:
+        """Log what the line has to complain about, once."""
+        complaint = self._line.complaint if self._line else ""
+        if complaint and complaint != self._complaint:
+            self._log.warning(complaint)
+        self._complaint = complaint
 
     def lost(self, why: str) -> None:
         """The stream ended: close, and begin again."""

@@ -21,6 +21,7 @@ class DataReady:
     def __init__(self, line: str) -> None:
         """line: CHIP:LINE, as /dev/gpiochip0:24 or gpiochip0:GPIO24 (offset, or the line's name)."""
         chip, _, name = line.rpartition(":")
+        self.line = line
         self.dropped = 0  # edges for which the kernel had no room
         self._next: int | None = None  # sequence number
         self._request = _request(line, chip if chip.startswith("/") else f"/dev/{chip}", name)

@@ -16,6 +16,10 @@ class Line(Port, Protocol):
     def counters(self) -> Mapping[str, int]:
         """What went wrong below the frames."""
 
+    @property
+    def complaint(self) -> str:
+        """What the user is to mend although it works; empty if there is nothing."""
+
     def receive(self, room: memoryview, now_ns: int) -> tuple[int, int]:
         """Read into `room` at the time `now_ns`; returns how many bytes, and when the last of them was there."""
 

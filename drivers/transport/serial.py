@@ -68,6 +68,11 @@ class SerialPort:
         termios.tcsetattr(self.fd, termios.TCSANOW, attributes)
 
     @property
+    def complaint(self) -> str:
+        """What is to be mended though it works: nothing that a UART would tell."""
+        return ""
+
+    @property
     def counters(self) -> Mapping[str, int]:
         """What went wrong on the line; a UART does not say."""
         return {}

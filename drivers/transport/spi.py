@@ -23,8 +23,9 @@ from .timer import Timer
 
 BITS = 8  # a word is sent as two bytes
 EARLIER = 256  # by this part of a period each sample is asked for earlier than the last
-AGAIN = 16  # this part of a period later it is asked for again
+AGAIN, PATIENCE = 16, 2  # this part of a period later it is asked for again; so many periods long
 OVERDUE = 4  # periods without an edge after which one looks without
+MUTE = 50  # samples fetched without an edge, one after another, until that is said
 BELIEVED = 1.25  # periods; an edge longer before the reading is not that of the sample read
 
 
@@ -52,6 +53,8 @@ class SpiPort:
         self._waiting: list[int] = []  # edges whose sample was not fetched yet
         self._due_ns = 0
         self._overruns = self._torn = self._unannounced = 0
+        self._waits = 0  # in a row
+        self._mute = 0  # samples without an edge since the last one with
 
     @property
     def counters(self) -> Mapping[str, int]:
@@ -61,6 +64,15 @@ class SpiPort:
         """
         counted = {"overruns": self._overruns, "torn": self._torn}
         return counted | ({"unannounced": self._unannounced} if self._edges else {})
+
+    @property
+    def complaint(self) -> str:
+        """What is to be mended though it works; empty if there is nothing."""
+        if self._edges and self._mute >= MUTE:
+            return (
+                f"no edges on the data-ready line {self._edges.line}: samples are fetched by time; is it wired to it?"
+            )
+        return ""
 
     def set_baud(self, baud: int) -> None:
         """Has no meaning here; see `set_spi`."""
@@ -140,10 +152,10 @@ class SpiPort:
                 captured_ns = time.monotonic_ns() - 1000 * cycle.stall_us
             if i == fetch.gate and not fetch.is_new(answer):
                 self._take_edges(begun_ns)  # of samples that were fetched already
-                self._due_ns = time.monotonic_ns() + fetch.period_ns // AGAIN
-                self._timer.set(self._due_ns)
+                self._wait(fetch.period_ns)
                 return b"", 0
             answers += answer
+        self._waits = 0
         frame = fetch.frame(bytes(answers))
         edge_ns = self._edge_of(captured_ns, bool(frame))
         self._plan(fetch, captured_ns, edge_ns, bool(frame))
@@ -158,6 +170,7 @@ class SpiPort:
             self._overruns += max(len(edges) - whole, 0) + self._edges.dropped
             self._edges.dropped = 0
             self._unannounced += not edges
+            self._mute = 0 if edges else self._mute + 1
         return edges[-1] if edges else 0
 
     def _take_edges(self, until_ns: int) -> list[int]:
@@ -167,6 +180,16 @@ class SpiPort:
         edges = self._waiting + self._edges.take()
         self._waiting = [edge for edge in edges if edge > until_ns]
         return edges[: len(edges) - len(self._waiting)]
+
+    def _wait(self, period_ns: int) -> None:
+        """Look again a moment later; less often where an edge will tell, or if there has been nothing for long."""
+        self._waits += 1
+        if self._edges and self._mute == 0:
+            pause_ns = OVERDUE * period_ns
+        else:
+            pause_ns = period_ns // AGAIN if self._waits < PATIENCE * AGAIN else period_ns
+        self._due_ns = time.monotonic_ns() + pause_ns
+        self._timer.set(self._due_ns)
 
     def _plan(self, fetch: Fetch, captured_ns: int, edge_ns: int, whole: bool) -> None:
         """Say when to look next."""

@@ -1,0 +1,367 @@
+"""The SPI port on scripted stand-ins for spidev and gpiod: edges, stamps, what is missed, what is missing."""
+
+import errno
+import os
+import select
+import sys
+import time
+import types
+from collections import deque
+from dataclasses import replace
+
+import pytest
+
+from drivers.errors import (
+    NotSerialError,
+    PortAbsentError,
+    PortBusyError,
+    PortDeniedError,
+    PortLostError,
+    PortSupportError,
+    SpecError,
+)
+from drivers.spi import Bus, Cycle, Fetch
+from drivers.transport.line import open_line
+from drivers.transport.portspec import PortSpec
+from drivers.transport.timer import Timer
+
+PERIOD_NS = 10_000_000
+NEW, OLD = b"\xfe\0", b"\0\0"
+
+
+class SpiDev:
+    """A device that answers from a script, and remembers how it was asked."""
+
+    script: deque[bytes]
+    trouble: Exception | None = None
+
+    def __init__(self):
+        self.asked, self.closed = [], 0
+
+    def open(self, bus, device):
+        if self.trouble:
+            raise self.trouble
+        SpiDev.last = self
+        self.opened = bus, device
+
+    def xfer2(self, values, speed_hz=0, delay_usecs=0, bits_per_word=0):
+        if SpiDev.trouble:
+            raise SpiDev.trouble
+        self.asked.append((bytes(values), speed_hz, delay_usecs))
+        answer = SpiDev.script.popleft()
+        if callable(answer):
+            answer = answer()
+        values[:] = answer
+        return values
+
+    def close(self):
+        self.closed += 1
+
+
+class Gpio:
+    """The module gpiod, with one line whose edges the test makes."""
+
+    def __init__(self):
+        self.fd, self.edges, self.number, self.trouble = os.eventfd(0, os.EFD_NONBLOCK), [], 0, None
+        self.requested = self.released = None
+
+    def edge(self, at_ns):
+        self.number += 1
+        self.edges.append(types.SimpleNamespace(timestamp_ns=at_ns, line_seqno=self.number))
+        os.eventfd_write(self.fd, 1)
+        return b"\0\0"
+
+    def request_lines(self, path, config, consumer=None, event_buffer_size=None):
+        if self.trouble:
+            raise self.trouble
+        self.requested = path, config
+        return self
+
+    def read_edge_events(self):
+        os.eventfd_read(self.fd)
+        edges, self.edges = self.edges, []
+        return edges
+
+    def release(self):
+        self.released = True
+
+
+@pytest.fixture(autouse=True)
+def modules(monkeypatch):
+    SpiDev.script, SpiDev.trouble = deque(), None
+    gpio = Gpio()
+    gpiod = types.ModuleType("gpiod")
+    gpiod.LineSettings = lambda **settings: settings
+    gpiod.request_lines = gpio.request_lines
+    line = types.ModuleType("gpiod.line")
+    for name, value in (("Clock", "MONOTONIC"), ("Direction", "INPUT"), ("Edge", "RISING")):
+        setattr(line, name, types.SimpleNamespace(**{value: value.lower()}))
+    monkeypatch.setitem(sys.modules, "spidev", types.SimpleNamespace(SpiDev=SpiDev))
+    monkeypatch.setitem(sys.modules, "gpiod", gpiod)
+    monkeypatch.setitem(sys.modules, "gpiod.line", line)
+    yield gpio
+    os.close(gpio.fd)
+
+
+@pytest.fixture
+def port(modules):
+    with_edges = replace(PortSpec.parse("spi:0.0"), data_ready="gpiochip0:24")
+    opened = open_line(with_edges)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def timed(modules):
+    opened = open_line(PortSpec.parse("spi:1.2"))
+    yield opened
+    opened.close()
+
+
+def readable(port, wait_ms=0):
+    poll = select.poll()
+    poll.register(port.fd, select.POLLIN)
+    return bool(poll.poll(wait_ms))
+
+
+def plan(frame=lambda answers: answers[2:]):
+    """Two words: the second's answer says whether there is news, and captures; the third's is the sample."""
+    cycles = (Cycle(b"\x01\0", 7), Cycle(b"\x02\0", 8), Cycle(b"\x03\0", 9))
+    return Fetch(1_000_000, cycles, 1, lambda answer: answer == NEW, 1, frame, PERIOD_NS)
+
+
+def begin(port, fetch=None):
+    port.set_spi(Bus(3, 500_000, 20))
+    port.set_spi(fetch or plan())
+
+
+def take(port):
+    room = bytearray(64)
+    n, ready_ns = port.receive(memoryview(room), 0)
+    return bytes(room[:n]), ready_ns
+
+
+def sample(port, value=b"\x12\x34", during=lambda: OLD):
+    SpiDev.script += [during, NEW, value]
+    return take(port)
+
+
+def test_words_are_exchanged_one_by_one_with_their_pause(timed):
+    timed.set_spi(Bus(3, 500_000, 20))
+    device = SpiDev.last
+    assert (device.opened, device.mode, device.bits_per_word, device.max_speed_hz) == ((1, 2), 3, 8, 500_000)
+    SpiDev.script += [b"ab", b"cd"]
+    assert not readable(timed)
+    timed.write(b"\x4c\0\0\0")
+    assert device.asked == [(b"\x4c\0", 500_000, 20), (b"\0\0", 500_000, 20)]
+    assert readable(timed)
+    assert timed.read() == b"abcd"
+    assert not readable(timed)
+    assert timed.read() == b""
+
+
+def test_what_is_discarded_is_not_read(timed):
+    timed.set_spi(Bus(3, 500_000, 20))
+    SpiDev.script += [b"ab"]
+    timed.write(b"\1\2")
+    timed.discard()
+    assert not readable(timed)
+    assert timed.read() == b""
+
+
+def test_a_sample_has_the_time_of_its_edge(port, modules):
+    begin(port)
+    edge_ns = time.monotonic_ns() - 2_000_000
+    modules.edge(edge_ns)
+    assert readable(port)
+    frame, ready_ns = sample(port)
+    assert (frame, ready_ns) == (NEW + b"\x12\x34", edge_ns)
+    assert SpiDev.last.asked[-1] == (b"\x03\0", 1_000_000, 9)
+    assert not readable(port)
+    assert port.counters == {"overruns": 0, "torn": 0, "unannounced": 0}
+    path, config = modules.requested
+    assert path == "/dev/gpiochip0"
+    assert config == {24: {"direction": "input", "edge_detection": "rising", "event_clock": "monotonic"}}
+
+
+def test_edges_beyond_the_last_are_overruns(port, modules):
+    begin(port)
+    now_ns = time.monotonic_ns()
+    for k in range(3):
+        modules.edge(now_ns - 3_000_000 + k * 1_000_000)
+    assert sample(port)[1] == now_ns - 1_000_000
+    assert port.counters["overruns"] == 2
+
+
+def test_edges_that_the_kernel_dropped_are_overruns(port, modules):
+    begin(port)
+    modules.edge(time.monotonic_ns())
+    sample(port)
+    modules.number += 5
+    modules.edge(time.monotonic_ns())
+    sample(port)
+    assert port.counters["overruns"] == 5
+
+
+def test_an_edge_after_the_sample_was_chosen_is_the_next_ones(port, modules):
+    begin(port)
+    first_ns = time.monotonic_ns() - 1_000_000
+    later_ns = time.monotonic_ns() + 5_000_000
+    modules.edge(first_ns)
+    SpiDev.script += [OLD, NEW, lambda: modules.edge(later_ns)]
+    assert take(port)[1] == first_ns
+    assert readable(port)  # it waits already
+    time.sleep(max(0.0, (later_ns - time.monotonic_ns()) * 1e-9) + 1e-3)
+    assert sample(port)[1] == later_ns
+    assert port.counters["overruns"] == 0
+
+
+def test_an_edge_of_long_ago_is_not_this_samples(port, modules):
+    begin(port)
+    modules.edge(time.monotonic_ns() - 3 * PERIOD_NS)
+    before_ns = time.monotonic_ns()
+    assert sample(port)[1] >= before_ns - 10_000
+
+
+def test_a_spurious_edge_makes_no_sample(port, modules):
+    begin(port)
+    modules.edge(time.monotonic_ns())
+    SpiDev.script += [OLD, OLD]
+    assert take(port)[0] == b""
+    assert SpiDev.last.asked[-1][0] == b"\x02\0"  # the rest is left out
+    assert port.counters == {"overruns": 0, "torn": 0, "unannounced": 0}
+
+
+def test_a_torn_sample_is_none_and_the_next_is_looked_for_at_once(port, modules):
+    begin(port, plan(lambda answers: b""))
+    modules.edge(time.monotonic_ns())
+    assert sample(port)[0] == b""
+    assert port.counters == {"overruns": 1, "torn": 1, "unannounced": 0}
+    assert readable(port)
+
+
+def test_without_edges_it_is_looked_for_in_time_and_said(port):
+    begin(port)
+    for k in range(60):
+        assert not port.complaint or k >= 50
+        assert readable(port, 1000)
+        assert sample(port)[0]
+    assert port.counters["unannounced"] == 60
+    assert "gpiochip0:24" in port.complaint
+
+
+def test_a_sample_fetched_by_time_has_the_time_at_which_it_was_chosen(timed):
+    begin(timed)
+    assert timed.complaint == ""
+    times = []
+
+    def note():
+        times.append(time.monotonic_ns())
+        return OLD
+
+    frame, ready_ns = sample(timed, during=note)
+    assert frame
+    assert times[0] - 8_000 <= ready_ns <= time.monotonic_ns()
+    assert timed.counters == {"overruns": 0, "torn": 0}
+
+
+def test_what_is_not_there_yet_is_asked_for_again(timed):
+    begin(timed)
+    for _ in range(3):
+        assert readable(timed, 1000)
+        SpiDev.script += [OLD, OLD]
+        assert take(timed)[0] == b""
+    assert readable(timed, 1000)
+    assert sample(timed)[0]
+    assert not readable(timed)
+
+
+def test_while_samples_are_fetched_answers_are_not_kept(timed):
+    begin(timed)
+    SpiDev.script += [b"ab"]
+    timed.write(b"\x83\1")
+    assert sample(timed)[0] == NEW + b"\x12\x34"
+
+
+@pytest.mark.parametrize(
+    ("trouble", "error", "says"),
+    [
+        (FileNotFoundError(errno.ENOENT, "x"), PortAbsentError, "raspi-config"),
+        (PermissionError(errno.EACCES, "x"), PortDeniedError, "group spi"),
+        (OSError(errno.EINVAL, "x"), NotSerialError, "Invalid argument"),
+    ],
+)
+def test_a_device_that_cannot_be_opened(trouble, error, says):
+    SpiDev.trouble = trouble
+    with pytest.raises(error, match=says) as caught:
+        open_line(PortSpec.parse("spi:0.0"))
+    assert "/dev/spidev0.0" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("trouble", "error", "says"),
+    [
+        (FileNotFoundError(errno.ENOENT, "x"), PortAbsentError, "gpioinfo"),
+        (PermissionError(errno.EACCES, "x"), PortDeniedError, "group gpio"),
+        (OSError(errno.EBUSY, "x"), PortBusyError, "in use"),
+        (ValueError("no such line"), NotSerialError, "no such line"),
+    ],
+)
+def test_a_data_ready_line_that_cannot_be_had(modules, trouble, error, says):
+    modules.trouble = trouble
+    with pytest.raises(error, match=says):
+        open_line(replace(PortSpec.parse("spi:0.0"), data_ready="gpiochip9:24"))
+    assert SpiDev.last.closed == 1
+
+
+@pytest.mark.parametrize("missing", ["spidev", "gpiod"])
+def test_a_missing_package_is_named_with_the_remedy(monkeypatch, missing):
+    monkeypatch.setitem(sys.modules, missing, None)
+    with pytest.raises(PortSupportError, match=f"{missing}.*pip install 'imud\\[spi\\]'"):
+        open_line(replace(PortSpec.parse("spi:0.0"), data_ready="gpiochip0:24"))
+
+
+def test_gpiod_of_the_first_generation_is_missing_too(monkeypatch):
+    monkeypatch.delattr(sys.modules["gpiod"], "LineSettings")
+    with pytest.raises(PortSupportError, match="gpiod 2"):
+        open_line(replace(PortSpec.parse("spi:0.0"), data_ready="gpiochip0:24"))
+
+
+def test_a_bus_that_fails_is_lost(timed):
+    begin(timed)
+    SpiDev.trouble = OSError(errno.EIO, "x")
+    with pytest.raises(PortLostError, match=r"spi:1\.2"):
+        take(timed)
+
+
+def test_closing_gives_everything_back_once(port, modules):
+    port.close()
+    port.close()
+    assert (SpiDev.last.closed, modules.released) == (1, True)
+
+
+@pytest.mark.parametrize("text", ["spi:0", "spi:a.b", "spi:0.0@9600", "spi:0.0:epson@9600", "spi:"])
+def test_what_is_no_spi_port(text):
+    with pytest.raises(SpecError, match="spi:"):
+        PortSpec.parse(text)
+
+
+def test_a_driver_may_be_named():
+    assert PortSpec.parse("spi:1.2:epson") == PortSpec("spi:1.2", "epson")
+    assert PortSpec.parse("spi:1.2").spi == (1, 2)
+
+
+def test_a_timer_rings_at_its_time_and_not_before():
+    timer = Timer()
+    poll = select.poll()
+    poll.register(timer.fd, select.POLLIN)
+    due_ns = time.monotonic_ns() + 20_000_000
+    timer.set(due_ns)
+    assert poll.poll(1000)
+    assert time.monotonic_ns() >= due_ns
+    timer.clear()
+    timer.clear()
+    assert not poll.poll(0)
+    timer.set(0)
+    assert poll.poll(1000)
+    timer.close()

@@ -128,8 +128,13 @@ class ImuDriver(Driver, Protocol):
     def new_state(self, configured: ImuConfigured) -> NDArray[np.void]:
         """A fresh decoder state, an array of one record, for `decode`.
 
-        Every state has the fields leftover, frames, junk, bad, lost, suspect and errors (counters, i8).
+        Every state has the fields leftover, frames, junk, bad, lost, suspect and errors (counters, i8), and status
+        (i8): the word with which the device reports its faults, as last heard.
         """
+
+    @property
+    def complaints(self) -> Mapping[int, str]:
+        """What the bits of the device's status word mean, by mask; one bit each."""
 
     @property
     def decode(self) -> Callable[[NDArray[np.uint8], int, NDArray[np.void], NDArray[np.void]], int]:

@@ -24,16 +24,17 @@ from drivers.transport.line import Line
 from drivers.transport.portspec import PortSpec
 
 from . import compilation, realtime, runtime
+from .announce import Announcer
 from .config import adopt
 from .errors import ImudError, UsageError
 from .estimators import Estimator, registry
-from .estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, REJECTING
+from .estimators.records import ATTITUDE_VALID
 from .load import Load
 from .notify import Notifier
 from .outputs.binary import BinaryOutputs
 from .outputs.gpsd import GpsdServer
 from .outputs.nmea import NmeaOutput
-from .outputs.view import Device, View
+from .outputs.view import Device, Health, View
 from .pipeline import BATCH, Filter, Stream
 from .ports import Configured, Port
 from .profiles import PROFILES
@@ -47,13 +48,6 @@ WITHOUT_GYROS = "tilt"  # the estimator for sensors that lack them
 RATE_STEP = 0.1  # logarithmic: sensors within that are the same to a filter
 _INTERRUPTED, _HUNG_UP = 130, 129
 _PARTS = {"imu": "inertial sensor", "gnss": "receiver"}
-_CHANGES = (
-    (ATTITUDE_VALID, "roll and pitch are valid", "roll and pitch are lost"),
-    (HEADING_VALID, "heading is valid", "heading is lost"),
-    (POSITION_VALID, "position is valid", "position is lost"),
-    (COASTING, "no fixes: coasting", "fixes are back"),
-    (REJECTING, "the fixes contradict the estimate: rejecting them", "fixes and estimate agree again"),
-)
 
 
 class Daemon:
@@ -88,7 +82,9 @@ class Daemon:
         self._inertial: Inertial | None = None  # outlives its connections
         self._settled: tuple[Any, ...] = ()  # what the filter was made for
         self._devices: tuple[Device, ...] = ()
-        self._status = self._told = 0
+        self._status = 0
+        self._announcer = Announcer(self._log)
+        self._troubles: dict[str, tuple[str, ...] | None] = {"imu": None, "gnss": None}  # None: no such sensor
         self._load = Load()
         self._exit: int | None = None
         self._reload_due = False
@@ -238,6 +234,7 @@ class Daemon:
             devices=self._devices,
             gnss=self._gnss[1].view(now_ns) if self._gnss else None,
             temperature=float(inertial.stream.samples[0]["temperature"]),
+            health=Health(**self._troubles, clock=inertial.clock_fit()),
         )
         for viewer in due:
             viewer.publish(view, now_ns)
@@ -256,23 +253,22 @@ class Daemon:
                 viewer.publish(View(devices=self._devices), now_ns)
         if (deadline := self._gpsd.next_deadline()) is not None and now_ns >= deadline:
             self._gpsd.tick(now_ns)
-        self._tell_changes()
+        self._tell_changes(now_ns)
         if news := self._load.news(self._inertial.counters()["lost"] if self._inertial else 0, now_ns):
             self._log.warning(news)
         notifier.status("; ".join(f"{port.spec.path}: {port.story}" for port in self._ports))
         notifier.alive(now_ns)
 
-    def _tell_changes(self) -> None:
-        changed = self._status ^ self._told
-        for bit, came, went in _CHANGES:
-            if changed & bit:
-                self._log.info(came if self._status & bit else went)
-        if changed & self._status & ATTITUDE_VALID:
+    def _tell_changes(self, now_ns: int) -> None:
+        if self._announcer.status(self._status, now_ns) & ATTITUDE_VALID:
             self._doubt_the_axes()
-        self._told = self._status
         if self._gnss and (news := self._gnss[1].news):
             self._log.warning(news)
             self._gnss[1].news = ""
+        for kind, pair in (("imu", self._imu), ("gnss", self._gnss)):
+            self._troubles[kind] = pair[1].troubles(now_ns) if pair else None
+            if pair:
+                self._announcer.troubles(kind, self._troubles[kind] or (), now_ns)
 
     def _doubt_the_axes(self) -> None:
         """A sensor that seems upside down may have other axes than ours: nothing on the wire can tell."""

@@ -3,6 +3,7 @@
 import math
 import os
 from collections import Counter
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,8 @@ from drivers.transport.line import Line
 
 from .epochs import EpochClock
 from .gnss import Refusal, record, refusal
-from .outputs.view import Gnss
+from .health import shown, words
+from .outputs.view import ClockFit, Gnss
 from .pipeline import Stream
 from .settings import Gnss as GnssSettings
 
@@ -22,6 +24,10 @@ READ = 4096  # bytes at a time: fewer frames than the pipeline takes in one batc
 SILENCE_NS = {"imu": 1_000_000_000, "gnss": 5_000_000_000}  # a stream this long silent is broken
 STEADY = 3  # fixes
 SILENT_PERIODS = 4  # at least
+STALE_NS, STALE_PERIODS = 200_000_000, 3
+STALE_FIX_NS = 3_000_000_000
+EARTH_RADIUS_M = 6.371e6
+JUMP_M, JUMP_MPS, JUMPED_NS = 100.0, 100.0, 5_000_000_000  # so far, and that fast beyond its own speed; shown so long
 Records = NDArray[np.void]
 
 
@@ -36,12 +42,15 @@ class Inertial:
         self.period_s = 0.0  # nominal, between samples
         self._room = stream.rx.data
         self._line: Line | None = None
+        self._complaints: Mapping[int, str] = {}
+        self._complained: int | None = None  # status word of the first look: the driver has told of that
 
     def connect(self, line: Line, driver: ImuDriver, configured: ImuConfigured, now_ns: int) -> None:
         """A new connection; the filter keeps what it knows."""
         self._line = line
         self.stream.restart(driver.new_state(configured), configured)
         self.heard_ns = now_ns
+        self._complaints, self._complained = driver.complaints, None
         self.period_s = 1.0 / configured.rate_hz
         self.silence_ns = max(SILENCE_NS["imu"], SILENT_PERIODS * round(1e9 / configured.rate_hz))
 
@@ -57,6 +66,31 @@ class Inertial:
             self.heard_ns = now_ns
         self.samples += n
         return n
+
+    def troubles(self, now_ns: int) -> tuple[str, ...]:
+        """What is wrong with the sensor, in words."""
+        if now_ns - self.heard_ns > max(STALE_NS, STALE_PERIODS * self.period_s * 1e9):
+            return ("inertial sensor: stale, nothing new comes",)
+        return (*words(shown(self.stream.filter.health)), *self._complains())
+
+    def _complains(self) -> tuple[str, ...]:
+        """What the sensor itself complained of since it streams."""
+        status = int(self.stream.decoder["status"][0])
+        if self._complained is None and self.stream.decoder["frames"][0] > 0:
+            self._complained = status
+        self._complained = status & (self._complained or 0)
+        return tuple(
+            self._complaints.get(1 << bit, f"the sensor sets bit {bit} of its status word, meaning not known")
+            for bit in range(16)
+            if (status & ~self._complained) >> bit & 1
+        )
+
+    def clock_fit(self) -> ClockFit:
+        """How well the sensor's counter fits our time."""
+        clock = self.stream.clock
+        if not clock["fitted"][0]:
+            return ClockFit()
+        return ClockFit(float(clock["residual_ns"][0]) * 1e-9, float(clock["slope"][0] / clock["period_ns"][0]) - 1.0)
 
     def counters(self) -> dict[str, int]:
         """What decoder and line counted since this connection."""
@@ -80,6 +114,8 @@ class Receiver:
         self._dissent = 0  # fixes in sequence of another verdict
         self._epochs = EpochClock(settings.latency_s)
         self._last: Fix | None = None
+        self._jumped_ns: int | None = None
+        self._connected_ns = now_ns
 
     def read(self, fd: int, now_ns: int) -> list[Records]:
         """Fixes (arrays of one FIX) that the new bytes complete. Raises PortLostError."""
@@ -101,6 +137,8 @@ class Receiver:
     def _accepted(self, fixes: list[Fix], now_ns: int) -> list[Records]:
         rows = []
         for fix in fixes:
+            if self._last and jumps(self._last, fix):
+                self._jumped_ns = now_ns
             self._last = fix
             refused = refusal(fix, self.settings)
             self._judge(refused)
@@ -125,6 +163,17 @@ class Receiver:
         tables = {name: ", ".join(f"{count} {key}" for key, count in table.items()) for name, table in told.items()}
         return {"fixes_used": self.used, **{name: text for name, text in tables.items() if text}}
 
+    def troubles(self, now_ns: int) -> tuple[str, ...]:
+        """What is wrong with the receiver, in words."""
+        status = self.decoder.status
+        if now_ns - max(status.arrival_ns, self._connected_ns) > STALE_FIX_NS:
+            return ("receiver: stale, nothing new comes",)
+        if status.arrival_ns and status.quality == 0:
+            return ("receiver: no fix",)
+        if self._jumped_ns is not None and now_ns - self._jumped_ns < JUMPED_NS:
+            return ("receiver: implausible, its position jumped",)
+        return ()
+
     def view(self, now_ns: int) -> Gnss | None:
         """The last fix, for those who publish it; None before the first."""
         fix = self._last
@@ -138,3 +187,13 @@ class Receiver:
             geoid_sep=math.nan if fix.geoid_sep_m is None else fix.geoid_sep_m,
             age_s=(now_ns - fix.arrival_ns) * 1e-9,
         )
+
+
+def jumps(before: Fix, after: Fix) -> bool:
+    """Whether no vehicle can have gone from one fix to the other."""
+    seconds = (after.arrival_ns - before.arrival_ns) * 1e-9
+    north = math.radians(after.lat_deg - before.lat_deg) * EARTH_RADIUS_M
+    turns = math.radians((after.lon_deg - before.lon_deg + 180.0) % 360.0 - 180.0)
+    east = turns * EARTH_RADIUS_M * math.cos(math.radians(after.lat_deg))
+    speed = max(before.speed_mps or 0.0, after.speed_mps or 0.0)
+    return math.hypot(north, east) > JUMP_M + (JUMP_MPS + speed) * max(seconds, 1.0)

@@ -6,6 +6,7 @@ force.
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -18,6 +19,7 @@ from .packet import (
     ACCEL_FAILED,
     ACCEL_SCALE,
     BIT,
+    COMPLAINTS,
     CONVENTIONS,
     LENGTH,
     PART,
@@ -47,6 +49,7 @@ class Crossbow:
     bauds = (BAUD,)
     patience_s = 0.5
     interrupts = True
+    complaints = MappingProxyType(COMPLAINTS)
 
     @property
     def kind(self) -> Literal["imu"]:

@@ -39,7 +39,7 @@ STATE = np.dtype(
         ("tick", "<i8"),
         ("timer", TIMER),
         ("spikes", SPIKES),
-        ("bit", "<i8"),  # the BIT word last heard
+        ("status", "<i8"),  # the BIT word last heard
         ("frames", "<i8"),  # delivered
         ("junk", "<i8"),  # bytes that belong to no delivered packet
         ("bad", "<i8"),  # times that the sequence of packets broke
@@ -148,8 +148,8 @@ def emit(s: Any, rx: Any, p: int, sample: Any) -> None:
         s.suspect += 1
     elif saturated:
         flags = SATURATED
-    s.bit = word(rx, p + packet.BIT)
-    if s.bit & FAULTS != 0:
+    s.status = word(rx, p + packet.BIT)
+    if s.status & FAULTS != 0:
         flags |= DEVICE_ERROR
         s.errors += 1
     w, f = sample.w, sample.f

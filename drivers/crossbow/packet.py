@@ -23,7 +23,12 @@ ACCEL_SCALE = 2.0 * 1.5 / 32768.0 * STANDARD_GRAVITY  # m/s^2 per LSB, GR = 2 g
 RANGE_LSB = 21845  # rated range: the word holds 1.5 times as much
 VOLTS, VOLTS_0_DEGC, DEGC_PER_VOLT = 5.0 / 4096.0, 1.375, 44.44
 
-ACCEL_FAILED, ZERO_INVALID = 1 << 2, 1 << 4  # bits of BIT in a relative; 0 in the one healthy RGA packet known
+ACCEL_FAILED, ZERO_INVALID, ZEROING = 1 << 2, 1 << 4, 1 << 5  # bits of BIT in a relative; 0 in the healthy RGA known
+COMPLAINTS = {
+    ACCEL_FAILED: "the sensor reports a failed accelerometer (BIT bit 2)",
+    ZERO_INVALID: "the sensor reports an invalid gyro zero (BIT bit 4)",
+    ZEROING: "the sensor is finding its gyro's zero (BIT bit 5)",
+}
 
 CONVENTIONS = (
     "sum of bytes",

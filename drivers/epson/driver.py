@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -41,6 +42,7 @@ class Epson:
     bauds = (460800, 230400, 115200, 19200, 9600, 921600)
     patience_s = 0.5  # four frames at the lowest rate take 0.26 s
     interrupts = True
+    complaints = MappingProxyType({1: "the sensor reports an error of its own (FLAG bit EA)"})
 
     @property
     def kind(self) -> Literal["imu"]:

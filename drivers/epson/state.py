@@ -44,6 +44,7 @@ STATE = np.dtype(
         ("lost", "<i8"),  # samples that the device took and that did not arrive
         ("suspect", "<i8"),
         ("errors", "<i8"),  # frames in which the device reported a fault
+        ("status", "<i8"),  # 1: in the last one it did
     ],
     align=True,
 )
@@ -81,7 +82,8 @@ def is_repeated(s: Any, flag: int, count: int) -> bool:
 @kernel
 def deliver(s: Any, flag: int, temperature: int, flags: int, sample: Any) -> None:
     """The words of a frame (those in s.spikes.raw, FLAG and the temperature) as a sample in SI units."""
-    if flag & 1:  # EA: any error
+    s.status = flag & 1  # EA: any error
+    if s.status:
         flags |= DEVICE_ERROR
         s.errors += 1
     raw, w, f = s.spikes.raw, sample.w, sample.f

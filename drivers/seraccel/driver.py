@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -24,6 +25,7 @@ class SerAccel:
     bauds = (57600, 38400, 19200, 9600)
     patience_s = PATIENCE_S
     interrupts = False
+    complaints = MappingProxyType[int, str]({})
 
     @property
     def kind(self) -> Literal["imu"]:

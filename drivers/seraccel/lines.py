@@ -56,6 +56,7 @@ STATE = np.dtype(
         ("lost", "<i8"),  # samples that did not arrive whole
         ("suspect", "<i8"),
         ("errors", "<i8"),  # always 0: the board reports no faults
+        ("status", "<i8"),  # likewise
     ],
     align=True,
 )

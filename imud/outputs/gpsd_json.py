@@ -202,8 +202,13 @@ _EST = _Numbers(
     sroll_deg="%.4g", spitch_deg="%.4g", syaw_deg="%.4g", q0="%.9g", q1="%.9g", q2="%.9g", q3="%.9g",
     bgx_dps="%.6g", bgy_dps="%.6g", bgz_dps="%.6g", bax_mps2="%.6g", bay_mps2="%.6g", baz_mps2="%.6g",
     sbgx_dps="%.4g", sbgy_dps="%.4g", sbgz_dps="%.4g", sbax_mps2="%.4g", sbay_mps2="%.4g", sbaz_mps2="%.4g",
-    gnss_age_s="%.4g", gnss_quality="%.4g",
+    gnss_age_s="%.4g", gnss_quality="%.4g", clock_residual_us="%.4g", clock_drift_ppm="%.4g",
 )  # fmt: skip
+
+
+def _health_of(sensor: str, troubles: tuple[str, ...] | None) -> str:
+    """The field, or nothing where there is no such sensor."""
+    return "" if troubles is None else f',"{sensor}_health":{quoted("; ".join(troubles) or "ok")}'
 
 
 def _est(view: View, s: State) -> str:
@@ -211,10 +216,12 @@ def _est(view: View, s: State) -> str:
     numbers = _EST(
         s.lat, s.lon, s.height, *s.v, *euler(s.q_nb), *s.sigma_p, *s.sigma_v, *s.sigma_rpy, *s.q_nb,
         *s.bg, *s.ba, *s.sigma_bg, *s.sigma_ba, gnss.age_s, NAN if gnss.quality is None else gnss.quality,
+        1e6 * view.health.clock.residual_s, 1e6 * view.health.clock.drift,
     )  # fmt: skip
     return (
         f'{_head("EST", view)}{_time(view)},"t_mono_ns":{view.t_mono_ns},"seq":{view.seq}'
-        f',"estimator":{quoted(view.estimator)},"status":{s.status},"state":"{status_words(s.status)}"{numbers}}}'
+        f',"estimator":{quoted(view.estimator)},"status":{s.status},"state":"{status_words(s.status)}"'
+        f"{_health_of('imu', view.health.imu)}{_health_of('gnss', view.health.gnss)}{numbers}}}"
     )
 
 

@@ -51,6 +51,21 @@ class Gnss(NamedTuple):
     age_s: float = NAN  # since the fix
 
 
+class ClockFit(NamedTuple):
+    """How well the counter of the inertial sensor fits the host's time."""
+
+    residual_s: float = NAN  # mean distance of the earliest arrivals from the line
+    drift: float = NAN  # of the sensor's clock against the host's, positive when slow; dimensionless
+
+
+class Health(NamedTuple):
+    """What is wrong with the sensors, in words; nothing: they are well. None: there is no such sensor."""
+
+    imu: tuple[str, ...] | None = None
+    gnss: tuple[str, ...] | None = None
+    clock: ClockFit = ClockFit()
+
+
 class View(NamedTuple):
     """Everything that is published of one instant. `solution` holds the bytes of one SOLUTION row (`row.tobytes()`)."""
 
@@ -64,6 +79,7 @@ class View(NamedTuple):
     gnss: Gnss | None = None
     temperature: float = NAN  # of the inertial sensor, degC
     emulated: bool = False
+    health: Health = Health()
 
 
 class State(NamedTuple):

@@ -1,0 +1,127 @@
+"""What the daemon tells of changes, and what the sensors say of themselves in words: no device, no clock but ours."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from test_crossbow import packet
+
+from drivers.driver import Identity, ImuConfigured
+from drivers.fix import Fix
+from drivers.registry import by_name
+from imud.announce import STATUS_LASTS_NS, Announcer, Changes
+from imud.estimators import registry
+from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID
+from imud.pipeline import Filter, Stream
+from imud.sensors import Inertial, jumps
+from imud.settings import Initial, Settings
+
+SECOND = 1_000_000_000
+
+
+class Log(list):
+    def info(self, text):
+        self.append(text)
+
+    warning = info
+
+
+def test_a_status_that_flaps_is_told_once():
+    announcer = Announcer(log := Log())
+    announcer.status(ATTITUDE_VALID, 0)
+    assert announcer.status(ATTITUDE_VALID, STATUS_LASTS_NS) == ATTITUDE_VALID
+    for k in range(1, 200):  # for 20 s
+        announcer.status(ATTITUDE_VALID * (k % 2), STATUS_LASTS_NS + k * SECOND // 10)
+    assert log == ["roll and pitch are valid"]
+    for k in range(200, 212):
+        announcer.status(HEADING_VALID, STATUS_LASTS_NS + k * SECOND // 10)
+    assert log == ["roll and pitch are valid", "roll and pitch are lost", "heading is valid"]
+
+
+@given(st.lists(st.tuples(st.integers(1, 400), st.frozensets(st.integers(0, 3))), max_size=60))
+def test_changes_alternate_and_lasted(steps):
+    changes, now, there, since = Changes(1000), 0, set(), {}
+    for wait, facts in steps:
+        now += wait
+        came, went = changes.of(facts, now)
+        since = {fact: since.get(fact, now) for fact in there ^ facts}
+        assert not there & set(came)
+        assert set(went) <= there
+        assert set(came) | set(went) == {fact for fact, begin in since.items() if now - begin >= 1000}
+        there = there - set(went) | set(came)
+
+
+def inertial(driver, **known):
+    configured = ImuConfigured(Identity(driver.name, ""), 100.0, 790, 0, 24, **known)
+    filter_ = Filter(registry.by_name("tilt"), Settings(), Initial(), 100.0)
+    sensor = Inertial(Stream(driver.decode, driver.new_state(configured), filter_))
+    sensor.connect(SimpleNamespace(counters={}), driver, configured, 0)
+    return sensor
+
+
+def hear(sensor, data, now_ns):
+    sensor.stream.rx[sensor.stream.fill : sensor.stream.fill + len(data)] = np.frombuffer(data, np.uint8)
+    sensor.stream.ingest(len(data), now_ns)
+    sensor.heard_ns = now_ns
+
+
+def test_bits_that_a_dmu_sets_are_told_in_words():
+    sensor = inertial(by_name("crossbow"))
+    level = (0, 0, 0, 0, 0, 10923)
+    told = []
+    for k, bit in enumerate([0, 0, 4, 4, 0x44, 0x40, 0]):
+        hear(sensor, packet(level, clock=-12_658 * k, bit=bit), k * SECOND // 100)
+        told.append(sensor.troubles(k * SECOND // 100))
+    failed, unknown = "the sensor reports a failed accelerometer (BIT bit 2)", "bit 6 of its status word"
+    assert told[:2] == [(), ()]
+    assert told[2] == told[3] == (failed,)
+    assert told[4][0] == failed
+    assert unknown in told[4][1]
+    assert unknown in told[5][0]
+    assert told[6] == ()
+    assert "stale" in sensor.troubles(SECOND)[0]
+
+
+def test_a_bit_that_was_set_from_the_start_is_the_drivers_to_tell():
+    sensor = inertial(by_name("crossbow"))
+    level = (0, 0, 0, 0, 0, 10923)
+    told = []
+    for k, bit in enumerate([4, 4, 0, 4]):
+        hear(sensor, packet(level, clock=-12_658 * k, bit=bit), k * SECOND // 100)
+        told.append(sensor.troubles(k * SECOND // 100))
+    assert told[:3] == [(), (), ()]
+    assert "failed" in told[3][0]
+
+
+def test_the_sensors_own_ranges_hold():
+    sensor = inertial(by_name("crossbow"), gyro_range=math.radians(100.0), accel_range=2.0 * 9.80665)
+    for k in range(3):
+        hear(sensor, packet((0, 0, 21_845, 0, 0, 10923), clock=-12_658 * k), k * SECOND // 100)
+    assert sensor.troubles(0) == ("gyro z at the end of its range",)
+
+
+@pytest.mark.parametrize("name", ["crossbow", "epson", "seraccel"])
+def test_every_state_has_a_status_word_and_every_complaint_one_bit(name):
+    driver = by_name(name)
+    configured = ImuConfigured(Identity(name, ""), 100.0, 10_000_000, 0, 20)
+    assert driver.new_state(configured)["status"][0] == 0
+    assert all(mask.bit_count() == 1 for mask in driver.complaints)
+
+
+def fix(lat_deg, seconds, speed_mps=0.0, lon_deg=10.0):
+    unsaid = dict.fromkeys(("date", "alt_msl_m", "geoid_sep_m", "satellites", "hdop", "course_deg"))
+    return Fix(
+        arrival_ns=round(seconds * 1e9), utc_s=seconds, lat_deg=lat_deg, lon_deg=lon_deg, quality=1,
+        speed_mps=speed_mps, mode="A", **unsaid,
+    )  # fmt: skip
+
+
+def test_positions_that_jump():
+    assert not jumps(fix(50.0, 0.0), fix(50.0005, 1.0))  # 56 m
+    assert jumps(fix(50.0, 0.0), fix(50.0027, 1.0))  # 300 m
+    assert not jumps(fix(50.0, 0.0), fix(50.0027, 1.0, speed_mps=250.0))  # an aircraft
+    assert not jumps(fix(50.0, 0.0), fix(50.0027, 30.0))
+    assert not jumps(fix(0.0, 0.0, lon_deg=179.9999), fix(0.0, 1.0, lon_deg=-179.9999))

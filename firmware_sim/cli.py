@@ -19,11 +19,17 @@ SERACCEL_MODES = ("gravity", "raw", "binary")
 SCENARIO_NAMES = ("rest", "turntable", "car", "figure8")
 BAUDS = (4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600)
 
+STAND_IN = Path(__file__).parent / "stand_in"  # packages spidev and gpiod that reach the emulated sensors
+
 Triple = tuple[float, float, float]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of the emulator."""
+    parser.epilog = (
+        f"Epson's sensors on SPI need no process: PYTHONPATH={STAND_IN} IMUD_SIM='g350 --scenario car' "
+        "imud --port spi:0.0 --set spi.data_ready=gpiochip0:24. The next DEVICE is spi:0.1, with line 25."
+    )
     add = parser.add_argument
     kinds = ", ".join(DEFAULT_BAUD)
     add("devices", nargs="+", type=_device, metavar="DEVICE", help=f"{kinds}; optionally @BAUD; on one motion")

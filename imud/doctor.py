@@ -5,6 +5,7 @@ Each check is a function of a file-system root, so that any machine can be imita
 
 import argparse
 import grp
+import importlib.util
 import json
 import os
 import pwd
@@ -62,17 +63,17 @@ def ports(root: Path) -> Iterator[Finding]:
             "plug in the adapter; on a Raspberry Pi set enable_uart=1 in /boot/firmware/config.txt and reboot",
         )
     for port in found:
-        path = root / port.lstrip("/")
-        if os.access(path, os.R_OK | os.W_OK):
-            yield Finding("ok", f"{port} may be opened")
-            continue
-        group = _group_of(path)
-        user = pwd.getpwuid(os.geteuid()).pw_name
-        yield Finding(
-            "problem",
-            f"{port} may not be opened by {user}",
-            f"sudo usermod -aG {group} {user}, then log in again" if group else f"sudo chmod a+rw {port}",
-        )
+        yield _may_open(root, port)
+
+
+def _may_open(root: Path, port: str) -> Finding:
+    path = root / port.lstrip("/")
+    if os.access(path, os.R_OK | os.W_OK):
+        return Finding("ok", f"{port} may be opened")
+    group = _group_of(path)
+    user = pwd.getpwuid(os.geteuid()).pw_name
+    mend = f"sudo usermod -aG {group} {user}, then log in again" if group else f"sudo chmod a+rw {port}"
+    return Finding("problem", f"{port} may not be opened by {user}", mend)
 
 
 def _group_of(path: Path) -> str:
@@ -120,14 +121,19 @@ def latency(root: Path) -> Iterator[Finding]:
 
 
 def spi(root: Path) -> Iterator[Finding]:
-    """Is the SPI bus of a Raspberry Pi switched on?"""
+    """Is the SPI bus of a Raspberry Pi switched on, may this user open it, and are the packages for it there?"""
+    buses = sorted((root / "dev").glob("spidev*"))
     config = _text(root / "boot/firmware/config.txt") or _text(root / "boot/config.txt")
-    if not config:
-        return
-    if any((root / "dev").glob("spidev*")):
-        yield Finding("ok", "SPI is on")
-    else:
+    if config and not buses:
         yield Finding("note", "SPI is off", "for a sensor on SPI: dtparam=spi=on in /boot/firmware/config.txt, reboot")
+    if not buses:
+        return
+    yield Finding("ok", "SPI is on")
+    for node in (*buses, *sorted((root / "dev").glob("gpiochip*"))):
+        yield _may_open(root, f"/{node.relative_to(root)}")
+    for package, purpose in (("spidev", "SPI"), ("gpiod", "a data-ready line")):
+        if importlib.util.find_spec(package) is None:
+            yield Finding("note", f"the Python package {package} is missing, for {purpose}", "pip install 'imud[spi]'")
 
 
 def cache(root: Path) -> Iterator[Finding]:

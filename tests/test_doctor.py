@@ -36,11 +36,23 @@ def test_a_machine_without_ports(tmp_path):
         ({"sys/bus/usb-serial/devices/ttyUSB0/latency_timer": "16\n"}, "note: ttyUSB0 delivers bytes up to 16 ms late"),
         ({"boot/firmware/config.txt": "arm_64bit=1\n"}, "note: SPI is off"),
         ({"boot/firmware/config.txt": "arm_64bit=1\n", "dev/spidev0.0": ""}, "ok: SPI is on"),
+        ({"dev/spidev0.0": ""}, "ok: /dev/spidev0.0 may be opened"),
+        ({"dev/spidev0.0": "", "dev/gpiochip0": ""}, "ok: /dev/gpiochip0 may be opened"),
         ({"dev/ttyUSB0": ""}, "ok: /dev/ttyUSB0 may be opened"),
     ],
 )
 def test_each_obstacle_is_found(tmp_path, files, says):
     assert any(text.startswith(says) for text in machine(tmp_path, files))
+
+
+def test_packages_for_spi_are_missed_only_where_there_is_spi(tmp_path, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert not any("package" in text for text in machine(tmp_path, {"dev/ttyUSB0": ""}))
+    missed = [text for text in machine(tmp_path, {"dev/spidev0.0": ""}) if "package" in text]
+    assert missed == [
+        "note: the Python package spidev is missing, for SPI",
+        "note: the Python package gpiod is missing, for a data-ready line",
+    ]
 
 
 def test_healthy_settings_are_not_complained_of(tmp_path):

@@ -32,7 +32,7 @@ class Silence:
 
     def __str__(self) -> str:
         advice = "is it powered, and are its TX and RX the right way round?" if self.asked else "does it talk unasked?"
-        return f"silent at {_speeds(self.bauds)}: {advice}{_other_speeds(self.bauds)}"
+        return f"silent at {_speeds(self.bauds)}: {advice}"
 
 
 @dataclass(frozen=True)
@@ -45,15 +45,13 @@ class Chatter:
 
     def __str__(self) -> str:
         heard = f"{len(self.heard)} bytes heard at {self.baud} baud, {_kind(self.heard)}"
-        return f"{heard} (tried {_speeds(self.bauds)}){_other_speeds(self.bauds)}: {_shown(self.heard)} …"
+        return f"{heard} (tried {_speeds(self.bauds)}): {_shown(self.heard)} …"
 
 
 def _speeds(bauds: Sequence[int]) -> str:
-    return f"{'all of ' * (len(bauds) > 1)}{', '.join(map(str, bauds))} baud"
-
-
-def _other_speeds(bauds: Sequence[int]) -> str:
-    return "; no other speed was tried, leave out @BAUD to have all of them tried" if len(bauds) == 1 else ""
+    if len(bauds) == 1:
+        return f"{bauds[0]} baud, as named; leave out @BAUD to have other speeds tried"
+    return f"all of {', '.join(map(str, bauds))} baud"
 
 
 def _kind(heard: bytes) -> str:

@@ -94,7 +94,7 @@ def judge(p: Any, c: Any) -> None:
 
 @kernel
 def weigh(c: Any, x: float) -> None:
-    """Learn the log deviation x of this window where the speed is known, and gather evidence of rest where it is not."""
+    """Learn the log deviation x of this window where the speed is known, and gather evidence of rest elsewhere."""
     known = c.fixes > 0 and 1e-9 * (c.t_ns - c.fix_ns) < FRESH_S
     speed = c.fix_speed
     if c.phase == NAVIGATING and not speed >= 0.0:

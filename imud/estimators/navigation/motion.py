@@ -124,7 +124,7 @@ def learn(manner: Any, x: float) -> None:
 def likelihood(manner: Any, x: float) -> float:
     """Logarithm of the normal density, but for its constant."""
     variance = max(manner[2], MANNER_SPREAD**2)
-    return -0.5 * ((x - manner[1]) ** 2 / variance + math.log(variance))
+    return float(-0.5 * ((x - manner[1]) ** 2 / variance + math.log(variance)))
 
 
 @kernel

@@ -5,12 +5,17 @@ import logging
 import math
 import signal
 import sys
-from contextlib import ExitStack
+import time
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .faults import spec
+from .faults.spec import Fault
+
 if TYPE_CHECKING:
     from .build import Scene
+    from .emulator import Port
 
 EXIT_USAGE, EXIT_DATA, EXIT_NO_INPUT, EXIT_NO_OUTPUT, EXIT_INTERRUPTED = 64, 65, 66, 73, 130
 DEFAULT_BAUD = {"g350": 460800, "nmea": 9600, "rga300": 38400, "seraccel": 57600}
@@ -35,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("devices", nargs="+", type=_device, metavar="DEVICE", help=f"{kinds}; optionally @BAUD; on one motion")
     scenarios = ", ".join(SCENARIO_NAMES)
     add("--scenario", choices=SCENARIO_NAMES, default="rest", metavar="NAME", help=f"{scenarios} (default rest)")
-    add("--replay", nargs="+", type=Path, metavar="CSV", help="recorded motion instead: imu.csv [gnss.csv]")
+    add("--replay", nargs="+", type=Path, metavar="FILE", help="instead: imu.csv, gnss.csv or a receiver's sentences")
     add("--loop", action="store_true", help="repeat the recording for ever; else the devices fall silent at its end")
     add("--link", action="append", type=Path, default=[], metavar="PATH", help="stable name; one per device, in order")
     add("--seed", type=int, default=1, metavar="N", help="of noise and biases (default 1)")
@@ -62,6 +67,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--count-step", type=int, metavar="N", help="COUNT per sample (default: the 2 kHz ticks of a sample)")
     add("--no-identity", action="store_true", help="an IMU without product name and serial number")
     add("--truth", type=Path, metavar="FILE", help="write the true motion there, CSV at 100 Hz")
+    add_faults(parser)
+    add("--wire-log", type=Path, metavar="FILE", help="write every message there, as sent and as damaged, CSV")
+    pace = parser.add_mutually_exclusive_group()
+    pace.add_argument("--realtime", dest="fast", action="store_false", help="time runs as it does (default)")
+    pace.add_argument("--fast", action="store_true", help="as fast as read; a host that stamps arrivals is misled")
+    parser.set_defaults(fast=False)
+    add("--epoch", type=float, metavar="S", help="CLOCK_MONOTONIC of time 0, to join a motion that has begun")
+    add("--parent", type=int, metavar="PID", help="end with that process, which started this one")
+
+
+def add_faults(parser: argparse.ArgumentParser) -> None:
+    """Declare --faults."""
+    parser.add_argument(
+        "--faults", default="", metavar="SPEC", help='what goes wrong: "flip=0.01,cut=0.01;gnss:loss@20-40", see below'
+    )
+    parser.epilog, parser.formatter_class = spec.help_text(), argparse.RawDescriptionHelpFormatter
 
 
 def run(args: argparse.Namespace) -> int:
@@ -75,13 +96,16 @@ def run(args: argparse.Namespace) -> int:
     if problem:
         return _fail(EXIT_USAGE, problem)
     try:
+        faults = spec.parse(args.faults, [name for name, _ in args.devices])
         scene = build.scene(args)
+    except (spec.SpecError, build.MisuseError) as error:
+        return _fail(EXIT_USAGE, str(error))
     except DataError as error:
         return _fail(EXIT_DATA, str(error))
     except OSError as error:
         return _fail(EXIT_NO_INPUT, f"{error.filename}: {error.strerror}")
     try:
-        return _emulate(args, scene)
+        return _emulate(args, scene, faults)
     except OSError as error:
         return _fail(EXIT_NO_OUTPUT, f"{error.filename or 'stdout'}: {error.strerror}")
 
@@ -118,8 +142,6 @@ def _misuse(args: argparse.Namespace) -> str:
         (len(set(args.link)) < len(args.link), "two devices cannot have the same --link"),
         (not 1.0 <= args.rate <= 5.0, "--rate: the receiver gives 1 to 5 fixes per second"),
         (not 1.0 <= args.stream_rate <= 160.0, "--stream-rate: 1 to 160 samples per second"),
-        (bool(args.replay) and len(args.replay) > 2, "--replay takes imu.csv and gnss.csv"),
-        (bool(args.replay) and "nmea" in names and len(args.replay) < 2, "--replay: nmea needs a gnss.csv as well"),
         (bool(args.replay) and args.truth is not None, "--truth: a recording knows no truth"),
         (args.loop and not args.replay, "--loop goes with --replay"),
         (args.seed < 0, "--seed must not be negative"),
@@ -133,28 +155,47 @@ def _fail(code: int, message: str) -> int:
     return code
 
 
-def _emulate(args: argparse.Namespace, scene: "Scene") -> int:
+def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]) -> int:
     from .build import device
-    from .emulator import Port, TruthLog, serve
-    from .pty import Pty
+    from .emulator import AsFastAsRead, Port, RealTime, TruthLog, end_with, serve
+    from .faults.wire import WireLog
 
     received: list[int] = []
     with ExitStack() as stack:
         for number in (signal.SIGINT, signal.SIGTERM):
             before = signal.signal(number, lambda number, _: received.append(number))
             stack.callback(signal.signal, number, before)
+        if args.parent is not None:
+            end_with(args.parent)
+        start, utc = scene.time_zero(args.epoch)
+        wires = stack.enter_context(closing(WireLog(args.wire_log, start))) if args.wire_log else None
         links = [*args.link, *[None] * len(args.devices)]
-        ptys = [stack.enter_context(Pty(link, baud)) for link, (_, baud) in zip(links, args.devices, strict=False)]
-        start, utc = scene.time_zero()
-        ports = [Port(args.devices[i][0], device(args, scene, utc, i), pty) for i, pty in enumerate(ptys)]
+        ports: list[Port] = []
+        for i, (name, _) in enumerate(args.devices):
+            built = device(args, scene, utc, i, faults[i], wires)
+            if args.epoch is not None:
+                built.restart(time.monotonic() - start)
+            outages = [fault.span for fault in spec.of_layer("plug", faults[i])]
+            ports.append(stack.enter_context(Port(name, built, links[i], outages, fast=args.fast)))
         logs: list[TruthLog] = []
         if args.truth is not None and scene.trajectory is not None:
-            logs.append(TruthLog(args.truth, scene.trajectory, start))
-            stack.callback(logs[0].close)
+            logs.append(stack.enter_context(closing(TruthLog(args.truth, scene.trajectory, start))))
         for port in ports:
-            print(port.name, port.pty.path, flush=True)
-        serve(ports, logs, start, args.seconds, lambda: bool(received))
+            print(port.name, port.path, flush=True)
+        leaders = [port for port in ports if port.name != "nmea"] or ports
+        clock = AsFastAsRead(leaders) if args.fast else RealTime(start)
+        serve(ports, logs, clock, args.seconds, lambda: bool(received))
         for port in ports:
-            if port.pty.lost:
-                logging.getLogger("firmware_sim").info("%s: %d bytes found no reader", port.name, port.pty.lost)
+            _tell_end(port)
     return EXIT_INTERRUPTED if signal.SIGINT in received else 0
+
+
+def _tell_end(port: "Port") -> None:
+    from .faults.wire import Wire
+
+    log = logging.getLogger("firmware_sim")
+    wire = port.device.uart.damage
+    if isinstance(wire, Wire):
+        log.info("%s: %s", port.name, wire.summary())
+    if port.lost:
+        log.info("%s: %d bytes found no reader", port.name, port.lost)

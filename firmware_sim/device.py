@@ -22,6 +22,10 @@ class Device(Protocol):
         """When the device will next have something on the line of its own accord; infinite when it only answers."""
         ...
 
+    def restart(self, t: float) -> None:
+        """The power came back at time `t`, or a reset."""
+        ...
+
     def prepare(self) -> None:
         """Use idle time to compute ahead."""
         ...

@@ -4,22 +4,28 @@ A deadline is a time since the start, so errors of waking do not add up; after a
 """
 
 import ctypes
+import logging
 import math
+import os
 import select
+import signal
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from .device import Device
+from .faults.spec import Span
 from .motion import Trajectory
 from .pty import Pty
 
+_PR_SET_PDEATHSIG = 1
 _LONGEST_WAIT_S = 0.1  # signals and the end of the run are noticed after that
 _PR_SET_TIMERSLACK = 29
+
+_log = logging.getLogger("firmware_sim")
 
 
 class Task(Protocol):
@@ -32,29 +38,76 @@ class Task(Protocol):
     def deadline(self) -> float: ...
 
 
-@dataclass(frozen=True)
 class Port:
-    """A device plugged into a pseudo-terminal."""
+    """A device and the pseudo-terminal into which it is plugged, but for the outages. Context manager.
 
-    name: str
-    device: Device
-    pty: Pty
+    fast: what finds no room waits for the reader instead of being lost.
+    """
+
+    def __init__(
+        self, name: str, device: Device, link: Path | None, outages: Sequence[Span] = (), *, fast: bool = False
+    ) -> None:
+        self.name, self.device = name, device
+        self._lost = 0
+        self._link, self._outages, self._fast = link, outages, fast
+        self._next_change = 0.0
+        self.pty: Pty | None = self._plug()
+
+    def __enter__(self) -> "Port":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._unplug()
+
+    @property
+    def path(self) -> Path | None:
+        """Where it is; None while it is unplugged."""
+        return None if self.pty is None else self.pty.path
+
+    @property
+    def lost(self) -> int:
+        """Bytes that found no reader."""
+        return self._lost + (self.pty.lost if self.pty else 0)
 
     def listen(self, t: float) -> None:
         """The host has sent something."""
-        self.device.receive(self.device.uart.hear(self.pty.read(), self.pty.baud()), t)
+        if self.pty is not None:
+            self.device.receive(self.device.uart.hear(self.pty.read(), self.pty.baud()), t)
 
     def step(self, t: float) -> None:
+        self._check_plug(t)
         uart = self.device.uart
         self.device.advance(t)
         if uart.due() <= t:
-            self.pty.write(uart.take(t, self.pty.baud()))
+            if self.pty is not None:
+                self.pty.write(uart.take(t, self.pty.baud()))
+            else:
+                self._lost += len(uart.take(t, uart.baud))
 
     def idle(self) -> None:
         self.device.prepare()
 
     def deadline(self) -> float:
-        return min(self.device.uart.due(), self.device.deadline())
+        return min(self.device.uart.due(), self.device.deadline(), self._next_change)
+
+    def _check_plug(self, t: float) -> None:
+        self._next_change = min((outage.after(t) for outage in self._outages), default=math.inf)
+        out = any(outage.holds(t) for outage in self._outages)
+        if out and self.pty is not None:
+            self._unplug()
+            _log.info("%s: unplugged", self.name)
+        elif not out and self.pty is None:
+            self.pty = self._plug()
+            _log.info("%s: plugged in again, %s", self.name, self.pty.path)
+
+    def _plug(self) -> Pty:
+        return Pty(self._link, self.device.uart.baud, patient=self._fast)
+
+    def _unplug(self) -> None:
+        if self.pty is not None:
+            self._lost += self.pty.lost
+            self.pty.close()
+            self.pty = None
 
 
 class TruthLog:
@@ -98,19 +151,78 @@ class TruthLog:
         self._file.close()
 
 
-def serve(ports: Sequence[Port], tasks: Sequence[Task], start: float, end: float, stopped: Callable[[], bool]) -> None:
-    """Run until time `end` or until `stopped()`. start: CLOCK_MONOTONIC of time 0 in s; tasks: what else is to do."""
+class RealTime:
+    """Time runs as it does. start: CLOCK_MONOTONIC of time 0 in s."""
+
+    def __init__(self, start: float) -> None:
+        self._start = start
+
+    def now(self) -> float:
+        return time.monotonic() - self._start
+
+    def wait(self, deadline: float, ports: Sequence[Port]) -> list[Port]:
+        """Wait until `deadline`; the ports on which the host has sent something, as soon as it has."""
+        return _listen(ports, max(min(deadline - self.now(), _LONGEST_WAIT_S), 0.0))
+
+
+class AsFastAsRead:
+    """Time leaps from deadline to deadline while the sensors stream, and stands still while a reader is behind.
+
+    Until all `leaders` send by themselves it runs as it does, so that a host has the time to set them up.
+    """
+
+    def __init__(self, leaders: Sequence[Port]) -> None:
+        self._t, self._leaders = 0.0, leaders
+
+    def now(self) -> float:
+        return self._t
+
+    def wait(self, deadline: float, ports: Sequence[Port]) -> list[Port]:
+        """Leap to `deadline`, or wait; the ports on which the host has sent something."""
+        behind = [port.pty for port in ports if port.pty is not None and port.pty.waiting]
+        if behind:
+            heard = _listen(ports, _LONGEST_WAIT_S, behind)
+            for pty in behind:
+                pty.flush()
+            return heard
+        if all(port.device.deadline() < math.inf for port in self._leaders):
+            self._t = max(deadline, self._t)
+            return _listen(ports, 0.0)
+        begin = time.monotonic()
+        heard = _listen(ports, max(min(deadline - self._t, _LONGEST_WAIT_S), 0.0))
+        self._t += time.monotonic() - begin
+        return heard
+
+
+def _listen(ports: Sequence[Port], seconds: float, behind: Sequence[Pty] = ()) -> list[Port]:
+    listeners = {port.pty.fileno(): port for port in ports if port.pty is not None}
+    heard = select.select(listeners, behind, (), seconds)[0]
+    return [listeners[descriptor] for descriptor in heard]
+
+
+def end_with(parent: int) -> None:
+    """Get SIGTERM when the process `parent`, which started this one, is no more."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+def serve(
+    ports: Sequence[Port],
+    tasks: Sequence[Task],
+    clock: RealTime | AsFastAsRead,
+    end: float,
+    stopped: Callable[[], bool],
+) -> None:
+    """Run until time `end` or until `stopped()`. tasks: what else is to do."""
     ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1)  # ns; the default of 50 us would make every frame late
     everything: list[Task] = [*ports, *tasks]
-    listeners = {port.pty.fileno(): port for port in ports}
-    heard: list[int] = []
-    while not stopped() and (now := time.monotonic() - start) < end:
-        for descriptor in heard:
-            listeners[descriptor].listen(now)
+    heard: list[Port] = []
+    while not stopped() and (now := clock.now()) < end:
+        for port in heard:
+            port.listen(now)
         for task in everything:
             task.step(now)
         for task in everything:
             task.idle()
-        deadline = min(end, now + _LONGEST_WAIT_S, *(task.deadline() for task in everything))
-        wait = max(deadline - (time.monotonic() - start), 0.0)
-        heard = select.select(listeners, (), (), wait)[0]
+        heard = clock.wait(min(end, *(task.deadline() for task in everything)), ports)

@@ -12,8 +12,8 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from .noise import ImuErrors
-from .sampling import TICK_HZ, Sampler, Signal, Words
+from .noise import ImuErrors, Signal
+from .sampling import TICK_HZ, Sampler, Words
 from .uart import BITS, Uart
 
 START_UP_S = 0.8  # NOT_READY after power-on and soft reset
@@ -86,7 +86,7 @@ class EpsonSensor(abc.ABC):
         self._sampler: Sampler | None = None
         self._count = self._step = 0
         self.on_data_ready: Callable[[float], None] = _nobody  # told when that line rises
-        self._reset(0.0)
+        self.restart(0.0)
 
     def receive(self, data: bytes, t: float) -> None:
         """Take in bytes from the host; CR ends a command."""
@@ -130,6 +130,25 @@ class EpsonSensor(abc.ABC):
         if self._sampler is not None:
             self._sampler.prepare()
 
+    def restart(self, t: float) -> None:
+        self.uart.clear()
+        self._word = {key: value for key, (value, _) in self.map.reset.items()}
+        for (window, address), text in self._names.items():  # the first character is the low byte
+            for i in range(0, len(text), 2):
+                self._word[window, address + i] = text[i] | text[i + 1] << 8
+        self._window = 0
+        self._command = bytearray()
+        self._sampler = None
+        self._sample = bytes(7 * self._words.size)
+        self._fresh = 0  # FLAG bits of data not yet read
+        self._count = self._step = 0
+        self._ready_at = t + START_UP_S
+        self._tested_at = t
+
+    def jump_count(self, by: int) -> None:
+        """COUNT misses so many."""
+        self._count = (self._count + by) & 0xFFFF
+
     @abc.abstractmethod
     def _fields(self) -> bytes:
         """What stands between header and CR."""
@@ -154,21 +173,6 @@ class EpsonSensor(abc.ABC):
         """Of the last sample: temperature, gyro x y z, accelerometer x y z."""
         size = self._words.size
         return self._sample[index * size : (index + 1) * size]
-
-    def _reset(self, t: float) -> None:
-        self.uart.clear()
-        self._word = {key: value for key, (value, _) in self.map.reset.items()}
-        for (window, address), text in self._names.items():  # the first character is the low byte
-            for i in range(0, len(text), 2):
-                self._word[window, address + i] = text[i] | text[i + 1] << 8
-        self._window = 0
-        self._command = bytearray()
-        self._sampler = None
-        self._sample = bytes(7 * self._words.size)
-        self._fresh = 0  # FLAG bits of data not yet read
-        self._count = self._step = 0
-        self._ready_at = t + START_UP_S
-        self._tested_at = t
 
     def listens(self, address: int, t: float) -> bool:
         """Whether a command is taken: during start-up all but the NOT_READY poll are ignored."""
@@ -233,7 +237,7 @@ class EpsonSensor(abc.ABC):
         elif (key, high) == (self.map.test, True) and value & 4:
             self._tested_at = t + self._self_test_s
         elif (key, high) == (self.map.command, False) and value & 0x80:
-            self._reset(t)
+            self.restart(t)
             _log.info("soft reset")
 
     def _change_mode(self, command: int, t: float) -> None:

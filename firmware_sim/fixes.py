@@ -34,6 +34,7 @@ class Fix:
     course_deg: float | None
     hdop: float
     satellites: int = 8
+    valid: bool = True  # else the receiver knows no position
 
 
 class FixSource(Protocol):

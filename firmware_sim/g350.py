@@ -6,8 +6,8 @@ Facts: the data sheet's scale factors; registers and commands as public host cod
 import struct
 
 from .epson import EpsonSensor, Map
-from .noise import ImuErrors
-from .sampling import M_G350_WORDS, Signal
+from .noise import ImuErrors, Signal
+from .sampling import M_G350_WORDS
 
 _COUNT_CTRL = (0, 0x50)
 _NAMES = {(0, 0x6A): b"G350PD11", (0, 0x72): b"\x13\x00", (0, 0x74): b"S0000042"}  # product, version, serial number

@@ -9,8 +9,8 @@ import struct
 from dataclasses import dataclass, replace
 
 from .epson import BINARY_RATES, EpsonSensor, Map
-from .noise import DEG, M_G350, MILLI_G, STANDARD_GRAVITY, Grade, ImuErrors
-from .sampling import Signal, Words
+from .noise import DEG, M_G350, MILLI_G, STANDARD_GRAVITY, Grade, ImuErrors, Signal
+from .sampling import Words
 
 _BURST_CTRL1, _BURST_CTRL2 = (1, 0x0C), (1, 0x0E)
 _TEMPERATURE, _GYRO, _ACCELEROMETER = (0x4000, range(1)), (0x2000, range(1, 4)), (0x1000, range(4, 7))

@@ -53,11 +53,18 @@ class FvM11:
         self.uart = Uart(baud)
         self.lost = 0  # sentences
         self._source, self._utc, self._no_fix_s, self._periods = source, utc, no_fix_s, periods
-        self._default_baud, self._interval = baud, 1.0 / rate_hz
+        self._default_baud = baud
+        self._default_interval = 1.0 / rate_hz
+        self.restart(0.0)
+
+    def restart(self, t: float) -> None:
+        """Boot with the default settings, and search again."""
+        self.uart.clear()
+        self.uart.baud, self._interval = self._default_baud, self._default_interval
         self._dividers = self._defaults()
         self._line = bytearray()
         self._epochs = 0
-        self._story = self._live()
+        self._story = self._live(t)
         self._next = next(self._story, None)
 
     def receive(self, data: bytes, t: float) -> None:
@@ -92,20 +99,21 @@ class FvM11:
     def _defaults() -> dict[int, int]:
         return {place: divider for _, place, divider in _TABLE}
 
-    def _live(self) -> Iterator[tuple[float, bytes | Epoch]]:
-        yield _BOOT_S, _BOOT
-        t = 3.0 * _BOOT_S
-        while t < self._no_fix_s:
-            yield t, Epoch(_RTC + t, None, False)
+    def _live(self, on: float) -> Iterator[tuple[float, bytes | Epoch]]:
+        """Switched on at time `on`."""
+        yield on + _BOOT_S, _BOOT
+        t = on + 3.0 * _BOOT_S
+        while t < on + self._no_fix_s:
+            yield t, Epoch(_RTC + t - on, None, False)
             t += self._interval
-        last = max(self._no_fix_s, t - self._interval)
+        last = max(on + self._no_fix_s, t - self._interval)
         fix = self._fix(last)
         if fix is not None and self._no_fix_s > 0.0:
             early = (last + fix.t) / 2.0  # between epochs: the clock jumps to UTC but is not steered yet
             yield min(early + COMPUTE_S, fix.arrival), Epoch(self._utc + early, fix, False)
             _log.info("fix")
         while fix is not None:
-            yield fix.arrival, Epoch(self._utc + fix.t, fix, True)
+            yield fix.arrival, Epoch(self._utc + fix.t, fix if fix.valid else None, fix.valid)
             fix = self._fix(fix.t)
         _log.info("end of the recording: silent")
 

@@ -6,6 +6,7 @@ low-pass (133 Hz) is not modelled: noise is white at the internal sampling rate,
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -44,6 +45,19 @@ M_G350 = Grade(
 IDEAL = Grade((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), M_G350.limit)
 
 
+class Signal(Protocol):
+    """Where the true rates and forces come from."""
+
+    @property
+    def end(self) -> float:
+        """Time in s after which there is nothing, or infinity."""
+        ...
+
+    def imu(self, t: Array) -> Array:
+        """w_ib_b in rad/s and f_b in m/s^2, (n, 6), at times `t` (n,) in s."""
+        ...
+
+
 def _six(pair: tuple[float, float]) -> Array:
     return np.repeat(pair, 3)
 
@@ -73,7 +87,11 @@ class ImuErrors:
         self._in_run = _six(grade.in_run)
         self._drift = np.zeros(6)
         self._white = _six(grade.random_walk) * math.sqrt(tick_hz)
-        self._limit = _six(grade.limit)
+        self.limit = _six(grade.limit)
+
+    def measure(self, signal: Signal, t: Array) -> Array:
+        """What it shows at times `t` (n,) in s, one after the other at its rate: (n, 6), rad/s and m/s^2."""
+        return self.corrupt(signal.imu(t))
 
     def corrupt(self, signal: Array) -> Array:
         """Measured from ideal values, (n, 6), one row per tick: gyro in rad/s, accelerometer in m/s^2."""
@@ -84,7 +102,7 @@ class ImuErrors:
         self._drift = decay * before + kick * self._rng.standard_normal(6)
         drift = before + np.outer(np.arange(1, n + 1) / n, self._drift - before)
         white = self._white * self._rng.standard_normal((n, 6))
-        return np.clip(signal @ self.gain.T + self.bias + drift + white, -self._limit, self._limit)
+        return np.clip(signal @ self.gain.T + self.bias + drift + white, -self.limit, self.limit)
 
     def temperature(self, t: float) -> float:
         """Inside the sensor, degC, `t` s after switch-on."""

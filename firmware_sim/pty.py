@@ -20,8 +20,11 @@ class Pty:
     Raises OSError with the link's name where it cannot be made, as when something else than a link is in its place.
     """
 
-    def __init__(self, link: Path | None, baud: int) -> None:
+    def __init__(self, link: Path | None, baud: int, *, patient: bool = False) -> None:
+        """patient: keep what finds no room until `flush` finds some."""
         self.lost = 0  # bytes for which nobody made room
+        self.waiting = b""  # for room
+        self._patient = patient
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         self._set_speed(baud)
@@ -38,6 +41,9 @@ class Pty:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
         """Unplug: the host sees a hang-up."""
         if self.path != self.device and self.path.is_symlink() and self.path.readlink() == self.device:
             self.path.unlink()
@@ -63,7 +69,15 @@ class Pty:
             sent = os.write(self._master, data)
         except BlockingIOError:
             sent = 0
-        self.lost += len(data) - sent
+        if self._patient:
+            self.waiting = data[sent:]
+        else:
+            self.lost += len(data) - sent
+
+    def flush(self) -> None:
+        """Try again to send what found no room."""
+        data, self.waiting = self.waiting, b""
+        self.write(data)
 
     def _set_speed(self, baud: int) -> None:
         """Until a host sets its own speed the device is understood, so that `cat` works."""

@@ -1,7 +1,8 @@
 """Recorded data as a source of motion and fixes: the CSV pair of `imud replay`, played as if the devices felt it now.
 
 imu.csv: t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2. gnss.csv by column name: t_s,lat_deg,lon_deg,height_m,
-then optionally arrival_s, hdop, and speed_mps,course_deg or vn_mps,ve_mps. Time 0 is the first row of imu.csv.
+then optionally arrival_s, hdop, and speed_mps,course_deg or vn_mps,ve_mps. Time 0 is the first row of imu.csv, or of
+gnss.csv if that is alone. A receiver's log of sentences is `tape.py`'s.
 """
 
 import csv
@@ -21,6 +22,23 @@ _NEEDED = {"t_s", "lat_deg", "lon_deg", "height_m"}
 
 class DataError(Exception):
     """A file does not hold what it should: which, where, and what was expected."""
+
+
+def kind(path: Path) -> str:
+    """What a file is by its first line: imu, gnss, or nmea. Raises DataError, OSError."""
+    with path.open("rb") as file:
+        first = file.readline(1000).decode("ascii", "replace").strip()
+    names = first.split(",")
+    if set(names) >= _NEEDED:
+        return "gnss"
+    if names[:2] == _IMU_HEADER.split(",")[:2]:
+        return "imu"
+    if any(mark in first for mark in ("$G", "$P")):
+        return "nmea"
+    columns = ",".join(sorted(_NEEDED))
+    raise DataError(
+        f"{path}:1: the header must be {_IMU_HEADER}, or have {columns}, or be an NMEA sentence; found {first[:80]!r}"
+    )
 
 
 class RecordedImu:
@@ -54,21 +72,26 @@ class RecordedImu:
 class RecordedFixes:
     """The recorded fixes at their recorded arrival times; the receiver's own fix interval does not apply."""
 
-    def __init__(self, path: Path, imu: RecordedImu) -> None:
+    def __init__(self, path: Path, imu: RecordedImu | None, loop: bool = False) -> None:
+        """imu: what they were recorded with, and whether that is repeated; `loop` says so where there is none."""
         with path.open(encoding="utf-8", newline="") as file:
             reader = csv.DictReader(file)
             missing = _NEEDED - set(reader.fieldnames or ())
             if missing:
                 raise DataError(f"{path}:1: columns missing: {', '.join(sorted(missing))}")
-            self._fixes = [_fix(row, imu.start, f"{path}:{line}") for line, row in enumerate(reader, 2)]
-        self._fixes = [fix for fix in self._fixes if 0.0 <= fix.t <= imu.duration]
+            fixes = [_fix(row, f"{path}:{line}") for line, row in enumerate(reader, 2)]
+        start = imu.start if imu else fixes[0].t if fixes else 0.0
+        duration = imu.duration if imu else math.inf
+        fixes = [replace(fix, t=fix.t - start, arrival=fix.arrival - start) for fix in fixes]
+        self._fixes = [fix for fix in fixes if 0.0 <= fix.t <= duration]
         self._epochs = [fix.t for fix in self._fixes]
         if not self._fixes:
             raise DataError(f"{path}: no fix lies within the time of the inertial data")
         late = next((i for i in range(1, len(self._epochs)) if self._epochs[i] <= self._epochs[i - 1]), 0)
         if late:
-            raise DataError(f"{path}: time does not increase after t_s={self._epochs[late] + imu.start:.3f}")
-        self._period = imu.duration if math.isinf(imu.end) else math.inf
+            raise DataError(f"{path}: time does not increase after t_s={self._epochs[late] + start:.3f}")
+        lap = imu.duration if imu else self._epochs[-1] + 1.0
+        self._period = lap if (math.isinf(imu.end) if imu else loop) else math.inf
 
     @property
     def phase(self) -> float:
@@ -88,7 +111,7 @@ class RecordedFixes:
         return replace(fix, t=fix.t + offset, arrival=fix.arrival + offset)
 
 
-def _fix(row: dict[str, str], start: float, where: str) -> Fix:
+def _fix(row: dict[str, str], where: str) -> Fix:
     try:
         given = {name: float(value) for name, value in row.items() if name and value and value.strip()}
         t, lat, lon, height = (given[name] for name in ("t_s", "lat_deg", "lon_deg", "height_m"))
@@ -101,4 +124,4 @@ def _fix(row: dict[str, str], start: float, where: str) -> Fix:
         speed = math.hypot(given["vn_mps"], given["ve_mps"])
         course = math.degrees(math.atan2(given["ve_mps"], given["vn_mps"])) % 360.0
     arrival = given.get("arrival_s", t + COMPUTE_S)
-    return Fix(t - start, arrival - start, lat, lon, height, speed, course, given.get("hdop", 1.0))
+    return Fix(t, arrival, lat, lon, height, speed, course, given.get("hdop", 1.0))

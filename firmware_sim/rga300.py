@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .ellipsoid import Array
-from .noise import DEG, MILLI_G, STANDARD_GRAVITY, Grade, ImuErrors
-from .sampling import Signal
+from .noise import DEG, MILLI_G, STANDARD_GRAVITY, Grade, ImuErrors, Signal
 from .uart import BITS, Uart
 
 BAUDS = (9600, 19200, 38400, 57600, 115200)  # that "b" finds
@@ -94,13 +93,9 @@ class Rga300:
         self._signal, self._errors = signal, errors
         self._period, self._internal = 1.0 / (rate_hz * oscillator), INTERNAL_S / oscillator
         self._oscillator = oscillator
-        self._next = math.inf  # when the next packet of a stream is due
-        self._ahead: Reading | None = None  # computed for that time
-        self._zeroing: tuple[float, float] | None = None  # begin and end
-        self._expects_count = False  # the byte after z
-        self._zero = 0.0  # of the gyro, rad/s
-        self._gravity: Array | None = None  # averaged
-        self._averaged_at = 0.0
+        self._default_baud = baud
+        self._count = 0  # ticks that the timer word is ahead
+        self.restart(0.0)
         self._commands: dict[int, Callable[[float], None]] = {
             ord("R"): lambda t: self._answer(b"H", t),
             ord("P"): lambda _: self._stop(),
@@ -111,11 +106,24 @@ class Rga300:
             ord("b"): self._search_baud,
         }
 
+    def restart(self, t: float) -> None:
+        """Start up: polled, at the default speed, without a gyro zero."""
+        self.uart.clear()
+        self.uart.baud, self._line.searching = self._default_baud, False
+        self._ready_at = t + START_UP_S
+        self._next = math.inf  # when the next packet of a stream is due
+        self._ahead: Reading | None = None  # computed for that time
+        self._zeroing: tuple[float, float] | None = None  # begin and end
+        self._expects_count = False  # the byte after z
+        self._zero = 0.0  # of the gyro, rad/s
+        self._gravity: Array | None = None  # averaged
+        self._averaged_at = t
+
     def receive(self, data: bytes, t: float) -> None:
         """Take in bytes from the host."""
         self.advance(t)
         for byte in data:
-            if t < START_UP_S or self._zeroing is not None:
+            if t < self._ready_at or self._zeroing is not None:
                 continue
             if self._expects_count:
                 self._begin_zeroing(byte, t)
@@ -140,6 +148,11 @@ class Rga300:
     def deadline(self) -> float:
         zeroed = self._zeroing[1] if self._zeroing else math.inf
         return min(zeroed, self.uart.earliest(self._next, PACKET))
+
+    def jump_count(self, by: int) -> None:
+        """The timer misses so many ticks."""
+        self._count += by
+        self._ahead = None
 
     def prepare(self) -> None:
         if self._ahead is None and self._next < math.inf:
@@ -184,14 +197,14 @@ class Rga300:
     def _end_zeroing(self, begin: float, end: float) -> None:
         self._zeroing, self._zero = None, 0.0
         if end > begin:
-            self._zero = float(self._errors.corrupt(self._signal.imu(np.linspace(begin, end, _HUNDRED)))[:, 2].mean())
+            self._zero = float(self._errors.measure(self._signal, np.linspace(begin, end, _HUNDRED))[:, 2].mean())
         self._answer(b"Z", end)
         _log.info("gyro zero %.3f deg/s", self._zero / DEG)
 
     def _read(self, t: float) -> Reading:
         """The latest internal sample at time `t`."""
         sampled = math.floor(t / self._internal) * self._internal
-        row = self._errors.corrupt(self._signal.imu(np.array([sampled])))[0]
+        row = self._errors.measure(self._signal, np.array([sampled]))[0]
         gravity = -row[3:]
         x, y, z = self._average(gravity, sampled).tolist()
         return Reading(
@@ -199,7 +212,7 @@ class Rga300:
             pitch=math.atan2(-x, math.hypot(y, z)),
             yaw_rate=float(row[2]) - self._zero,
             gravity=tuple(gravity.tolist()),
-            timer=-math.floor(sampled * self._oscillator / TIMER_S) & 0xFFFF,
+            timer=-(math.floor(sampled * self._oscillator / TIMER_S) + self._count) & 0xFFFF,
             temperature=self._errors.temperature(t),
             bit=self.bit,
         )

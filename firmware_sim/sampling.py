@@ -4,12 +4,11 @@ Works ahead in blocks, so that a sample costs a slice of bytes.
 """
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from .ellipsoid import Array
-from .noise import DEG, MILLI_G, ImuErrors
+from .noise import DEG, MILLI_G, ImuErrors, Signal
 
 TICK_HZ = 2000.0  # internal sampling; the averaging filter's taps count these
 _BLOCK_TICKS = 200
@@ -27,19 +26,6 @@ class Words:
 
 
 M_G350_WORDS = Words(0.0125 * DEG, 0.125 * MILLI_G, 0.0042725, -15214)  # data sheet, "Sensitivity"
-
-
-class Signal(Protocol):
-    """Where the true rates and forces come from."""
-
-    @property
-    def end(self) -> float:
-        """Time in s after which there is nothing, or infinity."""
-        ...
-
-    def imu(self, t: Array) -> Array:
-        """w_ib_b in rad/s and f_b in m/s^2, (n, 6), at times `t` (n,) in s."""
-        ...
 
 
 class Sampler:
@@ -91,7 +77,7 @@ class Sampler:
         if n == 0:
             return np.zeros((0, 6))
         times: Array = self._start + self._tick_s * np.arange(first + 1, first + n + 1, dtype=np.float64)
-        return self._errors.corrupt(self._signal.imu(times))
+        return self._errors.measure(self._signal, times)
 
     def _refill(self) -> None:
         rows = max(1, _BLOCK_TICKS // self._decimation)

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .noise import MILLI_G, STANDARD_GRAVITY, Grade, ImuErrors
-from .sampling import Signal
+from .noise import MILLI_G, STANDARD_GRAVITY, Grade, ImuErrors, Signal
 from .uart import BITS, Uart
 
 BAUDS = (9600, 19200, 38400, 57600)
@@ -77,11 +76,17 @@ class SerAccel:
         self.skipped = 0  # samples for which the line had no room
         self._signal, self._errors, self._oscillator = signal, errors, oscillator
         self._labelled, self._line_end = labelled, line_end
+        self._streams_at_boot = streaming
+        self._next = 0  # sample
+        self.restart(0.0)
+
+    def restart(self, t: float) -> None:
+        """Boot; the settings survive."""
+        self.uart.clear()
         self._key: Callable[[str, float], None] | None = None  # who gets the next byte; None while streaming
         self._start = math.inf
-        self._next = 0  # sample
         self._lines: list[bytes] = []
-        self._on_boot: Callable[[float], None] | None = self._stream if streaming else self._menu
+        self._boots_at = t + _BOOT_S
 
     def receive(self, data: bytes, t: float) -> None:
         """Take in bytes from the host: each is a key. While the board prints it does not listen."""
@@ -95,9 +100,10 @@ class SerAccel:
 
     def advance(self, t: float) -> None:
         """Say all that was due until time `t`."""
-        if self._on_boot is not None and t >= _BOOT_S:
-            boot, self._on_boot = self._on_boot, None
-            boot(_BOOT_S)
+        if t >= self._boots_at:
+            boot, now = self._stream if self._streams_at_boot else self._menu, self._boots_at
+            self._boots_at = math.inf
+            boot(now)
         while self._due() <= t:
             due = self._due()
             line = self._line()
@@ -109,8 +115,8 @@ class SerAccel:
                 self.uart.send(line, due)
 
     def deadline(self) -> float:
-        if self._on_boot is not None:
-            return _BOOT_S
+        if self._boots_at < math.inf:
+            return self._boots_at
         due = self._due()
         return self.uart.earliest(due, len(self._line())) if due < math.inf else due
 
@@ -140,7 +146,7 @@ class SerAccel:
     def _compute(self) -> None:
         """The block of lines from the next sample on, last line first."""
         times = self._start + np.arange(self._next, self._next + _BLOCK) / (self.settings.rate_hz * self._oscillator)
-        force = self._errors.corrupt(self._signal.imu(times))[:, 3:]
+        force = self._errors.measure(self._signal, times)[:, 3:]
         volts = np.clip(MV_PER_G[self.settings.range_g] * force * _BOARD, -_SWING_MV, _SWING_MV) + _ZERO_G_MV
         counts = np.rint(volts * (_FULL_COUNT / _SUPPLY_MV)).astype(int)
         self._lines = [self._format(*row) for row in counts[::-1].tolist()]

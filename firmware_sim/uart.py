@@ -5,17 +5,30 @@ Sans-IO: times are passed in. The queue is what waits in the device's transmitte
 
 import math
 from collections import deque
+from collections.abc import Callable
 
 BITS = 10  # on the wire per byte: start, 8 data, stop
 _FIFO = 32  # bytes handed over at once, as a UART's buffer does
 _PATIENCE = 4e-3  # s; the longest time that a byte waits in that buffer
 
 
+Damage = Callable[[bytes, float], tuple[bytes, float]]
+
+
+def _nothing(message: bytes, _t: float) -> tuple[bytes, float]:
+    return message, -math.inf
+
+
 class Uart:
-    """One end of a line, 8N1. `baud` may be changed at any time; what is queued already leaves at the old speed."""
+    """One end of a line, 8N1. `baud` may be changed at any time; what is queued already leaves at the old speed.
+
+    damage: what the line makes of a message sent at time t, and until when it holds it and all later ones up.
+    """
 
     def __init__(self, baud: int) -> None:
         self.baud = baud
+        self.damage: Damage = _nothing
+        self._late = -math.inf  # until when what is sent is held up on the way
         self._free = -math.inf  # when the last byte queued will have left
         self._queue: deque[tuple[float, bytes, int]] = deque()  # (complete at, bytes, baud)
 
@@ -23,10 +36,12 @@ class Uart:
         """Queue `data` for transmission from time `t` on, or after what is queued already."""
         size = max(1, min(_FIFO, int(_PATIENCE * self.baud / BITS)))
         self._free = max(t, self._free)
+        data, until = self.damage(data, t)
+        self._late = max(until, self._late)
         for i in range(0, len(data), size):
             chunk = data[i : i + size]
             self._free += len(chunk) * BITS / self.baud
-            self._queue.append((self._free, chunk, self.baud))
+            self._queue.append((max(self._free, self._late), chunk, self.baud))
 
     def backlog(self, t: float) -> float:
         """Bytes that have still to leave at time `t`."""
@@ -55,7 +70,7 @@ class Uart:
     def clear(self) -> None:
         """Forget what is queued: reset of the device."""
         self._queue.clear()
-        self._free = -math.inf
+        self._free = self._late = -math.inf
 
 
 def mishear(data: bytes, talker_baud: int, listener_baud: int) -> bytes:

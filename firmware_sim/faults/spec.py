@@ -1,0 +1,207 @@
+"""The language of `--faults`: which faults there are, of which devices, how they are written.
+
+    SPEC   = GROUP;GROUP…            GROUP = [DEVICE:]FAULT,FAULT…      without DEVICE: of all that can have it
+    FAULT  = NAME[=VALUE[xVALUE2]][@FROM[-[TO]][/PERIOD]]               seconds since the start; without: always
+
+`flip=0.01,cut=0.01;gnss:loss@20-40;imu:frozen=gx+gy@30-35;unplug@10-12/30`
+"""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+AXES = ("gx", "gy", "gz", "ax", "ay", "az")
+IMU, GNSS = "imu", "gnss"
+BOTH = (IMU, GNSS)
+_FAULT = re.compile(r"(?P<name>[a-z]+)(?:=(?P<value>[^@]*))?(?:@(?P<span>.*))?")
+_SPAN = re.compile(r"(?P<begin>[\d.]+)(?P<dash>-(?P<end>[\d.]+)?)?(?:/(?P<period>[\d.]+))?")
+
+
+class SpecError(ValueError):
+    """A --faults that says nothing sensible: which part, and what there is."""
+
+
+@dataclass(frozen=True)
+class Span:
+    """Times from `begin` on and before `end`, in s since the start, again every `period`."""
+
+    begin: float = 0.0
+    end: float = math.inf
+    period: float = math.inf
+
+    def holds(self, t: float) -> bool:
+        """Whether time `t` lies within."""
+        return self.begin <= t and (t < self.end or self.since(t) < self.end - self.begin)
+
+    def since(self, t: float) -> float:
+        """Time from the latest beginning to `t`; negative before the first."""
+        return t - self.begin if t < self.begin or math.isinf(self.period) else (t - self.begin) % self.period
+
+    def after(self, t: float) -> float:
+        """The first beginning or end later than `t`; infinite if there is none."""
+        if t < self.begin:
+            return self.begin
+        start = t - self.since(t)
+        return next(x for x in (start + self.end - self.begin, start + self.period, math.inf) if x > t)
+
+    def nth(self, n: int) -> float:
+        """When it begins after `n` beginnings; infinite if never again."""
+        return self.begin + n * self.period if n else self.begin
+
+    def beginnings(self, t: float) -> int:
+        """How often it has begun at time `t`."""
+        if t < self.begin:
+            return 0
+        return 1 if math.isinf(self.period) else 1 + math.floor((t - self.begin) / self.period + 1e-9)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault as it was asked for. What the values mean says its row in `KINDS`."""
+
+    name: str
+    value: float
+    second: float
+    axes: tuple[int, ...]
+    span: Span
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One row of the language. needs: a beginning; closed: an end as well."""
+
+    layer: str
+    of: tuple[str, ...]
+    meaning: str
+    default: float | None = None  # of the value; None: it must be given
+    second: float | None = None  # default of the second value; None: there is none
+    most: float = math.inf
+    axes: bool = False  # the value names axes
+    needs: bool = False
+    closed: bool = False
+
+
+SHARE = "share of the messages"
+KINDS: dict[str, Kind] = {
+    "cut": Kind("wire", BOTH, f"{SHARE} that lose their end", most=1.0),
+    "flip": Kind("wire", BOTH, f"{SHARE} with 1 to 3 bits turned", most=1.0),
+    "drop": Kind("wire", BOTH, f"{SHARE} that lose 1 to 3 bytes inside", most=1.0),
+    "dup": Kind("wire", BOTH, f"{SHARE} with 1 to 3 bytes said twice", most=1.0),
+    "header": Kind("wire", BOTH, f"{SHARE} with a byte inside replaced by their first", most=1.0),
+    "cr": Kind("wire", BOTH, f"{SHARE} with a byte inside replaced by CR", most=1.0),
+    "junk": Kind("wire", BOTH, f"{SHARE} with 1 to 16 stray bytes before them", most=1.0),
+    "lose": Kind("wire", BOTH, f"{SHARE} lost whole; all: lose@FROM-TO", 1.0, most=1.0),
+    "delay": Kind("wire", BOTH, f"{SHARE} held up for the second value in s (0.1), with all behind them", second=0.1),
+    "backlog": Kind("wire", BOTH, "messages are held back and come all at once at the end", 1.0, closed=True),
+    "frozen": Kind("sensor", (IMU,), "axes (gx+gy+gz+ax+ay+az, or all) keep their value", 0.0, axes=True),
+    "saturated": Kind("sensor", (IMU,), "axes at the end of their range", 0.0, axes=True),
+    "zero": Kind("sensor", (IMU,), "axes show 0", 0.0, axes=True),
+    "reset": Kind("device", BOTH, "boots again, settings lost", 0.0, needs=True),
+    "count": Kind("device", (IMU,), "its counter jumps by so many (not seraccel)", needs=True),
+    "unplug": Kind("plug", BOTH, "the port vanishes, and comes back at the end", 0.0, closed=True),
+    "loss": Kind("fixes", (GNSS,), "the receiver says that it has no fix", 0.0),
+    "jump": Kind("fixes", (GNSS,), "m beside the truth, towards the second value in deg (0)", second=0.0),
+    "ramp": Kind("fixes", (GNSS,), "m/s away from the truth, towards the second value in deg (0)", second=0.0),
+}
+
+
+def parse(spec: str, devices: Sequence[str]) -> list[list[Fault]]:
+    """The faults of each of `devices`, by name ("nmea" is the receiver). Raises SpecError."""
+    faults: list[list[Fault]] = [[] for _ in devices]
+    for group in filter(None, (part.strip() for part in spec.split(";"))):
+        target, colon, rest = group.rpartition(":")
+        chosen = _chosen(target if colon else None, devices, group)
+        for text in rest.split(","):
+            fault = _fault(text.strip())
+            fits = [i for i in chosen if _can_have(devices[i], fault.name)]
+            if not fits:
+                raise SpecError(f"{text.strip()!r}: not a fault of {', '.join(devices[i] for i in chosen)}; {_offer()}")
+            for i in fits:
+                faults[i].append(fault)
+    return faults
+
+
+def of_layer(layer: str, faults: Sequence[Fault]) -> list[Fault]:
+    """Those of one layer: wire, sensor, device, plug or fixes."""
+    return [fault for fault in faults if KINDS[fault.name].layer == layer]
+
+
+def help_text() -> str:
+    """All faults, a line each."""
+    rows = "\n".join(f"  {name:10} {kind.meaning}" for name, kind in KINDS.items())
+    return f"faults, for --faults [DEVICE:]NAME[=VALUE[xVALUE2]][@FROM[-[TO]][/PERIOD]],…;…\n{rows}"
+
+
+def _role(device: str) -> str:
+    return GNSS if device == "nmea" else IMU
+
+
+def _can_have(device: str, name: str) -> bool:
+    return _role(device) in KINDS[name].of and (device, name) != ("seraccel", "count")
+
+
+def _chosen(target: str | None, devices: Sequence[str], group: str) -> list[int]:
+    chosen = [i for i, device in enumerate(devices) if target in (None, device, _role(device))]
+    if not chosen:
+        raise SpecError(f"{group!r}: no device {target!r} here; there are {', '.join(devices)}, or {IMU}, {GNSS}")
+    return chosen
+
+
+def _offer() -> str:
+    return f"there are {', '.join(KINDS)}"
+
+
+def _fault(text: str) -> Fault:
+    parts = _FAULT.fullmatch(text)
+    if not parts or parts["name"] not in KINDS:
+        raise SpecError(f"{text!r}: no fault of that name; {_offer()}")
+    name, kind = parts["name"], KINDS[parts["name"]]
+    span = _span(parts["span"], kind, text)
+    if kind.axes:
+        return Fault(name, 0.0, 0.0, _axes(parts["value"], text), span)
+    value, _, second = (parts["value"] or "").partition("x")
+    if second and kind.second is None:
+        raise SpecError(f"{text!r}: {name} has one value: {kind.meaning}")
+    first = _number(value, kind.default, text, f"{name} needs a value: {kind.meaning}")
+    if first < 0.0 <= kind.most < math.inf or first > kind.most:
+        raise SpecError(f"{text!r}: {kind.meaning}: 0 to {kind.most:g}")
+    return Fault(name, first, _number(second, kind.second or 0.0, text, ""), (), span)
+
+
+def _number(text: str, default: float | None, where: str, otherwise: str) -> float:
+    if not text:
+        if default is None:
+            raise SpecError(f"{where!r}: {otherwise}")
+        return default
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise SpecError(f"{where!r}: {text!r} is no number")
+    return value
+
+
+def _axes(text: str | None, where: str) -> tuple[int, ...]:
+    names = AXES if text in (None, "", "all") else tuple(str(text).split("+"))
+    wrong = [name for name in names if name not in AXES]
+    if wrong:
+        raise SpecError(f"{where!r}: no axis {wrong[0]!r}; there are {'+'.join(AXES)}, or all")
+    return tuple(AXES.index(name) for name in names)
+
+
+def _span(text: str | None, kind: Kind, where: str) -> Span:
+    if text is None:
+        if kind.needs or kind.closed:
+            raise SpecError(f"{where!r}: when? write @FROM{'-TO' if kind.closed else ''}, in s since the start")
+        return Span()
+    parts = _SPAN.fullmatch(text)
+    if not parts:
+        raise SpecError(f"{where!r}: {text!r} is no time; write @FROM, @FROM-TO or @FROM-TO/PERIOD, in s")
+    begin, end, period = (_number(parts[name] or "", math.inf, where, "") for name in ("begin", "end", "period"))
+    if end <= begin or (math.isinf(end) and kind.closed) or period < (end if math.isfinite(end) else begin) - begin:
+        raise SpecError(f"{where!r}: FROM must lie before TO, and PERIOD be no shorter than the time between")
+    if period <= 0.0 or (math.isfinite(period) and math.isinf(end) and not kind.needs):
+        raise SpecError(f"{where!r}: what repeats needs an end: @FROM-TO/PERIOD")
+    return Span(begin, end, period)

@@ -45,11 +45,9 @@ class Scene:
     fixes: RecordedFixes | None = None
     tape: list[tuple[float, bytes]] | None = None
 
-    def time_zero(self, epoch: float | None = None) -> tuple[float, float]:
-        """CLOCK_MONOTONIC and UTC of time 0, in s: `epoch`, or now, or soon: recorded epochs are at whole seconds."""
+    def time_zero(self) -> tuple[float, float]:
+        """CLOCK_MONOTONIC and UTC of time 0, in s: now, or soon, when recorded epochs fall on whole UTC seconds."""
         now, utc = time.monotonic(), time.time()
-        if epoch is not None:
-            return epoch, utc - (now - epoch)
         wait = -(utc + self.fixes.phase) % 1.0 if self.fixes else 0.0
         return now + wait, utc + wait
 

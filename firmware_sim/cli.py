@@ -5,7 +5,6 @@ import logging
 import math
 import signal
 import sys
-import time
 from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -73,7 +72,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     pace.add_argument("--realtime", dest="fast", action="store_false", help="time runs as it does (default)")
     pace.add_argument("--fast", action="store_true", help="as fast as read; a host that stamps arrivals is misled")
     parser.set_defaults(fast=False)
-    add("--epoch", type=float, metavar="S", help="CLOCK_MONOTONIC of time 0, to join a motion that has begun")
     add("--parent", type=int, metavar="PID", help="end with that process, which started this one")
 
 
@@ -98,7 +96,9 @@ def run(args: argparse.Namespace) -> int:
     try:
         faults = spec.parse(args.faults, [name for name, _ in args.devices])
         scene = build.scene(args)
-    except (spec.SpecError, build.MisuseError) as error:
+    except spec.SpecError as error:
+        return _fail(EXIT_USAGE, f"--faults: {error}")
+    except build.MisuseError as error:
         return _fail(EXIT_USAGE, str(error))
     except DataError as error:
         return _fail(EXIT_DATA, str(error))
@@ -167,14 +167,12 @@ def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]
             stack.callback(signal.signal, number, before)
         if args.parent is not None:
             end_with(args.parent)
-        start, utc = scene.time_zero(args.epoch)
+        start, utc = scene.time_zero()
         wires = stack.enter_context(closing(WireLog(args.wire_log, start))) if args.wire_log else None
         links = [*args.link, *[None] * len(args.devices)]
         ports: list[Port] = []
         for i, (name, _) in enumerate(args.devices):
             built = device(args, scene, utc, i, faults[i], wires)
-            if args.epoch is not None:
-                built.restart(time.monotonic() - start)
             outages = [fault.span for fault in spec.of_layer("plug", faults[i])]
             ports.append(stack.enter_context(Port(name, built, links[i], outages, fast=args.fast)))
         logs: list[TruthLog] = []

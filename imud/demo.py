@@ -20,7 +20,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from .errors import ImudError
+from firmware_sim.faults import spec
+
+from .errors import ImudError, UsageError
 
 _RATE_HZ = 20
 _START_S = 300.0  # the first start compiles the kernels
@@ -33,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, metavar="N", help="end after N seconds of data with a summary")
     parser.add_argument("--scenario", default="car", help="what the emulated vehicle does (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=1, help="of the emulated sensors' errors (default: %(default)s)")
+    parser.add_argument("--faults", default="", metavar="SPEC", help="what goes wrong: see `imud sim --help`")
     parser.add_argument("--no-gnss", action="store_true", help="the inertial sensor alone: attitude only")
 
 
@@ -225,6 +228,10 @@ def _summary(comparison: Comparison, estimates: int, elapsed_s: float) -> str:
 
 def run(args: argparse.Namespace) -> int:
     devices = ["g350"] if args.no_gnss else ["g350", "nmea"]
+    try:
+        spec.parse(args.faults, devices)
+    except spec.SpecError as error:
+        raise UsageError(f"--faults: {error}") from error
     with tempfile.TemporaryDirectory(prefix="imud-demo-") as folder, contextlib.ExitStack() as stack:
         base = Path(folder)
         links = [base / name for name in devices]
@@ -247,6 +254,7 @@ def run(args: argparse.Namespace) -> int:
         stack.enter_context(
             _process(
                 *("sim", *devices, "--scenario", args.scenario, "--seed", str(args.seed), "--truth", str(truth_file)),
+                *("--faults", args.faults),
                 *(item for link in links for item in ("--link", str(link))),
                 stdout=subprocess.DEVNULL,
                 stderr=log_file,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from . import config, log, runtime
+from . import config, log, runtime, simulated
 from .errors import UsageError
 from .settings import Settings
 
@@ -16,8 +16,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="DEV[:DRIVER[@BAUD]]",
-        help="a serial port; repeat for the receiver. Device and baud rate are found by themselves",
+        help="a serial port, or sim:SCENARIO; repeat for the receiver. Device and baud rate are found by themselves",
     )
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the errors of sim: devices (default 1)")
     parser.add_argument("--estimator", metavar="NAME", help="default: navigation with two ports, else attitude")
     parser.add_argument("--listen", metavar="ADDR", help="gpsd JSON: HOST:PORT or /path (default 127.0.0.1:2947)")
     parser.add_argument(
@@ -42,8 +43,15 @@ def run(args: argparse.Namespace) -> int:
     runtime.without_scipy()
     from .daemon import Daemon
 
-    reread = None if args.config is None else lambda: _settings(args)
-    return Daemon(settings, wait=args.wait, reread=reread).run()
+    with simulated.ports(settings.ports, args.seed) as ports:
+        emulated = {settings.ports: ports}
+
+        def reread() -> Settings:
+            fresh = _settings(args)
+            return msgspec.structs.replace(fresh, ports=emulated.get(fresh.ports, fresh.ports))
+
+        settings = msgspec.structs.replace(settings, ports=ports)
+        return Daemon(settings, wait=args.wait, reread=None if args.config is None else reread).run()
 
 
 def _settings(args: argparse.Namespace) -> Settings:

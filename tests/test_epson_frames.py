@@ -200,10 +200,7 @@ def test_a_flipped_high_bit_is_suspect_and_nothing_else_is(at):
 def test_count_is_turned_into_ticks_whatever_its_step(step):
     keep = [k for k in range(300) if k not in (150, 151, 152, 200)]
     decoder = Decoder().feed(b"".join(frame(STILL, 60000 + step * k) for k in keep))
-    late = {
-        153,
-        201,
-    }  # the first frame after a clean loss is one tick on: its COUNT may be damage until the next agrees
+    late = {153, 154, 201, 202}  # one tick a frame: their COUNT may be damage, in both alike, until the third agrees
     assert [t for t, k in zip(decoder.ticks, keep, strict=True) if k not in late] == [k for k in keep if k not in late]
     assert decoder.ticks == sorted(set(decoder.ticks))
     assert decoder["lost"] == 4
@@ -213,6 +210,14 @@ def test_count_is_turned_into_ticks_whatever_its_step(step):
 def test_a_damaged_count_does_not_move_the_ticks(bit):
     counts = [2 * k for k in range(100)]
     counts[70] ^= 1 << bit
+    decoder = Decoder().feed(b"".join(frame(STILL, count) for count in counts))
+    assert decoder.ticks == list(range(100))
+    assert decoder["lost"] == 0
+
+
+def test_two_counts_damaged_alike_do_not_move_the_ticks():
+    counts = [0x28A0 + 2 * k for k in range(100)]
+    counts[70:72] = [count & 0xFF | 0x2000 for count in counts[70:72]]  # the header's byte, as a real line might
     decoder = Decoder().feed(b"".join(frame(STILL, count) for count in counts))
     assert decoder.ticks == list(range(100))
     assert decoder["lost"] == 0

@@ -1,9 +1,9 @@
 """From the device's COUNT word to ticks: sample periods since the first sample, wraps removed, lost samples counted.
 
 What one sample adds to COUNT differs between models and rates (1, 2, 20, …), so it is learned as the modal difference.
-A jump of COUNT is believed once the next frame goes on from it, since a single odd value may be damage; until then, and
-without a COUNT that counts, a frame is one tick, and each frame's length of junk before it another. Where a checksum
-vouches for COUNT, a jump is believed at once.
+A jump of COUNT is believed once `CONFIRMED` frames go on from it, since an odd value may be damage, past a checksum of
+16 bits too, and two in sequence may be damaged alike; until then, and without a COUNT that counts, a frame is one tick,
+and each frame's length of junk before it another. Where a checksum vouches for COUNT, a short jump is believed at once.
 """
 
 from typing import Any
@@ -13,6 +13,8 @@ import numpy as np
 from ..jit import kernel
 
 VOTES = 24  # lead over all other differences before the commonest is taken for the step
+CONFIRMED = 2  # frames
+SHORT = 16  # samples
 MOST_LOST = 2048  # samples; a longer jump is a restarted counter
 
 COUNTING = np.dtype(
@@ -23,6 +25,7 @@ COUNTING = np.dtype(
         ("trusted", "<i8"),  # the last COUNT believed
         ("since", "<i8"),  # ticks given out since then
         ("odd", "<i8"),  # the last COUNT not believed
+        ("confirmed", "<i8"),  # frames in sequence that went on from there
     ],
     align=True,
 )
@@ -60,7 +63,9 @@ def ticks_since(c: Any, count: int, missing: int, first: bool, sure: bool) -> in
     if ahead % c.step != 0 or ticks > MOST_LOST:
         ticks = 0
     goes_on = c.since > 0 and (count - c.odd) & 0xFFFF == c.step
-    if not (1 <= ticks <= expected or goes_on or (sure and ticks >= 1)):
+    c.confirmed = c.confirmed + 1 if goes_on else 0
+    most = max(expected, SHORT) if sure else expected
+    if not (1 <= ticks <= most or c.confirmed >= CONFIRMED):
         c.odd = count
         c.since += expected
         return expected

@@ -15,13 +15,11 @@ Every decision is a function of the bytes alone, never of the chunks in which th
 from typing import Any
 
 from ..jit import kernel
-from ..sample import SATURATED, SUSPECT
-from ..spikes import is_spike
 from ..words import signed, word
 from .counting import ticks_since
 from .dialects import FLAT
 from .registers import CR
-from .state import deliver, is_repeated, is_saturated
+from .state import deliver, is_repeated
 
 HEADER = FLAT.header
 LONG, SHORT = FLAT.layouts[0].length, FLAT.layouts[1].length
@@ -116,13 +114,7 @@ def emit(s: Any, rx: Any, p: int, sample: Any) -> int:
     s.tick += advance
     for i in range(6):
         s.spikes.raw[i] = signed(rx, p + GYRO + 2 * i)
-    flags = 0
-    if is_spike(s.spikes, advance):
-        flags = SUSPECT
-        s.suspect += 1
-    elif is_saturated(s):
-        flags = SATURATED
-    deliver(s, word(rx, p + 1), signed(rx, p + TEMP), flags, sample)
+    deliver(s, word(rx, p + 1), signed(rx, p + TEMP), advance, sample)
     return 1
 
 

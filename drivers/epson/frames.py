@@ -26,10 +26,10 @@ def state_for(configured: ImuConfigured) -> NDArray[np.void]:
     state["polled"] = configured.request is not None
     state["length"] = configured.frame_bytes
     if not windowed:
-        per_ms = configured.period_ns * 1e-6
-        floors = SPIKE_RADPS * per_ms / model.gyro_scale, SPIKE_MPS2 * per_ms / model.accel_scale
         state["length"], state["mask"] = SHORT, CONSTANT
-        state["spikes"]["floor"] = np.repeat(floors, 3)
+    per_ms = configured.period_ns * 1e-6
+    floors = SPIKE_RADPS * per_ms / state["gyro_scale"][0], SPIKE_MPS2 * per_ms / state["accel_scale"][0]
+    state["spikes"]["floor"] = np.repeat(floors, 3)
     return state
 
 

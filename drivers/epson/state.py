@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import kernel
-from ..sample import DEVICE_ERROR
-from ..spikes import SPIKES
+from ..sample import DEVICE_ERROR, SATURATED, SUSPECT
+from ..spikes import SPIKES, is_spike
 from .counting import COUNTING
 from .models import Model
 
@@ -37,7 +37,7 @@ STATE = np.dtype(
         ("gap", "<i8"),  # junk bytes since the last frame
         ("tick", "<i8"),
         ("counting", COUNTING),
-        ("spikes", SPIKES),  # * but for the words of the sample at hand
+        ("spikes", SPIKES),
         ("frames", "<i8"),  # delivered
         ("junk", "<i8"),  # bytes that belong to no delivered frame
         ("bad", "<i8"),  # times that the sequence of frames broke
@@ -80,8 +80,17 @@ def is_repeated(s: Any, flag: int, count: int) -> bool:
 
 
 @kernel
-def deliver(s: Any, flag: int, temperature: int, flags: int, sample: Any) -> None:
-    """The words of a frame (those in s.spikes.raw, FLAG and the temperature) as a sample in SI units."""
+def deliver(s: Any, flag: int, temperature: int, ticks: int, sample: Any) -> None:
+    """The words of a frame (those in s.spikes.raw, FLAG and the temperature) as a sample in SI units.
+
+    ticks: since the one before.
+    """
+    flags = 0
+    if is_spike(s.spikes, ticks):
+        flags = SUSPECT
+        s.suspect += 1
+    elif is_saturated(s):
+        flags = SATURATED
     s.status = flag & 1  # EA: any error
     if s.status:
         flags |= DEVICE_ERROR

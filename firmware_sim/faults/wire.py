@@ -86,7 +86,8 @@ class Wire:
     ) -> None:
         self.messages = 0
         self.counts: Counter[str] = Counter()
-        self._device, self._faults, self._rng, self._log = device, faults, rng, log
+        self._device, self._rng, self._log = device, rng, log
+        self._faults = sorted(faults, key=lambda fault: -fault.value)  # what befalls all goes before shares
 
     def __call__(self, message: bytes, t: float) -> tuple[bytes, float]:
         """What arrives of a message sent at time `t`, and until when it is held up."""

@@ -67,7 +67,7 @@ def _request(line: str, chip: str, name: str) -> Any:
 def _explained(line: str, chip: str, error: Exception) -> PortError:
     number = getattr(error, "errno", None)
     if number in ABSENT:
-        return PortAbsentError(line, f"there is no {chip} for the data-ready line {line}: `gpioinfo` lists all")
+        return PortAbsentError(line, f"there is no GPIO chip {chip} for the data-ready line {line}: see `gpioinfo`")
     if number in DENIED:
         return PortDeniedError(
             line, f"no permission to open {chip}: join group gpio (sudo usermod -aG gpio $USER) and log in again"

@@ -19,6 +19,7 @@ from .epson import EpsonSensor
 from .epson_spi import EpsonSpi
 
 CHIP = "/dev/gpiochip0"
+QUIET_S = 0.6e-3  # before a sample: the last one has been fetched, so there is time to compute ahead
 FIRST_LINE = 24  # of the sensor at chip select 0; the next one's is the next
 
 
@@ -73,7 +74,8 @@ class Socket:
         answer = self.spi.transfer(data, begin - self._start, clock_hz, mode)
         self._free = begin + 8 * len(data) / clock_hz + delay_s
         self.wire.follow()
-        self._sensor.prepare()
+        if self._sensor.next_sample - (begin - self._start) < QUIET_S:
+            self._sensor.prepare()
         while time.monotonic() < self._free:
             pass
         return answer

@@ -16,7 +16,7 @@ from drivers.epson.spi import fetch, over_spi, spi_carries
 from drivers.epson.talk import ask, put
 from drivers.sample import SAMPLE
 from drivers.spi import Bus
-from firmware_sim.g350 import G350
+from firmware_sim.g350 import G350, TAPS_V340
 from firmware_sim.g370 import VARIANTS, Windowed
 from firmware_sim.noise import IDEAL, ImuErrors
 
@@ -133,6 +133,18 @@ def test_a_sensor_is_found_and_told_by_its_names(name):
     assert found.serial
     assert memory.spi.violations == {}
     assert b"\xbe\x08" not in memory.sent  # flash backup
+
+
+def test_the_flat_sibling_has_a_table_of_filters_of_its_own():
+    sensor = G350(*golden(), taps=TAPS_V340)
+    product = b"V340PDD0"
+    sensor._word |= {(0, 0x6A + i): product[i] | product[i + 1] << 8 for i in range(0, 8, 2)}
+    memory = Memory(sensor)
+    result = configured("v340", memory, rate_hz=125.0)
+    assert (result.identity.model, result.rate_hz, result.warnings) == ("M-V340", 125.0, ())
+    assert result.delay_ns == 3_500_000  # 8 taps at 1 kHz
+    assert b"\xb8\x05" in memory.sent
+    assert memory.spi.violations == {}
 
 
 @pytest.mark.parametrize("name", SENSORS)

@@ -23,21 +23,35 @@ class DataReady:
         chip, _, name = line.rpartition(":")
         self.line = line
         self.dropped = 0  # edges for which the kernel had no room
+        self.waiting: list[int] = []  # edges read but not taken
         self._next: int | None = None  # sequence number
         self._request = _request(line, chip if chip.startswith("/") else f"/dev/{chip}", name)
         self.fd: int = self._request.fd
         self._poll = select.poll()
         self._poll.register(self.fd, select.POLLIN)
 
-    def take(self) -> list[int]:
-        """Monotonic times in ns of the edges since the last call, oldest first; does not block."""
+    def forget(self) -> None:
+        """Leave out what came until now: nobody was to fetch anything."""
+        self._read()
+        self.waiting.clear()
+        self.dropped = 0
+
+    def take(self, until_ns: int) -> list[int]:
+        """Times in ns (CLOCK_MONOTONIC) of the edges until then that were not taken before, oldest first."""
+        self._read()
+        edges = self.waiting
+        self.waiting = [edge for edge in edges if edge > until_ns]
+        return edges[: len(edges) - len(self.waiting)]
+
+    def _read(self) -> None:
+        """What there is, without blocking."""
         if not self._poll.poll(0):
-            return []
+            return
         events = self._request.read_edge_events()
         if self._next is not None:
             self.dropped += events[-1].line_seqno + 1 - self._next - len(events)
         self._next = events[-1].line_seqno + 1
-        return [event.timestamp_ns for event in events]
+        self.waiting += [event.timestamp_ns for event in events]
 
     def close(self) -> None:
         """Give the line back."""

@@ -44,13 +44,10 @@ class SpiPort:
         self._timer = Timer()
         self._wakers = select.epoll()
         self._wakers.register(self._timer.fd, select.EPOLLIN)
-        if self._edges:
-            self._wakers.register(self._edges.fd, select.EPOLLIN)
         self.fd: int = self._wakers.fileno()  # readable when answers wait, or when a sample is due
         self._bus = Bus(0, 0, 0)
         self._fetch: Fetch | None = None
         self._answers = bytearray()
-        self._waiting: list[int] = []  # edges whose sample was not fetched yet
         self._due_ns = 0
         self._overruns = self._torn = self._unannounced = 0
         self._waits = 0  # in a row
@@ -62,8 +59,10 @@ class SpiPort:
 
         unannounced: samples fetched by time although there is a data-ready line.
         """
-        counted = {"overruns": self._overruns, "torn": self._torn}
-        return counted | ({"unannounced": self._unannounced} if self._edges else {})
+        if self._edges is None:
+            return {"overruns": self._overruns, "torn": self._torn}
+        overruns = self._overruns + self._edges.dropped
+        return {"overruns": overruns, "torn": self._torn, "unannounced": self._unannounced}
 
     @property
     def complaint(self) -> str:
@@ -79,6 +78,7 @@ class SpiPort:
 
     def set_spi(self, setup: Bus | Fetch) -> None:
         """Set the bus up; or begin to fetch samples, which from then on are what is read."""
+        self._attend(isinstance(setup, Fetch))
         if isinstance(setup, Bus):
             self._bus, self._fetch = setup, None
             try:
@@ -91,6 +91,16 @@ class SpiPort:
             self._fetch = setup
             self._due_ns = time.monotonic_ns()
             self._timer.set(self._due_ns)
+
+    def _attend(self, fetching: bool) -> None:
+        """Let edges wake while samples are fetched, and only then: a sensor that was left sampling makes them, too."""
+        if self._edges is None or fetching == (self._fetch is not None):
+            return
+        if fetching:
+            self._edges.forget()
+            self._wakers.register(self._edges.fd, select.EPOLLIN)
+        else:
+            self._wakers.unregister(self._edges.fd)
 
     def write(self, data: bytes) -> None:
         """Exchange 16-bit words. While samples are fetched, the answers are not kept."""
@@ -151,7 +161,8 @@ class SpiPort:
             if i == fetch.capture:
                 captured_ns = time.monotonic_ns() - 1000 * cycle.stall_us
             if i == fetch.gate and not fetch.is_new(answer):
-                self._take_edges(begun_ns)  # of samples that were fetched already
+                if self._edges:
+                    self._edges.take(begun_ns)  # of samples that were fetched already
                 self._wait(fetch.period_ns)
                 return b"", 0
             answers += answer
@@ -165,21 +176,13 @@ class SpiPort:
     def _edge_of(self, captured_ns: int, whole: bool) -> int:
         """The edge of the sample that was there at that time, 0 if there was none; the samples missed are counted."""
         self._torn += not whole
-        edges = self._take_edges(captured_ns)
-        if self._edges:
-            self._overruns += max(len(edges) - whole, 0) + self._edges.dropped
-            self._edges.dropped = 0
-            self._unannounced += not edges
-            self._mute = 0 if edges else self._mute + 1
-        return edges[-1] if edges else 0
-
-    def _take_edges(self, until_ns: int) -> list[int]:
-        """The edges until then that were not taken before; later ones are kept."""
         if self._edges is None:
-            return []
-        edges = self._waiting + self._edges.take()
-        self._waiting = [edge for edge in edges if edge > until_ns]
-        return edges[: len(edges) - len(self._waiting)]
+            return 0
+        edges = self._edges.take(captured_ns)
+        self._overruns += max(len(edges) - whole, 0)
+        self._unannounced += not edges
+        self._mute = 0 if edges else self._mute + 1
+        return edges[-1] if edges else 0
 
     def _wait(self, period_ns: int) -> None:
         """Look again a moment later; less often where an edge will tell, or if there has been nothing for long."""
@@ -193,7 +196,7 @@ class SpiPort:
 
     def _plan(self, fetch: Fetch, captured_ns: int, edge_ns: int, whole: bool) -> None:
         """Say when to look next."""
-        if self._waiting or not whole:
+        if not whole or (self._edges and self._edges.waiting):
             self._due_ns = 1
         elif edge_ns:
             self._due_ns = captured_ns + OVERDUE * fetch.period_ns

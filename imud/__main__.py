@@ -20,6 +20,7 @@ COMMANDS = {
     "replay": "recorded data through the same filter, as fast as it goes",
     "reproduce": "a paper's experiment: its numbers beside ours, its figures, pass or fail",
     "warmup": "compile everything now, so that the first start need not",
+    "allan": "a sensor's noise from a recording at rest: random walk, bias instability, rate random walk",
     "reference": "every setting: a sample configuration, a table, the man pages",
     "install-service": "imud under systemd: shows what it would do, then does it",
 }

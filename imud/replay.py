@@ -10,6 +10,7 @@ import numpy as np
 
 from . import config
 from .errors import BadDataError, CannotCreateError, InputMissingError, UsageError
+from .progress import Progress
 from .settings import Initial, Settings
 
 if TYPE_CHECKING:
@@ -27,21 +28,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rate", type=float, metavar="HZ", help="thin the output (default: every sample)")
     parser.add_argument("--config", type=Path, metavar="TOML")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a configuration key")
-
-
-class Progress:
-    """A bar on stderr while it is a terminal; silent otherwise."""
-
-    def __init__(self, total: int) -> None:
-        self._total, self._shown = total, -1
-        self._on = sys.stderr.isatty()
-
-    def at(self, done: int) -> None:
-        percent = 100 * done // max(self._total, 1)
-        if self._on and percent != self._shown:
-            self._shown = percent
-            end = "\n" if percent == 100 else ""
-            print(f"\r  {'#' * (percent // 3):<34}{percent:3d} %", end=end, file=sys.stderr, flush=True)
 
 
 def play(filter_: "Filter", samples: "Records", fixes: "Records", write: Any, keep: "Records") -> int:

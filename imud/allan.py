@@ -21,7 +21,7 @@ _MG = 1e3 / 9.80665
 
 @dataclass(frozen=True)
 class _Unit:
-    """A coefficient in data-sheet units: from the SI value by `factor`; the setting and the profile's field it becomes."""
+    """A coefficient in data-sheet units, from SI by `factor`; the setting, and the field of a profile, that it becomes."""
 
     factor: float
     text: str
@@ -136,12 +136,7 @@ def _plain(found: dict[str, list[Any]], rate_hz: float) -> dict[str, Any]:
                 "deviation": deviation.deviation.tolist(),
                 "sigma": deviation.sigma.tolist(),
                 **{
-                    letter: {
-                        "value": c.value,
-                        "sigma": None if c.bound else c.sigma,
-                        "upper_bound": c.bound,
-                        "unit": unit,
-                    }
+                    letter: {"value": c.value, "sigma": None if c.bound else c.sigma, "bound": c.bound, "unit": unit}
                     for letter, unit, c in values
                 },
             }
@@ -167,22 +162,21 @@ def _write(path: Path, text: str) -> None:
 
 
 def _draw(path: Path, found: dict[str, list[Any]], sheet: Any, name: str) -> None:
-    from .experiments.figures import available, write
-    from .experiments.report import Figure, Panel, Report, Trace
+    from . import figures
+    from .figures import Figure, Panel, Trace
 
-    if not available():
+    if not figures.available():
         raise UsageError("plots need plotly: pip install 'imud[plots]'")
     panels = []
-    for kind, (walk, instability, _) in _KINDS.items():
+    for kind, (walk, unit, _) in _KINDS.items():
         traces = []
         for axis, d in zip("xyz", found[kind], strict=True):
-            traces.append(Trace(axis, d.tau, d.deviation * instability.factor, d.sigma * instability.factor))
-            traces.append(Trace(f"{axis} fitted", d.tau, d.fitted * instability.factor))
+            traces.append(Trace(axis, d.tau, d.deviation * unit.factor, d.sigma * unit.factor))
+            traces.append(Trace(f"{axis}: N, B, K", d.tau, d.fitted * unit.factor))
         tau = found[kind][0].tau
-        told = getattr(sheet, walk.field) / np.sqrt(tau) * instability.factor
-        traces.append(Trace(f"{name}: N", tau, told))
-        panels.append(Panel(f"{kind}", "τ, s", f"Allan deviation, {instability.text}", traces, logarithmic=True))
+        traces.append(Trace(f"N of {name}", tau, getattr(sheet, walk.field) / np.sqrt(tau) * unit.factor))
+        panels.append(Panel(kind, "averaging time τ, s", f"Allan deviation, {unit.text}", traces, logarithmic=True))
     try:
-        write(Report("Allan deviation", (), [Figure("Overlapping Allan deviation ±σ", panels)]), path)
+        figures.write("imud allan", "", [Figure("Overlapping Allan deviation ± 1 σ", panels)], path)
     except OSError as error:
         raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error

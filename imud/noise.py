@@ -1,4 +1,4 @@
-"""What an Allan deviation tells of a sensor's noise: random walk N, bias instability B, rate random walk K, and 1 sigma.
+"""What an Allan deviation tells of a sensor's noise: random walk N, bias instability B, rate random walk K.
 
 The model is sigma^2(tau) = N^2/tau + (2 ln 2/pi) B^2 + K^2 tau/3 (IEEE Std 952-2020, annex C.1), fitted by generalised
 least squares with coefficients that are not negative. The covariance of the overlapping estimates at two times follows
@@ -60,8 +60,8 @@ def allan_deviation(rate: Floats, rate_hz: float) -> AllanDeviation:
     values, covariance = _fit(sizes[fitted], variance[fitted], n, rate_hz)
     tau, deviation = sizes / rate_hz, np.sqrt(variance)
     sigma = np.sqrt(np.diag(_covariance(sizes, values, n, rate_hz))) / (2.0 * deviation)
-    found = (_coefficient(values[i], math.sqrt(covariance[i, i])) for i in range(3))
-    return AllanDeviation(tau, deviation, sigma, *found, np.sqrt(_terms(tau) @ values))
+    n_, b, k = (_coefficient(values[i], math.sqrt(covariance[i, i])) for i in range(3))
+    return AllanDeviation(tau, deviation, sigma, n_, b, k, np.sqrt(_terms(tau) @ values))
 
 
 def _terms(tau: Floats) -> Floats:

@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _draw(report: object, folder: Path, paper: str) -> None:
-    from .experiments import figures
+    from . import figures
     from .experiments.report import Report
 
     assert isinstance(report, Report)
@@ -34,7 +34,7 @@ def _draw(report: object, folder: Path, paper: str) -> None:
     path = folder / f"{paper}.html"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        figures.write(report, path)
+        figures.write(report.title, "\n".join(report.lines()), report.figures, path)
     except OSError as error:
         raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error
     print(f"imud reproduce: figures in {path}", file=sys.stderr)

@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from imud import figures
 from imud.__main__ import main
 from imud.estimators import registry, stationary
-from imud.experiments import farrell, figures, prasanna, simulate, suh
-from imud.experiments.report import Figure, Panel, Report, Row, Trace, at_most, within
+from imud.experiments import farrell, prasanna, simulate, suh
+from imud.experiments.report import Report, Row, at_most, within
+from imud.figures import Figure, Panel, Trace
 
 PAPERS = ("stationary", "suh-standard", "suh-adaptive", "suh-two-step", "gps-track", "ins9")
 

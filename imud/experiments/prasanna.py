@@ -13,11 +13,12 @@ import numpy as np
 
 from ..estimators import gps_track, ins9, registry
 from ..estimators.records import FIX, SOLUTION
+from ..figures import Figure, Panel, Trace
 from ..kernels.earth import STANDARD_GRAVITY, radii
 from ..kernels.rotation import euler_of_quat
 from ..pipeline import Filter
 from ..settings import GpsTrack, Imu, Initial, Settings
-from .report import Figure, Floats, Panel, Report, Row, Trace, at_most, circles, rms, within
+from .report import Floats, Report, Row, at_most, circles, rms, within
 from .simulate import PROFILE, level_at_rest, m_g350, samples_of
 
 LAT, LON = math.radians(1.3), math.radians(103.77)  # rad, National University of Singapore

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..figures import Figure
+
 Floats = NDArray[np.float64]
 
 
@@ -18,38 +20,6 @@ class Row:
     paper: str
     ours: str
     holds: bool | None = None
-
-
-@dataclass(frozen=True)
-class Trace:
-    """A curve. sigma: its computed standard deviation, drawn as a band of +-sigma about `about` (default: y)."""
-
-    name: str
-    x: Floats
-    y: Floats
-    sigma: Floats | None = None
-    about: Floats | None = None
-    style: str = "lines"  # lines, markers, bars
-
-
-@dataclass(frozen=True)
-class Panel:
-    """One pair of axes. equal: one metre is as long on both."""
-
-    title: str
-    x: str  # with unit
-    y: str
-    traces: Sequence[Trace]
-    equal: bool = False
-
-
-@dataclass(frozen=True)
-class Figure:
-    """Panels side by side, `columns` in a row."""
-
-    title: str
-    panels: Sequence[Panel]
-    columns: int = 2
 
 
 @dataclass(frozen=True)

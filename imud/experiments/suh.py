@@ -14,10 +14,11 @@ import numpy as np
 from ..estimators import Estimator
 from ..estimators.records import SOLUTION
 from ..estimators.suh import PITCH, R_NOMINAL, ROLL, SUH_ADAPTIVE, SUH_STANDARD, SUH_TWO_STEP
+from ..figures import Figure, Panel, Trace
 from ..kernels.earth import STANDARD_GRAVITY
 from ..kernels.jit import kernel
 from ..settings import Initial, Settings
-from .report import Figure, Floats, Panel, Report, Row, Trace, at_most, rms
+from .report import Floats, Report, Row, at_most, rms
 from .simulate import level_at_rest, m_g350
 
 RATE_HZ, SECONDS = 200.0, 60.0

@@ -1,6 +1,6 @@
 """The overlapping Allan variance of a rate signal.
 
-Source: IEEE Std 952-2020, annex C; W. J. Riley, Handbook of Frequency Stability Analysis, NIST SP 1065 (2008), sec. 5.2.3.
+Source: IEEE Std 952-2020, annex C; W. J. Riley, Handbook of Frequency Stability Analysis, NIST SP 1065, sec. 5.2.3.
 """
 
 import numpy as np

@@ -1,16 +1,54 @@
-"""Figures as one self-contained HTML page, drawn by plotly where it is installed (the extra `imud[plots]`)."""
+"""Figures as plain values, and as one self-contained HTML page drawn by plotly (the extra `imud[plots]`)."""
 
 import importlib
 import importlib.util
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .report import Figure, Panel, Report, Trace
+import numpy as np
+from numpy.typing import NDArray
 
 COLOURS = ("#0b6fa4", "#d1495b", "#3a7d44", "#8a5a9e", "#b07d12")
 MOST_POINTS = 4000  # of a curve: a page of some MB, not hundreds
 ROW_PX = 340
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A curve. sigma: its computed standard deviation, drawn as a band of +-sigma about `about` (default: y)."""
+
+    name: str
+    x: Floats
+    y: Floats
+    sigma: Floats | None = None
+    about: Floats | None = None
+    style: str = "lines"  # lines, markers, bars
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes. equal: one metre is as long on both; logarithmic: both axes are."""
+
+    title: str
+    x: str  # with unit
+    y: str
+    traces: Sequence[Trace]
+    equal: bool = False
+    logarithmic: bool = False
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Panels side by side, `columns` in a row."""
+
+    title: str
+    panels: Sequence[Panel]
+    columns: int = 2
 
 
 def available() -> bool:
@@ -54,6 +92,9 @@ def _fill(go: Any, figure: Any, panel: Panel, row: int, column: int) -> None:
         figure.add_trace(_curve(go, trace, colour), row=row, col=column)
     figure.update_xaxes(title_text=panel.x, row=row, col=column)
     figure.update_yaxes(title_text=panel.y, row=row, col=column)
+    if panel.logarithmic:
+        figure.update_xaxes(type="log", row=row, col=column)
+        figure.update_yaxes(type="log", row=row, col=column)
     if panel.equal:
         axis = next(figure.select_xaxes(row=row, col=column)).plotly_name.replace("axis", "")
         figure.update_yaxes(scaleanchor=axis, scaleratio=1, row=row, col=column)
@@ -75,10 +116,10 @@ def _draw(figure: Figure) -> Any:
     return drawn
 
 
-def write(report: Report, path: Path) -> None:
-    """The report's table and figures as one HTML file that needs nothing else. Raises OSError."""
-    table = "\n".join(report.lines()).replace("&", "&amp;").replace("<", "&lt;")
-    drawn = [_draw(figure).to_html(full_html=False, include_plotlyjs=k == 0) for k, figure in enumerate(report.figures)]
-    head = f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{report.title}</title></head>'
-    body = f'<body style="font-family:sans-serif;margin:1.5em"><pre>{table}</pre>{"".join(drawn)}</body></html>'
+def write(title: str, text: str, figures: Sequence[Figure], path: Path) -> None:
+    """A text and figures as one HTML file that needs nothing else. Raises OSError."""
+    shown = text.replace("&", "&amp;").replace("<", "&lt;")
+    drawn = [_draw(figure).to_html(full_html=False, include_plotlyjs=k == 0) for k, figure in enumerate(figures)]
+    head = f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{title}</title></head>'
+    body = f'<body style="font-family:sans-serif;margin:1.5em"><pre>{shown}</pre>{"".join(drawn)}</body></html>'
     path.write_text(head + body, encoding="utf-8")

@@ -21,7 +21,7 @@ _MG = 1e3 / 9.80665
 
 @dataclass(frozen=True)
 class _Unit:
-    """A coefficient in data-sheet units, from SI by `factor`; the setting, and the field of a profile, that it becomes."""
+    """A coefficient in data-sheet units, from SI by `factor`; the setting and the field of a profile it becomes."""
 
     factor: float
     text: str

@@ -28,3 +28,4 @@ NO_RATE = 8  # the rates tell nothing: an axis is frozen or impossible
 NO_FORCE = 16  # the forces tell nothing
 LIMITED_RATE = 32  # a gyro is what is saturated
 LIMITED_FORCE = 64  # an accelerometer is
+UNTOLD = SUSPECT | NO_RATE | NO_FORCE  # something of the sample tells nothing

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.sample import SUSPECT
+from drivers.sample import NO_FORCE, SUSPECT
 
 from ..kernels.earth import STANDARD_GRAVITY, displaced, gravity
 from ..kernels.jit import kernel
@@ -224,7 +224,7 @@ def tell(p: Any, s: Any, sample: Any, out: Any) -> None:
 def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
     """Take one sample (SAMPLE), write one row (SOLUTION). A bad sample repeats the last good one."""
     f = sample.f
-    good = sample.flags & SUSPECT == 0 and math.isfinite(f[0] + f[1] + f[2])
+    good = sample.flags & (SUSPECT | NO_FORCE) == 0 and math.isfinite(f[0] + f[1] + f[2])
     if s.samples == 0 and good:
         level(s, f)
         s.samples = 1

@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
+from drivers.sample import NO_FORCE, NO_RATE, SUSPECT
 from drivers.sample import SATURATED as BEYOND_RANGE
-from drivers.sample import SUSPECT
 
 from ..kernels.earth import STANDARD_GRAVITY, gravity
 from ..kernels.jit import kernel
@@ -38,6 +38,7 @@ EXPLAINED = 2.0  # sigma by which sensor errors may change the force's magnitude
 UNIFORM = math.pi / math.sqrt(3.0)  # rad, sigma of an angle of which nothing is known
 GIVEN_ANGLE = math.radians(1.0)  # of a heading given by the user
 TRUSTED_TILT, TRUSTED_HEADING = math.radians(10.0), math.radians(20.0)
+UNSEEN_RATE = 0.3  # rad/s, while the gyro tells nothing
 LONG_GAP_S = 1.0  # without a good sample the tilt is not claimed, and the heading is lost
 
 PARAMETERS = np.dtype(
@@ -154,6 +155,9 @@ def turn(p: Any, s: Any, sample: Any, dt: float) -> None:
         s.yaw = yaw - 2.0 * math.pi * math.floor(yaw / (2.0 * math.pi) + 0.5)
         s.yaw_gain += cr / cos_pitch * dt
         s.yaw_var += p.gyro_psd / cos_pitch**2 * dt
+        if sample.flags & NO_RATE != 0:
+            unseen = sample.unseen_s
+            s.yaw_var += UNSEEN_RATE**2 * (unseen * unseen - max(unseen - dt, 0.0) ** 2)
     for i in range(3):
         s.w[i] = sample.w[i]
 
@@ -194,7 +198,7 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
     if s.t_ns == 0 or sample.t_ns > s.t_ns:
         f, w = sample.f, sample.w
         s.t_ns = sample.t_ns
-        if sample.flags & SUSPECT == 0 and math.isfinite(f[0] + f[1] + f[2] + w[0] + w[1] + w[2]):
+        if sample.flags & (SUSPECT | NO_FORCE) == 0 and math.isfinite(f[0] + f[1] + f[2] + w[0] + w[1] + w[2]):
             dt = (s.t_ns - s.good_ns) * 1e-9 if s.samples > 0 else 0.0
             if dt > LONG_GAP_S:
                 s.yaw_var, s.heading = UNIFORM**2, 0

@@ -11,15 +11,15 @@ Source: Solà, Quaternion kinematics for the error-state Kalman filter (2017), s
 import math
 from typing import Any
 
+from drivers.sample import NO_FORCE, NO_RATE, SUSPECT
 from drivers.sample import SATURATED as BEYOND_RANGE
-from drivers.sample import SUSPECT
 
 from ...kernels.jit import kernel
 from .. import Estimator
 from ..records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SATURATED
 from .covariance import clear, correct, hold_near, hold_still, predict, report
-from .levelling import begin, doubt, level, middle, resume
-from .rest import judge, watch
+from .levelling import begin, doubt, hold, level, middle, resume, unweighed
+from .rest import judge, restart, watch
 from .setup import configure, start
 from .strapdown import advance, corrected_force, corrected_rate
 from .truncation import examine, restored
@@ -48,11 +48,13 @@ def take(p: Any, s: Any, sample: Any, dt: float) -> None:
     """One sample, dt s after the last one (dt < 0: the very first)."""
     w = (restored(s, sample.w[0], 0), restored(s, sample.w[1], 1), restored(s, sample.w[2], 2))
     f = (sample.f[0], sample.f[1], sample.f[2])
-    good = sample.flags & SUSPECT == 0 and math.isfinite(w[0] + w[1] + w[2] + f[0] + f[1] + f[2])
+    good = sample.flags & (SUSPECT | NO_RATE) == 0 and math.isfinite(w[0] + w[1] + w[2])
+    weighed = sample.flags & (SUSPECT | NO_FORCE) == 0 and math.isfinite(f[0] + f[1] + f[2])
     if not good:
         w = (s.w[0], s.w[1], s.w[2])
-        f = (s.f[0], s.f[1], s.f[2])
-        s.held_s += max(dt, 0.0)
+        hold(s, max(dt, 0.0), sample.unseen_s)
+    if not weighed:
+        f = unweighed(s, max(dt, 0.0)) if good else (s.f[0], s.f[1], s.f[2])
     if dt < 0.0:
         begin(s, w, f)
     elif dt > LONG_GAP_S or (good and s.held_s > LONG_GAP_S):
@@ -65,14 +67,17 @@ def take(p: Any, s: Any, sample: Any, dt: float) -> None:
             advance(s, middle(s.w, w), middle(s.f, f), dt)
         else:
             advance(s, w, f, dt)
-        watch(p, s, w, f, dt)
+        if good and weighed:
+            watch(p, s, w, f, dt)
+        else:
+            restart(s, w, f)
         for i in range(3):
             s.w[i] = w[i]
             s.f[i] = f[i]
     if good:
         s.held_s = 0.0
         examine(s, (sample.w[0], sample.w[1], sample.w[2]))
-    if s.levelled == 0:
+    if s.levelled == 0 and weighed:
         level(s, f)
     if s.span >= INTERVAL_S:
         settle(p, s)

@@ -5,7 +5,7 @@ from typing import Any
 
 from ...kernels.jit import kernel
 from ...kernels.kalman import reset
-from ...kernels.rotation import Vector, euler_of_quat, quat_of_euler, quat_of_gravity
+from ...kernels.rotation import Vector, euler_of_quat, quat_of_euler, quat_of_gravity, quat_rotate_back
 from .covariance import clear, forget_motion, grow, report, variance
 from .rest import restart
 from .state import ATTITUDE, GYRO_BIAS, STATES
@@ -16,6 +16,8 @@ UNIFORM = math.pi / math.sqrt(3.0)  # rad, sigma of an angle of which nothing is
 LIGHTEST, HEAVIEST = 0.5, 2.0  # of gravity, for a force that may show the vertical
 GAP_RATE_PSD = 0.5**2  # (rad/s)^2/s: how fast a rate wanders unseen
 GAP_FORCE_PSD = 3.0**2  # (m/s^2)^2/s
+UNSEEN_RATE = 0.3  # rad/s
+UNSEEN_FORCE_PSD = 10.0**2  # (m/s)^2/s
 OVERRANGE = 0.2  # sqrt(s): noise of a saturated sensor as a part of its reading
 
 
@@ -71,6 +73,30 @@ def level(s: Any, f: Vector) -> None:
 def middle(a: Any, b: Vector) -> Vector:
     """What lies between two readings is best guessed as their mean."""
     return 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
+
+
+@kernel
+def hold(s: Any, dt: float, unseen_s: float) -> None:
+    """Go on with the last rate, for dt more.
+
+    `unseen_s`: for how long, if the sensor is at fault; that is found out late, and even the last rate may be false.
+    """
+    before = s.held_s
+    s.held_s += dt
+    if unseen_s > 0.0:
+        s.attitude_extra += UNSEEN_RATE**2 * max(unseen_s**2 - before**2, 0.0)
+    if unseen_s > s.held_s:
+        s.attitude_extra += GAP_RATE_PSD * (unseen_s**3 - s.held_s**3) / 3.0
+        s.velocity_extra += UNSEEN_FORCE_PSD * (unseen_s - s.held_s)
+        s.held_s = unseen_s
+
+
+@kernel
+def unweighed(s: Any, dt: float) -> Vector:
+    """The force that a body would show that does not accelerate, for one that is not seen; it tells nothing of tilt."""
+    s.velocity_extra += UNSEEN_FORCE_PSD * dt
+    x, y, z = quat_rotate_back((s.q[0], s.q[1], s.q[2], s.q[3]), (0.0, 0.0, -s.gravity))
+    return x + s.ba[0], y + s.ba[1], z + s.ba[2]
 
 
 @kernel

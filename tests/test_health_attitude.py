@@ -1,0 +1,78 @@
+"""Faults of the sensor through the pipeline into the attitude filter: it says what it still knows, and comes back."""
+
+import numpy as np
+import pytest
+from attitude_simulation import MG, Flaws, G, after, errors_deg, measure, simulate, wobble
+
+from drivers.sample import SAMPLE
+from imud.estimators import registry
+from imud.estimators.records import ATTITUDE_VALID, SOLUTION
+from imud.pipeline import Filter
+from imud.settings import Imu, Initial, Settings
+
+RATE = 200
+LSB = np.radians(0.0125), 0.125e-3 * G
+BEGIN, END, SECONDS = 20.0, 25.0, 40.0
+ALL = slice(None)
+GYRO, FORCE = 0, 1
+
+
+def at(seconds):
+    return round(seconds * RATE)
+
+
+@pytest.fixture(scope="module", params=[1, 2])
+def body(request):
+    """(truth, rates, forces) of a hand-held M-G350 in lively motion after 10 s of rest."""
+    seed = request.param
+    truth = simulate(SECONDS, RATE, after(10.0, wobble(seed, 1.0)), after(10.0, wobble(seed + 50, 0.7)))
+    flaws = Flaws(gyro_bias=(0.005, -0.004, 0.003), accel_bias=(2.0 * MG, -3.0 * MG, 1.0 * MG))
+    w, f = measure(truth, flaws, np.random.default_rng(seed))
+    return truth, np.rint(w / LSB[0]) * LSB[0], np.rint(f / LSB[1]) * LSB[1]
+
+
+def spoilt(body, faults):
+    """Tilt errors, sigmas (deg) and validity, with faults (sensor, axes, value or None for the last one) for 5 s."""
+    truth, w, f = body
+    samples = np.zeros(len(truth.t), SAMPLE)
+    samples["t_ns"] = 10**12 + np.rint(truth.t * 1e9).astype(np.int64)
+    samples["w"], samples["f"], samples["temperature"] = w, f, 25.0
+    for sensor, axes, value in faults:
+        values = samples["wf"[sensor]]
+        values[at(BEGIN) : at(END), axes] = values[at(BEGIN), axes] if value is None else value
+    filter_ = Filter(registry.by_name("attitude"), Settings(imu=Imu(profile="m-g350")), Initial(), RATE)
+    filter_.run(samples, out := np.zeros(len(samples), SOLUTION))
+    sigma = np.degrees(out["sigma_rpy"][:, :2].max(axis=1))
+    return errors_deg(out["q_nb"], truth.attitude)[0], sigma, (out["status"] & ATTITUDE_VALID) > 0
+
+
+BLIND = {
+    "everything frozen": [(GYRO, ALL, None), (FORCE, ALL, None)],
+    "gyro frozen": [(GYRO, ALL, None)],
+    "one gyro axis frozen": [(GYRO, 0, None)],
+    "one gyro axis zero": [(GYRO, 2, 0.0)],
+    "everything zero": [(GYRO, ALL, 0.0), (FORCE, ALL, 0.0)],
+    "not a number": [(GYRO, ALL, np.nan), (FORCE, ALL, np.nan)],
+}
+
+
+@pytest.mark.parametrize("faults", BLIND.values(), ids=BLIND)
+def test_a_gyro_that_tells_nothing_ends_the_attitude_within_a_second_and_not_for_long(body, faults):
+    error, sigma, valid = spoilt(body, faults)
+    assert valid[at(15.0) : at(BEGIN)].all()
+    assert not valid[at(BEGIN + 1.0) : at(END)].any()
+    assert (error[at(12.0) :] < 6.0 * sigma[at(12.0) :])[valid[at(12.0) :]].all()
+    assert valid[at(END + 1.0) :].all()
+    assert error[at(END + 1.0) :].max() < 6.0
+    assert error[at(END + 8.0) :].max() < 4.0
+
+
+@pytest.mark.parametrize("axes", [ALL, 1])
+@pytest.mark.parametrize("value", [None, 0.0, np.nan])
+def test_without_the_accelerometer_the_gyro_carries_the_attitude_on(body, axes, value):
+    error, sigma, valid = spoilt(body, [(FORCE, axes, value)])
+    assert valid[at(15.0) :].all()
+    assert error[at(BEGIN) : at(END)].max() < 3.0
+    assert (error[at(12.0) :] < 6.0 * sigma[at(12.0) :]).all()
+    assert sigma[at(END) - 1] > sigma[at(BEGIN)]
+    assert error[at(END) :].max() < 4.0

@@ -14,9 +14,9 @@ from typing import Any
 
 from ...kernels.earth import radii
 from ...kernels.jit import kernel
-from ...kernels.kalman import reset, shear
+from ...kernels.kalman import reset
 from ...kernels.rotation import dcm_of_quat, quat_exp, quat_of_gravity
-from .correction import correct, predicted, row, take
+from .correction import correct, predicted, row, take, turn_tilt
 from .covariance import grow, predict, variance
 from .levelling import level_between
 from .non_holonomic import stop
@@ -174,12 +174,9 @@ def solve(c: Any, bias_variance: float) -> tuple[float, float, float, float]:
 
 @kernel
 def turn_north(c: Any, psi: float) -> None:
-    """Turn the level frame by psi about down, and the roll and pitch errors, given in it, with it (as three shears)."""
+    """Turn the level frame by psi about down, and the roll and pitch errors, given in it, with it."""
     rotate(c, quat_exp(0.0, 0.0, 0.0), 0.0, 0.0, psi)
-    for _ in range(2):
-        shear(c.P, STATES, ATTITUDE, ATTITUDE + 1, -math.tan(0.25 * psi))
-        shear(c.P, STATES, ATTITUDE + 1, ATTITUDE, math.sin(0.5 * psi))
-        shear(c.P, STATES, ATTITUDE, ATTITUDE + 1, -math.tan(0.25 * psi))
+    turn_tilt(c, psi)
 
 
 @kernel

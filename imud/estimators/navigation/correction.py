@@ -4,10 +4,12 @@ import math
 from typing import Any
 
 from ...kernels.jit import kernel
-from ...kernels.kalman import measure, update
+from ...kernels.kalman import measure, shear, update
 from ...kernels.rotation import quat_exp
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LATENCY, MOUNT_PITCH, MOUNT_YAW, POSITION, STATES, VELOCITY, WANDER
 from .strapdown import displace, rotate
+
+NOTABLE_TURN = 1e-3  # rad
 
 
 @kernel
@@ -64,9 +66,23 @@ def turn_axis(c: Any, pitch: float, yaw: float) -> None:
 
 
 @kernel
+def turn_tilt(c: Any, psi: float) -> None:
+    """Turn the roll and pitch errors, given in NED, with a heading corrected by `psi` (as three shears, twice).
+
+    What ties them to the accelerometer bias is fixed in the body, and was linearized about the old heading.
+    """
+    for _ in range(2):
+        shear(c.P, STATES, ATTITUDE, ATTITUDE + 1, -math.tan(0.25 * psi))
+        shear(c.P, STATES, ATTITUDE + 1, ATTITUDE, math.sin(0.5 * psi))
+        shear(c.P, STATES, ATTITUDE, ATTITUDE + 1, -math.tan(0.25 * psi))
+
+
+@kernel
 def correct(c: Any) -> None:
     """Add the gathered error estimate to the nominal state and clear it."""
     x = c.x
+    if abs(x[ATTITUDE + 2]) > NOTABLE_TURN:
+        turn_tilt(c, x[ATTITUDE + 2])
     displace(c, x[POSITION], x[POSITION + 1], x[POSITION + 2])
     for i in range(3):
         c.v[i] += x[VELOCITY + i]

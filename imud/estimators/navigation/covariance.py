@@ -35,6 +35,7 @@ FORCE_SCALE_S, RATE_SCALE_S = 0.2, 0.05  # how long a scale-factor error acts in
 SHAKEN_NOISE = 0.011  # (m/s)/sqrt(s), of an accelerometer on a vehicle under way, beyond its own
 SHAKEN_WALK = 2e-3  # (m/s^2)/sqrt(s), vibration rectified into bias
 MOUNT_WALK = math.radians(0.02) ** 2  # rad^2/s, load and suspension
+SECOND_ORDER_S = 1.0  # how long such an error of acceleration lasts
 LEVEL_ACCEL = 2.0  # m/s^2, of a vehicle whose heading is not known yet
 
 
@@ -75,6 +76,18 @@ def couple(c: Any, dt: float) -> None:
 
 
 @kernel
+def second_order(c: Any, accel2: float) -> float:
+    """Velocity noise, m^2/s^3, for what a linear model of an uncertain heading leaves out of the acceleration.
+
+    The acceleration itself is shortened by half the square of the heading's error, and that of a wrong tilt or bias
+    points elsewhere by the heading's error.
+    """
+    heading2 = variance(c, ATTITUDE + 2)
+    tilt2 = 0.5 * (variance(c, ATTITUDE) + variance(c, ATTITUDE + 1))
+    return float((0.5 * heading2 * accel2 + STANDARD_GRAVITY**2 * tilt2) * heading2 * SECOND_ORDER_S)
+
+
+@kernel
 def predict(p: Any, c: Any) -> None:
     """Propagate P over the gathered interval and start a new one."""
     dt = c.gathered
@@ -88,6 +101,7 @@ def predict(p: Any, c: Any) -> None:
     if c.phase == LEVELLING:
         qv = LEVEL_ACCEL**2 if not c.flags & AT_REST else 0.0
     else:
+        qv += second_order(c, accel2)
         couple(c, dt)
     m = dcm_of_quat((c.q[0], c.q[1], c.q[2], c.q[3]))
     for i in range(3):

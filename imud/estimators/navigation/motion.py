@@ -10,10 +10,11 @@ the quiet is compared with what this vehicle has shown at rest and in slow motio
 import math
 from typing import Any
 
+from ...kernels.earth import STANDARD_GRAVITY
 from ...kernels.jit import kernel
 from ...kernels.rotation import quat_rotate
 from .covariance import variance
-from .state import GYRO_BIAS, NAVIGATING, VELOCITY
+from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, VELOCITY
 
 WINDOW_S = 0.5
 QUIET = 3.0  # times the quietest gyro deviation seen
@@ -27,6 +28,7 @@ REST_SPEED = 0.3  # m/s, three sigma of a receiver's speed at rest
 LONG_QUIET = 10  # windows, enough when no speed is known
 REST_VARIANCE, LONG_REST_VARIANCE = 0.5, 10.0  # m^2/s^2, a velocity less certain than that cannot tell rest
 REST_RATE = 0.003  # rad/s beyond the uncertainty of the bias
+REST_ACCEL = 0.15  # m/s^2 beyond what tilt and bias may be wrong: less is no braking
 UNDER_WAY = (0.5, 5.0)  # m/s, slow motion: what rest could be mistaken for
 MANNER_MEMORY, MANNER_LEAST = 0.01, 20.0  # per window; windows before a manner is known
 MANNER_SPREAD = 0.25  # least standard deviation of the logarithm
@@ -96,9 +98,7 @@ def judge(p: Any, c: Any) -> None:
 def weigh(c: Any, x: float) -> None:
     """Learn the log deviation x of this window where the speed is known, and gather evidence of rest elsewhere."""
     known = c.fixes > 0 and 1e-9 * (c.t_ns - c.fix_ns) < FRESH_S
-    speed = c.fix_speed
-    if c.phase == NAVIGATING and not speed >= 0.0:
-        speed = math.sqrt(c.v[0] ** 2 + c.v[1] ** 2)
+    speed = math.hypot(c.v[0], c.v[1]) if c.phase == NAVIGATING and not c.fix_speed >= 0.0 else c.fix_speed
     if known and speed < UNDER_WAY[1]:
         if speed < REST_SPEED and c.quiet > 1:
             learn(c.manner[0], x)
@@ -152,9 +152,20 @@ def rest_rate(c: Any, i: int) -> float:
 
 
 @kernel
+def unaccelerated(c: Any) -> bool:
+    """Whether the mean specific force of the window is gravity, but for what tilt and bias may contribute."""
+    if c.phase != NAVIGATING:
+        return True
+    s2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
+    s2 += max(variance(c, ACCEL_BIAS), variance(c, ACCEL_BIAS + 1), variance(c, ACCEL_BIAS + 2))
+    most = REST_ACCEL + 3.0 * math.sqrt(s2)
+    return (c.sum_n[0] / c.n) ** 2 + (c.sum_n[1] / c.n) ** 2 < most * most
+
+
+@kernel
 def at_rest(c: Any) -> bool:
     """Whether the last two windows at least were at rest."""
-    if c.quiet < 2 or not slow(c):
+    if c.quiet < 2 or not slow(c) or not unaccelerated(c):
         return False
     if c.still > LONG_QUIET and c.fix_speed <= REST_SPEED and 1e-9 * (c.t_ns - c.fix_ns) < FRESH_S:
         return True  # whatever the bias: it is wrong if it contradicts

@@ -159,7 +159,7 @@ def unaccelerated(c: Any) -> bool:
     s2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
     s2 += max(variance(c, ACCEL_BIAS), variance(c, ACCEL_BIAS + 1), variance(c, ACCEL_BIAS + 2))
     most = REST_ACCEL + 3.0 * math.sqrt(s2)
-    return (c.sum_n[0] / c.n) ** 2 + (c.sum_n[1] / c.n) ** 2 < most * most
+    return bool(math.hypot(c.sum_n[0], c.sum_n[1]) < most * c.n)
 
 
 @kernel

@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="DEV[:DRIVER[@BAUD]]",
-        help="a serial port, or sim:SCENARIO; repeat for the receiver. Device and baud rate are found by themselves",
+        help="a serial port, spi:BUS.DEVICE or sim:SCENARIO; repeat for the receiver. The device is found out",
     )
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the errors of sim: devices (default 1)")
     parser.add_argument("--estimator", metavar="NAME", help="default: navigation with two ports, else attitude")

@@ -1,0 +1,68 @@
+"""Faults as the daemon meets them: plugs pulled, a sensor that boots again, damaged frames; and emulated ports."""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from processes import daemon, emulator
+
+REST = ("--scenario", "rest", "--roll-deg", "10", "--pitch-deg", "-5", "--gyro-bias-dps", "0.2,-0.2,0.2")
+DAMAGE = ",".join(f"{kind}=0.005" for kind in ("cut", "flip", "drop", "dup", "header", "cr"))
+
+
+def descriptors(pid):
+    return len(list(Path(f"/proc/{pid}/fd").iterdir()))
+
+
+def is_settled(message):
+    return message["class"] == "EST" and "aligning" not in message["state"]
+
+
+def test_plugs_pulled_a_reset_and_damage_leave_attitude_and_descriptors_alone(tmp_path):
+    imu = tmp_path / "imu"
+    faults = f"{DAMAGE},reset@9.5,unplug@14-14.3/4"
+    with (
+        daemon(tmp_path, "--port", f"{imu}:epson@460800") as imud,
+        emulator("g350", *REST, "--accel-bias-mg", "0,0,0", "--faults", faults, links=[imu]),
+    ):
+        imud.until(is_settled)
+        held = descriptors(imud.process.pid)
+        last, connects = None, 0
+        while connects < 4:  # the reset, and three plugs
+            before = imud.log.count("trying again")
+            est = imud.until(lambda m, before=before: is_settled(m) and imud.log.count("trying again") > before)
+            assert est["roll_deg"] == pytest.approx(10.0, abs=0.5)
+            assert est["pitch_deg"] == pytest.approx(-5.0, abs=0.5)
+            connects, last = connects + 1, est
+        imud.until(lambda m: m["class"] == "EST" and m["seq"] > last["seq"] + 500)
+        assert descriptors(imud.process.pid) <= held
+        assert "Traceback" not in imud.log
+
+
+def test_emulated_ports_of_one_scenario_share_their_motion(tmp_path):
+    with daemon(tmp_path, "--port", "sim:car", "--port", "sim:car:nmea", "--seed", "3") as imud:
+        est = imud.until(lambda m: m["class"] == "EST" and "position" in m["state"])
+        assert est["lat_deg"] == pytest.approx(35.6586, abs=0.02)
+        children = subprocess.run(
+            ["pgrep", "-f", f"firmware_sim.*--parent={imud.process.pid}"], capture_output=True, text=True, check=True
+        ).stdout.split()
+        assert len(children) == 1
+        imud.process.kill()
+        imud.process.wait()
+        deadline = time.monotonic() + 10.0
+        while Path(f"/proc/{children[0]}").exists():
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+
+
+@pytest.mark.parametrize(
+    ("port", "says"),
+    [("sim:moon", "'moon' (choose from 'rest'"), ("sim:car:nmea@300", "460800"), ("sim:", "no device")],
+)
+def test_a_scenario_that_is_none_is_misuse(port, says):
+    command = [sys.executable, "-m", "imud", "run", "--port", port]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (ended.returncode, ended.stdout) == (64, "")
+    assert says in ended.stderr and "Traceback" not in ended.stderr

@@ -105,6 +105,16 @@ def test_a_stream_without_gaps_and_with_the_attitude_asked_for(tmp_path):
     assert words[:, 2:5].mean(axis=0) * GYRO_LSB == pytest.approx([0.3] * 3, abs=0.0125)
 
 
+def test_a_recording_is_played_as_fast_as_it_is_read_and_no_faster(tmp_path):
+    imu, _ = write_recording(tmp_path, seconds=20.0)
+    with emulator("g350", "--replay", imu, "--fast") as (_, paths), serial.Serial(paths["g350"], 460800) as port:
+        port.timeout = 2.0
+        configure(port)
+        time.sleep(1.0)  # more than a pseudo-terminal holds is due by now, and waits
+        words = read_frames(port, 12000)
+    assert set(np.diff(words[:, 9].astype(np.uint16))) == {2}
+
+
 def test_what_a_stall_delays_is_caught_up():
     with emulator("g350") as (process, paths), serial.Serial(paths["g350"], 460800, timeout=2.0) as port:
         configure(port)

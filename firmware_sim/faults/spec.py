@@ -164,7 +164,7 @@ def _fault(text: str) -> Fault:
     if second and kind.second is None:
         raise SpecError(f"{text!r}: {name} has one value: {kind.meaning}")
     first = _number(value, kind.default, text, f"{name} needs a value: {kind.meaning}")
-    if first < 0.0 <= kind.most < math.inf or first > kind.most:
+    if math.isfinite(kind.most) and not 0.0 <= first <= kind.most:
         raise SpecError(f"{text!r}: {kind.meaning}: 0 to {kind.most:g}")
     return Fault(name, first, _number(second, kind.second or 0.0, text, ""), (), span)
 

@@ -30,7 +30,7 @@ CALL_NS = 15_000  # for each transfer, in the system and in spidev
 SHARE = 0.8  # of the time that fetching may take
 
 FLAG, TEMP, LAST, COUNT = 0x00, 0x02, 0x0E, 0x12  # flat
-WINDOWED_FLAG = 0x06
+WINDOWED_FLAG, WINDOWED_COUNT = 0x06, 0x0A
 
 
 def over_spi(dialogue: Dialogue[Result]) -> Dialogue[Result]:
@@ -111,7 +111,8 @@ def fetch(dialect: Dialect, layout: Layout, rate_hz: float) -> Fetch:
         return Fetch(CLOCK_HZ, _FLAT_CYCLES, 1, _is_new, 1, _flat_frame, period_ns)
     words = (layout.length - 2) // 2
     data = (*[Cycle(b"\0\0", BURST_STALL_US)] * (words - 1), Cycle(b"\0\0", STALL_US))
-    cycles = (_ask(WINDOWED_FLAG), _ask(WINDOWED_FLAG), Cycle(BURST, COMMAND_STALL_US), *data)
+    # COUNT is asked for to have FLAG answered; another reading of FLAG might take a newer sample for known
+    cycles = (_ask(WINDOWED_FLAG), _ask(WINDOWED_COUNT), Cycle(BURST, COMMAND_STALL_US), *data)
     return Fetch(CLOCK_HZ, cycles, 1, _is_new, 2, _burst_frame, period_ns)
 
 

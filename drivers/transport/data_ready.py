@@ -11,7 +11,6 @@ from typing import Any
 from ..errors import NotSerialError, PortAbsentError, PortBusyError, PortDeniedError, PortError, PortSupportError
 from .reasons import ABSENT, BUSY, DENIED, reason
 
-EDGES = 64  # kept by the kernel until they are read
 REMEDY = "pip install 'imud[spi]'"
 
 
@@ -22,7 +21,7 @@ class DataReady:
         """line: CHIP:LINE, as /dev/gpiochip0:24 or gpiochip0:GPIO24 (offset, or the line's name)."""
         chip, _, name = line.rpartition(":")
         self.line = line
-        self.dropped = 0  # edges for which the kernel had no room
+        self.dropped = 0  # edges for which the kernel had no room (it keeps 16)
         self.waiting: list[int] = []  # edges read but not taken
         self._next: int | None = None  # sequence number
         self._request = _request(line, chip if chip.startswith("/") else f"/dev/{chip}", name)
@@ -45,9 +44,9 @@ class DataReady:
 
     def _read(self) -> None:
         """What there is, without blocking."""
-        if not self._poll.poll(0):
+        events = self._request.read_edge_events() if self._poll.poll(0) else []
+        if not events:
             return
-        events = self._request.read_edge_events()
         if self._next is not None:
             self.dropped += events[-1].line_seqno + 1 - self._next - len(events)
         self._next = events[-1].line_seqno + 1
@@ -73,7 +72,7 @@ def _request(line: str, chip: str, name: str) -> Any:
         ) from error
     offset = int(name) if name.isdecimal() else name
     try:
-        return gpiod.request_lines(chip, consumer="imud", config={offset: settings}, event_buffer_size=EDGES)
+        return gpiod.request_lines(chip, consumer="imud", config={offset: settings})
     except (OSError, ValueError) as error:
         raise _explained(line, chip, error) from error
 

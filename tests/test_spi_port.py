@@ -292,6 +292,19 @@ def test_what_is_not_there_yet_is_asked_for_again(timed):
     assert not readable(timed)
 
 
+def test_a_device_that_has_nothing_for_long_is_asked_less_often(timed):
+    begin(timed, plan(period_ns=MIDDLE_NS))
+    SpiDev.script += [OLD, OLD] * 40
+    for _ in range(40):
+        assert take(timed)[0] == b""
+    assert not readable(timed, 200)
+    assert readable(timed, 5000)
+    assert sample(timed)[0]
+    SpiDev.script += [OLD, OLD]
+    assert take(timed)[0] == b""
+    assert readable(timed, 800)
+
+
 def test_while_samples_are_fetched_answers_are_not_kept(timed):
     begin(timed)
     SpiDev.script += [b"ab"]

@@ -2,9 +2,14 @@
 
 from typing import Any
 
+from drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE
+from drivers.sample import SATURATED as BEYOND_RANGE
+
+from ...kernels.earth import gravity
 from ...kernels.jit import kernel
+from ...kernels.rotation import quat_rotate_back
 from ..records import AT_REST, SATURATED
-from .alignment import engage, feel, levelled
+from .alignment import engage, feel, forget_attitude, levelled
 from .covariance import INTERVAL_S, grow, predict
 from .levelling import level
 from .motion import WINDOW_S, at_rest, clear, gather, judge
@@ -18,6 +23,9 @@ CHUNK_S = 0.05
 GAP_S = 0.1  # a longer silence of the sensor is bridged, with doubt
 GAP_ACCEL, GAP_TURN = 2.0, 0.3  # m/s^2, rad/s: what may have happened meanwhile
 LONGEST_GAP_S = 30.0
+HOLD_S = 0.5  # the last rate is held
+LOST_S = 1.0  # without rates, then the attitude is found anew: its sigma is beyond what a linear filter can use
+BEYOND = 0.5  # of a reading at the end of the range, what may be beyond it
 SMOOTH_S = 0.2
 
 
@@ -100,19 +108,37 @@ def window(p: Any, c: Any) -> None:
 
 
 @kernel
-def saturation(p: Any, c: Any) -> None:
-    """Note a sample at the end of the range; what it hides is unknown."""
-    worst_w, worst_f = 0.0, 0.0
-    for i in range(3):
-        worst_w = max(worst_w, abs(c.w[i]))
-        worst_f = max(worst_f, abs(c.f[i]))
-    if worst_w < 0.99 * p.gyro_range and worst_f < 0.99 * p.accel_range:
-        c.flags &= ~SATURATED
-        return
-    c.flags |= SATURATED
-    for i in range(3):
-        grow(c, ATTITUDE + i, (0.1 * p.gyro_range * p.period) ** 2 if worst_w >= 0.99 * p.gyro_range else 0.0)
-        grow(c, VELOCITY + i, (0.1 * p.accel_range * p.period) ** 2 if worst_f >= 0.99 * p.accel_range else 0.0)
+def fill_in(c: Any, sample: Any) -> None:
+    """What the sample does not show: soon no turn, and no acceleration. Nothing of that looks like rest."""
+    if sample.flags & NO_RATE and sample.unseen_s > HOLD_S:
+        for i in range(3):
+            sample.w[i] = c.bg[i]
+    if sample.flags & NO_FORCE:
+        weight = quat_rotate_back((c.q[0], c.q[1], c.q[2], c.q[3]), (0.0, 0.0, -gravity(c.lat, c.height)))
+        for i in range(3):
+            sample.f[i] = weight[i] + c.ba[i]
+    c.flags &= ~AT_REST
+    c.quiet = c.still = 0
+
+
+@kernel
+def doubt(c: Any, sample: Any, dt: float) -> None:
+    """Let grow what a sample does not show, or only the beginning of, for as long as that lasts."""
+    c.flags = c.flags | SATURATED if sample.flags & BEYOND_RANGE else c.flags & ~SATURATED
+    worst_w = max(abs(c.w[0]), abs(c.w[1]), abs(c.w[2]))
+    worst_f = max(abs(c.f[0]), abs(c.f[1]), abs(c.f[2]))
+    turn = GAP_TURN if sample.flags & NO_RATE else BEYOND * worst_w if sample.flags & LIMITED_RATE else 0.0
+    accel = GAP_ACCEL if sample.flags & NO_FORCE else BEYOND * worst_f if sample.flags & LIMITED_FORCE else 0.0
+    for k in range(2):
+        before, most = c.blind_s[k], turn if k == 0 else accel
+        now = max(before + dt, sample.unseen_s) if most > 0.0 else 0.0
+        c.blind_s[k] = now
+        for i in range(3):
+            if most > 0.0 and k == 0:
+                grow(c, ATTITUDE + i, most**2 * (now**2 - before**2))
+            elif most > 0.0:
+                grow(c, VELOCITY + i, most**2 * (now**2 - before**2))
+                grow(c, POSITION + i, 0.25 * most**2 * (now**4 - before**4))
 
 
 @kernel
@@ -122,9 +148,16 @@ def advance(p: Any, c: Any, sample: Any) -> None:
     c.taken += 1
     if dt <= 0.0:
         return
+    blind = sample.flags & (NO_RATE | NO_FORCE) != 0
+    if blind:
+        fill_in(c, sample)
     gather(c, sample.w, sample.f, min(dt, GAP_S))
     carry(p, c, sample.t_ns, sample.w, sample.f)
-    saturation(p, c)
+    doubt(c, sample, dt)
+    if blind:
+        clear(c)
+    if c.blind_s[0] > LOST_S and sample.flags & NO_RATE:
+        forget_attitude(c)
     for i in range(3):
         c.rate[i] += min(dt / SMOOTH_S, 1.0) * (c.w[i] - c.bg[i] - c.rate[i])
     if c.elapsed >= WINDOW_S and c.n > 3:

@@ -218,8 +218,8 @@ def engage(p: Any, c: Any) -> None:
 
 
 @kernel
-def forget_heading(p: Any, c: Any) -> None:
-    """Back to levelling: the heading was wrong, and what was learned with it."""
+def forget_attitude(c: Any) -> None:
+    """Back to levelling: nothing is known of roll, pitch and heading."""
     c.phase = LEVELLING
     c.heading_sigma = 0.0
     stop(c)
@@ -229,10 +229,17 @@ def forget_heading(p: Any, c: Any) -> None:
     q = quat_of_gravity(c.f[0], c.f[1], c.f[2] - 1e-3)
     c.q[0], c.q[1], c.q[2], c.q[3] = q
     for i in range(3):
+        reset(c.P, STATES, ATTITUDE + i, LOST_TILT**2 if i < 2 else math.pi**2)
+
+
+@kernel
+def forget_heading(p: Any, c: Any) -> None:
+    """Back to levelling: the heading was wrong, and what was learned with it."""
+    forget_attitude(c)
+    for i in range(3):
         c.bg[i] = 0.0
         c.ba[i] = 0.0
         c.wander[i] = 0.0
-        reset(c.P, STATES, ATTITUDE + i, LOST_TILT**2 if i < 2 else math.pi**2)
         reset(c.P, STATES, GYRO_BIAS + i, p.gyro_initial**2)
         reset(c.P, STATES, ACCEL_BIAS + i, p.accel_initial**2)
         reset(c.P, STATES, WANDER + i, c.reported[0 if i < 2 else 1] ** 2)

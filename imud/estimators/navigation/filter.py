@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from drivers.sample import SUSPECT
+from drivers.sample import NO_FORCE, NO_RATE, SUSPECT, UNTOLD
 
 from ...kernels.jit import kernel
 from ...kernels.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
@@ -29,19 +29,21 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
     w, f = s.w, s.f
     good = (sample.flags & SUSPECT) == 0
     for i in range(3):
-        good = good and math.isfinite(sample.w[i]) and math.isfinite(sample.f[i])
-    if good:
-        for i in range(3):
+        finite = math.isfinite(sample.w[i]) and math.isfinite(sample.f[i])
+        good = good and (finite or (sample.flags & (NO_RATE | NO_FORCE)) != 0)
+    for i in range(3):
+        if good and (sample.flags & NO_RATE) == 0:
             w[i] = sample.w[i]
+        if good and (sample.flags & NO_FORCE) == 0:
             f[i] = sample.f[i]
     c = s.core[0]
     if s.received == 0:
-        if good:
+        if good and (sample.flags & UNTOLD) == 0:
             begin(p, c, sample.t_ns, w, f, s.initial_rpy)
-            remember(s, sample.t_ns, w, f)
+            remember(s, sample, w, f)
             c.taken = 1
     elif sample.t_ns > s.ring[(s.received - 1) % len(s.ring)].t_ns:
-        remember(s, sample.t_ns, w, f)
+        remember(s, sample, w, f)
         follow(p, s)
     write(c, solution)
 

@@ -16,10 +16,12 @@ UNKNOWN_ACCEL = 2.0  # m/s^2
 
 
 @kernel
-def remember(s: Any, t_ns: int, w: Any, f: Any) -> None:
-    """Put a sample (body axes) into the ring."""
+def remember(s: Any, sample: Any, w: Any, f: Any) -> None:
+    """Put a sample (body axes) into the ring, with (w, f) for what it shows."""
     r = s.ring[s.received % RING]
-    r.t_ns = t_ns
+    r.t_ns = sample.t_ns
+    r.flags = sample.flags
+    r.unseen_s = sample.unseen_s
     for i in range(3):
         r.w[i] = w[i]
         r.f[i] = f[i]

@@ -64,6 +64,7 @@ CORE = np.dtype(
         # last sample, body axes, and what has gathered since the last covariance step
         ("w", "<f8", (3,)),
         ("f", "<f8", (3,)),
+        ("blind_s", "<f8", (2,)),  # s for which rates, and forces, have told nothing, or not enough
         ("gathered", "<f8"),  # s
         ("dv", "<f8", (3,)),  # m/s, integral of specific force in NED
         ("accel", "<f8", (3,)),  # m/s^2, smoothed acceleration in NED
@@ -129,7 +130,9 @@ CORE = np.dtype(
     align=True,
 )
 
-SAMPLE_KEPT = np.dtype([("t_ns", "<i8"), ("w", "<f8", (3,)), ("f", "<f8", (3,))], align=True)
+SAMPLE_KEPT = np.dtype(
+    [("t_ns", "<i8"), ("w", "<f8", (3,)), ("f", "<f8", (3,)), ("flags", "<i8"), ("unseen_s", "<f8")], align=True
+)
 
 STATE = np.dtype(
     [

@@ -1,0 +1,63 @@
+"""Faults of the sensor through the pipeline into the navigation filter, on a drive: honest, and back soon."""
+
+import numpy as np
+import pytest
+from navigation_simulation import drive, errors, received, sensed
+
+from imud.estimators import registry
+from imud.estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID
+from imud.pipeline import Filter
+from imud.replay import play
+from imud.settings import Imu, Initial, Settings
+
+RATE = 100
+D = drive(160.0)
+LSB = np.radians(0.0125), 0.125e-3 * 9.80665
+ALL = slice(None)
+BEGIN, END = 90.0, 95.0
+
+
+def at(seconds):
+    return round(seconds * RATE)
+
+
+def spoilt(faults):
+    """Solutions of a drive in which `faults` (name of the column, axes, value or None for the last one) last 5 s."""
+    rng = np.random.default_rng(1)
+    samples, fixes = sensed(D, rng), received(D, rng, late=0.2)
+    for name, lsb in zip("wf", LSB, strict=True):
+        samples[name] = np.rint(samples[name] / lsb) * lsb
+    for name, axes, value in faults:
+        values = samples[name]
+        values[at(BEGIN) : at(END), axes] = values[at(BEGIN), axes] if value is None else value
+    filter_ = Filter(registry.by_name("navigation"), Settings(imu=Imu(profile="m-g350")), Initial(), RATE)
+    rows = []
+    play(filter_, samples, fixes, lambda r: rows.append(r.copy()), np.ones(len(samples), bool))
+    return np.concatenate(rows)
+
+
+@pytest.mark.parametrize("faults", [[("w", 2, None)], [("w", ALL, None), ("f", ALL, None)], [("w", 0, np.nan)]])
+def test_without_rates_the_receiver_goes_on_and_the_attitude_is_found_anew(faults):
+    out = spoilt(faults)
+    p, v, a = errors(D, out)
+    status, since = out["status"], at(BEGIN)
+    assert (np.abs(p[since:]) < 5.0 * out["sigma_p"][since:]).all()
+    assert (np.abs(v[since:]) < 6.0 * out["sigma_v"][since:]).all()
+    assert not (status[at(BEGIN + 1.2) : at(END)] & (ATTITUDE_VALID | HEADING_VALID)).any()
+    assert (status[since:] & (POSITION_VALID | COASTING) == POSITION_VALID).all()
+    assert (status[at(END + 3.0) :] & ATTITUDE_VALID).all()
+    assert np.abs(a[at(END + 20.0) :, 2]).max() < np.radians(4.0)
+    assert np.abs(p[at(END + 10.0) :]).max() < 6.0
+
+
+@pytest.mark.parametrize("axes", [ALL, 1])
+@pytest.mark.parametrize("value", [None, 0.0])
+def test_without_forces_gyro_and_receiver_go_on(axes, value):
+    out = spoilt([("f", axes, value)])
+    p, v, a = errors(D, out)
+    since = at(BEGIN)
+    valid = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID
+    assert (out["status"][since:] & valid == valid).all()
+    assert (np.abs(p[since:]) < 5.0 * out["sigma_p"][since:]).all()
+    assert (np.abs(v[since:]) < 5.0 * out["sigma_v"][since:]).all()
+    assert np.abs(a[since:]).max() < np.radians(1.0)

@@ -1,0 +1,59 @@
+"""How a sensor sits in its vehicle: down from a rest on level ground, forwards from a straight start."""
+
+import math
+
+import numpy as np
+
+from .rest import WINDOW_S, Floats, Records, UnfitError, mean, still_spells, windows
+
+_ACCELERATION = 0.5  # m/s^2, the least that shows where forwards is
+_STRAIGHT_DEG = 20.0
+_START_S = 1.5
+
+
+def mounting(samples: Records, rate_hz: float) -> tuple[Floats, Floats]:
+    """Matrix (3 x 3) from the sensor's to the vehicle's axes, and 1 sigma (3, rad) of roll, pitch, yaw.
+
+    From a rest on level ground followed by a straight start forwards. Raises UnfitError, also for mirrored axes.
+    """
+    spells = still_spells(samples, rate_hz)
+    rest = spells[0]
+    m = max(2, round(WINDOW_S * rate_hz))
+    up_force = mean(samples["f"][rest.start : rest.stop], m)
+    bias = samples["w"][rest.start : rest.stop].mean(axis=0)
+    down = -up_force.value / np.linalg.norm(up_force.value)
+    _refuse_mirrored(samples, bias, rate_hz)
+    after = samples[rest.stop :]
+    push = windows(after["f"], m).mean(axis=1) - up_force.value if len(after) >= m else np.empty((0, 3))
+    level = push - np.outer(push @ down, down)
+    size = np.linalg.norm(level, axis=1)
+    strong = np.flatnonzero(size > _ACCELERATION)
+    if len(strong) == 0:
+        raise UnfitError(
+            f"no acceleration above {_ACCELERATION} m/s^2 after the rest: start forwards, straight, briskly"
+        )
+    first = level[strong[0] : strong[0] + max(1, int(_START_S / WINDOW_S))]
+    first = first[np.linalg.norm(first, axis=1) > _ACCELERATION]
+    forward = first.sum(axis=0) / np.linalg.norm(first.sum(axis=0))
+    matrix = np.stack([forward, np.cross(down, forward), down])
+    across = np.degrees(np.arctan2(first @ matrix[1], first @ forward))
+    if np.abs(across).max() > _STRAIGHT_DEG:
+        raise UnfitError("the start was not straight, or not forwards only: the acceleration turns by more than 20 deg")
+    tilt = up_force.sigma / np.linalg.norm(up_force.value)
+    yaw = math.radians(max(1.0, float(across.std()) / math.sqrt(len(first))))
+    return matrix, np.array([max(np.nanmax(tilt), 1e-3), max(np.nanmax(tilt), 1e-3), yaw])
+
+
+def _refuse_mirrored(samples: Records, bias: Floats, rate_hz: float) -> None:
+    """Where the sensor turns slowly, the force in its axes changes by -w x f; with mirrored axes by the opposite."""
+    m = max(1, round(0.1 * rate_hz))
+    w = windows(samples["w"] - bias, m).mean(axis=1)
+    f = windows(samples["f"], m).mean(axis=1)
+    change = np.diff(f, axis=0) * rate_hz / m
+    expected = -np.cross(0.5 * (w[1:] + w[:-1]), 0.5 * (f[1:] + f[:-1]))
+    turning = np.linalg.norm(expected, axis=1) > 1.0  # m/s^3: six degrees of tilt a second
+    if turning.sum() < 5:
+        return
+    agreement = float((change[turning] * expected[turning]).sum() / (expected[turning] ** 2).sum())
+    if agreement < -0.5:
+        raise UnfitError("gyro and accelerometer contradict each other: an axis is mirrored; no mounting can mend that")

@@ -1,0 +1,91 @@
+"""When a sensor is at rest, and what no calibration can use: readings that are frozen, cut off, or no numbers."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Records = NDArray[np.void]
+WINDOW_S = 0.5
+_STILL = 3.0  # times the scatter of the quietest tenth of the windows
+_CALMEST_DPS, _CALMEST_MPS2 = 0.05, 0.02  # scatter that no sensor is blamed for
+_MOVING_DPS, _MOVING_MPS2 = 3.0, 0.7  # scatter that no sensor at rest has: somebody holds it
+_SPELL_S = 2.0  # the shortest that counts
+
+
+class UnfitError(Exception):
+    """The recording cannot give what was asked of it; says why and what to record instead."""
+
+
+@dataclass(frozen=True)
+class Spell:
+    """A time at rest: its slice of the samples."""
+
+    start: int
+    stop: int
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Values with their 1 sigma, same shape."""
+
+    value: Floats
+    sigma: Floats
+
+
+def windows(values: Floats, m: int) -> Floats:
+    """n x 3 cut into windows of m samples (k x m x 3)."""
+    k = len(values) // m
+    return values[: k * m].reshape(k, m, 3)
+
+
+def refuse_broken(samples: Records) -> None:
+    """Raises UnfitError if an axis never changes or the readings are not numbers."""
+    for name, kind in (("w", "gyro"), ("f", "accelerometer")):
+        values = samples[name]
+        if not np.isfinite(values).all():
+            raise UnfitError(f"the {kind} gives values that are no numbers")
+        for axis, column in zip("xyz", values.T, strict=True):
+            if (column == column[0]).all():
+                raise UnfitError(f"the {kind}'s {axis} is frozen at {column[0]:g}: see to the sensor first")
+            edge = np.abs(column).max()
+            if edge > 0.0 and (np.abs(column) == edge).sum() > max(20, 0.01 * len(column)) and _is_flat(column, edge):
+                raise UnfitError(f"the {kind}'s {axis} is at the end of its range ({edge:.4g})")
+
+
+def _is_flat(column: Floats, edge: float) -> bool:
+    """Whether the largest value comes in runs, as of a limit, and not now and then, as of a coarse resolution."""
+    at = np.abs(column) == edge
+    return bool((at[1:] & at[:-1]).sum() > 0.8 * at.sum() and at.sum() < 0.9 * len(column))
+
+
+def still_spells(samples: Records, rate_hz: float) -> list[Spell]:
+    """When the sensor was at rest, for two seconds or more. Raises UnfitError if never."""
+    m = max(2, round(WINDOW_S * rate_hz))
+    if len(samples) < 2 * m:
+        raise UnfitError(f"{len(samples) / rate_hz:.1f} s are too short; record at least {_SPELL_S:.0f} s at rest")
+    scatter_w = np.degrees(np.linalg.norm(windows(samples["w"], m).std(axis=1), axis=1))
+    scatter_f = np.linalg.norm(windows(samples["f"], m).std(axis=1), axis=1)
+    limit_w = min(_STILL * max(np.quantile(scatter_w, 0.1), _CALMEST_DPS), _MOVING_DPS)
+    limit_f = min(_STILL * max(np.quantile(scatter_f, 0.1), _CALMEST_MPS2), _MOVING_MPS2)
+    still = (scatter_w < limit_w) & (scatter_f < limit_f)
+    force = windows(samples["f"], m).mean(axis=1)
+    turned = np.linalg.norm(np.diff(force, axis=0), axis=1) > 3.0 * limit_f  # from one window to the next
+    spells, start = [], 0
+    for i in range(1, len(still) + 1):
+        if i == len(still) or not still[i] or not still[i - 1] or turned[i - 1]:
+            if still[start] and (i - start) * m >= _SPELL_S * rate_hz:
+                spells.append(Spell(start * m, i * m))
+            start = i
+    if not spells:
+        raise UnfitError(f"the sensor was never at rest for {_SPELL_S:.0f} s: put it down and leave it alone")
+    return spells
+
+
+def mean(values: Floats, m: int) -> Estimate:
+    """Mean of n x 3 and its sigma from the scatter of the means of m, which knows of slow noise, too."""
+    means = windows(values, m).mean(axis=1)
+    sigma = means.std(axis=0, ddof=1) / math.sqrt(len(means)) if len(means) > 1 else np.full(3, np.nan)
+    return Estimate(values.mean(axis=0), sigma)

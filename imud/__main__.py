@@ -21,6 +21,7 @@ COMMANDS = {
     "reproduce": "a paper's experiment: its numbers beside ours, its figures, pass or fail",
     "warmup": "compile everything now, so that the first start need not",
     "allan": "a sensor's noise from a recording at rest: random walk, bias instability, rate random walk",
+    "calibrate": "one sensor's biases, scale, misalignment and mounting from recordings, kept under its serial number",
     "reference": "every setting: a sample configuration, a table, the man pages",
     "install-service": "imud under systemd: shows what it would do, then does it",
 }

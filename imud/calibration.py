@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import BadDataError, CannotCreateError
+from .errors import BadDataError, CannotCreateError, InputMissingError
 from .kernels.jit import kernel
 from .kernels.rotation import dcm_of_quat, quat_of_euler
 
@@ -65,6 +65,12 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     gyro: Gyro | None = None
     accelerometer: Accelerometer | None = None
     mounting: Mounting | None = None
+
+    @property
+    def parts(self) -> dict[str, str]:
+        """What is known, and since when."""
+        known = {name: getattr(self, name) for name in ("gyro", "accelerometer", "mounting")}
+        return {name: part.date for name, part in known.items() if part is not None}
 
 
 CORRECTION = np.dtype(
@@ -130,18 +136,19 @@ def _name(serial: str) -> str:
 def load(serial: str, places: list[Path] | None = None) -> Calibration:
     """The calibration of the sensor `serial`, empty if there is none. Raises BadDataError for a broken file."""
     for place in folders() if places is None else places:
-        path = place / _name(serial)
-        try:
-            table = tomllib.loads(path.read_text())
-        except (FileNotFoundError, PermissionError, NotADirectoryError):
-            continue
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise BadDataError(f"{path} cannot be read: {error}; calibrate again or delete it") from error
-        try:
-            return msgspec.convert(table, Calibration)
-        except msgspec.ValidationError as error:
-            raise BadDataError(f"{path} is no calibration: {error}; calibrate again or delete it") from error
+        with contextlib.suppress(InputMissingError):
+            return read(place / _name(serial))
     return Calibration(serial)
+
+
+def read(path: Path) -> Calibration:
+    """The calibration in a file. Raises InputMissingError, BadDataError."""
+    try:
+        return msgspec.convert(tomllib.loads(path.read_text()), Calibration)
+    except OSError as error:
+        raise InputMissingError(f"{path} cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
+        raise BadDataError(f"{path} is no calibration: {error}; calibrate again or delete it") from error
 
 
 def save(calibration: Calibration, places: list[Path] | None = None) -> Path:
@@ -164,11 +171,9 @@ def save(calibration: Calibration, places: list[Path] | None = None) -> Path:
 
 def _toml(calibration: Calibration) -> str:
     lines = [f"serial = {_value(calibration.serial)}"]
-    for name in ("gyro", "accelerometer", "mounting"):
+    for name in calibration.parts:
         part = getattr(calibration, name)
-        if part is not None:
-            lines += ["", f"[{name}]"]
-            lines += [f"{field} = {_value(getattr(part, field))}" for field in part.__struct_fields__]
+        lines += ["", f"[{name}]", *(f"{field} = {_value(getattr(part, field))}" for field in part.__struct_fields__)]
     return "\n".join(lines) + "\n"
 
 

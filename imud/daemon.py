@@ -23,7 +23,7 @@ from drivers.errors import PortLostError, SpecError
 from drivers.transport.line import Line
 from drivers.transport.portspec import PortSpec
 
-from . import compilation, realtime, runtime
+from . import calibration, compilation, realtime, runtime
 from .announce import Announcer
 from .config import adopt
 from .errors import ImudError, UsageError
@@ -329,8 +329,21 @@ class Daemon:
             self._inertial = Inertial(Stream(driver.decode, driver.new_state(configured), filter_))
             self._settled = made_for
         self._inertial.stream.filter.configure(settings)
+        self._inertial.stream.filter.calibrate(self._calibration_of(configured.identity))
         self._inertial.connect(line, driver, configured, now_ns)
         return self._inertial
+
+    def _calibration_of(self, identity: Identity) -> calibration.Calibration:
+        """What is known of this very sensor; a sensor without a serial number goes by its model."""
+        name = identity.serial or identity.model or identity.driver
+        try:
+            found = calibration.load(name)
+        except ImudError as error:
+            self._log.warning(f"uncalibrated: {error}")
+            return calibration.Calibration(name)
+        if parts := found.parts:
+            self._log.info("calibrated", sensor=name, **parts)
+        return found
 
     def _fitting(self, configured: ImuConfigured) -> Estimator:
         """What the sensor suffices for. Raises UsageError if the user asked for more."""

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from drivers.driver import ImuConfigured
 from drivers.sample import SAMPLE
 
+from .calibration import Calibration, correct, correction
 from .clock import new_clock, stamp
 from .estimators import Estimator
 from .estimators.records import INNOVATION, SOLUTION
 from .health import examine, new_health
 from .kernels.jit import kernel
-from .kernels.rotation import dcm_of_quat, quat_of_euler
 from .profiles import profile_of
 from .settings import Initial, Settings
 
@@ -31,33 +31,20 @@ Records = NDArray[np.void]
 BATCH = 256  # samples one call may yield; more stay in the buffer for the next call
 
 
-@kernel
-def mount(sample: Any, C: Floats) -> None:
-    """Turn a sample from sensor axes into body axes by the matrix C (row-major 9)."""
-    w0, w1, w2 = sample.w[0], sample.w[1], sample.w[2]
-    f0, f1, f2 = sample.f[0], sample.f[1], sample.f[2]
-    d0, d1, d2 = sample.down[0], sample.down[1], sample.down[2]
-    w, f, down = sample.w, sample.f, sample.down
-    for i in range(3):
-        w[i] = C[3 * i] * w0 + C[3 * i + 1] * w1 + C[3 * i + 2] * w2
-        f[i] = C[3 * i] * f0 + C[3 * i + 1] * f1 + C[3 * i + 2] * f2
-        down[i] = C[3 * i] * d0 + C[3 * i + 1] * d1 + C[3 * i + 2] * d2
-
-
 def _advance(
-    samples: Any, n: int, arrival_ns: int, clock: Any, health: Any, C: Any, parameters: Any, state: Any, out: Any
+    samples: Any, n: int, arrival_ns: int, clock: Any, health: Any, errors: Any, parameters: Any, state: Any, out: Any
 ) -> None:
     for k in range(n):
         samples[k].t_ns = stamp(clock[0], samples[k].tick, arrival_ns)
         examine(health[0], samples[k])
-        mount(samples[k], C)
+        correct(samples[k], errors[0])
         step(parameters[0], state[0], samples[k], out[k])  # type: ignore[name-defined]  # noqa: F821
 
 
-def _run(health: Any, samples: Any, C: Any, parameters: Any, state: Any, out: Any) -> None:
+def _run(health: Any, samples: Any, errors: Any, parameters: Any, state: Any, out: Any) -> None:
     for k in range(len(samples)):
         examine(health[0], samples[k])
-        mount(samples[k], C)
+        correct(samples[k], errors[0])
         step(parameters[0], state[0], samples[k], out[k])  # type: ignore[name-defined]  # noqa: F821
 
 
@@ -74,12 +61,6 @@ def _compose(template: Callable[..., Any], name: str, **parts: Any) -> Callable[
     return _composed[name]
 
 
-def mount_matrix(rpy_deg: tuple[float, float, float]) -> Floats:
-    """Row-major C from sensor axes to body axes for ZYX angles in deg."""
-    roll, pitch, yaw = (math.radians(angle) for angle in rpy_deg)
-    return np.array(dcm_of_quat(quat_of_euler(roll, pitch, yaw)))
-
-
 class Filter:
     """An estimator with its records, fed with samples and fixes. Not thread-safe."""
 
@@ -88,13 +69,18 @@ class Filter:
         self._rate_hz = rate_hz
         self.parameters = estimator.configure(settings, rate_hz)
         self.state = estimator.start(self.parameters, initial)
-        self.mount = mount_matrix(settings.imu.mount_rpy_deg)
+        self._mount_rpy_deg = settings.imu.mount_rpy_deg
+        self.calibrate(Calibration(""))
         self._profile = profile_of(settings)
         self.health = new_health(self._profile, rate_hz)
         stem = estimator.name.replace("-", "_")
         self._run = _compose(_run, f"run_{stem}", step=estimator.step)
         self._advance = _compose(_advance, f"advance_{stem}", step=estimator.step)
         self._innovations = np.zeros(16, INNOVATION)
+
+    def calibrate(self, calibration: Calibration) -> None:
+        """Take these errors out of the samples from now on."""
+        self.correction = correction(calibration, self._mount_rpy_deg)
 
     def watch_over(self, sensor: ImuConfigured) -> None:
         """Judge the health of this sensor from now on, by its own ranges where it knows them."""
@@ -109,11 +95,11 @@ class Filter:
 
     def run(self, samples: Records, out: Records) -> None:
         """Step through `samples` (SAMPLE, turned to body axes in place), one solution each into `out` (SOLUTION)."""
-        self._run(self.health, samples, self.mount, self.parameters, self.state, out)
+        self._run(self.health, samples, self.correction, self.parameters, self.state, out)
 
     def advance(self, samples: Records, n: int, arrival_ns: int, clock: Records, out: Records) -> None:
         """The same with the first n of samples that still lack their time: they came at `arrival_ns`."""
-        self._advance(samples, n, arrival_ns, clock, self.health, self.mount, self.parameters, self.state, out)
+        self._advance(samples, n, arrival_ns, clock, self.health, self.correction, self.parameters, self.state, out)
 
     def update(self, fix: Records) -> Records:
         """Take a fix (array of one FIX); returns its innovations (INNOVATION), valid until the next call."""

@@ -26,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--estimator", metavar="NAME", help="default: navigation with --gnss, else attitude")
     parser.add_argument("--initial", default="", metavar="KEY=V,…", help="known start: lat_deg=…,lon_deg=…,yaw_deg=…")
     parser.add_argument("--rate", type=float, metavar="HZ", help="thin the output (default: every sample)")
+    parser.add_argument("--calibration", type=Path, metavar="TOML", help="of the sensor, as `imud calibrate` keeps it")
     parser.add_argument("--config", type=Path, metavar="TOML")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a configuration key")
 
@@ -72,6 +73,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("replay: name the recording: --imu imu.csv [--gnss gnss.csv]")
     if args.rate is not None and not args.rate > 0.0:
         raise UsageError(f"--rate {args.rate}: must be above 0 Hz")
+    from . import calibration
     from .estimators import registry
     from .pipeline import Filter
     from .tables import EstimateWriter, read_imu
@@ -84,6 +86,8 @@ def run(args: argparse.Namespace) -> int:
     with _open_output(args.output) as file:
         writer = EstimateWriter(file, origin)
         filter_ = Filter(estimator, settings, initial, rate_hz)
+        if args.calibration is not None:
+            filter_.calibrate(calibration.read(args.calibration))
         fed = play(filter_, samples, fixes, writer.write, _kept(samples["t_ns"], args.rate))
     _summary(samples, len(fixes), fed, skipped, time.perf_counter() - begin)
     return 0

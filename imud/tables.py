@@ -68,19 +68,22 @@ def _first_bad_line(path: Path, columns: Sequence[int], names: Sequence[str]) ->
 def read_imu(path: Path) -> tuple[NDArray[np.void], int, int]:
     """Samples (array of SAMPLE), the origin in whole s, and how many rows were skipped because time stood or ran back.
 
-    Raises InputMissingError, BadDataError (with line and column).
+    A column temperature_c may stand beside the required ones. Raises InputMissingError, BadDataError (with line and
+    column).
     """
-    columns = _column_numbers(path, IMU_COLUMNS, _header(path))
+    header = _header(path)
+    names = (*IMU_COLUMNS, "temperature_c") if "temperature_c" in header else IMU_COLUMNS
+    columns = _column_numbers(path, names, header)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # an empty file: said below
             table = np.loadtxt(path, delimiter=",", skiprows=1, usecols=columns, ndmin=2, comments=None)
     except ValueError as error:
-        raise BadDataError(f"{path} {_first_bad_line(path, columns, IMU_COLUMNS)}") from error
+        raise BadDataError(f"{path} {_first_bad_line(path, columns, names)}") from error
     if len(table) < 2:
         raise BadDataError(f"{path}: {len(table)} samples; at least two are needed")
     if not np.isfinite(table).all():
-        raise BadDataError(f"{path} {_first_bad_line(path, columns, IMU_COLUMNS)}")
+        raise BadDataError(f"{path} {_first_bad_line(path, columns, names)}")
     t = table[:, 0]
     forward = np.concatenate([[True], t[1:] > np.maximum.accumulate(t)[:-1]])
     table = table[forward]
@@ -89,7 +92,7 @@ def read_imu(path: Path) -> tuple[NDArray[np.void], int, int]:
     samples["t_ns"] = np.rint((table[:, 0] - origin) * 1e9).astype(np.int64)
     samples["tick"] = np.arange(len(table))
     samples["w"], samples["f"] = table[:, 1:4], table[:, 4:7]
-    samples["temperature"] = np.nan
+    samples["temperature"] = table[:, 7] if len(names) > len(IMU_COLUMNS) else np.nan
     return samples, origin, int((~forward).sum())
 
 

@@ -1,1 +1,1 @@
-"""How the errors of one sensor are found in recordings, each with its 1 sigma; unfit data is refused with the reason."""
+"""How the errors of one sensor are found in recordings, each with 1 sigma; unfit data is refused with the reason."""

@@ -1,4 +1,4 @@
-"""An accelerometer's bias, scale and misalignment from positions at rest: in all of them it feels gravity and no more."""
+"""An accelerometer's bias, scale and misalignment from positions at rest: in each it feels gravity and no more."""
 
 import math
 
@@ -24,11 +24,11 @@ def positions(samples: Records, rate_hz: float) -> Floats:
 
 
 def accelerometer(forces: Floats, gravity: float) -> tuple[Estimate, Floats, float]:
-    """Bias (3) in m/s^2 and upper triangular matrix (3 x 3) with |matrix (f - bias)| = gravity for all `forces` (k x 3).
+    """Bias (3) in m/s^2 and upper triangular matrix (3 x 3) that make |matrix (f - bias)| gravity for `forces` (k x 3).
 
-    Also the root mean square of what is left. Six faces give bias and scale; from nine positions on, the misalignment of the
-    axes against each other, too (the sensor's x axis stays where it is). Gauss-Newton on the square. Raises UnfitError
-    naming the faces that are missing.
+    Also the root mean square of what is left. Six faces give bias and scale; from nine positions on, the misalignment
+    of the axes against each other, too (the sensor's z axis stays where it is). Gauss-Newton on the square. Raises
+    UnfitError naming the faces that are missing.
     """
     directions = forces / np.linalg.norm(forces, axis=1, keepdims=True)
     near = math.cos(math.radians(_FACE_DEG))
@@ -37,8 +37,8 @@ def accelerometer(forces: Floats, gravity: float) -> tuple[Estimate, Floats, flo
     ]
     if missing := [face for face, cosine in faces if (cosine < near).all()]:
         raise UnfitError(
-            f"no position has {', '.join(missing)} up or down within {_FACE_DEG:.0f} deg: put the sensor on each of its six "
-            "sides, two seconds or more"
+            f"no position has {', '.join(missing)} up or down within {_FACE_DEG:.0f} deg: put the sensor on "
+            "each of its six sides, two seconds or more"
         )
     free = [(0, 0), (1, 1), (2, 2), *([(0, 1), (0, 2), (1, 2)] if len(forces) >= FULL else [])]
     bias, matrix = np.zeros(3), np.eye(3)
@@ -61,7 +61,5 @@ def accelerometer(forces: Floats, gravity: float) -> tuple[Estimate, Floats, flo
     noise = float(np.sqrt((left @ left) / spare))
     covariance = np.linalg.pinv(J.T @ J) * (2.0 * gravity * noise) ** 2
     if np.abs(bias).max() > _WORST * gravity or np.abs(np.diag(matrix) - 1.0).max() > _WORST:
-        raise UnfitError(
-            "bias or scale are off by more than 20 %: was it at rest in every position, and is the unit m/s^2?"
-        )
+        raise UnfitError("bias or scale are off by more than 20 %: was it at rest every time, and is the unit m/s^2?")
     return Estimate(bias, np.sqrt(np.diag(covariance)[:3])), matrix, float(np.sqrt(np.mean(left * left)))

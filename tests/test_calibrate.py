@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 
 import numpy as np
 import pytest
@@ -89,10 +90,8 @@ def test_accelerometer(shape):
     np.testing.assert_allclose(found.value, bias, atol=0.006)
     np.testing.assert_allclose(ours, matrix, atol=0.001)
     assert residual < 0.005
-    c = correction(
-        Calibration("x", accelerometer=Accelerometer("", tuple(found.value), tuple(map(tuple, ours)), (0,) * 3, 0, 6)),
-        (0.0,) * 3,
-    )
+    accel = Accelerometer("", tuple(found.value), tuple(map(tuple, ours)), (0,) * 3, 0, 6)
+    c = correction(Calibration("x", accelerometer=accel), (0.0,) * 3)
     sample = samples[:1].copy()
     sample["f"] = measured([FACES[0]], bias, matrix)
     correct(sample[0], c[0])
@@ -102,7 +101,7 @@ def test_accelerometer(shape):
 @pytest.mark.parametrize("face", range(6))
 def test_a_missing_face_is_named(face):
     name = ("+x", "-x", "+y", "-y", "+z", "-z")[face]
-    with pytest.raises(UnfitError, match=r"no position has \%s up" % name):
+    with pytest.raises(UnfitError, match=re.escape(f"no position has {name} up")):
         accelerometer(np.array([f for i, f in enumerate(FACES) if i != face]), G)
 
 
@@ -165,7 +164,7 @@ def test_broken_moving_and_short_data_is_refused():
     still = recording([np.array([0, 0, -G])], 20.0)
     frozen = still.copy()
     frozen["w"][:, 1] = 0.25
-    with pytest.raises(UnfitError, match="gyro's y is frozen at 0.25"):
+    with pytest.raises(UnfitError, match="gyro's y is frozen"):
         refuse_broken(frozen)
     limited = still.copy()
     limited["f"][500:900, 2] = -29.4
@@ -212,7 +211,12 @@ triples = st.tuples(numbers, numbers, numbers)
 
 
 @settings(max_examples=50)
-@given(st.text(max_size=20), triples, triples, st.tuples(triples, triples, triples))
+@given(
+    st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=20),
+    triples,
+    triples,
+    st.tuples(triples, triples, triples),
+)
 def test_what_is_kept_is_read_back_bit_for_bit(tmp_path_factory, serial, a, b, matrix):
     folder = tmp_path_factory.mktemp("state")
     known = Calibration(serial, Gyro("2026-01-02", a, b, 3.5), Accelerometer("x", b, matrix, a, 0.1, 6, math.nan))
@@ -225,11 +229,8 @@ def test_what_is_kept_is_read_back_bit_for_bit(tmp_path_factory, serial, a, b, m
 def test_where_calibrations_are_kept(tmp_path, monkeypatch):
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "service"))
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "own"))
-    assert [str(p) for p in calibration.folders()] == [
-        str(tmp_path / "service"),
-        "/var/lib/imud",
-        str(tmp_path / "own/imud"),
-    ]
+    service, common, own = map(str, calibration.folders())
+    assert (service, common, own) == (str(tmp_path / "service"), "/var/lib/imud", str(tmp_path / "own/imud"))
     places = [tmp_path / "absent", tmp_path / "own"]
     assert calibration.save(Calibration("a/../b"), places) == tmp_path / "own" / "calibration-a_.._b.toml"
     assert calibration.load("other", places) == Calibration("other")
@@ -243,9 +244,9 @@ def test_where_calibrations_are_kept(tmp_path, monkeypatch):
 
 def test_the_command(tmp_path, capsys):
     samples = recording([np.array([0, 0, -G])], 20.0)
-    table = np.concatenate(
-        [samples["t_ns"][:, None] * 1e-9, samples["w"], samples["f"], np.full((len(samples), 1), 21.5)], axis=1
-    )
+    samples["temperature"] = 21.5
+    t, temperature = samples["t_ns"][:, None] * 1e-9, samples["temperature"][:, None]
+    table = np.concatenate([t, samples["w"], samples["f"], temperature], axis=1)
     header = "t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2,temperature_c"
     np.savetxt(tmp_path / "still.csv", table, fmt="%.9g", delimiter=",", header=header, comments="")
     command = ["calibrate", "still", str(tmp_path / "still.csv"), "--serial", "S1", "--state", str(tmp_path)]

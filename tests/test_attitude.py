@@ -213,6 +213,32 @@ def test_a_circle_of_40_s_leaves_the_vehicle_level(profile):
     assert np.max(tilt) < 0.5  # an averaged accelerometer is 25 deg wrong here
 
 
+@pytest.mark.parametrize("profile", PROFILE_NAMES)
+def test_a_vehicle_that_comes_back_on_a_figure_eight_stays_level(profile):
+    """80 m by 40 m at 8 m/s: far enough from home for its place to tell nothing."""
+
+    def course(t):
+        u = 0.15 * np.maximum(t - 10.0, 0.0)
+        velocity = (
+            0.15 * np.column_stack([40.0 * np.cos(u), 40.0 * np.cos(2.0 * u)]) * np.minimum(u / 0.9, 1.0)[:, None]
+        )
+        return velocity, np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0] + 1e-12 * (u == 0.0)))
+
+    step = 1e-3
+
+    def rates(t):
+        turn = (course(t + step)[1] - course(t - step)[1]) / (2.0 * step)
+        return np.column_stack([0.0 * t, 0.0 * t, turn * (t > 10.0 + step)])
+
+    def acceleration(t):
+        return np.column_stack([(course(t + step)[0] - course(t - step)[0]) / (2.0 * step), 0.0 * t])
+
+    truth = simulate(180.0, 100.0, rates, acceleration, (0.0, 0.0, 45.0))
+    out = solutions_of(samples_from(truth, Flaws(gyro_bias=(0.2 * DEG,) * 3)), profile)
+    tilt, _ = errors_deg(out["q_nb"], truth.attitude)
+    assert np.max(tilt) < 1.5
+
+
 # slow rotation
 
 
@@ -510,9 +536,9 @@ def test_the_same_samples_give_the_same_bits_in_any_batches():
 @pytest.mark.parametrize(
     ("trial", "tilt_deg", "heading_deg", "drift_deg_per_min"),
     [
-        ("broad_05_undisturbed_slow_rotation_with_breaks_B", 0.45, 0.9, 1.2),
-        ("broad_09_undisturbed_fast_rotation_with_breaks_B", 0.50, 1.1, 1.6),
-        ("broad_33_disturbed_attached_magnet_2cm", 0.65, 1.8, 2.5),
+        ("broad_05_undisturbed_slow_rotation_with_breaks_B", 0.40, 0.7, 0.6),
+        ("broad_09_undisturbed_fast_rotation_with_breaks_B", 0.45, 0.6, 0.7),
+        ("broad_33_disturbed_attached_magnet_2cm", 0.50, 1.2, 2.0),
     ],
 )
 def test_broad_trials(recordings, monkeypatch, trial, tilt_deg, heading_deg, drift_deg_per_min):

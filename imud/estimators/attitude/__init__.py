@@ -1,4 +1,4 @@
-"""Attitude without GNSS or magnetometer: an error-state filter of 25 states on gyro and accelerometer alone.
+"""Attitude without GNSS or magnetometer: an error-state filter of 28 states on gyro and accelerometer alone.
 
 Every sample is integrated; the covariance follows at about 40 Hz whatever the sample rate. The accelerometer is not
 averaged: its integral, a velocity, is held to be about zero, which tells gravity from acceleration. Roll and pitch are
@@ -17,10 +17,11 @@ from drivers.sample import SATURATED as BEYOND_RANGE
 from ...kernels.jit import kernel
 from .. import Estimator
 from ..records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SATURATED
-from .covariance import clear, correct, hold_near, hold_still, predict, report
+from .covariance import clear, correct, predict, report
 from .levelling import begin, doubt, hold, level, middle, resume, unweighed
 from .rest import judge, restart, watch
 from .setup import configure, start
+from .staying import hold_near, hold_place, hold_still
 from .strapdown import advance, corrected_force, corrected_rate
 from .truncation import examine, restored
 
@@ -38,6 +39,8 @@ def settle(p: Any, s: Any) -> None:
         hold_still(p, s)
     else:
         hold_near(s)
+    if s.unlevel_s == 0.0:  # else it accelerates steadily
+        hold_place(s)
     correct(s)
     clear(s)
     report(s)

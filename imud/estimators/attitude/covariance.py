@@ -1,31 +1,21 @@
-"""How the errors of the attitude filter grow over the gathered interval, and what a small velocity tells.
+"""How the errors of the attitude filter grow over the gathered interval, and how a measurement corrects them.
 
-No sensor sees velocity; that a body does not run away is the knowledge that levels it. Its velocity is taken to be zero
-with a noise as large as the motion is lively. Tilt, the biases and the gyro's matrix follow through the covariance.
-Accelerometer and gyro noise grow with the motion.
+Accelerometer and gyro noise grow with the motion, by densities found on recordings with optical truth (BROAD).
 
-Yaw does not enter: whatever the heading, small velocity says the same, so the velocity error is counted in axes that
-turn with the yaw error, and no measurement can seem to observe it. The noise densities were found on hand-held
-recordings with optical truth (BROAD) such that tilt errors agree with their sigmas.
+Yaw does not enter: whatever the heading, small velocity says the same, so the errors of velocity and place are counted
+in axes that turn with the yaw error, and no measurement can seem to observe it.
 """
 
-import math
 from typing import Any
 
 from ...kernels.jit import kernel
-from ...kernels.kalman import measure, packed_index, reset, shear, update
+from ...kernels.kalman import measure, packed_index, scale, shear, update
 from ...kernels.rotation import euler_variances, quat_exp, quat_normalised, quat_product
-from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, LAG, STATES, VELOCITY
+from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, LAG, PLACE, STATES, VELOCITY
+from .strapdown import HOME_S
 
 GYRO_MOTION = 6e-4  # sqrt(s): gyro noise in proportion to |w|
 ACCEL_MOTION = 0.02  # sqrt(s): accelerometer noise in proportion to the acceleration
-VELOCITY_NOISE = 0.023  # m/s sqrt(s), of zero velocity in slow motion
-VELOCITY_LIVELY = 3.0  # sqrt(s), of it in proportion to the liveliness
-REST_VELOCITY_NOISE = 0.09  # m/s sqrt(s)
-UNIFORM_MOTION = 4.0  # sigma
-KNOWN = 2.0  # sigma
-FAST = 5.0  # m/s: a hand does not move faster; a vehicle does, and for long
-START_VELOCITY_VAR = 0.1
 
 
 @kernel
@@ -42,8 +32,11 @@ def grow(s: Any, i: int, q: float) -> None:
 
 @kernel
 def predict(p: Any, s: Any) -> None:
-    """Propagate P over the gathered interval: velocity from attitude, attitude from gyro."""
+    """Propagate P over the gathered interval: place from velocity, velocity from attitude, attitude from gyro."""
     P = s.P
+    for i in range(3):
+        scale(P, STATES, PLACE + i, max(1.0 - s.span / HOME_S, 0.0))
+        shear(P, STATES, PLACE + i, VELOCITY + i, s.span)
     shear(P, STATES, VELOCITY, ATTITUDE + 1, s.push[2])
     shear(P, STATES, VELOCITY + 1, ATTITUDE, -s.push[2])
     shear(P, STATES, VELOCITY + 2, ATTITUDE, s.push[1])
@@ -101,43 +94,6 @@ def observe(s: Any, i: int, z: float, r: float) -> None:
 
 
 @kernel
-def hold(s: Any, i: int, psd: float) -> None:
-    """Take velocity along axis i as zero with noise of this density.
-
-    What is beyond it is real: uniform motion, which feels like rest and is forgotten. A speed on the way there is one
-    of a vehicle, which lasts; it is fast in what exceeds the velocity's own uncertainty.
-    """
-    if s.v[i] * s.v[i] > UNIFORM_MOTION**2 * (variance(s, VELOCITY + i) + psd):
-        forget_motion(s, i)
-    fast2 = max(s.v[i] * s.v[i] - KNOWN**2 * variance(s, VELOCITY + i), 0.0)
-    psd += VELOCITY_LIVELY**2 * fast2 * (fast2 / FAST**2) ** 2
-    observe(s, VELOCITY + i, -s.v[i], psd / s.span)
-
-
-@kernel
-def hold_still(p: Any, s: Any) -> None:
-    """At rest the mean rate is the gyro bias, and velocity zero."""
-    for i in range(3):
-        s.rest_sign[i] = math.copysign(1.0, s.w_mean[i])
-        observe(s, GYRO_BIAS + i, s.w_mean[i] - s.bg[i], p.rest_rate_psd / s.span)
-        hold(s, i, REST_VELOCITY_NOISE**2)
-
-
-@kernel
-def hold_near(s: Any) -> None:
-    """In motion velocity is about zero, the livelier the less surely."""
-    for i in range(3):
-        hold(s, i, VELOCITY_NOISE**2 + VELOCITY_LIVELY**2 * s.v_energy[i])
-
-
-@kernel
-def forget_motion(s: Any, i: int) -> None:
-    """Count velocity along axis i from zero anew, and learn nothing from what it was."""
-    s.v[i] = s.v_mean[i] = s.v_energy[i] = 0.0
-    reset(s.P, STATES, VELOCITY + i, START_VELOCITY_VAR)
-
-
-@kernel
 def correct(s: Any) -> None:
     """Carry the gathered error estimate over into the nominal state and clear it."""
     x = s.x
@@ -148,6 +104,7 @@ def correct(s: Any) -> None:
         s.bg[i] += x[GYRO_BIAS + i]
         s.v[i] += x[VELOCITY + i]
         s.v_mean[i] += x[VELOCITY + i]
+        s.p[i] += x[PLACE + i]
         s.ba[i] += x[ACCEL_BIAS + i]
         s.sa[i] += x[ACCEL_SCALE + i]
     for i in range(9):

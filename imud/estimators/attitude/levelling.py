@@ -6,9 +6,10 @@ from typing import Any
 from ...kernels.jit import kernel
 from ...kernels.kalman import reset
 from ...kernels.rotation import Vector, euler_of_quat, quat_of_euler, quat_of_gravity, quat_rotate_back
-from .covariance import clear, forget_motion, grow, report, variance
+from .covariance import clear, grow, report, variance
 from .rest import restart
 from .state import ATTITUDE, GYRO_BIAS, STATES
+from .staying import forget_motion
 
 START_TILT = 0.1  # rad
 GIVEN_ANGLE = math.radians(1.0)  # of a roll, pitch or yaw given by the user

@@ -14,6 +14,7 @@ from ...kernels.kalman import measure, reset
 from ...kernels.rotation import Vector, dcm_of_quat, quat_rotate
 from .covariance import grow, variance
 from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, STATES
+from .staying import forget_motion
 from .strapdown import corrected_force
 
 MEAN_S = 0.35
@@ -79,11 +80,13 @@ def accelerates(s: Any) -> bool:
 
 @kernel
 def doubt_level(s: Any) -> None:
-    """Let roll and pitch be as uncertain as the mean force says they are wrong."""
+    """Let roll and pitch be as uncertain as the mean force says they are wrong; the motion seen was none."""
     f = quat_rotate((s.q[0], s.q[1], s.q[2], s.q[3]), (s.f_mean[0], s.f_mean[1], s.f_mean[2]))
     tilt2 = (f[0] * f[0] + f[1] * f[1]) / (s.gravity * s.gravity)
     grow(s, ATTITUDE, tilt2)
     grow(s, ATTITUDE + 1, tilt2)
+    for i in range(3):
+        forget_motion(s, i)
 
 
 @kernel

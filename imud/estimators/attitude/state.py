@@ -1,14 +1,14 @@
-"""The records of the attitude filter: its 25 error states, its parameters and what it remembers.
+"""The records of the attitude filter: its 28 error states, its parameters and what it remembers.
 
 Errors are "true minus estimate". The attitude error is a small rotation in NED (q_true = exp(phi) q_nb); velocity
-is NED; gyro and accelerometer follow true = (I - M)(measured - bias), M full for the gyro
+and place are NED; gyro and accelerometer follow true = (I - M)(measured - bias), M full for the gyro
 (scale factors and misalignments, row-major), diagonal for the accelerometer.
 """
 
 import numpy as np
 
-ATTITUDE, GYRO_BIAS, VELOCITY, ACCEL_BIAS, GYRO_MATRIX, ACCEL_SCALE, LAG = 0, 3, 6, 9, 12, 21, 24
-STATES = 25
+ATTITUDE, GYRO_BIAS, VELOCITY, ACCEL_BIAS, GYRO_MATRIX, ACCEL_SCALE, LAG, PLACE = 0, 3, 6, 9, 12, 21, 24, 25
+STATES = 28
 PACKED = STATES * (STATES + 1) // 2
 
 # What a sensor's profile gives, in variances and power spectral densities, and the nominal sample period.
@@ -68,9 +68,11 @@ STATE = np.dtype(
         ("attitude_extra", "<f8"),  # rad^2, from gaps and saturation
         ("velocity_extra", "<f8"),  # (m/s)^2
         ("a", "<f8", (3,)),  # m/s^2, acceleration in NED
-        # how lively the velocity is
+        # how lively the velocity is, and where the body is
         ("v_mean", "<f8", (3,)),
         ("v_energy", "<f8", (3,)),
+        ("p", "<f8", (3,)),  # m from where it was at home, NED
+        ("p_energy", "<f8", (3,)),
         # counts of the gyro, rad/s
         ("read", "<f8", (3,)),  # the newest rates as read
         ("count", "<f8", (3,)),  # the smallest step between readings

@@ -13,6 +13,8 @@ from ...kernels.jit import kernel
 from ...kernels.rotation import Quaternion, Vector, dcm_of_quat, quat_exp, quat_normalised, quat_product
 
 LIVELY_S = 1.0  # over which the velocity's liveliness is judged
+HOME_S = 10.0  # in which a new place becomes home
+DISTANCE_S = 5.0  # over which the distance from home is judged
 
 
 @kernel
@@ -76,6 +78,7 @@ def gather(s: Any, q: Quaternion, w: Vector, f: Vector, sweep: Vector, dt: float
         s.push[i] += push
         dv = push if i < 2 else push + s.gravity * dt
         s.a[i] = dv / dt
+        s.p[i] += (s.v[i] - s.p[i] / HOME_S) * dt
         s.v[i] += dv
     a, v, motion = s.a, s.v, s.motion
     motion[0] += a[0] * a[0] * dt
@@ -84,7 +87,8 @@ def gather(s: Any, q: Quaternion, w: Vector, f: Vector, sweep: Vector, dt: float
     motion[3] += a[1] * a[1] * dt
     motion[4] += a[1] * a[2] * dt
     motion[5] += a[2] * a[2] * dt
-    fade = dt / (LIVELY_S + dt)
+    fade, fade_far = dt / (LIVELY_S + dt), dt / (DISTANCE_S + dt)
     for i in range(3):
         s.v_mean[i] += fade * (v[i] - s.v_mean[i])
         s.v_energy[i] += fade * ((v[i] - s.v_mean[i]) ** 2 - s.v_energy[i])
+        s.p_energy[i] += fade_far * (s.p[i] * s.p[i] - s.p_energy[i])

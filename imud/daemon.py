@@ -10,24 +10,20 @@ import os
 import select
 import signal
 import time
-from collections.abc import Callable, Collection
-from dataclasses import replace
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-import msgspec
 import structlog
 
-from drivers.driver import AnyDriver, Identity, ImuConfigured, ImuDriver, Options
-from drivers.errors import PortLostError, SpecError
+from drivers.driver import AnyDriver, Identity, ImuConfigured, ImuDriver
+from drivers.errors import PortLostError
 from drivers.transport.line import Line
-from drivers.transport.portspec import PortSpec
 
-from . import calibration, compilation, realtime, runtime
+from . import calibration, choices, compilation, realtime, runtime
 from .announce import Announcer
 from .config import adopt
-from .errors import ImudError, UsageError
-from .estimators import Estimator, registry
+from .errors import ImudError
 from .estimators.records import ATTITUDE_VALID
 from .load import Load
 from .notify import Notifier
@@ -37,14 +33,12 @@ from .outputs.nmea import NmeaOutput
 from .outputs.view import Device, Health, View
 from .pipeline import BATCH, Filter, Stream
 from .ports import Configured, Port
-from .profiles import PROFILES
 from .sensors import Inertial, Receiver, Records
 from .settings import Initial, Settings
 from .signals import caught
 
 _SLOW_NS = 20_000_000  # what is not urgent is looked after this often
 _COARSE_S = 0.05  # epoll knows only whole milliseconds: too coarse for the next sample of a polled sensor
-WITHOUT_GYROS = "tilt"  # the estimator for sensors that lack them
 RATE_STEP = 0.1  # logarithmic: sensors within that are the same to a filter
 _INTERRUPTED, _HUNG_UP = 130, 129
 _PARTS = {"imu": "inertial sensor", "gnss": "receiver"}
@@ -58,24 +52,10 @@ class Daemon:
         self._settings = settings
         self._reread = reread
         self._log = structlog.get_logger()
-        self._wanted = self._estimator = registry.by_name(_estimator_name(settings))
-        self._fallback = registry.by_name(WITHOUT_GYROS) if settings.estimator == "auto" else None
+        self._choice = choices.estimators(settings)
+        self._estimator = self._choice.wanted
         self._poll = select.epoll()
-        imu, gnss = settings.imu, settings.gnss
-        fix_rate_hz = gnss.rate_hz if gnss.configure else 0.0
-        options = Options(
-            model=imu.model,
-            rate_hz=imu.rate_hz,
-            polled=imu.mode == "polled",
-            filter_taps=imu.filter_taps,
-            self_test=imu.self_test,
-            fix_rate_hz=fix_rate_hz,
-        )
-        specs = [_spec(text, settings) for text in settings.ports]
-        readonly = _readonly(settings.readonly, [spec.path for spec in specs])
-        self._ports = [
-            Port(spec, replace(options, readonly=spec.path in readonly), self, patient=wait) for spec in specs
-        ]
+        self._ports = [Port(spec, options, self, patient=wait) for spec, options in choices.ports(settings)]
         self._by_fd: dict[int, Port] = {}
         self._imu: tuple[Port, Inertial] | None = None
         self._gnss: tuple[Port, Receiver] | None = None
@@ -117,7 +97,7 @@ class Daemon:
         return self._exit
 
     def _prepare_kernels(self) -> None:
-        estimators = [estimator for estimator in (self._wanted, self._fallback) if estimator]
+        estimators = self._choice.possible
         if missing := compilation.missing(estimators):
             self._log.info("compiling the filter (the first start takes a while)", estimator=self._estimator.name)
             if not compilation.compile_apart(missing, self._settings):
@@ -152,7 +132,7 @@ class Daemon:
             if self._gnss:
                 self._gnss[1].settings = self._settings.gnss
             if self._imu and self._imu[0].configured:
-                settings = _resolved(self._settings, self._imu[0].configured.identity)
+                settings = choices.settings_for(self._settings, self._imu[0].configured.identity)
                 self._imu[1].stream.filter.configure(settings)
             self._log.info("read the configuration again", changed=", ".join(taken) or "nothing")
             if waiting:
@@ -320,8 +300,10 @@ class Daemon:
         self._devices = tuple(_device(port) for port in streaming)
 
     def _connect_inertial(self, line: Line, driver: ImuDriver, configured: ImuConfigured, now_ns: int) -> Inertial:
-        settings = _resolved(self._settings, configured.identity)
-        self._estimator = self._fitting(configured)
+        settings = choices.settings_for(self._settings, configured.identity)
+        self._estimator, why = self._choice.fitting(configured)
+        if why:
+            self._log.warning(why)
         about_hz = round(math.log(configured.rate_hz) / RATE_STEP)  # a rate that was heard varies a little
         made_for = (driver.name, self._estimator.name, settings.imu.profile, about_hz)
         if self._inertial is None or made_for != self._settled:
@@ -345,56 +327,11 @@ class Daemon:
             self._log.info("calibrated", sensor=name, **parts)
         return found
 
-    def _fitting(self, configured: ImuConfigured) -> Estimator:
-        """What the sensor suffices for. Raises UsageError if the user asked for more."""
-        if all(configured.gyro_axes) or not self._wanted.needs_gyros:
-            return self._wanted
-        missing = ", ".join(axis for axis, there in zip("xyz", configured.gyro_axes, strict=True) if not there)
-        device = configured.identity.model or configured.identity.driver
-        if self._fallback is None:
-            raise UsageError(
-                f"the estimator {self._wanted.name!r} needs all gyros, and {device} has none about {missing}: "
-                f"choose --estimator {WITHOUT_GYROS}, or leave the choice to imud"
-            )
-        self._log.warning(f"{device} has no gyro about {missing}: {self._fallback.name} instead of {self._wanted.name}")
-        return self._fallback
-
     def _farewell(self) -> None:
         for port in self._ports:
             port.close()
         if self._inertial is not None:
             self._log.info("ended", samples=self._inertial.samples, **self._inertial.counters())
-
-
-def _spec(text: str, settings: Settings) -> PortSpec:
-    try:
-        spec = PortSpec.parse(text)
-        return replace(spec, data_ready=settings.spi.data_ready or None) if spec.spi else spec
-    except SpecError as error:
-        raise UsageError(str(error)) from error
-
-
-def _readonly(wanted: bool | tuple[str, ...], paths: list[str]) -> Collection[str]:
-    """The ports to which nothing is written."""
-    if isinstance(wanted, bool):
-        return paths if wanted else ()
-    if unknown := [path for path in wanted if path not in paths]:
-        raise UsageError(f"readonly names {', '.join(unknown)}, but the ports are {', '.join(paths)}")
-    return wanted
-
-
-def _estimator_name(settings: Settings) -> str:
-    """What the user asked for; else by whether a receiver may be there."""
-    if settings.estimator != "auto":
-        return settings.estimator
-    return "navigation" if len(settings.ports) > 1 else "attitude"
-
-
-def _resolved(settings: Settings, identity: Identity) -> Settings:
-    """Settings with the noise profile of the sensor that was found, unless the user chose one."""
-    if settings.imu.profile != "auto" or identity.profile not in PROFILES:
-        return settings
-    return msgspec.structs.replace(settings, imu=msgspec.structs.replace(settings.imu, profile=identity.profile))
 
 
 def _device(port: Port) -> Device:

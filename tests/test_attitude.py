@@ -316,6 +316,16 @@ def test_errors_agree_with_their_sigmas(profile, turning, accelerating, still_s)
     assert bias_nees < 1.6 and (bias_nees > 0.4 or still_s > 0.0 or turning == 0.0)
 
 
+@pytest.mark.parametrize(("down_mg", "assumed_mg"), [(5.0, 8.0), (-15.0, 8.0), (45.0, 30.0), (-70.0, 30.0)])
+def test_an_unnamed_sensor_is_taken_as_calibrated_unless_its_weight_at_rest_is_false(down_mg, assumed_mg):
+    truth = simulate(20.0, 100.0)
+    out = solutions_of(samples_from(truth, Flaws(accel_bias=(0.0, 0.0, down_mg * MG), gyro_bias=(1.0 * DEG,) * 3)))
+    np.testing.assert_allclose(out["sigma_ba"][-1, :2] / MG, assumed_mg, rtol=0.1)  # level, only the weight is seen
+    tilt_sigma = np.sqrt(0.5 * tilt_variance_deg2(out)[-1])
+    np.testing.assert_allclose(tilt_sigma, np.degrees(1e-3 * assumed_mg), rtol=0.2)
+    assert np.max(np.abs(out["bg"][-1] - 1.0 * DEG)) < 0.02 * DEG
+
+
 def test_no_motion_makes_an_uncertain_heading_certain():
     truth = simulate(90.0, 100.0, after(5.0, wobble(2, 0.6)), after(5.0, wobble(8, 2.0, 1.0, 4.0)))
     out = solutions_of(samples_from(truth), "m-g350", Initial(yaw_deg=0.0))

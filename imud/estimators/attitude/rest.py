@@ -7,13 +7,14 @@ already. A mean rate that contradicts the known bias is not taken, however long 
 the bias allows it; unless it is the smaller and so the likelier bias: then the body turned before and rests now.
 """
 
+import math
 from typing import Any
 
 from ...kernels.jit import kernel
 from ...kernels.kalman import measure, reset
 from ...kernels.rotation import Vector, dcm_of_quat, quat_rotate
 from .covariance import grow, variance
-from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, STATES
+from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, STATES
 from .staying import forget_motion
 from .strapdown import corrected_force
 
@@ -26,6 +27,7 @@ GATE = 5.0  # sigma, against what is known of the bias
 PLAUSIBLE = 4.0  # sigma, against what the maker promises
 BIAS_FLOOR = 5e-4  # rad/s, how well a bias is ever known (warming, counts, earth rate)
 FORCE_FLOOR = 0.03  # m/s^2
+FALSE_WEIGHT = 2.5  # sigma
 WAIT_S = 3.0
 PATIENCE_S = 10.0  # no body accelerates so steadily for so long
 
@@ -90,12 +92,31 @@ def doubt_level(s: Any) -> None:
 
 
 @kernel
+def weigh(p: Any, s: Any) -> None:
+    """At the first rest, see whether the accelerometer is as good as assumed."""
+    s.weighed = 1
+    f = s.f_mean
+    excess = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]) - s.gravity
+    if excess * excess < FALSE_WEIGHT**2 * (p.accel_bias_var + s.gravity * s.gravity * p.accel_scale_var):
+        return
+    for i in range(3):
+        grow(s, ACCEL_BIAS + i, p.accel_bias_doubt)
+        grow(s, ACCEL_SCALE + i, p.accel_scale_doubt)
+    for i in range(9):
+        grow(s, GYRO_MATRIX + i, p.gyro_matrix_doubt)
+    for i in range(2):
+        grow(s, ATTITUDE + i, p.accel_bias_doubt / (s.gravity * s.gravity))
+
+
+@kernel
 def judge(p: Any, s: Any) -> bool:
     """Is this rest, with a mean rate that may correct the gyro bias? To be asked once per covariance interval."""
     s.resting = 0
     if s.quiet_s < REST_S:
         s.contradicted_s = s.unlevel_s = 0.0
         return False
+    if s.weighed == 0:
+        weigh(p, s)
     if accelerates(s):
         s.unlevel_s += s.span
         if s.unlevel_s > PATIENCE_S:

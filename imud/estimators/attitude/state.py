@@ -23,6 +23,9 @@ PARAMETERS = np.dtype(
         ("accel_bias_var", "<f8"),  # (m/s^2)^2 at switch-on
         ("accel_bias_psd", "<f8"),  # (m/s^2)^2/s
         ("accel_scale_var", "<f8"),
+        ("gyro_matrix_doubt", "<f8"),  # by how much larger these variances are should the weight at rest be false
+        ("accel_bias_doubt", "<f8"),
+        ("accel_scale_doubt", "<f8"),
         ("rest_rate_psd", "<f8"),  # (rad/s)^2 s: noise of the mean rate at rest
     ],
     align=True,
@@ -90,6 +93,7 @@ STATE = np.dtype(
         ("contradicted_s", "<f8"),  # for how long a quiet body has shown a rate that is not the known bias
         ("unlevel_s", "<f8"),  # and a force that is not weight in the known attitude
         ("resting", "<i8"),
+        ("weighed", "<i8"),
     ],
     align=True,
 )

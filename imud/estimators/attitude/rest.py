@@ -28,6 +28,7 @@ PLAUSIBLE = 4.0  # sigma, against what the maker promises
 BIAS_FLOOR = 5e-4  # rad/s, how well a bias is ever known (warming, counts, earth rate)
 FORCE_FLOOR = 0.03  # m/s^2
 FALSE_WEIGHT = 2.5  # sigma
+LEVEL_ANEW = 0.1  # rad
 WAIT_S = 3.0
 PATIENCE_S = 10.0  # no body accelerates so steadily for so long
 
@@ -104,8 +105,9 @@ def weigh(p: Any, s: Any) -> None:
         grow(s, ACCEL_SCALE + i, p.accel_scale_doubt)
     for i in range(9):
         grow(s, GYRO_MATRIX + i, p.gyro_matrix_doubt)
-    for i in range(2):
-        grow(s, ATTITUDE + i, p.accel_bias_doubt / (s.gravity * s.gravity))
+    if p.accel_bias_doubt > 0.0:
+        for i in range(2):
+            grow(s, ATTITUDE + i, LEVEL_ANEW**2)
 
 
 @kernel

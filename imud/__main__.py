@@ -19,6 +19,7 @@ COMMANDS = {
     "doctor": "why this machine would not work, and the mend",
     "replay": "recorded data through the same filter, as fast as it goes",
     "reproduce": "a paper's experiment: its numbers beside ours, its figures, pass or fail",
+    "bench": "how fast this machine is with imud, against C and numpy: figures and goals",
     "warmup": "compile everything now, so that the first start need not",
     "allan": "a sensor's noise from a recording at rest: random walk, bias instability, rate random walk",
     "calibrate": "one sensor's biases, scale, misalignment and mounting from recordings, kept under its serial number",

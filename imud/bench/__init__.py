@@ -1,0 +1,50 @@
+"""`imud bench`: what this machine makes of imud, as ratios to C, to numpy and to numba alone, taken in one run.
+
+Absolute times vary with the machine and its other work; contestants take turns, and medians of their ratios stay.
+"""
+
+import argparse
+import platform
+import sys
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .table import Section
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--quick", action="store_true", help="a minute instead of several: shorter runs, no cold start")
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of the table")
+
+
+def _parts(quick: bool) -> list[tuple[str, "Callable[[], Section]"]]:
+    from . import live, startup, throughput
+
+    seconds, rounds = (10, 5) if quick else (60, 9)
+    return [
+        ("replay", partial(throughput.replay, seconds, rounds)),
+        ("navigation", partial(throughput.navigation, seconds, rounds)),
+        ("estimators", partial(throughput.estimators, rounds)),
+        ("live", partial(live.live, seconds)),
+        ("start", partial(startup.start, rounds, not quick)),
+    ]
+
+
+def run(args: argparse.Namespace) -> int:
+    from . import table
+
+    sections = []
+    for name, part in _parts(args.quick):
+        if sys.stderr.isatty():
+            print(f"\r  measuring: {name:<20}", end="", file=sys.stderr, flush=True)
+        sections.append(part())
+    if sys.stderr.isatty():
+        print(f"\r{'':40}\r", end="", file=sys.stderr, flush=True)
+    if args.json:
+        print(table.as_json(sections))
+    else:
+        print(f"imud bench: {platform.machine()}, Python {platform.python_version()}")
+        print(table.as_text(sections))
+    return 0

@@ -1,0 +1,290 @@
+"""Live at 1 kHz: imud and a C daemon of the same function side by side, each on a pseudo-terminal of its own.
+
+Frames go to both in turn, half a period apart, so that whatever slows the machine slows both. A subscriber to each
+daemon's state stream (in this process) takes the time from the writing of a frame to the coming of its solution.
+"""
+
+import contextlib
+import gc
+import json
+import os
+import select
+import shutil
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.registry import by_name
+from imud.client import RECORD
+from imud.errors import ImudError
+
+from . import reference, signals
+from .table import Section
+from .throughput import new_stream
+
+PERIOD_NS = 1_000_000
+_START_S = 300.0  # a first start compiles
+_SETTLE = 3000  # frames before anything is measured: the detection listens, caches fill
+_TRACED = 2000  # frames
+_SEQ = struct.Struct("<8xQ")
+
+
+class Contestant:
+    """A daemon, the line on which it hears frames, and our subscription to its solutions."""
+
+    def __init__(self, name: str, folder: Path) -> None:
+        self.name = name
+        self.master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self.master, False)
+        self.tty = os.ttyname(self._slave)
+        self.path = folder / f"{name}.stream"
+        self.latencies_ns: list[int] = []
+        self.overruns = 0  # frames for which the line had no room
+        self.written: list[int] = []  # when, ns
+        self.first = 0  # seq of the first of them
+        self.process: subprocess.Popen[bytes]
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+
+    def start(self, command: list[str], log: Path) -> None:
+        with log.open("wb") as file:
+            self.process = subprocess.Popen(command, stderr=file, stdout=subprocess.DEVNULL)
+
+    def connect(self) -> bool:
+        """False while the daemon does not listen yet. Raises ImudError if it has ended."""
+        if self.process.poll() is not None:
+            raise ImudError(f"bench: the daemon {self.name} ended by itself with {self.process.returncode}")
+        try:
+            self.socket.connect(str(self.path))
+        except OSError:
+            return False
+        self.socket.setblocking(False)
+        return True
+
+    def write(self, frame: bytes) -> None:
+        self.written.append(time.monotonic_ns())
+        try:
+            os.write(self.master, frame)
+        except BlockingIOError:
+            self.overruns += 1
+
+    def take(self) -> int:
+        """Read what has come; returns the last seq, 0 for none."""
+        seq = 0
+        with contextlib.suppress(BlockingIOError):
+            while record := self.socket.recv(RECORD.size):
+                now_ns = time.monotonic_ns()
+                (seq,) = _SEQ.unpack_from(record)
+                if 0 <= seq - self.first < len(self.written):
+                    self.latencies_ns.append(now_ns - self.written[seq - self.first])
+        return seq
+
+    def cpu_ns(self) -> int:
+        """Time on a processor so far."""
+        return int(Path(f"/proc/{self.process.pid}/schedstat").read_text().split()[0])
+
+    def status_mb(self, name: str) -> float:
+        """Of /proc/PID/status, such as VmRSS."""
+        lines = Path(f"/proc/{self.process.pid}/status").read_text().splitlines()
+        return next(float(line.split()[1]) / 1024.0 for line in lines if line.startswith(f"{name}:"))
+
+    def close(self) -> None:
+        self.socket.close()
+        if self.process.poll() is None:
+            self.process.terminate()
+            try:
+                self.process.wait(10.0)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
+        os.close(self.master)
+        os.close(self._slave)
+
+
+class Pacer:
+    """Frames to all contestants at 1 kHz each, in turn, by absolute deadlines."""
+
+    def __init__(self, contestants: list[Contestant]) -> None:
+        self._contestants = contestants
+        self._frames = [row.tobytes() for row in signals.frames(1 << 15)]
+        self._sent = 0
+        self._by_fd = {c.socket.fileno(): c for c in contestants}
+
+    def feed(self, n: int) -> None:
+        """n frames to each; solutions are taken as they come."""
+        connected = [c.socket for c in self._contestants if c.first]
+        gap_ns = PERIOD_NS // len(self._contestants)
+        deadline = time.monotonic_ns()
+        for _ in range(n):
+            frame = self._frames[self._sent % len(self._frames)]
+            self._sent += 1
+            for contestant in self._contestants:
+                self._wait(connected, deadline)
+                contestant.write(frame)
+                deadline += gap_ns
+        self._wait(connected, deadline + 20 * PERIOD_NS)
+
+    def _wait(self, sockets: list[socket.socket], deadline: int) -> None:
+        while (left := deadline - time.monotonic_ns()) > 0:
+            for sock in select.select(sockets, [], [], left * 1e-9)[0]:
+                self._by_fd[sock.fileno()].take()
+
+
+def _imud(folder: Path, contestant: Contestant) -> list[str]:
+    settings = ("readonly=true", f"stream.listen={contestant.path}")
+    return [
+        *(sys.executable, "-m", "imud.bench.observed", str(folder / "observed.json"), "run"),
+        *("--port", f"{contestant.tty}:epson@460800", "--estimator", "attitude"),
+        *("--listen", str(folder / "gpsd"), *(word for s in settings for word in ("--set", s))),
+    ]
+
+
+def _c_daemon(folder: Path, contestant: Contestant) -> list[str]:
+    """Compile. Raises NoReferenceError."""
+    stream = new_stream("attitude")
+    driver = by_name("epson")
+    assert driver.kind == "imu"
+    (folder / "kernels.c").write_text(reference.source(stream.filter, driver.decode, stream.decoder))
+    reference.compile_c(reference.SOURCES / "daemon.c", folder / "daemon", f"-I{folder}")
+    filter_ = stream.filter
+    stream.restart(stream.decoder, 1e6, 0.0)
+    records = {"decoder": stream.decoder, "clock": stream.clock, "mount": filter_.mount}
+    records |= {"parameters": filter_.parameters, "state": filter_.state}
+    for name, record in records.items():
+        (folder / name).write_bytes(record.tobytes())
+    return [str(folder / "daemon"), contestant.tty, str(contestant.path), str(folder)]
+
+
+@contextlib.contextmanager
+def _race(folder: Path) -> Iterator[tuple[list[Contestant], str]]:
+    """Both daemons, streaming and subscribed; and why there is no C one."""
+    contestants, why = [Contestant("imud", folder)], ""
+    try:
+        contestants[0].start(_imud(folder, contestants[0]), folder / "imud.log")
+        try:
+            in_c = Contestant("c", folder)
+            in_c.start(_c_daemon(folder, in_c), folder / "c.log")
+            contestants.append(in_c)
+        except reference.NoReferenceError as error:
+            why = str(error)
+        _meet(contestants, folder)
+        yield contestants, why
+    finally:
+        for contestant in contestants:
+            contestant.close()
+
+
+def _meet(contestants: list[Contestant], folder: Path) -> None:
+    """Feed until every daemon streams to us."""
+    pacer = Pacer(contestants)
+    deadline = time.monotonic() + _START_S
+    waiting = list(contestants)
+    while waiting:
+        waiting = [c for c in waiting if not c.connect()]
+        pacer.feed(100)
+        if time.monotonic() > deadline:
+            raise ImudError(f"bench: no daemon to measure: {(folder / 'imud.log').read_text()[-500:]}")
+    while not all(c.take() for c in contestants):
+        pacer.feed(100)
+        if time.monotonic() > deadline:
+            raise ImudError(f"bench: no solution came: {(folder / 'imud.log').read_text()[-500:]}")
+    pacer.feed(_SETTLE)
+
+
+def _number(pacer: Pacer, contestants: list[Contestant]) -> None:
+    """Learn which solution belongs to the next frame written."""
+    for contestant in contestants:
+        contestant.take()
+    pacer.feed(1)
+    for contestant in contestants:
+        contestant.first = contestant.take() + 1
+        contestant.written, contestant.overruns = [], 0
+        contestant.latencies_ns.clear()
+
+
+def live(seconds: int) -> Section:
+    """The race."""
+    section = Section(f"Live at 1 kHz for {seconds} s: M-G350 on a PTY, attitude filter, every state to one subscriber")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        with _race(folder) as (contestants, why):
+            pacer = Pacer(contestants)
+            gc.collect()
+            gc.freeze()
+            _number(pacer, contestants)
+            n = seconds * 1000
+            before = [c.cpu_ns() for c in contestants]
+            pacer.feed(n)
+            used_us = [(c.cpu_ns() - b) / n * 1e-3 for c, b in zip(contestants, before, strict=True)]
+            lost = [n - len(c.latencies_ns) for c in contestants]
+            percentiles = [np.percentile(c.latencies_ns, (50, 99)) * 1e-3 for c in contestants]
+            ours = contestants[0]
+            section.add("processor time per frame", used_us[0], "us")
+            _against(section, "processor time against the C daemon", used_us, 1.5, why)
+            section.add("byte written to solution, median", percentiles[0][0], "us")
+            _against(section, "median against the C daemon", [p[0] for p in percentiles], 1.15, why)
+            _against(section, "99th percentile against the C daemon", [p[1] for p in percentiles], None, why)
+            notes = f"C daemon: {lost[1]}" if len(lost) > 1 else ""
+            section.add(f"solutions missing of {n}", lost[0], "", most=0, note=notes)
+            section.add("memory, resident", ours.status_mb("VmRSS"), "MB", most=150)
+            section.add("memory, at most since the start", ours.status_mb("VmHWM"), "MB")
+            _syscalls(section, pacer, contestants)
+        _interpreter(section, json.loads((folder / "observed.json").read_text()))
+    return section
+
+
+def _against(section: Section, name: str, values: list[Any], most: float | None, why: str) -> None:
+    if len(values) < 2:
+        section.add(name, np.nan, "x", most=most, note=why)
+    else:
+        section.add(name, values[0] / values[1], "x", most=most, note=f"C: {values[1]:.0f} us")
+
+
+def _syscalls(section: Section, pacer: Pacer, contestants: list[Contestant]) -> None:
+    """Per frame, with one subscriber: a wait, a read and a send are the least there can be."""
+    if shutil.which("strace") is None:
+        section.add("system calls per frame", np.nan, "", most=3.1, note="strace is not on this machine")
+        return
+    for contestant in contestants:
+        with tempfile.NamedTemporaryFile() as file:
+            command = ["strace", "-c", "-f", "-o", file.name, "-p", str(contestant.process.pid)]
+            tracer = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+            pacer.feed(500)  # until it has attached itself
+            pacer.feed(_TRACED)
+            tracer.send_signal(signal.SIGINT)
+            tracer.wait()
+            calls = _traced_calls(Path(file.name).read_text())
+        waits = max(calls.get("epoll_wait", 0), calls.get("read", 0), calls.get("readv", 0), 1)
+        reads = max(calls.get("read", 0), calls.get("readv", 0), 1)
+        goal = 3.1 if contestant is contestants[0] else None
+        listing = ", ".join(f"{name} {count / reads:.2f}" for name, count in calls.items() if count > 0.005 * waits)
+        section.add(
+            f"system calls per read, {contestant.name}", sum(calls.values()) / reads, "", most=goal, note=listing
+        )
+
+
+def _traced_calls(text: str) -> dict[str, int]:
+    """The table of `strace -c`: name -> calls."""
+    calls = {}
+    for line in text.splitlines():
+        words = line.split()
+        if len(words) >= 5 and words[3].isdigit() and words[-1] != "total":
+            calls[words[-1]] = int(words[3])
+    return calls
+
+
+def _interpreter(section: Section, seen: dict[str, Any]) -> None:
+    section.add("garbage collections while it ran", len(seen["pauses_ns"]), "")
+    worst = max([seen["full_collection_ns"], *seen["pauses_ns"]])
+    section.add("longest pause, a full collection at the end too", worst * 1e-6, "ms", most=0.05)
+    section.add("functions compiled after READY", seen["compiled"], "", most=0)

@@ -1,0 +1,75 @@
+"""`python -m imud.bench.observed FILE COMMAND …`: the imud command, and then what its interpreter did, as JSON in FILE.
+
+Counted from READY on: pauses of the garbage collector in ns, functions compiled, blocks of memory that
+stayed allocated.
+"""
+
+import gc
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from imud import runtime
+
+
+class Observer:
+    """Hooks of the interpreter and of numba. One per process."""
+
+    def __init__(self) -> None:
+        self.pauses_ns: list[int] = []
+        self.compiled = 0
+        self.ready = False
+        self._begin_ns = self._blocks = 0
+        gc.callbacks.append(self._collecting)
+
+    def watch(self) -> None:
+        """To be called once numba may be imported."""
+        from numba.core import event
+
+        from imud.notify import Notifier
+
+        recorder: Any = event.RecordingListener()  # type: ignore[no-untyped-call]
+        event.register("numba:compile", recorder)  # type: ignore[no-untyped-call]
+        say = Notifier.say
+
+        def observed(notifier: Notifier, *assignments: str) -> None:
+            if "READY=1" in assignments:
+                self.ready, self._blocks = True, sys.getallocatedblocks()
+                recorder.buffer.clear()
+            if "STOPPING=1" in assignments:
+                self.ready, self.compiled = False, len(recorder.buffer)
+                self._blocks = sys.getallocatedblocks() - self._blocks
+            say(notifier, *assignments)
+
+        Notifier.say = observed  # type: ignore[method-assign, assignment]
+
+    def _collecting(self, phase: str, info: dict[str, int]) -> None:
+        now_ns = time.perf_counter_ns()
+        if phase == "start":
+            self._begin_ns = now_ns
+        elif self.ready:
+            self.pauses_ns.append(now_ns - self._begin_ns)
+
+    def report(self) -> dict[str, Any]:
+        self.ready = True
+        gc.collect()
+        *during, full = self.pauses_ns
+        return {"pauses_ns": during, "full_collection_ns": full, "compiled": self.compiled, "blocks": self._blocks}
+
+
+def main() -> int:
+    file, *arguments = sys.argv[1:]
+    runtime.prepare()
+    observer = Observer()
+    observer.watch()
+    from imud.__main__ import main as imud
+
+    code = imud(arguments)
+    Path(file).write_text(json.dumps(observer.report()))
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

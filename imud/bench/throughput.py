@@ -1,0 +1,181 @@
+"""How fast recorded data goes through: against the same algorithm in C, against numpy, and estimator by estimator."""
+
+import importlib
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.driver import Identity, ImuConfigured
+from drivers.registry import by_name
+from imud.estimators import registry
+from imud.estimators.records import SOLUTION
+from imud.kernels.earth import STANDARD_GRAVITY
+from imud.pipeline import Filter, Stream
+from imud.replay import play
+from imud.settings import Initial, Settings
+
+from . import naive, reference, signals
+from .table import Section
+
+CHUNK = 180 * signals.FRAME  # bytes at a time, as a daemon that catches up
+_NAIVE = 200  # frames
+START_S = 20  # in which a filter aligns itself
+
+
+def interleaved(rounds: int, *contestants: Callable[[], float]) -> list[float]:
+    """Median seconds of each; they take turns, so that whatever slows the machine slows all."""
+    times: list[list[float]] = [[] for _ in contestants]
+    for _ in range(rounds):
+        for mine, contestant in zip(times, contestants, strict=True):
+            mine.append(contestant())
+    return [statistics.median(mine) for mine in times]
+
+
+def timed(act: Callable[[], Any]) -> float:
+    begin = time.perf_counter()
+    act()
+    return time.perf_counter() - begin
+
+
+def new_stream(estimator: str) -> Stream:
+    """An M-G350 into an estimator."""
+    driver = by_name("epson")
+    assert driver.kind == "imu"
+    configured = ImuConfigured(Identity("epson", "M-G350"), 1000.0, 1_000_000, 0, signals.FRAME)
+    filter_ = Filter(registry.by_name(estimator), Settings(), Initial(), 1000.0)
+    return Stream(driver.decode, driver.new_state(configured), filter_)
+
+
+def _replay(wire: Any, period_ns: int) -> int:
+    stream = new_stream("attitude")
+    total = 0
+    for at in range(0, len(wire), CHUNK):
+        chunk = wire[at : at + CHUNK]
+        stream.rx[stream.fill : stream.fill + len(chunk)] = chunk
+        total += stream.ingest(len(chunk), (at + len(chunk)) * period_ns)
+    return total
+
+
+class CReplay:
+    """`_replay` in C. Raises NoReferenceError."""
+
+    def __init__(self, folder: Path) -> None:
+        stream = new_stream("attitude")
+        text = reference.source(stream.filter, by_name("epson").decode, stream.decoder)  # type: ignore[union-attr]
+        self._function = reference.build(text, folder, reference.SOURCES / "replay.c").replay
+
+    def __call__(self, wire: Any, period_ns: int) -> int:
+        s = new_stream("attitude")
+        f = s.filter
+        records = (s.rx, s.decoder, s.clock, s.samples, f.mount, f.parameters, f.state, s.solutions)
+        size = (reference.pointer(wire), len(wire), CHUNK, period_ns)
+        return reference.call(self._function, *size, *records)
+
+
+def replay(seconds: int, rounds: int) -> Section:
+    """Bytes of an M-G350 to attitude solutions, all in memory."""
+    section = Section(f"Replay: bytes to attitude solutions, {seconds} s at 1 kHz, medians of {rounds} turns")
+    frames = signals.frames(seconds * signals.RATE_HZ)
+    wire, period_ns = np.ascontiguousarray(frames).reshape(-1), 1_000_000 // signals.FRAME
+    n = len(frames)
+    contestants = [lambda: timed(lambda: _replay(wire, period_ns))]
+    why = ""
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            in_c = CReplay(Path(folder))
+            assert in_c(wire, period_ns) == _replay(wire, period_ns) >= n - 1
+            contestants.append(lambda: timed(lambda: in_c(wire, period_ns)))
+        except reference.NoReferenceError as error:
+            why = str(error)
+        contestants.append(lambda: timed(lambda: naive.run(frames[:_NAIVE])))
+        ours, *c, dense = interleaved(rounds, *contestants)
+    section.add("samples per second", n / ours, "/s")
+    section.add("time against C (gcc -O3 -march=native)", ours / c[0] if c else np.nan, "x", most=1.2, note=why)
+    section.add("against naive numpy, dense 25 states", dense / _NAIVE * n / ours, "x faster", least=500)
+    return section
+
+
+def navigation(seconds: int, rounds: int) -> Section:
+    """Samples and fixes through the 21-state filter, with a solution record for each sample."""
+    samples, fixes = signals.samples(seconds * signals.RATE_HZ), signals.fixes(seconds)
+    keep = np.ones(len(samples), bool)
+
+    def once() -> float:
+        filter_ = Filter(registry.by_name("navigation"), Settings(), Initial(), 1000.0)
+        return timed(lambda: play(filter_, samples, fixes, lambda rows: None, keep))
+
+    (median,) = interleaved(rounds, once)
+    section = Section(f"Navigation filter, 21 states, {seconds} s at 1 kHz with fixes at {signals.FIX_HZ} Hz")
+    section.add("replay against real time, with output", seconds / median, "x", least=3000)
+    return section
+
+
+def estimators(rounds: int) -> Section:
+    """What one sample costs each estimator once it runs, fixes apart."""
+    section = Section("One step of each estimator, and in C")
+    block = 10 * signals.RATE_HZ
+    for name in registry.NAMES:
+        with tempfile.TemporaryDirectory() as folder:
+            ours = _Stepping(name, block)
+            contestants = [ours.once]
+            note = ""
+            try:
+                library = reference.build(reference.source(ours.filter), Path(folder))
+                contestants.append(_Stepping(name, block, library.run).once)
+            except reference.NoReferenceError as error:
+                note = str(error) if name == registry.NAMES[0] else ""
+            mine, *c = (1e9 * seconds / block for seconds in interleaved(rounds, *contestants))
+            section.add(name, mine, "ns", note=f"C: {c[0]:.0f} ns, {mine / c[0]:.2f} x" if c else note)
+    for name, other in (("VQF", _vqf), ("x-io Fusion", _fusion)):
+        try:
+            section.add(f"{name}, for comparison", 1e9 * other(block) / block, "ns")
+        except ImportError as error:
+            section.add(f"{name}, for comparison", np.nan, "ns", note=f"not installed ({error.name})")
+    return section
+
+
+class _Stepping:
+    """An estimator that runs already, stepping through one block of samples again and again, later each time."""
+
+    def __init__(self, name: str, block: int, in_c: Any = None) -> None:
+        samples, fixes = signals.samples(START_S * signals.RATE_HZ + block), signals.fixes(START_S)
+        self.filter = Filter(registry.by_name(name), Settings(), Initial(), 1000.0)
+        before = START_S * signals.RATE_HZ
+        play(self.filter, samples[:before], fixes, lambda rows: None, np.ones(before, bool))
+        self._block, self._out, self._c = samples[before:].copy(), np.zeros(block, SOLUTION), in_c
+
+    def once(self) -> float:
+        f = self.filter
+        if self._c is None:
+            seconds = timed(lambda: f.run(self._block, self._out))
+        else:
+            arguments = (self._block, f.mount, f.parameters, f.state, self._out)
+            seconds = timed(lambda: reference.call(self._c, *arguments))
+        self._block["t_ns"] += len(self._block) * 1_000_000
+        return seconds
+
+
+def _vqf(n: int) -> float:
+    vqf = importlib.import_module("vqf")
+    samples = signals.samples(n)
+    w, f = np.ascontiguousarray(samples["w"]), np.ascontiguousarray(samples["f"])
+    filter_ = vqf.VQF(1.0 / signals.RATE_HZ)
+    return timed(lambda: filter_.updateBatch(w, f))
+
+
+def _fusion(n: int) -> float:
+    fusion = importlib.import_module("imufusion")
+    samples = signals.samples(n)
+    w, f = np.degrees(samples["w"]), samples["f"] / STANDARD_GRAVITY
+    ahrs = fusion.Ahrs()
+
+    def run() -> None:
+        for k in range(n):
+            ahrs.update_no_magnetometer(w[k], f[k], 1.0 / signals.RATE_HZ)
+
+    return timed(run)

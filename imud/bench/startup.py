@@ -11,7 +11,7 @@ from pathlib import Path
 from imud.errors import ImudError
 
 from .table import Section
-from .throughput import interleaved
+from .turns import Turns
 
 _READY = " ready "
 
@@ -50,10 +50,10 @@ def _import_numba() -> float:
 def start(rounds: int, cold: bool) -> Section:
     """Warm always; cold, with an empty cache, if asked for."""
     section = Section(f"Start, medians of {rounds} turns")
-    ours, numba = interleaved(rounds, _ready, _import_numba)
-    section.add("import numba", numba, "s")
-    section.add("warm start to READY", ours, "s")
-    section.add("warm start against import numba", ours / numba, "x", most=1.6)
+    turns = Turns(rounds, _ready, _import_numba)
+    section.add("import numba", turns.median(1), "s")
+    section.add("warm start to READY", turns.median(0), "s")
+    section.add("warm start against import numba", turns.ratio(0, 1), "x", most=1.6)
     if cold:
         with tempfile.TemporaryDirectory() as cache:
             section.add("cold start to READY, everything compiled", _ready(cache), "s")

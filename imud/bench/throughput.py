@@ -1,7 +1,6 @@
 """How fast recorded data goes through: against the same algorithm in C, against numpy, and estimator by estimator."""
 
 import importlib
-import statistics
 import tempfile
 import time
 from collections.abc import Callable
@@ -21,25 +20,18 @@ from imud.settings import Initial, Settings
 
 from . import naive, reference, signals
 from .table import Section
+from .turns import Turns
 
 CHUNK = 180 * signals.FRAME  # bytes at a time, as a daemon that catches up
 _NAIVE = 200  # frames
 START_S = 20  # in which a filter aligns itself
 
 
-def interleaved(rounds: int, *contestants: Callable[[], float]) -> list[float]:
-    """Median seconds of each; they take turns, so that whatever slows the machine slows all."""
-    times: list[list[float]] = [[] for _ in contestants]
-    for _ in range(rounds):
-        for mine, contestant in zip(times, contestants, strict=True):
-            mine.append(contestant())
-    return [statistics.median(mine) for mine in times]
-
-
 def timed(act: Callable[[], Any]) -> float:
-    begin = time.perf_counter()
+    """Seconds of processor time; what other processes take meanwhile does not count."""
+    begin = time.process_time()
     act()
-    return time.perf_counter() - begin
+    return time.process_time() - begin
 
 
 def new_stream(estimator: str) -> Stream:
@@ -93,10 +85,11 @@ def replay(seconds: int, rounds: int) -> Section:
         except reference.NoReferenceError as error:
             why = str(error)
         contestants.append(lambda: timed(lambda: naive.run(frames[:_NAIVE])))
-        ours, *c, dense = interleaved(rounds, *contestants)
-    section.add("samples per second", n / ours, "/s")
-    section.add("time against C (gcc -O3 -march=native)", ours / c[0] if c else np.nan, "x", most=1.2, note=why)
-    section.add("against naive numpy, dense 25 states", dense / _NAIVE * n / ours, "x faster", least=500)
+        turns = Turns(rounds, *contestants)
+    against_c = np.nan if why else turns.ratio(0, 1)
+    section.add("samples per second", n / turns.median(0), "/s")
+    section.add("time against C (gcc -O3 -march=native)", against_c, "x", most=1.2, note=why)
+    section.add("against naive numpy, dense 25 states", turns.ratio(-1, 0) * n / _NAIVE, "x faster", least=500)
     return section
 
 
@@ -109,9 +102,8 @@ def navigation(seconds: int, rounds: int) -> Section:
         filter_ = Filter(registry.by_name("navigation"), Settings(), Initial(), 1000.0)
         return timed(lambda: play(filter_, samples, fixes, lambda rows: None, keep))
 
-    (median,) = interleaved(rounds, once)
     section = Section(f"Navigation filter, 21 states, {seconds} s at 1 kHz with fixes at {signals.FIX_HZ} Hz")
-    section.add("replay against real time, with output", seconds / median, "x", least=3000)
+    section.add("replay against real time, with output", seconds / Turns(rounds, once).median(0), "x", least=3000)
     return section
 
 
@@ -129,8 +121,10 @@ def estimators(rounds: int) -> Section:
                 contestants.append(_Stepping(name, block, library.run).once)
             except reference.NoReferenceError as error:
                 note = str(error) if name == registry.NAMES[0] else ""
-            mine, *c = (1e9 * seconds / block for seconds in interleaved(rounds, *contestants))
-            section.add(name, mine, "ns", note=f"C: {c[0]:.0f} ns, {mine / c[0]:.2f} x" if c else note)
+            turns = Turns(rounds, *contestants)
+            if len(contestants) > 1:
+                note = f"C: {1e9 * turns.median(1) / block:.0f} ns, {turns.ratio(0, 1):.2f} x"
+            section.add(name, 1e9 * turns.median(0) / block, "ns", note=note)
     for name, other in (("VQF", _vqf), ("x-io Fusion", _fusion)):
         try:
             section.add(f"{name}, for comparison", 1e9 * other(block) / block, "ns")

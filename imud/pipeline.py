@@ -48,6 +48,11 @@ def _run(health: Any, samples: Any, errors: Any, parameters: Any, state: Any, ou
         step(parameters[0], state[0], samples[k], out[k])  # type: ignore[name-defined]  # noqa: F821
 
 
+def _update(parameters: Any, state: Any, fix: Any, innovations: Any) -> int:
+    n: int = update(parameters[0], state[0], fix[0], innovations)  # type: ignore[name-defined]  # noqa: F821
+    return n
+
+
 _composed: dict[str, Callable[..., Any]] = {}
 
 
@@ -76,6 +81,8 @@ class Filter:
         stem = estimator.name.replace("-", "_")
         self._run = _compose(_run, f"run_{stem}", step=estimator.step)
         self._advance = _compose(_advance, f"advance_{stem}", step=estimator.step)
+        takes_fixes = estimator.update is not None
+        self._update = _compose(_update, f"update_{stem}", update=estimator.update) if takes_fixes else None
         self._innovations = np.zeros(16, INNOVATION)
 
     def calibrate(self, calibration: Calibration) -> None:
@@ -103,9 +110,9 @@ class Filter:
 
     def update(self, fix: Records) -> Records:
         """Take a fix (array of one FIX); returns its innovations (INNOVATION), valid until the next call."""
-        if self.estimator.update is None:
+        if self._update is None:
             return self._innovations[:0]
-        n = self.estimator.update(self.parameters[0], self.state[0], fix[0], self._innovations)
+        n = self._update(self.parameters, self.state, fix, self._innovations)
         return self._innovations[:n]
 
 

@@ -31,9 +31,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a configuration key")
 
 
-def play(filter_: "Filter", samples: "Records", fixes: "Records", write: Any, keep: "Records") -> int:
+def play(filter_: "Filter", samples: "Records", fixes: "Records", write: Any, keep: "Records | None" = None) -> int:
     """Feed everything in the order in which it became known: a fix goes in before the first sample not older than its
-    arrival. `keep` is a mask of the samples whose solutions go to `write(rows)`. Returns the number of fixes fed."""
+    arrival. `keep` is a mask of the samples whose solutions go to `write(rows)`, None: all, in rows that are written
+    over by the next. Returns the number of fixes fed."""
     from .estimators.records import SOLUTION
 
     out = np.zeros(BLOCK, SOLUTION)
@@ -44,7 +45,8 @@ def play(filter_: "Filter", samples: "Records", fixes: "Records", write: Any, ke
         while start < place:
             stop = min(start + BLOCK, place)
             filter_.run(samples[start:stop], out[: stop - start])
-            write(out[: stop - start][keep[start:stop]])
+            rows = out[: stop - start]
+            write(rows if keep is None else rows[keep[start:stop]])
             progress.at(stop)
             start = stop
         if fix is not None and 0 < place < len(samples):
@@ -54,9 +56,9 @@ def play(filter_: "Filter", samples: "Records", fixes: "Records", write: Any, ke
 
 
 def _kept(t_ns: Any, rate_hz: float | None) -> Any:
-    """Mask of the samples that start a new output period."""
+    """Mask of the samples that start a new output period; None: all."""
     if rate_hz is None:
-        return np.ones(len(t_ns), bool)
+        return None
     slot = np.floor((t_ns - t_ns[0]) * 1e-9 * rate_hz + 1e-6)
     return np.concatenate([[True], np.diff(slot) > 0])
 

@@ -1,14 +1,15 @@
 """The C that `imud bench` compares with does the same work: same bytes, same fixes, same numbers."""
 
+import ctypes
+
 import numpy as np
 import pytest
 
-from drivers.driver import Identity, ImuConfigured
-from drivers.registry import by_name
 from imud.bench import reference, signals
+from imud.bench.throughput import new_stream
 from imud.estimators import registry
-from imud.estimators.records import INNOVATION, SOLUTION
-from imud.pipeline import BATCH, Filter, Stream
+from imud.estimators.records import SOLUTION
+from imud.pipeline import Filter
 from imud.replay import play
 from imud.settings import Initial, Settings
 
@@ -27,21 +28,10 @@ def filter_of(name):
     return Filter(registry.by_name(name), Settings(), Initial(), float(signals.RATE_HZ))
 
 
-def play_c(filter_, library, samples, fixes):
-    """What `imud.replay.play` does, with the C functions."""
-    out = np.zeros(len(samples), SOLUTION)
-    innovations = np.zeros(16, INNOVATION)
-    places = np.searchsorted(samples["t_ns"], fixes["arrival_ns"], side="left")
-    start = 0
-    for place, fix in [*zip(places, fixes, strict=True), (len(samples), None)]:
-        part = slice(start, place)
-        reference.call(library.run, samples[part], filter_.mount, filter_.parameters, filter_.state, out[part])
-        if fix is not None and 0 < place < len(samples) and filter_.estimator.update:
-            record = np.array([fix], fixes.dtype)
-            records = [reference.pointer(r) for r in (filter_.parameters, filter_.state, record)]
-            reference.call(library.update, *records, innovations)
-        start = place
-    return out
+def content(address, like):
+    """The array at an address that a C function gives."""
+    address.restype = ctypes.c_void_p
+    return np.frombuffer(ctypes.string_at(address(), like.nbytes), like.dtype)
 
 
 def assert_same(ours, theirs):
@@ -56,44 +46,42 @@ def assert_same(ours, theirs):
 def test_an_estimator_in_c_gives_the_same_solutions(tmp_path, name):
     samples, fixes = signals.samples(SECONDS * signals.RATE_HZ), signals.fixes(SECONDS)
     ours, theirs = filter_of(name), filter_of(name)
-    rows = []
-    play(ours, samples.copy(), fixes, lambda out: rows.append(out.copy()), np.ones(len(samples), bool))
-    solutions = np.concatenate(rows)
-    library = reference.build(reference.source(theirs), tmp_path)
-    assert_same(solutions, play_c(theirs, library, samples.copy(), fixes))
-    assert np.isfinite(solutions["q_nb"][-1]).all() or np.isfinite(solutions["v"][-1]).any()
+    reference.to_c(theirs, tmp_path)
+    solutions = []
+    for filter_ in (ours, theirs):
+        rows = []
+        play(filter_, samples.copy(), fixes, lambda out, rows=rows: rows.append(out.copy()))
+        solutions.append(np.concatenate(rows))
+    assert_same(*solutions)
+    last = solutions[0][-1]
+    assert np.isfinite(last["q_nb"]).all() or np.isfinite(last["v"]).any()
 
 
 def test_the_whole_path_from_bytes_in_c_gives_the_same_solutions(tmp_path):
-    driver = by_name("epson")
-    configured = ImuConfigured(Identity("epson", "M-G350"), 1000.0, 1_000_000, 700_000, signals.FRAME)
-    streams = [Stream(driver.decode, driver.new_state(configured), filter_of("attitude")) for _ in range(2)]
-    for stream in streams:
-        stream.restart(driver.new_state(configured), 1e6, 7e5)
-    ours, theirs = streams
-    library = reference.build(reference.source(theirs.filter, driver.decode, theirs.decoder), tmp_path)
-    wire = signals.frames(SECONDS * signals.RATE_HZ).tobytes()
-    wire = wire[:5000] + b"junk\r" + wire[5000:90_000] + wire[91_001:]
-    rng = np.random.default_rng(2)
-    at, got = 0, 0
-    while at < len(wire):
-        chunk = wire[at : at + int(rng.integers(1, 200))]
-        at += len(chunk)
-        arrival_ns = 10**9 + at * 1_000_000 // signals.FRAME + int(rng.integers(0, 100_000))
-        for stream in streams:
-            stream.rx[stream.fill : stream.fill + len(chunk)] = np.frombuffer(chunk, np.uint8)
-        n = ours.ingest(len(chunk), arrival_ns)
-        filled = theirs.fill + len(chunk)
-        m = reference.call(library.decode, theirs.rx, filled, theirs.decoder, theirs.samples)
-        theirs.fill = int(theirs.decoder["leftover"][0])
-        f = theirs.filter
-        arguments = (m, arrival_ns, theirs.clock, f.mount, f.parameters, f.state, theirs.solutions)
-        reference.call(library.advance, theirs.samples, *arguments)
-        assert m == n <= BATCH
-        assert_same(ours.solutions[:n], theirs.solutions[:n])
-        got += n
-    assert got > 0.98 * SECONDS * signals.RATE_HZ
-    assert ours.decoder["lost"][0] == theirs.decoder["lost"][0] > 0
+    frames = signals.frames(SECONDS * signals.RATE_HZ)
+    wire = frames.tobytes()
+    wire = np.frombuffer(wire[:5000] + b"junk\r" + wire[5000:90_000] + wire[91_001:], np.uint8).copy()
+    stream = new_stream("attitude")
+    text, memory = reference.stream_source(stream)
+    export = "void *decoder(void) { return DECODER; }\nvoid *solutions(void) { return SOLUTIONS; }\n"
+    (tmp_path / "main.c").write_text((reference.SOURCES / "replay.c").read_text() + export)
+    library = reference.build(text, tmp_path, tmp_path / "main.c")
+    for chunk in (7, 22, 1000):
+        begin = ctypes.c_char_p(memory)
+        theirs = reference.call(library.replay, reference.pointer(wire), len(wire), chunk, 45_454, begin)
+        stream = new_stream("attitude")
+        total = 0
+        for at in range(0, len(wire), chunk):
+            part = wire[at : at + chunk]
+            stream.rx[stream.fill : stream.fill + len(part)] = part
+            n = stream.ingest(len(part), (at + len(part)) * 45_454)
+            total += n
+        assert theirs == total > 0.98 * len(frames)
+        assert_same(stream.solutions[:n], content(library.solutions, stream.solutions)[:n])
+        in_c = content(library.decoder, stream.decoder)
+        for counter in ("frames", "junk", "bad", "lost", "suspect", "errors"):
+            assert in_c[counter] == stream.decoder[counter], counter
+        assert stream.decoder["lost"][0] > 0
 
 
 def test_what_is_not_understood_is_named_with_its_place():

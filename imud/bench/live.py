@@ -24,7 +24,6 @@ from typing import Any
 
 import numpy as np
 
-from drivers.registry import by_name
 from imud.client import RECORD
 from imud.errors import ImudError
 
@@ -151,18 +150,11 @@ def _imud(folder: Path, contestant: Contestant) -> list[str]:
 
 def _c_daemon(folder: Path, contestant: Contestant) -> list[str]:
     """Compile. Raises NoReferenceError."""
-    stream = new_stream("attitude")
-    driver = by_name("epson")
-    assert driver.kind == "imu"
-    (folder / "kernels.c").write_text(reference.source(stream.filter, driver.decode, stream.decoder))
+    text, memory = reference.stream_source(new_stream("attitude"))
+    (folder / "kernels.c").write_text(text)
+    (folder / "memory").write_bytes(memory)
     reference.compile_c(reference.SOURCES / "daemon.c", folder / "daemon", f"-I{folder}")
-    filter_ = stream.filter
-    stream.restart(stream.decoder, 1e6, 0.0)
-    records = {"decoder": stream.decoder, "clock": stream.clock, "mount": filter_.mount}
-    records |= {"parameters": filter_.parameters, "state": filter_.state}
-    for name, record in records.items():
-        (folder / name).write_bytes(record.tobytes())
-    return [str(folder / "daemon"), contestant.tty, str(contestant.path), str(folder)]
+    return [str(folder / "daemon"), contestant.tty, str(contestant.path), str(folder / "memory")]
 
 
 @contextlib.contextmanager

@@ -7,17 +7,17 @@ import ctypes
 import importlib.util
 import shutil
 import subprocess
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.sample import SAMPLE
-from imud.clock import new_clock
-from imud.estimators.records import FIX, INNOVATION, SOLUTION
-from imud.pipeline import Filter
+from imud.estimators.records import FIX, SOLUTION
+from imud.pipeline import Filter, Stream
 
 Records = NDArray[np.void]
 SOURCES = Path(__file__).resolve().parents[2] / "tests" / "c"
@@ -38,7 +38,7 @@ def compiler() -> str:
     raise NoReferenceError("no C compiler (gcc, cc, clang) is on this machine")
 
 
-def translator() -> ModuleType:
+def translator() -> Any:
     """tests/c/translate.py as a module."""
     spec = importlib.util.spec_from_file_location("imud_c_translate", SOURCES / "translate.py")
     assert spec and spec.loader
@@ -47,31 +47,76 @@ def translator() -> ModuleType:
     return module
 
 
-def source(filter_: Filter, decode: Any = None, decoder: Records | None = None) -> str:
-    """C of the estimator's `run`, `advance` and `update`, and of a driver's `decode`, as exported functions."""
+class _Recorder:
+    """Stands in for a kernel and keeps the arguments of its last call."""
+
+    def __init__(self, answer: int) -> None:
+        self._answer = answer
+        self.arguments: tuple[Any, ...] = ()
+
+    def __call__(self, *arguments: Any) -> int:
+        self.arguments = arguments
+        return self._answer
+
+
+def _kinds(c: Any, unit: Any, arguments: tuple[Any, ...]) -> list[Any]:
+    return [unit.array(a.dtype) if isinstance(a, np.ndarray) else c.INT for a in arguments]
+
+
+def to_c(filter_: Filter, folder: Path) -> None:
+    """Replace the kernels of a filter, for samples and for fixes, by C. Raises NoReferenceError."""
     c = translator()
     unit = c.Translation()
+    acts: dict[str, Callable[[], Any]] = {"_run": lambda: filter_.run(np.zeros(1, SAMPLE), np.zeros(1, SOLUTION))}
+    if filter_._update is not None:
+        acts["_update"] = lambda: filter_.update(np.zeros(1, FIX))
+    for name, act in acts.items():
+        kernel, recorder = getattr(filter_, name), _Recorder(0)
+        setattr(filter_, name, recorder)
+        act()
+        unit.function(kernel, _kinds(c, unit, recorder.arguments), exported=name[1:])
+    library = build(unit.source, folder)
+    for name in acts:
+        setattr(filter_, name, partial(call, getattr(library, name[1:])))
 
-    def array(like: Any) -> Any:
-        return unit.array(like.dtype if isinstance(like, np.ndarray) else like)
 
-    parameters, state = array(filter_.parameters), array(filter_.state)
-    matrix, clock, solutions = array(np.float64), array(new_clock(1e6, 0.0)), array(SOLUTION)
-    unit.function(filter_._run, [array(SAMPLE), matrix, parameters, state, solutions], exported="run")
-    advanced = [array(SAMPLE), c.INT, c.INT, clock, matrix, parameters, state, solutions]
-    unit.function(filter_._advance, advanced, exported="advance")
-    if filter_.estimator.update is not None:
-        records = [unit.record(like.dtype) for like in (filter_.parameters, filter_.state)]
-        updated = [*records, unit.record(FIX), array(INNOVATION)]
-        unit.function(filter_.estimator.update, updated, exported="update")
-    if decode is not None and decoder is not None:
-        unit.function(decode, [array(np.uint8), c.INT, array(decoder), array(SAMPLE)], exported="decode")
-    names = {"sample_t": SAMPLE, "solution_t": SOLUTION, "fit_t": new_clock(1e6, 0.0).dtype}
-    names |= {"parameters_t": filter_.parameters.dtype, "state_t": filter_.state.dtype}
-    if decoder is not None:
-        names["decoder_t"] = decoder.dtype
-    typedefs = [f"typedef struct {unit.record(dtype).name} {name};" for name, dtype in names.items()]
-    return "\n".join([unit.source, *typedefs, ""])
+def stream_source(stream: Stream) -> tuple[str, bytes]:
+    """C of `Stream.ingest` as `int64_t ingest(received, arrival_ns)`, with all that it remembers, and what that is now.
+
+    RX, DECODER and SOLUTIONS name the buffers; `memory` lists all of them, in the order of the bytes returned.
+    """
+    c = translator()
+    unit = c.Translation()
+    kernels = {"decode": stream._decode, "advance": stream.filter._advance}
+    calls = {"decode": _Recorder(1), "advance": _Recorder(0)}
+    stream._decode, stream.filter._advance = calls["decode"], calls["advance"]
+    stream.ingest(0, 0)
+    stream._decode, stream.filter._advance = kernels["decode"], kernels["advance"]
+    buffers: dict[int, tuple[str, Any]] = {}
+    texts = {}
+    for name, kernel in kernels.items():
+        arguments = calls[name].arguments
+        unit.function(kernel, _kinds(c, unit, arguments), exported=name)
+        for array in (a for a in arguments if isinstance(a, np.ndarray)):
+            buffers.setdefault(array.ctypes.data, (f"memory_{len(buffers)}", array))
+        numbers = iter(("fill + received",) if name == "decode" else ("n", "arrival_ns"))
+        texts[name] = ", ".join(
+            f"{buffers[a.ctypes.data][0]}, {len(a)}" if isinstance(a, np.ndarray) else next(numbers) for a in arguments
+        )
+    lines = [unit.source, "#include <stddef.h>"]
+    for name, array in buffers.values():
+        lines.append(f"static {unit.of_dtype(array.dtype).c.rstrip(' *')} {name}[{len(array)}];")
+    listed = ", ".join(f"{{{name}, sizeof {name}}}" for name, _ in buffers.values())
+    lines.append(f"static const struct {{ void *at; size_t size; }} memory[] = {{{listed}}};")
+    for alias, array in (("RX", stream.rx), ("DECODER", stream.decoder), ("SOLUTIONS", stream.solutions)):
+        lines.append(f"#define {alias} {buffers[array.ctypes.data][0]}")
+    lines.append(
+        "static int64_t fill;\n"
+        "static int64_t ingest(int64_t received, int64_t arrival_ns)\n{\n"
+        f"  int64_t n = decode({texts['decode']});\n  fill = DECODER->leftover;\n"
+        f"  if (n)\n    advance({texts['advance']});\n  return n;\n}}\n"
+    )
+    return "\n".join(lines), b"".join(array.tobytes() for _, array in buffers.values())
 
 
 def build(text: str, folder: Path, main: Path | None = None) -> ctypes.CDLL:
@@ -96,7 +141,9 @@ def call(function: Any, *arguments: Any) -> int:
         if isinstance(argument, np.ndarray):
             passed += [ctypes.c_void_p(argument.ctypes.data), ctypes.c_int64(len(argument))]
         else:
-            passed.append(argument if isinstance(argument, ctypes.c_void_p) else ctypes.c_int64(argument))
+            passed.append(
+                argument if isinstance(argument, ctypes.c_void_p | ctypes.c_char_p) else ctypes.c_int64(argument)
+            )
     function.restype = ctypes.c_int64
     return int(function(*passed))
 

@@ -1,5 +1,6 @@
 """How fast recorded data goes through: against the same algorithm in C, against numpy, and estimator by estimator."""
 
+import ctypes
 import importlib
 import tempfile
 import time
@@ -57,16 +58,12 @@ class CReplay:
     """`_replay` in C. Raises NoReferenceError."""
 
     def __init__(self, folder: Path) -> None:
-        stream = new_stream("attitude")
-        text = reference.source(stream.filter, by_name("epson").decode, stream.decoder)  # type: ignore[union-attr]
+        text, self._memory = reference.stream_source(new_stream("attitude"))
         self._function = reference.build(text, folder, reference.SOURCES / "replay.c").replay
 
     def __call__(self, wire: Any, period_ns: int) -> int:
-        s = new_stream("attitude")
-        f = s.filter
-        records = (s.rx, s.decoder, s.clock, s.samples, f.mount, f.parameters, f.state, s.solutions)
-        size = (reference.pointer(wire), len(wire), CHUNK, period_ns)
-        return reference.call(self._function, *size, *records)
+        begin = ctypes.c_char_p(self._memory)
+        return reference.call(self._function, reference.pointer(wire), len(wire), CHUNK, period_ns, begin)
 
 
 def replay(seconds: int, rounds: int) -> Section:
@@ -96,11 +93,10 @@ def replay(seconds: int, rounds: int) -> Section:
 def navigation(seconds: int, rounds: int) -> Section:
     """Samples and fixes through the 21-state filter, with a solution record for each sample."""
     samples, fixes = signals.samples(seconds * signals.RATE_HZ), signals.fixes(seconds)
-    keep = np.ones(len(samples), bool)
 
     def once() -> float:
         filter_ = Filter(registry.by_name("navigation"), Settings(), Initial(), 1000.0)
-        return timed(lambda: play(filter_, samples, fixes, lambda rows: None, keep))
+        return timed(lambda: play(filter_, samples, fixes, lambda rows: None))
 
     section = Section(f"Navigation filter, 21 states, {seconds} s at 1 kHz with fixes at {signals.FIX_HZ} Hz")
     section.add("replay against real time, with output", seconds / Turns(rounds, once).median(0), "x", least=3000)
@@ -113,12 +109,9 @@ def estimators(rounds: int) -> Section:
     block = 10 * signals.RATE_HZ
     for name in registry.NAMES:
         with tempfile.TemporaryDirectory() as folder:
-            ours = _Stepping(name, block)
-            contestants = [ours.once]
-            note = ""
+            contestants, note = [_Stepping(name, block).once], ""
             try:
-                library = reference.build(reference.source(ours.filter), Path(folder))
-                contestants.append(_Stepping(name, block, library.run).once)
+                contestants.append(_Stepping(name, block, Path(folder)).once)
             except reference.NoReferenceError as error:
                 note = str(error) if name == registry.NAMES[0] else ""
             turns = Turns(rounds, *contestants)
@@ -134,22 +127,22 @@ def estimators(rounds: int) -> Section:
 
 
 class _Stepping:
-    """An estimator that runs already, stepping through one block of samples again and again, later each time."""
+    """An estimator that runs already, stepping through one block of samples again and again, later each time.
 
-    def __init__(self, name: str, block: int, in_c: Any = None) -> None:
+    folder: where it is translated to C. Raises NoReferenceError.
+    """
+
+    def __init__(self, name: str, block: int, folder: Path | None = None) -> None:
         samples, fixes = signals.samples(START_S * signals.RATE_HZ + block), signals.fixes(START_S)
-        self.filter = Filter(registry.by_name(name), Settings(), Initial(), 1000.0)
         before = START_S * signals.RATE_HZ
-        play(self.filter, samples[:before], fixes, lambda rows: None, np.ones(before, bool))
-        self._block, self._out, self._c = samples[before:].copy(), np.zeros(block, SOLUTION), in_c
+        self._filter = Filter(registry.by_name(name), Settings(), Initial(), 1000.0)
+        if folder is not None:
+            reference.to_c(self._filter, folder)
+        play(self._filter, samples[:before], fixes, lambda rows: None)
+        self._block, self._out = samples[before:].copy(), np.zeros(block, SOLUTION)
 
     def once(self) -> float:
-        f = self.filter
-        if self._c is None:
-            seconds = timed(lambda: f.run(self._block, self._out))
-        else:
-            arguments = (self._block, f.mount, f.parameters, f.state, self._out)
-            seconds = timed(lambda: reference.call(self._c, *arguments))
+        seconds = timed(lambda: self._filter.run(self._block, self._out))
         self._block["t_ns"] += len(self._block) * 1_000_000
         return seconds
 

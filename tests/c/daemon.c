@@ -1,6 +1,6 @@
 /* A daemon in C of the same function as imud's, for comparison: a port's bytes in, every state out to whoever connects.
  *
- * daemon TTY SOCKET FOLDER; FOLDER holds the records with which decoder, clock and filter begin, as raw bytes.
+ * daemon TTY SOCKET MEMORY; MEMORY is a file with all that decoder, clock and filter begin with, as raw bytes.
  * One wait, one read and one send for each client per wake-up, nothing allocated in the loop. */
 #define _GNU_SOURCE
 #include "kernels.c"
@@ -16,7 +16,9 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { READ = 4096, BATCH = 256, CLIENTS = 16 };
+enum { READ = 4096, CLIENTS = 16 };
+
+typedef __typeof__(*SOLUTIONS) solution_t;
 
 struct message {
   char magic[4];
@@ -26,9 +28,6 @@ struct message {
   solution_t state;
 };
 
-static uint8_t rx[65536];
-static sample_t samples[BATCH];
-static solution_t solutions[BATCH];
 static int clients[CLIENTS], connected;
 
 static void fail(const char *what)
@@ -37,13 +36,14 @@ static void fail(const char *what)
   exit(1);
 }
 
-static void load(void *record, size_t size, const char *folder, const char *name)
+static void load(const char *path)
 {
-  char path[512];
-  snprintf(path, sizeof path, "%s/%s", folder, name);
   FILE *file = fopen(path, "rb");
-  if (!file || fread(record, 1, size, file) != size)
+  if (!file)
     fail(path);
+  for (size_t i = 0; i < sizeof memory / sizeof *memory; i++)
+    if (fread(memory[i].at, 1, memory[i].size, file) != memory[i].size)
+      fail(path);
   fclose(file);
 }
 
@@ -81,7 +81,7 @@ static void publish(int64_t n, uint64_t seq)
   message.utc_offset_ns = now_ns(CLOCK_REALTIME) - now_ns(CLOCK_MONOTONIC);
   for (int64_t k = 0; k < n; k++) {
     message.seq = seq - n + 1 + k;
-    message.state = solutions[k];
+    message.state = SOLUTIONS[k];
     for (int c = 0; c < connected; c++)
       if (send(clients[c], &message, sizeof message, MSG_DONTWAIT | MSG_NOSIGNAL) < 0 && errno != EAGAIN) {
         close(clients[c]);
@@ -92,24 +92,14 @@ static void publish(int64_t n, uint64_t seq)
 
 int main(int argc, char **argv)
 {
-  static decoder_t decoder;
-  static fit_t clock;
-  static parameters_t parameters;
-  static state_t state;
-  static double mount[9];
   if (argc != 4)
     return 64;
-  load(&decoder, sizeof decoder, argv[3], "decoder");
-  load(&clock, sizeof clock, argv[3], "clock");
-  load(&parameters, sizeof parameters, argv[3], "parameters");
-  load(&state, sizeof state, argv[3], "state");
-  load(mount, sizeof mount, argv[3], "mount");
+  load(argv[3]);
   int port = open_port(argv[1]), listener = listen_at(argv[2]), poll = epoll_create1(0);
   struct epoll_event event = {.events = EPOLLIN, .data.fd = port}, events[8];
   epoll_ctl(poll, EPOLL_CTL_ADD, port, &event);
   event.data.fd = listener;
   epoll_ctl(poll, EPOLL_CTL_ADD, listener, &event);
-  int64_t fill = 0;
   uint64_t seq = 0;
   for (;;) {
     int ready = epoll_wait(poll, events, 8, 20);
@@ -121,12 +111,10 @@ int main(int argc, char **argv)
           clients[connected++] = client;
         continue;
       }
-      ssize_t got = read(port, rx + fill, READ);
+      ssize_t got = read(port, RX + fill, READ);
       if (got <= 0)
         return 0;
-      int64_t n = decode(rx, sizeof rx, fill + got, &decoder, 1, samples, BATCH);
-      fill = decoder.leftover;
-      advance(samples, BATCH, n, arrival_ns, &clock, 1, mount, 9, &parameters, 1, &state, 1, solutions, BATCH);
+      int64_t n = ingest(got, arrival_ns);
       seq += n;
       if (n)
         publish(n, seq);

@@ -14,6 +14,7 @@ from .shared_memory import SharedMemory
 from .stream import StreamServer
 
 _HEADER = [("magic", "S4"), ("version", "<u2"), ("size", "<u2"), ("seq", "<u8"), ("utc_offset_ns", "<i8")]
+_OPAQUE = np.dtype(("V", SOLUTION.itemsize))  # numpy copies a state as one, not field by field: 0.5 us instead of 17
 LAYOUT = np.dtype([*_HEADER, ("state", SOLUTION)])  # imud.client.FIELDS, as numpy sees it
 
 
@@ -30,6 +31,7 @@ class BinaryOutputs:
             raise
         self._records = np.zeros(batch, LAYOUT)
         self._records["magic"], self._records["version"], self._records["size"] = MAGIC, VERSION, RECORD.size
+        self._states = self._records["state"].view(_OPAQUE)
         self._bytes = self._records.view(np.uint8).data
         self._words = self._records.view(np.uint64).reshape(batch, -1)
 
@@ -40,7 +42,7 @@ class BinaryOutputs:
         records = self._records[:n]
         records["seq"] = np.arange(seq - n + 1, seq + 1)
         records["utc_offset_ns"] = time.time_ns() - time.monotonic_ns()
-        records["state"] = solutions[:n]
+        self._states[:n] = solutions[:n].view(_OPAQUE)
         if self._shared is not None:
             self._shared.publish(self._words[n - 1])
         if self.stream.clients:

@@ -16,6 +16,7 @@ COMMANDS = {
     "demo": "emulated sensors and the daemon in one command, estimate against truth on the terminal",
     "sim": "emulated sensors on pseudo-terminals",
     "probe": "which device is on which port, at which baud rate",
+    "status": "how a running daemon is: sensors, clock, filter, clients; also for Prometheus",
     "doctor": "why this machine would not work, and the mend",
     "replay": "recorded data through the same filter, as fast as it goes",
     "reproduce": "a paper's experiment: its numbers beside ours, its figures, pass or fail",

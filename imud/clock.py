@@ -29,6 +29,7 @@ WATCH_NS, WATCHED = 250_000_000.0, 4  # host time, and samples at least, of whic
 SAME_NS = 10e6  # as late as before: more is a line that catches up
 UNFITTED_NS = 50e6  # a nominal period may be a few percent off, and the line with it
 PATIENCE = 8  # watches after which lateness is believed, whatever it is
+LATE_SHARE = 1e-3  # of one sample in the mean lateness
 PERIOD_TOLERANCE = 0.1  # a fitted period further off its nominal value is not believed
 
 CLOCK = np.dtype(
@@ -59,6 +60,8 @@ CLOCK = np.dtype(
         ("arrivals", "<f8", (POINTS,)),
         ("residual_ns", "<f8"),  # mean distance of the window minima above the line
         ("corrections", "<i8"),  # of the counter
+        ("late_ns", "<f8"),  # how much later than at best samples come, mean of late
+        ("latest_ns", "<f8"),  # and at most
     ],
     align=True,
 )
@@ -241,6 +244,9 @@ def stamp(clock: Any, tick: int, arrival_ns: int) -> int:
         residual = 0.0
         clock.window_residual = np.inf
     _gather(clock, tick, x, y, residual)
+    if clock.fitted == 1:
+        clock.late_ns += LATE_SHARE * (residual - clock.late_ns)
+        clock.latest_ns = max(clock.latest_ns, residual)
     if clock.slew_ns < -FAR_NS:
         clock.slew_ns = 0.0
     most = (STOP if clock.slew_ns > FAR_NS else SLEW) * passed

@@ -20,7 +20,7 @@ from drivers.driver import AnyDriver, Identity, ImuConfigured, ImuDriver
 from drivers.errors import PortLostError
 from drivers.transport.line import Line
 
-from . import calibration, choices, compilation, realtime, runtime
+from . import calibration, choices, compilation, realtime, runtime, vitals
 from .announce import Announcer
 from .config import adopt
 from .errors import ImudError
@@ -28,6 +28,7 @@ from .estimators.records import ATTITUDE_VALID
 from .load import Load
 from .notify import Notifier
 from .outputs.binary import BinaryOutputs
+from .outputs.chrony import ChronyOutput
 from .outputs.gpsd import GpsdServer
 from .outputs.nmea import NmeaOutput
 from .outputs.view import Device, Health, View
@@ -66,6 +67,9 @@ class Daemon:
         self._announcer = Announcer(self._log)
         self._troubles: dict[str, tuple[str, ...] | None] = {"imu": None, "gnss": None}  # None: no such sensor
         self._load = Load()
+        self._chrony: ChronyOutput | None = None
+        self._innovations = vitals.Innovations()
+        self._started_ns = time.monotonic_ns()
         self._exit: int | None = None
         self._reload_due = False
         self._compiling = False
@@ -76,10 +80,12 @@ class Daemon:
         with contextlib.ExitStack() as stack:
             self._wakeup = stack.enter_context(caught(self._actions()))
             self._poll.register(self._wakeup, select.POLLIN)
-            self._gpsd = stack.enter_context(contextlib.closing(GpsdServer(self._settings.gpsd, self._poll)))
+            self._gpsd = stack.enter_context(contextlib.closing(self._server()))
             nmea = stack.enter_context(contextlib.closing(NmeaOutput(self._settings.nmea)))
             self._viewers = (self._gpsd, nmea)
             self._binary = stack.enter_context(contextlib.closing(BinaryOutputs(self._settings, self._poll, BATCH)))
+            if (unit := self._settings.chrony.shm_unit) >= 0:
+                self._chrony = stack.enter_context(contextlib.closing(ChronyOutput(unit)))
             notifier.say("STATUS=compiling", "EXTEND_TIMEOUT_USEC=300000000")
             self._compiling = True
             self._prepare_kernels()
@@ -95,6 +101,9 @@ class Daemon:
             self._serve(notifier)
         assert self._exit is not None
         return self._exit
+
+    def _server(self) -> GpsdServer:
+        return GpsdServer(self._settings.gpsd, self._poll, {"STATUS": self._tell_status})
 
     def _prepare_kernels(self) -> None:
         estimators = self._choice.possible
@@ -194,9 +203,11 @@ class Daemon:
             port.lost(str(error))
 
     def _take(self, fixes: list[Records]) -> None:
+        if fixes and self._chrony and self._gnss:
+            self._chrony.publish(self._gnss[1].used_last, self._settings.gnss.latency_s)
         for fix in fixes:
             if self._inertial is not None:
-                self._inertial.stream.filter.update(fix)
+                self._innovations.take(self._inertial.stream.filter.update(fix))
 
     def _publish(self, solution: Any, now_ns: int) -> None:
         due = [viewer for viewer in self._viewers if viewer.wants(now_ns)]
@@ -239,16 +250,38 @@ class Daemon:
         notifier.status("; ".join(f"{port.spec.path}: {port.story}" for port in self._ports))
         notifier.alive(now_ns)
 
+    def _pairs(self) -> dict[str, tuple[Port, Inertial] | tuple[Port, Receiver] | None]:
+        return {"imu": self._imu, "gnss": self._gnss}
+
     def _tell_changes(self, now_ns: int) -> None:
         if self._announcer.status(self._status, now_ns) & ATTITUDE_VALID:
             self._doubt_the_axes()
         if self._gnss and (news := self._gnss[1].news):
             self._log.warning(news)
             self._gnss[1].news = ""
-        for kind, pair in (("imu", self._imu), ("gnss", self._gnss)):
+        for kind, pair in self._pairs().items():
             self._troubles[kind] = pair[1].troubles(now_ns) if pair else None
             if pair:
+                pair[1].rate.look(pair[1].heard, now_ns)
                 self._announcer.troubles(kind, self._troubles[kind] or (), now_ns)
+
+    def _tell_status(self) -> str:
+        """The answer to `imud status`."""
+        now_ns = time.monotonic_ns()
+        parts = {pair[0]: (pair[1], self._troubles[kind]) for kind, pair in self._pairs().items() if pair}
+        return vitals.status_object(
+            {
+                **vitals.of_process(self._started_ns),
+                "load": vitals.of_load(self._load),
+                "filter": vitals.of_filter(self._inertial, self._estimator.name),
+                "innovations": self._innovations.told(),
+                "ports": {
+                    str(i): vitals.of_port(port, now_ns, *parts.get(port, (None, None)))
+                    for i, port in enumerate(self._ports)
+                },
+                "outputs": vitals.of_outputs(self._gpsd, self._binary),
+            }
+        )
 
     def _doubt_the_axes(self) -> None:
         """A sensor that seems upside down may have other axes than ours: nothing on the wire can tell."""

@@ -18,6 +18,7 @@ from .gnss import Refusal, record, refusal
 from .health import shown, words
 from .outputs.view import ClockFit, Gnss
 from .pipeline import Stream
+from .rate import Rate
 from .settings import Gnss as GnssSettings
 
 READ = 4096  # bytes at a time: fewer frames than the pipeline takes in one batch
@@ -40,6 +41,8 @@ class Inertial:
         self.silence_ns = SILENCE_NS["imu"]
         self.samples = 0
         self.period_s = 0.0  # nominal, between samples
+        self.rate = Rate()
+        self._last = -1  # where the newest solution is
         self._room = stream.rx.data
         self._line: Line | None = None
         self._complaints: Mapping[int, str] = {}
@@ -51,6 +54,7 @@ class Inertial:
         self.stream.restart(driver.new_state(configured), configured)
         self.heard_ns = now_ns
         self._complaints, self._complained = driver.complaints, None
+        self.rate = Rate()
         self.period_s = 1.0 / configured.rate_hz
         self.silence_ns = max(SILENCE_NS["imu"], SILENT_PERIODS * round(1e9 / configured.rate_hz))
 
@@ -64,8 +68,19 @@ class Inertial:
         n = self.stream.ingest(received, arrival_ns)
         if n:
             self.heard_ns = now_ns
+            self._last = n - 1
         self.samples += n
         return n
+
+    @property
+    def newest(self) -> np.void | None:
+        """The newest solution, a SOLUTION row that the next reading overwrites; None before the first."""
+        return None if self._last < 0 else self.stream.solutions[self._last]
+
+    @property
+    def heard(self) -> int:
+        """Samples since the start."""
+        return self.samples
 
     def troubles(self, now_ns: int) -> tuple[str, ...]:
         """What is wrong with the sensor, in words."""
@@ -92,6 +107,21 @@ class Inertial:
             return ClockFit()
         return ClockFit(float(clock["residual_ns"][0]) * 1e-9, float(clock["slope"][0] / clock["period_ns"][0]) - 1.0)
 
+    def facts(self, now_ns: int) -> dict[str, object]:
+        """What `imud status` shows of it: counters, and how its samples come."""
+        fit, clock = self.clock_fit(), self.stream.clock[0]
+        return {
+            **self.counters(),
+            "heard_ago_s": (now_ns - self.heard_ns) * 1e-9,
+            "clock": {
+                "drift_ppm": 1e6 * fit.drift,
+                "residual_us": 1e6 * fit.residual_s,
+                "late_us": 1e-3 * float(clock["late_ns"]),
+                "latest_us": 1e-3 * float(clock["latest_ns"]),
+                "corrections": int(clock["corrections"]),
+            },
+        }
+
     def counters(self) -> dict[str, int]:
         """What decoder and line counted since this connection."""
         names = ("frames", "junk", "bad", "lost", "suspect", "errors")
@@ -104,6 +134,7 @@ class Receiver:
 
     def __init__(self, driver: GnssDriver, settings: GnssSettings, now_ns: int) -> None:
         self.decoder = driver.new_decoder()
+        self.rate = Rate()
         self.heard_ns = now_ns
         self.silence_ns = SILENCE_NS["gnss"]
         self.used = 0
@@ -114,6 +145,7 @@ class Receiver:
         self._dissent = 0  # fixes in sequence of another verdict
         self._epochs = EpochClock(settings.latency_s)
         self._last: Fix | None = None
+        self._used_last: Fix | None = None
         self._jumped_ns: int | None = None
         self._connected_ns = now_ns
 
@@ -130,6 +162,11 @@ class Receiver:
         self.heard_ns = now_ns
         return self._accepted(self.decoder.feed(data, now_ns), now_ns)
 
+    @property
+    def heard(self) -> int:
+        """Fixes since this connection, used or not."""
+        return self.used + self.refused.total()
+
     def flush(self, now_ns: int) -> list[Records]:
         """A fix whose epoch ended without an end."""
         return self._accepted(self.decoder.flush(now_ns), now_ns)
@@ -145,9 +182,16 @@ class Receiver:
             if refused:
                 self.refused[refused.rule] += 1
             elif fix.utc_s is not None:
+                self._used_last = fix
                 rows.append(record(fix, self._epochs.epoch_ns(fix.utc_s, fix.arrival_ns), now_ns))
         self.used += len(rows)
         return rows
+
+    @property
+    def used_last(self) -> Fix:
+        """The last fix that was used; there must have been one."""
+        assert self._used_last is not None
+        return self._used_last
 
     def _judge(self, refused: Refusal | None) -> None:
         """Have news when several fixes in sequence are taken otherwise than those before."""
@@ -156,6 +200,19 @@ class Receiver:
         if self._dissent == STEADY:
             self._verdict, self._dissent = verdict, 0
             self.news = f"the fixes are refused: {refused}" if refused else "the fixes are used again"
+
+    def facts(self, now_ns: int) -> dict[str, object]:
+        """What `imud status` shows of it: what became of its sentences and fixes, and what it says of itself."""
+        said, last = self.decoder.status, self.view(now_ns)
+        return {
+            "used": self.used,
+            "refused": {rule.removeprefix("gnss."): count for rule, count in self.refused.items()},
+            "sentences": dict(self.decoder.counters),
+            "quality": said.quality,
+            "satellites": said.satellites,
+            "hdop": last.hdop if last else None,
+            "fix_age_s": last.age_s if last else None,
+        }
 
     def counters(self) -> dict[str, object]:
         """What became of its sentences and fixes since this connection."""

@@ -162,6 +162,15 @@ class Nmea(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rate_hz: Annotated[float, Meta(gt=0.0, le=50.0, description="Bursts of sentences per second.")] = 5.0
 
 
+class Chrony(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The receiver's time for chrony or ntpd: `refclock SHM 2 offset 0.0 delay 0.2` for unit 2."""
+
+    shm_unit: Annotated[
+        int,
+        Meta(ge=-1, le=255, description="Which shared memory segment; -1: none. Right to what `gnss.latency_s` is."),
+    ] = -1
+
+
 class Realtime(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """For control loops. Each needs permission (`imud install-service --realtime`); without it the start fails."""
 
@@ -199,6 +208,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     nmea: Nmea = Nmea()
     stream: Stream = Stream()
     shared_memory: SharedMemory = SharedMemory()
+    chrony: Chrony = Chrony()
     realtime: Realtime = Realtime()
 
 

@@ -10,6 +10,7 @@ import contextlib
 import errno
 import select
 import socket
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -18,7 +19,7 @@ from imud.errors import ConfigError
 from imud.settings import Gpsd
 
 from .connection import SECOND_NS, Connection
-from .gpsd_dialogue import Policy, Request, answer, device_object, error_object, version_object
+from .gpsd_dialogue import Answer, Policy, Request, answer, device_object, error_object, version_object
 from .gpsd_json import Report, line
 from .listen import is_local, listen, parse_address, shown_address
 from .view import Device, View
@@ -55,10 +56,14 @@ class Counters:
 class GpsdServer:
     """gpsd's JSON protocol on the addresses of `settings.listen`, separated by commas."""
 
-    def __init__(self, settings: Gpsd, poller: Poller) -> None:
-        """Open. Raises ConfigError (78), AddressInUseError or CannotCreateError (73), PermissionDeniedError (77)."""
+    def __init__(self, settings: Gpsd, poller: Poller, own: Mapping[str, Callable[[], str]] | None = None) -> None:
+        """Open. own: requests that are no gpsd's, and who makes the objects that answer them.
+
+        Raises ConfigError (78), AddressInUseError or CannotCreateError (73), PermissionDeniedError (77).
+        """
         self.counters = Counters()
         self.settings = settings
+        self._own = own or {}
         self._poller = poller
         self._listeners: dict[int, socket.socket] = {}
         self._clients: dict[int, Connection] = {}
@@ -207,7 +212,10 @@ class GpsdServer:
             self._settle(client)
 
     def _answer(self, client: Connection, request: Request) -> bytes:
-        answered = answer(request, client.policy, self._reported())
+        if request.argument is None and request.command in self._own:
+            answered = Answer((self._own[request.command](),), client.policy)
+        else:
+            answered = answer(request, client.policy, self._reported())
         self.counters.requests += 1
         self.counters.errors += answered.refused
         if answered.policy is not client.policy:

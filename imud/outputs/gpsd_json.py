@@ -177,7 +177,7 @@ def _sky(view: View, s: State) -> str:
     return f"{_head('SKY', view)}{_time(view)}{_SKY(gnss.hdop, used, used)}}}"
 
 
-_STATUS = {
+STATUS_WORDS = {
     ATTITUDE_VALID: "attitude",
     HEADING_VALID: "heading",
     POSITION_VALID: "position",
@@ -191,7 +191,7 @@ _STATUS = {
 @functools.lru_cache(maxsize=128)
 def status_words(status: int) -> str:
     """The status bits by name, separated by commas; "aligning" when nothing is valid yet."""
-    words = [word for bit, word in _STATUS.items() if status & bit]
+    words = [word for bit, word in STATUS_WORDS.items() if status & bit]
     return ",".join(words if status & ATTITUDE_VALID else ["aligning", *words])
 
 

@@ -21,7 +21,7 @@ class AddressInUseError(CannotCreateError):
 
 @dataclass(frozen=True)
 class Address:
-    """Where to listen: a TCP address or the path of a Unix socket."""
+    """A TCP address or the path of a Unix socket."""
 
     text: str
     family: socket.AddressFamily
@@ -39,12 +39,12 @@ def parse_address(text: str, default_port: int) -> Address:
     match = re.fullmatch(r"(?:\[(?P<v6>[^\]]+)\]|(?P<host>[^:\[\]]*))(?::(?P<port>\d{1,5}))?", text, re.ASCII)
     if not match or not text:
         raise ConfigError(
-            f"cannot listen on {text!r}: write it as HOST:PORT, [IPV6]:PORT or /path/of/socket, "
+            f"{text!r} is no address: write it as HOST:PORT, [IPV6]:PORT or /path/of/socket, "
             f"for example 127.0.0.1:{default_port}"
         )
     port = int(match["port"] or default_port)
     if port > 65535:
-        raise ConfigError(f"cannot listen on {text!r}: the highest port is 65535")
+        raise ConfigError(f"{text!r} is no address: the highest port is 65535")
     family, host = _resolve(match["v6"] or match["host"] or "0.0.0.0", text)
     return Address(_shown(host, port), family, (host, port))
 
@@ -53,7 +53,7 @@ def parse_path(text: str) -> Address:
     """`/PATH` or `unix:PATH`. Raises ConfigError for what cannot be a Unix socket."""
     path = text.strip().removeprefix("unix:")
     if not 0 < len(os.fsencode(path)) < 108 or "\0" in path:  # sizeof(sockaddr_un.sun_path)
-        raise ConfigError(f"cannot listen on {text!r}: the path of a Unix socket has 1 to 107 bytes")
+        raise ConfigError(f"{text!r} is no address: the path of a Unix socket has 1 to 107 bytes")
     return Address(f"unix:{path}", socket.AF_UNIX, path)
 
 
@@ -61,7 +61,7 @@ def _resolve(host: str, text: str) -> tuple[socket.AddressFamily, str]:
     try:
         found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:
-        raise ConfigError(f"cannot listen on {text!r}: {error}") from None
+        raise ConfigError(f"{text!r} is no address: {error}") from None
     found.sort(key=lambda entry: entry[0] != socket.AF_INET)  # `localhost` is 127.0.0.1 to most clients
     return found[0][0], str(found[0][4][0])
 

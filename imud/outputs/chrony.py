@@ -1,0 +1,130 @@
+"""The receiver's time for chrony or ntpd: a sample per fix in the shared memory segment that both call refclock SHM.
+
+It says which time the system clock showed when the receiver's fix was taken. Between the two lie `gnss.latency_s`, as
+well as that is known, and the jitter of a serial line, which is told as the precision: this sets a clock that has no
+network to some hundredths of a second, it does not discipline one that has.
+
+Source: ntpd's refclock 28 (struct shmTime); chrony.conf(5), refclock SHM. The key is "NTP0" and the unit.
+"""
+
+import calendar
+import ctypes
+import errno
+import math
+import os
+import time
+
+from drivers.fix import Fix
+from imud.errors import CannotCreateError, PermissionDeniedError
+
+KEY = 0x4E545030
+_IPC_CREAT = 0o1000
+_PRIVATE_UNITS = 2  # by ntpd's custom units 0 and 1 are root's
+_DAY_S = 86_400.0
+_NS = 1_000_000_000
+_SHARE = 1.0 / 16.0  # of one sample in the jitter
+_COARSE, _FINE = 0, -10  # precision, log2 s
+
+
+class _ShmTime(ctypes.Structure):
+    """struct shmTime; 96 bytes where time_t has 64 bits."""
+
+    _fields_ = (
+        ("mode", ctypes.c_int),
+        ("count", ctypes.c_int),
+        ("clock_s", ctypes.c_long),
+        ("clock_us", ctypes.c_int),
+        ("receive_s", ctypes.c_long),
+        ("receive_us", ctypes.c_int),
+        ("leap", ctypes.c_int),
+        ("precision", ctypes.c_int),
+        ("nsamples", ctypes.c_int),
+        ("valid", ctypes.c_int),
+        ("clock_ns", ctypes.c_uint),
+        ("receive_ns", ctypes.c_uint),
+        ("dummy", ctypes.c_int * 8),
+    )
+
+
+def _libc() -> ctypes.CDLL:
+    libc = ctypes.CDLL(None, use_errno=True)
+    libc.shmget.argtypes = (ctypes.c_int, ctypes.c_size_t, ctypes.c_int)
+    libc.shmat.argtypes = (ctypes.c_int, ctypes.c_void_p, ctypes.c_int)
+    libc.shmat.restype = ctypes.c_void_p
+    libc.shmdt.argtypes = (ctypes.c_void_p,)
+    return libc
+
+
+def utc_ns(fix: Fix, now_ns: int) -> int | None:
+    """The fix's epoch as unix time, ns; without a date on the day that is nearest to `now_ns`."""
+    if fix.utc_s is None:
+        return None
+    if fix.date is not None:
+        day_s = calendar.timegm(fix.date.timetuple())
+    else:
+        day_s = round((now_ns * 1e-9 - fix.utc_s) / _DAY_S) * round(_DAY_S)
+    return day_s * _NS + round(fix.utc_s * 1e9)
+
+
+class ChronyOutput:
+    """The writer of one unit. Never waits; not thread-safe."""
+
+    def __init__(self, unit: int) -> None:
+        """Attach, and create what chrony has not. Raises CannotCreateError (73), PermissionDeniedError (77)."""
+        self._offset_s: float | None = None
+        self._jitter_s = 1.0
+        self._libc = _libc()
+        permissions = 0o600 if unit < _PRIVATE_UNITS else 0o666
+        before = os.umask(0)
+        try:
+            segment = self._libc.shmget(KEY + unit, ctypes.sizeof(_ShmTime), _IPC_CREAT | permissions)
+        finally:
+            os.umask(before)
+        address = self._libc.shmat(segment, None, 0) if segment >= 0 else None
+        if address is None or address == ctypes.c_void_p(-1).value:
+            raise _explained(unit, ctypes.get_errno())
+        self._address = address
+        self._memory = _ShmTime.from_address(address)
+        self._memory.valid, self._memory.mode = 0, 1
+
+    def publish(self, fix: Fix, latency_s: float) -> None:
+        """Give the time of a fix that was taken `latency_s` before it came."""
+        system_less_monotonic_ns = time.time_ns() - time.monotonic_ns()
+        receive_ns = fix.arrival_ns - round(latency_s * 1e9) + system_less_monotonic_ns
+        clock_ns = utc_ns(fix, receive_ns)
+        if clock_ns is None:
+            return
+        memory = self._memory
+        memory.valid = 0
+        memory.count += 1
+        memory.clock_s, memory.clock_ns = divmod(clock_ns, _NS)
+        memory.receive_s, memory.receive_ns = divmod(receive_ns, _NS)
+        memory.clock_us, memory.receive_us = memory.clock_ns // 1000, memory.receive_ns // 1000
+        memory.leap, memory.precision = 0, self._precision((clock_ns - receive_ns) * 1e-9)
+        memory.count += 1
+        memory.valid = 1
+
+    def _precision(self, offset_s: float) -> int:
+        """From how much the offset differs from one fix to the next."""
+        if self._offset_s is not None:
+            self._jitter_s += _SHARE * (abs(offset_s - self._offset_s) - self._jitter_s)
+        self._offset_s = offset_s
+        return max(_FINE, min(_COARSE, math.ceil(math.log2(max(self._jitter_s, 2.0**_FINE)))))
+
+    def close(self) -> None:
+        """Detach. The segment stays: chrony, if it runs, goes on looking there."""
+        if self._address:
+            self._memory.valid = 0
+            self._libc.shmdt(self._address)
+            self._address = 0
+
+
+def _explained(unit: int, code: int) -> Exception:
+    what = f"cannot share time with chrony (chrony.shm_unit = {unit}): {os.strerror(code)}"
+    if code in (errno.EACCES, errno.EPERM):
+        return PermissionDeniedError(
+            f"{what}; somebody else made the segment: `refclock SHM {unit}:perm=0666` in chrony.conf opens it"
+        )
+    if code == errno.EINVAL:
+        return CannotCreateError(f"{what}: there is a smaller one; remove it with `ipcrm -M {KEY + unit:#x}`")
+    return CannotCreateError(what)

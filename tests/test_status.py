@@ -1,0 +1,199 @@
+"""`imud status`: what a running daemon tells of itself, on the screen, as JSON and to Prometheus."""
+
+import argparse
+import contextlib
+import json
+import math
+import re
+import socket
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from processes import PATIENCE_S, daemon, emulator
+
+from imud import status
+from imud.errors import DeviceAbsentError
+from imud.estimators.records import INNOVATION
+from imud.metrics import METRICS, prometheus
+from imud.outputs.listen import parse_address
+from imud.rate import SECOND_NS, Rate
+from imud.vitals import KINDS, Innovations, flat
+
+
+def ask(*arguments: str) -> str:
+    command = [sys.executable, "-m", "imud", "status", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+def families(text: str) -> dict:
+    """Prometheus' own parser's view: samples by family and labels."""
+    parser = pytest.importorskip("prometheus_client.parser")
+    return {family.name: family for family in parser.text_string_to_metric_families(text)}
+
+
+def value(found: dict, name: str, **labels: str) -> float:
+    [sample] = [s for s in found[name].samples if s.labels == labels]
+    return sample.value
+
+
+def test_a_running_daemon_tells_the_same_in_three_forms(tmp_path):
+    imu, gnss = str(tmp_path / "imu"), str(tmp_path / "gnss")
+    absent = str(tmp_path / "absent")
+    with (
+        emulator("g350", "nmea", "--scenario", "car", links=[tmp_path / "imu", tmp_path / "gnss"]),
+        daemon(tmp_path, "--port", imu, "--port", gnss, "--port", absent, "--estimator", "navigation") as imud,
+    ):
+        imud.until(lambda m: m["class"] == "EST" and "position" in m["state"])
+        address = str(tmp_path / "gpsd.sock")
+        asked = 0
+        while "innovations" not in (first := json.loads(ask("--json", address))):
+            asked += 1
+            assert asked < PATIENCE_S, first
+            list(imud.messages(1.0))
+        found = families(ask("--prometheus", address))
+        screen = ask(address)
+        last = json.loads(ask("--json", address))
+        kinds = {message["class"] for message in imud.messages(1.5)}
+        imud.process.terminate()
+        imud.process.wait()
+        ended = re.search(r"ended +samples=(\d+)", imud.log)
+
+    assert "STATUS" not in kinds  # only who asks is told
+    ports = {port["path"]: port for port in last["ports"]}
+    assert list(ports) == [imu, gnss, absent]
+    assert (ports[imu]["model"], ports[imu]["baud"], ports[imu]["rate_asked_hz"]) == ("M-G350", 460800, 1000.0)
+    assert ports[imu]["rate_hz"] == pytest.approx(1000.0, rel=0.1)
+    assert ports[gnss]["rate_hz"] == pytest.approx(1.0, rel=0.5)
+    assert ports[gnss]["quality"] == 1 and ports[gnss]["sentences"]["fixes"] >= ports[gnss]["used"] > 0
+    assert not ports[absent]["streaming"] and "trying again" in ports[absent]["story"]
+    assert first["ports"][0]["frames"] < ports[imu]["frames"] < int(ended[1])
+    assert last["filter"]["flags"]["position"] and "position" in last["filter"]["state"]
+    assert {"sroll_deg", "sn_m", "bgx_dps", "sbgx_dps", "baz_mps2"} <= last["filter"].keys()
+    assert set(last["innovations"]) <= set(KINDS.values())
+    assert last["innovations"]["north"]["used"] > 0
+    assert last["outputs"]["gpsd"]["clients"] == 2 and last["outputs"]["gpsd"]["connections"] == 5 + asked
+    assert first["uptime_s"] < last["uptime_s"] and first["cpu_s"] < last["cpu_s"]
+    assert last["memory_peak_bytes"] >= last["memory_bytes"] > 2e7
+
+    assert first["ports"][0]["frames"] < value(found, "imud_port_frames", port=imu) < ports[imu]["frames"]
+    assert value(found, "imud_port_streaming", port=absent) == 0
+    assert value(found, "imud_filter_state", state="position") == 1
+    assert value(found, "imud_innovations", kind="north", outcome="used") > 0
+    assert value(found, "imud_clients", output="gpsd") == 2
+    model = next(s.labels for s in found["imud_port_info"].samples if s.labels["port"] == imu)
+    assert (model["model"], model["serial"]) == ("M-G350", ports[imu]["serial"])
+    assert all(family.documentation and family.type in ("gauge", "counter") for family in found.values())
+
+    assert len(screen.splitlines()) <= 24
+    assert all(len(line.replace(str(tmp_path), "")) <= 120 for line in screen.splitlines())
+    for text in (
+        "navigation: attitude",
+        f"{imu}: M-G350, serial",
+        "of 1000 Hz",
+        absent,
+        "trying again",
+        "drift",
+        "gyro bias",
+    ):
+        assert text in screen
+
+
+def test_metric_names_are_as_prometheus_wants_them():
+    for metric in METRICS:
+        assert re.fullmatch(r"(imud|process)_[a-z_]+", metric.name)
+        assert metric.name.endswith("_total") == (metric.kind == "counter"), metric.name
+    assert len({metric.name for metric in METRICS}) == len(METRICS)
+
+
+_TEXTS = st.text(st.characters(codec="utf-8", exclude_characters="\r", exclude_categories=["Cs"]), max_size=20)
+
+
+@given(_TEXTS, _TEXTS, st.integers(0, 10**12))
+def test_any_text_survives_as_a_label(path, model, frames):
+    table = {"version": "1", "filter": {"estimator": "a"}}
+    table["ports"] = {"0": {"path": path, "model": model, "frames": frames}}
+    found = families(prometheus(flat(table)))
+    assert found["imud_port_info"].samples[0].labels["model"] == model
+    [sample] = found["imud_port_frames"].samples
+    assert sample.labels["port"] == path and sample.value == pytest.approx(frames, rel=1e-11)
+
+
+_NAMES = st.text("abc_", min_size=1, max_size=3)
+_LEAVES = st.integers() | st.booleans() | st.text(max_size=3)
+
+
+@given(st.recursive(_LEAVES, lambda t: st.dictionaries(_NAMES, t, min_size=1), max_leaves=8))
+def test_flat_and_nested_are_inverse(tree):
+    table = {"all": tree}
+    assert status.nested(flat(table)) == {**table, "ports": []}
+
+
+def test_the_unknown_is_left_out():
+    assert flat({"a": math.nan, "b": None, "c": {"d": math.inf, "e": 0.0}}) == {"c.e": 0.0}
+
+
+@pytest.mark.parametrize("hz", [1.0, 125.0, 1000.0])
+def test_the_rate_is_that_of_the_last_ten_seconds(hz):
+    rate, count = Rate(), 0
+    assert math.isnan(rate.hz)
+    for k in range(40 * 50):
+        count += 3.0 * hz / 50 if k < 20 * 50 else hz / 50
+        rate.look(count, k * SECOND_NS // 50)
+    assert rate.hz == pytest.approx(hz)
+
+
+def test_innovation_ratios_of_a_filter_that_knows_are_one():
+    told, rng = Innovations(), np.random.default_rng(3)
+    rows = np.zeros(2, INNOVATION)
+    ratios = []
+    for _ in range(4000):
+        rows["kind"], rows["variance"], rows["used"] = (0, 6), (4.0, 0.01), (1, 0)
+        rows["value"] = rng.normal(0.0, (2.0, 0.3))  # the second says 0.1 and is 0.3
+        told.take(rows)
+        ratios.append([told.told()[kind]["ratio"] for kind in ("north", "heading")])
+    assert told.told()["north"]["used"] == told.told()["heading"]["rejected"] == 4000
+    assert np.mean(ratios, axis=0) == pytest.approx([1.0, 9.0], rel=0.1)
+
+
+@contextlib.contextmanager
+def stranger(*lines: bytes):
+    """Somebody else's server, that says these lines to one client and hangs up; silent without."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            with contextlib.suppress(OSError):
+                client, _ = server.accept()
+                with client:
+                    client.sendall(b"".join(lines))
+                    client.recv(100)
+
+        thread = threading.Thread(target=serve if lines else lambda: None)
+        thread.start()
+        yield f"127.0.0.1:{server.getsockname()[1]}"
+    thread.join()
+
+
+@pytest.mark.parametrize(
+    ("lines", "says"),
+    [
+        ((b'{"class":"VERSION"}\r\n', b'{"class":"ERROR","message":"Unrecognized"}\r\n'), "no imud.*Unrecognized"),
+        ((b"SSH-2.0-OpenSSH\r\n",), "no imud"),
+        ((b"[]\n",), "no imud"),
+        ((b'{"class":"VERSION"}\r\n',), "no imud"),
+        ((), "open, but does not answer"),
+    ],
+)
+def test_who_is_no_imud_is_told_apart(monkeypatch, lines, says):
+    monkeypatch.setattr(status, "PATIENCE_S", 0.5)
+    with stranger(*lines) as address, pytest.raises(DeviceAbsentError, match=says):
+        status.ask(parse_address(address, 1))
+
+
+def test_nobody_there(tmp_path):
+    with pytest.raises(DeviceAbsentError, match=r"no daemon answers at .*start one"):
+        status.run(argparse.Namespace(address=str(tmp_path / "sock"), json=False, prometheus=False))

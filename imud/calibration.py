@@ -1,7 +1,6 @@
 """What is known of one particular sensor: biases, scale and misalignment, mounting; a file per serial number.
 
-The files lie in the first of: systemd's state directory, /var/lib/imud, the user's own. They are replaced as a whole,
-and each part says when, how warm and how well it was found.
+The files are replaced as a whole, and each part says when, how warm and how well it was found.
 """
 
 import contextlib
@@ -18,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import BadDataError, CannotCreateError, InputMissingError
+from .folders import places
 from .kernels.jit import kernel
 from .kernels.rotation import dcm_of_quat, quat_of_euler
 
 Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]
-IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 NOTHING: Triple = (0.0, 0.0, 0.0)
+_COMMON = Path("/var/lib/imud")
 
 
 class Gyro(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -123,19 +123,17 @@ def correct(sample: Any, c: Any) -> None:
 
 
 def folders() -> list[Path]:
-    """Where calibrations are kept, the first that counts first."""
-    service = os.environ.get("STATE_DIRECTORY")
-    own = Path(os.environ.get("XDG_STATE_HOME") or Path("~/.local/state").expanduser()) / "imud"
-    return [*([Path(service.split(":")[0])] if service else []), Path("/var/lib/imud"), own]
+    """Where calibrations are kept, the first that counts first: the machine's, then the service's or the user's own."""
+    return [_COMMON, *places("state")]
 
 
 def _name(serial: str) -> str:
     return f"calibration-{re.sub(r'[^A-Za-z0-9._-]', '_', serial)}.toml"
 
 
-def load(serial: str, places: list[Path] | None = None) -> Calibration:
+def load(serial: str, where: list[Path] | None = None) -> Calibration:
     """The calibration of the sensor `serial`, empty if there is none. Raises BadDataError for a broken file."""
-    for place in folders() if places is None else places:
+    for place in folders() if where is None else where:
         with contextlib.suppress(InputMissingError):
             return read(place / _name(serial))
     return Calibration(serial)
@@ -151,9 +149,9 @@ def read(path: Path) -> Calibration:
         raise BadDataError(f"{path} is no calibration: {error}; calibrate again or delete it") from error
 
 
-def save(calibration: Calibration, places: list[Path] | None = None) -> Path:
+def save(calibration: Calibration, where: list[Path] | None = None) -> Path:
     """Replace the file as a whole, in the first folder that may be written. Raises CannotCreateError."""
-    tried = folders() if places is None else places
+    tried = folders() if where is None else where
     for place in tried:
         path = place / _name(calibration.serial)
         with contextlib.suppress(OSError):

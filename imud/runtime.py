@@ -16,6 +16,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from .folders import places
+
 _ROOT = Path(__file__).resolve().parent.parent
 _ROOMS = ("imud", "drivers")
 _PREFIX = "numba-"
@@ -63,9 +65,7 @@ def candidates() -> list[Path]:
     """Where compiled kernels may be kept: where the user says; or in systemd's CacheDirectory, or the user's cache."""
     if given := os.environ.get("NUMBA_CACHE_DIR"):
         return [Path(given)]
-    bases = [Path(service.split(":")[0])] if (service := os.environ.get("CACHE_DIRECTORY")) else []
-    bases.append(Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "imud")
-    return [base / f"{_PREFIX}{source_digest()}" for base in bases]
+    return [base / f"{_PREFIX}{source_digest()}" for base in places("cache")]
 
 
 def _remove_unused(base: Path, now_s: float) -> None:

@@ -1,0 +1,31 @@
+"""Where our files lie, also for a service whose user has no home."""
+
+from pathlib import Path
+
+import pytest
+
+from imud import folders, runtime
+
+
+@pytest.fixture
+def nobody(monkeypatch):
+    """A user that no database knows, as systemd's DynamicUser with PrivateUsers."""
+    for name in ("HOME", "XDG_CACHE_HOME", "XDG_STATE_HOME", "CACHE_DIRECTORY", "STATE_DIRECTORY", "NUMBA_CACHE_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("pwd.getpwuid", lambda uid: (_ for _ in ()).throw(KeyError(uid)))
+
+
+def test_without_a_home_there_is_the_services_folder_or_none(nobody, monkeypatch):
+    assert folders.places("state") == []
+    assert runtime.candidates() == []
+    monkeypatch.setenv("CACHE_DIRECTORY", "/var/cache/imud:/var/cache/other")
+    assert folders.places("cache") == [Path("/var/cache/imud")]
+
+
+def test_the_users_own(monkeypatch):
+    monkeypatch.delenv("CACHE_DIRECTORY", raising=False)
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setenv("HOME", "/home/somebody")
+    monkeypatch.setenv("XDG_STATE_HOME", "/elsewhere")
+    assert folders.places("cache") == [Path("/home/somebody/.cache/imud")]
+    assert folders.places("state") == [Path("/elsewhere/imud")]

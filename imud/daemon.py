@@ -61,6 +61,7 @@ class Daemon:
         self._imu: tuple[Port, Inertial] | None = None
         self._gnss: tuple[Port, Receiver] | None = None
         self._inertial: Inertial | None = None  # outlives its connections
+        self._serial = ""  # of the inertial sensor: another one has other biases
         self._settled: tuple[Any, ...] = ()  # what the filter was made for
         self._devices: tuple[Device, ...] = ()
         self._status = 0
@@ -338,7 +339,8 @@ class Daemon:
         if why:
             self._log.warning(why)
         about_hz = round(math.log(configured.rate_hz) / RATE_STEP)  # a rate that was heard varies a little
-        made_for = (driver.name, self._estimator.name, settings.imu.profile, about_hz)
+        self._serial = configured.identity.serial or self._serial  # who does not tell is taken for the same
+        made_for = (driver.name, self._estimator.name, settings.imu.profile, about_hz, self._serial)
         if self._inertial is None or made_for != self._settled:
             filter_ = Filter(self._estimator, settings, Initial(), configured.rate_hz)
             self._inertial = Inertial(Stream(driver.decode, driver.new_state(configured), filter_))

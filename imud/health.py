@@ -33,7 +33,7 @@ IMPOSSIBLE = 2.0  # times the range
 LATITUDE = 0.999  # of the range: scale factors are rounded
 WEIGHT_S = 10.0
 LIGHTEST, HEAVIEST = 0.5, 2.0  # of gravity, root mean square over WEIGHT_S: beyond lasts on no vehicle
-COLDEST, HOTTEST = -60.0, 130.0  # degC
+COLDEST, HOTTEST = -60.0, 130.0  # degC; one damaged word among good ones is none of the sensor's
 SHOWN_NS = 2_000_000_000  # so long a finding is reported after it was last made
 
 FROZEN, LIMITED, INVALID, ZERO, WEIGHT, TEMPERATURE = 0, 6, 12, 18, 19, 20  # findings; the first three per axis
@@ -63,6 +63,7 @@ HEALTH = np.dtype(
         ("run_ns", "<i8", (6,)),  # when that value came
         ("longest", "<i8", (6,)),
         ("zeros", "<i8"),
+        ("fever", "<i8"),  # samples in sequence with an impossible temperature
         ("force2", "<f8"),  # (m/s^2)^2, mean square
         ("told_ns", "<i8", (2,)),  # last sample whose rates, and forces, told something
         ("found_ns", "<i8", (FINDINGS,)),  # when last
@@ -199,7 +200,8 @@ def examine(h: Any, sample: Any) -> None:
         for i in range(6):
             findings |= judge_axis(h, i, sample.t_ns)
     findings |= judge_force(h)
-    if sample.temperature < COLDEST or sample.temperature > HOTTEST:
+    h.fever = h.fever + 1 if sample.temperature < COLDEST or sample.temperature > HOTTEST else 0
+    if h.fever >= LEAST_RUN:
         findings |= 1 << TEMPERATURE
     h.samples += 1
     if h.samples % BLOCK == 0:

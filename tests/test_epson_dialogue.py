@@ -1,5 +1,7 @@
 """Epson's start-up dialogue, against a device in memory written from the data sheet's side (`scripted.py`)."""
 
+import random
+
 import pytest
 from scripted import G350, Mute, Speaker, run
 
@@ -44,7 +46,7 @@ def test_a_device_without_a_name_is_an_m_g350(missing):
         device.absent = set(range(0x4C, 0x80, 2)) - {0x50}
     found, seconds = identify(device)
     assert found == Identity("epson", "M-G350", profile="m-g350")
-    assert seconds < 0.8
+    assert seconds < 1.2
 
 
 class Unhurried(G350):
@@ -60,6 +62,34 @@ class Unhurried(G350):
             self.missed += 1
         else:
             super().obey(address, value)
+
+
+class Disturbed(G350):
+    """On a line that loses or damages one command in twenty, and one answer in twenty."""
+
+    def __init__(self, seed):
+        super().__init__()
+        self.random = random.Random(seed)
+
+    def obey(self, address, value):
+        if self.random.random() > 0.05:
+            super().obey(address, value)
+
+    def say(self, data):
+        if len(data) == 4 and self.random.random() < 0.05:
+            at, bit = self.random.randrange(4), 1 << self.random.randrange(8)
+            flipped = bytes((*data[:at], data[at] ^ bit, *data[at + 1 :]))
+            data = self.random.choice((b"", flipped, data[:at] + data[at + 1 :], data[:at] + b"\r" + data[at:]))
+        super().say(data)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_disturbed_line_costs_neither_the_serial_number_nor_a_setting(seed):
+    device = Disturbed(seed)
+    configured = next(filter(None, (configure(device) for _ in range(5))))
+    assert configured.identity.serial == "A0000123"
+    assert (configured.rate_hz, configured.frame_bytes, configured.warnings) == (1000.0, 22, ())
+    assert (device.rate_hz, device.byte[0x38], device.byte[0x50]) == (1000.0, 1, 1)
 
 
 def test_commands_keep_the_pause_that_slow_lines_need_after_answers_too():

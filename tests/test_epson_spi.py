@@ -13,7 +13,7 @@ from drivers.epson.dialects import FLAT, NARROW, WIDE, WINDOWED
 from drivers.epson.driver import DRIVER
 from drivers.epson.registers import Register
 from drivers.epson.spi import fetch, over_spi, spi_carries
-from drivers.epson.talk import ask, put
+from drivers.epson.talk import ask_once, put
 from drivers.sample import SAMPLE
 from drivers.spi import Bus
 from firmware_sim.g350 import G350, TAPS_V340
@@ -39,16 +39,16 @@ def converse(dialogue, answers):
 
 def test_registers_in_words():
     bus = Bus(3, 500_000, 20)  # mode 3; 32 us and 20 us rest: more than 40 us from word to word
-    sent, word = converse(over_spi(ask(Register(0x4C, 0))), iter([b"\0\0", bytes.fromhex("77775345")]))
+    sent, reply = converse(over_spi(ask_once(Register(0x4C, 0))), iter([b"\0\0", bytes.fromhex("77775345")]))
     assert [exchange.send.hex() for exchange in sent if exchange.send] == ["fe00", "4c000000"]
     assert (sent[0].spi, sent[1].spi) == (bus, None)
-    assert word == 0x5345
+    assert Register(0x4C, 0).answer(reply) == 0x5345
     sent, _ = converse(over_spi(put(Register(0x36), high=1)), iter([b"\0\0"]))
     assert sent[0].send.hex() == "b701"
 
 
 def test_a_line_that_nobody_drives_is_no_answer():
-    assert converse(over_spi(ask(Register(0x3C))), iter([b"\xff" * 4]))[1] is None
+    assert Register(0x3C).answer(converse(over_spi(ask_once(Register(0x3C))), iter([b"\xff" * 4]))[1]) is None
 
 
 def test_a_waiting_is_only_that():

@@ -31,7 +31,7 @@ def test_a_device_at_rest_is_identified_without_a_trace():
     before = dict(device.byte)
     found, seconds = identify(device)
     assert found == Identity("epson", "M-G364PDCA", "W0000456", "0230", profile="epson-windowed")
-    assert seconds < 0.3
+    assert seconds < 0.4  # every word is read twice
     assert device.byte == before
     assert FLAT_STOP not in device.written
 

@@ -174,6 +174,9 @@ def test_temperature():
     samples = noisy(1.0, np.random.default_rng(2))
     samples["temperature"] = math.nan  # has none
     assert shown(judged(samples)) == 0
+    samples["temperature"] = 25.0
+    samples["temperature"][::30] = -115.0  # words that were damaged on the wire
+    assert shown(judged(samples)) == 0
     samples["temperature"] = 1000.0
     assert words(shown(judged(samples))) == ("temperature is impossible",)
 

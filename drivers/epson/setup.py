@@ -22,6 +22,7 @@ from .registers import (
     TEST,
     TEST_FAILED,
     TESTING,
+    Register,
     Setting,
     burst,
     write,
@@ -35,6 +36,7 @@ WIRE_SHARE = 0.96  # of the line's capacity that a stream may take
 EAGERNESS = 1.25  # requests per sample in polled mode: no sample is missed although the two clocks are not in step
 COMMAND_BYTES, STALL_S = 3, 90e-6  # of a request; besides its bytes and the answer's (M-G362PDC1 data sheet, timing)
 SAMPLE_ANSWERS, POLL_S = 4, 0.05  # asked for to see what the frames are like; for each
+WRITES = 3  # of a setting that is not kept: the command may have been damaged
 FILTER_CODE = 0x1F  # of the filter register; the bit above is set while the filter changes
 
 
@@ -123,17 +125,26 @@ def program(model: Model, code: int, taps: int, automatic: bool) -> Dialogue[tup
     """Write rate, filter and UART mode, and read them back; returns the true rate and warnings."""
     dialect, rate, warnings = model.dialect, model.rates[code], list[str]()
     filter_code = model.tap_codes[taps]
-    yield from put(dialect.rate, high=code)
-    yield from put(dialect.filter, low=filter_code)
-    yield from put(dialect.uart, low=AUTO if automatic else POLLED)
-    kept = yield from ask(dialect.rate)
-    if kept is not None and kept >> 8 != code:
-        rate = dialect.rates.get(kept >> 8, rate)
-        warnings.append(f"the sensor keeps rate code {kept >> 8} instead of {code}: taken as {rate:g} samples/s")
-    kept = yield from ask(dialect.filter)
-    if kept is not None and kept & FILTER_CODE != filter_code:
-        warnings.append(f"the sensor keeps filter code {kept & FILTER_CODE} instead of {filter_code}")
+    for _ in range(WRITES):
+        yield from put(dialect.rate, high=code)
+        yield from put(dialect.filter, low=filter_code)
+        yield from put(dialect.uart, low=AUTO if automatic else POLLED)
+        kept_rate = yield from kept(dialect.rate, code << 8, 0xFF00)
+        kept_filter = yield from kept(dialect.filter, filter_code, FILTER_CODE)
+        if (kept_rate >> 8, kept_filter) == (code, filter_code):
+            break
+    if kept_rate >> 8 != code:
+        rate = dialect.rates.get(kept_rate >> 8, rate)
+        warnings.append(f"the sensor keeps rate code {kept_rate >> 8} instead of {code}: taken as {rate:g} samples/s")
+    if kept_filter != filter_code:
+        warnings.append(f"the sensor keeps filter code {kept_filter} instead of {filter_code}")
     return rate, warnings
+
+
+def kept(register: Register, wanted: int, bits: int) -> Dialogue[int]:
+    """Those `bits` of a register; what is `wanted` of one that is not answered for."""
+    word = yield from ask(register)
+    return wanted if word is None else word & bits
 
 
 def announce(dialect: Dialect) -> Dialogue[None]:
@@ -144,12 +155,15 @@ def announce(dialect: Dialect) -> Dialogue[None]:
 
 def keeps(settings: Sequence[Setting]) -> Dialogue[bool]:
     """Write, and read back; whether the sensor keeps what it was told, as far as it can be read."""
-    for register, low, high in settings:
-        yield from put(register, low, high)
-    kept = True
-    for register, low, high in settings:
-        word = yield from ask(register)
-        kept &= word is None or (low in (None, word & 0xFF) and high in (None, word >> 8))
+    for _ in range(WRITES):
+        for register, low, high in settings:
+            yield from put(register, low, high)
+        kept = True
+        for register, low, high in settings:
+            word = yield from ask(register)
+            kept &= word is None or (low in (None, word & 0xFF) and high in (None, word >> 8))
+        if kept:
+            break
     return kept
 
 

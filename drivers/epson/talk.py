@@ -11,6 +11,8 @@ FIRST_ANSWER_S = 0.06  # to the first question of all, most often put to a line 
 PAUSE_S = 0.006  # from one command or answer to the next command: 3.7 ms at 19200 baud, 0.2 ms at 460800
 STOPS = 5  # attempts to end automatic mode
 STOP_S = 0.2  # until its last frames have drained from adapter and driver
+ANSWERS = 6  # to one question, of which two must agree
+SILENCES = 3  # to one question, after which nobody knows the register
 READY_POLLS, READY_S = 30, 0.05  # start-up takes 0.8 s
 IDENTITY_ANSWER = bytes((IDENTITY.address, *IDENTITY_VALUE.to_bytes(2), CR))
 
@@ -27,13 +29,29 @@ def select(register: Register) -> Dialogue[None]:
         yield from tell(write(WIN_CTRL, register.window))
 
 
-def ask(register: Register) -> Dialogue[int | None]:
-    """The word of a register, or None without an exact answer."""
+def ask_once(register: Register) -> Dialogue[bytes]:
+    """What comes as the answer."""
     yield from select(register)
     reply = yield Exchange(read(register), ANSWER_S, enough=lambda heard: len(heard) >= 4, discard=True)
     if reply:
         yield Exchange(listen_s=PAUSE_S)
-    return register.answer(reply)
+    return reply
+
+
+def ask(register: Register, silences: int = SILENCES) -> Dialogue[int | None]:
+    """The word of a register, which no checksum guards: two answers must agree. None: so many were silence, or none do."""
+    words = set[int]()
+    for _ in range(ANSWERS):
+        reply = yield from ask_once(register)
+        word = register.answer(reply)
+        if word in words:
+            return word
+        if word is not None:
+            words.add(word)
+        silences -= not reply
+        if silences == 0:
+            break
+    return None
 
 
 def put(register: Register, low: int | None = None, high: int | None = None) -> Dialogue[None]:
@@ -66,12 +84,12 @@ def reach() -> Dialogue[Dialect | None]:
     for _ in range(STOPS):
         yield from tell(b"\r" + write(WIN_CTRL, 0), write(WINDOWED.mode.address + 1, CONFIGURE))
         heard = yield Exchange(read(IDENTITY), FIRST_ANSWER_S, enough=lambda heard: heard.endswith(IDENTITY_ANSWER))
-        if heard.endswith(IDENTITY_ANSWER) and (yield from ask(IDENTITY)) == IDENTITY_VALUE:
+        if heard.endswith(IDENTITY_ANSWER) and (yield from ask_once(IDENTITY)) == IDENTITY_ANSWER:
             return WINDOWED if (yield from wait_ready(WINDOWED)) else None
         yield Exchange(write(FLAT.mode.address + 1, CONFIGURE), STOP_S if heard else PAUSE_S)
-        first = yield from ask(FLAT.command)
-        if first is not None and (yield from ask(FLAT.command)) is not None:
-            if (yield from ask(IDENTITY)) == IDENTITY_VALUE:
+        first = FLAT.command.answer((yield from ask_once(FLAT.command)))
+        if first is not None and FLAT.command.answer((yield from ask_once(FLAT.command))) is not None:
+            if (yield from ask(IDENTITY, 1)) == IDENTITY_VALUE:
                 continue
             return FLAT if (yield from wait_ready(FLAT)) else None
         if first is None and not heard:
@@ -82,7 +100,7 @@ def reach() -> Dialogue[Dialect | None]:
 def wait_ready(dialect: Dialect) -> Dialogue[bool]:
     """Poll until start-up is over."""
     for _ in range(READY_POLLS):
-        word = yield from ask(dialect.command)
+        word = dialect.command.answer((yield from ask_once(dialect.command)))
         if word is not None and not word & NOT_READY:
             return True
         yield Exchange(listen_s=READY_S)

@@ -66,3 +66,15 @@ def test_a_scenario_that_is_none_is_misuse(port, says):
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert (ended.returncode, ended.stdout) == (64, "")
     assert says in ended.stderr and "Traceback" not in ended.stderr
+
+
+def test_another_sensor_on_the_port_is_not_taken_for_the_one_before(tmp_path):
+    imu = tmp_path / "imu"
+    port = f"{imu}:epson@460800"
+    with daemon(tmp_path, "--port", port) as imud:
+        with emulator("g350", "--no-identity", "--gyro-bias-dps", "0.5,0.5,0.5", links=[imu]):
+            imud.until(lambda m: is_settled(m) and m["sbgx_dps"] < 0.02)
+        with emulator("g350", "--gyro-bias-dps=-0.5,-0.5,-0.5", links=[imu]):
+            imud.until(lambda m: m["class"] == "EST" and m["sbgx_dps"] > 0.1)  # nothing is known of this one
+            est = imud.until(lambda m: is_settled(m) and m["sbgx_dps"] < 0.02)
+        assert est["bgx_dps"] == pytest.approx(-0.5, abs=0.1)

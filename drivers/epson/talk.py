@@ -39,7 +39,7 @@ def ask_once(register: Register) -> Dialogue[bytes]:
 
 
 def ask(register: Register, silences: int = SILENCES) -> Dialogue[int | None]:
-    """The word of a register, which no checksum guards: two answers must agree. None: none do, or so many are silence."""
+    """The word of a register, which no checksum guards: two answers must agree. None: none do, or it is silent."""
     words = set[int]()
     for _ in range(ANSWERS):
         reply = yield from ask_once(register)

@@ -1,6 +1,7 @@
 """How the errors of the attitude filter grow over the gathered interval, and how a measurement corrects them.
 
-Accelerometer and gyro noise grow with the motion, by densities found on recordings with optical truth (BROAD).
+Accelerometer noise, gyro noise and the wandering of the gyro's bias grow with the motion, by densities found on
+hand-held recordings with optical truth (BROAD).
 
 Yaw does not enter: whatever the heading, small velocity says the same, so the errors of velocity and place are counted
 in axes that turn with the yaw error, and no measurement can seem to observe it.
@@ -15,6 +16,7 @@ from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, LA
 from .strapdown import HOME_S
 
 GYRO_MOTION = 6e-4  # sqrt(s): gyro noise in proportion to |w|
+BIAS_MOTION = 3e-5  # (rad/s)/(m/s^2): wandering of the gyro bias per acceleration, which gyros are sensitive to
 ACCEL_MOTION = 0.02  # sqrt(s): accelerometer noise in proportion to the acceleration
 
 
@@ -58,10 +60,11 @@ def predict(p: Any, s: Any) -> None:
 def add_noise(p: Any, s: Any) -> None:
     """Process noise of the gathered interval."""
     t = s.span
+    bias = p.gyro_bias_psd * t + BIAS_MOTION**2 * (s.motion[0] + s.motion[3] + s.motion[5])
     attitude = p.gyro_psd * t + GYRO_MOTION**2 * s.spin + s.attitude_extra
     for i in range(3):
         grow(s, ATTITUDE + i, attitude)
-        grow(s, GYRO_BIAS + i, p.gyro_bias_psd * t)
+        grow(s, GYRO_BIAS + i, bias)
         grow(s, VELOCITY + i, p.accel_psd * t + s.velocity_extra)
         grow(s, ACCEL_BIAS + i, p.accel_bias_psd * t)
     k = 0

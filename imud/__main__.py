@@ -5,6 +5,7 @@ import importlib
 import importlib.metadata
 import os
 import sys
+from pathlib import Path
 from types import ModuleType
 from typing import NoReturn
 
@@ -71,15 +72,23 @@ def _with_default_command(arguments: list[str]) -> list[str]:
     return ["run", *arguments] if first.startswith("-") and first not in ("-h", "--help", "--version") else arguments
 
 
+def _open_standard_streams() -> None:
+    """Those that were closed lead nowhere; else the next port or socket would get their number, and our messages."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open(mode))  # noqa: SIM115
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the process's exit code (see `imud.errors`)."""
-    runtime.prepare()
+    _open_standard_streams()
     arguments = _with_default_command(sys.argv[1:] if arguments is None else arguments)
-    if not arguments:
-        _parser(None).print_help(sys.stderr)
-        return _USAGE
-    args = _parser(arguments[0]).parse_args(arguments)
     try:
+        runtime.prepare()
+        if not arguments:
+            _parser(None).print_help(sys.stderr)
+            return _USAGE
+        args = _parser(arguments[0]).parse_args(arguments)
         return int(_module(args.command).run(args))
     except ImudError as error:
         print(f"imud: {error}", file=sys.stderr)

@@ -1,5 +1,6 @@
 """What the settings, and then the sensor that was found, make of the daemon: ports, estimator, noise profile."""
 
+from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 
@@ -29,6 +30,8 @@ def ports(settings: Settings) -> list[tuple[PortSpec, Options]]:
         fix_rate_hz=gnss.rate_hz if gnss.configure else 0.0,
     )
     specs = [_spec(text, settings) for text in settings.ports]
+    if twice := [path for path, times in Counter(spec.path for spec in specs).items() if times > 1]:
+        raise UsageError(f"port {', '.join(twice)} is named twice")
     readonly = _readonly(settings.readonly, [spec.path for spec in specs])
     return [(spec, replace(options, readonly=spec.path in readonly)) for spec in specs]
 

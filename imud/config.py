@@ -1,6 +1,7 @@
 """From TOML file and `--set KEY=VALUE` to `Settings`: every problem at once, each with its key and where it stands."""
 
 import difflib
+import math
 import re
 import tomllib
 from collections.abc import Iterable
@@ -30,11 +31,17 @@ def _problems(table: dict[str, Any], schema: type[msgspec.Struct], prefix: str =
                 yield from _problems(value, fields[key], path + ".")
             else:
                 yield path, "is a table of keys, not a value"
+        elif any(isinstance(one, float) and not math.isfinite(one) for one in _parts(value)):
+            yield path, "must be finite"
         else:
             try:
                 msgspec.convert(value, fields[key])
             except msgspec.ValidationError as error:
                 yield path, str(error)
+
+
+def _parts(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]
 
 
 def _line_of(text: str, path: str) -> int | None:

@@ -1,9 +1,10 @@
 """Logs: state changes only, on stderr; readable on a terminal, with priorities under systemd."""
 
+import contextlib
 import logging
 import os
 import sys
-from typing import Any
+from typing import Any, TextIO, cast
 
 import structlog
 
@@ -16,6 +17,21 @@ def _journal_line(_: Any, method: str, event: dict[str, Any]) -> str:
     event.pop("timestamp", None)
     fields = " ".join(f"{key}={value}" for key, value in event.items())
     return f"<{_PRIORITY.get(method, 6)}>{message}{' ' if fields else ''}{fields}"
+
+
+class _Lossy:
+    """A stream that may fail, its reader gone or its disk full: that costs lines of the log, not the daemon."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> None:
+        with contextlib.suppress(OSError, ValueError):
+            self._stream.write(text)
+
+    def flush(self) -> None:
+        with contextlib.suppress(OSError, ValueError):
+            self._stream.flush()
 
 
 def configure(level: str = "info") -> None:
@@ -32,6 +48,6 @@ def configure(level: str = "info") -> None:
     structlog.configure(
         processors=processors,
         wrapper_class=structlog.make_filtering_bound_logger(getattr(logging, level.upper())),
-        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+        logger_factory=structlog.WriteLoggerFactory(cast(TextIO, _Lossy(sys.stderr))),
         cache_logger_on_first_use=True,
     )

@@ -36,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     settings = _settings(args)
     if args.check:
+        _check(settings)
         return 0
     if not settings.ports:
         raise UsageError("no port: name one, for example --port /dev/ttyUSB0, or try `imud demo`")
@@ -52,6 +53,20 @@ def run(args: argparse.Namespace) -> int:
 
         settings = msgspec.structs.replace(settings, ports=ports)
         return Daemon(settings, wait=args.wait, reread=None if args.config is None else reread).run()
+
+
+def _check(settings: Settings) -> None:
+    """What the daemon would refuse before it touches a device. Raises ConfigError, UsageError."""
+    from . import choices
+    from .outputs.gpsd import addresses_of
+    from .outputs.listen import parse_path
+
+    real = tuple(text for text in settings.ports if not text.startswith(simulated.SCHEME))
+    choices.ports(msgspec.structs.replace(settings, ports=real))
+    choices.estimators(settings)
+    addresses_of(settings.gpsd)
+    if settings.stream.listen:
+        parse_path(settings.stream.listen)
 
 
 def _settings(args: argparse.Namespace) -> Settings:

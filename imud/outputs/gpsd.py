@@ -21,7 +21,7 @@ from imud.settings import Gpsd
 from .connection import SECOND_NS, Connection
 from .gpsd_dialogue import Answer, Policy, Request, answer, device_object, error_object, version_object
 from .gpsd_json import Report, line
-from .listen import is_local, listen, parse_address, shown_address
+from .listen import Address, is_local, listen, parse_address, shown_address
 from .view import Device, View
 
 PORT = 2947
@@ -53,6 +53,18 @@ class Counters:
     expelled: int = 0  # clients cut off: stuck, silent, or sending rubbish
 
 
+def addresses_of(settings: Gpsd) -> list[Address]:
+    """Where to listen. Raises ConfigError for what is no address, and for what other machines could reach unasked."""
+    addresses = [parse_address(text, PORT) for text in settings.listen.split(",")]
+    for address in addresses:
+        if not settings.allow_remote and not is_local(address):
+            raise ConfigError(
+                f"refusing to listen on {address.text}: other machines could connect, and the protocol knows no "
+                "password; listen on 127.0.0.1, or set gpsd.allow_remote = true"
+            )
+    return addresses
+
+
 class GpsdServer:
     """gpsd's JSON protocol on the addresses of `settings.listen`, separated by commas."""
 
@@ -80,14 +92,7 @@ class GpsdServer:
             raise
 
     def _open(self) -> None:
-        addresses = [parse_address(text, PORT) for text in self.settings.listen.split(",")]
-        for address in addresses:
-            if not self.settings.allow_remote and not is_local(address):
-                raise ConfigError(
-                    f"refusing to listen on {address.text}: other machines could connect, and the protocol knows no "
-                    "password; listen on 127.0.0.1, or set gpsd.allow_remote = true"
-                )
-        for address in addresses:
+        for address in addresses_of(self.settings):
             sock = listen(address)
             self._listeners[sock.fileno()] = sock
             self._poller.register(sock.fileno(), select.POLLIN)

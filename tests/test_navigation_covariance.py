@@ -18,6 +18,7 @@ from imud.estimators.navigation.state import (
     NAVIGATING,
     POSITION,
     STATES,
+    TURN_SCALE,
     VELOCITY,
     WANDER,
 )
@@ -39,7 +40,9 @@ def made(seed):
     p = configure(Settings(), 100.0)
     s = start(p, Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=10.0))
     c = s["core"][0, 0]
-    scale = np.array([2.0] * 3 + [0.3] * 3 + [0.02] * 3 + [1e-3] * 3 + [0.1] * 3 + [2.0] * 3 + [0.03] * 2 + [0.1])
+    scale = np.array(
+        [2.0] * 3 + [0.3] * 3 + [0.02] * 3 + [1e-3] * 3 + [0.1] * 3 + [2.0] * 3 + [0.03] * 2 + [0.1] + [0.01] * 3
+    )
     root = rng.standard_normal((STATES, STATES)) * scale[:, None]
     P = root @ root.T / STATES
     c["phase"] = NAVIGATING
@@ -62,17 +65,23 @@ def test_one_interval_is_that_of_the_matrix_exponential(seed):
     F[block(VELOCITY), block(ATTITUDE)] = -skew(force)
     F[block(VELOCITY), block(ACCEL_BIAS)] = -C
     F[block(ATTITUDE), block(GYRO_BIAS)] = -C
+    F[block(ATTITUDE), block(TURN_SCALE)] = -C * (C[2] @ c["rate"])
     F[block(WANDER), block(WANDER)] = -np.eye(3) / k.WANDER_S
     q = np.zeros(STATES)
+    tilt2, heading2 = np.mean(np.diag(P)[block(ATTITUDE, 2)]), P[ATTITUDE + 2, ATTITUDE + 2]
     r = p[0]
     q[block(VELOCITY)] = (
-        r["accel_psd"] + k.SHAKEN_NOISE**2 * 0.4 + r["accel_scale"] ** 2 * np.sum(c["accel"] ** 2) * k.FORCE_SCALE_S
+        r["accel_psd"]
+        + k.SHAKEN_NOISE**2 * 0.4
+        + r["accel_scale"] ** 2 * np.sum(c["accel"] ** 2) * k.FORCE_SCALE_S
+        + heading2 * (0.5 * heading2 * np.sum(c["accel"] ** 2) + 9.80665**2 * tilt2) * k.SECOND_ORDER_S
     )
     q[block(ATTITUDE)] = r["gyro_psd"] + r["gyro_scale"] ** 2 * np.sum(c["rate"] ** 2) * k.RATE_SCALE_S
     q[block(GYRO_BIAS)] = r["gyro_walk"]
     q[block(ACCEL_BIAS)] = r["accel_walk"] + k.SHAKEN_WALK**2 * 0.4
     q[block(WANDER)] = 2.0 / k.WANDER_S * np.array([1.5, 1.5, 3.0]) ** 2
     q[[MOUNT_PITCH, MOUNT_YAW]] = k.MOUNT_WALK
+    q[block(TURN_SCALE)] = k.SCALE_WALK
     phi = expm(F * dt)
     expected = phi @ P @ phi.T + np.diag(q) * dt
     k.predict(p[0], c)

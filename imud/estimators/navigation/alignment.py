@@ -20,7 +20,7 @@ from .correction import correct, predicted, row, take, turn_tilt
 from .covariance import grow, predict, variance
 from .levelling import level_between
 from .non_holonomic import stop
-from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LEVELLING, NAVIGATING, NEVER_NS, RATES, STATES, WANDER
+from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LEVELLING, NAVIGATING, NEVER_NS, RATES, STATES, TURN_SCALE, WANDER
 from .strapdown import cosine, rotate, wrapped
 
 SHORTEST_S, LONGEST_S = 0.9, 3.0  # between two fixes of a pair
@@ -240,6 +240,8 @@ def forget_heading(p: Any, c: Any) -> None:
         c.bg[i] = 0.0
         c.ba[i] = 0.0
         c.wander[i] = 0.0
+        c.turn_scale[i] = 0.0
         reset(c.P, STATES, GYRO_BIAS + i, p.gyro_initial**2)
         reset(c.P, STATES, ACCEL_BIAS + i, p.accel_initial**2)
+        reset(c.P, STATES, TURN_SCALE + i, p.gyro_scale**2)
         reset(c.P, STATES, WANDER + i, c.reported[0 if i < 2 else 1] ** 2)

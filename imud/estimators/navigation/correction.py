@@ -6,7 +6,19 @@ from typing import Any
 from ...kernels.jit import kernel
 from ...kernels.kalman import measure, shear, update
 from ...kernels.rotation import quat_exp
-from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LATENCY, MOUNT_PITCH, MOUNT_YAW, POSITION, STATES, VELOCITY, WANDER
+from .state import (
+    ACCEL_BIAS,
+    ATTITUDE,
+    GYRO_BIAS,
+    LATENCY,
+    MOUNT_PITCH,
+    MOUNT_YAW,
+    POSITION,
+    STATES,
+    TURN_SCALE,
+    VELOCITY,
+    WANDER,
+)
 from .strapdown import displace, rotate
 
 NOTABLE_TURN = 1e-3  # rad
@@ -89,6 +101,7 @@ def correct(c: Any) -> None:
         c.bg[i] += x[GYRO_BIAS + i]
         c.ba[i] += x[ACCEL_BIAS + i]
         c.wander[i] += x[WANDER + i]
+        c.turn_scale[i] += x[TURN_SCALE + i]
     rotate(c, quat_exp(0.0, 0.0, 0.0), x[ATTITUDE], x[ATTITUDE + 1], x[ATTITUDE + 2])
     c.turned += x[ATTITUDE + 2]
     if c.constrained:

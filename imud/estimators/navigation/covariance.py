@@ -1,9 +1,9 @@
 """How the errors grow between measurements: the covariance is propagated over what has gathered since the last time.
 
-p' = v; v' = phi x f - C ba; phi' = -C bg; biases and mounting walk; the GNSS wander is first-order Gauss-Markov.
+p' = v; v' = phi x f - C ba; phi' = -C (bg + s w_down); biases and mounting walk; the GNSS wander is Gauss-Markov.
 Left out, being below a hundredth of what a MEMS sensor adds in minutes: Coriolis and frame rotation of the errors,
-the change of gravity and of transport rate with them. Scale factor and misalignment have no states: they act as
-noise that grows with the rate and with the force beyond gravity.
+the change of gravity and of transport rate with them. Scale factors and misalignments have states (s) for turns about
+the vertical only; else they act as noise that grows with the rate and with the force beyond gravity.
 
 Source: Groves, Principles of GNSS, Inertial and Multisensor Integrated Navigation (2013), sec. 14.2.
 """
@@ -25,6 +25,7 @@ from .state import (
     MOUNT_YAW,
     POSITION,
     STATES,
+    TURN_SCALE,
     VELOCITY,
     WANDER,
 )
@@ -36,6 +37,8 @@ SHAKEN_NOISE = 0.011  # (m/s)/sqrt(s), of an accelerometer on a vehicle under wa
 SHAKEN_WALK = 2e-3  # (m/s^2)/sqrt(s), vibration rectified into bias
 MOUNT_WALK = math.radians(0.02) ** 2  # rad^2/s, load and suspension
 SECOND_ORDER_S = 1.0  # how long such an error of acceleration lasts
+NOTABLE_RATE = 0.002  # rad/s
+SCALE_WALK = 5e-5**2  # 1/s, with temperature
 LEVEL_ACCEL = 2.0  # m/s^2, of a vehicle whose heading is not known yet
 
 
@@ -107,6 +110,11 @@ def predict(p: Any, c: Any) -> None:
     for i in range(3):
         for j in range(3):
             shear(c.P, STATES, ATTITUDE + i, GYRO_BIAS + j, -m[3 * i + j] * dt)
+    turn = m[6] * c.rate[0] + m[7] * c.rate[1] + m[8] * c.rate[2]
+    if abs(turn) > NOTABLE_RATE:
+        for i in range(3):
+            for j in range(3):
+                shear(c.P, STATES, ATTITUDE + i, TURN_SCALE + j, -m[3 * i + j] * turn * dt)
     qa = p.gyro_psd + c.vibration_gyro + p.gyro_scale**2 * rate2 * RATE_SCALE_S
     decay = math.exp(-dt / WANDER_S)
     for i in range(3):
@@ -118,6 +126,8 @@ def predict(p: Any, c: Any) -> None:
         grow(c, ATTITUDE + i, qa * dt)
         grow(c, GYRO_BIAS + i, p.gyro_walk * dt)
         grow(c, ACCEL_BIAS + i, (p.accel_walk + SHAKEN_WALK**2 * c.shaking) * dt)
+        grow(c, TURN_SCALE + i, SCALE_WALK * dt)
+        c.excess[i] = c.turn_scale[i] * turn
         c.dv[i] = 0.0
     grow(c, MOUNT_PITCH, MOUNT_WALK * dt)
     grow(c, MOUNT_YAW, MOUNT_WALK * dt)

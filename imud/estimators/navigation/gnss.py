@@ -25,6 +25,7 @@ SPEED_SIGMA = 0.1  # m/s
 VELOCITY_LAG = 0.05  # s, of a receiver's velocity behind its position
 COURSE_SPEED = 0.5  # m/s, below it the course is noise
 GATE = 25.0
+ASTRAY_GATE = 20.0  # of fix against position, whatever the wander state says: it never has jumped, only crept
 GIVE_IN_COUNT, GIVE_IN_S = 5, 8.0
 LEARNING = 0.03
 SECOND_ORDER = 10.0  # m, m/s per rad^2 of heading variance: what the linear model leaves out
@@ -131,12 +132,10 @@ def fuse_position(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
         z[i] += late * c.v[i] - lever[i] - c.wander[i]
         if math.isfinite(z[i]):
             r = c.white[i // 2] + extra
-            wandered = (
-                variance(c, POSITION + i) + c.reported[i // 2] ** 2 + r
-            )  # a wander state that has run away is no excuse
-            worst = max(
-                worst, z[i] ** 2 / (predicted(c, position_row(c, lever, i)) + r), (z[i] + c.wander[i]) ** 2 / wandered
-            )
+            s = predicted(c, position_row(c, lever, i)) + r
+            wandered = variance(c, POSITION + i) + c.reported[i // 2] ** 2 + r
+            strayed = (z[i] + c.wander[i]) ** 2 / wandered  # a wander state that has run away is no excuse
+            worst = max(worst, z[i] ** 2 / s, strayed * (GATE / ASTRAY_GATE))
     accepted = worst < GATE
     c.rejected = 0 if accepted else c.rejected + 1
     if not accepted and c.rejected > GIVE_IN_COUNT and c.t_ns - c.fix_ns > 1e9 * GIVE_IN_S:

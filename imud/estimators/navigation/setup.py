@@ -22,6 +22,7 @@ from .state import (
     POSITION,
     STATE,
     STATES,
+    TURN_SCALE,
     VELOCITY,
     WANDER,
 )
@@ -71,6 +72,7 @@ def start(parameters: Record, initial: Initial) -> Record:
     sigmas[ACCEL_BIAS : ACCEL_BIAS + 3] = p["accel_initial"]
     sigmas[WANDER : WANDER + 3] = 2.0
     sigmas[LATENCY] = LATENCY_SIGMA
+    sigmas[TURN_SCALE : TURN_SCALE + 3] = p["gyro_scale"]
     c["phase"] = LEVELLING
     c["forward"] = (1.0, 0.0, 0.0)
     c["lateral"] = (0.0, 1.0, 0.0)

@@ -42,7 +42,7 @@ def write(c: Any, o: Any) -> None:
         o.q_nb[i] = c.q[i]
     for i in range(3):
         o.v[i] = c.v[i] if known else math.nan
-        o.w[i] = c.w[i] - c.bg[i]
+        o.w[i] = c.w[i] - c.bg[i] - c.excess[i]
         o.f[i] = c.f[i] - c.ba[i]
         o.bg[i] = c.bg[i]
         o.ba[i] = c.ba[i]

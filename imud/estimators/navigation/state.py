@@ -1,15 +1,16 @@
 """The records of the navigation filter: its parameters, its core (what a snapshot holds) and its whole state.
 
-Errors are "true minus estimate", 21 of them: position NED m, velocity m/s, attitude (small rotation in NED,
+Errors are "true minus estimate", 24 of them: position NED m, velocity m/s, attitude (small rotation in NED,
 C_true = exp(phi) C), gyro bias, accelerometer bias, slowly wandering GNSS position error (Gauss-Markov), mounting
-pitch and yaw of the vehicle's forward axis, and latency of the fixes.
+pitch and yaw of the vehicle's forward axis, latency of the fixes, and what the gyro shows too much per rate of turn
+about the vertical (the column of scale factors and misalignments that a vehicle's drive shows).
 """
 
 import numpy as np
 
-STATES = 21
+STATES = 24
 POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS, WANDER = 0, 3, 6, 9, 12, 15
-MOUNT_PITCH, MOUNT_YAW, LATENCY = 18, 19, 20
+MOUNT_PITCH, MOUNT_YAW, LATENCY, TURN_SCALE = 18, 19, 20, 21
 
 LEVELLING, NAVIGATING = 0, 1  # phases: roll and pitch only, position from GNSS; everything
 FREE, AUTO, LAND = 0, 1, 2  # vehicle
@@ -59,6 +60,7 @@ CORE = np.dtype(
         ("wander", "<f8", (3,)),  # m, NED, fix minus truth
         ("forward", "<f8", (3,)),  # unit vector of the vehicle's motion in the body
         ("lateral", "<f8", (3,)),  # unit vector across it, level
+        ("turn_scale", "<f8", (3,)),  # body, gyro error per rate of turn about the vertical
         ("latency", "<f8"),  # s, the fix is older than its stamp by this
         ("P", "<f8", (STATES * (STATES + 1) // 2,)),
         # last sample, body axes, and what has gathered since the last covariance step
@@ -69,6 +71,7 @@ CORE = np.dtype(
         ("dv", "<f8", (3,)),  # m/s, integral of specific force in NED
         ("accel", "<f8", (3,)),  # m/s^2, smoothed acceleration in NED
         ("rate", "<f8", (3,)),  # rad/s, smoothed rate of the body
+        ("excess", "<f8", (3,)),  # rad/s, turn_scale times the smoothed rate of turn
         # motion window
         ("n", "<i8"),
         ("elapsed", "<f8"),  # s

@@ -45,7 +45,9 @@ def integrate(c: Any, w: Any, f: Any, dt: float) -> None:
     meridian, prime_vertical = radii(c.lat)
     cl = cosine(c.lat)
     sl = math.sin(c.lat)
-    wx, wy, wz = 0.5 * (c.w[0] + w[0]) - c.bg[0], 0.5 * (c.w[1] + w[1]) - c.bg[1], 0.5 * (c.w[2] + w[2]) - c.bg[2]
+    wx = 0.5 * (c.w[0] + w[0]) - c.bg[0] - c.excess[0]
+    wy = 0.5 * (c.w[1] + w[1]) - c.bg[1] - c.excess[1]
+    wz = 0.5 * (c.w[2] + w[2]) - c.bg[2] - c.excess[2]
     fx, fy, fz = 0.5 * (c.f[0] + f[0]) - c.ba[0], 0.5 * (c.f[1] + f[1]) - c.ba[1], 0.5 * (c.f[2] + f[2]) - c.ba[2]
     # half differences: rate and force are mean -+ slope at the two ends
     ux, uy, uz = 0.5 * (w[0] - c.w[0]), 0.5 * (w[1] - c.w[1]), 0.5 * (w[2] - c.w[2])

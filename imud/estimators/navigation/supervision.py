@@ -24,7 +24,7 @@ from .alignment import (
 )
 from .covariance import variance
 from .non_holonomic import stop
-from .state import ACCEL_BIAS, ASTRAY, ATTITUDE, GYRO_BIAS, RATES, STATES
+from .state import ACCEL_BIAS, ASTRAY, ATTITUDE, GYRO_BIAS, RATES, STATES, TURN_SCALE
 
 STEADY = RATES // 2  # the hypothesis without drift
 WRONG = math.radians(10.0)
@@ -83,5 +83,6 @@ def realign(p: Any, c: Any, psi: float, var: float) -> None:
     for i in range(3):
         reset(c.P, STATES, GYRO_BIAS + i, p.gyro_initial**2)
         reset(c.P, STATES, ACCEL_BIAS + i, p.accel_initial**2)
+        reset(c.P, STATES, TURN_SCALE + i, p.gyro_scale**2)
     c.heading_sigma = math.sqrt(max(var, LEAST_HEADING**2))
     engage(p, c)

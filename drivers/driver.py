@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .dialogue import Dialogue
-from .fix import Fix, ReceiverStatus
+from .fix import Fix, ReceiverStatus, Sky
 
 
 @dataclass(frozen=True)
@@ -155,6 +155,10 @@ class GnssDecoder(Protocol):
     @property
     def status(self) -> ReceiverStatus:
         """What the receiver last said of itself: quality and satellites, with or without a fix."""
+
+    @property
+    def sky(self) -> Sky:
+        """What it last said of the satellites."""
 
     def feed(self, data: bytes, arrival_ns: int) -> list[Fix]:
         """Take bytes that arrived at `arrival_ns` (monotonic); returns the fixes they complete."""

@@ -38,6 +38,27 @@ class Fix:
 
 
 @dataclass(frozen=True)
+class Satellite:
+    """One in view. None where the receiver did not say."""
+
+    system: int  # 0 GPS, 1 SBAS, 2 Galileo, 3 BeiDou, 5 QZSS, 6 GLONASS
+    number: int  # as the receiver calls it
+    elevation_deg: int | None
+    azimuth_deg: int | None
+    signal_dbhz: int | None
+    used: bool
+
+
+@dataclass(frozen=True)
+class Sky:
+    """What the receiver last said of the satellites."""
+
+    satellites: tuple[Satellite, ...] = ()
+    pdop: float | None = None
+    vdop: float | None = None
+
+
+@dataclass(frozen=True)
 class ReceiverStatus:
     """What the receiver last said of itself, also without a fix."""
 

@@ -226,6 +226,7 @@ class Daemon:
             devices=self._devices,
             gnss=self._gnss[1].view(now_ns) if self._gnss else None,
             temperature=float(inertial.stream.samples[0]["temperature"]),
+            sensed=inertial.sensed,
             health=Health(**self._troubles, clock=inertial.clock_fit()),
         )
         for viewer in due:

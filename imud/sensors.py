@@ -16,7 +16,7 @@ from drivers.transport.line import Line
 from .epochs import EpochClock
 from .gnss import Refusal, record, refusal
 from .health import shown, words
-from .outputs.view import ClockFit, Gnss
+from .outputs.view import NO_VECTOR, ClockFit, Gnss
 from .pipeline import Stream
 from .rate import Rate
 from .settings import Gnss as GnssSettings
@@ -43,6 +43,7 @@ class Inertial:
         self.period_s = 0.0  # nominal, between samples
         self.rate = Rate()
         self._last = -1  # where the newest solution is
+        self._has_gyros = False
         self._room = stream.rx.data
         self._line: Line | None = None
         self._complaints: Mapping[int, str] = {}
@@ -56,6 +57,7 @@ class Inertial:
         self._complaints, self._complained = driver.complaints, None
         self.rate = Rate()
         self.period_s = 1.0 / configured.rate_hz
+        self._has_gyros = all(configured.gyro_axes)
         self.silence_ns = max(SILENCE_NS["imu"], SILENT_PERIODS * round(1e9 / configured.rate_hz))
 
     def read(self, now_ns: int) -> int:
@@ -76,6 +78,13 @@ class Inertial:
     def newest(self) -> np.void | None:
         """The newest solution, a SOLUTION row that the next reading overwrites; None before the first."""
         return None if self._last < 0 else self.stream.solutions[self._last]
+
+    @property
+    def sensed(self) -> tuple[float, ...]:
+        """Rates (rad/s) and specific force (m/s^2) of the last sample, body axes; NaN without a whole set of gyros."""
+        sample = self.stream.samples[self._last]
+        rates = sample["w"].tolist() if self._has_gyros else NO_VECTOR
+        return (*rates, *sample["f"].tolist())
 
     @property
     def heard(self) -> int:
@@ -243,6 +252,7 @@ class Receiver:
             alt_msl=math.nan if fix.alt_msl_m is None else fix.alt_msl_m,
             geoid_sep=math.nan if fix.geoid_sep_m is None else fix.geoid_sep_m,
             age_s=(now_ns - fix.arrival_ns) * 1e-9,
+            sky=self.decoder.sky,
         )
 
 

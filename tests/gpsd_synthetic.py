@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from drivers.fix import Satellite, Sky
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALID, SOLUTION
 from imud.kernels.earth import radii
 from imud.kernels.rotation import quat_of_euler
@@ -28,6 +29,7 @@ LAT_DEG, LON_DEG, HEIGHT_M, GEOID_M = 48.137154, 11.576124, 565.0, 46.0
 RADIUS_M, SPEED_MPS = 50.0, 10.0
 ROLL_DEG, PITCH_DEG = -11.5, 2.0
 IMU = Device("/dev/ttyUSB0", "Epson M-G350", 460800, "M-G350-PD11", "12345678", 1.7e9)
+SKY = Sky(tuple(Satellite(0, k, 40 + k, 12 * k + 1, 26 + k, k <= 9) for k in range(1, 15)), 1.5, 1.2)
 RECEIVER = Device("/dev/ttyUSB1", "NMEA0183", 38400, activated_s=1.7e9)
 
 
@@ -69,8 +71,9 @@ def view(t_s: float, utc_s: float | None, seq: int, attitude_only: bool = False)
         seq=seq,
         estimator="attitude" if attitude_only else "navigation",
         devices=(IMU,) if attitude_only else (IMU, RECEIVER),
-        gnss=None if attitude_only else Gnss(9, 0.9, 1, HEIGHT_M - GEOID_M, GEOID_M, 0.1),
+        gnss=None if attitude_only else Gnss(9, 0.9, 1, HEIGHT_M - GEOID_M, GEOID_M, 0.1, SKY),
         temperature=31.5,
+        sensed=(0.002, -0.004, 0.203, 0.11, 1.98, -9.77),
     )
 
 

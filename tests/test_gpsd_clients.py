@@ -79,7 +79,7 @@ def test_gpspipe_prints_what_we_send(server):
     lines = run(program("gpspipe"), "-w", "-n", "12", server).splitlines()
     messages = [json.loads(text) for text in lines]
     kinds = [message["class"] for message in messages]
-    assert kinds[:7] == ["VERSION", "DEVICES", "WATCH", "TPV", "SKY", "ATT", "EST"]
+    assert kinds[:8] == ["VERSION", "DEVICES", "WATCH", "TPV", "SKY", "ATT", "IMU", "EST"]
     tpv = messages[3]
     assert tpv["mode"] == 3 and on_the_circle(tpv["lat"], tpv["lon"])
 
@@ -114,7 +114,7 @@ def terminal(*command: str) -> Iterator[Callable[[], str]]:
 def test_cgps_shows_a_3d_fix_and_the_position(server):
     with terminal(program("cgps"), "-s", "-u", "m", server) as screen:
         epx = "+/-  2.9 m"  # 1.96 times 1.5 m; drawn after the rest of the first fix
-        until(lambda: "3D" in screen() and epx in screen(), "a 3D fix on cgps' screen")
+        until(lambda: "3D" in screen() and epx in screen() and " 45.0 " in screen(), "fix and satellites on the screen")
         shown = screen()
     lat = re.search(r"(\d+\.\d+) N", shown)
     lon = re.search(r"(\d+\.\d+) E", shown)
@@ -122,6 +122,7 @@ def test_cgps_shows_a_3d_fix_and_the_position(server):
     assert re.search(r"3D (GNSSDR )?FIX", shown)
     assert f"{HEIGHT_M:.3f}," in shown and f"{HEIGHT_M - GEOID_M:.3f} m" in shown
     assert "36.00 km/h" in shown
+    assert re.search(r"GP +5 +5 +45.0 +61.0 +31.0 +Y", shown), shown
 
 
 def test_cgps_shows_no_fix_for_attitude_alone(attitude_server):
@@ -171,7 +172,7 @@ PY_GPS = """
 import gps, json
 session = gps.gps(host="127.0.0.1", port="{port}", mode=gps.WATCH_ENABLE | gps.WATCH_NEWSTYLE)
 kinds = []
-while len(kinds) < 8:
+while len(kinds) < 9:
     if session.read() == -1:
         break
     if session.data:
@@ -190,7 +191,7 @@ def py_gps(address: str) -> list:
 
 def test_python_gps_module(server):
     kinds, mode, lat, lon, height, speed = py_gps(server)
-    assert kinds == ["VERSION", "DEVICES", "WATCH", "TPV", "SKY", "ATT", "EST", "TPV"]
+    assert kinds == ["VERSION", "DEVICES", "WATCH", "TPV", "SKY", "ATT", "IMU", "EST", "TPV"]
     assert mode == 3 and on_the_circle(lat, lon)
     assert height == HEIGHT_M
     assert speed == pytest.approx(SPEED_MPS)
@@ -201,11 +202,11 @@ def test_gpsdclient(server):
     host, _, port = server.rpartition(":")
     with gpsdclient.GPSDClient(host, port, timeout=PATIENCE_S) as client:
         stream = client.dict_stream(convert_datetime=True)
-        messages = [next(stream) for _ in range(7)]
+        messages = [next(stream) for _ in range(8)]
     kinds = [message["class"] for message in messages]
-    assert kinds == ["VERSION", "DEVICES", "WATCH", "TPV", "SKY", "ATT", "EST"]
+    assert kinds == ["VERSION", "DEVICES", "WATCH", "TPV", "SKY", "ATT", "IMU", "EST"]
     assert abs(messages[3]["time"].timestamp() - time.time()) < 3600.0  # parsed to a datetime
-    assert messages[6]["roll_deg"] == pytest.approx(ROLL_DEG)
+    assert messages[7]["roll_deg"] == pytest.approx(ROLL_DEG)
 
 
 def test_gpsd_py3(server):
@@ -280,14 +281,14 @@ def relay(server: str) -> Iterator[str]:
 def test_a_real_gpsd_relays_every_class_and_loses_nothing(relay):
     numbers, kinds, device = [], set(), set()
     for message in messages_of(relay, b'?WATCH={"enable":true,"json":true};\n'):
-        if message["class"] in ("TPV", "SKY", "ATT", "EST"):
+        if message["class"] in ("TPV", "SKY", "ATT", "IMU", "EST"):
             kinds.add(message["class"])
             device.add(message["device"])
         if message["class"] == "EST":
             numbers.append(message["t_mono_ns"])
             if len(numbers) == 30:
                 break
-    assert kinds == {"TPV", "SKY", "ATT", "EST"}
+    assert kinds == {"TPV", "SKY", "ATT", "IMU", "EST"}
     assert len(device) == 1 and device.pop().endswith("#/dev/ttyUSB0")
     periods = [round((b - a) / 1e8) for a, b in itertools.pairwise(numbers)]
     assert sum(periods) == pytest.approx(29, abs=1)

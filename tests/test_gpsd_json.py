@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from drivers.fix import Satellite, Sky
 from imud.estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, SOLUTION
 from imud.kernels.rotation import euler_of_quat
 from imud.outputs.gpsd_json import CLASSES, Report, _bound95, _motion, _turn_rate, iso, line, quoted, status_words
@@ -43,6 +44,7 @@ def golden_view(**changes) -> View:
     full = View(
         solution=golden_solution().tobytes(), utc_s=1774267220.25, utc_error_s=0.005, t_mono_ns=9007199254740993,
         seq=42, estimator="navigation", devices=(IMU, RECEIVER), gnss=GNSS, temperature=31.5,
+        sensed=(math.pi / 2.0, -math.pi, 0.0, 2.0, 3.0, -6.0),
     )  # fmt: skip
     return full._replace(**changes)
 
@@ -61,6 +63,8 @@ GOLDEN = {
     "ATT": '{"class":"ATT","device":"/dev/ttyUSB0","time":"2026-03-23T12:00:20.250000Z",'
     '"heading":270,"yaw":-90,"pitch":0,"roll":0,"rot":180,"acc_len":13,"acc_x":3,"acc_y":4,"acc_z":-12,'
     '"gyro_x":1,"gyro_y":-2,"gyro_z":3,"temp":31.5}\r\n',
+    "IMU": '{"class":"IMU","device":"/dev/ttyUSB0","time":"2026-03-23T12:00:20.250000Z","msg":"imud",'
+    '"gyro_x":90,"gyro_y":-180,"gyro_z":0,"acc_x":2,"acc_y":3,"acc_z":-6,"acc_len":7,"temp":31.5}\r\n',
     "EST": '{"class":"EST","device":"/dev/ttyUSB0","time":"2026-03-23T12:00:20.250000Z","t_mono_ns":9007199254740993,'
     '"seq":42,"estimator":"navigation","status":7,"state":"attitude,heading,position",'
     '"lat_deg":48.5,"lon_deg":-11.25,"height_m":500.125,"vn_mps":3,"ve_mps":-4,"vd_mps":0.5,'
@@ -172,6 +176,27 @@ def test_altitude_above_the_sea(gnss, expected):
 def test_satellites(gnss, expected):
     sky = fields("SKY", golden_view(gnss=gnss, utc_s=None, devices=()))
     assert sky == {"class": "SKY"} | expected
+
+
+def test_satellites_in_view_by_gpsd_s_numbers():
+    """PRN as in gpsd.h: SBAS as broadcast, Galileo 301 and up, BeiDou 401, QZSS 193, GLONASS 65."""
+    rows = [(0, 7, 7, 7), (1, 33, 120, 120), (2, 12, 312, 12), (2, 312, 312, 12), (3, 9, 409, 9), (5, 2, 194, 2),
+            (5, 194, 194, 2), (6, 70, 70, 6)]  # fmt: skip
+    sky = Sky(
+        tuple(Satellite(system, name, 30, None, 41, used=False) for system, name, *_ in rows), pdop=2.5, vdop=1.75
+    )
+    told = fields("SKY", golden_view(gnss=GNSS._replace(sky=sky)))
+    assert [(s["gnssid"], s["PRN"], s["svid"]) for s in told["satellites"]] == [(r[0], *r[2:]) for r in rows]
+    assert told["satellites"][0] == {"PRN": 7, "gnssid": 0, "svid": 7, "el": 30, "ss": 41, "used": False}
+    assert (told["nSat"], told["uSat"], told["pdop"], told["vdop"]) == (8, 9, 2.5, 1.75)
+
+
+def test_too_many_satellites_are_those_in_use_first_and_one_line():
+    sky = Sky(tuple(Satellite(3, k, 89, 359, 99, used=k > 400) for k in range(1, 501)))
+    view = golden_view(gnss=GNSS._replace(sky=sky))
+    told = fields("SKY", view)
+    assert told["nSat"] == 500 and sum(s["used"] for s in told["satellites"]) == len(told["satellites"]) == 100
+    assert len(Report(view).lines(("SKY",))) < 10240
 
 
 def test_a_track_is_given_only_while_the_vehicle_moves():
@@ -317,7 +342,11 @@ def test_any_numbers_give_lines_that_all_clients_read(status, numbers, utc_s, gn
         assert len(text) < 10240 and text.isascii()
         for key, value in strict(text).items():
             assert len(key) <= 31
-            assert isinstance(value, (int, float, str)) and not isinstance(value, bool)
+            rows = value if key == "satellites" else [{key: value}]  # the one list that libgps expects
+            for flag in (row.pop("used") for row in rows if key == "satellites"):
+                assert isinstance(flag, bool)
+            for scalar in (scalar for row in rows for scalar in row.values()):
+                assert isinstance(scalar, (int, float, str)) and not isinstance(scalar, bool)
     strict(report.poll(watched=True))
     assert len(strict(report.object("TPV"))["device"]) <= 127
 

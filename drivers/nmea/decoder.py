@@ -7,10 +7,11 @@ the next burst begins, or when the line has been quiet. GST and ZDA alone make n
 
 from collections import Counter
 
-from ..fix import Fix, ReceiverStatus
+from ..fix import Fix, ReceiverStatus, Sky
 from .content import READERS, Content, Dimensions
 from .epochs import Epoch, same_time
 from .sentences import RefusedError, Sentence, Splitter
+from .sky import SkyListener
 
 QUIET_NS = 200_000_000  # longer than any pause within a burst
 SURE, DOUBT = 2, -3  # bursts: so many were alike, and so many more must be after one that was not
@@ -71,7 +72,8 @@ class NmeaDecoder:
     """Bytes of one receiver to fixes. Not thread-safe.
 
     Counters: `fixes`; epochs without one: `no fix`, `repeated` (also sentences said twice), `contradictory`; `other`,
-    sentences of no interest; `late`, those of an epoch already told; `noise bytes`; and refused sentences by reason.
+    sentences that say nothing of a fix; `late`, those of an epoch already told; `noise bytes`; and refused sentences by
+    reason.
     """
 
     def __init__(self) -> None:
@@ -83,10 +85,16 @@ class NmeaDecoder:
         self._vtg_agrees = True  # with RMC, where there was both
         self._interval_ns = LONGEST_NS  # between epochs
         self._heights = HeightMode()
+        self._sky = SkyListener()
         self._waiting: dict[str, tuple[Content, int]] = {}  # companions of an epoch to come, with their arrival
         self._told_utc_ns: int | None = None
         self._heard_ns: int | None = None
         self._pause_ns: int | None = None  # when the first bytes after a pause came
+
+    @property
+    def sky(self) -> Sky:
+        """See `GnssDecoder`."""
+        return self._sky.sky
 
     def feed(self, data: bytes, arrival_ns: int) -> list[Fix]:
         """See `GnssDecoder`."""
@@ -105,6 +113,7 @@ class NmeaDecoder:
         return self._close()
 
     def _take(self, sentence: Sentence) -> list[Fix]:
+        self._sky.hear(sentence)
         content = self._read(sentence)
         fresh = self._pause_ns is not None and sentence.arrival_ns >= self._pause_ns
         if fresh and self._epoch and content and same_time(content.utc_ns, self._epoch.utc_ns):

@@ -14,6 +14,7 @@ import math
 import time
 from collections.abc import Callable
 
+from drivers.fix import Satellite
 from imud.estimators.records import (
     AT_REST,
     ATTITUDE_VALID,
@@ -164,17 +165,53 @@ def _att(view: View, s: State) -> str:
     return f"{_head('ATT', view)}{_time(view)}{numbers}}}"
 
 
-_SKY = _Numbers(hdop="%.4g", nSat="%.4g", uSat="%.4g")
+_IMU = _Numbers(
+    gyro_x="%.7g", gyro_y="%.7g", gyro_z="%.7g", acc_x="%.7g", acc_y="%.7g", acc_z="%.7g", acc_len="%.7g", temp="%.5g",
+)  # fmt: skip
+
+
+def _imu(view: View, s: State) -> str:
+    """The sensor's last sample as it is, biases and all, in ATT's axes and units."""
+    rates, forces = map(math.degrees, view.sensed[:3]), view.sensed[3:]
+    numbers = _IMU(*rates, *forces, math.hypot(*forces), view.temperature)
+    return f'{_head("IMU", view)}{_time(view)},"msg":"imud"{numbers}}}'
+
+
+_SKY = _Numbers(hdop="%.4g", pdop="%.4g", vdop="%.4g", nSat="%.4g", uSat="%.4g")
+_SATELLITE = _Numbers(gnssid="%d", svid="%d", el="%.4g", az="%.4g", ss="%.4g")
 _FIX_LIFE_S = 10.0
+_SATELLITES_MAX = 100  # 140 would blank libgps' list, and 10 kB are too long for a line
+_SBAS, _SBAS_LESS = 1, 87  # NMEA calls PRN 120 satellite 33
+_OFFSETS = {2: 300, 3: 400, 5: 192, 6: 64}  # from svid to PRN, by gnssid
+
+
+def _numbered(satellite: Satellite) -> tuple[int, int]:
+    """PRN and svid as gpsd has them; receivers number Galileo, BeiDou and QZSS from 1, or as PRN."""
+    if satellite.system == _SBAS:
+        return satellite.number + _SBAS_LESS, satellite.number + _SBAS_LESS
+    offset = _OFFSETS.get(satellite.system, 0)
+    svid = satellite.number - offset if satellite.number > offset else satellite.number
+    return svid + offset, svid
+
+
+def _satellite(satellite: Satellite) -> str:
+    prn, svid = _numbered(satellite)
+    known = (satellite.elevation_deg, satellite.azimuth_deg, satellite.signal_dbhz)
+    numbers = _SATELLITE(satellite.system, svid, *(NAN if value is None else value for value in known))
+    return f'{{"PRN":{prn}{numbers},"used":{"true" if satellite.used else "false"}}}'
 
 
 def _sky(view: View, s: State) -> str:
-    """Satellites of the last fix, of which only the number in use is known; nothing of a fix older than 10 s."""
+    """The last fix's dilutions and satellites, as far as the receiver tells; nothing of a fix older than 10 s."""
     gnss = view.gnss
     if gnss is None or gnss.age_s > _FIX_LIFE_S:
         return f"{_head('SKY', view)}{_time(view)}}}"
-    used = NAN if gnss.satellites is None or gnss.satellites < 0 else gnss.satellites
-    return f"{_head('SKY', view)}{_time(view)}{_SKY(gnss.hdop, used, used)}}}"
+    sky, used = gnss.sky, NAN if gnss.satellites is None or gnss.satellites < 0 else gnss.satellites
+    dops = (NAN if dop is None else dop for dop in (sky.pdop, sky.vdop))
+    numbers = _SKY(gnss.hdop, *dops, len(sky.satellites) or used, used)
+    shown = sorted(sky.satellites, key=lambda satellite: not satellite.used)[:_SATELLITES_MAX]
+    satellites = f',"satellites":[{",".join(map(_satellite, shown))}]' if shown else ""
+    return f"{_head('SKY', view)}{_time(view)}{numbers}{satellites}}}"
 
 
 STATUS_WORDS = {
@@ -225,7 +262,7 @@ def _est(view: View, s: State) -> str:
     )
 
 
-_ENCODERS: dict[str, Callable[[View, State], str]] = {"TPV": _tpv, "SKY": _sky, "ATT": _att, "EST": _est}
+_ENCODERS: dict[str, Callable[[View, State], str]] = {"TPV": _tpv, "SKY": _sky, "ATT": _att, "IMU": _imu, "EST": _est}
 CLASSES = tuple(_ENCODERS)
 
 
@@ -247,7 +284,7 @@ class Report:
     def lines(self, kinds: tuple[str, ...]) -> bytes:
         """Messages as they go on the wire; those that would say nothing are left out."""
         if kinds not in self._lines:
-            silent = {"ATT", "EST"} if self.view.solution == NO_SOLUTION else set()
+            silent = {"ATT", "IMU", "EST"} if self.view.solution == NO_SOLUTION else set()
             if self.view.gnss is None:
                 silent.add("SKY")
             self._lines[kinds] = line(*(self.object(kind) for kind in kinds if kind not in silent))

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from drivers.fix import Sky
 from imud.estimators.records import POSITION_VALID, SOLUTION
 
 NAN = math.nan
@@ -49,6 +50,7 @@ class Gnss(NamedTuple):
     alt_msl: float = NAN  # m
     geoid_sep: float = NAN  # m, geoid above ellipsoid
     age_s: float = NAN  # since the fix
+    sky: Sky = Sky()
 
 
 class ClockFit(NamedTuple):
@@ -80,6 +82,7 @@ class View(NamedTuple):
     temperature: float = NAN  # of the inertial sensor, degC
     emulated: bool = False
     health: Health = Health()
+    sensed: Vector = 2 * NO_VECTOR  # by the inertial sensor: rates in rad/s and specific force in m/s^2, body
 
 
 class State(NamedTuple):

@@ -1,0 +1,89 @@
+"""Satellites from GSV and GSA: against pynmeagps, and what is lost, torn or wrong makes no satellites."""
+
+import pynmeagps
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from nmea_lines import line
+
+from drivers.fix import Satellite
+from drivers.nmea.decoder import NmeaDecoder
+
+# as a u-blox M8 sends them (protocol 18, NMEA 4.1 without signal numbers)
+GSV = (
+    "GPGSV,3,1,11,03,03,111,00,04,15,270,00,06,01,010,00,13,06,292,00",
+    "GPGSV,3,2,11,14,25,170,00,16,57,208,39,18,67,296,40,19,40,246,00",
+    "GPGSV,3,3,11,22,42,067,42,24,14,311,43,46,30,200,35",
+    "GLGSV,1,1,02,70,-05,123,,81,33,321,28",
+)
+GSA = ("GNGSA,A,3,16,18,22,24,46,,,,,,,,1.7,1.0,1.3", "GNGSA,A,3,81,,,,,,,,,,,,1.7,1.0,1.3")
+
+
+def sky(*bodies: str):
+    decoder = NmeaDecoder()
+    decoder.feed(b"".join(map(line, bodies)), 1)
+    return decoder.sky
+
+
+def test_a_whole_sky():
+    told = sky(*GSV, *GSA)
+    found = {(s.system, s.number): s for s in told.satellites}
+    assert found[0, 16] == Satellite(0, 16, 57, 208, 39, used=True)
+    assert found[1, 46] == Satellite(1, 46, 30, 200, 35, used=True)  # SBAS 133 in GPS' list
+    assert found[6, 70] == Satellite(6, 70, -5, 123, None, used=False)
+    assert found[6, 81].used and not found[0, 3].used
+    assert len(told.satellites) == 13
+    assert (told.pdop, told.vdop) == (1.7, 1.3)
+
+
+def test_as_another_decoder_reads_it():
+    expected = set()
+    for body in GSV:
+        message = pynmeagps.NMEAReader.parse(line(body))
+        for k in range(1, 5):
+            if svid := getattr(message, f"svid_{k:02d}", None):
+                fields = (getattr(message, f"{name}_{k:02d}") for name in ("elv", "az", "cno"))
+                expected.add((svid, *(None if value == "" else value for value in fields)))
+    told = {(s.number, s.elevation_deg, s.azimuth_deg, s.signal_dbhz) for s in sky(*GSV).satellites}
+    assert told == expected
+
+
+def test_systems_by_gsa_s_last_field_and_signals_of_one_satellite():
+    told = sky(
+        "GAGSV,1,1,02,04,50,100,30,09,20,200,25,7",
+        "GAGSV,1,1,01,04,50,100,44,2",  # the other signal, stronger
+        "GBGSV,1,1,01,04,10,020,33,1",
+        "GNGSA,A,3,04,,,,,,,,,,,,1.7,1.0,1.3,3",
+    ).satellites
+    assert set(told) == {
+        Satellite(2, 4, 50, 100, 44, used=True),
+        Satellite(2, 9, 20, 200, 25, used=False),
+        Satellite(3, 4, 10, 20, 33, used=False),
+    }
+
+
+@pytest.mark.parametrize("lost", [0, 1, 2])
+def test_a_list_with_a_sentence_lost_leaves_the_one_before(lost):
+    before = "GPGSV,1,1,01,31,45,180,50"
+    numbers = [s.number for s in sky(before, *(body for i, body in enumerate(GSV[:3]) if i != lost)).satellites]
+    assert numbers == [31]
+
+
+def test_a_shrinking_sky_and_fields_that_make_no_sense():
+    told = sky(*GSV[:3], "GPGSV,1,1,04,07,45,361,50,08,91,10,50,,,,,09,45,180,50").satellites
+    assert [s.number for s in told] == [9]
+
+
+@given(st.lists(st.sampled_from([*GSV, *GSA]) | st.text("0123456789,.-ANGPSV", max_size=60).map("GPGSV,".__add__)))
+def test_no_sentences_raise_and_all_is_bounded(bodies):
+    told = sky(*bodies)
+    assert len({(s.system, s.number) for s in told.satellites}) == len(told.satellites)
+    for s in told.satellites:
+        assert s.elevation_deg is None or -90 <= s.elevation_deg <= 90
+
+
+def test_an_endless_list_is_cut_off():
+    decoder = NmeaDecoder()
+    for k in range(1, 1001):
+        decoder.feed(line(f"GPGSV,1000,{k},4000" + "".join(f",{n},10,10,10" for n in range(1, 5))), k)
+    assert len(decoder.sky.satellites) <= 4

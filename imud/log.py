@@ -1,44 +1,84 @@
-"""Logs: state changes only, on stderr; readable on a terminal, with priorities under systemd."""
+"""Logs: state changes only, on stderr; readable on a terminal, with priorities and fields in systemd's journal.
+
+Source: systemd.io/JOURNAL_NATIVE_PROTOCOL, systemd.exec(5) on JOURNAL_STREAM, sd-daemon(3) on the prefixes.
+"""
 
 import contextlib
 import logging
 import os
+import re
+import socket
 import sys
-from typing import Any, TextIO, cast
+from collections.abc import Mapping
+from typing import Any
 
 import structlog
 
+JOURNAL = "/run/systemd/journal/socket"
 _PRIORITY = {"debug": 7, "info": 6, "warning": 4, "error": 3, "critical": 2}
 
 
-def _journal_line(_: Any, method: str, event: dict[str, Any]) -> str:
-    message = event.pop("event")
-    event.pop("level", None)
-    event.pop("timestamp", None)
-    fields = " ".join(f"{key}={value}" for key, value in event.items())
-    return f"<{_PRIORITY.get(method, 6)}>{message}{' ' if fields else ''}{fields}"
+def _sentence(event: Mapping[str, Any]) -> str:
+    """For people: the event and what belongs to it."""
+    fields = (f"{key}={value}" for key, value in event.items() if key not in ("event", "level", "timestamp"))
+    return " ".join([str(event["event"]), *fields])
 
 
-class _Lossy:
-    """A stream that may fail, its reader gone or its disk full: that costs lines of the log, not the daemon."""
+def _prefixed(_: Any, method: str, event: Mapping[str, Any]) -> str:
+    return f"<{_PRIORITY.get(method, 6)}>{_sentence(event)}"
 
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
 
-    def write(self, text: str) -> None:
-        with contextlib.suppress(OSError, ValueError):
-            self._stream.write(text)
+def datagram(priority: int, event: Mapping[str, Any]) -> bytes:
+    """The event for the journal: each of its values as a field of its own, besides the whole as MESSAGE."""
+    own = {"MESSAGE": _sentence(event), "PRIORITY": priority, "SYSLOG_IDENTIFIER": "imud"}
+    fields = {re.sub(r"\W", "_", key, flags=re.ASCII).strip("_").upper(): value for key, value in event.items()}
+    return b"".join(_field(name, str(value)) for name, value in {**fields, **own}.items() if name)
 
-    def flush(self) -> None:
-        with contextlib.suppress(OSError, ValueError):
-            self._stream.flush()
+
+def _field(name: str, value: str) -> bytes:
+    data = value.encode(errors="replace")
+    if b"\n" in data:
+        return name.encode() + b"\n" + len(data).to_bytes(8, "little") + data + b"\n"
+    return b"%s=%s\n" % (name.encode(), data)
+
+
+class Journal:
+    """The last processor where the journal listens; lets events pass that it cannot send."""
+
+    def __init__(self, path: str) -> None:
+        """Raises OSError where there is no journal."""
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC | socket.SOCK_NONBLOCK)
+        try:
+            self._socket.connect(path)
+        except OSError:
+            self._socket.close()
+            raise
+
+    def __call__(self, _: Any, method: str, event: Any) -> Any:
+        """Send, and end the event's way."""
+        try:
+            self._socket.send(datagram(_PRIORITY.get(method, 6), event))
+        except OSError:
+            return event
+        raise structlog.DropEvent
+
+
+def _is_journalled() -> bool:
+    """Whether stderr goes to the journal, not only that of who started us."""
+    try:
+        status = os.fstat(sys.stderr.fileno())
+    except (OSError, ValueError):
+        return False
+    return os.environ.get("JOURNAL_STREAM") == f"{status.st_dev}:{status.st_ino}"
 
 
 def configure(level: str = "info") -> None:
     """Set up structlog once, for the whole process."""
     processors: list[Any] = [structlog.processors.add_log_level]
-    if os.environ.get("JOURNAL_STREAM"):
-        processors.append(_journal_line)
+    if _is_journalled():
+        with contextlib.suppress(OSError):
+            processors.append(Journal(JOURNAL))
+        processors.append(_prefixed)
     else:
         colours = sys.stderr.isatty() and not os.environ.get("NO_COLOR")
         processors += [
@@ -48,6 +88,6 @@ def configure(level: str = "info") -> None:
     structlog.configure(
         processors=processors,
         wrapper_class=structlog.make_filtering_bound_logger(getattr(logging, level.upper())),
-        logger_factory=structlog.WriteLoggerFactory(cast(TextIO, _Lossy(sys.stderr))),
+        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
         cache_logger_on_first_use=True,
     )

@@ -1,0 +1,93 @@
+"""Logs: for people on a terminal or in a file; with fields and priorities in the journal, by its own reader's rules."""
+
+import os
+import socket
+import subprocess
+import sys
+import uuid
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from imud import log
+
+SAYS = """
+import sys
+from imud import log
+log.JOURNAL = sys.argv[1]
+log.configure()
+import structlog
+structlog.get_logger().bind(port="/dev/ttyUSB0").warning("two\\nlines", baud=9600)
+structlog.get_logger().debug("not told")
+"""
+
+
+def parsed(data: bytes) -> dict[str, str]:
+    """The fields of a datagram, as JOURNAL_NATIVE_PROTOCOL describes them."""
+    fields = {}
+    while data:
+        head, _, rest = data.partition(b"\n")
+        name, equals, value = head.partition(b"=")
+        if not equals:
+            size = int.from_bytes(rest[:8], "little")
+            value, data = rest[8 : 8 + size], rest[8 + size :]
+            assert data[:1] == b"\n"
+            data = data[1:]
+        else:
+            data = rest
+        assert name.decode() not in fields
+        fields[name.decode()] = value.decode()
+    return fields
+
+
+def said(stderr, journal: str, stream: str) -> None:
+    environment = {**os.environ, "JOURNAL_STREAM": stream}
+    subprocess.run([sys.executable, "-c", SAYS, journal], stderr=stderr, env=environment, check=True)
+
+
+@pytest.fixture
+def err(tmp_path):
+    with (tmp_path / "err").open("w+") as file:
+        yield file
+
+
+def stream_of(file) -> str:
+    status = os.fstat(file.fileno())
+    return f"{status.st_dev}:{status.st_ino}"
+
+
+def test_fields_and_priority_go_to_the_journal_and_nothing_to_stderr(tmp_path, err):
+    path = f"/tmp/imud-{uuid.uuid4().hex}"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as journal:
+        journal.bind(path)
+        try:
+            journal.settimeout(10.0)
+            said(err, path, stream_of(err))
+            told = parsed(journal.recv(65536))
+        finally:
+            os.unlink(path)  # noqa: PTH108
+    assert (told["PRIORITY"], told["PORT"], told["BAUD"], told["EVENT"]) == ("4", "/dev/ttyUSB0", "9600", "two\nlines")
+    assert told["MESSAGE"] == "two\nlines port=/dev/ttyUSB0 baud=9600" and told["SYSLOG_IDENTIFIER"] == "imud"
+    err.seek(0)
+    assert err.read() == ""
+
+
+def test_without_a_journal_that_listens_stderr_gets_the_priority(tmp_path, err):
+    said(err, str(tmp_path / "nobody"), stream_of(err))
+    err.seek(0)
+    assert err.read() == "<4>two\nlines port=/dev/ttyUSB0 baud=9600\n"
+
+
+def test_a_file_is_not_the_journal_of_who_started_us(err):
+    said(err, "", "1:1")
+    err.seek(0)
+    text = err.read()
+    assert "warning" in text and not text.startswith("<")
+
+
+@given(st.dictionaries(st.from_regex(r"[a-z_][a-z0-9_]{0,9}", fullmatch=True), st.text() | st.integers()), st.text())
+def test_any_event_is_readable(event, text):
+    told = parsed(log.datagram(6, {"event": text, **{f"x{key}": value for key, value in event.items()}}))
+    assert told["EVENT"] == text.encode(errors="replace").decode()
+    assert all(name and name[0] not in "_0123456789" for name in told)

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import msgspec
 
 from drivers.driver import Identity, ImuConfigured, Options
-from drivers.errors import SpecError
+from drivers.errors import PortAbsentError, SpecError
 from drivers.transport.portspec import PortSpec
+from drivers.transport.pps import PulsePerSecond
 
-from .errors import UsageError
+from .errors import DeviceAbsentError, UsageError
 from .estimators import Estimator, registry
 from .profiles import PROFILES
 from .settings import Settings
@@ -51,6 +52,14 @@ def _readonly(wanted: bool | tuple[str, ...], paths: list[str]) -> Collection[st
     if unknown := [path for path in wanted if path not in paths]:
         raise UsageError(f"readonly names {', '.join(unknown)}, but the ports are {', '.join(paths)}")
     return wanted
+
+
+def pulse(settings: Settings) -> PulsePerSecond | None:
+    """The receiver's pulse per second, if the settings name one. Raises DeviceAbsentError."""
+    try:
+        return PulsePerSecond(settings.gnss.pps) if settings.gnss.pps else None
+    except PortAbsentError as error:
+        raise DeviceAbsentError(str(error)) from error
 
 
 @dataclass(frozen=True)

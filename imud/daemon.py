@@ -57,6 +57,7 @@ class Daemon:
         self._estimator = self._choice.wanted
         self._poll = select.epoll()
         self._ports = [Port(spec, options, self, patient=wait) for spec, options in choices.ports(settings)]
+        self._pulse = choices.pulse(settings)
         self._by_fd: dict[int, Port] = {}
         self._imu: tuple[Port, Inertial] | None = None
         self._gnss: tuple[Port, Receiver] | None = None
@@ -315,7 +316,7 @@ class Daemon:
             self._imu = (port, self._connect_inertial(port.line, driver, configured, now_ns))
             facts |= {"serial": identity.serial, "firmware": identity.firmware, "rate_hz": configured.rate_hz}
         elif driver.kind == "gnss":
-            self._gnss = (port, Receiver(driver, self._settings.gnss, now_ns))
+            self._gnss = (port, Receiver(driver, self._settings.gnss, now_ns, self._pulse))
         self._log.info("streaming", **{name: value for name, value in facts.items() if value})
         if self._imu is None and all(port.configured for port in self._ports):
             self._log.warning("there is no inertial sensor on any port: nothing to estimate")

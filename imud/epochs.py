@@ -1,6 +1,7 @@
 """Time: a receiver's UTC fitted to the host's monotonic clock."""
 
 _DAY_NS = 86_400_000_000_000
+_SECOND_NS = 1_000_000_000
 _BAND_NS = 10_000_000_000  # a tty's 4096 bytes last 9 s at 4800 baud: what comes later still, UTC stepped
 _MEMORY_S = 64
 _STEP_S = 5  # so long must arrivals stay late by whole seconds until that is a step of the receiver's UTC
@@ -20,9 +21,14 @@ class EpochClock:
         self._seconds: list[int] = []  # of arrival, on the host's clock, oldest first
         self._least: list[int] = []  # arrival less UTC, ns, the least in each of them
 
-    def epoch_ns(self, utc_of_day_s: float, arrival_ns: int) -> int:
-        """Monotonic time in ns of the epoch that the receiver calls `utc_of_day_s` and that arrived at `arrival_ns`."""
+    def epoch_ns(self, utc_of_day_s: float, arrival_ns: int, pulse_ns: int | None = None) -> int:
+        """Monotonic time in ns of the epoch that the receiver calls `utc_of_day_s` and that arrived at `arrival_ns`.
+
+        With a pulse, which marks a full second, that is exact; the fix must arrive within a second then, as all do.
+        """
         utc_ns = round(utc_of_day_s * 1e9)
+        if pulse_ns is not None:
+            return arrival_ns - (arrival_ns - pulse_ns - utc_ns % _SECOND_NS) % _SECOND_NS
         if self._least:
             utc_ns += round((arrival_ns - utc_ns - self._least[-1]) / _DAY_NS) * _DAY_NS
         self._remember(arrival_ns // 1_000_000_000, arrival_ns - utc_ns)

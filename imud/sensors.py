@@ -12,6 +12,7 @@ from drivers.driver import GnssDriver, ImuConfigured, ImuDriver
 from drivers.errors import PortLostError
 from drivers.fix import Fix
 from drivers.transport.line import Line
+from drivers.transport.pps import PulsePerSecond
 
 from .epochs import EpochClock
 from .gnss import Refusal, record, refusal
@@ -141,7 +142,10 @@ class Inertial:
 class Receiver:
     """A GNSS receiver whose fixes go to the filter."""
 
-    def __init__(self, driver: GnssDriver, settings: GnssSettings, now_ns: int) -> None:
+    def __init__(
+        self, driver: GnssDriver, settings: GnssSettings, now_ns: int, pulse: PulsePerSecond | None = None
+    ) -> None:
+        self._pulse = pulse
         self.decoder = driver.new_decoder()
         self.rate = Rate()
         self.heard_ns = now_ns
@@ -192,7 +196,8 @@ class Receiver:
                 self.refused[refused.rule] += 1
             elif fix.utc_s is not None:
                 self._used_last = fix
-                rows.append(record(fix, self._epochs.epoch_ns(fix.utc_s, fix.arrival_ns), now_ns))
+                pulse_ns = self._pulse.newest_ns(now_ns) if self._pulse else None
+                rows.append(record(fix, self._epochs.epoch_ns(fix.utc_s, fix.arrival_ns, pulse_ns), now_ns))
         self.used += len(rows)
         return rows
 

@@ -73,6 +73,9 @@ class Gnss(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     latency_s: Annotated[
         float, Meta(ge=0.0, description="From a fix's epoch to its arrival, when nothing better is known.", extra=HOT)
     ] = 0.15
+    pps: Annotated[
+        str, Meta(description="The kernel's pulse per second of this receiver, such as /dev/pps0; empty: none.")
+    ] = ""
     min_satellites: Annotated[
         int, Meta(ge=0, description="Fixes with fewer satellites are not used; those that do not say are.", extra=HOT)
     ] = 5

@@ -1,0 +1,75 @@
+"""What a wake-up costs, in counts: system calls, compilations, garbage collections, memory that stays. No times."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import time
+
+import pytest
+from processes import START_S, emulator, process
+
+from imud.bench.live import traced_calls
+from imud.client import connect
+
+FRAMES = 6000
+
+
+@pytest.fixture(scope="module")
+def watched(tmp_path_factory):
+    """A daemon at 1 kHz with one subscriber: what its interpreter did, its system calls, and the solutions seen."""
+    folder = tmp_path_factory.mktemp("hot")
+    port, stream = folder / "imu", folder / "stream"
+    command = ("imud.bench.observed", str(folder / "seen.json"), "run", "--port", str(port))
+    outputs = ("--listen", str(folder / "gpsd"), "--set", f"stream.listen={stream}")
+    calls = {}
+    with (
+        emulator("g350", "--scenario", "rest", links=[port]),
+        process(*command, *outputs, stderr=subprocess.DEVNULL, env={**os.environ, "NO_COLOR": "1"}) as running,
+    ):
+        deadline = time.monotonic() + START_S
+        while not stream.exists():
+            assert running.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        with connect(stream, timeout_s=START_S) as states:
+            first = next(states).seq
+            while next(states).seq < first + FRAMES:
+                pass
+            seen = 0
+            if shutil.which("strace"):
+                table = folder / "calls"
+                tracer = subprocess.Popen(["strace", "-c", "-o", table, "-p", str(running.pid)])
+                begin = next(states).seq
+                while next(states).seq < begin + 3000:
+                    seen += 1
+                tracer.send_signal(signal.SIGINT)
+                if tracer.wait() == 0 or table.exists():
+                    calls = traced_calls(table.read_text())
+        running.send_signal(signal.SIGTERM)
+        assert running.wait(20.0) == 0
+    return json.loads((folder / "seen.json").read_text()), calls
+
+
+def test_nothing_is_compiled_after_ready(watched):
+    assert watched[0]["compiled"] == 0
+
+
+def test_frames_leave_nothing_for_the_garbage_collector(watched):
+    """Connecting may; a leak of one object per frame would be nine collections of the youngest generation."""
+    assert len(watched[0]["pauses_ns"]) < FRAMES / 700
+
+
+def test_frames_leave_no_memory_allocated(watched):
+    assert watched[0]["blocks"] < FRAMES / 2
+
+
+def test_a_wake_up_is_a_wait_and_a_read_and_a_send_for_each_subscriber(watched):
+    calls = watched[1]
+    if not calls:
+        pytest.skip("strace is not on this machine, or may not attach")
+    sends, reads = calls.pop("sendto"), calls["readv"]
+    assert sends > 1000
+    assert calls["epoll_wait"] <= 1.1 * reads
+    assert sum(calls.values()) <= 2.2 * reads, calls

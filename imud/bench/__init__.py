@@ -10,6 +10,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
+from imud.errors import ImudError
+
 if TYPE_CHECKING:
     from .table import Section
 
@@ -39,7 +41,10 @@ def run(args: argparse.Namespace) -> int:
     for name, part in _parts(args.quick):
         if sys.stderr.isatty():
             print(f"\r  measuring: {name:<20}", end="", file=sys.stderr, flush=True)
-        sections.append(part())
+        try:
+            sections.append(part())
+        except ImudError as error:
+            sections.append(table.Section(f"{name}: {error}"))
     if sys.stderr.isatty():
         print(f"\r{'':40}\r", end="", file=sys.stderr, flush=True)
     if args.json:

@@ -35,6 +35,7 @@ PERIOD_NS = 1_000_000
 _START_S = 300.0  # a first start compiles
 _SETTLE = 3000  # frames before anything is measured: the detection listens, caches fill
 _TRACED = 2000  # frames
+_PATIENCE_S, _QUIET_S = 2.0, 0.2  # for what is under way; without anything new that was the last
 _SEQ = struct.Struct("<8xQ")
 
 
@@ -52,8 +53,13 @@ class Contestant:
         self.overruns = 0  # frames for which the line had no room
         self.written: list[int] = []  # when, ns
         self.first = 0  # seq of the first of them
-        self.process: subprocess.Popen[bytes]
+        self.process: subprocess.Popen[bytes] | None = None
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+
+    @property
+    def pid(self) -> int:
+        assert self.process is not None
+        return self.process.pid
 
     def start(self, command: list[str], log: Path) -> None:
         with log.open("wb") as file:
@@ -61,6 +67,7 @@ class Contestant:
 
     def connect(self) -> bool:
         """False while the daemon does not listen yet. Raises ImudError if it has ended."""
+        assert self.process is not None
         if self.process.poll() is not None:
             raise ImudError(f"bench: the daemon {self.name} ended by itself with {self.process.returncode}")
         try:
@@ -90,16 +97,16 @@ class Contestant:
 
     def cpu_ns(self) -> int:
         """Time on a processor so far."""
-        return int(Path(f"/proc/{self.process.pid}/schedstat").read_text().split()[0])
+        return int(Path(f"/proc/{self.pid}/schedstat").read_text().split()[0])
 
     def status_mb(self, name: str) -> float:
         """Of /proc/PID/status, such as VmRSS."""
-        lines = Path(f"/proc/{self.process.pid}/status").read_text().splitlines()
+        lines = Path(f"/proc/{self.pid}/status").read_text().splitlines()
         return next(float(line.split()[1]) / 1024.0 for line in lines if line.startswith(f"{name}:"))
 
     def close(self) -> None:
         self.socket.close()
-        if self.process.poll() is None:
+        if self.process is not None and self.process.poll() is None:
             self.process.terminate()
             try:
                 self.process.wait(10.0)
@@ -133,6 +140,12 @@ class Pacer:
                 deadline += gap_ns
         self._wait(connected, deadline + 20 * PERIOD_NS)
 
+    def wait_for(self, n: int) -> None:
+        """Give what is still under way a little time."""
+        deadline = time.monotonic() + _PATIENCE_S
+        while min(len(c.latencies_ns) for c in self._contestants) < n and time.monotonic() < deadline:
+            self._wait([c.socket for c in self._contestants], time.monotonic_ns() + 20 * PERIOD_NS)
+
     def _wait(self, sockets: list[socket.socket], deadline: int) -> None:
         while (left := deadline - time.monotonic_ns()) > 0:
             for sock in select.select(sockets, [], [], left * 1e-9)[0]:
@@ -164,10 +177,10 @@ def _race(folder: Path) -> Iterator[tuple[list[Contestant], str]]:
     try:
         contestants[0].start(_imud(folder, contestants[0]), folder / "imud.log")
         try:
-            in_c = Contestant("c", folder)
-            in_c.start(_c_daemon(folder, in_c), folder / "c.log")
-            contestants.append(in_c)
+            contestants.append(Contestant("c", folder))
+            contestants[1].start(_c_daemon(folder, contestants[1]), folder / "c.log")
         except reference.NoReferenceError as error:
+            contestants.pop().close()
             why = str(error)
         _meet(contestants, folder)
         yield contestants, why
@@ -195,11 +208,14 @@ def _meet(contestants: list[Contestant], folder: Path) -> None:
 
 def _number(pacer: Pacer, contestants: list[Contestant]) -> None:
     """Learn which solution belongs to the next frame written."""
-    for contestant in contestants:
-        contestant.take()
     pacer.feed(1)
     for contestant in contestants:
-        contestant.first = contestant.take() + 1
+        seq = 0
+        while select.select([contestant.socket], [], [], _PATIENCE_S if not seq else _QUIET_S)[0]:
+            seq = contestant.take()
+        if not seq:
+            raise ImudError(f"bench: no solution comes from the daemon {contestant.name}")
+        contestant.first = seq + 1
         contestant.written, contestant.overruns = [], 0
         contestant.latencies_ns.clear()
 
@@ -217,6 +233,7 @@ def live(seconds: int) -> Section:
             n = seconds * 1000
             before = [c.cpu_ns() for c in contestants]
             pacer.feed(n)
+            pacer.wait_for(n)
             used_us = [(c.cpu_ns() - b) / n * 1e-3 for c, b in zip(contestants, before, strict=True)]
             lost = [n - len(c.latencies_ns) for c in contestants]
             percentiles = [np.percentile(c.latencies_ns, (50, 99)) * 1e-3 for c in contestants]
@@ -249,7 +266,7 @@ def _syscalls(section: Section, pacer: Pacer, contestants: list[Contestant]) -> 
         return
     for contestant in contestants:
         with tempfile.NamedTemporaryFile() as file:
-            command = ["strace", "-c", "-f", "-o", file.name, "-p", str(contestant.process.pid)]
+            command = ["strace", "-c", "-f", "-o", file.name, "-p", str(contestant.pid)]
             tracer = subprocess.Popen(command, stderr=subprocess.DEVNULL)
             pacer.feed(500)  # until it has attached itself
             pacer.feed(_TRACED)

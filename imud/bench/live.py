@@ -208,6 +208,8 @@ def _meet(contestants: list[Contestant], folder: Path) -> None:
 
 def _number(pacer: Pacer, contestants: list[Contestant]) -> None:
     """Learn which solution belongs to the next frame written."""
+    for contestant in contestants:
+        contestant.take()  # what it had queued for us; newer solutions it had to drop
     pacer.feed(1)
     for contestant in contestants:
         seq = 0
@@ -236,6 +238,8 @@ def live(seconds: int) -> Section:
             pacer.wait_for(n)
             used_us = [(c.cpu_ns() - b) / n * 1e-3 for c, b in zip(contestants, before, strict=True)]
             lost = [n - len(c.latencies_ns) for c in contestants]
+            if not all(c.latencies_ns for c in contestants):
+                raise ImudError("bench: solutions and frames do not match; is the machine overloaded?")
             percentiles = [np.percentile(c.latencies_ns, (50, 99)) * 1e-3 for c in contestants]
             ours = contestants[0]
             section.add("processor time per frame", used_us[0], "us")

@@ -16,6 +16,7 @@ COMMANDS = {
     "run": "the daemon: sensors in, attitude and position out (the default command)",
     "demo": "emulated sensors and the daemon in one command, estimate against truth on the terminal",
     "sim": "emulated sensors on pseudo-terminals",
+    "web": "a live page of a running daemon for the browser: attitude, track, charts, health",
     "probe": "which device is on which port, at which baud rate",
     "status": "how a running daemon is: sensors, clock, filter, clients; also for Prometheus",
     "doctor": "why this machine would not work, and the mend",

@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import webbrowser
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +23,7 @@ from typing import Any
 
 from firmware_sim.faults import spec
 
+from . import web
 from .errors import ImudError, UsageError
 
 _RATE_HZ = 20
@@ -36,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenario", default="car", help="what the emulated vehicle does (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=1, help="of the emulated sensors' errors (default: %(default)s)")
     parser.add_argument("--faults", default="", metavar="SPEC", help="what goes wrong: see `imud sim --help`")
+    parser.add_argument("--web", action="store_true", help="show it live in a browser: see `imud web`")
     parser.add_argument("--no-gnss", action="store_true", help="the inertial sensor alone: attitude only")
 
 
@@ -232,6 +235,8 @@ def run(args: argparse.Namespace) -> int:
         spec.parse(args.faults, devices)
     except spec.SpecError as error:
         raise UsageError(f"--faults: {error}") from error
+    if args.web:
+        web.require()
     with tempfile.TemporaryDirectory(prefix="imud-demo-") as folder, contextlib.ExitStack() as stack:
         base = Path(folder)
         links = [base / name for name in devices]
@@ -260,7 +265,22 @@ def run(args: argparse.Namespace) -> int:
                 stderr=log_file,
             )
         )
+        if args.web:
+            page = ("web", "--listen=127.0.0.1:0", str(listen))
+            page_process = stack.enter_context(_process(*page, stdout=subprocess.PIPE, stderr=log_file))
+            _show_in_browser(page_process, log)
         return _compare(client, truth_file, args.seconds, log)
+
+
+def _show_in_browser(page: subprocess.Popen[str], log: Path) -> None:
+    """Print where the page is; open it where there is a screen."""
+    assert page.stdout is not None
+    url = page.stdout.readline().strip()
+    if not url:
+        raise ImudError(f"demo: the live page did not start:\n{log.read_text()}")
+    print(f"imud demo: live page at {url}", flush=True)
+    if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        webbrowser.open(url)
 
 
 class Finding:

@@ -56,6 +56,12 @@ def available() -> bool:
     return importlib.util.find_spec("plotly") is not None
 
 
+def plotly_js() -> str:
+    """plotly's browser library, out of its Python package: no page needs the network."""
+    offline: Any = importlib.import_module("plotly.offline")
+    return str(offline.get_plotlyjs())
+
+
 def _thin(trace: Trace) -> slice:
     return slice(None, None, max(1, math.ceil(len(trace.x) / MOST_POINTS)))
 

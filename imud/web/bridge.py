@@ -1,0 +1,100 @@
+"""The daemon's newest messages, kept for whoever shows them. Knows gpsd's lines and that a daemon comes and goes.
+
+Any number of readers wait for what is newer than they have seen: a slow one misses messages and delays nobody.
+"""
+
+import asyncio
+import json
+from typing import Any, NamedTuple
+
+from imud.outputs.listen import Address
+
+RATE_HZ = 20
+_WATCH = {"enable": True, "json": True, "rate": RATE_HZ, "class": "ATT,EST,SKY"}
+_LONGEST = 1 << 20  # bytes of a line
+_RETRY_S = 1.0
+_DEVICES_S = 2.0  # between questions after the devices: the daemon does not tell by itself when they come and go
+
+
+class News(NamedTuple):
+    """What is known: number, and the newest message of each class as one JSON object."""
+
+    number: int
+    text: str
+
+
+class NotADaemonError(Exception):
+    """What answers at the address does not speak gpsd's protocol."""
+
+
+class Bridge:
+    """Keeps a connection to the daemon and the newest of what it says. Belongs to one event loop."""
+
+    def __init__(self, address: Address) -> None:
+        self._address = address
+        self._messages: dict[str, Any] = {}
+        self._news = News(0, "")
+        self._waiting = asyncio.Event()
+        self._tell("not yet connected")
+
+    async def newer_than(self, number: int) -> News:
+        """The newest news, as soon as its number is another."""
+        while self._news.number == number:
+            await self._waiting.wait()
+        return self._news
+
+    async def run(self) -> None:
+        """Connect, read, connect again; for ever."""
+        while True:
+            try:
+                await self._session()
+                why = "it ended the connection"
+            except OSError as error:
+                why = (error.strerror or str(error)).lower()
+            except NotADaemonError as error:
+                why = str(error)
+            self._messages.clear()
+            self._tell(why)
+            await asyncio.sleep(_RETRY_S)
+
+    async def _session(self) -> None:
+        where = self._address.where
+        opened = asyncio.open_unix_connection(where) if isinstance(where, str) else asyncio.open_connection(*where)
+        reader, writer = await opened
+        asking = asyncio.create_task(self._ask(writer))
+        try:
+            await self._read(reader)
+        finally:
+            asking.cancel()
+            writer.close()
+
+    async def _ask(self, writer: asyncio.StreamWriter) -> None:
+        writer.write(b"?WATCH=" + json.dumps(_WATCH).encode() + b"\n")
+        while True:
+            await asyncio.sleep(_DEVICES_S)
+            writer.write(b"?DEVICES\n")
+
+    async def _read(self, reader: asyncio.StreamReader) -> None:
+        rest = b""
+        while data := await reader.read(65536):
+            *lines, rest = (rest + data).split(b"\n")
+            if len(rest) > _LONGEST:
+                raise NotADaemonError("what it says is not gpsd's protocol")
+            for line in lines:
+                self._take(line)
+            if lines:
+                self._tell(None)
+
+    def _take(self, line: bytes) -> None:
+        try:
+            message = json.loads(line)
+            self._messages[message["class"]] = message
+        except (ValueError, TypeError, KeyError, RecursionError):
+            raise NotADaemonError("what it says is not gpsd's protocol") from None
+
+    def _tell(self, why: str | None) -> None:
+        """Wake the readers. why: what keeps the daemon away; None: nothing."""
+        known = {"daemon": self._address.text, "connected": why is None, "why": why, **self._messages}
+        self._news = News(self._news.number + 1, json.dumps(known))
+        self._waiting.set()
+        self._waiting = asyncio.Event()

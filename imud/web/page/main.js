@@ -1,0 +1,86 @@
+// The page: news in, drawings out. News is the newest gpsd message of each class, and whether the daemon is there.
+
+import { drawCompass, drawHorizon } from "./horizon.js";
+import { connect } from "./link.js";
+import { drawInTurn } from "./plots.js";
+import { drawPose, turnView } from "./pose.js";
+import { makeStrips, remember } from "./strips.js";
+import { fillTables } from "./tables.js";
+import { follow, forgetTrack, makeTrack } from "./track.js";
+
+const STALE_MS = 1500;
+const GOOD = ["attitude", "heading", "position", "at-rest"];
+
+const byId = (id) => document.getElementById(id);
+let news = { connected: false, why: "connecting" };
+let heard = -Infinity; // when the newest estimate came
+let fresh = false;
+
+function say(text, kind) {
+  const link = byId("link");
+  if (link.textContent !== text) link.textContent = text; // read aloud only when it changes
+  link.className = `pill ${kind}`;
+  document.body.classList.toggle("stale", kind !== "good");
+}
+
+function tellLink() {
+  const age = performance.now() - heard;
+  fresh = news.connected && age < STALE_MS;
+  if (news.lost) say("imud web does not answer: trying again", "bad");
+  else if (!news.connected) say(`no daemon at ${news.daemon ?? "?"}: ${news.why}; trying again`, "bad");
+  else if (heard === -Infinity) say("daemon is there, no sensor data yet", "doubt");
+  else if (!fresh) say(`no sensor data for ${Math.round(age / 1000)} s`, "doubt");
+  else say("live", "good");
+}
+
+function tellState() {
+  const { EST: est } = news;
+  byId("words").replaceChildren(...(est?.state ?? "").split(",").filter(Boolean).map((word) => {
+    const pill = document.createElement("span");
+    pill.className = `pill ${GOOD.includes(word) ? "good" : "doubt"}`;
+    pill.textContent = word;
+    return pill;
+  }));
+  byId("source").textContent = est?.estimator ?? "";
+}
+
+function draw() {
+  const est = news.EST ?? {};
+  const known = (est.state ?? "aligning").includes("aligning") ? {} : est;
+  drawHorizon(byId("horizon"), known.roll_deg, known.pitch_deg);
+  drawCompass(byId("compass"), known.heading_deg, known.syaw_deg, est.state?.includes("heading"));
+  drawPose(byId("pose"), known.q0 == null ? null : [known.q0, known.q1, known.q2, known.q3]);
+  fillTables(news);
+  tellState();
+}
+
+let asked = false;
+function drawSoon() {
+  if (asked) return;
+  asked = true;
+  requestAnimationFrame(() => { asked = false; draw(); });
+}
+
+function take(message) {
+  const before = news.EST?.t_mono_ns;
+  news = message;
+  if (news.EST && news.EST.t_mono_ns !== before) {
+    heard = performance.now();
+    if (news.EST.yaw_deg != null) news.EST.heading_deg = (news.EST.yaw_deg + 360) % 360;
+    remember(news);
+    follow(news.EST);
+  }
+  tellLink();
+  drawSoon();
+}
+
+makeTrack(byId("track"));
+makeStrips(byId("charts"));
+turnView(byId("pose"), drawSoon);
+byId("anew").addEventListener("click", forgetTrack);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawSoon);
+addEventListener("resize", drawSoon);
+setInterval(tellLink, 500);
+connect(take, () => { news = { ...news, connected: false, lost: true }; tellLink(); });
+draw();
+addEventListener("load", () => drawInTurn(() => fresh));

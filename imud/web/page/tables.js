@@ -1,0 +1,62 @@
+// The tables: which number stands where, with its standard deviation and unit; health in words.
+
+// name, value, sigma, decimals, unit, mark of the value if it has another; of EST unless the value names another message
+const ANGLES = [["roll", "roll_deg", "sroll_deg", 2, "deg"], ["pitch", "pitch_deg", "spitch_deg", 2, "deg"]];
+const MOTION = [["heading", "heading_deg", "syaw_deg", 2, "deg"], ["rate of turn", "ATT.rot", null, 1, "deg/min"]];
+const PLACE = [
+  ["latitude", "lat_deg", "sn_m", 6, "m", "°"], ["longitude", "lon_deg", "se_m", 6, "m", "°"], ["height", "height_m", "sd_m", 2, "m"],
+  ["v north", "vn_mps", "svn_mps", 2, "m/s"], ["v east", "ve_mps", "sve_mps", 2, "m/s"], ["v down", "vd_mps", "svd_mps", 2, "m/s"],
+];
+const HEALTH = [
+  ["last fix", "gnss_age_s", null, 1, "s ago"], ["satellites in use", "SKY.uSat", null, 0, ""], ["HDOP", "SKY.hdop", null, 1, ""],
+  ["sensor temperature", "ATT.temp", null, 1, "°C"], ["clock residual", "clock_residual_us", null, 0, "µs"], ["clock drift", "clock_drift_ppm", null, 1, "ppm"],
+];
+const TABLES = { angles: ANGLES, motion: MOTION, place: PLACE, health: HEALTH };
+
+function value(news, key) {
+  const [kind, name] = key.includes(".") ? key.split(".") : ["EST", key];
+  return news[kind]?.[name];
+}
+
+function cell(text, kind = "") {
+  const td = document.createElement("td");
+  td.textContent = text;
+  td.className = kind;
+  return td;
+}
+
+function words(name, text, kind) {
+  const row = document.createElement("tr");
+  const shown = cell(text ?? "–", `words ${kind}`);
+  shown.colSpan = 3;
+  row.append(cell(name), shown);
+  return row;
+}
+
+function devices(news) {
+  return (news.DEVICES?.devices ?? []).map(({ subtype, driver, sernum, path, bps, activated }) => {
+    const name = [subtype || driver, sernum].filter(Boolean).join(" ");
+    return words(path.split("/").at(-1), activated ? `${name}${bps ? `, ${bps} baud` : ""}` : "not connected", activated ? "" : "bad");
+  });
+}
+
+function health(news) {
+  return [["inertial sensor", "imu_health"], ["receiver", "gnss_health"]].map(([name, key]) => {
+    const text = news.EST?.[key];
+    return words(name, text, text === "ok" ? "good" : text == null ? "unit" : "bad");
+  });
+}
+
+export function fillTables(news) {
+  for (const [id, rows] of Object.entries(TABLES)) {
+    const lines = rows.map(([name, key, sigma, decimals, unit, mark = ""]) => {
+      const number = value(news, key), spread = sigma && value(news, sigma);
+      const row = document.createElement("tr");
+      row.append(cell(name), cell(number == null ? "–" : number.toFixed(decimals) + mark, "number"),
+        cell(spread == null ? "" : `± ${spread.toPrecision(2)}`, "number"), cell(unit, "unit"));
+      return row;
+    });
+    const said = id === "health" ? [...devices(news), ...health(news)] : [];
+    document.getElementById(id).replaceChildren(...said, ...lines);
+  }
+}

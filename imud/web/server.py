@@ -1,0 +1,125 @@
+"""The page's web server: files of the page, plotly from its own package, and the daemon's news over a WebSocket.
+
+Only pages that this server itself served may read the news: a request from another site's page, or under a name that
+is not this machine's, is refused, because whatever page a browser shows can reach a server on loopback.
+"""
+
+import asyncio
+import contextlib
+import gzip
+import ipaddress
+import signal
+import socket
+import sys
+from collections.abc import AsyncIterator
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from aiohttp import web
+from aiohttp.typedefs import Handler
+
+from imud import figures
+from imud.outputs.listen import Address, is_local, listen, shown_address
+
+from .bridge import Bridge
+
+_FILES = Path(__file__).parent / "page"
+_POLICY = "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; frame-ancestors 'none'"
+_SHUTDOWN_S = 0.2  # for what is being sent; the pages connect again by themselves
+_BRIDGE: web.AppKey[Bridge] = web.AppKey("bridge", Bridge)
+
+
+def _own_name(host: str) -> bool:
+    """Whether a browser that says `Host: host` means this machine: an address, or a name that it has."""
+    name = (urlsplit(f"//{host}").hostname or "").lower()
+    own = socket.gethostname().lower()
+    try:
+        return bool(ipaddress.ip_address(name))
+    except ValueError:
+        return name in ("localhost", own, f"{own.partition('.')[0]}.local")
+
+
+@web.middleware
+async def _guard(request: web.Request, handler: Handler) -> web.StreamResponse:
+    origin = request.headers.get("Origin")
+    if not _own_name(request.host) or (origin is not None and urlsplit(origin).netloc != request.host):
+        raise web.HTTPForbidden(text="open the page by this machine's address or name\n")
+    response: web.StreamResponse = await handler(request)
+    return response
+
+
+async def _secure(_: web.Request, response: web.StreamResponse) -> None:
+    response.headers["Content-Security-Policy"] = _POLICY
+    response.headers.setdefault("Cache-Control", "no-cache")
+
+
+async def _page(_: web.Request) -> web.FileResponse:
+    return web.FileResponse(_FILES / "index.html")
+
+
+async def _live(request: web.Request) -> web.WebSocketResponse:
+    channel = web.WebSocketResponse(heartbeat=10.0, max_msg_size=1024)
+    await channel.prepare(request)
+    sender = asyncio.create_task(_send(channel, request.app[_BRIDGE]))
+    try:
+        async for _ in channel:  # nothing is expected; this notices the end
+            pass
+    finally:
+        sender.cancel()
+    return channel
+
+
+async def _send(channel: web.WebSocketResponse, bridge: Bridge) -> None:
+    number = 0
+    with contextlib.suppress(ConnectionError):
+        while True:
+            number, text = await bridge.newer_than(number)
+            await channel.send_str(text)  # waits for a slow reader, who then gets the newest
+
+
+async def _connected(app: web.Application) -> AsyncIterator[None]:
+    """While the server runs, the bridge does."""
+    running = asyncio.create_task(app[_BRIDGE].run())
+    yield
+    running.cancel()
+
+
+def application(daemon: Address) -> web.Application:
+    """The server for one daemon; to be started in the event loop that calls this."""
+    app = web.Application(middlewares=[_guard])
+    app[_BRIDGE] = Bridge(daemon)
+    plotly = gzip.compress(figures.plotly_js().encode(), 6)
+
+    async def plotly_js(_: web.Request) -> web.Response:
+        headers = {"Content-Encoding": "gzip", "Cache-Control": "max-age=86400"}
+        return web.Response(body=plotly, content_type="text/javascript", charset="utf-8", headers=headers)
+
+    app.router.add_get("/", _page)
+    app.router.add_get("/live", _live)
+    app.router.add_get("/plotly.js", plotly_js)
+    app.router.add_static("/page", _FILES)
+    app.on_response_prepare.append(_secure)
+    app.cleanup_ctx.append(_connected)
+    return app
+
+
+async def _serve(daemon: Address, listening: socket.socket) -> None:
+    ended = asyncio.Event()
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ended.set)
+    runner = web.AppRunner(application(daemon), access_log=None, shutdown_timeout=_SHUTDOWN_S)
+    await runner.setup()
+    try:
+        await web.SockSite(runner, listening).start()
+        print(f"http://{shown_address(listening)}/", flush=True)
+        await ended.wait()
+    finally:
+        await runner.cleanup()
+
+
+def serve(daemon: Address, page: Address) -> int:
+    """Serve until SIGTERM. Prints the page's address on stdout. Raises what `listen` raises."""
+    with listen(page) as listening:
+        if not is_local(page):
+            print("imud web: other machines can see the page; there is no password", file=sys.stderr)
+        asyncio.run(_serve(daemon, listening))
+    return 0

@@ -1,0 +1,199 @@
+"""`imud web`: what its server gives to whom, and the page in a real browser, fed by a real daemon."""
+
+import asyncio
+import contextlib
+import json
+import subprocess
+import sys
+
+import pytest
+
+aiohttp = pytest.importorskip("aiohttp", reason="the live page needs the extra imud[web]")
+pytest.importorskip("plotly", reason="the live page needs the extra imud[web]")
+
+from browser import DESKTOP, PHONE, browser, program  # noqa: E402
+from processes import daemon, process  # noqa: E402
+
+from imud import web  # noqa: E402
+from imud.errors import UsageError  # noqa: E402
+
+EST = {"class": "EST", "seq": 1, "t_mono_ns": 5, "roll_deg": 12.5, "state": "attitude"}
+
+
+@contextlib.contextmanager
+def page_server(address):
+    """`imud web` for the daemon at `address`: its URL."""
+    with process("imud", "web", "--listen=127.0.0.1:0", str(address), stdout=subprocess.PIPE) as running:
+        yield running.stdout.readline().strip()
+
+
+@contextlib.asynccontextmanager
+async def scripted_daemon(path, *lines):
+    """A socket that says these lines to whoever asks; yields the requests."""
+    asked, writers = [], []
+
+    async def serve(reader, writer):
+        writers.append(writer)
+        asked.append(await reader.readline())
+        writer.write(b"".join(line + b"\r\n" for line in lines))
+        with contextlib.suppress(ConnectionError):
+            await reader.read()
+
+    path.unlink(missing_ok=True)
+    server = await asyncio.start_unix_server(serve, path)
+    try:
+        yield asked
+    finally:
+        server.close()
+        for writer in writers:
+            writer.close()
+
+
+async def heard(channel, accept, seconds=20.0):
+    """The first news that `accept` takes."""
+    async with asyncio.timeout(seconds):
+        while not accept(news := await channel.receive_json()):
+            pass
+    return news
+
+
+def test_news_follow_the_daemon_as_it_comes_and_goes(tmp_path):
+    path = tmp_path / "gpsd.sock"
+
+    async def follow(url):
+        async with aiohttp.ClientSession() as session, session.ws_connect(f"{url}live") as channel:
+            news = await heard(channel, lambda n: not n["connected"] and "no such file" in n["why"])
+            assert news["daemon"] == f"unix:{path}"
+            async with scripted_daemon(path, b'{"class":"VERSION"}', json.dumps(EST).encode()) as asked:
+                news = await heard(channel, lambda n: "EST" in n)
+                assert news["connected"] and news["EST"] == EST
+                watch = json.loads(asked[0].removeprefix(b"?WATCH="))
+                assert 10 <= watch["rate"] <= 20 and {"ATT", "EST", "SKY"} == set(watch["class"].split(","))
+            async with scripted_daemon(path, b"SSH-2.0-OpenSSH_9.2"):
+                news = await heard(channel, lambda n: "not gpsd" in (n["why"] or ""))
+                assert "EST" not in news  # nothing old is shown as if it were new
+
+    with page_server(path) as url:
+        asyncio.run(follow(url))
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({}, 200),
+        ({"Origin": "http://{host}"}, 200),
+        ({"Host": "localhost:80"}, 200),
+        ({"Origin": "http://evil.example"}, 403),
+        ({"Host": "evil.example"}, 403),
+        ({"Origin": "null"}, 403),
+    ],
+)
+def test_other_sites_pages_read_nothing(headers, status, served):
+    async def ask():
+        host = served.removeprefix("http://").rstrip("/")
+        given = {key: value.format(host=host) for key, value in headers.items()}
+        async with aiohttp.ClientSession() as session, session.get(served, headers=given) as answer:
+            return answer.status
+
+    assert asyncio.run(ask()) == status
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    with page_server(tmp_path_factory.mktemp("web") / "absent.sock") as url:
+        yield url
+
+
+def test_the_page_is_whole_and_asks_nothing_of_other_machines(served):
+    async def fetch():
+        async with aiohttp.ClientSession(served) as session:
+            for path, beginning in (("/", "<!DOCTYPE html>"), ("/page/main.js", "//"), ("/plotly.js", "/**")):
+                async with session.get(path) as answer:
+                    assert answer.status == 200
+                    assert (await answer.text()).startswith(beginning)
+                    assert "default-src 'self'" in answer.headers["Content-Security-Policy"]
+            async with session.get("/page/../server.py") as answer:
+                assert answer.status == 404
+
+    asyncio.run(fetch())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        (["--listen", "/tmp/x"], 64, "HOST:PORT"),
+        (["nowhere:at:all"], 64, "gpsd socket"),
+        (["--listen", "127.0.0.1:99999"], 78, "65535"),
+    ],
+)
+def test_a_bad_address_is_told(arguments, code, says):
+    command = [sys.executable, "-m", "imud", "web", *arguments]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (ended.returncode, ended.stdout) == (code, "")
+    assert says in ended.stderr and "Traceback" not in ended.stderr
+
+
+def test_a_port_that_is_taken_is_told(served):
+    command = [sys.executable, "-m", "imud", "web", "--listen", served.removeprefix("http://").rstrip("/")]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == 73 and "in use by" in ended.stderr
+
+
+def test_without_the_extra_the_mend_is_told(monkeypatch):
+    monkeypatch.setattr(web.importlib.util, "find_spec", lambda _: None)
+    with pytest.raises(UsageError, match=r"pip install 'imud\[web\]'"):
+        web.require()
+
+
+LINK = "document.getElementById('link').textContent"
+NUMBERS = "document.getElementById('angles').innerText"
+POINTS = "document.querySelector('#charts .chart').data?.at(-1).x.length ?? 0"
+INK = """(() => { const c = document.getElementById('%s'); const d = c.getContext('2d')
+  .getImageData(0, 0, c.width, c.height).data; return new Set(new Uint32Array(d.buffer)).size })()"""
+
+
+async def renders_and_moves(page):
+    await page.until(f"{LINK} === 'live'")
+    await page.until(f"/roll\\s+-?\\d/.test({NUMBERS})")
+    before = await page.evaluate(NUMBERS)
+    await page.until(f"{NUMBERS} !== {json.dumps(before)}")
+    for canvas in ("horizon", "compass", "pose"):
+        assert await page.evaluate(INK % canvas) > 10, canvas
+
+
+async def fits(page):
+    for size in (DESKTOP, PHONE):
+        for scheme in ("light", "dark"):
+            await page.size(size, scheme)
+            await page.until(f"innerWidth === {size[0]} && document.documentElement.scrollWidth <= {size[0]}", 20.0)
+    await page.size(DESKTOP)
+
+
+@pytest.mark.skipif(program() is None, reason="no Chromium here")
+def test_in_a_browser_it_renders_moves_and_survives_restarts(tmp_path):
+    ports = ("--port", "sim:car", "--port", "sim:car:nmea")
+    socket = tmp_path / "gpsd.sock"
+
+    async def look(url):
+        async with browser(tmp_path / "profile") as page:
+            await page.size(DESKTOP)
+            await page.open(url)
+            await page.until(f"{LINK}.startsWith('no daemon at')")
+            with daemon(tmp_path, *ports):
+                await renders_and_moves(page)
+                await page.until("document.getElementById('track').data?.[0].x.length > 5")
+                await page.evaluate("document.querySelector('#charts').scrollIntoView()")
+                n = await page.until(POINTS)
+                await page.until(f"{POINTS} > {n}")
+                await fits(page)
+            await page.until(f"{LINK}.startsWith('no daemon at')")
+            with daemon(tmp_path, *ports):
+                await renders_and_moves(page)
+            assert page.errors == []
+            assert {address.partition("/page")[0].rstrip("/") for address in page.requests if address != "data:,"} <= {
+                url.rstrip("/"),
+                f"{url}plotly.js",
+            }
+
+    with page_server(socket) as url:
+        asyncio.run(look(url))

@@ -30,32 +30,42 @@ export function remember(news) {
   while (history[0].t < t - SPAN_S) history.shift();
 }
 
-// Columns of one curve; a break of the line (null) where data are missing or the heading passes north.
-function columns([source, key, sigma], turns) {
+// One curve in pieces: it breaks where data are missing and where the heading passes north.
+function pieces([source, key, sigma], turns) {
   const now = history.at(-1)?.t ?? 0;
-  const x = [], y = [], low = [], high = [];
+  const found = [];
   let before = null;
   for (const row of history) {
-    const value = row[source][key] ?? null, spread = row[source][sigma] ?? null;
-    if (before && (row.t - before.t > 1 || (turns && Math.abs(value - before.value) > 180))) {
-      x.push(null); y.push(null); low.push(null); high.push(null);
-    }
-    x.push(row.t - now);
-    y.push(value);
-    low.push(value == null || spread == null ? null : value - spread);
-    high.push(value == null || spread == null ? null : value + spread);
-    before = { t: row.t, value };
+    const y = row[source][key];
+    if (y == null) { before = null; continue; }
+    if (!before || row.t - before.t > 1 || (turns && Math.abs(y - before.y) > 180)) found.push([]);
+    before = { t: row.t, y };
+    found.at(-1).push({ x: row.t - now, y, spread: row[source][sigma] ?? 0 });
   }
-  return { x, y, low, high };
+  return found;
+}
+
+// Coordinates of pieces, a break after each.
+function joined(parts, points) {
+  const all = parts.flatMap((part) => [...points(part), { x: null, y: null }]);
+  return { x: all.map((p) => p.x), y: all.map((p) => p.y) };
+}
+
+function outline(part) {
+  const side = (sign) => part.map(({ x, y, spread }) => ({ x, y: y + sign * spread }));
+  return [...side(1), ...side(-1).reverse()];
 }
 
 function curve(strip, k) {
   const tint = colour(NAMES[strip.keys.length === 1 ? 2 : k]);
-  const { x, y, low, high } = columns(strip.keys[k], strip.turns);
-  const shared = { x, mode: "lines", hoverinfo: "skip", showlegend: false, line: { width: 0, color: tint } };
   const rgb = [1, 3, 5].map((i) => parseInt(tint.slice(i, i + 2), 16));
-  const band = strip.keys[k][2] ? [{ ...shared, y: low }, { ...shared, y: high, fill: "tonexty", fillcolor: `rgba(${rgb},0.18)` }] : [];
-  return [...band, { x, y, mode: "lines", name: (strip.names ?? NAMES)[k], showlegend: strip.keys.length > 1, line: { color: tint, width: 1.6 } }];
+  const parts = pieces(strip.keys[k], strip.turns);
+  const band = { fill: "toself", fillcolor: `rgba(${rgb},0.18)`, line: { width: 0 }, hoverinfo: "skip", showlegend: false };
+  const middle = { name: (strip.names ?? NAMES)[k], showlegend: strip.keys.length > 1, line: { color: tint, width: 1.6 } };
+  return [
+    ...(strip.keys[k][2] ? [{ ...joined(parts, outline), mode: "lines", ...band }] : []),
+    { ...joined(parts, (part) => part), mode: "lines", ...middle },
+  ];
 }
 
 export function makeStrips(place) {

@@ -60,6 +60,8 @@ def _kind(heard: bytes) -> str:
         return "but nothing known: garbage, as of a line at another speed, or a device that imud does not know"
     if any(line.startswith(b"$") and b"*" in line for line in heard.splitlines()):
         return "NMEA sentences with wrong checksums: a disturbed line"
+    if any(line.startswith((b"$GP", b"$GN")) for line in heard.splitlines()):
+        return "NMEA sentences without checksums, which imud does not trust: switch them on in the receiver"
     return "text, but of no device that imud knows"
 
 

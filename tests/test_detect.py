@@ -143,6 +143,11 @@ def test_damaged_sentences_are_shown_as_they_are():
     assert "$GPGGA,092750.000" in str(found)
 
 
+def test_sentences_without_checksums_are_called_that():
+    found, _ = run(detect(), Speaker(9600, b"$GPGGA,092750.000,5321.6802,N,00630.3372,W,1,8,1.03,61.7,M,55.2,M,,\r\n"))
+    assert "NMEA sentences without checksums" in str(found)
+
+
 @pytest.mark.parametrize("glitch", [b"\0", b"\xff\x00\xfe"])
 def test_glitches_on_an_idle_line_do_not_hide_the_device(glitch):
     device = G350()

@@ -87,5 +87,5 @@ def _command(pid: int) -> str:
         words = Path(f"/proc/{pid}/cmdline").read_bytes().rstrip(b"\0").split(b"\0")
     except OSError:
         return "gone"
-    line = b" ".join(words).decode(errors="replace")
+    line = " ".join(b" ".join(words).decode(errors="replace").split())
     return line if len(line) <= 100 else line[:97] + "..."

@@ -10,7 +10,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from . import metrics
-from .errors import ConfigError, DeviceAbsentError, PermissionDeniedError, UsageError
+from .errors import ConfigError, DeviceAbsentError, ImudError, PermissionDeniedError, UsageError
+from .outputs.gpsd_dialogue import TOO_MANY
 from .outputs.listen import Address, parse_address
 from .settings import Gpsd
 
@@ -49,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def ask(address: Address) -> dict[str, Any]:
-    """The flat status of the daemon there. Raises DeviceAbsentError (69), PermissionDeniedError (77)."""
+    """The flat status of the daemon there. Raises DeviceAbsentError (69), PermissionDeniedError (77), ImudError."""
     with socket.socket(address.family, socket.SOCK_STREAM) as sock:
         sock.settimeout(PATIENCE_S)
         try:
@@ -83,6 +84,8 @@ def _answer(sock: socket.socket, address: Address) -> dict[str, Any]:
                 raise stranger from None
             if kind == "STATUS":
                 return dict(message)
+            if kind == "ERROR" and message.get("message") == TOO_MANY:
+                raise ImudError(f"{address.text} says {TOO_MANY}: let some go, or raise gpsd.max_clients")
             if kind == "ERROR":
                 raise DeviceAbsentError(f"{stranger}: it says {message.get('message')!r}")
     raise stranger

@@ -1,6 +1,7 @@
 """The gpsd server over real sockets and a clock of our own: requests, rates, and clients that are slow or hostile."""
 
 import contextlib
+import itertools
 import json
 import os
 import random
@@ -304,6 +305,21 @@ def test_answers(loop, request_, classes):
     client.send(request_)
     loop.turn()
     assert client.classes() == classes
+
+
+def test_an_own_request_is_answered_anew_ten_times_a_second_at_most(loop):
+    made = []
+    loop.server._own = {"STATUS": lambda: made.append(loop.now) or f'{{"class":"STATUS","made":{len(made)}}}'}
+    client = loop.connect()
+    client.receive()
+    for _ in range(30):
+        client.send(b"?STATUS;?STATUS=1;\n")
+        loop.turn(step=10 * MS)
+    told = client.receive()
+    answers, refusals = told[::2], told[1::2]
+    assert {m["class"] for m in answers} == {"STATUS"} and {m["class"] for m in refusals} == {"ERROR"}
+    assert [m["made"] for m in answers] == sorted(m["made"] for m in answers)
+    assert len(answers) == 30 and all(b - a >= 100 * MS for a, b in itertools.pairwise(made)) and len(made) >= 3
 
 
 def test_unknown_request_is_named(loop):

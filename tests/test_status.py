@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from processes import PATIENCE_S, daemon, emulator
 
 from imud import status
-from imud.errors import DeviceAbsentError
+from imud.errors import DeviceAbsentError, ImudError
 from imud.estimators.records import INNOVATION
 from imud.metrics import METRICS, prometheus
 from imud.outputs.listen import parse_address
@@ -182,6 +182,7 @@ def stranger(*lines: bytes):
     ("lines", "says"),
     [
         ((b'{"class":"VERSION"}\r\n', b'{"class":"ERROR","message":"Unrecognized"}\r\n'), "no imud.*Unrecognized"),
+        ((b'{"class":"ERROR","message":"too many clients"}\r\n',), r"too many clients: .*gpsd\.max_clients"),
         ((b"SSH-2.0-OpenSSH\r\n",), "no imud"),
         ((b"[]\n",), "no imud"),
         ((b'{"class":"VERSION"}\r\n',), "no imud"),
@@ -190,7 +191,7 @@ def stranger(*lines: bytes):
 )
 def test_who_is_no_imud_is_told_apart(monkeypatch, lines, says):
     monkeypatch.setattr(status, "PATIENCE_S", 0.5)
-    with stranger(*lines) as address, pytest.raises(DeviceAbsentError, match=says):
+    with stranger(*lines) as address, pytest.raises(ImudError, match=says):
         status.ask(parse_address(address, 1))
 
 

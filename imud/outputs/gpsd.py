@@ -19,7 +19,7 @@ from imud.errors import ConfigError
 from imud.settings import Gpsd
 
 from .connection import SECOND_NS, Connection
-from .gpsd_dialogue import Answer, Policy, Request, answer, device_object, error_object, version_object
+from .gpsd_dialogue import TOO_MANY, Answer, Policy, Request, answer, device_object, error_object, version_object
 from .gpsd_json import Report, line
 from .listen import Address, is_local, listen, parse_address, shown_address
 from .view import Device, View
@@ -76,6 +76,7 @@ class GpsdServer:
         self.counters = Counters()
         self.settings = settings
         self._own = own or {}
+        self._own_answers: dict[str, tuple[int, str]] = {}
         self._poller = poller
         self._listeners: dict[int, socket.socket] = {}
         self._clients: dict[int, Connection] = {}
@@ -185,7 +186,7 @@ class GpsdServer:
         if len(self._clients) >= self.settings.max_clients:
             self.counters.refused += 1
             with sock, contextlib.suppress(OSError):
-                sock.send(line(error_object("too many clients")), socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+                sock.send(line(error_object(TOO_MANY)), socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
             return
         try:
             client = Connection(sock, Policy(rate_hz=self.settings.rate_hz), now_ns)
@@ -206,7 +207,7 @@ class GpsdServer:
             if mask & select.POLLIN and not client.read():
                 raise ConnectionResetError
             while request := client.next_request(now_ns):
-                client.write(self._answer(client, request), now_ns)
+                client.write(self._answer(client, request, now_ns), now_ns)
         except OSError:
             self._remove(client)
             return
@@ -216,9 +217,17 @@ class GpsdServer:
         else:
             self._settle(client)
 
-    def _answer(self, client: Connection, request: Request) -> bytes:
+    def _own_answer(self, command: str, now_ns: int) -> str:
+        """Made at most ten times a second, however many ask however often: it may be costly."""
+        made_ns, text = self._own_answers.get(command, (-_FRESH_NS, ""))
+        if now_ns - made_ns >= _FRESH_NS:
+            made_ns, text = now_ns, self._own[command]()
+            self._own_answers[command] = made_ns, text
+        return text
+
+    def _answer(self, client: Connection, request: Request, now_ns: int) -> bytes:
         if request.argument is None and request.command in self._own:
-            answered = Answer((self._own[request.command](),), client.policy)
+            answered = Answer((self._own_answer(request.command, now_ns),), client.policy)
         else:
             answered = answer(request, client.policy, self._reported())
         self.counters.requests += 1

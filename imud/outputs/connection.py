@@ -42,9 +42,7 @@ class Connection:
 
     def __init__(self, sock: socket.socket, policy: Policy, now_ns: int) -> None:
         self.sock = sock
-        self.policy = policy
-        self.pace = Pace(policy.rate_hz)
-        self.sky_pace = Pace(1.0)
+        self.watch(policy)
         self.inbox = Inbox()
         self.dropped = 0  # messages
         self.asked_ns = now_ns  # when it last asked for something
@@ -116,14 +114,13 @@ class Connection:
         """Follow a new policy, at once."""
         self.policy = policy
         self.pace, self.sky_pace = Pace(policy.rate_hz), Pace(min(1.0, policy.rate_hz))
+        self._without_sky = tuple(kind for kind in policy.classes if kind != "SKY")
 
     def due(self, now_ns: int) -> tuple[str, ...]:
         """The classes to send now; the satellites change slowly and go out once per second."""
         if not self.pace.take(now_ns):
             return ()
-        if self.sky_pace.take(now_ns):
-            return self.policy.classes
-        return tuple(kind for kind in self.policy.classes if kind != "SKY")
+        return self.policy.classes if self.sky_pace.take(now_ns) else self._without_sky
 
     def close(self) -> None:
         with contextlib.suppress(OSError):

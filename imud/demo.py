@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from firmware_sim.cli import SCENARIO_NAMES
 from firmware_sim.faults import spec
 
 from . import web
@@ -34,12 +35,25 @@ _METRES_PER_DEG = 111_320.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--seconds", type=float, metavar="N", help="end after N seconds of data with a summary")
-    parser.add_argument("--scenario", default="car", help="what the emulated vehicle does (default: %(default)s)")
+    parser.add_argument("--seconds", type=_span, metavar="N", help="end after N seconds of data with a summary")
+    parser.add_argument(
+        "--scenario",
+        choices=SCENARIO_NAMES,
+        default="car",
+        metavar="NAME",
+        help=f"what the emulated vehicle does: {', '.join(SCENARIO_NAMES)} (default: %(default)s)",
+    )
     parser.add_argument("--seed", type=int, default=1, help="of the emulated sensors' errors (default: %(default)s)")
     parser.add_argument("--faults", default="", metavar="SPEC", help="what goes wrong: see `imud sim --help`")
     parser.add_argument("--web", action="store_true", help="show it live in a browser: see `imud web`")
     parser.add_argument("--no-gnss", action="store_true", help="the inertial sensor alone: attitude only")
+
+
+def _span(text: str) -> float:
+    seconds = float(text)
+    if not 0.0 < seconds < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r}: more than 0 is needed")
+    return seconds
 
 
 @dataclass

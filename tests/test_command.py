@@ -29,6 +29,16 @@ def test_a_check_refuses_what_the_daemon_would(arguments, code, capsys):
     assert bool(capsys.readouterr().err) == bool(code)
 
 
+@pytest.mark.parametrize("arguments", [["--scenario", "moon"], ["--seconds", "0"], ["--faults", "warp=1"]])
+def test_a_demo_of_nothing_is_misuse_at_once(arguments, capsys):
+    try:
+        code = main(["demo", *arguments])
+    except SystemExit as ended:
+        code = ended.code
+    assert code == 64
+    assert repr(arguments[1]) in capsys.readouterr().err
+
+
 def test_closed_streams_change_no_exit_code():
     command = [sys.executable, "-m", "imud", "run", "--check", "--port", "/dev/x:toaster"]
     closed = subprocess.run(["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", *command], check=False)

@@ -166,11 +166,11 @@ class Nmea(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Chrony(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The receiver's time for chrony or ntpd: `refclock SHM 2 offset 0.0 delay 0.2` for unit 2."""
+    """The receiver's time for chrony (`refclock SHM 2:perm=0666 delay 0.2`, in use when imud starts) or ntpd."""
 
     shm_unit: Annotated[
         int,
-        Meta(ge=-1, le=255, description="Which shared memory segment; -1: none. Right to what `gnss.latency_s` is."),
+        Meta(ge=-1, le=255, description="Unit of refclock SHM; -1: none. As right as `gnss.latency_s` is."),
     ] = -1
 
 

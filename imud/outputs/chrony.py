@@ -2,7 +2,8 @@
 
 It says which time the system clock showed when the receiver's fix was taken. Between the two lie `gnss.latency_s`, as
 well as that is known, and the jitter of a serial line, which is told as the precision: this sets a clock that has no
-network to some hundredths of a second, it does not discipline one that has.
+network to some hundredths of a second, it does not discipline one that has. Let chrony start first and make the
+segment (`perm=0666`): one that a service made is removed with it (RemoveIPC), and chrony would go on reading the old.
 
 Source: ntpd's refclock 28 (struct shmTime); chrony.conf(5), refclock SHM. The key is "NTP0" and the unit.
 """

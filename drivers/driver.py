@@ -160,6 +160,10 @@ class GnssDecoder(Protocol):
     def sky(self) -> Sky:
         """What it last said of the satellites."""
 
+    @property
+    def pending(self) -> bool:
+        """Whether an epoch is open that `flush` may end."""
+
     def feed(self, data: bytes, arrival_ns: int) -> list[Fix]:
         """Take bytes that arrived at `arrival_ns` (monotonic); returns the fixes they complete."""
 

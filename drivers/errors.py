@@ -7,7 +7,9 @@ PortError
 ├── NotSerialError     it exists, but is no serial line
 ├── PortSupportError   a package without which this kind of port cannot be used is not installed
 └── PortLostError      it was open and went away, or fails at input or output
+    └── PortEndedError    it was a recording, and is over
 SpecError         a port that was written in a way that cannot be understood
+CaptureError      a file that is no recording
 """
 
 
@@ -41,6 +43,14 @@ class PortSupportError(PortError):
 
 class PortLostError(PortError):
     """The device was unplugged, or its line failed."""
+
+
+class PortEndedError(PortLostError):
+    """A recording has been played to its end."""
+
+
+class CaptureError(ValueError):
+    """A file that is no recording."""
 
 
 class SpecError(ValueError):

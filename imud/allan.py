@@ -47,7 +47,7 @@ _MOVED = 10.0  # times the usual scatter of a second's mean rate from its neighb
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("recording", type=Path, metavar="CSV", help="inertial samples at rest: t_s,gx_radps,…,az_mps2")
+    parser.add_argument("recording", type=Path, metavar="CSV|MCAP", help="at rest: t_s,gx_radps,…,az_mps2, or imud's")
     parser.add_argument("-o", "--output", type=Path, metavar="HTML", help="the curves as a page that works offline")
     parser.add_argument("--settings", type=Path, metavar="TOML", help="write the [noise] table of a configuration")
     parser.add_argument("--sheet", default="m-g350", metavar="PROFILE", help="to compare with (default: %(default)s)")
@@ -57,11 +57,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from .noise import allan_deviation
     from .profiles import PROFILES
-    from .tables import read_imu
+    from .tables import read_samples
 
     if args.sheet not in PROFILES:
         raise UsageError(f"--sheet {args.sheet}: there is no such profile; known are {', '.join(PROFILES)}")
-    samples, _, _ = read_imu(args.recording)
+    samples, _, _ = read_samples(args.recording)
     rate_hz = _rate(args.recording, samples["t_ns"])
     found: dict[str, list[AllanDeviation]] = {}
     progress = Progress(6)

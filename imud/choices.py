@@ -16,6 +16,7 @@ from .estimators import Estimator, registry
 from .profiles import PROFILES
 from .settings import Settings
 
+RECORDED = "replay:"  # several ports may play one file
 WITHOUT_GYROS = "tilt"  # the estimator for sensors that lack them
 
 
@@ -31,7 +32,8 @@ def ports(settings: Settings) -> list[tuple[PortSpec, Options]]:
         fix_rate_hz=gnss.rate_hz if gnss.configure else 0.0,
     )
     specs = [_spec(text, settings) for text in settings.ports]
-    if twice := [path for path, times in Counter(spec.path for spec in specs).items() if times > 1]:
+    named = Counter(str(spec) if spec.path.startswith(RECORDED) else spec.path for spec in specs)
+    if twice := [path for path, times in named.items() if times > 1]:
         raise UsageError(f"port {', '.join(twice)} is named twice")
     readonly = _readonly(settings.readonly, [spec.path for spec in specs])
     return [(spec, replace(options, readonly=spec.path in readonly)) for spec in specs]

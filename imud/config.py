@@ -94,6 +94,11 @@ def loads(text: str, overrides: Iterable[str] = (), name: str = "the configurati
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{name} is not valid TOML: {error}") from error
+    return from_table(table, overrides, name, text)
+
+
+def from_table(table: dict[str, Any], overrides: Iterable[str], name: str, text: str = "") -> Settings:
+    """As `loads`, for what the text (for line numbers, if there is one) was parsed to."""
     for override in overrides:
         _merge(table, *_parse_override(override))
     problems = []

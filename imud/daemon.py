@@ -5,7 +5,6 @@ It owns the descriptors and the order of things; it knows no register, no equati
 
 import contextlib
 import gc
-import math
 import os
 import select
 import signal
@@ -16,15 +15,15 @@ from typing import Any
 
 import structlog
 
-from drivers.driver import AnyDriver, Identity, ImuConfigured, ImuDriver
-from drivers.errors import PortLostError
-from drivers.transport.line import Line
+from drivers.driver import AnyDriver, Identity, ImuConfigured
+from drivers.errors import PortEndedError, PortLostError
 
 from . import calibration, choices, compilation, realtime, runtime, vitals
 from .announce import Announcer
 from .config import adopt
 from .errors import ImudError
 from .estimators.records import ATTITUDE_VALID
+from .fitting import Fitting
 from .load import Load
 from .notify import Notifier
 from .outputs.binary import BinaryOutputs
@@ -32,15 +31,15 @@ from .outputs.chrony import ChronyOutput
 from .outputs.gpsd import GpsdServer
 from .outputs.nmea import NmeaOutput
 from .outputs.view import Device, Health, View
-from .pipeline import BATCH, Filter, Stream
+from .pipeline import BATCH
 from .ports import Configured, Port
+from .recording.recorder import Recorder
 from .sensors import Inertial, Receiver, Records
-from .settings import Initial, Settings
+from .settings import Settings
 from .signals import caught
 
 _SLOW_NS = 20_000_000  # what is not urgent is looked after this often
 _COARSE_S = 0.05  # epoll knows only whole milliseconds: too coarse for the next sample of a polled sensor
-RATE_STEP = 0.1  # logarithmic: sensors within that are the same to a filter
 _INTERRUPTED, _HUNG_UP = 130, 129
 _PARTS = {"imu": "inertial sensor", "gnss": "receiver"}
 
@@ -48,22 +47,28 @@ _PARTS = {"imu": "inertial sensor", "gnss": "receiver"}
 class Daemon:
     """Runs until a signal ends it. One per process."""
 
-    def __init__(self, settings: Settings, wait: bool = True, reread: Callable[[], Settings] | None = None) -> None:
-        """`wait` for devices that are absent at the start; `reread` is called on SIGHUP."""
+    def __init__(
+        self,
+        settings: Settings,
+        wait: bool = True,
+        reread: Callable[[], Settings] | None = None,
+        recorder: Recorder | None = None,
+    ) -> None:
+        """`wait` for devices that are absent at the start; `reread` is called on SIGHUP.
+
+        `recorder` is told of everything, and closed by the caller.
+        """
         self._settings = settings
         self._reread = reread
         self._log = structlog.get_logger()
-        self._choice = choices.estimators(settings)
-        self._estimator = self._choice.wanted
+        self._recorder = recorder
+        self._fitting = Fitting(settings, self._log.warning)
         self._poll = select.epoll()
         self._ports = [Port(spec, options, self, patient=wait) for spec, options in choices.ports(settings)]
         self._pulse = choices.pulse(settings)
         self._by_fd: dict[int, Port] = {}
         self._imu: tuple[Port, Inertial] | None = None
         self._gnss: tuple[Port, Receiver] | None = None
-        self._inertial: Inertial | None = None  # outlives its connections
-        self._serial = ""  # of the inertial sensor: another one has other biases
-        self._settled: tuple[Any, ...] = ()  # what the filter was made for
         self._devices: tuple[Device, ...] = ()
         self._status = 0
         self._announcer = Announcer(self._log)
@@ -96,7 +101,7 @@ class Daemon:
             gc.collect()
             gc.freeze()
             realtime.apply(self._settings.realtime)
-            self._log.info("ready", gpsd=" ".join(self._gpsd.addresses), estimator=self._estimator.name)
+            self._log.info("ready", gpsd=" ".join(self._gpsd.addresses), estimator=self._fitting.estimator.name)
             notifier.say("READY=1")
             stack.callback(self._farewell)
             stack.callback(notifier.say, "STOPPING=1")
@@ -108,9 +113,10 @@ class Daemon:
         return GpsdServer(self._settings.gpsd, self._poll, {"STATUS": self._tell_status})
 
     def _prepare_kernels(self) -> None:
-        estimators = self._choice.possible
+        estimators = self._fitting.choice.possible
         if missing := compilation.missing(estimators):
-            self._log.info("compiling the filter (the first start takes a while)", estimator=self._estimator.name)
+            name = self._fitting.estimator.name
+            self._log.info("compiling the filter (the first start takes a while)", estimator=name)
             if not compilation.compile_apart(missing, self._settings):
                 places = ", ".join(str(path) for path in runtime.candidates())
                 self._log.warning(f"compiled kernels could not be kept, every start compiles anew: see {places}")
@@ -145,6 +151,8 @@ class Daemon:
             if self._imu and self._imu[0].configured:
                 settings = choices.settings_for(self._settings, self._imu[0].configured.identity)
                 self._imu[1].stream.filter.configure(settings)
+            if self._recorder:
+                self._recorder.settings(self._settings)
             self._log.info("read the configuration again", changed=", ".join(taken) or "nothing")
             if waiting:
                 self._log.warning(f"takes effect at the next start: {', '.join(waiting)}")
@@ -194,28 +202,33 @@ class Daemon:
                 if n := inertial.read(now_ns):
                     newest = inertial.stream.solutions[n - 1]
                     self._status = int(newest["status"])
+                    if self._recorder:
+                        self._recorder.stepped(inertial.stream.samples[:n], inertial.stream.solutions[:n])
                     if self._load.leaves_time_to_publish(n, inertial.period_s, now_ns):
                         self._binary.publish(inertial.stream.solutions, n, inertial.samples, now_ns)
                         self._publish(newest, now_ns)
             elif self._gnss and port is self._gnss[0]:
-                self._take(self._gnss[1].read(fd, now_ns))
+                self._take(self._gnss[1].read(port.line, now_ns))
             else:
                 port.on_event()
         except PortLostError as error:
-            port.lost(str(error))
+            (port.retire if isinstance(error, PortEndedError) else port.lost)(str(error))
 
     def _take(self, fixes: list[Records]) -> None:
         if fixes and self._chrony and self._gnss:
             self._chrony.publish(self._gnss[1].used_last, self._settings.gnss.latency_s)
         for fix in fixes:
-            if self._inertial is not None:
-                self._innovations.take(self._inertial.stream.filter.update(fix))
+            if self._fitting.inertial is not None:
+                innovations = self._fitting.inertial.stream.filter.update(fix)
+                self._innovations.take(innovations)
+                if self._recorder:
+                    self._recorder.updated(fix, innovations)
 
     def _publish(self, solution: Any, now_ns: int) -> None:
         due = [viewer for viewer in self._viewers if viewer.wants(now_ns)]
         if not due:
             return
-        inertial = self._inertial
+        inertial = self._fitting.inertial
         assert inertial is not None
         t_ns = int(solution["t_ns"])
         view = View(
@@ -223,7 +236,7 @@ class Daemon:
             utc_s=(time.time_ns() - time.monotonic_ns() + t_ns) * 1e-9,
             t_mono_ns=t_ns,
             seq=inertial.samples,
-            estimator=self._estimator.name,
+            estimator=self._fitting.estimator.name,
             devices=self._devices,
             gnss=self._gnss[1].view(now_ns) if self._gnss else None,
             temperature=float(inertial.stream.samples[0]["temperature"]),
@@ -248,8 +261,11 @@ class Daemon:
         if (deadline := self._gpsd.next_deadline()) is not None and now_ns >= deadline:
             self._gpsd.tick(now_ns)
         self._tell_changes(now_ns)
-        if news := self._load.news(self._inertial.counters()["lost"] if self._inertial else 0, now_ns):
+        if news := self._load.news(self._fitting.inertial.counters()["lost"] if self._fitting.inertial else 0, now_ns):
             self._log.warning(news)
+        if self._recorder:
+            for level, text in self._recorder.look_after():
+                getattr(self._log, level)(text)
         notifier.status("; ".join(f"{port.spec.path}: {port.story}" for port in self._ports))
         notifier.alive(now_ns)
 
@@ -276,7 +292,7 @@ class Daemon:
             {
                 **vitals.of_process(self._started_ns),
                 "load": vitals.of_load(self._load),
-                "filter": vitals.of_filter(self._inertial, self._estimator.name),
+                "filter": vitals.of_filter(self._fitting.inertial, self._fitting.estimator.name),
                 "innovations": self._innovations.told(),
                 "ports": {
                     str(i): vitals.of_port(port, now_ns, *parts.get(port, (None, None)))
@@ -288,7 +304,7 @@ class Daemon:
 
     def _doubt_the_axes(self) -> None:
         """A sensor that seems upside down may have other axes than ours: nothing on the wire can tell."""
-        if self._inertial is not None and self._inertial.stream.samples[0]["f"][2] > 0.0:
+        if self._fitting.inertial is not None and self._fitting.inertial.stream.samples[0]["f"][2] > 0.0:
             self._log.warning(
                 "the sensor is upside down; if it is not, its axes are others: imu.mount_rpy_deg = [180, 0, 0]"
             )
@@ -313,17 +329,29 @@ class Daemon:
         now_ns = time.monotonic_ns()
         facts: dict[str, Any] = {"port": port.spec.path, "device": identity.model or driver.name, "baud": identity.baud}
         if isinstance(configured, ImuConfigured) and driver.kind == "imu":
-            self._imu = (port, self._connect_inertial(port.line, driver, configured, now_ns))
+            known = self._calibration_of(identity)
+            self._imu = (port, self._fitting.connect(port.line, driver, configured, known, self._settings, now_ns))
+            self._record(port, self._imu[1], known)
             facts |= {"serial": identity.serial, "firmware": identity.firmware, "rate_hz": configured.rate_hz}
         elif driver.kind == "gnss":
             self._gnss = (port, Receiver(driver, self._settings.gnss, now_ns, self._pulse))
+            self._record(port, self._gnss[1])
         self._log.info("streaming", **{name: value for name, value in facts.items() if value})
         if self._imu is None and all(port.configured for port in self._ports):
             self._log.warning("there is no inertial sensor on any port: nothing to estimate")
         self._describe()
 
+    def _record(self, port: Port, sensor: Inertial | Receiver, known: calibration.Calibration | None = None) -> None:
+        """Have the sensor's bytes recorded, if anything is."""
+        if self._recorder and port.configured:
+            number = self._ports.index(port)
+            self._recorder.connected(number, port.spec.path, port.configured, known)
+            sensor.tap = self._recorder.tap(number)
+
     def disconnected(self, port: Port) -> None:
         """A device streams no more."""
+        if self._recorder:
+            self._recorder.disconnected(self._ports.index(port), port.spec.path)
         if self._imu and self._imu[0] is port:
             self._imu = None
         if self._gnss and self._gnss[0] is port:
@@ -334,23 +362,6 @@ class Daemon:
     def _describe(self) -> None:
         streaming = [pair[0] for pair in (self._imu, self._gnss) if pair and pair[0].configured]
         self._devices = tuple(_device(port) for port in streaming)
-
-    def _connect_inertial(self, line: Line, driver: ImuDriver, configured: ImuConfigured, now_ns: int) -> Inertial:
-        settings = choices.settings_for(self._settings, configured.identity)
-        self._estimator, why = self._choice.fitting(configured)
-        if why:
-            self._log.warning(why)
-        about_hz = round(math.log(configured.rate_hz) / RATE_STEP)  # a rate that was heard varies a little
-        self._serial = configured.identity.serial or self._serial  # who does not tell is taken for the same
-        made_for = (driver.name, self._estimator.name, settings.imu.profile, about_hz, self._serial)
-        if self._inertial is None or made_for != self._settled:
-            filter_ = Filter(self._estimator, settings, Initial(), configured.rate_hz)
-            self._inertial = Inertial(Stream(driver.decode, driver.new_state(configured), filter_))
-            self._settled = made_for
-        self._inertial.stream.filter.configure(settings)
-        self._inertial.stream.filter.calibrate(self._calibration_of(configured.identity))
-        self._inertial.connect(line, driver, configured, now_ns)
-        return self._inertial
 
     def _calibration_of(self, identity: Identity) -> calibration.Calibration:
         """What is known of this very sensor; a sensor without a serial number goes by its model."""
@@ -367,8 +378,8 @@ class Daemon:
     def _farewell(self) -> None:
         for port in self._ports:
             port.close()
-        if self._inertial is not None:
-            self._log.info("ended", samples=self._inertial.samples, **self._inertial.counters())
+        if self._fitting.inertial is not None:
+            self._log.info("ended", samples=self._fitting.inertial.samples, **self._fitting.inertial.counters())
 
 
 def _device(port: Port) -> Device:

@@ -9,7 +9,7 @@ import os
 import re
 import socket
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, TextIO, cast
 
 import structlog
@@ -87,9 +87,22 @@ class _Lossy:
             self._stream.flush()
 
 
-def configure(level: str = "info") -> None:
-    """Set up structlog once, for the whole process."""
+Tap = Callable[[str, str, dict[str, Any]], None]  # level, text, facts of each line
+
+
+def _tapped(tap: Tap) -> Any:
+    def pass_on(_: Any, method: str, event: dict[str, Any]) -> dict[str, Any]:
+        tap(method, event["event"], {name: fact for name, fact in event.items() if name not in ("event", "level")})
+        return event
+
+    return pass_on
+
+
+def configure(level: str = "info", tap: Tap | None = None) -> None:
+    """Set up structlog once, for the whole process; `tap` is told every line, too."""
     processors: list[Any] = [structlog.processors.add_log_level]
+    if tap is not None:
+        processors.append(_tapped(tap))
     if _is_journalled():
         with contextlib.suppress(OSError):
             processors.append(Journal(JOURNAL))

@@ -17,7 +17,7 @@ from drivers.driver import AnyDriver, GnssConfigured, Identity, ImuConfigured, O
 from drivers.errors import NotSerialError, PortBusyError, PortDeniedError, PortError, PortSupportError
 from drivers.registry import by_name
 from drivers.transport.conversation import Conversation
-from drivers.transport.line import Line, open_line
+from drivers.transport.line import Known, Line, open_line
 from drivers.transport.portspec import PortSpec
 
 from .errors import DeviceAbsentError, ImudError, InputOutputError, PermissionDeniedError
@@ -120,6 +120,9 @@ class Port:
             self._fail(str(error))
             return
         self._host.watch(self, self._line.fd)
+        if isinstance(self._line, Known):
+            self._streams(by_name(self._line.configured.identity.driver), self._line.configured)
+            return
         if self.story == _UNTRIED:
             self._tell("looking for a device")
         self._converse(search(self.spec, self.options.readonly), self._detected)

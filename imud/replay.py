@@ -20,9 +20,18 @@ BLOCK = 4096
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("recordings", nargs="*", type=Path, metavar="MCAP", help="recordings of imud; or:")
     parser.add_argument("--imu", type=Path, metavar="CSV", help="inertial samples: t_s,gx_radps,…,az_mps2 (FRD)")
     parser.add_argument("--gnss", type=Path, metavar="CSV|NMEA", help="fixes: t_s,lat_deg,lon_deg,height_m,…, or NMEA")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="CSV", help="estimates; - for stdout")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="CSV",
+        help="estimates; - for stdout; of several recordings a folder",
+    )
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="recordings at a time (default 1)")
     parser.add_argument("--estimator", metavar="NAME", help="default: navigation with --gnss, else attitude")
     parser.add_argument("--initial", default="", metavar="KEY=V,…", help="known start: lat_deg=…,lon_deg=…,yaw_deg=…")
     parser.add_argument("--rate", type=float, metavar="HZ", help="thin the output (default: every sample)")
@@ -69,12 +78,18 @@ def _estimator_name(args: argparse.Namespace, settings: Settings) -> str:
 
 
 def run(args: argparse.Namespace) -> int:
+    if args.rate is not None and not args.rate > 0.0:
+        raise UsageError(f"--rate {args.rate}: must be above 0 Hz")
+    if args.recordings:
+        from .recording import replaying
+
+        if args.imu or args.gnss or args.calibration:
+            raise UsageError("replay: name recordings, or --imu, --gnss and --calibration, but not both")
+        return replaying.run(args)
     settings = config.load(args.config, args.set)
     initial = config.parse_assignments(args.initial, Initial, "--initial")
     if args.imu is None:
-        raise UsageError("replay: name the recording: --imu imu.csv [--gnss gnss.csv]")
-    if args.rate is not None and not args.rate > 0.0:
-        raise UsageError(f"--rate {args.rate}: must be above 0 Hz")
+        raise UsageError("replay: name the recording: FILE.mcap, or --imu imu.csv [--gnss gnss.csv]")
     from . import calibration
     from .estimators import registry
     from .pipeline import Filter
@@ -85,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
     fixes = _read_gnss(args.gnss, origin, samples, settings)
     rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
     begin = time.perf_counter()
-    with _open_output(args.output) as file:
+    with open_output(args.output) as file:
         writer = EstimateWriter(file, origin)
         filter_ = Filter(estimator, settings, initial, rate_hz)
         if args.calibration is not None:
@@ -112,7 +127,7 @@ def _read_gnss(path: Path | None, origin: int, samples: "Records", settings: Set
     return read_fixes(path, origin)
 
 
-def _open_output(path: Path) -> Any:
+def open_output(path: Path) -> Any:
     if str(path) == "-":
         return open(sys.stdout.fileno(), "wb", closefd=False)
     try:

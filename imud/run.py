@@ -16,11 +16,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="DEV[:DRIVER[@BAUD]]",
-        help="a serial port, spi:BUS.DEVICE or sim:SCENARIO; repeat for the receiver. The device is found out",
+        help="a serial port, spi:BUS.DEVICE, sim:SCENARIO or replay:MCAP; repeat for the receiver",
     )
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the errors of sim: devices (default 1)")
     parser.add_argument("--estimator", metavar="NAME", help="default: navigation with two ports, else attitude")
     parser.add_argument("--listen", metavar="ADDR", help="gpsd JSON: HOST:PORT or /path (default 127.0.0.1:2947)")
+    parser.add_argument("--record", metavar="MCAP", help="record everything: raw bytes, estimates, innovations, events")
     parser.add_argument(
         "--wait",
         action=argparse.BooleanOptionalAction,
@@ -40,19 +41,22 @@ def run(args: argparse.Namespace) -> int:
         return 0
     if not settings.ports:
         raise UsageError("no port: name one, for example --port /dev/ttyUSB0, or try `imud demo`")
-    log.configure(args.log_level)
     runtime.without_scipy()
     from .daemon import Daemon
+    from .recording.ports import expanded
+    from .recording.recorder import recording
 
-    with simulated.ports(settings.ports, args.seed) as ports:
+    settings = msgspec.structs.replace(settings, ports=expanded(settings.ports))
+    with simulated.ports(settings.ports, args.seed) as ports, recording(settings) as recorder:
+        log.configure(args.log_level, recorder.event if recorder else None)
         emulated = {settings.ports: ports}
 
         def reread() -> Settings:
             fresh = _settings(args)
-            return msgspec.structs.replace(fresh, ports=emulated.get(fresh.ports, fresh.ports))
+            return msgspec.structs.replace(fresh, ports=emulated.get(expanded(fresh.ports), fresh.ports))
 
         settings = msgspec.structs.replace(settings, ports=ports)
-        return Daemon(settings, wait=args.wait, reread=None if args.config is None else reread).run()
+        return Daemon(settings, wait=args.wait, reread=None if args.config is None else reread, recorder=recorder).run()
 
 
 def _check(settings: Settings) -> None:
@@ -78,4 +82,6 @@ def _settings(args: argparse.Namespace) -> Settings:
         settings = msgspec.structs.replace(settings, estimator=args.estimator)
     if args.listen:
         settings = msgspec.structs.replace(settings, gpsd=msgspec.structs.replace(settings.gpsd, listen=args.listen))
+    if args.record:
+        settings = msgspec.structs.replace(settings, record=msgspec.structs.replace(settings.record, path=args.record))
     return settings

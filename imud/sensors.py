@@ -1,15 +1,13 @@
 """The two kinds of sensor as the daemon sees them: bytes in; solutions, or fixes, out. No waiting, no logging."""
 
 import math
-import os
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.driver import GnssDriver, ImuConfigured, ImuDriver
-from drivers.errors import PortLostError
 from drivers.fix import Fix
 from drivers.transport.line import Line
 from drivers.transport.pps import PulsePerSecond
@@ -31,6 +29,7 @@ STALE_FIX_NS = 3_000_000_000
 EARTH_RADIUS_M = 6.371e6
 JUMP_M, JUMP_MPS, JUMPED_NS = 100.0, 100.0, 5_000_000_000  # so far, and that fast beyond its own speed; shown so long
 Records = NDArray[np.void]
+Tap = Callable[[bytes | memoryview, int], None]  # is handed all bytes as they are read, and when they were there
 
 
 class Inertial:
@@ -43,6 +42,7 @@ class Inertial:
         self.samples = 0
         self.period_s = 0.0  # nominal, between samples
         self.rate = Rate()
+        self.tap: Tap | None = None
         self._last = -1  # where the newest solution is
         self._has_gyros = False
         self._room = stream.rx.data
@@ -68,6 +68,8 @@ class Inertial:
         received, arrival_ns = self._line.receive(self._room[fill : fill + READ], now_ns)
         if received == 0:
             return 0
+        if self.tap is not None:
+            self.tap(self._room[fill : fill + received], arrival_ns)
         n = self.stream.ingest(received, arrival_ns)
         if n:
             self.heard_ns = now_ns
@@ -154,24 +156,25 @@ class Receiver:
         self.refused = Counter[str]()  # by rule
         self.news = ""  # a change of the verdict on its fixes, until somebody has told it
         self.settings = settings
+        self.tap: Tap | None = None
         self._verdict: str | None = None  # the rule that refuses them
         self._dissent = 0  # fixes in sequence of another verdict
+        self._room = memoryview(bytearray(READ))
         self._epochs = EpochClock(settings.latency_s)
         self._last: Fix | None = None
         self._used_last: Fix | None = None
         self._jumped_ns: int | None = None
         self._connected_ns = now_ns
 
-    def read(self, fd: int, now_ns: int) -> list[Records]:
+    def read(self, line: Line, now_ns: int) -> list[Records]:
         """Fixes (arrays of one FIX) that the new bytes complete. Raises PortLostError."""
-        try:
-            data = os.read(fd, READ)
-        except BlockingIOError:
-            return []
-        except OSError as error:
-            raise PortLostError("", f"the device is gone ({error.strerror})") from error
-        if not data:
-            raise PortLostError("", "the device is gone")
+        received, arrival_ns = line.receive(self._room, now_ns)
+        return self.take(bytes(self._room[:received]), arrival_ns) if received else []
+
+    def take(self, data: bytes, now_ns: int) -> list[Records]:
+        """The same for bytes that came at `now_ns`."""
+        if self.tap is not None:
+            self.tap(data, now_ns)
         self.heard_ns = now_ns
         return self._accepted(self.decoder.feed(data, now_ns), now_ns)
 
@@ -182,7 +185,11 @@ class Receiver:
 
     def flush(self, now_ns: int) -> list[Records]:
         """A fix whose epoch ended without an end."""
-        return self._accepted(self.decoder.flush(now_ns), now_ns)
+        pending = self.decoder.pending
+        fixes = self.decoder.flush(now_ns)
+        if self.tap is not None and pending and not self.decoder.pending:
+            self.tap(b"", now_ns)
+        return self._accepted(fixes, now_ns)
 
     def _accepted(self, fixes: list[Fix], now_ns: int) -> list[Records]:
         rows = []

@@ -174,6 +174,26 @@ class Chrony(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = -1
 
 
+class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A recording (MCAP) of everything: raw bytes, samples, estimates, innovations, events."""
+
+    path: Annotated[
+        str, Meta(description="A file such as /var/lib/imud/drive.mcap; the next is drive.0001.mcap; empty: none.")
+    ] = ""
+    sample_rate_hz: Annotated[
+        float, Meta(ge=0.0, description="Decoded samples per second; 0: every one. (Raw bytes are always complete.)")
+    ] = 0.0
+    estimate_rate_hz: Annotated[
+        float, Meta(ge=0.0, description="Estimates per second; 0: every one. (A replay computes every one.)")
+    ] = 50.0
+    file_mb: Annotated[int, Meta(ge=0, description="A new file begins after so much; 0: never.")] = 1024
+    file_s: Annotated[float, Meta(ge=0.0, description="Or after so long; 0: never.")] = 0.0
+    budget_mb: Annotated[
+        int, Meta(ge=0, description="All files of `path` together, the oldest are removed for the newest; 0: no limit.")
+    ] = 0
+    spare_mb: Annotated[int, Meta(ge=0, description="The recording pauses while less than that is free.")] = 100
+
+
 class Realtime(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """For control loops. Each needs permission (`imud install-service --realtime`); without it the start fails."""
 
@@ -211,6 +231,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     nmea: Nmea = Nmea()
     stream: Stream = Stream()
     shared_memory: SharedMemory = SharedMemory()
+    record: Record = Record()
     chrony: Chrony = Chrony()
     realtime: Realtime = Realtime()
 

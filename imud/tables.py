@@ -21,6 +21,7 @@ from .kernels.decimal import MAX_WIDTH, write_fixed, write_seconds
 from .kernels.jit import kernel
 from .kernels.rotation import euler_of_quat
 
+_MCAP = b"\x89MCAP0\r\n"
 IMU_COLUMNS = ("t_s", "gx_radps", "gy_radps", "gz_radps", "ax_mps2", "ay_mps2", "az_mps2")
 _FIX_REQUIRED = ("t_s", "lat_deg", "lon_deg", "height_m")
 _FIX_OPTIONAL = (
@@ -63,6 +64,20 @@ def _first_bad_line(path: Path, columns: Sequence[int], names: Sequence[str]) ->
                 except ValueError:
                     return f"line {number}: {name} is {row[column]!r}, not a number"
     return "not a table of numbers"
+
+
+def read_samples(path: Path) -> tuple[NDArray[np.void], int, int]:
+    """As `read_imu`, from a CSV file or a recording (MCAP): what it is, its first bytes say."""
+    try:
+        with path.open("rb") as file:
+            recorded = file.read(len(_MCAP)) == _MCAP
+    except OSError as error:
+        raise InputMissingError(f"{path}: cannot be read: {error.strerror}") from error
+    if recorded:
+        from .recording.samples import samples_of
+
+        return samples_of(path)
+    return read_imu(path)
 
 
 def read_imu(path: Path) -> tuple[NDArray[np.void], int, int]:

@@ -85,15 +85,24 @@ def test_a_log_of_which_nothing_is_used_says_why(tmp_path):
         fixes_of_log(log, 0, 0, Gnss())
 
 
+class FileLine:
+    def __init__(self, fd):
+        self._fd = fd
+
+    def receive(self, room, now_ns):
+        return os.readv(self._fd, [room]), now_ns
+
+
 def test_the_verdict_on_fixes_is_told_once_per_change_with_the_key_that_changes_it():
     driver = by_name("nmea")
     reader, writer = os.pipe2(os.O_NONBLOCK)
+    line = FileLine(reader)
     receiver = Receiver(driver, Gnss(), 0)
     told = []
     satellites = [3, 4, 3, 3, 4, 6, 4, 6, 6, 6, 6, 4, 6, 6]  # one of another kind now and then is no change
     for second, count in enumerate(satellites):
         os.write(writer, gga(f"1200{second:02}.000", rest=f"1,{count},2.9,545.4,M,46.9,M,,"))
-        receiver.read(reader, second * 1_000_000_000)
+        receiver.read(line, second * 1_000_000_000)
         receiver.flush(second * 1_000_000_000 + 500_000_000)
         if receiver.news:
             told.append((second, receiver.news))

@@ -9,7 +9,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("imud", "drivers", "firmware_sim")
 RUN_TIME = {"numpy", "numba", "serial", "structlog", "msgspec", "spidev", "gpiod"}
-EXTRAS = {"imud/web/server.py": {"aiohttp"}}  # file: what it may import that an extra brings
+RECORDING = ("drivers/capture.py", "imud/recording/file.py", "imud/export.py")
+EXTRAS = {"imud/web/server.py": {"aiohttp"}} | dict.fromkeys(RECORDING, {"mcap"})  # file: what it may import that an extra brings
 FORBIDDEN = {  # room: packages it must not know
     "drivers": {"imud", "firmware_sim"},
     "firmware_sim": {"imud", "drivers"},

@@ -96,6 +96,11 @@ class NmeaDecoder:
         """See `GnssDecoder`."""
         return self._sky.sky
 
+    @property
+    def pending(self) -> bool:
+        """See `GnssDecoder`."""
+        return self._epoch is not None and not self._epoch.done
+
     def feed(self, data: bytes, arrival_ns: int) -> list[Fix]:
         """See `GnssDecoder`."""
         if self._heard_ns is not None and arrival_ns - self._heard_ns >= QUIET_NS:

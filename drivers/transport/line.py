@@ -1,8 +1,9 @@
 """Ports by their scheme, behind one small interface."""
 
 from collections.abc import Callable, Mapping
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
+from ..driver import GnssConfigured, ImuConfigured
 from .conversation import Port
 from .portspec import PortSpec
 from .serial import SerialPort
@@ -27,7 +28,22 @@ class Line(Port, Protocol):
         """Give the port back. May be called twice."""
 
 
-_OPENERS: dict[str, Callable[[PortSpec], Line]] = {"spi": SpiPort}
+@runtime_checkable
+class Known(Protocol):
+    """What a line has besides if nobody need ask which device is on it, nor set it up."""
+
+    @property
+    def configured(self) -> ImuConfigured | GnssConfigured:
+        """The device as it streams."""
+
+
+def _replay(spec: PortSpec) -> Line:
+    from .replay import ReplayPort  # needs a package that not everybody has
+
+    return ReplayPort(spec)
+
+
+_OPENERS: dict[str, Callable[[PortSpec], Line]] = {"spi": SpiPort, "replay": _replay}
 
 
 def open_line(spec: PortSpec) -> Line:

@@ -10,6 +10,7 @@ from ..registry import names
 
 SUFFIX = re.compile(r"(?P<driver>[A-Za-z][\w-]*)?(?:@(?P<baud>.*))?")
 SCHEME = re.compile(r"(?:spi|replay|sim):")
+KINDS = ("imu", "gnss")  # by which a device in a recording may be named, too
 SPI = re.compile(r"spi:(\d+)\.(\d+)")
 BAUDS = range(50, 4_000_001)
 
@@ -43,8 +44,10 @@ class PortSpec:
 
     @classmethod
     def _split(cls, text: str, drivers: Collection[str] | None) -> "PortSpec":
-        known = names() if drivers is None else drivers
         scheme = SCHEME.match(text)
+        known = names() if drivers is None else drivers
+        if scheme and scheme[0] == "replay:":
+            known = (*known, *KINDS)
         start = scheme.end() if scheme else 0
         path, _, suffix = text[start:].rpartition(":")
         parts = SUFFIX.fullmatch(suffix)

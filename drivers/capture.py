@@ -1,0 +1,169 @@
+"""Recordings: MCAP files in which the bytes of ports stand exactly as they were read, and what was connected when.
+
+Topics: `/raw/N` the bytes of port N, `/connections` what streams on which port. Their order in the file is the order in
+which they happened. A recording that broke off (a power cut) is read up to its last whole chunk.
+"""
+
+import math
+import struct
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from mcap.exceptions import McapError
+from mcap.records import Attachment, Channel, Chunk, DataEnd, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+
+from .driver import GnssConfigured, ImuConfigured
+from .errors import CaptureError
+
+MAGIC = b"\x89MCAP0\r\n"
+RAW, CONNECTIONS = "/raw/", "/connections"
+SESSION = "imud"  # name of the metadata record
+
+
+class Raw(msgspec.Struct, frozen=True):
+    """Bytes of one reading. data: empty where the line was quiet, and what the receiver had said counted as whole."""
+
+    t_ns: int  # CLOCK_MONOTONIC, when they were there
+    data: bytes
+
+
+class Connection(msgspec.Struct, frozen=True):
+    """A device streams from now on, or no longer."""
+
+    t_ns: int
+    port: int
+    path: str
+    streaming: bool = True
+    kind: str = ""  # imu, gnss
+    driver: str = ""
+    configured: dict[str, Any] = {}
+    calibration: dict[str, Any] = {}
+    repeated: bool = False  # at the start of a later file of the same recording
+
+    def imu(self) -> ImuConfigured:
+        """How the inertial sensor was set up."""
+        return msgspec.convert(_without_none(self.configured), ImuConfigured)
+
+    def gnss(self) -> GnssConfigured:
+        """How the receiver was set up."""
+        return msgspec.convert(_without_none(self.configured), GnssConfigured)
+
+
+def plain(configured: ImuConfigured | GnssConfigured) -> dict[str, Any]:
+    """What JSON can hold of it; infinite ranges, which it cannot, are left out and so are again infinite."""
+    known = {name: value for name, value in asdict(configured).items() if value not in (math.inf, None)}
+    return dict(msgspec.to_builtins(known))
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    return value
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A message. log_ns: Unix time; schema: name of what it holds."""
+
+    topic: str
+    schema: str
+    log_ns: int
+    data: bytes
+
+    @property
+    def port(self) -> int | None:
+        """Whose bytes these are; None: no bytes of a port."""
+        return int(self.topic[len(RAW) :]) if self.topic.startswith(RAW) else None
+
+    def raw(self) -> Raw:
+        """What a port said. Raises ValueError for what is not that."""
+        return msgspec.json.decode(self.data, type=Raw)
+
+    def connection(self) -> Connection:
+        """What a message of `CONNECTIONS` says. Raises ValueError for what is not that."""
+        return msgspec.json.decode(self.data, type=Connection)
+
+
+class Capture:
+    """A recording to be read from its start, once at a time. Raises CaptureError if it is none, OSError."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.broken = ""  # where and how it ended too early, once it has been read
+        self.read_bytes = 0
+        with self.path.open("rb") as file:
+            if file.read(len(MAGIC)) != MAGIC:
+                raise CaptureError(f"{path} is no recording (MCAP)")
+
+    def session(self) -> tuple[dict[str, str], dict[str, bytes]]:
+        """The first metadata of this program and the attachments, as far as they stand before the first message."""
+        facts: dict[str, str] = {}
+        attached: dict[str, bytes] = {}
+        for record in self._records():
+            if isinstance(record, Metadata) and record.name == SESSION:
+                facts = record.metadata
+            elif isinstance(record, Attachment):
+                attached[record.name] = record.data
+            elif isinstance(record, Chunk):
+                break
+        return facts, attached
+
+    def devices(self, within_s: float = 60.0) -> list[Connection]:
+        """What streamed in its first time, each port once."""
+        found: dict[int, Connection] = {}
+        first_ns = None
+        for entry in self:
+            first_ns = entry.log_ns if first_ns is None else first_ns
+            if entry.log_ns - first_ns > within_s * 1e9:
+                break
+            if entry.topic == CONNECTIONS:
+                connection = entry.connection()
+                if connection.streaming:
+                    found.setdefault(connection.port, connection)
+        return list(found.values())
+
+    def __iter__(self) -> Iterator[Entry]:
+        """All messages in the order in which they were written."""
+        schemas: dict[int, str] = {}
+        channels: dict[int, Channel] = {}
+        for record in self._records():
+            if not isinstance(record, Chunk):
+                continue
+            for part in self._parts(record):
+                if isinstance(part, Schema):
+                    schemas[part.id] = part.name
+                elif isinstance(part, Channel):
+                    channels[part.id] = part
+                elif isinstance(part, Message) and part.channel_id in channels:
+                    channel = channels[part.channel_id]
+                    yield Entry(channel.topic, schemas.get(channel.schema_id, ""), part.log_time, part.data)
+
+    def _parts(self, chunk: Chunk) -> list[Any]:
+        try:
+            return breakup_chunk(chunk, validate_crc=True)
+        except Exception as error:  # zstandard, lz4 and struct have errors of their own for a damaged chunk
+            self._broke(f"a chunk is damaged ({error})")
+        return []
+
+    def _records(self) -> Iterator[Any]:
+        with self.path.open("rb") as file:
+            reader = StreamReader(file, emit_chunks=True, record_size_limit=1 << 30)
+            try:
+                for record in reader.records:
+                    self.read_bytes = file.tell()
+                    if isinstance(record, DataEnd):
+                        return
+                    yield record
+                    if self.broken:
+                        return
+            except (McapError, ValueError, struct.error) as error:
+                self._broke(f"the file ends in the middle ({type(error).__name__})")
+            else:
+                self._broke("the file has no end")
+
+    def _broke(self, how: str) -> None:
+        self.broken = f"{self.path} broke off, as after a power cut: {how}; read up to there"

@@ -1,0 +1,129 @@
+"""A recording as a port: the bytes of one of its devices, readable at the times at which they once came.
+
+Lines that play the same file at the same time share its beginning, so that inertial sensor and receiver stay together.
+"""
+
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from weakref import WeakValueDictionary
+
+from ..driver import GnssConfigured, ImuConfigured
+from ..errors import CaptureError, NotSerialError, PortAbsentError, PortEndedError, PortSupportError
+from .portspec import PortSpec
+from .timer import Timer
+
+try:
+    from .. import capture
+except ImportError:
+    capture = None  # type: ignore[assignment]
+
+START_NS = 200_000_000  # from the opening to the first byte
+
+
+class _Playback:
+    """When a file's beginning is, on our clock."""
+
+    def __init__(self, first_ns: int) -> None:
+        self.shift_ns = time.monotonic_ns() + START_NS - first_ns
+
+
+_playing: WeakValueDictionary[Path, _Playback] = WeakValueDictionary()
+
+
+class ReplayPort:
+    """One device of a recording: `replay:FILE[:DRIVER]`, or `:imu`, `:gnss`; else its first inertial sensor.
+
+    Not thread-safe. Raises PortAbsentError, NotSerialError, PortSupportError on opening; PortEndedError at the end.
+    """
+
+    complaint = ""
+    configured: ImuConfigured | GnssConfigured
+
+    def __init__(self, spec: PortSpec) -> None:
+        self.path = spec.path
+        if capture is None:
+            raise PortSupportError(spec.path, f"{spec.path}: recordings need: pip install 'imud[record]'")
+        file = Path(spec.path.partition(":")[2])
+        try:
+            recording = capture.Capture(file)
+            first_ns, connection = self._find(recording, spec.driver)
+        except CaptureError as error:
+            raise NotSerialError(spec.path, str(error)) from error
+        except OSError as error:
+            raise PortAbsentError(spec.path, f"{file} cannot be read: {error.strerror}") from error
+        self.configured = connection.imu() if connection.kind == "imu" else connection.gnss()
+        self._playback = _playing.setdefault(file.resolve(), _Playback(first_ns))
+        self._readings = self._of(recording, connection.port)
+        self._timer = Timer()
+        self.fd = self._timer.fd
+        self._next = next(self._readings, None)
+        self._wait()
+
+    def _find(self, recording: "capture.Capture", wanted: str | None) -> tuple[int, "capture.Connection"]:
+        """The time of the first bytes in the file, and the connection of the device that is wanted."""
+        first_ns, said = None, []
+        for entry in recording:
+            if entry.topic == capture.CONNECTIONS:
+                connection = entry.connection()
+                first_ns = connection.t_ns if first_ns is None else first_ns
+                said.append(connection)
+                if connection.streaming and (wanted or "imu") in (connection.kind, connection.driver):
+                    return first_ns, connection
+        there = ", ".join(dict.fromkeys(connection.driver for connection in said if connection.driver)) or "none"
+        raise CaptureError(f"{recording.path}: no {wanted or 'imu'} in it; its devices: {there}")
+
+    def _of(self, recording: "capture.Capture", port: int) -> Iterator["capture.Raw"]:
+        """What was read from that port."""
+        for entry in recording:
+            if entry.port == port:
+                raw = entry.raw()
+                if raw.data:
+                    yield raw
+
+    def _wait(self) -> None:
+        due_ns = 1 if self._next is None else self._next.t_ns + self._playback.shift_ns
+        self._timer.set(due_ns)
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """Nothing goes wrong on this line."""
+        return {}
+
+    def receive(self, room: memoryview, now_ns: int) -> tuple[int, int]:
+        """The bytes of the next reading, and when they came, on our clock; none before that."""
+        if self._next is None:
+            raise PortEndedError(self.path, f"{self.path} has been played to its end")
+        arrival_ns = self._next.t_ns + self._playback.shift_ns
+        if arrival_ns > now_ns:
+            self._wait()
+            return 0, now_ns
+        data = self._next.data[: len(room)]
+        room[: len(data)] = data
+        if len(data) < len(self._next.data):
+            self._next = capture.Raw(self._next.t_ns, self._next.data[len(data) :])
+        else:
+            self._next = next(self._readings, None)
+        self._wait()
+        return len(data), arrival_ns
+
+    def read(self) -> bytes:
+        """The same, for those who do not ask when."""
+        room = memoryview(bytearray(4096))
+        received, _ = self.receive(room, time.monotonic_ns())
+        return bytes(room[:received])
+
+    def set_baud(self, baud: int) -> None:
+        """A recording has its own speed."""
+
+    def discard(self) -> None:
+        """Nothing is thrown away."""
+
+    def write(self, data: bytes) -> None:
+        """Nobody listens."""
+
+    def close(self) -> None:
+        """May be called twice."""
+        if self.fd >= 0:
+            self._timer.close()
+            self.fd = -1

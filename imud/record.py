@@ -1,0 +1,121 @@
+"""`imud record`: what ports say, byte for byte and with its time, to a file, for `imud replay`."""
+
+import argparse
+import contextlib
+import os
+import select
+import signal
+import time
+from pathlib import Path
+
+import msgspec
+import structlog
+
+from drivers.driver import AnyDriver
+from drivers.errors import PortEndedError, PortLostError
+
+from . import choices, config, log, simulated
+from .ports import Configured, Port
+from .recording.recorder import Recorder, Tap, recording
+from .sensors import READ
+from .settings import Settings
+from .signals import caught
+
+_TICK_S = 0.02
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("ports", nargs="+", metavar="DEV[:DRIVER[@BAUD]]", help="as for `imud run --port`")
+    parser.add_argument("-o", "--output", required=True, metavar="MCAP")
+    parser.add_argument("--seconds", type=float, metavar="N", help="end by itself")
+    parser.add_argument("--readonly", action="store_true", help="write nothing to the devices")
+    parser.add_argument("--wait", action=argparse.BooleanOptionalAction, default=True, help="for absent devices")
+    parser.add_argument("--config", type=Path, metavar="TOML")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a configuration key")
+
+
+class Tape:
+    """The loop: owns the ports, hands what they say to the recorder."""
+
+    def __init__(self, settings: Settings, recorder: Recorder, wait: bool) -> None:
+        self._recorder = recorder
+        self._log = structlog.get_logger()
+        self._poll = select.epoll()
+        self._by_fd: dict[int, Port] = {}
+        self._taps: dict[Port, Tap] = {}
+        self._room = memoryview(bytearray(READ))
+        self._ended = False
+        self._ports = [Port(spec, options, self, patient=wait) for spec, options in choices.ports(settings)]
+
+    def run(self, seconds: float) -> None:
+        """Until a signal, or so many seconds."""
+        end_s = time.monotonic() + seconds
+        with caught(dict.fromkeys((signal.SIGTERM, signal.SIGINT, signal.SIGHUP), self._end)) as wakeup:
+            self._poll.register(wakeup, select.POLLIN)
+            while not self._ended and time.monotonic() < end_s:
+                due_s = min(port.deadline_s for port in self._ports) - time.monotonic()
+                for fd, _ in self._poll.poll(max(0.0, min(due_s, _TICK_S))):
+                    if fd == wakeup:
+                        os.read(fd, 64)
+                    elif fd in self._by_fd:
+                        self._hear(self._by_fd[fd])
+                now_s = time.monotonic()
+                for port in self._ports:
+                    port.on_time(now_s)
+                for level, text in self._recorder.look_after():
+                    getattr(self._log, level)(text)
+        for port in self._ports:
+            port.close()
+
+    def _end(self) -> None:
+        self._ended = True
+
+    def _hear(self, port: Port) -> None:
+        tap = self._taps.get(port)
+        if tap is None:
+            port.on_event()
+            return
+        try:
+            received, arrival_ns = port.line.receive(self._room, time.monotonic_ns())
+        except PortLostError as error:
+            (port.retire if isinstance(error, PortEndedError) else port.lost)(str(error))
+        else:
+            if received:
+                tap(self._room[:received], arrival_ns)
+
+    def watch(self, port: Port, fd: int) -> None:
+        """See `ports.Host`."""
+        self._by_fd[fd] = port
+        self._poll.register(fd, select.POLLIN)
+
+    def unwatch(self, fd: int) -> None:
+        """See `ports.Host`."""
+        del self._by_fd[fd]
+        self._poll.unregister(fd)
+
+    def connected(self, port: Port, driver: AnyDriver, configured: Configured) -> None:
+        """See `ports.Host`."""
+        number = self._ports.index(port)
+        self._recorder.connected(number, port.spec.path, configured, None)
+        self._taps[port] = self._recorder.tap(number)
+        self._log.info("streaming", port=port.spec.path, device=configured.identity.model or driver.name)
+
+    def disconnected(self, port: Port) -> None:
+        """See `ports.Host`."""
+        self._recorder.disconnected(self._ports.index(port), port.spec.path)
+        self._taps.pop(port, None)
+
+
+def run(args: argparse.Namespace) -> int:
+    settings = config.load(args.config, args.set)
+    with contextlib.ExitStack() as stack:
+        ports = stack.enter_context(simulated.ports(args.ports, seed=1))
+        target = msgspec.structs.replace(settings.record, path=args.output)
+        settings = msgspec.structs.replace(
+            settings, ports=ports, record=target, readonly=args.readonly or settings.readonly
+        )
+        recorder = stack.enter_context(recording(settings))
+        assert recorder is not None
+        log.configure(tap=recorder.event)
+        Tape(settings, recorder, args.wait).run(float("inf") if args.seconds is None else args.seconds)
+    return 0

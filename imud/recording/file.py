@@ -1,0 +1,86 @@
+"""One MCAP file of a recording, complete on the disk up to its last second whatever happens."""
+
+import contextlib
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from mcap.writer import CompressionType, Writer
+
+from .messages import SCHEMAS, schema_of
+
+_CHUNK_BYTES = 1 << 20
+
+
+class RecordingFile:
+    """Opened for writing. Any method may raise OSError: then `abandon` it; what was committed stays readable."""
+
+    def __init__(self, path: Path, facts: Mapping[str, str], settings: bytes, unix_ns: int) -> None:
+        self.path = path
+        self._file = path.open("xb")
+        self._committed = 0
+        self._writer = Writer(self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._count: dict[int, int] = {}
+        try:
+            self._writer.start(profile="imud", library=f"imud {facts['version']}")
+            self._writer.add_metadata("imud", dict(facts))
+            self._writer.add_attachment(unix_ns, unix_ns, "settings.json", "application/json", settings)
+            self.commit()
+            _sync_folder(path.parent)
+        except OSError:
+            self.abandon()
+            raise
+
+    @property
+    def size(self) -> int:
+        """Bytes committed."""
+        return self._committed
+
+    def write(self, topic: str, unix_ns: int, data: bytes) -> None:
+        """A message, at the time by which viewers show it."""
+        channel = self._channels.get(topic)
+        if channel is None:
+            name = schema_of(topic)
+            if name not in self._schemas:
+                self._schemas[name] = self._writer.register_schema(name, "jsonschema", SCHEMAS[name])
+            channel = self._channels[topic] = self._writer.register_channel(topic, "json", self._schemas[name])
+        sequence = self._count[channel] = self._count.get(channel, -1) + 1
+        self._writer.add_message(channel, unix_ns, data, unix_ns, sequence & 0xFFFFFFFF)
+
+    def commit(self) -> None:
+        """End the chunk, and have it on the disk."""
+        self._writer._Writer__finalize_chunk()  # type: ignore[attr-defined]  # the library has no public way
+        self._file.flush()
+        os.fdatasync(self._file.fileno())
+        self._committed = self._file.tell()
+
+    def finish(self) -> None:
+        """Close with summary and index."""
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self._committed = self._file.tell()
+        self._file.close()
+
+    def abandon(self) -> None:
+        """Close after a failure, cut off behind what was committed; an empty file is removed."""
+        with contextlib.suppress(OSError):
+            os.ftruncate(self._file.fileno(), self._committed)
+        with contextlib.suppress(OSError):
+            self._file.raw.close()  # without what is buffered
+        with contextlib.suppress(OSError, ValueError):
+            self._file.close()
+        if not self._committed:
+            with contextlib.suppress(OSError):
+                self.path.unlink()
+
+
+def _sync_folder(folder: Path) -> None:
+    """Have the file's name on the disk, too."""
+    fd = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)

@@ -1,0 +1,154 @@
+"""A recording through the same code as live: bytes through decoder, clock and filter, in the order in which they came.
+
+With the same version and settings the solutions are those of the daemon, bit for bit.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.capture import CONNECTIONS, Connection, Entry, Raw
+from drivers.registry import by_name
+
+from ..calibration import Calibration
+from ..choices import settings_for
+from ..errors import BadDataError
+from ..fitting import Fitting
+from ..sensors import READ, Inertial, Receiver
+from ..settings import Initial, Settings
+from .messages import SETTINGS
+
+Records = NDArray[np.void]
+
+
+@dataclass
+class Replayed:
+    """A line in memory: gives out the bytes of one reading, at their time."""
+
+    data: bytes = b""
+    arrival_ns: int = 0
+    complaint: str = ""
+    counters: dict[str, int] = field(default_factory=dict)
+    fd: int = -1
+
+    def receive(self, room: memoryview, now_ns: int) -> tuple[int, int]:
+        """See `drivers.transport.line.Line`."""
+        if len(self.data) > len(room):
+            raise BadDataError(f"a reading of {len(self.data)} bytes; no line reads more than {READ} at once")
+        room[: len(self.data)] = self.data
+        return len(self.data), self.arrival_ns
+
+    def set_baud(self, baud: int) -> None:
+        """Of no meaning here."""
+
+    def discard(self) -> None:
+        """Nothing waits."""
+
+    def write(self, data: bytes) -> None:
+        """Nobody listens."""
+
+    def read(self) -> bytes:
+        """Nothing waits."""
+        return b""
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def _ignore(*_: Any) -> None:
+    pass
+
+
+class Player:
+    """Takes the messages of a recording one by one; not thread-safe.
+
+    on_step(samples, solutions): rows of SAMPLE and SOLUTION, valid until the next message. on_update(fix, innovations).
+    adapt: makes of recorded settings those to go by. warn: told what the user should know.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        adapt: Callable[[Any], Settings],
+        initial: Initial,
+        on_step: Callable[[Records, Records], None],
+        on_update: Callable[[Records, Records], None] = _ignore,
+        warn: Callable[[str], None] = _ignore,
+    ) -> None:
+        self.samples = self.fixes = 0
+        self._settings = settings
+        self._adapt = adapt
+        self._on_step, self._on_update, self._warn = on_step, on_update, warn
+        self._fitting = Fitting(settings, warn, initial)
+        self._line = Replayed()
+        self._ports: dict[int, Inertial | Receiver] = {}
+        self._imu: Connection | None = None
+
+    def take(self, entry: Entry) -> None:
+        """The next message. Raises BadDataError if it is not what its topic promises."""
+        try:
+            if entry.port is not None:
+                self._raw(entry.port, entry.raw())
+            elif entry.topic == CONNECTIONS:
+                self._connection(entry.connection())
+            elif entry.topic == SETTINGS:
+                self._change(self._adapt(msgspec.json.decode(entry.data)["settings"]))
+        except (msgspec.DecodeError, KeyError, ValueError) as error:
+            raise BadDataError(f"a message on {entry.topic} cannot be understood: {error}") from error
+
+    def _raw(self, port: int, raw: Raw) -> None:
+        sensor = self._ports.get(port)
+        if isinstance(sensor, Receiver):
+            fixes = sensor.take(raw.data, raw.t_ns) if raw.data else sensor.flush(raw.t_ns)
+            for fix in fixes:
+                self._update(fix)
+        elif sensor is not None:
+            self._line.data, self._line.arrival_ns = raw.data, raw.t_ns
+            if n := sensor.read(raw.t_ns):
+                self.samples += n
+                self._on_step(sensor.stream.samples[:n], sensor.stream.solutions[:n])
+
+    def _update(self, fix: Records) -> None:
+        if self._fitting.inertial is not None:
+            self.fixes += 1
+            self._on_update(fix, self._fitting.inertial.stream.filter.update(fix))
+
+    def _connection(self, said: Connection) -> None:
+        if said.repeated and said.port in self._ports:
+            return
+        self._ports.pop(said.port, None)
+        if not said.streaming:
+            if self._imu and self._imu.port == said.port:
+                self._imu = None
+            return
+        driver = by_name(said.driver)
+        if driver.kind == "imu":
+            known = msgspec.convert(_known(said.calibration), Calibration)
+            self._ports[said.port] = self._fitting.connect(
+                self._line, driver, said.imu(), known, self._settings, said.t_ns
+            )
+            self._imu = said
+        else:
+            self._ports[said.port] = Receiver(driver, self._settings.gnss, said.t_ns)
+
+    def _change(self, settings: Settings) -> None:
+        """As the daemon does on SIGHUP."""
+        self._settings = settings
+        for sensor in self._ports.values():
+            if isinstance(sensor, Receiver):
+                sensor.settings = settings.gnss
+        if self._imu is not None and self._fitting.inertial is not None:
+            self._fitting.inertial.stream.filter.configure(settings_for(settings, self._imu.imu().identity))
+
+
+def _known(calibration: dict[str, Any]) -> dict[str, Any]:
+    """Without the nulls that stand for NaN and for parts never found."""
+    parts = {name: part for name, part in calibration.items() if part is not None}
+    return {"serial": ""} | {
+        name: {key: value for key, value in part.items() if value is not None} if isinstance(part, dict) else part
+        for name, part in parts.items()
+    }

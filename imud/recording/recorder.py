@@ -1,0 +1,212 @@
+"""The daemon's side of a recording: hands bytes and records to a process that writes, and never waits for it.
+
+What that process cannot take yet (a card that stalls for seconds) is kept here up to a limit; what is beyond it is
+dropped, whole packets at a time, counted, and told once per change.
+"""
+
+import contextlib
+import os
+import socket
+import subprocess
+import sys
+import time
+import uuid
+from collections import deque
+from collections.abc import Callable, Iterator
+from functools import partial
+from importlib import metadata, util
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.driver import GnssConfigured, ImuConfigured
+
+from ..calibration import Calibration
+from ..errors import CannotCreateError, UsageError
+from ..settings import Settings
+from .protocol import HEADER, Kind
+
+Buffer = bytes | memoryview
+Tap = Callable[[Buffer, int], None]  # bytes, and when they were there
+_SHIP_BYTES = 32 << 10
+_KEPT_BYTES = 16 << 20
+_SOCKET_BYTES = 1 << 20  # as far as the system allows
+_GOODBYE_S = 4.0  # systemd waits 5
+Records = NDArray[np.void]
+
+
+class Recorder:
+    """One recording; not thread-safe. Raises UsageError, CannotCreateError at the start, and nothing afterwards."""
+
+    def __init__(self, settings: Settings) -> None:
+        path = Path(settings.record.path)
+        _check(path)
+        self.dropped = 0  # packets
+        self._batch = bytearray()
+        self._queue: deque[bytes] = deque()
+        self._queued = 0
+        self._full = self._dead = False
+        self._told_full = self._told_dead = False
+        self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._socket.setblocking(False)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SOCKET_BYTES)
+        with theirs:  # in a session of its own: Ctrl-C is for us, and ends it by our end
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "imud.recording.writer", str(theirs.fileno())],
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+        start = {
+            "record": msgspec.structs.replace(settings.record, path=str(path.absolute())),
+            "facts": {
+                "session": uuid.uuid4().hex,
+                "version": metadata.version("imud"),
+                "host": os.uname().nodename,
+                "machine": os.uname().machine,
+                "numpy": np.__version__,
+                "numba": metadata.version("numba"),
+                "python": sys.version.split()[0],
+            },
+            "ports": settings.ports,
+            "settings": settings,
+        }
+        self._json(Kind.START, start)
+        self._ship()
+
+    def tap(self, port: int) -> Tap:
+        """Where the bytes of that port go, just as they were read."""
+        return partial(self._raw, port)
+
+    def _raw(self, port: int, data: Buffer, t_ns: int) -> None:
+        self._put(Kind.RAW, data, t_ns, port)
+
+    def connected(
+        self, port: int, path: str, configured: ImuConfigured | GnssConfigured, calibration: Calibration | None
+    ) -> None:
+        """A device streams. calibration: of an inertial sensor, what is taken out of its samples."""
+        from drivers.capture import Connection, plain
+
+        kind = "imu" if isinstance(configured, ImuConfigured) else "gnss"
+        known = {} if calibration is None else msgspec.to_builtins(calibration)
+        driver, now_ns = configured.identity.driver, time.monotonic_ns()
+        self._json(Kind.CONNECTION, Connection(now_ns, port, path, True, kind, driver, plain(configured), known), port)
+
+    def disconnected(self, port: int, path: str) -> None:
+        """It streams no more."""
+        from drivers.capture import Connection
+
+        self._json(Kind.CONNECTION, Connection(time.monotonic_ns(), port, path, False), port)
+
+    def stepped(self, samples: Records, solutions: Records) -> None:
+        """Samples (SAMPLE) and the solutions (SOLUTION) after each."""
+        t_ns = int(samples[0]["t_ns"])
+        self._put(Kind.SAMPLES, samples.view(np.uint8).data, t_ns)
+        self._put(Kind.SOLUTIONS, solutions.view(np.uint8).data, t_ns)
+
+    def updated(self, fix: Records, innovations: Records) -> None:
+        """A fix (FIX) and what the filter made of it (INNOVATION)."""
+        t_ns = int(fix[0]["arrival_ns"])
+        self._put(Kind.FIX, fix.tobytes(), t_ns)
+        if len(innovations):
+            self._put(Kind.INNOVATIONS, innovations.tobytes(), t_ns)
+
+    def settings(self, settings: Settings) -> None:
+        """They are others from now on."""
+        self._json(Kind.SETTINGS, settings)
+
+    def event(self, level: str, text: str, facts: dict[str, Any]) -> None:
+        """A line of the log."""
+        self._json(
+            Kind.EVENT, {"level": level, "text": text, "facts": {name: str(fact) for name, fact in facts.items()}}
+        )
+
+    def _json(self, kind: Kind, value: Any, port: int = 0) -> None:
+        self._put(kind, msgspec.json.encode(value), time.monotonic_ns(), port)
+
+    def _put(self, kind: int, data: Buffer, t_ns: int, port: int = 0) -> None:
+        self._batch += HEADER.pack(kind, port, 0, len(data), t_ns)
+        self._batch += data
+        if len(self._batch) >= _SHIP_BYTES:
+            self._ship()
+
+    def _ship(self) -> None:
+        """What has gathered, as one packet, behind those that wait."""
+        if self._batch:
+            if self._dead or self._queued + len(self._batch) > _KEPT_BYTES:
+                self.dropped += 1
+                self._full = True
+            else:
+                self._queue.append(bytes(self._batch))
+                self._queued += len(self._batch)
+            self._batch.clear()
+        try:
+            while self._queue:
+                self._socket.send(self._queue[0])
+                self._queued -= len(self._queue.popleft())
+        except BlockingIOError:
+            return
+        except OSError:
+            self._dead = True
+            self._queue.clear()
+            self._queued = 0
+
+    def look_after(self) -> list[tuple[str, str]]:
+        """Pass on what has gathered; (level, text) of what the log should tell. Now and then, and never waits."""
+        self._ship()
+        news = []
+        with contextlib.suppress(OSError):
+            while packet := self._socket.recv(4096):
+                level, _, text = packet.decode().partition(":")
+                news.append((level, text))
+        if self._dead and not self._told_dead:
+            self._told_dead = True
+            news.append(("error", "the recording ended: its writer is gone; everything else goes on"))
+        elif self._full and not (self._told_full or self._dead):
+            self._told_full = True
+            news.append(("warning", "the recording has gaps from here: its disk is too slow"))
+        elif self._full and not self._queue and not self._dead:
+            self._full = self._told_full = False
+            news.append(("info", f"the recording is whole again; {self.dropped} packets are missing in it so far"))
+        return news
+
+    def close(self) -> None:
+        """Hand over the rest and let the file be finished; after seconds without success give up."""
+        end_s = time.monotonic() + _GOODBYE_S
+        self._ship()
+        while self._queue and not self._dead and time.monotonic() < end_s:
+            time.sleep(0.01)
+            self._ship()
+        self._socket.close()
+        try:
+            self._process.wait(max(0.1, end_s - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+
+@contextlib.contextmanager
+def recording(settings: Settings) -> Iterator[Recorder | None]:
+    """The recording that `settings.record` asks for, until the block ends; None: it asks for none."""
+    recorder = Recorder(settings) if settings.record.path else None
+    try:
+        yield recorder
+    finally:
+        if recorder is not None:
+            recorder.close()
+
+
+def _check(path: Path) -> None:
+    """Refuse at once what cannot become a recording."""
+    if util.find_spec("mcap") is None:
+        raise UsageError("recordings need the package mcap: pip install 'imud[record]'")
+    if path.is_dir():
+        raise CannotCreateError(f"cannot record to {path}: it is a folder; name a file, such as {path / 'drive.mcap'}")
+    if not path.absolute().parent.is_dir():
+        raise CannotCreateError(f"cannot record to {path}: there is no folder {path.parent}")
+    if not os.access(path.absolute().parent, os.W_OK):
+        raise CannotCreateError(f"cannot record to {path}: no permission to write in {path.absolute().parent}")

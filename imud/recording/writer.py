@@ -1,0 +1,225 @@
+"""The process that writes a recording: `python -m imud.recording.writer FD`. Reads packets until the daemon's end.
+
+A chunk is ended and on the disk each second. A disk that is full or fails pauses the recording; when there is room
+again it goes on in a new file.
+"""
+
+import contextlib
+import os
+import signal
+import socket
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from drivers.capture import CONNECTIONS, RAW, Connection, Raw
+
+from ..settings import Record
+from . import parts
+from .enu import LocalMap
+from .file import RecordingFile
+from .foxglove import location, transform
+from .messages import (
+    ESTIMATE_TABLE,
+    EVENTS,
+    FIX_TABLE,
+    INNOVATION_TABLE,
+    LOCATION,
+    POSE,
+    SAMPLE_TABLE,
+    SETTINGS,
+    Table,
+    innovation,
+)
+from .protocol import PACKET, Kind, items
+
+_MB = 1 << 20
+_COMMIT_S = 1.0
+_RETRY_S = 5.0
+_STEP_NS = 500_000_000  # by so much the clock on the wall may differ until its step is followed
+_NICE = 5
+_encode = msgspec.json.encode
+
+
+class Thinner:
+    """Which rows are the first of their period; at 0 Hz all."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._rate_hz, self._slot = rate_hz, -1
+
+    def kept(self, rows: Any) -> Any:
+        """Of these, which follow those before."""
+        if not self._rate_hz:
+            return rows
+        slots = np.floor(rows["t_ns"] * (1e-9 * self._rate_hz) + 1e-6).astype(np.int64)
+        new = slots != np.concatenate([[self._slot], slots[:-1]])
+        self._slot = int(slots[-1])
+        return rows[new]
+
+
+class RecordingWriter:
+    """The recording of one daemon. say: told (level, text) of what its log should tell."""
+
+    def __init__(self, start: dict[str, Any], say: Any) -> None:
+        self._record = msgspec.convert(start["record"], Record)
+        self._base = Path(self._record.path)
+        self._facts: dict[str, str] = start["facts"] | {"ports": " ".join(start["ports"])}
+        self._settings: Any = start["settings"]
+        self._say = say
+        self._part = 0
+        self._offset_ns = time.time_ns() - time.monotonic_ns()
+        self._connections: dict[int, Connection] = {}
+        self._samples = Thinner(self._record.sample_rate_hz)
+        self._estimates = Thinner(self._record.estimate_rate_hz)
+        self._plane = LocalMap()
+        self._file: RecordingFile | None = None
+        self._opened_s = self._retry_s = 0.0
+        self._trouble = ""
+        self._open()
+
+    def take(self, kind: int, port: int, t_ns: int, data: bytes) -> None:
+        """An item of a packet."""
+        if kind == Kind.RAW:
+            self._write(f"{RAW}{port}", t_ns, _encode(Raw(t_ns, data)))
+        elif kind == Kind.SAMPLES:
+            self._rows(SAMPLE_TABLE, self._samples.kept(np.frombuffer(data, SAMPLE_TABLE.dtype)))
+        elif kind == Kind.SOLUTIONS:
+            self._solutions(self._estimates.kept(np.frombuffer(data, ESTIMATE_TABLE.dtype)))
+        elif kind == Kind.FIX:
+            self._rows(FIX_TABLE, np.frombuffer(data, FIX_TABLE.dtype), t_ns)
+        elif kind == Kind.INNOVATIONS:
+            for entry in INNOVATION_TABLE.objects(np.frombuffer(data, INNOVATION_TABLE.dtype)):
+                self._write(INNOVATION_TABLE.topic, t_ns, _encode(innovation(entry)))
+        elif kind == Kind.CONNECTION:
+            self._connections[port] = msgspec.json.decode(data, type=Connection)
+            self._write(CONNECTIONS, t_ns, data)
+        elif kind == Kind.EVENT:
+            self._write(EVENTS, t_ns, _encode({"t_ns": t_ns, **msgspec.json.decode(data)}))
+        elif kind == Kind.SETTINGS:
+            self._settings = msgspec.json.decode(data)
+            self._write(SETTINGS, t_ns, _encode({"t_ns": t_ns, "settings": self._settings}))
+
+    def _rows(self, table: Table, rows: Any, t_ns: int | None = None) -> None:
+        for entry in table.objects(rows):
+            self._write(table.topic, t_ns or entry["t_ns"], _encode(entry))
+
+    def _solutions(self, rows: Any) -> None:
+        for entry in ESTIMATE_TABLE.objects(rows):
+            t_ns = entry["t_ns"]
+            unix_ns = t_ns + self._offset_ns
+            self._write(ESTIMATE_TABLE.topic, t_ns, _encode(entry))
+            if (where := location(entry, unix_ns)) is not None:
+                self._write(LOCATION, t_ns, _encode(where))
+            if (pose := transform(entry, unix_ns, self._plane)) is not None:
+                self._write(POSE, t_ns, _encode(pose))
+
+    def _write(self, topic: str, t_ns: int, data: bytes) -> None:
+        if self._file is not None:
+            self._guard(lambda file: file.write(topic, t_ns + self._offset_ns, data))
+
+    def _guard(self, act: Any) -> None:
+        try:
+            act(self._file)
+        except OSError as error:
+            assert self._file is not None
+            self._file.abandon()
+            self._pause(f"the disk refuses it: {error.strerror}")
+
+    def _pause(self, why: str) -> None:
+        self._file = None
+        self._retry_s = time.monotonic() + _RETRY_S
+        if why != self._trouble:
+            self._trouble = why
+            self._say("error", f"recording pauses: {why}; everything else goes on")
+
+    def _open(self) -> None:
+        """The next file, with what a reader must know first."""
+        if parts.free_bytes(self._base) < self._record.spare_mb * _MB:
+            self._pause(f"less than {self._record.spare_mb} MB are free where {self._base} is (record.spare_mb)")
+            return
+        facts = self._facts | {"part": str(self._part), "unix_less_monotonic_ns": str(self._offset_ns)}
+        try:
+            path = parts.following(self._base)
+            self._file = RecordingFile(path, facts, _encode(self._settings), time.time_ns())
+        except OSError as error:
+            self._pause(f"cannot write in {self._base.parent}: {error.strerror}")
+            return
+        now_ns = time.monotonic_ns()
+        self._opened_s = now_ns * 1e-9
+        self._part += 1
+        self._trouble = ""
+        self._say("info", f"recording to {path}")
+        for connection in self._connections.values():
+            if connection.streaming:
+                repeated = msgspec.structs.replace(connection, repeated=True)
+                self._write(CONNECTIONS, now_ns, _encode(repeated))
+
+    def commit(self) -> None:
+        """What is due each second: have it on the disk, begin a new file, make room, follow the wall clock."""
+        offset_ns = time.time_ns() - time.monotonic_ns()
+        if abs(offset_ns - self._offset_ns) > _STEP_NS:
+            self._offset_ns = offset_ns
+        if self._file is None:
+            if time.monotonic() >= self._retry_s:
+                self._open()
+            return
+        self._guard(lambda file: file.commit())
+        if self._file is not None:
+            self._keep_to_limits(self._file)
+
+    def _keep_to_limits(self, file: RecordingFile) -> None:
+        record = self._record
+        if record.budget_mb:
+            for path in parts.make_room(self._base, record.budget_mb * _MB, file.path):
+                self._say("info", f"removed {path}: the recordings may take {record.budget_mb} MB (record.budget_mb)")
+        if parts.free_bytes(self._base) < record.spare_mb * _MB:
+            self._guard(lambda file: file.finish())
+            self._pause(f"less than {record.spare_mb} MB are free where {self._base} is (record.spare_mb)")
+        elif (0 < record.file_mb * _MB <= file.size) or (0.0 < record.file_s <= time.monotonic() - self._opened_s):
+            self._guard(lambda file: file.finish())
+            self._open()
+
+    def finish(self) -> None:
+        """The end."""
+        if self._file is not None:
+            self._guard(lambda file: file.finish())
+
+
+def main(fd: int) -> None:
+    """Write what comes until the other side is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # sent to a whole service; the end of the daemon is ours
+    os.nice(_NICE)
+    with socket.socket(fileno=fd) as packets:
+
+        def say(level: str, text: str) -> None:
+            with contextlib.suppress(OSError):
+                packets.send(f"{level}:{text}".encode(), socket.MSG_DONTWAIT)
+
+        writer: RecordingWriter | None = None
+        due_s = time.monotonic() + _COMMIT_S
+        while True:
+            packets.settimeout(max(0.01, due_s - time.monotonic()))
+            with contextlib.suppress(TimeoutError):
+                packet = packets.recv(PACKET)
+                if not packet:
+                    break
+                for kind, port, t_ns, data in items(packet):
+                    if writer is None:
+                        writer = RecordingWriter(msgspec.json.decode(data), say)
+                    else:
+                        writer.take(kind, port, t_ns, data)
+            if time.monotonic() >= due_s:
+                due_s = time.monotonic() + _COMMIT_S
+                if writer is not None:
+                    writer.commit()
+        if writer is not None:
+            writer.finish()
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))

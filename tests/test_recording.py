@@ -1,0 +1,146 @@
+"""A recording of a running daemon: replayed bit for bit, played again as ports, exported; one run for all of it."""
+
+import csv
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from processes import daemon, emulator
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from drivers.capture import Capture
+from imud.recording.messages import ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE
+from imud.recording.player import Player
+from imud.recording.source import Recording, adapter, group
+from imud.settings import Initial
+
+SCENARIO = ("--scenario", "car")
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A recording of ten seconds of a drive, every estimate in it."""
+    folder = tmp_path_factory.mktemp("recording")
+    imu, gnss = folder / "imu", folder / "gnss"
+    ports = ("--port", str(imu), "--port", str(gnss))
+    record = ("--record", str(folder / "drive.mcap"), "--set", "record.estimate_rate_hz=0")
+    with emulator("g350", "nmea", *SCENARIO, links=[imu, gnss]), daemon(folder, *ports, *record) as imud:
+        imud.until(lambda m: m["class"] == "EST" and "position" in m["state"])
+        start = imud.until(lambda m: m["class"] == "EST")["t_mono_ns"]
+        imud.until(lambda m: m["class"] == "EST" and m["t_mono_ns"] > start + 6_000_000_000)
+        imud.process.terminate()
+        assert imud.process.wait(15.0) == 0
+    return folder / "drive.mcap"
+
+
+def replayed(recording, estimator=None):
+    steps, fixes, innovations = [], [], []
+
+    def update(fix, rows):
+        fixes.append(fix.copy())
+        innovations.append(rows.copy())
+
+    adapt = adapter(None, (), estimator)
+    player = Player(
+        recording.settings(adapt), adapt, Initial(), lambda samples, rows: steps.append(rows.copy()), update
+    )
+    for entry in recording:
+        player.take(entry)
+    return [np.concatenate(rows) for rows in (steps, fixes, innovations)]
+
+
+def stored(path, table):
+    return table.rows([json.loads(entry.data) for entry in Capture(path) if entry.topic == table.topic])
+
+
+def command(*arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "imud", *map(str, arguments)], capture_output=True, text=True, check=False
+    )
+
+
+def test_a_replay_gives_the_daemons_estimates_bit_for_bit(recorded):
+    found = replayed(Recording([recorded]))
+    for rows, table in zip(found, (ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE), strict=True):
+        assert len(rows) > 5
+        assert rows.tobytes() == stored(recorded, table).tobytes()
+    assert len(found[0]) > 6000
+
+
+def test_a_cut_recording_gives_the_same_as_far_as_it_goes_and_the_cut_is_told(recorded, tmp_path):
+    whole = stored(recorded, ESTIMATE_TABLE)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(recorded.read_bytes()[: recorded.stat().st_size // 2])
+    recording = Recording([cut])
+    rows, *_ = replayed(recording)
+    assert 100 < len(rows) < len(whole)
+    assert rows.tobytes() == whole[: len(rows)].tobytes()
+    assert "broke off" in recording.notes[0]
+
+
+def test_the_command_replays_many_with_other_estimators(recorded, tmp_path):
+    second = tmp_path / "second.mcap"
+    second.write_bytes(b"\x89MCAP0\r\nnothing more")
+    out = tmp_path / "out"
+    done = command("replay", recorded, second, "-o", out, "--jobs", "2", "--estimator", "attitude")
+    assert done.returncode == 65, done.stderr
+    assert "second.mcap: no samples" in done.stderr
+    with (out / "drive.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(stored(recorded, ESTIMATE_TABLE))
+    assert rows[-1]["lat_deg"] == ""
+    assert command("replay", tmp_path / "absent.mcap", "-o", out).returncode == 66
+
+
+def test_the_export_is_what_replay_takes_and_what_ros_reads(recorded, tmp_path):
+    ros = tmp_path / "ros.mcap"
+    done = command("export", recorded, "--csv", tmp_path, "--ros2", ros)
+    assert done.returncode == 0, done.stderr
+    estimates = stored(recorded, ESTIMATE_TABLE)
+    positioned = estimates[(estimates["status"] & 4) > 0]
+    with (tmp_path / "est.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [round(float(row["t_s"]) * 1e6) for row in rows] == [round(t / 1000) for t in estimates["t_ns"].tolist()]
+    gnss = list(csv.DictReader((tmp_path / "gnss.csv").open()))
+    assert [float(row["lat_deg"]) for row in gnss] == np.degrees(stored(recorded, FIX_TABLE)["lat"]).tolist()
+    again = command("replay", "--imu", tmp_path / "imu.csv", "--gnss", tmp_path / "gnss.csv", "-o", tmp_path / "e.csv")
+    assert again.returncode == 0, again.stderr
+    with AnyReader([ros], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        counts = {connection.topic: connection.msgcount for connection in reader.connections}
+        assert counts == {"/imu/data": len(estimates), "/fix": len(positioned), "/odometry": len(positioned)}
+        fixes = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages() if c.topic == "/fix"]
+    assert [fix.latitude for fix in fixes] == np.degrees(positioned["lat"]).tolist()
+
+
+def test_a_recording_is_an_ordinary_port(recorded, tmp_path):
+    with daemon(tmp_path, "--port", f"replay:{recorded}", "--record", str(tmp_path / "copy.mcap")) as imud:
+        imud.says("device=M-G350")
+        imud.says("position is valid")
+        imud.says("played to its end")
+        imud.process.terminate()
+        assert imud.process.wait(15.0) == 0
+    kept = {name: b"".join(_bytes(path, name)) for path, name in ((recorded, "/raw/0"), (recorded, "/raw/1"))}
+    for name, data in kept.items():
+        assert b"".join(_bytes(tmp_path / "copy.mcap", name)) in (data, *(kept.values()))
+    rows, *_ = replayed(Recording([tmp_path / "copy.mcap"]))
+    shift = rows["t_ns"] - stored(recorded, ESTIMATE_TABLE)["t_ns"]
+    assert np.ptp(shift) < 1_000_000  # the same times but for the fit of a clock
+
+
+def _bytes(path, topic):
+    import base64
+
+    return [base64.b64decode(json.loads(entry.data)["data"]) for entry in Capture(path) if entry.topic == topic]
+
+
+def test_the_recording_holds_what_happened(recorded):
+    texts = [json.loads(entry.data)["text"] for entry in Capture(recorded) if entry.topic == "/events"]
+    assert "position is valid" in texts
+    facts, attached = Capture(recorded).session()
+    assert facts["version"]
+    assert json.loads(attached["settings.json"])["record"]["path"] == str(recorded)
+    assert [len(recording.paths) for recording in group([recorded])] == [1]
+    assert recorded.stat().st_size > 10_000

@@ -1,0 +1,236 @@
+"""The writing of recordings: nothing is lost but what must be, nobody waits, and other people's readers agree."""
+
+import json
+import os
+import signal
+import time
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from drivers.capture import MAGIC, Capture, Raw
+from drivers.errors import CaptureError
+from imud.errors import CannotCreateError
+from imud.estimators.records import INNOVATION, SOLUTION
+from imud.recording import parts
+from imud.recording.messages import SCHEMAS, TABLES
+from imud.recording.protocol import Kind
+from imud.recording.recorder import Recorder
+from imud.recording.writer import RecordingWriter
+from imud.settings import Record, Settings
+
+
+def settings(path, **record):
+    return Settings(record=Record(path=str(path), **record), ports=("/dev/a", "/dev/b"))
+
+
+def writer(path, told=None, **record):
+    start = {
+        "record": msgspec.to_builtins(settings(path, **record).record),
+        "facts": {"session": "s", "version": "1"},
+        "ports": ["/dev/a"],
+        "settings": msgspec.to_builtins(settings(path)),
+    }
+    return RecordingWriter(start, (lambda *line: told.append(line)) if told is not None else lambda *line: None)
+
+
+def raws(path):
+    return [msgspec.json.decode(entry.data, type=Raw) for entry in Capture(path) if entry.topic.startswith("/raw")]
+
+
+@given(st.data())
+def test_records_come_back_from_json_with_the_same_bits(data):
+    for table in TABLES:
+        rows = np.zeros(3, table.dtype)
+        for name in table.dtype.names:
+            kind = table.dtype[name]
+            if kind.base.kind == "i":
+                rows[name] = data.draw(st.integers(-(2**62), 2**62))
+            else:
+                rows[name] = data.draw(st.one_of(st.just(np.nan), st.floats(allow_nan=False, allow_infinity=False)))
+        read = table.rows([json.loads(msgspec.json.encode(entry)) for entry in table.objects(rows)])
+        assert read.tobytes() == rows.tobytes()
+
+
+def test_what_is_read_from_ports_reaches_the_file_in_order_and_other_readers_see_it(tmp_path):
+    path = tmp_path / "drive.mcap"
+    recorder = Recorder(settings(path))
+    wanted = [(i % 2, 1000 + i, bytes([i % 256]) * (i % 50)) for i in range(3000)]
+    for port, t_ns, data in wanted:
+        recorder.tap(port)(memoryview(data), t_ns)
+    solutions = np.zeros(4, SOLUTION)
+    solutions["t_ns"] = np.arange(4) * 10**9
+    solutions["status"] = 7
+    solutions["q_nb"] = 1.0, 0.0, 0.0, 0.0
+    recorder.stepped(_samples(4), solutions)
+    innovations = np.zeros(1, INNOVATION)
+    innovations["value"], innovations["variance"] = 3.0, 4.0
+    recorder.updated(_fix(), innovations)
+    recorder.event("warning", "text", {"port": "/dev/a"})
+    recorder.close()
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        messages = [
+            (channel, schema, message) for schema, channel, message in reader.iter_messages(log_time_order=False)
+        ]
+        assert {name for _, schema, _ in messages for name in [schema.name]} >= {
+            *("imud.Raw", "imud.Sample", "imud.Estimate", "imud.Fix", "imud.Innovation", "imud.Event"),
+            *("foxglove.LocationFix", "foxglove.FrameTransform"),
+        }
+        for channel, schema, message in messages:
+            assert channel.message_encoding == "json"
+            assert schema.encoding == "jsonschema"
+            properties = json.loads(schema.data)["properties"]
+            assert set(json.loads(message.data)) >= set(properties) - {"S"}, channel.topic
+        assert next(iter(reader.iter_metadata())).metadata["version"]
+        attached = next(iter(reader.iter_attachments()))
+        assert json.loads(attached.data)["ports"] == ["/dev/a", "/dev/b"]
+    found = [
+        (int(entry.topic[5:]), raw.t_ns, raw.data)
+        for entry in Capture(path)
+        if entry.topic.startswith("/raw")
+        for raw in [msgspec.json.decode(entry.data, type=Raw)]
+    ]
+    assert found == wanted
+    verdict = next(json.loads(entry.data) for entry in Capture(path) if entry.topic == "/innovations")
+    assert (verdict["S"], verdict["sigma"], verdict["normalised"], verdict["verdict"]) == (4.0, 2.0, 1.5, "rejected")
+
+
+def _samples(n):
+    samples = np.zeros(n, TABLES[0].dtype)
+    samples["t_ns"] = np.arange(n) * 10**9
+    return samples
+
+
+def _fix():
+    return np.zeros(1, TABLES[2].dtype)
+
+
+def test_a_writer_that_stalls_delays_nobody_and_its_gap_is_told_once(tmp_path):
+    recorder = Recorder(settings(tmp_path / "drive.mcap"))
+    while not (tmp_path / "drive.mcap").exists():
+        time.sleep(0.02)
+    recorder.look_after()
+    os.kill(recorder._process.pid, signal.SIGSTOP)
+    data = bytes(64 << 10)
+    for i in range(400):  # 25 MB
+        recorder.tap(0)(data, i)
+    assert recorder.dropped > 0
+    assert [level for level, _ in recorder.look_after()].count("warning") == 1
+    assert recorder.look_after() == []
+    os.kill(recorder._process.pid, signal.SIGCONT)
+    told = []
+    while not told:
+        time.sleep(0.02)
+        told = [text for level, text in recorder.look_after() if "whole again" in text]
+    recorder.close()
+    assert len(raws(tmp_path / "drive.mcap")) == 400 - recorder.dropped
+
+
+def test_a_writer_that_dies_is_told_and_harms_nobody(tmp_path):
+    recorder = Recorder(settings(tmp_path / "drive.mcap"))
+    recorder._process.kill()
+    recorder._process.wait()
+    recorder.tap(0)(b"abc", 1)
+    assert ("error", "the recording ended: its writer is gone; everything else goes on") in recorder.look_after()
+    recorder.tap(0)(bytes(1 << 16), 1)
+    assert recorder.look_after() == []
+    recorder.close()
+
+
+def test_a_power_cut_costs_no_more_than_what_was_not_committed(tmp_path):
+    path = tmp_path / "drive.mcap"
+    recording = writer(path)
+    for second in range(5):
+        for i in range(100):
+            recording.take(Kind.RAW, 0, second * 100 + i, b"0123456789" * 3)
+        recording.commit()
+    sizes = path.stat().st_size
+    recording.take(Kind.RAW, 0, 999, b"never on the disk")
+    whole = path.read_bytes()[:sizes]
+    assert [raw.t_ns for raw in raws(path)] == list(range(500))
+    cut = tmp_path / "cut.mcap"
+    before = 0
+    for end in range(len(MAGIC), sizes + 1, 97):
+        for tail in (b"", bytes(300)):  # a file system may leave zeros
+            cut.write_bytes(whole[:end] + tail)
+            capture = Capture(cut)
+            n = sum(entry.topic == "/raw/0" for entry in capture)
+            assert n % 100 == 0
+            assert "broke off" in capture.broken
+        assert n >= before
+        before = n
+    recording.finish()
+    capture = Capture(path)
+    assert sum(entry.topic == "/raw/0" for entry in capture) == 501
+    assert not capture.broken
+
+
+def test_what_is_no_recording_is_said_to_be_none(tmp_path):
+    (tmp_path / "x").write_text("t_s,gx_radps\n")
+    with pytest.raises(CaptureError, match="is no recording"):
+        Capture(tmp_path / "x")
+
+
+def test_files_change_at_their_size_and_the_oldest_go_for_the_budget(tmp_path, monkeypatch):
+    monkeypatch.setattr("imud.recording.writer._MB", 2000)
+    path, told = tmp_path / "drive.mcap", []
+    path.write_bytes(b"somebody's earlier recording")
+    recording = writer(path, told, file_mb=2, budget_mb=9, spare_mb=0)
+    for t_ns in range(40):
+        recording.take(Kind.RAW, 0, t_ns, np.random.default_rng(t_ns).bytes(1500))
+        recording.commit()
+    recording.finish()
+    left = parts.existing(path)
+    assert not path.exists()
+    assert path.with_name("drive.0001.mcap") not in left
+    assert sum(file.stat().st_size for file in left) <= 9 * 2000 + 2 * 3000
+    times = [raw.t_ns for file in left for raw in raws(file)]
+    assert times == list(range(times[0], 40))
+    assert any("removed" in text for _, text in told)
+    numbers = [Capture(file).session()[0]["part"] for file in left]
+    assert [int(number) for number in numbers] == list(range(int(numbers[0]), int(numbers[0]) + len(left)))
+
+
+def test_a_full_disk_pauses_the_recording_which_goes_on_when_there_is_room(tmp_path, monkeypatch):
+    path, told, full = tmp_path / "drive.mcap", [], []
+    recording = writer(path, told)
+    sync = os.fdatasync
+    monkeypatch.setattr(os, "fdatasync", lambda fd: _no_room() if full else sync(fd))
+    recording.take(Kind.RAW, 0, 1, b"before")
+    recording.commit()
+    full.append(True)
+    recording.take(Kind.RAW, 0, 2, b"lost")
+    recording.commit()
+    recording.take(Kind.RAW, 0, 3, b"lost, too")
+    recording.commit()
+    full.clear()
+    recording._retry_s = 0.0
+    recording.commit()
+    recording.take(Kind.RAW, 0, 4, b"after")
+    recording.finish()
+    assert [raw.data for raw in raws(path)] == [b"before"]
+    assert [raw.data for raw in raws(path.with_name("drive.0001.mcap"))] == [b"after"]
+    assert [level for level, _ in told] == ["info", "error", "info"]
+    assert "No space left" in told[1][1]
+
+
+def _no_room():
+    raise OSError(28, "No space left on device")
+
+
+def test_paths_that_cannot_become_recordings_are_refused_at_once(tmp_path):
+    with pytest.raises(CannotCreateError, match="is a folder"):
+        Recorder(settings(tmp_path))
+    with pytest.raises(CannotCreateError, match="no folder"):
+        Recorder(settings(tmp_path / "no" / "drive.mcap"))
+
+
+def test_the_schemas_are_json_schemas_of_objects():
+    for name, schema in SCHEMAS.items():
+        assert json.loads(schema)["title"] == name
+        assert json.loads(schema)["type"] == "object"

@@ -113,15 +113,15 @@ class Capture:
         return facts, attached
 
     def devices(self, within_s: float = 60.0) -> list[Connection]:
-        """What streamed in its first time, each port once."""
+        """What began to stream within so long of the first device, each port once."""
         found: dict[int, Connection] = {}
         first_ns = None
         for entry in self:
-            first_ns = entry.log_ns if first_ns is None else first_ns
-            if entry.log_ns - first_ns > within_s * 1e9:
+            if first_ns is not None and entry.log_ns - first_ns > within_s * 1e9:
                 break
             if entry.topic == CONNECTIONS:
                 connection = entry.connection()
+                first_ns = entry.log_ns if first_ns is None else first_ns
                 if connection.streaming:
                     found.setdefault(connection.port, connection)
         return list(found.values())

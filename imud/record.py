@@ -11,10 +11,11 @@ from pathlib import Path
 import msgspec
 import structlog
 
-from drivers.driver import AnyDriver
+from drivers.driver import AnyDriver, Identity
 from drivers.errors import PortEndedError, PortLostError
 
-from . import choices, config, log, simulated
+from . import calibration, choices, config, log, simulated
+from .errors import ImudError
 from .ports import Configured, Port
 from .recording.recorder import Recorder, Tap, recording
 from .sensors import READ
@@ -96,7 +97,8 @@ class Tape:
     def connected(self, port: Port, driver: AnyDriver, configured: Configured) -> None:
         """See `ports.Host`."""
         number = self._ports.index(port)
-        self._recorder.connected(number, port.spec.path, configured, None)
+        known = _calibration_of(configured.identity) if driver.kind == "imu" else None
+        self._recorder.connected(number, port.spec.path, configured, known)
         self._taps[port] = self._recorder.tap(number)
         self._log.info("streaming", port=port.spec.path, device=configured.identity.model or driver.name)
 
@@ -104,6 +106,13 @@ class Tape:
         """See `ports.Host`."""
         self._recorder.disconnected(self._ports.index(port), port.spec.path)
         self._taps.pop(port, None)
+
+
+def _calibration_of(identity: Identity) -> calibration.Calibration | None:
+    """What the daemon would take out of the samples."""
+    with contextlib.suppress(ImudError):
+        return calibration.load(identity.serial or identity.model or identity.driver)
+    return None
 
 
 def run(args: argparse.Namespace) -> int:

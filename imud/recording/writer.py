@@ -193,6 +193,7 @@ def main(fd: int) -> None:
     """Write what comes until the other side is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)  # sent to a whole service; the end of the daemon is ours
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # the service may be a real-time one
     os.nice(_NICE)
     with socket.socket(fileno=fd) as packets:
 

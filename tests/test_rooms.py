@@ -10,7 +10,10 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("imud", "drivers", "firmware_sim")
 RUN_TIME = {"numpy", "numba", "serial", "structlog", "msgspec", "spidev", "gpiod"}
 RECORDING = ("drivers/capture.py", "imud/recording/file.py", "imud/export.py")
-EXTRAS = {"imud/web/server.py": {"aiohttp"}} | dict.fromkeys(RECORDING, {"mcap"})  # file: what it may import that an extra brings
+EXTRAS = {  # file: what it may import that an extra brings
+    "imud/web/server.py": {"aiohttp"},
+    **{path: {"mcap"} for path in RECORDING},
+}
 FORBIDDEN = {  # room: packages it must not know
     "drivers": {"imud", "firmware_sim"},
     "firmware_sim": {"imud", "drivers"},

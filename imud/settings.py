@@ -181,10 +181,10 @@ class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         str, Meta(description="A file such as /var/lib/imud/drive.mcap; the next is drive.0001.mcap; empty: none.")
     ] = ""
     sample_rate_hz: Annotated[
-        float, Meta(ge=0.0, description="Decoded samples per second; 0: every one. (Raw bytes are always complete.)")
+        float, Meta(ge=0.0, description="Decoded samples per second; 0: all. Raw bytes are always complete.")
     ] = 0.0
     estimate_rate_hz: Annotated[
-        float, Meta(ge=0.0, description="Estimates per second; 0: every one. (A replay computes every one.)")
+        float, Meta(ge=0.0, description="Estimates per second; 0: all. A replay computes them all.")
     ] = 50.0
     file_mb: Annotated[int, Meta(ge=0, description="A new file begins after so much; 0: never.")] = 1024
     file_s: Annotated[float, Meta(ge=0.0, description="Or after so long; 0: never.")] = 0.0

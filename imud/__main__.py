@@ -10,7 +10,7 @@ from types import ModuleType
 from typing import NoReturn
 
 from . import runtime
-from .errors import ImudError
+from .errors import ImudError, InputOutputError
 
 COMMANDS = {
     "run": "the daemon: sensors in, attitude and position out (the default command)",
@@ -82,6 +82,11 @@ def _open_standard_streams() -> None:
             setattr(sys, name, Path(os.devnull).open(mode))  # noqa: SIM115
 
 
+def _close_output() -> None:
+    """Let what could not be written to stdout lead nowhere, when Python tries it again at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the process's exit code (see `imud.errors`)."""
     _open_standard_streams()
@@ -92,15 +97,21 @@ def main(arguments: list[str] | None = None) -> int:
             _parser(None).print_help(sys.stderr)
             return _USAGE
         args = _parser(arguments[0]).parse_args(arguments)
-        return int(_module(args.command).run(args))
+        code = int(_module(args.command).run(args))
+        sys.stdout.flush()
+        return code
     except ImudError as error:
         print(f"imud: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         return _INTERRUPTED
     except BrokenPipeError:  # the reader of our output went away: `imud … | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _close_output()
         return 0
+    except OSError as error:  # the disk is full
+        print(f"imud: {error}", file=sys.stderr)
+        _close_output()
+        return InputOutputError.exit_code
 
 
 if __name__ == "__main__":

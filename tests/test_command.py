@@ -3,6 +3,7 @@
 import io
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 import structlog
@@ -43,6 +44,15 @@ def test_closed_streams_change_no_exit_code():
     command = [sys.executable, "-m", "imud", "run", "--check", "--port", "/dev/x:toaster"]
     closed = subprocess.run(["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", *command], check=False)
     assert closed.returncode == 64
+
+
+@pytest.mark.parametrize("arguments", [["reference"], ["probe", "/dev/null"]])  # much; little
+def test_a_full_disk_is_an_error_of_input_and_output(arguments):
+    with Path("/dev/full").open("wb") as full:
+        command = [sys.executable, "-m", "imud", *arguments]
+        ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert ended.returncode == 74
+    assert ended.stderr == "imud: [Errno 28] No space left on device\n"
 
 
 class Broken(io.StringIO):

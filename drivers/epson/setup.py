@@ -129,8 +129,8 @@ def program(model: Model, code: int, taps: int, automatic: bool) -> Dialogue[tup
         yield from put(dialect.rate, high=code)
         yield from put(dialect.filter, low=filter_code)
         yield from put(dialect.uart, low=AUTO if automatic else POLLED)
-        kept_rate = yield from kept(dialect.rate, code << 8, 0xFF00)
-        kept_filter = yield from kept(dialect.filter, filter_code, FILTER_CODE)
+        kept_rate = yield from kept_bits(dialect.rate, code << 8, 0xFF00)
+        kept_filter = yield from kept_bits(dialect.filter, filter_code, FILTER_CODE)
         if (kept_rate >> 8, kept_filter) == (code, filter_code):
             break
     if kept_rate >> 8 != code:
@@ -141,7 +141,7 @@ def program(model: Model, code: int, taps: int, automatic: bool) -> Dialogue[tup
     return rate, warnings
 
 
-def kept(register: Register, wanted: int, bits: int) -> Dialogue[int]:
+def kept_bits(register: Register, wanted: int, bits: int) -> Dialogue[int]:
     """Those `bits` of a register; what is `wanted` of one that is not answered for."""
     word = yield from ask(register)
     return wanted if word is None else word & bits

@@ -19,7 +19,9 @@ from .covariance import variance
 from .state import ATTITUDE, FREE, LAND, MOUNT_PITCH, MOUNT_YAW, STATES, VELOCITY
 
 INTERVAL_S = 0.1
-SPEED = 1.0  # m/s, below it the constraint says little
+SPEED = 0.3  # m/s, below it the constraint says little
+STRAIGHT = 0.15  # rad/s, in a sharper turn the direction of motion depends on where the sensor is
+PLAIN = 0.5  # m/s, of a direction of motion; and its velocity known to a fifth
 SIGMA = 0.2  # m/s
 ARM = 1.0  # m, of the sensor from the axle that does not slip: v = arm * rate
 GATE = 12.0
@@ -35,7 +37,8 @@ def learn_axis(p: Any, c: Any) -> None:
     """Once per window: gather the direction of motion in the body, and begin to constrain when it is plain."""
     speed = math.sqrt(c.v[0] ** 2 + c.v[1] ** 2 + c.v[2] ** 2)
     sigma = math.sqrt(max(variance(c, VELOCITY), variance(c, VELOCITY + 1)))
-    if p.vehicle == FREE or c.constrained or speed < 1.5 or sigma > 0.1 * speed:
+    turning = math.sqrt(c.rate[0] ** 2 + c.rate[1] ** 2 + c.rate[2] ** 2)
+    if p.vehicle == FREE or c.constrained or speed < PLAIN or sigma > 0.2 * speed or turning > STRAIGHT:
         return
     u = quat_rotate_back((c.q[0], c.q[1], c.q[2], c.q[3]), (c.v[0] / speed, c.v[1] / speed, c.v[2] / speed))
     sign = -1.0 if u[0] * c.axis[0] + u[1] * c.axis[1] + u[2] * c.axis[2] < 0.0 else 1.0

@@ -21,7 +21,7 @@ UERE = 2.0  # m per HDOP, horizontal
 VERTICAL = 2.2  # times the horizontal sigma
 UNKNOWN_HDOP = 1.5
 RTK_FIXED, RTK_FLOAT = 0.03, 0.4  # m, when nothing better is reported
-SPEED_SIGMA = 0.1  # m/s
+SPEED_SIGMA = (0.03, 0.3)  # m/s, of what is learned
 VELOCITY_LAG = 0.05  # s, of a receiver's velocity behind its position
 COURSE_SPEED = 0.5  # m/s, below it the course is noise
 GATE = 25.0
@@ -196,7 +196,7 @@ def fuse_velocity(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
             continue
         z = received - c.v[i] - arm[i] + late * c.trend[i]
         r = (
-            SPEED_SIGMA**2
+            c.white_speed
             + (SECOND_ORDER * variance(c, ATTITUDE + 2)) ** 2
             + slow * slow
             + (VELOCITY_LAG * c.trend[i]) ** 2
@@ -206,7 +206,12 @@ def fuse_velocity(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
         m = row(c, m, LATENCY, -c.trend[i])
         s = predicted(c, m) + r
         left = residual(c, m, z)
-        used = take(c, m, z, r, GATE) >= 0.0
+        nis = take(c, m, z, r, GATE)
+        used = nis >= 0.0
+        if used and slow == 0.0:
+            share = c.white_speed / s
+            white = c.white_speed + LEARNING * share * (min(nis, 9.0) - 1.0) * s
+            c.white_speed = min(max(white, SPEED_SIGMA[0] ** 2), SPEED_SIGMA[1] ** 2)
         n = report(innovations, n, fix.t_ns, VELOCITY_N + i, left, s, used)
         rejected += 0 if used else 1
     c.contrary = c.contrary + 1 if rejected else 0

@@ -20,7 +20,7 @@ from .state import ATTITUDE, FREE, LAND, MOUNT_PITCH, MOUNT_YAW, STATES, VELOCIT
 
 INTERVAL_S = 0.1
 SPEED = 0.3  # m/s, below it the constraint says little
-STRAIGHT = 0.15  # rad/s, in a sharper turn the direction of motion depends on where the sensor is
+STRAIGHT = 0.3  # rad/s, in a sharper turn the direction of motion depends on where the sensor is
 PLAIN = 0.5  # m/s, of a direction of motion; and its velocity known to a fifth
 SIGMA = 0.2  # m/s
 ARM = 1.0  # m, of the sensor from the axle that does not slip: v = arm * rate
@@ -33,11 +33,17 @@ FOUND_LAND = (6.0, math.radians(15.0), 1.1)
 
 
 @kernel
+def dot_down(c: Any, u: Any) -> float:
+    """Component of a body vector along the vertical."""
+    return float(quat_rotate((c.q[0], c.q[1], c.q[2], c.q[3]), (u[0], u[1], u[2]))[2])
+
+
+@kernel
 def learn_axis(p: Any, c: Any) -> None:
     """Once per window: gather the direction of motion in the body, and begin to constrain when it is plain."""
     speed = math.sqrt(c.v[0] ** 2 + c.v[1] ** 2 + c.v[2] ** 2)
     sigma = math.sqrt(max(variance(c, VELOCITY), variance(c, VELOCITY + 1)))
-    turning = math.sqrt(c.rate[0] ** 2 + c.rate[1] ** 2 + c.rate[2] ** 2)
+    turning = abs(dot_down(c, c.rate))
     if p.vehicle == FREE or c.constrained or speed < PLAIN or sigma > 0.2 * speed or turning > STRAIGHT:
         return
     u = quat_rotate_back((c.q[0], c.q[1], c.q[2], c.q[3]), (c.v[0] / speed, c.v[1] / speed, c.v[2] / speed))

@@ -33,6 +33,7 @@ GIVEN_TILT = math.radians(2.0)
 GIVEN_HEADING = math.radians(5.0)
 GIVEN_POSITION, UNKNOWN_HEIGHT, GIVEN_VELOCITY = 5.0, 100.0, 0.3  # m, m, m/s
 LATENCY_SIGMA = 0.2  # s
+SPEED_SIGMA = 0.1  # m/s, of a receiver's velocity, before its innovations tell
 VEHICLES = {"free": FREE, "auto": AUTO, "land": LAND}
 
 
@@ -77,6 +78,7 @@ def start(parameters: Record, initial: Initial) -> Record:
     c["forward"] = (1.0, 0.0, 0.0)
     c["lateral"] = (0.0, 1.0, 0.0)
     c["fix_speed"] = math.nan
+    c["white_speed"] = SPEED_SIGMA**2
     c["fix_ns"] = c["mark_ns"] = s["stamp_ns"] = s["fused_ns"] = NEVER_NS
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)
     s["initial_rpy"] = [math.nan if a is None else math.radians(a) for a in angles]

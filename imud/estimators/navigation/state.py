@@ -105,6 +105,7 @@ CORE = np.dtype(
         ("contrary", "<i8"),  # fixes in a row whose velocity was rejected
         ("lost", "<f8"),  # times that the filter gave in to contradicting fixes, fading
         ("white", "<f8", (2,)),  # m^2, learned white variance, horizontal and vertical
+        ("white_speed", "<f8"),  # m^2/s^2, learned variance of a component of its velocity
         ("reported", "<f8", (2,)),  # m, the sigma the wander was last scaled to
         ("z", "<f8", (3,)),  # scratch: position residuals
         ("trend", "<f8", (3,)),  # scratch: m/s^2, acceleration over the uncertain part of the latency

@@ -28,7 +28,7 @@ GATE = 12.0
 CONTRADICTION = 4.0  # mean normalised innovation squared
 MEMORY = 0.02
 MOUNT_SIGMA = math.radians(4.0)
-FOUND = (20.0, math.radians(8.0), 0.85)  # windows, spread rad, resultant length of the courses: for auto
+FOUND = (12.0, math.radians(8.0), 0.85)  # windows, spread rad, resultant length of the courses: for auto
 FOUND_LAND = (6.0, math.radians(15.0), 1.1)
 
 
@@ -53,8 +53,9 @@ def learn_axis(p: Any, c: Any) -> None:
     for i in range(2):
         c.course[i] = 0.98 * c.course[i] + c.v[i] / speed
     c.axis_n = 0.98 * c.axis_n + 1.0
+    c.axis_doubt = 0.98 * c.axis_doubt + 2.0 * (sigma / speed) ** 2
     n = math.sqrt(c.axis[0] ** 2 + c.axis[1] ** 2 + c.axis[2] ** 2)
-    spread = math.sqrt(2.0 * max(1.0 - n / c.axis_n, 0.0))
+    spread = math.sqrt(max(2.0 * (1.0 - n / c.axis_n) - c.axis_doubt / c.axis_n, 0.0))
     windows, widest, straight = FOUND_LAND if p.vehicle == LAND else FOUND
     if c.axis_n >= windows and spread < widest and math.hypot(c.course[0], c.course[1]) < straight * c.axis_n:
         begin(c, n)
@@ -82,6 +83,7 @@ def stop(c: Any) -> None:
     """Give the constraint up and look for an axis anew."""
     c.constrained = 0
     c.axis_n = 0.0
+    c.axis_doubt = 0.0
     for i in range(3):
         c.axis[i] = 0.0
     for i in range(2):

@@ -96,6 +96,7 @@ CORE = np.dtype(
         ("axis", "<f8", (3,)),  # sum of unit velocities in the body
         ("course", "<f8", (2,)),  # and over ground
         ("axis_n", "<f8"),
+        ("axis_doubt", "<f8"),  # rad^2, sum of their variances
         ("contradiction", "<f8"),  # smoothed normalised innovation squared
         # fixes
         ("fix_ns", "<i8"),  # epoch of the last one used

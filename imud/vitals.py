@@ -1,8 +1,8 @@
 """How a running daemon is, as one nested table of numbers and texts: `imud status` and Prometheus show the same.
 
-Nothing of it costs the loop anything until somebody asks, but two counts per fix and one glance per second. Counters
-of a port begin anew with each connection; what is not known is left out. Units stand in the names, which are those of
-`imud replay`'s est.csv where both have them.
+Until somebody asks it costs the loop a sum per sample (how late it came), one per innovation and a glance per second.
+Counters of a port begin anew with each connection; what is not known is left out. Units stand in the names, which are
+those of `imud replay`'s est.csv where both have them.
 """
 
 import dataclasses

@@ -24,11 +24,12 @@ RAW, CONNECTIONS = "/raw/", "/connections"
 SESSION = "imud"  # name of the metadata record
 
 
-class Raw(msgspec.Struct, frozen=True):
+class Raw(msgspec.Struct, frozen=True, omit_defaults=True):
     """Bytes of one reading. data: empty where the line was quiet, and what the receiver had said counted as whole."""
 
     t_ns: int  # CLOCK_MONOTONIC, when they were there
     data: bytes
+    pulse_ns: int | None = None  # and when the receiver's last pulse per second before was, if it is known
 
 
 class Connection(msgspec.Struct, frozen=True):

@@ -11,14 +11,14 @@ from pathlib import Path
 import msgspec
 import structlog
 
-from drivers.driver import AnyDriver, Identity
+from drivers.driver import AnyDriver, GnssConfigured, Identity
 from drivers.errors import PortEndedError, PortLostError
 
 from . import calibration, choices, config, log, simulated
 from .errors import ImudError
 from .ports import Configured, Port
-from .recording.recorder import Recorder, Tap, recording
-from .sensors import READ
+from .recording.recorder import Recorder, recording
+from .sensors import READ, Tap
 from .settings import Settings
 from .signals import caught
 
@@ -46,6 +46,7 @@ class Tape:
         self._taps: dict[Port, Tap] = {}
         self._room = memoryview(bytearray(READ))
         self._ended = False
+        self._pulse = choices.pulse(settings)
         self._ports = [Port(spec, options, self, patient=wait) for spec, options in choices.ports(settings)]
 
     def run(self, seconds: float) -> None:
@@ -76,13 +77,15 @@ class Tape:
         if tap is None:
             port.on_event()
             return
+        now_ns = time.monotonic_ns()
         try:
-            received, arrival_ns = port.line.receive(self._room, time.monotonic_ns())
+            received, arrival_ns = port.line.receive(self._room, now_ns)
         except PortLostError as error:
             (port.retire if isinstance(error, PortEndedError) else port.lost)(str(error))
         else:
             if received:
-                tap(self._room[:received], arrival_ns)
+                pulse = self._pulse if isinstance(port.configured, GnssConfigured) else None
+                tap(self._room[:received], arrival_ns, pulse.newest_ns(now_ns) if pulse else None)
 
     def watch(self, port: Port, fd: int) -> None:
         """See `ports.Host`."""

@@ -2,7 +2,8 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 from drivers.driver import GnssDriver, ImuConfigured, ImuDriver
 from drivers.fix import Fix
 from drivers.transport.line import Line
-from drivers.transport.pps import PulsePerSecond
 
 from .epochs import EpochClock
 from .gnss import Refusal, record, refusal
@@ -29,7 +29,18 @@ STALE_FIX_NS = 3_000_000_000
 EARTH_RADIUS_M = 6.371e6
 JUMP_M, JUMP_MPS, JUMPED_NS = 100.0, 100.0, 5_000_000_000  # so far, and that fast beyond its own speed; shown so long
 Records = NDArray[np.void]
-Tap = Callable[[bytes | memoryview, int], None]  # is handed all bytes as they are read, and when they were there
+
+
+class Tap(Protocol):
+    """Is handed all bytes as they are read, when they were there, and the last pulse per second before."""
+
+    def __call__(self, data: bytes | memoryview, t_ns: int, pulse_ns: int | None = None) -> None: ...
+
+
+class Pulse(Protocol):
+    """A receiver's pulse per second: see `PulsePerSecond`."""
+
+    def newest_ns(self, now_ns: int) -> int | None: ...
 
 
 class Inertial:
@@ -144,9 +155,7 @@ class Inertial:
 class Receiver:
     """A GNSS receiver whose fixes go to the filter."""
 
-    def __init__(
-        self, driver: GnssDriver, settings: GnssSettings, now_ns: int, pulse: PulsePerSecond | None = None
-    ) -> None:
+    def __init__(self, driver: GnssDriver, settings: GnssSettings, now_ns: int, pulse: Pulse | None = None) -> None:
         self._pulse = pulse
         self.decoder = driver.new_decoder()
         self.rate = Rate()
@@ -173,10 +182,11 @@ class Receiver:
 
     def take(self, data: bytes, now_ns: int) -> list[Records]:
         """The same for bytes that came at `now_ns`."""
+        pulse_ns = self._pulse.newest_ns(now_ns) if self._pulse else None
         if self.tap is not None:
-            self.tap(data, now_ns)
+            self.tap(data, now_ns, pulse_ns)
         self.heard_ns = now_ns
-        return self._accepted(self.decoder.feed(data, now_ns), now_ns)
+        return self._accepted(self.decoder.feed(data, now_ns), now_ns, pulse_ns)
 
     @property
     def heard(self) -> int:
@@ -187,11 +197,14 @@ class Receiver:
         """A fix whose epoch ended without an end."""
         pending = self.decoder.pending
         fixes = self.decoder.flush(now_ns)
-        if self.tap is not None and pending and not self.decoder.pending:
-            self.tap(b"", now_ns)
-        return self._accepted(fixes, now_ns)
+        if not pending or self.decoder.pending:
+            return []
+        pulse_ns = self._pulse.newest_ns(now_ns) if self._pulse else None
+        if self.tap is not None:
+            self.tap(b"", now_ns, pulse_ns)
+        return self._accepted(fixes, now_ns, pulse_ns)
 
-    def _accepted(self, fixes: list[Fix], now_ns: int) -> list[Records]:
+    def _accepted(self, fixes: list[Fix], now_ns: int, pulse_ns: int | None) -> list[Records]:
         rows = []
         for fix in fixes:
             if self._last and jumps(self._last, fix):
@@ -203,7 +216,6 @@ class Receiver:
                 self.refused[refused.rule] += 1
             elif fix.utc_s is not None:
                 self._used_last = fix
-                pulse_ns = self._pulse.newest_ns(now_ns) if self._pulse else None
                 rows.append(record(fix, self._epochs.epoch_ns(fix.utc_s, fix.arrival_ns, pulse_ns), now_ns))
         self.used += len(rows)
         return rows

@@ -4,6 +4,7 @@ import math
 import os
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from nmea_lines import decode, gga, line, rmc, vtg
 
@@ -117,3 +118,30 @@ def test_the_verdict_on_fixes_is_told_once_per_change_with_the_key_that_changes_
     assert counters["fixes_used"] == sum(count >= 5 for count in satellites)
     assert counters["refused"] == f"{sum(count < 5 for count in satellites)} gnss.min_satellites"
     assert "14 fixes" in counters["sentences"]
+
+
+class FixedPulse:
+    def __init__(self, pulse_ns):
+        self.pulse_ns = pulse_ns
+
+    def newest_ns(self, now_ns):
+        return self.pulse_ns
+
+
+def test_a_tap_is_handed_all_that_the_fixes_depend_on():
+    driver = by_name("nmea")
+    heard, live, again = [], [], []
+    receiver = Receiver(driver, Gnss(), 0, FixedPulse(None))
+    receiver.tap = lambda data, t_ns, pulse_ns=None: heard.append((bytes(data), t_ns, pulse_ns))
+    for second in range(8):
+        now_ns = second * 1_000_000_000 + 130_000_000
+        receiver._pulse.pulse_ns = None if second % 3 == 0 else now_ns - 90_000_000
+        live += receiver.take(gga(f"1200{second:02}.000", rest="1,8,0.9,545.4,M,46.9,M,,"), now_ns)
+        for later_ms in range(20, 400, 20):
+            live += receiver.flush(now_ns + later_ms * 1_000_000)
+    second = Receiver(driver, Gnss(), 0, pulse := FixedPulse(None))
+    for data, t_ns, pulse.pulse_ns in heard:
+        again += second.take(data, t_ns) if data else second.flush(t_ns)
+    assert len(live) == 8
+    assert len(heard) < 20
+    assert np.concatenate(again).tobytes() == np.concatenate(live).tobytes()

@@ -175,7 +175,7 @@ _NINE = {"type": "array", "items": {"type": "number"}, "minItems": 9, "maxItems"
 
 SCHEMAS: dict[str, bytes] = {
     **{table.schema: table.json_schema() for table in TABLES},
-    "imud.Raw": _schema("imud.Raw", {"t_ns": _WHEN, "data": {**_TEXT, "contentEncoding": "base64"}}),
+    "imud.Raw": _schema("imud.Raw", {"t_ns": _WHEN, "data": {**_TEXT, "contentEncoding": "base64"}, "pulse_ns": _WHEN}),
     "imud.Connection": _schema(
         "imud.Connection",
         {

@@ -59,6 +59,17 @@ class Replayed:
         """Nothing is open."""
 
 
+@dataclass
+class ReplayedPulse:
+    """A receiver's pulse per second, as it was recorded with its bytes."""
+
+    pulse_ns: int | None = None
+
+    def newest_ns(self, now_ns: int) -> int | None:
+        """See `drivers.transport.pps`."""
+        return self.pulse_ns
+
+
 def _ignore(*_: Any) -> None:
     pass
 
@@ -85,6 +96,7 @@ class Player:
         self._on_step, self._on_update, self._warn = on_step, on_update, warn
         self._fitting = Fitting(settings, warn, initial)
         self._line = Replayed()
+        self._pulse = ReplayedPulse()
         self._ports: dict[int, Inertial | Receiver] = {}
         self._imu: Connection | None = None
 
@@ -103,6 +115,7 @@ class Player:
     def _raw(self, port: int, raw: Raw) -> None:
         sensor = self._ports.get(port)
         if isinstance(sensor, Receiver):
+            self._pulse.pulse_ns = raw.pulse_ns
             fixes = sensor.take(raw.data, raw.t_ns) if raw.data else sensor.flush(raw.t_ns)
             for fix in fixes:
                 self._update(fix)
@@ -133,7 +146,7 @@ class Player:
             )
             self._imu = said
         else:
-            self._ports[said.port] = Receiver(driver, self._settings.gnss, said.t_ns)
+            self._ports[said.port] = Receiver(driver, self._settings.gnss, said.t_ns, self._pulse)
 
     def _change(self, settings: Settings) -> None:
         """As the daemon does on SIGHUP."""

@@ -20,6 +20,7 @@ class Kind(IntEnum):
     INNOVATIONS = 6  # rows of INNOVATION
     EVENT = 7  # JSON
     SETTINGS = 8  # JSON
+    PULSE = 9  # nothing: its time is that of the pulse per second before the RAW that follows
 
 
 def items(packet: bytes) -> Iterator[tuple[int, int, int, bytes]]:

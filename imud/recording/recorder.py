@@ -12,7 +12,7 @@ import sys
 import time
 import uuid
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from importlib import metadata, util
 from pathlib import Path
@@ -26,11 +26,11 @@ from drivers.driver import GnssConfigured, ImuConfigured
 
 from ..calibration import Calibration
 from ..errors import CannotCreateError, UsageError
+from ..sensors import Tap
 from ..settings import Settings
 from .protocol import HEADER, Kind
 
 Buffer = bytes | memoryview
-Tap = Callable[[Buffer, int], None]  # bytes, and when they were there
 _SHIP_BYTES = 32 << 10
 _KEPT_BYTES = 16 << 20
 _SOCKET_BYTES = 1 << 20  # as far as the system allows
@@ -82,7 +82,9 @@ class Recorder:
         """Where the bytes of that port go, just as they were read."""
         return partial(self._raw, port)
 
-    def _raw(self, port: int, data: Buffer, t_ns: int) -> None:
+    def _raw(self, port: int, data: Buffer, t_ns: int, pulse_ns: int | None = None) -> None:
+        if pulse_ns is not None:
+            self._put(Kind.PULSE, b"", pulse_ns, port)
         self._put(Kind.RAW, data, t_ns, port)
 
     def connected(

@@ -73,6 +73,7 @@ class RecordingWriter:
         self._part = 0
         self._offset_ns = time.time_ns() - time.monotonic_ns()
         self._connections: dict[int, Connection] = {}
+        self._pulses: dict[int, int] = {}
         self._samples = Thinner(self._record.sample_rate_hz)
         self._estimates = Thinner(self._record.estimate_rate_hz)
         self._plane = LocalMap()
@@ -84,7 +85,9 @@ class RecordingWriter:
     def take(self, kind: int, port: int, t_ns: int, data: bytes) -> None:
         """An item of a packet."""
         if kind == Kind.RAW:
-            self._write(f"{RAW}{port}", t_ns, _encode(Raw(t_ns, data)))
+            self._write(f"{RAW}{port}", t_ns, _encode(Raw(t_ns, data, self._pulses.pop(port, None))))
+        elif kind == Kind.PULSE:
+            self._pulses[port] = t_ns
         elif kind == Kind.SAMPLES:
             self._rows(SAMPLE_TABLE, self._samples.kept(np.frombuffer(data, SAMPLE_TABLE.dtype)))
         elif kind == Kind.SOLUTIONS:

@@ -23,6 +23,7 @@ COMMANDS = {
     "replay": "recorded data through the same filter, as fast as it goes",
     "record": "the bytes of ports to a file, just as they come, to be replayed",
     "export": "a recording as CSV files, or for ROS 2",
+    "report": "what a run estimated, how far that can be believed and what looks wrong, as one page",
     "reproduce": "a paper's experiment: its numbers beside ours, its figures, pass or fail",
     "bench": "how fast this machine is with imud, against C and numpy: figures and goals",
     "warmup": "compile everything now, so that the first start need not",

@@ -85,7 +85,7 @@ def _curve(go: Any, trace: Trace, colour: str) -> Any:
     take = _thin(trace)
     x, y = trace.x[take], trace.y[take]
     if trace.style == "bars":
-        return go.Bar(x=x, y=y, name=trace.name, marker_color=colour, opacity=0.6)
+        return go.Bar(x=x, y=y, name=trace.name, legendgroup=trace.name, marker_color=colour, opacity=0.6)
     line, marker = {"color": colour, "width": 1.2}, {"color": colour, "size": 4}
     return go.Scatter(x=x, y=y, name=trace.name, mode=trace.style, line=line, marker=marker, legendgroup=trace.name)
 
@@ -106,6 +106,15 @@ def _fill(go: Any, figure: Any, panel: Panel, row: int, column: int) -> None:
         figure.update_yaxes(scaleanchor=axis, scaleratio=1, row=row, col=column)
 
 
+def _name_once(drawn: Any) -> None:
+    """In the legend one entry for a curve that stands in several panels."""
+    seen = set()
+    for curve in drawn.data:
+        what = curve.name, curve.marker.color or curve.line.color
+        curve.showlegend = bool(curve.name) and curve.showlegend is not False and what not in seen
+        seen.add(what)
+
+
 def _draw(figure: Figure) -> Any:
     go: Any = importlib.import_module("plotly.graph_objects")
     subplots: Any = importlib.import_module("plotly.subplots")
@@ -115,6 +124,7 @@ def _draw(figure: Figure) -> Any:
     )
     for k, panel in enumerate(figure.panels):
         _fill(go, drawn, panel, k // figure.columns + 1, k % figure.columns + 1)
+    _name_once(drawn)
     drawn.update_layout(
         title=figure.title, template="plotly_white", height=ROW_PX * rows + 120, bargap=0.02,
         legend={"groupclick": "togglegroup", "font": {"size": 10}},
@@ -127,5 +137,6 @@ def write(title: str, text: str, figures: Sequence[Figure], path: Path) -> None:
     shown = text.replace("&", "&amp;").replace("<", "&lt;")
     drawn = [_draw(figure).to_html(full_html=False, include_plotlyjs=k == 0) for k, figure in enumerate(figures)]
     head = f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{title}</title></head>'
-    body = f'<body style="font-family:sans-serif;margin:1.5em"><pre>{shown}</pre>{"".join(drawn)}</body></html>'
+    said = f'<pre style="white-space:pre-wrap">{shown}</pre>'
+    body = f'<body style="font-family:sans-serif;margin:1.5em">{said}{"".join(drawn)}</body></html>'
     path.write_text(head + body, encoding="utf-8")

@@ -32,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="estimates; - for stdout; of several recordings a folder",
     )
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="recordings at a time (default 1)")
+    parser.add_argument("--innovations", type=Path, metavar="CSV", help="what each fix told, for `imud report`")
     parser.add_argument("--estimator", metavar="NAME", help="default: navigation with --gnss, else attitude")
     parser.add_argument("--initial", default="", metavar="KEY=V,…", help="known start: lat_deg=…,lon_deg=…,yaw_deg=…")
     parser.add_argument("--rate", type=float, metavar="HZ", help="thin the output (default: every sample)")
@@ -40,10 +41,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a configuration key")
 
 
-def play(filter_: "Filter", samples: "Records", fixes: "Records", write: Any, keep: "Records | None" = None) -> int:
+def play(
+    filter_: "Filter", samples: "Records", fixes: "Records", write: Any, keep: "Records | None" = None, note: Any = None
+) -> int:
     """Feed everything in the order in which it became known: a fix goes in before the first sample not older than its
     arrival. `keep` is a mask of the samples whose solutions go to `write(rows)`, None: all, in rows that are written
-    over by the next. Returns the number of fixes fed."""
+    over by the next; `note` is given each fix's innovations. Returns the number of fixes fed."""
     from .estimators.records import SOLUTION
 
     out = np.zeros(BLOCK, SOLUTION)
@@ -59,7 +62,9 @@ def play(filter_: "Filter", samples: "Records", fixes: "Records", write: Any, ke
             progress.at(stop)
             start = stop
         if fix is not None and 0 < place < len(samples):
-            filter_.update(fix)
+            innovations = filter_.update(fix)
+            if note is not None:
+                note(innovations.copy())
             fed += 1
     return fed
 
@@ -83,8 +88,8 @@ def run(args: argparse.Namespace) -> int:
     if args.recordings:
         from .recording import replaying
 
-        if args.imu or args.gnss or args.calibration:
-            raise UsageError("replay: name recordings, or --imu, --gnss and --calibration, but not both")
+        if args.imu or args.gnss or args.calibration or args.innovations:
+            raise UsageError("replay: --imu, --gnss, --calibration and --innovations are for tables, not recordings")
         return replaying.run(args)
     settings = config.load(args.config, args.set)
     initial = config.parse_assignments(args.initial, Initial, "--initial")
@@ -105,9 +110,22 @@ def run(args: argparse.Namespace) -> int:
         filter_ = Filter(estimator, settings, initial, rate_hz)
         if args.calibration is not None:
             filter_.calibrate(calibration.read(args.calibration))
-        fed = play(filter_, samples, fixes, writer.write, _kept(samples["t_ns"], args.rate))
+        told: list[Records] = []
+        fed = play(filter_, samples, fixes, writer.write, _kept(samples["t_ns"], args.rate), told.append)
+    if args.innovations is not None:
+        _keep_innovations(args.innovations, origin, told)
     _summary(samples, len(fixes), fed, skipped, time.perf_counter() - begin)
     return 0
+
+
+def _keep_innovations(path: Path, origin: int, told: "list[Records]") -> None:
+    from .estimators.records import INNOVATION
+    from .tables import write_innovations
+
+    try:
+        write_innovations(path, origin, np.concatenate([np.zeros(0, INNOVATION), *told]))
+    except OSError as error:
+        raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error
 
 
 def _read_gnss(path: Path | None, origin: int, samples: "Records", settings: Settings) -> "Records":

@@ -16,7 +16,17 @@ from numpy.typing import NDArray
 from drivers.sample import SAMPLE
 
 from .errors import BadDataError, InputMissingError
-from .estimators.records import FIX, POSITION_VALID
+from .estimators.records import (
+    FIX,
+    HEADING,
+    POSITION_D,
+    POSITION_E,
+    POSITION_N,
+    POSITION_VALID,
+    VELOCITY_D,
+    VELOCITY_E,
+    VELOCITY_N,
+)
 from .kernels.decimal import MAX_WIDTH, write_fixed, write_seconds
 from .kernels.jit import kernel
 from .kernels.rotation import euler_of_quat
@@ -215,6 +225,26 @@ def _format(solutions: Any, origin: int, decimals: NDArray[np.int64], buffer: ND
         buffer[at] = _NEWLINE
         at += 1
     return at
+
+
+INNOVATION_COLUMNS = ("t_s", "kind", "value", "sigma", "used")
+_KINDS = {
+    POSITION_N: "pn_m", POSITION_E: "pe_m", POSITION_D: "pd_m",
+    VELOCITY_N: "vn_mps", VELOCITY_E: "ve_mps", VELOCITY_D: "vd_mps", HEADING: "yaw_rad",
+}  # fmt: skip
+
+
+def write_innovations(path: Path, origin: int, innovations: NDArray[np.void]) -> None:
+    """An array of INNOVATION as a table: sigma is the predicted one, in the unit of the kind's name. Raises OSError."""
+    with path.open("w", encoding="ascii", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(INNOVATION_COLUMNS)
+        for i in innovations:
+            t_s, ns = divmod(int(i["t_ns"]), 1_000_000_000)
+            sigma = math.sqrt(i["variance"])
+            rows.writerow(
+                (f"{origin + t_s}.{ns:09d}", _KINDS[int(i["kind"])], f"{i['value']:.9g}", f"{sigma:.9g}", i["used"])
+            )
 
 
 class EstimateWriter:

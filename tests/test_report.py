@@ -1,0 +1,195 @@
+"""`imud report`: its statistics against other people's, its words against runs with known faults, its page."""
+
+import asyncio
+import json
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from drivers.sample import SAMPLE
+from imud.__main__ import main
+from imud.estimators.records import (
+    ATTITUDE_VALID,
+    INNOVATION,
+    POSITION_N,
+    POSITION_VALID,
+    REJECTING,
+    SOLUTION,
+)
+from imud.report.findings import findings
+from imud.report.session import Innovations, Samples, Session, read
+from imud.report.statistics import autocorrelation, chi2_bounds, effective_number, moving_mean
+from imud.tables import EstimateWriter, write_innovations
+
+RNG_SEED = 5
+
+
+@pytest.mark.parametrize("degrees", [3, 20, 200, 5000])
+def test_bounds_are_those_of_chi_square(degrees):
+    exact = stats.chi2.ppf((0.025, 0.975), degrees) / degrees
+    assert chi2_bounds(degrees) == pytest.approx(exact, rel=0.02, abs=0.015)
+
+
+def test_autocorrelation_is_numpys():
+    z = np.random.default_rng(RNG_SEED).normal(size=300).cumsum()
+    d = z - z.mean()
+    full = np.correlate(d, d, "full")[len(z) - 1 :]
+    assert autocorrelation(z, 7) == pytest.approx(full[:8] / full[0])
+    assert autocorrelation(np.ones(5), 2).tolist() == [1.0, 0.0, 0.0]
+
+
+def test_correlated_values_are_worth_fewer():
+    rng, rho = np.random.default_rng(RNG_SEED), 0.8
+    means, numbers = [], []
+    for _ in range(300):
+        z = np.zeros(400)
+        noise = rng.normal(size=400) * np.sqrt(1.0 - rho**2)
+        for k in range(1, 400):
+            z[k] = rho * z[k - 1] + noise[k]
+        means.append(z.mean())
+        numbers.append(effective_number(z))
+    assert 1.0 / np.var(means) == pytest.approx(np.mean(numbers), rel=0.25)
+
+
+def test_moving_mean_is_convolution():
+    z = np.random.default_rng(RNG_SEED).normal(size=50)
+    assert moving_mean(z, 7) == pytest.approx(np.convolve(z, np.full(7, 1.0 / 7.0), "valid"))
+
+
+def innovations(z, used=None, sigma=2.0):
+    used = np.ones(len(z), bool) if used is None else used
+    return Innovations("run", "pn_m", np.arange(float(len(z))), sigma * z, np.full(len(z), sigma), used)
+
+
+def said(*of, samples=()):
+    return "\n".join(findings(Session((), of, samples, ())))
+
+
+WHITE = np.random.default_rng(RNG_SEED).normal(size=400)
+WHITE = (WHITE - WHITE.mean()) / WHITE.std()
+
+
+@pytest.mark.parametrize(
+    ("case", "words"),
+    [
+        (innovations(WHITE), ""),
+        (innovations(1.5 * WHITE), "overconfident: the innovations are 1.5"),
+        (innovations(0.4 * WHITE), "cautious"),
+        (innovations(WHITE + 0.6), "biased: mean +0.6"),
+        (innovations(np.convolve(WHITE, np.full(4, 0.5), "same")), "not white"),
+        (innovations(WHITE, np.arange(400) % 10 > 0), "10 % of 400 innovations were rejected: the gate is too tight"),
+        (innovations(9.0 * WHITE[:10]), ""),
+    ],
+)
+def test_what_is_wrong_with_innovations_is_said(case, words):
+    text = said(case)
+    assert words in text and bool(text) == bool(words)
+
+
+def still(n=4000, rate_hz=100.0):
+    rng = np.random.default_rng(RNG_SEED)
+    rows = np.zeros(n, SAMPLE)
+    rows["t_ns"] = np.arange(n) * int(1e9 / rate_hz)
+    rows["w"] = np.round(rng.normal(0.0, 1e-3, (n, 3)), 5)
+    rows["f"] = np.round(np.array((0.0, 0.0, -9.81)) + rng.normal(0.0, 0.01, (n, 3)), 4)
+    rows["temperature"] = np.nan
+    return rows
+
+
+def test_what_is_wrong_with_the_sensor_is_said():
+    well = still()
+    assert said(samples=(Samples("imu", well, 100.0),)) == ""
+    frozen = still()
+    frozen["w"][2000:3000, 1] = frozen["w"][2000, 1]
+    assert "imu: gyro y frozen" in said(samples=(Samples("imu", frozen, 100.0),))
+    gap = np.delete(still(), np.s_[1000:1100])
+    assert "1 gaps between samples, the longest 1.01 s at 10.0 s" in said(samples=(Samples("imu", gap, 100.0),))
+
+
+@pytest.fixture
+def files(tmp_path):
+    """est.csv, innovations.csv, imu.csv and gnss.csv of 30 s on a straight road; their folder."""
+    n = 300
+    rows = np.zeros(n, SOLUTION)
+    rows["t_ns"] = np.arange(n) * 100_000_000
+    rows["status"] = ATTITUDE_VALID | POSITION_VALID
+    rows["status"][:30] |= REJECTING
+    rows["lat"], rows["lon"], rows["q_nb"][:, 0] = np.radians(48.0) + np.arange(n) * 1e-7, np.radians(11.0), 1.0
+    for name in ("sigma_p", "sigma_v", "sigma_rpy", "sigma_bg", "sigma_ba"):
+        rows[name] = 0.1
+    with (tmp_path / "est.csv").open("wb") as file:
+        EstimateWriter(file, 1000).write(rows)
+    told = np.zeros(30, INNOVATION)
+    told["t_ns"], told["kind"], told["used"] = np.arange(30) * 1_000_000_000, POSITION_N, 1
+    told["value"], told["variance"] = 3.0 * WHITE[:30], 1.0
+    write_innovations(tmp_path / "innovations.csv", 1000, told)
+    imu = "".join(f"{1000 + k / 100},0,0,0,0,0,{-9.81 + 0.001 * (k % 7)}\n" for k in range(3000))
+    (tmp_path / "imu.csv").write_text(f"t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2\n{imu}")
+    fixes = "".join(f"{1000 + k},48.0,11.0,500,{1000.2 + k},1.0\n" for k in range(30))
+    (tmp_path / "gnss.csv").write_text(f"t_s,lat_deg,lon_deg,height_m,arrival_s,hdop\n{fixes}")
+    return tmp_path
+
+
+NAMES = ("est.csv", "innovations.csv", "imu.csv", "gnss.csv")
+
+
+def test_innovations_come_back_as_they_were_written(files):
+    session = read([files / name for name in NAMES])
+    (found,) = session.innovations
+    assert found.kind == "pn_m" and found.used.all()
+    assert found.normalised == pytest.approx(3.0 * WHITE[:30])
+    assert found.t == pytest.approx(np.arange(30.0), abs=1e-6)
+    assert session.fixes[0].rows["t_ns"][0] == session.samples[0].rows["t_ns"][0] == 0
+
+
+def test_the_page_says_and_draws_what_the_files_tell(files, capsys):
+    pytest.importorskip("plotly", reason="pages need the extra imud[web]")
+    page = files / "report.html"
+    assert main(["report", *(str(files / name) for name in NAMES), "-o", str(page)]) == 0
+    text = capsys.readouterr().err
+    assert "pn_m: overconfident" in text and "est: fixes contradict the estimate in 10 %" in text
+    html = page.read_text()
+    for words in ("Attitude", "Plan", "innovation ±σ", "N(0, 1)", "autocorrelation", "χ²", "95 % ellipses", "Latency"):
+        assert json.dumps(words)[1:-1] in html or words in html, words
+    asyncio.run(_look(page, files))
+
+
+async def _look(page, folder):
+    """In a browser, where there is one: every figure is drawn, and nothing is asked of the network."""
+    pytest.importorskip("aiohttp", reason="Chromium is driven by aiohttp, of the extra imud[web]")
+    from browser import browser, program
+
+    if program() is None:
+        pytest.skip("no Chromium here")
+    async with browser(folder / "profile") as tab:
+        await tab.open(page.as_uri())
+        await tab.until("document.querySelectorAll('.plotly-graph-div').length > 8")
+        await tab.until("[...document.querySelectorAll('.plotly-graph-div')].every(d => d.querySelector('.main-svg'))")
+        assert tab.errors == []
+        assert {url for url in tab.requests if not url.startswith("data:")} == {page.as_uri()}
+
+
+@pytest.mark.parametrize(
+    ("content", "code", "says"),
+    [
+        (None, 66, "no such file"),
+        ("a,b\n1,2\n", 65, "line 1"),
+        ("t_s,kind,value,sigma,used\n", 65, "no rows"),
+        ("t_s,kind,value,sigma,used\n0,pn_m,x,1,1\n", 65, "line 2: value is 'x'"),
+        ("t_s,kind,value,sigma,used\n0,pn_m,1\n", 65, "line 2: 3 columns instead of 5"),
+    ],
+)
+def test_bad_files_are_told(content, code, says, tmp_path, capsys):
+    pytest.importorskip("plotly", reason="pages need the extra imud[web]")
+    path = tmp_path / "x.csv"
+    if content is not None:
+        path.write_text(content)
+    assert main(["report", str(path), "-o", str(tmp_path / "x.html")]) == code
+    assert says in capsys.readouterr().err
+
+
+def test_a_page_that_cannot_be_written_is_told(files, capsys):
+    pytest.importorskip("plotly", reason="pages need the extra imud[web]")
+    assert main(["report", str(files / "est.csv"), "-o", str(files / "no" / "x.html")]) == 73
+    assert "cannot write" in capsys.readouterr().err

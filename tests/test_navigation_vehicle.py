@@ -1,0 +1,79 @@
+"""What the filter learns of the vehicle that it rides on: the gyro's error in turns, its axis, and how it rests."""
+
+import numpy as np
+import pytest
+from navigation_runner import navigate
+from navigation_simulation import drive, received, sensed
+
+from imud.estimators.navigation import motion
+from imud.estimators.navigation.setup import configure, start
+from imud.estimators.navigation.state import NAVIGATING, STATES, TURN_SCALE
+from imud.kernels.kalman import unpack
+from imud.settings import Initial, Settings
+
+LN_REST, LN_MOTION = np.log(0.0014), np.log(0.009)  # of the gyro's deviation in rad/s, a car's in Tokyo
+
+
+@pytest.mark.parametrize("scale, cross", [(0.008, 0.0), (-0.006, 0.004)])
+def test_what_the_gyro_shows_too_much_in_turns_is_found(scale, cross):
+    rng = np.random.default_rng(1)
+    d = drive(240.0)
+    d.w = d.w + d.w[:, 2:] * (cross, 0.0, scale)
+    _, _, s = navigate(sensed(d, rng), received(d, rng, sigma=0.5, late=0.2))
+    c = s["core"][0, 0]
+    sigma = np.sqrt(np.diag(unpack(c["P"], STATES))[TURN_SCALE : TURN_SCALE + 3])
+    assert sigma[2] < 0.003
+    assert (np.abs(c["turn_scale"] - (cross, 0.0, scale)) < 4.0 * sigma).all()
+    assert c["turn_scale"][2] == pytest.approx(scale, abs=0.003)
+
+
+def core():
+    """A navigating core, without a fix for a minute, whose velocity has drifted to 1.2 +- 0.6 m/s."""
+    s = start(configure(Settings(), 100.0), Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=10.0))
+    c = s["core"][0, 0]
+    c["phase"], c["fixes"], c["fix_ns"], c["t_ns"] = NAVIGATING, 100, 0, 60_000_000_000
+    c["v"], c["quiet"], c["n"] = (1.2, 0.0, 0.0), 12, 50
+    P = np.diag([25.0] * 2 + [1.0] + [0.36] * 3 + [1e-6] * 3 + [1e-10] * 3 + [1e-4] * 3 + [1.0] * 9)
+    c["P"] = P[np.triu_indices(STATES)]
+    c["sum_n"] = 50 * np.array([0.02, 0.0, -9.81])
+    return s, c
+
+
+def learned(c, at_rest, in_motion, spread):
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        motion.learn(c["manner"][0], at_rest + spread * rng.standard_normal())
+        motion.learn(c["manner"][1], in_motion + spread * rng.standard_normal())
+
+
+def test_rest_is_told_in_an_outage_by_what_was_learned_though_the_velocity_has_drifted():
+    _, c = core()
+    assert not motion.at_rest(c)
+    learned(c, LN_REST, LN_MOTION, 0.4)
+    for _ in range(5):
+        motion.weigh(c, LN_REST)
+    assert not motion.at_rest(c)  # too soon to be sure
+    for _ in range(5):
+        motion.weigh(c, LN_REST)
+    assert motion.at_rest(c)
+
+
+def test_motion_braking_and_speed_are_no_rest():
+    for spoil in ("motion", "braking", "speed"):
+        _, c = core()
+        learned(c, LN_REST, LN_MOTION, 0.4)
+        for _ in range(20):
+            motion.weigh(c, LN_MOTION if spoil == "motion" else LN_REST)
+        if spoil == "braking":
+            c["sum_n"][0] = 50 * 0.8
+        if spoil == "speed":
+            c["v"][0] = 5.0
+        assert not motion.at_rest(c), spoil
+
+
+def test_a_car_as_smooth_in_motion_as_at_rest_is_never_taken_for_resting():
+    _, c = core()
+    learned(c, LN_REST, LN_REST + 0.1, 0.4)
+    for _ in range(60):
+        motion.weigh(c, LN_REST)
+    assert not motion.at_rest(c)

@@ -113,7 +113,7 @@ class Capture:
                 break
         return facts, attached
 
-    def devices(self, within_s: float = 60.0) -> list[Connection]:
+    def devices(self, within_s: float = 10.0) -> list[Connection]:
         """What began to stream within so long of the first device, each port once."""
         found: dict[int, Connection] = {}
         first_ns = None

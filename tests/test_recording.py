@@ -119,14 +119,17 @@ def test_a_recording_is_an_ordinary_port(recorded, tmp_path):
     with daemon(tmp_path, "--port", f"replay:{recorded}", "--record", str(tmp_path / "copy.mcap")) as imud:
         imud.says("device=M-G350")
         imud.says("position is valid")
-        imud.says("played to its end")
+        while imud.log.count("played to its end") < 2:
+            imud.until(lambda m: True)
         imud.process.terminate()
         assert imud.process.wait(15.0) == 0
     for kind in ("imu", "gnss"):
-        assert _bytes(tmp_path / "copy.mcap", kind) == _bytes(recorded, kind)
+        copied, original = _bytes(tmp_path / "copy.mcap", kind), _bytes(recorded, kind)
+        assert original.endswith(copied)
+        assert len(copied) > 0.5 * len(original)
     rows, *_ = replayed(Recording([tmp_path / "copy.mcap"]))
-    shift = rows["t_ns"] - stored(recorded, ESTIMATE_TABLE)["t_ns"]
-    assert np.ptp(shift) < 1_000_000  # the same times but for the fit of a clock
+    wanted = stored(recorded, ESTIMATE_TABLE)[-len(rows) :]
+    assert np.ptp(rows["t_ns"] - wanted["t_ns"]) < 20_000_000  # the same times, but for the fit of the clock
 
 
 def test_allan_and_its_like_read_the_samples_of_a_recording(recorded):

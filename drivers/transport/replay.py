@@ -1,6 +1,7 @@
 """A recording as a port: the bytes of one of its devices, readable at the times at which they once came.
 
-Lines that play the same file at the same time share its beginning, so that inertial sensor and receiver stay together.
+It begins where all its devices stream. Lines that play the same file at the same time share that beginning, so that
+inertial sensor and receiver stay together.
 """
 
 import time
@@ -47,38 +48,34 @@ class ReplayPort:
         file = Path(spec.path.partition(":")[2])
         try:
             recording = capture.Capture(file)
-            first_ns, connection = self._find(recording, spec.driver)
+            first_ns, connection = self._find(recording, spec.driver or "imu")
         except CaptureError as error:
             raise NotSerialError(spec.path, str(error)) from error
         except OSError as error:
             raise PortAbsentError(spec.path, f"{file} cannot be read: {error.strerror}") from error
         self.configured = connection.imu() if connection.kind == "imu" else connection.gnss()
         self._playback = _playing.setdefault(file.resolve(), _Playback(first_ns))
-        self._readings = self._of(recording, connection.port)
+        self._readings = self._of(recording, connection.port, first_ns)
         self._timer = Timer()
         self.fd = self._timer.fd
         self._next = next(self._readings, None)
         self._wait()
 
-    def _find(self, recording: "capture.Capture", wanted: str | None) -> tuple[int, "capture.Connection"]:
-        """The time of the first bytes in the file, and the connection of the device that is wanted."""
-        first_ns, said = None, []
-        for entry in recording:
-            if entry.topic == capture.CONNECTIONS:
-                connection = entry.connection()
-                first_ns = connection.t_ns if first_ns is None else first_ns
-                said.append(connection)
-                if connection.streaming and (wanted or "imu") in (connection.kind, connection.driver):
-                    return first_ns, connection
-        there = ", ".join(dict.fromkeys(connection.driver for connection in said if connection.driver)) or "none"
-        raise CaptureError(f"{recording.path}: no {wanted or 'imu'} in it; its devices: {there}")
+    def _find(self, recording: "capture.Capture", wanted: str) -> tuple[int, "capture.Connection"]:
+        """When the last of its devices began to stream, and the device that is wanted."""
+        devices = recording.devices()
+        for device in devices:
+            if wanted in (device.kind, device.driver):
+                return max(other.t_ns for other in devices), device
+        there = ", ".join(device.driver for device in devices) or "none"
+        raise CaptureError(f"{recording.path}: no {wanted} in it; its devices: {there}")
 
-    def _of(self, recording: "capture.Capture", port: int) -> Iterator["capture.Raw"]:
-        """What was read from that port."""
+    def _of(self, recording: "capture.Capture", port: int, first_ns: int) -> Iterator["capture.Raw"]:
+        """What was read from that port from then on."""
         for entry in recording:
             if entry.port == port:
                 raw = entry.raw()
-                if raw.data:
+                if raw.data and raw.t_ns >= first_ns:
                     yield raw
 
     def _wait(self) -> None:

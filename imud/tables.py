@@ -228,7 +228,7 @@ def _format(solutions: Any, origin: int, decimals: NDArray[np.int64], buffer: ND
 
 
 INNOVATION_COLUMNS = ("t_s", "kind", "value", "sigma", "used")
-_KINDS = {
+INNOVATION_KINDS = {
     POSITION_N: "pn_m", POSITION_E: "pe_m", POSITION_D: "pd_m",
     VELOCITY_N: "vn_mps", VELOCITY_E: "ve_mps", VELOCITY_D: "vd_mps", HEADING: "yaw_rad",
 }  # fmt: skip
@@ -243,7 +243,13 @@ def write_innovations(path: Path, origin: int, innovations: NDArray[np.void]) ->
             t_s, ns = divmod(int(i["t_ns"]), 1_000_000_000)
             sigma = math.sqrt(i["variance"])
             rows.writerow(
-                (f"{origin + t_s}.{ns:09d}", _KINDS[int(i["kind"])], f"{i['value']:.9g}", f"{sigma:.9g}", i["used"])
+                (
+                    f"{origin + t_s}.{ns:09d}",
+                    INNOVATION_KINDS[int(i["kind"])],
+                    f"{i['value']:.9g}",
+                    f"{sigma:.9g}",
+                    i["used"],
+                )
             )
 
 

@@ -3,6 +3,7 @@
 import asyncio
 import json
 
+import msgspec
 import numpy as np
 import pytest
 from scipy import stats
@@ -11,6 +12,7 @@ from drivers.sample import SAMPLE
 from imud.__main__ import main
 from imud.estimators.records import (
     ATTITUDE_VALID,
+    FIX,
     INNOVATION,
     POSITION_N,
     POSITION_VALID,
@@ -79,7 +81,7 @@ WHITE = (WHITE - WHITE.mean()) / WHITE.std()
         (innovations(WHITE + 0.6), "biased: mean +0.6"),
         (innovations(np.convolve(WHITE, np.full(4, 0.5), "same")), "not white"),
         (innovations(WHITE, np.arange(400) % 10 > 0), "10 % of 400 innovations were rejected: the gate is too tight"),
-        (innovations(9.0 * WHITE[:10]), ""),
+        (innovations(9.0 * WHITE[:10]), "10 innovations were used, too few to judge"),
     ],
 )
 def test_what_is_wrong_with_innovations_is_said(case, words):
@@ -141,6 +143,35 @@ def test_innovations_come_back_as_they_were_written(files):
     assert found.normalised == pytest.approx(3.0 * WHITE[:30])
     assert found.t == pytest.approx(np.arange(30.0), abs=1e-6)
     assert session.fixes[0].rows["t_ns"][0] == session.samples[0].rows["t_ns"][0] == 0
+
+
+def test_a_recording_tells_the_same_as_tables(tmp_path):
+    pytest.importorskip("mcap", reason="recordings need the extra imud[record]")
+    from imud.recording.file import RecordingFile
+    from imud.recording.messages import ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE, SAMPLE_TABLE
+
+    estimates, told, samples, fixes = np.zeros(100, SOLUTION), np.zeros(30, INNOVATION), still(500), np.zeros(9, FIX)
+    estimates["t_ns"], told["t_ns"] = 5_250_000_000 + np.arange(100) * 10**8, 6_000_000_000 + np.arange(30) * 10**8
+    estimates["status"], estimates["q_nb"][:, 0], estimates["lat"] = ATTITUDE_VALID | POSITION_VALID, 1.0, 0.5
+    told["kind"], told["value"], told["variance"] = POSITION_N, 2.0 * WHITE[:30], 4.0
+    told["used"][:27] = 1
+    samples["t_ns"] += 5_000_000_000
+    fixes["t_ns"], fixes["arrival_ns"], fixes["lat"] = 6_000_000_000, 6_200_000_000, 0.5
+    file = RecordingFile(tmp_path / "drive.mcap", {"version": "0"}, b"{}", 0)
+    tables = ((ESTIMATE_TABLE, estimates), (INNOVATION_TABLE, told), (SAMPLE_TABLE, samples), (FIX_TABLE, fixes))
+    for table, rows in tables:
+        for entry in table.objects(rows):
+            file.write(table.topic, entry["t_ns"], msgspec.json.encode(entry))
+    file.finish()
+    session = read([tmp_path / "drive.mcap"])
+    assert session.estimates[0].columns["t_s"][:2] == pytest.approx([0.25, 0.35])
+    assert session.estimates[0].columns["lat_deg"] == pytest.approx(np.degrees(0.5))
+    (found,) = session.innovations
+    assert found.kind == "pn_m" and found.normalised == pytest.approx(WHITE[:30])
+    assert found.t[0] == pytest.approx(1.0) and np.count_nonzero(found.used) == 27
+    assert session.samples[0].rate_hz == pytest.approx(100.0)
+    latency = session.fixes[0].rows["arrival_ns"] - session.fixes[0].rows["t_ns"]
+    assert (latency == 200_000_000).all()
 
 
 def test_the_page_says_and_draws_what_the_files_tell(files, capsys):

@@ -14,7 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         type=Path,
         metavar="FILE",
-        help="est.csv and innovations of `imud replay`, and its imu.csv and gnss.csv; several of a kind are overlaid",
+        help="recordings; or est.csv and innovations of `imud replay`, its imu.csv and gnss.csv; several are overlaid",
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="HTML", help="the page; works offline")
 
@@ -31,6 +31,8 @@ def run(args: argparse.Namespace) -> int:
     session = read(args.files)
     said = findings(session)
     text = "\n".join(["What looks wrong:", *(f"- {line}" for line in said)] if said else ["Nothing looks wrong."])
+    if not session.innovations:
+        text += "\nThere are no innovations in these files: whether the sigmas are right was not judged."
     title = "imud report: " + ", ".join(path.name for path in args.files)
     try:
         figures.write(html.escape(title), f"{title}\n\n{text}", panels(session), args.output)

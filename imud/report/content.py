@@ -159,17 +159,18 @@ def _innovation_panels(i: Innovations) -> list[Panel]:
     ]
 
 
-def _consistency(name: str, kinds: list[Innovations]) -> Figure:
-    """Moving mean squares of the normalised innovations between the 95 % bounds of chi-square."""
+def _consistency(name: str, kinds: list[Innovations]) -> Figure | None:
+    """Moving mean squares of the normalised innovations between the 95 % bounds of chi-square; None: too few."""
     low, high = chi2_bounds(float(WINDOW))
     traces = []
     for i in kinds:
         z, t = i.normalised[i.used], i.t[i.used]
         if len(z) >= WINDOW:
             traces.append(Trace(i.kind, t[WINDOW - 1 :], moving_mean(z * z, WINDOW)))
-    if traces:
-        ends = np.array([traces[0].x[0], traces[0].x[-1]])
-        traces += [Trace(f"χ² {p} %", ends, np.full(2, y)) for p, y in (("2.5", low), ("97.5", high))]
+    if not traces:
+        return None
+    ends = np.array([traces[0].x[0], traces[0].x[-1]])
+    traces += [Trace(f"χ² {p} %", ends, np.full(2, y)) for p, y in (("2.5", low), ("97.5", high))]
     return Figure(
         f"{name}: consistency",
         [Panel(f"Mean square of {WINDOW} normalised innovations; 1 is right", TIME, "σ²", traces)],
@@ -233,7 +234,8 @@ def panels(session: Session) -> list[Figure]:
         drawn += [_status(e) for e in session.estimates]
     for name in dict.fromkeys(i.name for i in session.innovations if len(i.t)):
         kinds = [i for i in session.innovations if i.name == name and len(i.t)]
-        drawn.append(_consistency(name, kinds))
+        if consistency := _consistency(name, kinds):
+            drawn.append(consistency)
         drawn.append(
             Figure(
                 f"{name}: value, normalised, histogram, autocorrelation",

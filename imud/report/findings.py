@@ -33,7 +33,7 @@ def _of_innovations(i: Innovations) -> list[str]:
             "filter is overconfident, or the receiver is worse than it says"
         )
     if len(z) < LEAST:
-        return found
+        return [*found, f"{where}: {len(z)} innovations were used, too few to judge the filter by"]
     n = effective_number(z)
     spread, mean = float(np.mean(z * z)), float(np.mean(z))
     low, high = chi2_bounds(n, CERTAIN)

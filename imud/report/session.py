@@ -1,5 +1,6 @@
 """The files of a report, each recognised by its header, on one time axis: seconds since the earliest of them."""
 
+import io
 import itertools
 import math
 from collections.abc import Sequence
@@ -12,7 +13,17 @@ from numpy.typing import NDArray
 
 from imud.errors import BadDataError, InputMissingError
 from imud.figures import MOST_POINTS
-from imud.tables import ESTIMATE_HEADER, IMU_COLUMNS, INNOVATION_COLUMNS, read_fixes, read_imu
+from imud.tables import (
+    ESTIMATE_HEADER,
+    IMU_COLUMNS,
+    INNOVATION_COLUMNS,
+    INNOVATION_KINDS,
+    EstimateWriter,
+    read_fixes,
+    read_imu,
+)
+
+from .recording import Recorded, is_recording, thinned
 
 Floats = NDArray[np.float64]
 
@@ -81,6 +92,8 @@ def _header(path: Path) -> list[str]:
 
 def _kind(path: Path) -> str:
     header = _header(path)
+    if is_recording(path):
+        return "recording"
     kinds = (
         ("estimates", ESTIMATE_HEADER.split(",")),
         ("innovations", INNOVATION_COLUMNS),
@@ -91,7 +104,7 @@ def _kind(path: Path) -> str:
         if set(names) <= set(header):
             return kind
     raise BadDataError(
-        f"{path} line 1: neither an est.csv, innovations, imu.csv nor gnss.csv; `imud replay -o est.csv "
+        f"{path} line 1: neither a recording nor an est.csv, innovations, imu.csv or gnss.csv; `imud replay -o est.csv "
         "--innovations innovations.csv` writes the first two"
     )
 
@@ -115,7 +128,10 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
 
 def _columns(path: Path, most: int | None, texts: Sequence[str] = ()) -> dict[str, Any]:
     """Columns by name: lists of text for `texts`, arrays for the others. Raises BadDataError."""
-    header, rows, every = _lines(path, most)
+    return _parsed(path, *_lines(path, most), texts)
+
+
+def _parsed(path: Path, header: list[str], rows: list[list[str]], every: int, texts: Sequence[str]) -> dict[str, Any]:
     if not rows:
         raise BadDataError(f"{path}: a header and no rows")
     for number, row in enumerate(rows):
@@ -140,6 +156,31 @@ def _read_innovations(path: Path, origin_s: float) -> list[Innovations]:
     return found
 
 
+def _recorded(recorded: Recorded, path: Path, origin_s: int) -> "Session":
+    """As if it had been written to tables."""
+    name, origin_ns = path.stem, origin_s * 1_000_000_000
+    for rows in (recorded.estimates, recorded.innovations, recorded.samples, recorded.fixes):
+        rows["t_ns"] -= origin_ns
+    recorded.fixes["arrival_ns"] -= origin_ns
+    table = io.BytesIO()
+    EstimateWriter(table, 0).write(thinned(recorded.estimates, MOST_POINTS))
+    header, *lines = (line.split(",") for line in table.getvalue().decode().splitlines())
+    innovations = []
+    for code, kind in INNOVATION_KINDS.items():
+        rows = recorded.innovations[recorded.innovations["kind"] == code]
+        rows = rows[rows["variance"] > 0.0]
+        if len(rows):
+            sigma = np.sqrt(rows["variance"])
+            innovations.append(Innovations(name, kind, rows["t_ns"] * 1e-9, rows["value"], sigma, rows["used"] > 0))
+    rate_hz = 1e9 / float(np.median(np.diff(recorded.samples["t_ns"]))) if len(recorded.samples) > 1 else 0.0
+    return Session(
+        (Estimates(name, _parsed(path, header, lines, 1, ())),),
+        tuple(innovations),
+        (Samples(name, recorded.samples, rate_hz),) if rate_hz else (),
+        (Fixes(name, recorded.fixes),) if len(recorded.fixes) else (),
+    )
+
+
 def _first_s(path: Path) -> float:
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         header, first = file.readline().strip().split(","), file.readline().strip().split(",")
@@ -150,11 +191,22 @@ def _first_s(path: Path) -> float:
 def read(paths: Sequence[Path]) -> Session:
     """Raises InputMissingError, BadDataError (with line)."""
     kinds = [(path, _kind(path)) for path in paths]
-    firsts = [first for path in paths if math.isfinite(first := _first_s(path))]
+    recordings = {path: Recorded(path) for path, kind in kinds if kind == "recording"}
+    firsts = [recorded.first_s for recorded in recordings.values()]
+    firsts += [first for path in paths if path not in recordings and math.isfinite(first := _first_s(path))]
     origin = math.floor(min(firsts, default=0.0))
-    estimates, innovations, samples, fixes = [], [], [], []
+    estimates: list[Estimates] = []
+    innovations: list[Innovations] = []
+    samples: list[Samples] = []
+    fixes: list[Fixes] = []
     for path, kind in kinds:
-        if kind == "estimates":
+        if kind == "recording":
+            of = _recorded(recordings[path], path, origin)
+            estimates += of.estimates
+            innovations += of.innovations
+            samples += of.samples
+            fixes += of.fixes
+        elif kind == "estimates":
             columns = _columns(path, MOST_POINTS)
             estimates.append(Estimates(path.stem, {**columns, "t_s": columns["t_s"] - origin}))
         elif kind == "innovations":

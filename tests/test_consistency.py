@@ -26,10 +26,21 @@ from imud.estimators import gps_track, registry, stationary
 from imud.estimators.records import POSITION_VALID, SOLUTION
 from imud.kernels.kalman import unpack
 from imud.pipeline import Filter
-from imud.settings import GpsTrack, Initial, Settings
+from imud.profiles import PROFILES
+from imud.settings import GpsTrack, Imu, Initial, Settings
 
 RUNS = 100
 G = 9.80665
+PROFILE = PROFILES["consumer-mems"]
+CONSUMER = replace(  # a sensor such as that profile describes
+    M_G350,
+    random_walk=(PROFILE.gyro_noise, PROFILE.accel_noise),
+    turn_on=(PROFILE.gyro_bias_initial, PROFILE.accel_bias_initial),
+    in_run=(PROFILE.gyro_bias_instability, PROFILE.accel_bias_instability),
+    scale=(math.sqrt(3.0) * PROFILE.gyro_scale, math.sqrt(3.0) * PROFILE.accel_scale),  # limits of the same spread
+    misalignment=(PROFILE.gyro_scale, 0.0),
+    limit=(PROFILE.gyro_range, PROFILE.accel_range),
+)
 PERFECT_GAIN = replace(M_G350, scale=(0.0, 0.0), misalignment=(0.0, 0.0))
 P, V, RP, YAW = slice(0, 2), slice(3, 5), slice(6, 8), slice(8, 9)  # level position and velocity, tilt, heading
 DOWN = slice(2, 3)
@@ -91,6 +102,17 @@ def test_attitude_on_a_turntable():
     squares, _ = normalised("attitude", "turntable", 100.0, (4.0, 15.0, 30.0, 60.0, 99.0))
     assert ((mean_of(squares, RP) > 0.25) & (mean_of(squares, RP) < 1.5)).all()
     assert (mean_of(squares, YAW) < 1.5).all()
+
+
+@pytest.mark.parametrize("grade", [M_G350, CONSUMER], ids=["m-g350", "consumer-mems"])
+@pytest.mark.parametrize("scenario", ["car", "figure8"])
+def test_attitude_on_a_vehicle(scenario, grade):
+    """Curves, braking and hills are not learnt as tilt; without knowing speed, it cannot but fear them."""
+    profile = G350 if grade is M_G350 else Settings(imu=Imu(profile="consumer-mems"))
+    at = tuple(np.arange(10.0, 100.0, 5.0))
+    squares, _ = normalised("attitude", scenario, 100.0, at, grade=grade, settings=profile)
+    assert 0.1 < np.mean(squares[:, :, RP]) < 2.0
+    assert (mean_of(squares, RP) < 3.0).all()
 
 
 @pytest.mark.parametrize("scenario", ["car", "figure8"])

@@ -21,7 +21,7 @@ from .covariance import clear, correct, predict, report
 from .levelling import begin, doubt, hold, level, middle, resume, unweighed
 from .rest import judge, restart, watch
 from .setup import configure, start
-from .staying import hold_near, hold_place, hold_still
+from .staying import follow_travel, hold_near, hold_place, hold_still
 from .strapdown import advance, corrected_force, corrected_rate
 from .truncation import examine, restored
 
@@ -35,6 +35,7 @@ TRUSTED_HEADING = math.radians(20.0)
 def settle(p: Any, s: Any) -> None:
     """One step of the covariance: propagate, take the pseudo-measurements, correct."""
     predict(p, s)
+    follow_travel(s)
     if judge(p, s):
         hold_still(p, s)
     else:

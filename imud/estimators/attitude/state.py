@@ -74,6 +74,7 @@ STATE = np.dtype(
         # how lively the velocity is, and where the body is
         ("v_mean", "<f8", (3,)),
         ("v_energy", "<f8", (3,)),
+        ("travel", "<f8", (3,)),  # (m/s)^2, lately, of velocities as only vehicles keep them up
         ("p", "<f8", (3,)),  # m from where it was at home, NED
         ("p_energy", "<f8", (3,)),
         # counts of the gyro, rad/s

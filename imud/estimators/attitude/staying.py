@@ -3,8 +3,15 @@
 No sensor sees velocity; that a body does not run away is the knowledge that levels it. Its velocity is taken to be zero
 with a noise as large as the motion is lively, and its place to be where it was, with a noise that grows with how far it
 has lately been: a hand or a robot comes back, and over the time that it takes this is the stronger knowledge; a vehicle
-soon is so far that its place tells nothing. The noise densities were found on hand-held recordings with optical truth
-(BROAD), and on simulated vehicles such that their tilt errors are no larger than without a place.
+soon is so far that its place tells nothing.
+
+Nor is the velocity of a vehicle white noise about zero: it lasts. Noise of variance v^2 that stays correlated for T
+is to a filter that takes it as white one of density 2 T v^2 (that of a first-order Gauss-Markov process at frequency
+zero); with less, curves and long braking are learnt as tilt and accelerometer bias, and believed. A vehicle climbs:
+while it travels fast, its vertical velocity is no better known than roads are level.
+
+The noise densities were found on hand-held recordings with optical truth (BROAD), and on simulated vehicles such that
+their tilt errors are no larger than without a place. TRAVEL is where BROAD no longer notices it.
 """
 
 import math
@@ -19,8 +26,9 @@ VELOCITY_NOISE = 0.023  # m/s sqrt(s), of zero velocity in slow motion
 VELOCITY_LIVELY = 3.0  # sqrt(s), of it in proportion to the liveliness
 REST_VELOCITY_NOISE = 0.09  # m/s sqrt(s)
 UNIFORM_MOTION = 4.0  # sigma
-KNOWN = 2.0  # sigma
-FAST = 5.0  # m/s: a hand does not move faster; a vehicle does, and for long
+TRAVEL = 1.0  # m/s, the mean over a second: what is faster is a vehicle
+TRAVEL_S = 30.0  # for which a vehicle keeps its velocity
+SLOPE = 0.03  # of roads, 1 sigma
 PLACE_NOISE = 0.5  # m sqrt(s)
 PLACE_LIVELY = 6.0  # sqrt(s), in proportion to the distance
 START_VELOCITY_VAR = 0.1
@@ -29,16 +37,19 @@ START_PLACE_VAR = 0.1
 
 @kernel
 def hold(s: Any, i: int, psd: float) -> None:
-    """Take velocity along axis i as zero with noise of this density.
-
-    What is beyond it is real: uniform motion, which feels like rest and is forgotten. A speed on the way there is one
-    of a vehicle, which lasts; it is fast in what exceeds the velocity's own uncertainty.
-    """
+    """Take velocity along axis i as zero with noise of this density; what is beyond it is real, and forgotten."""
     if s.v[i] * s.v[i] > UNIFORM_MOTION**2 * (variance(s, VELOCITY + i) + psd):
         forget_motion(s, i)
-    fast2 = max(s.v[i] * s.v[i] - KNOWN**2 * variance(s, VELOCITY + i), 0.0)
-    psd += VELOCITY_LIVELY**2 * fast2 * (fast2 / FAST**2) ** 2
     observe(s, VELOCITY + i, -s.v[i], psd / s.span)
+
+
+@kernel
+def follow_travel(s: Any) -> None:
+    """Keep in mind how fast the body has lately travelled."""
+    fade = s.span / (TRAVEL_S + s.span)
+    for i in range(3):
+        lasting2 = max(s.v_mean[i] * s.v_mean[i] - TRAVEL**2, 0.0)
+        s.travel[i] += fade * (lasting2 - s.travel[i])
 
 
 @kernel
@@ -52,9 +63,11 @@ def hold_still(p: Any, s: Any) -> None:
 
 @kernel
 def hold_near(s: Any) -> None:
-    """In motion velocity is about zero, the livelier the less surely."""
+    """In motion velocity is about zero, the livelier and the farther travelled the less surely."""
+    level2 = s.travel[0] + s.travel[1]  # whatever the heading: a vehicle turns
     for i in range(3):
-        hold(s, i, VELOCITY_NOISE**2 + VELOCITY_LIVELY**2 * s.v_energy[i])
+        travel2 = level2 if i < 2 else s.travel[2] + SLOPE**2 * level2
+        hold(s, i, VELOCITY_NOISE**2 + VELOCITY_LIVELY**2 * s.v_energy[i] + 2.0 * TRAVEL_S * travel2)
 
 
 @kernel

@@ -26,10 +26,7 @@ from .estimators.records import ATTITUDE_VALID
 from .fitting import Fitting
 from .load import Load
 from .notify import Notifier
-from .outputs.binary import BinaryOutputs
-from .outputs.chrony import ChronyOutput
-from .outputs.gpsd import GpsdServer
-from .outputs.nmea import NmeaOutput
+from .outputs.all import Outputs
 from .outputs.view import Device, Health, View
 from .pipeline import BATCH
 from .ports import Configured, Port
@@ -74,7 +71,6 @@ class Daemon:
         self._announcer = Announcer(self._log)
         self._troubles: dict[str, tuple[str, ...] | None] = {"imu": None, "gnss": None}  # None: no such sensor
         self._load = Load()
-        self._chrony: ChronyOutput | None = None
         self._innovations = vitals.Innovations()
         self._started_ns = time.monotonic_ns()
         self._exit: int | None = None
@@ -87,12 +83,8 @@ class Daemon:
         with contextlib.ExitStack() as stack:
             self._wakeup = stack.enter_context(caught(self._actions()))
             self._poll.register(self._wakeup, select.POLLIN)
-            self._gpsd = stack.enter_context(contextlib.closing(self._server()))
-            nmea = stack.enter_context(contextlib.closing(NmeaOutput(self._settings.nmea)))
-            self._viewers = (self._gpsd, nmea)
-            self._binary = stack.enter_context(contextlib.closing(BinaryOutputs(self._settings, self._poll, BATCH)))
-            if (unit := self._settings.chrony.shm_unit) >= 0:
-                self._chrony = stack.enter_context(contextlib.closing(ChronyOutput(unit)))
+            own = {"STATUS": self._tell_status}
+            self._outputs = stack.enter_context(contextlib.closing(Outputs(self._settings, self._poll, BATCH, own)))
             notifier.say("STATUS=compiling", "EXTEND_TIMEOUT_USEC=300000000")
             self._compiling = True
             self._prepare_kernels()
@@ -101,16 +93,13 @@ class Daemon:
             gc.collect()
             gc.freeze()
             realtime.apply(self._settings.realtime)
-            self._log.info("ready", gpsd=" ".join(self._gpsd.addresses), estimator=self._fitting.estimator.name)
+            self._log.info("ready", gpsd=" ".join(self._outputs.gpsd.addresses), estimator=self._fitting.estimator.name)
             notifier.say("READY=1")
             stack.callback(self._farewell)
             stack.callback(notifier.say, "STOPPING=1")
             self._serve(notifier)
         assert self._exit is not None
         return self._exit
-
-    def _server(self) -> GpsdServer:
-        return GpsdServer(self._settings.gpsd, self._poll, {"STATUS": self._tell_status})
 
     def _prepare_kernels(self) -> None:
         estimators = self._fitting.choice.possible
@@ -145,7 +134,7 @@ class Daemon:
         except ImudError as error:
             self._log.error(f"the configuration stays as it was: {error}")
         else:
-            self._gpsd.settings = self._settings.gpsd
+            self._outputs.configure(self._settings)
             if self._gnss:
                 self._gnss[1].settings = self._settings.gnss
             if self._imu and self._imu[0].configured:
@@ -189,12 +178,10 @@ class Daemon:
     def _dispatch(self, fd: int, mask: int, now_ns: int) -> None:
         port = self._by_fd.get(fd)
         if port is None:
-            if fd in self._gpsd:
-                self._gpsd.on_event(fd, mask, now_ns)
-            elif fd in self._binary.stream:
-                self._binary.stream.on_event(fd)
-            elif fd == self._wakeup:
+            if fd == self._wakeup:
                 os.read(fd, 64)  # its handler has run
+            else:
+                self._outputs.on_event(fd, mask, now_ns)
             return
         try:
             if self._imu and port is self._imu[0]:
@@ -205,8 +192,8 @@ class Daemon:
                     if self._recorder:
                         self._recorder.stepped(inertial.stream.samples[:n], inertial.stream.solutions[:n])
                     if self._load.leaves_time_to_publish(n, inertial.period_s, now_ns):
-                        self._binary.publish(inertial.stream.solutions, n, inertial.samples, now_ns)
-                        self._publish(newest, now_ns)
+                        self._outputs.solved(inertial.stream.solutions, n, inertial.samples, now_ns)
+                        self._outputs.show(partial(self._view, inertial, newest, now_ns), now_ns)
             elif self._gnss and port is self._gnss[0]:
                 self._take(self._gnss[1].read(port.line, now_ns))
             else:
@@ -215,8 +202,8 @@ class Daemon:
             (port.retire if isinstance(error, PortEndedError) else port.lost)(str(error))
 
     def _take(self, fixes: list[Records]) -> None:
-        if fixes and self._chrony and self._gnss:
-            self._chrony.publish(self._gnss[1].used_last, self._settings.gnss.latency_s)
+        if fixes and self._gnss:
+            self._outputs.fixed(self._gnss[1].used_last, self._settings.gnss.latency_s)
         for fix in fixes:
             if self._fitting.inertial is not None:
                 innovations = self._fitting.inertial.stream.filter.update(fix)
@@ -224,14 +211,9 @@ class Daemon:
                 if self._recorder:
                     self._recorder.updated(fix, innovations)
 
-    def _publish(self, solution: Any, now_ns: int) -> None:
-        due = [viewer for viewer in self._viewers if viewer.wants(now_ns)]
-        if not due:
-            return
-        inertial = self._fitting.inertial
-        assert inertial is not None
+    def _view(self, inertial: Inertial, solution: Any, now_ns: int) -> View:
         t_ns = int(solution["t_ns"])
-        view = View(
+        return View(
             solution=solution.tobytes(),
             utc_s=(time.time_ns() - time.monotonic_ns() + t_ns) * 1e-9,
             t_mono_ns=t_ns,
@@ -243,8 +225,6 @@ class Daemon:
             sensed=inertial.sensed,
             health=Health(**self._troubles, clock=inertial.clock_fit()),
         )
-        for viewer in due:
-            viewer.publish(view, now_ns)
 
     def _look_after(self, now_ns: int, notifier: Notifier) -> None:
         """What is due now and then: silence, unfinished epochs, slow clients, the watchdog, changes worth a line."""
@@ -255,11 +235,9 @@ class Daemon:
                 pair[0].lost("the device sends nothing more of use")
         for port in self._ports:
             port.pass_on()
-        for viewer in self._viewers:
-            if self._imu is None and viewer.wants(now_ns):  # the clients must not take old news for new
-                viewer.publish(View(devices=self._devices), now_ns)
-        if (deadline := self._gpsd.next_deadline()) is not None and now_ns >= deadline:
-            self._gpsd.tick(now_ns)
+        if self._imu is None:  # the clients must not take old news for new
+            self._outputs.show(partial(View, devices=self._devices), now_ns)
+        self._outputs.look_after(now_ns)
         self._tell_changes(now_ns)
         if news := self._load.news(self._fitting.inertial.counters()["lost"] if self._fitting.inertial else 0, now_ns):
             self._log.warning(news)
@@ -298,7 +276,7 @@ class Daemon:
                     str(i): vitals.of_port(port, now_ns, *parts.get(port, (None, None)))
                     for i, port in enumerate(self._ports)
                 },
-                "outputs": vitals.of_outputs(self._gpsd, self._binary),
+                "outputs": vitals.of_outputs(self._outputs.gpsd, self._outputs.binary),
             }
         )
 

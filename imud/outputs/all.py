@@ -1,0 +1,67 @@
+"""All outputs behind one door: who gets what, and when it is worth making. Which of them exist, the settings say."""
+
+import contextlib
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.fix import Fix
+from imud.settings import Settings
+
+from .binary import BinaryOutputs
+from .chrony import ChronyOutput
+from .gpsd import GpsdServer, Poller
+from .nmea import NmeaOutput
+from .view import View
+
+
+class Outputs:
+    """Opened at once, closed at once. Never blocks; not thread-safe."""
+
+    def __init__(self, settings: Settings, poller: Poller, batch: int, own: Mapping[str, Callable[[], str]]) -> None:
+        """Open for at most `batch` solutions at a time; `own` answers gpsd requests of our own. Raises ImudError."""
+        with contextlib.ExitStack() as stack:
+            self.gpsd = stack.enter_context(contextlib.closing(GpsdServer(settings.gpsd, poller, own)))
+            nmea = stack.enter_context(contextlib.closing(NmeaOutput(settings.nmea)))
+            self.binary = stack.enter_context(contextlib.closing(BinaryOutputs(settings, poller, batch)))
+            unit = settings.chrony.shm_unit
+            self._chrony = stack.enter_context(contextlib.closing(ChronyOutput(unit))) if unit >= 0 else None
+            self._viewers = (self.gpsd, nmea)
+            self._opened = stack.pop_all()
+
+    def configure(self, settings: Settings) -> None:
+        """Take what is hot of other settings."""
+        self.gpsd.settings = settings.gpsd
+
+    def on_event(self, fd: int, mask: int, now_ns: int) -> None:
+        """Handle what poll said of a descriptor that may be one of ours."""
+        if fd in self.gpsd:
+            self.gpsd.on_event(fd, mask, now_ns)
+        elif fd in self.binary.stream:
+            self.binary.stream.on_event(fd)
+
+    def solved(self, solutions: NDArray[np.void], n: int, seq: int, now_ns: int) -> None:
+        """The first `n` of `solutions` are new, the last of them is of the sample number `seq`."""
+        self.binary.publish(solutions, n, seq, now_ns)
+
+    def fixed(self, fix: Fix, latency_s: float) -> None:
+        """The receiver told the time, so long ago."""
+        if self._chrony is not None:
+            self._chrony.publish(fix, latency_s)
+
+    def show(self, make: Callable[[], View], now_ns: int) -> None:
+        """Give those whose message is due the view that `make` makes; it is not called for nobody."""
+        due = [viewer for viewer in self._viewers if viewer.wants(now_ns)]
+        if due:
+            view = make()
+            for viewer in due:
+                viewer.publish(view, now_ns)
+
+    def look_after(self, now_ns: int) -> None:
+        """Now and then: cut off who is stuck."""
+        if (deadline := self.gpsd.next_deadline()) is not None and now_ns >= deadline:
+            self.gpsd.tick(now_ns)
+
+    def close(self) -> None:
+        self._opened.close()

@@ -11,15 +11,18 @@ from imud.settings import Initial, Navigation, Settings
 
 RATE = 100
 D = drive(160.0)
+PARKED = drive(160.0, rest=1e3)
+START = Initial(yaw_deg=float(np.degrees(0.7)))
+places = pytest.mark.parametrize("d", [PARKED, D], ids=["parked", "driving"])
 
 
 def at(seconds):
     return int(seconds * RATE)
 
 
-def data(seed=1):
+def data(seed=1, d=D):
     rng = np.random.default_rng(seed)
-    return sensed(D, rng), received(D, rng, late=0.2)
+    return sensed(d, rng), received(d, rng, late=0.2)
 
 
 def moved(fixes, begin, end, metres, per_second=0.0):
@@ -68,6 +71,65 @@ def test_a_creeping_position_is_noticed():
     noticed = np.flatnonzero(out["status"][at(100.0) :] & REJECTING)
     assert len(noticed) and noticed[0] < at(25.0)
     assert abs(errors(D, out)[0][at(100.0) + noticed[0], 0]) < 12.0
+
+
+def surprise(d, out, begin):
+    """North error, m, and in sigmas where no fix is being refused."""
+    p = np.abs(errors(d, out)[0][at(begin) :, 0])
+    row = out[at(begin) :]
+    return p, np.where(row["status"] & REJECTING, 0.0, p / row["sigma_p"][:, 0])
+
+
+@places
+@pytest.mark.parametrize("speed", [0.5, 2.0])
+def test_positions_that_creep_against_the_velocity_are_not_followed(d, speed):
+    samples, fixes = data(d=d)
+    out, _, _ = navigate(samples, moved(fixes, 80.0, 120.0, 0.0, per_second=speed), None, START)
+    p, sigmas = surprise(d, out, 80.0)
+    assert p.max() < 6.0
+    assert sigmas.max() < 5.0  # 0.5 m/s takes half a minute to tell from a receiver's wander
+    assert (out["status"][at(80.0) : at(120.0)] & REJECTING).any()
+    assert not (out["status"][at(145.0) :] & (REJECTING | COASTING)).any()
+    assert p[at(70.0) :].max() < 3.0
+
+
+@places
+@pytest.mark.parametrize("metres", [30.0, 200.0, 500.0])
+def test_a_jump_for_half_a_minute_is_refused_or_doubted(d, metres):
+    samples, fixes = data(d=d)
+    out, _, _ = navigate(samples, moved(fixes, 80.0, 110.0, metres), None, START)
+    p, sigmas = surprise(d, out, 81.5)  # from the first such fix on
+    assert sigmas.max() < 4.0
+    assert p[at(45.0) :].max() < 3.0
+    assert not (out["status"][at(130.0) :] & REJECTING).any()
+    assert out["status"][-1] & HEADING_VALID
+
+
+@places
+def test_another_place_after_an_outage_is_accepted_in_bounded_time(d):
+    samples, fixes = data(d=d)
+    t = fixes["t_ns"] * 1e-9 - 100.0
+    out, _, _ = navigate(samples, moved(fixes[(t < 80.0) | (t > 110.0)], 100.0, 1e9, 300.0), None, START)
+    p = errors(d, out)[0][:, 0]
+    assert abs(p[at(109.0)]) < 100.0
+    assert np.abs(p[at(122.0) :] + 300.0).max() < 6.0
+
+
+def test_a_height_has_no_veto():
+    samples, fixes = data()
+    t = fixes["t_ns"] * 1e-9 - 100.0
+    fixes["height"][t >= 100.0] += 60.0
+    out, rows, _ = navigate(samples, fixes)
+    late = rows[rows["t_ns"] > 200 * 10**9]
+    assert late["used"][late["kind"] < 2].all()  # north and east
+    heights = late[late["kind"] == 2]
+    assert not heights["used"][:5].any()
+    assert heights["used"][15:].all()
+    p = errors(D, out)[0]
+    assert np.abs(p[at(100.0) :, :2]).max() < 5.0
+    assert np.abs(p[at(120.0) :, 2] - 60.0).max() < 10.0
+    assert out["status"][at(103.0)] & REJECTING
+    assert not (out["status"][at(120.0) :] & REJECTING).any()
 
 
 def test_an_outage_coasts_with_honest_sigmas():

@@ -120,6 +120,7 @@ def predict(p: Any, c: Any) -> None:
     for i in range(3):
         scale(c.P, STATES, WANDER + i, decay)
         c.wander[i] *= decay
+        c.doubt[i] *= decay * decay
         sigma = c.reported[0] if i < 2 else c.reported[1]
         grow(c, WANDER + i, sigma * sigma * (1.0 - decay * decay))
         grow(c, VELOCITY + i, qv * dt)

@@ -7,7 +7,7 @@ from ...kernels.jit import kernel
 from ...kernels.kalman import packed_index
 from ...kernels.rotation import euler_variances
 from ..records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID
-from .covariance import deviation
+from .covariance import deviation, variance
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, POSITION, STATES, VELOCITY
 
 COASTING_S = 5.0  # a slow line may bring a 1 Hz receiver's fixes two seconds apart
@@ -46,7 +46,7 @@ def write(c: Any, o: Any) -> None:
         o.f[i] = c.f[i] - c.ba[i]
         o.bg[i] = c.bg[i]
         o.ba[i] = c.ba[i]
-        o.sigma_p[i] = deviation(c, POSITION + i) if known else math.nan
+        o.sigma_p[i] = math.sqrt(max(variance(c, POSITION + i), 0.0) + c.doubt[i]) if known else math.nan
         o.sigma_v[i] = deviation(c, VELOCITY + i) if known else math.nan
         o.sigma_bg[i] = deviation(c, GYRO_BIAS + i)
         o.sigma_ba[i] = deviation(c, ACCEL_BIAS + i)

@@ -102,8 +102,11 @@ CORE = np.dtype(
         ("fix_ns", "<i8"),  # epoch of the last one used
         ("fixes", "<i8"),
         ("fix_speed", "<f8"),  # m/s, NaN unknown
-        ("rejected", "<i8"),  # in a row
+        ("rejected", "<i8", (2,)),  # positions in a row, and heights
+        ("refused_ns", "<i8", (2,)),  # the first of them, or of those that keep to the velocity
+        ("refused", "<f8", (2,)),  # m, how far north and east of the estimate that was
         ("contrary", "<i8"),  # fixes in a row whose velocity was rejected
+        ("doubt", "<f8", (3,)),  # m^2, beyond P: how far the fixes were that the filter gave in to, fading
         ("lost", "<f8"),  # times that the filter gave in to contradicting fixes, fading
         ("white", "<f8", (2,)),  # m^2, learned white variance, horizontal and vertical
         ("white_speed", "<f8"),  # m^2/s^2, learned variance of a component of its velocity

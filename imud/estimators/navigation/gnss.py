@@ -1,7 +1,7 @@
 """A fix, at its epoch: how good it is, what it says against the estimate, and whether it may correct it.
 
 A receiver's position error is almost purely correlated over tens of seconds, so it is mostly the wander state; the
-white part is learned from the innovations. Position and velocity are gated; a filter that goes on rejecting gives in.
+white part is learned from the innovations. Position and velocity are gated.
 """
 
 import math
@@ -11,11 +11,12 @@ from ...kernels.earth import radii
 from ...kernels.jit import kernel
 from ...kernels.kalman import reset
 from ...kernels.rotation import quat_rotate
-from ..records import AT_REST, POSITION_N, REJECTING, VELOCITY_N
+from ..records import POSITION_N, REJECTING, VELOCITY_N
+from .admission import GATE, admit, admit_height
 from .correction import correct, predicted, residual, row, take
-from .covariance import WANDER_S, grow, variance
+from .covariance import grow, variance
 from .state import ATTITUDE, LATENCY, POSITION, STATES, VELOCITY, WANDER
-from .strapdown import cosine, displace, wrapped
+from .strapdown import cosine, wrapped
 
 UERE = 2.0  # m per HDOP, horizontal
 VERTICAL = 2.2  # times the horizontal sigma
@@ -24,10 +25,7 @@ RTK_FIXED, RTK_FLOAT = 0.03, 0.4  # m, when nothing better is reported
 SPEED_SIGMA = (0.03, 0.3)  # m/s, of what is learned
 VELOCITY_LAG = 0.05  # s, of a receiver's velocity behind its position
 COURSE_SPEED = 0.5  # m/s, below it the course is noise
-GATE = 25.0
 ASTRAY_GATE = 20.0  # of fix against position, whatever the wander state says: it never has jumped, only crept
-GIVE_IN_COUNT, GIVE_IN_S = 5, 8.0
-DRIFT_GATE, LONGEST_REFUSAL_S = 9.0, 60.0  # fixes that creep away from a velocity known otherwise wait for longer
 LEARNING = 0.03
 SECOND_ORDER = 10.0  # m, m/s per rad^2 of heading variance: what the linear model leaves out
 STAMP_S, STAMP_SIGMA = 1e-3, 0.03  # s
@@ -107,55 +105,6 @@ def report(innovations: Any, n: int, t_ns: int, kind: int, z: float, s: float, u
 
 
 @kernel
-def known_velocity(c: Any, fix: Any) -> bool:
-    """Does something but positions vouch for the velocity: rest, or the receiver's own, which agrees?"""
-    told = math.isfinite(fix.speed) or math.isfinite(fix.v[0])
-    return c.flags & AT_REST != 0 or (told and c.contrary == 0)
-
-
-@kernel
-def settled(c: Any) -> float:
-    """For how long, s, the refused positions have kept to the velocity, as far as errors of both explain.
-
-    Call for each refused fix; a position that does not keep to it begins anew.
-    """
-    dt = 1e-9 * (c.t_ns - c.refused_ns[0])
-    drifts = False
-    for i in range(2):
-        wander = c.reported[0] ** 2 * (1.0 - math.exp(-dt / WANDER_S))
-        allowed = 2.0 * (wander + c.white[0]) + variance(c, VELOCITY + i) * dt * dt
-        drifts = drifts or (c.z[i] + c.wander[i] - c.refused[i]) ** 2 > DRIFT_GATE * allowed
-    if c.rejected[0] == 1 or drifts:
-        c.refused_ns[0] = c.t_ns
-        for i in range(2):
-            c.refused[i] = c.z[i] + c.wander[i]
-        return 0.0
-    return float(dt)
-
-
-@kernel
-def give_in(c: Any, first: int, last: int, known: bool) -> None:
-    """The fixes have contradicted the estimate for long enough: go to them, unsure by as much as they disagreed.
-
-    Whether the estimate or the receiver was wrong nothing tells: that is `doubt`, which fades as the receiver's errors
-    do. No state can hold it, as a wander state that large would be contradicted by every fix that stays where it is.
-    Velocity and heading are doubted where nothing vouches for the velocity.
-    """
-    for i in range(first, last):
-        way, sigma = c.z[i] + c.wander[i], c.reported[i // 2]
-        displace(c, way if i == 0 else 0.0, way if i == 1 else 0.0, way if i == 2 else 0.0)
-        reset(c.P, STATES, POSITION + i, 4.0 * sigma * sigma + 1.0)
-        reset(c.P, STATES, WANDER + i, sigma * sigma)
-        c.doubt[i] += way * way
-        c.wander[i] = c.z[i] = 0.0
-        if not known:
-            grow(c, VELOCITY + i, 4.0)
-    if first == 0 and not known:
-        grow(c, ATTITUDE + 2, math.radians(10.0) ** 2)
-        c.lost += 1
-
-
-@kernel
 def strangeness(c: Any, lever: Any, extra: float, first: int, last: int) -> float:
     """The worst normalised residual squared of axes first to last - 1, to be held against GATE."""
     worst = 0.0
@@ -169,40 +118,6 @@ def strangeness(c: Any, lever: Any, extra: float, first: int, last: int) -> floa
 
 
 @kernel
-def admit(c: Any, fix: Any, worst: float) -> bool:
-    """May the horizontal position correct the estimate? In the end it may, whatever it says."""
-    if worst < GATE:
-        c.rejected[0] = 0
-        return True
-    c.rejected[0] += 1
-    steady_s, alone_s = settled(c), 1e-9 * (c.t_ns - c.fix_ns)
-    if c.rejected[0] <= GIVE_IN_COUNT or alone_s <= GIVE_IN_S:
-        return False
-    known = known_velocity(c, fix)
-    if known and steady_s <= GIVE_IN_S and alone_s < LONGEST_REFUSAL_S:
-        return False
-    give_in(c, 0, 2, known)
-    c.rejected[0] = 0
-    return True
-
-
-@kernel
-def admit_height(c: Any, worst: float) -> bool:
-    """May the height correct the estimate?"""
-    if worst < GATE:
-        c.rejected[1] = 0
-        return True
-    c.rejected[1] += 1
-    if c.rejected[1] == 1:
-        c.refused_ns[1] = c.t_ns
-    if c.rejected[1] <= GIVE_IN_COUNT or 1e-9 * (c.t_ns - c.refused_ns[1]) <= GIVE_IN_S:
-        return False
-    give_in(c, 2, 3, True)
-    c.rejected[1] = 0
-    return True
-
-
-@kernel
 def fuse_position(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: int) -> int:
     """Gate and take the position; the fix was true `late` s before the core's time. Height has no veto."""
     z = c.z
@@ -212,7 +127,7 @@ def fuse_position(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
     for i in range(3):
         z[i] += late * c.v[i] - lever[i] - c.wander[i]
     level = admit(c, fix, strangeness(c, lever, extra, 0, 2))
-    height = level and math.isfinite(z[2]) and admit_height(c, strangeness(c, lever, extra, 2, 3))
+    height = level and admit_height(c, strangeness(c, lever, extra, 2, 3))
     for i in range(3):
         if not math.isfinite(z[i]):
             continue

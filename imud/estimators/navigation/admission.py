@@ -1,0 +1,102 @@
+"""Refused positions: for how long, and when the filter gives in to them after all, and with how much doubt.
+
+A receiver that jumps stays where it went; one that creeps contradicts the velocity ever more. So refused positions are
+believed once they have kept to the velocity for a while, or where nothing else vouches for the velocity.
+"""
+
+import math
+from typing import Any
+
+from ...kernels.jit import kernel
+from ...kernels.kalman import reset
+from ..records import AT_REST
+from .covariance import WANDER_S, grow, variance
+from .state import ATTITUDE, POSITION, STATES, VELOCITY, WANDER
+from .strapdown import displace
+
+GATE = 25.0
+GIVE_IN_COUNT, GIVE_IN_S = 5, 8.0
+DRIFT_GATE, LONGEST_REFUSAL_S = 9.0, 60.0  # fixes that creep away from a velocity known otherwise wait for longer
+
+
+@kernel
+def known_velocity(c: Any, fix: Any) -> bool:
+    """Does something but positions vouch for the velocity: rest, or the receiver's own, which agrees?"""
+    told = math.isfinite(fix.speed) or math.isfinite(fix.v[0])
+    return c.flags & AT_REST != 0 or (told and c.contrary == 0)
+
+
+@kernel
+def settled(c: Any) -> float:
+    """For how long, s, the refused positions have kept to the velocity, as far as errors of both explain.
+
+    Call for each refused fix; a position that does not keep to it begins anew.
+    """
+    dt = 1e-9 * (c.t_ns - c.refused_ns[0])
+    drifts = False
+    for i in range(2):
+        wander = c.reported[0] ** 2 * (1.0 - math.exp(-dt / WANDER_S))
+        allowed = 2.0 * (wander + c.white[0]) + variance(c, VELOCITY + i) * dt * dt
+        drifts = drifts or (c.z[i] + c.wander[i] - c.refused[i]) ** 2 > DRIFT_GATE * allowed
+    if c.rejected[0] == 1 or drifts:
+        c.refused_ns[0] = c.t_ns
+        for i in range(2):
+            c.refused[i] = c.z[i] + c.wander[i]
+        return 0.0
+    return float(dt)
+
+
+@kernel
+def give_in(c: Any, first: int, last: int, known: bool) -> None:
+    """The fixes have contradicted the estimate for long enough: go to them, unsure by as much as they disagreed.
+
+    Whether the estimate or the receiver was wrong nothing tells: that is `doubt`, which fades as the receiver's errors
+    do. No state can hold it, as a wander state that large would be contradicted by every fix that stays where it is.
+    Velocity and heading are doubted where nothing vouches for the velocity.
+    """
+    for i in range(first, last):
+        way, sigma = c.z[i] + c.wander[i], c.reported[i // 2]
+        displace(c, way if i == 0 else 0.0, way if i == 1 else 0.0, way if i == 2 else 0.0)
+        reset(c.P, STATES, POSITION + i, 4.0 * sigma * sigma + 1.0)
+        reset(c.P, STATES, WANDER + i, sigma * sigma)
+        c.doubt[i] += way * way
+        c.wander[i] = c.z[i] = 0.0
+        if not known:
+            grow(c, VELOCITY + i, 4.0)
+    if first == 0 and not known:
+        grow(c, ATTITUDE + 2, math.radians(10.0) ** 2)
+        c.lost += 1
+
+
+@kernel
+def admit(c: Any, fix: Any, worst: float) -> bool:
+    """May the horizontal position correct the estimate? In the end it may, whatever it says."""
+    if worst < GATE:
+        c.rejected[0] = 0
+        return True
+    c.rejected[0] += 1
+    steady_s, alone_s = settled(c), 1e-9 * (c.t_ns - c.fix_ns)
+    if c.rejected[0] <= GIVE_IN_COUNT or alone_s <= GIVE_IN_S:
+        return False
+    known = known_velocity(c, fix)
+    if known and steady_s <= GIVE_IN_S and alone_s < LONGEST_REFUSAL_S:
+        return False
+    give_in(c, 0, 2, known)
+    c.rejected[0] = 0
+    return True
+
+
+@kernel
+def admit_height(c: Any, worst: float) -> bool:
+    """May the height, where there is one, correct the estimate?"""
+    if not math.isfinite(c.z[2]) or worst < GATE:
+        c.rejected[1] = 0
+        return math.isfinite(c.z[2])
+    c.rejected[1] += 1
+    if c.rejected[1] == 1:
+        c.refused_ns[1] = c.t_ns
+    if c.rejected[1] <= GIVE_IN_COUNT or 1e-9 * (c.t_ns - c.refused_ns[1]) <= GIVE_IN_S:
+        return False
+    give_in(c, 2, 3, c.flags & AT_REST != 0)
+    c.rejected[1] = 0
+    return True

@@ -24,6 +24,7 @@ STRAIGHT = 0.3  # rad/s, in a sharper turn the direction of motion depends on wh
 PLAIN = 0.5  # m/s, of a direction of motion; and its velocity known to a fifth
 SIGMA = 0.2  # m/s
 ARM = 1.0  # m, of the sensor from the axle that does not slip: v = arm * rate
+SQUAT, SQUAT_S = math.radians(0.7), 1.5  # a body on springs pitches against the road as it brakes, for so long
 GATE = 12.0
 CONTRADICTION = 4.0  # mean normalised innovation squared
 MEMORY = 0.02
@@ -106,7 +107,8 @@ def constrain(p: Any, c: Any) -> None:
     c.since_constraint = 0.0
     if abs(along) < SPEED:
         return
-    sigma = SIGMA + ARM * math.sqrt(c.rate[0] ** 2 + c.rate[1] ** 2 + c.rate[2] ** 2)
+    slip = (SIGMA + ARM * math.sqrt(c.rate[0] ** 2 + c.rate[1] ** 2 + c.rate[2] ** 2)) ** 2
+    squat = (SQUAT * along) ** 2 * 2.0 * SQUAT_S / INTERVAL_S
     worst = 0.0
     for axis in range(2):
         e = lateral if axis == 0 else vertical
@@ -119,7 +121,7 @@ def constrain(p: Any, c: Any) -> None:
         k = row(c, k, ATTITUDE + 2, en[0] * c.v[1] - en[1] * c.v[0])
         k = row(c, k, MOUNT_YAW if axis == 0 else MOUNT_PITCH, -along if axis == 0 else along)
         z = -(e[0] * vb[0] + e[1] * vb[1] + e[2] * vb[2])
-        worst = max(worst, abs(take(c, k, z, sigma * sigma, GATE)))
+        worst = max(worst, abs(take(c, k, z, slip if axis == 0 else slip + squat, GATE)))
     correct(c)
     c.contradiction += MEMORY * (min(worst, 4.0 * GATE) - c.contradiction)
     if c.contradiction > CONTRADICTION and p.vehicle != LAND:

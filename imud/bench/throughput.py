@@ -91,14 +91,14 @@ def replay(seconds: int, rounds: int) -> Section:
 
 
 def navigation(seconds: int, rounds: int) -> Section:
-    """Samples and fixes through the 21-state filter, with a solution record for each sample."""
+    """Samples and fixes through the navigation filter, with a solution record for each sample."""
     samples, fixes = signals.samples(seconds * signals.RATE_HZ), signals.fixes(seconds)
 
     def once() -> float:
         filter_ = Filter(registry.by_name("navigation"), Settings(), Initial(), 1000.0)
         return timed(lambda: play(filter_, samples, fixes, lambda rows: None))
 
-    section = Section(f"Navigation filter, 21 states, {seconds} s at 1 kHz with fixes at {signals.FIX_HZ} Hz")
+    section = Section(f"Navigation filter, {seconds} s at 1 kHz with fixes at {signals.FIX_HZ} Hz")
     section.add("replay against real time, with output", seconds / Turns(rounds, once).median(0), "x", least=3000)
     return section
 

@@ -16,6 +16,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.driver import Identity
+
 from .errors import BadDataError, CannotCreateError, InputMissingError
 from .folders import places
 from .kernels.jit import kernel
@@ -137,6 +139,11 @@ def load(serial: str, where: list[Path] | None = None) -> Calibration:
         with contextlib.suppress(InputMissingError):
             return read(place / _name(serial))
     return Calibration(serial)
+
+
+def of(identity: Identity) -> Calibration:
+    """That of the sensor which was found; one without a serial number goes by its model. Raises BadDataError."""
+    return load(identity.serial or identity.model or identity.driver)
 
 
 def read(path: Path) -> Calibration:

@@ -342,15 +342,14 @@ class Daemon:
         self._devices = tuple(_device(port) for port in streaming)
 
     def _calibration_of(self, identity: Identity) -> calibration.Calibration:
-        """What is known of this very sensor; a sensor without a serial number goes by its model."""
-        name = identity.serial or identity.model or identity.driver
+        """What is known of this very sensor."""
         try:
-            found = calibration.load(name)
+            found = calibration.of(identity)
         except ImudError as error:
             self._log.warning(f"uncalibrated: {error}")
-            return calibration.Calibration(name)
+            return calibration.Calibration("")
         if parts := found.parts:
-            self._log.info("calibrated", sensor=name, **parts)
+            self._log.info("calibrated", sensor=found.serial, **parts)
         return found
 
     def _farewell(self) -> None:

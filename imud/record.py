@@ -114,7 +114,7 @@ class Tape:
 def _calibration_of(identity: Identity) -> calibration.Calibration | None:
     """What the daemon would take out of the samples."""
     with contextlib.suppress(ImudError):
-        return calibration.load(identity.serial or identity.model or identity.driver)
+        return calibration.of(identity)
     return None
 
 

@@ -1,5 +1,6 @@
 """Shared by all tests: where kernels are cached, Hypothesis without deadlines (kernels compile), the recordings."""
 
+import contextlib
 from pathlib import Path
 
 import pytest
@@ -20,3 +21,24 @@ def recordings() -> Path:
     if not (SHARED / "data").is_dir():
         pytest.skip("no recordings: ../shared/data is absent")
     return SHARED / "data"
+
+
+@pytest.fixture
+def make_loop():
+    """Makes gpsd servers with a loop around each; ends them with the test."""
+    from gpsd_loop import Loop  # only after runtime.prepare()
+
+    with contextlib.ExitStack() as stack:
+
+        def make(**changes) -> Loop:
+            loop = Loop(**changes)
+            stack.callback(loop.close)
+            return loop
+
+        yield make
+
+
+@pytest.fixture
+def loop(make_loop):
+    """A gpsd server on a free port."""
+    return make_loop()

@@ -6,7 +6,7 @@ devices use, or one whose driver the user named if that may interrupt a stream. 
 starting up.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 
@@ -87,11 +87,11 @@ Found = Identity | Unsupported
 Finding = Silence | Chatter | NoAnswer
 
 
-def search(spec: PortSpec, readonly: bool = False) -> Dialogue[Found | Finding]:
-    """The device on the port as the user named it, or why there is none."""
+def search(spec: PortSpec, readonly: bool = False, last_baud: int = 0) -> Dialogue[Found | Finding]:
+    """The device on the port as the user named it, or why there is none; `last_baud` as in `detect`."""
     if spec.spi:
         return detect_spi(spec.driver, readonly)
-    return detect(spec.driver, spec.baud, readonly)
+    return detect(spec.driver, spec.baud, readonly, last_baud)
 
 
 def detect_spi(driver: str | None = None, readonly: bool = False) -> Dialogue[Found | Finding]:
@@ -105,13 +105,16 @@ def detect_spi(driver: str | None = None, readonly: bool = False) -> Dialogue[Fo
     return NoAnswer(readonly)
 
 
-def detect(driver: str | None = None, baud: int | None = None, readonly: bool = False) -> Dialogue[Found | Finding]:
+def detect(
+    driver: str | None = None, baud: int | None = None, readonly: bool = False, last_baud: int = 0
+) -> Dialogue[Found | Finding]:
     """The device on the line, or why there is none; `driver` and `baud` as far as the user named them.
 
-    readonly: only listen.
+    readonly: only listen. last_baud: the speed at which a device was found here before, tried first; 0: none was.
     """
     among = (by_name(driver),) if driver else drivers()
-    bauds = (baud,) if baud else tuple(_merged([one.bauds for one in among]))
+    speeds = {one.name: (baud,) if baud else _from(last_baud, one.bauds) for one in among}
+    bauds = tuple(_merged(list(speeds.values())))
     once: Chatter | None = None
     for turn in range(TURNS):
         first = bauds[turn % len(bauds)]
@@ -123,7 +126,7 @@ def detect(driver: str | None = None, baud: int | None = None, readonly: bool = 
             found, noise = yield from _listen_at_all(among, bauds, first)
         if found is None and not readonly:
             askable = among if noise is None else [one for one in among if driver and one.interrupts]
-            found = yield from _ask(askable, baud)
+            found = yield from _ask({one: speeds[one.name] for one in askable})
         if found is not None:
             speed = _plausible(found, baud)
             yield Exchange(baud=speed)
@@ -131,6 +134,11 @@ def detect(driver: str | None = None, baud: int | None = None, readonly: bool = 
         if noise is not None:
             return noise
     return once or Silence(bauds, not readonly)
+
+
+def _from(first: int, bauds: Sequence[int]) -> tuple[int, ...]:
+    """The same speeds, `first` ahead of the others if it is among them."""
+    return tuple(sorted(bauds, key=lambda baud: baud != first))
 
 
 def _merged(lists: Sequence[Sequence[int]]) -> Iterator[int]:
@@ -190,11 +198,11 @@ def _worth(chatter: Chatter) -> tuple[bool, int]:
     return len(chatter.heard) >= CHATTER and _text_share(chatter.heard) >= TEXT_SHARE, len(chatter.heard)
 
 
-def _ask(among: Sequence[AnyDriver], baud: int | None) -> Dialogue[Found | None]:
+def _ask(speeds: Mapping[AnyDriver, Sequence[int]]) -> Dialogue[Found | None]:
     """Every driver at its likeliest speed, then every driver at its second."""
-    for rank in range(1 if baud else max((len(driver.bauds) for driver in among), default=0)):
-        for driver in among:
-            if speed := baud or next(iter(driver.bauds[rank : rank + 1]), None):
+    for rank in zip_longest(*speeds.values()):
+        for driver, speed in zip(speeds, rank, strict=True):
+            if speed:
                 yield Exchange(baud=speed, discard=True)
                 if found := (yield from driver.identify()):
                     return replace(found, baud=speed)

@@ -57,6 +57,7 @@ class Port:
         self._line: Line | None = None
         self._talk: Conversation[Any] | None = None
         self._complaint = ""
+        self._last_baud = 0  # at which a device was found here; 0: none yet
         self._then: Callable[[Any], None] = lambda result: None
         self._retry_s = _FIRST_RETRY_S
 
@@ -125,7 +126,7 @@ class Port:
             return
         if self.story == _UNTRIED:
             self._tell("looking for a device")
-        self._converse(search(self.spec, self.options.readonly), self._detected)
+        self._converse(search(self.spec, self.options.readonly, self._last_baud), self._detected)
 
     def _converse(self, dialogue: Dialogue[Any], then: Callable[[Any], None]) -> None:
         assert self._line is not None
@@ -163,6 +164,7 @@ class Port:
             self._fail(str(configured))
             return
         self.configured = configured
+        self._last_baud = configured.identity.baud
         self.connects += 1
         self._retry_s = _FIRST_RETRY_S
         asked = isinstance(configured, ImuConfigured) and configured.request is not None

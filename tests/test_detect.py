@@ -50,6 +50,16 @@ def test_a_streaming_imu_is_recognised_without_a_byte_written(baud):
     assert seconds < 7.0
 
 
+@pytest.mark.parametrize("streams", [True, False], ids=["streaming", "silent"])
+def test_the_speed_at_which_a_device_was_found_before_is_tried_first(streams):
+    baud, seconds = 19200, {}
+    for last_baud in (0, 12345, baud):
+        device = G350(baud).start(5) if streams else G350(baud)
+        found, seconds[last_baud] = run(detect(last_baud=last_baud), device)
+        assert (found.driver, found.baud) == ("epson", baud)
+    assert seconds[0] == seconds[12345] > 1.2 * seconds[baud]
+
+
 class Pseudo(G350):
     """A pseudo-terminal: what one end says the other hears, whatever the speed."""
 

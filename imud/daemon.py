@@ -211,6 +211,13 @@ class Daemon:
                 if self._recorder:
                     self._recorder.updated(fix, innovations)
 
+    def _hear(self) -> None:
+        """What the filter has to tell without a fix."""
+        if self._fitting.inertial is not None and len(told := self._fitting.inertial.stream.filter.told()):
+            self._innovations.take(told)
+            if self._recorder:
+                self._recorder.told(told)
+
     def _view(self, inertial: Inertial, solution: Any, now_ns: int) -> View:
         t_ns = int(solution["t_ns"])
         return View(
@@ -230,6 +237,7 @@ class Daemon:
         """What is due now and then: silence, unfinished epochs, slow clients, the watchdog, changes worth a line."""
         if self._gnss:
             self._take(self._gnss[1].flush(now_ns))
+        self._hear()
         for pair in (self._imu, self._gnss):
             if pair and now_ns - pair[1].heard_ns > pair[1].silence_ns and not _is_readable(pair[0].fd):
                 pair[0].lost("the device sends nothing more of use")

@@ -28,6 +28,7 @@ from .settings import Initial, Settings
 
 Floats = NDArray[np.float64]
 Records = NDArray[np.void]
+UNREAD = 1024  # innovations that wait to be asked for
 BATCH = 256  # samples one call may yield; more stay in the buffer for the next call
 
 
@@ -50,6 +51,11 @@ def _run(health: Any, samples: Any, errors: Any, parameters: Any, state: Any, ou
 
 def _update(parameters: Any, state: Any, fix: Any, innovations: Any) -> int:
     n: int = update(parameters[0], state[0], fix[0], innovations)  # type: ignore[name-defined]  # noqa: F821
+    return n
+
+
+def _told(state: Any, innovations: Any) -> int:
+    n: int = told(state[0], innovations)  # type: ignore[name-defined]  # noqa: F821
     return n
 
 
@@ -83,7 +89,8 @@ class Filter:
         self._advance = _compose(_advance, f"advance_{stem}", step=estimator.step)
         takes_fixes = estimator.update is not None
         self._update = _compose(_update, f"update_{stem}", update=estimator.update) if takes_fixes else None
-        self._innovations = np.zeros(16, INNOVATION)
+        self._told = _compose(_told, f"told_{stem}", told=estimator.told) if estimator.told else None
+        self._innovations = np.zeros(UNREAD + 16, INNOVATION)
 
     def calibrate(self, calibration: Calibration) -> None:
         """Take these errors out of the samples from now on."""
@@ -109,10 +116,15 @@ class Filter:
         self._advance(samples, n, arrival_ns, clock, self.health, self.correction, self.parameters, self.state, out)
 
     def update(self, fix: Records) -> Records:
-        """Take a fix (array of one FIX); returns its innovations (INNOVATION), valid until the next call."""
-        if self._update is None:
-            return self._innovations[:0]
-        n = self._update(self.parameters, self.state, fix, self._innovations)
+        """Take a fix (array of one FIX); returns what was `told` until then and its own innovations, valid likewise."""
+        n = len(self.told())
+        if self._update is not None:
+            n += self._update(self.parameters, self.state, fix, self._innovations[n:])
+        return self._innovations[:n]
+
+    def told(self) -> Records:
+        """The innovations (INNOVATION) of the samples since it was asked last, valid until the next call."""
+        n = 0 if self._told is None else self._told(self.state, self._innovations[:UNREAD])
         return self._innovations[:n]
 
 

@@ -16,7 +16,7 @@ from .settings import Initial, Settings
 if TYPE_CHECKING:
     from .pipeline import Filter, Records
 
-BLOCK = 4096
+BLOCK = 1024
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="estimates; - for stdout; of several recordings a folder",
     )
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="recordings at a time (default 1)")
-    parser.add_argument("--innovations", type=Path, metavar="CSV", help="what each fix told, for `imud report`")
+    parser.add_argument(
+        "--innovations", type=Path, metavar="CSV", help="of fixes, rest and constraints, for `imud report`"
+    )
     parser.add_argument("--estimator", metavar="NAME", help="default: navigation with --gnss, else attitude")
     parser.add_argument("--initial", default="", metavar="KEY=V,…", help="known start: lat_deg=…,lon_deg=…,yaw_deg=…")
     parser.add_argument("--rate", type=float, metavar="HZ", help="thin the output (default: every sample)")
@@ -46,7 +48,7 @@ def play(
 ) -> int:
     """Feed everything in the order in which it became known: a fix goes in before the first sample not older than its
     arrival. `keep` is a mask of the samples whose solutions go to `write(rows)`, None: all, in rows that are written
-    over by the next; `note` is given each fix's innovations. Returns the number of fixes fed."""
+    over by the next; `note` is given innovations. Returns the number of fixes fed."""
     from .estimators.records import SOLUTION
 
     out = np.zeros(BLOCK, SOLUTION)
@@ -61,6 +63,8 @@ def play(
             write(rows if keep is None else rows[keep[start:stop]])
             progress.at(stop)
             start = stop
+            if note is not None:
+                note(filter_.told().copy())
         if fix is not None and 0 < place < len(samples):
             innovations = filter_.update(fix)
             if note is not None:

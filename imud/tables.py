@@ -19,10 +19,18 @@ from .errors import BadDataError, InputMissingError
 from .estimators.records import (
     FIX,
     HEADING,
+    HOP,
     POSITION_D,
     POSITION_E,
     POSITION_N,
     POSITION_VALID,
+    REST_D,
+    REST_E,
+    REST_N,
+    REST_X,
+    REST_Y,
+    REST_Z,
+    SLIP,
     VELOCITY_D,
     VELOCITY_E,
     VELOCITY_N,
@@ -231,6 +239,9 @@ INNOVATION_COLUMNS = ("t_s", "kind", "value", "sigma", "used")
 INNOVATION_KINDS = {
     POSITION_N: "pn_m", POSITION_E: "pe_m", POSITION_D: "pd_m",
     VELOCITY_N: "vn_mps", VELOCITY_E: "ve_mps", VELOCITY_D: "vd_mps", HEADING: "yaw_rad",
+    REST_N: "rest_vn_mps", REST_E: "rest_ve_mps", REST_D: "rest_vd_mps",
+    REST_X: "rest_wx_radps", REST_Y: "rest_wy_radps", REST_Z: "rest_wz_radps",
+    SLIP: "slip_mps", HOP: "hop_mps",
 }  # fmt: skip
 
 

@@ -24,9 +24,17 @@ from drivers.driver import ImuConfigured
 from .estimators.records import (
     ATTITUDE_VALID,
     HEADING,
+    HOP,
     POSITION_D,
     POSITION_E,
     POSITION_N,
+    REST_D,
+    REST_E,
+    REST_N,
+    REST_X,
+    REST_Y,
+    REST_Z,
+    SLIP,
     VELOCITY_D,
     VELOCITY_E,
     VELOCITY_N,
@@ -50,18 +58,26 @@ KINDS = {
     VELOCITY_E: "v_east",
     VELOCITY_D: "v_down",
     HEADING: "heading",
+    REST_N: "rest_north",
+    REST_E: "rest_east",
+    REST_D: "rest_down",
+    REST_X: "rest_x",
+    REST_Y: "rest_y",
+    REST_Z: "rest_z",
+    SLIP: "slip",
+    HOP: "hop",
 }
 Table = dict[str, Any]
 
 
 class Innovations:
-    """What the filter made of the fixes: by kind, how many it used, and how large they were for their variance."""
+    """What the filter made of fixes, rest and constraints: how many it used, how large they were for their variance."""
 
     def __init__(self) -> None:
         self._table: dict[int, Table] = {}
 
     def take(self, rows: NDArray[np.void]) -> None:
-        """Those of one fix (INNOVATION)."""
+        """The next ones (INNOVATION)."""
         for _, kind, value, variance, used in rows.tolist():
             entry = self._table.setdefault(kind, {"used": 0, "rejected": 0, "ratio": 0.0})
             entry["used" if used else "rejected"] += 1

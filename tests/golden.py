@@ -54,6 +54,7 @@ def trace(name, disturb=lambda samples: samples):
     samples, fixes = recording("rest" if name in STILL else "car")
     out, innovations = estimated(name, disturb(samples), fixes, initial=INITIAL.get(name), every=EVERY)
     table = columns(out)
+    innovations = innovations[np.argsort(innovations["t_ns"], kind="stable")]
     if len(innovations):
         nis = np.cumsum(innovations["value"] ** 2 / innovations["variance"])
         last = np.searchsorted(innovations["t_ns"], out["t_ns"], side="right") - 1

@@ -23,7 +23,7 @@ from scipy.stats import chi2
 from simulated import G350, M_G350, errors, estimated, motion, received, samples_of, sensed, unknown_fixes
 
 from imud.estimators import gps_track, registry, stationary
-from imud.estimators.records import POSITION_VALID, SOLUTION
+from imud.estimators.records import ASSUMED, POSITION_VALID, SOLUTION
 from imud.kernels.kalman import unpack
 from imud.pipeline import Filter
 from imud.profiles import PROFILES
@@ -73,7 +73,7 @@ def normalised(name, scenario, seconds, at, rate_hz=50.0, grade=M_G350, rpy=(0.0
         e = np.hstack(errors(out, m.truth, k))
         with np.errstate(invalid="ignore"):  # what is certain, as velocity at rest, is not judged
             squares.append((e / np.hstack([out["sigma_p"], out["sigma_v"], out["sigma_rpy"]])) ** 2)
-        rows = rows[rows["used"] == 1]
+        rows = rows[(rows["used"] == 1) & ~np.isin(rows["kind"], ASSUMED)]
         nis.append(np.mean(rows["value"] ** 2 / rows["variance"]) if len(rows) else np.nan)
     return np.array(squares), np.array(nis)
 

@@ -24,6 +24,7 @@ class Estimator:
     configure(settings, rate_hz) -> parameters (1 element). start(parameters, initial) -> state (1 element).
     step(parameters[0], state[0], sample, solution): one inertial sample in, one solution row out.
     update(parameters[0], state[0], fix, innovations) -> rows of `innovations` written. None: takes no fixes.
+    told(state[0], innovations) -> rows of `innovations` that steps have made since it was asked last; None: never any.
     needs_gyros: useless on a sensor without rates about all three axes.
     """
 
@@ -33,3 +34,4 @@ class Estimator:
     step: Callable[[Any, Any, Any, Any], None]
     update: Callable[[Any, Any, Any, Any], int] | None
     needs_gyros: bool = True
+    told: Callable[[Any, Any], int] | None = None

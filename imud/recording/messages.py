@@ -18,10 +18,18 @@ from drivers.sample import SAMPLE
 from ..estimators.records import (
     FIX,
     HEADING,
+    HOP,
     INNOVATION,
     POSITION_D,
     POSITION_E,
     POSITION_N,
+    REST_D,
+    REST_E,
+    REST_N,
+    REST_X,
+    REST_Y,
+    REST_Z,
+    SLIP,
     SOLUTION,
     VELOCITY_D,
     VELOCITY_E,
@@ -39,6 +47,14 @@ INNOVATION_NAMES = {
     VELOCITY_E: "velocity east, m/s",
     VELOCITY_D: "velocity down, m/s",
     HEADING: "heading, rad",
+    REST_N: "no velocity north at rest, m/s",
+    REST_E: "no velocity east at rest, m/s",
+    REST_D: "no velocity down at rest, m/s",
+    REST_X: "no rate about x at rest, rad/s",
+    REST_Y: "no rate about y at rest, rad/s",
+    REST_Z: "no rate about z at rest, rad/s",
+    SLIP: "no velocity across the vehicle, m/s",
+    HOP: "no velocity off its floor, m/s",
 }
 
 

@@ -117,6 +117,10 @@ class Recorder:
         if len(innovations):
             self._put(Kind.INNOVATIONS, innovations.tobytes(), t_ns)
 
+    def told(self, innovations: Records) -> None:
+        """What the filter told without a fix (INNOVATION)."""
+        self._put(Kind.INNOVATIONS, innovations.tobytes(), int(innovations[-1]["t_ns"]))
+
     def settings(self, settings: Settings) -> None:
         """They are others from now on."""
         self._json(Kind.SETTINGS, settings)

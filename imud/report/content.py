@@ -152,7 +152,7 @@ def _innovation_panels(i: Innovations) -> list[Panel]:
         ),
         Panel(
             "autocorrelation; 95 % if white",
-            "lag, fixes",
+            "lag",
             "correlation",
             [Trace("found", lag, lags, style="bars"), Trace("±1.96/√N", lag, bound), Trace("", lag, -bound)],
         ),

@@ -5,10 +5,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imud.estimators.records import ATTITUDE_VALID, REJECTING, SATURATED
+from imud.estimators.records import ASSUMED, ATTITUDE_VALID, REJECTING, SATURATED
 from imud.health import examine, new_health, words
 from imud.kernels.jit import kernel
 from imud.profiles import PROFILES
+from imud.tables import INNOVATION_KINDS
 
 from .session import Estimates, Innovations, Samples, Session
 from .statistics import autocorrelation, chi2_bounds, effective_number
@@ -20,6 +21,7 @@ ALIKE = 0.5  # correlation of neighbours
 REJECTED = 0.05  # share
 CAUTIOUS = 0.5  # of the variance that was claimed
 LATE_S = 1.0
+ASSUMPTIONS = {INNOVATION_KINDS[kind] for kind in ASSUMED}  # weak on purpose: what disturbs them lasts
 
 
 def _of_innovations(i: Innovations) -> list[str]:
@@ -35,6 +37,7 @@ def _of_innovations(i: Innovations) -> list[str]:
     if len(z) < LEAST:
         return [*found, f"{where}: {len(z)} innovations were used, too few to judge the filter by"]
     n = effective_number(z)
+    assumed = i.kind in ASSUMPTIONS
     spread, mean = float(np.mean(z * z)), float(np.mean(z))
     low, high = chi2_bounds(n, CERTAIN)
     if spread > high:
@@ -42,7 +45,7 @@ def _of_innovations(i: Innovations) -> list[str]:
             f"{where}: overconfident: the innovations are {math.sqrt(spread):.2f} times as large as claimed "
             f"(mean square of the normalised ones {spread:.2f}, at most {high:.2f} by chance)"
         )
-    elif spread < min(low, CAUTIOUS):
+    elif spread < min(low, CAUTIOUS) and not assumed:
         found.append(
             f"{where}: cautious: the innovations are only {math.sqrt(spread):.2f} times as large as claimed; "
             "the measurement's sigma is too large"
@@ -50,7 +53,7 @@ def _of_innovations(i: Innovations) -> list[str]:
     if abs(mean) > max(BIAS, CERTAIN * float(np.std(z)) / math.sqrt(n)):
         found.append(f"{where}: biased: mean {mean:+.2f} sigma; look at lever arm, latency, mounting, datum of height")
     rho = float(autocorrelation(z, 1)[1])
-    if rho > ALIKE and rho * math.sqrt(len(z)) > CERTAIN:
+    if not assumed and rho > ALIKE and rho * math.sqrt(len(z)) > CERTAIN:
         found.append(
             f"{where}: not white: neighbours correlate by {rho:.2f}; the receiver smooths its fixes, or a slow error "
             "is not in the model"

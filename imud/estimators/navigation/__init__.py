@@ -7,7 +7,7 @@ ones to their epoch, `filter` has the entries.
 """
 
 from .. import Estimator
-from .filter import step, update
+from .filter import step, told, update
 from .setup import configure, start
 
-ESTIMATOR = Estimator("navigation", configure, start, step, update)
+ESTIMATOR = Estimator("navigation", configure, start, step, update, told=told)

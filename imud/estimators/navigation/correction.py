@@ -62,6 +62,19 @@ def take(c: Any, m: int, z: float, r: float, gate: float) -> float:
 
 
 @kernel
+def assume(c: Any, kind: int, m: int, z: float, r: float, gate: float) -> float:
+    """Take what is assumed, not measured, and tell of it as of a fix."""
+    left = residual(c, m, z)
+    variance = predicted(c, m) + r
+    nis = take(c, m, z, r, gate)
+    if c.telling < len(c.told):
+        o = c.told[c.telling]
+        o.t_ns, o.kind, o.value, o.variance, o.used = c.t_ns, kind, left, variance, 1 if nis >= 0.0 else 0
+        c.telling += 1
+    return nis
+
+
+@kernel
 def turn_axis(c: Any, pitch: float, yaw: float) -> None:
     """Turn the vehicle's forward and lateral axes by small angles about lateral and vertical."""
     fx, fy, fz = c.forward[0], c.forward[1], c.forward[2]

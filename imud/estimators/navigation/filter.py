@@ -14,7 +14,7 @@ from .covariance import predict
 from .gnss import fuse_position, fuse_velocity, grade, report, trust_stamp, velocity_of
 from .history import approach, follow, remember, rewind, snap, trace_velocity
 from .solution import write
-from .state import LEVELLING, NEVER_NS
+from .state import LEVELLING, NEVER_NS, UNREAD
 from .supervision import supervise
 
 CONTRARY = 8  # fixes in a row with a velocity that contradicts: the heading is wrong
@@ -45,7 +45,31 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
     elif sample.t_ns > s.ring[(s.received - 1) % len(s.ring)].t_ns:
         remember(s, sample, w, f)
         follow(p, s)
+        gather(s)
     write(c, solution)
+
+
+@kernel
+def gather(s: Any) -> None:
+    """Keep what the newest sample told. Samples that are integrated again after a late fix tell nothing new."""
+    c = s.core[0]
+    for k in range(c.telling):
+        if s.waiting < UNREAD:
+            s.unread[s.waiting] = c.told[k]
+            s.waiting += 1
+    c.telling = 0
+
+
+@kernel
+def told(s: Any, innovations: Any) -> int:
+    """Move the innovations of rest and constraints to `innovations`, oldest first; returns how many."""
+    n: int = min(s.waiting, len(innovations))
+    for k in range(n):
+        innovations[k] = s.unread[k]
+    for k in range(n, s.waiting):
+        s.unread[k - n] = s.unread[k]
+    s.waiting -= n
+    return n
 
 
 @kernel
@@ -94,6 +118,7 @@ def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
     s.fused_ns = c.t_ns
     snap(s)
     follow(p, s)
+    c.telling = 0
     return rows
 
 

@@ -14,7 +14,8 @@ from typing import Any
 from ...kernels.jit import kernel
 from ...kernels.kalman import reset
 from ...kernels.rotation import quat_rotate, quat_rotate_back
-from .correction import correct, row, take
+from ..records import SLIP
+from .correction import assume, correct, row
 from .covariance import variance
 from .state import ATTITUDE, FREE, LAND, MOUNT_PITCH, MOUNT_YAW, STATES, VELOCITY
 
@@ -121,7 +122,7 @@ def constrain(p: Any, c: Any) -> None:
         k = row(c, k, ATTITUDE + 2, en[0] * c.v[1] - en[1] * c.v[0])
         k = row(c, k, MOUNT_YAW if axis == 0 else MOUNT_PITCH, -along if axis == 0 else along)
         z = -(e[0] * vb[0] + e[1] * vb[1] + e[2] * vb[2])
-        worst = max(worst, abs(take(c, k, z, slip if axis == 0 else slip + squat, GATE)))
+        worst = max(worst, abs(assume(c, SLIP + axis, k, z, slip if axis == 0 else slip + squat, GATE)))
     correct(c)
     c.contradiction += MEMORY * (min(worst, 4.0 * GATE) - c.contradiction)
     if c.contradiction > CONTRADICTION and p.vehicle != LAND:

@@ -8,6 +8,8 @@ about the vertical (the column of scale factors and misalignments that a vehicle
 
 import numpy as np
 
+from ..records import INNOVATION
+
 STATES = 24
 POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS, WANDER = 0, 3, 6, 9, 12, 15
 MOUNT_PITCH, MOUNT_YAW, LATENCY, TURN_SCALE = 18, 19, 20, 21
@@ -22,6 +24,7 @@ RING = 4096  # samples kept: 2 s at the highest rate
 SNAPSHOTS = 64
 SNAPSHOT_NS = 50_000_000
 SPREAD = 10  # most nonzero elements of a measurement row
+TOLD, UNREAD = 8, 1024  # innovations of one sample: a window of rest and a constraint; and those kept until asked for
 
 PARAMETERS = np.dtype(
     [
@@ -129,6 +132,8 @@ CORE = np.dtype(
         ("match", "<f8", (RATES, 2)),  # sum of conj(zeta change) times velocity change, per drift rate
         ("felt", "<f8", (2,)),  # sum of zeta changes
         ("seen", "<f8", (RATES, 2)),  # and of velocity changes, per drift rate
+        ("told", INNOVATION, (TOLD,)),  # what the last sample brought that was not a fix
+        ("telling", "<i8"),  # rows of it
         # scratch
         ("x", "<f8", (STATES,)),
         ("d", "<f8", (STATES,)),
@@ -155,6 +160,8 @@ STATE = np.dtype(
         ("initial_rpy", "<f8", (3,)),  # rad, NaN where the first sample or motion must tell
         ("w", "<f8", (3,)),  # last good sample, body axes
         ("f", "<f8", (3,)),
+        ("unread", INNOVATION, (UNREAD,)),
+        ("waiting", "<i8"),  # rows of it
         ("between_w", "<f8", (3,)),  # scratch: the sample interpolated at a fix
         ("between_f", "<f8", (3,)),
     ],

@@ -7,7 +7,8 @@ from ...kernels.earth import EARTH_RATE_RADPS
 from ...kernels.jit import kernel
 from ...kernels.kalman import reset
 from ...kernels.rotation import quat_rotate_back
-from .correction import correct, row, take
+from ..records import REST_N, REST_X
+from .correction import assume, correct, row
 from .motion import rest_rate
 from .state import ASTRAY, GYRO_BIAS, NAVIGATING, STATES, VELOCITY
 
@@ -23,7 +24,7 @@ def rest(p: Any, c: Any) -> None:
     """Fuse one window of rest (call at its end, before it is cleared)."""
     if c.phase == NAVIGATING:
         for i in range(3):
-            take(c, row(c, 0, VELOCITY + i, 1.0), -c.v[i], REST_VELOCITY**2, 4.0 * GATE)
+            assume(c, REST_N + i, row(c, 0, VELOCITY + i, 1.0), -c.v[i], REST_VELOCITY**2, 4.0 * GATE)
     else:
         for i in range(3):
             reset(c.P, STATES, VELOCITY + i, REST_VELOCITY**2)
@@ -38,5 +39,5 @@ def rest(p: Any, c: Any) -> None:
         if abs(z) > rest_rate(c, i):  # certain rest, or it would not have come to this
             reset(c.P, STATES, GYRO_BIAS + i, z * z)
             c.astray = ASTRAY  # and so is what was navigated with such a bias
-        take(c, row(c, 0, GYRO_BIAS + i, 1.0), z, r, GATE)
+        assume(c, REST_X + i, row(c, 0, GYRO_BIAS + i, 1.0), z, r, GATE)
     correct(c)

@@ -1,0 +1,84 @@
+"""What is assumed instead of measured shows as innovations too: rest, and a vehicle that neither slips nor jumps."""
+
+import numpy as np
+import pytest
+from navigation_runner import SOLUTION
+from navigation_simulation import drive, received, sensed
+
+from imud.estimators import registry
+from imud.estimators.records import HOP, INNOVATION, REST_D, REST_N, REST_X, REST_Z, SLIP
+from imud.pipeline import UNREAD, Filter
+from imud.replay import play
+from imud.settings import Initial, Settings
+
+RATE = 100
+REST_S, SKID_S = 10.0, (80.0, 83.0)
+
+
+def told(samples, fixes):
+    """(solutions, innovations) as `imud replay` has them."""
+    filter_ = Filter(registry.by_name("navigation"), Settings(), Initial(yaw_deg=np.degrees(0.7)), RATE)
+    out, rows = [], []
+    play(filter_, samples, fixes, lambda r: out.append(r.copy()), None, rows.append)
+    return np.concatenate(out), np.concatenate(rows)
+
+
+@pytest.fixture(scope="module")
+def run():
+    """A rest, a drive, and on it a skid of 3 s across the road: solutions and innovations."""
+    rng = np.random.default_rng(1)
+    d = drive(120.0, rest=REST_S)
+    skid = (d.t >= SKID_S[0]) & (d.t < SKID_S[1])
+    d.f[skid, 1] += 2.0 * np.sign(np.mean(SKID_S) - d.t[skid])
+    return told(sensed(d, rng), received(d, rng, late=0.25))
+
+
+def of(rows, first, last=None):
+    return rows[(rows["kind"] >= first) & (rows["kind"] <= (first if last is None else last))]
+
+
+def test_each_is_told_once_at_its_own_pace_though_late_fixes_have_samples_integrated_twice(run):
+    _, rows = run
+    assert rows.dtype == INNOVATION
+    for first, last, period_s in ((REST_N, REST_D, 0.5), (REST_X, REST_Z, 0.5), (SLIP, HOP, 0.1)):
+        for kind in range(first, last + 1):
+            gaps = np.diff(of(rows, kind)["t_ns"] * 1e-9)
+            assert gaps.min() > 0.6 * period_s
+            assert np.median(gaps) == pytest.approx(period_s, abs=0.03)
+    resting = of(rows, REST_X)["t_ns"] * 1e-9 - 100.0
+    assert 12 < np.count_nonzero(resting < REST_S) <= 20
+    assert of(rows, SLIP)["t_ns"].min() * 1e-9 - 100.0 > REST_S
+
+
+def test_value_and_variance_are_those_of_the_gain_that_was_applied(run):
+    out, rows = run
+    row = of(rows, REST_X)[1]  # nothing but rest has told of the bias yet
+    k = np.searchsorted(out["t_ns"], row["t_ns"])
+    before, after = out[k - 1], out[k]
+    assert row["variance"] > before["sigma_bg"][0] ** 2
+    correction = before["sigma_bg"][0] ** 2 / row["variance"] * row["value"]
+    assert after["bg"][0] - before["bg"][0] == pytest.approx(correction, rel=0.05)
+
+
+def test_a_skid_is_no_slip_that_may_be_used(run):
+    _, rows = run
+    slips = of(rows, SLIP)
+    t = slips["t_ns"] * 1e-9 - 100.0
+    skidding = (t > SKID_S[0] + 0.8) & (t < SKID_S[1] - 0.3)
+    assert not slips["used"][skidding].all()
+    quiet = (t > 60.0) & (t < SKID_S[0])
+    assert slips["used"][quiet].all()
+    assert (slips["value"][quiet] ** 2 / slips["variance"][quiet]).mean() < 2.0
+
+
+def test_what_nobody_asks_for_is_kept_up_to_a_limit_and_harms_nothing():
+    rng = np.random.default_rng(2)
+    d = drive(60.0, rest=1e3)
+    filter_ = Filter(registry.by_name("navigation"), Settings(), Initial(), RATE)
+    samples = np.tile(sensed(d, rng), 5)
+    samples["t_ns"] = 10**11 + 10**7 * np.arange(len(samples))
+    filter_.run(samples, np.zeros(len(samples), SOLUTION))
+    kept = filter_.told().copy()
+    assert len(kept) == UNREAD
+    assert (np.diff(kept["t_ns"]) >= 0).all()
+    assert not len(filter_.told())

@@ -16,3 +16,9 @@ class Progress:
             self._shown = percent
             end = "\n" if percent == 100 else ""
             print(f"\r  {'#' * (percent // 3):<34}{percent:3d} %", end=end, file=sys.stderr, flush=True)
+
+    def clear(self) -> None:
+        """Make room for a line of text; the bar comes back with the next `at`."""
+        if self._on:
+            self._shown = -1
+            print("\r\x1b[K", end="", file=sys.stderr, flush=True)

@@ -32,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="estimates; - for stdout; of several recordings a folder",
     )
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="recordings at a time (default 1)")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="the same on the workers of a Dask scheduler: HOST:8786")
     parser.add_argument(
         "--innovations", type=Path, metavar="CSV", help="of fixes, rest and constraints, for `imud report`"
     )

@@ -4,6 +4,8 @@ import csv
 import json
 import subprocess
 import sys
+from importlib import metadata
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.capture import Capture
+from imud.recording import many, replaying
 from imud.recording.messages import ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE, SAMPLE_TABLE
 from imud.recording.player import Player
 from imud.recording.source import Recording, adapter, group
@@ -84,18 +87,70 @@ def test_a_cut_recording_gives_the_same_as_far_as_it_goes_and_the_cut_is_told(re
     assert "broke off" in recording.notes[0]
 
 
-def test_the_command_replays_many_with_other_estimators(recorded, tmp_path):
-    second = tmp_path / "second.mcap"
-    second.write_bytes(b"\x89MCAP0\r\nnothing more")
-    out = tmp_path / "out"
-    done = command("replay", recorded, second, "-o", out, "--jobs", "2", "--estimator", "attitude")
+@pytest.fixture(scope="module")
+def fleet(recorded, tmp_path_factory):
+    """Arguments of recordings, of which one is none and one has nothing in it; and what one process makes of them."""
+    folder = tmp_path_factory.mktemp("fleet")
+    copy, hollow, empty = folder / "drive.mcap", folder / "hollow.mcap", folder / "empty.mcap"
+    copy.write_bytes(recorded.read_bytes()[: recorded.stat().st_size * 2 // 3])
+    hollow.write_bytes(b"\x89MCAP0\r\nnothing more")
+    empty.touch()
+    paths = (recorded, copy, hollow, empty)
+    done = command("replay", *paths, "-o", folder / "here", "--jobs", "2")
     assert done.returncode == 65, done.stderr
-    assert "second.mcap: no samples" in done.stderr
-    with (out / "drive.csv").open() as file:
+    assert "2 of 4 recordings" in done.stderr
+    assert "hollow.mcap: no samples" in done.stderr and "empty.mcap is no recording" in done.stderr
+    return paths, {path.name: path.read_bytes() for path in (folder / "here").iterdir() if path.stat().st_size > 2000}
+
+
+def test_many_at_a_time_are_each_replayed_as_if_alone(recorded, fleet, tmp_path):
+    paths, made = fleet
+    assert sorted(made) == [f"{paths[1].parent.name}_drive.csv", f"{recorded.parent.name}_drive.csv"]
+    alone = tmp_path / "alone.csv"
+    assert command("replay", recorded, "-o", alone).returncode == 0
+    assert made[f"{recorded.parent.name}_drive.csv"] == alone.read_bytes()
+
+
+def test_another_estimator_is_tried_on_the_same_bytes(recorded, tmp_path):
+    out = tmp_path / "attitude.csv"
+    assert command("replay", recorded, "-o", out, "--estimator", "attitude").returncode == 0
+    with out.open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(stored(recorded, ESTIMATE_TABLE))
     assert rows[-1]["lat_deg"] == ""
-    assert command("replay", tmp_path / "absent.mcap", "-o", out).returncode == 66
+    assert command("replay", tmp_path / "absent.mcap", "-o", tmp_path / "out").returncode == 66
+
+
+def test_a_cluster_gives_the_same_files(fleet, tmp_path):
+    distributed = pytest.importorskip("distributed", reason="clusters need the extra imud[cluster]")
+    paths, made = fleet
+    given = ("replay", *paths, "-o", tmp_path / "out", "--cluster")
+    with distributed.LocalCluster(n_workers=0, threads_per_worker=1, dashboard_address=None) as cluster:
+        idle = command(*given, cluster.scheduler_address)
+        assert (idle.returncode, "no workers" in idle.stderr) == (74, True), idle.stderr
+        cluster.scale(2)
+        cluster.wait_for_workers(2)
+        done = command(*given, cluster.scheduler_address)
+    assert done.returncode == 65 and "2 of 4 recordings" in done.stderr, done.stderr
+    assert "\r" not in done.stderr and not done.stdout
+    found = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir() if path.name in made}
+    assert found == made
+    absent = command(*given, "127.0.0.1:9")
+    assert (absent.returncode, "no Dask scheduler answers" in absent.stderr) == (74, True), absent.stderr
+    assert "Traceback" not in absent.stderr
+
+
+def test_workers_without_this_imud_are_named():
+    ours = metadata.version("imud")
+    assert many.unfit({"tcp://a": ours, "tcp://b": ours}) == ""
+    told = many.unfit({"tcp://a": ours, "tcp://b": "0.0.1", "tcp://c": metadata.PackageNotFoundError("imud")})
+    assert "tcp://b has imud 0.0.1, tcp://c has no imud" in told and "tcp://a" not in told
+
+
+def test_files_of_a_name_are_told_apart_by_their_folders():
+    paths = [Path(text) for text in ("/x/a/drive.mcap", "/x/b/drive.mcap", "/x/b/other.mcap")]
+    assert replaying.names_apart(paths) == ["a_drive", "b_drive", "other"]
+    assert replaying.names_apart(paths[1:]) == ["drive", "other"]
 
 
 def test_the_export_is_what_replay_takes_and_what_ros_reads(recorded, tmp_path):
@@ -155,5 +210,5 @@ def test_the_recording_holds_what_happened(recorded):
     facts, attached = Capture(recorded).session()
     assert facts["version"]
     assert json.loads(attached["settings.json"])["record"]["path"] == str(recorded)
-    assert [len(recording.paths) for recording in group([recorded])] == [1]
+    assert [len(recording.paths) for recording in group([recorded])[0]] == [1]
     assert recorded.stat().st_size > 10_000

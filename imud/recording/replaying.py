@@ -1,16 +1,16 @@
 """`imud replay REC.mcap …`: recordings through the same code as live, one or many at a time."""
 
 import argparse
+import os
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 
 from .. import config
-from ..errors import BadDataError, CannotCreateError, ImudError, UsageError
+from ..errors import BadDataError, CannotCreateError, UsageError
 from ..progress import Progress
 from ..replay import open_output
 from ..settings import Initial
@@ -82,52 +82,76 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
     return Outcome(recording.path, player.samples, player.fixes, span_s, seconds, (*notes, *recording.notes))
 
 
-def _alone(job: Job) -> Outcome | str:
-    """In a process of its own: an error is told, and the others go on."""
-    try:
-        return play(job, lambda done, total: None)
-    except ImudError as error:
-        return f"{job.paths[0]}: {error}"
-
-
 def run(args: argparse.Namespace) -> int:
     if args.jobs < 1:
         raise UsageError(f"--jobs {args.jobs}: at least 1")
-    recordings = group(args.recordings)
-    jobs = [_job(args, recording.paths, len(recordings)) for recording in recordings]
-    if len(jobs) == 1:
-        progress = Progress(1000)
-        _tell(play(jobs[0], lambda done, total: progress.at(1000 * done // max(total, 1))))
-        return 0
-    return _many(jobs, args.jobs)
-
-
-def _many(jobs: list[Job], at_a_time: int) -> int:
-    """Returns the exit code: 65 if any could not be replayed."""
-    progress, failed = Progress(len(jobs)), []
-    with ProcessPoolExecutor(min(at_a_time, len(jobs)), get_context("spawn")) as pool:
-        waiting = [pool.submit(_alone, job) for job in jobs]
-        for done, future in enumerate(as_completed(waiting), 1):
-            outcome = future.result()
-            progress.at(done)
-            if isinstance(outcome, str):
-                failed.append(outcome)
-            else:
-                _tell(outcome)
-    if failed:
-        raise BadDataError("\n  ".join([f"{len(failed)} of {len(jobs)} recordings could not be replayed", *failed]))
+    recordings, failed = group(args.recordings)
+    several = len(recordings) + len(failed) > 1
+    jobs = _jobs(args, [recording.paths for recording in recordings], several)
+    if several or args.cluster:
+        return _many(jobs, failed, args)
+    progress = Progress(1000)
+    _tell(play(jobs[0], lambda done, total: progress.at(1000 * done // max(total, 1))))
     return 0
 
 
-def _job(args: argparse.Namespace, paths: tuple[Path, ...], total: int) -> Job:
-    output: Path = args.output
-    if total > 1:
+def _many(jobs: list[Job], failed: list[str], args: argparse.Namespace) -> int:
+    """Returns the exit code. Raises BadDataError if any could not be replayed, after the others have been."""
+    from . import many
+
+    total = len(jobs) + len(failed)
+    progress = Progress(total)
+    progress.at(len(failed))
+    outcomes = many.on_cluster(jobs, args.cluster) if args.cluster else many.here(jobs, args.jobs)
+    for done, outcome in enumerate(outcomes, len(failed) + 1):
+        progress.clear()
+        if isinstance(outcome, str):
+            failed.append(outcome)
+        else:
+            _tell(outcome)
+        progress.at(done)
+    if failed:
+        raise BadDataError("\n  ".join([f"{len(failed)} of {total} recordings could not be replayed", *failed]))
+    return 0
+
+
+def _jobs(args: argparse.Namespace, recordings: list[tuple[Path, ...]], into_folder: bool) -> list[Job]:
+    """Paths are whole ones: whoever does the work may stand elsewhere."""
+    to_stdout = str(args.output) == "-"
+    output: Path = args.output if to_stdout else args.output.absolute()
+    if to_stdout and (args.cluster or into_folder):
+        raise UsageError("-o -: with --cluster name a file, of several recordings a folder")
+    if into_folder:
         try:
             output.mkdir(exist_ok=True)
         except OSError as error:
             raise CannotCreateError(f"-o {output}: several recordings need a folder: {error.strerror}") from error
-        output /= f"{paths[0].stem}.csv"
-    return Job(paths, output, args.config, tuple(args.set), args.estimator, args.initial, args.rate)
+    names = names_apart([paths[0] for paths in recordings])
+    config_file = args.config and args.config.absolute()
+    return [
+        Job(
+            paths=tuple(path.absolute() for path in paths),
+            output=output / f"{name}.csv" if into_folder else output,
+            config=config_file,
+            overrides=tuple(args.set),
+            estimator=args.estimator,
+            initial=args.initial,
+            rate_hz=args.rate,
+        )
+        for paths, name in zip(recordings, names, strict=True)
+    ]
+
+
+def names_apart(paths: list[Path]) -> list[str]:
+    """A name for each: that of its file, and where others have the same, of its folders, too, as far as they differ."""
+    stems = Counter(path.stem for path in paths)
+    if max(stems.values(), default=0) < 2:
+        return [path.stem for path in paths]
+    above = Path(os.path.commonpath([path.absolute().parent for path in paths]))
+    within = [path.absolute().relative_to(above).with_suffix("") for path in paths]
+    return [
+        "_".join(part.parts) if stems[path.stem] > 1 else path.stem for path, part in zip(paths, within, strict=True)
+    ]
 
 
 def _tell(outcome: Outcome) -> None:

@@ -1,6 +1,7 @@
 """Recordings as a user names them: files, in the order of one recording, with the settings they were made with."""
 
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from importlib import metadata, util
 from pathlib import Path
@@ -71,13 +72,27 @@ class Recording:
         return [] if recorded == version else [f"recorded by imud {recorded}, this is {version}: estimates may differ"]
 
 
-def group(paths: Sequence[Path]) -> list[Recording]:
-    """Files that are parts of one recording belong together."""
-    singles = [Recording([path]) for path in paths]
-    sessions: dict[str, list[Path]] = {}
-    for single in singles:
-        sessions.setdefault(single.facts.get("session", str(single.path)), []).append(single.path)
-    return [Recording(files) for files in sessions.values()]
+def group(paths: Sequence[Path]) -> tuple[list[Recording], list[str]]:
+    """Recordings, each with all its files, and why others of several cannot be read. Raises ImudError if it is one.
+
+    A second file of the same part is a copy, and a recording of its own.
+    """
+    sessions: dict[tuple[str, int], list[Path]] = {}
+    seen = Counter[tuple[str, str]]()
+    failed: list[str] = []
+    for path in paths:
+        try:
+            single = Recording([path])
+        except (BadDataError, InputMissingError) as error:
+            if len(paths) == 1:
+                raise
+            failed.append(str(error))
+        else:
+            session = single.facts.get("session", str(path))
+            part = session, single.facts.get("part", "")
+            sessions.setdefault((session, seen[part]), []).append(path)
+            seen[part] += 1
+    return [Recording(files) for files in sessions.values()], failed
 
 
 def tell(command: str, notes: Sequence[str]) -> None:

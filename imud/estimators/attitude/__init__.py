@@ -17,7 +17,7 @@ from drivers.sample import SATURATED as BEYOND_RANGE
 from ...kernels.jit import kernel
 from .. import Estimator
 from ..records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SATURATED
-from .covariance import clear, correct, predict, report
+from .covariance import clear, correct, predict, report, shake
 from .levelling import begin, doubt, hold, level, middle, resume, unweighed
 from .rest import judge, restart, watch
 from .setup import configure, start
@@ -64,6 +64,7 @@ def take(p: Any, s: Any, sample: Any, dt: float) -> None:
     elif dt > LONG_GAP_S or (good and s.held_s > LONG_GAP_S):
         resume(p, s, w, f, dt)
     else:
+        shake(s, f, dt)
         saturated = sample.flags & BEYOND_RANGE != 0
         if saturated or dt > p.gap_s or s.held_s > 0.0:
             doubt(p, s, w, f, dt, saturated)

@@ -1,7 +1,9 @@
 """How the errors of the attitude filter grow over the gathered interval, and how a measurement corrects them.
 
 Accelerometer noise, gyro noise and the wandering of the gyro's bias grow with the motion, by densities found on
-hand-held recordings with optical truth (BROAD).
+hand-held recordings with optical truth (BROAD). A knock or a vibration is over, or has turned round, before the next
+sample: what of the force the change before did not announce is a velocity not resolved, and rotations come with it that
+the gyro does not resolve either (a tap turned the BROAD sensor by half a degree unseen).
 
 Yaw does not enter: whatever the heading, small velocity says the same, so the errors of velocity and place are counted
 in axes that turn with the yaw error, and no measurement can seem to observe it.
@@ -11,13 +13,14 @@ from typing import Any
 
 from ...kernels.jit import kernel
 from ...kernels.kalman import measure, packed_index, scale, shear, update
-from ...kernels.rotation import euler_variances, quat_exp, quat_normalised, quat_product
+from ...kernels.rotation import Vector, euler_variances, quat_exp, quat_normalised, quat_product
 from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, LAG, PLACE, STATES, VELOCITY
 from .strapdown import HOME_S
 
 GYRO_MOTION = 6e-4  # sqrt(s): gyro noise in proportion to |w|
-BIAS_MOTION = 3e-5  # (rad/s)/(m/s^2): wandering of the gyro bias per acceleration, which gyros are sensitive to
+BIAS_MOTION = 4.5e-5  # (rad/s)/(m/s^2): wandering of the gyro bias per acceleration, which gyros are sensitive to
 ACCEL_MOTION = 0.02  # sqrt(s): accelerometer noise in proportion to the acceleration
+SHOCK_TURN = 0.01  # rad/(m/s): rotation that comes with a velocity too short-lived to be sampled
 
 
 @kernel
@@ -72,6 +75,17 @@ def add_noise(p: Any, s: Any) -> None:
         for j in range(i, 3):
             s.P[packed_index(STATES, VELOCITY + i, VELOCITY + j)] += ACCEL_MOTION**2 * s.motion[k]
             k += 1
+
+
+@kernel
+def shake(s: Any, f: Vector, dt: float) -> None:
+    """Noise of the attitude for what sample f, dt s after the last one, shows of knocks and vibration."""
+    unannounced2 = 0.0
+    for i in range(3):
+        change = f[i] - s.f[i]
+        unannounced2 += (change - s.f_change[i]) ** 2
+        s.f_change[i] = change
+    s.attitude_extra += SHOCK_TURN**2 * unannounced2 * dt * dt
 
 
 @kernel

@@ -28,6 +28,7 @@ def begin(s: Any, w: Vector, f: Vector) -> None:
     for i in range(3):
         s.w[i] = w[i]
         s.f[i] = f[i]
+        s.f_change[i] = 0.0
     restart(s, w, f)
     s.contradicted_s = s.unlevel_s = s.held_s = 0.0
     s.resting = 0

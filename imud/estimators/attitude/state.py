@@ -59,6 +59,7 @@ STATE = np.dtype(
         ("w", "<f8", (3,)),
         ("f", "<f8", (3,)),
         ("held_s", "<f8"),
+        ("f_change", "<f8", (3,)),  # of the force as measured, from the sample before
         # gathered since the covariance was last propagated; C is q_nb as a matrix
         ("span", "<f8"),  # s
         ("turn", "<f8", (9,)),  # integral of C

@@ -24,6 +24,7 @@ from .state import GYRO_BIAS, PLACE, STATES, VELOCITY
 
 VELOCITY_NOISE = 0.023  # m/s sqrt(s), of zero velocity in slow motion
 VELOCITY_LIVELY = 3.0  # sqrt(s), of it in proportion to the liveliness
+ALL_AROUND = 0.5  # of the liveliness along an axis counts as much along the others
 REST_VELOCITY_NOISE = 0.09  # m/s sqrt(s)
 UNIFORM_MOTION = 4.0  # sigma
 TRAVEL = 1.0  # m/s, the mean over a second: what is faster is a vehicle
@@ -65,9 +66,11 @@ def hold_still(p: Any, s: Any) -> None:
 def hold_near(s: Any) -> None:
     """In motion velocity is about zero, the livelier and the farther travelled the less surely."""
     level2 = s.travel[0] + s.travel[1]  # whatever the heading: a vehicle turns
+    around2 = (s.v_energy[0] + s.v_energy[1] + s.v_energy[2]) / 3.0
     for i in range(3):
+        lively2 = s.v_energy[i] + ALL_AROUND * (around2 - s.v_energy[i])
         travel2 = level2 if i < 2 else s.travel[2] + SLOPE**2 * level2
-        hold(s, i, VELOCITY_NOISE**2 + VELOCITY_LIVELY**2 * s.v_energy[i] + 2.0 * TRAVEL_S * travel2)
+        hold(s, i, VELOCITY_NOISE**2 + VELOCITY_LIVELY**2 * lively2 + 2.0 * TRAVEL_S * travel2)
 
 
 @kernel

@@ -14,7 +14,7 @@ from ...kernels.rotation import Quaternion, Vector, dcm_of_quat, quat_exp, quat_
 
 LIVELY_S = 1.0  # over which the velocity's liveliness is judged
 HOME_S = 10.0  # in which a new place becomes home
-DISTANCE_S = 5.0  # over which the distance from home is judged
+DISTANCE_S = 2.5  # over which the distance from home is judged
 
 
 @kernel

@@ -1,0 +1,113 @@
+"""What the attitude filter claims to know: its sigmas, and what it finds out about the sensor by itself."""
+
+import broad
+import numpy as np
+import pytest
+from attitude_runs import PROFILE_NAMES, rpy_deg, samples_from, tilt_variance_deg2, yaw_sigma_deg
+from attitude_simulation import DEG, MG, Flaws, after, errors_deg, measure, simulate, wobble
+from broad import samples_of, solutions_of
+
+from imud.estimators.attitude import ESTIMATOR
+from imud.estimators.records import SOLUTION
+from imud.profiles import PROFILES
+from imud.settings import Imu, Initial, Settings
+
+
+@pytest.mark.parametrize("profile", PROFILE_NAMES)
+@pytest.mark.parametrize(
+    ("turning", "accelerating", "still_s"), [(0.0, 0.0, 0.0), (1.0, 1.0, 5.0), (0.3, 1.0, 0.0), (1.0, 3.0, 0.0)]
+)
+def test_errors_agree_with_their_sigmas(profile, turning, accelerating, still_s):
+    """Monte Carlo with the profile's own errors: squared error over variance, per component."""
+    p, nees = PROFILES[profile], []
+    for run in range(40):
+        rng = np.random.default_rng(1000 + run)
+        truth = simulate(
+            30.0,
+            50.0,
+            after(still_s, wobble(run, turning)),
+            after(still_s, wobble(99 + run, accelerating, 1.0, 4.0)),
+            tuple(rng.uniform((-180.0, -50.0, 0.0), (180.0, 50.0, 0.0))),
+        )
+        flaws = Flaws(
+            p.gyro_noise,
+            p.accel_noise,
+            tuple(rng.normal(0.0, p.gyro_bias_initial, 3)),
+            tuple(rng.normal(0.0, p.accel_bias_initial, 3)),
+            rng.normal(0.0, p.gyro_scale, (3, 3)),
+            tuple(rng.normal(0.0, p.accel_scale, 3)),
+        )
+        out = solutions_of(samples_of(truth.t, *measure(truth, flaws, rng)), profile)[50::50]
+        attitude = truth.attitude[50::50]
+        tilt, _ = errors_deg(out["q_nb"], attitude)
+        yaw = (rpy_deg(out)[:, 2] - attitude.as_euler("ZYX", degrees=True)[:, 0] + 180.0) % 360.0 - 180.0
+        level = np.abs(np.sin(rpy_deg(out)[:, 1] * DEG)) < 0.8
+        nees.append(
+            (
+                np.mean(tilt**2 / tilt_variance_deg2(out)),
+                np.mean((yaw / np.maximum(yaw_sigma_deg(out), 0.05))[level] ** 2),
+                np.mean(((out["bg"] - flaws.gyro_bias) / out["sigma_bg"]) ** 2),
+            )
+        )
+    tilt_nees, yaw_nees, bias_nees = np.mean(nees, axis=0)
+    assert 0.5 < tilt_nees < 1.8
+    assert yaw_nees < 1.8 and (yaw_nees > 0.4 or turning == 0.0)
+    assert bias_nees < 1.6 and (bias_nees > 0.4 or still_s > 0.0 or turning == 0.0)
+
+
+@pytest.mark.parametrize(("down_mg", "assumed_mg"), [(5.0, 8.0), (-15.0, 8.0), (45.0, 30.0), (-70.0, 30.0)])
+def test_an_unnamed_sensor_is_taken_as_calibrated_unless_its_weight_at_rest_is_false(down_mg, assumed_mg):
+    truth = simulate(20.0, 100.0)
+    out = solutions_of(samples_from(truth, Flaws(accel_bias=(0.0, 0.0, down_mg * MG), gyro_bias=(1.0 * DEG,) * 3)))
+    np.testing.assert_allclose(out["sigma_ba"][-1, :2] / MG, assumed_mg, rtol=0.1)  # level, only the weight is seen
+    tilt_sigma = np.sqrt(0.5 * tilt_variance_deg2(out)[-1])
+    np.testing.assert_allclose(tilt_sigma, np.degrees(1e-3 * assumed_mg), rtol=0.2)
+    assert np.max(np.abs(out["bg"][-1] - 1.0 * DEG)) < 0.02 * DEG
+
+
+def test_no_motion_makes_an_uncertain_heading_certain():
+    truth = simulate(90.0, 100.0, after(5.0, wobble(2, 0.6)), after(5.0, wobble(8, 2.0, 1.0, 4.0)))
+    out = solutions_of(samples_from(truth), "m-g350", Initial(yaw_deg=0.0))
+    level = np.abs(np.sin(rpy_deg(out)[:, 1] * DEG)) < 0.3
+    assert level[6000:].sum() > 100
+    assert np.min(yaw_sigma_deg(out)[level]) > 0.95  # it was given with 1 deg
+
+
+@pytest.mark.parametrize(("cast", "cut_off"), [(np.trunc, True), (np.round, False), (np.floor, False), (None, False)])
+def test_rates_cut_off_toward_zero_are_recognised_and_restored(cast, cut_off):
+    count = 2000.0 * DEG / 2**15
+    truth = simulate(120.0, 200.0, after(5.0, wobble(6, 0.5, 0.3, 1.5)), after(5.0, wobble(6, 0.5, 1.0, 3.0)))
+    samples = samples_from(truth, Flaws(gyro_bias=(0.3 * DEG, -0.2 * DEG, -0.4 * DEG)))
+    if cast is not None:
+        samples["w"] = cast(samples["w"] / count) * count
+    parameters = ESTIMATOR.configure(Settings(imu=Imu(profile="m-g350")), 200.0)
+    state, out = ESTIMATOR.start(parameters, Initial()), np.zeros(len(samples), SOLUTION)
+    broad.run(parameters, state, samples, out)
+    np.testing.assert_allclose(state["cut"][0], 0.5 * count if cut_off else 0.0, atol=0.1 * count)
+    expected = np.array((0.3, -0.2, -0.4)) * DEG - (0.5 * count if cast is np.floor else 0.0)
+    np.testing.assert_allclose(out["bg"][-1], expected, atol=0.2 * count)
+    _, yaw = errors_deg(out["q_nb"], truth.attitude)
+    drift_deg_per_min = np.polyfit(truth.t[12000:], yaw[12000:], 1)[0] * 60.0
+    assert abs(drift_deg_per_min) < 0.9  # 1.8 if cut off and not restored
+
+
+# knocks
+
+
+def test_knocks_and_vibration_cost_certainty_and_smooth_motion_does_not():
+    """By 0.01 rad for each m/s that came and went between two samples, in all axes."""
+    truth = simulate(20.0, 200.0, acceleration=after(5.0, wobble(1, 1.0, 1.0, 3.0)))
+    sigmas = []
+    for knock in (0.0, 100.0):
+        samples = samples_from(truth)
+        samples["f"][3000, 2] += knock
+        sigmas.append(yaw_sigma_deg(solutions_of(samples, "m-g350")))
+    unannounced = np.array([1.0, -2.0, 1.0]) * 100.0 / 200.0  # m/s, second differences of one knock
+    expected = np.degrees(0.01) * np.sqrt((unannounced**2).sum())
+    np.testing.assert_allclose(np.sqrt(sigmas[1][3030] ** 2 - sigmas[0][3030] ** 2), expected, rtol=0.1)
+    samples = samples_from(truth)
+    samples["f"][2000::2, 0] += 5.0
+    samples["f"][2001::2, 0] -= 5.0
+    shaken = yaw_sigma_deg(solutions_of(samples, "m-g350"))
+    expected = np.degrees(0.01) * 20.0 / 200.0 * np.sqrt(2000)
+    np.testing.assert_allclose(np.sqrt(shaken[-1] ** 2 - sigmas[0][-1] ** 2), expected, rtol=0.1)

@@ -4,6 +4,7 @@ Compiling needs twice the memory of running, which would stay with the process; 
 kernels lets a child compile them into the cache, loads them from there, and lets go of the compiler's own code.
 """
 
+import contextlib
 import ctypes
 import io
 import os
@@ -11,34 +12,43 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from drivers.driver import Identity, ImuConfigured
+from drivers.driver import Identity, ImuConfigured, ImuDriver
 from drivers.registry import drivers
 from drivers.sample import SAMPLE
 
-from .clock import new_clock
+from .cycle import Cycle
 from .estimators import Estimator
 from .estimators.records import FIX, SOLUTION
-from .pipeline import Filter
+from .outputs.binary import BinaryOutputs
+from .pipeline import Filter, Stream, decoding
 from .settings import Initial, Settings
 
 _MADV_DONTNEED = 4
 _RATE_HZ, _PERIOD_NS = 1000.0, 1_000_000
 
 
+def _scratch() -> list[tuple[ImuDriver, NDArray[np.void]]]:
+    """Every driver of inertial sensors, with a state for its decoder."""
+    sensors = [driver for driver in drivers() if driver.kind == "imu"]
+    return [(d, d.new_state(ImuConfigured(Identity(d.name, ""), _RATE_HZ, _PERIOD_NS, 0, 0))) for d in sensors]
+
+
 def warm_decoders() -> None:
-    """Compile, or load, the decoder of every inertial sensor."""
-    for driver in drivers():
-        if driver.kind == "imu":
-            scratch = ImuConfigured(Identity(driver.name, ""), _RATE_HZ, _PERIOD_NS, 0, 0)
-            driver.decode(np.zeros(64, np.uint8), 0, driver.new_state(scratch), np.zeros(1, SAMPLE))
+    """Compile, or load, the decoder of every inertial sensor, and the daemon's cycle."""
+    for driver, state in _scratch():
+        decoding(driver, state)
+    with contextlib.closing(Cycle()) as cycle:
+        outputs = BinaryOutputs(Settings(), cycle.others, 1)
+        cycle.turn(0, outputs, 0, 0)
+        outputs.publish(np.zeros(1, SOLUTION), 1, 0, 0)
 
 
 def warm(estimator: Estimator, settings: Settings) -> None:
     """Compile, or load, what a live stream calls of an estimator."""
     filter_ = Filter(estimator, settings, Initial(), _RATE_HZ)
-    clock = new_clock(_PERIOD_NS, 0.0)
-    filter_.advance(np.zeros(1, SAMPLE), 0, 0, clock, np.zeros(1, SOLUTION))
+    Stream(*_scratch()[0], filter_).ingest(0, 0)
     filter_.update(np.zeros(1, FIX))
 
 

@@ -21,6 +21,7 @@ from drivers.errors import PortEndedError, PortLostError
 from . import calibration, choices, compilation, realtime, runtime, vitals
 from .announce import Announcer
 from .config import adopt
+from .cycle import FAILED, SHOW, Cycle
 from .errors import ImudError
 from .estimators.records import ATTITUDE_VALID
 from .fitting import Fitting
@@ -36,7 +37,6 @@ from .settings import Settings
 from .signals import caught
 
 _SLOW_NS = 20_000_000  # what is not urgent is looked after this often
-_COARSE_S = 0.05  # epoll knows only whole milliseconds: too coarse for the next sample of a polled sensor
 _INTERRUPTED, _HUNG_UP = 130, 129
 _PARTS = {"imu": "inertial sensor", "gnss": "receiver"}
 
@@ -60,14 +60,13 @@ class Daemon:
         self._log = structlog.get_logger()
         self._recorder = recorder
         self._fitting = Fitting(settings, self._log.warning)
-        self._poll = select.epoll()
+        self._cycle = Cycle()
         self._ports = [Port(spec, options, self, patient=wait) for spec, options in choices.ports(settings)]
         self._pulse = choices.pulse(settings)
         self._by_fd: dict[int, Port] = {}
         self._imu: tuple[Port, Inertial] | None = None
         self._gnss: tuple[Port, Receiver] | None = None
         self._devices: tuple[Device, ...] = ()
-        self._status = 0
         self._announcer = Announcer(self._log)
         self._troubles: dict[str, tuple[str, ...] | None] = {"imu": None, "gnss": None}  # None: no such sensor
         self._load = Load()
@@ -80,11 +79,12 @@ class Daemon:
     def run(self) -> int:
         """Serve until SIGTERM (returns 0) or Ctrl-C (130). Raises ImudError when there is no point in going on."""
         notifier = Notifier()
-        with contextlib.ExitStack() as stack:
+        with contextlib.closing(self._cycle), contextlib.ExitStack() as stack:
             self._wakeup = stack.enter_context(caught(self._actions()))
-            self._poll.register(self._wakeup, select.POLLIN)
+            self._cycle.others.register(self._wakeup, select.POLLIN)
             own = {"STATUS": self._tell_status}
-            self._outputs = stack.enter_context(contextlib.closing(Outputs(self._settings, self._poll, BATCH, own)))
+            outputs = Outputs(self._settings, self._cycle.others, BATCH, own)
+            self._outputs = stack.enter_context(contextlib.closing(outputs))
             notifier.say("STATUS=compiling", "EXTEND_TIMEOUT_USEC=300000000")
             self._compiling = True
             self._prepare_kernels()
@@ -155,9 +155,11 @@ class Daemon:
     def _serve(self, notifier: Notifier) -> None:
         slow_ns = 0
         while self._exit is None:
-            events = self._wait(slow_ns * 1e-9)
+            unpublished = self._turn(slow_ns)
             now_ns = time.monotonic_ns()
-            for fd, mask in events:
+            if self._imu:
+                self._on_turn(*self._imu, unpublished, now_ns)
+            for fd, mask in self._cycle.others.poll(0):
                 self._dispatch(fd, mask, now_ns)
             for port in self._ports:
                 port.on_time(now_ns * 1e-9)
@@ -167,13 +169,30 @@ class Daemon:
                 slow_ns = now_ns + _SLOW_NS
                 self._look_after(now_ns, notifier)
 
-    def _wait(self, slow_s: float) -> list[tuple[int, int]]:
-        """What has happened, as soon as something has, or at the latest when something is due."""
-        now_s, due_s = time.monotonic(), min([port.deadline_s for port in self._ports])
-        if due_s - now_s > _COARSE_S:
-            return self._poll.poll(max(0.0, min(due_s, slow_s) - now_s))
-        select.select((self._poll,), (), (), max(0.0, min(due_s, slow_s) - now_s))
-        return self._poll.poll(0)
+    def _turn(self, slow_ns: int) -> int:
+        """Wait until something has happened that the cycle does not do by itself, or until something is due."""
+        due_s = min([port.deadline_s for port in self._ports])
+        until_ns = round(due_s * 1e9) if due_s < slow_ns * 1e-9 else slow_ns
+        most = self._load.usual(self._imu[1].period_s) if self._imu else 0
+        return self._cycle.turn(until_ns, self._outputs.binary, self._outputs.due_ns, most)
+
+    def _on_turn(self, port: Port, inertial: Inertial, unpublished: int, now_ns: int) -> None:
+        """What the cycle left to do: a reading that failed, a batch that is to be judged, a view that is due."""
+        if unpublished == FAILED:
+            self._dispatch(port.fd, 0, now_ns)
+        elif unpublished > 0:
+            self._solved(inertial, unpublished, now_ns)
+        elif unpublished == SHOW:
+            self._outputs.show(partial(self._view, inertial, now_ns), now_ns)
+
+    def _solved(self, inertial: Inertial, n: int, now_ns: int) -> None:
+        """There are n new solutions that nobody has seen."""
+        stream = inertial.stream
+        if self._recorder:
+            self._recorder.stepped(stream.samples[:n], stream.solutions[:n])
+        if self._load.leaves_time_to_publish(n, inertial.period_s, now_ns):
+            self._outputs.binary.publish(stream.solutions, n, inertial.samples, now_ns)
+            self._outputs.show(partial(self._view, inertial, now_ns), now_ns)
 
     def _dispatch(self, fd: int, mask: int, now_ns: int) -> None:
         port = self._by_fd.get(fd)
@@ -185,15 +204,8 @@ class Daemon:
             return
         try:
             if self._imu and port is self._imu[0]:
-                inertial = self._imu[1]
-                if n := inertial.read(now_ns):
-                    newest = inertial.stream.solutions[n - 1]
-                    self._status = int(newest["status"])
-                    if self._recorder:
-                        self._recorder.stepped(inertial.stream.samples[:n], inertial.stream.solutions[:n])
-                    if self._load.leaves_time_to_publish(n, inertial.period_s, now_ns):
-                        self._outputs.solved(inertial.stream.solutions, n, inertial.samples, now_ns)
-                        self._outputs.show(partial(self._view, inertial, newest, now_ns), now_ns)
+                if n := self._imu[1].read(now_ns):
+                    self._solved(self._imu[1], n, now_ns)
             elif self._gnss and port is self._gnss[0]:
                 self._take(self._gnss[1].read(port.line, now_ns))
             else:
@@ -218,7 +230,9 @@ class Daemon:
             if self._recorder:
                 self._recorder.told(told)
 
-    def _view(self, inertial: Inertial, solution: Any, now_ns: int) -> View:
+    def _view(self, inertial: Inertial, now_ns: int) -> View:
+        solution = inertial.newest
+        assert solution is not None
         t_ns = int(solution["t_ns"])
         return View(
             solution=solution.tobytes(),
@@ -259,7 +273,9 @@ class Daemon:
         return {"imu": self._imu, "gnss": self._gnss}
 
     def _tell_changes(self, now_ns: int) -> None:
-        if self._announcer.status(self._status, now_ns) & ATTITUDE_VALID:
+        newest = self._fitting.inertial.newest if self._fitting.inertial else None
+        status = 0 if newest is None else int(newest["status"])
+        if self._announcer.status(status, now_ns) & ATTITUDE_VALID:
             self._doubt_the_axes()
         if self._gnss and (news := self._gnss[1].news):
             self._log.warning(news)
@@ -298,12 +314,15 @@ class Daemon:
     def watch(self, port: Port, fd: int) -> None:
         """A port opened its device."""
         self._by_fd[fd] = port
-        self._poll.register(fd, select.POLLIN)
+        self._cycle.others.register(fd, select.POLLIN)
 
     def unwatch(self, fd: int) -> None:
         """A port closes its device."""
         del self._by_fd[fd]
-        self._poll.unregister(fd)
+        if fd == self._cycle.fd:
+            self._cycle.detach()
+        else:
+            self._cycle.others.unregister(fd)
 
     def connected(self, port: Port, driver: AnyDriver, configured: Configured) -> None:
         """A device streams."""
@@ -318,6 +337,9 @@ class Daemon:
             known = self._calibration_of(identity)
             self._imu = (port, self._fitting.connect(port.line, driver, configured, known, self._settings, now_ns))
             self._record(port, self._imu[1], known)
+            if port.line.plain and self._imu[1].tap is None:
+                self._cycle.others.unregister(port.fd)
+                self._cycle.attach(port.fd, self._imu[1].stream)
             facts |= {"serial": identity.serial, "firmware": identity.firmware, "rate_hz": configured.rate_hz}
         elif driver.kind == "gnss":
             self._gnss = (port, Receiver(driver, self._settings.gnss, now_ns, self._pulse))

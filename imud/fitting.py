@@ -47,7 +47,7 @@ class Fitting:
         made_for = (driver.name, self.estimator.name, settings.imu.profile, about_hz, self._serial)
         if self.inertial is None or made_for != self._made_for:
             filter_ = Filter(self.estimator, settings, self._initial, configured.rate_hz)
-            self.inertial = Inertial(Stream(driver.decode, driver.new_state(configured), filter_))
+            self.inertial = Inertial(Stream(driver, driver.new_state(configured), filter_))
             self._made_for = made_for
         self.inertial.stream.filter.configure(settings)
         self.inertial.stream.filter.calibrate(calibration)

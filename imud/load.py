@@ -24,6 +24,10 @@ class Load:
         self._told = False
         self._lost_before = 0
 
+    def usual(self, period_s: float) -> int:
+        """So many samples at a time are published without asking; -1: none, for lateness is being watched."""
+        return max(LATE_SAMPLES - 1, int(LATE_S / period_s)) if self._since_ns is None else -1
+
     def leaves_time_to_publish(self, n: int, period_s: float, now_ns: int) -> bool:
         """Take note of a batch of n samples; should it be published?"""
         if n >= LATE_SAMPLES and n * period_s > LATE_S:

@@ -1,8 +1,8 @@
-"""From bytes to solutions in two compiled calls: the driver's decoder; then clock, judge of health and estimator.
+"""From bytes to solutions in one compiled call: the driver's decoder; then clock, judge of health and estimator.
 
-The second is composed for each estimator from one template, so that there are drivers plus estimators to compile and
-to keep in memory, not drivers times estimators. Live and replay step with the same code, whatever the chunks in which
-the bytes came.
+Both are composed from one template each, for every driver and for every estimator, and `ingest` finds them by their
+address in the stream's record: so there are drivers plus estimators to compile and to keep in memory, not drivers times
+estimators. Live and replay step with the same code, whatever the chunks in which the bytes came.
 """
 
 import dataclasses
@@ -14,15 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.driver import ImuConfigured
+from drivers.driver import ImuConfigured, ImuDriver
 from drivers.sample import SAMPLE
 
-from .calibration import Calibration, correct, correction
-from .clock import new_clock, stamp
+from .calibration import CORRECTION, Calibration, correct, correction
+from .clock import CLOCK, new_clock, stamp
 from .estimators import Estimator
 from .estimators.records import INNOVATION, SOLUTION
-from .health import examine, new_health
-from .kernels.jit import kernel
+from .health import HEALTH, examine, new_health
+from .kernels.jit import inlined, kernel
+from .kernels.system import call, callable_from_c, records
 from .profiles import profile_of
 from .settings import Initial, Settings
 
@@ -30,9 +31,59 @@ Floats = NDArray[np.float64]
 Records = NDArray[np.void]
 UNREAD = 1024  # innovations that wait to be asked for
 BATCH = 256  # samples one call may yield; more stay in the buffer for the next call
+RX = 65536  # bytes
+BYTE = np.dtype(np.uint8)
+
+STREAM = np.dtype(
+    [
+        ("at", "<i8"),  # addresses: of this record itself,
+        ("decode", "<i8"),  # of the functions that `_decode` and `_advance` become,
+        ("advance", "<i8"),
+        ("rx", "<i8"),  # and of what they work on
+        ("decoder", "<i8"),
+        ("samples", "<i8"),
+        ("clock", "<i8"),
+        ("health", "<i8"),
+        ("correction", "<i8"),
+        ("parameters", "<i8"),
+        ("state", "<i8"),
+        ("solutions", "<i8"),
+        ("fill", "<i8"),  # bytes in rx that belong to no whole frame yet
+        ("count", "<i8"),  # samples since the start
+        ("newest", "<i8"),  # row of the newest solution; -1: none yet
+        ("heard_ns", "<i8"),  # when it came
+    ],
+    align=True,
+)
 
 
-def _advance(
+def _decode(stream: int, received: int) -> int:
+    s = records(stream, 1, STREAM)[0]
+    state = records(s.decoder, 1, DECODER)  # type: ignore[name-defined]  # noqa: F821
+    n: int = decode(  # type: ignore[name-defined]  # noqa: F821
+        records(s.rx, RX, BYTE), s.fill + received, state, records(s.samples, BATCH, SAMPLE)
+    )
+    s.fill = state[0].leftover
+    return n
+
+
+def _advance(stream: int, n: int, arrival_ns: int) -> int:
+    s = records(stream, 1, STREAM)[0]
+    advance(  # type: ignore[name-defined]  # noqa: F821
+        records(s.samples, BATCH, SAMPLE),
+        n,
+        arrival_ns,
+        records(s.clock, 1, CLOCK),
+        records(s.health, 1, HEALTH),
+        records(s.correction, 1, CORRECTION),
+        records(s.parameters, 1, PARAMETERS),  # type: ignore[name-defined]  # noqa: F821
+        records(s.state, 1, STATE),  # type: ignore[name-defined]  # noqa: F821
+        records(s.solutions, BATCH, SOLUTION),
+    )
+    return n
+
+
+def _each(
     samples: Any, n: int, arrival_ns: int, clock: Any, health: Any, errors: Any, parameters: Any, state: Any, out: Any
 ) -> None:
     for k in range(n):
@@ -40,6 +91,19 @@ def _advance(
         examine(health[0], samples[k])
         correct(samples[k], errors[0])
         step(parameters[0], state[0], samples[k], out[k])  # type: ignore[name-defined]  # noqa: F821
+
+
+@kernel
+def ingest(stream: Records, received: int, arrival_ns: int) -> int:
+    """Decode, stamp and step what was written to rx[fill:fill + received]; returns how many solutions are new."""
+    s = stream[0]
+    n = call(s.decode, (s.at, received))
+    if n:
+        call(s.advance, (s.at, n, arrival_ns))
+        s.count += n
+        s.newest = n - 1
+        s.heard_ns = arrival_ns
+    return int(n)
 
 
 def _run(health: Any, samples: Any, errors: Any, parameters: Any, state: Any, out: Any) -> None:
@@ -59,21 +123,29 @@ def _told(state: Any, innovations: Any) -> int:
     return n
 
 
-_composed: dict[str, Callable[..., Any]] = {}
+_composed: dict[str, Any] = {}
 
 
-def _compose(template: Callable[..., Any], name: str, **parts: Any) -> Callable[..., Any]:
-    """The template with its free names bound to kernels, under a name of its own so that numba caches it apart."""
-    if name in _composed:
-        return _composed[name]
-    bound = types.FunctionType(template.__code__, {**globals(), **parts}, name)
-    bound.__qualname__ = name
-    _composed[name] = kernel(bound)
+def _compose(how: Callable[..., Any], template: Callable[..., Any], name: str, **parts: Any) -> Any:
+    """The template with its free names bound, compiled, under a name of its own so that numba caches it apart."""
+    if name not in _composed:
+        bound = types.FunctionType(template.__code__, {**globals(), **parts}, name)
+        bound.__qualname__ = name
+        _composed[name] = how(bound)
     return _composed[name]
 
 
+def decoding(driver: ImuDriver, decoder: Records) -> int:
+    """Address of the driver's part of a stream, which is compiled now if need be."""
+    parts = {"decode": driver.decode, "DECODER": decoder.dtype}
+    return int(_compose(callable_from_c(2), _decode, f"decode_{driver.name}", **parts).address)
+
+
 class Filter:
-    """An estimator with its records, fed with samples and fixes. Not thread-safe."""
+    """An estimator with its records, fed with samples and fixes. Not thread-safe.
+
+    The records stay where they are, for streams know them by their addresses.
+    """
 
     def __init__(self, estimator: Estimator, settings: Settings, initial: Initial, rate_hz: float) -> None:
         self.estimator = estimator
@@ -81,39 +153,43 @@ class Filter:
         self.parameters = estimator.configure(settings, rate_hz)
         self.state = estimator.start(self.parameters, initial)
         self._mount_rpy_deg = settings.imu.mount_rpy_deg
-        self.calibrate(Calibration(""))
+        self.correction = correction(Calibration(""), self._mount_rpy_deg)
         self._profile = profile_of(settings)
         self.health = new_health(self._profile, rate_hz)
-        stem = estimator.name.replace("-", "_")
-        self._run = _compose(_run, f"run_{stem}", step=estimator.step)
-        self._advance = _compose(_advance, f"advance_{stem}", step=estimator.step)
-        takes_fixes = estimator.update is not None
-        self._update = _compose(_update, f"update_{stem}", update=estimator.update) if takes_fixes else None
-        self._told = _compose(_told, f"told_{stem}", told=estimator.told) if estimator.told else None
+        self._stem = estimator.name.replace("-", "_")
+        self._run = _compose(kernel, _run, f"run_{self._stem}", step=estimator.step)
+        self.each = _compose(inlined, _each, f"each_{self._stem}", step=estimator.step)
+        self._update = self._kernel(_update, "update", estimator.update)
+        self._told = self._kernel(_told, "told", estimator.told)
         self._innovations = np.zeros(UNREAD + 16, INNOVATION)
+
+    def _kernel(self, template: Callable[..., Any], name: str, part: Any) -> Any:
+        """The template with this part of the estimator, which not every one has."""
+        return None if part is None else _compose(kernel, template, f"{name}_{self._stem}", **{name: part})
+
+    def advancing(self) -> int:
+        """Address of the estimator's part of a stream, which is compiled now if need be."""
+        parts = {"advance": self.each, "PARAMETERS": self.parameters.dtype, "STATE": self.state.dtype}
+        return int(_compose(callable_from_c(3), _advance, f"advance_{self._stem}", **parts).address)
 
     def calibrate(self, calibration: Calibration) -> None:
         """Take these errors out of the samples from now on."""
-        self.correction = correction(calibration, self._mount_rpy_deg)
+        self.correction[:] = correction(calibration, self._mount_rpy_deg)
 
     def watch_over(self, sensor: ImuConfigured) -> None:
         """Judge the health of this sensor from now on, by its own ranges where it knows them."""
         ranges = {
             name: value for name in ("gyro_range", "accel_range") if math.isfinite(value := getattr(sensor, name))
         }
-        self.health = new_health(dataclasses.replace(self._profile, **ranges), sensor.rate_hz)
+        self.health[:] = new_health(dataclasses.replace(self._profile, **ranges), sensor.rate_hz)
 
     def configure(self, settings: Settings) -> None:
         """Go on with other settings and the same knowledge."""
-        self.parameters = self.estimator.configure(settings, self._rate_hz)
+        self.parameters[:] = self.estimator.configure(settings, self._rate_hz)
 
     def run(self, samples: Records, out: Records) -> None:
         """Step through `samples` (SAMPLE, turned to body axes in place), one solution each into `out` (SOLUTION)."""
         self._run(self.health, samples, self.correction, self.parameters, self.state, out)
-
-    def advance(self, samples: Records, n: int, arrival_ns: int, clock: Records, out: Records) -> None:
-        """The same with the first n of samples that still lack their time: they came at `arrival_ns`."""
-        self._advance(samples, n, arrival_ns, clock, self.health, self.correction, self.parameters, self.state, out)
 
     def update(self, fix: Records) -> Records:
         """Take a fix (array of one FIX); returns what was `told` until then and its own innovations, valid likewise."""
@@ -129,28 +205,41 @@ class Filter:
 
 
 class Stream:
-    """Bytes of one inertial sensor to solutions of one filter. Owns the preallocated buffers; not thread-safe."""
+    """Bytes of one inertial sensor to solutions of one filter. Owns the preallocated buffers; not thread-safe.
 
-    def __init__(self, decode: Callable[..., int], decoder: Records, filter_: Filter) -> None:
+    `record` (array of one STREAM) is what compiled code works with.
+    """
+
+    def __init__(self, driver: ImuDriver, decoder: Records, filter_: Filter) -> None:
         self.filter = filter_
-        self.decoder = decoder
-        self.rx = np.zeros(65536, np.uint8)
+        self.decode, self.decoder = driver.decode, decoder
+        self.rx = np.zeros(RX, BYTE)
         self.samples = np.zeros(BATCH, SAMPLE)
         self.solutions = np.zeros(BATCH, SOLUTION)
         self.clock = new_clock(1e6, 0.0)
-        self.fill = 0
-        self._decode = decode
+        self.record = np.zeros(1, STREAM)
+        self.record["decode"], self.record["advance"] = decoding(driver, decoder), filter_.advancing()
+        self.record["at"], self.record["newest"] = self.record.ctypes.data, -1
+        for owner, names in ((self, _OURS), (filter_, _THE_FILTERS)):
+            for name in names:
+                self.record[name] = getattr(owner, name).ctypes.data
 
     def restart(self, decoder: Records, configured: ImuConfigured) -> None:
         """A new connection to the sensor: forget half frames and the clock's fit, keep the filter's knowledge."""
-        self.decoder, self.fill = decoder, 0
-        self.clock = new_clock(configured.period_ns, configured.delay_ns)
+        self.decoder[:] = decoder
+        self.clock[:] = new_clock(configured.period_ns, configured.delay_ns)
+        self.record["fill"] = 0
         self.filter.watch_over(configured)
+
+    @property
+    def fill(self) -> int:
+        """Where in rx the next bytes belong."""
+        return int(self.record["fill"][0])
 
     def ingest(self, received: int, arrival_ns: int) -> int:
         """Decode, stamp and step what was written to rx[fill:fill + received]; returns how many solutions are new."""
-        n = int(self._decode(self.rx, self.fill + received, self.decoder, self.samples))
-        self.fill = int(self.decoder["leftover"][0])
-        if n:
-            self.filter.advance(self.samples, n, arrival_ns, self.clock, self.solutions)
-        return n
+        return ingest(self.record, received, arrival_ns)
+
+
+_OURS = ("rx", "decoder", "samples", "clock", "solutions")
+_THE_FILTERS = ("health", "correction", "parameters", "state")

@@ -48,13 +48,10 @@ class Inertial:
 
     def __init__(self, stream: Stream) -> None:
         self.stream = stream
-        self.heard_ns = 0
         self.silence_ns = SILENCE_NS["imu"]
-        self.samples = 0
         self.period_s = 0.0  # nominal, between samples
         self.rate = Rate()
         self.tap: Tap | None = None
-        self._last = -1  # where the newest solution is
         self._has_gyros = False
         self._room = stream.rx.data
         self._line: Line | None = None
@@ -65,7 +62,7 @@ class Inertial:
         """A new connection; the filter keeps what it knows."""
         self._line = line
         self.stream.restart(driver.new_state(configured), configured)
-        self.heard_ns = now_ns
+        self.stream.record["heard_ns"] = now_ns
         self._complaints, self._complained = driver.complaints, None
         self.rate = Rate()
         self.period_s = 1.0 / configured.rate_hz
@@ -81,28 +78,37 @@ class Inertial:
             return 0
         if self.tap is not None:
             self.tap(self._room[fill : fill + received], arrival_ns)
-        n = self.stream.ingest(received, arrival_ns)
-        if n:
-            self.heard_ns = now_ns
-            self._last = n - 1
-        self.samples += n
-        return n
+        return self.stream.ingest(received, arrival_ns)
+
+    @property
+    def samples(self) -> int:
+        """Since the start."""
+        return int(self.stream.record["count"][0])
+
+    @property
+    def heard_ns(self) -> int:
+        """When the newest of them came, or else the connection was made."""
+        return int(self.stream.record["heard_ns"][0])
+
+    @property
+    def _newest(self) -> int:
+        return int(self.stream.record["newest"][0])
 
     @property
     def newest(self) -> np.void | None:
         """The newest solution, a SOLUTION row that the next reading overwrites; None before the first."""
-        return None if self._last < 0 else self.stream.solutions[self._last]
+        return None if self._newest < 0 else self.stream.solutions[self._newest]
 
     @property
     def sensed(self) -> tuple[float, ...]:
         """Rates (rad/s) and specific force (m/s^2) of the last sample, body axes; NaN without a whole set of gyros."""
-        sample = self.stream.samples[self._last]
+        sample = self.stream.samples[self._newest]
         rates = sample["w"].tolist() if self._has_gyros else NO_VECTOR
         return (*rates, *sample["f"].tolist())
 
     @property
     def heard(self) -> int:
-        """Samples since the start."""
+        """The same, as of any sensor."""
         return self.samples
 
     def troubles(self, now_ns: int) -> tuple[str, ...]:

@@ -57,7 +57,7 @@ def test_changes_alternate_and_lasted(steps):
 def inertial(driver, **known):
     configured = ImuConfigured(Identity(driver.name, ""), 100.0, 790, 0, 24, **known)
     filter_ = Filter(registry.by_name("tilt"), Settings(), Initial(), 100.0)
-    sensor = Inertial(Stream(driver.decode, driver.new_state(configured), filter_))
+    sensor = Inertial(Stream(driver, driver.new_state(configured), filter_))
     sensor.connect(SimpleNamespace(counters={}), driver, configured, 0)
     return sensor
 
@@ -65,7 +65,6 @@ def inertial(driver, **known):
 def hear(sensor, data, now_ns):
     sensor.stream.rx[sensor.stream.fill : sensor.stream.fill + len(data)] = np.frombuffer(data, np.uint8)
     sensor.stream.ingest(len(data), now_ns)
-    sensor.heard_ns = now_ns
 
 
 def test_bits_that_a_dmu_sets_are_told_in_words():

@@ -124,8 +124,10 @@ def test_one_that_never_reads_is_cut_off(outputs):
     with client.connect(outputs.at / "s"):
         serve(outputs)
         for seq in range(3000):
-            outputs.publish(solutions(1), 1, seq, 0)
-        outputs.publish(solutions(1), 1, 3000, 61_000_000_000)
+            outputs.publish(solutions(1), 1, seq, 1)
+        outputs.look_after(59_000_000_000)
+        assert outputs.stream.clients == 1
+        outputs.look_after(61_000_000_000)
         assert outputs.stream.clients == 0
 
 
@@ -254,7 +256,7 @@ def test_the_c_header_reads_what_python_reads(outputs, tmp_path):
 def test_nothing_is_done_while_nobody_listens(tmp_path):
     outputs = BinaryOutputs(Settings(), select.poll(), 4)
     outputs.publish(solutions(4), 4, 3, 0)
-    assert not outputs._records["seq"].any()
+    assert not outputs._messages["seq"].any()
     outputs.close()
 
 

@@ -69,7 +69,7 @@ def test_a_wake_up_is_a_wait_and_a_read_and_a_send_for_each_subscriber(watched):
     calls = watched[1]
     if not calls:
         pytest.skip("strace is not on this machine, or may not attach")
-    sends, reads = calls.pop("sendto"), calls["readv"]
+    sends, reads = calls.pop("sendto"), calls["read"]
     assert sends > 1000
-    assert calls["epoll_wait"] <= 1.1 * reads
+    assert calls["ppoll"] <= 1.1 * reads
     assert sum(calls.values()) <= 2.2 * reads, calls

@@ -14,6 +14,10 @@ class Line(Port, Protocol):
     """An open port. Reading never blocks; whatever fails in use is PortLostError."""
 
     @property
+    def plain(self) -> bool:
+        """Whether `receive` does no more than read `fd`, so that others may as well."""
+
+    @property
     def counters(self) -> Mapping[str, int]:
         """What went wrong below the frames."""
 

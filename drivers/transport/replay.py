@@ -38,7 +38,7 @@ class ReplayPort:
     Not thread-safe. Raises PortAbsentError, NotSerialError, PortSupportError on opening; PortEndedError at the end.
     """
 
-    complaint = ""
+    complaint, plain = "", False
     configured: ImuConfigured | GnssConfigured
 
     def __init__(self, spec: PortSpec) -> None:

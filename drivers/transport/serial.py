@@ -31,6 +31,8 @@ FLUSH_READS = 16  # a device that sends without pause must not hold us
 class SerialPort:
     """An open line. Not thread-safe. Raises the errors of `drivers.errors` on opening and PortLostError in use."""
 
+    plain = True
+
     def __init__(self, spec: PortSpec) -> None:
         path = self.path = spec.path
         status = _status(path)

@@ -32,6 +32,8 @@ BELIEVED = 1.25  # periods; an edge longer before the reading is not that of the
 class SpiPort:
     """An open device. Not thread-safe. Raises the errors of `drivers.errors` on opening and PortLostError in use."""
 
+    plain = False
+
     def __init__(self, spec: PortSpec) -> None:
         self.path = spec.path
         self._device = _open(spec)

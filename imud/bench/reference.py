@@ -87,21 +87,22 @@ def stream_source(stream: Stream) -> tuple[str, bytes]:
     """
     c = translator()
     unit = c.Translation()
-    kernels = {"decode": stream._decode, "advance": stream.filter._advance}
-    calls = {"decode": _Recorder(1), "advance": _Recorder(0)}
-    stream._decode, stream.filter._advance = calls["decode"], calls["advance"]
-    stream.ingest(0, 0)
-    stream._decode, stream.filter._advance = kernels["decode"], kernels["advance"]
+    s, f = stream, stream.filter
+    parts: dict[str, tuple[Any, tuple[Any, ...]]] = {
+        "decode": (s.decode, (s.rx, "fill + received", s.decoder, s.samples)),
+        "advance": (
+            f.each,
+            (s.samples, "n", "arrival_ns", s.clock, f.health, f.correction, f.parameters, f.state, s.solutions),
+        ),
+    }
     buffers: dict[int, tuple[str, Any]] = {}
     texts = {}
-    for name, kernel in kernels.items():
-        arguments = calls[name].arguments
+    for name, (kernel, arguments) in parts.items():
         unit.function(kernel, _kinds(c, unit, arguments), exported=name)
         for array in (a for a in arguments if isinstance(a, np.ndarray)):
             buffers.setdefault(array.ctypes.data, (f"memory_{len(buffers)}", array))
-        numbers = iter(("fill + received",) if name == "decode" else ("n", "arrival_ns"))
         texts[name] = ", ".join(
-            f"{buffers[a.ctypes.data][0]}, {len(a)}" if isinstance(a, np.ndarray) else next(numbers) for a in arguments
+            f"{buffers[a.ctypes.data][0]}, {len(a)}" if isinstance(a, np.ndarray) else a for a in arguments
         )
     lines = [unit.source, "#include <stddef.h>"]
     for name, array in buffers.values():

@@ -41,7 +41,7 @@ def new_stream(estimator: str) -> Stream:
     assert driver.kind == "imu"
     configured = ImuConfigured(Identity("epson", "M-G350"), 1000.0, 1_000_000, 0, signals.FRAME)
     filter_ = Filter(registry.by_name(estimator), Settings(), Initial(), 1000.0)
-    return Stream(driver.decode, driver.new_state(configured), filter_)
+    return Stream(driver, driver.new_state(configured), filter_)
 
 
 def _replay(wire: Any, period_ns: int) -> int:

@@ -3,9 +3,6 @@
 import contextlib
 from collections.abc import Callable, Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-
 from drivers.fix import Fix
 from imud.settings import Settings
 
@@ -41,18 +38,19 @@ class Outputs:
         elif fd in self.binary.stream:
             self.binary.stream.on_event(fd)
 
-    def solved(self, solutions: NDArray[np.void], n: int, seq: int, now_ns: int) -> None:
-        """The first `n` of `solutions` are new, the last of them is of the sample number `seq`."""
-        self.binary.publish(solutions, n, seq, now_ns)
-
     def fixed(self, fix: Fix, latency_s: float) -> None:
         """The receiver told the time, so long ago."""
         if self._chrony is not None:
             self._chrony.publish(fix, latency_s)
 
+    @property
+    def due_ns(self) -> int:
+        """When the next view is worth making."""
+        return min(viewer.due_ns for viewer in self._viewers)
+
     def show(self, make: Callable[[], View], now_ns: int) -> None:
         """Give those whose message is due the view that `make` makes; it is not called for nobody."""
-        due = [viewer for viewer in self._viewers if viewer.wants(now_ns)]
+        due = [viewer for viewer in self._viewers if now_ns >= viewer.due_ns]
         if due:
             view = make()
             for viewer in due:
@@ -62,6 +60,7 @@ class Outputs:
         """Now and then: cut off who is stuck."""
         if (deadline := self.gpsd.next_deadline()) is not None and now_ns >= deadline:
             self.gpsd.tick(now_ns)
+        self.binary.look_after(now_ns)
 
     def close(self) -> None:
         self._opened.close()

@@ -1,55 +1,91 @@
-"""Solutions as records for the stream and the shared memory; nothing is done while nobody wants them."""
+"""Solutions as records for the stream and the shared memory; nothing is done while nobody wants them.
 
-import time
+`publish` is compiled, for the daemon's cycle calls it without Python (`imud/cycle.py`).
+"""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imud.client import MAGIC, RECORD, VERSION
 from imud.estimators.records import SOLUTION
+from imud.kernels.jit import kernel
+from imud.kernels.system import CLOCK_MONOTONIC, CLOCK_REALTIME, clock_ns, records
 from imud.settings import Settings
 
 from .gpsd import Poller
-from .shared_memory import SharedMemory
-from .stream import StreamServer
+from .shared_memory import WORD, SharedMemory, write
+from .stream import CLIENT, StreamServer, send_all
 
 _HEADER = [("magic", "S4"), ("version", "<u2"), ("size", "<u2"), ("seq", "<u8"), ("utc_offset_ns", "<i8")]
-_OPAQUE = np.dtype(("V", SOLUTION.itemsize))  # numpy copies a state as one, not field by field: 0.5 us instead of 17
 LAYOUT = np.dtype([*_HEADER, ("state", SOLUTION)])  # imud.client.FIELDS, as numpy sees it
+_WORDS, _STATE_WORDS = LAYOUT.itemsize // 8, SOLUTION.itemsize // 8
+_SEQ, _UTC_OFFSET, _STATE = 1, 2, 3  # places of LAYOUT's 64-bit words; magic, version and size are one
+
+PUBLISHER = np.dtype(
+    [
+        ("messages", "<i8"),  # addresses: of rows of LAYOUT,
+        ("shared", "<i8"),  # of the shared memory; 0: there is none
+        ("clients", "<i8"),  # of rows of CLIENT,
+        ("connected", "<i8"),  # and how many of them count
+        ("dropped", "<i8"),  # records that slow clients lost
+        ("time", "<i8", (2,)),  # room for a timespec
+        ("time_at", "<i8"),
+    ],
+    align=True,
+)
+
+
+@kernel
+def publish(publisher: NDArray[np.void], solutions: int, n: int, seq: int, now_ns: int) -> None:
+    """The first n of the SOLUTION rows at the address `solutions`, the last of them being the sample number `seq`."""
+    p = publisher[0]
+    if p.connected == 0 and p.shared == 0:
+        return
+    messages, states = records(p.messages, n * _WORDS, WORD), records(solutions, n * _STATE_WORDS, WORD)
+    utc_offset_ns = clock_ns(CLOCK_REALTIME, p.time_at) - clock_ns(CLOCK_MONOTONIC, p.time_at)
+    for k in range(n):
+        messages[k * _WORDS + _SEQ] = seq - n + 1 + k
+        messages[k * _WORDS + _UTC_OFFSET] = utc_offset_ns
+        for i in range(_STATE_WORDS):
+            messages[k * _WORDS + _STATE + i] = states[k * _STATE_WORDS + i]
+    if p.shared:
+        write(records(p.shared, _WORDS + 2, WORD), messages[(n - 1) * _WORDS :])
+    if p.connected:
+        p.dropped += send_all(records(p.clients, p.connected, CLIENT), p.messages, _WORDS * 8, n, seq, now_ns)
 
 
 class BinaryOutputs:
-    """The stream's server and the shared memory, as far as they are configured."""
+    """The stream's server and the shared memory, as far as they are configured.
+
+    `record` (array of one PUBLISHER) is what compiled code works with.
+    """
 
     def __init__(self, settings: Settings, poller: Poller, batch: int) -> None:
         """Open for at most `batch` solutions at a time. Raises ImudError."""
-        self.stream = StreamServer(settings.stream, poller)
+        self.record = np.zeros(1, PUBLISHER)
+        self.stream = StreamServer(settings.stream, poller, self.record)
         try:
             self._shared = SharedMemory(settings.shared_memory.path) if settings.shared_memory.path else None
         except BaseException:
             self.stream.close()
             raise
-        self._records = np.zeros(batch, LAYOUT)
-        self._records["magic"], self._records["version"], self._records["size"] = MAGIC, VERSION, RECORD.size
-        self._states = self._records["state"].view(_OPAQUE)
-        self._bytes = self._records.view(np.uint8).data
-        self._words = self._records.view(np.uint64).reshape(batch, -1)
+        self._messages = np.zeros(batch, LAYOUT)
+        self._messages["magic"], self._messages["version"], self._messages["size"] = MAGIC, VERSION, RECORD.size
+        self.record["messages"] = self._messages.ctypes.data
+        self.record["time_at"] = self.record["time"].ctypes.data
+        self.record["shared"] = self._shared.address if self._shared else 0
 
     def publish(self, solutions: NDArray[np.void], n: int, seq: int, now_ns: int) -> None:
         """The first `n` of `solutions`, the last of them being the sample number `seq`."""
-        if not self.stream.clients and self._shared is None:
-            return
-        records = self._records[:n]
-        records["seq"] = np.arange(seq - n + 1, seq + 1)
-        records["utc_offset_ns"] = time.time_ns() - time.monotonic_ns()
-        self._states[:n] = solutions[:n].view(_OPAQUE)
-        if self._shared is not None:
-            self._shared.publish(self._words[n - 1])
-        if self.stream.clients:
-            self.stream.publish(self._bytes[: n * RECORD.size], seq - n + 1, now_ns)
+        publish(self.record, solutions.ctypes.data, n, seq, now_ns)
+
+    def look_after(self, now_ns: int) -> None:
+        """Now and then: cut off who is stuck."""
+        self.stream.look_after(now_ns)
 
     def close(self) -> None:
         self.stream.close()
         if self._shared is not None:
+            self.record["shared"] = 0
             self._shared.close()
             self._shared = None

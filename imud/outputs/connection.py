@@ -15,6 +15,7 @@ _READ_MAX = 128  # bytes per event: two dozen requests at most, which bounds the
 _ALLOWANCE = 100  # reads and requests per second
 _SEND_BUFFER = 64 * 1024  # bytes in the kernel: what is older is no longer news
 SECOND_NS = 1_000_000_000
+NEVER_NS = (1 << 63) - 1
 
 
 class Pace:

@@ -18,7 +18,7 @@ from typing import Protocol
 from imud.errors import ConfigError
 from imud.settings import Gpsd
 
-from .connection import SECOND_NS, Connection
+from .connection import NEVER_NS, SECOND_NS, Connection
 from .gpsd_dialogue import TOO_MANY, Answer, Policy, Request, answer, device_object, error_object, version_object
 from .gpsd_json import Report, line
 from .listen import Address, is_local, listen, parse_address, shown_address
@@ -30,7 +30,6 @@ _STUCK_NS = 60 * SECOND_NS  # nothing read by the client
 _SILENT_NS = 60 * SECOND_NS  # nothing asked since connecting; as gpsd
 _POLLING_NS = 900 * SECOND_NS  # nothing asked, and not watching either; as gpsd
 _FRESH_NS = SECOND_NS // 10  # a view for ?POLL is not older than this
-_NEVER_NS = 1 << 63
 
 
 class Poller(Protocol):
@@ -82,7 +81,7 @@ class GpsdServer:
         self._clients: dict[int, Connection] = {}
         self._view = View()
         self._report: Report | None = None
-        self._due_ns = _NEVER_NS  # earliest time that a client wants a message
+        self._due_ns = NEVER_NS  # earliest time that a client wants a message
         self._tick_ns = 0
         self._published_ns = -_FRESH_NS
         self._wakeup_ns, self._events_left = -1, 0
@@ -126,9 +125,10 @@ class GpsdServer:
             sock.close()
         self._listeners.clear()
 
-    def wants(self, now_ns: int) -> bool:
-        """True when a view is worth making: some client's message is due, or the one kept for ?POLL is old."""
-        return now_ns >= min(self._due_ns, self._published_ns + _FRESH_NS)
+    @property
+    def due_ns(self) -> int:
+        """When a view is worth making: some client's message is due, or the one kept for ?POLL is old."""
+        return min(self._due_ns, self._published_ns + _FRESH_NS)
 
     def publish(self, view: View, now_ns: int) -> None:
         """Give the newest view; clients whose next message is due get it."""
@@ -250,7 +250,7 @@ class GpsdServer:
         return self._report
 
     def _reschedule(self) -> None:
-        self._due_ns = min((c.pace.due_ns for c in self._clients.values() if c.policy.streaming), default=_NEVER_NS)
+        self._due_ns = min((c.pace.due_ns for c in self._clients.values() if c.policy.streaming), default=NEVER_NS)
 
     def _offer(self, client: Connection, data: bytes, now_ns: int) -> None:
         before = client.dropped

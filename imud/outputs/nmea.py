@@ -16,7 +16,7 @@ from pathlib import Path
 from imud.errors import CannotCreateError, ConfigError, PermissionDeniedError
 from imud.settings import Nmea
 
-from .connection import Pace
+from .connection import NEVER_NS, Pace
 from .listen import Address, is_local, parse_address
 from .nmea_sentences import sentences
 from .view import View
@@ -61,9 +61,10 @@ class NmeaOutput:
             raise CannotCreateError(f"cannot make {link} (nmea.pty): {error.strerror}") from error
         self._link = link
 
-    def wants(self, now_ns: int) -> bool:
-        """True when a view is worth making."""
-        return self._wanted and now_ns >= self._pace.due_ns
+    @property
+    def due_ns(self) -> int:
+        """When a view is worth making."""
+        return self._pace.due_ns if self._wanted else NEVER_NS
 
     def publish(self, view: View, now_ns: int) -> None:
         """Send, if it is time."""

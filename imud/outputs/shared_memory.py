@@ -27,11 +27,13 @@ def _emit_fence(typing_context: Any) -> Any:
     return types.none(), generate
 
 
+WORD = np.dtype(np.uint64)
 _fence: Any = intrinsic(_emit_fence)  # no store moves across it, in either direction: ARM would let them
 
 
 @kernel
-def _write(memory: NDArray[np.uint64], record: NDArray[np.uint64]) -> None:
+def write(memory: NDArray[np.uint64], record: NDArray[np.uint64]) -> None:
+    """The record, as 64-bit words, into memory that has room for three more."""
     lock = memory[0]
     memory[0] = lock + np.uint64(1)
     _fence()
@@ -57,11 +59,15 @@ class SharedMemory:
             os.close(self._file)
             raise CannotCreateError(f"cannot share memory in {path}: {error.strerror}") from error
         self._memory[0] = 0
-        _write(np.zeros_like(self._memory), self._memory[1:-1])  # compiles
+
+    @property
+    def address(self) -> int:
+        """Of the file in our memory."""
+        return int(self._memory.ctypes.data)
 
     def publish(self, record: NDArray[np.uint64]) -> None:
         """The newest record, as 64-bit words."""
-        _write(self._memory, record)
+        write(self._memory, record)
 
     def close(self) -> None:
         """Let readers know that there is no state any more."""

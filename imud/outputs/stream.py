@@ -1,16 +1,20 @@
 """Every state to whoever wants it, in binary: a SEQPACKET socket whose clients each choose a divisor.
 
 One record per message (layout: `imud.client.FIELDS`). A client that does not read loses its own records, which their
-numbers tell it, and is cut off after a while; nobody waits for it.
+numbers tell it, and is cut off after a while; nobody waits for it. Sending is compiled, connecting is not.
 """
 
 import contextlib
 import select
 import socket
-from dataclasses import dataclass
 from pathlib import Path
 
-from imud.client import DIVISOR, RECORD
+import numpy as np
+from numpy.typing import NDArray
+
+from imud.client import DIVISOR
+from imud.kernels.jit import kernel
+from imud.kernels.system import EAGAIN, errno, send
 from imud.settings import Stream as StreamSettings
 
 from .gpsd import Poller
@@ -18,71 +22,93 @@ from .listen import listen, parse_path
 
 _STUCK_NS = 60_000_000_000
 _SEND_BUFFER = 256 * 1024
+_FLAGS = int(socket.MSG_NOSIGNAL | socket.MSG_DONTWAIT)
+CLIENT = np.dtype(
+    [
+        ("fd", "<i4"),
+        ("divisor", "<i8"),
+        ("stuck_ns", "<i8"),  # since when it takes nothing; 0: it does
+    ],
+    align=True,
+)
 
 
-@dataclass(slots=True)
-class _Client:
-    sock: socket.socket
-    divisor: int = 1
-    stuck_ns: int | None = None
+@kernel
+def send_all(clients: NDArray[np.void], messages: int, size: int, n: int, seq: int, now_ns: int) -> int:
+    """To each client those of n messages of `size` bytes, the last numbered `seq`, that it divides.
+
+    Returns how many were dropped. One that is gone is left to the poll, which tells.
+    """
+    dropped = 0
+    for i in range(len(clients)):
+        c = clients[i]
+        for k in range(n):
+            if (seq - n + 1 + k) % c.divisor != 0:
+                continue
+            if send(c.fd, messages + k * size, size, _FLAGS) >= 0:
+                c.stuck_ns = 0
+            elif errno() == EAGAIN:
+                dropped += 1
+                if c.stuck_ns == 0:
+                    c.stuck_ns = now_ns
+    return dropped
 
 
 class StreamServer:
-    """Records to the clients of one socket. Never blocks; not thread-safe."""
+    """The clients of one socket. Never blocks; not thread-safe."""
 
-    def __init__(self, settings: StreamSettings, poller: Poller) -> None:
-        """Open. Raises AddressInUseError or CannotCreateError (73), PermissionDeniedError (77)."""
-        self.dropped = 0  # records that slow clients lost
+    def __init__(self, settings: StreamSettings, poller: Poller, publisher: NDArray[np.void]) -> None:
+        """Open; `publisher` (array of one PUBLISHER) is told of the clients.
+
+        Raises AddressInUseError or CannotCreateError (73), PermissionDeniedError (77).
+        """
+        self._publisher = publisher
         self._poller = poller
-        self._max_clients = settings.max_clients
-        self._clients: dict[int, _Client] = {}
+        self._sockets: list[socket.socket] = []
+        self._clients = np.zeros(settings.max_clients, CLIENT)  # in the same order
+        publisher["clients"] = self._clients.ctypes.data
         self._listener = listen(parse_path(settings.listen), socket.SOCK_SEQPACKET) if settings.listen else None
         if self._listener:
             poller.register(self._listener.fileno(), select.POLLIN)
 
     @property
     def clients(self) -> int:
-        return len(self._clients)
+        return len(self._sockets)
+
+    @property
+    def dropped(self) -> int:
+        """Records that slow clients lost."""
+        return int(self._publisher["dropped"][0])
+
+    def _index(self, fd: int) -> int:
+        """The client's place; -1 for none of ours."""
+        return next((i for i, sock in enumerate(self._sockets) if sock.fileno() == fd), -1)
 
     def __contains__(self, fd: int) -> bool:
-        return fd in self._clients or (self._listener is not None and fd == self._listener.fileno())
+        return self._index(fd) >= 0 or (self._listener is not None and fd == self._listener.fileno())
 
     def on_event(self, fd: int) -> None:
         """Somebody connects, asks for another divisor, or goes."""
-        client = self._clients.get(fd)
-        if client is None:
+        i = self._index(fd)
+        if i < 0:
             self._accept()
             return
         try:
-            request = client.sock.recv(64)
+            request = self._sockets[i].recv(64)
         except BlockingIOError:
             return
         except OSError:
             request = b""
         if len(request) == DIVISOR.size and (divisor := DIVISOR.unpack(request)[0]) > 0:
-            client.divisor = divisor
+            self._clients[i]["divisor"] = divisor
         else:
-            self._remove(fd)
+            self._remove(i)
 
-    def publish(self, records: memoryview, first_seq: int, now_ns: int) -> None:
-        """`records` holds whole records, the first of them numbered `first_seq`, each client gets those it divides."""
-        for fd, client in list(self._clients.items()):
-            first = -first_seq % client.divisor
-            for at in range(first * RECORD.size, len(records), client.divisor * RECORD.size):
-                self._send(fd, client, records[at : at + RECORD.size], now_ns)
-
-    def _send(self, fd: int, client: _Client, record: memoryview, now_ns: int) -> None:
-        try:
-            client.sock.send(record, socket.MSG_NOSIGNAL)
-            client.stuck_ns = None
-        except BlockingIOError:
-            self.dropped += 1
-            if client.stuck_ns is None:
-                client.stuck_ns = now_ns
-            if now_ns - client.stuck_ns > _STUCK_NS:
-                self._remove(fd)
-        except OSError:
-            self._remove(fd)
+    def look_after(self, now_ns: int) -> None:
+        """Cut off those who have taken nothing for long."""
+        for i in reversed(range(len(self._sockets))):
+            if (stuck_ns := self._clients[i]["stuck_ns"]) and now_ns - stuck_ns > _STUCK_NS:
+                self._remove(i)
 
     def _accept(self) -> None:
         assert self._listener is not None
@@ -90,23 +116,27 @@ class StreamServer:
             sock, _ = self._listener.accept()
         except OSError:
             return
-        if len(self._clients) >= self._max_clients:
+        if len(self._sockets) >= len(self._clients):
             sock.close()
             return
         sock.setblocking(False)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
-        self._clients[sock.fileno()] = _Client(sock)
+        self._clients[len(self._sockets)] = sock.fileno(), 1, 0
+        self._sockets.append(sock)
+        self._publisher["connected"] = len(self._sockets)
         self._poller.register(sock.fileno(), select.POLLIN)
 
-    def _remove(self, fd: int) -> None:
-        if client := self._clients.pop(fd, None):
-            self._poller.unregister(fd)
-            client.sock.close()
+    def _remove(self, i: int) -> None:
+        sock = self._sockets.pop(i)
+        self._clients[i:-1] = self._clients[i + 1 :].copy()
+        self._publisher["connected"] = len(self._sockets)
+        self._poller.unregister(sock.fileno())
+        sock.close()
 
     def close(self) -> None:
         """End all connections and remove the socket."""
-        for fd in list(self._clients):
-            self._remove(fd)
+        while self._sockets:
+            self._remove(0)
         if self._listener:
             self._poller.unregister(self._listener.fileno())
             with contextlib.suppress(OSError):

@@ -34,6 +34,7 @@ class Replayed:
     complaint: str = ""
     counters: dict[str, int] = field(default_factory=dict)
     fd: int = -1
+    plain: bool = False
 
     def receive(self, room: memoryview, now_ns: int) -> tuple[int, int]:
         """See `drivers.transport.line.Line`."""

@@ -264,6 +264,8 @@ class Daemon:
         if news := self._load.news(self._fitting.inertial.counters()["lost"] if self._fitting.inertial else 0, now_ns):
             self._log.warning(news)
         if self._recorder:
+            if self._imu:
+                self._recorder.looked(self._ports.index(self._imu[0]), self._imu[1], now_ns)
             for level, text in self._recorder.look_after():
                 getattr(self._log, level)(text)
         notifier.status("; ".join(f"{port.spec.path}: {port.story}" for port in self._ports))

@@ -1,5 +1,6 @@
 """Figures as plain values, and as one self-contained HTML page drawn by plotly (the extra `imud[plots]`)."""
 
+import html
 import importlib
 import importlib.util
 import math
@@ -13,7 +14,14 @@ from numpy.typing import NDArray
 
 COLOURS = ("#0b6fa4", "#d1495b", "#3a7d44", "#8a5a9e", "#b07d12")
 MOST_POINTS = 4000  # of a curve: a page of some MB, not hundreds
-ROW_PX = 340
+PANEL_PX = 340
+PAGE_REM = 84
+CONFIG = {"responsive": True, "displayModeBar": False}
+STYLE = (
+    f"body{{font:15px/1.45 system-ui,sans-serif;color:#1b2530;max-width:{PAGE_REM}rem;margin:0 auto;padding:.6rem}}"
+    "h1{font-size:1.3rem}h2{font-size:1.05rem;margin:1.4rem 0 .2rem;border-top:1px solid #d5dce3;padding-top:.6rem}"
+    "pre{font:inherit;white-space:pre-wrap;overflow-wrap:anywhere}.grid{display:grid;gap:.3rem}.grid>div{min-width:0}"
+)
 
 Floats = NDArray[np.float64]
 
@@ -32,7 +40,10 @@ class Trace:
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes. equal: one metre is as long on both; logarithmic: both axes are."""
+    """One pair of axes. equal: one metre is as long on both; logarithmic: both axes are.
+
+    rungs: words that stand at 0, 1, … instead of numbers on y.
+    """
 
     title: str
     x: str  # with unit
@@ -40,6 +51,7 @@ class Panel:
     traces: Sequence[Trace]
     equal: bool = False
     logarithmic: bool = False
+    rungs: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -62,81 +74,103 @@ def plotly_js() -> str:
     return str(offline.get_plotlyjs())
 
 
-def _thin(trace: Trace) -> slice:
-    return slice(None, None, max(1, math.ceil(len(trace.x) / MOST_POINTS)))
+def kept(y: Floats, most: int = MOST_POINTS) -> NDArray[np.int64]:
+    """Which points to draw: all, or of each of `most` / 2 equal parts the least and the greatest, so that no spike is
+    lost; where a part is unknown, a point that is."""
+    n = len(y)
+    if n <= most:
+        return np.arange(n)
+    size = math.ceil(n / (most // 2))
+    padded = np.full(math.ceil(n / size) * size, np.nan)
+    padded[:n] = y
+    parts = padded.reshape(-1, size)
+    first = size * np.arange(len(parts))
+    least, greatest = (np.where(np.isnan(parts), side * np.inf, parts) for side in (1.0, -1.0))
+    return np.unique(np.concatenate([first + least.argmin(axis=1), first + greatest.argmax(axis=1)]))
+
+
+def _single(values: Floats) -> NDArray[np.float32]:
+    """As precise as a screen, and half the page."""
+    return np.asarray(values, np.float32)
+
+
+def _outline(x: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+    """Once about what lies between low and high, for each stretch where they are known."""
+    known = np.isfinite(low) & np.isfinite(high)
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int)))
+    xs, ys = [np.empty(0)], [np.empty(0)]
+    for start, stop in zip(ends[::2], ends[1::2], strict=True):
+        forth, back = slice(start, stop), slice(stop - 1, start - 1 if start else None, -1)
+        xs += [x[forth], x[back], np.array([np.nan])]
+        ys += [high[forth], low[back], np.array([np.nan])]
+    return np.concatenate(xs), np.concatenate(ys)
 
 
 def _band(trace: Trace, colour: str) -> list[dict[str, Any]]:
-    """+-sigma as two thin lines with the space between them tinted."""
+    """+-sigma as a tinted space."""
     if trace.sigma is None:
         return []
-    take = _thin(trace)
+    take = kept(trace.y)
     middle = (trace.y if trace.about is None else trace.about)[take]
-    line = {"color": colour, "width": 0.7, "dash": "dot"}
-    shared = {"x": trace.x[take], "mode": "lines", "line": line, "legendgroup": trace.name, "hoverinfo": "skip"}
-    fill = {"fill": "tonexty", "fillcolor": f"rgba{(*(int(colour[i : i + 2], 16) for i in (1, 3, 5)), 0.15)}"}
-    return [
-        {**shared, "y": middle - trace.sigma[take], "showlegend": False},
-        {**shared, "y": middle + trace.sigma[take], "name": f"±σ {trace.name}", "showlegend": True, **fill},
-    ]
+    x, y = _outline(trace.x[take], middle - trace.sigma[take], middle + trace.sigma[take])
+    tint = f"rgba{(*(int(colour[i : i + 2], 16) for i in (1, 3, 5)), 0.18)}"
+    line = {"color": colour, "width": 0.5}
+    shared = {"mode": "lines", "line": line, "fill": "toself", "fillcolor": tint, "hoverinfo": "skip"}
+    return [{"x": _single(x), "y": _single(y), "name": f"±σ {trace.name}", "legendgroup": trace.name, **shared}]
 
 
 def _curve(go: Any, trace: Trace, colour: str) -> Any:
-    take = _thin(trace)
-    x, y = trace.x[take], trace.y[take]
+    take = kept(trace.y)
+    x, y = _single(trace.x[take]), _single(trace.y[take])
+    named = {"name": trace.name, "legendgroup": trace.name, "showlegend": bool(trace.name)}
     if trace.style == "bars":
-        return go.Bar(x=x, y=y, name=trace.name, legendgroup=trace.name, marker_color=colour, opacity=0.6)
+        return go.Bar(x=x, y=y, **named, marker_color=colour, opacity=0.6)
     line, marker = {"color": colour, "width": 1.2}, {"color": colour, "size": 4}
-    return go.Scatter(x=x, y=y, name=trace.name, mode=trace.style, line=line, marker=marker, legendgroup=trace.name)
+    return go.Scatter(x=x, y=y, **named, mode=trace.style, line=line, marker=marker)
 
 
-def _fill(go: Any, figure: Any, panel: Panel, row: int, column: int) -> None:
+def _draw(panel: Panel) -> Any:
+    go: Any = importlib.import_module("plotly.graph_objects")
+    drawn = go.Figure()
     for k, trace in enumerate(panel.traces):
         colour = COLOURS[k % len(COLOURS)]
         for band in _band(trace, colour):
-            figure.add_trace(go.Scatter(**band), row=row, col=column)
-        figure.add_trace(_curve(go, trace, colour), row=row, col=column)
-    figure.update_xaxes(title_text=panel.x, row=row, col=column)
-    figure.update_yaxes(title_text=panel.y, row=row, col=column)
-    if panel.logarithmic:
-        figure.update_xaxes(type="log", row=row, col=column)
-        figure.update_yaxes(type="log", row=row, col=column)
+            drawn.add_trace(go.Scatter(**band))
+        drawn.add_trace(_curve(go, trace, colour))
+    kind = "log" if panel.logarithmic else None
+    drawn.update_xaxes(title_text=panel.x, type=kind, automargin=True)
+    drawn.update_yaxes(title_text=panel.y, type=kind, automargin=True)
+    if panel.rungs:
+        ticks = {"tickvals": list(range(len(panel.rungs))), "ticktext": list(panel.rungs)}
+        drawn.update_yaxes(range=[-0.5, len(panel.rungs) - 0.5], **ticks)
     if panel.equal:
-        axis = next(figure.select_xaxes(row=row, col=column)).plotly_name.replace("axis", "")
-        figure.update_yaxes(scaleanchor=axis, scaleratio=1, row=row, col=column)
-
-
-def _name_once(drawn: Any) -> None:
-    """In the legend one entry for a curve that stands in several panels."""
-    seen = set()
-    for curve in drawn.data:
-        what = curve.name, curve.marker.color or curve.line.color
-        curve.showlegend = bool(curve.name) and curve.showlegend is not False and what not in seen
-        seen.add(what)
-
-
-def _draw(figure: Figure) -> Any:
-    go: Any = importlib.import_module("plotly.graph_objects")
-    subplots: Any = importlib.import_module("plotly.subplots")
-    rows = math.ceil(len(figure.panels) / figure.columns)
-    drawn = subplots.make_subplots(
-        rows, figure.columns, subplot_titles=[p.title for p in figure.panels], vertical_spacing=min(0.3 / rows, 0.12)
-    )
-    for k, panel in enumerate(figure.panels):
-        _fill(go, drawn, panel, k // figure.columns + 1, k % figure.columns + 1)
-    _name_once(drawn)
+        drawn.update_yaxes(scaleanchor="x", scaleratio=1)
+    several = sum(bool(trace.name) for trace in panel.traces) > 1 and not panel.rungs
+    top_px = 60 if several else 34
     drawn.update_layout(
-        title=figure.title, template="plotly_white", height=ROW_PX * rows + 120, bargap=0.02,
-        legend={"groupclick": "togglegroup", "font": {"size": 10}},
+        title={"text": panel.title, "font": {"size": 14}, "x": 0.02, "y": 0.98},
+        template="plotly_white", height=PANEL_PX, bargap=0.02, margin={"l": 50, "r": 10, "t": top_px, "b": 40},
+        showlegend=several,
+        legend={"groupclick": "togglegroup", "font_size": 10, "orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"},
     )  # fmt: skip
     return drawn
 
 
+def _html(figure: Figure) -> str:
+    """Panels in as many columns as the screen has room for, at most the figure's."""
+    options: dict[str, Any] = {"full_html": False, "include_plotlyjs": False, "config": CONFIG}
+    panels = "".join(f"<div>{_draw(panel).to_html(**options)}</div>" for panel in figure.panels)
+    least = f"minmax(min(100%, {PAGE_REM // figure.columns - 4}rem), 1fr)"
+    grid = f'<div class="grid" style="grid-template-columns:repeat(auto-fill, {least})">{panels}</div>'
+    return f"<section><h2>{html.escape(figure.title)}</h2>{grid}</section>"
+
+
 def write(title: str, text: str, figures: Sequence[Figure], path: Path) -> None:
     """A text and figures as one HTML file that needs nothing else. Raises OSError."""
-    shown = text.replace("&", "&amp;").replace("<", "&lt;")
-    drawn = [_draw(figure).to_html(full_html=False, include_plotlyjs=k == 0) for k, figure in enumerate(figures)]
-    head = f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{title}</title></head>'
-    said = f'<pre style="white-space:pre-wrap">{shown}</pre>'
-    body = f'<body style="font-family:sans-serif;margin:1.5em">{said}{"".join(drawn)}</body></html>'
-    path.write_text(head + body, encoding="utf-8")
+    head = (
+        '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
+        f'content="width=device-width, initial-scale=1"><title>{html.escape(title)}</title><style>{STYLE}</style>'
+        f"<script>{plotly_js()}</script></head>"
+    )
+    said = f"<h1>{html.escape(title)}</h1><pre>{html.escape(text)}</pre>"
+    path.write_text(f"{head}<body>{said}{''.join(map(_html, figures))}</body></html>", encoding="utf-8")

@@ -131,10 +131,13 @@ class Inertial:
 
     def clock_fit(self) -> ClockFit:
         """How well the sensor's counter fits our time."""
-        clock = self.stream.clock
-        if not clock["fitted"][0]:
+        clock = self.stream.clock[0]
+        if not clock["fitted"]:
             return ClockFit()
-        return ClockFit(float(clock["residual_ns"][0]) * 1e-9, float(clock["slope"][0] / clock["period_ns"][0]) - 1.0)
+        n, residual_ns = int(clock["count"]), float(clock["residual_ns"])
+        span_ns = float(clock["ticks"][n - 1] - clock["ticks"][0]) * float(clock["period_ns"])
+        sigma_drift = residual_ns / span_ns * math.sqrt(12.0 / n)  # of a straight line through n even points
+        return ClockFit(residual_ns * 1e-9, float(clock["slope"] / clock["period_ns"]) - 1.0, sigma_drift)
 
     def facts(self, now_ns: int) -> dict[str, object]:
         """What `imud status` shows of it: counters, and how its samples come."""

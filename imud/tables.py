@@ -235,6 +235,19 @@ def _format(solutions: Any, origin: int, decimals: NDArray[np.int64], buffer: ND
     return at
 
 
+@kernel
+def _fill_all(solutions: Any, cells: Floats) -> None:
+    for k in range(len(solutions)):
+        _fill(cells[k], solutions[k])
+
+
+def estimate_cells(solutions: NDArray[np.void]) -> dict[str, Floats]:
+    """Columns of est.csv behind t_s, by name, of solutions (array of SOLUTION); unknown is NaN."""
+    cells = np.empty((len(solutions), len(ESTIMATE_COLUMNS)))
+    _fill_all(solutions, cells)
+    return {name: cells[:, i] for i, (name, _) in enumerate(ESTIMATE_COLUMNS)}
+
+
 INNOVATION_COLUMNS = ("t_s", "kind", "value", "sigma", "used")
 INNOVATION_KINDS = {
     POSITION_N: "pn_m", POSITION_E: "pe_m", POSITION_D: "pd_m",

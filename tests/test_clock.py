@@ -1,11 +1,14 @@
 """The clock: stamps against a simulated device whose true sample times are known."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imud.clock import new_clock, stamp
+from imud.sensors import Inertial
 
 PERIOD_NS = 1_000_000
 
@@ -185,3 +188,17 @@ def test_whatever_the_jitter_the_stamps_move_by_less_than_half_a_millisecond(jit
     assert error.max() < 0.5e6 + latency
     assert np.ptp(error) < 0.5e6 + latency
     assert clock["corrections"][0] == 0
+
+
+@pytest.mark.parametrize("seconds", [5, 20])
+def test_the_drift_lies_within_its_sigma(seconds):
+    z = []
+    for seed in range(25):
+        error = np.random.default_rng(seed).uniform(-1e-4, 1e-4)
+        ticks = np.arange(200 * seconds)
+        true = ticks * 5e6 * (1.0 + error)
+        jitter = np.random.default_rng(seed).exponential(1e6, len(ticks))
+        _, clock = stamps(ticks, np.maximum.accumulate(true + jitter) + 1e9, clock=new_clock(5e6, 0.0))
+        fit = Inertial(SimpleNamespace(clock=clock, rx=np.zeros(1, np.uint8))).clock_fit()
+        z.append((fit.drift - error) / fit.sigma_drift)
+    assert 0.1 < np.sqrt(np.mean(np.square(z))) < 1.2  # earliest arrivals tell more than points that scatter both ways

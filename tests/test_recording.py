@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from drivers.capture import Capture
 from imud.recording import many, replaying
-from imud.recording.messages import ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE, SAMPLE_TABLE
+from imud.recording.messages import CLOCK_TABLE, ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE, SAMPLE_TABLE
 from imud.recording.player import Player
 from imud.recording.source import Recording, adapter, group
 from imud.settings import Initial
@@ -202,6 +202,17 @@ def _bytes(path, kind):
     """All that the device of that kind said."""
     port = next(device.port for device in Capture(path).devices() if device.kind == kind)
     return b"".join(entry.raw().data for entry in Capture(path) if entry.port == port)
+
+
+def test_the_clocks_fit_is_recorded_once_a_second(recorded):
+    rows = stored(recorded, CLOCK_TABLE)
+    span_s = np.ptp(stored(recorded, SAMPLE_TABLE)["t_ns"]) * 1e-9
+    assert len(rows) == pytest.approx(span_s, abs=2.0)
+    assert (np.diff(rows["t_ns"]) >= 1_000_000_000).all()
+    fitted = rows[np.isfinite(rows["drift"])]
+    assert len(fitted) >= len(rows) - 5
+    assert abs(fitted["drift"][-1]) < 1e-3 and 0.0 < fitted["sigma_drift"][-1] < 1e-3
+    assert rows["frames"][-1] <= len(stored(recorded, SAMPLE_TABLE)) and rows["lost"][-1] == 0
 
 
 def test_the_recording_holds_what_happened(recorded):

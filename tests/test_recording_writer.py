@@ -234,3 +234,16 @@ def test_the_schemas_are_json_schemas_of_objects():
     for name, schema in SCHEMAS.items():
         assert json.loads(schema)["title"] == name
         assert json.loads(schema)["type"] == "object"
+
+
+def test_a_daemon_that_leaves_without_hearing_the_writer_out_still_gets_a_whole_file(tmp_path):
+    path = tmp_path / "drive.mcap"
+    recorder = Recorder(settings(path))
+    while not path.exists():
+        time.sleep(0.01)
+    recorder.tap(0)(b"abc", 5)
+    time.sleep(0.2)  # "recording to …" waits to be read by then
+    recorder.close()
+    capture = Capture(path)
+    assert [entry.raw().data for entry in capture if entry.port == 0] == [b"abc"]
+    assert capture.broken == ""

@@ -6,6 +6,8 @@ import json
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import stats
 
 from drivers.sample import SAMPLE
@@ -19,9 +21,14 @@ from imud.estimators.records import (
     REJECTING,
     SOLUTION,
 )
+from imud.figures import kept
+from imud.report import read
+from imud.report.content import panels
+from imud.report.envelope import Envelope
 from imud.report.findings import findings
-from imud.report.session import Innovations, Samples, Session, read
+from imud.report.session import Estimates, Innovations, Part, Session, together
 from imud.report.statistics import autocorrelation, chi2_bounds, effective_number, moving_mean
+from imud.report.watch import SensorWatch
 from imud.tables import EstimateWriter, write_innovations
 
 RNG_SEED = 5
@@ -64,8 +71,16 @@ def innovations(z, used=None, sigma=2.0):
     return Innovations("run", "pn_m", np.arange(float(len(z))), sigma * z, np.full(len(z), sigma), used)
 
 
-def said(*of, samples=()):
-    return "\n".join(findings(Session((), of, samples, ())))
+def said(*of, sensors=()):
+    return "\n".join(findings(Session(innovations=of, sensors=sensors)))
+
+
+def watched(rows, block=700):
+    """As a report sees a sensor, block by block."""
+    watch = SensorWatch("imu")
+    for start in range(0, len(rows), block):
+        watch.add(rows[start : start + block])
+    return watch.close()
 
 
 WHITE = np.random.default_rng(RNG_SEED).normal(size=400)
@@ -101,12 +116,49 @@ def still(n=4000, rate_hz=100.0):
 
 def test_what_is_wrong_with_the_sensor_is_said():
     well = still()
-    assert said(samples=(Samples("imu", well, 100.0),)) == ""
+    assert said(sensors=(watched(well),)) == ""
     frozen = still()
     frozen["w"][2000:3000, 1] = frozen["w"][2000, 1]
-    assert "imu: gyro y frozen" in said(samples=(Samples("imu", frozen, 100.0),))
+    for block in (30, 700, 4000):
+        assert "imu: gyro y frozen" in said(sensors=(watched(frozen, block),))
     gap = np.delete(still(), np.s_[1000:1100])
-    assert "1 gaps between samples, the longest 1.01 s at 10.0 s" in said(samples=(Samples("imu", gap, 100.0),))
+    assert "1 gaps between samples, the longest 1.01 s at 10.0 s" in said(sensors=(watched(gap),))
+    assert watched(well[:1]) is None
+
+
+@given(st.integers(1, 5000), st.integers(1, 900), st.integers(0, 2**31))
+def test_an_envelope_is_small_and_loses_no_spike(n, block, seed):
+    rng = np.random.default_rng(seed)
+    rows = np.stack([np.arange(n, dtype=float), rng.normal(size=n), rng.normal(size=n)], axis=1)
+    rows[rng.random(n) < 0.3, 2] = np.nan
+    bits = 1 << rng.integers(0, 5, n)
+    envelope = Envelope(3, spans=20)
+    for start in range(0, n, block):
+        envelope.add(rows[start : start + block], bits[start : start + block])
+    extremes, ends, greatest, seen = envelope.close()
+    assert len(extremes) == len(ends) == len(greatest) == len(seen) <= 80
+    for k in (0, 1, 2):
+        if np.isfinite(rows[:, k]).any():
+            wanted = np.nanmin(rows[:, k]), np.nanmax(rows[:, k])
+            assert (np.nanmin(extremes[:, k]), np.nanmax(extremes[:, k])) == wanted
+            assert np.nanmax(greatest[:, k]) == wanted[1]
+    assert np.bitwise_or.reduce(seen) == np.bitwise_or.reduce(bits)
+    assert (ends[0, :2].tolist(), ends[-1, :2].tolist()) == (rows[0, :2].tolist(), rows[-1, :2].tolist())
+    spans = np.searchsorted(extremes[0::2, 0], np.arange(n), side="right") - 1 if len(extremes) < n else None
+    if spans is not None:  # each value lies between the bounds of the span of its time
+        assert (extremes[0::2, 1][spans] <= rows[:, 1]).all() and (rows[:, 1] <= extremes[1::2, 1][spans]).all()
+    if n <= 40:
+        assert np.array_equal(extremes, rows, equal_nan=True)
+
+
+@given(st.integers(1, 3000), st.integers(0, 2**31))
+def test_what_is_drawn_loses_no_spike(n, seed):
+    y = np.random.default_rng(seed).normal(size=n)
+    y[::7] = np.nan
+    take = kept(y, 100)
+    assert len(take) <= max(100, min(n, 100)) and (np.diff(take) > 0).all()
+    if n > 1:
+        assert (np.nanmin(y[take]), np.nanmax(y[take])) == (np.nanmin(y), np.nanmax(y))
 
 
 @pytest.fixture
@@ -142,13 +194,15 @@ def test_innovations_come_back_as_they_were_written(files):
     assert found.kind == "pn_m" and found.used.all()
     assert found.normalised == pytest.approx(3.0 * WHITE[:30])
     assert found.t == pytest.approx(np.arange(30.0), abs=1e-6)
-    assert session.fixes[0].rows["t_ns"][0] == session.samples[0].rows["t_ns"][0] == 0
+    assert session.fixes[0].rows["t_ns"][0] == session.sensors[0].columns["t_s"][0] == 0
 
 
-def test_a_recording_tells_the_same_as_tables(tmp_path):
+@pytest.mark.parametrize("clock", [True, False], ids=["with clock", "as older versions wrote it"])
+def test_a_recording_tells_the_same_as_tables(clock, tmp_path):
     pytest.importorskip("mcap", reason="recordings need the extra imud[record]")
+    from imud.recording.clock_fit import CLOCK_FIT
     from imud.recording.file import RecordingFile
-    from imud.recording.messages import ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE, SAMPLE_TABLE
+    from imud.recording.messages import CLOCK_TABLE, ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE, SAMPLE_TABLE
 
     estimates, told, samples, fixes = np.zeros(100, SOLUTION), np.zeros(30, INNOVATION), still(500), np.zeros(9, FIX)
     estimates["t_ns"], told["t_ns"] = 5_250_000_000 + np.arange(100) * 10**8, 6_000_000_000 + np.arange(30) * 10**8
@@ -158,7 +212,14 @@ def test_a_recording_tells_the_same_as_tables(tmp_path):
     samples["t_ns"] += 5_000_000_000
     fixes["t_ns"], fixes["arrival_ns"], fixes["lat"] = 6_000_000_000, 6_200_000_000, 0.5
     file = RecordingFile(tmp_path / "drive.mcap", {"version": "0"}, b"{}", 0)
-    tables = ((ESTIMATE_TABLE, estimates), (INNOVATION_TABLE, told), (SAMPLE_TABLE, samples), (FIX_TABLE, fixes))
+    tables = [(ESTIMATE_TABLE, estimates), (INNOVATION_TABLE, told), (SAMPLE_TABLE, samples), (FIX_TABLE, fixes)]
+    fits = np.zeros(3, CLOCK_FIT)
+    fits["t_ns"], fits["drift"], fits["sigma_drift"] = 6_000_000_000 + np.arange(3) * 10**9, 2e-5, 1e-6
+    fits["drift"][0], fits["lost"], fits["bad"] = np.nan, (3, 5, 1), 7  # it was connected anew after the second
+    if clock:
+        tables.append((CLOCK_TABLE, fits))
+        event = {"t_ns": 6_500_000_000, "level": "warning", "text": "the fixes are refused", "facts": {"hdop": "9"}}
+        file.write("/events", event["t_ns"], msgspec.json.encode(event))
     for table, rows in tables:
         for entry in table.objects(rows):
             file.write(table.topic, entry["t_ns"], msgspec.json.encode(entry))
@@ -169,9 +230,28 @@ def test_a_recording_tells_the_same_as_tables(tmp_path):
     (found,) = session.innovations
     assert found.kind == "pn_m" and found.normalised == pytest.approx(WHITE[:30])
     assert found.t[0] == pytest.approx(1.0) and np.count_nonzero(found.used) == 27
-    assert session.samples[0].rate_hz == pytest.approx(100.0)
+    assert session.sensors[0].rate_hz == pytest.approx(100.0)
     latency = session.fixes[0].rows["arrival_ns"] - session.fixes[0].rows["t_ns"]
     assert (latency == 200_000_000).all()
+    assert len(session.clocks) == len(session.events) == int(clock)
+    text = "\n".join(findings(session))
+    assert ("drive: 6 samples are missing" in text) == ("drive: 7 frames were damaged" in text) == clock
+    titles = {panel.title for figure in panels(session) for panel in figure.panels}
+    assert ("Clock drift ± σ" in titles) == clock and {"Rates, FRD", "Plan"} <= titles
+    if clock:
+        assert session.clocks[0].rows["drift"][1:] == pytest.approx(2e-5)
+        assert session.events[0].t == pytest.approx(1.5) and session.events[0].text == "the fixes are refused (hdop 9)"
+
+
+def test_runs_at_the_same_time_share_an_axis_and_those_of_other_days_lie_over_them():
+    def part(first, last):
+        columns = {name: np.array([0.25, 1.0]) for name in ("t_s",)}
+        run = Estimates("run", columns, np.zeros(2, int), {}, (0.5,))
+        return Part(int(first), first, last, Session(estimates=(run,)))
+
+    whole = together([part(1000.25, 1030.0), part(90_000.25, 90_010.0), part(1020.0, 1040.0)])
+    assert [run.columns["t_s"][0] for run in whole.estimates] == [0.25, 20.25, 0.25]
+    assert [run.lost_s for run in whole.estimates] == [(0.5,), (20.5,), (0.5,)]
 
 
 def test_the_page_says_and_draws_what_the_files_tell(files, capsys):

@@ -58,6 +58,7 @@ class ClockFit(NamedTuple):
 
     residual_s: float = NAN  # mean distance of the earliest arrivals from the line
     drift: float = NAN  # of the sensor's clock against the host's, positive when slow; dimensionless
+    sigma_drift: float = NAN  # 1 sigma by the scatter of the arrivals alone
 
 
 class Health(NamedTuple):

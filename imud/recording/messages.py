@@ -35,9 +35,10 @@ from ..estimators.records import (
     VELOCITY_E,
     VELOCITY_N,
 )
+from .clock_fit import CLOCK_FIT
 
 Records = NDArray[np.void]
-SAMPLES, ESTIMATES, FIXES = "/imu/samples", "/estimate", "/gnss/fixes"
+SAMPLES, ESTIMATES, FIXES, CLOCK = "/imu/samples", "/estimate", "/gnss/fixes", "/imu/clock"
 INNOVATIONS, EVENTS, SETTINGS, LOCATION, POSE = "/innovations", "/events", "/settings", "/location", "/tf"
 INNOVATION_NAMES = {
     POSITION_N: "position north, m",
@@ -175,7 +176,27 @@ INNOVATION_TABLE = Table(
         "used": ("used", "1 fused, 0 rejected by its gate"),
     },
 )
-TABLES = (SAMPLE_TABLE, ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE)
+CLOCK_TABLE = Table(
+    CLOCK,
+    "imud.Clock",
+    CLOCK_FIT,
+    {
+        "t_ns": _T,
+        "port": ("port", "of the inertial sensor"),
+        "drift": ("drift", "of the sensor's clock against the host's, positive when slow; times 1e6 it is in ppm"),
+        "sigma_drift": ("sigma_drift", "1 sigma, by the scatter of the arrivals alone"),
+        "residual": ("residual_s", "mean distance of the earliest arrivals from the fitted line, s"),
+        "late": ("late_s", "how much later than at best samples come, mean of late, s"),
+        "latest": ("latest_s", "and at most, s"),
+        "corrections": ("corrections", "of the counter, since the connection"),
+        "frames": ("frames", "good ones since the connection"),
+        "junk": ("junk", "bytes outside of frames"),
+        "bad": ("bad", "damaged frames"),
+        "lost": ("lost", "samples that the counter says are missing"),
+        "errors": ("errors", "frames with the device's own error bit"),
+    },
+)
+TABLES = (SAMPLE_TABLE, ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE, CLOCK_TABLE)
 
 _ANY = {"type": "object"}
 _TEXT = {"type": "string"}

@@ -21,6 +21,7 @@ class Kind(IntEnum):
     EVENT = 7  # JSON
     SETTINGS = 8  # JSON
     PULSE = 9  # nothing: its time is that of the pulse per second before the RAW that follows
+    CLOCK = 10  # a row of CLOCK_FIT
 
 
 def items(packet: bytes) -> Iterator[tuple[int, int, int, bytes]]:

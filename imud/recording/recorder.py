@@ -26,14 +26,16 @@ from drivers.driver import GnssConfigured, ImuConfigured
 
 from ..calibration import Calibration
 from ..errors import CannotCreateError, UsageError
-from ..sensors import Tap
+from ..sensors import Inertial, Tap
 from ..settings import Settings
+from .clock_fit import row_of
 from .protocol import HEADER, Kind
 
 Buffer = bytes | memoryview
 _SHIP_BYTES = 32 << 10
 _KEPT_BYTES = 16 << 20
 _SOCKET_BYTES = 1 << 20  # as far as the system allows
+_LOOK_NS = 1_000_000_000
 _GOODBYE_S = 4.0  # systemd waits 5
 Records = NDArray[np.void]
 
@@ -47,7 +49,7 @@ class Recorder:
         self.dropped = 0  # packets
         self._batch = bytearray()
         self._queue: deque[bytes] = deque()
-        self._queued = 0
+        self._queued = self._look_ns = 0
         self._full = self._dead = False
         self._told_full = self._told_dead = False
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -120,6 +122,12 @@ class Recorder:
     def told(self, innovations: Records) -> None:
         """What the filter told without a fix (INNOVATION)."""
         self._put(Kind.INNOVATIONS, innovations.tobytes(), int(innovations[-1]["t_ns"]))
+
+    def looked(self, port: int, inertial: Inertial, now_ns: int) -> None:
+        """That sensor at this time: kept once a second."""
+        if now_ns >= self._look_ns:
+            self._look_ns = now_ns + _LOOK_NS
+            self._put(Kind.CLOCK, row_of(inertial, port, now_ns).tobytes(), now_ns)
 
     def settings(self, settings: Settings) -> None:
         """They are others from now on."""

@@ -24,6 +24,7 @@ from .enu import LocalMap
 from .file import RecordingFile
 from .foxglove import location, transform
 from .messages import (
+    CLOCK_TABLE,
     ESTIMATE_TABLE,
     EVENTS,
     FIX_TABLE,
@@ -94,6 +95,8 @@ class RecordingWriter:
             self._solutions(self._estimates.kept(np.frombuffer(data, ESTIMATE_TABLE.dtype)))
         elif kind == Kind.FIX:
             self._rows(FIX_TABLE, np.frombuffer(data, FIX_TABLE.dtype), t_ns)
+        elif kind == Kind.CLOCK:
+            self._rows(CLOCK_TABLE, np.frombuffer(data, CLOCK_TABLE.dtype))
         elif kind == Kind.INNOVATIONS:
             for entry in INNOVATION_TABLE.objects(np.frombuffer(data, INNOVATION_TABLE.dtype)):
                 self._write(INNOVATION_TABLE.topic, t_ns, _encode(innovation(entry)))
@@ -208,7 +211,7 @@ def main(fd: int) -> None:
         due_s = time.monotonic() + _COMMIT_S
         while True:
             packets.settimeout(max(0.01, due_s - time.monotonic()))
-            with contextlib.suppress(TimeoutError):
+            with contextlib.suppress(TimeoutError, ConnectionResetError):  # reset: it left without hearing us out
                 packet = packets.recv(PACKET)
                 if not packet:
                     break

@@ -1,11 +1,14 @@
 """`imud report`: a run of the filter as one page: its estimates, how far to believe them, and what looks wrong."""
 
 import argparse
-import html
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from imud.errors import CannotCreateError, UsageError
+
+if TYPE_CHECKING:
+    from .session import Session
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,6 +22,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="HTML", help="the page; works offline")
 
 
+def read(paths: list[Path]) -> "Session":
+    """All files, with a bar as they are read. Raises InputMissingError, BadDataError, UsageError."""
+    from imud.errors import InputMissingError
+    from imud.progress import Progress
+
+    from .csv_files import read_table
+    from .recording import is_recording, read_recording
+    from .session import together
+
+    try:
+        total, kinds = sum(path.stat().st_size for path in paths), [is_recording(path) for path in paths]
+    except OSError as error:
+        raise InputMissingError(f"{error.filename}: {(error.strerror or '').lower()}") from error
+    progress, done = Progress(1000), 0
+
+    def heard(count: int) -> None:
+        nonlocal done
+        done += count
+        progress.at(min(1000, 1000 * done // max(total, 1)))
+
+    parts = [(read_recording if mcap else read_table)(path, heard) for path, mcap in zip(paths, kinds, strict=True)]
+    return together(parts)
+
+
 def run(args: argparse.Namespace) -> int:
     from imud import figures
 
@@ -26,16 +53,18 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("the page needs plotly: pip install 'imud[web]'")
     from .content import panels
     from .findings import findings
-    from .session import read
 
     session = read(args.files)
     said = findings(session)
     text = "\n".join(["What looks wrong:", *(f"- {line}" for line in said)] if said else ["Nothing looks wrong."])
     if not session.innovations:
         text += "\nThere are no innovations in these files: whether the sigmas are right was not judged."
+    if session.events:
+        lines = (f"- {event.name} at {event.t:.1f} s: {event.text}" for event in session.events)
+        text += "\n".join(["\nWhat the daemon warned of:", *lines])
     title = "imud report: " + ", ".join(path.name for path in args.files)
     try:
-        figures.write(html.escape(title), f"{title}\n\n{text}", panels(session), args.output)
+        figures.write(title, text, panels(session), args.output)
     except OSError as error:
         raise CannotCreateError(f"cannot write {args.output}: {error.strerror}") from error
     print(text, file=sys.stderr)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers import sample as flag
 from imud.estimators.records import (
     AT_REST,
     ATTITUDE_VALID,
@@ -18,7 +19,7 @@ from imud.estimators.records import (
 from imud.figures import Figure, Panel, Trace
 from imud.kernels.earth import radii
 
-from .session import Estimates, Fixes, Innovations, Session
+from .session import Clock, Estimates, Fixes, Innovations, Sensor, Session
 from .statistics import autocorrelation, chi2_bounds, moving_mean
 
 Floats = NDArray[np.float64]
@@ -37,14 +38,19 @@ STATUS = {
     "rejecting": REJECTING,
     "saturated": SATURATED,
 }
+FLAGS = {
+    "suspect": flag.SUSPECT,
+    "device error": flag.DEVICE_ERROR,
+    "saturated": flag.SATURATED,
+    "no rate": flag.NO_RATE,
+    "no force": flag.NO_FORCE,
+}
 
 
-def _unwrapped(angle: Floats) -> Floats:
-    """Degrees without the jump at a half turn; NaN stays."""
-    known = np.isfinite(angle)
-    out = angle.copy()
-    out[known] = np.unwrap(angle[known], period=360.0)
-    return out
+def _wrapped(yaw: Floats) -> Floats:
+    """Degrees within half a turn of north; where it jumps, nothing."""
+    y = yaw - 360.0 * np.round(yaw / 360.0)
+    return np.where(np.abs(np.diff(y, prepend=y[:1])) > 180.0, np.nan, y)
 
 
 def _states(session: Session, title: str, unit: str, names: Iterable[str], factor: float = 1.0) -> Figure:
@@ -54,7 +60,7 @@ def _states(session: Session, title: str, unit: str, names: Iterable[str], facto
         traces = []
         for e in session.estimates:
             y, sigma = factor * e.columns[name], factor * e.columns[f"s{name}"]
-            y = _unwrapped(y) if name == "yaw_deg" else y
+            y = _wrapped(y) if name == "yaw_deg" else y
             if np.isfinite(y).any():
                 traces.append(Trace(e.name, e.columns["t_s"], y, sigma))
         panels.append(Panel(name.rpartition("_")[0], TIME, unit, traces))
@@ -110,8 +116,8 @@ def _track(session: Session) -> Figure | None:
         heights.append(Trace(e.name, c["t_s"], c["height_m"], c["sd_m"]))
     for fixes in session.fixes:
         north, east = metres(np.degrees(fixes.rows["lat"]), np.degrees(fixes.rows["lon"]))
-        plan.append(Trace(fixes.name, east, north, style="markers"))
-        heights.append(Trace(fixes.name, _epochs(fixes), fixes.rows["height"], style="markers"))
+        plan.append(Trace(f"{fixes.name}: fixes", east, north, style="markers"))
+        heights.append(Trace(f"{fixes.name}: fixes", _epochs(fixes), fixes.rows["height"], style="markers"))
     return Figure(
         f"Track about {origin[0]:.6f}°, {origin[1]:.6f}°",
         [
@@ -152,7 +158,7 @@ def _innovation_panels(i: Innovations) -> list[Panel]:
         ),
         Panel(
             "autocorrelation; 95 % if white",
-            "lag",
+            "lag, innovations",
             "correlation",
             [Trace("found", lag, lags, style="bars"), Trace("±1.96/√N", lag, bound), Trace("", lag, -bound)],
         ),
@@ -178,30 +184,47 @@ def _consistency(name: str, kinds: list[Innovations]) -> Figure | None:
     )
 
 
-def _status(e: Estimates) -> Figure:
-    """Status bits one above the other."""
-    status = e.columns["status"].astype(np.int64)
+def _words(title: str, t: Floats, bits: NDArray[np.int64], table: dict[str, int]) -> Panel:
+    """When each of the words held, one above the other."""
     traces = [
-        Trace(name, e.columns["t_s"], np.where(status & bit, float(k), np.nan), style="markers")
-        for k, (name, bit) in enumerate(STATUS.items())
-        if (status & bit).any()
+        Trace(name, t, np.where(bits & bit, float(k), np.nan), style="markers")
+        for k, (name, bit) in enumerate(table.items())
     ]
-    return Figure(f"{e.name}: status", [Panel("", TIME, "one height per word", traces)], columns=1)
+    return Panel(title, TIME, "", traces, rungs=tuple(table))
 
 
-def _sensors(session: Session) -> list[Figure]:
-    figures = []
-    for s in session.samples:
-        t, row = s.rows["t_ns"] * 1e-9, s.rows
-        panels = [
-            Panel("Rates, FRD", TIME, "rad/s", [Trace(a, t, row["w"][:, k]) for k, a in enumerate("xyz")]),
-            Panel("Forces, FRD", TIME, "m/s²", [Trace(a, t, row["f"][:, k]) for k, a in enumerate("xyz")]),
-            Panel("Between samples", TIME, "ms", [Trace("interval", t[1:], np.diff(row["t_ns"]) * 1e-6)]),
-        ]
-        if np.isfinite(row["temperature"]).any():
-            panels.append(Panel("Temperature", TIME, "°C", [Trace("sensor", t, row["temperature"])]))
-        figures.append(Figure(f"{s.name}: the sensor at {s.rate_hz:.6g} Hz", panels))
-    return figures
+def _status(e: Estimates) -> Figure:
+    return Figure(f"{e.name}: status", [_words("", e.columns["t_s"], e.status, STATUS)], columns=1)
+
+
+def _sensor(s: Sensor) -> Figure:
+    c = s.columns
+    panels = [
+        Panel("Rates, FRD", TIME, "rad/s", [Trace(a, c["t_s"], c[f"w{a}"]) for a in "xyz"]),
+        Panel("Forces, FRD", TIME, "m/s²", [Trace(a, c["t_s"], c[f"f{a}"]) for a in "xyz"]),
+        Panel("Between samples", TIME, "ms", [Trace("interval", c["t_s"], c["interval_ms"])]),
+    ]
+    if np.isfinite(c["temperature_c"]).any():
+        panels.append(Panel("Temperature", TIME, "°C", [Trace("sensor", c["t_s"], c["temperature_c"])]))
+    if any((s.flags & bit).any() for bit in FLAGS.values()):
+        panels.append(_words("Health", c["t_s"], s.flags, FLAGS))
+    return Figure(f"{s.name}: the sensor at {s.rate_hz:.6g} Hz", panels)
+
+
+def _clock(c: Clock) -> Figure:
+    rows = c.rows
+    t = rows["t_ns"] * 1e-9
+    late = [Trace("mean of late", t, 1e3 * rows["late"]), Trace("at most so far", t, 1e3 * rows["latest"])]
+    lost = [Trace(name, t, rows[name].astype(float)) for name in ("bad", "lost", "errors", "corrections")]
+    return Figure(
+        f"{c.name}: the sensor's clock and line",
+        [
+            Panel("Clock drift ± σ", TIME, "ppm", [Trace("drift", t, 1e6 * rows["drift"], 1e6 * rows["sigma_drift"])]),
+            Panel("Arrivals about the fitted line", TIME, "µs", [Trace("residual", t, 1e6 * rows["residual"])]),
+            Panel("Latency: samples later than at best", TIME, "ms", late),
+            Panel("Counted since it connected", TIME, "number", lost),
+        ],
+    )
 
 
 def _receivers(session: Session) -> list[Figure]:
@@ -243,4 +266,5 @@ def panels(session: Session) -> list[Figure]:
                 columns=4,
             )
         )
-    return [*drawn, *_sensors(session), *_receivers(session)]
+    drawn += [_sensor(sensor) for sensor in session.sensors] + [_clock(clock) for clock in session.clocks]
+    return [*drawn, *_receivers(session)]

@@ -3,15 +3,11 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imud.estimators.records import ASSUMED, ATTITUDE_VALID, REJECTING, SATURATED
-from imud.health import examine, new_health, words
-from imud.kernels.jit import kernel
-from imud.profiles import PROFILES
 from imud.tables import INNOVATION_KINDS
 
-from .session import Estimates, Innovations, Samples, Session
+from .session import Clock, Estimates, Innovations, Session
 from .statistics import autocorrelation, chi2_bounds, effective_number
 
 LEAST = 20  # innovations from which anything is said
@@ -21,6 +17,14 @@ ALIKE = 0.5  # correlation of neighbours
 REJECTED = 0.05  # share
 CAUTIOUS = 0.5  # of the variance that was claimed
 LATE_S = 1.0
+LATE_SAMPLE_S = 0.1
+SHOWN = 5  # times
+LOSSES = {
+    "lost": "samples are missing by the sensor's own counter",
+    "bad": "frames were damaged on the wire",
+    "errors": "frames carry the sensor's own error bit",
+    "corrections": "corrections of the sensor's counter: samples were skipped without a trace",
+}
 ASSUMPTIONS = {INNOVATION_KINDS[kind] for kind in ASSUMED}  # weak on purpose: what disturbs them lasts
 
 
@@ -62,48 +66,39 @@ def _of_innovations(i: Innovations) -> list[str]:
 
 
 def _of_estimates(e: Estimates) -> list[str]:
-    status = e.columns["status"].astype(np.int64)
     found = []
     for bit, what in ((REJECTING, "fixes contradict the estimate"), (SATURATED, "the sensor is saturated")):
-        share = np.count_nonzero(status & bit) / len(status)
-        if share > 0.0:
+        if share := e.shares[bit]:
             found.append(f"{e.name}: {what} in {100 * share:.2g} % of the time")
-    if not (status & ATTITUDE_VALID).any():
+    if not e.shares[ATTITUDE_VALID]:
         found.append(f"{e.name}: roll and pitch never became valid")
+    if e.lost_s:
+        times = ", ".join(f"{t:.1f}" for t in e.lost_s[:SHOWN])
+        more = " and later" if len(e.lost_s) > SHOWN else ""
+        found.append(f"{e.name}: the heading was lost at {times} s{more}")
     return found
 
 
-@kernel
-def _examine(health: NDArray[np.void], samples: NDArray[np.void]) -> None:
-    for i in range(len(samples)):
-        examine(health[0], samples[i])
-
-
-def _of_samples(s: Samples) -> list[str]:
-    """The daemon's own judgement of the sensor, over the whole recording."""
-    health = new_health(PROFILES["consumer-mems"], s.rate_hz)
-    health["range"] = math.inf  # not known from a table
-    _examine(health, s.rows.copy())
-    counts = health["found"][0]
-    found = [
-        f"{s.name}: {text} ({count} samples)"
-        for bit, count in enumerate(counts.tolist())
-        if count
-        for text in words(1 << bit)
-    ]
-    gaps = np.diff(s.rows["t_ns"]) * 1e-9
-    missing = gaps > 2.5 / s.rate_hz
-    if missing.any():
+def _of_clock(c: Clock) -> list[str]:
+    """What became of the counter and the line; both count anew after a reconnection."""
+    rows = c.rows
+    found = []
+    for name, what in LOSSES.items():
+        steps = np.diff(np.concatenate([[0], rows[name]]))
+        if count := int(np.where(steps < 0, rows[name], steps).sum()):
+            found.append(f"{c.name}: {count} {what}")
+    latest = float(rows["latest"].max())
+    if latest > LATE_SAMPLE_S:
         found.append(
-            f"{s.name}: {np.count_nonzero(missing)} gaps between samples, the longest {gaps.max():.3g} s "
-            f"at {s.rows['t_ns'][int(np.argmax(gaps))] * 1e-9:.1f} s"
+            f"{c.name}: samples came up to {1e3 * latest:.0f} ms late: the machine was busy, or its USB adapter"
         )
     return found
 
 
 def findings(session: Session) -> list[str]:
     """Sentences; none: nothing looks wrong, as far as these files tell."""
-    found = [line for samples in session.samples for line in _of_samples(samples)]
+    found = [f"{sensor.name}: {text}" for sensor in session.sensors for text in sensor.said]
+    found += [line for clock in session.clocks for line in _of_clock(clock)]
     found += [line for innovations in session.innovations for line in _of_innovations(innovations)]
     found += [line for estimates in session.estimates for line in _of_estimates(estimates)]
     for fixes in session.fixes:

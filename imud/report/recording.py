@@ -1,17 +1,37 @@
-"""A recording of the daemon (MCAP) as a report wants it: what it recorded of its estimates, not a replay of them."""
+"""A recording of the daemon (MCAP) as a report wants it: what it recorded of its estimates, not a replay of them.
 
-import json
+Read once from end to end, block by block; what came at the full rate is never held as a whole.
+"""
+
+import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from imud.errors import BadDataError
-from imud.recording.messages import ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE, SAMPLE_TABLE, TABLES
+from imud.recording.messages import (
+    CLOCK_TABLE,
+    ESTIMATE_TABLE,
+    EVENTS,
+    FIX_TABLE,
+    INNOVATION_TABLE,
+    SAMPLE_TABLE,
+    Table,
+)
 from imud.recording.source import Recording, tell
+from imud.tables import INNOVATION_KINDS, estimate_cells
+
+from .session import Clock, Event, Fixes, Innovations, Part, Records, Session
+from .watch import EstimateWatch, SensorWatch
 
 MAGIC = b"\x89MCAP"
+_BLOCK = 2000  # messages that are looked at together
+_MOST_EVENTS = 60
+_TOLD = ("warning", "error", "critical")
+Progress = Callable[[int], None]
 
 
 def is_recording(path: Path) -> bool:
@@ -20,33 +40,103 @@ def is_recording(path: Path) -> bool:
         return file.read(len(MAGIC)) == MAGIC
 
 
-class Recorded:
-    """Rows of SOLUTION, INNOVATION, SAMPLE and FIX, times on the host's monotonic clock."""
+class _Collector:
+    """Takes messages, and gives blocks of rows on."""
 
-    def __init__(self, path: Path) -> None:
-        """Raises BadDataError, InputMissingError, UsageError. What is wrong with the file is told on stderr."""
-        recording = Recording([path])
-        objects: dict[str, list[Any]] = {table.topic: [] for table in TABLES}
-        try:
-            for entry in recording:
-                if entry.topic in objects:
-                    objects[entry.topic].append(json.loads(entry.data))
-            self.estimates, self.innovations, self.samples, self.fixes = (
-                table.rows(objects[table.topic])
-                for table in (ESTIMATE_TABLE, INNOVATION_TABLE, SAMPLE_TABLE, FIX_TABLE)
-            )
-        except (ValueError, KeyError, TypeError) as error:
-            raise BadDataError(f"{path}: a message cannot be understood: {error}") from error
-        tell("report", recording.notes)
-        if not len(self.estimates):
-            raise BadDataError(f"{path}: no estimates in it; `imud replay {path} -o est.csv` makes them of its bytes")
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self.origin_ns: int | None = None
+        self.first_ns = self.last_ns = 0
+        self._waiting: dict[str, list[Any]] = {table.topic: [] for table in _TABLES}
+        self._kept: dict[str, list[Records]] = {table.topic: [] for table in _TABLES}
+        self.estimates, self.sensor = EstimateWatch(name), SensorWatch(name)
+        self.events: list[tuple[int, str]] = []
 
-    @property
-    def first_s(self) -> float:
-        """Of the earliest estimate."""
-        return float(self.estimates["t_ns"][0]) * 1e-9
+    def take(self, topic: str, data: bytes) -> None:
+        if topic == EVENTS:
+            self._event(msgspec.json.decode(data))
+        elif topic in self._waiting:
+            waiting = self._waiting[topic]
+            waiting.append(msgspec.json.decode(data))
+            if len(waiting) >= _BLOCK:
+                self._pass_on(_TABLES_BY_TOPIC[topic])
+
+    def finish(self) -> None:
+        for table in _TABLES:
+            if self._waiting[table.topic]:
+                self._pass_on(table)
+
+    def _event(self, said: dict[str, Any]) -> None:
+        if said["level"] in _TOLD and len(self.events) < _MOST_EVENTS:
+            facts = ", ".join(f"{name} {fact}" for name, fact in said["facts"].items())
+            self.events.append((said["t_ns"], f"{said['text']} ({facts})" if facts else said["text"]))
+
+    def _pass_on(self, table: Table) -> None:
+        rows = table.rows(self._waiting[table.topic])
+        self._waiting[table.topic].clear()
+        if self.origin_ns is None:
+            self.origin_ns = math.floor(rows["t_ns"][0] * 1e-9) * 1_000_000_000
+            self.first_ns = int(rows["t_ns"][0])
+        self.first_ns, self.last_ns = (
+            min(self.first_ns, int(rows["t_ns"].min())),
+            max(self.last_ns, int(rows["t_ns"].max())),
+        )
+        for name in ("t_ns", "arrival_ns"):
+            if name in (rows.dtype.names or ()):
+                rows[name] -= self.origin_ns
+        if table is ESTIMATE_TABLE:
+            self.estimates.add({"t_s": rows["t_ns"] * 1e-9, **estimate_cells(rows)})
+        elif table is SAMPLE_TABLE:
+            self.sensor.add(rows)
+        else:
+            self._kept[table.topic].append(rows)
+
+    def kept(self, table: Table) -> Records:
+        """All rows of a table that is small enough."""
+        return np.concatenate([np.zeros(0, table.dtype), *self._kept[table.topic]])
 
 
-def thinned(rows: NDArray[np.void], most: int) -> NDArray[np.void]:
-    """At most so many of them, evenly."""
-    return rows[:: max(1, -(-len(rows) // most))]
+_TABLES = (ESTIMATE_TABLE, SAMPLE_TABLE, INNOVATION_TABLE, FIX_TABLE, CLOCK_TABLE)
+_TABLES_BY_TOPIC = {table.topic: table for table in _TABLES}
+
+
+def read_recording(path: Path, progress: Progress) -> Part:
+    """What it tells. progress: told bytes as they are read. What is wrong with the file is told on stderr.
+
+    Raises BadDataError, InputMissingError, UsageError.
+    """
+    recording, found = Recording([path]), _Collector(path.stem)
+    done = 0
+    try:
+        for entry in recording:
+            found.take(entry.topic, entry.data)
+            if recording.read_bytes != done:
+                progress(recording.read_bytes - done)
+                done = recording.read_bytes
+        found.finish()
+    except (ValueError, KeyError, TypeError) as error:
+        raise BadDataError(f"{path}: a message cannot be understood: {error}") from error
+    tell("report", recording.notes)
+    if not found.estimates.rows or found.origin_ns is None:
+        raise BadDataError(f"{path}: no estimates in it; `imud replay {path} -o est.csv` makes them of its bytes")
+    sensor, fixes, clock = found.sensor.close(), found.kept(FIX_TABLE), found.kept(CLOCK_TABLE)
+    session = Session(
+        (found.estimates.close(),),
+        tuple(innovations_of(path.stem, found.kept(INNOVATION_TABLE))),
+        (sensor,) if sensor else (),
+        (Fixes(path.stem, fixes),) if len(fixes) else (),
+        (Clock(path.stem, clock),) if len(clock) else (),
+        tuple(Event(path.stem, (t_ns - found.origin_ns) * 1e-9, text) for t_ns, text in found.events),
+    )
+    return Part(found.origin_ns // 1_000_000_000, found.first_ns * 1e-9, found.last_ns * 1e-9, session)
+
+
+def innovations_of(name: str, rows: Records) -> list[Innovations]:
+    """Of each quantity, from rows of INNOVATION."""
+    found = []
+    for code, kind in INNOVATION_KINDS.items():
+        of = rows[(rows["kind"] == code) & (rows["variance"] > 0.0)]
+        if len(of):
+            sigma = np.sqrt(of["variance"])
+            found.append(Innovations(name, kind, of["t_ns"] * 1e-9, of["value"], sigma, of["used"] > 0))
+    return found

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from attitude_runs import PROFILE_NAMES, samples_from, tilt_variance_deg2, yaw_sigma_deg
-from attitude_simulation import DEG, Flaws, after, errors_deg, simulate, steady, wobble
+from attitude_simulation import DEG, MG, Flaws, after, errors_deg, simulate, steady, wobble
 from broad import samples_of, solutions_of
 from scipy.spatial.transform import Rotation
 
@@ -150,3 +150,20 @@ def test_rotation_faster_than_any_likely_bias_is_never_bias():
     assert not np.any(out["status"] & AT_REST)
     _, yaw = errors_deg(out["q_nb"], truth.attitude)
     assert np.max(np.abs(yaw)) < 3.0
+
+
+def test_a_long_even_curve_is_neither_rest_nor_bias():
+    """At 0.05 rad/s and 15 m/s, with a bias of the other sign: the rate shown is smaller than the bias, and steady."""
+    turn = 0.05
+
+    def centripetal(t):
+        psi = turn * (t - 10.0)
+        inward = 15.0 * turn * np.column_stack([-np.sin(psi), np.cos(psi), 0.0 * psi])
+        return inward * ((t > 10.0) & (t < 60.0))[:, None]
+
+    truth = simulate(80.0, 100.0, steady((0.0, 0.0, turn), 10.0, 60.0), centripetal)
+    flaws = Flaws(gyro_bias=(0.3 * DEG, -0.2 * DEG, -2.0 * DEG), accel_bias=(0.0, 25.0 * MG, 0.0))
+    out = solutions_of(samples_from(truth, flaws), "consumer-mems")
+    assert np.max(np.abs(out["bg"][1000:, 2] + 2.0 * DEG)) < 0.05 * DEG
+    assert not np.any(out["status"][1300:6000] & AT_REST)
+    assert np.all(out["status"][7500:] & AT_REST)

@@ -1,10 +1,14 @@
 """Whether the body rests, from the inertial sensor alone, and whether the rate it then shows may be the gyro's bias.
 
 Rest is: for REST_S no sample far from the running means, the direction of the force unchanged, a mean rate that a bias
-can explain, and a force that is weight in the known attitude (else it is steady acceleration, or after PATIENCE_S the
-attitude is wrong). Steady slow rotation about the vertical looks just like a bias; it is told from one by what is known
-already. A mean rate that contradicts the known bias is not taken, however long it lasts, until the growing variance of
-the bias allows it; unless it is the smaller and so the likelier bias: then the body turned before and rests now.
+can explain, and a force that is weight in the known attitude. Else it is steady acceleration; after PATIENCE_S of it
+the attitude is wrong, unless the body turns, for a curve may be as long as it likes.
+
+Steady slow rotation about the vertical looks just like a bias; it is told from one by what is known already. A mean
+rate that contradicts the known bias is not taken until the growing variance of the bias allows it; unless it is the
+smaller and so the likelier bias: then the body turned before and rests now. That is believed soon if the force is the
+one that was seen when the bias was learnt, as on a turntable; in an even curve the force is another, and then only what
+lasts longer than curves do is believed.
 """
 
 import math
@@ -30,7 +34,8 @@ FORCE_FLOOR = 0.03  # m/s^2
 FALSE_WEIGHT = 2.5  # sigma
 LEVEL_ANEW = 0.1  # rad
 WAIT_S = 3.0
-PATIENCE_S = 10.0  # no body accelerates so steadily for so long
+CURVE_S = 60.0  # no curve is even for so long
+PATIENCE_S = 10.0  # no body accelerates so steadily straight on for so long
 
 
 @kernel
@@ -111,6 +116,16 @@ def weigh(p: Any, s: Any) -> None:
 
 
 @kernel
+def contradicts(s: Any) -> bool:
+    """Is the mean rate not the bias that is known?"""
+    for i in range(3):
+        d = s.w_mean[i] - s.bg[i]
+        if d * d > GATE**2 * (variance(s, GYRO_BIAS + i) + BIAS_FLOOR**2):
+            return True
+    return False
+
+
+@kernel
 def judge(p: Any, s: Any) -> bool:
     """Is this rest, with a mean rate that may correct the gyro bias? To be asked once per covariance interval."""
     s.resting = 0
@@ -119,29 +134,30 @@ def judge(p: Any, s: Any) -> bool:
         return False
     if s.weighed == 0:
         weigh(p, s)
+    turns = contradicts(s)
     if accelerates(s):
         s.unlevel_s += s.span
-        if s.unlevel_s > PATIENCE_S:
+        if s.unlevel_s > PATIENCE_S and not turns:
             doubt_level(s)
         return False
     s.unlevel_s = 0.0
-    contradicts = False
-    known2 = shown2 = 0.0
-    for i in range(3):
-        d = s.w_mean[i] - s.bg[i]
-        known2 += s.bg[i] ** 2
-        shown2 += s.w_mean[i] ** 2
-        if d * d > GATE**2 * (variance(s, GYRO_BIAS + i) + BIAS_FLOOR**2):
-            contradicts = True
-    if not contradicts:
+    if not turns:
         if s.contradicted_s > 0.0:  # the rate has just changed
             restart(s, (s.w[0], s.w[1], s.w[2]), (s.f[0], s.f[1], s.f[2]))
             s.contradicted_s = 0.0
             return False
         s.resting = 1
+        for i in range(3):
+            s.f_rest[i] = s.f_mean[i]
         return True
     s.contradicted_s += s.span
-    if shown2 < known2 and s.contradicted_s > WAIT_S:
+    known2 = shown2 = moved2 = 0.0
+    for i in range(3):
+        known2 += s.bg[i] ** 2
+        shown2 += s.w_mean[i] ** 2
+        moved2 += (s.f_mean[i] - s.f_rest[i]) ** 2
+    wait = WAIT_S if moved2 < TURNED**2 else CURVE_S
+    if shown2 < known2 and s.contradicted_s > wait:
         for i in range(3):
             reset(s.P, STATES, GYRO_BIAS + i, p.gyro_bias_var)
     return False

@@ -91,6 +91,7 @@ STATE = np.dtype(
         ("w_mean", "<f8", (3,)),
         ("f_mean", "<f8", (3,)),
         ("f_anchor", "<f8", (3,)),
+        ("f_rest", "<f8", (3,)),  # when the gyro bias was last learnt at rest
         ("quiet_s", "<f8"),
         ("contradicted_s", "<f8"),  # for how long a quiet body has shown a rate that is not the known bias
         ("unlevel_s", "<f8"),  # and a force that is not weight in the known attitude

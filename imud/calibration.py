@@ -20,7 +20,7 @@ from drivers.driver import Identity
 
 from .errors import BadDataError, CannotCreateError, InputMissingError
 from .folders import places
-from .kernels.jit import kernel
+from .kernels.jit import interpreted, kernel
 from .kernels.rotation import dcm_of_quat, quat_of_euler
 
 Triple = tuple[float, float, float]
@@ -94,7 +94,8 @@ def correction(calibration: Calibration, mount_rpy_deg: Triple) -> NDArray[np.vo
     rpy = mount_rpy_deg
     if rpy == NOTHING and calibration.mounting is not None:
         rpy = calibration.mounting.rpy_deg
-    turn = np.array(dcm_of_quat(quat_of_euler(*(math.radians(angle) for angle in rpy)))).reshape(3, 3)
+    q = interpreted(quat_of_euler)(*(math.radians(angle) for angle in rpy))
+    turn = np.array(interpreted(dcm_of_quat)(q)).reshape(3, 3)
     c = np.zeros(1, CORRECTION)
     c["turn"] = c["gyro"] = c["accel"] = turn.ravel()
     if calibration.gyro is not None:

@@ -58,6 +58,7 @@ CLOCK = np.dtype(
         ("count", "<i8"),
         ("ticks", "<f8", (POINTS,)),  # earliest arrival of each window, oldest first
         ("arrivals", "<f8", (POINTS,)),
+        ("hull", "<i8", (POINTS,)),  # scratch
         ("residual_ns", "<f8"),  # mean distance of the window minima above the line
         ("corrections", "<i8"),  # of the counter
         ("late_ns", "<f8"),  # how much later than at best samples come, mean of late
@@ -133,7 +134,7 @@ def _add_point(clock: Any) -> None:
 @kernel
 def _hull_slope(clock: Any) -> float:
     """Slope of the lower hull's edge above the mean tick."""
-    hull = np.empty(POINTS, np.int64)
+    hull = clock.hull
     n = 0
     mean = 0.0
     for i in range(clock.count):

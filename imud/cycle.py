@@ -11,9 +11,9 @@ import select
 
 import numpy as np
 
+from drivers.entry import waiting_entry
 from drivers.transport.serial import CHUNK
 
-from .kernels.jit import unlocked
 from .kernels.system import CLOCK_MONOTONIC, clock_ns, ppoll, read
 from .outputs.binary import BinaryOutputs, publish
 from .pipeline import STREAM, Records, Stream, ingest
@@ -39,7 +39,7 @@ _SECOND_NS = 1_000_000_000
 FAILED, SHOW = -1, -2
 
 
-@unlocked
+@waiting_entry
 def _turn(cycle: Records, stream: Records, publisher: Records, until_ns: int, show_ns: int, most: int) -> int:
     c, s = cycle[0], stream[0]
     now_ns = clock_ns(CLOCK_MONOTONIC, c.time_at)

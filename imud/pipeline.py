@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.driver import ImuConfigured, ImuDriver
+from drivers.entry import entry
 from drivers.sample import SAMPLE
 
 from .calibration import CORRECTION, Calibration, correct, correction
@@ -22,8 +23,8 @@ from .clock import CLOCK, new_clock, stamp
 from .estimators import Estimator
 from .estimators.records import INNOVATION, SOLUTION
 from .health import HEALTH, examine, new_health
-from .kernels.jit import inlined, kernel
-from .kernels.system import call, callable_from_c, records
+from .kernels.jit import inlined
+from .kernels.system import call, records
 from .profiles import profile_of
 from .settings import Initial, Settings
 
@@ -93,7 +94,7 @@ def _each(
         step(parameters[0], state[0], samples[k], out[k])  # type: ignore[name-defined]  # noqa: F821
 
 
-@kernel
+@entry
 def ingest(stream: Records, received: int, arrival_ns: int) -> int:
     """Decode, stamp and step what was written to rx[fill:fill + received]; returns how many solutions are new."""
     s = stream[0]
@@ -127,7 +128,7 @@ _composed: dict[str, Any] = {}
 
 
 def _compose(how: Callable[..., Any], template: Callable[..., Any], name: str, **parts: Any) -> Any:
-    """The template with its free names bound, compiled, under a name of its own so that numba caches it apart."""
+    """The template with its free names bound, compiled, under a name of its own so that it is kept apart."""
     if name not in _composed:
         bound = types.FunctionType(template.__code__, {**globals(), **parts}, name)
         bound.__qualname__ = name
@@ -138,7 +139,7 @@ def _compose(how: Callable[..., Any], template: Callable[..., Any], name: str, *
 def decoding(driver: ImuDriver, decoder: Records) -> int:
     """Address of the driver's part of a stream, which is compiled now if need be."""
     parts = {"decode": driver.decode, "DECODER": decoder.dtype}
-    return int(_compose(callable_from_c(2), _decode, f"decode_{driver.name}", **parts).address)
+    return int(_compose(entry, _decode, f"decode_{driver.name}", **parts).address)
 
 
 class Filter:
@@ -157,7 +158,7 @@ class Filter:
         self._profile = profile_of(settings)
         self.health = new_health(self._profile, rate_hz)
         self._stem = estimator.name.replace("-", "_")
-        self._run = _compose(kernel, _run, f"run_{self._stem}", step=estimator.step)
+        self._run = _compose(entry, _run, f"run_{self._stem}", step=estimator.step)
         self.each = _compose(inlined, _each, f"each_{self._stem}", step=estimator.step)
         self._update = self._kernel(_update, "update", estimator.update)
         self._told = self._kernel(_told, "told", estimator.told)
@@ -165,12 +166,12 @@ class Filter:
 
     def _kernel(self, template: Callable[..., Any], name: str, part: Any) -> Any:
         """The template with this part of the estimator, which not every one has."""
-        return None if part is None else _compose(kernel, template, f"{name}_{self._stem}", **{name: part})
+        return None if part is None else _compose(entry, template, f"{name}_{self._stem}", **{name: part})
 
     def advancing(self) -> int:
         """Address of the estimator's part of a stream, which is compiled now if need be."""
         parts = {"advance": self.each, "PARAMETERS": self.parameters.dtype, "STATE": self.state.dtype}
-        return int(_compose(callable_from_c(3), _advance, f"advance_{self._stem}", **parts).address)
+        return int(_compose(entry, _advance, f"advance_{self._stem}", **parts).address)
 
     def calibrate(self, calibration: Calibration) -> None:
         """Take these errors out of the samples from now on."""

@@ -113,7 +113,9 @@ def take_text(s: Any, rx: Any, p: int, end: int) -> bool:
         return False
     if decimals == 0:
         return take_counts(s, s.numbers[0], s.numbers[1], s.numbers[2])
-    unit = 10**decimals
+    unit = 1
+    for _ in range(decimals):
+        unit *= 10
     for i in range(3):
         s.force[i] = s.numbers[i] / unit * STANDARD_GRAVITY
     return True

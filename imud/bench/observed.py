@@ -22,28 +22,28 @@ class Observer:
         self.compiled = 0
         self.ready = False
         self._begin_ns = self._blocks = 0
+        self._compilations: Any = None
         gc.callbacks.append(self._collecting)
 
     def watch(self) -> None:
-        """To be called once numba may be imported."""
-        from numba.core import event
-
+        """To be called before the daemon starts."""
         from imud.notify import Notifier
 
-        recorder: Any = event.RecordingListener()  # type: ignore[no-untyped-call]
-        event.register("numba:compile", recorder)  # type: ignore[no-untyped-call]
         say = Notifier.say
 
         def observed(notifier: Notifier, *assignments: str) -> None:
             if "READY=1" in assignments:
-                self.ready, self._blocks = True, sys.getallocatedblocks()
-                recorder.buffer.clear()
+                self.ready, self._blocks, self._compilations = True, sys.getallocatedblocks(), _recorded()
             if "STOPPING=1" in assignments:
-                self.ready, self.compiled = False, len(recorder.buffer)
+                self.ready, self.compiled = False, self._count()
                 self._blocks = sys.getallocatedblocks() - self._blocks
             say(notifier, *assignments)
 
         Notifier.say = observed  # type: ignore[method-assign, assignment]
+
+    def _count(self) -> int:
+        """Whoever loads numba only now wants to compile."""
+        return int("numba" in sys.modules) if self._compilations is None else len(self._compilations.buffer)
 
     def _collecting(self, phase: str, info: dict[str, int]) -> None:
         now_ns = time.perf_counter_ns()
@@ -57,6 +57,17 @@ class Observer:
         gc.collect()
         *during, full = self.pauses_ns
         return {"pauses_ns": during, "full_collection_ns": full, "compiled": self.compiled, "blocks": self._blocks}
+
+
+def _recorded() -> Any:
+    """numba's compilations from now on; None if numba is not loaded."""
+    if "numba" not in sys.modules:
+        return None
+    from numba.core import event
+
+    recorder: Any = event.RecordingListener()  # type: ignore[no-untyped-call]
+    event.register("numba:compile", recorder)  # type: ignore[no-untyped-call]
+    return recorder
 
 
 def main() -> int:

@@ -1,28 +1,30 @@
-"""The one way a kernel of the estimators is compiled: nopython, cached on disk, IEEE division, no fast-math.
+"""How the kernels of the estimators are compiled: as those of the drivers are. And what they need of numba's own."""
 
-Nothing is cached unless the program has named a directory that fits its sources: numba would take stale code for fresh.
-"""
-
-import os
+import functools
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any
 
-import numba
+from drivers.jit import inlined, interpreted, kernel
 
-Function = TypeVar("Function", bound=Callable[..., Any])
-CACHED = "NUMBA_CACHE_DIR" in os.environ
-
-
-def kernel(function: Function) -> Function:
-    """Compile `function` in nopython mode on first use; its own type is kept for the type checker."""
-    return cast(Function, numba.njit(cache=CACHED, error_model="numpy")(function))
+__all__ = ["Later", "inlined", "interpreted", "kernel"]
 
 
-def inlined(function: Function) -> Function:
-    """For a kernel with one caller that is compiled anyway: it becomes part of that, and is not compiled apart."""
-    return cast(Function, numba.njit(inline="always", error_model="numpy")(function))
+class Later:
+    """Something for kernels to call that numba must be asked for: it is when the first of them is compiled."""
 
+    def __init__(self, make: Callable[[Any], Any]) -> None:
+        """make(numba) -> an intrinsic, an external function, or one that numba has."""
+        self._make = make
 
-def unlocked(function: Function) -> Function:
-    """A kernel that waits: other threads run meanwhile."""
-    return cast(Function, numba.njit(cache=CACHED, error_model="numpy", nogil=True)(function))
+    @functools.cached_property
+    def _numba_type_(self) -> Any:
+        import numba
+        from numba.core.registry import cpu_target
+
+        self._made = self._make(numba)
+        context: Any = cpu_target.typing_context
+        context.refresh()
+        return context.resolve_value_type(self._made)
+
+    def __call__(self, *arguments: Any) -> Any:
+        raise TypeError("only kernels call this")

@@ -4,71 +4,89 @@ All arguments are integers: an address is one, too. What stands at an address th
 checked, and whoever gives an address away keeps its array alive.
 """
 
-from collections.abc import Callable
 from typing import Any
 
-import numba
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
+import numpy as np
 
-from .jit import CACHED, inlined, kernel
+from .jit import Later, inlined, kernel
 
 CLOCK_REALTIME, CLOCK_MONOTONIC = 0, 1
 EAGAIN = 11
-_long, _int = types.int64, types.int32
-_types: Any = types
-ir: Any = cgutils.ir  # type: ignore[attr-defined]
-carray: Any = numba.carray  # type: ignore[attr-defined]
-ppoll: Any = types.ExternalFunction("ppoll", _int(_long, _long, _long, _long))
-read: Any = types.ExternalFunction("read", _long(_int, _long, _long))
-send: Any = types.ExternalFunction("send", _long(_int, _long, _long, _int))
-_clock_gettime: Any = types.ExternalFunction("clock_gettime", _int(_int, _long))
-_errno_location: Any = types.ExternalFunction("__errno_location", _types.CPointer(_int)())
+
+
+def _function(name: str, returns: str, *arguments: str) -> Any:
+    """A function of the C library; types as numba calls them."""
+
+    def make(numba: Any) -> Any:
+        types = numba.types
+        return types.ExternalFunction(name, getattr(types, returns)(*(getattr(types, a) for a in arguments)))
+
+    return Later(make)
+
+
+carray: Any = Later(lambda numba: numba.carray)
+ppoll: Any = _function("ppoll", "int32", "int64", "int64", "int64", "int64")
+read: Any = _function("read", "int64", "int32", "int64", "int64")
+send: Any = _function("send", "int64", "int32", "int64", "int64", "int32")
+_clock_gettime: Any = _function("clock_gettime", "int32", "int32", "int64")
+_errno_location: Any = _function("__errno_location", "int64")
 
 
 @kernel
 def errno() -> int:
     """Of the last system call that failed."""
-    return int(carray(_errno_location(), 1)[0])
+    return int(carray(pointer(_errno_location()), 1, np.int32)[0])
 
 
 @kernel
 def clock_ns(clock: int, room: int) -> int:
     """Time of a clock, ns. room: address of 16 bytes to work in."""
     _clock_gettime(clock, room)
-    time = carray(pointer(room), 2, types.int64)
+    time = carray(pointer(room), 2, np.int64)
     return int(time[0] * 1_000_000_000 + time[1])
 
 
-def _emit_pointer(typing_context: Any, address: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.inttoptr(arguments[0], context.get_value_type(types.voidptr))
+def _pointer(numba: Any) -> Any:
+    def emit(typing_context: Any, address: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return builder.inttoptr(arguments[0], context.get_value_type(numba.types.voidptr))
 
-    return types.voidptr(address), generate
+        return numba.types.voidptr(address), generate
 
-
-pointer: Any = intrinsic(_emit_pointer)  # what `carray` takes
-
-
-def _emit_call(typing_context: Any, function: Any, arguments: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        address, packed = values
-        long = ir.IntType(64)
-        passed = [builder.extract_value(packed, i) for i in range(len(arguments))]
-        kind = ir.FunctionType(long, [long] * len(passed)).as_pointer()
-        return builder.call(builder.inttoptr(address, kind), passed)
-
-    return types.int64(function, _types.UniTuple(types.int64, len(arguments))), generate
+    return numba.extending.intrinsic(emit)
 
 
-call: Any = intrinsic(_emit_call)  # (address, (argument, ...)) -> int; of a function that `callable_from_c` made
+def _call(numba: Any) -> Any:
+    def emit(typing_context: Any, function: Any, arguments: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            from llvmlite import ir
+
+            address, packed = values
+            long = ir.IntType(64)
+            passed = [builder.extract_value(packed, i) for i in range(len(arguments))]
+            kind = ir.FunctionType(long, [long] * len(passed)).as_pointer()
+            return builder.call(builder.inttoptr(address, kind), passed)
+
+        long = numba.types.int64
+        return long(function, numba.types.UniTuple(long, len(arguments))), generate
+
+    return numba.extending.intrinsic(emit)
 
 
-def callable_from_c(arguments: int) -> Callable[[Callable[..., int]], Any]:
-    """Compiles, at once, a function of so many integers that returns one; `.address` of the result is for `call`."""
-    signature = types.int64(*[types.int64] * arguments)
-    return numba.cfunc(signature, cache=CACHED, error_model="numpy")
+def _fence(numba: Any) -> Any:
+    def emit(typing_context: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            builder.fence("seq_cst")
+            return context.get_dummy_value()
+
+        return numba.types.none(), generate
+
+    return numba.extending.intrinsic(emit)
+
+
+pointer: Any = Later(_pointer)  # what `carray` takes
+call: Any = Later(_call)  # (address, (argument, ...)) -> int; of an entry whose arguments are integers
+fence: Any = Later(_fence)  # () no store moves across it, in either direction: ARM would let them
 
 
 @inlined

@@ -6,9 +6,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.entry import entry
 from imud.client import MAGIC, RECORD, VERSION
 from imud.estimators.records import SOLUTION
-from imud.kernels.jit import kernel
 from imud.kernels.system import CLOCK_MONOTONIC, CLOCK_REALTIME, clock_ns, records
 from imud.settings import Settings
 
@@ -35,7 +35,7 @@ PUBLISHER = np.dtype(
 )
 
 
-@kernel
+@entry
 def publish(publisher: NDArray[np.void], solutions: int, n: int, seq: int, now_ns: int) -> None:
     """The first n of the SOLUTION rows at the address `solutions`, the last of them being the sample number `seq`."""
     p = publisher[0]

@@ -7,42 +7,30 @@ Layout, all little-endian: the lock (uint64: 0 before the first state, odd while
 import fcntl
 import mmap
 import os
-from typing import Any
 
 import numpy as np
-from numba import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from drivers.entry import entry
 from imud.client import SHARED_SIZE
 from imud.errors import CannotCreateError, PermissionDeniedError
-from imud.kernels.jit import kernel
-
-
-def _emit_fence(typing_context: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        builder.fence("seq_cst")
-        return context.get_dummy_value()
-
-    return types.none(), generate
-
+from imud.kernels.system import fence
 
 WORD = np.dtype(np.uint64)
-_fence: Any = intrinsic(_emit_fence)  # no store moves across it, in either direction: ARM would let them
 
 
-@kernel
+@entry
 def write(memory: NDArray[np.uint64], record: NDArray[np.uint64]) -> None:
     """The record, as 64-bit words, into memory that has room for three more."""
     lock = memory[0]
     memory[0] = lock + np.uint64(1)
-    _fence()
+    fence()
     check = np.uint64(0)
     for i in range(len(record)):
         memory[i + 1] = record[i]
         check ^= record[i]
     memory[len(record) + 1] = check
-    _fence()
+    fence()
     memory[0] = lock + np.uint64(2)
 
 

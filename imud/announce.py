@@ -26,6 +26,9 @@ class Changes:
     def of(self, facts: Iterable[Hashable], now_ns: int) -> tuple[list[Any], list[Any]]:
         """What came and what went, given what is there now."""
         different = self._told.symmetric_difference(facts)
+        if not different:
+            self._since_ns.clear()
+            return [], []
         self._since_ns = {fact: self._since_ns.get(fact, now_ns) for fact in different}
         lasted = [fact for fact, since_ns in self._since_ns.items() if now_ns - since_ns >= self._lasting_ns]
         came = [fact for fact in lasted if fact not in self._told]
@@ -45,6 +48,8 @@ class Announcer:
     def status(self, status: int, now_ns: int) -> int:
         """Tell of the solution's status bits; returns those that came."""
         came, went = self._status.of([bit for bit, *_ in _STATUS if status & bit], now_ns)
+        if not came and not went:
+            return 0
         for bit, came_text, went_text in _STATUS:
             if bit in came:
                 self._log.info(came_text)

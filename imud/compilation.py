@@ -21,6 +21,7 @@ from drivers.sample import SAMPLE
 from .cycle import Cycle
 from .estimators import Estimator
 from .estimators.records import FIX, SOLUTION
+from .health import shown
 from .outputs.binary import BinaryOutputs
 from .pipeline import Filter, Stream, decoding
 from .settings import Initial, Settings
@@ -50,6 +51,7 @@ def warm(estimator: Estimator, settings: Settings) -> None:
     filter_ = Filter(estimator, settings, Initial(), _RATE_HZ)
     Stream(*_scratch()[0], filter_).ingest(0, 0)
     filter_.update(np.zeros(1, FIX))
+    shown(filter_.health)
 
 
 def warm_replay(estimator: Estimator, settings: Settings) -> None:

@@ -261,7 +261,7 @@ class Daemon:
             self._outputs.show(partial(View, devices=self._devices), now_ns)
         self._outputs.look_after(now_ns)
         self._tell_changes(now_ns)
-        if news := self._load.news(self._fitting.inertial.counters()["lost"] if self._fitting.inertial else 0, now_ns):
+        if news := self._load.news(self._fitting.inertial.lost if self._fitting.inertial else 0, now_ns):
             self._log.warning(news)
         if self._recorder:
             if self._imu:

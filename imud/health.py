@@ -223,16 +223,24 @@ _WHOLE = (
 )
 
 
+@kernel
 def shown(health: NDArray[np.void]) -> int:
     """The findings of late, bit by bit, of a HEALTH record array: a finding that comes and goes stays."""
     h = health[0]
-    now_ns = int(max(h["told_ns"].max(), h["found_ns"].max()))
-    recent = (h["found"] > 0) & (now_ns - h["found_ns"] < SHOWN_NS)
-    return sum(1 << i for i in range(FINDINGS) if recent[i])
+    now_ns = max(h.told_ns[0], h.told_ns[1])
+    for i in range(FINDINGS):
+        now_ns = max(now_ns, h.found_ns[i])
+    findings = 0
+    for i in range(FINDINGS):
+        if h.found[i] > 0 and now_ns - h.found_ns[i] < SHOWN_NS:
+            findings |= 1 << i
+    return findings
 
 
 def words(findings: int) -> tuple[str, ...]:
     """Findings in words; none: the sensor is well."""
+    if not findings:
+        return ()
     texts = []
     for kind, what in _PER_AXIS:
         for first, name in ((0, "gyro"), (3, "accelerometer")):

@@ -123,6 +123,8 @@ class Inertial:
         if self._complained is None and self.stream.decoder["frames"][0] > 0:
             self._complained = status
         self._complained = status & (self._complained or 0)
+        if status == self._complained:
+            return ()
         return tuple(
             self._complaints.get(1 << bit, f"the sensor sets bit {bit} of its status word, meaning not known")
             for bit in range(16)
@@ -153,6 +155,11 @@ class Inertial:
                 "corrections": int(clock["corrections"]),
             },
         }
+
+    @property
+    def lost(self) -> int:
+        """Samples that never came, since this connection."""
+        return int(self.stream.decoder["lost"][0])
 
     def counters(self) -> dict[str, int]:
         """What decoder and line counted since this connection."""

@@ -17,6 +17,7 @@ from imud.kernels.jit import kernel
 from imud.kernels.system import EAGAIN, errno, send
 from imud.settings import Stream as StreamSettings
 
+from .connection import SECOND_NS
 from .gpsd import Poller
 from .listen import listen, parse_path
 
@@ -64,6 +65,7 @@ class StreamServer:
         """
         self._publisher = publisher
         self._poller = poller
+        self._look_ns = 0
         self._sockets: list[socket.socket] = []
         self._clients = np.zeros(settings.max_clients, CLIENT)  # in the same order
         publisher["clients"] = self._clients.ctypes.data
@@ -106,6 +108,9 @@ class StreamServer:
 
     def look_after(self, now_ns: int) -> None:
         """Cut off those who have taken nothing for long."""
+        if now_ns < self._look_ns:
+            return
+        self._look_ns = now_ns + SECOND_NS
         for i in reversed(range(len(self._sockets))):
             if (stuck_ns := self._clients[i]["stuck_ns"]) and now_ns - stuck_ns > _STUCK_NS:
                 self._remove(i)

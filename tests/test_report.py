@@ -96,7 +96,7 @@ WHITE = (WHITE - WHITE.mean()) / WHITE.std()
         (innovations(WHITE + 0.6), "biased: mean +0.6"),
         (innovations(np.convolve(WHITE, np.full(4, 0.5), "same")), "not white"),
         (innovations(WHITE, np.arange(400) % 10 > 0), "10 % of 400 innovations were rejected: the gate is too tight"),
-        (innovations(9.0 * WHITE[:10]), "10 innovations were used, too few to judge"),
+        (innovations(9.0 * WHITE[:10]), "too few innovations were used to judge the filter by pn_m (10)"),
     ],
 )
 def test_what_is_wrong_with_innovations_is_said(case, words):

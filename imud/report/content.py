@@ -20,7 +20,7 @@ from imud.figures import Figure, Panel, Trace
 from imud.kernels.earth import radii
 
 from .session import Clock, Estimates, Fixes, Innovations, Sensor, Session
-from .statistics import autocorrelation, chi2_bounds, moving_mean
+from .statistics import LEAST, autocorrelation, chi2_bounds, moving_mean
 
 Floats = NDArray[np.float64]
 TIME = "time, s"
@@ -109,6 +109,8 @@ def _track(session: Session) -> Figure | None:
     plan, ellipses, heights = [], [], []
     for e in session.estimates:
         c = e.columns
+        if not np.isfinite(c["lat_deg"]).any():
+            continue
         north, east = metres(c["lat_deg"], c["lon_deg"])
         plan.append(Trace(e.name, east, north))
         n, e95 = _ellipses(north, east, c["sn_m"], c["se_m"])
@@ -132,7 +134,7 @@ def _epochs(fixes: Fixes) -> Floats:
 
 
 def _innovation_panels(i: Innovations) -> list[Panel]:
-    unit = "m/s" if i.kind.endswith("mps") else i.kind.rpartition("_")[2]
+    unit = i.kind.rpartition("_")[2].replace("ps", "/s")
     z = i.normalised
     zero, lags = np.zeros(len(z)), autocorrelation(z[i.used]) if np.count_nonzero(i.used) > 2 else np.ones(1)
     usual = np.where(i.sigma < UNSEEN * np.median(i.sigma), i.sigma, np.nan)
@@ -255,8 +257,9 @@ def panels(session: Session) -> list[Figure]:
         drawn.append(_states(session, "Gyro bias ± σ", "deg/s", rates, math.degrees(1.0)))
         drawn.append(_states(session, "Accelerometer bias ± σ", "m/s²", forces))
         drawn += [_status(e) for e in session.estimates]
-    for name in dict.fromkeys(i.name for i in session.innovations if len(i.t)):
-        kinds = [i for i in session.innovations if i.name == name and len(i.t)]
+    shown = [i for i in session.innovations if len(i.t) >= LEAST]
+    for name in dict.fromkeys(i.name for i in shown):
+        kinds = [i for i in shown if i.name == name]
         if consistency := _consistency(name, kinds):
             drawn.append(consistency)
         drawn.append(

@@ -1,6 +1,7 @@
 """What looks wrong in a run, in words. A finding names the file, the quantity, the number and what to look at."""
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -8,9 +9,8 @@ from imud.estimators.records import ASSUMED, ATTITUDE_VALID, REJECTING, SATURATE
 from imud.tables import INNOVATION_KINDS
 
 from .session import Clock, Estimates, Innovations, Session
-from .statistics import autocorrelation, chi2_bounds, effective_number
+from .statistics import LEAST, autocorrelation, chi2_bounds, effective_number
 
-LEAST = 20  # innovations from which anything is said
 BIAS = 0.3  # of a sigma; less harms nobody
 CERTAIN = 3.3  # sigmas: one false finding in a thousand
 ALIKE = 0.5  # correlation of neighbours
@@ -39,7 +39,7 @@ def _of_innovations(i: Innovations) -> list[str]:
             "filter is overconfident, or the receiver is worse than it says"
         )
     if len(z) < LEAST:
-        return [*found, f"{where}: {len(z)} innovations were used, too few to judge the filter by"]
+        return found
     n = effective_number(z)
     assumed = i.kind in ASSUMPTIONS
     spread, mean = float(np.mean(z * z)), float(np.mean(z))
@@ -63,6 +63,18 @@ def _of_innovations(i: Innovations) -> list[str]:
             "is not in the model"
         )
     return found
+
+
+def _too_few(innovations: Iterable[Innovations]) -> list[str]:
+    """By what the filter cannot be judged, in one sentence for each file."""
+    few: dict[str, list[str]] = {}
+    for i in innovations:
+        if (used := np.count_nonzero(i.used)) < LEAST:
+            few.setdefault(i.name, []).append(f"{i.kind} ({used})")
+    return [
+        f"{name}: too few innovations were used to judge the filter by {', '.join(kinds)}"
+        for name, kinds in few.items()
+    ]
 
 
 def _of_estimates(e: Estimates) -> list[str]:
@@ -100,6 +112,7 @@ def findings(session: Session) -> list[str]:
     found = [f"{sensor.name}: {text}" for sensor in session.sensors for text in sensor.said]
     found += [line for clock in session.clocks for line in _of_clock(clock)]
     found += [line for innovations in session.innovations for line in _of_innovations(innovations)]
+    found += _too_few(session.innovations)
     found += [line for estimates in session.estimates for line in _of_estimates(estimates)]
     for fixes in session.fixes:
         latency = (fixes.rows["arrival_ns"] - fixes.rows["t_ns"]) * 1e-9

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 LAGS = 20
+LEAST = 20  # innovations from which anything is said
 
 
 def autocorrelation(z: Floats, lags: int = LAGS) -> Floats:

@@ -31,6 +31,7 @@ from .outputs.all import Outputs
 from .outputs.view import Device, Health, View
 from .pipeline import BATCH
 from .ports import Configured, Port
+from .recording.control import Recordings
 from .recording.recorder import Recorder
 from .sensors import Inertial, Receiver, Records
 from .settings import Settings
@@ -49,16 +50,17 @@ class Daemon:
         settings: Settings,
         wait: bool = True,
         reread: Callable[[], Settings] | None = None,
-        recorder: Recorder | None = None,
+        recordings: Recordings | None = None,
     ) -> None:
         """`wait` for devices that are absent at the start; `reread` is called on SIGHUP.
 
-        `recorder` is told of everything, and closed by the caller.
+        `recordings` are closed by the caller.
         """
         self._settings = settings
         self._reread = reread
         self._log = structlog.get_logger()
-        self._recorder = recorder
+        self._recordings = recordings or Recordings(settings)
+        self._recordings.on_begin, self._recordings.on_end = self._introduce, self._read_directly
         self._fitting = Fitting(settings, self._log.warning)
         self._cycle = Cycle()
         self._ports = [Port(spec, options, self, patient=wait) for spec, options in choices.ports(settings)]
@@ -66,6 +68,7 @@ class Daemon:
         self._by_fd: dict[int, Port] = {}
         self._imu: tuple[Port, Inertial] | None = None
         self._gnss: tuple[Port, Receiver] | None = None
+        self._known = calibration.Calibration("")  # of the inertial sensor
         self._devices: tuple[Device, ...] = ()
         self._announcer = Announcer(self._log)
         self._troubles: dict[str, tuple[str, ...] | None] = {"imu": None, "gnss": None}  # None: no such sensor
@@ -82,8 +85,9 @@ class Daemon:
         with contextlib.closing(self._cycle), contextlib.ExitStack() as stack:
             self._wakeup = stack.enter_context(caught(self._actions()))
             self._cycle.others.register(self._wakeup, select.POLLIN)
-            own = {"STATUS": self._tell_status}
-            outputs = Outputs(self._settings, self._cycle.others, BATCH, own)
+            own = {"STATUS": self._tell_status, "RECORD": self._recordings.told}
+            orders = {"RECORD": self._recordings.obey}
+            outputs = Outputs(self._settings, self._cycle.others, BATCH, own, orders)
             self._outputs = stack.enter_context(contextlib.closing(outputs))
             notifier.say("STATUS=compiling", "EXTEND_TIMEOUT_USEC=300000000")
             self._compiling = True
@@ -263,11 +267,10 @@ class Daemon:
         self._tell_changes(now_ns)
         if news := self._load.news(self._fitting.inertial.lost if self._fitting.inertial else 0, now_ns):
             self._log.warning(news)
-        if self._recorder:
-            if self._imu:
-                self._recorder.looked(self._ports.index(self._imu[0]), self._imu[1], now_ns)
-            for level, text in self._recorder.look_after():
-                getattr(self._log, level)(text)
+        if self._recorder and self._imu:
+            self._recorder.looked(self._ports.index(self._imu[0]), self._imu[1], now_ns)
+        for level, text in self._recordings.look_after():
+            getattr(self._log, level)(text)
         notifier.status("; ".join(f"{port.spec.path}: {port.story}" for port in self._ports))
         notifier.alive(now_ns)
 
@@ -338,10 +341,9 @@ class Daemon:
         if isinstance(configured, ImuConfigured) and driver.kind == "imu":
             known = self._calibration_of(identity)
             self._imu = (port, self._fitting.connect(port.line, driver, configured, known, self._settings, now_ns))
-            self._record(port, self._imu[1], known)
-            if port.line.plain and self._imu[1].tap is None:
-                self._cycle.others.unregister(port.fd)
-                self._cycle.attach(port.fd, self._imu[1].stream)
+            self._known = known
+            self._record(port, self._imu[1])
+            self._read_directly()
             facts |= {"serial": identity.serial, "firmware": identity.firmware, "rate_hz": configured.rate_hz}
         elif driver.kind == "gnss":
             self._gnss = (port, Receiver(driver, self._settings.gnss, now_ns, self._pulse))
@@ -351,10 +353,34 @@ class Daemon:
             self._log.warning("there is no inertial sensor on any port: nothing to estimate")
         self._describe()
 
-    def _record(self, port: Port, sensor: Inertial | Receiver, known: calibration.Calibration | None = None) -> None:
+    @property
+    def _recorder(self) -> Recorder | None:
+        return self._recordings.current
+
+    def _introduce(self) -> None:
+        """To a recording that begins: the sensors that stream already. Their bytes must pass through Python now."""
+        if self._imu and self._imu[0].fd == self._cycle.fd:
+            self._cycle.detach()
+            self._cycle.others.register(self._imu[0].fd, select.POLLIN)
+        for pair in self._pairs().values():
+            if pair:
+                self._record(*pair)
+
+    def _read_directly(self) -> None:
+        """Let the inertial sensor's line be read in compiled code, if nobody else wants to see its bytes."""
+        for pair in self._pairs().values():
+            if pair and self._recorder is None:
+                pair[1].tap = None
+        if self._imu and self._imu[0].line.plain and self._imu[1].tap is None and self._cycle.fd < 0:
+            port, inertial = self._imu
+            self._cycle.others.unregister(port.fd)
+            self._cycle.attach(port.fd, inertial.stream)
+
+    def _record(self, port: Port, sensor: Inertial | Receiver) -> None:
         """Have the sensor's bytes recorded, if anything is."""
         if self._recorder and port.configured:
             number = self._ports.index(port)
+            known = self._known if isinstance(sensor, Inertial) else None
             self._recorder.connected(number, port.spec.path, port.configured, known)
             sensor.tap = self._recorder.tap(number)
 

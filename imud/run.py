@@ -43,12 +43,12 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("no port: name one, for example --port /dev/ttyUSB0, or try `imud demo`")
     runtime.without_scipy()
     from .daemon import Daemon
+    from .recording.control import Recordings
     from .recording.ports import expanded
-    from .recording.recorder import recording
 
     settings = msgspec.structs.replace(settings, ports=expanded(settings.ports))
-    with simulated.ports(settings.ports, args.seed) as ports, recording(settings) as recorder:
-        log.configure(args.log_level, recorder.event if recorder else None)
+    with simulated.ports(settings.ports, args.seed) as ports, Recordings(settings) as recordings:
+        log.configure(args.log_level, recordings.event)
         emulated = {settings.ports: ports}
 
         def reread() -> Settings:
@@ -56,7 +56,8 @@ def run(args: argparse.Namespace) -> int:
             return msgspec.structs.replace(fresh, ports=emulated.get(expanded(fresh.ports), fresh.ports))
 
         settings = msgspec.structs.replace(settings, ports=ports)
-        return Daemon(settings, wait=args.wait, reread=None if args.config is None else reread, recorder=recorder).run()
+        hot = None if args.config is None else reread
+        return Daemon(settings, wait=args.wait, reread=hot, recordings=recordings).run()
 
 
 def _check(settings: Settings) -> None:

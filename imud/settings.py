@@ -180,6 +180,10 @@ class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     path: Annotated[
         str, Meta(description="A file such as /var/lib/imud/drive.mcap; the next is drive.0001.mcap; empty: none.")
     ] = ""
+    folder: Annotated[
+        str,
+        Meta(description="Where clients on this machine may have recordings made, as by `imud web`; empty: nowhere."),
+    ] = ""
     sample_rate_hz: Annotated[
         float, Meta(ge=0.0, description="Decoded samples per second; 0: all. Raw bytes are always complete.")
     ] = 0.0

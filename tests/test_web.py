@@ -21,9 +21,9 @@ EST = {"class": "EST", "seq": 1, "t_mono_ns": 5, "roll_deg": 12.5, "state": "att
 
 
 @contextlib.contextmanager
-def page_server(address):
+def page_server(address, listen="127.0.0.1:0"):
     """`imud web` for the daemon at `address`: its URL."""
-    with process("imud", "web", "--listen=127.0.0.1:0", str(address), stdout=subprocess.PIPE) as running:
+    with process("imud", "web", f"--listen={listen}", str(address), stdout=subprocess.PIPE) as running:
         yield running.stdout.readline().strip()
 
 
@@ -37,7 +37,8 @@ async def scripted_daemon(path, *lines):
         asked.append(await reader.readline())
         writer.write(b"".join(line + b"\r\n" for line in lines))
         with contextlib.suppress(ConnectionError):
-            await reader.read()
+            while line := await reader.readline():
+                asked.append(line)
 
     path.unlink(missing_ok=True)
     server = await asyncio.start_unix_server(serve, path)
@@ -52,7 +53,7 @@ async def scripted_daemon(path, *lines):
 async def heard(channel, accept, seconds=20.0):
     """The first news that `accept` takes."""
     async with asyncio.timeout(seconds):
-        while not accept(news := await channel.receive_json()):
+        while "control" in (news := await channel.receive_json()) or not accept(news):
             pass
     return news
 
@@ -102,6 +103,34 @@ def test_other_sites_pages_read_nothing(headers, status, served):
 def served(tmp_path_factory):
     with page_server(tmp_path_factory.mktemp("web") / "absent.sock") as url:
         yield url
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"), [({}, 101), ({"Origin": "http://evil.example"}, 403), ({"Host": "evil.example"}, 403)]
+)
+def test_other_sites_pages_record_nothing(headers, status, tmp_path):
+    path = tmp_path / "gpsd.sock"
+
+    async def ask(url):
+        async with scripted_daemon(path, b'{"class":"VERSION"}', json.dumps(EST).encode()) as asked:
+            async with aiohttp.ClientSession() as session:
+                try:
+                    async with session.ws_connect(f"{url}live", headers=headers) as channel:
+                        assert await channel.receive_json() == {"control": True}
+                        await heard(channel, lambda n: "EST" in n)
+                        for text in ("no such order", "record", "stop"):
+                            await channel.send_str(text)
+                        await asyncio.sleep(0.5)
+                        found = 101
+                except aiohttp.WSServerHandshakeError as error:
+                    found = error.status
+            return found, [line for line in asked if b"enable" in line and b"WATCH" not in line]
+
+    with page_server(path) as url:
+        found, orders = asyncio.run(ask(url))
+    assert found == status
+    wanted = [b'?RECORD={"enable": true}', b'?RECORD={"enable": false}'] if status == 101 else []
+    assert [line.strip() for line in orders] == wanted
 
 
 def test_the_page_is_whole_and_asks_nothing_of_other_machines(served):
@@ -161,6 +190,21 @@ async def renders_and_moves(page):
         assert await page.evaluate(INK % canvas) > 10, canvas
 
 
+RECORDED = "document.getElementById('recorded').textContent"
+BUTTON = "document.getElementById('record')"
+
+
+async def records(page, folder):
+    """By its button; returns the file."""
+    await page.until(f"!{BUTTON}.hidden && {BUTTON}.textContent.includes('record') && {RECORDED} === ''")
+    await page.evaluate(f"{BUTTON}.click()")
+    await page.until(f"{BUTTON}.textContent.includes('stop') && /imud-.*Z.mcap, [1-9]/.test({RECORDED})")
+    await page.evaluate(f"{BUTTON}.click()")
+    await page.until(f"!{BUTTON}.textContent.includes('stop') && {RECORDED} === ''")
+    (path,) = folder.iterdir()
+    return path
+
+
 async def fits(page):
     for size in (DESKTOP, PHONE):
         for scheme in ("light", "dark"):
@@ -170,30 +214,50 @@ async def fits(page):
 
 
 @pytest.mark.skipif(program() is None, reason="no Chromium here")
-def test_in_a_browser_it_renders_moves_and_survives_restarts(tmp_path):
+def test_in_a_browser_it_renders_moves_records_and_survives_restarts(tmp_path):
     ports = ("--port", "sim:car", "--port", "sim:car:nmea")
-    socket = tmp_path / "gpsd.sock"
+    socket, folder = tmp_path / "gpsd.sock", tmp_path / "recordings"
+    folder.mkdir()
 
-    async def look(url):
+    async def look(url, page):
+        await page.size(DESKTOP)
+        await page.open(url)
+        await page.until(f"{LINK}.startsWith('no daemon at')")
+        with daemon(tmp_path, *ports, "--set", f"record.folder={folder}") as imud:
+            await renders_and_moves(page)
+            path = await records(page, folder)
+            await page.until("document.getElementById('track').data?.[0].x.length > 5")
+            await page.evaluate("document.querySelector('#charts').scrollIntoView()")
+            n = await page.until(POINTS)
+            await page.until(f"{POINTS} > {n}")
+            await fits(page)
+            imud.says("recording to")
+        await page.until(f"{LINK}.startsWith('no daemon at')")
+        replayed = subprocess.run(
+            [sys.executable, "-m", "imud", "replay", str(path), "-o", str(tmp_path / "est.csv")],
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert (replayed.returncode, replayed.stderr) == (0, "")
+        assert len((tmp_path / "est.csv").read_text().splitlines()) > 100
+
+    async def come_back(page):
+        """The web process is another one; so is the daemon, which allows no recordings."""
+        with daemon(tmp_path, *ports):
+            await renders_and_moves(page)
+            await page.until(f"{BUTTON}.hidden")
+
+    async def watch():
         async with browser(tmp_path / "profile") as page:
-            await page.size(DESKTOP)
-            await page.open(url)
-            await page.until(f"{LINK}.startsWith('no daemon at')")
-            with daemon(tmp_path, *ports):
-                await renders_and_moves(page)
-                await page.until("document.getElementById('track').data?.[0].x.length > 5")
-                await page.evaluate("document.querySelector('#charts').scrollIntoView()")
-                n = await page.until(POINTS)
-                await page.until(f"{POINTS} > {n}")
-                await fits(page)
-            await page.until(f"{LINK}.startsWith('no daemon at')")
-            with daemon(tmp_path, *ports):
-                await renders_and_moves(page)
-            assert page.errors == []
+            with page_server(socket) as url:
+                await look(url, page)
+            await page.until(f"{LINK}.startsWith('imud web does not answer')")
+            with page_server(socket, url.removeprefix("http://").rstrip("/")):
+                await come_back(page)
+            others = [error for error in page.errors if "ERR_CONNECTION_REFUSED" not in str(error)]
+            assert others == []
             assert {address.partition("/page")[0].rstrip("/") for address in page.requests if address != "data:,"} <= {
                 url.rstrip("/"),
                 f"{url}plotly.js",
             }
 
-    with page_server(socket) as url:
-        asyncio.run(look(url))
+    asyncio.run(watch())

@@ -16,10 +16,17 @@ from .view import View
 class Outputs:
     """Opened at once, closed at once. Never blocks; not thread-safe."""
 
-    def __init__(self, settings: Settings, poller: Poller, batch: int, own: Mapping[str, Callable[[], str]]) -> None:
-        """Open for at most `batch` solutions at a time; `own` answers gpsd requests of our own. Raises ImudError."""
+    def __init__(
+        self,
+        settings: Settings,
+        poller: Poller,
+        batch: int,
+        own: Mapping[str, Callable[[], str]],
+        orders: Mapping[str, Callable[[bytes], str]],
+    ) -> None:
+        """Open for at most `batch` solutions at a time; own, orders: see GpsdServer. Raises ImudError."""
         with contextlib.ExitStack() as stack:
-            self.gpsd = stack.enter_context(contextlib.closing(GpsdServer(settings.gpsd, poller, own)))
+            self.gpsd = stack.enter_context(contextlib.closing(GpsdServer(settings.gpsd, poller, own, orders)))
             nmea = stack.enter_context(contextlib.closing(NmeaOutput(settings.nmea)))
             self.binary = stack.enter_context(contextlib.closing(BinaryOutputs(settings, poller, batch)))
             unit = settings.chrony.shm_unit

@@ -10,6 +10,7 @@ import select
 import socket
 
 from .gpsd_dialogue import Inbox, Policy, Request
+from .listen import is_own
 
 _READ_MAX = 128  # bytes per event: two dozen requests at most, which bounds the work of one wake-up
 _ALLOWANCE = 100  # reads and requests per second
@@ -57,6 +58,11 @@ class Connection:
         if sock.family != socket.AF_UNIX:
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+
+    @property
+    def trusted(self) -> bool:
+        """Whether it may have something done: a client on this machine that has spoken nothing but this protocol."""
+        return is_own(self.sock) and not self.inbox.strange
 
     def wanted_events(self) -> int:
         """What to wait for: room to write while something is owed, requests while some are allowed."""

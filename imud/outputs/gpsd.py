@@ -67,14 +67,22 @@ def addresses_of(settings: Gpsd) -> list[Address]:
 class GpsdServer:
     """gpsd's JSON protocol on the addresses of `settings.listen`, separated by commas."""
 
-    def __init__(self, settings: Gpsd, poller: Poller, own: Mapping[str, Callable[[], str]] | None = None) -> None:
-        """Open. own: requests that are no gpsd's, and who makes the objects that answer them.
+    def __init__(
+        self,
+        settings: Gpsd,
+        poller: Poller,
+        own: Mapping[str, Callable[[], str]] | None = None,
+        orders: Mapping[str, Callable[[bytes], str]] | None = None,
+    ) -> None:
+        """Open. own: requests that are no gpsd's, and who makes the objects that answer them; orders: those that have
+        something done by their argument, which trusted clients may.
 
         Raises ConfigError (78), AddressInUseError or CannotCreateError (73), PermissionDeniedError (77).
         """
         self.counters = Counters()
         self.settings = settings
         self._own = own or {}
+        self._orders = orders or {}
         self._own_answers: dict[str, tuple[int, str]] = {}
         self._poller = poller
         self._listeners: dict[int, socket.socket] = {}
@@ -228,6 +236,8 @@ class GpsdServer:
     def _answer(self, client: Connection, request: Request, now_ns: int) -> bytes:
         if request.argument is None and request.command in self._own:
             answered = Answer((self._own_answer(request.command, now_ns),), client.policy)
+        elif request.argument is not None and request.command in self._orders:
+            answered = self._obey(client, request, request.argument)
         else:
             answered = answer(request, client.policy, self._reported())
         self.counters.requests += 1
@@ -236,6 +246,13 @@ class GpsdServer:
             client.watch(answered.policy)
             self._reschedule()
         return line(*answered.objects)
+
+    def _obey(self, client: Connection, request: Request, argument: bytes) -> Answer:
+        if not client.trusted:
+            refusal = error_object(f"{request.command} only by a client on this machine that says nothing else")
+            return Answer((refusal,), client.policy, refused=True)
+        self._own_answers.pop(request.command, None)
+        return Answer((self._orders[request.command](argument),), client.policy)
 
     def _announce(self, before: tuple[Device, ...], after: tuple[Device, ...], now_ns: int) -> None:
         """Tell those who watch which devices went and which came."""

@@ -38,6 +38,7 @@ class Inbox:
 
     def __init__(self) -> None:
         self._bytes = bytearray()
+        self.strange = False  # something was said that is no request: perhaps a browser's page talks through HTTP
 
     def feed(self, data: bytes) -> None:
         self._bytes += data
@@ -55,6 +56,7 @@ class Inbox:
             if text.startswith(b"?"):
                 command, equals, argument = text[1:].partition(b"=")
                 return Request(command.decode("latin-1"), argument if equals else None, _printable(text))
+            self.strange |= bool(text)
         return None
 
 

@@ -70,6 +70,17 @@ def _shown(host: str, port: int) -> str:
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
+def is_own(sock: socket.socket) -> bool:
+    """Whether who is at the other end of a connection is on this machine."""
+    if sock.family == socket.AF_UNIX:
+        return True
+    try:
+        peer = ipaddress.ip_address(sock.getpeername()[0].partition("%")[0])
+    except OSError:  # gone
+        return False
+    return (getattr(peer, "ipv4_mapped", None) or peer).is_loopback
+
+
 def is_local(address: Address) -> bool:
     """True when nobody outside this machine can connect."""
     if isinstance(address.where, str):

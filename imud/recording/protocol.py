@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from enum import IntEnum
 
 HEADER = struct.Struct("<BBHIq")  # kind, port, -, bytes that follow, CLOCK_MONOTONIC in ns
+STATE = "state"  # level of what is no line for the log but JSON: path, bytes and trouble
 PACKET = 1 << 18  # bytes, more than any packet
 
 

@@ -29,7 +29,7 @@ from ..errors import CannotCreateError, UsageError
 from ..sensors import Inertial, Tap
 from ..settings import Settings
 from .clock_fit import row_of
-from .protocol import HEADER, Kind
+from .protocol import HEADER, STATE, Kind
 
 Buffer = bytes | memoryview
 _SHIP_BYTES = 32 << 10
@@ -47,10 +47,12 @@ class Recorder:
         path = Path(settings.record.path)
         _check(path)
         self.dropped = 0  # packets
+        self.state: dict[str, Any] = {}  # path, bytes and trouble, as the writer told last
         self._batch = bytearray()
         self._queue: deque[bytes] = deque()
         self._queued = self._look_ns = 0
         self._full = self._dead = False
+        self._end_s = 0.0
         self._told_full = self._told_dead = False
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.setblocking(False)
@@ -176,7 +178,10 @@ class Recorder:
         with contextlib.suppress(OSError):
             while packet := self._socket.recv(4096):
                 level, _, text = packet.decode().partition(":")
-                news.append((level, text))
+                if level == STATE:
+                    self.state = msgspec.json.decode(text)
+                else:
+                    news.append((level, text))
         if self._dead and not self._told_dead:
             self._told_dead = True
             news.append(("error", "the recording ended: its writer is gone; everything else goes on"))
@@ -188,19 +193,26 @@ class Recorder:
             news.append(("info", f"the recording is whole again; {self.dropped} packets are missing in it so far"))
         return news
 
-    def close(self) -> None:
-        """Hand over the rest and let the file be finished; after seconds without success give up."""
-        end_s = time.monotonic() + _GOODBYE_S
+    def leave(self) -> None:
+        """Take no more, hand over the rest and let the file be finished, without waiting: `gone` goes on with it."""
+        self._end_s = time.monotonic() + _GOODBYE_S
+
+    def gone(self) -> bool:
+        """Whether the file is finished, after `leave`. Gives up after seconds without success."""
         self._ship()
-        while self._queue and not self._dead and time.monotonic() < end_s:
-            time.sleep(0.01)
-            self._ship()
-        self._socket.close()
-        try:
-            self._process.wait(max(0.1, end_s - time.monotonic()))
-        except subprocess.TimeoutExpired:
+        late = time.monotonic() > self._end_s
+        if not self._queue or self._dead or late:
+            self._socket.close()
+            self._dead = True
+        if late:
             self._process.kill()
-            self._process.wait()
+        return self._process.poll() is not None
+
+    def close(self) -> None:
+        """Leave, and wait until it is gone."""
+        self.leave()
+        while not self.gone():
+            time.sleep(0.01)
 
 
 @contextlib.contextmanager

@@ -36,7 +36,7 @@ from .messages import (
     Table,
     innovation,
 )
-from .protocol import PACKET, Kind, items
+from .protocol import PACKET, STATE, Kind, items
 
 _MB = 1 << 20
 _COMMIT_S = 1.0
@@ -177,6 +177,12 @@ class RecordingWriter:
         if self._file is not None:
             self._keep_to_limits(self._file)
 
+    def tell_state(self) -> None:
+        """What is asked of a recording: where it goes, how large the file is, and what keeps it from growing."""
+        file = self._file
+        state = {"path": str(file.path) if file else "", "bytes": file.size if file else 0, "trouble": self._trouble}
+        self._say(STATE, _encode(state).decode())
+
     def _keep_to_limits(self, file: RecordingFile) -> None:
         record = self._record
         if record.budget_mb:
@@ -218,12 +224,14 @@ def main(fd: int) -> None:
                 for kind, port, t_ns, data in items(packet):
                     if writer is None:
                         writer = RecordingWriter(msgspec.json.decode(data), say)
+                        writer.tell_state()
                     else:
                         writer.take(kind, port, t_ns, data)
             if time.monotonic() >= due_s:
                 due_s = time.monotonic() + _COMMIT_S
                 if writer is not None:
                     writer.commit()
+                    writer.tell_state()
         if writer is not None:
             writer.finish()
 

@@ -23,6 +23,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="HOST:PORT",
         help="where the page is (default: %(default)s); 0.0.0.0:8080 shows it to other machines, without a password",
     )
+    parser.add_argument(
+        "--control",
+        action="store_true",
+        help="let browsers on other machines begin and end recordings, too (those on this one may, if the daemon's "
+        "record.folder says where to)",
+    )
 
 
 def require() -> None:
@@ -44,4 +50,4 @@ def run(args: argparse.Namespace) -> int:
     page = parse_address(args.listen, _PAGE_PORT)
     if isinstance(page.where, str):
         raise UsageError(f"--listen {args.listen}: browsers open no Unix sockets; write HOST:PORT")
-    return serve(daemon, page)
+    return serve(daemon, page, args.control)

@@ -13,7 +13,7 @@ RATE_HZ = 20
 _WATCH = {"enable": True, "json": True, "rate": RATE_HZ, "class": "ATT,EST,SKY"}
 _LONGEST = 1 << 20  # bytes of a line
 _RETRY_S = 1.0
-_DEVICES_S = 2.0  # between questions after the devices: the daemon does not tell by itself when they come and go
+_ASK_S = 1.0  # between questions after what the daemon does not tell by itself: devices that come and go, recordings
 
 
 class News(NamedTuple):
@@ -35,6 +35,7 @@ class Bridge:
         self._messages: dict[str, Any] = {}
         self._news = News(0, "")
         self._waiting = asyncio.Event()
+        self._writer: asyncio.StreamWriter | None = None  # to the daemon, while there is one
         self._tell("not yet connected")
 
     async def newer_than(self, number: int) -> News:
@@ -42,6 +43,11 @@ class Bridge:
         while self._news.number == number:
             await self._waiting.wait()
         return self._news
+
+    def record(self, enable: bool) -> None:
+        """Have the daemon begin or end a recording; what comes of it is in the news."""
+        if self._writer is not None:
+            self._writer.write(b"?RECORD=" + json.dumps({"enable": enable}).encode() + b"\n")
 
     async def run(self) -> None:
         """Connect, read, connect again; for ever."""
@@ -62,17 +68,19 @@ class Bridge:
         opened = asyncio.open_unix_connection(where) if isinstance(where, str) else asyncio.open_connection(*where)
         reader, writer = await opened
         asking = asyncio.create_task(self._ask(writer))
+        self._writer = writer
         try:
             await self._read(reader)
         finally:
+            self._writer = None
             asking.cancel()
             writer.close()
 
     async def _ask(self, writer: asyncio.StreamWriter) -> None:
         writer.write(b"?WATCH=" + json.dumps(_WATCH).encode() + b"\n")
         while True:
-            await asyncio.sleep(_DEVICES_S)
-            writer.write(b"?DEVICES\n")
+            writer.write(b"?DEVICES\n?RECORD\n")
+            await asyncio.sleep(_ASK_S)
 
     async def _read(self, reader: asyncio.StreamReader) -> None:
         rest = b""

@@ -8,6 +8,7 @@ import asyncio
 import contextlib
 import gzip
 import ipaddress
+import json
 import signal
 import socket
 import sys
@@ -26,6 +27,8 @@ from .bridge import Bridge
 _FILES = Path(__file__).parent / "page"
 _POLICY = "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; frame-ancestors 'none'"
 _SHUTDOWN_S = 0.2  # for what is being sent; the pages connect again by themselves
+_CONTROL = web.AppKey("control", bool)
+_ORDERS = {"record": True, "stop": False}
 _BRIDGE: web.AppKey[Bridge] = web.AppKey("bridge", Bridge)
 
 
@@ -60,13 +63,23 @@ async def _page(_: web.Request) -> web.FileResponse:
 async def _live(request: web.Request) -> web.WebSocketResponse:
     channel = web.WebSocketResponse(heartbeat=10.0, max_msg_size=1024)
     await channel.prepare(request)
-    sender = asyncio.create_task(_send(channel, request.app[_BRIDGE]))
+    bridge, control = request.app[_BRIDGE], request.app[_CONTROL] or _is_here(request)
+    await channel.send_str(json.dumps({"control": control}))
+    sender = asyncio.create_task(_send(channel, bridge))
     try:
-        async for _ in channel:  # nothing is expected; this notices the end
-            pass
+        async for message in channel:
+            if control and message.data in _ORDERS:
+                bridge.record(_ORDERS[message.data])
     finally:
         sender.cancel()
     return channel
+
+
+def _is_here(request: web.Request) -> bool:
+    """Whether the browser is on this machine."""
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(request.remote or "").is_loopback
+    return False
 
 
 async def _send(channel: web.WebSocketResponse, bridge: Bridge) -> None:
@@ -84,10 +97,10 @@ async def _connected(app: web.Application) -> AsyncIterator[None]:
     running.cancel()
 
 
-def application(daemon: Address) -> web.Application:
-    """The server for one daemon; to be started in the event loop that calls this."""
+def application(daemon: Address, control: bool) -> web.Application:
+    """The server for one daemon; to be started in the event loop that calls this. control: see `serve`."""
     app = web.Application(middlewares=[_guard])
-    app[_BRIDGE] = Bridge(daemon)
+    app[_BRIDGE], app[_CONTROL] = Bridge(daemon), control
     plotly = gzip.compress(figures.plotly_js().encode(), 6)
 
     async def plotly_js(_: web.Request) -> web.Response:
@@ -103,10 +116,10 @@ def application(daemon: Address) -> web.Application:
     return app
 
 
-async def _serve(daemon: Address, listening: socket.socket) -> None:
+async def _serve(daemon: Address, listening: socket.socket, control: bool) -> None:
     ended = asyncio.Event()
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ended.set)
-    runner = web.AppRunner(application(daemon), access_log=None, shutdown_timeout=_SHUTDOWN_S)
+    runner = web.AppRunner(application(daemon, control), access_log=None, shutdown_timeout=_SHUTDOWN_S)
     await runner.setup()
     try:
         await web.SockSite(runner, listening).start()
@@ -116,10 +129,13 @@ async def _serve(daemon: Address, listening: socket.socket) -> None:
         await runner.cleanup()
 
 
-def serve(daemon: Address, page: Address) -> int:
-    """Serve until SIGTERM. Prints the page's address on stdout. Raises what `listen` raises."""
+def serve(daemon: Address, page: Address, control: bool) -> int:
+    """Serve until SIGTERM. Prints the page's address on stdout. Raises what `listen` raises.
+
+    control: browsers on other machines, too, may begin and end recordings.
+    """
     with listen(page) as listening:
         if not is_local(page):
             print("imud web: other machines can see the page; there is no password", file=sys.stderr)
-        asyncio.run(_serve(daemon, listening))
+        asyncio.run(_serve(daemon, listening, control))
     return 0

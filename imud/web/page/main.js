@@ -4,6 +4,7 @@ import { drawCompass, drawHorizon } from "./horizon.js";
 import { connect } from "./link.js";
 import { drawInTurn } from "./plots.js";
 import { drawPose, turnView } from "./pose.js";
+import { onRecord, permit, tellRecording } from "./record.js";
 import { makeStrips, remember } from "./strips.js";
 import { fillTables } from "./tables.js";
 import { follow, forgetTrack, makeTrack } from "./track.js";
@@ -62,6 +63,7 @@ function drawSoon() {
 }
 
 function take(message) {
+  if ("control" in message) return permit(message.control);
   const before = news.EST?.t_mono_ns;
   news = message;
   if (news.EST && news.EST.t_mono_ns !== before) {
@@ -71,6 +73,7 @@ function take(message) {
     follow(news.EST);
   }
   tellLink();
+  tellRecording(news.RECORD);
   drawSoon();
 }
 
@@ -81,6 +84,6 @@ byId("anew").addEventListener("click", forgetTrack);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawSoon);
 addEventListener("resize", drawSoon);
 setInterval(tellLink, 500);
-connect(take, () => { news = { ...news, connected: false, lost: true }; tellLink(); });
+onRecord(connect(take, () => { news = { ...news, connected: false, lost: true }; tellLink(); tellRecording(null); }));
 draw();
 addEventListener("load", () => drawInTurn(() => fresh));

@@ -1,0 +1,102 @@
+"""Which recording a daemon makes: the one it was started with, or one that a client on its machine begins and ends.
+
+A client never names a file: it is made in `record.folder`, if there is one, and named after the time.
+"""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Self
+
+import msgspec
+
+from ..errors import ImudError
+from ..settings import Settings
+from .recorder import Recorder
+
+News = list[tuple[str, str]]
+
+
+class _Order(msgspec.Struct, forbid_unknown_fields=True):
+    enable: bool
+
+
+class Recordings:
+    """Never waits, but at its own end. Not thread-safe. `current` is the recorder at work, None: there is none.
+
+    on_begin: called when a client has begun one, for the sensors that stream already; on_end: when it has ended it.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        """Begins the recording of `settings.record.path`. Raises UsageError, CannotCreateError."""
+        self.current = Recorder(settings) if settings.record.path else None
+        self.on_begin: Callable[[], None] = lambda: None
+        self.on_end: Callable[[], None] = lambda: None
+        self._settings = settings
+        self._configured = self.current is not None
+        self._leaving: list[Recorder] = []
+        self._trouble = ""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for recorder in filter(None, (self.current, *self._leaving)):
+            recorder.close()
+
+    def event(self, level: str, text: str, facts: dict[str, Any]) -> None:
+        """A line of the log."""
+        if self.current:
+            self.current.event(level, text, facts)
+
+    def look_after(self) -> News:
+        """Now and then: (level, text) of what the log should tell."""
+        self._leaving = [recorder for recorder in self._leaving if not recorder.gone()]
+        return self.current.look_after() if self.current else []
+
+    def told(self) -> str:
+        """The answer to ?RECORD."""
+        state = self.current.state if self.current else {}
+        answer = {
+            "class": "RECORD",
+            "allowed": bool(self._settings.record.folder) and not self._configured,
+            "recording": self.current is not None,
+            "path": state.get("path", ""),
+            "bytes": state.get("bytes", 0),
+            "trouble": state.get("trouble", "") or self._trouble,
+        }
+        return msgspec.json.encode(answer).decode()
+
+    def obey(self, argument: bytes) -> str:
+        """The answer to ?RECORD={"enable":…}, once it is done; why it cannot be is in it."""
+        self._trouble = ""
+        try:
+            order = msgspec.json.decode(argument, type=_Order)
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+            self._trouble = f"what is to be done? {error}"
+        else:
+            self._follow(order.enable)
+        return self.told()
+
+    def _follow(self, enable: bool) -> None:
+        if not self._settings.record.folder:
+            self._trouble = "the daemon is to be told where: record.folder"
+        elif self._configured:
+            self._trouble = "the daemon records by its configuration (record.path)"
+        elif enable and self.current is None:
+            self._begin()
+        elif not enable and self.current is not None:
+            self._leaving.append(self.current)
+            self.current.leave()
+            self.current = None
+            self.on_end()
+
+    def _begin(self) -> None:
+        path = Path(self._settings.record.folder) / time.strftime("imud-%Y%m%d-%H%M%SZ.mcap", time.gmtime())
+        record = msgspec.structs.replace(self._settings.record, path=str(path))
+        try:
+            self.current = Recorder(msgspec.structs.replace(self._settings, record=record))
+        except (ImudError, OSError) as error:
+            self._trouble = str(error)
+        else:
+            self.on_begin()

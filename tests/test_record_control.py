@@ -1,0 +1,109 @@
+"""Recordings that a client begins and ends: who may, what is answered, and what is left on the disk."""
+
+import json
+import socket
+import time
+
+import msgspec
+import pytest
+
+from drivers.capture import Capture
+from imud.outputs.listen import is_own
+from imud.recording.control import Recordings
+from imud.settings import Record, Settings
+
+
+def settings(folder="", path=""):
+    return Settings(record=Record(folder=str(folder), path=str(path)))
+
+
+def until(accept, recordings):
+    """The state that `accept` takes, looked after as the daemon does."""
+    deadline = time.monotonic() + 20.0
+    while not accept(state := json.loads(recordings.told())):
+        assert time.monotonic() < deadline, state
+        recordings.look_after()
+        time.sleep(0.02)
+    return state
+
+
+def test_a_client_begins_and_ends_recordings_in_the_folder(tmp_path):
+    told = []
+    with Recordings(settings(tmp_path)) as recordings:
+        recordings.on_begin = lambda: recordings.current.tap(0)(b"abc", 7)
+        recordings.on_end = lambda: told.append(recordings.current)
+        recordings.event("info", "before any", {})
+        assert until(lambda s: True, recordings) == {
+            **{"class": "RECORD", "allowed": True, "recording": False, "path": "", "bytes": 0, "trouble": ""}
+        }
+        assert json.loads(recordings.obey(b'{"enable":true}'))["recording"]
+        assert json.loads(recordings.obey(b'{"enable":true}'))["recording"]  # the same one
+        recordings.event("warning", "something", {})
+        state = until(lambda s: s["bytes"] > 0, recordings)
+        assert not json.loads(recordings.obey(b'{"enable":false}'))["recording"]
+        assert told == [None]
+        recordings.look_after()
+    (path,) = tmp_path.iterdir()
+    assert str(path) == state["path"]
+    capture = Capture(path)
+    messages = list(capture)
+    assert capture.broken == ""
+    assert [m.raw().data for m in messages if m.port == 0] == [b"abc"]
+    assert [msgspec.json.decode(m.data)["text"] for m in messages if m.topic == "/events"] == ["something"]
+
+
+@pytest.mark.parametrize(
+    ("folder", "path", "order", "says"),
+    [
+        ("", "", b'{"enable":true}', "record.folder"),
+        ("{tmp}/absent", "", b'{"enable":true}', "no folder"),
+        ("{tmp}", "{tmp}/own.mcap", b'{"enable":false}', "by its configuration"),
+        ("{tmp}", "", b'{"enable":true,"path":"/etc/x"}', "path"),
+        ("{tmp}", "", b"[[[", "what is to be done?"),
+    ],
+)
+def test_what_is_not_done_is_said(folder, path, order, says, tmp_path):
+    with Recordings(settings(folder.format(tmp=tmp_path), path.format(tmp=tmp_path))) as recordings:
+        answer = json.loads(recordings.obey(order))
+        assert says in answer["trouble"] and answer["recording"] == bool(path)
+
+
+def test_only_clients_of_this_machine_that_speak_the_protocol_give_orders(make_loop):
+    orders = []
+
+    def obey(argument):
+        orders.append(argument)
+        return '{"class":"RECORD"}'
+
+    loop = make_loop(orders={"RECORD": obey})
+    order = b'?RECORD={"enable":true}\n'
+    assert loop.connect(order).classes() == ["VERSION", "RECORD"]
+    assert orders == [b'{"enable":true}']
+    page = loop.connect(
+        b"POST / HTTP/1.1\r\nHost: 127.0.0.1:2947\r\nContent-Length: 24\r\n\r\n" + order + b"?VERSION\n"
+    )
+    _, refusal, after = page.receive()
+    assert "only by a client on this machine" in refusal["message"] and after["class"] == "VERSION"
+    assert len(orders) == 1
+
+
+def test_who_is_on_this_machine():
+    class Far(socket.socket):
+        def getpeername(self):
+            return self.peer
+
+    for family, peer, own in (
+        (socket.AF_INET, ("127.0.0.1", 5), True),
+        (socket.AF_INET, ("192.168.1.7", 5), False),
+        (socket.AF_INET6, ("::1", 5, 0, 0), True),
+        (socket.AF_INET6, ("::ffff:127.0.0.1", 5, 0, 0), True),
+        (socket.AF_INET6, ("fe80::1%eth0", 5, 0, 0), False),
+    ):
+        with Far(family) as sock:
+            sock.peer = peer
+            assert is_own(sock) is own
+    with socket.socket() as sock:
+        assert not is_own(sock)
+    a, b = socket.socketpair()
+    with a, b:
+        assert is_own(a)

@@ -10,6 +10,7 @@ from imud.estimators.navigation.correction import correct, row, take
 from imud.estimators.navigation.setup import configure, start
 from imud.estimators.navigation.state import (
     ACCEL_BIAS,
+    ARM,
     ATTITUDE,
     GYRO_BIAS,
     LATENCY,
@@ -41,7 +42,7 @@ def made(seed):
     s = start(p, Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=10.0))
     c = s["core"][0, 0]
     scale = np.array(
-        [2.0] * 3 + [0.3] * 3 + [0.02] * 3 + [1e-3] * 3 + [0.1] * 3 + [2.0] * 3 + [0.03] * 2 + [0.1] + [0.01] * 3
+        [2.0] * 3 + [0.3] * 3 + [0.02] * 3 + [1e-3] * 3 + [0.1] * 3 + [2.0] * 3 + [0.03] * 2 + [0.1] + [0.01] * 3 + [0.5]
     )
     root = rng.standard_normal((STATES, STATES)) * scale[:, None]
     P = root @ root.T / STATES
@@ -82,6 +83,7 @@ def test_one_interval_is_that_of_the_matrix_exponential(seed):
     q[block(WANDER)] = 2.0 / k.WANDER_S * np.array([1.5, 1.5, 3.0]) ** 2
     q[[MOUNT_PITCH, MOUNT_YAW]] = k.MOUNT_WALK
     q[block(TURN_SCALE)] = k.SCALE_WALK
+    q[ARM] = k.ARM_WALK
     phi = expm(F * dt)
     expected = phi @ P @ phi.T + np.diag(q) * dt
     k.predict(p[0], c)

@@ -33,7 +33,7 @@ def core():
     c = s["core"][0, 0]
     c["phase"], c["fixes"], c["fix_ns"], c["t_ns"] = NAVIGATING, 100, 0, 60_000_000_000
     c["v"], c["quiet"], c["n"] = (1.2, 0.0, 0.0), 12, 50
-    P = np.diag([25.0] * 2 + [1.0] + [0.36] * 3 + [1e-6] * 3 + [1e-10] * 3 + [1e-4] * 3 + [1.0] * 9)
+    P = np.diag([25.0] * 2 + [1.0] + [0.36] * 3 + [1e-6] * 3 + [1e-10] * 3 + [1e-4] * 3 + [1.0] * 10)
     c["P"] = P[np.triu_indices(STATES)]
     c["sum_n"] = 50 * np.array([0.02, 0.0, -9.81])
     return s, c

@@ -8,6 +8,7 @@ from ...kernels.kalman import measure, shear, update
 from ...kernels.rotation import quat_exp
 from .state import (
     ACCEL_BIAS,
+    ARM,
     ATTITUDE,
     GYRO_BIAS,
     LATENCY,
@@ -119,6 +120,7 @@ def correct(c: Any) -> None:
     c.turned += x[ATTITUDE + 2]
     if c.constrained:
         turn_axis(c, x[MOUNT_PITCH], x[MOUNT_YAW])
+        c.arm += x[ARM]
     c.latency += x[LATENCY]
     for i in range(STATES):
         x[i] = 0.0

@@ -18,6 +18,7 @@ from ...kernels.rotation import dcm_of_quat
 from ..records import AT_REST
 from .state import (
     ACCEL_BIAS,
+    ARM,
     ATTITUDE,
     GYRO_BIAS,
     LEVELLING,
@@ -36,6 +37,7 @@ FORCE_SCALE_S, RATE_SCALE_S = 0.2, 0.05  # how long a scale-factor error acts in
 SHAKEN_NOISE = 0.011  # (m/s)/sqrt(s), of an accelerometer on a vehicle under way, beyond its own
 SHAKEN_WALK = 2e-3  # (m/s^2)/sqrt(s), vibration rectified into bias
 MOUNT_WALK = math.radians(0.02) ** 2  # rad^2/s, load and suspension
+ARM_WALK = 0.01**2  # m^2/s, where a vehicle turns about depends on load and ground
 SECOND_ORDER_S = 1.0  # how long such an error of acceleration lasts
 NOTABLE_RATE = 0.002  # rad/s
 SCALE_WALK = 5e-5**2  # 1/s, with temperature
@@ -132,4 +134,5 @@ def predict(p: Any, c: Any) -> None:
         c.dv[i] = 0.0
     grow(c, MOUNT_PITCH, MOUNT_WALK * dt)
     grow(c, MOUNT_YAW, MOUNT_WALK * dt)
+    grow(c, ARM, ARM_WALK * dt)
     c.gathered = 0.0

@@ -17,14 +17,15 @@ from ...kernels.rotation import quat_rotate, quat_rotate_back
 from ..records import SLIP
 from .correction import assume, correct, row
 from .covariance import variance
-from .state import ATTITUDE, FREE, LAND, MOUNT_PITCH, MOUNT_YAW, STATES, VELOCITY
+from .state import ARM, ATTITUDE, FREE, LAND, MOUNT_PITCH, MOUNT_YAW, STATES, VELOCITY
 
 INTERVAL_S = 0.1
 SPEED = 0.3  # m/s, below it the constraint says little
 STRAIGHT = 0.3  # rad/s, in a sharper turn the direction of motion depends on where the sensor is
 PLAIN = 0.5  # m/s, of a direction of motion; and its velocity known to a fifth
-SIGMA = 0.2  # m/s
-ARM = 1.0  # m, of the sensor from the axle that does not slip: v = arm * rate
+SIGMA = 0.1  # m/s
+ARM_SIGMA = 1.5  # m
+DRIFT, TYRE_DRIFT = 0.2, 0.005  # m, s^2/m: sideways speed in turns, per rate, and per rate times speed squared
 SQUAT, SQUAT_S = math.radians(0.7), 1.5  # a body on springs pitches against the road as it brakes, for so long
 GATE = 12.0
 CONTRADICTION = 4.0  # mean normalised innovation squared
@@ -76,6 +77,8 @@ def begin(c: Any, n: float) -> None:
     c.lateral[0], c.lateral[1], c.lateral[2] = lx / s, ly / s, lz / s
     reset(c.P, STATES, MOUNT_PITCH, MOUNT_SIGMA**2)
     reset(c.P, STATES, MOUNT_YAW, MOUNT_SIGMA**2)
+    reset(c.P, STATES, ARM, ARM_SIGMA**2)
+    c.arm = 0.0
     c.constrained = 1
     c.contradiction = 1.0
 
@@ -93,8 +96,24 @@ def stop(c: Any) -> None:
 
 
 @kernel
+def crossing(c: Any, q: Any, e: Any, along: float, mount: int) -> int:
+    """Row of the velocity along body vector `e`, which is across a forward axis that may be wrong by state `mount`."""
+    en = quat_rotate(q, e)
+    k = 0
+    for i in range(3):
+        k = row(c, k, VELOCITY + i, en[i])
+    k = row(c, k, ATTITUDE, en[1] * c.v[2] - en[2] * c.v[1])
+    k = row(c, k, ATTITUDE + 1, en[2] * c.v[0] - en[0] * c.v[2])
+    k = row(c, k, ATTITUDE + 2, en[0] * c.v[1] - en[1] * c.v[0])
+    return row(c, k, mount, -along if mount == MOUNT_YAW else along)
+
+
+@kernel
 def constrain(p: Any, c: Any) -> None:
-    """Fuse the two zero velocities, if it is time and there is motion."""
+    """Fuse the two velocities across, if it is time and there is motion: none off the floor, sideways that of turning.
+
+    A sensor ahead of the point about which the vehicle turns swings out; tyres slip in proportion to their load.
+    """
     q = (c.q[0], c.q[1], c.q[2], c.q[3])
     vb = quat_rotate_back(q, (c.v[0], c.v[1], c.v[2]))
     f = (c.forward[0], c.forward[1], c.forward[2])
@@ -108,22 +127,17 @@ def constrain(p: Any, c: Any) -> None:
     c.since_constraint = 0.0
     if abs(along) < SPEED:
         return
-    slip = (SIGMA + ARM * math.sqrt(c.rate[0] ** 2 + c.rate[1] ** 2 + c.rate[2] ** 2)) ** 2
-    squat = (SQUAT * along) ** 2 * 2.0 * SQUAT_S / INTERVAL_S
-    worst = 0.0
-    for axis in range(2):
-        e = lateral if axis == 0 else vertical
-        en = quat_rotate(q, e)
-        k = 0
-        for i in range(3):
-            k = row(c, k, VELOCITY + i, en[i])
-        k = row(c, k, ATTITUDE, en[1] * c.v[2] - en[2] * c.v[1])
-        k = row(c, k, ATTITUDE + 1, en[2] * c.v[0] - en[0] * c.v[2])
-        k = row(c, k, ATTITUDE + 2, en[0] * c.v[1] - en[1] * c.v[0])
-        k = row(c, k, MOUNT_YAW if axis == 0 else MOUNT_PITCH, -along if axis == 0 else along)
-        z = -(e[0] * vb[0] + e[1] * vb[1] + e[2] * vb[2])
-        worst = max(worst, abs(assume(c, SLIP + axis, k, z, slip if axis == 0 else slip + squat, GATE)))
+    turn = vertical[0] * c.rate[0] + vertical[1] * c.rate[1] + vertical[2] * c.rate[2]
+    rate = math.sqrt(c.rate[0] ** 2 + c.rate[1] ** 2 + c.rate[2] ** 2)
+    r = (SIGMA + (DRIFT + TYRE_DRIFT * along * along) * rate) ** 2
+    k = row(c, crossing(c, q, lateral, along, MOUNT_YAW), ARM, -turn)
+    z = c.arm * turn - (lateral[0] * vb[0] + lateral[1] * vb[1] + lateral[2] * vb[2])
+    sideways = abs(assume(c, SLIP, k, z, r, GATE))
+    r += (SQUAT * along) ** 2 * 2.0 * SQUAT_S / INTERVAL_S
+    k = crossing(c, q, vertical, along, MOUNT_PITCH)
+    z = -(vertical[0] * vb[0] + vertical[1] * vb[1] + vertical[2] * vb[2])
+    upwards = abs(assume(c, SLIP + 1, k, z, r, GATE))
     correct(c)
-    c.contradiction += MEMORY * (min(worst, 4.0 * GATE) - c.contradiction)
+    c.contradiction += MEMORY * (min(max(sideways, upwards), 4.0 * GATE) - c.contradiction)
     if c.contradiction > CONTRADICTION and p.vehicle != LAND:
         stop(c)

@@ -38,12 +38,15 @@ class Drive:
     f: np.ndarray
 
 
-def drive(seconds, rate=100, rest=10.0, lat_deg=48.0, lon_deg=11.0, speed=8.0, fast_start=False):
-    """A car that rests, then drives curves with changing speed; with `fast_start` it is under way at once."""
+def drive(seconds, rate=100, rest=10.0, lat_deg=48.0, lon_deg=11.0, speed=8.0, fast_start=False, swing=0.6, arm=0.0):
+    """A car that rests, then drives curves with changing speed; with `fast_start` it is under way at once.
+
+    The speed changes by the share `swing`, beyond 1 it also reverses; the sensor is `arm` m ahead of the axle.
+    """
     t = np.arange(int(seconds * rate)) / rate
     u = np.maximum(t - rest, 0.0)
     ramp = 1.0 if fast_start else 1.0 - np.exp(-((u / 4.0) ** 3))
-    along = ramp * speed * (1.0 - 0.6 * np.sin(2 * np.pi * u / 23.0))
+    along = ramp * speed * (1.0 - swing * np.sin(2 * np.pi * u / 23.0))
     yaw = 0.7 + 1.3 * ramp * np.sin(2 * np.pi * u / 31.0) + 0.5 * ramp * np.sin(2 * np.pi * u / 13.0)
     pitch = 0.02 * ramp * np.sin(0.4 * u)
     roll = 0.03 * ramp * np.sin(0.7 * u)
@@ -51,6 +54,7 @@ def drive(seconds, rate=100, rest=10.0, lat_deg=48.0, lon_deg=11.0, speed=8.0, f
         [along * np.cos(pitch) * np.cos(yaw), along * np.cos(pitch) * np.sin(yaw), -along * np.sin(pitch)]
     )
     attitude = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
+    v += np.gradient(attitude.apply([arm, 0.0, 0.0]), t, axis=0)
     lat, lon, height = (np.empty(len(t)) for _ in range(3))
     lat[0], lon[0], height[0] = np.radians(lat_deg), np.radians(lon_deg), 500.0
     for k in range(1, len(t)):

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from navigation_runner import navigate
-from navigation_simulation import drive, received, sensed
+from navigation_simulation import drive, errors, received, sensed
 
 from imud.estimators.navigation import motion
 from imud.estimators.navigation.setup import configure, start
-from imud.estimators.navigation.state import NAVIGATING, STATES, TURN_SCALE
+from imud.estimators.navigation.state import ARM, NAVIGATING, STATES, TURN_SCALE
 from imud.kernels.kalman import unpack
 from imud.settings import Initial, Settings
 
@@ -25,6 +25,21 @@ def test_what_the_gyro_shows_too_much_in_turns_is_found(scale, cross):
     assert sigma[2] < 0.003
     assert (np.abs(c["turn_scale"] - (cross, 0.0, scale)) < 4.0 * sigma).all()
     assert c["turn_scale"][2] == pytest.approx(scale, abs=0.003)
+
+
+@pytest.mark.parametrize("arm, swing, speed", [(1.6, 0.6, 8.0), (-0.8, 0.6, 8.0), (0.3, 2.0, 1.0), (1.6, 2.0, 4.0)])
+def test_where_the_vehicle_turns_about_is_found_forwards_and_in_reverse(arm, swing, speed):
+    rng = np.random.default_rng(2)
+    d = drive(240.0, arm=arm, swing=swing, speed=speed)
+    out, _, s = navigate(sensed(d, rng), received(d, rng, sigma=0.5, late=0.2))
+    c = s["core"][0, 0]
+    ahead = np.sign(c["forward"][0])  # a vehicle that has begun in reverse has its axis the other way round
+    sigma = np.sqrt(np.diag(unpack(c["P"], STATES))[ARM])
+    assert c["constrained"] == 1
+    assert sigma < 0.3
+    assert abs(ahead * c["arm"] - arm) < 4.0 * sigma
+    heading = np.degrees(errors(d, out)[2][:, 2])[-10000:]
+    assert np.sqrt(np.mean(heading**2)) < 2.0
 
 
 def core():

@@ -14,7 +14,7 @@ from typing import Any
 from ...kernels.jit import kernel
 from ...kernels.kalman import reset
 from ...kernels.rotation import quat_rotate, quat_rotate_back
-from ..records import SLIP
+from ..records import HOP, SLIP
 from .correction import assume, correct, row
 from .covariance import variance
 from .state import ARM, ATTITUDE, FREE, LAND, MOUNT_PITCH, MOUNT_YAW, STATES, VELOCITY
@@ -136,7 +136,7 @@ def constrain(p: Any, c: Any) -> None:
     r += (SQUAT * along) ** 2 * 2.0 * SQUAT_S / INTERVAL_S
     k = crossing(c, q, vertical, along, MOUNT_PITCH)
     z = -(vertical[0] * vb[0] + vertical[1] * vb[1] + vertical[2] * vb[2])
-    upwards = abs(assume(c, SLIP + 1, k, z, r, GATE))
+    upwards = abs(assume(c, HOP, k, z, r, GATE))
     correct(c)
     c.contradiction += MEMORY * (min(max(sideways, upwards), 4.0 * GATE) - c.contradiction)
     if c.contradiction > CONTRADICTION and p.vehicle != LAND:

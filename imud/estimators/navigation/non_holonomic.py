@@ -17,12 +17,11 @@ from ...kernels.rotation import quat_rotate, quat_rotate_back
 from ..records import HOP, SLIP
 from .correction import assume, correct, row
 from .covariance import variance
+from .motion import FRESH_S
 from .state import ARM, ATTITUDE, FREE, LAND, MOUNT_PITCH, MOUNT_YAW, STATES, VELOCITY
 
 INTERVAL_S = 0.1
 SPEED = 0.3  # m/s, below it the constraint says little
-STRAIGHT = 0.3  # rad/s, in a sharper turn the direction of motion depends on where the sensor is
-PLAIN = 0.5  # m/s, of a direction of motion; and its velocity known to a fifth
 SIGMA = 0.1  # m/s
 ARM_SIGMA = 1.5  # m
 DRIFT, TYRE_DRIFT = 0.2, 0.005  # m, s^2/m: sideways speed in turns, per rate, and per rate times speed squared
@@ -31,44 +30,77 @@ GATE = 12.0
 CONTRADICTION = 4.0  # mean normalised innovation squared
 MEMORY = 0.02
 MOUNT_SIGMA = math.radians(4.0)
-FOUND = (12.0, math.radians(8.0), 0.85)  # windows, spread rad, resultant length of the courses: for auto
-FOUND_LAND = (6.0, math.radians(15.0), 1.1)
-
-
-@kernel
-def dot_down(c: Any, u: Any) -> float:
-    """Component of a body vector along the vertical."""
-    return float(quat_rotate((c.q[0], c.q[1], c.q[2], c.q[3]), (u[0], u[1], u[2]))[2])
+LIKELY_ARM = 0.5  # m
+PLAIN = 2.0  # times its sigma, a velocity that has a direction
+KEEP = 0.98  # per window
+POWERS = 4  # iterations, each begins where the last ended
+# windows, normalised square across the axis, and how much more there is across any line over ground: for auto
+FOUND, FOUND_LAND = (8.0, 1.0, 12.0), (6.0, 4.0, -math.inf)
 
 
 @kernel
 def learn_axis(p: Any, c: Any) -> None:
-    """Once per window: gather the direction of motion in the body, and begin to constrain when it is plain."""
-    speed = math.sqrt(c.v[0] ** 2 + c.v[1] ** 2 + c.v[2] ** 2)
-    sigma = math.sqrt(max(variance(c, VELOCITY), variance(c, VELOCITY + 1)))
-    turning = abs(dot_down(c, c.rate))
-    if p.vehicle == FREE or c.constrained or speed < PLAIN or sigma > 0.2 * speed or turning > STRAIGHT:
+    """Once per window: gather the velocity in the body, and begin to constrain when it keeps to one axis.
+
+    Each window counts by how well it tells: the velocity may be wrong by its sigma, slip, squat, the unknown heading and
+    where the sensor sits. An axis is found when what is left across it is less than that, but not across any line over
+    ground: then the velocity has turned with the body. In an outage the velocity is no witness.
+    """
+    if p.vehicle == FREE or c.constrained or 1e-9 * (c.t_ns - c.fix_ns) > FRESH_S:
         return
-    u = quat_rotate_back((c.q[0], c.q[1], c.q[2], c.q[3]), (c.v[0] / speed, c.v[1] / speed, c.v[2] / speed))
-    sign = -1.0 if u[0] * c.axis[0] + u[1] * c.axis[1] + u[2] * c.axis[2] < 0.0 else 1.0
+    q = (c.q[0], c.q[1], c.q[2], c.q[3])
+    level2 = max(variance(c, VELOCITY), variance(c, VELOCITY + 1))
+    climb = c.v[2] * math.sqrt(min(level2 / variance(c, VELOCITY + 2), 1.0))  # mostly not measured
+    u = quat_rotate_back(q, (c.v[0], c.v[1], climb))
+    speed2 = u[0] ** 2 + u[1] ** 2 + u[2] ** 2
+    angle2 = SQUAT**2 + variance(c, ATTITUDE + 2)
+    turn2 = c.rate[0] ** 2 + c.rate[1] ** 2 + c.rate[2] ** 2
+    s2 = level2 + SIGMA**2 + LIKELY_ARM**2 * turn2 + angle2 * speed2
+    if speed2 < PLAIN**2 * s2:
+        return
+    k = 0
     for i in range(3):
-        c.axis[i] = 0.98 * c.axis[i] + sign * u[i]
-    for i in range(2):
-        c.course[i] = 0.98 * c.course[i] + c.v[i] / speed
-    c.axis_n = 0.98 * c.axis_n + 1.0
-    c.axis_doubt = 0.98 * c.axis_doubt + 2.0 * (sigma / speed) ** 2
-    n = math.sqrt(c.axis[0] ** 2 + c.axis[1] ** 2 + c.axis[2] ** 2)
-    spread = math.sqrt(max(2.0 * (1.0 - n / c.axis_n) - c.axis_doubt / c.axis_n, 0.0))
-    windows, widest, straight = FOUND_LAND if p.vehicle == LAND else FOUND
-    if c.axis_n >= windows and spread < widest and math.hypot(c.course[0], c.course[1]) < straight * c.axis_n:
-        begin(c, n)
+        for j in range(i, 3):
+            c.spread[k] = KEEP * c.spread[k] + u[i] * u[j] / s2
+            k += 1
+    c.ground[0] = KEEP * c.ground[0] + c.v[0] * c.v[0] / s2
+    c.ground[1] = KEEP * c.ground[1] + c.v[0] * c.v[1] / s2
+    c.ground[2] = KEEP * c.ground[2] + c.v[1] * c.v[1] / s2
+    c.axis_n = KEEP * c.axis_n + 1.0
+    across = c.spread[0] + c.spread[3] + c.spread[5] - principal(c, u)
+    windows, most, evidence = FOUND_LAND if p.vehicle == LAND else FOUND
+    if c.axis_n >= windows and across < most * c.axis_n and across_ground(c) - across > evidence:
+        begin(c)
 
 
 @kernel
-def begin(c: Any, n: float) -> None:
-    """Constrain along the mean axis, whose sum has length `n`; the lateral axis is the level one across it."""
+def across_ground(c: Any) -> float:
+    """Sum of squares across the line over ground that explains the gathered velocities best."""
+    half = 0.5 * (c.ground[0] + c.ground[2])
+    return float(half - math.hypot(0.5 * (c.ground[0] - c.ground[2]), c.ground[1]))
+
+
+@kernel
+def principal(c: Any, u: Any) -> float:
+    """Put the unit vector of the gathered velocities' main direction into c.axis; returns their sum of squares there."""
+    a = c.axis
+    if c.axis_n <= 1.0:
+        a[0], a[1], a[2] = u[0], u[1], u[2]
+    s, n = c.spread, 0.0
+    for _ in range(POWERS):
+        x = s[0] * a[0] + s[1] * a[1] + s[2] * a[2]
+        y = s[1] * a[0] + s[3] * a[1] + s[4] * a[2]
+        z = s[2] * a[0] + s[4] * a[1] + s[5] * a[2]
+        n = math.sqrt(x * x + y * y + z * z)
+        a[0], a[1], a[2] = x / n, y / n, z / n
+    return n
+
+
+@kernel
+def begin(c: Any) -> None:
+    """Constrain along the axis found; the lateral axis is the level one across it."""
     down = quat_rotate_back((c.q[0], c.q[1], c.q[2], c.q[3]), (0.0, 0.0, 1.0))
-    fx, fy, fz = c.axis[0] / n, c.axis[1] / n, c.axis[2] / n
+    fx, fy, fz = c.axis[0], c.axis[1], c.axis[2]
     lx, ly, lz = down[1] * fz - down[2] * fy, down[2] * fx - down[0] * fz, down[0] * fy - down[1] * fx
     s = math.sqrt(lx * lx + ly * ly + lz * lz)
     if s < 0.5:  # motion is up or down: no land vehicle
@@ -76,7 +108,7 @@ def begin(c: Any, n: float) -> None:
     c.forward[0], c.forward[1], c.forward[2] = fx, fy, fz
     c.lateral[0], c.lateral[1], c.lateral[2] = lx / s, ly / s, lz / s
     reset(c.P, STATES, MOUNT_PITCH, MOUNT_SIGMA**2)
-    reset(c.P, STATES, MOUNT_YAW, MOUNT_SIGMA**2)
+    reset(c.P, STATES, MOUNT_YAW, MOUNT_SIGMA**2 + variance(c, ATTITUDE + 2))
     reset(c.P, STATES, ARM, ARM_SIGMA**2)
     c.arm = 0.0
     c.constrained = 1
@@ -88,11 +120,10 @@ def stop(c: Any) -> None:
     """Give the constraint up and look for an axis anew."""
     c.constrained = 0
     c.axis_n = 0.0
-    c.axis_doubt = 0.0
+    for i in range(6):
+        c.spread[i] = 0.0
     for i in range(3):
-        c.axis[i] = 0.0
-    for i in range(2):
-        c.course[i] = 0.0
+        c.ground[i] = 0.0
 
 
 @kernel

@@ -98,10 +98,10 @@ CORE = np.dtype(
         # non-holonomic constraint
         ("since_constraint", "<f8"),  # s
         ("constrained", "<i8"),
-        ("axis", "<f8", (3,)),  # sum of unit velocities in the body
-        ("course", "<f8", (2,)),  # and over ground
+        ("spread", "<f8", (6,)),  # sum of squares and products of the normalised velocity in the body, upper triangle
+        ("axis", "<f8", (3,)),  # unit vector of its main direction
+        ("ground", "<f8", (3,)),  # the same over ground
         ("axis_n", "<f8"),
-        ("axis_doubt", "<f8"),  # rad^2, sum of their variances
         ("contradiction", "<f8"),  # smoothed normalised innovation squared
         # fixes
         ("fix_ns", "<i8"),  # epoch of the last one used

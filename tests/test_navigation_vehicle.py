@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from navigation_runner import navigate
 from navigation_simulation import drive, errors, received, sensed
+from scipy.spatial.transform import Rotation
 
-from imud.estimators.navigation import motion
+from imud.estimators.navigation import motion, non_holonomic
 from imud.estimators.navigation.setup import configure, start
 from imud.estimators.navigation.state import ARM, NAVIGATING, STATES, TURN_SCALE
 from imud.kernels.kalman import unpack
-from imud.settings import Initial, Settings
+from imud.settings import Initial, Navigation, Settings
 
 LN_REST, LN_MOTION = np.log(0.0014), np.log(0.009)  # of the gyro's deviation in rad/s, a car's in Tokyo
 
@@ -40,6 +41,44 @@ def test_where_the_vehicle_turns_about_is_found_forwards_and_in_reverse(arm, swi
     assert abs(ahead * c["arm"] - arm) < 4.0 * sigma
     heading = np.degrees(errors(d, out)[2][:, 2])[-10000:]
     assert np.sqrt(np.mean(heading**2)) < 2.0
+
+
+def travelled(heading_deg, velocity, speed_sigma=0.1, vehicle="auto", every_s=0.5):
+    """The core after windows with these headings and body velocities (forward, right, down), each with a fresh fix."""
+    settings = Settings(navigation=Navigation(vehicle=vehicle))
+    p = configure(settings, 100.0)
+    c = start(p, Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=10.0))["core"][0, 0]
+    P = np.diag([1.0] * 3 + [speed_sigma**2] * 3 + [1e-4] * 2 + [np.radians(5.0) ** 2] + [1e-4] * 16)
+    c["P"], c["phase"] = P[np.triu_indices(STATES)], NAVIGATING
+    for k, (heading, v) in enumerate(zip(heading_deg, velocity, strict=True)):
+        attitude = Rotation.from_euler("z", heading, degrees=True)
+        c["q"], c["v"] = np.roll(attitude.as_quat(), 1), attitude.apply(v)
+        c["t_ns"] = c["fix_ns"] = int(1e9 * every_s * k)
+        non_holonomic.learn_axis(p[0], c)
+    return c
+
+
+def test_the_axis_of_a_robot_that_turns_and_reverses_is_found_within_ten_seconds():
+    k = np.arange(20)
+    along = np.where(k % 8 < 4, -0.8, 0.9)
+    c = travelled(4.0 * k, np.column_stack([0.2 * along, along, 0.0 * along]))
+    assert c["constrained"] == 1
+    assert np.abs(c["forward"]) == pytest.approx(np.array([0.2, 1.0, 0.0]) / np.hypot(0.2, 1.0), abs=1e-6)
+
+
+def test_a_line_over_ground_is_no_axis_of_a_vehicle():
+    k = np.arange(60)
+    back_and_forth = np.column_stack([0.0 * k, np.where(k % 8 < 4, -3.0, 3.0), 0.0 * k])
+    assert travelled(0.5 * np.sin(k), back_and_forth)["constrained"] == 0
+    assert travelled(0.5 * np.sin(k), back_and_forth, vehicle="land")["constrained"] == 1
+    turning = Rotation.from_euler("z", -3.0 * k[:, None], degrees=True).apply([3.0, 0.0, 0.0])  # on the spot, in flight
+    assert travelled(3.0 * k, turning)["constrained"] == 0
+
+
+def test_a_velocity_that_slides_in_every_direction_is_no_vehicle_s():
+    rng = np.random.default_rng(3)
+    slide = np.column_stack([4.0 + rng.standard_normal(100), 1.5 * rng.standard_normal(100), np.zeros(100)])
+    assert travelled(3.0 * np.arange(100), slide)["constrained"] == 0
 
 
 def core():

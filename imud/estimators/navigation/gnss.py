@@ -31,6 +31,7 @@ SECOND_ORDER = 10.0  # m, m/s per rad^2 of heading variance: what the linear mod
 STAMP_S, STAMP_SIGMA = 1e-3, 0.03  # s
 CENTIMETRES, SURVEY_STAMP_SIGMA = 0.1, 2e-4  # m, s
 STALE_ACCEL = 1.0  # m/s^2, where a fix is too late for rewinding
+LEVER_SIGMA, SWING_S = 0.03, 1.0  # m, of a lever arm taken by rule; s, of a turn between two fixes
 LATENCY_FLOOR = 0.01  # s per metre of sigma
 
 
@@ -105,6 +106,12 @@ def report(innovations: Any, n: int, t_ns: int, kind: int, z: float, s: float, u
 
 
 @kernel
+def swing2(c: Any) -> float:
+    """Square of the antenna's velocity, m^2/s^2, that an error of the lever arm has made up in the present turn."""
+    return float(LEVER_SIGMA**2 * (c.rate[0] ** 2 + c.rate[1] ** 2 + c.rate[2] ** 2))
+
+
+@kernel
 def strangeness(c: Any, lever: Any, extra: float, first: int, last: int) -> float:
     """The worst normalised residual squared of axes first to last - 1, to be held against GATE."""
     worst = 0.0
@@ -124,6 +131,7 @@ def fuse_position(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
     offset(c, fix, z)
     lever = quat_rotate((c.q[0], c.q[1], c.q[2], c.q[3]), (p.lever[0], p.lever[1], p.lever[2]))
     extra = (SECOND_ORDER * variance(c, ATTITUDE + 2)) ** 2 + (0.5 * STALE_ACCEL * late * late) ** 2
+    extra += swing2(c) * SWING_S**2
     for i in range(3):
         z[i] += late * c.v[i] - lever[i] - c.wander[i]
     level = admit(c, fix, strangeness(c, lever, extra, 0, 2))
@@ -184,6 +192,7 @@ def fuse_velocity(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
             c.white_speed
             + (SECOND_ORDER * variance(c, ATTITUDE + 2)) ** 2
             + slow * slow
+            + swing2(c)
             + (VELOCITY_LAG * c.trend[i]) ** 2
             + c.bend[i] ** 2
         )

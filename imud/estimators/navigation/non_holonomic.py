@@ -1,8 +1,9 @@
 """A land vehicle moves along its forward axis: velocity across it and off its floor is nearly zero.
 
-The axis is a unit vector in the body, found as the mean direction of motion (the sensor may be mounted in any way),
-then refined by two states. "auto" switches the constraint on when a drive that has turned shows one steady axis, and
-off when the motion contradicts it.
+The axis is a unit vector in the body, found as the main direction of motion, forwards and in reverse (the sensor may
+be mounted in any way), then refined by two states; a third is how far the sensor is ahead of the point about which the
+vehicle turns. "auto" switches the constraint on when a drive that has turned shows one steady axis, and off when the
+motion contradicts it.
 
 Source: Dissanayake et al., The aiding of a low-cost strapdown inertial measurement unit using vehicle model
 constraints (2001).
@@ -42,9 +43,9 @@ FOUND, FOUND_LAND = (8.0, 1.0, 12.0), (6.0, 4.0, -math.inf)
 def learn_axis(p: Any, c: Any) -> None:
     """Once per window: gather the velocity in the body, and begin to constrain when it keeps to one axis.
 
-    Each window counts by how well it tells: the velocity may be wrong by its sigma, slip, squat, the unknown heading and
-    where the sensor sits. An axis is found when what is left across it is less than that, but not across any line over
-    ground: then the velocity has turned with the body. In an outage the velocity is no witness.
+    Each window counts by how well it tells: the velocity may be wrong by its sigma, slip, squat, the heading's doubt
+    and where the sensor sits. An axis is found when what is left across it is less than that, but not what is left
+    across any line over ground: then the velocity has turned with the body. In an outage the velocity is no witness.
     """
     if p.vehicle == FREE or c.constrained or 1e-9 * (c.t_ns - c.fix_ns) > FRESH_S:
         return
@@ -82,7 +83,7 @@ def across_ground(c: Any) -> float:
 
 @kernel
 def principal(c: Any, u: Any) -> float:
-    """Put the unit vector of the gathered velocities' main direction into c.axis; returns their sum of squares there."""
+    """Turn c.axis into the main direction of the gathered velocities; returns their sum of squares along it."""
     a = c.axis
     if c.axis_n <= 1.0:
         a[0], a[1], a[2] = u[0], u[1], u[2]

@@ -31,12 +31,19 @@ def shear(P: Floats, n: int, i: int, j: int, a: float) -> None:
     """P <- E P E' with E = I + a e_i e_j', i != j: state i gains `a` times state j."""
     pij = P[packed_index(n, i, j)]
     pjj = P[packed_index(n, j, j)]
-    at_i, at_j = i, j  # of elements (k, i) and (k, j), down the columns to the diagonal, then along the rows
-    for k in range(n):
+    low, high = min(i, j), max(i, j)
+    at_i, at_j = i, j  # of elements (k, i) and (k, j): down both columns, down one along the other's row, along both
+    for k in range(low):
+        P[at_i] += a * P[at_j]
+        at_i += n - 1 - k
+        at_j += n - 1 - k
+    for k in range(low, high):
         if k != i:
             P[at_i] += a * P[at_j]
         at_i += n - 1 - k if k < i else 1
         at_j += n - 1 - k if k < j else 1
+    for k in range(high + 1 if high == i else high, n):
+        P[at_i + k - high] += a * P[at_j + k - high]
     P[packed_index(n, i, i)] += a * (2.0 * pij + a * pjj)
 
 

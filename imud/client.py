@@ -99,21 +99,34 @@ class State(NamedTuple):
 
     @property
     def roll(self) -> float:
-        """rad."""
+        """rad; 0 with the nose straight up or down, where only roll and yaw together mean something."""
         w, x, y, z = self.q_nb
+        if self._is_locked:
+            return 0.0
         return math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
 
     @property
     def pitch(self) -> float:
         """rad."""
-        w, x, y, z = self.q_nb
-        return math.asin(max(-1.0, min(1.0, 2.0 * (w * y - x * z))))
+        return math.asin(max(-1.0, min(1.0, self._sine_of_pitch)))
 
     @property
     def yaw(self) -> float:
         """rad, clockwise from north if `heading_valid`, else from where it happened to start."""
         w, x, y, z = self.q_nb
+        if self._is_locked:
+            return math.remainder(2.0 * math.atan2(z, w), 2.0 * math.pi)
         return math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
+
+    @property
+    def _sine_of_pitch(self) -> float:
+        w, x, y, z = self.q_nb
+        return 2.0 * (w * y - x * z)
+
+    @property
+    def _is_locked(self) -> bool:
+        """Whether rounding would decide what roll and yaw are."""
+        return abs(self._sine_of_pitch) > 1.0 - 1e-13
 
     @property
     def attitude_valid(self) -> bool:

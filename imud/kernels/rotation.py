@@ -9,6 +9,7 @@ from .jit import kernel
 
 Quaternion = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
+LOCK = 1.0 - 1e-13  # sine of a pitch at which rounding decides what roll and yaw are
 
 
 @kernel
@@ -95,13 +96,19 @@ def quat_of_euler(roll: float, pitch: float, yaw: float) -> Quaternion:
 
 @kernel
 def euler_of_quat(q: Quaternion) -> Vector:
-    """Roll, pitch, yaw in rad; roll and yaw in (-pi, pi], pitch in [-pi/2, pi/2]."""
+    """Roll, pitch, yaw in rad; roll and yaw in (-pi, pi], pitch in [-pi/2, pi/2].
+
+    With the nose straight up or down, where only roll and yaw together mean something, roll is 0.
+    """
     w, x, y, z = q
     roll = math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
     sine = 2.0 * (w * y - x * z)
     if abs(sine) > 1.0:  # by rounding; an unknown attitude stays NaN
         sine = math.copysign(1.0, sine)
     pitch = math.asin(sine)
+    if abs(sine) > LOCK:
+        yaw = 2.0 * math.atan2(z, w)
+        return 0.0, pitch, yaw - math.copysign(2.0 * math.pi, yaw) if abs(yaw) > math.pi else yaw
     yaw = math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
     return roll, pitch, yaw
 

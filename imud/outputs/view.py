@@ -15,6 +15,7 @@ from drivers.fix import Sky
 from imud.estimators.records import POSITION_VALID, SOLUTION
 
 NAN = math.nan
+_LOCK = 1.0 - 1e-13  # sine of a pitch at which rounding decides what roll and yaw are
 Vector = tuple[float, ...]
 NO_VECTOR = (NAN, NAN, NAN)
 
@@ -133,10 +134,13 @@ def decode(solution: bytes) -> State:
 
 
 def euler(q: Vector) -> tuple[float, float, float]:
-    """Roll, pitch, yaw in degrees of q_nb, ZYX."""
+    """Roll, pitch, yaw in degrees of q_nb, ZYX; with the nose straight up or down roll is 0."""
     w, x, y, z = q
+    sine = 2.0 * (w * y - x * z)
+    if abs(sine) > _LOCK:
+        return 0.0, math.copysign(90.0, sine), math.remainder(math.degrees(2.0 * math.atan2(z, w)), 360.0)
     return (
         math.degrees(math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))),
-        math.degrees(math.asin(max(min(2.0 * (w * y - x * z), 1.0), -1.0))),
+        math.degrees(math.asin(sine)),
         math.degrees(math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))),
     )

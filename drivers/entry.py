@@ -157,8 +157,8 @@ def _object_code(kernel: Kernel, kinds: Sequence[Kind]) -> bytes:
         elif not value.is_declaration:
             value.linkage = "internal"
     machine = llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(
-        cpu=llvm.get_host_cpu_name(),
-        features=llvm.get_host_cpu_features().flatten(),
+        cpu=os.environ.get("NUMBA_CPU_NAME") or llvm.get_host_cpu_name(),  # as numba chooses
+        features=os.environ.get("NUMBA_CPU_FEATURES") or llvm.get_host_cpu_features().flatten(),
         opt=3,
         reloc="pic",
         codemodel="small",

@@ -92,8 +92,8 @@ def update(P: Floats, n: int, x: Floats, d: Floats, s: float, z: float, keep: in
     for i in range(keep):
         gain = d[i] / s
         x[i] += gain * z
-        for j in range(i, n):
-            P[first + j - i] -= gain * d[j]
+        for k in range(n - i):  # unsigned indices cannot count from the end, so these loops become vector code
+            P[np.uint64(first + k)] -= gain * d[np.uint64(i + k)]
         first += n - i
 
 

@@ -95,6 +95,7 @@ _OPERATORS = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.BitAnd: "&", ast.BitOr: "|", ast.BitXor: "^", ast.LShift: "<<",
     ast.RShift: ">>", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=",
 }  # fmt: skip
+_CASTS = {"float": FLOAT, "int": INT, "bool": BOOL, "np.uint64": INT}
 _MATH = {
     "sqrt",
     "sin",
@@ -527,6 +528,9 @@ class Function:
         if node.keywords:
             self.fail(node, "keyword arguments")
         callee = self.constant(node.func)
+        if name in _CASTS:
+            kind = _CASTS[name]
+            return f"(({kind.c})({self.value(node.args[0])[0]}))", kind
         if name.startswith(("math.", "np.")):
             return self.library(node, name.partition(".")[2])
         if name in ("max", "min"):
@@ -537,9 +541,6 @@ class Function:
             return (f"{args[0][0]}_n" if kind.n is None else str(kind.n)), INT
         if name == "abs":
             return (f"fabs({args[0][0]})", FLOAT) if args[0][1].kind == "f" else (f"abs_i({args[0][0]})", INT)
-        if name in ("float", "int", "bool"):
-            kind = {"float": FLOAT, "int": INT, "bool": BOOL}[name]
-            return f"(({kind.c})({args[0][0]}))", kind
         if callee is None or not hasattr(callee, "py_func"):
             self.fail(node, "call")
         c, returns = self.unit.function(callee, [kind for _, kind in args])

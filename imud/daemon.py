@@ -37,7 +37,8 @@ from .sensors import Inertial, Receiver, Records
 from .settings import Settings
 from .signals import caught
 
-_SLOW_NS = 20_000_000  # what is not urgent is looked after this often
+_SLOW_NS = 50_000_000  # what is not urgent is looked after this often
+_SOON_NS = 20_000_000  # while a fix waits for the end of its epoch
 _INTERRUPTED, _HUNG_UP = 130, 129
 _PARTS = {"imu": "inertial sensor", "gnss": "receiver"}
 
@@ -170,7 +171,8 @@ class Daemon:
             if self._reload_due:
                 self._reload(notifier)
             if now_ns >= slow_ns:
-                slow_ns = now_ns + _SLOW_NS
+                pending = self._gnss and self._gnss[1].decoder.pending
+                slow_ns = now_ns + (_SOON_NS if pending else _SLOW_NS)
                 self._look_after(now_ns, notifier)
 
     def _turn(self, slow_ns: int) -> int:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.entry import entry
 from drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, SATURATED, SUSPECT
 
 from .kernels.earth import STANDARD_GRAVITY
@@ -223,7 +224,7 @@ _WHOLE = (
 )
 
 
-@kernel
+@entry
 def shown(health: NDArray[np.void]) -> int:
     """The findings of late, bit by bit, of a HEALTH record array: a finding that comes and goes stays."""
     h = health[0]

@@ -17,21 +17,26 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--quick", action="store_true", help="a minute instead of several: shorter runs, no cold start")
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="a minute instead of several: shorter runs, no cold start, no instructions counted",
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object instead of the table")
 
 
 def _parts(quick: bool) -> list[tuple[str, "Callable[[], Section]"]]:
-    from . import live, startup, throughput
+    from . import instructions, live, startup, throughput
 
     seconds, rounds = (10, 5) if quick else (60, 9)
-    return [
+    parts: list[tuple[str, Callable[[], Section]]] = [
         ("replay", partial(throughput.replay, seconds, rounds)),
         ("navigation", partial(throughput.navigation, seconds, rounds)),
         ("estimators", partial(throughput.estimators, rounds)),
         ("live", partial(live.live, seconds)),
         ("start", partial(startup.start, rounds, not quick)),
     ]
+    return parts if quick else [*parts, ("instructions", instructions.instructions)]
 
 
 def run(args: argparse.Namespace) -> int:

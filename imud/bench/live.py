@@ -18,7 +18,7 @@ import sys
 import tempfile
 import time
 import tty
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -61,9 +61,9 @@ class Contestant:
         assert self.process is not None
         return self.process.pid
 
-    def start(self, command: list[str], log: Path) -> None:
+    def start(self, command: list[str], log: Path, environment: dict[str, str] | None) -> None:
         with log.open("wb") as file:
-            self.process = subprocess.Popen(command, stderr=file, stdout=subprocess.DEVNULL)
+            self.process = subprocess.Popen(command, stderr=file, stdout=subprocess.DEVNULL, env=environment)
 
     def connect(self) -> bool:
         """False while the daemon does not listen yet. Raises ImudError if it has ended."""
@@ -118,10 +118,11 @@ class Contestant:
 
 
 class Pacer:
-    """Frames to all contestants at 1 kHz each, in turn, by absolute deadlines."""
+    """Frames to all contestants at 1 kHz each, in turn, by absolute deadlines; slowness: times slower."""
 
-    def __init__(self, contestants: list[Contestant]) -> None:
+    def __init__(self, contestants: list[Contestant], slowness: int = 1) -> None:
         self._contestants = contestants
+        self._period_ns = PERIOD_NS * slowness
         self._frames = [row.tobytes() for row in signals.frames(1 << 15)]
         self._sent = 0
         self._by_fd = {c.socket.fileno(): c for c in contestants}
@@ -129,7 +130,7 @@ class Pacer:
     def feed(self, n: int) -> None:
         """n frames to each; solutions are taken as they come."""
         connected = [c.socket for c in self._contestants if c.first]
-        gap_ns = PERIOD_NS // len(self._contestants)
+        gap_ns = self._period_ns // len(self._contestants)
         deadline = time.monotonic_ns()
         for _ in range(n):
             frame = self._frames[self._sent % len(self._frames)]
@@ -138,13 +139,13 @@ class Pacer:
                 self._wait(connected, deadline)
                 contestant.write(frame)
                 deadline += gap_ns
-        self._wait(connected, deadline + 20 * PERIOD_NS)
+        self._wait(connected, deadline + 20 * self._period_ns)
 
     def wait_for(self, n: int) -> None:
         """Give what is still under way a little time."""
         deadline = time.monotonic() + _PATIENCE_S
         while min(len(c.latencies_ns) for c in self._contestants) < n and time.monotonic() < deadline:
-            self._wait([c.socket for c in self._contestants], time.monotonic_ns() + 20 * PERIOD_NS)
+            self._wait([c.socket for c in self._contestants], time.monotonic_ns() + 20 * self._period_ns)
 
     def _wait(self, sockets: list[socket.socket], deadline: int) -> None:
         while (left := deadline - time.monotonic_ns()) > 0:
@@ -161,37 +162,50 @@ def _imud(folder: Path, contestant: Contestant) -> list[str]:
     ]
 
 
-def _c_daemon(folder: Path, contestant: Contestant) -> list[str]:
+def _c_daemon(folder: Path, contestant: Contestant, options: Sequence[str]) -> list[str]:
     """Compile. Raises NoReferenceError."""
     text, memory = reference.stream_source(new_stream("attitude"))
     (folder / "kernels.c").write_text(text)
     (folder / "memory").write_bytes(memory)
-    reference.compile_c(reference.SOURCES / "daemon.c", folder / "daemon", f"-I{folder}")
+    reference.compile_c(reference.SOURCES / "daemon.c", folder / "daemon", f"-I{folder}", *options)
     return [str(folder / "daemon"), contestant.tty, str(contestant.path), str(folder / "memory")]
 
 
+def _as_it_is(name: str, command: list[str]) -> list[str]:
+    return command
+
+
 @contextlib.contextmanager
-def _race(folder: Path) -> Iterator[tuple[list[Contestant], str]]:
-    """Both daemons, streaming and subscribed; and why there is no C one."""
+def race(
+    folder: Path,
+    wrap: Callable[[str, list[str]], list[str]] = _as_it_is,
+    environment: dict[str, str] | None = None,
+    slowness: int = 1,
+    options: Sequence[str] = (),
+) -> Iterator[tuple[list[Contestant], str]]:
+    """Both daemons, streaming and subscribed; and why there is no C one.
+
+    wrap: makes of a contestant's command the one that is run, in this environment; options: of the C compiler.
+    """
     contestants, why = [Contestant("imud", folder)], ""
     try:
-        contestants[0].start(_imud(folder, contestants[0]), folder / "imud.log")
+        contestants[0].start(wrap("imud", _imud(folder, contestants[0])), folder / "imud.log", environment)
         try:
-            contestants.append(Contestant("c", folder))
-            contestants[1].start(_c_daemon(folder, contestants[1]), folder / "c.log")
+            command = _c_daemon(folder, contestant := Contestant("c", folder), options)
+            contestants.append(contestant)
+            contestant.start(wrap("c", command), folder / "c.log", environment)
         except reference.NoReferenceError as error:
-            contestants.pop().close()
+            contestant.close()
             why = str(error)
-        _meet(contestants, folder)
+        _meet(Pacer(contestants, slowness), contestants, folder)
         yield contestants, why
     finally:
         for contestant in contestants:
             contestant.close()
 
 
-def _meet(contestants: list[Contestant], folder: Path) -> None:
+def _meet(pacer: Pacer, contestants: list[Contestant], folder: Path) -> None:
     """Feed until every daemon streams to us."""
-    pacer = Pacer(contestants)
     deadline = time.monotonic() + _START_S
     waiting = list(contestants)
     while waiting:
@@ -203,7 +217,6 @@ def _meet(contestants: list[Contestant], folder: Path) -> None:
         pacer.feed(100)
         if time.monotonic() > deadline:
             raise ImudError(f"bench: no solution came: {(folder / 'imud.log').read_text()[-500:]}")
-    pacer.feed(_SETTLE)
 
 
 def _number(pacer: Pacer, contestants: list[Contestant]) -> None:
@@ -227,8 +240,9 @@ def live(seconds: int) -> Section:
     section = Section(f"Live at 1 kHz for {seconds} s: M-G350 on a PTY, attitude filter, every state to one subscriber")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        with _race(folder) as (contestants, why):
+        with race(folder) as (contestants, why):
             pacer = Pacer(contestants)
+            pacer.feed(_SETTLE)
             gc.collect()
             gc.freeze()
             _number(pacer, contestants)

@@ -7,7 +7,7 @@ import ctypes
 import importlib.util
 import shutil
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -120,10 +120,11 @@ def stream_source(stream: Stream) -> tuple[str, bytes]:
     return "\n".join(lines), b"".join(array.tobytes() for _, array in buffers.values())
 
 
-def build(text: str, folder: Path, main: Path | None = None) -> ctypes.CDLL:
+def build(text: str, folder: Path, main: Path | None = None, options: Sequence[str] = ()) -> ctypes.CDLL:
     """Compile to a shared library and load it; main: a file that includes kernels.c. Raises NoReferenceError."""
     (folder / "kernels.c").write_text(text)
-    compile_c(main or folder / "kernels.c", folder / "kernels.so", "-shared", "-fPIC", "-Wl,-Bsymbolic", f"-I{folder}")
+    shared = ("-shared", "-fPIC", "-Wl,-Bsymbolic", f"-I{folder}")
+    compile_c(main or folder / "kernels.c", folder / "kernels.so", *shared, *options)
     return ctypes.CDLL(str(folder / "kernels.so"))
 
 

@@ -29,8 +29,7 @@ def _draw(report: object, folder: Path, paper: str) -> None:
 
     assert isinstance(report, Report)
     if not figures.available():
-        print("imud reproduce: no figures without plotly: pip install 'imud[plots]'", file=sys.stderr)
-        return
+        raise CannotCreateError(f"no figures in {folder} without plotly: pip install 'imud[plots]'")
     path = folder / f"{paper}.html"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -43,8 +42,8 @@ def _draw(report: object, folder: Path, paper: str) -> None:
 def run(args: argparse.Namespace) -> int:
     report = importlib.import_module(f"imud.experiments.{args.paper}").reproduce(args.seed)
     print(json.dumps(report.plain(), ensure_ascii=False) if args.json else "\n".join(report.lines()))
-    if args.output is not None:
-        _draw(report, args.output, args.paper)
     for row in report.failed:
         print(f"imud reproduce: does not hold: {row.quantity}: {row.ours}", file=sys.stderr)
+    if args.output is not None:
+        _draw(report, args.output, args.paper)
     return CLAIM_FAILED if report.failed else 0

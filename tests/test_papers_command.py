@@ -85,7 +85,7 @@ def test_an_unknown_paper_is_a_usage_error():
 def test_without_plotly_the_table_is_printed_and_the_mend_is_told(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(suh, "reproduce", lambda seed: report_of(Row("a number", "2", "2"), drawn=[a_figure()]))
     monkeypatch.setattr(figures, "available", lambda: False)
-    assert main(["reproduce", "suh", "-o", str(tmp_path)]) == 0
+    assert main(["reproduce", "suh", "-o", str(tmp_path)]) == 73
     said = capsys.readouterr()
     assert "a number" in said.out
     assert "pip install 'imud[plots]'" in said.err

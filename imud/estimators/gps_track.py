@@ -9,6 +9,7 @@ What is built instead of the print:
 - x = (long2 - long1) R_earth: angles in radians, times cos(latitude), on the ellipsoid's two radii. The state keeps
   latitude and longitude themselves, so that the track may be as long as it likes;
 - G = columns of ones: discrete white-noise acceleration, [dt^2 / 2, dt] per axis, of variance Q.
+P(0) is not printed: the first fix is the first position with the variance R, and the speed unknown by UNKNOWN_SPEED.
 Q in (m/s^2)^2 and R in m^2 are `gps_track` in the settings; a receiver that reports its sigma is believed instead of R.
 Height, attitude and biases are not in his state and stay unknown.
 """

@@ -7,7 +7,9 @@ filter is therefore wrong by design, and says so: REJECTING instead of AT_REST w
 What is built instead of the print:
 - (11), (14) integrate `u - b`; by the model (3), u = a - b - n, and Problem 1 the acceleration is `u + b`;
 - (12), (15) hold b constant; the mean follows the same Phi as the covariance, b <- exp(-lambda T) b;
-- (13), (14) are Euler's method; here u is constant over a sample and the integral exact, so mean and Phi agree;
+- (13), (14) are Euler's method with u_k after t_k; here a sample stands for the interval that ends with it, as of a
+  sensor that filters; over that u is constant and the integral exact, so mean and Phi agree;
+- lambda = 0.001 Hz is, in (4) and by the printed Phi, 0.001 1/s;
 - sigma_b = 8 mg is 7.845e-2 m/s^2, not 7.2e-2; the data sheet's VRW is in (m/s)/sqrt(h), not (m/s)/sqrt(Hz);
 - P = (I - KH) P is symmetric only on paper; here it is the packed triangle of `kernels.kalman`.
 

@@ -13,6 +13,8 @@ What is built instead of the print:
 - (9) adds alpha2 (z - C x), which can be negative; a covariance needs the square, element by element. His alpha2 = 10
   belongs to the first power: divided by sqrt(delta), the horizontal acceleration that (7) just detects, it gives the
   same covariance there. With 10 e^2 itself a push below 0.55 g would be trusted more than by the simple filter;
+- (5) has C at the prediction for (11), too; the two-step filter takes C and f where the gyro (8) has left the state;
+- no initial rate is printed, only an attitude and P0 = 0: it is the gyro's first;
 - (10) r <- alpha1 r + r_nom ends at r_nom / (1 - alpha1); alpha1 r + (1 - alpha1) r_nom ends at r_nom.
 The standard and the simple adaptive filter are well defined as printed too: `literal` in the parameters.
 

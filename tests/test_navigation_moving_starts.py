@@ -42,22 +42,13 @@ def start(fixes, at_s, bias_degps=(0.0, 0.0, 0.0)):
     return valid, valid & (error > np.maximum(CONFIDENT * np.degrees(out["sigma_rpy"][:, 2]), SMALL_DEG))
 
 
-@pytest.mark.parametrize(
-    "fixes, bias_degps, wrong_s",
-    [
-        ("rtk", (0, 0, 0), 10.0),
-        ("nmea_grade", (0, 0, 0), 30.0),
-        ("receiver_like", (0, 0, 0), 40.0),
-        ("rtk", (3, -2, 4.5), 150.0),
-        ("nmea_grade", (3, -2, 4.5), 120.0),
-    ],
-)
-def test_a_start_under_way_finds_the_heading_and_is_hardly_ever_wrong_with_confidence(fixes, bias_degps, wrong_s):
-    """`wrong_s` is of 5400 s in 18 starts; so is each bound on a single start: no error goes on for ever."""
+@pytest.mark.parametrize("bias_degps", [(0, 0, 0), (3, -2, 4.5)])
+@pytest.mark.parametrize("fixes", ["rtk", "nmea_grade", "receiver_like"])
+def test_a_start_under_way_finds_the_heading_and_is_hardly_ever_wrong_with_confidence(fixes, bias_degps):
+    """Of 5400 s in 18 starts: 3 s at most in any of the six, when this was written. Half of the time the car stands."""
     runs = [start(fixes, at_s, bias_degps) for at_s in POINTS_S]
     wrong = np.array([w.sum() for _, w in runs]) / RATE
-    found = np.array([v.any() for v, _ in runs])
-    assert wrong.sum() < wrong_s
-    assert wrong.max() < 75.0
+    assert wrong.sum() < 10.0
     assert not any(w[-1] for _, w in runs)
-    assert found.mean() > 0.85
+    assert all(v.any() for v, _ in runs)
+    assert np.median([np.argmax(v) / RATE for v, _ in runs]) < 65.0

@@ -75,7 +75,15 @@ class Array:
 
     @property
     def c(self):
+        if isinstance(self.item, Array):
+            return f"{self.item.whole} *"
         return f"{self.item.c}" if isinstance(self.item, Record) else f"{self.item.c} *"
+
+    @property
+    def whole(self):
+        """The type of the array itself, for arrays of arrays of numbers."""
+        item = self.item.whole if isinstance(self.item, Array) else self.item.c
+        return f"__typeof__({item}[{self.n}])"
 
 
 @dataclass(frozen=True)

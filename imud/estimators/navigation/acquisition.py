@@ -22,7 +22,7 @@ def seen_speed(c: Any) -> float:
     """Speed over the last pair of positions, m/s; NaN where it may be noise or there is none."""
     sigma = math.sqrt(2.0 * c.white[0])  # of a difference over about a second, in which the wander hardly changes
     speed = math.hypot(c.slope[0], c.slope[1])
-    return speed if c.slope[4] > 0.0 and (SURE * sigma < REST_SPEED or speed > SURE * sigma) else math.nan
+    return speed if c.slope[2] > 0.0 and (SURE * sigma < REST_SPEED or speed > SURE * sigma) else math.nan
 
 
 @kernel
@@ -36,9 +36,9 @@ def place(p: Any, c: Any, fix: Any) -> None:
     known = math.isfinite(vn) and math.isfinite(ve)
     if not math.isfinite(c.fix_speed):
         c.fix_speed = seen_speed(c)
-    if not known and c.slope[4] > 0.0:
+    if not known and c.slope[2] > 0.0:
         vn, ve = c.slope[0], c.slope[1]
-    moving = known or c.slope[4] > 0.0
+    moving = known or c.slope[2] > 0.0
     c.v[0] = vn if moving else 0.0
     c.v[1] = ve if moving else 0.0
     c.v[2] = 0.0

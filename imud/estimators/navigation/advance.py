@@ -9,7 +9,7 @@ from ...kernels.earth import gravity
 from ...kernels.jit import kernel
 from ...kernels.rotation import quat_rotate_back
 from ..records import AT_REST, SATURATED
-from .alignment import engage, feel, forget_attitude, levelled
+from .alignment import engage, forget_attitude, forget_pairs, levelled
 from .covariance import INTERVAL_S, grow, predict
 from .levelling import level
 from .motion import WINDOW_S, at_rest, clear, gather, judge
@@ -34,15 +34,11 @@ def move(p: Any, c: Any, w: Any, f: Any, dt: float) -> None:
     """Integrate over dt, which is short; while levelling the velocity is the receiver's, not an integral."""
     if c.phase == LEVELLING:
         vn, ve, vd = c.v[0], c.v[1], c.v[2]
-        dvn, dve = c.dv[0], c.dv[1]
         integrate(c, w, f, dt)
-        feel(c, c.dv[0] - dvn, c.dv[1] - dve, dt)
         c.v[0], c.v[1], c.v[2] = vn, ve, vd
     else:
         v0, v1, v2 = c.v[0], c.v[1], c.v[2]
-        dvn, dve = c.dv[0], c.dv[1]
         integrate(c, w, f, dt)
-        feel(c, c.dv[0] - dvn, c.dv[1] - dve, dt)
         a = min(dt / SMOOTH_S, 1.0) / dt
         b = min(dt / SMOOTH_S, 1.0)
         c.accel[0] += a * (c.v[0] - v0) - b * c.accel[0]
@@ -70,6 +66,7 @@ def bridge(p: Any, c: Any, w: Any, f: Any, dt: float) -> None:
     c.quiet = 0
     c.still = 0
     clear(c)
+    forget_pairs(c)
 
 
 @kernel

@@ -6,6 +6,7 @@ from typing import Any
 from ...kernels.jit import kernel
 from ...kernels.kalman import measure, shear, update
 from ...kernels.rotation import quat_exp
+from .matching import shift
 from .state import (
     ACCEL_BIAS,
     ARM,
@@ -107,6 +108,7 @@ def turn_tilt(c: Any, psi: float) -> None:
 def correct(c: Any) -> None:
     """Add the gathered error estimate to the nominal state and clear it."""
     x = c.x
+    shift(c)
     if abs(x[ATTITUDE + 2]) > NOTABLE_TURN:
         turn_tilt(c, x[ATTITUDE + 2])
     displace(c, x[POSITION], x[POSITION + 1], x[POSITION + 2])
@@ -117,7 +119,6 @@ def correct(c: Any) -> None:
         c.wander[i] += x[WANDER + i]
         c.turn_scale[i] += x[TURN_SCALE + i]
     rotate(c, quat_exp(0.0, 0.0, 0.0), x[ATTITUDE], x[ATTITUDE + 1], x[ATTITUDE + 2])
-    c.turned += x[ATTITUDE + 2]
     if c.constrained:
         turn_axis(c, x[MOUNT_PITCH], x[MOUNT_YAW])
         c.arm += x[ARM]

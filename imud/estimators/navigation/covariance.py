@@ -16,6 +16,7 @@ from ...kernels.jit import kernel
 from ...kernels.kalman import packed_index, scale, shear
 from ...kernels.rotation import dcm_of_quat
 from ..records import AT_REST
+from .matching import feel
 from .state import (
     ACCEL_BIAS,
     ARM,
@@ -117,6 +118,7 @@ def predict(p: Any, c: Any) -> None:
         for i in range(3):
             for j in range(3):
                 shear(c.P, STATES, ATTITUDE + i, TURN_SCALE + j, -m[3 * i + j] * turn * dt)
+    feel(c, turn, dt)
     qa = p.gyro_psd + c.vibration_gyro + p.gyro_scale**2 * rate2 * RATE_SCALE_S
     decay = math.exp(-dt / WANDER_S)
     for i in range(3):

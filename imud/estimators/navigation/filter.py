@@ -9,12 +9,12 @@ from ...kernels.jit import kernel
 from ...kernels.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
 from ..records import POSITION_N
 from .acquisition import place
-from .alignment import engage, forget_heading, levelled
-from .covariance import predict
+from .alignment import disengage, engage, forget_heading, levelled
+from .covariance import predict, variance
 from .gnss import fuse_position, fuse_velocity, grade, report, trust_stamp, velocity_of
 from .history import approach, follow, remember, rewind, snap, trace_velocity
-from .solution import write
-from .state import LEVELLING, NEVER_NS, UNREAD
+from .solution import HEADING_LIMIT, write
+from .state import ATTITUDE, LEVELLING, NAVIGATING, NEVER_NS, UNREAD
 from .supervision import supervise
 
 CONTRARY = 8  # fixes in a row with a velocity that contradicts: the heading is wrong
@@ -126,6 +126,8 @@ def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
 def fuse(p: Any, c: Any, fix: Any, late: float, innovations: Any) -> int:
     """Take the fix at the time where the core is; it was true `late` s before that (what rewinding has left)."""
     c.fix_speed = math.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed
+    if c.phase == NAVIGATING and variance(c, ATTITUDE + 2) > HEADING_LIMIT**2:
+        disengage(c)
     if c.phase == LEVELLING:
         place(p, c, fix)
     rows = 0

@@ -78,6 +78,7 @@ def start(parameters: Record, initial: Initial) -> Record:
     c["forward"] = (1.0, 0.0, 0.0)
     c["lateral"] = (0.0, 1.0, 0.0)
     c["fix_speed"] = math.nan
+    c["swing"] = (1.0, 0.0)
     c["white_speed"] = SPEED_SIGMA**2
     c["fix_ns"] = c["mark_ns"] = s["stamp_ns"] = s["fused_ns"] = NEVER_NS
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)

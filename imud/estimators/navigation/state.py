@@ -121,19 +121,29 @@ CORE = np.dtype(
         ("bend", "<f8", (3,)),  # scratch: m/s, how far the velocity was from that line
         # alignment, in a level frame of arbitrary heading
         ("heading_sigma", "<f8"),  # rad, of a heading given by the user; 0: none
-        ("zeta", "<f8", (2,)),  # m/s, integral of level specific force
-        ("path", "<f8", (2,)),  # m, its integral
+        ("heading_age", "<f8"),  # s, what an error of the vertical gyro bias has been multiplied with in that found
+        ("running", "<f8", (4, 2)),  # integrals since the origin, complex: of level specific force, of 1, GG, G
+        ("twice", "<f8", (4, 2)),  # and theirs
+        ("swing", "<f8", (2,)),  # exp(i y), y rad the heading of the body in the frame of those
+        ("frame", "<f8"),  # rad, from the level frame of q to that one
+        ("frame_rate", "<f8"),  # rad/s, vertical gyro bias found since the origin
+        ("shifted", "<f8", (3, 2)),  # m/s^2, m/s^3, m/s^2: tilt, level gyro bias and accelerometer bias, likewise
         ("mark_ns", "<i8"),  # last fix used for alignment
-        ("mark", "<f8", (8,)),  # its zeta, path, velocity, and latitude and longitude
-        ("slope", "<f8", (5,)),  # mean velocity and mean zeta over the last pair, and 1 when there is one
+        ("mark", "<f8", (4,)),  # its velocity, latitude and longitude
+        ("marked", "<f8", (4, 2)),  # running and twice then
+        ("marked_twice", "<f8", (4, 2)),
+        ("slope", "<f8", (3,)),  # mean velocity over the last pair, and 1 when there is one
+        ("means", "<f8", (4, 2)),  # and of running
+        ("pair", "<f8", (4, 2)),  # scratch: changes of running
         ("origin_ns", "<i8"),
-        ("pairs", "<f8"),
-        ("energy", "<f8", (2,)),  # of zeta changes and of velocity changes
-        ("turned", "<f8"),  # rad, corrections of the heading since the last pair
+        ("pairs", "<f8"),  # with motion
+        ("weight", "<f8"),  # and all
+        ("energy", "<f8", (2,)),  # of felt changes dz and of velocity changes dV
         ("astray", "<i8"),  # pairs in a row that contradict the heading
-        ("match", "<f8", (RATES, 2)),  # sum of conj(zeta change) times velocity change, per drift rate
-        ("felt", "<f8", (2,)),  # sum of zeta changes
-        ("seen", "<f8", (RATES, 2)),  # and of velocity changes, per drift rate
+        ("normal", "<f8", (3, 3, 2)),  # sums of products of the regressors, complex
+        ("felt", "<f8", (3, 2)),  # of regressors and dz
+        ("match", "<f8", (RATES, 2)),  # of conj(dz) dV, per drift rate
+        ("seen", "<f8", (RATES, 3, 2)),  # of regressors and dV, per drift rate
         ("told", INNOVATION, (TOLD,)),  # what the last sample brought that was not a fix
         ("telling", "<i8"),  # rows of it
         # scratch
@@ -141,6 +151,11 @@ CORE = np.dtype(
         ("d", "<f8", (STATES,)),
         ("columns", "<i8", (SPREAD,)),
         ("values", "<f8", (SPREAD,)),
+        ("prior", "<f8", (3, 3, 2)),
+        ("inverse", "<f8", (3, 3, 2)),
+        ("gain", "<f8", (3, 3, 2)),
+        ("force", "<f8", (3, 2)),
+        ("headings", "<f8", (RATES, 2)),
     ],
     align=True,
 )

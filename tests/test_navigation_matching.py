@@ -1,0 +1,135 @@
+"""The heading from pairs of fixes: as of a plain least squares, and blind to what the filter corrects meanwhile."""
+
+import numpy as np
+import pytest
+from navigation_simulation import drive
+
+from imud.estimators.navigation import correction, covariance, matching, posterior, strapdown
+from imud.estimators.navigation.setup import configure, start
+from imud.estimators.navigation.state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, RATES, STATES
+from imud.settings import Initial, Settings
+
+RATE = 100
+G = 9.80665
+
+
+def core():
+    p = configure(Settings(), RATE)
+    s = start(p, Initial())
+    c = s["core"][0, 0]
+    matching.clear_matching(c)
+    return p[0], s, c  # c is of s
+
+
+def carried(corrections, seconds=20.0, at_s=8.0):
+    """(running integrals, core) of a drive of which the strapdown is corrected on the way."""
+    p, s, c = core()
+    d = drive(seconds, rest=0.0, fast_start=True)
+    c["q"], c["v"], c["lat"] = np.roll(d.attitude[0].as_quat(), 1), d.v[0], d.lat[0]
+    c["w"], c["f"] = d.w[0], d.f[0]
+    for k in range(1, len(d.t)):
+        strapdown.integrate(c, d.w[k], d.f[k], 1.0 / RATE)
+        c["w"], c["f"] = d.w[k], d.f[k]
+        c["rate"] = d.w[k] - c["bg"]
+        covariance.predict(p, c)
+        if k == int(at_s * RATE):
+            for state, value in corrections.items():
+                c["x"][state] = value
+            correction.correct(c)
+    return c["running"].copy(), s
+
+
+@pytest.mark.parametrize(
+    "corrections",
+    [
+        {ATTITUDE: 0.02, ATTITUDE + 1: -0.03},
+        {GYRO_BIAS: 0.002, GYRO_BIAS + 1: -0.001},
+        {GYRO_BIAS + 2: 0.004},
+        {ACCEL_BIAS: 0.2, ACCEL_BIAS + 1: -0.3},
+        {ATTITUDE + 2: 1.0},
+        {ATTITUDE: 0.01, ATTITUDE + 2: -0.1, GYRO_BIAS: 0.001, GYRO_BIAS + 2: -0.002, ACCEL_BIAS + 1: 0.1},
+    ],
+)
+def test_what_the_filter_corrects_leaves_the_integrals_as_they_were(corrections):
+    untouched, _ = carried({})
+    running, s = carried(corrections)
+    assert s["core"][0, 0]["shifted"].any() or s["core"][0, 0]["frame"] != 0.0
+    assert running[matching.ZETA] == pytest.approx(untouched[matching.ZETA], abs=0.12)  # second order in 0.3 m/s^2
+    assert running[matching.SWAY] == pytest.approx(untouched[matching.SWAY], abs=0.05)
+
+
+def complex_(a):
+    return a[..., 0] + 1j * a[..., 1]
+
+
+def pairs(rng, psi, rate, prior, n=30):
+    """Changes felt and seen, regressors, ages: nuisance parameters are drawn from their prior."""
+    x = np.linalg.cholesky(prior) @ (rng.standard_normal(3) + 1j * rng.standard_normal(3))
+    ages = np.arange(n) + 0.5
+    u = rng.standard_normal((n, 3)) + 1j * rng.standard_normal((n, 3))
+    seen = 1.5 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
+    noise = 0.05 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
+    return seen * np.exp(-1j * (psi + rate * ages)) - u @ x + noise, u, seen, ages
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_heading_is_that_of_a_least_squares_with_the_nuisance_marginalized(seed):
+    rng = np.random.default_rng(seed)
+    psi, k_true = rng.uniform(-np.pi, np.pi), rng.integers(10, 23)
+    rate = (k_true - RATES // 2) * posterior.RATE_STEP
+    half = rng.standard_normal((3, 3)) + 1j * rng.standard_normal((3, 3))
+    prior = 0.02 * half @ half.conj().T + 0.01 * np.eye(3)
+    z, u, seen, ages = pairs(rng, psi, rate, prior)
+    _, _, c = core()
+    for i in range(len(z)):
+        c["t_ns"] = round(1e9 * ages[i])
+        for k, value in enumerate([z[i], *u[i]]):
+            c["pair"][k] = value.real, value.imag
+        matching.accumulate(c, (seen[i].real, seen[i].imag), 0.0, True)
+    c["prior"][:, :, 0], c["prior"][:, :, 1] = prior.real, prior.imag
+    found, sigma, found_rate, _, _ = posterior.solve(c, 0.1**2)
+    w = matching.FORGET ** np.arange(len(z))[::-1]
+    inverse = np.linalg.inv(np.diag(posterior.NOISE**2 / w) + u @ prior @ u.conj().T)
+    drifts = (np.arange(RATES) - RATES // 2) * posterior.RATE_STEP
+    angles = np.linspace(-np.pi, np.pi, 1441)
+    costs = np.empty((RATES, len(angles)))
+    for k, drift in enumerate(drifts):
+        e = z[:, None] - seen[:, None] * np.exp(-1j * (angles + drift * ages[:, None]))
+        costs[k] = np.einsum("ia,ij,ja->a", e.conj(), inverse, e).real
+    k, a = np.unravel_index(costs.argmin(), costs.shape)
+    now = angles[a] + drifts[k] * ages[-1]
+    assert k == k_true
+    assert abs(np.angle(np.exp(1j * (found - now)))) < 0.5 * sigma
+    assert abs(np.angle(np.exp(1j * (found - psi - rate * ages[-1])))) < 4.0 * sigma
+    assert sigma < np.radians(12.0)
+    assert found_rate == pytest.approx(rate, abs=posterior.RATE_STEP)
+
+
+def test_the_prior_is_the_filters_covariance_of_the_force_that_tilt_and_biases_make():
+    rng = np.random.default_rng(1)
+    _, _, c = core()
+    half = 0.1 * rng.standard_normal((STATES, STATES))
+    P = half @ half.T
+    c["P"] = P[np.triu_indices(STATES)]
+    c["q"] = np.array([0.8, 0.2, -0.3, 0.5]) / np.linalg.norm([0.8, 0.2, -0.3, 0.5])
+    w, x, y, z = c["q"]
+    C = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        ]
+    )
+    rows = np.zeros((3, STATES), complex)
+    rows[0, ATTITUDE : ATTITUDE + 2] = G * 1j, -G  # i g (phi_n + i phi_e)
+    rows[1, GYRO_BIAS : GYRO_BIAS + 3] = -1j * G * (C[0] + 1j * C[1])
+    rows[2, ACCEL_BIAS : ACCEL_BIAS + 3] = -(C[0] + 1j * C[1])
+    posterior.believe(c)
+    assert complex_(c["prior"]) == pytest.approx(0.5 * rows @ P @ rows.conj().T, rel=1e-9, abs=1e-12)
+
+
+def test_a_matrix_times_its_inverse_is_one():
+    rng = np.random.default_rng(2)
+    a = rng.standard_normal((3, 3)) + 1j * rng.standard_normal((3, 3)) + 4.0 * np.eye(3)
+    b = np.stack([a.real, a.imag], axis=-1).copy()
+    posterior.invert(b)
+    assert a @ complex_(b) == pytest.approx(np.eye(3), abs=1e-12)

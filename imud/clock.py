@@ -1,9 +1,11 @@
 """Time: a device's counter fitted to the host's monotonic clock.
 
 Nothing arrives before it was sent, and much arrives late: so the line that turns a counter into host time lies below
-all arrivals and as close to them as it can. Over a window the earliest arrival counts; over half a minute of windows
-the line is the edge of their lower convex hull above the mean (the least sum of distances of all lines below the
-points). Stamps follow a changed line by slewing, never by stepping back.
+all arrivals and as close to them as it can. Over a window the earliest arrival counts, and the windows grow, all alike,
+until they reach back four minutes. The edge of their lower convex hull above the middle (the least sum of distances of
+all lines below the points) shows which of them were in time; a regression through those gives the slope, for where no
+arrival is quite in time the edge alone wanders with the two it rests on. The line lies below all of them. Stamps follow
+a changed line by slewing, never by stepping back.
 
 A counter may be wrong. One that jumped ahead shows at once: its sample was there before it was taken. One that stood
 still while samples were not sent (a sensor may have none, and its samples are counted as they come) makes all that
@@ -19,8 +21,7 @@ import numpy as np
 from .kernels.jit import kernel
 
 POINTS = 64
-WINDOW_NS = 500_000_000.0
-MEMORY_NS = 120e9
+WINDOW_NS, LONGEST_NS = 0.5e9, 4e9
 FIT_SPAN_NS = 3e9  # a slope needs a base line this long; until then the nominal period holds
 SLEW = 0.01  # stamps run at most 1 % fast or slow while they catch up with a changed line
 FAR_NS = 20e6  # more than jitter: what is this far from the line was counted wrongly, and is not caught up with slowly
@@ -46,6 +47,7 @@ CLOCK = np.dtype(
         ("slew_ns", "<f8"),  # what stamps are still ahead of the line
         ("last_tick", "<i8"),
         ("last_ns", "<i8"),
+        ("window_ns", "<f8"),  # length
         ("window_start", "<i8"),  # tick
         ("window_x", "<f8"),
         ("window_arrival", "<f8"),
@@ -59,6 +61,7 @@ CLOCK = np.dtype(
         ("ticks", "<f8", (POINTS,)),  # earliest arrival of each window, oldest first
         ("arrivals", "<f8", (POINTS,)),
         ("hull", "<i8", (POINTS,)),  # scratch
+        ("heights", "<f8", (POINTS,)),  # scratch
         ("residual_ns", "<f8"),  # mean distance of the window minima above the line
         ("corrections", "<i8"),  # of the counter
         ("late_ns", "<f8"),  # how much later than at best samples come, mean of late
@@ -87,6 +90,7 @@ def _restart(clock: Any, tick: int, arrival_ns: int) -> None:
     clock.offset = 0.0
     clock.slew_ns = 0.0
     clock.count = 0
+    clock.window_ns = WINDOW_NS
     clock.window_start = tick
     clock.window_residual = np.inf
     clock.watches = 0
@@ -101,31 +105,26 @@ def _watch_anew(clock: Any, y: float) -> None:
 
 
 @kernel
-def _thin(clock: Any) -> None:
-    """Make room: forget what is too old, and of each two points of the older half the one farther above the line."""
-    first = 0
-    while clock.ticks[clock.count - 1] - clock.ticks[first] > MEMORY_NS / clock.period_ns:
-        first += 1
-    n = 0
-    i = first
-    while i < clock.count:
-        if i < POINTS // 2:
-            a = clock.arrivals[i] - clock.slope * clock.ticks[i]
-            b = clock.arrivals[i + 1] - clock.slope * clock.ticks[i + 1]
-            i += 1 if b < a else 0
-            clock.ticks[n], clock.arrivals[n] = clock.ticks[i], clock.arrivals[i]
-            i += 1 if b < a else 2
-        else:
-            clock.ticks[n], clock.arrivals[n] = clock.ticks[i], clock.arrivals[i]
-            i += 1
-        n += 1
-    clock.count = n
+def _make_room(clock: Any) -> None:
+    """Join windows two by two, which keeps the points alike; once they are long, forget the oldest."""
+    if clock.window_ns >= LONGEST_NS:
+        for i in range(1, clock.count):
+            clock.ticks[i - 1], clock.arrivals[i - 1] = clock.ticks[i], clock.arrivals[i]
+        clock.count -= 1
+        return
+    for i in range(clock.count // 2):
+        a = clock.arrivals[2 * i] - clock.slope * clock.ticks[2 * i]
+        b = clock.arrivals[2 * i + 1] - clock.slope * clock.ticks[2 * i + 1]
+        earlier = 2 * i + (1 if b < a else 0)
+        clock.ticks[i], clock.arrivals[i] = clock.ticks[earlier], clock.arrivals[earlier]
+    clock.count //= 2
+    clock.window_ns *= 2.0
 
 
 @kernel
 def _add_point(clock: Any) -> None:
     if clock.count == POINTS:
-        _thin(clock)
+        _make_room(clock)
     clock.ticks[clock.count] = clock.window_x
     clock.arrivals[clock.count] = clock.window_arrival
     clock.count += 1
@@ -133,12 +132,11 @@ def _add_point(clock: Any) -> None:
 
 @kernel
 def _hull_slope(clock: Any) -> float:
-    """Slope of the lower hull's edge above the mean tick."""
+    """Slope of the lower hull's edge above the middle of the time."""
     hull = clock.hull
     n = 0
-    mean = 0.0
+    middle = 0.5 * (clock.ticks[0] + clock.ticks[clock.count - 1])
     for i in range(clock.count):
-        mean += clock.ticks[i] / clock.count
         while n >= 2:
             a, b = hull[n - 2], hull[n - 1]
             ab = (clock.arrivals[b] - clock.arrivals[a]) * (clock.ticks[i] - clock.ticks[a])
@@ -149,10 +147,45 @@ def _hull_slope(clock: Any) -> float:
         hull[n] = i
         n += 1
     e = 1
-    while e < n - 1 and clock.ticks[hull[e]] < mean:
+    while e < n - 1 and clock.ticks[hull[e]] < middle:
         e += 1
     a, b = hull[e - 1], hull[e]
     return float((clock.arrivals[b] - clock.arrivals[a]) / (clock.ticks[b] - clock.ticks[a]))
+
+
+@kernel
+def _median_height(clock: Any, slope: float) -> float:
+    """Of the points above the line of this slope below all of them."""
+    heights = clock.heights
+    for i in range(clock.count):
+        height = clock.arrivals[i] - slope * clock.ticks[i]
+        k = i
+        while k > 0 and heights[k - 1] > height:
+            heights[k] = heights[k - 1]
+            k -= 1
+        heights[k] = height
+    return float(heights[clock.count // 2] - heights[0])
+
+
+@kernel
+def _settled_slope(clock: Any, slope: float) -> float:
+    """Slope of the points' regression, with full weight on the line of the hull and ever less above their median."""
+    offset = np.inf
+    for i in range(clock.count):
+        offset = min(offset, clock.arrivals[i] - slope * clock.ticks[i])
+    scale = max(_median_height(clock, slope), 1.0)
+    origin = clock.ticks[clock.count - 1]
+    n = x = y = xx = xy = 0.0
+    for i in range(clock.count):
+        tick = clock.ticks[i] - origin
+        height = clock.arrivals[i] - slope * clock.ticks[i] - offset
+        w = 1.0 / (1.0 + (height / scale) ** 2)
+        n += w
+        x += w * tick
+        y += w * height
+        xx += w * tick * tick
+        xy += w * tick * height
+    return slope + (n * xy - x * y) / (n * xx - x * x)
 
 
 @kernel
@@ -162,7 +195,7 @@ def _refit(clock: Any, x: float) -> None:
     fitted = (clock.ticks[clock.count - 1] - clock.ticks[0]) * clock.period_ns >= FIT_SPAN_NS
     first = 0 if fitted else max(0, clock.count - 2)  # an unknown slope makes old points misleading
     if fitted:
-        slope = _hull_slope(clock)
+        slope = _settled_slope(clock, _hull_slope(clock))
         if abs(slope / clock.period_ns - 1.0) < PERIOD_TOLERANCE:
             clock.slope = slope
             clock.fitted = 1
@@ -184,7 +217,7 @@ def _gather(clock: Any, tick: int, x: float, y: float, residual: float) -> None:
         clock.window_residual = residual
         clock.window_x = x
         clock.window_arrival = y
-    if (tick - clock.window_start) * clock.period_ns >= WINDOW_NS:
+    if (tick - clock.window_start) * clock.period_ns >= clock.window_ns:
         if clock.window_residual < FAR_NS or clock.fitted == 0:
             _add_point(clock)
             _refit(clock, x)

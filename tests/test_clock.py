@@ -202,3 +202,65 @@ def test_the_drift_lies_within_its_sigma(seconds):
         fit = Inertial(SimpleNamespace(clock=clock, rx=np.zeros(1, np.uint8))).clock_fit()
         z.append((fit.drift - error) / fit.sigma_drift)
     assert 0.1 < np.sqrt(np.mean(np.square(z))) < 1.2  # earliest arrivals tell more than points that scatter both ways
+
+
+def queued(truth, rng):
+    """Each sample is delayed by up to 10 ms, and waits for the one before: at 1 kHz hardly one is in time."""
+    return np.maximum.accumulate(truth + rng.uniform(0.0, 10e6, len(truth)))
+
+
+@pytest.mark.parametrize("clock_error", [0.0, 1e-3, -3e-5])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_samples_that_wait_for_each_other_move_a_stamp_by_half_a_millisecond(clock_error, seed):
+    ticks, truth, _ = device(150_000, clock_error, seed=seed)
+    t, clock = stamps(ticks, queued(truth, np.random.default_rng(seed)))
+    error = t - truth
+    assert np.abs(error[20_000:]).max() < 1.2e6
+    assert np.ptp(error[100_000:]) < 0.5e6
+    assert clock["corrections"][0] == 0
+
+
+def test_a_busy_host_does_not_tilt_the_line():
+    ticks, truth, _ = device(150_000, 5e-5)
+    rng = np.random.default_rng(3)
+    busy = ticks % 60_000 > 40_000  # then nothing is in time
+    late = rng.exponential(0.1e6, len(ticks)) + busy * (1.5e6 + rng.exponential(3e6, len(ticks)))
+    t, _ = stamps(ticks, np.maximum.accumulate(truth + np.minimum(late, 19e6)))
+    assert np.abs(t - truth)[10_000:].max() < 0.1e6
+
+
+def fit(x, y):
+    """Slope and height of the line, by trying all pairs of points, and numpy's regression."""
+    below = []
+    for i in range(len(x)):
+        for k in range(i + 1, len(x)):
+            slope = (y[k] - y[i]) / (x[k] - x[i])
+            if (y - y[i] - slope * (x - x[i]) >= -1e-3).all():
+                below.append(
+                    (abs(x[i] + x[k] - x[0] - x[-1]) if x[i] < 0.5 * (x[0] + x[-1]) <= x[k] else np.inf, slope)
+                )
+    hull = min(below)[1]
+    above = y - hull * x - (y - hull * x).min()
+    scale = max(np.sort(above)[len(x) // 2], 1.0)
+    slope = hull + np.polyfit(x - x[-1], above, 1, w=np.sqrt(1.0 / (1.0 + (above / scale) ** 2)))[0]
+    return slope, (y - slope * x).min()
+
+
+@settings(max_examples=25, deadline=None)
+@given(JITTERS, st.floats(-1e-3, 1e-3), st.integers(0, 99), st.floats(8.0, 300.0))
+def test_the_line_is_the_regression_through_the_earliest_arrivals(jitter, clock_error, seed, seconds):
+    n = round(40.0 * seconds)
+    truth = 10**15 + np.arange(n) * 25e6 * (1.0 + clock_error)
+    arrivals = delayed(truth, *jitter, np.random.default_rng(seed))
+    _, clock = stamps(np.arange(n), arrivals, clock=new_clock(25e6, 0.0))
+    points = clock["count"][0]
+    x, y = clock["ticks"][0][:points], clock["arrivals"][0][:points]
+    assert clock["corrections"][0] == 0
+    window = clock["window_ns"][0] / 25e6
+    assert np.diff(x).max() < 2.0 * window + 2
+    assert seconds * 40 - x[0] >= min(0.9 * n, 7000) - 2 * window  # reaches back to the start, or four minutes
+    assert np.isin(y, arrivals.astype(np.int64) - clock["base_ns"][0]).all()
+    slope, offset = fit(x, y)
+    assert clock["slope"][0] == pytest.approx(slope, rel=1e-9)
+    assert clock["offset"][0] <= offset + 1.0
+    assert (y - clock["slope"][0] * x - clock["offset"][0]).min() >= -1.0

@@ -1,0 +1,191 @@
+"""The daemon's cycle: what it does by itself, bit for bit as the same code called by Python; when it comes back."""
+
+import contextlib
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from imud import client
+from imud.bench import signals
+from imud.bench.throughput import new_stream
+from imud.cycle import FAILED, SHOW, Cycle
+from imud.outputs.binary import BinaryOutputs
+from imud.settings import Settings
+from imud.settings import Stream as StreamSettings
+
+WIRE = signals.frames(2000).tobytes()
+NEVER_NS = (1 << 63) - 1
+SOON_NS, LONG_NS = 20_000_000, 60_000_000_000
+
+
+@pytest.fixture
+def rig(tmp_path):
+    with contextlib.ExitStack() as stack:
+        yield Rig(stack, tmp_path / "stream")
+
+
+class Rig:
+    """A cycle that reads from a pipe, and a subscriber to what it publishes."""
+
+    def __init__(self, stack, path):
+        self.cycle = stack.enter_context(contextlib.closing(Cycle()))
+        outputs = Settings(stream=StreamSettings(listen=str(path)))
+        self.outputs = stack.enter_context(contextlib.closing(BinaryOutputs(outputs, self.cycle.others, 256)))
+        self.states = stack.enter_context(client.connect(path, timeout_s=5.0))
+        self.outputs.stream.on_event(self.cycle.others.poll(0)[0][0])
+        self.reader, self.writer = os.pipe()
+        os.set_blocking(self.reader, False)
+        stack.callback(os.close, self.reader)
+        self.stream = new_stream("attitude")
+        self.cycle.attach(self.reader, self.stream)
+        self._at = 0
+
+    def begin(self):
+        """The decoder believes a first frame when it has seen the second."""
+        self.frames(2)
+        self.turn()
+        assert [next(self.states).seq for _ in range(2)] == [1, 2]
+
+    def frames(self, n):
+        """The next n."""
+        self.write(WIRE[22 * self._at : 22 * (self._at + n)])
+        self._at += n
+
+    def turn(self, for_ns=SOON_NS, show_ns=NEVER_NS, most=99):
+        return self.cycle.turn(time.monotonic_ns() + for_ns, self.outputs, show_ns, most)
+
+    def write(self, data):
+        os.write(self.writer, data)
+
+    @property
+    def samples(self):
+        return int(self.stream.record["count"][0])
+
+
+def test_what_comes_is_published_and_python_is_not_returned_to(rig):
+    rig.begin()
+
+    def write():
+        for _ in range(100):
+            rig.frames(1)
+            time.sleep(1e-3)
+
+    writing = threading.Thread(target=write)  # the cycle lets other threads run
+    writing.start()
+    assert rig.turn(for_ns=500_000_000) == 0
+    writing.join()
+    rig.turn()
+    assert rig.samples == 102
+    assert [next(rig.states).seq for _ in range(100)] == list(range(3, 103))
+
+
+def test_solutions_are_those_of_the_same_bytes_given_by_python(rig):
+    other = new_stream("attitude")
+    for at in range(0, 22_000, 50):
+        rig.write(WIRE[at : at + 50])
+        assert rig.turn(for_ns=0) == 0
+        heard_ns = int(rig.stream.record["heard_ns"][0])  # of the reading that completed a frame, as each does here
+        other.rx[other.fill : other.fill + 50] = np.frombuffer(WIRE[at : at + 50], np.uint8)
+        n = other.ingest(50, heard_ns)
+        assert rig.stream.solutions[:n].tobytes() == other.solutions[:n].tobytes()
+        for _ in range(n):
+            state = next(rig.states)
+        assert (state.seq, state.t_ns) == (rig.samples, int(other.solutions[n - 1]["t_ns"]))
+        assert abs(state.utc_s - time.time()) < 60.0
+    assert rig.samples == 1000
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.integers(1, 300), min_size=1, max_size=30))
+def test_any_chunks_give_every_sample_once(chunks):
+    stream = new_stream("attitude")
+    with contextlib.closing(Cycle()) as cycle, contextlib.closing(BinaryOutputs(Settings(), cycle.others, 256)) as none:
+        reader, writer = os.pipe()
+        cycle.attach(reader, stream)
+        at = 0
+        for size in chunks:
+            os.write(writer, WIRE[at : at + size])
+            cycle.turn(0, none, NEVER_NS, 255)
+            at += size
+        os.close(reader)
+        os.close(writer)
+    assert stream.record["count"][0] == (at // 22 if at >= 44 else 0)
+    assert stream.decoder["lost"][0] == stream.decoder["junk"][0] == 0
+
+
+def test_a_late_batch_is_left_to_be_judged(rig):
+    rig.begin()
+    rig.frames(100)
+    assert rig.turn(most=99) == 100
+    rig.frames(1)
+    rig.turn()
+    assert next(rig.states).seq == 103  # nobody published the others
+    assert rig.outputs.stream.dropped == 0
+
+
+def test_a_solution_that_is_to_be_shown_comes_back_published(rig):
+    rig.begin()
+    rig.frames(1)
+    assert rig.turn(for_ns=LONG_NS, show_ns=0) == SHOW
+    assert next(rig.states).seq == 3
+
+
+def test_bytes_without_a_frame_are_nothing_to_show(rig):
+    rig.write(b"\xff" * 100)
+    assert rig.turn(show_ns=0) == 0
+
+
+def test_a_line_that_ended_is_told(rig):
+    rig.frames(2)
+    os.close(rig.writer)
+    assert rig.turn(for_ns=LONG_NS) == FAILED
+    assert rig.samples == 2
+
+
+def test_another_descriptor_ends_the_turn_after_what_the_line_has(rig):
+    rig.begin()
+    rig.states.set_divisor(10)
+    rig.frames(1)
+    assert rig.turn(for_ns=LONG_NS) == 0
+    assert rig.samples == 3
+    fd, _ = rig.cycle.others.poll(0)[0]
+    rig.outputs.stream.on_event(fd)
+    rig.frames(30)
+    rig.turn()
+    assert [next(rig.states).seq for _ in range(3)] == [10, 20, 30]
+
+
+def test_a_signal_ends_the_turn(rig):
+    caught = []
+    before = signal.signal(signal.SIGALRM, lambda *_: caught.append(time.monotonic_ns()))
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.05)
+        assert rig.turn(for_ns=LONG_NS) == 0
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    assert len(caught) == 1
+
+
+def test_a_client_that_went_is_no_loss_to_anybody(rig):
+    rig.begin()
+    rig.states.close()
+    rig.frames(50)
+    rig.turn()
+    assert rig.outputs.stream.dropped == 0
+    rig.outputs.stream.on_event(rig.cycle.others.poll(0)[0][0])
+    assert rig.outputs.stream.clients == 0
+
+
+def test_without_a_line_it_waits_for_the_others(rig):
+    rig.cycle.detach()
+    rig.frames(2)
+    begin_ns = time.monotonic_ns()
+    assert rig.turn() == 0
+    assert time.monotonic_ns() - begin_ns >= SOON_NS
+    assert rig.samples == 0

@@ -19,7 +19,7 @@ from .faults.wire import Wire, WireLog
 from .fixes import FixSource, SimulatedFixes
 from .g350 import G350
 from .g370 import VARIANTS, Windowed
-from .motion import Trajectory
+from .motion import Mounted, Trajectory, rotation
 from .nmea import FvM11
 from .noise import DEG, IDEAL, M_G350, MILLI_G, Grade, ImuErrors, Signal
 from .replay import RecordedFixes, RecordedImu, kind
@@ -58,7 +58,8 @@ def scene(args: argparse.Namespace) -> Scene:
         return _recorded(args)
     angles = (math.radians(angle) for angle in (args.roll_deg, args.pitch_deg, args.yaw_deg))
     trajectory = Trajectory(SCENARIOS[args.scenario](*angles), *START, delay_s=args.start_delay)
-    return Scene(trajectory, trajectory)
+    mount = np.radians(args.mount_deg or (0.0, 0.0, 0.0))
+    return Scene(Mounted(trajectory, rotation(mount[None])[0]), trajectory)
 
 
 def _recorded(args: argparse.Namespace) -> Scene:
@@ -106,6 +107,7 @@ class _Order:
             tick_hz,
             gyro_bias=_scaled(self.args.gyro_bias_dps, DEG),
             accel_bias=_scaled(self.args.accel_bias_mg, MILLI_G),
+            gyro_slope=_scaled(self.args.gyro_slope_dps_per_k, DEG) or (0.0, 0.0, 0.0),
             faults=of_layer("sensor", self.faults),
         )
 

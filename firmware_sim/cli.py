@@ -62,6 +62,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--ideal", action="store_true", help="no noise, no biases, no GNSS errors")
     add("--gyro-bias-dps", type=_triple, metavar="X,Y,Z", help="instead of drawn ones; write =-0.3,0,0 if negative")
     add("--accel-bias-mg", type=_triple, metavar="X,Y,Z")
+    add("--gyro-slope-dps-per-k", type=_triple, metavar="X,Y,Z", help="biases follow the temperature (first minutes)")
+    add("--mount-deg", type=_triple, metavar="R,P,Y", help="how the sensors sit in the vehicle: imu.mount_rpy_deg")
     add("--clock-ppm", type=float, default=0.0, metavar="X", help="error of the IMU's clock")
     add("--count-step", type=int, metavar="N", help="COUNT per sample (default: the 2 kHz ticks of a sample)")
     add("--no-identity", action="store_true", help="an IMU without product name and serial number")

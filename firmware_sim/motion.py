@@ -107,3 +107,21 @@ class Trajectory:
         """What an ideal sensor measures: w_ib_b in rad/s, then f_b in m/s^2, (n, 6) at times `t` (n,)."""
         truth = self.at(t)
         return np.hstack([truth.w_ib_b, truth.f_b])
+
+
+@dataclass(frozen=True)
+class Mounted:
+    """What a sensor feels whose axes are not the vehicle's; matrix (3, 3) turns its vectors into the vehicle's."""
+
+    vehicle: Trajectory
+    matrix: Array
+
+    @property
+    def end(self) -> float:
+        """As the vehicle's."""
+        return self.vehicle.end
+
+    def imu(self, t: Array) -> Array:
+        """See `Trajectory.imu`, in the sensor's axes."""
+        rates, forces = np.hsplit(self.vehicle.imu(t), 2)
+        return np.hstack([rates @ self.matrix, forces @ self.matrix])

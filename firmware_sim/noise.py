@@ -72,8 +72,12 @@ class ImuErrors:
         tick_hz: float,
         gyro_bias: tuple[float, float, float] | None = None,
         accel_bias: tuple[float, float, float] | None = None,
+        gyro_slope: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:
-        """gyro_bias, accel_bias: turn-on biases in rad/s and m/s^2 instead of drawn ones."""
+        """gyro_bias, accel_bias: turn-on biases in rad/s and m/s^2 instead of drawn ones.
+
+        gyro_slope: change of the gyros' biases with the temperature above 25 degC, rad/s/K.
+        """
         self._grade, self._rng, self._tick_hz = grade, rng, tick_hz
         self.bias = _six(grade.turn_on) * rng.standard_normal(6)
         self.gain = np.eye(6) + np.diag(_six(grade.scale) * rng.uniform(-1.0, 1.0, 6))
@@ -84,6 +88,7 @@ class ImuErrors:
             self.bias[:3] = gyro_bias
         if accel_bias is not None:
             self.bias[3:] = accel_bias
+        self._slope = np.array([*gyro_slope, 0.0, 0.0, 0.0])
         self._in_run = _six(grade.in_run)
         self._drift = np.zeros(6)
         self._white = _six(grade.random_walk) * math.sqrt(tick_hz)
@@ -91,7 +96,8 @@ class ImuErrors:
 
     def measure(self, signal: Signal, t: Array) -> Array:
         """What it shows at times `t` (n,) in s, one after the other at its rate: (n, 6), rad/s and m/s^2."""
-        return self.corrupt(signal.imu(t))
+        warmth = self._warmth(t)
+        return np.clip(self.corrupt(signal.imu(t)) + np.outer(warmth, self._slope), -self.limit, self.limit)
 
     def corrupt(self, signal: Array) -> Array:
         """Measured from ideal values, (n, 6), one row per tick: gyro in rad/s, accelerometer in m/s^2."""
@@ -106,4 +112,8 @@ class ImuErrors:
 
     def temperature(self, t: float) -> float:
         """Inside the sensor, degC, `t` s after switch-on."""
-        return 25.0 - self._grade.warm_up_degc * math.expm1(-max(t, 0.0) / 200.0)
+        return 25.0 + float(self._warmth(np.array([t]))[0])
+
+    def _warmth(self, t: Array) -> Array:
+        """Above 25 degC, at times `t` (n,) after switch-on."""
+        return np.asarray(-self._grade.warm_up_degc * np.expm1(-np.maximum(t, 0.0) / 200.0))

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from .errors import BadDataError
+from .errors import BadDataError, UsageError
 
 _MG = 1e3 / 9.80665
 
@@ -19,8 +19,15 @@ _MG = 1e3 / 9.80665
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     kinds = "; ".join(f"{kind}: {what}" for kind, (_, what) in _KINDS.items())
     parser.add_argument("what", choices=_KINDS, metavar="WHAT", help=kinds)
-    parser.add_argument("recording", type=Path, metavar="CSV", help="inertial samples in the sensor's own axes")
-    parser.add_argument("--serial", required=True, metavar="NUMBER", help="of the sensor, as `imud probe` tells it")
+    parser.add_argument(
+        "recording",
+        type=Path,
+        metavar="CSV|MCAP",
+        help="inertial samples in the sensor's own axes; or imud's recording",
+    )
+    parser.add_argument(
+        "--serial", metavar="NUMBER", help="of the sensor, as `imud probe` tells it (default: the recording's)"
+    )
     parser.add_argument(
         "--latitude", type=float, default=45.0, metavar="DEG", help="for gravity (default: %(default)s)"
     )
@@ -33,12 +40,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from . import calibration
     from .calibrators.rest import UnfitError, refuse_broken
-    from .tables import read_imu
 
-    samples, _, _ = read_imu(args.recording)
+    samples, serial = _read(args)
     rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
     places = [args.state] if args.state else None
-    known = calibration.load(args.serial, places)
+    known = calibration.load(serial, places)
     try:
         refuse_broken(samples)
         part = _KINDS[args.what][0](samples, rate_hz, args)
@@ -47,8 +53,22 @@ def run(args: argparse.Namespace) -> int:
     if args.dry_run:
         return 0
     path = calibration.save(msgspec.structs.replace(known, **part), places)
-    print(f"kept in {path}; the daemon takes it when the sensor is next connected", file=sys.stderr)
+    print(f"{serial}: kept in {path}; the daemon takes it when the sensor is next connected", file=sys.stderr)
     return 0
+
+
+def _read(args: argparse.Namespace) -> tuple[Any, str]:
+    """Samples, and whose they are."""
+    from .tables import is_recording, read_imu
+
+    if is_recording(args.recording):
+        from .recording.samples import own_samples_of
+
+        samples, serial = own_samples_of(args.recording)
+        return samples, args.serial or serial
+    if not args.serial:
+        raise UsageError(f"whose samples are in {args.recording}? --serial NUMBER, as `imud probe` tells it")
+    return read_imu(args.recording)[0], args.serial
 
 
 def _today() -> str:

@@ -142,9 +142,14 @@ def load(serial: str, where: list[Path] | None = None) -> Calibration:
     return Calibration(serial)
 
 
+def name_of(identity: Identity) -> str:
+    """By what a sensor's calibration goes: its serial number; that of one without by its model."""
+    return identity.serial or identity.model or identity.driver
+
+
 def of(identity: Identity) -> Calibration:
-    """That of the sensor which was found; one without a serial number goes by its model. Raises BadDataError."""
-    return load(identity.serial or identity.model or identity.driver)
+    """That of the sensor which was found. Raises BadDataError."""
+    return load(name_of(identity))
 
 
 def read(path: Path) -> Calibration:

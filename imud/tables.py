@@ -84,14 +84,18 @@ def _first_bad_line(path: Path, columns: Sequence[int], names: Sequence[str]) ->
     return "not a table of numbers"
 
 
-def read_samples(path: Path) -> tuple[NDArray[np.void], int, int]:
-    """As `read_imu`, from a CSV file or a recording (MCAP): what it is, its first bytes say."""
+def is_recording(path: Path) -> bool:
+    """Whether it is a recording (MCAP) and no table, by its first bytes. Raises InputMissingError."""
     try:
         with path.open("rb") as file:
-            recorded = file.read(len(_MCAP)) == _MCAP
+            return file.read(len(_MCAP)) == _MCAP
     except OSError as error:
         raise InputMissingError(f"{path}: cannot be read: {error.strerror}") from error
-    if recorded:
+
+
+def read_samples(path: Path) -> tuple[NDArray[np.void], int, int]:
+    """As `read_imu`, from a CSV file or a recording (MCAP): what it is, its first bytes say."""
+    if is_recording(path):
         from .recording.samples import samples_of
 
         return samples_of(path)

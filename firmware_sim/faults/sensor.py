@@ -19,10 +19,11 @@ class FaultyErrors(ImuErrors):
         tick_hz: float,
         gyro_bias: tuple[float, float, float] | None = None,
         accel_bias: tuple[float, float, float] | None = None,
+        gyro_slope: tuple[float, float, float] = (0.0, 0.0, 0.0),
         faults: Sequence[Fault] = (),
     ) -> None:
         """See ImuErrors; faults: those of the layer "sensor"."""
-        super().__init__(grade, rng, tick_hz, gyro_bias, accel_bias)
+        super().__init__(grade, rng, tick_hz, gyro_bias, accel_bias, gyro_slope)
         self._faults = [(fault, list(fault.axes)) for fault in faults]
         self._held: dict[int, Array] = {}  # what a frozen fault's axes show, by its place in `_faults`
 

@@ -9,6 +9,8 @@ from .rest import WINDOW_S, Floats, Records, UnfitError, mean, still_spells, win
 _ACCELERATION = 0.5  # m/s^2, the least that shows where forwards is
 _STRAIGHT_DEG = 20.0
 _START_S = 1.5
+_CURVES_S, _CURVE = 30.0, 0.3  # looked at so long; m/s^2, the least push that counts
+_MIRRORED = "gyro and accelerometer contradict each other: an axis is mirrored; no mounting can mend that"
 
 
 def mounting(samples: Records, rate_hz: float) -> tuple[Floats, Floats]:
@@ -39,13 +41,15 @@ def mounting(samples: Records, rate_hz: float) -> tuple[Floats, Floats]:
     across = np.degrees(np.arctan2(first @ matrix[1], first @ forward))
     if np.abs(across).max() > _STRAIGHT_DEG:
         raise UnfitError("the start was not straight, or not forwards only: the acceleration turns by more than 20 deg")
+    turning = windows(after["w"] - bias, m).mean(axis=1) @ down
+    _refuse_mirrored_curves(turning, level @ forward, level @ matrix[1])
     tilt = up_force.sigma / np.linalg.norm(up_force.value)
     yaw = math.radians(max(1.0, float(across.std()) / math.sqrt(len(first))))
     return matrix, np.array([max(np.nanmax(tilt), 1e-3), max(np.nanmax(tilt), 1e-3), yaw])
 
 
 def _refuse_mirrored(samples: Records, bias: Floats, rate_hz: float) -> None:
-    """Where the sensor turns slowly, the force in its axes changes by -w x f; with mirrored axes by the opposite."""
+    """Where the sensor tilts slowly, the force in its axes changes by -w x f; with mirrored axes by the opposite."""
     m = max(1, round(0.1 * rate_hz))
     w = windows(samples["w"] - bias, m).mean(axis=1)
     f = windows(samples["f"], m).mean(axis=1)
@@ -56,4 +60,17 @@ def _refuse_mirrored(samples: Records, bias: Floats, rate_hz: float) -> None:
         return
     agreement = float((change[turning] * expected[turning]).sum() / (expected[turning] ** 2).sum())
     if agreement < -0.5:
-        raise UnfitError("gyro and accelerometer contradict each other: an axis is mirrored; no mounting can mend that")
+        raise UnfitError(_MIRRORED)
+
+
+def _refuse_mirrored_curves(turning: Floats, forwards: Floats, sideways: Floats) -> None:
+    """In a curve a vehicle is pushed inwards, speed times rate of turn; with mirrored axes outwards.
+
+    Window by window since the start: rate about down (rad/s), acceleration (m/s^2).
+    """
+    soon = slice(0, int(_CURVES_S / WINDOW_S))  # later the summed speed is too uncertain
+    speed = np.cumsum(forwards[soon]) * WINDOW_S
+    expected = turning[soon] * speed
+    curve = np.abs(expected) > _CURVE
+    if curve.sum() >= 4 and (sideways[soon] * expected)[curve].sum() < -0.5 * (expected[curve] ** 2).sum():
+        raise UnfitError(_MIRRORED)

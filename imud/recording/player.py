@@ -79,7 +79,8 @@ class Player:
     """Takes the messages of a recording one by one; not thread-safe.
 
     on_step(samples, solutions): rows of SAMPLE and SOLUTION, valid until the next message. on_update(fix, innovations).
-    adapt: makes of recorded settings those to go by. warn: told what the user should know.
+    adapt: makes of recorded settings those to go by. warn: told what the user should know. calibrated: whether the
+    errors that were known of the sensor are taken out of its samples.
     """
 
     def __init__(
@@ -90,10 +91,12 @@ class Player:
         on_step: Callable[[Records, Records], None],
         on_update: Callable[[Records, Records], None] = _ignore,
         warn: Callable[[str], None] = _ignore,
+        calibrated: bool = True,
     ) -> None:
         self.samples = self.fixes = 0
         self._settings = settings
         self._adapt = adapt
+        self._calibrated = calibrated
         self._on_step, self._on_update, self._warn = on_step, on_update, warn
         self._fitting = Fitting(settings, warn, initial)
         self._line = Replayed()
@@ -141,7 +144,7 @@ class Player:
             return
         driver = by_name(said.driver)
         if driver.kind == "imu":
-            known = msgspec.convert(_known(said.calibration), Calibration)
+            known = msgspec.convert(_known(said.calibration if self._calibrated else {}), Calibration)
             self._ports[said.port] = self._fitting.connect(
                 self._line, driver, said.imu(), known, self._settings, said.t_ns
             )

@@ -5,10 +5,43 @@ from pathlib import Path
 
 import numpy as np
 
+from drivers.capture import CONNECTIONS
+
+from ..calibration import name_of
 from ..errors import BadDataError
+from ..progress import Progress
 from ..settings import Initial
 from .player import Player, Records
 from .source import Recording, adapter, tell
+
+_BLOCK = 1 << 16
+
+
+class _Gathered:
+    """Rows that come a few at a time, in blocks: so many small arrays would take more memory than what is in them."""
+
+    def __init__(self) -> None:
+        self._blocks: list[Records] = []
+        self._fill = _BLOCK
+
+    def add(self, samples: Records, solutions: Records) -> None:
+        """The next rows: less than a block."""
+        room = min(len(samples), _BLOCK - self._fill)
+        if room:
+            self._blocks[-1][self._fill : self._fill + room] = samples[:room]
+        if rest := len(samples) - room:
+            self._blocks.append(np.empty(_BLOCK, samples.dtype))
+            self._blocks[-1][:rest] = samples[room:]
+        self._fill = rest or self._fill + room
+
+    def all(self) -> Records:
+        """Once, at the end."""
+        rows = np.empty((len(self._blocks) - 1) * _BLOCK + self._fill, self._blocks[0].dtype)
+        for k in range(len(self._blocks)):
+            part = rows[k * _BLOCK : (k + 1) * _BLOCK]
+            part[:] = self._blocks[k][: len(part)]
+            self._blocks[k] = self._blocks[k][:0].copy()  # both need not be there as a whole
+        return rows
 
 
 def samples_of(path: Path) -> tuple[Records, int, int]:
@@ -16,20 +49,34 @@ def samples_of(path: Path) -> tuple[Records, int, int]:
 
     Raises UsageError, InputMissingError, BadDataError.
     """
-    recording = Recording([path])
-    adapt = adapter(None, (), "tilt")  # the cheapest estimator: only the samples are wanted
-    batches: list[Records] = []
-
-    def keep(samples: Records, solutions: Records) -> None:
-        batches.append(samples.copy())
-
-    player = Player(recording.settings(adapt), adapt, Initial(), keep, warn=recording.notes.append)
-    for entry in recording:
-        player.take(entry)
-    tell("", recording.notes)
-    if player.samples < 2:
-        raise BadDataError("; ".join([f"{path}: {player.samples} inertial samples in it", *recording.notes]))
-    samples = np.concatenate(batches)
+    samples, _ = _samples(path, (), True)
     origin = math.floor(samples["t_ns"][0] * 1e-9)
     samples["t_ns"] -= origin * 1_000_000_000
     return samples, origin, 0
+
+
+def own_samples_of(path: Path) -> tuple[Records, str]:
+    """Samples in the sensor's own axes, nothing taken out of them, and by what its calibration goes.
+
+    Raises as `samples_of`.
+    """
+    return _samples(path, ("imu.mount_rpy_deg=[0,0,0]",), False)
+
+
+def _samples(path: Path, overrides: tuple[str, ...], calibrated: bool) -> tuple[Records, str]:
+    recording = Recording([path])
+    adapt = adapter(None, overrides, "tilt")  # the cheapest estimator: only the samples are wanted
+    gathered, names = _Gathered(), set[str]()
+    notes, settings, progress = recording.notes, recording.settings(adapt), Progress(1000)
+    player = Player(settings, adapt, Initial(), gathered.add, warn=notes.append, calibrated=calibrated)
+    for entry in recording:
+        player.take(entry)
+        if entry.topic == CONNECTIONS and (said := entry.connection()).kind == "imu":
+            names.add(name_of(said.imu().identity))
+        progress.at(1000 * recording.read_bytes // max(recording.bytes, 1))
+    tell("", notes)
+    if player.samples < 2:
+        raise BadDataError("; ".join([f"{path}: {player.samples} inertial samples in it", *notes]))
+    if len(names) > 1 and not calibrated:
+        raise BadDataError(f"{path}: several inertial sensors in it: {', '.join(sorted(names))}")
+    return gathered.all(), "".join(names)

@@ -24,17 +24,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def read(paths: list[Path]) -> "Session":
     """All files, with a bar as they are read. Raises InputMissingError, BadDataError, UsageError."""
-    from imud.errors import InputMissingError
     from imud.progress import Progress
+    from imud.tables import is_recording
 
     from .csv_files import read_table
-    from .recording import is_recording, read_recording
+    from .recording import read_recording
     from .session import together
 
-    try:
-        total, kinds = sum(path.stat().st_size for path in paths), [is_recording(path) for path in paths]
-    except OSError as error:
-        raise InputMissingError(f"{error.filename}: {(error.strerror or '').lower()}") from error
+    kinds = [is_recording(path) for path in paths]
+    total = sum(path.stat().st_size for path in paths)
     progress, done = Progress(1000), 0
 
     def heard(count: int) -> None:

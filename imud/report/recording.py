@@ -27,17 +27,10 @@ from imud.tables import INNOVATION_KINDS, estimate_cells
 from .session import Clock, Event, Fixes, Innovations, Part, Records, Session
 from .watch import EstimateWatch, SensorWatch
 
-MAGIC = b"\x89MCAP"
 _BLOCK = 2000  # messages that are looked at together
 _MOST_EVENTS = 60
 _TOLD = ("warning", "error", "critical")
 Progress = Callable[[int], None]
-
-
-def is_recording(path: Path) -> bool:
-    """By its first bytes. Raises OSError."""
-    with path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
 
 
 class _Collector:

@@ -1,0 +1,42 @@
+"""Recordings of emulated devices in a time of their own: minutes in seconds, the bytes and arrivals as a daemon's."""
+
+import msgspec
+import numpy as np
+from emulated import Emulated
+from scripted import run
+
+from drivers.capture import Connection, Raw, plain
+from drivers.detect import detect
+from drivers.driver import Options
+from drivers.registry import by_name
+from firmware_sim.g350 import G350
+from firmware_sim.noise import IDEAL, M_G350, ImuErrors
+from imud.recording.file import RecordingFile
+
+STEP_S = 0.016
+TICK_HZ = 2000.0
+
+
+def record(path, signal, seconds, ideal=False, rate_hz=125.0, **biases):
+    """What a G350 says that feels `signal`. biases: of `ImuErrors`."""
+    errors = ImuErrors(IDEAL if ideal else M_G350, np.random.default_rng(3), TICK_HZ, **biases)
+    wire = Emulated(G350(signal, errors))
+    found, _ = run(detect(), wire)
+    driver = by_name(found.driver)
+    configured, _ = run(driver.configure(found, Options(rate_hz=rate_hz)), wire)
+    file = RecordingFile(path, {"version": "0", "session": path.stem}, b"{}", 0)
+    connection = Connection(_ns(wire), 0, "/dev/emulated", True, "imu", driver.name, plain(configured))
+    file.write("/connections", _ns(wire), msgspec.json.encode(connection))
+    wire.outgoing.clear()
+    begin = wire.now_s
+    while wire.now_s - begin < seconds:
+        wire.pass_time(STEP_S)
+        data = bytes(wire.outgoing)
+        wire.outgoing.clear()
+        file.write("/raw/0", _ns(wire), msgspec.json.encode(Raw(_ns(wire), data)))
+    file.finish()
+    return configured.identity
+
+
+def _ns(wire):
+    return round((100.0 + wire.now_s) * 1e9)

@@ -89,6 +89,8 @@ def is_recording(path: Path) -> bool:
     try:
         with path.open("rb") as file:
             return file.read(len(_MCAP)) == _MCAP
+    except FileNotFoundError as error:
+        raise InputMissingError(f"{path}: no such file") from error
     except OSError as error:
         raise InputMissingError(f"{path}: cannot be read: {error.strerror}") from error
 

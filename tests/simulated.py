@@ -14,7 +14,8 @@ from drivers.sample import SAMPLE
 from firmware_sim.fixes import SimulatedFixes
 from firmware_sim.motion import Trajectory, Truth
 from firmware_sim.noise import M_G350, Grade, ImuErrors
-from firmware_sim.scenarios import SCENARIOS
+from firmware_sim.scenarios import SCENARIOS, Course
+from firmware_sim.timeline import Timeline
 from imud.estimators import registry
 from imud.estimators.records import FIX, SOLUTION
 from imud.pipeline import Filter
@@ -24,6 +25,16 @@ G350 = Settings(imu=Imu(profile="m-g350"))
 UTC = 1_700_000_000.0  # s, of the recordings' time 0
 PLACE = (48.0, 11.0, 500.0)  # deg, deg, m
 A, E2 = 6378137.0, 0.00669437999014  # WGS-84: m, first eccentricity squared
+
+
+def circle(_roll, _pitch, _yaw):
+    """For ever round 100 m at 10 m/s on level ground, after 5 s at rest."""
+    return Course(
+        {1: ((100.0, 0.0, 0.0), (0.0, 100.0, 0.0))}, Timeline([(5.0, 0.0), (8.0, 0.1)], [(60.0, 0.1)]), start=0.0
+    )
+
+
+PATHS = {**SCENARIOS, "circle": circle}
 
 
 @dataclass(frozen=True)
@@ -38,7 +49,7 @@ class Motion:
 
 @cache
 def motion(scenario, seconds, rate_hz, rpy=(0.0, 0.0, 0.0), place=PLACE):
-    trajectory = Trajectory(SCENARIOS[scenario](*rpy), *place)
+    trajectory = Trajectory(PATHS[scenario](*rpy), *place)
     t = np.arange(round(seconds * rate_hz)) / rate_hz
     # a sample is the mean over the period that ends with it: Simpson's rule
     before, middle, now = (trajectory.imu(t - part / rate_hz) for part in (1.0, 0.5, 0.0))

@@ -20,7 +20,7 @@ from imud.settings import Imu, Initial, Settings
 def test_errors_agree_with_their_sigmas(profile, turning, accelerating, still_s):
     """Monte Carlo with the profile's own errors: squared error over variance, per component."""
     p, nees = PROFILES[profile], []
-    for run in range(40):
+    for run in range(100):
         rng = np.random.default_rng(1000 + run)
         truth = simulate(
             30.0,
@@ -47,11 +47,13 @@ def test_errors_agree_with_their_sigmas(profile, turning, accelerating, still_s)
                 np.mean(tilt**2 / tilt_variance_deg2(out)),
                 np.mean((yaw / np.maximum(yaw_sigma_deg(out), 0.05))[level] ** 2),
                 np.mean(((out["bg"] - flaws.gyro_bias) / out["sigma_bg"]) ** 2),
+                np.mean(((out["ba"] - flaws.accel_bias) / out["sigma_ba"]) ** 2),
             )
         )
-    tilt_nees, yaw_nees, bias_nees = np.mean(nees, axis=0)
+    tilt_nees, yaw_nees, bias_nees, accel_nees = np.mean(nees, axis=0)
     assert 0.5 < tilt_nees < 1.8
     assert yaw_nees < 1.8 and (yaw_nees > 0.4 or turning == 0.0)
+    assert 0.5 < accel_nees < 1.5
     assert bias_nees < 1.6 and (bias_nees > 0.4 or still_s > 0.0 or turning == 0.0)
 
 

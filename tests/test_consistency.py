@@ -105,7 +105,7 @@ def test_attitude_on_a_turntable():
 
 
 @pytest.mark.parametrize("grade", [M_G350, CONSUMER], ids=["m-g350", "consumer-mems"])
-@pytest.mark.parametrize("scenario", ["car", "figure8"])
+@pytest.mark.parametrize("scenario", ["car", "figure8", "circle"])
 def test_attitude_on_a_vehicle(scenario, grade):
     """Curves, braking and hills are not learnt as tilt; without knowing speed, it cannot but fear them."""
     profile = G350 if grade is M_G350 else Settings(imu=Imu(profile="consumer-mems"))

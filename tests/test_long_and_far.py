@@ -57,6 +57,21 @@ def test_an_hour_at_rest_at_1_khz(name, received):
         assert np.isnan(rows["lat"]).all()
 
 
+@pytest.mark.parametrize("name", ["tilt", "stationary", "suh-standard", "suh-adaptive", "suh-two-step"])
+def test_an_hour_at_rest_of_the_others(name):
+    """72,000 samples at 20 Hz, Suh's rate: the tilt stays within its sigmas, and these what they were."""
+    rng = np.random.default_rng(24)
+    ideal = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, -G], (20 * HOUR_S, 1))
+    values = ImuErrors(M_G350, rng, 20).corrupt(ideal)
+    out, _ = estimated(name, samples_of(np.arange(len(ideal)) / 20.0, values), every=20)
+    late = out[60:]
+    assert (late["status"] & ATTITUDE_VALID > 0).all()
+    tilt = rpy(late["q_nb"])[:, :2]
+    assert (np.abs(tilt) < 4.0 * late["sigma_rpy"][:, :2]).all()
+    assert np.degrees(np.abs(tilt)).max() < 4.0 * 0.6  # 8 mg, 1 sigma
+    np.testing.assert_allclose(late["sigma_rpy"][-600:, :2].mean(), late["sigma_rpy"][:600, :2].mean(), rtol=0.05)
+
+
 @pytest.mark.parametrize("name", KNOW_ATTITUDE)
 @pytest.mark.parametrize(
     "angles", [(180, 0, 0), (0, 180, 0), (0, 90, 0), (0, -90, 0), (90, 0, 0), (-90, 30, 0), (179, 89, 5)]

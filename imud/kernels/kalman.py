@@ -42,8 +42,8 @@ def shear(P: Floats, n: int, i: int, j: int, a: float) -> None:
             P[at_i] += a * P[at_j]
         at_i += n - 1 - k if k < i else 1
         at_j += n - 1 - k if k < j else 1
-    for k in range(high + 1 if high == i else high, n):
-        P[at_i + k - high] += a * P[at_j + k - high]
+    for k in range(1 if high == i else 0, n - high):  # unsigned indices: see `update`
+        P[np.uint64(at_i + k)] += a * P[np.uint64(at_j + k)]
     P[packed_index(n, i, i)] += a * (2.0 * pij + a * pjj)
 
 

@@ -126,6 +126,17 @@ def contradicts(s: Any) -> bool:
 
 
 @kernel
+def turned_before(s: Any) -> bool:
+    """Is the mean rate, which contradicts the known bias, the likelier one, and has been for long enough?"""
+    known2 = shown2 = moved2 = 0.0
+    for i in range(3):
+        known2 += s.bg[i] ** 2
+        shown2 += s.w_mean[i] ** 2
+        moved2 += (s.f_mean[i] - s.f_rest[i]) ** 2
+    return shown2 < known2 and s.contradicted_s > (WAIT_S if moved2 < TURNED**2 else CURVE_S)
+
+
+@kernel
 def judge(p: Any, s: Any) -> bool:
     """Is this rest, with a mean rate that may correct the gyro bias? To be asked once per covariance interval."""
     s.resting = 0
@@ -151,13 +162,7 @@ def judge(p: Any, s: Any) -> bool:
             s.f_rest[i] = s.f_mean[i]
         return True
     s.contradicted_s += s.span
-    known2 = shown2 = moved2 = 0.0
-    for i in range(3):
-        known2 += s.bg[i] ** 2
-        shown2 += s.w_mean[i] ** 2
-        moved2 += (s.f_mean[i] - s.f_rest[i]) ** 2
-    wait = WAIT_S if moved2 < TURNED**2 else CURVE_S
-    if shown2 < known2 and s.contradicted_s > wait:
+    if turned_before(s):
         for i in range(3):
             reset(s.P, STATES, GYRO_BIAS + i, p.gyro_bias_var)
     return False

@@ -24,7 +24,7 @@ from .state import GYRO_BIAS, PLACE, STATES, VELOCITY
 
 VELOCITY_NOISE = 0.023  # m/s sqrt(s), of zero velocity in slow motion
 VELOCITY_LIVELY = 3.0  # sqrt(s), of it in proportion to the liveliness
-ALL_AROUND = 0.5  # of the liveliness along an axis counts as much along the others
+ALL_AROUND = 0.5  # the part of the liveliness that is shared by all axes: a hand or a car moves along several
 REST_VELOCITY_NOISE = 0.09  # m/s sqrt(s)
 UNIFORM_MOTION = 4.0  # sigma
 TRAVEL = 1.0  # m/s, the mean over a second: what is faster is a vehicle

@@ -170,11 +170,11 @@ def _draw(path: Path, found: dict[str, list[Any]], sheet: Any, name: str) -> Non
     panels = []
     for kind, (walk, unit, _) in _KINDS.items():
         traces = []
-        for axis, d in zip("xyz", found[kind], strict=True):
-            traces.append(Trace(axis, d.tau, d.deviation * unit.factor, d.sigma * unit.factor))
-            traces.append(Trace(f"{axis}: N, B, K", d.tau, d.fitted * unit.factor))
+        for k, (axis, d) in enumerate(zip("xyz", found[kind], strict=True)):
+            traces.append(Trace(axis, d.tau, d.deviation * unit.factor, d.sigma * unit.factor, colour=k))
+            traces.append(Trace(f"{axis}: N, B, K", d.tau, d.fitted * unit.factor, colour=k, dashed=True))
         tau = found[kind][0].tau
-        traces.append(Trace(f"N of {name}", tau, getattr(sheet, walk.field) / np.sqrt(tau) * unit.factor))
+        traces.append(Trace(f"N of {name}", tau, getattr(sheet, walk.field) / np.sqrt(tau) * unit.factor, colour=3))
         panels.append(Panel(kind, "averaging time τ, s", f"Allan deviation, {unit.text}", traces, logarithmic=True))
     try:
         figures.write("imud allan", "", [Figure("Overlapping Allan deviation ± 1 σ", panels)], path)

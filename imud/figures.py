@@ -28,7 +28,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Trace:
-    """A curve. sigma: its computed standard deviation, drawn as a band of +-sigma about `about` (default: y)."""
+    """A curve. sigma: its computed standard deviation, drawn as a band of +-sigma about `about` (default: y).
+
+    colour: which of the colours (default: the curve's own); dashed: as what is compared with.
+    """
 
     name: str
     x: Floats
@@ -36,6 +39,8 @@ class Trace:
     sigma: Floats | None = None
     about: Floats | None = None
     style: str = "lines"  # lines, markers, bars
+    colour: int | None = None
+    dashed: bool = False
 
 
 @dataclass(frozen=True)
@@ -125,7 +130,8 @@ def _curve(go: Any, trace: Trace, colour: str) -> Any:
     named = {"name": trace.name, "legendgroup": trace.name, "showlegend": bool(trace.name)}
     if trace.style == "bars":
         return go.Bar(x=x, y=y, **named, marker_color=colour, opacity=0.6)
-    line, marker = {"color": colour, "width": 1.2}, {"color": colour, "size": 4}
+    line = {"color": colour, "width": 1.2, "dash": "dash" if trace.dashed else "solid"}
+    marker = {"color": colour, "size": 4}
     return go.Scatter(x=x, y=y, **named, mode=trace.style, line=line, marker=marker)
 
 
@@ -133,7 +139,7 @@ def _draw(panel: Panel) -> Any:
     go: Any = importlib.import_module("plotly.graph_objects")
     drawn = go.Figure()
     for k, trace in enumerate(panel.traces):
-        colour = COLOURS[k % len(COLOURS)]
+        colour = COLOURS[(k if trace.colour is None else trace.colour) % len(COLOURS)]
         for band in _band(trace, colour):
             drawn.add_trace(go.Scatter(**band))
         drawn.add_trace(_curve(go, trace, colour))

@@ -162,7 +162,11 @@ def _innovation_panels(i: Innovations) -> list[Panel]:
             "autocorrelation; 95 % if white",
             "lag, innovations",
             "correlation",
-            [Trace("found", lag, lags, style="bars"), Trace("±1.96/√N", lag, bound), Trace("", lag, -bound)],
+            [
+                Trace("found", lag, lags, style="bars"),
+                Trace("±1.96/√N", lag, bound, colour=1, dashed=True),
+                Trace("", lag, -bound, colour=1, dashed=True),
+            ],
         ),
     ]
 
@@ -178,7 +182,9 @@ def _consistency(name: str, kinds: list[Innovations]) -> Figure | None:
     if not traces:
         return None
     ends = np.array([traces[0].x[0], traces[0].x[-1]])
-    traces += [Trace(f"χ² {p} %", ends, np.full(2, y)) for p, y in (("2.5", low), ("97.5", high))]
+    traces += [
+        Trace(f"χ² {p} %", ends, np.full(2, y), colour=4, dashed=True) for p, y in (("2.5", low), ("97.5", high))
+    ]
     return Figure(
         f"{name}: consistency",
         [Panel(f"Mean square of {WINDOW} normalised innovations; 1 is right", TIME, "σ²", traces)],

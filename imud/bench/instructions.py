@@ -19,6 +19,7 @@ from imud.errors import ImudError
 
 from . import live, reference
 from .table import Section
+from .throughput import LLVM
 
 SLOWNESS = 10  # times
 _OPTIONS = {"x86_64": ("-mno-avx512f",)}.get(platform.machine(), ())  # valgrind does not know these instructions
@@ -137,7 +138,7 @@ def _live(section: Section, environment: dict[str, str], folder: Path) -> None:
 
 def _against(section: Section, name: str, counts: list[float], most: float | None, why: str) -> None:
     if len(counts) > 1:
-        section.add(name, counts[0] / counts[1], "x", most=most, note=f"C: {counts[1]:,.0f}")
+        section.add(name, counts[0] / counts[1], "x", most=most, note=f"C: {counts[1]:,.0f}", reason=LLVM)
     else:
         section.add(name, np.nan, "x", most=most, note=why)
 

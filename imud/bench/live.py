@@ -37,6 +37,12 @@ _SETTLE = 3000  # frames before anything is measured: the detection listens, cac
 _TRACED = 2000  # frames
 _PATIENCE_S, _QUIET_S = 2.0, 0.2  # for what is under way; without anything new that was the last
 _SEQ = struct.Struct("<8xQ")
+_PYTHON = "20 times a second Python looks after clients, signals and health, 10 times it makes a view for JSON"
+_SCHEDULER = "most of it is the scheduler's: two wake-ups, of the tty's worker and of ours; on a loaded machine more"
+_STARVED = "this machine was too busy for a frame each millisecond: see the 99th percentile"
+_MEMORY = "something was compiled in the daemon itself: it is less at the next start"
+_GARBAGE = "what was made since READY is looked through, and a loaded machine interrupts it"
+_KERNELS = "a kernel was forgotten in `imud/compilation.py`"
 
 
 class Contestant:
@@ -257,24 +263,24 @@ def live(seconds: int) -> Section:
             percentiles = [np.percentile(c.latencies_ns, (50, 99)) * 1e-3 for c in contestants]
             ours = contestants[0]
             section.add("processor time per frame", used_us[0], "us")
-            _against(section, "processor time against the C daemon", used_us, 1.5, why)
+            _against(section, "processor time against the C daemon", used_us, 1.5, why, _PYTHON)
             section.add("byte written to solution, median", percentiles[0][0], "us")
-            _against(section, "median against the C daemon", [p[0] for p in percentiles], 1.15, why)
+            _against(section, "median against the C daemon", [p[0] for p in percentiles], 1.15, why, _SCHEDULER)
             _against(section, "99th percentile against the C daemon", [p[1] for p in percentiles], None, why)
             notes = f"C daemon: {lost[1]}" if len(lost) > 1 else ""
-            section.add(f"solutions missing of {n}", lost[0], "", most=0, note=notes)
-            section.add("memory, resident", ours.status_mb("VmRSS"), "MB", most=150)
+            section.add(f"solutions missing of {n}", lost[0], "", most=0, note=notes, reason=_STARVED)
+            section.add("memory, resident", ours.status_mb("VmRSS"), "MB", most=150, reason=_MEMORY)
             section.add("memory, at most since the start", ours.status_mb("VmHWM"), "MB")
             _syscalls(section, pacer, contestants)
         _interpreter(section, json.loads((folder / "observed.json").read_text()))
     return section
 
 
-def _against(section: Section, name: str, values: list[Any], most: float | None, why: str) -> None:
+def _against(section: Section, name: str, values: list[Any], most: float | None, why: str, reason: str = "") -> None:
     if len(values) < 2:
         section.add(name, np.nan, "x", most=most, note=why)
     else:
-        section.add(name, values[0] / values[1], "x", most=most, note=f"C: {values[1]:.0f} us")
+        section.add(name, values[0] / values[1], "x", most=most, note=f"C: {values[1]:.0f} us", reason=reason)
 
 
 def _syscalls(section: Section, pacer: Pacer, contestants: list[Contestant]) -> None:
@@ -296,7 +302,7 @@ def _syscalls(section: Section, pacer: Pacer, contestants: list[Contestant]) -> 
         goal = 2.1 if contestant is contestants[0] else None
         listing = ", ".join(f"{name} {count / reads:.2f}" for name, count in calls.items() if count > 0.005 * reads)
         name = f"system calls per wake-up, sends apart, {contestant.name}"
-        section.add(name, (sum(calls.values()) - sends) / reads, "", most=goal, note=listing)
+        section.add(name, (sum(calls.values()) - sends) / reads, "", most=goal, note=listing, reason=_PYTHON)
 
 
 def traced_calls(text: str) -> dict[str, int]:
@@ -312,5 +318,5 @@ def traced_calls(text: str) -> dict[str, int]:
 def _interpreter(section: Section, seen: dict[str, Any]) -> None:
     section.add("garbage collections while it ran", len(seen["pauses_ns"]), "")
     worst = max([seen["full_collection_ns"], *seen["pauses_ns"]])
-    section.add("longest pause, a full collection at the end too", worst * 1e-6, "ms", most=0.05)
-    section.add("functions compiled after READY", seen["compiled"], "", most=0)
+    section.add("longest pause, a full collection at the end too", worst * 1e-6, "ms", most=0.05, reason=_GARBAGE)
+    section.add("functions compiled after READY", seen["compiled"], "", most=0, reason=_KERNELS)

@@ -14,6 +14,7 @@ from .table import Section
 from .turns import Turns
 
 _READY = " ready "
+_IMPORTS = "beside the kernels, Python, numpy and the packages of the daemon are loaded"
 
 
 def _ready(cache: str | None = None) -> float:
@@ -53,7 +54,7 @@ def start(rounds: int, cold: bool) -> Section:
     turns = Turns(rounds, _ready, _import_numba)
     section.add("import numba", turns.median(1), "s")
     section.add("warm start to READY", turns.median(0), "s")
-    section.add("warm start against import numba", turns.ratio(0, 1), "x", most=1.6)
+    section.add("warm start against import numba", turns.ratio(0, 1), "x", most=1.6, reason=_IMPORTS)
     if cold:
         with tempfile.TemporaryDirectory() as cache:
             section.add("cold start to READY, everything compiled", _ready(cache), "s")

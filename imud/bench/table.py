@@ -2,13 +2,17 @@
 
 import json
 import math
+import textwrap
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One thing measured. most, least: the goal, if any; note: why there is no value, or more about it."""
+    """One thing measured.
+
+    most, least: the goal, if any; reason: why it is not met, where it is not; note: why there is no value, or more.
+    """
 
     name: str
     value: float
@@ -16,6 +20,7 @@ class Figure:
     most: float | None = None
     least: float | None = None
     note: str = ""
+    reason: str = ""
 
     @property
     def verdict(self) -> str:
@@ -25,6 +30,11 @@ class Figure:
             return ""
         good = (self.most is None or self.value <= self.most) and (self.least is None or self.value >= self.least)
         return "ok" if good else "MISSED"
+
+    @property
+    def why(self) -> str:
+        """The reason, if the goal is missed."""
+        return self.reason if self.verdict == "MISSED" else ""
 
     @property
     def goal(self) -> str:
@@ -59,13 +69,20 @@ def as_text(sections: list[Section]) -> str:
         for f in section.figures:
             left = f"  {f.name:<44}{f.shown:>10} {f.unit:<14}{f.goal:>9}  {f.verdict}"
             lines.append(f"{left}{': ' if f.verdict else ''}{f.note}" if f.note else left.rstrip())
+            lines += textwrap.wrap(f.why, 112, initial_indent="    because ", subsequent_indent=" " * 12)
     return "\n".join(lines)
 
 
 def as_json(sections: list[Section]) -> str:
     """One object; a value that is not a number is null."""
     rows = [
-        {**asdict(f), "section": s.title, "verdict": f.verdict, "value": f.value if math.isfinite(f.value) else None}
+        {
+            **asdict(f),
+            "section": s.title,
+            "verdict": f.verdict,
+            "value": f.value if math.isfinite(f.value) else None,
+            "reason": f.why,
+        }
         for s in sections
         for f in s.figures
     ]

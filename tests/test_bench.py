@@ -1,0 +1,44 @@
+"""What `imud bench` makes of figures: verdicts, and a reason beside every goal that is missed. No times."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from imud.bench import table
+
+SOURCES = Path(table.__file__).parent
+
+
+def section():
+    made = table.Section("Things")
+    made.add("good", 1.0, "x", most=1.5, reason="never shown")
+    made.add("bad", 2.0, "x", most=1.5, note="C: 1", reason="of the weather")
+    made.add("slow", 2.0, "x", least=3.0, reason="of the wind")
+    made.add("absent", float("nan"), "x", most=1.5, note="no compiler", reason="never shown")
+    return made
+
+
+def test_a_missed_goal_has_its_reason_beside_it():
+    text = table.as_text([section()])
+    assert text.splitlines()[2].endswith("MISSED: C: 1")
+    assert text.splitlines()[3].strip() == "because of the weather"
+    assert text.splitlines()[5].strip() == "because of the wind"
+    assert "never shown" not in text
+    assert "not measured: no compiler" in text
+
+
+def test_so_it_has_in_json():
+    figures = {f["name"]: f for f in json.loads(table.as_json([section()]))["figures"]}
+    assert [figures[name]["reason"] for name in ("good", "bad", "slow", "absent")] == [
+        "", "of the weather", "of the wind", "",
+    ]  # fmt: skip
+    assert figures["bad"]["verdict"] == "MISSED"
+    assert figures["absent"]["value"] is None
+
+
+@pytest.mark.parametrize("path", sorted(SOURCES.glob("*.py")), ids=lambda path: path.stem)
+def test_no_goal_is_without_a_reason(path):
+    calls = re.findall(r"section\.add\((.*(?:most|least)=.*)\)$", path.read_text(), re.MULTILINE)
+    assert [call for call in calls if "reason=" not in call and "nan" not in call] == []

@@ -12,6 +12,7 @@ import functools
 import hashlib
 import importlib
 import inspect
+import itertools
 import os
 import tempfile
 import weakref
@@ -26,6 +27,7 @@ from .jit import Kernel
 Function = TypeVar("Function", bound=Callable[..., Any])
 Kind = np.dtype[Any] | None  # of an array's elements; None: an integer
 _SYMBOL = "entry"
+_number = itertools.count()  # names of libraries must differ
 _DIGEST = hashlib.sha256().digest_size
 
 
@@ -110,7 +112,7 @@ def _linked(kernel: Kernel, kinds: Sequence[Kind]) -> Any:
         .add_object_img(code)
         .export_symbol(_SYMBOL)
         .add_current_process()
-        .link(_linker(), f"{kernel.name}")
+        .link(_linker(), f"{kernel.name}-{next(_number)}")
     )
 
 

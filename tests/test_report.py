@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -22,7 +23,7 @@ from imud.estimators.records import (
     SOLUTION,
 )
 from imud.figures import kept
-from imud.report import read
+from imud.report import names_apart, read
 from imud.report.content import panels
 from imud.report.envelope import Envelope
 from imud.report.findings import findings
@@ -252,6 +253,18 @@ def test_runs_at_the_same_time_share_an_axis_and_those_of_other_days_lie_over_th
     whole = together([part(1000.25, 1030.0), part(90_000.25, 90_010.0), part(1020.0, 1040.0)])
     assert [run.columns["t_s"][0] for run in whole.estimates] == [0.25, 20.25, 0.25]
     assert [run.lost_s for run in whole.estimates] == [(0.5,), (20.5,), (0.5,)]
+
+
+@pytest.mark.parametrize(
+    ("paths", "names"),
+    [
+        (["a/drive.mcap", "b/other.csv"], ["drive", "other"]),
+        (["a/drive.mcap", "a/drive.csv"], ["drive.mcap", "drive.csv"]),
+        (["a/drive.mcap", "b/drive.mcap"], ["a/drive.mcap", "b/drive.mcap"]),
+    ],
+)
+def test_files_that_are_overlaid_are_told_apart(paths, names):
+    assert names_apart([Path(path) for path in paths]) == names
 
 
 def test_the_page_says_and_draws_what_the_files_tell(files, capsys):

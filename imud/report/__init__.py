@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,8 +41,17 @@ def read(paths: list[Path]) -> "Session":
         done += count
         progress.at(min(1000, 1000 * done // max(total, 1)))
 
-    parts = [(read_recording if mcap else read_table)(path, heard) for path, mcap in zip(paths, kinds, strict=True)]
-    return together(parts)
+    return together(
+        (read_recording if mcap else read_table)(path, name, heard)
+        for path, name, mcap in zip(paths, names_apart(paths), kinds, strict=True)
+    )
+
+
+def names_apart(paths: list[Path]) -> list[str]:
+    """The shortest names of files by which a reader can tell them from each other."""
+    labels: tuple[Callable[[Path], str], ...] = (lambda path: path.stem, lambda path: path.name, str)
+    choices = [[label(path) for path in paths] for label in labels]
+    return next((names for names in choices if len(set(names)) == len(names)), choices[-1])
 
 
 def run(args: argparse.Namespace) -> int:

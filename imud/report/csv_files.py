@@ -31,12 +31,12 @@ def header_of(path: Path) -> list[str]:
         raise InputMissingError(f"{path}: cannot be read: {error.strerror}") from error
 
 
-def read_table(path: Path, progress: Progress) -> Part:
-    """What it tells. progress: told bytes as they are read. Raises InputMissingError, BadDataError (with line)."""
+def read_table(path: Path, name: str, progress: Progress) -> Part:
+    """What it tells, under that name. progress: told bytes as read. Raises InputMissingError, BadDataError."""
     present = set(header_of(path))
     for names, reader in _READERS:
         if set(names) <= present:
-            return reader(path, progress)
+            return reader(path, name, progress)
     raise BadDataError(
         f"{path} line 1: neither a recording nor an est.csv, innovations, imu.csv or gnss.csv; `imud replay -o est.csv "
         "--innovations innovations.csv` writes the first two"
@@ -87,8 +87,8 @@ def _parsed(path: Path, header: list[str], rows: list[list[str]], line: int, tex
     }
 
 
-def _estimates(path: Path, progress: Progress) -> Part:
-    watch, origin, first, last = EstimateWatch(path.stem), 0, math.nan, math.nan
+def _estimates(path: Path, name: str, progress: Progress) -> Part:
+    watch, origin, first, last = EstimateWatch(name), 0, math.nan, math.nan
     for block in _blocks(path, ESTIMATE_HEADER.split(","), progress):
         if math.isnan(first):
             first = float(block["t_s"][0])
@@ -98,8 +98,8 @@ def _estimates(path: Path, progress: Progress) -> Part:
     return Part(origin, first, last, Session(estimates=(watch.close(),)))
 
 
-def _samples(path: Path, progress: Progress) -> Part:
-    watch, origin, first, last = SensorWatch(path.stem), 0, math.nan, -math.inf
+def _samples(path: Path, name: str, progress: Progress) -> Part:
+    watch, origin, first, last = SensorWatch(name), 0, math.nan, -math.inf
     names = (*IMU_COLUMNS, *({"temperature_c"} & set(header_of(path))))
     for block in _blocks(path, names, progress):
         t = block["t_s"]
@@ -121,7 +121,7 @@ def _samples(path: Path, progress: Progress) -> Part:
     return Part(origin, first, last, Session(sensors=(sensor,)))
 
 
-def _innovations(path: Path, progress: Progress) -> Part:
+def _innovations(path: Path, name: str, progress: Progress) -> Part:
     header = header_of(path)
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         rows = [line.rstrip("\n").split(",") for line in itertools.islice(file, 1, None)]
@@ -133,21 +133,21 @@ def _innovations(path: Path, progress: Progress) -> Part:
     found = []
     for kind in dict.fromkeys(table["kind"]):
         at = (kinds == kind) & (table["sigma"] > 0.0)
-        t, value, sigma, used = (table[name][at] for name in ("t_s", "value", "sigma", "used"))
-        found.append(Innovations(path.stem, kind, t - origin, value, sigma, used > 0.0))
+        t, value, sigma, used = (table[column][at] for column in ("t_s", "value", "sigma", "used"))
+        found.append(Innovations(name, kind, t - origin, value, sigma, used > 0.0))
     return Part(origin, first, last, Session(innovations=tuple(found)))
 
 
-def _fixes(path: Path, progress: Progress) -> Part:
+def _fixes(path: Path, name: str, progress: Progress) -> Part:
     rows = read_fixes(path, 0)
     progress(path.stat().st_size)
     if not len(rows):
         raise BadDataError(f"{path}: a header and no rows")
     t_s = rows["t_ns"] * 1e-9
-    return Part(0, float(t_s.min()), float(t_s.max()), Session(fixes=(Fixes(path.stem, rows),)))
+    return Part(0, float(t_s.min()), float(t_s.max()), Session(fixes=(Fixes(name, rows),)))
 
 
-_READERS: tuple[tuple[Sequence[str], Callable[[Path, Progress], Part]], ...] = (
+_READERS: tuple[tuple[Sequence[str], Callable[[Path, str, Progress], Part]], ...] = (
     (ESTIMATE_HEADER.split(","), _estimates),
     (INNOVATION_COLUMNS, _innovations),
     (IMU_COLUMNS, _samples),

@@ -93,12 +93,12 @@ _TABLES = (ESTIMATE_TABLE, SAMPLE_TABLE, INNOVATION_TABLE, FIX_TABLE, CLOCK_TABL
 _TABLES_BY_TOPIC = {table.topic: table for table in _TABLES}
 
 
-def read_recording(path: Path, progress: Progress) -> Part:
-    """What it tells. progress: told bytes as they are read. What is wrong with the file is told on stderr.
+def read_recording(path: Path, name: str, progress: Progress) -> Part:
+    """What it tells, under that name. progress: told bytes as they are read. What is wrong with it is told on stderr.
 
     Raises BadDataError, InputMissingError, UsageError.
     """
-    recording, found = Recording([path]), _Collector(path.stem)
+    recording, found = Recording([path]), _Collector(name)
     done = 0
     try:
         for entry in recording:
@@ -115,11 +115,11 @@ def read_recording(path: Path, progress: Progress) -> Part:
     sensor, fixes, clock = found.sensor.close(), found.kept(FIX_TABLE), found.kept(CLOCK_TABLE)
     session = Session(
         (found.estimates.close(),),
-        tuple(innovations_of(path.stem, found.kept(INNOVATION_TABLE))),
+        tuple(innovations_of(name, found.kept(INNOVATION_TABLE))),
         (sensor,) if sensor else (),
-        (Fixes(path.stem, fixes),) if len(fixes) else (),
-        (Clock(path.stem, clock),) if len(clock) else (),
-        tuple(Event(path.stem, (t_ns - found.origin_ns) * 1e-9, text) for t_ns, text in found.events),
+        (Fixes(name, fixes),) if len(fixes) else (),
+        (Clock(name, clock),) if len(clock) else (),
+        tuple(Event(name, (t_ns - found.origin_ns) * 1e-9, text) for t_ns, text in found.events),
     )
     return Part(found.origin_ns // 1_000_000_000, found.first_ns * 1e-9, found.last_ns * 1e-9, session)
 

@@ -16,7 +16,7 @@ from drivers.transport.serial import CHUNK
 
 from .kernels.system import CLOCK_MONOTONIC, clock_ns, ppoll, read
 from .outputs.binary import BinaryOutputs, publish
-from .pipeline import STREAM, Records, Stream, ingest
+from .pipeline import RX, STREAM, Records, Stream, ingest
 
 CYCLE = np.dtype(
     [
@@ -51,7 +51,7 @@ def _turn(cycle: Records, stream: Records, publisher: Records, until_ns: int, sh
         if ready <= 0:
             return 0
         if c.happened != 0:
-            received = read(c.fd, s.rx + s.fill, CHUNK)
+            received = read(c.fd, s.rx + s.fill, min(CHUNK, RX - s.fill))
             if received <= 0:
                 return FAILED
             n = ingest(stream, received, now_ns)

@@ -22,7 +22,7 @@ from . import calibration, choices, compilation, realtime, runtime, vitals
 from .announce import Announcer
 from .config import adopt
 from .cycle import FAILED, SHOW, Cycle
-from .errors import ImudError
+from .errors import ImudError, UsageError
 from .estimators.records import ATTITUDE_VALID
 from .fitting import Fitting
 from .load import Load
@@ -342,8 +342,14 @@ class Daemon:
         facts: dict[str, Any] = {"port": port.spec.path, "device": identity.model or driver.name, "baud": identity.baud}
         if isinstance(configured, ImuConfigured) and driver.kind == "imu":
             known = self._calibration_of(identity)
-            self._imu = (port, self._fitting.connect(port.line, driver, configured, known, self._settings, now_ns))
-            self._known = known
+            try:
+                inertial = self._fitting.connect(port.line, driver, configured, known, self._settings, now_ns)
+            except UsageError as error:
+                if self._fitting.inertial is None:
+                    raise
+                port.refuse(str(error))  # who served once does not end because of what is plugged in later
+                return
+            self._imu, self._known = (port, inertial), known
             self._record(port, self._imu[1])
             self._read_directly()
             facts |= {"serial": identity.serial, "firmware": identity.firmware, "rate_hz": configured.rate_hz}

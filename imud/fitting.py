@@ -47,7 +47,9 @@ class Fitting:
         made_for = (driver.name, self.estimator.name, settings.imu.profile, about_hz, self._serial)
         if self.inertial is None or made_for != self._made_for:
             filter_ = Filter(self.estimator, settings, self._initial, configured.rate_hz)
-            self.inertial = Inertial(Stream(driver, driver.new_state(configured), filter_))
+            stream = Stream(driver, driver.new_state(configured), filter_)
+            stream.record["count"] = self.inertial.samples if self.inertial else 0
+            self.inertial = Inertial(stream)
             self._made_for = made_for
         self.inertial.stream.filter.configure(settings)
         self.inertial.stream.filter.calibrate(calibration)

@@ -31,7 +31,7 @@ from .settings import Initial, Settings
 Floats = NDArray[np.float64]
 Records = NDArray[np.void]
 UNREAD = 1024  # innovations that wait to be asked for
-BATCH = 256  # samples one call may yield; more stay in the buffer for the next call
+BATCH = 1024  # samples one call may yield: more than a reading can hold of the shortest frames, lines of 6 bytes
 RX = 65536  # bytes
 BYTE = np.dtype(np.uint8)
 

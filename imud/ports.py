@@ -107,6 +107,12 @@ class Port:
         self.deadline_s = float("inf")
         self._tell(why, warn=True)
 
+    def refuse(self, why: str) -> None:
+        """Let go of a device that will not do; another may be there later."""
+        self._close()
+        self._retry_s = _LAST_RETRY_S
+        self._wait(why, warn=True)
+
     def close(self) -> None:
         """Let go of the device."""
         self._close()
@@ -169,12 +175,13 @@ class Port:
         self._retry_s = _FIRST_RETRY_S
         asked = isinstance(configured, ImuConfigured) and configured.request is not None
         self.deadline_s = time.monotonic() if asked else float("inf")
-        self.story = "streaming"
         for warning in configured.warnings:
             self._log.warning(warning)
         if driver.kind == "imu" and self.options.polled and not (asked or configured.identity.spi):
             self._log.warning("this sensor cannot be asked for its samples: it sends them by itself")
         self._host.connected(self, driver, configured)
+        if self.configured is not None:
+            self.story = "streaming"
 
     def _ask(self, request: Request, now_s: float) -> None:
         """Ask for a sample. The times to ask are fixed from the start; what a late wake-up missed is left out."""

@@ -4,6 +4,7 @@ import ctypes
 import math
 import multiprocessing
 import os
+import resource
 import select
 import shutil
 import socket
@@ -144,6 +145,24 @@ def test_rubbish_and_crowds(outputs):
         stream.close()
     serve(outputs)
     assert outputs.stream.clients == 0
+
+
+def test_out_of_descriptors_the_listener_waits_for_the_next_look(outputs):
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with client.connect(outputs.at / "s") as waiting:
+        lowest = os.dup(0)
+        os.close(lowest)
+        try:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (lowest, hard))
+            serve(outputs)
+            assert outputs.poller.poll(0) == []
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        assert outputs.stream.clients == 0
+        outputs.look_after(1)
+        serve(outputs)
+        outputs.publish(solutions(1), 1, 1, 0)
+        assert next(waiting).seq == 1
 
 
 def test_the_end_of_the_daemon_ends_the_stream(outputs):

@@ -11,17 +11,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drivers.driver import Identity, ImuConfigured
+from drivers.registry import by_name
 from imud import client
 from imud.bench import signals
 from imud.bench.throughput import new_stream
 from imud.cycle import FAILED, SHOW, Cycle
+from imud.estimators import registry
 from imud.outputs.binary import BinaryOutputs
-from imud.settings import Settings
+from imud.pipeline import BATCH, Filter, Stream
+from imud.sensors import READ
+from imud.settings import Initial, Settings
 from imud.settings import Stream as StreamSettings
 
 WIRE = signals.frames(2000).tobytes()
 NEVER_NS = (1 << 63) - 1
 SOON_NS, LONG_NS = 20_000_000, 60_000_000_000
+PARTIAL = 64  # bytes of a frame that has only begun, at most
 
 
 @pytest.fixture
@@ -189,3 +195,23 @@ def test_without_a_line_it_waits_for_the_others(rig):
     assert rig.turn() == 0
     assert time.monotonic_ns() - begin_ns >= SOON_NS
     assert rig.samples == 0
+
+
+@pytest.mark.parametrize("frame", [b"#\2\0\2\0\2\xcd$", b"0 0 9\n"], ids=["binary", "shortest line"])
+def test_the_densest_stream_does_not_pile_up_in_the_buffer(frame):
+    configured = ImuConfigured(Identity("seraccel", ""), 100.0, 10_000_000, 0, 0)
+    driver, standard = by_name("seraccel"), Settings()
+    stream = Stream(driver, driver.new_state(configured), Filter(registry.by_name("tilt"), standard, Initial(), 100.0))
+    stream.restart(driver.new_state(configured), configured)
+    whole = frame * (20 * READ // len(frame))
+    ours, device = os.pipe()
+    with contextlib.closing(Cycle()) as cycle:
+        outputs = BinaryOutputs(standard, cycle.others, BATCH)
+        cycle.attach(ours, stream)
+        for at in range(0, len(whole), READ):
+            os.write(device, whole[at : at + READ])
+            cycle.turn(0, outputs, NEVER_NS, BATCH)
+            assert stream.fill <= PARTIAL
+    os.close(ours)
+    os.close(device)
+    assert int(stream.record["count"][0]) == pytest.approx(len(whole) // len(frame), abs=1)

@@ -44,3 +44,16 @@ def test_an_estimator_that_needs_gyros_is_refused(tmp_path):
     assert ended.returncode == 64, ended.stderr
     assert "'attitude' needs all gyros" in ended.stderr and "--estimator tilt" in ended.stderr
     assert "Traceback" not in ended.stderr
+
+
+def test_what_is_plugged_in_later_and_will_not_do_ends_nothing(tmp_path):
+    board = tmp_path / "imu"
+    with daemon(tmp_path, "--port", str(board), "--estimator", "attitude") as imud:
+        with emulator("g350", "--scenario", "rest", links=[board]):
+            before = imud.until(lambda m: m["class"] == "EST" and m["state"] == "attitude")
+        with emulator("seraccel", *TILTED, "--streaming", links=[board]):
+            imud.says("'attitude' needs all gyros")
+        with emulator("g350", "--scenario", "rest", links=[board]):
+            after = imud.until(lambda m: m["class"] == "EST" and m["t_mono_ns"] > before["t_mono_ns"] + 2_000_000_000)
+        assert after["seq"] > before["seq"]
+        assert imud.log.count("needs all gyros") == 1

@@ -7,7 +7,6 @@ served in the following ones. A slow, stalled or hostile client loses its own me
 """
 
 import contextlib
-import errno
 import select
 import socket
 from collections.abc import Callable, Mapping
@@ -21,7 +20,7 @@ from imud.settings import Gpsd
 from .connection import NEVER_NS, SECOND_NS, Connection
 from .gpsd_dialogue import TOO_MANY, Answer, Policy, Request, answer, device_object, error_object, version_object
 from .gpsd_json import Report, line
-from .listen import Address, is_local, listen, parse_address, shown_address
+from .listen import EXHAUSTED, Address, is_local, listen, parse_address, shown_address
 from .view import Device, View
 
 PORT = 2947
@@ -188,7 +187,7 @@ class GpsdServer:
         try:
             sock, _ = listener.accept()
         except OSError as error:
-            if error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
+            if error.errno in EXHAUSTED:
                 self._poller.modify(listener.fileno(), 0)  # until the next tick: poll would say it again at once
             return
         if len(self._clients) >= self.settings.max_clients:

@@ -12,6 +12,7 @@ from pathlib import Path
 from imud.errors import CannotCreateError, ConfigError, PermissionDeniedError
 
 _BACKLOG = 128
+EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)  # nobody can be let in now
 _LISTENING = "0A"  # TCP_LISTEN in /proc/net/tcp
 
 

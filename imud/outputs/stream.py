@@ -19,7 +19,7 @@ from imud.settings import Stream as StreamSettings
 
 from .connection import SECOND_NS
 from .gpsd import Poller
-from .listen import listen, parse_path
+from .listen import EXHAUSTED, listen, parse_path
 
 _STUCK_NS = 60_000_000_000
 _SEND_BUFFER = 256 * 1024
@@ -107,10 +107,12 @@ class StreamServer:
             self._remove(i)
 
     def look_after(self, now_ns: int) -> None:
-        """Cut off those who have taken nothing for long."""
+        """Cut off those who have taken nothing for long; let in again whom there was no room for."""
         if now_ns < self._look_ns:
             return
         self._look_ns = now_ns + SECOND_NS
+        if self._listener:
+            self._poller.modify(self._listener.fileno(), select.POLLIN)
         for i in reversed(range(len(self._sockets))):
             if (stuck_ns := self._clients[i]["stuck_ns"]) and now_ns - stuck_ns > _STUCK_NS:
                 self._remove(i)
@@ -119,7 +121,9 @@ class StreamServer:
         assert self._listener is not None
         try:
             sock, _ = self._listener.accept()
-        except OSError:
+        except OSError as error:
+            if error.errno in EXHAUSTED:
+                self._poller.modify(self._listener.fileno(), 0)  # until the next look: poll would say it again at once
             return
         if len(self._sockets) >= len(self._clients):
             sock.close()

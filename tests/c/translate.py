@@ -133,6 +133,13 @@ def unify(a, b):
     raise UnsupportedError(f"a variable is {a} and {b}")
 
 
+def real(value):
+    """A number as C writes it, to the last bit."""
+    if math.isnan(value):
+        return "NAN"
+    return ("-" if value < 0.0 else "") + "INFINITY" if math.isinf(value) else float(value).hex()
+
+
 class Translation:
     """Collects structs and functions; `source` is the whole translation unit."""
 
@@ -172,7 +179,7 @@ class Translation:
     def table(self, values):
         """A constant array."""
         kind = self.of_dtype(values.dtype)
-        numbers = ", ".join(float(v).hex() if kind.kind == "f" else str(int(v)) for v in values.ravel())
+        numbers = ", ".join(real(v) if kind.kind == "f" else str(int(v)) for v in values.ravel())
         sizes = "".join(f"[{n}]" for n in values.shape)
         name = f"table_{len(self._tables)}"
         if (found := self._tables.setdefault((kind, sizes, numbers), name)) == name:
@@ -437,11 +444,7 @@ class Function:
             return str(bool(value)).lower(), BOOL
         if isinstance(value, int | np.integer):
             return f"INT64_C({int(value)})" if value >= 0 else f"(-INT64_C({-int(value)}))", INT
-        if math.isnan(value):
-            return "NAN", FLOAT
-        if math.isinf(value):
-            return ("INFINITY" if value > 0 else "(-INFINITY)"), FLOAT
-        return f"({float(value).hex()})", FLOAT
+        return f"({real(value)})", FLOAT
 
     def value(self, node):
         known = None if isinstance(node, ast.Call | ast.Tuple) else self.constant(node)

@@ -94,6 +94,18 @@ def test_positions_that_creep_against_the_velocity_are_refused_or_doubted(d, spe
     assert p[at(70.0) :].max() < 3.0
 
 
+@pytest.mark.parametrize(("speed", "most"), [(1.0, np.inf), (5.0, 4.0)])
+def test_parked_positions_that_creep_are_refused_though_the_receiver_tells_no_speed(speed, most):
+    for seed in range(3):
+        samples, fixes = data(seed, PARKED)
+        fixes["speed"] = fixes["course"] = np.nan
+        out, _, _ = navigate(samples, moved(fixes, 80.0, 120.0, 0.0, per_second=speed), None, START)
+        p, sigmas = surprise(PARKED, out, 80.0)
+        assert p.max() < most
+        assert sigmas.max() < 6.0
+        assert (out["status"][at(80.0) : at(120.0)] & REJECTING).any()
+
+
 @places
 @pytest.mark.parametrize("metres", [30.0, 200.0, 500.0])
 def test_a_jump_for_half_a_minute_is_refused_or_doubted(d, metres):

@@ -130,8 +130,8 @@ def likelihood(manner: Any, x: float) -> float:
 @kernel
 def slow(c: Any) -> bool:
     """Whether nothing known of the speed speaks against rest."""
-    age = 1e-9 * (c.t_ns - c.fix_ns)
-    known = c.fixes > 0 and age < FRESH_S and c.fix_speed >= 0.0
+    fresh = c.fixes > 0 and 1e-9 * (c.t_ns - c.fix_ns) < FRESH_S
+    known = fresh and c.fix_speed >= 0.0
     if known and c.fix_speed > REST_SPEED:
         return False
     if c.phase != NAVIGATING:
@@ -141,6 +141,7 @@ def slow(c: Any) -> bool:
     return bool(
         (known and speed2 < 1.0 + 9.0 * s2)
         or (speed2 < REST_SPEED**2 and s2 < (LONG_REST_VARIANCE if c.quiet > LONG_QUIET else REST_VARIANCE))
+        or (fresh and not known and c.still > LONG_QUIET and speed2 < REST_SPEED**2 + 9.0 * s2)
         or (c.evidence > SURE and speed2 < REST_SPEED**2 + 9.0 * s2 and s2 < LONG_REST_VARIANCE)
     )
 

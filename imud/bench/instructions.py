@@ -25,6 +25,7 @@ SLOWNESS = 10  # times
 _OPTIONS = {"x86_64": ("-mno-avx512f",)}.get(platform.machine(), ())  # valgrind does not know these instructions
 _REPLAYED, _LIVE = 5000, 1000  # frames
 _SETTLE = 300
+_PATIENCE_S = 60.0
 _PROCESSOR = "import llvmlite.binding as b; print(b.get_host_cpu_name()); print(b.get_host_cpu_features().flatten())"
 
 
@@ -128,9 +129,13 @@ def _live(section: Section, environment: dict[str, str], folder: Path) -> None:
         for contestant, counter in zip(contestants, counters, strict=True):
             counter.begin(contestant.pid)
         pacer.feed(_SETTLE)
+        live.number(pacer, contestants)
         for contestant, counter in zip(contestants, counters, strict=True):
             counter.take(contestant.pid)
         pacer.feed(_LIVE)
+        pacer.wait_for(_LIVE, _PATIENCE_S)
+        if any(len(contestant.latencies_ns) < _LIVE for contestant in contestants):
+            raise UncountedError("this machine is too busy: frames were lost")
         counts = [counter.take(c.pid) / _LIVE for c, counter in zip(contestants, counters, strict=True)]
     section.add("live at 1 kHz, one subscriber, user space", counts[0], "/frame")
     _against(section, "live against the C daemon", counts, None, why)

@@ -147,9 +147,9 @@ class Pacer:
                 deadline += gap_ns
         self._wait(connected, deadline + 20 * self._period_ns)
 
-    def wait_for(self, n: int) -> None:
+    def wait_for(self, n: int, patience_s: float = _PATIENCE_S) -> None:
         """Give what is still under way a little time."""
-        deadline = time.monotonic() + _PATIENCE_S
+        deadline = time.monotonic() + patience_s
         while min(len(c.latencies_ns) for c in self._contestants) < n and time.monotonic() < deadline:
             self._wait([c.socket for c in self._contestants], time.monotonic_ns() + 20 * self._period_ns)
 
@@ -225,7 +225,7 @@ def _meet(pacer: Pacer, contestants: list[Contestant], folder: Path) -> None:
             raise ImudError(f"bench: no solution came: {(folder / 'imud.log').read_text()[-500:]}")
 
 
-def _number(pacer: Pacer, contestants: list[Contestant]) -> None:
+def number(pacer: Pacer, contestants: list[Contestant]) -> None:
     """Learn which solution belongs to the next frame written."""
     for contestant in contestants:
         contestant.take()  # what it had queued for us; newer solutions it had to drop
@@ -251,7 +251,7 @@ def live(seconds: int) -> Section:
             pacer.feed(_SETTLE)
             gc.collect()
             gc.freeze()
-            _number(pacer, contestants)
+            number(pacer, contestants)
             n = seconds * 1000
             before = [c.cpu_ns() for c in contestants]
             pacer.feed(n)

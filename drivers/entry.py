@@ -102,7 +102,7 @@ def _linked(kernel: Kernel, kinds: Sequence[Kind]) -> Any:
     path = Path(cache, _file_name(kernel, kinds)) if cache else None
     code = _kept(path) if path else None
     if code is None:
-        code = _object_code(kernel, kinds)
+        code = _compiled(kernel, kinds, path.parent if path else None)
         if path:
             _keep(path, code)
     import llvmlite.binding as llvm
@@ -145,6 +145,18 @@ def _keep(path: Path, code: bytes) -> None:
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
             file.write(hashlib.sha256(code).digest() + code)
         Path(file.name).replace(path)
+
+
+def _compiled(kernel: Kernel, kinds: Sequence[Kind], cache: Path | None) -> bytes:
+    """The object code, made with what numba's own cache has, or without: a power cut may leave empty files there."""
+    try:
+        return _object_code(kernel, kinds)
+    except Exception:
+        if cache is None:
+            raise
+        for index in cache.glob("*/*.nbi"):
+            index.unlink(missing_ok=True)
+        return _object_code(kernel, kinds)
 
 
 def _object_code(kernel: Kernel, kinds: Sequence[Kind]) -> bytes:

@@ -154,3 +154,11 @@ def test_from_the_cache_it_is_the_same_without_numba_and_what_is_damaged_is_made
         assert _kept(file) is None
     assert run(tmp_path) == answer.format(True)
     assert _kept(file)
+
+
+def test_what_a_power_cut_left_of_numbas_own_files_is_made_anew(tmp_path):
+    answer = run(tmp_path)
+    for file in (*tmp_path.glob("*.o"), *tmp_path.glob("*/*.nbi"), *tmp_path.glob("*/*.nbc")):
+        file.write_bytes(b"")
+    assert run(tmp_path) == answer
+    assert all(file.stat().st_size for file in tmp_path.glob("*/*.nbi"))

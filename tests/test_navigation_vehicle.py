@@ -81,6 +81,26 @@ def test_a_velocity_that_slides_in_every_direction_is_no_vehicle_s():
     assert travelled(3.0 * np.arange(100), slide)["constrained"] == 0
 
 
+def test_what_was_gathered_before_the_heading_was_known_turns_with_it():
+    """The axis found in a level frame of arbitrary heading, then turned to north, is that of one gathered in north."""
+    k = np.arange(12)
+    along = np.column_stack([0.3 + 0.0 * k, 0.9 + 0.0 * k, 0.1 * np.sin(k)])
+    straight = travelled(2.0 * k, along)
+    psi = np.radians(70.0)
+    v, q, spread = straight["v"].copy(), straight["q"].copy(), straight["spread"].copy()
+    back = Rotation.from_rotvec([0.0, 0.0, -psi])
+    straight["q"] = np.roll((back * Rotation.from_quat(np.roll(q, -1))).as_quat(), 1)
+    non_holonomic.turn_witnesses(straight, -psi)  # as if the heading had been wrong by psi all the time
+    assert np.abs(straight["spread"] - spread).max() > 0.1 * np.abs(spread).max()
+    non_holonomic.turn_witnesses(straight, psi)
+    assert straight["spread"] == pytest.approx(spread)
+    turned = Rotation.from_quat(np.roll(q, -1)).inv().apply(v)  # the last velocity, in the body
+    matrix = np.zeros((3, 3))
+    matrix[np.triu_indices(3)] = spread
+    main = np.linalg.eigh(matrix + np.triu(matrix, 1).T)[1][:, -1]
+    assert abs(main @ turned) / np.linalg.norm(turned) > 0.98
+
+
 def core():
     """A navigating core, without a fix for a minute, whose velocity has drifted to 1.2 +- 0.6 m/s."""
     s = start(configure(Settings(), 100.0), Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=10.0))

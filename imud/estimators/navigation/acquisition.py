@@ -5,9 +5,11 @@ from typing import Any
 
 from ...kernels.jit import kernel
 from ...kernels.kalman import reset
-from .alignment import engage, find_heading, levelled, pair
+from .alignment import HORIZON_S, engage, find_heading, levelled, pair, vertical_bias
+from .correction import predicted
 from .gnss import velocity_of
 from .motion import REST_SPEED
+from .non_holonomic import witness
 from .state import POSITION, STATES, VELOCITY
 
 UNKNOWN_POSITION = 100.0  # m
@@ -23,6 +25,15 @@ def seen_speed(c: Any) -> float:
     sigma = math.sqrt(2.0 * c.white[0])  # of a difference over about a second, in which the wander hardly changes
     speed = math.hypot(c.slope[0], c.slope[1])
     return speed if c.slope[2] > 0.0 and (SURE * sigma < REST_SPEED or speed > SURE * sigma) else math.nan
+
+
+@kernel
+def bear_witness(p: Any, c: Any, known: bool) -> None:
+    """Let the fix's velocity tell of the axis, in the level frame; from positions it is that of a moment ago."""
+    turn = abs(c.rate[0]) + abs(c.rate[1]) + abs(c.rate[2])
+    ago2 = 0.25 * turn * turn * (c.v[0] ** 2 + c.v[1] ** 2)
+    drift2 = predicted(c, vertical_bias(c)) * HORIZON_S**2
+    witness(p, c, c.white_speed if known else 2.0 * c.white[0] + ago2, drift2, 0.0)
 
 
 @kernel
@@ -42,6 +53,8 @@ def place(p: Any, c: Any, fix: Any) -> None:
     c.v[0] = vn if moving else 0.0
     c.v[1] = ve if moving else 0.0
     c.v[2] = 0.0
+    if moving:
+        bear_witness(p, c, known)
     arm2 = p.lever[0] ** 2 + p.lever[1] ** 2 + p.lever[2] ** 2
     for i in range(3):
         sigma = c.reported[0] if i < 2 else c.reported[1]

@@ -15,7 +15,7 @@ from .correction import correct, predicted, row, take, turn_tilt
 from .covariance import grow, predict, variance
 from .levelling import level_between
 from .matching import TIME, accumulate, clear_matching, times, unit
-from .non_holonomic import stop
+from .non_holonomic import stop, turn_witnesses
 from .posterior import MOVED, believe, solve
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LEVELLING, NAVIGATING, NEVER_NS, STATES, TURN_SCALE, WANDER
 from .strapdown import cosine, rotate, wrapped
@@ -123,7 +123,8 @@ def vertical_bias(c: Any) -> int:
 
 @kernel
 def turn_north(c: Any, psi: float) -> None:
-    """Turn the level frame by psi about down, and the roll and pitch errors, given in it, with it."""
+    """Turn the level frame by psi about down, and what is given in it: tilt errors, velocities in the body."""
+    turn_witnesses(c, psi)
     rotate(c, quat_exp(0.0, 0.0, 0.0), 0.0, 0.0, psi)
     c.frame -= psi
     turn_tilt(c, psi)

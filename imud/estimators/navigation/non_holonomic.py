@@ -14,7 +14,7 @@ from typing import Any
 
 from ...kernels.jit import kernel
 from ...kernels.kalman import reset
-from ...kernels.rotation import quat_rotate, quat_rotate_back
+from ...kernels.rotation import quat_exp, quat_rotate, quat_rotate_back
 from ..records import HOP, SLIP
 from .correction import assume, correct, row
 from .covariance import variance
@@ -31,7 +31,7 @@ GATE = 12.0
 CONTRADICTION = 4.0  # mean normalised innovation squared
 MEMORY = 0.02
 MOUNT_SIGMA = math.radians(4.0)
-LIKELY_ARM = 0.5  # m
+LIKELY_ARM = 1.0  # m
 PLAIN = 2.0  # times its sigma, a velocity that has a direction
 KEEP = 0.98  # per window
 POWERS = 4  # iterations, each begins where the last ended
@@ -43,22 +43,39 @@ FOUND, FOUND_LAND = (8.0, 1.0, 12.0), (6.0, 4.0, -math.inf)
 def learn_axis(p: Any, c: Any) -> None:
     """Once per window: gather the velocity in the body, and begin to constrain when it keeps to one axis.
 
-    Each window counts by how well it tells: the velocity may be wrong by its sigma, slip, squat, the heading's doubt
-    and where the sensor sits. An axis is found when what is left across it is less than that, but not what is left
-    across any line over ground: then the velocity has turned with the body. In an outage the velocity is no witness.
+    An axis is found when what is left across it is less than the doubts explain, but not what is left across any line
+    over ground: then the velocity has turned with the body. In an outage the velocity is no witness.
     """
-    if p.vehicle == FREE or c.constrained or 1e-9 * (c.t_ns - c.fix_ns) > FRESH_S:
+    if 1e-9 * (c.t_ns - c.fix_ns) > FRESH_S:
         return
-    q = (c.q[0], c.q[1], c.q[2], c.q[3])
     level2 = max(variance(c, VELOCITY), variance(c, VELOCITY + 1))
     climb = c.v[2] * math.sqrt(min(level2 / variance(c, VELOCITY + 2), 1.0))  # mostly not measured
+    if not witness(p, c, level2, variance(c, ATTITUDE + 2), climb):
+        return
+    across = c.spread[0] + c.spread[3] + c.spread[5] - principal(c)
+    windows, most, evidence = FOUND_LAND if p.vehicle == LAND else FOUND
+    if c.axis_n >= windows and across < most * c.axis_n and across_ground(c) - across > evidence:
+        begin(c)
+
+
+@kernel
+def witness(p: Any, c: Any, level2: float, heading2: float, climb: float) -> bool:
+    """Gather the velocity (variance `level2`) in a body of heading variance `heading2`, if it tells a direction.
+
+    It counts by how well it tells: it may be wrong by its sigma, slip, squat, the heading and where the sensor sits.
+    """
+    if p.vehicle == FREE or c.constrained:
+        return False
+    q = (c.q[0], c.q[1], c.q[2], c.q[3])
     u = quat_rotate_back(q, (c.v[0], c.v[1], climb))
     speed2 = u[0] ** 2 + u[1] ** 2 + u[2] ** 2
-    angle2 = SQUAT**2 + variance(c, ATTITUDE + 2)
     turn2 = c.rate[0] ** 2 + c.rate[1] ** 2 + c.rate[2] ** 2
-    s2 = level2 + SIGMA**2 + LIKELY_ARM**2 * turn2 + angle2 * speed2
+    s2 = level2 + SIGMA**2 + LIKELY_ARM**2 * turn2 + (SQUAT**2 + heading2) * speed2
     if speed2 < PLAIN**2 * s2:
-        return
+        return False
+    down = quat_rotate_back(q, (0.0, 0.0, 1.0))
+    for i in range(3):
+        c.down[i] = KEEP * c.down[i] + down[i]
     k = 0
     for i in range(3):
         for j in range(i, 3):
@@ -68,10 +85,27 @@ def learn_axis(p: Any, c: Any) -> None:
     c.ground[1] = KEEP * c.ground[1] + c.v[0] * c.v[1] / s2
     c.ground[2] = KEEP * c.ground[2] + c.v[1] * c.v[1] / s2
     c.axis_n = KEEP * c.axis_n + 1.0
-    across = c.spread[0] + c.spread[3] + c.spread[5] - principal(c, u)
-    windows, most, evidence = FOUND_LAND if p.vehicle == LAND else FOUND
-    if c.axis_n >= windows and across < most * c.axis_n and across_ground(c) - across > evidence:
-        begin(c)
+    if c.axis_n <= 1.0:
+        c.axis[0], c.axis[1], c.axis[2] = u[0], u[1], u[2]
+    return True
+
+
+@kernel
+def turn_witnesses(c: Any, psi: float) -> None:
+    """What was gathered in a level frame of arbitrary heading, which is about to be turned by psi."""
+    down = quat_rotate_back((c.q[0], c.q[1], c.q[2], c.q[3]), (0.0, 0.0, 1.0))
+    turn = quat_exp(-psi * down[0], -psi * down[1], -psi * down[2])
+    x, y, z = quat_rotate(turn, (1.0, 0.0, 0.0)), quat_rotate(turn, (0.0, 1.0, 0.0)), quat_rotate(turn, (0.0, 0.0, 1.0))
+    a = quat_rotate(turn, (c.axis[0], c.axis[1], c.axis[2]))
+    xx, xy, xz, yy, yz, zz = c.spread[0], c.spread[1], c.spread[2], c.spread[3], c.spread[4], c.spread[5]
+    k = 0
+    for i in range(3):
+        c.axis[i] = a[i]
+        for j in range(i, 3):
+            diagonal = xx * x[i] * x[j] + yy * y[i] * y[j] + zz * z[i] * z[j]
+            mixed = xy * (x[i] * y[j] + y[i] * x[j]) + xz * (x[i] * z[j] + z[i] * x[j])
+            c.spread[k] = diagonal + mixed + yz * (y[i] * z[j] + z[i] * y[j])
+            k += 1
 
 
 @kernel
@@ -82,12 +116,9 @@ def across_ground(c: Any) -> float:
 
 
 @kernel
-def principal(c: Any, u: Any) -> float:
+def principal(c: Any) -> float:
     """Turn c.axis into the main direction of the gathered velocities; returns their sum of squares along it."""
-    a = c.axis
-    if c.axis_n <= 1.0:
-        a[0], a[1], a[2] = u[0], u[1], u[2]
-    s, n = c.spread, 0.0
+    a, s, n = c.axis, c.spread, 0.0
     for _ in range(POWERS):
         x = s[0] * a[0] + s[1] * a[1] + s[2] * a[2]
         y = s[1] * a[0] + s[3] * a[1] + s[4] * a[2]
@@ -99,8 +130,9 @@ def principal(c: Any, u: Any) -> float:
 
 @kernel
 def begin(c: Any) -> None:
-    """Constrain along the axis found; the lateral axis is the level one across it."""
-    down = quat_rotate_back((c.q[0], c.q[1], c.q[2], c.q[3]), (0.0, 0.0, 1.0))
+    """Constrain along the axis found; the lateral axis is the one across it that was level in the mean."""
+    n = math.sqrt(c.down[0] ** 2 + c.down[1] ** 2 + c.down[2] ** 2)
+    down = (c.down[0] / n, c.down[1] / n, c.down[2] / n)
     fx, fy, fz = c.axis[0], c.axis[1], c.axis[2]
     lx, ly, lz = down[1] * fz - down[2] * fy, down[2] * fx - down[0] * fz, down[0] * fy - down[1] * fx
     s = math.sqrt(lx * lx + ly * ly + lz * lz)
@@ -125,6 +157,7 @@ def stop(c: Any) -> None:
         c.spread[i] = 0.0
     for i in range(3):
         c.ground[i] = 0.0
+        c.down[i] = 0.0
 
 
 @kernel

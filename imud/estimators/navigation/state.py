@@ -101,6 +101,7 @@ CORE = np.dtype(
         ("spread", "<f8", (6,)),  # sum of squares and products of the normalised velocity in the body, upper triangle
         ("axis", "<f8", (3,)),  # unit vector of its main direction
         ("ground", "<f8", (3,)),  # the same over ground
+        ("down", "<f8", (3,)),  # sum of the vertical in the body
         ("axis_n", "<f8"),
         ("contradiction", "<f8"),  # smoothed normalised innovation squared
         # fixes

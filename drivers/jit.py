@@ -53,6 +53,11 @@ def inlined(function: Function) -> Function:
     return cast(Function, Kernel(function, inline="always"))
 
 
+def unrolled(function: Function) -> Function:
+    """A kernel whose machine code is repeated wherever it is called: constant arguments make that short and fast."""
+    return cast(Function, Kernel(function, forceinline=True))
+
+
 def interpreted(function: Function) -> Function:
     """The same function as Python runs it: for what is done once, at the start, and is not worth waking numba."""
     return cast(Function, cast(Kernel, function).py_func)

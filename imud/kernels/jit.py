@@ -4,9 +4,9 @@ import functools
 from collections.abc import Callable
 from typing import Any
 
-from drivers.jit import inlined, interpreted, kernel
+from drivers.jit import inlined, interpreted, kernel, unrolled
 
-__all__ = ["Later", "inlined", "interpreted", "kernel"]
+__all__ = ["Later", "inlined", "interpreted", "kernel", "unrolled"]
 
 
 class Later:

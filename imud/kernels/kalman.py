@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import kernel
+from .jit import kernel, unrolled
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -26,7 +26,7 @@ def packed_index(n: int, i: int, j: int) -> int:
     return i * n - i * (i - 1) // 2 + (j - i)
 
 
-@kernel
+@unrolled
 def shear(P: Floats, n: int, i: int, j: int, a: float) -> None:
     """P <- E P E' with E = I + a e_i e_j', i != j: state i gains `a` times state j."""
     pij = P[packed_index(n, i, j)]

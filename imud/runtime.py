@@ -63,9 +63,11 @@ def is_writable(folder: Path) -> bool:
 
 def candidates() -> list[Path]:
     """Where compiled kernels may be kept: where the user says; or in systemd's CacheDirectory, or the user's cache."""
-    if given := os.environ.get("NUMBA_CACHE_DIR"):
-        return [Path(given)]
-    return [base / f"{_PREFIX}{source_digest()}" for base in places("cache")]
+    name = f"{_PREFIX}{source_digest()}"
+    given = Path(os.environ.get("NUMBA_CACHE_DIR", ""))
+    if given.name == name:  # a process of ours has settled it
+        return [given]
+    return [base / name for base in ([given] if given.name else places("cache"))]
 
 
 def _remove_unused(base: Path, now_s: float) -> None:

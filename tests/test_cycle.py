@@ -122,7 +122,8 @@ def test_any_chunks_give_every_sample_once(chunks):
         os.close(reader)
         os.close(writer)
     assert stream.record["count"][0] == (at // 22 if at >= 44 else 0)
-    assert stream.decoder["lost"][0] == stream.decoder["junk"][0] == 0
+    assert stream.decoder["lost"][0] == 0
+    assert stream.decoder["junk"][0] == 0 or at < 44  # a frame alone may be junk
 
 
 def test_a_late_batch_is_left_to_be_judged(rig):

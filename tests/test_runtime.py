@@ -83,6 +83,12 @@ def test_a_service_has_its_own(home, monkeypatch):
     assert runtime.prepare().parent == home / "service"
 
 
+def test_stale_code_is_told_apart_in_a_place_that_the_user_names_too(home, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(home / "mine"))
+    assert runtime.prepare() == home / "mine" / f"numba-{runtime.source_digest()}"
+    assert runtime.prepare() == home / "mine" / f"numba-{runtime.source_digest()}"
+
+
 @pytest.mark.parametrize("variable", ["XDG_CACHE_HOME", "NUMBA_CACHE_DIR"])
 def test_without_a_writable_place_nothing_is_cached(home, monkeypatch, variable):
     monkeypatch.setenv(variable, "/dev/null/x")

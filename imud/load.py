@@ -51,7 +51,7 @@ class Load:
             if self.overloaded:
                 self._lost_before, self.shed = lost, 0
                 return "the machine cannot keep up with the sensor: publishing waits, estimation goes on"
-            lost -= self._lost_before
+            lost -= self._lost_before if lost >= self._lost_before else 0  # counted anew after a reconnect
             return f"the machine keeps up again; {lost} samples lost, {self.shed} batches not published"
         if gap_ns > STANDSTILL_NS:
             return f"this process stood still for {gap_ns * 1e-9:.1f} s: it was stopped, or starved of processor time"

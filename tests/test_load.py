@@ -26,6 +26,15 @@ def test_keeping_up_publishes_everything():
     assert not told
 
 
+def test_what_a_new_connection_lost_is_told_though_it_counts_anew():
+    load, told = Load(), []
+    for k, n in enumerate([1] * 100 + [186] * 50 + [1] * 2000):
+        now = (1000 + 186 * k) * MS
+        load.leaves_time_to_publish(n, 1e-3, now)
+        told.append(load.news(70 if k < 120 else 3, now))
+    assert [line for line in told if "; 3 samples lost" in line]
+
+
 def test_a_hiccup_is_worked_off_whole():
     published, told = feed(Load(), [(1, 1)] * 100 + [(700, 186), (1, 186), (1, 186), (1, 142)] + [(1, 1)] * 2000)
     assert all(published)

@@ -4,6 +4,7 @@ import csv
 import json
 import subprocess
 import sys
+from decimal import Decimal
 from importlib import metadata
 from pathlib import Path
 
@@ -161,7 +162,7 @@ def test_the_export_is_what_replay_takes_and_what_ros_reads(recorded, tmp_path):
     positioned = estimates[(estimates["status"] & 4) > 0]
     with (tmp_path / "est.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert [round(float(row["t_s"]) * 1e6) for row in rows] == [round(t / 1000) for t in estimates["t_ns"].tolist()]
+    assert [int(Decimal(row["t_s"]) * 10**9) for row in rows] == estimates["t_ns"].tolist()
     gnss = list(csv.DictReader((tmp_path / "gnss.csv").open()))
     assert [float(row["lat_deg"]) for row in gnss] == np.degrees(stored(recorded, FIX_TABLE)["lat"]).tolist()
     again = command("replay", "--imu", tmp_path / "imu.csv", "--gnss", tmp_path / "gnss.csv", "-o", tmp_path / "e.csv")

@@ -42,17 +42,24 @@ class Load:
         self._published_ns = now_ns
         return True
 
-    def news(self, lost: int, now_ns: int) -> str:
+    def news(self, lost: int, now_ns: int) -> list[str]:
         """What is worth a line since the last call, which should be many times a second ago; lost: samples so far."""
         gap_ns = now_ns - self._looked_ns if self._looked_ns else 0
         self._looked_ns = now_ns
+        told = []
+        if gap_ns > STANDSTILL_NS:
+            told += [
+                f"this process stood still for {gap_ns * 1e-9:.1f} s: it was stopped, or starved of processor time"
+            ]
         if self.overloaded != self._told:
             self._told = self.overloaded
-            if self.overloaded:
-                self._lost_before, self.shed = lost, 0
-                return "the machine cannot keep up with the sensor: publishing waits, estimation goes on"
-            lost -= self._lost_before if lost >= self._lost_before else 0  # counted anew after a reconnect
-            return f"the machine keeps up again; {lost} samples lost, {self.shed} batches not published"
-        if gap_ns > STANDSTILL_NS:
-            return f"this process stood still for {gap_ns * 1e-9:.1f} s: it was stopped, or starved of processor time"
-        return ""
+            told += [self._turn(lost)]
+        return told
+
+    def _turn(self, lost: int) -> str:
+        """What an overload begins or ends with."""
+        if self.overloaded:
+            self._lost_before, self.shed = lost, 0
+            return "the machine cannot keep up with the sensor: publishing waits, estimation goes on"
+        lost -= self._lost_before if lost >= self._lost_before else 0  # counted anew after a reconnect
+        return f"the machine keeps up again; {lost} samples lost, {self.shed} batches not published"

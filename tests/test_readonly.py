@@ -13,8 +13,8 @@ from test_drivers_on_emulators import is_right
 from drivers.detect import detect
 from drivers.driver import GnssConfigured, Identity, ImuConfigured, Options, Unsupported
 from drivers.registry import by_name
+from imud import choices
 from imud.config import load
-from imud.daemon import Daemon
 from imud.errors import UsageError
 
 
@@ -86,7 +86,7 @@ def test_receiver_and_accelerometer():
 def test_ports_are_readonly_as_the_settings_say():
     ports = 'ports=["/dev/a:epson@460800","/dev/b"]'
     for readonly, expected in [("true", [True, True]), ('["/dev/b"]', [False, True]), ("false", [False, False])]:
-        daemon = Daemon(load(None, [ports, f"readonly={readonly}"]))
-        assert [port.options.readonly for port in daemon._ports] == expected
+        opened = choices.ports(load(None, [ports, f"readonly={readonly}"]))
+        assert [options.readonly for _, options in opened] == expected
     with pytest.raises(UsageError, match="readonly names /dev/c, but the ports are /dev/a, /dev/b"):
-        Daemon(load(None, [ports, 'readonly=["/dev/c"]']))
+        choices.ports(load(None, [ports, 'readonly=["/dev/c"]']))

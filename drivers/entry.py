@@ -177,7 +177,9 @@ def _object_code(kernel: Kernel, kinds: Sequence[Kind]) -> bytes:
         reloc="pic",
         codemodel="small",
     )
-    passes = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=3))
+    tuning = llvm.create_pipeline_tuning_options(speed_level=3)
+    tuning.slp_vectorization = True  # of neighbouring statements: most of our loops are over three axes
+    passes = llvm.create_pass_builder(machine, tuning)
     passes.getModulePassManager().run(module, passes)
     if needed := [f.name for f in module.functions if f.name.startswith(("NRT_", "numba_"))]:
         raise TypeError(f"the entry {kernel.name} allocates or may raise: it needs {', '.join(needed)}")

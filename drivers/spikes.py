@@ -31,27 +31,43 @@ SPIKES = np.dtype(
 
 
 @kernel
+def is_far(s: Any, ticks: int) -> bool:
+    """Whether any axis leaves the last good value by more than it may. Without branches: it is asked of each sample."""
+    far = False
+    for i in range(6):
+        far |= abs(float(s.raw[i] - s.good[i])) > max(s.floor[i], 2.0 * s.recent[i]) * (ticks + s.run)
+    return far
+
+
+@kernel
+def contradicts(s: Any, ticks: int) -> bool:
+    """Whether an axis leaves to another side than the spike before did; the sides are noted."""
+    odd = False
+    for i in range(6):
+        limit = max(s.floor[i], 2.0 * s.recent[i]) * (ticks + s.run)
+        left = s.raw[i] - s.good[i]
+        to = 1 if left > limit else -1 if left < -limit else 0
+        odd |= to not in (0, s.side[i])
+        s.side[i] = to
+    return odd
+
+
+@kernel
 def is_spike(s: Any, ticks: int) -> bool:
     """Judge s.raw, `ticks` after the sample before."""
     raw, good, side, recent = s.raw, s.good, s.side, s.recent
-    contradicts = False
     comparable = s.started and 0 < ticks <= GAP
-    if comparable:
-        for i in range(6):
-            limit = max(s.floor[i], 2.0 * recent[i]) * (ticks + s.run)
-            left = raw[i] - good[i]
-            to = 1 if left > limit else -1 if left < -limit else 0
-            contradicts |= to not in (0, side[i])
-            side[i] = to
-    if contradicts and s.run < LONGEST:
+    if comparable and is_far(s, ticks) and contradicts(s, ticks) and s.run < LONGEST:
         for i in range(6):
             if side[i] != 0:  # what happens again and again is motion
                 recent[i] += abs(raw[i] - good[i]) * REPEATED / ticks
         s.run += 1
         return True
+    if comparable:
+        share = 1.0 / ticks
+        for i in range(6):
+            recent[i] = max(recent[i] * (1.0 - DECAY), abs(raw[i] - good[i]) * share)
     for i in range(6):
-        if comparable:
-            recent[i] = max(recent[i] * (1.0 - DECAY), abs(raw[i] - good[i]) / ticks)
         good[i], side[i] = raw[i], 0
     s.run, s.started = 0, 1
     return False

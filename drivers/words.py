@@ -1,19 +1,33 @@
-"""Big-endian 16-bit words in a receive buffer, for the decoders of devices that send such."""
+"""Bytes and big-endian 16-bit words in a receive buffer, for the decoders of devices that send such."""
 
 from typing import Any
+
+import numpy as np
 
 from .jit import kernel
 
 
 @kernel
+def byte(rx: Any, i: int) -> int:
+    """The byte at i >= 0. An unsigned index cannot count from the end, which would have to be looked into each time."""
+    return np.int64(rx[np.uint64(i)])
+
+
+@kernel
 def word(rx: Any, i: int) -> int:
     """Unsigned word at i."""
-    high: int = rx[i]
-    low: int = rx[i + 1]
-    return high * 256 + low
+    return byte(rx, i) << 8 | byte(rx, i + 1)
 
 
 @kernel
 def signed(rx: Any, i: int) -> int:
     """Two's complement word at i."""
     return (word(rx, i) ^ 0x8000) - 0x8000
+
+
+@kernel
+def move_to_front(rx: Any, start: int, n: int) -> None:
+    """rx[:n] <- rx[start : start + n]"""
+    if start > 0:
+        for i in range(n):
+            rx[np.uint64(i)] = rx[np.uint64(start + i)]

@@ -51,6 +51,7 @@ HEALTH = np.dtype(
         ("fade", "<f8"),  # of the mean square force, per sample
         ("samples", "<i8"),
         ("last_ns", "<i8"),
+        ("fresh", "<f8", (6,)),  # scratch: the sample at hand
         ("value", "<f8", (6,)),  # of the newest sample
         ("step", "<f8", (6,)),  # its difference from the one before
         ("curve", "<f8", (6,)),  # and that one's from the one before
@@ -89,22 +90,28 @@ def new_health(profile: Profile, rate_hz: float) -> NDArray[np.void]:
 
 @kernel
 def take(h: Any, sample: Any) -> bool:
-    """Note the values and what they tell of the noise; whether any of them is worth a closer look. Without branches."""
+    """Note the values and what they tell of the noise; whether any of them is worth a closer look.
+
+    Nearly all of what it costs to judge a sample is here, so there are no branches: this can become vector code.
+    """
     value, step, curve, finest, turns, bend, run = h.value, h.step, h.curve, h.finest, h.turns, h.bend, h.run
+    for i in range(3):
+        h.fresh[i], h.fresh[3 + i] = sample.w[i], sample.f[i]
     odd = False
+    bends = 0.0
     for i in range(6):
-        v = sample.w[i] if i < 3 else sample.f[i - 3]
+        v = h.fresh[i]
         d = v - value[i]
         size = abs(d)
         second = d - step[i]
         turns[i] += second * curve[i] < 0.0
         bend[i] += abs(second)
-        finest[i] = size if 0.0 < size < finest[i] else finest[i]
+        bends += bend[i]
+        finest[i] = min(finest[i], size if size > 0.0 else math.inf)
         curve[i], step[i], value[i] = second, d, v
-        odd |= run[i] >= HOLD
-        run[i] = (run[i] + 1) * (size == 0.0)
-        odd |= (run[i] >= HOLD) | (not abs(v) < h.range[i]) | (not abs(second) < math.inf)
-    return odd
+        odd |= (run[i] >= HOLD - 1) | (not abs(v) < h.range[i])
+        run[i] = run[i] + 1 if size == 0.0 else 0
+    return odd | (not bends < math.inf)
 
 
 @kernel

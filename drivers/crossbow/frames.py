@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..jit import kernel
 from ..sample import DEVICE_ERROR, SATURATED, SUSPECT
 from ..spikes import SPIKES, is_spike
-from ..words import signed, word
+from ..words import byte, move_to_front, signed, word
 from . import packet
 from .packet import CHECKSUM, CONVENTIONS, HEADER, LENGTH, PITCH, RANGE_LSB, ROLL, SURE, TEMPERATURE, YAW_RATE
 from .timer import TIMER, ticks_since
@@ -68,7 +68,7 @@ def fits(rx: Any, p: int) -> int:
     """Bit i: the checksum of the packet at p is right by convention i."""
     octets = words = 0
     for i in range(p + 2, p + CHECKSUM, 2):
-        octets += int(rx[i]) + int(rx[i + 1])
+        octets += byte(rx, i) + byte(rx, i + 1)
         words += word(rx, i)
     given = word(rx, p + CHECKSUM)
     fit = 1 if octets == given else 0
@@ -91,7 +91,7 @@ def follow(s: Any, fit: int) -> None:
 @kernel
 def examine(s: Any, rx: Any, p: int, fill: int) -> int:
     """What begins at p: GOOD, a packet; BAD, none; WAIT, too early to say."""
-    if rx[p] != H0 or (p + 1 < fill and rx[p + 1] != H1):
+    if byte(rx, p) != H0 or (p + 1 < fill and byte(rx, p + 1) != H1):
         return BAD
     if p + LENGTH > fill:
         return WAIT
@@ -179,7 +179,5 @@ def decode(rx: NDArray[np.uint8], fill: int, state: NDArray[np.void], samples: N
             skip(s)
             p += 1
     s.leftover = fill - p
-    if p > 0:
-        for i in range(s.leftover):
-            rx[i] = rx[p + i]
+    move_to_front(rx, p, s.leftover)
     return n

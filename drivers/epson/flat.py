@@ -15,7 +15,7 @@ Every decision is a function of the bytes alone, never of the chunks in which th
 from typing import Any
 
 from ..jit import kernel
-from ..words import signed, word
+from ..words import byte, move_to_front, signed, word
 from .counting import ticks_since
 from .dialects import FLAT
 from .registers import CR
@@ -39,7 +39,7 @@ def constants(rx: Any, p: int) -> int:
 @kernel
 def is_framed(rx: Any, p: int, length: int) -> bool:
     """Whether header and CR stand at the ends."""
-    return bool(rx[p] == HEADER and rx[p + length - 1] == CR)
+    return bool(byte(rx, p) == HEADER and byte(rx, p + length - 1) == CR)
 
 
 @kernel
@@ -63,7 +63,7 @@ def lock(s: Any, seen: int, length: int) -> None:
 @kernel
 def examine(s: Any, rx: Any, p: int, fill: int) -> int:
     """What begins at p: GOOD, a frame; LOCK, the second of two; BAD, none; WAIT, too early to say."""
-    if rx[p] != HEADER:
+    if byte(rx, p) != HEADER:
         return BAD
     length = s.length
     if p + length > fill:
@@ -103,7 +103,7 @@ def skip(s: Any, p: int) -> int:
 @kernel
 def emit(s: Any, rx: Any, p: int, sample: Any) -> int:
     """The frame at p as a sample; returns how many that are."""
-    missing = (s.gap + s.length // 2) // s.length
+    missing = (s.gap + s.length // 2) // s.length if s.gap > 0 else 0
     count = word(rx, p + COUNT) if s.length == LONG else -1
     s.unconfirmed, s.covered, s.gap = 1, 0, 0
     if is_repeated(s, word(rx, p + 1), count):
@@ -137,7 +137,5 @@ def decode_flat(rx: Any, fill: int, s: Any, samples: Any) -> int:
             n += emit(s, rx, p - s.length, samples[n])
     start = max(p - LONG, 0)
     s.leftover, s.scanned = fill - start, p - start
-    if start > 0:
-        for i in range(s.leftover):
-            rx[i] = rx[start + i]
+    move_to_front(rx, start, s.leftover)
     return n

@@ -14,7 +14,7 @@ Two flips may make up for each other in the sum, and reach high bits: so the val
 from typing import Any
 
 from ..jit import kernel
-from ..words import signed, word
+from ..words import byte, move_to_front, signed, word
 from .counting import ticks_since
 from .dialects import WINDOWED
 from .registers import CR
@@ -30,7 +30,7 @@ COUNT, CHECKSUM = 5, 3
 @kernel
 def is_good(rx: Any, p: int, length: int) -> bool:
     """Whether a frame of `length` is at p and undamaged."""
-    if rx[p] != HEADER or rx[p + length - 1] != CR:
+    if byte(rx, p) != HEADER or byte(rx, p + length - 1) != CR:
         return False
     total = 0
     for i in range(p + FLAG, p + length - CHECKSUM, 2):
@@ -47,7 +47,7 @@ def number(rx: Any, i: int, size: int) -> int:
 @kernel
 def emit(s: Any, rx: Any, p: int, sample: Any) -> int:
     """The frame at p as a sample; returns how many that are."""
-    missing = (s.gap + s.length // 2) // s.length
+    missing = (s.gap + s.length // 2) // s.length if s.gap > 0 else 0
     count = word(rx, p + s.length - COUNT) if s.numbered else -1
     s.gap = 0
     if is_repeated(s, word(rx, p + FLAG), count):
@@ -67,7 +67,7 @@ def decode_windowed(rx: Any, fill: int, s: Any, samples: Any) -> int:
     """The frames of rx[:fill] into `samples`, as `ImuDriver.decode` does it; s is a record of STATE."""
     p, n = 0, 0
     while n < len(samples) and p < fill:
-        if rx[p] == HEADER:
+        if byte(rx, p) == HEADER:
             if p + s.length > fill:
                 break
             if is_good(rx, p, s.length):
@@ -80,7 +80,5 @@ def decode_windowed(rx: Any, fill: int, s: Any, samples: Any) -> int:
         s.gap += 1
         p += 1
     s.leftover = fill - p
-    if p > 0:
-        for i in range(s.leftover):
-            rx[i] = rx[p + i]
+    move_to_front(rx, p, s.leftover)
     return n

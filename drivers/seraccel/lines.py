@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from ..jit import kernel
 from ..sample import SATURATED, SUSPECT
 from ..spikes import SPIKES, is_spike
-from ..words import word
+from ..words import move_to_front, word
 from .ranges import FULL_COUNT, STANDARD_GRAVITY, Range
 from .text import LETTER_X, NO_NUMBER, read_line, skip_blanks
 
@@ -207,7 +207,5 @@ def decode(rx: NDArray[np.uint8], fill: int, state: NDArray[np.void], samples: N
         s.synchronous = 0
         p = end
     s.leftover = fill - p
-    if p > 0:
-        for i in range(s.leftover):
-            rx[i] = rx[p + i]
+    move_to_front(rx, p, s.leftover)
     return n

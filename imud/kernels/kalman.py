@@ -69,11 +69,13 @@ def measure(P: Floats, n: int, columns: Indices, values: Floats, m: int, d: Floa
     for i in range(n):
         d[i] = 0.0
     for k in range(m):
-        column = columns[k]
+        column, value = columns[k], values[k]
         at = column  # of element (i, column), down the column to the diagonal, then along the row
-        for i in range(n):
-            d[i] += P[at] * values[k]
-            at += n - 1 - i if i < column else 1
+        for i in range(column):
+            d[np.uint64(i)] += P[np.uint64(at)] * value
+            at += n - 1 - i
+        for i in range(n - column):  # unsigned indices: see `update`
+            d[np.uint64(column + i)] += P[np.uint64(at + i)] * value
     v = 0.0
     for k in range(m):
         v += values[k] * d[columns[k]]

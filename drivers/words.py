@@ -10,7 +10,7 @@ from .jit import kernel
 @kernel
 def byte(rx: Any, i: int) -> int:
     """The byte at i >= 0. An unsigned index cannot count from the end, which would have to be looked into each time."""
-    return np.int64(rx[np.uint64(i)])
+    return int(np.int64(rx[np.uint64(i)]))
 
 
 @kernel

@@ -78,7 +78,7 @@ def man_configuration() -> str:
 
 def man_command() -> str:
     """imud(1)."""
-    from .__main__ import COMMANDS, arguments_of
+    from .commands import COMMANDS, arguments_of
 
     lines = [
         '.TH IMUD 1 "" imud',

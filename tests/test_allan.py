@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from imud import config
-from imud.__main__ import main
+from imud.commands import main
 from imud.noise import allan_deviation
 from imud.profiles import PROFILES, profile_of
 

@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from drivers.sample import SAMPLE
 from imud import calibration
-from imud.__main__ import main
 from imud.calibration import Accelerometer, Calibration, Gyro, Mounting, correct, correction
 from imud.calibrators import gyro
 from imud.calibrators.accelerometer import accelerometer, positions
 from imud.calibrators.mounting import mounting
 from imud.calibrators.rest import UnfitError, refuse_broken, still_spells
+from imud.commands import main
 from imud.errors import BadDataError, CannotCreateError
 
 RATE_HZ, G = 100.0, 9.80665

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from firmware_sim.motion import Mounted, Trajectory
 from firmware_sim.scenarios import SCENARIOS
 from imud import calibration
-from imud.__main__ import main
+from imud.commands import main
 
 DPS = np.radians(1.0)
 SERIAL = "S0000042"

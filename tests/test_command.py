@@ -1,15 +1,21 @@
 """The command before anything runs: what a check refuses, and streams that are closed or broken."""
 
+import ast
 import io
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 import structlog
+from processes import process
 
 from imud import log
-from imud.__main__ import main
+from imud.commands import main
+
+ROOT = Path(__file__).resolve().parent.parent
 
 
 @pytest.mark.parametrize(
@@ -67,3 +73,36 @@ def test_a_log_that_nobody_reads_does_no_harm(monkeypatch):
         structlog.get_logger().warning("lost")
     finally:
         structlog.reset_defaults()
+
+
+@pytest.mark.parametrize("program", ["imud", "firmware_sim"])
+def test_nothing_heavy_is_loaded_before_signals_are_met(program):
+    module = ast.parse((ROOT / program / "__main__.py").read_text())
+    imported = {alias.name for node in module.body if isinstance(node, ast.Import) for alias in node.names}
+    imported |= {node.module for node in module.body if isinstance(node, ast.ImportFrom)}
+    assert imported <= {"argparse", "os", "signal", "sys", "types", "typing"}
+
+
+def catches(pid: int, number: int) -> bool:
+    status = Path(f"/proc/{pid}/status").read_text()
+    (caught,) = (int(line.split()[1], 16) for line in status.splitlines() if line.startswith("SigCgt:"))
+    return bool(caught >> (number - 1) & 1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (("imud", "run", "--port", "/dev/absent"), 0),
+        (("imud", "--port", "sim:car"), 0),
+        (("imud", "replay", "/absent"), 143),
+        (("firmware_sim", "g350"), 0),
+    ],
+)
+def test_a_start_can_be_ended_at_once(arguments, code, tmp_path):
+    with (tmp_path / "log").open("w") as log, process(*arguments, stdout=log, stderr=log) as running:
+        while not catches(running.pid, signal.SIGTERM):
+            assert running.poll() is None
+            time.sleep(0.001)
+        running.send_signal(signal.SIGTERM)
+        assert running.wait(20.0) == code
+    assert "Traceback" not in (tmp_path / "log").read_text()

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from imud import config, install_service
-from imud.__main__ import main
+from imud.commands import main
 from imud.install_service import Remove, Run, Write, _program
 
 FILES = {

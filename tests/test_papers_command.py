@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from imud import figures
-from imud.__main__ import main
+from imud.commands import main
 from imud.estimators import registry, stationary
 from imud.experiments import farrell, prasanna, simulate, suh
 from imud.experiments.report import Report, Row, at_most, within

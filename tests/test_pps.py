@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from drivers.errors import PortAbsentError
 from drivers.registry import by_name
 from drivers.transport.pps import PulsePerSecond
-from imud.__main__ import main
+from imud.commands import main
 from imud.epochs import EpochClock
 from imud.sensors import Receiver
 from imud.settings import Gnss

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from imud import config
-from imud.__main__ import COMMANDS
+from imud.commands import COMMANDS
 from imud.reference import man_command, man_configuration, sample, table, titles
 from imud.schema import keys
 from imud.settings import Settings

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from drivers.sample import SAMPLE
-from imud.__main__ import main
+from imud.commands import main
 from imud.estimators.records import (
     ATTITUDE_VALID,
     FIX,

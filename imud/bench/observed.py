@@ -75,7 +75,7 @@ def main() -> int:
     runtime.prepare()
     observer = Observer()
     observer.watch()
-    from imud.__main__ import main as imud
+    from imud.commands import main as imud
 
     code = imud(arguments)
     Path(file).write_text(json.dumps(observer.report()))

@@ -6,6 +6,7 @@ from navigation_runner import fixes_of, navigate, samples_of
 from navigation_simulation import drive, errors, received, sensed
 
 from drivers.sample import SUSPECT
+from imud.estimators.navigation.state import ACCEL_BIAS, MOMENTS, POSITION, VELOCITY
 from imud.estimators.records import AT_REST, COASTING, HEADING_VALID, POSITION_VALID, REJECTING
 from imud.settings import Initial, Navigation, Settings
 
@@ -104,6 +105,36 @@ def test_parked_positions_that_creep_are_refused_though_the_receiver_tells_no_sp
         assert p.max() < most
         assert sigmas.max() < 6.0
         assert (out["status"][at(80.0) : at(120.0)] & REJECTING).any()
+
+
+@pytest.mark.parametrize("speed", [1.0, 3.0])
+def test_positions_that_creep_from_a_car_are_refused_though_the_receiver_tells_no_speed(speed):
+    for seed in range(2):
+        samples, fixes = data(seed)
+        fixes["speed"] = fixes["course"] = np.nan
+        out, _, _ = navigate(samples, moved(fixes, 100.0, 140.0, 0.0, per_second=speed))
+        p, sigmas = surprise(D, out, 100.0)
+        assert p.max() < 18.0  # followed, it would be 40 and 120 m
+        assert sigmas.max() < 7.0
+        assert (out["status"][at(120.0) : at(140.0)] & REJECTING).all()
+        assert not (out["status"][at(142.0) :] & REJECTING).any()
+
+
+def test_what_creeping_would_do_to_the_estimate_is_foretold():
+    """Against the difference of two runs, one with a creep so slow that the filter is linear in it."""
+    samples, fixes = data()
+    cut = fixes[fixes["t_ns"] < 255 * 10**9]
+    still, _, s = navigate(samples[: at(155.2)], cut)
+    c, rate = s["core"][0, 0], 1e-4
+    for j in range(MOMENTS):
+        since = 1e-9 * c["since_ns"][j] - 100.0
+        crept, _, _ = navigate(samples[: at(155.2)], moved(cut, since, 1e9, 0.0, per_second=rate))
+        pull = c["pull"][:, 2 * j]
+        assert 0.1 < pull[POSITION] < 60.0
+        dp = (crept["lat"][-1] - still["lat"][-1]) * 6.37e6 / rate
+        assert pull[POSITION] == pytest.approx(dp, rel=0.02)
+        assert pull[VELOCITY : VELOCITY + 3] == pytest.approx((crept["v"][-1] - still["v"][-1]) / rate, abs=0.01)
+        assert pull[ACCEL_BIAS : ACCEL_BIAS + 3] == pytest.approx((crept["ba"][-1] - still["ba"][-1]) / rate, abs=1e-3)
 
 
 @places

@@ -11,32 +11,44 @@ from ...kernels.jit import kernel
 from ...kernels.kalman import reset
 from ..records import AT_REST
 from .covariance import WANDER_S, grow, variance
+from .creep import forget_creep
+from .motion import FRESH_S
 from .state import ATTITUDE, POSITION, STATES, VELOCITY, WANDER
 from .strapdown import displace
 
 GATE = 25.0
+RETURNED = 9.0  # gate of a receiver that has crept: within that it is back
 GIVE_IN_COUNT, GIVE_IN_S = 5, 8.0
-DRIFT_GATE, LONGEST_REFUSAL_S = 9.0, 60.0  # fixes that creep away from a velocity known otherwise wait for longer
+DRIFT_GATE = 9.0
+CREPT_STEADY_S = 20.0  # steady for so long, where the receiver has been found to creep slowly
+LONGEST_REFUSAL_S = 60.0  # of fixes that creep away from the velocity
+FELT, FELT_HEADING = 0.25, 0.05  # m/s, rad: what an inertial velocity may be wrong by without knowing it
+
+
+@kernel
+def told(fix: Any) -> bool:
+    """Does the receiver tell of its velocity?"""
+    return math.isfinite(fix.speed) or math.isfinite(fix.v[0])
 
 
 @kernel
 def known_velocity(c: Any, fix: Any) -> bool:
-    """Does something but positions vouch for the velocity: rest, or the receiver's own, which agrees?"""
-    told = math.isfinite(fix.speed) or math.isfinite(fix.v[0])
-    return c.flags & AT_REST != 0 or (told and c.contrary == 0)
+    """Does something but positions vouch for the velocity: rest, the receiver's own, which agrees, or its creeping?"""
+    return c.creeping != 0 or c.flags & AT_REST != 0 or (told(fix) and c.contrary == 0)
 
 
 @kernel
-def settled(c: Any) -> float:
+def settled(c: Any, known: bool) -> float:
     """For how long, s, the refused positions have kept to the velocity, as far as errors of both explain.
 
     Call for each refused fix; a position that does not keep to it begins anew.
     """
     dt = 1e-9 * (c.t_ns - c.refused_ns[0])
+    unknown = 0.0 if known else FELT**2 + FELT_HEADING**2 * (c.v[0] ** 2 + c.v[1] ** 2)
     drifts = False
     for i in range(2):
         wander = c.reported[0] ** 2 * (1.0 - math.exp(-dt / WANDER_S))
-        allowed = 2.0 * (wander + c.white[0]) + variance(c, VELOCITY + i) * dt * dt
+        allowed = 2.0 * (wander + c.white[0]) + (variance(c, VELOCITY + i) + unknown) * dt * dt
         drifts = drifts or (c.z[i] + c.wander[i] - c.refused[i]) ** 2 > DRIFT_GATE * allowed
     if c.rejected[0] == 1 or drifts:
         c.refused_ns[0] = c.t_ns
@@ -71,17 +83,22 @@ def give_in(c: Any, first: int, last: int, known: bool) -> None:
 @kernel
 def admit(c: Any, fix: Any, worst: float) -> bool:
     """May the horizontal position correct the estimate? In the end it may, whatever it says."""
-    if worst < GATE:
+    if worst < (RETURNED if c.creeping else GATE):
+        c.creeping = 0
         c.rejected[0] = 0
         return True
     c.rejected[0] += 1
-    steady_s, alone_s = settled(c), 1e-9 * (c.t_ns - c.fix_ns)
+    known, alone_s = known_velocity(c, fix), 1e-9 * (c.t_ns - c.fix_ns)
+    steady_s = settled(c, known)
+    if c.rejected[0] == 1:
+        c.refused_after_s = alone_s
     if c.rejected[0] <= GIVE_IN_COUNT or alone_s <= GIVE_IN_S:
         return False
-    known = known_velocity(c, fix)
-    if known and steady_s <= GIVE_IN_S and alone_s < LONGEST_REFUSAL_S:
+    creeps = known or (not told(fix) and c.refused_after_s < FRESH_S)  # after an outage it may be the estimate
+    if creeps and steady_s <= (CREPT_STEADY_S if c.creeping else GIVE_IN_S) and alone_s < LONGEST_REFUSAL_S:
         return False
     give_in(c, 0, 2, known)
+    forget_creep(c)
     c.rejected[0] = 0
     return True
 

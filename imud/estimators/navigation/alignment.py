@@ -13,6 +13,7 @@ from ...kernels.kalman import reset, shear
 from ...kernels.rotation import dcm_of_quat, quat_exp, quat_of_gravity
 from .correction import correct, predicted, row, take, turn_tilt
 from .covariance import grow, predict, variance
+from .creep import forget_creep
 from .levelling import level_between
 from .matching import TIME, accumulate, clear_matching, times, unit
 from .non_holonomic import stop, turn_witnesses
@@ -174,6 +175,7 @@ def engage(p: Any, c: Any) -> None:
     grow(c, ATTITUDE, START_TILT**2)
     grow(c, ATTITUDE + 1, START_TILT**2)
     c.phase = NAVIGATING
+    forget_creep(c)
     forget_pairs(c)
 
 

@@ -6,6 +6,7 @@ from typing import Any
 from ...kernels.jit import kernel
 from ...kernels.kalman import measure, shear, update
 from ...kernels.rotation import quat_exp
+from .creep import follow_pull
 from .matching import shift
 from .state import (
     ACCEL_BIAS,
@@ -49,6 +50,13 @@ def residual(c: Any, m: int, z: float) -> float:
 
 
 @kernel
+def absorb(c: Any, m: int, z: float, s: float, axis: int) -> None:
+    """Fuse the row in hand, whose P h is in c.d, with innovation z of variance s: of position `axis`, or -1."""
+    follow_pull(c, m, s, z, axis)
+    update(c.P, STATES, c.x, c.d, s, z, STATES)
+
+
+@kernel
 def take(c: Any, m: int, z: float, r: float, gate: float) -> float:
     """Fuse the row in hand with residual z (against the nominal state) and variance r, unless z^2/s > gate > 0.
 
@@ -59,7 +67,7 @@ def take(c: Any, m: int, z: float, r: float, gate: float) -> float:
     nis = z * z / s
     if 0.0 < gate < nis or not nis < math.inf:
         return -nis
-    update(c.P, STATES, c.x, c.d, s, z, STATES)
+    absorb(c, m, z, s, -1)
     return nis
 
 

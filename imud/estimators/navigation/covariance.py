@@ -16,6 +16,7 @@ from ...kernels.jit import kernel
 from ...kernels.kalman import packed_index, scale, shear
 from ...kernels.rotation import dcm_of_quat
 from ..records import AT_REST
+from .creep import carry_pull
 from .matching import feel
 from .state import (
     ACCEL_BIAS,
@@ -121,6 +122,7 @@ def predict(p: Any, c: Any) -> None:
     feel(c, turn, dt)
     qa = p.gyro_psd + c.vibration_gyro + p.gyro_scale**2 * rate2 * RATE_SCALE_S
     decay = math.exp(-dt / WANDER_S)
+    carry_pull(c, m, turn, dt, decay)
     for i in range(3):
         scale(c.P, STATES, WANDER + i, decay)
         c.wander[i] *= decay

@@ -13,8 +13,9 @@ from ...kernels.kalman import reset
 from ...kernels.rotation import quat_rotate
 from ..records import POSITION_N, REJECTING, VELOCITY_N
 from .admission import GATE, admit, admit_height
-from .correction import correct, predicted, residual, row, take
+from .correction import absorb, correct, predicted, residual, row, take
 from .covariance import grow, variance
+from .creep import forget_creep, look_for_creep
 from .state import ATTITUDE, LATENCY, POSITION, STATES, VELOCITY, WANDER
 from .strapdown import cosine, wrapped
 
@@ -70,6 +71,7 @@ def grade(c: Any, fix: Any) -> None:
             for i in range(2 * k, 2 + k):
                 reset(c.P, STATES, WANDER + i, sigma * sigma)
                 c.wander[i] = 0.0
+            forget_creep(c)
         c.reported[k] = sigma
     floor = LATENCY_FLOOR * h
     grow(c, LATENCY, max(0.0, floor * floor - variance(c, LATENCY)))
@@ -143,14 +145,18 @@ def fuse_position(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
         r = c.white[i // 2] + extra
         m = position_row(c, lever, i)
         s = predicted(c, m) + r
-        n = report(innovations, n, fix.t_ns, POSITION_N + i, residual(c, m, z[i]), s, accepted)
+        left = residual(c, m, z[i])
+        n = report(innovations, n, fix.t_ns, POSITION_N + i, left, s, accepted)
         if accepted:
-            nis = abs(take(c, m, z[i], r, 0.0))
+            nis = left * left / s
+            absorb(c, m, left, s, i if i < 2 else -1)
             least, most = (0.3 * min(c.reported[i // 2], 0.3)) ** 2, (2.0 * c.reported[i // 2]) ** 2
             c.white[i // 2] = min(max(c.white[i // 2] + LEARNING * (min(nis, 9.0) - 1.0) * s, least), most)
     if level:
         correct(c)
         c.fix_ns = c.t_ns
+        if look_for_creep(c):
+            correct(c)
     refused = c.rejected[0] > 0 or c.rejected[1] > 0
     c.flags = c.flags | REJECTING if refused else c.flags & ~REJECTING
     return n

@@ -8,6 +8,7 @@ from imud.profiles import profile_of
 from imud.settings import Initial, Settings
 
 from .. import Record
+from .creep import RESTLESS
 from .state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -79,6 +80,8 @@ def start(parameters: Record, initial: Initial) -> Record:
     c["lateral"] = (0.0, 1.0, 0.0)
     c["fix_speed"] = math.nan
     c["swing"] = (1.0, 0.0)
+    c["restless"] = RESTLESS[1]
+    c["since_ns"] = NEVER_NS
     c["white_speed"] = SPEED_SIGMA**2
     c["fix_ns"] = c["mark_ns"] = s["stamp_ns"] = s["fused_ns"] = NEVER_NS
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)

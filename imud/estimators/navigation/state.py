@@ -24,6 +24,7 @@ NEVER_NS = -(1 << 62)  # a time before all others
 RING = 4096  # samples kept: 2 s at the highest rate
 SNAPSHOTS = 64
 SNAPSHOT_NS = 50_000_000
+MOMENTS = 3  # at which the receiver may have begun to creep
 SPREAD = 10  # most nonzero elements of a measurement row
 TOLD, UNREAD = 8, 1024  # innovations of one sample: a window of rest and a constraint; and those kept until asked for
 
@@ -110,7 +111,16 @@ CORE = np.dtype(
         ("fix_speed", "<f8"),  # m/s, NaN unknown
         ("rejected", "<i8", (2,)),  # positions in a row, and heights
         ("refused_ns", "<i8", (2,)),  # the first of them, or of those that keep to the velocity
+        ("refused_after_s", "<f8"),  # since the last fix used, when the first was refused
         ("refused", "<f8", (2,)),  # m, how far north and east of the estimate that was
+        ("creeping", "<i8"),  # the receiver has been found to
+        ("restless", "<f8"),  # square of its wander as it has seemed, over that reported
+        ("supposed", "<i8"),  # times that was learned
+        ("since_ns", "<i8", (MOMENTS,)),  # from when it may have crept
+        ("supposed_n", "<i8", (MOMENTS,)),  # innovations since
+        ("evidence_creep", "<f8", (MOMENTS, 2)),  # s/m, of a velocity north and east
+        ("information", "<f8", (MOMENTS, 3)),  # s^2/m^2, upper triangle
+        ("pull", "<f8", (STATES, 2 * MOMENTS)),  # of the estimate, per m/s, north and east for each moment
         ("contrary", "<i8"),  # fixes in a row whose velocity was rejected
         ("doubt", "<f8", (3,)),  # m^2, beyond P: how far the fixes were that the filter gave in to, fading
         ("lost", "<f8"),  # times that the filter gave in to contradicting fixes, fading

@@ -193,4 +193,32 @@ class SpiDriver(Protocol):
         """Ask on an SPI line, as `identify` does on a serial one."""
 
 
+@dataclass(frozen=True)
+class Done:
+    """How a service ended, in words."""
+
+    ok: bool
+    told: str
+
+
+@dataclass(frozen=True)
+class Service:
+    """Something that a device does once, because a user asks for it, and that outlasts the connection."""
+
+    what: str  # it does, and what the user is to see to, for who must agree; {} is the value
+    unit: str  # of the value; s: it takes that long
+    values: Sequence[int]
+    usual: int | None  # None: the user is to name the value
+    act: Callable[[int], Dialogue[Done]]  # does it, and asks the device afterwards whether it is so
+
+
+@runtime_checkable
+class ServiceDriver(Protocol):
+    """What a driver has besides if its devices do more than stream."""
+
+    @property
+    def services(self) -> Mapping[str, Service]:
+        """By the names that users give them, each the same for all drivers."""
+
+
 AnyDriver = ImuDriver | GnssDriver

@@ -18,6 +18,7 @@ COMMANDS = {
     "sim": "emulated sensors on pseudo-terminals",
     "web": "a live page of a running daemon for the browser: attitude, track, charts, health",
     "probe": "which device is on which port, at which baud rate",
+    "sensor": "have a sensor do something once that outlasts the connection: find its zero, change its baud rate",
     "status": "how a running daemon is: sensors, clock, filter, clients; also for Prometheus",
     "doctor": "why this machine would not work, and the mend",
     "replay": "recorded data through the same filter, as fast as it goes",
@@ -97,7 +98,9 @@ def main(arguments: list[str] | None = None) -> int:
         if not arguments:
             _parser(None).print_help(sys.stderr)
             return _USAGE
-        args = _parser(arguments[0]).parse_args(arguments)
+        args, unknown = _parser(arguments[0]).parse_known_args(arguments)
+        if unknown:
+            arguments_of(args.command).error(f"unrecognized arguments: {' '.join(unknown)}")
         code = int(_module(args.command).run(args))
         sys.stdout.flush()
         return code
@@ -110,6 +113,6 @@ def main(arguments: list[str] | None = None) -> int:
         _close_output()
         return 0
     except OSError as error:  # the disk is full
-        print(f"imud: {error}", file=sys.stderr)
+        print(f"imud: {error.filename or 'output'}: {error.strerror}", file=sys.stderr)
         _close_output()
         return InputOutputError.exit_code

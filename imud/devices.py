@@ -3,6 +3,7 @@
 It is the host of the ports, owns their descriptors, and knows nothing of what becomes of solutions and fixes.
 """
 
+import math
 import select
 import time
 from typing import Any
@@ -23,10 +24,11 @@ from .sensors import Inertial, Receiver, Records
 from .settings import Settings
 
 _PARTS = {"imu": "inertial sensor", "gnss": "receiver"}
+_ABSENCE_S = 5.0  # after which a spare takes over: one that comes back sooner finds its filter as it left it
 
 
 class Devices:
-    """At most one sensor of each kind streams. Not thread-safe."""
+    """At most one sensor of each kind streams; what else there is of that kind is a spare. Not thread-safe."""
 
     def __init__(self, settings: Settings, patient: bool, cycle: Cycle, recordings: Recordings) -> None:
         """patient: wait for devices that are absent at the start. Raises UsageError, DeviceAbsentError."""
@@ -41,6 +43,7 @@ class Devices:
         self._pulse = choices.pulse(settings)
         self._known = calibration.Calibration("")  # of the inertial sensor
         self._by_fd: dict[int, Port] = {}
+        self._spares: dict[str, set[Port]] = {kind: set() for kind in _PARTS}
         recordings.on_begin, recordings.on_end = self._introduce, self._read_directly
 
     def configure(self, settings: Settings) -> None:
@@ -109,7 +112,8 @@ class Devices:
     def connected(self, port: Port, driver: AnyDriver, configured: Configured) -> None:
         """A device streams."""
         if other := self.streaming().get(driver.kind):
-            port.retire(f"not used: {other[0].spec.path} is the {_PARTS[driver.kind]} already")
+            self._spares[driver.kind].add(port)
+            port.retire(f"a spare, for when {other[0].spec.path}, the {_PARTS[driver.kind]}, is away")
             return
         identity = configured.identity
         facts: dict[str, Any] = {"port": port.spec.path, "device": identity.model or driver.name, "baud": identity.baud}
@@ -130,6 +134,8 @@ class Devices:
         elif driver.kind == "gnss":
             self.gnss = (port, Receiver(driver, self._settings.gnss, now_ns, self._pulse))
             self._record(*self.gnss)
+        self._spares[driver.kind].discard(port)
+        self._wake_spares(driver.kind, math.inf)
         self._log.info("streaming", **{name: value for name, value in facts.items() if value})
         if self.imu is None and all(port.configured for port in self.ports):
             self._log.warning("there is no inertial sensor on any port: nothing to estimate")
@@ -139,12 +145,19 @@ class Devices:
         """A device streams no more."""
         if self._recordings.current:
             self._recordings.current.disconnected(self.ports.index(port), port.spec.path)
+        for kind, (held, _) in self.streaming().items():
+            if held is port:
+                self._wake_spares(kind, time.monotonic() + _ABSENCE_S)
         if self.imu and self.imu[0] is port:
             self.imu = None
         if self.gnss and self.gnss[0] is port:
             self._log.info("receiver ended", port=port.spec.path, **self.gnss[1].counters())
             self.gnss = None
         self._describe()
+
+    def _wake_spares(self, kind: str, at_s: float) -> None:
+        for port in self._spares[kind]:
+            port.wake(at_s)
 
     def close(self) -> None:
         """Let go of them all."""

@@ -14,7 +14,14 @@ import structlog
 from drivers.detect import Finding, search
 from drivers.dialogue import Dialogue
 from drivers.driver import AnyDriver, GnssConfigured, Identity, ImuConfigured, Options, Request, Unsupported
-from drivers.errors import NotSerialError, PortBusyError, PortDeniedError, PortError, PortSupportError
+from drivers.errors import (
+    NotSerialError,
+    PortAbsentError,
+    PortBusyError,
+    PortDeniedError,
+    PortError,
+    PortSupportError,
+)
 from drivers.registry import by_name
 from drivers.transport.conversation import Conversation
 from drivers.transport.line import Known, Line, open_line
@@ -32,6 +39,13 @@ _FATAL: dict[type[PortError], type[ImudError]] = {  # at the start; later the de
     NotSerialError: InputOutputError,
     PortSupportError: DeviceAbsentError,
 }
+
+
+def failure(error: PortError) -> ImudError:
+    """The same for a command that waits for nothing."""
+    absent = isinstance(error, PortAbsentError)
+    kind = _FATAL.get(type(error), DeviceAbsentError if absent else InputOutputError)
+    return kind(str(error))
 
 
 class Host(Protocol):
@@ -102,10 +116,15 @@ class Port:
         self._wait(why, warn=True)
 
     def retire(self, why: str) -> None:
-        """Let go of a device that is not wanted, for good."""
+        """Let go of a device that is not wanted, until `wake`."""
         self._close()
         self.deadline_s = float("inf")
         self._tell(why, warn=True)
+
+    def wake(self, at_s: float) -> None:
+        """Try a port that was retired again at that time; infinite: not any more."""
+        if self._line is None:
+            self.deadline_s = at_s
 
     def refuse(self, why: str) -> None:
         """Let go of a device that will not do; another may be there later."""

@@ -31,6 +31,7 @@ from .packet import (
     ZERO_INVALID,
     word,
 )
+from .services import SERVICES
 from .talk import ask_packets, describe, ping, unsupported
 from .timer import spacing_ns
 
@@ -50,6 +51,7 @@ class Crossbow:
     patience_s = 0.5
     interrupts = True
     complaints = MappingProxyType(COMPLAINTS)
+    services = MappingProxyType(SERVICES)
 
     @property
     def kind(self) -> Literal["imu"]:

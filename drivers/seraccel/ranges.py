@@ -9,7 +9,6 @@ from dataclasses import dataclass
 STANDARD_GRAVITY = 9.80665  # m/s^2
 SUPPLY_MV = 3300.0
 FULL_COUNT = 1023  # the converter's answer to the supply
-ZERO_G_MV = SUPPLY_MV / 2.0
 SWING_MV = SUPPLY_MV / 2.0 - 250.0  # the output comes no nearer to supply and ground than 0.25 V
 LOW_PASS_NS = 1_060_000  # delay of the 150 Hz pole on z; x and y have 350 Hz
 

@@ -8,6 +8,8 @@ from typing import Generic, Protocol, runtime_checkable
 from ..dialogue import Dialogue, Exchange, Result
 from ..spi import Bus, Fetch
 
+WAIT_S = 0.25  # at most, between two looks at the clock
+
 
 class Port(Protocol):
     """What a dialogue needs of a line."""
@@ -95,15 +97,16 @@ class Conversation(Generic[Result]):
         self.deadline_s = self._now() + exchange.listen_s
 
 
-def run_dialogue(port: Port, dialogue: Dialogue[Result]) -> Result:
-    """Run `dialogue` to its end and return its finding."""
+def run_dialogue(port: Port, dialogue: Dialogue[Result], on_wait: Callable[[], None] = lambda: None) -> Result:
+    """Run `dialogue` to its end and return its finding; `on_wait` is called before each wait, of a quarter second."""
     conversation = Conversation(port, dialogue)
     conversation.start()
     poller = select.poll()
     poller.register(conversation.fd, select.POLLIN)
     while not conversation.finished:
+        on_wait()
         left = conversation.deadline_s - time.monotonic()
-        if poller.poll(max(0.0, left) * 1e3):
+        if poller.poll(min(max(0.0, left), WAIT_S) * 1e3):
             conversation.on_readable()
         if not conversation.finished and time.monotonic() >= conversation.deadline_s:
             conversation.on_deadline()

@@ -37,7 +37,7 @@ def kind(path: Path) -> str:
         return "nmea"
     columns = ",".join(sorted(_NEEDED))
     raise DataError(
-        f"{path}:1: the header must be {_IMU_HEADER}, or have {columns}, or be an NMEA sentence; found {first[:80]!r}"
+        f"{path}:1: the header must be {_IMU_HEADER}, or have {columns}, or be an NMEA sentence; found {first[:40]!a}"
     )
 
 
@@ -48,7 +48,7 @@ class RecordedImu:
         with path.open(encoding="utf-8") as file:
             header = file.readline().strip()
             if not header.startswith(_IMU_HEADER):
-                raise DataError(f"{path}:1: the header must be {_IMU_HEADER}, found {header[:80]!r}")
+                raise DataError(f"{path}:1: the header must be {_IMU_HEADER}, found {header[:80]!a}")
             try:
                 rows = np.loadtxt(file, delimiter=",", usecols=range(7), ndmin=2)
             except (ValueError, UnicodeDecodeError) as error:

@@ -18,7 +18,6 @@ from .noise import DEG, MILLI_G, STANDARD_GRAVITY, Grade, ImuErrors, Signal
 from .uart import BITS, Uart
 
 BAUDS = (9600, 19200, 38400, 57600, 115200)  # that "b" finds
-MOST_HZ = 160.0  # packets that 38400 baud can carry
 PACKET = 24  # bytes
 START_UP_S = 0.3
 INTERNAL_S = 3.5e-3  # between its own samples
@@ -86,7 +85,7 @@ class Rga300:
     def __init__(
         self, signal: Signal, errors: ImuErrors, baud: int = 38400, *, rate_hz: float = 100.0, oscillator: float = 1.0
     ) -> None:
-        """rate_hz: packets per second in continuous mode, at most 160. oscillator: speed of its clock."""
+        """rate_hz: packets per second in continuous mode, at most 160 (38400 baud). oscillator: speed of its clock."""
         self._line = AutobaudUart(baud)
         self.uart: Uart = self._line
         self.bit = 0

@@ -74,7 +74,27 @@ class Speaker(Line):
             self.say(self.burst)
 
 
-class G350(Line):
+class Epson(Line):
+    """What Epson's sensors share on a UART: commands are two bytes and a CR; nothing is heard while booting."""
+
+    boot_s = 0.0
+    silent_boot = True
+
+    def __init__(self, baud):
+        super().__init__(baud)
+        self.input = bytearray()
+
+    def receive(self, data):
+        if self.now_s < self.boot_s and self.silent_boot:
+            return
+        self.input += data
+        while b"\r" in self.input:
+            command, _, self.input = self.input.partition(b"\r")
+            if len(command) == 2:
+                self.obey(*command)
+
+
+class G350(Epson):
     """An M-G350 on its UART as protocols.md 1.2 to 1.5 describe it: registers by byte, modes, automatic frames."""
 
     def __init__(self, baud=460800, boot_s=0.0, silent_boot=True, product="G350PD11", serial="A0000123"):
@@ -90,7 +110,6 @@ class G350(Line):
         self.restarts = 0
         self.next_frame_s = 0.0
         self.frames = itertools.count()
-        self.input = bytearray()
 
     @property
     def sampling(self):
@@ -105,15 +124,6 @@ class G350(Line):
         self.byte |= {0x37: rate_code, 0x3A: 1, 0x50: 1, 0x39: 0}
         self.next_frame_s = self.now_s
         return self
-
-    def receive(self, data):
-        if self.now_s < self.boot_s and self.silent_boot:
-            return
-        self.input += data
-        while b"\r" in self.input:
-            command, _, self.input = self.input.partition(b"\r")
-            if len(command) == 2:
-                self.obey(*command)
 
     def obey(self, address, value):
         if address & 0x80:
@@ -150,7 +160,7 @@ class G350(Line):
 WINDOWED_RATES = {0: 2000.0, **RATES, 8: 400.0, 9: 200.0, 10: 100.0, 11: 80.0, 12: 50.0, 13: 40.0, 14: 25.0, 15: 20.0}
 
 
-class Windowed(Line):
+class Windowed(Epson):
     """An M-G364 or other successor (protocols.md 1.7): registers in two windows, frames as BURST_CTRL says."""
 
     def __init__(self, baud=460800, boot_s=0.0, product="G364PDCA", serial="W0000456"):
@@ -161,7 +171,6 @@ class Windowed(Line):
         self.names |= {(0, 0x4C): 0x45, (0, 0x4D): 0x53, (1, 0x72): 0x30, (1, 0x73): 0x02}
         self.stuck = {}  # bytes that keep their value, by window and address
         self.frames = itertools.count()
-        self.input = bytearray()
         self.test_s, self.tested_s = 0.15, 0.0
         self.reset()
 
@@ -190,15 +199,6 @@ class Windowed(Line):
         self.byte |= {(1, 0x0F): wide, (0, 0x03): 0}
         self.next_frame_s, self.window = self.now_s, window
         return self
-
-    def receive(self, data):
-        if self.now_s < self.boot_s:
-            return
-        self.input += data
-        while b"\r" in self.input:
-            command, _, self.input = self.input.partition(b"\r")
-            if len(command) == 2:
-                self.obey(*command)
 
     def obey(self, address, value):
         if address & 0x80:

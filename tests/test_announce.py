@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from crossbow_packets import packet
 from hypothesis import given
 from hypothesis import strategies as st
-from test_crossbow import packet
 
 from drivers.driver import Identity, ImuConfigured
 from drivers.fix import Fix

@@ -56,7 +56,7 @@ def warm(estimator: Estimator, settings: Settings) -> None:
 
 def warm_replay(estimator: Estimator, settings: Settings) -> None:
     """Compile, or load, what a replay calls of an estimator."""
-    from .tables import EstimateWriter
+    from .estimate_tables import EstimateWriter
 
     solutions = np.zeros(1, SOLUTION)
     Filter(estimator, settings, Initial(), _RATE_HZ).run(np.zeros(1, SAMPLE), solutions)

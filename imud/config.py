@@ -56,10 +56,10 @@ def _line_of(text: str, path: str) -> int | None:
     return None
 
 
-def _parse_override(text: str) -> tuple[list[str], Any]:
+def _assignment(text: str, option: str, example: str) -> tuple[list[str], Any]:
     key, sign, value = text.partition("=")
     if not sign or not key.strip():
-        raise ConfigError(f"--set {text}: write it as KEY=VALUE, for example --set navigation.vehicle=land")
+        raise ConfigError(f"{option} {text}: write it as KEY=VALUE, for example {option} {example}")
     try:
         parsed = tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
@@ -83,8 +83,10 @@ def load(file: Path | None, overrides: Iterable[str] = ()) -> Settings:
     """
     try:
         text = "" if file is None else file.read_text()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot read the configuration {file}: {error}") from error
+    except OSError as error:
+        raise ConfigError(f"cannot read the configuration {file}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"the configuration {file} is no text: {error}") from error
     return loads(text, overrides, str(file))
 
 
@@ -100,7 +102,7 @@ def loads(text: str, overrides: Iterable[str] = (), name: str = "the configurati
 def from_table(table: dict[str, Any], overrides: Iterable[str], name: str, text: str = "") -> Settings:
     """As `loads`, for what the text (for line numbers, if there is one) was parsed to."""
     for override in overrides:
-        _merge(table, *_parse_override(override))
+        _merge(table, *_assignment(override, "--set", "navigation.vehicle=land"))
     problems = []
     for path, what in (*_problems(table, Settings), *_unknown_names(table)):
         line = _line_of(text, path)
@@ -151,7 +153,7 @@ def parse_assignments(text: str, schema: type[Struct], option: str) -> Struct:
     """`a=1,b=2` as a struct, for options such as --initial. Raises ConfigError naming the option and all bad keys."""
     table: dict[str, Any] = {}
     for item in filter(None, text.split(",")):
-        path, value = _parse_override(item)
+        path, value = _assignment(item, option, "lat_deg=35.6")
         _merge(table, path, value)
     if problems := [f"{path}: {what}" for path, what in _problems(table, schema)]:
         raise ConfigError(f"{option}: " + "; ".join(problems))

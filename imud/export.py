@@ -7,6 +7,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 
+from .arguments import above_zero
 from .errors import BadDataError, CannotCreateError, UsageError
 from .progress import Progress
 from .settings import Initial
@@ -21,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", type=Path, nargs="+", metavar="MCAP", help="the files of one recording")
     parser.add_argument("--csv", type=Path, metavar="DIR", help="imu.csv, gnss.csv and est.csv")
     parser.add_argument("--ros2", type=Path, metavar="MCAP", help="Imu, NavSatFix and Odometry, in ENU and FLU")
-    parser.add_argument("--rate", type=float, default=0.0, metavar="HZ", help="of the estimates (default: all)")
+    parser.add_argument("--rate", type=above_zero, default=0.0, metavar="HZ", help="of the estimates (default: all)")
 
 
 class Target(Protocol):
@@ -35,8 +36,9 @@ class CsvFolder:
     """imu.csv and gnss.csv as `imud replay` takes them, est.csv as it makes it; all on the same clock."""
 
     def __init__(self, folder: Path, rate_hz: float, stack: ExitStack) -> None:
+        from .estimate_tables import EstimateWriter
         from .recording.writer import Thinner
-        from .tables import IMU_COLUMNS, EstimateWriter
+        from .tables import IMU_COLUMNS
 
         try:
             folder.mkdir(exist_ok=True)
@@ -139,8 +141,6 @@ _ROS_TOPICS = {
 def run(args: argparse.Namespace) -> int:
     if not (args.csv or args.ros2):
         raise UsageError("export: say where to: --csv DIR, --ros2 OUT.mcap")
-    if args.rate < 0.0:
-        raise UsageError(f"--rate {args.rate}: must not be negative")
     from .recording.player import Player
     from .recording.source import Recording, adapter, tell
 

@@ -6,7 +6,6 @@ import os
 import select
 import signal
 import time
-from pathlib import Path
 
 import msgspec
 import structlog
@@ -15,6 +14,7 @@ from drivers.driver import AnyDriver, GnssConfigured, Identity
 from drivers.errors import PortEndedError, PortLostError
 
 from . import calibration, choices, config, log, simulated
+from .arguments import above_zero, add_settings
 from .errors import ImudError
 from .ports import Configured, Port
 from .recording.recorder import Recorder, recording
@@ -27,12 +27,11 @@ _TICK_S = 0.02
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("ports", nargs="+", metavar="DEV[:DRIVER[@BAUD]]", help="as for `imud run --port`")
-    parser.add_argument("-o", "--output", required=True, metavar="MCAP")
-    parser.add_argument("--seconds", type=float, metavar="N", help="end by itself")
+    parser.add_argument("-o", "--output", required=True, metavar="MCAP", help="the recording")
+    parser.add_argument("--seconds", type=above_zero, metavar="N", help="end by itself")
     parser.add_argument("--readonly", action="store_true", help="write nothing to the devices")
     parser.add_argument("--wait", action=argparse.BooleanOptionalAction, default=True, help="for absent devices")
-    parser.add_argument("--config", type=Path, metavar="TOML")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a configuration key")
+    add_settings(parser)
 
 
 class Tape:

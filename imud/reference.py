@@ -161,21 +161,21 @@ static inline int imud_read(const volatile struct imud_shared *shared, struct im
 #endif
 """
 
-FORMS: dict[str, Callable[[], str]] = {
-    "toml": sample,
-    "markdown": table,
-    "man1": man_command,
-    "man5": man_configuration,
-    "c": c_header,
+FORMS: dict[str, tuple[Callable[[], str], str]] = {
+    "toml": (sample, "a sample file (default)"),
+    "markdown": (table, "a table"),
+    "man1": (man_command, "the man page of the command"),
+    "man5": (man_configuration, "and of the settings"),
+    "c": (c_header, "a C header for the stream and the shared memory"),
 }
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "form", nargs="?", choices=FORMS, default="toml", help="a sample file (default), a table, man pages, a C header"
-    )
+    forms = "; ".join(f"{form}: {what}" for form, (_, what) in FORMS.items())
+    parser.add_argument("form", nargs="?", choices=FORMS, default="toml", metavar="FORM", help=forms)
 
 
 def run(args: argparse.Namespace) -> int:
-    sys.stdout.write(FORMS[args.form]())
+    make, _ = FORMS[args.form]
+    sys.stdout.write(make())
     return 0

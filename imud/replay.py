@@ -1,15 +1,19 @@
 """`imud replay`: recorded samples and fixes through the same filter as the daemon's, as fast as it goes."""
 
 import argparse
+import contextlib
+import os
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
 from . import config
-from .errors import BadDataError, CannotCreateError, InputMissingError, UsageError
+from .arguments import above_zero, add_settings, at_least_one
+from .errors import BadDataError, CannotCreateError, InputOutputError, UsageError
 from .progress import Progress
 from .settings import Initial, Settings
 
@@ -31,17 +35,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="CSV",
         help="estimates; - for stdout; of several recordings a folder",
     )
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="recordings at a time (default 1)")
+    parser.add_argument("--jobs", type=at_least_one, default=1, metavar="N", help="recordings at a time (default 1)")
     parser.add_argument("--cluster", metavar="ADDRESS", help="the same on the workers of a Dask scheduler: HOST:8786")
     parser.add_argument(
         "--innovations", type=Path, metavar="CSV", help="of fixes, rest and constraints, for `imud report`"
     )
     parser.add_argument("--estimator", metavar="NAME", help="default: navigation with --gnss, else attitude")
     parser.add_argument("--initial", default="", metavar="KEY=V,…", help="known start: lat_deg=…,lon_deg=…,yaw_deg=…")
-    parser.add_argument("--rate", type=float, metavar="HZ", help="thin the output (default: every sample)")
+    parser.add_argument("--rate", type=above_zero, metavar="HZ", help="thin the output (default: every sample)")
     parser.add_argument("--calibration", type=Path, metavar="TOML", help="of the sensor, as `imud calibrate` keeps it")
-    parser.add_argument("--config", type=Path, metavar="TOML")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a configuration key")
+    add_settings(parser)
 
 
 def play(
@@ -88,8 +91,6 @@ def _estimator_name(args: argparse.Namespace, settings: Settings) -> str:
 
 
 def run(args: argparse.Namespace) -> int:
-    if args.rate is not None and not args.rate > 0.0:
-        raise UsageError(f"--rate {args.rate}: must be above 0 Hz")
     if args.recordings:
         from .recording import replaying
 
@@ -101,9 +102,10 @@ def run(args: argparse.Namespace) -> int:
     if args.imu is None:
         raise UsageError("replay: name the recording: FILE.mcap, or --imu imu.csv [--gnss gnss.csv]")
     from . import calibration
+    from .estimate_tables import EstimateWriter
     from .estimators import registry
     from .pipeline import Filter
-    from .tables import EstimateWriter, read_imu
+    from .tables import read_imu
 
     estimator = registry.by_name(_estimator_name(args, settings))
     samples, origin, skipped = read_imu(args.imu)
@@ -124,8 +126,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _keep_innovations(path: Path, origin: int, told: "list[Records]") -> None:
+    from .estimate_tables import write_innovations
     from .estimators.records import INNOVATION
-    from .tables import write_innovations
 
     try:
         write_innovations(path, origin, np.concatenate([np.zeros(0, INNOVATION), *told]))
@@ -135,28 +137,31 @@ def _keep_innovations(path: Path, origin: int, told: "list[Records]") -> None:
 
 def _read_gnss(path: Path | None, origin: int, samples: "Records", settings: Settings) -> "Records":
     from .estimators.records import FIX
-    from .tables import read_fixes
+    from .tables import first_bytes, read_fixes
 
     if path is None:
         return np.zeros(0, FIX)
-    if not path.exists():
-        raise InputMissingError(f"{path}: no such file")
-    with path.open("rb") as file:
-        sentences = file.read(4096).lstrip()[:1] in (b"$", b"!")
-    if sentences:
+    if first_bytes(path, 4096).lstrip()[:1] in (b"$", b"!"):
         from .gnss import fixes_of_log
 
         return fixes_of_log(path, origin, int(samples["t_ns"][0]), settings.gnss)
     return read_fixes(path, origin)
 
 
-def open_output(path: Path) -> Any:
-    if str(path) == "-":
-        return open(sys.stdout.fileno(), "wb", closefd=False)
+@contextlib.contextmanager
+def open_output(path: Path) -> Iterator[BinaryIO]:
+    """A file, or stdout for `-`, to be written. Raises CannotCreateError, and InputOutputError when it is full."""
     try:
-        return path.open("wb")
+        file = os.fdopen(sys.stdout.fileno(), "wb", closefd=False) if str(path) == "-" else path.open("wb")
     except OSError as error:
         raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error
+    try:
+        with file:
+            yield file
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise InputOutputError(f"cannot go on writing {path}: {error.strerror}") from error
 
 
 def _summary(samples: "Records", fixes: int, fed: int, skipped: int, seconds: float) -> None:

@@ -17,9 +17,11 @@ CLAIM_FAILED = 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("paper", choices=PAPERS, help="; ".join(f"{name}: {what}" for name, what in PAPERS.items()))
+    parser.add_argument(
+        "paper", choices=PAPERS, metavar="PAPER", help="; ".join(f"{name}: {what}" for name, what in PAPERS.items())
+    )
     parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="write PAPER.html with the figures there")
-    parser.add_argument("--seed", type=int, default=1, help="of the simulated data (default 1)")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the simulated data (default 1)")
     parser.add_argument("--json", action="store_true", help="the table for machines")
 
 

@@ -1,11 +1,11 @@
 """`imud run`: the daemon. Arguments to settings, ports to sensors, signals to an orderly end."""
 
 import argparse
-from pathlib import Path
 
 import msgspec
 
 from . import config, log, runtime, simulated
+from .arguments import add_settings
 from .errors import UsageError
 from .settings import Settings
 
@@ -28,10 +28,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=True,
         help="wait for absent and silent devices (default), or exit with 69",
     )
-    parser.add_argument("--config", type=Path, metavar="TOML")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a configuration key")
+    add_settings(parser)
     parser.add_argument("--check", action="store_true", help="check the configuration and exit")
-    parser.add_argument("--log-level", default="info", choices=("debug", "info", "warning", "error"))
+    levels = ("debug", "info", "warning", "error")
+    parser.add_argument("--log-level", default="info", choices=levels, help="what is told on stderr (default info)")
 
 
 def run(args: argparse.Namespace) -> int:

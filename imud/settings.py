@@ -240,15 +240,19 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     realtime: Realtime = Realtime()
 
 
+_Angle = Annotated[float, Meta(ge=-360.0, le=360.0)]
+_Speed = Annotated[float, Meta(ge=-1e4, le=1e4)]
+
+
 class Initial(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A start that the user knows (`--initial`); what is None the filter finds by itself."""
 
-    lat_deg: float | None = None
-    lon_deg: float | None = None
-    height_m: float | None = None
-    vn_mps: float | None = None
-    ve_mps: float | None = None
-    vd_mps: float | None = None
-    roll_deg: float | None = None
-    pitch_deg: float | None = None
-    yaw_deg: float | None = None
+    lat_deg: Annotated[float, Meta(ge=-90.0, le=90.0)] | None = None
+    lon_deg: _Angle | None = None
+    height_m: Annotated[float, Meta(ge=-1e4, le=1e6)] | None = None
+    vn_mps: _Speed | None = None
+    ve_mps: _Speed | None = None
+    vd_mps: _Speed | None = None
+    roll_deg: _Angle | None = None
+    pitch_deg: Annotated[float, Meta(ge=-90.0, le=90.0)] | None = None
+    yaw_deg: _Angle | None = None

@@ -21,24 +21,8 @@ from numpy.typing import NDArray
 
 from drivers.driver import ImuConfigured
 
-from .estimators.records import (
-    ATTITUDE_VALID,
-    HEADING,
-    HOP,
-    POSITION_D,
-    POSITION_E,
-    POSITION_N,
-    REST_D,
-    REST_E,
-    REST_N,
-    REST_X,
-    REST_Y,
-    REST_Z,
-    SLIP,
-    VELOCITY_D,
-    VELOCITY_E,
-    VELOCITY_N,
-)
+from .estimators.innovation_kinds import KINDS
+from .estimators.records import ATTITUDE_VALID
 from .outputs.gpsd_json import STATUS_WORDS, status_words
 from .outputs.view import decode, euler
 
@@ -50,23 +34,6 @@ if TYPE_CHECKING:
     from .sensors import Inertial, Receiver
 
 MEMORY = 32.0  # fixes over which an innovation ratio is averaged
-KINDS = {
-    POSITION_N: "north",
-    POSITION_E: "east",
-    POSITION_D: "down",
-    VELOCITY_N: "v_north",
-    VELOCITY_E: "v_east",
-    VELOCITY_D: "v_down",
-    HEADING: "heading",
-    REST_N: "rest_north",
-    REST_E: "rest_east",
-    REST_D: "rest_down",
-    REST_X: "rest_x",
-    REST_Y: "rest_y",
-    REST_Z: "rest_z",
-    SLIP: "slip",
-    HOP: "hop",
-}
 Table = dict[str, Any]
 
 
@@ -86,7 +53,7 @@ class Innovations:
 
     def told(self) -> Table:
         """By kind; `ratio` is the mean of innovation^2 / variance over the last fixes, 1 for a filter that knows."""
-        return {KINDS.get(kind, str(kind)): dict(entry) for kind, entry in sorted(self._table.items())}
+        return {KINDS[kind].key: dict(entry) for kind, entry in sorted(self._table.items())}
 
 
 def of_process(started_ns: int) -> Table:

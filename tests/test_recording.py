@@ -2,6 +2,8 @@
 
 import csv
 import json
+import os
+import signal
 import subprocess
 import sys
 from decimal import Decimal
@@ -110,6 +112,20 @@ def test_many_at_a_time_are_each_replayed_as_if_alone(recorded, fleet, tmp_path)
     alone = tmp_path / "alone.csv"
     assert command("replay", recorded, "-o", alone).returncode == 0
     assert made[f"{recorded.parent.name}_drive.csv"] == alone.read_bytes()
+
+
+def killed_by_one(job):
+    """What a process does that is killed while it replays the second of the jobs."""
+    if job.paths[0].name == "1":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return f"{job.paths[0]} done"
+
+
+def test_a_process_that_is_killed_takes_its_own_recording_along():
+    jobs = [replaying.Job((Path(str(i)),), Path("out"), None, (), None, "", None) for i in range(5)]
+    told = sorted(many.here(jobs, 2, killed_by_one))
+    assert told[1].startswith("1: its process was killed")
+    assert [line for line in told if line.endswith("done")] == ["0 done", "2 done", "3 done", "4 done"]
 
 
 def test_another_estimator_is_tried_on_the_same_bytes(recorded, tmp_path):

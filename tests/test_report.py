@@ -13,6 +13,7 @@ from scipy import stats
 
 from drivers.sample import SAMPLE
 from imud.commands import main
+from imud.estimate_tables import EstimateWriter, write_innovations
 from imud.estimators.records import (
     ATTITUDE_VALID,
     FIX,
@@ -30,7 +31,6 @@ from imud.report.findings import findings
 from imud.report.session import Estimates, Innovations, Part, Session, together
 from imud.report.statistics import autocorrelation, chi2_bounds, effective_number, moving_mean
 from imud.report.watch import SensorWatch
-from imud.tables import EstimateWriter, write_innovations
 
 RNG_SEED = 5
 

@@ -18,11 +18,12 @@ from processes import PATIENCE_S, daemon, emulator
 
 from imud import status
 from imud.errors import DeviceAbsentError, ImudError
-from imud.estimators.records import INNOVATION
+from imud.estimators.innovation_kinds import KINDS
+from imud.estimators.records import ASSUMED, INNOVATION
 from imud.metrics import METRICS, prometheus
 from imud.outputs.listen import parse_address
 from imud.rate import SECOND_NS, Rate
-from imud.vitals import KINDS, Innovations, flat
+from imud.vitals import Innovations, flat
 
 
 def ask(*arguments: str) -> str:
@@ -74,7 +75,8 @@ def test_a_running_daemon_tells_the_same_in_three_forms(tmp_path):
     assert first["ports"][0]["frames"] < ports[imu]["frames"] < int(ended[1])
     assert last["filter"]["flags"]["position"] and "position" in last["filter"]["state"]
     assert {"sroll_deg", "sn_m", "bgx_dps", "sbgx_dps", "baz_mps2"} <= last["filter"].keys()
-    assert set(last["innovations"]) <= set(KINDS.values())
+    assert list(KINDS) == list(range(ASSUMED.stop))
+    assert set(last["innovations"]) <= {kind.key for kind in KINDS.values()}
     assert last["innovations"]["north"]["used"] > 0
     assert last["outputs"]["gpsd"]["clients"] == 2 and last["outputs"]["gpsd"]["connections"] == 5 + asked
     assert first["uptime_s"] < last["uptime_s"] and first["cpu_s"] < last["cpu_s"]

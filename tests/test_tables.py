@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imud import tables
+from imud import estimate_tables, tables
 from imud.errors import BadDataError, InputMissingError
 from imud.estimators.records import POSITION_VALID, SOLUTION
 from imud.kernels.decimal import write_fixed, write_seconds
@@ -137,7 +137,7 @@ def test_estimates_are_written_in_the_columns_of_the_contract():
     rows["sigma_p"], rows["sigma_v"] = [1, 2, 3], [0.1, 0.2, 0.3]
     rows["sigma_rpy"] = np.radians([0.1, 0.2, 5.0])
     file = io.BytesIO()
-    tables.EstimateWriter(file, 100).write(rows)
+    estimate_tables.EstimateWriter(file, 100).write(rows)
     header, first, second = file.getvalue().decode().splitlines()
     assert header.startswith(
         "t_s,lat_deg,lon_deg,height_m,vn_mps,ve_mps,vd_mps,roll_deg,pitch_deg,yaw_deg,sn_m,se_m,sd_m,"

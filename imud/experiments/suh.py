@@ -149,7 +149,7 @@ def repeated(rng: np.random.Generator) -> list[Row]:
     for switch_on, claimed in ((ZEROED, True), (1.0, False)):
         held = [0, 0]
         for _ in range(CARTS):
-            samples, _push = cart(rng, switch_on)
+            samples, _ = cart(rng, switch_on)
             runs = {name: filtered(name, samples) for name in ORDER}
             held[0] += _ordered(runs, False)
             held[1] += _ordered(runs, True)

@@ -62,7 +62,8 @@ def _resolve(host: str, text: str) -> tuple[socket.AddressFamily, str]:
     try:
         found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:
-        raise ConfigError(f"{text!r} is no address: {error}") from None
+        why = getattr(error, "strerror", None) or error
+        raise ConfigError(f"{text!r} is no address: {why}") from None
     found.sort(key=lambda entry: entry[0] != socket.AF_INET)  # `localhost` is 127.0.0.1 to most clients
     return found[0][0], str(found[0][4][0])
 

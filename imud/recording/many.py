@@ -7,8 +7,10 @@ import importlib
 import importlib.util
 import logging
 import socket
-from collections.abc import Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack
 from functools import partial
 from importlib import metadata
 from multiprocessing import get_context
@@ -18,14 +20,31 @@ from .. import runtime
 from ..errors import ImudError, InputOutputError, UsageError
 from .replaying import Job, Outcome, play
 
+Replay = Callable[[Job], Outcome | str]
 ANSWER_S = 10.0  # a cluster that is there answers sooner
 
 
-def here(jobs: list[Job], at_a_time: int) -> Iterator[Outcome | str]:
-    """Outcomes as they come, from so many processes; a text is why a recording could not be replayed."""
-    with ProcessPoolExecutor(max(1, min(at_a_time, len(jobs))), get_context("spawn")) as pool:
-        waiting = {pool.submit(alone, job): job for job in jobs}
-        yield from _collected(as_completed(waiting), waiting)
+def here(jobs: list[Job], at_a_time: int, replay: Replay | None = None) -> Iterator[Outcome | str]:
+    """Outcomes as they come, from so many processes; a text is why a recording could not be replayed.
+
+    A process that dies takes one recording with it, so each is a pool of its own. replay: `alone`, if not another.
+    """
+    waiting = iter(jobs)
+    busy: dict[Future[Outcome | str], tuple[Job, ProcessPoolExecutor]] = {}
+    with ExitStack() as stack:
+
+        def go_on(pool: ProcessPoolExecutor | None = None) -> None:
+            if job := next(waiting, None):
+                pool = pool or stack.enter_context(ProcessPoolExecutor(1, get_context("spawn")))
+                busy[pool.submit(replay or alone, job)] = job, pool
+
+        for _ in range(at_a_time):
+            go_on()
+        while busy:
+            for future in wait(busy, return_when=FIRST_COMPLETED).done:
+                job, pool = busy.pop(future)
+                go_on(None if isinstance(future.exception(), BrokenProcessPool) else pool)
+                yield _result(future, job)
 
 
 def on_cluster(jobs: list[Job], address: str) -> Iterator[Outcome | str]:
@@ -48,7 +67,8 @@ def on_cluster(jobs: list[Job], address: str) -> Iterator[Outcome | str]:
         if refused := unfit(client.run(metadata.version, "imud", on_error="return")):
             raise InputOutputError(f"--cluster {address}: {refused}")
         waiting = {client.submit(partial(alone, job), pure=False): job for job in jobs}
-        yield from _collected(dask.as_completed(list(waiting)), waiting)
+        for future in dask.as_completed(list(waiting)):
+            yield _result(future, waiting[future])
 
 
 def unfit(versions: dict[str, Any]) -> str:
@@ -76,11 +96,12 @@ def alone(job: Job) -> Outcome | str:
         return f"{job.paths[0]}: {error} (on {socket.gethostname()})"
 
 
-def _collected(futures: Iterable[Any], jobs: dict[Any, Job]) -> Iterator[Outcome | str]:
-    """Results; of a process that died, that it did."""
-    for future in futures:
-        job = jobs[future]
-        try:
-            yield future.result()
-        except Exception as error:
-            yield f"{job.paths[0]}: its process ended ({type(error).__name__}: {error})"
+def _result(future: Any, job: Job) -> Outcome | str:
+    """Of a process that died, that it did."""
+    try:
+        found: Outcome | str = future.result()
+    except BrokenProcessPool:
+        return f"{job.paths[0]}: its process was killed; if that was for lack of memory, take fewer --jobs"
+    except Exception as error:
+        return f"{job.paths[0]}: its process ended ({type(error).__name__}: {error})"
+    return found

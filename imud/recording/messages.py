@@ -15,48 +15,13 @@ from numpy.typing import NDArray
 from drivers.capture import CONNECTIONS, RAW
 from drivers.sample import SAMPLE
 
-from ..estimators.records import (
-    FIX,
-    HEADING,
-    HOP,
-    INNOVATION,
-    POSITION_D,
-    POSITION_E,
-    POSITION_N,
-    REST_D,
-    REST_E,
-    REST_N,
-    REST_X,
-    REST_Y,
-    REST_Z,
-    SLIP,
-    SOLUTION,
-    VELOCITY_D,
-    VELOCITY_E,
-    VELOCITY_N,
-)
+from ..estimators.innovation_kinds import KINDS
+from ..estimators.records import FIX, INNOVATION, SOLUTION
 from .clock_fit import CLOCK_FIT
 
 Records = NDArray[np.void]
 SAMPLES, ESTIMATES, FIXES, CLOCK = "/imu/samples", "/estimate", "/gnss/fixes", "/imu/clock"
 INNOVATIONS, EVENTS, SETTINGS, LOCATION, POSE = "/innovations", "/events", "/settings", "/location", "/tf"
-INNOVATION_NAMES = {
-    POSITION_N: "position north, m",
-    POSITION_E: "position east, m",
-    POSITION_D: "position down, m",
-    VELOCITY_N: "velocity north, m/s",
-    VELOCITY_E: "velocity east, m/s",
-    VELOCITY_D: "velocity down, m/s",
-    HEADING: "heading, rad",
-    REST_N: "no velocity north at rest, m/s",
-    REST_E: "no velocity east at rest, m/s",
-    REST_D: "no velocity down at rest, m/s",
-    REST_X: "no rate about x at rest, rad/s",
-    REST_Y: "no rate about y at rest, rad/s",
-    REST_Z: "no rate about z at rest, rad/s",
-    SLIP: "no velocity across the vehicle, m/s",
-    HOP: "no velocity off its floor, m/s",
-}
 
 
 @dataclass(frozen=True)
@@ -265,7 +230,7 @@ def innovation(entry: dict[str, Any]) -> dict[str, Any]:
     known = variance is not None and variance > 0.0
     return {
         **entry,
-        "what": INNOVATION_NAMES.get(entry["kind"], "unknown"),
+        "what": KINDS[entry["kind"]].words,
         "sigma": math.sqrt(variance) if known else None,
         "normalised": entry["value"] / math.sqrt(variance) if known else None,
         "verdict": "used" if entry["used"] else "rejected",

@@ -16,6 +16,8 @@ def expanded(texts: Sequence[str]) -> tuple[str, ...]:
     """
     if len(texts) != 1 or not texts[0].startswith(SCHEME):
         return tuple(texts)
+    if texts[0] == SCHEME:
+        raise UsageError(f"port {SCHEME!r}: name the recording, for example {SCHEME}drive.mcap")
     path = Path(texts[0][len(SCHEME) :])
     if not path.exists() and path.name.rpartition(":")[1]:
         return tuple(texts)  # names one of its devices

@@ -1,6 +1,7 @@
 """`imud replay REC.mcap …`: recordings through the same code as live, one or many at a time."""
 
 import argparse
+import contextlib
 import os
 import sys
 import time
@@ -8,13 +9,17 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .. import config
-from ..errors import BadDataError, CannotCreateError, UsageError
+from ..errors import BadDataError, CannotCreateError, ImudError, UsageError
 from ..progress import Progress
 from ..replay import open_output
-from ..settings import Initial
+from ..settings import Initial, Settings
 from .source import Recording, adapter, group, tell
+
+if TYPE_CHECKING:
+    from ..estimators import Estimator
 
 
 @dataclass(frozen=True)
@@ -51,7 +56,7 @@ class Outcome:
 
 def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
     """Replay one recording into its file. progress: told bytes done, and of how many. Raises ImudError."""
-    from ..tables import EstimateWriter
+    from ..estimate_tables import EstimateWriter
     from .player import Player, Records
     from .writer import Thinner
 
@@ -83,8 +88,6 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
 
 
 def run(args: argparse.Namespace) -> int:
-    if args.jobs < 1:
-        raise UsageError(f"--jobs {args.jobs}: at least 1")
     recordings, failed = group(args.recordings)
     several = len(recordings) + len(failed) > 1
     jobs = _jobs(args, [recording.paths for recording in recordings], several)
@@ -99,6 +102,8 @@ def _many(jobs: list[Job], failed: list[str], args: argparse.Namespace) -> int:
     """Returns the exit code. Raises BadDataError if any could not be replayed, after the others have been."""
     from . import many
 
+    if not args.cluster:
+        _compile(jobs)
     total = len(jobs) + len(failed)
     progress = Progress(total)
     progress.at(len(failed))
@@ -113,6 +118,21 @@ def _many(jobs: list[Job], failed: list[str], args: argparse.Namespace) -> int:
     if failed:
         raise BadDataError("\n  ".join([f"{len(failed)} of {total} recordings could not be replayed", *failed]))
     return 0
+
+
+def _compile(jobs: list[Job]) -> None:
+    """What they need, if it is not kept yet: once, and not in all their processes at the same time."""
+    from .. import choices, compilation
+
+    needed: dict[str, Estimator] = {}
+    for job in jobs:
+        with contextlib.suppress(ImudError):  # which will be told when it is replayed
+            settings = Recording(job.paths).settings(adapter(job.config, job.overrides, job.estimator))
+            needed |= {estimator.name: estimator for estimator in choices.estimators(settings).possible}
+    if missing := compilation.missing(needed.values()):
+        if sys.stderr.isatty():
+            print("imud replay: compiling the filter (the first time takes a while)", file=sys.stderr)
+        compilation.compile_apart(missing, Settings())
 
 
 def _jobs(args: argparse.Namespace, recordings: list[tuple[Path, ...]], into_folder: bool) -> list[Job]:

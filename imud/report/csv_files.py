@@ -10,25 +10,15 @@ from typing import Any
 import numpy as np
 
 from drivers.sample import SAMPLE
-from imud.errors import BadDataError, InputMissingError
-from imud.tables import ESTIMATE_HEADER, IMU_COLUMNS, INNOVATION_COLUMNS, read_fixes
+from imud.errors import BadDataError
+from imud.estimate_tables import ESTIMATE_HEADER, INNOVATION_COLUMNS
+from imud.tables import IMU_COLUMNS, header_of, read_fixes
 
 from .session import Fixes, Floats, Innovations, Part, Session
 from .watch import EstimateWatch, SensorWatch
 
 _BLOCK_BYTES = 4 << 20
 Progress = Callable[[int], None]
-
-
-def header_of(path: Path) -> list[str]:
-    """Raises InputMissingError."""
-    try:
-        with path.open(encoding="utf-8-sig", errors="replace") as file:
-            return [name.strip() for name in file.readline().strip().split(",")]
-    except FileNotFoundError as error:
-        raise InputMissingError(f"{path}: no such file") from error
-    except OSError as error:
-        raise InputMissingError(f"{path}: cannot be read: {error.strerror}") from error
 
 
 def read_table(path: Path, name: str, progress: Progress) -> Part:

@@ -5,8 +5,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from imud.estimators.innovation_kinds import KINDS
 from imud.estimators.records import ASSUMED, ATTITUDE_VALID, REJECTING, SATURATED
-from imud.tables import INNOVATION_KINDS
 
 from .session import Clock, Estimates, Innovations, Session
 from .statistics import LEAST, autocorrelation, chi2_bounds, effective_number
@@ -25,7 +25,7 @@ LOSSES = {
     "errors": "frames carry the sensor's own error bit",
     "corrections": "corrections of the sensor's counter: samples were skipped without a trace",
 }
-ASSUMPTIONS = {INNOVATION_KINDS[kind] for kind in ASSUMED}  # weak on purpose: what disturbs them lasts
+ASSUMPTIONS = {KINDS[kind].column for kind in ASSUMED}  # weak on purpose: what disturbs them lasts
 
 
 def _of_innovations(i: Innovations) -> list[str]:

@@ -12,6 +12,8 @@ import msgspec
 import numpy as np
 
 from imud.errors import BadDataError
+from imud.estimate_tables import estimate_cells
+from imud.estimators.innovation_kinds import KINDS
 from imud.recording.messages import (
     CLOCK_TABLE,
     ESTIMATE_TABLE,
@@ -22,7 +24,6 @@ from imud.recording.messages import (
     Table,
 )
 from imud.recording.source import Recording, tell
-from imud.tables import INNOVATION_KINDS, estimate_cells
 
 from .session import Clock, Event, Fixes, Innovations, Part, Records, Session
 from .watch import EstimateWatch, SensorWatch
@@ -127,9 +128,9 @@ def read_recording(path: Path, name: str, progress: Progress) -> Part:
 def innovations_of(name: str, rows: Records) -> list[Innovations]:
     """Of each quantity, from rows of INNOVATION."""
     found = []
-    for code, kind in INNOVATION_KINDS.items():
+    for code, kind in KINDS.items():
         of = rows[(rows["kind"] == code) & (rows["variance"] > 0.0)]
         if len(of):
             sigma = np.sqrt(of["variance"])
-            found.append(Innovations(name, kind, of["t_ns"] * 1e-9, of["value"], sigma, of["used"] > 0))
+            found.append(Innovations(name, kind.column, of["t_ns"] * 1e-9, of["value"], sigma, of["used"] > 0))
     return found

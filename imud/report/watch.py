@@ -1,17 +1,15 @@
 """What a report keeps of estimates and samples that pass, block by block: envelopes, counts and what looked wrong."""
 
 import math
-from functools import reduce
-from operator import or_
 
 import numpy as np
 from numpy.typing import NDArray
 
+from imud.estimate_tables import ESTIMATE_COLUMNS
 from imud.estimators.records import HEADING_VALID
 from imud.health import examine, new_health, words
 from imud.kernels.jit import kernel
 from imud.profiles import PROFILES
-from imud.tables import ESTIMATE_COLUMNS
 
 from .envelope import Envelope
 from .session import Estimates, Floats, Records, Sensor
@@ -147,8 +145,3 @@ class SensorWatch:
                 f"{self._gaps} gaps between samples, the longest {self._longest_s:.3g} s at {self._longest_at_s:.1f} s"
             )
         return said
-
-
-def any_of(flags: NDArray[np.int64]) -> int:
-    """All bits that occur."""
-    return reduce(or_, np.unique(flags).tolist(), 0)

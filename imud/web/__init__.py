@@ -47,7 +47,10 @@ def run(args: argparse.Namespace) -> int:
         daemon = parse_address(args.daemon, _DAEMON_PORT)
     except ConfigError as error:
         raise UsageError(f"no daemon can be at {args.daemon!r}: name its gpsd socket, HOST:PORT or /path") from error
-    page = parse_address(args.listen, _PAGE_PORT)
+    try:
+        page = parse_address(args.listen, _PAGE_PORT)
+    except ConfigError as error:
+        raise UsageError(f"--listen: {error}") from error
     if isinstance(page.where, str):
         raise UsageError(f"--listen {args.listen}: browsers open no Unix sockets; write HOST:PORT")
     return serve(daemon, page, args.control)

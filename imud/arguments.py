@@ -1,0 +1,29 @@
+"""Arguments that several commands take, and types of arguments."""
+
+import argparse
+import math
+from pathlib import Path
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """--config and --set, for `config.load`."""
+    parser.add_argument("--config", type=Path, metavar="TOML", help="a file of settings: see `imud reference`")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override one of the settings")
+
+
+def above_zero(text: str) -> float:
+    """A finite number, such as a rate or a time."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r}: a number above 0 is needed")
+    return value
+
+
+def at_least_one(text: str) -> int:
+    """A count."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 1 is needed")
+    return int(text)

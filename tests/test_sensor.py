@@ -11,7 +11,7 @@ from drivers.crossbow.services import look
 from drivers.transport.line import open_line
 from drivers.transport.portspec import PortSpec
 from firmware_sim.rga300 import Reading
-from imud.__main__ import main
+from imud.commands import main
 
 
 @pytest.fixture(scope="module")

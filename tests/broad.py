@@ -1,4 +1,4 @@
-"""The attitude filter as a callable of `score_attitude.py`: z-up sensor axes in, z-up sensor-to-earth quaternions out.
+"""The attitude filter for `../shared/data/score_attitude.py`: z-up sensor axes in, sensor-to-earth quaternions out.
 
 Usage: score_attitude.py broad:attitude, with this folder on the path.
 """

@@ -24,6 +24,15 @@ def above_zero(text: str) -> float:
 
 def at_least_one(text: str) -> int:
     """A count."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 1 is needed")
+    return _whole(text, 1)
+
+
+def seed(text: str) -> int:
+    """Of random numbers."""
+    return _whole(text, 0)
+
+
+def _whole(text: str, least: int) -> int:
+    if not (text.isascii() and text.isdecimal()) or int(text) < least:
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number from {least} is needed")
     return int(text)

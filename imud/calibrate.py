@@ -41,6 +41,8 @@ def run(args: argparse.Namespace) -> int:
     from . import calibration
     from .calibrators.rest import UnfitError, refuse_broken
 
+    if not -90.0 <= args.latitude <= 90.0:
+        raise UsageError(f"--latitude {args.latitude}: write degrees, -90 to 90")
     samples, serial = _read(args)
     rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
     places = [args.state] if args.state else None

@@ -6,6 +6,7 @@ import json
 import sys
 from pathlib import Path
 
+from .arguments import seed
 from .errors import CannotCreateError
 
 PAPERS = {
@@ -21,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "paper", choices=PAPERS, metavar="PAPER", help="; ".join(f"{name}: {what}" for name, what in PAPERS.items())
     )
     parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="write PAPER.html with the figures there")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the simulated data (default 1)")
+    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="of the simulated data (default 1)")
     parser.add_argument("--json", action="store_true", help="the table for machines")
 
 

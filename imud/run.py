@@ -5,7 +5,7 @@ import argparse
 import msgspec
 
 from . import config, log, runtime, simulated
-from .arguments import add_settings
+from .arguments import add_settings, seed
 from .errors import UsageError
 from .settings import Settings
 
@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DEV[:DRIVER[@BAUD]]",
         help="a serial port, spi:BUS.DEVICE, sim:SCENARIO or replay:MCAP; repeat for the receiver",
     )
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the errors of sim: devices (default 1)")
+    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="of the errors of sim: devices (default 1)")
     parser.add_argument("--estimator", metavar="NAME", help="default: navigation with two ports, else attitude")
     parser.add_argument("--listen", metavar="ADDR", help="gpsd JSON: HOST:PORT or /path (default 127.0.0.1:2947)")
     parser.add_argument("--record", metavar="MCAP", help="record everything: raw bytes, estimates, innovations, events")

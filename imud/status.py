@@ -6,7 +6,9 @@ import json
 import math
 import socket
 import sys
+import textwrap
 from collections.abc import Iterator, Mapping
+from itertools import zip_longest
 from typing import Any
 
 from . import metrics
@@ -18,6 +20,7 @@ from .settings import Gpsd
 PORT = 2947
 PATIENCE_S = 5.0
 LONGEST = 1 << 20  # bytes to wait through for the answer
+_WIDTH = 100  # of what stands behind the names
 Table = Mapping[str, Any]
 
 
@@ -110,7 +113,8 @@ def screen(status: Table) -> Iterator[tuple[str, str]]:
     yield "imud", f"{status['version']}, pid {status['pid']}, up {_duration(status['uptime_s'])}, {pace}"
     yield from _filter(status["filter"])
     if told := status.get("innovations"):
-        yield "innovations", ", ".join(f"{kind} {entry['ratio']:.2f}" for kind, entry in told.items())
+        ratios = ", ".join(f"{kind} {entry['ratio']:.2f}" for kind, entry in told.items())
+        yield from zip_longest(["innovations"], textwrap.wrap(ratios, _WIDTH), fillvalue="")
         used, rejected = (sum(entry[what] for entry in told.values()) for what in ("used", "rejected"))
         yield "", f"ratio 1 is right; {used} used, {rejected} rejected"
     for port in status["ports"]:

@@ -58,7 +58,7 @@ def test_a_full_disk_is_an_error_of_input_and_output(arguments):
         command = [sys.executable, "-m", "imud", *arguments]
         ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert ended.returncode == 74
-    assert ended.stderr == "imud: [Errno 28] No space left on device\n"
+    assert ended.stderr == "imud: output: No space left on device\n"
 
 
 class Broken(io.StringIO):

@@ -24,7 +24,7 @@ from typing import Any
 from firmware_sim.cli import SCENARIO_NAMES
 from firmware_sim.faults import spec
 from imud import web
-from imud.arguments import above_zero
+from imud.arguments import above_zero, seed
 from imud.errors import ImudError, UsageError
 
 from .comparison import Comparison, Truth
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help=f"what the emulated vehicle does: {', '.join(SCENARIO_NAMES)} (default: %(default)s)",
     )
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the sensors' errors (default: 1)")
+    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="of the sensors' errors (default: 1)")
     parser.add_argument("--faults", default="", metavar="SPEC", help="what goes wrong: see `imud sim --help`")
     parser.add_argument("--web", action="store_true", help="show it live in a browser: see `imud web`")
     parser.add_argument("--no-gnss", action="store_true", help="the inertial sensor alone: attitude only")

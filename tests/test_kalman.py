@@ -58,6 +58,19 @@ def test_shear_is_a_congruence(seed, n, a):
     close(kalman.unpack(p, n), E @ P @ E.T, np.abs(E) @ np.abs(P) @ np.abs(E).T)
 
 
+@given(SEEDS, st.integers(4, 12))
+def test_shear3_is_a_congruence(seed, n):
+    rng = np.random.default_rng(seed)
+    j = int(rng.integers(1, n - 2))
+    i = int(rng.integers(0, j))
+    P = random_covariance(rng, n)
+    E = np.eye(n)
+    E[i, j : j + 3] = rng.normal(size=3)
+    p = packed(P)
+    kalman.shear3(p, n, i, j, *E[i, j : j + 3])
+    close(kalman.unpack(p, n), E @ P @ E.T, np.abs(E) @ np.abs(P) @ np.abs(E).T)
+
+
 @given(SEEDS, SIZES, st.floats(-2.0, 2.0))
 def test_scale_is_a_congruence(seed, n, a):
     rng = np.random.default_rng(seed)

@@ -21,7 +21,13 @@ MIN_COS = 1e-9  # of a latitude: at the poles east is not defined
 @kernel
 def radii(lat: float) -> tuple[float, float]:
     """Meridian and prime-vertical radii of curvature in m at latitude `lat` (rad)."""
-    d = 1.0 - ECCENTRICITY2 * math.sin(lat) ** 2
+    return radii_by_sine(math.sin(lat))
+
+
+@kernel
+def radii_by_sine(sine: float) -> tuple[float, float]:
+    """The same for who has the sine of the latitude."""
+    d = 1.0 - ECCENTRICITY2 * sine**2
     prime_vertical = SEMI_MAJOR_M / math.sqrt(d)
     return prime_vertical * (1.0 - ECCENTRICITY2) / d, prime_vertical
 
@@ -29,10 +35,21 @@ def radii(lat: float) -> tuple[float, float]:
 @kernel
 def gravity(lat: float, height: float) -> float:
     """Normal gravity in m/s^2 at latitude (rad) and ellipsoidal height (m), positive down."""
-    s2 = math.sin(lat) ** 2
-    surface = GRAVITY_EQUATOR * (1.0 + SOMIGLIANA_K * s2) / math.sqrt(1.0 - ECCENTRICITY2 * s2)
+    sine = math.sin(lat)
+    return gravity_above(surface_gravity(sine), sine, height)
+
+
+@kernel
+def surface_gravity(sine: float) -> float:
+    """Normal gravity on the ellipsoid where the latitude has this sine, m/s^2."""
+    return GRAVITY_EQUATOR * (1.0 + SOMIGLIANA_K * sine**2) / math.sqrt(1.0 - ECCENTRICITY2 * sine**2)
+
+
+@kernel
+def gravity_above(surface: float, sine: float, height: float) -> float:
+    """Normal gravity at `height` m above where it is `surface`, m/s^2."""
     h = height / SEMI_MAJOR_M
-    return surface * (1.0 - 2.0 * h * (1.0 + FLATTENING + GRAVITY_RATIO - 2.0 * FLATTENING * s2) + 3.0 * h * h)
+    return surface * (1.0 - 2.0 * h * (1.0 + FLATTENING + GRAVITY_RATIO - 2.0 * FLATTENING * sine**2) + 3.0 * h * h)
 
 
 @kernel

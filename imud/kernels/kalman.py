@@ -47,12 +47,43 @@ def shear(P: Floats, n: int, i: int, j: int, a: float) -> None:
     P[packed_index(n, i, i)] += a * (2.0 * pij + a * pjj)
 
 
+@unrolled
+def shear3(P: Floats, n: int, i: int, j: int, a: float, b: float, c: float) -> None:
+    """P <- E P E' with E = I + e_i (a e_j + b e_j+1 + c e_j+2)', i < j: state i gains of three that follow one another.
+
+    As three times `shear`, in half the instructions.
+    """
+    at_i, at_j = i, j  # as there, but of elements (k, i) and (k, j)
+    for k in range(i):
+        P[np.uint64(at_i)] += a * P[np.uint64(at_j)] + b * P[np.uint64(at_j + 1)] + c * P[np.uint64(at_j + 2)]
+        at_i += n - 1 - k
+        at_j += n - 1 - k
+    ii, ij = np.uint64(at_i), at_j
+    P[ii] += a * P[np.uint64(ij)] + b * P[np.uint64(ij + 1)] + c * P[np.uint64(ij + 2)]
+    for k in range(i + 1, j):
+        at_j += n - k
+        P[np.uint64(at_i + k - i)] += a * P[np.uint64(at_j)] + b * P[np.uint64(at_j + 1)] + c * P[np.uint64(at_j + 2)]
+    jj = at_j + n - j  # of the three diagonal elements
+    kk = jj + n - j
+    ll = kk + n - j - 1
+    P[np.uint64(ij)] += a * P[np.uint64(jj)] + b * P[np.uint64(jj + 1)] + c * P[np.uint64(jj + 2)]
+    P[np.uint64(ij + 1)] += a * P[np.uint64(jj + 1)] + b * P[np.uint64(kk)] + c * P[np.uint64(kk + 1)]
+    P[np.uint64(ij + 2)] += a * P[np.uint64(jj + 2)] + b * P[np.uint64(kk + 1)] + c * P[np.uint64(ll)]
+    for k in range(3, n - j):
+        P[np.uint64(ij + k)] += a * P[np.uint64(jj + k)] + b * P[np.uint64(kk + k - 1)] + c * P[np.uint64(ll + k - 2)]
+    P[ii] += a * P[np.uint64(ij)] + b * P[np.uint64(ij + 1)] + c * P[np.uint64(ij + 2)]
+
+
 @kernel
 def scale(P: Floats, n: int, i: int, a: float) -> None:
     """P <- E P E' with E the identity but for E[i, i] = a: state i decays."""
-    for k in range(n):
-        P[packed_index(n, i, k)] *= a
-    P[packed_index(n, i, i)] *= a
+    at = i  # of element (k, i), down the column, then (i, k), along the row
+    for k in range(i):
+        P[np.uint64(at)] *= a
+        at += n - 1 - k
+    P[np.uint64(at)] *= a
+    for k in range(n - i):
+        P[np.uint64(at + k)] *= a
 
 
 @kernel

@@ -34,9 +34,9 @@ def quat_normalised(q: Quaternion) -> Quaternion:
 def quat_exp(x: float, y: float, z: float) -> Quaternion:
     """Quaternion of the rotation vector (x, y, z), rad."""
     angle2 = x * x + y * y + z * z
-    if angle2 < 1e-8:  # series: the next term is below 1e-18
-        c = 1.0 - angle2 / 8.0
-        s = 0.5 - angle2 / 48.0
+    if angle2 < 1e-3:  # series: the next term is below 1e-19
+        c = 1.0 - angle2 * (1.0 / 8.0 - angle2 * (1.0 / 384.0 - angle2 * (1.0 / 46080.0)))
+        s = 0.5 - angle2 * (1.0 / 48.0 - angle2 * (1.0 / 3840.0 - angle2 * (1.0 / 645120.0)))
     else:
         angle = math.sqrt(angle2)
         c = math.cos(0.5 * angle)
@@ -127,12 +127,17 @@ def euler_variances(q: Quaternion, p00: float, p01: float, p02: float, p11: floa
 
     At pitch +-90 deg roll and yaw are not defined; their variances stop at that of a uniform angle, pi^2/3.
     """
-    _, pitch, yaw = euler_of_quat(q)
-    cy, sy = math.cos(yaw), math.sin(yaw)
+    w, x, y, z = q
+    sine = min(max(2.0 * (w * y - x * z), -1.0), 1.0)  # of pitch
+    north, east = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)  # along the heading
+    if abs(sine) > LOCK:
+        north, east = w * w - z * z, 2.0 * w * z
+    level = math.sqrt(north * north + east * east)
+    cy, sy = north / level, east / level
     limit = math.pi * math.pi / 3.0
     along = cy * cy * p00 + 2.0 * cy * sy * p01 + sy * sy * p11  # about the horizontal heading axis
     across = sy * sy * p00 - 2.0 * cy * sy * p01 + cy * cy * p11  # about the horizontal pitch axis
-    cp2 = max(math.cos(pitch) ** 2, 1e-12)
-    tp = math.sin(pitch) / math.sqrt(cp2)
+    cp2 = max((1.0 - sine) * (1.0 + sine), 1e-12)
+    tp = sine / math.sqrt(cp2)
     vertical = p22 + 2.0 * tp * (cy * p02 + sy * p12) + tp * tp * along
     return min(along / cp2, limit), min(across, limit), min(vertical, limit)

@@ -11,8 +11,8 @@ in axes that turn with the yaw error, and no measurement can seem to observe it.
 
 from typing import Any
 
-from ...kernels.jit import kernel
-from ...kernels.kalman import measure, packed_index, scale, shear, update
+from ...kernels.jit import kernel, unrolled
+from ...kernels.kalman import measure, packed_index, scale, shear, shear3, update
 from ...kernels.rotation import Vector, euler_variances, quat_exp, quat_normalised, quat_product
 from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, LAG, PLACE, STATES, VELOCITY
 from .strapdown import HOME_S
@@ -35,6 +35,12 @@ def grow(s: Any, i: int, q: float) -> None:
     s.P[packed_index(STATES, i, i)] += q
 
 
+@unrolled
+def take_three(s: Any, i: int, j: int, rates: Any, k: int) -> None:
+    """Error i loses of errors j to j + 2 what rates[k] and the two after it say."""
+    shear3(s.P, STATES, i, j, -rates[k], -rates[k + 1], -rates[k + 2])
+
+
 @kernel
 def predict(p: Any, s: Any) -> None:
     """Propagate P over the gathered interval: place from velocity, velocity from attitude, attitude from gyro."""
@@ -48,14 +54,12 @@ def predict(p: Any, s: Any) -> None:
     shear(P, STATES, VELOCITY + 2, ATTITUDE + 1, -s.push[0])
     for i in range(3):
         shear(P, STATES, VELOCITY + i, LAG, s.sweep[i])
-        for j in range(3):
-            shear(P, STATES, VELOCITY + i, ACCEL_BIAS + j, -s.turn[3 * i + j])
-            shear(P, STATES, VELOCITY + i, ACCEL_SCALE + j, -s.turn_force[3 * i + j])
+        take_three(s, VELOCITY + i, ACCEL_BIAS, s.turn, 3 * i)
+        take_three(s, VELOCITY + i, ACCEL_SCALE, s.turn_force, 3 * i)
     for i in range(3):
+        take_three(s, ATTITUDE + i, GYRO_BIAS, s.turn, 3 * i)
         for j in range(3):
-            shear(P, STATES, ATTITUDE + i, GYRO_BIAS + j, -s.turn[3 * i + j])
-        for j in range(9):
-            shear(P, STATES, ATTITUDE + i, GYRO_MATRIX + j, -s.turn_rate[9 * i + j])
+            take_three(s, ATTITUDE + i, GYRO_MATRIX + 3 * j, s.turn_rate, 9 * i + 3 * j)
     add_noise(p, s)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from ...kernels.earth import STANDARD_GRAVITY
 from ...kernels.jit import kernel
-from ...kernels.kalman import packed_index, scale, shear
+from ...kernels.kalman import packed_index, scale, shear, shear3
 from ...kernels.rotation import dcm_of_quat
 from ..records import AT_REST
 from .creep import carry_pull
@@ -71,15 +71,12 @@ def couple(c: Any, dt: float) -> None:
     fx, fy, fz = c.dv[0], c.dv[1], c.dv[2]
     if c.flags & AT_REST:  # known better than felt: no false knowledge of the heading from noise in fx, fy
         fx, fy, fz = 0.0, 0.0, -STANDARD_GRAVITY * dt
-    shear(c.P, STATES, VELOCITY, ATTITUDE + 1, fz)
-    shear(c.P, STATES, VELOCITY, ATTITUDE + 2, -fy)
-    shear(c.P, STATES, VELOCITY + 1, ATTITUDE + 2, fx)
-    shear(c.P, STATES, VELOCITY + 1, ATTITUDE, -fz)
-    shear(c.P, STATES, VELOCITY + 2, ATTITUDE, fy)
-    shear(c.P, STATES, VELOCITY + 2, ATTITUDE + 1, -fx)
+    shear3(c.P, STATES, VELOCITY, ATTITUDE, 0.0, fz, -fy)
+    shear3(c.P, STATES, VELOCITY + 1, ATTITUDE, -fz, 0.0, fx)
+    shear3(c.P, STATES, VELOCITY + 2, ATTITUDE, fy, -fx, 0.0)
     for i in range(3):
-        for j in range(3):
-            shear(c.P, STATES, VELOCITY + i, ACCEL_BIAS + j, -m[3 * i + j] * dt)
+        k = 3 * i
+        shear3(c.P, STATES, VELOCITY + i, ACCEL_BIAS, -m[k] * dt, -m[k + 1] * dt, -m[k + 2] * dt)
 
 
 @kernel
@@ -112,13 +109,14 @@ def predict(p: Any, c: Any) -> None:
         couple(c, dt)
     m = dcm_of_quat((c.q[0], c.q[1], c.q[2], c.q[3]))
     for i in range(3):
-        for j in range(3):
-            shear(c.P, STATES, ATTITUDE + i, GYRO_BIAS + j, -m[3 * i + j] * dt)
+        k = 3 * i
+        shear3(c.P, STATES, ATTITUDE + i, GYRO_BIAS, -m[k] * dt, -m[k + 1] * dt, -m[k + 2] * dt)
     turn = m[6] * c.rate[0] + m[7] * c.rate[1] + m[8] * c.rate[2]
     if abs(turn) > NOTABLE_RATE:
+        angle = turn * dt
         for i in range(3):
-            for j in range(3):
-                shear(c.P, STATES, ATTITUDE + i, TURN_SCALE + j, -m[3 * i + j] * turn * dt)
+            k = 3 * i
+            shear3(c.P, STATES, ATTITUDE + i, TURN_SCALE, -m[k] * angle, -m[k + 1] * angle, -m[k + 2] * angle)
     feel(c, turn, dt)
     qa = p.gyro_psd + c.vibration_gyro + p.gyro_scale**2 * rate2 * RATE_SCALE_S
     decay = math.exp(-dt / WANDER_S)

@@ -58,6 +58,7 @@ CORE = np.dtype(
         ("lat", "<f8"),
         ("lon", "<f8"),
         ("height", "<f8"),
+        ("terms", "<f8", (6,)),  # those of the latitude, as `locate` finds them
         ("v", "<f8", (3,)),  # m/s, NED
         ("q", "<f8", (4,)),  # q_nb; while levelling the heading's origin is arbitrary
         ("bg", "<f8", (3,)),

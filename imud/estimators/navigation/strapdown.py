@@ -10,11 +10,12 @@ Source: Titterton and Weston, Strapdown Inertial Navigation Technology (2004), c
 import math
 from typing import Any
 
-from ...kernels.earth import EARTH_RATE_RADPS, gravity, radii
+from ...kernels.earth import EARTH_RATE_RADPS, gravity_above, radii_by_sine, surface_gravity
 from ...kernels.jit import kernel
 from ...kernels.rotation import quat_exp, quat_normalised, quat_product, quat_rotate
 
 COSINE_FLOOR = 1e-4  # of latitude, some 600 m from a pole: east and north lose their meaning there
+SAME_LATITUDE = 1e-7  # rad, times the cosine: sine, cosine and the rest change by a ten-millionth at most
 LATITUDE_LIMIT = 0.5 * math.pi - 1e-9
 
 
@@ -31,10 +32,22 @@ def cosine(lat: float) -> float:
 
 
 @kernel
+def locate(c: Any) -> Any:
+    """Sine and cosine of the latitude, radii of curvature and gravity on the ellipsoid: anew after some 0.6 m."""
+    terms = c.terms
+    if not abs(c.lat - terms[0]) < SAME_LATITUDE * terms[2]:
+        sine = math.sin(c.lat)
+        terms[0], terms[1], terms[2] = c.lat, sine, cosine(c.lat)
+        terms[3], terms[4] = radii_by_sine(sine)
+        terms[5] = surface_gravity(sine)
+    return terms[1], terms[2], terms[3], terms[4], terms[5]
+
+
+@kernel
 def displace(c: Any, north: float, east: float, down: float) -> None:
     """Move the position by metres."""
-    meridian, prime_vertical = radii(c.lat)
-    c.lon = wrapped(c.lon + east / ((prime_vertical + c.height) * cosine(c.lat)))
+    _, cl, meridian, prime_vertical, _ = locate(c)
+    c.lon = wrapped(c.lon + east / ((prime_vertical + c.height) * cl))
     c.lat = min(max(c.lat + north / (meridian + c.height), -LATITUDE_LIMIT), LATITUDE_LIMIT)
     c.height -= down
 
@@ -42,9 +55,7 @@ def displace(c: Any, north: float, east: float, down: float) -> None:
 @kernel
 def integrate(c: Any, w: Any, f: Any, dt: float) -> None:
     """Advance q, v and position by `dt` s while the sensor goes from (c.w, c.f) to (w, f), linearly; body axes."""
-    meridian, prime_vertical = radii(c.lat)
-    cl = cosine(c.lat)
-    sl = math.sin(c.lat)
+    sl, cl, meridian, prime_vertical, surface = locate(c)
     wx = 0.5 * (c.w[0] + w[0]) - c.bg[0] - c.excess[0]
     wy = 0.5 * (c.w[1] + w[1]) - c.bg[1] - c.excess[1]
     wz = 0.5 * (c.w[2] + w[2]) - c.bg[2] - c.excess[2]
@@ -74,7 +85,7 @@ def integrate(c: Any, w: Any, f: Any, dt: float) -> None:
     vn, ve, vd = c.v[0], c.v[1], c.v[2]
     c.v[0] = vn + dv[0] - (oe * vd - od * ve) * dt
     c.v[1] = ve + dv[1] - (od * vn - on * vd) * dt
-    c.v[2] = vd + dv[2] - (on * ve - oe * vn) * dt + gravity(c.lat, c.height) * dt
+    c.v[2] = vd + dv[2] - (on * ve - oe * vn) * dt + gravity_above(surface, sl, c.height) * dt
     displace(c, 0.5 * (vn + c.v[0]) * dt, 0.5 * (ve + c.v[1]) * dt, 0.5 * (vd + c.v[2]) * dt)
     rotate(c, turn, -(north_rate + tn) * dt, -te * dt, -(down_rate + td) * dt)
     for i in range(3):

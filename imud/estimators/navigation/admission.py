@@ -11,7 +11,7 @@ from ...kernels.jit import kernel
 from ...kernels.kalman import reset
 from ..records import AT_REST
 from .covariance import WANDER_S, grow, variance
-from .creep import forget_creep
+from .creep import forget_creep, proven
 from .motion import FRESH_S
 from .state import ATTITUDE, POSITION, STATES, VELOCITY, WANDER
 from .strapdown import displace
@@ -21,7 +21,7 @@ RETURNED = 9.0  # gate of a receiver that has crept: within that it is back
 GIVE_IN_COUNT, GIVE_IN_S = 5, 8.0
 DRIFT_GATE = 9.0
 CREPT_STEADY_S = 20.0  # steady for so long, where the receiver has been found to creep slowly
-LONGEST_REFUSAL_S = 60.0  # of fixes that creep away from the velocity
+LONGEST_REFUSAL_S, FASTEST_CREEP = 60.0, 5.0  # s, m/s: of fixes that creep away from the velocity
 FELT, FELT_HEADING = 0.25, 0.05  # m/s, rad: what an inertial velocity may be wrong by without knowing it
 
 
@@ -35,6 +35,16 @@ def told(fix: Any) -> bool:
 def known_velocity(c: Any, fix: Any) -> bool:
     """Does something but positions vouch for the velocity: rest, the receiver's own, which agrees, or its creeping?"""
     return c.creeping != 0 or c.flags & AT_REST != 0 or (told(fix) and c.contrary == 0)
+
+
+@kernel
+def creeps(c: Any, fix: Any, alone_s: float) -> bool:
+    """Where only what is felt vouches for the velocity: may refused positions be such that creep?
+
+    Not where the estimate is new, or was alone before: then it is as likely to be wrong.
+    """
+    way = math.hypot(c.z[0] + c.wander[0], c.z[1] + c.wander[1])
+    return bool(not told(fix) and proven(c) and c.refused_after_s < FRESH_S and way < FASTEST_CREEP * alone_s)
 
 
 @kernel
@@ -94,8 +104,8 @@ def admit(c: Any, fix: Any, worst: float) -> bool:
         c.refused_after_s = alone_s
     if c.rejected[0] <= GIVE_IN_COUNT or alone_s <= GIVE_IN_S:
         return False
-    creeps = known or (not told(fix) and c.refused_after_s < FRESH_S)  # after an outage it may be the estimate
-    if creeps and steady_s <= (CREPT_STEADY_S if c.creeping else GIVE_IN_S) and alone_s < LONGEST_REFUSAL_S:
+    steady = steady_s > (CREPT_STEADY_S if c.creeping else GIVE_IN_S)
+    if (known or creeps(c, fix, alone_s)) and not steady and alone_s < LONGEST_REFUSAL_S:
         return False
     give_in(c, 0, 2, known)
     forget_creep(c)

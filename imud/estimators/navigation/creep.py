@@ -48,6 +48,12 @@ def forget_creep(c: Any) -> None:
 
 
 @kernel
+def proven(c: Any) -> bool:
+    """Have estimate and receiver agreed for as long as it takes to let every moment begin?"""
+    return min(c.since_ns[0], c.since_ns[1], c.since_ns[2]) != NEVER_NS
+
+
+@kernel
 def suppose(c: Any, j: int) -> None:
     """Let moment j be now."""
     c.since_ns[j] = c.t_ns
@@ -165,7 +171,7 @@ def look_for_creep(c: Any) -> bool:
             chi2 = estimate(c, j, c.restless)[5]
             if chi2 > worst:
                 best, worst = j, chi2
-    if worst > CERTAIN:
+    if worst > CERTAIN and proven(c):
         put_back(c, best, estimate(c, best, c.restless))
         forget_creep(c)
         c.creeping = 1

@@ -50,7 +50,7 @@ def forget_creep(c: Any) -> None:
 @kernel
 def proven(c: Any) -> bool:
     """Have estimate and receiver agreed for as long as it takes to let every moment begin?"""
-    return min(c.since_ns[0], c.since_ns[1], c.since_ns[2]) != NEVER_NS
+    return bool(min(c.since_ns[0], c.since_ns[1], c.since_ns[2]) != NEVER_NS)
 
 
 @kernel

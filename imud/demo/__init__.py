@@ -31,7 +31,7 @@ from .comparison import Comparison, Truth
 from .screen import Display, summary
 
 _RATE_HZ = 20
-_START_S = 300.0  # the first start compiles the kernels
+_START_S = 3600.0  # the first start compiles the kernels, for minutes on a small or busy machine
 _SILENCE_S = 30.0
 
 

@@ -2,6 +2,8 @@
 
 import contextlib
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -14,7 +16,17 @@ runtime.prepare()
 settings.register_profile("imud", deadline=None, derandomize="CI" in os.environ)
 settings.load_profile("imud")
 
+_LARGE = ("navigation", "attitude")  # take most of the time, and about the same
+
 SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+
+def pytest_configure(config):
+    """Where everything is run, compile first: workers that need a kernel at the same time each compile it."""
+    if "CI" in os.environ and not hasattr(config, "workerinput"):
+        command = [sys.executable, "-m", "imud", "warmup", "--estimator"]
+        for compiling in [subprocess.Popen([*command, name], stdout=subprocess.DEVNULL) for name in _LARGE]:
+            compiling.wait()
 
 
 @pytest.fixture(scope="session")

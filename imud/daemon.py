@@ -4,7 +4,6 @@ It owns the order of things, from the start to the farewell; it knows no registe
 """
 
 import contextlib
-import gc
 import os
 import select
 import signal
@@ -14,7 +13,7 @@ from functools import partial
 
 import structlog
 
-from . import compilation, realtime, runtime
+from . import compilation, garbage, realtime, runtime
 from .account import Account
 from .config import adopt
 from .cycle import FAILED, SHOW, Cycle
@@ -72,8 +71,7 @@ class Daemon:
             self._prepare_kernels()
             compilation.release_compiler()
             self._compiling = False
-            gc.collect()
-            gc.freeze()
+            garbage.set_aside()
             realtime.apply(self._settings.realtime)
             name = self._devices.fitting.estimator.name
             self._log.info("ready", gpsd=" ".join(self._outputs.gpsd.addresses), estimator=name)

@@ -13,7 +13,7 @@ import structlog
 from drivers.driver import AnyDriver, Identity, ImuConfigured
 from drivers.errors import PortEndedError, PortLostError
 
-from . import calibration, choices
+from . import calibration, choices, garbage
 from .cycle import Cycle
 from .errors import ImudError, UsageError
 from .fitting import Fitting
@@ -140,6 +140,7 @@ class Devices:
         if self.imu is None and all(port.configured for port in self.ports):
             self._log.warning("there is no inertial sensor on any port: nothing to estimate")
         self._describe()
+        garbage.set_aside()
 
     def disconnected(self, port: Port) -> None:
         """A device streams no more."""

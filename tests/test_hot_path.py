@@ -59,6 +59,7 @@ def test_nothing_is_compiled_after_ready(watched):
 def test_frames_leave_nothing_for_the_garbage_collector(watched):
     """Connecting may; a leak of one object per frame would be nine collections of the youngest generation."""
     assert len(watched[0]["pauses_ns"]) < FRAMES / 700
+    assert watched[0]["objects"] < 100  # that a collection would look through
 
 
 def test_frames_leave_no_memory_allocated(watched):

@@ -317,6 +317,8 @@ def traced_calls(text: str) -> dict[str, int]:
 
 def _interpreter(section: Section, seen: dict[str, Any]) -> None:
     section.add("garbage collections while it ran", len(seen["pauses_ns"]), "")
+    note = f"of {seen['objects']} objects"
+    goal = {"most": 0.05, "reason": _GARBAGE}
     worst = max([seen["full_collection_ns"], *seen["pauses_ns"]])
-    section.add("longest pause, a full collection at the end too", worst * 1e-6, "ms", most=0.05, reason=_GARBAGE)
+    section.add("longest pause, a full collection at the end too", worst * 1e-6, "ms", note=note, **goal)
     section.add("functions compiled after READY", seen["compiled"], "", most=0, reason=_KERNELS)

@@ -1,14 +1,19 @@
 """Faults of the sensor through the pipeline into the navigation filter, on a drive: honest, and back soon."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from navigation_runner import navigate
 from navigation_simulation import drive, errors, received, sensed
+from scipy.spatial.transform import Rotation
 
+from drivers.sample import LIMITED_RATE, SATURATED
 from imud.estimators import registry
 from imud.estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID
 from imud.pipeline import Filter
 from imud.replay import play
-from imud.settings import Imu, Initial, Settings
+from imud.settings import Imu, Initial, Navigation, Settings
 
 RATE = 100
 D = drive(160.0)
@@ -61,3 +66,27 @@ def test_without_forces_gyro_and_receiver_go_on(axes, value):
     assert (np.abs(p[since:]) < 5.0 * out["sigma_p"][since:]).all()
     assert (np.abs(v[since:]) < 5.0 * out["sigma_v"][since:]).all()
     assert np.abs(a[since:]).max() < np.radians(1.0)
+
+
+@pytest.mark.parametrize("vehicle", ["land", "free"])
+def test_a_spin_beyond_the_range_of_the_gyro_leaves_no_false_heading(vehicle):
+    """430 deg/s for 0.6 s, of which it shows 300: what it hides turns the sensor out of the direction of travel."""
+    rng = np.random.default_rng(1)
+    samples, fixes = sensed(D, rng), received(D, rng, late=0.2)
+    rate, most = np.radians(430.0), np.radians(300.0)
+    turned = np.clip(D.t - BEGIN, 0.0, 0.6) * rate
+    spin = Rotation.from_rotvec(np.outer(turned, (0.0, 0.0, 1.0)))
+    samples["w"], samples["f"] = spin.inv().apply(samples["w"]), spin.inv().apply(samples["f"])
+    spinning = slice(at(BEGIN), at(BEGIN + 0.6))
+    samples["w"][spinning, 2] = np.minimum(samples["w"][spinning, 2] + rate, most)
+    beyond = samples["w"][:, 2] == most
+    samples["flags"][beyond] |= LIMITED_RATE | SATURATED
+    out, _, _ = navigate(samples, fixes, Settings(navigation=Navigation(vehicle=vehicle)))
+    p, v, a = errors(replace(D, attitude=D.attitude * spin), out)
+    since = at(BEGIN)
+    trusted = (out["status"][since:] & HEADING_VALID) > 0
+    assert not trusted[at(0.6)]
+    assert trusted[at(15.0) :].all()
+    assert (np.abs(a[since:, 2]) < 5.0 * out["sigma_rpy"][since:, 2])[trusted].all()
+    assert (np.abs(p[since:, :2]) < 5.0 * out["sigma_p"][since:, :2]).all()
+    assert (np.abs(v[since:, :2]) < 5.0 * out["sigma_v"][since:, :2]).all()

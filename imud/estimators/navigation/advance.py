@@ -7,16 +7,18 @@ from drivers.sample import SATURATED as BEYOND_RANGE
 
 from ...kernels.earth import gravity
 from ...kernels.jit import kernel
-from ...kernels.rotation import quat_rotate_back
+from ...kernels.kalman import packed_index
+from ...kernels.rotation import dcm_of_quat, quat_rotate_back
 from ..records import AT_REST, SATURATED
-from .alignment import engage, forget_attitude, forget_pairs, levelled
-from .covariance import INTERVAL_S, grow, predict
+from .alignment import LOST_TILT, disengage, engage, forget_attitude, forget_pairs, levelled
+from .covariance import INTERVAL_S, grow, predict, variance
 from .levelling import level
 from .motion import WINDOW_S, at_rest, clear, gather, judge
 from .non_holonomic import INTERVAL_S as CONSTRAINT_S
-from .non_holonomic import constrain, learn_axis
-from .state import ATTITUDE, LEVELLING, NAVIGATING, POSITION, VELOCITY
+from .non_holonomic import constrain, learn_axis, stop
+from .state import ATTITUDE, LEVELLING, NAVIGATING, POSITION, STATES, VELOCITY
 from .strapdown import integrate
+from .supervision import VAGUE
 from .zero_velocity import rest
 
 CHUNK_S = 0.05
@@ -25,6 +27,7 @@ GAP_ACCEL, GAP_TURN = 2.0, 0.3  # m/s^2, rad/s: what may have happened meanwhile
 LONGEST_GAP_S = 30.0
 HOLD_S = 0.5  # the last rate is held
 LOST_S = 1.0  # without rates, then the attitude is found anew: its sigma is beyond what a linear filter can use
+AT_THE_END = 0.9  # of the fastest rate: that axis is at the end of its range, too
 BEYOND = 0.5  # of a reading at the end of the range, what may be beyond it
 SMOOTH_S = 0.2
 
@@ -119,6 +122,23 @@ def fill_in(c: Any, sample: Any) -> None:
 
 
 @kernel
+def doubt_turn(c: Any, sample: Any, worst: float, q: float) -> None:
+    """Let the attitude's variance grow by q about every axis without a rate, or whose rate is at the end of its range."""
+    m = dcm_of_quat((c.q[0], c.q[1], c.q[2], c.q[3]))
+    for axis in range(3):
+        if sample.flags & NO_RATE or abs(c.w[axis]) > AT_THE_END * worst:
+            for i in range(3):
+                for k in range(i, 3):
+                    c.P[packed_index(STATES, ATTITUDE + i, ATTITUDE + k)] += q * m[3 * i + axis] * m[3 * k + axis]
+    forget_pairs(c)
+    if c.phase == NAVIGATING and variance(c, ATTITUDE + 2) > VAGUE**2:
+        disengage(c)  # neither fixes nor the vehicle's constraint can correct such a heading
+        stop(c)
+    if max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1)) > LOST_TILT**2:
+        forget_attitude(c)
+
+
+@kernel
 def doubt(c: Any, sample: Any, dt: float) -> None:
     """Let grow what a sample does not show, or only the beginning of, for as long as that lasts."""
     c.flags = c.flags | SATURATED if sample.flags & BEYOND_RANGE else c.flags & ~SATURATED
@@ -130,10 +150,10 @@ def doubt(c: Any, sample: Any, dt: float) -> None:
         before, most = c.blind_s[k], turn if k == 0 else accel
         now = max(before + dt, sample.unseen_s) if most > 0.0 else 0.0
         c.blind_s[k] = now
+        if most > 0.0 and k == 0:
+            doubt_turn(c, sample, worst_w, most**2 * (now**2 - before**2))
         for i in range(3):
-            if most > 0.0 and k == 0:
-                grow(c, ATTITUDE + i, most**2 * (now**2 - before**2))
-            elif most > 0.0:
+            if most > 0.0 and k == 1:
                 grow(c, VELOCITY + i, most**2 * (now**2 - before**2))
                 grow(c, POSITION + i, 0.25 * most**2 * (now**4 - before**4))
 
@@ -160,6 +180,7 @@ def advance(p: Any, c: Any, sample: Any) -> None:
     if c.elapsed >= WINDOW_S and c.n > 3:
         window(p, c)
     c.since_constraint += dt
-    if c.constrained and c.phase == NAVIGATING and c.since_constraint >= CONSTRAINT_S:
+    seen = c.blind_s[0] == 0.0
+    if c.constrained and c.phase == NAVIGATING and seen and c.since_constraint >= CONSTRAINT_S:
         predict(p, c)
         constrain(p, c)

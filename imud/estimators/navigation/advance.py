@@ -123,7 +123,7 @@ def fill_in(c: Any, sample: Any) -> None:
 
 @kernel
 def doubt_turn(c: Any, sample: Any, worst: float, q: float) -> None:
-    """Let the attitude's variance grow by q about every axis without a rate, or whose rate is at the end of its range."""
+    """Let the attitude's variance grow by q about the axes that show no rate, or the end of their range."""
     m = dcm_of_quat((c.q[0], c.q[1], c.q[2], c.q[3]))
     for axis in range(3):
         if sample.flags & NO_RATE or abs(c.w[axis]) > AT_THE_END * worst:

@@ -6,6 +6,7 @@ from navigation_runner import navigate
 from navigation_simulation import drive, errors, received, sensed
 
 from imud.estimators.records import INNOVATION
+from imud.settings import Settings
 
 RATE = 100
 D = drive(120.0)
@@ -49,6 +50,20 @@ def test_an_unknown_latency_is_found():
     p = errors(d, out)[0][200 * RATE :, :2]
     known = errors(d, navigate(samples, received(d, np.random.default_rng(99), late=0.25))[0])[0][200 * RATE :, :2]
     assert np.sqrt(np.mean(p**2)) < 1.5 * np.sqrt(np.mean(known**2)) + 0.5
+
+
+@pytest.mark.parametrize("real_s", [0.05, 0.3])
+def test_centimetres_stamped_with_an_assumed_latency_are_taken_back_to_their_epoch(real_s):
+    d = drive(120.0)
+    rng = np.random.default_rng(2)
+    assumed_s = Settings().gnss.latency_s
+    samples = sensed(d, rng)
+    fixes = received(d, rng, late=real_s, stamp=real_s - assumed_s, sigma=0.0, white=0.01)
+    fixes["sigma"] = (0.01, 0.01, 0.02)
+    out, _, state = navigate(samples, fixes)
+    assert state["core"][0, 0]["latency"] == pytest.approx(real_s - assumed_s, abs=0.005)
+    late = slice(60 * RATE, None)
+    assert np.sqrt(np.mean(errors(d, out)[0][late, :2] ** 2)) < 0.05
 
 
 def test_a_fix_older_than_one_already_fused_is_refused_with_a_record():

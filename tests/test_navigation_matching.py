@@ -85,7 +85,7 @@ def test_the_heading_is_that_of_a_least_squares_with_the_nuisance_marginalized(s
         c["t_ns"] = round(1e9 * ages[i])
         for k, value in enumerate([z[i], *u[i]]):
             c["pair"][k] = value.real, value.imag
-        matching.accumulate(c, (seen[i].real, seen[i].imag), 0.0, True)
+        matching.accumulate(c, (seen[i].real, seen[i].imag), 0.0, True, 1.0)
     c["prior"][:, :, 0], c["prior"][:, :, 1] = prior.real, prior.imag
     found, sigma, found_rate, _, _ = posterior.solve(c, 0.1**2)
     w = matching.FORGET ** np.arange(len(z))[::-1]

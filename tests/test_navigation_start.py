@@ -68,16 +68,31 @@ def test_start_under_way_with_a_gyro_bias_of_4_5_deg_per_s():
     assert out["bg"][-1][2] == pytest.approx(np.radians(4.5), abs=2e-3)
 
 
-def test_positions_alone_are_enough():
+@pytest.mark.parametrize(
+    "white, wander, found_s, position, yaw_deg",
+    [(0.02, 0.0, 60, 0.2, 2.0), (0.1, 1.5, 90, 4.0, 8.0), (1.0, 1.0, 90, 4.0, 8.0)],
+)
+def test_positions_alone_are_enough(white, wander, found_s, position, yaw_deg):
     rng = np.random.default_rng(6)
-    d = drive(120.0)
-    fixes = received(d, rng, sigma=0.0, white=0.02)
-    fixes["speed"] = fixes["course"] = fixes["hdop"] = np.nan
-    fixes["sigma"] = (0.02, 0.02, 0.04)
+    d = drive(160.0)
+    fixes = received(d, rng, sigma=wander, white=white)
+    fixes["speed"] = fixes["course"] = np.nan
+    if white < 0.1:
+        fixes["hdop"], fixes["sigma"] = np.nan, (0.02, 0.02, 0.04)
     out, _, _ = navigate(sensed(d, rng), fixes)
     p, _, a = errors(d, out)
-    assert np.abs(a[at(60.0) :, 2]).max() < np.radians(2.0)
-    assert np.sqrt(np.mean(p[at(60.0) :, :2] ** 2)) < 0.2
+    assert (out["status"][at(found_s) :] & HEADING_VALID).all()
+    assert np.abs(a[at(130.0) :, 2]).max() < np.radians(yaw_deg)
+    assert np.sqrt(np.mean(p[at(130.0) :, :2] ** 2)) < position
+    assert np.mean((a[at(found_s) :, 2] / out["sigma_rpy"][at(found_s) :, 2]) ** 2) < 4.0
+
+
+def test_a_fix_every_five_seconds_is_enough():
+    rng = np.random.default_rng(6)
+    d = drive(150.0)
+    out, _, _ = navigate(sensed(d, rng), received(d, rng, every=5.0))
+    assert (out["status"][at(90.0) :] & HEADING_VALID).all()
+    assert np.abs(errors(d, out)[2][at(120.0) :, 2]).max() < np.radians(3.0)
 
 
 def test_what_the_user_knows_is_taken_at_once():

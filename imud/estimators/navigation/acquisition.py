@@ -22,18 +22,23 @@ SURE = 3.0  # times its sigma, a speed seen in positions is no noise
 @kernel
 def seen_speed(c: Any) -> float:
     """Speed over the last pair of positions, m/s; NaN where it may be noise or there is none."""
-    sigma = math.sqrt(2.0 * c.white[0])  # of a difference over about a second, in which the wander hardly changes
+    if not c.slope[2] > 0.0:
+        return math.nan
+    sigma = math.sqrt(2.0 * c.white[0]) / c.slope[2]  # the wander hardly changes meanwhile
     speed = math.hypot(c.slope[0], c.slope[1])
-    return speed if c.slope[2] > 0.0 and (SURE * sigma < REST_SPEED or speed > SURE * sigma) else math.nan
+    return speed if SURE * sigma < REST_SPEED or speed > SURE * sigma else math.nan
 
 
 @kernel
 def bear_witness(p: Any, c: Any, known: bool) -> None:
     """Let the fix's velocity tell of the axis, in the level frame; from positions it is that of a moment ago."""
-    turn = abs(c.rate[0]) + abs(c.rate[1]) + abs(c.rate[2])
-    ago2 = 0.25 * turn * turn * (c.v[0] ** 2 + c.v[1] ** 2)
     drift2 = predicted(c, vertical_bias(c)) * HORIZON_S**2
-    witness(p, c, c.white_speed if known else 2.0 * c.white[0] + ago2, drift2, 0.0)
+    noise2 = c.white_speed
+    if not known:
+        dt = c.slope[2]
+        turned = 0.5 * dt * (abs(c.rate[0]) + abs(c.rate[1]) + abs(c.rate[2]))
+        noise2 = 2.0 * c.white[0] / dt**2 + turned**2 * (c.v[0] ** 2 + c.v[1] ** 2)
+    witness(p, c, noise2, drift2, 0.0)
 
 
 @kernel
@@ -53,7 +58,7 @@ def place(p: Any, c: Any, fix: Any) -> None:
     c.v[0] = vn if moving else 0.0
     c.v[1] = ve if moving else 0.0
     c.v[2] = 0.0
-    if moving:
+    if known or (moving and c.mark_ns == c.t_ns):
         bear_witness(p, c, known)
     arm2 = p.lever[0] ** 2 + p.lever[1] ** 2 + p.lever[2] ** 2
     for i in range(3):

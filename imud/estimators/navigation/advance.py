@@ -35,18 +35,15 @@ SMOOTH_S = 0.2
 @kernel
 def move(p: Any, c: Any, w: Any, f: Any, dt: float) -> None:
     """Integrate over dt, which is short; while levelling the velocity is the receiver's, not an integral."""
+    v0, v1, v2 = c.v[0], c.v[1], c.v[2]
+    integrate(c, w, f, dt)
+    b = min(dt / SMOOTH_S, 1.0)
+    a = b / dt
+    c.accel[0] += a * (c.v[0] - v0) - b * c.accel[0]
+    c.accel[1] += a * (c.v[1] - v1) - b * c.accel[1]
+    c.accel[2] += a * (c.v[2] - v2) - b * c.accel[2]
     if c.phase == LEVELLING:
-        vn, ve, vd = c.v[0], c.v[1], c.v[2]
-        integrate(c, w, f, dt)
-        c.v[0], c.v[1], c.v[2] = vn, ve, vd
-    else:
-        v0, v1, v2 = c.v[0], c.v[1], c.v[2]
-        integrate(c, w, f, dt)
-        a = min(dt / SMOOTH_S, 1.0) / dt
-        b = min(dt / SMOOTH_S, 1.0)
-        c.accel[0] += a * (c.v[0] - v0) - b * c.accel[0]
-        c.accel[1] += a * (c.v[1] - v1) - b * c.accel[1]
-        c.accel[2] += a * (c.v[2] - v2) - b * c.accel[2]
+        c.v[0], c.v[1], c.v[2] = v0, v1, v2
     if c.gathered >= INTERVAL_S:
         predict(p, c)
 

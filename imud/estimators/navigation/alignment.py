@@ -12,19 +12,21 @@ from ...kernels.jit import kernel
 from ...kernels.kalman import reset, shear
 from ...kernels.rotation import dcm_of_quat, quat_exp, quat_of_gravity
 from .correction import correct, predicted, row, take, turn_tilt
-from .covariance import grow, predict, variance
+from .covariance import WANDER_S, grow, predict, variance
 from .creep import forget_creep
 from .levelling import level_between
 from .matching import TIME, accumulate, clear_matching, times, unit
 from .non_holonomic import stop, turn_witnesses
 from .posterior import MOVED, believe, solve
-from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LEVELLING, NAVIGATING, NEVER_NS, STATES, TURN_SCALE, WANDER
+from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LATENCY, LEVELLING, NAVIGATING, NEVER_NS, STATES, TURN_SCALE, WANDER
 from .strapdown import cosine, rotate, wrapped
 
-SHORTEST_S, LONGEST_S = 0.9, 3.0  # between two fixes of a pair
-MOST = 20.0  # m/s, more is a bad fix
-OLDEST_S = 100.0  # of pairs: tilt and biases are taken as constant, and drift hypotheses lie some way apart
-OUTAGE_S = 20.0  # without fixes, after which to begin anew
+SHORTEST_S, LONGEST_S = 0.9, 6.0  # between two fixes of a pair
+USUAL = 0.3  # m/s, of what is felt against a velocity change received
+VAGUENESS = 0.4  # m/s, of a velocity change seen in positions
+UNFELT = 1.5  # m/s, m/s^2: a change that exceeds what was felt by more is that of a bad fix, not of a tilt
+OUTAGE = 0.2  # of that time
+OLDEST_S, OLDEST_TURN = (100.0, 400.0), math.radians(20.0)  # of pairs: tilt and biases are taken as constant
 READY = math.radians(11.0)
 HORIZON_S = 6.0  # for which the heading has to stay known
 UNEQUAL = 0.25  # least ratio of the squares of felt and received changes
@@ -42,7 +44,7 @@ def mark(c: Any, lat: float, lon: float, vn: float, ve: float) -> None:
         for i in range(2):
             c.marked[k, i], c.marked_twice[k, i] = c.running[k, i], c.twice[k, i]
     m = c.mark
-    m[0], m[1], m[2], m[3] = vn, ve, lat, lon
+    m[0], m[1], m[2], m[3], m[4], m[5] = vn, ve, lat, lon, c.accel[0], c.accel[1]
 
 
 @kernel
@@ -52,8 +54,8 @@ def levelled(c: Any) -> bool:
 
 
 @kernel
-def add(c: Any, vn: float, ve: float, dt: float, ago: float) -> None:
-    """Take the pair in c.pair over `dt` s, with the velocity change received."""
+def add(c: Any, vn: float, ve: float, dt: float, ago: float, noise2: float) -> None:
+    """Take the pair in c.pair over `dt` s, with the velocity change received and its variance beyond the usual."""
     u = c.pair
     zn, ze = u[0, 0], u[0, 1]
     for j in range(3):  # what the estimate has corrected
@@ -66,11 +68,35 @@ def add(c: Any, vn: float, ve: float, dt: float, ago: float) -> None:
     z2 = zn * zn + ze * ze
     v2 = vn * vn + ve * ve
     moved = max(z2, v2) > MOVED**2
-    if v2 > MOST**2 or not levelled(c):
+    if math.sqrt(v2) > math.sqrt(z2) + UNFELT * (1.0 + dt) or not levelled(c):
         return
     if c.phase != LEVELLING and moved and not UNEQUAL * v2 < z2 < v2 / UNEQUAL:  # a bad fix, whatever the heading
         return
-    accumulate(c, (vn, ve), ago, moved)
+    accumulate(c, (vn, ve), ago, moved, USUAL**2 / (USUAL**2 + noise2))
+
+
+@kernel
+def jerked2(c: Any) -> float:
+    """Variance, m^2/s^2, of a velocity change since the mark by what is not known of the fixes' latency."""
+    return float(variance(c, LATENCY) * ((c.accel[0] - c.mark[4]) ** 2 + (c.accel[1] - c.mark[5]) ** 2))
+
+
+@kernel
+def patience(c: Any) -> float:
+    """Seconds between positions that show a velocity change with a sigma of VAGUENESS.
+
+    It is their second difference, of three times white noise and of two increments of a random walk.
+    """
+    walk = 4.0 * c.reported[0] ** 2 / WANDER_S
+    root = math.sqrt(walk * walk + 24.0 * c.white[0] * VAGUENESS**2)
+    return min(max((walk + root) / (2.0 * VAGUENESS**2), SHORTEST_S), LONGEST_S)
+
+
+@kernel
+def memory(c: Any) -> float:
+    """Seconds for which pairs can be compared: drift hypotheses lie some way apart, unless the drift is known."""
+    drift = math.sqrt(predicted(c, vertical_bias(c)))
+    return min(max(OLDEST_TURN / drift, OLDEST_S[0]), OLDEST_S[1])
 
 
 @kernel
@@ -79,20 +105,23 @@ def pair(c: Any, lat: float, lon: float, vn: float, ve: float) -> None:
     dt = 1e-9 * (c.t_ns - c.mark_ns)
     if dt < SHORTEST_S:
         return
-    if 1e-9 * (c.t_ns - c.origin_ns) > OLDEST_S or dt > OUTAGE_S:
+    if 1e-9 * (c.t_ns - c.origin_ns) > memory(c) or dt > OUTAGE * memory(c):
         forget_pairs(c)
         dt = math.inf
     m = c.mark
+    known = math.isfinite(vn) and math.isfinite(m[0])
+    if not known and dt < patience(c):
+        return
     meridian, prime_vertical = radii(c.lat)
     north = (lat - m[2]) * (meridian + c.height)
     east = wrapped(lon - m[3]) * (prime_vertical + c.height) * cosine(c.lat)
-    if dt > LONGEST_S:
+    if dt > max(LONGEST_S, 2.0 * patience(c)):
         c.slope[2] = 0.0
-    elif math.isfinite(vn) and math.isfinite(m[0]):
+    elif known:
         for k in range(4):
             for i in range(2):
                 c.pair[k, i] = c.running[k, i] - c.marked[k, i]
-        add(c, vn - m[0], ve - m[1], dt, 0.5 * dt)
+        add(c, vn - m[0], ve - m[1], dt, 0.5 * dt, jerked2(c))
     else:
         pair_of_means(c, north / dt, east / dt, dt)
     mark(c, lat, lon, vn, ve)
@@ -108,8 +137,8 @@ def pair_of_means(c: Any, vn: float, ve: float, dt: float) -> None:
             c.pair[k, i] = mean - c.means[k, i]
             c.means[k, i] = mean
     if s[2] > 0.0:
-        add(c, vn - s[0], ve - s[1], c.pair[TIME, 0], 0.5 * (dt + c.pair[TIME, 0]))
-    s[0], s[1], s[2] = vn, ve, 1.0
+        add(c, vn - s[0], ve - s[1], c.pair[TIME, 0], 0.5 * (dt + c.pair[TIME, 0]), 0.0)
+    s[0], s[1], s[2] = vn, ve, dt
 
 
 @kernel

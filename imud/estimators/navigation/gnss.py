@@ -48,12 +48,12 @@ def horizontal_sigma(fix: Any) -> float:
 
 @kernel
 def trust_stamp(p: Any, c: Any, fix: Any) -> None:
-    """At the first fix: is its epoch the receiver's, or only the arrival, with or without an assumed latency?
+    """At the first fix: is its epoch the receiver's, or only its arrival, less the latency that is assumed?
 
-    Who reports centimetres also states the epoch.
+    A survey's log that states no arrival states the epoch.
     """
     delay = 1e-9 * (fix.arrival_ns - fix.t_ns)
-    if horizontal_sigma(fix) < CENTIMETRES:
+    if abs(delay) <= STAMP_S and horizontal_sigma(fix) < CENTIMETRES:
         reset(c.P, STATES, LATENCY, SURVEY_STAMP_SIGMA**2)
     elif delay > STAMP_S and abs(delay - p.latency) > STAMP_S:
         reset(c.P, STATES, LATENCY, STAMP_SIGMA**2)

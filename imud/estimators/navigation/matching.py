@@ -116,27 +116,30 @@ def clear_matching(c: Any) -> None:
 
 
 @kernel
-def blend(sums: Any, new: Pair) -> None:
+def blend(sums: Any, new: Pair, share: float) -> None:
     """Add to a sum that forgets."""
-    sums[0] = FORGET * sums[0] + new[0]
-    sums[1] = FORGET * sums[1] + new[1]
+    sums[0] = FORGET * sums[0] + share * new[0]
+    sums[1] = FORGET * sums[1] + share * new[1]
 
 
 @kernel
-def accumulate(c: Any, seen: Pair, ago: float, moved: bool) -> None:
-    """Take the pair in c.pair (dz and three regressors), about `ago` s old, and the velocity change that was seen."""
+def accumulate(c: Any, seen: Pair, ago: float, moved: bool, share: float) -> None:
+    """Take the pair in c.pair (dz and three regressors), about `ago` s old, and the velocity change that was seen.
+
+    It counts for a `share` of one whose noise is as usual.
+    """
     z = (c.pair[0, 0], c.pair[0, 1])
     age = 1e-9 * (c.t_ns - c.origin_ns) - ago
     for j in range(3):
         u = (c.pair[j + 1, 0], c.pair[j + 1, 1])
-        blend(c.felt[j], inner(u, z))
+        blend(c.felt[j], inner(u, z), share)
         for k in range(3):
-            blend(c.normal[j, k], inner(u, (c.pair[k + 1, 0], c.pair[k + 1, 1])))
+            blend(c.normal[j, k], inner(u, (c.pair[k + 1, 0], c.pair[k + 1, 1])), share)
     for k in range(RATES):
         v = times(unit(-(k - RATES // 2) * RATE_STEP * age), seen)  # turned back
-        blend(c.match[k], inner(z, v))
+        blend(c.match[k], inner(z, v), share)
         for j in range(3):
-            blend(c.seen[k, j], inner((c.pair[j + 1, 0], c.pair[j + 1, 1]), v))
-    blend(c.energy, (z[0] ** 2 + z[1] ** 2, seen[0] ** 2 + seen[1] ** 2))
-    c.weight = FORGET * c.weight + 1.0
-    c.pairs = FORGET * c.pairs + (1.0 if moved else 0.0)
+            blend(c.seen[k, j], inner((c.pair[j + 1, 0], c.pair[j + 1, 1]), v), share)
+    blend(c.energy, (z[0] ** 2 + z[1] ** 2, seen[0] ** 2 + seen[1] ** 2), share)
+    c.weight = FORGET * c.weight + share
+    c.pairs = FORGET * c.pairs + (share if moved else 0.0)

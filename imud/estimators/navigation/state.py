@@ -141,10 +141,10 @@ CORE = np.dtype(
         ("frame_rate", "<f8"),  # rad/s, vertical gyro bias found since the origin
         ("shifted", "<f8", (3, 2)),  # m/s^2, m/s^3, m/s^2: tilt, level gyro bias and accelerometer bias, likewise
         ("mark_ns", "<i8"),  # last fix used for alignment
-        ("mark", "<f8", (4,)),  # its velocity, latitude and longitude
+        ("mark", "<f8", (6,)),  # its velocity, latitude and longitude, and the acceleration
         ("marked", "<f8", (4, 2)),  # running and twice then
         ("marked_twice", "<f8", (4, 2)),
-        ("slope", "<f8", (3,)),  # mean velocity over the last pair, and 1 when there is one
+        ("slope", "<f8", (3,)),  # mean velocity over the last pair of positions, and its s; 0: there is none
         ("means", "<f8", (4, 2)),  # and of running
         ("pair", "<f8", (4, 2)),  # scratch: changes of running
         ("origin_ns", "<i8"),

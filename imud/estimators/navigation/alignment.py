@@ -94,7 +94,12 @@ def patience(c: Any) -> float:
 
 @kernel
 def memory(c: Any) -> float:
-    """Seconds for which pairs can be compared: drift hypotheses lie some way apart, unless the drift is known."""
+    """Seconds for which pairs can be compared: drift hypotheses lie some way apart, unless the drift is known.
+
+    While navigating the estimate of the gyro's scale factor changes, too.
+    """
+    if c.phase == NAVIGATING:
+        return OLDEST_S[0]
     drift = math.sqrt(predicted(c, vertical_bias(c)))
     return min(max(OLDEST_TURN / drift, OLDEST_S[0]), OLDEST_S[1])
 

@@ -89,7 +89,8 @@ def patience(c: Any) -> float:
     """
     walk = 4.0 * c.reported[0] ** 2 / WANDER_S
     root = math.sqrt(walk * walk + 24.0 * c.white[0] * VAGUENESS**2)
-    return min(max((walk + root) / (2.0 * VAGUENESS**2), SHORTEST_S), LONGEST_S)
+    seconds: float = (walk + root) / (2.0 * VAGUENESS**2)
+    return min(max(seconds, SHORTEST_S), LONGEST_S)
 
 
 @kernel

@@ -159,6 +159,21 @@ def test_another_place_after_an_outage_is_accepted_in_bounded_time(d):
     assert np.abs(p[at(122.0) :] + 300.0).max() < 6.0
 
 
+def test_a_receiver_that_repeats_itself_under_way_is_not_heard():
+    samples, fixes = data()
+    frozen = fixes.copy()
+    t = fixes["t_ns"] * 1e-9 - 100.0
+    repeated = np.flatnonzero((t >= 100.0) & (t < 130.0))
+    for name in ("lat", "lon", "height", "speed", "course"):
+        frozen[name][repeated] = fixes[name][repeated[0]]
+    out, _, _ = navigate(samples, frozen)
+    p, v, _ = errors(D, out)
+    assert (np.abs(p[at(100.0) :, :2]) < 5.0 * out["sigma_p"][at(100.0) :, :2]).all()
+    assert np.abs(v[at(100.0) :, :2]).max() < 1.5
+    assert out["status"][at(128.0)] & COASTING
+    assert not (out["status"][at(133.0) :] & REJECTING).any()
+
+
 def test_a_height_has_no_veto():
     samples, fixes = data()
     t = fixes["t_ns"] * 1e-9 - 100.0

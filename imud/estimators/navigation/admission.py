@@ -13,7 +13,7 @@ from ..records import AT_REST
 from .covariance import WANDER_S, grow, variance
 from .creep import forget_creep, proven
 from .motion import FRESH_S
-from .state import ATTITUDE, POSITION, STATES, VELOCITY, WANDER
+from .state import ATTITUDE, NAVIGATING, POSITION, STATES, VELOCITY, WANDER
 from .strapdown import displace
 
 GATE = 25.0
@@ -22,7 +22,23 @@ GIVE_IN_COUNT, GIVE_IN_S = 5, 8.0
 DRIFT_GATE = 9.0
 CREPT_STEADY_S = 20.0  # steady for so long, where the receiver has been found to creep slowly
 LONGEST_REFUSAL_S, FASTEST_CREEP = 60.0, 5.0  # s, m/s: of fixes that creep away from the velocity
+UNDER_WAY, UNSEEN_S = 2.0, 0.5  # m/s, s: what shows in the last digit of any receiver
 FELT, FELT_HEADING = 0.25, 0.05  # m/s, rad: what an inertial velocity may be wrong by without knowing it
+
+
+@kernel
+def stuck(c: Any, fix: Any) -> bool:
+    """Does the receiver go on repeating a position, to the last digit, that the vehicle has certainly left?
+
+    At rest many hold it, and let go of it late.
+    """
+    if fix.lat != c.held[0] or fix.lon != c.held[1]:
+        c.held[0], c.held[1] = fix.lat, fix.lon
+        c.held_ns = c.t_ns
+        return False
+    held_s = 1e-9 * (c.t_ns - c.held_ns)
+    least = math.hypot(c.v[0], c.v[1]) - 3.0 * math.sqrt(max(variance(c, VELOCITY), variance(c, VELOCITY + 1)))
+    return bool(c.phase == NAVIGATING and least > UNDER_WAY and UNSEEN_S < held_s < LONGEST_REFUSAL_S)
 
 
 @kernel

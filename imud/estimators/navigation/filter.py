@@ -7,8 +7,9 @@ from drivers.sample import NO_FORCE, NO_RATE, SUSPECT, UNTOLD
 
 from ...kernels.jit import kernel
 from ...kernels.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
-from ..records import POSITION_N
+from ..records import POSITION_N, REJECTING
 from .acquisition import place
+from .admission import stuck
 from .alignment import disengage, engage, forget_heading, levelled
 from .covariance import predict, variance
 from .gnss import fuse_position, fuse_velocity, grade, report, trust_stamp, velocity_of
@@ -125,6 +126,9 @@ def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
 @kernel
 def fuse(p: Any, c: Any, fix: Any, late: float, innovations: Any) -> int:
     """Take the fix at the time where the core is; it was true `late` s before that (what rewinding has left)."""
+    if stuck(c, fix):
+        c.flags |= REJECTING
+        return report(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
     c.fix_speed = math.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed
     if c.phase == NAVIGATING and variance(c, ATTITUDE + 2) > HEADING_LIMIT**2:
         disengage(c)

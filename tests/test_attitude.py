@@ -140,3 +140,17 @@ def test_broad_trials(recordings, monkeypatch, trial, tilt_deg, heading_deg, dri
     assert found["incl"] < tilt_deg
     assert found["head"] < heading_deg
     assert found["drift"] < drift_deg_per_min
+
+
+@pytest.mark.parametrize("trial", ["broad_09_undisturbed_fast_rotation_with_breaks_B", "broad_25_disturbed_tapping_B"])
+def test_broad_trials_begun_in_full_motion(recordings, monkeypatch, trial):
+    """VQF is at 1.4 deg RMS over the same 6 to 30 s; a filter that trusts the first force stays at 10 deg."""
+    monkeypatch.syspath_prepend(str(recordings))
+    import score_attitude
+
+    data = score_attitude.load(recordings / "attitude" / f"{trial}.npz")
+    first = np.argmax(data["move"]) + round(20.0 * data["fs"])
+    part = {name: data[name][first:] for name in ("t", "gyr", "acc", "q_ref")}
+    q, _ = broad.attitude(part["t"], part["gyr"], part["acc"])
+    begun = (part["t"] > part["t"][0] + 6.0) & (part["t"] < part["t"][0] + 30.0)
+    assert score_attitude.errors(q, {**data, **part, "move": begun})["incl"] < 1.3

@@ -18,7 +18,11 @@ from imud.settings import Imu, Initial, Settings
     ("turning", "accelerating", "still_s"), [(0.0, 0.0, 0.0), (1.0, 1.0, 5.0), (0.3, 1.0, 0.0), (1.0, 3.0, 0.0)]
 )
 def test_errors_agree_with_their_sigmas(profile, turning, accelerating, still_s):
-    """Monte Carlo with the profile's own errors: squared error over variance, per component."""
+    """Monte Carlo with the profile's own errors: squared error over variance, per component.
+
+    In motion the first sample is not the moment before a simulation sets off.
+    """
+    first = 0 if still_s or turning == 0.0 else 50
     p, nees = PROFILES[profile], []
     for run in range(100):
         rng = np.random.default_rng(1000 + run)
@@ -37,8 +41,8 @@ def test_errors_agree_with_their_sigmas(profile, turning, accelerating, still_s)
             rng.normal(0.0, p.gyro_scale, (3, 3)),
             tuple(rng.normal(0.0, p.accel_scale, 3)),
         )
-        out = solutions_of(samples_of(truth.t, *measure(truth, flaws, rng)), profile)[50::50]
-        attitude = truth.attitude[50::50]
+        out = solutions_of(samples_of(truth.t, *measure(truth, flaws, rng))[first:], profile)[50::50]
+        attitude = truth.attitude[first:][50::50]
         tilt, _ = errors_deg(out["q_nb"], attitude)
         yaw = (rpy_deg(out)[:, 2] - attitude.as_euler("ZYX", degrees=True)[:, 0] + 180.0) % 360.0 - 180.0
         level = np.abs(np.sin(rpy_deg(out)[:, 1] * DEG)) < 0.8
@@ -52,7 +56,8 @@ def test_errors_agree_with_their_sigmas(profile, turning, accelerating, still_s)
         )
     tilt_nees, yaw_nees, bias_nees, accel_nees = np.mean(nees, axis=0)
     assert 0.5 < tilt_nees < 1.8
-    assert yaw_nees < 1.8 and (yaw_nees > 0.4 or turning == 0.0)
+    if first == 0:  # else the tilt of the start, from which yaw counts, is not known
+        assert yaw_nees < 1.8 and (yaw_nees > 0.4 or turning == 0.0)
     assert 0.5 < accel_nees < 1.5
     assert bias_nees < 1.6 and (bias_nees > 0.4 or still_s > 0.0 or turning == 0.0)
 

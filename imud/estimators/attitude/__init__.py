@@ -18,7 +18,7 @@ from ...kernels.jit import kernel
 from .. import Estimator
 from ..records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SATURATED
 from .covariance import clear, correct, predict, report, shake
-from .levelling import begin, doubt, hold, level, middle, resume, unweighed
+from .levelling import begin, doubt, hold, level, middle, resume, seek, seeks, unweighed
 from .rest import judge, restart, watch
 from .setup import configure, start
 from .staying import follow_travel, hold_near, hold_place, hold_still
@@ -35,6 +35,18 @@ TRUSTED_HEADING = math.radians(20.0)
 def settle(p: Any, s: Any) -> None:
     """One step of the covariance: propagate, take the pseudo-measurements, correct."""
     predict(p, s)
+    if seeks(s):
+        seek(s)
+    else:
+        hold_on(p, s)
+        correct(s)
+    clear(s)
+    report(s)
+
+
+@kernel
+def hold_on(p: Any, s: Any) -> None:
+    """Take the pseudo-measurements of rest or motion."""
     follow_travel(s)
     if judge(p, s):
         hold_still(p, s)
@@ -42,9 +54,6 @@ def settle(p: Any, s: Any) -> None:
         hold_near(s)
     if s.unlevel_s == 0.0:  # else it accelerates steadily
         hold_place(s)
-    correct(s)
-    clear(s)
-    report(s)
 
 
 @kernel

@@ -36,6 +36,10 @@ STATE = np.dtype(
         ("t_ns", "<i8"),  # of the newest sample
         ("samples", "<i8"),
         ("levelled", "<i8"),  # 1 when roll and pitch have been found
+        ("seeking", "<i8"),  # 1 while they follow the mean force since the beginning
+        ("pull", "<f8", (3,)),  # m/s, the integral of that force, NED
+        ("pull2", "<f8"),  # m^2/s^3, and of its square
+        ("pull_s", "<f8"),
         ("heading", "<i8"),  # 1 while yaw refers to true north
         ("given", "<f8", (3,)),  # roll, pitch, yaw that the user knows, NaN: unknown
         ("gravity", "<f8"),  # m/s^2

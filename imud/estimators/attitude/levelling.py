@@ -101,7 +101,7 @@ def seeks(s: Any) -> bool:
     """Must the vertical be sought, or has all been quiet since the beginning?"""
     if s.pull_s == 0.0 and s.quiet_s > 0.5 * s.span:
         s.seeking = 0
-    return s.seeking == 1
+    return bool(s.seeking == 1)
 
 
 @kernel

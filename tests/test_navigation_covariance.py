@@ -135,6 +135,7 @@ def test_corrections_move_the_nominal_state_by_the_error():
     correct(c)
     assert (c["lat"] - lat) * 6.3781e6 == pytest.approx(10.0, rel=0.01)
     assert (c["height"] - height, c["v"][0] - v[0]) == pytest.approx((-2.0, 0.5))
-    turned = Rotation.from_rotvec([0.01, -0.02, 0.03]).as_matrix() @ C
+    tilted, headed = Rotation.from_rotvec([0.01, -0.02, 0.0]), Rotation.from_rotvec([0.0, 0.0, 0.03])
+    turned = (headed * tilted).as_matrix() @ C
     assert Rotation.from_quat(np.roll(c["q"], -1)).as_matrix() == pytest.approx(turned, abs=1e-9)
     assert not c["x"].any()

@@ -31,7 +31,7 @@ READY = math.radians(11.0)
 HORIZON_S = 6.0  # for which the heading has to stay known
 UNEQUAL = 0.25  # least ratio of the squares of felt and received changes
 LEAST_HEADING = math.radians(3.0)
-START_TILT = math.radians(1.0)
+MOVING_TILT = math.radians(1.0)  # of a tilt found while the level frame turned by an unknown angle
 LOST_TILT = math.radians(20.0)
 LEVELLED = math.radians(6.0)
 
@@ -170,8 +170,13 @@ def turn_north(c: Any, psi: float) -> None:
 def find_heading(c: Any) -> bool:
     """Turn the level frame to north when the pairs tell how; its sigma goes to c.heading_sigma."""
     bias_variance = predicted(c, vertical_bias(c))
+    turned2 = bias_variance * (1e-9 * (c.t_ns - c.origin_ns)) ** 2
     believe(c)
-    return adopt(c, solve(c, bias_variance))
+    if not adopt(c, solve(c, bias_variance)):
+        return False
+    for i in range(2):
+        grow(c, ATTITUDE + i, MOVING_TILT**2 * min(turned2, 1.0))
+    return True
 
 
 @kernel
@@ -180,7 +185,10 @@ def adopt(c: Any, found: Any) -> bool:
     psi, sigma, rate, rate_variance, together = found
     if sigma * sigma + rate_variance * HORIZON_S**2 > READY**2:
         return False
-    take(c, vertical_bias(c), -rate, rate_variance, 0.0)
+    n = vertical_bias(c)
+    news = 1.0 / rate_variance - 1.0 / predicted(c, n)  # beside what the filter knew, which `solve` has counted in
+    if news > 0.0:
+        take(c, n, -rate / (rate_variance * news), 1.0 / news, 0.0)
     c.x[ATTITUDE + 2] = 0.0
     correct(c)
     turn_north(c, psi)
@@ -207,8 +215,6 @@ def engage(p: Any, c: Any) -> None:
     for k in range(vertical_bias(c)):
         shear(c.P, STATES, ATTITUDE + 2, c.columns[k], -c.heading_age * c.values[k])
     c.heading_age = 0.0
-    grow(c, ATTITUDE, START_TILT**2)
-    grow(c, ATTITUDE + 1, START_TILT**2)
     c.phase = NAVIGATING
     forget_creep(c)
     forget_pairs(c)

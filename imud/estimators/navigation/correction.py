@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from ...kernels.jit import kernel
-from ...kernels.kalman import measure, shear, update
+from ...kernels.kalman import measure, packed_index, shear, update
 from ...kernels.rotation import quat_exp
 from .creep import follow_pull
 from .matching import shift
@@ -119,6 +119,10 @@ def correct(c: Any) -> None:
     shift(c)
     if abs(x[ATTITUDE + 2]) > NOTABLE_TURN:
         turn_tilt(c, x[ATTITUDE + 2])
+    tilt2 = x[ATTITUDE] ** 2 + x[ATTITUDE + 1] ** 2
+    bent2 = 0.25 * tilt2 * (tilt2 + x[ATTITUDE + 2] ** 2)  # a linear filter leaves out the square of a correction
+    for i in range(2):
+        c.P[packed_index(STATES, ATTITUDE + i, ATTITUDE + i)] += bent2
     displace(c, x[POSITION], x[POSITION + 1], x[POSITION + 2])
     for i in range(3):
         c.v[i] += x[VELOCITY + i]
@@ -126,7 +130,9 @@ def correct(c: Any) -> None:
         c.ba[i] += x[ACCEL_BIAS + i]
         c.wander[i] += x[WANDER + i]
         c.turn_scale[i] += x[TURN_SCALE + i]
-    rotate(c, quat_exp(0.0, 0.0, 0.0), x[ATTITUDE], x[ATTITUDE + 1], x[ATTITUDE + 2])
+    same = quat_exp(0.0, 0.0, 0.0)
+    rotate(c, same, x[ATTITUDE], x[ATTITUDE + 1], 0.0)  # in the axes of the old heading, which may be far off
+    rotate(c, same, 0.0, 0.0, x[ATTITUDE + 2])
     if c.constrained:
         turn_axis(c, x[MOUNT_PITCH], x[MOUNT_YAW])
         c.arm += x[ARM]

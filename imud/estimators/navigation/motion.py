@@ -12,7 +12,8 @@ from typing import Any
 
 from ...kernels.earth import STANDARD_GRAVITY
 from ...kernels.jit import kernel
-from ...kernels.rotation import quat_rotate
+from ...kernels.rotation import dcm_of_quat, quat_rotate
+from .correction import predicted, row
 from .covariance import variance
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, VELOCITY
 
@@ -153,23 +154,31 @@ def rest_rate(c: Any, i: int) -> float:
 
 
 @kernel
+def level_force(c: Any, axis: int) -> float:
+    """Variance, m^2/s^4, of the level specific force for what tilt and bias may contribute: a rest ties the two."""
+    m = dcm_of_quat((c.q[0], c.q[1], c.q[2], c.q[3]))
+    k = row(c, 0, ATTITUDE + 1 - axis, STANDARD_GRAVITY if axis == 1 else -STANDARD_GRAVITY)
+    for j in range(3):
+        k = row(c, k, ACCEL_BIAS + j, -m[3 * axis + j])
+    return predicted(c, k)
+
+
+@kernel
 def unaccelerated(c: Any) -> bool:
     """Whether the mean specific force of the window is gravity, but for what tilt and bias may contribute."""
-    if c.phase != NAVIGATING:
-        return True
-    s2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
-    s2 += max(variance(c, ACCEL_BIAS), variance(c, ACCEL_BIAS + 1), variance(c, ACCEL_BIAS + 2))
-    most = REST_ACCEL + 3.0 * math.sqrt(s2)
+    most = REST_ACCEL + 3.0 * math.sqrt(max(level_force(c, 0), level_force(c, 1)))
     return bool(math.hypot(c.sum_n[0], c.sum_n[1]) < most * c.n)
 
 
 @kernel
 def at_rest(c: Any) -> bool:
     """Whether the last two windows at least were at rest."""
-    if c.quiet < 2 or not slow(c) or not unaccelerated(c):
+    if c.quiet < 2 or not slow(c):
         return False
     if c.still > LONG_QUIET and c.fix_speed <= REST_SPEED and 1e-9 * (c.t_ns - c.fix_ns) < FRESH_S:
-        return True  # whatever the bias: it is wrong if it contradicts
+        return True  # whatever tilt and biases: they are wrong if they contradict
+    if not unaccelerated(c):
+        return False
     for i in range(3):
         if abs(c.mean_w[i] - c.bg[i]) > rest_rate(c, i):
             return False

@@ -11,13 +11,14 @@ from ...kernels.jit import kernel
 from ...kernels.kalman import reset
 from .alignment import LEAST_HEADING, adopt, engage, pair, turn_north, vertical_bias
 from .correction import predicted
-from .covariance import variance
+from .covariance import grow, variance
 from .non_holonomic import stop
 from .posterior import disbelieve, solve
 from .state import ACCEL_BIAS, ASTRAY, ATTITUDE, GYRO_BIAS, STATES, TURN_SCALE
 
 WRONG = math.radians(10.0)
 GATE = 16.0
+MISLED_TILT = math.radians(1.0)
 VAGUE = math.radians(14.0)  # a heading no better known than that is better found anew
 
 
@@ -50,6 +51,8 @@ def supervise(p: Any, c: Any, lat: float, lon: float, vn: float, ve: float) -> b
 def realign(p: Any, c: Any) -> None:
     """Doubt what was learned with the wrong heading, and go on with the new one."""
     stop(c)
+    for i in range(2):
+        grow(c, ATTITUDE + i, MISLED_TILT**2)
     for i in range(3):
         reset(c.P, STATES, ACCEL_BIAS + i, p.accel_initial**2)
         reset(c.P, STATES, TURN_SCALE + i, p.gyro_scale**2)

@@ -35,8 +35,9 @@ LIKELY_ARM = 1.2  # m
 PLAIN = 2.0  # times its sigma, a velocity that has a direction
 KEEP = 0.98  # per window
 POWERS = 4  # iterations, each begins where the last ended
-# windows, normalised square across the axis, and how much more there is across any line over ground: for auto
-FOUND, FOUND_LAND = (8.0, 1.0, 12.0), (6.0, 4.0, -math.inf)
+# windows; normalised square across the axis in a short look, and more of it per window, as a flight looks like a drive
+# for some seconds; how much more there is across any line over ground: for auto
+FOUND, FOUND_LAND = (8.0, 0.5, 0.01, 12.0), (6.0, 4.0, 0.0, -math.inf)
 
 
 @kernel
@@ -53,8 +54,9 @@ def learn_axis(p: Any, c: Any) -> None:
     if not witness(p, c, level2, variance(c, ATTITUDE + 2), climb):
         return
     across = c.spread[0] + c.spread[3] + c.spread[5] - principal(c)
-    windows, most, evidence = FOUND_LAND if p.vehicle == LAND else FOUND
-    if c.axis_n >= windows and across < most * c.axis_n and across_ground(c) - across > evidence:
+    windows, most, more, evidence = FOUND_LAND if p.vehicle == LAND else FOUND
+    most = (most + more * c.axis_n) * c.axis_n
+    if c.axis_n >= windows and across < most and across_ground(c) - across > evidence:
         begin(c)
 
 

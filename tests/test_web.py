@@ -152,7 +152,7 @@ def test_the_page_is_whole_and_asks_nothing_of_other_machines(served):
     [
         (["--listen", "/tmp/x"], 64, "HOST:PORT"),
         (["nowhere:at:all"], 64, "gpsd socket"),
-        (["--listen", "127.0.0.1:99999"], 78, "65535"),
+        (["--listen", "127.0.0.1:99999"], 64, "65535"),
     ],
 )
 def test_a_bad_address_is_told(arguments, code, says):

@@ -11,6 +11,7 @@ import math
 import os
 import resource
 import time
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,14 +43,16 @@ class Innovations:
 
     def __init__(self) -> None:
         self._table: dict[int, Table] = {}
+        self._judged: Counter[int] = Counter()
 
     def take(self, rows: NDArray[np.void]) -> None:
-        """The next ones (INNOVATION)."""
+        """The next ones (INNOVATION). One refused unseen, as a fix out of order is, has no value, and only counts."""
         for _, kind, value, variance, used in rows.tolist():
             entry = self._table.setdefault(kind, {"used": 0, "rejected": 0, "ratio": 0.0})
             entry["used" if used else "rejected"] += 1
-            share = 1.0 / min(MEMORY, entry["used"] + entry["rejected"])
-            entry["ratio"] += share * (value * value / variance - entry["ratio"])
+            if math.isfinite(value):
+                self._judged[kind] += 1
+                entry["ratio"] += (value * value / variance - entry["ratio"]) / min(MEMORY, self._judged[kind])
 
     def told(self) -> Table:
         """By kind; `ratio` is the mean of innovation^2 / variance over the last fixes, 1 for a filter that knows."""

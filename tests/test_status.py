@@ -152,13 +152,16 @@ def test_the_rate_is_that_of_the_last_ten_seconds(hz):
 def test_innovation_ratios_of_a_filter_that_knows_are_one():
     told, rng = Innovations(), np.random.default_rng(3)
     rows = np.zeros(2, INNOVATION)
+    rows["value"] = rows["variance"] = np.nan  # refused unseen
+    told.take(rows[:1])
     ratios = []
     for _ in range(4000):
         rows["kind"], rows["variance"], rows["used"] = (0, 6), (4.0, 0.01), (1, 0)
         rows["value"] = rng.normal(0.0, (2.0, 0.3))  # the second says 0.1 and is 0.3
         told.take(rows)
         ratios.append([told.told()[kind]["ratio"] for kind in ("north", "heading")])
-    assert told.told()["north"]["used"] == told.told()["heading"]["rejected"] == 4000
+    assert told.told()["north"] == {"used": 4000, "rejected": 1, "ratio": ratios[-1][0]}
+    assert told.told()["heading"]["rejected"] == 4000
     assert np.mean(ratios, axis=0) == pytest.approx([1.0, 9.0], rel=0.1)
 
 

@@ -81,6 +81,13 @@ def test_a_velocity_that_slides_in_every_direction_is_no_vehicle_s():
     assert travelled(3.0 * np.arange(100), slide)["constrained"] == 0
 
 
+def test_a_flight_that_looks_like_a_drive_for_some_seconds_is_none():
+    k = np.arange(60)
+    along = np.column_stack([3.0 + 0.0 * k, 0.27 * (-1.0) ** k, 0.0 * k])  # across: 0.8 of what the doubts explain
+    assert travelled(3.0 * k[:12], along[:12])["constrained"] == 0
+    assert travelled(3.0 * k, along)["constrained"] == 1
+
+
 def test_what_was_gathered_before_the_heading_was_known_turns_with_it():
     """The axis found in a level frame of arbitrary heading, then turned to north, is that of one gathered in north."""
     k = np.arange(12)

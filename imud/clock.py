@@ -61,7 +61,7 @@ CLOCK = np.dtype(
         ("mean_arrivals", "<f8", (POINTS,)),
         ("hull", "<i8", (POINTS,)),  # scratch
         ("heights", "<f8", (POINTS,)),  # scratch
-        ("residual_ns", "<f8"),  # mean distance of the window minima above the line
+        ("residual_ns", "<f8"),  # median distance of the window minima above the line, once there is a fit
         ("corrections", "<i8"),  # of the counter
         ("late_ns", "<f8"),  # how much later than at best samples come, mean of late
         ("latest_ns", "<f8"),  # and at most

@@ -126,21 +126,17 @@ def _quieter_slope(clock: Any) -> float:
 def refit(clock: Any, x: float) -> None:
     """Lay the line anew below the window minima; stamps stay where they are and slew to it."""
     before = clock.offset + clock.slope * x
-    fitted = (clock.ticks[clock.count - 1] - clock.ticks[0]) * clock.period_ns >= FIT_SPAN_NS
-    first = 0 if fitted else max(0, clock.count - 2)  # an unknown slope makes old points misleading
-    if fitted:
+    if (clock.ticks[clock.count - 1] - clock.ticks[0]) * clock.period_ns >= FIT_SPAN_NS:
         slope = _quieter_slope(clock)
         if abs(slope / clock.period_ns - 1.0) < PERIOD_TOLERANCE:
             clock.slope = slope
             clock.fitted = 1
-    offset = np.inf
-    total = 0.0
-    for i in range(first, clock.count):
-        d = clock.arrivals[i] - clock.slope * clock.ticks[i]
-        offset = min(offset, d)
-        total += d
     if clock.fitted == 1:
-        offset -= DEEPER * _heights(clock, clock.ticks, clock.arrivals, clock.slope)[1]
-    clock.offset = offset
-    clock.residual_ns = total / (clock.count - first) - offset
+        least, median = _heights(clock, clock.ticks, clock.arrivals, clock.slope)
+        clock.offset = least - DEEPER * median
+        clock.residual_ns = (1.0 + DEEPER) * median
+    else:  # an unknown slope makes old points misleading
+        clock.offset = np.inf
+        for i in range(max(0, clock.count - 2), clock.count):
+            clock.offset = min(clock.offset, clock.arrivals[i] - clock.slope * clock.ticks[i])
     clock.slew_ns += before - (clock.offset + clock.slope * x)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .pipeline import Filter, Records
 
 BLOCK = 1024
+_FAR_S, _FORCE_MPS2, _LOOKED_AT = 0.2, (4.0, 25.0), 10_000  # what is doubted; samples looked at for that
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -105,11 +106,12 @@ def run(args: argparse.Namespace) -> int:
     from .estimate_tables import EstimateWriter
     from .estimators import registry
     from .pipeline import Filter
-    from .tables import read_imu
+    from .tables import LeftOut, read_imu
 
     estimator = registry.by_name(_estimator_name(args, settings))
-    samples, origin, skipped = read_imu(args.imu)
-    fixes = _read_gnss(args.gnss, origin, samples, settings)
+    left_out = LeftOut(args.imu), LeftOut(args.gnss)
+    samples, origin, skipped = read_imu(args.imu, left_out[0])
+    fixes = _read_gnss(args.gnss, origin, samples, settings, left_out[1])
     rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
     begin = time.perf_counter()
     with open_output(args.output) as file:
@@ -122,6 +124,8 @@ def run(args: argparse.Namespace) -> int:
     if args.innovations is not None:
         _keep_innovations(args.innovations, origin, told)
     _summary(samples, len(fixes), fed, skipped, time.perf_counter() - begin)
+    for rows in left_out:
+        rows.judge()
     return 0
 
 
@@ -135,9 +139,12 @@ def _keep_innovations(path: Path, origin: int, told: "list[Records]") -> None:
         raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error
 
 
-def _read_gnss(path: Path | None, origin: int, samples: "Records", settings: Settings) -> "Records":
+def _read_gnss(
+    path: Path | None, origin: int, samples: "Records", settings: Settings, left_out: "LeftOut"
+) -> "Records":
     from .estimators.records import FIX
-    from .tables import first_bytes, read_fixes
+    from .table_lines import first_bytes
+    from .tables import read_fixes
 
     if path is None:
         return np.zeros(0, FIX)
@@ -145,7 +152,7 @@ def _read_gnss(path: Path | None, origin: int, samples: "Records", settings: Set
         from .gnss import fixes_of_log
 
         return fixes_of_log(path, origin, int(samples["t_ns"][0]), settings.gnss)
-    return read_fixes(path, origin)
+    return read_fixes(path, origin, left_out)
 
 
 @contextlib.contextmanager
@@ -164,6 +171,16 @@ def open_output(path: Path) -> Iterator[BinaryIO]:
         raise InputOutputError(f"cannot go on writing {path}: {error.strerror}") from error
 
 
+def _doubts(samples: "Records") -> Iterator[str]:
+    """What looks like values in other units."""
+    apart_s = float(np.median(np.diff(samples["t_ns"]))) * 1e-9
+    force = float(np.median(np.linalg.norm(samples["f"][:: max(1, len(samples) // _LOOKED_AT)], axis=1)))
+    if apart_s > _FAR_S:
+        yield f"the samples are {apart_s:g} s apart: is t_s in s?"
+    if not _FORCE_MPS2[0] < force < _FORCE_MPS2[1]:
+        yield f"the specific force is mostly {force:.3g} m/s^2, where gravity alone gives 9.8: is it in m/s^2?"
+
+
 def _summary(samples: "Records", fixes: int, fed: int, skipped: int, seconds: float) -> None:
     """What was done, on a terminal; what went wrong, everywhere."""
     span = float(samples["t_ns"][-1] - samples["t_ns"][0]) * 1e-9
@@ -174,6 +191,8 @@ def _summary(samples: "Records", fixes: int, fed: int, skipped: int, seconds: fl
             f"{fed} of {fixes} fixes",
             file=sys.stderr,
         )
+    for remark in _doubts(samples):
+        print(f"imud replay: {remark}", file=sys.stderr)
     if skipped:
         print(f"imud replay: {skipped} samples skipped: their time did not advance", file=sys.stderr)
     if fixes and not fed:

@@ -3,11 +3,10 @@
 Inside, time is int64 ns since an origin (a whole second at or before the first sample), so that 1 ns is exact.
 """
 
-import contextlib
-import csv
 import math
 import warnings
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +14,12 @@ from numpy.typing import NDArray
 
 from drivers.sample import SAMPLE
 
-from .errors import BadDataError, InputMissingError
+from .errors import BadDataError
 from .estimators.records import FIX
-from .progress import Progress
+from .table_lines import Table, first_bytes, table_of
 
-_LOOK = 8192  # lines
+_SHOWN = 40  # characters of what is no number
+_FARTHEST_S = 2.0  # between samples
 _LONGEST_HEADER = 1 << 16  # bytes
 _MCAP = b"\x89MCAP0\r\n"
 IMU_COLUMNS = ("t_s", "gx_radps", "gy_radps", "gz_radps", "ax_mps2", "ay_mps2", "az_mps2")
@@ -41,38 +41,58 @@ def header_of(path: Path) -> list[str]:
     return [name.strip().lstrip("#").strip() for name in line.split(",")]
 
 
-def _column_numbers(path: Path, wanted: Sequence[str], present: Sequence[str]) -> list[int]:
-    if missing := [name for name in wanted if name not in present]:
-        raise BadDataError(f"{path} line 1: no column {', '.join(missing)}; the header must name {', '.join(wanted)}")
-    return [present.index(name) for name in wanted]
+@dataclass
+class LeftOut:
+    """Rows of a table that could not be used, so that the others can."""
+
+    path: Path
+    count: int = 0
+    first: str = ""
+
+    def add(self, why: str) -> None:
+        """One more."""
+        self.count += 1
+        self.first = self.first or why
+
+    def judge(self) -> None:
+        """Raises BadDataError if there were any."""
+        if self.count:
+            rows = f"{self.count} rows left out, the first of them is" if self.count > 1 else "a row left out,"
+            raise BadDataError(f"{self.path}: {rows} {self.first}; the others were used")
 
 
-def _first_bad_line(path: Path, columns: Sequence[int], names: Sequence[str]) -> str:
-    """Where the fast reader stumbled, in words; read slowly, once."""
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        for number, row in enumerate(csv.reader(file), 1):
-            for column, name in zip(columns, names, strict=True):
-                if number == 1 or not row:
-                    continue
-                if column >= len(row):
-                    return f"line {number}: {len(row)} columns, {name} is missing"
-                try:
-                    if not math.isfinite(float(row[column])):
-                        return f"line {number}: {name} is {row[column]}"
-                except ValueError:
-                    return f"line {number}: {name} is {row[column]!r}, not a number"
-    return "not a table of numbers"
+def _rows(table: Table, columns: Sequence[int], names: Sequence[str], left_out: LeftOut | None) -> Iterator[list[float]]:
+    """The rows of numbers, read slowly. One that is none is left out, or raises BadDataError.
+
+    The last line may be cut off: then it is no row.
+    """
+    for number, line in enumerate(table.lines(), table.first_row):
+        cells = line.rstrip(b"\0").decode("utf-8", "replace").split(",")
+        if not line.strip(b" \r\n\0"):
+            continue
+        try:
+            yield [_number(number, cells, column, name) for column, name in zip(columns, names, strict=True)]
+        except ValueError as error:
+            if not line.endswith((b"\n", b"\r")):
+                return
+            if left_out is None:
+                raise BadDataError(f"{table.path} {error}") from error
+            left_out.add(str(error))
 
 
-def first_bytes(path: Path, n: int) -> bytes:
-    """At most so many, by which one sees what a file is. Raises InputMissingError."""
+def _number(line: int, cells: Sequence[str], column: int, name: str) -> float:
+    """Raises ValueError that says where."""
+    if column >= len(cells):
+        raise ValueError(f"line {line}: {len(cells)} columns, {name} is missing")
+    text = cells[column].strip()
     try:
-        with path.open("rb") as file:
-            return file.read(n)
-    except FileNotFoundError as error:
-        raise InputMissingError(f"{path}: no such file") from error
-    except OSError as error:
-        raise InputMissingError(f"{path}: cannot be read: {error.strerror}") from error
+        value = float(text)
+    except ValueError:
+        shown = text if len(text) < _SHOWN else f"{text[:_SHOWN]}…"
+        raise ValueError(f"line {line}: {name} is {shown!r}, not a number") from None
+    if not math.isfinite(value):
+        raise ValueError(f"line {line}: {name} is {text}")
+    return value
 
 
 def is_recording(path: Path) -> bool:
@@ -89,28 +109,24 @@ def read_samples(path: Path) -> tuple[NDArray[np.void], int, int]:
     return read_imu(path)
 
 
-def read_imu(path: Path) -> tuple[NDArray[np.void], int, int]:
+def read_imu(path: Path, left_out: LeftOut | None = None) -> tuple[NDArray[np.void], int, int]:
     """Samples (array of SAMPLE), the origin in whole s, and how many rows were skipped because time stood or ran back.
 
-    A column temperature_c may stand beside the required ones. Raises InputMissingError, BadDataError (with line and
-    column).
+    A column temperature_c may stand beside the required ones. left_out: gathers the rows that cannot be read; without
+    it the first of them is an error. Raises InputMissingError, BadDataError (with line and column).
     """
-    header = header_of(path)
-    names = (*IMU_COLUMNS, "temperature_c") if "temperature_c" in header else IMU_COLUMNS
-    columns = _column_numbers(path, names, header)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # an empty file: said below
-            table = np.loadtxt(_lines(path), delimiter=",", skiprows=1, usecols=columns, ndmin=2, comments=None)
-    except ValueError as error:
-        raise BadDataError(f"{path} {_first_bad_line(path, columns, names)}") from error
+    source = table_of(path, IMU_COLUMNS)
+    names = (*IMU_COLUMNS, "temperature_c") if "temperature_c" in source.names else IMU_COLUMNS
+    table = _numbers(source, source.column_numbers(names), names, left_out)
     if len(table) < 2:
         raise BadDataError(f"{path}: {len(table)} samples; at least two are needed")
-    if not np.isfinite(table).all():
-        raise BadDataError(f"{path} {_first_bad_line(path, columns, names)}")
     t = table[:, 0]
     forward = np.concatenate([[True], t[1:] > np.maximum.accumulate(t)[:-1]])
     table = table[forward]
+    if 2 * len(table) < len(t):
+        raise BadDataError(f"{path}: of {len(t)} samples only {len(table)} are later than all before; sort them by t_s")
+    if (apart_s := float(np.median(np.diff(table[:, 0])))) > _FARTHEST_S:
+        raise BadDataError(f"{path}: the samples are {apart_s:g} s apart, if t_s is in s: is it in ms, us or ns?")
     origin = math.floor(table[0, 0])
     samples = np.zeros(len(table), SAMPLE)
     samples["t_ns"] = np.rint((table[:, 0] - origin) * 1e9).astype(np.int64)
@@ -120,42 +136,64 @@ def read_imu(path: Path) -> tuple[NDArray[np.void], int, int]:
     return samples, origin, int((~forward).sum())
 
 
-def _lines(path: Path) -> Iterator[bytes]:
-    """Of a file that may be large: with a bar."""
-    progress = Progress(path.stat().st_size)
-    with path.open("rb") as file, contextlib.ExitStack() as stack:
-        stack.callback(progress.clear)
-        for number, line in enumerate(file):
-            if number % _LOOK == 0:
-                progress.at(file.tell())
-            yield line
+def _numbers(
+    source: Table, columns: Sequence[int], names: Sequence[str], left_out: LeftOut | None
+) -> NDArray[np.float64]:
+    """The rows of a table; fast, if all of them can be read."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # an empty file: said by the caller
+            table = np.loadtxt(source.lines(), delimiter=",", usecols=columns, ndmin=2, comments=None)
+        if np.isfinite(table).all():
+            return table
+    except ValueError:
+        pass
+    return np.array(list(_rows(source, columns, names, left_out))).reshape(-1, len(columns))
 
 
-def _fix_rows(path: Path) -> list[dict[str, float]]:
-    header = header_of(path)
-    _column_numbers(path, _FIX_REQUIRED, header)
-    known = {name: i for i, name in enumerate(header) if name in (*_FIX_REQUIRED, *_FIX_OPTIONAL)}
-    rows = []
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        for number, row in enumerate(csv.reader(file), 1):
-            if number == 1 or not any(cell.strip() for cell in row):
-                continue
-            try:
-                fix = {name: float(row[i]) if row[i].strip() else math.nan for name, i in known.items()}
-            except (ValueError, IndexError) as error:
-                raise BadDataError(f"{path} line {number}: {error}") from error
-            for name, low, high in (("lat_deg", -90.0, 90.0), ("lon_deg", -360.0, 360.0)):
-                if not low <= fix[name] <= high:
-                    raise BadDataError(f"{path} line {number}: {name} is {fix[name]}, outside {low} to {high}")
-            if not math.isfinite(fix["t_s"]):
-                raise BadDataError(f"{path} line {number}: t_s is empty")
-            rows.append(fix)
-    return rows
+def _fix_rows(path: Path, left_out: LeftOut | None) -> Iterator[dict[str, float]]:
+    """Rows with a position; one without is what a receiver that has no fix leaves."""
+    source = table_of(path, _FIX_REQUIRED)
+    source.column_numbers(_FIX_REQUIRED)
+    known = {name: i for i, name in enumerate(source.names) if name in (*_FIX_REQUIRED, *_FIX_OPTIONAL)}
+    for number, line in enumerate(source.lines(), source.first_row):
+        cells = line.rstrip(b"\0").decode("utf-8", "replace").split(",")
+        if not any(cell.strip() for cell in cells):
+            continue
+        try:
+            fix = {name: _number_or_none(number, cells, i, name) for name, i in known.items()}
+            if not (math.isnan(fix["lat_deg"]) and math.isnan(fix["lon_deg"])):
+                yield _checked(number, fix)
+        except ValueError as error:
+            if not line.endswith((b"\n", b"\r")):
+                return
+            if left_out is None:
+                raise BadDataError(f"{path} {error}") from error
+            left_out.add(str(error))
 
 
-def read_fixes(path: Path, origin: int) -> NDArray[np.void]:
-    """Fixes (array of FIX) in order of arrival. Raises InputMissingError, BadDataError (with line)."""
-    rows = _fix_rows(path)
+def _number_or_none(line: int, cells: Sequence[str], column: int, name: str) -> float:
+    """NaN for an empty cell and for nan. Raises ValueError that says where."""
+    empty = column < len(cells) and cells[column].strip().lower() in ("", "nan")
+    return math.nan if empty else _number(line, cells, column, name)
+
+
+def _checked(line: int, fix: dict[str, float]) -> dict[str, float]:
+    """Raises ValueError that says where."""
+    for name, low, high in (("lat_deg", -90.0, 90.0), ("lon_deg", -360.0, 360.0)):
+        if not low <= fix[name] <= high:
+            raise ValueError(f"line {line}: {name} is {fix[name]}, outside {low} to {high}")
+    if math.isnan(fix["t_s"]):
+        raise ValueError(f"line {line}: t_s is empty")
+    return fix
+
+
+def read_fixes(path: Path, origin: int, left_out: LeftOut | None = None) -> NDArray[np.void]:
+    """Fixes (array of FIX) in order of arrival; left_out as in `read_imu`.
+
+    Raises InputMissingError, BadDataError (with line).
+    """
+    rows = list(_fix_rows(path, left_out))
     fixes = np.zeros(len(rows), FIX)
     for fix, row in zip(fixes, rows, strict=True):
         fix["t_ns"] = round((row["t_s"] - origin) * 1e9)

@@ -7,6 +7,7 @@ those of `imud replay`'s est.csv where both have them.
 
 import dataclasses
 import importlib.metadata
+import json
 import math
 import os
 import resource
@@ -16,7 +17,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -157,4 +157,4 @@ def flat(table: Mapping[str, Any], prefix: str = "") -> Table:
 
 def status_object(table: Table) -> str:
     """As one flat JSON object of a class of our own: gpsd's clients stumble over anything else."""
-    return msgspec.json.encode({"class": "STATUS", **flat(table)}).decode()
+    return json.dumps({"class": "STATUS", **flat(table)}, separators=(",", ":"))

@@ -255,6 +255,14 @@ def test_readonly_takes_the_stream_as_it_is(code, rate_hz):
     assert device.written == b""
 
 
+def test_a_stream_of_a_sensor_that_hears_nothing_is_taken_as_it_is():
+    device = G350().start(4)
+    device.receive = lambda data: None
+    result = configure(device)
+    assert (result.rate_hz, result.frame_bytes) == (125.0, 22)
+    assert "does not obey" in " ".join(result.warnings)
+
+
 def test_readonly_cannot_start_a_stream():
     device = G350()
     assert configure(device, readonly=True) is None

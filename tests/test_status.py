@@ -21,9 +21,10 @@ from imud.errors import DeviceAbsentError, ImudError
 from imud.estimators.innovation_kinds import KINDS
 from imud.estimators.records import ASSUMED, INNOVATION
 from imud.metrics import METRICS, prometheus
+from imud.outputs.gpsd_json import line
 from imud.outputs.listen import parse_address
 from imud.rate import SECOND_NS, Rate
-from imud.vitals import Innovations, flat
+from imud.vitals import Innovations, flat, status_object
 
 
 def ask(*arguments: str) -> str:
@@ -137,6 +138,12 @@ def test_flat_and_nested_are_inverse(tree):
 
 def test_the_unknown_is_left_out():
     assert flat({"a": math.nan, "b": None, "c": {"d": math.inf, "e": 0.0}}) == {"c.e": 0.0}
+
+
+@given(st.text(st.characters(), max_size=5))
+def test_a_status_of_any_text_goes_on_the_wire(story):
+    told = json.loads(line(status_object({"ports": {"0": {"state": "…" + story}}})))
+    assert told == {"class": "STATUS", "ports.0.state": "…" + story}
 
 
 @pytest.mark.parametrize("hz", [1.0, 125.0, 1000.0])

@@ -1,7 +1,9 @@
 """CSV in and out: exact numbers, and errors that name the line."""
 
+import gzip
 import io
 import math
+import re
 
 import numpy as np
 import pytest
@@ -95,6 +97,55 @@ def test_time_that_stands_or_runs_back_is_skipped_and_counted(tmp_path):
 def test_bad_samples_are_named_by_line_and_column(tmp_path, body, says):
     with pytest.raises(BadDataError, match=says):
         tables.read_imu(write(tmp_path, body))
+
+
+FORMS = {
+    "semicolons, decimal commas": lambda text: text.replace(",", ";").replace(".", ",").encode(),
+    "tabs": lambda text: text.replace(",", "\t").encode(),
+    "quotes": lambda text: "".join(f'"{cell}"' if cell not in ",\n" else cell for cell in _CELLS.split(text)).encode(),
+    "UTF-16": lambda text: text.encode("utf-16"),
+    "BOM and CR LF": lambda text: text.replace("\n", "\r\n").encode("utf-8-sig"),
+    "CR alone": lambda text: text.replace("\n", "\r").encode(),
+    "gzip": lambda text: gzip.compress(text.encode()),
+    "comments": lambda text: f"# a logger\n# 3; of 4\n{text}".encode(),
+    "a commented header": lambda text: f"# {text}".encode(),
+    "cut off": lambda text: f"{text}0.02,1,2,-".encode(),
+    "cut off by a loss of power": lambda text: text.encode() + bytes(512),
+}
+_CELLS = re.compile("([,\n])")
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_table_of_any_make_is_read_as_the_plain_one(tmp_path, form):
+    body = HEADER + "0.0,1.5,-2,3,4,5,6\n0.01,1,2,3,4.25,5,-9.8\n"
+    path = tmp_path / "in.csv"
+    path.write_bytes(FORMS[form](body))
+    samples, _, _ = tables.read_imu(path)
+    plain, _, _ = tables.read_imu(write(tmp_path, body, ""))
+    assert samples.tobytes() == plain.tobytes()
+
+
+def test_bad_rows_are_left_out_and_then_named(tmp_path):
+    rows = ["0,0,0,0,0,0,-9.8", "0.01,0,x,0,0,0,-9.8", "0.02,0,0,0,0,0,nan", "0.03,0,0,0,0,0,-9.8"]
+    left_out = tables.LeftOut(tmp_path / "in.csv")
+    samples, _, _ = tables.read_imu(write(tmp_path, "\n".join(rows) + "\n"), left_out)
+    assert samples["t_ns"].tolist() == [0, 30_000_000]
+    with pytest.raises(BadDataError, match="2 rows left out, the first of them is line 3: gy_radps is 'x'"):
+        left_out.judge()
+
+
+@pytest.mark.parametrize(
+    ("times", "says"), [((1.7e18, 1.7e18 + 1e7), "is it in ms, us or ns"), ((3, 2, 1, 0), "sort them by t_s")]
+)
+def test_times_of_another_unit_or_order_are_told(tmp_path, times, says):
+    with pytest.raises(BadDataError, match=says):
+        tables.read_imu(write(tmp_path, "".join(f"{t},0,0,0,0,0,-9.8\n" for t in times)))
+
+
+def test_rows_of_a_receiver_without_a_fix_are_no_fixes(tmp_path):
+    rows = "1,,,,\n2,nan,nan,nan,1\n3,35.5,139.5,,1\n"
+    fixes = tables.read_fixes(write(tmp_path, rows, "t_s,lat_deg,lon_deg,height_m,hdop\n"), 0)
+    assert fixes["t_ns"].tolist() == [3_000_000_000]
 
 
 def test_missing_file_and_missing_column(tmp_path):

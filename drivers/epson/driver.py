@@ -34,6 +34,8 @@ from .setup import (
 from .spi import fetch, over_spi, spi_carries
 from .talk import describe, reach
 
+DEAF = "the sensor does not obey, its stream is taken as it is: is the wire to its input (SIN) connected?"
+
 
 class Epson:
     """The driver."""
@@ -74,25 +76,29 @@ class Epson:
     def configure(self, identity: Identity, options: Options) -> Dialogue[ImuConfigured | Unsupported | None]:
         """The nearest possible rate, the shortest filter that will do, COUNT, the finest words, automatic frames.
 
-        On SPI the frames are fetched. Readonly: the stream as it is, with the shortest filter of its rate supposed.
+        On SPI the frames are fetched. Readonly, or a sensor that does not listen: the stream as it is, with the shortest filter of its rate supposed.
         """
         if options.readonly:
             return self._take_over(identity, options.model)
         dialogue = self._set_up(identity, options)
         return over_spi(dialogue) if identity.spi else dialogue
 
-    def _take_over(self, identity: Identity, named: str) -> Dialogue[ImuConfigured | Unsupported | None]:
+    def _take_over(
+        self, identity: Identity, named: str, warnings: tuple[str, ...] = ()
+    ) -> Dialogue[ImuConfigured | Unsupported | None]:
         found = yield from overhear(identity, named)
         if not isinstance(found, tuple):
             return found
         identity, model, rate, overheard = found
-        return configured(identity, model, rate, model.taps(rate), overheard)
+        return configured(identity, model, rate, model.taps(rate), overheard, warnings)
 
     def _set_up(self, identity: Identity, options: Options) -> Dialogue[ImuConfigured | Unsupported | None]:
         dialect = yield from reach()
-        described = (yield from describe(dialect)) if dialect else None
+        if dialect is None:  # it may stream without listening
+            return (yield from self._take_over(identity, options.model, (DEAF,)))
+        described = yield from describe(dialect)
         model = model_of(described.model) if isinstance(described, Identity) else None
-        if dialect is None or not isinstance(described, Identity) or model is None:
+        if not isinstance(described, Identity) or model is None:
             return None
         identity = replace(described, baud=identity.baud, spi=identity.spi)
         polled = options.polled and not identity.spi

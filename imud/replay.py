@@ -19,6 +19,7 @@ from .settings import Initial, Settings
 
 if TYPE_CHECKING:
     from .pipeline import Filter, Records
+    from .tables import LeftOut
 
 BLOCK = 1024
 _FAR_S, _FORCE_MPS2, _LOOKED_AT = 0.2, (4.0, 25.0), 10_000  # what is doubted; samples looked at for that

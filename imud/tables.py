@@ -61,7 +61,9 @@ class LeftOut:
             raise BadDataError(f"{self.path}: {rows} {self.first}; the others were used")
 
 
-def _rows(table: Table, columns: Sequence[int], names: Sequence[str], left_out: LeftOut | None) -> Iterator[list[float]]:
+def _rows(
+    table: Table, columns: Sequence[int], names: Sequence[str], left_out: LeftOut | None
+) -> Iterator[list[float]]:
     """The rows of numbers, read slowly. One that is none is left out, or raises BadDataError.
 
     The last line may be cut off: then it is no row.

@@ -76,7 +76,8 @@ class Epson:
     def configure(self, identity: Identity, options: Options) -> Dialogue[ImuConfigured | Unsupported | None]:
         """The nearest possible rate, the shortest filter that will do, COUNT, the finest words, automatic frames.
 
-        On SPI the frames are fetched. Readonly, or a sensor that does not listen: the stream as it is, with the shortest filter of its rate supposed.
+        On SPI the frames are fetched. Readonly, or a sensor that does not listen: the stream as it is, with the
+        shortest filter of its rate supposed.
         """
         if options.readonly:
             return self._take_over(identity, options.model)

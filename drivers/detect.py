@@ -44,8 +44,13 @@ class Chatter:
     bauds: tuple[int, ...]
 
     def __str__(self) -> str:
-        heard = f"{len(self.heard)} bytes heard at {self.baud} baud, {_kind(self.heard)}"
+        heard = f"{len(self.heard)} bytes heard at {self.baud} baud, {self.gist}"
         return f"{heard} (tried {_speeds(self.bauds)}): {_shown(self.heard)} …"
+
+    @property
+    def gist(self) -> str:
+        """Without what differs from one hearing to the next."""
+        return _kind(self.heard)
 
 
 def _speeds(bauds: Sequence[int]) -> str:

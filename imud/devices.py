@@ -24,6 +24,7 @@ from .sensors import Inertial, Receiver, Records
 from .settings import Settings
 
 _PARTS = {"imu": "inertial sensor", "gnss": "receiver"}
+_INSISTING_NS = 60_000_000_000  # between two attempts to have the rate that was agreed
 _ABSENCE_S = 5.0  # after which a spare takes over: one that comes back sooner finds its filter as it left it
 
 
@@ -41,6 +42,7 @@ class Devices:
         self.gnss: tuple[Port, Receiver] | None = None
         self.described: tuple[Device, ...] = ()  # those that stream, for the clients
         self._pulse = choices.pulse(settings)
+        self._anew_ns = 0  # until when a sensor at another rate than was agreed is left alone
         self._known = calibration.Calibration("")  # of the inertial sensor
         self._by_fd: dict[int, Port] = {}
         self._spares: dict[str, set[Port]] = {kind: set() for kind in _PARTS}
@@ -86,6 +88,9 @@ class Devices:
         for port, sensor in self.streaming().values():
             if now_ns - sensor.heard_ns > sensor.silence_ns and not _is_readable(port.fd):
                 port.lost("the device sends nothing more of use")
+        if self.imu and (why := self.imu[1].other_rate()) and now_ns >= self._anew_ns:
+            self._anew_ns = now_ns + _INSISTING_NS
+            self.imu[0].lost(f"{why}: set up anew")
         for port in self.ports:
             port.pass_on()
         if self._recordings.current and self.imu:

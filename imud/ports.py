@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import structlog
 
-from drivers.detect import Finding, search
+from drivers.detect import Chatter, Finding, search
 from drivers.dialogue import Dialogue
 from drivers.driver import AnyDriver, GnssConfigured, Identity, ImuConfigured, Options, Request, Unsupported
 from drivers.errors import (
@@ -64,7 +64,7 @@ class Port:
         self.spec, self.options = spec, options
         self.configured: Configured | None = None
         self.deadline_s = 0.0  # when `on_time` wants to be called
-        self.story = _UNTRIED
+        self.story = self._gist = _UNTRIED
         self.connects = 0
         self._host, self._patient = host, patient
         self._log = structlog.get_logger().bind(port=spec.path)
@@ -175,7 +175,7 @@ class Port:
 
     def _detected(self, found: Identity | Unsupported | Finding) -> None:
         if not isinstance(found, Identity):
-            self._fail(str(found))
+            self._fail(str(found), found.gist if isinstance(found, Chatter) else "")
             return
         driver = by_name(found.driver)
         self._converse(driver.configure(found, self.options), lambda result: self._streams(driver, result))
@@ -200,7 +200,7 @@ class Port:
             self._log.warning("this sensor cannot be asked for its samples: it sends them by itself")
         self._host.connected(self, driver, configured)
         if self.configured is not None:
-            self.story = "streaming"
+            self.story = self._gist = "streaming"
 
     def _ask(self, request: Request, now_s: float) -> None:
         """Ask for a sample. The times to ask are fixed from the start; what a late wake-up missed is left out."""
@@ -212,23 +212,23 @@ class Port:
         except PortError as error:
             self.lost(str(error))
 
-    def _fail(self, why: str) -> None:
+    def _fail(self, why: str, gist: str = "") -> None:
         """No stream this time."""
         if not self._patient and not self.connects:
             self._close()
             raise DeviceAbsentError(why)
         self._close()
-        self._wait(why)
+        self._wait(why, gist=gist)
 
-    def _wait(self, why: str, warn: bool = False) -> None:
-        self._tell(f"{why}; trying again", warn)
+    def _wait(self, why: str, warn: bool = False, gist: str = "") -> None:
+        self._tell(f"{why}; trying again", warn, gist)
         self.deadline_s = time.monotonic() + self._retry_s
         self._retry_s = min(2.0 * self._retry_s, _LAST_RETRY_S)
 
-    def _tell(self, story: str, warn: bool = False) -> None:
-        """Log a change, once."""
-        if story != self.story:
-            self.story = story
+    def _tell(self, story: str, warn: bool = False, gist: str = "") -> None:
+        """Log a change, once. gist: what must differ for it to be one, if that is not the whole story."""
+        before, self.story, self._gist = self._gist, story, gist or story
+        if self._gist != before:
             (self._log.warning if warn else self._log.info)(story)
 
     def _close(self) -> None:

@@ -5,6 +5,8 @@ from collections import deque
 
 SECOND_NS = 1_000_000_000
 LOOKS = 11  # a second apart: the rate is that of the last ten seconds
+STEADY, ALIKE, OFF = 3, 0.1, 0.25  # glances in a row; by how much they may differ, and be beside what was agreed
+TICKS = 20  # at least, between two of these glances
 
 
 class Rate:
@@ -25,3 +27,32 @@ class Rate:
             return math.nan
         (first_ns, first), (last_ns, last) = self._looks[0], self._looks[-1]
         return (last - first) * 1e9 / (last_ns - first_ns)
+
+
+class Pace:
+    """Whether ticks come as fast as was agreed: a device that started anew by itself may be back at its own rate.
+
+    A machine that does not keep up sees them come unevenly.
+    """
+
+    def __init__(self, agreed_hz: float) -> None:
+        self.agreed_hz = agreed_hz
+        self._apart_ns = max(SECOND_NS, round(TICKS * 1e9 / agreed_hz))
+        self._last: tuple[int, int] | None = None
+        self._seen: deque[float] = deque(maxlen=STEADY)
+
+    def look(self, tick: int, t_ns: int) -> None:
+        """Take note of a tick and of when it came, as often as is convenient."""
+        if self._last is not None:
+            ticks, passed_ns = tick - self._last[0], t_ns - self._last[1]
+            if ticks >= 0 and passed_ns < self._apart_ns:
+                return
+            self._seen.append(ticks * 1e9 / passed_ns if ticks > 0 and passed_ns < 2 * self._apart_ns else math.nan)
+        self._last = tick, t_ns
+
+    @property
+    def other_hz(self) -> float | None:
+        """How fast they come instead; None while that is as agreed, or not known."""
+        mean = sum(self._seen) / STEADY
+        wrong = abs(mean / self.agreed_hz - 1.0) > OFF and all(abs(hz / mean - 1.0) < ALIKE for hz in self._seen)
+        return mean if len(self._seen) == STEADY and wrong else None

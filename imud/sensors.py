@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from drivers.driver import GnssDriver, ImuConfigured, ImuDriver
 from drivers.fix import Fix
-from drivers.transport.line import Line
+from drivers.transport.line import Known, Line
 
 from .epochs import EpochClock
 from .gnss import Refusal, record, refusal
 from .health import shown, words
 from .outputs.view import NO_VECTOR, ClockFit, Gnss
 from .pipeline import Stream
-from .rate import Rate
+from .rate import Pace, Rate
 from .settings import Gnss as GnssSettings
 
 READ = 4096  # bytes at a time: fewer frames than the pipeline takes in one batch
@@ -51,6 +51,7 @@ class Inertial:
         self.silence_ns = SILENCE_NS["imu"]
         self.period_s = 0.0  # nominal, between samples
         self.rate = Rate()
+        self.pace: Pace | None = None  # of a sensor that sends by itself
         self.tap: Tap | None = None
         self._has_gyros = False
         self._room = stream.rx.data
@@ -65,6 +66,8 @@ class Inertial:
         self.stream.record["heard_ns"] = now_ns
         self._complaints, self._complained = driver.complaints, None
         self.rate = Rate()
+        by_itself = configured.request is None and not isinstance(line, Known)
+        self.pace = Pace(1e9 / configured.period_ns) if by_itself else None
         self.period_s = 1.0 / configured.rate_hz
         self._has_gyros = all(configured.gyro_axes)
         self.silence_ns = max(SILENCE_NS["imu"], SILENT_PERIODS * round(1e9 / configured.rate_hz))
@@ -93,6 +96,15 @@ class Inertial:
     @property
     def _newest(self) -> int:
         return int(self.stream.record["newest"][0])
+
+    def other_rate(self) -> str:
+        """That its samples come at another rate than was agreed; empty if they do not. To be asked now and then."""
+        if self.pace is None or self._newest < 0:
+            return ""
+        self.pace.look(int(self.stream.samples[self._newest]["tick"]), self.heard_ns)
+        share = (self.pace.other_hz or self.pace.agreed_hz) / self.pace.agreed_hz
+        agreed_hz = 1.0 / self.period_s
+        return "" if share == 1.0 else f"about {share * agreed_hz:.3g} samples/s come, {agreed_hz:g} were agreed"
 
     @property
     def newest(self) -> np.void | None:

@@ -23,7 +23,7 @@ from imud.estimators.records import ASSUMED, INNOVATION
 from imud.metrics import METRICS, prometheus
 from imud.outputs.gpsd_json import line
 from imud.outputs.listen import parse_address
-from imud.rate import SECOND_NS, Rate
+from imud.rate import SECOND_NS, Pace, Rate
 from imud.vitals import Innovations, flat, status_object
 
 
@@ -154,6 +154,25 @@ def test_the_rate_is_that_of_the_last_ten_seconds(hz):
         count += 3.0 * hz / 50 if k < 20 * 50 else hz / 50
         rate.look(count, k * SECOND_NS // 50)
     assert rate.hz == pytest.approx(hz)
+
+
+@pytest.mark.parametrize(
+    ("shares", "found"),
+    [((1.0,), None), ((1.02, 0.97), None), ((0.25,), 250.0), ((4.0,), 4000.0), ((0.2, 1.8), None), ((0.5, 0.7), None)],
+)
+def test_another_pace_is_told_from_an_uneven_one(shares, found):
+    pace, ticks = Pace(1000.0), 0.0
+    for k in range(4 * 20 + 1):
+        pace.look(int(ticks), k * SECOND_NS // 4)
+        ticks += 250.0 * shares[k // 4 % len(shares)]
+    assert pace.other_hz == (None if found is None else pytest.approx(found, rel=1e-2))
+
+
+def test_a_silence_is_no_other_pace():
+    pace = Pace(1000.0)
+    for k in range(40):
+        pace.look(250 * k, 10 * SECOND_NS * k)
+    assert pace.other_hz is None
 
 
 def test_innovation_ratios_of_a_filter_that_knows_are_one():

@@ -34,6 +34,7 @@ COMMANDS = {
     "install-service": "imud under systemd: shows what it would do, then does it",
 }
 _USAGE, _INTERRUPTED = 64, 130
+_EXTRAS = {"mcap": "record", "plotly": "plots", "aiohttp": "web", "distributed": "cluster"}  # package: what wants it
 
 
 class _Parser(argparse.ArgumentParser):
@@ -107,6 +108,11 @@ def main(arguments: list[str] | None = None) -> int:
     except ImudError as error:
         print(f"imud: {error}", file=sys.stderr)
         return error.exit_code
+    except ModuleNotFoundError as error:
+        if error.name not in _EXTRAS:
+            raise
+        print(f"imud: this needs the package {error.name}: pip install 'imud[{_EXTRAS[error.name]}]'", file=sys.stderr)
+        return _USAGE
     except KeyboardInterrupt:
         return _INTERRUPTED
     except BrokenPipeError:  # the reader of our output went away: `imud … | head`

@@ -66,6 +66,7 @@ class Daemon:
             self._cycle.others.register(self._wakeup, select.POLLIN)
             self._outputs = stack.enter_context(contextlib.closing(self._open_outputs()))
             self._delivery = Delivery(self._devices, self._recordings, self._outputs, self._account.health)
+            self._devices.look()
             self._notifier.say("STATUS=compiling", "EXTEND_TIMEOUT_USEC=300000000")
             self._compiling = True
             self._prepare_kernels()

@@ -48,6 +48,11 @@ class Devices:
         self._spares: dict[str, set[Port]] = {kind: set() for kind in _PARTS}
         recordings.on_begin, recordings.on_end = self._introduce, self._read_directly
 
+    def look(self) -> None:
+        """Find at once that there is no point in waiting. Raises ImudError as `on_time`."""
+        for port in self.ports:
+            port.look()
+
     def configure(self, settings: Settings) -> None:
         """Take what is hot of other settings."""
         self._settings = settings

@@ -24,7 +24,7 @@ from drivers.errors import (
 )
 from drivers.registry import by_name
 from drivers.transport.conversation import Conversation
-from drivers.transport.line import Known, Line, open_line
+from drivers.transport.line import Known, Line, look, open_line
 from drivers.transport.portspec import PortSpec
 
 from .errors import DeviceAbsentError, ImudError, InputOutputError, PermissionDeniedError
@@ -74,6 +74,14 @@ class Port:
         self._last_baud = 0  # at which a device was found here; 0: none yet
         self._then: Callable[[Any], None] = lambda result: None
         self._retry_s = _FIRST_RETRY_S
+
+    def look(self) -> None:
+        """See whether the port is there, before anything that takes long. Raises ImudError as `on_time`."""
+        try:
+            look(self.spec)
+        except PortError as error:
+            if type(error) in _FATAL or not self._patient:
+                raise failure(error) from error
 
     @property
     def fd(self) -> int:

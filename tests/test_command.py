@@ -36,6 +36,22 @@ def test_a_check_refuses_what_the_daemon_would(arguments, code, capsys):
     assert bool(capsys.readouterr().err) == bool(code)
 
 
+@pytest.mark.parametrize(("name", "waiting", "code"), [("absent", "--no-wait", 69), ("", "--wait", 74)])
+def test_what_is_no_port_is_told_before_anything_is_compiled(name, waiting, code, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("imud.daemon.Daemon._prepare_kernels", lambda daemon: pytest.fail("compiled"))
+    port, listen = tmp_path / name, tmp_path / "gpsd.sock"
+    assert main(["run", "--port", str(port), waiting, "--listen", str(listen)]) == code
+    assert str(port) in capsys.readouterr().err
+
+
+def test_a_package_that_is_missing_is_named_with_the_extra_that_brings_it(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "drivers.capture", None)
+    monkeypatch.setattr("imud.commands._EXTRAS", {"drivers.capture": "record"})
+    monkeypatch.delitem(sys.modules, "imud.recording.player", raising=False)
+    assert main(["export", "x.mcap", "--csv", "out"]) == 64
+    assert "pip install 'imud[record]'" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("arguments", [["--scenario", "moon"], ["--seconds", "0"], ["--faults", "warp=1"]])
 def test_a_demo_of_nothing_is_misuse_at_once(arguments, capsys):
     try:

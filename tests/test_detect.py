@@ -139,6 +139,11 @@ def test_a_stream_at_another_speed_than_the_one_named_is_called_garbage(baud):
     assert "leave out @BAUD" in str(found)
 
 
+def test_garbage_is_the_same_news_whatever_its_bytes():
+    one, other = (Chatter(bytes([128 + byte]) * 200, baud, (baud,)) for byte, baud in ((1, 9600), (2, 4800)))
+    assert (str(one) != str(other)) and one.gist == other.gist
+
+
 def test_a_silent_line_at_the_one_speed_named_says_that_no_other_was_tried():
     found, _ = run(detect("epson", 115200), G350(460800))
     assert str(found).startswith("silent at 115200 baud")

@@ -6,7 +6,7 @@ from typing import Protocol, runtime_checkable
 from ..driver import GnssConfigured, ImuConfigured
 from .conversation import Port
 from .portspec import PortSpec
-from .serial import SerialPort
+from .serial import SerialPort, present
 from .spi import SpiPort
 
 
@@ -48,6 +48,12 @@ def _replay(spec: PortSpec) -> Line:
 
 
 _OPENERS: dict[str, Callable[[PortSpec], Line]] = {"spi": SpiPort, "replay": _replay}
+
+
+def look(spec: PortSpec) -> None:
+    """What can be told of a port without opening it. Raises the errors of `drivers.errors`."""
+    if spec.path.partition(":")[0] not in _OPENERS:
+        present(spec.path)
 
 
 def open_line(spec: PortSpec) -> Line:

@@ -35,7 +35,7 @@ class SerialPort:
 
     def __init__(self, spec: PortSpec) -> None:
         path = self.path = spec.path
-        status = _status(path)
+        status = present(path)
         try:
             self._serial = serial.Serial(path, spec.baud or DEFAULT_BAUD, timeout=0, write_timeout=0, exclusive=True)
         except (OSError, ValueError) as error:  # SerialException is an OSError
@@ -146,7 +146,8 @@ class SerialPort:
         return PortLostError(self.path, f"{self.path} went away: {reason(error) if error else 'end of file'}")
 
 
-def _status(path: str) -> os.stat_result:
+def present(path: str) -> os.stat_result:
+    """What is at the path. Raises PortAbsentError, PortDeniedError, NotSerialError."""
     try:
         status = Path(path).stat()
     except OSError as error:

@@ -17,13 +17,14 @@ from drivers.sample import SATURATED as BEYOND_RANGE
 from ...kernels.jit import kernel
 from .. import Estimator
 from ..records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SATURATED
+from .counts import examine
 from .covariance import clear, correct, predict, report, shake
 from .levelling import begin, doubt, hold, level, middle, resume, seek, seeks, unweighed
 from .rest import judge, restart, watch
 from .setup import configure, start
-from .staying import follow_travel, hold_near, hold_place, hold_still
+from .staying import follow_travel, hold_near, hold_place, hold_still, leave
 from .strapdown import advance, corrected_force, corrected_rate
-from .truncation import examine, restored
+from .truncation import restored
 
 INTERVAL_S = 0.049  # of the covariance: 0.025 to 0.1 give the same errors, on hands (BROAD) and vehicles
 LONG_GAP_S = 1.0  # after it the attitude is found anew
@@ -48,9 +49,12 @@ def settle(p: Any, s: Any) -> None:
 def hold_on(p: Any, s: Any) -> None:
     """Take the pseudo-measurements of rest or motion."""
     follow_travel(s)
+    rested = s.resting == 1
     if judge(p, s):
         hold_still(p, s)
     else:
+        if rested:
+            leave(s)
         hold_near(s)
     if s.unlevel_s == 0.0:  # else it accelerates steadily
         hold_place(s)

@@ -10,9 +10,10 @@ from ...kernels.earth import STANDARD_GRAVITY, gravity
 from ...profiles import PROFILES, Profile, profile_of
 from ...settings import Initial, Settings
 from .. import Record
+from .counts import COARSEST
 from .levelling import UNIFORM
 from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, LAG, PARAMETERS, STATE, STATES
-from .truncation import COARSEST, UNLIKELY
+from .truncation import UNLIKELY
 
 GRAVITY_SPREAD = 0.0015  # of standard gravity over the earth's surface, 1 sigma
 ACCEL_BIAS_S = 100.0  # in which the accelerometer's bias may change by its instability
@@ -63,7 +64,7 @@ def start(parameters: Record, initial: Initial) -> Record:
     known = initial.lat_deg is not None
     lat = math.radians(initial.lat_deg or 0.0)
     s["gravity"] = gravity(lat, initial.height_m or 0.0) if known else STANDARD_GRAVITY
-    s["count"], s["truncation"] = COARSEST, UNLIKELY
+    s["read"], s["count"], s["truncation"] = math.nan, COARSEST, UNLIKELY
     s["q"] = (1.0, 0.0, 0.0, 0.0)
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)
     s["given"] = [math.nan if angle is None else math.radians(angle) for angle in angles]

@@ -7,6 +7,8 @@ and place are NED; gyro and accelerometer follow true = (I - M)(measured - bias)
 
 import numpy as np
 
+from .truncation import CELLS
+
 ATTITUDE, GYRO_BIAS, VELOCITY, ACCEL_BIAS, GYRO_MATRIX, ACCEL_SCALE, LAG, PLACE = 0, 3, 6, 9, 12, 21, 24, 25
 STATES = 28
 PACKED = STATES * (STATES + 1) // 2
@@ -83,14 +85,21 @@ STATE = np.dtype(
         ("p", "<f8", (3,)),  # m from where it was at home, NED
         ("p_energy", "<f8", (3,)),
         # counts of the gyro, rad/s
-        ("read", "<f8", (3,)),  # the newest rates as read
+        ("read", "<f8", (3,)),  # the newest rates as read, NaN: none yet
         ("count", "<f8", (3,)),  # the smallest step between readings
-        ("cut", "<f8", (3,)),  # what is believed to be cut off toward zero
-        ("truncation", "<f8"),  # log odds
+        ("phase", "<f8", (3,)),  # counts by which all readings differ from whole ones
+        ("truncation", "<f8"),  # log odds that they are cut off toward zero
+        ("cut_most", "<f8", (3,)),  # rad/s believed to be cut off far from zero, and of each count about it
+        ("cut", "<f8", (3 * CELLS,)),
+        ("cut_var", "<f8", (3,)),  # (rad/s)^2, of what is believed to be cut off at rest
+        ("evidence", "<f8", (3 * CELLS,)),  # log likelihood ratio: that this count is the wide one, or none is
         ("side", "<f8", (3,)),  # of zero where the rate was, -1 or 1, 0: unknown
-        ("zeros", "<f8", (3,)),  # readings since
-        ("ones", "<f8", (3,)),
-        ("rest_sign", "<f8", (3,)),  # of the rates at the last rest, 0: none yet
+        ("seen", "<f8", (3,)),  # readings since, and of each count
+        ("passed", "<f8", (3 * CELLS,)),
+        ("still", "<f8", (3 * CELLS,)),  # readings of each count at rest
+        ("still_step2", "<f8", (3,)),  # sum of the squares of the steps between them
+        ("still_samples", "<i8"),
+        ("still_blocks", "<i8"),
         # rest
         ("w_mean", "<f8", (3,)),
         ("f_mean", "<f8", (3,)),

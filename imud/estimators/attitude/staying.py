@@ -14,12 +14,11 @@ The noise densities were found on hand-held recordings with optical truth (BROAD
 their tilt errors are no larger than without a place. TRAVEL is where BROAD no longer notices it.
 """
 
-import math
 from typing import Any
 
 from ...kernels.jit import kernel
 from ...kernels.kalman import reset
-from .covariance import observe, variance
+from .covariance import grow, observe, variance
 from .state import GYRO_BIAS, PLACE, STATES, VELOCITY
 
 VELOCITY_NOISE = 0.023  # m/s sqrt(s), of zero velocity in slow motion
@@ -57,9 +56,15 @@ def follow_travel(s: Any) -> None:
 def hold_still(p: Any, s: Any) -> None:
     """At rest the mean rate is the gyro bias, and velocity zero."""
     for i in range(3):
-        s.rest_sign[i] = math.copysign(1.0, s.w_mean[i])
         observe(s, GYRO_BIAS + i, s.w_mean[i] - s.bg[i], p.rest_rate_psd / s.span)
         hold(s, i, REST_VELOCITY_NOISE**2)
+
+
+@kernel
+def leave(s: Any) -> None:
+    """The gyro bias in motion is that at rest but for what rest cut off unknown."""
+    for i in range(3):
+        grow(s, GYRO_BIAS + i, s.cut_var[i])
 
 
 @kernel

@@ -2,9 +2,12 @@
 
 Such a reading is half a count too small in size whichever way the body turns, so that the bias seen at rest is not the
 bias in motion: with 16 bits for 2000 deg/s the heading then drifts by 1.8 deg/min. It shows in the readings alone: two
-intervals are cut off to zero, one to every other count. Whenever a rate passes through zero, of its readings of -1, 0
-and 1 counts a half is zero if cut off, a third if rounded. Each pass adds to the odds, and readings are restored as far
-as these go.
+intervals are cut off to zero, one to every other count. `counts` and `noise_counts` gather how much likelier what they
+see is if one cell is so wide than if none is; the axes of a gyro are cast alike, and readings are restored as far as
+the odds go.
+
+Readings that are whole counts were cut off at zero if at all. Where a bias was taken out after the cast, as
+calibrations do, they are whole counts but for a common rest, and zero may have been at any of them.
 
 Source: Bayes' rule for two hypotheses, as in Wald, Sequential tests of statistical hypotheses (1945).
 """
@@ -13,68 +16,85 @@ import math
 from typing import Any
 
 from ...kernels.jit import kernel
-from ...kernels.rotation import Vector
 
+WINDOW = 32  # counts on either side of the reading next to zero, in which zero itself is sought
+CELLS = 2 * WINDOW + 1
+WHOLE = 0.1  # of a count, how near to a whole number of them readings are
 UNLIKELY = math.log(1.0 / 10.0)  # log odds of truncation before any reading
 BEYOND_DOUBT = 12.0
-ZERO = math.log((1.0 / 2.0) / (1.0 / 3.0))  # what a reading of zero tells in favour of truncation
-ONE = math.log((1.0 / 4.0) / (1.0 / 3.0))
-COARSEST = math.radians(0.2)  # rad/s, of a count
-FAR = 8.0  # counts; a pass is from this far on one side to as far on the other, which noise about zero is not
-INDEPENDENT = 4.0  # readings of one pass at most; more come from slow or uneven turning
-SAME = 1e-6  # rad/s, between readings of the same count
-WHOLE = 0.1  # of a count, how near to a whole number of them readings are
 
 
 @kernel
 def restored(s: Any, x: float, i: int) -> float:
     """Reading x of axis i with what was cut off."""
-    return x + math.copysign(s.cut[i], x) if abs(x) > SAME else x
+    most = float(s.cut_most[i])
+    if most == 0.0:
+        return x
+    k = math.floor(x / s.count[i] - s.phase[i] + 0.5)
+    if k < -WINDOW:
+        return x - most
+    if k > WINDOW:
+        return x + most
+    return float(x + s.cut[i * CELLS + WINDOW + k])
 
 
 @kernel
-def examine(s: Any, w: Vector) -> None:
-    """Look at one sample of rates as read."""
-    odds = s.truncation
-    for i in range(3):
-        step, count = abs(w[i] - s.read[i]), s.count[i]
-        s.read[i] = w[i]
-        if SAME < step < 0.99 * count:
-            s.count[i] = step
-            s.side[i] = 0.0
-            odds = UNLIKELY
-        elif count < COARSEST:
-            odds = follow(s, i, w[i] / count, odds)
-    if odds != s.truncation:
-        s.truncation = min(max(odds, -BEYOND_DOUBT), BEYOND_DOUBT)
-        restore(s)
-
-
-@kernel
-def follow(s: Any, i: int, x: float, odds: float) -> float:
-    """Follow axis i, which now reads x counts, through zero; return the log odds with what a finished pass tells."""
-    size = abs(x)
-    if size > FAR:
-        side = math.copysign(1.0, x)
-        seen = s.zeros[i] + s.ones[i]
-        if side == -s.side[i] and seen > 0.0:
-            odds += (ZERO * s.zeros[i] + ONE * s.ones[i]) * min(1.0, INDEPENDENT / seen)
-        s.side[i] = side
-        s.zeros[i] = s.ones[i] = 0.0
-    elif size < WHOLE:
-        s.zeros[i] += 1.0
-    elif abs(size - 1.0) < WHOLE:
-        s.ones[i] += 1.0
-    elif size < 1.0:
-        return UNLIKELY  # these are no counts
-    return odds
+def candidates(s: Any, i: int) -> tuple[int, int]:
+    """The first cell of axis i that may be the wide one, and the one after the last."""
+    if abs(s.phase[i]) < WHOLE:
+        return i * CELLS + WINDOW, i * CELLS + WINDOW + 1
+    return i * CELLS, (i + 1) * CELLS
 
 
 @kernel
 def restore(s: Any) -> None:
-    """Expect as much to be cut off as the odds say; the bias that was seen at rest lost it, too."""
+    """Expect as much to be cut off as the evidence says; the bias that was seen at rest lost it, too."""
+    odds = UNLIKELY
+    for i in range(3):
+        odds += log_mean(s, i)
+    s.truncation = min(max(odds, -BEYOND_DOUBT), BEYOND_DOUBT)
     part = 0.5 / (1.0 + math.exp(-s.truncation))
     for i in range(3):
-        cut = part * s.count[i]
-        s.bg[i] += (cut - s.cut[i]) * s.rest_sign[i]
-        s.cut[i] = cut
+        s.cut_most[i] = part * s.count[i]
+        s.bg[i] += spread(s, i)
+
+
+@kernel
+def log_mean(s: Any, i: int) -> float:
+    """Of the likelihood ratios of all places where axis i may have its wide cell."""
+    first, end = candidates(s, i)
+    top, total = s.evidence[first], 0.0
+    for k in range(first, end):
+        top = max(top, s.evidence[k])
+    for k in range(first, end):
+        total += math.exp(s.evidence[k] - top)
+    return float(top + math.log(total / (end - first)))
+
+
+@kernel
+def spread(s: Any, i: int) -> float:
+    """Expect of each reading of axis i that it lost `cut_most` on the side of zero that it is on.
+
+    Returns by how much more that is than before for those seen at rest, and keeps how far it may be wrong for them.
+    """
+    first, end = candidates(s, i)
+    mean = log_mean(s, i)
+    still = 0.0
+    for k in range(i * CELLS, (i + 1) * CELLS):
+        still += s.still[k]
+    below, still_below, more, lost, lost2 = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(i * CELLS, (i + 1) * CELLS):
+        here = math.exp(s.evidence[k] - mean) / (end - first) if first <= k < end else 0.0
+        cut = s.cut_most[i] * (2.0 * below + here - 1.0)
+        more += s.still[k] * (cut - s.cut[k])
+        s.cut[k] = cut
+        below += here
+        side = still - s.still[k] - 2.0 * still_below  # readings above this cell less those below it
+        lost += here * side
+        lost2 += here * side * side
+        still_below += s.still[k]
+    if still == 0.0:
+        return 0.0
+    most = s.cut_most[i]
+    s.cut_var[i] = max(0.5 * s.count[i] * most * lost2 - (most * lost) ** 2, 0.0) / still**2
+    return more / still

@@ -133,6 +133,14 @@ def test_unknown_time_is_left_out_everywhere():
     assert "time" not in json.loads(Report(view).poll(watched=True))
 
 
+def test_a_guessed_height_is_none():
+    row = golden_solution()
+    row["sigma_p"] = (1.0, 1.0, 1000.0)
+    tpv = fields("TPV", golden_view(solution=row.tobytes()))
+    assert tpv["mode"] == 2
+    assert not {"altHAE", "altMSL", "alt"} & tpv.keys()
+
+
 @pytest.mark.parametrize(
     ("status", "emulated", "height", "expected"),
     [

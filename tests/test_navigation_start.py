@@ -7,6 +7,7 @@ from navigation_simulation import drive, errors, received, sensed
 from scipy.spatial.transform import Rotation
 
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALID
+from imud.outputs.view import GUESSED_M
 from imud.settings import Initial, Navigation, Settings
 
 RATE = 100
@@ -47,6 +48,18 @@ def test_before_the_heading_is_known_position_follows_the_receiver_and_roll_and_
     assert np.isnan(out["lat"][: at(0.9)]).all()
     assert np.abs(a[at(5.0) :, :2]).max() < np.radians(1.0)
     assert (np.abs(p[at(2.0) :]) < 4.0 * out["sigma_p"][at(2.0) :]).all()
+
+
+def test_a_height_that_no_fix_has_told_is_not_known():
+    rng = np.random.default_rng(4)
+    d = drive(60.0, rest=5.0)
+    fixes = received(d, rng)
+    fixes["height"] = np.nan
+    out, _, _ = navigate(sensed(d, rng), fixes)
+    p, _, _ = errors(d, out)
+    assert (out["status"][-1] & HEADING_VALID) > 0
+    assert (out["sigma_p"][at(2.0) :, 2] > GUESSED_M).all()
+    assert np.hypot(*p[at(40.0) :, :2].T).max() < 5.0
 
 
 def test_start_under_way():

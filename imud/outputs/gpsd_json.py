@@ -113,7 +113,7 @@ def _motion(s: State) -> Vector:
 
 
 def _altitude_msl(s: State, gnss: Gnss | None) -> float:
-    if gnss is None or not math.isfinite(s.height):
+    if gnss is None or not math.isfinite(s.told_height):
         return NAN
     return s.height - gnss.geoid_sep if math.isfinite(gnss.geoid_sep) else gnss.alt_msl
 
@@ -126,7 +126,7 @@ def _fix(view: View, s: State) -> str:
     if not s.status & POSITION_VALID:
         return f',"mode":{0 if view.solution == NO_SOLUTION else 1}'
     status = _SIMULATED if view.emulated else _DEAD_RECKONING if s.status & COASTING else _GNSS_AND_DEAD_RECKONING
-    return f',"status":{status},"mode":{3 if math.isfinite(s.height) else 2}'
+    return f',"status":{status},"mode":{3 if math.isfinite(s.told_height) else 2}'
 
 
 def _tpv(view: View, s: State) -> str:
@@ -134,7 +134,7 @@ def _tpv(view: View, s: State) -> str:
     msl = _altitude_msl(s, view.gnss)
     geoid_sep = view.gnss.geoid_sep if view.gnss else NAN
     numbers = _TPV(
-        view.utc_error_s if view.utc_s is not None else NAN, s.lat, s.lon, s.height, msl, msl, geoid_sep,
+        view.utc_error_s if view.utc_s is not None else NAN, s.lat, s.lon, s.told_height, msl, msl, geoid_sep,
         _NORMAL95 * se, _NORMAL95 * sn, _NORMAL95 * sd, _bound95(sn, se), _bound95(sn, se, sd),
         *_motion(s), *s.v,
     )  # fmt: skip

@@ -87,6 +87,9 @@ class View(NamedTuple):
     sensed: Vector = 2 * NO_VECTOR  # by the inertial sensor: rates in rad/s and specific force in m/s^2, body
 
 
+GUESSED_M = 500.0  # standard deviation
+
+
 class State(NamedTuple):
     """The columns of SOLUTION in the units of the records, but angles in degrees and rates in degrees per second."""
 
@@ -105,6 +108,11 @@ class State(NamedTuple):
     sigma_rpy: Vector
     sigma_bg: Vector
     sigma_ba: Vector
+
+    @property
+    def told_height(self) -> float:
+        """For people and maps; NaN while no fix had one (RMC has none), and a guess stands in its place."""
+        return self.height if self.sigma_p[2] < GUESSED_M else math.nan
 
 
 _ANGLES = {"lat", "lon", "w", "bg", "sigma_rpy", "sigma_bg"}

@@ -12,7 +12,7 @@ from .motion import REST_SPEED
 from .non_holonomic import witness
 from .state import POSITION, STATES, VELOCITY
 
-UNKNOWN_POSITION = 100.0  # m
+UNKNOWN_POSITION, UNKNOWN_HEIGHT = 100.0, 1000.0  # m
 UNKNOWN_SPEED = 5.0  # m/s
 UNKNOWN_CLIMB = 1.0
 RECEIVED_SPEED = 0.3
@@ -45,7 +45,8 @@ def bear_witness(p: Any, c: Any, known: bool) -> None:
 def place(p: Any, c: Any, fix: Any) -> None:
     """Put the core on the fix; begin to navigate when roll, pitch and heading are known."""
     c.lat, c.lon = fix.lat, fix.lon
-    if math.isfinite(fix.height):
+    guessed = not math.isfinite(fix.height)
+    if not guessed:
         c.height = fix.height
     vn, ve = velocity_of(fix, 0), velocity_of(fix, 1)
     pair(c, fix.lat, fix.lon, vn, ve)
@@ -62,12 +63,12 @@ def place(p: Any, c: Any, fix: Any) -> None:
         bear_witness(p, c, known)
     arm2 = p.lever[0] ** 2 + p.lever[1] ** 2 + p.lever[2] ** 2
     for i in range(3):
-        sigma = c.reported[0] if i < 2 else c.reported[1]
+        sigma = c.reported[0] if i < 2 else UNKNOWN_HEIGHT if guessed else c.reported[1]
         reset(c.P, STATES, POSITION + i, sigma * sigma + arm2)
         reset(c.P, STATES, VELOCITY + i, (RECEIVED_SPEED if known else UNKNOWN_SPEED) ** 2)
     c.fix_ns = c.t_ns
     if levelled(c) and (c.heading_sigma > 0.0 or find_heading(c)):
         for i in range(3):
-            reset(c.P, STATES, POSITION + i, UNKNOWN_POSITION**2)
+            reset(c.P, STATES, POSITION + i, (UNKNOWN_HEIGHT if guessed and i == 2 else UNKNOWN_POSITION) ** 2)
             reset(c.P, STATES, VELOCITY + i, UNKNOWN_SPEED**2 if i < 2 else UNKNOWN_CLIMB**2)
         engage(p, c)

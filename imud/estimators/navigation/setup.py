@@ -8,6 +8,7 @@ from imud.profiles import profile_of
 from imud.settings import Initial, Settings
 
 from .. import Record
+from .acquisition import UNKNOWN_HEIGHT
 from .creep import RESTLESS
 from .state import (
     ACCEL_BIAS,
@@ -32,7 +33,7 @@ WALK_S = 300.0  # s in which a bias walks by its instability
 TILT_SIGMA = math.radians(20.0)  # of the first sample taken for gravity
 GIVEN_TILT = math.radians(2.0)
 GIVEN_HEADING = math.radians(5.0)
-GIVEN_POSITION, UNKNOWN_HEIGHT, GIVEN_VELOCITY = 5.0, 100.0, 0.3  # m, m, m/s
+GIVEN_POSITION, GIVEN_VELOCITY = 5.0, 0.3  # m, m/s
 LATENCY_SIGMA = 0.2  # s
 SPEED_SIGMA = 0.1  # m/s, of a receiver's velocity, before its innovations tell
 VEHICLES = {"free": FREE, "auto": AUTO, "land": LAND}

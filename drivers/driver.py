@@ -161,6 +161,10 @@ class GnssDecoder(Protocol):
         """What it last said of the satellites."""
 
     @property
+    def whole(self) -> int:
+        """Messages that came undamaged, whatever they say: without any, the device or its speed is another."""
+
+    @property
     def pending(self) -> bool:
         """Whether an epoch is open that `flush` may end."""
 

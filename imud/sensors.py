@@ -213,8 +213,10 @@ class Receiver:
         pulse_ns = self._pulse.newest_ns(now_ns) if self._pulse else None
         if self.tap is not None:
             self.tap(data, now_ns, pulse_ns)
-        self.heard_ns = now_ns
-        return self._accepted(self.decoder.feed(data, now_ns), now_ns, pulse_ns)
+        whole, fixes = self.decoder.whole, self.decoder.feed(data, now_ns)
+        if self.decoder.whole > whole:
+            self.heard_ns = now_ns
+        return self._accepted(fixes, now_ns, pulse_ns)
 
     @property
     def heard(self) -> int:

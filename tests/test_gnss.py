@@ -120,6 +120,15 @@ def test_the_verdict_on_fixes_is_told_once_per_change_with_the_key_that_changes_
     assert "14 fixes" in counters["sentences"]
 
 
+def test_noise_keeps_no_receiver_alive():
+    receiver = Receiver(by_name("nmea"), Gnss(), 0)
+    receiver.take(gga("120000.000"), 1)
+    receiver.take(b"\xff\x80$GPGGA,\xfe*00\r\n" * 40, 2)
+    assert receiver.heard_ns == 1
+    receiver.take(b"$GPTXT,01*62\r\n", 3)  # whole, and of no use
+    assert receiver.heard_ns == 3
+
+
 class FixedPulse:
     def __init__(self, pulse_ns):
         self.pulse_ns = pulse_ns

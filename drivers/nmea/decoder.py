@@ -79,6 +79,7 @@ class NmeaDecoder:
     def __init__(self) -> None:
         self.counters: Counter[str] = Counter()
         self.status = ReceiverStatus()
+        self.whole = 0
         self._splitter = Splitter(self.counters)
         self._epoch: Epoch | None = None
         self._beginnings, self._endings = Habit(), Habit()
@@ -108,6 +109,7 @@ class NmeaDecoder:
         self._heard_ns = arrival_ns
         fixes = []
         for sentence in self._splitter.feed(data, arrival_ns):
+            self.whole += 1
             fixes += self._take(sentence)
         return fixes
 

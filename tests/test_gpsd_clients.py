@@ -27,6 +27,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import pynmeagps
 import pyte
 import pytest
 from gpsd_synthetic import GEOID_M, HEIGHT_M, LAT_DEG, LON_DEG, RADIUS_M, ROLL_DEG, SPEED_MPS, running
@@ -82,6 +83,13 @@ def test_gpspipe_prints_what_we_send(server):
     assert kinds[:8] == ["VERSION", "DEVICES", "WATCH", "TPV", "SKY", "ATT", "IMU", "EST"]
     tpv = messages[3]
     assert tpv["mode"] == 3 and on_the_circle(tpv["lat"], tpv["lon"])
+
+
+def test_gpspipe_prints_nmea_when_asked(server):
+    lines = run(program("gpspipe"), "-r", "-n", "9", server).splitlines()
+    assert [json.loads(text)["class"] for text in lines[:3]] == ["VERSION", "DEVICES", "WATCH"]
+    assert [text[:6] for text in lines[3:6]] == ["$GPGGA", "$GPRMC", "$GPVTG"]
+    assert on_the_circle(*(getattr(pynmeagps.NMEAReader.parse(lines[3]), name) for name in ("lat", "lon")))
 
 
 @contextlib.contextmanager

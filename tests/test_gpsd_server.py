@@ -45,6 +45,16 @@ def test_watch_is_answered_with_devices_then_watch_then_the_stream(loop):
     assert [message["class"] for message in stream] == ["TPV", "SKY", "ATT", "IMU", "EST"]
 
 
+def test_nmea_instead_of_json_or_beside_it(loop):
+    plain, both = loop.connect(b'?WATCH={"enable":true,"nmea":true};'), loop.connect(WATCH, b'?WATCH={"nmea":true};')
+    loop.publish(MS)
+    said = plain.sock.recv(65536).split(b"\r\n")
+    assert b'"json":false,"nmea":true' in said[2]
+    assert [text[:6] for text in said[3:]] == [b"$GPGGA", b"$GPRMC", b"$GPVTG", b"$GPHDT", b"$GPROT", b"$PASHR", b""]
+    mixed = both.sock.recv(65536)
+    assert b'{"class":"ATT"' in mixed and b"\r\n".join(said[3:]) in mixed
+
+
 @pytest.mark.parametrize(
     ("request_", "classes"),
     [

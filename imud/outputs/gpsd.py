@@ -21,6 +21,7 @@ from .connection import NEVER_NS, SECOND_NS, Connection
 from .gpsd_dialogue import TOO_MANY, Answer, Policy, Request, answer, device_object, error_object, version_object
 from .gpsd_json import Report, line
 from .listen import EXHAUSTED, Address, is_local, listen, parse_address, shown_address
+from .nmea_sentences import sentences
 from .view import Device, View
 
 PORT = 2947
@@ -88,6 +89,7 @@ class GpsdServer:
         self._clients: dict[int, Connection] = {}
         self._view = View()
         self._report: Report | None = None
+        self._sentences = b""  # the view as NMEA, once somebody wants it
         self._due_ns = NEVER_NS  # earliest time that a client wants a message
         self._tick_ns = 0
         self._published_ns = -_FRESH_NS
@@ -141,14 +143,22 @@ class GpsdServer:
         """Give the newest view; clients whose next message is due get it."""
         if view.devices != self._view.devices:
             self._announce(self._view.devices, view.devices, now_ns)
-        self._view, self._report, self._published_ns = view, None, now_ns
+        self._view, self._report, self._sentences, self._published_ns = view, None, b"", now_ns
         self.tick(now_ns)
         if now_ns < self._due_ns:
             return
         for client in [c for c in self._clients.values() if c.policy.streaming]:
             if kinds := client.due(now_ns):
-                self._offer(client, self._reported().lines(kinds), now_ns)
+                self._offer(client, self._said(client.policy, kinds), now_ns)
         self._reschedule()
+
+    def _said(self, policy: Policy, kinds: tuple[str, ...]) -> bytes:
+        """The newest view as this client wants it: as JSON, as NMEA, or both."""
+        data = self._reported().lines(kinds) if policy.json else b""
+        if policy.nmea:
+            self._sentences = self._sentences or sentences(self._view)
+            data += self._sentences
+        return data
 
     def on_event(self, fd: int, mask: int, now_ns: int) -> None:
         """Handle what poll said of one of our descriptors; beyond the limit of this wake-up, poll says it again."""
@@ -257,7 +267,7 @@ class GpsdServer:
         """Tell those who watch which devices went and which came."""
         gone = [device_object(device, active=False) for device in before if device not in after]
         came = [device_object(device) for device in after if device not in before]
-        for client in [c for c in self._clients.values() if c.policy.streaming]:
+        for client in [c for c in self._clients.values() if c.policy.enable and c.policy.json]:
             self._offer(client, line(*gone, *came), now_ns)
 
     def _reported(self) -> Report:

@@ -72,6 +72,7 @@ class _WatchArgument(msgspec.Struct):
 
     enable: bool = True
     json: bool | None = None
+    nmea: bool | None = None
     device: str | None = None
     rate: Annotated[float, Meta(gt=0.0, le=1000.0)] | None = None
     classes: str | None = msgspec.field(name="class", default=None)
@@ -96,12 +97,13 @@ class Policy:
     rate_hz: float
     enable: bool = False
     json: bool = False
+    nmea: bool = False
     device: str | None = None
     classes: tuple[str, ...] = CLASSES
 
     @property
     def streaming(self) -> bool:
-        return self.enable and self.json
+        return self.enable and (self.json or self.nmea)
 
     def told(self, argument: bytes) -> "Policy":
         """This policy after ?WATCH=argument. Raises RefusedError."""
@@ -113,6 +115,7 @@ class Policy:
             self,
             enable=given.enable,
             json=self.json if given.json is None else given.json,
+            nmea=self.nmea if given.nmea is None else given.nmea,
             device=self.device if given.device is None else given.device,
             rate_hz=given.rate or self.rate_hz,
             classes=self.classes if given.classes is None else _chosen(given.classes),
@@ -164,11 +167,11 @@ def devices_object(devices: Iterable[Device]) -> str:
 
 
 def watch_object(policy: Policy) -> str:
-    """The policy as it is: there are no raw, NMEA or AIS streams to watch here."""
+    """The policy as it is: there are no raw or AIS streams to watch here."""
     words = {True: "true", False: "false"}
     device = f',"device":{quoted(policy.device)}' if policy.device is not None else ""
     return (
-        f'{{"class":"WATCH","enable":{words[policy.enable]},"json":{words[policy.json]},"nmea":false,"raw":0'
+        f'{{"class":"WATCH","enable":{words[policy.enable]},"json":{words[policy.json]},"nmea":{words[policy.nmea]},"raw":0'
         f',"scaled":false,"timing":false,"split24":false,"pps":false{device}'
         f',"rate":{policy.rate_hz:.6g},"classes":"{",".join(policy.classes)}"}}'
     )

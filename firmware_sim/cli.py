@@ -77,12 +77,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--parent", type=int, metavar="PID", help="end with that process, which started this one")
 
 
+class _FaultsHelp(argparse.Action):
+    """Print the list of faults, and end."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        print(spec.help_text())
+        parser.exit()
+
+
 def add_faults(parser: argparse.ArgumentParser) -> None:
-    """Declare --faults."""
+    """Declare --faults, and what explains it."""
     parser.add_argument(
-        "--faults", default="", metavar="SPEC", help='what goes wrong: "flip=0.01,cut=0.01;gnss:loss@20-40", see below'
+        "--faults", default="", metavar="SPEC", help='what goes wrong: "flip=0.01,cut=0.01;gnss:loss@20-40"'
     )
-    parser.epilog, parser.formatter_class = spec.help_text(), argparse.RawDescriptionHelpFormatter
+    parser.add_argument("--faults-help", action=_FaultsHelp, nargs=0, help="what can go wrong, as a list")
 
 
 def run(args: argparse.Namespace) -> int:

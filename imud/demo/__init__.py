@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"what the emulated vehicle does: {', '.join(SCENARIO_NAMES)} (default: %(default)s)",
     )
     parser.add_argument("--seed", type=seed, default=1, metavar="N", help="of the sensors' errors (default: 1)")
-    parser.add_argument("--faults", default="", metavar="SPEC", help="what goes wrong: see `imud sim --help`")
+    parser.add_argument("--faults", default="", metavar="SPEC", help="what goes wrong: see `imud sim --faults-help`")
     parser.add_argument("--web", action="store_true", help="show it live in a browser: see `imud web`")
     parser.add_argument("--no-gnss", action="store_true", help="the inertial sensor alone: attitude only")
 

@@ -20,6 +20,7 @@ from ..records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SATURATED
 from .counts import examine
 from .covariance import clear, correct, predict, report, shake
 from .levelling import begin, doubt, hold, level, middle, resume, seek, seeks, unweighed
+from .lost import loses
 from .rest import judge, restart, watch
 from .setup import configure, start
 from .staying import follow_travel, hold_near, hold_place, hold_still, leave
@@ -38,7 +39,7 @@ def settle(p: Any, s: Any) -> None:
     predict(p, s)
     if seeks(s):
         seek(s)
-    else:
+    elif not loses(p, s):
         hold_on(p, s)
         correct(s)
     clear(s)

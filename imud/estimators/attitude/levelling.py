@@ -88,7 +88,7 @@ def level(s: Any, f: Vector) -> None:
     for i in range(3):
         reset(s.P, STATES, ATTITUDE + i, tilt2 if i < 2 else heading2)
         g[i] = math.nan
-        s.pull[i] = 0.0
+        s.pull[i] = s.gain[i] = 0.0
         forget_motion(s, i)
     s.pull_s = 0.0
     clear(s)

@@ -38,6 +38,7 @@ STATE = np.dtype(
         ("t_ns", "<i8"),  # of the newest sample
         ("samples", "<i8"),
         ("levelled", "<i8"),  # 1 when roll and pitch have been found
+        ("found", "<i8"),  # 1 when they have been known well since
         ("seeking", "<i8"),  # 1 while they follow the mean force since the beginning
         ("pull", "<f8", (3,)),  # m/s, the integral of that force, NED
         ("pull2", "<f8"),  # m^2/s^3, and of its square
@@ -84,6 +85,7 @@ STATE = np.dtype(
         ("travel", "<f8", (3,)),  # (m/s)^2, lately, of velocities as only vehicles keep them up
         ("p", "<f8", (3,)),  # m from where it was at home, NED
         ("p_energy", "<f8", (3,)),
+        ("gain", "<f8", (3,)),  # m/s, speed lately gained, NED, whatever corrected it
         # counts of the gyro, rad/s
         ("read", "<f8", (3,)),  # the newest rates as read, NaN: none yet
         ("count", "<f8", (3,)),  # the smallest step between readings

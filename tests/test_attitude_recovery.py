@@ -1,0 +1,51 @@
+"""The attitude filter when roll and pitch are wrong in the midst of motion: it notices, and finds them again."""
+
+import numpy as np
+import pytest
+from attitude_runs import samples_from, tilt_variance_deg2
+from attitude_simulation import DEG, Flaws, after, errors_deg, simulate, steady, wobble
+from broad import solutions_of
+from scipy.spatial.transform import Rotation
+
+from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID
+from imud.settings import Initial
+
+SLIP_S = 20.0
+
+
+@pytest.mark.parametrize("angle_deg", [45.0, 90.0, 170.0])
+def test_a_sensor_that_slipped_unseen_finds_the_vertical_again(angle_deg):
+    """Weight then counts as an acceleration, until the speed it gains is beyond belief."""
+    truth = simulate(60.0, 100.0, after(5.0, wobble(1, 1.0)), after(5.0, wobble(2, 1.0, 1.0, 4.0)))
+    samples = samples_from(truth, Flaws(gyro_bias=(0.2 * DEG,) * 3))
+    slip = Rotation.from_rotvec(angle_deg * DEG * np.array([0.6, 0.8, 0.0]))
+    late = truth.t >= SLIP_S
+    for name in ("w", "f"):
+        samples[name][late] = slip.apply(samples[name][late])
+    out = solutions_of(samples, "m-g350", Initial(yaw_deg=0.0))
+    attitude = Rotation.concatenate([truth.attitude[~late], truth.attitude[late] * slip.inv()])
+    tilt, _ = errors_deg(out["q_nb"], attitude)
+    found = truth.t > SLIP_S + 10.0
+    assert np.max(tilt[found]) < 8.0
+    assert np.max(tilt[truth.t > SLIP_S + 25.0]) < 3.0
+    assert np.mean(tilt[found] ** 2 / tilt_variance_deg2(out)[found]) < 2.0
+    assert np.all(out["status"][found] & ATTITUDE_VALID)
+    assert out["status"][1900] & HEADING_VALID and not np.any(out["status"][found] & HEADING_VALID)
+
+
+def test_a_gap_in_lively_motion_is_over_soon_although_it_left_the_tilt_unknown():
+    truth = simulate(60.0, 100.0, wobble(8, 2.0), wobble(58, 2.0, 1.0, 4.0))
+    keep = (truth.t < 30.0) | (truth.t > 30.9)
+    out = solutions_of(samples_from(truth)[keep], "m-g350")
+    tilt, _ = errors_deg(out["q_nb"], truth.attitude[keep])
+    t = truth.t[keep]
+    assert np.max(tilt[t > 40.0]) < 3.0
+    assert np.max(tilt[t > 30.9] ** 2 / tilt_variance_deg2(out)[t > 30.9]) < 9.0
+
+
+def test_a_fast_car_is_not_beyond_belief():
+    """From 0 to 45 m/s and back at 0.5 g."""
+    speed_up, brake = steady((5.0, 0.0, 0.0), 10.0, 19.0), steady((-5.0, 0.0, 0.0), 30.0, 39.0)
+    truth = simulate(50.0, 100.0, acceleration=lambda t: speed_up(t) + brake(t))
+    out = solutions_of(samples_from(truth, Flaws(gyro_bias=(0.2 * DEG,) * 3)), "consumer-mems")
+    assert np.max(errors_deg(out["q_nb"], truth.attitude)[0]) < 0.5

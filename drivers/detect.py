@@ -20,6 +20,7 @@ CHATTER = 16  # bytes; fewer are glitches of a line that is idle, or being plugg
 PLENTY = 1024  # bytes in which any driver recognises its device
 GARBAGE, TEXT_SHARE = 200, 0.7  # bytes after which, with less text than that, nothing will be recognised any more
 SHOWN, TEXT_SHOWN = 24, 90  # bytes
+ECHOES = 3  # in a row are no answers
 START_S = 0.4  # between turns on SPI: a device may be starting up
 
 
@@ -51,6 +52,16 @@ class Chatter:
     def gist(self) -> str:
         """Without what differs from one hearing to the next."""
         return _kind(self.heard)
+
+
+@dataclass(frozen=True)
+class Echo:
+    """What is written comes back, and nothing else."""
+
+    baud: int
+
+    def __str__(self) -> str:
+        return "what is written comes back: are TX and RX connected with each other, or does the adapter echo?"
 
 
 def _speeds(bauds: Sequence[int]) -> str:
@@ -89,7 +100,7 @@ class NoAnswer:
 
 
 Found = Identity | Unsupported
-Finding = Silence | Chatter | NoAnswer
+Finding = Silence | Chatter | Echo | NoAnswer
 
 
 def search(spec: PortSpec, readonly: bool = False, last_baud: int = 0) -> Dialogue[Found | Finding]:
@@ -131,7 +142,10 @@ def detect(
             found, noise = yield from _listen_at_all(among, bauds, first)
         if found is None and not readonly:
             askable = among if noise is None else [one for one in among if driver and one.interrupts]
-            found = yield from _ask({one: speeds[one.name] for one in askable})
+            answer = yield from _ask({one: speeds[one.name] for one in askable})
+            if isinstance(answer, Echo):
+                return answer
+            found = answer
         if found is not None:
             speed = _plausible(found, baud)
             yield Exchange(baud=speed)
@@ -203,12 +217,28 @@ def _worth(chatter: Chatter) -> tuple[bool, int]:
     return len(chatter.heard) >= CHATTER and _text_share(chatter.heard) >= TEXT_SHARE, len(chatter.heard)
 
 
-def _ask(speeds: Mapping[AnyDriver, Sequence[int]]) -> Dialogue[Found | None]:
+def _ask(speeds: Mapping[AnyDriver, Sequence[int]]) -> Dialogue[Found | Echo | None]:
     """Every driver at its likeliest speed, then every driver at its second."""
     for rank in zip_longest(*speeds.values()):
         for driver, speed in zip(speeds, rank, strict=True):
             if speed:
                 yield Exchange(baud=speed, discard=True)
-                if found := (yield from driver.identify()):
-                    return replace(found, baud=speed)
+                found = yield from _unless_echoed(driver.identify(), speed)
+                if found:
+                    return found if isinstance(found, Echo) else replace(found, baud=speed)
     return None
+
+
+def _unless_echoed(dialogue: Dialogue[Found | None], baud: int) -> Dialogue[Found | Echo | None]:
+    """The dialogue, until several of its commands in a row are answered by themselves."""
+    echoes = 0
+    try:
+        exchange = next(dialogue)
+        while echoes < ECHOES:
+            heard = yield exchange
+            if exchange.send and heard:
+                echoes = echoes + 1 if heard == exchange.send else 0
+            exchange = dialogue.send(heard)
+    except StopIteration as finding:
+        return finding.value  # type: ignore[no-any-return]
+    return Echo(baud)

@@ -6,7 +6,7 @@ import pytest
 from emulated import streaming
 from scripted import G350, Mute, Speaker, Windowed, run
 
-from drivers.detect import Chatter, Silence, detect
+from drivers.detect import Chatter, Echo, Silence, detect
 from drivers.driver import Identity, Unsupported
 from drivers.registry import by_name, drivers, names
 
@@ -120,6 +120,20 @@ def test_silence_is_explained_in_time():
     assert "silent at all of " in str(found)
     for baud in ("460800", "4800", "9600"):
         assert baud in str(found)
+
+
+class Loopback(Mute):
+    """TX and RX connected with each other."""
+
+    def hear(self, data):
+        super().hear(data)
+        self.outgoing += data
+
+
+def test_an_echo_is_told_at_once():
+    found, seconds = run(detect(), Loopback(9600))
+    assert isinstance(found, Echo)
+    assert seconds < 3.0
 
 
 def test_an_unknown_talker_is_explained_and_left_alone():

@@ -14,6 +14,7 @@ from drivers.registry import by_name
 from .errors import BadDataError
 from .estimators.records import FIX
 from .settings import Gnss
+from .table_lines import content
 
 Records = NDArray[np.void]
 _DAY_S = 86_400.0
@@ -80,7 +81,7 @@ def fixes_of_log(path: Path, origin: int, first_ns: int, settings: Gnss) -> Reco
     assert driver.kind == "gnss"
     decoder = driver.new_decoder()
     fixes: list[Fix] = []
-    for number, line in enumerate(path.read_bytes().splitlines(keepends=True)):
+    for number, line in enumerate(content(path).splitlines(keepends=True)):
         fixes += decoder.feed(line, number)
     fixes += decoder.flush(1 << 62)
     if not fixes:

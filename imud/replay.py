@@ -144,12 +144,12 @@ def _read_gnss(
     path: Path | None, origin: int, samples: "Records", settings: Settings, left_out: "LeftOut"
 ) -> "Records":
     from .estimators.records import FIX
-    from .table_lines import first_bytes
+    from .table_lines import is_nmea
     from .tables import read_fixes
 
     if path is None:
         return np.zeros(0, FIX)
-    if first_bytes(path, 4096).lstrip()[:1] in (b"$", b"!"):
+    if is_nmea(path):
         from .gnss import fixes_of_log
 
         return fixes_of_log(path, origin, int(samples["t_ns"][0]), settings.gnss)

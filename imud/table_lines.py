@@ -1,25 +1,30 @@
-"""Tables as other programs write them, as lines of plain CSV: UTF-8 or UTF-16, gzipped, semicolons or tabs, decimal
+"""Tables and logs as other programs write them: UTF-8 or UTF-16, gzipped; tables also with semicolons or tabs, decimal
 commas, quotes, comments before the header.
 
-A plain file goes through as it is; every line of another one is rewritten.
+A plain table goes through as it is; every line of another one is rewritten as plain CSV.
 """
 
 import codecs
 import contextlib
 import gzip
 import io
+import itertools
+import re
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
+from typing import cast
 
 from .errors import BadDataError, InputMissingError
 from .progress import Progress
 
 _LOOK = 8192  # lines
-_BEGINNING = 1 << 16  # bytes, in which the header stands
+_BEGINNING, _PIECES = 1 << 16, 8  # bytes, in which the header stands; in how many pieces
 _GZIP = b"\x1f\x8b"
+_SENTENCE = re.compile(r"\$[A-Z]{2}[A-Z0-9]{3},")
+_UTF8 = "utf-8-sig"
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
@@ -76,32 +81,58 @@ def table_of(path: Path, wanted: Sequence[str]) -> Table:
 
     Raises InputMissingError, BadDataError if the file is empty.
     """
-    beginning = first_bytes(path, _BEGINNING)
-    if not beginning:
+    if not (text := _beginning(path)):
         raise BadDataError(f"{path}: the file is empty")
-    zipped, encoding = beginning[:2] == _GZIP, "utf-8-sig"
-    if zipped:
-        with path.open("rb") as raw, contextlib.suppress(EOFError, zlib.error):
-            beginning = gzip.GzipFile(fileobj=raw).read1(_BEGINNING)
-    if beginning[:2] in _UTF16:
-        encoding = "utf-16"
-    text = codecs.getincrementaldecoder(encoding)("replace").decode(beginning)
     lines = text.splitlines()
     delimiters = [max(",;\t", key=line.count) for line in lines]
     headers = [_names(line, delimiter) for line, delimiter in zip(lines, delimiters, strict=True)]
     at = next((i for i, names in enumerate(headers) if set(names) & set(wanted)), 0)
-    plain = not zipped and encoding == "utf-8-sig" and delimiters[at] == "," and '"' not in text and "\n" in text
+    encoding, zipped = _encoding(path), first_bytes(path, 2) == _GZIP
+    plain = not zipped and encoding == _UTF8 and delimiters[at] == "," and '"' not in text and "\n" in text
     return Table(path, headers[at], at + 2, delimiters[at].encode(), encoding, plain)
+
+
+def is_nmea(path: Path) -> bool:
+    """Whether it is a receiver's log, from wherever on. Raises InputMissingError."""
+    return _SENTENCE.search(_beginning(path)) is not None
+
+
+def content(path: Path) -> bytes:
+    """All of a file: unzipped as far as it goes, no UTF-16. Raises InputMissingError."""
+    first_bytes(path, 0)
+    data = b"".join(_unzipped(path))
+    return data if _encoding(path) == _UTF8 else data.decode("utf-16", "replace").encode()
+
+
+def _beginning(path: Path) -> str:
+    first_bytes(path, 0)  # else there is none
+    data = b"".join(itertools.islice(_unzipped(path), _PIECES))
+    return codecs.getincrementaldecoder(_encoding(path))("replace").decode(data)
+
+
+def _encoding(path: Path) -> str:
+    return "utf-16" if next(_unzipped(path), b"")[:2] in _UTF16 else _UTF8
+
+
+def _unzipped(path: Path) -> Iterator[bytes]:
+    """In pieces, as large as come without waiting for more, which may be cut off."""
+    with path.open("rb") as raw, contextlib.suppress(EOFError, zlib.error, gzip.BadGzipFile):
+        file = _source(raw)
+        while piece := file.read1(_BEGINNING):
+            yield piece
+
+
+def _source(raw: BufferedReader) -> BufferedReader:
+    zipped = raw.read(len(_GZIP)) == _GZIP
+    raw.seek(0)
+    return cast(BufferedReader, gzip.GzipFile(fileobj=raw)) if zipped else raw
 
 
 def _names(line: str, delimiter: str) -> list[str]:
     return [name.strip().strip('"').lstrip("#").strip() for name in line.split(delimiter)]
 
 
-def _decoded(raw: BinaryIO, encoding: str, plain: bool) -> Iterator[bytes]:
+def _decoded(raw: BufferedReader, encoding: str, plain: bool) -> Iterator[bytes]:
     if plain:
         return iter(raw)
-    zipped = raw.read(2) == _GZIP
-    raw.seek(0)
-    source = gzip.GzipFile(fileobj=raw) if zipped else raw
-    return (line.encode() for line in io.TextIOWrapper(source, encoding, "replace"))
+    return (line.encode() for line in io.TextIOWrapper(_source(raw), encoding, "replace"))

@@ -1,5 +1,6 @@
 """Fixes on their way to the filter: which are refused, and what their records say. Oracle: the definitions."""
 
+import gzip
 import math
 import os
 from dataclasses import replace
@@ -14,6 +15,7 @@ from imud.errors import BadDataError, ConfigError
 from imud.gnss import fixes_of_log, record, refusal
 from imud.sensors import Receiver
 from imud.settings import Gnss
+from imud.table_lines import is_nmea
 
 FIX = decode(gga() + rmc(motion="10.0,90.0") + vtg())[0][0]
 
@@ -84,6 +86,35 @@ def test_a_log_of_which_nothing_is_used_says_why(tmp_path):
     log.write_bytes(b"$GPGGA,nonsense*00\r\n")
     with pytest.raises(BadDataError, match="no fix in it"):
         fixes_of_log(log, 0, 0, Gnss())
+
+
+_LOG = b"".join(gga(f"1200{second:02}.000") for second in range(4))
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        _LOG[40:],  # begins within a sentence
+        b"\xef\xbb\xbf" + _LOG,
+        b"\xb5\x62\x01\x07\x00\x00" + _LOG,
+        b"# a logger, its version\n" + _LOG,
+        b"".join(b"2026-03-01 12:00:00 " + line for line in _LOG.splitlines(keepends=True)),
+        gzip.compress(_LOG),
+        gzip.compress(_LOG * 50)[:-20],  # cut off
+        _LOG.decode().encode("utf-16"),
+    ],
+)
+def test_a_log_of_any_make_is_known_and_read(data, tmp_path):
+    log = tmp_path / "drive.log"
+    log.write_bytes(data)
+    assert is_nmea(log)
+    assert len(fixes_of_log(log, 0, 0, Gnss())) >= 3
+
+
+def test_a_table_is_no_log(tmp_path):
+    table = tmp_path / "gnss.csv"
+    table.write_text("t_s,lat_deg,lon_deg,height_m\n0,1,2,3\n")
+    assert not is_nmea(table)
 
 
 class FileLine:

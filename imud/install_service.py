@@ -106,15 +106,21 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"{args.name!r} is no name for a service: letters, digits, - and _")
     steps = removal(args.root, args.name) if args.remove else installation(args)
     for step in steps:
-        print(step)
+        print(step, flush=True)
     if args.dry_run or not (args.yes or _agreed()):
         return 0
+    if not args.remove and args.root == Path("/"):
+        print("the first start compiles the filter, which takes a minute or two", flush=True)
     try:
         for step in steps:
             step.do()
     except PermissionError as error:
         raise PermissionDeniedError(f"{error.filename}: not permitted; try again with sudo") from error
-    print(f"done: systemctl status imud@{args.name}, journalctl -u imud@{args.name}")
+    print(
+        "done: the service is gone"
+        if args.remove
+        else f"done: systemctl status imud@{args.name}, journalctl -u imud@{args.name}"
+    )
     return 0
 
 
@@ -172,8 +178,8 @@ def _program(root: Path) -> Path:
         raise InputMissingError(f"there is no {program}: install imud with pip into this Python first")
     if program.is_relative_to("/home") or program.is_relative_to("/root"):
         raise InputMissingError(
-            f"imud is installed in {program.parent}, where a service's own user may not look: install it with\n"
-            "  sudo python3 -m venv /opt/imud && sudo /opt/imud/bin/pip install imud\n"
+            f"imud is installed in {program.parent}, where a service's own user may not look: in its sources\n"
+            "  sudo python3 -m venv /opt/imud && sudo /opt/imud/bin/pip install .\n"
             "and run `sudo /opt/imud/bin/imud install-service`"
         )
     return program

@@ -62,6 +62,17 @@ def test_a_height_that_no_fix_has_told_is_not_known():
     assert np.hypot(*p[at(40.0) :, :2].T).max() < 5.0
 
 
+def test_a_height_that_a_fix_has_told_is_kept_when_the_next_does_not():
+    rng = np.random.default_rng(4)
+    d = drive(20.0, rest=20.0)
+    fixes = received(d, rng)
+    fixes["height"][5:] = np.nan
+    out, _, _ = navigate(sensed(d, rng), fixes)
+    p, _, _ = errors(d, out)
+    assert (np.abs(p[at(2.0) :, 2]) < 4.0 * out["sigma_p"][at(2.0) :, 2]).all()
+    assert (out["sigma_p"][at(2.0) :, 2] < 20.0).all()
+
+
 def test_start_under_way():
     rng = np.random.default_rng(5)
     d = drive(150.0, rest=0.0, fast_start=True)

@@ -7,6 +7,7 @@ from ...kernels.jit import kernel
 from ...kernels.kalman import reset
 from .alignment import HORIZON_S, engage, find_heading, levelled, pair, vertical_bias
 from .correction import predicted
+from .covariance import deviation
 from .gnss import velocity_of
 from .motion import REST_SPEED
 from .non_holonomic import witness
@@ -45,9 +46,11 @@ def bear_witness(p: Any, c: Any, known: bool) -> None:
 def place(p: Any, c: Any, fix: Any) -> None:
     """Put the core on the fix; begin to navigate when roll, pitch and heading are known."""
     c.lat, c.lon = fix.lat, fix.lon
-    guessed = not math.isfinite(fix.height)
-    if not guessed:
+    guess = 0.0  # sigma of a height that the fix does not tell: of the last one, if there was one
+    if math.isfinite(fix.height):
         c.height = fix.height
+    else:
+        guess = min(max(deviation(c, POSITION + 2), c.reported[1]), UNKNOWN_HEIGHT)
     vn, ve = velocity_of(fix, 0), velocity_of(fix, 1)
     pair(c, fix.lat, fix.lon, vn, ve)
     known = math.isfinite(vn) and math.isfinite(ve)
@@ -63,12 +66,12 @@ def place(p: Any, c: Any, fix: Any) -> None:
         bear_witness(p, c, known)
     arm2 = p.lever[0] ** 2 + p.lever[1] ** 2 + p.lever[2] ** 2
     for i in range(3):
-        sigma = c.reported[0] if i < 2 else UNKNOWN_HEIGHT if guessed else c.reported[1]
+        sigma = c.reported[0] if i < 2 else max(guess, c.reported[1])
         reset(c.P, STATES, POSITION + i, sigma * sigma + arm2)
         reset(c.P, STATES, VELOCITY + i, (RECEIVED_SPEED if known else UNKNOWN_SPEED) ** 2)
     c.fix_ns = c.t_ns
     if levelled(c) and (c.heading_sigma > 0.0 or find_heading(c)):
         for i in range(3):
-            reset(c.P, STATES, POSITION + i, (UNKNOWN_HEIGHT if guessed and i == 2 else UNKNOWN_POSITION) ** 2)
+            reset(c.P, STATES, POSITION + i, max(UNKNOWN_POSITION, guess if i == 2 else 0.0) ** 2)
             reset(c.P, STATES, VELOCITY + i, UNKNOWN_SPEED**2 if i < 2 else UNKNOWN_CLIMB**2)
         engage(p, c)

@@ -5,9 +5,10 @@ Inside, time is int64 ns since an origin (a whole second at or before the first 
 
 import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ _FIX_OPTIONAL = (
     *("quality", "satellites"),
 )
 
-Floats = NDArray[np.float64]
+Row = TypeVar("Row")
 
 
 def header_of(path: Path) -> list[str]:
@@ -61,19 +62,18 @@ class LeftOut:
             raise BadDataError(f"{self.path}: {rows} {self.first}; the others were used")
 
 
-def _rows(
-    table: Table, columns: Sequence[int], names: Sequence[str], left_out: LeftOut | None
-) -> Iterator[list[float]]:
-    """The rows of numbers, read slowly. One that is none is left out, or raises BadDataError.
+def _rows(table: Table, read: Callable[[int, list[str]], Row], left_out: LeftOut | None) -> Iterator[Row]:
+    """What `read` makes of line number and cells, slowly. A row that it refuses (ValueError) is left out, or raises
+    BadDataError.
 
     The last line may be cut off: then it is no row.
     """
     for number, line in enumerate(table.lines(), table.first_row):
         cells = line.rstrip(b"\0").decode("utf-8", "replace").split(",")
-        if not line.strip(b" \r\n\0"):
+        if not any(cell.strip() for cell in cells):
             continue
         try:
-            yield [_number(number, cells, column, name) for column, name in zip(columns, names, strict=True)]
+            yield read(number, cells)
         except ValueError as error:
             if not line.endswith((b"\n", b"\r")):
                 return
@@ -150,7 +150,11 @@ def _numbers(
             return table
     except ValueError:
         pass
-    return np.array(list(_rows(source, columns, names, left_out))).reshape(-1, len(columns))
+
+    def read(number: int, cells: list[str]) -> list[float]:
+        return [_number(number, cells, column, name) for column, name in zip(columns, names, strict=True)]
+
+    return np.array(list(_rows(source, read, left_out))).reshape(-1, len(columns))
 
 
 def _fix_rows(path: Path, left_out: LeftOut | None) -> Iterator[dict[str, float]]:
@@ -158,20 +162,11 @@ def _fix_rows(path: Path, left_out: LeftOut | None) -> Iterator[dict[str, float]
     source = table_of(path, _FIX_REQUIRED)
     source.column_numbers(_FIX_REQUIRED)
     known = {name: i for i, name in enumerate(source.names) if name in (*_FIX_REQUIRED, *_FIX_OPTIONAL)}
-    for number, line in enumerate(source.lines(), source.first_row):
-        cells = line.rstrip(b"\0").decode("utf-8", "replace").split(",")
-        if not any(cell.strip() for cell in cells):
-            continue
-        try:
-            fix = {name: _number_or_none(number, cells, i, name) for name, i in known.items()}
-            if not (math.isnan(fix["lat_deg"]) and math.isnan(fix["lon_deg"])):
-                yield _checked(number, fix)
-        except ValueError as error:
-            if not line.endswith((b"\n", b"\r")):
-                return
-            if left_out is None:
-                raise BadDataError(f"{path} {error}") from error
-            left_out.add(str(error))
+
+    def read(number: int, cells: list[str]) -> dict[str, float]:
+        return _checked(number, {name: _number_or_none(number, cells, i, name) for name, i in known.items()})
+
+    return (row for row in _rows(source, read, left_out) if math.isfinite(row["lat_deg"]))
 
 
 def _number_or_none(line: int, cells: Sequence[str], column: int, name: str) -> float:
@@ -182,6 +177,8 @@ def _number_or_none(line: int, cells: Sequence[str], column: int, name: str) -> 
 
 def _checked(line: int, fix: dict[str, float]) -> dict[str, float]:
     """Raises ValueError that says where."""
+    if math.isnan(fix["lat_deg"]) and math.isnan(fix["lon_deg"]):
+        return fix
     for name, low, high in (("lat_deg", -90.0, 90.0), ("lon_deg", -360.0, 360.0)):
         if not low <= fix[name] <= high:
             raise ValueError(f"line {line}: {name} is {fix[name]}, outside {low} to {high}")

@@ -30,6 +30,7 @@ _FIX_OPTIONAL = (
     *("quality", "satellites"),
 )
 
+Floats = NDArray[np.float64]
 Row = TypeVar("Row")
 
 

@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from .clock_line import POINTS, add_point, refit
+from .clock_line import FAR_NS, POINTS, add_point, refit
 from .kernels.jit import kernel
 
 WINDOW_NS = 0.5e9  # the first ones
 SLEW = 0.01  # stamps run at most 1 % fast or slow while they catch up with a changed line
-FAR_NS = 20e6  # more than jitter: what is this far from the line was counted wrongly, and is not caught up with slowly
 STOP = 0.9  # by how much stamps that are far ahead run slow
 WATCH_NS, WATCHED = 250_000_000.0, 4  # host time, and samples at least, of which not one may be in time
 SAME_NS = 10e6  # as late as before: more is a line that catches up

@@ -20,8 +20,9 @@ from .kernels.jit import kernel
 
 POINTS, LONGEST_NS = 64, 4e9  # windows, and their length at last
 FIT_SPAN_NS = 3e9  # a slope needs a base line this long; until then the nominal period holds
+FAR_NS = 20e6  # more than jitter: what is this far from the line was counted wrongly, and is not caught up with slowly
 DEEPER = 0.25  # of the median height: where the least of 40 lies if few are low (Weibull, shape 2.2)
-PERIOD_TOLERANCE = 0.1  # a fitted period further off its nominal value is not believed
+PERIOD_TOLERANCE = 0.5  # a period further off its nominal value is not believed
 
 
 @kernel
@@ -123,6 +124,21 @@ def _quieter_slope(clock: Any) -> float:
 
 
 @kernel
+def _rough_slope(clock: Any) -> float:
+    """Slope from the first point to the last, if those between agree with it and plainly not with the slope so far."""
+    last = clock.count - 1
+    if last < 2:
+        return float(clock.slope)
+    span = clock.ticks[last] - clock.ticks[0]
+    slope = (clock.arrivals[last] - clock.arrivals[0]) / span
+    believed = abs(slope / clock.period_ns - 1.0) < PERIOD_TOLERANCE and abs(slope - clock.slope) * span > FAR_NS
+    for i in range(1, last):
+        line = clock.arrivals[0] + slope * (clock.ticks[i] - clock.ticks[0])
+        believed = believed and abs(clock.arrivals[i] - line) < FAR_NS
+    return float(slope if believed else clock.slope)
+
+
+@kernel
 def refit(clock: Any, x: float) -> None:
     """Lay the line anew below the window minima; stamps stay where they are and slew to it."""
     before = clock.offset + clock.slope * x
@@ -136,6 +152,7 @@ def refit(clock: Any, x: float) -> None:
         clock.offset = least - DEEPER * median
         clock.residual_ns = (1.0 + DEEPER) * median
     else:  # an unknown slope makes old points misleading
+        clock.slope = _rough_slope(clock)
         clock.offset = np.inf
         for i in range(max(0, clock.count - 2), clock.count):
             clock.offset = min(clock.offset, clock.arrivals[i] - clock.slope * clock.ticks[i])

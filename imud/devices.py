@@ -19,12 +19,12 @@ from .errors import ImudError, UsageError
 from .fitting import Fitting
 from .outputs.view import Device
 from .ports import Configured, Port
+from .rate import ALIKE
 from .recording.control import Recordings
 from .sensors import Inertial, Receiver, Records
 from .settings import Settings
 
 _PARTS = {"imu": "inertial sensor", "gnss": "receiver"}
-_INSISTING_NS = 60_000_000_000  # between two attempts to have the rate that was agreed
 _ABSENCE_S = 5.0  # after which a spare takes over: one that comes back sooner finds its filter as it left it
 
 
@@ -42,7 +42,7 @@ class Devices:
         self.gnss: tuple[Port, Receiver] | None = None
         self.described: tuple[Device, ...] = ()  # those that stream, for the clients
         self._pulse = choices.pulse(settings)
-        self._anew_ns = 0  # until when a sensor at another rate than was agreed is left alone
+        self._insisted: float | None = None  # share of the agreed rate for which the sensor was set up anew
         self._known = calibration.Calibration("")  # of the inertial sensor
         self._by_fd: dict[int, Port] = {}
         self._spares: dict[str, set[Port]] = {kind: set() for kind in _PARTS}
@@ -93,13 +93,21 @@ class Devices:
         for port, sensor in self.streaming().values():
             if now_ns - sensor.heard_ns > sensor.silence_ns and not _is_readable(port.fd):
                 port.lost("the device sends nothing more of use")
-        if self.imu and (why := self.imu[1].other_rate()) and now_ns >= self._anew_ns:
-            self._anew_ns = now_ns + _INSISTING_NS
-            self.imu[0].lost(f"{why}: set up anew")
+        if self.imu and (share := self.imu[1].share_of_rate()):
+            self._insist(*self.imu, share)
         for port in self.ports:
             port.pass_on()
         if self._recordings.current and self.imu:
             self._recordings.current.looked(self.ports.index(self.imu[0]), self.imu[1], now_ns)
+
+    def _insist(self, port: Port, sensor: Inertial, share: float) -> None:
+        """Set up anew a sensor that comes at another rate than was agreed; where that did not help, leave it alone."""
+        if share == 1.0:
+            self._insisted = None
+        elif self._insisted is None or abs(share / self._insisted - 1.0) > ALIKE:
+            self._insisted = share
+            agreed_hz = 1.0 / sensor.period_s
+            port.lost(f"about {share * agreed_hz:.3g} samples/s come, {agreed_hz:g} were agreed: set up anew")
 
     def streaming(self) -> dict[str, tuple[Port, Inertial] | tuple[Port, Receiver]]:
         """By kind, what streams."""

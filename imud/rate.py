@@ -51,8 +51,10 @@ class Pace:
         self._last = tick, t_ns
 
     @property
-    def other_hz(self) -> float | None:
-        """How fast they come instead; None while that is as agreed, or not known."""
+    def share(self) -> float | None:
+        """How fast they come, of what was agreed; None while that is not known. 1.0 unless it is plainly another."""
         mean = sum(self._seen) / STEADY
-        wrong = abs(mean / self.agreed_hz - 1.0) > OFF and all(abs(hz / mean - 1.0) < ALIKE for hz in self._seen)
-        return mean if len(self._seen) == STEADY and wrong else None
+        if len(self._seen) < STEADY or not all(abs(hz / mean - 1.0) < ALIKE for hz in self._seen):
+            return None
+        share = mean / self.agreed_hz
+        return share if abs(share - 1.0) > OFF else 1.0

@@ -97,14 +97,12 @@ class Inertial:
     def _newest(self) -> int:
         return int(self.stream.record["newest"][0])
 
-    def other_rate(self) -> str:
-        """That its samples come at another rate than was agreed; empty if they do not. To be asked now and then."""
+    def share_of_rate(self) -> float | None:
+        """At what share of the agreed rate its samples come; None if that is not known. To be asked now and then."""
         if self.pace is None or self._newest < 0:
-            return ""
+            return None
         self.pace.look(int(self.stream.samples[self._newest]["tick"]), self.heard_ns)
-        share = (self.pace.other_hz or self.pace.agreed_hz) / self.pace.agreed_hz
-        agreed_hz = 1.0 / self.period_s
-        return "" if share == 1.0 else f"about {share * agreed_hz:.3g} samples/s come, {agreed_hz:g} were agreed"
+        return self.pace.share
 
     @property
     def newest(self) -> np.void | None:

@@ -221,6 +221,15 @@ def test_samples_that_wait_for_each_other_move_a_stamp_by_half_a_millisecond(clo
     assert clock["corrections"][0] == 0
 
 
+@pytest.mark.parametrize("clock_error", [0.4, 0.12, 0.02, -0.03, -0.07, -0.3])
+def test_a_device_that_keeps_no_time_is_followed(clock_error):
+    ticks, truth, _ = device(30_000, clock_error)  # such as a program that sleeps a millisecond between its samples
+    t, clock = stamps(ticks, queued(truth, np.random.default_rng(5)) if clock_error < 0 else truth + 1e5)
+    assert np.abs(t - truth)[5_000:].max() < 5e6
+    assert np.abs(t - truth)[15_000:].max() < 1.5e6
+    assert clock["corrections"][0] == 0
+
+
 def test_a_busy_host_does_not_tilt_the_line():
     ticks, truth, _ = device(150_000, 5e-5)
     rng = np.random.default_rng(3)

@@ -158,21 +158,21 @@ def test_the_rate_is_that_of_the_last_ten_seconds(hz):
 
 @pytest.mark.parametrize(
     ("shares", "found"),
-    [((1.0,), None), ((1.02, 0.97), None), ((0.25,), 250.0), ((4.0,), 4000.0), ((0.2, 1.8), None), ((0.5, 0.7), None)],
+    [((1.0,), 1.0), ((1.02, 0.97), 1.0), ((0.25,), 0.25), ((4.0,), 4.0), ((0.2, 1.8), None), ((0.5, 0.7), None)],
 )
 def test_another_pace_is_told_from_an_uneven_one(shares, found):
     pace, ticks = Pace(1000.0), 0.0
     for k in range(4 * 20 + 1):
         pace.look(int(ticks), k * SECOND_NS // 4)
         ticks += 250.0 * shares[k // 4 % len(shares)]
-    assert pace.other_hz == (None if found is None else pytest.approx(found, rel=1e-2))
+    assert pace.share == (None if found is None else pytest.approx(found, rel=1e-2))
 
 
 def test_a_silence_is_no_other_pace():
     pace = Pace(1000.0)
     for k in range(40):
         pace.look(250 * k, 10 * SECOND_NS * k)
-    assert pace.other_hz is None
+    assert pace.share is None
 
 
 def test_innovation_ratios_of_a_filter_that_knows_are_one():

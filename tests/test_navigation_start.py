@@ -50,6 +50,16 @@ def test_before_the_heading_is_known_position_follows_the_receiver_and_roll_and_
     assert (np.abs(p[at(2.0) :]) < 4.0 * out["sigma_p"][at(2.0) :]).all()
 
 
+def test_curves_without_a_receiver_are_not_believed_to_be_level():
+    rng = np.random.default_rng(4)
+    d = drive(120.0, rest=5.0)
+    out, _, _ = navigate(sensed(d, rng, bg=(0.001, -0.001, 0.002)), received(d, rng)[:0])
+    _, _, a = errors(d, out)
+    worst = np.abs(a[at(5.0) :, :2]) / out["sigma_rpy"][at(5.0) :, :2]
+    assert worst.max() < 3.0
+    assert np.abs(a[at(5.0) :, :2]).max() < np.radians(4.0)
+
+
 def test_a_height_that_no_fix_has_told_is_not_known():
     rng = np.random.default_rng(4)
     d = drive(60.0, rest=5.0)

@@ -4,11 +4,12 @@ Both are one measurement of a mean specific force, with the sigma of rest, of th
 of any vehicle; the gyro, whose bias is estimated at the same time, carries the attitude between.
 """
 
+import math
 from typing import Any
 
 from ...kernels.earth import gravity
 from ...kernels.jit import kernel
-from ...kernels.rotation import dcm_of_quat
+from ...kernels.rotation import dcm_of_quat, quat_rotate_back
 from ..records import AT_REST
 from .correction import correct, predicted, row, take
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
@@ -18,6 +19,7 @@ RECEIVED_FORCE = 0.3  # m/s^2, what a receiver's velocity does not show
 FRESH_S = 3.0
 VERTICAL_FORCE = 0.03  # m/s^2, gravity times half the square of a tilt: no repetition tells more
 MOTION_FORCE = 1.5  # m/s^2, accelerations last for several windows
+TURN_SPEED = 20.0  # m/s, that a vehicle which turns may have: its curve pulls by that times the rate of turn
 
 
 @kernel
@@ -60,7 +62,11 @@ def fuse_level(c: Any, fx: float, fy: float, fz: float, ago: float, sigma: float
 def level(c: Any, resting: bool) -> None:
     """Fuse the mean specific force of a window (call at its end, before it is cleared)."""
     if resting or 1e-9 * (c.t_ns - c.mark_ns) > FRESH_S:  # else the receiver's velocity tells more: level_between
-        sigma = REST_FORCE if resting else MOTION_FORCE
+        sigma = REST_FORCE
+        if not resting:
+            down = quat_rotate_back((c.q[0], c.q[1], c.q[2], c.q[3]), (0.0, 0.0, 1.0))
+            turn = down[0] * c.rate[0] + down[1] * c.rate[1] + down[2] * c.rate[2]
+            sigma = math.hypot(MOTION_FORCE, TURN_SPEED * turn)
         fuse_level(c, c.sum_n[0] / c.n, c.sum_n[1] / c.n, c.sum_n[2] / c.n, 0.5 * c.elapsed, sigma, 3)
 
 

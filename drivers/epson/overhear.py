@@ -17,27 +17,37 @@ from .state import ALL_NEWS
 from .windowed import FLAG, READABLE, TEMP
 
 LISTEN_S = 1.0
+PIECE = 2048  # bytes of it, which are looked at in every way: all of them would hold up the other port for seconds
 PLAUSIBLE_G = 0.7, 1.4  # mean specific force of a second
+Understood = tuple[Model, Layout]
 Overheard = tuple[Identity, Model, float, Layout]  # rate in 1/s
 
 
 def overhear(identity: Identity, named: str) -> Dialogue[Overheard | Unsupported | None]:
     """The stream that runs, of a sensor whose model the user `named`, or not. None: there is none."""
     heard = yield Exchange(listen_s=LISTEN_S, discard=True)
-    if is_spoken(heard, FLAT):
-        return _flat(identity, heard, named)
-    return _windowed(identity, heard, named) if is_spoken(heard, WINDOWED) else None
+    piece = heard[:PIECE]
+    if is_spoken(piece, FLAT):
+        found = _flat(identity, piece, named)
+    else:
+        found = _windowed(identity, piece, named) if is_spoken(piece, WINDOWED) else None
+    if not isinstance(found, tuple):
+        return found
+    model, layout = found
+    per_second = len(heard) / layout.length / LISTEN_S
+    rate_hz = min(model.rates.values(), key=lambda hz: abs(math.log(hz / per_second)))
+    return replace(identity, model=model.name, profile=model.profile), model, rate_hz, layout
 
 
-def _flat(identity: Identity, heard: bytes, named: str) -> Overheard | Unsupported | None:
+def _flat(identity: Identity, heard: bytes, named: str) -> Understood | Unsupported | None:
     model = (model_of(named) if named else model_of(identity.model)) or G350
     if model.dialect is not FLAT:
         return _contradiction(identity, model, FLAT)
     layout = layout_of(heard, FLAT.layouts)
-    return _found(identity, model, heard, layout) if layout else None
+    return (model, layout) if layout else None
 
 
-def _windowed(identity: Identity, heard: bytes, named: str) -> Overheard | Unsupported:
+def _windowed(identity: Identity, heard: bytes, named: str) -> Understood | Unsupported:
     length, checked = _shape(heard)
     model = model_of(named or identity.model)
     shape = f"frames of {length} bytes {'with' if checked else 'without'} a checksum"
@@ -54,7 +64,7 @@ def _windowed(identity: Identity, heard: bytes, named: str) -> Overheard | Unsup
         return _refusal(identity, f"{shape} do not begin with FLAG: let imud write to the port")
     if not PLAUSIBLE_G[0] <= (force_g := _force_g(frames, model)) <= PLAUSIBLE_G[1]:
         return _refusal(identity, f"{shape}, read as those of {model.code}, show {force_g:.2g} g: is imu.model right?")
-    return _found(identity, model, heard, Layout(WINDOWED.header, length, (), checked=True))
+    return model, Layout(WINDOWED.header, length, (), checked=True)
 
 
 def _shape(heard: bytes) -> tuple[int, bool]:
@@ -80,12 +90,6 @@ def _force_g(frames: list[bytes], model: Model) -> float:
     places = range(TEMP + 4 * size, TEMP + 7 * size, size)
     sums = (sum(int.from_bytes(frame[i : i + size], signed=True) for frame in frames) for i in places)
     return lsb * math.hypot(*sums) / len(frames)
-
-
-def _found(identity: Identity, model: Model, heard: bytes, layout: Layout) -> Overheard:
-    per_second = len(heard) / layout.length / LISTEN_S
-    rate_hz = min(model.rates.values(), key=lambda hz: abs(math.log(hz / per_second)))
-    return replace(identity, model=model.name, profile=model.profile), model, rate_hz, layout
 
 
 def _contradiction(identity: Identity, model: Model, dialect: Dialect) -> Unsupported:

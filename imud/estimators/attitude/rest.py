@@ -27,6 +27,7 @@ REST_S = 1.0
 RATE_DEVIATION = 0.035  # rad/s, of a sample from the mean
 FORCE_DEVIATION = 0.5  # m/s^2
 TURNED = 0.1  # m/s^2, of the mean force since the quiet began
+CHANGED = 6.0  # sigma, of the mean rate
 GATE = 5.0  # sigma, against what is known of the bias
 PLAUSIBLE = 4.0  # sigma, against what the maker promises
 BIAS_FLOOR = 5e-4  # rad/s, how well a bias is ever known (warming, counts, earth rate)
@@ -35,25 +36,27 @@ FALSE_WEIGHT = 2.5  # sigma
 LEVEL_ANEW = 0.1  # rad
 WAIT_S = 3.0
 CURVE_S = 60.0  # no curve is even for so long
-PATIENCE_S = 10.0  # no body accelerates so steadily straight on for so long
+PATIENCE_S = 20.0  # no body accelerates so steadily straight on for so long
 
 
 @kernel
 def watch(p: Any, s: Any, w: Vector, f: Vector, dt: float) -> None:
     """Count for how long samples have been near their running means; a sample that is not starts the means anew."""
-    fade = dt / (MEAN_S + dt)
-    rate2 = force2 = turned2 = mean2 = 0.0
+    fade = dt / (min(MEAN_S, s.quiet_s + dt) + dt)
+    rate2 = force2 = turned2 = changed2 = mean2 = 0.0
     for i in range(3):
         s.w_mean[i] += fade * (w[i] - s.w_mean[i])
         s.f_mean[i] += fade * (f[i] - s.f_mean[i])
         if s.quiet_s < MEAN_S:
-            s.f_anchor[i] = s.f_mean[i]
+            s.w_anchor[i], s.f_anchor[i] = s.w_mean[i], s.f_mean[i]
         rate2 += (w[i] - s.w_mean[i]) ** 2
         force2 += (f[i] - s.f_mean[i]) ** 2
         turned2 += (s.f_mean[i] - s.f_anchor[i]) ** 2
+        changed2 += (s.w_mean[i] - s.w_anchor[i]) ** 2
         mean2 = max(mean2, s.w_mean[i] ** 2)
     s.quiet_s += dt
     quiet = rate2 < RATE_DEVIATION**2 and force2 < FORCE_DEVIATION**2 and turned2 < TURNED**2
+    quiet = quiet and changed2 < BIAS_FLOOR**2 + CHANGED**2 * p.gyro_psd / MEAN_S
     if not quiet or mean2 > PLAUSIBLE**2 * p.gyro_bias_var:
         restart(s, w, f)
 
@@ -63,7 +66,8 @@ def restart(s: Any, w: Vector, f: Vector) -> None:
     """Begin to count, with the means at these readings."""
     s.quiet_s = 0.0
     for i in range(3):
-        s.w_mean[i], s.f_mean[i], s.f_anchor[i] = w[i], f[i], f[i]
+        s.w_mean[i], s.f_mean[i] = w[i], f[i]
+        s.w_anchor[i], s.f_anchor[i] = w[i], f[i]
 
 
 @kernel

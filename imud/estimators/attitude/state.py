@@ -105,6 +105,7 @@ STATE = np.dtype(
         # rest
         ("w_mean", "<f8", (3,)),
         ("f_mean", "<f8", (3,)),
+        ("w_anchor", "<f8", (3,)),  # these means when the quiet began
         ("f_anchor", "<f8", (3,)),
         ("f_rest", "<f8", (3,)),  # when the gyro bias was last learnt at rest
         ("quiet_s", "<f8"),

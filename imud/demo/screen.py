@@ -45,7 +45,8 @@ class Display:
             self._drawn = text.count("\n") + 1
         else:
             now = "  ".join(f"{name} {errors.last:+.2f}" for name, errors in comparison.errors.items() if errors.count)
-            print(f"{elapsed_s:6.1f} s  {est.get('state', '')}: error {now}", flush=True)
+            shown = f": error {now}" if now else ""
+            print(f"{elapsed_s:6.1f} s  {est.get('state', '')}{shown}", flush=True)
 
 
 _UNITS = {"roll": "deg", "pitch": "deg", "heading": "deg", "position": "m, horizontal", "velocity": "m/s"}

@@ -2,8 +2,8 @@
 
 One idea per file: `strapdown` integrates, `covariance` lets the errors grow, `correction` takes scalar measurements,
 `motion` looks for rest, `levelling`, `matching`, `posterior`, `alignment` and `acquisition` start the filter,
-`supervision` doubts its heading, `gnss`, `zero_velocity` and `non_holonomic` aid it, `creep` and `admission` decide on
-fixes that contradict, `history` brings late ones to their epoch, `filter` has the entries.
+`supervision` doubts its heading, `gnss`, `zero_velocity` and `non_holonomic` with `looseness` aid it, `creep` and
+`admission` decide on fixes that contradict, `history` brings late ones to their epoch, `filter` has the entries.
 """
 
 from .. import Estimator

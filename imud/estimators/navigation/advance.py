@@ -13,7 +13,7 @@ from ..records import AT_REST, SATURATED
 from .alignment import LOST_TILT, disengage, engage, forget_attitude, forget_pairs, levelled
 from .covariance import INTERVAL_S, grow, predict, variance
 from .levelling import level
-from .motion import WINDOW_S, at_rest, clear, gather, judge
+from .motion import VIBRATION, WINDOW_S, at_rest, clear, gather, judge
 from .non_holonomic import INTERVAL_S as CONSTRAINT_S
 from .non_holonomic import constrain, learn_axis, stop
 from .state import ATTITUDE, LEVELLING, NAVIGATING, POSITION, STATES, VELOCITY
@@ -22,8 +22,10 @@ from .supervision import VAGUE
 from .zero_velocity import rest
 
 CHUNK_S = 0.05
-GAP_S = 0.1  # a longer silence of the sensor is bridged, with doubt
-GAP_ACCEL, GAP_TURN = 2.0, 0.3  # m/s^2, rad/s: what may have happened meanwhile
+MISSED = 2.5  # sample periods: a longer silence of the sensor hides something
+GAP_S = 0.1  # and one longer than that is bridged
+GAP_ACCEL, GAP_TURN = 2.0, 0.3  # m/s^2, rad/s: what may happen in a long one, even where the motion was smooth
+FITFUL_S = 1.0  # by when a fitful motion has taken another turn
 LONGEST_GAP_S = 30.0
 HOLD_S = 0.5  # the last rate is held
 LOST_S = 1.0  # without rates, then the attitude is found anew: its sigma is beyond what a linear filter can use
@@ -49,9 +51,21 @@ def move(p: Any, c: Any, w: Any, f: Any, dt: float) -> None:
 
 
 @kernel
+def unseen2(before: Any, after: Any, dt: float, fitful: float, jitter2: float, most: float) -> float:
+    """Variance of the mean over a gap of dt s, about that of two readings: of a random walk tied at both ends.
+
+    It has changed as fast as it did at its most fitful, or from one end to the other; the ends vibrate by `jitter2`.
+    In a long gap it may have become anything: `most`, or what fitful motion is.
+    """
+    jump2 = 0.0
+    for i in range(3):
+        jump2 = max(jump2, (after[i] - before[i]) ** 2)
+    return min(max(fitful * dt, jump2) / 12.0, max(fitful * FITFUL_S, most**2)) + 0.5 * jitter2
+
+
+@kernel
 def bridge(p: Any, c: Any, w: Any, f: Any, dt: float) -> None:
-    """Integrate over a gap in the samples, holding what is known, and doubt the result."""
-    dt = min(dt, LONGEST_GAP_S)
+    """Integrate over a gap in the samples, holding what is known."""
     chunks = int(dt / CHUNK_S) + 1
     for i in range(3):
         c.w[i] = 0.5 * (c.w[i] + w[i])
@@ -59,10 +73,6 @@ def bridge(p: Any, c: Any, w: Any, f: Any, dt: float) -> None:
     for _ in range(chunks):
         move(p, c, c.w, c.f, dt / chunks)
     predict(p, c)
-    for i in range(3):
-        grow(c, POSITION + i, (0.5 * GAP_ACCEL * dt * dt) ** 2)
-        grow(c, VELOCITY + i, (GAP_ACCEL * dt) ** 2)
-        grow(c, ATTITUDE + i, (GAP_TURN * dt) ** 2)
     c.quiet = 0
     c.still = 0
     clear(c)
@@ -75,10 +85,20 @@ def carry(p: Any, c: Any, t_ns: int, w: Any, f: Any) -> None:
     dt = 1e-9 * (t_ns - c.t_ns)
     if dt <= 0.0:
         return
+    dt = min(dt, LONGEST_GAP_S)
+    turn2, accel2 = 0.0, 0.0
+    if dt > MISSED * p.period:
+        turn2 = unseen2(c.w, w, dt, c.fitful[0], c.vibration_gyro / (VIBRATION * p.period), GAP_TURN)
+        accel2 = unseen2(c.f, f, dt, c.fitful[1], c.vibration_accel / (VIBRATION * p.period), GAP_ACCEL)
     if dt > max(GAP_S, 5.0 * p.period):
         bridge(p, c, w, f, dt)
     else:
         move(p, c, w, f, dt)
+    if turn2 > 0.0:
+        for i in range(3):
+            grow(c, POSITION + i, 0.25 * accel2 * dt**4)
+            grow(c, VELOCITY + i, accel2 * dt**2)
+            grow(c, ATTITUDE + i, turn2 * dt**2)
     c.t_ns = t_ns
     for i in range(3):
         c.w[i] = w[i]

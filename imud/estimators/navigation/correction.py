@@ -72,8 +72,8 @@ def take(c: Any, m: int, z: float, r: float, gate: float) -> float:
 
 
 @kernel
-def assume(c: Any, kind: int, m: int, z: float, r: float, gate: float) -> float:
-    """Take what is assumed, not measured, and tell of it as of a fix."""
+def assume(c: Any, kind: int, m: int, z: float, r: float, gate: float) -> tuple[float, float, float]:
+    """Take what is assumed, not measured, and tell of it as of a fix: innovation, its variance, and as `take`."""
     left = residual(c, m, z)
     variance = predicted(c, m) + r
     nis = take(c, m, z, r, gate)
@@ -81,7 +81,7 @@ def assume(c: Any, kind: int, m: int, z: float, r: float, gate: float) -> float:
         o = c.told[c.telling]
         o.t_ns, o.kind, o.value, o.variance, o.used = c.t_ns, kind, left, variance, 1 if nis >= 0.0 else 0
         c.telling += 1
-    return nis
+    return left, variance, nis
 
 
 @kernel

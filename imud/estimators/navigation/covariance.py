@@ -42,6 +42,7 @@ MOUNT_WALK = math.radians(0.02) ** 2  # rad^2/s, load and suspension
 ARM_WALK = 0.01**2  # m^2/s, where a vehicle turns about depends on load and ground
 SECOND_ORDER_S = 1.0  # how long such an error of acceleration lasts
 NOTABLE_RATE = 0.002  # rad/s
+UNEVEN = 0.2  # share of a gyro error in turns about the vertical that its states, constant factors, do not explain
 SCALE_WALK = 5e-5**2  # 1/s, with temperature
 LEVEL_ACCEL = 2.0  # m/s^2, of a vehicle whose heading is not known yet
 
@@ -100,7 +101,6 @@ def predict(p: Any, c: Any) -> None:
     for i in range(3):
         shear(c.P, STATES, POSITION + i, VELOCITY + i, dt)
     accel2 = c.accel[0] ** 2 + c.accel[1] ** 2 + c.accel[2] ** 2
-    rate2 = c.rate[0] ** 2 + c.rate[1] ** 2 + c.rate[2] ** 2
     qv = p.accel_psd + SHAKEN_NOISE**2 * c.shaking + c.vibration_accel + p.accel_scale**2 * accel2 * FORCE_SCALE_S
     if c.phase == LEVELLING:
         qv = LEVEL_ACCEL**2 if not c.flags & AT_REST else 0.0
@@ -112,13 +112,15 @@ def predict(p: Any, c: Any) -> None:
         k = 3 * i
         shear3(c.P, STATES, ATTITUDE + i, GYRO_BIAS, -m[k] * dt, -m[k + 1] * dt, -m[k + 2] * dt)
     turn = m[6] * c.rate[0] + m[7] * c.rate[1] + m[8] * c.rate[2]
+    rate2 = c.rate[0] ** 2 + c.rate[1] ** 2 + c.rate[2] ** 2 - (1.0 - UNEVEN) * turn * turn
     if abs(turn) > NOTABLE_RATE:
         angle = turn * dt
         for i in range(3):
             k = 3 * i
             shear3(c.P, STATES, ATTITUDE + i, TURN_SCALE, -m[k] * angle, -m[k + 1] * angle, -m[k + 2] * angle)
     feel(c, turn, dt)
-    qa = p.gyro_psd + c.vibration_gyro + p.gyro_scale**2 * rate2 * RATE_SCALE_S
+    gyro_psd = max(p.gyro_psd, c.floor * c.floor * p.period / 3.0)  # its quietest is all noise
+    qa = gyro_psd + c.vibration_gyro + p.gyro_scale**2 * rate2 * RATE_SCALE_S
     decay = math.exp(-dt / WANDER_S)
     carry_pull(c, m, turn, dt, decay)
     for i in range(3):

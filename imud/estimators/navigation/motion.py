@@ -21,6 +21,7 @@ WINDOW_S = 0.5
 QUIET = 3.0  # times the quietest gyro deviation seen
 QUIET_ACCEL = 0.35  # m/s^2, an idling engine
 STILL_ACCEL = 0.05  # m/s^2, parked; a smooth car that creeps has 0.06 to 0.1
+CALMING = 0.95  # per window: the most fitful motion is forgotten within some ten seconds
 FLOOR_GROWTH = 1.001  # per window: the quietest is forgotten within some ten minutes
 VIBRATION = 0.005  # share of the vibration's power that acts as white noise
 JOLT = 0.05  # m/s^2, sample to sample, of a vehicle under way
@@ -72,13 +73,17 @@ def judge(p: Any, c: Any) -> None:
     """At the end of a window: vibration densities, and how many windows in a row were quiet."""
     w2 = c.sum_w2 / c.n
     f2 = c.sum_f2 / c.n
-    changed = 0.0
+    turned, pushed = 0.0, 0.0
     for i in range(3):
-        mean = c.sum_w[i] / c.n
-        w2 -= mean * mean
-        f2 -= (c.sum_f[i] / c.n) ** 2
-        changed = max(changed, abs(mean - c.mean_w[i]))
-        c.mean_w[i] = mean
+        mean_w, mean_f = c.sum_w[i] / c.n, c.sum_f[i] / c.n
+        w2 -= mean_w * mean_w
+        f2 -= mean_f * mean_f
+        turned = max(turned, abs(mean_w - c.mean_w[i]))
+        pushed = max(pushed, abs(mean_f - c.mean_f[i]))
+        c.mean_w[i], c.mean_f[i] = mean_w, mean_f
+    if c.floor > 0.0:  # not the first window
+        c.fitful[0] = max(CALMING * c.fitful[0], turned**2 / c.elapsed)
+        c.fitful[1] = max(CALMING * c.fitful[1], pushed**2 / c.elapsed)
     deviation = math.sqrt(max(w2, 0.0))
     dt = c.elapsed / c.n
     c.vibration_gyro = VIBRATION * c.sum_jump2[0] / (6.0 * c.n) * dt
@@ -89,7 +94,8 @@ def judge(p: Any, c: Any) -> None:
     if c.floor <= 0.0:
         c.floor = deviation
     c.floor = max(min(c.floor * FLOOR_GROWTH, deviation), least)
-    quiet = deviation < QUIET * c.floor and f2 < QUIET_ACCEL**2 and changed < REST_RATE + c.floor
+    even = turned < REST_RATE + c.floor and pushed < REST_ACCEL
+    quiet = deviation < QUIET * c.floor and f2 < QUIET_ACCEL**2 and even
     c.quiet = c.quiet + 1 if quiet else 0
     c.still = c.still + 1 if quiet and f2 < STILL_ACCEL**2 else 0
     weigh(c, math.log(max(deviation, least)))

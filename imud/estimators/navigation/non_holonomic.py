@@ -3,7 +3,7 @@
 The axis is a unit vector in the body, found as the main direction of motion, forwards and in reverse (the sensor may
 be mounted in any way), then refined by two states; a third is how far the sensor is ahead of the point about which the
 vehicle turns. "auto" switches the constraint on when a drive that has turned shows one steady axis, and off when the
-motion contradicts it.
+motion contradicts it; how well the vehicle keeps to the axis is learned (`looseness`).
 
 Source: Dissanayake et al., The aiding of a low-cost strapdown inertial measurement unit using vehicle model
 constraints (2001).
@@ -17,7 +17,8 @@ from ...kernels.kalman import reset
 from ...kernels.rotation import quat_exp, quat_rotate, quat_rotate_back
 from ..records import HOP, SLIP
 from .correction import assume, correct, row
-from .covariance import variance
+from .covariance import grow, variance
+from .looseness import LOOSE, learn_looseness, relax, strain
 from .motion import FRESH_S
 from .state import ARM, ATTITUDE, FREE, LAND, MOUNT_PITCH, MOUNT_YAW, STATES, VELOCITY
 
@@ -29,6 +30,7 @@ DRIFT, TYRE_DRIFT = 0.4, 0.005  # m, s^2/m: sideways speed in turns, per rate, a
 SQUAT, SQUAT_S = math.radians(0.7), 1.5  # a body on springs pitches against the road as it brakes, for so long
 GATE = 12.0
 CONTRADICTION = 4.0  # mean normalised innovation squared
+PATIENCE_S = 60.0  # doubled by each contradiction, before another drive is believed
 MEMORY = 0.02
 MOUNT_SIGMA = math.radians(4.0)
 LIKELY_ARM = 1.2  # m
@@ -56,6 +58,8 @@ def learn_axis(p: Any, c: Any) -> None:
     across = c.spread[0] + c.spread[3] + c.spread[5] - principal(c)
     windows, most, more, evidence = FOUND_LAND if p.vehicle == LAND else FOUND
     most = (most + more * c.axis_n) * c.axis_n
+    if c.stops > 0 and 1e-9 * (c.t_ns - c.stopped_ns) < PATIENCE_S * 2.0**c.stops and p.vehicle != LAND:
+        return
     if c.axis_n >= windows and across < most and across_ground(c) - across > evidence:
         begin(c)
 
@@ -148,6 +152,7 @@ def begin(c: Any) -> None:
     c.arm = 0.0
     c.constrained = 1
     c.contradiction = 1.0
+    relax(c)
 
 
 @kernel
@@ -160,6 +165,17 @@ def stop(c: Any) -> None:
     for i in range(3):
         c.ground[i] = 0.0
         c.down[i] = 0.0
+
+
+@kernel
+def disown(c: Any, along: float) -> None:
+    """No land vehicle, at `along` m/s: its velocity across was not nothing, which has bent the heading until now."""
+    grow(c, ATTITUDE + 2, c.loose[0] * (SIGMA / along) ** 2)
+    stop(c)
+    c.stops += 1
+    c.stopped_ns = c.t_ns
+    for k in range(2):
+        c.loose[k] = min(c.loose[k], 0.5 * LOOSE[1])
 
 
 @kernel
@@ -197,14 +213,16 @@ def constrain(p: Any, c: Any) -> None:
     turn = vertical[0] * c.rate[0] + vertical[1] * c.rate[1] + vertical[2] * c.rate[2]
     rate = math.sqrt(c.rate[0] ** 2 + c.rate[1] ** 2 + c.rate[2] ** 2)
     r = (SIGMA + (DRIFT + TYRE_DRIFT * along * along) * rate) ** 2
+    rough2 = (SQUAT * along) ** 2 * 2.0 * SQUAT_S / INTERVAL_S
     k = row(c, crossing(c, q, lateral, along, MOUNT_YAW), ARM, -turn)
     z = c.arm * turn - (lateral[0] * vb[0] + lateral[1] * vb[1] + lateral[2] * vb[2])
-    sideways = abs(assume(c, SLIP, k, z, r, GATE))
-    r += (SQUAT * along) ** 2 * 2.0 * SQUAT_S / INTERVAL_S
+    left, s, sideways = assume(c, SLIP, k, z, c.loose[0] * r, GATE)
+    strain(c, 0, left, s)
     k = crossing(c, q, vertical, along, MOUNT_PITCH)
     z = -(vertical[0] * vb[0] + vertical[1] * vb[1] + vertical[2] * vb[2])
-    upwards = abs(assume(c, HOP, k, z, r, GATE))
+    left, s, upwards = assume(c, HOP, k, z, c.loose[1] * r + rough2, GATE)
+    strain(c, 1, left, s)
     correct(c)
-    c.contradiction += MEMORY * (min(max(sideways, upwards), 4.0 * GATE) - c.contradiction)
-    if c.contradiction > CONTRADICTION and p.vehicle != LAND:
-        stop(c)
+    c.contradiction += MEMORY * (min(max(abs(sideways), abs(upwards)), 4.0 * GATE) - c.contradiction)
+    if (learn_looseness(c) or c.contradiction > CONTRADICTION) and p.vehicle != LAND:
+        disown(c, along)

@@ -29,7 +29,7 @@ from .state import (
     WANDER,
 )
 
-WALK_S = 300.0  # s in which a bias walks by its instability
+WALK_S = 100.0  # s in which a bias walks by its instability: Allan's K^2 tau / 3 = B^2 where it is flat, at 300 s
 TILT_SIGMA = math.radians(20.0)  # of the first sample taken for gravity
 GIVEN_TILT = math.radians(2.0)
 GIVEN_HEADING = math.radians(5.0)
@@ -84,6 +84,7 @@ def start(parameters: Record, initial: Initial) -> Record:
     c["restless"] = RESTLESS[1]
     c["since_ns"] = NEVER_NS
     c["white_speed"] = SPEED_SIGMA**2
+    c["loose"] = 1.0
     c["fix_ns"] = c["mark_ns"] = s["stamp_ns"] = s["fused_ns"] = NEVER_NS
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)
     s["initial_rpy"] = [math.nan if a is None else math.radians(a) for a in angles]

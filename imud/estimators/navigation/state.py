@@ -89,6 +89,8 @@ CORE = np.dtype(
         ("sum_f2", "<f8"),
         ("sum_jump2", "<f8", (2,)),  # of differences between successive rates, and specific forces
         ("mean_w", "<f8", (3,)),  # of the last complete window
+        ("mean_f", "<f8", (3,)),
+        ("fitful", "<f8", (2,)),  # rad^2/s^3, m^2/s^5: most that these have changed of late, squared, per s
         ("quiet", "<i8"),  # complete quiet windows in a row
         ("still", "<i8"),  # and still ones
         ("manner", "<f8", (2, 3)),  # at rest and in slow motion: count, mean and variance of the log gyro deviation
@@ -106,6 +108,11 @@ CORE = np.dtype(
         ("down", "<f8", (3,)),  # sum of the vertical in the body
         ("axis_n", "<f8"),
         ("contradiction", "<f8"),  # smoothed normalised innovation squared
+        ("loose", "<f8", (2,)),  # variance of the velocity sideways and off the floor, over that assumed
+        ("strain", "<f8", (2, 2)),  # sums of their innovations and of the variances of those
+        ("strained", "<i8"),  # innovations in these
+        ("stops", "<i8"),  # times that the motion has contradicted
+        ("stopped_ns", "<i8"),  # and the last of them
         # fixes
         ("fix_ns", "<i8"),  # epoch of the last one used
         ("fixes", "<i8"),

@@ -15,7 +15,7 @@ from .state import ASTRAY, GYRO_BIAS, NAVIGATING, STATES, VELOCITY
 
 # m/s. Weak on purpose: windows at rest all show the same tilt and bias, and a filter that counts them as independent
 # comes to know, from its own linearization errors, what rest cannot show
-REST_VELOCITY = 0.2
+REST_VELOCITY = 0.06
 REST_TURN = 1e-4  # rad/s
 GATE = 25.0
 BENT = 0.3  # rad, that a wrong bias has turned the level frame of the pairs: more cannot be mended afterwards

@@ -1,0 +1,67 @@
+"""How well a vehicle keeps to its axis, learned from sums of innovations; what a gap may hide, from what was seen."""
+
+import numpy as np
+import pytest
+
+from imud.estimators.navigation.advance import unseen2
+from imud.estimators.navigation.looseness import LOOSE, SUMMED, learn_looseness, relax, strain
+from imud.estimators.navigation.setup import configure, start
+from imud.settings import Initial, Settings
+
+
+def learned(innovations, assumed, fix_age_s=0.0):
+    """What is learned of `innovations` (rows of two), of a noise assumed to be `assumed`; whether all fits."""
+    core = start(configure(Settings(), 100.0), Initial())["core"][0]
+    c = core[0]
+    c["t_ns"] = 100 * 10**9
+    c["fix_ns"] = c["t_ns"] - int(1e9 * fix_age_s)
+    relax(c)
+    fits = True
+    for pair in innovations:
+        for k in range(2):
+            strain(c, k, pair[k], c["loose"][k] * assumed)
+        fits = not learn_looseness(c) and fits
+    return c["loose"].copy(), fits
+
+
+def white(seed, n, sigma):
+    return sigma * np.random.default_rng(seed).standard_normal((n, 2))
+
+
+def test_honest_innovations_leave_the_noise_as_it_is():
+    runs = [learned(white(seed, 30 * SUMMED, 0.1), 0.01) for seed in range(20)]
+    assert all(fits for _, fits in runs)
+    assert 0.6 < np.exp(np.mean([np.log(loose) for loose, _ in runs])) < 1.5
+
+
+def test_a_vehicle_that_keeps_to_its_axis_is_believed_more_and_within_bounds():
+    loose, fits = learned(white(2, 30 * SUMMED, 0.01), 0.01)
+    assert fits
+    assert loose == pytest.approx(LOOSE[0])
+
+
+def test_a_drift_too_small_to_show_in_one_innovation_shows_in_their_sum():
+    drift = white(3, 12 * SUMMED, 0.05)
+    drift[:, 0] += 0.05  # half of what is assumed
+    assert not learned(drift, 0.01)[1]
+    loose, fits = learned(drift, 0.01, fix_age_s=10.0)  # where nothing vouches for the velocity, nothing is learned
+    assert fits
+    assert (loose == 1.0).all()
+
+
+@pytest.mark.parametrize("gap", [0.2, 0.5, 1.0])
+def test_a_gap_hides_what_a_random_walk_tied_at_both_ends_does(gap):
+    """Against walks drawn at random: the mean over the gap, about that of its ends."""
+    rng, q, n, runs = np.random.default_rng(4), 0.3, 100, 4000
+    walks = np.cumsum(rng.standard_normal((runs, n)) * np.sqrt(q * gap / n), axis=1)
+    walks = np.column_stack([np.zeros(runs), walks])
+    bridges = walks - np.linspace(0.0, 1.0, n + 1) * walks[:, -1:]
+    still = np.zeros(3)
+    assert unseen2(still, still, gap, q, 0.0, 10.0) == pytest.approx(np.var(bridges.mean(axis=1)), rel=0.1)
+
+
+def test_a_gap_hides_more_where_its_ends_differ_or_shake_and_at_most_what_may_happen():
+    still, turning = np.zeros(3), np.array([0.0, 0.0, 0.6])
+    assert unseen2(still, turning, 0.2, 0.0, 0.0, 10.0) == pytest.approx(0.6**2 / 12)
+    assert unseen2(still, still, 0.2, 0.0, 0.02, 10.0) == pytest.approx(0.01)
+    assert unseen2(still, still, 1e3, 0.01, 0.0, 0.3) == pytest.approx(0.09)

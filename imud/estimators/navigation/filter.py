@@ -79,7 +79,7 @@ def begin(p: Any, c: Any, t_ns: int, w: Any, f: Any, rpy: Any) -> None:
     c.t_ns = t_ns
     for i in range(3):
         c.w[i] = w[i]
-        c.f[i] = f[i]
+        c.f[i] = c.mean_f[i] = f[i]
     roll, pitch, yaw = rpy[0], rpy[1], rpy[2]
     if not (math.isfinite(roll) and math.isfinite(pitch)):
         if f[0] * f[0] + f[1] * f[1] + f[2] * f[2] > 1.0:

@@ -1,16 +1,17 @@
-"""The heading from pairs of fixes: as of a plain least squares, and blind to what the filter corrects meanwhile."""
+"""The heading from fixes: as of plain least squares and dense covariances, and blind to what the filter corrects."""
 
 import numpy as np
 import pytest
 from navigation_simulation import drive
 
-from imud.estimators.navigation import correction, covariance, matching, posterior, strapdown
+from imud.estimators.navigation import correction, covariance, matching, posterior, strapdown, whitening
 from imud.estimators.navigation.setup import configure, start
 from imud.estimators.navigation.state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, RATES, STATES
 from imud.settings import Initial, Settings
 
 RATE = 100
 G = 9.80665
+VARIANCE = 0.1**2
 
 
 def core():
@@ -44,10 +45,9 @@ def carried(corrections, seconds=20.0, at_s=8.0):
     [
         {ATTITUDE: 0.02, ATTITUDE + 1: -0.03},
         {GYRO_BIAS: 0.002, GYRO_BIAS + 1: -0.001},
-        {GYRO_BIAS + 2: 0.004},
         {ACCEL_BIAS: 0.2, ACCEL_BIAS + 1: -0.3},
         {ATTITUDE + 2: 1.0},
-        {ATTITUDE: 0.01, ATTITUDE + 2: -0.1, GYRO_BIAS: 0.001, GYRO_BIAS + 2: -0.002, ACCEL_BIAS + 1: 0.1},
+        {ATTITUDE: 0.01, ATTITUDE + 2: -0.1, GYRO_BIAS: 0.001, ACCEL_BIAS + 1: 0.1},
     ],
 )
 def test_what_the_filter_corrects_leaves_the_integrals_as_they_were(corrections):
@@ -58,18 +58,77 @@ def test_what_the_filter_corrects_leaves_the_integrals_as_they_were(corrections)
     assert running[matching.SWAY] == pytest.approx(untouched[matching.SWAY], abs=0.05)
 
 
+def test_a_drift_found_is_one_from_then_on():
+    _, s = carried({GYRO_BIAS + 2: 0.004})
+    c = s["core"][0, 0]
+    assert c["frame_rate"] == pytest.approx(0.004, rel=1e-3)
+    assert c["drifted"] == pytest.approx(0.004 * 12.0, abs=2e-4)
+
+
 def complex_(a):
     return a[..., 0] + 1j * a[..., 1]
 
 
 def pairs(rng, psi, rate, prior, n=30):
-    """Changes felt and seen, regressors, ages: nuisance parameters are drawn from their prior."""
+    """Innovations felt and received, regressors, ages: nuisance parameters are drawn from their prior."""
     x = np.linalg.cholesky(prior) @ (rng.standard_normal(3) + 1j * rng.standard_normal(3))
     ages = np.arange(n) + 0.5
     u = rng.standard_normal((n, 3)) + 1j * rng.standard_normal((n, 3))
     seen = 1.5 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
     noise = 0.05 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
     return seen * np.exp(-1j * (psi + rate * ages)) - u @ x + noise, u, seen, ages
+
+
+def match(c, z, u, seen, ages):
+    for i in range(len(z)):
+        c["t_ns"] = round(1e9 * ages[i])
+        for k, value in enumerate([seen[i], z[i], *u[i]]):
+            c["left"][k] = value.real, value.imag
+        matching.accumulate(c, VARIANCE, ages[i])
+
+
+def sums(c):
+    return [c[name].copy() for name in ("felt", "normal", "match", "seen", "energy", "weight")]
+
+
+def test_corrections_taken_over_are_as_if_made_before():
+    rng = np.random.default_rng(3)
+    data = pairs(rng, 0.3, 0.0, 0.02 * np.eye(3))
+    d = 1e-4 * (rng.standard_normal(3) + 1j * rng.standard_normal(3))
+    _, _, c = core()
+    match(c, *data)
+    c["shifted"] = np.stack([d.real, d.imag], axis=-1)
+    matching.rebase(c)
+    taken = sums(c)
+    matching.clear_matching(c)
+    match(c, data[0] + data[1] @ d, *data[1:])
+    for a, b in zip(taken, sums(c), strict=True):
+        assert a == pytest.approx(b, rel=1e-7, abs=1e-6)
+
+
+def test_innovations_are_those_of_the_dense_covariance_of_the_fixes():
+    """Place, velocity and wander in one covariance: the same sum of squares over variances, and the same products."""
+    rng = np.random.default_rng(4)
+    _, _, c = core()
+    c["reported"][0], white2, n, dt = 2.0, 0.5, 12, 1.5
+    data = rng.standard_normal((2, n)) * 3.0
+    whitening.restart(c)
+    products = np.zeros((2, 2))
+    for k in range(n):
+        if k:
+            whitening.let_pass(c, dt, 0.0)
+        integrals = np.zeros((5, 2))
+        integrals[matching.ZETA, 0] = data[1, k]
+        s = whitening.innovate(c, True, data[0, k], 0.0, integrals, white2)
+        left = np.array([c["left"][0, 0], c["left"][1 + matching.ZETA, 0]])
+        products += np.outer(left, left) / s
+        whitening.learn(c, True, s)
+    t = dt * np.arange(n)
+    early = np.minimum.outer(t, t)
+    V = whitening.UNFELT_PSD * early**2 * (np.maximum.outer(t, t) / 2.0 - early / 6.0)
+    V += whitening.ANYWHERE**2 + whitening.ANY_SPEED**2 * np.outer(t, t) + white2 * np.eye(n)
+    V += 4.0 * np.exp(-np.abs(t[:, None] - t) / whitening.WANDER_S)
+    assert products == pytest.approx(data @ np.linalg.solve(V, data.T), rel=1e-4, abs=1e-4)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -81,15 +140,10 @@ def test_the_heading_is_that_of_a_least_squares_with_the_nuisance_marginalized(s
     prior = 0.02 * half @ half.conj().T + 0.01 * np.eye(3)
     z, u, seen, ages = pairs(rng, psi, rate, prior)
     _, _, c = core()
-    for i in range(len(z)):
-        c["t_ns"] = round(1e9 * ages[i])
-        for k, value in enumerate([z[i], *u[i]]):
-            c["pair"][k] = value.real, value.imag
-        matching.accumulate(c, (seen[i].real, seen[i].imag), 0.0, True, 1.0)
+    match(c, z, u, seen, ages)
     c["prior"][:, :, 0], c["prior"][:, :, 1] = prior.real, prior.imag
     found, sigma, found_rate, _, _ = posterior.solve(c, 0.1**2)
-    w = matching.FORGET ** np.arange(len(z))[::-1]
-    inverse = np.linalg.inv(np.diag(posterior.NOISE**2 / w) + u @ prior @ u.conj().T)
+    inverse = np.linalg.inv(VARIANCE * np.eye(len(z)) + u @ prior @ u.conj().T)
     drifts = (np.arange(RATES) - RATES // 2) * posterior.RATE_STEP
     angles = np.linspace(-np.pi, np.pi, 1441)
     costs = np.empty((RATES, len(angles)))

@@ -3,15 +3,19 @@
 import math
 from typing import Any
 
+from ...kernels.earth import STANDARD_GRAVITY
 from ...kernels.jit import kernel
 from ...kernels.kalman import reset
 from .alignment import HORIZON_S, engage, find_heading, levelled, pair, vertical_bias
 from .correction import predicted
-from .covariance import deviation
-from .gnss import velocity_of
-from .motion import REST_SPEED
+from .covariance import WANDER_S, deviation, variance
+from .gnss import slowness2, velocity_of
+from .matching import TIME, ZETA, times, unit
+from .motion import REST_SPEED, WINDOW_S
 from .non_holonomic import witness
-from .state import POSITION, STATES, VELOCITY
+from .state import ATTITUDE, POSITION, STATES, VELOCITY
+from .strapdown import way
+from .whitening import SPEED, velocity
 
 UNKNOWN_POSITION, UNKNOWN_HEIGHT = 100.0, 1000.0  # m
 UNKNOWN_SPEED = 5.0  # m/s
@@ -21,25 +25,62 @@ SURE = 3.0  # times its sigma, a speed seen in positions is no noise
 
 
 @kernel
-def seen_speed(c: Any) -> float:
-    """Speed over the last pair of positions, m/s; NaN where it may be noise or there is none."""
-    if not c.slope[2] > 0.0:
+def noise2(c: Any, dt: float) -> float:
+    """Variance, m^2/s^2, of a velocity component seen in two positions `dt` s apart."""
+    wander2 = c.reported[0] ** 2 * (1.0 - math.exp(-dt / WANDER_S))
+    return float(2.0 * (c.white[0] + wander2) / dt**2)
+
+
+@kernel
+def calm_speed(c: Any, lat: float, lon: float) -> float:
+    """Mean speed in the positions since the sensor has been quiet, m/s; NaN where that is not known well enough."""
+    dt = 1e-9 * (c.t_ns - c.calm_ns)
+    if dt > c.quiet * WINDOW_S:
+        c.calm[0], c.calm[1], c.calm_ns = lat, lon, c.t_ns
         return math.nan
-    sigma = math.sqrt(2.0 * c.white[0]) / c.slope[2]  # the wander hardly changes meanwhile
-    speed = math.hypot(c.slope[0], c.slope[1])
-    return speed if SURE * sigma < REST_SPEED or speed > SURE * sigma else math.nan
+    if dt <= 0.0 or SURE**2 * noise2(c, dt) > REST_SPEED**2:
+        return math.nan
+    north, east = way(c, c.calm[0], c.calm[1], lat, lon)
+    return math.hypot(north, east) / dt
+
+
+@kernel
+def seen_speed(c: Any, lat: float, lon: float) -> float:
+    """Speed seen in positions, m/s: over the last pair, or since the sensor is quiet; NaN where it may be noise."""
+    calm = calm_speed(c, lat, lon)
+    if c.slope[2] > 0.0:
+        speed = math.hypot(c.slope[0], c.slope[1])
+        sigma = math.sqrt(2.0 * c.white[0]) / c.slope[2]  # the wander hardly changes meanwhile
+        if speed > SURE * sigma or SURE * sigma < REST_SPEED:
+            return speed
+    return calm
 
 
 @kernel
 def bear_witness(p: Any, c: Any, known: bool) -> None:
     """Let the fix's velocity tell of the axis, in the level frame; from positions it is that of a moment ago."""
     drift2 = predicted(c, vertical_bias(c)) * HORIZON_S**2
-    noise2 = c.white_speed
+    noise = c.white_speed
     if not known:
         dt = c.slope[2]
         turned = 0.5 * dt * (abs(c.rate[0]) + abs(c.rate[1]) + abs(c.rate[2]))
-        noise2 = 2.0 * c.white[0] / dt**2 + turned**2 * (c.v[0] ** 2 + c.v[1] ** 2)
-    witness(p, c, noise2, drift2, 0.0)
+        noise = 2.0 * c.white[0] / dt**2 + turned**2 * (c.v[0] ** 2 + c.v[1] ** 2)
+    witness(p, c, noise, drift2, 0.0)
+
+
+@kernel
+def take_velocity(c: Any) -> None:
+    """With the heading found: the velocity that positions showed, and what was felt since."""
+    felt = times(unit(-c.frame), (velocity(c, 0, ZETA), velocity(c, 1, ZETA)))
+    tilt2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
+    r = (
+        c.whitener[SPEED, SPEED]
+        + c.heading_sigma**2 * (felt[0] ** 2 + felt[1] ** 2)
+        + tilt2 * velocity(c, 0, TIME) ** 2
+    )
+    for i in range(2):
+        c.v[i] = c.followed[0, SPEED, i] + felt[i]
+        reset(c.P, STATES, VELOCITY + i, min(r, UNKNOWN_SPEED**2))
 
 
 @kernel
@@ -52,10 +93,10 @@ def place(p: Any, c: Any, fix: Any) -> None:
     else:
         guess = min(max(deviation(c, POSITION + 2), c.reported[1]), UNKNOWN_HEIGHT)
     vn, ve = velocity_of(fix, 0), velocity_of(fix, 1)
-    pair(c, fix.lat, fix.lon, vn, ve)
+    pair(p, c, fix.lat, fix.lon, vn, ve, slowness2(fix))
     known = math.isfinite(vn) and math.isfinite(ve)
     if not math.isfinite(c.fix_speed):
-        c.fix_speed = seen_speed(c)
+        c.fix_speed = seen_speed(c, fix.lat, fix.lon)
     if not known and c.slope[2] > 0.0:
         vn, ve = c.slope[0], c.slope[1]
     moving = known or c.slope[2] > 0.0
@@ -74,4 +115,6 @@ def place(p: Any, c: Any, fix: Any) -> None:
         for i in range(3):
             reset(c.P, STATES, POSITION + i, max(UNKNOWN_POSITION, guess if i == 2 else 0.0) ** 2)
             reset(c.P, STATES, VELOCITY + i, UNKNOWN_SPEED**2 if i < 2 else UNKNOWN_CLIMB**2)
+        if not known and c.matched_ns == c.t_ns:
+            take_velocity(c)
         engage(p, c)

@@ -7,29 +7,29 @@ begins with it and is given up again.
 import math
 from typing import Any
 
-from ...kernels.earth import radii
+from ...kernels.earth import STANDARD_GRAVITY
 from ...kernels.jit import kernel
 from ...kernels.kalman import reset, shear
 from ...kernels.rotation import dcm_of_quat, quat_exp, quat_of_gravity
+from ..records import AT_REST
 from .correction import correct, predicted, row, take, turn_tilt
 from .covariance import WANDER_S, grow, predict, variance
 from .creep import forget_creep
 from .levelling import level_between
-from .matching import TIME, accumulate, clear_matching, times, unit
+from .matching import TIME, ZETA, accumulate, clear_matching, fade, mean_age, rebase, times, unit
 from .non_holonomic import stop, turn_witnesses
-from .posterior import MOVED, believe, solve
+from .posterior import believe, solve
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LATENCY, LEVELLING, NAVIGATING, NEVER_NS, STATES, TURN_SCALE, WANDER
-from .strapdown import cosine, rotate, wrapped
+from .strapdown import rotate, way
+from .whitening import ANY_SPEED, innovate, learn, let_pass, restart
 
 SHORTEST_S, LONGEST_S = 0.9, 6.0  # between two fixes of a pair
-USUAL = 0.3  # m/s, of what is felt against a velocity change received
 VAGUENESS = 0.4  # m/s, of a velocity change seen in positions
-UNFELT = 1.5  # m/s, m/s^2: a change that exceeds what was felt by more is that of a bad fix, not of a tilt
+GATE = 25.0
 OLDEST_S, OLDEST_TURN = (100.0, 400.0), math.radians(20.0)  # of pairs: tilt and biases are taken as constant
 OUTAGE = 0.2  # of that time, without fixes, after which to begin anew
-READY = math.radians(11.0)
-HORIZON_S = 6.0  # for which the heading has to stay known
-UNEQUAL = 0.25  # least ratio of the squares of felt and received changes
+READY = math.radians(10.0), math.radians(11.0)  # with a receiver that tells its velocity, and without: that cannot wait
+HORIZON_S = 10.0  # for which the heading has to stay known
 LEAST_HEADING = math.radians(3.0)
 MOVING_TILT = math.radians(1.0)  # of a tilt found while the level frame turned by an unknown angle
 LOST_TILT = math.radians(20.0)
@@ -54,25 +54,11 @@ def levelled(c: Any) -> bool:
 
 
 @kernel
-def add(c: Any, vn: float, ve: float, dt: float, ago: float, noise2: float) -> None:
-    """Take the pair in c.pair over `dt` s, with the velocity change received and its variance beyond the usual."""
-    u = c.pair
-    zn, ze = u[0, 0], u[0, 1]
-    for j in range(3):  # what the estimate has corrected
-        p = times((c.shifted[j, 0], c.shifted[j, 1]), (u[j + 1, 0], u[j + 1, 1]))
-        zn += p[0]
-        ze += p[1]
-    zn, ze = times(unit(-c.frame), (zn, ze))
+def level_by(c: Any, vn: float, ve: float, dt: float) -> None:
+    """Level by the force in c.pair, felt over `dt` s while the velocity was seen to change by (vn, ve)."""
+    zn, ze = times(unit(-c.frame), (c.pair[ZETA, 0], c.pair[ZETA, 1]))
     if c.phase == LEVELLING:
         level_between(c, zn / dt, ze / dt, dt, math.hypot(vn, ve) / dt)
-    z2 = zn * zn + ze * ze
-    v2 = vn * vn + ve * ve
-    moved = max(z2, v2) > MOVED**2
-    if math.sqrt(v2) > math.sqrt(z2) + UNFELT * (1.0 + dt) or not levelled(c):
-        return
-    if c.phase != LEVELLING and moved and not UNEQUAL * v2 < z2 < v2 / UNEQUAL:  # a bad fix, whatever the heading
-        return
-    accumulate(c, (vn, ve), ago, moved, USUAL**2 / (USUAL**2 + noise2))
 
 
 @kernel
@@ -106,31 +92,85 @@ def memory(c: Any) -> float:
 
 
 @kernel
-def pair(c: Any, lat: float, lon: float, vn: float, ve: float) -> None:
-    """A fix at the core's time, with its velocity (NaN when it has none)."""
+def pair(p: Any, c: Any, lat: float, lon: float, vn: float, ve: float, noise2: float) -> None:
+    """A fix at the core's time, with its velocity (NaN when it has none), of a variance beyond the usual."""
+    rebase(c)
+    match_fix(p, c, lat, lon, vn, ve, noise2)
     dt = 1e-9 * (c.t_ns - c.mark_ns)
-    if dt < SHORTEST_S:
-        return
-    if 1e-9 * (c.t_ns - c.origin_ns) > memory(c) or dt > OUTAGE * memory(c):
-        forget_pairs(c)
-        dt = math.inf
     m = c.mark
     known = math.isfinite(vn) and math.isfinite(m[0])
-    if not known and dt < patience(c):
+    if dt < SHORTEST_S or (not known and dt < patience(c)):
         return
-    meridian, prime_vertical = radii(c.lat)
-    north = (lat - m[2]) * (meridian + c.height)
-    east = wrapped(lon - m[3]) * (prime_vertical + c.height) * cosine(c.lat)
     if dt > max(LONGEST_S, 2.0 * patience(c)):
         c.slope[2] = 0.0
     elif known:
         for k in range(4):
             for i in range(2):
                 c.pair[k, i] = c.running[k, i] - c.marked[k, i]
-        add(c, vn - m[0], ve - m[1], dt, 0.5 * dt, jerked2(c))
+        level_by(c, vn - m[0], ve - m[1], dt)
     else:
+        north, east = way(c, m[2], m[3], lat, lon)
         pair_of_means(c, north / dt, east / dt, dt)
     mark(c, lat, lon, vn, ve)
+
+
+@kernel
+def felt_less(c: Any, s: float) -> bool:
+    """Do the innovations in c.left, of variance s, differ by more than any heading and the tilt's doubt explain?"""
+    felt = math.hypot(c.left[1 + ZETA, 0], c.left[1 + ZETA, 1])
+    tilt2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
+    doubt = s + tilt2 * (c.left[1 + TIME, 0] ** 2 + c.left[1 + TIME, 1] ** 2)
+    return bool((felt - math.hypot(c.left[0, 0], c.left[0, 1])) ** 2 > GATE * doubt)
+
+
+@kernel
+def match_fix(p: Any, c: Any, lat: float, lon: float, vn: float, ve: float, noise2: float) -> None:
+    """Match what this fix tells with what was felt."""
+    dt = 1e-9 * (c.t_ns - c.matched_ns)
+    if dt < SHORTEST_S:
+        return
+    if 1e-9 * (c.t_ns - c.origin_ns) > memory(c) or dt > OUTAGE * memory(c):
+        forget_pairs(c)
+        dt = math.inf
+    c.matched_ns = c.t_ns
+    if dt == math.inf:
+        c.base[0], c.base[1] = lat, lon
+        restart(c)
+    else:
+        let_pass(c, dt, 0.0)
+        fade(c, math.exp(-2.0 * dt / memory(c)))
+    if math.isfinite(vn) and math.isfinite(ve):
+        r = c.white_speed + jerked2(c) + noise2
+        consider(c, False, innovate(c, False, vn, ve, c.running, r))
+    else:
+        north, east = way(c, c.base[0], c.base[1], lat, lon)
+        consider(c, True, innovate(c, True, north, east, c.twice, c.white[0]))
+
+
+@kernel
+def smeared2(c: Any, ago: float) -> float:
+    """Variance, m^2 or m^2/s^2, of the force felt some `ago` s ago in the mean, by the drift of the frame meanwhile."""
+    z2 = c.left[1 + ZETA, 0] ** 2 + c.left[1 + ZETA, 1] ** 2
+    return float(z2 * predicted(c, vertical_bias(c)) * ago * ago / 3.0)
+
+
+@kernel
+def consider(c: Any, place: bool, s: float) -> None:
+    """Match the innovations in c.left, of variance s, if they tell something; not those of a fix that was not felt.
+
+    When there are three such fixes in a row, place and velocity are taken anew from the next.
+    """
+    certain = levelled(c) and s < 0.5 * ANY_SPEED**2
+    if certain and felt_less(c, s):
+        c.refusals += 1
+        if c.refusals > 2:
+            restart(c)
+        return
+    c.refusals = 0
+    if certain and not c.flags & AT_REST:
+        age = mean_age(c)
+        accumulate(c, s + smeared2(c, 1e-9 * (c.t_ns - c.origin_ns) - age), age)
+    learn(c, place, s)
 
 
 @kernel
@@ -143,7 +183,7 @@ def pair_of_means(c: Any, vn: float, ve: float, dt: float) -> None:
             c.pair[k, i] = mean - c.means[k, i]
             c.means[k, i] = mean
     if s[2] > 0.0:
-        add(c, vn - s[0], ve - s[1], c.pair[TIME, 0], 0.5 * (dt + c.pair[TIME, 0]), 0.0)
+        level_by(c, vn - s[0], ve - s[1], c.pair[TIME, 0])
     s[0], s[1], s[2] = vn, ve, dt
 
 
@@ -183,7 +223,8 @@ def find_heading(c: Any) -> bool:
 def adopt(c: Any, found: Any) -> bool:
     """Turn to the heading that `solve` found, if that is good enough to navigate with."""
     psi, sigma, rate, rate_variance, together = found
-    if sigma * sigma + rate_variance * HORIZON_S**2 > READY**2:
+    ready = READY[1] if c.slope[2] > 0.0 else READY[0]
+    if sigma * sigma + rate_variance * HORIZON_S**2 > ready**2:
         return False
     n = vertical_bias(c)
     news = 1.0 / rate_variance - 1.0 / predicted(c, n)  # beside what the filter knew, which `solve` has counted in
@@ -201,7 +242,7 @@ def adopt(c: Any, found: Any) -> bool:
 def forget_pairs(c: Any) -> None:
     """Begin to match anew."""
     clear_matching(c)
-    c.mark_ns = NEVER_NS
+    c.mark_ns = c.matched_ns = NEVER_NS
     c.slope[2] = 0.0
     c.astray = 0
 

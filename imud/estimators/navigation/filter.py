@@ -8,11 +8,11 @@ from drivers.sample import NO_FORCE, NO_RATE, SUSPECT, UNTOLD
 from ...kernels.jit import kernel
 from ...kernels.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
 from ..records import POSITION_N, REJECTING
-from .acquisition import place
+from .acquisition import calm_speed, place
 from .admission import stuck
 from .alignment import disengage, engage, forget_heading, levelled
 from .covariance import predict, variance
-from .gnss import fuse_position, fuse_velocity, grade, report, trust_stamp, velocity_of
+from .gnss import fuse_position, fuse_velocity, grade, report, trust_stamp
 from .history import approach, follow, remember, rewind, snap, trace_velocity
 from .solution import HEADING_LIMIT, write
 from .state import ATTITUDE, LEVELLING, NAVIGATING, NEVER_NS, UNREAD
@@ -134,13 +134,15 @@ def fuse(p: Any, c: Any, fix: Any, late: float, innovations: Any) -> int:
         disengage(c)
     if c.phase == LEVELLING:
         place(p, c, fix)
+    elif not math.isfinite(c.fix_speed):
+        c.fix_speed = calm_speed(c, fix.lat, fix.lon)
     rows = 0
     if c.phase != LEVELLING:
         rows = fuse_position(p, c, fix, late, innovations, rows)
         if abs(late) < STALE_S:
             rows = fuse_velocity(p, c, fix, late, innovations, rows)
         c.lost *= 0.98
-        right = supervise(p, c, fix.lat, fix.lon, velocity_of(fix, 0), velocity_of(fix, 1))
+        right = supervise(p, c, fix)
         if c.contrary > CONTRARY or c.lost > LOST or not right:
             c.contrary = 0
             c.lost = 0.0

@@ -175,6 +175,12 @@ def velocity_of(fix: Any, axis: int) -> float:
 
 
 @kernel
+def slowness2(fix: Any) -> float:
+    """Variance, m^2/s^2, of a component of the velocity where only the speed is believed."""
+    return 0.0 if math.isfinite(fix.v[0]) or not fix.speed < COURSE_SPEED else float(0.5 * fix.speed**2)
+
+
+@kernel
 def fuse_velocity(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: int) -> int:
     """Gate and take the velocity, component by component."""
     w = (c.w[0] - c.bg[0], c.w[1] - c.bg[1], c.w[2] - c.bg[2])

@@ -26,12 +26,11 @@ from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, RATES
 
 Pair = tuple[float, float]  # a complex number
 
-FORGET = 0.98  # per pair
-NOISE = 0.1  # m/s, least residual of a pair
-CORRELATED = 1.5**2  # residuals of neighbouring pairs are not independent
+BENT = 0.1  # rad, of a tilt corrected afterwards: more is not of first order
+LONGEST_S = 30.0  # a force felt longer ago shows in no innovation
 FITTED = 3.0  # heading, and what the nuisance parameters take
 RATE_STEP = math.radians(0.35)  # rad/s between hypotheses
-ZETA, TIME, TILTING, SWAY = range(4)  # running integrals: of force, of 1, of G, and G
+ZETA, TIME, TILTING, SWAY, AGED = range(5)  # running integrals: of force, of 1, of G, G, and of force times age
 
 
 @kernel
@@ -59,16 +58,16 @@ def feel(c: Any, turn: float, dt: float) -> None:
     y, sway = (c.swing[0], c.swing[1]), (total[SWAY, 0], total[SWAY, 1])
     force = times(unit(c.frame), (c.dv[0], c.dv[1]))
     tilted, biased = times((d[1, 0], d[1, 1]), sway), times((d[2, 0], d[2, 1]), y)
-    after = times(unit((turn + c.frame_rate) * dt), y)
-    for i in range(2):
-        for k in range(4):
-            twice[k, i] += total[k, i] * dt
-        total[ZETA, i] += force[i] - (d[0, i] + tilted[i] + biased[i]) * dt
-        total[TILTING, i] += sway[i] * dt
-        total[SWAY, i] += y[i] * dt
-        c.swing[i] = after[i]
-    total[TIME, 0] += dt
-    c.frame += c.frame_rate * dt
+    after = times(unit(turn * dt), y)
+    age = 1e-9 * (c.t_ns - c.origin_ns)
+    zn, ze = force[0] - (d[0, 0] + tilted[0] + biased[0]) * dt, force[1] - (d[0, 1] + tilted[1] + biased[1]) * dt
+    new = ((zn, ze), (dt, 0.0), (sway[0] * dt, sway[1] * dt), (y[0] * dt, y[1] * dt), (zn * age, ze * age))
+    for k in range(5):
+        for i in range(2):
+            twice[k, i] += (total[k, i] + 0.5 * new[k][i]) * dt
+            total[k, i] += new[k][i]
+    c.swing[0], c.swing[1] = after
+    c.drifted += c.frame_rate * dt
 
 
 @kernel
@@ -101,8 +100,8 @@ def along(m: Any, axis: int, v: Any) -> float:
 @kernel
 def clear_matching(c: Any) -> None:
     """Forget all pairs, and begin with the level frame as it is."""
-    c.pairs = c.weight = 0.0
-    c.frame = c.frame_rate = 0.0
+    c.weight = c.squares = c.aged = 0.0
+    c.frame = c.frame_rate = c.drifted = 0.0
     c.running[:] = 0.0
     c.twice[:] = 0.0
     c.shifted[:] = 0.0
@@ -116,30 +115,93 @@ def clear_matching(c: Any) -> None:
 
 
 @kernel
-def blend(sums: Any, new: Pair, share: float) -> None:
-    """Add to a sum that forgets."""
-    sums[0] = FORGET * sums[0] + share * new[0]
-    sums[1] = FORGET * sums[1] + share * new[1]
+def add_shifted(c: Any, a: Any, first: int) -> None:
+    """Element `first` of a += what was corrected, times the three elements after it."""
+    for j in range(3):
+        p = times((c.shifted[j, 0], c.shifted[j, 1]), (a[first + 1 + j, 0], a[first + 1 + j, 1]))
+        a[first, 0] += p[0]
+        a[first, 1] += p[1]
 
 
 @kernel
-def accumulate(c: Any, seen: Pair, ago: float, moved: bool, share: float) -> None:
-    """Take the pair in c.pair (dz and three regressors), about `ago` s old, and the velocity change that was seen.
+def rebase(c: Any) -> None:
+    """Take the corrections as made in all that was matched, and in the integrals.
 
-    It counts for a `share` of one whose noise is as usual.
+    That is of first order, so that what was matched before counts the less the more its level frame was tilted. A frame
+    that never had the corrections would tilt ever further.
     """
-    z = (c.pair[0, 0], c.pair[0, 1])
-    age = 1e-9 * (c.t_ns - c.origin_ns) - ago
+    d, mixed = c.shifted, (0.0, 0.0)
+    drifted = times((d[1, 0], d[1, 1]), (c.running[SWAY, 0], c.running[SWAY, 1]))
+    then, now = d[0, 0] ** 2 + d[0, 1] ** 2, (d[0, 0] + drifted[0]) ** 2 + (d[0, 1] + drifted[1]) ** 2
+    fade(c, math.exp(-max(then, now) / (STANDARD_GRAVITY * BENT) ** 2))
     for j in range(3):
-        u = (c.pair[j + 1, 0], c.pair[j + 1, 1])
-        blend(c.felt[j], inner(u, z), share)
+        dj, before = (d[j, 0], d[j, 1]), inner((d[j, 0], d[j, 1]), (c.felt[j, 0], c.felt[j, 1]))
         for k in range(3):
-            blend(c.normal[j, k], inner(u, (c.pair[k + 1, 0], c.pair[k + 1, 1])), share)
+            p = times((c.normal[j, k, 0], c.normal[j, k, 1]), (d[k, 0], d[k, 1]))
+            c.felt[j, 0] += p[0]
+            c.felt[j, 1] += p[1]
+        after = inner(dj, (c.felt[j, 0], c.felt[j, 1]))
+        mixed = (mixed[0] + before[0], mixed[1] + after[0])
+        for k in range(RATES):
+            p = inner(dj, (c.seen[k, j, 0], c.seen[k, j, 1]))
+            c.match[k, 0] += p[0]
+            c.match[k, 1] += p[1]
+    c.energy[0] += mixed[0] + mixed[1]  # |z + d u|^2 = |z|^2 + d' (u' z) + d' (u' z + u' u d)
+    add_shifted(c, c.running, ZETA)
+    add_shifted(c, c.twice, ZETA)
+    add_shifted(c, c.marked, ZETA)
+    add_shifted(c, c.marked_twice, ZETA)
+    add_shifted(c, c.means, ZETA)
+    for state in range(3):
+        add_shifted(c, c.followed[:, state], 1 + ZETA)
+    d[:] = 0.0
+
+
+@kernel
+def fade(c: Any, share: float) -> None:
+    """Keep a share of what was matched."""
+    c.weight *= share
+    c.squares *= share
+    c.aged *= share
+    c.energy *= share
+    c.normal *= share
+    c.felt *= share
+    c.match *= share
+    c.seen *= share
+
+
+@kernel
+def blend(sums: Any, new: Pair, share: float) -> None:
+    """Add to a sum."""
+    sums[0] += share * new[0]
+    sums[1] += share * new[1]
+
+
+@kernel
+def mean_age(c: Any) -> float:
+    """Seconds from the origin to when the force was felt that the innovations in c.left tell of, in the mean."""
+    z, aged, now = c.left[1 + ZETA], c.left[1 + AGED], 1e-9 * (c.t_ns - c.origin_ns)
+    z2 = z[0] ** 2 + z[1] ** 2
+    mean = (z[0] * aged[0] + z[1] * aged[1]) / z2 if z2 > 0.0 else now
+    return float(min(max(mean, now - LONGEST_S), now))
+
+
+@kernel
+def accumulate(c: Any, s: float, age: float) -> None:
+    """Match the innovations in c.left (received, felt, three regressors), of variance s, `age` s from the origin."""
+    seen, z, u, share = (c.left[0, 0], c.left[0, 1]), (c.left[1, 0], c.left[1, 1]), c.left[2:5], 1.0 / s
+    for j in range(3):
+        blend(c.felt[j], inner((u[j, 0], u[j, 1]), z), share)
+        for k in range(3):
+            blend(c.normal[j, k], inner((u[j, 0], u[j, 1]), (u[k, 0], u[k, 1])), share)
+    turned = c.drifted - c.frame_rate * (1e-9 * (c.t_ns - c.origin_ns) - age)
     for k in range(RATES):
-        v = times(unit(-(k - RATES // 2) * RATE_STEP * age), seen)  # turned back
+        v = times(unit(-(k - RATES // 2) * RATE_STEP * age - turned), seen)  # turned back
         blend(c.match[k], inner(z, v), share)
         for j in range(3):
-            blend(c.seen[k, j], inner((c.pair[j + 1, 0], c.pair[j + 1, 1]), v), share)
-    blend(c.energy, (z[0] ** 2 + z[1] ** 2, seen[0] ** 2 + seen[1] ** 2), share)
-    c.weight = FORGET * c.weight + share
-    c.pairs = FORGET * c.pairs + (share if moved else 0.0)
+            blend(c.seen[k, j], inner((u[j, 0], u[j, 1]), v), share)
+    v2 = seen[0] ** 2 + seen[1] ** 2
+    blend(c.energy, (z[0] ** 2 + z[1] ** 2, v2), share)
+    c.squares += (share * v2) ** 2
+    c.aged += share * v2 * age
+    c.weight += 1.0

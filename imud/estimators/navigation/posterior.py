@@ -7,12 +7,12 @@ from ...kernels.earth import STANDARD_GRAVITY
 from ...kernels.jit import kernel
 from ...kernels.rotation import dcm_of_quat
 from .correction import predicted, row
-from .matching import CORRELATED, FITTED, NOISE, RATE_STEP, SWAY, Pair, inner, times, unit
+from .matching import FITTED, RATE_STEP, SWAY, Pair, inner, rebase, times, unit
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, RATES
 from .strapdown import wrapped
 
-PAIRS = 5.0
-MOVED = 0.2  # m/s, a velocity change that tells of the heading
+EVENTS = 3.0, 2.0  # innovations with motion, at least; and so many more where the gyro's drift is not known at all
+CORRELATED = 1.5  # what is left over of neighbouring innovations is not quite independent
 ANY_TILT = 0.3  # m/s^2, where the filter's covariance is not to be believed
 
 
@@ -103,12 +103,12 @@ def invert(a: Any) -> None:
 
 @kernel
 def eliminate(c: Any) -> None:
-    """c.gain <- (N + r S^-1)^-1 = S (N S + r)^-1, with N the normal matrix of the nuisance parameters and S c.prior."""
+    """c.gain <- (N + S^-1)^-1 = S (N S + 1)^-1, with N the normal matrix of the nuisance parameters and S c.prior."""
     bring_back(c)
     s, n, g = c.prior, c.normal, c.inverse
     for j in range(3):
         for k in range(3):
-            g[j, k, 0], g[j, k, 1] = NOISE**2 if j == k else 0.0, 0.0
+            g[j, k, 0], g[j, k, 1] = 1.0 if j == k else 0.0, 0.0
             for i in range(3):
                 p = times((n[j, i, 0], n[j, i, 1]), (s[i, k, 0], s[i, k, 1]))
                 g[j, k, 0] += p[0]
@@ -136,35 +136,11 @@ def form(a: Any, matrix: Any, b: Any) -> Pair:
 
 
 @kernel
-def dot(a: Any, b: Any) -> Pair:
-    """a' b, a conjugated."""
-    re, im = 0.0, 0.0
-    for j in range(3):
-        p = inner((a[j, 0], a[j, 1]), (b[j, 0], b[j, 1]))
-        re += p[0]
-        im += p[1]
-    return re, im
-
-
-@kernel
-def centre(c: Any) -> float:
-    """c.force <- what the regressors have in common with dz, less the prior's mean; returns the energy of that dz."""
-    d = c.shifted
-    for j in range(3):
-        c.force[j, 0], c.force[j, 1] = c.felt[j, 0], c.felt[j, 1]
-        for k in range(3):
-            p = times((c.normal[j, k, 0], c.normal[j, k, 1]), (d[k, 0], d[k, 1]))
-            c.force[j, 0] += p[0]
-            c.force[j, 1] += p[1]
-    return float(c.energy[0] + dot(d, c.felt)[0] + dot(d, c.force)[0])
-
-
-@kernel
 def correlation(c: Any, k: int) -> tuple[float, float, float]:
     """Of drift hypothesis k: sum conj(dz) dV and energy of dV, both without what the nuisance parameters explain."""
-    a, b = dot(c.shifted, c.seen[k]), form(c.force, c.gain, c.seen[k])
+    explained = form(c.felt, c.gain, c.seen[k])
     v2 = c.energy[1] - form(c.seen[k], c.gain, c.seen[k])[0]
-    return c.match[k, 0] + a[0] - b[0], c.match[k, 1] + a[1] - b[1], float(v2)
+    return c.match[k, 0] - explained[0], c.match[k, 1] - explained[1], float(v2)
 
 
 @kernel
@@ -174,30 +150,36 @@ def solve(c: Any, bias_variance: float) -> tuple[float, float, float, float, flo
     Call with the prior in c.prior. The rate is that which the filter does not know of.
     """
     unknown = (0.0, math.pi, 0.0, 0.0, 0.0)
-    if c.pairs < PAIRS * 0.9:
+    age = 1e-9 * (c.t_ns - c.origin_ns)
+    events = EVENTS[0] + EVENTS[1] * min(bias_variance * age * age, 1.0)
+    if c.weight <= FITTED or c.energy[1] ** 2 < events * c.squares:
         return unknown
+    rebase(c)
     eliminate(c)
-    z2 = centre(c)
-    z2 -= form(c.force, c.gain, c.force)[0]
+    z2 = c.energy[0] - form(c.felt, c.gain, c.felt)[0]
     least, power = math.inf, 0.0
     for k in range(RATES):
         re, im, v2 = correlation(c, k)
         misfit = z2 + v2 - 2.0 * math.hypot(re, im)
         if misfit < least:
-            least, power = misfit, math.sqrt(max(z2 * v2, 0.0))
-    if power < PAIRS * MOVED**2:
+            least, power = misfit, min(z2, math.hypot(re, im))
+    if power < 1.0:
         return unknown
-    r = CORRELATED * max(least / (2.0 * c.weight - FITTED), NOISE**2)
-    age = 1e-9 * (c.t_ns - c.origin_ns)
+    r = CORRELATED * max(least / (2.0 * c.weight - FITTED), 1.0)
+    frame = c.frame + c.drifted
+    mean = c.aged / c.energy[1]  # age of what tells most: the heading of then is known best
+    between = RATE_STEP**2 / 12.0  # hypotheses
+    inside = bias_variance * between / (bias_variance + between)
     weight, sr, si, rate, rate2 = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(RATES):
         drift = (k - RATES // 2) * RATE_STEP
         re, im, v2 = correlation(c, k)
         misfit = z2 + v2 - 2.0 * math.hypot(re, im) - least
-        unforeseen = drift + c.frame_rate
-        w = math.exp(-0.5 * misfit / r - 0.5 * unforeseen**2 / (bias_variance + RATE_STEP**2 / 12.0))
-        psi = math.atan2(im, re) + drift * age + c.frame
-        c.headings[k, 0], c.headings[k, 1] = psi, w
+        apart = drift + c.frame_rate
+        w = math.exp(-0.5 * misfit / r - 0.5 * apart**2 / (bias_variance + between))
+        unforeseen = apart * inside / between
+        psi = math.atan2(im, re) + drift * mean + (unforeseen - c.frame_rate) * (age - mean) + frame
+        c.headings[k, 0], c.headings[k, 1], c.headings[k, 2] = psi, w, unforeseen
         weight += w
         sr += w * math.cos(psi)
         si += w * math.sin(psi)
@@ -207,10 +189,9 @@ def solve(c: Any, bias_variance: float) -> tuple[float, float, float, float, flo
         return unknown
     rate /= weight
     length = min(math.hypot(sr, si) / weight, 1.0)
-    spread = math.sqrt(-2.0 * math.log(max(length, 1e-9)))
+    spread2 = -2.0 * math.log(max(length, 1e-9)) + (age - mean) ** 2 * inside
     psi, together = math.atan2(si, sr), 0.0
     for k in range(RATES):
-        left = wrapped(c.headings[k, 0] - psi)
-        together += c.headings[k, 1] * left * ((k - RATES // 2) * RATE_STEP + c.frame_rate - rate)
-    variance = max(rate2 / weight - rate * rate, 0.0) + RATE_STEP**2 / 12.0
-    return psi, math.sqrt(r / power + spread * spread), rate, variance, together / weight
+        together += c.headings[k, 1] * wrapped(c.headings[k, 0] - psi) * (c.headings[k, 2] - rate)
+    variance = max(rate2 / weight - rate * rate, 0.0) + inside
+    return psi, math.sqrt(r / power + spread2), rate, variance, together / weight + (age - mean) * inside

@@ -85,7 +85,7 @@ def start(parameters: Record, initial: Initial) -> Record:
     c["since_ns"] = NEVER_NS
     c["white_speed"] = SPEED_SIGMA**2
     c["loose"] = 1.0
-    c["fix_ns"] = c["mark_ns"] = s["stamp_ns"] = s["fused_ns"] = NEVER_NS
+    c["fix_ns"] = c["mark_ns"] = c["matched_ns"] = c["calm_ns"] = s["stamp_ns"] = s["fused_ns"] = NEVER_NS
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)
     s["initial_rpy"] = [math.nan if a is None else math.radians(a) for a in angles]
     if initial.yaw_deg is not None:

@@ -143,10 +143,11 @@ CORE = np.dtype(
         # alignment, in a level frame of arbitrary heading
         ("heading_sigma", "<f8"),  # rad, of a heading given by the user; 0: none
         ("heading_age", "<f8"),  # s, what an error of the vertical gyro bias has been multiplied with in that found
-        ("running", "<f8", (4, 2)),  # integrals since the origin, complex: of level specific force, of 1, GG, G
-        ("twice", "<f8", (4, 2)),  # and theirs
+        ("running", "<f8", (5, 2)),  # integrals since the origin, complex: of level specific force, of 1, GG, G, aged
+        ("twice", "<f8", (5, 2)),  # and theirs
         ("swing", "<f8", (2,)),  # exp(i y), y rad the heading of the body in the frame of those
         ("frame", "<f8"),  # rad, from the level frame of q to that one
+        ("drifted", "<f8"),  # rad, by which that one would have turned without the vertical gyro bias found
         ("frame_rate", "<f8"),  # rad/s, vertical gyro bias found since the origin
         ("shifted", "<f8", (3, 2)),  # m/s^2, m/s^3, m/s^2: tilt, level gyro bias and accelerometer bias, likewise
         ("mark_ns", "<i8"),  # last fix used for alignment
@@ -156,11 +157,20 @@ CORE = np.dtype(
         ("slope", "<f8", (3,)),  # mean velocity over the last pair of positions, and its s; 0: there is none
         ("means", "<f8", (4, 2)),  # and of running
         ("pair", "<f8", (4, 2)),  # scratch: changes of running
+        ("calm", "<f8", (2,)),  # latitude and longitude of the first fix since the sensor has been quiet
+        ("calm_ns", "<i8"),
         ("origin_ns", "<i8"),
-        ("pairs", "<f8"),  # with motion
-        ("weight", "<f8"),  # and all
-        ("energy", "<f8", (2,)),  # of felt changes dz and of velocity changes dV
+        ("base", "<f8", (2,)),  # latitude and longitude from which the places of fixes are counted
+        ("matched_ns", "<i8"),  # last fix matched
+        ("followed", "<f8", (6, 3, 2)),  # what `whitening` makes of fixes and integrals: place, velocity, wander
+        ("whitener", "<f8", (3, 3)),  # and their covariance, m, s
+        ("left", "<f8", (6, 2)),  # scratch: innovations
+        ("refusals", "<i8"),  # fixes in a row that were not felt
+        ("weight", "<f8"),  # innovations matched
+        ("energy", "<f8", (2,)),  # of felt innovations dz and of the receiver's dV, over their variance
+        ("squares", "<f8"),  # sum of squares of the single energies of dz
         ("astray", "<i8"),  # pairs in a row that contradict the heading
+        ("aged", "<f8"),  # s, the energy of dV times its age
         ("normal", "<f8", (3, 3, 2)),  # sums of products of the regressors, complex
         ("felt", "<f8", (3, 2)),  # of regressors and dz
         ("match", "<f8", (RATES, 2)),  # of conj(dz) dV, per drift rate
@@ -175,8 +185,7 @@ CORE = np.dtype(
         ("prior", "<f8", (3, 3, 2)),
         ("inverse", "<f8", (3, 3, 2)),
         ("gain", "<f8", (3, 3, 2)),
-        ("force", "<f8", (3, 2)),
-        ("headings", "<f8", (RATES, 2)),
+        ("headings", "<f8", (RATES, 3)),
     ],
     align=True,
 )

@@ -10,7 +10,7 @@ Source: Titterton and Weston, Strapdown Inertial Navigation Technology (2004), c
 import math
 from typing import Any
 
-from ...kernels.earth import EARTH_RATE_RADPS, gravity_above, radii_by_sine, surface_gravity
+from ...kernels.earth import EARTH_RATE_RADPS, gravity_above, radii, radii_by_sine, surface_gravity
 from ...kernels.jit import kernel
 from ...kernels.rotation import quat_exp, quat_normalised, quat_product, quat_rotate
 
@@ -50,6 +50,13 @@ def displace(c: Any, north: float, east: float, down: float) -> None:
     c.lon = wrapped(c.lon + east / ((prime_vertical + c.height) * cl))
     c.lat = min(max(c.lat + north / (meridian + c.height), -LATITUDE_LIMIT), LATITUDE_LIMIT)
     c.height -= down
+
+
+@kernel
+def way(c: Any, lat0: float, lon0: float, lat: float, lon: float) -> tuple[float, float]:
+    """Metres north and east from one place to another near the core's."""
+    meridian, prime_vertical = radii(c.lat)
+    return (lat - lat0) * (meridian + c.height), wrapped(lon - lon0) * (prime_vertical + c.height) * cosine(c.lat)
 
 
 @kernel

@@ -12,6 +12,7 @@ from ...kernels.kalman import reset
 from .alignment import LEAST_HEADING, adopt, engage, pair, turn_north, vertical_bias
 from .correction import predicted
 from .covariance import grow, variance
+from .gnss import slowness2, velocity_of
 from .non_holonomic import stop
 from .posterior import disbelieve, solve
 from .state import ACCEL_BIAS, ASTRAY, ATTITUDE, GYRO_BIAS, STATES, TURN_SCALE
@@ -23,12 +24,12 @@ VAGUE = math.radians(14.0)  # a heading no better known than that is better foun
 
 
 @kernel
-def supervise(p: Any, c: Any, lat: float, lon: float, vn: float, ve: float) -> bool:
+def supervise(p: Any, c: Any, fix: Any) -> bool:
     """Take a fix at the core's time; False when the heading was wrong and no better one is known."""
     if c.astray >= ASTRAY:
         return False
     before = c.weight
-    pair(c, lat, lon, vn, ve)
+    pair(p, c, fix.lat, fix.lon, velocity_of(fix, 0), velocity_of(fix, 1), slowness2(fix))
     if c.weight == before:
         return True
     bias = predicted(c, vertical_bias(c))

@@ -8,8 +8,8 @@ from ...kernels.jit import kernel
 from ...kernels.kalman import reset
 from ...kernels.rotation import quat_rotate_back
 from ..records import REST_N, REST_X
-from .alignment import forget_pairs
 from .correction import assume, correct, row
+from .matching import rebase
 from .motion import rest_rate
 from .state import ASTRAY, GYRO_BIAS, NAVIGATING, STATES, VELOCITY
 
@@ -18,7 +18,6 @@ from .state import ASTRAY, GYRO_BIAS, NAVIGATING, STATES, VELOCITY
 REST_VELOCITY = 0.06
 REST_TURN = 1e-4  # rad/s
 GATE = 25.0
-BENT = 0.3  # rad, that a wrong bias has turned the level frame of the pairs: more cannot be mended afterwards
 
 
 @kernel
@@ -42,8 +41,5 @@ def rest(p: Any, c: Any) -> None:
             reset(c.P, STATES, GYRO_BIAS + i, z * z)
             c.astray = ASTRAY  # and so is what was navigated with such a bias
         assume(c, REST_X + i, row(c, 0, GYRO_BIAS + i, 1.0), z, r, GATE)
-    age = 1e-9 * (c.t_ns - c.origin_ns)
-    turned2 = (c.x[GYRO_BIAS] ** 2 + c.x[GYRO_BIAS + 1] ** 2 + c.x[GYRO_BIAS + 2] ** 2) * age * age
     correct(c)
-    if turned2 > BENT**2 and c.phase != NAVIGATING:
-        forget_pairs(c)
+    rebase(c)

@@ -41,7 +41,7 @@ def calm_speed(c: Any, lat: float, lon: float) -> float:
     if dt <= 0.0 or SURE**2 * noise2(c, dt) > REST_SPEED**2:
         return math.nan
     north, east = way(c, c.calm[0], c.calm[1], lat, lon)
-    return math.hypot(north, east) / dt
+    return float(math.hypot(north, east) / dt)
 
 
 @kernel

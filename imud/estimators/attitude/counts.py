@@ -35,7 +35,7 @@ def examine(s: Any, w: Vector) -> None:
             s.count[i] = step
             told |= forget(s, i)
         elif FINEST < count < COARSEST:
-            told |= place(s, i, w[i] / count, step / count, quiet)
+            told |= place(s, i, w[i], step, quiet)
     if quiet:
         s.still_samples += 1
         if s.still_samples == BLOCK:
@@ -45,8 +45,11 @@ def examine(s: Any, w: Vector) -> None:
 
 
 @kernel
-def place(s: Any, i: int, x: float, step: float, quiet: bool) -> bool:
-    """Take the reading x of axis i, `step` from the last one, in counts. Does it change what is believed?"""
+def place(s: Any, i: int, w: float, step: float, quiet: bool) -> bool:
+    """Take the reading w of axis i, `step` from the last one, rad/s. Does it change what is believed?"""
+    if abs(w) > (WINDOW + 1) * s.count[i]:  # far from it, as most are in motion
+        return conclude(s, i, math.copysign(1.0, w))
+    x = w / s.count[i]
     k = math.floor(x - s.phase[i] + 0.5)
     if abs(k) > WINDOW:
         return conclude(s, i, math.copysign(1.0, x))
@@ -56,7 +59,7 @@ def place(s: Any, i: int, x: float, step: float, quiet: bool) -> bool:
     cell = i * CELLS + WINDOW + k
     if quiet:
         s.still[cell] += 1.0
-        s.still_step2[i] += step * step
+        s.still_step2[i] += (step / s.count[i]) ** 2
         s.side[i] = 0.0
     else:
         s.passed[cell] += 1.0
@@ -67,16 +70,17 @@ def place(s: Any, i: int, x: float, step: float, quiet: bool) -> bool:
 @kernel
 def conclude(s: Any, i: int, side: float) -> bool:
     """Axis i is beyond the window; if it came from beyond the other end, learn from the pass."""
-    seen = s.seen[i]
-    passes = bool(side == -s.side[i] and seen > 0.0)
-    weight = min(1.0, CELLS / max(seen, 1.0))  # more readings than cells come from uneven turning
+    seen, before = s.seen[i], s.side[i]
     s.side[i] = side
+    if seen == 0.0:
+        return False
     s.seen[i] = 0.0
-    if seen > 0.0:
-        for k in range(i * CELLS, (i + 1) * CELLS):
-            if passes:
-                s.evidence[k] += weight * (NARROW * (seen - s.passed[k]) + WIDE * s.passed[k])
-            s.passed[k] = 0.0
+    passes = bool(side == -before)
+    weight = min(1.0, CELLS / seen)  # more readings than cells come from uneven turning
+    for k in range(i * CELLS, (i + 1) * CELLS):
+        if passes:
+            s.evidence[k] += weight * (NARROW * (seen - s.passed[k]) + WIDE * s.passed[k])
+        s.passed[k] = 0.0
     return passes
 
 

@@ -30,6 +30,8 @@ def restored(s: Any, x: float, i: int) -> float:
     most = float(s.cut_most[i])
     if most == 0.0:
         return x
+    if abs(x) > (WINDOW + 1) * s.count[i]:
+        return x + math.copysign(most, x)
     k = math.floor(x / s.count[i] - s.phase[i] + 0.5)
     if k < -WINDOW:
         return x - most

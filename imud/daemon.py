@@ -149,7 +149,7 @@ class Daemon:
         self._delivery.look_after(self._settings.gnss.latency_s, now_ns)
         self._devices.look_after(now_ns)
         if self._devices.imu is None:
-            self._delivery.show_nothing(now_ns)
+            self._delivery.show_receiver(now_ns)
         self._outputs.look_after(now_ns)
         self._account.look_after(self._delivery.load, now_ns)
         for level, text in self._recordings.look_after():

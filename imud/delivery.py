@@ -12,6 +12,10 @@ from .sensors import Inertial, Records
 from .vitals import Innovations
 
 
+def _utc_s(t_ns: int) -> float:
+    return (time.time_ns() - time.monotonic_ns() + t_ns) * 1e-9
+
+
 class Delivery:
     """Has no state but counts. All times are monotonic nanoseconds; not thread-safe."""
 
@@ -62,9 +66,22 @@ class Delivery:
         """To those clients whose message is due."""
         self._outputs.show(lambda: self._view(inertial, now_ns), now_ns)
 
-    def show_nothing(self, now_ns: int) -> None:
-        """There is no sensor: the clients must not take old news for new."""
-        self._outputs.show(lambda: View(devices=self._devices.described), now_ns)
+    def show_receiver(self, now_ns: int) -> None:
+        """There is no inertial sensor: what the receiver says by itself, lest the clients take old news for new."""
+        self._outputs.show(lambda: self._receivers_view(now_ns), now_ns)
+
+    def _receivers_view(self, now_ns: int) -> View:
+        view = View(devices=self._devices.described, health=self._health())
+        if self._devices.gnss is None:
+            return view
+        receiver = self._devices.gnss[1]
+        view = view._replace(gnss=receiver.view(now_ns))
+        if (fix := receiver.fresh(now_ns)) is None:
+            return view
+        from .receiver_alone import solution  # with all of the navigation filter: not at every start
+
+        t_ns = int(fix["t_ns"][0])
+        return view._replace(solution=solution(fix).tobytes(), utc_s=_utc_s(t_ns), t_mono_ns=t_ns)
 
     def _view(self, inertial: Inertial, now_ns: int) -> View:
         solution = inertial.newest
@@ -72,7 +89,7 @@ class Delivery:
         t_ns = int(solution["t_ns"])
         return View(
             solution=solution.tobytes(),
-            utc_s=(time.time_ns() - time.monotonic_ns() + t_ns) * 1e-9,
+            utc_s=_utc_s(t_ns),
             t_mono_ns=t_ns,
             seq=inertial.samples,
             estimator=self._devices.fitting.estimator.name,

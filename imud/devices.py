@@ -156,7 +156,7 @@ class Devices:
         self._wake_spares(driver.kind, math.inf)
         self._log.info("streaming", **{name: value for name, value in facts.items() if value})
         if self.imu is None and all(port.configured for port in self.ports):
-            self._log.warning("there is no inertial sensor on any port: nothing to estimate")
+            self._log.warning("there is no inertial sensor on any port: only the receiver's fixes are passed on")
         self._describe()
         garbage.set_aside()
 

@@ -198,6 +198,7 @@ class Receiver:
         self._epochs = EpochClock(settings.latency_s)
         self._last: Fix | None = None
         self._used_last: Fix | None = None
+        self._row: Records | None = None  # the same for the filter
         self._jumped_ns: int | None = None
         self._connected_ns = now_ns
 
@@ -245,6 +246,7 @@ class Receiver:
             elif fix.utc_s is not None:
                 self._used_last = fix
                 rows.append(record(fix, self._epochs.epoch_ns(fix.utc_s, fix.arrival_ns, pulse_ns), now_ns))
+                self._row = rows[-1]
         self.used += len(rows)
         return rows
 
@@ -253,6 +255,12 @@ class Receiver:
         """The last fix that was used; there must have been one."""
         assert self._used_last is not None
         return self._used_last
+
+    def fresh(self, now_ns: int) -> Records | None:
+        """The last fix that was used, as it goes to the filter; None if it is stale."""
+        if self._row is None or now_ns - int(self._row["arrival_ns"][0]) > STALE_FIX_NS:
+            return None
+        return self._row
 
     def _judge(self, refused: Refusal | None) -> None:
         """Have news when several fixes in sequence are taken otherwise than those before."""

@@ -1,6 +1,7 @@
 """Fixes on their way to the filter: which are refused, and what their records say. Oracle: the definitions."""
 
 import gzip
+import json
 import math
 import os
 from dataclasses import replace
@@ -13,6 +14,10 @@ from drivers.registry import by_name
 from imud.config import load
 from imud.errors import BadDataError, ConfigError
 from imud.gnss import fixes_of_log, record, refusal
+from imud.outputs.gpsd_json import Report
+from imud.outputs.view import Gnss as GnssView
+from imud.outputs.view import View
+from imud.receiver_alone import solution
 from imud.sensors import Receiver
 from imud.settings import Gnss
 from imud.table_lines import is_nmea
@@ -51,6 +56,22 @@ def test_the_record_is_in_si_units():
     assert row["course"] == math.radians(90.0)
     assert all(math.isnan(v) for v in row["v"])
     assert record(replace(FIX, satellites=None), 0, 0)["satellites"][0] == -1
+
+
+def test_without_an_inertial_sensor_the_receivers_fix_is_published():
+    kinds = ("TPV", "ATT", "IMU", "EST")
+    row = solution(record(replace(FIX, hdop=0.8), 5, 7))
+    view = View(solution=row.tobytes(), utc_s=1.7e9, gnss=GnssView(quality=4, geoid_sep=46.9))
+    (tpv,) = map(json.loads, Report(view).lines(kinds).splitlines())
+    assert (tpv["mode"], tpv["status"], tpv["track"]) == (3, 3, pytest.approx(90.0))
+    assert (tpv["lat"], tpv["altHAE"]) == pytest.approx((48 + 7.038 / 60, 545.4 + 46.9))
+    assert tpv["eph"] == pytest.approx(2.448 * 2.0 * 0.8, rel=0.02)  # chi-square of two: 95 %
+    assert tpv["speed"] == pytest.approx(18520 / 3600)
+    assert "climb" not in tpv
+    held = solution(record(replace(FIX, dimensions=2, speed_mps=None), 5, 7))
+    (tpv,) = map(json.loads, Report(view._replace(solution=held.tobytes(), gnss=None)).lines(kinds).splitlines())
+    assert tpv["mode"] == 2
+    assert not tpv.keys() & {"status", "altHAE", "speed", "track", "velN"}
 
 
 def test_a_height_that_the_receiver_holds_is_unknown():

@@ -43,7 +43,7 @@ def row_of(r_nb, number=0):
 
 def view_of(row):
     sensed = (*row["w"][0].tolist(), *row["f"][0].tolist())
-    return View(solution=row.tobytes(), utc_s=1.7e9, t_mono_ns=int(row["t_ns"][0]), sensed=sensed)
+    return View(row.tobytes(), 1.7e9, t_mono_ns=int(row["t_ns"][0]), estimator="attitude", sensed=sensed)
 
 
 def by_angles(roll, pitch, yaw):

@@ -119,14 +119,19 @@ def _altitude_msl(s: State, gnss: Gnss | None) -> float:
 
 
 _DEAD_RECKONING, _GNSS_AND_DEAD_RECKONING, _SIMULATED = 5, 6, 8
+_OF_QUALITY = {2: 2, 4: 3, 5: 4, 8: _SIMULATED}  # of GGA: differential, RTK, float RTK
 
 
 def _fix(view: View, s: State) -> str:
     """`status` where gpsd has a word for it, and `mode`: 0 nothing known yet, 1 no position, 2 no height, 3 all."""
     if not s.status & POSITION_VALID:
         return f',"mode":{0 if view.solution == NO_SOLUTION else 1}'
+    mode = f',"mode":{3 if math.isfinite(s.told_height) else 2}'
+    if not view.estimator:
+        status = _OF_QUALITY.get(view.gnss.quality or 0) if view.gnss else None
+        return f',"status":{status}{mode}' if status else mode
     status = _SIMULATED if view.emulated else _DEAD_RECKONING if s.status & COASTING else _GNSS_AND_DEAD_RECKONING
-    return f',"status":{status},"mode":{3 if math.isfinite(s.told_height) else 2}'
+    return f',"status":{status}{mode}'
 
 
 def _tpv(view: View, s: State) -> str:
@@ -284,7 +289,7 @@ class Report:
     def lines(self, kinds: tuple[str, ...]) -> bytes:
         """Messages as they go on the wire; those that would say nothing are left out."""
         if kinds not in self._lines:
-            silent = {"ATT", "IMU", "EST"} if self.view.solution == NO_SOLUTION else set()
+            silent = set() if self.view.estimator else {"ATT", "IMU", "EST"}
             if self.view.gnss is None:
                 silent.add("SKY")
             self._lines[kinds] = line(*(self.object(kind) for kind in kinds if kind not in silent))

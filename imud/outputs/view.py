@@ -78,7 +78,7 @@ class View(NamedTuple):
     utc_error_s: float = NAN  # 95 %
     t_mono_ns: int = 0
     seq: int = 0
-    estimator: str = ""
+    estimator: str = ""  # empty: the solution is the receiver's, or there is none
     devices: tuple[Device, ...] = ()  # the first is named as the source of the messages
     gnss: Gnss | None = None
     temperature: float = NAN  # of the inertial sensor, degC

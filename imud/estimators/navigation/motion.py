@@ -154,6 +154,12 @@ def slow(c: Any) -> bool:
 
 
 @kernel
+def confirmed(c: Any) -> bool:
+    """Whether the receiver's own speed says rest, too."""
+    return bool(c.fix_speed <= REST_SPEED and 1e-9 * (c.t_ns - c.fix_ns) < FRESH_S)
+
+
+@kernel
 def rest_rate(c: Any, i: int) -> float:
     """Most mean rate about axis i, less the bias estimated, that may be rest, rad/s."""
     return REST_RATE + 3.0 * math.sqrt(variance(c, GYRO_BIAS + i))
@@ -181,7 +187,7 @@ def at_rest(c: Any) -> bool:
     """Whether the last two windows at least were at rest."""
     if c.quiet < 2 or not slow(c):
         return False
-    if c.still > LONG_QUIET and c.fix_speed <= REST_SPEED and 1e-9 * (c.t_ns - c.fix_ns) < FRESH_S:
+    if c.still > LONG_QUIET and confirmed(c):
         return True  # whatever tilt and biases: they are wrong if they contradict
     if not unaccelerated(c):
         return False

@@ -10,12 +10,13 @@ from ...kernels.rotation import quat_rotate_back
 from ..records import REST_N, REST_X
 from .correction import assume, correct, row
 from .matching import rebase
-from .motion import rest_rate
+from .motion import confirmed, rest_rate
 from .state import ASTRAY, GYRO_BIAS, NAVIGATING, STATES, VELOCITY
 
 # m/s. Weak on purpose: windows at rest all show the same tilt and bias, and a filter that counts them as independent
-# comes to know, from its own linearization errors, what rest cannot show
-REST_VELOCITY = 0.06
+# comes to know, from its own linearization errors, what rest cannot show; weaker still where no receiver's speed
+# confirms it, as a start out of rest may be so smooth that only positions tell of it
+REST_VELOCITY = (0.06, 0.2)
 REST_TURN = 1e-4  # rad/s
 GATE = 25.0
 
@@ -23,12 +24,13 @@ GATE = 25.0
 @kernel
 def rest(p: Any, c: Any) -> None:
     """Fuse one window of rest (call at its end, before it is cleared)."""
+    sigma = REST_VELOCITY[0] if confirmed(c) else REST_VELOCITY[1]
     if c.phase == NAVIGATING:
         for i in range(3):
-            assume(c, REST_N + i, row(c, 0, VELOCITY + i, 1.0), -c.v[i], REST_VELOCITY**2, 4.0 * GATE)
+            assume(c, REST_N + i, row(c, 0, VELOCITY + i, 1.0), -c.v[i], sigma * sigma, 4.0 * GATE)
     else:
         for i in range(3):
-            reset(c.P, STATES, VELOCITY + i, REST_VELOCITY**2)
+            reset(c.P, STATES, VELOCITY + i, sigma * sigma)
             c.v[i] = 0.0
     earth = quat_rotate_back(
         (c.q[0], c.q[1], c.q[2], c.q[3]),

@@ -116,7 +116,7 @@ def test_innovations_are_those_of_the_dense_covariance_of_the_fixes():
     products = np.zeros((2, 2))
     for k in range(n):
         if k:
-            whitening.let_pass(c, dt, 0.0)
+            whitening.let_pass(c, dt)
         integrals = np.zeros((5, 2))
         integrals[matching.ZETA, 0] = data[1, k]
         s = whitening.innovate(c, True, data[0, k], 0.0, integrals, white2)

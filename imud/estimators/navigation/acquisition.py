@@ -93,7 +93,7 @@ def place(p: Any, c: Any, fix: Any) -> None:
     else:
         guess = min(max(deviation(c, POSITION + 2), c.reported[1]), UNKNOWN_HEIGHT)
     vn, ve = velocity_of(fix, 0), velocity_of(fix, 1)
-    pair(p, c, fix.lat, fix.lon, vn, ve, slowness2(fix))
+    pair(c, fix.lat, fix.lon, vn, ve, slowness2(fix))
     known = math.isfinite(vn) and math.isfinite(ve)
     if not math.isfinite(c.fix_speed):
         c.fix_speed = seen_speed(c, fix.lat, fix.lon)

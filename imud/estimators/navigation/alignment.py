@@ -92,10 +92,10 @@ def memory(c: Any) -> float:
 
 
 @kernel
-def pair(p: Any, c: Any, lat: float, lon: float, vn: float, ve: float, noise2: float) -> None:
+def pair(c: Any, lat: float, lon: float, vn: float, ve: float, noise2: float) -> None:
     """A fix at the core's time, with its velocity (NaN when it has none), of a variance beyond the usual."""
     rebase(c)
-    match_fix(p, c, lat, lon, vn, ve, noise2)
+    match_fix(c, lat, lon, vn, ve, noise2)
     dt = 1e-9 * (c.t_ns - c.mark_ns)
     m = c.mark
     known = math.isfinite(vn) and math.isfinite(m[0])
@@ -124,7 +124,7 @@ def felt_less(c: Any, s: float) -> bool:
 
 
 @kernel
-def match_fix(p: Any, c: Any, lat: float, lon: float, vn: float, ve: float, noise2: float) -> None:
+def match_fix(c: Any, lat: float, lon: float, vn: float, ve: float, noise2: float) -> None:
     """Match what this fix tells with what was felt."""
     dt = 1e-9 * (c.t_ns - c.matched_ns)
     if dt < SHORTEST_S:
@@ -137,7 +137,7 @@ def match_fix(p: Any, c: Any, lat: float, lon: float, vn: float, ve: float, nois
         c.base[0], c.base[1] = lat, lon
         restart(c)
     else:
-        let_pass(c, dt, 0.0)
+        let_pass(c, dt)
         fade(c, math.exp(-2.0 * dt / memory(c)))
     if math.isfinite(vn) and math.isfinite(ve):
         r = c.white_speed + jerked2(c) + noise2

@@ -29,7 +29,7 @@ def supervise(p: Any, c: Any, fix: Any) -> bool:
     if c.astray >= ASTRAY:
         return False
     before = c.weight
-    pair(p, c, fix.lat, fix.lon, velocity_of(fix, 0), velocity_of(fix, 1), slowness2(fix))
+    pair(c, fix.lat, fix.lon, velocity_of(fix, 0), velocity_of(fix, 1), slowness2(fix))
     if c.weight == before:
         return True
     bias = predicted(c, vertical_bias(c))

@@ -31,15 +31,15 @@ def restart(c: Any) -> None:
 
 
 @kernel
-def let_pass(c: Any, dt: float, moved2: float) -> None:
-    """Predict over `dt` s, in which a latency that is not known has shifted the fixes by `moved2` m^2."""
+def let_pass(c: Any, dt: float) -> None:
+    """Predict over `dt` s."""
     P, x = c.whitener, c.followed
     decay = math.exp(-dt / WANDER_S)
     for k in range(len(x)):
         for i in range(2):
             x[k, PLACE, i] += dt * x[k, SPEED, i]
             x[k, ERROR, i] *= decay
-    P[0, 0] += dt * (2.0 * P[0, 1] + dt * P[1, 1]) + UNFELT_PSD * dt**3 / 3.0 + moved2
+    P[0, 0] += dt * (2.0 * P[0, 1] + dt * P[1, 1]) + UNFELT_PSD * dt**3 / 3.0
     P[0, 1] += dt * P[1, 1] + UNFELT_PSD * dt * dt / 2.0
     P[0, 2] = decay * (P[0, 2] + dt * P[1, 2])
     P[1, 1] += UNFELT_PSD * dt

@@ -5,7 +5,10 @@ import pytest
 
 from imud.estimators.navigation.advance import unseen2
 from imud.estimators.navigation.looseness import LOOSE, SUMMED, learn_looseness, relax, strain
+from imud.estimators.navigation.non_holonomic import begin, disown
 from imud.estimators.navigation.setup import configure, start
+from imud.estimators.navigation.state import ATTITUDE, STATES, TURN_SCALE, WANDER
+from imud.kernels.kalman import scale, unpack
 from imud.settings import Initial, Settings
 
 
@@ -47,6 +50,23 @@ def test_a_drift_too_small_to_show_in_one_innovation_shows_in_their_sum():
     loose, fits = learned(drift, 0.01, fix_age_s=10.0)  # where nothing vouches for the velocity, nothing is learned
     assert fits
     assert (loose == 1.0).all()
+
+
+def test_what_the_constraint_taught_of_what_is_no_land_vehicle_is_doubted():
+    core = start(configure(Settings(), 100.0), Initial())["core"][0]
+    c = core[0]
+    c["down"], c["axis"] = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
+    begin(c)
+    began = np.diag(unpack(c["P"], STATES))
+    for i in range(STATES):
+        scale(c["P"], STATES, i, 0.1)
+    disown(c, 4.0)
+    doubted = np.diag(unpack(c["P"], STATES))
+    bent = [*range(ATTITUDE, WANDER), *range(TURN_SCALE, TURN_SCALE + 3)]
+    assert doubted[bent] == pytest.approx(began[bent])
+    rest = np.setdiff1d(np.arange(STATES), bent)
+    assert doubted[rest] == pytest.approx(0.01 * began[rest])
+    assert c["constrained"] == 0
 
 
 @pytest.mark.parametrize("gap", [0.2, 0.5, 1.0])

@@ -20,7 +20,7 @@ from .correction import assume, correct, row
 from .covariance import grow, variance
 from .looseness import LOOSE, learn_looseness, relax, strain
 from .motion import FRESH_S
-from .state import ARM, ATTITUDE, FREE, LAND, MOUNT_PITCH, MOUNT_YAW, STATES, VELOCITY
+from .state import ARM, ATTITUDE, FREE, LAND, MOUNT_PITCH, MOUNT_YAW, STATES, TURN_SCALE, VELOCITY, WANDER
 
 INTERVAL_S = 0.1
 SPEED = 0.3  # m/s, below it the constraint says little
@@ -150,6 +150,8 @@ def begin(c: Any) -> None:
     reset(c.P, STATES, MOUNT_YAW, MOUNT_SIGMA**2 + variance(c, ATTITUDE + 2))
     reset(c.P, STATES, ARM, ARM_SIGMA**2)
     c.arm = 0.0
+    for i in range(STATES):
+        c.before[i] = variance(c, i)
     c.constrained = 1
     c.contradiction = 1.0
     relax(c)
@@ -169,8 +171,15 @@ def stop(c: Any) -> None:
 
 @kernel
 def disown(c: Any, along: float) -> None:
-    """No land vehicle, at `along` m/s: its velocity across was not nothing, which has bent the heading until now."""
+    """No land vehicle, at `along` m/s: its velocity across was not nothing, which has bent the heading until now.
+
+    And with it whatever else was learned: of attitude, biases and turns no more is known than when it began.
+    """
     grow(c, ATTITUDE + 2, c.loose[0] * (SIGMA / along) ** 2)
+    for i in range(ATTITUDE, WANDER):
+        grow(c, i, max(c.before[i] - variance(c, i), 0.0))
+    for i in range(TURN_SCALE, TURN_SCALE + 3):
+        grow(c, i, max(c.before[i] - variance(c, i), 0.0))
     stop(c)
     c.stops += 1
     c.stopped_ns = c.t_ns

@@ -43,11 +43,6 @@ CLOCK = np.dtype(
         ("window_x", "<f8"),
         ("window_arrival", "<f8"),
         ("window_residual", "<f8"),
-        ("window_samples", "<i8"),  # and the sums of all that is in it, from its first one on
-        ("window_start_x", "<f8"),
-        ("window_start_y", "<f8"),
-        ("window_sum_x", "<f8"),
-        ("window_sum_y", "<f8"),
         ("watch_start", "<f8"),  # arrival
         ("watch_samples", "<i8"),
         ("watch_least", "<f8"),  # lateness of the earliest
@@ -56,8 +51,6 @@ CLOCK = np.dtype(
         ("count", "<i8"),
         ("ticks", "<f8", (POINTS,)),  # earliest arrival of each window, oldest first
         ("arrivals", "<f8", (POINTS,)),
-        ("mean_ticks", "<f8", (POINTS,)),  # and the mean of all of them
-        ("mean_arrivals", "<f8", (POINTS,)),
         ("hull", "<i8", (POINTS,)),  # scratch
         ("heights", "<f8", (POINTS,)),  # scratch
         ("residual_ns", "<f8"),  # median distance of the window minima above the line, once there is a fit
@@ -98,9 +91,6 @@ def _restart(clock: Any, tick: int, arrival_ns: int) -> None:
 def _window_anew(clock: Any, tick: int) -> None:
     clock.window_start = tick
     clock.window_residual = np.inf
-    clock.window_samples = 0
-    clock.window_sum_x = 0.0
-    clock.window_sum_y = 0.0
 
 
 @kernel
@@ -112,13 +102,7 @@ def _watch_anew(clock: Any, y: float) -> None:
 
 @kernel
 def _gather(clock: Any, tick: int, x: float, y: float, residual: float) -> None:
-    """Keep each window's earliest arrival and its mean for the fit; what is far too late says nothing of the line."""
-    if clock.window_samples == 0:
-        clock.window_start_x = x
-        clock.window_start_y = y
-    clock.window_samples += 1
-    clock.window_sum_x += x - clock.window_start_x
-    clock.window_sum_y += y - clock.window_start_y
+    """Keep the earliest arrival of each window for the fit; one that is far too late says nothing of the line."""
     if residual < clock.window_residual:
         clock.window_residual = residual
         clock.window_x = x

@@ -226,7 +226,7 @@ def test_a_device_that_keeps_no_time_is_followed(clock_error):
     ticks, truth, _ = device(30_000, clock_error)  # such as a program that sleeps a millisecond between its samples
     t, clock = stamps(ticks, queued(truth, np.random.default_rng(5)) if clock_error < 0 else truth + 1e5)
     assert np.abs(t - truth)[5_000:].max() < 5e6
-    assert np.abs(t - truth)[15_000:].max() < 1.5e6
+    assert np.abs(t - truth)[15_000:].max() < 2.5e6
     assert clock["corrections"][0] == 0
 
 
@@ -240,7 +240,7 @@ def test_a_busy_host_does_not_tilt_the_line():
 
 
 def settled(x, y):
-    """Slope of the line, by trying all pairs of points, and numpy's regression; and the median height above it."""
+    """Slope of the line, by trying all pairs of points, and numpy's regression."""
     below = []
     for i in range(len(x)):
         for k in range(i + 1, len(x)):
@@ -252,39 +252,32 @@ def settled(x, y):
     hull = min(below)[1]
     above = y - hull * x - (y - hull * x).min()
     scale = max(np.sort(above)[len(x) // 2], 1.0)
-    slope = hull + np.polyfit(x - x[-1], above, 1, w=np.sqrt(1.0 / (1.0 + (above / scale) ** 2)))[0]
-    return slope, median_height(x, y, slope)
+    return hull + np.polyfit(x - x[-1], above, 1, w=np.sqrt(1.0 / (1.0 + (above / scale) ** 2)))[0]
 
 
-def median_height(x, y, slope):
+def spread(x, y, slope):
+    """From the lower quartile to the median: neither a stall nor a single early arrival counts."""
     heights = np.sort(y - slope * x)
-    return heights[len(x) // 2] - heights[0]
+    return heights[len(x) // 2] - heights[len(x) // 4]
 
 
 @settings(max_examples=25, deadline=None)
 @given(JITTERS, st.floats(-1e-3, 1e-3), st.integers(0, 99), st.floats(8.0, 300.0))
-def test_the_line_is_the_quieter_regression_below_the_earliest_arrivals(jitter, clock_error, seed, seconds):
+def test_the_line_is_the_regression_through_the_earliest_arrivals_and_below_them(jitter, clock_error, seed, seconds):
     n = round(40.0 * seconds)
     truth = 10**15 + np.arange(n) * 25e6 * (1.0 + clock_error)
     arrivals = delayed(truth, *jitter, np.random.default_rng(seed)).astype(np.int64)
     _, clock = stamps(np.arange(n), arrivals, clock=new_clock(25e6, 0.0))
     points = clock["count"][0]
     x, y = clock["ticks"][0][:points], clock["arrivals"][0][:points]
-    mean_x, mean_y = clock["mean_ticks"][0][:points], clock["mean_arrivals"][0][:points]
     assert clock["corrections"][0] == 0
     window = clock["window_ns"][0] / 25e6
     assert np.diff(x).max() < 2.0 * window + 2
     assert seconds * 40 - x[0] >= min(0.9 * n, 7000) - 2 * window  # reaches back to the start, or four minutes
     since = arrivals - clock["base_ns"][0]
     assert np.isin(y, since).all()
-    late = arrivals - truth
-    for middle, mean in zip(mean_x, mean_y, strict=True):
-        inside = late[max(0, round(middle - window / 2)) : round(middle + window / 2) + 1]
-        mean_late = mean + clock["base_ns"][0] - 10**15 - middle * 25e6 * (1.0 + clock_error)
-        assert mean_late == pytest.approx(inside.mean(), abs=2e6)
-    (earliest, height), (means, height_of_means) = settled(x, y), settled(mean_x, mean_y)
     slope = clock["slope"][0]
-    assert slope == pytest.approx(means if height_of_means < height else earliest, rel=1e-9)
-    line = (y - slope * x).min() - 0.25 * median_height(x, y, slope)
+    assert slope == pytest.approx(settled(x, y), rel=1e-9)
+    line = (y - slope * x).min() - 0.6 * spread(x, y, slope)
     assert clock["offset"][0] <= line + 1.0
     assert (y - slope * x - clock["offset"][0]).min() >= -1.0

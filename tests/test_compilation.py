@@ -2,6 +2,7 @@
 
 import json
 import os
+import pty
 import subprocess
 import sys
 from pathlib import Path
@@ -55,16 +56,25 @@ def test_after_warmup_nothing_is_compiled(warmed):
     assert json.loads(ended.stdout) == {"compiled": 0, "missing": 0}, ended.stderr
 
 
-def test_a_daemon_finds_what_warmup_compiled(warmed, tmp_path):
-    arguments = ("--port", str(tmp_path / "absent"), "--no-wait", "--listen", str(tmp_path / "s"))
+@pytest.fixture
+def silent():
+    """A port on which nobody answers."""
+    ends = pty.openpty()
+    yield f"{os.ttyname(ends[1])}:epson@460800"
+    for end in ends:
+        os.close(end)
+
+
+def test_a_daemon_finds_what_warmup_compiled(warmed, silent, tmp_path):
+    arguments = ("--port", silent, "--no-wait", "--listen", str(tmp_path / "s"))
     ended = run("-m", "imud", "run", "--estimator", "tilt", *arguments, cache=warmed[0])
     assert ended.returncode == 69, ended.stderr
     assert " ready " in ended.stderr
     assert "compiling" not in ended.stderr
 
 
-def test_a_cache_that_cannot_be_written_is_survived(tmp_path):
-    arguments = ("--port", str(tmp_path / "absent"), "--no-wait", "--listen", str(tmp_path / "s"))
+def test_a_cache_that_cannot_be_written_is_survived(silent, tmp_path):
+    arguments = ("--port", silent, "--no-wait", "--listen", str(tmp_path / "s"))
     ended = run("-m", "imud", "run", "--estimator", "tilt", *arguments, cache=None, XDG_CACHE_HOME="/dev/null/x")
     assert ended.returncode == 69, ended.stderr
     assert "/dev/null/x/imud" in ended.stderr

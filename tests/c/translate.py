@@ -118,6 +118,7 @@ _MATH = {
     "copysign",
     "hypot",
     "floor",
+    "erf",
     "fabs",
 }
 
@@ -353,18 +354,25 @@ class Function:
             row, filled = self.value(target.value)
             if ast.unparse(target.slice) != ":" or filled.n is None:
                 self.fail(target, "slice")
-            n = 1
-            while isinstance(filled, Array):
-                n, filled = n * filled.n, filled.item
-            i = self.temporary(INT)
-            self.put(depth, f"for (int64_t {i} = 0; {i} < {n}; {i}++) (({filled.c} *){row})[{i}] = {text};")
+            self.fill(row, filled, "=", text, depth)
         else:
             place, stored = self.value(target)
             star = "*" if isinstance(stored, Record) else ""  # a record is copied
             self.put(depth, f"{star}{place} = {star}{text};")
 
+    def fill(self, row, filled, operator, text, depth):
+        """The same with every element of an array."""
+        n = 1
+        while isinstance(filled, Array):
+            n, filled = n * filled.n, filled.item
+        i = self.temporary(INT)
+        self.put(depth, f"for (int64_t {i} = 0; {i} < {n}; {i}++) (({filled.c} *){row})[{i}] {operator} {text};")
+
     def do_augassign(self, node, depth):
-        target, _ = self.value(node.target)
+        target, stored = self.value(node.target)
+        if isinstance(stored, Array) and isinstance(node.op, ast.Mult):
+            self.fill(target, stored, "*=", self.value(node.value)[0], depth)
+            return
         text, kind = self.binary(node, node.target, node.op, node.value)
         if isinstance(node.target, ast.Name):
             self.locals[node.target.id] = unify(self.locals.get(node.target.id), kind)
@@ -542,6 +550,8 @@ class Function:
         if name in _CASTS:
             kind = _CASTS[name]
             return f"(({kind.c})({self.value(node.args[0])[0]}))", kind
+        if name in ("math.floor", "math.ceil"):
+            return f"((int64_t){name.removeprefix('math.')}({self.value(node.args[0])[0]}))", INT
         if name.startswith(("math.", "np.")):
             return self.library(node, name.partition(".")[2])
         if name in ("max", "min"):

@@ -79,7 +79,7 @@ def take_velocity(c: Any) -> None:
         + tilt2 * velocity(c, 0, TIME) ** 2
     )
     for i in range(2):
-        c.v[i] = c.followed[0, SPEED, i] + felt[i]
+        c.v[i] = c.followed[SPEED, 0, i] + felt[i]
         reset(c.P, STATES, VELOCITY + i, min(r, UNKNOWN_SPEED**2))
 
 

@@ -153,7 +153,7 @@ def rebase(c: Any) -> None:
     add_shifted(c, c.marked_twice, ZETA)
     add_shifted(c, c.means, ZETA)
     for state in range(3):
-        add_shifted(c, c.followed[:, state], 1 + ZETA)
+        add_shifted(c, c.followed[state], 1 + ZETA)
     d[:] = 0.0
 
 
@@ -187,19 +187,25 @@ def mean_age(c: Any) -> float:
 
 
 @kernel
+def innovation(c: Any, k: int) -> Pair:
+    """One of those in c.left."""
+    return c.left[k, 0], c.left[k, 1]
+
+
+@kernel
 def accumulate(c: Any, s: float, age: float) -> None:
     """Match the innovations in c.left (received, felt, three regressors), of variance s, `age` s from the origin."""
-    seen, z, u, share = (c.left[0, 0], c.left[0, 1]), (c.left[1, 0], c.left[1, 1]), c.left[2:5], 1.0 / s
+    seen, z, share = innovation(c, 0), innovation(c, 1), 1.0 / s
     for j in range(3):
-        blend(c.felt[j], inner((u[j, 0], u[j, 1]), z), share)
+        blend(c.felt[j], inner(innovation(c, 2 + j), z), share)
         for k in range(3):
-            blend(c.normal[j, k], inner((u[j, 0], u[j, 1]), (u[k, 0], u[k, 1])), share)
+            blend(c.normal[j, k], inner(innovation(c, 2 + j), innovation(c, 2 + k)), share)
     turned = c.drifted - c.frame_rate * (1e-9 * (c.t_ns - c.origin_ns) - age)
     for k in range(RATES):
         v = times(unit(-(k - RATES // 2) * RATE_STEP * age - turned), seen)  # turned back
         blend(c.match[k], inner(z, v), share)
         for j in range(3):
-            blend(c.seen[k, j], inner((u[j, 0], u[j, 1]), v), share)
+            blend(c.seen[k, j], inner(innovation(c, 2 + j), v), share)
     v2 = seen[0] ** 2 + seen[1] ** 2
     blend(c.energy, (z[0] ** 2 + z[1] ** 2, v2), share)
     c.squares += (share * v2) ** 2

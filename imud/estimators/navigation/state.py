@@ -163,7 +163,7 @@ CORE = np.dtype(
         ("origin_ns", "<i8"),
         ("base", "<f8", (2,)),  # latitude and longitude from which the places of fixes are counted
         ("matched_ns", "<i8"),  # last fix matched
-        ("followed", "<f8", (6, 3, 2)),  # what `whitening` makes of fixes and integrals: place, velocity, wander
+        ("followed", "<f8", (3, 6, 2)),  # place, velocity, wander: what `whitening` makes of fixes and integrals
         ("whitener", "<f8", (3, 3)),  # and their covariance, m, s
         ("left", "<f8", (6, 2)),  # scratch: innovations
         ("refusals", "<i8"),  # fixes in a row that were not felt

@@ -35,10 +35,10 @@ def let_pass(c: Any, dt: float) -> None:
     """Predict over `dt` s."""
     P, x = c.whitener, c.followed
     decay = math.exp(-dt / WANDER_S)
-    for k in range(len(x)):
+    for k in range(len(c.left)):
         for i in range(2):
-            x[k, PLACE, i] += dt * x[k, SPEED, i]
-            x[k, ERROR, i] *= decay
+            x[PLACE, k, i] += dt * x[SPEED, k, i]
+            x[ERROR, k, i] *= decay
     P[0, 0] += dt * (2.0 * P[0, 1] + dt * P[1, 1]) + UNFELT_PSD * dt**3 / 3.0
     P[0, 1] += dt * P[1, 1] + UNFELT_PSD * dt * dt / 2.0
     P[0, 2] = decay * (P[0, 2] + dt * P[1, 2])
@@ -52,10 +52,10 @@ def let_pass(c: Any, dt: float) -> None:
 def innovate(c: Any, place: bool, north: float, east: float, integrals: Any, r: float) -> float:
     """c.left <- innovations of a place (m, else a velocity) of variance r, and of the integrals; returns theirs."""
     x = c.followed
-    for k in range(len(x)):
+    for k in range(len(c.left)):
         for i in range(2):
             told = integrals[k - 1, i] if k > 0 else north if i == 0 else east
-            c.left[k, i] = told - (x[k, PLACE, i] + x[k, ERROR, i] if place else x[k, SPEED, i])
+            c.left[k, i] = told - (x[PLACE, k, i] + x[ERROR, k, i] if place else x[SPEED, k, i])
     P = c.whitener
     if place:
         return float(P[0, 0] + 2.0 * P[0, 2] + P[2, 2] + r)
@@ -69,12 +69,12 @@ def learn(c: Any, place: bool, s: float) -> None:
     d0, d1, d2 = P[0, 1], P[1, 1], P[2, 1]
     if place:
         d0, d1, d2 = P[0, 0] + P[0, 2], P[1, 0] + P[1, 2], P[2, 0] + P[2, 2]
-    for k in range(len(x)):
+    for k in range(len(c.left)):
         for i in range(2):
             gain = c.left[k, i] / s
-            x[k, PLACE, i] += d0 * gain
-            x[k, SPEED, i] += d1 * gain
-            x[k, ERROR, i] += d2 * gain
+            x[PLACE, k, i] += d0 * gain
+            x[SPEED, k, i] += d1 * gain
+            x[ERROR, k, i] += d2 * gain
     P[0, 0] -= d0 * d0 / s
     P[0, 1] -= d0 * d1 / s
     P[0, 2] -= d0 * d2 / s
@@ -87,4 +87,4 @@ def learn(c: Any, place: bool, s: float) -> None:
 @kernel
 def velocity(c: Any, axis: int, column: int) -> float:
     """What of a running integral, now, the fixes followed so far do not show in the velocity."""
-    return float(c.running[column, axis] - c.followed[1 + column, SPEED, axis])
+    return float(c.running[column, axis] - c.followed[SPEED, 1 + column, axis])

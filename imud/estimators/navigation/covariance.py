@@ -42,7 +42,7 @@ MOUNT_WALK = math.radians(0.02) ** 2  # rad^2/s, load and suspension
 ARM_WALK = 0.01**2  # m^2/s, where a vehicle turns about depends on load and ground
 SECOND_ORDER_S = 1.0  # how long such an error of acceleration lasts
 NOTABLE_RATE = 0.002  # rad/s
-UNEVEN = 0.2  # share of a gyro error in turns about the vertical that its states, constant factors, do not explain
+UNEVEN = 0.5  # share of a gyro error in turns about the vertical that its states, constant factors, do not explain
 SCALE_WALK = 5e-5**2  # 1/s, with temperature
 LEVEL_ACCEL = 2.0  # m/s^2, of a vehicle whose heading is not known yet
 

@@ -63,18 +63,14 @@ def rewind(s: Any, t_ns: int) -> bool:
 
 @kernel
 def velocity_at(s: Any, t_ns: int, axis: int) -> float:
-    """Velocity at t_ns, between two snapshots; NaN when it is forgotten or was not navigated."""
+    """Velocity at the last snapshot not after t_ns; NaN when it is forgotten or was not navigated."""
     k = s.snapped - 1
     oldest = max(0, s.snapped - SNAPSHOTS)
     while k >= oldest and s.snapshots[k % SNAPSHOTS].t_ns > t_ns:
         k -= 1
     if k < oldest or s.snapshots[k % SNAPSHOTS].phase != NAVIGATING:
         return math.nan
-    before = s.snapshots[k % SNAPSHOTS]
-    after = s.snapshots[(k + 1) % SNAPSHOTS] if k + 1 < s.snapped else s.core[0]
-    span = after.t_ns - before.t_ns
-    share = (t_ns - before.t_ns) / span if span > 0 else 0.0
-    return float(before.v[axis] + share * (after.v[axis] - before.v[axis]))
+    return float(s.snapshots[k % SNAPSHOTS].v[axis])
 
 
 @kernel

@@ -45,7 +45,7 @@ METRICS = (
     ),
     Metric("imud_clock_drift_ratio", _GAUGE, "Sensor clock against host clock.", _PORT + r"clock\.drift_ppm", 1e-6),
     Metric(
-        "imud_clock_residual_seconds", _GAUGE, "Mean distance of the earliest arrivals from the fitted line.",
+        "imud_clock_residual_seconds", _GAUGE, "Median distance of the earliest arrivals from the fitted line.",
         _PORT + r"clock\.residual_us", 1e-6,
     ),
     Metric(

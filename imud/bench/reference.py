@@ -7,6 +7,7 @@ import ctypes
 import importlib.util
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -40,11 +41,12 @@ def compiler() -> str:
 
 def translator() -> Any:
     """tests/c/translate.py as a module."""
-    spec = importlib.util.spec_from_file_location("imud_c_translate", SOURCES / "translate.py")
-    assert spec and spec.loader
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    package = "imud_c"
+    if package not in sys.modules:
+        spec = importlib.util.spec_from_file_location(package, SOURCES / "__init__.py")
+        assert spec and spec.loader
+        sys.modules[package] = importlib.util.module_from_spec(spec)
+    return importlib.import_module(f"{package}.translate")
 
 
 class _Recorder:

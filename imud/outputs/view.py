@@ -57,7 +57,7 @@ class Gnss(NamedTuple):
 class ClockFit(NamedTuple):
     """How well the counter of the inertial sensor fits the host's time."""
 
-    residual_s: float = NAN  # mean distance of the earliest arrivals from the line
+    residual_s: float = NAN  # median distance of the earliest arrivals from the line
     drift: float = NAN  # of the sensor's clock against the host's, positive when slow; dimensionless
     sigma_drift: float = NAN  # 1 sigma by the scatter of the arrivals alone
 

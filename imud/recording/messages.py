@@ -150,7 +150,7 @@ CLOCK_TABLE = Table(
         "port": ("port", "of the inertial sensor"),
         "drift": ("drift", "of the sensor's clock against the host's, positive when slow; times 1e6 it is in ppm"),
         "sigma_drift": ("sigma_drift", "1 sigma, by the scatter of the arrivals alone"),
-        "residual": ("residual_s", "mean distance of the earliest arrivals from the fitted line, s"),
+        "residual": ("residual_s", "median distance of the earliest arrivals from the fitted line, s"),
         "late": ("late_s", "how much later than at best samples come, mean of late, s"),
         "latest": ("latest_s", "and at most, s"),
         "corrections": ("corrections", "of the counter, since the connection"),

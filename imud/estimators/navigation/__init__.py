@@ -1,9 +1,10 @@
 """The navigation filter: position, velocity, attitude and sensor biases from an inertial sensor and a GNSS receiver.
 
 One idea per file: `strapdown` integrates, `covariance` lets the errors grow, `correction` takes scalar measurements,
-`motion` looks for rest, `levelling`, `whitening`, `matching`, `posterior`, `alignment` and `acquisition` start the
-filter, `supervision` doubts its heading, `gnss`, `zero_velocity` and `non_holonomic` with `looseness` aid it, `creep`
-and `admission` decide on fixes that contradict, `history` brings late ones to their epoch, `filter` has the entries.
+`motion` looks for rest, `levelling`, `whitening`, `matching`, `fix_matching`, `posterior`, `alignment` and
+`acquisition` start the filter, `supervision` doubts its heading, `gnss`, `zero_velocity` and `non_holonomic` with
+`looseness` aid it, `creep` and `admission` decide on fixes that contradict, `history` brings late ones to their
+epoch, `filter` has the entries.
 """
 
 from .. import Estimator

@@ -6,9 +6,10 @@ from typing import Any
 from ...kernels.earth import STANDARD_GRAVITY
 from ...kernels.jit import kernel
 from ...kernels.kalman import reset
-from .alignment import HORIZON_S, engage, find_heading, levelled, pair, vertical_bias
+from .alignment import HORIZON_S, engage, find_heading
 from .correction import predicted
 from .covariance import WANDER_S, deviation, variance
+from .fix_matching import levelled, pair, vertical_bias
 from .gnss import slowness2, velocity_of
 from .matching import TIME, ZETA, times, unit
 from .motion import REST_SPEED, WINDOW_S

@@ -10,8 +10,9 @@ from ...kernels.jit import kernel
 from ...kernels.kalman import packed_index
 from ...kernels.rotation import dcm_of_quat, quat_rotate_back
 from ..records import AT_REST, SATURATED
-from .alignment import LOST_TILT, disengage, engage, forget_attitude, forget_pairs, levelled
+from .alignment import LOST_TILT, disengage, engage, forget_attitude
 from .covariance import INTERVAL_S, grow, predict, variance
+from .fix_matching import forget_pairs, levelled
 from .levelling import level
 from .motion import VIBRATION, WINDOW_S, at_rest, clear, gather, judge
 from .non_holonomic import INTERVAL_S as CONSTRAINT_S

@@ -10,8 +10,9 @@ from ...kernels.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
 from ..records import POSITION_N, REJECTING
 from .acquisition import calm_speed, place
 from .admission import stuck
-from .alignment import disengage, engage, forget_heading, levelled
+from .alignment import disengage, engage, forget_heading
 from .covariance import predict, variance
+from .fix_matching import levelled
 from .gnss import fuse_position, fuse_velocity, grade, report, trust_stamp
 from .history import approach, follow, remember, rewind, snap, trace_velocity
 from .solution import HEADING_LIMIT, write

@@ -20,7 +20,19 @@ from .correction import assume, correct, row
 from .covariance import grow, variance
 from .looseness import LOOSE, learn_looseness, relax, strain
 from .motion import FRESH_S
-from .state import ARM, ATTITUDE, FREE, LAND, MOUNT_PITCH, MOUNT_YAW, STATES, TURN_SCALE, VELOCITY, WANDER
+from .state import (
+    ACCEL_BIAS,
+    ARM,
+    ATTITUDE,
+    FREE,
+    GYRO_BIAS,
+    LAND,
+    MOUNT_PITCH,
+    MOUNT_YAW,
+    STATES,
+    TURN_SCALE,
+    VELOCITY,
+)
 
 INTERVAL_S = 0.1
 SPEED = 0.3  # m/s, below it the constraint says little
@@ -176,10 +188,9 @@ def disown(c: Any, along: float) -> None:
     And with it whatever else was learned: of attitude, biases and turns no more is known than when it began.
     """
     grow(c, ATTITUDE + 2, c.loose[0] * (SIGMA / along) ** 2)
-    for i in range(ATTITUDE, WANDER):
-        grow(c, i, max(c.before[i] - variance(c, i), 0.0))
-    for i in range(TURN_SCALE, TURN_SCALE + 3):
-        grow(c, i, max(c.before[i] - variance(c, i), 0.0))
+    for first in (ATTITUDE, GYRO_BIAS, ACCEL_BIAS, TURN_SCALE):
+        for i in range(first, first + 3):
+            grow(c, i, max(c.before[i] - variance(c, i), 0.0))
     stop(c)
     c.stops += 1
     c.stopped_ns = c.t_ns

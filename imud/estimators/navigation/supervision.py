@@ -9,9 +9,10 @@ from typing import Any
 
 from ...kernels.jit import kernel
 from ...kernels.kalman import reset
-from .alignment import LEAST_HEADING, adopt, engage, pair, turn_north, vertical_bias
+from .alignment import LEAST_HEADING, adopt, engage, turn_north
 from .correction import predicted
 from .covariance import grow, variance
+from .fix_matching import pair, vertical_bias
 from .gnss import slowness2, velocity_of
 from .non_holonomic import stop
 from .posterior import disbelieve, solve

@@ -1,0 +1,196 @@
+"""A fix while the heading is not known: its innovations are matched with what was felt, pairs of them level the frame.
+
+How they are matched, is in `matching`; here is what of a fix is taken for it, and how long it can be compared.
+"""
+
+import math
+from typing import Any
+
+from ...kernels.earth import STANDARD_GRAVITY
+from ...kernels.jit import kernel
+from ...kernels.rotation import dcm_of_quat
+from ..records import AT_REST
+from .correction import predicted, row
+from .covariance import WANDER_S, variance
+from .levelling import level_between
+from .matching import TIME, ZETA, accumulate, clear_matching, fade, mean_age, rebase, times, unit
+from .state import ATTITUDE, GYRO_BIAS, LATENCY, LEVELLING, NAVIGATING, NEVER_NS
+from .strapdown import way
+from .whitening import ANY_SPEED, innovate, learn, let_pass, restart
+
+SHORTEST_S, LONGEST_S = 0.9, 6.0  # between two fixes of a pair
+VAGUENESS = 0.4  # m/s, of a velocity change seen in positions
+GATE = 25.0
+OLDEST_S, OLDEST_TURN = (100.0, 400.0), math.radians(20.0)  # of pairs: tilt and biases are taken as constant
+OUTAGE = 0.2  # of that time, without fixes, after which to begin anew
+LEVELLED = math.radians(6.0)
+
+
+@kernel
+def mark(c: Any, lat: float, lon: float, vn: float, ve: float) -> None:
+    """Remember this fix as the first of the next pair."""
+    c.mark_ns = c.t_ns
+    for k in range(4):
+        for i in range(2):
+            c.marked[k, i], c.marked_twice[k, i] = c.running[k, i], c.twice[k, i]
+    m = c.mark
+    m[0], m[1], m[2], m[3], m[4], m[5] = vn, ve, lat, lon, c.accel[0], c.accel[1]
+
+
+@kernel
+def levelled(c: Any) -> bool:
+    """Whether roll and pitch are known well enough to navigate."""
+    return max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1)) < LEVELLED**2
+
+
+@kernel
+def level_by(c: Any, vn: float, ve: float, dt: float) -> None:
+    """Level by the force in c.pair, felt over `dt` s while the velocity was seen to change by (vn, ve)."""
+    zn, ze = times(unit(-c.frame), (c.pair[ZETA, 0], c.pair[ZETA, 1]))
+    if c.phase == LEVELLING:
+        level_between(c, zn / dt, ze / dt, dt, math.hypot(vn, ve) / dt)
+
+
+@kernel
+def jerked2(c: Any) -> float:
+    """Variance, m^2/s^2, of a velocity change since the mark by what is not known of the fixes' latency."""
+    return float(variance(c, LATENCY) * ((c.accel[0] - c.mark[4]) ** 2 + (c.accel[1] - c.mark[5]) ** 2))
+
+
+@kernel
+def patience(c: Any) -> float:
+    """Seconds between positions that show a velocity change with a sigma of VAGUENESS.
+
+    It is their second difference, of three times white noise and of two increments of a random walk.
+    """
+    walk = 4.0 * c.reported[0] ** 2 / WANDER_S
+    root = math.sqrt(walk * walk + 24.0 * c.white[0] * VAGUENESS**2)
+    seconds: float = (walk + root) / (2.0 * VAGUENESS**2)
+    return min(max(seconds, SHORTEST_S), LONGEST_S)
+
+
+@kernel
+def memory(c: Any) -> float:
+    """Seconds for which pairs can be compared: drift hypotheses lie some way apart, unless the drift is known.
+
+    While navigating the estimate of the gyro's scale factor changes, too.
+    """
+    if c.phase == NAVIGATING:
+        return OLDEST_S[0]
+    drift = math.sqrt(predicted(c, vertical_bias(c)))
+    return min(max(OLDEST_TURN / drift, OLDEST_S[0]), OLDEST_S[1])
+
+
+@kernel
+def pair(c: Any, lat: float, lon: float, vn: float, ve: float, noise2: float) -> None:
+    """A fix at the core's time, with its velocity (NaN when it has none), of a variance beyond the usual."""
+    rebase(c)
+    match_fix(c, lat, lon, vn, ve, noise2)
+    dt = 1e-9 * (c.t_ns - c.mark_ns)
+    m = c.mark
+    known = math.isfinite(vn) and math.isfinite(m[0])
+    if dt < SHORTEST_S or (not known and dt < patience(c)):
+        return
+    if dt > max(LONGEST_S, 2.0 * patience(c)):
+        c.slope[2] = 0.0
+    elif known:
+        for k in range(4):
+            for i in range(2):
+                c.pair[k, i] = c.running[k, i] - c.marked[k, i]
+        level_by(c, vn - m[0], ve - m[1], dt)
+    else:
+        north, east = way(c, m[2], m[3], lat, lon)
+        pair_of_means(c, north / dt, east / dt, dt)
+    mark(c, lat, lon, vn, ve)
+
+
+@kernel
+def felt_less(c: Any, s: float) -> bool:
+    """Do the innovations in c.left, of variance s, differ by more than any heading and the tilt's doubt explain?"""
+    felt = math.hypot(c.left[1 + ZETA, 0], c.left[1 + ZETA, 1])
+    tilt2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
+    doubt = s + tilt2 * (c.left[1 + TIME, 0] ** 2 + c.left[1 + TIME, 1] ** 2)
+    return bool((felt - math.hypot(c.left[0, 0], c.left[0, 1])) ** 2 > GATE * doubt)
+
+
+@kernel
+def match_fix(c: Any, lat: float, lon: float, vn: float, ve: float, noise2: float) -> None:
+    """Match what this fix tells with what was felt."""
+    dt = 1e-9 * (c.t_ns - c.matched_ns)
+    if dt < SHORTEST_S:
+        return
+    if 1e-9 * (c.t_ns - c.origin_ns) > memory(c) or dt > OUTAGE * memory(c):
+        forget_pairs(c)
+        dt = math.inf
+    c.matched_ns = c.t_ns
+    if dt == math.inf:
+        c.base[0], c.base[1] = lat, lon
+        restart(c)
+    else:
+        let_pass(c, dt)
+        fade(c, math.exp(-2.0 * dt / memory(c)))
+    if math.isfinite(vn) and math.isfinite(ve):
+        r = c.white_speed + jerked2(c) + noise2
+        consider(c, False, innovate(c, False, vn, ve, c.running, r))
+    else:
+        north, east = way(c, c.base[0], c.base[1], lat, lon)
+        consider(c, True, innovate(c, True, north, east, c.twice, c.white[0]))
+
+
+@kernel
+def smeared2(c: Any, ago: float) -> float:
+    """Variance, m^2 or m^2/s^2, of the force felt some `ago` s ago in the mean, by the drift of the frame meanwhile."""
+    z2 = c.left[1 + ZETA, 0] ** 2 + c.left[1 + ZETA, 1] ** 2
+    return float(z2 * predicted(c, vertical_bias(c)) * ago * ago / 3.0)
+
+
+@kernel
+def consider(c: Any, place: bool, s: float) -> None:
+    """Match the innovations in c.left, of variance s, if they tell something; not those of a fix that was not felt.
+
+    When there are three such fixes in a row, place and velocity are taken anew from the next.
+    """
+    certain = levelled(c) and s < 0.5 * ANY_SPEED**2
+    if certain and felt_less(c, s):
+        c.refusals += 1
+        if c.refusals > 2:
+            restart(c)
+        return
+    c.refusals = 0
+    if certain and not c.flags & AT_REST:
+        age = mean_age(c)
+        accumulate(c, s + smeared2(c, 1e-9 * (c.t_ns - c.origin_ns) - age), age)
+    learn(c, place, s)
+
+
+@kernel
+def pair_of_means(c: Any, vn: float, ve: float, dt: float) -> None:
+    """From positions alone: the mean velocity since the last fix, against the mean before it."""
+    s = c.slope
+    for k in range(4):
+        for i in range(2):
+            mean = (c.twice[k, i] - c.marked_twice[k, i]) / dt
+            c.pair[k, i] = mean - c.means[k, i]
+            c.means[k, i] = mean
+    if s[2] > 0.0:
+        level_by(c, vn - s[0], ve - s[1], c.pair[TIME, 0])
+    s[0], s[1], s[2] = vn, ve, dt
+
+
+@kernel
+def vertical_bias(c: Any) -> int:
+    """Put the gyro bias about the vertical into the measurement row; returns its length."""
+    m = dcm_of_quat((c.q[0], c.q[1], c.q[2], c.q[3]))
+    k = 0
+    for i in range(3):
+        k = row(c, k, GYRO_BIAS + i, m[6 + i])
+    return k
+
+
+@kernel
+def forget_pairs(c: Any) -> None:
+    """Begin to match anew."""
+    clear_matching(c)
+    c.mark_ns = c.matched_ns = NEVER_NS
+    c.slope[2] = 0.0
+    c.astray = 0

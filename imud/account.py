@@ -9,10 +9,11 @@ from .announce import Announcer
 from .delivery import Delivery
 from .devices import Devices
 from .estimators.records import ATTITUDE_VALID
+from .inertial import Inertial
 from .load import Load
 from .outputs.all import Outputs
 from .outputs.view import ClockFit, Health
-from .sensors import Inertial, Receiver
+from .receiver import Receiver
 
 _UPSIDE_DOWN = "the sensor is upside down; if it is not, its axes are others: imu.mount_rpy_deg = [180, 0, 0]"
 

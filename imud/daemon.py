@@ -20,11 +20,11 @@ from .cycle import FAILED, SHOW, Cycle
 from .delivery import Delivery
 from .devices import Devices
 from .errors import ImudError
+from .inertial import Inertial
 from .notify import Notifier
 from .outputs.all import Outputs
 from .pipeline import BATCH
 from .recording.control import Recordings
-from .sensors import Inertial
 from .settings import Settings
 from .signals import caught
 

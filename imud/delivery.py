@@ -4,11 +4,12 @@ import time
 from collections.abc import Callable
 
 from .devices import Devices
+from .gnss import Records
+from .inertial import Inertial
 from .load import Load
 from .outputs.all import Outputs
 from .outputs.view import Health, View
 from .recording.control import Recordings
-from .sensors import Inertial, Records
 from .vitals import Innovations
 
 

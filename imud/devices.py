@@ -17,11 +17,13 @@ from . import calibration, choices, garbage
 from .cycle import Cycle
 from .errors import ImudError, UsageError
 from .fitting import Fitting
+from .gnss import Records
+from .inertial import Inertial
 from .outputs.view import Device
 from .ports import Configured, Port
 from .rate import ALIKE
+from .receiver import Receiver
 from .recording.control import Recordings
-from .sensors import Inertial, Receiver, Records
 from .settings import Settings
 
 _PARTS = {"imu": "inertial sensor", "gnss": "receiver"}

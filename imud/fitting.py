@@ -9,8 +9,8 @@ from drivers.transport.line import Line
 
 from . import choices
 from .calibration import Calibration
+from .inertial import Inertial
 from .pipeline import Filter, Stream
-from .sensors import Inertial
 from .settings import Initial, Settings
 
 RATE_STEP = 0.1  # logarithmic: sensors within that are the same to a filter

@@ -18,9 +18,9 @@ from .arguments import above_zero, add_settings
 from .errors import ImudError
 from .ports import Configured, Port
 from .recording.recorder import Recorder, recording
-from .sensors import READ, Tap
 from .settings import Settings
 from .signals import caught
+from .tap import READ, Tap
 
 _TICK_S = 0.02
 

@@ -28,11 +28,12 @@ from .outputs.gpsd_json import STATUS_WORDS, status_words
 from .outputs.view import decode, euler
 
 if TYPE_CHECKING:
+    from .inertial import Inertial
     from .load import Load
     from .outputs.binary import BinaryOutputs
     from .outputs.gpsd import GpsdServer
     from .ports import Port
-    from .sensors import Inertial, Receiver
+    from .receiver import Receiver
 
 MEMORY = 32.0  # fixes over which an innovation ratio is averaged
 Table = dict[str, Any]

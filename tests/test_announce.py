@@ -15,8 +15,9 @@ from drivers.registry import by_name
 from imud.announce import STATUS_LASTS_NS, Announcer, Changes
 from imud.estimators import registry
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID
+from imud.inertial import Inertial
 from imud.pipeline import Filter, Stream
-from imud.sensors import Inertial, jumps
+from imud.receiver import jumps
 from imud.settings import Initial, Settings
 
 SECOND = 1_000_000_000

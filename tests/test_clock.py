@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imud.clock import new_clock, stamp
-from imud.sensors import Inertial
+from imud.inertial import Inertial
 
 PERIOD_NS = 1_000_000
 

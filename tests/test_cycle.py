@@ -20,9 +20,9 @@ from imud.cycle import FAILED, SHOW, Cycle
 from imud.estimators import registry
 from imud.outputs.binary import BinaryOutputs
 from imud.pipeline import BATCH, Filter, Stream
-from imud.sensors import READ
 from imud.settings import Initial, Settings
 from imud.settings import Stream as StreamSettings
+from imud.tap import READ
 
 WIRE = signals.frames(2000).tobytes()
 NEVER_NS = (1 << 63) - 1

@@ -17,8 +17,8 @@ from imud.gnss import fixes_of_log, record, refusal
 from imud.outputs.gpsd_json import Report
 from imud.outputs.view import Gnss as GnssView
 from imud.outputs.view import View
+from imud.receiver import Receiver
 from imud.receiver_alone import solution
-from imud.sensors import Receiver
 from imud.settings import Gnss
 from imud.table_lines import is_nmea
 

@@ -10,7 +10,7 @@ from drivers.registry import by_name
 from drivers.transport.pps import PulsePerSecond
 from imud.commands import main
 from imud.epochs import EpochClock
-from imud.sensors import Receiver
+from imud.receiver import Receiver
 from imud.settings import Gnss
 
 SECOND_NS = 1_000_000_000

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from ..sensors import Inertial
+    from ..inertial import Inertial
 
 CLOCK_FIT = np.dtype(
     [

@@ -18,8 +18,10 @@ from ..calibration import Calibration
 from ..choices import settings_for
 from ..errors import BadDataError
 from ..fitting import Fitting
-from ..sensors import READ, Inertial, Receiver
+from ..inertial import Inertial
+from ..receiver import Receiver
 from ..settings import Initial, Settings
+from ..tap import READ
 from .messages import SETTINGS
 
 Records = NDArray[np.void]

@@ -26,8 +26,9 @@ from drivers.driver import GnssConfigured, ImuConfigured
 
 from ..calibration import Calibration
 from ..errors import CannotCreateError, UsageError
-from ..sensors import Inertial, Tap
+from ..inertial import Inertial
 from ..settings import Settings
+from ..tap import Tap
 from .clock_fit import row_of
 from .protocol import HEADER, STATE, Kind
 

@@ -18,13 +18,13 @@ from drivers.driver import Identity, ImuConfigured, ImuDriver
 from drivers.registry import drivers
 from drivers.sample import SAMPLE
 
-from .cycle import Cycle
+from .configuration.settings import Initial, Settings
+from .daemon.cycle import Cycle
 from .estimators import Estimator
 from .estimators.records import FIX, SOLUTION
-from .health import shown
 from .outputs.binary import BinaryOutputs
 from .pipeline import Filter, Stream, decoding
-from .settings import Initial, Settings
+from .sensors.health import shown
 
 _MADV_DONTNEED = 4
 _RATE_HZ, _PERIOD_NS = 1000.0, 1_000_000
@@ -56,7 +56,7 @@ def warm(estimator: Estimator, settings: Settings) -> None:
 
 def warm_replay(estimator: Estimator, settings: Settings) -> None:
     """Compile, or load, what a replay calls of an estimator."""
-    from .estimate_tables import EstimateWriter
+    from .tables.estimates import EstimateWriter
 
     solutions = np.zeros(1, SOLUTION)
     Filter(estimator, settings, Initial(), _RATE_HZ).run(np.zeros(1, SAMPLE), solutions)

@@ -18,15 +18,15 @@ from drivers.driver import ImuConfigured, ImuDriver
 from drivers.entry import entry
 from drivers.sample import SAMPLE
 
-from .calibration import CORRECTION, Calibration, correct, correction
-from .clock import CLOCK, new_clock, stamp
+from .clocks.counter import CLOCK, new_clock, stamp
+from .configuration.settings import Initial, Settings
 from .estimators import Estimator
 from .estimators.records import INNOVATION, SOLUTION
-from .health import HEALTH, examine, new_health
 from .kernels.jit import inlined
 from .kernels.system import call, records
-from .profiles import profile_of
-from .settings import Initial, Settings
+from .sensor_errors.calibration import CORRECTION, Calibration, correct, correction
+from .sensor_errors.profiles import profile_of
+from .sensors.health import HEALTH, examine, new_health
 
 Floats = NDArray[np.float64]
 Records = NDArray[np.void]

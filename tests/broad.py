@@ -10,9 +10,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from drivers.sample import SAMPLE
+from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators.attitude import ESTIMATOR
 from imud.estimators.records import SOLUTION
-from imud.settings import Imu, Initial, Settings
 
 Floats = NDArray[np.float64]
 HALF_TURN_ABOUT_X = np.array([1.0, -1.0, -1.0])  # z-up axes to FRD and back; a quaternion's vector part turns with them

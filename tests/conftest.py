@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from imud import runtime
+from imud.process import runtime
 
 runtime.prepare()
 # the same examples each time where a failure must be repeatable: chance looks for new ones at the desk

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from imud import runtime
+from imud.process import runtime
 
 runtime.prepare()  # else numba would run stale kernels
 
 from simulated import estimated, motion, received, rpy, sensed  # noqa: E402
 
+from imud.configuration.settings import Initial  # noqa: E402
 from imud.estimators.registry import NAMES  # noqa: E402
-from imud.settings import Initial  # noqa: E402
 
 FOLDER = Path(__file__).with_name("golden")
 SECONDS, RATE_HZ, EVERY = 80.0, 100.0, 200

@@ -8,8 +8,8 @@ import socket
 from gpsd_synthetic import view
 from hypothesis import strategies as st
 
+from imud.configuration.settings import Gpsd
 from imud.outputs.gpsd import GpsdServer
-from imud.settings import Gpsd
 
 MS, SECOND = 1_000_000, 1_000_000_000
 WATCH = b'?WATCH={"enable":true,"json":true};\n'

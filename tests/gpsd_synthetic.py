@@ -18,12 +18,12 @@ from pathlib import Path
 import numpy as np
 
 from drivers.fix import Satellite, Sky
+from imud.configuration.settings import Gpsd
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALID, SOLUTION
 from imud.kernels.earth import radii
 from imud.kernels.rotation import quat_of_euler
 from imud.outputs.gpsd import GpsdServer
 from imud.outputs.view import Device, Gnss, View
-from imud.settings import Gpsd
 
 LAT_DEG, LON_DEG, HEIGHT_M, GEOID_M = 48.137154, 11.576124, 565.0, 46.0
 RADIUS_M, SPEED_MPS = 50.0, 10.0

@@ -11,9 +11,9 @@ import numba
 import numpy as np
 
 from drivers.sample import SAMPLE
+from imud.configuration.settings import Initial, Settings
 from imud.estimators.navigation import ESTIMATOR
 from imud.estimators.records import FIX, INNOVATION, SOLUTION
-from imud.settings import Initial, Settings
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 _step, _update = ESTIMATOR.step, ESTIMATOR.update
@@ -169,7 +169,7 @@ def evaluate(name, grade, vehicle="auto", outages=("60", "30"), profile="auto"):
 
 
 def settings_of(vehicle="auto", lever=(0.0, 0.0, 0.0), profile="auto"):
-    from imud.settings import Imu, Navigation
+    from imud.configuration.settings import Imu, Navigation
 
     return Settings(
         imu=Imu(profile=profile), navigation=Navigation(vehicle=vehicle, lever_arm_m=tuple(map(float, lever)))

@@ -16,10 +16,10 @@ from firmware_sim.motion import Trajectory, Truth
 from firmware_sim.noise import M_G350, Grade, ImuErrors
 from firmware_sim.scenarios import SCENARIOS, Course
 from firmware_sim.timeline import Timeline
+from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators import registry
 from imud.estimators.records import FIX, SOLUTION
 from imud.pipeline import Filter
-from imud.settings import Imu, Initial, Settings
 
 G350 = Settings(imu=Imu(profile="m-g350"))
 UTC = 1_700_000_000.0  # s, of the recordings' time 0

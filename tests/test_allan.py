@@ -8,10 +8,10 @@ import allantools
 import numpy as np
 import pytest
 
-from imud import config
 from imud.commands import main
-from imud.noise import allan_deviation
-from imud.profiles import PROFILES, profile_of
+from imud.configuration import config
+from imud.sensor_errors.noise import allan_deviation
+from imud.sensor_errors.profiles import PROFILES, profile_of
 
 RATE_HZ = 20.0
 

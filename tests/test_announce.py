@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from drivers.driver import Identity, ImuConfigured
 from drivers.fix import Fix
 from drivers.registry import by_name
-from imud.announce import STATUS_LASTS_NS, Announcer, Changes
+from imud.configuration.settings import Initial, Settings
+from imud.daemon.announce import STATUS_LASTS_NS, Announcer, Changes
 from imud.estimators import registry
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID
-from imud.inertial import Inertial
 from imud.pipeline import Filter, Stream
-from imud.receiver import jumps
-from imud.settings import Initial, Settings
+from imud.sensors.inertial import Inertial
+from imud.sensors.receiver import jumps
 
 SECOND = 1_000_000_000
 

@@ -9,12 +9,12 @@ from attitude_runs import assert_whole, rpy_deg, samples_from, still_then_moving
 from attitude_simulation import DEG, MG, Flaws, G, after, errors_deg, simulate, steady, wobble
 from broad import solutions_of
 
+from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators.attitude import ESTIMATOR
 from imud.estimators.attitude.state import STATES
 from imud.estimators.records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SOLUTION
 from imud.kernels.earth import gravity
 from imud.kernels.kalman import unpack
-from imud.settings import Imu, Initial, Settings
 
 
 @pytest.mark.parametrize("profile", ["m-g350", "auto"])

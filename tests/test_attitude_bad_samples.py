@@ -20,9 +20,9 @@ from hypothesis import strategies as st
 
 from drivers.sample import SATURATED as BEYOND_RANGE
 from drivers.sample import SUSPECT
+from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators.attitude import ESTIMATOR
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, SATURATED, SOLUTION
-from imud.settings import Imu, Initial, Settings
 
 
 @pytest.mark.parametrize("rubbish", [(1e9, -1e9), (math.nan, 0.0), (0.0, math.inf), (-math.inf, math.nan)])

@@ -7,10 +7,10 @@ from attitude_runs import PROFILE_NAMES, rpy_deg, samples_from, tilt_variance_de
 from attitude_simulation import DEG, MG, Flaws, after, errors_deg, measure, simulate, wobble
 from broad import samples_of, solutions_of
 
+from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators.attitude import ESTIMATOR
 from imud.estimators.records import SOLUTION
-from imud.profiles import PROFILES
-from imud.settings import Imu, Initial, Settings
+from imud.sensor_errors.profiles import PROFILES
 
 
 @pytest.mark.parametrize("profile", PROFILE_NAMES)

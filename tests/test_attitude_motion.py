@@ -8,7 +8,7 @@ from broad import samples_of, solutions_of
 from scipy.spatial.transform import Rotation
 
 from imud.estimators.records import AT_REST
-from imud.profiles import PROFILES
+from imud.sensor_errors.profiles import PROFILES
 
 
 @pytest.mark.parametrize("profile", PROFILE_NAMES)

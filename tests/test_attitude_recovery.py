@@ -7,8 +7,8 @@ from attitude_simulation import DEG, Flaws, after, errors_deg, simulate, steady,
 from broad import solutions_of
 from scipy.spatial.transform import Rotation
 
+from imud.configuration.settings import Initial
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID
-from imud.settings import Initial
 
 SLIP_S = 20.0
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from imud.bench import table
+from imud.commands.bench import table
 
 SOURCES = Path(table.__file__).parent
 

@@ -5,13 +5,13 @@ import ctypes
 import numpy as np
 import pytest
 
-from imud.bench import reference, signals
-from imud.bench.throughput import new_stream
+from imud.commands.bench import reference, signals
+from imud.commands.bench.throughput import new_stream
+from imud.commands.replay import play
+from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.records import SOLUTION
 from imud.pipeline import Filter
-from imud.replay import play
-from imud.settings import Initial, Settings
 
 SECONDS = 20
 

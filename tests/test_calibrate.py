@@ -11,14 +11,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from drivers.sample import SAMPLE
-from imud import calibration
-from imud.calibration import Accelerometer, Calibration, Gyro, Mounting, correct, correction
-from imud.calibrators import gyro
-from imud.calibrators.accelerometer import accelerometer, positions
-from imud.calibrators.mounting import mounting
-from imud.calibrators.rest import UnfitError, refuse_broken, still_spells
 from imud.commands import main
 from imud.errors import BadDataError, CannotCreateError
+from imud.sensor_errors import calibration, gyro
+from imud.sensor_errors.accelerometer import accelerometer, positions
+from imud.sensor_errors.calibration import Accelerometer, Calibration, Gyro, Mounting, correct, correction
+from imud.sensor_errors.mounting import mounting
+from imud.sensor_errors.rest import UnfitError, refuse_broken, still_spells
 
 RATE_HZ, G = 100.0, 9.80665
 RNG = np.random.default_rng(7)

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from firmware_sim.motion import Mounted, Trajectory
 from firmware_sim.scenarios import SCENARIOS
-from imud import calibration
 from imud.commands import main
+from imud.sensor_errors import calibration
 
 DPS = np.radians(1.0)
 SERIAL = "S0000042"

@@ -16,15 +16,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from imud import client, reference
+from imud import client
+from imud.commands import reference
+from imud.configuration.settings import Settings
+from imud.configuration.settings import SharedMemory as SharedMemorySettings
+from imud.configuration.settings import Stream as StreamSettings
 from imud.errors import CannotCreateError
 from imud.estimators import records
 from imud.estimators.records import SOLUTION
 from imud.outputs.binary import LAYOUT, BinaryOutputs
 from imud.outputs.shared_memory import SharedMemory
-from imud.settings import Settings
-from imud.settings import SharedMemory as SharedMemorySettings
-from imud.settings import Stream as StreamSettings
 
 
 def solutions(n: int, first: int = 0) -> np.ndarray:

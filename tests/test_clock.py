@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imud.clock import new_clock, stamp
-from imud.inertial import Inertial
+from imud.clocks.counter import new_clock, stamp
+from imud.sensors.inertial import Inertial
 
 PERIOD_NS = 1_000_000
 

@@ -12,8 +12,8 @@ import pytest
 import structlog
 from processes import process
 
-from imud import log
 from imud.commands import main
+from imud.process import log
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -38,7 +38,7 @@ def test_a_check_refuses_what_the_daemon_would(arguments, code, capsys):
 
 @pytest.mark.parametrize(("name", "waiting", "code"), [("absent", "--no-wait", 69), ("", "--wait", 74)])
 def test_what_is_no_port_is_told_before_anything_is_compiled(name, waiting, code, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("imud.daemon.Daemon._prepare_kernels", lambda daemon: pytest.fail("compiled"))
+    monkeypatch.setattr("imud.daemon.loop.Daemon._prepare_kernels", lambda daemon: pytest.fail("compiled"))
     port, listen = tmp_path / name, tmp_path / "gpsd.sock"
     assert main(["run", "--port", str(port), waiting, "--listen", str(listen)]) == code
     assert str(port) in capsys.readouterr().err

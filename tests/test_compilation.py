@@ -90,8 +90,8 @@ def test_warmup_needs_a_place():
 
 def test_a_child_fills_the_cache_and_its_failure_is_told(tmp_path, monkeypatch):
     from imud import compilation
+    from imud.configuration.settings import Settings
     from imud.estimators import registry
-    from imud.settings import Settings
 
     estimator = registry.by_name("tilt")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))

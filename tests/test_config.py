@@ -2,9 +2,9 @@
 
 import pytest
 
-from imud import config
+from imud.configuration import config
+from imud.configuration.settings import Initial, Settings
 from imud.errors import ConfigError
-from imud.settings import Initial, Settings
 
 
 def test_defaults_without_a_file():

@@ -22,12 +22,12 @@ import pytest
 from scipy.stats import chi2
 from simulated import G350, M_G350, errors, estimated, motion, received, samples_of, sensed, unknown_fixes
 
+from imud.configuration.settings import GpsTrack, Imu, Initial, Settings
 from imud.estimators import gps_track, registry, stationary
 from imud.estimators.records import ASSUMED, POSITION_VALID, SOLUTION
 from imud.kernels.kalman import unpack
 from imud.pipeline import Filter
-from imud.profiles import PROFILES
-from imud.settings import GpsTrack, Imu, Initial, Settings
+from imud.sensor_errors.profiles import PROFILES
 
 RUNS = 100
 G = 9.80665

@@ -26,7 +26,7 @@ from drivers.crossbow import timer
 from drivers.crossbow.driver import DRIVER
 from drivers.driver import Identity, ImuConfigured
 from drivers.sample import DEVICE_ERROR, SATURATED, SUSPECT
-from imud.clock import new_clock, stamp
+from imud.clocks.counter import new_clock, stamp
 
 G = 9.80665
 GOLDEN = bytes.fromhex("AA55005BFF97FFEE005F005C2A59ADA20621012C000006BF")

@@ -14,15 +14,15 @@ from hypothesis import strategies as st
 from drivers.driver import Identity, ImuConfigured
 from drivers.registry import by_name
 from imud import client
-from imud.bench import signals
-from imud.bench.throughput import new_stream
-from imud.cycle import FAILED, SHOW, Cycle
+from imud.commands.bench import signals
+from imud.commands.bench.throughput import new_stream
+from imud.configuration.settings import Initial, Settings
+from imud.configuration.settings import Stream as StreamSettings
+from imud.daemon.cycle import FAILED, SHOW, Cycle
 from imud.estimators import registry
 from imud.outputs.binary import BinaryOutputs
 from imud.pipeline import BATCH, Filter, Stream
-from imud.settings import Initial, Settings
-from imud.settings import Stream as StreamSettings
-from imud.tap import READ
+from imud.sensors.tap import READ
 
 WIRE = signals.frames(2000).tobytes()
 NEVER_NS = (1 << 63) - 1

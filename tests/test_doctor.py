@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from imud.doctor import examine
+from imud.commands.doctor import examine
 
 
 def machine(root: Path, files: dict[str, str]) -> list[str]:

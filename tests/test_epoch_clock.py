@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imud.epochs import EpochClock
+from imud.clocks.epochs import EpochClock
 
 LATENCY_S = 0.15
 DAY_S = 86_400

@@ -6,7 +6,7 @@ from scripted import G350, WINDOWED_RATES, Mute, Windowed, run
 from drivers.driver import Identity, Options, Unsupported
 from drivers.epson.driver import DRIVER
 from drivers.epson.models import MODELS
-from imud.profiles import PROFILES
+from imud.sensor_errors.profiles import PROFILES
 
 FLASH_BACKUP, INITIAL_BACKUP = bytes.fromhex("8A080D"), bytes.fromhex("8A100D")  # GLOB_CMD in window 1
 FLAT_STOP = bytes.fromhex("B9020D")  # in window 1: into the rotation matrix

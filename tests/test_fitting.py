@@ -2,9 +2,9 @@
 
 from drivers.driver import Identity, ImuConfigured
 from drivers.registry import by_name
-from imud.calibration import Calibration
-from imud.fitting import Fitting
-from imud.settings import Settings
+from imud.configuration.settings import Settings
+from imud.sensor_errors.calibration import Calibration
+from imud.sensors.fitting import Fitting
 
 
 def test_the_numbering_goes_on_with_another_sensor():

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from imud import folders, runtime
+from imud.configuration import folders
+from imud.process import runtime
 
 
 @pytest.fixture

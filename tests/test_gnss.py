@@ -11,16 +11,16 @@ import pytest
 from nmea_lines import decode, gga, line, rmc, vtg
 
 from drivers.registry import by_name
-from imud.config import load
+from imud.configuration.config import load
+from imud.configuration.settings import Gnss
+from imud.daemon.receiver_alone import solution
 from imud.errors import BadDataError, ConfigError
-from imud.gnss import fixes_of_log, record, refusal
 from imud.outputs.gpsd_json import Report
 from imud.outputs.view import Gnss as GnssView
 from imud.outputs.view import View
-from imud.receiver import Receiver
-from imud.receiver_alone import solution
-from imud.settings import Gnss
-from imud.table_lines import is_nmea
+from imud.sensors.gnss import fixes_of_log, record, refusal
+from imud.sensors.receiver import Receiver
+from imud.tables.lines import is_nmea
 
 FIX = decode(gga() + rmc(motion="10.0,90.0") + vtg())[0][0]
 

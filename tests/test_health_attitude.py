@@ -5,10 +5,10 @@ import pytest
 from attitude_simulation import MG, Flaws, G, after, errors_deg, measure, simulate, wobble
 
 from drivers.sample import SAMPLE
+from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators import registry
 from imud.estimators.records import ATTITUDE_VALID, SOLUTION
 from imud.pipeline import Filter
-from imud.settings import Imu, Initial, Settings
 
 RATE = 200
 LSB = np.radians(0.0125), 0.125e-3 * G

@@ -9,11 +9,11 @@ from navigation_simulation import drive, errors, received, sensed
 from scipy.spatial.transform import Rotation
 
 from drivers.sample import LIMITED_RATE, SATURATED
+from imud.commands.replay import play
+from imud.configuration.settings import Imu, Initial, Navigation, Settings
 from imud.estimators import registry
 from imud.estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID
 from imud.pipeline import Filter
-from imud.replay import play
-from imud.settings import Imu, Initial, Navigation, Settings
 
 RATE = 100
 D = drive(160.0)

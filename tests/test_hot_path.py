@@ -10,8 +10,8 @@ import time
 import pytest
 from processes import START_S, emulator, process
 
-from imud.bench.live import traced_calls
 from imud.client import connect
+from imud.commands.bench.live import traced_calls
 
 FRAMES = 6000
 
@@ -21,7 +21,7 @@ def watched(tmp_path_factory):
     """A daemon at 1 kHz with one subscriber: what its interpreter did, its system calls, and the solutions seen."""
     folder = tmp_path_factory.mktemp("hot")
     port, stream = folder / "imu", folder / "stream"
-    command = ("imud.bench.observed", str(folder / "seen.json"), "run", "--port", str(port))
+    command = ("imud.commands.bench.observed", str(folder / "seen.json"), "run", "--port", str(port))
     outputs = ("--listen", str(folder / "gpsd"), "--set", f"stream.listen={stream}")
     calls = {}
     with (

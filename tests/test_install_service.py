@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from imud import config, install_service
-from imud.commands import main
-from imud.install_service import Remove, Run, Write, _program
+from imud.commands import install_service, main
+from imud.commands.install_service import Remove, Run, Write, _program
+from imud.configuration import config
 
 FILES = {
     "etc/systemd/system/imud@.service",

@@ -5,7 +5,7 @@ import time
 
 from processes import daemon, emulator
 
-from imud.load import Load
+from imud.daemon.load import Load
 
 MS = 1_000_000
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imud import log
+from imud.process import log
 
 SAYS = """
 import sys

@@ -7,10 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 from simulated import G350, M_G350, ImuErrors, estimated, rpy, samples_of, unknown_fixes
 
+from imud.configuration.settings import Initial
 from imud.estimators import registry
 from imud.estimators.records import AT_REST, ATTITUDE_VALID, POSITION_VALID, SOLUTION
 from imud.pipeline import Filter
-from imud.settings import Initial
 
 G = 9.80665
 RATE_HZ, HOUR_S = 1000, 3600

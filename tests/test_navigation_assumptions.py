@@ -5,11 +5,11 @@ import pytest
 from navigation_runner import SOLUTION
 from navigation_simulation import drive, received, sensed
 
+from imud.commands.replay import play
+from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.records import HOP, INNOVATION, REST_D, REST_N, REST_X, REST_Z, SLIP
 from imud.pipeline import UNREAD, Filter
-from imud.replay import play
-from imud.settings import Initial, Settings
 
 RATE = 100
 REST_S, SKID_S = 10.0, (80.0, 83.0)

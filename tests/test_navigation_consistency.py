@@ -5,8 +5,8 @@ import pytest
 from navigation_runner import navigate
 from navigation_simulation import drive, errors, received, sensed
 
-from imud.profiles import PROFILES
-from imud.settings import Imu, Navigation, Settings
+from imud.configuration.settings import Imu, Navigation, Settings
+from imud.sensor_errors.profiles import PROFILES
 
 
 def normalised(name, rate, vehicle, seed):

@@ -5,6 +5,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
+from imud.configuration.settings import Initial, Settings
 from imud.estimators.navigation import covariance as k
 from imud.estimators.navigation.correction import correct, row, take
 from imud.estimators.navigation.setup import configure, start
@@ -24,7 +25,6 @@ from imud.estimators.navigation.state import (
     WANDER,
 )
 from imud.kernels.kalman import unpack
-from imud.settings import Initial, Settings
 
 
 def skew(v):

@@ -6,9 +6,9 @@ from navigation_runner import fixes_of, navigate, samples_of
 from navigation_simulation import drive, errors, received, sensed
 
 from drivers.sample import SUSPECT
+from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators.navigation.state import ACCEL_BIAS, MOMENTS, POSITION, VELOCITY
 from imud.estimators.records import AT_REST, COASTING, HEADING_VALID, POSITION_VALID, REJECTING
-from imud.settings import Initial, Navigation, Settings
 
 RATE = 100
 D = drive(160.0)

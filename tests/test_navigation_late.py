@@ -5,8 +5,8 @@ import pytest
 from navigation_runner import navigate
 from navigation_simulation import drive, errors, received, sensed
 
+from imud.configuration.settings import Settings
 from imud.estimators.records import INNOVATION
-from imud.settings import Settings
 
 RATE = 100
 D = drive(120.0)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from imud.configuration.settings import Initial, Settings
 from imud.estimators.navigation.advance import unseen2
 from imud.estimators.navigation.looseness import LOOSE, SUMMED, learn_looseness, relax, strain
 from imud.estimators.navigation.non_holonomic import begin, disown
 from imud.estimators.navigation.setup import configure, start
 from imud.estimators.navigation.state import ATTITUDE, STATES, TURN_SCALE, WANDER
 from imud.kernels.kalman import scale, unpack
-from imud.settings import Initial, Settings
 
 
 def learned(innovations, assumed, fix_age_s=0.0):

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from navigation_simulation import drive
 
+from imud.configuration.settings import Initial, Settings
 from imud.estimators.navigation import correction, covariance, matching, posterior, strapdown, whitening
 from imud.estimators.navigation.setup import configure, start
 from imud.estimators.navigation.state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, RATES, STATES
-from imud.settings import Initial, Settings
 
 RATE = 100
 G = 9.80665

@@ -6,9 +6,9 @@ from navigation_runner import navigate
 from navigation_simulation import drive, errors, received, sensed
 from scipy.spatial.transform import Rotation
 
+from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALID
 from imud.outputs.view import GUESSED_M
-from imud.settings import Initial, Navigation, Settings
 
 RATE = 100
 

@@ -6,11 +6,11 @@ from navigation_runner import navigate
 from navigation_simulation import drive, errors, received, sensed
 from scipy.spatial.transform import Rotation
 
+from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators.navigation import motion, non_holonomic
 from imud.estimators.navigation.setup import configure, start
 from imud.estimators.navigation.state import ARM, NAVIGATING, STATES, TURN_SCALE
 from imud.kernels.kalman import unpack
-from imud.settings import Initial, Navigation, Settings
 
 LN_REST, LN_MOTION = np.log(0.0014), np.log(0.009)  # of the gyro's deviation in rad/s, a car's in Tokyo
 

@@ -13,12 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from imud.configuration.settings import Nmea
 from imud.errors import CannotCreateError, ConfigError
 from imud.estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, SOLUTION
 from imud.outputs.nmea import NmeaOutput
 from imud.outputs.nmea_sentences import sentences
 from imud.outputs.view import Gnss, View
-from imud.settings import Nmea
 
 ALL = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID
 GNSS = Gnss(satellites=7, hdop=1.25, quality=1, alt_msl=80.0, geoid_sep=20.0, age_s=0.1)

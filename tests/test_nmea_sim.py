@@ -11,7 +11,7 @@ from firmware_sim.fixes import SimulatedFixes
 from firmware_sim.motion import Trajectory
 from firmware_sim.nmea import FvM11
 from firmware_sim.scenarios import SCENARIOS
-from imud.epochs import EpochClock
+from imud.clocks.epochs import EpochClock
 
 UTC_0 = 1_793_577_580.3  # 23:59:40.3, soon midnight
 LATENCY_S, COMPUTE_S = 0.15, 0.1

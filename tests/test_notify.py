@@ -5,7 +5,7 @@ import socket
 
 import pytest
 
-from imud.notify import Notifier
+from imud.process.notify import Notifier
 
 
 @pytest.fixture

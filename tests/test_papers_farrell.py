@@ -5,12 +5,12 @@ import pytest
 from scipy.linalg import expm
 from scipy.stats import chi2, kstest, norm
 
+from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators import registry, stationary
 from imud.estimators.records import AT_REST, FIX, INNOVATION, POSITION_VALID, REJECTING, SOLUTION
 from imud.experiments import farrell
 from imud.experiments.simulate import level_at_rest, m_g350, samples_of
 from imud.pipeline import Filter
-from imud.settings import Imu, Initial, Settings
 
 SETTINGS = Settings(imu=Imu(profile="m-g350"))
 LEVEL = Initial(roll_deg=0.0, pitch_deg=0.0, yaw_deg=0.0)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pymap3d import geodetic2enu
 
+from imud.configuration.settings import GpsTrack, Imu, Initial, Ins9, Settings
 from imud.estimators import ins9, registry
 from imud.estimators.records import (
     AT_REST,
@@ -21,7 +22,6 @@ from imud.estimators.records import (
 from imud.experiments import prasanna
 from imud.experiments.simulate import level_at_rest, m_g350, samples_of
 from imud.pipeline import Filter
-from imud.settings import GpsTrack, Imu, Initial, Ins9, Settings
 
 A, F = 6378137.0, 1.0 / 298.257223563
 E2 = F * (2.0 - F)

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
+from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, SOLUTION
 from imud.estimators.suh import ADAPTIVE, STANDARD, TWO_STEP
 from imud.experiments import suh
 from imud.experiments.simulate import level_at_rest, m_g350, samples_of
 from imud.pipeline import Filter
-from imud.settings import Initial, Settings
 
 T, G = 0.05, 9.80665
 MODES = {"suh-standard": STANDARD, "suh-adaptive": ADAPTIVE, "suh-two-step": TWO_STEP}

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from drivers.errors import PortAbsentError
 from drivers.registry import by_name
 from drivers.transport.pps import PulsePerSecond
+from imud.clocks.epochs import EpochClock
 from imud.commands import main
-from imud.epochs import EpochClock
-from imud.receiver import Receiver
-from imud.settings import Gnss
+from imud.configuration.settings import Gnss
+from imud.sensors.receiver import Receiver
 
 SECOND_NS = 1_000_000_000
 REAL_NS = 1_700_000_000 * SECOND_NS

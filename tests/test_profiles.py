@@ -5,8 +5,8 @@ from dataclasses import asdict
 
 import pytest
 
-from imud import config
-from imud.profiles import PROFILES, profile_of
+from imud.configuration import config
+from imud.sensor_errors.profiles import PROFILES, profile_of
 
 
 def test_what_is_not_said_is_the_profiles():

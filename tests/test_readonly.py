@@ -13,8 +13,8 @@ from test_drivers_on_emulators import is_right
 from drivers.detect import detect
 from drivers.driver import GnssConfigured, Identity, ImuConfigured, Options, Unsupported
 from drivers.registry import by_name
-from imud import choices
-from imud.config import load
+from imud.configuration import choices
+from imud.configuration.config import load
 from imud.errors import UsageError
 
 

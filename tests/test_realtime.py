@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from processes import daemon
 
-from imud import realtime
+from imud.configuration.settings import Realtime
 from imud.errors import ConfigError, ImudError, PermissionDeniedError
-from imud.settings import Realtime
+from imud.process import realtime
 
 PR_CAPBSET_DROP, CAP_IPC_LOCK, CAP_SYS_NICE = 24, 14, 23
 ALL = ("realtime.lock_memory=true", "realtime.scheduler=fifo", "realtime.priority=7", "realtime.cpus=[0]")

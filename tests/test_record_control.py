@@ -8,9 +8,9 @@ import msgspec
 import pytest
 
 from drivers.capture import Capture
+from imud.configuration.settings import Record, Settings
 from imud.outputs.listen import is_own
 from imud.recording.control import Recordings
-from imud.settings import Record, Settings
 
 
 def settings(folder="", path=""):

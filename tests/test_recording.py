@@ -17,12 +17,12 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.capture import Capture
+from imud.configuration.settings import Initial
 from imud.recording import many, replaying
 from imud.recording.messages import CLOCK_TABLE, ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE, SAMPLE_TABLE
 from imud.recording.player import Player
 from imud.recording.source import Recording, adapter, group
-from imud.settings import Initial
-from imud.tables import read_samples
+from imud.tables.inputs import read_samples
 
 SCENARIO = ("--scenario", "car")
 

@@ -14,6 +14,7 @@ from mcap.reader import make_reader
 
 from drivers.capture import MAGIC, Capture, Raw
 from drivers.errors import CaptureError
+from imud.configuration.settings import Record, Settings
 from imud.errors import CannotCreateError
 from imud.estimators.records import INNOVATION, SOLUTION
 from imud.recording import parts
@@ -21,7 +22,6 @@ from imud.recording.messages import SCHEMAS, TABLES
 from imud.recording.protocol import Kind
 from imud.recording.recorder import Recorder
 from imud.recording.writer import RecordingWriter
-from imud.settings import Record, Settings
 
 
 def settings(path, **record):

@@ -8,11 +8,11 @@ import tomllib
 import msgspec
 import pytest
 
-from imud import config
 from imud.commands import COMMANDS
-from imud.reference import man_command, man_configuration, sample, table, titles
-from imud.schema import keys
-from imud.settings import Settings
+from imud.commands.reference import man_command, man_configuration, sample, table, titles
+from imud.configuration import config
+from imud.configuration.schema import keys
+from imud.configuration.settings import Settings
 
 
 def uncommented(text: str) -> str:

@@ -13,24 +13,16 @@ from scipy import stats
 
 from drivers.sample import SAMPLE
 from imud.commands import main
-from imud.estimate_tables import EstimateWriter, write_innovations
-from imud.estimators.records import (
-    ATTITUDE_VALID,
-    FIX,
-    INNOVATION,
-    POSITION_N,
-    POSITION_VALID,
-    REJECTING,
-    SOLUTION,
-)
+from imud.commands.report import names_apart, read
+from imud.commands.report.content import panels
+from imud.commands.report.envelope import Envelope
+from imud.commands.report.findings import findings
+from imud.commands.report.session import Estimates, Innovations, Part, Session, together
+from imud.commands.report.statistics import autocorrelation, chi2_bounds, effective_number, moving_mean
+from imud.commands.report.watch import SensorWatch
+from imud.estimators.records import ATTITUDE_VALID, FIX, INNOVATION, POSITION_N, POSITION_VALID, REJECTING, SOLUTION
 from imud.figures import kept
-from imud.report import names_apart, read
-from imud.report.content import panels
-from imud.report.envelope import Envelope
-from imud.report.findings import findings
-from imud.report.session import Estimates, Innovations, Part, Session, together
-from imud.report.statistics import autocorrelation, chi2_bounds, effective_number, moving_mean
-from imud.report.watch import SensorWatch
+from imud.tables.estimates import EstimateWriter, write_innovations
 
 RNG_SEED = 5
 

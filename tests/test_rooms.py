@@ -9,9 +9,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("imud", "drivers", "firmware_sim")
 RUN_TIME = {"numpy", "numba", "llvmlite", "serial", "structlog", "msgspec", "spidev", "gpiod"}
-RECORDING = ("drivers/capture.py", "imud/recording/file.py", "imud/export.py")
+RECORDING = ("drivers/capture.py", "imud/recording/file.py", "imud/commands/export.py")
 EXTRAS = {  # file: what it may import that an extra brings
-    "imud/web/server.py": {"aiohttp"},
+    "imud/commands/web/server.py": {"aiohttp"},
     **{path: {"mcap"} for path in RECORDING},
 }
 FORBIDDEN = {  # room: packages it must not know
@@ -92,6 +92,6 @@ def test_the_reading_of_imports_sees_what_is_there(tmp_path, monkeypatch):
     (tmp_path / "drivers" / "x").mkdir(parents=True)
     module = tmp_path / "drivers" / "x" / "y.py"
     module.write_text(
-        "import imud.clock\nfrom ..sample import SAMPLE\nfrom . import z\ndef f():\n    from scipy import fft\n"
+        "import imud.clocks\nfrom ..sample import SAMPLE\nfrom . import z\ndef f():\n    from scipy import fft\n"
     )
-    assert set(imported(module)) == {"imud.clock", "drivers.sample", "drivers.x", "scipy"}
+    assert set(imported(module)) == {"imud.clocks", "drivers.sample", "drivers.x", "scipy"}

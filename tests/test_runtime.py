@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from imud import runtime
+from imud.process import runtime
 
 ROOT = Path(__file__).resolve().parents[1]
 

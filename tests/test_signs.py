@@ -19,7 +19,7 @@ from processes import process
 from scipy.spatial.transform import Rotation
 
 from imud import client
-from imud.estimate_tables import EstimateWriter
+from imud.configuration.settings import Settings, SharedMemory, Stream
 from imud.estimators.records import SOLUTION
 from imud.outputs.binary import BinaryOutputs
 from imud.outputs.gpsd_json import Report
@@ -28,7 +28,7 @@ from imud.outputs.view import View
 from imud.recording.enu import LocalMap
 from imud.recording.foxglove import location, transform
 from imud.recording.messages import ESTIMATE_TABLE
-from imud.settings import Settings, SharedMemory, Stream
+from imud.tables.estimates import EstimateWriter
 
 VELOCITY, TURN = np.array([1.0, 2.0, 3.0]), 0.5  # NED, m/s; rad/s, to starboard
 POSE_NUMBER = 1e-3  # rad of latitude, by which a pose is known

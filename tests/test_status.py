@@ -16,15 +16,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from processes import PATIENCE_S, daemon, emulator
 
-from imud import status
+from imud.commands import status
+from imud.commands.metrics import METRICS, prometheus
+from imud.daemon.vitals import Innovations, flat, status_object
 from imud.errors import DeviceAbsentError, ImudError
 from imud.estimators.innovation_kinds import KINDS
 from imud.estimators.records import ASSUMED, INNOVATION
-from imud.metrics import METRICS, prometheus
 from imud.outputs.gpsd_json import line
 from imud.outputs.listen import parse_address
-from imud.rate import SECOND_NS, Pace, Rate
-from imud.vitals import Innovations, flat, status_object
+from imud.sensors.rate import SECOND_NS, Pace, Rate
 
 
 def ask(*arguments: str) -> str:

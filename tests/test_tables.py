@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imud import estimate_tables, tables
 from imud.errors import BadDataError, InputMissingError
 from imud.estimators.records import POSITION_VALID, SOLUTION
 from imud.kernels.decimal import write_fixed, write_seconds
 from imud.kernels.rotation import quat_of_euler
+from imud.tables import estimates as estimate_tables
+from imud.tables import inputs as tables
 
 HEADER = "t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2\n"
 

@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from drivers.sample import SAMPLE, SUSPECT
 from drivers.sample import SATURATED as BEYOND_RANGE
+from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators import registry
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, SATURATED, SOLUTION
 from imud.estimators.tilt import BANDWIDTH_HZ, ESTIMATOR
 from imud.pipeline import Filter
-from imud.profiles import PROFILES
-from imud.settings import Imu, Initial, Settings
+from imud.sensor_errors.profiles import PROFILES
 
 G = 9.80665
 RATE_HZ = 50.0

@@ -14,7 +14,7 @@ pytest.importorskip("plotly", reason="the live page needs the extra imud[web]")
 from browser import DESKTOP, PHONE, browser, program  # noqa: E402
 from processes import daemon, process  # noqa: E402
 
-from imud import web  # noqa: E402
+from imud.commands import web  # noqa: E402
 from imud.errors import UsageError  # noqa: E402
 
 EST = {"class": "EST", "seq": 1, "t_mono_ns": 5, "roll_deg": 12.5, "state": "attitude"}

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from imud.settings import Initial, Settings
+from imud.configuration.settings import Initial, Settings
 
 Record = NDArray[np.void]  # a structured array of one element
 

@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 
+from ..configuration.settings import Initial, Settings
 from ..kernels.earth import MIN_COS, displaced, radii
 from ..kernels.jit import kernel
 from ..kernels.kalman import measure, shear, update
-from ..settings import Initial, Settings
 from . import Estimator, Record
 from .records import COASTING, POSITION_E, POSITION_N, POSITION_VALID
 from .unknown import blank

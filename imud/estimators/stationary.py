@@ -26,12 +26,12 @@ import numpy as np
 
 from drivers.sample import NO_FORCE, SUSPECT
 
+from ..configuration.settings import Initial, Settings
 from ..kernels.earth import STANDARD_GRAVITY, displaced, gravity
 from ..kernels.jit import kernel
 from ..kernels.kalman import measure, scale, shear, update
 from ..kernels.rotation import euler_of_quat, quat_of_euler, quat_of_gravity, quat_rotate, quat_rotate_back
-from ..profiles import profile_of
-from ..settings import Initial, Settings
+from ..sensor_errors.profiles import profile_of
 from . import Estimator, Record
 from .records import AT_REST, ATTITUDE_VALID, POSITION_VALID, REJECTING
 from .unknown import blank

@@ -35,11 +35,11 @@ import numpy as np
 
 from drivers.sample import UNTOLD
 
+from ..configuration.settings import Initial, Settings
 from ..kernels.earth import STANDARD_GRAVITY, gravity
 from ..kernels.jit import kernel
 from ..kernels.kalman import measure, scale, shear, update
 from ..kernels.rotation import quat_of_euler
-from ..settings import Initial, Settings
 from . import Estimator, Record
 from .records import ATTITUDE_VALID
 from .unknown import blank

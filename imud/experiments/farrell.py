@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from ..configuration.settings import Imu, Initial, Settings
 from ..estimators import stationary
 from ..estimators.records import SOLUTION
 from ..estimators.stationary import BIAS, POSITION, STATES, VELOCITY
 from ..figures import Figure, Panel, Trace
 from ..kernels.jit import kernel
 from ..kernels.kalman import scale, shear, unpack
-from ..settings import Imu, Initial, Settings
 from .report import Floats, Report, Row, at_most, rms, within
 from .simulate import level_at_rest, m_g350, samples_of
 

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from ..configuration.settings import GpsTrack, Imu, Initial, Settings
 from ..estimators import gps_track, ins9, registry
 from ..estimators.records import FIX, SOLUTION
 from ..figures import Figure, Panel, Trace
 from ..kernels.earth import STANDARD_GRAVITY, radii
 from ..kernels.rotation import euler_of_quat
 from ..pipeline import Filter
-from ..settings import GpsTrack, Imu, Initial, Settings
 from .report import Floats, Report, Row, at_most, circles, rms, within
 from .simulate import PROFILE, level_at_rest, m_g350, samples_of
 

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from drivers.sample import SAMPLE
 
 from ..kernels.earth import STANDARD_GRAVITY
-from ..profiles import PROFILES
+from ..sensor_errors.profiles import PROFILES
 from .report import Floats
 
 PROFILE = PROFILES["m-g350"]

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from ..configuration.settings import Initial, Settings
 from ..estimators import Estimator
 from ..estimators.records import SOLUTION
 from ..estimators.suh import PITCH, R_NOMINAL, ROLL, SUH_ADAPTIVE, SUH_STANDARD, SUH_TWO_STEP
 from ..figures import Figure, Panel, Trace
 from ..kernels.earth import STANDARD_GRAVITY
 from ..kernels.jit import kernel
-from ..settings import Initial, Settings
 from .report import Floats, Report, Row, at_most, rms
 from .simulate import level_at_rest, m_g350
 

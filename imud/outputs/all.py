@@ -4,7 +4,7 @@ import contextlib
 from collections.abc import Callable, Mapping
 
 from drivers.fix import Fix
-from imud.settings import Settings
+from imud.configuration.settings import Settings
 
 from .binary import BinaryOutputs
 from .chrony import ChronyOutput

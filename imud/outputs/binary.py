@@ -1,6 +1,6 @@
 """Solutions as records for the stream and the shared memory; nothing is done while nobody wants them.
 
-`publish` is compiled, for the daemon's cycle calls it without Python (`imud/cycle.py`).
+`publish` is compiled, for the daemon's cycle calls it without Python (`imud/daemon/cycle.py`).
 """
 
 import numpy as np
@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from drivers.entry import entry
 from imud.client import MAGIC, RECORD, VERSION
+from imud.configuration.settings import Settings
 from imud.estimators.records import SOLUTION
 from imud.kernels.system import CLOCK_MONOTONIC, CLOCK_REALTIME, clock_ns, records
-from imud.settings import Settings
 
 from .gpsd import Poller
 from .shared_memory import WORD, SharedMemory, write

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from imud.configuration.settings import Gpsd
 from imud.errors import ConfigError
-from imud.settings import Gpsd
 
 from .connection import NEVER_NS, SECOND_NS, Connection
 from .gpsd_dialogue import TOO_MANY, Answer, Policy, Request, answer, device_object, error_object, version_object

@@ -13,8 +13,8 @@ import termios
 import tty
 from pathlib import Path
 
+from imud.configuration.settings import Nmea
 from imud.errors import CannotCreateError, ConfigError, PermissionDeniedError
-from imud.settings import Nmea
 
 from .connection import NEVER_NS, Pace
 from .listen import Address, is_local, parse_address

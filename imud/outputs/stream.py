@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imud.client import DIVISOR
+from imud.configuration.settings import Stream as StreamSettings
 from imud.kernels.jit import kernel
 from imud.kernels.system import EAGAIN, errno, send
-from imud.settings import Stream as StreamSettings
 
 from .connection import SECOND_NS
 from .gpsd import Poller

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from ..inertial import Inertial
+    from ..sensors.inertial import Inertial
 
 CLOCK_FIT = np.dtype(
     [

@@ -10,8 +10,8 @@ from typing import Any, Self
 
 import msgspec
 
+from ..configuration.settings import Settings
 from ..errors import ImudError
-from ..settings import Settings
 from .recorder import Recorder
 
 News = list[tuple[str, str]]

@@ -16,8 +16,8 @@ from importlib import metadata
 from multiprocessing import get_context
 from typing import Any
 
-from .. import runtime
 from ..errors import ImudError, InputOutputError, UsageError
+from ..process import runtime
 from .replaying import Job, Outcome, play
 
 Replay = Callable[[Job], Outcome | str]

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from drivers.capture import CONNECTIONS, Connection, Entry, Raw
 from drivers.registry import by_name
 
-from ..calibration import Calibration
-from ..choices import settings_for
+from ..configuration.choices import settings_for
+from ..configuration.settings import Initial, Settings
 from ..errors import BadDataError
-from ..fitting import Fitting
-from ..inertial import Inertial
-from ..receiver import Receiver
-from ..settings import Initial, Settings
-from ..tap import READ
+from ..sensor_errors.calibration import Calibration
+from ..sensors.fitting import Fitting
+from ..sensors.inertial import Inertial
+from ..sensors.receiver import Receiver
+from ..sensors.tap import READ
 from .messages import SETTINGS
 
 Records = NDArray[np.void]

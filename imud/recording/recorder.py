@@ -24,11 +24,11 @@ from numpy.typing import NDArray
 
 from drivers.driver import GnssConfigured, ImuConfigured
 
-from ..calibration import Calibration
+from ..configuration.settings import Settings
 from ..errors import CannotCreateError, UsageError
-from ..inertial import Inertial
-from ..settings import Settings
-from ..tap import Tap
+from ..sensor_errors.calibration import Calibration
+from ..sensors.inertial import Inertial
+from ..sensors.tap import Tap
 from .clock_fit import row_of
 from .protocol import HEADER, STATE, Kind
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .. import config
+from ..configuration import config
+from ..configuration.settings import Initial, Settings
 from ..errors import BadDataError, CannotCreateError, ImudError, UsageError
 from ..progress import Progress
-from ..replay import open_output
-from ..settings import Initial, Settings
+from ..tables.output import open_output
 from .source import Recording, adapter, group, tell
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ class Outcome:
 
 def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
     """Replay one recording into its file. progress: told bytes done, and of how many. Raises ImudError."""
-    from ..estimate_tables import EstimateWriter
+    from ..tables.estimates import EstimateWriter
     from .player import Player, Records
     from .writer import Thinner
 
@@ -122,7 +122,8 @@ def _many(jobs: list[Job], failed: list[str], args: argparse.Namespace) -> int:
 
 def _compile(jobs: list[Job]) -> None:
     """What they need, if it is not kept yet: once, and not in all their processes at the same time."""
-    from .. import choices, compilation
+    from .. import compilation
+    from ..configuration import choices
 
     needed: dict[str, Estimator] = {}
     for job in jobs:

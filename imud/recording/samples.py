@@ -7,10 +7,10 @@ import numpy as np
 
 from drivers.capture import CONNECTIONS
 
-from ..calibration import name_of
+from ..configuration.settings import Initial
 from ..errors import BadDataError
 from ..progress import Progress
-from ..settings import Initial
+from ..sensor_errors.calibration import name_of
 from .player import Player, Records
 from .source import Recording, adapter, tell
 

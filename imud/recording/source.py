@@ -9,9 +9,9 @@ from typing import Any
 
 import msgspec
 
-from .. import config
+from ..configuration import config
+from ..configuration.settings import Settings
 from ..errors import BadDataError, InputMissingError, UsageError
-from ..settings import Settings
 
 
 class Recording:

@@ -18,7 +18,7 @@ import numpy as np
 
 from drivers.capture import CONNECTIONS, RAW, Connection, Raw
 
-from ..settings import Record
+from ..configuration.settings import Record
 from . import parts
 from .enu import LocalMap
 from .file import RecordingFile

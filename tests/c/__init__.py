@@ -1,1 +1,1 @@
-"""The C side of the comparison: kernels translated, and the daemon around them. `imud.bench.reference` loads it."""
+"""The C side of the comparison: kernels translated, and a daemon around them; `commands.bench.reference` loads it."""

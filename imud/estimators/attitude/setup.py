@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...configuration.settings import Initial, Settings
 from ...kernels.earth import STANDARD_GRAVITY, gravity
-from ...profiles import PROFILES, Profile, profile_of
-from ...settings import Initial, Settings
+from ...sensor_errors.profiles import PROFILES, Profile, profile_of
 from .. import Record
 from .counts import COARSEST
 from .levelling import UNIFORM

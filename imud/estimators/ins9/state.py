@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from ...profiles import profile_of
-from ...settings import Initial, Settings
+from ...configuration.settings import Initial, Settings
+from ...sensor_errors.profiles import profile_of
 from .. import Record
 
 REST_S = 5.0

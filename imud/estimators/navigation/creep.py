@@ -18,18 +18,7 @@ from typing import Any
 
 from ...kernels.jit import kernel
 from ...kernels.kalman import packed_index
-from .state import (
-    ACCEL_BIAS,
-    ATTITUDE,
-    GYRO_BIAS,
-    MOMENTS,
-    NEVER_NS,
-    POSITION,
-    STATES,
-    TURN_SCALE,
-    VELOCITY,
-    WANDER,
-)
+from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, MOMENTS, NEVER_NS, POSITION, STATES, TURN_SCALE, VELOCITY, WANDER
 
 EVERY_S = 12.0  # between the moments
 LEAST_S, LEAST_FIXES = 5.0, 4

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from imud.profiles import profile_of
-from imud.settings import Initial, Settings
+from imud.configuration.settings import Initial, Settings
+from imud.sensor_errors.profiles import profile_of
 
 from .. import Record
 from .acquisition import UNKNOWN_HEIGHT

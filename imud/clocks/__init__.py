@@ -1,0 +1,1 @@
+"""Time: devices' counters and receivers' UTC on the host's monotonic clock."""

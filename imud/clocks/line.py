@@ -1,0 +1,143 @@
+"""The line that turns a counter into host time, from the earliest arrivals that the clock gathered.
+
+Nothing arrives before it was sent, and much arrives late: so the line lies below all arrivals and as close to them as
+it can. Over a window the earliest arrival counts, and the windows grow, all alike, until they reach back four
+minutes. The edge of their lower convex hull above the middle (the least sum of distances of all lines below the
+points) shows which of them were in time; a regression through those gives the slope, for where no arrival is quite in
+time the edge alone wanders with the two it rests on. The line lies below all of the points, and deeper the more they
+differ: samples that wait for each other are hardly ever in time, and then none of the points may have been.
+
+Source: Zhang, Liu and Xia, Clock synchronization algorithms for network measurements, IEEE INFOCOM (2002), sec. III.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from ..kernels.jit import kernel
+
+POINTS, LONGEST_NS = 64, 4e9  # windows, and their length at last
+FIT_SPAN_NS = 3e9  # a slope needs a base line this long; until then the nominal period holds
+FAR_NS = 20e6  # more than jitter: what is this far from the line was counted wrongly, and is not caught up with slowly
+DEEPER = 0.6  # of the median above the quartile: where the least of 40 lies if few are low (Weibull, shape 2.2)
+PERIOD_TOLERANCE = 0.5  # a period further off its nominal value is not believed
+
+
+@kernel
+def _make_room(clock: Any) -> None:
+    """Join windows two by two, which keeps the points alike; once they are long, forget the oldest."""
+    if clock.window_ns >= LONGEST_NS:
+        for i in range(1, clock.count):
+            clock.ticks[i - 1], clock.arrivals[i - 1] = clock.ticks[i], clock.arrivals[i]
+        clock.count -= 1
+        return
+    for i in range(clock.count // 2):
+        a = clock.arrivals[2 * i] - clock.slope * clock.ticks[2 * i]
+        b = clock.arrivals[2 * i + 1] - clock.slope * clock.ticks[2 * i + 1]
+        earlier = 2 * i + (1 if b < a else 0)
+        clock.ticks[i], clock.arrivals[i] = clock.ticks[earlier], clock.arrivals[earlier]
+    clock.count //= 2
+    clock.window_ns *= 2.0
+
+
+@kernel
+def add_point(clock: Any) -> None:
+    if clock.count == POINTS:
+        _make_room(clock)
+    clock.ticks[clock.count] = clock.window_x
+    clock.arrivals[clock.count] = clock.window_arrival
+    clock.count += 1
+
+
+@kernel
+def _hull_slope(clock: Any) -> float:
+    """Slope of the lower hull's edge above the middle of the time."""
+    hull = clock.hull
+    n = 0
+    middle = 0.5 * (clock.ticks[0] + clock.ticks[clock.count - 1])
+    for i in range(clock.count):
+        while n >= 2:
+            a, b = hull[n - 2], hull[n - 1]
+            ab = (clock.arrivals[b] - clock.arrivals[a]) * (clock.ticks[i] - clock.ticks[a])
+            ai = (clock.arrivals[i] - clock.arrivals[a]) * (clock.ticks[b] - clock.ticks[a])
+            if ab < ai:
+                break
+            n -= 1
+        hull[n] = i
+        n += 1
+    e = 1
+    while e < n - 1 and clock.ticks[hull[e]] < middle:
+        e += 1
+    a, b = hull[e - 1], hull[e]
+    return float((clock.arrivals[b] - clock.arrivals[a]) / (clock.ticks[b] - clock.ticks[a]))
+
+
+@kernel
+def _heights(clock: Any, slope: float) -> tuple[float, float, float]:
+    """Where the line of this slope below all points begins; their median height, and that above the quartile."""
+    heights = clock.heights
+    for i in range(clock.count):
+        height = clock.arrivals[i] - slope * clock.ticks[i]
+        k = i
+        while k > 0 and heights[k - 1] > height:
+            heights[k] = heights[k - 1]
+            k -= 1
+        heights[k] = height
+    n = clock.count
+    return heights[0], heights[n // 2] - heights[0], heights[n // 2] - heights[n // 4]
+
+
+@kernel
+def _settled_slope(clock: Any) -> float:
+    """Slope of the points' regression, with full weight on the line of the hull and ever less above their median."""
+    slope = _hull_slope(clock)
+    offset, median, _ = _heights(clock, slope)
+    scale = max(median, 1.0)
+    origin = clock.ticks[clock.count - 1]
+    n = x = y = xx = xy = 0.0
+    for i in range(clock.count):
+        tick = clock.ticks[i] - origin
+        height = clock.arrivals[i] - slope * clock.ticks[i] - offset
+        w = 1.0 / (1.0 + (height / scale) ** 2)
+        n += w
+        x += w * tick
+        y += w * height
+        xx += w * tick * tick
+        xy += w * tick * height
+    return slope + (n * xy - x * y) / (n * xx - x * x)
+
+
+@kernel
+def _rough_slope(clock: Any) -> float:
+    """Slope from the first point to the last, if those between agree with it and plainly not with the slope so far."""
+    last = clock.count - 1
+    if last < 2:
+        return float(clock.slope)
+    span = clock.ticks[last] - clock.ticks[0]
+    slope = (clock.arrivals[last] - clock.arrivals[0]) / span
+    believed = abs(slope / clock.period_ns - 1.0) < PERIOD_TOLERANCE and abs(slope - clock.slope) * span > FAR_NS
+    for i in range(1, last):
+        line = clock.arrivals[0] + slope * (clock.ticks[i] - clock.ticks[0])
+        believed = believed and abs(clock.arrivals[i] - line) < FAR_NS
+    return float(slope if believed else clock.slope)
+
+
+@kernel
+def refit(clock: Any, x: float) -> None:
+    """Lay the line anew below the window minima; stamps stay where they are and slew to it."""
+    before = clock.offset + clock.slope * x
+    if (clock.ticks[clock.count - 1] - clock.ticks[0]) * clock.period_ns >= FIT_SPAN_NS:
+        slope = _settled_slope(clock)
+        if abs(slope / clock.period_ns - 1.0) < PERIOD_TOLERANCE:
+            clock.slope = slope
+            clock.fitted = 1
+    if clock.fitted == 1:
+        least, median, spread = _heights(clock, clock.slope)
+        clock.offset = least - DEEPER * spread
+        clock.residual_ns = median + DEEPER * spread
+    else:  # an unknown slope makes old points misleading
+        clock.slope = _rough_slope(clock)
+        clock.offset = np.inf
+        for i in range(max(0, clock.count - 2), clock.count):
+            clock.offset = min(clock.offset, clock.arrivals[i] - clock.slope * clock.ticks[i])
+    clock.slew_ns += before - (clock.offset + clock.slope * x)

@@ -1,0 +1,124 @@
+"""The `imud` command: which sub-command, and how its failures end. Sub-commands are imported only when called."""
+
+import argparse
+import importlib
+import importlib.metadata
+import os
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import NoReturn
+
+from ..errors import ImudError, InputOutputError
+from ..process import runtime
+
+COMMANDS = {
+    "run": "the daemon: sensors in, attitude and position out (the default command)",
+    "demo": "emulated sensors and the daemon in one command, estimate against truth on the terminal",
+    "sim": "emulated sensors on pseudo-terminals",
+    "web": "a live page of a running daemon for the browser: attitude, track, charts, health",
+    "probe": "which device is on which port, at which baud rate",
+    "sensor": "have a sensor do something once that outlasts the connection: find its zero, change its baud rate",
+    "status": "how a running daemon is: sensors, clock, filter, clients; also for Prometheus",
+    "doctor": "why this machine would not work, and the mend",
+    "replay": "recorded data through the same filter, as fast as it goes",
+    "record": "the bytes of ports to a file, just as they come, to be replayed",
+    "export": "a recording as CSV files, or for ROS 2",
+    "report": "what a run estimated, how far that can be believed and what looks wrong, as one page",
+    "reproduce": "a paper's experiment: its numbers beside ours, its figures, pass or fail",
+    "bench": "how fast this machine is with imud, against C and numpy: figures and goals",
+    "warmup": "compile everything now, so that the first start need not",
+    "allan": "a sensor's noise from a recording at rest: random walk, bias instability, rate random walk",
+    "calibrate": "one sensor's biases, scale, misalignment and mounting from recordings, kept under its serial number",
+    "reference": "every setting: a sample configuration, a table, the man pages",
+    "install-service": "imud under systemd: shows what it would do, then does it",
+}
+_USAGE, _INTERRUPTED = 64, 130
+_EXTRAS = {"mcap": "record", "plotly": "plots", "aiohttp": "web", "distributed": "cluster"}  # package: what wants it
+
+
+class _Parser(argparse.ArgumentParser):
+    """An argument parser whose usage errors exit with 64 (EX_USAGE)."""
+
+    def error(self, message: str) -> NoReturn:
+        self.print_usage(sys.stderr)
+        self.exit(_USAGE, f"{self.prog}: {message}\n")
+
+
+def _parser(command: str | None) -> argparse.ArgumentParser:
+    """The whole parser; only the named command's module is imported for its arguments."""
+    parser = _Parser(
+        prog="imud",
+        description="Inertial sensor daemon: attitude, velocity and position from an IMU and a GNSS receiver.",
+        epilog="`imud --port /dev/ttyUSB0` alone is `imud run --port /dev/ttyUSB0`. `imud COMMAND --help` tells more.",
+    )
+    version = importlib.metadata.version("imud")
+    parser.add_argument("--version", action="version", version=f"imud {version}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name, summary in COMMANDS.items():
+        sub = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
+        if name == command:
+            _module(name).add_arguments(sub)
+    return parser
+
+
+def _module(command: str) -> ModuleType:
+    return importlib.import_module(f"imud.commands.{command.replace('-', '_')}")
+
+
+def arguments_of(command: str) -> argparse.ArgumentParser:
+    """The parser of one command's arguments alone, for who describes them."""
+    parser = _Parser(prog=f"imud {command}")
+    _module(command).add_arguments(parser)
+    return parser
+
+
+def _with_default_command(arguments: list[str]) -> list[str]:
+    first = arguments[0] if arguments else ""
+    return ["run", *arguments] if first.startswith("-") and first not in ("-h", "--help", "--version") else arguments
+
+
+def _open_standard_streams() -> None:
+    """Those that were closed lead nowhere; else the next port or socket would get their number, and our messages."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open(mode))  # noqa: SIM115
+
+
+def _close_output() -> None:
+    """Let what could not be written to stdout lead nowhere, when Python tries it again at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command; returns the process's exit code (see `imud.errors`)."""
+    _open_standard_streams()
+    arguments = _with_default_command(sys.argv[1:] if arguments is None else arguments)
+    try:
+        runtime.prepare()
+        if not arguments:
+            _parser(None).print_help(sys.stderr)
+            return _USAGE
+        args, unknown = _parser(arguments[0]).parse_known_args(arguments)
+        if unknown:
+            arguments_of(args.command).error(f"unrecognized arguments: {' '.join(unknown)}")
+        code = int(_module(args.command).run(args))
+        sys.stdout.flush()
+        return code
+    except ImudError as error:
+        print(f"imud: {error}", file=sys.stderr)
+        return error.exit_code
+    except ModuleNotFoundError as error:
+        if error.name not in _EXTRAS:
+            raise
+        print(f"imud: this needs the package {error.name}: pip install 'imud[{_EXTRAS[error.name]}]'", file=sys.stderr)
+        return _USAGE
+    except KeyboardInterrupt:
+        return _INTERRUPTED
+    except BrokenPipeError:  # the reader of our output went away: `imud … | head`
+        _close_output()
+        return 0
+    except OSError as error:  # the disk is full
+        print(f"imud: {error.filename or 'output'}: {error.strerror}", file=sys.stderr)
+        _close_output()
+        return InputOutputError.exit_code

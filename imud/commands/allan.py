@@ -1,0 +1,182 @@
+"""`imud allan`: a sensor's noise from a recording at rest, beside its data sheet, as numbers, plot and settings."""
+
+import argparse
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import BadDataError, CannotCreateError, UsageError
+from ..progress import Progress
+
+if TYPE_CHECKING:
+    from ..sensor_errors.noise import AllanDeviation, Coefficient
+
+_DEG = math.degrees(1.0)
+_MG = 1e3 / 9.80665
+
+
+@dataclass(frozen=True)
+class _Unit:
+    """A coefficient in data-sheet units, from SI by `factor`; the setting and the field of a profile it becomes."""
+
+    factor: float
+    text: str
+    setting: str = ""
+    field: str = ""
+
+
+_KINDS = {
+    "gyro": (
+        _Unit(_DEG * 60.0, "deg/√h", "gyro_random_walk_deg_per_sqrt_h", "gyro_noise"),
+        _Unit(_DEG * 3600.0, "deg/h", "gyro_bias_instability_deg_per_h", "gyro_bias_instability"),
+        _Unit(_DEG * 3600.0 * 60.0, "deg/h/√h"),
+    ),
+    "accel": (
+        _Unit(60.0, "(m/s)/√h", "accel_random_walk_mps_per_sqrt_h", "accel_noise"),
+        _Unit(_MG, "mG", "accel_bias_instability_mg", "accel_bias_instability"),
+        _Unit(_MG * 60.0, "mG/√h"),
+    ),
+}
+_SI = {"gyro": ("rad/s/√Hz", "rad/s", "rad/s/√s"), "accel": ("m/s²/√Hz", "m/s²", "m/s²/√s")}
+_NAMES = ("random walk N", "bias instability B", "rate random walk K")
+_MOVED = 10.0  # times the usual scatter of a second's mean rate from its neighbour's
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("recording", type=Path, metavar="CSV|MCAP", help="at rest: t_s,gx_radps,…,az_mps2, or imud's")
+    parser.add_argument("-o", "--output", type=Path, metavar="HTML", help="the curves as a page that works offline")
+    parser.add_argument("--settings", type=Path, metavar="TOML", help="write the [noise] table of a configuration")
+    parser.add_argument("--sheet", default="m-g350", metavar="PROFILE", help="to compare with (default: %(default)s)")
+    parser.add_argument("--json", action="store_true", help="everything in SI for machines")
+
+
+def run(args: argparse.Namespace) -> int:
+    from ..sensor_errors.noise import allan_deviation
+    from ..sensor_errors.profiles import PROFILES
+    from ..tables.inputs import read_samples
+
+    if args.sheet not in PROFILES:
+        raise UsageError(f"--sheet {args.sheet}: there is no such profile; known are {', '.join(PROFILES)}")
+    samples, _, _ = read_samples(args.recording)
+    rate_hz = _rate(args.recording, samples["t_ns"])
+    found: dict[str, list[AllanDeviation]] = {}
+    progress = Progress(6)
+    for number, (kind, column) in enumerate([(k, i) for k in _KINDS for i in range(3)]):
+        rates = samples["w" if kind == "gyro" else "f"][:, column]
+        try:
+            found.setdefault(kind, []).append(allan_deviation(rates, rate_hz))
+        except ValueError as error:
+            raise BadDataError(f"{args.recording}: {error}") from error
+        progress.at(number + 1)
+    if args.json:
+        print(json.dumps(_plain(found, rate_hz)))
+    else:
+        _print(found, PROFILES[args.sheet], args.sheet, len(samples), rate_hz)
+        _doubt(samples, rate_hz)
+    if args.settings:
+        _write(args.settings, _settings(found, args.recording))
+    if args.output:
+        _draw(args.output, found, PROFILES[args.sheet], args.sheet)
+    return 0
+
+
+def _rate(path: Path, t_ns: Any) -> float:
+    """Samples per second. Raises BadDataError if too many are missing for an Allan deviation."""
+    steps = np.diff(t_ns)
+    period = float(np.median(steps))
+    missing = float(np.sum(np.rint(steps / period)) - len(steps)) / len(steps)
+    if missing > 0.01:
+        raise BadDataError(f"{path}: {missing:.1%} of the samples are missing; an Allan deviation needs all of them")
+    return float(1e9 * len(steps) / (t_ns[-1] - t_ns[0]) * (1.0 + missing))
+
+
+def _shown(coefficient: "Coefficient", unit: _Unit) -> str:
+    if coefficient.bound:
+        return f"< {coefficient.value * unit.factor:.3g}"
+    return f"{coefficient.value * unit.factor:.4g} ± {coefficient.sigma * unit.factor:.2g}"
+
+
+def _coefficients(deviation: "AllanDeviation") -> "tuple[Coefficient, ...]":
+    return deviation.random_walk, deviation.instability, deviation.rate_walk
+
+
+def _print(found: dict[str, list[Any]], sheet: Any, name: str, n: int, rate_hz: float) -> None:
+    print(f"{n} samples at {rate_hz:.6g} Hz, {n / rate_hz:.0f} s; ± is 1 sigma, < an upper bound: record longer")
+    for kind, units in _KINDS.items():
+        print(f"\n{kind:<20}{'x':>20}{'y':>20}{'z':>20}   {name}")
+        for i, (what, unit) in enumerate(zip(_NAMES, units, strict=True)):
+            cells = "".join(f"{_shown(_coefficients(axis)[i], unit):>20}" for axis in found[kind])
+            known = f"{getattr(sheet, unit.field) * unit.factor:.3g}" if unit.field else ""
+            print(f"{what:<20}{cells}   {known} {unit.text}")
+
+
+def _doubt(samples: Any, rate_hz: float) -> None:
+    """Say when the sensor seems to have moved: the result is its motion then, not its noise."""
+    m = max(1, round(rate_hz))
+    whole = len(samples) // m * m
+    means = np.linalg.norm(samples["w"][:whole].reshape(-1, m, 3).mean(axis=1), axis=1)
+    steps = np.abs(np.diff(means))
+    if len(steps) > 10 and steps.max() > _MOVED * (np.median(steps) + 1e-6):
+        at = (int(np.argmax(steps)) + 1) * m / rate_hz
+        print(f"\nThe sensor seems to have moved, at {at:.0f} s most: then this is its motion, not its noise.")
+
+
+def _plain(found: dict[str, list[Any]], rate_hz: float) -> dict[str, Any]:
+    """All of it in SI."""
+    axes = {}
+    for kind, deviations in found.items():
+        for axis, deviation in zip("xyz", deviations, strict=True):
+            values = zip(("N", "B", "K"), _SI[kind], _coefficients(deviation), strict=True)
+            axes[f"{kind}_{axis}"] = {
+                "tau_s": deviation.tau.tolist(),
+                "deviation": deviation.deviation.tolist(),
+                "sigma": deviation.sigma.tolist(),
+                **{
+                    letter: {"value": c.value, "sigma": None if c.bound else c.sigma, "bound": c.bound, "unit": unit}
+                    for letter, unit, c in values
+                },
+            }
+    return {"rate_hz": rate_hz, **axes}
+
+
+def _settings(found: dict[str, list[Any]], recording: Path) -> str:
+    """The [noise] table: of each coefficient the worst axis; bounds are left to the profile."""
+    lines = [f"# from {recording.name} by `imud allan`", "[noise]"]
+    for kind, units in _KINDS.items():
+        for i, unit in enumerate(units):
+            known = [c.value for axis in found[kind] if not (c := _coefficients(axis)[i]).bound]
+            if unit.setting and len(known) == 3:
+                lines.append(f"{unit.setting} = {max(known) * unit.factor:.4g}")
+    return "\n".join(lines) + "\n"
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text)
+    except OSError as error:
+        raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _draw(path: Path, found: dict[str, list[Any]], sheet: Any, name: str) -> None:
+    from .. import figures
+    from ..figures import Figure, Panel, Trace
+
+    if not figures.available():
+        raise UsageError("plots need plotly: pip install 'imud[plots]'")
+    panels = []
+    for kind, (walk, unit, _) in _KINDS.items():
+        traces = []
+        for k, (axis, d) in enumerate(zip("xyz", found[kind], strict=True)):
+            traces.append(Trace(axis, d.tau, d.deviation * unit.factor, d.sigma * unit.factor, colour=k))
+            traces.append(Trace(f"{axis}: N, B, K", d.tau, d.fitted * unit.factor, colour=k, dashed=True))
+        tau = found[kind][0].tau
+        traces.append(Trace(f"N of {name}", tau, getattr(sheet, walk.field) / np.sqrt(tau) * unit.factor, colour=3))
+        panels.append(Panel(kind, "averaging time τ, s", f"Allan deviation, {unit.text}", traces, logarithmic=True))
+    try:
+        figures.write("imud allan", "", [Figure("Overlapping Allan deviation ± 1 σ", panels)], path)
+    except OSError as error:
+        raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error

@@ -1,0 +1,42 @@
+"""`python -m imud.commands.bench.counted [OPTION …]`: replays as told on stdin, for who counts instructions.
+
+OPTIONs go to the C compiler. A line is `ours N` or `c N`: N frames of an M-G350 to attitude solutions.
+Each is answered by one.
+"""
+
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from imud.process import runtime
+
+
+def main() -> int:
+    runtime.prepare()
+    from . import reference, signals, throughput
+
+    wire = np.ascontiguousarray(signals.frames(10_000)).reshape(-1)
+    period_ns = 1_000_000 // signals.FRAME
+    contestants: dict[str, Callable[[Any, int], int]] = {
+        "ours": lambda wire, period_ns: throughput.replay_wire(throughput.new_stream("attitude"), wire, period_ns)
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            contestants["c"] = throughput.CReplay(Path(folder), sys.argv[1:])
+        except reference.NoReferenceError as error:
+            print(error)
+        else:
+            print("ready")
+        sys.stdout.flush()
+        for line in sys.stdin:
+            name, n = line.split()
+            print(contestants[name](wire[: int(n) * signals.FRAME], period_ns), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,165 @@
+"""Instructions per frame, counted by valgrind's callgrind: unlike times they are the same on a loaded machine.
+
+Under valgrind a program is slower by a factor of fifty; live, time is made to pass slower for it as well, so that
+frames still come one by one and everything that goes by the clock stays in proportion.
+"""
+
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from imud.errors import ImudError
+
+from . import live, reference
+from .table import Section
+from .throughput import LLVM
+
+SLOWNESS = 10  # times
+_OPTIONS = {"x86_64": ("-mno-avx512f",)}.get(platform.machine(), ())  # valgrind does not know these instructions
+_REPLAYED, _LIVE = (2000, 7000), 1000  # frames; what a replay takes whatever its length is the same in both
+_SETTLE = 300
+_PATIENCE_S = 60.0
+_PROCESSOR = "import llvmlite.binding as b; print(b.get_host_cpu_name()); print(b.get_host_cpu_features().flatten())"
+
+
+class UncountedError(Exception):
+    """Why instructions cannot be counted."""
+
+
+def processor() -> dict[str, str]:
+    """What machine code to make, as environment: that of the processor which valgrind shows. Raises UncountedError."""
+    if not (shutil.which("valgrind") and shutil.which("callgrind_control")):
+        raise UncountedError("valgrind is not on this machine")
+    command = ["valgrind", "-q", "--tool=none", sys.executable, "-c", _PROCESSOR]
+    told = subprocess.run(command, capture_output=True, text=True, check=False)
+    if told.returncode:
+        raise UncountedError(f"valgrind: {told.stderr[-200:]}")
+    name, features = told.stdout.split()
+    return {**os.environ, "NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": features}
+
+
+def warmed(environment: dict[str, str]) -> dict[str, str]:
+    """The same; kernels are compiled for it by then, in a cache of their own."""
+    environment = {name: value for name, value in environment.items() if name != "NUMBA_CACHE_DIR"}
+    command = [sys.executable, "-m", "imud", "warmup", "--estimator", "attitude"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise UncountedError(f"imud warmup: {done.stderr[-200:]}")
+    return environment
+
+
+class Counter:
+    """Counts the instructions of one process. out: where it may write files."""
+
+    def __init__(self, out: Path) -> None:
+        self._out = out
+        self._dumps = 0
+        self.prefix = [
+            *("valgrind", "-q", "--tool=callgrind", "--instr-atstart=no"),
+            f"--callgrind-out-file={out}",
+        ]
+
+    def begin(self, pid: int) -> None:
+        """Count from now on."""
+        self._control("-i", "on", str(pid))
+        self.take(pid)
+
+    def take(self, pid: int) -> int:
+        """Instructions since it was asked last. Raises UncountedError."""
+        self._dumps += 1
+        self._control("-d", str(pid))
+        text = self._out.with_name(f"{self._out.name}.{self._dumps}").read_text()
+        found = re.search(r"^(?:totals|summary): (\d+)", text, re.MULTILINE)
+        if found is None:
+            raise UncountedError("callgrind wrote no total")
+        return int(found[1])
+
+    def _control(self, *arguments: str) -> None:
+        done = subprocess.run(["callgrind_control", *arguments], capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise UncountedError(f"callgrind_control: {(done.stderr or done.stdout)[-200:]}")
+
+
+def _replay(section: Section, environment: dict[str, str], folder: Path) -> None:
+    counter = Counter(folder / "replay")
+    command = [*counter.prefix, sys.executable, "-m", "imud.commands.bench.counted", *_OPTIONS]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment
+    ) as process:
+        assert process.stdin and process.stdout
+
+        def ask(name: str, frames: int) -> None:
+            print(f"{name} {frames}", file=process.stdin, flush=True)
+            if not process.stdout.readline():  # type: ignore[union-attr]
+                raise UncountedError("the replay ended by itself under valgrind")
+
+        said = process.stdout.readline().strip()
+        names = ["ours", "c"] if said == "ready" else ["ours"]
+        for name in names:
+            ask(name, _REPLAYED[0])
+        counter.begin(process.pid)
+        counts = []
+        for name in names:
+            taken = []
+            for frames in _REPLAYED:
+                ask(name, frames)
+                taken.append(counter.take(process.pid))
+            counts.append((taken[1] - taken[0]) / (_REPLAYED[1] - _REPLAYED[0]))
+        process.stdin.close()
+    section.add("replay, bytes to solution", counts[0], "/frame")
+    _against(section, "replay against C", counts, 1.2, said)
+
+
+def _live(section: Section, environment: dict[str, str], folder: Path) -> None:
+    library = folder / "slow_time.so"
+    reference.compile_c(reference.SOURCES / "slow_time.c", library, "-shared", "-fPIC")
+    environment = {**environment, "LD_PRELOAD": str(library), "SLOWNESS": str(SLOWNESS)}
+    counters: list[Counter] = []
+
+    def counted(name: str, command: list[str]) -> list[str]:
+        counters.append(Counter(folder / f"live.{name}"))
+        return [*counters[-1].prefix, *command]
+
+    with live.race(folder, counted, environment, SLOWNESS, _OPTIONS) as (contestants, why):
+        pacer = live.Pacer(contestants, SLOWNESS)
+        for contestant, counter in zip(contestants, counters, strict=True):
+            counter.begin(contestant.pid)
+        pacer.feed(_SETTLE)
+        live.number(pacer, contestants)
+        for contestant, counter in zip(contestants, counters, strict=True):
+            counter.take(contestant.pid)
+        pacer.feed(_LIVE)
+        pacer.wait_for(_LIVE, _PATIENCE_S)
+        if any(len(contestant.latencies_ns) < _LIVE for contestant in contestants):
+            raise UncountedError("this machine is too busy: frames were lost")
+        counts = [counter.take(c.pid) / _LIVE for c, counter in zip(contestants, counters, strict=True)]
+    section.add("live at 1 kHz, one subscriber, user space", counts[0], "/frame")
+    _against(section, "live against the C daemon", counts, None, why)
+
+
+def _against(section: Section, name: str, counts: list[float], most: float | None, why: str) -> None:
+    if len(counts) > 1:
+        section.add(name, counts[0] / counts[1], "x", most=most, note=f"C: {counts[1]:,.0f}", reason=LLVM)
+    else:
+        section.add(name, np.nan, "x", most=most, note=why)
+
+
+def instructions() -> Section:
+    """The counts."""
+    section = Section("Instructions, by callgrind: M-G350, attitude filter")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        try:
+            environment = warmed(processor())
+            _replay(section, environment, folder)
+            _live(section, environment, folder)
+        except (UncountedError, reference.NoReferenceError, ImudError) as error:
+            section.add("instructions per frame", np.nan, "", note=str(error))
+    return section

@@ -1,0 +1,157 @@
+"""The same algorithm in C: translated from the kernels and compiled on the spot, where source tree and compiler are.
+
+The translator stands in tests/c, beside the C daemon; neither is part of an installed imud.
+"""
+
+import ctypes
+import importlib.util
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.sample import SAMPLE
+from imud.estimators.records import FIX, SOLUTION
+from imud.pipeline import Filter, Stream
+
+Records = NDArray[np.void]
+SOURCES = Path(__file__).resolve().parents[3] / "tests" / "c"
+FLAGS = ("-std=gnu11", "-O3", "-march=native", "-w")
+
+
+class NoReferenceError(Exception):
+    """Why there is nothing to compare with."""
+
+
+def compiler() -> str:
+    """The C compiler. Raises NoReferenceError."""
+    if not SOURCES.is_dir():
+        raise NoReferenceError("the C reference is not installed: run from a checkout of the source")
+    for name in ("gcc", "cc", "clang"):
+        if path := shutil.which(name):
+            return path
+    raise NoReferenceError("no C compiler (gcc, cc, clang) is on this machine")
+
+
+def translator() -> Any:
+    """tests/c/translate.py as a module."""
+    package = "imud_c"
+    if package not in sys.modules:
+        spec = importlib.util.spec_from_file_location(package, SOURCES / "__init__.py")
+        assert spec and spec.loader
+        sys.modules[package] = importlib.util.module_from_spec(spec)
+    return importlib.import_module(f"{package}.translate")
+
+
+class _Recorder:
+    """Stands in for a kernel and keeps the arguments of its last call."""
+
+    def __init__(self, answer: int) -> None:
+        self._answer = answer
+        self.arguments: tuple[Any, ...] = ()
+
+    def __call__(self, *arguments: Any) -> int:
+        self.arguments = arguments
+        return self._answer
+
+
+def _kinds(c: Any, unit: Any, arguments: tuple[Any, ...]) -> list[Any]:
+    return [unit.array(a.dtype) if isinstance(a, np.ndarray) else c.INT for a in arguments]
+
+
+def to_c(filter_: Filter, folder: Path) -> None:
+    """Replace the kernels of a filter, for samples and for fixes, by C. Raises NoReferenceError."""
+    c = translator()
+    unit = c.Translation()
+    acts: dict[str, Callable[[], Any]] = {"_run": lambda: filter_.run(np.zeros(1, SAMPLE), np.zeros(1, SOLUTION))}
+    if filter_._update is not None:
+        acts["_update"] = lambda: filter_.update(np.zeros(1, FIX))
+    for name, act in acts.items():
+        kernel, recorder = getattr(filter_, name), _Recorder(0)
+        setattr(filter_, name, recorder)
+        act()
+        unit.function(kernel, _kinds(c, unit, recorder.arguments), exported=name[1:])
+    library = build(unit.source, folder)
+    for name in acts:
+        setattr(filter_, name, partial(call, getattr(library, name[1:])))
+
+
+def stream_source(stream: Stream) -> tuple[str, bytes]:
+    """C of `Stream.ingest` as `int64_t ingest(received, arrival_ns)`, with all that it remembers, and what that is now.
+
+    RX, DECODER and SOLUTIONS name the buffers; `memory` lists all of them, in the order of the bytes returned.
+    """
+    c = translator()
+    unit = c.Translation()
+    s, f = stream, stream.filter
+    parts: dict[str, tuple[Any, tuple[Any, ...]]] = {
+        "decode": (s.decode, (s.rx, "fill + received", s.decoder, s.samples)),
+        "advance": (
+            f.each,
+            (s.samples, "n", "arrival_ns", s.clock, f.health, f.correction, f.parameters, f.state, s.solutions),
+        ),
+    }
+    buffers: dict[int, tuple[str, Any]] = {}
+    texts = {}
+    for name, (kernel, arguments) in parts.items():
+        unit.function(kernel, _kinds(c, unit, arguments), exported=name)
+        for array in (a for a in arguments if isinstance(a, np.ndarray)):
+            buffers.setdefault(array.ctypes.data, (f"memory_{len(buffers)}", array))
+        texts[name] = ", ".join(
+            f"{buffers[a.ctypes.data][0]}, {len(a)}" if isinstance(a, np.ndarray) else a for a in arguments
+        )
+    lines = [unit.source, "#include <stddef.h>"]
+    for name, array in buffers.values():
+        lines.append(f"static {unit.of_dtype(array.dtype).c.rstrip(' *')} {name}[{len(array)}];")
+    listed = ", ".join(f"{{{name}, sizeof {name}}}" for name, _ in buffers.values())
+    lines.append(f"static const struct {{ void *at; size_t size; }} memory[] = {{{listed}}};")
+    for alias, array in (("RX", stream.rx), ("DECODER", stream.decoder), ("SOLUTIONS", stream.solutions)):
+        lines.append(f"#define {alias} {buffers[array.ctypes.data][0]}")
+    lines.append(
+        "static int64_t fill;\n"
+        "static int64_t ingest(int64_t received, int64_t arrival_ns)\n{\n"
+        f"  int64_t n = decode({texts['decode']});\n  fill = DECODER->leftover;\n"
+        f"  if (n)\n    advance({texts['advance']});\n  return n;\n}}\n"
+    )
+    return "\n".join(lines), b"".join(array.tobytes() for _, array in buffers.values())
+
+
+def build(text: str, folder: Path, main: Path | None = None, options: Sequence[str] = ()) -> ctypes.CDLL:
+    """Compile to a shared library and load it; main: a file that includes kernels.c. Raises NoReferenceError."""
+    (folder / "kernels.c").write_text(text)
+    shared = ("-shared", "-fPIC", "-Wl,-Bsymbolic", f"-I{folder}")
+    compile_c(main or folder / "kernels.c", folder / "kernels.so", *shared, *options)
+    return ctypes.CDLL(str(folder / "kernels.so"))
+
+
+def compile_c(file: Path, output: Path, *options: str) -> None:
+    """Raises NoReferenceError with what the compiler said."""
+    command = [compiler(), *FLAGS, *options, "-o", str(output), str(file), "-lm"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise NoReferenceError(f"{file} does not compile: {done.stderr[:500]}")
+
+
+def call(function: Any, *arguments: Any) -> int:
+    """Call an exported function: arrays as pointer and length, integers as they are."""
+    passed: list[Any] = []
+    for argument in arguments:
+        if isinstance(argument, np.ndarray):
+            passed += [ctypes.c_void_p(argument.ctypes.data), ctypes.c_int64(len(argument))]
+        else:
+            passed.append(
+                argument if isinstance(argument, ctypes.c_void_p | ctypes.c_char_p) else ctypes.c_int64(argument)
+            )
+    function.restype = ctypes.c_int64
+    return int(function(*passed))
+
+
+def pointer(record: Records) -> ctypes.c_void_p:
+    """A record as an argument for `call`."""
+    return ctypes.c_void_p(record.ctypes.data)

@@ -1,0 +1,164 @@
+"""`imud calibrate`: one sensor's errors, found in a recording and kept under its serial number for the daemon."""
+
+import argparse
+import math
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from ..errors import BadDataError, UsageError
+
+_MG = 1e3 / 9.80665
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    kinds = "; ".join(f"{kind}: {what}" for kind, (_, what) in _KINDS.items())
+    parser.add_argument("what", choices=_KINDS, metavar="WHAT", help=kinds)
+    parser.add_argument(
+        "recording",
+        type=Path,
+        metavar="CSV|MCAP",
+        help="inertial samples in the sensor's own axes; or imud's recording",
+    )
+    parser.add_argument(
+        "--serial", metavar="NUMBER", help="of the sensor, as `imud probe` tells it (default: the recording's)"
+    )
+    parser.add_argument(
+        "--latitude", type=float, default=45.0, metavar="DEG", help="for gravity (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--state", type=Path, metavar="FOLDER", help="keep the result there, not where the daemon looks"
+    )
+    parser.add_argument("--dry-run", action="store_true", help="only show the result")
+
+
+def run(args: argparse.Namespace) -> int:
+    from ..sensor_errors import calibration
+    from ..sensor_errors.rest import UnfitError, refuse_broken
+
+    if not -90.0 <= args.latitude <= 90.0:
+        raise UsageError(f"--latitude {args.latitude}: write degrees, -90 to 90")
+    samples, serial = _read(args)
+    rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
+    places = [args.state] if args.state else None
+    known = calibration.load(serial, places)
+    try:
+        refuse_broken(samples)
+        part = _KINDS[args.what][0](samples, rate_hz, args)
+    except UnfitError as error:
+        raise BadDataError(f"{args.recording}: {error}") from error
+    if args.dry_run:
+        return 0
+    path = calibration.save(msgspec.structs.replace(known, **part), places)
+    print(f"{serial}: kept in {path}; the daemon takes it when the sensor is next connected", file=sys.stderr)
+    return 0
+
+
+def _read(args: argparse.Namespace) -> tuple[Any, str]:
+    """Samples, and whose they are."""
+    from ..tables.inputs import is_recording, read_imu
+
+    if is_recording(args.recording):
+        from ..recording.samples import own_samples_of
+
+        samples, serial = own_samples_of(args.recording)
+        return samples, args.serial or serial
+    if not args.serial:
+        raise UsageError(f"whose samples are in {args.recording}? --serial NUMBER, as `imud probe` tells it")
+    return read_imu(args.recording)[0], args.serial
+
+
+def _today() -> str:
+    return time.strftime("%Y-%m-%d", time.gmtime())
+
+
+def _temperature(samples: Any) -> float:
+    return float(np.mean(samples["temperature"]))
+
+
+def _triple(values: Any) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
+def _show(title: str, values: Any, sigma: Any, factor: float, unit: str) -> None:
+    cells = (f"{axis} {v * factor:+.4f} ± {s * factor:.4f}" for axis, v, s in zip("xyz", values, sigma, strict=True))
+    print(f"{title}: {', '.join(cells)} {unit}")
+
+
+def _still(samples: Any, rate_hz: float, args: argparse.Namespace) -> dict[str, Any]:
+    from ..sensor_errors.calibration import Gyro
+    from ..sensor_errors.gyro import bias
+
+    found = bias(samples, rate_hz)
+    _show("gyro bias", found.value, found.sigma, math.degrees(1.0), "deg/s")
+    value, sigma = _triple(found.value), _triple(found.sigma)
+    return {"gyro": Gyro(_today(), value, sigma, _temperature(samples))}
+
+
+def _slope(samples: Any, rate_hz: float, args: argparse.Namespace) -> dict[str, Any]:
+    from ..sensor_errors.calibration import Gyro
+    from ..sensor_errors.gyro import slope
+
+    bias, change, at = slope(samples, rate_hz)
+    _show(f"gyro bias at {at:.1f} degC", bias.value, bias.sigma, math.degrees(1.0), "deg/s")
+    _show("its slope", change.value, change.sigma, math.degrees(1.0), "deg/s/K")
+    told = Gyro(_today(), _triple(bias.value), _triple(bias.sigma), at, _triple(change.value), _triple(change.sigma))
+    return {"gyro": told}
+
+
+def _faces(samples: Any, rate_hz: float, args: argparse.Namespace) -> dict[str, Any]:
+    from ..kernels.earth import gravity
+    from ..sensor_errors.accelerometer import FULL, accelerometer, positions
+    from ..sensor_errors.calibration import Accelerometer
+
+    forces = positions(samples, rate_hz)
+    bias, matrix, residual = accelerometer(forces, gravity(math.radians(args.latitude), 0.0))
+    _show("accelerometer bias", bias.value, bias.sigma, _MG, "mG")
+    x, y, z = (100.0 * (1.0 / value - 1.0) for value in np.diag(matrix))
+    print(f"scale error: x {x:+.3f}, y {y:+.3f}, z {z:+.3f} %")
+    if len(forces) >= FULL:
+        xy, xz, yz = (math.degrees(matrix[i, j]) for i, j in ((0, 1), (0, 2), (1, 2)))
+        print(f"misalignment: xy {xy:+.3f}, xz {xz:+.3f}, yz {yz:+.3f} deg")
+    else:
+        print(
+            f"misalignment: not told by {len(forces)} positions; {FULL} or more, edges and corners too, would tell it"
+        )
+    print(f"left over: {residual * _MG:.2f} mG in {len(forces)} positions")
+    told = Accelerometer(
+        date=_today(),
+        bias_mps2=_triple(bias.value),
+        matrix=(_triple(matrix[0]), _triple(matrix[1]), _triple(matrix[2])),
+        sigma_mps2=_triple(bias.sigma),
+        residual_mps2=residual,
+        positions=len(forces),
+        temperature_c=_temperature(samples),
+    )
+    return {"accelerometer": told}
+
+
+def _mounting(samples: Any, rate_hz: float, args: argparse.Namespace) -> dict[str, Any]:
+    from ..sensor_errors.calibration import Mounting
+    from ..sensor_errors.mounting import mounting
+
+    matrix, sigma = mounting(samples, rate_hz)
+    roll, pitch = math.atan2(matrix[2, 1], matrix[2, 2]), -math.asin(max(-1.0, min(1.0, matrix[2, 0])))
+    rpy = np.degrees([roll, pitch, math.atan2(matrix[1, 0], matrix[0, 0])])
+    cells = (
+        f"{n} {v:+.2f} ± {s:.2f}" for n, v, s in zip(("roll", "pitch", "yaw"), rpy, np.degrees(sigma), strict=True)
+    )
+    print(f"mounting: {', '.join(cells)} deg")
+    return {"mounting": Mounting(_today(), _triple(rpy), _triple(np.degrees(sigma)))}
+
+
+_KINDS: dict[str, tuple[Callable[[Any, float, argparse.Namespace], dict[str, Any]], str]] = {
+    "still": (_still, "the gyro's bias, from ten seconds at rest"),
+    "temperature": (_slope, "its bias and slope, from a warm-up at rest with a column temperature_c"),
+    "faces": (_faces, "the accelerometer, from two seconds at rest on each of six sides, or more"),
+    "mounting": (_mounting, "how the sensor sits in the vehicle, from a rest on level ground and a start forwards"),
+}

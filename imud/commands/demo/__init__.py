@@ -1,0 +1,214 @@
+"""`imud demo`: an emulator and the daemon, joined by pseudo-terminals, and the estimate against the truth.
+
+The demo itself is only a client: it reads the daemon's gpsd socket and the emulator's truth file, nothing else.
+"""
+
+import argparse
+import contextlib
+import importlib.util
+import json
+import math
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import webbrowser
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from firmware_sim.cli import SCENARIO_NAMES
+from firmware_sim.faults import spec
+from imud.commands import web
+from imud.commands.arguments import above_zero, seed
+from imud.errors import ImudError, UsageError
+
+from .comparison import Comparison, Truth
+from .screen import Display, summary
+
+_RATE_HZ = 20
+_START_S = 3600.0  # the first start compiles the kernels, for minutes on a small or busy machine
+_SILENCE_S = 30.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--seconds", type=above_zero, metavar="N", help="end after N seconds of data with a summary")
+    parser.add_argument(
+        "--scenario",
+        choices=SCENARIO_NAMES,
+        default="car",
+        metavar="NAME",
+        help=f"what the emulated vehicle does: {', '.join(SCENARIO_NAMES)} (default: %(default)s)",
+    )
+    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="of the sensors' errors (default: 1)")
+    parser.add_argument("--faults", default="", metavar="SPEC", help="what goes wrong: see `imud sim --faults-help`")
+    parser.add_argument("--web", action="store_true", help="show it live in a browser: see `imud web`")
+    parser.add_argument("--no-gnss", action="store_true", help="the inertial sensor alone: attitude only")
+
+
+@contextlib.contextmanager
+def _process(*arguments: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
+    """An imud process that ends with the block."""
+    process = subprocess.Popen([sys.executable, "-m", "imud", *arguments], text=True, **options)
+    try:
+        yield process
+    finally:
+        process.send_signal(signal.SIGTERM)
+        try:
+            process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def _wait_until_ready(notices: socket.socket, daemon: subprocess.Popen[str], log: Path) -> None:
+    """Wait for the daemon's READY=1, as a service manager does."""
+    deadline = time.monotonic() + _START_S
+    while time.monotonic() < deadline:
+        if daemon.poll() is not None:
+            raise ImudError(f"demo: the daemon ended with code {daemon.returncode}:\n{log.read_text()}")
+        if select.select([notices], [], [], 0.5)[0] and b"READY=1" in notices.recv(4096):
+            return
+    raise ImudError(f"demo: the daemon was not ready within {_START_S:.0f} s:\n{log.read_text()}")
+
+
+def _subscribe(path: Path) -> socket.socket:
+    client = socket.socket(socket.AF_UNIX)
+    client.connect(str(path))
+    watch = {"enable": True, "json": True, "rate": _RATE_HZ, "class": "EST"}
+    client.sendall(b"?WATCH=" + json.dumps(watch).encode() + b"\n")
+    return client
+
+
+def _estimates(client: socket.socket) -> Iterator[dict[str, Any]]:
+    """EST messages as they come; an empty one for every quiet half second. Ends when the daemon closes the line."""
+    buffer = b""
+    while True:
+        if not select.select([client], [], [], 0.5)[0]:
+            yield {}
+            continue
+        data = client.recv(65536)
+        if not data:
+            return
+        *lines, buffer = (buffer + data).split(b"\n")
+        for line in lines:
+            message = json.loads(line)
+            if message.get("class") == "EST":
+                yield message
+
+
+def run(args: argparse.Namespace) -> int:
+    devices = ["g350"] if args.no_gnss else ["g350", "nmea"]
+    try:
+        spec.parse(args.faults, devices)
+    except spec.SpecError as error:
+        raise UsageError(f"--faults: {error}") from error
+    if args.web:
+        web.require()
+    with tempfile.TemporaryDirectory(prefix="imud-demo-") as folder, contextlib.ExitStack() as stack:
+        base = Path(folder)
+        links = [base / name for name in devices]
+        truth_file, listen, log = base / "truth.csv", base / "gpsd.sock", base / "daemon.log"
+        print(
+            "imud demo: starting the emulator and the daemon (a first start compiles for a minute or two)", flush=True
+        )
+        recordings = _recordings_folder() if args.web else None
+        log_file = stack.enter_context(log.open("w"))
+        notices = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+        notices.bind(str(base / "notify"))
+        daemon = stack.enter_context(
+            _process(
+                *("run", *(f"--port={link}" for link in links), f"--listen={listen}"),
+                *(("--set", f"record.folder={json.dumps(str(recordings))}") if recordings else ()),
+                stderr=log_file,
+                env={**os.environ, "NOTIFY_SOCKET": str(base / "notify")},
+            )
+        )
+        _wait_until_ready(notices, daemon, log)
+        client = stack.enter_context(_subscribe(listen))
+        stack.enter_context(
+            _process(
+                *("sim", *devices, "--scenario", args.scenario, "--seed", str(args.seed), "--truth", str(truth_file)),
+                *("--faults", args.faults),
+                *(item for link in links for item in ("--link", str(link))),
+                stdout=subprocess.DEVNULL,
+                stderr=log_file,
+            )
+        )
+        if args.web:
+            page = ("web", "--listen=127.0.0.1:0", str(listen))
+            page_process = stack.enter_context(_process(*page, stdout=subprocess.PIPE, stderr=log_file))
+            _show_in_browser(page_process, log)
+            if recordings:
+                print(f"imud demo: its record button writes to {recordings}/imud-TIME.mcap", flush=True)
+        return _compare(client, truth_file, args.seconds, log)
+
+
+def _recordings_folder() -> Path | None:
+    """Where the page's record button may write: here, if anything can be recorded."""
+    here = Path.cwd()
+    return here if importlib.util.find_spec("mcap") and os.access(here, os.W_OK) else None
+
+
+def _show_in_browser(page: subprocess.Popen[str], log: Path) -> None:
+    """Print where the page is; open it where there is a screen."""
+    assert page.stdout is not None
+    url = page.stdout.readline().strip()
+    if not url:
+        raise ImudError(f"demo: the live page did not start:\n{log.read_text()}")
+    print(f"imud demo: live page at {url}", flush=True)
+    if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        webbrowser.open(url)
+
+
+class Finding:
+    """What became of the comparison: feeds on estimates, pairs each with the truth once that is written."""
+
+    def __init__(self, truth_file: Path) -> None:
+        self.comparison, self.estimates = Comparison(), 0
+        self.first_s = self.last_s = math.nan
+        self._truth_file = truth_file
+        self._truth: Truth | None = None
+        self._pending: list[dict[str, Any]] = []
+        self._display = Display()
+
+    @property
+    def elapsed_s(self) -> float:
+        return self.last_s - self.first_s if self.estimates else 0.0
+
+    def add(self, est: dict[str, Any]) -> None:
+        self.last_s = est["t_mono_ns"] * 1e-9
+        self.first_s = self.last_s if self.estimates == 0 else self.first_s
+        self.estimates += 1
+        self._pending.append(est)
+        if self._truth is None and self._truth_file.exists() and self._truth_file.stat().st_size > 0:
+            self._truth = Truth(self._truth_file)
+        while self._truth and self._pending and self._truth.reaches(self._pending[0]["t_mono_ns"] * 1e-9):
+            old = self._pending.pop(0)
+            if truth := self._truth.at(old["t_mono_ns"] * 1e-9):
+                self.comparison.add(old, truth)
+                self._display.show(old, truth, self.comparison, old["t_mono_ns"] * 1e-9 - self.first_s)
+
+
+def _compare(client: socket.socket, truth_file: Path, seconds: float | None, log: Path) -> int:
+    finding = Finding(truth_file)
+    heard = time.monotonic()
+    try:
+        for est in _estimates(client):
+            if est:
+                heard = time.monotonic()
+                finding.add(est)
+            elif time.monotonic() - heard > _SILENCE_S:
+                raise ImudError(f"demo: no estimate for {_SILENCE_S:.0f} s; the daemon says:\n{log.read_text()}")
+            if seconds is not None and finding.elapsed_s >= seconds:
+                break
+    except KeyboardInterrupt:
+        print()
+    print(summary(finding.comparison, finding.estimates, finding.elapsed_s))
+    if not finding.comparison.errors["roll"].count:
+        raise ImudError(f"demo: nothing could be compared; the daemon says:\n{log.read_text()}")
+    return 0

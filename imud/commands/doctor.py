@@ -1,0 +1,167 @@
+"""`imud doctor`: why this machine would not work, and the mend. Looks, changes nothing, opens no port.
+
+Each check is a function of a file-system root, so that any machine can be imitated in a folder.
+"""
+
+import argparse
+import grp
+import importlib.util
+import json
+import os
+import pwd
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+from ..process import runtime
+from .probe import candidates
+
+_MARKS = {"ok": "ok  ", "note": "note", "problem": "FAIL"}
+_LATENCY_MS = 1
+_UARTS = re.compile(r"console=(serial0|ttyAMA\d+|ttyS\d+|ttyUSB\d+)")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing looked at. A note may matter, a problem does. `mend` says what to do."""
+
+    grade: Literal["ok", "note", "problem"]
+    what: str
+    mend: str = ""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", action="store_true", help="one JSON object per finding")
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(errors="replace")
+    except OSError:
+        return ""
+
+
+def _processes(root: Path, names: set[str]) -> dict[str, str]:
+    """Running processes with one of the names: name -> pid."""
+    found = {}
+    for entry in (root / "proc").glob("[0-9]*/comm"):
+        name = _text(entry).strip()
+        if name in names:
+            found[name] = entry.parent.name
+    return found
+
+
+def ports(root: Path) -> Iterator[Finding]:
+    """Is there a serial port, and may this user open it?"""
+    found = candidates(root)
+    if not found:
+        yield Finding(
+            "note",
+            "no serial port (/dev/ttyUSB*, ttyACM*, ttyAMA*, serial*)",
+            "plug in the adapter; on a Raspberry Pi set enable_uart=1 in /boot/firmware/config.txt and reboot",
+        )
+    for port in found:
+        yield _may_open(root, port)
+
+
+def _may_open(root: Path, port: str) -> Finding:
+    path = root / port.lstrip("/")
+    if os.access(path, os.R_OK | os.W_OK):
+        return Finding("ok", f"{port} may be opened")
+    group = _group_of(path)
+    user = pwd.getpwuid(os.geteuid()).pw_name
+    mend = f"sudo usermod -aG {group} {user}, then log in again" if group else f"sudo chmod a+rw {port}"
+    return Finding("problem", f"{port} may not be opened by {user}", mend)
+
+
+def _group_of(path: Path) -> str:
+    try:
+        return grp.getgrgid(path.stat().st_gid).gr_name
+    except (OSError, KeyError):
+        return ""
+
+
+def console(root: Path) -> Iterator[Finding]:
+    """Does the kernel, or a login prompt, talk on a UART?"""
+    for uart in _UARTS.findall(_text(root / "proc/cmdline")):
+        yield Finding(
+            "problem",
+            f"the kernel's console is on {uart}: it would talk into the sensor",
+            f"remove console={uart},… from /boot/firmware/cmdline.txt, reboot (raspi-config: serial login shell off)",
+        )
+    for unit in (root / "etc/systemd/system/getty.target.wants").glob("serial-getty@*.service"):
+        port = unit.name.partition("@")[2].removesuffix(".service")
+        yield Finding("problem", f"a login prompt waits on {port}", f"sudo systemctl disable --now {unit.name}")
+
+
+def rivals(root: Path) -> Iterator[Finding]:
+    """Programs that like to grab serial ports."""
+    running = _processes(root, {"ModemManager", "gpsd", "brltty"})
+    mends = {
+        "ModemManager": "sudo systemctl disable --now ModemManager, or a udev rule with ID_MM_DEVICE_IGNORE=1",
+        "gpsd": 'give imud another address (--listen 127.0.0.1:2948) and keep gpsd off imud\'s ports (USBAUTO="false")',
+        "brltty": "sudo apt remove brltty (it takes USB adapters for Braille displays)",
+    }
+    for name, pid in running.items():
+        yield Finding("note", f"{name} is running (pid {pid}) and may open serial ports", mends[name])
+
+
+def latency(root: Path) -> Iterator[Finding]:
+    """FTDI adapters hold bytes back."""
+    for timer in (root / "sys/bus/usb-serial/devices").glob("*/latency_timer"):
+        value = _text(timer).strip()
+        if value.isdecimal() and int(value) > _LATENCY_MS:
+            yield Finding(
+                "note",
+                f"{timer.parent.name} delivers bytes up to {value} ms late",
+                'imud asks for low latency when it opens the port; for good: a udev rule with ATTR{latency_timer}="1"',
+            )
+
+
+def spi(root: Path) -> Iterator[Finding]:
+    """Is the SPI bus of a Raspberry Pi switched on, may this user open it, and are the packages for it there?"""
+    buses = sorted((root / "dev").glob("spidev*"))
+    config = _text(root / "boot/firmware/config.txt") or _text(root / "boot/config.txt")
+    if config and not buses:
+        yield Finding("note", "SPI is off", "for a sensor on SPI: dtparam=spi=on in /boot/firmware/config.txt, reboot")
+    if not buses:
+        return
+    yield Finding("ok", "SPI is on")
+    for node in (*buses, *sorted((root / "dev").glob("gpiochip*"))):
+        yield _may_open(root, f"/{node.relative_to(root)}")
+    for package, purpose in (("spidev", "SPI"), ("gpiod", "a data-ready line")):
+        if importlib.util.find_spec(package) is None:
+            yield Finding("note", f"the Python package {package} is missing, for {purpose}", "pip install 'imud[spi]'")
+
+
+def cache(root: Path) -> Iterator[Finding]:
+    """Can compiled kernels be kept?"""
+    place = runtime.prepare()
+    if place is None:
+        yield Finding(
+            "note",
+            "compiled kernels cannot be kept: every start compiles for a minute",
+            "make ~/.cache writable with 64 MB free, or set NUMBA_CACHE_DIR",
+        )
+    else:
+        yield Finding("ok", f"compiled kernels are kept in {place}")
+
+
+CHECKS: tuple[Callable[[Path], Iterator[Finding]], ...] = (ports, console, rivals, latency, spi, cache)
+
+
+def examine(root: Path = Path("/")) -> list[Finding]:
+    """Everything there is to say of the machine below `root`."""
+    return [finding for check in CHECKS for finding in check(root)]
+
+
+def run(args: argparse.Namespace) -> int:
+    findings = examine()
+    for finding in findings:
+        if args.json:
+            print(json.dumps(asdict(finding)))
+        else:
+            print(f"{_MARKS[finding.grade]}  {finding.what}" + (f"\n      {finding.mend}" if finding.mend else ""))
+    return int(any(finding.grade == "problem" for finding in findings))

@@ -1,0 +1,180 @@
+"""`imud export`: a recording as CSV files, or for ROS 2. It is replayed for that, so that nothing is thinned."""
+
+import argparse
+import math
+from collections.abc import Iterable
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
+
+from ..configuration.settings import Initial
+from ..errors import BadDataError, CannotCreateError, UsageError
+from ..progress import Progress
+from .arguments import above_zero
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from ..recording.player import Records
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("recording", type=Path, nargs="+", metavar="MCAP", help="the files of one recording")
+    parser.add_argument("--csv", type=Path, metavar="DIR", help="imu.csv, gnss.csv and est.csv")
+    parser.add_argument("--ros2", type=Path, metavar="MCAP", help="Imu, NavSatFix and Odometry, in ENU and FLU")
+    parser.add_argument("--rate", type=above_zero, default=0.0, metavar="HZ", help="of the estimates (default: all)")
+
+
+class Target(Protocol):
+    """Where the export goes."""
+
+    def step(self, samples: "Records", solutions: "Records") -> None: ...
+    def update(self, fix: "Records", innovations: "Records") -> None: ...
+
+
+class CsvFolder:
+    """imu.csv and gnss.csv as `imud replay` takes them, est.csv as it makes it; all on the same clock."""
+
+    def __init__(self, folder: Path, rate_hz: float, stack: ExitStack) -> None:
+        from ..recording.writer import Thinner
+        from ..tables.estimates import EstimateWriter
+        from ..tables.inputs import IMU_COLUMNS
+
+        try:
+            folder.mkdir(exist_ok=True)
+            files = {name: stack.enter_context((folder / f"{name}.csv").open("wb")) for name in ("imu", "gnss", "est")}
+        except OSError as error:
+            raise CannotCreateError(f"cannot write in {folder}: {error.strerror}") from error
+        self._imu: BinaryIO = files["imu"]
+        self._gnss: BinaryIO = files["gnss"]
+        self._est = EstimateWriter(files["est"], 0, 256)
+        self._thinner = Thinner(rate_hz)
+        self._imu.write(f"{','.join(IMU_COLUMNS)}\n".encode())
+        self._gnss.write(f"{','.join(_FIX_COLUMNS)}\n".encode())
+
+    def step(self, samples: "Records", solutions: "Records") -> None:
+        """Rows of SAMPLE and SOLUTION."""
+        for t_ns, w, f in zip(samples["t_ns"].tolist(), samples["w"].tolist(), samples["f"].tolist(), strict=True):
+            self._imu.write(_row(t_ns, [*w, *f]))
+        self._est.write(self._thinner.kept(solutions))
+
+    def update(self, fix: "Records", innovations: "Records") -> None:
+        """A FIX."""
+        row = fix[0]
+        cells: list[float | str] = [
+            math.degrees(row["lat"]),
+            math.degrees(row["lon"]),
+            float(row["height"]),
+            _seconds(row["arrival_ns"]),
+        ]
+        cells += [*row["sigma"].tolist(), float(row["hdop"]), *row["v"].tolist(), float(row["speed"])]
+        cells += [math.degrees(row["course"]), int(row["quality"]), int(row["satellites"])]
+        self._gnss.write(_row(int(row["t_ns"]), cells))
+
+
+_FIX_COLUMNS = (
+    *("t_s", "lat_deg", "lon_deg", "height_m", "arrival_s", "sn_m", "se_m", "sd_m", "hdop"),
+    *("vn_mps", "ve_mps", "vd_mps", "speed_mps", "course_deg", "quality", "satellites"),
+)
+
+
+def _seconds(t_ns: int) -> str:
+    return f"{int(t_ns) // 1_000_000_000}.{int(t_ns) % 1_000_000_000:09d}"
+
+
+def _row(t_ns: int, cells: Iterable[float | str]) -> bytes:
+    texts = ["" if cell != cell else str(cell) for cell in cells]  # noqa: PLR0124 - NaN is unknown, and left empty
+    return f"{_seconds(t_ns)},{','.join(texts)}\n".encode()
+
+
+class Ros2File:
+    """An MCAP of ROS 2 messages."""
+
+    def __init__(self, path: Path, rate_hz: float, offset_ns: int, stack: ExitStack) -> None:
+        from mcap.writer import Writer
+
+        from ..recording.enu import LocalMap
+        from ..recording.ros import definition
+        from ..recording.writer import Thinner
+
+        try:
+            file = stack.enter_context(path.open("wb"))
+        except OSError as error:
+            raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error
+        self._writer: Any = Writer(file)
+        self._writer.start(profile="ros2", library="imud")
+        stack.callback(self._writer.finish)
+        self._channels = {}
+        for topic, name in _ROS_TOPICS.items():
+            schema = self._writer.register_schema(name, "ros2msg", definition(name).encode())
+            facts = {"offered_qos_profiles": ""}
+            self._channels[topic] = self._writer.register_channel(topic, "cdr", schema, facts)
+        self._plane = LocalMap()
+        self._thinner = Thinner(rate_hz)
+        self._offset_ns = offset_ns
+
+    def step(self, samples: "Records", solutions: "Records") -> None:
+        """Rows of SAMPLE and SOLUTION."""
+        from ..recording.ros import imu, nav_sat_fix, odometry
+
+        for solution in self._thinner.kept(solutions):
+            unix_ns = int(solution["t_ns"]) + self._offset_ns
+            self._add("/imu/data", unix_ns, imu(solution, unix_ns))
+            if (message := odometry(solution, unix_ns, self._plane)) is not None:
+                self._add("/odometry", unix_ns, message)
+                self._add("/fix", unix_ns, nav_sat_fix(solution, unix_ns))
+
+    def update(self, fix: "Records", innovations: "Records") -> None:
+        """Its estimate tells more."""
+
+    def _add(self, topic: str, unix_ns: int, message: bytes) -> None:
+        self._writer.add_message(self._channels[topic], unix_ns, message, unix_ns)
+
+
+_ROS_TOPICS = {
+    "/imu/data": "sensor_msgs/msg/Imu",
+    "/fix": "sensor_msgs/msg/NavSatFix",
+    "/odometry": "nav_msgs/msg/Odometry",
+}
+
+
+def run(args: argparse.Namespace) -> int:
+    if not (args.csv or args.ros2):
+        raise UsageError("export: say where to: --csv DIR, --ros2 OUT.mcap")
+    from ..recording.player import Player
+    from ..recording.source import Recording, adapter, tell
+
+    recording = Recording(args.recording)
+    if args.ros2 and args.ros2.resolve() in {path.resolve() for path in args.recording}:
+        raise CannotCreateError(f"--ros2 {args.ros2}: that is the recording itself")
+    adapt = adapter(None, (), None)
+    progress = Progress(1000)
+    with _targets(args, recording) as targets:
+
+        def step(samples: "Records", solutions: "Records") -> None:
+            for target in targets:
+                target.step(samples, solutions)
+
+        def update(fix: "Records", innovations: "Records") -> None:
+            for target in targets:
+                target.update(fix, innovations)
+
+        player = Player(recording.settings(adapt), adapt, Initial(), step, update, recording.notes.append)
+        for entry in recording:
+            player.take(entry)
+            progress.at(1000 * recording.read_bytes // max(recording.bytes, 1))
+    if not player.samples:
+        raise BadDataError("; ".join([f"{recording.path}: no samples of an inertial sensor in it", *recording.notes]))
+    tell("export", recording.notes)
+    return 0
+
+
+@contextmanager
+def _targets(args: argparse.Namespace, recording: Any) -> "Iterator[list[Target]]":
+    with ExitStack() as stack:
+        targets: list[Target] = []
+        if args.csv:
+            targets.append(CsvFolder(args.csv, args.rate, stack))
+        if args.ros2:
+            targets.append(Ros2File(args.ros2, args.rate, recording.unix_less_monotonic_ns, stack))
+        yield targets

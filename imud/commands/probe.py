@@ -1,0 +1,79 @@
+"""`imud probe`: which device is on a port, at which baud rate. Writes no flash; leaves other people's ports alone."""
+
+import argparse
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from drivers.detect import search
+from drivers.driver import Identity
+from drivers.errors import PortError, SpecError
+from drivers.transport.conversation import run_dialogue
+from drivers.transport.line import open_line
+from drivers.transport.portspec import PortSpec
+
+from ..errors import DeviceAbsentError, UsageError
+
+_CANDIDATES = ("ttyUSB*", "ttyACM*", "ttyAMA*", "serial[0-9]*")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "port",
+        nargs="*",
+        metavar="DEV[:DRIVER[@BAUD]]",
+        help="default: every serial port there is; SPI only if named (spi:0.0)",
+    )
+    parser.add_argument("--readonly", action="store_true", help="only listen, write nothing")
+    parser.add_argument("--json", action="store_true", help="one JSON object per port")
+
+
+def candidates(root: Path = Path("/")) -> list[str]:
+    """Serial ports of the machine below `root`, each device once."""
+    present = (path for pattern in _CANDIDATES for path in sorted((root / "dev").glob(pattern)))
+    found = {path.resolve(): f"/{path.relative_to(root)}" for path in present}
+    return sorted(found.values())
+
+
+def examine(spec: PortSpec, readonly: bool) -> dict[str, Any]:
+    """What is on the port: the identity's fields, or `problem` in words."""
+    try:
+        line = open_line(spec)
+        try:
+            found = run_dialogue(line, search(spec, readonly))
+        finally:
+            line.close()
+    except PortError as error:
+        return {"port": spec.path, "problem": str(error)}
+    if isinstance(found, Identity):
+        return {"port": spec.path, **asdict(found)}
+    return {"port": spec.path, "problem": str(found)}
+
+
+def _sentence(result: dict[str, Any]) -> str:
+    if "problem" in result:
+        return f"{result['port']}: {result['problem']}"
+    facts = [f"serial {result['serial']}"] * bool(result["serial"])
+    facts += [f"firmware {result['firmware']}"] * bool(result["firmware"])
+    named = f"--port {result['port']}:{result['driver']}"
+    facts += [named] if result["spi"] else [f"{result['baud']} baud", f"{named}@{result['baud']}"]
+    return f"{result['port']}: {result['model'] or result['driver']}, {', '.join(facts)}"
+
+
+def run(args: argparse.Namespace) -> int:
+    try:
+        specs = [PortSpec.parse(text) for text in args.port or candidates()]
+    except SpecError as error:
+        raise UsageError(str(error)) from error
+    if not specs:
+        raise DeviceAbsentError("no serial port found (looked for /dev/ttyUSB*, ttyACM*, ttyAMA*, serial*); name one")
+    known = 0
+    for spec in specs:
+        if sys.stderr.isatty():
+            print(f"{spec.path}: listening …", end="\r", file=sys.stderr, flush=True)
+        result = examine(spec, args.readonly)
+        known += "problem" not in result
+        print(json.dumps(result) if args.json else _sentence(result), flush=True)
+    return 0 if known else DeviceAbsentError.exit_code

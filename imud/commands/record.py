@@ -1,0 +1,135 @@
+"""`imud record`: what ports say, byte for byte and with its time, to a file, for `imud replay`."""
+
+import argparse
+import contextlib
+import os
+import select
+import signal
+import time
+
+import msgspec
+import structlog
+
+from drivers.driver import AnyDriver, GnssConfigured, Identity
+from drivers.errors import PortEndedError, PortLostError
+
+from ..configuration import choices, config
+from ..configuration.settings import Settings
+from ..daemon import simulated
+from ..daemon.ports import Configured, Port
+from ..errors import ImudError
+from ..process import log
+from ..process.signals import caught
+from ..recording.recorder import Recorder, recording
+from ..sensor_errors import calibration
+from ..sensors.tap import READ, Tap
+from .arguments import above_zero, add_settings
+
+_TICK_S = 0.02
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("ports", nargs="+", metavar="DEV[:DRIVER[@BAUD]]", help="as for `imud run --port`")
+    parser.add_argument("-o", "--output", required=True, metavar="MCAP", help="the recording")
+    parser.add_argument("--seconds", type=above_zero, metavar="N", help="end by itself")
+    parser.add_argument("--readonly", action="store_true", help="write nothing to the devices")
+    parser.add_argument("--wait", action=argparse.BooleanOptionalAction, default=True, help="for absent devices")
+    add_settings(parser)
+
+
+class Tape:
+    """The loop: owns the ports, hands what they say to the recorder."""
+
+    def __init__(self, settings: Settings, recorder: Recorder, wait: bool) -> None:
+        self._recorder = recorder
+        self._log = structlog.get_logger()
+        self._poll = select.epoll()
+        self._by_fd: dict[int, Port] = {}
+        self._taps: dict[Port, Tap] = {}
+        self._room = memoryview(bytearray(READ))
+        self._ended = False
+        self._pulse = choices.pulse(settings)
+        self._ports = [Port(spec, options, self, patient=wait) for spec, options in choices.ports(settings)]
+
+    def run(self, seconds: float) -> None:
+        """Until a signal, or so many seconds."""
+        end_s = time.monotonic() + seconds
+        with caught(dict.fromkeys((signal.SIGTERM, signal.SIGINT, signal.SIGHUP), self._end)) as wakeup:
+            self._poll.register(wakeup, select.POLLIN)
+            while not self._ended and time.monotonic() < end_s:
+                due_s = min(port.deadline_s for port in self._ports) - time.monotonic()
+                for fd, _ in self._poll.poll(max(0.0, min(due_s, _TICK_S))):
+                    if fd == wakeup:
+                        os.read(fd, 64)
+                    elif fd in self._by_fd:
+                        self._hear(self._by_fd[fd])
+                now_s = time.monotonic()
+                for port in self._ports:
+                    port.on_time(now_s)
+                for level, text in self._recorder.look_after():
+                    getattr(self._log, level)(text)
+        for port in self._ports:
+            port.close()
+
+    def _end(self) -> None:
+        self._ended = True
+
+    def _hear(self, port: Port) -> None:
+        tap = self._taps.get(port)
+        if tap is None:
+            port.on_event()
+            return
+        now_ns = time.monotonic_ns()
+        try:
+            received, arrival_ns = port.line.receive(self._room, now_ns)
+        except PortLostError as error:
+            (port.retire if isinstance(error, PortEndedError) else port.lost)(str(error))
+        else:
+            if received:
+                pulse = self._pulse if isinstance(port.configured, GnssConfigured) else None
+                tap(self._room[:received], arrival_ns, pulse.newest_ns(now_ns) if pulse else None)
+
+    def watch(self, port: Port, fd: int) -> None:
+        """See `ports.Host`."""
+        self._by_fd[fd] = port
+        self._poll.register(fd, select.POLLIN)
+
+    def unwatch(self, fd: int) -> None:
+        """See `ports.Host`."""
+        del self._by_fd[fd]
+        self._poll.unregister(fd)
+
+    def connected(self, port: Port, driver: AnyDriver, configured: Configured) -> None:
+        """See `ports.Host`."""
+        number = self._ports.index(port)
+        known = _calibration_of(configured.identity) if driver.kind == "imu" else None
+        self._recorder.connected(number, port.spec.path, configured, known)
+        self._taps[port] = self._recorder.tap(number)
+        self._log.info("streaming", port=port.spec.path, device=configured.identity.model or driver.name)
+
+    def disconnected(self, port: Port) -> None:
+        """See `ports.Host`."""
+        self._recorder.disconnected(self._ports.index(port), port.spec.path)
+        self._taps.pop(port, None)
+
+
+def _calibration_of(identity: Identity) -> calibration.Calibration | None:
+    """What the daemon would take out of the samples."""
+    with contextlib.suppress(ImudError):
+        return calibration.of(identity)
+    return None
+
+
+def run(args: argparse.Namespace) -> int:
+    settings = config.load(args.config, args.set)
+    with contextlib.ExitStack() as stack:
+        ports = stack.enter_context(simulated.ports(args.ports, seed=1))
+        target = msgspec.structs.replace(settings.record, path=args.output)
+        settings = msgspec.structs.replace(
+            settings, ports=ports, record=target, readonly=args.readonly or settings.readonly
+        )
+        recorder = stack.enter_context(recording(settings))
+        assert recorder is not None
+        log.configure(tap=recorder.event)
+        Tape(settings, recorder, args.wait).run(float("inf") if args.seconds is None else args.seconds)
+    return 0

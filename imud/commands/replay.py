@@ -1,0 +1,183 @@
+"""`imud replay`: recorded samples and fixes through the same filter as the daemon's, as fast as it goes."""
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..configuration import config
+from ..configuration.settings import Initial, Settings
+from ..errors import BadDataError, CannotCreateError, UsageError
+from ..progress import Progress
+from ..tables.output import open_output
+from .arguments import above_zero, add_settings, at_least_one
+
+if TYPE_CHECKING:
+    from ..pipeline import Filter, Records
+    from ..tables.inputs import LeftOut
+
+BLOCK = 1024
+_FAR_S, _FORCE_MPS2, _LOOKED_AT = 0.2, (4.0, 25.0), 10_000  # what is doubted; samples looked at for that
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("recordings", nargs="*", type=Path, metavar="MCAP", help="recordings of imud; or:")
+    parser.add_argument("--imu", type=Path, metavar="CSV", help="inertial samples: t_s,gx_radps,…,az_mps2 (FRD)")
+    parser.add_argument("--gnss", type=Path, metavar="CSV|NMEA", help="fixes: t_s,lat_deg,lon_deg,height_m,…, or NMEA")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="CSV",
+        help="estimates; - for stdout; of several recordings a folder",
+    )
+    parser.add_argument("--jobs", type=at_least_one, default=1, metavar="N", help="recordings at a time (default 1)")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="the same on the workers of a Dask scheduler: HOST:8786")
+    parser.add_argument(
+        "--innovations", type=Path, metavar="CSV", help="of fixes, rest and constraints, for `imud report`"
+    )
+    parser.add_argument("--estimator", metavar="NAME", help="default: navigation with --gnss, else attitude")
+    parser.add_argument("--initial", default="", metavar="KEY=V,…", help="known start: lat_deg=…,lon_deg=…,yaw_deg=…")
+    parser.add_argument("--rate", type=above_zero, metavar="HZ", help="thin the output (default: every sample)")
+    parser.add_argument("--calibration", type=Path, metavar="TOML", help="of the sensor, as `imud calibrate` keeps it")
+    add_settings(parser)
+
+
+def play(
+    filter_: "Filter", samples: "Records", fixes: "Records", write: Any, keep: "Records | None" = None, note: Any = None
+) -> int:
+    """Feed everything in the order in which it became known: a fix goes in before the first sample not older than its
+    arrival. `keep` is a mask of the samples whose solutions go to `write(rows)`, None: all, in rows that are written
+    over by the next; `note` is given innovations. Returns the number of fixes fed."""
+    from ..estimators.records import SOLUTION
+
+    out = np.zeros(BLOCK, SOLUTION)
+    progress = Progress(len(samples))
+    places = np.searchsorted(samples["t_ns"], fixes["arrival_ns"], side="left")
+    start = fed = 0
+    for place, fix in [*((p, fixes[i : i + 1]) for i, p in enumerate(places)), (len(samples), None)]:
+        while start < place:
+            stop = min(start + BLOCK, place)
+            filter_.run(samples[start:stop], out[: stop - start])
+            rows = out[: stop - start]
+            write(rows if keep is None else rows[keep[start:stop]])
+            progress.at(stop)
+            start = stop
+            if note is not None:
+                note(filter_.told().copy())
+        if fix is not None and 0 < place < len(samples):
+            innovations = filter_.update(fix)
+            if note is not None:
+                note(innovations.copy())
+            fed += 1
+    return fed
+
+
+def _kept(t_ns: Any, rate_hz: float | None) -> Any:
+    """Mask of the samples that start a new output period; None: all."""
+    if rate_hz is None:
+        return None
+    slot = np.floor((t_ns - t_ns[0]) * 1e-9 * rate_hz + 1e-6)
+    return np.concatenate([[True], np.diff(slot) > 0])
+
+
+def _estimator_name(args: argparse.Namespace, settings: Settings) -> str:
+    name = args.estimator or settings.estimator
+    return ("navigation" if args.gnss else "attitude") if name == "auto" else name
+
+
+def run(args: argparse.Namespace) -> int:
+    if args.recordings:
+        from ..recording import replaying
+
+        if args.imu or args.gnss or args.calibration or args.innovations:
+            raise UsageError("replay: --imu, --gnss, --calibration and --innovations are for tables, not recordings")
+        return replaying.run(args)
+    settings = config.load(args.config, args.set)
+    initial = config.parse_assignments(args.initial, Initial, "--initial")
+    if args.imu is None:
+        raise UsageError("replay: name the recording: FILE.mcap, or --imu imu.csv [--gnss gnss.csv]")
+    from ..estimators import registry
+    from ..pipeline import Filter
+    from ..sensor_errors import calibration
+    from ..tables.estimates import EstimateWriter
+    from ..tables.inputs import LeftOut, read_imu
+
+    estimator = registry.by_name(_estimator_name(args, settings))
+    left_out = LeftOut(args.imu), LeftOut(args.gnss)
+    samples, origin, skipped = read_imu(args.imu, left_out[0])
+    fixes = _read_gnss(args.gnss, origin, samples, settings, left_out[1])
+    rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
+    begin = time.perf_counter()
+    with open_output(args.output) as file:
+        writer = EstimateWriter(file, origin)
+        filter_ = Filter(estimator, settings, initial, rate_hz)
+        if args.calibration is not None:
+            filter_.calibrate(calibration.read(args.calibration))
+        told: list[Records] = []
+        fed = play(filter_, samples, fixes, writer.write, _kept(samples["t_ns"], args.rate), told.append)
+    if args.innovations is not None:
+        _keep_innovations(args.innovations, origin, told)
+    _summary(samples, len(fixes), fed, skipped, time.perf_counter() - begin)
+    for rows in left_out:
+        rows.judge()
+    return 0
+
+
+def _keep_innovations(path: Path, origin: int, told: "list[Records]") -> None:
+    from ..estimators.records import INNOVATION
+    from ..tables.estimates import write_innovations
+
+    try:
+        write_innovations(path, origin, np.concatenate([np.zeros(0, INNOVATION), *told]))
+    except OSError as error:
+        raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _read_gnss(
+    path: Path | None, origin: int, samples: "Records", settings: Settings, left_out: "LeftOut"
+) -> "Records":
+    from ..estimators.records import FIX
+    from ..tables.inputs import read_fixes
+    from ..tables.lines import is_nmea
+
+    if path is None:
+        return np.zeros(0, FIX)
+    if is_nmea(path):
+        from ..sensors.gnss import fixes_of_log
+
+        return fixes_of_log(path, origin, int(samples["t_ns"][0]), settings.gnss)
+    return read_fixes(path, origin, left_out)
+
+
+def _doubts(samples: "Records") -> Iterator[str]:
+    """What looks like values in other units."""
+    apart_s = float(np.median(np.diff(samples["t_ns"]))) * 1e-9
+    force = float(np.median(np.linalg.norm(samples["f"][:: max(1, len(samples) // _LOOKED_AT)], axis=1)))
+    if apart_s > _FAR_S:
+        yield f"the samples are {apart_s:g} s apart: is t_s in s?"
+    if not _FORCE_MPS2[0] < force < _FORCE_MPS2[1]:
+        yield f"the specific force is mostly {force:.3g} m/s^2, where gravity alone gives 9.8: is it in m/s^2?"
+
+
+def _summary(samples: "Records", fixes: int, fed: int, skipped: int, seconds: float) -> None:
+    """What was done, on a terminal; what went wrong, everywhere."""
+    span = float(samples["t_ns"][-1] - samples["t_ns"][0]) * 1e-9
+    if sys.stderr.isatty():
+        speed = span / max(seconds, 1e-9)
+        print(
+            f"imud replay: {len(samples)} samples of {span:.1f} s in {seconds:.2f} s ({speed:.0f} x real time), "
+            f"{fed} of {fixes} fixes",
+            file=sys.stderr,
+        )
+    for remark in _doubts(samples):
+        print(f"imud replay: {remark}", file=sys.stderr)
+    if skipped:
+        print(f"imud replay: {skipped} samples skipped: their time did not advance", file=sys.stderr)
+    if fixes and not fed:
+        raise BadDataError("no fix lies within the time of the samples: are both files on the same clock?")

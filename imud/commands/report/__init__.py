@@ -1,0 +1,79 @@
+"""`imud report`: a run of the filter as one page: its estimates, how far to believe them, and what looks wrong."""
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imud.errors import CannotCreateError, UsageError
+
+if TYPE_CHECKING:
+    from .session import Session
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "files",
+        nargs="+",
+        type=Path,
+        metavar="FILE",
+        help="recordings; or est.csv and innovations of `imud replay`, its imu.csv and gnss.csv; several are overlaid",
+    )
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="HTML", help="the page; works offline")
+
+
+def read(paths: list[Path]) -> "Session":
+    """All files, with a bar as they are read. Raises InputMissingError, BadDataError, UsageError."""
+    from imud.progress import Progress
+    from imud.tables.inputs import is_recording
+
+    from .csv_files import read_table
+    from .recording import read_recording
+    from .session import together
+
+    kinds = [is_recording(path) for path in paths]
+    total = sum(path.stat().st_size for path in paths)
+    progress, done = Progress(1000), 0
+
+    def heard(count: int) -> None:
+        nonlocal done
+        done += count
+        progress.at(min(1000, 1000 * done // max(total, 1)))
+
+    return together(
+        (read_recording if mcap else read_table)(path, name, heard)
+        for path, name, mcap in zip(paths, names_apart(paths), kinds, strict=True)
+    )
+
+
+def names_apart(paths: list[Path]) -> list[str]:
+    """The shortest names of files by which a reader can tell them from each other."""
+    labels: tuple[Callable[[Path], str], ...] = (lambda path: path.stem, lambda path: path.name, str)
+    choices = [[label(path) for path in paths] for label in labels]
+    return next((names for names in choices if len(set(names)) == len(names)), choices[-1])
+
+
+def run(args: argparse.Namespace) -> int:
+    from imud import figures
+
+    if not figures.available():
+        raise UsageError("the page needs plotly: pip install 'imud[web]'")
+    from .content import panels
+    from .findings import findings
+
+    session = read(args.files)
+    said = findings(session)
+    text = "\n".join(["What looks wrong:", *(f"- {line}" for line in said)] if said else ["Nothing looks wrong."])
+    if not session.innovations:
+        text += "\nThere are no innovations in these files: whether the sigmas are right was not judged."
+    if session.events:
+        lines = (f"- {event.name} at {event.t:.1f} s: {event.text}" for event in session.events)
+        text += "\n".join(["\nWhat the daemon warned of:", *lines])
+    title = "imud report: " + ", ".join(path.name for path in args.files)
+    try:
+        figures.write(title, text, panels(session), args.output)
+    except OSError as error:
+        raise CannotCreateError(f"cannot write {args.output}: {error.strerror}") from error
+    print(text, file=sys.stderr)
+    return 0

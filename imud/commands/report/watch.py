@@ -1,0 +1,147 @@
+"""What a report keeps of estimates and samples that pass, block by block: envelopes, counts and what looked wrong."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imud.estimators.records import HEADING_VALID
+from imud.kernels.jit import kernel
+from imud.sensor_errors.profiles import PROFILES
+from imud.sensors.health import examine, new_health, words
+from imud.tables.estimates import ESTIMATE_COLUMNS
+
+from .envelope import Envelope
+from .session import Estimates, Floats, Records, Sensor
+
+NAMES = ("t_s", *(name for name, _ in ESTIMATE_COLUMNS if not name.startswith("q") and name != "status"))
+BITS = 16
+MOST_LOST = 100
+_PLACES = ("lat_deg", "lon_deg")
+_SENSED = ("t_s", "wx", "wy", "wz", "fx", "fy", "fz", "interval_ms", "temperature_c")
+_SETTLING = 64  # samples that tell the rate
+_GAP = 2.5  # periods
+
+
+class EstimateWatch:
+    """Of one run. Blocks are columns by the names of est.csv; times are since the run's origin."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._envelope = Envelope(len(NAMES))
+        self._counts = np.zeros(BITS, np.int64)
+        self.rows = 0
+        self._yaw = math.nan
+        self._status = 0
+        self._lost: list[float] = []
+
+    def add(self, block: dict[str, Floats]) -> None:
+        """The next rows."""
+        status = block["status"].astype(np.int64)
+        self._counts += ((status[:, None] >> np.arange(BITS)) & 1).sum(axis=0)
+        self._note_losses(block["t_s"], status)
+        columns = block | {"yaw_deg": self._unwrapped(block["yaw_deg"])}
+        self._envelope.add(np.stack([columns[name] for name in NAMES], axis=1), status)
+        self.rows += len(status)
+
+    def _note_losses(self, t: Floats, status: NDArray[np.int64]) -> None:
+        heading = (np.concatenate([[self._status], status]) & HEADING_VALID) > 0
+        self._lost += t[heading[:-1] & ~heading[1:]].tolist()[: MOST_LOST - len(self._lost)]
+        self._status = int(status[-1])
+
+    def _unwrapped(self, yaw: Floats) -> Floats:
+        """Degrees without the jump at a half turn, from block to block; NaN stays."""
+        known = np.flatnonzero(np.isfinite(yaw))
+        out = yaw.copy()
+        if len(known):
+            before = [self._yaw] if math.isfinite(self._yaw) else []
+            out[known] = np.unwrap(np.concatenate([before, yaw[known]]), period=360.0)[len(before) :]
+            self._yaw = float(out[known[-1]])
+        return out
+
+    def close(self) -> Estimates:
+        """All that was seen."""
+        extremes, ends, greatest, status = self._envelope.close()
+        columns = {}
+        for i, name in enumerate(NAMES):
+            points = ends if name in _PLACES else greatest if name.startswith("s") else extremes
+            columns[name] = points[:, i]
+        shares = {1 << bit: float(count) / max(self.rows, 1) for bit, count in enumerate(self._counts)}
+        return Estimates(self._name, columns, status, shares, tuple(self._lost))
+
+
+@kernel
+def _examine(health: NDArray[np.void], samples: NDArray[np.void]) -> None:
+    for i in range(len(samples)):
+        examine(health[0], samples[i])
+
+
+class SensorWatch:
+    """Of one inertial sensor. Judges it as the daemon does, by the whole recording; its range is not known."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._envelope = Envelope(len(_SENSED))
+        self._waiting: Records | None = None
+        self._health: Records | None = None
+        self.rate_hz = 0.0
+        self.rows = 0
+        self._last_ns: int | None = None
+        self._gaps, self._longest_s, self._longest_at_s = 0, 0.0, 0.0
+
+    def add(self, rows: Records) -> None:
+        """The next SAMPLE rows; t_ns since the run's origin."""
+        rows = rows.copy()
+        if self._health is None:
+            self._waiting = rows if self._waiting is None else np.concatenate([self._waiting, rows])
+            if len(self._waiting) < _SETTLING:
+                return
+            rows, self._waiting = self._waiting, None
+            self._begin(rows)
+        self._take(rows)
+
+    def _begin(self, rows: Records) -> None:
+        self.rate_hz = 1e9 / max(1.0, float(np.median(np.diff(rows["t_ns"]))))
+        self._health = new_health(PROFILES["consumer-mems"], self.rate_hz)
+        self._health["range"] = math.inf  # not known from a table
+
+    def _take(self, rows: Records) -> None:
+        assert self._health is not None
+        _examine(self._health, rows)
+        t = rows["t_ns"]
+        before = t[0] if self._last_ns is None else self._last_ns
+        intervals = np.diff(np.concatenate([[before], t])) * 1e-9
+        self._note_gaps(intervals, t)
+        if self._last_ns is None:
+            intervals[0] = math.nan
+        self._last_ns = int(t[-1])
+        columns = [t[:, None] * 1e-9, rows["w"], rows["f"], intervals[:, None] * 1e3, rows["temperature"][:, None]]
+        self._envelope.add(np.concatenate(columns, axis=1), rows["flags"].astype(np.int64))
+        self.rows += len(rows)
+
+    def _note_gaps(self, intervals: Floats, t: NDArray[np.int64]) -> None:
+        self._gaps += int(np.count_nonzero(intervals > _GAP / self.rate_hz))
+        if (longest := float(intervals.max())) > self._longest_s:
+            self._longest_s = longest
+            self._longest_at_s = float(t[int(np.argmax(intervals))]) * 1e-9 - longest
+
+    def close(self) -> Sensor | None:
+        """All that was seen; None: hardly anything."""
+        if self._health is None:
+            if self._waiting is None or len(self._waiting) < 2:
+                return None
+            self._begin(self._waiting)
+            self._take(self._waiting)
+        extremes, _, _, flags = self._envelope.close()
+        columns = {name: extremes[:, i] for i, name in enumerate(_SENSED)}
+        return Sensor(self._name, self.rate_hz, columns, flags, tuple(self._said()))
+
+    def _said(self) -> list[str]:
+        assert self._health is not None
+        counts = self._health["found"][0].tolist()
+        said = [f"{text} ({count} samples)" for bit, count in enumerate(counts) if count for text in words(1 << bit)]
+        if self._gaps:
+            said.append(
+                f"{self._gaps} gaps between samples, the longest {self._longest_s:.3g} s at {self._longest_at_s:.1f} s"
+            )
+        return said

@@ -1,0 +1,90 @@
+"""`imud run`: the daemon. Arguments to settings, ports to sensors, signals to an orderly end."""
+
+import argparse
+
+import msgspec
+
+from ..configuration import config
+from ..configuration.settings import Settings
+from ..daemon import simulated
+from ..errors import UsageError
+from ..process import log, runtime
+from .arguments import add_settings, seed
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--port",
+        action="append",
+        default=[],
+        metavar="DEV[:DRIVER[@BAUD]]",
+        help="a serial port, spi:BUS.DEVICE, sim:SCENARIO or replay:MCAP; repeat for the receiver",
+    )
+    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="of the errors of sim: devices (default 1)")
+    parser.add_argument("--estimator", metavar="NAME", help="default: navigation with two ports, else attitude")
+    parser.add_argument("--listen", metavar="ADDR", help="gpsd JSON: HOST:PORT or /path (default 127.0.0.1:2947)")
+    parser.add_argument("--record", metavar="MCAP", help="record everything: raw bytes, estimates, innovations, events")
+    parser.add_argument(
+        "--wait",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="wait for absent and silent devices (default), or exit with 69",
+    )
+    add_settings(parser)
+    parser.add_argument("--check", action="store_true", help="check the configuration and exit")
+    levels = ("debug", "info", "warning", "error")
+    parser.add_argument("--log-level", default="info", choices=levels, help="what is told on stderr (default info)")
+
+
+def run(args: argparse.Namespace) -> int:
+    settings = _settings(args)
+    if args.check:
+        _check(settings)
+        return 0
+    if not settings.ports:
+        raise UsageError("no port: name one, for example --port /dev/ttyUSB0, or try `imud demo`")
+    runtime.without_scipy()
+    from ..daemon.loop import Daemon
+    from ..recording.control import Recordings
+    from ..recording.ports import expanded
+
+    settings = msgspec.structs.replace(settings, ports=expanded(settings.ports))
+    with simulated.ports(settings.ports, args.seed) as ports, Recordings(settings) as recordings:
+        log.configure(args.log_level, recordings.event)
+        emulated = {settings.ports: ports}
+
+        def reread() -> Settings:
+            fresh = _settings(args)
+            return msgspec.structs.replace(fresh, ports=emulated.get(expanded(fresh.ports), fresh.ports))
+
+        settings = msgspec.structs.replace(settings, ports=ports)
+        hot = None if args.config is None else reread
+        return Daemon(settings, wait=args.wait, reread=hot, recordings=recordings).run()
+
+
+def _check(settings: Settings) -> None:
+    """What the daemon would refuse before it touches a device. Raises ConfigError, UsageError."""
+    from ..configuration import choices
+    from ..outputs.gpsd import addresses_of
+    from ..outputs.listen import parse_path
+
+    real = tuple(text for text in settings.ports if not text.startswith(simulated.SCHEME))
+    choices.ports(msgspec.structs.replace(settings, ports=real))
+    choices.estimators(settings)
+    addresses_of(settings.gpsd)
+    if settings.stream.listen:
+        parse_path(settings.stream.listen)
+
+
+def _settings(args: argparse.Namespace) -> Settings:
+    """The configuration file and what overrides it. Raises ConfigError."""
+    settings = config.load(args.config, args.set)
+    if args.port:
+        settings = msgspec.structs.replace(settings, ports=tuple(args.port))
+    if args.estimator:
+        settings = msgspec.structs.replace(settings, estimator=args.estimator)
+    if args.listen:
+        settings = msgspec.structs.replace(settings, gpsd=msgspec.structs.replace(settings.gpsd, listen=args.listen))
+    if args.record:
+        settings = msgspec.structs.replace(settings, record=msgspec.structs.replace(settings.record, path=args.record))
+    return settings

@@ -1,0 +1,213 @@
+"""`imud status`: how a running daemon is, on one screen, as JSON, or for Prometheus. Asks it over its gpsd socket."""
+
+import argparse
+import contextlib
+import json
+import math
+import socket
+import sys
+import textwrap
+from collections.abc import Iterator, Mapping
+from itertools import zip_longest
+from typing import Any
+
+from ..configuration.settings import Gpsd
+from ..errors import ConfigError, DeviceAbsentError, ImudError, PermissionDeniedError, UsageError
+from ..outputs.gpsd_dialogue import TOO_MANY
+from ..outputs.listen import Address, parse_address
+from . import metrics
+
+PORT = 2947
+PATIENCE_S = 5.0
+LONGEST = 1 << 20  # bytes to wait through for the answer
+_WIDTH = 100  # of what stands behind the names
+Table = Mapping[str, Any]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "address",
+        nargs="?",
+        default=Gpsd().listen,
+        metavar="ADDRESS",
+        help="where it listens: HOST[:PORT], or /path of a Unix socket (default %(default)s)",
+    )
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true", help="everything, as one JSON object")
+    form.add_argument("--prometheus", action="store_true", help="as metrics, for example for a textfile collector")
+
+
+def run(args: argparse.Namespace) -> int:
+    try:
+        address = parse_address(args.address, PORT)
+    except ConfigError as error:
+        raise UsageError(str(error)) from error
+    status = ask(address)
+    if args.prometheus:
+        sys.stdout.write(metrics.prometheus(status))
+    elif args.json:
+        print(json.dumps(nested(status)))
+    else:
+        print("\n".join(f"{name:<12}{text}" for name, text in screen(nested(status))))
+    return 0
+
+
+def ask(address: Address) -> dict[str, Any]:
+    """The flat status of the daemon there. Raises DeviceAbsentError (69), PermissionDeniedError (77), ImudError."""
+    with socket.socket(address.family, socket.SOCK_STREAM) as sock:
+        sock.settimeout(PATIENCE_S)
+        try:
+            sock.connect(address.where)
+            sock.sendall(b"?STATUS;\n")
+            return _answer(sock, address)
+        except TimeoutError:
+            raise DeviceAbsentError(
+                f"{address.text} is open, but does not answer: a daemon that still compiles does so when it is ready; "
+                "else see its log"
+            ) from None
+        except PermissionError as error:
+            raise PermissionDeniedError(f"cannot connect to {address.text}: permission denied") from error
+        except OSError as error:
+            raise DeviceAbsentError(
+                f"no daemon answers at {address.text} ({error.strerror}): start one (`imud --port DEV`), or name the "
+                "address that it listens on (`imud status HOST:PORT` or `imud status /path`)"
+            ) from None
+
+
+def _answer(sock: socket.socket, address: Address) -> dict[str, Any]:
+    stranger = DeviceAbsentError(f"what answers at {address.text} is no imud that knows its status")
+    heard = b""
+    while len(heard) < LONGEST and (data := sock.recv(65536)):
+        *lines, heard = (heard + data).split(b"\n")
+        for text in lines:
+            try:
+                message = json.loads(text)
+                kind = message.pop("class")
+            except (ValueError, TypeError, AttributeError, KeyError):
+                raise stranger from None
+            if kind == "STATUS":
+                return dict(message)
+            if kind == "ERROR" and message.get("message") == TOO_MANY:
+                raise ImudError(f"{address.text} says {TOO_MANY}: let some go, or raise gpsd.max_clients")
+            if kind == "ERROR":
+                raise DeviceAbsentError(f"{stranger}: it says {message.get('message')!r}")
+    raise stranger
+
+
+def nested(status: Table) -> dict[str, Any]:
+    """`{"a.b": 1}` as `{"a": {"b": 1}}`; the ports become a list."""
+    tree: dict[str, Any] = {}
+    for key, value in status.items():
+        *path, name = key.split(".")
+        branch = tree
+        for step in path:
+            branch = branch.setdefault(step, {})
+        branch[name] = value
+    tree["ports"] = list(tree.get("ports", {}).values())
+    return tree
+
+
+def screen(status: Table) -> Iterator[tuple[str, str]]:
+    """Lines for people, each with its name."""
+    pace = "OVERLOADED, publishing waits" if status["load"]["overloaded"] else "keeps up"
+    yield "imud", f"{status['version']}, pid {status['pid']}, up {_duration(status['uptime_s'])}, {pace}"
+    yield from _filter(status["filter"])
+    if told := status.get("innovations"):
+        ratios = ", ".join(f"{kind} {entry['ratio']:.2f}" for kind, entry in told.items())
+        yield from zip_longest(["innovations"], textwrap.wrap(ratios, _WIDTH), fillvalue="")
+        used, rejected = (sum(entry[what] for entry in told.values()) for what in ("used", "rejected"))
+        yield "", f"ratio 1 is right; {used} used, {rejected} rejected"
+    for port in status["ports"]:
+        yield from _port(port)
+    for name, output in status["outputs"].items():
+        if addresses := output.pop("addresses", ""):
+            yield name, addresses
+        yield "" if addresses else name, ", ".join(f"{count} {what}" for what, count in output.items())
+    share = 100.0 * status["cpu_s"] / max(status["uptime_s"], 1e-3)
+    megabytes = (status[key] / 2**20 for key in ("memory_bytes", "memory_peak_bytes"))
+    memory = "{:.0f} MB of memory ({:.0f} at most)".format(*megabytes)
+    yield "process", f"{share:.1f} % of a processor, {memory}, {status['open_files']} descriptors"
+    yield "kernels", f"kept in {status['cache']}" if status["cache"] else "not kept: every start compiles"
+
+
+def _duration(seconds: float) -> str:
+    minutes, s = divmod(round(seconds), 60)
+    hours, m = divmod(minutes, 60)
+    days, h = divmod(hours, 24)
+    parts = [(days, "d"), (h, "h"), (m, "min"), (s, "s")]
+    first = next((i for i, (count, _) in enumerate(parts) if count), 3)
+    return " ".join(f"{count} {unit}" for count, unit in parts[first : first + 2])
+
+
+def _filter(f: Table) -> Iterator[tuple[str, str]]:
+    yield "filter", f"{f['estimator']}: {f.get('state', 'no samples yet').replace(',', ', ')}"
+    for name, columns in _ROWS:
+        known = [(what, key, sigma, form) for what, key, sigma, form in columns if key in f]
+        texts = [f"{what} {form.format(f[key], f.get(sigma, math.inf))}" for what, key, sigma, form in known]
+        if texts:
+            yield name, ", ".join(texts)
+
+
+_Row = tuple[tuple[str, str, str, str], ...]  # of each column its name, keys of value and sigma, format
+_PLACE: _Row = (
+    ("lat", "lat_deg", "sn_m", "{:.7f}° ±{:.2f} m"),
+    ("lon", "lon_deg", "se_m", "{:.7f}° ±{:.2f} m"),
+    ("height", "height_m", "sd_m", "{:.2f} ±{:.2f} m"),
+)
+_ROWS: tuple[tuple[str, _Row], ...] = (
+    ("attitude", tuple((a, f"{a}_deg", f"s{a}_deg", "{:+.2f} ±{:.2f}°") for a in ("roll", "pitch", "yaw"))),
+    ("position", _PLACE),
+    ("velocity", tuple((a, f"v{a}_mps", f"sv{a}_mps", "{:+.3f} ±{:.3f} m/s") for a in "ned")),
+    ("gyro bias", tuple((a, f"bg{a}_dps", f"sbg{a}_dps", "{:+.4f} ±{:.4f}°/s") for a in "xyz")),
+    ("accel bias", tuple((a, f"ba{a}_mps2", f"sba{a}_mps2", "{:+.4f} ±{:.4f} m/s²") for a in "xyz")),
+)
+
+
+def _port(port: Table) -> Iterator[tuple[str, str]]:
+    if not port["streaming"]:
+        yield "port", port["story"] if port["path"] in port["story"] else f"{port['path']}: {port['story']}"
+        return
+    facts = [port["model"] or port["driver"]]
+    facts += [f"{word} {port[key]}" for word, key in (("serial", "serial"), ("firmware", "firmware")) if port[key]]
+    facts += [f"{port['baud']} baud"] if "baud" in port else []
+    yield "port", f"{port['path']}: {', '.join(facts)}; {port['health']}"
+    yield "", f"{_rate(port)}, {_counted(port, _COUNTED)}, connected {_times(port['connects'])}"
+    if clock := port.get("clock"):
+        yield "", _clock(clock)
+    if "quality" in port:
+        yield "", f"fix: {_fix(port)}"
+        if sentences := port.get("sentences"):
+            yield "", "sentences: " + ", ".join(f"{count} {what}" for what, count in sentences.items())
+
+
+_COUNTED = ("frames", "lost", "junk", "bad", "suspect", "errors", "overruns", "torn", "unannounced", "used")
+
+
+def _rate(port: Table) -> str:
+    heard = f"{port['rate_hz']:.4g}" if "rate_hz" in port else "?"
+    return f"{heard} of {port['rate_asked_hz']:.4g} Hz" if "rate_asked_hz" in port else f"{heard} fixes/s"
+
+
+def _counted(port: Table, names: tuple[str, ...]) -> str:
+    refused = "".join(f", {count} refused by gnss.{rule}" for rule, count in port.get("refused", {}).items())
+    return ", ".join(f"{port[name]} {name}" for name in names if name in port) + refused
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
+
+
+def _clock(clock: Table) -> str:
+    fit = "not fitted yet"
+    if "drift_ppm" in clock:
+        fit = f"drift {clock['drift_ppm']:+.1f} ppm, residual {clock['residual_us']:.0f} µs"
+    late = f"samples {1e-3 * clock['late_us']:.2f} ms late in the mean, {1e-3 * clock['latest_us']:.1f} at most"
+    return f"clock: {fit}, {clock['corrections']} corrections; {late}"
+
+
+def _fix(port: Table) -> str:
+    facts = [f"quality {port['quality']}"]
+    for key, form in (("satellites", "{} satellites"), ("hdop", "HDOP {:g}"), ("fix_age_s", "{:.1f} s ago")):
+        with contextlib.suppress(KeyError):
+            facts.append(form.format(port[key]))
+    return ", ".join(facts)

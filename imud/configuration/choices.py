@@ -1,0 +1,107 @@
+"""What the settings, and then the sensor that was found, make of the daemon: ports, estimator, noise profile."""
+
+from collections import Counter
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import msgspec
+
+from drivers.driver import Identity, ImuConfigured, Options
+from drivers.errors import PortAbsentError, SpecError
+from drivers.transport.portspec import PortSpec
+from drivers.transport.pps import PulsePerSecond
+
+from ..errors import DeviceAbsentError, UsageError
+from ..estimators import Estimator, registry
+from ..sensor_errors.profiles import PROFILES
+from .settings import Settings
+
+RECORDED = "replay:"  # several ports may play one file
+WITHOUT_GYROS = "tilt"  # the estimator for sensors that lack them
+
+
+def ports(settings: Settings) -> list[tuple[PortSpec, Options]]:
+    """Each port with what is wanted of the device on it. Raises UsageError."""
+    imu, gnss = settings.imu, settings.gnss
+    options = Options(
+        model=imu.model,
+        rate_hz=imu.rate_hz,
+        polled=imu.mode == "polled",
+        filter_taps=imu.filter_taps,
+        self_test=imu.self_test,
+        fix_rate_hz=gnss.rate_hz if gnss.configure else 0.0,
+    )
+    specs = [_spec(text, settings) for text in settings.ports]
+    named = Counter(str(spec) if spec.path.startswith(RECORDED) else spec.path for spec in specs)
+    if twice := [path for path, times in named.items() if times > 1]:
+        raise UsageError(f"port {', '.join(twice)} is named twice")
+    readonly = _readonly(settings.readonly, [spec.path for spec in specs])
+    return [(spec, replace(options, readonly=spec.path in readonly)) for spec in specs]
+
+
+def _spec(text: str, settings: Settings) -> PortSpec:
+    try:
+        spec = PortSpec.parse(text)
+        return replace(spec, data_ready=settings.spi.data_ready or None) if spec.spi else spec
+    except SpecError as error:
+        raise UsageError(str(error)) from error
+
+
+def _readonly(wanted: bool | tuple[str, ...], paths: list[str]) -> Collection[str]:
+    """The ports to which nothing is written."""
+    if isinstance(wanted, bool):
+        return paths if wanted else ()
+    if unknown := [path for path in wanted if path not in paths]:
+        raise UsageError(f"readonly names {', '.join(unknown)}, but the ports are {', '.join(paths)}")
+    return wanted
+
+
+def pulse(settings: Settings) -> PulsePerSecond | None:
+    """The receiver's pulse per second, if the settings name one. Raises DeviceAbsentError."""
+    try:
+        return PulsePerSecond(settings.gnss.pps) if settings.gnss.pps else None
+    except PortAbsentError as error:
+        raise DeviceAbsentError(str(error)) from error
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The estimator that is wanted, and what may take its place if the choice was left to us."""
+
+    wanted: Estimator
+    fallback: Estimator | None
+
+    @property
+    def possible(self) -> list[Estimator]:
+        return [self.wanted] if self.fallback is None else [self.wanted, self.fallback]
+
+    def fitting(self, sensor: ImuConfigured) -> tuple[Estimator, str]:
+        """What the sensor suffices for, and why it is not what is wanted. Raises UsageError if the user insists."""
+        if all(sensor.gyro_axes) or not self.wanted.needs_gyros:
+            return self.wanted, ""
+        missing = ", ".join(axis for axis, there in zip("xyz", sensor.gyro_axes, strict=True) if not there)
+        device = sensor.identity.model or sensor.identity.driver
+        if self.fallback is None:
+            raise UsageError(
+                f"the estimator {self.wanted.name!r} needs all gyros, and {device} has none about {missing}: "
+                f"choose --estimator {WITHOUT_GYROS}, or leave the choice to imud"
+            )
+        return (
+            self.fallback,
+            f"{device} has no gyro about {missing}: {self.fallback.name} instead of {self.wanted.name}",
+        )
+
+
+def estimators(settings: Settings) -> Choice:
+    """What the user asked for; else by whether a receiver may be there. Raises UsageError."""
+    if settings.estimator != "auto":
+        return Choice(registry.by_name(settings.estimator), None)
+    name = "navigation" if len(settings.ports) > 1 else "attitude"
+    return Choice(registry.by_name(name), registry.by_name(WITHOUT_GYROS))
+
+
+def settings_for(settings: Settings, identity: Identity) -> Settings:
+    """Settings with the noise profile of the sensor that was found, unless the user chose one."""
+    if settings.imu.profile != "auto" or identity.profile not in PROFILES:
+        return settings
+    return msgspec.structs.replace(settings, imu=msgspec.structs.replace(settings.imu, profile=identity.profile))

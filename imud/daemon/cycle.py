@@ -1,0 +1,103 @@
+"""The daemon's wait, and what it does meanwhile without Python: read, decode, stamp, filter, publish.
+
+While the inertial sensor's line is plain (its bytes are there by reading the descriptor, and nobody else wants to see
+them), a wake-up for its bytes never leaves compiled code. Python is returned to when anything else has happened or is
+due: another descriptor, a signal, a time, a reading that failed, a batch so late that it must be judged what is still
+published, a solution that somebody is to be shown. So there is one loop, which costs as little as one in C, and every
+fault is handled where it can be seen, in Python.
+"""
+
+import select
+
+import numpy as np
+
+from drivers.entry import waiting_entry
+from drivers.transport.serial import CHUNK
+
+from ..kernels.system import CLOCK_MONOTONIC, clock_ns, ppoll, read
+from ..outputs.binary import BinaryOutputs, publish
+from ..pipeline import RX, STREAM, Records, Stream, ingest
+
+CYCLE = np.dtype(
+    [
+        ("fd", "<i4"),  # struct pollfd twice: of the line, -1: there is none that is plain
+        ("events", "<i2"),
+        ("happened", "<i2"),
+        ("others_fd", "<i4"),  # and of the poll object with all other descriptors
+        ("others_events", "<i2"),
+        ("others_happened", "<i2"),
+        ("timeout_s", "<i8"),  # struct timespec
+        ("timeout_ns", "<i8"),
+        ("time", "<i8", (2,)),  # room for another
+        ("at", "<i8"),  # addresses: of this record,
+        ("timeout_at", "<i8"),  # and of parts of it
+        ("time_at", "<i8"),
+    ],
+    align=True,
+)
+_SECOND_NS = 1_000_000_000
+FAILED, SHOW = -1, -2
+
+
+@waiting_entry
+def _turn(cycle: Records, stream: Records, publisher: Records, until_ns: int, show_ns: int, most: int) -> int:
+    c, s = cycle[0], stream[0]
+    now_ns = clock_ns(CLOCK_MONOTONIC, c.time_at)
+    while True:
+        wait_ns = max(until_ns - now_ns, 0)
+        c.timeout_s, c.timeout_ns = wait_ns // _SECOND_NS, wait_ns % _SECOND_NS
+        ready = ppoll(c.at, 2, c.timeout_at, 0)
+        now_ns = clock_ns(CLOCK_MONOTONIC, c.time_at)
+        if ready <= 0:
+            return 0
+        if c.happened != 0:
+            received = read(c.fd, s.rx + s.fill, min(CHUNK, RX - s.fill))
+            if received <= 0:
+                return FAILED
+            n = ingest(stream, received, now_ns)
+            if n > most:
+                return n
+            if n > 0:
+                publish(publisher, s.solutions, n, s.count, now_ns)
+                if now_ns >= show_ns:
+                    return SHOW
+        if c.others_happened != 0 or now_ns >= until_ns:
+            return 0
+
+
+class Cycle:
+    """One line and its stream, and a poll object for everything else. Not thread-safe."""
+
+    def __init__(self) -> None:
+        self.others = select.epoll()
+        self._idle = np.zeros(1, STREAM)
+        self._record = np.zeros(1, CYCLE)
+        for name, part in (("at", "fd"), ("timeout_at", "timeout_s"), ("time_at", "time")):
+            self._record[name] = self._record[part].ctypes.data
+        self._record["events"] = self._record["others_events"] = select.POLLIN
+        self._record["others_fd"] = self.others.fileno()
+        self.detach()
+
+    @property
+    def fd(self) -> int:
+        """Of the line; -1: none is attached."""
+        return int(self._record["fd"][0])
+
+    def attach(self, fd: int, stream: Stream) -> None:
+        """Read this line into this stream from now on."""
+        self._record["fd"], self._stream = fd, stream.record
+
+    def detach(self) -> None:
+        """Leave it alone."""
+        self._record["fd"], self._stream = -1, self._idle
+
+    def turn(self, until_ns: int, outputs: BinaryOutputs, show_ns: int, most: int) -> int:
+        """Wait until something has happened or `until_ns`, and publish batches of at most so many meanwhile.
+
+        Returns how many solutions, more than `most`, were made at last and not published; FAILED if the line could
+        not be read; SHOW once solutions were published at `show_ns` or later; else 0.
+        """
+        return _turn(self._record, self._stream, outputs.record, until_ns, show_ns, most)
+
+    def close(self) -> None:
+        self.others.close()

@@ -1,0 +1,252 @@
+"""The daemon's ports and what streams on them: which is the inertial sensor, which the receiver, who reads its bytes.
+
+It is the host of the ports, owns their descriptors, and knows nothing of what becomes of solutions and fixes.
+"""
+
+import math
+import select
+import time
+from typing import Any
+
+import structlog
+
+from drivers.driver import AnyDriver, Identity, ImuConfigured
+from drivers.errors import PortEndedError, PortLostError
+
+from ..configuration import choices
+from ..configuration.settings import Settings
+from ..errors import ImudError, UsageError
+from ..outputs.view import Device
+from ..process import garbage
+from ..recording.control import Recordings
+from ..sensor_errors import calibration
+from ..sensors.fitting import Fitting
+from ..sensors.gnss import Records
+from ..sensors.inertial import Inertial
+from ..sensors.rate import ALIKE
+from ..sensors.receiver import Receiver
+from .cycle import Cycle
+from .ports import Configured, Port
+
+_PARTS = {"imu": "inertial sensor", "gnss": "receiver"}
+_ABSENCE_S = 5.0  # after which a spare takes over: one that comes back sooner finds its filter as it left it
+
+
+class Devices:
+    """At most one sensor of each kind streams; what else there is of that kind is a spare. Not thread-safe."""
+
+    def __init__(self, settings: Settings, patient: bool, cycle: Cycle, recordings: Recordings) -> None:
+        """patient: wait for devices that are absent at the start. Raises UsageError, DeviceAbsentError."""
+        self._settings = settings
+        self._cycle, self._recordings = cycle, recordings
+        self._log = structlog.get_logger()
+        self.fitting = Fitting(settings, self._log.warning)
+        self.ports = [Port(spec, options, self, patient) for spec, options in choices.ports(settings)]
+        self.imu: tuple[Port, Inertial] | None = None
+        self.gnss: tuple[Port, Receiver] | None = None
+        self.described: tuple[Device, ...] = ()  # those that stream, for the clients
+        self._pulse = choices.pulse(settings)
+        self._insisted: float | None = None  # share of the agreed rate for which the sensor was set up anew
+        self._known = calibration.Calibration("")  # of the inertial sensor
+        self._by_fd: dict[int, Port] = {}
+        self._spares: dict[str, set[Port]] = {kind: set() for kind in _PARTS}
+        recordings.on_begin, recordings.on_end = self._introduce, self._read_directly
+
+    def look(self) -> None:
+        """Find at once that there is no point in waiting. Raises ImudError as `on_time`."""
+        for port in self.ports:
+            port.look()
+
+    def configure(self, settings: Settings) -> None:
+        """Take what is hot of other settings."""
+        self._settings = settings
+        if self.gnss:
+            self.gnss[1].settings = settings.gnss
+        if self.imu and self.imu[0].configured:
+            own = choices.settings_for(settings, self.imu[0].configured.identity)
+            self.imu[1].stream.filter.configure(own)
+
+    @property
+    def deadline_s(self) -> float:
+        """When `on_time` has something to do."""
+        return min([port.deadline_s for port in self.ports])
+
+    def on_time(self, now_s: float) -> None:
+        """What is due on the ports: another try, or the end of a listening. Raises ImudError as `Port` does."""
+        for port in self.ports:
+            port.on_time(now_s)
+
+    def __contains__(self, fd: int) -> bool:
+        return fd in self._by_fd
+
+    def on_event(self, fd: int, now_ns: int) -> tuple[int, list[Records]]:
+        """Bytes on a port: how many solutions they brought, and which fixes."""
+        port = self._by_fd[fd]
+        try:
+            if self.imu and port is self.imu[0]:
+                return self.imu[1].read(now_ns), []
+            if self.gnss and port is self.gnss[0]:
+                return 0, self.gnss[1].read(port.line, now_ns)
+            port.on_event()
+        except PortLostError as error:
+            (port.retire if isinstance(error, PortEndedError) else port.lost)(str(error))
+        return 0, []
+
+    def look_after(self, now_ns: int) -> None:
+        """Now and then: streams that fell silent, complaints of lines, how the sensor's clock goes."""
+        for port, sensor in self.streaming().values():
+            if now_ns - sensor.heard_ns > sensor.silence_ns and not _is_readable(port.fd):
+                port.lost("the device sends nothing more of use")
+        if self.imu and (share := self.imu[1].share_of_rate()):
+            self._insist(*self.imu, share)
+        for port in self.ports:
+            port.pass_on()
+        if self._recordings.current and self.imu:
+            self._recordings.current.looked(self.ports.index(self.imu[0]), self.imu[1], now_ns)
+
+    def _insist(self, port: Port, sensor: Inertial, share: float) -> None:
+        """Set up anew a sensor that comes at another rate than was agreed; where that did not help, leave it alone."""
+        if share == 1.0:
+            self._insisted = None
+        elif self._insisted is None or abs(share / self._insisted - 1.0) > ALIKE:
+            self._insisted = share
+            agreed_hz = 1.0 / sensor.period_s
+            port.lost(f"about {share * agreed_hz:.3g} samples/s come, {agreed_hz:g} were agreed: set up anew")
+
+    def streaming(self) -> dict[str, tuple[Port, Inertial] | tuple[Port, Receiver]]:
+        """By kind, what streams."""
+        pairs = {"imu": self.imu, "gnss": self.gnss}
+        return {kind: pair for kind, pair in pairs.items() if pair}
+
+    def watch(self, port: Port, fd: int) -> None:
+        """A port opened its device."""
+        self._by_fd[fd] = port
+        self._cycle.others.register(fd, select.POLLIN)
+
+    def unwatch(self, fd: int) -> None:
+        """A port closes its device."""
+        del self._by_fd[fd]
+        if fd == self._cycle.fd:
+            self._cycle.detach()
+        else:
+            self._cycle.others.unregister(fd)
+
+    def connected(self, port: Port, driver: AnyDriver, configured: Configured) -> None:
+        """A device streams."""
+        if other := self.streaming().get(driver.kind):
+            self._spares[driver.kind].add(port)
+            port.retire(f"a spare, for when {other[0].spec.path}, the {_PARTS[driver.kind]}, is away")
+            return
+        identity = configured.identity
+        facts: dict[str, Any] = {"port": port.spec.path, "device": identity.model or driver.name, "baud": identity.baud}
+        now_ns = time.monotonic_ns()
+        if isinstance(configured, ImuConfigured) and driver.kind == "imu":
+            known = self._calibration_of(identity)
+            try:
+                inertial = self.fitting.connect(port.line, driver, configured, known, self._settings, now_ns)
+            except UsageError as error:
+                if self.fitting.inertial is None:
+                    raise
+                port.refuse(str(error))  # who served once does not end because of what is plugged in later
+                return
+            self.imu, self._known = (port, inertial), known
+            self._record(port, inertial)
+            self._read_directly()
+            facts |= {"serial": identity.serial, "firmware": identity.firmware, "rate_hz": configured.rate_hz}
+        elif driver.kind == "gnss":
+            self.gnss = (port, Receiver(driver, self._settings.gnss, now_ns, self._pulse))
+            self._record(*self.gnss)
+        self._spares[driver.kind].discard(port)
+        self._wake_spares(driver.kind, math.inf)
+        self._log.info("streaming", **{name: value for name, value in facts.items() if value})
+        if self.imu is None and all(port.configured for port in self.ports):
+            self._log.warning("there is no inertial sensor on any port: only the receiver's fixes are passed on")
+        self._describe()
+        garbage.set_aside()
+
+    def disconnected(self, port: Port) -> None:
+        """A device streams no more."""
+        if self._recordings.current:
+            self._recordings.current.disconnected(self.ports.index(port), port.spec.path)
+        for kind, (held, _) in self.streaming().items():
+            if held is port:
+                self._wake_spares(kind, time.monotonic() + _ABSENCE_S)
+        if self.imu and self.imu[0] is port:
+            self.imu = None
+        if self.gnss and self.gnss[0] is port:
+            self._log.info("receiver ended", port=port.spec.path, **self.gnss[1].counters())
+            self.gnss = None
+        self._describe()
+
+    def _wake_spares(self, kind: str, at_s: float) -> None:
+        for port in self._spares[kind]:
+            port.wake(at_s)
+
+    def close(self) -> None:
+        """Let go of them all."""
+        for port in self.ports:
+            port.close()
+        if self.fitting.inertial is not None:
+            self._log.info("ended", samples=self.fitting.inertial.samples, **self.fitting.inertial.counters())
+
+    def _describe(self) -> None:
+        self.described = tuple(
+            _described(port, port.configured) for port, _ in self.streaming().values() if port.configured
+        )
+
+    def _calibration_of(self, identity: Identity) -> calibration.Calibration:
+        """What is known of this very sensor."""
+        try:
+            found = calibration.of(identity)
+        except ImudError as error:
+            self._log.warning(f"uncalibrated: {error}")
+            return calibration.Calibration("")
+        if parts := found.parts:
+            self._log.info("calibrated", sensor=found.serial, **parts)
+        return found
+
+    def _read_directly(self) -> None:
+        """Let the inertial sensor's line be read in compiled code, if nobody else wants to see its bytes."""
+        if self._recordings.current is None:
+            for _, sensor in self.streaming().values():
+                sensor.tap = None
+        if self.imu and self.imu[0].line.plain and self.imu[1].tap is None and self._cycle.fd < 0:
+            port, inertial = self.imu
+            self._cycle.others.unregister(port.fd)
+            self._cycle.attach(port.fd, inertial.stream)
+
+    def _introduce(self) -> None:
+        """To a recording that begins: the sensors that stream already. Their bytes must pass through Python now."""
+        if self.imu and self.imu[0].fd == self._cycle.fd:
+            self._cycle.detach()
+            self._cycle.others.register(self.imu[0].fd, select.POLLIN)
+        for port, sensor in self.streaming().values():
+            self._record(port, sensor)
+
+    def _record(self, port: Port, sensor: Inertial | Receiver) -> None:
+        """Have the sensor's bytes recorded, if anything is."""
+        recorder = self._recordings.current
+        if recorder and port.configured:
+            number = self.ports.index(port)
+            known = self._known if isinstance(sensor, Inertial) else None
+            recorder.connected(number, port.spec.path, port.configured, known)
+            sensor.tap = recorder.tap(number)
+
+
+def _described(port: Port, configured: Configured) -> Device:
+    identity = configured.identity
+    return Device(
+        path=port.spec.path,
+        driver=identity.driver,
+        bps=identity.baud or None,
+        model=identity.model,
+        serial=identity.serial,
+        activated_s=time.time(),
+    )
+
+
+def _is_readable(fd: int) -> bool:
+    """Whether bytes wait: it may be we who slept, not the device."""
+    poll = select.poll()
+    poll.register(fd, select.POLLIN)
+    return bool(poll.poll(0))

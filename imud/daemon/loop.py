@@ -1,0 +1,194 @@
+"""The daemon's one loop: waits on all descriptors at once, hands bytes to the sensors and solutions to the outputs.
+
+It owns the order of things, from the start to the farewell; it knows no register, no equation and no JSON key.
+"""
+
+import contextlib
+import os
+import select
+import signal
+import time
+from collections.abc import Callable
+from functools import partial
+
+import structlog
+
+from .. import compilation
+from ..configuration.config import adopt
+from ..configuration.settings import Settings
+from ..errors import ImudError
+from ..outputs.all import Outputs
+from ..pipeline import BATCH
+from ..process import garbage, realtime, runtime
+from ..process.notify import Notifier
+from ..process.signals import caught
+from ..recording.control import Recordings
+from ..sensors.inertial import Inertial
+from .account import Account
+from .cycle import FAILED, SHOW, Cycle
+from .delivery import Delivery
+from .devices import Devices
+
+_SLOW_NS = 50_000_000  # what is not urgent is looked after this often
+_SOON_NS = 20_000_000  # while a fix waits for the end of its epoch
+_INTERRUPTED, _HUNG_UP = 130, 129
+
+
+class Daemon:
+    """Runs until a signal ends it. One per process."""
+
+    def __init__(
+        self,
+        settings: Settings,
+        wait: bool = True,
+        reread: Callable[[], Settings] | None = None,
+        recordings: Recordings | None = None,
+    ) -> None:
+        """`wait` for devices that are absent at the start; `reread` is called on SIGHUP.
+
+        `recordings` are closed by the caller.
+        """
+        self._settings = settings
+        self._reread = reread
+        self._log = structlog.get_logger()
+        self._recordings = recordings or Recordings(settings)
+        self._cycle = Cycle()
+        self._devices = Devices(settings, wait, self._cycle, self._recordings)
+        self._account = Account(self._devices)
+        self._notifier = Notifier()
+        self._exit: int | None = None
+        self._reload_due = False
+        self._compiling = False
+
+    def run(self) -> int:
+        """Serve until SIGTERM (returns 0) or Ctrl-C (130). Raises ImudError when there is no point in going on."""
+        with contextlib.closing(self._cycle), contextlib.ExitStack() as stack:
+            self._wakeup = stack.enter_context(caught(self._actions()))
+            self._cycle.others.register(self._wakeup, select.POLLIN)
+            self._outputs = stack.enter_context(contextlib.closing(self._open_outputs()))
+            self._delivery = Delivery(self._devices, self._recordings, self._outputs, self._account.health)
+            self._devices.look()
+            self._notifier.say("STATUS=compiling", "EXTEND_TIMEOUT_USEC=300000000")
+            self._compiling = True
+            self._prepare_kernels()
+            compilation.release_compiler()
+            self._compiling = False
+            garbage.set_aside()
+            realtime.apply(self._settings.realtime)
+            name = self._devices.fitting.estimator.name
+            self._log.info("ready", gpsd=" ".join(self._outputs.gpsd.addresses), estimator=name)
+            self._notifier.say("READY=1")
+            stack.callback(self._devices.close)
+            stack.callback(self._notifier.say, "STOPPING=1")
+            self._serve()
+        assert self._exit is not None
+        return self._exit
+
+    def _open_outputs(self) -> Outputs:
+        own = {"STATUS": lambda: self._account.status(self._delivery, self._outputs), "RECORD": self._recordings.told}
+        orders = {"RECORD": self._recordings.obey}
+        return Outputs(self._settings, self._cycle.others, BATCH, own, orders)
+
+    def _prepare_kernels(self) -> None:
+        fitting = self._devices.fitting
+        estimators = fitting.choice.possible
+        if missing := compilation.missing(estimators):
+            name = fitting.estimator.name
+            self._log.info("compiling the filter (the first start takes a while)", estimator=name)
+            if not compilation.compile_apart(missing, self._settings):
+                places = ", ".join(str(path) for path in runtime.candidates())
+                self._log.warning(f"compiled kernels could not be kept, every start compiles anew: see {places}")
+        compilation.warm_decoders()
+        for estimator in estimators:
+            compilation.warm(estimator, self._settings)
+
+    def _serve(self) -> None:
+        slow_ns = 0
+        while self._exit is None:
+            unpublished = self._turn(slow_ns)
+            now_ns = time.monotonic_ns()
+            if self._devices.imu:
+                self._on_turn(self._devices.imu[0].fd, self._devices.imu[1], unpublished, now_ns)
+            for fd, mask in self._cycle.others.poll(0):
+                self._dispatch(fd, mask, now_ns)
+            self._devices.on_time(now_ns * 1e-9)
+            if self._reload_due:
+                self._reload()
+            if now_ns >= slow_ns:
+                gnss = self._devices.gnss
+                slow_ns = now_ns + (_SOON_NS if gnss and gnss[1].decoder.pending else _SLOW_NS)
+                self._look_after(now_ns)
+
+    def _turn(self, slow_ns: int) -> int:
+        """Wait until something has happened that the cycle does not do by itself, or until something is due."""
+        due_s = self._devices.deadline_s
+        until_ns = round(due_s * 1e9) if due_s < slow_ns * 1e-9 else slow_ns
+        return self._cycle.turn(until_ns, self._outputs.binary, self._outputs.due_ns, self._delivery.most())
+
+    def _on_turn(self, fd: int, inertial: Inertial, unpublished: int, now_ns: int) -> None:
+        """What the cycle left to do: a reading that failed, a batch that is to be judged, a view that is due."""
+        if unpublished == FAILED:
+            self._dispatch(fd, 0, now_ns)
+        elif unpublished > 0:
+            self._delivery.solved(inertial, unpublished, now_ns)
+        elif unpublished == SHOW:
+            self._delivery.show(inertial, now_ns)
+
+    def _dispatch(self, fd: int, mask: int, now_ns: int) -> None:
+        if fd in self._devices:
+            n, fixes = self._devices.on_event(fd, now_ns)
+            if n and self._devices.imu:
+                self._delivery.solved(self._devices.imu[1], n, now_ns)
+            self._delivery.fixed(fixes, self._settings.gnss.latency_s)
+        elif fd == self._wakeup:
+            os.read(fd, 64)  # its handler has run
+        else:
+            self._outputs.on_event(fd, mask, now_ns)
+
+    def _look_after(self, now_ns: int) -> None:
+        """What is due now and then: unfinished epochs, silence, slow clients, the watchdog, changes worth a line."""
+        self._delivery.look_after(self._settings.gnss.latency_s, now_ns)
+        self._devices.look_after(now_ns)
+        if self._devices.imu is None:
+            self._delivery.show_receiver(now_ns)
+        self._outputs.look_after(now_ns)
+        self._account.look_after(self._delivery.load, now_ns)
+        for level, text in self._recordings.look_after():
+            getattr(self._log, level)(text)
+        self._notifier.status("; ".join(f"{port.spec.path}: {port.story}" for port in self._devices.ports))
+        self._notifier.alive(now_ns)
+
+    def _actions(self) -> dict[signal.Signals, Callable[[], None]]:
+        """What the signals mean. Without a file to read again a hang-up is the terminal's, and an end."""
+        ends = {signal.SIGTERM: 0, signal.SIGINT: _INTERRUPTED, signal.SIGHUP: _HUNG_UP}
+        actions: dict[signal.Signals, Callable[[], None]] = {n: partial(self._end, code) for n, code in ends.items()}
+        if self._reread is not None:
+            actions[signal.SIGHUP] = self._ask_for_reload
+        return actions
+
+    def _end(self, code: int) -> None:
+        self._exit = code
+        if self._compiling:  # no loop runs yet that would see it
+            raise SystemExit(code)
+
+    def _ask_for_reload(self) -> None:
+        self._reload_due = True
+
+    def _reload(self) -> None:
+        """Read the configuration again and take what is hot; one with an error changes nothing."""
+        assert self._reread is not None
+        self._reload_due = False
+        self._notifier.say("RELOADING=1", f"MONOTONIC_USEC={time.monotonic_ns() // 1000}")
+        try:
+            self._settings, taken, waiting = adopt(self._settings, self._reread())
+        except ImudError as error:
+            self._log.error(f"the configuration stays as it was: {error}")
+        else:
+            self._outputs.configure(self._settings)
+            self._devices.configure(self._settings)
+            if self._recordings.current:
+                self._recordings.current.settings(self._settings)
+            self._log.info("read the configuration again", changed=", ".join(taken) or "nothing")
+            if waiting:
+                self._log.warning(f"takes effect at the next start: {', '.join(waiting)}")
+        self._notifier.say("READY=1")

@@ -1,0 +1,26 @@
+"""A receiver's fix as a solution of its own, for as long as there is no inertial sensor: what it says, and how well."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..estimators.navigation.gnss import SPEED_SIGMA, VERTICAL, horizontal_sigma
+from ..estimators.records import POSITION_VALID, SOLUTION
+from ..kernels.jit import interpreted
+from ..outputs.view import NO_SOLUTION
+
+
+def solution(fix: NDArray[np.void]) -> NDArray[np.void]:
+    """fix: an array of one FIX. Returns an array of one SOLUTION, with the velocity over ground and no attitude."""
+    row = np.frombuffer(NO_SOLUTION, SOLUTION).copy()
+    for name in ("t_ns", "lat", "lon", "height"):
+        row[name] = fix[name]
+    row["status"] = POSITION_VALID
+    told = fix.view(np.recarray)[0]
+    horizontal = interpreted(horizontal_sigma)(told)
+    row["sigma_p"] = horizontal, horizontal, told.sigma[2] if math.isfinite(told.sigma[2]) else VERTICAL * horizontal
+    course = told.course if told.speed > 0.0 else 0.0
+    row["v"] = told.speed * math.cos(course), told.speed * math.sin(course), math.nan
+    row["sigma_v"] = SPEED_SIGMA[1], SPEED_SIGMA[1], math.nan
+    return row

@@ -1,0 +1,75 @@
+"""`sim:SCENARIO` ports: emulated devices as processes of their own, which the daemon opens as if they were hardware.
+
+Ports of the same scenario share one emulator, so that they feel the same motion from the same instant. It ends with
+the block, and also when this process dies.
+"""
+
+import contextlib
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from drivers.errors import SpecError
+from drivers.transport.portspec import PortSpec
+
+from ..errors import ImudError, UsageError
+
+SCHEME = "sim:"
+DEVICES = {None: "g350", "epson": "g350", "crossbow": "rga300", "seraccel": "seraccel", "nmea": "nmea"}  # by driver
+_MISUSE = 64  # exit code of the emulator
+
+
+@contextlib.contextmanager
+def ports(texts: Sequence[str], seed: int) -> Iterator[tuple[str, ...]]:
+    """`texts` with those of emulated devices replaced by the pseudo-terminals on which they are now.
+
+    seed: of the sensors' errors. Raises UsageError for a scenario or a speed that the emulator does not know.
+    """
+    specs = [_spec(text) for text in texts]
+    scenarios = dict.fromkeys(spec.path for spec in specs if spec.path.startswith(SCHEME))
+    with contextlib.ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="imud-sim-"))) if scenarios else Path()
+        for scenario in scenarios:
+            ours = [i for i, spec in enumerate(specs) if spec.path == scenario]
+            wanted = [specs[i] for i in ours]
+            for i in ours:
+                specs[i] = replace(
+                    specs[i], path=str(folder / f"{scenario[len(SCHEME) :]}-{DEVICES[specs[i].driver]}-{i}")
+                )
+            stack.enter_context(_emulator(wanted, [specs[i].path for i in ours], seed, folder / "log"))
+        yield tuple(map(str, specs))
+
+
+def _spec(text: str) -> PortSpec:
+    try:
+        return PortSpec.parse(text)
+    except SpecError as error:
+        raise UsageError(str(error)) from error
+
+
+@contextlib.contextmanager
+def _emulator(specs: Sequence[PortSpec], links: Sequence[str], seed: int, log: Path) -> Iterator[None]:
+    """A process with a device for each of `specs`, all of one scenario, at `links`."""
+    scenario = specs[0].path[len(SCHEME) :]
+    command = [sys.executable, "-m", "firmware_sim", f"--scenario={scenario}", f"--seed={seed}"]
+    command += [f"--parent={os.getpid()}", *(f"--link={link}" for link in links), "--"]
+    command += [DEVICES[spec.driver] + (f"@{spec.baud}" if spec.baud else "") for spec in specs]
+    with log.open("w") as complaints:
+        # a session of its own: Ctrl-C is for us, and ends it through us
+        process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=complaints, stdin=subprocess.DEVNULL, start_new_session=True
+        )
+    with process:
+        try:
+            assert process.stdout is not None
+            if not all(process.stdout.readline() for _ in specs):
+                kind = UsageError if process.wait() == _MISUSE else ImudError
+                why = log.read_text().strip().rpartition("\n")[2].rpartition("error: ")[2]
+                raise kind(f"port {specs[0].path!r}: {why}")
+            yield
+        finally:
+            process.terminate()

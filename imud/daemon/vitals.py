@@ -1,0 +1,161 @@
+"""How a running daemon is, as one nested table of numbers and texts: `imud status` and Prometheus show the same.
+
+Until somebody asks it costs the loop a sum per sample (how late it came), one per innovation and a glance per second.
+Counters of a port begin anew with each connection; what is not known is left out. Units stand in the names, which are
+those of `imud replay`'s est.csv where both have them.
+"""
+
+import dataclasses
+import importlib.metadata
+import json
+import math
+import os
+import resource
+import time
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.driver import ImuConfigured
+
+from ..estimators.innovation_kinds import KINDS
+from ..estimators.records import ATTITUDE_VALID
+from ..outputs.gpsd_json import STATUS_WORDS, status_words
+from ..outputs.view import decode, euler
+
+if TYPE_CHECKING:
+    from ..outputs.binary import BinaryOutputs
+    from ..outputs.gpsd import GpsdServer
+    from ..sensors.inertial import Inertial
+    from ..sensors.receiver import Receiver
+    from .load import Load
+    from .ports import Port
+
+MEMORY = 32.0  # fixes over which an innovation ratio is averaged
+Table = dict[str, Any]
+
+
+class Innovations:
+    """What the filter made of fixes, rest and constraints: how many it used, how large they were for their variance."""
+
+    def __init__(self) -> None:
+        self._table: dict[int, Table] = {}
+        self._judged: Counter[int] = Counter()
+
+    def take(self, rows: NDArray[np.void]) -> None:
+        """The next ones (INNOVATION). One refused unseen, as a fix out of order is, has no value, and only counts."""
+        for _, kind, value, variance, used in rows.tolist():
+            entry = self._table.setdefault(kind, {"used": 0, "rejected": 0, "ratio": 0.0})
+            entry["used" if used else "rejected"] += 1
+            if math.isfinite(value):
+                self._judged[kind] += 1
+                entry["ratio"] += (value * value / variance - entry["ratio"]) / min(MEMORY, self._judged[kind])
+
+    def told(self) -> Table:
+        """By kind; `ratio` is the mean of innovation^2 / variance over the last fixes, 1 for a filter that knows."""
+        return {KINDS[kind].key: dict(entry) for kind, entry in sorted(self._table.items())}
+
+
+def of_process(started_ns: int) -> Table:
+    """Time and memory that this process took, and where its compiled kernels are kept."""
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    resident = int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+    return {
+        "version": importlib.metadata.version("imud"),
+        "pid": os.getpid(),
+        "uptime_s": round((time.monotonic_ns() - started_ns) * 1e-9, 3),
+        "cpu_s": round(time.process_time(), 3),
+        "memory_bytes": resident,
+        "memory_peak_bytes": usage.ru_maxrss * 1024,
+        "open_files": len(os.listdir("/proc/self/fd")),  # noqa: PTH208  # names are all that is needed
+        "cache": os.environ.get("NUMBA_CACHE_DIR", ""),
+    }
+
+
+def of_port(
+    port: "Port", now_ns: int, part: "Inertial | Receiver | None" = None, troubles: tuple[str, ...] | None = None
+) -> Table:
+    """A port, its device, and what was counted since it streams."""
+    table: Table = {"path": port.spec.path, "story": port.story, "connects": port.connects, "streaming": False}
+    configured = port.configured
+    if configured is None or part is None:
+        return table
+    identity = configured.identity
+    table |= {
+        "streaming": True,
+        "driver": identity.driver,
+        "model": identity.model,
+        "serial": identity.serial,
+        "firmware": identity.firmware,
+        "baud": identity.baud or None,
+        "health": "; ".join(troubles or ()) or "ok",
+        "troubles": len(troubles or ()),
+        "rate_hz": part.rate.hz,
+    }
+    if isinstance(configured, ImuConfigured):
+        table["rate_asked_hz"] = configured.rate_hz
+    return table | part.facts(now_ns)
+
+
+def of_filter(inertial: "Inertial | None", estimator: str) -> Table:
+    """The newest solution: state in words, values and their standard deviations, biases."""
+    solution = inertial.newest if inertial else None
+    if solution is None:
+        return {"estimator": estimator}
+    s = decode(solution.tobytes())
+    rpy = dict(zip(("roll_deg", "pitch_deg", "yaw_deg"), euler(s.q_nb), strict=True))
+    return {
+        "estimator": estimator,
+        "state": status_words(s.status),
+        "flags": {word: bool(s.status & bit) for bit, word in STATUS_WORDS.items()},
+        **(rpy if s.status & ATTITUDE_VALID else {}),
+        **_named("s{}_deg", ("roll", "pitch", "yaw"), s.sigma_rpy),
+        "lat_deg": s.lat,
+        "lon_deg": s.lon,
+        "height_m": s.height,
+        **_named("v{}_mps", "ned", s.v),
+        **_named("s{}_m", "ned", s.sigma_p),
+        **_named("sv{}_mps", "ned", s.sigma_v),
+        **_named("bg{}_dps", "xyz", s.bg),
+        **_named("sbg{}_dps", "xyz", s.sigma_bg),
+        **_named("ba{}_mps2", "xyz", s.ba),
+        **_named("sba{}_mps2", "xyz", s.sigma_ba),
+    }
+
+
+def _named(form: str, names: Any, values: Any) -> Table:
+    return {form.format(name): value for name, value in zip(names, values, strict=True)}
+
+
+def of_outputs(gpsd: "GpsdServer", binary: "BinaryOutputs") -> Table:
+    """Clients, and what slow ones lost."""
+    counted = dataclasses.asdict(gpsd.counters)
+    return {
+        "gpsd": {"addresses": " ".join(gpsd.addresses), "clients": gpsd.clients, **counted},
+        "stream": {"clients": binary.stream.clients, "dropped": binary.stream.dropped},
+    }
+
+
+def of_load(load: "Load") -> Table:
+    """Whether the machine keeps up."""
+    return {"overloaded": load.overloaded, "shed": load.shed}
+
+
+def flat(table: Mapping[str, Any], prefix: str = "") -> Table:
+    """`{"a": {"b": 1}}` as `{"a.b": 1}`; without what is unknown (None, NaN, infinite)."""
+    items: Table = {}
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            items |= flat(value, f"{prefix}{key}.")
+        elif value is not None and not (isinstance(value, float) and not math.isfinite(value)):
+            items[prefix + key] = value
+    return items
+
+
+def status_object(table: Table) -> str:
+    """As one flat JSON object of a class of our own: gpsd's clients stumble over anything else."""
+    return json.dumps({"class": "STATUS", **flat(table)}, separators=(",", ":"))

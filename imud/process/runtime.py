@@ -1,0 +1,100 @@
+"""What must be settled before numba is imported: where compiled kernels are kept, and how many threads BLAS starts.
+
+numba keys its cache by the file of a kernel alone: it does not notice a changed callee or constant in another file and
+would run stale machine code. So the cache directory's name holds a digest of all that machine code depends on: every
+source file, the libraries that compile, Python, and the processor. Directories that nobody used for weeks are removed.
+"""
+
+import contextlib
+import hashlib
+import importlib.metadata
+import os
+import platform
+import shutil
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from ..configuration.folders import places
+
+_ROOT = Path(__file__).resolve().parents[2]
+_ROOMS = ("imud", "drivers")
+_PREFIX = "numba-"
+_UNUSED_S = 14 * 86400.0
+_ROOM_BYTES = 64 << 20  # that must be free on the disk: all kernels take a third of it
+# these change the code, but not numba's key
+_SWITCHES = ("NUMBA_OPT", "NUMBA_BOUNDSCHECK", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
+_CPU = {"vendor_id", "cpu family", "model", "stepping", "flags"}  # of /proc/cpuinfo
+_CPU |= {"CPU implementer", "CPU part", "CPU variant", "Features"}  # on ARM
+
+
+def _processor() -> str:
+    """What LLVM knows the processor by."""
+    try:
+        first = Path("/proc/cpuinfo").read_text(errors="replace").split("\n\n")[0]
+    except OSError:
+        return platform.machine()
+    return "\n".join(line for line in first.splitlines() if line.split("\t")[0].rstrip() in _CPU)
+
+
+def source_digest(root: Path = _ROOT) -> str:
+    """Digest of all sources that kernels may come from, and of what turns them into machine code."""
+    digest = hashlib.sha256(f"{sys.version};{_processor()};".encode())
+    for name in ("numba", "llvmlite", "numpy"):
+        digest.update(f"{name}={importlib.metadata.version(name)};".encode())
+    for variable in _SWITCHES:
+        digest.update(f"{variable}={os.environ.get(variable, '')};".encode())
+    for room in _ROOMS:
+        for path in sorted((root / room).rglob("*.py")):
+            digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def is_writable(folder: Path) -> bool:
+    """Whether files can be made in `folder`, which is made if need be, and whether they have room there."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return shutil.disk_usage(folder).free > _ROOM_BYTES
+    except OSError:
+        return False
+
+
+def candidates() -> list[Path]:
+    """Where compiled kernels may be kept: where the user says; or in systemd's CacheDirectory, or the user's cache."""
+    name = f"{_PREFIX}{source_digest()}"
+    given = Path(os.environ.get("NUMBA_CACHE_DIR", ""))
+    if given.name == name:  # a process of ours has settled it
+        return [given]
+    return [base / name for base in ([given] if given.name else places("cache"))]
+
+
+def _remove_unused(base: Path, now_s: float) -> None:
+    """Digests that no process has used for weeks: of earlier versions, or of another processor."""
+    for folder in base.glob(f"{_PREFIX}*"):
+        with contextlib.suppress(OSError):
+            if now_s - folder.stat().st_mtime > _UNUSED_S:
+                shutil.rmtree(folder, ignore_errors=True)
+
+
+def without_scipy() -> None:
+    """Keep numba from loading SciPy, if installed, for linear algebra that no kernel uses: 0.2 s and 15 MB."""
+    sys.modules.setdefault("scipy", None)  # type: ignore[arg-type]
+
+
+def prepare() -> Path | None:
+    """Set the environment for numba; call before anything imports it.
+
+    Returns the cache directory; None where there is none to be had: then every start compiles (see `kernels.jit`).
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one thread and 57 MB of address space less
+    for folder in candidates():
+        if is_writable(folder):
+            if "NUMBA_CACHE_DIR" not in os.environ:
+                os.utime(folder)  # used
+                _remove_unused(folder.parent, time.time())
+            os.environ["NUMBA_CACHE_DIR"] = str(folder)
+            return folder
+    os.environ.pop("NUMBA_CACHE_DIR", None)
+    return None

@@ -1,0 +1,195 @@
+"""What is known of one particular sensor: biases, scale and misalignment, mounting; a file per serial number.
+
+The files are replaced as a whole, and each part says when, how warm and how well it was found.
+"""
+
+import contextlib
+import math
+import os
+import re
+import tempfile
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.driver import Identity
+
+from ..configuration.folders import places
+from ..errors import BadDataError, CannotCreateError, InputMissingError
+from ..kernels.jit import interpreted, kernel
+from ..kernels.rotation import dcm_of_quat, quat_of_euler
+
+Triple = tuple[float, float, float]
+Matrix = tuple[Triple, Triple, Triple]
+NOTHING: Triple = (0.0, 0.0, 0.0)
+_COMMON = Path("/var/lib/imud")
+
+
+class Gyro(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """rate = measured - bias - slope * (temperature - temperature_c), in the sensor's axes."""
+
+    date: str
+    bias_radps: Triple
+    sigma_radps: Triple  # 1 sigma of the bias
+    temperature_c: float = math.nan
+    slope_radps_per_k: Triple = NOTHING
+    slope_sigma_radps_per_k: Triple = NOTHING
+
+
+class Accelerometer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """force = matrix (measured - bias), in the sensor's axes."""
+
+    date: str
+    bias_mps2: Triple
+    matrix: Matrix
+    sigma_mps2: Triple  # 1 sigma of the bias
+    residual_mps2: float  # root mean square of |force| - g over the positions
+    positions: int
+    temperature_c: float = math.nan
+
+
+class Mounting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The sensor's axes in the vehicle's, as `imu.mount_rpy_deg`."""
+
+    date: str
+    rpy_deg: Triple
+    sigma_deg: Triple
+
+
+class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Of the sensor `serial`; what was never found is None."""
+
+    serial: str
+    gyro: Gyro | None = None
+    accelerometer: Accelerometer | None = None
+    mounting: Mounting | None = None
+
+    @property
+    def parts(self) -> dict[str, str]:
+        """What is known, and since when."""
+        known = {name: getattr(self, name) for name in ("gyro", "accelerometer", "mounting")}
+        return {name: part.date for name, part in known.items() if part is not None}
+
+
+CORRECTION = np.dtype(
+    [
+        ("gyro", "<f8", (9,)),  # row-major, from sensor to body axes
+        ("accel", "<f8", (9,)),
+        ("gyro_bias", "<f8", (3,)),  # rad/s, sensor's axes
+        ("gyro_slope", "<f8", (3,)),  # rad/s/K
+        ("temperature", "<f8"),  # degC, of gyro_bias
+        ("accel_bias", "<f8", (3,)),  # m/s^2
+        ("turn", "<f8", (9,)),  # of directions: the mounting alone
+    ],
+    align=True,
+)
+
+
+def correction(calibration: Calibration, mount_rpy_deg: Triple) -> NDArray[np.void]:
+    """What `correct` needs (array of one CORRECTION). A mounting that the user gives goes before the one found."""
+    rpy = mount_rpy_deg
+    if rpy == NOTHING and calibration.mounting is not None:
+        rpy = calibration.mounting.rpy_deg
+    q = interpreted(quat_of_euler)(*(math.radians(angle) for angle in rpy))
+    turn = np.array(interpreted(dcm_of_quat)(q)).reshape(3, 3)
+    c = np.zeros(1, CORRECTION)
+    c["turn"] = c["gyro"] = c["accel"] = turn.ravel()
+    if calibration.gyro is not None:
+        gyro = calibration.gyro
+        c["gyro_bias"], c["gyro_slope"], c["temperature"] = gyro.bias_radps, gyro.slope_radps_per_k, gyro.temperature_c
+    if calibration.accelerometer is not None:
+        accel = calibration.accelerometer
+        c["accel_bias"], c["accel"] = accel.bias_mps2, (turn @ np.array(accel.matrix)).ravel()
+    return c
+
+
+@kernel
+def correct(sample: Any, c: Any) -> None:
+    """Take the sensor's known errors out of a sample and turn it from the sensor's into body axes."""
+    warmer = sample.temperature - c.temperature
+    if not math.isfinite(warmer):
+        warmer = 0.0
+    w0 = sample.w[0] - c.gyro_bias[0] - warmer * c.gyro_slope[0]
+    w1 = sample.w[1] - c.gyro_bias[1] - warmer * c.gyro_slope[1]
+    w2 = sample.w[2] - c.gyro_bias[2] - warmer * c.gyro_slope[2]
+    f0, f1, f2 = sample.f[0] - c.accel_bias[0], sample.f[1] - c.accel_bias[1], sample.f[2] - c.accel_bias[2]
+    d0, d1, d2 = sample.down[0], sample.down[1], sample.down[2]
+    w, f, down, W, F, D = sample.w, sample.f, sample.down, c.gyro, c.accel, c.turn
+    for i in range(3):
+        w[i] = W[3 * i] * w0 + W[3 * i + 1] * w1 + W[3 * i + 2] * w2
+        f[i] = F[3 * i] * f0 + F[3 * i + 1] * f1 + F[3 * i + 2] * f2
+        down[i] = D[3 * i] * d0 + D[3 * i + 1] * d1 + D[3 * i + 2] * d2
+
+
+def folders() -> list[Path]:
+    """Where calibrations are kept, the first that counts first: the machine's, then the service's or the user's own."""
+    return [_COMMON, *places("state")]
+
+
+def _name(serial: str) -> str:
+    return f"calibration-{re.sub(r'[^A-Za-z0-9._-]', '_', serial)}.toml"
+
+
+def load(serial: str, where: list[Path] | None = None) -> Calibration:
+    """The calibration of the sensor `serial`, empty if there is none. Raises BadDataError for a broken file."""
+    for place in folders() if where is None else where:
+        with contextlib.suppress(InputMissingError):
+            return read(place / _name(serial))
+    return Calibration(serial)
+
+
+def name_of(identity: Identity) -> str:
+    """By what a sensor's calibration goes: its serial number; that of one without by its model."""
+    return identity.serial or identity.model or identity.driver
+
+
+def of(identity: Identity) -> Calibration:
+    """That of the sensor which was found. Raises BadDataError."""
+    return load(name_of(identity))
+
+
+def read(path: Path) -> Calibration:
+    """The calibration in a file. Raises InputMissingError, BadDataError."""
+    try:
+        return msgspec.convert(tomllib.loads(path.read_text()), Calibration)
+    except OSError as error:
+        raise InputMissingError(f"{path} cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
+        raise BadDataError(f"{path} is no calibration: {error}; calibrate again or delete it") from error
+
+
+def save(calibration: Calibration, where: list[Path] | None = None) -> Path:
+    """Replace the file as a whole, in the first folder that may be written. Raises CannotCreateError."""
+    tried = folders() if where is None else where
+    for place in tried:
+        path = place / _name(calibration.serial)
+        with contextlib.suppress(OSError):
+            if place is tried[-1]:
+                place.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile("w", dir=place, delete=False) as file:
+                file.write(_toml(calibration))
+                file.flush()
+                os.fsync(file.fileno())
+            Path(file.name).chmod(0o644)
+            Path(file.name).replace(path)
+            return path
+    raise CannotCreateError(f"cannot keep the calibration: none of {', '.join(map(str, tried))} may be written")
+
+
+def _toml(calibration: Calibration) -> str:
+    lines = [f"serial = {_value(calibration.serial)}"]
+    for name in calibration.parts:
+        part = getattr(calibration, name)
+        lines += ["", f"[{name}]", *(f"{field} = {_value(getattr(part, field))}" for field in part.__struct_fields__)]
+    return "\n".join(lines) + "\n"
+
+
+def _value(value: Any) -> str:
+    """TOML of what a calibration is made of; its floats read back bit for bit."""
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_value, value))}]"
+    return msgspec.json.encode(value).decode() if isinstance(value, str) else repr(value)

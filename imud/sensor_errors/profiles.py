@@ -1,0 +1,94 @@
+"""Noise profiles of inertial sensors by name: what an estimator must know of a sensor, with its source."""
+
+import math
+from dataclasses import dataclass, replace
+
+from ..configuration.settings import Settings
+from ..kernels.earth import STANDARD_GRAVITY
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Noise of one sensor model, SI."""
+
+    gyro_noise: float  # angular random walk, (rad/s)/sqrt(Hz)
+    gyro_bias_instability: float  # rad/s
+    gyro_bias_initial: float  # rad/s, 1 sigma at switch-on
+    gyro_scale: float  # 1 sigma of scale factor and misalignment
+    gyro_range: float  # rad/s
+    accel_noise: float  # velocity random walk, (m/s^2)/sqrt(Hz)
+    accel_bias_instability: float  # m/s^2
+    accel_bias_initial: float  # m/s^2, 1 sigma at switch-on
+    accel_scale: float
+    accel_range: float  # m/s^2
+
+
+_DEG = math.radians(1.0)
+_HOUR = 3600.0
+_MG = 1e-3 * STANDARD_GRAVITY
+
+PROFILES = {
+    # Epson M-G350-PD11 data sheet, in its units: ARW 0.2 deg/sqrt(h), VRW 0.04 (m/s)/sqrt(h), scale factor +-0.5 %
+    "m-g350": Profile(
+        gyro_noise=0.2 * _DEG / math.sqrt(_HOUR),
+        gyro_bias_instability=6.0 * _DEG / _HOUR,
+        gyro_bias_initial=0.5 * _DEG,
+        gyro_scale=0.005,
+        gyro_range=300.0 * _DEG,
+        accel_noise=0.04 / math.sqrt(_HOUR),
+        accel_bias_instability=0.1 * _MG,
+        accel_bias_initial=8.0 * _MG,
+        accel_scale=0.005,
+        accel_range=3.0 * STANDARD_GRAVITY,
+    ),
+    # a phone- or drone-class part of unknown make: ten times the noise, and biases that need a wide prior
+    # (one real unit in our recordings had 4.5 deg/s)
+    "consumer-mems": Profile(
+        gyro_noise=0.01 * _DEG,
+        gyro_bias_instability=20.0 * _DEG / _HOUR,
+        gyro_bias_initial=2.0 * _DEG,
+        gyro_scale=0.01,
+        gyro_range=2000.0 * _DEG,
+        accel_noise=2e-3,
+        accel_bias_instability=0.5 * _MG,
+        accel_bias_initial=30.0 * _MG,
+        accel_scale=0.01,
+        accel_range=16.0 * STANDARD_GRAVITY,
+    ),
+}
+# Freescale MMA7260QT on SparkFun's serial accelerometers: 0.35 mg/sqrt(Hz) up to 350 Hz, which sampling at 50/s turns
+# into 8 mg a sample; the zero-g offset that a hand calibration leaves. It has no gyro to describe
+PROFILES["mma7260"] = replace(
+    PROFILES["consumer-mems"],
+    accel_noise=8.0 * _MG / math.sqrt(50.0),
+    accel_bias_instability=2.0 * _MG,
+    accel_bias_initial=30.0 * _MG,
+    accel_scale=0.03,
+    accel_range=6.0 * STANDARD_GRAVITY,
+)
+# Epson M-G320, M-G354, M-G362 and later: no data sheet of their noise at hand, only that they succeeded the M-G350; so
+# its noise, with the widest ranges among them
+PROFILES["epson-windowed"] = replace(PROFILES["m-g350"], gyro_range=450.0 * _DEG, accel_range=10.0 * STANDARD_GRAVITY)
+
+DEFAULT = "consumer-mems"
+
+
+# settings.noise: key, what it replaces, its unit in SI
+_KNOWN_BETTER = (
+    ("gyro_random_walk_deg_per_sqrt_h", "gyro_noise", _DEG / math.sqrt(_HOUR)),
+    ("gyro_bias_instability_deg_per_h", "gyro_bias_instability", _DEG / _HOUR),
+    ("gyro_bias_initial_dps", "gyro_bias_initial", _DEG),
+    ("gyro_scale_percent", "gyro_scale", 0.01),
+    ("accel_random_walk_mps_per_sqrt_h", "accel_noise", 1.0 / math.sqrt(_HOUR)),
+    ("accel_bias_instability_mg", "accel_bias_instability", _MG),
+    ("accel_bias_initial_mg", "accel_bias_initial", _MG),
+    ("accel_scale_percent", "accel_scale", 0.01),
+)
+
+
+def profile_of(settings: Settings) -> Profile:
+    """The profile that the settings name, that of an unknown sensor for "auto", with what they know better."""
+    name = settings.imu.profile
+    profile = PROFILES[DEFAULT if name == "auto" else name]
+    known = {field: value * unit for key, field, unit in _KNOWN_BETTER if (value := getattr(settings.noise, key))}
+    return replace(profile, **known)

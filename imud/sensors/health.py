@@ -1,0 +1,259 @@
+"""Whether an inertial sensor's readings can be true, axis by axis: frozen, at the end of the range, impossible.
+
+What a reading that tells nothing means for the estimate is the estimator's business: `examine` marks the sample
+(`drivers/sample.py`) and says for how long it has told nothing.
+
+An axis is frozen when it repeats itself for longer than its noise allows. How noisy it is, is learned: a quiet sensor
+with a coarse resolution, or a simulated one without noise, may well repeat itself for ever. Noise bends to and fro from
+sample to sample, motion does not; an axis is judged only if its bends, in the quietest time seen, were many times its
+resolution, which is the smallest change seen, and if the maker promises such noise. Some sensors hold a value for a few
+samples: the longest hold seen counts as usual.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.entry import entry
+from drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, SATURATED, SUSPECT
+
+from ..kernels.earth import STANDARD_GRAVITY
+from ..kernels.jit import kernel
+from ..sensor_errors.profiles import Profile
+
+LEAST_RUN, LEAST_RUN_S = 20, 0.1  # of equal samples
+USUAL = 8  # times the longest hold
+BLOCK = 256  # samples from which noise is judged
+HOLD = 8  # equal samples that are worth a look, and spoil a block
+RESTLESS = BLOCK // 4  # bends to and fro in a block: of white noise three quarters of the samples
+FINE = 4.0  # resolutions: mean second difference of white noise of two resolutions, of which 20 equal are impossible
+ZEROS = 3  # samples whose force is exactly nothing
+IMPOSSIBLE = 2.0  # times the range
+LATITUDE = 0.999  # of the range: scale factors are rounded
+WEIGHT_S = 10.0
+LIGHTEST, HEAVIEST = 0.5, 2.0  # of gravity, root mean square over WEIGHT_S: beyond lasts on no vehicle
+COLDEST, HOTTEST = -60.0, 130.0  # degC; one damaged word among good ones is none of the sensor's
+SHOWN_NS = 2_000_000_000  # so long a finding is reported after it was last made
+
+FROZEN, LIMITED, INVALID, ZERO, WEIGHT, TEMPERATURE = 0, 6, 12, 18, 19, 20  # findings; the first three per axis
+FINDINGS = 21
+_RATES, _FORCES = 0b000111, 0b111000
+_NO_RATE = _RATES << FROZEN | _RATES << INVALID
+_NO_FORCE = _FORCES << FROZEN | _FORCES << INVALID | 1 << ZERO | 1 << WEIGHT
+
+HEALTH = np.dtype(
+    [
+        ("range", "<f8", (6,)),  # rad/s about x y z, m/s^2 along x y z; the sensor's axes
+        ("promised", "<f8", (6,)),  # noise of a sample by the profile, same units
+        ("least_run", "<i8"),
+        ("fade", "<f8"),  # of the mean square force, per sample
+        ("samples", "<i8"),
+        ("last_ns", "<i8"),
+        ("fresh", "<f8", (6,)),  # scratch: the sample at hand
+        ("value", "<f8", (6,)),  # of the newest sample
+        ("step", "<f8", (6,)),  # its difference from the one before
+        ("curve", "<f8", (6,)),  # and that one's from the one before
+        ("finest", "<f8", (6,)),  # smallest difference
+        ("turns", "<i8", (6,)),  # changes of the second difference's sign, in the block at hand
+        ("bend", "<f8", (6,)),  # sum of its sizes
+        ("spoilt", "<i8", (6,)),  # 1: the block says nothing
+        ("quietest", "<f8", (6,)),  # mean second difference of the quietest block; infinite: not known
+        ("run", "<i8", (6,)),  # equal samples
+        ("held", "<i8", (6,)),  # as many, once they are worth a look
+        ("run_ns", "<i8", (6,)),  # when that value came
+        ("longest", "<i8", (6,)),
+        ("zeros", "<i8"),
+        ("fever", "<i8"),  # samples in sequence with an impossible temperature
+        ("force2", "<f8"),  # (m/s^2)^2, mean square
+        ("told_ns", "<i8", (2,)),  # last sample whose rates, and forces, told something
+        ("found_ns", "<i8", (FINDINGS,)),  # when last
+        ("found", "<i8", (FINDINGS,)),  # samples
+    ],
+    align=True,
+)
+
+
+def new_health(profile: Profile, rate_hz: float) -> NDArray[np.void]:
+    """A record (array of one HEALTH) for a sensor of this profile at `rate_hz`."""
+    h = np.zeros(1, HEALTH)
+    h["range"] = np.repeat((LATITUDE * profile.gyro_range, LATITUDE * profile.accel_range), 3)
+    h["promised"] = np.repeat((profile.gyro_noise, profile.accel_noise), 3) * math.sqrt(0.5 * rate_hz)
+    h["least_run"] = max(LEAST_RUN, round(LEAST_RUN_S * rate_hz))
+    h["fade"] = min(1.0, 1.0 / (WEIGHT_S * rate_hz))
+    h["finest"] = h["quietest"] = math.inf
+    h["value"] = math.nan
+    h["force2"] = STANDARD_GRAVITY**2
+    return h
+
+
+@kernel
+def take(h: Any, sample: Any) -> bool:
+    """Note the values and what they tell of the noise; whether any of them is worth a closer look.
+
+    Nearly all of what it costs to judge a sample is here, so there are no branches: this can become vector code.
+    """
+    value, step, curve, finest, turns, bend, run = h.value, h.step, h.curve, h.finest, h.turns, h.bend, h.run
+    for i in range(3):
+        h.fresh[i], h.fresh[3 + i] = sample.w[i], sample.f[i]
+    odd = False
+    bends = 0.0
+    for i in range(6):
+        v = h.fresh[i]
+        d = v - value[i]
+        size = abs(d)
+        second = d - step[i]
+        turns[i] += second * curve[i] < 0.0
+        bend[i] += abs(second)
+        bends += bend[i]
+        finest[i] = min(finest[i], size if size > 0.0 else math.inf)
+        curve[i], step[i], value[i] = second, d, v
+        odd |= (run[i] >= HOLD - 1) | (not abs(v) < h.range[i])
+        run[i] = run[i] + 1 if size == 0.0 else 0
+    return odd | (not bends < math.inf)
+
+
+@kernel
+def end_block(h: Any) -> None:
+    """Learn the noise from a block without holds."""
+    for i in range(6):
+        if h.spoilt[i] == 0 and h.turns[i] >= RESTLESS:
+            h.quietest[i] = min(h.quietest[i], h.bend[i] / BLOCK)
+        h.bend[i] = 0.0
+        h.turns[i] = h.spoilt[i] = 0
+
+
+@kernel
+def repeats_itself(h: Any, i: int, t_ns: int) -> bool:
+    """Whether axis i has held its value for too long."""
+    most = max(h.least_run, USUAL * h.longest[i])
+    if h.run[i] < HOLD:
+        if h.held[i] < most:
+            h.longest[i] = max(h.longest[i], h.held[i])
+        h.held[i] = 0
+        return False
+    if h.run[i] == HOLD:
+        h.run_ns[i] = t_ns - HOLD * (t_ns - h.last_ns)
+    h.held[i] = h.run[i]
+    h.spoilt[i] = 1
+    fine = FINE * h.finest[i] <= h.quietest[i] < math.inf and h.finest[i] <= h.promised[i]
+    return bool(fine and h.run[i] >= most)
+
+
+@kernel
+def judge_axis(h: Any, i: int, t_ns: int) -> int:
+    """Findings on axis i."""
+    size = abs(h.value[i])
+    if not math.isfinite(size):
+        h.spoilt[i] = 1
+        return 1 << (INVALID + i)
+    if not math.isfinite(h.curve[i]):  # one of the two values before was not
+        h.step[i] = h.curve[i] = h.bend[i] = 0.0
+        h.spoilt[i] = 1
+    if size >= h.range[i]:
+        h.spoilt[i] = 1
+        return 1 << ((INVALID if size > IMPOSSIBLE * h.range[i] else LIMITED) + i)
+    return 1 << (FROZEN + i) if repeats_itself(h, i, t_ns) else 0
+
+
+@kernel
+def judge_force(h: Any) -> int:
+    """Findings on the three forces together."""
+    f = h.value
+    square = f[3] * f[3] + f[4] * f[4] + f[5] * f[5]
+    h.zeros = h.zeros + 1 if square == 0.0 else 0
+    if math.isfinite(square):
+        h.force2 += h.fade * (min(square, 100.0 * STANDARD_GRAVITY**2) - h.force2)
+    findings = 1 << ZERO if h.zeros >= ZEROS else 0
+    light, heavy = (LIGHTEST * STANDARD_GRAVITY) ** 2, (HEAVIEST * STANDARD_GRAVITY) ** 2
+    return findings if light < h.force2 < heavy else findings | 1 << WEIGHT
+
+
+@kernel
+def mark(h: Any, sample: Any, findings: int) -> None:
+    """Write what the findings mean into the sample, and when they were made into the record."""
+    t_ns = sample.t_ns
+    for i in range(FINDINGS):
+        if findings >> i & 1:
+            h.found_ns[i] = t_ns
+            h.found[i] += 1
+    if findings & (0b111111 << LIMITED):
+        sample.flags |= SATURATED
+        sample.flags |= LIMITED_RATE if findings & (_RATES << LIMITED) else 0
+        sample.flags |= LIMITED_FORCE if findings & (_FORCES << LIMITED) else 0
+    since = t_ns
+    for i in range(6):
+        if findings >> (FROZEN + i) & 1:
+            since = min(since, h.run_ns[i])
+    if findings & _NO_RATE:
+        sample.flags |= NO_RATE
+        since = min(since, h.told_ns[0])
+    if findings & _NO_FORCE:
+        sample.flags |= NO_FORCE
+        since = min(since, h.told_ns[1])
+    sample.unseen_s = (t_ns - since) * 1e-9
+
+
+@kernel
+def examine(h: Any, sample: Any) -> None:
+    """Judge one sample (sensor axes, stamped) and mark it. Damage on the wire says nothing of the sensor."""
+    sample.unseen_s = 0.0
+    if sample.flags & SUSPECT:
+        return
+    if h.samples == 0:
+        h.told_ns[0] = h.told_ns[1] = sample.t_ns
+    findings = 0
+    if take(h, sample) or h.samples == 0:
+        for i in range(6):
+            findings |= judge_axis(h, i, sample.t_ns)
+    findings |= judge_force(h)
+    h.fever = h.fever + 1 if sample.temperature < COLDEST or sample.temperature > HOTTEST else 0
+    if h.fever >= LEAST_RUN:
+        findings |= 1 << TEMPERATURE
+    h.samples += 1
+    if h.samples % BLOCK == 0:
+        end_block(h)
+    if findings:
+        mark(h, sample, findings)
+    h.last_ns = sample.t_ns
+    if findings & _NO_RATE == 0:
+        h.told_ns[0] = sample.t_ns
+    if findings & _NO_FORCE == 0:
+        h.told_ns[1] = sample.t_ns
+
+
+_PER_AXIS = ((FROZEN, "frozen"), (LIMITED, "at the end of its range"), (INVALID, "impossible"))
+_WHOLE = (
+    (ZERO, "accelerometer shows nothing, not even gravity"),
+    (WEIGHT, "force is far from gravity"),
+    (TEMPERATURE, "temperature is impossible"),
+)
+
+
+@entry
+def shown(health: NDArray[np.void]) -> int:
+    """The findings of late, bit by bit, of a HEALTH record array: a finding that comes and goes stays."""
+    h = health[0]
+    now_ns = max(h.told_ns[0], h.told_ns[1])
+    for i in range(FINDINGS):
+        now_ns = max(now_ns, h.found_ns[i])
+    findings = 0
+    for i in range(FINDINGS):
+        if h.found[i] > 0 and now_ns - h.found_ns[i] < SHOWN_NS:
+            findings |= 1 << i
+    return findings
+
+
+def words(findings: int) -> tuple[str, ...]:
+    """Findings in words; none: the sensor is well."""
+    if not findings:
+        return ()
+    texts = []
+    for kind, what in _PER_AXIS:
+        for first, name in ((0, "gyro"), (3, "accelerometer")):
+            axes = "".join("xyz"[i] for i in range(3) if findings >> (kind + first + i) & 1)
+            if axes:
+                texts.append(f"{name} {axes} {what}")
+    texts += [text for bit, text in _WHOLE if findings >> bit & 1]
+    return tuple(texts)

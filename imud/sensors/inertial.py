@@ -1,0 +1,154 @@
+"""An inertial sensor as the daemon sees it: bytes in, solutions out. No waiting, no logging."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from drivers.driver import ImuConfigured, ImuDriver
+from drivers.transport.line import Known, Line
+
+from ..outputs.view import NO_VECTOR, ClockFit
+from ..pipeline import Stream
+from .health import shown, words
+from .rate import Pace, Rate
+from .tap import READ, Tap
+
+SILENCE_NS = 1_000_000_000  # a stream this long silent is broken
+SILENT_PERIODS = 4  # at least
+STALE_NS, STALE_PERIODS = 200_000_000, 3
+
+
+class Inertial:
+    """An inertial sensor that streams into a filter."""
+
+    def __init__(self, stream: Stream) -> None:
+        self.stream = stream
+        self.silence_ns = SILENCE_NS
+        self.period_s = 0.0  # nominal, between samples
+        self.rate = Rate()
+        self.pace: Pace | None = None  # of a sensor that sends by itself
+        self.tap: Tap | None = None
+        self._has_gyros = False
+        self._room = stream.rx.data
+        self._line: Line | None = None
+        self._complaints: Mapping[int, str] = {}
+        self._complained: int | None = None  # status word of the first look: the driver has told of that
+
+    def connect(self, line: Line, driver: ImuDriver, configured: ImuConfigured, now_ns: int) -> None:
+        """A new connection; the filter keeps what it knows."""
+        self._line = line
+        self.stream.restart(driver.new_state(configured), configured)
+        self.stream.record["heard_ns"] = now_ns
+        self._complaints, self._complained = driver.complaints, None
+        self.rate = Rate()
+        by_itself = configured.request is None and not isinstance(line, Known)
+        self.pace = Pace(1e9 / configured.period_ns) if by_itself else None
+        self.period_s = 1.0 / configured.rate_hz
+        self._has_gyros = all(configured.gyro_axes)
+        self.silence_ns = max(SILENCE_NS, SILENT_PERIODS * round(1e9 / configured.rate_hz))
+
+    def read(self, now_ns: int) -> int:
+        """Read and step; returns how many solutions are new, the newest last. Raises PortLostError."""
+        assert self._line is not None
+        fill = self.stream.fill
+        received, arrival_ns = self._line.receive(self._room[fill : fill + READ], now_ns)
+        if received == 0:
+            return 0
+        if self.tap is not None:
+            self.tap(self._room[fill : fill + received], arrival_ns)
+        return self.stream.ingest(received, arrival_ns)
+
+    @property
+    def samples(self) -> int:
+        """Since the start."""
+        return int(self.stream.record["count"][0])
+
+    @property
+    def heard_ns(self) -> int:
+        """When the newest of them came, or else the connection was made."""
+        return int(self.stream.record["heard_ns"][0])
+
+    @property
+    def _newest(self) -> int:
+        return int(self.stream.record["newest"][0])
+
+    def share_of_rate(self) -> float | None:
+        """At what share of the agreed rate its samples come; None if that is not known. To be asked now and then."""
+        if self.pace is None or self._newest < 0:
+            return None
+        self.pace.look(int(self.stream.samples[self._newest]["tick"]), self.heard_ns)
+        return self.pace.share
+
+    @property
+    def newest(self) -> np.void | None:
+        """The newest solution, a SOLUTION row that the next reading overwrites; None before the first."""
+        return None if self._newest < 0 else self.stream.solutions[self._newest]
+
+    @property
+    def sensed(self) -> tuple[float, ...]:
+        """Rates (rad/s) and specific force (m/s^2) of the last sample, body axes; NaN without a whole set of gyros."""
+        sample = self.stream.samples[self._newest]
+        rates = sample["w"].tolist() if self._has_gyros else NO_VECTOR
+        return (*rates, *sample["f"].tolist())
+
+    @property
+    def heard(self) -> int:
+        """The same, as of any sensor."""
+        return self.samples
+
+    def troubles(self, now_ns: int) -> tuple[str, ...]:
+        """What is wrong with the sensor, in words."""
+        if now_ns - self.heard_ns > max(STALE_NS, STALE_PERIODS * self.period_s * 1e9):
+            return ("inertial sensor: stale, nothing new comes",)
+        return (*words(shown(self.stream.filter.health)), *self._complains())
+
+    def _complains(self) -> tuple[str, ...]:
+        """What the sensor itself complained of since it streams."""
+        status = int(self.stream.decoder["status"][0])
+        if self._complained is None and self.stream.decoder["frames"][0] > 0:
+            self._complained = status
+        self._complained = status & (self._complained or 0)
+        if status == self._complained:
+            return ()
+        return tuple(
+            self._complaints.get(1 << bit, f"the sensor sets bit {bit} of its status word, meaning not known")
+            for bit in range(16)
+            if (status & ~self._complained) >> bit & 1
+        )
+
+    def clock_fit(self) -> ClockFit:
+        """How well the sensor's counter fits our time."""
+        clock = self.stream.clock[0]
+        if not clock["fitted"]:
+            return ClockFit()
+        n, residual_ns = int(clock["count"]), float(clock["residual_ns"])
+        span_ns = float(clock["ticks"][n - 1] - clock["ticks"][0]) * float(clock["period_ns"])
+        sigma_drift = residual_ns / span_ns * math.sqrt(12.0 / n)  # of a straight line through n even points
+        return ClockFit(residual_ns * 1e-9, float(clock["slope"] / clock["period_ns"]) - 1.0, sigma_drift)
+
+    def facts(self, now_ns: int) -> dict[str, object]:
+        """What `imud status` shows of it: counters, and how its samples come."""
+        fit, clock = self.clock_fit(), self.stream.clock[0]
+        return {
+            **self.counters(),
+            "heard_ago_s": (now_ns - self.heard_ns) * 1e-9,
+            "clock": {
+                "drift_ppm": 1e6 * fit.drift,
+                "residual_us": 1e6 * fit.residual_s,
+                "late_us": 1e-3 * float(clock["late_ns"]),
+                "latest_us": 1e-3 * float(clock["latest_ns"]),
+                "corrections": int(clock["corrections"]),
+            },
+        }
+
+    @property
+    def lost(self) -> int:
+        """Samples that never came, since this connection."""
+        return int(self.stream.decoder["lost"][0])
+
+    def counters(self) -> dict[str, int]:
+        """What decoder and line counted since this connection."""
+        names = ("frames", "junk", "bad", "lost", "suspect", "errors")
+        counted = {name: int(self.stream.decoder[name][0]) for name in names}
+        return counted | (dict(self._line.counters) if self._line else {})

@@ -1,0 +1,176 @@
+"""A GNSS receiver as the daemon sees it: bytes in, fixes out. No waiting, no logging."""
+
+import math
+from collections import Counter
+from typing import Protocol
+
+from drivers.driver import GnssDriver
+from drivers.fix import Fix
+from drivers.transport.line import Line
+
+from ..clocks.epochs import EpochClock
+from ..configuration.settings import Gnss as GnssSettings
+from ..outputs.view import Gnss
+from .gnss import Records, Refusal, record, refusal
+from .rate import Rate
+from .tap import READ, Tap
+
+SILENCE_NS = 5_000_000_000  # a stream this long silent is broken
+STEADY = 3  # fixes
+STALE_FIX_NS = 3_000_000_000
+EARTH_RADIUS_M = 6.371e6
+JUMP_M, JUMP_MPS, JUMPED_NS = 100.0, 100.0, 5_000_000_000  # so far, and that fast beyond its own speed; shown so long
+
+
+class Pulse(Protocol):
+    """A receiver's pulse per second: see `PulsePerSecond`."""
+
+    def newest_ns(self, now_ns: int) -> int | None: ...
+
+
+class Receiver:
+    """A GNSS receiver whose fixes go to the filter."""
+
+    def __init__(self, driver: GnssDriver, settings: GnssSettings, now_ns: int, pulse: Pulse | None = None) -> None:
+        self._pulse = pulse
+        self.decoder = driver.new_decoder()
+        self.rate = Rate()
+        self.heard_ns = now_ns
+        self.silence_ns = SILENCE_NS
+        self.used = 0
+        self.refused = Counter[str]()  # by rule
+        self.news = ""  # a change of the verdict on its fixes, until somebody has told it
+        self.settings = settings
+        self.tap: Tap | None = None
+        self._verdict: str | None = None  # the rule that refuses them
+        self._dissent = 0  # fixes in sequence of another verdict
+        self._room = memoryview(bytearray(READ))
+        self._epochs = EpochClock(settings.latency_s)
+        self._last: Fix | None = None
+        self._used_last: Fix | None = None
+        self._row: Records | None = None  # the same for the filter
+        self._jumped_ns: int | None = None
+        self._connected_ns = now_ns
+
+    def read(self, line: Line, now_ns: int) -> list[Records]:
+        """Fixes (arrays of one FIX) that the new bytes complete. Raises PortLostError."""
+        received, arrival_ns = line.receive(self._room, now_ns)
+        return self.take(bytes(self._room[:received]), arrival_ns) if received else []
+
+    def take(self, data: bytes, now_ns: int) -> list[Records]:
+        """The same for bytes that came at `now_ns`."""
+        pulse_ns = self._pulse.newest_ns(now_ns) if self._pulse else None
+        if self.tap is not None:
+            self.tap(data, now_ns, pulse_ns)
+        whole, fixes = self.decoder.whole, self.decoder.feed(data, now_ns)
+        if self.decoder.whole > whole:
+            self.heard_ns = now_ns
+        return self._accepted(fixes, now_ns, pulse_ns)
+
+    @property
+    def heard(self) -> int:
+        """Fixes since this connection, used or not."""
+        return self.used + self.refused.total()
+
+    def flush(self, now_ns: int) -> list[Records]:
+        """A fix whose epoch ended without an end."""
+        pending = self.decoder.pending
+        fixes = self.decoder.flush(now_ns)
+        if not pending or self.decoder.pending:
+            return []
+        pulse_ns = self._pulse.newest_ns(now_ns) if self._pulse else None
+        if self.tap is not None:
+            self.tap(b"", now_ns, pulse_ns)
+        return self._accepted(fixes, now_ns, pulse_ns)
+
+    def _accepted(self, fixes: list[Fix], now_ns: int, pulse_ns: int | None) -> list[Records]:
+        rows = []
+        for fix in fixes:
+            if self._last and jumps(self._last, fix):
+                self._jumped_ns = now_ns
+            self._last = fix
+            refused = refusal(fix, self.settings)
+            self._judge(refused)
+            if refused:
+                self.refused[refused.rule] += 1
+            elif fix.utc_s is not None:
+                self._used_last = fix
+                rows.append(record(fix, self._epochs.epoch_ns(fix.utc_s, fix.arrival_ns, pulse_ns), now_ns))
+                self._row = rows[-1]
+        self.used += len(rows)
+        return rows
+
+    @property
+    def used_last(self) -> Fix:
+        """The last fix that was used; there must have been one."""
+        assert self._used_last is not None
+        return self._used_last
+
+    def fresh(self, now_ns: int) -> Records | None:
+        """The last fix that was used, as it goes to the filter; None if it is stale."""
+        if self._row is None or now_ns - int(self._row["arrival_ns"][0]) > STALE_FIX_NS:
+            return None
+        return self._row
+
+    def _judge(self, refused: Refusal | None) -> None:
+        """Have news when several fixes in sequence are taken otherwise than those before."""
+        verdict = refused.rule if refused else None
+        self._dissent = 0 if verdict == self._verdict else self._dissent + 1
+        if self._dissent == STEADY:
+            self._verdict, self._dissent = verdict, 0
+            self.news = f"the fixes are refused: {refused}" if refused else "the fixes are used again"
+
+    def facts(self, now_ns: int) -> dict[str, object]:
+        """What `imud status` shows of it: what became of its sentences and fixes, and what it says of itself."""
+        said, last = self.decoder.status, self.view(now_ns)
+        return {
+            "used": self.used,
+            "refused": {rule.removeprefix("gnss."): count for rule, count in self.refused.items()},
+            "sentences": dict(self.decoder.counters),
+            "quality": said.quality,
+            "satellites": said.satellites,
+            "hdop": last.hdop if last else None,
+            "fix_age_s": last.age_s if last else None,
+        }
+
+    def counters(self) -> dict[str, object]:
+        """What became of its sentences and fixes since this connection."""
+        told = {"sentences": self.decoder.counters, "refused": self.refused}
+        tables = {name: ", ".join(f"{count} {key}" for key, count in table.items()) for name, table in told.items()}
+        return {"fixes_used": self.used, **{name: text for name, text in tables.items() if text}}
+
+    def troubles(self, now_ns: int) -> tuple[str, ...]:
+        """What is wrong with the receiver, in words."""
+        status = self.decoder.status
+        if now_ns - max(status.arrival_ns, self._connected_ns) > STALE_FIX_NS:
+            return ("receiver: stale, nothing new comes",)
+        if status.arrival_ns and status.quality == 0:
+            return ("receiver: no fix",)
+        if self._jumped_ns is not None and now_ns - self._jumped_ns < JUMPED_NS:
+            return ("receiver: implausible, its position jumped",)
+        return ()
+
+    def view(self, now_ns: int) -> Gnss | None:
+        """The last fix, for those who publish it; None before the first."""
+        fix = self._last
+        if fix is None:
+            return None
+        return Gnss(
+            satellites=fix.satellites,
+            hdop=math.nan if fix.hdop is None else fix.hdop,
+            quality=fix.quality,
+            alt_msl=math.nan if fix.alt_msl_m is None else fix.alt_msl_m,
+            geoid_sep=math.nan if fix.geoid_sep_m is None else fix.geoid_sep_m,
+            age_s=(now_ns - fix.arrival_ns) * 1e-9,
+            sky=self.decoder.sky,
+        )
+
+
+def jumps(before: Fix, after: Fix) -> bool:
+    """Whether no vehicle can have gone from one fix to the other."""
+    seconds = (after.arrival_ns - before.arrival_ns) * 1e-9
+    north = math.radians(after.lat_deg - before.lat_deg) * EARTH_RADIUS_M
+    turns = math.radians((after.lon_deg - before.lon_deg + 180.0) % 360.0 - 180.0)
+    east = turns * EARTH_RADIUS_M * math.cos(math.radians(after.lat_deg))
+    speed = max(before.speed_mps or 0.0, after.speed_mps or 0.0)
+    return math.hypot(north, east) > JUMP_M + (JUMP_MPS + speed) * max(seconds, 1.0)

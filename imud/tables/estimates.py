@@ -1,0 +1,130 @@
+"""The tables that `imud replay` writes: estimates, one row each, and innovations. Text and units; no filter."""
+
+import csv
+import math
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..estimators.innovation_kinds import KINDS
+from ..estimators.records import POSITION_VALID
+from ..kernels.decimal import MAX_WIDTH, write_fixed, write_seconds
+from ..kernels.jit import kernel
+from ..kernels.rotation import euler_of_quat
+from .inputs import Floats
+
+# what stands in an estimate's row after t_s: name, decimals. Angles and rates in deg; 1e-10 deg is 11 um.
+ESTIMATE_COLUMNS: tuple[tuple[str, int], ...] = (
+    *(("lat_deg", 10), ("lon_deg", 10), ("height_m", 4)),
+    *((f"v{axis}_mps", 5) for axis in "ned"),
+    *((f"{angle}_deg", 5) for angle in ("roll", "pitch", "yaw")),
+    *((f"s{axis}_m", 4) for axis in "ned"),
+    *((f"sv{axis}_mps", 5) for axis in "ned"),
+    *((f"s{angle}_deg", 5) for angle in ("roll", "pitch", "yaw")),
+    *((f"q{i}", 9) for i in range(4)),
+    *((f"bg{axis}_radps", 9) for axis in "xyz"),
+    *((f"ba{axis}_mps2", 7) for axis in "xyz"),
+    *((f"sbg{axis}_radps", 9) for axis in "xyz"),
+    *((f"sba{axis}_mps2", 7) for axis in "xyz"),
+    ("status", 0),
+)
+_DECIMALS = np.array([decimals for _, decimals in ESTIMATE_COLUMNS])
+ESTIMATE_HEADER = ",".join(["t_s", *(name for name, _ in ESTIMATE_COLUMNS)])
+_COMMA, _NEWLINE = ord(","), ord("\n")
+_DEG = 180.0 / math.pi
+
+
+@kernel
+def _put(cells: Floats, at: int, values: Any, factor: float) -> int:
+    for i in range(len(values)):
+        cells[at + i] = values[i] * factor
+    return at + len(values)
+
+
+@kernel
+def _fill(cells: Floats, row: Any) -> None:
+    positioned = (row.status & POSITION_VALID) != 0
+    cells[0] = row.lat * _DEG if positioned else math.nan
+    cells[1] = row.lon * _DEG if positioned else math.nan
+    cells[2] = row.height if positioned else math.nan
+    blank = 1.0 if positioned else math.nan
+    at = _put(cells, 3, row.v, blank)
+    q = row.q_nb
+    at = _put(cells, at, euler_of_quat((q[0], q[1], q[2], q[3])), _DEG)
+    at = _put(cells, at, row.sigma_p, blank)
+    at = _put(cells, at, row.sigma_v, blank)
+    at = _put(cells, at, row.sigma_rpy, _DEG)
+    at = _put(cells, at, q, 1.0)
+    at = _put(cells, at, row.bg, 1.0)
+    at = _put(cells, at, row.ba, 1.0)
+    at = _put(cells, at, row.sigma_bg, 1.0)
+    at = _put(cells, at, row.sigma_ba, 1.0)
+    cells[at] = row.status
+
+
+@kernel
+def _format(solutions: Any, origin: int, decimals: NDArray[np.int64], buffer: NDArray[np.uint8]) -> int:
+    cells = np.empty(len(decimals))
+    at = 0
+    for k in range(len(solutions)):
+        at = write_seconds(buffer, at, origin * 1_000_000_000 + solutions[k].t_ns)
+        _fill(cells, solutions[k])
+        for i in range(len(decimals)):
+            buffer[at] = _COMMA
+            at = write_fixed(buffer, at + 1, cells[i], decimals[i])
+        buffer[at] = _NEWLINE
+        at += 1
+    return at
+
+
+@kernel
+def _fill_all(solutions: Any, cells: Floats) -> None:
+    for k in range(len(solutions)):
+        _fill(cells[k], solutions[k])
+
+
+def estimate_cells(solutions: NDArray[np.void]) -> dict[str, Floats]:
+    """Columns of est.csv behind t_s, by name, of solutions (array of SOLUTION); unknown is NaN."""
+    cells = np.empty((len(solutions), len(ESTIMATE_COLUMNS)))
+    _fill_all(solutions, cells)
+    return {name: cells[:, i] for i, (name, _) in enumerate(ESTIMATE_COLUMNS)}
+
+
+INNOVATION_COLUMNS = ("t_s", "kind", "value", "sigma", "used")
+
+
+def write_innovations(path: Path, origin: int, innovations: NDArray[np.void]) -> None:
+    """An array of INNOVATION as a table: sigma is the predicted one, in the unit of the kind's name. Raises OSError."""
+    with path.open("w", encoding="ascii", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(INNOVATION_COLUMNS)
+        for i in innovations:
+            t_s, ns = divmod(int(i["t_ns"]), 1_000_000_000)
+            sigma = math.sqrt(i["variance"])
+            rows.writerow(
+                (
+                    f"{origin + t_s}.{ns:09d}",
+                    KINDS[int(i["kind"])].column,
+                    f"{i['value']:.9g}",
+                    f"{sigma:.9g}",
+                    i["used"],
+                )
+            )
+
+
+class EstimateWriter:
+    """Writes solutions as `est.csv` to a binary file; one per file."""
+
+    def __init__(self, file: BinaryIO, origin: int, rows: int = 4096) -> None:
+        self._file, self._origin = file, origin
+        self._buffer = np.empty(rows * (len(_DECIMALS) + 2) * MAX_WIDTH, np.uint8)
+        self._rows = rows
+        file.write(f"{ESTIMATE_HEADER}\n".encode())
+
+    def write(self, solutions: NDArray[np.void]) -> None:
+        """Append one row for each solution (array of SOLUTION)."""
+        for start in range(0, len(solutions), self._rows):
+            n = _format(solutions[start : start + self._rows], self._origin, _DECIMALS, self._buffer)
+            self._file.write(self._buffer[:n].tobytes())

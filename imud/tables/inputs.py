@@ -1,0 +1,211 @@
+"""Tables of inertial samples and fixes, as `imud replay` and others take them: CSV to records, or what is wrong where.
+
+Inside, time is int64 ns since an origin (a whole second at or before the first sample), so that 1 ns is exact.
+"""
+
+import math
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.sample import SAMPLE
+
+from ..errors import BadDataError
+from ..estimators.records import FIX
+from .lines import Table, first_bytes, table_of
+
+_SHOWN = 40  # characters of what is no number
+_FARTHEST_S = 2.0  # between samples
+_LONGEST_HEADER = 1 << 16  # bytes
+_MCAP = b"\x89MCAP0\r\n"
+IMU_COLUMNS = ("t_s", "gx_radps", "gy_radps", "gz_radps", "ax_mps2", "ay_mps2", "az_mps2")
+_FIX_REQUIRED = ("t_s", "lat_deg", "lon_deg", "height_m")
+_FIX_OPTIONAL = (
+    *("arrival_s", "sn_m", "se_m", "sd_m", "hdop", "vn_mps", "ve_mps", "vd_mps", "speed_mps", "course_deg"),
+    *("quality", "satellites"),
+)
+
+Floats = NDArray[np.float64]
+Row = TypeVar("Row")
+
+
+def header_of(path: Path) -> list[str]:
+    """The names in the first line of a table. Raises InputMissingError, BadDataError if the file is empty."""
+    text = first_bytes(path, _LONGEST_HEADER)
+    if not text:
+        raise BadDataError(f"{path}: the file is empty")
+    line = text.split(b"\n")[0].decode("utf-8-sig", errors="replace")
+    return [name.strip().lstrip("#").strip() for name in line.split(",")]
+
+
+@dataclass
+class LeftOut:
+    """Rows of a table that could not be used, so that the others can."""
+
+    path: Path
+    count: int = 0
+    first: str = ""
+
+    def add(self, why: str) -> None:
+        """One more."""
+        self.count += 1
+        self.first = self.first or why
+
+    def judge(self) -> None:
+        """Raises BadDataError if there were any."""
+        if self.count:
+            rows = f"{self.count} rows left out, the first of them is" if self.count > 1 else "a row left out,"
+            raise BadDataError(f"{self.path}: {rows} {self.first}; the others were used")
+
+
+def _rows(table: Table, read: Callable[[int, list[str]], Row], left_out: LeftOut | None) -> Iterator[Row]:
+    """What `read` makes of line number and cells, slowly. A row that it refuses (ValueError) is left out, or raises
+    BadDataError.
+
+    The last line may be cut off: then it is no row.
+    """
+    for number, line in enumerate(table.lines(), table.first_row):
+        cells = line.rstrip(b"\0").decode("utf-8", "replace").split(",")
+        if not any(cell.strip() for cell in cells):
+            continue
+        try:
+            yield read(number, cells)
+        except ValueError as error:
+            if not line.endswith((b"\n", b"\r")):
+                return
+            if left_out is None:
+                raise BadDataError(f"{table.path} {error}") from error
+            left_out.add(str(error))
+
+
+def _number(line: int, cells: Sequence[str], column: int, name: str) -> float:
+    """Raises ValueError that says where."""
+    if column >= len(cells):
+        raise ValueError(f"line {line}: {len(cells)} columns, {name} is missing")
+    text = cells[column].strip()
+    try:
+        value = float(text)
+    except ValueError:
+        shown = text if len(text) < _SHOWN else f"{text[:_SHOWN]}…"
+        raise ValueError(f"line {line}: {name} is {shown!r}, not a number") from None
+    if not math.isfinite(value):
+        raise ValueError(f"line {line}: {name} is {text}")
+    return value
+
+
+def is_recording(path: Path) -> bool:
+    """Whether it is a recording (MCAP) and no table. Raises InputMissingError."""
+    return first_bytes(path, len(_MCAP)) == _MCAP
+
+
+def read_samples(path: Path) -> tuple[NDArray[np.void], int, int]:
+    """As `read_imu`, from a CSV file or a recording (MCAP): what it is, its first bytes say."""
+    if is_recording(path):
+        from ..recording.samples import samples_of
+
+        return samples_of(path)
+    return read_imu(path)
+
+
+def read_imu(path: Path, left_out: LeftOut | None = None) -> tuple[NDArray[np.void], int, int]:
+    """Samples (array of SAMPLE), the origin in whole s, and how many rows were skipped because time stood or ran back.
+
+    A column temperature_c may stand beside the required ones. left_out: gathers the rows that cannot be read; without
+    it the first of them is an error. Raises InputMissingError, BadDataError (with line and column).
+    """
+    source = table_of(path, IMU_COLUMNS)
+    names = (*IMU_COLUMNS, "temperature_c") if "temperature_c" in source.names else IMU_COLUMNS
+    table = _numbers(source, source.column_numbers(names), names, left_out)
+    if len(table) < 2:
+        raise BadDataError(f"{path}: {len(table)} samples; at least two are needed")
+    t = table[:, 0]
+    forward = np.concatenate([[True], t[1:] > np.maximum.accumulate(t)[:-1]])
+    table = table[forward]
+    if 2 * len(table) < len(t):
+        raise BadDataError(f"{path}: of {len(t)} samples only {len(table)} are later than all before; sort them by t_s")
+    if (apart_s := float(np.median(np.diff(table[:, 0])))) > _FARTHEST_S:
+        raise BadDataError(f"{path}: the samples are {apart_s:g} s apart, if t_s is in s: is it in ms, us or ns?")
+    origin = math.floor(table[0, 0])
+    samples = np.zeros(len(table), SAMPLE)
+    samples["t_ns"] = np.rint((table[:, 0] - origin) * 1e9).astype(np.int64)
+    samples["tick"] = np.arange(len(table))
+    samples["w"], samples["f"] = table[:, 1:4], table[:, 4:7]
+    samples["temperature"] = table[:, 7] if len(names) > len(IMU_COLUMNS) else np.nan
+    return samples, origin, int((~forward).sum())
+
+
+def _numbers(
+    source: Table, columns: Sequence[int], names: Sequence[str], left_out: LeftOut | None
+) -> NDArray[np.float64]:
+    """The rows of a table; fast, if all of them can be read."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # an empty file: said by the caller
+            table = np.loadtxt(source.lines(), delimiter=",", usecols=columns, ndmin=2, comments=None)
+        if np.isfinite(table).all():
+            return table
+    except ValueError:
+        pass
+
+    def read(number: int, cells: list[str]) -> list[float]:
+        return [_number(number, cells, column, name) for column, name in zip(columns, names, strict=True)]
+
+    return np.array(list(_rows(source, read, left_out))).reshape(-1, len(columns))
+
+
+def _fix_rows(path: Path, left_out: LeftOut | None) -> Iterator[dict[str, float]]:
+    """Rows with a position; one without is what a receiver that has no fix leaves."""
+    source = table_of(path, _FIX_REQUIRED)
+    source.column_numbers(_FIX_REQUIRED)
+    known = {name: i for i, name in enumerate(source.names) if name in (*_FIX_REQUIRED, *_FIX_OPTIONAL)}
+
+    def read(number: int, cells: list[str]) -> dict[str, float]:
+        return _checked(number, {name: _number_or_none(number, cells, i, name) for name, i in known.items()})
+
+    return (row for row in _rows(source, read, left_out) if math.isfinite(row["lat_deg"]))
+
+
+def _number_or_none(line: int, cells: Sequence[str], column: int, name: str) -> float:
+    """NaN for an empty cell and for nan. Raises ValueError that says where."""
+    empty = column < len(cells) and cells[column].strip().lower() in ("", "nan")
+    return math.nan if empty else _number(line, cells, column, name)
+
+
+def _checked(line: int, fix: dict[str, float]) -> dict[str, float]:
+    """Raises ValueError that says where."""
+    if math.isnan(fix["lat_deg"]) and math.isnan(fix["lon_deg"]):
+        return fix
+    for name, low, high in (("lat_deg", -90.0, 90.0), ("lon_deg", -360.0, 360.0)):
+        if not low <= fix[name] <= high:
+            raise ValueError(f"line {line}: {name} is {fix[name]}, outside {low} to {high}")
+    if math.isnan(fix["t_s"]):
+        raise ValueError(f"line {line}: t_s is empty")
+    return fix
+
+
+def read_fixes(path: Path, origin: int, left_out: LeftOut | None = None) -> NDArray[np.void]:
+    """Fixes (array of FIX) in order of arrival; left_out as in `read_imu`.
+
+    Raises InputMissingError, BadDataError (with line).
+    """
+    rows = list(_fix_rows(path, left_out))
+    fixes = np.zeros(len(rows), FIX)
+    for fix, row in zip(fixes, rows, strict=True):
+        fix["t_ns"] = round((row["t_s"] - origin) * 1e9)
+        arrival = row.get("arrival_s", math.nan)
+        fix["arrival_ns"] = round((arrival - origin) * 1e9) if math.isfinite(arrival) else fix["t_ns"]
+        fix["lat"], fix["lon"] = math.radians(row["lat_deg"]), math.radians(row["lon_deg"])
+        fix["height"] = row["height_m"]
+        fix["sigma"] = [row.get(name, math.nan) for name in ("sn_m", "se_m", "sd_m")]
+        fix["v"] = [row.get(name, math.nan) for name in ("vn_mps", "ve_mps", "vd_mps")]
+        fix["hdop"], fix["speed"] = row.get("hdop", math.nan), row.get("speed_mps", math.nan)
+        fix["course"] = math.radians(row.get("course_deg", math.nan))
+        quality, satellites = row.get("quality", math.nan), row.get("satellites", math.nan)
+        fix["quality"] = 1 if math.isnan(quality) else int(quality)
+        fix["satellites"] = -1 if math.isnan(satellites) else int(satellites)
+    return fixes[np.argsort(fixes["arrival_ns"], kind="stable")]

@@ -1,0 +1,138 @@
+"""Tables and logs as other programs write them: UTF-8 or UTF-16, gzipped; tables also with semicolons or tabs, decimal
+commas, quotes, comments before the header.
+
+A plain table goes through as it is; every line of another one is rewritten as plain CSV.
+"""
+
+import codecs
+import contextlib
+import gzip
+import io
+import itertools
+import re
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from io import BufferedReader
+from pathlib import Path
+from typing import cast
+
+from ..errors import BadDataError, InputMissingError
+from ..progress import Progress
+
+_LOOK = 8192  # lines
+_BEGINNING, _PIECES = 1 << 16, 8  # bytes, in which the header stands; in how many pieces
+_GZIP = b"\x1f\x8b"
+_SENTENCE = re.compile(r"\$[A-Z]{2}[A-Z0-9]{3},")
+_UTF8 = "utf-8-sig"
+_UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+
+
+def first_bytes(path: Path, n: int) -> bytes:
+    """At most so many, by which one sees what a file is. Raises InputMissingError."""
+    try:
+        with path.open("rb") as file:
+            return file.read(n)
+    except FileNotFoundError as error:
+        raise InputMissingError(f"{path}: no such file") from error
+    except OSError as error:
+        raise InputMissingError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+@dataclass(frozen=True)
+class Table:
+    """What the beginning of a file tells of it."""
+
+    path: Path
+    names: Sequence[str]
+    first_row: int  # number of the line after the header
+    delimiter: bytes
+    encoding: str
+    plain: bool  # its lines need not be rewritten
+
+    def column_numbers(self, wanted: Sequence[str]) -> list[int]:
+        """Where these columns are. Raises BadDataError."""
+        if missing := [name for name in wanted if name not in self.names]:
+            where, must = f"{self.path} line {self.first_row - 1}", ", ".join(wanted)
+            raise BadDataError(f"{where}: no column {', '.join(missing)}; the header must name {must}")
+        return [list(self.names).index(name) for name in wanted]
+
+    def lines(self) -> Iterator[bytes]:
+        """The rows, as plain CSV, with a bar; a file that is cut off in its compression ends there."""
+        progress = Progress(self.path.stat().st_size)
+        with self.path.open("rb") as raw, contextlib.ExitStack() as stack:
+            stack.callback(progress.clear)
+            lines = _decoded(raw, self.encoding, self.plain)
+            with contextlib.suppress(EOFError, zlib.error):
+                for number, line in enumerate(lines, 1):
+                    if number % _LOOK == 0:
+                        progress.at(raw.tell())
+                    if number >= self.first_row:
+                        yield line if self.plain else self._rewritten(line)
+
+    def _rewritten(self, line: bytes) -> bytes:
+        if self.delimiter != b",":
+            line = line.replace(b",", b".").replace(self.delimiter, b",")
+        return line.replace(b'"', b"")
+
+
+def table_of(path: Path, wanted: Sequence[str]) -> Table:
+    """The table in a file: its header is the first line that names a column of `wanted`, or else the first.
+
+    Raises InputMissingError, BadDataError if the file is empty.
+    """
+    if not (text := _beginning(path)):
+        raise BadDataError(f"{path}: the file is empty")
+    lines = text.splitlines()
+    delimiters = [max(",;\t", key=line.count) for line in lines]
+    headers = [_names(line, delimiter) for line, delimiter in zip(lines, delimiters, strict=True)]
+    at = next((i for i, names in enumerate(headers) if set(names) & set(wanted)), 0)
+    encoding, zipped = _encoding(path), first_bytes(path, 2) == _GZIP
+    plain = not zipped and encoding == _UTF8 and delimiters[at] == "," and '"' not in text and "\n" in text
+    return Table(path, headers[at], at + 2, delimiters[at].encode(), encoding, plain)
+
+
+def is_nmea(path: Path) -> bool:
+    """Whether it is a receiver's log, from wherever on. Raises InputMissingError."""
+    return _SENTENCE.search(_beginning(path)) is not None
+
+
+def content(path: Path) -> bytes:
+    """All of a file: unzipped as far as it goes, no UTF-16. Raises InputMissingError."""
+    first_bytes(path, 0)
+    data = b"".join(_unzipped(path))
+    return data if _encoding(path) == _UTF8 else data.decode("utf-16", "replace").encode()
+
+
+def _beginning(path: Path) -> str:
+    first_bytes(path, 0)  # else there is none
+    data = b"".join(itertools.islice(_unzipped(path), _PIECES))
+    return codecs.getincrementaldecoder(_encoding(path))("replace").decode(data)
+
+
+def _encoding(path: Path) -> str:
+    return "utf-16" if next(_unzipped(path), b"")[:2] in _UTF16 else _UTF8
+
+
+def _unzipped(path: Path) -> Iterator[bytes]:
+    """In pieces, as large as come without waiting for more, which may be cut off."""
+    with path.open("rb") as raw, contextlib.suppress(EOFError, zlib.error, gzip.BadGzipFile):
+        file = _source(raw)
+        while piece := file.read1(_BEGINNING):
+            yield piece
+
+
+def _source(raw: BufferedReader) -> BufferedReader:
+    zipped = raw.read(len(_GZIP)) == _GZIP
+    raw.seek(0)
+    return cast(BufferedReader, gzip.GzipFile(fileobj=raw)) if zipped else raw
+
+
+def _names(line: str, delimiter: str) -> list[str]:
+    return [name.strip().strip('"').lstrip("#").strip() for name in line.split(delimiter)]
+
+
+def _decoded(raw: BufferedReader, encoding: str, plain: bool) -> Iterator[bytes]:
+    if plain:
+        return iter(raw)
+    return (line.encode() for line in io.TextIOWrapper(_source(raw), encoding, "replace"))

@@ -29,7 +29,7 @@ from .cycle import FAILED, SHOW, Cycle
 from .delivery import Delivery
 from .devices import Devices
 
-_SLOW_NS = 50_000_000  # what is not urgent is looked after this often
+_SLOW_NS = 100_000_000  # what is not urgent is looked after this often
 _SOON_NS = 20_000_000  # while a fix waits for the end of its epoch
 _INTERRUPTED, _HUNG_UP = 130, 129
 

@@ -16,6 +16,7 @@ import math
 import mmap
 import socket
 import struct
+import time
 from collections.abc import Iterator
 from functools import reduce
 from operator import xor
@@ -61,7 +62,7 @@ RECORD: Final = struct.Struct("<" + "".join(f"{count}{_CODES[kind]}" for _, kind
 _SHARED = struct.Struct(f"<Q{RECORD.size // 8}QQ")  # lock, record, exclusive or of the record's 64-bit words
 SHARED_SIZE: Final = _SHARED.size
 DIVISOR: Final = struct.Struct("<I")  # what a client may send: one of so many states, from now on
-_TRIES = 1000
+_TRIES, _PAUSE_S = 500, 1e-3  # while a write is in progress: the daemon may have lost its processor in it
 
 Vector = tuple[float, float, float]
 
@@ -228,13 +229,14 @@ class Shared:
         A lock that is odd, or changes meanwhile, is a write in progress. The check word makes this right on machines
         that reorder reads, which Python cannot forbid.
         """
-        for _ in range(_TRIES):
+        for tried in range(_TRIES):
             memory = self._memory[:]
             lock, *words, check = _SHARED.unpack(memory)
             if lock == 0:
                 return None
             if lock % 2 == 0 and self._memory[:8] == memory[:8] and reduce(xor, words) == check:
                 return decode(memory[8:-8])
+            time.sleep(_PAUSE_S if tried else 0.0)
         raise ProtocolError("the daemon ended in the middle of a write")
 
     def close(self) -> None:

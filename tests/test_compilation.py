@@ -11,12 +11,12 @@ import pytest
 
 LOADING = """
 import json, os, sys
-from imud import runtime
+from imud.process import runtime
 runtime.prepare()
 from numba.core.event import install_recorder
 from imud import compilation
 from imud.estimators import registry
-from imud.settings import Settings
+from imud.configuration.settings import Settings
 estimator = registry.by_name("tilt")
 with install_recorder("numba:compile") as compiled:
     compilation.warm_decoders()

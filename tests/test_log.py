@@ -14,7 +14,7 @@ from imud.process import log
 
 SAYS = """
 import sys
-from imud import log
+from imud.process import log
 log.JOURNAL = sys.argv[1]
 log.configure()
 import structlog

@@ -82,13 +82,13 @@ def pairs(rng, psi, rate, prior, n=30):
 def match(c, z, u, seen, ages):
     for i in range(len(z)):
         c["t_ns"] = round(1e9 * ages[i])
-        for k, value in enumerate([seen[i], z[i], *u[i]]):
+        for k, value in enumerate([seen[i], z[i], *u[i], 0.0]):  # felt at the fix: its integral with age is nothing
             c["left"][k] = value.real, value.imag
         matching.accumulate(c, VARIANCE, ages[i])
 
 
 def sums(c):
-    return [c[name].copy() for name in ("felt", "normal", "match", "seen", "energy", "weight")]
+    return [c[name].copy() for name in ("felt", "smeared", "normal", "match", "seen", "energy", "smear", "weight")]
 
 
 def test_corrections_taken_over_are_as_if_made_before():
@@ -100,6 +100,7 @@ def test_corrections_taken_over_are_as_if_made_before():
     c["shifted"] = np.stack([d.real, d.imag], axis=-1)
     matching.rebase(c)
     taken = sums(c)
+    c["t_ns"] = 0
     matching.clear_matching(c)
     match(c, data[0] + data[1] @ d, *data[1:])
     for a, b in zip(taken, sums(c), strict=True):
@@ -157,6 +158,27 @@ def test_the_heading_is_that_of_a_least_squares_with_the_nuisance_marginalized(s
     assert abs(np.angle(np.exp(1j * (found - psi - rate * ages[-1])))) < 4.0 * sigma
     assert sigma < np.radians(12.0)
     assert found_rate == pytest.approx(rate, abs=posterior.RATE_STEP)
+
+
+def test_a_force_felt_for_long_tells_the_heading_of_a_frame_that_turned_meanwhile():
+    """Each innovation is of 10 s of a force that changes, in a frame that turns by 4 deg/s: of first order no error."""
+    rng = np.random.default_rng(8)
+    psi, rate, span = 0.7, 11 * posterior.RATE_STEP, 10.0
+    s = np.linspace(-span, 0.0, 501)
+    _, _, c = core()
+    for age in 1.5 * np.arange(20) + span:
+        force = np.exp(1j * rng.uniform(-3.0, 3.0)) * np.exp(1j * 0.3 * s) * 0.3 * (1.0 + np.sin(s + rng.uniform(0, 6)))
+        felt = force * np.exp(-1j * (psi + rate * (age + s)))
+        total = [np.trapezoid(x, s) if hasattr(np, "trapezoid") else np.trapz(x, s) for x in (force, felt, felt * s)]
+        c["t_ns"] = round(1e9 * age)
+        for k, value in enumerate([*total[:2], 0.0, 0.0, 0.0, total[2]]):
+            c["left"][k] = np.real(value), np.imag(value)
+        matching.accumulate(c, VARIANCE, matching.mean_age(c))
+    c["prior"][:] = 0.0
+    c["prior"][:, :, 0] = 1e-6 * np.eye(3)
+    found, sigma, _, _, _ = posterior.solve(c, 0.1**2)
+    assert sigma < np.radians(3.0)
+    assert abs(np.angle(np.exp(1j * (found - psi - rate * 1e-9 * c["t_ns"])))) < 3.0 * sigma
 
 
 def test_the_prior_is_the_filters_covariance_of_the_force_that_tilt_and_biases_make():

@@ -139,9 +139,13 @@ def match_fix(c: Any, lat: float, lon: float, vn: float, ve: float, noise2: floa
 
 @kernel
 def smeared2(c: Any, ago: float) -> float:
-    """Variance, m^2 or m^2/s^2, of the force felt some `ago` s ago in the mean, by the drift of the frame meanwhile."""
+    """Variance, m^2 or m^2/s^2, of the force felt some `ago` s ago in the mean, by the drift of the frame meanwhile.
+
+    That is of second order: `accumulate` takes the first into account.
+    """
     z2 = c.left[1 + ZETA, 0] ** 2 + c.left[1 + ZETA, 1] ** 2
-    return float(z2 * predicted(c, vertical_bias(c)) * ago * ago / 3.0)
+    turned2 = predicted(c, vertical_bias(c)) * ago * ago / 3.0
+    return float(z2 * turned2 * turned2)
 
 
 @kernel

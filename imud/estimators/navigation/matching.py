@@ -59,7 +59,7 @@ def feel(c: Any, turn: float, dt: float) -> None:
     force = times(unit(c.frame), (c.dv[0], c.dv[1]))
     tilted, biased = times((d[1, 0], d[1, 1]), sway), times((d[2, 0], d[2, 1]), y)
     after = times(unit(turn * dt), y)
-    age = 1e-9 * (c.t_ns - c.origin_ns)
+    age = 1e-9 * (c.t_ns - c.ages_ns)
     zn, ze = force[0] - (d[0, 0] + tilted[0] + biased[0]) * dt, force[1] - (d[0, 1] + tilted[1] + biased[1]) * dt
     new = ((zn, ze), (dt, 0.0), (sway[0] * dt, sway[1] * dt), (y[0] * dt, y[1] * dt), (zn * age, ze * age))
     for k in range(5):
@@ -107,11 +107,13 @@ def clear_matching(c: Any) -> None:
     c.shifted[:] = 0.0
     c.swing[0], c.swing[1] = 1.0, 0.0
     c.energy[:] = 0.0
+    c.smear[:] = 0.0
     c.normal[:] = 0.0
     c.felt[:] = 0.0
+    c.smeared[:] = 0.0
     c.match[:] = 0.0
     c.seen[:] = 0.0
-    c.origin_ns = c.t_ns
+    c.origin_ns = c.ages_ns = c.t_ns
 
 
 @kernel
@@ -124,12 +126,25 @@ def add_shifted(c: Any, a: Any, first: int) -> None:
 
 
 @kernel
+def count_ages_from_now(c: Any) -> None:
+    """Shift the integral of force times its age, so that it stays small: what was felt long ago tells nothing now."""
+    dt = 1e-9 * (c.t_ns - c.ages_ns)
+    c.ages_ns = c.t_ns
+    for i in range(2):
+        c.running[AGED, i] -= dt * c.running[ZETA, i]
+        c.twice[AGED, i] -= dt * c.twice[ZETA, i]
+        for state in range(3):
+            c.followed[state, 1 + AGED, i] -= dt * c.followed[state, 1 + ZETA, i]
+
+
+@kernel
 def rebase(c: Any) -> None:
     """Take the corrections as made in all that was matched, and in the integrals.
 
     That is of first order, so that what was matched before counts the less the more its level frame was tilted. A frame
     that never had the corrections would tilt ever further.
     """
+    count_ages_from_now(c)
     d, mixed = c.shifted, (0.0, 0.0)
     drifted = times((d[1, 0], d[1, 1]), (c.running[SWAY, 0], c.running[SWAY, 1]))
     then, now = d[0, 0] ** 2 + d[0, 1] ** 2, (d[0, 0] + drifted[0]) ** 2 + (d[0, 1] + drifted[1]) ** 2
@@ -142,6 +157,7 @@ def rebase(c: Any) -> None:
             c.felt[j, 1] += p[1]
         after = inner(dj, (c.felt[j, 0], c.felt[j, 1]))
         mixed = (mixed[0] + before[0], mixed[1] + after[0])
+        c.smear[0] += 2.0 * inner(dj, (c.smeared[j, 0], c.smeared[j, 1]))[0]
         for k in range(RATES):
             p = inner(dj, (c.seen[k, j, 0], c.seen[k, j, 1]))
             c.match[k, 0] += p[0]
@@ -164,8 +180,10 @@ def fade(c: Any, share: float) -> None:
     c.squares *= share
     c.aged *= share
     c.energy *= share
+    c.smear *= share
     c.normal *= share
     c.felt *= share
+    c.smeared *= share
     c.match *= share
     c.seen *= share
 
@@ -182,8 +200,8 @@ def mean_age(c: Any) -> float:
     """Seconds from the origin to when the force was felt that the innovations in c.left tell of, in the mean."""
     z, aged, now = c.left[1 + ZETA], c.left[1 + AGED], 1e-9 * (c.t_ns - c.origin_ns)
     z2 = z[0] ** 2 + z[1] ** 2
-    mean = (z[0] * aged[0] + z[1] * aged[1]) / z2 if z2 > 0.0 else now
-    return float(min(max(mean, now - LONGEST_S), now))
+    ago = (z[0] * aged[0] + z[1] * aged[1]) / z2 if z2 > 0.0 else 0.0
+    return float(now + min(max(ago, -LONGEST_S), 0.0))
 
 
 @kernel
@@ -193,21 +211,37 @@ def innovation(c: Any, k: int) -> Pair:
 
 
 @kernel
+def rate_of(k: int) -> float:
+    """Drift rate of hypothesis k, rad/s."""
+    return (k - RATES // 2) * RATE_STEP
+
+
+@kernel
 def accumulate(c: Any, s: float, age: float) -> None:
-    """Match the innovations in c.left (received, felt, three regressors), of variance s, `age` s from the origin."""
+    """Match the innovations in c.left (received, felt, three regressors), of variance s, `age` s from the origin.
+
+    What was felt around then was turned by the drift from then on: of first order, dz changes by the drift rate times
+    `late`.
+    """
     seen, z, share = innovation(c, 0), innovation(c, 1), 1.0 / s
+    ago, aged = 1e-9 * (c.t_ns - c.origin_ns) - age, innovation(c, 1 + AGED)
+    late = -aged[1] - ago * z[1], aged[0] + ago * z[0]
+    z = z[0] + c.frame_rate * late[0], z[1] + c.frame_rate * late[1]
     for j in range(3):
         blend(c.felt[j], inner(innovation(c, 2 + j), z), share)
+        blend(c.smeared[j], inner(innovation(c, 2 + j), late), share)
         for k in range(3):
             blend(c.normal[j, k], inner(innovation(c, 2 + j), innovation(c, 2 + k)), share)
-    turned = c.drifted - c.frame_rate * (1e-9 * (c.t_ns - c.origin_ns) - age)
+    turned = c.drifted - c.frame_rate * ago
     for k in range(RATES):
-        v = times(unit(-(k - RATES // 2) * RATE_STEP * age - turned), seen)  # turned back
-        blend(c.match[k], inner(z, v), share)
+        drift = rate_of(k)
+        v = times(unit(-drift * age - turned), seen)  # turned back
+        blend(c.match[k], inner((z[0] + drift * late[0], z[1] + drift * late[1]), v), share)
         for j in range(3):
             blend(c.seen[k, j], inner(innovation(c, 2 + j), v), share)
     v2 = seen[0] ** 2 + seen[1] ** 2
     blend(c.energy, (z[0] ** 2 + z[1] ** 2, v2), share)
+    blend(c.smear, (2.0 * inner(z, late)[0], inner(late, late)[0]), share)
     c.squares += (share * v2) ** 2
     c.aged += share * v2 * age
     c.weight += 1.0

@@ -7,7 +7,7 @@ from ...kernels.earth import STANDARD_GRAVITY
 from ...kernels.jit import kernel
 from ...kernels.rotation import dcm_of_quat
 from .correction import predicted, row
-from .matching import FITTED, RATE_STEP, SWAY, Pair, inner, rebase, times, unit
+from .matching import FITTED, RATE_STEP, SWAY, Pair, inner, rate_of, rebase, times, unit
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, RATES
 from .strapdown import wrapped
 
@@ -136,11 +136,16 @@ def form(a: Any, matrix: Any, b: Any) -> Pair:
 
 
 @kernel
-def correlation(c: Any, k: int) -> tuple[float, float, float]:
-    """Of drift hypothesis k: sum conj(dz) dV and energy of dV, both without what the nuisance parameters explain."""
-    explained = form(c.felt, c.gain, c.seen[k])
+def correlation(c: Any, k: int) -> tuple[float, float, float, float]:
+    """Of drift hypothesis k: sum conj(dz) dV, energies of both, all without what the nuisance parameters explain."""
+    drift = rate_of(k)
+    for j in range(3):
+        for i in range(2):
+            c.drifting[j, i] = c.felt[j, i] + drift * c.smeared[j, i]
+    explained = form(c.drifting, c.gain, c.seen[k])
+    z2 = c.energy[0] + drift * (c.smear[0] + drift * c.smear[1]) - form(c.drifting, c.gain, c.drifting)[0]
     v2 = c.energy[1] - form(c.seen[k], c.gain, c.seen[k])[0]
-    return c.match[k, 0] - explained[0], c.match[k, 1] - explained[1], float(v2)
+    return c.match[k, 0] - explained[0], c.match[k, 1] - explained[1], float(z2), float(v2)
 
 
 @kernel
@@ -156,10 +161,9 @@ def solve(c: Any, bias_variance: float) -> tuple[float, float, float, float, flo
         return unknown
     rebase(c)
     eliminate(c)
-    z2 = c.energy[0] - form(c.felt, c.gain, c.felt)[0]
     least, power = math.inf, 0.0
     for k in range(RATES):
-        re, im, v2 = correlation(c, k)
+        re, im, z2, v2 = correlation(c, k)
         misfit = z2 + v2 - 2.0 * math.hypot(re, im)
         if misfit < least:
             least, power = misfit, min(z2, math.hypot(re, im))
@@ -172,8 +176,8 @@ def solve(c: Any, bias_variance: float) -> tuple[float, float, float, float, flo
     inside = bias_variance * between / (bias_variance + between)
     weight, sr, si, rate, rate2 = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(RATES):
-        drift = (k - RATES // 2) * RATE_STEP
-        re, im, v2 = correlation(c, k)
+        drift = rate_of(k)
+        re, im, z2, v2 = correlation(c, k)
         misfit = z2 + v2 - 2.0 * math.hypot(re, im) - least
         apart = drift + c.frame_rate
         w = math.exp(-0.5 * misfit / r - 0.5 * apart**2 / (bias_variance + between))

@@ -161,6 +161,7 @@ CORE = np.dtype(
         ("calm", "<f8", (2,)),  # latitude and longitude of the first fix since the sensor has been quiet
         ("calm_ns", "<i8"),
         ("origin_ns", "<i8"),
+        ("ages_ns", "<i8"),  # from which the age of forces is counted
         ("base", "<f8", (2,)),  # latitude and longitude from which the places of fixes are counted
         ("matched_ns", "<i8"),  # last fix matched
         ("followed", "<f8", (3, 6, 2)),  # place, velocity, wander: what `whitening` makes of fixes and integrals
@@ -169,11 +170,13 @@ CORE = np.dtype(
         ("refusals", "<i8"),  # fixes in a row that were not felt
         ("weight", "<f8"),  # innovations matched
         ("energy", "<f8", (2,)),  # of felt innovations dz and of the receiver's dV, over their variance
+        ("smear", "<f8", (2,)),  # what a drift rate adds to that of dz, and its square
         ("squares", "<f8"),  # sum of squares of the single energies of dz
         ("astray", "<i8"),  # pairs in a row that contradict the heading
         ("aged", "<f8"),  # s, the energy of dV times its age
         ("normal", "<f8", (3, 3, 2)),  # sums of products of the regressors, complex
         ("felt", "<f8", (3, 2)),  # of regressors and dz
+        ("smeared", "<f8", (3, 2)),  # what a drift rate adds to them
         ("match", "<f8", (RATES, 2)),  # of conj(dz) dV, per drift rate
         ("seen", "<f8", (RATES, 3, 2)),  # of regressors and dV, per drift rate
         ("told", INNOVATION, (TOLD,)),  # what the last sample brought that was not a fix
@@ -186,6 +189,7 @@ CORE = np.dtype(
         ("prior", "<f8", (3, 3, 2)),
         ("inverse", "<f8", (3, 3, 2)),
         ("gain", "<f8", (3, 3, 2)),
+        ("drifting", "<f8", (3, 2)),
         ("headings", "<f8", (RATES, 3)),
     ],
     align=True,

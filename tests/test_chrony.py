@@ -108,6 +108,7 @@ def test_the_precision_is_that_of_the_line(unit, reader, jitter_s):
     ("utc_s", "day", "now", "expected"),
     [
         (1.5, date(2026, 5, 4), (2020, 1, 1, 0, 0, 0), (2026, 5, 4, 0, 0, 1.5)),  # the date is believed
+        (1.5, date(2006, 9, 18), (2026, 5, 4, 0, 0, 0), (2026, 5, 4, 0, 0, 1.5)),  # but not of 1024 weeks ago
         (86_399.0, None, (2026, 5, 4, 0, 0, 2), (2026, 5, 3, 23, 59, 59)),  # the day that is nearest
         (1.0, None, (2026, 5, 3, 23, 59, 58), (2026, 5, 4, 0, 0, 1)),
         (43_000.0, None, (2026, 5, 4, 12, 0, 0), (2026, 5, 4, 11, 56, 40)),

@@ -104,8 +104,12 @@ def test_a_log_of_which_nothing_is_used_says_why(tmp_path):
     with pytest.raises(BadDataError, match=r"4 satellites, fewer than gnss\.min_satellites = 5 \(1 times\)"):
         fixes_of_log(log, 0, 0, Gnss())
     assert len(fixes_of_log(log, 0, 0, Gnss(min_satellites=4))) == 1
-    log.write_bytes(b"$GPGGA,nonsense*00\r\n")
-    with pytest.raises(BadDataError, match="no fix in it"):
+    told = []
+    log.write_bytes(gga() + gga("120001.000", rest="6,08,0.9,545.4,M,46.9,M,,"))
+    assert len(fixes_of_log(log, 0, 0, Gnss(), told.append)) == 1
+    assert told[0].startswith("1 of 2 fixes are not used: quality 6 (dead reckoning by the receiver)")
+    log.write_bytes(gga().split(b"*")[0] + b"\r\n")
+    with pytest.raises(BadDataError, match="no fix in it; 1 x no checksum, which imud does not trust"):
         fixes_of_log(log, 0, 0, Gnss())
 
 

@@ -5,6 +5,8 @@ import math
 import os
 import select
 import socket
+import subprocess
+import sys
 
 import numpy as np
 import pynmeagps
@@ -169,6 +171,9 @@ def test_a_pseudo_terminal_holds_the_newest_news_only(tmp_path):
     assert len(heard) < 8192  # of some 30 kB
     for line in heard.splitlines(keepends=True)[1:]:  # the first may have lost its head
         pynmeagps.NMEAReader.parse(line)
+    rival = f"from imud.outputs.nmea import NmeaOutput, Nmea; NmeaOutput(Nmea(pty={str(link)!r}))"
+    refused = subprocess.run([sys.executable, "-c", rival], capture_output=True, check=False)
+    assert b"another instance's sentences are there" in refused.stderr
     output.publish(view(), 200 * SECOND_NS)
     assert read_until(reader, sentences(view())) == sentences(view())
     os.close(reader)

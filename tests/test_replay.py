@@ -58,10 +58,10 @@ def sentences(t, lat, lon, height, speed, course):
     return "".join(f"${b}*{np.bitwise_xor.reduce(np.frombuffer(b.encode(), np.uint8)):02X}\r\n" for b in bodies)
 
 
-def replay(*arguments):
+def replay(*arguments, piped=None):
     return subprocess.run(
         [sys.executable, "-m", "imud", "replay", *map(str, arguments)], capture_output=True, check=False, timeout=280,
-        env={**os.environ, "NO_COLOR": "1"},
+        env={**os.environ, "NO_COLOR": "1"}, input=piped,
     )  # fmt: skip
 
 
@@ -92,11 +92,11 @@ def test_a_drive_is_followed_with_csv_and_nmea_fixes(drive, tmp_path, gnss):
     assert all(estimates[-1][name] > 0.0 for name in ("sn_m", "svn_mps", "syaw_deg", "sbgx_radps"))
 
 
-def test_the_same_input_gives_the_same_bits_on_stdout_too(drive, tmp_path):
+def test_the_same_input_gives_the_same_bits_through_pipes_too(drive, tmp_path):
     folder, _ = drive
-    arguments = ("--imu", folder / "imu.csv", "--gnss", folder / "gnss.csv", "--rate", "10")
-    assert replay(*arguments, "-o", tmp_path / "a.csv").returncode == 0
-    printed = replay(*arguments, "-o", "-")
+    samples, arguments = folder / "imu.csv", ("--gnss", folder / "gnss.csv", "--rate", "10")
+    assert replay("--imu", samples, *arguments, "-o", tmp_path / "a.csv").returncode == 0
+    printed = replay("--imu", "-", *arguments, "-o", "-", piped=samples.read_bytes())
     assert printed.stdout == (tmp_path / "a.csv").read_bytes()
     assert len(printed.stdout.splitlines()) == SECONDS * 10 + 1
 
@@ -148,6 +148,7 @@ def test_a_given_start_needs_no_alignment(drive, tmp_path):
         (("-o", "/nonexistent/est.csv"), 73, b"/nonexistent/est.csv"),
         (("-o", "-", "--gnss", "/nonexistent.csv"), 66, b"/nonexistent.csv"),
         (("-o", "-", "--gnss", "{imu}"), 65, b"lat_deg"),
+        (("-o", "{imu}"), 73, b"written over"),
         (("-o", "-", "--estimator", "magic"), 64, b"magic"),
         (("-o", "-", "--initial", "yaw=3"), 78, b"--initial"),
         (("-o", "-", "--rate", "0"), 64, b"--rate"),

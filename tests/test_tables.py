@@ -132,7 +132,10 @@ def test_bad_rows_are_left_out_and_then_named(tmp_path):
     samples, _, _ = tables.read_imu(write(tmp_path, "\n".join(rows) + "\n"), left_out)
     assert samples["t_ns"].tolist() == [0, 30_000_000]
     with pytest.raises(BadDataError, match="2 rows left out, the first of them is line 3: gy_radps is 'x'"):
-        left_out.judge()
+        left_out.judge(len(samples))
+    left_out = tables.LeftOut(tmp_path / "in.csv")
+    with pytest.raises(BadDataError, match="line 2: t_s is '12:00:00', not a number; 0 samples"):
+        tables.read_imu(write(tmp_path, "12:00:00,0,0,0,0,0,-9.8\n"), left_out)
 
 
 @pytest.mark.parametrize(
@@ -147,6 +150,13 @@ def test_rows_of_a_receiver_without_a_fix_are_no_fixes(tmp_path):
     rows = "1,,,,\n2,nan,nan,nan,1\n3,35.5,139.5,,1\n"
     fixes = tables.read_fixes(write(tmp_path, rows, "t_s,lat_deg,lon_deg,height_m,hdop\n"), 0)
     assert fixes["t_ns"].tolist() == [3_000_000_000]
+
+
+def test_what_a_phone_does_not_know_is_minus_one(tmp_path):
+    header = "t_s,lat_deg,lon_deg,height_m,sn_m,hdop,speed_mps,course_deg,vd_mps\n"
+    fix = tables.read_fixes(write(tmp_path, "1,-35.5,-139.5,-1,-1,-1,-1,-1,-1\n", header), 0)[0]
+    assert np.isnan([fix["sigma"][0], fix["hdop"], fix["speed"]]).all()
+    assert (fix["height"], fix["v"][2]) == (-1.0, -1.0)
 
 
 def test_missing_file_and_missing_column(tmp_path):

@@ -3,6 +3,7 @@
 import argparse
 import importlib
 import importlib.metadata
+import io
 import os
 import sys
 from pathlib import Path
@@ -79,10 +80,15 @@ def _with_default_command(arguments: list[str]) -> list[str]:
 
 
 def _open_standard_streams() -> None:
-    """Those that were closed lead nowhere; else the next port or socket would get their number, and our messages."""
+    """Those that were closed lead nowhere; else the next port or socket would get their number, and our messages.
+
+    A character that the user's encoding lacks is replaced.
+    """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open(mode))  # noqa: SIM115
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # a terminal that has no ± is no reason to end
 
 
 def _close_output() -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import BadDataError, CannotCreateError, UsageError
 from ..progress import Progress
+from .files import input_file, keep_apart
 
 if TYPE_CHECKING:
     from ..sensor_errors.noise import AllanDeviation, Coefficient
@@ -47,7 +48,9 @@ _MOVED = 10.0  # times the usual scatter of a second's mean rate from its neighb
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("recording", type=Path, metavar="CSV|MCAP", help="at rest: t_s,gx_radps,…,az_mps2, or imud's")
+    parser.add_argument(
+        "recording", type=input_file, metavar="CSV|MCAP", help="at rest: t_s,gx_radps,…,az_mps2, or imud's"
+    )
     parser.add_argument("-o", "--output", type=Path, metavar="HTML", help="the curves as a page that works offline")
     parser.add_argument("--settings", type=Path, metavar="TOML", help="write the [noise] table of a configuration")
     parser.add_argument("--sheet", default="m-g350", metavar="PROFILE", help="to compare with (default: %(default)s)")
@@ -59,6 +62,7 @@ def run(args: argparse.Namespace) -> int:
     from ..sensor_errors.profiles import PROFILES
     from ..tables.inputs import read_samples
 
+    keep_apart([args.output, args.settings], [args.recording])
     if args.sheet not in PROFILES:
         raise UsageError(f"--sheet {args.sheet}: there is no such profile; known are {', '.join(PROFILES)}")
     samples, _, _ = read_samples(args.recording)

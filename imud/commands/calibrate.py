@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from ..errors import BadDataError, UsageError
+from .files import input_file
 
 _MG = 1e3 / 9.80665
 
@@ -21,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("what", choices=_KINDS, metavar="WHAT", help=kinds)
     parser.add_argument(
         "recording",
-        type=Path,
+        type=input_file,
         metavar="CSV|MCAP",
         help="inertial samples in the sensor's own axes; or imud's recording",
     )

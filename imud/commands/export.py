@@ -11,6 +11,7 @@ from ..configuration.settings import Initial
 from ..errors import BadDataError, CannotCreateError, UsageError
 from ..progress import Progress
 from .arguments import above_zero
+from .files import keep_apart
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -141,12 +142,11 @@ _ROS_TOPICS = {
 def run(args: argparse.Namespace) -> int:
     if not (args.csv or args.ros2):
         raise UsageError("export: say where to: --csv DIR, --ros2 OUT.mcap")
+    keep_apart([args.ros2], args.recording)
     from ..recording.player import Player
     from ..recording.source import Recording, adapter, tell
 
     recording = Recording(args.recording)
-    if args.ros2 and args.ros2.resolve() in {path.resolve() for path in args.recording}:
-        raise CannotCreateError(f"--ros2 {args.ros2}: that is the recording itself")
     adapt = adapter(None, (), None)
     progress = Progress(1000)
     with _targets(args, recording) as targets:

@@ -15,6 +15,7 @@ from ..errors import BadDataError, CannotCreateError, UsageError
 from ..progress import Progress
 from ..tables.output import open_output
 from .arguments import above_zero, add_settings, at_least_one
+from .files import input_file, keep_apart
 
 if TYPE_CHECKING:
     from ..pipeline import Filter, Records
@@ -25,9 +26,11 @@ _FAR_S, _FORCE_MPS2, _LOOKED_AT = 0.2, (4.0, 25.0), 10_000  # what is doubted; s
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("recordings", nargs="*", type=Path, metavar="MCAP", help="recordings of imud; or:")
-    parser.add_argument("--imu", type=Path, metavar="CSV", help="inertial samples: t_s,gx_radps,…,az_mps2 (FRD)")
-    parser.add_argument("--gnss", type=Path, metavar="CSV|NMEA", help="fixes: t_s,lat_deg,lon_deg,height_m,…, or NMEA")
+    parser.add_argument("recordings", nargs="*", type=input_file, metavar="MCAP", help="recordings of imud; or:")
+    parser.add_argument("--imu", type=input_file, metavar="CSV", help="inertial samples: t_s,gx_radps,…,az_mps2 (FRD)")
+    parser.add_argument(
+        "--gnss", type=input_file, metavar="CSV|NMEA", help="fixes: t_s,lat_deg,lon_deg,height_m,… or NMEA"
+    )
     parser.add_argument(
         "-o",
         "--output",
@@ -92,6 +95,7 @@ def _estimator_name(args: argparse.Namespace, settings: Settings) -> str:
 
 
 def run(args: argparse.Namespace) -> int:
+    keep_apart([args.output, args.innovations], [args.imu, args.gnss, args.calibration, *args.recordings])
     if args.recordings:
         from ..recording import replaying
 
@@ -123,9 +127,11 @@ def run(args: argparse.Namespace) -> int:
         fed = play(filter_, samples, fixes, writer.write, _kept(samples["t_ns"], args.rate), told.append)
     if args.innovations is not None:
         _keep_innovations(args.innovations, origin, told)
-    _summary(samples, len(fixes), fed, skipped, time.perf_counter() - begin)
-    for rows in left_out:
-        rows.judge()
+    _summary(samples, fixes, fed, skipped, time.perf_counter() - begin)
+    if args.gnss is not None and not len(fixes):
+        print(f"imud replay: {args.gnss}: no fix in it", file=sys.stderr)
+    left_out[0].judge(len(samples))
+    left_out[1].judge(len(fixes))
     return 0
 
 
@@ -151,33 +157,43 @@ def _read_gnss(
     if is_nmea(path):
         from ..sensors.gnss import fixes_of_log
 
-        return fixes_of_log(path, origin, int(samples["t_ns"][0]), settings.gnss)
+        def tell(refused: str) -> None:
+            print(f"imud replay: {path}: {refused}", file=sys.stderr)
+
+        return fixes_of_log(path, origin, int(samples["t_ns"][0]), settings.gnss, tell)
     return read_fixes(path, origin, left_out)
 
 
 def _doubts(samples: "Records") -> Iterator[str]:
     """What looks like values in other units."""
     apart_s = float(np.median(np.diff(samples["t_ns"]))) * 1e-9
-    force = float(np.median(np.linalg.norm(samples["f"][:: max(1, len(samples) // _LOOKED_AT)], axis=1)))
+    forces = samples["f"][:: max(1, len(samples) // _LOOKED_AT)]
+    force, down = float(np.median(np.linalg.norm(forces, axis=1))), -float(np.median(forces[:, 2]))
     if apart_s > _FAR_S:
         yield f"the samples are {apart_s:g} s apart: is t_s in s?"
     if not _FORCE_MPS2[0] < force < _FORCE_MPS2[1]:
         yield f"the specific force is mostly {force:.3g} m/s^2, where gravity alone gives 9.8: is it in m/s^2?"
+    elif down < -_FORCE_MPS2[0]:
+        yield "the sensor is upside down; if it is not, its axes are others: --set imu.mount_rpy_deg=[180,0,0] for FLU"
 
 
-def _summary(samples: "Records", fixes: int, fed: int, skipped: int, seconds: float) -> None:
+def _summary(samples: "Records", fixes: "Records", fed: int, skipped: int, seconds: float) -> None:
     """What was done, on a terminal; what went wrong, everywhere."""
     span = float(samples["t_ns"][-1] - samples["t_ns"][0]) * 1e-9
     if sys.stderr.isatty():
         speed = span / max(seconds, 1e-9)
         print(
             f"imud replay: {len(samples)} samples of {span:.1f} s in {seconds:.2f} s ({speed:.0f} x real time), "
-            f"{fed} of {fixes} fixes",
+            f"{fed} of {len(fixes)} fixes",
             file=sys.stderr,
         )
     for remark in _doubts(samples):
         print(f"imud replay: {remark}", file=sys.stderr)
     if skipped:
         print(f"imud replay: {skipped} samples skipped: their time did not advance", file=sys.stderr)
-    if fixes and not fed:
-        raise BadDataError("no fix lies within the time of the samples: are both files on the same clock?")
+    if len(fixes) and not fed:
+        begin, end = (float(fixes["t_ns"][i] - samples["t_ns"][0]) * 1e-9 for i in (0, -1))
+        raise BadDataError(
+            f"no fix lies within the time of the samples: these last {span:.0f} s, the fixes are from {begin:+.0f} to "
+            f"{end:+.0f} s after their beginning; are both files on the same clock (NMEA: t_s in UTC)?"
+        )

@@ -22,6 +22,8 @@ KEY = 0x4E545030
 _IPC_CREAT = 0o1000
 _PRIVATE_UNITS = 2  # by ntpd's custom units 0 and 1 are root's
 _DAY_S = 86_400.0
+_ROUND_S = 1024 * 7 * 86_400
+_ROUND_BEGAN_S = calendar.timegm((2019, 4, 7, 0, 0, 0))
 _NS = 1_000_000_000
 _SHARE = 1.0 / 16.0  # of one sample in the jitter
 _COARSE, _FINE = 0, -10  # precision, log2 s
@@ -57,11 +59,16 @@ def _libc() -> ctypes.CDLL:
 
 
 def utc_ns(fix: Fix, now_ns: int) -> int | None:
-    """The fix's epoch as unix time, ns; without a date on the day that is nearest to `now_ns`."""
+    """The fix's epoch as unix time, ns; without a date on the day that is nearest to `now_ns`.
+
+    GPS counts 1024 weeks and begins anew, last in 2019: before that lie the dates of receivers that do not know it.
+    """
     if fix.utc_s is None:
         return None
     if fix.date is not None:
         day_s = calendar.timegm(fix.date.timetuple())
+        while day_s < _ROUND_BEGAN_S:
+            day_s += _ROUND_S
     else:
         day_s = round((now_ns * 1e-9 - fix.utc_s) / _DAY_S) * round(_DAY_S)
     return day_s * _NS + round(fix.utc_s * 1e9)

@@ -51,6 +51,9 @@ class NmeaOutput:
         path = os.ttyname(self._slave)
         with contextlib.suppress(OSError):  # some mounts forbid it; then only our user may read
             Path(path).chmod(0o666)
+        if _is_used(link):
+            raise CannotCreateError(f"cannot make {link} (nmea.pty): another instance's sentences are there")
+        fcntl.lockf(self._slave, fcntl.LOCK_EX)
         try:
             if link.is_symlink():
                 link.unlink()  # an earlier run's
@@ -98,6 +101,21 @@ class NmeaOutput:
                 os.close(fd)
         self._master = self._slave = -1
         self._wanted = False
+
+
+def _is_used(link: Path) -> bool:
+    """Whether it leads to a pseudo-terminal that another instance holds: by a record lock, which readers do not use."""
+    try:
+        fd = os.open(link, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except OSError:
+        return False
+    try:
+        fcntl.lockf(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        return error.errno in (errno.EACCES, errno.EAGAIN)
+    finally:
+        os.close(fd)
+    return False
 
 
 def _connected(address: Address, allow_remote: bool) -> socket.socket:

@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +23,12 @@ _DAY_S = 86_400.0
 
 def _or_nan(value: float | None) -> float:
     return math.nan if value is None else value
+
+
+def _instead(counters: Mapping[str, int]) -> str:
+    """What a log without fixes has."""
+    seen = "".join(f"; {count} x {what}" for what, count in counters.items())
+    return f"{seen}, which imud does not trust: switch them on in the receiver" if "no checksum" in counters else seen
 
 
 _QUALITIES = {6: "6 (dead reckoning by the receiver)", 7: "7 (entered by hand)", 8: "8 (simulated)"}
@@ -71,11 +78,13 @@ def record(fix: Fix, t_ns: int, arrival_ns: int) -> Records:
     return row
 
 
-def fixes_of_log(path: Path, origin: int, first_ns: int, settings: Gnss) -> Records:
+def fixes_of_log(
+    path: Path, origin: int, first_ns: int, settings: Gnss, tell: Callable[[str], object] = lambda _: None
+) -> Records:
     """The fixes of an NMEA log, placed by their UTC time of day near the samples that start `first_ns` after `origin`.
 
-    A log holds no arrival times: each fix is known `latency_s` after its epoch. Raises BadDataError without any fix,
-    or if the settings refuse all.
+    A log holds no arrival times: each fix is known `latency_s` after its epoch. tell: is told if the settings refuse
+    some. Raises BadDataError without any fix, or if the settings refuse all.
     """
     driver = by_name("nmea")
     assert driver.kind == "gnss"
@@ -85,7 +94,7 @@ def fixes_of_log(path: Path, origin: int, first_ns: int, settings: Gnss) -> Reco
         fixes += decoder.feed(line, number)
     fixes += decoder.flush(1 << 62)
     if not fixes:
-        raise BadDataError(f"{path}: no fix in it; refused: {dict(decoder.counters)}")
+        raise BadDataError(f"{path}: no fix in it{_instead(decoder.counters)}")
     start_s = origin + first_ns * 1e-9
     rows = []
     day = None
@@ -98,7 +107,9 @@ def fixes_of_log(path: Path, origin: int, first_ns: int, settings: Gnss) -> Reco
         day = round((near - fix.utc_s) / _DAY_S)
         t_ns = round((fix.utc_s + day * _DAY_S - origin) * 1e9)
         rows.append(record(fix, t_ns, t_ns + round(settings.latency_s * 1e9)))
+    reasons = ", ".join(f"{why} ({count} times)" for why, count in refused.items())
     if not rows:
-        reasons = ", ".join(f"{why} ({count} times)" for why, count in refused.items())
         raise BadDataError(f"{path}: none of its fixes is used: {reasons}")
+    if refused:
+        tell(f"{refused.total()} of {len(fixes)} fixes are not used: {reasons}")
     return np.concatenate(rows)

@@ -21,6 +21,7 @@ from .lines import Table, first_bytes, table_of
 
 _SHOWN = 40  # characters of what is no number
 _FARTHEST_S = 2.0  # between samples
+_BELOW_ZERO_UNKNOWN = {"sn_m", "se_m", "sd_m", "hdop", "speed_mps"}  # phones write -1 for what they do not know
 _LONGEST_HEADER = 1 << 16  # bytes
 _MCAP = b"\x89MCAP0\r\n"
 IMU_COLUMNS = ("t_s", "gx_radps", "gy_radps", "gz_radps", "ax_mps2", "ay_mps2", "az_mps2")
@@ -56,11 +57,14 @@ class LeftOut:
         self.count += 1
         self.first = self.first or why
 
-    def judge(self) -> None:
-        """Raises BadDataError if there were any."""
+    def judge(self, used: int) -> None:
+        """Raises BadDataError if there were any; used: rows that were not."""
         if self.count:
-            rows = f"{self.count} rows left out, the first of them is" if self.count > 1 else "a row left out,"
-            raise BadDataError(f"{self.path}: {rows} {self.first}; the others were used")
+            raise BadDataError(f"{self}; {'the others were used' if used else 'there is no other'}")
+
+    def __str__(self) -> str:
+        rows = f"{self.count} rows left out, the first of them is" if self.count > 1 else "a row left out,"
+        return f"{self.path}: {rows} {self.first}"
 
 
 def _rows(table: Table, read: Callable[[int, list[str]], Row], left_out: LeftOut | None) -> Iterator[Row]:
@@ -122,7 +126,8 @@ def read_imu(path: Path, left_out: LeftOut | None = None) -> tuple[NDArray[np.vo
     names = (*IMU_COLUMNS, "temperature_c") if "temperature_c" in source.names else IMU_COLUMNS
     table = _numbers(source, source.column_numbers(names), names, left_out)
     if len(table) < 2:
-        raise BadDataError(f"{path}: {len(table)} samples; at least two are needed")
+        why = f"{left_out}; " if left_out and left_out.count else f"{path}: "
+        raise BadDataError(f"{why}{len(table)} samples; at least two are needed")
     t = table[:, 0]
     forward = np.concatenate([[True], t[1:] > np.maximum.accumulate(t)[:-1]])
     table = table[forward]
@@ -171,9 +176,11 @@ def _fix_rows(path: Path, left_out: LeftOut | None) -> Iterator[dict[str, float]
 
 
 def _number_or_none(line: int, cells: Sequence[str], column: int, name: str) -> float:
-    """NaN for an empty cell and for nan. Raises ValueError that says where."""
-    empty = column < len(cells) and cells[column].strip().lower() in ("", "nan")
-    return math.nan if empty else _number(line, cells, column, name)
+    """NaN for what is not known: an empty cell, nan, a size below zero. Raises ValueError that says where."""
+    if column < len(cells) and cells[column].strip().lower() in ("", "nan"):
+        return math.nan
+    value = _number(line, cells, column, name)
+    return math.nan if value < 0.0 and name in _BELOW_ZERO_UNKNOWN else value
 
 
 def _checked(line: int, fix: dict[str, float]) -> dict[str, float]:

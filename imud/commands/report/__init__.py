@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from imud.commands.files import input_file, keep_apart
 from imud.errors import CannotCreateError, UsageError
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "files",
         nargs="+",
-        type=Path,
+        type=input_file,
         metavar="FILE",
         help="recordings; or est.csv and innovations of `imud replay`, its imu.csv and gnss.csv; several are overlaid",
     )
@@ -58,7 +59,8 @@ def run(args: argparse.Namespace) -> int:
     from imud import figures
 
     if not figures.available():
-        raise UsageError("the page needs plotly: pip install 'imud[web]'")
+        raise UsageError("the page needs plotly: pip install 'imud[plots]'")
+    keep_apart([args.output], args.files)
     from .content import panels
     from .findings import findings
 

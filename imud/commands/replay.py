@@ -27,7 +27,9 @@ _FAR_S, _FORCE_MPS2, _LOOKED_AT = 0.2, (4.0, 25.0), 10_000  # what is doubted; s
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recordings", nargs="*", type=input_file, metavar="MCAP", help="recordings of imud; or:")
-    parser.add_argument("--imu", type=input_file, metavar="CSV", help="inertial samples: t_s,gx_radps,…,az_mps2 (FRD)")
+    parser.add_argument(
+        "--imu", type=input_file, metavar="CSV", help="samples: t_s,gx_radps,…,az_mps2 (FRD); - for stdin"
+    )
     parser.add_argument(
         "--gnss", type=input_file, metavar="CSV|NMEA", help="fixes: t_s,lat_deg,lon_deg,height_m,… or NMEA"
     )

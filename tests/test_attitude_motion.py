@@ -154,14 +154,18 @@ def test_rotation_faster_than_any_likely_bias_is_never_bias():
 
 def test_a_long_even_curve_is_neither_rest_nor_bias():
     """At 0.05 rad/s and 15 m/s, with a bias of the other sign: the rate shown is smaller than the bias, and steady."""
-    turn = 0.05
+    turn, ahead = 0.05, steady((15.0 / 6.0, 0.0, 0.0), 10.0, 16.0)
+    brake = steady((-15.0 / 4.0, 0.0, 0.0), 60.0, 64.0)
 
-    def centripetal(t):
-        psi = turn * (t - 10.0)
-        inward = 15.0 * turn * np.column_stack([-np.sin(psi), np.cos(psi), 0.0 * psi])
-        return inward * ((t > 10.0) & (t < 60.0))[:, None]
+    def acceleration(t):
+        psi = turn * np.clip(t - 10.0, 0.0, 50.0)
+        speed = 15.0 * np.minimum(np.clip((t - 10.0) / 6.0, 0.0, 1.0), np.clip((64.0 - t) / 4.0, 0.0, 1.0))
+        along = (ahead(t) + brake(t))[:, 0]
+        across = speed * turn * ((t > 10.0) & (t < 60.0))
+        cosine, sine = np.cos(psi), np.sin(psi)
+        return np.column_stack([along * cosine - across * sine, along * sine + across * cosine, 0.0 * psi])
 
-    truth = simulate(90.0, 100.0, steady((0.0, 0.0, turn), 10.0, 60.0), centripetal)
+    truth = simulate(90.0, 100.0, steady((0.0, 0.0, turn), 10.0, 60.0), acceleration)
     flaws = Flaws(gyro_bias=(0.3 * DEG, -0.2 * DEG, -2.0 * DEG), accel_bias=(0.0, 25.0 * MG, 0.0))
     out = solutions_of(samples_from(truth, flaws), "consumer-mems")
     assert np.max(np.abs(out["bg"][1000:, 2] + 2.0 * DEG)) < 0.05 * DEG

@@ -39,7 +39,7 @@ def settle(p: Any, s: Any) -> None:
     predict(p, s)
     if seeks(s):
         seek(s)
-    elif not loses(p, s):
+    elif s.levelled == 1 and not loses(p, s):
         hold_on(p, s)
         correct(s)
     clear(s)

@@ -19,8 +19,8 @@ from ...kernels.jit import kernel
 from ...kernels.kalman import measure, reset
 from ...kernels.rotation import Vector, dcm_of_quat, quat_rotate
 from .covariance import grow, variance
-from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, STATES
-from .staying import forget_motion
+from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, STATES, VELOCITY
+from .staying import TRAVEL, TRAVEL_S
 from .strapdown import corrected_force
 
 MEAN_S = 0.35
@@ -37,7 +37,7 @@ FALSE_WEIGHT = 2.5  # sigma
 LEVEL_ANEW = 0.1  # rad
 WAIT_S = 3.0
 CURVE_S = 60.0  # no curve is even for so long
-PATIENCE_S = 20.0  # no body accelerates so steadily straight on for so long
+GOES_ON = math.log(3.0)  # log odds of a vehicle's going on to its standing, as far as is known otherwise
 
 
 @kernel
@@ -92,14 +92,18 @@ def accelerates(s: Any) -> bool:
 
 
 @kernel
-def doubt_level(s: Any) -> None:
-    """Let roll and pitch be as uncertain as the mean force says they are wrong; the motion seen was none."""
-    f = quat_rotate((s.q[0], s.q[1], s.q[2], s.q[3]), (s.f_mean[0], s.f_mean[1], s.f_mean[2]))
-    tilt2 = (f[0] * f[0] + f[1] * f[1]) / (s.gravity * s.gravity)
-    grow(s, ATTITUDE, tilt2)
-    grow(s, ATTITUDE + 1, tilt2)
-    for i in range(3):
-        forget_motion(s, i)
+def stands(s: Any) -> bool:
+    """Is it likelier that a body that travelled stands than that it goes on evenly, whichever way?"""
+    travel2 = s.travel[0] + s.travel[1]
+    if travel2 < TRAVEL**2:
+        return True
+    for i in range(2):
+        still = variance(s, VELOCITY + i)
+        going = still + travel2
+        odds = 0.5 * (math.log(going / still) - s.v[i] * s.v[i] * (1.0 / still - 1.0 / going))
+        if odds + s.quiet_s / TRAVEL_S < GOES_ON:
+            return False
+    return True
 
 
 @kernel
@@ -153,10 +157,10 @@ def judge(p: Any, s: Any) -> bool:
     turns = contradicts(s)
     if accelerates(s):
         s.unlevel_s += s.span
-        if s.unlevel_s > PATIENCE_S and not turns:
-            doubt_level(s)
         return False
     s.unlevel_s = 0.0
+    if not stands(s):
+        return False
     if not turns:
         if s.contradicted_s > 0.0:  # the rate has just changed
             restart(s, (s.w[0], s.w[1], s.w[2]), (s.f[0], s.f[1], s.f[2]))

@@ -86,6 +86,7 @@ STATE = np.dtype(
         ("p", "<f8", (3,)),  # m from where it was at home, NED
         ("p_energy", "<f8", (3,)),
         ("gain", "<f8", (3,)),  # m/s, speed lately gained, NED, whatever corrected it
+        ("gain_s", "<f8"),  # and the time that it took
         # counts of the gyro, rad/s
         ("read", "<f8", (3,)),  # the newest rates as read, NaN: none yet
         ("count", "<f8", (3,)),  # the smallest step between readings

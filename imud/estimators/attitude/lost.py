@@ -14,8 +14,8 @@ from typing import Any
 
 from ...kernels.jit import kernel
 from .covariance import grow, variance
-from .staying import forget_motion
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
+from .staying import forget_motion
 
 FOUND, LOST = math.radians(15.0), math.radians(30.0)
 FASTEST = 50.0  # m/s gained in SPEED_S, which cars and light aircraft do not

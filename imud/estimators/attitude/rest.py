@@ -4,8 +4,8 @@ Rest is: for REST_S no sample far from the running means, mean rate and directio
 that a bias can explain, and a force that is weight in the known attitude: else it is steady acceleration. A rate that
 keeps changing, however slowly, is a smooth road and no bias.
 
-A vehicle on a smooth road is as quiet as one that stands. Which it does, the speed tells that it should have left: none,
-but for the errors of the integral, if it stands. The longer all is even, the likelier it stands.
+A vehicle on a smooth road is as quiet as one that stands. Which it does, the speed tells that it should have left, none
+but for the errors of the integral if it stands. The longer all is even, the likelier it stands.
 
 Steady slow rotation about the vertical looks just like a bias; it is told from one by what is known already. A mean
 rate that contradicts the known bias is not taken until the growing variance of the bias allows it; unless it is the

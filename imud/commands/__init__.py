@@ -124,6 +124,9 @@ def main(arguments: list[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output went away: `imud … | head`
         _close_output()
         return 0
+    except MemoryError:
+        print("imud: there is not enough memory for that: take less at a time", file=sys.stderr)
+        return 1
     except OSError as error:  # the disk is full
         print(f"imud: {error.filename or 'output'}: {error.strerror}", file=sys.stderr)
         _close_output()

@@ -22,7 +22,7 @@ _MODES = {2: "D", 4: "R", 5: "F", _ESTIMATED: "E"}  # of GGA's quality; else A
 
 
 def sentences(view: View) -> bytes:
-    """All sentences of one instant."""
+    """All sentences of one instant, in the order of `_SENTENCES`."""
     state = decode(view.solution)
     return b"".join(_framed(make(view, state)) for make in _SENTENCES)
 
@@ -140,4 +140,5 @@ def pashr(view: View, state: State) -> str:
     )
 
 
-_SENTENCES: tuple[Callable[[View, State], str], ...] = (gga, rmc, vtg, hdt, rot, pashr)
+# RMC is the last with a time: gpsd takes that for the end of the burst, and tells no position if that is PASHR.
+_SENTENCES: tuple[Callable[[View, State], str], ...] = (gga, vtg, hdt, rot, pashr, rmc)

@@ -84,8 +84,8 @@ def test_the_rate_of_turn_is_that_of_the_heading():
 
 def test_nothing_invalid_is_said():
     assert sentences(View()) == (
-        b"$GPGGA,,,,,,0,,,,M,,M,,*66\r\n$GPRMC,,V,,,,,,,,,,N*53\r\n$GPVTG,,T,,M,,N,,K,N*2C\r\n"
-        b"$GPHDT,,T*1B\r\n$GPROT,,V*08\r\n$PASHR,,,T,,,,,,,0,0*20\r\n"
+        b"$GPGGA,,,,,,0,,,,M,,M,,*66\r\n$GPVTG,,T,,M,,N,,K,N*2C\r\n"
+        b"$GPHDT,,T*1B\r\n$GPROT,,V*08\r\n$PASHR,,,T,,,,,,,0,0*20\r\n$GPRMC,,V,,,,,,,,,,N*53\r\n"
     )
     attitude_only = parsed(view(status=ATTITUDE_VALID, rpy=(1, 2, 3)))
     assert attitude_only["GPGGA"].lat == "" and attitude_only["GPRMC"].status == "V"

@@ -183,10 +183,20 @@ def test_two_daemons_never_share_an_output(outputs):
         SharedMemory(str(outputs.at / "m"))
 
 
+def test_a_file_of_something_else_is_not_written_over(tmp_path):
+    notes = tmp_path / "notes"
+    notes.write_text("worth keeping")
+    with pytest.raises(CannotCreateError, match="something else"):
+        SharedMemory(str(notes))
+    with pytest.raises(CannotCreateError, match="a file that is no socket"):
+        BinaryOutputs(Settings(stream=StreamSettings(listen=str(notes))), select.poll(), 1)
+    assert notes.read_text() == "worth keeping"
+
+
 def test_a_dead_daemon_leaves_nothing_in_the_way(tmp_path):
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as dead:
         dead.bind(str(tmp_path / "s"))
-    (tmp_path / "m").write_bytes(b"\xff" * 1000)
+    (tmp_path / "m").write_bytes(b"\xff" * 8 + client.MAGIC + b"\xff" * 1000)
     settings = Settings(
         stream=StreamSettings(listen=str(tmp_path / "s")), shared_memory=SharedMemorySettings(path=str(tmp_path / "m"))
     )

@@ -136,10 +136,14 @@ def _clear_stale(path: str, kind: socket.SocketKind) -> None:
 
 
 def _explained(address: Address, error: OSError) -> Exception:
+    if error.errno == errno.EADDRINUSE and isinstance(address.where, str) and not Path(address.where).is_socket():
+        return AddressInUseError(
+            f"cannot listen on {address.text}: there is a file that is no socket; choose another name"
+        )
     if error.errno == errno.EADDRINUSE:
         holder = holder_of(address)
         by = f" by {holder}" if holder else ""
-        return AddressInUseError(f"cannot listen on {address.text}: in use{by}; stop that or choose another --listen")
+        return AddressInUseError(f"cannot listen on {address.text}: in use{by}; stop that or choose another")
     if error.errno in (errno.EACCES, errno.EPERM):
         return PermissionDeniedError(f"cannot listen on {address.text}: permission denied")
     return CannotCreateError(f"cannot listen on {address.text}: {error.strerror or error}")

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.entry import entry
-from imud.client import SHARED_SIZE
+from imud.client import MAGIC, SHARED_SIZE
 from imud.errors import CannotCreateError, PermissionDeniedError
 from imud.kernels.system import fence
 
 WORD = np.dtype(np.uint64)
+_LOCK_BYTES = WORD.itemsize  # before the record
 
 
 @entry
@@ -76,5 +77,8 @@ def _open(path: str) -> int:
     except OSError as error:
         os.close(file)
         raise CannotCreateError(f"cannot share memory in {path}: another imud writes there") from error
+    if os.fstat(file).st_size and os.pread(file, len(MAGIC), _LOCK_BYTES) not in (MAGIC, bytes(len(MAGIC))):
+        os.close(file)
+        raise CannotCreateError(f"cannot share memory in {path}: that file is something else; choose another name")
     os.fchmod(file, 0o644)  # whatever a service's umask
     return file

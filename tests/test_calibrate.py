@@ -178,6 +178,10 @@ def test_broken_moving_and_short_data_is_refused():
     moving["w"] += np.sin(np.arange(len(moving)) / 20.0)[:, None]
     with pytest.raises(UnfitError, match="never at rest"):
         still_spells(moving, RATE_HZ)
+    bends = still.copy()
+    bends["w"][:, 2] += 0.1 * np.sin(np.arange(len(bends)) / RATE_HZ)  # smooth, as a drive without a shake
+    with pytest.raises(UnfitError, match="needs 10 s"):
+        gyro.bias(bends, RATE_HZ)
     with pytest.raises(UnfitError, match="too short"):
         still_spells(still[:50], RATE_HZ)
     with pytest.raises(UnfitError, match="needs 10 s"):

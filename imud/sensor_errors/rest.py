@@ -73,9 +73,11 @@ def still_spells(samples: Records, rate_hz: float) -> list[Spell]:
     still = (scatter_w < limit_w) & (scatter_f < limit_f)
     force = windows(samples["f"], m).mean(axis=1)
     turned = np.linalg.norm(np.diff(force, axis=0), axis=1) > 3.0 * limit_f  # from one window to the next
+    rate = np.degrees(windows(samples["w"], m).mean(axis=1))
     spells, start = [], 0
     for i in range(1, len(still) + 1):
-        if i == len(still) or not still[i] or not still[i - 1] or turned[i - 1]:
+        turns = i < len(still) and np.linalg.norm(rate[i] - rate[start]) > 3.0 * limit_w  # evenly, as in a bend
+        if i == len(still) or not still[i] or not still[i - 1] or turned[i - 1] or turns:
             if still[start] and (i - start) * m >= _SPELL_S * rate_hz:
                 spells.append(Spell(start * m, i * m))
             start = i

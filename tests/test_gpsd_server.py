@@ -50,7 +50,7 @@ def test_nmea_instead_of_json_or_beside_it(loop):
     loop.publish(MS)
     said = plain.sock.recv(65536).split(b"\r\n")
     assert b'"json":false,"nmea":true' in said[2]
-    assert [text[:6] for text in said[3:]] == [b"$GPGGA", b"$GPRMC", b"$GPVTG", b"$GPHDT", b"$GPROT", b"$PASHR", b""]
+    assert [text[:6] for text in said[3:]] == [b"$GPGGA", b"$GPVTG", b"$GPHDT", b"$GPROT", b"$PASHR", b"$GPRMC", b""]
     mixed = both.sock.recv(65536)
     assert b'{"class":"ATT"' in mixed and b"\r\n".join(said[3:]) in mixed
 

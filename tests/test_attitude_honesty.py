@@ -9,7 +9,7 @@ from broad import samples_of, solutions_of
 
 from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators.attitude import ESTIMATOR
-from imud.estimators.records import SOLUTION
+from imud.estimators.records import AT_REST, SOLUTION
 from imud.sensor_errors.profiles import PROFILES
 
 
@@ -133,3 +133,25 @@ def test_knocks_and_vibration_cost_certainty_and_smooth_motion_does_not():
     shaken = yaw_sigma_deg(solutions_of(samples, "m-g350"))
     expected = np.degrees(0.01) * 20.0 / 200.0 * np.sqrt(2000)
     np.testing.assert_allclose(np.sqrt(shaken[-1] ** 2 - sigmas[0][-1] ** 2), expected, rtol=0.1)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_cruising_without_a_shake_is_no_rest(seed):
+    """Stop and go: six seconds of speeding up, twenty straight on at an even speed, five of braking, three of standing."""
+    leg, speed = 34.0, 12.0
+    edges = ((10.0, 16.0, speed / 6.0), (36.0, 41.0, -speed / 5.0))
+
+    def acceleration(t):
+        phase = np.where(t > 10.0, (t - 10.0) % leg + 10.0, 0.0)
+        ahead = sum(a * ((phase > begin) & (phase <= end)) for begin, end, a in edges)
+        return np.column_stack([ahead, 0.0 * t, 0.0 * t])
+
+    p = PROFILES["consumer-mems"]
+    rng = np.random.default_rng(seed)
+    truth = simulate(180.0, 50.0, acceleration=acceleration)
+    flaws = Flaws(p.gyro_noise, p.accel_noise, accel_bias=tuple(rng.normal(0.0, p.accel_bias_initial, 3)))
+    out = solutions_of(samples_of(truth.t, *measure(truth, flaws, rng)), "consumer-mems")
+    tilt, _ = errors_deg(out["q_nb"], truth.attitude)
+    assert np.mean(tilt**2 / tilt_variance_deg2(out)) < 2.0
+    cruising = ((truth.t - 10.0) % leg > 8.0) & ((truth.t - 10.0) % leg < 26.0) & (truth.t > 10.0)
+    assert np.mean(out["status"][cruising] & AT_REST > 0) < 0.1

@@ -49,3 +49,19 @@ def test_a_fast_car_is_not_beyond_belief():
     truth = simulate(50.0, 100.0, acceleration=lambda t: speed_up(t) + brake(t))
     out = solutions_of(samples_from(truth, Flaws(gyro_bias=(0.2 * DEG,) * 3)), "consumer-mems")
     assert np.max(errors_deg(out["q_nb"], truth.attitude)[0]) < 0.5
+
+
+@pytest.mark.parametrize("angle_deg", [7.0, 12.0])
+def test_a_small_error_of_tilt_in_motion_is_noticed_within_about_a_minute(angle_deg):
+    truth = simulate(120.0, 50.0, after(5.0, wobble(1, 0.1, 0.5, 4.0)), after(5.0, wobble(2, 0.4, 0.3, 1.5)))
+    samples = samples_from(truth, Flaws(gyro_bias=(0.2 * DEG,) * 3))
+    slip = Rotation.from_rotvec(angle_deg * DEG * np.array([0.6, 0.8, 0.0]))
+    late = truth.t >= SLIP_S
+    for name in ("w", "f"):
+        samples[name][late] = slip.apply(samples[name][late])
+    out = solutions_of(samples, "m-g350")
+    attitude = Rotation.concatenate([truth.attitude[~late], truth.attitude[late] * slip.inv()])
+    tilt, _ = errors_deg(out["q_nb"], attitude)
+    noticed = truth.t > SLIP_S + 65.0
+    assert np.max(tilt[noticed]) < 5.0
+    assert np.mean(tilt[noticed] ** 2 / tilt_variance_deg2(out)[noticed]) < 4.0

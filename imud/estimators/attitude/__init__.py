@@ -57,8 +57,7 @@ def hold_on(p: Any, s: Any) -> None:
         if rested:
             leave(s)
         hold_near(s)
-    if s.unlevel_s == 0.0:  # else it accelerates steadily
-        hold_place(s)
+    hold_place(s)
 
 
 @kernel

@@ -51,7 +51,7 @@ def begin(s: Any, w: Vector, f: Vector) -> None:
         s.f[i] = f[i]
         s.f_change[i] = 0.0
     restart(s, w, f)
-    s.contradicted_s = s.unlevel_s = s.held_s = 0.0
+    s.contradicted_s = s.held_s = 0.0
     s.resting = 0
 
 

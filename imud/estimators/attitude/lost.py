@@ -59,7 +59,7 @@ def disbelieve(p: Any, s: Any, acceleration: float) -> None:
         unlearn(s, GYRO_BIAS + i, tilt / SPEED_S, p.gyro_bias_var)
         unlearn(s, ACCEL_BIAS + i, acceleration, p.accel_bias_var)
         forget_motion(s, i)
-        s.gain[i] = s.travel[i] = 0.0
+        s.gain[i] = 0.0
     s.sigma_tilt += tilt
     s.gain_s = 0.0
 

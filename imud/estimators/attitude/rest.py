@@ -152,16 +152,12 @@ def judge(p: Any, s: Any) -> bool:
     """Is this rest, with a mean rate that may correct the gyro bias? To be asked once per covariance interval."""
     s.resting = 0
     if s.quiet_s < REST_S:
-        s.contradicted_s = s.unlevel_s = 0.0
+        s.contradicted_s = 0.0
         return False
     if s.weighed == 0:
         weigh(p, s)
     turns = contradicts(s)
-    if accelerates(s):
-        s.unlevel_s += s.span
-        return False
-    s.unlevel_s = 0.0
-    if not stands(s):
+    if accelerates(s) or not stands(s):
         return False
     if not turns:
         if s.contradicted_s > 0.0:  # the rate has just changed

@@ -111,7 +111,6 @@ STATE = np.dtype(
         ("f_rest", "<f8", (3,)),  # when the gyro bias was last learnt at rest
         ("quiet_s", "<f8"),
         ("contradicted_s", "<f8"),  # for how long a quiet body has shown a rate that is not the known bias
-        ("unlevel_s", "<f8"),  # and a force that is not weight in the known attitude
         ("resting", "<i8"),
         ("weighed", "<i8"),
     ],

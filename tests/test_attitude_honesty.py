@@ -137,7 +137,7 @@ def test_knocks_and_vibration_cost_certainty_and_smooth_motion_does_not():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_cruising_without_a_shake_is_no_rest(seed):
-    """Stop and go: six seconds of speeding up, twenty straight on at an even speed, five of braking, three of standing."""
+    """Stop and go: 6 s of speeding up, 20 straight on at an even speed, 5 of braking, 3 of standing."""
     leg, speed = 34.0, 12.0
     edges = ((10.0, 16.0, speed / 6.0), (36.0, 41.0, -speed / 5.0))
 

@@ -11,6 +11,7 @@ from .correction import predicted
 from .covariance import WANDER_S, deviation, variance
 from .fix_matching import levelled, pair, vertical_bias
 from .gnss import slowness2, velocity_of
+from .hypotheses import likely, turned
 from .matching import TIME, ZETA, times, unit
 from .motion import REST_SPEED, WINDOW_S
 from .non_holonomic import witness
@@ -70,22 +71,23 @@ def bear_witness(p: Any, c: Any, known: bool) -> None:
 
 
 @kernel
-def take_velocity(c: Any) -> None:
+def take_velocity(c: Any, b: Any) -> None:
     """With the heading found: the velocity that positions showed, and what was felt since."""
-    felt = times(unit(-c.frame), (velocity(c, 0, ZETA), velocity(c, 1, ZETA)))
+    k = likely(c)
+    felt = times(unit(-c.frame - turned(c, k, 0.0)), (velocity(b, k, 0, ZETA), velocity(b, k, 1, ZETA)))
     tilt2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
     r = (
-        c.whitener[SPEED, SPEED]
+        b.whitener[SPEED, SPEED]
         + c.heading_sigma**2 * (felt[0] ** 2 + felt[1] ** 2)
-        + tilt2 * velocity(c, 0, TIME) ** 2
+        + tilt2 * velocity(b, k, 0, TIME) ** 2
     )
     for i in range(2):
-        c.v[i] = c.followed[SPEED, 0, i] + felt[i]
+        c.v[i] = b.followed[k, SPEED, 0, i] + felt[i]
         reset(c.P, STATES, VELOCITY + i, min(r, UNKNOWN_SPEED**2))
 
 
 @kernel
-def place(p: Any, c: Any, fix: Any) -> None:
+def place(p: Any, c: Any, b: Any, fix: Any) -> None:
     """Put the core on the fix; begin to navigate when roll, pitch and heading are known."""
     c.lat, c.lon = fix.lat, fix.lon
     guess = 0.0  # sigma of a height that the fix does not tell: of the last one, if there was one
@@ -94,7 +96,7 @@ def place(p: Any, c: Any, fix: Any) -> None:
     else:
         guess = min(max(deviation(c, POSITION + 2), c.reported[1]), UNKNOWN_HEIGHT)
     vn, ve = velocity_of(fix, 0), velocity_of(fix, 1)
-    pair(c, fix.lat, fix.lon, vn, ve, slowness2(fix))
+    pair(c, b, fix.lat, fix.lon, vn, ve, slowness2(fix))
     known = math.isfinite(vn) and math.isfinite(ve)
     if not math.isfinite(c.fix_speed):
         c.fix_speed = seen_speed(c, fix.lat, fix.lon)
@@ -112,10 +114,10 @@ def place(p: Any, c: Any, fix: Any) -> None:
         reset(c.P, STATES, POSITION + i, sigma * sigma + arm2)
         reset(c.P, STATES, VELOCITY + i, (RECEIVED_SPEED if known else UNKNOWN_SPEED) ** 2)
     c.fix_ns = c.t_ns
-    if levelled(c) and (c.heading_sigma > 0.0 or find_heading(c)):
+    if levelled(c) and (c.heading_sigma > 0.0 or find_heading(c, b)):
         for i in range(3):
             reset(c.P, STATES, POSITION + i, max(UNKNOWN_POSITION, guess if i == 2 else 0.0) ** 2)
             reset(c.P, STATES, VELOCITY + i, UNKNOWN_SPEED**2 if i < 2 else UNKNOWN_CLIMB**2)
         if not known and c.matched_ns == c.t_ns:
-            take_velocity(c)
+            take_velocity(c, b)
         engage(p, c)

@@ -35,12 +35,12 @@ def turn_north(c: Any, psi: float) -> None:
 
 
 @kernel
-def find_heading(c: Any) -> bool:
+def find_heading(c: Any, b: Any) -> bool:
     """Turn the level frame to north when the pairs tell how; its sigma goes to c.heading_sigma."""
     bias_variance = predicted(c, vertical_bias(c))
     turned2 = bias_variance * (1e-9 * (c.t_ns - c.origin_ns)) ** 2
-    believe(c)
-    if not adopt(c, solve(c, bias_variance)):
+    believe(c, b)
+    if not adopt(c, solve(c, b, bias_variance)):
         return False
     for i in range(2):
         grow(c, ATTITUDE + i, MOVING_TILT**2 * min(turned2, 1.0))

@@ -114,7 +114,7 @@ def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
         trust_stamp(p, c, fix)
     grade(c, fix)
     trace_velocity(s)
-    rows = fuse(p, c, fix, c.latency - 1e-9 * (fix.t_ns - c.t_ns), innovations)
+    rows = fuse(p, c, s.bank[0], fix, c.latency - 1e-9 * (fix.t_ns - c.t_ns), innovations)
     s.stamp_ns = fix.t_ns
     s.latency = c.latency
     s.fused_ns = c.t_ns
@@ -125,7 +125,7 @@ def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
 
 
 @kernel
-def fuse(p: Any, c: Any, fix: Any, late: float, innovations: Any) -> int:
+def fuse(p: Any, c: Any, b: Any, fix: Any, late: float, innovations: Any) -> int:
     """Take the fix at the time where the core is; it was true `late` s before that (what rewinding has left)."""
     if stuck(c, fix):
         c.flags |= REJECTING
@@ -134,7 +134,7 @@ def fuse(p: Any, c: Any, fix: Any, late: float, innovations: Any) -> int:
     if c.phase == NAVIGATING and variance(c, ATTITUDE + 2) > HEADING_LIMIT**2:
         disengage(c)
     if c.phase == LEVELLING:
-        place(p, c, fix)
+        place(p, c, b, fix)
     elif not math.isfinite(c.fix_speed):
         c.fix_speed = calm_speed(c, fix.lat, fix.lon)
     rows = 0
@@ -143,11 +143,11 @@ def fuse(p: Any, c: Any, fix: Any, late: float, innovations: Any) -> int:
         if abs(late) < STALE_S:
             rows = fuse_velocity(p, c, fix, late, innovations, rows)
         c.lost *= 0.98
-        right = supervise(p, c, fix)
+        right = supervise(p, c, b, fix)
         if c.contrary > CONTRARY or c.lost > LOST or not right:
             c.contrary = 0
             c.lost = 0.0
             forget_heading(p, c)
-            place(p, c, fix)
+            place(p, c, b, fix)
     c.fixes += 1
     return rows

@@ -12,11 +12,12 @@ from ...kernels.rotation import dcm_of_quat
 from ..records import AT_REST
 from .correction import predicted, row
 from .covariance import WANDER_S, variance
+from .hypotheses import carry_on, clear_bank, fade, likely, match, rebase
 from .levelling import level_between
-from .matching import TIME, ZETA, accumulate, clear_matching, fade, mean_age, rebase, times, unit
+from .matching import TIME, ZETA, Pair, clear_matching, times, unit
 from .state import ATTITUDE, GYRO_BIAS, LATENCY, LEVELLING, NAVIGATING, NEVER_NS
 from .strapdown import way
-from .whitening import ANY_SPEED, innovate, learn, let_pass, restart
+from .whitening import ANY_SPEED, expected, innovate, let_pass, restart
 
 SHORTEST_S, LONGEST_S = 0.9, 6.0  # between two fixes of a pair
 VAGUENESS = 0.4  # m/s, of a velocity change seen in positions
@@ -82,10 +83,10 @@ def memory(c: Any) -> float:
 
 
 @kernel
-def pair(c: Any, lat: float, lon: float, vn: float, ve: float, noise2: float) -> None:
+def pair(c: Any, b: Any, lat: float, lon: float, vn: float, ve: float, noise2: float) -> None:
     """A fix at the core's time, with its velocity (NaN when it has none), of a variance beyond the usual."""
-    rebase(c)
-    match_fix(c, lat, lon, vn, ve, noise2)
+    rebase(c, b)
+    match_fix(c, b, lat, lon, vn, ve, noise2)
     dt = 1e-9 * (c.t_ns - c.mark_ns)
     m = c.mark
     known = math.isfinite(vn) and math.isfinite(m[0])
@@ -105,16 +106,16 @@ def pair(c: Any, lat: float, lon: float, vn: float, ve: float, noise2: float) ->
 
 
 @kernel
-def felt_less(c: Any, s: float) -> bool:
-    """Do the innovations in c.left, of variance s, differ by more than any heading and the tilt's doubt explain?"""
-    felt = math.hypot(c.left[1 + ZETA, 0], c.left[1 + ZETA, 1])
+def felt_less(c: Any, b: Any, s: float) -> bool:
+    """Do the innovations in b.left, of variance s, differ by more than any heading and the tilt's doubt explain?"""
+    felt = math.hypot(b.left[1 + ZETA, 0], b.left[1 + ZETA, 1])
     tilt2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
-    doubt = s + tilt2 * (c.left[1 + TIME, 0] ** 2 + c.left[1 + TIME, 1] ** 2)
-    return bool((felt - math.hypot(c.left[0, 0], c.left[0, 1])) ** 2 > GATE * doubt)
+    doubt = s + tilt2 * (b.left[1 + TIME, 0] ** 2 + b.left[1 + TIME, 1] ** 2)
+    return bool((felt - math.hypot(b.left[0, 0], b.left[0, 1])) ** 2 > GATE * doubt)
 
 
 @kernel
-def match_fix(c: Any, lat: float, lon: float, vn: float, ve: float, noise2: float) -> None:
+def match_fix(c: Any, b: Any, lat: float, lon: float, vn: float, ve: float, noise2: float) -> None:
     """Match what this fix tells with what was felt."""
     dt = 1e-9 * (c.t_ns - c.matched_ns)
     if dt < SHORTEST_S:
@@ -125,46 +126,42 @@ def match_fix(c: Any, lat: float, lon: float, vn: float, ve: float, noise2: floa
     c.matched_ns = c.t_ns
     if dt == math.inf:
         c.base[0], c.base[1] = lat, lon
-        restart(c)
+        clear_matching(c)
+        clear_bank(b)
+        begin_anew(c, b)
     else:
-        let_pass(c, dt)
-        fade(c, math.exp(-2.0 * dt / memory(c)))
+        carry_on(c, b, dt)
+        let_pass(b, c.reported[0], dt)
+        fade(b, math.exp(-2.0 * dt / memory(c)))
     if math.isfinite(vn) and math.isfinite(ve):
-        r = c.white_speed + jerked2(c) + noise2
-        consider(c, False, innovate(c, False, vn, ve, c.running, r))
+        consider(c, b, False, (vn, ve), c.white_speed + jerked2(c) + noise2)
     else:
-        north, east = way(c, c.base[0], c.base[1], lat, lon)
-        consider(c, True, innovate(c, True, north, east, c.twice, c.white[0]))
+        consider(c, b, True, way(c, c.base[0], c.base[1], lat, lon), c.white[0])
 
 
 @kernel
-def smeared2(c: Any, ago: float) -> float:
-    """Variance, m^2 or m^2/s^2, of the force felt some `ago` s ago in the mean, by the drift of the frame meanwhile.
-
-    That is of second order: `accumulate` takes the first into account.
-    """
-    z2 = c.left[1 + ZETA, 0] ** 2 + c.left[1 + ZETA, 1] ** 2
-    turned2 = predicted(c, vertical_bias(c)) * ago * ago / 3.0
-    return float(z2 * turned2 * turned2)
+def begin_anew(c: Any, b: Any) -> None:
+    """Place and velocity are taken from the next fix."""
+    restart(b, c.reported[0])
+    c.refusals = 0
 
 
 @kernel
-def consider(c: Any, place: bool, s: float) -> None:
-    """Match the innovations in c.left, of variance s, if they tell something; not those of a fix that was not felt.
+def consider(c: Any, b: Any, place: bool, told: Pair, r: float) -> None:
+    """Match a place (m) or a velocity of variance r, if it tells something; not one that was not felt.
 
     When there are three such fixes in a row, place and velocity are taken anew from the next.
     """
+    s = expected(b, place, r)
     certain = levelled(c) and s < 0.5 * ANY_SPEED**2
-    if certain and felt_less(c, s):
+    innovate(b, likely(c), place, told)
+    if certain and felt_less(c, b, s):
         c.refusals += 1
         if c.refusals > 2:
-            restart(c)
+            begin_anew(c, b)
         return
     c.refusals = 0
-    if certain and not c.flags & AT_REST:
-        age = mean_age(c)
-        accumulate(c, s + smeared2(c, 1e-9 * (c.t_ns - c.origin_ns) - age), age)
-    learn(c, place, s)
+    match(c, b, place, told, s, certain and not c.flags & AT_REST)
 
 
 @kernel

@@ -7,12 +7,14 @@ from ...kernels.earth import STANDARD_GRAVITY
 from ...kernels.jit import kernel
 from ...kernels.rotation import dcm_of_quat
 from .correction import predicted, row
-from .matching import FITTED, RATE_STEP, SWAY, Pair, inner, rate_of, rebase, times, unit
+from .hypotheses import FELT, FIRST, RATE_STEP, SEEN, rate_of, rebase
+from .matching import SWAY, Pair, blend, inner, pick, times, unit
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, RATES
 from .strapdown import wrapped
 
 EVENTS = 3.0, 2.0  # innovations with motion, at least; and so many more where the gyro's drift is not known at all
 CORRELATED = 1.5  # what is left over of neighbouring innovations is not quite independent
+FITTED = 3.0  # heading, and what the nuisance parameters take
 ANY_TILT = 0.3  # m/s^2, where the filter's covariance is not to be believed
 
 
@@ -32,10 +34,10 @@ def nuisance(c: Any, m: Any, i: int) -> int:
 
 
 @kernel
-def believe(c: Any) -> None:
-    """c.prior <- their covariance (3 x 3, complex) as the filter has it, taken as equal in all directions."""
+def believe(c: Any, b: Any) -> None:
+    """b.prior <- their covariance (3 x 3, complex) as the filter has it, taken as equal in all directions."""
     m = dcm_of_quat((c.q[0], c.q[1], c.q[2], c.q[3]))
-    c.prior[:] = 0.0
+    b.prior[:] = 0.0
     for j in range(6):
         predicted(c, nuisance(c, m, j))
         for i in range(6):
@@ -44,41 +46,35 @@ def believe(c: Any) -> None:
             for k in range(n):
                 s += c.values[k] * c.d[c.columns[k]]
             if i % 2 == j % 2:
-                c.prior[i // 2, j // 2, 0] += 0.5 * s
+                b.prior[i // 2, j // 2, 0] += 0.5 * s
             else:
-                c.prior[i // 2, j // 2, 1] += 0.5 * s if i % 2 == 1 else -0.5 * s
+                b.prior[i // 2, j // 2, 1] += 0.5 * s if i % 2 == 1 else -0.5 * s
 
 
 @kernel
-def disbelieve(c: Any, accel_initial: float) -> None:
-    """c.prior <- what is known of tilt and accelerometer bias before anything was learned."""
-    believe(c)
-    gyro = c.prior[1, 1, 0]
-    c.prior[:] = 0.0
-    c.prior[0, 0, 0], c.prior[1, 1, 0], c.prior[2, 2, 0] = ANY_TILT**2, gyro, accel_initial**2
+def disbelieve(c: Any, b: Any, accel_initial: float) -> None:
+    """b.prior <- what is known of tilt and accelerometer bias before anything was learned."""
+    believe(c, b)
+    gyro = b.prior[1, 1, 0]
+    b.prior[:] = 0.0
+    b.prior[0, 0, 0], b.prior[1, 1, 0], b.prior[2, 2, 0] = ANY_TILT**2, gyro, accel_initial**2
 
 
 @kernel
-def bring_back(c: Any) -> None:
-    """Carry c.prior from tilt and biases now, in level axes, over to those at the origin of the running integrals."""
-    frame = unit(c.frame)
+def bring_back(c: Any, b: Any) -> None:
+    """Carry b.prior from tilt and biases now, in level axes, over to those at the origin of the running integrals."""
+    frame, sway, s = unit(c.frame), pick(c.running, SWAY), b.prior
     body = times(frame, (c.swing[0], -c.swing[1]))
-    sway = (c.running[SWAY, 0], c.running[SWAY, 1])
-    s = c.prior
     for k in range(3):  # rows
         for j in range(3):
-            p = times(frame if j == 0 else body, (s[j, k, 0], s[j, k, 1]))
+            p = times(frame if j == 0 else body, pick(s[j], k))
             s[j, k, 0], s[j, k, 1] = p[0], p[1]
-        p = times(sway, (s[1, k, 0], s[1, k, 1]))
-        s[0, k, 0] -= p[0]
-        s[0, k, 1] -= p[1]
+        blend(s[0, k], times(sway, pick(s[1], k)), -1.0)
     for j in range(3):  # columns, conjugated
         for k in range(3):
-            p = inner(frame if k == 0 else body, (s[j, k, 0], s[j, k, 1]))
+            p = inner(frame if k == 0 else body, pick(s[j], k))
             s[j, k, 0], s[j, k, 1] = p[0], p[1]
-        p = inner(sway, (s[j, 1, 0], s[j, 1, 1]))
-        s[j, 0, 0] -= p[0]
-        s[j, 0, 1] -= p[1]
+        blend(s[j, 0], inner(sway, pick(s[j], 1)), -1.0)
 
 
 @kernel
@@ -102,88 +98,80 @@ def invert(a: Any) -> None:
 
 
 @kernel
-def eliminate(c: Any) -> None:
-    """c.gain <- (N + S^-1)^-1 = S (N S + 1)^-1, with N the normal matrix of the nuisance parameters and S c.prior."""
-    bring_back(c)
-    s, n, g = c.prior, c.normal, c.inverse
+def eliminate(b: Any, products: Any) -> None:
+    """b.gain <- (N + S^-1)^-1 = S (N S + 1)^-1, with N the regressors' products, and S b.prior."""
+    s, g = b.prior, b.inverse
     for j in range(3):
         for k in range(3):
             g[j, k, 0], g[j, k, 1] = 1.0 if j == k else 0.0, 0.0
             for i in range(3):
-                p = times((n[j, i, 0], n[j, i, 1]), (s[i, k, 0], s[i, k, 1]))
-                g[j, k, 0] += p[0]
-                g[j, k, 1] += p[1]
+                blend(g[j, k], times(pick(products[FIRST + j], FIRST + i), pick(s[i], k)), 1.0)
     invert(g)
     for j in range(3):
         for k in range(3):
-            c.gain[j, k, 0], c.gain[j, k, 1] = 0.0, 0.0
+            b.gain[j, k, 0], b.gain[j, k, 1] = 0.0, 0.0
             for i in range(3):
-                p = times((s[j, i, 0], s[j, i, 1]), (g[i, k, 0], g[i, k, 1]))
-                c.gain[j, k, 0] += p[0]
-                c.gain[j, k, 1] += p[1]
+                blend(b.gain[j, k], times(pick(s[j], i), pick(g[i], k)), 1.0)
 
 
 @kernel
-def form(a: Any, matrix: Any, b: Any) -> Pair:
-    """a' M b, a conjugated."""
-    re, im = 0.0, 0.0
+def unexplained(b: Any, products: Any, one: int, other: int) -> Pair:
+    """A product without what the regressors explain, by the gain."""
+    re, im = pick(products[one], other)
     for j in range(3):
         for k in range(3):
-            p = inner((a[j, 0], a[j, 1]), times((matrix[j, k, 0], matrix[j, k, 1]), (b[k, 0], b[k, 1])))
-            re += p[0]
-            im += p[1]
+            right = times(pick(b.gain[j], k), pick(products[FIRST + k], other))
+            p = times(pick(products[one], FIRST + j), right)
+            re -= p[0]
+            im -= p[1]
     return re, im
 
 
 @kernel
-def correlation(c: Any, k: int) -> tuple[float, float, float, float]:
-    """Of drift hypothesis k: sum conj(dz) dV, energies of both, all without what the nuisance parameters explain."""
-    drift = rate_of(k)
-    for j in range(3):
-        for i in range(2):
-            c.drifting[j, i] = c.felt[j, i] + drift * c.smeared[j, i]
-    explained = form(c.drifting, c.gain, c.seen[k])
-    z2 = c.energy[0] + drift * (c.smear[0] + drift * c.smear[1]) - form(c.drifting, c.gain, c.drifting)[0]
-    v2 = c.energy[1] - form(c.seen[k], c.gain, c.seen[k])[0]
-    return c.match[k, 0] - explained[0], c.match[k, 1] - explained[1], float(z2), float(v2)
+def assess(b: Any, k: int) -> tuple[float, float]:
+    """Of hypothesis k: b.headings <- the frame's heading and the misfit; returns this, and the energy that agrees."""
+    eliminate(b, b.products[k])
+    re, im = unexplained(b, b.products[k], FELT, SEEN)
+    z2, v2 = unexplained(b, b.products[k], FELT, FELT)[0], unexplained(b, b.products[k], SEEN, SEEN)[0]
+    both = math.hypot(re, im)
+    b.headings[k, 0], b.headings[k, 1] = math.atan2(im, re), z2 + v2 - 2.0 * both
+    return z2 + v2 - 2.0 * both, min(z2, both)
 
 
 @kernel
-def solve(c: Any, bias_variance: float) -> tuple[float, float, float, float, float]:
+def solve(c: Any, b: Any, bias_variance: float) -> tuple[float, float, float, float, float]:
     """Heading of the level frame now, its sigma (pi when not ready), its drift rate, that one's variance, covariance.
 
-    Call with the prior in c.prior. The rate is that which the filter does not know of.
+    Call with the prior in b.prior. The rate is that which the filter does not know of.
     """
     unknown = (0.0, math.pi, 0.0, 0.0, 0.0)
     age = 1e-9 * (c.t_ns - c.origin_ns)
     events = EVENTS[0] + EVENTS[1] * min(bias_variance * age * age, 1.0)
-    if c.weight <= FITTED or c.energy[1] ** 2 < events * c.squares:
+    energy = b.products[0, SEEN, SEEN, 0]
+    if b.weight <= FITTED or energy**2 < events * b.squares:
         return unknown
-    rebase(c)
-    eliminate(c)
+    rebase(c, b)
+    bring_back(c, b)
     least, power = math.inf, 0.0
     for k in range(RATES):
-        re, im, z2, v2 = correlation(c, k)
-        misfit = z2 + v2 - 2.0 * math.hypot(re, im)
+        misfit, agreed = assess(b, k)
         if misfit < least:
-            least, power = misfit, min(z2, math.hypot(re, im))
+            least, power = misfit, agreed
     if power < 1.0:
         return unknown
-    r = CORRELATED * max(least / (2.0 * c.weight - FITTED), 1.0)
+    r = CORRELATED * max(least / (2.0 * b.weight - FITTED), 1.0)
     frame = c.frame + c.drifted
-    mean = c.aged / c.energy[1]  # age of what tells most: the heading of then is known best
+    mean = b.aged / energy  # age of what tells most: the heading of then is known best
     between = RATE_STEP**2 / 12.0  # hypotheses
     inside = bias_variance * between / (bias_variance + between)
     weight, sr, si, rate, rate2 = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(RATES):
-        drift = rate_of(k)
-        re, im, z2, v2 = correlation(c, k)
-        misfit = z2 + v2 - 2.0 * math.hypot(re, im) - least
+        drift, misfit = rate_of(k), b.headings[k, 1] - least
         apart = drift + c.frame_rate
         w = math.exp(-0.5 * misfit / r - 0.5 * apart**2 / (bias_variance + between))
         unforeseen = apart * inside / between
-        psi = math.atan2(im, re) + drift * mean + (unforeseen - c.frame_rate) * (age - mean) + frame
-        c.headings[k, 0], c.headings[k, 1], c.headings[k, 2] = psi, w, unforeseen
+        psi = b.headings[k, 0] + drift * mean + (unforeseen - c.frame_rate) * (age - mean) + frame
+        b.headings[k, 0], b.headings[k, 1], b.headings[k, 2] = psi, w, unforeseen
         weight += w
         sr += w * math.cos(psi)
         si += w * math.sin(psi)
@@ -196,6 +184,6 @@ def solve(c: Any, bias_variance: float) -> tuple[float, float, float, float, flo
     spread2 = -2.0 * math.log(max(length, 1e-9)) + (age - mean) ** 2 * inside
     psi, together = math.atan2(si, sr), 0.0
     for k in range(RATES):
-        together += c.headings[k, 1] * wrapped(c.headings[k, 0] - psi) * (c.headings[k, 2] - rate)
+        together += b.headings[k, 1] * wrapped(b.headings[k, 0] - psi) * (b.headings[k, 2] - rate)
     variance = max(rate2 / weight - rate * rate, 0.0) + inside
     return psi, math.sqrt(r / power + spread2), rate, variance, together / weight + (age - mean) * inside

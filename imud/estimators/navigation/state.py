@@ -1,4 +1,5 @@
-"""The records of the navigation filter: its parameters, its core (what a snapshot holds) and its whole state.
+"""The records of the navigation filter: its parameters, its core (what a snapshot holds), its bank of hypotheses of the
+heading's drift, and its whole state.
 
 Errors are "true minus estimate", 25 of them: position NED m, velocity m/s, attitude (small rotation in NED,
 C_true = exp(phi) C), gyro bias, accelerometer bias, slowly wandering GNSS position error (Gauss-Markov), mounting
@@ -144,8 +145,8 @@ CORE = np.dtype(
         # alignment, in a level frame of arbitrary heading
         ("heading_sigma", "<f8"),  # rad, of a heading given by the user; 0: none
         ("heading_age", "<f8"),  # s, what an error of the vertical gyro bias has been multiplied with in that found
-        ("running", "<f8", (5, 2)),  # integrals since the origin, complex: of level specific force, of 1, GG, G, aged
-        ("twice", "<f8", (5, 2)),  # and theirs
+        ("running", "<f8", (4, 2)),  # integrals since the origin, complex: of level specific force, of 1, GG, G
+        ("twice", "<f8", (4, 2)),  # and theirs
         ("swing", "<f8", (2,)),  # exp(i y), y rad the heading of the body in the frame of those
         ("frame", "<f8"),  # rad, from the level frame of q to that one
         ("drifted", "<f8"),  # rad, by which that one would have turned without the vertical gyro bias found
@@ -161,24 +162,10 @@ CORE = np.dtype(
         ("calm", "<f8", (2,)),  # latitude and longitude of the first fix since the sensor has been quiet
         ("calm_ns", "<i8"),
         ("origin_ns", "<i8"),
-        ("ages_ns", "<i8"),  # from which the age of forces is counted
         ("base", "<f8", (2,)),  # latitude and longitude from which the places of fixes are counted
         ("matched_ns", "<i8"),  # last fix matched
-        ("followed", "<f8", (3, 6, 2)),  # place, velocity, wander: what `whitening` makes of fixes and integrals
-        ("whitener", "<f8", (3, 3)),  # and their covariance, m, s
-        ("left", "<f8", (6, 2)),  # scratch: innovations
         ("refusals", "<i8"),  # fixes in a row that were not felt
-        ("weight", "<f8"),  # innovations matched
-        ("energy", "<f8", (2,)),  # of felt innovations dz and of the receiver's dV, over their variance
-        ("smear", "<f8", (2,)),  # what a drift rate adds to that of dz, and its square
-        ("squares", "<f8"),  # sum of squares of the single energies of dz
         ("astray", "<i8"),  # pairs in a row that contradict the heading
-        ("aged", "<f8"),  # s, the energy of dV times its age
-        ("normal", "<f8", (3, 3, 2)),  # sums of products of the regressors, complex
-        ("felt", "<f8", (3, 2)),  # of regressors and dz
-        ("smeared", "<f8", (3, 2)),  # what a drift rate adds to them
-        ("match", "<f8", (RATES, 2)),  # of conj(dz) dV, per drift rate
-        ("seen", "<f8", (RATES, 3, 2)),  # of regressors and dV, per drift rate
         ("told", INNOVATION, (TOLD,)),  # what the last sample brought that was not a fix
         ("telling", "<i8"),  # rows of it
         # scratch
@@ -186,10 +173,31 @@ CORE = np.dtype(
         ("d", "<f8", (STATES,)),
         ("columns", "<i8", (SPREAD,)),
         ("values", "<f8", (SPREAD,)),
+    ],
+    align=True,
+)
+
+BANK = np.dtype(
+    [
+        (
+            "running",
+            "<f8",
+            (RATES, 4, 2),
+        ),  # as the core's, up to the last fix matched, turned back
+        ("twice", "<f8", (RATES, 4, 2)),
+        ("followed", "<f8", (RATES, 3, 5, 2)),  # place, velocity, wander: what `whitening` makes of fixes and these
+        ("whitener", "<f8", (3, 3)),  # and their covariance, m, s
+        ("products", "<f8", (RATES, 5, 5, 2)),  # sums of those of dV, dz and the three regressors
+        ("weight", "<f8"),  # innovations matched
+        ("squares", "<f8"),  # sum of squares of the single energies of dV
+        ("aged", "<f8"),  # s, the energy of dV times its age
+        ("before", "<f8", (4, 2)),  # the core's integrals then
+        ("before_twice", "<f8", (4, 2)),
+        # scratch
+        ("left", "<f8", (5, 2)),  # innovations
         ("prior", "<f8", (3, 3, 2)),
         ("inverse", "<f8", (3, 3, 2)),
         ("gain", "<f8", (3, 3, 2)),
-        ("drifting", "<f8", (3, 2)),
         ("headings", "<f8", (RATES, 3)),
     ],
     align=True,
@@ -202,6 +210,7 @@ SAMPLE_KEPT = np.dtype(
 STATE = np.dtype(
     [
         ("core", CORE, (1,)),
+        ("bank", BANK, (1,)),  # changes with fixes only, so that no snapshot needs it
         ("snapshots", CORE, (SNAPSHOTS,)),
         ("ring", SAMPLE_KEPT, (RING,)),
         ("snapped", "<i8"),  # snapshots ever taken, less those withdrawn

@@ -25,17 +25,17 @@ VAGUE = math.radians(14.0)  # a heading no better known than that is better foun
 
 
 @kernel
-def supervise(p: Any, c: Any, fix: Any) -> bool:
+def supervise(p: Any, c: Any, b: Any, fix: Any) -> bool:
     """Take a fix at the core's time; False when the heading was wrong and no better one is known."""
     if c.astray >= ASTRAY:
         return False
-    before = c.weight
-    pair(c, fix.lat, fix.lon, velocity_of(fix, 0), velocity_of(fix, 1), slowness2(fix))
-    if c.weight == before:
+    before = b.weight
+    pair(c, b, fix.lat, fix.lon, velocity_of(fix, 0), velocity_of(fix, 1), slowness2(fix))
+    if b.weight == before:
         return True
     bias = predicted(c, vertical_bias(c))
-    disbelieve(c, p.accel_initial)
-    found = solve(c, bias)
+    disbelieve(c, b, p.accel_initial)
+    found = solve(c, b, bias)
     psi, sigma = found[0], found[1]
     known = variance(c, ATTITUDE + 2)
     wrong = abs(psi) > WRONG and psi * psi > GATE * (sigma * sigma + known)

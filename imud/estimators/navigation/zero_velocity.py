@@ -9,7 +9,6 @@ from ...kernels.kalman import reset
 from ...kernels.rotation import quat_rotate_back
 from ..records import REST_N, REST_X
 from .correction import assume, correct, row
-from .matching import rebase
 from .motion import confirmed, rest_rate
 from .state import ASTRAY, GYRO_BIAS, NAVIGATING, STATES, VELOCITY
 
@@ -44,4 +43,3 @@ def rest(p: Any, c: Any) -> None:
             c.astray = ASTRAY  # and so is what was navigated with such a bias
         assume(c, REST_X + i, row(c, 0, GYRO_BIAS + i, 1.0), z, r, GATE)
     correct(c)
-    rebase(c)

@@ -1,18 +1,21 @@
 """Recordings: MCAP files in which the bytes of ports stand exactly as they were read, and what was connected when.
 
 Topics: `/raw/N` the bytes of port N, `/connections` what streams on which port. Their order in the file is the order in
-which they happened. A recording that broke off (a power cut) is read up to its last whole chunk.
+which they happened. A recording that broke off (a power cut) is read up to its last whole chunk; damage in the middle
+costs the chunks that it hit.
 """
 
 import math
+import mmap
 import struct
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import msgspec
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, DataEnd, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 
@@ -22,6 +25,8 @@ from .errors import CaptureError
 MAGIC = b"\x89MCAP0\r\n"
 RAW, CONNECTIONS = "/raw/", "/connections"
 SESSION = "imud"  # name of the metadata record
+_LONGEST = 1 << 30  # bytes of a record
+_COMPRESSION, _BEFORE_COMPRESSION = b"\4\0\0\0zstd", 37  # in a chunk; opcode, length, two times, size, checksum
 
 
 class Raw(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -89,12 +94,21 @@ class Entry:
         return msgspec.json.decode(self.data, type=Connection)
 
 
+def _next_chunk(file: BinaryIO, after: int) -> int | None:
+    """Where the first chunk from there on begins, found by the name of its compression; None: there is no other."""
+    with mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ) as data:
+        place = data.find(_COMPRESSION, after + _BEFORE_COMPRESSION)
+        while place >= 0 and data[place - _BEFORE_COMPRESSION] != Opcode.CHUNK:
+            place = data.find(_COMPRESSION, place + 1)
+    return place - _BEFORE_COMPRESSION if place >= 0 else None
+
+
 class Capture:
     """A recording to be read from its start, once at a time. Raises CaptureError if it is none, OSError."""
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self.broken = ""  # where and how it ended too early, once it has been read
+        self.broken = ""  # where and how it ended too early, or what is damaged, once it has been read
         self.read_bytes = 0
         with self.path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
@@ -147,24 +161,27 @@ class Capture:
         try:
             return breakup_chunk(chunk, validate_crc=True)
         except Exception as error:  # zstandard, lz4 and struct have errors of their own for a damaged chunk
-            self._broke(f"a chunk is damaged ({error})")
+            self.broken = f"{self.path} is damaged: what cannot be read is left out ({error})"
         return []
 
     def _records(self) -> Iterator[Any]:
         with self.path.open("rb") as file:
-            reader = StreamReader(file, emit_chunks=True, record_size_limit=1 << 30)
-            try:
-                for record in reader.records:
-                    self.read_bytes = file.tell()
-                    if isinstance(record, DataEnd):
-                        return
-                    yield record
-                    if self.broken:
-                        return
-            except (McapError, ValueError, struct.error) as error:
-                self._broke(f"the file ends in the middle ({type(error).__name__})")
-            else:
-                self._broke("the file has no end")
-
-    def _broke(self, how: str) -> None:
-        self.broken = f"{self.path} broke off, as after a power cut: {how}; read up to there"
+            start: int | None = 0
+            while start is not None:
+                file.seek(start)
+                reader = StreamReader(file, skip_magic=start > 0, emit_chunks=True, record_size_limit=_LONGEST)
+                try:
+                    for record in reader.records:
+                        self.read_bytes = file.tell()
+                        if isinstance(record, DataEnd):
+                            return
+                        yield record
+                    why = "it has no end"
+                except (McapError, ValueError, struct.error, MemoryError, OverflowError) as error:
+                    why = type(error).__name__
+                at = f"at {self.read_bytes} bytes ({why})"
+                start = _next_chunk(file, self.read_bytes + 1)
+                if start is None:
+                    self.broken = f"{self.path} broke off, as after a power cut, {at}; read up to there"
+                else:
+                    self.broken = f"{self.path} is damaged {at}: what cannot be read is left out"

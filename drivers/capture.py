@@ -180,7 +180,7 @@ class Capture:
                 except (McapError, ValueError, struct.error, MemoryError, OverflowError) as error:
                     why = type(error).__name__
                 at = f"at {self.read_bytes} bytes ({why})"
-                start = _next_chunk(file, self.read_bytes + 1)
+                start = _next_chunk(file, max(start, self.read_bytes) + 1)
                 if start is None:
                     self.broken = f"{self.path} broke off, as after a power cut, {at}; read up to there"
                 else:

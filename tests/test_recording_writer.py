@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import time
 
@@ -176,6 +177,12 @@ def test_a_power_cut_and_damage_cost_no_more_than_what_they_hit(tmp_path):
         n = sum(entry.topic == "/raw/0" for entry in capture)
         assert n == 501 or capture.broken, start
         assert n >= 400, (start, capture.broken)
+    chunks = [place.start() for place in re.finditer(b"(?s)\\x06.{36}\\x04\\0\\0\\0zstd", sound)]
+    lengths = bytearray(sound)
+    for start in chunks[1:3]:
+        lengths[start + 1 : start + 9] = b"\xff" * 8
+    cut.write_bytes(lengths)
+    assert sum(entry.topic == "/raw/0" for entry in Capture(cut)) == 301
 
 
 def test_what_is_no_recording_is_said_to_be_none(tmp_path):

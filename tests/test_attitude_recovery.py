@@ -13,17 +13,22 @@ from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID
 SLIP_S = 20.0
 
 
-@pytest.mark.parametrize("angle_deg", [45.0, 90.0, 170.0])
-def test_a_sensor_that_slipped_unseen_finds_the_vertical_again(angle_deg):
-    """Weight then counts as an acceleration, until the speed it gains is beyond belief."""
-    truth = simulate(60.0, 100.0, after(5.0, wobble(1, 1.0)), after(5.0, wobble(2, 1.0, 1.0, 4.0)))
+def slipped(truth, angle_deg):
+    """Samples of a sensor that slips by this angle after SLIP_S, and its attitude."""
     samples = samples_from(truth, Flaws(gyro_bias=(0.2 * DEG,) * 3))
     slip = Rotation.from_rotvec(angle_deg * DEG * np.array([0.6, 0.8, 0.0]))
     late = truth.t >= SLIP_S
     for name in ("w", "f"):
         samples[name][late] = slip.apply(samples[name][late])
+    return samples, Rotation.concatenate([truth.attitude[~late], truth.attitude[late] * slip.inv()])
+
+
+@pytest.mark.parametrize("angle_deg", [45.0, 90.0, 170.0])
+def test_a_sensor_that_slipped_unseen_finds_the_vertical_again(angle_deg):
+    """Weight then counts as an acceleration, until the speed it gains is beyond belief."""
+    truth = simulate(60.0, 100.0, after(5.0, wobble(1, 1.0)), after(5.0, wobble(2, 1.0, 1.0, 4.0)))
+    samples, attitude = slipped(truth, angle_deg)
     out = solutions_of(samples, "m-g350", Initial(yaw_deg=0.0))
-    attitude = Rotation.concatenate([truth.attitude[~late], truth.attitude[late] * slip.inv()])
     tilt, _ = errors_deg(out["q_nb"], attitude)
     found = truth.t > SLIP_S + 10.0
     assert np.max(tilt[found]) < 8.0
@@ -54,13 +59,8 @@ def test_a_fast_car_is_not_beyond_belief():
 @pytest.mark.parametrize("angle_deg", [7.0, 12.0])
 def test_a_small_error_of_tilt_in_motion_is_noticed_within_about_a_minute(angle_deg):
     truth = simulate(120.0, 50.0, after(5.0, wobble(1, 0.1, 0.5, 4.0)), after(5.0, wobble(2, 0.4, 0.3, 1.5)))
-    samples = samples_from(truth, Flaws(gyro_bias=(0.2 * DEG,) * 3))
-    slip = Rotation.from_rotvec(angle_deg * DEG * np.array([0.6, 0.8, 0.0]))
-    late = truth.t >= SLIP_S
-    for name in ("w", "f"):
-        samples[name][late] = slip.apply(samples[name][late])
+    samples, attitude = slipped(truth, angle_deg)
     out = solutions_of(samples, "m-g350")
-    attitude = Rotation.concatenate([truth.attitude[~late], truth.attitude[late] * slip.inv()])
     tilt, _ = errors_deg(out["q_nb"], attitude)
     noticed = truth.t > SLIP_S + 65.0
     assert np.max(tilt[noticed]) < 5.0

@@ -121,6 +121,17 @@ def test_positions_alone_are_enough(white, wander, found_s, position, yaw_deg):
     assert np.mean((a[at(found_s) :, 2] / out["sigma_rpy"][at(found_s) :, 2]) ** 2) < 4.0
 
 
+def test_a_jump_before_the_heading_is_known_is_no_speed():
+    rng = np.random.default_rng(6)
+    d = drive(45.0, rest=60.0)
+    fixes = received(d, rng)
+    fixes["speed"] = fixes["course"] = np.nan
+    fixes["lat"][20:] += 1000.0 / 6.37e6
+    out, _, _ = navigate(sensed(d, rng), fixes)
+    _, v, _ = errors(d, out)
+    assert (np.abs(v[at(10.0) :, :2]) < 4.0 * out["sigma_v"][at(10.0) :, :2]).all()
+
+
 def test_a_fix_every_five_seconds_is_enough():
     rng = np.random.default_rng(6)
     d = drive(150.0)

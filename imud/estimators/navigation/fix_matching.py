@@ -173,9 +173,21 @@ def pair_of_means(c: Any, vn: float, ve: float, dt: float) -> None:
             mean = (c.twice[k, i] - c.marked_twice[k, i]) / dt
             c.pair[k, i] = mean - c.means[k, i]
             c.means[k, i] = mean
+    if s[2] > 0.0 and unfelt(c, vn - s[0], ve - s[1], dt):
+        s[2] = 0.0
+        return
     if s[2] > 0.0:
         level_by(c, vn - s[0], ve - s[1], c.pair[TIME, 0])
     s[0], s[1], s[2] = vn, ve, dt
+
+
+@kernel
+def unfelt(c: Any, vn: float, ve: float, dt: float) -> bool:
+    """Is this change of mean velocities over `dt` s more than force (c.pair), doubt of the tilt and noise explain?"""
+    felt = math.hypot(c.pair[ZETA, 0], c.pair[ZETA, 1])
+    tilt2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
+    doubt = 6.0 * (c.white[0] + c.reported[0] ** 2) / dt**2 + tilt2 * c.pair[TIME, 0] ** 2
+    return bool(max(math.hypot(vn, ve) - felt, 0.0) ** 2 > GATE * doubt)
 
 
 @kernel

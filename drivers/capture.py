@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 import msgspec
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, DataEnd, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Chunk, DataEnd, Message, Metadata, Schema, Statistics
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from .driver import GnssConfigured, ImuConfigured
@@ -145,7 +145,10 @@ class Capture:
         """All messages in the order in which they were written."""
         schemas: dict[int, str] = {}
         channels: dict[int, Channel] = {}
+        n = 0
         for record in self._records():
+            if isinstance(record, Statistics) and n < record.message_count and not self.broken:
+                self.broken = f"{self.path} is damaged: {record.message_count - n} messages cannot be read"
             if not isinstance(record, Chunk):
                 continue
             for part in self._parts(record):
@@ -155,6 +158,7 @@ class Capture:
                     channels[part.id] = part
                 elif isinstance(part, Message) and part.channel_id in channels:
                     channel = channels[part.channel_id]
+                    n += 1
                     yield Entry(channel.topic, schemas.get(channel.schema_id, ""), part.log_time, part.data)
 
     def _parts(self, chunk: Chunk) -> list[Any]:
@@ -165,20 +169,23 @@ class Capture:
         return []
 
     def _records(self) -> Iterator[Any]:
+        """All records; the summary that follows the data only as far as it is sound."""
         with self.path.open("rb") as file:
             start: int | None = 0
+            ended = False
             while start is not None:
                 file.seek(start)
                 reader = StreamReader(file, skip_magic=start > 0, emit_chunks=True, record_size_limit=_LONGEST)
                 try:
                     for record in reader.records:
                         self.read_bytes = file.tell()
-                        if isinstance(record, DataEnd):
-                            return
+                        ended = ended or isinstance(record, DataEnd)
                         yield record
                     why = "it has no end"
                 except (McapError, ValueError, struct.error, MemoryError, OverflowError) as error:
                     why = type(error).__name__
+                if ended:
+                    return
                 at = f"at {self.read_bytes} bytes ({why})"
                 start = _next_chunk(file, max(start, self.read_bytes) + 1)
                 if start is None:

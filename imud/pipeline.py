@@ -21,8 +21,8 @@ from drivers.sample import SAMPLE
 from .clocks.counter import CLOCK, new_clock, stamp
 from .configuration.settings import Initial, Settings
 from .estimators import Estimator
-from .estimators.records import INNOVATION, SOLUTION
-from .kernels.jit import inlined
+from .estimators.records import FIX, INNOVATION, SOLUTION
+from .kernels.jit import inlined, kernel
 from .kernels.system import call, records
 from .sensor_errors.calibration import CORRECTION, Calibration, correct, correction
 from .sensor_errors.profiles import profile_of
@@ -30,7 +30,7 @@ from .sensors.health import HEALTH, examine, new_health
 
 Floats = NDArray[np.float64]
 Records = NDArray[np.void]
-UNREAD = 1024  # innovations that wait to be asked for
+UNREAD, OF_A_FIX = 1024, 16  # innovations that wait to be asked for, and of one fix, at most
 BATCH = 1024  # samples one call may yield: more than a reading can hold of the shortest frames, lines of 6 bytes
 RX = 65536  # bytes
 BYTE = np.dtype(np.uint8)
@@ -56,6 +56,16 @@ STREAM = np.dtype(
     ],
     align=True,
 )
+
+
+_NO_SAMPLE, _NO_SOLUTION, _NO_FIX, _AT_ONCE = (
+    np.zeros(n, kind) for n, kind in ((0, SAMPLE), (0, SOLUTION), (0, FIX), (1, np.int64))
+)
+
+
+def room_for(fixes: int) -> Records:
+    """Innovations for `Filter.feed` with so many fixes."""
+    return np.zeros(UNREAD + OF_A_FIX * fixes, INNOVATION)
 
 
 def _decode(stream: int, received: int) -> int:
@@ -107,21 +117,45 @@ def ingest(stream: Records, received: int, arrival_ns: int) -> int:
     return int(n)
 
 
-def _run(health: Any, samples: Any, errors: Any, parameters: Any, state: Any, out: Any) -> None:
-    for k in range(len(samples)):
-        examine(health[0], samples[k])
-        correct(samples[k], errors[0])
-        step(parameters[0], state[0], samples[k], out[k])  # type: ignore[name-defined]  # noqa: F821
-
-
-def _update(parameters: Any, state: Any, fix: Any, innovations: Any) -> int:
-    n: int = update(parameters[0], state[0], fix[0], innovations)  # type: ignore[name-defined]  # noqa: F821
+def _feed(
+    health: Any,
+    samples: Any,
+    errors: Any,
+    parameters: Any,
+    state: Any,
+    out: Any,
+    fixes: Any,
+    places: Any,
+    innovations: Any,
+) -> int:
+    n = fed = 0
+    for k in range(len(samples) + 1):
+        while fed < len(fixes) and places[fed] <= k:
+            n += told(state[0], innovations[n:])  # type: ignore[name-defined]  # noqa: F821
+            n += update(parameters[0], state[0], fixes[fed], innovations[n:])  # type: ignore[name-defined]  # noqa: F821
+            fed += 1
+        if k < len(samples):
+            examine(health[0], samples[k])
+            correct(samples[k], errors[0])
+            step(parameters[0], state[0], samples[k], out[k])  # type: ignore[name-defined]  # noqa: F821
     return n
 
 
 def _told(state: Any, innovations: Any) -> int:
     n: int = told(state[0], innovations)  # type: ignore[name-defined]  # noqa: F821
     return n
+
+
+@kernel
+def _takes_none(parameters: Any, state: Any, fix: Any, innovations: Any) -> int:
+    """The update of an estimator that takes no fixes."""
+    return 0
+
+
+@kernel
+def _tells_none(state: Any, innovations: Any) -> int:
+    """Of an estimator whose steps make no innovations."""
+    return 0
 
 
 _composed: dict[str, Any] = {}
@@ -158,15 +192,11 @@ class Filter:
         self._profile = profile_of(settings)
         self.health = new_health(self._profile, rate_hz)
         self._stem = estimator.name.replace("-", "_")
-        self._run = _compose(entry, _run, f"run_{self._stem}", step=estimator.step)
-        self.each = _compose(inlined, _each, f"each_{self._stem}", step=estimator.step)
-        self._update = self._kernel(_update, "update", estimator.update)
-        self._told = self._kernel(_told, "told", estimator.told)
-        self._innovations = np.zeros(UNREAD + 16, INNOVATION)
-
-    def _kernel(self, template: Callable[..., Any], name: str, part: Any) -> Any:
-        """The template with this part of the estimator, which not every one has."""
-        return None if part is None else _compose(entry, template, f"{name}_{self._stem}", **{name: part})
+        step, told, update = estimator.step, estimator.told or _tells_none, estimator.update or _takes_none
+        self.each = _compose(inlined, _each, f"each_{self._stem}", step=step)
+        self._feed = _compose(entry, _feed, f"feed_{self._stem}", step=step, told=told, update=update)
+        self._told = _compose(entry, _told, f"told_{self._stem}", told=told)
+        self._innovations = room_for(1)
 
     def advancing(self) -> int:
         """Address of the estimator's part of a stream, which is compiled now if need be."""
@@ -188,21 +218,28 @@ class Filter:
         """Go on with other settings and the same knowledge."""
         self.parameters[:] = self.estimator.configure(settings, self._rate_hz)
 
+    def feed(self, samples: Records, out: Records, fixes: Records, places: Records, innovations: Records) -> Records:
+        """Step through `samples` (SAMPLE, turned to body axes in place), one solution each into `out` (SOLUTION).
+
+        Fix i of `fixes` (FIX) goes in before sample places[i] (int64, ascending). Returns what of `innovations`, with
+        `room_for` these fixes, was filled: what was `told` until each fix, and its own.
+        """
+        n = self._feed(
+            self.health, samples, self.correction, self.parameters, self.state, out, fixes, places, innovations
+        )
+        return innovations[:n]
+
     def run(self, samples: Records, out: Records) -> None:
         """Step through `samples` (SAMPLE, turned to body axes in place), one solution each into `out` (SOLUTION)."""
-        self._run(self.health, samples, self.correction, self.parameters, self.state, out)
+        self.feed(samples, out, _NO_FIX, _AT_ONCE, self._innovations)
 
     def update(self, fix: Records) -> Records:
-        """Take a fix (array of one FIX); returns what was `told` until then and its own innovations, valid likewise."""
-        n = len(self.told())
-        if self._update is not None:
-            n += self._update(self.parameters, self.state, fix, self._innovations[n:])
-        return self._innovations[:n]
+        """Take a fix (array of one FIX); returns what was `told` until then and its own, valid until the next call."""
+        return self.feed(_NO_SAMPLE, _NO_SOLUTION, fix, _AT_ONCE, self._innovations)
 
     def told(self) -> Records:
         """The innovations (INNOVATION) of the samples since it was asked last, valid until the next call."""
-        n = 0 if self._told is None else self._told(self.state, self._innovations[:UNREAD])
-        return self._innovations[:n]
+        return self._innovations[: self._told(self.state, self._innovations)]
 
 
 class Stream:

@@ -60,27 +60,24 @@ def play(
     arrival. `keep` is a mask of the samples whose solutions go to `write(rows)`, None: all, in rows that are written
     over by the next; `note` is given innovations. Returns the number of fixes fed."""
     from ..estimators.records import SOLUTION
+    from ..pipeline import room_for
 
     out = np.zeros(BLOCK, SOLUTION)
     progress = Progress(len(samples))
-    places = np.searchsorted(samples["t_ns"], fixes["arrival_ns"], side="left")
-    start = fed = 0
-    for place, fix in [*((p, fixes[i : i + 1]) for i, p in enumerate(places)), (len(samples), None)]:
-        while start < place:
-            stop = min(start + BLOCK, place)
-            filter_.run(samples[start:stop], out[: stop - start])
-            rows = out[: stop - start]
-            write(rows if keep is None else rows[keep[start:stop]])
-            progress.at(stop)
-            start = stop
-            if note is not None:
-                note(filter_.told().copy())
-        if fix is not None and 0 < place < len(samples):
-            innovations = filter_.update(fix)
-            if note is not None:
-                note(innovations.copy())
-            fed += 1
-    return fed
+    places = np.maximum.accumulate(np.searchsorted(samples["t_ns"], fixes["arrival_ns"], side="left"))
+    among = (places > 0) & (places < len(samples))
+    fixes, places = fixes[among], places[among]
+    for start in range(0, len(samples), BLOCK):
+        stop = min(start + BLOCK, len(samples))
+        due = slice(*np.searchsorted(places, [start, stop]))
+        rows = out[: stop - start]
+        told = filter_.feed(samples[start:stop], rows, fixes[due], places[due] - start, room_for(len(fixes[due])))
+        write(rows if keep is None else rows[keep[start:stop]])
+        progress.at(stop)
+        if note is not None:
+            note(told)
+            note(filter_.told().copy())
+    return len(fixes)
 
 
 def _kept(t_ns: Any, rate_hz: float | None) -> Any:

@@ -84,6 +84,10 @@ class Expressions:
 
     def see_subscript(self, node):
         text, kind = self.value(node.value)
+        if isinstance(node.slice, ast.Slice):
+            if not isinstance(kind, Array) or kind.n is not None or node.slice.upper or node.slice.step:
+                self.fail(node, "slice")
+            return f"({text} + {self.truth(node.slice.lower)})", kind
         indices = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
         for index in indices:
             if isinstance(kind, Tuple):
@@ -167,9 +171,16 @@ class Expressions:
             self.fail(node, "call")
         c, returns = self.unit.function(callee, [kind for _, kind in args])
         texts = []
-        for text, kind in args:
-            texts += [text, f"{text}_n"] if isinstance(kind, Array) and kind.n is None else [text]
+        for argument, (text, kind) in zip(node.args, args, strict=True):
+            texts += self.with_length(argument, text) if isinstance(kind, Array) and kind.n is None else [text]
         return f"{c}({', '.join(texts)})", returns
+
+    def with_length(self, node, text):
+        """An array of unknown length, or what is left of it, as two arguments."""
+        if not isinstance(node, ast.Subscript):
+            return [text, f"{text}_n"]
+        array, begin = self.truth(node.value), self.truth(node.slice.lower)
+        return [text, f"({array}_n - {begin})"]
 
     def library(self, node, name):
         texts = [self.value(a)[0] for a in node.args]

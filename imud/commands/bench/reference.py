@@ -8,7 +8,7 @@ import importlib.util
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.sample import SAMPLE
-from imud.estimators.records import FIX, SOLUTION
+from imud.estimators.records import SOLUTION
 from imud.pipeline import Filter, Stream
 
 Records = NDArray[np.void]
@@ -69,17 +69,11 @@ def to_c(filter_: Filter, folder: Path) -> None:
     """Replace the kernels of a filter, for samples and for fixes, by C. Raises NoReferenceError."""
     c = translator()
     unit = c.Translation()
-    acts: dict[str, Callable[[], Any]] = {"_run": lambda: filter_.run(np.zeros(1, SAMPLE), np.zeros(1, SOLUTION))}
-    if filter_._update is not None:
-        acts["_update"] = lambda: filter_.update(np.zeros(1, FIX))
-    for name, act in acts.items():
-        kernel, recorder = getattr(filter_, name), _Recorder(0)
-        setattr(filter_, name, recorder)
-        act()
-        unit.function(kernel, _kinds(c, unit, recorder.arguments), exported=name[1:])
-    library = build(unit.source, folder)
-    for name in acts:
-        setattr(filter_, name, partial(call, getattr(library, name[1:])))
+    kernel, recorder = filter_._feed, _Recorder(0)
+    filter_._feed = recorder
+    filter_.run(np.zeros(1, SAMPLE), np.zeros(1, SOLUTION))
+    unit.function(kernel, _kinds(c, unit, recorder.arguments), exported="feed")
+    filter_._feed = partial(call, build(unit.source, folder).feed)
 
 
 def stream_source(stream: Stream) -> tuple[str, bytes]:

@@ -85,13 +85,17 @@ def memory(c: Any) -> float:
 @kernel
 def pair(c: Any, b: Any, lat: float, lon: float, vn: float, ve: float, noise2: float) -> None:
     """A fix at the core's time, with its velocity (NaN when it has none), of a variance beyond the usual."""
-    rebase(c, b)
-    match_fix(c, b, lat, lon, vn, ve, noise2)
+    matching = 1e-9 * (c.t_ns - c.matched_ns) >= SHORTEST_S
+    if matching:
+        rebase(c, b)
+        match_fix(c, b, lat, lon, vn, ve, noise2)
     dt = 1e-9 * (c.t_ns - c.mark_ns)
     m = c.mark
     known = math.isfinite(vn) and math.isfinite(m[0])
     if dt < SHORTEST_S or (not known and dt < patience(c)):
         return
+    if not matching:
+        rebase(c, b)
     if dt > max(LONGEST_S, 2.0 * patience(c)):
         c.slope[2] = 0.0
     elif known:
@@ -118,8 +122,6 @@ def felt_less(c: Any, b: Any, s: float) -> bool:
 def match_fix(c: Any, b: Any, lat: float, lon: float, vn: float, ve: float, noise2: float) -> None:
     """Match what this fix tells with what was felt."""
     dt = 1e-9 * (c.t_ns - c.matched_ns)
-    if dt < SHORTEST_S:
-        return
     if 1e-9 * (c.t_ns - c.origin_ns) > memory(c) or dt > OUTAGE * memory(c):
         forget_pairs(c)
         dt = math.inf

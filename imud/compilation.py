@@ -51,6 +51,7 @@ def warm(estimator: Estimator, settings: Settings) -> None:
     filter_ = Filter(estimator, settings, Initial(), _RATE_HZ)
     Stream(*_scratch()[0], filter_).ingest(0, 0)
     filter_.update(np.zeros(1, FIX))
+    filter_.told()
     shown(filter_.health)
 
 

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 from processes import daemon, emulator, process, silent_tty
@@ -35,6 +36,7 @@ def test_attitude_and_bias_of_a_still_sensor(tmp_path):
         later = imud.until(lambda m: m["class"] == "EST" and m["t_mono_ns"] > first[1] + 2_000_000_000)
         rate = (later["seq"] - first[0]) / (later["t_mono_ns"] - first[1]) * 1e9
         assert rate == pytest.approx(1000.0, rel=0.02)
+        assert "/numba/" not in Path(f"/proc/{imud.process.pid}/maps").read_text(), "something was compiled after READY"
         imud.process.send_signal(signal.SIGTERM)
         assert imud.process.wait(10.0) == 0
         assert "lost=0" in imud.log

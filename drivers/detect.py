@@ -218,24 +218,24 @@ def _worth(chatter: Chatter) -> tuple[bool, int]:
 
 
 def _ask(speeds: Mapping[AnyDriver, Sequence[int]]) -> Dialogue[Found | Echo | None]:
-    """Every driver at its likeliest speed, then every driver at its second."""
-    for rank in zip_longest(*speeds.values()):
-        for driver, speed in zip(speeds, rank, strict=True):
+    """Every driver at its likeliest speed, at leisure, then every driver at its second."""
+    for rank, of_rank in enumerate(zip_longest(*speeds.values())):
+        for driver, speed in zip(speeds, of_rank, strict=True):
             if speed:
                 yield Exchange(baud=speed, discard=True)
-                found = yield from _unless_echoed(driver.identify(), speed)
+                found = yield from _unless_echoed(driver.identify(), speed, hurry=rank > 0)
                 if found:
                     return found if isinstance(found, Echo) else replace(found, baud=speed)
     return None
 
 
-def _unless_echoed(dialogue: Dialogue[Found | None], baud: int) -> Dialogue[Found | Echo | None]:
-    """The dialogue, until several of its commands in a row are answered by themselves."""
+def _unless_echoed(dialogue: Dialogue[Found | None], baud: int, hurry: bool) -> Dialogue[Found | Echo | None]:
+    """The dialogue, until several of its commands in a row are answered by themselves; in a `hurry` the needful."""
     echoes = 0
     try:
         exchange = next(dialogue)
         while echoes < ECHOES:
-            heard = yield exchange
+            heard = b"" if hurry and exchange.spare else (yield exchange)
             if exchange.send and heard:
                 echoes = echoes + 1 if heard == exchange.send else 0
             exchange = dialogue.send(heard)

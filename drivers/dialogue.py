@@ -17,7 +17,8 @@ class Exchange:
 
     baud: change the line's speed first. discard: throw away what is waiting in the input first. spi: on such a line,
     set the bus up first, or begin to fetch samples; `send` then are 16-bit words, and what is heard their answers.
-    listen_s: longest time to listen. enough: stop earlier when this is true of the bytes so far.
+    listen_s: longest time to listen. enough: stop earlier when this is true of the bytes so far. spare: who has other
+    things to try may leave it out, as if nothing had been heard.
     """
 
     send: bytes = b""
@@ -26,6 +27,7 @@ class Exchange:
     baud: int | None = None
     discard: bool = False
     spi: Bus | Fetch | None = None
+    spare: bool = False
 
 
 Result = TypeVar("Result")

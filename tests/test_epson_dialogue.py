@@ -119,7 +119,7 @@ def test_a_stream_is_stopped(code):
 def test_silence_is_left_after_a_moment():
     found, seconds = identify(Mute(460800))
     assert found is None
-    assert seconds < 0.25
+    assert seconds < 0.7  # half a second of it for answers that come late
 
 
 @pytest.mark.parametrize("burst", [b"$GPGGA,,,,,,0,,,,,,,,*66\r\n", bytes(range(256)), b"\x3e\x00\x00\x0d" * 50])

@@ -1,7 +1,7 @@
 """The start-up dialogue with Epson's windowed sensors, against a device in memory (`scripted.py`)."""
 
 import pytest
-from scripted import G350, WINDOWED_RATES, Mute, Windowed, run
+from scripted import G350, WINDOWED_RATES, Windowed, run
 
 from drivers.driver import Identity, Options, Unsupported
 from drivers.epson.driver import DRIVER
@@ -73,12 +73,6 @@ def test_start_up_is_waited_for():
     assert identify(device)[0] is None  # nothing to tell it from an empty line yet: the detection comes again
     device.now_s = 1.0
     assert isinstance(identify(device)[0], Identity)
-
-
-def test_silence_is_left_after_a_moment():
-    found, seconds = identify(Mute(460800))
-    assert found is None
-    assert seconds < 0.25
 
 
 def test_the_flat_dialect_is_not_mistaken():

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..dialogue import Dialogue
 from ..driver import Identity, ImuConfigured, Options, Request, Unsupported
-from .dialects import FLAT, WINDOWED, Layout
+from .dialects import FLAT, WINDOWED, Dialect, Layout
 from .hearing import is_spoken
 from .models import G350, Model, model_of
 from .overhear import overhear
@@ -32,7 +32,7 @@ from .setup import (
     wire_s,
 )
 from .spi import fetch, over_spi, spi_carries
-from .talk import describe, reach
+from .talk import approach, describe, reach, slowly
 
 DEAF = "the sensor does not obey, its stream is taken as it is: is the wire to its input (SIN) connected?"
 
@@ -59,8 +59,10 @@ class Epson:
 
     def identify(self) -> Dialogue[Identity | Unsupported | None]:
         """Stop whatever runs, and ask. Leaves the sensor in configuration mode."""
-        dialect = yield from reach()
-        return (yield from describe(dialect)) if dialect else None
+        dialect, late = yield from approach()
+        if dialect is None:
+            return None
+        return (yield from slowly(describe(dialect)) if late else describe(dialect))
 
     def identify_spi(self) -> Dialogue[Identity | Unsupported | None]:
         """See `SpiDriver`."""
@@ -94,9 +96,15 @@ class Epson:
         return configured(identity, model, rate, model.taps(rate), overheard, warnings)
 
     def _set_up(self, identity: Identity, options: Options) -> Dialogue[ImuConfigured | Unsupported | None]:
-        dialect = yield from reach()
+        dialect, late = yield from approach()
         if dialect is None:  # it may stream without listening
             return (yield from self._take_over(identity, options.model, (DEAF,)))
+        dialogue = self._program(dialect, identity, options)
+        return (yield from slowly(dialogue) if late else dialogue)
+
+    def _program(
+        self, dialect: Dialect, identity: Identity, options: Options
+    ) -> Dialogue[ImuConfigured | Unsupported | None]:
         described = yield from describe(dialect)
         model = model_of(described.model) if isinstance(described, Identity) else None
         if not isinstance(described, Identity) or model is None:

@@ -1,6 +1,12 @@
-"""Talking to an Epson sensor: reach it, whatever it is doing and whichever dialect it speaks; find out who it is."""
+"""Talking to an Epson sensor: reach it, whatever it is doing and whichever dialect it speaks; find out who it is.
 
-from ..dialogue import Dialogue, Exchange
+A sensor answers within microseconds, so an empty line is left quickly. What answers late (a stand-in, a line through
+a network) is noticed by its answers to those first questions, and then given more time for each.
+"""
+
+from dataclasses import replace
+
+from ..dialogue import Dialogue, Exchange, Result
 from ..driver import Identity, Unsupported
 from .dialects import FLAT, IDENTITY, IDENTITY_VALUE, WINDOWED, Dialect
 from .models import G350, model_of
@@ -8,8 +14,11 @@ from .registers import CONFIGURE, CR, NOT_READY, WIN_CTRL, Register, read, write
 
 ANSWER_S = 0.1  # an answer takes microseconds; adapters and stand-ins take longer
 FIRST_ANSWER_S = 0.06  # to the first question of all, most often put to a line with no sensor at its end
-PAUSE_S = 0.006  # from one command or answer to the next command: 3.7 ms at 19200 baud, 0.2 ms at 460800
 STOPS = 5  # attempts to end automatic mode
+LATE_S = 0.5  # in which answers may still come that nobody waited for
+MOST_LATE = STOPS * 3 * 4  # bytes: answers to all that `reach` asks
+SLOW_ANSWER_S = 0.8  # for what answers late
+PAUSE_S = 0.006  # from one command or answer to the next command: 3.7 ms at 19200 baud, 0.2 ms at 460800
 STOP_S = 0.2  # until its last frames have drained from adapter and driver
 ANSWERS = 6  # to one question, of which two must agree
 SILENCES = 3  # to one question, after which nobody knows the register
@@ -89,12 +98,37 @@ def reach() -> Dialogue[Dialect | None]:
         yield Exchange(write(FLAT.mode.address + 1, CONFIGURE), STOP_S if heard else PAUSE_S)
         first = FLAT.command.answer((yield from ask_once(FLAT.command)))
         if first is not None and FLAT.command.answer((yield from ask_once(FLAT.command))) is not None:
-            if (yield from ask(IDENTITY, 1)) == IDENTITY_VALUE:
+            told = (yield from ask_once(IDENTITY)), (yield from ask_once(FLAT.command))  # the answer may come late
+            if IDENTITY_ANSWER in told:
                 continue
             return FLAT if (yield from wait_ready(FLAT)) else None
         if first is None and not heard:
             return None
     return None
+
+
+def approach() -> Dialogue[tuple[Dialect | None, bool]]:
+    """`reach`, at the sensor's pace; the dialect, and whether what is said next must be said `slowly`."""
+    dialect = yield from reach()
+    if dialect is not None:
+        return dialect, False
+    late = yield Exchange(listen_s=LATE_S, spare=True)
+    if len(late) > MOST_LATE or all(register.answer(late[-4:]) is None for register in (IDENTITY, FLAT.command)):
+        return None, False
+    return (yield from slowly(reach())), True
+
+
+def slowly(dialogue: Dialogue[Result]) -> Dialogue[Result]:
+    """The same dialogue, with patience for each answer."""
+    heard: bytes | None = None
+    try:
+        while True:
+            exchange = dialogue.send(heard) if heard is not None else next(dialogue)
+            question = exchange.send and exchange.enough
+            heard = yield replace(exchange, listen_s=max(exchange.listen_s, SLOW_ANSWER_S)) if question else exchange
+    except StopIteration as finding:
+        result: Result = finding.value
+        return result
 
 
 def wait_ready(dialect: Dialect) -> Dialogue[bool]:

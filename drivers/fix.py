@@ -22,12 +22,10 @@ class Fix:
     hdop: float | None
     speed_mps: float | None  # over ground
     course_deg: float | None  # over ground, from true north
-    mode: str  # NMEA mode letter (A D E F M P R S), empty if the receiver sends none
     sigma_n_m: float | None = None
     sigma_e_m: float | None = None
     sigma_d_m: float | None = None
     dimensions: int | None = None  # 2: the receiver holds the height and solves for the rest; 3; None: not said
-    heading_deg: float | None = None  # of the antenna baseline, from true north
 
     @property
     def height_m(self) -> float | None:

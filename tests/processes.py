@@ -13,8 +13,8 @@ import tty
 from collections.abc import Iterator
 from pathlib import Path
 
-START_S = 240.0  # kernels may have to be compiled first
-PATIENCE_S = 40.0
+START_S = 900.0  # kernels may have to be compiled first, on a busy machine
+PATIENCE_S = 120.0  # like all limits here: against hanging, not to be measured by
 
 
 @contextlib.contextmanager

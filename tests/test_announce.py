@@ -115,7 +115,7 @@ def fix(lat_deg, seconds, speed_mps=0.0, lon_deg=10.0):
     unsaid = dict.fromkeys(("date", "alt_msl_m", "geoid_sep_m", "satellites", "hdop", "course_deg"))
     return Fix(
         arrival_ns=round(seconds * 1e9), utc_s=seconds, lat_deg=lat_deg, lon_deg=lon_deg, quality=1,
-        speed_mps=speed_mps, mode="A", **unsaid,
+        speed_mps=speed_mps, **unsaid,
     )  # fmt: skip
 
 

@@ -31,9 +31,7 @@ def run(*arguments, cache, **variables):
     environment.pop("NUMBA_CACHE_DIR")
     if cache:
         environment["NUMBA_CACHE_DIR"] = str(cache)
-    return subprocess.run(
-        [sys.executable, *arguments], capture_output=True, text=True, timeout=280.0, check=False, env=environment
-    )
+    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False, env=environment)
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
-from processes import daemon, emulator, process, silent_tty
+from processes import PATIENCE_S, daemon, emulator, process, silent_tty
 
 from imud import client
 
@@ -38,7 +38,7 @@ def test_attitude_and_bias_of_a_still_sensor(tmp_path):
         assert rate == pytest.approx(1000.0, rel=0.02)
         assert "/numba/" not in Path(f"/proc/{imud.process.pid}/maps").read_text(), "something was compiled after READY"
         imud.process.send_signal(signal.SIGTERM)
-        assert imud.process.wait(10.0) == 0
+        assert imud.process.wait(PATIENCE_S) == 0
         assert "lost=0" in imud.log
 
 
@@ -61,7 +61,7 @@ def test_the_configuration_is_read_again(tmp_path):
         imud.says("takes effect at the next start: estimator")
         imud.says("no fixes: coasting")
         imud.process.send_signal(signal.SIGTERM)
-        assert imud.process.wait(10.0) == 0
+        assert imud.process.wait(PATIENCE_S) == 0
 
 
 def test_live_subscribers_miss_nothing_beside_one_that_stalls(tmp_path):
@@ -132,9 +132,9 @@ def test_a_daemon_that_was_stopped_does_not_blame_the_devices(tmp_path):
         assert "silent" not in imud.log
 
 
-def run(*arguments, timeout=240.0):
+def run(*arguments):
     return subprocess.run(
-        [sys.executable, "-m", "imud", *arguments], capture_output=True, text=True, timeout=timeout, check=False,
+        [sys.executable, "-m", "imud", *arguments], capture_output=True, text=True, check=False,
         env={**os.environ, "NO_COLOR": "1"},
     )  # fmt: skip
 
@@ -224,7 +224,7 @@ def test_a_signal_ends_the_compiling(tmp_path, number, code):
             assert running.poll() is None
             time.sleep(0.02)
         running.send_signal(number)
-        assert running.wait(20.0) == code
+        assert running.wait(PATIENCE_S) == code
     said = (tmp_path / "log").read_text()
     assert "ready" not in said
     assert "Traceback" not in said
@@ -235,14 +235,14 @@ def test_ctrl_c(tmp_path):
     with daemon(tmp_path, "--port", str(tmp_path / "absent")) as imud:
         begin = time.monotonic()
         imud.process.send_signal(signal.SIGINT)
-        assert imud.process.wait(10.0) == 130
+        assert imud.process.wait(PATIENCE_S) == 130
         assert time.monotonic() - begin < 5.0
         assert "Traceback" not in imud.log
 
 
 def test_the_demo_ends_by_itself_with_errors_against_the_truth(tmp_path):
     with process("imud", "demo", "--seconds", "8", stdout=subprocess.PIPE, stderr=subprocess.PIPE) as demo:
-        out, err = demo.communicate(timeout=280.0)
+        out, err = demo.communicate()
     assert demo.returncode == 0, out + err
     values = {words[0]: words[1] for line in out.splitlines() if len(words := line.split()) >= 2}
     assert float(values["roll"]) < 1.0

@@ -1,7 +1,7 @@
 """The daemon with an emulated Crossbow DMU, through a pseudo-terminal."""
 
 import pytest
-from processes import daemon, emulator
+from processes import PATIENCE_S, daemon, emulator
 
 
 def test_tilt_of_a_still_dmu(tmp_path):
@@ -17,6 +17,6 @@ def test_tilt_of_a_still_dmu(tmp_path):
         rate = (est["seq"] - first["seq"]) / (est["t_mono_ns"] - first["t_mono_ns"]) * 1e9
         assert rate == pytest.approx(100.0, rel=0.02)
         imud.process.terminate()
-        assert imud.process.wait(10.0) == 0
+        assert imud.process.wait(PATIENCE_S) == 0
         assert "serial=30042" in imud.log
         assert "lost=0" in imud.log

@@ -1,7 +1,7 @@
 """The daemon with an emulated M-G350 that is asked for each sample, through a pseudo-terminal."""
 
 import pytest
-from processes import daemon, emulator
+from processes import PATIENCE_S, daemon, emulator
 
 IDEAL = ("--gyro-bias-dps", "0,0,0", "--accel-bias-mg", "0,0,0")
 
@@ -19,5 +19,5 @@ def test_attitude_of_a_polled_g350(tmp_path):
         rate = (est["seq"] - first["seq"]) / (est["t_mono_ns"] - first["t_mono_ns"]) * 1e9
         assert rate == pytest.approx(62.5, rel=0.1)
         imud.process.terminate()
-        assert imud.process.wait(10.0) == 0
+        assert imud.process.wait(PATIENCE_S) == 0
         assert "junk=0" in imud.log

@@ -8,7 +8,7 @@ import subprocess
 import time
 
 import pytest
-from processes import START_S, emulator, process
+from processes import PATIENCE_S, START_S, emulator, process
 
 from imud.client import connect
 from imud.commands.bench.live import traced_calls
@@ -48,7 +48,7 @@ def watched(tmp_path_factory):
                 if tracer.wait() == 0 or table.exists():
                     calls = traced_calls(table.read_text())
         running.send_signal(signal.SIGTERM)
-        assert running.wait(20.0) == 0
+        assert running.wait(PATIENCE_S) == 0
     return json.loads((folder / "seen.json").read_text()), calls
 
 

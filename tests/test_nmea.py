@@ -37,7 +37,7 @@ def test_the_real_receivers_fix():
     assert fix.lon_deg == float(Fraction(6) + Fraction("53.102458") / 60)
     assert (fix.alt_msl_m, fix.geoid_sep_m, fix.height_m) == (102.907, 47.093, 150.0)
     assert (fix.quality, fix.satellites, fix.hdop, fix.utc_s) == (1, 3, 2.88, 8 * 3600 + 14 * 60 + 37)
-    assert (fix.course_deg, fix.mode, fix.date) == (0.0, "A", None)
+    assert (fix.course_deg, fix.date) == (0.0, None)
     assert fix.speed_mps == float(Fraction("0.079") / Fraction("3.6"))
 
 
@@ -138,7 +138,7 @@ def test_what_is_not_said_is_unknown(field, data):
 
 def test_vtg_in_its_forms():
     eight = fix_of(gga() + vtg(mode=""))
-    assert (eight.mode, eight.course_deg) == ("", 54.7)
+    assert eight.course_deg == 54.7
     old = fix_of(gga() + line("GPVTG,054.7,034.4,005.5,010.2"))
     assert old.speed_mps == eight.speed_mps == float(Fraction("10.2") / Fraction("3.6"))
     knots = fix_of(gga() + line("GPVTG,360.0,T,,M,005.5,N,,K,D"))
@@ -182,8 +182,6 @@ REFUSED = {
     "GLL status": line("GPGLL,4807.038,N,01131.000,E,120000"),
     "GLL latitude": line("GPGLL,9000.001,N,01131.000,E,120000,A,A"),
     "GLL mode": line("GPGLL,4807.038,N,01131.000,E,120000,A,Z"),
-    "HDT course": (line("GPHDT,361.0,T"), line("GNHDT,-1,T")),
-    "HDT unit": line("GPHDT,10.0,M"),
     "GSA dimensions": (line("GPGSA,A,,01"), line("GPGSA,A,4,01")),
     "ZDA date": (line("GPZDA,120000,31,02,2026,,"), line("GPZDA,120000,21,11,26,,")),
 }
@@ -247,7 +245,7 @@ def test_gst_and_zda_complete_the_fix():
 
 def test_a_receiver_without_gga_gives_fixes_too():
     fix = fix_of(rmc(tail=",,,D"))
-    assert (fix.quality, fix.mode, fix.height_m, fix.satellites) == (2, "D", None, None)
+    assert (fix.quality, fix.height_m, fix.satellites) == (2, None, None)
 
 
 def test_gns_and_gll_give_fixes_where_there_is_no_gga():
@@ -266,14 +264,6 @@ def test_an_invalid_sentence_beside_a_valid_one_is_no_place():
     void = line("GNGNS,120000.000,,,,,NN,00,,,,,")
     assert fix_of(void + rmc()).lat_deg == pytest.approx(48.1173)
     assert fix_of(line("GPGLL,,,,,120000.000,V,N") + gga()).lat_deg == pytest.approx(48.1173)
-
-
-@given(st.decimals(0, 359, places=3))
-def test_true_heading_is_that_of_satellite_receivers_only(heading):
-    sentence = line(f"GNHDT,{heading},T")
-    assert fix_of(gga() + sentence).heading_deg == float(heading) == NMEAReader.parse(sentence).headingT
-    assert fix_of(gga() + line(f"HEHDT,{heading},T")).heading_deg is None
-    assert fix_of(gga() + line("GNHDT,,T")).heading_deg is None
 
 
 def test_a_fix_without_satellites_in_gga_does_not_know_them():

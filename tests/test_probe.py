@@ -11,7 +11,7 @@ from processes import emulator, silent_tty
 def probe(*arguments):
     return subprocess.run(
         [sys.executable, "-m", "imud", "probe", *map(str, arguments)], capture_output=True, text=True, check=False,
-        timeout=120, env={**os.environ, "NO_COLOR": "1"},
+        env={**os.environ, "NO_COLOR": "1"},
     )  # fmt: skip
 
 

@@ -32,7 +32,7 @@ def start(tmp_path, setting, **options):
     command = ("imud", "run", "--estimator", "tilt", "--port", str(tmp_path / "absent"))
     return subprocess.run(
         [sys.executable, "-m", *command, "--listen", str(tmp_path / "s"), "--set", setting],
-        capture_output=True, text=True, timeout=240.0, check=False, env={**os.environ, "NO_COLOR": "1"}, **options,
+        capture_output=True, text=True, check=False, env={**os.environ, "NO_COLOR": "1"}, **options,
     )  # fmt: skip
 
 

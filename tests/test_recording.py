@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from processes import daemon, emulator
+from processes import PATIENCE_S, daemon, emulator
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
@@ -38,7 +38,7 @@ def recorded(tmp_path_factory):
         start = imud.until(lambda m: m["class"] == "EST" and "heading" in m["state"])["t_mono_ns"]
         imud.until(lambda m: m["class"] == "EST" and m["t_mono_ns"] > start + 3_000_000_000)
         imud.process.terminate()
-        assert imud.process.wait(15.0) == 0
+        assert imud.process.wait(PATIENCE_S) == 0
     return folder / "drive.mcap"
 
 
@@ -181,6 +181,9 @@ def test_the_export_is_what_replay_takes_and_what_ros_reads(recorded, tmp_path):
     assert [int(Decimal(row["t_s"]) * 10**9) for row in rows] == estimates["t_ns"].tolist()
     gnss = list(csv.DictReader((tmp_path / "gnss.csv").open()))
     assert [float(row["lat_deg"]) for row in gnss] == np.degrees(stored(recorded, FIX_TABLE)["lat"]).tolist()
+    with (tmp_path / "imu.csv").open() as file:
+        temperatures = [float(row["temperature_c"]) for row in csv.DictReader(file)]
+    assert temperatures == stored(recorded, SAMPLE_TABLE)["temperature"].tolist()
     again = command("replay", "--imu", tmp_path / "imu.csv", "--gnss", tmp_path / "gnss.csv", "-o", tmp_path / "e.csv")
     assert again.returncode == 0, again.stderr
     with AnyReader([ros], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
@@ -197,7 +200,7 @@ def test_a_recording_is_an_ordinary_port(recorded, tmp_path):
         while imud.log.count("played to its end") < 2:
             imud.until(lambda m: True)
         imud.process.terminate()
-        assert imud.process.wait(15.0) == 0
+        assert imud.process.wait(PATIENCE_S) == 0
     for kind in ("imu", "gnss"):
         copied, original = _bytes(tmp_path / "copy.mcap", kind), _bytes(recorded, kind)
         assert original.endswith(copied)

@@ -60,7 +60,7 @@ def sentences(t, lat, lon, height, speed, course):
 
 def replay(*arguments, piped=None):
     return subprocess.run(
-        [sys.executable, "-m", "imud", "replay", *map(str, arguments)], capture_output=True, check=False, timeout=280,
+        [sys.executable, "-m", "imud", "replay", *map(str, arguments)], capture_output=True, check=False,
         env={**os.environ, "NO_COLOR": "1"}, input=piped,
     )  # fmt: skip
 

@@ -79,6 +79,12 @@ def test_columns_go_by_name_and_others_are_ignored(tmp_path):
     assert samples["f"][0].tolist() == [4, 5, 6]
 
 
+def test_a_temperature_that_is_not_known_costs_no_sample(tmp_path):
+    path = write(tmp_path, "0,1,2,3,4,5,6,\n1,1,2,3,4,5,6,21.5\n", f"{HEADER.strip()},temperature_c\n")
+    samples, _, _ = tables.read_imu(path)
+    assert samples["temperature"].tolist() == [pytest.approx(math.nan, nan_ok=True), 21.5]
+
+
 def test_time_that_stands_or_runs_back_is_skipped_and_counted(tmp_path):
     rows = "".join(f"{t},0,0,0,0,0,-9.8\n" for t in (0, 0.01, 0.01, 0.005, 0.02))
     samples, _, skipped = tables.read_imu(write(tmp_path, rows))

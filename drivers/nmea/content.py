@@ -34,7 +34,6 @@ class Minimum:
     utc_ns: int | None
     date: date | None
     quality: int  # as GGA's, from status and mode
-    mode: str
     lat_deg: float = 0.0
     lon_deg: float = 0.0
     speed_mps: float | None = None
@@ -47,7 +46,6 @@ class Velocity:
 
     speed_mps: float | None
     course_deg: float | None
-    mode: str
     utc_ns: int | None = None  # it has none
 
 
@@ -70,14 +68,6 @@ class Calendar:
 
 
 @dataclass(frozen=True)
-class Heading:
-    """HDT."""
-
-    heading_deg: float | None
-    utc_ns: int | None = None  # it has none
-
-
-@dataclass(frozen=True)
 class Dimensions:
     """GSA."""
 
@@ -85,7 +75,7 @@ class Dimensions:
     utc_ns: int | None = None  # it has none
 
 
-Content = Position | Minimum | Velocity | Errors | Calendar | Heading | Dimensions
+Content = Position | Minimum | Velocity | Errors | Calendar | Dimensions
 
 
 def latlon(s: Sentence, first: int) -> tuple[float, float]:
@@ -139,12 +129,12 @@ def rmc(s: Sentence) -> Minimum:
     if s.field(2) not in ("A", "V"):
         raise RefusedError("status")
     if s.field(2) == "V" or mode == "N":
-        return Minimum(time_ns, None, 0, mode)
+        return Minimum(time_ns, None, 0)
     if mode not in QUALITY_OF_MODE:
         raise RefusedError("mode")
     lat, lon = latlon(s, 3)
     speed = speed_mps(s.field(7), KNOTS)
-    return Minimum(time_ns, calendar(s.field(9)), QUALITY_OF_MODE[mode], mode, lat, lon, speed, course(s.field(8)))
+    return Minimum(time_ns, calendar(s.field(9)), QUALITY_OF_MODE[mode], lat, lon, speed, course(s.field(8)))
 
 
 def gll(s: Sentence) -> Minimum:
@@ -153,22 +143,22 @@ def gll(s: Sentence) -> Minimum:
     if s.field(6) not in ("A", "V"):
         raise RefusedError("status")
     if s.field(6) == "V" or mode == "N":
-        return Minimum(time_ns, None, 0, mode)
+        return Minimum(time_ns, None, 0)
     if mode not in QUALITY_OF_MODE:
         raise RefusedError("mode")
-    return Minimum(time_ns, None, QUALITY_OF_MODE[mode], mode, *latlon(s, 1))
+    return Minimum(time_ns, None, QUALITY_OF_MODE[mode], *latlon(s, 1))
 
 
 def vtg(s: Sentence) -> Velocity:
     """Course and speed. Before NMEA 2 there were no unit letters."""
     if len(s.fields) <= 4:
-        return Velocity(speed_mps(s.field(4), KMH, s.field(3)), course(s.field(1)), "")
+        return Velocity(speed_mps(s.field(4), KMH, s.field(3)), course(s.field(1)))
     if any(s.field(2 * i) not in (unit, "") for i, unit in enumerate("TMNK", start=1)):
         raise RefusedError("unit")
     speed, mode = speed_mps(s.field(7), KMH, s.field(5)), s.field(9)
     if mode not in (*QUALITY_OF_MODE, "N"):
         raise RefusedError("mode")
-    return Velocity(None, None, mode) if mode == "N" else Velocity(speed, course(s.field(1)), mode)
+    return Velocity(None, None) if mode == "N" else Velocity(speed, course(s.field(1)))
 
 
 def gst(s: Sentence) -> Errors:
@@ -183,13 +173,6 @@ def zda(s: Sentence) -> Calendar:
     if year and len(year) != 4:
         raise RefusedError("date")
     return Calendar(utc_ns(s.field(1)), calendar(day + month + year[2:]))
-
-
-def hdt(s: Sentence) -> Heading:
-    """True heading."""
-    if s.field(2) != "T":
-        raise RefusedError("unit")
-    return Heading(course(s.field(1)))
 
 
 def gsa(s: Sentence) -> Dimensions:
@@ -221,6 +204,5 @@ READERS: dict[str, Callable[[Sentence], Content]] = {
     "VTG": vtg,
     "GST": gst,
     "ZDA": zda,
-    "HDT": hdt,
     "GSA": gsa,
 }

@@ -137,7 +137,7 @@ class NmeaDecoder:
     def _read(self, sentence: Sentence) -> Content | None:
         """What it says; None if that is of no interest, or not to be used."""
         reader = READERS.get(sentence.kind)
-        if reader is None or (sentence.kind == "HDT" and sentence.talker[0] != "G"):  # a compass on the same line
+        if reader is None:
             self.counters["other"] += 1
             return None
         try:

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from ..fix import Fix, ReceiverStatus
-from .content import Calendar, Content, Errors, Heading, Minimum, Position, Velocity
+from .content import Calendar, Content, Errors, Minimum, Position, Velocity
 
 SAME_NS = 10_000_000  # receivers round the time of one epoch to 2 decimals here and to 3 there
 FAR_DEG = 1e-3  # sentences of one epoch further apart than that contradict each other
@@ -32,7 +32,6 @@ class Epoch:
     vtg: Velocity | None = None
     gst: Errors | None = None
     zda: Calendar | None = None
-    hdt: Heading | None = None
 
     def has(self, kind: str) -> bool:
         """Whether a sentence of this kind came already."""
@@ -107,12 +106,10 @@ class Epoch:
             hdop=height.hdop,
             speed_mps=motion.speed_mps if motion else None,
             course_deg=motion.course_deg if motion else None,
-            mode=next((said.mode for said in (motion, self.rmc, self.gll) if said), ""),
             sigma_n_m=gst.sigma_n_m,
             sigma_e_m=gst.sigma_e_m,
             sigma_d_m=gst.sigma_d_m,
             dimensions=dimensions,
-            heading_deg=self.hdt.heading_deg if self.hdt else None,
         )
 
 

@@ -39,7 +39,7 @@ class CsvFolder:
     def __init__(self, folder: Path, rate_hz: float, stack: ExitStack) -> None:
         from ..recording.writer import Thinner
         from ..tables.estimates import EstimateWriter
-        from ..tables.inputs import IMU_COLUMNS
+        from ..tables.inputs import IMU_COLUMNS, TEMPERATURE
 
         try:
             folder.mkdir(exist_ok=True)
@@ -50,13 +50,14 @@ class CsvFolder:
         self._gnss: BinaryIO = files["gnss"]
         self._est = EstimateWriter(files["est"], 0, 256)
         self._thinner = Thinner(rate_hz)
-        self._imu.write(f"{','.join(IMU_COLUMNS)}\n".encode())
+        self._imu.write(f"{','.join((*IMU_COLUMNS, TEMPERATURE))}\n".encode())
         self._gnss.write(f"{','.join(_FIX_COLUMNS)}\n".encode())
 
     def step(self, samples: "Records", solutions: "Records") -> None:
         """Rows of SAMPLE and SOLUTION."""
-        for t_ns, w, f in zip(samples["t_ns"].tolist(), samples["w"].tolist(), samples["f"].tolist(), strict=True):
-            self._imu.write(_row(t_ns, [*w, *f]))
+        columns = (samples[name].tolist() for name in ("t_ns", "w", "f", "temperature"))
+        for t_ns, w, f, temperature_c in zip(*columns, strict=True):
+            self._imu.write(_row(t_ns, [*w, *f, temperature_c]))
         self._est.write(self._thinner.kept(solutions))
 
     def update(self, fix: "Records", innovations: "Records") -> None:

@@ -11,7 +11,7 @@ from typing import Any, TypeVar, get_type_hints
 import msgspec
 
 from ..errors import ConfigError
-from .schema import is_table, keys
+from .schema import is_table, keys, kind_of
 from .settings import Settings
 
 Struct = TypeVar("Struct", bound=msgspec.Struct)
@@ -37,7 +37,7 @@ def _problems(table: dict[str, Any], schema: type[msgspec.Struct], prefix: str =
             try:
                 msgspec.convert(value, fields[key])
             except msgspec.ValidationError as error:
-                yield path, str(error)
+                yield path, f"{error}; it must be: {kind_of(fields[key])[0]}"
 
 
 def _parts(value: Any) -> list[Any]:

@@ -3,7 +3,8 @@
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -43,14 +44,14 @@ def keys(schema: type[msgspec.Struct] = Settings, table: str = "") -> Iterator[K
         if is_table(hint):
             inner.append((hint, field.name))
             continue
-        kind, meta = _kind(hint)
+        kind, meta = kind_of(hint)
         value = json.dumps(field.default)  # is TOML, too, for all that settings are made of
         yield Key(table, field.name, kind, value, meta.description or "", bool((meta.extra or {}).get("hot")))
     for hint, name in inner:
         yield from keys(hint, name)
 
 
-def _kind(hint: Any) -> tuple[str, msgspec.Meta]:
+def kind_of(hint: Any) -> tuple[str, msgspec.Meta]:
     """What a value may be, in words, and what else the schema says of it."""
     meta = msgspec.Meta()
     if get_origin(hint) is Annotated:
@@ -60,10 +61,12 @@ def _kind(hint: Any) -> tuple[str, msgspec.Meta]:
     )
     if get_origin(hint) is Literal:
         kind = " | ".join(f'"{choice}"' for choice in get_args(hint))
+    elif get_origin(hint) in (Union, UnionType):
+        kind = " or ".join(kind_of(choice)[0] for choice in get_args(hint) if choice is not NoneType)
     elif get_origin(hint) is tuple:
         items = get_args(hint)
         count = "list" if items[-1] is Ellipsis else f"list of {len(items)}"
-        kind = f"{count}: {_kind(items[0])[0]}"
+        kind = f"{count}: {kind_of(items[0])[0]}"
     else:
         kind = _KINDS.get(hint, str(hint))
     return f"{kind} {limits}".strip(), meta

@@ -25,6 +25,7 @@ _BELOW_ZERO_UNKNOWN = {"sn_m", "se_m", "sd_m", "hdop", "speed_mps"}  # phones wr
 _LONGEST_HEADER = 1 << 16  # bytes
 _MCAP = b"\x89MCAP0\r\n"
 IMU_COLUMNS = ("t_s", "gx_radps", "gy_radps", "gz_radps", "ax_mps2", "ay_mps2", "az_mps2")
+TEMPERATURE = "temperature_c"  # may stand beside them; an empty cell is not known
 _FIX_REQUIRED = ("t_s", "lat_deg", "lon_deg", "height_m")
 _FIX_OPTIONAL = (
     *("arrival_s", "sn_m", "se_m", "sd_m", "hdop", "vn_mps", "ve_mps", "vd_mps", "speed_mps", "course_deg"),
@@ -119,11 +120,11 @@ def read_samples(path: Path) -> tuple[NDArray[np.void], int, int]:
 def read_imu(path: Path, left_out: LeftOut | None = None) -> tuple[NDArray[np.void], int, int]:
     """Samples (array of SAMPLE), the origin in whole s, and how many rows were skipped because time stood or ran back.
 
-    A column temperature_c may stand beside the required ones. left_out: gathers the rows that cannot be read; without
-    it the first of them is an error. Raises InputMissingError, BadDataError (with line and column).
+    left_out: gathers the rows that cannot be read; without it the first of them is an error. Raises InputMissingError,
+    BadDataError (with line and column).
     """
     source = table_of(path, IMU_COLUMNS)
-    names = (*IMU_COLUMNS, "temperature_c") if "temperature_c" in source.names else IMU_COLUMNS
+    names = (*IMU_COLUMNS, TEMPERATURE) if TEMPERATURE in source.names else IMU_COLUMNS
     table = _numbers(source, source.column_numbers(names), names, left_out)
     if len(table) < 2:
         why = f"{left_out}; " if left_out and left_out.count else f"{path}: "
@@ -158,7 +159,8 @@ def _numbers(
         pass
 
     def read(number: int, cells: list[str]) -> list[float]:
-        return [_number(number, cells, column, name) for column, name in zip(columns, names, strict=True)]
+        wanted = zip(columns, names, strict=True)
+        return [(_number_or_none if name == TEMPERATURE else _number)(number, cells, at, name) for at, name in wanted]
 
     return np.array(list(_rows(source, read, left_out))).reshape(-1, len(columns))
 

@@ -12,7 +12,7 @@ import numpy as np
 from drivers.sample import SAMPLE
 from imud.errors import BadDataError
 from imud.tables.estimates import ESTIMATE_HEADER, INNOVATION_COLUMNS
-from imud.tables.inputs import IMU_COLUMNS, header_of, read_fixes
+from imud.tables.inputs import IMU_COLUMNS, TEMPERATURE, header_of, read_fixes
 
 from .session import Fixes, Floats, Innovations, Part, Session
 from .watch import EstimateWatch, SensorWatch
@@ -90,7 +90,7 @@ def _estimates(path: Path, name: str, progress: Progress) -> Part:
 
 def _samples(path: Path, name: str, progress: Progress) -> Part:
     watch, origin, first, last = SensorWatch(name), 0, math.nan, -math.inf
-    names = (*IMU_COLUMNS, *({"temperature_c"} & set(header_of(path))))
+    names = (*IMU_COLUMNS, *({TEMPERATURE} & set(header_of(path))))
     for block in _blocks(path, names, progress):
         t = block["t_s"]
         if math.isnan(first):
@@ -101,7 +101,7 @@ def _samples(path: Path, name: str, progress: Progress) -> Part:
         rows["t_ns"] = np.rint((t[forward] - origin) * 1e9).astype(np.int64)
         rows["w"] = np.stack([block[name][forward] for name in IMU_COLUMNS[1:4]], axis=1)
         rows["f"] = np.stack([block[name][forward] for name in IMU_COLUMNS[4:7]], axis=1)
-        rows["temperature"] = block["temperature_c"][forward] if "temperature_c" in block else math.nan
+        rows["temperature"] = block[TEMPERATURE][forward] if TEMPERATURE in block else math.nan
         if len(rows):
             last = float(t[forward][-1])
             watch.add(rows)

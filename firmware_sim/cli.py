@@ -30,6 +30,7 @@ Triple = tuple[float, float, float]
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of the emulator."""
+    parser.usage = "%(prog)s DEVICE [DEVICE ...] [OPTION ...]"
     parser.epilog = (
         f"Epson's sensors on SPI need no process: PYTHONPATH={STAND_IN} IMUD_SIM='g350 --scenario car' "
         "imud --port spi:0.0 --set spi.data_ready=gpiochip0:24. The next DEVICE is spi:0.1, with line 25."

@@ -12,7 +12,7 @@ import pytest
 import structlog
 from processes import PATIENCE_S, process
 
-from imud.commands import main
+from imud.commands import COMMANDS, main
 from imud.process import log
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -60,6 +60,14 @@ def test_a_demo_of_nothing_is_misuse_at_once(arguments, capsys):
         code = ended.code
     assert code == 64
     assert repr(arguments[1]) in capsys.readouterr().err
+
+
+def test_help_fits_one_screen(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    for arguments in ([], *([command] for command in COMMANDS)):
+        with pytest.raises(SystemExit):
+            main([*arguments, "--help"])
+        assert capsys.readouterr().out.count("\n") < 54, arguments
 
 
 def test_closed_streams_change_no_exit_code():

@@ -6,6 +6,7 @@ devices use, or one whose driver the user named if that may interrupt a stream. 
 starting up.
 """
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
@@ -20,6 +21,11 @@ CHATTER = 16  # bytes; fewer are glitches of a line that is idle, or being plugg
 PLENTY = 1024  # bytes in which any driver recognises its device
 GARBAGE, TEXT_SHARE = 200, 0.7  # bytes after which, with less text than that, nothing will be recognised any more
 SHOWN, TEXT_SHOWN = 24, 90  # bytes
+FOREIGN = {  # how their messages begin
+    b"\xb5\x62\x01": "a u-blox receiver",
+    b"\xa0\xa2\x00": "a SiRF receiver",
+}
+POSITION = re.compile(rb"\$[A-Z]{2}(GGA|RMC|GNS|GLL),")  # by any talker
 ECHOES = 3  # in a row are no answers
 START_S = 0.4  # between turns on SPI: a device may be starting up
 
@@ -72,13 +78,20 @@ def _speeds(bauds: Sequence[int]) -> str:
 
 def _kind(heard: bytes) -> str:
     """What the bytes look like, though no driver knows them."""
+    if whose := _foreign(heard):
+        return f"of {whose} in its own binary format, which imud does not read: have it send NMEA"
     if _text_share(heard) < TEXT_SHARE:
         return "but nothing known: garbage, as of a line at another speed, or a device that imud does not know"
     if any(line.startswith(b"$") and b"*" in line for line in heard.splitlines()):
         return "NMEA sentences with wrong checksums: a disturbed line"
-    if any(line.startswith((b"$GP", b"$GN")) for line in heard.splitlines()):
+    if POSITION.search(heard):
         return "NMEA sentences without checksums, which imud does not trust: switch them on in the receiver"
     return "text, but of no device that imud knows"
+
+
+def _foreign(heard: bytes) -> str:
+    """Whose binary messages are in it; empty: nobody's that is known."""
+    return next((whose for mark, whose in FOREIGN.items() if mark in heard), "")
 
 
 def _shown(heard: bytes) -> str:
@@ -213,8 +226,10 @@ def _listen_at_all(
 
 
 def _worth(chatter: Chatter) -> tuple[bool, int]:
-    """For choosing what to show: text before garbage, much before little."""
-    return len(chatter.heard) >= CHATTER and _text_share(chatter.heard) >= TEXT_SHARE, len(chatter.heard)
+    """For choosing what to show: what makes sense before garbage, much before little."""
+    heard = chatter.heard
+    sensible = len(heard) >= CHATTER and (_text_share(heard) >= TEXT_SHARE or bool(_foreign(heard)))
+    return sensible, len(heard)
 
 
 def _ask(speeds: Mapping[AnyDriver, Sequence[int]]) -> Dialogue[Found | Echo | None]:

@@ -8,6 +8,7 @@ import pytest
 from crossbow_packets import packet
 from hypothesis import given
 from hypothesis import strategies as st
+from nmea_lines import line
 
 from drivers.driver import Identity, ImuConfigured
 from drivers.fix import Fix
@@ -18,7 +19,7 @@ from imud.estimators import registry
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID
 from imud.pipeline import Filter, Stream
 from imud.sensors.inertial import Inertial
-from imud.sensors.receiver import jumps
+from imud.sensors.receiver import Receiver, jumps
 
 SECOND = 1_000_000_000
 
@@ -117,6 +118,14 @@ def fix(lat_deg, seconds, speed_mps=0.0, lon_deg=10.0):
         arrival_ns=round(seconds * 1e9), utc_s=seconds, lat_deg=lat_deg, lon_deg=lon_deg, quality=1,
         speed_mps=speed_mps, **unsaid,
     )  # fmt: skip
+
+
+@pytest.mark.parametrize(("talks", "said"), [(False, "stale"), (True, "tells no position")])
+def test_a_receiver_that_tells_no_position_is_not_called_silent(talks, said):
+    receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
+    for second in range(6) if talks else ():
+        receiver.take(line("GPGSV,1,1,00"), second * SECOND)
+    assert said in receiver.troubles(5 * SECOND)[0]
 
 
 def test_positions_that_jump():

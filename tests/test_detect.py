@@ -1,5 +1,6 @@
 """Detection: which device, at which speed, and a reason that helps where there is none. On lines in memory."""
 
+import random
 from pathlib import Path
 
 import pytest
@@ -172,9 +173,19 @@ def test_damaged_sentences_are_shown_as_they_are():
     assert "$GPGGA,092750.000" in str(found)
 
 
-def test_sentences_without_checksums_are_called_that():
-    found, _ = run(detect(), Speaker(9600, b"$GPGGA,092750.000,5321.6802,N,00630.3372,W,1,8,1.03,61.7,M,55.2,M,,\r\n"))
+@pytest.mark.parametrize("talker", ["GP", "BD", "II"])
+def test_sentences_without_checksums_are_called_that(talker):
+    bare = f"${talker}GGA,092750.000,5321.6802,N,00630.3372,W,1,8,1.03,61.7,M,55.2,M,,\r\n"
+    found, _ = run(detect(), Speaker(9600, bare.encode()))
     assert "NMEA sentences without checksums" in str(found)
+
+
+@pytest.mark.parametrize("begin, whose", [("b562 0107 5c00", "u-blox"), ("a0a2 005b", "SiRF")])
+def test_a_receiver_in_binary_is_named(begin, whose):
+    binary = bytes.fromhex(begin) + random.Random(1).randbytes(94)
+    found, _ = run(detect(), Speaker(9600, binary, period_s=0.5))
+    assert whose in str(found)
+    assert "have it send NMEA" in str(found)
 
 
 @pytest.mark.parametrize("glitch", [b"\0", b"\xff\x00\xfe"])

@@ -41,6 +41,10 @@ def test_the_real_receivers_fix():
     assert fix.speed_mps == float(Fraction("0.079") / Fraction("3.6"))
 
 
+def test_novatels_word_for_a_differential_fix():
+    assert fix_of(gga(rest="9,08,0.9,545.4,M,46.9,M,,")).quality == 2
+
+
 def test_the_real_receivers_search_is_a_state_and_no_fix():
     fixes, decoder = decode(BOOT + NO_FIX + NO_FIX_VTG)
     assert fixes == []
@@ -164,7 +168,7 @@ REFUSED = {
     "GGA longitude": (gga(lon="18000.001,E"), gga(lon="1131.000,E"), gga(lon="01131.000,")),
     "GGA position missing": gga(lat=",", lon=","),
     "GGA time": (gga("240000"), gga("126000"), gga("120061"), gga("12000"), gga("12:00:00")),
-    "GGA quality": (gga(rest="9,08,0.9,545.4,M,46.9,M,,"), gga(rest="x,08,0.9,545.4,M,46.9,M,,")),
+    "GGA quality": (gga(rest="10,08,0.9,545.4,M,46.9,M,,"), gga(rest="x,08,0.9,545.4,M,46.9,M,,")),
     "GGA satellites": gga(rest="1,-8,0.9,545.4,M,46.9,M,,"),
     "GGA HDOP": (gga(rest="1,08,-1,545.4,M,46.9,M,,"), gga(rest="1,08,nan,545.4,M,46.9,M,,")),
     "GGA altitude": (gga(rest="1,08,0.9,5e4,M,46.9,M,,"), gga(rest="1,08,0.9,1_0,M,46.9,M,,")),

@@ -10,6 +10,7 @@ KNOTS, KMH = (1852, 3600), (10, 36)  # to m/s
 FASTEST = 4000.0  # knots or km/h
 UNKNOWN_HDOP = 99.0  # and above: the receiver has no figure
 TRUST = (8, 7, 6, 1, 2, 3, 5, 4)  # qualities, the best last
+WAAS, DIFFERENTIAL = 9, 2  # NovAtel's word for a differential fix, and the standard's
 QUALITY_OF_MODE = {"A": 1, "D": 2, "P": 3, "R": 4, "F": 5, "E": 6, "M": 7, "S": 8, "": 1}
 
 
@@ -96,7 +97,8 @@ def metres(s: Sentence, i: int, limit: float, reason: str) -> float | None:
 
 def gga(s: Sentence) -> Position:
     """Time, position, quality, satellites, HDOP, altitude, geoid."""
-    time_ns, quality = utc_ns(s.field(1)), integer(s.field(6), 8, "quality") or 0
+    time_ns, quality = utc_ns(s.field(1)), integer(s.field(6), WAAS, "quality") or 0
+    quality = DIFFERENTIAL if quality == WAAS else quality
     satellites = integer(s.field(7), 999, "satellites")
     if quality == 0:  # the position may be a dummy such as 8960.000000
         return Position(time_ns, 0, satellites)

@@ -143,7 +143,9 @@ class Receiver:
         """What is wrong with the receiver, in words."""
         status = self.decoder.status
         if now_ns - max(status.arrival_ns, self._connected_ns) > STALE_FIX_NS:
-            return ("receiver: stale, nothing new comes",)
+            talks = now_ns - self.heard_ns <= STALE_FIX_NS
+            said = "what it says tells no position (GGA, RMC, GNS or GLL)" if talks else "stale, nothing new comes"
+            return (f"receiver: {said}",)
         if status.arrival_ns and status.quality == 0:
             return ("receiver: no fix",)
         if self._jumped_ns is not None and now_ns - self._jumped_ns < JUMPED_NS:

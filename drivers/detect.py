@@ -239,8 +239,25 @@ def _ask(speeds: Mapping[AnyDriver, Sequence[int]]) -> Dialogue[Found | Echo | N
             if speed:
                 yield Exchange(baud=speed, discard=True)
                 found = yield from _unless_echoed(driver.identify(), speed, hurry=rank > 0)
+                if isinstance(found, Echo):
+                    return found
                 if found:
-                    return found if isinstance(found, Echo) else replace(found, baud=speed)
+                    return (yield from _at_any_speed(driver, speeds[driver][0], speed)) or replace(found, baud=speed)
+    return None
+
+
+def _at_any_speed(driver: AnyDriver, likeliest: int, speed: int) -> Dialogue[Found | None]:
+    """The device that answered at `speed`, if it answers at the likeliest one, too: a line without speeds carries it.
+
+    It was not ready when that was tried. At a speed that only happened to be tried then, its rate would be lowered.
+    """
+    if speed == likeliest:
+        return None
+    yield Exchange(baud=likeliest, discard=True)
+    found = yield from _unless_echoed(driver.identify(), likeliest, hurry=True)
+    if found and not isinstance(found, Echo):
+        return replace(found, baud=likeliest)
+    yield Exchange(baud=speed, discard=True)
     return None
 
 

@@ -31,7 +31,7 @@ def test_the_registry_finds_every_driver_by_its_folder():
 def test_a_silent_imu_is_asked_at_every_speed(baud):
     found, seconds = run(detect(), G350(baud))
     assert found == Identity("epson", "M-G350", "A0000123", "0113", baud, "m-g350")
-    assert seconds < (2.0 if baud == 460800 else 3.7)
+    assert seconds < (2.0 if baud == 460800 else 4.0)
 
 
 @pytest.mark.parametrize("boot_s", [0.8, 2.0, 3.0])
@@ -129,6 +129,20 @@ class Loopback(Mute):
     def hear(self, data):
         super().hear(data)
         self.outgoing += data
+
+
+class OnAnyLine(G350):
+    """On a pseudo-terminal, or behind a network: bytes pass at every speed."""
+
+    def hear(self, data):
+        self.baud = self.host_baud
+        super().hear(data)
+
+
+@pytest.mark.parametrize("boot_s", [1.8, 2.2, 2.6, 3.0, 3.4])
+def test_a_line_without_speeds_is_not_held_to_the_one_at_which_its_device_was_ready(boot_s):
+    found, _ = run(detect(), OnAnyLine(boot_s=boot_s))
+    assert (found.model, found.baud) == ("M-G350", 460800)
 
 
 def test_an_echo_is_told_at_once():

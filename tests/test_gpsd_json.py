@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 from drivers.fix import Satellite, Sky
 from imud.estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, SOLUTION
 from imud.kernels.rotation import euler_of_quat
-from imud.outputs.gpsd_json import CLASSES, Report, _bound95, _motion, _turn_rate, iso, line, quoted, status_words
+from imud.outputs.gpsd_json import CLASSES, Report, _bound95, _motion, _turn_rate, status_words
+from imud.outputs.gpsd_objects import iso, line, quoted
 from imud.outputs.view import NO_SOLUTION, Device, Gnss, View, decode, euler
 
 FULL = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID

@@ -22,7 +22,7 @@ from imud.daemon.vitals import Innovations, flat, status_object
 from imud.errors import DeviceAbsentError, ImudError
 from imud.estimators.innovation_kinds import KINDS
 from imud.estimators.records import ASSUMED, INNOVATION
-from imud.outputs.gpsd_json import line
+from imud.outputs.gpsd_objects import line
 from imud.outputs.listen import parse_address
 from imud.sensors.rate import SECOND_NS, Pace, Rate
 

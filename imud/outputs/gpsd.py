@@ -19,7 +19,8 @@ from imud.errors import ConfigError
 
 from .connection import NEVER_NS, SECOND_NS, Connection
 from .gpsd_dialogue import TOO_MANY, Answer, Policy, Request, answer, device_object, error_object, version_object
-from .gpsd_json import Report, line
+from .gpsd_json import Report
+from .gpsd_objects import line
 from .listen import EXHAUSTED, Address, is_local, listen, parse_address, shown_address
 from .nmea_sentences import sentences
 from .view import Device, View

@@ -15,7 +15,8 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from .gpsd_json import CLASSES, Report, iso, quoted
+from .gpsd_json import CLASSES, Report
+from .gpsd_objects import iso, quoted
 from .view import Device
 
 REQUEST_MAX = 1024  # bytes; gpsd's own limit is 80

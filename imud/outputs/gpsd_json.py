@@ -9,12 +9,9 @@ Source: gpsd_json(5); gpsd 3.22, 3.25 and 3.27.5 tried.
 """
 
 import functools
-import json
 import math
-import time
 from collections.abc import Callable
 
-from drivers.fix import Satellite
 from imud.estimators.records import (
     AT_REST,
     ATTITUDE_VALID,
@@ -25,54 +22,9 @@ from imud.estimators.records import (
     SATURATED,
 )
 
+from .gpsd_objects import Numbers, head, line, quoted, time_of
+from .gpsd_sky import sky_object
 from .view import NAN, NO_SOLUTION, NO_VECTOR, Gnss, State, Vector, View, decode, euler
-
-
-class _Numbers:
-    """The members `,"key":number` of an object in a fixed order, without those that are not finite."""
-
-    def __init__(self, **formats: str) -> None:
-        self._members = tuple(f',"{key}":{form}' for key, form in formats.items())
-        self._template = "".join(self._members)
-
-    def __call__(self, *values: float) -> str:
-        text = self._template % values
-        if ":nan" not in text and "inf" not in text:
-            return text
-        return "".join(m % v for m, v in zip(self._members, values, strict=True) if math.isfinite(v))
-
-
-def quoted(text: str, limit: int = 127) -> str:
-    """A JSON string of at most `limit` ASCII characters: libgps loops for ever over longer paths."""
-    return json.dumps(text[:limit].encode("ascii", "replace").decode())
-
-
-@functools.lru_cache(maxsize=4)
-def _iso_second(second: int) -> str:
-    return time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(second))
-
-
-def iso(utc_s: float | None) -> str:
-    """Quoted ISO 8601 with microseconds of unix time; empty when unknown or outside the years 1970 to 9999."""
-    if utc_s is None or not 0.0 <= utc_s < 253402300799.0:
-        return ""
-    second, micro = divmod(round(utc_s * 1e6), 1_000_000)
-    return f'"{_iso_second(second)}.{micro:06d}Z"'
-
-
-@functools.lru_cache(maxsize=16)
-def _class_and_device(kind: str, path: str | None) -> str:
-    device = "" if path is None else f',"device":{quoted(path)}'
-    return f'{{"class":"{kind}"{device}'
-
-
-def _head(kind: str, view: View) -> str:
-    return _class_and_device(kind, view.devices[0].path if view.devices else None)
-
-
-def _time(view: View) -> str:
-    text = iso(view.utc_s)
-    return f',"time":{text}' if text else ""
 
 
 def _bound95(*sigmas: float) -> float:
@@ -90,7 +42,7 @@ def _bound95(*sigmas: float) -> float:
 
 
 _NORMAL95 = 1.959964
-_TPV = _Numbers(
+_TPV = Numbers(
     ept="%.3g", lat="%.12g", lon="%.12g", altHAE="%.9g", altMSL="%.9g", alt="%.9g", geoidSep="%.6g",
     epx="%.4g", epy="%.4g", epv="%.4g", eph="%.4g", sep="%.4g",
     track="%.7g", speed="%.7g", climb="%.6g", epd="%.4g", eps="%.4g", epc="%.4g",
@@ -143,7 +95,7 @@ def _tpv(view: View, s: State) -> str:
         _NORMAL95 * se, _NORMAL95 * sn, _NORMAL95 * sd, _bound95(sn, se), _bound95(sn, se, sd),
         *_motion(s), *s.v,
     )  # fmt: skip
-    return f"{_head('TPV', view)}{_fix(view, s)}{_time(view)}{numbers}}}"
+    return f"{head('TPV', view)}{_fix(view, s)}{time_of(view)}{numbers}}}"
 
 
 def _turn_rate(roll: float, pitch: float, w: Vector) -> float:
@@ -155,7 +107,7 @@ def _turn_rate(roll: float, pitch: float, w: Vector) -> float:
     return (w[1] * math.sin(r) + w[2] * math.cos(r)) / cos_pitch
 
 
-_ATT = _Numbers(
+_ATT = Numbers(
     heading="%.7g", yaw="%.7g", pitch="%.6g", roll="%.7g", rot="%.6g",
     acc_len="%.7g", acc_x="%.7g", acc_y="%.7g", acc_z="%.7g", gyro_x="%.7g", gyro_y="%.7g", gyro_z="%.7g", temp="%.5g",
 )  # fmt: skip
@@ -167,10 +119,10 @@ def _att(view: View, s: State) -> str:
     heading = yaw % 360.0 if s.status & HEADING_VALID else NAN
     rot = 60.0 * _turn_rate(roll, pitch, s.w)
     numbers = _ATT(heading, yaw, pitch, roll, rot, math.hypot(*s.f), *s.f, *s.w, view.temperature)
-    return f"{_head('ATT', view)}{_time(view)}{numbers}}}"
+    return f"{head('ATT', view)}{time_of(view)}{numbers}}}"
 
 
-_IMU = _Numbers(
+_IMU = Numbers(
     gyro_x="%.7g", gyro_y="%.7g", gyro_z="%.7g", acc_x="%.7g", acc_y="%.7g", acc_z="%.7g", acc_len="%.7g", temp="%.5g",
 )  # fmt: skip
 
@@ -179,44 +131,7 @@ def _imu(view: View, s: State) -> str:
     """The sensor's last sample as it is, biases and all, in ATT's axes and units."""
     rates, forces = map(math.degrees, view.sensed[:3]), view.sensed[3:]
     numbers = _IMU(*rates, *forces, math.hypot(*forces), view.temperature)
-    return f'{_head("IMU", view)}{_time(view)},"msg":"imud"{numbers}}}'
-
-
-_SKY = _Numbers(hdop="%.4g", pdop="%.4g", vdop="%.4g", nSat="%.4g", uSat="%.4g")
-_SATELLITE = _Numbers(gnssid="%d", svid="%d", el="%.4g", az="%.4g", ss="%.4g")
-_FIX_LIFE_S = 10.0
-_SATELLITES_MAX = 100  # 140 would blank libgps' list, and 10 kB are too long for a line
-_SBAS, _SBAS_LESS = 1, 87  # NMEA calls PRN 120 satellite 33
-_OFFSETS = {2: 300, 3: 400, 5: 192, 6: 64}  # from svid to PRN, by gnssid
-
-
-def _numbered(satellite: Satellite) -> tuple[int, int]:
-    """PRN and svid as gpsd has them; receivers number Galileo, BeiDou and QZSS from 1, or as PRN."""
-    if satellite.system == _SBAS:
-        return satellite.number + _SBAS_LESS, satellite.number + _SBAS_LESS
-    offset = _OFFSETS.get(satellite.system, 0)
-    svid = satellite.number - offset if satellite.number > offset else satellite.number
-    return svid + offset, svid
-
-
-def _satellite(satellite: Satellite) -> str:
-    prn, svid = _numbered(satellite)
-    known = (satellite.elevation_deg, satellite.azimuth_deg, satellite.signal_dbhz)
-    numbers = _SATELLITE(satellite.system, svid, *(NAN if value is None else value for value in known))
-    return f'{{"PRN":{prn}{numbers},"used":{"true" if satellite.used else "false"}}}'
-
-
-def _sky(view: View, s: State) -> str:
-    """The last fix's dilutions and satellites, as far as the receiver tells; nothing of a fix older than 10 s."""
-    gnss = view.gnss
-    if gnss is None or gnss.age_s > _FIX_LIFE_S:
-        return f"{_head('SKY', view)}{_time(view)}}}"
-    sky, used = gnss.sky, NAN if gnss.satellites is None or gnss.satellites < 0 else gnss.satellites
-    dops = (NAN if dop is None else dop for dop in (sky.pdop, sky.vdop))
-    numbers = _SKY(gnss.hdop, *dops, len(sky.satellites) or used, used)
-    shown = sorted(sky.satellites, key=lambda satellite: not satellite.used)[:_SATELLITES_MAX]
-    satellites = f',"satellites":[{",".join(map(_satellite, shown))}]' if shown else ""
-    return f"{_head('SKY', view)}{_time(view)}{numbers}{satellites}}}"
+    return f'{head("IMU", view)}{time_of(view)},"msg":"imud"{numbers}}}'
 
 
 STATUS_WORDS = {
@@ -237,7 +152,7 @@ def status_words(status: int) -> str:
     return ",".join(words if status & ATTITUDE_VALID else ["aligning", *words])
 
 
-_EST = _Numbers(
+_EST = Numbers(
     lat_deg="%.12g", lon_deg="%.12g", height_m="%.9g", vn_mps="%.7g", ve_mps="%.7g", vd_mps="%.7g",
     roll_deg="%.7g", pitch_deg="%.7g", yaw_deg="%.7g",
     sn_m="%.4g", se_m="%.4g", sd_m="%.4g", svn_mps="%.4g", sve_mps="%.4g", svd_mps="%.4g",
@@ -261,13 +176,19 @@ def _est(view: View, s: State) -> str:
         1e6 * view.health.clock.residual_s, 1e6 * view.health.clock.drift,
     )  # fmt: skip
     return (
-        f'{_head("EST", view)}{_time(view)},"t_mono_ns":{view.t_mono_ns},"seq":{view.seq}'
+        f'{head("EST", view)}{time_of(view)},"t_mono_ns":{view.t_mono_ns},"seq":{view.seq}'
         f',"estimator":{quoted(view.estimator)},"status":{s.status},"state":"{status_words(s.status)}"'
         f"{_health_of('imu', view.health.imu)}{_health_of('gnss', view.health.gnss)}{numbers}}}"
     )
 
 
-_ENCODERS: dict[str, Callable[[View, State], str]] = {"TPV": _tpv, "SKY": _sky, "ATT": _att, "IMU": _imu, "EST": _est}
+_ENCODERS: dict[str, Callable[[View, State], str]] = {
+    "TPV": _tpv,
+    "SKY": lambda view, _: sky_object(view),
+    "ATT": _att,
+    "IMU": _imu,
+    "EST": _est,
+}
 CLASSES = tuple(_ENCODERS)
 
 
@@ -299,9 +220,4 @@ class Report:
         """The answer to ?POLL as an object; empty lists for a client that does not watch."""
         tpv, sky = (self.object("TPV"), self.object("SKY")) if watched else ("", "")
         active = len(self.view.devices) if watched else 0
-        return f'{{"class":"POLL"{_time(self.view)},"active":{active},"tpv":[{tpv}],"gst":[],"sky":[{sky}]}}'
-
-
-def line(*objects: str) -> bytes:
-    """Objects as they go on the wire: py-gps waits for ever for a message that ends in LF alone."""
-    return "".join(f"{text}\r\n" for text in objects).encode("ascii")
+        return f'{{"class":"POLL"{time_of(self.view)},"active":{active},"tpv":[{tpv}],"gst":[],"sky":[{sky}]}}'

@@ -17,7 +17,8 @@ import numpy as np
 
 from imud.errors import ImudError
 
-from . import live, reference
+from . import reference
+from .race import Pacer, number, race
 from .table import Section
 from .throughput import LLVM
 
@@ -127,12 +128,12 @@ def _live(section: Section, environment: dict[str, str], folder: Path) -> None:
         counters.append(Counter(folder / f"live.{name}"))
         return [*counters[-1].prefix, *command]
 
-    with live.race(folder, counted, environment, SLOWNESS, _OPTIONS) as (contestants, why):
-        pacer = live.Pacer(contestants, SLOWNESS)
+    with race(folder, counted, environment, SLOWNESS, _OPTIONS) as (contestants, why):
+        pacer = Pacer(contestants, SLOWNESS)
         for contestant, counter in zip(contestants, counters, strict=True):
             counter.begin(contestant.pid)
         pacer.feed(_SETTLE)
-        live.number(pacer, contestants)
+        number(pacer, contestants)
         for contestant, counter in zip(contestants, counters, strict=True):
             counter.take(contestant.pid)
         pacer.feed(_LIVE)

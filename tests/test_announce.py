@@ -86,6 +86,16 @@ def test_bits_that_a_dmu_sets_are_told_in_words():
     assert "stale" in sensor.troubles(SECOND)[0]
 
 
+@pytest.mark.parametrize("gap", [0, 60, 500])
+def test_samples_that_no_counter_misses_are_lost_by_the_clock(gap):
+    """A timer that wraps within 52 ms knows nothing of the seconds for which the daemon was stopped."""
+    sensor = inertial(by_name("crossbow"))
+    for k in [*range(1000), *range(1000 + gap, 1300 + gap)]:
+        hear(sensor, packet((0, 0, 0, 0, 0, 10923), clock=-12_658 * k), k * SECOND // 100)
+    assert abs(sensor.lost - gap) <= 2
+    assert sensor.counters()["lost"] == sensor.lost
+
+
 def test_a_bit_that_was_set_from_the_start_is_the_drivers_to_tell():
     sensor = inertial(by_name("crossbow"))
     level = (0, 0, 0, 0, 0, 10923)

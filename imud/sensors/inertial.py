@@ -144,11 +144,13 @@ class Inertial:
 
     @property
     def lost(self) -> int:
-        """Samples that never came, since this connection."""
-        return int(self.stream.decoder["lost"][0])
+        """Samples that never came, since this connection: by the sensor's counter, as our clock corrected it."""
+        clock = self.stream.clock[0]
+        uncounted = float(clock["missed"] * clock["period_ns"]) * 1e-9 / self.period_s
+        return max(0, int(self.stream.decoder["lost"][0]) + round(uncounted))
 
     def counters(self) -> dict[str, int]:
         """What decoder and line counted since this connection."""
         names = ("frames", "junk", "bad", "lost", "suspect", "errors")
-        counted = {name: int(self.stream.decoder[name][0]) for name in names}
+        counted = {name: int(self.stream.decoder[name][0]) for name in names} | {"lost": self.lost}
         return counted | (dict(self._line.counters) if self._line else {})

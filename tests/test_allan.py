@@ -128,6 +128,23 @@ def test_a_sensor_that_moved_is_doubted(recording, tmp_path, capsys):
     assert "moved, at 1000 s" in capsys.readouterr().out
 
 
+def test_axes_that_the_sensor_has_not(recording, tmp_path, capsys):
+    header, *lines = recording.read_text().splitlines()[:2001]
+    yaw, none = tmp_path / "yaw.csv", tmp_path / "none.csv"
+    for path, kept in ((yaw, (0, 3, 4, 5, 6)), (none, (0,))):
+        rows = [[cell if i in kept else "0" for i, cell in enumerate(line.split(","))] for line in lines]
+        path.write_text("\n".join([header, *(",".join(row) for row in rows)]))
+    assert main(["allan", str(yaw)]) == 0
+    walk = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("random walk N"))
+    assert walk.count("never changes") == 2
+    assert " ± " in walk
+    assert main(["allan", str(yaw), "--json", "--settings", str(tmp_path / "noise.toml")]) == 0
+    assert [axis for axis in json.loads(capsys.readouterr().out) if axis.startswith("gyro")] == ["gyro_z"]
+    assert "gyro_random_walk_deg_per_sqrt_h" in (tmp_path / "noise.toml").read_text()
+    assert main(["allan", str(none)]) == 65
+    assert "no axis changes" in capsys.readouterr().err
+
+
 def test_bad_input(recording, tmp_path, capsys):
     lines = recording.read_text().splitlines()
     gaps = tmp_path / "gaps.csv"

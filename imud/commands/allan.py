@@ -45,6 +45,7 @@ _KINDS = {
 _SI = {"gyro": ("rad/s/√Hz", "rad/s", "rad/s/√s"), "accel": ("m/s²/√Hz", "m/s²", "m/s²/√s")}
 _NAMES = ("random walk N", "bias instability B", "rate random walk K")
 _MOVED = 10.0  # times the usual scatter of a second's mean rate from its neighbour's
+Found = dict[str, dict[str, "AllanDeviation"]]  # by kind and letter of those axes that the sensor has
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,15 +68,18 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--sheet {args.sheet}: there is no such profile; known are {', '.join(PROFILES)}")
     samples, _, _ = read_samples(args.recording)
     rate_hz = _rate(args.recording, samples["t_ns"])
-    found: dict[str, list[AllanDeviation]] = {}
+    found: Found = {kind: {} for kind in _KINDS}
     progress = Progress(6)
     for number, (kind, column) in enumerate([(k, i) for k in _KINDS for i in range(3)]):
         rates = samples["w" if kind == "gyro" else "f"][:, column]
         try:
-            found.setdefault(kind, []).append(allan_deviation(rates, rate_hz))
+            if np.ptp(rates) > 0.0:  # else the sensor has no such axis
+                found[kind]["xyz"[column]] = allan_deviation(rates, rate_hz)
         except ValueError as error:
             raise BadDataError(f"{args.recording}: {error}") from error
         progress.at(number + 1)
+    if not any(found.values()):
+        raise BadDataError(f"{args.recording}: no axis changes at all, so there is no noise to be told")
     if args.json:
         print(json.dumps(_plain(found, rate_hz)))
     else:
@@ -108,12 +112,13 @@ def _coefficients(deviation: "AllanDeviation") -> "tuple[Coefficient, ...]":
     return deviation.random_walk, deviation.instability, deviation.rate_walk
 
 
-def _print(found: dict[str, list[Any]], sheet: Any, name: str, n: int, rate_hz: float) -> None:
+def _print(found: Found, sheet: Any, name: str, n: int, rate_hz: float) -> None:
     print(f"{n} samples at {rate_hz:.6g} Hz, {n / rate_hz:.0f} s; ± is 1 sigma, < an upper bound: record longer")
     for kind, units in _KINDS.items():
         print(f"\n{kind:<20}{'x':>20}{'y':>20}{'z':>20}   {name}")
         for i, (what, unit) in enumerate(zip(_NAMES, units, strict=True)):
-            cells = "".join(f"{_shown(_coefficients(axis)[i], unit):>20}" for axis in found[kind])
+            told = {axis: _shown(_coefficients(deviation)[i], unit) for axis, deviation in found[kind].items()}
+            cells = "".join(f"{told.get(axis, 'never changes'):>20}" for axis in "xyz")
             known = f"{getattr(sheet, unit.field) * unit.factor:.3g}" if unit.field else ""
             print(f"{what:<20}{cells}   {known} {unit.text}")
 
@@ -129,11 +134,11 @@ def _doubt(samples: Any, rate_hz: float) -> None:
         print(f"\nThe sensor seems to have moved, at {at:.0f} s most: then this is its motion, not its noise.")
 
 
-def _plain(found: dict[str, list[Any]], rate_hz: float) -> dict[str, Any]:
+def _plain(found: Found, rate_hz: float) -> dict[str, Any]:
     """All of it in SI."""
     axes = {}
     for kind, deviations in found.items():
-        for axis, deviation in zip("xyz", deviations, strict=True):
+        for axis, deviation in deviations.items():
             values = zip(("N", "B", "K"), _SI[kind], _coefficients(deviation), strict=True)
             axes[f"{kind}_{axis}"] = {
                 "tau_s": deviation.tau.tolist(),
@@ -147,13 +152,13 @@ def _plain(found: dict[str, list[Any]], rate_hz: float) -> dict[str, Any]:
     return {"rate_hz": rate_hz, **axes}
 
 
-def _settings(found: dict[str, list[Any]], recording: Path) -> str:
+def _settings(found: Found, recording: Path) -> str:
     """The [noise] table: of each coefficient the worst axis; bounds are left to the profile."""
     lines = [f"# from {recording.name} by `imud allan`", "[noise]"]
     for kind, units in _KINDS.items():
         for i, unit in enumerate(units):
-            known = [c.value for axis in found[kind] if not (c := _coefficients(axis)[i]).bound]
-            if unit.setting and len(known) == 3:
+            known = [c.value for axis in found[kind].values() if not (c := _coefficients(axis)[i]).bound]
+            if unit.setting and known and len(known) == len(found[kind]):
                 lines.append(f"{unit.setting} = {max(known) * unit.factor:.4g}")
     return "\n".join(lines) + "\n"
 
@@ -165,7 +170,7 @@ def _write(path: Path, text: str) -> None:
         raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error
 
 
-def _draw(path: Path, found: dict[str, list[Any]], sheet: Any, name: str) -> None:
+def _draw(path: Path, found: Found, sheet: Any, name: str) -> None:
     from .. import figures
     from ..figures import Figure, Panel, Trace
 
@@ -174,11 +179,12 @@ def _draw(path: Path, found: dict[str, list[Any]], sheet: Any, name: str) -> Non
     panels = []
     for kind, (walk, unit, _) in _KINDS.items():
         traces = []
-        for k, (axis, d) in enumerate(zip("xyz", found[kind], strict=True)):
+        for k, (axis, d) in enumerate(found[kind].items()):
             traces.append(Trace(axis, d.tau, d.deviation * unit.factor, d.sigma * unit.factor, colour=k))
             traces.append(Trace(f"{axis}: N, B, K", d.tau, d.fitted * unit.factor, colour=k, dashed=True))
-        tau = found[kind][0].tau
-        traces.append(Trace(f"N of {name}", tau, getattr(sheet, walk.field) / np.sqrt(tau) * unit.factor, colour=3))
+        if traces:
+            tau = traces[0].x
+            traces.append(Trace(f"N of {name}", tau, getattr(sheet, walk.field) / np.sqrt(tau) * unit.factor, colour=3))
         panels.append(Panel(kind, "averaging time τ, s", f"Allan deviation, {unit.text}", traces, logarithmic=True))
     try:
         figures.write("imud allan", "", [Figure("Overlapping Allan deviation ± 1 σ", panels)], path)

@@ -235,11 +235,14 @@ class Filter:
 
     def update(self, fix: Records) -> Records:
         """Take a fix (array of one FIX); returns what was `told` until then and its own, valid until the next call."""
+        if self.estimator.update is None:
+            return self.told()
         return self.feed(_NO_SAMPLE, _NO_SOLUTION, fix, _AT_ONCE, self._innovations)
 
     def told(self) -> Records:
         """The innovations (INNOVATION) of the samples since it was asked last, valid until the next call."""
-        return self._innovations[: self._told(self.state, self._innovations)]
+        n = 0 if self.estimator.told is None else self._told(self.state, self._innovations)
+        return self._innovations[:n]
 
 
 class Stream:

@@ -52,14 +52,17 @@ def test_a_package_that_is_missing_is_named_with_the_extra_that_brings_it(monkey
     assert "pip install 'imud[record]'" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("arguments", [["--scenario", "moon"], ["--seconds", "0"], ["--faults", "warp=1"]])
-def test_a_demo_of_nothing_is_misuse_at_once(arguments, capsys):
+@pytest.mark.parametrize(
+    ("option", "value", "code"),
+    [("--scenario", "moon", 64), ("--seconds", "0", 64), ("--faults", "warp=1", 64), ("--set", "estimator=moon", 78)],
+)
+def test_a_demo_of_nothing_is_refused_at_once(option, value, code, capsys):
     try:
-        code = main(["demo", *arguments])
-    except SystemExit as ended:
-        code = ended.code
-    assert code == 64
-    assert repr(arguments[1]) in capsys.readouterr().err
+        ended = main(["demo", option, value])
+    except SystemExit as misuse:
+        ended = misuse.code
+    assert ended == code
+    assert repr(value.removeprefix("estimator=")) in capsys.readouterr().err
 
 
 def test_help_fits_one_screen(monkeypatch, capsys):

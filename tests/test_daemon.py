@@ -233,18 +233,18 @@ def test_a_signal_ends_the_compiling(tmp_path, number, code):
 
 def test_ctrl_c(tmp_path):
     with daemon(tmp_path, "--port", str(tmp_path / "absent")) as imud:
-        begin = time.monotonic()
         imud.process.send_signal(signal.SIGINT)
         assert imud.process.wait(PATIENCE_S) == 130
-        assert time.monotonic() - begin < 5.0
         assert "Traceback" not in imud.log
 
 
 def test_the_demo_ends_by_itself_with_errors_against_the_truth(tmp_path):
-    with process("imud", "demo", "--seconds", "8", stdout=subprocess.PIPE, stderr=subprocess.PIPE) as demo:
+    record = ("--set", f"record.path={tmp_path / 'demo.mcap'}")
+    with process("imud", "demo", "--seconds", "8", *record, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as demo:
         out, err = demo.communicate()
     assert demo.returncode == 0, out + err
     values = {words[0]: words[1] for line in out.splitlines() if len(words := line.split()) >= 2}
     assert float(values["roll"]) < 1.0
     assert float(values["pitch"]) < 1.0
     assert math.isfinite(float(values["position"]))
+    assert (tmp_path / "demo.mcap").stat().st_size > 10_000

@@ -68,7 +68,7 @@ class Daemon:
             self._outputs = stack.enter_context(contextlib.closing(self._open_outputs()))
             self._delivery = Delivery(self._devices, self._recordings, self._outputs, self._account.health)
             self._devices.look()
-            self._notifier.say("STATUS=compiling", "EXTEND_TIMEOUT_USEC=300000000")
+            self._notifier.say("STATUS=compiling", "EXTEND_TIMEOUT_USEC=3600000000")
             self._compiling = True
             self._prepare_kernels()
             compilation.release_compiler()

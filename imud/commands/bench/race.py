@@ -23,7 +23,7 @@ from . import reference, signals
 from .throughput import new_stream
 
 _PERIOD_NS = 1_000_000
-_START_S = 300.0  # a first start compiles
+_START_S = 3600.0  # a first start compiles
 _PATIENCE_S, _QUIET_S = 2.0, 0.2  # for what is under way; without anything new that was the last
 _SEQ = struct.Struct("<8xQ")
 

@@ -24,7 +24,8 @@ from typing import Any
 from firmware_sim.cli import SCENARIO_NAMES
 from firmware_sim.faults import spec
 from imud.commands import web
-from imud.commands.arguments import above_zero, seed
+from imud.commands.arguments import above_zero, add_settings, seed
+from imud.configuration import config
 from imud.errors import ImudError, UsageError
 
 from .comparison import Comparison, Truth
@@ -48,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--faults", default="", metavar="SPEC", help="what goes wrong: see `imud sim --faults-help`")
     parser.add_argument("--web", action="store_true", help="show it live in a browser: see `imud web`")
     parser.add_argument("--no-gnss", action="store_true", help="the inertial sensor alone: attitude only")
+    add_settings(parser)
 
 
 @contextlib.contextmanager
@@ -107,6 +109,7 @@ def run(args: argparse.Namespace) -> int:
         spec.parse(args.faults, devices)
     except spec.SpecError as error:
         raise UsageError(f"--faults: {error}") from error
+    config.load(args.config, args.set)  # what is wrong in it is told at once
     if args.web:
         web.require()
     with tempfile.TemporaryDirectory(prefix="imud-demo-") as folder, contextlib.ExitStack() as stack:
@@ -123,7 +126,9 @@ def run(args: argparse.Namespace) -> int:
         daemon = stack.enter_context(
             _process(
                 *("run", *(f"--port={link}" for link in links), f"--listen={listen}"),
+                *((f"--config={args.config.absolute()}",) if args.config else ()),
                 *(("--set", f"record.folder={json.dumps(str(recordings))}") if recordings else ()),
+                *(f"--set={assignment}" for assignment in args.set),
                 stderr=log_file,
                 env={**os.environ, "NOTIFY_SOCKET": str(base / "notify")},
             )

@@ -231,6 +231,21 @@ def test_a_signal_ends_the_compiling(tmp_path, number, code):
     assert not (tmp_path / "gpsd.sock").exists()
 
 
+def test_a_hang_up_that_nohup_had_ignored_ends_nothing(tmp_path):
+    log = tmp_path / "log"
+    command = ("imud", "run", "--port", str(tmp_path / "absent"), "--listen", str(tmp_path / "gpsd.sock"))
+    with (
+        log.open("w") as file,
+        process(*command, stderr=file, preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN)) as running,
+    ):
+        while "ready" not in log.read_text():
+            assert running.poll() is None
+            time.sleep(0.05)
+        running.send_signal(signal.SIGHUP)
+        running.send_signal(signal.SIGTERM)
+        assert running.wait(PATIENCE_S) == 0
+
+
 def test_ctrl_c(tmp_path):
     with daemon(tmp_path, "--port", str(tmp_path / "absent")) as imud:
         imud.process.send_signal(signal.SIGINT)

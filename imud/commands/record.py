@@ -4,7 +4,6 @@ import argparse
 import contextlib
 import os
 import select
-import signal
 import time
 
 import msgspec
@@ -19,7 +18,7 @@ from ..daemon import simulated
 from ..daemon.ports import Configured, Port
 from ..errors import ImudError
 from ..process import log
-from ..process.signals import caught
+from ..process.signals import caught, endings
 from ..recording.recorder import Recorder, recording
 from ..sensor_errors import calibration
 from ..sensors.tap import READ, Tap
@@ -54,7 +53,7 @@ class Tape:
     def run(self, seconds: float) -> None:
         """Until a signal, or so many seconds."""
         end_s = time.monotonic() + seconds
-        with caught(dict.fromkeys((signal.SIGTERM, signal.SIGINT, signal.SIGHUP), self._end)) as wakeup:
+        with caught(dict.fromkeys(endings(), self._end)) as wakeup:
             self._poll.register(wakeup, select.POLLIN)
             while not self._ended and time.monotonic() < end_s:
                 due_s = min(port.deadline_s for port in self._ports) - time.monotonic()

@@ -21,7 +21,7 @@ from ..outputs.all import Outputs
 from ..pipeline import BATCH
 from ..process import garbage, realtime, runtime
 from ..process.notify import Notifier
-from ..process.signals import caught
+from ..process.signals import caught, endings
 from ..recording.control import Recordings
 from ..sensors.inertial import Inertial
 from .account import Account
@@ -160,8 +160,8 @@ class Daemon:
 
     def _actions(self) -> dict[signal.Signals, Callable[[], None]]:
         """What the signals mean. Without a file to read again a hang-up is the terminal's, and an end."""
-        ends = {signal.SIGTERM: 0, signal.SIGINT: _INTERRUPTED, signal.SIGHUP: _HUNG_UP}
-        actions: dict[signal.Signals, Callable[[], None]] = {n: partial(self._end, code) for n, code in ends.items()}
+        codes = {signal.SIGTERM: 0, signal.SIGINT: _INTERRUPTED, signal.SIGHUP: _HUNG_UP}
+        actions: dict[signal.Signals, Callable[[], None]] = {n: partial(self._end, codes[n]) for n in endings()}
         if self._reread is not None:
             actions[signal.SIGHUP] = self._ask_for_reload
         return actions

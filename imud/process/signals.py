@@ -6,6 +6,12 @@ import signal
 from collections.abc import Callable, Iterator, Mapping
 
 
+def endings() -> set[signal.Signals]:
+    """Those that end a program: a hang-up only where whoever started us has not had it ignored, as nohup has."""
+    hang_up = set() if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else {signal.SIGHUP}
+    return {signal.SIGTERM, signal.SIGINT} | hang_up
+
+
 @contextlib.contextmanager
 def caught(actions: Mapping[signal.Signals, Callable[[], None]]) -> Iterator[int]:
     """Lets signals call their actions; yields a descriptor that becomes readable when they have."""

@@ -15,15 +15,13 @@ from imud.configuration.settings import Realtime
 from imud.errors import ConfigError, ImudError, PermissionDeniedError
 from imud.process import realtime
 
-PR_CAPBSET_DROP, CAP_IPC_LOCK, CAP_SYS_NICE = 24, 14, 23
+PR_SET_SECUREBITS, SECBIT_NOROOT = 28, 1
 ALL = ("realtime.lock_memory=true", "realtime.scheduler=fifo", "realtime.priority=7", "realtime.cpus=[0]")
 
 
 def unprivileged():
-    """Runs in the child: root without the two capabilities, and limits of nothing."""
-    libc = ctypes.CDLL(None)
-    for capability in (CAP_IPC_LOCK, CAP_SYS_NICE):
-        libc.prctl(PR_CAPBSET_DROP, capability, 0, 0, 0)
+    """Runs in the child: root without capabilities, inherited ones either, and limits of nothing."""
+    ctypes.CDLL(None).prctl(PR_SET_SECUREBITS, SECBIT_NOROOT, 0, 0, 0)
     resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
     resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))
 

@@ -41,18 +41,25 @@ def test_plugs_pulled_a_reset_and_damage_leave_attitude_and_descriptors_alone(tm
         assert "Traceback" not in imud.log
 
 
+def arguments(path):
+    """Of a process, by its /proc/PID/cmdline; none if it is gone."""
+    try:
+        return path.read_bytes().split(b"\0")
+    except OSError:
+        return []
+
+
 def test_emulated_ports_of_one_scenario_share_their_motion(tmp_path):
     with daemon(tmp_path, "--port", "sim:car", "--port", "sim:car:nmea", "--seed", "3") as imud:
         est = imud.until(lambda m: m["class"] == "EST" and "position" in m["state"])
         assert est["lat_deg"] == pytest.approx(35.6586, abs=0.02)
-        children = subprocess.run(
-            ["pgrep", "-f", f"firmware_sim.*--parent={imud.process.pid}"], capture_output=True, text=True, check=True
-        ).stdout.split()
+        parent = f"--parent={imud.process.pid}".encode()
+        children = [path.parent for path in Path("/proc").glob("[0-9]*/cmdline") if parent in arguments(path)]
         assert len(children) == 1
         imud.process.kill()
         imud.process.wait()
         deadline = time.monotonic() + 10.0
-        while Path(f"/proc/{children[0]}").exists():
+        while children[0].exists():
             assert time.monotonic() < deadline
             time.sleep(0.05)
 

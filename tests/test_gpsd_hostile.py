@@ -158,6 +158,8 @@ def test_a_thousand_connections(loop):
         loop.sockets.append(sock)
         loop.turn()
         loop.publish(MS)
+        if loop.server.counters.refused:
+            loop.sockets.pop().close()  # a process may have no more than 1024 descriptors
     assert loop.server.clients == 64
     assert loop.server.counters.refused == 1000 - 63
     assert len(first.receive()) == pytest.approx((loop.now - since) / (100 * MS), abs=1)

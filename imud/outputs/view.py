@@ -146,7 +146,8 @@ def euler(q: Vector) -> tuple[float, float, float]:
     w, x, y, z = q
     sine = 2.0 * (w * y - x * z)
     if abs(sine) > _LOCK:
-        return 0.0, math.copysign(90.0, sine), math.remainder(math.degrees(2.0 * math.atan2(z, w)), 360.0)
+        pitch = math.degrees(math.asin(max(-1.0, min(1.0, sine))))
+        return 0.0, pitch, math.remainder(math.degrees(2.0 * math.atan2(z, w)), 360.0)
     return (
         math.degrees(math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))),
         math.degrees(math.asin(sine)),

@@ -18,8 +18,8 @@ from broad import samples_of, solutions_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drivers.sample import LIMITED_FORCE, LIMITED_RATE, SUSPECT
 from drivers.sample import SATURATED as BEYOND_RANGE
-from drivers.sample import SUSPECT
 from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators.attitude import ESTIMATOR
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, SATURATED, SOLUTION
@@ -73,6 +73,21 @@ def test_saturation_is_told_and_costs_certainty():
     assert_whole(out)
     assert np.array_equal(np.flatnonzero(out["status"] & SATURATED), np.arange(1200, 1220))
     assert out["sigma_rpy"][1222, 2] > calm + 10.0 * DEG
+
+
+def test_only_the_sensor_that_is_named_saturated_costs_certainty():
+    """A limited gyro costs yaw, in proportion to its rate; a limited accelerometer costs tilt; unnamed, both."""
+    _, samples = still_then_moving()
+    sigmas = {}
+    for named in (0, LIMITED_RATE, LIMITED_FORCE, None):
+        samples["flags"][1200:1300] = 0 if named is None else BEYOND_RANGE | named
+        sigmas[named] = solutions_of(samples, "m-g350")["sigma_rpy"][1305]
+    calm, both = sigmas[None], sigmas[0]
+    yaw = np.sqrt([sigma[2] ** 2 - calm[2] ** 2 for sigma in (both, sigmas[LIMITED_RATE])])
+    rate2 = np.sum(samples["w"][1200:1300] ** 2) * 0.01
+    np.testing.assert_allclose(yaw, 0.2 * np.sqrt(rate2), rtol=0.1)
+    assert sigmas[LIMITED_FORCE][2] < calm[2] + 0.02 * yaw[0]
+    assert sigmas[LIMITED_FORCE][0] > 1.2 * calm[0]
 
 
 def test_a_short_gap_is_bridged_within_the_sigmas():

@@ -56,6 +56,29 @@ def test_a_fast_car_is_not_beyond_belief():
     assert np.max(errors_deg(out["q_nb"], truth.attitude)[0]) < 0.5
 
 
+@pytest.mark.parametrize("angle_deg", [3.0, 5.0, 10.0])
+def test_a_wrong_tilt_at_rest_is_mended_when_no_acceleration_lasts_so_long(angle_deg):
+    truth = simulate(70.0, 50.0)
+    samples, attitude = slipped(truth, angle_deg)
+    out = solutions_of(samples, "m-g350")
+    tilt, _ = errors_deg(out["q_nb"], attitude)
+    mended = truth.t > SLIP_S + 33.0
+    assert np.max(tilt[mended]) < 1.0
+    assert np.mean(tilt[mended] ** 2 / tilt_variance_deg2(out)[mended]) < 2.0
+
+
+@pytest.mark.parametrize("angle_deg", [5.0, 15.0])
+def test_a_vehicle_that_stands_where_its_road_shook_it_is_levelled_at_once(angle_deg):
+    speed_up, brake = steady((2.0, 0.0, 0.0), 5.0, 10.0), steady((-2.0, 0.0, 0.0), 12.0, 17.0)
+    truth = simulate(40.0, 50.0, acceleration=lambda t: speed_up(t) + brake(t))
+    samples, attitude = slipped(truth, angle_deg)
+    going = (truth.t > 5.0) & (truth.t < 17.0)
+    samples["f"] += 0.2 * np.random.default_rng(5).normal(size=samples["f"].shape) * going[:, None]
+    out = solutions_of(samples, "m-g350")
+    tilt, _ = errors_deg(out["q_nb"], attitude)
+    assert np.max(tilt[truth.t > SLIP_S + 7.0]) < 1.0
+
+
 @pytest.mark.parametrize("angle_deg", [7.0, 12.0])
 def test_a_small_error_of_tilt_in_motion_is_noticed_within_about_a_minute(angle_deg):
     truth = simulate(120.0, 50.0, after(5.0, wobble(1, 0.1, 0.5, 4.0)), after(5.0, wobble(2, 0.4, 0.3, 1.5)))

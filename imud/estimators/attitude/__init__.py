@@ -78,9 +78,8 @@ def take(p: Any, s: Any, sample: Any, dt: float) -> None:
         resume(p, s, w, f, dt)
     else:
         shake(s, f, dt)
-        saturated = sample.flags & BEYOND_RANGE != 0
-        if saturated or dt > p.gap_s or s.held_s > 0.0:
-            doubt(p, s, w, f, dt, saturated)
+        if sample.flags & BEYOND_RANGE or dt > p.gap_s or s.held_s > 0.0:
+            doubt(p, s, w, f, dt, sample.flags)
         if dt > p.gap_s:
             advance(s, middle(s.w, w), middle(s.f, f), dt)
         else:

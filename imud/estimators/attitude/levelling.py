@@ -10,6 +10,8 @@ Source of the mean force in such axes: Laidig and Seel, VQF: Highly accurate IMU
 import math
 from typing import Any
 
+from drivers.sample import LIMITED_FORCE, LIMITED_RATE, SATURATED
+
 from ...kernels.jit import kernel
 from ...kernels.kalman import reset, shear
 from ...kernels.rotation import (
@@ -174,8 +176,11 @@ def unweighed(s: Any, dt: float) -> Vector:
 
 
 @kernel
-def doubt(p: Any, s: Any, w: Vector, f: Vector, dt: float, saturated: bool) -> None:
-    """Noise for what was not measured: between samples far apart, while values are held, beyond the range."""
+def doubt(p: Any, s: Any, w: Vector, f: Vector, dt: float, flags: int) -> None:
+    """Noise for what was not measured: between samples far apart, while values are held, beyond the range.
+
+    `flags` (of the sample) may name which sensor is at the end of its range; if not, it may be either.
+    """
     dw2 = df2 = w2 = f2 = 0.0
     for i in range(3):
         dw2 += (w[i] - s.w[i]) ** 2
@@ -188,6 +193,9 @@ def doubt(p: Any, s: Any, w: Vector, f: Vector, dt: float, saturated: bool) -> N
     if s.held_s > 0.0:
         s.attitude_extra += GAP_RATE_PSD * s.held_s * s.held_s * dt
         s.velocity_extra += GAP_FORCE_PSD * s.held_s * s.held_s * dt
-    if saturated:
-        s.attitude_extra += OVERRANGE**2 * w2 * dt
-        s.velocity_extra += OVERRANGE**2 * f2 * dt
+    if flags & SATURATED:
+        named = flags & (LIMITED_RATE | LIMITED_FORCE)
+        if named != LIMITED_FORCE:
+            s.attitude_extra += OVERRANGE**2 * w2 * dt
+        if named != LIMITED_RATE:
+            s.velocity_extra += OVERRANGE**2 * f2 * dt

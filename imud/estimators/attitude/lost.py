@@ -52,7 +52,7 @@ def gained(s: Any) -> float:
 
 @kernel
 def disbelieve(p: Any, s: Any, acceleration: float) -> None:
-    """Take an acceleration, m/s^2, that lasted for `gain_s` as weight that was seen in a false attitude."""
+    """Take an acceleration, m/s^2, as weight that was seen in a false attitude."""
     tilt = acceleration / s.gravity
     for i in range(3):
         grow(s, ATTITUDE + i, tilt * tilt)

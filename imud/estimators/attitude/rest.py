@@ -4,8 +4,11 @@ Rest is: for REST_S no sample far from the running means, mean rate and directio
 that a bias can explain, and a force that is weight in the known attitude: else it is steady acceleration. A rate that
 keeps changing, however slowly, is a smooth road and no bias.
 
-A vehicle on a smooth road is as quiet as one that stands. Which it does, the speed tells that it should have left, none
-but for the errors of the integral if it stands. The longer all is even, the likelier it stands.
+A vehicle on a smooth road is as quiet as one that stands. Which it does, its shaking tells: roads shake a vehicle that
+goes, whatever its engine does. Where its way shook it no more than its engine, the speed tells that it should have
+left, none but for the errors of the integral if it stands. The longer all is even, the likelier it stands.
+
+What seems to accelerate and yet stands, or does so evenly for longer than vehicles do, rests in a false attitude.
 
 Steady slow rotation about the vertical looks just like a bias; it is told from one by what is known already. A mean
 rate that contradicts the known bias is not taken until the growing variance of the bias allows it; unless it is the
@@ -21,6 +24,7 @@ from ...kernels.jit import kernel
 from ...kernels.kalman import measure, reset
 from ...kernels.rotation import Vector, dcm_of_quat, quat_rotate
 from .covariance import grow, variance
+from .lost import disbelieve
 from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, STATES, VELOCITY
 from .staying import TRAVEL, TRAVEL_S
 from .strapdown import corrected_force
@@ -39,6 +43,7 @@ FALSE_WEIGHT = 2.5  # sigma
 LEVEL_ANEW = 0.1  # rad
 WAIT_S = 3.0
 CURVE_S = 60.0  # no curve is even for so long
+CALMER = 5.0  # a way is shaken by its road; the amplitudes of neighbouring classes of roads differ by 2 (ISO 8608)
 GOES_ON = math.log(3.0)  # log odds of a vehicle's going on to its standing, as far as is known otherwise
 
 
@@ -74,8 +79,8 @@ def restart(s: Any, w: Vector, f: Vector) -> None:
 
 
 @kernel
-def accelerates(s: Any) -> bool:
-    """Does the mean force differ from weight by more than the errors of attitude and accelerometer explain?"""
+def unexplained(s: Any) -> float:
+    """The acceleration in the mean force, m/s^2, if errors of attitude and accelerometer do not explain it, else 0."""
     C = dcm_of_quat((s.q[0], s.q[1], s.q[2], s.q[3]))
     f = corrected_force(s, s.f_mean[0], s.f_mean[1], s.f_mean[2])
     n = quat_rotate((s.q[0], s.q[1], s.q[2], s.q[3]), f)
@@ -89,15 +94,21 @@ def accelerates(s: Any) -> bool:
             s.columns[5 + m], s.values[5 + m] = ACCEL_SCALE + m, -C[3 * i + m] * f[m]
         known = measure(s.P, STATES, s.columns, s.values, 8, s.d) + FORCE_FLOOR**2
         if acceleration[i] * acceleration[i] > GATE**2 * known:
-            return True
-    return False
+            return math.sqrt(acceleration[0] ** 2 + acceleration[1] ** 2 + acceleration[2] ** 2)
+    return 0.0
+
+
+@kernel
+def calm(s: Any) -> bool:
+    """Is the body shaken far less than it was while it travelled?"""
+    return bool(CALMER * s.shaking < s.way_shaking)
 
 
 @kernel
 def stands(s: Any) -> bool:
     """Is it likelier that a body that travelled stands than that it goes on evenly, whichever way?"""
     travel2 = s.travel[0] + s.travel[1]
-    if travel2 < TRAVEL**2:
+    if travel2 < TRAVEL**2 or calm(s):
         return True
     for i in range(2):
         still = variance(s, VELOCITY + i)
@@ -157,7 +168,11 @@ def judge(p: Any, s: Any) -> bool:
     if s.weighed == 0:
         weigh(p, s)
     turns = contradicts(s)
-    if accelerates(s) or not stands(s):
+    acceleration = unexplained(s)
+    if acceleration > 0.0 and not turns and s.quiet_s > (WAIT_S if calm(s) else TRAVEL_S):
+        disbelieve(p, s, acceleration)
+        restart(s, (s.w[0], s.w[1], s.w[2]), (s.f[0], s.f[1], s.f[2]))
+    if acceleration > 0.0 or not stands(s):
         return False
     if not turns:
         if s.contradicted_s > 0.0:  # the rate has just changed

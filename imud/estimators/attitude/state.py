@@ -83,6 +83,10 @@ STATE = np.dtype(
         ("v_mean", "<f8", (3,)),
         ("v_energy", "<f8", (3,)),
         ("travel", "<f8", (3,)),  # (m/s)^2, lately, of velocities as only vehicles keep them up
+        ("mean_force", "<f8", (3,)),  # m/s^2, NED, over the interval before
+        ("mean_change", "<f8", (3,)),  # by which it differed from the one before that
+        ("shaking", "<f8"),  # m/s^2, how unevenly it changes lately
+        ("way_shaking", "<f8"),  # and while the body travelled
         ("p", "<f8", (3,)),  # m from where it was at home, NED
         ("p_energy", "<f8", (3,)),
         ("gain", "<f8", (3,)),  # m/s, speed lately gained, NED, whatever corrected it

@@ -14,6 +14,7 @@ The noise densities were found on hand-held recordings with optical truth (BROAD
 their tilt errors are no larger than without a place. TRAVEL is where BROAD no longer notices it.
 """
 
+import math
 from typing import Any
 
 from ...kernels.jit import kernel
@@ -28,6 +29,7 @@ REST_VELOCITY_NOISE = 0.09  # m/s sqrt(s)
 UNIFORM_MOTION = 4.0  # sigma
 TRAVEL = 1.0  # m/s, the mean over a second: what is faster is a vehicle
 TRAVEL_S = 30.0  # for which a vehicle keeps its velocity
+SHAKING_S = 0.5  # over which it is judged how a body is shaken
 SLOPE = 0.03  # of roads, 1 sigma
 PLACE_NOISE = 0.5  # m sqrt(s)
 PLACE_LIVELY = 6.0  # sqrt(s), in proportion to the distance
@@ -45,11 +47,25 @@ def hold(s: Any, i: int, psd: float) -> None:
 
 @kernel
 def follow_travel(s: Any) -> None:
-    """Keep in mind how fast the body has lately travelled."""
+    """Keep in mind how fast the body has lately travelled, and how its way shook it.
+
+    What shakes is seen in means over an interval, which leave out most of an engine, and in how unevenly they change:
+    manoeuvres are too slow for that.
+    """
     fade = s.span / (TRAVEL_S + s.span)
+    lasting2 = jolt2 = 0.0
     for i in range(3):
-        lasting2 = max(s.v_mean[i] * s.v_mean[i] - TRAVEL**2, 0.0)
-        s.travel[i] += fade * (lasting2 - s.travel[i])
+        axis2 = max(s.v_mean[i] * s.v_mean[i] - TRAVEL**2, 0.0)
+        s.travel[i] += fade * (axis2 - s.travel[i])
+        lasting2 += axis2
+        force = s.push[i] / s.span
+        change = force - s.mean_force[i]
+        jolt2 += (change - s.mean_change[i]) ** 2
+        s.mean_force[i], s.mean_change[i] = force, change
+    jolt = math.sqrt(jolt2)
+    s.shaking += s.span / (SHAKING_S + s.span) * (jolt - s.shaking)
+    if lasting2 > 0.0:
+        s.way_shaking += fade * (jolt - s.way_shaking)
 
 
 @kernel

@@ -7,19 +7,19 @@ import json
 import sys
 from pathlib import Path
 
-import numba
 import numpy as np
 
 from drivers.sample import SAMPLE
 from imud.configuration.settings import Initial, Settings
 from imud.estimators.navigation import ESTIMATOR
 from imud.estimators.records import FIX, INNOVATION, SOLUTION
+from imud.kernels.jit import kernel
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 _step, _update = ESTIMATOR.step, ESTIMATOR.update
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def run(p, s, samples, fixes, arrivals, innovations, out):
     """Every sample in order, and before each the fixes that have arrived; returns rows of innovations."""
     k, rows = 0, 0

@@ -64,7 +64,7 @@ def test_a_skid_is_no_slip_that_may_be_used(run):
     _, rows = run
     slips = of(rows, SLIP)
     t = slips["t_ns"] * 1e-9 - 100.0
-    skidding = (t > SKID_S[0] + 0.8) & (t < SKID_S[1] - 0.3)
+    skidding = (t > SKID_S[0] + 0.2) & (t < SKID_S[1] - 0.3)
     assert not slips["used"][skidding].all()
     quiet = (t > 60.0) & (t < SKID_S[0])
     assert slips["used"][quiet].all()

@@ -5,19 +5,24 @@ import pytest
 
 from imud.configuration.settings import Initial, Settings
 from imud.estimators.navigation.advance import unseen2
-from imud.estimators.navigation.looseness import LOOSE, SUMMED, learn_looseness, relax, strain
+from imud.estimators.navigation.looseness import LOOSE, SUMMED, UNKNOWN, learn_looseness, relax, strain
 from imud.estimators.navigation.non_holonomic import begin, disown
 from imud.estimators.navigation.setup import configure, start
 from imud.estimators.navigation.state import ATTITUDE, STATES, TURN_SCALE, WANDER
 from imud.kernels.kalman import scale, unpack
 
 
-def learned(innovations, assumed, fix_age_s=0.0):
-    """What is learned of `innovations` (rows of two), of a noise assumed to be `assumed`; whether all fits."""
+def learned(innovations, assumed, fix_age_s=0.0, known=True):
+    """What is learned of `innovations` (rows of two), of a noise assumed to be `assumed`; whether all fits.
+
+    Of a vehicle known for long to be as loose as is assumed, or of one of which nothing is known.
+    """
     core = start(configure(Settings(), 100.0), Initial())["core"][0]
     c = core[0]
     c["t_ns"] = 100 * 10**9
     c["fix_ns"] = c["t_ns"] - int(1e9 * fix_age_s)
+    if known:
+        c["loose"], c["strains"] = 1.0, 100
     relax(c)
     fits = True
     for pair in innovations:
@@ -43,10 +48,25 @@ def test_a_vehicle_that_keeps_to_its_axis_is_believed_more_and_within_bounds():
     assert loose == pytest.approx(LOOSE[0])
 
 
+def test_a_constraint_begins_weak_and_is_tight_within_a_minute_of_no_slip():
+    assert np.exp(np.mean(np.log(LOOSE))) == pytest.approx(UNKNOWN)
+    loose, fits = learned(white(4, SUMMED - 1, 0.05), 0.01, known=False)
+    assert fits
+    assert loose == pytest.approx(UNKNOWN)  # too few to tell
+    for seed in range(10):
+        loose, fits = learned(white(seed, 6 * SUMMED, 0.05), 0.01, known=False)
+        assert fits
+        assert (loose < 1.5).all()
+    kerb = white(5, 6 * SUMMED, 0.05)
+    kerb[150:160] += 1.5
+    assert learned(kerb, 0.01, known=False)[1]
+
+
 def test_a_drift_too_small_to_show_in_one_innovation_shows_in_their_sum():
     drift = white(3, 12 * SUMMED, 0.05)
-    drift[:, 0] += 0.05  # half of what is assumed
+    drift[:, 0] += 0.15  # one and a half of what is assumed
     assert not learned(drift, 0.01)[1]
+    assert not learned(drift[: 6 * SUMMED], 0.01, known=False)[1]
     loose, fits = learned(drift, 0.01, fix_age_s=10.0)  # where nothing vouches for the velocity, nothing is learned
     assert fits
     assert (loose == 1.0).all()

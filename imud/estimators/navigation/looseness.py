@@ -2,7 +2,8 @@
 
 What slips sideways, or off the floor, does so for seconds: the innovations of a tenth of a second each are small, and
 all of one sign. The square of their sum over ten seconds is what the sum of their variances promises where these are
-honest, less on a vehicle that keeps to its axis better than assumed, and far more on a boat in a current.
+honest, less on a vehicle that keeps to its axis better than assumed, and far more on a boat in a current. A constraint
+that has just begun is weaker than any land vehicle's: the first sums that show no slip tighten it.
 """
 
 import math
@@ -13,8 +14,10 @@ from .motion import FRESH_S
 
 SUMMED = 100  # innovations
 LEARNING = 0.2
+FIRST = 4.0  # sums: so few, if small, tell more together than each of many, but one that is large may be a kerb
 MOST_SURPRISING = 9.0
-LOOSE = (0.3, 10.0, 100.0)  # least, that of what is no land vehicle, and most
+LOOSE = (0.3, 100.0)  # least, and that of what is no land vehicle: there the constraint says next to nothing
+UNKNOWN = math.sqrt(LOOSE[0] * LOOSE[1])  # at first, as far from one as from the other
 
 
 @kernel
@@ -33,6 +36,14 @@ def relax(c: Any) -> None:
 
 
 @kernel
+def forget_looseness(c: Any) -> None:
+    """Nothing is known of the vehicle."""
+    c.strains = 0
+    for k in range(2):
+        c.loose[k] = UNKNOWN
+
+
+@kernel
 def learn_looseness(c: Any) -> bool:
     """Once per pair of innovations: learn when the sums are long enough. True: this is no land vehicle.
 
@@ -46,7 +57,9 @@ def learn_looseness(c: Any) -> bool:
         return False
     for k in range(2):
         surprise = min(c.strain[k, 0] ** 2 / c.strain[k, 1], MOST_SURPRISING)
-        loose = c.loose[k] * math.exp(LEARNING * (surprise - 1.0))
-        c.loose[k] = min(max(loose, LOOSE[0]), LOOSE[2])
+        gain = LEARNING if surprise > 1.0 else max(LEARNING, FIRST / (FIRST + c.strains))
+        loose = c.loose[k] * math.exp(gain * (surprise - 1.0))
+        c.loose[k] = min(max(loose, LOOSE[0]), LOOSE[1])
+    c.strains += 1
     relax(c)
-    return bool(max(c.loose[0], c.loose[1]) > LOOSE[1])
+    return bool(max(c.loose[0], c.loose[1]) >= LOOSE[1])

@@ -18,7 +18,7 @@ from ...kernels.rotation import quat_exp, quat_rotate, quat_rotate_back
 from ..records import HOP, SLIP
 from .correction import assume, correct, row
 from .covariance import grow, variance
-from .looseness import LOOSE, learn_looseness, relax, strain
+from .looseness import forget_looseness, learn_looseness, relax, strain
 from .motion import FRESH_S
 from .state import (
     ACCEL_BIAS,
@@ -194,8 +194,7 @@ def disown(c: Any, along: float) -> None:
     stop(c)
     c.stops += 1
     c.stopped_ns = c.t_ns
-    for k in range(2):
-        c.loose[k] = min(c.loose[k], 0.5 * LOOSE[1])
+    forget_looseness(c)
 
 
 @kernel

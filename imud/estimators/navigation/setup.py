@@ -10,6 +10,7 @@ from imud.sensor_errors.profiles import profile_of
 from .. import Record
 from .acquisition import UNKNOWN_HEIGHT
 from .creep import RESTLESS
+from .looseness import UNKNOWN
 from .state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -84,7 +85,7 @@ def start(parameters: Record, initial: Initial) -> Record:
     c["restless"] = RESTLESS[1]
     c["since_ns"] = NEVER_NS
     c["white_speed"] = SPEED_SIGMA**2
-    c["loose"] = 1.0
+    c["loose"] = UNKNOWN
     c["fix_ns"] = c["mark_ns"] = c["matched_ns"] = c["calm_ns"] = s["stamp_ns"] = s["fused_ns"] = NEVER_NS
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)
     s["initial_rpy"] = [math.nan if a is None else math.radians(a) for a in angles]

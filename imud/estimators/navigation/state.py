@@ -112,6 +112,7 @@ CORE = np.dtype(
         ("loose", "<f8", (2,)),  # variance of the velocity sideways and off the floor, over that assumed
         ("strain", "<f8", (2, 2)),  # sums of their innovations and of the variances of those
         ("strained", "<i8"),  # innovations in these
+        ("strains", "<i8"),  # sums that were learned from
         ("before", "<f8", (STATES,)),  # variances as the constraint began
         ("stops", "<i8"),  # times that the motion has contradicted
         ("stopped_ns", "<i8"),  # and the last of them

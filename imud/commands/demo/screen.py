@@ -16,6 +16,7 @@ _ROWS = (
     ("latitude", "lat_deg", "sn_m", 6, "deg, σ in m"),
     ("longitude", "lon_deg", "se_m", 6, "deg, σ in m"),
 )
+_UNITS = {"roll": "deg", "pitch": "deg", "heading": "deg", "position": "m, horizontal", "velocity": "m/s"}
 
 
 def _screen(est: dict[str, Any], truth: dict[str, float], elapsed_s: float) -> str:
@@ -44,12 +45,10 @@ class Display:
             print(f"\x1b[{self._drawn}A" * bool(self._drawn) + text.replace("\n", "\x1b[K\n") + "\x1b[K", flush=True)
             self._drawn = text.count("\n") + 1
         else:
-            now = "  ".join(f"{name} {errors.last:+.2f}" for name, errors in comparison.errors.items() if errors.count)
+            errors = {name: error for name, error in comparison.errors.items() if error.count}
+            now = ", ".join(f"{name} {e.last:+.2f} {_UNITS[name].split(',')[0]}" for name, e in errors.items())
             shown = f": error {now}" if now else ""
             print(f"{elapsed_s:6.1f} s  {est.get('state', '')}{shown}", flush=True)
-
-
-_UNITS = {"roll": "deg", "pitch": "deg", "heading": "deg", "position": "m, horizontal", "velocity": "m/s"}
 
 
 def summary(comparison: Comparison, estimates: int, elapsed_s: float) -> str:

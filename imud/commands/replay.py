@@ -75,7 +75,7 @@ def play(
         write(rows if keep is None else rows[keep[start:stop]])
         progress.at(stop)
         if note is not None:
-            note(told)
+            note(told.copy())  # a view would keep all the room
             note(filter_.told().copy())
     return len(fixes)
 

@@ -23,6 +23,14 @@ def slipped(truth, angle_deg):
     return samples, Rotation.concatenate([truth.attitude[~late], truth.attitude[late] * slip.inv()])
 
 
+def assert_found(samples, attitude, late, most_deg, most_nees):
+    """From then on the tilt is right, and known to be."""
+    out = solutions_of(samples, "m-g350")
+    tilt, _ = errors_deg(out["q_nb"], attitude)
+    assert np.max(tilt[late]) < most_deg
+    assert np.mean(tilt[late] ** 2 / tilt_variance_deg2(out)[late]) < most_nees
+
+
 @pytest.mark.parametrize("angle_deg", [45.0, 90.0, 170.0])
 def test_a_sensor_that_slipped_unseen_finds_the_vertical_again(angle_deg):
     """Weight then counts as an acceleration, until the speed it gains is beyond belief."""
@@ -60,11 +68,7 @@ def test_a_fast_car_is_not_beyond_belief():
 def test_a_wrong_tilt_at_rest_is_mended_when_no_acceleration_lasts_so_long(angle_deg):
     truth = simulate(70.0, 50.0)
     samples, attitude = slipped(truth, angle_deg)
-    out = solutions_of(samples, "m-g350")
-    tilt, _ = errors_deg(out["q_nb"], attitude)
-    mended = truth.t > SLIP_S + 33.0
-    assert np.max(tilt[mended]) < 1.0
-    assert np.mean(tilt[mended] ** 2 / tilt_variance_deg2(out)[mended]) < 2.0
+    assert_found(samples, attitude, truth.t > SLIP_S + 33.0, 1.0, 2.0)
 
 
 @pytest.mark.parametrize("angle_deg", [5.0, 15.0])
@@ -83,8 +87,4 @@ def test_a_vehicle_that_stands_where_its_road_shook_it_is_levelled_at_once(angle
 def test_a_small_error_of_tilt_in_motion_is_noticed_within_about_a_minute(angle_deg):
     truth = simulate(120.0, 50.0, after(5.0, wobble(1, 0.1, 0.5, 4.0)), after(5.0, wobble(2, 0.4, 0.3, 1.5)))
     samples, attitude = slipped(truth, angle_deg)
-    out = solutions_of(samples, "m-g350")
-    tilt, _ = errors_deg(out["q_nb"], attitude)
-    noticed = truth.t > SLIP_S + 65.0
-    assert np.max(tilt[noticed]) < 5.0
-    assert np.mean(tilt[noticed] ** 2 / tilt_variance_deg2(out)[noticed]) < 4.0
+    assert_found(samples, attitude, truth.t > SLIP_S + 65.0, 5.0, 4.0)

@@ -34,6 +34,7 @@ CLOCK = np.dtype(
         ("base_ns", "<i8"),
         ("missed", "<f8"),  # ticks that passed since base_tick and were not counted
         ("slope", "<f8"),  # fitted period, ns per tick
+        ("sigma_slope", "<f8"),  # its standard deviation, once there is a fit
         ("offset", "<f8"),  # ns above base_ns at base_tick
         ("slew_ns", "<f8"),  # what stamps are still ahead of the line
         ("last_tick", "<i8"),
@@ -43,6 +44,9 @@ CLOCK = np.dtype(
         ("window_x", "<f8"),
         ("window_arrival", "<f8"),
         ("window_residual", "<f8"),
+        ("window_samples", "<i8"),  # not far too late
+        ("window_mean_x", "<f8"),  # of their ticks
+        ("window_mean", "<f8"),  # of their arrivals
         ("watch_start", "<f8"),  # arrival
         ("watch_samples", "<i8"),
         ("watch_least", "<f8"),  # lateness of the earliest
@@ -51,6 +55,8 @@ CLOCK = np.dtype(
         ("count", "<i8"),
         ("ticks", "<f8", (POINTS,)),  # earliest arrival of each window, oldest first
         ("arrivals", "<f8", (POINTS,)),
+        ("mean_ticks", "<f8", (POINTS,)),  # mean arrival of each window
+        ("mean_arrivals", "<f8", (POINTS,)),
         ("hull", "<i8", (POINTS,)),  # scratch
         ("heights", "<f8", (POINTS,)),  # scratch
         ("residual_ns", "<f8"),  # median distance of the window minima above the line, once there is a fit
@@ -91,6 +97,9 @@ def _restart(clock: Any, tick: int, arrival_ns: int) -> None:
 def _window_anew(clock: Any, tick: int) -> None:
     clock.window_start = tick
     clock.window_residual = np.inf
+    clock.window_samples = 0
+    clock.window_mean_x = 0.0
+    clock.window_mean = 0.0
 
 
 @kernel
@@ -102,11 +111,15 @@ def _watch_anew(clock: Any, y: float) -> None:
 
 @kernel
 def _gather(clock: Any, tick: int, x: float, y: float, residual: float) -> None:
-    """Keep the earliest arrival of each window for the fit; one that is far too late says nothing of the line."""
+    """Keep the earliest arrival of each window, and the mean, for the fit; what came far too late does not count."""
     if residual < clock.window_residual:
         clock.window_residual = residual
         clock.window_x = x
         clock.window_arrival = y
+    if residual < FAR_NS or clock.fitted == 0:
+        clock.window_samples += 1
+        clock.window_mean_x += (x - clock.window_mean_x) / clock.window_samples
+        clock.window_mean += (y - clock.window_mean) / clock.window_samples
     if (tick - clock.window_start) * clock.period_ns >= clock.window_ns:
         if clock.window_residual < FAR_NS or clock.fitted == 0:
             add_point(clock)
@@ -174,7 +187,7 @@ def stamp(clock: Any, tick: int, arrival_ns: int) -> int:
     most = (STOP if clock.slew_ns > FAR_NS else SLEW) * passed
     clock.slew_ns -= max(-most, min(most, clock.slew_ns))
     line = clock.offset + clock.slope * x + clock.slew_ns - clock.delay_ns
-    t_ns = max(int(clock.base_ns + int(line)), int(clock.last_ns) + 1)
+    t_ns = max(int(clock.base_ns + int(line + 0.5)), int(clock.last_ns) + 1)
     clock.last_tick = tick
     clock.last_ns = t_ns
     _watch(clock, tick, arrival_ns, residual)

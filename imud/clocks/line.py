@@ -3,13 +3,19 @@
 Nothing arrives before it was sent, and much arrives late: so the line lies below all arrivals and as close to them as
 it can. Over a window the earliest arrival counts, and the windows grow, all alike, until they reach back four
 minutes. The edge of their lower convex hull above the middle (the least sum of distances of all lines below the
-points) shows which of them were in time; a regression through those gives the slope, for where no arrival is quite in
-time the edge alone wanders with the two it rests on. The line lies below all of the points, and deeper the more they
-differ: samples that wait for each other are hardly ever in time, and then none of the points may have been.
+points) shows which of them were in time, and a regression through those gives the slope. Where no arrival is quite in
+time the windows' means scatter less: they give a slope as well, and each of the two counts by the inverse of its
+variance.
+
+The line lies below all of the points, and deeper the more they differ and the fewer they are: samples that wait for
+each other are hardly ever in time, and then none of the points may have been. The depth is how far above its end the
+least of so many values from a Weibull distribution is expected, in units of what lies between quartile and median:
+minima tend to that distribution.
 
 Source: Zhang, Liu and Xia, Clock synchronization algorithms for network measurements, IEEE INFOCOM (2002), sec. III.
 """
 
+import math
 from typing import Any
 
 import numpy as np
@@ -19,7 +25,8 @@ from ..kernels.jit import kernel
 POINTS, LONGEST_NS = 64, 4e9  # windows, and their length at last
 FIT_SPAN_NS = 3e9  # a slope needs a base line this long; until then the nominal period holds
 FAR_NS = 20e6  # more than jitter: what is this far from the line was counted wrongly, and is not caught up with slowly
-DEEPER = 0.6  # of the median above the quartile: where the least of 40 lies if few are low (Weibull, shape 2.2)
+SHAPE = 2.2  # of the Weibull distribution that stands for arrivals hardly ever in time
+LEAST = math.gamma(1.0 + 1.0 / SHAPE) / (math.log(2.0) ** (1.0 / SHAPE) - math.log(4.0 / 3.0) ** (1.0 / SHAPE))
 PERIOD_TOLERANCE = 0.5  # a period further off its nominal value is not believed
 
 
@@ -29,6 +36,7 @@ def _make_room(clock: Any) -> None:
     if clock.window_ns >= LONGEST_NS:
         for i in range(1, clock.count):
             clock.ticks[i - 1], clock.arrivals[i - 1] = clock.ticks[i], clock.arrivals[i]
+            clock.mean_ticks[i - 1], clock.mean_arrivals[i - 1] = clock.mean_ticks[i], clock.mean_arrivals[i]
         clock.count -= 1
         return
     for i in range(clock.count // 2):
@@ -36,6 +44,8 @@ def _make_room(clock: Any) -> None:
         b = clock.arrivals[2 * i + 1] - clock.slope * clock.ticks[2 * i + 1]
         earlier = 2 * i + (1 if b < a else 0)
         clock.ticks[i], clock.arrivals[i] = clock.ticks[earlier], clock.arrivals[earlier]
+        clock.mean_ticks[i] = 0.5 * (clock.mean_ticks[2 * i] + clock.mean_ticks[2 * i + 1])
+        clock.mean_arrivals[i] = 0.5 * (clock.mean_arrivals[2 * i] + clock.mean_arrivals[2 * i + 1])
     clock.count //= 2
     clock.window_ns *= 2.0
 
@@ -46,6 +56,8 @@ def add_point(clock: Any) -> None:
         _make_room(clock)
     clock.ticks[clock.count] = clock.window_x
     clock.arrivals[clock.count] = clock.window_arrival
+    clock.mean_ticks[clock.count] = clock.window_mean_x
+    clock.mean_arrivals[clock.count] = clock.window_mean
     clock.count += 1
 
 
@@ -74,7 +86,7 @@ def _hull_slope(clock: Any) -> float:
 
 @kernel
 def _heights(clock: Any, slope: float) -> tuple[float, float, float]:
-    """Where the line of this slope below all points begins; their median height, and that above the quartile."""
+    """Where the line of this slope below all points begins; their median height; how far arrivals in time lie below."""
     heights = clock.heights
     for i in range(clock.count):
         height = clock.arrivals[i] - slope * clock.ticks[i]
@@ -84,27 +96,43 @@ def _heights(clock: Any, slope: float) -> tuple[float, float, float]:
             k -= 1
         heights[k] = height
     n = clock.count
-    return heights[0], heights[n // 2] - heights[0], heights[n // 2] - heights[n // 4]
+    depth = LEAST / n ** (1.0 / SHAPE) * (heights[n // 2] - heights[n // 4])
+    return heights[0], heights[n // 2] - heights[0], depth
 
 
 @kernel
-def _settled_slope(clock: Any) -> float:
-    """Slope of the points' regression, with full weight on the line of the hull and ever less above their median."""
-    slope = _hull_slope(clock)
-    offset, median, _ = _heights(clock, slope)
-    scale = max(median, 1.0)
-    origin = clock.ticks[clock.count - 1]
-    n = x = y = xx = xy = 0.0
-    for i in range(clock.count):
-        tick = clock.ticks[i] - origin
-        height = clock.arrivals[i] - slope * clock.ticks[i] - offset
+def _regression(
+    ticks: Any, arrivals: Any, count: int, slope: float, offset: float, scale: float
+) -> tuple[float, float]:
+    """Slope and its variance; a point so many `scale`s above the line of `slope` and `offset` weighs ever less."""
+    origin = ticks[count - 1]
+    n = x = y = xx = xy = yy = 0.0
+    for i in range(count):
+        tick = ticks[i] - origin
+        height = arrivals[i] - slope * ticks[i] - offset
         w = 1.0 / (1.0 + (height / scale) ** 2)
         n += w
         x += w * tick
         y += w * height
         xx += w * tick * tick
         xy += w * tick * height
-    return slope + (n * xy - x * y) / (n * xx - x * x)
+        yy += w * height * height
+    xx -= x * x / n
+    xy -= x * y / n
+    yy -= y * y / n
+    return slope + xy / xx, max(yy - xy * xy / xx, 1.0) / (n * xx)
+
+
+@kernel
+def _settled_slope(clock: Any) -> tuple[float, float]:
+    """Slope of the earliest arrivals near the hull's line and of the windows' means, each as it scatters; its sigma."""
+    slope = _hull_slope(clock)
+    offset, median, _ = _heights(clock, slope)
+    n = clock.count
+    earliest, v_earliest = _regression(clock.ticks, clock.arrivals, n, slope, offset, max(median, 1.0))
+    mean, v_mean = _regression(clock.mean_ticks, clock.mean_arrivals, n, slope, offset, np.inf)
+    v = v_earliest * v_mean / (v_earliest + v_mean)
+    return v * (earliest / v_earliest + mean / v_mean), math.sqrt(v)
 
 
 @kernel
@@ -127,14 +155,15 @@ def refit(clock: Any, x: float) -> None:
     """Lay the line anew below the window minima; stamps stay where they are and slew to it."""
     before = clock.offset + clock.slope * x
     if (clock.ticks[clock.count - 1] - clock.ticks[0]) * clock.period_ns >= FIT_SPAN_NS:
-        slope = _settled_slope(clock)
+        slope, sigma = _settled_slope(clock)
         if abs(slope / clock.period_ns - 1.0) < PERIOD_TOLERANCE:
             clock.slope = slope
+            clock.sigma_slope = sigma
             clock.fitted = 1
     if clock.fitted == 1:
-        least, median, spread = _heights(clock, clock.slope)
-        clock.offset = least - DEEPER * spread
-        clock.residual_ns = median + DEEPER * spread
+        least, median, depth = _heights(clock, clock.slope)
+        clock.offset = least - depth
+        clock.residual_ns = median + depth
     else:  # an unknown slope makes old points misleading
         clock.slope = _rough_slope(clock)
         clock.offset = np.inf

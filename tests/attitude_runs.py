@@ -1,4 +1,4 @@
-"""Runs of the attitude filter on simulated sensors, and what the tests ask of their solutions."""
+"""Runs of the attitude filter on simulated sensors, and what tests demand of their solutions."""
 
 import numpy as np
 from attitude_simulation import DEG, Flaws, after, measure, simulate, wobble

@@ -90,8 +90,11 @@ def sensed(d, rng, gyro_psd=1.7e-4, accel_psd=2e-3, bg=(0, 0, 0), ba=(0, 0, 0), 
     return samples_of(100.0 + d.t, w, f)
 
 
-def received(d, rng, every=1.0, late=0.0, sigma=1.0, tau=40.0, white=0.3, speed_sigma=0.05, hdop=0.9, stamp=0.0):
-    """FIX rows: Gauss-Markov plus white error, `late` s from epoch to arrival, the epoch misstated by `stamp` s."""
+def received(d, rng, every=1.0, late=0.0, sigma=1.0, tau=40.0, white=0.3, speed_sigma=0.05, hdop=0.9, stamp=0.0, lag=0):
+    """FIX rows: Gauss-Markov plus white error, `late` s from epoch to arrival, the epoch misstated by `stamp` s.
+
+    The velocity is that of `lag` s before.
+    """
     k = np.arange(int(every / (d.t[1] - d.t[0])), len(d.t), int(every / (d.t[1] - d.t[0])))
     wander = np.zeros((len(k), 3))
     wander[0] = sigma * rng.standard_normal(3)
@@ -100,7 +103,7 @@ def received(d, rng, every=1.0, late=0.0, sigma=1.0, tau=40.0, white=0.3, speed_
         wander[i] = decay * wander[i - 1] + sigma * np.sqrt(1 - decay**2) * rng.standard_normal(3)
     error = (wander + white * rng.standard_normal(wander.shape)) * (1.0, 1.0, 1.8)
     m, n = curvature(d.lat[k])
-    v = d.v[k, :2] + speed_sigma * rng.standard_normal((len(k), 2))
+    v = d.v[k - round(lag / (d.t[1] - d.t[0])), :2] + speed_sigma * rng.standard_normal((len(k), 2))
     columns = {
         "t_s": 100.0 + d.t[k] + stamp,
         "arrival_s": 100.0 + d.t[k] + late,

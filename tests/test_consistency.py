@@ -117,10 +117,12 @@ def test_attitude_on_a_vehicle(scenario, grade):
 
 @pytest.mark.parametrize("scenario", ["car", "figure8"])
 def test_navigation(scenario):
-    squares, nis = normalised("navigation", scenario, 100.0, (15.0, 30.0, 60.0, 99.0), grade=PERFECT_GAIN)
+    """At 100 Hz: a mean over a period of 20 ms is 10 ms late, which in these curves turns all headings by 0.2 deg."""
+    at = (15.0, 30.0, 60.0, 99.0)
+    squares, nis = normalised("navigation", scenario, 100.0, at, rate_hz=100.0, grade=PERFECT_GAIN)
     for part in (P, DOWN, V, RP, YAW):
         assert (mean_of(squares, part) < 2.0).all()
-    assert ((mean_of(squares, P) > 0.3) & (mean_of(squares, DOWN) > 0.2)).all()
+    assert ((mean_of(squares, P) > 0.3) & (mean_of(squares, DOWN) > 0.15)).all()
     assert 0.5 < nis.mean() < 1.5
 
 

@@ -14,6 +14,7 @@ from imud.estimators.navigation.state import (
     ARM,
     ATTITUDE,
     GYRO_BIAS,
+    LAG,
     LATENCY,
     MOUNT_PITCH,
     MOUNT_YAW,
@@ -41,7 +42,7 @@ def made(seed):
     p = configure(Settings(), 100.0)
     s = start(p, Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=10.0))
     c = s["core"][0, 0]
-    scale = np.repeat([2.0, 0.3, 0.02, 1e-3, 0.1, 2.0, 0.03, 0.1, 0.01, 0.5], [3, 3, 3, 3, 3, 3, 2, 1, 3, 1])
+    scale = np.repeat([2.0, 0.3, 0.02, 1e-3, 0.1, 2.0, 0.03, 0.1, 0.01, 0.5, 0.1], [3, 3, 3, 3, 3, 3, 2, 1, 3, 1, 1])
     root = rng.standard_normal((STATES, STATES)) * scale[:, None]
     P = root @ root.T / STATES
     c["phase"] = NAVIGATING
@@ -132,7 +133,9 @@ def test_corrections_move_the_nominal_state_by_the_error():
     c["x"][POSITION : POSITION + 3] = 10.0, 0.0, 2.0
     c["x"][VELOCITY] = 0.5
     c["x"][ATTITUDE : ATTITUDE + 3] = 0.01, -0.02, 0.03
+    c["x"][LATENCY], c["x"][LAG] = 0.1, 0.05
     correct(c)
+    assert (c["latency"], c["lag"]) == pytest.approx((0.1, 0.05))
     assert (c["lat"] - lat) * 6.3781e6 == pytest.approx(10.0, rel=0.01)
     assert (c["height"] - height, c["v"][0] - v[0]) == pytest.approx((-2.0, 0.5))
     tilted, headed = Rotation.from_rotvec([0.01, -0.02, 0.0]), Rotation.from_rotvec([0.0, 0.0, 0.03])

@@ -123,7 +123,8 @@ def test_positions_that_creep_from_a_car_are_refused_though_the_receiver_tells_n
 def test_what_creeping_would_do_to_the_estimate_is_foretold():
     """Against the difference of two runs, one with a creep so slow that the filter is linear in it.
 
-    Of a free vehicle: how loosely a land vehicle keeps to its axis is learned from what the creep does, too.
+    Of a free vehicle: how loosely a land vehicle keeps to its axis is learned from what the creep does, too. So is the
+    receiver's noise, which moves the position by a fiftieth, and the bias by as much as the creep.
     """
     free = Settings(navigation=Navigation(vehicle="free"))
     samples, fixes = data()
@@ -136,9 +137,9 @@ def test_what_creeping_would_do_to_the_estimate_is_foretold():
         pull = c["pull"][:, 2 * j]
         assert 0.1 < pull[POSITION] < 60.0
         dp = (crept["lat"][-1] - still["lat"][-1]) * 6.37e6 / rate
-        assert pull[POSITION] == pytest.approx(dp, rel=0.02)
+        assert pull[POSITION] == pytest.approx(dp, rel=0.03)
         assert pull[VELOCITY : VELOCITY + 3] == pytest.approx((crept["v"][-1] - still["v"][-1]) / rate, abs=0.01)
-        assert pull[ACCEL_BIAS : ACCEL_BIAS + 3] == pytest.approx((crept["ba"][-1] - still["ba"][-1]) / rate, abs=1e-3)
+        assert pull[ACCEL_BIAS : ACCEL_BIAS + 3] == pytest.approx((crept["ba"][-1] - still["ba"][-1]) / rate, abs=4e-3)
 
 
 @places

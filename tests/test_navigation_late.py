@@ -52,6 +52,20 @@ def test_an_unknown_latency_is_found():
     assert np.sqrt(np.mean(p**2)) < 1.5 * np.sqrt(np.mean(known**2)) + 0.5
 
 
+def test_a_velocity_behind_its_position_is_told_from_a_latency():
+    d = drive(300.0)
+    rng = np.random.default_rng(2)
+    samples = sensed(d, rng)
+    out, _, state = navigate(samples, received(d, rng, late=0.25, lag=0.1))
+    core = state["core"][0, 0]
+    assert core["lag"] == pytest.approx(0.1, abs=0.03)
+    assert core["latency"] == pytest.approx(0.0, abs=0.03)
+    late = slice(200 * RATE, None)
+    errors_v = errors(d, out)[1][late, :2]
+    known = errors(d, navigate(samples, received(d, np.random.default_rng(99), late=0.25))[0])[1][late, :2]
+    assert np.sqrt(np.mean(errors_v**2)) < 1.5 * np.sqrt(np.mean(known**2))
+
+
 @pytest.mark.parametrize("real_s", [0.05, 0.3])
 def test_centimetres_stamped_with_an_assumed_latency_are_taken_back_to_their_epoch(real_s):
     d = drive(120.0)

@@ -48,7 +48,7 @@ def travelled(heading_deg, velocity, speed_sigma=0.1, vehicle="auto", every_s=0.
     settings = Settings(navigation=Navigation(vehicle=vehicle))
     p = configure(settings, 100.0)
     c = start(p, Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=10.0))["core"][0, 0]
-    P = np.diag([1.0] * 3 + [speed_sigma**2] * 3 + [1e-4] * 2 + [np.radians(5.0) ** 2] + [1e-4] * 16)
+    P = np.diag([1.0] * 3 + [speed_sigma**2] * 3 + [1e-4] * 2 + [np.radians(5.0) ** 2] + [1e-4] * 17)
     c["P"], c["phase"] = P[np.triu_indices(STATES)], NAVIGATING
     for k, (heading, v) in enumerate(zip(heading_deg, velocity, strict=True)):
         attitude = Rotation.from_euler("z", heading, degrees=True)
@@ -114,7 +114,7 @@ def core():
     c = s["core"][0, 0]
     c["phase"], c["fixes"], c["fix_ns"], c["t_ns"] = NAVIGATING, 100, 0, 60_000_000_000
     c["v"], c["quiet"], c["n"] = (1.2, 0.0, 0.0), 12, 50
-    P = np.diag([25.0] * 2 + [1.0] + [0.36] * 3 + [1e-6] * 3 + [1e-10] * 3 + [1e-4] * 3 + [1.0] * 10)
+    P = np.diag([25.0] * 2 + [1.0] + [0.36] * 3 + [1e-6] * 3 + [1e-10] * 3 + [1e-4] * 3 + [1.0] * 11)
     c["P"] = P[np.triu_indices(STATES)]
     c["sum_n"] = 50 * np.array([0.02, 0.0, -9.81])
     return s, c

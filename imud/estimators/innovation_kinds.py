@@ -1,4 +1,4 @@
-"""What the kinds of innovation are called: in `imud status`, in tables, and in recordings."""
+"""The names of the kinds of innovation: in `imud status`, in tables, and in recordings."""
 
 from typing import NamedTuple
 

@@ -26,7 +26,7 @@ def radii(lat: float) -> tuple[float, float]:
 
 @kernel
 def radii_by_sine(sine: float) -> tuple[float, float]:
-    """The same for who has the sine of the latitude."""
+    """`radii`, given the sine of the latitude."""
     d = 1.0 - ECCENTRICITY2 * sine**2
     prime_vertical = SEMI_MAJOR_M / math.sqrt(d)
     return prime_vertical * (1.0 - ECCENTRICITY2) / d, prime_vertical
@@ -41,13 +41,13 @@ def gravity(lat: float, height: float) -> float:
 
 @kernel
 def surface_gravity(sine: float) -> float:
-    """Normal gravity on the ellipsoid where the latitude has this sine, m/s^2."""
+    """Normal gravity on the ellipsoid in m/s^2, given the sine of the latitude."""
     return GRAVITY_EQUATOR * (1.0 + SOMIGLIANA_K * sine**2) / math.sqrt(1.0 - ECCENTRICITY2 * sine**2)
 
 
 @kernel
 def gravity_above(surface: float, sine: float, height: float) -> float:
-    """Normal gravity at `height` m above where it is `surface`, m/s^2."""
+    """Normal gravity in m/s^2 at `height` m, given that on the ellipsoid and the sine of the latitude."""
     h = height / SEMI_MAJOR_M
     return surface * (1.0 - 2.0 * h * (1.0 + FLATTENING + GRAVITY_RATIO - 2.0 * FLATTENING * sine**2) + 3.0 * h * h)
 

@@ -1,4 +1,4 @@
-"""How the kernels of the estimators are compiled: as those of the drivers are. And what they need of numba's own."""
+"""How the kernels of the estimators are compiled: as those of the drivers are; and access to numba's own functions."""
 
 import functools
 from collections.abc import Callable
@@ -10,7 +10,7 @@ __all__ = ["Later", "inlined", "interpreted", "kernel", "unrolled"]
 
 
 class Later:
-    """Something for kernels to call that numba must be asked for: it is when the first of them is compiled."""
+    """Something of numba's for kernels to call; numba is asked for it when the first of them is compiled."""
 
     def __init__(self, make: Callable[[Any], Any]) -> None:
         """make(numba) -> an intrinsic, an external function, or one that numba has."""

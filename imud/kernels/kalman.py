@@ -51,7 +51,7 @@ def shear(P: Floats, n: int, i: int, j: int, a: float) -> None:
 def shear3(P: Floats, n: int, i: int, j: int, a: float, b: float, c: float) -> None:
     """P <- E P E' with E = I + e_i (a e_j + b e_j+1 + c e_j+2)', i < j: state i gains of three that follow one another.
 
-    As three times `shear`, in half the instructions.
+    The same as `shear` three times, in half the instructions.
     """
     at_i, at_j = i, j  # as there, but of elements (k, i) and (k, j)
     for k in range(i):

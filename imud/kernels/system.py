@@ -1,7 +1,7 @@
 """System calls, and memory and functions by their address, for compiled loops. Linux on 64 bits.
 
-All arguments are integers: an address is one, too. What stands at an address the caller answers for: nothing is
-checked, and whoever gives an address away keeps its array alive.
+All arguments are integers, addresses too. Nothing is checked: the caller is responsible for what stands at an address,
+and for keeping the array there alive.
 """
 
 from typing import Any
@@ -34,13 +34,13 @@ _errno_location: Any = _function("__errno_location", "int64")
 
 @kernel
 def errno() -> int:
-    """Of the last system call that failed."""
+    """The error number of the last system call that failed."""
     return int(carray(pointer(_errno_location()), 1, np.int32)[0])
 
 
 @kernel
 def clock_ns(clock: int, room: int) -> int:
-    """Time of a clock, ns. room: address of 16 bytes to work in."""
+    """Time of a clock, ns. room: address of 16 bytes of scratch memory."""
     _clock_gettime(clock, room)
     time = carray(pointer(room), 2, np.int64)
     return int(time[0] * 1_000_000_000 + time[1])

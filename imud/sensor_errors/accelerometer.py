@@ -1,4 +1,4 @@
-"""An accelerometer's bias, scale and misalignment from positions at rest: in each it feels gravity and no more."""
+"""An accelerometer's bias, scale and misalignment from positions at rest, in each of which it measures only gravity."""
 
 import math
 

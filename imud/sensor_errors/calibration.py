@@ -1,6 +1,6 @@
-"""What is known of one particular sensor: biases, scale and misalignment, mounting; a file per serial number.
+"""The calibration of one particular sensor: biases, scale and misalignment, mounting; a file per serial number.
 
-The files are replaced as a whole, and each part says when, how warm and how well it was found.
+A file is always replaced as a whole. Each part of it says when, at which temperature and how well it was found.
 """
 
 import contextlib
@@ -70,7 +70,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def parts(self) -> dict[str, str]:
-        """What is known, and since when."""
+        """The parts that are known, and when each was found."""
         known = {name: getattr(self, name) for name in ("gyro", "accelerometer", "mounting")}
         return {name: part.date for name, part in known.items() if part is not None}
 
@@ -90,7 +90,7 @@ CORRECTION = np.dtype(
 
 
 def correction(calibration: Calibration, mount_rpy_deg: Triple) -> NDArray[np.void]:
-    """What `correct` needs (array of one CORRECTION). A mounting that the user gives goes before the one found."""
+    """What `correct` needs (array of one CORRECTION). A mounting given by the user overrides the calibrated one."""
     rpy = mount_rpy_deg
     if rpy == NOTHING and calibration.mounting is not None:
         rpy = calibration.mounting.rpy_deg
@@ -126,7 +126,7 @@ def correct(sample: Any, c: Any) -> None:
 
 
 def folders() -> list[Path]:
-    """Where calibrations are kept, the first that counts first: the machine's, then the service's or the user's own."""
+    """Where calibrations are kept, in order of preference: the machine's, then the service's or the user's own."""
     return [_COMMON, *places("state")]
 
 
@@ -143,12 +143,12 @@ def load(serial: str, where: list[Path] | None = None) -> Calibration:
 
 
 def name_of(identity: Identity) -> str:
-    """By what a sensor's calibration goes: its serial number; that of one without by its model."""
+    """The name under which a sensor's calibration is kept: its serial number, or else its model."""
     return identity.serial or identity.model or identity.driver
 
 
 def of(identity: Identity) -> Calibration:
-    """That of the sensor which was found. Raises BadDataError."""
+    """The calibration of the sensor that was found. Raises BadDataError."""
     return load(name_of(identity))
 
 
@@ -189,7 +189,7 @@ def _toml(calibration: Calibration) -> str:
 
 
 def _value(value: Any) -> str:
-    """TOML of what a calibration is made of; its floats read back bit for bit."""
+    """A value of a calibration as TOML; floats read back bit for bit."""
     if isinstance(value, tuple):
         return f"[{', '.join(map(_value, value))}]"
     return msgspec.json.encode(value).decode() if isinstance(value, str) else repr(value)

@@ -1,4 +1,4 @@
-"""How a sensor sits in its vehicle: down from a rest on level ground, forwards from a straight start."""
+"""How a sensor is mounted in its vehicle: down from a rest on level ground, forwards from a straight start."""
 
 import math
 
@@ -49,7 +49,7 @@ def mounting(samples: Records, rate_hz: float) -> tuple[Floats, Floats]:
 
 
 def _refuse_mirrored(samples: Records, bias: Floats, rate_hz: float) -> None:
-    """Where the sensor tilts slowly, the force in its axes changes by -w x f; with mirrored axes by the opposite."""
+    """When the sensor tilts slowly, the force in its axes changes by -w x f; with mirrored axes by the opposite."""
     m = max(1, round(0.1 * rate_hz))
     w = windows(samples["w"] - bias, m).mean(axis=1)
     f = windows(samples["f"], m).mean(axis=1)
@@ -64,7 +64,7 @@ def _refuse_mirrored(samples: Records, bias: Floats, rate_hz: float) -> None:
 
 
 def _refuse_mirrored_curves(turning: Floats, forwards: Floats, sideways: Floats) -> None:
-    """In a curve a vehicle is pushed inwards, speed times rate of turn; with mirrored axes outwards.
+    """In a curve a vehicle is accelerated inwards by speed times rate of turn; with mirrored axes outwards.
 
     Window by window since the start: rate about down (rad/s), acceleration (m/s^2).
     """

@@ -65,7 +65,7 @@ def allan_deviation(rate: Floats, rate_hz: float) -> AllanDeviation:
 
 
 def _terms(tau: Floats) -> Floats:
-    """What multiplies N^2, B^2 and K^2 (n x 3)."""
+    """The factors of N^2, B^2 and K^2 in the model (n x 3)."""
     return np.stack([1.0 / tau, np.full_like(tau, _FLICKER), tau / 3.0], axis=1)
 
 

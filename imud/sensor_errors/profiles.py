@@ -1,4 +1,4 @@
-"""Noise profiles of inertial sensors by name: what an estimator must know of a sensor, with its source."""
+"""Noise profiles of inertial sensors by name: what an estimator must know of a sensor, each with its source."""
 
 import math
 from dataclasses import dataclass, replace

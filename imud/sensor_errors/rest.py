@@ -1,4 +1,4 @@
-"""When a sensor is at rest, and what no calibration can use: readings that are frozen, cut off, or no numbers."""
+"""Finds when a sensor is at rest, and refuses readings of no use to a calibration: frozen, clipped, or not numbers."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _SPELL_S = 2.0  # the shortest that counts
 
 
 class UnfitError(Exception):
-    """The recording cannot give what was asked of it; says why and what to record instead."""
+    """The recording does not suffice for what was asked; the message says why, and what to record instead."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def refuse_broken(samples: Records) -> None:
 
 
 def _is_flat(column: Floats, edge: float) -> bool:
-    """Whether the largest value comes in runs, as of a limit, and not now and then, as of a coarse resolution."""
+    """Whether values at the edge come in runs, as at a limit, and not now and then, as with a coarse resolution."""
     at = np.abs(column) == edge
     return bool((at[1:] & at[:-1]).sum() > 0.8 * at.sum() and at.sum() < 0.9 * len(column))
 
@@ -87,7 +87,7 @@ def still_spells(samples: Records, rate_hz: float) -> list[Spell]:
 
 
 def mean(values: Floats, m: int) -> Estimate:
-    """Mean of n x 3 and its sigma from the scatter of the means of m, which knows of slow noise, too."""
+    """Mean of n x 3 and its sigma, taken from the scatter of means over m samples: so slow noise counts, too."""
     means = windows(values, m).mean(axis=1)
     sigma = means.std(axis=0, ddof=1) / math.sqrt(len(means)) if len(means) > 1 else np.full(3, np.nan)
     return Estimate(values.mean(axis=0), sigma)

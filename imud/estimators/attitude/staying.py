@@ -7,8 +7,10 @@ soon is so far that its place tells nothing.
 
 Nor is the velocity of a vehicle white noise about zero: it lasts. Noise of variance v^2 that stays correlated for T
 is to a filter that takes it as white one of density 2 T v^2 (that of a first-order Gauss-Markov process at frequency
-zero); with less, curves and long braking are learnt as tilt and accelerometer bias, and believed. A vehicle climbs:
-while it travels fast, its vertical velocity is no better known than roads are level.
+zero); with less, curves and long braking are learnt as tilt and accelerometer bias, and believed. A speed counts
+as soon as it is reached, else the departure itself is learnt so, and fades when it is not kept up; one that may be no
+more than the integral of a false tilt does not count. A vehicle climbs: while it travels fast, its vertical velocity is
+no better known than roads are level.
 
 The noise densities were found on hand-held recordings with optical truth (BROAD), and on simulated vehicles such that
 their tilt errors are no larger than without a place. TRAVEL is where BROAD no longer notices it.
@@ -29,6 +31,7 @@ REST_VELOCITY_NOISE = 0.09  # m/s sqrt(s)
 UNIFORM_MOTION = 4.0  # sigma
 TRAVEL = 1.0  # m/s, the mean over a second: what is faster is a vehicle
 TRAVEL_S = 30.0  # for which a vehicle keeps its velocity
+SHOWN = 2.0  # of the variance, by the square of a velocity that is no error: Akaike's criterion for one parameter more
 SHAKING_S = 0.5  # over which it is judged how a body is shaken
 SLOPE = 0.03  # of roads, 1 sigma
 PLACE_NOISE = 0.5  # m sqrt(s)
@@ -55,8 +58,8 @@ def follow_travel(s: Any) -> None:
     fade = s.span / (TRAVEL_S + s.span)
     lasting2 = jolt2 = 0.0
     for i in range(3):
-        axis2 = max(s.v_mean[i] * s.v_mean[i] - TRAVEL**2, 0.0)
-        s.travel[i] += fade * (axis2 - s.travel[i])
+        axis2 = max(s.v_mean[i] * s.v_mean[i] - TRAVEL**2 - SHOWN * variance(s, VELOCITY + i), 0.0)
+        s.travel[i] = max(axis2, s.travel[i] - fade * (s.travel[i] - axis2))
         lasting2 += axis2
         force = s.push[i] / s.span
         change = force - s.mean_force[i]

@@ -13,6 +13,7 @@ from .state import (
     ARM,
     ATTITUDE,
     GYRO_BIAS,
+    LAG,
     LATENCY,
     MOUNT_PITCH,
     MOUNT_YAW,
@@ -137,5 +138,6 @@ def correct(c: Any) -> None:
         turn_axis(c, x[MOUNT_PITCH], x[MOUNT_YAW])
         c.arm += x[ARM]
     c.latency += x[LATENCY]
+    c.lag += x[LAG]
     for i in range(STATES):
         x[i] = 0.0

@@ -9,14 +9,14 @@ from typing import Any
 
 from ...kernels.earth import radii
 from ...kernels.jit import kernel
-from ...kernels.kalman import reset
+from ...kernels.kalman import packed_index, reset
 from ...kernels.rotation import quat_rotate
 from ..records import POSITION_N, REJECTING, VELOCITY_N
 from .admission import GATE, admit, admit_height
 from .correction import absorb, correct, predicted, residual, row, take
 from .covariance import grow, variance
 from .creep import forget_creep, look_for_creep
-from .state import ATTITUDE, LATENCY, POSITION, STATES, VELOCITY, WANDER
+from .state import ATTITUDE, LAG, LATENCY, POSITION, STATES, VELOCITY, WANDER
 from .strapdown import cosine, wrapped
 
 UERE = 2.0  # m per HDOP, horizontal
@@ -24,7 +24,6 @@ VERTICAL = 2.2  # times the horizontal sigma
 UNKNOWN_HDOP = 1.5
 RTK_FIXED, RTK_FLOAT = 0.03, 0.4  # m, when nothing better is reported
 SPEED_SIGMA = (0.05, 0.3)  # m/s, of what is learned: errors that last from fix to fix do not show in innovations
-VELOCITY_LAG = 0.05  # s, of a receiver's velocity behind its position
 COURSE_SPEED = 0.5  # m/s, below it the course is noise
 ASTRAY_GATE = 20.0  # of fix against position, whatever the wander state says: it never has jumped, only crept
 LEARNING = 0.03
@@ -74,7 +73,10 @@ def grade(c: Any, fix: Any) -> None:
             forget_creep(c)
         c.reported[k] = sigma
     floor = LATENCY_FLOOR * h
-    grow(c, LATENCY, max(0.0, floor * floor - variance(c, LATENCY)))
+    q = max(0.0, floor * floor - variance(c, LATENCY))  # of positions, whose errors last: velocities tell the sum
+    grow(c, LATENCY, q)
+    grow(c, LAG, q)
+    c.P[packed_index(STATES, LATENCY, LAG)] -= q
 
 
 @kernel
@@ -199,17 +201,11 @@ def fuse_velocity(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
         received = velocity_of(fix, i)
         if not math.isfinite(received):
             continue
-        z = received - c.v[i] - arm[i] + late * c.trend[i]
-        r = (
-            c.white_speed
-            + (SECOND_ORDER * variance(c, ATTITUDE + 2)) ** 2
-            + slow * slow
-            + swing2(c)
-            + (VELOCITY_LAG * c.trend[i]) ** 2
-            + c.bend[i] ** 2
-        )
+        z = received - c.v[i] - arm[i] + (late + c.lag) * c.trend[i]
+        r = c.white_speed + (SECOND_ORDER * variance(c, ATTITUDE + 2)) ** 2 + slow * slow + swing2(c) + c.bend[i] ** 2
         m = row(c, 0, VELOCITY + i, 1.0)
         m = row(c, m, LATENCY, -c.trend[i])
+        m = row(c, m, LAG, -c.trend[i])
         s = predicted(c, m) + r
         left = residual(c, m, z)
         nis = take(c, m, z, r, GATE)

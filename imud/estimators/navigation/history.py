@@ -8,9 +8,10 @@ import math
 from typing import Any
 
 from ...kernels.jit import kernel
+from ...kernels.kalman import packed_index
 from .advance import advance, carry
-from .covariance import deviation
-from .state import LATENCY, NAVIGATING, RING, SNAPSHOT_NS, SNAPSHOTS
+from .covariance import variance
+from .state import LAG, LATENCY, NAVIGATING, RING, SNAPSHOT_NS, SNAPSHOTS, STATES
 
 UNKNOWN_ACCEL = 2.0  # m/s^2
 
@@ -63,27 +64,36 @@ def rewind(s: Any, t_ns: int) -> bool:
 
 @kernel
 def velocity_at(s: Any, t_ns: int, axis: int) -> float:
-    """Velocity at the last snapshot not after t_ns; NaN when it is forgotten or was not navigated."""
+    """Velocity at t_ns, before the core's, between snapshots; NaN when it is forgotten or was not navigated."""
     k = s.snapped - 1
     oldest = max(0, s.snapped - SNAPSHOTS)
+    after_ns, after = s.core[0].t_ns, s.core[0].v[axis]
     while k >= oldest and s.snapshots[k % SNAPSHOTS].t_ns > t_ns:
+        after_ns, after = s.snapshots[k % SNAPSHOTS].t_ns, s.snapshots[k % SNAPSHOTS].v[axis]
         k -= 1
     if k < oldest or s.snapshots[k % SNAPSHOTS].phase != NAVIGATING:
         return math.nan
-    return float(s.snapshots[k % SNAPSHOTS].v[axis])
+    before = s.snapshots[k % SNAPSHOTS]
+    share = (t_ns - before.t_ns) / (after_ns - before.t_ns)
+    return float(before.v[axis] + share * (after - before.v[axis]))
 
 
 @kernel
 def trace_velocity(s: Any) -> None:
-    """Straight line through the velocities of the last moments, as long as the latency is uncertain, and its misfit."""
+    """Straight line through the velocities of the last moments, as long as the velocity's lateness is uncertain.
+
+    And its misfit: a parabola's, where that is shorter than what is between snapshots.
+    """
     c = s.core[0]
-    span = max(deviation(c, LATENCY), 1e-9 * SNAPSHOT_NS)
+    late2 = variance(c, LATENCY) + 2.0 * c.P[packed_index(STATES, LATENCY, LAG)] + variance(c, LAG)
+    span = max(math.sqrt(max(late2, 0.0)), 1e-9 * SNAPSHOT_NS)
+    share = late2 / span**2
     for i in range(3):
         v1 = velocity_at(s, c.t_ns - int(1e9 * span), i)
         v2 = velocity_at(s, c.t_ns - int(2e9 * span), i)
         known = math.isfinite(v1) and math.isfinite(v2)
         c.trend[i] = (c.v[i] - v1) / span if known else 0.0
-        c.bend[i] = 0.5 * (c.v[i] - 2.0 * v1 + v2) if known else UNKNOWN_ACCEL * span
+        c.bend[i] = 0.5 * share * (c.v[i] - 2.0 * v1 + v2) if known else UNKNOWN_ACCEL * span
 
 
 @kernel

@@ -17,6 +17,7 @@ from .state import (
     AUTO,
     FREE,
     GYRO_BIAS,
+    LAG,
     LAND,
     LATENCY,
     LEVELLING,
@@ -36,6 +37,7 @@ GIVEN_TILT = math.radians(2.0)
 GIVEN_HEADING = math.radians(5.0)
 GIVEN_POSITION, GIVEN_VELOCITY = 5.0, 0.3  # m, m/s
 LATENCY_SIGMA = 0.2  # s
+LAG_SIGMA = 0.05  # s, of a receiver's velocity behind its position
 SPEED_SIGMA = 0.1  # m/s, of a receiver's velocity, before its innovations tell
 VEHICLES = {"free": FREE, "auto": AUTO, "land": LAND}
 
@@ -76,6 +78,7 @@ def start(parameters: Record, initial: Initial) -> Record:
     sigmas[ACCEL_BIAS : ACCEL_BIAS + 3] = p["accel_initial"]
     sigmas[WANDER : WANDER + 3] = 2.0
     sigmas[LATENCY] = LATENCY_SIGMA
+    sigmas[LAG] = LAG_SIGMA
     sigmas[TURN_SCALE : TURN_SCALE + 3] = p["gyro_scale"]
     c["phase"] = LEVELLING
     c["forward"] = (1.0, 0.0, 0.0)

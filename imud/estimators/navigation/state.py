@@ -1,20 +1,20 @@
 """The records of the navigation filter: its parameters, its core (what a snapshot holds), its bank of hypotheses of the
 heading's drift, and its whole state.
 
-Errors are "true minus estimate", 25 of them: position NED m, velocity m/s, attitude (small rotation in NED,
+Errors are "true minus estimate", 26 of them: position NED m, velocity m/s, attitude (small rotation in NED,
 C_true = exp(phi) C), gyro bias, accelerometer bias, slowly wandering GNSS position error (Gauss-Markov), mounting
 pitch and yaw of the vehicle's forward axis, latency of the fixes, what the gyro shows too much per rate of turn about
-the vertical (the column of scale factors and misalignments that a vehicle's drive shows), and how far the sensor is
-ahead of the point about which the vehicle turns.
+the vertical (the column of scale factors and misalignments that a vehicle's drive shows), how far the sensor is ahead
+of the point about which the vehicle turns, and by how much longer than the position the receiver's velocity is behind.
 """
 
 import numpy as np
 
 from ..records import INNOVATION
 
-STATES = 25
+STATES = 26
 POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS, WANDER = 0, 3, 6, 9, 12, 15
-MOUNT_PITCH, MOUNT_YAW, LATENCY, TURN_SCALE, ARM = 18, 19, 20, 21, 24
+MOUNT_PITCH, MOUNT_YAW, LATENCY, TURN_SCALE, ARM, LAG = 18, 19, 20, 21, 24, 25
 
 LEVELLING, NAVIGATING = 0, 1  # phases: roll and pitch only, position from GNSS; everything
 FREE, AUTO, LAND = 0, 1, 2  # vehicle
@@ -70,6 +70,7 @@ CORE = np.dtype(
         ("arm", "<f8"),  # m, of the sensor ahead of the axle that does not slip sideways
         ("turn_scale", "<f8", (3,)),  # body, gyro error per rate of turn about the vertical
         ("latency", "<f8"),  # s, the fix is older than its stamp by this
+        ("lag", "<f8"),  # s, and its velocity is older still
         ("P", "<f8", (STATES * (STATES + 1) // 2,)),
         # last sample, body axes, and what has gathered since the last covariance step
         ("w", "<f8", (3,)),

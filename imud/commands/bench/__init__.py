@@ -1,6 +1,7 @@
-"""`imud bench`: what this machine makes of imud, as ratios to C, to numpy and to numba alone, taken in one run.
+"""`imud bench`: imud's performance on this machine, as ratios to C, to numpy and to numba alone, taken in one run.
 
-Absolute times vary with the machine and its other work; contestants take turns, and medians of their ratios stay.
+Absolute times vary with the machine and its other work. So the contestants take turns, and the medians of their ratios
+are shown.
 """
 
 import argparse

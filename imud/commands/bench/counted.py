@@ -1,7 +1,7 @@
-"""`python -m imud.commands.bench.counted [OPTION …]`: replays as told on stdin, for who counts instructions.
+"""`python -m imud.commands.bench.counted [OPTION …]`: does replays on request, while instructions are counted.
 
-OPTIONs go to the C compiler. A line is `ours N` or `c N`: N frames of an M-G350 to attitude solutions.
-Each is answered by one.
+OPTIONs go to the C compiler. A request is a line `ours N` or `c N` on stdin: turn N frames of an M-G350 into attitude
+solutions. Each is answered by a line.
 """
 
 import sys

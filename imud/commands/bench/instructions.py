@@ -1,7 +1,7 @@
 """Instructions per frame, counted by valgrind's callgrind: unlike times they are the same on a loaded machine.
 
-Under valgrind a program is slower by a factor of fifty; live, time is made to pass slower for it as well, so that
-frames still come one by one and everything that goes by the clock stays in proportion.
+Under valgrind a program is fifty times slower. For the live race its clock is slowed down as well, so that frames still
+come one by one and everything that goes by the clock stays in proportion.
 """
 
 import os
@@ -31,11 +31,11 @@ _PROCESSOR = "import llvmlite.binding as b; print(b.get_host_cpu_name()); print(
 
 
 class UncountedError(Exception):
-    """Why instructions cannot be counted."""
+    """Instructions cannot be counted; the message says why."""
 
 
 def processor() -> dict[str, str]:
-    """What machine code to make, as environment: that of the processor which valgrind shows. Raises UncountedError."""
+    """Environment that selects machine code for the processor which valgrind emulates. Raises UncountedError."""
     if not (shutil.which("valgrind") and shutil.which("callgrind_control")):
         raise UncountedError("valgrind is not on this machine")
     command = ["valgrind", "-q", "--tool=none", sys.executable, "-c", _PROCESSOR]
@@ -47,7 +47,7 @@ def processor() -> dict[str, str]:
 
 
 def warmed(environment: dict[str, str]) -> dict[str, str]:
-    """The same; kernels are compiled for it by then, in a cache of their own."""
+    """The environment, after kernels have been compiled for it into a cache of their own."""
     environment = {name: value for name, value in environment.items() if name != "NUMBA_CACHE_DIR"}
     command = [sys.executable, "-m", "imud", "warmup", "--estimator", "attitude"]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
@@ -73,7 +73,7 @@ class Counter:
         self.take(pid)
 
     def take(self, pid: int) -> int:
-        """Instructions since it was asked last. Raises UncountedError."""
+        """Instructions since the last call. Raises UncountedError."""
         self._dumps += 1
         self._control("-d", str(pid))
         text = self._out.with_name(f"{self._out.name}.{self._dumps}").read_text()

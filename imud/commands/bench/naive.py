@@ -1,7 +1,7 @@
 """The textbook in numpy, for comparison: frames unpacked one by one, and an error-state filter with dense matrices.
 
-As many states as the attitude filter, and the same inputs; every sample propagates the covariance, Phi P Phi' + Q, and
-takes velocity as zero, in Joseph's form. It is what one writes first, not a fair opponent.
+It has as many states as the attitude filter, and the same inputs. Every sample propagates the covariance, Phi P Phi' +
+Q, and corrects with zero velocity in Joseph's form. It is what one writes first, not a fair opponent.
 """
 
 import struct
@@ -15,7 +15,7 @@ from .signals import ACCEL_LSB, FRAME, GYRO_LSB
 
 Floats = NDArray[np.float64]
 _UNPACK = struct.Struct(">B9hHB").unpack
-STATES = 25
+STATES = 26
 
 
 def skew(v: Floats) -> Floats:

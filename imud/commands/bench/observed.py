@@ -1,7 +1,7 @@
-"""`python -m imud.commands.bench.observed FILE COMMAND …`: a command, and then what its interpreter did, as JSON.
+"""`python -m imud.commands.bench.observed FILE COMMAND …`: runs a command, and writes what its interpreter did to FILE.
 
-Counted from READY on: pauses of the garbage collector in ns (but when a device connects), objects that it has to look
-through, functions compiled, blocks of memory that stayed allocated.
+As JSON, counted from READY on: pauses of the garbage collector in ns (except when a device connects), objects that it
+has to look through, functions compiled, blocks of memory that stayed allocated.
 """
 
 import gc
@@ -51,7 +51,7 @@ class Observer:
         garbage.set_aside = apart
 
     def _count(self) -> int:
-        """Whoever loads numba only now wants to compile."""
+        """Count a compilation if numba is loaded only now: nothing else would load it."""
         return int("numba" in sys.modules) if self._compilations is None else len(self._compilations.buffer)
 
     def _collecting(self, phase: str, info: dict[str, int]) -> None:

@@ -1,7 +1,7 @@
 """imud and a C daemon of the same function side by side, each on a pseudo-terminal of its own.
 
-Frames go to both in turn, half a period apart, so that whatever slows the machine slows both. A subscriber to each
-daemon's state stream (in this process) takes the time from the writing of a frame to the coming of its solution.
+Frames go to both in turn, half a period apart, so that whatever slows the machine slows both. This process subscribes
+to each daemon's state stream, and takes the time from the writing of a frame to the arrival of its solution.
 """
 
 import contextlib
@@ -131,7 +131,7 @@ class Pacer:
         self._wait(connected, deadline + 20 * self._period_ns)
 
     def wait_for(self, n: int, patience_s: float = _PATIENCE_S) -> None:
-        """Give what is still under way a little time."""
+        """Wait a little for solutions that are still under way."""
         deadline = time.monotonic() + patience_s
         while min(len(c.latencies_ns) for c in self._contestants) < n and time.monotonic() < deadline:
             self._wait([c.socket for c in self._contestants], time.monotonic_ns() + 20 * self._period_ns)

@@ -26,7 +26,7 @@ FLAGS = ("-std=gnu11", "-O3", "-march=native", "-w")
 
 
 class NoReferenceError(Exception):
-    """Why there is nothing to compare with."""
+    """There is no C to compare with; the message says why."""
 
 
 def compiler() -> str:
@@ -50,7 +50,7 @@ def translator() -> Any:
 
 
 class _Recorder:
-    """Stands in for a kernel and keeps the arguments of its last call."""
+    """Takes the place of a kernel and keeps the arguments of its last call."""
 
     def __init__(self, answer: int) -> None:
         self._answer = answer
@@ -77,7 +77,7 @@ def to_c(filter_: Filter, folder: Path) -> None:
 
 
 def stream_source(stream: Stream) -> tuple[str, bytes]:
-    """C of `Stream.ingest` as `int64_t ingest(received, arrival_ns)`, with all that it remembers, and what that is now.
+    """`Stream.ingest` in C as `int64_t ingest(received, arrival_ns)`, all its memory, and what that holds at present.
 
     RX, DECODER and SOLUTIONS name the buffers; `memory` lists all of them, in the order of the bytes returned.
     """

@@ -1,4 +1,4 @@
-"""What is fed to all contestants: a vehicle's motion as samples, as fixes, and as the bytes of an M-G350."""
+"""The input of all contestants: a vehicle's motion as samples, as fixes, and as the bytes of an M-G350."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +21,15 @@ _EARTH_M = 6.37e6
 
 
 def _motion(n: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Time, rates and forces: at rest, then speeding up, then round a circle on a rough road."""
+    """Time, rates and forces: at rest, then speeding up, then round a circle on a road that shakes.
+
+    Fast enough that it moves the sensor nowhere: fixes must agree with samples, or a filter comes to doubt its heading.
+    """
     rng = np.random.default_rng(1)
     t = np.arange(n) / RATE_HZ
     going = np.clip((t - REST_S) / 5.0, 0.0, 1.0)
-    w = 0.002 * rng.standard_normal((n, 3)) + 0.05 * going[:, None] * np.sin(np.outer(t, (1.1, 1.7, 0.3)))
-    f = 0.02 * rng.standard_normal((n, 3)) + 0.3 * going[:, None] * np.sin(np.outer(t, (2.1, 1.3, 5.9)))
+    w = 0.002 * rng.standard_normal((n, 3)) + 0.05 * going[:, None] * np.sin(np.outer(t, (71.0, 107.0, 89.0)))
+    f = 0.02 * rng.standard_normal((n, 3)) + 0.3 * going[:, None] * np.sin(np.outer(t, (131.0, 83.0, 197.0)))
     w[:, 2] += _TURN * (t > REST_S + 5.0)
     f[:, 0] += _SPEED / 5.0 * ((t > REST_S) & (t < REST_S + 5.0))
     f[:, 1] += _SPEED * _TURN * (t > REST_S + 5.0)

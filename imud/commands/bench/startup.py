@@ -1,4 +1,4 @@
-"""How long it takes from the command to READY, against importing numba alone, which is the least there can be."""
+"""The time from the command to READY, compared with importing numba alone, which would be the least."""
 
 import os
 import signal

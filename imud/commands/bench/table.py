@@ -11,7 +11,7 @@ from typing import Any
 class Figure:
     """One thing measured.
 
-    most, least: the goal, if any; reason: why it is not met, where it is not; note: why there is no value, or more.
+    most, least: the goal, if any; reason: why it is missed, if it is; note: why there is no value, or a remark.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Contestants that take turns, so that whatever slows the machine slows all of them."""
+"""Contestants that take turns, so that whatever slows the machine slows all of them alike."""
 
 import statistics
 from collections.abc import Callable

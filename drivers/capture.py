@@ -30,15 +30,15 @@ _COMPRESSION, _BEFORE_COMPRESSION = b"\4\0\0\0zstd", 37  # in a chunk; opcode, l
 
 
 class Raw(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Bytes of one reading. data: empty where the line was quiet, and what the receiver had said counted as whole."""
+    """One read of a port. No data: the line had fallen quiet, and the receiver's open epoch was taken as complete."""
 
-    t_ns: int  # CLOCK_MONOTONIC, when they were there
+    t_ns: int  # arrival, CLOCK_MONOTONIC
     data: bytes
-    pulse_ns: int | None = None  # and when the receiver's last pulse per second before was, if it is known
+    pulse_ns: int | None = None  # the receiver's last pulse per second before that, CLOCK_MONOTONIC; None: unknown
 
 
 class Connection(msgspec.Struct, frozen=True):
-    """A device streams from now on, or no longer."""
+    """A device began to stream, or stopped."""
 
     t_ns: int
     port: int
@@ -60,7 +60,7 @@ class Connection(msgspec.Struct, frozen=True):
 
 
 def plain(configured: ImuConfigured | GnssConfigured) -> dict[str, Any]:
-    """What JSON can hold of it; infinite ranges, which it cannot, are left out and so are again infinite."""
+    """As JSON can hold it. An infinite range is left out, since JSON has no infinity; reading it back restores it."""
     known = {name: value for name, value in asdict(configured).items() if value not in (math.inf, None)}
     return dict(msgspec.to_builtins(known))
 
@@ -73,7 +73,7 @@ def _without_none(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Entry:
-    """A message. log_ns: Unix time; schema: name of what it holds."""
+    """One message of the file. log_ns: Unix time; schema: name of the message's type."""
 
     topic: str
     schema: str
@@ -82,20 +82,20 @@ class Entry:
 
     @property
     def port(self) -> int | None:
-        """Whose bytes these are; None: no bytes of a port."""
+        """The port whose bytes these are; None: the topic is not `/raw/N`."""
         return int(self.topic[len(RAW) :]) if self.topic.startswith(RAW) else None
 
     def raw(self) -> Raw:
-        """What a port said. Raises ValueError for what is not that."""
+        """The message of a topic `/raw/N`, decoded. Raises ValueError if it is something else."""
         return msgspec.json.decode(self.data, type=Raw)
 
     def connection(self) -> Connection:
-        """What a message of `CONNECTIONS` says. Raises ValueError for what is not that."""
+        """The message of the topic `CONNECTIONS`, decoded. Raises ValueError if it is something else."""
         return msgspec.json.decode(self.data, type=Connection)
 
 
 def _next_chunk(file: BinaryIO, after: int) -> int | None:
-    """Where the first chunk from there on begins, found by the name of its compression; None: there is no other."""
+    """Offset of the next chunk after `after`, found by the name of its compression; None: there is none."""
     with mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ) as data:
         place = data.find(_COMPRESSION, after + _BEFORE_COMPRESSION)
         while place >= 0 and data[place - _BEFORE_COMPRESSION] != Opcode.CHUNK:
@@ -104,18 +104,18 @@ def _next_chunk(file: BinaryIO, after: int) -> int | None:
 
 
 class Capture:
-    """A recording to be read from its start, once at a time. Raises CaptureError if it is none, OSError."""
+    """A recording, read from its start by one reader at a time. Raises OSError, CaptureError if it is no recording."""
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self.broken = ""  # where and how it ended too early, or what is damaged, once it has been read
+        self.broken = ""  # after reading: what is damaged or missing, and where; empty: nothing
         self.read_bytes = 0
         with self.path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
                 raise CaptureError(f"{path} is no recording (MCAP)")
 
     def session(self) -> tuple[dict[str, str], dict[str, bytes]]:
-        """The first metadata of this program and the attachments, as far as they stand before the first message."""
+        """imud's own metadata, and the attachments that precede the first message."""
         facts: dict[str, str] = {}
         attached: dict[str, bytes] = {}
         for record in self._records():
@@ -128,7 +128,7 @@ class Capture:
         return facts, attached
 
     def devices(self, within_s: float = 10.0) -> list[Connection]:
-        """What began to stream within so long of the first device, each port once."""
+        """The devices that began to stream within `within_s` of the first one, each port once."""
         found: dict[int, Connection] = {}
         first_ns = None
         for entry in self:
@@ -169,7 +169,7 @@ class Capture:
         return []
 
     def _records(self) -> Iterator[Any]:
-        """All records; the summary that follows the data only as far as it is sound."""
+        """All records in file order. A damaged summary behind the data ends the iteration without complaint."""
         with self.path.open("rb") as file:
             start: int | None = 0
             ended = False

@@ -2,118 +2,27 @@
 
 First listen: a device that speaks by itself is recognised without a byte written to it, and a line that carries
 something unknown is listened to at all speeds. Only a silent line is asked, by every driver at the speeds that its
-devices use, or one whose driver the user named if that may interrupt a stream. Three turns, since a device may be
-starting up.
+devices use. A line that carries something unknown is asked only if the user named a driver whose questions may
+interrupt a stream. All this is done three times, since a device may be starting up; in a hurry the second time,
+without waiting for answers that come late.
 """
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import zip_longest
 
 from .dialogue import Dialogue, Exchange
 from .driver import AnyDriver, Identity, SpiDriver, Unsupported
+from .findings import CHATTER, Chatter, Echo, Finding, NoAnswer, Silence, is_garbage
 from .registry import by_name, drivers
 from .transport.portspec import PortSpec
 
 TURNS = 3
-CHATTER = 16  # bytes; fewer are glitches of a line that is idle, or being plugged
 PLENTY = 1024  # bytes in which any driver recognises its device
-GARBAGE, TEXT_SHARE = 200, 0.7  # bytes after which, with less text than that, nothing will be recognised any more
-SHOWN, TEXT_SHOWN = 24, 90  # bytes
-FOREIGN = {  # how their messages begin
-    b"\xb5\x62\x01": "a u-blox receiver",
-    b"\xa0\xa2\x00": "a SiRF receiver",
-}
-POSITION = re.compile(rb"\$[A-Z]{2}(GGA|RMC|GNS|GLL),")  # by any talker
 ECHOES = 3  # in a row are no answers
 START_S = 0.4  # between turns on SPI: a device may be starting up
 
-
-@dataclass(frozen=True)
-class Silence:
-    """Nothing came."""
-
-    bauds: tuple[int, ...]
-    asked: bool
-
-    def __str__(self) -> str:
-        advice = "is it powered, and are its TX and RX the right way round?" if self.asked else "does it talk unasked?"
-        return f"silent at {_speeds(self.bauds)}: {advice}"
-
-
-@dataclass(frozen=True)
-class Chatter:
-    """Something came, but nothing known."""
-
-    heard: bytes
-    baud: int  # at which that was heard
-    bauds: tuple[int, ...]
-
-    def __str__(self) -> str:
-        heard = f"{len(self.heard)} bytes heard at {self.baud} baud, {self.gist}"
-        return f"{heard} (tried {_speeds(self.bauds)}): {_shown(self.heard)} …"
-
-    @property
-    def gist(self) -> str:
-        """Without what differs from one hearing to the next."""
-        return _kind(self.heard)
-
-
-@dataclass(frozen=True)
-class Echo:
-    """What is written comes back, and nothing else."""
-
-    baud: int
-
-    def __str__(self) -> str:
-        return "what is written comes back: are TX and RX connected with each other, or does the adapter echo?"
-
-
-def _speeds(bauds: Sequence[int]) -> str:
-    if len(bauds) == 1:
-        return f"{bauds[0]} baud, as named; leave out @BAUD to have other speeds tried"
-    return f"all of {', '.join(map(str, bauds))} baud"
-
-
-def _kind(heard: bytes) -> str:
-    """What the bytes look like, though no driver knows them."""
-    if whose := _foreign(heard):
-        return f"of {whose} in its own binary format, which imud does not read: have it send NMEA"
-    if _text_share(heard) < TEXT_SHARE:
-        return "but nothing known: garbage, as of a line at another speed, or a device that imud does not know"
-    if any(line.startswith(b"$") and b"*" in line for line in heard.splitlines()):
-        return "NMEA sentences with wrong checksums: a disturbed line"
-    if POSITION.search(heard):
-        return "NMEA sentences without checksums, which imud does not trust: switch them on in the receiver"
-    return "text, but of no device that imud knows"
-
-
-def _foreign(heard: bytes) -> str:
-    """Whose binary messages are in it; empty: nobody's that is known."""
-    return next((whose for mark, whose in FOREIGN.items() if mark in heard), "")
-
-
-def _shown(heard: bytes) -> str:
-    if _text_share(heard) < TEXT_SHARE:
-        return heard[:SHOWN].hex(" ")
-    return repr(heard[:TEXT_SHOWN].decode("ascii", "replace").strip())
-
-
-@dataclass(frozen=True)
-class NoAnswer:
-    """Nothing that is known answers on an SPI line."""
-
-    readonly: bool
-
-    def __str__(self) -> str:
-        if self.readonly:
-            return "a device on SPI says nothing unasked, and nothing may be written"
-        return "nothing known answers on SPI: is it powered, wired (CS, SCLK, MOSI, MISO) and set to SPI?"
-
-
 Found = Identity | Unsupported
-Finding = Silence | Chatter | Echo | NoAnswer
 
 
 def search(spec: PortSpec, readonly: bool = False, last_baud: int = 0) -> Dialogue[Found | Finding]:
@@ -155,7 +64,7 @@ def detect(
             found, noise = yield from _listen_at_all(among, bauds, first)
         if found is None and not readonly:
             askable = among if noise is None else [one for one in among if driver and one.interrupts]
-            answer = yield from _ask({one: speeds[one.name] for one in askable})
+            answer = yield from _ask({one: speeds[one.name] for one in askable}, hurry=0 < turn < TURNS - 1)
             if isinstance(answer, Echo):
                 return answer
             found = answer
@@ -193,26 +102,18 @@ def _plausible(found: Found, named: int | None) -> int:
 
 def _listen(among: Sequence[AnyDriver], baud: int) -> Dialogue[bytes]:
     def enough(heard: bytes) -> bool:
-        return len(heard) >= PLENTY or _is_garbage(heard) or _recognised(among, heard, baud) is not None
+        return len(heard) >= PLENTY or is_garbage(heard) or _recognised(among, heard, baud) is not None
 
     patience_s = max(driver.patience_s for driver in among)
     return (yield Exchange(baud=baud, listen_s=patience_s, enough=enough, discard=True))
 
 
-def _is_garbage(heard: bytes) -> bool:
-    return len(heard) >= GARBAGE and _text_share(heard) < TEXT_SHARE
-
-
-def _text_share(heard: bytes) -> float:
-    return sum(32 <= byte < 127 or byte in b"\r\n" for byte in heard) / len(heard)
-
-
 def _listen_at_all(
     among: Sequence[AnyDriver], bauds: Sequence[int], first: int
 ) -> Dialogue[tuple[Found | None, Chatter | None]]:
-    """Listen to a line that talks at all speeds, last at the first one again; the device, or the most that was heard.
+    """Listen at all speeds to a line that talks, at the `first` one last; the device, or the most that was heard.
 
-    Neither: it said something once, as a device does that starts, and has fallen silent.
+    Neither if it said something once, as a starting device does, and has fallen silent since.
     """
     noise = Chatter(b"", first, tuple(bauds))
     for baud in (*(other for other in bauds if other != first), first):
@@ -221,24 +122,17 @@ def _listen_at_all(
             return found, None
         if not heard:
             return None, None
-        noise = max(noise, replace(noise, heard=heard, baud=baud), key=_worth)
+        noise = max(noise, replace(noise, heard=heard, baud=baud), key=lambda chatter: chatter.worth)
     return None, noise
 
 
-def _worth(chatter: Chatter) -> tuple[bool, int]:
-    """For choosing what to show: what makes sense before garbage, much before little."""
-    heard = chatter.heard
-    sensible = len(heard) >= CHATTER and (_text_share(heard) >= TEXT_SHARE or bool(_foreign(heard)))
-    return sensible, len(heard)
-
-
-def _ask(speeds: Mapping[AnyDriver, Sequence[int]]) -> Dialogue[Found | Echo | None]:
-    """Every driver at its likeliest speed, at leisure, then every driver at its second."""
+def _ask(speeds: Mapping[AnyDriver, Sequence[int]], hurry: bool) -> Dialogue[Found | Echo | None]:
+    """Every driver at its likeliest speed, with all its questions unless in a hurry; then its second, and so on."""
     for rank, of_rank in enumerate(zip_longest(*speeds.values())):
         for driver, speed in zip(speeds, of_rank, strict=True):
             if speed:
                 yield Exchange(baud=speed, discard=True)
-                found = yield from _unless_echoed(driver.identify(), speed, hurry=rank > 0)
+                found = yield from _unless_echoed(driver.identify(), speed, hurry or rank > 0)
                 if isinstance(found, Echo):
                     return found
                 if found:
@@ -247,9 +141,10 @@ def _ask(speeds: Mapping[AnyDriver, Sequence[int]]) -> Dialogue[Found | Echo | N
 
 
 def _at_any_speed(driver: AnyDriver, likeliest: int, speed: int) -> Dialogue[Found | None]:
-    """The device that answered at `speed`, if it answers at the likeliest one, too: a line without speeds carries it.
+    """The device that answered at `speed`, if it answers at the likeliest speed, too: then the line has no speed.
 
-    It was not ready when that was tried. At a speed that only happened to be tried then, its rate would be lowered.
+    On such a line (a pseudo-terminal) the device was merely not ready when the likeliest speed was tried. To keep the
+    speed at which it happened to answer would lower its sample rate for nothing.
     """
     if speed == likeliest:
         return None
@@ -262,7 +157,7 @@ def _at_any_speed(driver: AnyDriver, likeliest: int, speed: int) -> Dialogue[Fou
 
 
 def _unless_echoed(dialogue: Dialogue[Found | None], baud: int, hurry: bool) -> Dialogue[Found | Echo | None]:
-    """The dialogue, until several of its commands in a row are answered by themselves; in a `hurry` the needful."""
+    """The dialogue, given up once `ECHOES` commands in a row came back unchanged. hurry: without spare exchanges."""
     echoes = 0
     try:
         exchange = next(dialogue)

@@ -15,10 +15,10 @@ from .spi import Bus, Fetch
 class Exchange:
     """Send, then listen. The transport answers with the bytes received meanwhile.
 
-    baud: change the line's speed first. discard: throw away what is waiting in the input first. spi: on such a line,
-    set the bus up first, or begin to fetch samples; `send` then are 16-bit words, and what is heard their answers.
-    listen_s: longest time to listen. enough: stop earlier when this is true of the bytes so far. spare: who has other
-    things to try may leave it out, as if nothing had been heard.
+    baud: change the line's speed first. discard: throw away what is waiting in the input first. listen_s: longest time
+    to listen. enough: stop earlier when this is true of the bytes so far. spare: a caller with other things to try may
+    skip this exchange, as if nothing had been heard. spi: on an SPI line, set the bus up first, or begin to fetch
+    samples; there `send` holds 16-bit words, and what is heard are their answers.
     """
 
     send: bytes = b""

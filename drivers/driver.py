@@ -1,7 +1,7 @@
 """What a driver is: the two protocols behind which every device stands, and the frozen values they exchange.
 
 A driver knows its device's data sheet. It opens no port and reads no clock: conversations are dialogues
-(`dialogue.py`) that somebody else runs, decoders are fed with bytes.
+(`dialogue.py`) that a transport runs, decoders are fed with bytes.
 """
 
 import math
@@ -45,14 +45,15 @@ class Unsupported:
 
 @dataclass(frozen=True)
 class Options:
-    """What the user wants of the device. readonly: write nothing to it, take what it sends by itself."""
+    """What the user wants of the device. readonly: write nothing to it, use what it sends by itself."""
 
     rate_hz: float = 1000.0
     readonly: bool = False
-    model: str = ""  # which it is, where a device that must not be asked does not tell
+    model: str = ""  # for a device that must not be asked and whose stream does not tell its model
     polled: bool = False  # have an inertial sensor send each sample only when asked, if it can; not if readonly
     filter_taps: int = 0  # of an inertial sensor's moving average; 0: as few as the rate allows, least delay
     self_test: bool = False  # have an inertial sensor test itself first; it must be at rest
+    unchecked: bool = False  # a receiver's messages may lack checksums
     fix_rate_hz: float = 0.0  # a receiver may be set up for so many fixes per second; 0: it is left as it is
 
 
@@ -102,11 +103,11 @@ class Driver(Protocol):
 
     @property
     def patience_s(self) -> float:
-        """A healthy device of this driver that speaks by itself has said something recognisable by then."""
+        """Within this time a healthy device that speaks by itself has said something recognisable."""
 
     @property
     def interrupts(self) -> bool:
-        """Whether `identify` may be asked of a device that streams. If not, a byte would do harm, or no good."""
+        """Whether `identify` may be run on a device that streams. If not, the bytes sent would do harm, or nothing."""
 
     def recognise(self, heard: bytes) -> Identity | Unsupported | None:
         """The device, if `heard` is what it says by itself at the right speed."""
@@ -182,16 +183,16 @@ class GnssDriver(Driver, Protocol):
     def kind(self) -> Literal["gnss"]:
         """The kind of device."""
 
-    def configure(self, identity: Identity, options: Options) -> Dialogue[GnssConfigured | None]:
+    def configure(self, identity: Identity, options: Options) -> Dialogue[GnssConfigured | Unsupported | None]:
         """Set the receiver up as far as its driver can. None: it stopped answering."""
 
-    def new_decoder(self) -> GnssDecoder:
-        """A fresh decoder."""
+    def new_decoder(self, unchecked: bool = False) -> GnssDecoder:
+        """A fresh decoder. unchecked: messages may lack the checksum that their protocol has."""
 
 
 @runtime_checkable
 class SpiDriver(Protocol):
-    """What a driver has besides if its devices speak SPI, too. `configure` then goes by `Identity.spi`."""
+    """What a driver offers in addition if its devices speak SPI, too. `configure` then goes by `Identity.spi`."""
 
     def identify_spi(self) -> Dialogue[Identity | Unsupported | None]:
         """Ask on an SPI line, as `identify` does on a serial one."""
@@ -209,16 +210,16 @@ class Done:
 class Service:
     """Something that a device does once, because a user asks for it, and that outlasts the connection."""
 
-    what: str  # it does, and what the user is to see to, for who must agree; {} is the value
-    unit: str  # of the value; s: it takes that long
+    what: str  # what it does and what the user must see to, shown before the user agrees; {} is the value
+    unit: str  # of the value; s means that the service takes that long
     values: Sequence[int]
-    usual: int | None  # None: the user is to name the value
-    act: Callable[[int], Dialogue[Done]]  # does it, and asks the device afterwards whether it is so
+    usual: int | None  # the default value; None: the user must name one
+    act: Callable[[int], Dialogue[Done]]  # does it, then asks the device whether it worked
 
 
 @runtime_checkable
 class ServiceDriver(Protocol):
-    """What a driver has besides if its devices do more than stream."""
+    """What a driver offers in addition if its devices do more than stream."""
 
     @property
     def services(self) -> Mapping[str, Service]:

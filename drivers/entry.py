@@ -1,9 +1,9 @@
-"""Entries: the kernels that Python calls while samples come, as machine code that numba is not needed for.
+"""Entries: the kernels that Python calls while samples come, as machine code that is loaded without numba.
 
 numba compiles an entry once, with all that it calls, and the object file is kept in the cache directory under the
-entry's name and the types of its arguments. From then on llvmlite alone loads it, in 2 ms, where numba takes 0.5 s to
-get ready for its own cache; and a call costs less, for there is one signature and nothing to choose. Within the
-object no function is visible but the entry: what cannot happen is left out, which is why a kernel must not raise.
+entry's name and the types of its arguments. From then on llvmlite alone loads it, in 2 ms, where importing numba and
+reading its own cache takes 0.5 s. A call is cheaper, too: there is one signature, so nothing is dispatched. Only the
+entry is visible in the object, so LLVM removes whatever cannot be reached; a kernel that may raise is refused.
 """
 
 import contextlib
@@ -38,11 +38,11 @@ class Entry(Kernel):
     """
 
     def __init__(self, function: Callable[..., Any], waits: bool = False) -> None:
-        """waits: other threads run meanwhile."""
+        """waits: release the GIL during a call, so that other threads run meanwhile."""
         super().__init__(function)
         self._interface = ctypes.CFUNCTYPE if waits else ctypes.PYFUNCTYPE
         self._kinds: tuple[Kind, ...] = ()
-        self._last: list[Callable[[], Any]] = []  # weak: who shares memory with arrays may wait for their end
+        self._last: list[Callable[[], Any]] = []  # weak: an array given once must not be kept alive
         self._words: list[int] = []
 
     def __call__(self, *arguments: Any) -> int:
@@ -57,7 +57,7 @@ class Entry(Kernel):
 
     @property
     def address(self) -> int:
-        """Of the machine code, for who calls it without Python. Its arguments must all be integers."""
+        """Address of the machine code, for callers that are compiled themselves. All arguments must be integers."""
         if not self._kinds:
             self._load((0,) * len(inspect.signature(self.py_func).parameters))
         return cast(int, self._library[_SYMBOL])
@@ -71,7 +71,7 @@ class Entry(Kernel):
         self._last, self._kinds = [_nothing] * len(kinds), kinds
 
     def _take(self, i: int, argument: Any) -> None:
-        """Remember an argument that is another than in the last call."""
+        """Remember an argument that differs from the one in the last call."""
         kind, place = self._kinds[i], self._places[i]
         if kind is None:
             self._words[place] = argument
@@ -83,7 +83,7 @@ class Entry(Kernel):
 
 
 def _nothing() -> None:
-    """A weak reference to what is no more."""
+    """Stands for a weak reference whose object is gone."""
 
 
 def entry(function: Function) -> Function:
@@ -92,12 +92,12 @@ def entry(function: Function) -> Function:
 
 
 def waiting_entry(function: Function) -> Function:
-    """An entry that waits: other threads run meanwhile."""
+    """An entry that releases the GIL: other threads run while it waits."""
     return cast(Function, Entry(function, waits=True))
 
 
 def _linked(kernel: Kernel, kinds: Sequence[Kind]) -> Any:
-    """The machine code in memory, as long as the result is kept. Compiled if the cache does not have it."""
+    """The machine code, loaded for as long as the result is kept. Compiled if the cache does not have it."""
     cache = os.environ.get("NUMBA_CACHE_DIR")
     path = Path(cache, _file_name(kernel, kinds)) if cache else None
     code = _kept(path) if path else None
@@ -148,7 +148,7 @@ def _keep(path: Path, code: bytes) -> None:
 
 
 def _compiled(kernel: Kernel, kinds: Sequence[Kind], cache: Path | None) -> bytes:
-    """The object code, made with what numba's own cache has, or without: a power cut may leave empty files there."""
+    """The object code. If numba fails, its own cache is emptied and it tries again: a power cut leaves empty files."""
     try:
         return _object_code(kernel, kinds)
     except Exception:

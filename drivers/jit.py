@@ -1,8 +1,8 @@
-"""The one way a kernel is compiled: nopython, cached on disk, IEEE division, no fast-math; and not before it must be.
+"""The one way a kernel is compiled: nopython, cached on disk, IEEE division, no fast-math, and as late as possible.
 
-Importing and waking numba takes longer than all the rest of a start, and what Python calls while samples come needs
-neither (see `entry`). So numba is imported when the first kernel is compiled, if one is.
-Nothing is cached unless the program has named a directory that fits its sources: numba would take stale code for fresh.
+Importing numba takes longer than all the rest of a start, and the kernels that Python calls while samples come do not
+need it (see `entry`). So numba is imported when the first kernel is compiled, if any is. Nothing is cached unless the
+program has named a cache directory for just these sources: numba itself would take stale machine code for fresh.
 """
 
 import functools
@@ -36,7 +36,7 @@ class Kernel:
 
     @property
     def _numba_type_(self) -> Any:
-        """What numba takes a kernel for that another one calls."""
+        """The type by which numba resolves a call of this kernel from another kernel."""
         return self.compiled._numba_type_
 
     def __call__(self, *arguments: Any) -> Any:
@@ -49,15 +49,15 @@ def kernel(function: Function) -> Function:
 
 
 def inlined(function: Function) -> Function:
-    """For a kernel with one caller that is compiled anyway: it becomes part of that, and is not compiled apart."""
+    """For a kernel with a single caller: it is compiled as a part of that caller, never on its own."""
     return cast(Function, Kernel(function, inline="always"))
 
 
 def unrolled(function: Function) -> Function:
-    """A kernel whose machine code is repeated wherever it is called: constant arguments make that short and fast."""
+    """A kernel that LLVM inlines at every call; for calls with constant arguments, which make it short and fast."""
     return cast(Function, Kernel(function, forceinline=True))
 
 
 def interpreted(function: Function) -> Function:
-    """The same function as Python runs it: for what is done once, at the start, and is not worth waking numba."""
+    """The plain Python function of a kernel: for what is done once at the start and is not worth importing numba."""
     return cast(Function, cast(Kernel, function).py_func)

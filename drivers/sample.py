@@ -1,8 +1,8 @@
 """The inertial sample: what every driver of an inertial sensor hands on, in SI units and the sensor's FRD axes.
 
 A level sensor at rest shows f = (0, 0, -g): specific force, not gravity. Drivers write rows of a preallocated
-array of `SAMPLE`; `t_ns` is left to the clock, which fits `tick` (counter wraps removed, lost samples counted) to the
-host's time, and the last flags to whoever judges the sensor's health.
+array of `SAMPLE`. `t_ns` is written later by the clock, which fits `tick` (counter wraps removed, lost samples counted)
+to the host's time; `unseen_s` and the flags from NO_RATE on are written by `imud/sensors/health.py`.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ SAMPLE = np.dtype(
         ("down", "<f8", (3,)),  # unit vector down as the device itself computed it; zeros where it does not
         ("temperature", "<f8"),  # degC, NaN where the sensor has none
         ("flags", "<i8"),  # bits below
-        ("unseen_s", "<f8"),  # s for which rates, or forces, have told nothing; written by the judge of health
+        ("unseen_s", "<f8"),  # s since rates, or forces, were last credible; written by the judge of health
     ],
     align=True,
 )

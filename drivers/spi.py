@@ -1,4 +1,4 @@
-"""What a driver tells an SPI line: how the bus is set up, and how a sample is fetched. Values only."""
+"""What an SPI port must know of a device: how the bus is set up, and how a sample is fetched. Values only."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ WORD_BITS = 16
 
 @dataclass(frozen=True)
 class Bus:
-    """How words are exchanged until further notice."""
+    """How words are exchanged, until another `Bus` is set."""
 
     mode: int  # clock polarity and phase, 0 to 3
     clock_hz: int
@@ -25,21 +25,21 @@ class Cycle:
 
 @dataclass(frozen=True)
 class Fetch:
-    """How one sample is fetched. The line does so whenever one is due, from the time this is given to it.
+    """How one sample is fetched. From the moment a port is given this, it fetches a sample whenever one is due.
 
-    The answers to `cycles`, two bytes each, become what `ImuDriver.decode` takes by `frame`; which makes nothing of
-    them if they are not of one sample.
+    `frame` turns the answers to `cycles`, two bytes each, into bytes for `ImuDriver.decode`; into none if the answers
+    do not belong to one sample.
     """
 
     clock_hz: int
     cycles: tuple[Cycle, ...]
-    gate: int  # the cycle whose answer tells whether there is a new sample; if not, the others are left out
+    gate: int  # index of the cycle whose answer tells whether there is a new sample; if not, the rest are left out
     is_new: Callable[[bytes], bool]  # of that answer
-    capture: int  # the cycle with which the sample is chosen that is fetched
+    capture: int  # index of the cycle at which the device latches the sample
     frame: Callable[[bytes], bytes]
     period_ns: int  # between samples, nominal
 
     def bus_ns(self, first: int = 0) -> int:
-        """Time on the bus from a cycle on."""
+        """Time on the bus of the cycles from `first` on."""
         wire_ns = WORD_BITS * 1_000_000_000 // self.clock_hz
         return sum(wire_ns + 1000 * cycle.stall_us for cycle in self.cycles[first:])

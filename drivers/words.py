@@ -9,7 +9,7 @@ from .jit import kernel
 
 @kernel
 def byte(rx: Any, i: int) -> int:
-    """The byte at i >= 0. An unsigned index cannot count from the end, which would have to be looked into each time."""
+    """The byte at i >= 0. An unsigned index spares numba the check for one that counts from the end."""
     return int(np.int64(rx[np.uint64(i)]))
 
 

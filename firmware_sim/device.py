@@ -1,4 +1,4 @@
-"""What every emulated device is to the outside: something on a serial line that is told the time."""
+"""The interface of every emulated device: something on a serial line to which the time is passed in."""
 
 from typing import Protocol
 
@@ -15,7 +15,7 @@ class Device(Protocol):
         ...
 
     def advance(self, t: float) -> None:
-        """Do what was due until time `t`."""
+        """Do everything that is due until time `t`."""
         ...
 
     def deadline(self) -> float:

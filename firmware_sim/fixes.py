@@ -1,4 +1,4 @@
-"""What a satellite receiver finds out: fixes with the errors of a single-frequency receiver, from a true motion.
+"""What a satellite receiver measures: fixes of a true motion with the errors of a single-frequency receiver.
 
 Position errors are first-order Gauss-Markov (atmosphere, multipath) plus a little white noise, as receivers filter.
 """

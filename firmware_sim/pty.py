@@ -80,7 +80,7 @@ class Pty:
         self.write(data)
 
     def _set_speed(self, baud: int) -> None:
-        """Until a host sets its own speed the device is understood, so that `cat` works."""
+        """Set the device's own speed, so that `cat` understands it until a host sets another."""
         attributes = termios.tcgetattr(self._slave)
         attributes[4] = attributes[5] = _CODES[baud]
         termios.tcsetattr(self._slave, termios.TCSANOW, attributes)

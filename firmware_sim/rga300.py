@@ -44,7 +44,7 @@ _log = logging.getLogger("firmware_sim.rga300")
 
 @dataclass(frozen=True)
 class Reading:
-    """One packet's content. gravity: as the unit sees it, +1 g on z when level (x y z, m/s^2)."""
+    """The content of one packet. gravity: as the unit sees it, +1 g on z when level (x y z, m/s^2)."""
 
     roll: float  # rad
     pitch: float

@@ -7,8 +7,9 @@ import pytest
 from emulated import streaming
 from scripted import G350, Mute, Speaker, Windowed, run
 
-from drivers.detect import Chatter, Echo, Silence, detect
-from drivers.driver import Identity, Unsupported
+from drivers.detect import detect
+from drivers.driver import GnssConfigured, Identity, Options, Unsupported
+from drivers.findings import Chatter, Echo, Silence
 from drivers.registry import by_name, drivers, names
 
 BURST = (
@@ -31,7 +32,7 @@ def test_the_registry_finds_every_driver_by_its_folder():
 def test_a_silent_imu_is_asked_at_every_speed(baud):
     found, seconds = run(detect(), G350(baud))
     assert found == Identity("epson", "M-G350", "A0000123", "0113", baud, "m-g350")
-    assert seconds < (2.0 if baud == 460800 else 4.0)
+    assert seconds < (2.2 if baud == 460800 else 4.0)
 
 
 @pytest.mark.parametrize("boot_s", [0.8, 2.0, 3.0])
@@ -190,8 +191,13 @@ def test_damaged_sentences_are_shown_as_they_are():
 @pytest.mark.parametrize("talker", ["GP", "BD", "II"])
 def test_sentences_without_checksums_are_called_that(talker):
     bare = f"${talker}GGA,092750.000,5321.6802,N,00630.3372,W,1,8,1.03,61.7,M,55.2,M,,\r\n"
-    found, _ = run(detect(), Speaker(9600, bare.encode()))
-    assert "NMEA sentences without checksums" in str(found)
+    line = Speaker(9600, bare.encode())
+    found, _ = run(detect(), line)
+    assert (found.model, found.baud) == ("NMEA receiver without checksums", 9600)
+    driver = by_name(found.driver)
+    refused, _ = run(driver.configure(found, Options()), line)
+    assert isinstance(refused, Unsupported) and "gnss.require_checksum=false" in str(refused)
+    assert isinstance(run(driver.configure(found, Options(unchecked=True)), line)[0], GnssConfigured)
 
 
 @pytest.mark.parametrize("begin, whose", [("b562 0107 5c00", "u-blox"), ("a0a2 005b", "SiRF")])

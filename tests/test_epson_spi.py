@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from spi_memory import DPS, Constant, G, Memory, golden
 
-from drivers.detect import NoAnswer, detect_spi
+from drivers.detect import detect_spi
 from drivers.dialogue import Exchange
 from drivers.driver import Identity, Options
 from drivers.epson.dialects import FLAT, NARROW, WIDE, WINDOWED
@@ -14,6 +14,7 @@ from drivers.epson.driver import DRIVER
 from drivers.epson.registers import Register
 from drivers.epson.spi import fetch, over_spi, spi_carries
 from drivers.epson.talk import ask_once, put
+from drivers.findings import NoAnswer
 from drivers.sample import SAMPLE
 from drivers.spi import Bus
 from firmware_sim.g350 import G350, TAPS_V340

@@ -109,8 +109,13 @@ def test_a_log_of_which_nothing_is_used_says_why(tmp_path):
     assert len(fixes_of_log(log, 0, 0, Gnss(), told.append)) == 1
     assert told[0].startswith("1 of 2 fixes are not used: quality 6 (dead reckoning by the receiver)")
     log.write_bytes(gga().split(b"*")[0] + b"\r\n")
-    with pytest.raises(BadDataError, match="no fix in it; 1 x no checksum, which imud does not trust"):
+    with pytest.raises(BadDataError, match=r"no fix in it; 1 x no checksum: .* gnss\.require_checksum=false"):
         fixes_of_log(log, 0, 0, Gnss())
+    assert len(fixes_of_log(log, 0, 0, Gnss(require_checksum=False))) == 1
+    log.write_bytes(gga()[:-2])
+    assert len(fixes_of_log(log, 0, 0, Gnss())) == 1
+    log.write_bytes(gga() + gga("120001.000")[:30])
+    assert len(fixes_of_log(log, 0, 0, Gnss(require_checksum=False))) == 1
 
 
 _LOG = b"".join(gga(f"1200{second:02}.000") for second in range(4))

@@ -149,6 +149,15 @@ def test_vtg_in_its_forms():
     assert (knots.speed_mps, knots.course_deg) == (float(Fraction("5.5") * 1852 / 3600), 0.0)
 
 
+def test_sentences_without_checksums_only_for_who_wants_them():
+    bare = gga()[:-5] + b"\r\n"
+    damaged = gga().replace(b"4807", b"4808")
+    for data, taken in ((bare, 1), (bare.replace(b"4807", b"4860"), 0), (damaged, 0), (bare[:-2] + b"$", 0)):
+        for unchecked in (False, True):
+            decoder = DRIVER.new_decoder(unchecked)
+            assert len(decoder.feed(data, 1) + decoder.flush(1 << 62)) == taken * unchecked
+
+
 REFUSED = {
     "checksum": gga().replace(b"4807", b"4808"),
     "no checksum": gga()[:-5] + b"\r\n",

@@ -1,8 +1,4 @@
-"""The serial accelerometer: lines to samples, recognition, and a dialogue that never writes into a stream.
-
-Golden lines: design/protocols.md §3, of which the first stands in Prasanna's report. Oracle on other streams: exact
-fractions in plain Python.
-"""
+"""The serial accelerometer's lines to samples. Oracle on other than the golden lines: exact fractions in Python."""
 
 import math
 from fractions import Fraction
@@ -20,21 +16,14 @@ from framer_properties import (
 )  # fmt: skip
 from hypothesis import example, given
 from hypothesis import strategies as st
-from scripted import Line, Mute, Speaker, run
+from seraccel_lines import BINARY, GOLDEN, RAW, SUCCESSOR, raw
 
-from drivers.detect import Chatter, detect
-from drivers.driver import Identity, ImuConfigured, Options
-from drivers.epson.driver import DRIVER as EPSON
+from drivers.driver import Identity, ImuConfigured
 from drivers.sample import SATURATED, SUSPECT
 from drivers.seraccel.driver import DRIVER
 from drivers.seraccel.ranges import RANGES
-from firmware_sim.uart import mishear
 
 G = 9.80665
-GOLDEN = b"X=-0.501 Y=-0.007 Z= 0.082\r\n"  # Prasanna, "Output Modes"
-SUCCESSOR = b" 0.01\t-0.02\t 1.00\n\r"
-RAW = b"0512\t0498\t0760\n\r"
-BINARY = b"#\x02\x00\x01\xf2\x02\xf8$"  # the same counts
 
 
 def configured(model="SerAccel (±1.5 g)"):
@@ -136,10 +125,6 @@ COUNTS = st.tuples(*[st.integers(0, 1023)] * 3)
 
 def gravity(values, end=b"\n"):
     return b"X=%s Y=%s Z=%s" % tuple(b"% .3f" % (value / 1000) for value in values) + end
-
-
-def raw(counts, end=b"\n"):
-    return b"%04d\t%04d\t%04d" % counts + end
 
 
 def binary(counts):
@@ -248,6 +233,11 @@ def test_widths_that_vary_are_no_damage():
     assert set(decoder().feed(b"".join(lines)).flags) == {0}
 
 
+def test_a_board_without_a_column_for_signs_is_learned():
+    lines = [b"%.3f\t-0.100\t1.000\n\r" % (0.05 * (-1) ** (k % 10 == 9)) for k in range(100)]
+    assert [k for k, flag in enumerate(decoder().feed(b"".join(lines)).flags) if flag] == [18, 28]
+
+
 def test_another_width_is_learned():
     lines = [gravity((0, 0, 1000))] * 20 + [b" 0.00\t 0.00\t 1.00\n"] * 20
     assert decoder().feed(b"".join(lines)).flags[-15:] == [0] * 15
@@ -258,162 +248,3 @@ def test_the_end_of_the_range_is_marked():
     assert decoder().feed(b"".join(lines)).flags == [0, 0, 0, SATURATED, SATURATED]
     unknown = decoder(model="SerAccel").feed(b"".join(lines))
     assert unknown.flags == [0] * 5
-
-
-# --- recognition and dialogue ---
-
-MENU = (  # the successor's words, shortened
-    b"--- Serial Accelerometer Dongle MMA7361 ---\n\r          Firmware Version 6.0\n\n\r"
-    b"[2] Output Mode (Gravity Values)\n\r[4] Sensor Range (+/- 1.5g)\n\r[x] Exit\n\rSelection: "
-)
-
-
-@pytest.mark.parametrize(
-    "heard",
-    [GOLDEN[5:] + GOLDEN + GOLDEN[:9], SUCCESSOR * 5, RAW * 5, BINARY * 6, BINARY[3:] + BINARY * 7, MENU, MENU[60:]],
-)
-def test_the_board_is_recognised(heard):
-    found = DRIVER.recognise(heard)
-    assert (found.driver, found.profile) == ("seraccel", "mma7260")
-    assert found.firmware == ("6.0" if b"Firmware Version" in heard else "")
-    assert EPSON.recognise(heard * 20) is None
-
-
-@pytest.mark.parametrize(
-    "heard",
-    [
-        b"",
-        GOLDEN[:-2],
-        SUCCESSOR + b"hello\n" + SUCCESSOR * 2,
-        b"$GPGGA,081437.000,5212.981473,N,00653.102458,E,1,3,2.88,102.907,M,47.093,M,,*5E\r\n" * 3,
-        b"Selection: ",
-        b"1.0 2.0 3.0 4.0\n" * 9,
-        bytes(range(256)) * 4,
-        BINARY * 3,
-    ],
-)
-def test_others_are_not(heard):
-    assert DRIVER.recognise(heard) is None
-
-
-class Board(Line):
-    """The firmware of the successor as protocols.md §3 tells it: menu, `x`, any byte stops."""
-
-    def __init__(self, baud=57600, line=GOLDEN, rate_hz=50.0, streaming=False, menu=MENU):
-        super().__init__(baud)
-        self.line, self.rate_hz, self.streaming, self.menu = line, rate_hz, streaming, menu
-        self.next_s = 0.0
-        self.into_stream = b""  # what the host should not have written
-
-    def hear(self, data):
-        if self.streaming:
-            self.into_stream += data
-        if data and self.host_baud != self.baud:
-            data = mishear(data, self.host_baud, self.baud)
-        self.written += data
-        self.receive(data)
-
-    def receive(self, data):
-        for byte in data:
-            if self.streaming or byte not in b"xX":
-                self.streaming = False
-                self.say(self.menu)
-            else:
-                self.streaming, self.next_s = True, self.now_s + 0.03
-                self.say(b"x\n\n\r")
-
-    def pass_time(self, seconds):
-        super().pass_time(seconds)
-        while self.streaming and self.now_s >= self.next_s:
-            self.next_s += 1.0 / self.rate_hz
-            self.say(self.line)
-
-
-def configure(device, **options):
-    device.host_baud = device.baud
-    return run(DRIVER.configure(Identity("seraccel", "SerAccel", baud=device.baud), Options(**options)), device)[0]
-
-
-@pytest.mark.parametrize("baud", [57600, 38400, 19200, 9600])
-@pytest.mark.parametrize("line", [GOLDEN, SUCCESSOR, RAW, BINARY])
-def test_a_running_stream_is_found_and_never_written_into(baud, line):
-    device = Board(baud, line, streaming=True, rate_hz=30.0)
-    found, seconds = run(detect(), device)
-    assert (found.driver, found.baud) == ("seraccel", baud)
-    result = configure(device)
-    assert result.rate_hz == pytest.approx(30.0, rel=0.03)
-    assert result.gyro_axes == (False, False, False)
-    assert result.frame_bytes == len(line)
-    assert device.into_stream == b""
-    assert seconds < 12.0
-
-
-@pytest.mark.parametrize("baud", [57600, 38400, 19200, 9600])
-def test_a_board_in_its_menu_is_found_and_started(baud):
-    device = Board(baud)
-    found, _ = run(detect("seraccel"), device)
-    assert (found.driver, found.baud, found.firmware) == ("seraccel", baud, "6.0")
-    result = configure(device)
-    assert (result.identity.model, result.rate_hz) == ("SerAccel (±1.5 g)", pytest.approx(50.0, rel=0.03))
-    assert device.streaming
-    assert device.into_stream == b""
-
-
-def test_every_driver_asking_does_not_disturb_it_for_good():
-    device = Board()
-    found, seconds = run(detect(), device)
-    assert found.driver == "seraccel"
-    assert configure(device).rate_hz == pytest.approx(50.0, rel=0.03)
-    assert device.into_stream == b""
-    assert seconds < 8.0
-
-
-@pytest.mark.parametrize(("rate_hz", "told"), [(1.0, 1.0), (3.0, 3.0), (7.0, 7.0), (125.0, None)])
-def test_the_rate_is_what_is_heard(rate_hz, told):
-    result = configure(Board(streaming=True, rate_hz=rate_hz))
-    assert result.rate_hz == (told if told else pytest.approx(rate_hz, rel=0.02))
-    assert result.period_ns == pytest.approx(1e9 / result.rate_hz)
-    assert result.delay_ns == pytest.approx(1_060_000 + len(GOLDEN) * 10e9 / 57600, abs=2)
-
-
-@pytest.mark.parametrize("row", RANGES, ids=lambda row: f"{row.g:g} g")
-def test_the_range_of_counts_is_told_by_the_menu_or_else_judged_by_gravity(row):
-    line = raw((512, 511, round((1650 + row.mv_per_g) * 1023 / 3300)), b"\n\r")
-    menu = MENU.replace(b"1.5g", b"%.1fg" % row.g)
-    assert configure(Board(line=line, menu=menu)).identity.model == row.model
-    judged = configure(Board(line=line, streaming=True))
-    assert judged.identity.model == row.model
-    assert f"±{row.g:g} g" in judged.warnings[0]
-
-
-def test_readonly_writes_nothing():
-    waiting = Board()
-    assert configure(waiting, readonly=True) is None
-    assert waiting.written == b""
-    assert configure(Board(streaming=True), readonly=True).rate_hz == pytest.approx(50.0, rel=0.03)
-
-
-@pytest.mark.parametrize("device", [Mute(57600), Speaker(57600, b"hello, I am a coffee machine\r\n", period_s=0.05)])
-def test_what_does_not_play_along_is_not_configured(device):
-    assert configure(device) is None
-    assert b"x" not in device.written
-
-
-def test_a_stranger_that_talks_is_not_written_to():
-    device = Speaker(57600, b"hello, I am a coffee machine\r\n", period_s=0.05)
-    assert isinstance(run(detect("seraccel"), device)[0], Chatter)
-    assert device.written == b""
-
-
-def test_an_unknown_menu_is_not_left():
-    device = Board(menu=b"[1] Coffee\r\n[x] Exit\r\nSelection: ")
-    device.host_baud = device.baud
-    assert run(DRIVER.identify(), device)[0] is None
-    assert b"x" not in device.written
-
-
-def test_the_probe_means_nothing_in_the_menu_however_it_is_misheard():
-    heard = {
-        byte for talker in DRIVER.bauds for listener in DRIVER.bauds for byte in mishear(b"\xff", talker, listener)
-    }
-    assert not heard & set(range(0x20, 0x7F))

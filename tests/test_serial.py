@@ -8,6 +8,7 @@ import subprocess
 import sys
 import termios
 import threading
+import time
 import tty
 from pathlib import Path
 
@@ -62,6 +63,18 @@ def holding(path, how):
 def end(process):
     process.kill()
     process.communicate()
+
+
+def test_bytes_are_never_stamped_earlier_than_they_were_sent(pty):
+    """Though the host woke up, was kept from running, and reads what came meanwhile, too."""
+    port, room = pty.open(), memoryview(bytearray(100))
+    woke_ns = time.monotonic_ns()
+    os.write(pty.master, b"later")
+    sent_ns = time.monotonic_ns()
+    wait_readable(port.fd)
+    received, arrival_ns = port.receive(room, woke_ns)
+    assert received == 5 and sent_ns <= arrival_ns <= time.monotonic_ns()
+    port.close()
 
 
 def test_bytes_pass_unchanged_both_ways(pty):

@@ -32,7 +32,7 @@ from .packet import (
     word,
 )
 from .services import SERVICES
-from .talk import ask_packets, describe, ping, unsupported
+from .talk import ask_packets, describe, pace, ping, unsupported
 from .timer import spacing_ns
 
 START_S = 0.2
@@ -41,6 +41,7 @@ TURN_S = 1e-3  # from a request to its answer, at most
 PART_NUMBER = 300
 ABILITIES = (False, False, True), RANGE_LSB * RATE_SCALE, RANGE_LSB * ACCEL_SCALE  # gyro axes; ranges
 BAUD = 38400
+DUMB = "it sends nothing by itself: it is asked for each packet"
 
 
 class Crossbow:
@@ -79,32 +80,33 @@ class Crossbow:
             if found is not None:  # else it may stream without listening
                 identity = replace(found, baud=identity.baud)
         if polled:
-            return self._polled(identity, options.rate_hz, (yield from ask_packets(SURE + 1)))
+            return (yield from self._polled(identity, options.rate_hz))
         if not options.readonly:
             yield Exchange(b"C", START_S, discard=True)
         heard = yield Exchange(listen_s=RATE_S, discard=True)
         summed = convention(heard)
         starts = scan(heard, summed or 0)
         if summed is None or len(starts) < 2:
-            return None
+            return None if options.readonly else (yield from self._polled(identity, options.rate_hz, (DUMB,)))
         timers = [word(heard, p + TIMER) for p in starts]
         rate_hz = neat(1e9 / spacing_ns(timers, RATE_S * 1e9 / len(starts)))
         wire_ns = round(LENGTH * 10 / (identity.baud or BAUD) * 1e9)
         warnings = oddities(heard[starts[-1] :], summed)
         return ImuConfigured(identity, rate_hz, TICK_NS, wire_ns, LENGTH, warnings, *ABILITIES)
 
-    def _polled(self, identity: Identity, wanted_hz: float, heard: bytes) -> ImuConfigured | None:
-        """What `configure` finds in packets that were asked for."""
+    def _polled(
+        self, identity: Identity, wanted_hz: float, warnings: tuple[str, ...] = ()
+    ) -> Dialogue[ImuConfigured | None]:
+        """As `configure`, for a unit that is asked for each packet."""
+        heard = yield from ask_packets(SURE + 1)
         summed = convention(heard)
         if summed is None:
             return None
         wire_s = (1 + LENGTH) * 10 / (identity.baud or BAUD)
-        rate_hz = min(wanted_hz, neat(1.0 / (wire_s + TURN_S)))
-        warnings = oddities(heard[scan(heard, summed)[-1] :], summed)
+        rate_hz = neat((yield from pace(min(wanted_hz, neat(1.0 / (wire_s + TURN_S))))))
+        warnings += oddities(heard[scan(heard, summed)[-1] :], summed)
         if rate_hz < wanted_hz:
-            warnings += (
-                f"{wanted_hz:g} samples/s wanted, {rate_hz:g} can be asked for at {identity.baud or BAUD} baud",
-            )
+            warnings += (f"{wanted_hz:g} samples/s wanted, {rate_hz:g} can be asked for",)
         ask = Request(b"G", round(1e9 / rate_hz))
         return ImuConfigured(identity, rate_hz, TICK_NS, round(wire_s * 1e9), LENGTH, warnings, *ABILITIES, ask)
 
@@ -123,7 +125,7 @@ class Crossbow:
 
 
 def neat(rate_hz: float) -> float:
-    """Rounded, so that one unit has the same rate each time."""
+    """Rounded, so that the same unit gets the same rate at each start."""
     return float(round(rate_hz)) if rate_hz >= 10.0 else round(rate_hz, 1)
 
 

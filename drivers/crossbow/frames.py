@@ -1,9 +1,10 @@
 """Packets of the RGA300CA: bytes to samples.
 
-A packet is a header and a checksum that fits. Whatever is none is left by one byte only, so that a good packet inside
-a bad one is found; it is delivered with its last byte. A sum of bytes is a weak checksum, so the values are judged as
-well. Another convention of the checksum is taken after `SURE` packets in sequence that fit it while none fitted the
-present one. Every decision is a function of the bytes alone, never of the chunks in which they came.
+A packet has the header, and a checksum that fits. Anything else is skipped one byte at a time, so that a good packet
+inside a bad one is found; a packet is delivered as soon as its last byte is there. A sum of bytes is a weak checksum,
+so the values are judged as well. The decoder changes to another convention of the checksum after `SURE` packets in
+sequence that fit it while none fitted the present one. Decisions depend on the bytes alone, never on the chunks in
+which they came.
 """
 
 import math
@@ -114,7 +115,7 @@ def skip(s: Any) -> None:
 
 @kernel
 def settle(s: Any) -> None:
-    """A packet by the present convention: nothing speaks for another one."""
+    """A packet fits the present convention: forget what spoke for another one."""
     for i in range(len(s.runs)):
         s.runs[i] = 0
     s.gap = 0

@@ -44,6 +44,11 @@ def word(data: bytes, at: int) -> int:
     return int.from_bytes(data[at : at + 2], "big")
 
 
+def signed(data: bytes, at: int) -> int:
+    """Two's complement big-endian word."""
+    return int.from_bytes(data[at : at + 2], "big", signed=True)
+
+
 def checksums(body: bytes) -> tuple[int, int, int, int]:
     """The checksum of an even number of bytes by each of `CONVENTIONS`."""
     total, words = sum(body), sum(word(body, i) for i in range(0, len(body), 2))

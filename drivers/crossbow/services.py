@@ -6,7 +6,7 @@ from statistics import fmean, pstdev
 from ..dialogue import Dialogue
 from ..driver import Done, Identity, Service
 from .hearing import convention, scan
-from .packet import ACCEL, ACCEL_SCALE, RATE_SCALE, YAW_RATE, word
+from .packet import ACCEL, ACCEL_SCALE, RATE_SCALE, YAW_RATE, signed
 from .talk import ask_packets, change_baud, describe, find_zero
 
 NAME = "crossbow"
@@ -19,7 +19,7 @@ BAUDS = (9600, 19200, 38400, 57600)
 
 
 def look() -> Dialogue[float | str]:
-    """What the gyro reads at rest (deg/s), or why that is not known. Leaves the unit polled."""
+    """What the gyro reads at rest (deg/s), or in words why it cannot be told. Leaves the unit in polled mode."""
     heard = yield from ask_packets(LOOKS)
     summed = convention(heard)
     if summed is None:
@@ -30,11 +30,6 @@ def look() -> Dialogue[float | str]:
     if pstdev(rates) > STILL_DPS or pstdev(forces) > STILL_MPS2 or abs(fmean(rates)) > TURNING_DPS:
         return "it is not at rest: put it where nothing moves it, and try again"
     return fmean(rates)
-
-
-def signed(data: bytes, at: int) -> int:
-    """Big-endian word."""
-    return (word(data, at) ^ 0x8000) - 0x8000
 
 
 def zero(seconds: int) -> Dialogue[Done]:

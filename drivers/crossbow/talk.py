@@ -12,10 +12,9 @@ from .hearing import RELATIVES, is_stream, without_packets
 from .packet import CONVENTIONS, HEADER, LENGTH, is_packet
 
 QUIET_S = 0.05  # after P, until the last packet is through
-ANSWER_S = 0.1
-PACKET_S = 0.15
-STREAM_S = 0.3
-TEXT_S = 0.3
+FIRST_ANSWER_S, LATE_S = 0.1, 0.15  # most often waited for on a line with no unit at its end
+ANSWER_S = 0.6  # to anything: a unit takes milliseconds, a stand-in or a line through a network longer
+PACED, PACE_TRIES, SLOWEST_HZ = 8, 2, 1.0  # requests that show whether a unit keeps up
 TRIES = 3
 STRANGE_S = 0.05  # in which a longer packet than the RGA's would go on
 ZERO_S = 0.5  # at most, for a hundred samples: VRPN found 3 to 4 ms each
@@ -31,12 +30,18 @@ def ping() -> Dialogue[bool]:
     """Whether something here answers as a DMU does, and is quiet otherwise."""
     for _ in range(TRIES):
         yield from stop()
-        heard = yield Exchange(b"R", ANSWER_S, enough=lambda heard: heard == b"H", discard=True)
+        heard = yield Exchange(b"R", FIRST_ANSWER_S, enough=is_pong, discard=True)
+        heard = heard or (yield Exchange(listen_s=LATE_S, enough=is_pong, spare=True))
         if heard.strip() == b"H":
             return True
         if not heard:
             return False
     return False
+
+
+def is_pong(heard: bytes) -> bool:
+    """Whether this is the answer to R."""
+    return heard == b"H"
 
 
 def serial_number() -> Dialogue[str]:
@@ -59,7 +64,7 @@ def plain(reply: bytes) -> str:
 def version() -> Dialogue[str]:
     """The unit's own description; empty if it gives none."""
     for command in (b"v", b"V"):
-        reply = yield Exchange(command, TEXT_S, enough=lambda heard: b"$" in heard or HEADER in heard, discard=True)
+        reply = yield Exchange(command, ANSWER_S, enough=lambda heard: b"$" in heard or HEADER in heard, discard=True)
         if text := plain(reply.partition(b"$")[0].partition(HEADER)[0].removeprefix(b"\xff")):
             return text
     return ""
@@ -69,21 +74,39 @@ def ask_packets(n: int) -> Dialogue[bytes]:
     """What a polled unit answers to so many requests for a packet; nothing if the first is not answered."""
     heard = b""
     for _ in range(n):
-        answer = yield Exchange(b"G", PACKET_S, enough=lambda answer: len(answer) >= LENGTH, discard=True)
+        answer = yield Exchange(b"G", ANSWER_S, enough=lambda answer: len(answer) >= LENGTH, discard=True)
         if not answer:
             break
         heard += answer
     return heard
 
 
+def pace(wanted_hz: float) -> Dialogue[float]:
+    """The rate at which a polled unit has answered each request before the next: at a higher one it would fall behind.
+
+    The wanted one, or a half, a quarter … of it.
+    """
+    rate_hz = wanted_hz
+    while rate_hz > SLOWEST_HZ:
+        for _ in range(PACE_TRIES):
+            heard = b""
+            for _ in range(PACED):
+                heard += yield Exchange(b"G", 1.0 / rate_hz)
+            if len(heard) >= PACED * LENGTH:
+                return rate_hz
+            yield Exchange(listen_s=ANSWER_S)  # what is late
+        rate_hz *= 0.5
+    return rate_hz
+
+
 def describe(name: str) -> Dialogue[Identity | Unsupported | None]:
     """Who answers: a packet tells. None: nothing that is known."""
-    packet = yield Exchange(b"G", PACKET_S, enough=lambda heard: len(heard) >= LENGTH, discard=True)
+    packet = yield Exchange(b"G", ANSWER_S, enough=lambda heard: len(heard) >= LENGTH, discard=True)
     heard = b""
     if len(packet) >= LENGTH:
         packet += yield Exchange(listen_s=STRANGE_S)
     else:
-        heard = yield Exchange(b"C", STREAM_S, enough=is_stream, discard=True)
+        heard = yield Exchange(b"C", ANSWER_S, enough=is_stream, discard=True)
         yield from stop()
     serial = yield from serial_number()
     firmware = yield from version()

@@ -1,9 +1,10 @@
 """From the device's COUNT word to ticks: sample periods since the first sample, wraps removed, lost samples counted.
 
-What one sample adds to COUNT differs between models and rates (1, 2, 20, …), so it is learned as the modal difference.
-A jump of COUNT is believed once `CONFIRMED` frames go on from it, since an odd value may be damage, past a checksum of
-16 bits too, and two in sequence may be damaged alike; until then, and without a COUNT that counts, a frame is one tick,
-and each frame's length of junk before it another. Where a checksum vouches for COUNT, a short jump is believed at once.
+What one sample adds to COUNT differs between models and rates (1, 2, 20, …), so the most frequent difference is
+learned. A jump of COUNT is believed once `CONFIRMED` frames continue from it: an odd value may be damage, which a
+16-bit checksum can miss, and two frames in a row may be damaged alike. Until then, and if COUNT does not count at all,
+each frame is one tick, and so is each frame's length of junk before it. If a checksum vouches for COUNT, a short jump
+is believed at once.
 """
 
 from typing import Any

@@ -3,11 +3,12 @@
     0     1-2   3-4   5-10        11-16        17-18  [19-20]  last
     0x20  FLAG  TEMP  GYRO x y z  ACCL x y z   GPIO   COUNT    0x0D       words big endian; 20 bytes, or 22 with COUNT
 
-A frame has header and CR at its ends, and the bits that do not change (reserved bits of FLAG, GPIO) as they were. Two
-neighbours that agree with each other begin the lock, and renew it when those bits have changed. Whatever is not a
-frame is left by one byte only, so that a good frame inside a bad one is found, and is delivered with its last byte. A
-frame that its successor does not confirm may have been put together by a loss of bytes: it has been delivered, but is
-searched again for the frame it may hide. `counting.py` turns COUNT into ticks, `drivers/spikes.py` judges the values.
+A frame has header and CR at its ends, and the bits that stay constant (reserved bits of FLAG, GPIO) as they were
+before. Two neighbours that agree with each other begin the lock on a stream, and renew it when those bits have changed.
+Bytes that are not a frame are skipped one at a time, so that a good frame inside a bad one is found; a frame is
+delivered as soon as its last byte is there. If its successor does not confirm it, a loss of bytes may have made it out
+of two: it has been delivered, but is searched again for a frame inside. `counting.py` turns COUNT into ticks,
+`drivers/spikes.py` judges the values.
 
 Every decision is a function of the bytes alone, never of the chunks in which they came.
 """

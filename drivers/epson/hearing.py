@@ -18,13 +18,13 @@ def is_frame(frame: bytes, header: int, checked: bool = False) -> bool:
 
 def longest_run(heard: bytes, header: int, length: int, checked: bool = False) -> int:
     """Frames in the longest unbroken sequence of frames of `length`."""
-    best = 0
-    for start in range(min(length, len(heard))):
-        run = 0
-        for p in range(start, len(heard) - length + 1, length):
-            run = run + 1 if is_frame(heard[p : p + length], header, checked) else 0
-            best = max(best, run)
-    return best
+    runs: dict[int, int] = {}  # frames in sequence, by where the last of them ends
+    p = heard.find(header)
+    while 0 <= p <= len(heard) - length:
+        if is_frame(heard[p : p + length], header, checked):
+            runs[p + length] = runs.get(p, 0) + 1
+        p = heard.find(header, p + 1)
+    return max(runs.values(), default=0)
 
 
 def is_spoken(heard: bytes, dialect: Dialect) -> bool:

@@ -1,4 +1,4 @@
-"""A stream that must not be interrupted: what its frames hold, and how often they come, learned from the stream itself.
+"""A stream that must not be interrupted: its layout and rate are learned from the stream itself.
 
 A flat frame tells everything by its length. A windowed one tells its layout by length and checksum, and whether it has
 a COUNT by the decoder's learning; but never of which model it is, so the user must say that. Without a checksum there

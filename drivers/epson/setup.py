@@ -62,7 +62,7 @@ def to_configuration(dialect: Dialect) -> Dialogue[list[str]]:
 
 
 def examine(dialect: Dialect) -> Dialogue[list[str]]:
-    """What the sensor has to complain about."""
+    """The faults that the sensor reports, in words."""
     diagnosis = (yield from ask(dialect.diagnosis)) or 0
     broken = diagnosis & HARD_ERROR
     return [f"the sensor reports a hardware error (DIAG_STAT {diagnosis:#06x})"] if broken else []
@@ -102,7 +102,7 @@ def uart_carries(baud: int, polled: bool) -> Fastest:
 
 
 def wire_s(layout: Layout, baud: int, polled: bool) -> float:
-    """What a frame, and the request for it, take on the line."""
+    """Time on the line of a frame and, if polled, of the request for it."""
     return (layout.length + COMMAND_BYTES * polled) * 10 / baud
 
 
@@ -142,19 +142,19 @@ def program(model: Model, code: int, taps: int, automatic: bool) -> Dialogue[tup
 
 
 def kept_bits(register: Register, wanted: int, bits: int) -> Dialogue[int]:
-    """Those `bits` of a register; what is `wanted` of one that is not answered for."""
+    """Those `bits` of a register as the sensor keeps them; taken as `wanted` if the sensor does not answer."""
     word = yield from ask(register)
     return wanted if word is None else word & bits
 
 
 def announce(dialect: Dialect) -> Dialogue[None]:
-    """Have new samples flagged, and announced on the data-ready line."""
+    """Have new samples flagged in FLAG, and announced on the data-ready line."""
     yield from put(dialect.signal, high=ALL_NEWS)
     yield from put(dialect.test, low=DATA_READY)
 
 
 def keeps(settings: Sequence[Setting]) -> Dialogue[bool]:
-    """Write, and read back; whether the sensor keeps what it was told, as far as it can be read."""
+    """Write registers and read them back; whether the sensor kept what was written, as far as it can be read."""
     for _ in range(WRITES):
         for register, low, high in settings:
             yield from put(register, low, high)
@@ -200,7 +200,7 @@ def start(dialect: Dialect, polled: bool, fetch: Fetch | None = None) -> Dialogu
 
 
 def request(dialect: Dialect) -> Dialogue[bytes]:
-    """A few frames, each asked for."""
+    """A few polled frames: each is asked for."""
     shortest = min(layout.length for layout in dialect.layouts)
     heard = b""
     for _ in range(SAMPLE_ANSWERS):

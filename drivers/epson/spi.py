@@ -1,9 +1,9 @@
 """Epson's sensors on SPI: the same registers in other words, and how a sample is fetched.
 
-A word is 16 bits, mode 3, high byte first. A write is address | 0x80, value; a read is address, 0, and is answered in
-the next word, whatever that asks for. The windowed dialect besides has its frames sent by 0x80, 0 (window 0 open); the
-flat one has not: its words are read one by one, COUNT before and after them; if it went on, they are of two samples.
-What is fetched is put between header and CR as on a UART, for the same decoders.
+A word is 16 bits, mode 3, high byte first. A write is address | 0x80, value; a read is address, 0, and its answer comes
+with the next word, whatever that is. The windowed dialect can send a whole frame after 0x80, 0 (window 0 open). The
+flat dialect cannot: its words are read one by one, with COUNT before and after them; if COUNT differs, they belong to
+two samples. What was fetched is put between header and CR, as on a UART, for the same decoders.
 
 Pauses and clocks: sensor_epsonSpi.c of Epson's public driver, epson_imu_reg.h of its kernel driver (20 us after a word,
 40 us from word to word; 45 us after the burst command, 4 us after its words; 2 MHz, bursts 1 MHz). For the M-G350
@@ -34,7 +34,7 @@ WINDOWED_FLAG, WINDOWED_COUNT = 0x06, 0x0A
 
 
 def over_spi(dialogue: Dialogue[Result]) -> Dialogue[Result]:
-    """A dialogue that was written for a UART, had over SPI."""
+    """Run a dialogue that was written for a UART over SPI."""
     setup: Bus | None = REGISTERS
     heard: bytes | None = None
     try:

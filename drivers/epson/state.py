@@ -1,4 +1,4 @@
-"""What the decoders of both dialects remember from call to call, and how they hand on a sample."""
+"""What the decoders of both dialects remember from call to call, and how they deliver a sample."""
 
 from typing import Any
 

@@ -1,7 +1,7 @@
 """Talking to an Epson sensor: reach it, whatever it is doing and whichever dialect it speaks; find out who it is.
 
-A sensor answers within microseconds, so an empty line is left quickly. What answers late (a stand-in, a line through
-a network) is noticed by its answers to those first questions, and then given more time for each.
+A sensor answers within microseconds, so a line without one is left quickly. A device that answers late (an emulator, a
+line through a network) is recognised by its late answers to the first questions, and given more time from then on.
 """
 
 from dataclasses import replace
@@ -108,7 +108,7 @@ def reach() -> Dialogue[Dialect | None]:
 
 
 def approach() -> Dialogue[tuple[Dialect | None, bool]]:
-    """`reach`, at the sensor's pace; the dialect, and whether what is said next must be said `slowly`."""
+    """`reach`, at the sensor's own pace; the dialect, and whether the following dialogues must be run `slowly`."""
     dialect = yield from reach()
     if dialect is not None:
         return dialect, False
@@ -119,7 +119,7 @@ def approach() -> Dialogue[tuple[Dialect | None, bool]]:
 
 
 def slowly(dialogue: Dialogue[Result]) -> Dialogue[Result]:
-    """The same dialogue, with patience for each answer."""
+    """The same dialogue, with more time for each answer."""
     heard: bytes | None = None
     try:
         while True:

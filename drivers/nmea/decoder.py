@@ -1,8 +1,9 @@
-"""From sentences to fixes: what a receiver sends in one burst is one epoch, and gives one fix.
+"""From sentences to fixes: the sentences of one burst are one epoch, and give one fix.
 
-A new burst begins after a pause, with another time, or with a kind of sentence that the epoch has already: VTG has no
-time of its own. Which kinds end a burst is learned; then a fix is ready with that sentence. Otherwise it is ready when
-the next burst begins, or when the line has been quiet. GST and ZDA alone make no epoch: some clocks are ahead in them.
+A new burst begins after a pause, with another time, or with a kind of sentence that the epoch already has (VTG carries
+no time). Which kind of sentence ends a burst is learned; then the fix is ready with that sentence. Otherwise it is
+ready when the next burst begins, or when the line has been quiet. GST and ZDA alone make no epoch: in some receivers
+their time is ahead.
 """
 
 from collections import Counter
@@ -76,11 +77,12 @@ class NmeaDecoder:
     reason.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, unchecked: bool = False) -> None:
+        """unchecked: see `GnssDriver.new_decoder`."""
         self.counters: Counter[str] = Counter()
         self.status = ReceiverStatus()
         self.whole = 0
-        self._splitter = Splitter(self.counters)
+        self._splitter = Splitter(self.counters, unchecked)
         self._epoch: Epoch | None = None
         self._beginnings, self._endings = Habit(), Habit()
         self._vtg_agrees = True  # with RMC, where there was both

@@ -5,14 +5,16 @@ from dataclasses import replace
 from typing import Literal
 
 from ..dialogue import Dialogue, Exchange
-from ..driver import GnssConfigured, Identity, Options
+from ..driver import GnssConfigured, Identity, Options, Unsupported
+from .content import READERS
 from .decoder import NmeaDecoder
 from .mtk import is_mtk, speaks_mtk, speed_up
-from .sentences import Splitter
+from .sentences import RefusedError, Sentence, Splitter
 
 ENOUGH = 2  # checked sentences; one of a kind that only receivers send will do
-MEDIATEK = "MediaTek NMEA receiver"
+MEDIATEK, UNCHECKED = "MediaTek NMEA receiver", "NMEA receiver without checksums"
 TELLING = {"GGA", "GNS", "RMC"}
+WITHOUT = "switch them on in the receiver, or accept sentences without them: --set gnss.require_checksum=false"
 
 
 class Nmea:
@@ -29,20 +31,23 @@ class Nmea:
         return "gnss"
 
     def recognise(self, heard: bytes) -> Identity | None:
-        """Sentences with the right checksum."""
-        sentences = list(Splitter(Counter()).feed(heard, 0))
-        if len(sentences) < ENOUGH and not any(sentence.kind in TELLING for sentence in sentences):
-            return None
-        return Identity(self.name, MEDIATEK if speaks_mtk(heard) else "NMEA receiver")
+        """Sentences with the right checksum; without any, positions that lack it."""
+        kinds = [sentence.kind for sentence in Splitter(Counter()).feed(heard, 0)]
+        if len(kinds) >= ENOUGH or TELLING.intersection(kinds):
+            return Identity(self.name, MEDIATEK if speaks_mtk(heard) else "NMEA receiver")
+        told = Splitter(Counter(), unchecked=True).feed(heard, 0)
+        return Identity(self.name, UNCHECKED) if any(map(_makes_sense, told)) else None
 
     def identify(self) -> Dialogue[Identity | None]:
         """Receivers speak by themselves: nothing is asked."""
         yield Exchange()
         return None
 
-    def configure(self, identity: Identity, options: Options) -> Dialogue[GnssConfigured | None]:
+    def configure(self, identity: Identity, options: Options) -> Dialogue[GnssConfigured | Unsupported | None]:
         """Takes the receiver as it is, unless `options.fix_rate_hz` says otherwise and it is a MediaTek."""
         yield Exchange()
+        if identity.model == UNCHECKED and not options.unchecked:
+            return Unsupported(self.name, identity.model, WITHOUT, identity.baud)
         if options.readonly or not options.fix_rate_hz or not identity.baud:
             return GnssConfigured(identity)
         if identity.model != MEDIATEK and not (yield from is_mtk(identity.baud)):
@@ -53,9 +58,17 @@ class Nmea:
         warnings = (f"the receiver was not set up: {outcome.problem}",) if outcome.problem else ()
         return GnssConfigured(replace(identity, model=MEDIATEK, baud=outcome.baud), warnings)
 
-    def new_decoder(self) -> NmeaDecoder:
+    def new_decoder(self, unchecked: bool = False) -> NmeaDecoder:
         """See `GnssDriver`."""
-        return NmeaDecoder()
+        return NmeaDecoder(unchecked)
+
+
+def _makes_sense(sentence: Sentence) -> bool:
+    """Whether it is of a kind that receivers send, and its fields are right."""
+    try:
+        return sentence.kind in TELLING and bool(READERS[sentence.kind](sentence))
+    except RefusedError:
+        return False
 
 
 DRIVER = Nmea()

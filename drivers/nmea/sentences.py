@@ -1,8 +1,9 @@
 """NMEA 0183 sentences, strictly: bytes to checked sentences, and their fields to values.
 
 A sentence ends with CR, LF, or the `$` of the next one, and what stands behind its checksum does not count: good
-sentences beside a torn one survive. What is not correct to the letter is refused with a reason, never guessed; empty
-fields are `None`. Angles are computed from the digits as one quotient of integers, so they are right to the last bit.
+sentences beside a torn one survive. One without a checksum is taken only if the user wants that, and CR or LF ends it.
+What is not correct to the letter is refused with a reason, never guessed; empty fields are `None`. Angles are computed
+from the digits as one quotient of integers, so they are right to the last bit.
 Source: NMEA 0183 v4.11, gpsd's NMEA.adoc.
 """
 
@@ -29,7 +30,7 @@ class RefusedError(ValueError):
 
 @dataclass(frozen=True)
 class Sentence:
-    """A sentence whose checksum is right."""
+    """A sentence whose checksum is right, or which may lack it."""
 
     talker: str
     kind: str
@@ -42,10 +43,10 @@ class Sentence:
 
 
 class Splitter:
-    """Bytes to sentences. Any chunking gives the same sentences."""
+    """Bytes to sentences. Any chunking gives the same sentences. unchecked: they may lack a checksum."""
 
-    def __init__(self, counters: Counter[str]) -> None:
-        self._counters = counters
+    def __init__(self, counters: Counter[str], unchecked: bool = False) -> None:
+        self._counters, self._unchecked = counters, unchecked
         self._line = bytearray()
         self._inside = False
         self._arrival_ns = 0
@@ -54,7 +55,7 @@ class Splitter:
         """Take bytes; yields the sentences that they complete."""
         for piece in re.split(rb"([$\r\n])", data):
             if piece in (b"$", b"\r", b"\n"):
-                yield from self._end()
+                yield from self._end(torn=piece == b"$")
                 if piece == b"$":
                     self._inside, self._arrival_ns = True, arrival_ns
             elif self._inside:
@@ -62,25 +63,25 @@ class Splitter:
             elif piece:
                 self._counters["noise bytes"] += len(piece)
 
-    def _end(self) -> Iterator[Sentence]:
+    def _end(self, torn: bool) -> Iterator[Sentence]:
         if self._inside and not self._line:  # `$$`
             self._counters["noise bytes"] += 1
         elif self._inside:
             try:
-                yield self._checked(bytes(self._line))
+                yield self._checked(bytes(self._line), torn)
             except RefusedError as reason:
                 self._counters[str(reason)] += 1
         self._inside = False
         self._line.clear()
 
-    def _checked(self, line: bytes) -> Sentence:
+    def _checked(self, line: bytes, torn: bool) -> Sentence:
         ending = ENDING.search(line)
         if len(line) > LONGEST:
             raise RefusedError("overlong")
-        if ending is None:
+        if ending is None and (torn or not self._unchecked):
             raise RefusedError("no checksum")
-        body = line[: ending.start()]
-        if checksum(body) != int(ending[1], 16):
+        body = line[: ending.start()] if ending else line.rstrip()
+        if ending and checksum(body) != int(ending[1], 16):
             raise RefusedError("checksum")
         parts = BODY.fullmatch(body)
         if parts is None:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 _NUMBER = rb"([+-]?\d{1,4}(?:\.\d{1,4})?)"
 _BETWEEN, _END = rb"[ \t,;]", rb"[ \t]*[\r\n]+"
 LABELLED = re.compile(
-    rb"[ \t]*" + (_BETWEEN + rb"*").join(axis + rb" ?[=:] *" + _NUMBER for axis in (b"X", b"Y", b"Z")) + _END
+    rb"[ \t]*" + (_BETWEEN + rb"*").join(axis + rb" ?[=:] *" + _NUMBER for axis in (b"X", b"Y", b"Z")) + _END,
+    re.IGNORECASE,
 )
 PLAIN = re.compile(rb"[ \t]*" + (_BETWEEN + rb"+").join([_NUMBER] * 3) + _END)
 PIECE = re.compile(rb"[^\r\n]*[\r\n]+")
@@ -16,7 +17,8 @@ BINARY = re.compile(rb"(?:#[\0-\3].[\0-\3].[\0-\3].\$){5,}", re.DOTALL)
 FRAME = 8
 MENU = re.compile(
     rb"ser(?:ial)? ?accel|accelerometer|MMA7[23]6|output (?:mode|frequency)|sensor range|desired (?:output|baud)|"
-    rb"calibrat(?:e|ion) (?:menu|[xyz] axis)",
+    rb"calibrat(?:e|ion) (?:menu|[xyz] axis)|"
+    rb"\d\W{1,3}(?:calibrat|(?:set |change |output )?(?:mode|frequency)|(?:set |change |sensor )?range)",
     re.IGNORECASE,
 )
 PROMPT = re.compile(rb"(?:selection|\[x\][^\r\n]*)[:\s]*$", re.IGNORECASE)

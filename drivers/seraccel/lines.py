@@ -7,7 +7,8 @@
 
 A text line ends with any run of CR and LF, or where the next one's X begins. What is no line is skipped; behind
 damage a line begins after a line end or with an X, never in the middle. Lines have a fixed width, so a line of another
-width lost or gained a byte that the grammar does not miss: it is delivered as suspect, unless widths vary anyway.
+width lost or gained a byte that the grammar does not miss: it is delivered as suspect, unless widths vary anyway, or
+signs have explained such differences before: a board without a column for them has one byte more for each minus.
 There is no counter: a line is one tick, and each line's length of junk before it, or what is left of one, another.
 
 The board reports +1 g on the axis that points up: z, when it lies level with its parts up. That is specific force in
@@ -28,13 +29,14 @@ from ..sample import SATURATED, SUSPECT
 from ..spikes import SPIKES, is_spike
 from ..words import move_to_front, word
 from .ranges import FULL_COUNT, STANDARD_GRAVITY, Range
-from .text import LETTER_X, NO_NUMBER, read_line, skip_blanks
+from .text import LETTER_X, MINUS, NO_NUMBER, read_line, skip_blanks
 
 FRAME = 8  # bytes of a binary frame
 LONGEST = 64  # bytes of a line
 STRAY = 2  # bytes of junk that need not be what is left of a line
 HASH, DOLLAR, CR, LF = ord("#"), ord("$"), 13, 10
 FIXED, DEVIATION = 8, 4  # lines of one width that make it count; how many of them a deviation takes back
+COINCIDENCES = 3  # lines of another width whose signs explained it: from then on, that is how it is
 SPIKE_MG = 500.0  # per sample: a larger step that the next sample does not confirm is damage
 
 STATE = np.dtype(
@@ -46,7 +48,9 @@ STATE = np.dtype(
         ("numbers", "<i8", (3,)),  # of a line
         ("force", "<f8", (3,)),  # m/s^2, x forward, y left, z up
         ("width", "<i8"),  # bytes of a text line
+        ("bare", "<i8"),  # the same without minus signs
         ("same", "<i8"),  # lines that confirmed it
+        ("explained", "<i8"),  # lines of another width, but as long without minus signs
         ("gap", "<i8"),  # junk bytes since the last sample
         ("tick", "<i8"),
         ("spikes", SPIKES),
@@ -122,15 +126,22 @@ def take_text(s: Any, rx: Any, p: int, end: int) -> bool:
 
 
 @kernel
-def is_odd(s: Any, width: int) -> bool:
-    """Whether a line of this width has lost or gained a byte: lines have had another width for long."""
-    if width == s.width:
+def is_odd(s: Any, rx: Any, p: int, end: int) -> bool:
+    """Whether the line rx[p:end] has lost or gained a byte: lines have had another width for long."""
+    width = bare = end - p
+    for at in range(p, end):
+        bare -= rx[at] == MINUS
+    fits = width == s.width
+    if not fits and bare == s.bare:
+        s.explained += 1
+        fits = s.explained > COINCIDENCES
+    if fits:
         s.same = min(s.same + 1, 2 * FIXED)
         return False
     odd = s.same >= FIXED
     s.same = max(s.same - DEVIATION, 0)
     if s.same == 0:
-        s.width = width
+        s.width, s.bare = width, bare
     return bool(odd)
 
 
@@ -172,7 +183,7 @@ def take_piece(s: Any, rx: Any, p: int, end: int, fill: int, sample: Any) -> boo
     last = rx[end] if end < fill else HASH
     ended = last in (CR, LF) or (last == LETTER_X and rx[p] == LETTER_X)
     if (s.synchronous or rx[p] == LETTER_X) and ended and end - p < LONGEST and take_text(s, rx, p, end):
-        emit(s, sample, end - p, is_odd(s, end - p))
+        emit(s, sample, end - p, is_odd(s, rx, p, end))
         return True
     drop(s, end - p)
     s.bad += 1

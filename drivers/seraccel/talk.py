@@ -1,8 +1,8 @@
 """Getting the board to stream, and finding out how fast: a dialogue that never writes while it streams.
 
-Any byte stops a running stream and brings up the menu, so nothing is sent before the line has been listened to. On a
-silent line the menu may be waiting: 0xFF is no choice of it, at whatever speed it is misheard, and makes the board say
-its menu again. `x` leaves the menu, and is sent only after text that resembles it, once that has ended.
+Any byte stops a running stream and brings up the menu, so nothing is sent before the line has been listened to. A
+silent board may be waiting in its menu: 0xFF, which is no menu choice at whatever speed it is misheard, makes it print
+the menu again. `x` leaves the menu; it is sent only after text that resembles the menu, once that text has ended.
 """
 
 from ..dialogue import Dialogue, Exchange

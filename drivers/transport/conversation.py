@@ -1,4 +1,4 @@
-"""Runs a dialogue on a port: step by step inside somebody's event loop, or blocking."""
+"""Runs a dialogue on a port: step by step inside an event loop, or blocking."""
 
 import select
 import time
@@ -33,7 +33,7 @@ class Port(Protocol):
 
 @runtime_checkable
 class SpiTarget(Protocol):
-    """What it needs besides of an SPI line."""
+    """What it needs in addition of an SPI line."""
 
     def set_spi(self, setup: Bus | Fetch) -> None:
         """Set the bus up, or begin to fetch samples."""

@@ -1,7 +1,7 @@
 """A device's data-ready line: a GPIO whose rising edges the kernel stamps, read through libgpiod 2.
 
-Source: libgpiod's Python bindings (gpiod 2.x), `gpiod.request_lines`. The interrupt handler takes the stamp, so that it
-does not suffer from late wake-ups.
+The interrupt handler takes the time stamp, so late wake-ups do no harm.
+Source: libgpiod's Python bindings (gpiod 2.x), `gpiod.request_lines`.
 """
 
 import contextlib
@@ -30,7 +30,7 @@ class DataReady:
         self._poll.register(self.fd, select.POLLIN)
 
     def forget(self) -> None:
-        """Leave out what came until now: nobody was to fetch anything."""
+        """Drop the edges until now: they came before anything was to be fetched."""
         self._read()
         self.waiting.clear()
         self.dropped = 0
@@ -43,7 +43,7 @@ class DataReady:
         return edges[: len(edges) - len(self.waiting)]
 
     def _read(self) -> None:
-        """What there is, without blocking."""
+        """Take what the kernel has, without blocking."""
         events = self._request.read_edge_events() if self._poll.poll(0) else []
         if not events:
             return

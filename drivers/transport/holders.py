@@ -1,7 +1,7 @@
 """Which other processes have a terminal line open, found by looking through /proc as `fuser` does.
 
-The process that owns the master side of a pseudo-terminal is its device, not a rival, even if it also holds the slave
-side open; and neither are the processes that started this one.
+Two kinds of process are no rivals: the one that owns the master side of a pseudo-terminal, which is its device, even if
+it also holds the slave side open; and those that started this process.
 """
 
 import os

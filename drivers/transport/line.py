@@ -1,4 +1,4 @@
-"""Ports by their scheme, behind one small interface."""
+"""Which class opens a port, by the scheme of its name, and the one small interface that all of them have."""
 
 from collections.abc import Callable, Mapping
 from typing import Protocol, runtime_checkable
@@ -15,15 +15,15 @@ class Line(Port, Protocol):
 
     @property
     def plain(self) -> bool:
-        """Whether `receive` does no more than read `fd`, so that others may as well."""
+        """Whether `receive` does no more than read `fd`, so that compiled code may read it directly."""
 
     @property
     def counters(self) -> Mapping[str, int]:
-        """What went wrong below the frames."""
+        """How often things went wrong below the level of frames, by name."""
 
     @property
     def complaint(self) -> str:
-        """What the user is to mend although it works; empty if there is nothing."""
+        """What the user should mend although the line works; empty if there is nothing."""
 
     def receive(self, room: memoryview, now_ns: int) -> tuple[int, int]:
         """Read into `room` at the time `now_ns`; returns how many bytes, and when the last of them was there."""
@@ -34,7 +34,7 @@ class Line(Port, Protocol):
 
 @runtime_checkable
 class Known(Protocol):
-    """What a line has besides if nobody need ask which device is on it, nor set it up."""
+    """What a line has in addition if its device is known without asking and needs no setting up."""
 
     @property
     def configured(self) -> ImuConfigured | GnssConfigured:
@@ -51,7 +51,7 @@ _OPENERS: dict[str, Callable[[PortSpec], Line]] = {"spi": SpiPort, "replay": _re
 
 
 def look(spec: PortSpec) -> None:
-    """What can be told of a port without opening it. Raises the errors of `drivers.errors`."""
+    """Check a port without opening it. Raises the errors of `drivers.errors`."""
     if spec.path.partition(":")[0] not in _OPENERS:
         present(spec.path)
 

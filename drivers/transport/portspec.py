@@ -1,4 +1,4 @@
-"""Reading `DEV[:DRIVER[@BAUD]]`. Paths such as /dev/serial/by-path/…-usb-0:1.0-port0 have colons of their own."""
+"""Parses `DEV[:DRIVER[@BAUD]]`. Paths such as /dev/serial/by-path/…-usb-0:1.0-port0 have colons of their own."""
 
 import re
 from collections.abc import Collection
@@ -10,7 +10,7 @@ from ..registry import names
 
 SUFFIX = re.compile(r"(?P<driver>[A-Za-z][\w-]*)?(?:@(?P<baud>.*))?")
 SCHEME = re.compile(r"(?:spi|replay|sim):")
-KINDS = ("imu", "gnss")  # by which a device in a recording may be named, too
+KINDS = ("imu", "gnss")  # a device in a recording may also be named by its kind
 SPI = re.compile(r"spi:(\d+)\.(\d+)")
 BAUDS = range(50, 4_000_001)
 

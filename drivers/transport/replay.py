@@ -23,7 +23,7 @@ START_NS = 200_000_000  # from the opening to the first byte
 
 
 class _Playback:
-    """When a file's beginning is, on our clock."""
+    """Where the beginning of a file lies on our clock."""
 
     def __init__(self, first_ns: int) -> None:
         self.shift_ns = time.monotonic_ns() + START_NS - first_ns
@@ -105,7 +105,7 @@ class ReplayPort:
         return len(data), arrival_ns
 
     def read(self) -> bytes:
-        """The same, for those who do not ask when."""
+        """As `receive`, without the time."""
         room = memoryview(bytearray(4096))
         received, _ = self.receive(room, time.monotonic_ns())
         return bytes(room[:received])

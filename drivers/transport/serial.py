@@ -11,6 +11,7 @@ import os
 import pwd
 import stat
 import termios
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NoReturn
@@ -25,7 +26,7 @@ from .reasons import ABSENT, BUSY, DENIED, UNFIT, reason
 PATTERNS = ("serial/by-id/*", "ttyUSB*", "ttyACM*", "ttyAMA*")
 CHUNK = 4096
 DEFAULT_BAUD = 460800
-FLUSH_READS = 16  # a device that sends without pause must not hold us
+FLUSH_READS = 16  # at most: a device that sends without pause must not keep us here
 
 
 class SerialPort:
@@ -71,12 +72,12 @@ class SerialPort:
 
     @property
     def complaint(self) -> str:
-        """What is to be mended though it works: nothing that a UART would tell."""
+        """See `Line`: a UART has nothing to tell."""
         return ""
 
     @property
     def counters(self) -> Mapping[str, int]:
-        """What went wrong on the line; a UART does not say."""
+        """See `Line`: a UART does not say what went wrong on it."""
         return {}
 
     @property
@@ -107,7 +108,7 @@ class SerialPort:
         return data
 
     def receive(self, room: memoryview, now_ns: int) -> tuple[int, int]:
-        """Read into `room`; returns how many bytes, and when they came: `now_ns`, the time of the wake-up."""
+        """Read into `room`; returns how many bytes, and the time after that: they may come late, but never early."""
         try:
             received = os.readv(self.fd, [room])
         except BlockingIOError:
@@ -116,7 +117,7 @@ class SerialPort:
             raise self._lost(error) from error
         if received == 0:
             raise self._lost(None)
-        return received, now_ns
+        return received, time.monotonic_ns()
 
     def write(self, data: bytes) -> None:
         """Send a command. What a jammed line does not take is dropped: the missing answer will tell."""

@@ -1,9 +1,9 @@
 """An SPI device through spidev: words with the pauses that it needs between them; samples fetched when they are due.
 
-A sample is due when the data-ready line says so, whose edges the kernel stamps. Where there is none, or it is silent,
-by time: a little earlier from sample to sample, until one is not there yet and is asked for again a moment later. So
-the reading stays just behind the sensor, whose clock is not ours. An SPI device queues nothing: what is not fetched
-before the next sample is overwritten.
+A sample is due when the data-ready line says so; the kernel stamps its edges. Without such a line, or while it is
+silent, samples are fetched by time: each a little earlier after the last, until one is not there yet and is asked for
+again a moment later. So the reading stays just behind the sensor, whose clock is not ours. An SPI device queues
+nothing: a sample that is not fetched before the next one is overwritten.
 """
 
 import contextlib
@@ -22,11 +22,11 @@ from .reasons import ABSENT, DENIED, reason
 from .timer import Timer
 
 BITS = 8  # a word is sent as two bytes
-EARLIER = 256  # by this part of a period each sample is asked for earlier than the last
-AGAIN, PATIENCE = 16, 2  # this part of a period later it is asked for again; so many periods long
-OVERDUE = 4  # periods without an edge after which one looks without
-MUTE = 50  # samples fetched without an edge, one after another, until that is said
-BELIEVED = 1.25  # periods; an edge longer before the reading is not that of the sample read
+EARLIER = 256  # each sample is asked for one 256th of a period earlier than the last
+AGAIN, PATIENCE = 16, 2  # one that was not there is asked for again every 16th of a period, for 2 periods
+OVERDUE = 4  # periods without an edge after which the sensor is asked without one
+MUTE = 50  # samples in a row fetched without an edge before the user is told
+BELIEVED = 1.25  # periods; an edge longer ago than that is not the one of the sample read
 
 
 class SpiPort:
@@ -57,7 +57,7 @@ class SpiPort:
 
     @property
     def counters(self) -> Mapping[str, int]:
-        """overruns: samples overwritten before they were fetched, as far as edges tell; torn: while they were.
+        """overruns: samples overwritten before they were fetched, as far as edges tell; torn: overwritten meanwhile.
 
         unannounced: samples fetched by time although there is a data-ready line.
         """
@@ -68,7 +68,7 @@ class SpiPort:
 
     @property
     def complaint(self) -> str:
-        """What is to be mended though it works; empty if there is nothing."""
+        """See `Line`."""
         if self._edges and self._mute >= MUTE:
             return (
                 f"no edges on the data-ready line {self._edges.line}: samples are fetched by time; is it wired to it?"
@@ -79,7 +79,7 @@ class SpiPort:
         """Has no meaning here; see `set_spi`."""
 
     def set_spi(self, setup: Bus | Fetch) -> None:
-        """Set the bus up; or begin to fetch samples, which from then on are what is read."""
+        """Set the bus up; or begin to fetch samples, which are what `read` and `receive` give from then on."""
         self._attend(isinstance(setup, Fetch))
         if isinstance(setup, Bus):
             self._bus, self._fetch = setup, None
@@ -95,7 +95,7 @@ class SpiPort:
             self._timer.set(self._due_ns)
 
     def _attend(self, fetching: bool) -> None:
-        """Let edges wake while samples are fetched, and only then: a sensor that was left sampling makes them, too."""
+        """Wake up at edges only while samples are fetched: a sensor that was left sampling makes edges, too."""
         if self._edges is None or fetching == (self._fetch is not None):
             return
         if fetching:
@@ -176,7 +176,7 @@ class SpiPort:
         return frame, ready_ns
 
     def _edge_of(self, captured_ns: int, whole: bool) -> int:
-        """The edge of the sample that was there at that time, 0 if there was none; the samples missed are counted."""
+        """Time of the edge of the sample captured at that time, 0 if there was none; counts the samples missed."""
         self._torn += not whole
         if self._edges is None:
             return 0
@@ -187,7 +187,7 @@ class SpiPort:
         return edges[-1] if edges else 0
 
     def _wait(self, period_ns: int) -> None:
-        """Look again a moment later; less often where an edge will tell, or if there has been nothing for long."""
+        """Look again a moment later; less often if an edge will tell, or if nothing has come for long."""
         self._waits += 1
         if self._edges and self._mute == 0:
             pause_ns = OVERDUE * period_ns

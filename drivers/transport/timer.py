@@ -34,7 +34,7 @@ class Timer:
         _libc.timerfd_settime(self.fd, _ABSOLUTE, self._pointer, None)
 
     def clear(self) -> None:
-        """Not readable any more, if it has rung."""
+        """If it has rung, take that back: not readable until it is set anew."""
         with contextlib.suppress(BlockingIOError):
             os.read(self.fd, 8)
 

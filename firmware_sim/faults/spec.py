@@ -19,7 +19,7 @@ _SPAN = re.compile(r"(?P<begin>[\d.]+)(?P<dash>-(?P<end>[\d.]+)?)?(?:/(?P<period
 
 
 class SpecError(ValueError):
-    """A --faults that says nothing sensible: which part, and what there is."""
+    """A --faults that makes no sense; the message says which part, and which faults there are."""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
-"""Where the process begins: it ends as it should from the first moment on, so signals are met before all is loaded.
+"""Where the process begins. Signals are handled before anything is loaded, so that it ends properly at any moment.
 
-While there is nothing to tidy up it just ends; from then on what is under way is interrupted, and tidies up.
+Until the command begins there is nothing to tidy up and a signal just ends the process; later it interrupts the
+command, which tidies up.
 """
 
 import os

@@ -8,7 +8,7 @@
 
     state = latest("/dev/shm/imud-front")
 
-Needs nothing but the standard library. What is on the wire is told by `FIELDS`; the C header (`imud reference c`) is
+Needs nothing but the standard library. `FIELDS` describes the bytes on the wire; the C header (`imud reference c`) is
 made from the same table. All numbers are little-endian.
 """
 
@@ -68,7 +68,7 @@ Vector = tuple[float, float, float]
 
 
 class ProtocolError(Exception):
-    """The other side is no imud, or one that speaks another version."""
+    """The other side is not imud, or speaks another version of the protocol."""
 
 
 class State(NamedTuple):
@@ -126,7 +126,7 @@ class State(NamedTuple):
 
     @property
     def _is_locked(self) -> bool:
-        """Whether rounding would decide what roll and yaw are."""
+        """Whether the nose is so nearly straight up or down that rounding would decide what roll and yaw are."""
         return abs(self._sine_of_pitch) > 1.0 - 1e-13
 
     @property

@@ -1,7 +1,7 @@
-"""When kernels are compiled: all that a loop will call, called once before it begins, with the types it will use.
+"""Compiles kernels before they are needed: all that a loop will call is called once before the loop begins.
 
-Compiling needs twice the memory of running, which would stay with the process; so a daemon that finds no compiled
-kernels lets a child compile them into the cache, loads them from there, and lets go of the compiler's own code.
+Compiling takes twice the memory of running, and a process never gives it back. So a daemon that finds no compiled
+kernels has a child process compile them into the cache, loads them from there, and releases the compiler's own code.
 """
 
 import contextlib
@@ -31,7 +31,7 @@ _RATE_HZ, _PERIOD_NS = 1000.0, 1_000_000
 
 
 def _scratch() -> list[tuple[ImuDriver, NDArray[np.void]]]:
-    """Every driver of inertial sensors, with a state for its decoder."""
+    """Every driver of inertial sensors, with a decoder state for it to work on."""
     sensors = [driver for driver in drivers() if driver.kind == "imu"]
     return [(d, d.new_state(ImuConfigured(Identity(d.name, ""), _RATE_HZ, _PERIOD_NS, 0, 0))) for d in sensors]
 
@@ -47,7 +47,7 @@ def warm_decoders() -> None:
 
 
 def warm(estimator: Estimator, settings: Settings) -> None:
-    """Compile, or load, what a live stream calls of an estimator."""
+    """Compile, or load, the kernels of an estimator that a live stream calls."""
     filter_ = Filter(estimator, settings, Initial(), _RATE_HZ)
     Stream(*_scratch()[0], filter_).ingest(0, 0)
     filter_.update(np.zeros(1, FIX))
@@ -56,7 +56,7 @@ def warm(estimator: Estimator, settings: Settings) -> None:
 
 
 def warm_replay(estimator: Estimator, settings: Settings) -> None:
-    """Compile, or load, what a replay calls of an estimator."""
+    """Compile, or load, the kernels of an estimator that a replay calls."""
     from .tables.estimates import EstimateWriter
 
     solutions = np.zeros(1, SOLUTION)
@@ -65,13 +65,13 @@ def warm_replay(estimator: Estimator, settings: Settings) -> None:
 
 
 def missing(estimators: Iterable[Estimator]) -> list[Estimator]:
-    """Those of the estimators that the cache lacks."""
+    """Those of the estimators that are not in the cache yet."""
     cache = os.environ.get("NUMBA_CACHE_DIR")
     return [estimator for estimator in estimators if cache is None or not _mark(cache, estimator).exists()]
 
 
 def release_compiler() -> None:
-    """Give back the memory of LLVM's code, 50 MB; the kernel reads it again from the file if ever it is needed."""
+    """Give back the memory of LLVM's code, 50 MB; Linux reads it from the file again if it should be needed."""
     libc = ctypes.CDLL(None)
     for line in Path("/proc/self/maps").read_text().splitlines():
         span, protection, *_, name = line.split(maxsplit=5)
@@ -81,9 +81,9 @@ def release_compiler() -> None:
 
 
 def compile_apart(estimators: list[Estimator], settings: Settings) -> bool:
-    """Fill the cache by a child process with what a daemon needs; False if there is no cache, or the child failed.
+    """Have a child process compile what a daemon needs into the cache; False if there is no cache, or it failed.
 
-    An exception that interrupts the waiting, as of a signal, ends the child as well.
+    An exception during the wait, as a signal's action may raise, ends the child as well.
     """
     import multiprocessing
 
@@ -113,5 +113,5 @@ def _fill_all(cache: str, estimators: list[Estimator], settings: Settings) -> No
 
 
 def _mark(cache: str, estimator: Estimator) -> Path:
-    """Exists once decoders and estimator have been compiled into the cache."""
+    """A file that exists once decoders and estimator have been compiled into the cache."""
     return Path(cache) / f"{estimator.name}.compiled"

@@ -80,8 +80,10 @@ def plotly_js() -> str:
 
 
 def kept(y: Floats, most: int = MOST_POINTS) -> NDArray[np.int64]:
-    """Which points to draw: all, or of each of `most` / 2 equal parts the least and the greatest, so that no spike is
-    lost; where a part is unknown, a point that is."""
+    """Indices of the points to draw: all of them, or the least and the greatest of each of `most` / 2 equal parts.
+
+    So no spike is lost. Of a part in which nothing is known one point stands for the gap.
+    """
     n = len(y)
     if n <= most:
         return np.arange(n)
@@ -95,12 +97,12 @@ def kept(y: Floats, most: int = MOST_POINTS) -> NDArray[np.int64]:
 
 
 def _single(values: Floats) -> NDArray[np.float32]:
-    """As precise as a screen, and half the page."""
+    """In single precision, enough for a screen and half the size."""
     return np.asarray(values, np.float32)
 
 
 def _outline(x: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
-    """Once about what lies between low and high, for each stretch where they are known."""
+    """The closed outline of what lies between low and high, one for each stretch in which they are known."""
     known = np.isfinite(low) & np.isfinite(high)
     ends = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int)))
     xs, ys = [np.empty(0)], [np.empty(0)]

@@ -1,8 +1,8 @@
 """From bytes to solutions in one compiled call: the driver's decoder; then clock, judge of health and estimator.
 
-Both are composed from one template each, for every driver and for every estimator, and `ingest` finds them by their
-address in the stream's record: so there are drivers plus estimators to compile and to keep in memory, not drivers times
-estimators. Live and replay step with the same code, whatever the chunks in which the bytes came.
+A template for each of the two halves is composed with every driver and every estimator that is used; `ingest` calls the
+halves by their addresses in the stream's record. So drivers plus estimators are compiled, not drivers times estimators.
+Live and replay step with the same code, whatever the chunks in which the bytes came.
 """
 
 import dataclasses
@@ -30,7 +30,7 @@ from .sensors.health import HEALTH, examine, new_health
 
 Floats = NDArray[np.float64]
 Records = NDArray[np.void]
-UNREAD, OF_A_FIX = 1024, 16  # innovations that wait to be asked for, and of one fix, at most
+UNREAD, OF_A_FIX = 1024, 16  # innovations, at most: of samples since `told` was last called; of one fix
 BATCH = 1024  # samples one call may yield: more than a reading can hold of the shortest frames, lines of 6 bytes
 RX = 65536  # bytes
 BYTE = np.dtype(np.uint8)
@@ -64,7 +64,7 @@ _NO_SAMPLE, _NO_SOLUTION, _NO_FIX, _AT_ONCE = (
 
 
 def room_for(fixes: int) -> Records:
-    """Innovations for `Filter.feed` with so many fixes."""
+    """Room for the innovations that `Filter.feed` makes of so many fixes."""
     return np.zeros(UNREAD + OF_A_FIX * fixes, INNOVATION)
 
 
@@ -148,13 +148,13 @@ def _told(state: Any, innovations: Any) -> int:
 
 @kernel
 def _takes_none(parameters: Any, state: Any, fix: Any, innovations: Any) -> int:
-    """The update of an estimator that takes no fixes."""
+    """The `update` of an estimator that takes no fixes."""
     return 0
 
 
 @kernel
 def _tells_none(state: Any, innovations: Any) -> int:
-    """Of an estimator whose steps make no innovations."""
+    """The `told` of an estimator whose steps make no innovations."""
     return 0
 
 
@@ -162,7 +162,7 @@ _composed: dict[str, Any] = {}
 
 
 def _compose(how: Callable[..., Any], template: Callable[..., Any], name: str, **parts: Any) -> Any:
-    """The template with its free names bound, compiled, under a name of its own so that it is kept apart."""
+    """The template with its free names bound to `parts`, under a name of its own, by which its code is cached."""
     if name not in _composed:
         bound = types.FunctionType(template.__code__, {**globals(), **parts}, name)
         bound.__qualname__ = name
@@ -171,7 +171,7 @@ def _compose(how: Callable[..., Any], template: Callable[..., Any], name: str, *
 
 
 def decoding(driver: ImuDriver, decoder: Records) -> int:
-    """Address of the driver's part of a stream, which is compiled now if need be."""
+    """Address of the compiled driver's half of `ingest`; compiles it if need be."""
     parts = {"decode": driver.decode, "DECODER": decoder.dtype}
     return int(_compose(entry, _decode, f"decode_{driver.name}", **parts).address)
 
@@ -179,7 +179,7 @@ def decoding(driver: ImuDriver, decoder: Records) -> int:
 class Filter:
     """An estimator with its records, fed with samples and fixes. Not thread-safe.
 
-    The records stay where they are, for streams know them by their addresses.
+    The records never move in memory: streams refer to them by address.
     """
 
     def __init__(self, estimator: Estimator, settings: Settings, initial: Initial, rate_hz: float) -> None:
@@ -199,30 +199,30 @@ class Filter:
         self._innovations = room_for(1)
 
     def advancing(self) -> int:
-        """Address of the estimator's part of a stream, which is compiled now if need be."""
+        """Address of the compiled estimator's half of `ingest`; compiles it if need be."""
         parts = {"advance": self.each, "PARAMETERS": self.parameters.dtype, "STATE": self.state.dtype}
         return int(_compose(entry, _advance, f"advance_{self._stem}", **parts).address)
 
     def calibrate(self, calibration: Calibration) -> None:
-        """Take these errors out of the samples from now on."""
+        """From now on, correct the samples by this calibration."""
         self.correction[:] = correction(calibration, self._mount_rpy_deg)
 
     def watch_over(self, sensor: ImuConfigured) -> None:
-        """Judge the health of this sensor from now on, by its own ranges where it knows them."""
+        """From now on, judge the health of this sensor, by its own ranges where it tells them."""
         ranges = {
             name: value for name in ("gyro_range", "accel_range") if math.isfinite(value := getattr(sensor, name))
         }
         self.health[:] = new_health(dataclasses.replace(self._profile, **ranges), sensor.rate_hz)
 
     def configure(self, settings: Settings) -> None:
-        """Go on with other settings and the same knowledge."""
+        """Take other settings; the state stays."""
         self.parameters[:] = self.estimator.configure(settings, self._rate_hz)
 
     def feed(self, samples: Records, out: Records, fixes: Records, places: Records, innovations: Records) -> Records:
         """Step through `samples` (SAMPLE, turned to body axes in place), one solution each into `out` (SOLUTION).
 
-        Fix i of `fixes` (FIX) goes in before sample places[i] (int64, ascending). Returns what of `innovations`, with
-        `room_for` these fixes, was filled: what was `told` until each fix, and its own.
+        Fix i of `fixes` (FIX) goes in before sample places[i] (int64, ascending). Fills `innovations`, which must have
+        `room_for` these fixes: for each fix what was `told` until then, and its own. Returns the filled part.
         """
         n = self._feed(
             self.health, samples, self.correction, self.parameters, self.state, out, fixes, places, innovations
@@ -240,7 +240,7 @@ class Filter:
         return self.feed(_NO_SAMPLE, _NO_SOLUTION, fix, _AT_ONCE, self._innovations)
 
     def told(self) -> Records:
-        """The innovations (INNOVATION) of the samples since it was asked last, valid until the next call."""
+        """The innovations (INNOVATION) of the samples since the last call of this; valid until the next one."""
         n = 0 if self.estimator.told is None else self._told(self.state, self._innovations)
         return self._innovations[:n]
 
@@ -248,7 +248,7 @@ class Filter:
 class Stream:
     """Bytes of one inertial sensor to solutions of one filter. Owns the preallocated buffers; not thread-safe.
 
-    `record` (array of one STREAM) is what compiled code works with.
+    `record` (array of one STREAM) is the view that compiled code has of it.
     """
 
     def __init__(self, driver: ImuDriver, decoder: Records, filter_: Filter) -> None:
@@ -266,7 +266,7 @@ class Stream:
                 self.record[name] = getattr(owner, name).ctypes.data
 
     def restart(self, decoder: Records, configured: ImuConfigured) -> None:
-        """A new connection to the sensor: forget half frames and the clock's fit, keep the filter's knowledge."""
+        """Begin a new connection to the sensor: forget half frames and the clock's fit, keep the filter's state."""
         self.decoder[:] = decoder
         self.clock[:] = new_clock(configured.period_ns, configured.delay_ns)
         self.record["fill"] = 0
@@ -274,7 +274,7 @@ class Stream:
 
     @property
     def fill(self) -> int:
-        """Where in rx the next bytes belong."""
+        """Index in rx at which the next bytes belong."""
         return int(self.record["fill"][0])
 
     def ingest(self, received: int, arrival_ns: int) -> int:

@@ -1,4 +1,4 @@
-"""How far long work is: a bar on a terminal, nothing in a pipe."""
+"""A progress bar for long work, on a terminal; nothing in a pipe."""
 
 import sys
 

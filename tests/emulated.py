@@ -1,4 +1,4 @@
-"""Emulated devices on a wire in memory: `scripted.run` talks to them in a time of their own, without waiting."""
+"""Emulated devices on a wire in memory: `scripted.run` talks to them in simulated time, without waiting."""
 
 import math
 
@@ -78,7 +78,7 @@ class Untouchable(Emulated):
 
 
 def streaming(name, baud, **registers):
-    """One to which nothing may be written, as another host left it: streaming. registers: for `Windowed`, its words."""
+    """A device left streaming by another host, to which nothing may be written. registers: words for `Windowed`."""
     wire = device(name, baud)
     unit = wire.unit
     wire.host_baud = baud

@@ -1,4 +1,4 @@
-"""Recordings of emulated devices in a time of their own: minutes in seconds, the bytes and arrivals as a daemon's."""
+"""Recordings of emulated devices in simulated time: minutes in seconds, with a daemon's bytes and arrivals."""
 
 import msgspec
 import numpy as np
@@ -17,8 +17,8 @@ STEP_S = 0.016
 TICK_HZ = 2000.0
 
 
-def record(path, signal, seconds, ideal=False, rate_hz=125.0, **biases):
-    """What a G350 says that feels `signal`. biases: of `ImuErrors`."""
+def record(path, signal, seconds, ideal=False, rate_hz=125.0, gap_s=(0.0, 0.0), **biases):
+    """What a G350 says that feels `signal`; from when to when nothing of it is recorded. biases: of `ImuErrors`."""
     errors = ImuErrors(IDEAL if ideal else M_G350, np.random.default_rng(3), TICK_HZ, **biases)
     wire = Emulated(G350(signal, errors))
     found, _ = run(detect(), wire)
@@ -33,7 +33,8 @@ def record(path, signal, seconds, ideal=False, rate_hz=125.0, **biases):
         wire.pass_time(STEP_S)
         data = bytes(wire.outgoing)
         wire.outgoing.clear()
-        file.write("/raw/0", _ns(wire), msgspec.json.encode(Raw(_ns(wire), data)))
+        if not gap_s[0] <= wire.now_s - begin < gap_s[1]:
+            file.write("/raw/0", _ns(wire), msgspec.json.encode(Raw(_ns(wire), data)))
     file.finish()
     return configured.identity
 

@@ -1,5 +1,4 @@
-"""Emulated devices behind faulty lines, played in memory: what they sent, what arrived of it, and what a driver made
-of that."""
+"""Emulated devices behind faulty lines in memory: what they sent, what arrived, and what a driver made of it."""
 
 import argparse
 from dataclasses import dataclass

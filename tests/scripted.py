@@ -1,4 +1,4 @@
-"""Devices in memory and a line without a port: dialogues run against them in a time of their own."""
+"""Devices in memory and a line without a port: dialogues run against them in simulated time."""
 
 import itertools
 import struct

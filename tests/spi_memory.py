@@ -1,4 +1,4 @@
-"""An SPI bus in memory with a time of its own: dialogues and fetches against an emulated sensor, without waiting."""
+"""An SPI bus in memory in simulated time: dialogues and fetches against an emulated sensor, without waiting."""
 
 import numpy as np
 

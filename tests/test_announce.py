@@ -8,7 +8,7 @@ import pytest
 from crossbow_packets import packet
 from hypothesis import given
 from hypothesis import strategies as st
-from nmea_lines import line
+from nmea_lines import gga, line
 
 from drivers.driver import Identity, ImuConfigured
 from drivers.fix import Fix
@@ -136,6 +136,15 @@ def test_a_receiver_that_tells_no_position_is_not_called_silent(talks, said):
     for second in range(6) if talks else ():
         receiver.take(line("GPGSV,1,1,00"), second * SECOND)
     assert said in receiver.troubles(5 * SECOND)[0]
+
+
+def test_a_receiver_that_repeats_its_fix_is_not_called_well():
+    receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
+    for second in range(10):
+        receiver.take(gga(f"12000{min(second, 5)}.000"), second * SECOND)
+        receiver.flush(second * SECOND + SECOND // 2)
+        stuck = second > 8
+        assert receiver.troubles(second * SECOND) == ("receiver: says that it has a fix, but tells no new one",) * stuck
 
 
 def test_positions_that_jump():

@@ -26,6 +26,17 @@ print(json.dumps({"compiled": len(compiled.buffer), "missing": len(compilation.m
 """
 
 
+UNCOMPILED = """
+import sys
+from imud.process import runtime
+runtime.prepare()
+from imud import compilation
+compilation.warm_decoders = compilation.warm = lambda *_: None  # a silent line needs no kernel
+from imud.commands import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
 def run(*arguments, cache, **variables):
     environment = {**os.environ, "NO_COLOR": "1", **variables}
     environment.pop("NUMBA_CACHE_DIR")
@@ -73,7 +84,7 @@ def test_a_daemon_finds_what_warmup_compiled(warmed, silent, tmp_path):
 
 def test_a_cache_that_cannot_be_written_is_survived(silent, tmp_path):
     arguments = ("--port", silent, "--no-wait", "--listen", str(tmp_path / "s"))
-    ended = run("-m", "imud", "run", "--estimator", "tilt", *arguments, cache=None, XDG_CACHE_HOME="/dev/null/x")
+    ended = run("-c", UNCOMPILED, "run", "--estimator", "tilt", *arguments, cache=None, XDG_CACHE_HOME="/dev/null/x")
     assert ended.returncode == 69, ended.stderr
     assert "/dev/null/x/imud" in ended.stderr
     assert " ready " in ended.stderr

@@ -132,31 +132,36 @@ def test_what_allocates_or_may_raise_is_no_entry():
             Entry(function)(1)
 
 
-def run(cache):
-    program = cache / "program.py"
+def run(folder, **variables):
+    program = folder / "program.py"
     program.write_text(PROGRAM)
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
+    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"} | variables
     done = subprocess.run([sys.executable, str(program)], capture_output=True, text=True, check=False, env=environment)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
+def test_without_a_cache_it_is_compiled_at_each_start(tmp_path):
+    assert run(tmp_path) == "-8 [1.5, 0.30000000000000004] True\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["program.py"]
+
+
 def test_from_the_cache_it_is_the_same_without_numba_and_what_is_damaged_is_made_anew(tmp_path):
     answer = "-8 [1.5, 0.30000000000000004] {}\n"
-    assert run(tmp_path) == answer.format(True)
-    assert run(tmp_path) == answer.format(False)
+    assert run(tmp_path, NUMBA_CACHE_DIR=str(tmp_path)) == answer.format(True)
+    assert run(tmp_path, NUMBA_CACHE_DIR=str(tmp_path)) == answer.format(False)
     (file,) = tmp_path.glob("__main__.act-*.o")
     whole = file.read_bytes()
     for damaged in (b"", whole[:-1], whole[:100] + bytes([whole[100] ^ 1]) + whole[101:]):
         file.write_bytes(damaged)
         assert _kept(file) is None
-    assert run(tmp_path) == answer.format(True)
+    assert run(tmp_path, NUMBA_CACHE_DIR=str(tmp_path)) == answer.format(True)
     assert _kept(file)
 
 
 def test_what_a_power_cut_left_of_numbas_own_files_is_made_anew(tmp_path):
-    answer = run(tmp_path)
+    answer = run(tmp_path, NUMBA_CACHE_DIR=str(tmp_path))
     for file in (*tmp_path.glob("*.o"), *tmp_path.glob("*/*.nbi"), *tmp_path.glob("*/*.nbc")):
         file.write_bytes(b"")
-    assert run(tmp_path) == answer
+    assert run(tmp_path, NUMBA_CACHE_DIR=str(tmp_path)) == answer
     assert all(file.stat().st_size for file in tmp_path.glob("*/*.nbi"))

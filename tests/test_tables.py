@@ -92,6 +92,40 @@ def test_time_that_stands_or_runs_back_is_skipped_and_counted(tmp_path):
     assert samples["t_ns"].tolist() == [0, 10_000_000, 20_000_000]
 
 
+@given(st.lists(st.integers(0, 30), min_size=2, max_size=12))
+def test_of_times_in_disorder_as_many_samples_as_can_be_are_kept(times):
+    kept = [times[i] for i in tables._in_order(np.array(times, float))]
+    best = [1] * len(times)
+    for i, time in enumerate(times):
+        best[i] = 1 + max([best[j] for j in range(i) if times[j] < time], default=0)
+    assert kept == sorted(set(kept)) and len(kept) == max(best)
+
+
+def test_one_time_far_ahead_costs_one_sample(tmp_path):
+    rows = "".join(f"{1e18 if i == 2 else i / 100},0,0,0,0,0,-9.8\n" for i in range(100))
+    samples, _, skipped = tables.read_imu(write(tmp_path, rows))
+    assert (len(samples), skipped) == (99, 1)
+
+
+@pytest.mark.parametrize(
+    ("row", "says"),
+    [
+        ("1e300,1,2,3,1,9,", "line 2: t_s is 1e300"),
+        ("0,1,2,3,1e12,9,", "line 2: quality is 1000000000000.0"),
+        ("0,1,2,3,1,-1e30,", "line 2: satellites is -1e30"),
+        ("0,1,2,3,1,9,-5", "line 2: arrival_s is -5.000, before t_s"),
+    ],
+)
+def test_a_fix_that_cannot_be_is_left_out(tmp_path, row, says):
+    header = "t_s,lat_deg,lon_deg,height_m,quality,satellites,arrival_s\n"
+    left_out = tables.LeftOut(tmp_path)
+    rows = f"{row}\n1,1,2,3,0,9,\n2e12,1,2,3,,,\n"
+    fixes = tables.read_fixes(write(tmp_path, rows, header), 0, left_out)
+    assert says in str(left_out)
+    assert (left_out.count, len(fixes)) == (1, 1)  # one said itself that it has no position
+    assert fixes["t_ns"][0] == 9_000_000_000_000_000_000  # a time in ms, probably: nobody's, but told by who compares
+
+
 @pytest.mark.parametrize(
     ("body", "says"),
     [

@@ -1,4 +1,4 @@
-"""The `imud` command: which sub-command, and how its failures end. Sub-commands are imported only when called."""
+"""The `imud` command: finds the sub-command, and turns its failures into messages and exit codes."""
 
 import argparse
 import importlib
@@ -68,7 +68,7 @@ def _module(command: str) -> ModuleType:
 
 
 def arguments_of(command: str) -> argparse.ArgumentParser:
-    """The parser of one command's arguments alone, for who describes them."""
+    """The parser of one command's arguments alone, from which its documentation is made."""
     parser = _Parser(prog=f"imud {command}")
     _module(command).add_arguments(parser)
     return parser
@@ -80,7 +80,7 @@ def _with_default_command(arguments: list[str]) -> list[str]:
 
 
 def _open_standard_streams() -> None:
-    """Those that were closed lead nowhere; else the next port or socket would get their number, and our messages.
+    """Open standard streams that were closed: otherwise the next port or socket would get their number, and our output.
 
     A character that the user's encoding lacks is replaced.
     """
@@ -92,7 +92,7 @@ def _open_standard_streams() -> None:
 
 
 def _close_output() -> None:
-    """Let what could not be written to stdout lead nowhere, when Python tries it again at its end."""
+    """After a failed write to stdout, point it to nowhere: Python writes what is left once more as it ends."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

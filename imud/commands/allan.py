@@ -96,7 +96,7 @@ def _rate(path: Path, t_ns: Any) -> float:
     """Samples per second. Raises BadDataError if too many are missing for an Allan deviation."""
     steps = np.diff(t_ns)
     period = float(np.median(steps))
-    missing = float(np.sum(np.rint(steps / period)) - len(steps)) / len(steps)
+    missing = 1.0 - len(steps) / float(np.sum(np.rint(steps / period)))
     if missing > 0.01:
         raise BadDataError(f"{path}: {missing:.1%} of the samples are missing; an Allan deviation needs all of them")
     return float(1e9 * len(steps) / (t_ns[-1] - t_ns[0]) * (1.0 + missing))
@@ -124,7 +124,7 @@ def _print(found: Found, sheet: Any, name: str, n: int, rate_hz: float) -> None:
 
 
 def _doubt(samples: Any, rate_hz: float) -> None:
-    """Say when the sensor seems to have moved: the result is its motion then, not its noise."""
+    """Warn if the sensor seems to have moved: then the result is its motion, not its noise."""
     m = max(1, round(rate_hz))
     whole = len(samples) // m * m
     means = np.linalg.norm(samples["w"][:whole].reshape(-1, m, 3).mean(axis=1), axis=1)
@@ -135,7 +135,7 @@ def _doubt(samples: Any, rate_hz: float) -> None:
 
 
 def _plain(found: Found, rate_hz: float) -> dict[str, Any]:
-    """All of it in SI."""
+    """All results in SI, for JSON."""
     axes = {}
     for kind, deviations in found.items():
         for axis, deviation in deviations.items():
@@ -153,7 +153,7 @@ def _plain(found: Found, rate_hz: float) -> dict[str, Any]:
 
 
 def _settings(found: Found, recording: Path) -> str:
-    """The [noise] table: of each coefficient the worst axis; bounds are left to the profile."""
+    """The [noise] table: for each coefficient the worst axis; one that is only bounded is left to the profile."""
     lines = [f"# from {recording.name} by `imud allan`", "[noise]"]
     for kind, units in _KINDS.items():
         for i, unit in enumerate(units):

@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _read(args: argparse.Namespace) -> tuple[Any, str]:
-    """Samples, and whose they are."""
+    """The samples, and the name under which their sensor's calibration is kept."""
     from ..tables.inputs import is_recording, read_imu
 
     if is_recording(args.recording):

@@ -1,6 +1,6 @@
-"""`imud doctor`: why this machine would not work, and the mend. Looks, changes nothing, opens no port.
+"""`imud doctor`: why imud would not work on this machine, and how to mend it. It only looks, and opens no port.
 
-Each check is a function of a file-system root, so that any machine can be imitated in a folder.
+Each check is a function of the file system's root, so that tests can imitate any machine in a folder.
 """
 
 import argparse
@@ -25,7 +25,7 @@ _UARTS = re.compile(r"console=(serial0|ttyAMA\d+|ttyS\d+|ttyUSB\d+)")
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing looked at. A note may matter, a problem does. `mend` says what to do."""
+    """The result of one check. A note may matter, a problem does. `mend` says what to do."""
 
     grade: Literal["ok", "note", "problem"]
     what: str

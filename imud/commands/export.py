@@ -1,4 +1,4 @@
-"""`imud export`: a recording as CSV files, or for ROS 2. It is replayed for that, so that nothing is thinned."""
+"""`imud export`: a recording as CSV files, or for ROS 2. The recording is replayed, so that every sample is there."""
 
 import argparse
 import math

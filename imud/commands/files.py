@@ -1,4 +1,4 @@
-"""Files that a command is told to read and to write: what comes through a pipe is kept, what is read is not written."""
+"""Files that a command reads and writes: keeps what comes through a pipe, and refuses to write over its own input."""
 
 import atexit
 import shutil
@@ -10,7 +10,7 @@ from ..errors import CannotCreateError
 
 
 def input_file(text: str) -> Path:
-    """A type of argument: a file to be read. A pipe (`-`, `<(zcat …)`) can be read only once and becomes a file.
+    """Type of an argument: a file to be read. A pipe (`-`, `<(zcat …)`) can be read only once, so it becomes a file.
 
     Raises OSError if that has no room.
     """
@@ -19,7 +19,7 @@ def input_file(text: str) -> Path:
 
 
 def _kept(pipe: Path) -> Path:
-    """All that comes through it, until this process ends."""
+    """A file with all that came through the pipe; it exists until this process ends."""
     folder = Path(tempfile.mkdtemp(prefix="imud-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     copy = folder / pipe.name

@@ -1,6 +1,6 @@
 """`imud install-service`: unit, groups, udev rules, man pages, configuration: shown first, then put in place.
 
-What is to be done is a list of steps, made before anything is touched; showing and doing walk over the same list.
+The steps are listed before anything is touched; what is shown and what is done is the same list.
 """
 
 import argparse
@@ -69,7 +69,7 @@ class Remove:
 
 @dataclass(frozen=True)
 class Run:
-    """A command. One that only speeds things up (`optional`) may be missing or fail."""
+    """A command to run. One that only speeds things up (`optional`) may be missing or fail."""
 
     command: tuple[str, ...]
     optional: bool = False

@@ -116,7 +116,7 @@ def prometheus(status: Mapping[str, Any]) -> str:
 
 
 def _infos(status: Mapping[str, Any]) -> Iterator[str]:
-    """What is text: labels of a metric that is always 1, as is the custom."""
+    """The texts, as labels of a metric that is always 1, as is Prometheus' custom."""
     yield "# HELP imud_info The daemon."
     yield "# TYPE imud_info gauge"
     yield _sample("imud_info", {"version": status["version"], "estimator": status["filter.estimator"]}, 1)

@@ -1,4 +1,4 @@
-"""`imud probe`: which device is on a port, at which baud rate. Writes no flash; leaves other people's ports alone."""
+"""`imud probe`: which device is on a port, at which baud rate. Writes no flash; leaves ports in use alone."""
 
 import argparse
 import json

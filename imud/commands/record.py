@@ -1,4 +1,4 @@
-"""`imud record`: what ports say, byte for byte and with its time, to a file, for `imud replay`."""
+"""`imud record`: writes what ports say to a file, byte for byte and with arrival times, for `imud replay`."""
 
 import argparse
 import contextlib
@@ -113,7 +113,7 @@ class Tape:
 
 
 def _calibration_of(identity: Identity) -> calibration.Calibration | None:
-    """What the daemon would take out of the samples."""
+    """The calibration by which the daemon would correct the samples."""
     with contextlib.suppress(ImudError):
         return calibration.of(identity)
     return None

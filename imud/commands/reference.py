@@ -1,6 +1,6 @@
 """`imud reference`: settings, commands and records as sample file, table, man page or C header.
 
-It is made from what defines them, and is all that is written about them: nothing can drift.
+It is generated from the code that defines them, and nothing else describes them, so it cannot become outdated.
 """
 
 import argparse

@@ -164,7 +164,7 @@ def _read_gnss(
 
 
 def _doubts(samples: "Records") -> Iterator[str]:
-    """What looks like values in other units."""
+    """Warnings of values that look like other units."""
     apart_s = float(np.median(np.diff(samples["t_ns"]))) * 1e-9
     forces = samples["f"][:: max(1, len(samples) // _LOOKED_AT)]
     force, down = float(np.median(np.linalg.norm(forces, axis=1))), -float(np.median(forces[:, 2]))
@@ -177,7 +177,7 @@ def _doubts(samples: "Records") -> Iterator[str]:
 
 
 def _summary(samples: "Records", fixes: "Records", fed: int, skipped: int, seconds: float) -> None:
-    """What was done, on a terminal; what went wrong, everywhere."""
+    """Print what went wrong and, on a terminal, what was done."""
     span = float(samples["t_ns"][-1] - samples["t_ns"][0]) * 1e-9
     if sys.stderr.isatty():
         speed = span / max(seconds, 1e-9)

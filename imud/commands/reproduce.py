@@ -1,4 +1,4 @@
-"""`imud reproduce`: the source papers' experiments, their numbers beside ours; it fails when a claim does."""
+"""`imud reproduce`: the source papers' experiments, their numbers beside ours; it fails if a claim does not hold."""
 
 import argparse
 import importlib

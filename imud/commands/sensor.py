@@ -1,4 +1,4 @@
-"""`imud sensor`: has a device do something once: says what that will be, asks, does it, tells how it ended."""
+"""`imud sensor`: has a device do something once. Says what that will be, asks, does it, and tells how it ended."""
 
 import argparse
 import sys
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _offered() -> dict[str, str]:
-    """Every service, and which drivers' devices offer it with which values."""
+    """A text with every service, and which drivers offer it with which values."""
     found: dict[str, list[str]] = {}
     for driver in drivers():
         if isinstance(driver, ServiceDriver):
@@ -98,7 +98,7 @@ def _value(service: Service, given: int | None, name: str) -> int:
 
 
 def _agree(what: str, yes: bool) -> None:
-    """Say what is to be done, and have the user agree. Raises UsageError where nobody can be asked, or says no."""
+    """Say what is to be done, and ask the user. Raises UsageError if the answer is no, or nobody can be asked."""
     print(what, file=sys.stderr)
     if yes:
         return

@@ -1,4 +1,4 @@
-"""`imud warmup`: compile everything before the first start needs it, as an installer or an image builder does."""
+"""`imud warmup`: compiles everything before the first start needs it, for installers and builders of disk images."""
 
 import argparse
 import os

@@ -1,4 +1,4 @@
-"""What the settings, and then the sensor that was found, make of the daemon: ports, estimator, noise profile."""
+"""Choices that follow from the settings, and from the sensor that was found: ports, estimator, noise profile."""
 
 from collections import Counter
 from collections.abc import Collection
@@ -21,7 +21,7 @@ WITHOUT_GYROS = "tilt"  # the estimator for sensors that lack them
 
 
 def ports(settings: Settings) -> list[tuple[PortSpec, Options]]:
-    """Each port with what is wanted of the device on it. Raises UsageError."""
+    """Each port with the options for the device on it. Raises UsageError."""
     imu, gnss = settings.imu, settings.gnss
     options = Options(
         model=imu.model,
@@ -29,6 +29,7 @@ def ports(settings: Settings) -> list[tuple[PortSpec, Options]]:
         polled=imu.mode == "polled",
         filter_taps=imu.filter_taps,
         self_test=imu.self_test,
+        unchecked=not gnss.require_checksum,
         fix_rate_hz=gnss.rate_hz if gnss.configure else 0.0,
     )
     specs = [_spec(text, settings) for text in settings.ports]
@@ -66,7 +67,7 @@ def pulse(settings: Settings) -> PulsePerSecond | None:
 
 @dataclass(frozen=True)
 class Choice:
-    """The estimator that is wanted, and what may take its place if the choice was left to us."""
+    """The estimator that is wanted, and those that may take its place if the user left the choice to us."""
 
     wanted: Estimator
     fallback: Estimator | None
@@ -76,7 +77,7 @@ class Choice:
         return [self.wanted] if self.fallback is None else [self.wanted, self.fallback]
 
     def fitting(self, sensor: ImuConfigured) -> tuple[Estimator, str]:
-        """What the sensor suffices for, and why it is not what is wanted. Raises UsageError if the user insists."""
+        """The estimator for which this sensor suffices; if it is not the wanted one, also why. Raises UsageError."""
         if all(sensor.gyro_axes) or not self.wanted.needs_gyros:
             return self.wanted, ""
         missing = ", ".join(axis for axis, there in zip("xyz", sensor.gyro_axes, strict=True) if not there)

@@ -1,4 +1,4 @@
-"""From TOML file and `--set KEY=VALUE` to `Settings`: every problem at once, each with its key and where it stands."""
+"""From TOML file and `--set KEY=VALUE` to `Settings`; reports every problem at once, each with its key and line."""
 
 import difflib
 import math
@@ -127,7 +127,7 @@ def _unknown_names(table: dict[str, Any]) -> Iterable[tuple[str, str]]:
 
 
 def adopt(running: Settings, fresh: Settings) -> tuple[Settings, list[str], list[str]]:
-    """`running` with what is hot in `fresh`; the changed keys that it took, and those that wait for the next start."""
+    """`running` with the hot keys of `fresh`; also the changed keys that were taken, and those that need a restart."""
     taken, waiting = [], []
     for key in keys():
         before, after = _value(running, key.path), _value(fresh, key.path)

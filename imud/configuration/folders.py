@@ -1,4 +1,4 @@
-"""Where files of ours may lie: the service manager's folders, then the user's own, as the XDG rules name them."""
+"""Folders for our files: the service manager's first, then the user's own, named by the XDG rules."""
 
 import contextlib
 import os
@@ -8,7 +8,7 @@ _OWN = {"cache": ".cache", "state": ".local/state"}
 
 
 def places(kind: str) -> list[Path]:
-    """Folders for "cache" or "state", the first that counts first. A service's user may have no home, and so none."""
+    """Folders for "cache" or "state", in order of preference; may be none, as a service's user may have no home."""
     found = []
     if service := os.environ.get(f"{kind.upper()}_DIRECTORY"):  # systemd.exec(5)
         found.append(Path(service.split(":")[0]))

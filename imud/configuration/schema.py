@@ -1,4 +1,4 @@
-"""What the schema of the settings says of each key: its kind in words, its default in TOML, whether it is hot."""
+"""What `Settings` says of each of its keys: its type in words, its default in TOML, whether it is hot."""
 
 import json
 from collections.abc import Iterator
@@ -52,7 +52,7 @@ def keys(schema: type[msgspec.Struct] = Settings, table: str = "") -> Iterator[K
 
 
 def kind_of(hint: Any) -> tuple[str, msgspec.Meta]:
-    """What a value may be, in words, and what else the schema says of it."""
+    """The type of a value in words, with what else the schema says of it: unit, range."""
     meta = msgspec.Meta()
     if get_origin(hint) is Annotated:
         hint, meta = get_args(hint)[:2]

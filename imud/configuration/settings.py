@@ -87,6 +87,7 @@ class Gnss(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             extra=HOT,
         ),
     ] = (1, 2, 3, 4, 5)
+    require_checksum: Annotated[bool, Meta(description="Sentences without a checksum are not used.")] = True
     configure: Annotated[
         bool,
         Meta(

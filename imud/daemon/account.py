@@ -1,4 +1,4 @@
-"""What the daemon says of itself: changes to the log, health to the clients, and the answer to `imud status`."""
+"""What the daemon reports of itself: changes to the log, health to clients, and the answer to `imud status`."""
 
 import time
 
@@ -29,7 +29,7 @@ class Account:
         self._started_ns = time.monotonic_ns()
 
     def look_after(self, load: Load, now_ns: int) -> None:
-        """Now and then: tell the log what has changed."""
+        """Call now and then: logs what has changed."""
         inertial = self._devices.fitting.inertial
         newest = inertial.newest if inertial else None
         status = 0 if newest is None else int(newest["status"])
@@ -52,7 +52,7 @@ class Account:
         return troubles
 
     def _doubt_the_axes(self) -> None:
-        """A sensor that seems upside down may have other axes than ours: nothing on the wire can tell."""
+        """Warn of a sensor that seems upside down: its axes may be others than ours, which the wire cannot tell."""
         inertial = self._devices.fitting.inertial
         if inertial is not None and inertial.stream.samples[0]["f"][2] > 0.0:
             self._log.warning(_UPSIDE_DOWN)

@@ -1,11 +1,11 @@
-"""What changed in a running daemon and deserves a line in the log, each change once, and none that comes and goes."""
+"""Log lines for changes in a running daemon: each change once, and only if it lasts."""
 
 from collections.abc import Hashable, Iterable
 from typing import Any
 
 from ..estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, REJECTING
 
-STATUS_LASTS_NS, TROUBLE_LASTS_NS = 1_000_000_000, 500_000_000  # what has not lasted so long is not told
+STATUS_LASTS_NS, TROUBLE_LASTS_NS = 1_000_000_000, 500_000_000  # a change must last so long to be logged
 _STATUS = (
     (ATTITUDE_VALID, "roll and pitch are valid", "roll and pitch are lost"),
     (HEADING_VALID, "heading is valid", "heading is lost"),
@@ -24,7 +24,7 @@ class Changes:
         self._since_ns: dict[Hashable, int] = {}
 
     def of(self, facts: Iterable[Hashable], now_ns: int) -> tuple[list[Any], list[Any]]:
-        """What came and what went, given what is there now."""
+        """Which facts came and which went, given all that hold now."""
         different = self._told.symmetric_difference(facts)
         if not different:
             self._since_ns.clear()
@@ -38,7 +38,7 @@ class Changes:
 
 
 class Announcer:
-    """Tells the log. One per daemon."""
+    """Writes changes to the log. One per daemon."""
 
     def __init__(self, log: Any) -> None:
         self._log = log
@@ -46,7 +46,7 @@ class Announcer:
         self._troubles: dict[str, Changes] = {}
 
     def status(self, status: int, now_ns: int) -> int:
-        """Tell of the solution's status bits; returns those that came."""
+        """Log changes of the solution's status bits; returns those that were newly set."""
         came, went = self._status.of([bit for bit, *_ in _STATUS if status & bit], now_ns)
         if not came and not went:
             return 0
@@ -58,7 +58,7 @@ class Announcer:
         return sum(came)
 
     def troubles(self, kind: str, troubles: Iterable[str], now_ns: int) -> None:
-        """Tell of what is wrong with a sensor, in words that stay the same while it is."""
+        """Log what is newly wrong with a sensor and what no longer is, given its present troubles in words."""
         came, went = self._troubles.setdefault(kind, Changes(TROUBLE_LASTS_NS)).of(troubles, now_ns)
         for text in came:
             self._log.warning(text)

@@ -1,10 +1,10 @@
 """The daemon's wait, and what it does meanwhile without Python: read, decode, stamp, filter, publish.
 
-While the inertial sensor's line is plain (its bytes are there by reading the descriptor, and nobody else wants to see
-them), a wake-up for its bytes never leaves compiled code. Python is returned to when anything else has happened or is
-due: another descriptor, a signal, a time, a reading that failed, a batch so late that it must be judged what is still
-published, a solution that somebody is to be shown. So there is one loop, which costs as little as one in C, and every
-fault is handled where it can be seen, in Python.
+A line is plain when its bytes come by reading the descriptor and nobody else wants to see them. While the inertial
+sensor's line is plain, a wake-up for its bytes never leaves compiled code. Control returns to Python when anything else
+has happened or is due: another descriptor, a signal, a time, a read that failed, a late batch of which it must be
+decided what is still published, a client whose message is due. So there is one loop, which costs as little as one in
+C, and every fault is handled where it can be seen, in Python.
 """
 
 import select
@@ -46,12 +46,11 @@ def _turn(cycle: Records, stream: Records, publisher: Records, until_ns: int, sh
     while True:
         wait_ns = max(until_ns - now_ns, 0)
         c.timeout_s, c.timeout_ns = wait_ns // _SECOND_NS, wait_ns % _SECOND_NS
-        ready = ppoll(c.at, 2, c.timeout_at, 0)
-        now_ns = clock_ns(CLOCK_MONOTONIC, c.time_at)
-        if ready <= 0:
+        if ppoll(c.at, 2, c.timeout_at, 0) <= 0:
             return 0
+        received = read(c.fd, s.rx + s.fill, min(CHUNK, RX - s.fill)) if c.happened != 0 else 0
+        now_ns = clock_ns(CLOCK_MONOTONIC, c.time_at)  # after the read: late bytes must not seem early
         if c.happened != 0:
-            received = read(c.fd, s.rx + s.fill, min(CHUNK, RX - s.fill))
             if received <= 0:
                 return FAILED
             n = ingest(stream, received, now_ns)
@@ -80,21 +79,21 @@ class Cycle:
 
     @property
     def fd(self) -> int:
-        """Of the line; -1: none is attached."""
+        """The line's descriptor; -1: none is attached."""
         return int(self._record["fd"][0])
 
     def attach(self, fd: int, stream: Stream) -> None:
-        """Read this line into this stream from now on."""
+        """From now on, read this line into this stream."""
         self._record["fd"], self._stream = fd, stream.record
 
     def detach(self) -> None:
-        """Leave it alone."""
+        """Stop reading the line."""
         self._record["fd"], self._stream = -1, self._idle
 
     def turn(self, until_ns: int, outputs: BinaryOutputs, show_ns: int, most: int) -> int:
-        """Wait until something has happened or `until_ns`, and publish batches of at most so many meanwhile.
+        """Wait until something happens or `until_ns`; meanwhile publish batches of at most `most` solutions.
 
-        Returns how many solutions, more than `most`, were made at last and not published; FAILED if the line could
+        Returns the size of a last batch that was larger than `most` and was not published; FAILED if the line could
         not be read; SHOW once solutions were published at `show_ns` or later; else 0.
         """
         return _turn(self._record, self._stream, outputs.record, until_ns, show_ns, most)

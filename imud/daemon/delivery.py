@@ -1,4 +1,4 @@
-"""Where fixes and solutions go: into the filter, to the recording and, as far as there is time, to the outputs."""
+"""Takes fixes to the filter, and what the filter makes to the recording and, if there is time, to the outputs."""
 
 import time
 from collections.abc import Callable
@@ -18,7 +18,7 @@ def _utc_s(t_ns: int) -> float:
 
 
 class Delivery:
-    """Has no state but counts. All times are monotonic nanoseconds; not thread-safe."""
+    """Keeps no state but counts. All times are monotonic nanoseconds; not thread-safe."""
 
     def __init__(
         self, devices: Devices, recordings: Recordings, outputs: Outputs, health: Callable[[], Health]
@@ -29,11 +29,11 @@ class Delivery:
         self.innovations = Innovations()
 
     def most(self) -> int:
-        """So many solutions at a time are published without asking `solved`."""
+        """The largest batch of solutions that the cycle publishes by itself, without calling `solved`."""
         return self.load.usual(self._devices.imu[1].period_s) if self._devices.imu else 0
 
     def solved(self, inertial: Inertial, n: int, now_ns: int) -> None:
-        """There are n new solutions that nobody has seen."""
+        """The stream has n new solutions: record them, and publish them if there is time."""
         stream = inertial.stream
         if recorder := self._recordings.current:
             recorder.stepped(stream.samples[:n], stream.solutions[:n])
@@ -42,7 +42,7 @@ class Delivery:
             self.show(inertial, now_ns)
 
     def fixed(self, fixes: list[Records], latency_s: float) -> None:
-        """The receiver brought fixes, which are that old on arrival."""
+        """The receiver brought fixes, each `latency_s` old on arrival."""
         if fixes and self._devices.gnss:
             self._outputs.fixed(self._devices.gnss[1].used_last, latency_s)
         if (inertial := self._devices.fitting.inertial) is None:
@@ -54,7 +54,7 @@ class Delivery:
                 recorder.updated(fix, innovations)
 
     def look_after(self, latency_s: float, now_ns: int) -> None:
-        """Now and then: fixes whose epoch ended without an end, and what the filter has to tell without a fix."""
+        """Call now and then: takes fixes whose epoch ended by silence, and innovations that come without a fix."""
         if self._devices.gnss:
             self.fixed(self._devices.gnss[1].flush(now_ns), latency_s)
         inertial = self._devices.fitting.inertial
@@ -64,11 +64,11 @@ class Delivery:
                 recorder.told(told)
 
     def show(self, inertial: Inertial, now_ns: int) -> None:
-        """To those clients whose message is due."""
+        """Show the newest solution to those clients whose message is due."""
         self._outputs.show(lambda: self._view(inertial, now_ns), now_ns)
 
     def show_receiver(self, now_ns: int) -> None:
-        """There is no inertial sensor: what the receiver says by itself, lest the clients take old news for new."""
+        """Without an inertial sensor: show what the receiver says, so that clients do not take old news for new."""
         self._outputs.show(lambda: self._receivers_view(now_ns), now_ns)
 
     def _receivers_view(self, now_ns: int) -> View:

@@ -1,6 +1,6 @@
-"""The daemon's ports and what streams on them: which is the inertial sensor, which the receiver, who reads its bytes.
+"""The daemon's ports and what streams on them: which is the inertial sensor, which the receiver, who reads their bytes.
 
-It is the host of the ports, owns their descriptors, and knows nothing of what becomes of solutions and fixes.
+This is the `Host` of the ports and owns their descriptors; it does not know what becomes of solutions and fixes.
 """
 
 import math
@@ -12,6 +12,7 @@ import structlog
 
 from drivers.driver import AnyDriver, Identity, ImuConfigured
 from drivers.errors import PortEndedError, PortLostError
+from drivers.transport.line import Known
 
 from ..configuration import choices
 from ..configuration.settings import Settings
@@ -29,11 +30,12 @@ from .cycle import Cycle
 from .ports import Configured, Port
 
 _PARTS = {"imu": "inertial sensor", "gnss": "receiver"}
+_SLEPT_NS = 500_000_000  # between two looks: this process did not run, and silence then says nothing of a device
 _ABSENCE_S = 5.0  # after which a spare takes over: one that comes back sooner finds its filter as it left it
 
 
 class Devices:
-    """At most one sensor of each kind streams; what else there is of that kind is a spare. Not thread-safe."""
+    """At most one sensor of each kind streams; any other of that kind is a spare. Not thread-safe."""
 
     def __init__(self, settings: Settings, patient: bool, cycle: Cycle, recordings: Recordings) -> None:
         """patient: wait for devices that are absent at the start. Raises UsageError, DeviceAbsentError."""
@@ -49,16 +51,17 @@ class Devices:
         self._insisted: float | None = None  # share of the agreed rate for which the sensor was set up anew
         self._known = calibration.Calibration("")  # of the inertial sensor
         self._by_fd: dict[int, Port] = {}
+        self._looked_ns = self._awake_ns = 0  # of `look_after`: when last; since when without a long pause between two
         self._spares: dict[str, set[Port]] = {kind: set() for kind in _PARTS}
         recordings.on_begin, recordings.on_end = self._introduce, self._read_directly
 
     def look(self) -> None:
-        """Find at once that there is no point in waiting. Raises ImudError as `on_time`."""
+        """Find out early that there is no point in waiting. Raises ImudError as `on_time`."""
         for port in self.ports:
             port.look()
 
     def configure(self, settings: Settings) -> None:
-        """Take what is hot of other settings."""
+        """Take over the hot keys of new settings."""
         self._settings = settings
         if self.gnss:
             self.gnss[1].settings = settings.gnss
@@ -72,7 +75,7 @@ class Devices:
         return min([port.deadline_s for port in self.ports])
 
     def on_time(self, now_s: float) -> None:
-        """What is due on the ports: another try, or the end of a listening. Raises ImudError as `Port` does."""
+        """Do what is due on the ports: try again, or end a listening. Raises ImudError as `Port` does."""
         for port in self.ports:
             port.on_time(now_s)
 
@@ -80,7 +83,7 @@ class Devices:
         return fd in self._by_fd
 
     def on_event(self, fd: int, now_ns: int) -> tuple[int, list[Records]]:
-        """Bytes on a port: how many solutions they brought, and which fixes."""
+        """Read a port that has bytes; returns the number of new solutions, and the new fixes."""
         port = self._by_fd[fd]
         try:
             if self.imu and port is self.imu[0]:
@@ -93,9 +96,13 @@ class Devices:
         return 0, []
 
     def look_after(self, now_ns: int) -> None:
-        """Now and then: streams that fell silent, complaints of lines, how the sensor's clock goes."""
+        """Call now and then: looks for streams that fell silent, complaints of lines, and a sensor at a wrong rate."""
+        if now_ns - self._looked_ns > _SLEPT_NS:
+            self._awake_ns = now_ns
+        self._looked_ns = now_ns
         for port, sensor in self.streaming().values():
-            if now_ns - sensor.heard_ns > sensor.silence_ns and not _is_readable(port.fd):
+            silent = now_ns - max(sensor.heard_ns, self._awake_ns) > sensor.silence_ns
+            if silent and not isinstance(port.line, Known):  # a recording may have gaps, and goes on by itself
                 port.lost("the device sends nothing more of use")
         if self.imu and (share := self.imu[1].share_of_rate()):
             self._insist(*self.imu, share)
@@ -105,7 +112,7 @@ class Devices:
             self._recordings.current.looked(self.ports.index(self.imu[0]), self.imu[1], now_ns)
 
     def _insist(self, port: Port, sensor: Inertial, share: float) -> None:
-        """Set up anew a sensor that comes at another rate than was agreed; where that did not help, leave it alone."""
+        """Set up anew a sensor that streams at another rate than agreed; once only, if that does not help."""
         if share == 1.0:
             self._insisted = None
         elif self._insisted is None or abs(share / self._insisted - 1.0) > ALIKE:
@@ -114,7 +121,7 @@ class Devices:
             port.lost(f"about {share * agreed_hz:.3g} samples/s come, {agreed_hz:g} were agreed: set up anew")
 
     def streaming(self) -> dict[str, tuple[Port, Inertial] | tuple[Port, Receiver]]:
-        """By kind, what streams."""
+        """The port and the sensor that stream, by kind."""
         pairs = {"imu": self.imu, "gnss": self.gnss}
         return {kind: pair for kind, pair in pairs.items() if pair}
 
@@ -152,7 +159,7 @@ class Devices:
             self.imu, self._known = (port, inertial), known
             self._record(port, inertial)
             self._read_directly()
-            facts |= {"serial": identity.serial, "firmware": identity.firmware, "rate_hz": configured.rate_hz}
+            facts |= {"serial": identity.serial, "firmware": identity.firmware, "rate_hz": round(configured.rate_hz, 3)}
         elif driver.kind == "gnss":
             self.gnss = (port, Receiver(driver, self._settings.gnss, now_ns, self._pulse))
             self._record(*self.gnss)
@@ -183,7 +190,7 @@ class Devices:
             port.wake(at_s)
 
     def close(self) -> None:
-        """Let go of them all."""
+        """Close all ports."""
         for port in self.ports:
             port.close()
         if self.fitting.inertial is not None:
@@ -195,7 +202,7 @@ class Devices:
         )
 
     def _calibration_of(self, identity: Identity) -> calibration.Calibration:
-        """What is known of this very sensor."""
+        """The stored calibration of this very sensor; an empty one if there is none that can be read."""
         try:
             found = calibration.of(identity)
         except ImudError as error:
@@ -216,7 +223,7 @@ class Devices:
             self._cycle.attach(port.fd, inertial.stream)
 
     def _introduce(self) -> None:
-        """To a recording that begins: the sensors that stream already. Their bytes must pass through Python now."""
+        """Have a recording that begins take the sensors that stream already: from now on Python reads their bytes."""
         if self.imu and self.imu[0].fd == self._cycle.fd:
             self._cycle.detach()
             self._cycle.others.register(self.imu[0].fd, select.POLLIN)
@@ -224,7 +231,7 @@ class Devices:
             self._record(port, sensor)
 
     def _record(self, port: Port, sensor: Inertial | Receiver) -> None:
-        """Have the sensor's bytes recorded, if anything is."""
+        """Have the sensor's bytes recorded, if a recording is being made."""
         recorder = self._recordings.current
         if recorder and port.configured:
             number = self.ports.index(port)
@@ -243,10 +250,3 @@ def _described(port: Port, configured: Configured) -> Device:
         serial=identity.serial,
         activated_s=time.time(),
     )
-
-
-def _is_readable(fd: int) -> bool:
-    """Whether bytes wait: it may be we who slept, not the device."""
-    poll = select.poll()
-    poll.register(fd, select.POLLIN)
-    return bool(poll.poll(0))

@@ -1,14 +1,14 @@
 """Whether the machine keeps up with the sensor, judged from how much waits when the daemon comes to read.
 
-A single late batch is a hiccup and costs nobody anything: it is worked off whole. Lateness that goes on means that
-there is no time for everything: publishing is then cut down to a trickle, and estimation gets the time.
+A single late batch is a hiccup: it is worked off whole. If batches keep coming late there is no time for everything;
+publishing is then cut down to a trickle, so that estimation gets the time.
 """
 
-LATE_S, LATE_SAMPLES = 0.1, 5  # a batch with so much is late
-PATIENCE_NS = 1_000_000_000  # lateness that lasts longer is overload
-CALM_NS = 500_000_000  # without a late batch, and it is over
-TRICKLE_NS = 500_000_000  # between what is still published
-STANDSTILL_NS = 1_000_000_000
+LATE_S, LATE_SAMPLES = 0.1, 5  # a batch is late if it holds more time than that, and at least so many samples
+PATIENCE_NS = 1_000_000_000  # lateness that lasts longer is an overload
+CALM_NS = 500_000_000  # without a late batch, after which lateness is over
+TRICKLE_NS = 500_000_000  # between batches published during an overload
+STANDSTILL_NS = 1_000_000_000  # between two looks: the process did not run
 
 
 class Load:
@@ -25,11 +25,11 @@ class Load:
         self._lost_before = 0
 
     def usual(self, period_s: float) -> int:
-        """So many samples at a time are published without asking; -1: none, for lateness is being watched."""
+        """The largest batch that may be published without asking; -1: none, while lateness is being watched."""
         return max(LATE_SAMPLES - 1, int(LATE_S / period_s)) if self._since_ns is None else -1
 
     def leaves_time_to_publish(self, n: int, period_s: float, now_ns: int) -> bool:
-        """Take note of a batch of n samples; should it be published?"""
+        """Take note of a batch of n samples; returns whether to publish it."""
         if n >= LATE_SAMPLES and n * period_s > LATE_S:
             self._since_ns = now_ns if self._since_ns is None else self._since_ns
             self._late_ns = now_ns
@@ -43,7 +43,7 @@ class Load:
         return True
 
     def news(self, lost: int, now_ns: int) -> list[str]:
-        """What is worth a line since the last call, which should be many times a second ago; lost: samples so far."""
+        """Lines for the log since the last call; call it several times a second. lost: samples lost so far."""
         gap_ns = now_ns - self._looked_ns if self._looked_ns else 0
         self._looked_ns = now_ns
         told = []
@@ -57,7 +57,7 @@ class Load:
         return told
 
     def _turn(self, lost: int) -> str:
-        """What an overload begins or ends with."""
+        """The line with which an overload begins or ends."""
         if self.overloaded:
             self._lost_before, self.shed = lost, 0
             return "the machine cannot keep up with the sensor: publishing waits, estimation goes on"

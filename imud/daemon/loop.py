@@ -1,4 +1,4 @@
-"""The daemon's one loop: waits on all descriptors at once, hands bytes to the sensors and solutions to the outputs.
+"""The daemon's one loop: waits on all descriptors at once, hands bytes to the sensors, and solutions to the outputs.
 
 It owns the order of things, from the start to the farewell; it knows no register, no equation and no JSON key.
 """
@@ -120,13 +120,13 @@ class Daemon:
                 self._look_after(now_ns)
 
     def _turn(self, slow_ns: int) -> int:
-        """Wait until something has happened that the cycle does not do by itself, or until something is due."""
+        """Wait until something happens that the cycle does not handle by itself, or until something is due."""
         due_s = self._devices.deadline_s
         until_ns = round(due_s * 1e9) if due_s < slow_ns * 1e-9 else slow_ns
         return self._cycle.turn(until_ns, self._outputs.binary, self._outputs.due_ns, self._delivery.most())
 
     def _on_turn(self, fd: int, inertial: Inertial, unpublished: int, now_ns: int) -> None:
-        """What the cycle left to do: a reading that failed, a batch that is to be judged, a view that is due."""
+        """Do what the cycle left to do: a read that failed, a large batch, a view that is due."""
         if unpublished == FAILED:
             self._dispatch(fd, 0, now_ns)
         elif unpublished > 0:
@@ -146,7 +146,7 @@ class Daemon:
             self._outputs.on_event(fd, mask, now_ns)
 
     def _look_after(self, now_ns: int) -> None:
-        """What is due now and then: unfinished epochs, silence, slow clients, the watchdog, changes worth a line."""
+        """Do what is due now and then: unfinished epochs, silence, slow clients, the watchdog, lines for the log."""
         self._delivery.look_after(self._settings.gnss.latency_s, now_ns)
         self._devices.look_after(now_ns)
         if self._devices.imu is None:
@@ -159,7 +159,7 @@ class Daemon:
         self._notifier.alive(now_ns)
 
     def _actions(self) -> dict[signal.Signals, Callable[[], None]]:
-        """What the signals mean. Without a file to read again a hang-up is the terminal's, and an end."""
+        """What each signal does. Without a configuration file to reread, SIGHUP comes from a terminal, and ends us."""
         codes = {signal.SIGTERM: 0, signal.SIGINT: _INTERRUPTED, signal.SIGHUP: _HUNG_UP}
         actions: dict[signal.Signals, Callable[[], None]] = {n: partial(self._end, codes[n]) for n in endings()}
         if self._reread is not None:
@@ -175,7 +175,7 @@ class Daemon:
         self._reload_due = True
 
     def _reload(self) -> None:
-        """Read the configuration again and take what is hot; one with an error changes nothing."""
+        """Read the configuration again and take over its hot keys; one with an error changes nothing."""
         assert self._reread is not None
         self._reload_due = False
         self._notifier.say("RELOADING=1", f"MONOTONIC_USEC={time.monotonic_ns() // 1000}")

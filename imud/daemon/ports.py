@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import structlog
 
-from drivers.detect import Chatter, Finding, search
+from drivers.detect import search
 from drivers.dialogue import Dialogue
 from drivers.driver import AnyDriver, GnssConfigured, Identity, ImuConfigured, Options, Request, Unsupported
 from drivers.errors import (
@@ -22,6 +22,7 @@ from drivers.errors import (
     PortError,
     PortSupportError,
 )
+from drivers.findings import Chatter, Finding
 from drivers.registry import by_name
 from drivers.transport.conversation import Conversation
 from drivers.transport.line import Known, Line, look, open_line
@@ -33,7 +34,7 @@ Configured = ImuConfigured | GnssConfigured
 
 _FIRST_RETRY_S, _LAST_RETRY_S = 0.25, 4.0
 _UNTRIED = "not tried yet"
-_FATAL: dict[type[PortError], type[ImudError]] = {  # at the start; later the device may be given back
+_FATAL: dict[type[PortError], type[ImudError]] = {  # at the start; later the device may be given back, or just appear
     PortDeniedError: PermissionDeniedError,
     PortBusyError: InputOutputError,
     NotSerialError: InputOutputError,
@@ -42,7 +43,7 @@ _FATAL: dict[type[PortError], type[ImudError]] = {  # at the start; later the de
 
 
 def failure(error: PortError) -> ImudError:
-    """The same for a command that waits for nothing."""
+    """The exception for a command that does not wait for a port."""
     absent = isinstance(error, PortAbsentError)
     kind = _FATAL.get(type(error), DeviceAbsentError if absent else InputOutputError)
     return kind(str(error))
@@ -95,7 +96,7 @@ class Port:
         return self._line
 
     def on_time(self, now_s: float) -> None:
-        """Something is due: another try, or the end of a listening."""
+        """Do what is due: try again, or end a listening."""
         if now_s < self.deadline_s:
             return
         if self._line is None:
@@ -111,7 +112,7 @@ class Port:
             self._guard(self._talk.on_readable)
 
     def pass_on(self) -> None:
-        """Log what the line has to complain about, once."""
+        """Log the line's complaint, once."""
         complaint = self._line.complaint if self._line else ""
         if complaint and complaint != self._complaint:
             self._log.warning(complaint)
@@ -130,12 +131,12 @@ class Port:
         self._tell(why, warn=True)
 
     def wake(self, at_s: float) -> None:
-        """Try a port that was retired again at that time; infinite: not any more."""
+        """Try a retired port again at that time; infinite: never."""
         if self._line is None:
             self.deadline_s = at_s
 
     def refuse(self, why: str) -> None:
-        """Let go of a device that will not do; another may be there later."""
+        """Let go of an unsuitable device; another may be there later."""
         self._close()
         self._retry_s = _LAST_RETRY_S
         self._wait(why, warn=True)
@@ -149,7 +150,7 @@ class Port:
             self._line = open_line(self.spec)
         except PortError as error:
             fatal = _FATAL.get(type(error))
-            if fatal and not self.connects:
+            if fatal and self.story == _UNTRIED:
                 raise fatal(str(error)) from error
             self._fail(str(error))
             return
@@ -191,7 +192,7 @@ class Port:
     def _streams(self, driver: AnyDriver, configured: Configured | Unsupported | None) -> None:
         if configured is None:
             hint = " by itself, and its port is readonly" if self.options.readonly else ""
-            self._fail(f"found a {driver.name} device, but it does not start to stream{hint}")
+            self._fail(f"found a device of the driver {driver.name}, but it does not start to stream{hint}")
             return
         if isinstance(configured, Unsupported):
             self._fail(str(configured))
@@ -211,7 +212,7 @@ class Port:
             self.story = self._gist = "streaming"
 
     def _ask(self, request: Request, now_s: float) -> None:
-        """Ask for a sample. The times to ask are fixed from the start; what a late wake-up missed is left out."""
+        """Ask for a sample. The times to ask are fixed from the start; those that a late wake-up missed are skipped."""
         assert self._line is not None
         period_s = request.period_ns * 1e-9
         self.deadline_s += period_s * (1 + math.floor((now_s - self.deadline_s) / period_s))
@@ -221,7 +222,7 @@ class Port:
             self.lost(str(error))
 
     def _fail(self, why: str, gist: str = "") -> None:
-        """No stream this time."""
+        """This attempt brought no stream."""
         if not self._patient and not self.connects:
             self._close()
             raise DeviceAbsentError(why)
@@ -234,7 +235,7 @@ class Port:
         self._retry_s = min(2.0 * self._retry_s, _LAST_RETRY_S)
 
     def _tell(self, story: str, warn: bool = False, gist: str = "") -> None:
-        """Log a change, once. gist: what must differ for it to be one, if that is not the whole story."""
+        """Log a change, once. gist: the part that must differ for it to count as one; default: the whole story."""
         before, self.story, self._gist = self._gist, story, gist or story
         if self._gist != before:
             (self._log.warning if warn else self._log.info)(story)

@@ -1,4 +1,4 @@
-"""A receiver's fix as a solution of its own, for as long as there is no inertial sensor: what it says, and how well."""
+"""A receiver's fix as a solution, while there is no inertial sensor: what the receiver says, and its uncertainty."""
 
 import math
 

@@ -1,6 +1,6 @@
-"""How a running daemon is, as one nested table of numbers and texts: `imud status` and Prometheus show the same.
+"""The state of a running daemon as one nested table of numbers and texts, for `imud status` and Prometheus.
 
-Until somebody asks it costs the loop a sum per sample (how late it came), one per innovation and a glance per second.
+Most of it is made only when somebody asks; the loop pays a sum per sample (how late it came) and per innovation.
 Counters of a port begin anew with each connection; what is not known is left out. Units stand in the names, which are
 those of `imud replay`'s est.csv where both have them.
 """
@@ -40,14 +40,14 @@ Table = dict[str, Any]
 
 
 class Innovations:
-    """What the filter made of fixes, rest and constraints: how many it used, how large they were for their variance."""
+    """Statistics of innovations by kind: how many were used or rejected, and how large they were for their variance."""
 
     def __init__(self) -> None:
         self._table: dict[int, Table] = {}
         self._judged: Counter[int] = Counter()
 
     def take(self, rows: NDArray[np.void]) -> None:
-        """The next ones (INNOVATION). One refused unseen, as a fix out of order is, has no value, and only counts."""
+        """Add rows of INNOVATION. One rejected without a value, as of a fix out of order, is counted and no more."""
         for _, kind, value, variance, used in rows.tolist():
             entry = self._table.setdefault(kind, {"used": 0, "rejected": 0, "ratio": 0.0})
             entry["used" if used else "rejected"] += 1
@@ -56,12 +56,12 @@ class Innovations:
                 entry["ratio"] += (value * value / variance - entry["ratio"]) / min(MEMORY, self._judged[kind])
 
     def told(self) -> Table:
-        """By kind; `ratio` is the mean of innovation^2 / variance over the last fixes, 1 for a filter that knows."""
+        """By kind; `ratio` is the mean of innovation^2 / variance over the last fixes, 1 for a consistent filter."""
         return {KINDS[kind].key: dict(entry) for kind, entry in sorted(self._table.items())}
 
 
 def of_process(started_ns: int) -> Table:
-    """Time and memory that this process took, and where its compiled kernels are kept."""
+    """Time and memory used by this process, and where its compiled kernels are kept."""
     usage = resource.getrusage(resource.RUSAGE_SELF)
     resident = int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
     return {
@@ -79,7 +79,7 @@ def of_process(started_ns: int) -> Table:
 def of_port(
     port: "Port", now_ns: int, part: "Inertial | Receiver | None" = None, troubles: tuple[str, ...] | None = None
 ) -> Table:
-    """A port, its device, and what was counted since it streams."""
+    """A port, its device, and what was counted since it began to stream."""
     table: Table = {"path": port.spec.path, "story": port.story, "connects": port.connects, "streaming": False}
     configured = port.configured
     if configured is None or part is None:
@@ -157,5 +157,5 @@ def flat(table: Mapping[str, Any], prefix: str = "") -> Table:
 
 
 def status_object(table: Table) -> str:
-    """As one flat JSON object of a class of our own: gpsd's clients stumble over anything else."""
+    """As one flat JSON object with a class of its own: gpsd's clients stumble over anything else."""
     return json.dumps({"class": "STATUS", **flat(table)}, separators=(",", ":"))

@@ -1,4 +1,4 @@
-"""What an experiment hands back: a table of the paper's numbers beside ours, and figures as plain values."""
+"""The result of an experiment: a table of the paper's numbers beside ours, and figures as plain values."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table. holds: whether the claim in it does; None: a number without a claim."""
+    """One line of the table. holds: whether its claim holds; None: a number without a claim."""
 
     quantity: str
     paper: str

@@ -1,4 +1,4 @@
-"""All outputs behind one door: who gets what, and when it is worth making. Which of them exist, the settings say."""
+"""All outputs together: who gets what, and when it is worth making. The settings say which of them exist."""
 
 import contextlib
 from collections.abc import Callable, Mapping
@@ -35,7 +35,7 @@ class Outputs:
             self._opened = stack.pop_all()
 
     def configure(self, settings: Settings) -> None:
-        """Take what is hot of other settings."""
+        """Take over the hot keys of new settings."""
         self.gpsd.settings = settings.gpsd
 
     def on_event(self, fd: int, mask: int, now_ns: int) -> None:
@@ -46,7 +46,7 @@ class Outputs:
             self.binary.stream.on_event(fd)
 
     def fixed(self, fix: Fix, latency_s: float) -> None:
-        """The receiver told the time, so long ago."""
+        """Give the time of a fix that was taken `latency_s` before it came."""
         if self._chrony is not None:
             self._chrony.publish(fix, latency_s)
 
@@ -56,7 +56,7 @@ class Outputs:
         return min(viewer.due_ns for viewer in self._viewers)
 
     def show(self, make: Callable[[], View], now_ns: int) -> None:
-        """Give those whose message is due the view that `make` makes; it is not called for nobody."""
+        """Give the view that `make` makes to those whose message is due; without any, `make` is not called."""
         due = [viewer for viewer in self._viewers if now_ns >= viewer.due_ns]
         if due:
             view = make()
@@ -64,7 +64,7 @@ class Outputs:
                 viewer.publish(view, now_ns)
 
     def look_after(self, now_ns: int) -> None:
-        """Now and then: cut off who is stuck."""
+        """Call now and then: cuts off clients that are stuck."""
         if (deadline := self.gpsd.next_deadline()) is not None and now_ns >= deadline:
             self.gpsd.tick(now_ns)
         self.binary.look_after(now_ns)

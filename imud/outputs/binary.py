@@ -1,6 +1,6 @@
-"""Solutions as records for the stream and the shared memory; nothing is done while nobody wants them.
+"""Solutions as records for the stream and the shared memory. Without a reader nothing is done.
 
-`publish` is compiled, for the daemon's cycle calls it without Python (`imud/daemon/cycle.py`).
+`publish` is compiled, because the daemon's cycle calls it without Python (`imud/daemon/cycle.py`).
 """
 
 import numpy as np
@@ -57,7 +57,7 @@ def publish(publisher: NDArray[np.void], solutions: int, n: int, seq: int, now_n
 class BinaryOutputs:
     """The stream's server and the shared memory, as far as they are configured.
 
-    `record` (array of one PUBLISHER) is what compiled code works with.
+    `record` (array of one PUBLISHER) is the view that compiled code has of them.
     """
 
     def __init__(self, settings: Settings, poller: Poller, batch: int) -> None:
@@ -80,7 +80,7 @@ class BinaryOutputs:
         publish(self.record, solutions.ctypes.data, n, seq, now_ns)
 
     def look_after(self, now_ns: int) -> None:
-        """Now and then: cut off who is stuck."""
+        """Call now and then: cuts off clients that are stuck."""
         self.stream.look_after(now_ns)
 
     def close(self) -> None:

@@ -1,9 +1,10 @@
 """The receiver's time for chrony or ntpd: a sample per fix in the shared memory segment that both call refclock SHM.
 
-It says which time the system clock showed when the receiver's fix was taken. Between the two lie `gnss.latency_s`, as
-well as that is known, and the jitter of a serial line, which is told as the precision: this sets a clock that has no
-network to some hundredths of a second, it does not discipline one that has. Let chrony start first and make the
-segment (`perm=0666`): one that a service made is removed with it (RemoveIPC), and chrony would go on reading the old.
+Each sample says which time the system clock showed when a fix was taken. It is as good as `gnss.latency_s` is known,
+and as the jitter of a serial line, which is given as the precision: good enough to set a clock without a network to
+some hundredths of a second, not to discipline one with a network. Let chrony start first and make the segment
+(`perm=0666`): one made by a service is removed with the service (RemoveIPC), and chrony would go on reading the old
+one.
 
 Source: ntpd's refclock 28 (struct shmTime); chrony.conf(5), refclock SHM. The key is "NTP0" and the unit.
 """

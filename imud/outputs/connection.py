@@ -1,8 +1,9 @@
-"""One client's connection: what it is owed, what it may still ask, and when the next message is due. Never blocks.
+"""One client's connection: what is still to be sent, what it may ask, and when its next message is due. Never blocks.
 
-Bounded whatever the peer does: a message is either taken whole or dropped whole, so that no line is ever torn; while
-one is still going out nothing else is queued and no request is read, so a peer that does not read its answers is
-stopped by its own socket buffer; after a number of reads and requests in one second, no more is read until the next.
+Memory and work are bounded whatever the peer does. A message is either taken whole or dropped whole, so that no line is
+ever torn. While one is still going out nothing else is queued and no request is read, so a peer that does not read its
+answers is stopped by its own socket buffer. After a number of reads and requests in one second, no more is read until
+the next.
 """
 
 import contextlib

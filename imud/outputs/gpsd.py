@@ -1,4 +1,4 @@
-"""A server for gpsd's clients that lives in somebody else's event loop: it never waits, and starts no thread.
+"""A server for gpsd's clients inside the daemon's event loop: it never waits, and starts no thread.
 
 The loop polls; for each descriptor that is `in` the server it calls `on_event`, with every new solution `publish`, and
 it wakes up by `next_deadline` to call `tick`. All times are monotonic nanoseconds, one for all events of a wake-up: the

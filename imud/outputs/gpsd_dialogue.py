@@ -69,7 +69,7 @@ def _printable(text: bytes) -> str:
 
 
 class _WatchArgument(msgspec.Struct):
-    """What ?WATCH may be told; other keys are passed over. None: leave it as it is."""
+    """The keys of ?WATCH's argument; other keys are ignored. None: leave it as it is."""
 
     enable: bool = True
     json: bool | None = None

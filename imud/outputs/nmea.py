@@ -1,6 +1,6 @@
 """NMEA sentences to a UDP address and to a pseudo-terminal, for programs that know receivers only.
 
-Nobody is waited for: what a reader does not take is thrown away, the oldest first, so that it never reads old news.
+It never waits: what a reader does not take is thrown away, the oldest first, so that nobody reads outdated sentences.
 """
 
 import contextlib
@@ -104,7 +104,7 @@ class NmeaOutput:
 
 
 def _is_used(link: Path) -> bool:
-    """Whether it leads to a pseudo-terminal that another instance holds: by a record lock, which readers do not use."""
+    """Whether the link leads to a pseudo-terminal of another instance, which holds a record lock (readers use none)."""
     try:
         fd = os.open(link, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     except OSError:

@@ -1,4 +1,4 @@
-"""The newest state in a file on a tmpfs, behind a sequence lock: readers map it and never meet us.
+"""The newest state in a file on a tmpfs, behind a sequence lock: readers map it and need no system call.
 
 Layout, all little-endian: the lock (uint64: 0 before the first state, odd while one is written), the record
 (`imud.client.FIELDS`), and the exclusive or of the record's 64-bit words, for readers that cannot order their reads.

@@ -1,4 +1,4 @@
-"""Every state to whoever wants it, in binary: a SEQPACKET socket whose clients each choose a divisor.
+"""Every state in binary for any number of clients: a SEQPACKET socket on which each client chooses a divisor.
 
 One record per message (layout: `imud.client.FIELDS`). A client that does not read loses its own records, which their
 numbers tell it, and is cut off after a while; nobody waits for it. Sending is compiled, connecting is not.
@@ -36,9 +36,9 @@ CLIENT = np.dtype(
 
 @kernel
 def send_all(clients: NDArray[np.void], messages: int, size: int, n: int, seq: int, now_ns: int) -> int:
-    """To each client those of n messages of `size` bytes, the last numbered `seq`, that it divides.
+    """Send to each client those of n messages of `size` bytes whose number its divisor divides; the last is `seq`.
 
-    Returns how many were dropped. One that is gone is left to the poll, which tells.
+    Returns how many were dropped. A client that is gone is left to the poll, which reports it.
     """
     dropped = 0
     for i in range(len(clients)):
@@ -107,7 +107,7 @@ class StreamServer:
             self._remove(i)
 
     def look_after(self, now_ns: int) -> None:
-        """Cut off those who have taken nothing for long; let in again whom there was no room for."""
+        """Cut off clients that have taken nothing for long; accept again those for whom there was no room."""
         if now_ns < self._look_ns:
             return
         self._look_ns = now_ns + SECOND_NS

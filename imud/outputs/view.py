@@ -1,4 +1,4 @@
-"""What the outputs are given of one instant, and a solution's bytes as plain numbers in the units they publish.
+"""What the outputs get of one instant, and how to unpack a solution's bytes into the units that they publish.
 
 Values only, frozen: an output may keep a view as long as it likes. Unknown is NaN, as in the records.
 """

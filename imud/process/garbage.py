@@ -1,13 +1,14 @@
-"""The garbage collector: what lives on is set aside, so that a collection has next to nothing to look through.
+"""The garbage collector: objects that live on are set aside, so that a collection has next to nothing to look through.
 
-It would take 20 to 50 ms to look at all that has been imported. What is set aside and ends later is freed as ever,
-unless it refers to itself in a circle; so nothing that comes and goes with a connection may.
+To look at all that has been imported would take 20 to 50 ms. An object that was set aside is still freed by its
+reference count, but no longer if it is part of a reference cycle; so nothing that comes and goes with a connection may
+be part of one.
 """
 
 import gc
 
 
 def set_aside() -> None:
-    """Collect garbage, and keep what is left out of later collections: at moments when nobody waits for a sample."""
+    """Collect garbage, and exempt what is left from later collections. Call it when nobody waits for a sample."""
     gc.collect()
     gc.freeze()

@@ -19,7 +19,7 @@ _PRIORITY = {"debug": 7, "info": 6, "warning": 4, "error": 3, "critical": 2}
 
 
 def _sentence(event: Mapping[str, Any]) -> str:
-    """For people: the event and what belongs to it."""
+    """One line for people: the event and its values."""
     fields = (f"{key}={value}" for key, value in event.items() if key not in ("event", "level", "timestamp"))
     return " ".join([str(event["event"]), *fields])
 
@@ -43,7 +43,7 @@ def _field(name: str, value: str) -> bytes:
 
 
 class Journal:
-    """The last processor where the journal listens; lets events pass that it cannot send."""
+    """The last structlog processor under systemd's journal; events that it cannot send are passed on."""
 
     def __init__(self, path: str) -> None:
         """Raises OSError where there is no journal."""
@@ -64,7 +64,7 @@ class Journal:
 
 
 def _is_journalled() -> bool:
-    """Whether stderr goes to the journal, not only that of who started us."""
+    """Whether our own stderr goes to the journal, not only that of the process that started us."""
     try:
         status = os.fstat(sys.stderr.fileno())
     except (OSError, ValueError):
@@ -73,7 +73,7 @@ def _is_journalled() -> bool:
 
 
 class _Lossy:
-    """A stream that may fail, its reader gone or its disk full: that costs lines of the log, not the daemon."""
+    """A stream whose failure (reader gone, disk full) costs lines of the log, but does not end the daemon."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -99,7 +99,7 @@ def _tapped(tap: Tap) -> Any:
 
 
 def configure(level: str = "info", tap: Tap | None = None) -> None:
-    """Set up structlog once, for the whole process; `tap` is told every line, too."""
+    """Set up structlog once, for the whole process; `tap` is called with every line, too."""
     processors: list[Any] = [structlog.processors.add_log_level]
     if tap is not None:
         processors.append(_tapped(tap))

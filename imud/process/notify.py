@@ -1,4 +1,4 @@
-"""What the service manager is told: sd_notify's datagrams. Silent where there is no service manager.
+"""Reports to the service manager by sd_notify's datagrams. Does nothing where there is no service manager.
 
 Source: sd_notify(3). The socket is named by NOTIFY_SOCKET; a leading @ means the abstract namespace.
 """
@@ -9,7 +9,7 @@ import socket
 
 
 class Notifier:
-    """Tells the service manager how things are. One per process; close it, or let the process end."""
+    """The connection to the service manager. One per process; close it, or let the process end."""
 
     def __init__(self) -> None:
         self._socket: socket.socket | None = None

@@ -1,7 +1,8 @@
-"""What `[realtime]` asks of the kernel: memory that is never paged out, a real-time priority, processors of our own.
+"""The settings of `[realtime]`: memory that is never paged out, a real-time priority, a choice of processors.
 
-Applied once, before READY. All of it needs permission, and a refusal ends the start: a control loop must not find out
-by being late. Pages are locked as they are touched (MCL_ONFAULT), for what the kernels need has been touched by then.
+They are applied once, before READY. All of them need permission, and a refusal fails the start, so that a control loop
+does not find out by being late. Pages are locked when they are touched (MCL_ONFAULT); by then all that the kernels need
+has been touched.
 """
 
 import ctypes
@@ -21,7 +22,7 @@ _GRANT = (
 
 
 def apply(settings: Realtime) -> None:
-    """Do what is asked for. Raises ConfigError (78) for processors that are not there, PermissionDeniedError (77)."""
+    """Apply them. Raises ConfigError (78) for processors that do not exist, PermissionDeniedError (77)."""
     if settings.cpus:
         _pin(set(settings.cpus))
     if settings.lock_memory:

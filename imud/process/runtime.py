@@ -1,8 +1,8 @@
-"""What must be settled before numba is imported: where compiled kernels are kept, and how many threads BLAS starts.
+"""What must be set before numba is imported: where compiled kernels are kept, and how many threads BLAS starts.
 
-numba keys its cache by the file of a kernel alone: it does not notice a changed callee or constant in another file and
-would run stale machine code. So the cache directory's name holds a digest of all that machine code depends on: every
-source file, the libraries that compile, Python, and the processor. Directories that nobody used for weeks are removed.
+numba keys its cache by the file of a kernel alone: if a callee or a constant in another file changes, it runs stale
+machine code. So the name of our cache directory holds a digest of all that machine code depends on: every source file,
+the compiling libraries, Python, and the processor. Directories that nobody has used for weeks are removed.
 """
 
 import contextlib
@@ -30,7 +30,7 @@ _CPU |= {"CPU implementer", "CPU part", "CPU variant", "Features"}  # on ARM
 
 
 def _processor() -> str:
-    """What LLVM knows the processor by."""
+    """The processor's name and features in LLVM's terms."""
     try:
         first = Path("/proc/cpuinfo").read_text(errors="replace").split("\n\n")[0]
     except OSError:
@@ -39,7 +39,7 @@ def _processor() -> str:
 
 
 def source_digest(root: Path = _ROOT) -> str:
-    """Digest of all sources that kernels may come from, and of what turns them into machine code."""
+    """Digest of all sources that may hold kernels, and of everything that turns them into machine code."""
     digest = hashlib.sha256(f"{sys.version};{_processor()};".encode())
     for name in ("numba", "llvmlite", "numpy"):
         digest.update(f"{name}={importlib.metadata.version(name)};".encode())
@@ -52,7 +52,7 @@ def source_digest(root: Path = _ROOT) -> str:
 
 
 def is_writable(folder: Path) -> bool:
-    """Whether files can be made in `folder`, which is made if need be, and whether they have room there."""
+    """Whether files can be written in `folder` (made if need be), and its disk is not full."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -62,7 +62,7 @@ def is_writable(folder: Path) -> bool:
 
 
 def candidates() -> list[Path]:
-    """Where compiled kernels may be kept: where the user says; or in systemd's CacheDirectory, or the user's cache."""
+    """Folders in which compiled kernels may be kept: the one the user names; else systemd's, or the user's cache."""
     name = f"{_PREFIX}{source_digest()}"
     given = Path(os.environ.get("NUMBA_CACHE_DIR", ""))
     if given.name == name:  # a process of ours has settled it
@@ -71,7 +71,7 @@ def candidates() -> list[Path]:
 
 
 def _remove_unused(base: Path, now_s: float) -> None:
-    """Digests that no process has used for weeks: of earlier versions, or of another processor."""
+    """Remove directories that no process has used for weeks: of earlier versions, or of another processor."""
     for folder in base.glob(f"{_PREFIX}*"):
         with contextlib.suppress(OSError):
             if now_s - folder.stat().st_mtime > _UNUSED_S:
@@ -79,14 +79,14 @@ def _remove_unused(base: Path, now_s: float) -> None:
 
 
 def without_scipy() -> None:
-    """Keep numba from loading SciPy, if installed, for linear algebra that no kernel uses: 0.2 s and 15 MB."""
+    """Keep numba from loading an installed SciPy, for linear algebra that no kernel uses: saves 0.2 s and 15 MB."""
     sys.modules.setdefault("scipy", None)  # type: ignore[arg-type]
 
 
 def prepare() -> Path | None:
     """Set the environment for numba; call before anything imports it.
 
-    Returns the cache directory; None where there is none to be had: then every start compiles (see `kernels.jit`).
+    Returns the cache directory; None if no folder can be written: then every start compiles (see `kernels.jit`).
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one thread and 57 MB of address space less
     for folder in candidates():

@@ -1,4 +1,4 @@
-"""How an inertial sensor's counter fits the host's time, and what its line lost, as rows of a recording."""
+"""Rows of a recording that tell how an inertial sensor's counter fits the host's time, and what its line lost."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Which recording a daemon makes: the one it was started with, or one that a client on its machine begins and ends.
+"""Which recording a daemon makes: the one it was started with, or one that a client on this machine begins and ends.
 
 A client never names a file: it is made in `record.folder`, if there is one, and named after the time.
 """
@@ -22,7 +22,7 @@ class _Order(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class Recordings:
-    """Never waits, but at its own end. Not thread-safe. `current` is the recorder at work, None: there is none.
+    """Never waits except in `close`. Not thread-safe. `current` is the recorder at work; None: nothing is recorded.
 
     on_begin: called when a client has begun one, for the sensors that stream already; on_end: when it has ended it.
     """

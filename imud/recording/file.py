@@ -1,4 +1,4 @@
-"""One MCAP file of a recording, complete on the disk up to its last second whatever happens."""
+"""One MCAP file of a recording; whatever happens, it is complete on the disk up to the last second."""
 
 import contextlib
 import os

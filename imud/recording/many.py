@@ -1,6 +1,7 @@
 """Many recordings at once: in processes of this machine, or on a Dask cluster (the extra `imud[cluster]`).
 
-Either way the same function replays each in a process elsewhere, and what befalls one does not touch the others.
+Either way the same function replays each recording in a process of its own, so a failure of one leaves the others
+alone.
 """
 
 import importlib
@@ -25,9 +26,9 @@ ANSWER_S = 10.0  # a cluster that is there answers sooner
 
 
 def here(jobs: list[Job], at_a_time: int, replay: Replay | None = None) -> Iterator[Outcome | str]:
-    """Outcomes as they come, from so many processes; a text is why a recording could not be replayed.
+    """Outcomes as they come, from `at_a_time` processes; a text says why a recording could not be replayed.
 
-    A process that dies takes one recording with it, so each is a pool of its own. replay: `alone`, if not another.
+    Each process is a pool of its own, so that one that dies costs one recording. replay: what it runs for a job.
     """
     waiting = iter(jobs)
     busy: dict[Future[Outcome | str], tuple[Job, ProcessPoolExecutor]] = {}
@@ -48,7 +49,7 @@ def here(jobs: list[Job], at_a_time: int, replay: Replay | None = None) -> Itera
 
 
 def on_cluster(jobs: list[Job], address: str) -> Iterator[Outcome | str]:
-    """The same on the Dask cluster whose scheduler is there. Its workers must see the files under the same paths.
+    """The same on the Dask cluster with that scheduler. Its workers must see the files under the same paths.
 
     Raises UsageError, InputOutputError.
     """
@@ -72,7 +73,7 @@ def on_cluster(jobs: list[Job], address: str) -> Iterator[Outcome | str]:
 
 
 def unfit(versions: dict[str, Any]) -> str:
-    """Why these workers cannot replay as we do; versions: of imud on each, or what went wrong when it was asked for."""
+    """Why these workers cannot replay as we do; versions: imud's on each worker, or the error met in asking for it."""
     ours = metadata.version("imud")
     if not versions:
         return "it has no workers; start some with `dask worker ADDRESS --nthreads 1`"
@@ -86,7 +87,7 @@ def unfit(versions: dict[str, Any]) -> str:
 
 
 def alone(job: Job) -> Outcome | str:
-    """In a process of its own, perhaps on another machine: an error is told, and the others go on."""
+    """Replay in a process of its own, perhaps on another machine; an error is returned as text, so the others go on."""
     runtime.prepare()
     try:
         return play(job, lambda done, total: None)
@@ -97,7 +98,7 @@ def alone(job: Job) -> Outcome | str:
 
 
 def _result(future: Any, job: Job) -> Outcome | str:
-    """Of a process that died, that it did."""
+    """The outcome of a job; of a process that died, a text that says so."""
     try:
         found: Outcome | str = future.result()
     except BrokenProcessPool:

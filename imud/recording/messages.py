@@ -1,7 +1,7 @@
-"""What stands in a recording: topics, JSON schemas, and the way from records to JSON and back, without loss.
+"""The contents of a recording: topics, JSON schemas, and how records become JSON and back without loss.
 
-Numbers keep SI units, radians, NED and body FRD; their names say so. NaN is null. Doubles are written so that reading
-gives the same bits.
+Numbers are in SI units, radians, NED and body FRD; their names say so. NaN is null. Doubles are written so that they
+read back bit for bit.
 """
 
 import math

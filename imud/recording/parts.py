@@ -1,4 +1,4 @@
-"""The files of a recording, `drive.mcap`, `drive.0001.mcap`, …: never one that exists; the oldest go for the newest."""
+"""The files of a recording, `drive.mcap`, `drive.0001.mcap`, …: none is overwritten, the oldest make room for new."""
 
 import os
 import re

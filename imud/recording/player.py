@@ -1,4 +1,4 @@
-"""A recording through the same code as live: bytes through decoder, clock and filter, in the order in which they came.
+"""Plays a recording through the code that runs live: bytes through decoder, clock and filter, in their first order.
 
 With the same version and settings the solutions are those of the daemon, bit for bit.
 """
@@ -29,7 +29,7 @@ Records = NDArray[np.void]
 
 @dataclass
 class Replayed:
-    """A line in memory: gives out the bytes of one reading, at their time."""
+    """A line in memory that gives the bytes of one read, at their time."""
 
     data: bytes = b""
     arrival_ns: int = 0

@@ -1,4 +1,4 @@
-"""What a daemon hands to the process that writes its recording: packets of items, each a header and bytes."""
+"""How a daemon talks to the process that writes its recording: packets of items, each a header and bytes."""
 
 import struct
 from collections.abc import Iterator

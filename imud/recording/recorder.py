@@ -1,7 +1,7 @@
 """The daemon's side of a recording: hands bytes and records to a process that writes, and never waits for it.
 
-What that process cannot take yet (a card that stalls for seconds) is kept here up to a limit; what is beyond it is
-dropped, whole packets at a time, counted, and told once per change.
+What that process cannot take yet (an SD card may stall for seconds) is kept here up to a limit. Beyond the limit whole
+packets are dropped and counted, and the log is told when that begins and ends.
 """
 
 import contextlib
@@ -84,7 +84,7 @@ class Recorder:
         self._ship()
 
     def tap(self, port: int) -> Tap:
-        """Where the bytes of that port go, just as they were read."""
+        """The function that records the bytes of that port, as they are read."""
         return partial(self._raw, port)
 
     def _raw(self, port: int, data: Buffer, t_ns: int, pulse_ns: int | None = None) -> None:
@@ -123,17 +123,17 @@ class Recorder:
             self._put(Kind.INNOVATIONS, innovations.tobytes(), t_ns)
 
     def told(self, innovations: Records) -> None:
-        """What the filter told without a fix (INNOVATION)."""
+        """Innovations that the filter made without a fix (INNOVATION)."""
         self._put(Kind.INNOVATIONS, innovations.tobytes(), int(innovations[-1]["t_ns"]))
 
     def looked(self, port: int, inertial: Inertial, now_ns: int) -> None:
-        """That sensor at this time: kept once a second."""
+        """Keep the state of that sensor's clock, once a second."""
         if now_ns >= self._look_ns:
             self._look_ns = now_ns + _LOOK_NS
             self._put(Kind.CLOCK, row_of(inertial, port, now_ns).tobytes(), now_ns)
 
     def settings(self, settings: Settings) -> None:
-        """They are others from now on."""
+        """These are the settings from now on."""
         self._json(Kind.SETTINGS, settings)
 
     def event(self, level: str, text: str, facts: dict[str, Any]) -> None:
@@ -152,7 +152,7 @@ class Recorder:
             self._ship()
 
     def _ship(self) -> None:
-        """What has gathered, as one packet, behind those that wait."""
+        """Put what has gathered, as one packet, behind those that wait."""
         if self._batch:
             if self._dead or self._queued + len(self._batch) > _KEPT_BYTES:
                 self.dropped += 1
@@ -173,7 +173,7 @@ class Recorder:
             self._queued = 0
 
     def look_after(self) -> list[tuple[str, str]]:
-        """Pass on what has gathered; (level, text) of what the log should tell. Now and then, and never waits."""
+        """Call now and then: passes on what has gathered, without waiting; returns (level, text) for the log."""
         self._ship()
         news = []
         with contextlib.suppress(OSError):
@@ -195,11 +195,11 @@ class Recorder:
         return news
 
     def leave(self) -> None:
-        """Take no more, hand over the rest and let the file be finished, without waiting: `gone` goes on with it."""
+        """Take no more; begin to hand over the rest and have the file finished. Call `gone` until that is done."""
         self._end_s = time.monotonic() + _GOODBYE_S
 
     def gone(self) -> bool:
-        """Whether the file is finished, after `leave`. Gives up after seconds without success."""
+        """After `leave`: whether the file is finished. Gives up after some seconds."""
         self._ship()
         late = time.monotonic() > self._end_s
         if not self._queue or self._dead or late:
@@ -210,7 +210,7 @@ class Recorder:
         return self._process.poll() is not None
 
     def close(self) -> None:
-        """Leave, and wait until it is gone."""
+        """`leave`, and wait until the file is finished."""
         self.leave()
         while not self.gone():
             time.sleep(0.01)

@@ -121,7 +121,7 @@ def _many(jobs: list[Job], failed: list[str], args: argparse.Namespace) -> int:
 
 
 def _compile(jobs: list[Job]) -> None:
-    """What they need, if it is not kept yet: once, and not in all their processes at the same time."""
+    """Compile what the jobs need, unless the cache has it: once, instead of in all their processes at the same time."""
     from .. import compilation
     from ..configuration import choices
 
@@ -164,7 +164,7 @@ def _jobs(args: argparse.Namespace, recordings: list[tuple[Path, ...]], into_fol
 
 
 def names_apart(paths: list[Path]) -> list[str]:
-    """A name for each: that of its file, and where others have the same, of its folders, too, as far as they differ."""
+    """A name for each path: that of its file, with as many of its folders as tell it from others of the same name."""
     stems = Counter(path.stem for path in paths)
     if max(stems.values(), default=0) < 2:
         return [path.stem for path in paths]

@@ -18,7 +18,7 @@ _BLOCK = 1 << 16
 
 
 class _Gathered:
-    """Rows that come a few at a time, in blocks: so many small arrays would take more memory than what is in them."""
+    """Gathers rows that come a few at a time into blocks: small arrays would take more memory than their contents."""
 
     def __init__(self) -> None:
         self._blocks: list[Records] = []
@@ -45,7 +45,7 @@ class _Gathered:
 
 
 def samples_of(path: Path) -> tuple[Records, int, int]:
-    """Samples (array of SAMPLE, body axes), the origin in whole s, and how many had to be left out: none.
+    """Samples (array of SAMPLE, body axes), the origin in whole s, and the number of samples left out, which is 0.
 
     Raises UsageError, InputMissingError, BadDataError.
     """
@@ -56,7 +56,7 @@ def samples_of(path: Path) -> tuple[Records, int, int]:
 
 
 def own_samples_of(path: Path) -> tuple[Records, str]:
-    """Samples in the sensor's own axes, nothing taken out of them, and by what its calibration goes.
+    """Samples in the sensor's own axes, uncorrected, and the name under which the sensor's calibration is kept.
 
     Raises as `samples_of`.
     """

@@ -57,7 +57,7 @@ class Recording:
 
     @property
     def unix_less_monotonic_ns(self) -> int:
-        """What makes Unix time of the host's monotonic time, as it was at the recording's start."""
+        """Unix time minus the host's monotonic time, at the recording's start."""
         return int(self.facts.get("unix_less_monotonic_ns", 0))
 
     @property
@@ -66,7 +66,7 @@ class Recording:
         return sum(capture.read_bytes for capture in self._captures)
 
     def doubts(self) -> list[str]:
-        """Why estimates may differ from the recorded ones though nothing was changed."""
+        """Reasons why estimates may differ from the recorded ones although no setting was changed."""
         version = metadata.version("imud")
         recorded = self.facts.get("version", version)
         return [] if recorded == version else [f"recorded by imud {recorded}, this is {version}: estimates may differ"]
@@ -96,7 +96,7 @@ def group(paths: Sequence[Path]) -> tuple[list[Recording], list[str]]:
 
 
 def tell(command: str, notes: Sequence[str]) -> None:
-    """On stderr, what is wrong with a recording."""
+    """Print on stderr what is wrong with a recording."""
     for note in notes:
         print(f"imud{command and ' '}{command}: {note}", file=sys.stderr)
 

@@ -1,7 +1,7 @@
 """The process that writes a recording: `python -m imud.recording.writer FD`. Reads packets until the daemon's end.
 
-A chunk is ended and on the disk each second. A disk that is full or fails pauses the recording; when there is room
-again it goes on in a new file.
+Each second a chunk is ended and synchronised to the disk. A disk that is full or fails pauses the recording; when it
+works again, the recording goes on in a new file.
 """
 
 import contextlib
@@ -47,7 +47,7 @@ _encode = msgspec.json.encode
 
 
 class Thinner:
-    """Which rows are the first of their period; at 0 Hz all."""
+    """Thins rows to a rate: keeps the first of each period; at 0 Hz all of them."""
 
     def __init__(self, rate_hz: float) -> None:
         self._rate_hz, self._slot = rate_hz, -1
@@ -165,7 +165,7 @@ class RecordingWriter:
                 self._write(CONNECTIONS, now_ns, _encode(repeated))
 
     def commit(self) -> None:
-        """What is due each second: have it on the disk, begin a new file, make room, follow the wall clock."""
+        """Do what is due each second: synchronise to the disk, begin a new file, make room, follow the wall clock."""
         offset_ns = time.time_ns() - time.monotonic_ns()
         if abs(offset_ns - self._offset_ns) > _STEP_NS:
             self._offset_ns = offset_ns
@@ -178,7 +178,7 @@ class RecordingWriter:
             self._keep_to_limits(self._file)
 
     def tell_state(self) -> None:
-        """What is asked of a recording: where it goes, how large the file is, and what keeps it from growing."""
+        """Send the state of the recording: where it goes, how large the file is, and what keeps it from growing."""
         file = self._file
         state = {"path": str(file.path) if file else "", "bytes": file.size if file else 0, "trouble": self._trouble}
         self._say(STATE, _encode(state).decode())

@@ -1,4 +1,4 @@
-"""The filter of the inertial sensor that was found, and whether the one it had goes on: live and in replay."""
+"""Chooses the filter for the inertial sensor that was found, and decides whether its earlier filter goes on."""
 
 import math
 from collections.abc import Callable
@@ -18,7 +18,7 @@ _UNKNOWN = Initial()
 
 
 class Fitting:
-    """The inertial sensor and its filter, which outlive their connections. warn: told what the user should know."""
+    """The inertial sensor and its filter, which outlive connections. warn: called with what the user should know."""
 
     def __init__(self, settings: Settings, warn: Callable[[str], None], initial: Initial = _UNKNOWN) -> None:
         self.choice = choices.estimators(settings)

@@ -1,4 +1,4 @@
-"""A receiver's fix on its way to the filter: which are used, at what time on its axis, in its units."""
+"""A receiver's fixes on their way to the filter: which of them are used, and their time and units in the filter."""
 
 import math
 from collections import Counter
@@ -28,7 +28,8 @@ def _or_nan(value: float | None) -> float:
 def _instead(counters: Mapping[str, int]) -> str:
     """What a log without fixes has."""
     seen = "".join(f"; {count} x {what}" for what, count in counters.items())
-    return f"{seen}, which imud does not trust: switch them on in the receiver" if "no checksum" in counters else seen
+    hint = ": accept them with --set gnss.require_checksum=false" if "no checksum" in counters else ""
+    return seen + hint
 
 
 _QUALITIES = {6: "6 (dead reckoning by the receiver)", 7: "7 (entered by hand)", 8: "8 (simulated)"}
@@ -88,9 +89,10 @@ def fixes_of_log(
     """
     driver = by_name("nmea")
     assert driver.kind == "gnss"
-    decoder = driver.new_decoder()
+    decoder = driver.new_decoder(not settings.require_checksum)
     fixes: list[Fix] = []
-    for number, line in enumerate(content(path).splitlines(keepends=True)):
+    lines = content(path).splitlines(keepends=True)
+    for number, line in enumerate([*lines, b"$"]):  # the last line may lack its end
         fixes += decoder.feed(line, number)
     fixes += decoder.flush(1 << 62)
     if not fixes:

@@ -1,13 +1,13 @@
 """Whether an inertial sensor's readings can be true, axis by axis: frozen, at the end of the range, impossible.
 
-What a reading that tells nothing means for the estimate is the estimator's business: `examine` marks the sample
-(`drivers/sample.py`) and says for how long it has told nothing.
+`examine` marks a sample whose readings are not credible (flags of `drivers/sample.py`) and says since when they have
+not been; what that means for the estimate is the estimator's business.
 
-An axis is frozen when it repeats itself for longer than its noise allows. How noisy it is, is learned: a quiet sensor
-with a coarse resolution, or a simulated one without noise, may well repeat itself for ever. Noise bends to and fro from
-sample to sample, motion does not; an axis is judged only if its bends, in the quietest time seen, were many times its
-resolution, which is the smallest change seen, and if the maker promises such noise. Some sensors hold a value for a few
-samples: the longest hold seen counts as usual.
+An axis is frozen when it repeats its value for longer than its noise allows. The noise is learned, because a quiet
+sensor with a coarse resolution, or a simulated one without noise, may well repeat itself for ever. From sample to
+sample noise goes up and down and motion does not, so noise is measured by second differences, in the quietest block
+seen. An axis is judged only if these were at least FINE times its resolution (the smallest change seen) and if its data
+sheet promises noise above the resolution. Some sensors hold a value for a few samples: the longest hold seen is usual.
 """
 
 import math
@@ -90,7 +90,7 @@ def new_health(profile: Profile, rate_hz: float) -> NDArray[np.void]:
 
 @kernel
 def take(h: Any, sample: Any) -> bool:
-    """Note the values and what they tell of the noise; whether any of them is worth a closer look.
+    """Note the values and what they tell of the noise; returns whether any of them deserves a closer look.
 
     Nearly all of what it costs to judge a sample is here, so there are no branches: this can become vector code.
     """
@@ -116,7 +116,7 @@ def take(h: Any, sample: Any) -> bool:
 
 @kernel
 def end_block(h: Any) -> None:
-    """Learn the noise from a block without holds."""
+    """At the end of a block, learn the noise of each axis that held no value in it."""
     for i in range(6):
         if h.spoilt[i] == 0 and h.turns[i] >= RESTLESS:
             h.quietest[i] = min(h.quietest[i], h.bend[i] / BLOCK)
@@ -233,7 +233,7 @@ _WHOLE = (
 
 @entry
 def shown(health: NDArray[np.void]) -> int:
-    """The findings of late, bit by bit, of a HEALTH record array: a finding that comes and goes stays."""
+    """The findings of the last `SHOWN_NS`, bit by bit, of a HEALTH record array: one that comes and goes stays."""
     h = health[0]
     now_ns = max(h.told_ns[0], h.told_ns[1])
     for i in range(FINDINGS):

@@ -1,6 +1,5 @@
 """An inertial sensor as the daemon sees it: bytes in, solutions out. No waiting, no logging."""
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -36,7 +35,7 @@ class Inertial:
         self._complained: int | None = None  # status word of the first look: the driver has told of that
 
     def connect(self, line: Line, driver: ImuDriver, configured: ImuConfigured, now_ns: int) -> None:
-        """A new connection; the filter keeps what it knows."""
+        """Begin a new connection; the filter keeps its state."""
         self._line = line
         self.stream.restart(driver.new_state(configured), configured)
         self.stream.record["heard_ns"] = now_ns
@@ -61,12 +60,12 @@ class Inertial:
 
     @property
     def samples(self) -> int:
-        """Since the start."""
+        """Number of samples since the start."""
         return int(self.stream.record["count"][0])
 
     @property
     def heard_ns(self) -> int:
-        """When the newest of them came, or else the connection was made."""
+        """When the newest sample came; before the first, when the connection was made."""
         return int(self.stream.record["heard_ns"][0])
 
     @property
@@ -74,7 +73,7 @@ class Inertial:
         return int(self.stream.record["newest"][0])
 
     def share_of_rate(self) -> float | None:
-        """At what share of the agreed rate its samples come; None if that is not known. To be asked now and then."""
+        """The samples' rate over the agreed one; None while it is not known. Call it now and then."""
         if self.pace is None or self._newest < 0:
             return None
         self.pace.look(int(self.stream.samples[self._newest]["tick"]), self.heard_ns)
@@ -104,7 +103,7 @@ class Inertial:
         return (*words(shown(self.stream.filter.health)), *self._complains())
 
     def _complains(self) -> tuple[str, ...]:
-        """What the sensor itself complained of since it streams."""
+        """Faults that the sensor itself has reported since it began to stream."""
         status = int(self.stream.decoder["status"][0])
         if self._complained is None and self.stream.decoder["frames"][0] > 0:
             self._complained = status
@@ -122,13 +121,11 @@ class Inertial:
         clock = self.stream.clock[0]
         if not clock["fitted"]:
             return ClockFit()
-        n, residual_ns = int(clock["count"]), float(clock["residual_ns"])
-        span_ns = float(clock["ticks"][n - 1] - clock["ticks"][0]) * float(clock["period_ns"])
-        sigma_drift = residual_ns / span_ns * math.sqrt(12.0 / n)  # of a straight line through n even points
-        return ClockFit(residual_ns * 1e-9, float(clock["slope"] / clock["period_ns"]) - 1.0, sigma_drift)
+        slope, sigma = clock["slope"] / clock["period_ns"], clock["sigma_slope"] / clock["period_ns"]
+        return ClockFit(float(clock["residual_ns"]) * 1e-9, float(slope) - 1.0, float(sigma))
 
     def facts(self, now_ns: int) -> dict[str, object]:
-        """What `imud status` shows of it: counters, and how its samples come."""
+        """What `imud status` shows of the sensor: counters, and the fit of its clock."""
         fit, clock = self.clock_fit(), self.stream.clock[0]
         return {
             **self.counters(),
@@ -144,13 +141,13 @@ class Inertial:
 
     @property
     def lost(self) -> int:
-        """Samples that never came, since this connection: by the sensor's counter, as our clock corrected it."""
+        """Samples of this connection that never came: by the sensor's counter, as our clock corrected it."""
         clock = self.stream.clock[0]
         uncounted = float(clock["missed"] * clock["period_ns"]) * 1e-9 / self.period_s
         return max(0, int(self.stream.decoder["lost"][0]) + round(uncounted))
 
     def counters(self) -> dict[str, int]:
-        """What decoder and line counted since this connection."""
+        """What decoder and line have counted in this connection."""
         names = ("frames", "junk", "bad", "lost", "suspect", "errors")
         counted = {name: int(self.stream.decoder[name][0]) for name in names} | {"lost": self.lost}
         return counted | (dict(self._line.counters) if self._line else {})

@@ -5,12 +5,13 @@ from collections import deque
 
 SECOND_NS = 1_000_000_000
 LOOKS = 11  # a second apart: the rate is that of the last ten seconds
-STEADY, ALIKE, OFF = 3, 0.1, 0.25  # glances in a row; by how much they may differ, and be beside what was agreed
-TICKS = 20  # at least, between two of these glances
+STEADY, ALIKE = 3, 0.1  # looks in a row that must agree; by what share they may differ
+OFF = 0.25  # share by which the rate must differ from the agreed one to count as another
+TICKS = 20  # at least, between two looks of `Pace`
 
 
 class Rate:
-    """How fast a counter counts, from a glance per second."""
+    """How fast a counter counts, from a look per second."""
 
     def __init__(self) -> None:
         self._looks: deque[tuple[int, int]] = deque(maxlen=LOOKS)
@@ -22,7 +23,7 @@ class Rate:
 
     @property
     def hz(self) -> float:
-        """NaN before the second glance."""
+        """NaN before the second look."""
         if len(self._looks) < 2:
             return math.nan
         (first_ns, first), (last_ns, last) = self._looks[0], self._looks[-1]
@@ -52,7 +53,7 @@ class Pace:
 
     @property
     def share(self) -> float | None:
-        """How fast they come, of what was agreed; None while that is not known. 1.0 unless it is plainly another."""
+        """The rate over the agreed one: exactly 1.0 unless it is plainly another; None while it is not known."""
         mean = sum(self._seen) / STEADY
         if len(self._seen) < STEADY or not all(abs(hz / mean - 1.0) < ALIKE for hz in self._seen):
             return None

@@ -19,7 +19,8 @@ SILENCE_NS = 5_000_000_000  # a stream this long silent is broken
 STEADY = 3  # fixes
 STALE_FIX_NS = 3_000_000_000
 EARTH_RADIUS_M = 6.371e6
-JUMP_M, JUMP_MPS, JUMPED_NS = 100.0, 100.0, 5_000_000_000  # so far, and that fast beyond its own speed; shown so long
+JUMP_M, JUMP_MPS = 100.0, 100.0  # a jump goes farther than that, plus what JUMP_MPS above its own speed would make
+JUMPED_NS = 5_000_000_000  # for which a jump is shown
 
 
 class Pulse(Protocol):
@@ -33,7 +34,7 @@ class Receiver:
 
     def __init__(self, driver: GnssDriver, settings: GnssSettings, now_ns: int, pulse: Pulse | None = None) -> None:
         self._pulse = pulse
-        self.decoder = driver.new_decoder()
+        self.decoder = driver.new_decoder(not settings.require_checksum)
         self.rate = Rate()
         self.heard_ns = now_ns
         self.silence_ns = SILENCE_NS
@@ -73,7 +74,7 @@ class Receiver:
         return self.used + self.refused.total()
 
     def flush(self, now_ns: int) -> list[Records]:
-        """A fix whose epoch ended without an end."""
+        """The fix of an epoch that ended by silence."""
         pending = self.decoder.pending
         fixes = self.decoder.flush(now_ns)
         if not pending or self.decoder.pending:
@@ -113,7 +114,7 @@ class Receiver:
         return self._row
 
     def _judge(self, refused: Refusal | None) -> None:
-        """Have news when several fixes in sequence are taken otherwise than those before."""
+        """Make news of a changed verdict, once several fixes in sequence share it."""
         verdict = refused.rule if refused else None
         self._dissent = 0 if verdict == self._verdict else self._dissent + 1
         if self._dissent == STEADY:
@@ -134,7 +135,7 @@ class Receiver:
         }
 
     def counters(self) -> dict[str, object]:
-        """What became of its sentences and fixes since this connection."""
+        """What became of its sentences and fixes in this connection."""
         told = {"sentences": self.decoder.counters, "refused": self.refused}
         tables = {name: ", ".join(f"{count} {key}" for key, count in table.items()) for name, table in told.items()}
         return {"fixes_used": self.used, **{name: text for name, text in tables.items() if text}}
@@ -148,6 +149,8 @@ class Receiver:
             return (f"receiver: {said}",)
         if status.arrival_ns and status.quality == 0:
             return ("receiver: no fix",)
+        if now_ns - (self._last.arrival_ns if self._last else self._connected_ns) > STALE_FIX_NS:
+            return ("receiver: says that it has a fix, but tells no new one",)
         if self._jumped_ns is not None and now_ns - self._jumped_ns < JUMPED_NS:
             return ("receiver: implausible, its position jumped",)
         return ()

@@ -1,4 +1,4 @@
-"""How a sensor's bytes are read: so many at a time, and with whom they are shared."""
+"""How many bytes of a sensor are read at a time, and who else gets them."""
 
 from typing import Protocol
 
@@ -6,6 +6,6 @@ READ = 4096  # bytes at a time: fewer frames than the pipeline takes in one batc
 
 
 class Tap(Protocol):
-    """Is handed all bytes as they are read, when they were there, and the last pulse per second before."""
+    """Called with all bytes as they are read, their arrival, and the receiver's last pulse per second before that."""
 
     def __call__(self, data: bytes | memoryview, t_ns: int, pulse_ns: int | None = None) -> None: ...

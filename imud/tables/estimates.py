@@ -1,4 +1,4 @@
-"""The tables that `imud replay` writes: estimates, one row each, and innovations. Text and units; no filter."""
+"""The tables that `imud replay` writes: estimates, a row for each solution, and innovations."""
 
 import csv
 import math

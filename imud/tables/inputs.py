@@ -1,8 +1,9 @@
-"""Tables of inertial samples and fixes, as `imud replay` and others take them: CSV to records, or what is wrong where.
+"""Tables of inertial samples and fixes, as `imud replay` takes them: CSV to records, or what is wrong and where.
 
 Inside, time is int64 ns since an origin (a whole second at or before the first sample), so that 1 ns is exact.
 """
 
+import bisect
 import math
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -20,7 +21,11 @@ from ..estimators.records import FIX
 from .lines import Table, first_bytes, table_of
 
 _SHOWN = 40  # characters of what is no number
+_LARGEST = 1e20  # of any number; a time in ns since 1970 is 2e18, and what it means is said of it
+_LONGEST_S = 9e9  # from the origin: in ns it fits 64 bits
+_EARLY_S = 1.0  # before its epoch no fix arrives, but clocks differ
 _FARTHEST_S = 2.0  # between samples
+_LIMITS = {"lat_deg": (-90.0, 90.0), "lon_deg": (-360.0, 360.0), "quality": (-1.0, 99.0), "satellites": (-1.0, 999.0)}
 _BELOW_ZERO_UNKNOWN = {"sn_m", "se_m", "sd_m", "hdop", "speed_mps"}  # phones write -1 for what they do not know
 _LONGEST_HEADER = 1 << 16  # bytes
 _MCAP = b"\x89MCAP0\r\n"
@@ -47,14 +52,14 @@ def header_of(path: Path) -> list[str]:
 
 @dataclass
 class LeftOut:
-    """Rows of a table that could not be used, so that the others can."""
+    """Gathers the rows of a table that cannot be used, so that the others can."""
 
     path: Path
     count: int = 0
     first: str = ""
 
     def add(self, why: str) -> None:
-        """One more."""
+        """Count one more."""
         self.count += 1
         self.first = self.first or why
 
@@ -69,7 +74,7 @@ class LeftOut:
 
 
 def _rows(table: Table, read: Callable[[int, list[str]], Row], left_out: LeftOut | None) -> Iterator[Row]:
-    """What `read` makes of line number and cells, slowly. A row that it refuses (ValueError) is left out, or raises
+    """What `read` makes of line number and cells, row by row. A row that it refuses (ValueError) is left out, or raises
     BadDataError.
 
     The last line may be cut off: then it is no row.
@@ -98,7 +103,7 @@ def _number(line: int, cells: Sequence[str], column: int, name: str) -> float:
     except ValueError:
         shown = text if len(text) < _SHOWN else f"{text[:_SHOWN]}…"
         raise ValueError(f"line {line}: {name} is {shown!r}, not a number") from None
-    if not math.isfinite(value):
+    if not abs(value) < _LARGEST:
         raise ValueError(f"line {line}: {name} is {text}")
     return value
 
@@ -109,7 +114,7 @@ def is_recording(path: Path) -> bool:
 
 
 def read_samples(path: Path) -> tuple[NDArray[np.void], int, int]:
-    """As `read_imu`, from a CSV file or a recording (MCAP): what it is, its first bytes say."""
+    """As `read_imu`, from a CSV file or a recording (MCAP), told apart by the first bytes."""
     if is_recording(path):
         from ..recording.samples import samples_of
 
@@ -129,31 +134,61 @@ def read_imu(path: Path, left_out: LeftOut | None = None) -> tuple[NDArray[np.vo
     if len(table) < 2:
         why = f"{left_out}; " if left_out and left_out.count else f"{path}: "
         raise BadDataError(f"{why}{len(table)} samples; at least two are needed")
-    t = table[:, 0]
-    forward = np.concatenate([[True], t[1:] > np.maximum.accumulate(t)[:-1]])
-    table = table[forward]
-    if 2 * len(table) < len(t):
-        raise BadDataError(f"{path}: of {len(t)} samples only {len(table)} are later than all before; sort them by t_s")
+    every = len(table)
+    table = table[_in_order(table[:, 0])]
+    if 2 * len(table) < every:
+        raise BadDataError(f"{path}: of {every} samples only {len(table)} are in order; sort them by t_s")
     if (apart_s := float(np.median(np.diff(table[:, 0])))) > _FARTHEST_S:
         raise BadDataError(f"{path}: the samples are {apart_s:g} s apart, if t_s is in s: is it in ms, us or ns?")
     origin = math.floor(table[0, 0])
     samples = np.zeros(len(table), SAMPLE)
-    samples["t_ns"] = np.rint((table[:, 0] - origin) * 1e9).astype(np.int64)
+    samples["t_ns"] = _ns(table[:, 0], origin)
     samples["tick"] = np.arange(len(table))
     samples["w"], samples["f"] = table[:, 1:4], table[:, 4:7]
     samples["temperature"] = table[:, 7] if len(names) > len(IMU_COLUMNS) else np.nan
-    return samples, origin, int((~forward).sum())
+    return samples, origin, every - len(table)
+
+
+def _ns(t_s: float | Floats, origin: int) -> NDArray[np.int64]:
+    """Times since the origin."""
+    since_s = np.clip(np.subtract(t_s, origin), -_LONGEST_S, _LONGEST_S)
+    return np.rint(since_s * 1e9).astype(np.int64)
+
+
+def _in_order(t: Floats) -> NDArray[np.int64]:
+    """Which rows to keep so that each is later than the one before: as many as can be, whichever times are wrong.
+
+    The longest increasing subsequence, after Fredman (1975).
+    """
+    if (np.diff(t) > 0.0).all():
+        return np.arange(len(t))
+    begins: list[float] = []  # latest time, negative, with which a subsequence one longer can begin
+    rows: list[int] = []  # where that time is
+    after = np.empty(len(t), np.int64)
+    for row in range(len(t) - 1, -1, -1):
+        time = -float(t[row])
+        length = bisect.bisect_left(begins, time)
+        after[row] = rows[length - 1] if length else -1
+        if length == len(begins):
+            begins.append(time)
+            rows.append(row)
+        elif time < begins[length]:
+            begins[length], rows[length] = time, row
+    kept = rows[-1:]
+    while after[kept[-1]] >= 0:
+        kept.append(int(after[kept[-1]]))
+    return np.array(kept)
 
 
 def _numbers(
     source: Table, columns: Sequence[int], names: Sequence[str], left_out: LeftOut | None
 ) -> NDArray[np.float64]:
-    """The rows of a table; fast, if all of them can be read."""
+    """The rows of a table as numbers: all at once, or row by row if any of them cannot be read."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # an empty file: said by the caller
             table = np.loadtxt(source.lines(), delimiter=",", usecols=columns, ndmin=2, comments=None)
-        if np.isfinite(table).all():
+        if (np.abs(table) < _LARGEST).all():
             return table
     except ValueError:
         pass
@@ -166,7 +201,7 @@ def _numbers(
 
 
 def _fix_rows(path: Path, left_out: LeftOut | None) -> Iterator[dict[str, float]]:
-    """Rows with a position; one without is what a receiver that has no fix leaves."""
+    """The rows with a position; a receiver without a fix leaves rows without one, which are skipped."""
     source = table_of(path, _FIX_REQUIRED)
     source.column_numbers(_FIX_REQUIRED)
     known = {name: i for i, name in enumerate(source.names) if name in (*_FIX_REQUIRED, *_FIX_OPTIONAL)}
@@ -174,7 +209,8 @@ def _fix_rows(path: Path, left_out: LeftOut | None) -> Iterator[dict[str, float]
     def read(number: int, cells: list[str]) -> dict[str, float]:
         return _checked(number, {name: _number_or_none(number, cells, i, name) for name, i in known.items()})
 
-    return (row for row in _rows(source, read, left_out) if math.isfinite(row["lat_deg"]))
+    rows = _rows(source, read, left_out)
+    return (row for row in rows if math.isfinite(row["lat_deg"]) and row.get("quality") != 0.0)
 
 
 def _number_or_none(line: int, cells: Sequence[str], column: int, name: str) -> float:
@@ -189,11 +225,13 @@ def _checked(line: int, fix: dict[str, float]) -> dict[str, float]:
     """Raises ValueError that says where."""
     if math.isnan(fix["lat_deg"]) and math.isnan(fix["lon_deg"]):
         return fix
-    for name, low, high in (("lat_deg", -90.0, 90.0), ("lon_deg", -360.0, 360.0)):
-        if not low <= fix[name] <= high:
+    for name, (low, high) in _LIMITS.items():
+        if not low <= fix.get(name, low) <= high and (name in _FIX_REQUIRED or not math.isnan(fix[name])):
             raise ValueError(f"line {line}: {name} is {fix[name]}, outside {low} to {high}")
     if math.isnan(fix["t_s"]):
         raise ValueError(f"line {line}: t_s is empty")
+    if fix.get("arrival_s", math.nan) < fix["t_s"] - _EARLY_S:
+        raise ValueError(f"line {line}: arrival_s is {fix['arrival_s']:.3f}, before t_s, which is {fix['t_s']:.3f}")
     return fix
 
 
@@ -205,9 +243,9 @@ def read_fixes(path: Path, origin: int, left_out: LeftOut | None = None) -> NDAr
     rows = list(_fix_rows(path, left_out))
     fixes = np.zeros(len(rows), FIX)
     for fix, row in zip(fixes, rows, strict=True):
-        fix["t_ns"] = round((row["t_s"] - origin) * 1e9)
         arrival = row.get("arrival_s", math.nan)
-        fix["arrival_ns"] = round((arrival - origin) * 1e9) if math.isfinite(arrival) else fix["t_ns"]
+        fix["t_ns"] = _ns(row["t_s"], origin)
+        fix["arrival_ns"] = _ns(arrival, origin) if math.isfinite(arrival) else fix["t_ns"]
         fix["lat"], fix["lon"] = math.radians(row["lat_deg"]), math.radians(row["lon_deg"])
         fix["height"] = row["height_m"]
         fix["sigma"] = [row.get(name, math.nan) for name in ("sn_m", "se_m", "sd_m")]

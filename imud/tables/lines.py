@@ -1,7 +1,7 @@
-"""Tables and logs as other programs write them: UTF-8 or UTF-16, gzipped; tables also with semicolons or tabs, decimal
-commas, quotes, comments before the header.
+"""Tables and logs as other programs write them: UTF-8 or UTF-16, gzipped; semicolons, tabs, decimal commas, quotes.
 
-A plain table goes through as it is; every line of another one is rewritten as plain CSV.
+A plain table goes through as it is. Of any other table (also one with comments before its header) every line is
+rewritten as plain CSV.
 """
 
 import codecs
@@ -29,7 +29,7 @@ _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 def first_bytes(path: Path, n: int) -> bytes:
-    """At most so many, by which one sees what a file is. Raises InputMissingError."""
+    """At most the first n bytes of a file, to tell what it is. Raises InputMissingError."""
     try:
         with path.open("rb") as file:
             return file.read(n)
@@ -41,7 +41,7 @@ def first_bytes(path: Path, n: int) -> bytes:
 
 @dataclass(frozen=True)
 class Table:
-    """What the beginning of a file tells of it."""
+    """The layout of a table, as the beginning of its file tells it."""
 
     path: Path
     names: Sequence[str]
@@ -58,7 +58,7 @@ class Table:
         return [list(self.names).index(name) for name in wanted]
 
     def lines(self) -> Iterator[bytes]:
-        """The rows, as plain CSV, with a bar; a file that is cut off in its compression ends there."""
+        """The rows as plain CSV, with a progress bar; a truncated gzip file just ends early."""
         progress = Progress(self.path.stat().st_size)
         with self.path.open("rb") as raw, contextlib.ExitStack() as stack:
             stack.callback(progress.clear)
@@ -93,12 +93,12 @@ def table_of(path: Path, wanted: Sequence[str]) -> Table:
 
 
 def is_nmea(path: Path) -> bool:
-    """Whether it is a receiver's log, from wherever on. Raises InputMissingError."""
+    """Whether it is a receiver's log, which may begin in the middle of a sentence. Raises InputMissingError."""
     return _SENTENCE.search(_beginning(path)) is not None
 
 
 def content(path: Path) -> bytes:
-    """All of a file: unzipped as far as it goes, no UTF-16. Raises InputMissingError."""
+    """All of a file, unzipped as far as it can be, UTF-16 recoded. Raises InputMissingError."""
     first_bytes(path, 0)
     data = b"".join(_unzipped(path))
     return data if _encoding(path) == _UTF8 else data.decode("utf-16", "replace").encode()
@@ -115,7 +115,7 @@ def _encoding(path: Path) -> str:
 
 
 def _unzipped(path: Path) -> Iterator[bytes]:
-    """In pieces, as large as come without waiting for more, which may be cut off."""
+    """The file in pieces; each is as large as can be read without waiting; a truncated file just ends early."""
     with path.open("rb") as raw, contextlib.suppress(EOFError, zlib.error, gzip.BadGzipFile):
         file = _source(raw)
         while piece := file.read1(_BEGINNING):

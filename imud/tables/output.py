@@ -1,4 +1,4 @@
-"""A file that a command writes, and how that fails."""
+"""Opens a file that a command writes, and turns its failures into exit codes."""
 
 import contextlib
 import os
@@ -12,7 +12,7 @@ from ..errors import CannotCreateError, InputOutputError
 
 @contextlib.contextmanager
 def open_output(path: Path) -> Iterator[BinaryIO]:
-    """A file, or stdout for `-`, to be written. Raises CannotCreateError, and InputOutputError when it is full."""
+    """Open a file for writing, or stdout for `-`. Raises CannotCreateError, and InputOutputError on a full disk."""
     try:
         file = os.fdopen(sys.stdout.fileno(), "wb", closefd=False) if str(path) == "-" else path.open("wb")
     except OSError as error:

@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @contextlib.contextmanager
 def _process(*arguments: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
-    """An imud process that ends with the block."""
+    """An imud process, ended with the block."""
     process = subprocess.Popen([sys.executable, "-m", "imud", *arguments], text=True, **options)
     try:
         yield process
@@ -87,7 +87,7 @@ def _subscribe(path: Path) -> socket.socket:
 
 
 def _estimates(client: socket.socket) -> Iterator[dict[str, Any]]:
-    """EST messages as they come; an empty one for every quiet half second. Ends when the daemon closes the line."""
+    """EST messages as they come, an empty one for each quiet half second; ends when the daemon closes the line."""
     buffer = b""
     while True:
         if not select.select([client], [], [], 0.5)[0]:
@@ -154,7 +154,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _recordings_folder() -> Path | None:
-    """Where the page's record button may write: here, if anything can be recorded."""
+    """Where the page's record button may write: the current folder, if recording is installed."""
     here = Path.cwd()
     return here if importlib.util.find_spec("mcap") and os.access(here, os.W_OK) else None
 
@@ -171,7 +171,7 @@ def _show_in_browser(page: subprocess.Popen[str], log: Path) -> None:
 
 
 class Finding:
-    """What became of the comparison: feeds on estimates, pairs each with the truth once that is written."""
+    """The result of the comparison so far: takes estimates, and pairs each with the truth once that is written."""
 
     def __init__(self, truth_file: Path) -> None:
         self.comparison, self.estimates = Comparison(), 0

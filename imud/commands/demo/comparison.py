@@ -1,4 +1,4 @@
-"""Estimate against truth: errors of each quantity beside what was claimed for it, and the emulator's truth file."""
+"""Estimate against truth: the errors of each quantity beside its claimed sigma, and the emulator's truth file."""
 
 import math
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ _METRES_PER_DEG = 111_320.0
 
 @dataclass
 class Errors:
-    """Of one quantity: the squares of its errors, and those of the standard deviations that were claimed for them."""
+    """Of one quantity: the squares of its errors, and of the standard deviations claimed for them."""
 
     total: float = 0.0
     claimed: float = 0.0
@@ -34,7 +34,7 @@ class Errors:
 
 @dataclass
 class Comparison:
-    """Estimate against truth, quantity by quantity; what the daemon does not claim to know is not compared."""
+    """Estimate against truth, quantity by quantity; only what the daemon claims to know is compared."""
 
     errors: dict[str, Errors] = field(
         default_factory=lambda: {name: Errors() for name in ("roll", "pitch", "heading", "position", "velocity")}

@@ -1,4 +1,4 @@
-"""`imud report`: a run of the filter as one page: its estimates, how far to believe them, and what looks wrong."""
+"""`imud report`: a run of the filter as one HTML page: its estimates, how far to believe them, and what looks wrong."""
 
 import argparse
 import sys
@@ -49,7 +49,7 @@ def read(paths: list[Path]) -> "Session":
 
 
 def names_apart(paths: list[Path]) -> list[str]:
-    """The shortest names of files by which a reader can tell them from each other."""
+    """The shortest name for each file that tells it from the others."""
     labels: tuple[Callable[[Path], str], ...] = (lambda path: path.stem, lambda path: path.name, str)
     choices = [[label(path) for path in paths] for label in labels]
     return next((names for names in choices if len(set(names)) == len(names)), choices[-1])

@@ -66,7 +66,7 @@ def _of_innovations(i: Innovations) -> list[str]:
 
 
 def _too_few(innovations: Iterable[Innovations]) -> list[str]:
-    """By what the filter cannot be judged, in one sentence for each file."""
+    """The quantities with too few innovations to judge the filter by, a sentence for each file."""
     few: dict[str, list[str]] = {}
     for i in innovations:
         if (used := np.count_nonzero(i.used)) < LEAST:
@@ -92,7 +92,7 @@ def _of_estimates(e: Estimates) -> list[str]:
 
 
 def _of_clock(c: Clock) -> list[str]:
-    """What became of the counter and the line; both count anew after a reconnection."""
+    """Findings on the sensor's counter and its line; both count anew after a reconnection."""
     rows = c.rows
     found = []
     for name, what in LOSSES.items():
@@ -108,7 +108,7 @@ def _of_clock(c: Clock) -> list[str]:
 
 
 def findings(session: Session) -> list[str]:
-    """Sentences; none: nothing looks wrong, as far as these files tell."""
+    """The findings, a sentence each; none: nothing looks wrong, as far as these files tell."""
     found = [f"{sensor.name}: {text}" for sensor in session.sensors for text in sensor.said]
     found += [line for clock in session.clocks for line in _of_clock(clock)]
     found += [line for innovations in session.innovations for line in _of_innovations(innovations)]

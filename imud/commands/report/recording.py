@@ -1,6 +1,6 @@
-"""A recording of the daemon (MCAP) as a report wants it: what it recorded of its estimates, not a replay of them.
+"""A daemon's recording (MCAP) for a report: the estimates that it recorded, not a replay.
 
-Read once from end to end, block by block; what came at the full rate is never held as a whole.
+It is read once from end to end, block by block; data at the full rate are never held as a whole.
 """
 
 import math
@@ -35,7 +35,7 @@ Progress = Callable[[int], None]
 
 
 class _Collector:
-    """Takes messages, and gives blocks of rows on."""
+    """Takes messages, and passes their rows on in blocks."""
 
     def __init__(self, name: str) -> None:
         self._name = name

@@ -1,7 +1,7 @@
-"""What a report is made of: what files tell, each reduced to what a page can show as it was read.
+"""The data of a report: what each file tells, reduced while it is read to what a page can show.
 
-All on one time axis, seconds since the earliest of the files whose times overlap; runs at other times, on other days or
-machines, begin at their own 0, so that they lie over each other.
+Files whose times overlap share one time axis, in seconds since the earliest of them. Runs at other times or on other
+machines begin at a 0 of their own, so that their curves lie over each other.
 """
 
 import dataclasses
@@ -88,7 +88,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Session:
-    """Everything that files tell."""
+    """Everything that the files tell."""
 
     estimates: tuple[Estimates, ...] = ()
     innovations: tuple[Innovations, ...] = ()

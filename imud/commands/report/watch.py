@@ -1,4 +1,4 @@
-"""What a report keeps of estimates and samples that pass, block by block: envelopes, counts and what looked wrong."""
+"""Reduces estimates and samples for a report, block by block, to envelopes, counts and what looked wrong."""
 
 import math
 
@@ -77,7 +77,7 @@ def _examine(health: NDArray[np.void], samples: NDArray[np.void]) -> None:
 
 
 class SensorWatch:
-    """Of one inertial sensor. Judges it as the daemon does, by the whole recording; its range is not known."""
+    """Of one inertial sensor, judged as the daemon judges it; its range is not known."""
 
     def __init__(self, name: str) -> None:
         self._name = name

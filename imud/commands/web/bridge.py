@@ -1,4 +1,4 @@
-"""The daemon's newest messages, kept for whoever shows them. Knows gpsd's lines and that a daemon comes and goes.
+"""Keeps the daemon's newest messages for the page. Knows gpsd's protocol, and that a daemon comes and goes.
 
 Any number of readers wait for what is newer than they have seen: a slow one misses messages and delays nobody.
 """
@@ -24,7 +24,7 @@ class News(NamedTuple):
 
 
 class NotADaemonError(Exception):
-    """What answers at the address does not speak gpsd's protocol."""
+    """The server at the address does not speak gpsd's protocol."""
 
 
 class Bridge:
@@ -39,13 +39,13 @@ class Bridge:
         self._tell("not yet connected")
 
     async def newer_than(self, number: int) -> News:
-        """The newest news, as soon as its number is another."""
+        """The newest news, as soon as its number differs."""
         while self._news.number == number:
             await self._waiting.wait()
         return self._news
 
     def record(self, enable: bool) -> None:
-        """Have the daemon begin or end a recording; what comes of it is in the news."""
+        """Have the daemon begin or end a recording; the outcome is in the news."""
         if self._writer is not None:
             self._writer.write(b"?RECORD=" + json.dumps({"enable": enable}).encode() + b"\n")
 
@@ -101,7 +101,7 @@ class Bridge:
             raise NotADaemonError("what it says is not gpsd's protocol") from None
 
     def _tell(self, why: str | None) -> None:
-        """Wake the readers. why: what keeps the daemon away; None: nothing."""
+        """Wake up the readers. why: what keeps the daemon away; None: nothing."""
         known = {"daemon": self._address.text, "connected": why is None, "why": why, **self._messages}
         self._news = News(self._news.number + 1, json.dumps(known))
         self._waiting.set()

@@ -1,7 +1,7 @@
 """The page's web server: files of the page, plotly from its own package, and the daemon's news over a WebSocket.
 
-Only pages that this server itself served may read the news: a request from another site's page, or under a name that
-is not this machine's, is refused, because whatever page a browser shows can reach a server on loopback.
+Any page in the user's browser can reach a server on loopback. So only pages served by this server may read the news: a
+request from another site's page, or under a name that is not this machine's, is refused.
 """
 
 import asyncio

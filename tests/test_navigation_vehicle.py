@@ -116,7 +116,7 @@ def core():
     c["v"], c["quiet"], c["n"] = (1.2, 0.0, 0.0), 12, 50
     P = np.diag([25.0] * 2 + [1.0] + [0.36] * 3 + [1e-6] * 3 + [1e-10] * 3 + [1e-4] * 3 + [1.0] * 11)
     c["P"] = P[np.triu_indices(STATES)]
-    c["sum_n"] = 50 * np.array([0.02, 0.0, -9.81])
+    c["elapsed"], c["sum_n"] = 0.5, 0.5 * np.array([0.02, 0.0, -9.81])
     return s, c
 
 
@@ -146,7 +146,7 @@ def test_motion_braking_and_speed_are_no_rest():
         for _ in range(20):
             motion.weigh(c, LN_MOTION if spoil == "motion" else LN_REST)
         if spoil == "braking":
-            c["sum_n"][0] = 50 * 0.8
+            c["sum_n"][0] = 0.5 * 0.8
         if spoil == "speed":
             c["v"][0] = 5.0
         assert not motion.at_rest(c), spoil

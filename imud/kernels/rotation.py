@@ -31,6 +31,13 @@ def quat_normalised(q: Quaternion) -> Quaternion:
 
 
 @kernel
+def quat_renormalised(q: Quaternion) -> Quaternion:
+    """q, whose length is one but for rounding, scaled to that: Newton's step for the inverse root."""
+    s = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return q[0] * s, q[1] * s, q[2] * s, q[3] * s
+
+
+@kernel
 def quat_exp(x: float, y: float, z: float) -> Quaternion:
     """Quaternion of the rotation vector (x, y, z), rad."""
     angle2 = x * x + y * y + z * z
@@ -132,12 +139,10 @@ def euler_variances(q: Quaternion, p00: float, p01: float, p02: float, p11: floa
     north, east = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)  # along the heading
     if abs(sine) > LOCK:
         north, east = w * w - z * z, 2.0 * w * z
-    level = math.sqrt(north * north + east * east)
-    cy, sy = north / level, east / level
+    level = 1.0 / (north * north + east * east)  # and away from the poles 1 / cos^2 pitch
+    steep = 1.0 / max((1.0 - sine) * (1.0 + sine), 1e-12)
     limit = math.pi * math.pi / 3.0
-    along = cy * cy * p00 + 2.0 * cy * sy * p01 + sy * sy * p11  # about the horizontal heading axis
-    across = sy * sy * p00 - 2.0 * cy * sy * p01 + cy * cy * p11  # about the horizontal pitch axis
-    cp2 = max((1.0 - sine) * (1.0 + sine), 1e-12)
-    tp = sine / math.sqrt(cp2)
-    vertical = p22 + 2.0 * tp * (cy * p02 + sy * p12) + tp * tp * along
-    return min(along / cp2, limit), min(across, limit), min(vertical, limit)
+    along = level * (north * north * p00 + 2.0 * north * east * p01 + east * east * p11)  # about the heading, level
+    across = level * (east * east * p00 - 2.0 * north * east * p01 + north * north * p11)  # about the pitch axis
+    vertical = p22 + 2.0 * sine * level * (north * p02 + east * p12) + sine * sine * steep * along
+    return min(steep * along, limit), min(across, limit), min(vertical, limit)

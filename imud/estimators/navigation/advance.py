@@ -40,11 +40,10 @@ def move(p: Any, c: Any, w: Any, f: Any, dt: float) -> None:
     """Integrate over dt, which is short; while levelling the velocity is the receiver's, not an integral."""
     v0, v1, v2 = c.v[0], c.v[1], c.v[2]
     integrate(c, w, f, dt)
-    b = min(dt / SMOOTH_S, 1.0)
-    a = b / dt
-    c.accel[0] += a * (c.v[0] - v0) - b * c.accel[0]
-    c.accel[1] += a * (c.v[1] - v1) - b * c.accel[1]
-    c.accel[2] += a * (c.v[2] - v2) - b * c.accel[2]
+    a = min(1.0 / SMOOTH_S, 1.0 / dt)
+    c.accel[0] += a * (c.v[0] - v0 - dt * c.accel[0])
+    c.accel[1] += a * (c.v[1] - v1 - dt * c.accel[1])
+    c.accel[2] += a * (c.v[2] - v2 - dt * c.accel[2])
     if c.phase == LEVELLING:
         c.v[0], c.v[1], c.v[2] = v0, v1, v2
     if c.gathered >= INTERVAL_S:
@@ -160,6 +159,9 @@ def doubt_turn(c: Any, sample: Any, worst: float, q: float) -> None:
 def doubt(c: Any, sample: Any, dt: float) -> None:
     """Let grow what a sample does not show, or only the beginning of, for as long as that lasts."""
     c.flags = c.flags | SATURATED if sample.flags & BEYOND_RANGE else c.flags & ~SATURATED
+    if sample.flags == 0:
+        c.blind_s[0] = c.blind_s[1] = 0.0
+        return
     worst_w = max(abs(c.w[0]), abs(c.w[1]), abs(c.w[2]))
     worst_f = max(abs(c.f[0]), abs(c.f[1]), abs(c.f[2]))
     turn = GAP_TURN if sample.flags & NO_RATE else BEYOND * worst_w if sample.flags & LIMITED_RATE else 0.0
@@ -186,15 +188,16 @@ def advance(p: Any, c: Any, sample: Any) -> None:
     blind = sample.flags & (NO_RATE | NO_FORCE) != 0
     if blind:
         fill_in(c, sample)
-    gather(c, sample.w, sample.f, min(dt, GAP_S))
+    gather(c, sample.w, sample.f)
     carry(p, c, sample.t_ns, sample.w, sample.f)
     doubt(c, sample, dt)
     if blind:
         clear(c)
     if c.blind_s[0] > LOST_S and sample.flags & NO_RATE:
         forget_attitude(c)
+    share = min(dt * (1.0 / SMOOTH_S), 1.0)
     for i in range(3):
-        c.rate[i] += min(dt / SMOOTH_S, 1.0) * (c.w[i] - c.bg[i] - c.rate[i])
+        c.rate[i] += share * (c.w[i] - c.bg[i] - c.rate[i])
     if c.elapsed >= WINDOW_S and c.n > 3:
         window(p, c)
     c.since_constraint += dt

@@ -8,7 +8,7 @@ from typing import Any
 
 from ...kernels.jit import kernel
 from ...kernels.kalman import reset, shear
-from ...kernels.rotation import quat_exp, quat_of_gravity
+from ...kernels.rotation import quat_of_gravity
 from .correction import correct, predicted, take, turn_tilt
 from .covariance import grow, predict
 from .creep import forget_creep
@@ -29,7 +29,7 @@ LOST_TILT = math.radians(20.0)
 def turn_north(c: Any, psi: float) -> None:
     """Turn the level frame by psi about down, and what is given in it: tilt errors, velocities in the body."""
     turn_witnesses(c, psi)
-    rotate(c, quat_exp(0.0, 0.0, 0.0), 0.0, 0.0, psi)
+    rotate(c, 0.0, 0.0, psi)
     c.frame -= psi
     turn_tilt(c, psi)
 

@@ -5,7 +5,6 @@ from typing import Any
 
 from ...kernels.jit import kernel
 from ...kernels.kalman import measure, packed_index, shear, update
-from ...kernels.rotation import quat_exp
 from .creep import follow_pull
 from .matching import shift
 from .state import (
@@ -131,9 +130,8 @@ def correct(c: Any) -> None:
         c.ba[i] += x[ACCEL_BIAS + i]
         c.wander[i] += x[WANDER + i]
         c.turn_scale[i] += x[TURN_SCALE + i]
-    same = quat_exp(0.0, 0.0, 0.0)
-    rotate(c, same, x[ATTITUDE], x[ATTITUDE + 1], 0.0)  # in the axes of the old heading, which may be far off
-    rotate(c, same, 0.0, 0.0, x[ATTITUDE + 2])
+    rotate(c, x[ATTITUDE], x[ATTITUDE + 1], 0.0)  # in the axes of the old heading, which may be far off
+    rotate(c, 0.0, 0.0, x[ATTITUDE + 2])
     if c.constrained:
         turn_axis(c, x[MOUNT_PITCH], x[MOUNT_YAW])
         c.arm += x[ARM]

@@ -33,7 +33,7 @@ from .state import (
     WANDER,
 )
 
-INTERVAL_S = 0.0095  # the covariance follows at about 100 Hz
+INTERVAL_S = 0.0195  # the covariance follows at about 50 Hz
 WANDER_S = 40.0  # time constant of the GNSS position error (four real receivers: 20 to 60 s)
 FORCE_SCALE_S, RATE_SCALE_S = 0.2, 0.05  # how long a scale-factor error acts in one direction
 SHAKEN_NOISE = 0.011  # (m/s)/sqrt(s), of an accelerometer on a vehicle under way, beyond its own

@@ -67,7 +67,7 @@ def level(c: Any, resting: bool) -> None:
             down = quat_rotate_back((c.q[0], c.q[1], c.q[2], c.q[3]), (0.0, 0.0, 1.0))
             turn = down[0] * c.rate[0] + down[1] * c.rate[1] + down[2] * c.rate[2]
             sigma = math.hypot(MOTION_FORCE, TURN_SPEED * turn)
-        fuse_level(c, c.sum_n[0] / c.n, c.sum_n[1] / c.n, c.sum_n[2] / c.n, 0.5 * c.elapsed, sigma, 3)
+        fuse_level(c, c.sum_n[0] / c.elapsed, c.sum_n[1] / c.elapsed, c.sum_n[2] / c.elapsed, 0.5 * c.elapsed, sigma, 3)
 
 
 @kernel

@@ -12,7 +12,7 @@ from typing import Any
 
 from ...kernels.earth import STANDARD_GRAVITY
 from ...kernels.jit import kernel
-from ...kernels.rotation import dcm_of_quat, quat_rotate
+from ...kernels.rotation import dcm_of_quat
 from .correction import predicted, row
 from .covariance import variance
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, VELOCITY
@@ -38,19 +38,16 @@ WEIGHT, SURE = 0.25, 3.0  # neighbouring windows are not independent; log likeli
 
 
 @kernel
-def gather(c: Any, w: Any, f: Any, dt: float) -> None:
-    """Add one sample (body axes) that ends an interval of `dt` s; to be called before it replaces c.w and c.f."""
-    fn = quat_rotate((c.q[0], c.q[1], c.q[2], c.q[3]), (f[0] - c.ba[0], f[1] - c.ba[1], f[2] - c.ba[2]))
+def gather(c: Any, w: Any, f: Any) -> None:
+    """Add one sample (body axes), before it replaces c.w and c.f; time and force in NED are the strapdown's to add."""
     for i in range(3):
         c.sum_w[i] += w[i]
         c.sum_f[i] += f[i]
-        c.sum_n[i] += fn[i]
         c.sum_w2 += w[i] * w[i]
         c.sum_f2 += f[i] * f[i]
         c.sum_jump2[0] += (w[i] - c.w[i]) ** 2
         c.sum_jump2[1] += (f[i] - c.f[i]) ** 2
     c.n += 1
-    c.elapsed += dt
 
 
 @kernel
@@ -179,7 +176,7 @@ def level_force(c: Any, axis: int) -> float:
 def unaccelerated(c: Any) -> bool:
     """Whether the mean specific force of the window is gravity, but for what tilt and bias may contribute."""
     most = REST_ACCEL + 3.0 * math.sqrt(max(level_force(c, 0), level_force(c, 1)))
-    return bool(math.hypot(c.sum_n[0], c.sum_n[1]) < most * c.n)
+    return bool(math.hypot(c.sum_n[0], c.sum_n[1]) < most * c.elapsed)
 
 
 @kernel

@@ -59,7 +59,7 @@ CORE = np.dtype(
         ("lat", "<f8"),
         ("lon", "<f8"),
         ("height", "<f8"),
-        ("terms", "<f8", (6,)),  # those of the latitude, as `locate` finds them
+        ("terms", "<f8", (9,)),  # those of latitude and height, as `locate` finds them
         ("v", "<f8", (3,)),  # m/s, NED
         ("q", "<f8", (4,)),  # q_nb; while levelling the heading's origin is arbitrary
         ("bg", "<f8", (3,)),
@@ -86,7 +86,7 @@ CORE = np.dtype(
         ("elapsed", "<f8"),  # s
         ("sum_w", "<f8", (3,)),
         ("sum_f", "<f8", (3,)),
-        ("sum_n", "<f8", (3,)),  # specific force in NED
+        ("sum_n", "<f8", (3,)),  # m/s, integral of specific force in NED
         ("sum_w2", "<f8"),
         ("sum_f2", "<f8"),
         ("sum_jump2", "<f8", (2,)),  # of differences between successive rates, and specific forces

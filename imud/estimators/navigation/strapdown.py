@@ -10,18 +10,20 @@ Source: Titterton and Weston, Strapdown Inertial Navigation Technology (2004), c
 import math
 from typing import Any
 
-from ...kernels.earth import EARTH_RATE_RADPS, gravity_above, radii, radii_by_sine, surface_gravity
+from ...kernels.earth import EARTH_RATE_RADPS, SEMI_MAJOR_M, gravity_above, radii, radii_by_sine, surface_gravity
 from ...kernels.jit import kernel
-from ...kernels.rotation import quat_exp, quat_normalised, quat_product, quat_rotate
+from ...kernels.rotation import quat_exp, quat_normalised, quat_product, quat_renormalised, quat_rotate
 
 COSINE_FLOOR = 1e-4  # of latitude, some 600 m from a pole: east and north lose their meaning there
-SAME_LATITUDE = 1e-7  # rad, times the cosine: sine, cosine and the rest change by a ten-millionth at most
+SAME_PLACE = 1e-7  # of the radius, some 0.6 m, times the cosine: what depends on it changes by no more at most
 LATITUDE_LIMIT = 0.5 * math.pi - 1e-9
 
 
 @kernel
 def wrapped(angle: float) -> float:
     """The angle in [-pi, pi)."""
+    if -math.pi <= angle < math.pi:
+        return angle
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
@@ -33,22 +35,24 @@ def cosine(lat: float) -> float:
 
 @kernel
 def locate(c: Any) -> Any:
-    """Sine and cosine of the latitude, radii of curvature and gravity on the ellipsoid: anew after some 0.6 m."""
-    terms = c.terms
-    if not abs(c.lat - terms[0]) < SAME_LATITUDE * terms[2]:
-        sine = math.sin(c.lat)
-        terms[0], terms[1], terms[2] = c.lat, sine, cosine(c.lat)
-        terms[3], terms[4] = radii_by_sine(sine)
-        terms[5] = surface_gravity(sine)
-    return terms[1], terms[2], terms[3], terms[4], terms[5]
+    """Sine, cosine and tangent of the latitude, rad per m to north and to east, gravity: anew after some 0.6 m."""
+    t = c.terms
+    if not (abs(c.lat - t[0]) < SAME_PLACE * t[3] and abs(c.height - t[1]) < SAME_PLACE * SEMI_MAJOR_M):
+        sine, cos = math.sin(c.lat), cosine(c.lat)
+        meridian, prime_vertical = radii_by_sine(sine)
+        t[0], t[1], t[2], t[3], t[4] = c.lat, c.height, sine, cos, sine / cos
+        t[5], t[6] = 1.0 / (meridian + c.height), 1.0 / (prime_vertical + c.height)
+        t[7] = t[6] / cos
+        t[8] = gravity_above(surface_gravity(sine), sine, c.height)
+    return t
 
 
 @kernel
 def displace(c: Any, north: float, east: float, down: float) -> None:
     """Move the position by metres."""
-    _, cl, meridian, prime_vertical, _ = locate(c)
-    c.lon = wrapped(c.lon + east / ((prime_vertical + c.height) * cl))
-    c.lat = min(max(c.lat + north / (meridian + c.height), -LATITUDE_LIMIT), LATITUDE_LIMIT)
+    t = locate(c)
+    c.lon = wrapped(c.lon + east * t[7])
+    c.lat = min(max(c.lat + north * t[5], -LATITUDE_LIMIT), LATITUDE_LIMIT)
     c.height -= down
 
 
@@ -62,7 +66,7 @@ def way(c: Any, lat0: float, lon0: float, lat: float, lon: float) -> tuple[float
 @kernel
 def integrate(c: Any, w: Any, f: Any, dt: float) -> None:
     """Advance q, v and position by `dt` s while the sensor goes from (c.w, c.f) to (w, f), linearly; body axes."""
-    sl, cl, meridian, prime_vertical, surface = locate(c)
+    t = locate(c)
     wx = 0.5 * (c.w[0] + w[0]) - c.bg[0] - c.excess[0]
     wy = 0.5 * (c.w[1] + w[1]) - c.bg[1] - c.excess[1]
     wz = 0.5 * (c.w[2] + w[2]) - c.bg[2] - c.excess[2]
@@ -83,25 +87,35 @@ def integrate(c: Any, w: Any, f: Any, dt: float) -> None:
             fz * dt + h * (wx * fy - wy * fx) + k * (wx * gy - wy * gx - ux * fy + uy * fx),
         ),
     )
-    north_rate = EARTH_RATE_RADPS * cl
-    down_rate = -EARTH_RATE_RADPS * sl
-    tn = c.v[1] / (prime_vertical + c.height)
-    te = -c.v[0] / (meridian + c.height)
-    td = -tn * sl / cl
+    north_rate, down_rate = EARTH_RATE_RADPS * t[3], -EARTH_RATE_RADPS * t[2]
+    tn, te = c.v[1] * t[6], -c.v[0] * t[5]
+    td = -tn * t[4]
     on, oe, od = 2.0 * north_rate + tn, te, 2.0 * down_rate + td  # Coriolis
     vn, ve, vd = c.v[0], c.v[1], c.v[2]
     c.v[0] = vn + dv[0] - (oe * vd - od * ve) * dt
     c.v[1] = ve + dv[1] - (od * vn - on * vd) * dt
-    c.v[2] = vd + dv[2] - (on * ve - oe * vn) * dt + gravity_above(surface, sl, c.height) * dt
+    c.v[2] = vd + dv[2] - (on * ve - oe * vn) * dt + t[8] * dt
     displace(c, 0.5 * (vn + c.v[0]) * dt, 0.5 * (ve + c.v[1]) * dt, 0.5 * (vd + c.v[2]) * dt)
-    rotate(c, turn, -(north_rate + tn) * dt, -te * dt, -(down_rate + td) * dt)
+    x, y, z = -0.5 * (north_rate + tn) * dt, -0.5 * te * dt, -0.5 * (down_rate + td) * dt
+    q = quat_product((c.q[0], c.q[1], c.q[2], c.q[3]), turn)
+    # of first order: at 300 m/s a sample turns the frame by 1e-7 rad
+    c.q[0], c.q[1], c.q[2], c.q[3] = quat_renormalised(
+        (
+            q[0] - x * q[1] - y * q[2] - z * q[3],
+            q[1] + x * q[0] + y * q[3] - z * q[2],
+            q[2] - x * q[3] + y * q[0] + z * q[1],
+            q[3] + x * q[2] - y * q[1] + z * q[0],
+        )
+    )
     for i in range(3):
         c.dv[i] += dv[i]
+        c.sum_n[i] += dv[i]
     c.gathered += dt
+    c.elapsed += dt
 
 
 @kernel
-def rotate(c: Any, turn: Any, x: float, y: float, z: float) -> None:
-    """q <- exp(x, y, z) q turn, normalised."""
-    q = quat_product(quat_exp(x, y, z), quat_product((c.q[0], c.q[1], c.q[2], c.q[3]), turn))
+def rotate(c: Any, x: float, y: float, z: float) -> None:
+    """q <- exp(x, y, z) q, normalised."""
+    q = quat_product(quat_exp(x, y, z), (c.q[0], c.q[1], c.q[2], c.q[3]))
     c.q[0], c.q[1], c.q[2], c.q[3] = quat_normalised(q)

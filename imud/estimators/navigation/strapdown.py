@@ -15,7 +15,7 @@ from ...kernels.jit import kernel
 from ...kernels.rotation import quat_exp, quat_normalised, quat_product, quat_renormalised, quat_rotate
 
 COSINE_FLOOR = 1e-4  # of latitude, some 600 m from a pole: east and north lose their meaning there
-SAME_PLACE = 1e-7  # of the radius, some 0.6 m, times the cosine: what depends on it changes by no more at most
+SAME_PLACE = 1e-7  # radii, some 0.6 m (times the cosine of the latitude): nothing here changes by more than that share
 LATITUDE_LIMIT = 0.5 * math.pi - 1e-9
 
 

@@ -3,12 +3,12 @@
 First listen: a device that speaks by itself is recognised without a byte written to it, and a line that carries
 something unknown is listened to at all speeds. Only a silent line is asked, by every driver at the speeds that its
 devices use. A line that carries something unknown is asked only if the user named a driver whose questions may
-interrupt a stream. All this is done three times, since a device may be starting up; in a hurry the second time,
-without waiting for answers that come late.
+interrupt a stream. All this is done three times, since a device may be starting up. Answers that come late are waited
+for at the likeliest speed; at all speeds in a fourth turn, if anything came that was no answer.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 
 from .dialogue import Dialogue, Exchange
@@ -17,12 +17,20 @@ from .findings import CHATTER, Chatter, Echo, Finding, NoAnswer, Silence, is_gar
 from .registry import by_name, drivers
 from .transport.portspec import PortSpec
 
-TURNS = 3
+TURNS = 3  # and a fourth on a line that stirs
+PATIENT = (1, 0, 1, 99)  # turn by turn, at how many of a driver's speeds late answers are waited for
 PLENTY = 1024  # bytes in which any driver recognises its device
 ECHOES = 3  # in a row are no answers
 START_S = 0.4  # between turns on SPI: a device may be starting up
 
 Found = Identity | Unsupported
+
+
+@dataclass
+class Stir:
+    """Whether anything came while the line was asked: what it was is not known, but something there may answer late."""
+
+    came: bool = False
 
 
 def search(spec: PortSpec, readonly: bool = False, last_baud: int = 0) -> Dialogue[Found | Finding]:
@@ -54,7 +62,10 @@ def detect(
     speeds = {one.name: (baud,) if baud else _from(last_baud, one.bauds) for one in among}
     bauds = tuple(_merged(list(speeds.values())))
     once: Chatter | None = None
-    for turn in range(TURNS):
+    stir = Stir()
+    for turn, patient in enumerate(PATIENT):
+        if turn == TURNS and not stir.came:
+            break
         first = bauds[turn % len(bauds)]
         heard = yield from _listen(among, first)
         found = _recognised(among, heard, first)
@@ -64,7 +75,7 @@ def detect(
             found, noise = yield from _listen_at_all(among, bauds, first)
         if found is None and not readonly:
             askable = among if noise is None else [one for one in among if driver and one.interrupts]
-            answer = yield from _ask({one: speeds[one.name] for one in askable}, hurry=0 < turn < TURNS - 1)
+            answer = yield from _ask({one: speeds[one.name] for one in askable}, patient, stir)
             if isinstance(answer, Echo):
                 return answer
             found = answer
@@ -126,13 +137,13 @@ def _listen_at_all(
     return None, noise
 
 
-def _ask(speeds: Mapping[AnyDriver, Sequence[int]], hurry: bool) -> Dialogue[Found | Echo | None]:
-    """Every driver at its likeliest speed, with all its questions unless in a hurry; then its second, and so on."""
+def _ask(speeds: Mapping[AnyDriver, Sequence[int]], patient: int, stir: Stir) -> Dialogue[Found | Echo | None]:
+    """Every driver at its likeliest speed, then its second, and so on; at the first `patient` with all its exchanges."""
     for rank, of_rank in enumerate(zip_longest(*speeds.values())):
         for driver, speed in zip(speeds, of_rank, strict=True):
             if speed:
                 yield Exchange(baud=speed, discard=True)
-                found = yield from _unless_echoed(driver.identify(), speed, hurry or rank > 0)
+                found = yield from _unless_echoed(driver.identify(), speed, rank >= patient, stir)
                 if isinstance(found, Echo):
                     return found
                 if found:
@@ -149,20 +160,23 @@ def _at_any_speed(driver: AnyDriver, likeliest: int, speed: int) -> Dialogue[Fou
     if speed == likeliest:
         return None
     yield Exchange(baud=likeliest, discard=True)
-    found = yield from _unless_echoed(driver.identify(), likeliest, hurry=True)
+    found = yield from _unless_echoed(driver.identify(), likeliest, hurry=True, stir=Stir())
     if found and not isinstance(found, Echo):
         return replace(found, baud=likeliest)
     yield Exchange(baud=speed, discard=True)
     return None
 
 
-def _unless_echoed(dialogue: Dialogue[Found | None], baud: int, hurry: bool) -> Dialogue[Found | Echo | None]:
+def _unless_echoed(
+    dialogue: Dialogue[Found | None], baud: int, hurry: bool, stir: Stir
+) -> Dialogue[Found | Echo | None]:
     """The dialogue, given up once `ECHOES` commands in a row came back unchanged. hurry: without spare exchanges."""
     echoes = 0
     try:
         exchange = next(dialogue)
         while echoes < ECHOES:
             heard = b"" if hurry and exchange.spare else (yield exchange)
+            stir.came |= bool(heard)
             if exchange.send and heard:
                 echoes = echoes + 1 if heard == exchange.send else 0
             exchange = dialogue.send(heard)

@@ -76,7 +76,7 @@ Finding = Silence | Chatter | Echo | NoAnswer
 def _speeds(bauds: Sequence[int]) -> str:
     if len(bauds) == 1:
         return f"{bauds[0]} baud, as named; leave out @BAUD to have other speeds tried"
-    return f"all of {', '.join(map(str, bauds))} baud"
+    return f"all of {', '.join(map(str, sorted(bauds)))} baud"
 
 
 def _kind(heard: bytes) -> str:

@@ -159,6 +159,27 @@ def test_configuring_starts_the_stream_and_measures_its_rate(rate_hz):
     assert (result.delay_ns, result.warnings) == (6_250_000, ())
 
 
+class Disturbed(Rga):
+    """Of its stream, one byte in 40 arrives changed: half of its packets are not whole."""
+
+    count = 0
+
+    def say(self, data):
+        if not self.streaming:
+            return super().say(data)
+        at = range(self.count, self.count + len(data))
+        self.count += len(data)
+        return super().say(bytes(byte ^ (k % 40 == 7) for byte, k in zip(data, at, strict=True)))
+
+
+@pytest.mark.parametrize("rate_hz", [10.0, 100.0])
+def test_a_disturbed_line_does_not_change_the_rate(rate_hz):
+    unit = Disturbed(rate_hz=rate_hz, streaming=True)
+    unit.host_baud = 38400
+    result, _ = run(DRIVER.configure(Identity("crossbow", "", baud=38400), Options(readonly=True)), unit)
+    assert result.rate_hz == rate_hz
+
+
 def test_readonly_takes_the_stream_as_it_is():
     unit = Rga(streaming=True)
     found, _ = run(detect(readonly=True), unit)

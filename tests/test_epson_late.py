@@ -3,6 +3,7 @@
 import pytest
 from scripted import G350, Windowed, run
 
+from drivers.detect import detect
 from drivers.driver import Identity, Options
 from drivers.epson.driver import DRIVER
 
@@ -81,3 +82,14 @@ def test_a_late_sensor_is_set_up(kind):
     configured, _ = run(DRIVER.configure(identity, Options(rate_hz=500.0)), device)
     assert (configured.identity.model, configured.rate_hz, configured.warnings) == (device.model, 500.0, ())
     assert device.sampling
+
+
+@pytest.mark.parametrize("baud", [230400, 115200, 19200])
+@pytest.mark.parametrize("late_s", [0.12, 0.3])
+@pytest.mark.parametrize("kind", [LateFlat, LateWindowed])
+def test_a_late_sensor_is_found_at_any_speed(kind, late_s, baud):
+    device = kind(late_s)
+    device.baud = baud
+    found, seconds = run(detect(), device)
+    assert (found.model, found.baud) == (device.model, baud)
+    assert seconds < 25.0

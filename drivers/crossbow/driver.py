@@ -89,7 +89,8 @@ class Crossbow:
         if summed is None or len(starts) < 2:
             return None if options.readonly else (yield from self._polled(identity, options.rate_hz, (DUMB,)))
         timers = [word(heard, p + TIMER) for p in starts]
-        rate_hz = neat(1e9 / spacing_ns(timers, RATE_S * 1e9 / len(starts)))
+        packets = max(len(starts), len(heard) / LENGTH)  # a disturbed line carries the others, too, but not whole
+        rate_hz = neat(1e9 / spacing_ns(timers, RATE_S * 1e9 / packets))
         wire_ns = round(LENGTH * 10 / (identity.baud or BAUD) * 1e9)
         warnings = oddities(heard[starts[-1] :], summed)
         return ImuConfigured(identity, rate_hz, TICK_NS, wire_ns, LENGTH, warnings, *ABILITIES)

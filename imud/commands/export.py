@@ -27,10 +27,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 class Target(Protocol):
-    """Where the export goes."""
+    """Where the export goes. fixes: that were written."""
+
+    fixes: int
 
     def step(self, samples: "Records", solutions: "Records") -> None: ...
-    def update(self, fix: "Records", innovations: "Records") -> None: ...
+    def take_fix(self, fix: "Records") -> None: ...
 
 
 class CsvFolder:
@@ -50,6 +52,7 @@ class CsvFolder:
         self._gnss: BinaryIO = files["gnss"]
         self._est = EstimateWriter(files["est"], 0, 256)
         self._thinner = Thinner(rate_hz)
+        self.fixes = 0
         self._imu.write(f"{','.join((*IMU_COLUMNS, TEMPERATURE))}\n".encode())
         self._gnss.write(f"{','.join(_FIX_COLUMNS)}\n".encode())
 
@@ -60,8 +63,9 @@ class CsvFolder:
             self._imu.write(_row(t_ns, [*w, *f, temperature_c]))
         self._est.write(self._thinner.kept(solutions))
 
-    def update(self, fix: "Records", innovations: "Records") -> None:
+    def take_fix(self, fix: "Records") -> None:
         """A FIX."""
+        self.fixes += 1
         row = fix[0]
         cells: list[float | str] = [
             math.degrees(row["lat"]),
@@ -114,6 +118,7 @@ class Ros2File:
         self._plane = LocalMap()
         self._thinner = Thinner(rate_hz)
         self._offset_ns = offset_ns
+        self.fixes = 0
 
     def step(self, samples: "Records", solutions: "Records") -> None:
         """Rows of SAMPLE and SOLUTION."""
@@ -126,7 +131,7 @@ class Ros2File:
                 self._add("/odometry", unix_ns, message)
                 self._add("/fix", unix_ns, nav_sat_fix(solution, unix_ns))
 
-    def update(self, fix: "Records", innovations: "Records") -> None:
+    def take_fix(self, fix: "Records") -> None:
         """Its estimate tells more."""
 
     def _add(self, topic: str, unix_ns: int, message: bytes) -> None:
@@ -156,16 +161,21 @@ def run(args: argparse.Namespace) -> int:
             for target in targets:
                 target.step(samples, solutions)
 
-        def update(fix: "Records", innovations: "Records") -> None:
+        def take_fix(fix: "Records") -> None:
             for target in targets:
-                target.update(fix, innovations)
+                target.take_fix(fix)
 
-        player = Player(recording.settings(adapt), adapt, Initial(), step, update, recording.notes.append)
+        player = Player(
+            recording.settings(adapt), adapt, Initial(), step, warn=recording.notes.append, on_fix=take_fix
+        )
         for entry in recording:
             player.take(entry)
             progress.at(1000 * recording.read_bytes // max(recording.bytes, 1))
     if not player.samples:
-        raise BadDataError("; ".join([f"{recording.path}: no samples of an inertial sensor in it", *recording.notes]))
+        lacking = f"{recording.path}: no samples of an inertial sensor in it"
+        if not any(target.fixes for target in targets):
+            raise BadDataError("; ".join([lacking, *recording.notes]))
+        recording.notes.append(f"{lacking}: there are fixes only, in gnss.csv")
     tell("export", recording.notes)
     return 0
 

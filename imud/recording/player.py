@@ -81,7 +81,7 @@ class Player:
     """Takes the messages of a recording one by one; not thread-safe.
 
     on_step(samples, solutions): rows of SAMPLE and SOLUTION, valid until the next message. on_update(fix, innovations).
-    adapt: makes of recorded settings those to go by. warn: told what the user should know. calibrated: whether the
+    on_fix(fix): every fix that is used, also without an inertial sensor, before the filter has it. adapt: makes of recorded settings those to go by. warn: told what the user should know. calibrated: whether the
     errors that were known of the sensor are taken out of its samples.
     """
 
@@ -94,12 +94,13 @@ class Player:
         on_update: Callable[[Records, Records], None] = _ignore,
         warn: Callable[[str], None] = _ignore,
         calibrated: bool = True,
+        on_fix: Callable[[Records], None] = _ignore,
     ) -> None:
         self.samples = self.fixes = 0
         self._settings = settings
         self._adapt = adapt
         self._calibrated = calibrated
-        self._on_step, self._on_update, self._warn = on_step, on_update, warn
+        self._on_step, self._on_update, self._on_fix, self._warn = on_step, on_update, on_fix, warn
         self._fitting = Fitting(settings, warn, initial)
         self._line = Replayed()
         self._pulse = ReplayedPulse()
@@ -124,6 +125,7 @@ class Player:
             self._pulse.pulse_ns = raw.pulse_ns
             fixes = sensor.take(raw.data, raw.t_ns) if raw.data else sensor.flush(raw.t_ns)
             for fix in fixes:
+                self._on_fix(fix)
                 self._update(fix)
         elif sensor is not None:
             self._line.data, self._line.arrival_ns = raw.data, raw.t_ns

@@ -147,6 +147,46 @@ def test_a_receiver_that_repeats_its_fix_is_not_called_well():
         assert receiver.troubles(second * SECOND) == ("receiver: says that it has a fix, but tells no new one",) * stuck
 
 
+def test_a_receiver_on_a_disturbed_line_is_not_called_well():
+    receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
+    told = []
+    for second in range(60):
+        good = gga(f"12{second // 60:02}{second % 60:02}.000")
+        torn = good.replace(b"545", b"546") * (10 <= second < 30 and second % 2)
+        receiver.take(torn + good, second * SECOND)
+        receiver.flush(second * SECOND + SECOND // 2)
+        receiver.look(second * SECOND)
+        told.append(receiver.troubles(second * SECOND))
+    disturbed = ("receiver: more than 1% of its sentences do not arrive whole",)
+    assert set(told[:18]) == set(told[41:]) == {()}
+    assert set(told[20:30]) == {disturbed}
+
+
+def test_an_inertial_sensor_on_a_disturbed_line_is_not_called_well():
+    sensor = inertial(by_name("crossbow"))
+    told = []
+    for k in range(6000):
+        data = packet((0, 0, 0, 0, 0, 10923), clock=-12_658 * k)
+        hear(sensor, bytes(24) if 1000 <= k < 3000 and k % 40 == 0 else data, k * SECOND // 100)
+        sensor.look(k * SECOND // 100)
+        told.append(sensor.troubles(k * SECOND // 100))
+    disturbed = ("inertial sensor: more than 1% of its samples do not arrive whole",)
+    assert set(told[:1000]) == set(told[4100:]) == {()}
+    assert set(told[2000:3000]) == {disturbed}
+
+
+def test_what_was_counted_in_all_connections_is_added_up():
+    driver = by_name("crossbow")
+    sensor = inertial(driver)
+    for connection in range(3):
+        configured = ImuConfigured(Identity(driver.name, ""), 100.0, 790, 0, 24)
+        sensor.connect(SimpleNamespace(counters={"overruns": connection}), driver, configured, 0)
+        hear(sensor, b"?" + packet((0, 0, 0, 0, 0, 10923)) * 10, SECOND)
+    assert sensor.counters()["frames"] == 10
+    totals = sensor.totals()
+    assert [totals[name] for name in ("frames", "junk", "overruns")] == [30, 3, 3]
+
+
 def test_positions_that_jump():
     assert not jumps(fix(50.0, 0.0), fix(50.0005, 1.0))  # 56 m
     assert jumps(fix(50.0, 0.0), fix(50.0027, 1.0))  # 300 m

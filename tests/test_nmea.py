@@ -159,7 +159,7 @@ def test_sentences_without_checksums_only_for_who_wants_them():
 
 
 REFUSED = {
-    "checksum": gga().replace(b"4807", b"4808"),
+    "wrong checksum": gga().replace(b"4807", b"4808"),
     "no checksum": gga()[:-5] + b"\r\n",
     "garbage": line(b"GPGGA,12\x0000"),
     "overlong": line("GPGGA," + "1" * 600),

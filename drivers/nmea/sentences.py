@@ -82,7 +82,7 @@ class Splitter:
             raise RefusedError("no checksum")
         body = line[: ending.start()] if ending else line.rstrip()
         if ending and checksum(body) != int(ending[1], 16):
-            raise RefusedError("checksum")
+            raise RefusedError("wrong checksum")
         parts = BODY.fullmatch(body)
         if parts is None:
             raise RefusedError("garbage")

@@ -47,7 +47,7 @@ class Account:
 
     def _look_at(self, kind: str, sensor: Inertial | Receiver, now_ns: int) -> tuple[str, ...]:
         troubles = sensor.troubles(now_ns)
-        sensor.rate.look(sensor.heard, now_ns)
+        sensor.look(now_ns)
         self._announcer.troubles(kind, troubles, now_ns)
         return troubles
 

@@ -194,7 +194,7 @@ class Devices:
         for port in self.ports:
             port.close()
         if self.fitting.inertial is not None:
-            self._log.info("ended", samples=self.fitting.inertial.samples, **self.fitting.inertial.counters())
+            self._log.info("ended", samples=self.fitting.inertial.samples, **self.fitting.inertial.totals())
 
     def _describe(self) -> None:
         self.described = tuple(

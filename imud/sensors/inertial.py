@@ -1,5 +1,6 @@
 """An inertial sensor as the daemon sees it: bytes in, solutions out. No waiting, no logging."""
 
+from collections import Counter
 from collections.abc import Mapping
 
 import numpy as np
@@ -10,12 +11,14 @@ from drivers.transport.line import Known, Line
 from ..outputs.view import NO_VECTOR, ClockFit
 from ..pipeline import Stream
 from .health import shown, words
+from .loss import MUCH, Loss
 from .rate import Pace, Rate
 from .tap import READ, Tap
 
 SILENCE_NS = 1_000_000_000  # a stream this long silent is broken
 SILENT_PERIODS = 4  # at least
 STALE_NS, STALE_PERIODS = 200_000_000, 3
+_DAMAGED = f"inertial sensor: more than {MUCH:.0%} of its samples do not arrive whole"
 
 
 class Inertial:
@@ -25,7 +28,8 @@ class Inertial:
         self.stream = stream
         self.silence_ns = SILENCE_NS
         self.period_s = 0.0  # nominal, between samples
-        self.rate = Rate()
+        self.rate, self._loss = Rate(), Loss()
+        self._before = Counter[str]()  # counted in earlier connections
         self.pace: Pace | None = None  # of a sensor that sends by itself
         self.tap: Tap | None = None
         self._has_gyros = False
@@ -36,11 +40,13 @@ class Inertial:
 
     def connect(self, line: Line, driver: ImuDriver, configured: ImuConfigured, now_ns: int) -> None:
         """Begin a new connection; the filter keeps its state."""
+        if self._line is not None:
+            self._before.update(self.counters())
         self._line = line
         self.stream.restart(driver.new_state(configured), configured)
         self.stream.record["heard_ns"] = now_ns
         self._complaints, self._complained = driver.complaints, None
-        self.rate = Rate()
+        self.rate, self._loss = Rate(), Loss()
         by_itself = configured.request is None and not isinstance(line, Known)
         self.pace = Pace(1e9 / configured.period_ns) if by_itself else None
         self.period_s = 1.0 / configured.rate_hz
@@ -91,16 +97,17 @@ class Inertial:
         rates = sample["w"].tolist() if self._has_gyros else NO_VECTOR
         return (*rates, *sample["f"].tolist())
 
-    @property
-    def heard(self) -> int:
-        """The same, as of any sensor."""
-        return self.samples
+    def look(self, now_ns: int) -> None:
+        """Call now and then: how fast samples come, and how many of them do not."""
+        self.rate.look(self.samples, now_ns)
+        self._loss.look(int(self.stream.decoder["frames"][0]), self.lost, now_ns)
 
     def troubles(self, now_ns: int) -> tuple[str, ...]:
         """What is wrong with the sensor, in words."""
         if now_ns - self.heard_ns > max(STALE_NS, STALE_PERIODS * self.period_s * 1e9):
             return ("inertial sensor: stale, nothing new comes",)
-        return (*words(shown(self.stream.filter.health)), *self._complains())
+        damaged = (_DAMAGED,) if self._loss.much else ()
+        return (*damaged, *words(shown(self.stream.filter.health)), *self._complains())
 
     def _complains(self) -> tuple[str, ...]:
         """Faults that the sensor itself has reported since it began to stream."""
@@ -151,3 +158,8 @@ class Inertial:
         names = ("frames", "junk", "bad", "lost", "suspect", "errors")
         counted = {name: int(self.stream.decoder[name][0]) for name in names} | {"lost": self.lost}
         return counted | (dict(self._line.counters) if self._line else {})
+
+    def totals(self) -> dict[str, int]:
+        """The same of all connections together."""
+        now = self.counters()
+        return {name: now.get(name, 0) + self._before[name] for name in {**self._before, **now}}

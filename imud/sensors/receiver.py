@@ -12,6 +12,7 @@ from ..clocks.epochs import EpochClock
 from ..configuration.settings import Gnss as GnssSettings
 from ..outputs.view import Gnss
 from .gnss import Records, Refusal, record, refusal
+from .loss import MUCH, Loss
 from .rate import Rate
 from .tap import READ, Tap
 
@@ -21,6 +22,7 @@ STALE_FIX_NS = 3_000_000_000
 EARTH_RADIUS_M = 6.371e6
 JUMP_M, JUMP_MPS = 100.0, 100.0  # a jump goes farther than that, plus what JUMP_MPS above its own speed would make
 JUMPED_NS = 5_000_000_000  # for which a jump is shown
+_DAMAGED = f"receiver: more than {MUCH:.0%} of its sentences do not arrive whole"
 
 
 class Pulse(Protocol):
@@ -35,7 +37,7 @@ class Receiver:
     def __init__(self, driver: GnssDriver, settings: GnssSettings, now_ns: int, pulse: Pulse | None = None) -> None:
         self._pulse = pulse
         self.decoder = driver.new_decoder(not settings.require_checksum)
-        self.rate = Rate()
+        self.rate, self._loss = Rate(), Loss()
         self.heard_ns = now_ns
         self.silence_ns = SILENCE_NS
         self.used = 0
@@ -140,20 +142,30 @@ class Receiver:
         tables = {name: ", ".join(f"{count} {key}" for key, count in table.items()) for name, table in told.items()}
         return {"fixes_used": self.used, **{name: text for name, text in tables.items() if text}}
 
+    def look(self, now_ns: int) -> None:
+        """Call now and then: how fast fixes come, and how many sentences do not."""
+        self.rate.look(self.heard, now_ns)
+        self._loss.look(self.decoder.whole, self.decoder.counters["wrong checksum"], now_ns)
+
     def troubles(self, now_ns: int) -> tuple[str, ...]:
         """What is wrong with the receiver, in words."""
+        damaged = _DAMAGED if self._loss.much else ""
+        return tuple(text for text in (self._trouble(now_ns), damaged) if text)
+
+    def _trouble(self, now_ns: int) -> str:
+        """What is wrong with its fixes; empty: nothing."""
         status = self.decoder.status
         if now_ns - max(status.arrival_ns, self._connected_ns) > STALE_FIX_NS:
             talks = now_ns - self.heard_ns <= STALE_FIX_NS
             said = "what it says tells no position (GGA, RMC, GNS or GLL)" if talks else "stale, nothing new comes"
-            return (f"receiver: {said}",)
+            return f"receiver: {said}"
         if status.arrival_ns and status.quality == 0:
-            return ("receiver: no fix",)
+            return "receiver: no fix"
         if now_ns - (self._last.arrival_ns if self._last else self._connected_ns) > STALE_FIX_NS:
-            return ("receiver: says that it has a fix, but tells no new one",)
+            return "receiver: says that it has a fix, but tells no new one"
         if self._jumped_ns is not None and now_ns - self._jumped_ns < JUMPED_NS:
-            return ("receiver: implausible, its position jumped",)
-        return ()
+            return "receiver: implausible, its position jumped"
+        return ""
 
     def view(self, now_ns: int) -> Gnss | None:
         """The last fix, for those who publish it; None before the first."""

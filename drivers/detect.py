@@ -138,7 +138,7 @@ def _listen_at_all(
 
 
 def _ask(speeds: Mapping[AnyDriver, Sequence[int]], patient: int, stir: Stir) -> Dialogue[Found | Echo | None]:
-    """Every driver at its likeliest speed, then its second, and so on; at the first `patient` with all its exchanges."""
+    """Every driver at its likeliest speed, then its second, and so on; all its exchanges at the first `patient`."""
     for rank, of_rank in enumerate(zip_longest(*speeds.values())):
         for driver, speed in zip(speeds, of_rank, strict=True):
             if speed:

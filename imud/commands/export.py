@@ -165,9 +165,7 @@ def run(args: argparse.Namespace) -> int:
             for target in targets:
                 target.take_fix(fix)
 
-        player = Player(
-            recording.settings(adapt), adapt, Initial(), step, warn=recording.notes.append, on_fix=take_fix
-        )
+        player = Player(recording.settings(adapt), adapt, Initial(), step, warn=recording.notes.append, on_fix=take_fix)
         for entry in recording:
             player.take(entry)
             progress.at(1000 * recording.read_bytes // max(recording.bytes, 1))

@@ -81,8 +81,9 @@ class Player:
     """Takes the messages of a recording one by one; not thread-safe.
 
     on_step(samples, solutions): rows of SAMPLE and SOLUTION, valid until the next message. on_update(fix, innovations).
-    on_fix(fix): every fix that is used, also without an inertial sensor, before the filter has it. adapt: makes of recorded settings those to go by. warn: told what the user should know. calibrated: whether the
-    errors that were known of the sensor are taken out of its samples.
+    on_fix(fix): every fix that is used, also before there is an inertial sensor. adapt: makes of recorded settings
+    those to go by. warn: told what the user should know. calibrated: whether the errors that were known of the sensor
+    are taken out of its samples.
     """
 
     def __init__(

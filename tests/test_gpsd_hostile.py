@@ -165,19 +165,42 @@ def test_a_thousand_connections(loop):
     assert len(first.receive()) == pytest.approx((loop.now - since) / (100 * MS), abs=1)
 
 
-def test_out_of_descriptors_the_listener_waits_for_the_next_second(loop):
+@contextlib.contextmanager
+def no_descriptors():
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    waiting = socket.create_connection(("127.0.0.1", int(loop.server.addresses[0].rpartition(":")[2])))
-    loop.sockets.append(waiting)
     lowest = os.dup(0)
     os.close(lowest)
-    loop.server.tick(loop.now)
     try:
         resource.setrlimit(resource.RLIMIT_NOFILE, (lowest, hard))
-        assert loop.turn(until_quiet=False) == 1
-        assert loop.poller.poll(0) == []
+        yield
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def test_out_of_descriptors_clients_are_told_so_and_sent_away(loop):
+    port = int(loop.server.addresses[0].rpartition(":")[2])
+    waiting = [Client(socket.create_connection(("127.0.0.1", port))) for _ in range(3)]
+    loop.server.tick(loop.now)
+    with no_descriptors():
+        loop.turn()
+    for client in waiting:
+        (message,) = client.receive()
+        assert (message["class"], message["message"]) == ("ERROR", "no descriptor left for another client")
+        assert client.closed()
+    assert (loop.server.clients, loop.server.counters.refused) == (0, 3)
+    assert loop.connect().classes() == ["VERSION"]
+
+
+def test_out_of_descriptors_and_without_a_reserve_the_listener_waits_for_the_next_second(loop):
+    waiting = socket.create_connection(("127.0.0.1", int(loop.server.addresses[0].rpartition(":")[2])))
+    loop.sockets.append(waiting)
+    loop.server.tick(loop.now)
+    loop.server._reserve.close()
+    taken = [os.dup(0)]  # as another thread may, between the reserve's descriptor and the client's
+    with no_descriptors():
+        assert loop.turn(until_quiet=False) == 1
+        assert loop.poller.poll(0) == []
+    os.close(taken[0])
     assert loop.server.clients == 0
     loop.now += SECOND
     loop.server.tick(loop.now)

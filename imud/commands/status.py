@@ -13,7 +13,7 @@ from typing import Any
 
 from ..configuration.settings import Gpsd
 from ..errors import ConfigError, DeviceAbsentError, ImudError, PermissionDeniedError, UsageError
-from ..outputs.gpsd_dialogue import TOO_MANY
+from ..outputs.gpsd_dialogue import NO_DESCRIPTORS, TOO_MANY
 from ..outputs.listen import Address, parse_address
 from . import metrics
 
@@ -89,6 +89,8 @@ def _answer(sock: socket.socket, address: Address) -> dict[str, Any]:
                 return dict(message)
             if kind == "ERROR" and message.get("message") == TOO_MANY:
                 raise ImudError(f"{address.text} says {TOO_MANY}: let some go, or raise gpsd.max_clients")
+            if kind == "ERROR" and message.get("message") == NO_DESCRIPTORS:
+                raise ImudError(f"{address.text} says {NO_DESCRIPTORS}: let some go, or raise its limit (ulimit -n)")
             if kind == "ERROR":
                 raise DeviceAbsentError(f"{stranger}: it says {message.get('message')!r}")
     raise stranger

@@ -18,10 +18,20 @@ from imud.configuration.settings import Gpsd
 from imud.errors import ConfigError
 
 from .connection import NEVER_NS, SECOND_NS, Connection
-from .gpsd_dialogue import TOO_MANY, Answer, Policy, Request, answer, device_object, error_object, version_object
+from .gpsd_dialogue import (
+    NO_DESCRIPTORS,
+    TOO_MANY,
+    Answer,
+    Policy,
+    Request,
+    answer,
+    device_object,
+    error_object,
+    version_object,
+)
 from .gpsd_json import Report
 from .gpsd_objects import line
-from .listen import EXHAUSTED, Address, is_local, listen, parse_address, shown_address
+from .listen import EXHAUSTED, Address, Reserve, is_local, listen, parse_address, shown_address
 from .nmea_sentences import sentences
 from .view import Device, View
 
@@ -46,7 +56,7 @@ class Counters:
     """Since the start."""
 
     connections: int = 0
-    refused: int = 0  # too many clients
+    refused: int = 0  # too many clients, or no descriptor left for another
     requests: int = 0
     errors: int = 0  # requests answered with ERROR
     dropped: int = 0  # messages that slow clients lost
@@ -87,6 +97,7 @@ class GpsdServer:
         self._own_answers: dict[str, tuple[int, str]] = {}
         self._poller = poller
         self._listeners: dict[int, socket.socket] = {}
+        self._reserve = Reserve()
         self._clients: dict[int, Connection] = {}
         self._view = View()
         self._report: Report | None = None
@@ -134,6 +145,7 @@ class GpsdServer:
                     Path(sock.getsockname()).unlink()
             sock.close()
         self._listeners.clear()
+        self._reserve.close()
 
     @property
     def due_ns(self) -> int:
@@ -198,7 +210,11 @@ class GpsdServer:
         try:
             sock, _ = listener.accept()
         except OSError as error:
-            if error.errno in EXHAUSTED:
+            if error.errno not in EXHAUSTED:
+                return
+            if self._reserve.turn_away(listener, line(error_object(NO_DESCRIPTORS))):
+                self.counters.refused += 1
+            else:
                 self._poller.modify(listener.fileno(), 0)  # until the next tick: poll would say it again at once
             return
         if len(self._clients) >= self.settings.max_clients:

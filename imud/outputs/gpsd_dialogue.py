@@ -22,7 +22,7 @@ from .view import Device
 REQUEST_MAX = 1024  # bytes; gpsd's own limit is 80
 _DEVICES_MAX = 4  # libgps loops for ever when it is told of more
 _ERROR_MAX = 255
-TOO_MANY = "too many clients"
+TOO_MANY, NO_DESCRIPTORS = "too many clients", "no descriptor left for another client"
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,6 @@
 """Listening sockets: addresses as users write them, which of them are safe to open, and who holds one that is taken."""
 
+import contextlib
 import errno
 import ipaddress
 import os
@@ -113,6 +114,38 @@ def listen(address: Address, kind: socket.SocketKind = socket.SOCK_STREAM) -> so
         sock.close()
         raise _explained(address, error) from error
     return sock
+
+
+class Reserve:
+    """A descriptor kept back. Once none is left, it lets in who would wait for an answer, and sends them away."""
+
+    def __init__(self) -> None:
+        self._fd = -1
+        self._keep()
+
+    def _keep(self) -> None:
+        with contextlib.suppress(OSError):
+            self._fd = os.open("/dev/null", os.O_RDONLY | os.O_CLOEXEC)
+
+    def turn_away(self, listener: socket.socket, farewell: bytes) -> bool:
+        """End the connection of who waits first, with these last words; False: not even that is possible."""
+        self.close()
+        try:
+            sock, _ = listener.accept()
+        except OSError:
+            return False
+        else:
+            with sock, contextlib.suppress(OSError):
+                sock.send(farewell, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+            return True
+        finally:
+            self._keep()
+
+    def close(self) -> None:
+        """Give it up."""
+        if self._fd >= 0:
+            os.close(self._fd)
+        self._fd = -1
 
 
 def shown_address(sock: socket.socket) -> str:

@@ -19,7 +19,7 @@ from imud.kernels.system import EAGAIN, errno, send
 
 from .connection import SECOND_NS
 from .gpsd import Poller
-from .listen import EXHAUSTED, listen, parse_path
+from .listen import EXHAUSTED, Reserve, listen, parse_path
 
 _STUCK_NS = 60_000_000_000
 _SEND_BUFFER = 256 * 1024
@@ -66,6 +66,7 @@ class StreamServer:
         self._publisher = publisher
         self._poller = poller
         self._look_ns = 0
+        self._reserve = Reserve()
         self._sockets: list[socket.socket] = []
         self._clients = np.zeros(settings.max_clients, CLIENT)  # in the same order
         publisher["clients"] = self._clients.ctypes.data
@@ -122,7 +123,7 @@ class StreamServer:
         try:
             sock, _ = self._listener.accept()
         except OSError as error:
-            if error.errno in EXHAUSTED:
+            if error.errno in EXHAUSTED and not self._reserve.turn_away(self._listener, b""):
                 self._poller.modify(self._listener.fileno(), 0)  # until the next look: poll would say it again at once
             return
         if len(self._sockets) >= len(self._clients):
@@ -144,6 +145,7 @@ class StreamServer:
 
     def close(self) -> None:
         """End all connections and remove the socket."""
+        self._reserve.close()
         while self._sockets:
             self._remove(0)
         if self._listener:

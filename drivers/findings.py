@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import xor
 
 CHATTER = 16  # bytes; fewer are glitches of a line that is idle, or being plugged
 GARBAGE, TEXT_SHARE = 200, 0.7  # bytes after which, with less text than that, nothing will be recognised any more
@@ -85,9 +87,18 @@ def _kind(heard: bytes) -> str:
         return f"of {whose} in its own binary format, which imud does not read: have it send NMEA"
     if _text_share(heard) < TEXT_SHARE:
         return "but nothing known: garbage, as of a line at another speed, or a device that imud does not know"
-    if any(line.startswith(b"$") and b"*" in line for line in heard.splitlines()):
+    lines = [line for line in heard.splitlines() if line.startswith(b"$") and b"*" in line]
+    if any(_is_whole(line) for line in lines):
+        return "NMEA sentences, but none that tells a position: no receiver's"
+    if lines:
         return "NMEA sentences with wrong checksums: a disturbed line"
     return "text, but of no device that imud knows"
+
+
+def _is_whole(line: bytes) -> bool:
+    """Whether the checksum of an NMEA sentence is right."""
+    body, _, told = line[1:].partition(b"*")
+    return told[:2].upper() == b"%02X" % reduce(xor, body, 0)
 
 
 def _foreign(heard: bytes) -> str:

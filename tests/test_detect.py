@@ -188,6 +188,16 @@ def test_damaged_sentences_are_shown_as_they_are():
     assert "$GPGGA,092750.000" in str(found)
 
 
+def test_a_receiver_that_says_nothing_but_gll_is_one():
+    found, _ = run(detect(), Speaker(4800, b"$GPGLL,5742.00,N,01158.20,E,054130,A*22\r\n"))
+    assert (found.model, found.baud) == ("NMEA receiver", 4800)
+
+
+def test_an_instrument_that_knows_no_position_is_not_called_a_disturbed_line():
+    found, _ = run(detect(), Speaker(4800, b"$SDDBT,036.4,f,011.1,M,006.0,F*00\r\n", period_s=2.0))
+    assert "NMEA sentences, but none that tells a position" in str(found)
+
+
 @pytest.mark.parametrize("talker", ["GP", "BD", "II"])
 def test_sentences_without_checksums_are_called_that(talker):
     bare = f"${talker}GGA,092750.000,5321.6802,N,00630.3372,W,1,8,1.03,61.7,M,55.2,M,,\r\n"

@@ -13,7 +13,7 @@ from .sentences import RefusedError, Sentence, Splitter
 
 ENOUGH = 2  # checked sentences; one of a kind that only receivers send will do
 MEDIATEK, UNCHECKED = "MediaTek NMEA receiver", "NMEA receiver without checksums"
-TELLING = {"GGA", "GNS", "RMC"}
+TELLING = {"GGA", "GNS", "RMC", "GLL"}
 WITHOUT = "switch them on in the receiver, or accept sentences without them: --set gnss.require_checksum=false"
 
 

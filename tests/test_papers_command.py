@@ -9,6 +9,7 @@ import pytest
 
 from imud import figures
 from imud.commands import main
+from imud.configuration.settings import GpsTrack, Ins9, Settings
 from imud.estimators import registry, stationary
 from imud.experiments import farrell, prasanna, simulate, suh
 from imud.experiments.report import Report, Row, at_most, within
@@ -67,6 +68,43 @@ def test_another_bias_model_is_not_farrell_s(monkeypatch, capsys):
     assert main(["reproduce", "farrell"]) == 1
     said = capsys.readouterr().err
     assert all(f"does not hold: Q_d 1e6 row {row}, 1000 steps of 1 ms" in said for row in (1, 2, 3))
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "value", "rows_of", "quantity"),
+    [
+        (stationary, "POSITION_SIGMA", 1e-4, farrell.design_rows, "√R"),
+        (stationary, "INTERVAL_S", 2.0, farrell.design_rows, "time between measurements"),
+        (suh.filters, "R3", 2.0, suh._parameter_rows, "r3"),
+        (suh.filters, "R_LARGE", 50.0, suh._parameter_rows, "r1, r2 of the simple adaptive filter"),
+        (suh.filters, "ALPHA2", 10.0, suh._parameter_rows, "α2 of e (ours: of e², times √δ)"),
+    ],
+)
+def test_another_number_than_the_papers_fails(monkeypatch, module, name, value, rows_of, quantity):
+    assert all(row.holds for row in rows_of())
+    monkeypatch.setattr(module, name, value)
+    assert [row.quantity for row in rows_of() if not row.holds] == [quantity]
+
+
+def test_other_defaults_are_not_prasanna_s(monkeypatch):
+    monkeypatch.setattr(prasanna, "Settings", lambda: Settings(gps_track=GpsTrack(position_var=5.0), ins9=Ins9(0.1)))
+    failed = [row.quantity for row in prasanna._parameter_rows() if not row.holds]
+    assert failed == ["GPS: R", "INS: Q (ours: per second)"]
+
+
+def test_a_roll_to_the_other_side_is_another_tilt():
+    for side, failed in ((1.0, 0), (-1.0, 5)):  # 0 and 180 deg are the same on both sides
+        tilts = [(tilt, 0.4, side * tilt, 2.0) for tilt in prasanna.TILTS_DEG]
+        assert sum(row.holds is False for row in prasanna._tilt_rows(tilts)) == failed
+
+
+@pytest.mark.parametrize(("shape", "holds"), [(-1.0, True), (1.0, False), (-1.1, False)])
+def test_dead_reckoning_drifts_as_the_bias_says(shape, holds):
+    t = np.linspace(0.0, 600.0, 601)
+    states = shape * 0.078 * np.column_stack([0.5 * t**2, t, 0.0 * t])
+    nothing = np.zeros((len(t), 3))
+    run = farrell.Run(t, states, nothing, nothing, np.zeros(0), np.zeros(0))
+    assert [row.holds for row in farrell.drift_rows(run, 0.078)] == [holds, holds]
 
 
 def test_a_sensor_worse_than_its_sheet_fails_prasanna_s_claims(monkeypatch, capsys):

@@ -8,7 +8,7 @@ from scipy.stats import chi2, kstest, norm
 from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators import registry, stationary
 from imud.estimators.records import AT_REST, FIX, INNOVATION, POSITION_VALID, REJECTING, SOLUTION
-from imud.experiments import farrell
+from imud.experiments import farrell, whiteness
 from imud.experiments.simulate import level_at_rest, m_g350, samples_of
 from imud.pipeline import Filter
 
@@ -82,16 +82,16 @@ def test_residuals_are_white_and_standard_normal_on_model_data():
     eta = run.normalised
     assert len(eta) == farrell.SECONDS
     assert kstest(eta, norm.cdf).pvalue > 0.01
-    assert farrell.normal_distance(eta) == pytest.approx(kstest(eta, norm.cdf).statistic, rel=1e-9)
+    assert whiteness.normal_distance(eta) == pytest.approx(kstest(eta, norm.cdf).statistic, rel=1e-9)
     assert chi2.cdf(eta @ eta, len(eta)) == pytest.approx(0.5, abs=0.49)
-    assert chi2.ppf(0.99, farrell.LAGS) == pytest.approx(farrell.CHI2_99, abs=0.01)
-    assert farrell.ljung_box(eta) < farrell.CHI2_99
+    assert chi2.ppf(0.99, whiteness.LAGS) == pytest.approx(whiteness.CHI2_99, abs=0.01)
+    assert whiteness.ljung_box(eta) < whiteness.CHI2_99
 
 
 def test_a_coloured_sequence_is_not_called_white():
     rng = np.random.default_rng(0)
     x = rng.standard_normal(600)
-    assert farrell.ljung_box(x[1:] + 0.5 * x[:-1]) > farrell.CHI2_99
+    assert whiteness.ljung_box(x[1:] + 0.5 * x[:-1]) > whiteness.CHI2_99
 
 
 def test_the_claims_hold():

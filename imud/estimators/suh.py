@@ -10,13 +10,14 @@ What is built instead of the print:
   a_x = f_x / g and a_y = -f_y / g;
 - (5) drops d a_y / d pitch = -sin(roll) sin(pitch);
 - (8), (11) predict the measurement as C x; an extended filter predicts f(x);
-- (9) adds alpha2 (z - C x), which can be negative; a covariance needs the square, element by element. His alpha2 = 10
-  belongs to the first power: divided by sqrt(delta), the horizontal acceleration that (7) just detects, it gives the
-  same covariance there. With 10 e^2 itself a push below 0.55 g would be trusted more than by the simple filter;
+- (9) adds alpha2 (z - C x), which is negative for pushes to one side, and trusts them; a covariance needs the square,
+  element by element. His alpha2 = 10 belongs to the first power: divided by sqrt(delta), the horizontal acceleration
+  that (7) just detects, it gives the same covariance there. With 10 e^2 itself a push below 0.55 g is trusted more than
+  by the simple filter, and on simulated carts the two-step filter is the worse of the two; with 10 |e| it is not;
 - (5) has C at the prediction for (11), too; the two-step filter takes C and f where the gyro (8) has left the state;
 - no initial rate is printed, only an attitude and P0 = 0: it is the gyro's first;
 - (10) r <- alpha1 r + r_nom ends at r_nom / (1 - alpha1); alpha1 r + (1 - alpha1) r_nom ends at r_nom.
-The standard and the simple adaptive filter are well defined as printed too: `literal` in the parameters.
+All three are well defined as printed too, (9) by its lower bound r_nom: `literal` in the parameters.
 
 His numbers belong to 20 samples per second: faster samples are averaged over STEP_S, and the answer holds until the
 next step. Yaw is not in the paper; it is integrated aside from an arbitrary origin, only to have a quaternion, with
@@ -48,7 +49,8 @@ STEP_S = 0.05
 LONG_GAP_S = 1.0  # after it the filter begins anew
 Q1, R_NOMINAL, R3 = 1.0, 0.05, 1.0
 DELTA, ALPHA1, R_LARGE = 0.005, 0.4, 5.0
-ALPHA2 = 10.0 / math.sqrt(DELTA)  # 1/g, of the squared residual
+PRINTED_ALPHA2 = 10.0  # g, of the residual
+ALPHA2 = PRINTED_ALPHA2 / math.sqrt(DELTA)  # of its square
 TRUSTED_TILT, UNIFORM = math.radians(20.0), math.pi / math.sqrt(3.0)
 STEEP = 1e-3  # least |cos(pitch)|: at 90 deg roll and its rate are not defined
 PITCH, ROLL, RATE, STATES = 0, 1, 2, 5
@@ -159,9 +161,10 @@ def adapt(p: Any, s: Any, a: Any) -> None:
         if p.mode == ADAPTIVE:
             s.r[i] = R_LARGE if s.external == 1 else R_NOMINAL
         elif p.mode == TWO_STEP and s.external == 1:
-            s.r[i] = max(ALPHA1 * s.r[i] + ALPHA2 * s.innovation[i] * s.innovation[i], R_NOMINAL)
+            e = s.innovation[i]
+            s.r[i] = max(ALPHA1 * s.r[i] + (PRINTED_ALPHA2 * e if p.literal == 1 else ALPHA2 * e * e), R_NOMINAL)
         elif p.mode == TWO_STEP:
-            s.r[i] = ALPHA1 * s.r[i] + (1.0 - ALPHA1) * R_NOMINAL
+            s.r[i] = ALPHA1 * s.r[i] + (1.0 if p.literal == 1 else 1.0 - ALPHA1) * R_NOMINAL
 
 
 @kernel
@@ -169,7 +172,8 @@ def correct(p: Any, s: Any, w: Any, a: Any) -> None:
     """Measurement updates: gyro (8), covariances, accelerometer (11).
 
     The standard filter takes both at once: its C and f are those of the predicted state, and what the gyro has moved
-    since is removed by C; the two-step filter takes C and f where the gyro has left the state.
+    since is removed by C; the two-step filter takes C and f where the gyro has left the state. As printed both take C
+    at the predicted state, times the present one.
     """
     x = s.x
     pitch, roll = x[PITCH], x[ROLL]
@@ -177,11 +181,13 @@ def correct(p: Any, s: Any, w: Any, a: Any) -> None:
     for i in range(3):
         s.columns[0] = RATE + i
         take(s, 1, w[i] - x[RATE + i], R3)
-    if p.mode == TWO_STEP:
+    if p.mode == TWO_STEP and p.literal == 0:
         pitch, roll = x[PITCH], x[ROLL]
     sp, cp, sr, cr = math.sin(pitch), math.cos(pitch), math.sin(roll), math.cos(roll)
-    by_pitch = 0.0 if p.literal == 1 else -sr * sp
-    expected = (cp * pitch, cr * cp * roll) if p.literal == 1 else (sp, sr * cp)
+    by_pitch, expected = -sr * sp, (sp, sr * cp)
+    if p.literal == 1:
+        pitch, roll = x[PITCH], x[ROLL]
+        by_pitch, expected = 0.0, (cp * pitch, cr * cp * roll)
     s.innovation[0], s.innovation[1] = a[0] - expected[0], a[1] - expected[1]
     adapt(p, s, a)
     s.columns[0], s.columns[1] = PITCH, ROLL

@@ -1,0 +1,89 @@
+"""The figures of Suh's two experiments, each random quantity with its +-sigma."""
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..estimators.suh import DELTA, PITCH, ROLL, STEP_S
+from ..figures import Figure, Panel, Trace
+from ..kernels.earth import STANDARD_GRAVITY
+from .report import Floats
+from .simulate import PROFILE
+
+if TYPE_CHECKING:
+    from .suh import Run
+
+AXES = ("x", "y", "z")
+SIGMA_A = PROFILE.accel_noise / math.sqrt(STEP_S) / STANDARD_GRAVITY  # g, of a mean over a step
+SIGMA_W = math.degrees(PROFILE.gyro_noise / math.sqrt(STEP_S))  # deg/s
+
+
+def _sensor_figures(force: Floats, rate: Floats) -> list[Figure]:
+    """Figs. 1 and 2: what the sensor shows at rest, its noise about its mean, and what (7) makes of it."""
+    t: Floats = STEP_S * np.arange(1.0, len(force) + 1.0)
+    panels = []
+    for values, sigma, name, unit in ((force, SIGMA_A, "a", "g"), (rate, SIGMA_W, "g", "deg/s")):
+        for i, axis in enumerate(AXES):
+            mean = np.full(len(t), values[:, i].mean())
+            trace = Trace(f"{name}_{axis}", t, values[:, i], np.full(len(t), sigma), mean)
+            panels.append(Panel(f"{name}_{axis}", "time [s]", f"{name}_{axis} [{unit}]", [trace]))
+    excess = np.abs(np.sum(force**2, axis=1) - 1.0)
+    band = np.full(len(t), 2.0 * SIGMA_A)  # d|a|^2 = 2 a da
+    seen = Trace("f(a)", t, excess, band, np.full(len(t), excess.mean()))
+    limit = Trace("δ", t[[0, -1]], np.full(2, DELTA), dashed=True)
+    return [
+        Figure("Fig. 1: experiment 1, the sensor is still", panels, columns=3),
+        Figure("Fig. 2: experiment 1, f(a) = | |a|² - 1 |", [Panel("f(a)", "time [s]", "f(a)", [seen, limit])], 1),
+    ]
+
+
+def _angle_panels(runs: "dict[str, Run]", names: tuple[str, ...]) -> list[Panel]:
+    panels = []
+    for axis, label in ((PITCH, "pitch"), (ROLL, "roll")):
+        for name in names:
+            run = runs[name]
+            trace = Trace(f"{label}, {name}", run.t, run.angles[:, axis], run.sigmas[:, axis])
+            panels.append(Panel(f"{label}, {name}", "time [s]", f"{label} error [deg]", [trace]))
+    return panels
+
+
+def _cart_figure(runs: "dict[str, Run]", order: tuple[str, ...], samples: Any, push: Floats, shaking: Floats) -> Figure:
+    t = samples["t_ns"] * 1e-9
+    sample_noise = PROFILE.accel_noise / math.sqrt(t[1] - t[0])
+    measured = Trace("measured a_y", t, samples["f"][:, 1], np.hypot(shaking, sample_noise))
+    rolls = [Trace(n, runs[n].t, runs[n].angles[:, ROLL], runs[n].sigmas[:, ROLL]) for n in order]
+    return Figure(
+        "Experiment 2: the cart",
+        [
+            Panel("acceleration along the rails", "time [s]", "a_y [m/s²]", [measured, Trace("true a_y", t, push)]),
+            Panel("roll, all three", "time [s]", "roll error [deg]", rolls),
+        ],
+    )
+
+
+def figures(
+    at_rest: tuple[Floats, Floats],
+    rest: "Run",
+    runs: "dict[str, Run]",
+    order: tuple[str, ...],
+    samples: Any,
+    push: Floats,
+    shaking: Floats,
+) -> list[Figure]:
+    """Figs. 1 to 3 of experiment 1; the cart, Figs. 5 and 6 of experiment 2.
+
+    at_rest: force in g and rate in deg/s per step; shaking: m/s^2, 1 sigma per sample.
+    """
+    covariances = []
+    for name in order[1:]:
+        run = runs[name]
+        traces = [Trace(f"{r}, {name}", run.t, run.r[:, i]) for i, r in enumerate(("r1", "r2"))]
+        covariances.append(Panel(name, "time [s]", "r [g²]", traces))
+    return [
+        *_sensor_figures(*at_rest),
+        Figure("Fig. 3: experiment 1, the sensor is still", _angle_panels({"two-step": rest}, ("two-step",))),
+        _cart_figure(runs, order, samples, push, shaking),
+        Figure("Fig. 5: experiment 2, ±σ of his covariances", _angle_panels(runs, order), columns=3),
+        Figure("Fig. 6: covariances of the accelerometer", covariances),
+    ]

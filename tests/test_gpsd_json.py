@@ -77,6 +77,12 @@ GOLDEN = {
 }
 
 
+def test_a_climb_of_nothing_has_no_sign():
+    row = golden_solution()
+    row["v"] = (3.0, -4.0, 0.0)
+    assert '"climb":0,' in Report(golden_view(solution=row.tobytes())).object("TPV")
+
+
 @pytest.mark.parametrize("kind", CLASSES)
 def test_golden_line(kind):
     assert Report(golden_view()).lines((kind,)).decode() == GOLDEN[kind]

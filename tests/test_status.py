@@ -18,6 +18,7 @@ from processes import PATIENCE_S, daemon, emulator
 
 from imud.commands import status
 from imud.commands.metrics import METRICS, prometheus
+from imud.commands.status import innovations
 from imud.daemon.vitals import Innovations, flat, status_object
 from imud.errors import DeviceAbsentError, ImudError
 from imud.estimators.innovation_kinds import KINDS
@@ -180,6 +181,7 @@ def test_innovation_ratios_of_a_filter_that_knows_are_one():
     rows = np.zeros(2, INNOVATION)
     rows["value"] = rows["variance"] = np.nan  # refused unseen
     told.take(rows[:1])
+    assert math.isnan(told.told()["north"]["ratio"])
     ratios = []
     for _ in range(4000):
         rows["kind"], rows["variance"], rows["used"] = (0, 6), (4.0, 0.01), (1, 0)
@@ -189,6 +191,12 @@ def test_innovation_ratios_of_a_filter_that_knows_are_one():
     assert told.told()["north"] == {"used": 4000, "rejected": 1, "ratio": ratios[-1][0]}
     assert told.told()["heading"]["rejected"] == 4000
     assert np.mean(ratios, axis=0) == pytest.approx([1.0, 9.0], rel=0.1)
+
+
+def test_innovations_without_a_value_have_no_ratio_to_show():
+    refused, judged = {"used": 0, "rejected": 109}, {"used": 7, "rejected": 1, "ratio": 0.96}
+    assert innovations({"north": refused}) == ["0 used, 109 rejected"]
+    assert innovations({"north": refused, "east": judged}) == ["east 0.96", "ratio 1 is right; 7 used, 110 rejected"]
 
 
 @contextlib.contextmanager

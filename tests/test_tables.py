@@ -206,6 +206,14 @@ def test_missing_file_and_missing_column(tmp_path):
         tables.read_imu(write(tmp_path, "", "t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2\n"))
 
 
+def test_what_a_file_is_instead_of_a_table_is_said(tmp_path):
+    with pytest.raises(BadDataError, match=r"no column t_s, .*; it is: time \[s\], gyro_x, Acc Z, …"):
+        tables.read_imu(write(tmp_path, "1,2,3\n", f"time [s],gyro_x,Acc Z,{'x' * 200}\n"))
+    (tmp_path / "raw.ubx").write_bytes(bytes(range(256)) * 4)
+    with pytest.raises(BadDataError, match=r"raw\.ubx: not a text, so no table and no NMEA log either"):
+        tables.read_fixes(tmp_path / "raw.ubx", 0)
+
+
 def test_fixes_with_and_without_optional_columns(tmp_path):
     path = write(
         tmp_path,

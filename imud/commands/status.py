@@ -115,10 +115,7 @@ def screen(status: Table) -> Iterator[tuple[str, str]]:
     yield "imud", f"{status['version']}, pid {status['pid']}, up {_duration(status['uptime_s'])}, {pace}"
     yield from _filter(status["filter"])
     if told := status.get("innovations"):
-        ratios = ", ".join(f"{kind} {entry['ratio']:.2f}" for kind, entry in told.items())
-        yield from zip_longest(["innovations"], textwrap.wrap(ratios, _WIDTH), fillvalue="")
-        used, rejected = (sum(entry[what] for entry in told.values()) for what in ("used", "rejected"))
-        yield "", f"ratio 1 is right; {used} used, {rejected} rejected"
+        yield from zip_longest(["innovations"], innovations(told), fillvalue="")
     for port in status["ports"]:
         yield from _port(port)
     for name, output in status["outputs"].items():
@@ -130,6 +127,14 @@ def screen(status: Table) -> Iterator[tuple[str, str]]:
     memory = "{:.0f} MB of memory ({:.0f} at most)".format(*megabytes)
     yield "process", f"{share:.1f} % of a processor, {memory}, {status['open_files']} descriptors"
     yield "kernels", f"kept in {status['cache']}" if status["cache"] else "not kept: every start compiles"
+
+
+def innovations(told: Table) -> list[str]:
+    """By kind how large they are, where any had a value, and how many there were."""
+    ratios = ", ".join(f"{kind} {entry['ratio']:.2f}" for kind, entry in told.items() if "ratio" in entry)
+    used, rejected = (sum(entry[what] for entry in told.values()) for what in ("used", "rejected"))
+    counts = f"{used} used, {rejected} rejected"
+    return [*textwrap.wrap(ratios, _WIDTH), f"ratio 1 is right; {counts}"] if ratios else [counts]
 
 
 def _duration(seconds: float) -> str:

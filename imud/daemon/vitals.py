@@ -56,8 +56,14 @@ class Innovations:
                 entry["ratio"] += (value * value / variance - entry["ratio"]) / min(MEMORY, self._judged[kind])
 
     def told(self) -> Table:
-        """By kind; `ratio` is the mean of innovation^2 / variance over the last fixes, 1 for a consistent filter."""
-        return {KINDS[kind].key: dict(entry) for kind, entry in sorted(self._table.items())}
+        """By kind; `ratio` is the mean of innovation^2 / variance over the last fixes, 1 for a consistent filter.
+
+        NaN as long as none had a value.
+        """
+        return {
+            KINDS[kind].key: entry | ({} if self._judged[kind] else {"ratio": math.nan})
+            for kind, entry in sorted(self._table.items())
+        }
 
 
 def of_process(started_ns: int) -> Table:

@@ -61,7 +61,7 @@ def _motion(s: State) -> Vector:
         along, epd = max(sn, se), NAN
     known = epd < 90.0
     track = math.degrees(math.atan2(ve, vn)) % 360.0 if known else NAN
-    return track, speed, -vd, epd if known else NAN, _NORMAL95 * along, _NORMAL95 * sd
+    return track, speed, 0.0 - vd, epd if known else NAN, _NORMAL95 * along, _NORMAL95 * sd
 
 
 def _altitude_msl(s: State, gnss: Gnss | None) -> float:

@@ -2,6 +2,8 @@
 
 Layout, all little-endian: the lock (uint64: 0 before the first state, odd while one is written), the record
 (`imud.client.FIELDS`), and the exclusive or of the record's 64-bit words, for readers that cannot order their reads.
+Who may write to the file (its own user, root) can end the daemon by truncating it: SIGBUS. Linux seals only memory
+that has no path, so there is nothing against that; all others may only read.
 """
 
 import fcntl

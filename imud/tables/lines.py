@@ -10,6 +10,7 @@ import gzip
 import io
 import itertools
 import re
+import textwrap
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from ..progress import Progress
 
 _LOOK = 8192  # lines
 _BEGINNING, _PIECES = 1 << 16, 8  # bytes, in which the header stands; in how many pieces
+_SHOWN = 120  # characters of a header that is not the right one
 _GZIP = b"\x1f\x8b"
 _SENTENCE = re.compile(r"\$[A-Z]{2}[A-Z0-9]{3},")
 _UTF8 = "utf-8-sig"
@@ -53,8 +55,11 @@ class Table:
     def column_numbers(self, wanted: Sequence[str]) -> list[int]:
         """Where these columns are. Raises BadDataError."""
         if missing := [name for name in wanted if name not in self.names]:
-            where, must = f"{self.path} line {self.first_row - 1}", ", ".join(wanted)
-            raise BadDataError(f"{where}: no column {', '.join(missing)}; the header must name {must}")
+            where, must, has = f"{self.path} line {self.first_row - 1}", ", ".join(wanted), ", ".join(self.names)
+            if "\N{REPLACEMENT CHARACTER}" in has or not has.isprintable():
+                raise BadDataError(f"{self.path}: not a text, so no table and no NMEA log either")
+            seen = textwrap.shorten(has, _SHOWN, placeholder=" …")
+            raise BadDataError(f"{where}: no column {', '.join(missing)}; the header must name {must}; it is: {seen}")
         return [list(self.names).index(name) for name in wanted]
 
     def lines(self) -> Iterator[bytes]:

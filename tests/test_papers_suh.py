@@ -150,7 +150,7 @@ def test_the_claims_hold(monkeypatch):
     assert "roll RMS in deg" in quantities
 
 
-def test_the_attitude_filter_compensates_external_acceleration_at_least_as_well():
+def test_the_attitude_filter_compensates_external_acceleration_better():
     """In the spirit of the two-step filter, it trusts each axis the less the livelier the motion along it."""
     for seed in range(3):
         samples, push = suh.cart(np.random.default_rng(seed), switch_on=0.0)  # a bias would be tilt to both
@@ -161,8 +161,8 @@ def test_the_attitude_filter_compensates_external_acceleration_at_least_as_well(
         w, x, y, z = out["q_nb"].T
         roll, pitch = np.arctan2(2 * (y * z + w * x), 1 - 2 * (x * x + y * y)), np.arcsin(2 * (w * y - x * z))
         two_step = suh.filtered("two-step", samples)
-        assert np.degrees(np.sqrt(np.mean(roll**2))) < 0.4 * two_step.rms_deg(1)
-        assert np.degrees(np.sqrt(np.mean(pitch**2))) < two_step.rms_deg(0)
+        assert np.degrees(np.sqrt(np.mean(roll**2))) < 0.2 * two_step.rms_deg(1)
+        assert np.degrees(np.sqrt(np.mean(pitch**2))) < 0.6 * two_step.rms_deg(0)
         assert (np.abs(np.column_stack([roll, pitch])) < 3.0 * out["sigma_rpy"][:, :2]).all()
 
 

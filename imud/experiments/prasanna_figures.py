@@ -9,7 +9,8 @@ from ..figures import Figure, Panel, Trace
 from .report import Floats, circles
 
 if TYPE_CHECKING:
-    from .prasanna import Loop, Track
+    from .gps_walk import Track
+    from .prasanna import Loop
 
 
 def gps_figure(his: "Track", matched: "Track", sigma_m: float) -> Figure:

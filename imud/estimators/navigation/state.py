@@ -59,7 +59,16 @@ CORE = np.dtype(
         ("lat", "<f8"),
         ("lon", "<f8"),
         ("height", "<f8"),
-        ("terms", "<f8", (9,)),  # those of latitude and height, as `locate` finds them
+        # what depends on the place, as `locate` finds it: where that was, its latitude's sine, cosine and tangent, rad
+        # that a metre is along the meridian, in the prime vertical and in longitude, and gravity
+        ("located", "<f8", (2,)),
+        ("sine", "<f8"),
+        ("cosine", "<f8"),
+        ("tangent", "<f8"),
+        ("meridional", "<f8"),
+        ("vertical", "<f8"),
+        ("longitudinal", "<f8"),
+        ("gravity", "<f8"),
         ("v", "<f8", (3,)),  # m/s, NED
         ("q", "<f8", (4,)),  # q_nb; while levelling the heading's origin is arbitrary
         ("bg", "<f8", (3,)),

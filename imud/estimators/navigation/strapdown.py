@@ -34,25 +34,26 @@ def cosine(lat: float) -> float:
 
 
 @kernel
-def locate(c: Any) -> Any:
-    """Sine, cosine and tangent of the latitude, rad per m to north and to east, gravity: anew after some 0.6 m."""
-    t = c.terms
-    if not (abs(c.lat - t[0]) < SAME_PLACE * t[3] and abs(c.height - t[1]) < SAME_PLACE * SEMI_MAJOR_M):
-        sine, cos = math.sin(c.lat), cosine(c.lat)
-        meridian, prime_vertical = radii_by_sine(sine)
-        t[0], t[1], t[2], t[3], t[4] = c.lat, c.height, sine, cos, sine / cos
-        t[5], t[6] = 1.0 / (meridian + c.height), 1.0 / (prime_vertical + c.height)
-        t[7] = t[6] / cos
-        t[8] = gravity_above(surface_gravity(sine), sine, c.height)
-    return t
+def locate(c: Any) -> None:
+    """Find what depends on the place, anew after some 0.6 m."""
+    near = abs(c.lat - c.located[0]) < SAME_PLACE * c.cosine
+    if near and abs(c.height - c.located[1]) < SAME_PLACE * SEMI_MAJOR_M:
+        return
+    c.located[0], c.located[1] = c.lat, c.height
+    c.sine, c.cosine = math.sin(c.lat), cosine(c.lat)
+    c.tangent = c.sine / c.cosine
+    meridian, prime_vertical = radii_by_sine(c.sine)
+    c.meridional, c.vertical = 1.0 / (meridian + c.height), 1.0 / (prime_vertical + c.height)
+    c.longitudinal = c.vertical / c.cosine
+    c.gravity = gravity_above(surface_gravity(c.sine), c.sine, c.height)
 
 
 @kernel
 def displace(c: Any, north: float, east: float, down: float) -> None:
     """Move the position by metres."""
-    t = locate(c)
-    c.lon = wrapped(c.lon + east * t[7])
-    c.lat = min(max(c.lat + north * t[5], -LATITUDE_LIMIT), LATITUDE_LIMIT)
+    locate(c)
+    c.lon = wrapped(c.lon + east * c.longitudinal)
+    c.lat = min(max(c.lat + north * c.meridional, -LATITUDE_LIMIT), LATITUDE_LIMIT)
     c.height -= down
 
 
@@ -66,7 +67,7 @@ def way(c: Any, lat0: float, lon0: float, lat: float, lon: float) -> tuple[float
 @kernel
 def integrate(c: Any, w: Any, f: Any, dt: float) -> None:
     """Advance q, v and position by `dt` s while the sensor goes from (c.w, c.f) to (w, f), linearly; body axes."""
-    t = locate(c)
+    locate(c)
     wx = 0.5 * (c.w[0] + w[0]) - c.bg[0] - c.excess[0]
     wy = 0.5 * (c.w[1] + w[1]) - c.bg[1] - c.excess[1]
     wz = 0.5 * (c.w[2] + w[2]) - c.bg[2] - c.excess[2]
@@ -87,14 +88,14 @@ def integrate(c: Any, w: Any, f: Any, dt: float) -> None:
             fz * dt + h * (wx * fy - wy * fx) + k * (wx * gy - wy * gx - ux * fy + uy * fx),
         ),
     )
-    north_rate, down_rate = EARTH_RATE_RADPS * t[3], -EARTH_RATE_RADPS * t[2]
-    tn, te = c.v[1] * t[6], -c.v[0] * t[5]
-    td = -tn * t[4]
+    north_rate, down_rate = EARTH_RATE_RADPS * c.cosine, -EARTH_RATE_RADPS * c.sine
+    tn, te = c.v[1] * c.vertical, -c.v[0] * c.meridional
+    td = -tn * c.tangent
     on, oe, od = 2.0 * north_rate + tn, te, 2.0 * down_rate + td  # Coriolis
     vn, ve, vd = c.v[0], c.v[1], c.v[2]
     c.v[0] = vn + dv[0] - (oe * vd - od * ve) * dt
     c.v[1] = ve + dv[1] - (od * vn - on * vd) * dt
-    c.v[2] = vd + dv[2] - (on * ve - oe * vn) * dt + t[8] * dt
+    c.v[2] = vd + dv[2] - (on * ve - oe * vn) * dt + c.gravity * dt
     displace(c, 0.5 * (vn + c.v[0]) * dt, 0.5 * (ve + c.v[1]) * dt, 0.5 * (vd + c.v[2]) * dt)
     x, y, z = -0.5 * (north_rate + tn) * dt, -0.5 * te * dt, -0.5 * (down_rate + td) * dt
     q = quat_product((c.q[0], c.q[1], c.q[2], c.q[3]), turn)

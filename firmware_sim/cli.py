@@ -75,6 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     pace.add_argument("--realtime", dest="fast", action="store_false", help="time runs as it does (default)")
     pace.add_argument("--fast", action="store_true", help="as fast as read; a host that stamps arrivals is misled")
     parser.set_defaults(fast=False)
+    add("--patient", action="store_true", help="what a busy host leaves unread waits; a real line would lose it")
     add("--parent", type=int, metavar="PID", help="end with that process, which started this one")
 
 
@@ -185,7 +186,7 @@ def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]
         for i, (name, _) in enumerate(args.devices):
             built = device(args, scene, utc, i, faults[i], wires)
             outages = [fault.span for fault in spec.of_layer("plug", faults[i])]
-            ports.append(stack.enter_context(Port(name, built, links[i], outages, fast=args.fast)))
+            ports.append(stack.enter_context(Port(name, built, links[i], outages, patient=args.fast or args.patient)))
         logs: list[TruthLog] = []
         if args.truth is not None and scene.trajectory is not None:
             logs.append(stack.enter_context(closing(TruthLog(args.truth, scene.trajectory, start))))

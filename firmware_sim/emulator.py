@@ -41,15 +41,15 @@ class Task(Protocol):
 class Port:
     """A device and the pseudo-terminal into which it is plugged, but for the outages. Context manager.
 
-    fast: what finds no room waits for the reader instead of being lost.
+    patient: what finds no room waits for the reader instead of being lost.
     """
 
     def __init__(
-        self, name: str, device: Device, link: Path | None, outages: Sequence[Span] = (), *, fast: bool = False
+        self, name: str, device: Device, link: Path | None, outages: Sequence[Span] = (), *, patient: bool = False
     ) -> None:
         self.name, self.device = name, device
         self._lost = 0
-        self._link, self._outages, self._fast = link, outages, fast
+        self._link, self._outages, self._patient = link, outages, patient
         self._next_change = 0.0
         self.pty: Pty | None = self._plug()
 
@@ -69,6 +69,11 @@ class Port:
         """Bytes that found no reader."""
         return self._lost + (self.pty.lost if self.pty else 0)
 
+    @property
+    def behind(self) -> Pty | None:
+        """The pseudo-terminal, if something waits there for the reader."""
+        return self.pty if self.pty is not None and self.pty.waiting else None
+
     def listen(self, t: float) -> None:
         """The host has sent something."""
         if self.pty is not None:
@@ -78,7 +83,9 @@ class Port:
         self._check_plug(t)
         uart = self.device.uart
         self.device.advance(t)
-        if uart.due() <= t:
+        if self.behind is not None:
+            self.behind.flush()
+        elif uart.due() <= t:
             if self.pty is not None:
                 self.pty.write(uart.take(t, self.pty.baud()))
             else:
@@ -88,7 +95,8 @@ class Port:
         self.device.prepare()
 
     def deadline(self) -> float:
-        return min(self.device.uart.due(), self.device.deadline(), self._next_change)
+        due = self.device.uart.due() if self.behind is None else math.inf
+        return min(due, self.device.deadline(), self._next_change)
 
     def _check_plug(self, t: float) -> None:
         self._next_change = min((outage.after(t) for outage in self._outages), default=math.inf)
@@ -101,7 +109,7 @@ class Port:
             _log.info("%s: plugged in again, %s", self.name, self.pty.path)
 
     def _plug(self) -> Pty:
-        return Pty(self._link, self.device.uart.baud, patient=self._fast)
+        return Pty(self._link, self.device.uart.baud, patient=self._patient)
 
     def _unplug(self) -> None:
         if self.pty is not None:
@@ -162,7 +170,7 @@ class RealTime:
 
     def wait(self, deadline: float, ports: Sequence[Port]) -> list[Port]:
         """Wait until `deadline`; the ports on which the host has sent something, as soon as it has."""
-        return _listen(ports, max(min(deadline - self.now(), _LONGEST_WAIT_S), 0.0))
+        return _listen(ports, max(min(deadline - self.now(), _LONGEST_WAIT_S), 0.0), _behind(ports))
 
 
 class AsFastAsRead:
@@ -179,12 +187,8 @@ class AsFastAsRead:
 
     def wait(self, deadline: float, ports: Sequence[Port]) -> list[Port]:
         """Leap to `deadline`, or wait; the ports on which the host has sent something."""
-        behind = [port.pty for port in ports if port.pty is not None and port.pty.waiting]
-        if behind:
-            heard = _listen(ports, _LONGEST_WAIT_S, behind)
-            for pty in behind:
-                pty.flush()
-            return heard
+        if behind := _behind(ports):
+            return _listen(ports, _LONGEST_WAIT_S, behind)
         if all(port.device.deadline() < math.inf for port in self._leaders):
             self._t = max(deadline, self._t)
             return _listen(ports, 0.0)
@@ -192,6 +196,10 @@ class AsFastAsRead:
         heard = _listen(ports, max(min(deadline - self._t, _LONGEST_WAIT_S), 0.0))
         self._t += time.monotonic() - begin
         return heard
+
+
+def _behind(ports: Sequence[Port]) -> list[Pty]:
+    return [port.behind for port in ports if port.behind is not None]
 
 
 def _listen(ports: Sequence[Port], seconds: float, behind: Sequence[Pty] = ()) -> list[Port]:

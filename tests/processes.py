@@ -89,6 +89,23 @@ class Daemon:
                 return message
         raise AssertionError(f"not seen within {seconds} s; last {last}; the daemon said:\n{self.log}")
 
+    def comes_at(self, rate_hz: float, share: float) -> None:
+        """Wait until states are numbered and stamped at that rate, within a share, for two seconds."""
+        seen: list[tuple[int, int]] = []
+
+        def reached(message: dict) -> bool:
+            if message["class"] != "EST":
+                return False
+            seen.append((message["seq"], message["t_mono_ns"]))
+            while len(seen) > 2 and seen[-1][1] - seen[1][1] > 2_000_000_000:
+                del seen[0]
+            (first, begin_ns), (last, end_ns) = seen[0], seen[-1]
+            if end_ns - begin_ns <= 2_000_000_000:
+                return False
+            return abs((last - first) / (end_ns - begin_ns) * 1e9 / rate_hz - 1.0) < share
+
+        self.until(reached)
+
     def says(self, text: str, seconds: float = PATIENCE_S) -> None:
         """Wait until the log holds `text`."""
         deadline = time.monotonic() + seconds

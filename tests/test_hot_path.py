@@ -13,19 +13,19 @@ from processes import PATIENCE_S, START_S, emulator, process
 from imud.client import connect
 from imud.commands.bench.live import traced_calls
 
-FRAMES = 6000
+FRAMES, SENT = 6000, 3000
 
 
 @pytest.fixture(scope="module")
 def watched(tmp_path_factory):
-    """A daemon at 1 kHz with one subscriber: what its interpreter did, its system calls, and the solutions seen."""
+    """A daemon at 1 kHz with one subscriber: what its interpreter did, and its system calls beside so many frames."""
     folder = tmp_path_factory.mktemp("hot")
     port, stream = folder / "imu", folder / "stream"
     command = ("imud.commands.bench.observed", str(folder / "seen.json"), "run", "--port", str(port))
     outputs = ("--listen", str(folder / "gpsd"), "--set", f"stream.listen={stream}")
     calls = {}
     with (
-        emulator("g350", "--scenario", "rest", links=[port]),
+        emulator("g350", "--scenario", "rest", "--patient", links=[port]),
         process(*command, *outputs, stderr=subprocess.DEVNULL, env={**os.environ, "NO_COLOR": "1"}) as running,
     ):
         deadline = time.monotonic() + START_S
@@ -37,16 +37,15 @@ def watched(tmp_path_factory):
             first = next(states).seq
             while next(states).seq < first + FRAMES:
                 pass
-            seen = 0
             if shutil.which("strace"):
-                table = folder / "calls"
-                tracer = subprocess.Popen(["strace", "-c", "-o", table, "-p", str(running.pid)])
-                begin = next(states).seq
-                while next(states).seq < begin + 3000:
-                    seen += 1
-                tracer.send_signal(signal.SIGINT)
-                if tracer.wait() == 0 or table.exists():
-                    calls = traced_calls(table.read_text())
+                command = ["strace", "-c", "-o", folder / "calls", "-p", str(running.pid)]
+                with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as tracer:
+                    attached = "attached" in tracer.stderr.readline()
+                    begin = next(states).seq
+                    seen = [next(states).seq for _ in range(SENT if attached else 0)]
+                    tracer.send_signal(signal.SIGINT)
+                if attached:
+                    calls = traced_calls((folder / "calls").read_text()) | {"frames": seen[-1] - begin}
         running.send_signal(signal.SIGTERM)
         assert running.wait(PATIENCE_S) == 0
     return json.loads((folder / "seen.json").read_text()), calls
@@ -70,7 +69,7 @@ def test_a_wake_up_is_a_wait_and_a_read_and_a_send_for_each_subscriber(watched):
     calls = watched[1]
     if not calls:
         pytest.skip("strace is not on this machine, or may not attach")
-    sends, reads = calls.pop("sendto"), calls["read"]
-    assert sends > 1000
-    assert calls["ppoll"] <= 1.1 * reads
-    assert sum(calls.values()) <= 2.2 * reads, calls
+    frames, sends, reads = calls.pop("frames"), calls.pop("sendto"), calls["read"]
+    assert sends > SENT / 3  # the others waited to be seen before the tracer came
+    assert calls["ppoll"] <= reads + 0.1 * frames  # what is due by time; a busy machine reads several frames at once
+    assert sum(calls.values()) <= 2 * reads + 0.2 * frames, calls

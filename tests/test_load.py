@@ -1,5 +1,6 @@
 """Overload: said once per change, publishing shed before estimation, hiccups and sleep not mistaken for it."""
 
+import re
 import signal
 import time
 
@@ -73,7 +74,7 @@ def test_a_standstill_is_told():
 
 def test_a_starved_daemon_says_so_and_catches_up(tmp_path):
     with (
-        emulator("g350", "--scenario", "rest", links=[tmp_path / "imu"]),
+        emulator("g350", "--scenario", "rest", "--patient", links=[tmp_path / "imu"]),
         daemon(tmp_path, "--port", str(tmp_path / "imu")) as imud,
     ):
         imud.until(lambda m: m["class"] == "EST" and "aligning" not in m["state"])
@@ -87,7 +88,7 @@ def test_a_starved_daemon_says_so_and_catches_up(tmp_path):
         imud.says("keeps up again")
         seq = imud.until(lambda m: m["class"] == "EST")["seq"]
         imud.until(lambda m: m["class"] == "EST" and m["seq"] > seq + 500)
-        assert imud.log.count("cannot keep up") == 1
-        assert imud.log.count("keeps up again") == 1
-        assert "again; 0 samples lost" in imud.log
-        assert "; 0 samples lost, 0 batches" not in imud.log
+        told = re.findall(r"cannot keep up|keeps up again; \d+ samples lost, (\d+) batches", imud.log)
+        assert told[0] == "" and int(told[1]) > 0
+        assert all(bool(shed) == i % 2 for i, shed in enumerate(told))  # each in its turn; a busy machine adds others
+        assert imud.log.count("again; 0 samples lost") == len(told) // 2

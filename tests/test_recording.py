@@ -19,6 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 from drivers.capture import Capture
 from imud.configuration.settings import Initial
 from imud.recording import many, replaying
+from imud.recording.clock_fit import row_of
 from imud.recording.messages import CLOCK_TABLE, ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE, SAMPLE_TABLE
 from imud.recording.player import Player
 from imud.recording.source import Recording, adapter, group
@@ -228,12 +229,18 @@ def _bytes(path, kind):
 def test_the_clocks_fit_is_recorded_once_a_second(recorded):
     rows = stored(recorded, CLOCK_TABLE)
     span_s = np.ptp(stored(recorded, SAMPLE_TABLE)["t_ns"]) * 1e-9
-    assert len(rows) == pytest.approx(span_s, abs=2.0)
+    assert 0.5 * span_s < len(rows) < span_s + 2.0  # it looks ten times a second, when the machine lets it
     assert (np.diff(rows["t_ns"]) >= 1_000_000_000).all()
-    fitted = rows[np.isfinite(rows["drift"])]
-    assert len(fitted) >= len(rows) - 5
-    assert abs(fitted["drift"][-1]) < 1e-3 and 0.0 < fitted["sigma_drift"][-1] < 1e-3
-    assert rows["frames"][-1] <= len(stored(recorded, SAMPLE_TABLE)) and rows["lost"][-1] == 0
+    assert np.isfinite(rows["drift"]).sum() >= len(rows) - 5
+    assert rows["frames"][-1] <= len(stored(recorded, SAMPLE_TABLE))
+    recording, adapt, found = Recording([recorded]), adapter(None, (), None), []
+    player = Player(recording.settings(adapt), adapt, Initial(), lambda *_: None)
+    for entry in recording:
+        player.take(entry)
+        if entry.topic == CLOCK_TABLE.topic:
+            row = rows[len(found)]
+            found.append(row_of(player._fitting.inertial, row["port"], row["t_ns"]))
+    assert np.concatenate(found).tobytes() == rows.tobytes()
 
 
 def test_the_recording_holds_what_happened(recorded):

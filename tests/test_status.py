@@ -44,6 +44,12 @@ def value(found: dict, name: str, **labels: str) -> float:
     return sample.value
 
 
+def comes_as_agreed(told: dict) -> bool:
+    """Whether sensor and receiver, the first two ports, come at their rates."""
+    imu_hz, gnss_hz = (port.get("rate_hz", 0.0) for port in told["ports"][:2])
+    return 900.0 < imu_hz < 1100.0 and 0.5 < gnss_hz < 1.5
+
+
 def test_a_running_daemon_tells_the_same_in_three_forms(tmp_path):
     imu, gnss = str(tmp_path / "imu"), str(tmp_path / "gnss")
     absent = str(tmp_path / "absent")
@@ -60,7 +66,10 @@ def test_a_running_daemon_tells_the_same_in_three_forms(tmp_path):
             list(imud.messages(1.0))
         found = families(ask("--prometheus", address))
         screen = ask(address)
-        last = json.loads(ask("--json", address))
+        while not comes_as_agreed(last := json.loads(ask("--json", address))):
+            asked += 1
+            assert asked < PATIENCE_S, last
+            list(imud.messages(1.0))
         kinds = {message["class"] for message in imud.messages(1.5)}
         imud.process.terminate()
         imud.process.wait()
@@ -70,8 +79,6 @@ def test_a_running_daemon_tells_the_same_in_three_forms(tmp_path):
     ports = {port["path"]: port for port in last["ports"]}
     assert list(ports) == [imu, gnss, absent]
     assert (ports[imu]["model"], ports[imu]["baud"], ports[imu]["rate_asked_hz"]) == ("M-G350", 460800, 1000.0)
-    assert ports[imu]["rate_hz"] == pytest.approx(1000.0, rel=0.1)
-    assert ports[gnss]["rate_hz"] == pytest.approx(1.0, rel=0.5)
     assert ports[gnss]["quality"] == 1 and ports[gnss]["sentences"]["fixes"] >= ports[gnss]["used"] > 0
     assert not ports[absent]["streaming"] and "trying again" in ports[absent]["story"]
     assert first["ports"][0]["frames"] < ports[imu]["frames"] < int(ended[1])

@@ -101,9 +101,12 @@ def compile_apart(estimators: list[Estimator], settings: Settings) -> bool:
 
 
 def fill(cache: str, estimator: Estimator, settings: Settings) -> None:
-    """Compile into the cache what a daemon needs for this estimator."""
-    warm_decoders()
+    """Compile into the cache what a daemon needs for this estimator.
+
+    The decoders last: of two processes with estimators of their own, the later finds them there.
+    """
     warm(estimator, settings)
+    warm_decoders()
     _mark(cache, estimator).touch()
 
 

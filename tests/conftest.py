@@ -17,7 +17,7 @@ runtime.prepare()
 settings.register_profile("imud", deadline=None, derandomize="CI" in os.environ)
 settings.load_profile("imud")
 
-_LARGE = "navigation"  # takes as long to compile as all the others
+_LARGE = ("navigation", "ins9", "gps-track")  # these take as long to compile as all the others
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
@@ -25,9 +25,9 @@ SHARED = Path(__file__).resolve().parents[2] / "shared"
 def pytest_configure(config):
     """In CI compile before the workers start: two that need the same kernel at once would both compile it."""
     if "CI" in os.environ and not hasattr(config, "workerinput"):
-        others = [name for name in registry.NAMES if name != _LARGE]
+        others = [name for name in registry.NAMES if name not in _LARGE]
         command = [sys.executable, "-m", "imud", "warmup"]
-        halves = [[*command, *(f"--estimator={name}" for name in names)] for names in ([_LARGE], others)]
+        halves = [[*command, *(f"--estimator={name}" for name in names)] for names in (_LARGE, others)]
         for compiling in [subprocess.Popen(half, stdout=subprocess.DEVNULL) for half in halves]:
             compiling.wait()
 

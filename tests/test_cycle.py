@@ -84,9 +84,9 @@ def test_what_comes_is_published_and_python_is_not_returned_to(rig):
 
     writing = threading.Thread(target=write)  # the cycle lets other threads run
     writing.start()
-    assert rig.turn(for_ns=500_000_000) == 0
+    assert rig.turn(for_ns=500_000_000, most=BATCH) == 0
     writing.join()
-    rig.turn()
+    rig.turn(most=BATCH)
     assert rig.samples == 102
     assert [next(rig.states).seq for _ in range(100)] == list(range(3, 103))
 

@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 import pytest
-from processes import daemon, emulator
+from processes import PATIENCE_S, daemon, emulator
 
 REST = ("--scenario", "rest", "--roll-deg", "10", "--pitch-deg", "-5", "--gyro-bias-dps", "0.2,-0.2,0.2")
 DAMAGE = ",".join(f"{kind}=0.005" for kind in ("cut", "flip", "drop", "dup", "header", "cr"))
@@ -58,7 +58,7 @@ def test_emulated_ports_of_one_scenario_share_their_motion(tmp_path):
         assert len(children) == 1
         imud.process.kill()
         imud.process.wait()
-        deadline = time.monotonic() + 10.0
+        deadline = time.monotonic() + PATIENCE_S
         while children[0].exists():
             assert time.monotonic() < deadline
             time.sleep(0.05)

@@ -31,8 +31,8 @@ import pynmeagps
 import pyte
 import pytest
 from gpsd_synthetic import GEOID_M, HEIGHT_M, LAT_DEG, LON_DEG, RADIUS_M, ROLL_DEG, SPEED_MPS, running
+from processes import PATIENCE_S
 
-PATIENCE_S = 30.0
 SYSTEM_PYTHON = "/usr/bin/python3"  # where Debian's python3-gps is
 
 

@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 from nmea_lines import gga, line, rmc, vtg
-from processes import daemon, emulator
+from processes import PATIENCE_S, daemon, emulator
 from scripted import Line, Speaker, run
 
 from drivers.detect import detect
@@ -177,7 +177,7 @@ def test_on_a_pseudo_terminal(tmp_path, baud):
             found = run_dialogue(port, detect("nmea"))
             configured = run_dialogue(port, DRIVER.configure(found, FAST))
             assert (configured.identity.baud, configured.warnings) == (57600, ())
-            decoder, fixes, end = DRIVER.new_decoder(), [], time.monotonic() + 20.0
+            decoder, fixes, end = DRIVER.new_decoder(), [], time.monotonic() + PATIENCE_S
             while len(fixes) < 12 and time.monotonic() < end:
                 fixes += decoder.feed(port.read(), time.monotonic_ns())
                 time.sleep(0.01)

@@ -16,6 +16,7 @@ import pynmeagps
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from processes import PATIENCE_S
 from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Nmea
@@ -165,7 +166,7 @@ def read_until(fd, end):
 
 def settle(fd, wanted):
     """Wait until so many bytes can be read from the descriptor: a pseudo-terminal delivers in its own time."""
-    give_up = time.monotonic() + 30.0
+    give_up = time.monotonic() + PATIENCE_S
     while (unread := int.from_bytes(fcntl.ioctl(fd, termios.FIONREAD, bytes(4)), sys.byteorder)) != wanted:
         assert time.monotonic() < give_up, (unread, wanted)
         time.sleep(0.001)

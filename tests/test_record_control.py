@@ -6,6 +6,7 @@ import time
 
 import msgspec
 import pytest
+from processes import PATIENCE_S
 
 from drivers.capture import Capture
 from imud.configuration.settings import Record, Settings
@@ -19,7 +20,7 @@ def settings(folder="", path=""):
 
 def until(accept, recordings):
     """The state that `accept` takes, looked after as the daemon does."""
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + PATIENCE_S
     while not accept(state := json.loads(recordings.told())):
         assert time.monotonic() < deadline, state
         recordings.look_after()

@@ -22,6 +22,7 @@ from firmware_sim.scenarios import SCENARIOS
 
 ROOT = Path(__file__).resolve().parents[1]
 GYRO_LSB, ACCEL_LSB = 0.0125, 0.125e-3 * 9.80665  # deg/s, m/s^2
+SILENT_S = 120.0  # against hanging
 
 
 @contextmanager
@@ -52,6 +53,14 @@ def read_word(port, address):
     return int.from_bytes(answer[1:3], "big")
 
 
+def answer_behind_frames(port, command):
+    """The answer of four bytes to a command, after the frames that are still to come."""
+    port.write(bytes.fromhex(command))
+    while (head := port.read(1)) == b"\x20":
+        assert port.read(21)[20:] == b"\x0d"
+    return head + port.read(3)
+
+
 def configure(port, rate_code=1, auto=True):
     while read_word(port, 0x3E) & 0x0400:
         time.sleep(0.02)
@@ -71,8 +80,8 @@ def read_frames(port, n):
 
 
 def lines_until(port, start, n):
-    """All whole lines up to the n-th that begins with `start`; waits half a minute."""
-    text, end = b"", time.monotonic() + 30.0
+    """All whole lines up to the n-th that begins with `start`."""
+    text, end = b"", time.monotonic() + SILENT_S
     while sum(line.startswith(start) for line in text.split(b"\r\n")[:-1]) < n:
         assert time.monotonic() < end, text
         text += port.read(max(1, port.in_waiting))
@@ -85,19 +94,15 @@ def lines_until(port, start, n):
 def test_a_stream_without_gaps_and_with_the_attitude_asked_for(tmp_path):
     link = tmp_path / "imu"
     with emulator(
-        "g350", "--link", link, "--roll-deg", 10, "--pitch-deg", -5, "--ideal", "--gyro-bias-dps", "0.3,0.3,0.3"
-    ) as (
-        _,
-        paths,
-    ):
+        *("g350", "--link", link, "--roll-deg", 10, "--pitch-deg", -5),
+        *("--ideal", "--gyro-bias-dps", "0.3,0.3,0.3", "--patient"),
+    ) as (_, paths):
         assert paths["g350"] == str(link) and link.is_symlink()
-        with serial.Serial(str(link), 460800, timeout=2.0, exclusive=True) as port:
+        with serial.Serial(str(link), 460800, timeout=SILENT_S, exclusive=True) as port:
             configure(port)
             words = read_frames(port, 3000)
-            port.write(bytes.fromhex("B9020D"))
-            time.sleep(0.3)
-            port.reset_input_buffer()
-            assert read_word(port, 0x38) & 0x0400
+            answer = answer_behind_frames(port, "B9020D38000D")
+            assert len(answer) == 4 and answer[0] == 0x38 and answer[1] & 0x04
     assert set(np.diff(words[:, 9].astype(np.uint16))) == {2}
     forces = words[:, 5:8].mean(axis=0) * ACCEL_LSB
     roll, pitch = math.atan2(-forces[1], -forces[2]), math.atan2(forces[0], math.hypot(forces[1], forces[2]))
@@ -108,7 +113,7 @@ def test_a_stream_without_gaps_and_with_the_attitude_asked_for(tmp_path):
 def test_a_recording_is_played_as_fast_as_it_is_read_and_no_faster(tmp_path):
     imu, _ = write_recording(tmp_path, seconds=20.0)
     with emulator("g350", "--replay", imu, "--fast") as (_, paths), serial.Serial(paths["g350"], 460800) as port:
-        port.timeout = 2.0
+        port.timeout = SILENT_S
         configure(port)
         time.sleep(1.0)  # more than a pseudo-terminal holds is due by now, and waits
         words = read_frames(port, 12000)
@@ -116,7 +121,10 @@ def test_a_recording_is_played_as_fast_as_it_is_read_and_no_faster(tmp_path):
 
 
 def test_what_a_stall_delays_is_caught_up():
-    with emulator("g350") as (process, paths), serial.Serial(paths["g350"], 460800, timeout=2.0) as port:
+    with (
+        emulator("g350", "--patient") as (process, paths),
+        serial.Serial(paths["g350"], 460800, timeout=SILENT_S) as port,
+    ):
         configure(port)
         before = read_frames(port, 200)
         process.send_signal(signal.SIGSTOP)
@@ -128,13 +136,13 @@ def test_what_a_stall_delays_is_caught_up():
 
 def test_polled_bursts_and_reopening():
     with emulator("g350", "--ideal") as (_, paths):
-        with serial.Serial(paths["g350"], 460800, timeout=2.0) as port:
+        with serial.Serial(paths["g350"], 460800, timeout=SILENT_S) as port:
             configure(port, auto=False)
             time.sleep(0.05)
             port.write(bytes.fromhex("20000D"))
             first = port.read(22)
         time.sleep(0.05)  # a new sample comes every millisecond
-        with serial.Serial(paths["g350"], 460800, timeout=2.0) as port:
+        with serial.Serial(paths["g350"], 460800, timeout=SILENT_S) as port:
             port.write(bytes.fromhex("20000D"))
             second = port.read(22)
     for frame in (first, second):
@@ -143,7 +151,7 @@ def test_polled_bursts_and_reopening():
 
 
 def test_the_wrong_baud_rate_is_garbage_and_the_right_one_is_not():
-    with emulator("g350@230400") as (_, paths), serial.Serial(paths["g350"], 230400, timeout=2.0) as port:
+    with emulator("g350@230400") as (_, paths), serial.Serial(paths["g350"], 230400, timeout=SILENT_S) as port:
         configure(port)
         read_frames(port, 10)
         port.baudrate = 460800
@@ -278,12 +286,13 @@ def test_a_recording_comes_out_of_the_ports_and_ends(tmp_path):
     imu, gnss = write_recording(tmp_path)
     with (
         emulator("g350", "nmea@115200", "--replay", imu, gnss, "--no-fix", "0") as (_, paths),
-        serial.Serial(paths["g350"], 460800, timeout=2.0) as port,
+        serial.Serial(paths["g350"], 460800, timeout=SILENT_S) as port,
         serial.Serial(paths["nmea"], 115200, timeout=0.1) as text,
     ):
         configure(port)
         words = read_frames(port, 1000)
         lines = lines_until(text, b"$GPVTG", 3)
+        port.timeout = 1.0
         while port.read(22_000):  # until it falls silent
             pass
     ramp = words[:, 2] * GYRO_LSB

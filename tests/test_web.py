@@ -12,7 +12,7 @@ aiohttp = pytest.importorskip("aiohttp", reason="the live page needs the extra i
 pytest.importorskip("plotly", reason="the live page needs the extra imud[web]")
 
 from browser import DESKTOP, PHONE, browser, program  # noqa: E402
-from processes import daemon, process  # noqa: E402
+from processes import PATIENCE_S, daemon, process  # noqa: E402
 
 from imud.commands import web  # noqa: E402
 from imud.errors import UsageError  # noqa: E402
@@ -50,7 +50,7 @@ async def scripted_daemon(path, *lines):
             writer.close()
 
 
-async def heard(channel, accept, seconds=20.0):
+async def heard(channel, accept, seconds=PATIENCE_S):
     """The first news that `accept` takes."""
     async with asyncio.timeout(seconds):
         while "control" in (news := await channel.receive_json()) or not accept(news):
@@ -120,17 +120,22 @@ def test_other_sites_pages_record_nothing(headers, status, tmp_path):
                         await heard(channel, lambda n: "EST" in n)
                         for text in ("no such order", "record", "stop"):
                             await channel.send_str(text)
-                        await asyncio.sleep(0.5)
+                        async with asyncio.timeout(PATIENCE_S):
+                            while len(orders(asked)) < 2:
+                                await asyncio.sleep(0.05)
                         found = 101
                 except aiohttp.WSServerHandshakeError as error:
                     found = error.status
-            return found, [line for line in asked if b"enable" in line and b"WATCH" not in line]
+            return found, orders(asked)
+
+    def orders(asked):
+        return [line for line in asked if b"enable" in line and b"WATCH" not in line]
 
     with page_server(path) as url:
-        found, orders = asyncio.run(ask(url))
+        found, given = asyncio.run(ask(url))
     assert found == status
     wanted = [b'?RECORD={"enable": true}', b'?RECORD={"enable": false}'] if status == 101 else []
-    assert [line.strip() for line in orders] == wanted
+    assert [line.strip() for line in given] == wanted
 
 
 def test_the_page_is_whole_and_asks_nothing_of_other_machines(served):
@@ -157,14 +162,14 @@ def test_the_page_is_whole_and_asks_nothing_of_other_machines(served):
 )
 def test_a_bad_address_is_told(arguments, code, says):
     command = [sys.executable, "-m", "imud", "web", *arguments]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert (ended.returncode, ended.stdout) == (code, "")
     assert says in ended.stderr and "Traceback" not in ended.stderr
 
 
 def test_a_port_that_is_taken_is_told(served):
     command = [sys.executable, "-m", "imud", "web", "--listen", served.removeprefix("http://").rstrip("/")]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert ended.returncode == 73 and "in use by" in ended.stderr
 
 

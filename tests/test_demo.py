@@ -1,0 +1,67 @@
+"""`imud demo`: its comparison with the truth on numbers made by hand, and the whole of it once."""
+
+import subprocess
+
+import pytest
+from processes import process
+
+from imud.commands.demo.comparison import Comparison, Truth
+
+METRES = 111_320.0  # in a degree of latitude
+FIRST = (100.0, 60.0, 10.0, 50.0, 1.0, 2.0, 3.0, 170.0, -4.0, 179.0)  # in the order of the file's columns
+SECOND = (100.1, 60.001, 10.002, 50.0, 2.0, 2.0, 3.0, -170.0, -6.0, -179.0)
+HEADER = "t_mono_s,lat_deg,lon_deg,height_m,vn_mps,ve_mps,vd_mps,roll_deg,pitch_deg,yaw_deg\n"
+
+
+def rows(*values):
+    return "".join(",".join(map(str, row)) + "\n" for row in values)
+
+
+def test_the_truth_at_a_time_between_two_rows_with_angles_the_short_way(tmp_path):
+    file = tmp_path / "truth.csv"
+    file.write_text(HEADER + rows(FIRST))
+    truth = Truth(file)
+    assert truth.reaches(100.0) and not truth.reaches(100.05)
+    with file.open("a") as more:
+        more.write(rows(SECOND)[:30])
+        more.flush()
+        assert not truth.reaches(100.05)  # half a row is none
+        more.write(rows(SECOND)[30:])
+    assert truth.reaches(100.1)
+    found = truth.at(100.05)
+    expected = {"lat_deg": 60.0005, "lon_deg": 10.001, "height_m": 50.0, "vn_mps": 1.5, "ve_mps": 2.0, "vd_mps": 3.0}
+    assert found == pytest.approx(expected | {"roll_deg": 180.0, "pitch_deg": -5.0, "yaw_deg": 180.0})
+    assert truth.at(99.9) is None
+
+
+def test_errors_of_what_is_claimed_and_of_nothing_else():
+    truth = {"lat_deg": 60.0, "lon_deg": 10.0, "vn_mps": 1.0, "ve_mps": 2.0, "vd_mps": 3.0}
+    truth |= {"roll_deg": 10.0, "pitch_deg": 20.0, "yaw_deg": 179.0}
+    est = {"roll_deg": 13.0, "pitch_deg": 16.0, "yaw_deg": -179.0, "sroll_deg": 1.0, "spitch_deg": 2.0, "syaw_deg": 3.0}
+    est |= {"lat_deg": 60.0 + 3.0 / METRES, "lon_deg": 10.0 + 8.0 / METRES, "sn_m": 3.0, "se_m": 4.0}  # cos 60° = 1/2
+    est |= {"vn_mps": 1.0, "ve_mps": 4.0, "vd_mps": 3.0} | {f"sv{axis}_mps": 1.0 for axis in "ned"}
+    comparison = Comparison()
+    comparison.add(est | {"state": "aligning"}, truth)
+    assert all(error.count == 0 for error in comparison.errors.values())
+    comparison.add(est | {"state": "attitude"}, truth)
+    comparison.add(est | {"state": "attitude, heading, position"}, truth)
+    assert {name: error.count for name, error in comparison.errors.items()} == {
+        **{"roll": 2, "pitch": 2, "heading": 1, "position": 1, "velocity": 1}
+    }
+    rms = {"roll": 3.0, "pitch": 4.0, "heading": 2.0, "position": 5.0, "velocity": 2.0}
+    assert {name: error.rms for name, error in comparison.errors.items()} == pytest.approx(rms, rel=1e-4)
+    claimed = {"roll": 1.0, "pitch": 2.0, "heading": 3.0, "position": 5.0, "velocity": 3.0**0.5}
+    assert {name: error.claimed_rms for name, error in comparison.errors.items()} == pytest.approx(claimed)
+
+
+def test_it_ends_by_itself_with_errors_against_the_truth(tmp_path):
+    """At rest, where an estimate that comes late is as true as before."""
+    options = ("--seconds", "8", "--scenario", "rest", "--set", f"record.path={tmp_path / 'demo.mcap'}")
+    with process("imud", "demo", *options, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as demo:
+        out, err = demo.communicate()
+    assert demo.returncode == 0, out + err
+    values = {words[0]: words[1] for line in out.splitlines() if len(words := line.split()) >= 2}
+    assert float(values["roll"]) < 1.0
+    assert float(values["pitch"]) < 1.0
+    assert {"heading", "position", "velocity"} <= values.keys()
+    assert (tmp_path / "demo.mcap").stat().st_size > 10_000

@@ -1,7 +1,7 @@
 """The figures of a report, panel by panel, each axis with its unit."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,18 +17,13 @@ from imud.estimators.records import (
     SATURATED,
 )
 from imud.figures import Figure, Panel, Trace
-from imud.kernels.earth import radii
 
-from .session import Clock, Estimates, Fixes, Innovations, Sensor, Session
-from .statistics import LEAST, autocorrelation, chi2_bounds, moving_mean
+from .innovations import consistency, whiteness
+from .session import TIME, Clock, Estimates, Sensor, Session
+from .statistics import LEAST
+from .track import epochs, track
 
 Floats = NDArray[np.float64]
-TIME = "time, s"
-RADIUS_95 = math.sqrt(-2.0 * math.log(0.05))  # of a plane normal distribution, in sigmas
-ELLIPSES = 40  # along the track
-WINDOW = 20  # normalised innovations whose mean square is one point
-UNSEEN = 10.0  # medians: a sigma of the start that would leave nothing else to be seen
-BINS = np.arange(-5.0, 5.01, 0.25)
 STATUS = {
     "attitude valid": ATTITUDE_VALID,
     "heading valid": HEADING_VALID,
@@ -65,131 +60,6 @@ def _states(session: Session, title: str, unit: str, names: Iterable[str], facto
                 traces.append(Trace(e.name, e.columns["t_s"], y, sigma))
         panels.append(Panel(name.rpartition("_")[0], TIME, unit, traces))
     return Figure(title, panels, columns=3)
-
-
-def _origin(session: Session) -> tuple[float, float] | None:
-    """Latitude and longitude in degrees of the first position known."""
-    for e in session.estimates:
-        known = np.flatnonzero(np.isfinite(e.columns["lat_deg"]))
-        if len(known):
-            return float(e.columns["lat_deg"][known[0]]), float(e.columns["lon_deg"][known[0]])
-    for fixes in session.fixes:
-        if len(fixes.rows):
-            return math.degrees(fixes.rows["lat"][0]), math.degrees(fixes.rows["lon"][0])
-    return None
-
-
-def _grid(lat_deg: float, lon_deg: float) -> Callable[[Floats, Floats], tuple[Floats, Floats]]:
-    """From degrees to metres (north, east) of the plane that touches the ellipsoid there."""
-    lat = math.radians(lat_deg)
-    meridian, normal = radii(lat)
-
-    def metres(lats: Floats, lons: Floats) -> tuple[Floats, Floats]:
-        turned = np.mod(lons - lon_deg + 180.0, 360.0) - 180.0
-        return np.radians(lats - lat_deg) * meridian, np.radians(turned) * normal * math.cos(lat)
-
-    return metres
-
-
-def _ellipses(north: Floats, east: Floats, sn: Floats, se: Floats) -> tuple[Floats, Floats]:
-    """Outlines (north, east) of the 95 % ellipses about some of the points, with axes along north and east."""
-    known = np.flatnonzero(np.isfinite(north) & np.isfinite(sn))
-    chosen = known[:: max(1, len(known) // ELLIPSES)]
-    turn = np.append(np.linspace(0.0, 2.0 * np.pi, 37), np.nan)
-    n = north[chosen, None] + RADIUS_95 * sn[chosen, None] * np.cos(turn)
-    e = east[chosen, None] + RADIUS_95 * se[chosen, None] * np.sin(turn)
-    return n.ravel(), e.ravel()
-
-
-def _track(session: Session) -> Figure | None:
-    origin = _origin(session)
-    if origin is None:
-        return None
-    metres = _grid(*origin)
-    plan, ellipses, heights = [], [], []
-    for e in session.estimates:
-        c = e.columns
-        if not np.isfinite(c["lat_deg"]).any():
-            continue
-        north, east = metres(c["lat_deg"], c["lon_deg"])
-        plan.append(Trace(e.name, east, north))
-        n, e95 = _ellipses(north, east, c["sn_m"], c["se_m"])
-        ellipses.append(Trace(f"{e.name}: 95 % ellipses", e95, n))
-        heights.append(Trace(e.name, c["t_s"], c["height_m"], c["sd_m"]))
-    for fixes in session.fixes:
-        north, east = metres(np.degrees(fixes.rows["lat"]), np.degrees(fixes.rows["lon"]))
-        plan.append(Trace(f"{fixes.name}: fixes", east, north, style="markers"))
-        heights.append(Trace(f"{fixes.name}: fixes", _epochs(fixes), fixes.rows["height"], style="markers"))
-    return Figure(
-        f"Track about {origin[0]:.6f}°, {origin[1]:.6f}°",
-        [
-            Panel("Plan", "east, m", "north, m", [*plan, *ellipses], equal=True),
-            Panel("Height", TIME, "m above the ellipsoid", heights),
-        ],
-    )
-
-
-def _epochs(fixes: Fixes) -> Floats:
-    return np.asarray(fixes.rows["t_ns"] * 1e-9)
-
-
-def _innovation_panels(i: Innovations) -> list[Panel]:
-    unit = i.kind.rpartition("_")[2].replace("ps", "/s")
-    z = i.normalised
-    zero, lags = np.zeros(len(z)), autocorrelation(z[i.used]) if np.count_nonzero(i.used) > 2 else np.ones(1)
-    usual = np.where(i.sigma < UNSEEN * np.median(i.sigma), i.sigma, np.nan)
-    values = [Trace("used", i.t, i.value, usual, about=zero, style="markers")]
-    normalised = [Trace("used", i.t[i.used], z[i.used], style="markers")]
-    if not i.used.all():
-        values.append(Trace("rejected", i.t[~i.used], i.value[~i.used], style="markers"))
-        normalised.append(Trace("rejected", i.t[~i.used], z[~i.used], style="markers"))
-    counts, edges = np.histogram(z[i.used], BINS)
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    density = counts / max(1, counts.sum()) / (edges[1] - edges[0])
-    normal = np.exp(-0.5 * middle**2) / math.sqrt(2.0 * math.pi)
-    lag = np.arange(len(lags), dtype=float)
-    bound = np.full(len(lags), 1.96 / math.sqrt(max(1, int(np.count_nonzero(i.used)))))
-    return [
-        Panel(f"{i.kind}: innovation ±σ", TIME, unit, values),
-        Panel(f"{i.kind}: normalised", TIME, "σ", normalised),
-        Panel(
-            "histogram",
-            "σ",
-            "density, 1/σ",
-            [Trace("found", middle, density, style="bars"), Trace("N(0, 1)", middle, normal)],
-        ),
-        Panel(
-            "autocorrelation; 95 % if white",
-            "lag, innovations",
-            "correlation",
-            [
-                Trace("found", lag, lags, style="bars"),
-                Trace("±1.96/√N", lag, bound, colour=1, dashed=True),
-                Trace("", lag, -bound, colour=1, dashed=True),
-            ],
-        ),
-    ]
-
-
-def _consistency(name: str, kinds: list[Innovations]) -> Figure | None:
-    """Moving mean squares of the normalised innovations between the 95 % bounds of chi-square; None: too few."""
-    low, high = chi2_bounds(float(WINDOW))
-    traces = []
-    for i in kinds:
-        z, t = i.normalised[i.used], i.t[i.used]
-        if len(z) >= WINDOW:
-            traces.append(Trace(i.kind, t[WINDOW - 1 :], moving_mean(z * z, WINDOW)))
-    if not traces:
-        return None
-    ends = np.array([traces[0].x[0], traces[0].x[-1]])
-    traces += [
-        Trace(f"χ² {p} %", ends, np.full(2, y), colour=4, dashed=True) for p, y in (("2.5", low), ("97.5", high))
-    ]
-    return Figure(
-        f"{name}: consistency",
-        [Panel(f"Mean square of {WINDOW} normalised innovations; 1 is right", TIME, "σ²", traces)],
-        columns=1,
-    )
 
 
 def _words(title: str, t: Floats, bits: NDArray[np.int64], table: dict[str, int]) -> Panel:
@@ -237,10 +107,9 @@ def _clock(c: Clock) -> Figure:
 
 def _receivers(session: Session) -> list[Figure]:
     late = [
-        Trace(f.name, _epochs(f), (f.rows["arrival_ns"] - f.rows["t_ns"]) * 1e-9, style="markers")
-        for f in session.fixes
+        Trace(f.name, epochs(f), (f.rows["arrival_ns"] - f.rows["t_ns"]) * 1e-9, style="markers") for f in session.fixes
     ]
-    used = [Trace(f.name, _epochs(f), f.rows["hdop"], style="markers") for f in session.fixes]
+    used = [Trace(f.name, epochs(f), f.rows["hdop"], style="markers") for f in session.fixes]
     if not late:
         return []
     panels = [
@@ -253,8 +122,8 @@ def _receivers(session: Session) -> list[Figure]:
 def panels(session: Session) -> list[Figure]:
     """All that can be drawn of these files."""
     drawn: list[Figure] = []
-    if track := _track(session):
-        drawn.append(track)
+    if plan := track(session):
+        drawn.append(plan)
     if session.estimates:
         drawn.append(_states(session, "Attitude ± σ", "deg", ("roll_deg", "pitch_deg", "yaw_deg")))
         if any(np.isfinite(e.columns["vn_mps"]).any() for e in session.estimates):
@@ -266,14 +135,8 @@ def panels(session: Session) -> list[Figure]:
     shown = [i for i in session.innovations if len(i.t) >= LEAST]
     for name in dict.fromkeys(i.name for i in shown):
         kinds = [i for i in shown if i.name == name]
-        if consistency := _consistency(name, kinds):
-            drawn.append(consistency)
-        drawn.append(
-            Figure(
-                f"{name}: value, normalised, histogram, autocorrelation",
-                [p for i in kinds for p in _innovation_panels(i)],
-                columns=4,
-            )
-        )
+        if moving := consistency(name, kinds):
+            drawn.append(moving)
+        drawn.append(whiteness(name, kinds))
     drawn += [_sensor(sensor) for sensor in session.sensors] + [_clock(clock) for clock in session.clocks]
     return [*drawn, *_receivers(session)]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Records = NDArray[np.void]
+TIME = "time, s"  # title of that axis
 
 
 @dataclass(frozen=True)

@@ -69,6 +69,8 @@ def detect(
         first = bauds[turn % len(bauds)]
         heard = yield from _listen(among, first)
         found = _recognised(among, heard, first)
+        if found is not None:
+            found = replace(found, baud=_plausible(found, baud))
         noise = None
         if found is None and len(heard) >= CHATTER:
             once = Chatter(heard, first, bauds)
@@ -80,9 +82,8 @@ def detect(
                 return answer
             found = answer
         if found is not None:
-            speed = _plausible(found, baud)
-            yield Exchange(baud=speed)
-            return replace(found, baud=speed)
+            yield Exchange(baud=found.baud)
+            return found
         if noise is not None:
             return noise
     return once or Silence(bauds, not readonly)
@@ -106,7 +107,11 @@ def _recognised(among: Sequence[AnyDriver], heard: bytes, baud: int) -> Found | 
 
 
 def _plausible(found: Found, named: int | None) -> int:
-    """The speed of the device's line. A pseudo-terminal carries it at speeds that its driver does not know, too."""
+    """The speed of a line on which a device was heard at once.
+
+    A pseudo-terminal carries it at speeds that its driver does not know, too. On a line where another speed gave
+    something else, the speed is what it is.
+    """
     bauds = by_name(found.driver).bauds
     return found.baud if named or found.baud in bauds else bauds[0]
 

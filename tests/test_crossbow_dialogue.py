@@ -180,6 +180,14 @@ def test_a_disturbed_line_does_not_change_the_rate(rate_hz):
     assert result.rate_hz == rate_hz
 
 
+def test_a_stream_at_a_speed_that_a_user_chose_is_read_at_that_speed():
+    unit = Rga(baud=19200, rate_hz=60.0, streaming=True)
+    found, _ = run(detect(), unit)
+    assert (found.model, found.baud, unit.host_baud) == ("DMU RGA300CA", 19200, 19200)
+    result, _ = run(DRIVER.configure(found, Options()), unit)
+    assert (result.rate_hz, result.delay_ns) == (60.0, 12_500_000)
+
+
 def test_readonly_takes_the_stream_as_it_is():
     unit = Rga(streaming=True)
     found, _ = run(detect(readonly=True), unit)

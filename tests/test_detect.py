@@ -90,6 +90,13 @@ def test_a_receiver_is_recognised_without_a_byte_written(baud):
     assert seconds < 12.0
 
 
+@pytest.mark.parametrize("baud", [230400, 460800, 921600])
+def test_a_receiver_at_a_speed_that_its_driver_does_not_know_is_read_at_that_speed(baud):
+    device = Speaker(baud, BURST)
+    found, _ = run(detect(), device)
+    assert (found.driver, found.baud, device.host_baud) == ("nmea", baud, baud)
+
+
 def test_a_receiver_that_names_its_maker():
     found, _ = run(detect(baud=4800), Speaker(4800, BOOT + BURST))
     assert found.model == "MediaTek NMEA receiver"

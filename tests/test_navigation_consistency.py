@@ -9,13 +9,17 @@ from imud.configuration.settings import Imu, Navigation, Settings
 from imud.sensor_errors.profiles import PROFILES
 
 
-def normalised(name, rate, vehicle, seed):
-    """Mean squared error over variance of one run: position, velocity, attitude; and of its innovations."""
+def normalised(name, rate, vehicle, seed, scale=0.0):
+    """Mean squared error over variance of one run: position, velocity, attitude; and of its innovations.
+
+    The gyros' scale factors have a sigma of `scale`, their axes about a third of that.
+    """
     profile, rng = PROFILES[name], np.random.default_rng(seed)
     d = drive(110.0, rate=rate, speed=6.0 + seed % 4)
     bg = profile.gyro_bias_initial * rng.standard_normal(3)
     ba = profile.accel_bias_initial * rng.standard_normal(3)
     samples = sensed(d, rng, profile.gyro_noise, profile.accel_noise, bg, ba)
+    samples["w"] += samples["w"] @ (scale * rng.standard_normal((3, 3)) * (0.35 + 0.65 * np.eye(3))).T
     fixes = received(d, rng, late=0.2, sigma=1.8, white=0.3, speed_sigma=0.1)
     settings = Settings(imu=Imu(profile=name), navigation=Navigation(vehicle=vehicle))
     out, rows, _ = navigate(samples, fixes, settings)
@@ -33,3 +37,11 @@ def test_normalised_errors_are_about_one(name, rate, vehicle):
     assert 0.25 < v < 2.0
     assert 0.2 < a < 2.0  # below 1: scale factor errors are allowed for, and there are none here
     assert 0.4 < nis < 1.6
+
+
+@pytest.mark.parametrize("vehicle", ["free", "auto"])
+def test_gyros_out_of_line_are_not_known_better_than_turns_can_tell(vehicle):
+    """In level turns a wrong axis is a tilt and an accelerometer bias that are fixed in the body: all stay unsure."""
+    scale = PROFILES["consumer-mems"].gyro_scale
+    _, _, a, _ = np.mean([normalised("consumer-mems", 100, vehicle, seed, scale) for seed in range(10)], axis=0)
+    assert 0.2 < a < 2.0

@@ -50,7 +50,7 @@ def made(seed):
     attitude = Rotation.random(random_state=seed)
     c["q"] = np.roll(attitude.as_quat(), 1)
     c["reported"] = (1.5, 3.0)
-    c["accel"], c["rate"], c["shaking"] = rng.standard_normal(3), 0.3 * rng.standard_normal(3), 0.4
+    c["accel"], c["rate"], c["shaking"] = rng.standard_normal(3), rng.standard_normal(3), 0.4
     return p, s, c, P, attitude.as_matrix(), rng
 
 
@@ -59,7 +59,7 @@ def test_one_interval_is_that_of_the_matrix_exponential(seed):
     p, _, c, P, C, rng = made(seed)
     dt = 0.01
     force = rng.standard_normal(3) * 3 + (0, 0, -9.8)
-    c["dv"], c["gathered"] = force * dt, dt
+    c["dv"], c["turned"], c["gathered"] = force * dt, c["rate"] * dt, dt
     F = np.zeros((STATES, STATES))
     F[block(POSITION), block(VELOCITY)] = np.eye(3)
     F[block(VELOCITY), block(ATTITUDE)] = -skew(force)

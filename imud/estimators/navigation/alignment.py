@@ -10,12 +10,12 @@ from ...kernels.jit import kernel
 from ...kernels.kalman import reset, shear
 from ...kernels.rotation import quat_of_gravity
 from .correction import correct, predicted, take, turn_tilt
-from .covariance import grow, predict
+from .covariance import doubt_turn_scale, grow, predict
 from .creep import forget_creep
 from .fix_matching import forget_pairs, vertical_bias
 from .non_holonomic import stop, turn_witnesses
 from .posterior import believe, solve
-from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LEVELLING, NAVIGATING, STATES, TURN_SCALE, WANDER
+from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LEVELLING, NAVIGATING, STATES, WANDER
 from .strapdown import rotate
 
 READY = math.radians(10.0), math.radians(11.0)  # with a receiver that tells its velocity, and without: that cannot wait
@@ -112,5 +112,5 @@ def forget_heading(p: Any, c: Any) -> None:
         c.turn_scale[i] = 0.0
         reset(c.P, STATES, GYRO_BIAS + i, p.gyro_initial**2)
         reset(c.P, STATES, ACCEL_BIAS + i, p.accel_initial**2)
-        reset(c.P, STATES, TURN_SCALE + i, p.gyro_scale**2)
         reset(c.P, STATES, WANDER + i, c.reported[0 if i < 2 else 1] ** 2)
+    doubt_turn_scale(p, c)

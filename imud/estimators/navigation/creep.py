@@ -57,8 +57,8 @@ def suppose(c: Any, j: int) -> None:
 
 
 @kernel
-def carry_pull(c: Any, m: Any, turn: float, dt: float, decay: float) -> None:
-    """Propagate the pull as `predict` does errors: `m` is body to NED, `turn` the rate about the vertical."""
+def carry_pull(c: Any, m: Any, angle: float, dt: float, decay: float) -> None:
+    """Propagate the pull as `predict` does errors: `m` is body to NED, `angle` the turn about the vertical."""
     u, f = c.pull, c.dv
     for i in range(3):
         for j in range(2 * MOMENTS):
@@ -73,7 +73,7 @@ def carry_pull(c: Any, m: Any, turn: float, dt: float, decay: float) -> None:
             a = m[3 * i + k] * dt
             for j in range(2 * MOMENTS):
                 u[VELOCITY + i, j] -= a * u[ACCEL_BIAS + k, j]
-                u[ATTITUDE + i, j] -= a * (u[GYRO_BIAS + k, j] + turn * u[TURN_SCALE + k, j])
+                u[ATTITUDE + i, j] -= a * u[GYRO_BIAS + k, j] + m[3 * i + k] * angle * u[TURN_SCALE + k, j]
         for j in range(2 * MOMENTS):
             u[WANDER + i, j] *= decay
 

@@ -11,7 +11,7 @@ from ..records import POSITION_N, REJECTING
 from .acquisition import calm_speed, place
 from .admission import stuck
 from .alignment import disengage, engage, forget_heading
-from .covariance import predict, variance
+from .covariance import doubt_turn_scale, predict, variance
 from .fix_matching import levelled
 from .gnss import fuse_position, fuse_velocity, grade, report, trust_stamp
 from .history import approach, follow, remember, rewind, snap, trace_velocity
@@ -88,6 +88,7 @@ def begin(p: Any, c: Any, t_ns: int, w: Any, f: Any, rpy: Any) -> None:
         else:
             roll, pitch = 0.0, 0.0
     c.q[0], c.q[1], c.q[2], c.q[3] = quat_of_euler(roll, pitch, yaw if math.isfinite(yaw) else 0.0)
+    doubt_turn_scale(p, c)
     if c.fixes > 0 and c.heading_sigma > 0.0 and levelled(c):
         engage(p, c)
 

@@ -22,6 +22,7 @@ from .strapdown import cosine, wrapped
 UERE = 2.0  # m per HDOP, horizontal
 VERTICAL = 2.2  # times the horizontal sigma
 UNKNOWN_HDOP = 1.5
+LEAST_WANDER = 0.3  # of what a receiver states of its error, where all that is seen of it is white
 RTK_FIXED, RTK_FLOAT = 0.03, 0.4  # m, when nothing better is reported
 SPEED_SIGMA = (0.05, 0.3)  # m/s, of what is learned: errors that last from fix to fix do not show in innovations
 COURSE_SPEED = 0.5  # m/s, below it the course is noise
@@ -67,11 +68,15 @@ def grade(c: Any, fix: Any) -> None:
         sigma = h if k == 0 else v
         if not 0.5 * c.reported[k] < sigma < 2.0 * c.reported[k]:
             c.white[k] = min(sigma, 0.03 + 0.5 * sigma) ** 2
+            if math.isfinite(fix.sigma[2 * k]):
+                c.white[k] = min(c.white[k], 0.5 * sigma * sigma)
             for i in range(2 * k, 2 + k):
                 reset(c.P, STATES, WANDER + i, sigma * sigma)
                 c.wander[i] = 0.0
             forget_creep(c)
-        c.reported[k] = sigma
+        c.reported[k] = c.wandering[k] = sigma
+        if math.isfinite(fix.sigma[2 * k]):  # the receiver's own word is of the whole error
+            c.wandering[k] = math.sqrt(max(sigma * sigma - c.white[k], (LEAST_WANDER * sigma) ** 2))
     floor = LATENCY_FLOOR * h
     q = max(0.0, floor * floor - variance(c, LATENCY))  # of positions, whose errors last: velocities tell the sum
     grow(c, LATENCY, q)

@@ -51,12 +51,12 @@ def unit(angle: float) -> Pair:
 
 @kernel
 def feel(c: Any, turn: float, dt: float) -> None:
-    """Add the level specific force gathered in c.dv over `dt` s, in which the body turned at `turn` rad/s."""
+    """Add the level specific force gathered in c.dv over `dt` s, in which the body turned by `turn` rad."""
     total, twice, d = c.running, c.twice, c.shifted
     y, sway = (c.swing[0], c.swing[1]), (total[SWAY, 0], total[SWAY, 1])
     force = times(unit(c.frame), (c.dv[0], c.dv[1]))
     tilted, biased = times((d[1, 0], d[1, 1]), sway), times((d[2, 0], d[2, 1]), y)
-    after = times(unit(turn * dt), y)
+    after = times(unit(turn), y)
     zn, ze = force[0] - (d[0, 0] + tilted[0] + biased[0]) * dt, force[1] - (d[0, 1] + tilted[1] + biased[1]) * dt
     new = ((zn, ze), (dt, 0.0), (sway[0] * dt, sway[1] * dt), (y[0] * dt, y[1] * dt))
     for k in range(4):

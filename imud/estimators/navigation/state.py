@@ -87,9 +87,11 @@ CORE = np.dtype(
         ("blind_s", "<f8", (2,)),  # s for which rates, and forces, have told nothing, or not enough
         ("gathered", "<f8"),  # s
         ("dv", "<f8", (3,)),  # m/s, integral of specific force in NED
+        ("turned", "<f8", (3,)),  # rad, integral of the body's rate
+        ("owed", "<f8"),  # rad, turned about the vertical without turn_scale, until it is notable
         ("accel", "<f8", (3,)),  # m/s^2, smoothed acceleration in NED
         ("rate", "<f8", (3,)),  # rad/s, smoothed rate of the body
-        ("excess", "<f8", (3,)),  # rad/s, turn_scale times the smoothed rate of turn
+        ("excess", "<f8", (3,)),  # rad/s, turn_scale times the smoothed rate of turn: for the solution
         # motion window
         ("n", "<i8"),
         ("elapsed", "<f8"),  # s
@@ -149,6 +151,7 @@ CORE = np.dtype(
         ("lost", "<f8"),  # times that the filter gave in to contradicting fixes, fading
         ("white", "<f8", (2,)),  # m^2, learned white variance, horizontal and vertical
         ("white_speed", "<f8"),  # m^2/s^2, learned variance of a component of its velocity
+        ("wandering", "<f8", (2,)),  # m, sigma of the wander
         ("reported", "<f8", (2,)),  # m, the sigma the wander was last scaled to
         ("z", "<f8", (3,)),  # scratch: position residuals
         ("trend", "<f8", (3,)),  # scratch: m/s^2, acceleration over the uncertain part of the latency

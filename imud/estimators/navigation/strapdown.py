@@ -68,9 +68,9 @@ def way(c: Any, lat0: float, lon0: float, lat: float, lon: float) -> tuple[float
 def integrate(c: Any, w: Any, f: Any, dt: float) -> None:
     """Advance q, v and position by `dt` s while the sensor goes from (c.w, c.f) to (w, f), linearly; body axes."""
     locate(c)
-    wx = 0.5 * (c.w[0] + w[0]) - c.bg[0] - c.excess[0]
-    wy = 0.5 * (c.w[1] + w[1]) - c.bg[1] - c.excess[1]
-    wz = 0.5 * (c.w[2] + w[2]) - c.bg[2] - c.excess[2]
+    wx = 0.5 * (c.w[0] + w[0]) - c.bg[0]
+    wy = 0.5 * (c.w[1] + w[1]) - c.bg[1]
+    wz = 0.5 * (c.w[2] + w[2]) - c.bg[2]
     fx, fy, fz = 0.5 * (c.f[0] + f[0]) - c.ba[0], 0.5 * (c.f[1] + f[1]) - c.ba[1], 0.5 * (c.f[2] + f[2]) - c.ba[2]
     # half differences: rate and force are mean -+ slope at the two ends
     ux, uy, uz = 0.5 * (w[0] - c.w[0]), 0.5 * (w[1] - c.w[1]), 0.5 * (w[2] - c.w[2])
@@ -108,6 +108,9 @@ def integrate(c: Any, w: Any, f: Any, dt: float) -> None:
             q[3] + x * q[2] - y * q[1] + z * q[0],
         )
     )
+    c.turned[0] += wx * dt
+    c.turned[1] += wy * dt
+    c.turned[2] += wz * dt
     for i in range(3):
         c.dv[i] += dv[i]
         c.sum_n[i] += dv[i]

@@ -11,12 +11,12 @@ from ...kernels.jit import kernel
 from ...kernels.kalman import reset
 from .alignment import LEAST_HEADING, adopt, engage, turn_north
 from .correction import predicted
-from .covariance import grow, variance
+from .covariance import doubt_turn_scale, grow, variance
 from .fix_matching import pair, vertical_bias
 from .gnss import slowness2, velocity_of
 from .non_holonomic import stop
 from .posterior import disbelieve, solve
-from .state import ACCEL_BIAS, ASTRAY, ATTITUDE, GYRO_BIAS, STATES, TURN_SCALE
+from .state import ACCEL_BIAS, ASTRAY, ATTITUDE, GYRO_BIAS, STATES
 
 WRONG = math.radians(10.0)
 GATE = 16.0
@@ -57,7 +57,7 @@ def realign(p: Any, c: Any) -> None:
         grow(c, ATTITUDE + i, MISLED_TILT**2)
     for i in range(3):
         reset(c.P, STATES, ACCEL_BIAS + i, p.accel_initial**2)
-        reset(c.P, STATES, TURN_SCALE + i, p.gyro_scale**2)
         if c.heading_age == 0.0:
             reset(c.P, STATES, GYRO_BIAS + i, p.gyro_initial**2)
+    doubt_turn_scale(p, c)
     engage(p, c)

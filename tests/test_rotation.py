@@ -40,6 +40,13 @@ def test_normalised(q, factor):
     same_rotation(rotation.quat_normalised(tuple(factor * x for x in q)), of(q))
 
 
+@given(quaternions, st.floats(-1e-8, 1e-8))
+def test_renormalised(q, off):
+    got = rotation.quat_renormalised(tuple(x * (1.0 + off) for x in q))
+    assert got == pytest.approx(q, abs=1e-15)
+    assert abs(np.linalg.norm(got) - 1.0) < 1e-15
+
+
 @given(vectors.map(lambda v: tuple(x / 20.0 for x in v)))
 def test_exponential(v):
     same_rotation(rotation.quat_exp(*v), Rotation.from_rotvec(v))

@@ -23,7 +23,6 @@ from drivers.errors import (
 from drivers.spi import Bus, Cycle, Fetch
 from drivers.transport.line import open_line
 from drivers.transport.portspec import PortSpec
-from drivers.transport.timer import Timer
 
 PERIOD_NS, SHORT_NS, MIDDLE_NS = 10_000_000_000, 10_000_000, 1_000_000_000  # no machine is late by the longest
 NEW, OLD = b"\xfe\0", b"\0\0"
@@ -378,19 +377,3 @@ def test_what_is_no_spi_port(text):
 def test_a_driver_may_be_named():
     assert PortSpec.parse("spi:1.2:epson") == PortSpec("spi:1.2", "epson")
     assert PortSpec.parse("spi:1.2").spi == (1, 2)
-
-
-def test_a_timer_rings_at_its_time_and_not_before():
-    timer = Timer()
-    poll = select.poll()
-    poll.register(timer.fd, select.POLLIN)
-    due_ns = time.monotonic_ns() + 20_000_000
-    timer.set(due_ns)
-    assert poll.poll(1000)
-    assert time.monotonic_ns() >= due_ns
-    timer.clear()
-    timer.clear()
-    assert not poll.poll(0)
-    timer.set(0)
-    assert poll.poll(1000)
-    timer.close()

@@ -29,7 +29,7 @@ START_S = 20  # in which a filter aligns itself
 LLVM = "gcc fuses multiplications with additions; we do not, for the same results on every processor"
 _MORE = "beside the filter, which is all that numpy does here, ours judges health, rest, motion and the clock"
 _NAVIGATION = (
-    "the goal is for 15 states, ours has 26; and a third is late fixes: for each one all samples of the 150 ms since "
+    "the goal is for 15 states, ours has 26; and a quarter is late fixes: for each one all samples of the 150 ms since "
     "its epoch are integrated again, lest a solution differs from that of a fix in time"
 )
 

@@ -1,14 +1,17 @@
 """Compiles kernels before they are needed: all that a loop will call is called once before the loop begins.
 
 Compiling takes twice the memory of running, and a process never gives it back. So a daemon that finds no compiled
-kernels has a child process compile them into the cache, loads them from there, and releases the compiler's own code.
+kernels has a child process compile them into the cache, serves its clients meanwhile, loads them from there, and
+releases the compiler's own code.
 """
 
 import contextlib
 import ctypes
 import io
 import os
-from collections.abc import Iterable
+import signal
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +29,7 @@ from .outputs.binary import BinaryOutputs
 from .pipeline import Filter, Stream, decoding
 from .sensors.health import shown
 
-_MADV_DONTNEED = 4
+_MADV_DONTNEED, _PR_SET_PDEATHSIG = 4, 1
 _RATE_HZ, _PERIOD_NS = 1000.0, 1_000_000
 
 
@@ -80,10 +83,25 @@ def release_compiler() -> None:
             libc.madvise(ctypes.c_void_p(begin), ctypes.c_size_t(end - begin), _MADV_DONTNEED)
 
 
-def compile_apart(estimators: list[Estimator], settings: Settings) -> bool:
+@contextlib.contextmanager
+def cache() -> Iterator[None]:
+    """Within the block there is a cache: where none can be kept, one that is removed with the block, if even that."""
+    with contextlib.ExitStack() as stack:
+        if "NUMBA_CACHE_DIR" not in os.environ:
+            with contextlib.suppress(OSError):
+                passing = tempfile.TemporaryDirectory(prefix="imud-", ignore_cleanup_errors=True)
+                os.environ["NUMBA_CACHE_DIR"] = stack.enter_context(passing)
+                stack.callback(os.environ.pop, "NUMBA_CACHE_DIR")
+        yield
+
+
+def compile_apart(
+    estimators: list[Estimator], settings: Settings, meanwhile: Callable[[int], None] = lambda fd: None
+) -> bool:
     """Have a child process compile what a daemon needs into the cache; False if there is no cache, or it failed.
 
-    An exception during the wait, as a signal's action may raise, ends the child as well.
+    `meanwhile` may do something until the descriptor that it is given is readable: the child has ended. An exception
+    during the wait, as a signal's action may raise, ends the child as well.
     """
     import multiprocessing
 
@@ -94,9 +112,11 @@ def compile_apart(estimators: list[Estimator], settings: Settings) -> bool:
     child = fork.Process(target=_fill_all, args=(cache, estimators, settings), daemon=True)
     child.start()
     try:
+        meanwhile(child.sentinel)
         child.join()
     finally:
         child.kill()
+        child.join()
     return child.exitcode == 0
 
 
@@ -111,6 +131,7 @@ def fill(cache: str, estimator: Estimator, settings: Settings) -> None:
 
 
 def _fill_all(cache: str, estimators: list[Estimator], settings: Settings) -> None:
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)  # or, its parent killed, it would hold on to the sockets
     for estimator in estimators:
         fill(cache, estimator, settings)
 

@@ -56,17 +56,8 @@ class Daemon:
         return (self._folder / "daemon.log").read_text()
 
     def connect(self) -> None:
-        deadline = time.monotonic() + START_S
-        while self.client is None:
-            assert self.process.poll() is None, self.log
-            assert time.monotonic() < deadline, self.log
-            client = socket.socket(socket.AF_UNIX)
-            try:
-                client.connect(str(self._folder / "gpsd.sock"))
-                self.client = client
-            except OSError:
-                client.close()
-                time.sleep(0.05)
+        self.client = socket.socket(socket.AF_UNIX)
+        self.client.connect(str(self._folder / "gpsd.sock"))
         self.client.sendall(b'?WATCH={"enable":true,"json":true,"rate":20}\n')
 
     def messages(self, seconds: float) -> Iterator[dict]:
@@ -122,8 +113,8 @@ def daemon(folder: Path, *arguments: str) -> Iterator[Daemon]:
         command = ("imud", "run", *arguments, "--listen", str(folder / "gpsd.sock"))
         with process(*command, stderr=log, env={**os.environ, "NO_COLOR": "1"}) as running:
             started = Daemon(running, folder)
-            started.connect()
             started.says(" ready ", START_S)
+            started.connect()
             with started.client:
                 yield started
 

@@ -62,8 +62,7 @@ def ask(address: Address) -> dict[str, Any]:
             return _answer(sock, address)
         except TimeoutError:
             raise DeviceAbsentError(
-                f"{address.text} is open, but does not answer: a daemon that still compiles does so when it is ready; "
-                "else see its log"
+                f"{address.text} is open, but does not answer: see the log of who listens there"
             ) from None
         except PermissionError as error:
             raise PermissionDeniedError(f"cannot connect to {address.text}: permission denied") from error
@@ -112,6 +111,7 @@ def nested(status: Table) -> dict[str, Any]:
 def screen(status: Table) -> Iterator[tuple[str, str]]:
     """Lines for people, each with its name."""
     pace = "OVERLOADED, publishing waits" if status["load"]["overloaded"] else "keeps up"
+    pace = "compiling for this machine, then it reads the sensors" if status.get("compiling") else pace
     yield "imud", f"{status['version']}, pid {status['pid']}, up {_duration(status['uptime_s'])}, {pace}"
     yield from _filter(status["filter"])
     if told := status.get("innovations"):

@@ -85,22 +85,38 @@ class Daemon:
         return self._exit
 
     def _open_outputs(self) -> Outputs:
-        own = {"STATUS": lambda: self._account.status(self._delivery, self._outputs), "RECORD": self._recordings.told}
+        own = {
+            "STATUS": lambda: self._account.status(self._delivery, self._outputs, self._compiling),
+            "RECORD": self._recordings.told,
+        }
         orders = {"RECORD": self._recordings.obey}
         return Outputs(self._settings, self._cycle.others, BATCH, own, orders)
 
     def _prepare_kernels(self) -> None:
         fitting = self._devices.fitting
         estimators = fitting.choice.possible
-        if missing := compilation.missing(estimators):
-            name = fitting.estimator.name
-            self._log.info("compiling the filter (the first start takes a while)", estimator=name)
-            if not compilation.compile_apart(missing, self._settings):
-                places = ", ".join(str(path) for path in runtime.candidates())
-                self._log.warning(f"compiled kernels could not be kept, every start compiles anew: see {places}")
-        compilation.warm_decoders()
-        for estimator in estimators:
-            compilation.warm(estimator, self._settings)
+        kept = "NUMBA_CACHE_DIR" in os.environ
+        with compilation.cache():
+            if missing := compilation.missing(estimators):
+                self._log.info("compiling for this machine, a minute or two", estimator=fitting.estimator.name)
+                kept &= compilation.compile_apart(missing, self._settings, self._serve_clients)
+            compilation.warm_decoders()
+            for estimator in estimators:
+                compilation.warm(estimator, self._settings)
+        if not kept:
+            places = ", ".join(str(path) for path in runtime.candidates())
+            self._log.warning(f"compiled kernels could not be kept, every start compiles anew: see {places}")
+
+    def _serve_clients(self, fd: int) -> None:
+        """Serve them without kernels, and so without sensors, until this descriptor is readable."""
+        self._cycle.others.register(fd, select.POLLIN)
+        while fd not in (ready := dict(self._cycle.others.poll(_SLOW_NS * 1e-9))):
+            now_ns = time.monotonic_ns()
+            for each, mask in ready.items():
+                self._dispatch(each, mask, now_ns)
+            self._delivery.show_receiver(now_ns)
+            self._outputs.look_after(now_ns)
+        self._cycle.others.unregister(fd)
 
     def _serve(self) -> None:
         slow_ns = 0

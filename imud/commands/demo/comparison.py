@@ -15,7 +15,7 @@ class Errors:
     total: float = 0.0
     claimed: float = 0.0
     count: int = 0
-    last: float = math.nan
+    last: float = math.nan  # NaN: not known now
 
     def add(self, error: float, *sigmas: float) -> None:
         self.last = error
@@ -34,7 +34,10 @@ class Errors:
 
 @dataclass
 class Comparison:
-    """Estimate against truth, quantity by quantity; only what the daemon claims to know is compared."""
+    """Estimate against truth, quantity by quantity; only what the daemon claims to know is compared.
+
+    Before the heading is known a vehicle that moves has no velocity worth comparing: its sigmas say so.
+    """
 
     errors: dict[str, Errors] = field(
         default_factory=lambda: {name: Errors() for name in ("roll", "pitch", "heading", "position", "velocity")}
@@ -42,6 +45,8 @@ class Comparison:
 
     def add(self, est: dict[str, Any], truth: dict[str, float]) -> None:
         state = est.get("state", "")
+        for errors in self.errors.values():
+            errors.last = math.nan
         if "aligning" not in state:
             for name in ("roll", "pitch"):
                 self.errors[name].add(_turn(est[f"{name}_deg"] - truth[f"{name}_deg"]), est[f"s{name}_deg"])
@@ -51,6 +56,7 @@ class Comparison:
             north = (est["lat_deg"] - truth["lat_deg"]) * _METRES_PER_DEG
             east = (est["lon_deg"] - truth["lon_deg"]) * _METRES_PER_DEG * math.cos(math.radians(truth["lat_deg"]))
             self.errors["position"].add(math.hypot(north, east), est["sn_m"], est["se_m"])
+        if "position" in state and ("heading" in state or "at-rest" in state):
             velocities = ([d[f"v{axis}_mps"] for axis in "ned"] for d in (est, truth))
             self.errors["velocity"].add(math.dist(*velocities), *(est[f"sv{axis}_mps"] for axis in "ned"))
 

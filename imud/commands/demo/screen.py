@@ -1,5 +1,6 @@
 """What the demo shows: a table while it runs, the errors at its end."""
 
+import math
 import sys
 from typing import Any
 
@@ -45,7 +46,7 @@ class Display:
             print(f"\x1b[{self._drawn}A" * bool(self._drawn) + text.replace("\n", "\x1b[K\n") + "\x1b[K", flush=True)
             self._drawn = text.count("\n") + 1
         else:
-            errors = {name: error for name, error in comparison.errors.items() if error.count}
+            errors = {name: error for name, error in comparison.errors.items() if math.isfinite(error.last)}
             now = ", ".join(f"{name} {e.last:+.2f} {_UNITS[name].split(',')[0]}" for name, e in errors.items())
             shown = f": error {now}" if now else ""
             print(f"{elapsed_s:6.1f} s  {est.get('state', '')}{shown}", flush=True)

@@ -116,6 +116,24 @@ def test_a_silent_gap_before_there_is_a_fit_does_no_harm(gap_s):
     assert clock["slope"][0] == pytest.approx(1e7, rel=2e-5)
 
 
+@pytest.mark.parametrize(
+    ("rate_hz", "stalls"),
+    [(20, [(1.33, 1.2)]), (50, [(0.62, 0.2), (1.74, 2.0)]), (125, [(0.84, 1.2), (2.44, 1.2)]), (1000, [(1.9, 2.5)])],
+)
+def test_a_host_that_stalls_before_there_is_a_fit_gets_a_good_one(rate_hz, stalls):
+    """Whole windows are late then, and so was the line: a wrong slope would call for corrections that keep it wrong."""
+    period = 1e9 / rate_hz
+    truth = 10**15 + np.arange(20 * rate_hz) * period
+    arrivals = truth + np.random.default_rng(1).uniform(0.0, 1e6, len(truth))
+    for begin_s, length_s in stalls:
+        begin = 10**15 + begin_s * 1e9
+        arrivals[(arrivals > begin) & (arrivals < begin + length_s * 1e9)] = begin + length_s * 1e9
+    t, clock = stamps(np.arange(len(truth)), arrivals, clock=new_clock(period, 0.0))
+    assert np.abs(t - truth)[10 * rate_hz :].max() < 1e6
+    assert clock["slope"][0] == pytest.approx(period, rel=1e-4)
+    assert clock["corrections"][0] == 0
+
+
 @pytest.mark.parametrize("stop_s", [0.3, 3.0])
 @pytest.mark.parametrize("kept_s", [9.0, 0.2])
 def test_after_a_suspension_only_what_overflowed_is_missing(stop_s, kept_s):

@@ -3,7 +3,8 @@
 The line between them is fitted anew after each window (`clock_line`). Stamps follow a changed line by slewing, never by
 stepping back.
 
-A counter may be wrong. One that jumped ahead shows at once: its sample was there before it was taken. One that stood
+A counter may be wrong. One that jumped ahead shows at once: its sample was there before it was taken. (While there is
+no fit that may as well be said of the line: all that it rests on was late. Then everything begins anew.) One that stood
 still while samples were not sent (a sensor may have none, and its samples are counted as they come) makes all that
 follow late, and equally late; bytes that only waited do not, for whoever reads them has caught up with the end of it.
 """
@@ -168,6 +169,11 @@ def stamp(clock: Any, tick: int, arrival_ns: int) -> int:
     x = tick - clock.base_tick + clock.missed
     passed = clock.slope * (tick - clock.last_tick)
     residual = y - (clock.offset + clock.slope * x)
+    if residual < -FAR_NS and clock.fitted == 0:
+        ahead = clock.slew_ns - residual
+        _restart(clock, tick, arrival_ns)
+        clock.slew_ns = ahead
+        x = y = residual = 0.0
     if residual < -FAR_NS:
         ahead = min(-residual, passed) / clock.slope
         _correct(clock, tick, -ahead)

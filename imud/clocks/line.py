@@ -5,7 +5,7 @@ it can. Over a window the earliest arrival counts, and the windows grow, all ali
 minutes. The edge of their lower convex hull above the middle (the least sum of distances of all lines below the
 points) shows which of them were in time, and a regression through those gives the slope. Where no arrival is quite in
 time the windows' means scatter less: they give a slope as well, and each of the two counts by the inverse of its
-variance.
+variance. A slope is believed if half of the points are near its line: in the first seconds most may have been late.
 
 The line lies below all of the points, and deeper the more they differ and the fewer they are: samples that wait for
 each other are hardly ever in time, and then none of the points may have been. The depth is how far above its end the
@@ -156,7 +156,8 @@ def refit(clock: Any, x: float) -> None:
     before = clock.offset + clock.slope * x
     if (clock.ticks[clock.count - 1] - clock.ticks[0]) * clock.period_ns >= FIT_SPAN_NS:
         slope, sigma = _settled_slope(clock)
-        if abs(slope / clock.period_ns - 1.0) < PERIOD_TOLERANCE:
+        _, median, _ = _heights(clock, slope)
+        if abs(slope / clock.period_ns - 1.0) < PERIOD_TOLERANCE and median < FAR_NS:
             clock.slope = slope
             clock.sigma_slope = sigma
             clock.fitted = 1

@@ -149,6 +149,10 @@ FORMS = {
     "CR alone": lambda text: text.replace("\n", "\r").encode(),
     "gzip": lambda text: gzip.compress(text.encode()),
     "comments": lambda text: f"# a logger\n# 3; of 4\n{text}".encode(),
+    "units below the header": lambda text: text.replace("\n", "\ns,deg/s,deg/s,,m/s^2,m/s^2,g\n", 1).encode(),
+    "units and decimal commas": lambda text: (
+        text.replace(",", ";").replace(".", ",").replace("\n", "\ns;;;;;;-\n", 1).encode()
+    ),
     "a commented header": lambda text: f"# {text}".encode(),
     "cut off": lambda text: f"{text}0.02,1,2,-".encode(),
     "cut off by a loss of power": lambda text: text.encode() + bytes(512),
@@ -164,6 +168,12 @@ def test_a_table_of_any_make_is_read_as_the_plain_one(tmp_path, form):
     samples, _, _ = tables.read_imu(path)
     plain, _, _ = tables.read_imu(write(tmp_path, body, ""))
     assert samples.tobytes() == plain.tobytes()
+
+
+@pytest.mark.parametrize("row", ["x", "s,deg/s,1,,m/s^2,m/s^2,g"])
+def test_what_may_be_a_bad_row_is_not_taken_for_units(tmp_path, row):
+    with pytest.raises(BadDataError, match="line 2: t_s is"):
+        tables.read_imu(write(tmp_path, f"{row}\n0,0,0,0,0,0,-9.8\n0.01,0,0,0,0,0,-9.8\n"))
 
 
 def test_bad_rows_are_left_out_and_then_named(tmp_path):

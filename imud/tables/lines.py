@@ -47,7 +47,8 @@ class Table:
 
     path: Path
     names: Sequence[str]
-    first_row: int  # number of the line after the header
+    header: int  # number of its line
+    first_row: int  # and of the line where data begin
     delimiter: bytes
     encoding: str
     plain: bool  # its lines need not be rewritten
@@ -55,7 +56,7 @@ class Table:
     def column_numbers(self, wanted: Sequence[str]) -> list[int]:
         """Where these columns are. Raises BadDataError."""
         if missing := [name for name in wanted if name not in self.names]:
-            where, must, has = f"{self.path} line {self.first_row - 1}", ", ".join(wanted), ", ".join(self.names)
+            where, must, has = f"{self.path} line {self.header}", ", ".join(wanted), ", ".join(self.names)
             if "\N{REPLACEMENT CHARACTER}" in has or not has.isprintable():
                 raise BadDataError(f"{self.path}: not a text, so no table and no NMEA log either")
             seen = textwrap.shorten(has, _SHOWN, placeholder=" …")
@@ -84,6 +85,8 @@ class Table:
 def table_of(path: Path, wanted: Sequence[str]) -> Table:
     """The table in a file: its header is the first line that names a column of `wanted`, or else the first.
 
+    A line below it with as many cells and no number tells the units, which the names have told..
+
     Raises InputMissingError, BadDataError if the file is empty.
     """
     if not (text := _beginning(path)):
@@ -94,7 +97,8 @@ def table_of(path: Path, wanted: Sequence[str]) -> Table:
     at = next((i for i, names in enumerate(headers) if set(names) & set(wanted)), 0)
     encoding, zipped = _encoding(path), first_bytes(path, 2) == _GZIP
     plain = not zipped and encoding == _UTF8 and delimiters[at] == "," and '"' not in text and "\n" in text
-    return Table(path, headers[at], at + 2, delimiters[at].encode(), encoding, plain)
+    first = at + 2 + any(_are_units(line, delimiters[at], len(headers[at])) for line in lines[at + 1 : at + 2])
+    return Table(path, headers[at], at + 1, first, delimiters[at].encode(), encoding, plain)
 
 
 def is_nmea(path: Path) -> bool:
@@ -135,6 +139,20 @@ def _source(raw: BufferedReader) -> BufferedReader:
 
 def _names(line: str, delimiter: str) -> list[str]:
     return [name.strip().strip('"').lstrip("#").strip() for name in line.split(delimiter)]
+
+
+def _are_units(line: str, delimiter: str, columns: int) -> bool:
+    """Whether a row is whole and says something, but none of it is a number."""
+    cells = _names(line, delimiter)
+    return len(cells) == columns and any(cells) and not any(_is_number(cell.replace(",", ".")) for cell in cells)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _decoded(raw: BufferedReader, encoding: str, plain: bool) -> Iterator[bytes]:

@@ -5,6 +5,7 @@ import os
 import signal
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,8 +19,9 @@ from imud.commands.bench import signals
 from imud.commands.bench.throughput import new_stream
 from imud.configuration.settings import Initial, Settings
 from imud.configuration.settings import Stream as StreamSettings
-from imud.daemon.cycle import FAILED, SHOW, Cycle
+from imud.daemon.cycle import FAILED, SHOW, Cycle, _turn
 from imud.estimators import registry
+from imud.kernels.jit import interpreted
 from imud.outputs.binary import BinaryOutputs
 from imud.pipeline import BATCH, Filter, Stream
 from imud.sensors.tap import READ
@@ -105,6 +107,28 @@ def test_solutions_are_those_of_the_same_bytes_given_by_python(rig):
         assert (state.seq, state.t_ns) == (rig.samples, int(other.solutions[n - 1]["t_ns"]))
         assert abs(state.utc_s - time.time()) < 60.0
     assert rig.samples == 1000
+
+
+def test_bytes_are_timed_after_they_are_read(monkeypatch):
+    """A read may take its time on a busy machine: late bytes must not seem early. The kernel as plain Python."""
+    now_ns, arrivals = 0, []
+
+    def read_slowly(fd, at, room):
+        nonlocal now_ns
+        now_ns += 7
+        return 22
+
+    def ingest(stream, received, arrival_ns):
+        arrivals.append(arrival_ns)
+        return 1
+
+    fakes = {"ppoll": lambda *_: 1, "clock_ns": lambda *_: now_ns, "read": read_slowly, "ingest": ingest}
+    for name, fake in fakes.items():
+        monkeypatch.setattr(f"imud.daemon.cycle.{name}", fake)
+    cycle = SimpleNamespace(fd=0, happened=1, at=0, time_at=0, timeout_at=0)
+    stream = SimpleNamespace(rx=0, fill=0)
+    assert interpreted(_turn)([cycle], [stream], None, NEVER_NS, NEVER_NS, 0) == 1
+    assert arrivals == [7]
 
 
 @settings(max_examples=30, deadline=None)

@@ -1,8 +1,12 @@
 """Real drives with ground truth, each fix used when it arrived, one default profile, no start values."""
 
+import json
+
 import numpy as np
 import pytest
-from navigation_runner import SHARED, evaluate
+from navigation_runner import SHARED, evaluate, load, navigate, scorer, settings_of, table, truth_of
+
+from imud.estimators.records import HEADING_VALID
 
 ROOM = SHARED / "navigation"
 pytestmark = pytest.mark.skipif(not ROOM.exists(), reason=f"no recordings in {ROOM}")
@@ -33,3 +37,19 @@ def test_errors_stay_within_what_was_reached(name, fixes, position, velocity, ya
     assert np.median(ends[:, 0]) < median
     assert np.sqrt(np.mean(ends[:, 0] ** 2)) < rms
     assert np.median(ends[:, 1]) < 2.0
+
+
+@pytest.mark.parametrize("fixes, stamp_s", [("receiver_like", -0.2), ("receiver_like", 0.2), ("rtk", 0.2)])
+def test_wrong_stamps_do_not_make_a_wrong_heading_certain(fixes, stamp_s):
+    """A slow vehicle that is jerked to and fro within a second: most of what turns its heading is a latency's work."""
+    folder = ROOM / "dtu-ugv4"
+    samples, rows = load(folder, fixes)
+    rows["t_ns"] += int(1e9 * stamp_s)
+    rows["arrival_ns"] = np.maximum(rows["arrival_ns"], rows["t_ns"])
+    lever = json.loads((folder / "meta.json").read_text())["lever_frd"]
+    out = navigate(samples, rows, settings_of(lever=lever))[0]
+    known = table(out[(out["status"] & HEADING_VALID) > 0])
+    t, errors, _ = scorer().errors(known, truth_of(folder))
+    sigma = np.interp(t, known[:, 0], known[:, 18])
+    assert len(errors) > 10_000
+    assert (np.abs(errors[:, 8]) < np.maximum(5.0, 4.0 * sigma)).all()

@@ -3,8 +3,8 @@
 One idea per file: `strapdown` integrates, `covariance` lets the errors grow, `correction` takes scalar measurements,
 `motion` looks for rest, `levelling`, `whitening`, `matching`, `fix_matching`, `posterior`, `alignment` and
 `acquisition` start the filter, `supervision` doubts its heading, `gnss`, `zero_velocity` and `non_holonomic` with
-`looseness` aid it, `creep` and `admission` decide on fixes that contradict, `history` brings late ones to their
-epoch, `filter` has the entries.
+`looseness` aid it, `creep` and `admission` decide on fixes that contradict, `stamps` on their epochs, `history` brings
+late ones there, `filter` has the entries.
 """
 
 from .. import Estimator

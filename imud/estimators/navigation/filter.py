@@ -13,9 +13,10 @@ from .admission import stuck
 from .alignment import disengage, engage, forget_heading
 from .covariance import doubt_turn_scale, predict, variance
 from .fix_matching import levelled
-from .gnss import fuse_position, fuse_velocity, grade, report, trust_stamp
+from .gnss import fuse_position, fuse_velocity, grade, horizontal_sigma, report
 from .history import approach, follow, remember, rewind, snap, trace_velocity
 from .solution import HEADING_LIMIT, write
+from .stamps import trust_stamp
 from .state import ATTITUDE, LEVELLING, NAVIGATING, NEVER_NS, UNREAD
 from .supervision import supervise
 
@@ -107,14 +108,15 @@ def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
     age = 1e-9 * (c.t_ns - fix.t_ns)
     if not ordered or not -AHEAD_S < age < OLDEST_S:
         return report(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
+    snapped = s.snapped
     if not rewind(s, t_ns):
         t_ns = c.t_ns  # too late for that: fused now, with more noise
     approach(p, s, t_ns, s.between_w, s.between_f)
     predict(p, c)
     if s.stamp_ns == NEVER_NS:
-        trust_stamp(p, c, fix)
+        trust_stamp(p, c, fix, horizontal_sigma(fix))
     grade(c, fix)
-    trace_velocity(s)
+    trace_velocity(s, snapped)
     rows = fuse(p, c, s.bank[0], fix, c.latency - 1e-9 * (fix.t_ns - c.t_ns), innovations)
     s.stamp_ns = fix.t_ns
     s.latency = c.latency

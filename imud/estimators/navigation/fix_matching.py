@@ -59,6 +59,13 @@ def jerked2(c: Any) -> float:
 
 
 @kernel
+def displaced2(c: Any, b: Any) -> float:
+    """Variance, m^2, of a way since the last fix matched by the same: what it has sped up goes on for so long."""
+    north, east = c.running[ZETA, 0] - b.before[ZETA, 0], c.running[ZETA, 1] - b.before[ZETA, 1]
+    return float(variance(c, LATENCY) * (north * north + east * east))
+
+
+@kernel
 def patience(c: Any) -> float:
     """Seconds between positions that show a velocity change with a sigma of VAGUENESS.
 
@@ -126,6 +133,7 @@ def match_fix(c: Any, b: Any, lat: float, lon: float, vn: float, ve: float, nois
         forget_pairs(c)
         dt = math.inf
     c.matched_ns = c.t_ns
+    late2 = displaced2(c, b)
     if dt == math.inf:
         c.base[0], c.base[1] = lat, lon
         clear_matching(c)
@@ -138,7 +146,7 @@ def match_fix(c: Any, b: Any, lat: float, lon: float, vn: float, ve: float, nois
     if math.isfinite(vn) and math.isfinite(ve):
         consider(c, b, False, (vn, ve), c.white_speed + jerked2(c) + noise2)
     else:
-        consider(c, b, True, way(c, c.base[0], c.base[1], lat, lon), c.white[0])
+        consider(c, b, True, way(c, c.base[0], c.base[1], lat, lon), c.white[0] + late2)
 
 
 @kernel

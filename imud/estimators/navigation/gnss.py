@@ -16,6 +16,7 @@ from .admission import GATE, admit, admit_height
 from .correction import absorb, correct, predicted, residual, row, take
 from .covariance import grow, variance
 from .creep import forget_creep, look_for_creep
+from .stamps import confirm_stamp
 from .state import ATTITUDE, LAG, LATENCY, POSITION, STATES, VELOCITY, WANDER
 from .strapdown import cosine, wrapped
 
@@ -29,8 +30,6 @@ COURSE_SPEED = 0.5  # m/s, below it the course is noise
 ASTRAY_GATE = 20.0  # of fix against position, whatever the wander state says: it never has jumped, only crept
 LEARNING = 0.03
 SECOND_ORDER = 10.0  # m, m/s per rad^2 of heading variance: what the linear model leaves out
-STAMP_S, STAMP_SIGMA = 1e-3, 0.03  # s
-CENTIMETRES, SURVEY_STAMP_SIGMA = 0.1, 2e-4  # m, s
 STALE_ACCEL = 1.0  # m/s^2, where a fix is too late for rewinding
 LEVER_SIGMA, SWING_S = 0.03, 1.0  # m, of a lever arm taken by rule; s, of a turn between two fixes
 LATENCY_FLOOR = 0.01  # s per metre of sigma
@@ -44,19 +43,6 @@ def horizontal_sigma(fix: Any) -> float:
     hdop = fix.hdop if fix.hdop > 0.0 else UNKNOWN_HDOP
     unit = RTK_FIXED if fix.quality == 4 else (RTK_FLOAT if fix.quality == 5 else UERE)
     return unit * hdop
-
-
-@kernel
-def trust_stamp(p: Any, c: Any, fix: Any) -> None:
-    """At the first fix: is its epoch the receiver's, or only its arrival, less the latency that is assumed?
-
-    A survey's log that states no arrival states the epoch.
-    """
-    delay = 1e-9 * (fix.arrival_ns - fix.t_ns)
-    if abs(delay) <= STAMP_S and horizontal_sigma(fix) < CENTIMETRES:
-        reset(c.P, STATES, LATENCY, SURVEY_STAMP_SIGMA**2)
-    elif delay > STAMP_S and abs(delay - p.latency) > STAMP_S:
-        reset(c.P, STATES, LATENCY, STAMP_SIGMA**2)
 
 
 @kernel
@@ -162,6 +148,7 @@ def fuse_position(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
     if level:
         correct(c)
         c.fix_ns = c.t_ns
+        confirm_stamp(c)
         if look_for_creep(c):
             correct(c)
     refused = c.rejected[0] > 0 or c.rejected[1] > 0

@@ -63,10 +63,10 @@ def rewind(s: Any, t_ns: int) -> bool:
 
 
 @kernel
-def velocity_at(s: Any, t_ns: int, axis: int) -> float:
-    """Velocity at t_ns, before the core's, between snapshots; NaN when it is forgotten or was not navigated."""
-    k = s.snapped - 1
-    oldest = max(0, s.snapped - SNAPSHOTS)
+def velocity_at(s: Any, snapped: int, t_ns: int, axis: int) -> float:
+    """Velocity at t_ns, between `snapped` snapshots and the core; NaN when it is forgotten or was not navigated."""
+    k = snapped - 1
+    oldest = max(0, snapped - SNAPSHOTS)
     after_ns, after = s.core[0].t_ns, s.core[0].v[axis]
     while k >= oldest and s.snapshots[k % SNAPSHOTS].t_ns > t_ns:
         after_ns, after = s.snapshots[k % SNAPSHOTS].t_ns, s.snapshots[k % SNAPSHOTS].v[axis]
@@ -74,26 +74,34 @@ def velocity_at(s: Any, t_ns: int, axis: int) -> float:
     if k < oldest or s.snapshots[k % SNAPSHOTS].phase != NAVIGATING:
         return math.nan
     before = s.snapshots[k % SNAPSHOTS]
+    if before.t_ns == t_ns:
+        return float(before.v[axis])
     share = (t_ns - before.t_ns) / (after_ns - before.t_ns)
     return float(before.v[axis] + share * (after - before.v[axis]))
 
 
 @kernel
-def trace_velocity(s: Any) -> None:
-    """Straight line through the velocities of the last moments, as long as the velocity's lateness is uncertain.
+def trace_velocity(s: Any, snapped: int) -> None:
+    """Straight line through the velocities about now, as long as the velocity's lateness is uncertain, either way.
 
-    And its misfit: a parabola's, where that is shorter than what is between snapshots.
+    And its misfit: a parabola's, where that is shorter than what is between snapshots. What comes after now is known
+    from the `snapped` snapshots that there were before the rewind; where there were none, the last moments must do.
     """
     c = s.core[0]
     late2 = variance(c, LATENCY) + 2.0 * c.P[packed_index(STATES, LATENCY, LAG)] + variance(c, LAG)
     span = max(math.sqrt(max(late2, 0.0)), 1e-9 * SNAPSHOT_NS)
     share = late2 / span**2
+    newest_ns = max(c.t_ns, s.snapshots[(snapped - 1) % SNAPSHOTS].t_ns if snapped > 0 else c.t_ns)
+    ahead = min(1e-9 * (newest_ns - c.t_ns), span)
+    last_ns, span_ns = c.t_ns + int(1e9 * ahead), int(1e9 * span)
     for i in range(3):
-        v1 = velocity_at(s, c.t_ns - int(1e9 * span), i)
-        v2 = velocity_at(s, c.t_ns - int(2e9 * span), i)
-        known = math.isfinite(v1) and math.isfinite(v2)
-        c.trend[i] = (c.v[i] - v1) / span if known else 0.0
-        c.bend[i] = 0.5 * share * (c.v[i] - 2.0 * v1 + v2) if known else UNKNOWN_ACCEL * span
+        v0 = velocity_at(s, snapped, last_ns, i)
+        v1 = velocity_at(s, snapped, last_ns - span_ns, i)
+        v2 = velocity_at(s, snapped, last_ns - 2 * span_ns, i)
+        known = math.isfinite(v0) and math.isfinite(v1) and math.isfinite(v2)
+        curve = v0 - 2.0 * v1 + v2
+        c.trend[i] = (v0 - v2 + (1.0 - ahead / span) * curve) / (2.0 * span) if known else 0.0
+        c.bend[i] = 0.5 * share * curve if known else UNKNOWN_ACCEL * span
 
 
 @kernel

@@ -146,6 +146,7 @@ CORE = np.dtype(
         ("pull", "<f8", (STATES, 2 * MOMENTS)),  # of the estimate, per m/s, north and east for each moment
         ("held", "<f8", (2,)),  # latitude and longitude that the receiver told last
         ("held_ns", "<i8"),  # and since when
+        ("surveyed", "<i8"),  # their epochs are a survey's, not confirmed yet
         ("contrary", "<i8"),  # fixes in a row whose velocity was rejected
         ("doubt", "<f8", (3,)),  # m^2, beyond P: how far the fixes were that the filter gave in to, fading
         ("lost", "<f8"),  # times that the filter gave in to contradicting fixes, fading

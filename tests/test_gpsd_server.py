@@ -88,9 +88,10 @@ def test_answers(loop, request_, classes):
     assert client.classes() == classes
 
 
-def test_an_own_request_is_answered_anew_ten_times_a_second_at_most(loop):
+def test_an_own_request_is_answered_anew_ten_times_a_second_at_most(make_loop):
     made = []
-    loop.server._own = {"STATUS": lambda: made.append(loop.now) or f'{{"class":"STATUS","made":{len(made)}}}'}
+    status = lambda: made.append(loop.now) or f'{{"class":"STATUS","made":{len(made)}}}'  # noqa: E731
+    loop = make_loop(own={"STATUS": status})
     client = loop.connect()
     client.receive()
     for _ in range(30):

@@ -65,8 +65,7 @@ def run(args: argparse.Namespace) -> int:
 def _check(settings: Settings) -> None:
     """What the daemon would refuse before it touches a device. Raises ConfigError, UsageError."""
     from ..configuration import choices
-    from ..outputs.gpsd import addresses_of
-    from ..outputs.listen import parse_path
+    from ..outputs.listen import addresses_of, parse_path
 
     real = tuple(text for text in settings.ports if not text.startswith(simulated.SCHEME))
     choices.ports(msgspec.structs.replace(settings, ports=real))

@@ -8,7 +8,8 @@ from imud.configuration.settings import Settings
 
 from .binary import BinaryOutputs
 from .chrony import ChronyOutput
-from .gpsd import GpsdServer, Poller
+from .door import Poller
+from .gpsd import GpsdServer
 from .nmea import NmeaOutput
 from .view import View
 

@@ -12,7 +12,7 @@ from imud.configuration.settings import Settings
 from imud.estimators.records import SOLUTION
 from imud.kernels.system import CLOCK_MONOTONIC, CLOCK_REALTIME, clock_ns, records
 
-from .gpsd import Poller
+from .door import Poller
 from .shared_memory import WORD, SharedMemory, write
 from .stream import CLIENT, StreamServer, send_all
 

@@ -11,17 +11,14 @@ import select
 import socket
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Protocol
 
 from imud.configuration.settings import Gpsd
-from imud.errors import ConfigError
 
 from .connection import NEVER_NS, SECOND_NS, Connection
+from .door import Door, Poller, TurnedAwayError
 from .gpsd_dialogue import (
     NO_DESCRIPTORS,
     TOO_MANY,
-    Answer,
     Policy,
     Request,
     answer,
@@ -31,24 +28,15 @@ from .gpsd_dialogue import (
 )
 from .gpsd_json import Report
 from .gpsd_objects import line
-from .listen import EXHAUSTED, Address, Reserve, is_local, listen, parse_address, shown_address
+from .gpsd_own import FRESH_NS, OwnRequests
+from .listen import addresses_of
 from .nmea_sentences import sentences
 from .view import Device, View
 
-PORT = 2947
 _EVENTS_PER_WAKEUP = 4
 _STUCK_NS = 60 * SECOND_NS  # nothing read by the client
 _SILENT_NS = 60 * SECOND_NS  # nothing asked since connecting; as gpsd
 _POLLING_NS = 900 * SECOND_NS  # nothing asked, and not watching either; as gpsd
-_FRESH_NS = SECOND_NS // 10  # a view for ?POLL is not older than this
-
-
-class Poller(Protocol):
-    """What the server needs of the loop's poll object; `select.poll()` and level-triggered `select.epoll()` have it."""
-
-    def register(self, fd: int, eventmask: int, /) -> None: ...
-    def modify(self, fd: int, eventmask: int, /) -> None: ...
-    def unregister(self, fd: int, /) -> None: ...
 
 
 @dataclass(slots=True)
@@ -61,18 +49,6 @@ class Counters:
     errors: int = 0  # requests answered with ERROR
     dropped: int = 0  # messages that slow clients lost
     expelled: int = 0  # clients cut off: stuck, silent, or sending rubbish
-
-
-def addresses_of(settings: Gpsd) -> list[Address]:
-    """Where to listen. Raises ConfigError for what is no address, and for what other machines could reach unasked."""
-    addresses = [parse_address(text, PORT) for text in settings.listen.split(",")]
-    for address in addresses:
-        if not settings.allow_remote and not is_local(address):
-            raise ConfigError(
-                f"refusing to listen on {address.text}: other machines could connect, and the protocol knows no "
-                "password; listen on 127.0.0.1, or set gpsd.allow_remote = true"
-            )
-    return addresses
 
 
 class GpsdServer:
@@ -92,43 +68,29 @@ class GpsdServer:
         """
         self.counters = Counters()
         self.settings = settings
-        self._own = own or {}
-        self._orders = orders or {}
-        self._own_answers: dict[str, tuple[int, str]] = {}
+        self._own = OwnRequests(own or {}, orders or {})
         self._poller = poller
-        self._listeners: dict[int, socket.socket] = {}
-        self._reserve = Reserve()
+        self._door = Door(addresses_of(settings), poller, line(error_object(NO_DESCRIPTORS)))
         self._clients: dict[int, Connection] = {}
         self._view = View()
         self._report: Report | None = None
         self._sentences = b""  # the view as NMEA, once somebody wants it
         self._due_ns = NEVER_NS  # earliest time that a client wants a message
         self._tick_ns = 0
-        self._published_ns = -_FRESH_NS
+        self._published_ns = -FRESH_NS
         self._wakeup_ns, self._events_left = -1, 0
-        try:
-            self._open()
-        except BaseException:
-            self.close()
-            raise
-
-    def _open(self) -> None:
-        for address in addresses_of(self.settings):
-            sock = listen(address)
-            self._listeners[sock.fileno()] = sock
-            self._poller.register(sock.fileno(), select.POLLIN)
 
     @property
     def addresses(self) -> tuple[str, ...]:
         """Where it listens, with real port numbers."""
-        return tuple(shown_address(sock) for sock in self._listeners.values())
+        return self._door.addresses
 
     @property
     def clients(self) -> int:
         return len(self._clients)
 
     def __contains__(self, fd: int) -> bool:
-        return fd in self._clients or fd in self._listeners
+        return fd in self._clients or fd in self._door
 
     def next_deadline(self) -> int | None:
         """When `tick` wants to be called at the latest; None while there is nothing to look after."""
@@ -138,19 +100,12 @@ class GpsdServer:
         """End all connections and stop listening."""
         for client in list(self._clients.values()):
             self._remove(client)
-        for fd, sock in self._listeners.items():
-            self._poller.unregister(fd)
-            if sock.family == socket.AF_UNIX:
-                with contextlib.suppress(OSError):
-                    Path(sock.getsockname()).unlink()
-            sock.close()
-        self._listeners.clear()
-        self._reserve.close()
+        self._door.close()
 
     @property
     def due_ns(self) -> int:
         """When a view is worth making: some client's message is due, or the one kept for ?POLL is old."""
-        return min(self._due_ns, self._published_ns + _FRESH_NS)
+        return min(self._due_ns, self._published_ns + FRESH_NS)
 
     def publish(self, view: View, now_ns: int) -> None:
         """Give the newest view; clients whose next message is due get it."""
@@ -181,8 +136,8 @@ class GpsdServer:
         self._events_left -= 1
         if self._events_left < 0:
             return
-        if listener := self._listeners.get(fd):
-            self._accept(listener, now_ns)
+        if fd in self._door:
+            self._accept(fd, now_ns)
         elif client := self._clients.get(fd):
             self._converse(client, mask, now_ns)
 
@@ -191,8 +146,7 @@ class GpsdServer:
         if now_ns < self._tick_ns:
             return
         self._tick_ns = now_ns + SECOND_NS
-        for listener in self._listeners.values():
-            self._poller.modify(listener.fileno(), select.POLLIN)
+        self._door.tick()
         for client in list(self._clients.values()):
             client.renew_allowance()
             if self._has_overstayed(client, now_ns):
@@ -206,16 +160,13 @@ class GpsdServer:
         patience = _POLLING_NS if client.ever_asked else _SILENT_NS
         return not client.policy.enable and now_ns - client.asked_ns > patience
 
-    def _accept(self, listener: socket.socket, now_ns: int) -> None:
+    def _accept(self, fd: int, now_ns: int) -> None:
         try:
-            sock, _ = listener.accept()
-        except OSError as error:
-            if error.errno not in EXHAUSTED:
-                return
-            if self._reserve.turn_away(listener, line(error_object(NO_DESCRIPTORS))):
-                self.counters.refused += 1
-            else:
-                self._poller.modify(listener.fileno(), 0)  # until the next tick: poll would say it again at once
+            sock = self._door.let_in(fd)
+        except TurnedAwayError:
+            self.counters.refused += 1
+            return
+        if sock is None:
             return
         if len(self._clients) >= self.settings.max_clients:
             self.counters.refused += 1
@@ -251,34 +202,15 @@ class GpsdServer:
         else:
             self._settle(client)
 
-    def _own_answer(self, command: str, now_ns: int) -> str:
-        """Made at most ten times a second, however many ask however often: it may be costly."""
-        made_ns, text = self._own_answers.get(command, (-_FRESH_NS, ""))
-        if now_ns - made_ns >= _FRESH_NS:
-            made_ns, text = now_ns, self._own[command]()
-            self._own_answers[command] = made_ns, text
-        return text
-
     def _answer(self, client: Connection, request: Request, now_ns: int) -> bytes:
-        if request.argument is None and request.command in self._own:
-            answered = Answer((self._own_answer(request.command, now_ns),), client.policy)
-        elif request.argument is not None and request.command in self._orders:
-            answered = self._obey(client, request, request.argument)
-        else:
-            answered = answer(request, client.policy, self._reported())
+        answered = self._own.answer(request, client, now_ns)
+        answered = answered or answer(request, client.policy, self._reported())
         self.counters.requests += 1
         self.counters.errors += answered.refused
         if answered.policy is not client.policy:
             client.watch(answered.policy)
             self._reschedule()
         return line(*answered.objects)
-
-    def _obey(self, client: Connection, request: Request, argument: bytes) -> Answer:
-        if not client.trusted:
-            refusal = error_object(f"{request.command} only by a client on this machine that says nothing else")
-            return Answer((refusal,), client.policy, refused=True)
-        self._own_answers.pop(request.command, None)
-        return Answer((self._orders[request.command](argument),), client.policy)
 
     def _announce(self, before: tuple[Device, ...], after: tuple[Device, ...], now_ns: int) -> None:
         """Tell those who watch which devices went and which came."""

@@ -1,6 +1,5 @@
 """Listening sockets: addresses as users write them, which of them are safe to open, and who holds one that is taken."""
 
-import contextlib
 import errno
 import ipaddress
 import os
@@ -10,10 +9,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from imud.configuration.settings import Gpsd
 from imud.errors import CannotCreateError, ConfigError, PermissionDeniedError
 
+PORT = 2947  # gpsd's
 _BACKLOG = 128
-EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)  # nobody can be let in now
 _LISTENING = "0A"  # TCP_LISTEN in /proc/net/tcp
 
 
@@ -49,6 +49,18 @@ def parse_address(text: str, default_port: int) -> Address:
         raise ConfigError(f"{text!r} is no address: the highest port is 65535")
     family, host = _resolve(match["v6"] or match["host"] or "0.0.0.0", text)
     return Address(_shown(host, port), family, (host, port))
+
+
+def addresses_of(settings: Gpsd) -> list[Address]:
+    """Where to listen. Raises ConfigError for what is no address, and for what other machines could reach unasked."""
+    addresses = [parse_address(text, PORT) for text in settings.listen.split(",")]
+    for address in addresses:
+        if not settings.allow_remote and not is_local(address):
+            raise ConfigError(
+                f"refusing to listen on {address.text}: other machines could connect, and the protocol knows no "
+                "password; listen on 127.0.0.1, or set gpsd.allow_remote = true"
+            )
+    return addresses
 
 
 def parse_path(text: str) -> Address:
@@ -114,38 +126,6 @@ def listen(address: Address, kind: socket.SocketKind = socket.SOCK_STREAM) -> so
         sock.close()
         raise _explained(address, error) from error
     return sock
-
-
-class Reserve:
-    """A descriptor kept back. Once none is left, it lets in who would wait for an answer, and sends them away."""
-
-    def __init__(self) -> None:
-        self._fd = -1
-        self._keep()
-
-    def _keep(self) -> None:
-        with contextlib.suppress(OSError):
-            self._fd = os.open("/dev/null", os.O_RDONLY | os.O_CLOEXEC)
-
-    def turn_away(self, listener: socket.socket, farewell: bytes) -> bool:
-        """End the connection of who waits first, with these last words; False: not even that is possible."""
-        self.close()
-        try:
-            sock, _ = listener.accept()
-        except OSError:
-            return False
-        else:
-            with sock, contextlib.suppress(OSError):
-                sock.send(farewell, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
-            return True
-        finally:
-            self._keep()
-
-    def close(self) -> None:
-        """Give it up."""
-        if self._fd >= 0:
-            os.close(self._fd)
-        self._fd = -1
 
 
 def shown_address(sock: socket.socket) -> str:

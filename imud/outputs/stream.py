@@ -4,10 +4,8 @@ One record per message (layout: `imud.client.FIELDS`). A client that does not re
 numbers tell it, and is cut off after a while; nobody waits for it. Sending is compiled, connecting is not.
 """
 
-import contextlib
 import select
 import socket
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +16,8 @@ from imud.kernels.jit import kernel
 from imud.kernels.system import EAGAIN, errno, send
 
 from .connection import SECOND_NS
-from .gpsd import Poller
-from .listen import EXHAUSTED, Reserve, listen, parse_path
+from .door import Door, Poller, TurnedAwayError
+from .listen import parse_path
 
 _STUCK_NS = 60_000_000_000
 _SEND_BUFFER = 256 * 1024
@@ -66,13 +64,11 @@ class StreamServer:
         self._publisher = publisher
         self._poller = poller
         self._look_ns = 0
-        self._reserve = Reserve()
         self._sockets: list[socket.socket] = []
         self._clients = np.zeros(settings.max_clients, CLIENT)  # in the same order
         publisher["clients"] = self._clients.ctypes.data
-        self._listener = listen(parse_path(settings.listen), socket.SOCK_SEQPACKET) if settings.listen else None
-        if self._listener:
-            poller.register(self._listener.fileno(), select.POLLIN)
+        addresses = [parse_path(settings.listen)] if settings.listen else []
+        self._door = Door(addresses, poller, b"", socket.SOCK_SEQPACKET)
 
     @property
     def clients(self) -> int:
@@ -88,13 +84,13 @@ class StreamServer:
         return next((i for i, sock in enumerate(self._sockets) if sock.fileno() == fd), -1)
 
     def __contains__(self, fd: int) -> bool:
-        return self._index(fd) >= 0 or (self._listener is not None and fd == self._listener.fileno())
+        return self._index(fd) >= 0 or fd in self._door
 
     def on_event(self, fd: int) -> None:
         """Somebody connects, asks for another divisor, or goes."""
         i = self._index(fd)
         if i < 0:
-            self._accept()
+            self._accept(fd)
             return
         try:
             request = self._sockets[i].recv(64)
@@ -112,19 +108,17 @@ class StreamServer:
         if now_ns < self._look_ns:
             return
         self._look_ns = now_ns + SECOND_NS
-        if self._listener:
-            self._poller.modify(self._listener.fileno(), select.POLLIN)
+        self._door.tick()
         for i in reversed(range(len(self._sockets))):
             if (stuck_ns := self._clients[i]["stuck_ns"]) and now_ns - stuck_ns > _STUCK_NS:
                 self._remove(i)
 
-    def _accept(self) -> None:
-        assert self._listener is not None
+    def _accept(self, fd: int) -> None:
         try:
-            sock, _ = self._listener.accept()
-        except OSError as error:
-            if error.errno in EXHAUSTED and not self._reserve.turn_away(self._listener, b""):
-                self._poller.modify(self._listener.fileno(), 0)  # until the next look: poll would say it again at once
+            sock = self._door.let_in(fd)
+        except TurnedAwayError:
+            return
+        if sock is None:
             return
         if len(self._sockets) >= len(self._clients):
             sock.close()
@@ -145,12 +139,6 @@ class StreamServer:
 
     def close(self) -> None:
         """End all connections and remove the socket."""
-        self._reserve.close()
         while self._sockets:
             self._remove(0)
-        if self._listener:
-            self._poller.unregister(self._listener.fileno())
-            with contextlib.suppress(OSError):
-                Path(self._listener.getsockname()).unlink()
-            self._listener.close()
-            self._listener = None
+        self._door.close()

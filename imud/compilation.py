@@ -26,8 +26,9 @@ from .daemon.cycle import Cycle
 from .estimators import Estimator
 from .estimators.records import FIX, SOLUTION
 from .outputs.binary import BinaryOutputs
-from .pipeline import Filter, Stream, decoding
+from .pipeline import Filter, Stream
 from .sensors.health import shown
+from .stages import decoding
 
 _MADV_DONTNEED, _PR_SET_PDEATHSIG = 4, 1
 _RATE_HZ, _PERIOD_NS = 1000.0, 1_000_000

@@ -23,8 +23,9 @@ from imud.daemon.cycle import FAILED, SHOW, Cycle, _turn
 from imud.estimators import registry
 from imud.kernels.jit import interpreted
 from imud.outputs.binary import BinaryOutputs
-from imud.pipeline import BATCH, Filter, Stream
+from imud.pipeline import Filter, Stream
 from imud.sensors.tap import READ
+from imud.stages import BATCH
 
 WIRE = signals.frames(2000).tobytes()
 NEVER_NS = (1 << 63) - 1

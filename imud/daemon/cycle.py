@@ -16,7 +16,8 @@ from drivers.transport.serial import CHUNK
 
 from ..kernels.system import CLOCK_MONOTONIC, clock_ns, ppoll, read
 from ..outputs.binary import BinaryOutputs, publish
-from ..pipeline import RX, STREAM, Records, Stream, ingest
+from ..pipeline import Stream
+from ..stages import RX, STREAM, Records, ingest
 
 CYCLE = np.dtype(
     [

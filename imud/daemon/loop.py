@@ -18,12 +18,12 @@ from ..configuration.config import adopt
 from ..configuration.settings import Settings
 from ..errors import ImudError
 from ..outputs.all import Outputs
-from ..pipeline import BATCH
 from ..process import garbage, realtime, runtime
 from ..process.notify import Notifier
 from ..process.signals import caught, endings
 from ..recording.control import Recordings
 from ..sensors.inertial import Inertial
+from ..stages import BATCH
 from .account import Account
 from .cycle import FAILED, SHOW, Cycle
 from .delivery import Delivery

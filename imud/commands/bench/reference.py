@@ -69,11 +69,11 @@ def to_c(filter_: Filter, folder: Path) -> None:
     """Replace the kernels of a filter, for samples and for fixes, by C. Raises NoReferenceError."""
     c = translator()
     unit = c.Translation()
-    kernel, recorder = filter_._feed, _Recorder(0)
-    filter_._feed = recorder
+    kernel, recorder = filter_.stages.feed, _Recorder(0)
+    filter_.stages.feed = recorder
     filter_.run(np.zeros(1, SAMPLE), np.zeros(1, SOLUTION))
     unit.function(kernel, _kinds(c, unit, recorder.arguments), exported="feed")
-    filter_._feed = partial(call, build(unit.source, folder).feed)
+    filter_.stages.feed = partial(call, build(unit.source, folder).feed)
 
 
 def stream_source(stream: Stream) -> tuple[str, bytes]:
@@ -87,7 +87,7 @@ def stream_source(stream: Stream) -> tuple[str, bytes]:
     parts: dict[str, tuple[Any, tuple[Any, ...]]] = {
         "decode": (s.decode, (s.rx, "fill + received", s.decoder, s.samples)),
         "advance": (
-            f.each,
+            f.stages.each,
             (s.samples, "n", "arrival_ns", s.clock, f.health, f.correction, f.parameters, f.state, s.solutions),
         ),
     }

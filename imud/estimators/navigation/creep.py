@@ -32,6 +32,7 @@ FIRST_WEIGHT, RESTLESS_MEMORY = 5.0, 0.05  # windows; per window
 def forget_creep(c: Any) -> None:
     """Begin anew, with the receiver trusted."""
     c.creeping = 0
+    c.seemed = 0.0
     for j in range(MOMENTS):
         c.since_ns[j] = NEVER_NS
 
@@ -141,7 +142,13 @@ def put_back(c: Any, j: int, found: Any) -> None:
 
 @kernel
 def learn_restlessness(c: Any, seen: float) -> None:
-    """A receiver that has not been found to creep has seemed to, by `seen` times the variance expected."""
+    """A receiver that has not been found to creep has seemed to, by `seen` times the variance expected.
+
+    What was seen the time before is learned: what is seen now may yet be found to be creeping.
+    """
+    seen, c.seemed = c.seemed, seen
+    if not seen > 0.0:
+        return
     c.supposed += 1
     share = max(RESTLESS_MEMORY, 1.0 / (FIRST_WEIGHT + c.supposed))
     c.restless = max(c.restless + share * (min(seen, RESTLESS[2]) - c.restless), RESTLESS[0])

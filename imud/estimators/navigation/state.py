@@ -139,6 +139,7 @@ CORE = np.dtype(
         ("creeping", "<i8"),  # the receiver has been found to
         ("restless", "<f8"),  # square of its wander as it has seemed, over that reported
         ("supposed", "<i8"),  # times that was learned
+        ("seemed", "<f8"),  # the same of the last moment that passed, to be learned with the next
         ("since_ns", "<i8", (MOMENTS,)),  # from when it may have crept
         ("supposed_n", "<i8", (MOMENTS,)),  # innovations since
         ("evidence_creep", "<f8", (MOMENTS, 2)),  # s/m, of a velocity north and east

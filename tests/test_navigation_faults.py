@@ -109,15 +109,18 @@ def test_parked_positions_that_creep_are_refused_though_the_receiver_tells_no_sp
 
 @pytest.mark.parametrize("speed", [1.0, 3.0])
 def test_positions_that_creep_from_a_car_are_refused_though_the_receiver_tells_no_speed(speed):
-    for seed in range(2):
+    worst = []
+    for seed in range(6):
         samples, fixes = data(seed)
         fixes["speed"] = fixes["course"] = np.nan
         out, _, _ = navigate(samples, moved(fixes, 100.0, 140.0, 0.0, per_second=speed))
         p, sigmas = surprise(D, out, 100.0)
         assert p.max() < 18.0  # followed, it would be 40 and 120 m
-        assert sigmas.max() < 7.0
+        worst.append(sigmas.max())
         assert (out["status"][at(120.0) : at(140.0)] & REJECTING).all()
         assert not (out["status"][at(142.0) :] & REJECTING).any()
+    assert np.mean(worst) < 5.0
+    assert max(worst) < 9.0
 
 
 def test_what_creeping_would_do_to_the_estimate_is_foretold():

@@ -1,28 +1,29 @@
-"""Before the heading is known: position and velocity are the receiver's, and every fix helps to find the heading."""
+"""Before the heading is known: position and velocity are followed as the receiver shows them, its antenna's at the
+fixes' own time (see `alignment.refer`), by the filter that navigates later, and every fix helps to find the heading."""
 
 import math
 from typing import Any
 
 from ...kernels.earth import STANDARD_GRAVITY
 from ...kernels.jit import kernel
-from ...kernels.kalman import reset
+from ...kernels.kalman import reset, shear
 from .alignment import HORIZON_S, engage, find_heading
 from .correction import predicted
 from .covariance import WANDER_S, deviation, variance
 from .fix_matching import levelled, pair, vertical_bias
-from .gnss import slowness2, velocity_of
+from .gnss import doubt_place, slowness2, velocity_of
 from .hypotheses import likely, turned
 from .matching import TIME, ZETA, times, unit
 from .motion import REST_SPEED, WINDOW_S
 from .non_holonomic import witness
-from .state import ATTITUDE, POSITION, STATES, VELOCITY
+from .state import ATTITUDE, POSITION, STATES, VELOCITY, WANDER
 from .strapdown import way
 from .whitening import SPEED, velocity
 
-UNKNOWN_POSITION, UNKNOWN_HEIGHT = 100.0, 1000.0  # m
-UNKNOWN_SPEED = 5.0  # m/s
-UNKNOWN_CLIMB = 1.0
-RECEIVED_SPEED = 0.3
+UNKNOWN_HEIGHT = 1000.0  # m
+UNKNOWN_SPEED, UNKNOWN_CLIMB = 30.0, 1.0  # m/s
+RECEIVED_SPEED = 0.3  # m/s
+FELT_SPEED = 5.0  # m/s, at most, of a velocity that positions and what was felt since have told
 SURE = 3.0  # times its sigma, a speed seen in positions is no noise
 
 
@@ -59,15 +60,20 @@ def seen_speed(c: Any, lat: float, lon: float) -> float:
 
 
 @kernel
-def bear_witness(p: Any, c: Any, known: bool) -> None:
-    """Let the fix's velocity tell of the axis, in the level frame; from positions it is that of a moment ago."""
-    drift2 = predicted(c, vertical_bias(c)) * HORIZON_S**2
+def bear_witness(p: Any, c: Any, vn: float, ve: float) -> None:
+    """Let the velocity of a fix (NaN: it told none) tell of the vehicle's axis, in the level frame.
+
+    One that is seen in positions is exact, but that of a moment ago.
+    """
     noise = c.white_speed
-    if not known:
-        dt = c.slope[2]
+    if not (math.isfinite(vn) and math.isfinite(ve)):
+        vn, ve, dt = c.slope[0], c.slope[1], c.slope[2]
+        if not dt > 0.0 or c.mark_ns != c.t_ns:
+            return
         turned = 0.5 * dt * (abs(c.rate[0]) + abs(c.rate[1]) + abs(c.rate[2]))
-        noise = 2.0 * c.white[0] / dt**2 + turned**2 * (c.v[0] ** 2 + c.v[1] ** 2)
-    witness(p, c, noise, drift2, 0.0)
+        noise = 2.0 * c.white[0] / dt**2 + turned**2 * (vn**2 + ve**2)
+    drift2 = predicted(c, vertical_bias(c)) * HORIZON_S**2
+    witness(p, c, (vn, ve, 0.0), noise, drift2)
 
 
 @kernel
@@ -83,41 +89,45 @@ def take_velocity(c: Any, b: Any) -> None:
     )
     for i in range(2):
         c.v[i] = b.followed[k, SPEED, 0, i] + felt[i]
-        reset(c.P, STATES, VELOCITY + i, min(r, UNKNOWN_SPEED**2))
+        reset(c.P, STATES, VELOCITY + i, min(r, FELT_SPEED**2))
 
 
 @kernel
-def place(p: Any, c: Any, b: Any, fix: Any) -> None:
-    """Put the core on the fix; begin to navigate when roll, pitch and heading are known."""
+def place(p: Any, c: Any, fix: Any) -> None:
+    """Put the core on the fix: all that is known of the place is what it says, and how far receivers wander."""
+    vn, ve = velocity_of(fix, 0), velocity_of(fix, 1)
+    known = math.isfinite(vn) and math.isfinite(ve)
     c.lat, c.lon = fix.lat, fix.lon
+    c.v[0], c.v[1], c.v[2] = vn if known else 0.0, ve if known else 0.0, 0.0
     guess = 0.0  # sigma of a height that the fix does not tell: of the last one, if there was one
     if math.isfinite(fix.height):
         c.height = fix.height
     else:
         guess = min(max(deviation(c, POSITION + 2), c.reported[1]), UNKNOWN_HEIGHT)
+    for i in range(3):
+        speed = UNKNOWN_CLIMB if i == 2 else RECEIVED_SPEED if known else UNKNOWN_SPEED
+        reset(c.P, STATES, VELOCITY + i, speed**2)
+        reset(c.P, STATES, POSITION + i, c.white[i // 2] if i < 2 or guess == 0.0 else guess**2)
+        reset(c.P, STATES, WANDER + i, c.reported[i // 2] ** 2)
+        c.wander[i] = 0.0
+        if i < 2 or guess == 0.0:
+            shear(c.P, STATES, POSITION + i, WANDER + i, -1.0)
+    doubt_place(p, c)
+    c.fix_ns = c.t_ns
+
+
+@kernel
+def acquire(p: Any, c: Any, b: Any, fix: Any) -> None:
+    """Learn from a fix, before it is fused, what the heading is; begin to navigate when that is known."""
     vn, ve = velocity_of(fix, 0), velocity_of(fix, 1)
     pair(c, b, fix.lat, fix.lon, vn, ve, slowness2(fix))
-    known = math.isfinite(vn) and math.isfinite(ve)
     if not math.isfinite(c.fix_speed):
         c.fix_speed = seen_speed(c, fix.lat, fix.lon)
-    if not known and c.slope[2] > 0.0:
-        vn, ve = c.slope[0], c.slope[1]
-    moving = known or c.slope[2] > 0.0
-    c.v[0] = vn if moving else 0.0
-    c.v[1] = ve if moving else 0.0
-    c.v[2] = 0.0
-    if known or (moving and c.mark_ns == c.t_ns):
-        bear_witness(p, c, known)
-    arm2 = p.lever[0] ** 2 + p.lever[1] ** 2 + p.lever[2] ** 2
-    for i in range(3):
-        sigma = c.reported[0] if i < 2 else max(guess, c.reported[1])
-        reset(c.P, STATES, POSITION + i, sigma * sigma + arm2)
-        reset(c.P, STATES, VELOCITY + i, (RECEIVED_SPEED if known else UNKNOWN_SPEED) ** 2)
-    c.fix_ns = c.t_ns
+    bear_witness(p, c, vn, ve)
     if levelled(c) and (c.heading_sigma > 0.0 or find_heading(c, b)):
-        for i in range(3):
-            reset(c.P, STATES, POSITION + i, max(UNKNOWN_POSITION, guess if i == 2 else 0.0) ** 2)
-            reset(c.P, STATES, VELOCITY + i, UNKNOWN_SPEED**2 if i < 2 else UNKNOWN_CLIMB**2)
-        if not known and c.matched_ns == c.t_ns:
+        if math.isfinite(vn) and math.isfinite(ve):  # told in a moment, for a sensor whose heading is known
+            for i in range(2):
+                reset(c.P, STATES, VELOCITY + i, FELT_SPEED**2)
+        elif c.matched_ns == c.t_ns:
             take_velocity(c, b)
         engage(p, c)

@@ -37,7 +37,7 @@ SMOOTH_S = 0.2
 
 @kernel
 def move(p: Any, c: Any, w: Any, f: Any, dt: float) -> None:
-    """Integrate over dt, which is short; while levelling the velocity is the receiver's, not an integral."""
+    """Integrate over dt, which is short; while levelling the velocity is what the fixes tell, not an integral."""
     v0, v1, v2 = c.v[0], c.v[1], c.v[2]
     integrate(c, w, f, dt)
     a = min(1.0 / SMOOTH_S, 1.0 / dt)
@@ -139,7 +139,7 @@ def fill_in(c: Any, sample: Any) -> None:
 
 
 @kernel
-def doubt_turn(c: Any, sample: Any, worst: float, q: float) -> None:
+def doubt_turn(p: Any, c: Any, sample: Any, worst: float, q: float) -> None:
     """Let the attitude's variance grow by q about the axes that show no rate, or the end of their range."""
     m = dcm_of_quat((c.q[0], c.q[1], c.q[2], c.q[3]))
     for axis in range(3):
@@ -149,14 +149,14 @@ def doubt_turn(c: Any, sample: Any, worst: float, q: float) -> None:
                     c.P[packed_index(STATES, ATTITUDE + i, ATTITUDE + k)] += q * m[3 * i + axis] * m[3 * k + axis]
     forget_pairs(c)
     if c.phase == NAVIGATING and variance(c, ATTITUDE + 2) > VAGUE**2:
-        disengage(c)  # neither fixes nor the vehicle's constraint can correct such a heading
+        disengage(p, c)  # neither fixes nor the vehicle's constraint can correct such a heading
         stop(c)
     if max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1)) > LOST_TILT**2:
-        forget_attitude(c)
+        forget_attitude(p, c)
 
 
 @kernel
-def doubt(c: Any, sample: Any, dt: float) -> None:
+def doubt(p: Any, c: Any, sample: Any, dt: float) -> None:
     """Let grow what a sample does not show, or only the beginning of, for as long as that lasts."""
     c.flags = c.flags | SATURATED if sample.flags & BEYOND_RANGE else c.flags & ~SATURATED
     if sample.flags == 0:
@@ -171,7 +171,7 @@ def doubt(c: Any, sample: Any, dt: float) -> None:
         now = max(before + dt, sample.unseen_s) if most > 0.0 else 0.0
         c.blind_s[k] = now
         if most > 0.0 and k == 0:
-            doubt_turn(c, sample, worst_w, most**2 * (now**2 - before**2))
+            doubt_turn(p, c, sample, worst_w, most**2 * (now**2 - before**2))
         for i in range(3):
             if most > 0.0 and k == 1:
                 grow(c, VELOCITY + i, most**2 * (now**2 - before**2))
@@ -190,11 +190,11 @@ def advance(p: Any, c: Any, sample: Any) -> None:
         fill_in(c, sample)
     gather(c, sample.w, sample.f)
     carry(p, c, sample.t_ns, sample.w, sample.f)
-    doubt(c, sample, dt)
+    doubt(p, c, sample, dt)
     if blind:
         clear(c)
     if c.blind_s[0] > LOST_S and sample.flags & NO_RATE:
-        forget_attitude(c)
+        forget_attitude(p, c)
     share = min(dt * (1.0 / SMOOTH_S), 1.0)
     for i in range(3):
         c.rate[i] += share * (c.w[i] - c.bg[i] - c.rate[i])

@@ -7,16 +7,26 @@ import math
 from typing import Any
 
 from ...kernels.jit import kernel
-from ...kernels.kalman import reset, shear
-from ...kernels.rotation import quat_of_gravity
+from ...kernels.kalman import reset, shear, shear3
+from ...kernels.rotation import quat_of_gravity, quat_rotate
 from .correction import correct, predicted, take, turn_tilt
-from .covariance import doubt_turn_scale, grow, predict
+from .covariance import doubt_turn_scale, grow, predict, variance
 from .creep import forget_creep
 from .fix_matching import forget_pairs, vertical_bias
 from .non_holonomic import stop, turn_witnesses
 from .posterior import believe, solve
-from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LEVELLING, NAVIGATING, STATES, WANDER
-from .strapdown import rotate
+from .state import (
+    ACCEL_BIAS,
+    ATTITUDE,
+    GYRO_BIAS,
+    LATENCY,
+    LEVELLING,
+    NAVIGATING,
+    POSITION,
+    STATES,
+    VELOCITY,
+)
+from .strapdown import displace, rotate
 
 READY = math.radians(10.0), math.radians(11.0)  # with a receiver that tells its velocity, and without: that cannot wait
 HORIZON_S = 10.0  # for which the heading has to stay known
@@ -67,6 +77,25 @@ def adopt(c: Any, found: Any) -> bool:
 
 
 @kernel
+def refer(p: Any, c: Any, sign: float) -> None:
+    """From the antenna at the fixes' own time, which is followed while levelling, to the sensor now; back with -1.
+
+    What the fixes' latency is not known by is no error there, as all comes from the same fixes.
+    """
+    arm = quat_rotate((c.q[0], c.q[1], c.q[2], c.q[3]), (p.lever[0], p.lever[1], p.lever[2]))
+    arm2 = p.lever[0] ** 2 + p.lever[1] ** 2 + p.lever[2] ** 2
+    late2 = variance(c, LATENCY)
+    n, e, d = sign * arm[0], sign * arm[1], sign * arm[2]
+    displace(c, -n, -e, -d)
+    shear3(c.P, STATES, POSITION, ATTITUDE, 0.0, -d, e)
+    shear3(c.P, STATES, POSITION + 1, ATTITUDE, d, 0.0, -n)
+    shear3(c.P, STATES, POSITION + 2, ATTITUDE, -e, n, 0.0)
+    for i in range(3):
+        shear(c.P, STATES, POSITION + i, LATENCY, sign * c.v[i])
+        grow(c, VELOCITY + i, late2 * c.accel[i] ** 2 + arm2 * c.rate[i] ** 2)
+
+
+@kernel
 def engage(p: Any, c: Any) -> None:
     """Begin to navigate, at the position and velocity in hand, with the heading in hand and its sigma."""
     predict(p, c)
@@ -75,42 +104,44 @@ def engage(p: Any, c: Any) -> None:
     for k in range(vertical_bias(c)):
         shear(c.P, STATES, ATTITUDE + 2, c.columns[k], -c.heading_age * c.values[k])
     c.heading_age = 0.0
+    if c.phase == LEVELLING:
+        refer(p, c, 1.0)
     c.phase = NAVIGATING
     forget_creep(c)
     forget_pairs(c)
 
 
 @kernel
-def disengage(c: Any) -> None:
+def disengage(p: Any, c: Any) -> None:
     """Back to levelling with the heading unknown, and all else as it is."""
+    if c.phase == NAVIGATING:
+        refer(p, c, -1.0)
     c.phase = LEVELLING
     c.heading_sigma = 0.0
     reset(c.P, STATES, ATTITUDE + 2, math.pi**2)
+    forget_creep(c)
 
 
 @kernel
-def forget_attitude(c: Any) -> None:
+def forget_attitude(p: Any, c: Any) -> None:
     """Back to levelling: nothing is known of roll, pitch and heading."""
-    c.phase = LEVELLING
-    c.heading_sigma = 0.0
+    disengage(p, c)
     stop(c)
     forget_pairs(c)
     q = quat_of_gravity(c.f[0], c.f[1], c.f[2] - 1e-3)
     c.q[0], c.q[1], c.q[2], c.q[3] = q
-    for i in range(3):
-        reset(c.P, STATES, ATTITUDE + i, LOST_TILT**2 if i < 2 else math.pi**2)
+    for i in range(2):
+        reset(c.P, STATES, ATTITUDE + i, LOST_TILT**2)
 
 
 @kernel
 def forget_heading(p: Any, c: Any) -> None:
     """Back to levelling: the heading was wrong, and what was learned with it."""
-    forget_attitude(c)
+    forget_attitude(p, c)
     for i in range(3):
         c.bg[i] = 0.0
         c.ba[i] = 0.0
-        c.wander[i] = 0.0
         c.turn_scale[i] = 0.0
         reset(c.P, STATES, GYRO_BIAS + i, p.gyro_initial**2)
         reset(c.P, STATES, ACCEL_BIAS + i, p.accel_initial**2)
-        reset(c.P, STATES, WANDER + i, c.reported[0 if i < 2 else 1] ** 2)
     doubt_turn_scale(p, c)

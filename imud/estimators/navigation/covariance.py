@@ -46,7 +46,7 @@ NOTABLE_TURN = 1e-3  # rad
 UNEVEN = 0.5  # share of a gyro error in turns about the vertical that its states, constant factors, do not explain
 ALIGNED = 0.35  # misalignment over scale factor (M-G350 sheet: 0.1 deg and 0.5 %)
 SCALE_WALK = 5e-5**2  # 1/s, with temperature
-LEVEL_ACCEL = 2.0  # m/s^2, of a vehicle whose heading is not known yet
+LEVEL_ACCEL, LEVEL_ACCEL_S = 0.3, 1.0  # m/s^2, s: what is not felt of an acceleration in unknown direction; its time
 
 
 @kernel
@@ -136,7 +136,7 @@ def predict(p: Any, c: Any) -> None:
     accel2 = c.accel[0] ** 2 + c.accel[1] ** 2 + c.accel[2] ** 2
     qv = p.accel_psd + SHAKEN_NOISE**2 * c.shaking + c.vibration_accel + p.accel_scale**2 * accel2 * FORCE_SCALE_S
     if c.phase == LEVELLING:
-        qv = LEVEL_ACCEL**2 if not c.flags & AT_REST else 0.0
+        qv = (LEVEL_ACCEL**2 + accel2) * LEVEL_ACCEL_S if not c.flags & AT_REST else 0.0
     else:
         qv += second_order(c, accel2)
         couple(c, dt)

@@ -8,7 +8,7 @@ from drivers.sample import NO_FORCE, NO_RATE, SUSPECT, UNTOLD
 from ...kernels.jit import kernel
 from ...kernels.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
 from ..records import POSITION_N, REJECTING
-from .acquisition import calm_speed, place
+from .acquisition import acquire, calm_speed, place
 from .admission import stuck
 from .alignment import disengage, engage, forget_heading
 from .covariance import doubt_turn_scale, predict, variance
@@ -135,22 +135,27 @@ def fuse(p: Any, c: Any, b: Any, fix: Any, late: float, innovations: Any) -> int
         return report(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
     c.fix_speed = math.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed
     if c.phase == NAVIGATING and variance(c, ATTITUDE + 2) > HEADING_LIMIT**2:
-        disengage(c)
-    if c.phase == LEVELLING:
-        place(p, c, b, fix)
-    elif not math.isfinite(c.fix_speed):
+        disengage(p, c)
+    if c.phase == NAVIGATING and not math.isfinite(c.fix_speed):
         c.fix_speed = calm_speed(c, fix.lat, fix.lon)
     rows = 0
-    if c.phase != LEVELLING:
+    if c.fixes == 0:
+        place(p, c, fix)
+    if c.phase == LEVELLING:
+        acquire(p, c, b, fix)
+    if c.fixes > 0:
         rows = fuse_position(p, c, fix, late, innovations, rows)
-        if abs(late) < STALE_S:
-            rows = fuse_velocity(p, c, fix, late, innovations, rows)
-        c.lost *= 0.98
+    if abs(late) < STALE_S:
+        rows = fuse_velocity(p, c, fix, late, innovations, rows)
+    c.lost *= 0.98
+    right = True
+    if c.phase == NAVIGATING:
         right = supervise(p, c, b, fix)
-        if c.contrary > CONTRARY or c.lost > LOST or not right:
-            c.contrary = 0
-            c.lost = 0.0
+    if c.contrary > CONTRARY or c.lost > LOST or not right:
+        c.contrary = 0
+        c.lost = 0.0
+        if c.phase == NAVIGATING:
             forget_heading(p, c)
-            place(p, c, b, fix)
+        place(p, c, fix)
     c.fixes += 1
     return rows

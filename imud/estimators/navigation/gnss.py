@@ -11,13 +11,13 @@ from ...kernels.earth import radii
 from ...kernels.jit import kernel
 from ...kernels.kalman import packed_index, reset
 from ...kernels.rotation import quat_rotate
-from ..records import POSITION_N, REJECTING, VELOCITY_N
+from ..records import AT_REST, POSITION_N, REJECTING, VELOCITY_N
 from .admission import GATE, admit, admit_height
 from .correction import absorb, correct, predicted, residual, row, take
 from .covariance import grow, variance
 from .creep import forget_creep, look_for_creep
 from .stamps import confirm_stamp
-from .state import ATTITUDE, LAG, LATENCY, POSITION, STATES, VELOCITY, WANDER
+from .state import ATTITUDE, LAG, LATENCY, NAVIGATING, POSITION, STATES, VELOCITY, WANDER
 from .strapdown import cosine, wrapped
 
 UERE = 2.0  # m per HDOP, horizontal
@@ -33,6 +33,7 @@ SECOND_ORDER = 10.0  # m, m/s per rad^2 of heading variance: what the linear mod
 STALE_ACCEL = 1.0  # m/s^2, where a fix is too late for rewinding
 LEVER_SIGMA, SWING_S = 0.03, 1.0  # m, of a lever arm taken by rule; s, of a turn between two fixes
 LATENCY_FLOOR = 0.01  # s per metre of sigma
+LASTING = 0.5  # of a receiver's error, outlasts any wait: no repetition takes it away
 
 
 @kernel
@@ -87,7 +88,7 @@ def position_row(c: Any, lever: Any, i: int) -> int:
     k = row(c, k, ATTITUDE + j, lever[m])
     k = row(c, k, ATTITUDE + m, -lever[j])
     k = row(c, k, WANDER + i, 1.0)
-    return row(c, k, LATENCY, -c.v[i])
+    return row(c, k, LATENCY, -c.v[i] if c.phase == NAVIGATING else 0.0)
 
 
 @kernel
@@ -101,9 +102,31 @@ def report(innovations: Any, n: int, t_ns: int, kind: int, z: float, s: float, u
 
 
 @kernel
+def level_arm(p: Any, c: Any, body: Any) -> tuple[float, float, float]:
+    """A vector of the lever arm (`body`) in NED; none while levelling, where it is the antenna that is followed."""
+    if c.phase != NAVIGATING:
+        return 0.0, 0.0, 0.0
+    return quat_rotate((c.q[0], c.q[1], c.q[2], c.q[3]), body)
+
+
+@kernel
+def bent(c: Any) -> float:
+    """What the linear model leaves out, m or m/s, where an uncertain heading has a part in it."""
+    return float(SECOND_ORDER * variance(c, ATTITUDE + 2)) if c.phase == NAVIGATING else 0.0
+
+
+@kernel
 def swing2(c: Any) -> float:
     """Square of the antenna's velocity, m^2/s^2, that an error of the lever arm has made up in the present turn."""
     return float(LEVER_SIGMA**2 * (c.rate[0] ** 2 + c.rate[1] ** 2 + c.rate[2] ** 2))
+
+
+@kernel
+def doubt_place(p: Any, c: Any) -> None:
+    """The position is never known better than what lasts of the receiver's error, and no better than the lever arm."""
+    arm2 = p.lever[0] ** 2 + p.lever[1] ** 2 + p.lever[2] ** 2 if c.phase != NAVIGATING else 0.0
+    for i in range(3):
+        grow(c, POSITION + i, max(0.0, (LASTING * c.reported[i // 2]) ** 2 + arm2 - variance(c, POSITION + i)))
 
 
 @kernel
@@ -124,8 +147,8 @@ def fuse_position(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
     """Gate and take the position; the fix was true `late` s before the core's time. Height has no veto."""
     z = c.z
     offset(c, fix, z)
-    lever = quat_rotate((c.q[0], c.q[1], c.q[2], c.q[3]), (p.lever[0], p.lever[1], p.lever[2]))
-    extra = (SECOND_ORDER * variance(c, ATTITUDE + 2)) ** 2 + (0.5 * STALE_ACCEL * late * late) ** 2
+    lever = level_arm(p, c, (p.lever[0], p.lever[1], p.lever[2]))
+    extra = bent(c) ** 2 + (0.5 * STALE_ACCEL * late * late) ** 2
     extra += swing2(c) * SWING_S**2
     for i in range(3):
         z[i] += late * c.v[i] - lever[i] - c.wander[i]
@@ -144,13 +167,15 @@ def fuse_position(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
             nis = left * left / s
             absorb(c, m, left, s, i if i < 2 else -1)
             least, most = (0.3 * min(c.reported[i // 2], 0.3)) ** 2, (2.0 * c.reported[i // 2]) ** 2
-            c.white[i // 2] = min(max(c.white[i // 2] + LEARNING * (min(nis, 9.0) - 1.0) * s, least), most)
+            if c.phase == NAVIGATING or c.flags & AT_REST:  # else innovations tell of accelerations
+                c.white[i // 2] = min(max(c.white[i // 2] + LEARNING * (min(nis, 9.0) - 1.0) * s, least), most)
     if level:
         correct(c)
         c.fix_ns = c.t_ns
         confirm_stamp(c)
-        if look_for_creep(c):
+        if c.phase == NAVIGATING and look_for_creep(c):
             correct(c)
+        doubt_place(p, c)
     refused = c.rejected[0] > 0 or c.rejected[1] > 0
     c.flags = c.flags | REJECTING if refused else c.flags & ~REJECTING
     return n
@@ -178,15 +203,12 @@ def slowness2(fix: Any) -> float:
 def fuse_velocity(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: int) -> int:
     """Gate and take the velocity, component by component."""
     w = (c.w[0] - c.bg[0], c.w[1] - c.bg[1], c.w[2] - c.bg[2])
-    q = (c.q[0], c.q[1], c.q[2], c.q[3])
-    arm = quat_rotate(
-        q,
-        (
-            w[1] * p.lever[2] - w[2] * p.lever[1],
-            w[2] * p.lever[0] - w[0] * p.lever[2],
-            w[0] * p.lever[1] - w[1] * p.lever[0],
-        ),
+    swung = (
+        w[1] * p.lever[2] - w[2] * p.lever[1],
+        w[2] * p.lever[0] - w[0] * p.lever[2],
+        w[0] * p.lever[1] - w[1] * p.lever[0],
     )
+    arm = level_arm(p, c, swung)
     slow = fix.speed if not math.isfinite(fix.v[0]) and fix.speed < COURSE_SPEED else 0.0
     rejected = 0
     for i in range(3):
@@ -194,7 +216,7 @@ def fuse_velocity(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
         if not math.isfinite(received):
             continue
         z = received - c.v[i] - arm[i] + (late + c.lag) * c.trend[i]
-        r = c.white_speed + (SECOND_ORDER * variance(c, ATTITUDE + 2)) ** 2 + slow * slow + swing2(c) + c.bend[i] ** 2
+        r = c.white_speed + bent(c) ** 2 + slow * slow + swing2(c) + c.bend[i] ** 2
         m = row(c, 0, VELOCITY + i, 1.0)
         m = row(c, m, LATENCY, -c.trend[i])
         m = row(c, m, LAG, -c.trend[i])

@@ -65,7 +65,7 @@ def learn_axis(p: Any, c: Any) -> None:
         return
     level2 = max(variance(c, VELOCITY), variance(c, VELOCITY + 1))
     climb = c.v[2] * math.sqrt(min(level2 / variance(c, VELOCITY + 2), 1.0))  # mostly not measured
-    if not witness(p, c, level2, variance(c, ATTITUDE + 2), climb):
+    if not witness(p, c, (c.v[0], c.v[1], climb), level2, variance(c, ATTITUDE + 2)):
         return
     across = c.spread[0] + c.spread[3] + c.spread[5] - principal(c)
     windows, most, more, evidence = FOUND_LAND if p.vehicle == LAND else FOUND
@@ -77,15 +77,15 @@ def learn_axis(p: Any, c: Any) -> None:
 
 
 @kernel
-def witness(p: Any, c: Any, level2: float, heading2: float, climb: float) -> bool:
-    """Gather the velocity (variance `level2`) in a body of heading variance `heading2`, if it tells a direction.
+def witness(p: Any, c: Any, v: Any, level2: float, heading2: float) -> bool:
+    """Gather v (m/s, NED, level variance `level2`) in a body of heading variance `heading2`, if it tells a direction.
 
     It counts by how well it tells: it may be wrong by its sigma, slip, squat, the heading and where the sensor sits.
     """
     if p.vehicle == FREE or c.constrained:
         return False
     q = (c.q[0], c.q[1], c.q[2], c.q[3])
-    u = quat_rotate_back(q, (c.v[0], c.v[1], climb))
+    u = quat_rotate_back(q, v)
     speed2 = u[0] ** 2 + u[1] ** 2 + u[2] ** 2
     turn2 = c.rate[0] ** 2 + c.rate[1] ** 2 + c.rate[2] ** 2
     s2 = level2 + SIGMA**2 + LIKELY_ARM**2 * turn2 + (SQUAT**2 + heading2) * speed2
@@ -99,9 +99,9 @@ def witness(p: Any, c: Any, level2: float, heading2: float, climb: float) -> boo
         for j in range(i, 3):
             c.spread[k] = KEEP * c.spread[k] + u[i] * u[j] / s2
             k += 1
-    c.ground[0] = KEEP * c.ground[0] + c.v[0] * c.v[0] / s2
-    c.ground[1] = KEEP * c.ground[1] + c.v[0] * c.v[1] / s2
-    c.ground[2] = KEEP * c.ground[2] + c.v[1] * c.v[1] / s2
+    c.ground[0] = KEEP * c.ground[0] + v[0] * v[0] / s2
+    c.ground[1] = KEEP * c.ground[1] + v[0] * v[1] / s2
+    c.ground[2] = KEEP * c.ground[2] + v[1] * v[1] / s2
     c.axis_n = KEEP * c.axis_n + 1.0
     if c.axis_n <= 1.0:
         c.axis[0], c.axis[1], c.axis[2] = u[0], u[1], u[2]

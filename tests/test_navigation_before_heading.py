@@ -1,0 +1,147 @@
+"""Before the heading is known: place and velocity are filtered all the same, and nothing is lost when it is found."""
+
+import numpy as np
+import pytest
+from navigation_runner import navigate
+from navigation_simulation import curvature, drive, errors, received, sensed
+
+from imud.configuration.settings import Imu, Initial, Navigation, Settings
+from imud.estimators.navigation import ESTIMATOR
+from imud.estimators.navigation.alignment import refer
+from imud.estimators.navigation.state import ATTITUDE, LATENCY, POSITION, STATES
+from imud.estimators.records import HEADING_VALID, POSITION_N, REJECTING
+from imud.kernels.kalman import packed_index
+
+RATE = 100
+PARKED = drive(120.0, rest=1e3)
+UNDER_WAY = drive(60.0, rest=0.0, fast_start=True)
+CIRCLE = drive(60.0, rest=0.0, swing=0.0, fast_start=True)
+LEVER = (3.0, 1.0, -1.0)
+
+
+def at(seconds):
+    return int(seconds * RATE)
+
+
+def headed(out):
+    return (out["status"] & HEADING_VALID) > 0
+
+
+def silent(fixes):
+    fixes["speed"] = fixes["course"] = np.nan
+    return fixes
+
+
+def at_antenna(d, fixes, lever):
+    """The fixes as an antenna gets them that is `lever` m (body) from the sensor."""
+    k = np.round((fixes["t_ns"] * 1e-9 - 100.0) * RATE).astype(int)
+    arm = d.attitude[k].apply(lever)
+    m, n = curvature(fixes["lat"])
+    fixes["lat"] += arm[:, 0] / m
+    fixes["lon"] += arm[:, 1] / (n * np.cos(fixes["lat"]))
+    fixes["height"] -= arm[:, 2]
+    v = d.v[k] + d.attitude[k].apply(np.cross(d.w[k], lever))
+    fixes["speed"], fixes["course"] = np.hypot(v[:, 0], v[:, 1]), np.arctan2(v[:, 1], v[:, 0])
+    return fixes
+
+
+def test_a_parked_vehicle_is_placed_better_than_a_fix_is_and_as_well_as_is_said():
+    last, filtered, normalised = [], [], []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        fixes = received(PARKED, rng, sigma=1.8, white=1.5)
+        out, _, _ = navigate(sensed(PARKED, rng), fixes)
+        assert not headed(out).any()
+        p = errors(PARKED, out)[0]
+        m, n = curvature(PARKED.lat[0])
+        north, east = (fixes["lat"] - PARKED.lat[0]) * m, (fixes["lon"] - PARKED.lon[0]) * n * np.cos(PARKED.lat[0])
+        last.append(np.mean(np.column_stack([north, east])[60:] ** 2))
+        filtered.append(np.mean(p[at(60.0) :, :2] ** 2))
+        normalised.append(np.mean((p / out["sigma_p"])[at(60.0) :] ** 2))
+    assert np.mean(filtered) < 0.4 * np.mean(last)
+    assert 0.5 < np.mean(normalised) < 1.6
+
+
+def test_the_place_of_a_parked_vehicle_is_never_known_better_than_what_lasts_of_the_receivers_error():
+    d = drive(1500.0, rate=20, rest=1e4)
+    rng = np.random.default_rng(1)
+    out, _, _ = navigate(sensed(d, rng), received(d, rng, sigma=1.8, white=0.3))
+    assert (out["sigma_p"][20 * 3 :, :2] > 0.89).all()  # half of 2 m x 0.9
+    assert np.median(out["sigma_p"][20 * 600 :, 0]) < 1.0
+
+
+@pytest.mark.parametrize("told", [True, False], ids=["speed", "positions"])
+@pytest.mark.parametrize("d", [UNDER_WAY, CIRCLE], ids=["curves", "constant speed"])
+def test_under_way_place_and_velocity_are_followed_as_well_as_is_said(d, told):
+    place, velocity = [], []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        fixes = received(d, rng, late=0.2, sigma=1.8, white=0.5, speed_sigma=0.1)
+        out, rows, _ = navigate(sensed(d, rng), fixes if told else silent(fixes))
+        before = ~headed(out)
+        before[: at(4.0)] = False
+        p, v, _ = errors(d, out)
+        place.append((p / out["sigma_p"])[before] ** 2)
+        velocity.append((v / out["sigma_v"])[before] ** 2)
+        assert (rows["kind"] == POSITION_N).any()
+    assert 0.1 < np.concatenate(place).mean() < 2.0
+    assert np.concatenate(velocity).mean() < 2.0
+
+
+@pytest.mark.parametrize("told", [True, False], ids=["speed", "positions"])
+def test_a_jump_is_refused_before_the_heading_is_known(told):
+    rng = np.random.default_rng(1)
+    fixes = received(PARKED, rng)
+    jump = (fixes["t_ns"] >= 130e9) & (fixes["t_ns"] < 133e9)
+    fixes["lat"][jump] += 100.0 / 6.37e6
+    out, _, _ = navigate(sensed(PARKED, rng), fixes if told else silent(fixes))
+    p = errors(PARKED, out)[0]
+    assert np.abs(p[at(10.0) :, :2]).max() < 5.0
+    assert (out["status"][at(30.5) : at(32.5)] & REJECTING).all()
+    assert not (out["status"][at(34.5) :] & REJECTING).any()
+
+
+def test_a_place_far_off_is_gone_to_in_the_end():
+    rng = np.random.default_rng(1)
+    fixes = received(PARKED, rng)
+    fixes["lat"][fixes["t_ns"] >= 130e9] += 1000.0 / 6.37e6
+    out, _, _ = navigate(sensed(PARKED, rng), fixes)
+    assert np.abs(errors(PARKED, out)[0][at(45.0) :, 0] + 1000.0).max() < 6.0
+
+
+def test_as_the_heading_is_found_the_place_goes_from_the_antenna_to_the_sensor():
+    after = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        fixes = at_antenna(UNDER_WAY, received(UNDER_WAY, rng, sigma=0.01, white=0.02, late=0.2), LEVER)
+        fixes["sigma"] = 0.03
+        settings = Settings(imu=Imu(profile="consumer-mems"), navigation=Navigation(lever_arm_m=LEVER))
+        out, _, _ = navigate(sensed(UNDER_WAY, rng), fixes, settings)
+        p = errors(UNDER_WAY, out)[0][:, :2]
+        begin = np.flatnonzero(headed(out))[0]
+        before = slice(at(3.0), begin)
+        assert (np.abs(p[before]) < 3.0 * out["sigma_p"][before, :2]).all()
+        assert (out["sigma_p"][before, :2] > 3.3).all()  # the whole arm: its direction is not known
+        after.append((p / out["sigma_p"][:, :2])[begin + at(0.5) : begin + at(5.0)] ** 2)
+    assert np.concatenate(after).mean() < 2.5
+
+
+def test_from_antenna_to_sensor_and_back_changes_nothing():
+    p = ESTIMATOR.configure(Settings(navigation=Navigation(lever_arm_m=LEVER)), 100.0)[0]
+    c = ESTIMATOR.start(ESTIMATOR.configure(Settings(), 100.0), Initial(lat_deg=48.0, lon_deg=11.0, height_m=500.0))[0]
+    c = c["core"][0]
+    c["q"] = [0.5, 0.5, -0.5, 0.5]
+    c["v"] = [3.0, -4.0, 1.0]
+    arm = np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0]]) @ LEVER  # that attitude as a matrix
+    place, P = (float(c["lat"]), float(c["lon"]), float(c["height"])), c["P"].copy()
+    refer(p, c, 1.0)
+    variance = lambda P, i: P[packed_index(STATES, i, i)]  # noqa: E731
+    swung = arm[2] ** 2 * variance(P, ATTITUDE) + arm[0] ** 2 * variance(P, ATTITUDE + 2)
+    gained = variance(c["P"], POSITION + 1) - variance(P, POSITION + 1)
+    assert gained == pytest.approx(16.0 * variance(P, LATENCY) + swung)
+    m, n = curvature(place[0])
+    moved = [(c["lat"] - place[0]) * (m + 500.0), (c["lon"] - place[1]) * (n + 500.0) * np.cos(place[0])]
+    assert [*moved, place[2] - c["height"]] == pytest.approx(-arm, abs=1e-5)
+    refer(p, c, -1.0)
+    assert (c["lat"], c["lon"], c["height"]) == pytest.approx(place, abs=1e-12, rel=1e-12)
+    assert c["P"] == pytest.approx(P, rel=1e-9)

@@ -12,8 +12,8 @@ from ...kernels.kalman import reset
 from .covariance import deviation
 from .state import LATENCY, STATES
 
-STAMP_S, STAMP_SIGMA = 1e-3, 0.1  # s
-CENTIMETRES, SURVEY_STAMP_SIGMA = 0.1, 2e-4  # m, s
+STAMP_S, STATED_SIGMA = 1e-3, 0.07  # s
+CENTIMETRES, LOGGED_SIGMA, CONFIRMED_SIGMA = 0.1, 0.1, 2e-4  # m, s, s: of a survey's epochs, before and after that
 MISTAKE_S = 0.05  # half of the step in which receivers and logs count epochs
 
 
@@ -25,8 +25,10 @@ def trust_stamp(p: Any, c: Any, fix: Any, sigma: float) -> None:
     """
     delay = 1e-9 * (fix.arrival_ns - fix.t_ns)
     c.surveyed = 1 if abs(delay) <= STAMP_S and sigma < CENTIMETRES else 0
-    if c.surveyed != 0 or (delay > STAMP_S and abs(delay - p.latency) > STAMP_S):
-        reset(c.P, STATES, LATENCY, STAMP_SIGMA**2)
+    if c.surveyed != 0:
+        reset(c.P, STATES, LATENCY, LOGGED_SIGMA**2)
+    elif delay > STAMP_S and abs(delay - p.latency) > STAMP_S:
+        reset(c.P, STATES, LATENCY, STATED_SIGMA**2)
 
 
 @kernel
@@ -34,5 +36,5 @@ def confirm_stamp(c: Any) -> None:
     """After a fix: a survey's epochs are believed to the sample once the motion has shown that they are right."""
     if c.surveyed != 0 and abs(c.latency) + 3.0 * deviation(c, LATENCY) < MISTAKE_S:
         c.latency = 0.0
-        reset(c.P, STATES, LATENCY, SURVEY_STAMP_SIGMA**2)
+        reset(c.P, STATES, LATENCY, CONFIRMED_SIGMA**2)
         c.surveyed = 0

@@ -9,7 +9,7 @@ from imud.configuration.settings import Imu, Initial, Navigation, Settings
 from imud.estimators.navigation import ESTIMATOR
 from imud.estimators.navigation.alignment import refer
 from imud.estimators.navigation.state import ATTITUDE, LATENCY, POSITION, STATES
-from imud.estimators.records import HEADING_VALID, POSITION_N, REJECTING
+from imud.estimators.records import HEADING_VALID, POSITION_N, REJECTING, VELOCITY_N
 from imud.kernels.kalman import packed_index
 
 RATE = 100
@@ -124,6 +124,27 @@ def test_as_the_heading_is_found_the_place_goes_from_the_antenna_to_the_sensor()
         assert (out["sigma_p"][before, :2] > 3.3).all()  # the whole arm: its direction is not known
         after.append((p / out["sigma_p"][:, :2])[begin + at(0.5) : begin + at(5.0)] ** 2)
     assert np.concatenate(after).mean() < 2.5
+
+
+def test_a_place_that_is_given_is_the_sensors():
+    known = Initial(lat_deg=48.0, lon_deg=11.0, height_m=500.0, roll_deg=0.0, pitch_deg=0.0, yaw_deg=np.degrees(0.7))
+    rng = np.random.default_rng(1)
+    fixes = received(PARKED, rng)[30:]
+    out, _, _ = navigate(sensed(PARKED, rng), fixes, Settings(navigation=Navigation(lever_arm_m=LEVER)), known)
+    assert headed(out)[: at(5.0)].all()
+    assert np.abs(errors(PARKED, out)[0][: at(5.0)]).max() < 0.1
+
+
+def test_who_climbs_as_the_first_fix_comes_does_so_from_then_on():
+    d = drive(30.0, rest=0.0, fast_start=True)
+    d.v[:, 2] -= 10.0
+    d.height += 10.0 * d.t
+    rng = np.random.default_rng(1)
+    fixes = received(d, rng)
+    fixes["v"] = d.v[np.round((fixes["t_ns"] * 1e-9 - 100.0) * RATE).astype(int)] + 0.05 * rng.standard_normal((29, 3))
+    out, rows, _ = navigate(sensed(d, rng), fixes)
+    assert rows["used"][rows["kind"] == VELOCITY_N + 2].all()
+    assert np.abs(errors(d, out)[1][at(1.1) :, 2]).max() < 1.0
 
 
 def test_from_antenna_to_sensor_and_back_changes_nothing():

@@ -95,17 +95,17 @@ def take_velocity(c: Any, b: Any) -> None:
 @kernel
 def place(p: Any, c: Any, fix: Any) -> None:
     """Put the core on the fix: all that is known of the place is what it says, and how far receivers wander."""
-    vn, ve = velocity_of(fix, 0), velocity_of(fix, 1)
-    known = math.isfinite(vn) and math.isfinite(ve)
     c.lat, c.lon = fix.lat, fix.lon
-    c.v[0], c.v[1], c.v[2] = vn if known else 0.0, ve if known else 0.0, 0.0
     guess = 0.0  # sigma of a height that the fix does not tell: of the last one, if there was one
     if math.isfinite(fix.height):
         c.height = fix.height
     else:
         guess = min(max(deviation(c, POSITION + 2), c.reported[1]), UNKNOWN_HEIGHT)
     for i in range(3):
-        speed = UNKNOWN_CLIMB if i == 2 else RECEIVED_SPEED if known else UNKNOWN_SPEED
+        v = velocity_of(fix, i)
+        known = math.isfinite(v)
+        c.v[i] = v if known else 0.0
+        speed = RECEIVED_SPEED if known else UNKNOWN_CLIMB if i == 2 else UNKNOWN_SPEED
         reset(c.P, STATES, VELOCITY + i, speed**2)
         reset(c.P, STATES, POSITION + i, c.white[i // 2] if i < 2 or guess == 0.0 else guess**2)
         reset(c.P, STATES, WANDER + i, c.reported[i // 2] ** 2)

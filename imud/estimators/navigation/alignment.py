@@ -22,6 +22,7 @@ from .state import (
     LATENCY,
     LEVELLING,
     NAVIGATING,
+    NEVER_NS,
     POSITION,
     STATES,
     VELOCITY,
@@ -104,7 +105,7 @@ def engage(p: Any, c: Any) -> None:
     for k in range(vertical_bias(c)):
         shear(c.P, STATES, ATTITUDE + 2, c.columns[k], -c.heading_age * c.values[k])
     c.heading_age = 0.0
-    if c.phase == LEVELLING:
+    if c.phase == LEVELLING and c.fix_ns != NEVER_NS:  # the place that a user gives is the sensor's
         refer(p, c, 1.0)
     c.phase = NAVIGATING
     forget_creep(c)

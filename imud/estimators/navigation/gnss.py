@@ -210,16 +210,18 @@ def fuse_velocity(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: in
     )
     arm = level_arm(p, c, swung)
     slow = fix.speed if not math.isfinite(fix.v[0]) and fix.speed < COURSE_SPEED else 0.0
+    late_too = 1.0 if c.phase == NAVIGATING else 0.0  # while levelling it is followed at the fixes' own time
     rejected = 0
     for i in range(3):
         received = velocity_of(fix, i)
         if not math.isfinite(received):
             continue
-        z = received - c.v[i] - arm[i] + (late + c.lag) * c.trend[i]
-        r = c.white_speed + bent(c) ** 2 + slow * slow + swing2(c) + c.bend[i] ** 2
+        trend, bend = late_too * c.trend[i], late_too * c.bend[i]
+        z = received - c.v[i] - arm[i] + (late + c.lag) * trend
+        r = c.white_speed + bent(c) ** 2 + slow * slow + swing2(c) + bend**2
         m = row(c, 0, VELOCITY + i, 1.0)
-        m = row(c, m, LATENCY, -c.trend[i])
-        m = row(c, m, LAG, -c.trend[i])
+        m = row(c, m, LATENCY, -trend)
+        m = row(c, m, LAG, -trend)
         s = predicted(c, m) + r
         left = residual(c, m, z)
         nis = take(c, m, z, r, GATE)

@@ -88,10 +88,6 @@ def trace_velocity(s: Any, snapped: int) -> None:
     from the `snapped` snapshots that there were before the rewind; where there were none, the last moments must do.
     """
     c = s.core[0]
-    if c.phase != NAVIGATING:  # followed at the fixes' own time
-        for i in range(3):
-            c.trend[i] = c.bend[i] = 0.0
-        return
     late2 = variance(c, LATENCY) + 2.0 * c.P[packed_index(STATES, LATENCY, LAG)] + variance(c, LAG)
     span = max(math.sqrt(max(late2, 0.0)), 1e-9 * SNAPSHOT_NS)
     share = late2 / span**2

@@ -101,6 +101,14 @@ def test_a_jump_is_refused_before_the_heading_is_known(told):
     assert not (out["status"][at(34.5) :] & REJECTING).any()
 
 
+def test_a_given_place_is_forgotten_for_the_first_fix():
+    rng = np.random.default_rng(1)
+    start = Initial(lat_deg=48.01, lon_deg=11.0, height_m=500.0)
+    out, _, _ = navigate(sensed(PARKED, rng), received(PARKED, rng), None, start)
+    assert np.abs(errors(PARKED, out)[0][at(1.2) :, :2]).max() < 5.0
+    assert not (out["status"] & REJECTING).any()
+
+
 def test_a_place_far_off_is_gone_to_in_the_end():
     rng = np.random.default_rng(1)
     fixes = received(PARKED, rng)

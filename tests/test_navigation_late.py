@@ -80,7 +80,7 @@ def test_centimetres_stamped_with_an_assumed_latency_are_taken_back_to_their_epo
     assert np.sqrt(np.mean(errors(d, out)[0][late, :2] ** 2)) < 0.05
 
 
-@pytest.mark.parametrize("stamp", [-0.2, 0.0, 0.2])
+@pytest.mark.parametrize("stamp", [-0.2, 0.0, 0.03, 0.2])
 def test_the_stamps_of_a_survey_may_be_wrong(stamp):
     """Centimetres without speeds, stamped as they arrive: the heading is not turned to make up for it."""
     rng = np.random.default_rng(2)

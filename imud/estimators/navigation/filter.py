@@ -139,11 +139,12 @@ def fuse(p: Any, c: Any, b: Any, fix: Any, late: float, innovations: Any) -> int
     if c.phase == NAVIGATING and not math.isfinite(c.fix_speed):
         c.fix_speed = calm_speed(c, fix.lat, fix.lon)
     rows = 0
-    if c.fixes == 0:
+    first = c.phase == LEVELLING and c.fix_ns == NEVER_NS  # a position that was given may be an old one
+    if first:
         place(p, c, fix)
     if c.phase == LEVELLING:
         acquire(p, c, b, fix)
-    if c.fixes > 0:
+    if not first:
         rows = fuse_position(p, c, fix, late, innovations, rows)
     if abs(late) < STALE_S:
         rows = fuse_velocity(p, c, fix, late, innovations, rows)

@@ -34,7 +34,8 @@ def trust_stamp(p: Any, c: Any, fix: Any, sigma: float) -> None:
 @kernel
 def confirm_stamp(c: Any) -> None:
     """After a fix: a survey's epochs are believed to the sample once the motion has shown that they are right."""
-    if c.surveyed != 0 and abs(c.latency) + 3.0 * deviation(c, LATENCY) < MISTAKE_S:
+    late, most = abs(c.latency), 3.0 * deviation(c, LATENCY)
+    if c.surveyed != 0 and late + most < MISTAKE_S and late < most:
         c.latency = 0.0
         reset(c.P, STATES, LATENCY, CONFIRMED_SIGMA**2)
         c.surveyed = 0

@@ -92,3 +92,10 @@ def test_what_is_not_understood_is_named_with_its_place():
 
     with pytest.raises(translate.UnsupportedError, match=r"test_c_reference\.py:\d+: statement: del a"):
         translate.Translation().function(strange, [translate.FLOAT])
+
+
+def test_an_installed_imud_says_that_there_is_no_c_to_compare_with(monkeypatch, tmp_path):
+    """As it did not: `imud bench` from an installation ended with a traceback."""
+    monkeypatch.setattr(reference, "SOURCES", tmp_path / "tests" / "c")
+    with pytest.raises(reference.NoReferenceError, match="checkout"):
+        reference.stream_source(new_stream("attitude"))

@@ -31,8 +31,6 @@ class NoReferenceError(Exception):
 
 def compiler() -> str:
     """The C compiler. Raises NoReferenceError."""
-    if not SOURCES.is_dir():
-        raise NoReferenceError("the C reference is not installed: run from a checkout of the source")
     for name in ("gcc", "cc", "clang"):
         if path := shutil.which(name):
             return path
@@ -40,7 +38,9 @@ def compiler() -> str:
 
 
 def translator() -> Any:
-    """tests/c/translate.py as a module."""
+    """tests/c/translate.py as a module. Raises NoReferenceError."""
+    if not SOURCES.is_dir():
+        raise NoReferenceError("the C reference is not installed: run from a checkout of the source")
     package = "imud_c"
     if package not in sys.modules:
         spec = importlib.util.spec_from_file_location(package, SOURCES / "__init__.py")

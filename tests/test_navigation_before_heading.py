@@ -161,6 +161,9 @@ def test_from_antenna_to_sensor_and_back_changes_nothing():
     c = c["core"][0]
     c["q"] = [0.5, 0.5, -0.5, 0.5]
     c["v"] = [3.0, -4.0, 1.0]
+    refer(p, c, -1.0)
+    assert c["lat"] == np.radians(48.0)  # given by a user: it is the sensor's
+    c["fix_ns"] = 0
     arm = np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0]]) @ LEVER  # that attitude as a matrix
     place, P = (float(c["lat"]), float(c["lon"]), float(c["height"])), c["P"].copy()
     refer(p, c, 1.0)

@@ -81,8 +81,11 @@ def adopt(c: Any, found: Any) -> bool:
 def refer(p: Any, c: Any, sign: float) -> None:
     """From the antenna at the fixes' own time, which is followed while levelling, to the sensor now; back with -1.
 
-    What the fixes' latency is not known by is no error there, as all comes from the same fixes.
+    What the fixes' latency is not known by is no error there, as all comes from the same fixes. A place that a user
+    gave, and no fix has told yet, is the sensor's all the time.
     """
+    if c.fix_ns == NEVER_NS:
+        return
     arm = quat_rotate((c.q[0], c.q[1], c.q[2], c.q[3]), (p.lever[0], p.lever[1], p.lever[2]))
     arm2 = p.lever[0] ** 2 + p.lever[1] ** 2 + p.lever[2] ** 2
     late2 = variance(c, LATENCY)
@@ -105,7 +108,7 @@ def engage(p: Any, c: Any) -> None:
     for k in range(vertical_bias(c)):
         shear(c.P, STATES, ATTITUDE + 2, c.columns[k], -c.heading_age * c.values[k])
     c.heading_age = 0.0
-    if c.phase == LEVELLING and c.fix_ns != NEVER_NS:  # the place that a user gives is the sensor's
+    if c.phase == LEVELLING:
         refer(p, c, 1.0)
     c.phase = NAVIGATING
     forget_creep(c)

@@ -1,25 +1,14 @@
-"""The SPI port on scripted stand-ins for spidev and gpiod: edges, stamps, what is missed, what is missing."""
+"""The SPI port on scripted stand-ins for spidev and gpiod: edges, stamps, what is missed."""
 
 import errno
-import os
 import select
-import sys
 import time
-import types
-from collections import deque
 from dataclasses import replace
 
 import pytest
+from fake_spi import SpiDev, stand_ins
 
-from drivers.errors import (
-    NotSerialError,
-    PortAbsentError,
-    PortBusyError,
-    PortDeniedError,
-    PortLostError,
-    PortSupportError,
-    SpecError,
-)
+from drivers.errors import PortLostError
 from drivers.spi import Bus, Cycle, Fetch
 from drivers.transport.line import open_line
 from drivers.transport.portspec import PortSpec
@@ -28,78 +17,10 @@ PERIOD_NS, SHORT_NS, MIDDLE_NS = 10_000_000_000, 10_000_000, 1_000_000_000  # no
 NEW, OLD = b"\xfe\0", b"\0\0"
 
 
-class SpiDev:
-    """A device that answers from a script, and remembers how it was asked."""
-
-    script: deque[bytes]
-    trouble: Exception | None = None
-
-    def __init__(self):
-        self.asked, self.closed = [], 0
-
-    def open(self, bus, device):
-        if self.trouble:
-            raise self.trouble
-        SpiDev.last = self
-        self.opened = bus, device
-
-    def xfer2(self, values, speed_hz=0, delay_usecs=0, bits_per_word=0):
-        if SpiDev.trouble:
-            raise SpiDev.trouble
-        self.asked.append((bytes(values), speed_hz, delay_usecs))
-        answer = SpiDev.script.popleft()
-        if callable(answer):
-            answer = answer()
-        values[:] = answer
-        return values
-
-    def close(self):
-        self.closed += 1
-
-
-class Gpio:
-    """The module gpiod, with one line whose edges the test makes."""
-
-    def __init__(self):
-        self.fd, self.edges, self.number, self.trouble = os.eventfd(0, os.EFD_NONBLOCK), [], 0, None
-        self.requested = self.released = None
-
-    def edge(self, at_ns):
-        self.number += 1
-        self.edges.append(types.SimpleNamespace(timestamp_ns=at_ns, line_seqno=self.number))
-        os.eventfd_write(self.fd, 1)
-        return b"\0\0"
-
-    def request_lines(self, path, config, consumer=None, event_buffer_size=None):
-        if self.trouble:
-            raise self.trouble
-        self.requested = path, config
-        return self
-
-    def read_edge_events(self):
-        os.eventfd_read(self.fd)
-        edges, self.edges = self.edges, []
-        return edges
-
-    def release(self):
-        self.released = True
-
-
 @pytest.fixture(autouse=True)
 def modules(monkeypatch):
-    SpiDev.script, SpiDev.trouble = deque(), None
-    gpio = Gpio()
-    gpiod = types.ModuleType("gpiod")
-    gpiod.LineSettings = lambda **settings: settings
-    gpiod.request_lines = gpio.request_lines
-    line = types.ModuleType("gpiod.line")
-    for name, value in (("Clock", "MONOTONIC"), ("Direction", "INPUT"), ("Edge", "RISING")):
-        setattr(line, name, types.SimpleNamespace(**{value: value.lower()}))
-    monkeypatch.setitem(sys.modules, "spidev", types.SimpleNamespace(SpiDev=SpiDev))
-    monkeypatch.setitem(sys.modules, "gpiod", gpiod)
-    monkeypatch.setitem(sys.modules, "gpiod.line", line)
-    yield gpio
-    os.close(gpio.fd)
+    with stand_ins(monkeypatch) as gpio:
+        yield gpio
 
 
 @pytest.fixture
@@ -311,69 +232,8 @@ def test_while_samples_are_fetched_answers_are_not_kept(timed):
     assert sample(timed)[0] == NEW + b"\x12\x34"
 
 
-@pytest.mark.parametrize(
-    ("trouble", "error", "says"),
-    [
-        (FileNotFoundError(errno.ENOENT, "x"), PortAbsentError, "raspi-config"),
-        (PermissionError(errno.EACCES, "x"), PortDeniedError, "group spi"),
-        (OSError(errno.EINVAL, "x"), NotSerialError, "Invalid argument"),
-    ],
-)
-def test_a_device_that_cannot_be_opened(trouble, error, says):
-    SpiDev.trouble = trouble
-    with pytest.raises(error, match=says) as caught:
-        open_line(PortSpec.parse("spi:0.0"))
-    assert "/dev/spidev0.0" in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("trouble", "error", "says"),
-    [
-        (FileNotFoundError(errno.ENOENT, "x"), PortAbsentError, "gpioinfo"),
-        (PermissionError(errno.EACCES, "x"), PortDeniedError, "group gpio"),
-        (OSError(errno.EBUSY, "x"), PortBusyError, "in use"),
-        (ValueError("no such line"), NotSerialError, "no such line"),
-    ],
-)
-def test_a_data_ready_line_that_cannot_be_had(modules, trouble, error, says):
-    modules.trouble = trouble
-    with pytest.raises(error, match=says):
-        open_line(replace(PortSpec.parse("spi:0.0"), data_ready="gpiochip9:24"))
-    assert SpiDev.last.closed == 1
-
-
-@pytest.mark.parametrize("missing", ["spidev", "gpiod"])
-def test_a_missing_package_is_named_with_the_remedy(monkeypatch, missing):
-    monkeypatch.setitem(sys.modules, missing, None)
-    with pytest.raises(PortSupportError, match=f"{missing}.*pip install 'imud\\[spi\\]'"):
-        open_line(replace(PortSpec.parse("spi:0.0"), data_ready="gpiochip0:24"))
-
-
-def test_gpiod_of_the_first_generation_is_missing_too(monkeypatch):
-    monkeypatch.delattr(sys.modules["gpiod"], "LineSettings")
-    with pytest.raises(PortSupportError, match="gpiod 2"):
-        open_line(replace(PortSpec.parse("spi:0.0"), data_ready="gpiochip0:24"))
-
-
 def test_a_bus_that_fails_is_lost(timed):
     begin(timed)
     SpiDev.trouble = OSError(errno.EIO, "x")
     with pytest.raises(PortLostError, match=r"spi:1\.2"):
         take(timed)
-
-
-def test_closing_gives_everything_back_once(port, modules):
-    port.close()
-    port.close()
-    assert (SpiDev.last.closed, modules.released) == (1, True)
-
-
-@pytest.mark.parametrize("text", ["spi:0", "spi:a.b", "spi:0.0@9600", "spi:0.0:epson@9600", "spi:"])
-def test_what_is_no_spi_port(text):
-    with pytest.raises(SpecError, match="spi:"):
-        PortSpec.parse(text)
-
-
-def test_a_driver_may_be_named():
-    assert PortSpec.parse("spi:1.2:epson") == PortSpec("spi:1.2", "epson")
-    assert PortSpec.parse("spi:1.2").spi == (1, 2)

@@ -1,11 +1,19 @@
-"""The golden traces: what each estimator makes of one simulated recording, thinned, in git.
+"""The golden traces: what the estimators make of simulated recordings, one for each class of fault, thinned, in git.
 
-`python tests/golden.py` writes them anew; a change of any number then shows in the diff, and is either meant or a bug.
-They hold on other processors too: the noise is of numpy's frozen generator, and the comparison leaves room for the last
-bits of sines and of fused multiplication, nothing more.
+    python tests/golden.py                  write all of them anew
+    python tests/golden.py NAME..           some of them: a file's name without .csv, or its beginning
+    python tests/golden.py --check [NAME..] compare instead, and say from when on which column differs
+
+A change of any number shows in the diff, and is either meant or a bug. The kernels run as C, which compiles in seconds
+after an edit; where there is no C compiler, numba compiles them, in minutes. The traces hold on other processors too:
+the noise is of numpy's frozen generator, and the comparison leaves room for the last bits of sines and of fused
+multiplication, nothing more.
 """
 
+import argparse
 import csv
+import functools
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,52 +22,55 @@ from imud.process import runtime
 
 runtime.prepare()  # else numba would run stale kernels
 
-from simulated import estimated, motion, received, rpy, sensed  # noqa: E402
+import golden_attitude  # noqa: E402
+import golden_navigation  # noqa: E402
+from golden_run import Recording, trace  # noqa: E402
+from kernels_in_c import to_c_if_possible  # noqa: E402
+from simulated import motion, received, sensed  # noqa: E402
 
 from imud.configuration.settings import Initial  # noqa: E402
 from imud.estimators.registry import NAMES  # noqa: E402
 
 FOLDER = Path(__file__).with_name("golden")
-SECONDS, RATE_HZ, EVERY = 80.0, 100.0, 200
+SECONDS, RATE_HZ = 80.0, 100.0
 TOLERANCE = 2e-6  # of a column's largest value
-TO_DEG = np.degrees(1.0)
+NOTHING = 1e-12  # what rounding makes of a zero
 INITIAL = {"ins9": Initial(yaw_deg=86.0), "stationary": Initial(yaw_deg=86.0)}
 STILL = ("stationary",)  # on a sensor at rest; the others drive
 
 
-def recording(scenario):
-    """(samples, fixes) of an M-G350 and a receiver: a rest of 5 s, then the scenario."""
+def usual(name):
+    """The recording that every estimator has: of an M-G350 and a receiver, a rest of 5 s, then a drive."""
     rng = np.random.RandomState(7)  # its stream never changes (NEP 19)
-    m = motion(scenario, SECONDS, RATE_HZ)
+    m = motion("rest" if name in STILL else "car", SECONDS, RATE_HZ)
     samples, _ = sensed(m, rng)
-    return samples, received(m, rng)
+    return Recording(name, samples, received(m, rng), initial=INITIAL.get(name, Initial()), rows=40)
 
 
-def columns(out):
-    """Name to numbers of solutions; what the estimator does not know is left out."""
-    triples = [("v_mps", out["v"], 1.0), ("sp_m", out["sigma_p"], 1.0), ("sv_mps", out["sigma_v"], 1.0)]
-    triples += [("srpy_deg", out["sigma_rpy"], TO_DEG)]
-    triples += [("bg_radps", out["bg"], 1.0), ("sbg_radps", out["sigma_bg"], 1.0)]
-    triples += [("ba_mps2", out["ba"], 1.0), ("sba_mps2", out["sigma_ba"], 1.0)]
-    triples += [("rpy_deg", rpy(out["q_nb"]), TO_DEG)]
-    table = {"t_s": out["t_ns"] * 1e-9, "lat_deg": out["lat"] * TO_DEG, "lon_deg": out["lon"] * TO_DEG}
-    table |= {"height_m": out["height"]}
-    table |= {f"{name}_{axis}": unit * values[:, axis] for name, values, unit in triples for axis in range(3)}
-    table |= {"status": out["status"].astype(float)}
-    return {name: values for name, values in table.items() if np.isfinite(values).any()}
+def classes():
+    """Name to what makes the recording."""
+    made = {name: functools.partial(usual, name) for name in NAMES}
+    for stem, functions in (
+        ("navigation", golden_navigation.CLASSES),
+        ("attitude", golden_attitude.CLASSES),
+        ("", golden_attitude.TILT_CLASSES),
+    ):
+        for function in functions:
+            made[f"{stem}-{function.__name__}".strip("-").replace("_", "-")] = function
+    return made
 
 
-def trace(name, disturb=lambda samples: samples):
-    """The columns of the estimator `name` on its recording; `disturb` may spoil the samples."""
-    samples, fixes = recording("rest" if name in STILL else "car")
-    out, innovations = estimated(name, disturb(samples), fixes, initial=INITIAL.get(name), every=EVERY)
-    table = columns(out)
-    innovations = innovations[np.argsort(innovations["t_ns"], kind="stable")]
-    if len(innovations):
-        nis = np.cumsum(innovations["value"] ** 2 / innovations["variance"])
-        last = np.searchsorted(innovations["t_ns"], out["t_ns"], side="right") - 1
-        table["nis_sum"] = np.where(last < 0, 0.0, nis[last])
-    return table
+CLASSES = classes()
+
+
+@functools.cache
+def recording(name):
+    """The recording of this name; treat it as constant."""
+    return CLASSES[name]()
+
+
+def traced(name, **how):
+    return trace(recording(name), **{"prepared": to_c_if_possible, **how})
 
 
 def write(name, table):
@@ -89,7 +100,7 @@ def differences(wanted, got):
     said = []
     for name, old in wanted.items():
         new = got[name]
-        room = TOLERANCE * np.nanmax(np.abs(old))
+        room = TOLERANCE * np.nanmax(np.abs(old)) + NOTHING
         if name in ("lat_deg", "lon_deg"):
             room = TOLERANCE * np.nanmax(np.abs(old - old[-1])) + 1e-9
         bad = np.flatnonzero(~((np.abs(new - old) <= room) | (np.isnan(new) & np.isnan(old))))
@@ -99,8 +110,33 @@ def differences(wanted, got):
     return said
 
 
-if __name__ == "__main__":
+def check(names):
+    """Print what differs; returns how many traces do."""
+    wrong = 0
+    for name in names:
+        said = differences(read(name), traced(name))
+        wrong += bool(said)
+        for text in said:
+            print(f"{name}: {text}")
+    print(f"{len(names) - wrong} of {len(names)} golden traces are as they were")
+    return wrong
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--check", action="store_true", help="compare, write nothing")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="a trace, or the beginning of several; default: all")
+    args = parser.parse_args()
+    names = [name for name in CLASSES if not args.names or name.startswith(tuple(args.names))]
+    if not names:
+        parser.error(f"no such trace; there are {', '.join(CLASSES)}")
+    if args.check:
+        sys.exit(check(names) > 0)
     FOLDER.mkdir(exist_ok=True)
-    for estimator in NAMES:
-        write(estimator, trace(estimator))
-        print(FOLDER / f"{estimator}.csv")
+    for name in names:
+        write(name, traced(name))
+        print(FOLDER / f"{name}.csv")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,300 @@
+"""Recordings for the golden traces of the attitude filter, one for each class of fault and of motion; some for tilt."""
+
+import numpy as np
+from attitude_simulation import DEG, MG, Flaws, G, after, measure, simulate, steady
+from golden_run import Recording
+from scipy.spatial.transform import Rotation
+from simulated import samples_of
+
+from drivers.sample import SUSPECT
+from imud.configuration.settings import Imu, Initial, Settings
+
+NOBODY, HEADED = Initial(), Initial(yaw_deg=20.0)
+BIASES = Flaws(gyro_bias=(0.2 * DEG, -0.1 * DEG, 0.15 * DEG), accel_bias=(2.0 * MG, -3.0 * MG, 1.0 * MG))
+LSB = 0.0125 * DEG, 0.125 * MG  # of the M-G350
+
+
+def wobble(seed, amplitude, slowest=0.3, fastest=2.5):
+    """As `attitude_simulation.wobble`, from a generator whose stream never changes (NEP 19)."""
+    rng = np.random.RandomState(seed)
+    frequency, phase = rng.uniform(slowest, fastest, (3, 3)), rng.uniform(0.0, 2.0 * np.pi, (3, 3))
+    return lambda t: amplitude * np.sin(frequency * t[:, None, None] + phase).sum(2) / np.sqrt(1.5)
+
+
+def lively(duration=60.0, rate_hz=100.0, still=10.0, turning=0.8, moving=1.0, rpy_deg=(10.0, 5.0, 0.0)):
+    """In a hand, after a rest."""
+    return simulate(
+        duration, rate_hz, after(still, wobble(1, turning)), after(still, wobble(2, moving, 1.0, 4.0)), rpy_deg
+    )
+
+
+def shown(truth, flaws=BIASES, seed=0):
+    """SAMPLE rows of a sensor with these flaws."""
+    values = np.hstack(measure(truth, flaws, np.random.RandomState(seed)))
+    return samples_of(truth.t, values)
+
+
+def judged(samples, initial=NOBODY, profile="m-g350", estimator="attitude"):
+    return Recording(estimator, samples, settings=Settings(imu=Imu(profile=profile)), initial=initial)
+
+
+def counted(samples):
+    """As a sensor of whole counts shows it: one whose values stand still is then known to be frozen."""
+    for name, lsb in zip("wf", LSB, strict=True):
+        samples[name] = np.rint(samples[name] / lsb) * lsb
+    return samples
+
+
+def spoilt(begin, end, faults, truth=None, estimator="attitude", initial=HEADED):
+    """Faults (column, axes, value or None for the last one) from `begin` to `end` s."""
+    truth = truth or lively(50.0, 200.0)
+    samples = counted(shown(truth))
+    k = np.flatnonzero((truth.t >= begin) & (truth.t < end))
+    for name, axes, value in faults:
+        samples[name][k, axes] = samples[name][k[0], axes] if value is None else value
+    return judged(samples, initial, estimator=estimator)
+
+
+def hand():
+    return judged(shown(lively()), HEADED)
+
+
+def start_in_motion():
+    return judged(shown(lively(still=-1.0, rpy_deg=(30.0, -20.0, 0.0))))
+
+
+def start_shaken():
+    """The first forces are far from gravity."""
+    truth = lively(30.0, still=-1.0)
+    samples = shown(truth)
+    samples["f"][:30] *= 3.0
+    return judged(samples)
+
+
+def everything_given():
+    given = Initial(roll_deg=10.0, pitch_deg=5.0, yaw_deg=20.0, lat_deg=48.0, height_m=500.0, lon_deg=11.0)
+    return judged(shown(lively()), given)
+
+
+def false_attitude_given():
+    return judged(shown(lively()), Initial(roll_deg=-50.0, pitch_deg=40.0, yaw_deg=20.0))
+
+
+def rest():
+    """Long, a little tilted, from the start."""
+    return judged(shown(simulate(240.0, 100.0, rpy_deg=(3.0, -2.0, 0.0))), HEADED)
+
+
+def rest_with_a_step_of_the_bias():
+    truth = simulate(200.0, 100.0)
+    samples = shown(truth)
+    samples["w"][truth.t > 60.0] += (0.03 * DEG, -0.15 * DEG, 0.1 * DEG)
+    samples["w"][truth.t > 100.0] -= (0.5 * DEG, 0.0, 0.0)
+    return judged(samples)
+
+
+def turntable():
+    """Slow and even, and then not at all: no bias."""
+    return judged(shown(simulate(110.0, 100.0, steady((0.0, 0.0, 1.0 * DEG), 15.0, 85.0))), HEADED)
+
+
+def start_on_a_turntable():
+    return judged(shown(simulate(70.0, 100.0, steady((0.0, 0.0, 1.0 * DEG), -1.0, 40.0))))
+
+
+def even_curve():
+    """Longer than curves are, so that what it shows then counts as rest."""
+    turn = 0.5 * DEG
+
+    def centripetal(t):
+        psi = turn * t
+        return 8.0 * turn * np.column_stack([-np.sin(psi), np.cos(psi), 0.0 * psi]) * (t < 100.0)[:, None]
+
+    return judged(shown(simulate(180.0, 100.0, steady((0.0, 0.0, turn), -1.0, 100.0), centripetal)))
+
+
+def car():
+    """Speeds up, cruises on a road that shakes it, brakes, stands with its engine running; again and again."""
+    leg, speed = 34.0, 12.0
+    edges = ((10.0, 16.0, speed / 6.0), (36.0, 41.0, -speed / 5.0))
+
+    def acceleration(t):
+        phase = np.where(t > 10.0, (t - 10.0) % leg + 10.0, 0.0)
+        ahead = sum(a * ((phase > begin) & (phase <= end)) for begin, end, a in edges)
+        return np.column_stack([ahead, 0.0 * t, 0.0 * t])
+
+    truth = simulate(150.0, 50.0, acceleration=acceleration)
+    phase = np.where(truth.t > 10.0, (truth.t - 10.0) % leg, np.nan)
+    samples = shown(truth)
+    samples["f"][:, 2] += 0.1 * np.sin(2.0 * np.pi * 26.0 * truth.t)
+    going = ((phase > 0.0) & (phase < 31.0))[:, None]
+    samples["f"] += 0.3 * np.random.RandomState(3).normal(size=samples["f"].shape) * going
+    return judged(samples)
+
+
+def smooth_car():
+    """The same without a road that shakes it: cruising is as quiet as standing."""
+    speed_up, brake = steady((2.5, 0.0, 0.0), 10.0, 25.0), steady((-3.0, 0.0, 0.0), 90.0, 102.5)
+    return judged(shown(simulate(130.0, 50.0, acceleration=lambda t: speed_up(t) + brake(t))), profile="auto")
+
+
+def fast_car():
+    speed_up, brake = steady((5.0, 0.0, 0.0), 10.0, 19.0), steady((-5.0, 0.0, 0.0), 30.0, 39.0)
+    return judged(shown(simulate(50.0, 100.0, acceleration=lambda t: speed_up(t) + brake(t))), profile="consumer-mems")
+
+
+def unnamed():
+    """A sensor that nobody named, whose weight is false by more than a good board's."""
+    flaws = Flaws(accel_bias=(10.0 * MG, -20.0 * MG, -70.0 * MG), gyro_bias=(1.0 * DEG,) * 3)
+    return judged(shown(lively(), flaws), profile="auto")
+
+
+def tapping():
+    """Knocks, and a spell of vibration that samples show as up and down."""
+    truth = lively(50.0, 200.0)
+    samples = shown(truth)
+    samples["f"][3000::400, 2] += 100.0
+    samples["f"][5000:8000:2, 0] += 5.0
+    samples["f"][5001:8001:2, 0] -= 5.0
+    return judged(samples)
+
+
+def warped():
+    """Scale factors and misalignments that motion shows."""
+    matrix = np.array([[0.008, 0.003, -0.004], [0.002, -0.01, 0.003], [-0.003, 0.004, 0.006]])
+    flaws = Flaws(gyro_bias=(0.2 * DEG,) * 3, gyro_matrix=matrix, accel_scale=(0.01, -0.01, 0.005))
+    return judged(shown(lively(120.0, turning=1.5, moving=2.0), flaws), HEADED)
+
+
+def clipping():
+    """Beyond the range of the gyro, then of the accelerometer."""
+    truth = lively(50.0, 200.0)
+    samples = shown(truth)
+    samples["w"][4000:4060, 2] += 8.0
+    samples["f"][6000:6060, 0] += 50.0
+    for name, most in (("w", 300.0 * DEG), ("f", 3.0 * G)):
+        samples[name] = np.clip(samples[name], -most, most)
+    return judged(samples, HEADED)
+
+
+def lost_accelerometer():
+    return spoilt(20.0, 30.0, [("f", slice(None), 0.0)])
+
+
+def one_frozen_axis_of_the_accelerometer():
+    return spoilt(20.0, 26.0, [("f", 1, None)])
+
+
+def lost_gyro():
+    return spoilt(20.0, 25.0, [("w", slice(None), None)])
+
+
+def lost_gyro_for_a_moment():
+    return spoilt(20.0, 20.5, [("w", 1, np.nan)])
+
+
+def no_accelerometer_at_the_start():
+    return spoilt(-1.0, 8.0, [("f", slice(None), 0.0)])
+
+
+def gaps():
+    truth = lively(60.0)
+    keep = np.ones(len(truth.t), bool)
+    for begin, end in ((15.0, 15.05), (20.0, 20.3), (25.0, 25.9), (40.0, 43.0)):
+        keep &= (truth.t < begin) | (truth.t > end)
+    return judged(shown(truth)[keep], HEADED)
+
+
+def gap_in_lively_motion():
+    """It leaves the tilt unknown."""
+    truth = simulate(60.0, 100.0, wobble(8, 2.0), wobble(58, 2.0, 1.0, 4.0))
+    return judged(shown(truth)[(truth.t < 30.0) | (truth.t > 30.9)])
+
+
+def damaged_samples():
+    samples = shown(lively(40.0))
+    for first in range(1200, 3600, 200):
+        samples["w"][first : first + 3], samples["f"][first : first + 3] = 1e9, np.nan
+        samples["flags"][first : first + 3] = SUSPECT
+    samples["w"][1300:1303, 1] = np.nan
+    samples["f"][2100:2103, 2] = np.inf
+    samples["t_ns"][3000:3010] -= 1_000_000_000
+    samples["flags"][:20] = SUSPECT
+    return judged(samples, HEADED)
+
+
+def slipped(angle_deg, truth, flaws=BIASES, profile="m-g350", initial=HEADED):
+    """A sensor that slips by this angle after 20 s."""
+    samples = shown(truth, flaws)
+    slip = Rotation.from_rotvec(angle_deg * DEG * np.array([0.6, 0.8, 0.0]))
+    for name in ("w", "f"):
+        samples[name][truth.t >= 20.0] = slip.apply(samples[name][truth.t >= 20.0])
+    return judged(samples, initial, profile)
+
+
+def lost_attitude():
+    return slipped(90.0, lively(70.0))
+
+
+def wrong_tilt_in_motion():
+    truth = simulate(120.0, 50.0, after(5.0, wobble(1, 0.1, 0.5, 4.0)), after(5.0, wobble(2, 0.4, 0.3, 1.5)))
+    return slipped(12.0, truth)
+
+
+def wrong_tilt_at_rest():
+    return slipped(5.0, simulate(80.0, 50.0))
+
+
+def cut_off(cast, bias_degps, taken_out_degps=0.0, still=8.0):
+    """Rates as integers of 2000 deg/s full scale; a bias was taken out afterwards."""
+    count = 2000.0 * DEG / 2**15
+    truth = simulate(100.0, 200.0, after(still, wobble(6, 0.5, 0.3, 1.5)), after(still, wobble(6, 0.5, 1.0, 3.0)))
+    samples = shown(truth, Flaws(gyro_bias=tuple(np.array(bias_degps) * DEG)))
+    samples["w"] = cast(samples["w"] / count) * count - taken_out_degps * DEG
+    return judged(samples)
+
+
+def rates_cut_off():
+    return cut_off(np.trunc, (0.3, -0.2, -0.4))
+
+
+def rates_cut_off_about_zero():
+    """After a long rest, whose noise tells it."""
+    return cut_off(np.trunc, (0.08, -0.05, -0.4), 0.47, still=60.0)
+
+
+def rates_rounded():
+    return cut_off(np.round, (0.08, -0.05, -0.4), 0.47, still=60.0)
+
+
+CLASSES = (
+    hand, start_in_motion, start_shaken, everything_given, false_attitude_given, rest, rest_with_a_step_of_the_bias,
+    turntable, start_on_a_turntable, even_curve, car, smooth_car, fast_car, unnamed, tapping, warped, clipping,
+    lost_accelerometer, one_frozen_axis_of_the_accelerometer, lost_gyro, lost_gyro_for_a_moment,
+    no_accelerometer_at_the_start, gaps, gap_in_lively_motion, damaged_samples, lost_attitude, wrong_tilt_in_motion,
+    wrong_tilt_at_rest, rates_cut_off, rates_cut_off_about_zero, rates_rounded,
+)  # fmt: skip
+
+
+def tilt_in_a_hand():
+    return judged(shown(lively(40.0)), HEADED, estimator="tilt")
+
+
+def tilt_without_gyros():
+    samples = shown(lively(40.0, turning=0.0))
+    samples["w"] = 0.0
+    return judged(samples, profile="mma7260", estimator="tilt")
+
+
+def tilt_with_faults():
+    """Clipped, frozen, damaged and missing samples."""
+    recording = spoilt(20.0, 24.0, [("w", slice(None), None)], estimator="tilt")
+    samples = recording.samples
+    samples["f"][5500:5520, 0] = 3.0 * G
+    samples["flags"][6000:6500] = SUSPECT
+    t = np.arange(len(samples)) / 200.0
+    keep = (t < 36.0) | (t > 39.0)
+    return judged(samples[keep], HEADED, estimator="tilt")
+
+
+TILT_CLASSES = (tilt_in_a_hand, tilt_without_gyros, tilt_with_faults)

@@ -1,0 +1,446 @@
+"""Recordings for the golden traces of the navigation filter: one for each class of fault, of motion and of receiver."""
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from golden_run import Recording
+from navigation_simulation import Drive, curvature, drive, ideal_sensor, received, sensed
+from scipy.spatial.transform import Rotation
+
+from drivers.sample import SUSPECT
+from imud.configuration.settings import Imu, Initial, Navigation, Settings
+
+RATE = 100
+HEADED = Initial(yaw_deg=math.degrees(0.7))  # how a `drive` begins
+LSB = math.radians(0.0125), 0.125e-3 * 9.80665  # of the M-G350
+G350 = Imu(profile="m-g350")
+
+
+@cache
+def road(seconds=150.0, **how):
+    """A drive; treat it as constant."""
+    return drive(seconds, RATE, **how)
+
+
+def random(seed):
+    return np.random.RandomState(seed)  # its stream never changes (NEP 19)
+
+
+def data(d=None, seed=1, late=0.2, **how):
+    """(samples, fixes) of a consumer sensor and a receiver on a drive."""
+    d, rng = d or road(), random(seed)
+    return sensed(d, rng), received(d, rng, late=late, **how)
+
+
+def seconds(rows):
+    """Time in s since the start of a drive."""
+    return rows["t_ns"] * 1e-9 - 100.0
+
+
+def between(rows, begin, end):
+    t = seconds(rows)
+    return (t >= begin - 1e-6) & (t < end - 1e-6)
+
+
+def silent(fixes):
+    """From a receiver that does not measure velocity."""
+    fixes = fixes.copy()
+    fixes["speed"] = fixes["course"] = np.nan
+    return fixes
+
+
+def moved(fixes, begin, end, metres, per_second=0.0):
+    """With a false position to the north from `begin` to `end`."""
+    fixes, these = fixes.copy(), between(fixes, begin, end)
+    fixes["lat"][these] += (metres + per_second * (seconds(fixes)[these] - begin)) / 6.37e6
+    return fixes
+
+
+def navigated(samples, fixes, initial=Initial(), imu=Imu(), **navigation):  # noqa: B008
+    settings = Settings(imu=imu, navigation=Navigation(**navigation))
+    return Recording("navigation", samples, fixes, settings, initial)
+
+
+def no_velocity():
+    samples, fixes = data(seed=2)
+    return navigated(samples, silent(fixes))
+
+
+def jump():
+    """100 m that stay, against the velocity that the receiver measures."""
+    samples, fixes = data()
+    return navigated(samples, moved(fixes, 90.0, 1e9, 100.0))
+
+
+def short_jump():
+    samples, fixes = data(seed=3)
+    return navigated(samples, moved(fixes, 90.0, 96.0, 300.0))
+
+
+def jump_without_velocity():
+    """After an outage, which leaves nothing to vouch for the velocity."""
+    samples, fixes = data(seed=4)
+    fixes = silent(moved(fixes, 95.0, 1e9, 500.0))
+    return navigated(samples, fixes[~between(fixes, 80.0, 95.0)], HEADED)
+
+
+def jump_of_height():
+    samples, fixes = data(seed=5)
+    fixes["height"][between(fixes, 90.0, 1e9)] += 60.0
+    return navigated(samples, fixes)
+
+
+def no_height():
+    samples, fixes = data(seed=6)
+    fixes["height"][~between(fixes, 60.0, 65.0)] = np.nan
+    return navigated(samples, fixes)
+
+
+def slow_drift():
+    """Of the positions alone, at 1 m/s, which is found by what it does to the innovations."""
+    samples, fixes = data(seed=1)
+    return navigated(samples, silent(moved(fixes, 90.0, 125.0, 0.0, per_second=1.0)))
+
+
+def slow_drift_against_velocity():
+    samples, fixes = data(seed=7)
+    return navigated(samples, moved(fixes, 80.0, 115.0, 0.0, per_second=2.0), HEADED)
+
+
+def slow_drift_parked():
+    samples, fixes = data(road(rest=1e3), seed=8)
+    return navigated(samples, silent(moved(fixes, 70.0, 110.0, 0.0, per_second=1.0)), HEADED)
+
+
+def drift_that_stays():
+    """The drift ends, and the positions stay where it has brought them."""
+    samples, fixes = data(road(rest=1e3), seed=9)
+    fixes = moved(moved(fixes, 60.0, 80.0, 0.0, per_second=3.0), 80.0, 1e9, 60.0)
+    return navigated(samples, silent(fixes), HEADED)
+
+
+def frozen_receiver():
+    samples, fixes = data(seed=10)
+    frozen = np.flatnonzero(between(fixes, 90.0, 115.0))
+    for name in ("lat", "lon", "height", "speed", "course"):
+        fixes[name][frozen] = fixes[name][frozen[0]]
+    return navigated(samples, fixes)
+
+
+def outage():
+    samples, fixes = data(seed=11)
+    return navigated(samples, fixes[~between(fixes, 90.0, 130.0)])
+
+
+def latency():
+    """0.4 s instead of the 0.15 s that are assumed, and a velocity that is 0.2 s older still."""
+    d = road()
+    rng = random(12)
+    samples = sensed(d, rng)
+    return navigated(samples, received(d, rng, late=0.4, stamp=0.25, lag=0.2), HEADED)
+
+
+def late_fixes():
+    """Some later than can be rewound, some out of order, some of the future, some that cannot be true."""
+    samples, fixes = data(seed=13)
+    t, odd = seconds(fixes), fixes["arrival_ns"]
+    odd[between(fixes, 70.0, 80.0)] += 5_000_000_000
+    odd[between(fixes, 100.0, 101.0)] += 1_500_000_000
+    fixes["t_ns"][between(fixes, 110.0, 113.0)] += 3_000_000_000
+    fixes["quality"][(t > 120.0) & (t < 123.0)] = 6
+    fixes["lat"][(t > 125.0) & (t < 127.0)] = 2.0
+    return navigated(samples, fixes, HEADED)
+
+
+def rtk():
+    """Centimetres whose epochs a survey's log states, ten a second, the antenna beside the sensor."""
+    d, rng, lever = road(100.0), random(14), (0.5, -0.4, -1.0)
+    samples, fixes = sensed(d, rng), received(d, rng, every=0.2, sigma=0.01, white=0.01, stamp=0.02)
+    k = np.searchsorted(100.0 + d.t, fixes["arrival_ns"] * 1e-9 - 1e-6)
+    arm = d.attitude[k].apply(lever)
+    fixes["lat"] += arm[:, 0] / 6.37e6
+    fixes["lon"] += arm[:, 1] / (6.39e6 * np.cos(fixes["lat"]))
+    fixes["height"] -= arm[:, 2]
+    fixes["arrival_ns"] = fixes["t_ns"]
+    fixes["sigma"], fixes["hdop"], fixes["quality"] = (0.02, 0.02, 0.04), np.nan, 4
+    return navigated(samples, silent(fixes), lever_arm_m=lever)
+
+
+def rtk_comes_and_goes():
+    """By its quality alone: fixed, float, single, fixed."""
+    d, rng = road(120.0), random(15)
+    samples, fixes = sensed(d, rng), received(d, rng, every=0.5, late=0.1, sigma=0.02, white=0.01)
+    single = received(d, random(16), every=0.5, late=0.1)
+    fixes["quality"] = 4
+    fixes["quality"][between(fixes, 50.0, 65.0)] = 5
+    fixes[between(fixes, 65.0, 85.0)] = single[between(single, 65.0, 85.0)]
+    return navigated(samples, fixes)
+
+
+def ned_velocity():
+    """As modern receivers measure it, with sigmas of the position, five a second."""
+    d, rng = road(100.0), random(17)
+    samples, fixes = sensed(d, rng), received(d, rng, every=0.2, late=0.08)
+    k = np.searchsorted(100.0 + d.t, fixes["t_ns"] * 1e-9 - 1e-6)
+    fixes["v"] = d.v[k] + 0.05 * rng.standard_normal((len(fixes), 3))
+    fixes["sigma"], fixes["hdop"] = (1.2, 1.2, 2.0), np.nan
+    return navigated(samples, fixes)
+
+
+def sparse_fixes():
+    """One every five seconds, without velocity or a word of their quality."""
+    samples, fixes = data(seed=18, every=5.0)
+    fixes["hdop"] = np.nan
+    return navigated(samples, silent(fixes))
+
+
+def contrary_velocity():
+    """The receiver's course is false for a while: the filter gives its heading up, and finds it again."""
+    samples, fixes = data(seed=19)
+    fixes["course"][between(fixes, 70.0, 95.0)] += 1.6
+    return navigated(samples, fixes, HEADED)
+
+
+def gaps():
+    samples, fixes = data(seed=20)
+    keep = ~between(samples, 50.0, 50.05) & ~between(samples, 60.0, 60.4) & ~between(samples, 75.0, 77.0)
+    return navigated(samples[keep & ~between(samples, 95.0, 125.0)], fixes)
+
+
+def long_gap():
+    """Longer than is bridged."""
+    samples, fixes = data(seed=21)
+    return navigated(samples[~between(samples, 70.0, 110.0)], fixes, HEADED)
+
+
+def counted(samples):
+    """As a sensor of whole counts shows it: one whose values stand still is then known to be frozen."""
+    for name, lsb in zip("wf", LSB, strict=True):
+        samples[name] = np.rint(samples[name] / lsb) * lsb
+    return samples
+
+
+def saturation():
+    """A spin faster than the gyro's range, forces beyond the accelerometer's, and later a short one of each."""
+    d, rng = road(), random(22)
+    spin = np.interp(d.t, [80.0, 80.5, 82.5, 83.0], [0.0, 8.0, 8.0, 0.0])
+    turn = Rotation.from_rotvec(np.column_stack([0 * d.t, 0 * d.t, np.cumsum(spin) / RATE]))
+    spun = replace(d, attitude=d.attitude * turn, f=turn.inv().apply(d.f))
+    spun.w = turn.inv().apply(d.w) + np.column_stack([0 * d.t, 0 * d.t, spin])
+    samples, fixes = sensed(spun, rng), received(d, rng, late=0.2)
+    samples["f"][between(samples, 60.0, 60.3), 0] += 40.0
+    samples["w"][between(samples, 120.0, 120.2), 1] += 8.0
+    for name, most in (("w", math.radians(300.0)), ("f", 3.0 * 9.80665)):
+        samples[name] = np.clip(samples[name], -most, most)
+    return navigated(samples, fixes, imu=G350)
+
+
+def spoilt(seed, begin, end, faults):
+    samples, fixes = data(seed=seed)
+    counted(samples)
+    k = np.flatnonzero(between(samples, begin, end))
+    for name, axes, value in faults:
+        samples[name][k[0] : k[-1] + 1, axes] = samples[name][k[0], axes] if value is None else value
+    return navigated(samples, fixes, imu=G350)
+
+
+def no_rates():
+    return spoilt(23, 80.0, 86.0, [("w", slice(None), None)])
+
+
+def no_rate_for_a_moment():
+    return spoilt(24, 80.0, 80.4, [("w", 2, np.nan)])
+
+
+def no_forces():
+    return spoilt(25, 80.0, 86.0, [("f", slice(None), 0.0)])
+
+
+def no_samples():
+    """All that the sensor shows is false for a while."""
+    return spoilt(26, 80.0, 86.0, [("w", slice(None), np.nan), ("f", slice(None), np.nan)])
+
+
+def damaged_samples():
+    samples, fixes = data(seed=27)
+    samples["w"][between(samples, 50.0, 50.2)] = np.nan
+    samples["f"][between(samples, 90.0, 90.3)] = 1e9
+    samples["flags"][between(samples, 90.0, 90.3)] = SUSPECT
+    samples["flags"][:30] = SUSPECT
+    samples["t_ns"][between(samples, 95.0, 95.1)] -= 1_000_000_000
+    return navigated(samples, fixes)
+
+
+def wrong_heading():
+    samples, fixes = data(seed=28)
+    return navigated(samples, fixes, Initial(yaw_deg=-120.0))
+
+
+def wrong_place():
+    samples, fixes = data(seed=29)
+    return navigated(samples, fixes, replace_initial(HEADED, lat_deg=47.0, lon_deg=10.0))
+
+
+def everything_given():
+    d = road(80.0, rest=0.0, fast_start=True)
+    samples, fixes = data(d, seed=30)
+    given = {"lat_deg": 48.0, "lon_deg": 11.0, "height_m": 500.0, "roll_deg": 0.0, "pitch_deg": 0.0}
+    given |= dict(zip(("vn_mps", "ve_mps", "vd_mps"), map(float, d.v[0]), strict=True))
+    return navigated(
+        samples, fixes[seconds(fixes) > 30.0], replace_initial(HEADED, **given), lever_arm_m=(1.0, 0.5, -1.0)
+    )
+
+
+def replace_initial(initial, **given):
+    return Initial(**({name: getattr(initial, name) for name in initial.__struct_fields__} | given))
+
+
+def under_way():
+    """With a gyro bias of several degrees per second."""
+    d, rng = road(rest=0.0, fast_start=True), random(31)
+    samples = sensed(d, rng, bg=tuple(np.radians((2.0, -1.0, 4.0))), ba=(0.2, -0.1, 0.1))
+    return navigated(samples, received(d, rng, late=0.2))
+
+
+def under_way_without_velocity():
+    samples, fixes = data(road(200.0, rest=0.0, fast_start=True), seed=32, white=0.5)
+    return navigated(samples, silent(fixes))
+
+
+def no_fixes():
+    """Curves without a receiver: only roll and pitch are known."""
+    samples, fixes = data(road(60.0), seed=33)
+    return navigated(samples, fixes[:0])
+
+
+def reversing():
+    """Turns about its axle, ahead of which the sensor stands; forwards and in reverse."""
+    samples, fixes = data(road(swing=1.8, arm=1.5), seed=34)
+    return navigated(samples, fixes, vehicle="land")
+
+
+def turned(d, angle):
+    """The same way with the nose turned from it by `angle` (rad, of each moment)."""
+    attitude = d.attitude * Rotation.from_rotvec(np.outer(angle, (0.0, 0.0, 1.0)))
+    return Drive(d.t, d.lat, d.lon, d.height, d.v, attitude, *ideal_sensor(d.t, d.lat, d.height, d.v, attitude))
+
+
+def boat():
+    """It keeps to its axis for a minute, then a current sets it off."""
+    d = road(180.0)
+    angle = 0.5 * np.clip((d.t - 75.0) / 3.0, 0.0, 1.0) * np.sin(0.15 * (d.t - 75.0))
+    samples, fixes = data(turned(d, angle), seed=35)
+    return navigated(samples, fixes)
+
+
+def free_craft():
+    """Its nose turns about freely."""
+    d = road(120.0)
+    samples, fixes = data(turned(d, 2.5 * np.sin(0.2 * d.t)), seed=36)
+    return navigated(samples, fixes)
+
+
+def mounted_askew():
+    """The sensor stands on its side, and is told so by nobody; it is a free vehicle by its settings at first."""
+    d, rng = road(), random(37)
+    samples = sensed(d, rng, mount=Rotation.from_euler("ZYX", (130.0, -20.0, 80.0), degrees=True).inv())
+    return navigated(samples, received(d, rng, late=0.2))
+
+
+def scale_factor():
+    """The gyro shows 3 % too much of a turn, and has its axes out of line."""
+    d, rng = road(), random(38)
+    samples = sensed(d, rng)
+    samples["w"] = samples["w"] @ np.array([[1.0, 0.01, 0.01], [0.0, 1.0, -0.01], [0.0, 0.0, 1.03]]).T
+    return navigated(samples, received(d, rng, late=0.2))
+
+
+def smooth(x, seconds, rate):
+    kernel = np.hanning(round(2 * seconds * rate))
+    return np.convolve(x, kernel / kernel.sum(), "same")
+
+
+def flight():
+    """A multicopter: idle motors, take-off, moves, hovering and an outage meanwhile."""
+    rate, duration, aloft_s = 200, 100, 10.0
+    rng = random(39)
+    t = np.arange(duration * rate) / rate
+    n, block = len(t), 3 * rate
+    aloft = np.clip((t - aloft_s) / 2.0, 0.0, 1.0)
+    free = aloft * (1.0 - np.clip((t - 45.0) / 2.0, 0.0, 1.0) * np.clip((65.0 - t) / 2.0, 0.0, 1.0))
+    v = np.column_stack(
+        [free * smooth(np.repeat(s * rng.standard_normal(n // block + 1), block)[:n], 0.8, rate) for s in (3, 3, 1)]
+    )
+    v[:, 2] -= smooth(((t > aloft_s) & (t < aloft_s + 3.0)).astype(float), 0.5, rate)
+    yaw = 1.0 + aloft * smooth(np.repeat(rng.standard_normal(n // block + 1), block)[:n], 1.6, rate)
+    level = Rotation.from_euler("Z", yaw[:, None]).inv().apply(np.gradient(v, t, axis=0))
+    attitude = Rotation.from_euler("ZYX", np.column_stack([yaw, 0.01 - level[:, 0] / 9.8, level[:, 1] / 9.8 - 0.015]))
+    way = np.cumsum(v, axis=0) / rate
+    north, east = curvature(np.radians(48.0))
+    lat, height = np.radians(48.0) + way[:, 0] / north, 500.0 - way[:, 2]
+    lon = np.radians(11.0) + way[:, 1] / (east * np.cos(lat))
+    d = Drive(t, lat, lon, height, v, attitude, *ideal_sensor(t, lat, height, v, attitude))
+    motors = np.where(t < 3.0, 0.0, np.where(t < aloft_s, 0.25, 1.0))[:, None]
+    tone = np.sin(2 * np.pi * 70.0 * t[:, None] + np.arange(3))
+    rough = [np.diff(rng.standard_normal((n + 1, 3)), axis=0) for _ in range(2)]
+    d.w, d.f = d.w + motors * (0.04 * tone + 0.02 * rough[0]), d.f + motors * (0.8 * tone + 0.5 * rough[1])
+    samples, fixes = sensed(d, rng, bg=(0.01, -0.02, 0.01), ba=(0.2, 0.1, -0.2)), received(d, rng, late=0.2)
+    return navigated(samples, fixes[~between(fixes, 75.0, 90.0)])
+
+
+def stops():
+    """Stop and go; then the fixes end, and with them what tells that it stands."""
+    d = stop_and_go()
+    samples, fixes = data(d, seed=40)
+    return navigated(samples, fixes[~between(fixes, 160.0, 1e9)])
+
+
+@cache
+def stop_and_go():
+    """40 s each of driving and standing, its engine running."""
+    t = np.arange(240 * RATE) / RATE
+    go = smooth((((t + 20.0) % 40.0) > 20.0).astype(float), 2.0, RATE)
+    heading = 0.7 + 0.9 * np.sin(0.05 * np.cumsum(go) / RATE)
+    speed = 6.0 * go
+    v = np.column_stack([speed * np.cos(heading), speed * np.sin(heading), 0 * t])
+    m, n = curvature(np.radians(48.0))
+    way = np.cumsum(v, axis=0) / RATE
+    lat, height = np.radians(48.0) + way[:, 0] / m, np.full(len(t), 500.0)
+    lon = np.radians(11.0) + way[:, 1] / (n * np.cos(lat))
+    attitude = Rotation.from_euler("ZYX", np.column_stack([heading, 0 * t, 0 * t]))
+    d = Drive(t, lat, lon, height, v, attitude, *ideal_sensor(t, lat, height, v, attitude))
+    d.f += (0.05 + 0.3 * go)[:, None] * random(41).standard_normal(d.f.shape)
+    d.w += (0.002 + 0.01 * go)[:, None] * random(42).standard_normal(d.w.shape)
+    return d
+
+
+def parked():
+    """With a heading given; the receiver's latency and its sigmas have nothing to be learned from."""
+    samples, fixes = data(road(rest=1e3), seed=43)
+    return navigated(samples, fixes, HEADED)
+
+
+def pole():
+    d = drive(60.0, lat_deg=89.9999)
+    samples, fixes = data(d, seed=44)
+    fixes["lat"] = np.minimum(fixes["lat"], 0.5 * np.pi)
+    return navigated(samples, fixes, HEADED)
+
+
+def date_line():
+    d = drive(80.0, lat_deg=10.0, lon_deg=179.9999)
+    samples, fixes = data(d, seed=45)
+    fixes["lon"] = (fixes["lon"] + np.pi) % (2 * np.pi) - np.pi
+    return navigated(samples, fixes)
+
+
+CLASSES = (
+    no_velocity, jump, short_jump, jump_without_velocity, jump_of_height, no_height, slow_drift,
+    slow_drift_against_velocity, slow_drift_parked, drift_that_stays, frozen_receiver, outage, latency, late_fixes, rtk,
+    rtk_comes_and_goes, ned_velocity, sparse_fixes, contrary_velocity, gaps, long_gap, saturation, no_rates,
+    no_rate_for_a_moment, no_forces, no_samples, damaged_samples, wrong_heading, wrong_place, everything_given,
+    under_way, under_way_without_velocity, no_fixes, reversing, boat, free_craft, mounted_askew, scale_factor, flight,
+    stops, parked, pole, date_line,
+)  # fmt: skip

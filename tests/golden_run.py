@@ -1,0 +1,87 @@
+"""One recording through one estimator, and its trace: the columns that a golden file keeps."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from simulated import G350, rpy, unknown_fixes
+
+from imud.configuration.settings import Initial, Settings
+from imud.estimators import registry
+from imud.estimators.innovation_kinds import KINDS
+from imud.estimators.records import INNOVATION, SOLUTION
+from imud.pipeline import Filter
+
+TO_DEG = np.degrees(1.0)
+ROWS = 12  # of a golden file
+ROOM = 64  # innovations between two fixes, at most
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What an estimator is given. samples: SAMPLE rows; fixes: FIX rows; initial: what the user knows."""
+
+    estimator: str
+    samples: np.ndarray
+    fixes: np.ndarray = field(default_factory=lambda: unknown_fixes(0))
+    settings: Settings = G350
+    initial: Initial = Initial()  # noqa: RUF009
+    rows: int = ROWS
+
+
+def run(recording, prepared=lambda filter_: filter_, disturb=lambda samples: samples):
+    """(solutions of every sample, innovations in the order in which they were made); fixes go in as they arrive.
+
+    `prepared` may give the filter other kernels, `disturb` may change the samples.
+    """
+    samples = disturb(recording.samples.copy())
+    fixes = recording.fixes[np.argsort(recording.fixes["arrival_ns"], kind="stable")]
+    rate_hz = 1e9 / np.median(np.diff(samples["t_ns"]))
+    estimator = registry.by_name(recording.estimator)
+    filter_ = prepared(Filter(estimator, recording.settings, recording.initial, rate_hz))
+    out = np.zeros(len(samples), SOLUTION)
+    places = np.searchsorted(samples["t_ns"], fixes["arrival_ns"]).astype(np.int64)
+    innovations = filter_.feed(samples, out, fixes, places, np.zeros(ROOM * (len(fixes) + 1), INNOVATION))
+    return out, np.concatenate([innovations, filter_.told()])
+
+
+def solution_columns(out):
+    """Name to numbers of solutions."""
+    triples = [("v_mps", out["v"], 1.0), ("sp_m", out["sigma_p"], 1.0), ("sv_mps", out["sigma_v"], 1.0)]
+    triples += [("srpy_deg", out["sigma_rpy"], TO_DEG)]
+    triples += [("bg_radps", out["bg"], 1.0), ("sbg_radps", out["sigma_bg"], 1.0)]
+    triples += [("ba_mps2", out["ba"], 1.0), ("sba_mps2", out["sigma_ba"], 1.0)]
+    triples += [("w_radps", out["w"], 1.0), ("f_mps2", out["f"], 1.0)]
+    triples += [("rpy_deg", rpy(out["q_nb"]), TO_DEG)]
+    table = {"t_s": out["t_ns"] * 1e-9, "lat_deg": out["lat"] * TO_DEG, "lon_deg": out["lon"] * TO_DEG}
+    table |= {"height_m": out["height"]}
+    table |= {f"{name}_{axis}": unit * values[:, axis] for name, values, unit in triples for axis in range(3)}
+    return table | {"status": out["status"].astype(float)}
+
+
+def innovation_columns(innovations, t_ns):
+    """Until each of these times: the sum of normalised squares; how many of each kind (code) were used, refused."""
+    innovations = innovations[np.argsort(innovations["t_ns"], kind="stable")]
+    last = np.searchsorted(innovations["t_ns"], t_ns, side="right")
+
+    def until(values):
+        return np.concatenate([[0.0], np.cumsum(values)])[last]
+
+    known = np.isfinite(innovations["value"])
+    nis = np.zeros(len(innovations))
+    nis[known] = innovations["value"][known] ** 2 / innovations["variance"][known]
+    table = {"nis_sum": until(nis)}
+    for kind in KINDS:
+        for word, used in (("used", 1), ("refused", 0)):
+            these = (innovations["kind"] == kind) & (innovations["used"] == used)
+            table[f"{word}_{kind}"] = until(these.astype(float))
+    return table
+
+
+def trace(recording, **how):
+    """Name to numbers of every so many samples; what the estimator never knows, and what never came, is left out."""
+    out, innovations = run(recording, **how)
+    every = max(len(out) // recording.rows, 1)
+    kept = out[every - 1 :: every]
+    counted = innovation_columns(innovations, kept["t_ns"])
+    table = {name: values for name, values in solution_columns(kept).items() if np.isfinite(values).any()}
+    return table | {name: values for name, values in counted.items() if values.any()}

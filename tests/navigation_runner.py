@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.sample import SAMPLE
 from imud.configuration.settings import Initial, Settings
-from imud.estimators.navigation import ESTIMATOR
+from imud.estimators.ins import ESTIMATOR
 from imud.estimators.records import FIX, INNOVATION, SOLUTION
 from imud.kernels.jit import kernel
 

@@ -6,9 +6,9 @@ from navigation_runner import navigate
 from navigation_simulation import curvature, drive, errors, received, sensed
 
 from imud.configuration.settings import Imu, Initial, Navigation, Settings
-from imud.estimators.navigation import ESTIMATOR
-from imud.estimators.navigation.alignment import refer
-from imud.estimators.navigation.state import ATTITUDE, LATENCY, POSITION, STATES
+from imud.estimators.ins import ESTIMATOR
+from imud.estimators.ins.alignment.transitions import transfer_lever_arm
+from imud.estimators.ins.state import ATTITUDE, POSITION, STATES, TIME_OFFSET
 from imud.estimators.records import HEADING_VALID, POSITION_N, REJECTING, VELOCITY_N
 from imud.kernels.kalman import packed_index
 
@@ -159,21 +159,21 @@ def test_from_antenna_to_sensor_and_back_changes_nothing():
     p = ESTIMATOR.configure(Settings(navigation=Navigation(lever_arm_m=LEVER)), 100.0)[0]
     c = ESTIMATOR.start(ESTIMATOR.configure(Settings(), 100.0), Initial(lat_deg=48.0, lon_deg=11.0, height_m=500.0))[0]
     c = c["core"][0]
-    c["q"] = [0.5, 0.5, -0.5, 0.5]
-    c["v"] = [3.0, -4.0, 1.0]
-    refer(p, c, -1.0)
-    assert c["lat"] == np.radians(48.0)  # given by a user: it is the sensor's
-    c["fix_ns"] = 0
+    c["nav"]["q_nb"] = [0.5, 0.5, -0.5, 0.5]
+    c["nav"]["v_n"] = [3.0, -4.0, 1.0]
+    transfer_lever_arm(p, c, -1.0)
+    assert c["nav"]["lat"] == np.radians(48.0)  # given by a user: it is the sensor's
+    c["gnss"]["last_used_ns"] = 0
     arm = np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0]]) @ LEVER  # that attitude as a matrix
-    place, P = (float(c["lat"]), float(c["lon"]), float(c["height"])), c["P"].copy()
-    refer(p, c, 1.0)
+    place, P = (float(c["nav"]["lat"]), float(c["nav"]["lon"]), float(c["nav"]["height"])), c["cov"]["P"].copy()
+    transfer_lever_arm(p, c, 1.0)
     variance = lambda P, i: P[packed_index(STATES, i, i)]  # noqa: E731
     swung = arm[2] ** 2 * variance(P, ATTITUDE) + arm[0] ** 2 * variance(P, ATTITUDE + 2)
-    gained = variance(c["P"], POSITION + 1) - variance(P, POSITION + 1)
-    assert gained == pytest.approx(16.0 * variance(P, LATENCY) + swung)
+    gained = variance(c["cov"]["P"], POSITION + 1) - variance(P, POSITION + 1)
+    assert gained == pytest.approx(16.0 * variance(P, TIME_OFFSET) + swung)
     m, n = curvature(place[0])
-    moved = [(c["lat"] - place[0]) * (m + 500.0), (c["lon"] - place[1]) * (n + 500.0) * np.cos(place[0])]
-    assert [*moved, place[2] - c["height"]] == pytest.approx(-arm, abs=1e-5)
-    refer(p, c, -1.0)
-    assert (c["lat"], c["lon"], c["height"]) == pytest.approx(place, abs=1e-12, rel=1e-12)
-    assert c["P"] == pytest.approx(P, rel=1e-9)
+    moved = [(c["nav"]["lat"] - place[0]) * (m + 500.0), (c["nav"]["lon"] - place[1]) * (n + 500.0) * np.cos(place[0])]
+    assert [*moved, place[2] - c["nav"]["height"]] == pytest.approx(-arm, abs=1e-5)
+    transfer_lever_arm(p, c, -1.0)
+    assert (c["nav"]["lat"], c["nav"]["lon"], c["nav"]["height"]) == pytest.approx(place, abs=1e-12, rel=1e-12)
+    assert c["cov"]["P"] == pytest.approx(P, rel=1e-9)

@@ -6,24 +6,24 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Initial, Settings
-from imud.estimators.navigation import covariance as k
-from imud.estimators.navigation.correction import correct, row, take
-from imud.estimators.navigation.setup import configure, start
-from imud.estimators.navigation.state import (
+from imud.estimators.ins import error_model as k
+from imud.estimators.ins.ekf import gated_update, inject_error, set_jacobian
+from imud.estimators.ins.setup import configure, start
+from imud.estimators.ins.state import (
     ACCEL_BIAS,
-    ARM,
     ATTITUDE,
+    GNSS_BIAS,
     GYRO_BIAS,
-    LAG,
-    LATENCY,
     MOUNT_PITCH,
     MOUNT_YAW,
     NAVIGATING,
+    NHC_LEVER_ARM,
     POSITION,
     STATES,
+    TIME_OFFSET,
     TURN_SCALE,
     VELOCITY,
-    WANDER,
+    VELOCITY_TIME_OFFSET,
 )
 from imud.kernels.kalman import unpack
 
@@ -45,12 +45,16 @@ def made(seed):
     scale = np.repeat([2.0, 0.3, 0.02, 1e-3, 0.1, 2.0, 0.03, 0.1, 0.01, 0.5, 0.1], [3, 3, 3, 3, 3, 3, 2, 1, 3, 1, 1])
     root = rng.standard_normal((STATES, STATES)) * scale[:, None]
     P = root @ root.T / STATES
-    c["phase"] = NAVIGATING
-    c["P"] = P[np.triu_indices(STATES)]
+    c["alignment"]["mode"] = NAVIGATING
+    c["cov"]["P"] = P[np.triu_indices(STATES)]
     attitude = Rotation.random(random_state=seed)
-    c["q"] = np.roll(attitude.as_quat(), 1)
-    c["reported"] = (1.5, 3.0)
-    c["accel"], c["rate"], c["shaking"] = rng.standard_normal(3), rng.standard_normal(3), 0.4
+    c["nav"]["q_nb"] = np.roll(attitude.as_quat(), 1)
+    c["gnss"]["reported_sigma"] = (1.5, 3.0)
+    c["imu"]["accel_n"], c["imu"]["rate_b"], c["stationarity"]["vibration_level"] = (
+        rng.standard_normal(3),
+        rng.standard_normal(3),
+        0.4,
+    )
     return p, s, c, P, attitude.as_matrix(), rng
 
 
@@ -59,47 +63,47 @@ def test_one_interval_is_that_of_the_matrix_exponential(seed):
     p, _, c, P, C, rng = made(seed)
     dt = 0.01
     force = rng.standard_normal(3) * 3 + (0, 0, -9.8)
-    c["dv"], c["turned"], c["gathered"] = force * dt, c["rate"] * dt, dt
+    c["imu"]["delta_v"], c["imu"]["delta_theta"], c["imu"]["integration_time"] = force * dt, c["imu"]["rate_b"] * dt, dt
     F = np.zeros((STATES, STATES))
     F[block(POSITION), block(VELOCITY)] = np.eye(3)
     F[block(VELOCITY), block(ATTITUDE)] = -skew(force)
     F[block(VELOCITY), block(ACCEL_BIAS)] = -C
     F[block(ATTITUDE), block(GYRO_BIAS)] = -C
-    F[block(ATTITUDE), block(TURN_SCALE)] = -C * (C[2] @ c["rate"])
-    F[block(WANDER), block(WANDER)] = -np.eye(3) / k.WANDER_S
+    F[block(ATTITUDE), block(TURN_SCALE)] = -C * (C[2] @ c["imu"]["rate_b"])
+    F[block(GNSS_BIAS), block(GNSS_BIAS)] = -np.eye(3) / k.GNSS_BIAS_TIME_S
     q = np.zeros(STATES)
     tilt2, heading2 = np.mean(np.diag(P)[block(ATTITUDE, 2)]), P[ATTITUDE + 2, ATTITUDE + 2]
     r = p[0]
     q[block(VELOCITY)] = (
         r["accel_psd"]
-        + k.SHAKEN_NOISE**2 * 0.4
-        + r["accel_scale"] ** 2 * np.sum(c["accel"] ** 2) * k.FORCE_SCALE_S
-        + heading2 * (0.5 * heading2 * np.sum(c["accel"] ** 2) + 9.80665**2 * tilt2) * k.SECOND_ORDER_S
+        + k.VIBRATION_VRW**2 * 0.4
+        + r["accel_scale"] ** 2 * np.sum(c["imu"]["accel_n"] ** 2) * k.ACCEL_SCALE_TIME_S
+        + heading2 * (0.5 * heading2 * np.sum(c["imu"]["accel_n"] ** 2) + 9.80665**2 * tilt2) * k.SECOND_ORDER_TIME_S
     )
-    q[block(ATTITUDE)] = r["gyro_psd"] + r["gyro_scale"] ** 2 * np.sum(c["rate"] ** 2) * k.RATE_SCALE_S
-    q[block(GYRO_BIAS)] = r["gyro_walk"]
-    q[block(ACCEL_BIAS)] = r["accel_walk"] + k.SHAKEN_WALK**2 * 0.4
-    q[block(WANDER)] = 2.0 / k.WANDER_S * np.array([1.5, 1.5, 3.0]) ** 2
-    q[[MOUNT_PITCH, MOUNT_YAW]] = k.MOUNT_WALK
-    q[block(TURN_SCALE)] = k.SCALE_WALK
-    q[ARM] = k.ARM_WALK
+    q[block(ATTITUDE)] = r["gyro_psd"] + r["gyro_scale"] ** 2 * np.sum(c["imu"]["rate_b"] ** 2) * k.GYRO_SCALE_TIME_S
+    q[block(GYRO_BIAS)] = r["gyro_bias_psd"]
+    q[block(ACCEL_BIAS)] = r["accel_bias_psd"] + k.VIBRATION_BIAS_WALK**2 * 0.4
+    q[block(GNSS_BIAS)] = 2.0 / k.GNSS_BIAS_TIME_S * np.array([1.5, 1.5, 3.0]) ** 2
+    q[[MOUNT_PITCH, MOUNT_YAW]] = k.MOUNT_PSD
+    q[block(TURN_SCALE)] = k.TURN_SCALE_PSD
+    q[NHC_LEVER_ARM] = k.NHC_LEVER_ARM_PSD
     phi = expm(F * dt)
     expected = phi @ P @ phi.T + np.diag(q) * dt
-    k.predict(p[0], c)
+    k.propagate_covariance(p[0], c)
     sigma = np.sqrt(np.diag(expected))
-    assert np.abs((unpack(c["P"], STATES) - expected) / np.outer(sigma, sigma)).max() < 2e-3
-    growth = np.diag(unpack(c["P"], STATES)) - np.diag(phi @ P @ phi.T)
+    assert np.abs((unpack(c["cov"]["P"], STATES) - expected) / np.outer(sigma, sigma)).max() < 2e-3
+    growth = np.diag(unpack(c["cov"]["P"], STATES)) - np.diag(phi @ P @ phi.T)
     noisy = q[block(GYRO_BIAS, 6)]
     assert growth[block(GYRO_BIAS, 6)] == pytest.approx(noisy * dt, rel=1e-3)
-    assert c["gathered"] == 0.0
+    assert c["imu"]["integration_time"] == 0.0
 
 
 def test_many_intervals_stay_positive_definite():
     p, _, c, *_ = made(7)
     for i in range(2000):
-        c["dv"], c["gathered"] = (0.05 * np.sin(i), 0.02, -0.098), 0.01
-        k.predict(p[0], c)
-    P = unpack(c["P"], STATES)
+        c["imu"]["delta_v"], c["imu"]["integration_time"] = (0.05 * np.sin(i), 0.02, -0.098), 0.01
+        k.propagate_covariance(p[0], c)
+    P = unpack(c["cov"]["P"], STATES)
     sigma = np.sqrt(np.diag(P))
     assert np.linalg.eigvalsh(P / np.outer(sigma, sigma)).min() > 0.0
 
@@ -107,38 +111,38 @@ def test_many_intervals_stay_positive_definite():
 def test_scalar_measurements_are_one_textbook_update():
     _, _, c, P, _, rng = made(3)
     H = np.zeros((2, STATES))
-    H[0, [VELOCITY, ATTITUDE + 1, LATENCY]] = 1.0, 2.0, -3.0
-    H[1, [POSITION + 1, WANDER + 1]] = 1.0, 1.0
+    H[0, [VELOCITY, ATTITUDE + 1, TIME_OFFSET]] = 1.0, 2.0, -3.0
+    H[1, [POSITION + 1, GNSS_BIAS + 1]] = 1.0, 1.0
     z, R = rng.standard_normal(2), np.diag([0.04, 0.5])
     K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
     for h, zi, ri in zip(H, z, np.diag(R), strict=True):
         m = 0
         for i in np.flatnonzero(h):
-            m = row(c, m, i, h[i])
-        take(c, m, zi, ri, 0.0)
-    assert c["x"] == pytest.approx(K @ z, abs=1e-10)
-    assert unpack(c["P"], STATES) == pytest.approx((np.eye(STATES) - K @ H) @ P, abs=1e-10)
+            m = set_jacobian(c, m, i, h[i])
+        gated_update(c, m, zi, ri, 0.0)
+    assert c["scratch"]["x"] == pytest.approx(K @ z, abs=1e-10)
+    assert unpack(c["cov"]["P"], STATES) == pytest.approx((np.eye(STATES) - K @ H) @ P, abs=1e-10)
 
 
 def test_a_gated_measurement_changes_nothing():
     _, _, c, P, *_ = made(5)
-    assert take(c, row(c, 0, VELOCITY, 1.0), 100.0, 0.01, 25.0) < 0.0
-    assert not c["x"].any()
-    assert unpack(c["P"], STATES) == pytest.approx(P)
+    assert gated_update(c, set_jacobian(c, 0, VELOCITY, 1.0), 100.0, 0.01, 25.0) < 0.0
+    assert not c["scratch"]["x"].any()
+    assert unpack(c["cov"]["P"], STATES) == pytest.approx(P)
 
 
 def test_corrections_move_the_nominal_state_by_the_error():
     _, _, c, _, C, _ = made(6)
-    lat, height, v = float(c["lat"]), float(c["height"]), c["v"].copy()
-    c["x"][POSITION : POSITION + 3] = 10.0, 0.0, 2.0
-    c["x"][VELOCITY] = 0.5
-    c["x"][ATTITUDE : ATTITUDE + 3] = 0.01, -0.02, 0.03
-    c["x"][LATENCY], c["x"][LAG] = 0.1, 0.05
-    correct(c)
-    assert (c["latency"], c["lag"]) == pytest.approx((0.1, 0.05))
-    assert (c["lat"] - lat) * 6.3781e6 == pytest.approx(10.0, rel=0.01)
-    assert (c["height"] - height, c["v"][0] - v[0]) == pytest.approx((-2.0, 0.5))
+    lat, height, v = float(c["nav"]["lat"]), float(c["nav"]["height"]), c["nav"]["v_n"].copy()
+    c["scratch"]["x"][POSITION : POSITION + 3] = 10.0, 0.0, 2.0
+    c["scratch"]["x"][VELOCITY] = 0.5
+    c["scratch"]["x"][ATTITUDE : ATTITUDE + 3] = 0.01, -0.02, 0.03
+    c["scratch"]["x"][TIME_OFFSET], c["scratch"]["x"][VELOCITY_TIME_OFFSET] = 0.1, 0.05
+    inject_error(c)
+    assert (c["gnss"]["time_offset"], c["gnss"]["velocity_time_offset"]) == pytest.approx((0.1, 0.05))
+    assert (c["nav"]["lat"] - lat) * 6.3781e6 == pytest.approx(10.0, rel=0.01)
+    assert (c["nav"]["height"] - height, c["nav"]["v_n"][0] - v[0]) == pytest.approx((-2.0, 0.5))
     tilted, headed = Rotation.from_rotvec([0.01, -0.02, 0.0]), Rotation.from_rotvec([0.0, 0.0, 0.03])
     turned = (headed * tilted).as_matrix() @ C
-    assert Rotation.from_quat(np.roll(c["q"], -1)).as_matrix() == pytest.approx(turned, abs=1e-9)
-    assert not c["x"].any()
+    assert Rotation.from_quat(np.roll(c["nav"]["q_nb"], -1)).as_matrix() == pytest.approx(turned, abs=1e-9)
+    assert not c["scratch"]["x"].any()

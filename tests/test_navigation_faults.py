@@ -7,7 +7,7 @@ from navigation_simulation import drive, errors, received, sensed
 
 from drivers.sample import SUSPECT
 from imud.configuration.settings import Initial, Navigation, Settings
-from imud.estimators.navigation.state import ACCEL_BIAS, MOMENTS, POSITION, VELOCITY
+from imud.estimators.ins.state import ACCEL_BIAS, ONSETS, POSITION, VELOCITY
 from imud.estimators.records import AT_REST, COASTING, HEADING_VALID, POSITION_VALID, REJECTING
 
 RATE = 100
@@ -135,10 +135,10 @@ def test_what_creeping_would_do_to_the_estimate_is_foretold():
     cut = fixes[fixes["t_ns"] < 258 * 10**9]
     still, _, s = navigate(samples[: at(158.2)], cut, free)
     c, rate = s["core"][0, 0], 1e-4
-    for j in range(MOMENTS):
-        since = 1e-9 * c["since_ns"][j] - 100.0
+    for j in range(ONSETS):
+        since = 1e-9 * c["drift"]["onset_ns"][j] - 100.0
         crept, _, _ = navigate(samples[: at(158.2)], moved(cut, since, 1e9, 0.0, per_second=rate), free)
-        pull = c["pull"][:, 2 * j]
+        pull = c["drift"]["bias_sensitivity"][:, 2 * j]
         assert 0.1 < pull[POSITION] < 60.0
         dp = (crept["lat"][-1] - still["lat"][-1]) * 6.37e6 / rate
         assert pull[POSITION] == pytest.approx(dp, rel=0.005)

@@ -80,7 +80,7 @@ def test_it_flies_free_and_its_sigmas_are_honest_through_an_outage(kind):
         d, out, _, state = fly(seed, kind)
         p, v, a = errors(d, out)
         status = out["status"]
-        assert state["core"][0, 0]["constrained"] == 0
+        assert state["core"][0, 0]["nhc"]["enabled"] == 0
         assert not (status[d.t > AIRBORNE_S + 1.0] & AT_REST).any()
         assert (status[d.t > 45.0] & HEADING_VALID).all()
         end = np.searchsorted(d.t, OUTAGE_S[1]) - 1

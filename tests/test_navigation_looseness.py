@@ -4,11 +4,18 @@ import numpy as np
 import pytest
 
 from imud.configuration.settings import Initial, Settings
-from imud.estimators.navigation.advance import unseen2
-from imud.estimators.navigation.looseness import LOOSE, SUMMED, UNKNOWN, learn_looseness, relax, strain
-from imud.estimators.navigation.non_holonomic import begin, disown
-from imud.estimators.navigation.setup import configure, start
-from imud.estimators.navigation.state import ATTITUDE, STATES, TURN_SCALE, WANDER
+from imud.estimators.ins.aiding.nhc_noise import (
+    INITIAL_NOISE_SCALE,
+    NOISE_SCALE_RANGE,
+    SUM_LENGTH,
+    add_innovation,
+    clear_sums,
+    learn_noise_scale,
+)
+from imud.estimators.ins.aiding.non_holonomic import disable_nhc, enable_nhc
+from imud.estimators.ins.propagation import gap_variance
+from imud.estimators.ins.setup import configure, start
+from imud.estimators.ins.state import ATTITUDE, GNSS_BIAS, STATES, TURN_SCALE
 from imud.kernels.kalman import scale, unpack
 
 
@@ -19,17 +26,17 @@ def learned(innovations, assumed, fix_age_s=0.0, known=True):
     """
     core = start(configure(Settings(), 100.0), Initial())["core"][0]
     c = core[0]
-    c["t_ns"] = 100 * 10**9
-    c["fix_ns"] = c["t_ns"] - int(1e9 * fix_age_s)
+    c["nav"]["t_ns"] = 100 * 10**9
+    c["gnss"]["last_used_ns"] = c["nav"]["t_ns"] - int(1e9 * fix_age_s)
     if known:
-        c["loose"], c["strains"] = 1.0, 100
-    relax(c)
+        c["nhc"]["noise_scale"], c["nhc"]["sum_count"] = 1.0, 100
+    clear_sums(c)
     fits = True
     for pair in innovations:
         for k in range(2):
-            strain(c, k, pair[k], c["loose"][k] * assumed)
-        fits = not learn_looseness(c) and fits
-    return c["loose"].copy(), fits
+            add_innovation(c, k, pair[k], c["nhc"]["noise_scale"][k] * assumed)
+        fits = not learn_noise_scale(c) and fits
+    return c["nhc"]["noise_scale"].copy(), fits
 
 
 def white(seed, n, sigma):
@@ -37,36 +44,36 @@ def white(seed, n, sigma):
 
 
 def test_honest_innovations_leave_the_noise_as_it_is():
-    runs = [learned(white(seed, 30 * SUMMED, 0.1), 0.01) for seed in range(20)]
+    runs = [learned(white(seed, 30 * SUM_LENGTH, 0.1), 0.01) for seed in range(20)]
     assert all(fits for _, fits in runs)
     assert 0.6 < np.exp(np.mean([np.log(loose) for loose, _ in runs])) < 1.5
 
 
 def test_a_vehicle_that_keeps_to_its_axis_is_believed_more_and_within_bounds():
-    loose, fits = learned(white(2, 30 * SUMMED, 0.01), 0.01)
+    loose, fits = learned(white(2, 30 * SUM_LENGTH, 0.01), 0.01)
     assert fits
-    assert loose == pytest.approx(LOOSE[0])
+    assert loose == pytest.approx(NOISE_SCALE_RANGE[0])
 
 
 def test_a_constraint_begins_weak_and_is_tight_within_a_minute_of_no_slip():
-    assert np.exp(np.mean(np.log(LOOSE))) == pytest.approx(UNKNOWN)
-    loose, fits = learned(white(4, SUMMED - 1, 0.05), 0.01, known=False)
+    assert np.exp(np.mean(np.log(NOISE_SCALE_RANGE))) == pytest.approx(INITIAL_NOISE_SCALE)
+    loose, fits = learned(white(4, SUM_LENGTH - 1, 0.05), 0.01, known=False)
     assert fits
-    assert loose == pytest.approx(UNKNOWN)  # too few to tell
+    assert loose == pytest.approx(INITIAL_NOISE_SCALE)  # too few to tell
     for seed in range(10):
-        loose, fits = learned(white(seed, 6 * SUMMED, 0.05), 0.01, known=False)
+        loose, fits = learned(white(seed, 6 * SUM_LENGTH, 0.05), 0.01, known=False)
         assert fits
         assert (loose < 1.5).all()
-    kerb = white(5, 6 * SUMMED, 0.05)
+    kerb = white(5, 6 * SUM_LENGTH, 0.05)
     kerb[150:160] += 1.5
     assert learned(kerb, 0.01, known=False)[1]
 
 
 def test_a_drift_too_small_to_show_in_one_innovation_shows_in_their_sum():
-    drift = white(3, 12 * SUMMED, 0.05)
+    drift = white(3, 12 * SUM_LENGTH, 0.05)
     drift[:, 0] += 0.15  # one and a half of what is assumed
     assert not learned(drift, 0.01)[1]
-    assert not learned(drift[: 6 * SUMMED], 0.01, known=False)[1]
+    assert not learned(drift[: 6 * SUM_LENGTH], 0.01, known=False)[1]
     loose, fits = learned(drift, 0.01, fix_age_s=10.0)  # where nothing vouches for the velocity, nothing is learned
     assert fits
     assert (loose == 1.0).all()
@@ -75,18 +82,18 @@ def test_a_drift_too_small_to_show_in_one_innovation_shows_in_their_sum():
 def test_what_the_constraint_taught_of_what_is_no_land_vehicle_is_doubted():
     core = start(configure(Settings(), 100.0), Initial())["core"][0]
     c = core[0]
-    c["down"], c["axis"] = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
-    begin(c)
-    began = np.diag(unpack(c["P"], STATES))
+    c["nhc"]["down_sum"], c["nhc"]["principal_axis"] = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
+    enable_nhc(c)
+    began = np.diag(unpack(c["cov"]["P"], STATES))
     for i in range(STATES):
-        scale(c["P"], STATES, i, 0.1)
-    disown(c, 4.0)
-    doubted = np.diag(unpack(c["P"], STATES))
-    bent = [*range(ATTITUDE, WANDER), *range(TURN_SCALE, TURN_SCALE + 3)]
+        scale(c["cov"]["P"], STATES, i, 0.1)
+    disable_nhc(c, 4.0)
+    doubted = np.diag(unpack(c["cov"]["P"], STATES))
+    bent = [*range(ATTITUDE, GNSS_BIAS), *range(TURN_SCALE, TURN_SCALE + 3)]
     assert doubted[bent] == pytest.approx(began[bent])
     rest = np.setdiff1d(np.arange(STATES), bent)
     assert doubted[rest] == pytest.approx(0.01 * began[rest])
-    assert c["constrained"] == 0
+    assert c["nhc"]["enabled"] == 0
 
 
 @pytest.mark.parametrize("gap", [0.2, 0.5, 1.0])
@@ -97,11 +104,11 @@ def test_a_gap_hides_what_a_random_walk_tied_at_both_ends_does(gap):
     walks = np.column_stack([np.zeros(runs), walks])
     bridges = walks - np.linspace(0.0, 1.0, n + 1) * walks[:, -1:]
     still = np.zeros(3)
-    assert unseen2(still, still, gap, q, 0.0, 10.0) == pytest.approx(np.var(bridges.mean(axis=1)), rel=0.1)
+    assert gap_variance(still, still, gap, q, 0.0, 10.0) == pytest.approx(np.var(bridges.mean(axis=1)), rel=0.1)
 
 
 def test_a_gap_hides_more_where_its_ends_differ_or_shake_and_at_most_what_may_happen():
     still, turning = np.zeros(3), np.array([0.0, 0.0, 0.6])
-    assert unseen2(still, turning, 0.2, 0.0, 0.0, 10.0) == pytest.approx(0.6**2 / 12)
-    assert unseen2(still, still, 0.2, 0.0, 0.02, 10.0) == pytest.approx(0.01)
-    assert unseen2(still, still, 1e3, 0.01, 0.0, 0.3) == pytest.approx(0.09)
+    assert gap_variance(still, turning, 0.2, 0.0, 0.0, 10.0) == pytest.approx(0.6**2 / 12)
+    assert gap_variance(still, still, 0.2, 0.0, 0.02, 10.0) == pytest.approx(0.01)
+    assert gap_variance(still, still, 1e3, 0.01, 0.0, 0.3) == pytest.approx(0.09)

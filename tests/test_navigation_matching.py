@@ -6,9 +6,13 @@ from navigation_simulation import drive
 from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Initial, Settings
-from imud.estimators.navigation import correction, covariance, hypotheses, matching, posterior, strapdown, whitening
-from imud.estimators.navigation.setup import configure, start
-from imud.estimators.navigation.state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, RATES, STATES
+from imud.estimators.ins import ekf, error_model, mechanization
+from imud.estimators.ins.alignment import drift_hypotheses as hypotheses
+from imud.estimators.ins.alignment import heading_posterior as posterior
+from imud.estimators.ins.alignment import integrals as matching
+from imud.estimators.ins.alignment import whitening
+from imud.estimators.ins.setup import configure, start
+from imud.estimators.ins.state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, HYPOTHESES, STATES
 
 RATE = 100
 G = 9.80665
@@ -19,7 +23,7 @@ def core():
     p = configure(Settings(), RATE)
     s = start(p, Initial())
     c = s["core"][0, 0]
-    matching.clear_matching(c)
+    matching.clear_integrals(c)
     return p[0], s, c  # c is of s
 
 
@@ -27,18 +31,18 @@ def carried(corrections, seconds=20.0, at_s=8.0):
     """(running integrals, core) of a drive of which the strapdown is corrected on the way."""
     p, s, c = core()
     d = drive(seconds, rest=0.0, fast_start=True)
-    c["q"], c["v"], c["lat"] = np.roll(d.attitude[0].as_quat(), 1), d.v[0], d.lat[0]
-    c["w"], c["f"] = d.w[0], d.f[0]
+    c["nav"]["q_nb"], c["nav"]["v_n"], c["nav"]["lat"] = np.roll(d.attitude[0].as_quat(), 1), d.v[0], d.lat[0]
+    c["imu"]["w"], c["imu"]["f"] = d.w[0], d.f[0]
     for k in range(1, len(d.t)):
-        strapdown.integrate(c, d.w[k], d.f[k], 1.0 / RATE)
-        c["w"], c["f"] = d.w[k], d.f[k]
-        c["rate"] = d.w[k] - c["bg"]
-        covariance.predict(p, c)
+        mechanization.integrate_strapdown(c, d.w[k], d.f[k], 1.0 / RATE)
+        c["imu"]["w"], c["imu"]["f"] = d.w[k], d.f[k]
+        c["imu"]["rate_b"] = d.w[k] - c["nav"]["bg"]
+        error_model.propagate_covariance(p, c)
         if k == int(at_s * RATE):
             for state, value in corrections.items():
-                c["x"][state] = value
-            correction.correct(c)
-    return c["running"].copy(), s
+                c["scratch"]["x"][state] = value
+            ekf.inject_error(c)
+    return c["alignment"]["integrals"].copy(), s
 
 
 @pytest.mark.parametrize(
@@ -54,16 +58,18 @@ def carried(corrections, seconds=20.0, at_s=8.0):
 def test_what_the_filter_corrects_leaves_the_integrals_as_they_were(corrections):
     untouched, _ = carried({})
     running, s = carried(corrections)
-    assert s["core"][0, 0]["shifted"].any() or s["core"][0, 0]["frame"] != 0.0
-    assert running[matching.ZETA] == pytest.approx(untouched[matching.ZETA], abs=0.12)  # second order in 0.3 m/s^2
-    assert running[matching.SWAY] == pytest.approx(untouched[matching.SWAY], abs=0.05)
+    assert s["core"][0, 0]["alignment"]["corrections"].any() or s["core"][0, 0]["alignment"]["wander_azimuth"] != 0.0
+    assert running[matching.DELTA_V] == pytest.approx(
+        untouched[matching.DELTA_V], abs=0.12
+    )  # second order in 0.3 m/s^2
+    assert running[matching.HEADING_INTEGRAL] == pytest.approx(untouched[matching.HEADING_INTEGRAL], abs=0.05)
 
 
 def test_a_drift_found_is_one_from_then_on():
     _, s = carried({GYRO_BIAS + 2: 0.004})
     c = s["core"][0, 0]
-    assert c["frame_rate"] == pytest.approx(0.004, rel=1e-3)
-    assert c["drifted"] == pytest.approx(0.004 * 12.0, abs=2e-4)
+    assert c["alignment"]["vertical_bias"] == pytest.approx(0.004, rel=1e-3)
+    assert c["alignment"]["wander_azimuth_drift"] == pytest.approx(0.004 * 12.0, abs=2e-4)
 
 
 def complex_(a):
@@ -83,12 +89,12 @@ def pairs(rng, psi, rate, prior, n=30):
 def match(b, z, u, seen, ages):
     """As if they had been followed: each hypothesis turns back what was felt in its frame."""
     for i in range(len(z)):
-        for k in range(RATES):
-            turn = np.exp(1j * hypotheses.rate_of(k) * ages[i])
+        for k in range(HYPOTHESES):
+            turn = np.exp(1j * hypotheses.drift_rate(k) * ages[i])
             for j, value in enumerate([seen[i], turn * z[i], *(turn * u[i])]):
-                b["left"][j] = value.real, value.imag
-            hypotheses.accumulate(b, k, 1.0 / VARIANCE)
-        hypotheses.count(b, 1.0 / VARIANCE, ages[i])
+                b["innovations"][j] = value.real, value.imag
+            hypotheses.accumulate_products(b, k, 1.0 / VARIANCE)
+        hypotheses.count_innovation(b, 1.0 / VARIANCE, ages[i])
 
 
 def test_corrections_taken_over_are_as_if_made_before():
@@ -98,10 +104,10 @@ def test_corrections_taken_over_are_as_if_made_before():
     _, s, c = core()
     b = s["bank"][0, 0]
     match(b, *data)
-    c["shifted"] = np.stack([d.real, d.imag], axis=-1)
-    hypotheses.rebase(c, b)
+    c["alignment"]["corrections"] = np.stack([d.real, d.imag], axis=-1)
+    hypotheses.apply_corrections(c, b)
     taken = b["products"].copy()
-    hypotheses.clear_bank(b)
+    hypotheses.clear_hypotheses(b)
     match(b, data[0] + data[1] @ d, *data[1:])
     assert taken == pytest.approx(b["products"], rel=1e-7, abs=1e-6)
 
@@ -111,28 +117,28 @@ def test_in_the_frame_of_the_right_drift_forces_add_up_to_the_velocity_for_as_lo
     p, s, c = core()
     b = s["bank"][0, 0]
     d = drive(40.0, rest=0.0, fast_start=True)
-    bias = np.array([0.0, 0.0, 7 * hypotheses.RATE_STEP])
-    c["q"] = np.roll((Rotation.from_rotvec([0.006, -0.006, 0.0]) * d.attitude[0]).as_quat(), 1)
-    c["v"], c["lat"], c["w"], c["f"] = d.v[0], d.lat[0], d.w[0] + bias, d.f[0]
-    hypotheses.clear_bank(b)
+    bias = np.array([0.0, 0.0, 7 * hypotheses.DRIFT_RATE_STEP])
+    c["nav"]["q_nb"] = np.roll((Rotation.from_rotvec([0.006, -0.006, 0.0]) * d.attitude[0]).as_quat(), 1)
+    c["nav"]["v_n"], c["nav"]["lat"], c["imu"]["w"], c["imu"]["f"] = d.v[0], d.lat[0], d.w[0] + bias, d.f[0]
+    hypotheses.clear_hypotheses(b)
     integrals = []
     for k in range(1, len(d.t)):
-        strapdown.integrate(c, d.w[k] + bias, d.f[k], 1.0 / RATE)
-        c["w"], c["f"], c["rate"] = d.w[k] + bias, d.f[k], d.w[k] + bias
-        covariance.predict(p, c)
-        c["t_ns"] = round(1e9 * d.t[k])
+        mechanization.integrate_strapdown(c, d.w[k] + bias, d.f[k], 1.0 / RATE)
+        c["imu"]["w"], c["imu"]["f"], c["imu"]["rate_b"] = d.w[k] + bias, d.f[k], d.w[k] + bias
+        error_model.propagate_covariance(p, c)
+        c["nav"]["t_ns"] = round(1e9 * d.t[k])
         if k % RATE == 0:
-            hypotheses.carry_on(c, b, 1.0)
-            integrals.append(complex_(b["running"]))
+            hypotheses.propagate_hypotheses(c, b, 1.0)
+            integrals.append(complex_(b["integrals"]))
     v = (d.v[RATE::RATE] - d.v[0])[:, :2] @ (1.0, 1.0j)
     felt = np.array(integrals)
-    right = felt[:, RATES // 2 - 7]
-    tilt = v - right[:, matching.ZETA]
+    right = felt[:, HYPOTHESES // 2 - 7]
+    tilt = v - right[:, matching.DELTA_V]
     x = np.vdot(right[:, matching.TIME], tilt) / np.vdot(right[:, matching.TIME], right[:, matching.TIME])
     assert abs(x) == pytest.approx(G * 0.006 * np.sqrt(2.0), rel=0.2)  # the car rolls: its axis is not quite vertical
     assert np.abs(tilt).max() > 0.9
     assert np.abs(tilt - x * right[:, matching.TIME]).max() < 0.3
-    assert np.abs(v - felt[:, RATES // 2, matching.ZETA]).max() > 5.0
+    assert np.abs(v - felt[:, HYPOTHESES // 2, matching.DELTA_V]).max() > 5.0
 
 
 def test_innovations_are_those_of_the_dense_covariance_of_the_fixes():
@@ -141,22 +147,22 @@ def test_innovations_are_those_of_the_dense_covariance_of_the_fixes():
     b = core()[1]["bank"][0, 0]
     wander, white2, n, dt = 2.0, 0.5, 12, 1.5
     data = rng.standard_normal((2, n)) * 3.0
-    whitening.restart(b, wander)
+    whitening.reset_whitening(b, wander)
     products = np.zeros((2, 2))
     for k in range(n):
         if k:
-            whitening.let_pass(b, wander, dt)
-        b["twice"][0, matching.ZETA, 0] = data[1, k]
-        s = whitening.expected(b, True, white2)
-        whitening.innovate(b, 0, True, (data[0, k], 0.0))
-        left = b["left"][:2, 0].copy()
+            whitening.predict_whitening(b, wander, dt)
+        b["double_integrals"][0, matching.DELTA_V, 0] = data[1, k]
+        s = whitening.whitened_variance(b, True, white2)
+        whitening.whitened_innovations(b, 0, True, (data[0, k], 0.0))
+        left = b["innovations"][:2, 0].copy()
         products += np.outer(left, left) / s
-        whitening.follow(b, 0, True, s)
-        whitening.update(b, True, s)
+        whitening.update_hypothesis(b, 0, True, s)
+        whitening.update_whitening(b, True, s)
     t = dt * np.arange(n)
     early = np.minimum.outer(t, t)
-    V = whitening.UNFELT_PSD * early**2 * (np.maximum.outer(t, t) / 2.0 - early / 6.0)
-    V += whitening.ANYWHERE**2 + whitening.ANY_SPEED**2 * np.outer(t, t) + white2 * np.eye(n)
+    V = whitening.UNMODELLED_ACCEL_PSD * early**2 * (np.maximum.outer(t, t) / 2.0 - early / 6.0)
+    V += whitening.INITIAL_POSITION_SIGMA**2 + whitening.INITIAL_SPEED_SIGMA**2 * np.outer(t, t) + white2 * np.eye(n)
     V += wander**2 * np.exp(-np.abs(t[:, None] - t) / whitening.WANDER_S)
     assert products == pytest.approx(data @ np.linalg.solve(V, data.T), rel=1e-4, abs=1e-4)
 
@@ -165,20 +171,20 @@ def test_innovations_are_those_of_the_dense_covariance_of_the_fixes():
 def test_the_heading_is_that_of_a_least_squares_with_the_nuisance_marginalized(seed):
     rng = np.random.default_rng(seed)
     psi, k_true = rng.uniform(-np.pi, np.pi), rng.integers(10, 23)
-    rate = hypotheses.rate_of(k_true)
+    rate = hypotheses.drift_rate(k_true)
     half = rng.standard_normal((3, 3)) + 1j * rng.standard_normal((3, 3))
     prior = 0.02 * half @ half.conj().T + 0.01 * np.eye(3)
     z, u, seen, ages = pairs(rng, psi, rate, prior)
     _, s, c = core()
     b = s["bank"][0, 0]
     match(b, z, u, seen, ages)
-    c["t_ns"] = round(1e9 * ages[-1])
+    c["nav"]["t_ns"] = round(1e9 * ages[-1])
     b["prior"][:, :, 0], b["prior"][:, :, 1] = prior.real, prior.imag
-    found, sigma, found_rate, _, _ = posterior.solve(c, b, 0.1**2)
+    found, sigma, found_rate, _, _ = posterior.solve_heading(c, b, 0.1**2)
     inverse = np.linalg.inv(VARIANCE * np.eye(len(z)) + u @ prior @ u.conj().T)
-    drifts = (np.arange(RATES) - RATES // 2) * hypotheses.RATE_STEP
+    drifts = (np.arange(HYPOTHESES) - HYPOTHESES // 2) * hypotheses.DRIFT_RATE_STEP
     angles = np.linspace(-np.pi, np.pi, 1441)
-    costs = np.empty((RATES, len(angles)))
+    costs = np.empty((HYPOTHESES, len(angles)))
     for k, drift in enumerate(drifts):
         e = z[:, None] - seen[:, None] * np.exp(-1j * (angles + drift * ages[:, None]))
         costs[k] = np.einsum("ia,ij,ja->a", e.conj(), inverse, e).real
@@ -188,7 +194,7 @@ def test_the_heading_is_that_of_a_least_squares_with_the_nuisance_marginalized(s
     assert abs(np.angle(np.exp(1j * (found - now)))) < 0.5 * sigma
     assert abs(np.angle(np.exp(1j * (found - psi - rate * ages[-1])))) < 4.0 * sigma
     assert sigma < np.radians(12.0)
-    assert found_rate == pytest.approx(rate, abs=hypotheses.RATE_STEP)
+    assert found_rate == pytest.approx(rate, abs=hypotheses.DRIFT_RATE_STEP)
 
 
 def test_the_prior_is_the_filters_covariance_of_the_force_that_tilt_and_biases_make():
@@ -197,9 +203,9 @@ def test_the_prior_is_the_filters_covariance_of_the_force_that_tilt_and_biases_m
     b = s["bank"][0, 0]
     half = 0.1 * rng.standard_normal((STATES, STATES))
     P = half @ half.T
-    c["P"] = P[np.triu_indices(STATES)]
-    c["q"] = np.array([0.8, 0.2, -0.3, 0.5]) / np.linalg.norm([0.8, 0.2, -0.3, 0.5])
-    w, x, y, z = c["q"]
+    c["cov"]["P"] = P[np.triu_indices(STATES)]
+    c["nav"]["q_nb"] = np.array([0.8, 0.2, -0.3, 0.5]) / np.linalg.norm([0.8, 0.2, -0.3, 0.5])
+    w, x, y, z = c["nav"]["q_nb"]
     C = np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -210,7 +216,7 @@ def test_the_prior_is_the_filters_covariance_of_the_force_that_tilt_and_biases_m
     rows[0, ATTITUDE : ATTITUDE + 2] = G * 1j, -G  # i g (phi_n + i phi_e)
     rows[1, GYRO_BIAS : GYRO_BIAS + 3] = -1j * G * (C[0] + 1j * C[1])
     rows[2, ACCEL_BIAS : ACCEL_BIAS + 3] = -(C[0] + 1j * C[1])
-    posterior.believe(c, b)
+    posterior.set_prior(c, b)
     assert complex_(b["prior"]) == pytest.approx(0.5 * rows @ P @ rows.conj().T, rel=1e-9, abs=1e-12)
 
 

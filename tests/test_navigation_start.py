@@ -32,7 +32,9 @@ def test_heading_is_found_whatever_the_mounting(yaw_deg, pitch_deg, roll_deg):
     assert np.abs(a[at(60.0) :, :2]).max() < np.radians(0.5)
     assert np.abs(v[at(60.0) :]).max() < 0.4
     assert np.hypot(*p[at(60.0) :, :2].T).max() < 5.0
-    forward = state["core"][0, 0]["forward"] * np.sign(state["core"][0, 0]["forward"] @ mount.apply([1, 0, 0]))
+    forward = state["core"][0, 0]["nhc"]["forward"] * np.sign(
+        state["core"][0, 0]["nhc"]["forward"] @ mount.apply([1, 0, 0])
+    )
     assert forward == pytest.approx(mount.apply([1.0, 0.0, 0.0]), abs=0.02)
 
 
@@ -160,7 +162,7 @@ def test_the_land_vehicle_constraint_is_a_mode(vehicle, constrained):
     rng = np.random.default_rng(8)
     d = drive(90.0)
     out, _, state = navigate(sensed(d, rng), received(d, rng), Settings(navigation=Navigation(vehicle=vehicle)))
-    assert state["core"][0, 0]["constrained"] == constrained
+    assert state["core"][0, 0]["nhc"]["enabled"] == constrained
     assert np.isfinite(out["sigma_v"][-1]).all()
 
 
@@ -172,6 +174,6 @@ def test_auto_does_not_take_a_craft_that_moves_sideways_for_a_land_vehicle():
     d.f, d.attitude = drifting.inv().apply(d.f), d.attitude * drifting
     out, _, state = navigate(sensed(d, rng), received(d, rng))
     _, v, a = errors(d, out)
-    assert state["core"][0, 0]["constrained"] == 0
+    assert state["core"][0, 0]["nhc"]["enabled"] == 0
     assert np.abs(v[at(80.0) :, :2]).max() < 0.5
     assert np.abs(a[at(80.0) :, 2]).max() < np.radians(3.0)

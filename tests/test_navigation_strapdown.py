@@ -8,22 +8,22 @@ import pytest
 from navigation_simulation import RATE, curvature, drive, normal_gravity
 from scipy.spatial.transform import Rotation
 
-from imud.estimators.navigation.state import CORE
-from imud.estimators.navigation.strapdown import integrate, wrapped
+from imud.estimators.ins.mechanization import integrate_strapdown, wrap_angle
+from imud.estimators.ins.state import CORE
 
 
 def core_at(lat, lon, height, v, attitude, w, f):
     c = np.zeros(1, CORE)[0]
-    c["lat"], c["lon"], c["height"], c["v"] = lat, lon, height, v
-    c["q"] = np.roll(attitude.as_quat(), 1)
-    c["w"], c["f"] = w, f
+    c["nav"]["lat"], c["nav"]["lon"], c["nav"]["height"], c["nav"]["v_n"] = lat, lon, height, v
+    c["nav"]["q_nb"] = np.roll(attitude.as_quat(), 1)
+    c["imu"]["w"], c["imu"]["f"] = w, f
     return c
 
 
 def run(c, w, f, dt):
     for k in range(1, len(w)):
-        integrate(c, w[k], f[k], dt)
-        c["w"], c["f"] = w[k], f[k]
+        integrate_strapdown(c, w[k], f[k], dt)
+        c["imu"]["w"], c["imu"]["f"] = w[k], f[k]
 
 
 def ned_of(lat, lon):
@@ -71,12 +71,12 @@ def test_agrees_with_an_earth_centred_mechanization_under_hard_motion(lat):
     run(c, w, f, dt)
     la, lo, h, v_ned, end = earth_centred(lat, 2.0, 300.0, v, attitude, w, f, dt)
     meridian, prime_vertical = curvature(lat)
-    assert abs(c["lat"] - la) * meridian < 2e-3
-    assert abs(c["lon"] - lo) * prime_vertical * math.cos(lat) < 2e-3
-    assert abs(c["height"] - h) < 2e-3
-    assert np.abs(c["v"] - v_ned).max() < 1e-4
-    assert (end * Rotation.from_quat(np.roll(c["q"], -1)).inv()).magnitude() < 1e-5
-    assert np.linalg.norm(c["q"]) == pytest.approx(1.0, abs=1e-12)
+    assert abs(c["nav"]["lat"] - la) * meridian < 2e-3
+    assert abs(c["nav"]["lon"] - lo) * prime_vertical * math.cos(lat) < 2e-3
+    assert abs(c["nav"]["height"] - h) < 2e-3
+    assert np.abs(c["nav"]["v_n"] - v_ned).max() < 1e-4
+    assert (end * Rotation.from_quat(np.roll(c["nav"]["q_nb"], -1)).inv()).magnitude() < 1e-5
+    assert np.linalg.norm(c["nav"]["q_nb"]) == pytest.approx(1.0, abs=1e-12)
 
 
 def test_coning_terms_matter_and_are_right():
@@ -90,11 +90,11 @@ def test_coning_terms_matter_and_are_right():
     c = core_at(0.0, 0.0, 0.0, np.zeros(3), truth[0], w[0], np.zeros(3))
     plain = truth[0]
     for k in range(1, n):
-        integrate(c, w[k], np.zeros(3), dt)
-        c["w"], c["v"] = w[k], 0.0
+        integrate_strapdown(c, w[k], np.zeros(3), dt)
+        c["imu"]["w"], c["nav"]["v_n"] = w[k], 0.0
         plain = plain * Rotation.from_rotvec(0.5 * (w[k] + w[k - 1]) * dt)
     earth = Rotation.from_rotvec([RATE * t[-1], 0.0, 0.0])
-    drift = (truth[-1].inv() * earth * Rotation.from_quat(np.roll(c["q"], -1))).magnitude()
+    drift = (truth[-1].inv() * earth * Rotation.from_quat(np.roll(c["nav"]["q_nb"], -1))).magnitude()
     drift_plain = (truth[-1].inv() * plain).magnitude()
     assert 0.4 * drift_plain < drift < 0.55 * drift_plain
 
@@ -103,18 +103,18 @@ def test_follows_a_simulated_drive():
     d = drive(60.0, rate=200, rest=5.0)
     c = core_at(d.lat[0], d.lon[0], d.height[0], d.v[0], d.attitude[0], d.w[0], d.f[0])
     run(c, d.w, d.f, 1 / 200)
-    assert np.abs(c["v"] - d.v[-1]).max() < 0.02
-    assert abs(c["lat"] - d.lat[-1]) * 6.37e6 < 0.5
-    assert (d.attitude[-1] * Rotation.from_quat(np.roll(c["q"], -1)).inv()).magnitude() < 1e-4
+    assert np.abs(c["nav"]["v_n"] - d.v[-1]).max() < 0.02
+    assert abs(c["nav"]["lat"] - d.lat[-1]) * 6.37e6 < 0.5
+    assert (d.attitude[-1] * Rotation.from_quat(np.roll(c["nav"]["q_nb"], -1)).inv()).magnitude() < 1e-4
 
 
 def test_longitude_wraps_and_poles_stay_finite():
-    assert wrapped(math.pi + 0.1) == pytest.approx(-math.pi + 0.1)
+    assert wrap_angle(math.pi + 0.1) == pytest.approx(-math.pi + 0.1)
     still = np.array([0.0, 0.0, -9.8])
     c = core_at(0.5, math.pi - 1e-7, 0.0, [0.0, 50.0, 0.0], Rotation.identity(), np.zeros(3), still)
     run(c, np.zeros((200, 3)), np.tile(still, (200, 1)), 0.01)
-    assert -math.pi <= c["lon"] < -3.0
+    assert -math.pi <= c["nav"]["lon"] < -3.0
     c = core_at(0.5 * math.pi - 1e-6, 0.0, 0.0, [50.0, 5.0, 0.0], Rotation.identity(), np.zeros(3), still)
     run(c, np.zeros((2000, 3)), np.tile(still, (2000, 1)), 0.01)
-    assert np.isfinite([c["lat"], c["lon"], *c["v"], *c["q"]]).all()
-    assert abs(c["lat"]) <= 0.5 * math.pi
+    assert np.isfinite([c["nav"]["lat"], c["nav"]["lon"], *c["nav"]["v_n"], *c["nav"]["q_nb"]]).all()
+    assert abs(c["nav"]["lat"]) <= 0.5 * math.pi

@@ -7,9 +7,10 @@ from navigation_simulation import drive, errors, received, sensed
 from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Initial, Navigation, Settings
-from imud.estimators.navigation import motion, non_holonomic
-from imud.estimators.navigation.setup import configure, start
-from imud.estimators.navigation.state import ARM, NAVIGATING, STATES, TURN_SCALE
+from imud.estimators.ins import stationarity
+from imud.estimators.ins.aiding import non_holonomic
+from imud.estimators.ins.setup import configure, start
+from imud.estimators.ins.state import NAVIGATING, NHC_LEVER_ARM, STATES, TURN_SCALE
 from imud.kernels.kalman import unpack
 
 LN_REST, LN_MOTION = np.log(0.0014), np.log(0.009)  # of the gyro's deviation in rad/s, a car's in Tokyo
@@ -22,10 +23,10 @@ def test_what_the_gyro_shows_too_much_in_turns_is_found(scale, cross):
     d.w = d.w + d.w[:, 2:] * (cross, 0.0, scale)
     _, _, s = navigate(sensed(d, rng), received(d, rng, sigma=0.5, late=0.2))
     c = s["core"][0, 0]
-    sigma = np.sqrt(np.diag(unpack(c["P"], STATES))[TURN_SCALE : TURN_SCALE + 3])
+    sigma = np.sqrt(np.diag(unpack(c["cov"]["P"], STATES))[TURN_SCALE : TURN_SCALE + 3])
     assert sigma[2] < 0.003
-    assert (np.abs(c["turn_scale"] - (cross, 0.0, scale)) < 4.0 * sigma).all()
-    assert c["turn_scale"][2] == pytest.approx(scale, abs=0.003)
+    assert (np.abs(c["nav"]["turn_scale"] - (cross, 0.0, scale)) < 4.0 * sigma).all()
+    assert c["nav"]["turn_scale"][2] == pytest.approx(scale, abs=0.003)
 
 
 @pytest.mark.parametrize("arm, swing, speed", [(1.6, 0.6, 8.0), (-0.8, 0.6, 8.0), (0.3, 2.0, 1.0), (1.6, 2.0, 4.0)])
@@ -34,11 +35,11 @@ def test_where_the_vehicle_turns_about_is_found_forwards_and_in_reverse(arm, swi
     d = drive(240.0, arm=arm, swing=swing, speed=speed)
     out, _, s = navigate(sensed(d, rng), received(d, rng, sigma=0.5, late=0.2))
     c = s["core"][0, 0]
-    ahead = np.sign(c["forward"][0])  # a vehicle that has begun in reverse has its axis the other way round
-    sigma = np.sqrt(np.diag(unpack(c["P"], STATES))[ARM])
-    assert c["constrained"] == 1
+    ahead = np.sign(c["nhc"]["forward"][0])  # a vehicle that has begun in reverse has its axis the other way round
+    sigma = np.sqrt(np.diag(unpack(c["cov"]["P"], STATES))[NHC_LEVER_ARM])
+    assert c["nhc"]["enabled"] == 1
     assert sigma < 0.3
-    assert abs(ahead * c["arm"] - arm) < 4.0 * sigma
+    assert abs(ahead * c["nhc"]["lever_arm"] - arm) < 4.0 * sigma
     heading = np.degrees(errors(d, out)[2][:, 2])[-10000:]
     assert np.sqrt(np.mean(heading**2)) < 2.0
 
@@ -49,12 +50,12 @@ def travelled(heading_deg, velocity, speed_sigma=0.1, vehicle="auto", every_s=0.
     p = configure(settings, 100.0)
     c = start(p, Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=10.0))["core"][0, 0]
     P = np.diag([1.0] * 3 + [speed_sigma**2] * 3 + [1e-4] * 2 + [np.radians(5.0) ** 2] + [1e-4] * 17)
-    c["P"], c["phase"] = P[np.triu_indices(STATES)], NAVIGATING
+    c["cov"]["P"], c["alignment"]["mode"] = P[np.triu_indices(STATES)], NAVIGATING
     for k, (heading, v) in enumerate(zip(heading_deg, velocity, strict=True)):
         attitude = Rotation.from_euler("z", heading, degrees=True)
-        c["q"], c["v"] = np.roll(attitude.as_quat(), 1), attitude.apply(v)
-        c["t_ns"] = c["fix_ns"] = int(1e9 * every_s * k)
-        non_holonomic.learn_axis(p[0], c)
+        c["nav"]["q_nb"], c["nav"]["v_n"] = np.roll(attitude.as_quat(), 1), attitude.apply(v)
+        c["nav"]["t_ns"] = c["gnss"]["last_used_ns"] = int(1e9 * every_s * k)
+        non_holonomic.find_forward_axis(p[0], c)
     return c
 
 
@@ -62,8 +63,8 @@ def test_the_axis_of_a_robot_that_turns_and_reverses_is_found_within_ten_seconds
     k = np.arange(20)
     along = np.where(k % 8 < 4, -0.8, 0.9)
     c = travelled(4.0 * k, np.column_stack([0.2 * along, along, 0.0 * along]))
-    assert c["constrained"] == 1
-    assert np.abs(c["forward"]) == pytest.approx(np.array([0.2, 1.0, 0.0]) / np.hypot(0.2, 1.0), abs=1e-6)
+    assert c["nhc"]["enabled"] == 1
+    assert np.abs(c["nhc"]["forward"]) == pytest.approx(np.array([0.2, 1.0, 0.0]) / np.hypot(0.2, 1.0), abs=1e-6)
 
 
 def test_a_line_over_ground_is_no_axis_of_a_vehicle():
@@ -97,9 +98,9 @@ def test_what_was_gathered_before_the_heading_was_known_turns_with_it():
     v, q, spread = straight["v"].copy(), straight["q"].copy(), straight["spread"].copy()
     back = Rotation.from_rotvec([0.0, 0.0, -psi])
     straight["q"] = np.roll((back * Rotation.from_quat(np.roll(q, -1))).as_quat(), 1)
-    non_holonomic.turn_witnesses(straight, -psi)  # as if the heading had been wrong by psi all the time
+    non_holonomic.rotate_scatter(straight, -psi)  # as if the heading had been wrong by psi all the time
     assert np.abs(straight["spread"] - spread).max() > 0.1 * np.abs(spread).max()
-    non_holonomic.turn_witnesses(straight, psi)
+    non_holonomic.rotate_scatter(straight, psi)
     assert straight["spread"] == pytest.approx(spread)
     turned = Rotation.from_quat(np.roll(q, -1)).inv().apply(v)  # the last velocity, in the body
     matrix = np.zeros((3, 3))
@@ -112,31 +113,36 @@ def core():
     """A navigating core, without a fix for a minute, whose velocity has drifted to 1.2 +- 0.6 m/s."""
     s = start(configure(Settings(), 100.0), Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=10.0))
     c = s["core"][0, 0]
-    c["phase"], c["fixes"], c["fix_ns"], c["t_ns"] = NAVIGATING, 100, 0, 60_000_000_000
-    c["v"], c["quiet"], c["n"] = (1.2, 0.0, 0.0), 12, 50
+    c["alignment"]["mode"], c["gnss"]["fix_count"], c["gnss"]["last_used_ns"], c["nav"]["t_ns"] = (
+        NAVIGATING,
+        100,
+        0,
+        60_000_000_000,
+    )
+    c["nav"]["v_n"], c["stationarity"]["low_motion_count"], c["stationarity"]["sample_count"] = (1.2, 0.0, 0.0), 12, 50
     P = np.diag([25.0] * 2 + [1.0] + [0.36] * 3 + [1e-6] * 3 + [1e-10] * 3 + [1e-4] * 3 + [1.0] * 11)
-    c["P"] = P[np.triu_indices(STATES)]
-    c["elapsed"], c["sum_n"] = 0.5, 0.5 * np.array([0.02, 0.0, -9.81])
+    c["cov"]["P"] = P[np.triu_indices(STATES)]
+    c["stationarity"]["duration"], c["stationarity"]["delta_v"] = 0.5, 0.5 * np.array([0.02, 0.0, -9.81])
     return s, c
 
 
 def learned(c, at_rest, in_motion, spread):
     rng = np.random.default_rng(0)
     for _ in range(200):
-        motion.learn(c["manner"][0], at_rest + spread * rng.standard_normal())
-        motion.learn(c["manner"][1], in_motion + spread * rng.standard_normal())
+        stationarity.learn_class(c["stationarity"]["motion_class"][0], at_rest + spread * rng.standard_normal())
+        stationarity.learn_class(c["stationarity"]["motion_class"][1], in_motion + spread * rng.standard_normal())
 
 
 def test_rest_is_told_in_an_outage_by_what_was_learned_though_the_velocity_has_drifted():
     _, c = core()
-    assert not motion.at_rest(c)
+    assert not stationarity.detect_rest(c)
     learned(c, LN_REST, LN_MOTION, 0.4)
     for _ in range(5):
-        motion.weigh(c, LN_REST)
-    assert not motion.at_rest(c)  # too soon to be sure
+        stationarity.update_evidence(c, LN_REST)
+    assert not stationarity.detect_rest(c)  # too soon to be sure
     for _ in range(5):
-        motion.weigh(c, LN_REST)
-    assert motion.at_rest(c)
+        stationarity.update_evidence(c, LN_REST)
+    assert stationarity.detect_rest(c)
 
 
 def test_motion_braking_and_speed_are_no_rest():
@@ -144,17 +150,17 @@ def test_motion_braking_and_speed_are_no_rest():
         _, c = core()
         learned(c, LN_REST, LN_MOTION, 0.4)
         for _ in range(20):
-            motion.weigh(c, LN_MOTION if spoil == "motion" else LN_REST)
+            stationarity.update_evidence(c, LN_MOTION if spoil == "motion" else LN_REST)
         if spoil == "braking":
-            c["sum_n"][0] = 0.5 * 0.8
+            c["stationarity"]["delta_v"][0] = 0.5 * 0.8
         if spoil == "speed":
-            c["v"][0] = 5.0
-        assert not motion.at_rest(c), spoil
+            c["nav"]["v_n"][0] = 5.0
+        assert not stationarity.detect_rest(c), spoil
 
 
 def test_a_car_as_smooth_in_motion_as_at_rest_is_never_taken_for_resting():
     _, c = core()
     learned(c, LN_REST, LN_REST + 0.1, 0.4)
     for _ in range(60):
-        motion.weigh(c, LN_REST)
-    assert not motion.at_rest(c)
+        stationarity.update_evidence(c, LN_REST)
+    assert not stationarity.detect_rest(c)

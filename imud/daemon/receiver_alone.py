@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimators.navigation.gnss import SPEED_SIGMA, VERTICAL, horizontal_sigma
+from ..estimators.ins.aiding.gnss import VELOCITY_SIGMA_RANGE, VERTICAL_RATIO, horizontal_sigma
 from ..estimators.records import POSITION_VALID, SOLUTION
 from ..kernels.jit import interpreted
 from ..outputs.view import NO_SOLUTION
@@ -19,8 +19,12 @@ def solution(fix: NDArray[np.void]) -> NDArray[np.void]:
     row["status"] = POSITION_VALID
     told = fix.view(np.recarray)[0]
     horizontal = interpreted(horizontal_sigma)(told)
-    row["sigma_p"] = horizontal, horizontal, told.sigma[2] if math.isfinite(told.sigma[2]) else VERTICAL * horizontal
+    row["sigma_p"] = (
+        horizontal,
+        horizontal,
+        told.sigma[2] if math.isfinite(told.sigma[2]) else VERTICAL_RATIO * horizontal,
+    )
     course = told.course if told.speed > 0.0 else 0.0
     row["v"] = told.speed * math.cos(course), told.speed * math.sin(course), math.nan
-    row["sigma_v"] = SPEED_SIGMA[1], SPEED_SIGMA[1], math.nan
+    row["sigma_v"] = VELOCITY_SIGMA_RANGE[1], VELOCITY_SIGMA_RANGE[1], math.nan
     return row

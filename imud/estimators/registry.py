@@ -9,7 +9,7 @@ from . import Estimator
 # what the user calls it: the module, and the estimator in it
 _WHERE = {
     "attitude": ("attitude", "ESTIMATOR"),
-    "navigation": ("navigation", "ESTIMATOR"),
+    "navigation": ("ins", "ESTIMATOR"),
     "tilt": ("tilt", "ESTIMATOR"),
     "stationary": ("stationary", "ESTIMATOR"),
     "suh-standard": ("suh", "SUH_STANDARD"),

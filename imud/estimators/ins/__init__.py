@@ -8,7 +8,7 @@ late ones there, `filter` has the entries.
 """
 
 from .. import Estimator
-from .filter import step, told, update
+from .filter import step, take_innovations, update
 from .setup import configure, start
 
-ESTIMATOR = Estimator("navigation", configure, start, step, update, told=told)
+ESTIMATOR = Estimator("navigation", configure, start, step, update, told=take_innovations)

@@ -1,0 +1,142 @@
+"""Before the heading is known: position and velocity are followed as the receiver shows them, its antenna's at the
+fixes' own time (see `alignment.refer`), by the filter that navigates later, and every fix helps to find the heading."""
+
+import math
+from typing import Any
+
+from ....kernels.earth import STANDARD_GRAVITY
+from ....kernels.jit import kernel
+from ....kernels.kalman import reset, shear
+from ..aiding.gnss import limit_position_confidence, low_speed_variance, velocity_of
+from ..aiding.non_holonomic import accumulate_scatter
+from ..ekf import innovation_variance
+from ..error_model import GNSS_BIAS_TIME_S, standard_deviation, variance
+from ..mechanization import ned_difference
+from ..state import ATTITUDE, GNSS_BIAS, POSITION, STATES, VELOCITY
+from ..stationarity import REST_SPEED, WINDOW_S
+from .drift_hypotheses import frame_rotation, nearest_hypothesis
+from .integrals import DELTA_V, TIME, multiply, phasor
+from .transitions import HEADING_HORIZON_S, find_heading, start_navigation
+from .velocity_pairs import is_levelled, match_pair, vertical_bias_jacobian
+from .whitening import SPEED, unobserved_velocity
+
+UNKNOWN_HEIGHT = 1000.0  # m
+UNKNOWN_SPEED, UNKNOWN_VERTICAL_SPEED = 30.0, 1.0  # m/s
+RECEIVED_SPEED = 0.3  # m/s
+MAX_VELOCITY_SIGMA = 5.0  # m/s, at most, of a velocity that positions and what was felt since have told
+SPEED_SIGMAS = 3.0  # times its sigma, a speed seen in positions is no noise
+
+
+@kernel
+def differenced_velocity_variance(c: Any, dt: float) -> float:
+    """Variance, m^2/s^2, of a velocity component seen in two positions `dt` s apart."""
+    wander2 = c.gnss.reported_sigma[0] ** 2 * (1.0 - math.exp(-dt / GNSS_BIAS_TIME_S))
+    return float(2.0 * (c.gnss.noise_var[0] + wander2) / dt**2)
+
+
+@kernel
+def low_motion_speed(c: Any, lat: float, lon: float) -> float:
+    """Mean speed in the positions since the sensor has been quiet, m/s; NaN where that is not known well enough."""
+    dt = 1e-9 * (c.nav.t_ns - c.alignment.low_motion_ns)
+    if dt > c.stationarity.low_motion_count * WINDOW_S:
+        c.alignment.low_motion_position[0], c.alignment.low_motion_position[1], c.alignment.low_motion_ns = (
+            lat,
+            lon,
+            c.nav.t_ns,
+        )
+        return math.nan
+    if dt <= 0.0 or SPEED_SIGMAS**2 * differenced_velocity_variance(c, dt) > REST_SPEED**2:
+        return math.nan
+    north, east = ned_difference(c, c.alignment.low_motion_position[0], c.alignment.low_motion_position[1], lat, lon)
+    return float(math.hypot(north, east) / dt)
+
+
+@kernel
+def speed_from_positions(c: Any, lat: float, lon: float) -> float:
+    """Speed seen in positions, m/s: over the last pair, or since the sensor is quiet; NaN where it may be noise."""
+    calm = low_motion_speed(c, lat, lon)
+    if c.alignment.mean_velocity[2] > 0.0:
+        speed = math.hypot(c.alignment.mean_velocity[0], c.alignment.mean_velocity[1])
+        sigma = (
+            math.sqrt(2.0 * c.gnss.noise_var[0]) / c.alignment.mean_velocity[2]
+        )  # the wander hardly changes meanwhile
+        if speed > SPEED_SIGMAS * sigma or SPEED_SIGMAS * sigma < REST_SPEED:
+            return speed
+    return calm
+
+
+@kernel
+def observe_forward_axis(p: Any, c: Any, vn: float, ve: float) -> None:
+    """Let the velocity of a fix (NaN: it told none) tell of the vehicle's axis, in the level frame.
+
+    One that is seen in positions is exact, but that of a moment ago.
+    """
+    noise = c.gnss.velocity_noise_var
+    if not (math.isfinite(vn) and math.isfinite(ve)):
+        vn, ve, dt = c.alignment.mean_velocity[0], c.alignment.mean_velocity[1], c.alignment.mean_velocity[2]
+        if not dt > 0.0 or c.alignment.pair_start_ns != c.nav.t_ns:
+            return
+        turned = 0.5 * dt * (abs(c.imu.rate_b[0]) + abs(c.imu.rate_b[1]) + abs(c.imu.rate_b[2]))
+        noise = 2.0 * c.gnss.noise_var[0] / dt**2 + turned**2 * (vn**2 + ve**2)
+    drift2 = innovation_variance(c, vertical_bias_jacobian(c)) * HEADING_HORIZON_S**2
+    accumulate_scatter(p, c, (vn, ve, 0.0), noise, drift2)
+
+
+@kernel
+def initialize_velocity(c: Any, b: Any) -> None:
+    """With the heading found: the velocity that positions showed, and what was felt since."""
+    k = nearest_hypothesis(c)
+    felt = multiply(
+        phasor(-c.alignment.wander_azimuth - frame_rotation(c, k, 0.0)),
+        (unobserved_velocity(b, k, 0, DELTA_V), unobserved_velocity(b, k, 1, DELTA_V)),
+    )
+    tilt2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
+    r = (
+        b.whitening_P[SPEED, SPEED]
+        + c.alignment.heading_sigma**2 * (felt[0] ** 2 + felt[1] ** 2)
+        + tilt2 * unobserved_velocity(b, k, 0, TIME) ** 2
+    )
+    for i in range(2):
+        c.nav.v_n[i] = b.whitening_state[k, SPEED, 0, i] + felt[i]
+        reset(c.cov.P, STATES, VELOCITY + i, min(r, MAX_VELOCITY_SIGMA**2))
+
+
+@kernel
+def reset_to_fix(p: Any, c: Any, fix: Any) -> None:
+    """Put the core on the fix: all that is known of the place is what it says, and how far receivers wander."""
+    c.nav.lat, c.nav.lon = fix.lat, fix.lon
+    guess = 0.0  # sigma of a height that the fix does not tell: of the last one, if there was one
+    if math.isfinite(fix.height):
+        c.nav.height = fix.height
+    else:
+        guess = min(max(standard_deviation(c, POSITION + 2), c.gnss.reported_sigma[1]), UNKNOWN_HEIGHT)
+    for i in range(3):
+        v = velocity_of(fix, i)
+        known = math.isfinite(v)
+        c.nav.v_n[i] = v if known else 0.0
+        speed = RECEIVED_SPEED if known else UNKNOWN_VERTICAL_SPEED if i == 2 else UNKNOWN_SPEED
+        reset(c.cov.P, STATES, VELOCITY + i, speed**2)
+        reset(c.cov.P, STATES, POSITION + i, c.gnss.noise_var[i // 2] if i < 2 or guess == 0.0 else guess**2)
+        reset(c.cov.P, STATES, GNSS_BIAS + i, c.gnss.reported_sigma[i // 2] ** 2)
+        c.gnss.bias[i] = 0.0
+        if i < 2 or guess == 0.0:
+            shear(c.cov.P, STATES, POSITION + i, GNSS_BIAS + i, -1.0)
+    limit_position_confidence(p, c)
+    c.gnss.last_used_ns = c.nav.t_ns
+
+
+@kernel
+def align_with_fix(p: Any, c: Any, b: Any, fix: Any) -> None:
+    """Learn from a fix, before it is fused, what the heading is; begin to navigate when that is known."""
+    vn, ve = velocity_of(fix, 0), velocity_of(fix, 1)
+    match_pair(c, b, fix.lat, fix.lon, vn, ve, low_speed_variance(fix))
+    if not math.isfinite(c.gnss.speed):
+        c.gnss.speed = speed_from_positions(c, fix.lat, fix.lon)
+    observe_forward_axis(p, c, vn, ve)
+    if is_levelled(c) and (c.alignment.heading_sigma > 0.0 or find_heading(c, b)):
+        if math.isfinite(vn) and math.isfinite(ve):  # told in a moment, for a sensor whose heading is known
+            for i in range(2):
+                reset(c.cov.P, STATES, VELOCITY + i, MAX_VELOCITY_SIGMA**2)
+        elif c.alignment.last_match_ns == c.nav.t_ns:
+            initialize_velocity(c, b)
+        start_navigation(p, c)

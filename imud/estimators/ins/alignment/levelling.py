@@ -1,0 +1,87 @@
+"""Roll and pitch from the specific force, while the heading is unknown: at rest it is gravity, in motion nearly so.
+
+Both are one measurement of a mean specific force, with the sigma of rest, of the acceleration that the receiver saw, or
+of any vehicle; the gyro, whose bias is estimated at the same time, carries the attitude between.
+"""
+
+import math
+from typing import Any
+
+from ....kernels.earth import gravity
+from ....kernels.jit import kernel
+from ....kernels.rotation import dcm_of_quat, quat_rotate_back
+from ...records import AT_REST
+from ..ekf import gated_update, inject_error, innovation_variance, set_jacobian
+from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
+
+REST_FORCE = 0.02  # m/s^2
+RECEIVED_FORCE = 0.3  # m/s^2, what a receiver's velocity does not show
+FRESH_S = 3.0
+VERTICAL_FORCE = 0.03  # m/s^2, gravity times half the square of a tilt: no repetition tells more
+MOTION_FORCE = 1.5  # m/s^2, accelerations last for several windows
+TURN_SPEED = 20.0  # m/s, that a vehicle which turns may have: its curve pulls by that times the rate of turn
+
+
+@kernel
+def tilt_jacobian(c: Any, k: int, m: Any, axis: int, gain: float, ago: float) -> int:
+    """Row of the tilt about `axis` as it was `ago` s before now: the error of the gyro bias has turned it since."""
+    for j in range(3):
+        k = set_jacobian(c, k, GYRO_BIAS + j, gain * ago * m[3 * axis + j])
+    return set_jacobian(c, k, ATTITUDE + axis, gain)
+
+
+@kernel
+def fuse_gravity(c: Any, fx: float, fy: float, fz: float, ago: float, sigma: float, axes: int) -> None:
+    """Fuse a mean specific force (level axes), which is -gravity but for accelerations of `sigma`, on `axes` axes.
+
+    It is the mean about a time `ago` s in the past: the attitude error was another then, by the gyro bias.
+    """
+    m = dcm_of_quat((c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3]))
+    for i in range(axes):
+        # C f + phi x C f - C ba = (0, 0, -g); heading error has no part in it
+        k = set_jacobian(c, 0, ACCEL_BIAS, -m[3 * i])
+        k = set_jacobian(c, k, ACCEL_BIAS + 1, -m[3 * i + 1])
+        k = set_jacobian(c, k, ACCEL_BIAS + 2, -m[3 * i + 2])
+        if i == 0:
+            k = tilt_jacobian(c, k, m, 1, fz, ago)
+            z = -fx
+        elif i == 1:
+            k = tilt_jacobian(c, k, m, 0, -fz, ago)
+            z = -fy
+        else:
+            k = set_jacobian(c, k, ATTITUDE, fy)
+            k = set_jacobian(c, k, ATTITUDE + 1, -fx)
+            z = -gravity(c.nav.lat, c.nav.height) - fz
+            if innovation_variance(c, k) < VERTICAL_FORCE**2:
+                continue
+        gated_update(c, k, z, sigma * sigma, 0.0)
+    inject_error(c)
+
+
+@kernel
+def level_from_window(c: Any, resting: bool) -> None:
+    """Fuse the mean specific force of a window (call at its end, before it is cleared)."""
+    if (
+        resting or 1e-9 * (c.nav.t_ns - c.alignment.pair_start_ns) > FRESH_S
+    ):  # else the receiver's velocity tells more: level_between
+        sigma = REST_FORCE
+        if not resting:
+            down = quat_rotate_back((c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3]), (0.0, 0.0, 1.0))
+            turn = down[0] * c.imu.rate_b[0] + down[1] * c.imu.rate_b[1] + down[2] * c.imu.rate_b[2]
+            sigma = math.hypot(MOTION_FORCE, TURN_SPEED * turn)
+        fuse_gravity(
+            c,
+            c.stationarity.delta_v[0] / c.stationarity.duration,
+            c.stationarity.delta_v[1] / c.stationarity.duration,
+            c.stationarity.delta_v[2] / c.stationarity.duration,
+            0.5 * c.stationarity.duration,
+            sigma,
+            3,
+        )
+
+
+@kernel
+def level_from_velocity_change(c: Any, an: float, ae: float, dt: float, pull: float) -> None:
+    """Fuse the mean level specific force of the last `dt` s, which the receiver saw accelerate by `pull` m/s^2."""
+    if not c.nav.flags & AT_REST:
+        fuse_gravity(c, an, ae, -gravity(c.nav.lat, c.nav.height), 0.5 * dt, pull + RECEIVED_FORCE, 2)

@@ -1,0 +1,247 @@
+"""A fix while the heading is not known: its innovations are matched with what was felt, pairs of them level the frame.
+
+How they are matched, is in `matching`; here is what of a fix is taken for it, and how long it can be compared.
+"""
+
+import math
+from typing import Any
+
+from ....kernels.earth import STANDARD_GRAVITY
+from ....kernels.jit import kernel
+from ....kernels.rotation import dcm_of_quat
+from ...records import AT_REST
+from ..ekf import innovation_variance, set_jacobian
+from ..error_model import GNSS_BIAS_TIME_S, variance
+from ..mechanization import ned_difference
+from ..state import ATTITUDE, COARSE_ALIGNMENT, GYRO_BIAS, NAVIGATING, NEVER_NS, TIME_OFFSET
+from .drift_hypotheses import (
+    apply_corrections,
+    clear_hypotheses,
+    discount,
+    match_measurement,
+    nearest_hypothesis,
+    propagate_hypotheses,
+)
+from .integrals import DELTA_V, TIME, Complex, clear_integrals, multiply, phasor
+from .levelling import level_from_velocity_change
+from .whitening import INITIAL_SPEED_SIGMA, predict_whitening, reset_whitening, whitened_innovations, whitened_variance
+
+SHORTEST_S, LONGEST_S = 0.9, 6.0  # between two fixes of a pair
+PAIR_VELOCITY_SIGMA = 0.4  # m/s, of a velocity change seen in positions
+MATCH_GATE = 25.0
+MATCH_DURATION_S, MATCH_ROTATION = (100.0, 400.0), math.radians(20.0)  # of pairs: tilt and biases are taken as constant
+OUTAGE_SHARE = 0.2  # of that time, without fixes, after which to begin anew
+LEVELLED_SIGMA = math.radians(6.0)
+
+
+@kernel
+def start_pair(c: Any, lat: float, lon: float, vn: float, ve: float) -> None:
+    """Remember this fix as the first of the next pair."""
+    c.alignment.pair_start_ns = c.nav.t_ns
+    for k in range(4):
+        for i in range(2):
+            c.alignment.pair_integrals[k, i], c.alignment.pair_double_integrals[k, i] = (
+                c.alignment.integrals[k, i],
+                c.alignment.double_integrals[k, i],
+            )
+    m = c.alignment.pair_start
+    m[0], m[1], m[2], m[3], m[4], m[5] = vn, ve, lat, lon, c.imu.accel_n[0], c.imu.accel_n[1]
+
+
+@kernel
+def is_levelled(c: Any) -> bool:
+    """Whether roll and pitch are known well enough to navigate."""
+    return max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1)) < LEVELLED_SIGMA**2
+
+
+@kernel
+def level_with_pair(c: Any, vn: float, ve: float, dt: float) -> None:
+    """Level by the force in `integral_change`, felt over `dt` s while the velocity changed by (vn, ve)."""
+    zn, ze = multiply(
+        phasor(-c.alignment.wander_azimuth),
+        (c.scratch.integral_change[DELTA_V, 0], c.scratch.integral_change[DELTA_V, 1]),
+    )
+    if c.alignment.mode == COARSE_ALIGNMENT:
+        level_from_velocity_change(c, zn / dt, ze / dt, dt, math.hypot(vn, ve) / dt)
+
+
+@kernel
+def timing_velocity_variance(c: Any) -> float:
+    """Variance, m^2/s^2, of a velocity change since the mark by what is not known of the fixes' latency."""
+    return float(
+        variance(c, TIME_OFFSET)
+        * ((c.imu.accel_n[0] - c.alignment.pair_start[4]) ** 2 + (c.imu.accel_n[1] - c.alignment.pair_start[5]) ** 2)
+    )
+
+
+@kernel
+def timing_position_variance(c: Any, b: Any) -> float:
+    """Variance, m^2, of a way since the last fix matched by the same: what it has sped up goes on for so long."""
+    north, east = (
+        c.alignment.integrals[DELTA_V, 0] - b.last_integrals[DELTA_V, 0],
+        c.alignment.integrals[DELTA_V, 1] - b.last_integrals[DELTA_V, 1],
+    )
+    return float(variance(c, TIME_OFFSET) * (north * north + east * east))
+
+
+@kernel
+def pair_duration(c: Any) -> float:
+    """Seconds between positions that show a velocity change with a sigma of VAGUENESS.
+
+    It is their second difference, of three times white noise and of two increments of a random walk.
+    """
+    walk = 4.0 * c.gnss.reported_sigma[0] ** 2 / GNSS_BIAS_TIME_S
+    root = math.sqrt(walk * walk + 24.0 * c.gnss.noise_var[0] * PAIR_VELOCITY_SIGMA**2)
+    seconds: float = (walk + root) / (2.0 * PAIR_VELOCITY_SIGMA**2)
+    return min(max(seconds, SHORTEST_S), LONGEST_S)
+
+
+@kernel
+def match_duration(c: Any) -> float:
+    """Seconds for which pairs can be compared: drift hypotheses lie some way apart, unless the drift is known.
+
+    While navigating the estimate of the gyro's scale factor changes, too.
+    """
+    if c.alignment.mode == NAVIGATING:
+        return MATCH_DURATION_S[0]
+    drift = math.sqrt(innovation_variance(c, vertical_bias_jacobian(c)))
+    return min(max(MATCH_ROTATION / drift, MATCH_DURATION_S[0]), MATCH_DURATION_S[1])
+
+
+@kernel
+def match_pair(c: Any, b: Any, lat: float, lon: float, vn: float, ve: float, noise2: float) -> None:
+    """A fix at the core's time, with its velocity (NaN when it has none), of a variance beyond the usual."""
+    matching = 1e-9 * (c.nav.t_ns - c.alignment.last_match_ns) >= SHORTEST_S
+    if matching:
+        apply_corrections(c, b)
+        match_fix(c, b, lat, lon, vn, ve, noise2)
+    dt = 1e-9 * (c.nav.t_ns - c.alignment.pair_start_ns)
+    m = c.alignment.pair_start
+    known = math.isfinite(vn) and math.isfinite(m[0])
+    if dt < SHORTEST_S or (not known and dt < pair_duration(c)):
+        return
+    if not matching:
+        apply_corrections(c, b)
+    if dt > max(LONGEST_S, 2.0 * pair_duration(c)):
+        c.alignment.mean_velocity[2] = 0.0
+    elif known:
+        for k in range(4):
+            for i in range(2):
+                c.scratch.integral_change[k, i] = c.alignment.integrals[k, i] - c.alignment.pair_integrals[k, i]
+        level_with_pair(c, vn - m[0], ve - m[1], dt)
+    else:
+        north, east = ned_difference(c, m[2], m[3], lat, lon)
+        pair_mean_velocities(c, north / dt, east / dt, dt)
+    start_pair(c, lat, lon, vn, ve)
+
+
+@kernel
+def contradicts_force(c: Any, b: Any, s: float) -> bool:
+    """Do the innovations in b.innovations, of variance s, differ by more than heading and tilt errors explain?"""
+    felt = math.hypot(b.innovations[1 + DELTA_V, 0], b.innovations[1 + DELTA_V, 1])
+    tilt2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
+    doubt = s + tilt2 * (b.innovations[1 + TIME, 0] ** 2 + b.innovations[1 + TIME, 1] ** 2)
+    return bool((felt - math.hypot(b.innovations[0, 0], b.innovations[0, 1])) ** 2 > MATCH_GATE * doubt)
+
+
+@kernel
+def match_fix(c: Any, b: Any, lat: float, lon: float, vn: float, ve: float, noise2: float) -> None:
+    """Match what this fix tells with what was felt."""
+    dt = 1e-9 * (c.nav.t_ns - c.alignment.last_match_ns)
+    if 1e-9 * (c.nav.t_ns - c.alignment.origin_ns) > match_duration(c) or dt > OUTAGE_SHARE * match_duration(c):
+        reset_pairs(c)
+        dt = math.inf
+    c.alignment.last_match_ns = c.nav.t_ns
+    late2 = timing_position_variance(c, b)
+    if dt == math.inf:
+        c.alignment.position_origin[0], c.alignment.position_origin[1] = lat, lon
+        clear_integrals(c)
+        clear_hypotheses(b)
+        restart_matching(c, b)
+    else:
+        propagate_hypotheses(c, b, dt)
+        predict_whitening(b, c.gnss.reported_sigma[0], dt)
+        discount(b, math.exp(-2.0 * dt / match_duration(c)))
+    if math.isfinite(vn) and math.isfinite(ve):
+        match_if_consistent(c, b, False, (vn, ve), c.gnss.velocity_noise_var + timing_velocity_variance(c) + noise2)
+    else:
+        match_if_consistent(
+            c,
+            b,
+            True,
+            ned_difference(c, c.alignment.position_origin[0], c.alignment.position_origin[1], lat, lon),
+            c.gnss.noise_var[0] + late2,
+        )
+
+
+@kernel
+def restart_matching(c: Any, b: Any) -> None:
+    """Place and velocity are taken from the next fix."""
+    reset_whitening(b, c.gnss.reported_sigma[0])
+    c.alignment.reject_count = 0
+
+
+@kernel
+def match_if_consistent(c: Any, b: Any, place: bool, told: Complex, r: float) -> None:
+    """Match a place (m) or a velocity of variance r, if it tells something; not one that was not felt.
+
+    When there are three such fixes in a row, place and velocity are taken anew from the next.
+    """
+    s = whitened_variance(b, place, r)
+    certain = is_levelled(c) and s < 0.5 * INITIAL_SPEED_SIGMA**2
+    whitened_innovations(b, nearest_hypothesis(c), place, told)
+    if certain and contradicts_force(c, b, s):
+        c.alignment.reject_count += 1
+        if c.alignment.reject_count > 2:
+            restart_matching(c, b)
+        return
+    c.alignment.reject_count = 0
+    match_measurement(c, b, place, told, s, certain and not c.nav.flags & AT_REST)
+
+
+@kernel
+def pair_mean_velocities(c: Any, vn: float, ve: float, dt: float) -> None:
+    """From positions alone: the mean velocity since the last fix, against the mean before it."""
+    s = c.alignment.mean_velocity
+    for k in range(4):
+        for i in range(2):
+            mean = (c.alignment.double_integrals[k, i] - c.alignment.pair_double_integrals[k, i]) / dt
+            c.scratch.integral_change[k, i] = mean - c.alignment.mean_integrals[k, i]
+            c.alignment.mean_integrals[k, i] = mean
+    if s[2] > 0.0 and exceeds_force(c, vn - s[0], ve - s[1], dt):
+        s[2] = 0.0
+        return
+    if s[2] > 0.0:
+        level_with_pair(c, vn - s[0], ve - s[1], c.scratch.integral_change[TIME, 0])
+    s[0], s[1], s[2] = vn, ve, dt
+
+
+@kernel
+def exceeds_force(c: Any, vn: float, ve: float, dt: float) -> bool:
+    """Is this change of mean velocities over `dt` s more than force, tilt errors and noise explain?"""
+    felt = math.hypot(c.scratch.integral_change[DELTA_V, 0], c.scratch.integral_change[DELTA_V, 1])
+    tilt2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
+    doubt = (
+        6.0 * (c.gnss.noise_var[0] + c.gnss.reported_sigma[0] ** 2) / dt**2
+        + tilt2 * c.scratch.integral_change[TIME, 0] ** 2
+    )
+    return bool(max(math.hypot(vn, ve) - felt, 0.0) ** 2 > MATCH_GATE * doubt)
+
+
+@kernel
+def vertical_bias_jacobian(c: Any) -> int:
+    """Put the gyro bias about the vertical into the measurement row; returns its length."""
+    m = dcm_of_quat((c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3]))
+    k = 0
+    for i in range(3):
+        k = set_jacobian(c, k, GYRO_BIAS + i, m[6 + i])
+    return k
+
+
+@kernel
+def reset_pairs(c: Any) -> None:
+    """Begin to match anew."""
+    clear_integrals(c)
+    c.alignment.pair_start_ns = c.alignment.last_match_ns = NEVER_NS
+    c.alignment.mean_velocity[2] = 0.0
+    c.integrity.heading_fault_count = 0

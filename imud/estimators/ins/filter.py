@@ -1,0 +1,177 @@
+"""The two entries of the navigation filter: an inertial sample, and a fix."""
+
+import math
+from typing import Any
+
+from drivers.sample import NO_FORCE, NO_RATE, SUSPECT, UNTOLD
+
+from ...kernels.jit import kernel
+from ...kernels.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
+from ..records import POSITION_N, REJECTING
+from .aiding.gnss import fuse_gnss_position, fuse_gnss_velocity, horizontal_sigma, set_gnss_noise, write_innovation
+from .alignment.in_motion import align_with_fix, low_motion_speed, reset_to_fix
+from .alignment.transitions import abort_navigation, restart_alignment, start_navigation
+from .alignment.velocity_pairs import is_levelled
+from .error_model import propagate_covariance, reset_turn_scale, variance
+from .fusion_horizon import (
+    fit_acceleration,
+    propagate_to_epoch,
+    replay_to_newest,
+    rewind_to,
+    store_sample,
+    store_snapshot,
+)
+from .integrity.heading_monitor import monitor_heading
+from .integrity.position_gate import is_frozen
+from .integrity.time_tags import set_initial_time_offset
+from .solution import MAX_VALID_HEADING_SIGMA, write_solution
+from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS, PENDING_INNOVATIONS
+
+MAX_VELOCITY_REJECTS = 8  # fixes in a row with a velocity that contradicts: the heading is wrong
+MAX_RESET_SCORE = 1.5
+MAX_AHEAD_S, MAX_AGE_S = 1.0, 10.0  # a fix may be newer or older than the newest sample by this
+MAX_REWIND_MISS_S = 1.0
+
+
+@kernel
+def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
+    """One inertial sample (body axes) in, one solution out. For a suspect sample the last good one is held."""
+    w, f = s.last_w, s.last_f
+    good = (sample.flags & SUSPECT) == 0
+    for i in range(3):
+        finite = math.isfinite(sample.w[i]) and math.isfinite(sample.f[i])
+        good = good and (finite or (sample.flags & (NO_RATE | NO_FORCE)) != 0)
+    for i in range(3):
+        if good and (sample.flags & NO_RATE) == 0:
+            w[i] = sample.w[i]
+        if good and (sample.flags & NO_FORCE) == 0:
+            f[i] = sample.f[i]
+    c = s.core[0]
+    if s.sample_count == 0:
+        if good and (sample.flags & UNTOLD) == 0:
+            initialize(p, c, sample.t_ns, w, f, s.initial_rpy)
+            store_sample(s, sample, w, f)
+            c.imu.sample_count = 1
+    elif sample.t_ns > s.imu_ring[(s.sample_count - 1) % len(s.imu_ring)].t_ns:
+        store_sample(s, sample, w, f)
+        replay_to_newest(p, s)
+        collect_innovations(s)
+    write_solution(c, solution)
+
+
+@kernel
+def collect_innovations(s: Any) -> None:
+    """Keep what the newest sample told. Samples that are integrated again after a late fix tell nothing new."""
+    c = s.core[0]
+    for k in range(c.scratch.innovation_count):
+        if s.pending_count < PENDING_INNOVATIONS:
+            s.pending_innovations[s.pending_count] = c.scratch.innovations[k]
+            s.pending_count += 1
+    c.scratch.innovation_count = 0
+
+
+@kernel
+def take_innovations(s: Any, innovations: Any) -> int:
+    """Move the innovations of rest and constraints to `innovations`, oldest first; returns how many."""
+    n: int = min(s.pending_count, len(innovations))
+    for k in range(n):
+        innovations[k] = s.pending_innovations[k]
+    for k in range(n, s.pending_count):
+        s.pending_innovations[k - n] = s.pending_innovations[k]
+    s.pending_count -= n
+    return n
+
+
+@kernel
+def initialize(p: Any, c: Any, t_ns: int, w: Any, f: Any, rpy: Any) -> None:
+    """Take the first sample: the attitude is that of rest, unless it was given."""
+    c.nav.t_ns = t_ns
+    for i in range(3):
+        c.imu.w[i] = w[i]
+        c.imu.f[i] = c.stationarity.mean_f[i] = f[i]
+    roll, pitch, yaw = rpy[0], rpy[1], rpy[2]
+    if not (math.isfinite(roll) and math.isfinite(pitch)):
+        if f[0] * f[0] + f[1] * f[1] + f[2] * f[2] > 1.0:
+            roll, pitch, _ = euler_of_quat(quat_of_gravity(f[0], f[1], f[2]))
+        else:
+            roll, pitch = 0.0, 0.0
+    c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3] = quat_of_euler(
+        roll, pitch, yaw if math.isfinite(yaw) else 0.0
+    )
+    reset_turn_scale(p, c)
+    if c.gnss.fix_count > 0 and c.alignment.heading_sigma > 0.0 and is_levelled(c):
+        start_navigation(p, c)
+
+
+@kernel
+def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
+    """One fix in, fused at its epoch less the latency found; returns the rows of innovations written."""
+    c = s.core[0]
+    usable = math.isfinite(fix.lat) and math.isfinite(fix.lon) and fix.quality != 0 and fix.quality != 6
+    if s.sample_count == 0 or not usable or abs(fix.lat) > 0.5 * math.pi:
+        return 0
+    t_ns = min(fix.t_ns - int(1e9 * s.last_time_offset), c.nav.t_ns)
+    ordered = fix.t_ns >= s.last_epoch_ns
+    if ordered:
+        t_ns = max(t_ns, s.last_fusion_ns)
+    age = 1e-9 * (c.nav.t_ns - fix.t_ns)
+    if not ordered or not -MAX_AHEAD_S < age < MAX_AGE_S:
+        return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
+    snapped = s.snapshot_count
+    if not rewind_to(s, t_ns):
+        t_ns = c.nav.t_ns  # too late for that: fused now, with more noise
+    propagate_to_epoch(p, s, t_ns, s.interpolated_w, s.interpolated_f)
+    propagate_covariance(p, c)
+    if s.last_epoch_ns == NEVER_NS:
+        set_initial_time_offset(p, c, fix, horizontal_sigma(fix))
+    set_gnss_noise(c, fix)
+    fit_acceleration(s, snapped)
+    rows = fuse_gnss(p, c, s.bank[0], fix, c.gnss.time_offset - 1e-9 * (fix.t_ns - c.nav.t_ns), innovations)
+    s.last_epoch_ns = fix.t_ns
+    s.last_time_offset = c.gnss.time_offset
+    s.last_fusion_ns = c.nav.t_ns
+    store_snapshot(s)
+    replay_to_newest(p, s)
+    c.scratch.innovation_count = 0
+    return rows
+
+
+@kernel
+def fuse_gnss(p: Any, c: Any, b: Any, fix: Any, late: float, innovations: Any) -> int:
+    """Take the fix at the time where the core is; it was true `late` s before that (what rewinding has left)."""
+    if is_frozen(c, fix):
+        c.nav.flags |= REJECTING
+        return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
+    c.gnss.speed = math.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed
+    if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > MAX_VALID_HEADING_SIGMA**2:
+        abort_navigation(p, c)
+    if c.alignment.mode == NAVIGATING and not math.isfinite(c.gnss.speed):
+        c.gnss.speed = low_motion_speed(c, fix.lat, fix.lon)
+    rows = 0
+    first = (
+        c.alignment.mode == COARSE_ALIGNMENT and c.gnss.last_used_ns == NEVER_NS
+    )  # a position that was given may be an old one
+    if first:
+        reset_to_fix(p, c, fix)
+    if c.alignment.mode == COARSE_ALIGNMENT:
+        align_with_fix(p, c, b, fix)
+    if not first:
+        rows = fuse_gnss_position(p, c, fix, late, innovations, rows)
+    if abs(late) < MAX_REWIND_MISS_S:
+        rows = fuse_gnss_velocity(p, c, fix, late, innovations, rows)
+    c.integrity.reset_score *= 0.98
+    right = True
+    if c.alignment.mode == NAVIGATING:
+        right = monitor_heading(p, c, b, fix)
+    if (
+        c.integrity.velocity_reject_count > MAX_VELOCITY_REJECTS
+        or c.integrity.reset_score > MAX_RESET_SCORE
+        or not right
+    ):
+        c.integrity.velocity_reject_count = 0
+        c.integrity.reset_score = 0.0
+        if c.alignment.mode == NAVIGATING:
+            restart_alignment(p, c)
+        reset_to_fix(p, c, fix)
+    c.gnss.fix_count += 1
+    return rows

@@ -1,0 +1,136 @@
+"""The recent past, so that a late fix meets the state of its own epoch: samples in a ring, snapshots of the core.
+
+To fuse at epoch t the core goes back to the last snapshot not after t, forward to t exactly, and after the fusion
+forward again to the newest sample, with the code that new samples take; the snapshots on the way are renewed.
+"""
+
+import math
+from typing import Any
+
+from ...kernels.jit import kernel
+from ...kernels.kalman import packed_index
+from .error_model import variance
+from .propagation import process_sample, propagate_to
+from .state import IMU_RING, NAVIGATING, SNAPSHOT_NS, SNAPSHOTS, STATES, TIME_OFFSET, VELOCITY_TIME_OFFSET
+
+UNKNOWN_ACCEL = 2.0  # m/s^2
+
+
+@kernel
+def store_sample(s: Any, sample: Any, w: Any, f: Any) -> None:
+    """Put a sample (body axes) into the ring, with (w, f) for what it shows."""
+    r = s.imu_ring[s.sample_count % IMU_RING]
+    r.t_ns = sample.t_ns
+    r.flags = sample.flags
+    r.unseen_s = sample.unseen_s
+    for i in range(3):
+        r.w[i] = w[i]
+        r.f[i] = f[i]
+    s.sample_count += 1
+
+
+@kernel
+def store_snapshot(s: Any) -> None:
+    """Keep a copy of the core, without its scratch."""
+    c, k = s.core[0], s.snapshots[s.snapshot_count % SNAPSHOTS]
+    k.nav, k.earth, k.imu, k.cov, k.stationarity = c.nav, c.earth, c.imu, c.cov, c.stationarity
+    k.nhc, k.gnss, k.integrity, k.drift, k.alignment = c.nhc, c.gnss, c.integrity, c.drift, c.alignment
+    s.snapshot_count += 1
+
+
+@kernel
+def restore_snapshot(c: Any, k: Any) -> None:
+    """Put the core back to snapshot k."""
+    c.nav, c.earth, c.imu, c.cov, c.stationarity = k.nav, k.earth, k.imu, k.cov, k.stationarity
+    c.nhc, c.gnss, c.integrity, c.drift, c.alignment = k.nhc, k.gnss, k.integrity, k.drift, k.alignment
+
+
+@kernel
+def replay_to_newest(p: Any, s: Any) -> None:
+    """Bring the core up to the newest sample, with a snapshot whenever one is due."""
+    c = s.core[0]
+    while c.imu.sample_count < s.sample_count:
+        process_sample(p, c, s.imu_ring[c.imu.sample_count % IMU_RING])
+        if (
+            s.snapshot_count == 0
+            or c.nav.t_ns - s.snapshots[(s.snapshot_count - 1) % SNAPSHOTS].nav.t_ns >= SNAPSHOT_NS
+        ):
+            store_snapshot(s)
+
+
+@kernel
+def rewind_to(s: Any, t_ns: int) -> bool:
+    """Put the core back to the last snapshot not after t_ns; False when that is forgotten."""
+    if s.core[0].nav.t_ns <= t_ns:
+        return True
+    oldest = max(0, s.snapshot_count - SNAPSHOTS)
+    k = s.snapshot_count - 1
+    while k >= oldest and s.snapshots[k % SNAPSHOTS].nav.t_ns > t_ns:
+        k -= 1
+    if k < oldest or s.snapshots[k % SNAPSHOTS].imu.sample_count < s.sample_count - IMU_RING:
+        return False
+    restore_snapshot(s.core[0], s.snapshots[k % SNAPSHOTS])
+    s.snapshot_count = k + 1
+    return True
+
+
+@kernel
+def velocity_at(s: Any, snapped: int, t_ns: int, axis: int) -> float:
+    """Velocity at t_ns, between `snapped` snapshots and the core; NaN when it is forgotten or was not navigated."""
+    k = snapped - 1
+    oldest = max(0, snapped - SNAPSHOTS)
+    after_ns, after = s.core[0].nav.t_ns, s.core[0].nav.v_n[axis]
+    while k >= oldest and s.snapshots[k % SNAPSHOTS].nav.t_ns > t_ns:
+        after_ns, after = s.snapshots[k % SNAPSHOTS].nav.t_ns, s.snapshots[k % SNAPSHOTS].nav.v_n[axis]
+        k -= 1
+    if k < oldest or s.snapshots[k % SNAPSHOTS].alignment.mode != NAVIGATING:
+        return math.nan
+    before = s.snapshots[k % SNAPSHOTS]
+    if before.nav.t_ns == t_ns:
+        return float(before.nav.v_n[axis])
+    share = (t_ns - before.nav.t_ns) / (after_ns - before.nav.t_ns)
+    return float(before.nav.v_n[axis] + share * (after - before.nav.v_n[axis]))
+
+
+@kernel
+def fit_acceleration(s: Any, snapped: int) -> None:
+    """Straight line through the velocities about now, as long as the velocity's lateness is uncertain, either way.
+
+    And its misfit: a parabola's, where that is shorter than what is between snapshots. What comes after now is known
+    from the `snapped` snapshots that there were before the rewind; where there were none, the last moments must do.
+    """
+    c = s.core[0]
+    late2 = (
+        variance(c, TIME_OFFSET)
+        + 2.0 * c.cov.P[packed_index(STATES, TIME_OFFSET, VELOCITY_TIME_OFFSET)]
+        + variance(c, VELOCITY_TIME_OFFSET)
+    )
+    span = max(math.sqrt(max(late2, 0.0)), 1e-9 * SNAPSHOT_NS)
+    share = late2 / span**2
+    newest_ns = max(c.nav.t_ns, s.snapshots[(snapped - 1) % SNAPSHOTS].nav.t_ns if snapped > 0 else c.nav.t_ns)
+    ahead = min(1e-9 * (newest_ns - c.nav.t_ns), span)
+    last_ns, span_ns = c.nav.t_ns + int(1e9 * ahead), int(1e9 * span)
+    for i in range(3):
+        v0 = velocity_at(s, snapped, last_ns, i)
+        v1 = velocity_at(s, snapped, last_ns - span_ns, i)
+        v2 = velocity_at(s, snapped, last_ns - 2 * span_ns, i)
+        known = math.isfinite(v0) and math.isfinite(v1) and math.isfinite(v2)
+        curve = v0 - 2.0 * v1 + v2
+        c.scratch.accel_fit[i] = (v0 - v2 + (1.0 - ahead / span) * curve) / (2.0 * span) if known else 0.0
+        c.scratch.accel_fit_error[i] = 0.5 * share * curve if known else UNKNOWN_ACCEL * span
+
+
+@kernel
+def propagate_to_epoch(p: Any, s: Any, t_ns: int, w: Any, f: Any) -> None:
+    """Forward from a snapshot to t_ns exactly, not after the newest sample; (w, f) is room to interpolate there."""
+    c = s.core[0]
+    while c.imu.sample_count < s.sample_count and s.imu_ring[c.imu.sample_count % IMU_RING].t_ns <= t_ns:
+        process_sample(p, c, s.imu_ring[c.imu.sample_count % IMU_RING])
+    if c.nav.t_ns >= t_ns or c.imu.sample_count >= s.sample_count:
+        return
+    r = s.imu_ring[c.imu.sample_count % IMU_RING]
+    share = (t_ns - c.nav.t_ns) / (r.t_ns - c.nav.t_ns)
+    for i in range(3):
+        w[i] = c.imu.w[i] + share * (r.w[i] - c.imu.w[i])
+        f[i] = c.imu.f[i] + share * (r.f[i] - c.imu.f[i])
+    propagate_to(p, c, t_ns, w, f)

@@ -1,0 +1,181 @@
+"""Does the receiver creep away? A constant velocity that its positions had, and the vehicle had not, since some moment.
+
+A filter that is not told of the receiver's velocity follows such positions: each of them is within its gate. But what
+creeping at 1 m/s would do to the estimate, and to every innovation, follows from the filter's own gains. So for some
+moments at which it may have begun, that pull is carried along, and the creeping velocity is estimated from the
+innovations by least squares. When it is certainly not nothing, the estimate is put back to where it had been without,
+as unsure as that velocity is, and the positions are refused (see `admission`).
+
+How far a receiver's positions wander is not what it reports: what this one has seemed to creep in earlier times
+is the measure.
+
+Source: Friedland, Treatment of bias in recursive filtering (1969); Willsky and Jones, A generalized likelihood ratio
+approach to the detection and estimation of jumps in linear systems (1976).
+"""
+
+import math
+from typing import Any
+
+from ....kernels.jit import kernel
+from ....kernels.kalman import packed_index
+from ..state import ACCEL_BIAS, ATTITUDE, GNSS_BIAS, GYRO_BIAS, NEVER_NS, ONSETS, POSITION, STATES, TURN_SCALE, VELOCITY
+
+ONSET_INTERVAL_S = 12.0  # between the moments
+MIN_DRIFT_S, MIN_DRIFT_FIXES = 5.0, 4
+MIN_DRIFT_SPEED = 0.05  # m/s, what a velocity may be wrong by without knowing it
+DRIFT_CHI2 = 30.0  # chi squared of two degrees of freedom: once in three million
+NOISE_SCALE_RANGE = (1.25, 2.0, 10.0)  # least, first and most square of wander as it has seemed over wander as reported
+NOISE_SCALE_PRIOR, NOISE_SCALE_GAIN = 5.0, 0.05  # windows; per window
+
+
+@kernel
+def reset_drift(c: Any) -> None:
+    """Begin anew, with the receiver trusted."""
+    c.drift.detected = 0
+    c.drift.pending_noise_scale = 0.0
+    for j in range(ONSETS):
+        c.drift.onset_ns[j] = NEVER_NS
+
+
+@kernel
+def all_onsets_open(c: Any) -> bool:
+    """Have estimate and receiver agreed for as long as it takes to let every moment begin?"""
+    return bool(min(c.drift.onset_ns[0], c.drift.onset_ns[1], c.drift.onset_ns[2]) != NEVER_NS)
+
+
+@kernel
+def open_hypothesis(c: Any, j: int) -> None:
+    """Let moment j be now."""
+    c.drift.onset_ns[j] = c.nav.t_ns
+    c.drift.innovation_count[j] = 0
+    for i in range(2):
+        c.drift.information_vector[j, i] = 0.0
+    for i in range(3):
+        c.drift.information_matrix[j, i] = 0.0
+    for i in range(STATES):
+        c.drift.bias_sensitivity[i, 2 * j] = 0.0
+        c.drift.bias_sensitivity[i, 2 * j + 1] = 0.0
+
+
+@kernel
+def propagate_sensitivity(c: Any, m: Any, angle: float, dt: float, decay: float) -> None:
+    """Propagate the pull as `predict` does errors: `m` is body to NED, `angle` the turn about the vertical."""
+    u, f = c.drift.bias_sensitivity, c.imu.delta_v
+    for i in range(3):
+        for j in range(2 * ONSETS):
+            u[POSITION + i, j] += dt * u[VELOCITY + i, j]
+    for j in range(2 * ONSETS):
+        x, y, z = u[ATTITUDE, j], u[ATTITUDE + 1, j], u[ATTITUDE + 2, j]
+        u[VELOCITY, j] += f[2] * y - f[1] * z
+        u[VELOCITY + 1, j] += f[0] * z - f[2] * x
+        u[VELOCITY + 2, j] += f[1] * x - f[0] * y
+    for i in range(3):
+        for k in range(3):
+            a = m[3 * i + k] * dt
+            for j in range(2 * ONSETS):
+                u[VELOCITY + i, j] -= a * u[ACCEL_BIAS + k, j]
+                u[ATTITUDE + i, j] -= a * u[GYRO_BIAS + k, j] + m[3 * i + k] * angle * u[TURN_SCALE + k, j]
+        for j in range(2 * ONSETS):
+            u[GNSS_BIAS + i, j] *= decay
+
+
+@kernel
+def update_sensitivity(c: Any, m: int, s: float, z: float, axis: int) -> None:
+    """A row of length m with innovation z, variance s, P h in scratch.d will be fused next: of position `axis`, or -1.
+
+    Call before the covariance is changed.
+    """
+    for j in range(ONSETS):
+        if c.drift.onset_ns[j] == NEVER_NS:
+            continue
+        first = 2 * j
+        north, east = 0.0, 0.0
+        for k in range(m):
+            north -= c.scratch.values[k] * c.drift.bias_sensitivity[c.scratch.columns[k], first]
+            east -= c.scratch.values[k] * c.drift.bias_sensitivity[c.scratch.columns[k], first + 1]
+        if axis >= 0:
+            since = 1e-9 * (c.nav.t_ns - c.drift.onset_ns[j])
+            if axis == 0:
+                north += since
+            else:
+                east += since
+            c.drift.information_vector[j, 0] += north * z / s
+            c.drift.information_vector[j, 1] += east * z / s
+            c.drift.information_matrix[j, 0] += north * north / s
+            c.drift.information_matrix[j, 1] += north * east / s
+            c.drift.information_matrix[j, 2] += east * east / s
+            c.drift.innovation_count[j] += 1
+        for i in range(STATES):
+            gain = c.scratch.d[i] / s
+            c.drift.bias_sensitivity[i, first] += gain * north
+            c.drift.bias_sensitivity[i, first + 1] += gain * east
+
+
+@kernel
+def estimate_drift(c: Any, j: int, restless: float) -> Any:
+    """Velocity north and east that the receiver has crept with since moment j, its covariance, and chi squared."""
+    nn, ne, ee = c.drift.information_matrix[j, 0], c.drift.information_matrix[j, 1], c.drift.information_matrix[j, 2]
+    determinant = nn * ee - ne * ne
+    if not determinant > 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    pnn, pne, pee = ee / determinant, -ne / determinant, nn / determinant
+    vn = pnn * c.drift.information_vector[j, 0] + pne * c.drift.information_vector[j, 1]
+    ve = pne * c.drift.information_vector[j, 0] + pee * c.drift.information_vector[j, 1]
+    pnn, pne, pee = restless * pnn + MIN_DRIFT_SPEED**2, restless * pne, restless * pee + MIN_DRIFT_SPEED**2
+    determinant = pnn * pee - pne * pne
+    chi2 = (pee * vn * vn - 2.0 * pne * vn * ve + pnn * ve * ve) / determinant
+    return vn, ve, pnn, pne, pee, chi2
+
+
+@kernel
+def remove_drift(c: Any, j: int, found: Any) -> None:
+    """Take out of the estimate (gather in c.scratch.x) what creeping as found since moment j has done to it."""
+    vn, ve, pnn, pne, pee = found[0], found[1], found[2], found[3], found[4]
+    u, first = c.drift.bias_sensitivity, 2 * j
+    for i in range(STATES):
+        c.scratch.x[i] -= u[i, first] * vn + u[i, first + 1] * ve
+        a = pnn * u[i, first] + pne * u[i, first + 1]
+        b = pne * u[i, first] + pee * u[i, first + 1]
+        for k in range(i, STATES):
+            c.cov.P[packed_index(STATES, i, k)] += a * u[k, first] + b * u[k, first + 1]
+
+
+@kernel
+def learn_gnss_noise_scale(c: Any, seen: float) -> None:
+    """A receiver that has not been found to creep has seemed to, by `seen` times the variance expected.
+
+    What was seen the time before is learned: what is seen now may yet be found to be creeping.
+    """
+    seen, c.drift.pending_noise_scale = c.drift.pending_noise_scale, seen
+    if not seen > 0.0:
+        return
+    c.drift.noise_scale_count += 1
+    share = max(NOISE_SCALE_GAIN, 1.0 / (NOISE_SCALE_PRIOR + c.drift.noise_scale_count))
+    c.drift.noise_scale = max(
+        c.drift.noise_scale + share * (min(seen, NOISE_SCALE_RANGE[2]) - c.drift.noise_scale), NOISE_SCALE_RANGE[0]
+    )
+
+
+@kernel
+def detect_drift(c: Any) -> bool:
+    """After a position was taken: does the receiver creep? Then the correction to put back is in c.scratch.x."""
+    best, worst, oldest, youngest_s = 0, 0.0, 0, math.inf
+    for j in range(ONSETS):
+        age = math.inf if c.drift.onset_ns[j] == NEVER_NS else 1e-9 * (c.nav.t_ns - c.drift.onset_ns[j])
+        if c.drift.onset_ns[j] < c.drift.onset_ns[oldest]:
+            oldest = j
+        youngest_s = min(youngest_s, age)
+        if MIN_DRIFT_S < age < math.inf and c.drift.innovation_count[j] >= 2 * MIN_DRIFT_FIXES:
+            chi2 = estimate_drift(c, j, c.drift.noise_scale)[5]
+            if chi2 > worst:
+                best, worst = j, chi2
+    if worst > DRIFT_CHI2 and all_onsets_open(c):
+        remove_drift(c, best, estimate_drift(c, best, c.drift.noise_scale))
+        reset_drift(c)
+        c.drift.detected = 1
+        return True
+    if youngest_s >= ONSET_INTERVAL_S:
+        if c.drift.onset_ns[oldest] != NEVER_NS:
+            learn_gnss_noise_scale(c, 0.5 * estimate_drift(c, oldest, 1.0)[5])
+        open_hypothesis(c, oldest)
+    return False

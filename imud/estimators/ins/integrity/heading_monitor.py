@@ -1,0 +1,63 @@
+"""Is the heading that is navigated with the right one? The matching that found it goes on, and can say no.
+
+A filter whose heading is wrong by much more than its sigma does not come back by itself: it explains the velocity
+changes that it sees by tilt and biases. Here they are matched as in `alignment`, whatever the filter's covariance says.
+"""
+
+import math
+from typing import Any
+
+from ....kernels.jit import kernel
+from ....kernels.kalman import reset
+from ..aiding.gnss import low_speed_variance, velocity_of
+from ..aiding.non_holonomic import reset_nhc
+from ..alignment.heading_posterior import set_wide_prior, solve_heading
+from ..alignment.transitions import MIN_HEADING_SIGMA, accept_heading, rotate_to_north, start_navigation
+from ..alignment.velocity_pairs import match_pair, vertical_bias_jacobian
+from ..ekf import innovation_variance
+from ..error_model import add_variance, reset_turn_scale, variance
+from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, HEADING_FAULTS, STATES
+
+HEADING_FAULT_RAD = math.radians(10.0)
+HEADING_FAULT_GATE = 16.0
+REALIGNED_TILT = math.radians(1.0)
+MAX_HEADING_SIGMA = math.radians(14.0)  # a heading no better known than that is better found anew
+
+
+@kernel
+def monitor_heading(p: Any, c: Any, b: Any, fix: Any) -> bool:
+    """Take a fix at the core's time; False when the heading was wrong and no better one is known."""
+    if c.integrity.heading_fault_count >= HEADING_FAULTS:
+        return False
+    before = b.weight
+    match_pair(c, b, fix.lat, fix.lon, velocity_of(fix, 0), velocity_of(fix, 1), low_speed_variance(fix))
+    if b.weight == before:
+        return True
+    bias = innovation_variance(c, vertical_bias_jacobian(c))
+    set_wide_prior(c, b, p.accel_bias_sigma)
+    found = solve_heading(c, b, bias)
+    psi, sigma = found[0], found[1]
+    known = variance(c, ATTITUDE + 2)
+    wrong = abs(psi) > HEADING_FAULT_RAD and psi * psi > HEADING_FAULT_GATE * (sigma * sigma + known)
+    c.integrity.heading_fault_count = c.integrity.heading_fault_count + 1 if wrong else 0
+    if c.integrity.heading_fault_count >= HEADING_FAULTS:
+        c.alignment.heading_sigma = max(sigma, MIN_HEADING_SIGMA)
+        rotate_to_north(c, psi)
+        realign(p, c)
+    elif known > MAX_HEADING_SIGMA**2 and accept_heading(c, found):
+        realign(p, c)
+    return True
+
+
+@kernel
+def realign(p: Any, c: Any) -> None:
+    """Doubt what was learned with the wrong heading, and go on with the new one."""
+    reset_nhc(c)
+    for i in range(2):
+        add_variance(c, ATTITUDE + i, REALIGNED_TILT**2)
+    for i in range(3):
+        reset(c.cov.P, STATES, ACCEL_BIAS + i, p.accel_bias_sigma**2)
+        if c.alignment.heading_bias_gain == 0.0:
+            reset(c.cov.P, STATES, GYRO_BIAS + i, p.gyro_bias_sigma**2)
+    reset_turn_scale(p, c)
+    start_navigation(p, c)

@@ -1,0 +1,67 @@
+"""What the outside sees of the filter's core: one solution row."""
+
+import math
+from typing import Any
+
+from ...kernels.jit import kernel
+from ...kernels.kalman import packed_index
+from ...kernels.rotation import euler_variances
+from ..records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID
+from .error_model import standard_deviation, variance
+from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, POSITION, STATES, VELOCITY
+
+COASTING_S = 5.0  # a slow line may bring a 1 Hz receiver's fixes two seconds apart
+MAX_VALID_TILT_SIGMA = math.radians(10.0)
+MAX_VALID_HEADING_SIGMA = math.radians(30.0)
+
+
+@kernel
+def status_bits(c: Any, sigma_rpy: Any) -> int:
+    """The status bits of the solution."""
+    bits: int = c.nav.flags
+    if max(sigma_rpy[0], sigma_rpy[1]) < MAX_VALID_TILT_SIGMA:
+        bits |= ATTITUDE_VALID
+    if (c.alignment.mode == NAVIGATING or c.alignment.heading_sigma > 0.0) and sigma_rpy[2] < MAX_VALID_HEADING_SIGMA:
+        bits |= HEADING_VALID
+    if c.gnss.fix_count > 0:
+        bits |= POSITION_VALID
+        if c.nav.t_ns - c.gnss.last_used_ns > 1e9 * COASTING_S:
+            bits |= COASTING
+    return bits
+
+
+@kernel
+def write_solution(c: Any, o: Any) -> None:
+    """Fill the row `o`."""
+    o.t_ns = c.nav.t_ns
+    known = c.gnss.fix_count > 0
+    o.lat = c.nav.lat if known else math.nan
+    o.lon = c.nav.lon if known else math.nan
+    o.height = c.nav.height if known else math.nan
+    for i in range(4):
+        o.q_nb[i] = c.nav.q_nb[i]
+    for i in range(3):
+        o.v[i] = c.nav.v_n[i] if known else math.nan
+        o.w[i] = c.imu.w[i] - c.nav.bg[i] - c.imu.scale_error_rate[i]
+        o.f[i] = c.imu.f[i] - c.nav.ba[i]
+        o.bg[i] = c.nav.bg[i]
+        o.ba[i] = c.nav.ba[i]
+        o.sigma_p[i] = (
+            math.sqrt(max(variance(c, POSITION + i), 0.0) + c.integrity.position_inflation[i]) if known else math.nan
+        )
+        o.sigma_v[i] = standard_deviation(c, VELOCITY + i) if known else math.nan
+        o.sigma_bg[i] = standard_deviation(c, GYRO_BIAS + i)
+        o.sigma_ba[i] = standard_deviation(c, ACCEL_BIAS + i)
+    a = ATTITUDE
+    rpy = euler_variances(
+        (c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3]),
+        c.cov.P[packed_index(STATES, a, a)],
+        c.cov.P[packed_index(STATES, a, a + 1)],
+        c.cov.P[packed_index(STATES, a, a + 2)],
+        c.cov.P[packed_index(STATES, a + 1, a + 1)],
+        c.cov.P[packed_index(STATES, a + 1, a + 2)],
+        c.cov.P[packed_index(STATES, a + 2, a + 2)],
+    )
+    for i in range(3):
+        o.sigma_rpy[i] = math.sqrt(max(rpy[i], 0.0))
+    o.status = status_bits(c, o.sigma_rpy)

@@ -1,0 +1,339 @@
+"""The records of the navigation filter: one for each concern, and what a rewind restores.
+
+Error states are "true minus estimate", 26 of them, in the order of the table below. The attitude error is a small
+rotation phi in navigation axes, C_true = exp(phi) C.
+
+| error state            | unit    | what it is |
+|------------------------|---------|------------|
+| POSITION (3)           | m       | north, east, down |
+| VELOCITY (3)           | m/s     | north, east, down |
+| ATTITUDE (3)           | rad     | small rotation about north, east, down |
+| GYRO_BIAS (3)          | rad/s   | body axes |
+| ACCEL_BIAS (3)         | m/s^2   | body axes |
+| GNSS_BIAS (3)          | m       | correlated error of the receiver's position, first-order Gauss-Markov, NED |
+| MOUNT_PITCH, MOUNT_YAW | rad     | of the vehicle's forward axis in the body |
+| TIME_OFFSET            | s       | by which a fix is older than its epoch says |
+| TURN_SCALE (3)         | rad/rad | gyro error per rate of turn about the vertical: the column of scale factor and misalignments that a vehicle's drive shows |
+| NHC_LEVER_ARM          | m       | of the sensor ahead of the point about which the vehicle turns |
+| VELOCITY_TIME_OFFSET   | s       | by which the receiver's velocity is older than its position |
+"""  # noqa: E501 a table's row is one line
+
+import numpy as np
+
+from ..records import INNOVATION
+
+STATES = 26
+POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS, GNSS_BIAS = 0, 3, 6, 9, 12, 15
+MOUNT_PITCH, MOUNT_YAW, TIME_OFFSET, TURN_SCALE, NHC_LEVER_ARM, VELOCITY_TIME_OFFSET = 18, 19, 20, 21, 24, 25
+
+COARSE_ALIGNMENT, NAVIGATING = 0, 1  # modes: roll and pitch only, position from GNSS; everything
+FREE, AUTO, LAND = 0, 1, 2  # vehicle
+
+HYPOTHESES = 33  # of the heading's drift rate during alignment
+HEADING_FAULTS = 3  # pairs of fixes in a row that contradict the heading: it is wrong
+NEVER_NS = -(1 << 62)  # a time before all others
+IMU_RING = 4096  # samples kept: 2 s at the highest rate
+SNAPSHOTS = 64
+SNAPSHOT_NS = 50_000_000
+ONSETS = 3  # times at which the receiver may have begun to drift
+JACOBIAN_LENGTH = 10  # most nonzero elements of a row of H
+STEP_INNOVATIONS = 8  # of one sample: a window of rest and a constraint
+PENDING_INNOVATIONS = 1024  # kept until they are asked for
+
+PARAMETERS = np.dtype(
+    [
+        ("period", "<f8"),  # s, nominal time between samples
+        ("gnss_lever_arm", "<f8", (3,)),  # m, antenna from IMU, body
+        ("vehicle", "<i8"),
+        ("assumed_latency", "<f8"),  # s, from epoch to arrival where the epoch is only assumed
+        ("gyro_psd", "<f8"),  # rad^2/s
+        ("gyro_bias_psd", "<f8"),  # rad^2/s^3
+        ("gyro_bias_sigma", "<f8"),  # rad/s, at switch-on
+        ("gyro_scale", "<f8"),
+        ("gyro_range", "<f8"),  # rad/s
+        ("accel_psd", "<f8"),  # m^2/s^3
+        ("accel_bias_psd", "<f8"),  # m^2/s^5
+        ("accel_bias_sigma", "<f8"),  # m/s^2, at switch-on
+        ("accel_scale", "<f8"),
+        ("accel_range", "<f8"),  # m/s^2
+    ],
+    align=True,
+)
+
+NAV = np.dtype(  # the nominal state
+    [
+        ("t_ns", "<i8"),
+        ("flags", "<i8"),  # AT_REST, REJECTING, SATURATED of records
+        ("lat", "<f8"),  # rad
+        ("lon", "<f8"),  # rad
+        ("height", "<f8"),  # m above the ellipsoid
+        ("v_n", "<f8", (3,)),  # m/s, NED
+        ("q_nb", "<f8", (4,)),  # before the heading is known its origin is arbitrary
+        ("bg", "<f8", (3,)),  # rad/s
+        ("ba", "<f8", (3,)),  # m/s^2
+        ("turn_scale", "<f8", (3,)),  # body, gyro error per rate of turn about the vertical
+    ],
+    align=True,
+)
+
+EARTH = np.dtype(  # what depends on the position, evaluated where `position` says
+    [
+        ("position", "<f8", (2,)),  # latitude rad, height m
+        ("sin_lat", "<f8"),
+        ("cos_lat", "<f8"),
+        ("tan_lat", "<f8"),
+        ("lat_per_m", "<f8"),  # rad of latitude per metre north
+        ("transverse_per_m", "<f8"),  # rad in the prime vertical per metre east
+        ("lon_per_m", "<f8"),  # rad of longitude per metre east
+        ("gravity", "<f8"),  # m/s^2
+    ],
+    align=True,
+)
+
+IMU = np.dtype(  # the last sample, and what was integrated since the covariance was propagated
+    [
+        ("sample_count", "<i8"),  # samples integrated since the start
+        ("w", "<f8", (3,)),  # rad/s, body
+        ("f", "<f8", (3,)),  # m/s^2, body
+        ("outage_s", "<f8", (2,)),  # s for which rates, and forces, are missing or clipped
+        ("integration_time", "<f8"),  # s
+        ("delta_v", "<f8", (3,)),  # m/s, integral of specific force in NED
+        ("delta_theta", "<f8", (3,)),  # rad, integral of the body's rate
+        ("deferred_rotation", "<f8"),  # rad, turned about the vertical without turn_scale, until it is notable
+        ("accel_n", "<f8", (3,)),  # m/s^2, smoothed acceleration in NED
+        ("rate_b", "<f8", (3,)),  # rad/s, smoothed rate of the body
+        ("scale_error_rate", "<f8", (3,)),  # rad/s, turn_scale times the smoothed rate of turn: for the solution
+    ],
+    align=True,
+)
+
+COVARIANCE = np.dtype([("P", "<f8", (STATES * (STATES + 1) // 2,))], align=True)  # packed upper triangle
+
+STATIONARITY = np.dtype(
+    [
+        # the present window
+        ("sample_count", "<i8"),
+        ("duration", "<f8"),  # s
+        ("sum_w", "<f8", (3,)),
+        ("sum_f", "<f8", (3,)),
+        ("delta_v", "<f8", (3,)),  # m/s, integral of specific force in NED
+        ("sum_w2", "<f8"),
+        ("sum_f2", "<f8"),
+        ("sum_difference2", "<f8", (2,)),  # of differences between successive rates, and specific forces
+        # of complete windows
+        ("mean_w", "<f8", (3,)),
+        ("mean_f", "<f8", (3,)),
+        (
+            "max_rate_of_change",
+            "<f8",
+            (2,),
+        ),  # rad^2/s^3, m^2/s^5: most that the means have changed lately, squared, per s
+        ("low_motion_count", "<i8"),  # windows of low motion in a row
+        ("stationary_count", "<i8"),  # and of no motion that is felt
+        (
+            "motion_class",
+            "<f8",
+            (2, 3),
+        ),  # at rest and in slow motion: count, mean and variance of the log gyro deviation
+        ("log_likelihood_ratio", "<f8"),  # of rest, by these
+        ("gyro_noise_floor", "<f8"),  # rad/s, smallest gyro deviation seen
+        ("vibration_level", "<f8"),  # 0 to 1, how much of a vehicle's vibration there is
+        ("vibration_accel_psd", "<f8"),  # m^2/s^3, noise density added by vibration
+        ("vibration_gyro_psd", "<f8"),  # rad^2/s
+    ],
+    align=True,
+)
+
+NHC = np.dtype(  # the non-holonomic constraint of a land vehicle
+    [
+        ("forward", "<f8", (3,)),  # unit vector of the vehicle's motion in the body
+        ("lateral", "<f8", (3,)),  # unit vector across it, level
+        ("lever_arm", "<f8"),  # m, of the sensor ahead of the axle that does not slip sideways
+        ("since_update", "<f8"),  # s
+        ("enabled", "<i8"),
+        ("velocity_scatter", "<f8", (6,)),  # sum of products of the normalised velocity in the body, upper triangle
+        ("principal_axis", "<f8", (3,)),  # unit vector of its main direction
+        ("ground_scatter", "<f8", (3,)),  # the same over ground
+        ("down_sum", "<f8", (3,)),  # sum of the vertical in the body
+        ("scatter_weight", "<f8"),
+        ("mean_nis", "<f8"),  # smoothed normalised innovation squared
+        ("noise_scale", "<f8", (2,)),  # variance of the velocity sideways and off the floor, over that assumed
+        ("innovation_sum", "<f8", (2, 2)),  # sums of their innovations and of the variances of those
+        ("innovation_count", "<i8"),  # innovations in these
+        ("sum_count", "<i8"),  # sums that were learned from
+        ("start_variance", "<f8", (STATES,)),  # variances as the constraint began
+        ("disable_count", "<i8"),  # times that the motion has contradicted
+        ("disabled_ns", "<i8"),  # and the last of them
+    ],
+    align=True,
+)
+
+GNSS = np.dtype(
+    [
+        ("last_used_ns", "<i8"),  # epoch of the last fix used
+        ("fix_count", "<i8"),
+        ("speed", "<f8"),  # m/s of the last fix, NaN unknown
+        ("bias", "<f8", (3,)),  # m, NED, fix minus truth: what lasts of the receiver's error
+        ("bias_sigma", "<f8", (2,)),  # m, horizontal and vertical
+        ("reported_sigma", "<f8", (2,)),  # m, by the receiver, horizontal and vertical
+        ("noise_var", "<f8", (2,)),  # m^2, learned white variance, horizontal and vertical
+        ("velocity_noise_var", "<f8"),  # m^2/s^2, learned variance of a component of its velocity
+        ("time_offset", "<f8"),  # s, a fix is older than its epoch says by this
+        ("velocity_time_offset", "<f8"),  # s, and its velocity is older still
+        ("survey_epochs", "<i8"),  # 1: its epochs are a survey's, not confirmed yet
+        ("frozen_position", "<f8", (2,)),  # latitude and longitude of the last fix
+        ("frozen_since_ns", "<i8"),  # and since when they are the same
+    ],
+    align=True,
+)
+
+INTEGRITY = np.dtype(  # fixes that contradict, and the heading that they contradict
+    [
+        ("reject_count", "<i8", (2,)),  # positions in a row, and heights
+        ("reject_start_ns", "<i8", (2,)),  # the first of them, or of those that are consistent with the velocity
+        ("outage_at_reject_s", "<f8"),  # since the last fix used, when the first was rejected
+        ("reject_offset", "<f8", (2,)),  # m, how far north and east of the estimate that was
+        ("velocity_reject_count", "<i8"),  # fixes in a row whose velocity was rejected
+        (
+            "position_inflation",
+            "<f8",
+            (3,),
+        ),  # m^2, beyond P: how far the fixes were that the filter was reset to, fading
+        ("reset_score", "<f8"),  # resets to contradicting fixes, fading
+        ("heading_fault_count", "<i8"),  # pairs in a row that contradict the heading
+    ],
+    align=True,
+)
+
+DRIFT = np.dtype(  # the test for a receiver that drifts (GLR)
+    [
+        ("detected", "<i8"),
+        ("noise_scale", "<f8"),  # square of the receiver's bias as it has seemed, over that reported
+        ("noise_scale_count", "<i8"),  # times that was learned
+        ("pending_noise_scale", "<f8"),  # the same of the last onset that passed, to be learned with the next
+        ("onset_ns", "<i8", (ONSETS,)),  # from when it may have drifted
+        ("innovation_count", "<i8", (ONSETS,)),  # since
+        ("information_vector", "<f8", (ONSETS, 2)),  # s/m, of a velocity north and east
+        ("information_matrix", "<f8", (ONSETS, 3)),  # s^2/m^2, upper triangle
+        ("bias_sensitivity", "<f8", (STATES, 2 * ONSETS)),  # of the estimate, per m/s, north and east for each onset
+    ],
+    align=True,
+)
+
+ALIGNMENT = np.dtype(  # in a level frame of arbitrary heading; complex numbers are north + i east
+    [
+        ("mode", "<i8"),
+        ("heading_sigma", "<f8"),  # rad, of a heading given by the user; 0: none
+        (
+            "heading_bias_gain",
+            "<f8",
+        ),  # s, what an error of the vertical gyro bias has been multiplied with in that found
+        ("integrals", "<f8", (4, 2)),  # since the origin: of level specific force, of 1, GG, G
+        ("double_integrals", "<f8", (4, 2)),  # and theirs
+        ("heading_phasor", "<f8", (2,)),  # exp(i y), y rad the heading of the body in the frame of those
+        ("wander_azimuth", "<f8"),  # rad, from the level frame of q_nb to that one
+        ("wander_azimuth_drift", "<f8"),  # rad, by which it would have turned without the vertical gyro bias found
+        ("vertical_bias", "<f8"),  # rad/s, vertical gyro bias found since the origin
+        (
+            "corrections",
+            "<f8",
+            (3, 2),
+        ),  # m/s^2, m/s^3, m/s^2: tilt, level gyro bias, accelerometer bias, found likewise
+        ("pair_start_ns", "<i8"),  # last fix used for alignment
+        ("pair_start", "<f8", (6,)),  # its velocity, latitude and longitude, and the acceleration
+        ("pair_integrals", "<f8", (4, 2)),  # integrals then
+        ("pair_double_integrals", "<f8", (4, 2)),
+        ("mean_velocity", "<f8", (3,)),  # over the last pair of positions, and its s; 0: there is none
+        ("mean_integrals", "<f8", (4, 2)),
+        ("low_motion_position", "<f8", (2,)),  # latitude and longitude of the first fix since motion is low
+        ("low_motion_ns", "<i8"),
+        ("origin_ns", "<i8"),
+        ("position_origin", "<f8", (2,)),  # latitude and longitude from which the positions of fixes are counted
+        ("last_match_ns", "<i8"),  # last fix matched
+        ("reject_count", "<i8"),  # fixes in a row that force does not explain
+    ],
+    align=True,
+)
+
+SCRATCH = np.dtype(  # holds nothing from one call of the filter's entries to the next: no snapshot has it
+    [
+        ("x", "<f8", (STATES,)),  # correction gathered, not injected yet
+        ("d", "<f8", (STATES,)),  # P h
+        ("columns", "<i8", (JACOBIAN_LENGTH,)),  # h
+        ("values", "<f8", (JACOBIAN_LENGTH,)),
+        ("position_innovation", "<f8", (3,)),
+        ("accel_fit", "<f8", (3,)),  # m/s^2, acceleration over the uncertain part of the time offset
+        ("accel_fit_error", "<f8", (3,)),  # m/s, how far the velocity was from that line
+        ("integral_change", "<f8", (4, 2)),
+        ("innovations", INNOVATION, (STEP_INNOVATIONS,)),  # of the last sample
+        ("innovation_count", "<i8"),
+    ],
+    align=True,
+)
+
+REWOUND = [  # what a rewind restores
+    ("nav", NAV),
+    ("earth", EARTH),
+    ("imu", IMU),
+    ("cov", COVARIANCE),
+    ("stationarity", STATIONARITY),
+    ("nhc", NHC),
+    ("gnss", GNSS),
+    ("integrity", INTEGRITY),
+    ("drift", DRIFT),
+    ("alignment", ALIGNMENT),
+]
+SNAPSHOT = np.dtype(REWOUND, align=True)
+CORE = np.dtype([*REWOUND, ("scratch", SCRATCH)], align=True)
+
+HYPOTHESIS_BANK = np.dtype(
+    [
+        ("integrals", "<f8", (HYPOTHESES, 4, 2)),  # as the core's, up to the last fix matched, turned back
+        ("double_integrals", "<f8", (HYPOTHESES, 4, 2)),
+        ("whitening_state", "<f8", (HYPOTHESES, 3, 5, 2)),  # position, velocity, bias that fixes and integrals show
+        ("whitening_P", "<f8", (3, 3)),  # and their covariance, m, s
+        (
+            "products",
+            "<f8",
+            (HYPOTHESES, 5, 5, 2),
+        ),  # sums of those of GNSS, inertial and the three regressors' innovations
+        ("weight", "<f8"),  # innovations matched
+        ("energy2", "<f8"),  # sum of squares of the single energies of the velocity changes
+        ("energy_age", "<f8"),  # s, their energy times its age
+        ("last_integrals", "<f8", (4, 2)),  # the core's then
+        ("last_double_integrals", "<f8", (4, 2)),
+        # scratch
+        ("innovations", "<f8", (5, 2)),
+        ("prior", "<f8", (3, 3, 2)),
+        ("inverse", "<f8", (3, 3, 2)),
+        ("gain", "<f8", (3, 3, 2)),
+        ("headings", "<f8", (HYPOTHESES, 3)),
+    ],
+    align=True,
+)
+
+STORED_SAMPLE = np.dtype(
+    [("t_ns", "<i8"), ("w", "<f8", (3,)), ("f", "<f8", (3,)), ("flags", "<i8"), ("unseen_s", "<f8")], align=True
+)
+
+STATE = np.dtype(
+    [
+        ("core", CORE, (1,)),
+        ("bank", HYPOTHESIS_BANK, (1,)),  # changes with fixes only, so that no snapshot needs it
+        ("snapshots", SNAPSHOT, (SNAPSHOTS,)),
+        ("imu_ring", STORED_SAMPLE, (IMU_RING,)),
+        ("snapshot_count", "<i8"),  # snapshots ever taken, less those withdrawn
+        ("sample_count", "<i8"),  # samples ever put into the ring
+        ("last_epoch_ns", "<i8"),  # epoch of the last fix fused
+        ("last_time_offset", "<f8"),  # s, as found at that fix
+        ("last_fusion_ns", "<i8"),  # and the time of the core at which it was fused
+        ("initial_rpy", "<f8", (3,)),  # rad, NaN where the first sample or motion must tell
+        ("last_w", "<f8", (3,)),  # last good sample, body axes
+        ("last_f", "<f8", (3,)),
+        ("pending_innovations", INNOVATION, (PENDING_INNOVATIONS,)),
+        ("pending_count", "<i8"),  # rows of it
+        ("interpolated_w", "<f8", (3,)),  # scratch: the sample interpolated at a fix
+        ("interpolated_f", "<f8", (3,)),
+    ],
+    align=True,
+)

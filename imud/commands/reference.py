@@ -12,6 +12,7 @@ from typing import get_type_hints
 from .. import client
 from ..configuration.schema import is_table, keys
 from ..configuration.settings import Settings
+from ..estimators import registry
 
 _EXAMPLE_PORTS = ("/dev/ttyUSB0", "/dev/ttyACM0")
 
@@ -52,6 +53,18 @@ def table() -> str:
 
 def _cell(text: str) -> str:
     return text.replace("|", "\\|")
+
+
+def tuning() -> str:
+    """Markdown: every tunable of every estimator."""
+    rows = [
+        f"| `{estimator.table}.tuning.{t.name}` | {_cell(t.kind)} | `{t.default:g}` | {t.unit} | {_cell(t.meaning)} | "
+        f"{_cell(t.source)} |"
+        for estimator in map(registry.by_name, registry.NAMES)
+        for t in estimator.tunables
+    ]
+    head = ["| key | value | default | unit | meaning | source of the default |", "|---|---|---|---|---|---|"]
+    return "\n".join([*head, *rows]) + "\n"
 
 
 def man_configuration() -> str:
@@ -164,6 +177,7 @@ static inline int imud_read(const volatile struct imud_shared *shared, struct im
 FORMS: dict[str, tuple[Callable[[], str], str]] = {
     "toml": (sample, "a sample file (default)"),
     "markdown": (table, "a table"),
+    "tuning": (tuning, "a table of the estimators' constants"),
     "man1": (man_command, "the man page of the command"),
     "man5": (man_configuration, "and of the settings"),
     "c": (c_header, "a C header for the stream and the shared memory"),

@@ -41,6 +41,8 @@ def _problems(table: dict[str, Any], schema: type[msgspec.Struct], prefix: str =
 
 
 def _parts(value: Any) -> list[Any]:
+    if isinstance(value, dict):
+        return list(value.values())
     return value if isinstance(value, list) else [value]
 
 
@@ -104,7 +106,7 @@ def from_table(table: dict[str, Any], overrides: Iterable[str], name: str, text:
     for override in overrides:
         _merge(table, *_assignment(override, "--set", "navigation.vehicle=land"))
     problems = []
-    for path, what in (*_problems(table, Settings), *_unknown_names(table)):
+    for path, what in (*_problems(table, Settings), *_unknown_names(table), *_tuning_problems(table)):
         line = _line_of(text, path)
         where = f"{name}:{line}: " if line else ""
         problems.append(f"{where}{path}: {what}")
@@ -124,6 +126,20 @@ def _unknown_names(table: dict[str, Any]) -> Iterable[tuple[str, str]]:
         for (path, name), known in zip(given.items(), (NAMES, tuple(PROFILES)), strict=True):
             if isinstance(name, str) and name not in ("auto", *known):
                 yield path, f"there is no {name!r}; known are auto, {', '.join(known)}"
+
+
+def _tuning_problems(table: dict[str, Any]) -> Iterable[tuple[str, str]]:
+    """(key path, what is wrong) where a tunable does not exist, or does not take the value."""
+    tuned = {name: inner["tuning"] for name, inner in table.items() if isinstance(inner, dict) and "tuning" in inner}
+    if tuned:
+        from ..estimators import registry
+        from ..estimators.tuning import problems
+
+        for estimator in map(registry.by_name, registry.NAMES):
+            given = tuned.get(estimator.table)
+            if isinstance(given, dict) and all(isinstance(value, int | float) for value in given.values()):
+                for name, what in problems(estimator.tunables, given):
+                    yield f"{estimator.table}.tuning.{name}", what
 
 
 def adopt(running: Settings, fresh: Settings) -> tuple[Settings, list[str], list[str]]:

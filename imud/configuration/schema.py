@@ -45,7 +45,8 @@ def keys(schema: type[msgspec.Struct] = Settings, table: str = "") -> Iterator[K
             inner.append((hint, field.name))
             continue
         kind, meta = kind_of(hint)
-        value = json.dumps(field.default)  # is TOML, too, for all that settings are made of
+        default = field.default_factory() if field.default is msgspec.NODEFAULT else field.default
+        value = json.dumps(default)  # is TOML, too, for all that settings are made of
         yield Key(table, field.name, kind, value, meta.description or "", bool((meta.extra or {}).get("hot")))
     for hint, name in inner:
         yield from keys(hint, name)
@@ -63,6 +64,8 @@ def kind_of(hint: Any) -> tuple[str, msgspec.Meta]:
         kind = " | ".join(f'"{choice}"' for choice in get_args(hint))
     elif get_origin(hint) in (Union, UnionType):
         kind = " or ".join(kind_of(choice)[0] for choice in get_args(hint) if choice is not NoneType)
+    elif get_origin(hint) is dict:
+        kind = f"table: {kind_of(get_args(hint)[1])[0]}"
     elif get_origin(hint) is tuple:
         items = get_args(hint)
         count = "list" if items[-1] is Ellipsis else f"list of {len(items)}"

@@ -11,6 +11,10 @@ from msgspec import Meta
 Quality = Annotated[int, Meta(ge=1, le=8)]
 Triple = tuple[float, float, float]
 HOT = {"hot": True}
+Tuning = Annotated[
+    dict[str, float],
+    Meta(description="Constants of the filter, by name; `imud reference tuning` lists them, their units and defaults."),
+]
 
 
 class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -95,6 +99,12 @@ class Gnss(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         ),
     ] = False
     rate_hz: Annotated[float, Meta(ge=1.0, le=10.0, description="Fixes per second, if it is set up.")] = 5.0
+
+
+class Attitude(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The estimator `attitude`."""
+
+    tuning: Tuning = {}
 
 
 class Navigation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -229,6 +239,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     noise: Noise = Noise()
     spi: Spi = Spi()
     gnss: Gnss = Gnss()
+    attitude: Attitude = Attitude()
     navigation: Navigation = Navigation()
     gps_track: GpsTrack = GpsTrack()
     ins9: Ins9 = Ins9()

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from imud.configuration.settings import Initial, Settings
 
+from .tuning import Tunable
+
 Record = NDArray[np.void]  # a structured array of one element
 
 
@@ -26,6 +28,7 @@ class Estimator:
     update(parameters[0], state[0], fix, innovations) -> rows of `innovations` written. None: takes no fixes.
     told(state[0], innovations) -> rows of `innovations` that steps have made since it was asked last; None: never any.
     needs_gyros: useless on a sensor without rates about all three axes.
+    tunables: the constants that the settings' table `NAME.tuning` may change.
     """
 
     name: str
@@ -35,3 +38,9 @@ class Estimator:
     update: Callable[[Any, Any, Any, Any], int] | None
     needs_gyros: bool = True
     told: Callable[[Any, Any], int] | None = None
+    tunables: tuple[Tunable, ...] = ()
+
+    @property
+    def table(self) -> str:
+        """Its table in the settings."""
+        return self.name.replace("-", "_")

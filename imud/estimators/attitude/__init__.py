@@ -21,6 +21,7 @@ from .counts import examine
 from .covariance import clear, correct, predict, report, shake
 from .levelling import begin, doubt, hold, level, middle, resume, seek, seeks, unweighed
 from .lost import loses
+from .parameters import TUNABLES
 from .rest import judge, restart, watch
 from .setup import configure, start
 from .staying import follow_travel, hold_near, hold_place, hold_still, leave
@@ -77,7 +78,7 @@ def take(p: Any, s: Any, sample: Any, dt: float) -> None:
     elif dt > LONG_GAP_S or (good and s.held_s > LONG_GAP_S):
         resume(p, s, w, f, dt)
     else:
-        shake(s, f, dt)
+        shake(p, s, f, dt)
         if sample.flags & BEYOND_RANGE or dt > p.gap_s or s.held_s > 0.0:
             doubt(p, s, w, f, dt, sample.flags)
         if dt > p.gap_s:
@@ -141,4 +142,4 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
     tell(s, sample.flags, solution)
 
 
-ESTIMATOR = Estimator("attitude", configure, start, step, None)
+ESTIMATOR = Estimator("attitude", configure, start, step, None, tunables=TUNABLES)

@@ -17,11 +17,6 @@ from ...kernels.rotation import Vector, euler_variances, quat_exp, quat_normalis
 from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, LAG, PLACE, STATES, VELOCITY
 from .strapdown import HOME_S
 
-GYRO_MOTION = 6e-4  # sqrt(s): gyro noise in proportion to |w|
-BIAS_MOTION = 4.5e-5  # (rad/s)/(m/s^2): wandering of the gyro bias per acceleration, which gyros are sensitive to
-ACCEL_MOTION = 0.02  # sqrt(s): accelerometer noise in proportion to the acceleration
-SHOCK_TURN = 0.01  # rad/(m/s): rotation that comes with a velocity too short-lived to be sampled
-
 
 @kernel
 def variance(s: Any, i: int) -> float:
@@ -66,9 +61,9 @@ def predict(p: Any, s: Any) -> None:
 @kernel
 def add_noise(p: Any, s: Any) -> None:
     """Process noise of the gathered interval."""
-    t = s.span
-    bias = p.gyro_bias_psd * t + BIAS_MOTION**2 * (s.motion[0] + s.motion[3] + s.motion[5])
-    attitude = p.gyro_psd * t + GYRO_MOTION**2 * s.spin + s.attitude_extra
+    t, c = s.span, p.tuning
+    bias = p.gyro_bias_psd * t + c.gyro_bias_walk_per_acceleration**2 * (s.motion[0] + s.motion[3] + s.motion[5])
+    attitude = p.gyro_psd * t + c.gyro_noise_per_rate**2 * s.spin + s.attitude_extra
     for i in range(3):
         grow(s, ATTITUDE + i, attitude)
         grow(s, GYRO_BIAS + i, bias)
@@ -77,19 +72,19 @@ def add_noise(p: Any, s: Any) -> None:
     k = 0
     for i in range(3):
         for j in range(i, 3):
-            s.P[packed_index(STATES, VELOCITY + i, VELOCITY + j)] += ACCEL_MOTION**2 * s.motion[k]
+            s.P[packed_index(STATES, VELOCITY + i, VELOCITY + j)] += c.accel_noise_per_acceleration**2 * s.motion[k]
             k += 1
 
 
 @kernel
-def shake(s: Any, f: Vector, dt: float) -> None:
+def shake(p: Any, s: Any, f: Vector, dt: float) -> None:
     """Noise of the attitude for what sample f, dt s after the last one, shows of knocks and vibration."""
     unannounced2 = 0.0
     for i in range(3):
         change = f[i] - s.f[i]
         unannounced2 += (change - s.f_change[i]) ** 2
         s.f_change[i] = change
-    s.attitude_extra += SHOCK_TURN**2 * unannounced2 * dt * dt
+    s.attitude_extra += p.tuning.shock_rotation**2 * unannounced2 * dt * dt
 
 
 @kernel

@@ -10,8 +10,10 @@ from ...configuration.settings import Initial, Settings
 from ...kernels.earth import STANDARD_GRAVITY, gravity
 from ...sensor_errors.profiles import PROFILES, Profile, profile_of
 from .. import Record
+from ..tuning import values_of
 from .counts import COARSEST
 from .levelling import UNIFORM
+from .parameters import TUNABLES
 from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, LAG, PARAMETERS, STATE, STATES
 from .truncation import UNLIKELY
 
@@ -41,6 +43,7 @@ def configure(settings: Settings, rate_hz: float) -> Record:
     p["accel_bias_doubt"] = profile.accel_bias_initial**2 - p["accel_bias_var"]
     p["accel_scale_doubt"] = profile.accel_scale**2 - p["accel_scale_var"]
     p["rest_rate_psd"] = (3.0 * profile.gyro_noise) ** 2
+    p["tuning"] = values_of(TUNABLES, settings.attitude.tuning)
     return p
 
 

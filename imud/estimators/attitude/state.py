@@ -7,6 +7,8 @@ and place are NED; gyro and accelerometer follow true = (I - M)(measured - bias)
 
 import numpy as np
 
+from ..tuning import dtype_of
+from .parameters import TUNABLES
 from .truncation import CELLS
 
 ATTITUDE, GYRO_BIAS, VELOCITY, ACCEL_BIAS, GYRO_MATRIX, ACCEL_SCALE, LAG, PLACE = 0, 3, 6, 9, 12, 21, 24, 25
@@ -29,6 +31,7 @@ PARAMETERS = np.dtype(
         ("accel_bias_doubt", "<f8"),
         ("accel_scale_doubt", "<f8"),
         ("rest_rate_psd", "<f8"),  # (rad/s)^2 s: noise of the mean rate at rest
+        ("tuning", dtype_of(TUNABLES)),
     ],
     align=True,
 )

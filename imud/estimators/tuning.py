@@ -1,0 +1,68 @@
+"""Tunables: the constants of an estimator that a user may change without a rebuild.
+
+An estimator lists them in one table. The table makes the fields of a record, which is nested in the estimator's
+parameters and read by its kernels; the keys of the settings' table `ESTIMATOR.tuning`; and the rows of
+`imud reference tuning`. A constant that is a definition (an index, the size of an array, a unit) is no tunable.
+
+    TUNABLES = (Tunable("rest_time_s", 1.0, "s", "How long the body must show no motion.", "BROAD recordings."),)
+    PARAMETERS = np.dtype([("tuning", dtype_of(TUNABLES))], align=True)
+    parameters["tuning"] = values_of(TUNABLES, settings.attitude.tuning)
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Tunable:
+    """One constant: its default, its unit ("": a pure number), its meaning, and where the default comes from.
+
+    A default that is an int makes an integer. Values from `low` to `high` are accepted, both included.
+    """
+
+    name: str
+    default: float
+    unit: str
+    meaning: str
+    source: str
+    low: float = 0.0
+    high: float = math.inf
+
+    @property
+    def kind(self) -> str:
+        """The values it takes, in words."""
+        kind = "integer" if isinstance(self.default, int) else "number"
+        limits = [f"≥ {self.low:g}"] * math.isfinite(self.low) + [f"≤ {self.high:g}"] * math.isfinite(self.high)
+        return f"{kind} {' and '.join(limits)}".strip()
+
+    def accepts(self, value: float) -> bool:
+        whole = not isinstance(self.default, int) or float(value).is_integer()
+        return math.isfinite(value) and whole and self.low <= value <= self.high
+
+
+def dtype_of(tunables: Iterable[Tunable]) -> np.dtype[np.void]:
+    """The record with one field for each tunable, under its name."""
+    return np.dtype([(t.name, "<i8" if isinstance(t.default, int) else "<f8") for t in tunables], align=True)
+
+
+def values_of(tunables: Iterable[Tunable], changed: Mapping[str, float]) -> NDArray[np.void]:
+    """A record (1 element of `dtype_of`) of the defaults and the user's changes, which `problems` has accepted."""
+    tunables = tuple(tunables)
+    record = np.zeros(1, dtype_of(tunables))
+    for tunable in tunables:
+        record[tunable.name] = changed.get(tunable.name, tunable.default)
+    return record
+
+
+def problems(tunables: Iterable[Tunable], changed: Mapping[str, float]) -> Iterator[tuple[str, str]]:
+    """(name, what is wrong) for every change that the tunables do not take."""
+    known = {tunable.name: tunable for tunable in tunables}
+    for name, value in changed.items():
+        if name not in known:
+            yield name, "there is no such tunable; `imud reference tuning` lists them"
+        elif not known[name].accepts(value):
+            yield name, f"is {value:g}; it must be: {known[name].kind}"

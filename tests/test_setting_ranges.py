@@ -118,9 +118,10 @@ def computed(chosen: Settings, name: str, rate_hz: float) -> None:
     estimator = registry.by_name(name)
     parameters = estimator.configure(chosen, rate_hz)
     for field in parameters.dtype.names:
-        values = np.asarray(parameters[field], float)
-        assert np.isfinite(values).all(), (name, field)
-        assert not field.endswith(("_psd", "_var", "_walk")) or (values > 0.0).all(), (name, field)
+        if parameters[field].dtype.names is None:
+            values = np.asarray(parameters[field], float)
+            assert np.isfinite(values).all(), (name, field)
+            assert not field.endswith(("_psd", "_var", "_walk")) or (values > 0.0).all(), (name, field)
     state = estimator.start(parameters, Initial())
     assert state.shape == (1,)
 

@@ -16,7 +16,7 @@ import itertools
 import os
 import tempfile
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -28,6 +28,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 Kind = np.dtype[Any] | None  # of an array's elements; None: an integer
 _SYMBOL = "entry"
 _number = itertools.count()  # names of libraries must differ
+_noted: "dict[str, tuple[Entry, tuple[Kind, ...]]] | None" = None  # while `noting`: by symbol, what is called
 _DIGEST = hashlib.sha256().digest_size
 
 
@@ -47,6 +48,8 @@ class Entry(Kernel):
 
     def __call__(self, *arguments: Any) -> int:
         """Raises TypeError if an argument is not of the type it was in the first call."""
+        if _noted is not None:
+            return self._note(arguments)
         if not self._kinds:
             self._load(arguments)
         last = self._last
@@ -58,12 +61,21 @@ class Entry(Kernel):
     @property
     def address(self) -> int:
         """Address of the machine code, for callers that are compiled themselves. All arguments must be integers."""
+        integers = (0,) * len(inspect.signature(self.py_func).parameters)
+        if _noted is not None:
+            return self._note(integers)
         if not self._kinds:
-            self._load((0,) * len(inspect.signature(self.py_func).parameters))
+            self._load(integers)
         return cast(int, self._library[_SYMBOL])
 
+    def _note(self, arguments: tuple[Any, ...]) -> int:
+        assert _noted is not None
+        kinds = _kinds(arguments)
+        _noted[symbol(self, kinds)] = self, kinds
+        return 0
+
     def _load(self, arguments: tuple[Any, ...]) -> None:
-        kinds = tuple(a.dtype if isinstance(a, np.ndarray) else None for a in arguments)
+        kinds = _kinds(arguments)
         sizes = [1 if kind is None else 2 for kind in kinds]
         self._library = _linked(self, kinds)
         self._call = self._interface(ctypes.c_int64, *[ctypes.c_int64] * sum(sizes))(self._library[_SYMBOL])
@@ -80,6 +92,26 @@ class Entry(Kernel):
             self._last[i] = weakref.ref(argument)
         else:
             raise TypeError(f"{self.name}: argument {i} must be a writable contiguous array of {kind}")
+
+
+def _kinds(arguments: tuple[Any, ...]) -> tuple[Kind, ...]:
+    return tuple(a.dtype if isinstance(a, np.ndarray) else None for a in arguments)
+
+
+@contextlib.contextmanager
+def noting() -> Iterator[dict[str, tuple[Entry, tuple[Kind, ...]]]]:
+    """Within the block a call of an entry does nothing but note the entry, by symbol, and its arguments' types."""
+    global _noted  # noqa: PLW0603
+    _noted = {}
+    try:
+        yield _noted
+    finally:
+        _noted = None
+
+
+def symbol(kernel: Kernel, kinds: Sequence[Kind]) -> str:
+    """What an entry for arguments of these types is called in a shared library."""
+    return _file_name(kernel, kinds).removesuffix(".o").replace(".", "_").replace("-", "_")
 
 
 def _nothing() -> None:

@@ -18,14 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.driver import Identity, ImuConfigured, ImuDriver
+from drivers.entry import Entry, Kind, noting
 from drivers.registry import drivers
 from drivers.sample import SAMPLE
 
 from .configuration.settings import Initial, Settings
 from .daemon.cycle import Cycle
-from .estimators import Estimator
+from .estimators import Estimator, registry
 from .estimators.records import FIX, SOLUTION
 from .outputs.binary import BinaryOutputs
+from .outputs.shared_memory import WORD, write
 from .pipeline import Filter, Stream
 from .sensors.health import shown
 from .stages import decoding
@@ -66,6 +68,18 @@ def warm_replay(estimator: Estimator, settings: Settings) -> None:
     solutions = np.zeros(1, SOLUTION)
     Filter(estimator, settings, Initial(), _RATE_HZ).run(np.zeros(1, SAMPLE), solutions)
     EstimateWriter(io.BytesIO(), 0).write(solutions)
+
+
+def entries() -> dict[str, tuple[Entry, tuple[Kind, ...]]]:
+    """Every entry that imud itself calls, by symbol, with its arguments' types. Nothing is compiled for that."""
+    words = np.zeros(4, WORD)
+    with noting() as found:
+        warm_decoders()
+        write(words, words)
+        for name in registry.NAMES:
+            warm(registry.by_name(name), Settings())
+            warm_replay(registry.by_name(name), Settings())
+    return found
 
 
 def missing(estimators: Iterable[Estimator]) -> list[Estimator]:

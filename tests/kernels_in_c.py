@@ -7,7 +7,6 @@ import ctypes
 import functools
 import hashlib
 import os
-import subprocess
 import tempfile
 from functools import partial
 from pathlib import Path
@@ -16,6 +15,8 @@ import numpy as np
 
 from drivers.sample import SAMPLE
 from imud.commands.bench import reference
+from imud.compile import build
+from imud.compile.c import Translation
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.records import FIX, INNOVATION, SOLUTION
@@ -23,10 +24,6 @@ from imud.pipeline import Filter
 from imud.process import runtime
 from imud.sensor_errors.calibration import CORRECTION
 from imud.sensors.health import HEALTH
-
-# no fused multiplication and addition: the same rounding on every machine
-FLAGS = ("-std=gnu11", "-O2", "-w", "-fPIC", "-shared", "-ffp-contract=off", "-fno-math-errno", "-Wl,-Bsymbolic")
-TRANSLATOR = reference.SOURCES
 
 
 def symbol(part, name):
@@ -40,25 +37,21 @@ def translated(unit, names=registry.NAMES):
         p, s = filter_.parameters.dtype, filter_.state.dtype
         feed = (HEALTH, SAMPLE, CORRECTION, p, s, SOLUTION, FIX, np.int64, INNOVATION)
         for part, kinds in (("feed", feed), ("told", (s, INNOVATION))):
-            kernel = getattr(filter_.stages, part)
-            unit.function(kernel, [unit.array(kind) for kind in kinds], exported=symbol(part, name))
+            unit.export(getattr(filter_.stages, part), kinds, symbol(part, name))
     return unit
 
 
 def digest():
-    """Of the kernels, the translator and this file."""
-    whole = hashlib.sha256(runtime.source_digest().encode())
-    for path in (*sorted(TRANSLATOR.glob("*.py")), Path(__file__)):
-        whole.update(path.read_bytes())
-    return whole.hexdigest()[:16]
+    """Of the kernels and this file."""
+    return hashlib.sha256(runtime.source_digest().encode() + Path(__file__).read_bytes()).hexdigest()[:16]
 
 
-def compile_c(text, output, flags=FLAGS):
-    """Write a shared library, all of it or nothing. Raises NoReferenceError where there is no compiler."""
+def compile_c(text, output):
+    """Write a shared library, all of it or nothing. Raises CannotBuildError where there is no compiler."""
     with tempfile.TemporaryDirectory(dir=output.parent) as folder:
         source, made = Path(folder, "kernels.c"), Path(folder, "kernels.so")
         source.write_text(text)
-        subprocess.run([reference.compiler(), *flags, "-o", str(made), str(source), "-lm"], check=True)
+        build.compile_c(source, made)
         made.replace(output)
 
 
@@ -69,7 +62,7 @@ def library():
     path = folder / f"estimators-{digest()}.so"
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
-        compile_c(translated(reference.translator().Translation()).source, path)
+        compile_c(translated(Translation()).source, path)
     return ctypes.CDLL(str(path))
 
 
@@ -86,5 +79,5 @@ def to_c_if_possible(filter_):
     """The same; where there is no compiler it stays with the kernels that numba compiles."""
     try:
         return to_c(filter_)
-    except reference.NoReferenceError:
+    except build.CannotBuildError:
         return filter_

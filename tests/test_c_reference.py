@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from imud.commands.bench import reference, signals
-from imud.commands.bench.throughput import new_stream
+from imud.commands.bench.throughput import CReplay, new_stream
 from imud.commands.replay import play
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
@@ -84,18 +84,8 @@ def test_the_whole_path_from_bytes_in_c_gives_the_same_solutions(tmp_path):
         assert stream.decoder["lost"][0] > 0
 
 
-def test_what_is_not_understood_is_named_with_its_place():
-    translate = reference.translator()
-
-    def strange(a: float) -> float:
-        del a
-
-    with pytest.raises(translate.UnsupportedError, match=r"test_c_reference\.py:\d+: statement: del a"):
-        translate.Translation().function(strange, [translate.FLOAT])
-
-
 def test_an_installed_imud_says_that_there_is_no_c_to_compare_with(monkeypatch, tmp_path):
     """As it did not: `imud bench` from an installation ended with a traceback."""
     monkeypatch.setattr(reference, "SOURCES", tmp_path / "tests" / "c")
     with pytest.raises(reference.NoReferenceError, match="checkout"):
-        reference.stream_source(new_stream("attitude"))
+        CReplay(tmp_path)

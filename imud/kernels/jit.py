@@ -12,9 +12,14 @@ __all__ = ["Later", "inlined", "interpreted", "kernel", "unrolled"]
 class Later:
     """Something of numba's for kernels to call; numba is asked for it when the first of them is compiled."""
 
-    def __init__(self, make: Callable[[Any], Any]) -> None:
-        """make(numba) -> an intrinsic, an external function, or one that numba has."""
-        self._make = make
+    def __init__(
+        self, make: Callable[[Any], Any], intrinsic: str | None = None, external: tuple[str, ...] | None = None
+    ) -> None:
+        """make(numba) -> an intrinsic, an external function, or one that numba has.
+
+        intrinsic: what `compile.c` calls it; external: name, result and arguments of a function of the C library.
+        """
+        self._make, self.intrinsic, self.external = make, intrinsic, external
 
     @functools.cached_property
     def _numba_type_(self) -> Any:

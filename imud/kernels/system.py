@@ -21,10 +21,10 @@ def _function(name: str, returns: str, *arguments: str) -> Any:
         types = numba.types
         return types.ExternalFunction(name, getattr(types, returns)(*(getattr(types, a) for a in arguments)))
 
-    return Later(make)
+    return Later(make, external=(name, returns, *arguments))
 
 
-carray: Any = Later(lambda numba: numba.carray)
+carray: Any = Later(lambda numba: numba.carray, "carray")
 ppoll: Any = _function("ppoll", "int32", "int64", "int64", "int64", "int64")
 read: Any = _function("read", "int64", "int32", "int64", "int64")
 send: Any = _function("send", "int64", "int32", "int64", "int64", "int32")
@@ -85,11 +85,14 @@ def _fence(numba: Any) -> Any:
 
 
 pointer: Any = Later(_pointer)  # what `carray` takes
-call: Any = Later(_call)  # (address, (argument, ...)) -> int; of an entry whose arguments are integers
-fence: Any = Later(_fence)  # () no store moves across it, in either direction: ARM would let them
+call: Any = Later(_call, "call")  # (address, (argument, ...)) -> int; of an entry whose arguments are integers
+fence: Any = Later(_fence, "fence")  # () no store moves across it, in either direction: ARM would let them
 
 
 @inlined
 def records(address: int, n: int, dtype: Any) -> Any:
     """The n records of this type that stand there."""
     return carray(pointer(address), n, dtype)
+
+
+records.intrinsic = "records"  # type: ignore[attr-defined]

@@ -1,13 +1,11 @@
 """The same algorithm in C: translated from the kernels and compiled on the spot, where source tree and compiler are.
 
-The translator stands in tests/c, beside the C daemon; neither is part of an installed imud.
+The C daemon and the C replay around it stand in tests/c, which is no part of an installed imud.
 """
 
 import ctypes
-import importlib.util
 import shutil
 import subprocess
-import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -17,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.sample import SAMPLE
+from imud.compile import c
+from imud.compile.c.kinds import stored
 from imud.estimators.records import SOLUTION
 from imud.pipeline import Filter, Stream
 
@@ -37,18 +37,6 @@ def compiler() -> str:
     raise NoReferenceError("no C compiler (gcc, cc, clang) is on this machine")
 
 
-def translator() -> Any:
-    """tests/c/translate.py as a module. Raises NoReferenceError."""
-    if not SOURCES.is_dir():
-        raise NoReferenceError("the C reference is not installed: run from a checkout of the source")
-    package = "imud_c"
-    if package not in sys.modules:
-        spec = importlib.util.spec_from_file_location(package, SOURCES / "__init__.py")
-        assert spec and spec.loader
-        sys.modules[package] = importlib.util.module_from_spec(spec)
-    return importlib.import_module(f"{package}.translate")
-
-
 class _Recorder:
     """Takes the place of a kernel and keeps the arguments of its last call."""
 
@@ -61,18 +49,17 @@ class _Recorder:
         return self._answer
 
 
-def _kinds(c: Any, unit: Any, arguments: tuple[Any, ...]) -> list[Any]:
-    return [unit.array(a.dtype) if isinstance(a, np.ndarray) else c.INT for a in arguments]
+def _dtypes(arguments: tuple[Any, ...]) -> list[np.dtype[Any] | None]:
+    return [a.dtype if isinstance(a, np.ndarray) else None for a in arguments]
 
 
 def to_c(filter_: Filter, folder: Path) -> None:
     """Replace the kernels of a filter, for samples and for fixes, by C. Raises NoReferenceError."""
-    c = translator()
     unit = c.Translation()
     kernel, recorder = filter_.stages.feed, _Recorder(0)
     filter_.stages.feed = recorder
     filter_.run(np.zeros(1, SAMPLE), np.zeros(1, SOLUTION))
-    unit.function(kernel, _kinds(c, unit, recorder.arguments), exported="feed")
+    unit.export(kernel, _dtypes(recorder.arguments), "feed")
     filter_.stages.feed = partial(call, build(unit.source, folder).feed)
 
 
@@ -81,7 +68,6 @@ def stream_source(stream: Stream) -> tuple[str, bytes]:
 
     RX, DECODER and SOLUTIONS name the buffers; `memory` lists all of them, in the order of the bytes returned.
     """
-    c = translator()
     unit = c.Translation()
     s, f = stream, stream.filter
     parts: dict[str, tuple[Any, tuple[Any, ...]]] = {
@@ -94,15 +80,15 @@ def stream_source(stream: Stream) -> tuple[str, bytes]:
     buffers: dict[int, tuple[str, Any]] = {}
     texts = {}
     for name, (kernel, arguments) in parts.items():
-        unit.function(kernel, _kinds(c, unit, arguments), exported=name)
+        unit.export(kernel, _dtypes(arguments), name)
         for array in (a for a in arguments if isinstance(a, np.ndarray)):
             buffers.setdefault(array.ctypes.data, (f"memory_{len(buffers)}", array))
         texts[name] = ", ".join(
-            f"{buffers[a.ctypes.data][0]}, {len(a)}" if isinstance(a, np.ndarray) else a for a in arguments
+            f"(int64_t){buffers[a.ctypes.data][0]}, {len(a)}" if isinstance(a, np.ndarray) else a for a in arguments
         )
     lines = [unit.source, "#include <stddef.h>"]
     for name, array in buffers.values():
-        lines.append(f"static {unit.of_dtype(array.dtype).c.rstrip(' *')} {name}[{len(array)}];")
+        lines.append(f"static {stored(unit.of_dtype(array.dtype))} {name}[{len(array)}];")
     listed = ", ".join(f"{{{name}, sizeof {name}}}" for name, _ in buffers.values())
     lines.append(f"static const struct {{ void *at; size_t size; }} memory[] = {{{listed}}};")
     for alias, array in (("RX", stream.rx), ("DECODER", stream.decoder), ("SOLUTIONS", stream.solutions)):
@@ -126,6 +112,8 @@ def build(text: str, folder: Path, main: Path | None = None, options: Sequence[s
 
 def compile_c(file: Path, output: Path, *options: str) -> None:
     """Raises NoReferenceError with what the compiler said."""
+    if not file.exists():
+        raise NoReferenceError(f"{file} is not installed: run from a checkout of the source")
     command = [compiler(), *FLAGS, *options, "-o", str(output), str(file), "-lm"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:

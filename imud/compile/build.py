@@ -1,0 +1,46 @@
+"""Compiles C to a shared library whose numbers are those of numba, to the last bit.
+
+For that the compiler may fuse no multiplication with an addition, and keeps IEEE's rules. -ffp-contract=off alone is
+not enough for gcc before 12.3, which makes vfmaddsub of a subtraction and an addition beside each other (gcc's bug
+106902): so no processor with FMA is ever chosen by -march.
+"""
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+FLAGS = (
+    *("-std=gnu11", "-O2", "-w", "-fPIC", "-shared", "-Wl,-Bsymbolic"),
+    *("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fwrapv", "-fno-strict-aliasing"),
+)
+
+
+class CannotBuildError(Exception):
+    """There is no compiler, or it failed; the message says which."""
+
+
+def compiler() -> list[str]:
+    """The command of the C compiler: $CC, else one on the PATH, else Python's `ziglang`. Raises CannotBuildError."""
+    if given := os.environ.get("CC", "").split():
+        return given
+    for name in ("cc", "gcc", "clang"):
+        if shutil.which(name):
+            return [name]
+    if importlib.util.find_spec("ziglang"):
+        return [sys.executable, "-m", "ziglang", "cc"]
+    raise CannotBuildError("there is no C compiler: install gcc or clang, or the Python package `ziglang`")
+
+
+def compile_c(source: Path, library: Path, options: Sequence[str] = ()) -> None:
+    """Compile one file of C, with more options than ours. Raises CannotBuildError with what the compiler said."""
+    command = [*compiler(), *FLAGS, *options, "-o", str(library), str(source), "-lm"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise CannotBuildError(f"{command[0]}: {error.strerror}") from error
+    if done.returncode:
+        raise CannotBuildError(f"{' '.join(command)}\n{done.stderr[:2000]}")

@@ -1,0 +1,216 @@
+"""Kernels as C: their numbers are those of numba, and what has no translation is named, with its place."""
+
+import ctypes
+import inspect
+import json
+import math
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from drivers.jit import kernel
+from imud.compile import build
+from imud.compile.c import Translation, UnsupportedError
+
+PLACE = np.dtype([("v", "<f8", (3,)), ("n", "<i4")], align=True)
+PART = np.dtype([("place", PLACE), ("places", PLACE, (2,)), ("P", "<f8", (2, 3))], align=True)
+WHOLE = np.dtype([("flag", "?"), ("nav", PART), ("parts", PART, (2, 2)), ("k", "<i8")], align=True)
+TABLE = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+LIMIT = 7
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiler():
+    try:
+        build.compiler()
+    except build.CannotBuildError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture
+def in_c(tmp_path):
+    """Makes a function of arrays and integers from a Python function, through C."""
+
+    def make(function, *arguments, options=()):
+        unit = Translation(with_lines="--coverage" in options)
+        unit.export(function, [a.dtype if isinstance(a, np.ndarray) else None for a in arguments], "entry")
+        (tmp_path / "unit.c").write_text(unit.source)
+        build.compile_c(tmp_path / "unit.c", tmp_path / "unit.so", options)
+        entry = ctypes.CDLL(str(tmp_path / "unit.so")).entry
+        entry.restype = ctypes.c_int64
+
+        def call(*arguments):
+            words = []
+            for argument in arguments:
+                pair = (argument.ctypes.data, len(argument)) if isinstance(argument, np.ndarray) else (argument,)
+                words += [ctypes.c_int64(int(word)) for word in pair]
+            return entry(*words)
+
+        return call
+
+    return make
+
+
+@kernel
+def move(place, by):
+    """A nested record as an argument."""
+    for i in range(3):
+        place.v[i] += by
+    place.n += 1
+
+
+@kernel
+def total(values):
+    """What is left of an array of unknown length."""
+    sum_ = 0.0
+    for k in range(len(values)):
+        sum_ += values[k]
+    return sum_
+
+
+@kernel
+def nested(rows):
+    c = rows[1]
+    nav = c.nav
+    nav.place.v[0] = 3.0
+    nav.P[1, 2] = c.nav.place.v[0] * 0.5
+    c.nav.P[0][1] = -1.0
+    move(nav.place, 0.25)
+    move(c.parts[1, 0].places[1], 2.0)
+    c.parts[0, 1].places[0] = nav.place
+    c.parts[1, 1] = c.parts[0, 1]
+    c.flag = c.parts[1, 1].places[0].n == 1
+    return nav.place.n
+
+
+@kernel
+def arithmetic(x, y, out):
+    a, b = x[0], x[1]
+    a, b = b, a
+    out[0] = a**3 - b**2 / (1.0 + abs(a)) + b**0.5
+    out[1] = math.atan2(a, b) if a > 0.0 else math.sin(b)
+    out[2] = -7 // y + (-7 % y) + (5 if y in (1, 2, 3) else 9)
+    out[3] = max(a, b, 0.5) - min(a, b)
+    p, q, r = TABLE[1]
+    n = 0
+    for k in range(10, 0, -3):
+        if k == 4:
+            continue
+        n += k
+    while n > LIMIT:
+        n -= 2
+    for z in (0.5, a):
+        out[4] += z
+    out[5] = p + q * r + n + total(x[1:]) + int(3.9) + math.floor(-0.5)
+    out[6] = min(math.nan, a) + math.isnan(out[5])
+    return (~y ^ 3) & 0xFF | 1 << 9
+
+
+def test_nested_records_and_arrays_of_them(in_c):
+    ours = np.zeros(3, WHOLE)
+    ours["k"] = 5
+    theirs = ours.copy()
+    assert in_c(nested, theirs)(theirs) == nested(ours) == 1
+    assert (theirs == ours).all()
+    assert theirs[1]["parts"][1, 1]["places"][0]["v"].tolist() == [3.25, 0.25, 0.25]
+    assert theirs[1]["flag"]
+
+
+@pytest.mark.parametrize("y", [0, 1, 2, 3, -3, 100])
+@pytest.mark.parametrize("x", [(1.5, 2.25, -4.0), (0.1, 1e9, 0.2), (3.0, -7.0, 1e-300), (-0.3, 0.7, math.inf)])
+def test_the_bits_are_numbas(in_c, x, y):
+    ours, theirs = np.zeros(7), np.zeros(7)
+    assert in_c(arithmetic, np.array(x), y, theirs)(np.array(x), y, theirs) == arithmetic(np.array(x), y, ours)
+    assert theirs.tobytes() == ours.tobytes()
+
+
+def test_a_line_of_c_says_which_line_of_python_it_is(in_c, tmp_path):
+    """So gcov counts the lines of Python that ran."""
+    if "gcc" not in subprocess.run([*build.compiler(), "-v"], capture_output=True, text=True, check=True).stderr:
+        pytest.skip("gcov needs gcc")
+    program = f"import ctypes; ctypes.CDLL('{tmp_path}/unit.so').entry"
+    in_c(branching, 1, options=("--coverage", "-O0"))
+    subprocess.run([sys.executable, "-c", f"{program}(ctypes.c_int64(1))"], check=True)
+    command = ("gcov", "--json-format", "--stdout", str(next(tmp_path.glob("*.gcda"))))
+    counted = json.loads(subprocess.run(command, capture_output=True, check=True, cwd=tmp_path).stdout)
+    (file,) = (file for file in counted["files"] if file["file"] == __file__)
+    counts = {line["line_number"]: line["count"] for line in file["lines"]}
+    first = inspect.getsourcelines(branching.py_func)[1]
+    assert [counts[first + k] > 0 for k in (2, 3, 4)] == [True, True, False]
+
+
+@kernel
+def branching(n):
+    if n > 0:
+        return 5
+    return n * 7
+
+
+def deleting(n):
+    del n
+
+
+def raising(n):
+    if n > 3:
+        raise ValueError
+    return n
+
+
+def allocating(n):
+    return np.zeros(n)[0]
+
+
+def named(n):
+    return math.fma(n, y=n)
+
+
+def unknown(n):
+    return print(n)
+
+
+def from_the_end(values):
+    values[-1] = 0.0
+
+
+def several(n):
+    x = 1.0
+    x = (1.0, 2.0)
+    return x[0] > n
+
+
+@pytest.mark.parametrize(
+    ("function", "what"),
+    [
+        (deleting, r"statement: del n"),
+        (raising, r"statement: raise ValueError"),
+        (allocating, r"function of a library: np\.zeros\(n\)"),
+        (named, r"call with keywords or \*: math"),
+        (unknown, r"call: print\(n\)"),
+        (from_the_end, r"index from the end: values\[-1\]"),
+        (several, r"variable that is both double and t2_double"),
+    ],
+)
+def test_what_has_no_translation_is_named_with_its_place(function, what):
+    unit = Translation()
+    with pytest.raises(UnsupportedError, match=rf"test_compile_c\.py:\d+: .*{what}"):
+        unit.export(function, [np.dtype(float) if function is from_the_end else None], "entry")
+
+
+def test_a_record_whose_layout_c_would_not_have_is_not_compiled(tmp_path):
+    packed = np.dtype([("a", "u1"), ("b", "<f8")])
+    unit = Translation()
+    unit.record(packed)
+    (tmp_path / "unit.c").write_text(unit.source)
+    with pytest.raises(build.CannotBuildError, match="layout"):
+        build.compile_c(tmp_path / "unit.c", tmp_path / "unit.so")
+
+
+def test_all_kernels_of_imud_have_a_translation():
+    from imud.compile.__main__ import source
+
+    text = source(with_lines=False)
+    for name in ("feed_navigation", "advance_attitude", "decode_epson", "stages_ingest", "cycle__turn"):
+        assert re.search(rf"^int64_t \w*{name}\w*\(int64_t", text, re.MULTILINE), name

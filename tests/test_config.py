@@ -30,7 +30,7 @@ def test_all_problems_at_once_with_key_and_line(tmp_path):
     message = str(error.value)
     assert f"{file}:2: imu.profil: unknown key; did you mean imu.profile?" in message
     assert f"{file}:3: imu.rate_hz" in message
-    assert f"{file}:6: navigation.vehicle" in message and 'it must be: "auto" | "land" | "free"' in message
+    assert f"{file}:6: navigation.vehicle" in message and 'must be "auto" | "land" | "free"' in message
     assert "gpsd.listen" in message
     assert len(message.splitlines()) == 5
 

@@ -80,10 +80,7 @@ def test_only_clients_of_this_machine_that_speak_the_protocol_give_orders(make_l
     order = b'?RECORD={"enable":true}\n'
     assert loop.connect(order).classes() == ["VERSION", "RECORD"]
     assert orders == [b'{"enable":true}']
-    page = loop.connect(
-        b"POST / HTTP/1.1\r\nHost: 127.0.0.1:2947\r\nContent-Length: 24\r\n\r\n" + order + b"?VERSION\n"
-    )
-    _, refusal, after = page.receive()
+    _, refusal, after = loop.connect(b"hello\n" + order + b"?VERSION\n").receive()
     assert "only by a client on this machine" in refusal["message"] and after["class"] == "VERSION"
     assert len(orders) == 1
 

@@ -59,12 +59,14 @@ def test_a_bad_tunable_in_the_settings_is_reported_with_its_line():
     text = "[attitude.tuning]\ngyro_noise_per_rate = 1e-3\nshock_rotation = -1\nnothing = 2\n"
     with pytest.raises(ConfigError) as caught:
         config.loads(text, name="x.toml")
-    assert "x.toml:3: attitude.tuning.shock_rotation: is -1; it must be: number ≥ 0" in str(caught.value)
+    assert "x.toml:3: attitude.tuning.shock_rotation: must be number from 0 to 10 rad/(m/s), not -1" in str(
+        caught.value
+    )
     assert "x.toml:4: attitude.tuning.nothing: there is no such tunable" in str(caught.value)
     assert "gyro_noise_per_rate" not in str(caught.value)
 
 
-@pytest.mark.parametrize("value", ["true", "fast", "[1.0]", "nan"])
+@pytest.mark.parametrize("value", ["true", "fast", "[1.0]", "nan", "inf", "1e300", "9" * 400])
 def test_a_tunable_is_a_finite_number(value):
     with pytest.raises(ConfigError, match=r"attitude\.tuning"):
         config.loads("", [f"attitude.tuning.shock_rotation={value}"])

@@ -77,13 +77,6 @@ def _check(settings: Settings) -> None:
 
 def _settings(args: argparse.Namespace) -> Settings:
     """The configuration file and what overrides it. Raises ConfigError."""
-    settings = config.load(args.config, args.set)
-    if args.port:
-        settings = msgspec.structs.replace(settings, ports=tuple(args.port))
-    if args.estimator:
-        settings = msgspec.structs.replace(settings, estimator=args.estimator)
-    if args.listen:
-        settings = msgspec.structs.replace(settings, gpsd=msgspec.structs.replace(settings.gpsd, listen=args.listen))
-    if args.record:
-        settings = msgspec.structs.replace(settings, record=msgspec.structs.replace(settings.record, path=args.record))
-    return settings
+    given = {"ports": args.port, "gpsd.listen": args.listen, "record.path": args.record}
+    settings = config.load(args.config, args.set, {key: value for key, value in given.items() if value})
+    return msgspec.structs.replace(settings, estimator=args.estimator) if args.estimator else settings

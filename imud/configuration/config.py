@@ -1,20 +1,26 @@
-"""From TOML file and `--set KEY=VALUE` to `Settings`; reports every problem at once, each with its key and line."""
+"""From TOML file and `--set KEY=VALUE` to `Settings`; reports every problem at once, each with its key and line.
+
+Whatever the file or an option holds, the result is settings within the schema's ranges, or a ConfigError.
+"""
 
 import difflib
-import math
 import re
+import reprlib
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 import msgspec
 
 from ..errors import ConfigError
-from .schema import is_table, keys, kind_of
+from .schema import is_table, is_valid, keys, kind_of
 from .settings import Settings
 
 Struct = TypeVar("Struct", bound=msgspec.Struct)
+_FILE_MAX = 1 << 18  # bytes; all keys with their descriptions are 12 kB
+_PROBLEMS_MAX = 50  # in one message
+_NOT_TOML = (ValueError, RecursionError)  # TOMLDecodeError, an integer of thousands of digits; deeply nested arrays
 
 
 def _problems(table: dict[str, Any], schema: type[msgspec.Struct], prefix: str = "") -> Iterable[tuple[str, str]]:
@@ -31,31 +37,22 @@ def _problems(table: dict[str, Any], schema: type[msgspec.Struct], prefix: str =
                 yield from _problems(value, fields[key], path + ".")
             else:
                 yield path, "is a table of keys, not a value"
-        elif any(isinstance(one, float) and not math.isfinite(one) for one in _parts(value)):
-            yield path, "must be finite"
-        else:
-            try:
-                msgspec.convert(value, fields[key])
-            except msgspec.ValidationError as error:
-                yield path, f"{error}; it must be: {kind_of(fields[key])[0]}"
+        elif not is_valid(value, fields[key]):
+            kind, meta = kind_of(fields[key])
+            rule = (meta.extra or {}).get("rule", "")
+            yield path, f"must be {kind}{rule}, not {reprlib.repr(value)}"
 
 
-def _parts(value: Any) -> list[Any]:
-    if isinstance(value, dict):
-        return list(value.values())
-    return value if isinstance(value, list) else [value]
-
-
-def _line_of(text: str, path: str) -> int | None:
-    """Line on which the key stands in the TOML text, for the message; None if it cannot be told."""
-    *tables, key = path.split(".")
-    current: list[str] = []
+def _lines_of(text: str) -> dict[str, int]:
+    """The line on which each key stands in the TOML text, for messages; keys that this cannot tell are missing."""
+    lines: dict[str, int] = {}
+    table = ""
     for number, line in enumerate(text.splitlines(), 1):
         if header := re.match(r"\s*\[+\s*([\w.\-]+)\s*\]+", line):
-            current = header[1].split(".")
-        elif (assigned := re.match(r"\s*([\w.\-]+)\s*=", line)) and current + assigned[1].split(".") == [*tables, key]:
-            return number
-    return None
+            table = header[1] + "."
+        elif assigned := re.match(r"\s*([\w.\-]+)\s*=", line):
+            lines.setdefault(table + assigned[1], number)
+    return lines
 
 
 def _assignment(text: str, option: str, example: str) -> tuple[list[str], Any]:
@@ -64,7 +61,7 @@ def _assignment(text: str, option: str, example: str) -> tuple[list[str], Any]:
         raise ConfigError(f"{option} {text}: write it as KEY=VALUE, for example {option} {example}")
     try:
         parsed = tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+    except _NOT_TOML:
         parsed = value.strip()  # a bare word is a string
     return key.strip().split("."), parsed
 
@@ -78,40 +75,63 @@ def _merge(table: dict[str, Any], path: list[str], value: Any) -> None:
     table[path[-1]] = value
 
 
-def load(file: Path | None, overrides: Iterable[str] = ()) -> Settings:
-    """Read and check. Overrides win over the file.
+def load(file: Path | None, overrides: Iterable[str] = (), given: Mapping[str, Any] | None = None) -> Settings:
+    """Read and check. Overrides (KEY=VALUE) win over the file, `given` (values by key path) over both.
 
     Raises ConfigError listing every problem: unreadable file, TOML syntax, unknown keys, wrong types and ranges.
     """
+    return loads("" if file is None else _read(file), overrides, str(file), given)
+
+
+def _read(file: Path) -> str:
     try:
-        text = "" if file is None else file.read_text()
+        with file.open("rb") as opened:
+            data = opened.read(_FILE_MAX + 1)
+        if len(data) > _FILE_MAX:
+            raise ConfigError(f"the configuration {file} is longer than {_FILE_MAX >> 10} KiB: not a configuration")
+        return data.decode()
     except OSError as error:
         raise ConfigError(f"cannot read the configuration {file}: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"the configuration {file} is no text: {error}") from error
-    return loads(text, overrides, str(file))
+        raise ConfigError(f"the configuration {file} is not UTF-8 text: {error}") from error
 
 
-def loads(text: str, overrides: Iterable[str] = (), name: str = "the configuration") -> Settings:
+def loads(
+    text: str,
+    overrides: Iterable[str] = (),
+    name: str = "the configuration",
+    given: Mapping[str, Any] | None = None,
+) -> Settings:
     """As `load`, for a text that messages call `name`."""
     try:
         table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except RecursionError:
+        raise ConfigError(f"{name} is not valid TOML: arrays or tables are nested too deeply") from None
+    except ValueError as error:
         raise ConfigError(f"{name} is not valid TOML: {error}") from error
-    return from_table(table, overrides, name, text)
+    return from_table(table, overrides, name, text, given)
 
 
-def from_table(table: dict[str, Any], overrides: Iterable[str], name: str, text: str = "") -> Settings:
+def from_table(
+    table: dict[str, Any],
+    overrides: Iterable[str],
+    name: str,
+    text: str = "",
+    given: Mapping[str, Any] | None = None,
+) -> Settings:
     """As `loads`, for what the text (for line numbers, if there is one) was parsed to."""
     for override in overrides:
         _merge(table, *_assignment(override, "--set", "navigation.vehicle=land"))
+    for key, value in (given or {}).items():
+        _merge(table, key.split("."), value)
+    lines = _lines_of(text)
     problems = []
     for path, what in (*_problems(table, Settings), *_unknown_names(table), *_tuning_problems(table)):
-        line = _line_of(text, path)
-        where = f"{name}:{line}: " if line else ""
-        problems.append(f"{where}{path}: {what}")
+        where = f"{name}:{lines[path]}: " if path in lines else ""
+        problems.append(f"{where}{path[:80]}: {what}")
     if problems:
-        raise ConfigError("bad configuration\n  " + "\n  ".join(problems))
+        more = [f"and {len(problems) - _PROBLEMS_MAX} more"] if len(problems) > _PROBLEMS_MAX else []
+        raise ConfigError("bad configuration\n  " + "\n  ".join(problems[:_PROBLEMS_MAX] + more))
     return msgspec.convert(table, Settings)
 
 

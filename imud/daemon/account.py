@@ -7,6 +7,7 @@ import structlog
 from ..estimators.records import ATTITUDE_VALID
 from ..outputs.all import Outputs
 from ..outputs.view import ClockFit, Health
+from ..process.contained import ContainedErrors
 from ..sensors.inertial import Inertial
 from ..sensors.receiver import Receiver
 from . import vitals
@@ -21,8 +22,8 @@ _UPSIDE_DOWN = "the sensor is upside down; if it is not, its axes are others: im
 class Account:
     """One per daemon, from its start. All times are monotonic nanoseconds; not thread-safe."""
 
-    def __init__(self, devices: Devices) -> None:
-        self._devices = devices
+    def __init__(self, devices: Devices, errors: ContainedErrors) -> None:
+        self._devices, self._errors = devices, errors
         self._log = structlog.get_logger()
         self._announcer = Announcer(self._log)
         self._troubles: dict[str, tuple[str, ...] | None] = {"imu": None, "gnss": None}  # None: no such sensor
@@ -71,6 +72,7 @@ class Account:
             {
                 **vitals.of_process(self._started_ns),
                 "compiling": compiling,
+                "internal_errors": {"count": self._errors.count, "last": self._errors.last},
                 "load": vitals.of_load(delivery.load),
                 "filter": vitals.of_filter(devices.fitting.inertial, devices.fitting.estimator.name),
                 "innovations": delivery.innovations.told(),

@@ -19,6 +19,7 @@ from ..configuration.settings import Settings
 from ..errors import ImudError, UsageError
 from ..outputs.view import Device
 from ..process import garbage
+from ..process.contained import ContainedErrors
 from ..recording.control import Recordings
 from ..sensor_errors import calibration
 from ..sensors.fitting import Fitting
@@ -37,10 +38,17 @@ _ABSENCE_S = 5.0  # after which a spare takes over: one that comes back sooner f
 class Devices:
     """At most one sensor of each kind streams; any other of that kind is a spare. Not thread-safe."""
 
-    def __init__(self, settings: Settings, patient: bool, cycle: Cycle, recordings: Recordings) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        patient: bool,
+        cycle: Cycle,
+        recordings: Recordings,
+        errors: ContainedErrors,
+    ) -> None:
         """patient: wait for devices that are absent at the start. Raises UsageError, DeviceAbsentError."""
         self._settings = settings
-        self._cycle, self._recordings = cycle, recordings
+        self._cycle, self._recordings, self._errors = cycle, recordings, errors
         self._log = structlog.get_logger()
         self.fitting = Fitting(settings, self._log.warning)
         self.ports = [Port(spec, options, self, patient) for spec, options in choices.ports(settings)]
@@ -77,7 +85,12 @@ class Devices:
     def on_time(self, now_s: float) -> None:
         """Do what is due on the ports: try again, or end a listening. Raises ImudError as `Port` does."""
         for port in self.ports:
-            port.on_time(now_s)
+            try:
+                port.on_time(now_s)
+            except ImudError:
+                raise
+            except Exception as error:
+                self._give_up(port, error)
 
     def __contains__(self, fd: int) -> bool:
         return fd in self._by_fd
@@ -93,7 +106,16 @@ class Devices:
             port.on_event()
         except PortLostError as error:
             (port.retire if isinstance(error, PortEndedError) else port.lost)(str(error))
+        except ImudError:
+            raise
+        except Exception as error:
+            self._give_up(port, error)
         return 0, []
+
+    def _give_up(self, port: Port, error: Exception) -> None:
+        """End the connection in which a defect of imud showed; it is tried again."""
+        self._errors.report(f"the connection on {port.spec.path}", error)
+        port.lost("internal error")
 
     def look_after(self, now_ns: int) -> None:
         """Call now and then: looks for streams that fell silent, complaints of lines, and a sensor at a wrong rate."""

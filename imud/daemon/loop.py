@@ -19,6 +19,7 @@ from ..configuration.settings import Settings
 from ..errors import ImudError
 from ..outputs.all import Outputs
 from ..process import garbage, realtime, runtime
+from ..process.contained import ContainedErrors
 from ..process.notify import Notifier
 from ..process.signals import caught, endings
 from ..recording.control import Recordings
@@ -53,8 +54,9 @@ class Daemon:
         self._log = structlog.get_logger()
         self._recordings = recordings or Recordings(settings)
         self._cycle = Cycle()
-        self._devices = Devices(settings, wait, self._cycle, self._recordings)
-        self._account = Account(self._devices)
+        self._errors = ContainedErrors()
+        self._devices = Devices(settings, wait, self._cycle, self._recordings, self._errors)
+        self._account = Account(self._devices, self._errors)
         self._notifier = Notifier()
         self._exit: int | None = None
         self._reload_due = False
@@ -90,7 +92,7 @@ class Daemon:
             "RECORD": self._recordings.told,
         }
         orders = {"RECORD": self._recordings.obey}
-        return Outputs(self._settings, self._cycle.others, BATCH, own, orders)
+        return Outputs(self._settings, self._cycle.others, BATCH, own, orders, self._errors)
 
     def _prepare_kernels(self) -> None:
         fitting = self._devices.fitting
@@ -114,7 +116,8 @@ class Daemon:
             now_ns = time.monotonic_ns()
             for each, mask in ready.items():
                 self._dispatch(each, mask, now_ns)
-            self._delivery.show_receiver(now_ns)
+            with self._errors.contain("the publishing of a fix"):
+                self._delivery.show_receiver(now_ns)
             self._outputs.look_after(now_ns)
         self._cycle.others.unregister(fd)
 
@@ -124,12 +127,14 @@ class Daemon:
             unpublished = self._turn(slow_ns)
             now_ns = time.monotonic_ns()
             if self._devices.imu:
-                self._on_turn(self._devices.imu[0].fd, self._devices.imu[1], unpublished, now_ns)
+                with self._errors.contain("the publishing of a solution"):
+                    self._on_turn(self._devices.imu[0].fd, self._devices.imu[1], unpublished, now_ns)
             for fd, mask in self._cycle.others.poll(0):
                 self._dispatch(fd, mask, now_ns)
             self._devices.on_time(now_ns * 1e-9)
             if self._reload_due:
-                self._reload()
+                with self._errors.contain("the reading of the configuration"):
+                    self._reload()
             if now_ns >= slow_ns:
                 gnss = self._devices.gnss
                 slow_ns = now_ns + (_SOON_NS if gnss and gnss[1].decoder.pending else _SLOW_NS)
@@ -153,9 +158,11 @@ class Daemon:
     def _dispatch(self, fd: int, mask: int, now_ns: int) -> None:
         if fd in self._devices:
             n, fixes = self._devices.on_event(fd, now_ns)
-            if n and self._devices.imu:
-                self._delivery.solved(self._devices.imu[1], n, now_ns)
-            self._delivery.fixed(fixes, self._settings.gnss.latency_s)
+            with self._errors.contain("the publishing of a solution"):
+                if n and self._devices.imu:
+                    self._delivery.solved(self._devices.imu[1], n, now_ns)
+            with self._errors.contain("the use of a fix"):
+                self._delivery.fixed(fixes, self._settings.gnss.latency_s)
         elif fd == self._wakeup:
             os.read(fd, 64)  # its handler has run
         else:
@@ -163,14 +170,19 @@ class Daemon:
 
     def _look_after(self, now_ns: int) -> None:
         """Do what is due now and then: unfinished epochs, silence, slow clients, the watchdog, lines for the log."""
-        self._delivery.look_after(self._settings.gnss.latency_s, now_ns)
-        self._devices.look_after(now_ns)
-        if self._devices.imu is None:
-            self._delivery.show_receiver(now_ns)
+        with self._errors.contain("the use of a fix"):
+            self._delivery.look_after(self._settings.gnss.latency_s, now_ns)
+        with self._errors.contain("a look at the devices"):
+            self._devices.look_after(now_ns)
+        with self._errors.contain("the publishing of a fix"):
+            if self._devices.imu is None:
+                self._delivery.show_receiver(now_ns)
         self._outputs.look_after(now_ns)
-        self._account.look_after(self._delivery.load, now_ns)
-        for level, text in self._recordings.look_after():
-            getattr(self._log, level)(text)
+        with self._errors.contain("a look at the state"):
+            self._account.look_after(self._delivery.load, now_ns)
+        with self._errors.contain("a look at the recording"):
+            for level, text in self._recordings.look_after():
+                getattr(self._log, level)(text)
         self._notifier.status("; ".join(f"{port.spec.path}: {port.story}" for port in self._devices.ports))
         self._notifier.alive(now_ns)
 

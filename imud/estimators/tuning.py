@@ -10,6 +10,7 @@ parameters and read by its kernels; the keys of the settings' table `ESTIMATOR.t
 """
 
 import math
+import reprlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 class Tunable:
     """One constant: its default, its unit ("": a pure number), its meaning, and where the default comes from.
 
-    A default that is an int makes an integer. Values from `low` to `high` are accepted, both included.
+    A default that is an int makes an integer. Values from `low` to `most` are accepted, both included.
     """
 
     name: str
@@ -33,15 +34,18 @@ class Tunable:
     high: float = math.inf
 
     @property
+    def most(self) -> float:
+        """`high`; if that is infinite, a thousand times the default: every number has a finite range."""
+        return self.high if math.isfinite(self.high) else 1000.0 * self.default
+
+    @property
     def kind(self) -> str:
         """The values it takes, in words."""
         kind = "integer" if isinstance(self.default, int) else "number"
-        limits = [f"≥ {self.low:g}"] * math.isfinite(self.low) + [f"≤ {self.high:g}"] * math.isfinite(self.high)
-        return f"{kind} {' and '.join(limits)}".strip()
+        return f"{kind} from {self.low:g} to {self.most:g}"
 
     def accepts(self, value: float) -> bool:
-        whole = not isinstance(self.default, int) or float(value).is_integer()
-        return math.isfinite(value) and whole and self.low <= value <= self.high
+        return self.low <= value <= self.most and (not isinstance(self.default, int) or float(value).is_integer())
 
 
 def dtype_of(tunables: Iterable[Tunable]) -> np.dtype[np.void]:
@@ -65,4 +69,4 @@ def problems(tunables: Iterable[Tunable], changed: Mapping[str, float]) -> Itera
         if name not in known:
             yield name, "there is no such tunable; `imud reference tuning` lists them"
         elif not known[name].accepts(value):
-            yield name, f"is {value:g}; it must be: {known[name].kind}"
+            yield name, f"must be {known[name].kind} {known[name].unit}, not {reprlib.repr(value)}"

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 
 from drivers.fix import Fix
 from imud.configuration.settings import Settings
+from imud.process.contained import ContainedErrors
 
 from .binary import BinaryOutputs
 from .chrony import ChronyOutput
@@ -24,10 +25,14 @@ class Outputs:
         batch: int,
         own: Mapping[str, Callable[[], str]],
         orders: Mapping[str, Callable[[bytes], str]],
+        errors: ContainedErrors | None = None,
     ) -> None:
         """Open for at most `batch` solutions at a time; own, orders: see GpsdServer. Raises ImudError."""
+        self._errors = errors or ContainedErrors()
         with contextlib.ExitStack() as stack:
-            self.gpsd = stack.enter_context(contextlib.closing(GpsdServer(settings.gpsd, poller, own, orders)))
+            self.gpsd = stack.enter_context(
+                contextlib.closing(GpsdServer(settings.gpsd, poller, own, orders, self._errors))
+            )
             nmea = stack.enter_context(contextlib.closing(NmeaOutput(settings.nmea)))
             self.binary = stack.enter_context(contextlib.closing(BinaryOutputs(settings, poller, batch)))
             unit = settings.chrony.shm_unit
@@ -44,7 +49,11 @@ class Outputs:
         if fd in self.gpsd:
             self.gpsd.on_event(fd, mask, now_ns)
         elif fd in self.binary.stream:
-            self.binary.stream.on_event(fd)
+            try:
+                self.binary.stream.on_event(fd)
+            except Exception as error:
+                self._errors.report("the connection of a stream client", error)
+                self.binary.stream.disconnect(fd)
 
     def fixed(self, fix: Fix, latency_s: float) -> None:
         """Give the time of a fix that was taken `latency_s` before it came."""
@@ -62,13 +71,18 @@ class Outputs:
         if due:
             view = make()
             for viewer in due:
-                viewer.publish(view, now_ns)
+                try:
+                    viewer.publish(view, now_ns)
+                except Exception as error:
+                    self._errors.report(f"a message of {type(viewer).__name__}", error)
 
     def look_after(self, now_ns: int) -> None:
         """Call now and then: cuts off clients that are stuck."""
-        if (deadline := self.gpsd.next_deadline()) is not None and now_ns >= deadline:
-            self.gpsd.tick(now_ns)
-        self.binary.look_after(now_ns)
+        with self._errors.contain("a look at the gpsd clients"):
+            if (deadline := self.gpsd.next_deadline()) is not None and now_ns >= deadline:
+                self.gpsd.tick(now_ns)
+        with self._errors.contain("a look at the stream clients"):
+            self.binary.look_after(now_ns)
 
     def close(self) -> None:
         self._opened.close()

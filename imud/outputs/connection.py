@@ -63,7 +63,7 @@ class Connection:
     @property
     def trusted(self) -> bool:
         """Whether it may have something done: a client on this machine that has spoken nothing but this protocol."""
-        return is_own(self.sock) and not self.inbox.strange
+        return is_own(self.sock) and not self.inbox.has_strange_text
 
     def wanted_events(self) -> int:
         """What to wait for: room to write while something is owed, requests while some are allowed."""

@@ -67,8 +67,13 @@ class Door:
                 return None
         if self._reserve.turn_away(listener, self._farewell):
             raise TurnedAwayError
-        self._poller.modify(fd, 0)  # poll would say it again at once
+        self.pause(fd)  # poll would say it again at once
         return None
+
+    def pause(self, fd: int) -> None:
+        """Accept nobody at this socket until `tick`."""
+        if fd in self._listeners:
+            self._poller.modify(fd, 0)
 
     def tick(self) -> None:
         """Call once per second."""

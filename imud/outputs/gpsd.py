@@ -13,12 +13,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from imud.configuration.settings import Gpsd
+from imud.process.contained import ContainedErrors
 
 from .connection import NEVER_NS, SECOND_NS, Connection
 from .door import Door, Poller, TurnedAwayError
 from .gpsd_dialogue import (
     NO_DESCRIPTORS,
+    NOT_HTTP,
     TOO_MANY,
+    Answer,
     Policy,
     Request,
     answer,
@@ -60,6 +63,7 @@ class GpsdServer:
         poller: Poller,
         own: Mapping[str, Callable[[], str]] | None = None,
         orders: Mapping[str, Callable[[bytes], str]] | None = None,
+        errors: ContainedErrors | None = None,
     ) -> None:
         """Open. own: requests that are no gpsd's, and who makes the objects that answer them; orders: those that have
         something done by their argument, which trusted clients may.
@@ -68,6 +72,7 @@ class GpsdServer:
         """
         self.counters = Counters()
         self.settings = settings
+        self._errors = errors or ContainedErrors()
         self._own = OwnRequests(own or {}, orders or {})
         self._poller = poller
         self._door = Door(addresses_of(settings), poller, line(error_object(NO_DESCRIPTORS)))
@@ -116,8 +121,12 @@ class GpsdServer:
         if now_ns < self._due_ns:
             return
         for client in [c for c in self._clients.values() if c.policy.streaming]:
-            if kinds := client.due(now_ns):
-                self._offer(client, self._said(client.policy, kinds), now_ns)
+            try:
+                if kinds := client.due(now_ns):
+                    self._offer(client, self._said(client.policy, kinds), now_ns)
+            except Exception as error:
+                self._errors.report("the connection of a gpsd client", error)
+                self._expel(client)
         self._reschedule()
 
     def _said(self, policy: Policy, kinds: tuple[str, ...]) -> bytes:
@@ -136,10 +145,17 @@ class GpsdServer:
         self._events_left -= 1
         if self._events_left < 0:
             return
-        if fd in self._door:
-            self._accept(fd, now_ns)
-        elif client := self._clients.get(fd):
-            self._converse(client, mask, now_ns)
+        try:
+            if fd in self._door:
+                self._accept(fd, now_ns)
+            elif client := self._clients.get(fd):
+                self._converse(client, mask, now_ns)
+        except Exception as error:
+            self._errors.report("the connection of a gpsd client", error)
+            if client := self._clients.get(fd):
+                self._expel(client)
+            else:
+                self._door.pause(fd)
 
     def tick(self, now_ns: int) -> None:
         """Once per second: cut off who is stuck or silent, let those go on who asked too much."""
@@ -196,15 +212,20 @@ class GpsdServer:
         except OSError:
             self._remove(client)
             return
-        if client.inbox.overlong:
-            self._send(client, line(error_object("request too long")), now_ns)
+        refusal = "request too long" if client.inbox.overlong else NOT_HTTP if client.inbox.is_http else None
+        if refusal:
+            self._send(client, line(error_object(refusal)), now_ns)
             self._expel(client)
         else:
             self._settle(client)
 
     def _answer(self, client: Connection, request: Request, now_ns: int) -> bytes:
-        answered = self._own.answer(request, client, now_ns)
-        answered = answered or answer(request, client.policy, self._reported())
+        try:
+            answered = self._own.answer(request, client, now_ns)
+            answered = answered or answer(request, client.policy, self._reported())
+        except Exception as error:
+            self._errors.report(f"the request {request.command[:20]}", error)
+            answered = Answer((error_object("internal error"),), client.policy, refused=True)
         self.counters.requests += 1
         self.counters.errors += answered.refused
         if answered.policy is not client.policy:
@@ -253,6 +274,8 @@ class GpsdServer:
             self._poller.modify(client.sock.fileno(), events)
 
     def _expel(self, client: Connection) -> None:
+        if client.sock.fileno() not in self._clients:  # gone already
+            return
         self.counters.expelled += 1
         self._remove(client)
 

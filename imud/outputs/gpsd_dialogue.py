@@ -1,8 +1,10 @@
 """gpsd's requests and the messages that answer them: the language, not the connection.
 
-A request ends at `;`, LF or CR; text that does not begin with `?` is passed over. No bytes raise anything: what cannot
-be understood is answered with ERROR. Real gpsd is the model, with two more keys in ?WATCH, both optional:
-`rate` (Hz) and `class` (names separated by commas) say how often and which messages a client wants.
+A request ends at `;`, LF or CR; text that does not begin with `?` is passed over, except a request of HTTP, which any
+web page can have a browser send across sites: whoever sends one is disconnected before anything after it is read. No
+bytes raise anything: what cannot be understood is answered with ERROR. Real gpsd is the model, with two more keys in
+?WATCH, both optional: `rate` (Hz) and `class` (names separated by commas) say how often and which messages a client
+wants.
 """
 
 import functools
@@ -13,7 +15,8 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import msgspec
-from msgspec import Meta
+
+from imud.configuration.settings import MESSAGE_RATE_HZ, number
 
 from .gpsd_json import CLASSES, Report
 from .gpsd_objects import iso, quoted
@@ -22,6 +25,7 @@ from .view import Device
 REQUEST_MAX = 1024  # bytes; gpsd's own limit is 80
 _DEVICES_MAX = 4  # libgps loops for ever when it is told of more
 _ERROR_MAX = 255
+NOT_HTTP = "this port does not speak HTTP"
 TOO_MANY, NO_DESCRIPTORS = "too many clients", "no descriptor left for another client"
 
 
@@ -39,7 +43,8 @@ class Inbox:
 
     def __init__(self) -> None:
         self._bytes = bytearray()
-        self.strange = False  # something was said that is no request: perhaps a browser's page talks through HTTP
+        self.has_strange_text = False  # something was sent that is no request
+        self.is_http = False  # a browser sends; nothing more is taken
 
     def feed(self, data: bytes) -> None:
         self._bytes += data
@@ -51,17 +56,19 @@ class Inbox:
 
     def take(self) -> Request | None:
         """The next complete request, if there is one."""
-        while end := _END.search(self._bytes):
+        while not self.is_http and (end := _END.search(self._bytes)):
             text = bytes(self._bytes[: end.start()]).strip()
             del self._bytes[: end.end()]
             if text.startswith(b"?"):
                 command, equals, argument = text[1:].partition(b"=")
                 return Request(command.decode("latin-1"), argument if equals else None, _printable(text))
-            self.strange |= bool(text)
+            self.has_strange_text |= bool(text)
+            self.is_http = _HTTP.match(text) is not None
         return None
 
 
 _END = re.compile(rb"[;\r\n]")
+_HTTP = re.compile(rb"(GET|HEAD|POST|PUT|DELETE|CONNECT|OPTIONS|TRACE|PATCH|PRI)([ \t]|\Z)")
 
 
 def _printable(text: bytes) -> str:
@@ -75,7 +82,7 @@ class _WatchArgument(msgspec.Struct):
     json: bool | None = None
     nmea: bool | None = None
     device: str | None = None
-    rate: Annotated[float, Meta(gt=0.0, le=1000.0)] | None = None
+    rate: Annotated[float, number(*MESSAGE_RATE_HZ, "Hz")] | None = None
     classes: str | None = msgspec.field(name="class", default=None)
 
 

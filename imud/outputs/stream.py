@@ -103,6 +103,13 @@ class StreamServer:
         else:
             self._remove(i)
 
+    def disconnect(self, fd: int) -> None:
+        """End this client's connection; a listener instead waits until `look_after`."""
+        if (i := self._index(fd)) >= 0:
+            self._remove(i)
+        else:
+            self._door.pause(fd)
+
     def look_after(self, now_ns: int) -> None:
         """Cut off clients that have taken nothing for long; accept again those for whom there was no room."""
         if now_ns < self._look_ns:

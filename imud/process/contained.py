@@ -1,0 +1,50 @@
+"""Exceptions that end one client, request, file or device, and not the daemon: counted, and each kind is logged once.
+
+Such an exception is a defect of imud. Its traceback goes to the log the first time, so that it can be reported; the
+count is part of `imud status`.
+"""
+
+import contextlib
+import traceback
+from collections.abc import Iterator
+from pathlib import Path
+
+import structlog
+
+from ..errors import ImudError
+
+_KINDS_MAX = 100  # that are remembered, and so logged
+_ROOT = Path(__file__).parents[2]
+
+
+class ContainedErrors:
+    """One per daemon. Not thread-safe."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.last = ""
+        self._log = structlog.get_logger()
+        self._logged: set[str] = set()
+
+    @contextlib.contextmanager
+    def contain(self, what: str) -> Iterator[None]:
+        """Within the block an exception ends the block only, and is reported. An ImudError is meant, and goes on."""
+        try:
+            yield
+        except ImudError:
+            raise
+        except Exception as error:
+            self.report(what, error)
+
+    def report(self, what: str, error: Exception) -> None:
+        """Count an exception that ended `what`; log it unless the same line has raised the same type before."""
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        file = Path(frame.filename)
+        place = f"{file.relative_to(_ROOT) if file.is_relative_to(_ROOT) else file.name}:{frame.lineno}"
+        kind = f"{type(error).__name__} in {place}"
+        self.count += 1
+        self.last = f"{what}: {kind}: {error}"
+        if kind not in self._logged and len(self._logged) < _KINDS_MAX:
+            self._logged.add(kind)
+            trace = "".join(traceback.format_exception(error))
+            self._log.error(f"a defect of imud ended {what}; please report it: {kind}: {error}", traceback=trace)

@@ -1,0 +1,30 @@
+"""The daemon's devices: a defect in a driver ends the connection on that port only, which is tried again."""
+
+import contextlib
+
+from imud.configuration.settings import Settings
+from imud.daemon.cycle import Cycle
+from imud.daemon.devices import Devices
+from imud.process.contained import ContainedErrors
+from imud.recording.control import Recordings
+
+
+def broken(*_):
+    raise IndexError("list index out of range")
+
+
+def test_a_defect_on_one_port_leaves_the_other_one_alone(tmp_path):
+    settings = Settings(ports=(str(tmp_path / "a"), str(tmp_path / "b")))
+    errors = ContainedErrors()
+    with contextlib.closing(Cycle()) as cycle, Recordings(settings) as recordings:
+        devices = Devices(settings, True, cycle, recordings, errors)
+        bad, good = devices.ports
+        bad.on_time = broken
+        devices.on_time(1e9)
+        assert errors.count == 1 and bad.spec.path in errors.last
+        assert bad.story == "internal error; trying again" and bad.deadline_s < float("inf")
+        assert good.story.endswith("trying again") and good.story != bad.story
+        devices._by_fd[77] = bad
+        bad.on_event = broken
+        assert devices.on_event(77, 0) == (0, [])
+        assert errors.count == 2

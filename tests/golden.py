@@ -24,6 +24,7 @@ runtime.prepare()  # else numba would run stale kernels
 
 import golden_attitude  # noqa: E402
 import golden_navigation  # noqa: E402
+import golden_others  # noqa: E402
 from golden_run import Recording, trace  # noqa: E402
 from kernels_in_c import to_c_if_possible  # noqa: E402
 from simulated import motion, received, sensed  # noqa: E402
@@ -53,7 +54,7 @@ def classes():
     for stem, functions in (
         ("navigation", golden_navigation.CLASSES),
         ("attitude", golden_attitude.CLASSES),
-        ("", golden_attitude.TILT_CLASSES),
+        ("", golden_others.CLASSES),
     ):
         for function in functions:
             made[f"{stem}-{function.__name__}".strip("-").replace("_", "-")] = function

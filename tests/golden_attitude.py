@@ -1,4 +1,6 @@
-"""Recordings for the golden traces of the attitude filter, one for each class of fault and of motion; some for tilt."""
+"""Recordings for the golden traces of the attitude filter, one for each class of fault and of motion."""
+
+import math
 
 import numpy as np
 from attitude_simulation import DEG, MG, Flaws, G, after, measure, simulate, steady
@@ -245,10 +247,10 @@ def wrong_tilt_at_rest():
     return slipped(5.0, simulate(80.0, 50.0))
 
 
-def cut_off(cast, bias_degps, taken_out_degps=0.0, still=8.0):
+def cut_off(cast, bias_degps, taken_out_degps=0.0, still=8.0, duration=100.0):
     """Rates as integers of 2000 deg/s full scale; a bias was taken out afterwards."""
     count = 2000.0 * DEG / 2**15
-    truth = simulate(100.0, 200.0, after(still, wobble(6, 0.5, 0.3, 1.5)), after(still, wobble(6, 0.5, 1.0, 3.0)))
+    truth = simulate(duration, 200.0, after(still, wobble(6, 0.5, 0.3, 1.5)), after(still, wobble(6, 0.5, 1.0, 3.0)))
     samples = shown(truth, Flaws(gyro_bias=tuple(np.array(bias_degps) * DEG)))
     samples["w"] = cast(samples["w"] / count) * count - taken_out_degps * DEG
     return judged(samples)
@@ -263,6 +265,17 @@ def rates_cut_off_about_zero():
     return cut_off(np.trunc, (0.08, -0.05, -0.4), 0.47, still=60.0)
 
 
+def long_rest_of_counts():
+    """Longer than its noise is looked at; at first a low-pass makes the noise of neighbours alike on one axis."""
+    recording = cut_off(np.trunc, (0.03, -0.1, 0.2), still=1e3, duration=110.0)
+    noise = np.random.RandomState(5).normal(size=len(recording.samples))
+    for k in range(1, len(noise)):
+        noise[k] = 0.7 * noise[k - 1] + math.sqrt(0.51) * noise[k]
+    count = 2000.0 * DEG / 2**15
+    recording.samples["w"][:4000, 0] = np.trunc(1.5 * noise[:4000]) * count
+    return recording
+
+
 def rates_rounded():
     return cut_off(np.round, (0.08, -0.05, -0.4), 0.47, still=60.0)
 
@@ -272,29 +285,6 @@ CLASSES = (
     turntable, start_on_a_turntable, even_curve, car, smooth_car, fast_car, unnamed, tapping, warped, clipping,
     lost_accelerometer, one_frozen_axis_of_the_accelerometer, lost_gyro, lost_gyro_for_a_moment,
     no_accelerometer_at_the_start, gaps, gap_in_lively_motion, damaged_samples, lost_attitude, wrong_tilt_in_motion,
-    wrong_tilt_at_rest, rates_cut_off, rates_cut_off_about_zero, rates_rounded,
+    wrong_tilt_at_rest, rates_cut_off, rates_cut_off_about_zero,
+    long_rest_of_counts, rates_rounded,
 )  # fmt: skip
-
-
-def tilt_in_a_hand():
-    return judged(shown(lively(40.0)), HEADED, estimator="tilt")
-
-
-def tilt_without_gyros():
-    samples = shown(lively(40.0, turning=0.0))
-    samples["w"] = 0.0
-    return judged(samples, profile="mma7260", estimator="tilt")
-
-
-def tilt_with_faults():
-    """Clipped, frozen, damaged and missing samples."""
-    recording = spoilt(20.0, 24.0, [("w", slice(None), None)], estimator="tilt")
-    samples = recording.samples
-    samples["f"][5500:5520, 0] = 3.0 * G
-    samples["flags"][6000:6500] = SUSPECT
-    t = np.arange(len(samples)) / 200.0
-    keep = (t < 36.0) | (t > 39.0)
-    return judged(samples[keep], HEADED, estimator="tilt")
-
-
-TILT_CLASSES = (tilt_in_a_hand, tilt_without_gyros, tilt_with_faults)

@@ -196,6 +196,18 @@ def sparse_fixes():
     return navigated(samples, silent(fixes))
 
 
+def positions_often():
+    """Without velocity, more often than the velocity changes that they show can be told from noise."""
+    samples, fixes = data(seed=49, every=0.7)
+    return navigated(samples, silent(fixes))
+
+
+def few_fixes():
+    """Two; nobody asks for what rest told meanwhile, until there is more of it than is kept."""
+    samples, fixes = data(road(rest=1e3), seed=50)
+    return navigated(samples, fixes[[5, -5]], HEADED)
+
+
 def contrary_velocity():
     """The receiver's course is false for a while: the filter gives its heading up, and finds it again."""
     samples, fixes = data(seed=19)
@@ -281,6 +293,24 @@ def wrong_heading():
 def wrong_place():
     samples, fixes = data(seed=29)
     return navigated(samples, fixes, replace_initial(HEADED, lat_deg=47.0, lon_deg=10.0))
+
+
+def vague_heading():
+    """The gyro's bias is not known as it starts under way, and the fixes come late: the given heading has grown old."""
+    samples, fixes = data(road(rest=0.0, fast_start=True), seed=46)
+    return navigated(samples, fixes[seconds(fixes) > 7.0], Initial(yaw_deg=70.0))
+
+
+def jump_before_heading():
+    """It is no speed, as it was not felt."""
+    samples, fixes = data(road(100.0, rest=30.0), seed=47, hdop=0.2, sigma=0.3, white=0.1)
+    return navigated(samples, silent(moved(fixes, 25.0, 1e9, 40.0)))
+
+
+def start_in_free_fall():
+    samples, fixes = data(road(60.0), seed=48)
+    samples["f"][:40] *= 0.01
+    return navigated(samples, fixes)
 
 
 def everything_given():
@@ -390,6 +420,14 @@ def flight():
     return navigated(samples, fixes[~between(fixes, 75.0, 90.0)])
 
 
+def hammered():
+    """The sensor of a car that stands: the heading grows old without a turn, as all that shakes is noise."""
+    samples, fixes = data(stop_and_go(), seed=61)
+    shaken = np.flatnonzero(between(samples, 62.0, 78.0))
+    samples["w"][shaken] += 10.0 * np.where(shaken % 2, -1.0, 1.0)[:, None]
+    return navigated(samples, fixes)
+
+
 def stops():
     """Stop and go; then the fixes end, and with them what tells that it stands."""
     d = stop_and_go()
@@ -422,6 +460,61 @@ def parked():
     return navigated(samples, fixes, HEADED)
 
 
+def idling(seed, **how):
+    """(samples, fixes) of a parked vehicle with its engine running, which shakes the sensor more than a parked one."""
+    samples, fixes = data(road(rest=1e3), seed=seed, **how)
+    samples["f"] += 0.1 * random(51).standard_normal(samples["f"].shape)
+    return samples, fixes
+
+
+def moored():
+    """A boat that rocks and goes nowhere: there is no heading to be found in what a receiver's noise shows."""
+    t = np.arange(100 * RATE) / RATE
+    way = np.zeros((len(t), 3))
+    place = np.full(len(t), np.radians(48.0)), np.full(len(t), np.radians(11.0)), np.full(len(t), 500.0)
+    rocking = np.column_stack([0.7 + 0.05 * np.sin(0.3 * t), 0.03 * np.sin(0.9 * t), 0.08 * np.sin(1.1 * t)])
+    attitude = Rotation.from_euler("ZYX", rocking)
+    d = Drive(t, *place, way, attitude, *ideal_sensor(t, place[0], place[2], way, attitude))
+    samples, fixes = data(d, seed=57, speed_sigma=0.4)
+    return navigated(samples, fixes)
+
+
+def turned_at_rest():
+    """On a turntable: slowly, and as if the gyro's bias had changed."""
+    samples, fixes = idling(52)
+    samples["w"][between(samples, 50.0, 70.0), 2] += 0.02
+    return navigated(samples, fixes, HEADED)
+
+
+def force_that_creeps():
+    """Slower than acceleration comes and goes: what the accelerometer shows at rest is no rest."""
+    samples, fixes = idling(53)
+    samples["f"][:, 0] += np.interp(seconds(samples), [50.0, 80.0, 90.0, 110.0], [0.0, 3.0, 3.0, 0.0])
+    return navigated(samples, fixes, HEADED)
+
+
+def step_of_the_bias_at_rest():
+    """So still that it can be nothing else."""
+    samples, fixes = data(road(rest=1e3), seed=54)
+    samples["w"][between(samples, 60.0, 1e9), 2] += 0.03
+    samples["w"][between(samples, 110.0, 1e9), 0] -= 0.03
+    return navigated(samples, fixes, HEADED)
+
+
+def lift():
+    """Straight up and down, with the settings of a land vehicle."""
+    t = np.arange(80 * RATE) / RATE
+    climb = 3.0 * smooth(((t % 40.0) > 20.0) * np.sign(40.0 - t), 1.0, RATE)
+    v = np.column_stack([0 * t, 0 * t, -climb])
+    lat, lon = np.full(len(t), np.radians(48.0)), np.full(len(t), np.radians(11.0))
+    attitude = Rotation.from_euler("ZYX", np.column_stack([0 * t + 0.7, 0 * t, 0 * t]))
+    height = 500.0 + np.cumsum(climb) / RATE
+    samples, fixes = data(Drive(t, lat, lon, height, v, attitude, *ideal_sensor(t, lat, height, v, attitude)), seed=55)
+    k = np.searchsorted(100.0 + t, fixes["t_ns"] * 1e-9 - 1e-6)
+    fixes["v"] = v[k] + 0.02 * random(56).standard_normal((len(fixes), 3))
+    return navigated(samples, fixes, HEADED, vehicle="land")
+
+
 def pole():
     d = drive(60.0, lat_deg=89.9999)
     samples, fixes = data(d, seed=44)
@@ -439,8 +532,9 @@ def date_line():
 CLASSES = (
     no_velocity, jump, short_jump, jump_without_velocity, jump_of_height, no_height, slow_drift,
     slow_drift_against_velocity, slow_drift_parked, drift_that_stays, frozen_receiver, outage, latency, late_fixes, rtk,
-    rtk_comes_and_goes, ned_velocity, sparse_fixes, contrary_velocity, gaps, long_gap, saturation, no_rates,
-    no_rate_for_a_moment, no_forces, no_samples, damaged_samples, wrong_heading, wrong_place, everything_given,
-    under_way, under_way_without_velocity, no_fixes, reversing, boat, free_craft, mounted_askew, scale_factor, flight,
-    stops, parked, pole, date_line,
+    rtk_comes_and_goes, ned_velocity, sparse_fixes, positions_often, few_fixes, contrary_velocity, gaps, long_gap,
+    saturation, no_rates, no_rate_for_a_moment, no_forces, no_samples, damaged_samples, wrong_heading, wrong_place,
+    vague_heading, jump_before_heading, start_in_free_fall, everything_given, under_way, under_way_without_velocity,
+    no_fixes, reversing, boat, free_craft, mounted_askew, scale_factor, flight, hammered, stops, parked, turned_at_rest,
+    force_that_creeps, moored, step_of_the_bias_at_rest, lift, pole, date_line,
 )  # fmt: skip

@@ -10,7 +10,8 @@ from typing import Any
 
 from ....kernels.earth import STANDARD_GRAVITY
 from ....kernels.jit import kernel
-from ..observers.heading_integrals import (
+from ..state import HYPOTHESES
+from .integrals import (
     DELTA_V,
     HEADING_INTEGRAL,
     Complex,
@@ -21,7 +22,6 @@ from ..observers.heading_integrals import (
     multiply,
     phasor,
 )
-from ..state import HYPOTHESES
 from .whitening import update_hypothesis, update_whitening, whitened_innovations
 
 DRIFT_RATE_STEP = math.radians(0.35)  # rad/s between hypotheses

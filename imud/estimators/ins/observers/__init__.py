@@ -1,1 +1,0 @@
-"""Those who watch every propagation and every correction of the filter: `fusion` calls them."""

@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Initial, Settings
 from imud.estimators.ins import error_model as k
-from imud.estimators.ins.ekf import gated_update, inject_error, set_jacobian
+from imud.estimators.ins.ekf import set_jacobian
+from imud.estimators.ins.fusion import correct_state, gated_update, propagate_errors
 from imud.estimators.ins.setup import configure, start
 from imud.estimators.ins.state import (
     ACCEL_BIAS,
@@ -89,7 +90,7 @@ def test_one_interval_is_that_of_the_matrix_exponential(seed):
     q[NHC_LEVER_ARM] = k.NHC_LEVER_ARM_PSD
     phi = expm(F * dt)
     expected = phi @ P @ phi.T + np.diag(q) * dt
-    k.propagate_covariance(p[0], c)
+    propagate_errors(p[0], c)
     sigma = np.sqrt(np.diag(expected))
     assert np.abs((unpack(c["cov"]["P"], STATES) - expected) / np.outer(sigma, sigma)).max() < 2e-3
     growth = np.diag(unpack(c["cov"]["P"], STATES)) - np.diag(phi @ P @ phi.T)
@@ -102,7 +103,7 @@ def test_many_intervals_stay_positive_definite():
     p, _, c, *_ = made(7)
     for i in range(2000):
         c["imu"]["delta_v"], c["imu"]["integration_time"] = (0.05 * np.sin(i), 0.02, -0.098), 0.01
-        k.propagate_covariance(p[0], c)
+        propagate_errors(p[0], c)
     P = unpack(c["cov"]["P"], STATES)
     sigma = np.sqrt(np.diag(P))
     assert np.linalg.eigvalsh(P / np.outer(sigma, sigma)).min() > 0.0
@@ -138,8 +139,8 @@ def test_corrections_move_the_nominal_state_by_the_error():
     c["scratch"]["x"][VELOCITY] = 0.5
     c["scratch"]["x"][ATTITUDE : ATTITUDE + 3] = 0.01, -0.02, 0.03
     c["scratch"]["x"][TIME_OFFSET], c["scratch"]["x"][VELOCITY_TIME_OFFSET] = 0.1, 0.05
-    inject_error(c)
-    assert (c["gnss"]["time_offset"], c["gnss"]["velocity_time_offset"]) == pytest.approx((0.1, 0.05))
+    correct_state(c)
+    assert (c["nav"]["time_offset"], c["nav"]["velocity_time_offset"]) == pytest.approx((0.1, 0.05))
     assert (c["nav"]["lat"] - lat) * 6.3781e6 == pytest.approx(10.0, rel=0.01)
     assert (c["nav"]["height"] - height, c["nav"]["v_n"][0] - v[0]) == pytest.approx((-2.0, 0.5))
     tilted, headed = Rotation.from_rotvec([0.01, -0.02, 0.0]), Rotation.from_rotvec([0.0, 0.0, 0.03])

@@ -46,7 +46,7 @@ def test_an_unknown_latency_is_found():
     samples = sensed(d, rng)
     fixes = received(d, rng, late=0.25, stamp=0.25)  # stamped with the time of arrival
     out, _, state = navigate(samples, fixes)
-    assert state["core"][0, 0]["gnss"]["time_offset"] == pytest.approx(0.25, abs=0.03)
+    assert state["core"][0, 0]["nav"]["time_offset"] == pytest.approx(0.25, abs=0.03)
     p = errors(d, out)[0][200 * RATE :, :2]
     known = errors(d, navigate(samples, received(d, np.random.default_rng(99), late=0.25))[0])[0][200 * RATE :, :2]
     assert np.sqrt(np.mean(p**2)) < 1.5 * np.sqrt(np.mean(known**2)) + 0.5
@@ -58,8 +58,8 @@ def test_a_velocity_behind_its_position_is_told_from_a_latency():
     samples = sensed(d, rng)
     out, _, state = navigate(samples, received(d, rng, late=0.25, lag=0.1))
     core = state["core"][0, 0]
-    assert core["gnss"]["velocity_time_offset"] == pytest.approx(0.1, abs=0.03)
-    assert core["gnss"]["time_offset"] == pytest.approx(0.0, abs=0.03)
+    assert core["nav"]["velocity_time_offset"] == pytest.approx(0.1, abs=0.03)
+    assert core["nav"]["time_offset"] == pytest.approx(0.0, abs=0.03)
     late = slice(200 * RATE, None)
     errors_v = errors(d, out)[1][late, :2]
     known = errors(d, navigate(samples, received(d, np.random.default_rng(99), late=0.25))[0])[1][late, :2]
@@ -75,7 +75,7 @@ def test_centimetres_stamped_with_an_assumed_latency_are_taken_back_to_their_epo
     fixes = received(d, rng, late=real_s, stamp=real_s - assumed_s, sigma=0.0, white=0.01)
     fixes["sigma"] = (0.01, 0.01, 0.02)
     out, _, state = navigate(samples, fixes)
-    assert state["core"][0, 0]["gnss"]["time_offset"] == pytest.approx(real_s - assumed_s, abs=0.005)
+    assert state["core"][0, 0]["nav"]["time_offset"] == pytest.approx(real_s - assumed_s, abs=0.005)
     late = slice(60 * RATE, None)
     assert np.sqrt(np.mean(errors(d, out)[0][late, :2] ** 2)) < 0.05
 
@@ -92,7 +92,7 @@ def test_the_stamps_of_a_survey_may_be_wrong(stamp):
     heading, valid = errors(D, out)[2][:, 2], (out["status"] & HEADING_VALID) > 0
     assert valid[60 * RATE :].all()
     assert (np.abs(heading[valid]) < np.maximum(np.radians(5.0), 4.0 * out["sigma_rpy"][valid, 2])).all()
-    assert state["core"][0, 0]["gnss"]["time_offset"] == pytest.approx(stamp, abs=0.005)
+    assert state["core"][0, 0]["nav"]["time_offset"] == pytest.approx(stamp, abs=0.005)
 
 
 def test_a_fix_older_than_one_already_fused_is_refused_with_a_record():

@@ -6,11 +6,11 @@ from navigation_simulation import drive
 from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Initial, Settings
-from imud.estimators.ins import ekf, error_model, mechanization
+from imud.estimators.ins import fusion, mechanization
 from imud.estimators.ins.alignment import drift_hypotheses as hypotheses
 from imud.estimators.ins.alignment import heading_posterior as posterior
-from imud.estimators.ins.alignment import integrals as matching
 from imud.estimators.ins.alignment import whitening
+from imud.estimators.ins.observers import heading_integrals as matching
 from imud.estimators.ins.setup import configure, start
 from imud.estimators.ins.state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, HYPOTHESES, STATES
 
@@ -37,11 +37,11 @@ def carried(corrections, seconds=20.0, at_s=8.0):
         mechanization.integrate_strapdown(c, d.w[k], d.f[k], 1.0 / RATE)
         c["imu"]["w"], c["imu"]["f"] = d.w[k], d.f[k]
         c["imu"]["rate_b"] = d.w[k] - c["nav"]["bg"]
-        error_model.propagate_covariance(p, c)
+        fusion.propagate_errors(p, c)
         if k == int(at_s * RATE):
             for state, value in corrections.items():
                 c["scratch"]["x"][state] = value
-            ekf.inject_error(c)
+            fusion.correct_state(c)
     return c["alignment"]["integrals"].copy(), s
 
 
@@ -125,7 +125,7 @@ def test_in_the_frame_of_the_right_drift_forces_add_up_to_the_velocity_for_as_lo
     for k in range(1, len(d.t)):
         mechanization.integrate_strapdown(c, d.w[k] + bias, d.f[k], 1.0 / RATE)
         c["imu"]["w"], c["imu"]["f"], c["imu"]["rate_b"] = d.w[k] + bias, d.f[k], d.w[k] + bias
-        error_model.propagate_covariance(p, c)
+        fusion.propagate_errors(p, c)
         c["nav"]["t_ns"] = round(1e9 * d.t[k])
         if k % RATE == 0:
             hypotheses.propagate_hypotheses(c, b, 1.0)

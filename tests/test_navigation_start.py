@@ -32,8 +32,8 @@ def test_heading_is_found_whatever_the_mounting(yaw_deg, pitch_deg, roll_deg):
     assert np.abs(a[at(60.0) :, :2]).max() < np.radians(0.5)
     assert np.abs(v[at(60.0) :]).max() < 0.4
     assert np.hypot(*p[at(60.0) :, :2].T).max() < 5.0
-    forward = state["core"][0, 0]["nhc"]["forward"] * np.sign(
-        state["core"][0, 0]["nhc"]["forward"] @ mount.apply([1, 0, 0])
+    forward = state["core"][0, 0]["nav"]["forward"] * np.sign(
+        state["core"][0, 0]["nav"]["forward"] @ mount.apply([1, 0, 0])
     )
     assert forward == pytest.approx(mount.apply([1.0, 0.0, 0.0]), abs=0.02)
 

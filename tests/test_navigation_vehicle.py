@@ -35,11 +35,11 @@ def test_where_the_vehicle_turns_about_is_found_forwards_and_in_reverse(arm, swi
     d = drive(240.0, arm=arm, swing=swing, speed=speed)
     out, _, s = navigate(sensed(d, rng), received(d, rng, sigma=0.5, late=0.2))
     c = s["core"][0, 0]
-    ahead = np.sign(c["nhc"]["forward"][0])  # a vehicle that has begun in reverse has its axis the other way round
+    ahead = np.sign(c["nav"]["forward"][0])  # a vehicle that has begun in reverse has its axis the other way round
     sigma = np.sqrt(np.diag(unpack(c["cov"]["P"], STATES))[NHC_LEVER_ARM])
     assert c["nhc"]["enabled"] == 1
     assert sigma < 0.3
-    assert abs(ahead * c["nhc"]["lever_arm"] - arm) < 4.0 * sigma
+    assert abs(ahead * c["nav"]["nhc_lever_arm"] - arm) < 4.0 * sigma
     heading = np.degrees(errors(d, out)[2][:, 2])[-10000:]
     assert np.sqrt(np.mean(heading**2)) < 2.0
 
@@ -64,7 +64,7 @@ def test_the_axis_of_a_robot_that_turns_and_reverses_is_found_within_ten_seconds
     along = np.where(k % 8 < 4, -0.8, 0.9)
     c = travelled(4.0 * k, np.column_stack([0.2 * along, along, 0.0 * along]))
     assert c["nhc"]["enabled"] == 1
-    assert np.abs(c["nhc"]["forward"]) == pytest.approx(np.array([0.2, 1.0, 0.0]) / np.hypot(0.2, 1.0), abs=1e-6)
+    assert np.abs(c["nav"]["forward"]) == pytest.approx(np.array([0.2, 1.0, 0.0]) / np.hypot(0.2, 1.0), abs=1e-6)
 
 
 def test_a_line_over_ground_is_no_axis_of_a_vehicle():

@@ -1,12 +1,17 @@
-"""Scalar measurements of the error state: gate, take, and carry the correction over into the nominal state."""
+"""The error-state Kalman filter itself: Jacobian, innovation, scalar update, injection. It knows no sensor.
+
+A measurement is one scalar: its Jacobian h, a sparse row, is put together with `set_jacobian`; `innovation_variance`
+gives h P h' and keeps P h; `kalman_update` corrects P and gathers the correction of the state, which `inject_error`
+carries over into the nominal state. Between the two, `innovation` allows for what has been gathered.
+
+Source: Groves (2013), sec. 3.2 and 14.2; Sola, Quaternion kinematics for the error-state Kalman filter (2017).
+"""
 
 import math
 from typing import Any
 
 from ...kernels.jit import kernel
-from ...kernels.kalman import measure, packed_index, shear, update
-from .alignment.integrals import retain_integrals
-from .integrity.gnss_drift import update_sensitivity
+from ...kernels.kalman import measure, packed_index, reset, shear, shear3, update
 from .mechanization import displace, rotate_attitude
 from .state import (
     ACCEL_BIAS,
@@ -24,12 +29,60 @@ from .state import (
     VELOCITY_TIME_OFFSET,
 )
 
-MIN_TURN_RAD = 1e-3  # rad
+MIN_TURN_RAD = 1e-3  # a smaller change of heading leaves the covariance of the tilt as it is
+
+
+@kernel
+def covariance(c: Any, i: int, k: int) -> float:
+    """P[i, k]."""
+    return float(c.cov.P[packed_index(STATES, i, k)])
+
+
+@kernel
+def variance(c: Any, i: int) -> float:
+    """P[i, i]."""
+    return float(c.cov.P[packed_index(STATES, i, i)])
+
+
+@kernel
+def standard_deviation(c: Any, i: int) -> float:
+    """Square root of P[i, i]."""
+    return math.sqrt(max(variance(c, i), 0.0))
+
+
+@kernel
+def add_variance(c: Any, i: int, q: float) -> None:
+    """P[i, i] += q."""
+    c.cov.P[packed_index(STATES, i, i)] += q
+
+
+@kernel
+def add_covariance(c: Any, i: int, k: int, q: float) -> None:
+    """P[i, k] += q."""
+    c.cov.P[packed_index(STATES, i, k)] += q
+
+
+@kernel
+def decorrelate(c: Any, i: int, variance: float) -> None:
+    """Make error state i independent of the others, with `variance`."""
+    reset(c.cov.P, STATES, i, variance)
+
+
+@kernel
+def combine(c: Any, i: int, k: int, a: float) -> None:
+    """Error state i gains `a` times error state k."""
+    shear(c.cov.P, STATES, i, k, a)
+
+
+@kernel
+def combine3(c: Any, i: int, k: int, a: float, b: float, d: float) -> None:
+    """Error state i gains a, b, d times the error states k, k + 1, k + 2."""
+    shear3(c.cov.P, STATES, i, k, a, b, d)
 
 
 @kernel
 def set_jacobian(c: Any, k: int, column: int, value: float) -> int:
-    """Put one element into the measurement row that has `k` already; returns k + 1."""
+    """Put one element into the Jacobian, which has `k` already; returns k + 1."""
     c.scratch.columns[k] = column
     c.scratch.values[k] = value
     return k + 1
@@ -37,7 +90,7 @@ def set_jacobian(c: Any, k: int, column: int, value: float) -> int:
 
 @kernel
 def innovation_variance(c: Any, m: int) -> float:
-    """h P h' of the row in hand; leaves P h in c.scratch.d."""
+    """h P h' of the Jacobian's `m` elements; leaves P h in scratch."""
     return measure(c.cov.P, STATES, c.scratch.columns, c.scratch.values, m, c.scratch.d)
 
 
@@ -50,45 +103,29 @@ def innovation(c: Any, m: int, z: float) -> float:
 
 
 @kernel
-def kalman_update(c: Any, m: int, z: float, s: float, axis: int) -> None:
-    """Fuse the row in hand, whose P h is in c.scratch.d, with innovation z of variance s: of position `axis`, or -1."""
-    update_sensitivity(c, m, s, z, axis)
+def kalman_update(c: Any, z: float, s: float) -> None:
+    """Fuse the Jacobian whose P h is in scratch, with innovation z of variance s."""
     update(c.cov.P, STATES, c.scratch.x, c.scratch.d, s, z, STATES)
 
 
 @kernel
-def gated_update(c: Any, m: int, z: float, r: float, gate: float) -> float:
-    """Fuse the row in hand with residual z (against the nominal state) and variance r, unless z^2/s > gate > 0.
-
-    Returns the normalised innovation squared, negative when rejected.
-    """
-    s = innovation_variance(c, m) + r
-    z = innovation(c, m, z)
-    nis = z * z / s
-    if 0.0 < gate < nis or not nis < math.inf:
-        return -nis
-    kalman_update(c, m, z, s, -1)
-    return nis
+def add_correction(c: Any, i: int, x: float) -> None:
+    """Gather a correction of error state i that comes from elsewhere than a measurement."""
+    c.scratch.x[i] += x
 
 
 @kernel
-def pseudo_measurement(c: Any, kind: int, m: int, z: float, r: float, gate: float) -> tuple[float, float, float]:
-    """Take what is assumed, not measured, and tell of it as of a fix: innovation, its variance, and as `take`."""
-    left = innovation(c, m, z)
-    variance = innovation_variance(c, m) + r
-    nis = gated_update(c, m, z, r, gate)
-    if c.scratch.innovation_count < len(c.scratch.innovations):
-        o = c.scratch.innovations[c.scratch.innovation_count]
-        o.t_ns, o.kind, o.value, o.variance, o.used = c.nav.t_ns, kind, left, variance, 1 if nis >= 0.0 else 0
-        c.scratch.innovation_count += 1
-    return left, variance, nis
+def cancel_correction(c: Any, i: int) -> None:
+    """Drop what has been gathered for error state i."""
+    c.scratch.x[i] = 0.0
 
 
 @kernel
 def rotate_forward_axis(c: Any, pitch: float, yaw: float) -> None:
     """Turn the vehicle's forward and lateral axes by small angles about lateral and vertical."""
-    fx, fy, fz = c.nhc.forward[0], c.nhc.forward[1], c.nhc.forward[2]
-    lx, ly, lz = c.nhc.lateral[0], c.nhc.lateral[1], c.nhc.lateral[2]
+    f, l = c.nav.forward, c.nav.lateral  # noqa: E741
+    fx, fy, fz = f[0], f[1], f[2]
+    lx, ly, lz = l[0], l[1], l[2]
     ux, uy, uz = fy * lz - fz * ly, fz * lx - fx * lz, fx * ly - fy * lx
     fx, fy, fz = fx + yaw * lx - pitch * ux, fy + yaw * ly - pitch * uy, fz + yaw * lz - pitch * uz
     n = math.sqrt(fx * fx + fy * fy + fz * fz)
@@ -96,46 +133,67 @@ def rotate_forward_axis(c: Any, pitch: float, yaw: float) -> None:
     s = lx * fx + ly * fy + lz * fz
     lx, ly, lz = lx - s * fx, ly - s * fy, lz - s * fz
     n = math.sqrt(lx * lx + ly * ly + lz * lz)
-    c.nhc.forward[0], c.nhc.forward[1], c.nhc.forward[2] = fx, fy, fz
-    c.nhc.lateral[0], c.nhc.lateral[1], c.nhc.lateral[2] = lx / n, ly / n, lz / n
+    f[0], f[1], f[2] = fx, fy, fz
+    l[0], l[1], l[2] = lx / n, ly / n, lz / n
+
+
+@kernel
+def set_forward_axis(c: Any, forward: Any, lateral: Any) -> None:
+    """Take these unit vectors of the body for the vehicle's axes, and the sensor for the point about which it turns."""
+    for i in range(3):
+        c.nav.forward[i], c.nav.lateral[i] = forward[i], lateral[i]
+    c.nav.nhc_lever_arm = 0.0
+
+
+@kernel
+def clear_gnss_bias(c: Any, axis: int, variance: float) -> None:
+    """The receiver's correlated error along an axis is unknown, with `variance`."""
+    decorrelate(c, GNSS_BIAS + axis, variance)
+    c.nav.gnss_bias[axis] = 0.0
+
+
+@kernel
+def clear_time_offset(c: Any, variance: float) -> None:
+    """The fixes' epochs are right, up to `variance`."""
+    c.nav.time_offset = 0.0
+    decorrelate(c, TIME_OFFSET, variance)
 
 
 @kernel
 def rotate_tilt_covariance(c: Any, psi: float) -> None:
     """Turn the roll and pitch errors, given in NED, with a heading corrected by `psi` (as three shears, twice).
 
-    What ties them to the accelerometer bias is fixed in the body, and was linearized about the old heading.
+    Their correlation with the accelerometer bias is fixed in the body, and was linearized about the old heading.
     """
     for _ in range(2):
-        shear(c.cov.P, STATES, ATTITUDE, ATTITUDE + 1, -math.tan(0.25 * psi))
-        shear(c.cov.P, STATES, ATTITUDE + 1, ATTITUDE, math.sin(0.5 * psi))
-        shear(c.cov.P, STATES, ATTITUDE, ATTITUDE + 1, -math.tan(0.25 * psi))
+        combine(c, ATTITUDE, ATTITUDE + 1, -math.tan(0.25 * psi))
+        combine(c, ATTITUDE + 1, ATTITUDE, math.sin(0.5 * psi))
+        combine(c, ATTITUDE, ATTITUDE + 1, -math.tan(0.25 * psi))
 
 
 @kernel
 def inject_error(c: Any) -> None:
-    """Add the gathered error estimate to the nominal state and clear it."""
-    x = c.scratch.x
-    retain_integrals(c)
+    """Add the gathered correction to the nominal state and clear it."""
+    x, n = c.scratch.x, c.nav
     if abs(x[ATTITUDE + 2]) > MIN_TURN_RAD:
         rotate_tilt_covariance(c, x[ATTITUDE + 2])
     tilt2 = x[ATTITUDE] ** 2 + x[ATTITUDE + 1] ** 2
     bent2 = 0.25 * tilt2 * (tilt2 + x[ATTITUDE + 2] ** 2)  # a linear filter leaves out the square of a correction
     for i in range(2):
-        c.cov.P[packed_index(STATES, ATTITUDE + i, ATTITUDE + i)] += bent2
+        add_variance(c, ATTITUDE + i, bent2)
     displace(c, x[POSITION], x[POSITION + 1], x[POSITION + 2])
     for i in range(3):
-        c.nav.v_n[i] += x[VELOCITY + i]
-        c.nav.bg[i] += x[GYRO_BIAS + i]
-        c.nav.ba[i] += x[ACCEL_BIAS + i]
-        c.gnss.bias[i] += x[GNSS_BIAS + i]
-        c.nav.turn_scale[i] += x[TURN_SCALE + i]
+        n.v_n[i] += x[VELOCITY + i]
+        n.bg[i] += x[GYRO_BIAS + i]
+        n.ba[i] += x[ACCEL_BIAS + i]
+        n.gnss_bias[i] += x[GNSS_BIAS + i]
+        n.turn_scale[i] += x[TURN_SCALE + i]
     rotate_attitude(c, x[ATTITUDE], x[ATTITUDE + 1], 0.0)  # in the axes of the old heading, which may be far off
     rotate_attitude(c, 0.0, 0.0, x[ATTITUDE + 2])
     if c.nhc.enabled:
         rotate_forward_axis(c, x[MOUNT_PITCH], x[MOUNT_YAW])
-        c.nhc.lever_arm += x[NHC_LEVER_ARM]
-    c.gnss.time_offset += x[TIME_OFFSET]
-    c.gnss.velocity_time_offset += x[VELOCITY_TIME_OFFSET]
+        n.nhc_lever_arm += x[NHC_LEVER_ARM]
+    n.time_offset += x[TIME_OFFSET]
+    n.velocity_time_offset += x[VELOCITY_TIME_OFFSET]
     for i in range(STATES):
         x[i] = 0.0

@@ -1,11 +1,19 @@
-"""How the errors grow between measurements: the covariance is propagated over what has gathered since the last time.
+"""The error model: how the errors of the nominal state propagate (F), and what is added to them meanwhile (Q).
 
-p' = v; v' = phi x f - C ba; phi' = -C (bg + s w_down); biases and mounting walk; the GNSS wander is Gauss-Markov.
-Left out, being below a hundredth of what a MEMS sensor adds in minutes: Coriolis and frame rotation of the errors,
-the change of gravity and of transport rate with them. Scale factors and misalignments have states (s) for turns about
-the vertical only; else they act as noise that grows with the rate and with the force beyond gravity.
+    p' = v
+    v' = phi x f - C ba
+    phi' = -C (bg + turn_scale w_down)
+    bg', ba', turn_scale', mounting' = noise
+    gnss_bias' = -gnss_bias / T + noise
 
-Source: Groves, Principles of GNSS, Inertial and Multisensor Integrated Navigation (2013), sec. 14.2.
+Left out, being below a hundredth of what a MEMS sensor adds in minutes: Coriolis and frame rotation of the errors, and
+the change of gravity and of transport rate with them. Scale factors and misalignments have states (turn_scale) for
+turns about the vertical only; otherwise they act as noise that grows with the rate and with the acceleration.
+
+`linearize` evaluates F over the interval; `propagate_covariance` applies it to P and adds Q; `apply_phi` applies it to
+columns of error states.
+
+Source: Groves (2013), sec. 14.2.
 """
 
 import math
@@ -14,11 +22,8 @@ from typing import Any
 from ...kernels.earth import STANDARD_GRAVITY
 from ...kernels.jit import kernel
 from ...kernels.kalman import packed_index, reset, scale, shear, shear3
-from ...kernels.rotation import dcm_of_quat, quat_rotate_back
-from ..records import AT_REST
-from .alignment.integrals import accumulate_integrals
-from .integrity.gnss_drift import propagate_sensitivity
-from .mechanization import rotate_attitude
+from .ekf import add_variance, combine3, variance
+from .mechanization import ned_to_body, rotate_attitude, rotation_matrix
 from .state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -34,57 +39,89 @@ from .state import (
     VELOCITY,
 )
 
-COVARIANCE_INTERVAL_S = 0.0195  # the covariance follows at about 50 Hz
+COVARIANCE_INTERVAL_S = 0.0195  # the covariance is propagated at about 50 Hz
 GNSS_BIAS_TIME_S = 40.0  # time constant of the GNSS position error (four real receivers: 20 to 60 s)
 ACCEL_SCALE_TIME_S, GYRO_SCALE_TIME_S = 0.2, 0.05  # how long a scale-factor error acts in one direction
 VIBRATION_VRW = 0.011  # (m/s)/sqrt(s), of an accelerometer on a vehicle under way, beyond its own
 VIBRATION_BIAS_WALK = 2e-3  # (m/s^2)/sqrt(s), vibration rectified into bias
 MOUNT_PSD = math.radians(0.02) ** 2  # rad^2/s, load and suspension
-NHC_LEVER_ARM_PSD = 0.01**2  # m^2/s, where a vehicle turns about depends on load and ground
+NHC_LEVER_ARM_PSD = 0.01**2  # m^2/s, the point about which a vehicle turns depends on load and ground
 SECOND_ORDER_TIME_S = 1.0  # how long such an error of acceleration lasts
-MIN_TURN_RAD = 1e-3  # rad
-NONLINEAR_SCALE_SHARE = (
-    0.5  # share of a gyro error in turns about the vertical that its states, constant factors, do not explain
-)
-MISALIGNMENT_OVER_SCALE = 0.35  # misalignment over scale factor (M-G350 sheet: 0.1 deg and 0.5 %)
+MIN_TURN_RAD = 1e-3  # turn_scale is applied to turns of at least so much
+NONLINEAR_SCALE_SHARE = 0.5  # share of a gyro error in turns about the vertical that constant factors do not explain
+MISALIGNMENT_OVER_SCALE = 0.35  # M-G350 data sheet: 0.1 deg and 0.5 %
 TURN_SCALE_PSD = 5e-5**2  # 1/s, with temperature
-ALIGNMENT_ACCEL, ALIGNMENT_ACCEL_TIME_S = (
-    0.3,
-    1.0,
-)  # m/s^2, s: what is not felt of an acceleration in unknown direction; its time
+# m/s^2, s: what is not measured of an acceleration in unknown direction, and its correlation time
+ALIGNMENT_ACCEL, ALIGNMENT_ACCEL_TIME_S = 0.3, 1.0
 
 
 @kernel
-def variance(c: Any, i: int) -> float:
-    """P[i, i]."""
-    return float(c.cov.P[packed_index(STATES, i, i)])
-
-
-@kernel
-def standard_deviation(c: Any, i: int) -> float:
-    """Square root of P[i, i]."""
-    return math.sqrt(max(variance(c, i), 0.0))
-
-
-@kernel
-def add_variance(c: Any, i: int, q: float) -> None:
-    """P[i, i] += q."""
-    c.cov.P[packed_index(STATES, i, i)] += q
-
-
-@kernel
-def couple_velocity(c: Any, dt: float) -> None:
-    """Velocity errors from attitude and accelerometer bias, over `dt`."""
-    m = dcm_of_quat((c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3]))
+def linearize(c: Any, phi: Any) -> None:
+    """phi <- F over the interval since the covariance was propagated, at the attitude now; see state.TRANSITION."""
+    m, dt = rotation_matrix(c), c.imu.integration_time
     fx, fy, fz = c.imu.delta_v[0], c.imu.delta_v[1], c.imu.delta_v[2]
-    if c.nav.flags & AT_REST:  # known better than felt: no false knowledge of the heading from noise in fx, fy
+    if c.stationarity.at_rest:  # known better than measured: noise in fx, fy would give false knowledge of the heading
         fx, fy, fz = 0.0, 0.0, -STANDARD_GRAVITY * dt
-    shear3(c.cov.P, STATES, VELOCITY, ATTITUDE, 0.0, fz, -fy)
-    shear3(c.cov.P, STATES, VELOCITY + 1, ATTITUDE, -fz, 0.0, fx)
-    shear3(c.cov.P, STATES, VELOCITY + 2, ATTITUDE, fy, -fx, 0.0)
+    phi.interval = dt
+    phi.force[0], phi.force[1], phi.force[2] = fx, fy, fz
     for i in range(3):
-        k = 3 * i
-        shear3(c.cov.P, STATES, VELOCITY + i, ACCEL_BIAS, -m[k] * dt, -m[k + 1] * dt, -m[k + 2] * dt)
+        phi.delta_v[i] = c.imu.delta_v[i]
+    for k in range(9):
+        phi.rotation[k] = m[k]
+    phi.turn = m[6] * c.imu.delta_theta[0] + m[7] * c.imu.delta_theta[1] + m[8] * c.imu.delta_theta[2]
+    phi.gnss_bias = math.exp(-dt / GNSS_BIAS_TIME_S)
+
+
+@kernel
+def apply_phi(u: Any, columns: int, phi: Any) -> None:
+    """u <- Phi u, for `columns` columns of error states (STATES x columns)."""
+    m, f, dt = phi.rotation, phi.delta_v, phi.interval
+    for j in range(columns):
+        for i in range(3):
+            u[POSITION + i, j] += dt * u[VELOCITY + i, j]
+        x, y, z = u[ATTITUDE, j], u[ATTITUDE + 1, j], u[ATTITUDE + 2, j]
+        u[VELOCITY, j] += f[2] * y - f[1] * z
+        u[VELOCITY + 1, j] += f[0] * z - f[2] * x
+        u[VELOCITY + 2, j] += f[1] * x - f[0] * y
+        for i in range(3):
+            for k in range(3):
+                u[VELOCITY + i, j] -= m[3 * i + k] * dt * u[ACCEL_BIAS + k, j]
+                u[ATTITUDE + i, j] -= (
+                    m[3 * i + k] * dt * u[GYRO_BIAS + k, j] + m[3 * i + k] * phi.scaled_turn * u[TURN_SCALE + k, j]
+                )
+            u[GNSS_BIAS + i, j] *= phi.gnss_bias
+
+
+@kernel
+def reset_turn_scale(p: Any, c: Any) -> None:
+    """Nothing is known of errors in turns: along the vertical a scale factor, across it a misalignment."""
+    down = ned_to_body(c, (0.0, 0.0, 1.0))
+    along, across = p.gyro_scale**2, (MISALIGNMENT_OVER_SCALE * p.gyro_scale) ** 2
+    for i in range(3):
+        reset(c.cov.P, STATES, TURN_SCALE + i, across)
+    for i in range(3):
+        for k in range(i, 3):
+            c.cov.P[packed_index(STATES, TURN_SCALE + i, TURN_SCALE + k)] += (along - across) * down[i] * down[k]
+
+
+@kernel
+def apply_turn_scale(c: Any, phi: Any) -> None:
+    """Turn back by the gyro's error in a turn about the vertical, once the turn is large enough.
+
+    The turn is that of the body, not a smoothed rate times the time: a wrong axis shows as a tilt and an accelerometer
+    bias, both fixed in the body, and nothing distinguishes the three unless the turn lags behind the body.
+    """
+    c.imu.deferred_rotation += phi.turn
+    angle, m, k = c.imu.deferred_rotation, phi.rotation, c.nav.turn_scale
+    phi.scaled_turn = 0.0
+    if abs(angle) < MIN_TURN_RAD:
+        return
+    phi.scaled_turn = angle
+    x, y, z = k[0] * angle, k[1] * angle, k[2] * angle
+    rotate_attitude(
+        c, -m[0] * x - m[1] * y - m[2] * z, -m[3] * x - m[4] * y - m[5] * z, -m[6] * x - m[7] * y - m[8] * z
+    )
+    c.imu.deferred_rotation = 0.0
 
 
 @kernel
@@ -100,80 +137,57 @@ def second_order_psd(c: Any, accel2: float) -> float:
 
 
 @kernel
-def reset_turn_scale(p: Any, c: Any) -> None:
-    """Nothing is known of what turns show: along the vertical a scale factor, across it axes out of line."""
-    down = quat_rotate_back((c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3]), (0.0, 0.0, 1.0))
-    along, across = p.gyro_scale**2, (MISALIGNMENT_OVER_SCALE * p.gyro_scale) ** 2
-    for i in range(3):
-        reset(c.cov.P, STATES, TURN_SCALE + i, across)
-    for i in range(3):
-        for k in range(i, 3):
-            c.cov.P[packed_index(STATES, TURN_SCALE + i, TURN_SCALE + k)] += (along - across) * down[i] * down[k]
-
-
-@kernel
-def apply_turn_scale(c: Any, m: Any) -> float:
-    """Turn back by what the gyro has shown too much of a turn, once that is notable; returns the angle of the turn.
-
-    What the body turned through, not a smoothed rate times the time: a wrong axis shows as a tilt and an accelerometer
-    bias, both fixed in the body, and nothing tells the three apart unless the turn lags behind the body.
-    """
-    angle: float = c.imu.deferred_rotation
-    if abs(angle) < MIN_TURN_RAD:
-        return 0.0
-    a, b, d = c.nav.turn_scale[0] * angle, c.nav.turn_scale[1] * angle, c.nav.turn_scale[2] * angle
-    rotate_attitude(
-        c, -m[0] * a - m[1] * b - m[2] * d, -m[3] * a - m[4] * b - m[5] * d, -m[6] * a - m[7] * b - m[8] * d
-    )
-    for i in range(3):
-        k = 3 * i
-        shear3(c.cov.P, STATES, ATTITUDE + i, TURN_SCALE, -m[k] * angle, -m[k + 1] * angle, -m[k + 2] * angle)
-    c.imu.deferred_rotation = 0.0
-    return angle
-
-
-@kernel
-def propagate_covariance(p: Any, c: Any) -> None:
-    """Propagate P over the gathered interval and start a new one."""
-    dt = c.imu.integration_time
-    if dt <= 0.0:
-        return
-    for i in range(3):
-        shear(c.cov.P, STATES, POSITION + i, VELOCITY + i, dt)
-    accel2 = c.imu.accel_n[0] ** 2 + c.imu.accel_n[1] ** 2 + c.imu.accel_n[2] ** 2
-    qv = (
-        p.accel_psd
-        + VIBRATION_VRW**2 * c.stationarity.vibration_level
-        + c.stationarity.vibration_accel_psd
-        + p.accel_scale**2 * accel2 * ACCEL_SCALE_TIME_S
-    )
+def velocity_psd(p: Any, c: Any) -> float:
+    """Q of the velocity, m^2/s^3: the sensor, vibration, scale factors, and what a linear model leaves out."""
+    a = c.imu.accel_n
+    accel2 = a[0] ** 2 + a[1] ** 2 + a[2] ** 2
     if c.alignment.mode == COARSE_ALIGNMENT:
-        qv = (ALIGNMENT_ACCEL**2 + accel2) * ALIGNMENT_ACCEL_TIME_S if not c.nav.flags & AT_REST else 0.0
-    else:
-        qv += second_order_psd(c, accel2)
-        couple_velocity(c, dt)
-    m = dcm_of_quat((c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3]))
+        return (ALIGNMENT_ACCEL**2 + accel2) * ALIGNMENT_ACCEL_TIME_S if not c.stationarity.at_rest else 0.0
+    vibration = VIBRATION_VRW**2 * c.stationarity.vibration_level
+    q = p.accel_psd + vibration + c.stationarity.vibration_accel_psd + p.accel_scale**2 * accel2 * ACCEL_SCALE_TIME_S
+    return float(q + second_order_psd(c, accel2))
+
+
+@kernel
+def attitude_psd(p: Any, c: Any, turn: float) -> float:
+    """Q of the attitude, rad^2/s, at a smoothed rate `turn` rad/s about the vertical."""
+    w = c.imu.rate_b
+    rate2 = w[0] ** 2 + w[1] ** 2 + w[2] ** 2 - (1.0 - NONLINEAR_SCALE_SHARE) * turn * turn
+    floor = c.stationarity.gyro_noise_floor
+    gyro_psd = max(p.gyro_psd, floor * floor * p.period / 3.0)  # the smallest deviation seen is all noise
+    return float(gyro_psd + c.stationarity.vibration_gyro_psd + p.gyro_scale**2 * rate2 * GYRO_SCALE_TIME_S)
+
+
+@kernel
+def propagate_covariance(p: Any, c: Any, phi: Any) -> None:
+    """P <- Phi P Phi' + Q, and the decay of the nominal GNSS bias; call with `phi` from `linearize`.
+
+    Before the heading is known the velocity is the receiver's, to which neither tilt nor accelerometer bias adds.
+    """
+    P, m, f, dt = c.cov.P, phi.rotation, phi.force, phi.interval
+    for i in range(3):
+        shear(P, STATES, POSITION + i, VELOCITY + i, dt)
+    qv = velocity_psd(p, c)
+    if c.alignment.mode != COARSE_ALIGNMENT:
+        shear3(P, STATES, VELOCITY, ATTITUDE, 0.0, f[2], -f[1])
+        shear3(P, STATES, VELOCITY + 1, ATTITUDE, -f[2], 0.0, f[0])
+        shear3(P, STATES, VELOCITY + 2, ATTITUDE, f[1], -f[0], 0.0)
+        for i in range(3):
+            k = 3 * i
+            shear3(P, STATES, VELOCITY + i, ACCEL_BIAS, -m[k] * dt, -m[k + 1] * dt, -m[k + 2] * dt)
     for i in range(3):
         k = 3 * i
-        shear3(c.cov.P, STATES, ATTITUDE + i, GYRO_BIAS, -m[k] * dt, -m[k + 1] * dt, -m[k + 2] * dt)
-    angle = m[6] * c.imu.delta_theta[0] + m[7] * c.imu.delta_theta[1] + m[8] * c.imu.delta_theta[2]
-    accumulate_integrals(c, angle, dt)
-    c.imu.deferred_rotation += angle
-    angle = apply_turn_scale(c, m)
+        shear3(P, STATES, ATTITUDE + i, GYRO_BIAS, -m[k] * dt, -m[k + 1] * dt, -m[k + 2] * dt)
+    apply_turn_scale(c, phi)
+    if phi.scaled_turn != 0.0:
+        for i in range(3):
+            k, angle = 3 * i, phi.scaled_turn
+            combine3(c, ATTITUDE + i, TURN_SCALE, -m[k] * angle, -m[k + 1] * angle, -m[k + 2] * angle)
     turn = m[6] * c.imu.rate_b[0] + m[7] * c.imu.rate_b[1] + m[8] * c.imu.rate_b[2]
-    rate2 = (
-        c.imu.rate_b[0] ** 2 + c.imu.rate_b[1] ** 2 + c.imu.rate_b[2] ** 2 - (1.0 - NONLINEAR_SCALE_SHARE) * turn * turn
-    )
-    gyro_psd = max(
-        p.gyro_psd, c.stationarity.gyro_noise_floor * c.stationarity.gyro_noise_floor * p.period / 3.0
-    )  # its quietest is all noise
-    qa = gyro_psd + c.stationarity.vibration_gyro_psd + p.gyro_scale**2 * rate2 * GYRO_SCALE_TIME_S
-    decay = math.exp(-dt / GNSS_BIAS_TIME_S)
-    propagate_sensitivity(c, m, angle, dt, decay)
+    qa, decay = attitude_psd(p, c, turn), phi.gnss_bias
     for i in range(3):
-        scale(c.cov.P, STATES, GNSS_BIAS + i, decay)
-        c.gnss.bias[i] *= decay
-        c.integrity.position_inflation[i] *= decay * decay
+        scale(P, STATES, GNSS_BIAS + i, decay)
+        c.nav.gnss_bias[i] *= decay
         sigma = c.gnss.bias_sigma[0] if i < 2 else c.gnss.bias_sigma[1]
         add_variance(c, GNSS_BIAS + i, sigma * sigma * (1.0 - decay * decay))
         add_variance(c, VELOCITY + i, qv * dt)
@@ -184,8 +198,6 @@ def propagate_covariance(p: Any, c: Any) -> None:
         )
         add_variance(c, TURN_SCALE + i, TURN_SCALE_PSD * dt)
         c.imu.scale_error_rate[i] = c.nav.turn_scale[i] * turn
-        c.imu.delta_v[i] = c.imu.delta_theta[i] = 0.0
     add_variance(c, MOUNT_PITCH, MOUNT_PSD * dt)
     add_variance(c, MOUNT_YAW, MOUNT_PSD * dt)
     add_variance(c, NHC_LEVER_ARM, NHC_LEVER_ARM_PSD * dt)
-    c.imu.integration_time = 0.0

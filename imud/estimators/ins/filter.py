@@ -7,12 +7,18 @@ from drivers.sample import NO_FORCE, NO_RATE, SUSPECT, UNTOLD
 
 from ...kernels.jit import kernel
 from ...kernels.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
-from ..records import POSITION_N, REJECTING
-from .aiding.gnss import fuse_gnss_position, fuse_gnss_velocity, horizontal_sigma, set_gnss_noise, write_innovation
+from ..records import POSITION_N
+from .aiding.gnss_gate import clear_contradictions, contradicts_heading, fade_reset_score, is_frozen, reject_frozen
+from .aiding.gnss_noise import count_fix, horizontal_sigma, set_gnss_noise, set_speed
+from .aiding.gnss_position import fuse_gnss_position, write_innovation
+from .aiding.gnss_time import set_initial_time_offset
+from .aiding.gnss_velocity import fuse_gnss_velocity
 from .alignment.in_motion import align_with_fix, low_motion_speed, reset_to_fix
 from .alignment.transitions import abort_navigation, restart_alignment, start_navigation
 from .alignment.velocity_pairs import is_levelled
-from .error_model import propagate_covariance, reset_turn_scale, variance
+from .ekf import variance
+from .error_model import reset_turn_scale
+from .fusion import propagate_errors
 from .fusion_horizon import (
     fit_acceleration,
     propagate_to_epoch,
@@ -22,13 +28,12 @@ from .fusion_horizon import (
     store_snapshot,
 )
 from .integrity.heading_monitor import monitor_heading
-from .integrity.position_gate import is_frozen
-from .integrity.time_tags import set_initial_time_offset
+from .mechanization import set_attitude
+from .propagation import store_last_sample
 from .solution import MAX_VALID_HEADING_SIGMA, write_solution
 from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS, PENDING_INNOVATIONS
+from .stationarity import first_window
 
-MAX_VELOCITY_REJECTS = 8  # fixes in a row with a velocity that contradicts: the heading is wrong
-MAX_RESET_SCORE = 1.5
 MAX_AHEAD_S, MAX_AGE_S = 1.0, 10.0  # a fix may be newer or older than the newest sample by this
 MAX_REWIND_MISS_S = 1.0
 
@@ -85,19 +90,15 @@ def take_innovations(s: Any, innovations: Any) -> int:
 @kernel
 def initialize(p: Any, c: Any, t_ns: int, w: Any, f: Any, rpy: Any) -> None:
     """Take the first sample: the attitude is that of rest, unless it was given."""
-    c.nav.t_ns = t_ns
-    for i in range(3):
-        c.imu.w[i] = w[i]
-        c.imu.f[i] = c.stationarity.mean_f[i] = f[i]
+    store_last_sample(c, t_ns, w, f)
+    first_window(c, f)
     roll, pitch, yaw = rpy[0], rpy[1], rpy[2]
     if not (math.isfinite(roll) and math.isfinite(pitch)):
         if f[0] * f[0] + f[1] * f[1] + f[2] * f[2] > 1.0:
             roll, pitch, _ = euler_of_quat(quat_of_gravity(f[0], f[1], f[2]))
         else:
             roll, pitch = 0.0, 0.0
-    c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3] = quat_of_euler(
-        roll, pitch, yaw if math.isfinite(yaw) else 0.0
-    )
+    set_attitude(c, quat_of_euler(roll, pitch, yaw if math.isfinite(yaw) else 0.0))
     reset_turn_scale(p, c)
     if c.gnss.fix_count > 0 and c.alignment.heading_sigma > 0.0 and is_levelled(c):
         start_navigation(p, c)
@@ -121,14 +122,14 @@ def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
     if not rewind_to(s, t_ns):
         t_ns = c.nav.t_ns  # too late for that: fused now, with more noise
     propagate_to_epoch(p, s, t_ns, s.interpolated_w, s.interpolated_f)
-    propagate_covariance(p, c)
+    propagate_errors(p, c)
     if s.last_epoch_ns == NEVER_NS:
         set_initial_time_offset(p, c, fix, horizontal_sigma(fix))
     set_gnss_noise(c, fix)
     fit_acceleration(s, snapped)
-    rows = fuse_gnss(p, c, s.bank[0], fix, c.gnss.time_offset - 1e-9 * (fix.t_ns - c.nav.t_ns), innovations)
+    rows = fuse_gnss(p, c, s.bank[0], fix, c.nav.time_offset - 1e-9 * (fix.t_ns - c.nav.t_ns), innovations)
     s.last_epoch_ns = fix.t_ns
-    s.last_time_offset = c.gnss.time_offset
+    s.last_time_offset = c.nav.time_offset
     s.last_fusion_ns = c.nav.t_ns
     store_snapshot(s)
     replay_to_newest(p, s)
@@ -140,17 +141,15 @@ def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
 def fuse_gnss(p: Any, c: Any, b: Any, fix: Any, late: float, innovations: Any) -> int:
     """Take the fix at the time where the core is; it was true `late` s before that (what rewinding has left)."""
     if is_frozen(c, fix):
-        c.nav.flags |= REJECTING
+        reject_frozen(c)
         return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
-    c.gnss.speed = math.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed
+    set_speed(c, math.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed)
     if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > MAX_VALID_HEADING_SIGMA**2:
         abort_navigation(p, c)
     if c.alignment.mode == NAVIGATING and not math.isfinite(c.gnss.speed):
-        c.gnss.speed = low_motion_speed(c, fix.lat, fix.lon)
+        set_speed(c, low_motion_speed(c, fix.lat, fix.lon))
     rows = 0
-    first = (
-        c.alignment.mode == COARSE_ALIGNMENT and c.gnss.last_used_ns == NEVER_NS
-    )  # a position that was given may be an old one
+    first = c.alignment.mode == COARSE_ALIGNMENT and c.gnss.last_used_ns == NEVER_NS  # a given position may be old
     if first:
         reset_to_fix(p, c, fix)
     if c.alignment.mode == COARSE_ALIGNMENT:
@@ -159,19 +158,14 @@ def fuse_gnss(p: Any, c: Any, b: Any, fix: Any, late: float, innovations: Any) -
         rows = fuse_gnss_position(p, c, fix, late, innovations, rows)
     if abs(late) < MAX_REWIND_MISS_S:
         rows = fuse_gnss_velocity(p, c, fix, late, innovations, rows)
-    c.integrity.reset_score *= 0.98
+    fade_reset_score(c)
     right = True
     if c.alignment.mode == NAVIGATING:
         right = monitor_heading(p, c, b, fix)
-    if (
-        c.integrity.velocity_reject_count > MAX_VELOCITY_REJECTS
-        or c.integrity.reset_score > MAX_RESET_SCORE
-        or not right
-    ):
-        c.integrity.velocity_reject_count = 0
-        c.integrity.reset_score = 0.0
+    if contradicts_heading(c) or not right:
+        clear_contradictions(c)
         if c.alignment.mode == NAVIGATING:
             restart_alignment(p, c)
         reset_to_fix(p, c, fix)
-    c.gnss.fix_count += 1
+    count_fix(c)
     return rows

@@ -9,7 +9,7 @@ from typing import Any
 
 from ...kernels.jit import kernel
 from ...kernels.kalman import packed_index
-from .error_model import variance
+from .ekf import variance
 from .propagation import process_sample, propagate_to
 from .state import IMU_RING, NAVIGATING, SNAPSHOT_NS, SNAPSHOTS, STATES, TIME_OFFSET, VELOCITY_TIME_OFFSET
 

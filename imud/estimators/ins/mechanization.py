@@ -1,10 +1,11 @@
 """Strapdown mechanization in the local-level frame: attitude, velocity and position over one interval.
 
 Angular rate and specific force are taken as linear in time between two samples, so that the rotation vector and the
-velocity increment have closed second-order (coning and sculling) terms; the navigation frame turns with earth and
-transport rate, gravity is Somigliana's.
+velocity increment have closed second-order (coning and sculling) terms. The navigation frame turns with earth rate and
+transport rate; gravity is Somigliana's.
 
-Source: Titterton and Weston, Strapdown Inertial Navigation Technology (2004), ch. 3 and 11; Savage (1998).
+Source: Titterton and Weston, Strapdown Inertial Navigation Technology (2004), ch. 3 and 11; Savage (1998); Groves
+(2013), sec. 5.4.
 """
 
 import math
@@ -12,12 +13,20 @@ from typing import Any
 
 from ...kernels.earth import EARTH_RATE_RADPS, SEMI_MAJOR_M, gravity_above, radii, radii_by_sine, surface_gravity
 from ...kernels.jit import kernel
-from ...kernels.rotation import quat_exp, quat_normalised, quat_product, quat_renormalised, quat_rotate
-
-MIN_COS_LAT = 1e-4  # of latitude, some 600 m from a pole: east and north lose their meaning there
-EARTH_TOLERANCE = (
-    1e-7  # radii, some 0.6 m (times the cosine of the latitude): nothing here changes by more than that share
+from ...kernels.rotation import (
+    dcm_of_quat,
+    quat_exp,
+    quat_normalised,
+    quat_product,
+    quat_renormalised,
+    quat_rotate,
+    quat_rotate_back,
 )
+
+Vector = tuple[float, float, float]
+
+MIN_COS_LAT = 1e-4  # some 600 m from a pole: east and north lose their meaning there
+EARTH_TOLERANCE = 1e-7  # of an earth radius, some 0.6 m: what depends on the position changes by no larger share
 MAX_LATITUDE = 0.5 * math.pi - 1e-9
 
 
@@ -36,18 +45,44 @@ def bounded_cosine(lat: float) -> float:
 
 
 @kernel
+def quaternion(c: Any) -> tuple[float, float, float, float]:
+    """The attitude q_nb as a tuple."""
+    q = c.nav.q_nb
+    return q[0], q[1], q[2], q[3]
+
+
+@kernel
+def rotation_matrix(c: Any) -> Any:
+    """C_nb, body to navigation axes: nine numbers, row by row."""
+    return dcm_of_quat(quaternion(c))
+
+
+@kernel
+def body_to_ned(c: Any, x: Vector) -> Vector:
+    """A body vector in navigation axes."""
+    return quat_rotate(quaternion(c), x)
+
+
+@kernel
+def ned_to_body(c: Any, x: Vector) -> Vector:
+    """A vector of navigation axes in body axes."""
+    return quat_rotate_back(quaternion(c), x)
+
+
+@kernel
 def update_earth(c: Any) -> None:
-    """Find what depends on the place, anew after some 0.6 m."""
-    near = abs(c.nav.lat - c.earth.position[0]) < EARTH_TOLERANCE * c.earth.cos_lat
-    if near and abs(c.nav.height - c.earth.position[1]) < EARTH_TOLERANCE * SEMI_MAJOR_M:
+    """Evaluate what depends on the position, anew after some 0.6 m."""
+    n, e = c.nav, c.earth
+    near = abs(n.lat - e.position[0]) < EARTH_TOLERANCE * e.cos_lat
+    if near and abs(n.height - e.position[1]) < EARTH_TOLERANCE * SEMI_MAJOR_M:
         return
-    c.earth.position[0], c.earth.position[1] = c.nav.lat, c.nav.height
-    c.earth.sin_lat, c.earth.cos_lat = math.sin(c.nav.lat), bounded_cosine(c.nav.lat)
-    c.earth.tan_lat = c.earth.sin_lat / c.earth.cos_lat
-    meridian, prime_vertical = radii_by_sine(c.earth.sin_lat)
-    c.earth.lat_per_m, c.earth.transverse_per_m = 1.0 / (meridian + c.nav.height), 1.0 / (prime_vertical + c.nav.height)
-    c.earth.lon_per_m = c.earth.transverse_per_m / c.earth.cos_lat
-    c.earth.gravity = gravity_above(surface_gravity(c.earth.sin_lat), c.earth.sin_lat, c.nav.height)
+    e.position[0], e.position[1] = n.lat, n.height
+    e.sin_lat, e.cos_lat = math.sin(n.lat), bounded_cosine(n.lat)
+    e.tan_lat = e.sin_lat / e.cos_lat
+    meridian, prime_vertical = radii_by_sine(e.sin_lat)
+    e.lat_per_m, e.transverse_per_m = 1.0 / (meridian + n.height), 1.0 / (prime_vertical + n.height)
+    e.lon_per_m = e.transverse_per_m / e.cos_lat
+    e.gravity = gravity_above(surface_gravity(e.sin_lat), e.sin_lat, n.height)
 
 
 @kernel
@@ -61,54 +96,51 @@ def displace(c: Any, north: float, east: float, down: float) -> None:
 
 @kernel
 def ned_difference(c: Any, lat0: float, lon0: float, lat: float, lon: float) -> tuple[float, float]:
-    """Metres north and east from one place to another near the core's."""
+    """Metres north and east from one position to another near the core's."""
     meridian, prime_vertical = radii(c.nav.lat)
-    return (lat - lat0) * (meridian + c.nav.height), wrap_angle(lon - lon0) * (
-        prime_vertical + c.nav.height
-    ) * bounded_cosine(c.nav.lat)
+    north = (lat - lat0) * (meridian + c.nav.height)
+    return north, wrap_angle(lon - lon0) * (prime_vertical + c.nav.height) * bounded_cosine(c.nav.lat)
 
 
 @kernel
-def integrate_strapdown(c: Any, w: Any, f: Any, dt: float) -> None:
-    """Advance q, v and position by `dt` s while the sensor goes from the last sample to (w, f), linearly; body axes."""
+def integrate_strapdown(c: Any, w: Any, f: Any, dt: float) -> Vector:
+    """Advance attitude, velocity and position by `dt` s while the sensor goes from its last sample to (w, f), linearly.
+
+    w: rad/s, f: m/s^2, body axes. Returns the integral of the specific force in navigation axes, m/s.
+    """
     update_earth(c)
-    wx = 0.5 * (c.imu.w[0] + w[0]) - c.nav.bg[0]
-    wy = 0.5 * (c.imu.w[1] + w[1]) - c.nav.bg[1]
-    wz = 0.5 * (c.imu.w[2] + w[2]) - c.nav.bg[2]
-    fx, fy, fz = (
-        0.5 * (c.imu.f[0] + f[0]) - c.nav.ba[0],
-        0.5 * (c.imu.f[1] + f[1]) - c.nav.ba[1],
-        0.5 * (c.imu.f[2] + f[2]) - c.nav.ba[2],
-    )
+    n, u, e = c.nav, c.imu, c.earth
+    wx, wy, wz = 0.5 * (u.w[0] + w[0]) - n.bg[0], 0.5 * (u.w[1] + w[1]) - n.bg[1], 0.5 * (u.w[2] + w[2]) - n.bg[2]
+    fx, fy, fz = 0.5 * (u.f[0] + f[0]) - n.ba[0], 0.5 * (u.f[1] + f[1]) - n.ba[1], 0.5 * (u.f[2] + f[2]) - n.ba[2]
     # half differences: rate and force are mean -+ slope at the two ends
-    ux, uy, uz = 0.5 * (w[0] - c.imu.w[0]), 0.5 * (w[1] - c.imu.w[1]), 0.5 * (w[2] - c.imu.w[2])
-    gx, gy, gz = 0.5 * (f[0] - c.imu.f[0]), 0.5 * (f[1] - c.imu.f[1]), 0.5 * (f[2] - c.imu.f[2])
+    ux, uy, uz = 0.5 * (w[0] - u.w[0]), 0.5 * (w[1] - u.w[1]), 0.5 * (w[2] - u.w[2])
+    gx, gy, gz = 0.5 * (f[0] - u.f[0]), 0.5 * (f[1] - u.f[1]), 0.5 * (f[2] - u.f[2])
     k = dt * dt / 6.0
     turn = quat_exp(
         wx * dt + k * (wy * uz - wz * uy), wy * dt + k * (wz * ux - wx * uz), wz * dt + k * (wx * uy - wy * ux)
     )
     h = 0.5 * dt * dt
-    dv = quat_rotate(
-        (c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3]),
+    dv = body_to_ned(
+        c,
         (
             fx * dt + h * (wy * fz - wz * fy) + k * (wy * gz - wz * gy - uy * fz + uz * fy),
             fy * dt + h * (wz * fx - wx * fz) + k * (wz * gx - wx * gz - uz * fx + ux * fz),
             fz * dt + h * (wx * fy - wy * fx) + k * (wx * gy - wy * gx - ux * fy + uy * fx),
         ),
     )
-    north_rate, down_rate = EARTH_RATE_RADPS * c.earth.cos_lat, -EARTH_RATE_RADPS * c.earth.sin_lat
-    tn, te = c.nav.v_n[1] * c.earth.transverse_per_m, -c.nav.v_n[0] * c.earth.lat_per_m
-    td = -tn * c.earth.tan_lat
+    north_rate, down_rate = EARTH_RATE_RADPS * e.cos_lat, -EARTH_RATE_RADPS * e.sin_lat
+    tn, te = n.v_n[1] * e.transverse_per_m, -n.v_n[0] * e.lat_per_m  # transport rate
+    td = -tn * e.tan_lat
     on, oe, od = 2.0 * north_rate + tn, te, 2.0 * down_rate + td  # Coriolis
-    vn, ve, vd = c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2]
-    c.nav.v_n[0] = vn + dv[0] - (oe * vd - od * ve) * dt
-    c.nav.v_n[1] = ve + dv[1] - (od * vn - on * vd) * dt
-    c.nav.v_n[2] = vd + dv[2] - (on * ve - oe * vn) * dt + c.earth.gravity * dt
-    displace(c, 0.5 * (vn + c.nav.v_n[0]) * dt, 0.5 * (ve + c.nav.v_n[1]) * dt, 0.5 * (vd + c.nav.v_n[2]) * dt)
+    vn, ve, vd = n.v_n[0], n.v_n[1], n.v_n[2]
+    n.v_n[0] = vn + dv[0] - (oe * vd - od * ve) * dt
+    n.v_n[1] = ve + dv[1] - (od * vn - on * vd) * dt
+    n.v_n[2] = vd + dv[2] - (on * ve - oe * vn) * dt + e.gravity * dt
+    displace(c, 0.5 * (vn + n.v_n[0]) * dt, 0.5 * (ve + n.v_n[1]) * dt, 0.5 * (vd + n.v_n[2]) * dt)
     x, y, z = -0.5 * (north_rate + tn) * dt, -0.5 * te * dt, -0.5 * (down_rate + td) * dt
-    q = quat_product((c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3]), turn)
+    q = quat_product(quaternion(c), turn)
     # of first order: at 300 m/s a sample turns the frame by 1e-7 rad
-    c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3] = quat_renormalised(
+    n.q_nb[0], n.q_nb[1], n.q_nb[2], n.q_nb[3] = quat_renormalised(
         (
             q[0] - x * q[1] - y * q[2] - z * q[3],
             q[1] + x * q[0] + y * q[3] - z * q[2],
@@ -116,18 +148,51 @@ def integrate_strapdown(c: Any, w: Any, f: Any, dt: float) -> None:
             q[3] + x * q[2] - y * q[1] + z * q[0],
         )
     )
-    c.imu.delta_theta[0] += wx * dt
-    c.imu.delta_theta[1] += wy * dt
-    c.imu.delta_theta[2] += wz * dt
+    u.delta_theta[0] += wx * dt
+    u.delta_theta[1] += wy * dt
+    u.delta_theta[2] += wz * dt
     for i in range(3):
-        c.imu.delta_v[i] += dv[i]
-        c.stationarity.delta_v[i] += dv[i]
-    c.imu.integration_time += dt
-    c.stationarity.duration += dt
+        u.delta_v[i] += dv[i]
+    u.integration_time += dt
+    return dv
+
+
+@kernel
+def start_integration(c: Any) -> None:
+    """Begin a new interval of the covariance."""
+    for i in range(3):
+        c.imu.delta_v[i] = c.imu.delta_theta[i] = 0.0
+    c.imu.integration_time = 0.0
 
 
 @kernel
 def rotate_attitude(c: Any, x: float, y: float, z: float) -> None:
-    """q <- exp(x, y, z) q, normalised."""
-    q = quat_product(quat_exp(x, y, z), (c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3]))
-    c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3] = quat_normalised(q)
+    """q_nb <- exp(x, y, z) q_nb, normalised; a small rotation in navigation axes, rad."""
+    set_attitude(c, quat_normalised(quat_product(quat_exp(x, y, z), quaternion(c))))
+
+
+@kernel
+def set_attitude(c: Any, q: Any) -> None:
+    """q_nb <- q."""
+    c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3] = q
+
+
+@kernel
+def set_position(c: Any, lat: float, lon: float, height: float) -> None:
+    """Latitude and longitude rad, height m; a height of NaN leaves the present one."""
+    c.nav.lat, c.nav.lon = lat, lon
+    if math.isfinite(height):
+        c.nav.height = height
+
+
+@kernel
+def set_velocity(c: Any, axis: int, v: float) -> None:
+    """One component of the velocity, m/s, NED."""
+    c.nav.v_n[axis] = v
+
+
+@kernel
+def clear_sensor_errors(c: Any) -> None:
+    """Nothing is known of biases and of errors in turns."""
+    for i in range(3):
+        c.nav.bg[i] = c.nav.ba[i] = c.nav.turn_scale[i] = 0.0

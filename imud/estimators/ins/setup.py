@@ -10,7 +10,7 @@ from imud.sensor_errors.profiles import profile_of
 from .. import Record
 from .aiding.nhc_noise import INITIAL_NOISE_SCALE
 from .alignment.in_motion import UNKNOWN_HEIGHT
-from .integrity.gnss_drift import NOISE_SCALE_RANGE
+from .observers.gnss_drift import NOISE_SCALE_RANGE
 from .state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -83,8 +83,8 @@ def start(parameters: Record, initial: Initial) -> Record:
     sigmas[VELOCITY_TIME_OFFSET] = VELOCITY_TIME_OFFSET_SIGMA
     sigmas[TURN_SCALE : TURN_SCALE + 3] = p["gyro_scale"]
     c["alignment"]["mode"] = COARSE_ALIGNMENT
-    c["nhc"]["forward"] = (1.0, 0.0, 0.0)
-    c["nhc"]["lateral"] = (0.0, 1.0, 0.0)
+    c["nav"]["forward"] = (1.0, 0.0, 0.0)
+    c["nav"]["lateral"] = (0.0, 1.0, 0.0)
     c["gnss"]["speed"] = math.nan
     c["alignment"]["heading_phasor"] = (1.0, 0.0)
     c["drift"]["noise_scale"] = NOISE_SCALE_RANGE[1]

@@ -6,8 +6,8 @@ from typing import Any
 from ...kernels.jit import kernel
 from ...kernels.kalman import packed_index
 from ...kernels.rotation import euler_variances
-from ..records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID
-from .error_model import standard_deviation, variance
+from ..records import AT_REST, ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, REJECTING, SATURATED
+from .ekf import standard_deviation, variance
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, POSITION, STATES, VELOCITY
 
 COASTING_S = 5.0  # a slow line may bring a 1 Hz receiver's fixes two seconds apart
@@ -18,7 +18,13 @@ MAX_VALID_HEADING_SIGMA = math.radians(30.0)
 @kernel
 def status_bits(c: Any, sigma_rpy: Any) -> int:
     """The status bits of the solution."""
-    bits: int = c.nav.flags
+    bits = 0
+    if c.stationarity.at_rest:
+        bits |= AT_REST
+    if c.integrity.rejecting:
+        bits |= REJECTING
+    if c.imu.saturated:
+        bits |= SATURATED
     if max(sigma_rpy[0], sigma_rpy[1]) < MAX_VALID_TILT_SIGMA:
         bits |= ATTITUDE_VALID
     if (c.alignment.mode == NAVIGATING or c.alignment.heading_sigma > 0.0) and sigma_rpy[2] < MAX_VALID_HEADING_SIGMA:

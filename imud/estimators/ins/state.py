@@ -60,10 +60,9 @@ PARAMETERS = np.dtype(
     align=True,
 )
 
-NAV = np.dtype(  # the nominal state
+NAV = np.dtype(  # the nominal state: time, and one value for each error state
     [
         ("t_ns", "<i8"),
-        ("flags", "<i8"),  # AT_REST, REJECTING, SATURATED of records
         ("lat", "<f8"),  # rad
         ("lon", "<f8"),  # rad
         ("height", "<f8"),  # m above the ellipsoid
@@ -71,7 +70,13 @@ NAV = np.dtype(  # the nominal state
         ("q_nb", "<f8", (4,)),  # before the heading is known its origin is arbitrary
         ("bg", "<f8", (3,)),  # rad/s
         ("ba", "<f8", (3,)),  # m/s^2
+        ("gnss_bias", "<f8", (3,)),  # m, NED, fix minus truth: what lasts of the receiver's error
+        ("forward", "<f8", (3,)),  # unit vector of the vehicle's motion in the body
+        ("lateral", "<f8", (3,)),  # unit vector across it, level
+        ("time_offset", "<f8"),  # s, a fix is older than its epoch says by this
         ("turn_scale", "<f8", (3,)),  # body, gyro error per rate of turn about the vertical
+        ("nhc_lever_arm", "<f8"),  # m, of the sensor ahead of the axle that does not slip sideways
+        ("velocity_time_offset", "<f8"),  # s, the receiver's velocity is older than its position by this
     ],
     align=True,
 )
@@ -95,6 +100,7 @@ IMU = np.dtype(  # the last sample, and what was integrated since the covariance
         ("sample_count", "<i8"),  # samples integrated since the start
         ("w", "<f8", (3,)),  # rad/s, body
         ("f", "<f8", (3,)),  # m/s^2, body
+        ("saturated", "<i8"),  # 1: the last sample is at the end of the sensor's range
         ("outage_s", "<f8", (2,)),  # s for which rates, and forces, are missing or clipped
         ("integration_time", "<f8"),  # s
         ("delta_v", "<f8", (3,)),  # m/s, integral of specific force in NED
@@ -128,6 +134,7 @@ STATIONARITY = np.dtype(
             "<f8",
             (2,),
         ),  # rad^2/s^3, m^2/s^5: most that the means have changed lately, squared, per s
+        ("at_rest", "<i8"),
         ("low_motion_count", "<i8"),  # windows of low motion in a row
         ("stationary_count", "<i8"),  # and of no motion that is felt
         (
@@ -146,9 +153,6 @@ STATIONARITY = np.dtype(
 
 NHC = np.dtype(  # the non-holonomic constraint of a land vehicle
     [
-        ("forward", "<f8", (3,)),  # unit vector of the vehicle's motion in the body
-        ("lateral", "<f8", (3,)),  # unit vector across it, level
-        ("lever_arm", "<f8"),  # m, of the sensor ahead of the axle that does not slip sideways
         ("since_update", "<f8"),  # s
         ("enabled", "<i8"),
         ("velocity_scatter", "<f8", (6,)),  # sum of products of the normalised velocity in the body, upper triangle
@@ -173,26 +177,24 @@ GNSS = np.dtype(
         ("last_used_ns", "<i8"),  # epoch of the last fix used
         ("fix_count", "<i8"),
         ("speed", "<f8"),  # m/s of the last fix, NaN unknown
-        ("bias", "<f8", (3,)),  # m, NED, fix minus truth: what lasts of the receiver's error
         ("bias_sigma", "<f8", (2,)),  # m, horizontal and vertical
         ("reported_sigma", "<f8", (2,)),  # m, by the receiver, horizontal and vertical
         ("noise_var", "<f8", (2,)),  # m^2, learned white variance, horizontal and vertical
         ("velocity_noise_var", "<f8"),  # m^2/s^2, learned variance of a component of its velocity
-        ("time_offset", "<f8"),  # s, a fix is older than its epoch says by this
-        ("velocity_time_offset", "<f8"),  # s, and its velocity is older still
-        ("survey_epochs", "<i8"),  # 1: its epochs are a survey's, not confirmed yet
-        ("frozen_position", "<f8", (2,)),  # latitude and longitude of the last fix
-        ("frozen_since_ns", "<i8"),  # and since when they are the same
     ],
     align=True,
 )
 
 INTEGRITY = np.dtype(  # fixes that contradict, and the heading that they contradict
     [
+        ("rejecting", "<i8"),  # 1: the last fix was rejected
         ("reject_count", "<i8", (2,)),  # positions in a row, and heights
         ("reject_start_ns", "<i8", (2,)),  # the first of them, or of those that are consistent with the velocity
         ("outage_at_reject_s", "<f8"),  # since the last fix used, when the first was rejected
         ("reject_offset", "<f8", (2,)),  # m, how far north and east of the estimate that was
+        ("frozen_position", "<f8", (2,)),  # latitude and longitude of the last fix
+        ("frozen_since_ns", "<i8"),  # and since when they are the same
+        ("survey_epochs", "<i8"),  # 1: its epochs are a survey's, not confirmed yet
         ("velocity_reject_count", "<i8"),  # fixes in a row whose velocity was rejected
         (
             "position_inflation",
@@ -200,7 +202,6 @@ INTEGRITY = np.dtype(  # fixes that contradict, and the heading that they contra
             (3,),
         ),  # m^2, beyond P: how far the fixes were that the filter was reset to, fading
         ("reset_score", "<f8"),  # resets to contradicting fixes, fading
-        ("heading_fault_count", "<i8"),  # pairs in a row that contradict the heading
     ],
     align=True,
 )
@@ -251,6 +252,20 @@ ALIGNMENT = np.dtype(  # in a level frame of arbitrary heading; complex numbers 
         ("position_origin", "<f8", (2,)),  # latitude and longitude from which the positions of fixes are counted
         ("last_match_ns", "<i8"),  # last fix matched
         ("reject_count", "<i8"),  # fixes in a row that force does not explain
+        ("heading_fault_count", "<i8"),  # pairs in a row that contradict the heading
+    ],
+    align=True,
+)
+
+TRANSITION = np.dtype(  # F over one interval of the covariance: the blocks that differ from the identity
+    [
+        ("interval", "<f8"),  # s; position from velocity
+        ("force", "<f8", (3,)),  # m/s, integral of specific force, NED: its cross product is velocity from attitude
+        ("delta_v", "<f8", (3,)),  # m/s, the same as it was measured
+        ("rotation", "<f8", (9,)),  # C_nb: velocity from accelerometer bias, attitude from gyro bias
+        ("turn", "<f8"),  # rad, about the vertical
+        ("scaled_turn", "<f8"),  # rad, the part of it that is applied now: attitude from turn_scale
+        ("gnss_bias", "<f8"),  # decay of the GNSS bias
     ],
     align=True,
 )
@@ -261,6 +276,7 @@ SCRATCH = np.dtype(  # holds nothing from one call of the filter's entries to th
         ("d", "<f8", (STATES,)),  # P h
         ("columns", "<i8", (JACOBIAN_LENGTH,)),  # h
         ("values", "<f8", (JACOBIAN_LENGTH,)),
+        ("phi", TRANSITION),
         ("position_innovation", "<f8", (3,)),
         ("accel_fit", "<f8", (3,)),  # m/s^2, acceleration over the uncertain part of the time offset
         ("accel_fit_error", "<f8", (3,)),  # m/s, how far the velocity was from that line

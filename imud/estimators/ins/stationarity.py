@@ -12,9 +12,8 @@ from typing import Any
 
 from ...kernels.earth import STANDARD_GRAVITY
 from ...kernels.jit import kernel
-from ...kernels.rotation import dcm_of_quat
-from .ekf import innovation_variance, set_jacobian
-from .error_model import variance
+from .ekf import innovation_variance, set_jacobian, variance
+from .mechanization import Vector, rotation_matrix
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, VELOCITY
 
 WINDOW_S = 0.5
@@ -48,6 +47,34 @@ def accumulate_window(c: Any, w: Any, f: Any) -> None:
         c.stationarity.sum_difference2[0] += (w[i] - c.imu.w[i]) ** 2
         c.stationarity.sum_difference2[1] += (f[i] - c.imu.f[i]) ** 2
     c.stationarity.sample_count += 1
+
+
+@kernel
+def accumulate_force(c: Any, delta_v: Vector, dt: float) -> None:
+    """Add the specific force (navigation axes, integrated over `dt` s, m/s) of a sample."""
+    for i in range(3):
+        c.stationarity.delta_v[i] += delta_v[i]
+    c.stationarity.duration += dt
+
+
+@kernel
+def interrupt_rest(c: Any) -> None:
+    """Count windows of low motion anew: there may have been motion that the sensor did not show."""
+    c.stationarity.low_motion_count = c.stationarity.stationary_count = 0
+
+
+@kernel
+def withdraw_rest(c: Any) -> None:
+    """The sensor does not show whether it is at rest now."""
+    interrupt_rest(c)
+    c.stationarity.at_rest = 0
+
+
+@kernel
+def first_window(c: Any, f: Any) -> None:
+    """Before the first window: the mean specific force is that of the first sample."""
+    for i in range(3):
+        c.stationarity.mean_f[i] = f[i]
 
 
 @kernel
@@ -194,7 +221,7 @@ def max_rest_rate(c: Any, i: int) -> float:
 @kernel
 def level_force_variance(c: Any, axis: int) -> float:
     """Variance, m^2/s^4, of the level specific force for what tilt and bias may contribute: a rest ties the two."""
-    m = dcm_of_quat((c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3]))
+    m = rotation_matrix(c)
     k = set_jacobian(c, 0, ATTITUDE + 1 - axis, STANDARD_GRAVITY if axis == 1 else -STANDARD_GRAVITY)
     for j in range(3):
         k = set_jacobian(c, k, ACCEL_BIAS + j, -m[3 * axis + j])
@@ -209,15 +236,24 @@ def is_unaccelerated(c: Any) -> bool:
 
 
 @kernel
-def detect_rest(c: Any) -> bool:
+def is_resting(c: Any) -> bool:
     """Whether the last two windows at least were at rest."""
-    if c.stationarity.low_motion_count < 2 or not speed_allows_rest(c):
+    s = c.stationarity
+    if s.low_motion_count < 2 or not speed_allows_rest(c):
         return False
-    if c.stationarity.stationary_count > LONG_REST_WINDOWS and gnss_confirms_rest(c):
+    if s.stationary_count > LONG_REST_WINDOWS and gnss_confirms_rest(c):
         return True  # whatever tilt and biases: they are wrong if they contradict
     if not is_unaccelerated(c):
         return False
     for i in range(3):
-        if abs(c.stationarity.mean_w[i] - c.nav.bg[i]) > max_rest_rate(c, i):
+        if abs(s.mean_w[i] - c.nav.bg[i]) > max_rest_rate(c, i):
             return False
     return True
+
+
+@kernel
+def detect_rest(c: Any) -> bool:
+    """Decide, and keep, whether the sensor is at rest."""
+    resting = is_resting(c)
+    c.stationarity.at_rest = 1 if resting else 0
+    return resting

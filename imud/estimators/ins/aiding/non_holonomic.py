@@ -13,11 +13,11 @@ import math
 from typing import Any
 
 from ....kernels.jit import kernel
-from ....kernels.kalman import reset
 from ....kernels.rotation import quat_exp, quat_rotate, quat_rotate_back
 from ...records import HOP, SLIP
-from ..ekf import inject_error, pseudo_measurement, set_jacobian
-from ..error_model import add_variance, variance
+from ..ekf import add_variance, decorrelate, set_forward_axis, set_jacobian, variance
+from ..fusion import correct_state, pseudo_measurement
+from ..mechanization import ned_to_body, quaternion
 from ..state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -94,7 +94,7 @@ def accumulate_scatter(p: Any, c: Any, v: Any, level2: float, heading2: float) -
     """
     if p.vehicle == FREE or c.nhc.enabled:
         return False
-    q = (c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3])
+    q = quaternion(c)
     u = quat_rotate_back(q, v)
     speed2 = u[0] ** 2 + u[1] ** 2 + u[2] ** 2
     turn2 = c.imu.rate_b[0] ** 2 + c.imu.rate_b[1] ** 2 + c.imu.rate_b[2] ** 2
@@ -121,7 +121,7 @@ def accumulate_scatter(p: Any, c: Any, v: Any, level2: float, heading2: float) -
 @kernel
 def rotate_scatter(c: Any, psi: float) -> None:
     """What was gathered in a level frame of arbitrary heading, which is about to be turned by psi."""
-    down = quat_rotate_back((c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3]), (0.0, 0.0, 1.0))
+    down = ned_to_body(c, (0.0, 0.0, 1.0))
     turn = quat_exp(-psi * down[0], -psi * down[1], -psi * down[2])
     x, y, z = quat_rotate(turn, (1.0, 0.0, 0.0)), quat_rotate(turn, (0.0, 1.0, 0.0)), quat_rotate(turn, (0.0, 0.0, 1.0))
     a = quat_rotate(turn, (c.nhc.principal_axis[0], c.nhc.principal_axis[1], c.nhc.principal_axis[2]))
@@ -164,6 +164,13 @@ def principal_direction(c: Any) -> float:
 
 
 @kernel
+def is_due(c: Any, dt: float) -> bool:
+    """Another `dt` s have passed: is it time for the constraint, if it is enabled?"""
+    c.nhc.since_update += dt
+    return bool(c.nhc.enabled and c.nhc.since_update >= NHC_INTERVAL_S)
+
+
+@kernel
 def enable_nhc(c: Any) -> None:
     """Constrain along the axis found; the lateral axis is the one across it that was level in the mean."""
     n = math.sqrt(c.nhc.down_sum[0] ** 2 + c.nhc.down_sum[1] ** 2 + c.nhc.down_sum[2] ** 2)
@@ -173,12 +180,10 @@ def enable_nhc(c: Any) -> None:
     s = math.sqrt(lx * lx + ly * ly + lz * lz)
     if s < 0.5:  # motion is up or down: no land vehicle
         return
-    c.nhc.forward[0], c.nhc.forward[1], c.nhc.forward[2] = fx, fy, fz
-    c.nhc.lateral[0], c.nhc.lateral[1], c.nhc.lateral[2] = lx / s, ly / s, lz / s
-    reset(c.cov.P, STATES, MOUNT_PITCH, MOUNT_SIGMA**2)
-    reset(c.cov.P, STATES, MOUNT_YAW, MOUNT_SIGMA**2 + variance(c, ATTITUDE + 2))
-    reset(c.cov.P, STATES, NHC_LEVER_ARM, NHC_LEVER_ARM_SIGMA**2)
-    c.nhc.lever_arm = 0.0
+    set_forward_axis(c, (fx, fy, fz), (lx / s, ly / s, lz / s))
+    decorrelate(c, MOUNT_PITCH, MOUNT_SIGMA**2)
+    decorrelate(c, MOUNT_YAW, MOUNT_SIGMA**2 + variance(c, ATTITUDE + 2))
+    decorrelate(c, NHC_LEVER_ARM, NHC_LEVER_ARM_SIGMA**2)
     for i in range(STATES):
         c.nhc.start_variance[i] = variance(c, i)
     c.nhc.enabled = 1
@@ -233,10 +238,10 @@ def fuse_nhc(p: Any, c: Any) -> None:
 
     A sensor ahead of the point about which the vehicle turns swings out; tyres slip in proportion to their load.
     """
-    q = (c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3])
+    q = quaternion(c)
     vb = quat_rotate_back(q, (c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2]))
-    f = (c.nhc.forward[0], c.nhc.forward[1], c.nhc.forward[2])
-    lateral = (c.nhc.lateral[0], c.nhc.lateral[1], c.nhc.lateral[2])
+    f = (c.nav.forward[0], c.nav.forward[1], c.nav.forward[2])
+    lateral = (c.nav.lateral[0], c.nav.lateral[1], c.nav.lateral[2])
     vertical = (
         f[1] * lateral[2] - f[2] * lateral[1],
         f[2] * lateral[0] - f[0] * lateral[2],
@@ -251,14 +256,14 @@ def fuse_nhc(p: Any, c: Any) -> None:
     r = (NHC_SIGMA + (TURN_SIDESLIP + TYRE_SIDESLIP * along * along) * rate) ** 2
     rough2 = (SUSPENSION_PITCH * along) ** 2 * 2.0 * SUSPENSION_TIME_S / NHC_INTERVAL_S
     k = set_jacobian(c, nhc_jacobian(c, q, lateral, along, MOUNT_YAW), NHC_LEVER_ARM, -turn)
-    z = c.nhc.lever_arm * turn - (lateral[0] * vb[0] + lateral[1] * vb[1] + lateral[2] * vb[2])
+    z = c.nav.nhc_lever_arm * turn - (lateral[0] * vb[0] + lateral[1] * vb[1] + lateral[2] * vb[2])
     left, s, sideways = pseudo_measurement(c, SLIP, k, z, c.nhc.noise_scale[0] * r, NHC_GATE)
     add_innovation(c, 0, left, s)
     k = nhc_jacobian(c, q, vertical, along, MOUNT_PITCH)
     z = -(vertical[0] * vb[0] + vertical[1] * vb[1] + vertical[2] * vb[2])
     left, s, upwards = pseudo_measurement(c, HOP, k, z, c.nhc.noise_scale[1] * r + rough2, NHC_GATE)
     add_innovation(c, 1, left, s)
-    inject_error(c)
+    correct_state(c)
     c.nhc.mean_nis += MEAN_NIS_GAIN * (min(max(abs(sideways), abs(upwards)), 4.0 * NHC_GATE) - c.nhc.mean_nis)
     if (learn_noise_scale(c) or c.nhc.mean_nis > MAX_MEAN_NIS) and p.vehicle != LAND:
         disable_nhc(c, along)

@@ -10,8 +10,7 @@ from typing import Any
 
 from ....kernels.earth import STANDARD_GRAVITY
 from ....kernels.jit import kernel
-from ..state import HYPOTHESES
-from .integrals import (
+from ..observers.heading_integrals import (
     DELTA_V,
     HEADING_INTEGRAL,
     Complex,
@@ -22,6 +21,7 @@ from .integrals import (
     multiply,
     phasor,
 )
+from ..state import HYPOTHESES
 from .whitening import update_hypothesis, update_whitening, whitened_innovations
 
 DRIFT_RATE_STEP = math.radians(0.35)  # rad/s between hypotheses

@@ -5,9 +5,17 @@ from typing import Any
 
 from ....kernels.earth import STANDARD_GRAVITY
 from ....kernels.jit import kernel
-from ....kernels.rotation import dcm_of_quat
 from ..ekf import innovation_variance, set_jacobian
-from ..mechanization import wrap_angle
+from ..mechanization import rotation_matrix, wrap_angle
+from ..observers.heading_integrals import (
+    HEADING_INTEGRAL,
+    Complex,
+    add_scaled,
+    conjugate_product,
+    element,
+    multiply,
+    phasor,
+)
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, HYPOTHESES
 from .drift_hypotheses import (
     DRIFT_RATE_STEP,
@@ -17,7 +25,6 @@ from .drift_hypotheses import (
     apply_corrections,
     drift_rate,
 )
-from .integrals import HEADING_INTEGRAL, Complex, add_scaled, conjugate_product, element, multiply, phasor
 
 MIN_EVENTS = 3.0, 2.0  # innovations with motion, at least; and so many more where the gyro's drift is not known at all
 CORRELATION_FACTOR = 1.5  # what is left over of neighbouring innovations is not quite independent
@@ -43,7 +50,7 @@ def nuisance_jacobian(c: Any, m: Any, i: int) -> int:
 @kernel
 def set_prior(c: Any, b: Any) -> None:
     """b.prior <- their covariance (3 x 3, complex) as the filter has it, taken as equal in all directions."""
-    m = dcm_of_quat((c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3]))
+    m = rotation_matrix(c)
     b.prior[:] = 0.0
     for j in range(6):
         innovation_variance(c, nuisance_jacobian(c, m, j))

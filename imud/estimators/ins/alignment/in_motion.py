@@ -6,16 +6,16 @@ from typing import Any
 
 from ....kernels.earth import STANDARD_GRAVITY
 from ....kernels.jit import kernel
-from ....kernels.kalman import reset, shear
-from ..aiding.gnss import limit_position_confidence, low_speed_variance, velocity_of
+from ..aiding.gnss_noise import limit_position_confidence, mark_used, set_speed
+from ..aiding.gnss_velocity import low_speed_variance, velocity_of
 from ..aiding.non_holonomic import accumulate_scatter
-from ..ekf import innovation_variance
-from ..error_model import GNSS_BIAS_TIME_S, standard_deviation, variance
-from ..mechanization import ned_difference
-from ..state import ATTITUDE, GNSS_BIAS, POSITION, STATES, VELOCITY
+from ..ekf import clear_gnss_bias, combine, decorrelate, innovation_variance, standard_deviation, variance
+from ..error_model import GNSS_BIAS_TIME_S
+from ..mechanization import ned_difference, set_position, set_velocity
+from ..observers.heading_integrals import DELTA_V, TIME, multiply, phasor
+from ..state import ATTITUDE, GNSS_BIAS, POSITION, VELOCITY
 from ..stationarity import REST_SPEED, WINDOW_S
 from .drift_hypotheses import frame_rotation, nearest_hypothesis
-from .integrals import DELTA_V, TIME, multiply, phasor
 from .transitions import HEADING_HORIZON_S, find_heading, start_navigation
 from .velocity_pairs import is_levelled, match_pair, vertical_bias_jacobian
 from .whitening import SPEED, unobserved_velocity
@@ -39,11 +39,8 @@ def low_motion_speed(c: Any, lat: float, lon: float) -> float:
     """Mean speed in the positions since the sensor has been quiet, m/s; NaN where that is not known well enough."""
     dt = 1e-9 * (c.nav.t_ns - c.alignment.low_motion_ns)
     if dt > c.stationarity.low_motion_count * WINDOW_S:
-        c.alignment.low_motion_position[0], c.alignment.low_motion_position[1], c.alignment.low_motion_ns = (
-            lat,
-            lon,
-            c.nav.t_ns,
-        )
+        c.alignment.low_motion_position[0], c.alignment.low_motion_position[1] = lat, lon
+        c.alignment.low_motion_ns = c.nav.t_ns
         return math.nan
     if dt <= 0.0 or SPEED_SIGMAS**2 * differenced_velocity_variance(c, dt) > REST_SPEED**2:
         return math.nan
@@ -57,9 +54,8 @@ def speed_from_positions(c: Any, lat: float, lon: float) -> float:
     calm = low_motion_speed(c, lat, lon)
     if c.alignment.mean_velocity[2] > 0.0:
         speed = math.hypot(c.alignment.mean_velocity[0], c.alignment.mean_velocity[1])
-        sigma = (
-            math.sqrt(2.0 * c.gnss.noise_var[0]) / c.alignment.mean_velocity[2]
-        )  # the wander hardly changes meanwhile
+        # the GNSS bias hardly changes meanwhile
+        sigma = math.sqrt(2.0 * c.gnss.noise_var[0]) / c.alignment.mean_velocity[2]
         if speed > SPEED_SIGMAS * sigma or SPEED_SIGMAS * sigma < REST_SPEED:
             return speed
     return calm
@@ -97,32 +93,29 @@ def initialize_velocity(c: Any, b: Any) -> None:
         + tilt2 * unobserved_velocity(b, k, 0, TIME) ** 2
     )
     for i in range(2):
-        c.nav.v_n[i] = b.whitening_state[k, SPEED, 0, i] + felt[i]
-        reset(c.cov.P, STATES, VELOCITY + i, min(r, MAX_VELOCITY_SIGMA**2))
+        set_velocity(c, i, b.whitening_state[k, SPEED, 0, i] + felt[i])
+        decorrelate(c, VELOCITY + i, min(r, MAX_VELOCITY_SIGMA**2))
 
 
 @kernel
 def reset_to_fix(p: Any, c: Any, fix: Any) -> None:
     """Put the core on the fix: all that is known of the place is what it says, and how far receivers wander."""
-    c.nav.lat, c.nav.lon = fix.lat, fix.lon
-    guess = 0.0  # sigma of a height that the fix does not tell: of the last one, if there was one
-    if math.isfinite(fix.height):
-        c.nav.height = fix.height
-    else:
+    set_position(c, fix.lat, fix.lon, fix.height)
+    guess = 0.0  # sigma of a height that the fix does not give: of the last one, if there was one
+    if not math.isfinite(fix.height):
         guess = min(max(standard_deviation(c, POSITION + 2), c.gnss.reported_sigma[1]), UNKNOWN_HEIGHT)
     for i in range(3):
         v = velocity_of(fix, i)
         known = math.isfinite(v)
-        c.nav.v_n[i] = v if known else 0.0
+        set_velocity(c, i, v if known else 0.0)
         speed = RECEIVED_SPEED if known else UNKNOWN_VERTICAL_SPEED if i == 2 else UNKNOWN_SPEED
-        reset(c.cov.P, STATES, VELOCITY + i, speed**2)
-        reset(c.cov.P, STATES, POSITION + i, c.gnss.noise_var[i // 2] if i < 2 or guess == 0.0 else guess**2)
-        reset(c.cov.P, STATES, GNSS_BIAS + i, c.gnss.reported_sigma[i // 2] ** 2)
-        c.gnss.bias[i] = 0.0
+        decorrelate(c, VELOCITY + i, speed**2)
+        decorrelate(c, POSITION + i, c.gnss.noise_var[i // 2] if i < 2 or guess == 0.0 else guess**2)
+        clear_gnss_bias(c, i, c.gnss.reported_sigma[i // 2] ** 2)
         if i < 2 or guess == 0.0:
-            shear(c.cov.P, STATES, POSITION + i, GNSS_BIAS + i, -1.0)
+            combine(c, POSITION + i, GNSS_BIAS + i, -1.0)
     limit_position_confidence(p, c)
-    c.gnss.last_used_ns = c.nav.t_ns
+    mark_used(c)
 
 
 @kernel
@@ -131,12 +124,12 @@ def align_with_fix(p: Any, c: Any, b: Any, fix: Any) -> None:
     vn, ve = velocity_of(fix, 0), velocity_of(fix, 1)
     match_pair(c, b, fix.lat, fix.lon, vn, ve, low_speed_variance(fix))
     if not math.isfinite(c.gnss.speed):
-        c.gnss.speed = speed_from_positions(c, fix.lat, fix.lon)
+        set_speed(c, speed_from_positions(c, fix.lat, fix.lon))
     observe_forward_axis(p, c, vn, ve)
     if is_levelled(c) and (c.alignment.heading_sigma > 0.0 or find_heading(c, b)):
         if math.isfinite(vn) and math.isfinite(ve):  # told in a moment, for a sensor whose heading is known
             for i in range(2):
-                reset(c.cov.P, STATES, VELOCITY + i, MAX_VELOCITY_SIGMA**2)
+                decorrelate(c, VELOCITY + i, MAX_VELOCITY_SIGMA**2)
         elif c.alignment.last_match_ns == c.nav.t_ns:
             initialize_velocity(c, b)
         start_navigation(p, c)

@@ -9,9 +9,9 @@ from typing import Any
 
 from ....kernels.earth import gravity
 from ....kernels.jit import kernel
-from ....kernels.rotation import dcm_of_quat, quat_rotate_back
-from ...records import AT_REST
-from ..ekf import gated_update, inject_error, innovation_variance, set_jacobian
+from ..ekf import innovation_variance, set_jacobian
+from ..fusion import correct_state, gated_update
+from ..mechanization import ned_to_body, rotation_matrix
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 
 REST_FORCE = 0.02  # m/s^2
@@ -36,7 +36,7 @@ def fuse_gravity(c: Any, fx: float, fy: float, fz: float, ago: float, sigma: flo
 
     It is the mean about a time `ago` s in the past: the attitude error was another then, by the gyro bias.
     """
-    m = dcm_of_quat((c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3]))
+    m = rotation_matrix(c)
     for i in range(axes):
         # C f + phi x C f - C ba = (0, 0, -g); heading error has no part in it
         k = set_jacobian(c, 0, ACCEL_BIAS, -m[3 * i])
@@ -55,7 +55,7 @@ def fuse_gravity(c: Any, fx: float, fy: float, fz: float, ago: float, sigma: flo
             if innovation_variance(c, k) < VERTICAL_FORCE**2:
                 continue
         gated_update(c, k, z, sigma * sigma, 0.0)
-    inject_error(c)
+    correct_state(c)
 
 
 @kernel
@@ -66,7 +66,7 @@ def level_from_window(c: Any, resting: bool) -> None:
     ):  # else the receiver's velocity tells more: level_between
         sigma = REST_FORCE
         if not resting:
-            down = quat_rotate_back((c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3]), (0.0, 0.0, 1.0))
+            down = ned_to_body(c, (0.0, 0.0, 1.0))
             turn = down[0] * c.imu.rate_b[0] + down[1] * c.imu.rate_b[1] + down[2] * c.imu.rate_b[2]
             sigma = math.hypot(MOTION_FORCE, TURN_SPEED * turn)
         fuse_gravity(
@@ -83,5 +83,5 @@ def level_from_window(c: Any, resting: bool) -> None:
 @kernel
 def level_from_velocity_change(c: Any, an: float, ae: float, dt: float, pull: float) -> None:
     """Fuse the mean level specific force of the last `dt` s, which the receiver saw accelerate by `pull` m/s^2."""
-    if not c.nav.flags & AT_REST:
+    if not c.stationarity.at_rest:
         fuse_gravity(c, an, ae, -gravity(c.nav.lat, c.nav.height), 0.5 * dt, pull + RECEIVED_FORCE, 2)

@@ -8,12 +8,11 @@ from typing import Any
 
 from ....kernels.earth import STANDARD_GRAVITY
 from ....kernels.jit import kernel
-from ....kernels.rotation import dcm_of_quat
-from ...records import AT_REST
-from ..ekf import innovation_variance, set_jacobian
-from ..error_model import GNSS_BIAS_TIME_S, variance
-from ..mechanization import ned_difference
-from ..state import ATTITUDE, COARSE_ALIGNMENT, GYRO_BIAS, NAVIGATING, NEVER_NS, TIME_OFFSET
+from ..ekf import innovation_variance, set_jacobian, variance
+from ..error_model import GNSS_BIAS_TIME_S
+from ..mechanization import ned_difference, rotation_matrix
+from ..observers.heading_integrals import DELTA_V, TIME, Complex, clear_integrals, multiply, phasor
+from ..state import ATTITUDE, COARSE_ALIGNMENT, GYRO_BIAS, HEADING_FAULTS, NAVIGATING, NEVER_NS, TIME_OFFSET
 from .drift_hypotheses import (
     apply_corrections,
     clear_hypotheses,
@@ -22,7 +21,6 @@ from .drift_hypotheses import (
     nearest_hypothesis,
     propagate_hypotheses,
 )
-from .integrals import DELTA_V, TIME, Complex, clear_integrals, multiply, phasor
 from .levelling import level_from_velocity_change
 from .whitening import INITIAL_SPEED_SIGMA, predict_whitening, reset_whitening, whitened_innovations, whitened_variance
 
@@ -196,7 +194,7 @@ def match_if_consistent(c: Any, b: Any, place: bool, told: Complex, r: float) ->
             restart_matching(c, b)
         return
     c.alignment.reject_count = 0
-    match_measurement(c, b, place, told, s, certain and not c.nav.flags & AT_REST)
+    match_measurement(c, b, place, told, s, certain and not c.stationarity.at_rest)
 
 
 @kernel
@@ -231,7 +229,7 @@ def exceeds_force(c: Any, vn: float, ve: float, dt: float) -> bool:
 @kernel
 def vertical_bias_jacobian(c: Any) -> int:
     """Put the gyro bias about the vertical into the measurement row; returns its length."""
-    m = dcm_of_quat((c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3]))
+    m = rotation_matrix(c)
     k = 0
     for i in range(3):
         k = set_jacobian(c, k, GYRO_BIAS + i, m[6 + i])
@@ -244,4 +242,16 @@ def reset_pairs(c: Any) -> None:
     clear_integrals(c)
     c.alignment.pair_start_ns = c.alignment.last_match_ns = NEVER_NS
     c.alignment.mean_velocity[2] = 0.0
-    c.integrity.heading_fault_count = 0
+    c.alignment.heading_fault_count = 0
+
+
+@kernel
+def count_heading_fault(c: Any, wrong: bool) -> None:
+    """Another pair contradicts the heading, or one does not."""
+    c.alignment.heading_fault_count = c.alignment.heading_fault_count + 1 if wrong else 0
+
+
+@kernel
+def flag_heading(c: Any) -> None:
+    """The heading is wrong, as something other than pairs has shown."""
+    c.alignment.heading_fault_count = HEADING_FAULTS

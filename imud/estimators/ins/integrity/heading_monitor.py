@@ -8,15 +8,14 @@ import math
 from typing import Any
 
 from ....kernels.jit import kernel
-from ....kernels.kalman import reset
-from ..aiding.gnss import low_speed_variance, velocity_of
+from ..aiding.gnss_velocity import low_speed_variance, velocity_of
 from ..aiding.non_holonomic import reset_nhc
 from ..alignment.heading_posterior import set_wide_prior, solve_heading
-from ..alignment.transitions import MIN_HEADING_SIGMA, accept_heading, rotate_to_north, start_navigation
-from ..alignment.velocity_pairs import match_pair, vertical_bias_jacobian
-from ..ekf import innovation_variance
-from ..error_model import add_variance, reset_turn_scale, variance
-from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, HEADING_FAULTS, STATES
+from ..alignment.transitions import accept_fault_heading, accept_heading, start_navigation
+from ..alignment.velocity_pairs import count_heading_fault, match_pair, vertical_bias_jacobian
+from ..ekf import add_variance, decorrelate, innovation_variance, variance
+from ..error_model import reset_turn_scale
+from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, HEADING_FAULTS
 
 HEADING_FAULT_RAD = math.radians(10.0)
 HEADING_FAULT_GATE = 16.0
@@ -27,7 +26,7 @@ MAX_HEADING_SIGMA = math.radians(14.0)  # a heading no better known than that is
 @kernel
 def monitor_heading(p: Any, c: Any, b: Any, fix: Any) -> bool:
     """Take a fix at the core's time; False when the heading was wrong and no better one is known."""
-    if c.integrity.heading_fault_count >= HEADING_FAULTS:
+    if c.alignment.heading_fault_count >= HEADING_FAULTS:
         return False
     before = b.weight
     match_pair(c, b, fix.lat, fix.lon, velocity_of(fix, 0), velocity_of(fix, 1), low_speed_variance(fix))
@@ -39,10 +38,9 @@ def monitor_heading(p: Any, c: Any, b: Any, fix: Any) -> bool:
     psi, sigma = found[0], found[1]
     known = variance(c, ATTITUDE + 2)
     wrong = abs(psi) > HEADING_FAULT_RAD and psi * psi > HEADING_FAULT_GATE * (sigma * sigma + known)
-    c.integrity.heading_fault_count = c.integrity.heading_fault_count + 1 if wrong else 0
-    if c.integrity.heading_fault_count >= HEADING_FAULTS:
-        c.alignment.heading_sigma = max(sigma, MIN_HEADING_SIGMA)
-        rotate_to_north(c, psi)
+    count_heading_fault(c, wrong)
+    if c.alignment.heading_fault_count >= HEADING_FAULTS:
+        accept_fault_heading(c, psi, sigma)
         realign(p, c)
     elif known > MAX_HEADING_SIGMA**2 and accept_heading(c, found):
         realign(p, c)
@@ -56,8 +54,8 @@ def realign(p: Any, c: Any) -> None:
     for i in range(2):
         add_variance(c, ATTITUDE + i, REALIGNED_TILT**2)
     for i in range(3):
-        reset(c.cov.P, STATES, ACCEL_BIAS + i, p.accel_bias_sigma**2)
+        decorrelate(c, ACCEL_BIAS + i, p.accel_bias_sigma**2)
         if c.alignment.heading_bias_gain == 0.0:
-            reset(c.cov.P, STATES, GYRO_BIAS + i, p.gyro_bias_sigma**2)
+            decorrelate(c, GYRO_BIAS + i, p.gyro_bias_sigma**2)
     reset_turn_scale(p, c)
     start_navigation(p, c)

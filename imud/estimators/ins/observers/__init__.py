@@ -1,0 +1,1 @@
+"""Those who watch every propagation and every correction of the filter: `fusion` calls them."""

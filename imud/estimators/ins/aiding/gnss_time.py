@@ -8,9 +8,8 @@ that size is ruled out, the survey is right, and what is left is the inertial se
 from typing import Any
 
 from ....kernels.jit import kernel
-from ....kernels.kalman import reset
-from ..error_model import standard_deviation
-from ..state import STATES, TIME_OFFSET
+from ..ekf import clear_time_offset, decorrelate, standard_deviation
+from ..state import TIME_OFFSET
 
 TIME_TAG_TOLERANCE_S, REPORTED_EPOCH_SIGMA = 1e-3, 0.07  # s
 SURVEY_SIGMA, SURVEY_EPOCH_SIGMA, CONFIRMED_EPOCH_SIGMA = (
@@ -28,18 +27,17 @@ def set_initial_time_offset(p: Any, c: Any, fix: Any, sigma: float) -> None:
     A survey's log that states no arrival states the epoch.
     """
     delay = 1e-9 * (fix.arrival_ns - fix.t_ns)
-    c.gnss.survey_epochs = 1 if abs(delay) <= TIME_TAG_TOLERANCE_S and sigma < SURVEY_SIGMA else 0
-    if c.gnss.survey_epochs != 0:
-        reset(c.cov.P, STATES, TIME_OFFSET, SURVEY_EPOCH_SIGMA**2)
+    c.integrity.survey_epochs = 1 if abs(delay) <= TIME_TAG_TOLERANCE_S and sigma < SURVEY_SIGMA else 0
+    if c.integrity.survey_epochs != 0:
+        decorrelate(c, TIME_OFFSET, SURVEY_EPOCH_SIGMA**2)
     elif delay > TIME_TAG_TOLERANCE_S and abs(delay - p.assumed_latency) > TIME_TAG_TOLERANCE_S:
-        reset(c.cov.P, STATES, TIME_OFFSET, REPORTED_EPOCH_SIGMA**2)
+        decorrelate(c, TIME_OFFSET, REPORTED_EPOCH_SIGMA**2)
 
 
 @kernel
 def confirm_survey_epochs(c: Any) -> None:
     """After a fix: a survey's epochs are believed to the sample once the motion has shown that they are right."""
-    late, most = abs(c.gnss.time_offset), 3.0 * standard_deviation(c, TIME_OFFSET)
-    if c.gnss.survey_epochs != 0 and late + most < EPOCH_MISTAKE_S and late < most:
-        c.gnss.time_offset = 0.0
-        reset(c.cov.P, STATES, TIME_OFFSET, CONFIRMED_EPOCH_SIGMA**2)
-        c.gnss.survey_epochs = 0
+    late, most = abs(c.nav.time_offset), 3.0 * standard_deviation(c, TIME_OFFSET)
+    if c.integrity.survey_epochs != 0 and late + most < EPOCH_MISTAKE_S and late < most:
+        clear_time_offset(c, CONFIRMED_EPOCH_SIGMA**2)
+        c.integrity.survey_epochs = 0

@@ -23,7 +23,7 @@ from typing import Any
 
 from ....kernels.earth import STANDARD_GRAVITY
 from ....kernels.jit import kernel
-from ....kernels.rotation import dcm_of_quat
+from ..mechanization import rotation_matrix
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 
 Complex = tuple[float, float]  # a complex number
@@ -74,7 +74,7 @@ def accumulate_integrals(c: Any, turn: float, dt: float) -> None:
 def retain_integrals(c: Any) -> None:
     """Before the corrections in c.scratch.x are applied: keep the running integrals as if they were not."""
     x, d = c.scratch.x, c.alignment.corrections
-    m = dcm_of_quat((c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3]))
+    m = rotation_matrix(c)
     gyro = (x[GYRO_BIAS], x[GYRO_BIAS + 1], x[GYRO_BIAS + 2])
     accel = (x[ACCEL_BIAS], x[ACCEL_BIAS + 1], x[ACCEL_BIAS + 2])
     frame = phasor(c.alignment.wander_azimuth)
@@ -89,6 +89,12 @@ def retain_integrals(c: Any) -> None:
         d[2, i] += bias[i]
     c.alignment.wander_azimuth -= x[ATTITUDE + 2]
     c.alignment.vertical_bias += component(m, 2, gyro)
+
+
+@kernel
+def rotate_level_frame(c: Any, psi: float) -> None:
+    """The level frame of q_nb is about to be turned by psi; the frame of the integrals stays."""
+    c.alignment.wander_azimuth -= psi
 
 
 @kernel

@@ -17,8 +17,9 @@ import math
 from typing import Any
 
 from ....kernels.jit import kernel
-from ....kernels.kalman import packed_index
-from ..state import ACCEL_BIAS, ATTITUDE, GNSS_BIAS, GYRO_BIAS, NEVER_NS, ONSETS, POSITION, STATES, TURN_SCALE, VELOCITY
+from ..ekf import add_correction, add_covariance
+from ..error_model import apply_phi
+from ..state import NEVER_NS, ONSETS, STATES, VELOCITY
 
 ONSET_INTERVAL_S = 12.0  # between the moments
 MIN_DRIFT_S, MIN_DRIFT_FIXES = 5.0, 4
@@ -58,25 +59,23 @@ def open_hypothesis(c: Any, j: int) -> None:
 
 
 @kernel
-def propagate_sensitivity(c: Any, m: Any, angle: float, dt: float, decay: float) -> None:
-    """Propagate the pull as `predict` does errors: `m` is body to NED, `angle` the turn about the vertical."""
-    u, f = c.drift.bias_sensitivity, c.imu.delta_v
+def clear_detection(c: Any) -> None:
+    """The receiver is back where it should be."""
+    c.drift.detected = 0
+
+
+@kernel
+def clear_velocity_sensitivity(c: Any) -> None:
+    """The velocity has been set from elsewhere: no drift has a part in it."""
     for i in range(3):
         for j in range(2 * ONSETS):
-            u[POSITION + i, j] += dt * u[VELOCITY + i, j]
-    for j in range(2 * ONSETS):
-        x, y, z = u[ATTITUDE, j], u[ATTITUDE + 1, j], u[ATTITUDE + 2, j]
-        u[VELOCITY, j] += f[2] * y - f[1] * z
-        u[VELOCITY + 1, j] += f[0] * z - f[2] * x
-        u[VELOCITY + 2, j] += f[1] * x - f[0] * y
-    for i in range(3):
-        for k in range(3):
-            a = m[3 * i + k] * dt
-            for j in range(2 * ONSETS):
-                u[VELOCITY + i, j] -= a * u[ACCEL_BIAS + k, j]
-                u[ATTITUDE + i, j] -= a * u[GYRO_BIAS + k, j] + m[3 * i + k] * angle * u[TURN_SCALE + k, j]
-        for j in range(2 * ONSETS):
-            u[GNSS_BIAS + i, j] *= decay
+            c.drift.bias_sensitivity[VELOCITY + i, j] = 0.0
+
+
+@kernel
+def propagate_sensitivity(c: Any, phi: Any) -> None:
+    """Propagate the sensitivities as errors."""
+    apply_phi(c.drift.bias_sensitivity, 2 * ONSETS, phi)
 
 
 @kernel
@@ -133,11 +132,11 @@ def remove_drift(c: Any, j: int, found: Any) -> None:
     vn, ve, pnn, pne, pee = found[0], found[1], found[2], found[3], found[4]
     u, first = c.drift.bias_sensitivity, 2 * j
     for i in range(STATES):
-        c.scratch.x[i] -= u[i, first] * vn + u[i, first + 1] * ve
+        add_correction(c, i, -(u[i, first] * vn + u[i, first + 1] * ve))
         a = pnn * u[i, first] + pne * u[i, first + 1]
         b = pne * u[i, first] + pee * u[i, first + 1]
         for k in range(i, STATES):
-            c.cov.P[packed_index(STATES, i, k)] += a * u[k, first] + b * u[k, first + 1]
+            add_covariance(c, i, k, a * u[k, first] + b * u[k, first + 1])
 
 
 @kernel

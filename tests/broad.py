@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.sample import SAMPLE
 from imud.configuration.settings import Imu, Initial, Settings
-from imud.estimators.attitude import ESTIMATOR
+from imud.estimators.ahrs import ESTIMATOR
 from imud.estimators.records import SOLUTION
 
 Floats = NDArray[np.float64]

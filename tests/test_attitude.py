@@ -10,8 +10,8 @@ from attitude_simulation import DEG, MG, Flaws, G, after, errors_deg, simulate, 
 from broad import solutions_of
 
 from imud.configuration.settings import Imu, Initial, Settings
-from imud.estimators.attitude import ESTIMATOR
-from imud.estimators.attitude.state import STATES
+from imud.estimators.ahrs import ESTIMATOR
+from imud.estimators.ahrs.state import STATES
 from imud.estimators.records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SOLUTION
 from imud.kernels.earth import gravity
 from imud.kernels.kalman import unpack
@@ -55,7 +55,7 @@ def test_ten_minutes_of_rest_change_nothing_and_p_stays_a_covariance():
     state, out = ESTIMATOR.start(parameters, Initial()), np.zeros(len(samples), SOLUTION)
     for begin in range(0, len(samples), 3000):
         broad.run(parameters, state, samples[begin : begin + 3000], out[begin : begin + 3000])
-        P = unpack(state["P"][0], STATES)
+        P = unpack(state["cov"]["P"][0], STATES)
         sigma = np.sqrt(np.diag(P))
         assert np.linalg.eigvalsh(P / np.outer(sigma, sigma)).min() > -1e-9
     assert_whole(out)
@@ -100,10 +100,10 @@ def test_a_given_attitude_that_is_wrong_is_found_out():
 
 def test_a_given_latitude_gives_gravity():
     parameters = ESTIMATOR.configure(Settings(), 100.0)
-    assert ESTIMATOR.start(parameters, Initial())["gravity"][0] == 9.80665
+    assert ESTIMATOR.start(parameters, Initial())["nav"]["gravity"][0] == 9.80665
     known = ESTIMATOR.start(parameters, Initial(lat_deg=60.0, height_m=100.0))
-    assert known["gravity"][0] == gravity(math.radians(60.0), 100.0)
-    spread = [unpack(s["P"][0], STATES)[21, 22] for s in (ESTIMATOR.start(parameters, Initial()), known)]
+    assert known["nav"]["gravity"][0] == gravity(math.radians(60.0), 100.0)
+    spread = [unpack(s["cov"]["P"][0], STATES)[21, 22] for s in (ESTIMATOR.start(parameters, Initial()), known)]
     assert spread[0] > 0.0 and spread[1] == 0.0  # unknown gravity is a scale error common to the axes
 
 

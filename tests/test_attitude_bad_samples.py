@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from drivers.sample import LIMITED_FORCE, LIMITED_RATE, SUSPECT
 from drivers.sample import SATURATED as BEYOND_RANGE
 from imud.configuration.settings import Imu, Initial, Settings
-from imud.estimators.attitude import ESTIMATOR
+from imud.estimators.ahrs import ESTIMATOR
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, SATURATED, SOLUTION
 
 

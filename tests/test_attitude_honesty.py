@@ -8,7 +8,7 @@ from attitude_simulation import DEG, MG, Flaws, after, errors_deg, measure, simu
 from broad import samples_of, solutions_of
 
 from imud.configuration.settings import Imu, Initial, Settings
-from imud.estimators.attitude import ESTIMATOR
+from imud.estimators.ahrs import ESTIMATOR
 from imud.estimators.records import AT_REST, SOLUTION
 from imud.sensor_errors.profiles import PROFILES
 

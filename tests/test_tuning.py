@@ -35,9 +35,9 @@ def test_defaults_and_changes_make_the_record():
     ("changed", "said"),
     [
         ({"time": 1.0}, "no such tunable"),
-        ({"time_s": 0.4}, "number ≥ 0.5 and ≤ 3"),
+        ({"time_s": 0.4}, "number from 0.5 to 3 s"),
         ({"time_s": math.nan}, "number"),
-        ({"count": 2.5}, "integer ≥ 1"),
+        ({"count": 2.5}, "integer from 1 to 4000, not 2.5"),
     ],
 )
 def test_what_is_not_taken_is_named(changed, said):

@@ -8,7 +8,7 @@ from . import Estimator
 
 # what the user calls it: the module, and the estimator in it
 _WHERE = {
-    "attitude": ("attitude", "ESTIMATOR"),
+    "attitude": ("ahrs", "ESTIMATOR"),
     "navigation": ("ins", "ESTIMATOR"),
     "tilt": ("tilt", "ESTIMATOR"),
     "stationary": ("stationary", "ESTIMATOR"),

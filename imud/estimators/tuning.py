@@ -69,4 +69,5 @@ def problems(tunables: Iterable[Tunable], changed: Mapping[str, float]) -> Itera
         if name not in known:
             yield name, "there is no such tunable; `imud reference tuning` lists them"
         elif not known[name].accepts(value):
-            yield name, f"must be {known[name].kind} {known[name].unit}, not {reprlib.repr(value)}"
+            wanted = f"{known[name].kind} {known[name].unit}".strip()
+            yield name, f"must be {wanted}, not {reprlib.repr(value)}"

@@ -11,46 +11,42 @@ from ...kernels.earth import STANDARD_GRAVITY, gravity
 from ...sensor_errors.profiles import PROFILES, Profile, profile_of
 from .. import Record
 from ..tuning import values_of
-from .counts import COARSEST
-from .levelling import UNIFORM
+from .levelling import UNKNOWN_ANGLE
 from .parameters import TUNABLES
-from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, LAG, PARAMETERS, STATE, STATES
-from .truncation import UNLIKELY
-
-GRAVITY_SPREAD = 0.0015  # of standard gravity over the earth's surface, 1 sigma
-ACCEL_BIAS_S = 100.0  # in which the accelerometer's bias may change by its instability
-LAG_SPREAD = 0.003  # s, of the accelerometer behind the gyro, 1 sigma
+from .state import ACCEL_BIAS, ACCEL_DELAY, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, PARAMETERS, STATE, STATES
 
 
 def configure(settings: Settings, rate_hz: float) -> Record:
-    """Parameters (PARAMETERS) from the sensor's profile; rate_hz is nominal, a step of more than 2.5 periods is a gap.
+    """Parameters (PARAMETERS) from the sensor's profile and the tunables; rate_hz is nominal.
 
     Raises KeyError when there is no such profile.
     """
     profile = profile_of(settings)
     assumed = _well_calibrated(profile) if settings.imu.profile == "auto" else profile
     p = np.zeros(1, PARAMETERS)
-    p["gap_s"] = 2.5 / rate_hz
+    p["tuning"] = values_of(TUNABLES, settings.attitude.tuning)
+    tuning = p["tuning"][0]
+    p["gap_s"] = tuning["gap_periods"] / rate_hz
     p["gyro_psd"] = profile.gyro_noise**2
     p["gyro_bias_var"] = profile.gyro_bias_initial**2
     p["gyro_bias_psd"] = profile.gyro_bias_instability**2
     p["gyro_matrix_var"] = assumed.gyro_scale**2
     p["accel_psd"] = profile.accel_noise**2
     p["accel_bias_var"] = assumed.accel_bias_initial**2
-    p["accel_bias_psd"] = profile.accel_bias_instability**2 / ACCEL_BIAS_S
+    p["accel_bias_psd"] = profile.accel_bias_instability**2 / tuning["accel_bias_time_s"]
     p["accel_scale_var"] = assumed.accel_scale**2
-    p["gyro_matrix_doubt"] = profile.gyro_scale**2 - p["gyro_matrix_var"]
-    p["accel_bias_doubt"] = profile.accel_bias_initial**2 - p["accel_bias_var"]
-    p["accel_scale_doubt"] = profile.accel_scale**2 - p["accel_scale_var"]
-    p["rest_rate_psd"] = (3.0 * profile.gyro_noise) ** 2
-    p["tuning"] = values_of(TUNABLES, settings.attitude.tuning)
+    p["gyro_matrix_inflation"] = profile.gyro_scale**2 - p["gyro_matrix_var"]
+    p["accel_bias_inflation"] = profile.accel_bias_initial**2 - p["accel_bias_var"]
+    p["accel_scale_inflation"] = profile.accel_scale**2 - p["accel_scale_var"]
+    p["mean_rate_psd"] = (float(tuning["mean_rate_noise"]) * profile.gyro_noise) ** 2
     return p
 
 
 def _well_calibrated(profile: Profile) -> Profile:
     """The profile of a sensor that nobody named, as good as boards that their makers calibrated (M-G350 data sheet).
 
-    Bare parts are several times worse; the filter returns to their figures when the weight at rest says so.
+    Bare parts are several times worse. The filter returns to the profile's figures when the magnitude of the force at
+    the first rest contradicts the better ones.
     """
     board = PROFILES["m-g350"]
     return replace(
@@ -63,21 +59,25 @@ def _well_calibrated(profile: Profile) -> Profile:
 
 def start(parameters: Record, initial: Initial) -> Record:
     """A state (STATE) that waits for its first sample. A latitude makes gravity known; given angles are kept."""
-    s = np.zeros(1, STATE)
+    tuning = parameters["tuning"][0]
     known = initial.lat_deg is not None
     lat = math.radians(initial.lat_deg or 0.0)
-    s["gravity"] = gravity(lat, initial.height_m or 0.0) if known else STANDARD_GRAVITY
-    s["read"], s["count"], s["truncation"] = math.nan, COARSEST, UNLIKELY
-    s["q"] = (1.0, 0.0, 0.0, 0.0)
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)
-    s["given"] = [math.nan if angle is None else math.radians(angle) for angle in angles]
-    s["heading"] = initial.yaw_deg is not None
-    s["sigma_tilt"] = s["sigma_rpy"] = UNIFORM
-    s["P"][0] = _covariance(parameters, known)[np.triu_indices(STATES)]
+    s = np.zeros(1, STATE)
+    s["nav"]["gravity"] = gravity(lat, initial.height_m or 0.0) if known else STANDARD_GRAVITY
+    s["nav"]["q_nb"] = (1.0, 0.0, 0.0, 0.0)
+    s["quantization"]["last_reading"] = math.nan
+    s["quantization"]["lsb"] = tuning["max_lsb_radps"]
+    s["quantization"]["truncation_log_odds"] = tuning["truncation_prior"]
+    s["levelling"]["initial_rpy"] = [math.nan if angle is None else math.radians(angle) for angle in angles]
+    s["levelling"]["true_heading"] = initial.yaw_deg is not None
+    s["cov"]["sigma_tilt"] = s["cov"]["sigma_rpy"] = UNKNOWN_ANGLE
+    s["cov"]["P"][0] = _covariance(parameters, known)[np.triu_indices(STATES)]
     return s
 
 
 def _covariance(parameters: Record, gravity_known: bool) -> NDArray[np.float64]:
+    tuning = parameters["tuning"][0]
     P = np.zeros((STATES, STATES))
     for first, count, name in (
         (GYRO_BIAS, 3, "gyro_bias_var"),
@@ -87,8 +87,8 @@ def _covariance(parameters: Record, gravity_known: bool) -> NDArray[np.float64]:
     ):
         each = range(first, first + count)
         P[each, each] = parameters[name][0]
-    P[[ATTITUDE, ATTITUDE + 1], [ATTITUDE, ATTITUDE + 1]] = UNIFORM**2  # yaw counts from the start
-    P[LAG, LAG] = LAG_SPREAD**2
+    P[[ATTITUDE, ATTITUDE + 1], [ATTITUDE, ATTITUDE + 1]] = UNKNOWN_ANGLE**2  # yaw is counted from the start
+    P[ACCEL_DELAY, ACCEL_DELAY] = float(tuning["accel_delay_sigma_s"]) ** 2
     if not gravity_known:  # looks like the same scale error on every axis
-        P[ACCEL_SCALE : ACCEL_SCALE + 3, ACCEL_SCALE : ACCEL_SCALE + 3] += GRAVITY_SPREAD**2
+        P[ACCEL_SCALE : ACCEL_SCALE + 3, ACCEL_SCALE : ACCEL_SCALE + 3] += float(tuning["gravity_spread"]) ** 2
     return P

@@ -1,0 +1,17 @@
+"""Attitude without GNSS or magnetometer (AHRS): an error-state Kalman filter on gyro and accelerometer alone.
+
+Every sample is integrated; the covariance follows at about 20 Hz whatever the sample rate. The accelerometer is not
+averaged: its integral, a velocity, is held to be about zero, which tells gravity from acceleration. Roll and pitch are
+absolute. Yaw counts from the start, or from the heading that the user gives; nothing corrects it and its sigma grows.
+
+Source: Solà, Quaternion kinematics for the error-state Kalman filter (2017), sec. 7 (global angular error).
+"""
+
+from .. import Estimator
+from .filter import step
+from .parameters import TUNABLES
+from .setup import configure, start
+
+__all__ = ["ESTIMATOR"]
+
+ESTIMATOR = Estimator("attitude", configure, start, step, None, tunables=TUNABLES)

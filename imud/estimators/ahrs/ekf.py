@@ -1,0 +1,59 @@
+"""The error-state Kalman filter: a scalar measurement of one state, injection of the error, standard deviations."""
+
+from typing import Any
+
+from ...kernels.jit import kernel
+from ...kernels.kalman import measure, packed_index, update
+from ...kernels.rotation import euler_variances, quat_exp, quat_normalised, quat_product
+from .error_model import variance
+from .state import ACCEL_BIAS, ACCEL_DELAY, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, POSITION, STATES, VELOCITY
+
+
+@kernel
+def fuse_state(s: Any, i: int, z: float, r: float) -> None:
+    """Kalman update with the error of state i measured as z, noise variance r: the row of H is e_i'."""
+    t = s.scratch
+    t.columns[0], t.values[0] = i, 1.0
+    innovation_variance = measure(s.cov.P, STATES, t.columns, t.values, 1, t.ph) + r
+    update(s.cov.P, STATES, t.x, t.ph, innovation_variance, z - t.x[i], STATES)
+
+
+@kernel
+def inject_error(s: Any) -> None:
+    """Add the error estimate to the nominal state, and clear it."""
+    x, nav = s.scratch.x, s.nav
+    turn = quat_exp(x[ATTITUDE], x[ATTITUDE + 1], x[ATTITUDE + 2])
+    q = quat_normalised(quat_product(turn, (nav.q_nb[0], nav.q_nb[1], nav.q_nb[2], nav.q_nb[3])))
+    nav.q_nb[0], nav.q_nb[1], nav.q_nb[2], nav.q_nb[3] = q
+    for i in range(3):
+        nav.bg[i] += x[GYRO_BIAS + i]
+        nav.v_n[i] += x[VELOCITY + i]
+        s.motion.v_mean[i] += x[VELOCITY + i]
+        nav.p_n[i] += x[POSITION + i]
+        nav.ba[i] += x[ACCEL_BIAS + i]
+        nav.accel_scale[i] += x[ACCEL_SCALE + i]
+    for i in range(9):
+        nav.gyro_matrix[i] += x[GYRO_MATRIX + i]
+    nav.accel_delay += x[ACCEL_DELAY]
+    for i in range(STATES):
+        x[i] = 0.0
+
+
+@kernel
+def update_sigmas(s: Any) -> None:
+    """Standard deviations for the solution."""
+    P, cov, q = s.cov.P, s.cov, s.nav.q_nb
+    variances = euler_variances(
+        (q[0], q[1], q[2], q[3]),
+        P[packed_index(STATES, 0, 0)],
+        P[packed_index(STATES, 0, 1)],
+        P[packed_index(STATES, 0, 2)],
+        P[packed_index(STATES, 1, 1)],
+        P[packed_index(STATES, 1, 2)],
+        P[packed_index(STATES, 2, 2)],
+    )
+    cov.sigma_tilt = max(P[packed_index(STATES, 0, 0)], P[packed_index(STATES, 1, 1)]) ** 0.5
+    for i in range(3):
+        cov.sigma_rpy[i] = max(variances[i], 0.0) ** 0.5
+        cov.sigma_bg[i] = variance(s, GYRO_BIAS + i) ** 0.5
+        cov.sigma_ba[i] = variance(s, ACCEL_BIAS + i) ** 0.5

@@ -1,0 +1,106 @@
+"""The entry of the attitude filter, one inertial sample; and the order of things on one page."""
+
+import math
+from typing import Any
+
+from drivers.sample import NO_FORCE, NO_RATE, SATURATED, SUSPECT
+
+from ...kernels.jit import kernel
+from .divergence import tilt_is_lost
+from .ekf import inject_error, update_sigmas
+from .error_model import add_shock_noise, propagate_covariance, reset_integrals
+from .levelling import coarse_level, initialise_attitude, is_coarse, restart_after_gap, restart_imu
+from .mechanization import mechanize
+from .motion import update_travel
+from .outages import add_outage_noise, force_without_acceleration, hold_rate, mean_reading
+from .pseudo_measurements import add_truncation_noise, fuse_stationary, fuse_zero_position, fuse_zero_velocity
+from .quantization import examine_readings
+from .solution import write_solution
+from .stationarity import detect_stationary, restart_means, update_means
+from .truncation import compensate_truncation
+
+
+@kernel
+def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
+    """Take one sample (SAMPLE), write one row (SOLUTION). A sample that is not newer than the last is ignored."""
+    dt = (sample.t_ns - s.t_ns) * 1e-9 if s.sample_count > 0 else -1.0
+    if s.sample_count == 0 or dt > 0.0:
+        s.t_ns = sample.t_ns
+        s.sample_count += 1
+        process_sample(p, s, sample, dt)
+    write_solution(p, s, sample.flags, solution)
+
+
+@kernel
+def process_sample(p: Any, s: Any, sample: Any, dt: float) -> None:
+    """Integrate one sample, dt s after the last one (dt < 0: the first), and update the covariance when it is due.
+
+    Of a sample that the health monitor does not believe, the last rate is held and the force assumed to be gravity.
+    """
+    c = p.tuning
+    w = (
+        compensate_truncation(s, sample.w[0], 0),
+        compensate_truncation(s, sample.w[1], 1),
+        compensate_truncation(s, sample.w[2], 2),
+    )
+    f = (sample.f[0], sample.f[1], sample.f[2])
+    has_rate = sample.flags & (SUSPECT | NO_RATE) == 0 and math.isfinite(w[0] + w[1] + w[2])
+    has_force = sample.flags & (SUSPECT | NO_FORCE) == 0 and math.isfinite(f[0] + f[1] + f[2])
+    if not has_rate:
+        w = (s.imu.w[0], s.imu.w[1], s.imu.w[2])
+        hold_rate(p, s, max(dt, 0.0), sample.unseen_s)
+    if not has_force:
+        f = force_without_acceleration(p, s, max(dt, 0.0)) if has_rate else (s.imu.f[0], s.imu.f[1], s.imu.f[2])
+    if dt < 0.0:
+        restart_imu(s, w, f)
+    elif dt > c.long_gap_s or (has_rate and s.imu.outage_s > c.long_gap_s):
+        restart_after_gap(p, s, w, f, dt)
+    else:
+        add_shock_noise(p, s, f, dt)
+        if sample.flags & SATURATED or dt > p.gap_s or s.imu.outage_s > 0.0:
+            add_outage_noise(p, s, w, f, dt, sample.flags)
+        if dt > p.gap_s:
+            mechanize(p, s, mean_reading(s.imu.w, w), mean_reading(s.imu.f, f), dt)
+        else:
+            mechanize(p, s, w, f, dt)
+        if has_rate and has_force:
+            update_means(p, s, w, f, dt)
+        else:
+            restart_means(s, w, f)
+        for i in range(3):
+            s.imu.w[i] = w[i]
+            s.imu.f[i] = f[i]
+    if has_rate:
+        s.imu.outage_s = 0.0
+        examine_readings(p, s, (sample.w[0], sample.w[1], sample.w[2]))
+    if s.levelling.initialised == 0 and has_force:
+        initialise_attitude(p, s, f)
+    if s.integrals.time >= c.covariance_interval_s:
+        update_covariance(p, s)
+
+
+@kernel
+def update_covariance(p: Any, s: Any) -> None:
+    """Propagate the covariance over the interval, fuse the pseudo-measurements, inject the error."""
+    propagate_covariance(p, s)
+    if is_coarse(s):
+        coarse_level(p, s)
+    elif s.levelling.initialised == 1 and not tilt_is_lost(p, s):
+        fuse_pseudo_measurements(p, s)
+        inject_error(s)
+    reset_integrals(s)
+    update_sigmas(s)
+
+
+@kernel
+def fuse_pseudo_measurements(p: Any, s: Any) -> None:
+    """Zero velocity and zero position, and at rest the mean rate as the gyro bias."""
+    update_travel(p, s)
+    was_stationary = s.stationarity.stationary == 1
+    if detect_stationary(p, s):
+        fuse_stationary(p, s)
+    else:
+        if was_stationary:
+            add_truncation_noise(s)
+        fuse_zero_velocity(p, s)
+    fuse_zero_position(p, s)

@@ -1,0 +1,135 @@
+"""Initialisation: the first sample, roll and pitch from gravity, and the restart after a long gap.
+
+The first specific force is the vertical only if the body does not accelerate. Unless the first moment is one of low
+motion it is but a guess: for `levelling_time_s` (coarse levelling) the mean force, in axes carried by the gyro, is put
+upright, whatever rotation that takes; from then on the filter corrects what is left. The less that force changed, the
+better its mean is known to be the vertical.
+
+Source of the mean force in such axes: Laidig and Seel, VQF: Highly accurate IMU orientation estimation (2023).
+"""
+
+import math
+from typing import Any
+
+from ...kernels.jit import kernel
+from ...kernels.kalman import reset, shear
+from ...kernels.rotation import (
+    Vector,
+    dcm_of_quat,
+    euler_of_quat,
+    quat_exp,
+    quat_normalised,
+    quat_of_euler,
+    quat_of_gravity,
+    quat_product,
+)
+from .ekf import update_sigmas
+from .error_model import add_variance, reset_integrals, variance
+from .motion import reset_motion
+from .state import ATTITUDE, GYRO_BIAS, STATES, VELOCITY
+from .stationarity import restart_means
+
+UNKNOWN_ANGLE = math.pi / math.sqrt(3.0)  # rad, sigma of a uniform angle
+
+
+@kernel
+def restart_imu(s: Any, w: Vector, f: Vector) -> None:
+    """Take the first sample, or the first one after a long gap: running means start from it."""
+    for i in range(3):
+        s.imu.w[i] = w[i]
+        s.imu.f[i] = f[i]
+        s.imu.f_change[i] = 0.0
+    restart_means(s, w, f)
+    s.stationarity.bias_mismatch_s = s.imu.outage_s = 0.0
+    s.stationarity.stationary = 0
+
+
+@kernel
+def restart_after_gap(p: Any, s: Any, w: Vector, f: Vector, dt: float) -> None:
+    """After a long gap: tilt and heading unknown, biases as they were, a little older."""
+    restart_imu(s, w, f)
+    reset_integrals(s)
+    s.levelling.initialised = s.levelling.true_heading = 0
+    for i in range(3):
+        add_variance(s, GYRO_BIAS + i, p.gyro_bias_psd * dt)
+        reset(s.cov.P, STATES, ATTITUDE + i, UNKNOWN_ANGLE**2)
+
+
+@kernel
+def initialise_attitude(p: Any, s: Any, f: Vector) -> None:
+    """Take roll and pitch from specific force f, or from the user, yaw as it is; forget velocity and position."""
+    c, known, q = p.tuning, s.levelling, s.nav.q_nb
+    ratio = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]) / s.nav.gravity
+    if not c.min_gravity_ratio < ratio < c.max_gravity_ratio:
+        return
+    _, _, yaw = euler_of_quat((q[0], q[1], q[2], q[3]))
+    roll, pitch, _ = euler_of_quat(quat_of_gravity(f[0], f[1], f[2]))
+    tilt_var = c.initial_tilt_rad**2 + (ratio - 1.0) ** 2
+    known.coarse, known.force2 = 1, 0.0
+    heading_var = variance(s, ATTITUDE + 2)
+    given = known.initial_rpy
+    if math.isfinite(given[0]) and math.isfinite(given[1]):
+        roll, pitch, tilt_var = given[0], given[1], c.given_angle_rad**2
+        known.coarse = 0
+    if math.isfinite(given[2]):
+        yaw, heading_var = given[2], c.given_angle_rad**2
+    q[0], q[1], q[2], q[3] = quat_of_euler(roll, pitch, yaw)
+    for i in range(3):
+        reset(s.cov.P, STATES, ATTITUDE + i, tilt_var if i < 2 else heading_var)
+        given[i] = math.nan
+        known.delta_v[i] = s.divergence.velocity_gain[i] = 0.0
+        reset_motion(p, s, i)
+    known.duration = 0.0
+    reset_integrals(s)
+    known.initialised = 1
+    update_sigmas(s)
+
+
+@kernel
+def is_coarse(s: Any) -> bool:
+    """Is coarse levelling needed, or has there been low motion since the beginning?"""
+    if s.levelling.duration == 0.0 and s.stationarity.low_motion_s > 0.5 * s.integrals.time:
+        s.levelling.coarse = 0
+    return bool(s.levelling.coarse == 1)
+
+
+@kernel
+def coarse_level(p: Any, s: Any) -> None:
+    """Put the mean force since the beginning upright, and start velocity and position again from there."""
+    c, known, total, q = p.tuning, s.levelling, s.integrals, s.nav.q_nb
+    delta_v2 = 0.0
+    for i in range(3):
+        known.delta_v[i] += total.delta_v[i]
+        delta_v2 += total.delta_v[i] ** 2
+    known.duration += total.time
+    known.force2 += delta_v2 / total.time
+    align_with_vertical(s)
+    t = known.duration
+    change_var = max(known.force2 / t - (known.delta_v[2] / t) ** 2, 0.0)  # (m/s^2)^2
+    rate2 = total.w2 / total.time + (c.initial_tilt_rad * s.nav.gravity) ** 2 / c.initial_velocity_var  # (rad/s)^2
+    mean_var = c.initial_velocity_var / (t * t + 1.0 / rate2)
+    mean_var = mean_var + change_var * c.acceleration_time_s / (t + c.acceleration_time_s)
+    C = dcm_of_quat((q[0], q[1], q[2], q[3]))
+    for i in range(3):
+        reset_motion(p, s, i)
+        reset(s.cov.P, STATES, VELOCITY + i, c.initial_velocity_var)
+        s.motion.v_scatter[i] = c.initial_velocity_scatter
+        if i < 2:
+            reset(s.cov.P, STATES, ATTITUDE + i, min(mean_var / s.nav.gravity**2, UNKNOWN_ANGLE**2))
+            for j in range(3):  # the mean is that of half the duration ago
+                shear(s.cov.P, STATES, ATTITUDE + i, GYRO_BIAS + j, -0.5 * t * C[3 * i + j])
+    if t > c.levelling_time_s:
+        known.coarse = 0
+
+
+@kernel
+def align_with_vertical(s: Any) -> None:
+    """Rotate the attitude about a level axis so that the integral of the force points upward."""
+    v, q = s.levelling.delta_v, s.nav.q_nb
+    x, y, z = v[0], v[1], v[2]
+    level = math.hypot(x, y)
+    angle = math.atan2(level, -z)
+    k = angle / level if level > 0.0 else 0.0
+    turned = quat_product(quat_exp(-k * y, k * x, 0.0), (q[0], q[1], q[2], q[3]))
+    q[0], q[1], q[2], q[3] = quat_normalised(turned)
+    v[0], v[1], v[2] = 0.0, 0.0, -math.hypot(level, z)

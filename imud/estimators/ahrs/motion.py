@@ -1,0 +1,59 @@
+"""How the body moves: scatter of velocity and position, sustained speed of a vehicle, vibration of its way.
+
+A hand or a robot moves to and fro: its velocity scatters about a mean near zero, its position about a place. A vehicle
+sustains a velocity: the mean over a second exceeds `travel_speed_mps` by more than the error of the integral explains.
+A speed counts as soon as it is reached, else the departure itself is learnt as tilt, and fades when it is not kept up.
+
+Vibration is seen in mean forces over a covariance interval, which leave out most of an engine, and in how unevenly they
+change: manoeuvres are too slow for that.
+"""
+
+import math
+from typing import Any
+
+from ...kernels.jit import kernel
+from ...kernels.kalman import reset
+from .error_model import variance
+from .state import POSITION, STATES, VELOCITY
+
+
+@kernel
+def update_scatter(p: Any, s: Any, dt: float) -> None:
+    """Mean and scatter of velocity, and scatter of position, after one sample."""
+    motion, v, position = s.motion, s.nav.v_n, s.nav.p_n
+    velocity_gain = dt / (p.tuning.velocity_scatter_time_s + dt)
+    position_gain = dt / (p.tuning.position_scatter_time_s + dt)
+    for i in range(3):
+        motion.v_mean[i] += velocity_gain * (v[i] - motion.v_mean[i])
+        motion.v_scatter[i] += velocity_gain * ((v[i] - motion.v_mean[i]) ** 2 - motion.v_scatter[i])
+        motion.p_scatter[i] += position_gain * (position[i] * position[i] - motion.p_scatter[i])
+
+
+@kernel
+def update_travel(p: Any, s: Any) -> None:
+    """Sustained speed and vibration after one covariance interval."""
+    c, motion, time = p.tuning, s.motion, s.integrals.time
+    gain = time / (c.travel_time_s + time)
+    sustained2 = jolt2 = 0.0
+    for i in range(3):
+        excess2 = motion.v_mean[i] * motion.v_mean[i] - c.travel_speed_mps**2
+        axis2 = max(excess2 - c.travel_evidence * variance(s, VELOCITY + i), 0.0)
+        motion.travel_speed2[i] = max(axis2, motion.travel_speed2[i] - gain * (motion.travel_speed2[i] - axis2))
+        sustained2 += axis2
+        force = s.integrals.delta_v[i] / time
+        change = force - motion.mean_force[i]
+        jolt2 += (change - motion.mean_force_change[i]) ** 2
+        motion.mean_force[i], motion.mean_force_change[i] = force, change
+    jolt = math.sqrt(jolt2)
+    motion.vibration_level += time / (c.vibration_time_s + time) * (jolt - motion.vibration_level)
+    if sustained2 > 0.0:
+        motion.travel_vibration_level += gain * (jolt - motion.travel_vibration_level)
+
+
+@kernel
+def reset_motion(p: Any, s: Any, i: int) -> None:
+    """Count velocity and position along axis i from zero again, and learn nothing from what they were."""
+    nav, motion = s.nav, s.motion
+    nav.v_n[i] = motion.v_mean[i] = motion.v_scatter[i] = nav.p_n[i] = motion.p_scatter[i] = 0.0
+    reset(s.cov.P, STATES, VELOCITY + i, p.tuning.reset_velocity_var)
+    reset(s.cov.P, STATES, POSITION + i, p.tuning.reset_position_var)

@@ -1,0 +1,220 @@
+"""Every tunable of the attitude filter: name, default, unit, meaning, source of the default.
+
+Sources that recur:
+- BROAD: chosen for the smallest errors on hand-held recordings with optical truth: Laidig, Caruso, Cereatti and Seel,
+  BROAD: A benchmark for robust inertial orientation estimation (2021).
+- Vehicles: chosen on simulated drives, so that the errors stay within their sigmas (tests/test_attitude_motion.py).
+- Not recorded: a round number whose origin nobody wrote down. docs/ahrs.md has how much each one matters.
+"""
+
+import math
+
+from ..tuning import Tunable
+
+BROAD, VEHICLES, UNRECORDED = "BROAD.", "Vehicles.", "Not recorded."
+
+_FILTER = (
+    Tunable(
+        "covariance_interval_s",
+        0.049,
+        "s",
+        "Time between updates of the covariance.",
+        "BROAD; 0.025 to 0.1 s give the same.",
+    ),
+    Tunable("long_gap_s", 1.0, "s", "After an outage so long roll and pitch are initialised anew.", UNRECORDED),
+    Tunable("valid_tilt_rad", math.radians(10.0), "rad", "Least sigma of tilt without ATTITUDE_VALID.", UNRECORDED),
+    Tunable("valid_heading_rad", math.radians(20.0), "rad", "Least sigma of yaw without HEADING_VALID.", UNRECORDED),
+)
+
+_SENSOR = (
+    Tunable("gap_periods", 2.5, "", "A step of more nominal sample periods is a gap.", UNRECORDED),
+    Tunable("gravity_spread", 0.0015, "", "Sigma of gravity on earth, over standard gravity.", "WGS-84, 0 to 60 deg."),
+    Tunable(
+        "accel_bias_time_s",
+        100.0,
+        "s",
+        "The accelerometer bias changes by its instability in it.",
+        UNRECORDED,
+        low=1e-3,
+    ),
+    Tunable("accel_delay_sigma_s", 0.003, "s", "Sigma of the accelerometer's delay behind the gyro.", UNRECORDED),
+    Tunable("mean_rate_noise", 3.0, "", "Noise of the mean rate at rest, over that of the gyro.", UNRECORDED),
+)
+
+_PROCESS_NOISE = (
+    Tunable("gyro_noise_per_rate", 6e-4, "sqrt(s)", "Gyro noise density in proportion to the angular rate.", BROAD),
+    Tunable(
+        "gyro_bias_walk_per_acceleration",
+        4.5e-5,
+        "(rad/s)/(m/s^2)/sqrt(s)",
+        "Random walk of the gyro bias in proportion to the acceleration (g-sensitivity).",
+        BROAD,
+    ),
+    Tunable(
+        "accel_noise_per_acceleration",
+        0.02,
+        "sqrt(s)",
+        "Accelerometer noise density in proportion to the acceleration.",
+        BROAD,
+    ),
+    Tunable(
+        "shock_rotation",
+        0.01,
+        "rad/(m/s)",
+        "Rotation, not resolved by the gyro, that comes with a velocity change too short to be sampled.",
+        "BROAD (tapping).",
+    ),
+)
+
+_OUTAGES = (
+    Tunable("gap_rate_psd", 0.5**2, "(rad/s)^2/s", "Random walk of the angular rate in a gap.", UNRECORDED),
+    Tunable("gap_force_psd", 3.0**2, "(m/s^2)^2/s", "Random walk of the specific force in a gap.", UNRECORDED),
+    Tunable("fault_rate_radps", 0.3, "rad/s", "Error of the last rate that is held while the gyro fails.", UNRECORDED),
+    Tunable("fault_force_psd", 10.0**2, "(m/s)^2/s", "Velocity noise while the accelerometer fails.", UNRECORDED),
+    Tunable("saturation_noise", 0.2, "sqrt(s)", "Noise density of a saturated sensor, over its reading.", UNRECORDED),
+)
+
+_LEVELLING = (
+    Tunable("initial_tilt_rad", 0.1, "rad", "Sigma of tilt from the first specific force.", UNRECORDED),
+    Tunable("given_angle_rad", math.radians(1.0), "rad", "Sigma of an angle that the user gives.", UNRECORDED),
+    Tunable("levelling_time_s", 0.8, "s", "Duration of coarse levelling.", "Starts in the motion of BROAD."),
+    Tunable("acceleration_time_s", 1.0, "s", "Correlation time of an acceleration that changes.", UNRECORDED, low=1e-3),
+    Tunable(
+        "initial_velocity_var", 1.0, "(m/s)^2", "Variance of the velocity after coarse levelling.", UNRECORDED, low=1e-3
+    ),
+    Tunable("initial_velocity_scatter", 0.3, "(m/s)^2", "Its part in motions shorter than a second.", UNRECORDED),
+    Tunable(
+        "min_gravity_ratio", 0.5, "", "Least specific force, over gravity, that may show the vertical.", UNRECORDED
+    ),
+    Tunable("max_gravity_ratio", 2.0, "", "Most specific force, over gravity, that may show the vertical.", UNRECORDED),
+)
+
+_MOTION = (
+    Tunable(
+        "velocity_scatter_time_s",
+        1.0,
+        "s",
+        "Time over which mean and scatter of velocity are taken.",
+        UNRECORDED,
+        low=1e-3,
+    ),
+    Tunable(
+        "position_decay_time_s",
+        10.0,
+        "s",
+        "Time in which a new place becomes the origin of position.",
+        UNRECORDED,
+        low=1e-3,
+    ),
+    Tunable(
+        "position_scatter_time_s", 2.5, "s", "Time over which the scatter of position is taken.", UNRECORDED, low=1e-3
+    ),
+    Tunable(
+        "travel_speed_mps", 1.0, "m/s", "Mean velocity above which a body is a vehicle.", "BROAD does not notice it."
+    ),
+    Tunable("travel_time_s", 30.0, "s", "Correlation time of a vehicle's velocity.", VEHICLES, low=1e-3),
+    Tunable("travel_evidence", 2.0, "", "Squared sigmas of velocity that count as error.", "Akaike, one parameter."),
+    Tunable("vibration_time_s", 0.5, "s", "Time over which the vibration is averaged.", VEHICLES, low=1e-3),
+    Tunable("road_slope", 0.03, "", "Sigma of the slope of roads.", UNRECORDED),
+    Tunable("reset_velocity_var", 0.1, "(m/s)^2", "Variance of a velocity that is reset.", UNRECORDED),
+    Tunable("reset_position_var", 0.1, "m^2", "Variance of a position that is reset.", UNRECORDED),
+)
+
+_PSEUDO_MEASUREMENTS = (
+    Tunable("zero_velocity_noise", 0.023, "m/s sqrt(s)", "Noise density of zero velocity in slow motion.", BROAD),
+    Tunable("zero_velocity_noise_per_scatter", 3.0, "sqrt(s)", "In proportion to the scatter of velocity.", BROAD),
+    Tunable("shared_scatter", 0.5, "", "Part of the scatter of velocity that all axes share.", UNRECORDED, high=1.0),
+    Tunable("stationary_velocity_noise", 0.09, "m/s sqrt(s)", "Noise density of zero velocity at rest.", BROAD),
+    Tunable("velocity_reset_gate", 4.0, "sigma", "A larger velocity is real: it is reset, not fused.", UNRECORDED),
+    Tunable("zero_position_noise", 0.5, "m sqrt(s)", "Noise density of zero position.", BROAD),
+    Tunable("zero_position_noise_per_scatter", 6.0, "sqrt(s)", "In proportion to the scatter of position.", BROAD),
+)
+
+_STATIONARITY = (
+    Tunable("mean_time_s", 0.35, "s", "Time constant of the running means of rate and force.", UNRECORDED, low=1e-3),
+    Tunable("stationary_time_s", 1.0, "s", "Duration of low motion after which the body may be at rest.", UNRECORDED),
+    Tunable("max_rate_deviation_radps", 0.035, "rad/s", "Most deviation of a rate from its mean at rest.", UNRECORDED),
+    Tunable("max_force_deviation_mps2", 0.5, "m/s^2", "Most deviation of a force from its mean at rest.", UNRECORDED),
+    Tunable("max_force_change_mps2", 0.1, "m/s^2", "Most change of the mean force at rest.", UNRECORDED),
+    Tunable("rate_change_gate", 6.0, "sigma", "Most change of the mean rate at rest.", UNRECORDED),
+    Tunable("acceleration_gate", 5.0, "sigma", "Most difference of the mean force from gravity at rest.", UNRECORDED),
+    Tunable("bias_gate", 5.0, "sigma", "Most difference of the mean rate from the known bias at rest.", UNRECORDED),
+    Tunable("max_bias_sigma", 4.0, "sigma", "Most bias, over the profile's, that a rate at rest may show.", UNRECORDED),
+    Tunable(
+        "min_bias_sigma_radps",
+        5e-4,
+        "rad/s",
+        "How well a gyro bias is ever known: temperature, quantization, earth rate.",
+        "A tenth of the bias of a consumer part, seven earth rates.",
+    ),
+    Tunable("min_force_sigma_mps2", 0.03, "m/s^2", "How well the specific force at rest is ever known.", UNRECORDED),
+    Tunable(
+        "gravity_magnitude_gate", 2.5, "sigma", "Most error of the force's magnitude at the first rest.", UNRECORDED
+    ),
+    Tunable("relevel_tilt_rad", 0.1, "rad", "Tilt sigma added where that gate is exceeded.", UNRECORDED),
+    Tunable("confirmation_time_s", 3.0, "s", "How long a contradiction must last at obvious rest.", UNRECORDED),
+    Tunable("max_curve_time_s", 60.0, "s", "No curve is even for so long.", UNRECORDED),
+    Tunable(
+        "standing_vibration_ratio",
+        5.0,
+        "",
+        "A body that stood after it travelled vibrates less by this factor.",
+        "Amplitudes of neighbouring classes of roads differ by 2 (ISO 8608).",
+    ),
+    Tunable(
+        "moving_log_odds",
+        math.log(3.0),
+        "",
+        "Prior log odds that a vehicle of even motion moves.",
+        UNRECORDED,
+        low=-10.0,
+        high=10.0,
+    ),
+)
+
+_DIVERGENCE = (
+    Tunable("converged_tilt_rad", math.radians(15.0), "rad", "Tilt sigma below which tilt has converged.", UNRECORDED),
+    Tunable("lost_tilt_rad", math.radians(30.0), "rad", "Tilt sigma above which a converged tilt is lost.", UNRECORDED),
+    Tunable("max_velocity_gain_mps", 50.0, "m/s", "A gain of velocity that no vehicle has.", "Cars, light aircraft."),
+    Tunable("common_velocity_gain", 0.25, "", "The part of it that many have.", UNRECORDED, high=1.0),
+    Tunable("velocity_gain_time_s", 300.0, "s", "Time constant of the gain of velocity.", VEHICLES, low=1e-3),
+)
+
+_QUANTIZATION = (
+    Tunable("max_lsb_radps", math.radians(0.2), "rad/s", "A larger step between readings is motion.", UNRECORDED),
+    Tunable("min_lsb_radps", math.radians(0.001), "rad/s", "A step whose half is not noticed.", UNRECORDED),
+    Tunable("min_step_radps", 1e-6, "rad/s", "A smaller step between readings is rounding.", UNRECORDED),
+    Tunable(
+        "max_code_error", 0.1, "LSB", "Most distance of a reading from a whole number of LSB.", UNRECORDED, high=0.5
+    ),
+    Tunable(
+        "truncation_prior",
+        math.log(1.0 / 10.0),
+        "",
+        "Prior log odds that readings are truncated toward zero.",
+        UNRECORDED,
+        low=-10.0,
+        high=10.0,
+    ),
+    Tunable("max_log_odds", 12.0, "", "Limit of the log odds of truncation.", UNRECORDED),
+    Tunable("block_samples", 1000, "", "Samples in a histogram of readings at rest.", UNRECORDED, low=2),
+    Tunable("max_blocks", 16, "", "Histograms that are evaluated; the same noise tells no more.", UNRECORDED),
+    Tunable("min_noise_lsb", 0.7, "LSB", "Less noise does not reach the next code.", UNRECORDED, low=0.1),
+    Tunable("max_noise_lsb", 4.0, "LSB", "More noise shows no single code.", UNRECORDED),
+    Tunable("min_whiteness", 0.4, "", "Least part of the variance between successive readings.", UNRECORDED),
+    Tunable("histogram_reach", 4.0, "sigma", "Half the width of the evaluated part of a histogram.", UNRECORDED),
+    Tunable("outlier_probability", 0.02, "", "Probability of a reading that is not Gaussian.", UNRECORDED, high=0.5),
+)
+
+TUNABLES = (
+    *_FILTER,
+    *_SENSOR,
+    *_PROCESS_NOISE,
+    *_OUTAGES,
+    *_LEVELLING,
+    *_MOTION,
+    *_PSEUDO_MEASUREMENTS,
+    *_STATIONARITY,
+    *_DIVERGENCE,
+    *_QUANTIZATION,
+)

@@ -1,0 +1,41 @@
+"""What the attitude filter claims: a row of SOLUTION with its status bits."""
+
+import math
+from typing import Any
+
+from drivers.sample import SATURATED as BEYOND_RANGE
+
+from ...kernels.jit import kernel
+from ..records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SATURATED
+from .mechanization import compensate_force, compensate_rate
+
+
+@kernel
+def write_solution(p: Any, s: Any, flags: int, out: Any) -> None:
+    """Write a row of SOLUTION; what this filter does not estimate is NaN."""
+    nav, cov, c = s.nav, s.cov, p.tuning
+    status = 0
+    if s.levelling.initialised == 1 and cov.sigma_tilt < c.valid_tilt_rad and s.imu.outage_s < c.long_gap_s:
+        status |= ATTITUDE_VALID
+        if s.levelling.true_heading == 1 and cov.sigma_rpy[2] < c.valid_heading_rad:
+            status |= HEADING_VALID
+    if s.stationarity.stationary == 1:
+        status |= AT_REST
+    if flags & BEYOND_RANGE != 0:
+        status |= SATURATED
+    out.t_ns = s.t_ns
+    out.status = status
+    out.lat = out.lon = out.height = math.nan
+    w = compensate_rate(nav, s.imu.w[0] - nav.bg[0], s.imu.w[1] - nav.bg[1], s.imu.w[2] - nav.bg[2])
+    f = compensate_force(nav, s.imu.f[0], s.imu.f[1], s.imu.f[2])
+    for i in range(4):
+        out.q_nb[i] = nav.q_nb[i]
+    for i in range(3):
+        out.v[i] = out.sigma_p[i] = out.sigma_v[i] = math.nan
+        out.w[i] = w[i]
+        out.f[i] = f[i]
+        out.bg[i] = nav.bg[i]
+        out.ba[i] = nav.ba[i]
+        out.sigma_rpy[i] = cov.sigma_rpy[i]
+        out.sigma_bg[i] = cov.sigma_bg[i]
+        out.sigma_ba[i] = cov.sigma_ba[i]

@@ -1,0 +1,203 @@
+"""The records of the attitude filter: its parameters, and its state by concern.
+
+Error states are "true minus estimate", 28 of them, in the order of the table below. The attitude error is a small
+rotation phi in NED: q_true = exp(phi) q_nb. The sensors follow true = (I - M)(measured - bias), M full for the gyro,
+diagonal for the accelerometer.
+
+| error state      | unit    | what it is |
+|------------------|---------|------------|
+| ATTITUDE (3)     | rad     | small rotation about north, east, down |
+| GYRO_BIAS (3)    | rad/s   | body axes |
+| VELOCITY (3)     | m/s     | north, east, down |
+| ACCEL_BIAS (3)   | m/s^2   | body axes |
+| GYRO_MATRIX (9)  | 1       | scale factors and misalignments of the gyro, by rows |
+| ACCEL_SCALE (3)  | 1       | scale factors of the accelerometer |
+| ACCEL_DELAY      | s       | of the accelerometer behind the gyro |
+| POSITION (3)     | m       | north, east, down, from a slowly following origin |
+"""
+
+import numpy as np
+
+from ..tuning import dtype_of
+from .parameters import TUNABLES
+
+ATTITUDE, GYRO_BIAS, VELOCITY, ACCEL_BIAS, GYRO_MATRIX, ACCEL_SCALE, ACCEL_DELAY, POSITION = 0, 3, 6, 9, 12, 21, 24, 25
+STATES = 28
+JACOBIAN_LENGTH = 8  # most nonzero elements of a row of H
+WINDOW = 32  # codes on either side of the reading next to zero, among which zero itself is sought
+BINS = 2 * WINDOW + 1  # of a histogram of readings about zero
+
+# From the sensor's profile: variances, power spectral densities, the nominal sample period.
+PARAMETERS = np.dtype(
+    [
+        ("gap_s", "<f8"),  # a longer step between samples is a gap
+        ("gyro_psd", "<f8"),  # rad^2/s
+        ("gyro_bias_var", "<f8"),  # (rad/s)^2 at switch-on
+        ("gyro_bias_psd", "<f8"),  # (rad/s)^2/s: one bias instability per root second
+        ("gyro_matrix_var", "<f8"),
+        ("accel_psd", "<f8"),  # (m/s)^2/s
+        ("accel_bias_var", "<f8"),  # (m/s^2)^2 at switch-on
+        ("accel_bias_psd", "<f8"),  # (m/s^2)^2/s
+        ("accel_scale_var", "<f8"),
+        # what is added to these variances if the magnitude of the force at the first rest contradicts them
+        ("gyro_matrix_inflation", "<f8"),
+        ("accel_bias_inflation", "<f8"),
+        ("accel_scale_inflation", "<f8"),
+        ("mean_rate_psd", "<f8"),  # (rad/s)^2 s: noise of the mean rate at rest
+        ("tuning", dtype_of(TUNABLES)),
+    ],
+    align=True,
+)
+
+NAV = np.dtype(  # the nominal state
+    [
+        ("q_nb", "<f8", (4,)),
+        ("v_n", "<f8", (3,)),  # m/s, NED, from the beginning of the motion
+        ("p_n", "<f8", (3,)),  # m, NED, from a slowly following origin
+        ("bg", "<f8", (3,)),  # rad/s
+        ("ba", "<f8", (3,)),  # m/s^2
+        ("gyro_matrix", "<f8", (9,)),
+        ("accel_scale", "<f8", (3,)),
+        ("accel_delay", "<f8"),  # s
+        ("gravity", "<f8"),  # m/s^2
+    ],
+    align=True,
+)
+
+COVARIANCE = np.dtype(
+    [
+        ("P", "<f8", (STATES * (STATES + 1) // 2,)),  # packed upper triangle
+        ("sigma_tilt", "<f8"),  # rad, the larger of roll's and pitch's
+        ("sigma_rpy", "<f8", (3,)),
+        ("sigma_bg", "<f8", (3,)),
+        ("sigma_ba", "<f8", (3,)),
+    ],
+    align=True,
+)
+
+IMU = np.dtype(  # the newest good sample as measured
+    [
+        ("w", "<f8", (3,)),  # rad/s
+        ("f", "<f8", (3,)),  # m/s^2
+        ("f_change", "<f8", (3,)),  # m/s^2, from the sample before
+        ("outage_s", "<f8"),  # for how long the rate has been held
+    ],
+    align=True,
+)
+
+INTEGRALS = np.dtype(  # since the covariance was last propagated; C is q_nb as a matrix
+    [
+        ("time", "<f8"),  # s
+        ("c", "<f8", (9,)),  # of C
+        ("delta_v", "<f8", (3,)),  # m/s, of C f
+        ("c_outer_w", "<f8", (27,)),  # of C[i, j] w[k]
+        ("c_diag_f", "<f8", (9,)),  # of C[i, j] f[j]
+        ("c_f_cross_w", "<f8", (3,)),  # of C (f x w)
+        ("a_outer_a", "<f8", (6,)),  # of a a', a the acceleration: upper triangle
+        ("w2", "<f8"),  # of |w|^2
+        ("attitude_noise", "<f8"),  # rad^2, from gaps, faults, saturation and shocks
+        ("velocity_noise", "<f8"),  # (m/s)^2
+    ],
+    align=True,
+)
+
+LEVELLING = np.dtype(
+    [
+        ("initialised", "<i8"),  # 1: roll and pitch are known
+        ("coarse", "<i8"),  # 1: they follow the mean force since the beginning
+        ("converged", "<i8"),  # 1: they have been known well since
+        ("true_heading", "<i8"),  # 1: yaw refers to true north
+        ("initial_rpy", "<f8", (3,)),  # rad, given by the user; NaN: unknown
+        ("duration", "<f8"),  # s, of coarse levelling
+        ("delta_v", "<f8", (3,)),  # m/s, NED, integral of the specific force since it began
+        ("force2", "<f8"),  # m^2/s^3, integral of its square
+    ],
+    align=True,
+)
+
+MOTION = np.dtype(
+    [
+        ("v_mean", "<f8", (3,)),  # m/s, NED, over velocity_scatter_time_s
+        ("v_scatter", "<f8", (3,)),  # (m/s)^2, about that mean
+        ("p_scatter", "<f8", (3,)),  # m^2, mean square of the position
+        ("travel_speed2", "<f8", (3,)),  # (m/s)^2, NED, of velocities that only vehicles sustain
+        ("mean_force", "<f8", (3,)),  # m/s^2, NED, over the interval before
+        ("mean_force_change", "<f8", (3,)),  # from the interval before that
+        ("vibration_level", "<f8"),  # m/s^2, change of that change, averaged
+        ("travel_vibration_level", "<f8"),  # the same while the body travelled
+    ],
+    align=True,
+)
+
+STATIONARITY = np.dtype(
+    [
+        ("w_mean", "<f8", (3,)),  # rad/s, running mean
+        ("f_mean", "<f8", (3,)),  # m/s^2
+        ("w_start", "<f8", (3,)),  # these means when the low motion began
+        ("f_start", "<f8", (3,)),
+        ("f_at_rest", "<f8", (3,)),  # mean force when the gyro bias was last measured
+        ("low_motion_s", "<f8"),
+        ("bias_mismatch_s", "<f8"),  # for how long the mean rate at low motion has contradicted the known bias
+        ("stationary", "<i8"),
+        ("gravity_checked", "<i8"),  # 1: the magnitude of the force at the first rest was compared with gravity
+    ],
+    align=True,
+)
+
+DIVERGENCE = np.dtype(
+    [
+        ("velocity_gain", "<f8", (3,)),  # m/s, NED, lately, not corrected by any measurement
+        ("gain_duration", "<f8"),  # s that it took
+    ],
+    align=True,
+)
+
+QUANTIZATION = np.dtype(
+    [
+        ("last_reading", "<f8", (3,)),  # rad/s; NaN: none yet
+        ("lsb", "<f8", (3,)),  # rad/s, the smallest step between readings
+        ("offset", "<f8", (3,)),  # LSB, of all readings from whole numbers
+        ("truncation_log_odds", "<f8"),  # that readings are truncated toward zero
+        ("max_error", "<f8", (3,)),  # rad/s, expected truncation error far from zero
+        ("error", "<f8", (3 * BINS,)),  # rad/s, and of each code about zero
+        ("error_var", "<f8", (3,)),  # (rad/s)^2, of that expected at rest
+        ("log_likelihood_ratio", "<f8", (3 * BINS,)),  # that this code is the wide one, against that none is
+        ("last_side", "<f8", (3,)),  # of zero on which the rate last left the window: -1 or 1, 0: unknown
+        ("crossing_count", "<f8", (3,)),  # readings in the window since
+        ("crossing_histogram", "<f8", (3 * BINS,)),
+        ("rest_histogram", "<f8", (3 * BINS,)),
+        ("rest_step2", "<f8", (3,)),  # LSB^2, sum of the squared steps between readings at rest
+        ("rest_samples", "<i8"),
+        ("rest_blocks", "<i8"),
+    ],
+    align=True,
+)
+
+SCRATCH = np.dtype(  # holds nothing from one call to the next
+    [
+        ("x", "<f8", (STATES,)),  # the error estimate until it is injected
+        ("ph", "<f8", (STATES,)),  # P h'
+        ("columns", "<i8", (JACOBIAN_LENGTH,)),  # a row h of H: its nonzero elements
+        ("values", "<f8", (JACOBIAN_LENGTH,)),
+        ("a_n", "<f8", (3,)),  # m/s^2, acceleration in NED over one sample
+    ],
+    align=True,
+)
+
+STATE = np.dtype(
+    [
+        ("t_ns", "<i8"),  # of the newest sample
+        ("sample_count", "<i8"),
+        ("nav", NAV),
+        ("cov", COVARIANCE),
+        ("imu", IMU),
+        ("integrals", INTEGRALS),
+        ("levelling", LEVELLING),
+        ("motion", MOTION),
+        ("stationarity", STATIONARITY),
+        ("divergence", DIVERGENCE),
+        ("quantization", QUANTIZATION),
+        ("scratch", SCRATCH),
+    ],
+    align=True,
+)

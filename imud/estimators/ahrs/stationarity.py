@@ -1,0 +1,193 @@
+"""Whether the body is at rest, from the inertial sensor alone, and whether its rate may then be the gyro's bias.
+
+Rest is: for `stationary_time_s` no sample far from the running means, mean rate and direction of the force unchanged
+since, a rate that a bias can explain, and a force that is gravity in the known attitude: else it is steady
+acceleration. A rate that keeps changing, however slowly, is a smooth road and no bias.
+
+A vehicle on a smooth road moves as little as one that stands. Which it does, its vibration tells: roads shake a vehicle
+that moves, whatever its engine does. Where its way shook it no more than its engine, the velocity tells that it should
+have moved on, zero but for the errors of the integral if it stands. The longer the low motion, the likelier it stands.
+
+What seems to accelerate and yet stands, or does so evenly for longer than vehicles do, rests in a wrong attitude.
+
+Steady slow rotation about the vertical looks just like a bias; it is told from one by what is known already. A mean
+rate that contradicts the known bias is not fused until the growing variance of the bias allows it; unless it is the
+smaller and so the likelier bias: then the body turned before and rests now. That is believed soon if the force is the
+one at which the bias was measured, as on a turntable; in an even curve the force is another, and then only what lasts
+longer than curves do is believed.
+"""
+
+import math
+from typing import Any
+
+from ...kernels.jit import kernel
+from ...kernels.kalman import measure, reset
+from ...kernels.rotation import Vector, dcm_of_quat, quat_rotate
+from .divergence import inflate_covariance
+from .error_model import add_variance, variance
+from .mechanization import compensate_force
+from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, STATES, VELOCITY
+
+
+@kernel
+def update_means(p: Any, s: Any, w: Vector, f: Vector, dt: float) -> None:
+    """Running means, and for how long samples have been near them; a sample that is not restarts the means."""
+    c, m = p.tuning, s.stationarity
+    gain = dt / (min(c.mean_time_s, m.low_motion_s + dt) + dt)
+    rate2 = force2 = force_change2 = rate_change2 = mean2 = 0.0
+    for i in range(3):
+        m.w_mean[i] += gain * (w[i] - m.w_mean[i])
+        m.f_mean[i] += gain * (f[i] - m.f_mean[i])
+        if m.low_motion_s < c.mean_time_s:
+            m.w_start[i], m.f_start[i] = m.w_mean[i], m.f_mean[i]
+        rate2 += (w[i] - m.w_mean[i]) ** 2
+        force2 += (f[i] - m.f_mean[i]) ** 2
+        force_change2 += (m.f_mean[i] - m.f_start[i]) ** 2
+        rate_change2 += (m.w_mean[i] - m.w_start[i]) ** 2
+        mean2 = max(mean2, m.w_mean[i] ** 2)
+    m.low_motion_s += dt
+    low = rate2 < c.max_rate_deviation_radps**2 and force2 < c.max_force_deviation_mps2**2
+    low = low and force_change2 < c.max_force_change_mps2**2
+    low = low and rate_change2 < c.min_bias_sigma_radps**2 + c.rate_change_gate**2 * p.gyro_psd / c.mean_time_s
+    if not low or mean2 > c.max_bias_sigma**2 * p.gyro_bias_var:
+        restart_means(s, w, f)
+
+
+@kernel
+def restart_means(s: Any, w: Vector, f: Vector) -> None:
+    """Low motion begins now, with the means at these readings."""
+    m = s.stationarity
+    m.low_motion_s = 0.0
+    for i in range(3):
+        m.w_mean[i], m.f_mean[i] = w[i], f[i]
+        m.w_start[i], m.f_start[i] = w[i], f[i]
+
+
+@kernel
+def restart_means_at_last(s: Any) -> None:
+    """The same at the newest sample."""
+    w, f = s.imu.w, s.imu.f
+    restart_means(s, (w[0], w[1], w[2]), (f[0], f[1], f[2]))
+
+
+@kernel
+def unexplained_acceleration(p: Any, s: Any) -> float:
+    """The acceleration in the mean force, m/s^2, if errors of attitude and accelerometer do not explain it, else 0.
+
+    The Jacobian of C f + g by attitude is -(C f)x, by accelerometer bias -C, by scale -C diag(f).
+    """
+    q, t = s.nav.q_nb, s.scratch
+    C = dcm_of_quat((q[0], q[1], q[2], q[3]))
+    f = compensate_force(s.nav, s.stationarity.f_mean[0], s.stationarity.f_mean[1], s.stationarity.f_mean[2])
+    n = quat_rotate((q[0], q[1], q[2], q[3]), f)
+    acceleration = (n[0], n[1], n[2] + s.nav.gravity)
+    by_tilt = ((0.0, n[2]), (-n[2], 0.0), (n[1], -n[0]))
+    for i in range(3):
+        t.columns[0], t.values[0] = ATTITUDE, by_tilt[i][0]
+        t.columns[1], t.values[1] = ATTITUDE + 1, by_tilt[i][1]
+        for m in range(3):
+            t.columns[2 + m], t.values[2 + m] = ACCEL_BIAS + m, -C[3 * i + m]
+            t.columns[5 + m], t.values[5 + m] = ACCEL_SCALE + m, -C[3 * i + m] * f[m]
+        explained = measure(s.cov.P, STATES, t.columns, t.values, 8, t.ph) + p.tuning.min_force_sigma_mps2**2
+        if acceleration[i] * acceleration[i] > p.tuning.acceleration_gate**2 * explained:
+            return math.sqrt(acceleration[0] ** 2 + acceleration[1] ** 2 + acceleration[2] ** 2)
+    return 0.0
+
+
+@kernel
+def vibrates_less_than_in_travel(p: Any, s: Any) -> bool:
+    """Does the body vibrate far less than it did while it travelled?"""
+    return bool(p.tuning.standing_vibration_ratio * s.motion.vibration_level < s.motion.travel_vibration_level)
+
+
+@kernel
+def is_standing(p: Any, s: Any) -> bool:
+    """Likelihood ratio of a body that travelled: zero velocity, or the sustained one in whichever direction?"""
+    c = p.tuning
+    travel2 = s.motion.travel_speed2[0] + s.motion.travel_speed2[1]
+    if travel2 < c.travel_speed_mps**2 or vibrates_less_than_in_travel(p, s):
+        return True
+    for i in range(2):
+        standing = variance(s, VELOCITY + i)
+        moving = standing + travel2
+        v = s.nav.v_n[i]
+        log_odds = 0.5 * (math.log(moving / standing) - v * v * (1.0 / standing - 1.0 / moving))
+        if log_odds + s.stationarity.low_motion_s / c.travel_time_s < c.moving_log_odds:
+            return False
+    return True
+
+
+@kernel
+def check_gravity(p: Any, s: Any) -> None:
+    """At the first rest: a force whose magnitude is not gravity shows a sensor worse than assumed."""
+    c, f, g = p.tuning, s.stationarity.f_mean, s.nav.gravity
+    s.stationarity.gravity_checked = 1
+    excess = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]) - g
+    if excess * excess < c.gravity_magnitude_gate**2 * (p.accel_bias_var + g * g * p.accel_scale_var):
+        return
+    for i in range(3):
+        add_variance(s, ACCEL_BIAS + i, p.accel_bias_inflation)
+        add_variance(s, ACCEL_SCALE + i, p.accel_scale_inflation)
+    for i in range(9):
+        add_variance(s, GYRO_MATRIX + i, p.gyro_matrix_inflation)
+    if p.accel_bias_inflation > 0.0:
+        for i in range(2):
+            add_variance(s, ATTITUDE + i, c.relevel_tilt_rad**2)
+
+
+@kernel
+def rate_contradicts_bias(p: Any, s: Any) -> bool:
+    """Is the mean rate not the bias that is known?"""
+    c = p.tuning
+    for i in range(3):
+        d = s.stationarity.w_mean[i] - s.nav.bg[i]
+        if d * d > c.bias_gate**2 * (variance(s, GYRO_BIAS + i) + c.min_bias_sigma_radps**2):
+            return True
+    return False
+
+
+@kernel
+def rate_is_likelier_bias(p: Any, s: Any) -> bool:
+    """Is the mean rate, which contradicts the known bias, smaller than it, and has it been for long enough?"""
+    c, m = p.tuning, s.stationarity
+    known2 = shown2 = moved2 = 0.0
+    for i in range(3):
+        known2 += s.nav.bg[i] ** 2
+        shown2 += m.w_mean[i] ** 2
+        moved2 += (m.f_mean[i] - m.f_at_rest[i]) ** 2
+    needed = c.confirmation_time_s if moved2 < c.max_force_change_mps2**2 else c.max_curve_time_s
+    return shown2 < known2 and m.bias_mismatch_s > needed
+
+
+@kernel
+def detect_stationary(p: Any, s: Any) -> bool:
+    """Is this rest, with a mean rate that may correct the gyro bias? Once per covariance interval."""
+    c, m = p.tuning, s.stationarity
+    m.stationary = 0
+    if m.low_motion_s < c.stationary_time_s:
+        m.bias_mismatch_s = 0.0
+        return False
+    if m.gravity_checked == 0:
+        check_gravity(p, s)
+    contradicts = rate_contradicts_bias(p, s)
+    acceleration = unexplained_acceleration(p, s)
+    patience = c.confirmation_time_s if vibrates_less_than_in_travel(p, s) else c.travel_time_s
+    if acceleration > 0.0 and not contradicts and m.low_motion_s > patience:
+        inflate_covariance(p, s, acceleration)
+        restart_means_at_last(s)
+    if acceleration > 0.0 or not is_standing(p, s):
+        return False
+    if not contradicts:
+        if m.bias_mismatch_s > 0.0:  # the rate has just changed
+            restart_means_at_last(s)
+            m.bias_mismatch_s = 0.0
+            return False
+        m.stationary = 1
+        for i in range(3):
+            m.f_at_rest[i] = m.f_mean[i]
+        return True
+    m.bias_mismatch_s += s.integrals.time
+    if rate_is_likelier_bias(p, s):
+        for i in range(3):
+            reset(s.cov.P, STATES, GYRO_BIAS + i, p.gyro_bias_var)
+    return False

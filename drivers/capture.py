@@ -8,7 +8,8 @@ costs the chunks that it hit.
 import math
 import mmap
 import struct
-from collections.abc import Iterator
+import zlib
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -25,6 +26,8 @@ from .errors import CaptureError
 MAGIC = b"\x89MCAP0\r\n"
 RAW, CONNECTIONS = "/raw/", "/connections"
 SESSION = "imud"  # name of the metadata record
+CHECKSUM = "crc32"  # in the metadata: of the other entries
+_CHECKSUM_BYTES = 4
 _LONGEST = 1 << 30  # bytes of a record
 _COMPRESSION, _BEFORE_COMPRESSION = b"\4\0\0\0zstd", 37  # in a chunk; opcode, length, two times, size, checksum
 
@@ -57,6 +60,12 @@ class Connection(msgspec.Struct, frozen=True):
     def gnss(self) -> GnssConfigured:
         """How the receiver was set up."""
         return msgspec.convert(_without_none(self.configured), GnssConfigured)
+
+
+def checksum_of(facts: Mapping[str, str]) -> str:
+    """Of the metadata's entries, as the entry CHECKSUM holds it."""
+    others = sorted((name, text) for name, text in facts.items() if name != CHECKSUM)
+    return f"{zlib.crc32(msgspec.json.encode(others)):08x}"
 
 
 def plain(configured: ImuConfigured | GnssConfigured) -> dict[str, Any]:
@@ -115,17 +124,34 @@ class Capture:
                 raise CaptureError(f"{path} is no recording (MCAP)")
 
     def session(self) -> tuple[dict[str, str], dict[str, bytes]]:
-        """imud's own metadata, and the attachments that precede the first message."""
+        """imud's own metadata, and the attachments that precede the first message.
+
+        Raises CaptureError where their checksums show that they are damaged.
+        """
         facts: dict[str, str] = {}
         attached: dict[str, bytes] = {}
         for record in self._records():
             if isinstance(record, Metadata) and record.name == SESSION:
                 facts = record.metadata
+                if facts.get(CHECKSUM, checksum_of(facts)) != checksum_of(facts):
+                    raise CaptureError(f"{self.path} is damaged: the checksum of its metadata is wrong")
             elif isinstance(record, Attachment):
+                if not self._is_whole(record):
+                    raise CaptureError(f"{self.path} is damaged: the checksum of {record.name!r} in it is wrong")
                 attached[record.name] = record.data
             elif isinstance(record, Chunk):
                 break
         return facts, attached
+
+    def _is_whole(self, attachment: Attachment) -> bool:
+        """Whether the attachment that was just read has the checksum that ends its record, which the library skips."""
+        texts = [text.encode() for text in (attachment.name, attachment.media_type)]
+        prefixed = b"".join(struct.pack("<I", len(text)) + text for text in texts)
+        times = struct.pack("<QQ", attachment.log_time, attachment.create_time)
+        data = times + prefixed + struct.pack("<Q", len(attachment.data)) + attachment.data
+        with self.path.open("rb") as file:
+            file.seek(self.read_bytes - _CHECKSUM_BYTES)
+            return file.read(_CHECKSUM_BYTES) == struct.pack("<I", zlib.crc32(data))
 
     def devices(self, within_s: float = 10.0) -> list[Connection]:
         """The devices that began to stream within `within_s` of the first one, each port once."""
@@ -135,7 +161,10 @@ class Capture:
             if first_ns is not None and entry.log_ns - first_ns > within_s * 1e9:
                 break
             if entry.topic == CONNECTIONS:
-                connection = entry.connection()
+                try:
+                    connection = entry.connection()
+                except ValueError as error:
+                    raise CaptureError(f"{self.path}: a message on {CONNECTIONS} cannot be understood") from error
                 first_ns = entry.log_ns if first_ns is None else first_ns
                 if connection.streaming:
                     found.setdefault(connection.port, connection)

@@ -49,11 +49,11 @@ class ReplayPort:
         try:
             recording = capture.Capture(file)
             first_ns, connection = self._find(recording, spec.driver or "imu")
-        except CaptureError as error:
-            raise NotSerialError(spec.path, str(error)) from error
+            self.configured = connection.imu() if connection.kind == "imu" else connection.gnss()
+        except (CaptureError, ValueError) as error:
+            raise NotSerialError(spec.path, f"{file} cannot be played: {error}") from error
         except OSError as error:
             raise PortAbsentError(spec.path, f"{file} cannot be read: {error.strerror}") from error
-        self.configured = connection.imu() if connection.kind == "imu" else connection.gnss()
         self._playback = _playing.setdefault(file.resolve(), _Playback(first_ns))
         self._readings = self._of(recording, connection.port, first_ns)
         self._timer = Timer()

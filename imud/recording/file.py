@@ -7,6 +7,8 @@ from pathlib import Path
 
 from mcap.writer import CompressionType, Writer
 
+from drivers.capture import CHECKSUM, SESSION, checksum_of
+
 from .messages import SCHEMAS, schema_of
 
 _CHUNK_BYTES = 1 << 20
@@ -25,7 +27,7 @@ class RecordingFile:
         self._count: dict[int, int] = {}
         try:
             self._writer.start(profile="imud", library=f"imud {facts['version']}")
-            self._writer.add_metadata("imud", dict(facts))
+            self._writer.add_metadata(SESSION, {**facts, CHECKSUM: checksum_of(facts)})
             self._writer.add_attachment(unix_ns, unix_ns, "settings.json", "application/json", settings)
             self.commit()
             _sync_folder(path.parent)

@@ -117,7 +117,7 @@ class Player:
                 self._connection(entry.connection())
             elif entry.topic == SETTINGS:
                 self._change(self._adapt(msgspec.json.decode(entry.data)["settings"]))
-        except (msgspec.DecodeError, KeyError, ValueError) as error:
+        except (msgspec.DecodeError, ArithmeticError, KeyError, TypeError, ValueError) as error:
             raise BadDataError(f"a message on {entry.topic} cannot be understood: {error}") from error
 
     def _raw(self, port: int, raw: Raw) -> None:

@@ -1,5 +1,6 @@
 """Recordings as a user names them: files, in the order of one recording, with the settings they were made with."""
 
+import re
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -11,7 +12,9 @@ import msgspec
 
 from ..configuration import config
 from ..configuration.settings import Settings
-from ..errors import BadDataError, InputMissingError, UsageError
+from ..errors import BadDataError, ConfigError, InputMissingError, UsageError
+
+_SETTINGS = "settings.json"  # name of the attachment
 
 
 class Recording:
@@ -25,28 +28,42 @@ class Recording:
         from drivers.errors import CaptureError
 
         self.notes: list[str] = []
+        self._files = ", ".join(map(str, paths))
         try:
             known = [(capture, *capture.session()) for capture in map(Capture, paths)]
         except CaptureError as error:
             raise BadDataError(str(error)) from error
         except OSError as error:
             raise InputMissingError(f"{error.filename} cannot be read: {error.strerror}") from error
-        known.sort(key=lambda item: int(item[1].get("part", 0)))
+        known.sort(key=lambda item: self._number(item[1], "part"))
         self._captures = [capture for capture, _, _ in known]
         self.facts = known[0][1]
         self._attached = known[0][2]
         self.paths = tuple(capture.path for capture in self._captures)
         self.path = self.paths[0]
         self.bytes = sum(path.stat().st_size for path in paths)
-        numbers = [int(facts.get("part", 0)) for _, facts, _ in known]
+        numbers = [self._number(facts, "part") for _, facts, _ in known]
         if not self.facts:
             self.notes.append(f"{self.path} was not made by imud: there may be nothing in it that can be replayed")
         if numbers != list(range(len(numbers))):
             self.notes.append(f"{self.path}: parts {numbers} of a recording; what lies between them is missing")
 
+    def _number(self, facts: dict[str, str], name: str) -> int:
+        """A number of the metadata; 0 if it is missing. Raises BadDataError."""
+        text = facts.get(name, "0")
+        if not re.fullmatch(r"-?[0-9]{1,19}", text):
+            raise BadDataError(f"{self._files} is damaged: {name} = {text[:40]!r} in its metadata is no number")
+        return int(text)
+
     def settings(self, adapt: Callable[[Any], Settings]) -> Settings:
-        """What it was made with, adapted."""
-        return adapt(msgspec.json.decode(self._attached.get("settings.json", b"{}")))
+        """What it was made with, adapted. Raises BadDataError where the recording does not hold settings."""
+        if self.facts and _SETTINGS not in self._attached:
+            raise BadDataError(f"{self._files} is damaged: the settings that it was made with are missing")
+        try:
+            recorded = msgspec.json.decode(self._attached.get(_SETTINGS, b"{}"), type=dict[str, Any])
+        except (msgspec.DecodeError, ValueError, RecursionError) as error:
+            raise BadDataError(f"{self._files} is damaged: the settings in it cannot be read: {error}") from error
+        return adapt(recorded)
 
     def __iter__(self) -> Iterator[Any]:
         """All messages (`drivers.capture.Entry`)."""
@@ -58,7 +75,7 @@ class Recording:
     @property
     def unix_less_monotonic_ns(self) -> int:
         """Unix time minus the host's monotonic time, at the recording's start."""
-        return int(self.facts.get("unix_less_monotonic_ns", 0))
+        return self._number(self.facts, "unix_less_monotonic_ns")
 
     @property
     def read_bytes(self) -> int:
@@ -105,9 +122,22 @@ def adapter(file: Path | None, overrides: Sequence[str], estimator: str | None) 
     """From recorded settings to those to replay with: the recorded ones, or `file`'s, and what overrides them."""
 
     def adapt(recorded: Any) -> Settings:
-        ports = tuple(recorded.get("ports", ()))
-        chosen = config.load(file, overrides) if file else config.from_table(recorded, overrides, "the recording")
-        chosen = msgspec.structs.replace(chosen, ports=ports)
+        chosen = config.load(file, overrides) if file else _with_overrides(recorded, overrides)
+        ports = recorded.get("ports", ()) if isinstance(recorded, dict) else ()
+        chosen = msgspec.structs.replace(chosen, ports=tuple(map(str, ports)))
         return msgspec.structs.replace(chosen, estimator=estimator) if estimator else chosen
 
     return adapt
+
+
+def _with_overrides(recorded: Any, overrides: Sequence[str]) -> Settings:
+    """Raises ConfigError for what the user asked for, BadDataError for what the recording holds."""
+    if not isinstance(recorded, dict):
+        raise BadDataError("the recording holds no settings; name a configuration with --config")
+    config.from_table({}, overrides, "the options")
+    try:
+        return config.from_table(recorded, overrides, "the recording")
+    except ConfigError as error:
+        raise BadDataError(
+            f"the settings in the recording are not valid; name others with --config: {error}"
+        ) from error

@@ -9,6 +9,7 @@ import pytest
 from processes import PATIENCE_S
 
 from drivers.capture import Capture
+from imud.commands import main
 from imud.configuration.settings import Record, Settings
 from imud.outputs.listen import is_own
 from imud.recording.control import Recordings
@@ -67,6 +68,17 @@ def test_what_is_not_done_is_said(folder, path, order, says, tmp_path):
     with Recordings(settings(folder.format(tmp=tmp_path), path.format(tmp=tmp_path))) as recordings:
         answer = json.loads(recordings.obey(order))
         assert says in answer["trouble"] and answer["recording"] == bool(path)
+
+
+@pytest.mark.parametrize("folder", ["{tmp}/absent", "/dev/null/x", "/" + "x" * 300])
+def test_a_folder_that_cannot_be_written_to_is_told_at_the_start(folder, tmp_path):
+    chosen = settings(folder.format(tmp=tmp_path))
+    with Recordings(chosen) as recordings:
+        ((level, text),) = recordings.look_after()
+        assert level == "warning" and "(record.folder)" in text
+        assert recordings.look_after() == []
+        assert json.loads(recordings.told())["trouble"] == text
+    assert main(["run", "--check", "--set", f"record.folder={chosen.record.folder}"]) == 73
 
 
 def test_only_clients_of_this_machine_that_speak_the_protocol_give_orders(make_loop):

@@ -7,7 +7,7 @@ import msgspec
 from ..configuration import config
 from ..configuration.settings import Settings
 from ..daemon import simulated
-from ..errors import UsageError
+from ..errors import CannotCreateError, UsageError
 from ..process import log, runtime
 from .arguments import add_settings, seed
 
@@ -63,13 +63,16 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check(settings: Settings) -> None:
-    """What the daemon would refuse before it touches a device. Raises ConfigError, UsageError."""
+    """What the daemon would refuse before it touches a device. Raises ConfigError, UsageError, CannotCreateError."""
     from ..configuration import choices
     from ..outputs.listen import addresses_of, parse_path
+    from ..recording.control import folder_trouble
 
     real = tuple(text for text in settings.ports if not text.startswith(simulated.SCHEME))
     choices.ports(msgspec.structs.replace(settings, ports=real))
     choices.estimators(settings)
+    if trouble := folder_trouble(settings.record.folder):
+        raise CannotCreateError(trouble)
     addresses_of(settings.gpsd)
     if settings.stream.listen:
         parse_path(settings.stream.listen)

@@ -3,6 +3,7 @@
 A client never names a file: it is made in `record.folder`, if there is one, and named after the time.
 """
 
+import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -35,7 +36,8 @@ class Recordings:
         self._settings = settings
         self._configured = self.current is not None
         self._leaving: list[Recorder] = []
-        self._trouble = ""
+        self._trouble = folder_trouble(settings.record.folder)
+        self._told_trouble = False
 
     def __enter__(self) -> Self:
         return self
@@ -52,7 +54,9 @@ class Recordings:
     def look_after(self) -> News:
         """Now and then: (level, text) of what the log should tell."""
         self._leaving = [recorder for recorder in self._leaving if not recorder.gone()]
-        return self.current.look_after() if self.current else []
+        news = [] if self._told_trouble or not self._trouble else [("warning", self._trouble)]
+        self._told_trouble = True
+        return news + (self.current.look_after() if self.current else [])
 
     def told(self) -> str:
         """The answer to ?RECORD."""
@@ -70,6 +74,7 @@ class Recordings:
     def obey(self, argument: bytes) -> str:
         """The answer to ?RECORD={"enable":…}, once it is done; why it cannot be is in it."""
         self._trouble = ""
+        self._told_trouble = True  # the client reads the next one
         try:
             order = msgspec.json.decode(argument, type=_Order)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
@@ -100,3 +105,14 @@ class Recordings:
             self._trouble = str(error)
         else:
             self.on_begin()
+
+
+def folder_trouble(folder: str) -> str:
+    """Why no recording can be made in `record.folder`; empty: nothing is known against it, or there is none."""
+    try:
+        if not folder or (Path(folder).is_dir() and os.access(folder, os.W_OK)):
+            return ""
+        why = "no permission to write in it" if Path(folder).is_dir() else "there is no such folder"
+    except OSError as error:
+        why = error.strerror or str(error)
+    return f"no recordings can be made in {folder} (record.folder): {why}"

@@ -12,6 +12,7 @@ RUN_TIME = {"numpy", "numba", "llvmlite", "serial", "structlog", "msgspec", "spi
 RECORDING = ("drivers/capture.py", "imud/recording/file.py", "imud/commands/export.py")
 EXTRAS = {  # file: what it may import that an extra brings
     "imud/commands/web/server.py": {"aiohttp"},
+    "imud/commands/web/limits.py": {"aiohttp"},
     **{path: {"mcap"} for path in RECORDING},
 }
 FORBIDDEN = {  # room: packages it must not know

@@ -9,12 +9,12 @@ import contextlib
 import gzip
 import ipaddress
 import json
+import re
 import signal
 import socket
 import sys
 from collections.abc import AsyncIterator
 from pathlib import Path
-from urllib.parse import urlsplit
 
 from aiohttp import web
 from aiohttp.typedefs import Handler
@@ -23,6 +23,7 @@ from imud import figures
 from imud.outputs.listen import Address, is_local, listen, shown_address
 
 from .bridge import Bridge
+from .limits import KEEP_ALIVE_S, Connections, ErrorLog
 
 _FILES = Path(__file__).parent / "page"
 _POLICY = "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; frame-ancestors 'none'"
@@ -30,22 +31,33 @@ _SHUTDOWN_S = 0.2  # for what is being sent; the pages connect again by themselv
 _CONTROL = web.AppKey("control", bool)
 _ORDERS = {"record": True, "stop": False}
 _BRIDGE: web.AppKey[Bridge] = web.AppKey("bridge", Bridge)
+_CONNECTIONS: web.AppKey[Connections] = web.AppKey("connections", Connections)
+_HOST = re.compile(r"(?:\[(?P<v6>[0-9A-Fa-f:.]+)\]|(?P<name>[A-Za-z0-9._-]+))(?::[0-9]{1,5})?")
 
 
-def _own_name(host: str) -> bool:
+def is_own_name(host: str) -> bool:
     """Whether a browser that says `Host: host` means this machine: an address, or a name that it has."""
-    name = (urlsplit(f"//{host}").hostname or "").lower()
+    parts = _HOST.fullmatch(host)
+    if parts is None:
+        return False
+    name = (parts["v6"] or parts["name"]).lower()
     own = socket.gethostname().lower()
     try:
         return bool(ipaddress.ip_address(name))
     except ValueError:
-        return name in ("localhost", own, f"{own.partition('.')[0]}.local")
+        return parts["v6"] is None and name in ("localhost", own, f"{own.partition('.')[0]}.local")
+
+
+def is_own_origin(origin: str | None, host: str) -> bool:
+    """Whether the page that has a browser send a request was served under `host`; None: no page has."""
+    return origin is None or origin.lower() in (f"http://{host.lower()}", f"https://{host.lower()}")
 
 
 @web.middleware
 async def _guard(request: web.Request, handler: Handler) -> web.StreamResponse:
-    origin = request.headers.get("Origin")
-    if not _own_name(request.host) or (origin is not None and urlsplit(origin).netloc != request.host):
+    request.app[_CONNECTIONS].has_request(request.protocol)
+    host = request.headers.get("Host", "")
+    if not is_own_name(host) or not is_own_origin(request.headers.get("Origin"), host):
         raise web.HTTPForbidden(text="open the page by this machine's address or name\n")
     response: web.StreamResponse = await handler(request)
     return response
@@ -97,10 +109,10 @@ async def _connected(app: web.Application) -> AsyncIterator[None]:
     running.cancel()
 
 
-def application(daemon: Address, control: bool) -> web.Application:
+def application(daemon: Address, control: bool, connections: Connections) -> web.Application:
     """The server for one daemon; to be started in the event loop that calls this. control: see `serve`."""
     app = web.Application(middlewares=[_guard])
-    app[_BRIDGE], app[_CONTROL] = Bridge(daemon), control
+    app[_BRIDGE], app[_CONTROL], app[_CONNECTIONS] = Bridge(daemon), control, connections
     plotly = gzip.compress(figures.plotly_js().encode(), 6)
 
     async def plotly_js(_: web.Request) -> web.Response:
@@ -117,15 +129,27 @@ def application(daemon: Address, control: bool) -> web.Application:
 
 
 async def _serve(daemon: Address, listening: socket.socket, control: bool) -> None:
-    ended = asyncio.Event()
-    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ended.set)
-    runner = web.AppRunner(application(daemon, control), access_log=None, shutdown_timeout=_SHUTDOWN_S)
+    ended, errors = asyncio.Event(), ErrorLog()
+    loop = asyncio.get_running_loop()
+    loop.add_signal_handler(signal.SIGTERM, ended.set)
+    loop.set_exception_handler(errors.on_loop_exception)
+    connections = Connections(errors.report)
+    runner = web.AppRunner(
+        application(daemon, control, connections),
+        access_log=None,
+        shutdown_timeout=_SHUTDOWN_S,
+        logger=errors.logger(),
+        keepalive_timeout=KEEP_ALIVE_S,
+        lingering_time=_SHUTDOWN_S,
+    )
     await runner.setup()
+    connections.server = runner.server
+    listener = await loop.create_server(connections, sock=listening)
     try:
-        await web.SockSite(runner, listening).start()
         print(f"http://{shown_address(listening)}/", flush=True)
         await ended.wait()
     finally:
+        listener.close()
         await runner.cleanup()
 
 

@@ -117,11 +117,14 @@ class Stream:
             for name in names:
                 self.record[name] = getattr(owner, name).ctypes.data
 
-    def restart(self, decoder: Records, configured: ImuConfigured) -> None:
-        """Begin a new connection to the sensor: forget half frames and the clock's fit, keep the filter's state."""
+    def restart(self, decoder: Records, configured: ImuConfigured, power_on: bool) -> None:
+        """Begin a new connection to the sensor: forget half frames and the clock's fit, keep the filter's state.
+
+        power_on: the sensor may have been switched on since its last sample; the filter then reopens its biases.
+        """
         self.decoder[:] = decoder
         self.clock[:] = new_clock(configured.period_ns, configured.delay_ns)
-        self.record["fill"] = 0
+        self.record["fill"], self.record["power_on"] = 0, power_on
         self.filter.watch_over(configured)
 
     @property

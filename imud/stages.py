@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from drivers.driver import ImuDriver
 from drivers.entry import entry
-from drivers.sample import SAMPLE
+from drivers.sample import POWER_ON, SAMPLE
 
 from .clocks.counter import CLOCK, stamp
 from .estimators import Estimator
@@ -46,6 +46,7 @@ STREAM = np.dtype(
         ("count", "<i8"),  # samples since the start
         ("newest", "<i8"),  # row of the newest solution; -1: none yet
         ("heard_ns", "<i8"),  # when it came
+        ("power_on", "<i8"),  # 1: the next sample is the first one after a power-on
     ],
     align=True,
 )
@@ -63,8 +64,12 @@ def _decode(stream: int, received: int) -> int:
 
 def _advance(stream: int, n: int, arrival_ns: int) -> int:
     s = records(stream, 1, STREAM)[0]
+    samples = records(s.samples, BATCH, SAMPLE)
+    if s.power_on:
+        samples[0].flags |= POWER_ON
+        s.power_on = 0
     advance(  # type: ignore[name-defined]  # noqa: F821
-        records(s.samples, BATCH, SAMPLE),
+        samples,
         n,
         arrival_ns,
         records(s.clock, 1, CLOCK),

@@ -7,6 +7,10 @@ from pathlib import Path
 
 import pytest
 from processes import PATIENCE_S, daemon, emulator
+from test_recording import replayed, stored
+
+from imud.recording.messages import ESTIMATE_TABLE
+from imud.recording.source import Recording
 
 REST = ("--scenario", "rest", "--roll-deg", "10", "--pitch-deg", "-5", "--gyro-bias-dps", "0.2,-0.2,0.2")
 DAMAGE = ",".join(f"{kind}=0.005" for kind in ("cut", "flip", "drop", "dup", "header", "cr"))
@@ -85,3 +89,28 @@ def test_another_sensor_on_the_port_is_not_taken_for_the_one_before(tmp_path):
             imud.until(lambda m: m["class"] == "EST" and m["sbgx_dps"] > 0.1)  # nothing is known of this one
             est = imud.until(lambda m: is_settled(m) and m["sbgx_dps"] < 0.02)
         assert est["bgx_dps"] == pytest.approx(-0.5, abs=0.1)
+
+
+def test_after_a_replug_with_other_biases_the_attitude_is_right_by_its_sigma_live_and_replayed(tmp_path):
+    imu, recording = tmp_path / "imu", tmp_path / "replug.mcap"
+    faults = "unplug@14-17,bias=0.2@15"  # deg/s: what a power-on may do to an M-G350
+    record = ("--record", str(recording), "--set", "record.estimate_rate_hz=0")
+    with (
+        daemon(tmp_path, "--port", f"{imu}:epson@460800", *record) as imud,
+        emulator("g350", *REST, "--accel-bias-mg", "0,0,0", "--faults", faults, links=[imu]),
+    ):
+        before = imud.until(lambda m: is_settled(m) and m["sbgx_dps"] < 0.02)
+        opened = imud.until(lambda m: m["class"] == "EST" and m["sbgx_dps"] > 0.2)
+        assert opened["t_mono_ns"] > before["t_mono_ns"]
+        est = opened
+        while est["t_mono_ns"] < opened["t_mono_ns"] + 20_000_000_000:
+            est = imud.until(lambda m: m["class"] == "EST")
+            assert abs(est["roll_deg"] - 10.0) < 4.0 * est["sroll_deg"]
+            assert abs(est["pitch_deg"] + 5.0) < 4.0 * est["spitch_deg"]
+        assert est["bgx_dps"] == pytest.approx(0.4, abs=0.1)
+        assert max(est["sroll_deg"], est["spitch_deg"]) < 1.0
+        imud.process.terminate()
+        assert imud.process.wait(PATIENCE_S) == 0
+    steps, _, _ = replayed(Recording([recording]))
+    kept = stored(recording, ESTIMATE_TABLE)
+    assert steps.tobytes() == kept.tobytes()

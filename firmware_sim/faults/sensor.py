@@ -1,11 +1,11 @@
-"""Faults of the sensing elements: axes that freeze, saturate or fall to zero, whatever device they are in."""
+"""Faults of the sensing elements, whatever device they are in: axes that freeze or saturate, biases that change."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from ..ellipsoid import Array
-from ..noise import Grade, ImuErrors, Signal
+from ..noise import DEG, Grade, ImuErrors, Signal
 from .spec import Fault
 
 
@@ -33,6 +33,8 @@ class FaultyErrors(ImuErrors):
             inside = np.array([fault.span.holds(instant) for instant in t.tolist()], dtype=bool)
             if fault.name == "frozen":
                 self._freeze(place, values, axes, inside)
+            elif fault.name == "bias":
+                values[inside, :3] += fault.value * DEG
             else:
                 for axis in axes:
                     values[inside, axis] = self.limit[axis] if fault.name == "saturated" else 0.0

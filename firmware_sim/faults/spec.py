@@ -97,6 +97,7 @@ KINDS: dict[str, Kind] = {
     "frozen": Kind("sensor", (IMU,), "axes (gx+gy+gz+ax+ay+az, or all) keep their value", 0.0, axes=True),
     "saturated": Kind("sensor", (IMU,), "axes at the end of their range", 0.0, axes=True),
     "zero": Kind("sensor", (IMU,), "axes show 0", 0.0, axes=True),
+    "bias": Kind("sensor", (IMU,), "deg/s on top of each gyro's bias, as after another power-on", needs=True),
     "reset": Kind("device", BOTH, "boots again, settings lost", 0.0, needs=True),
     "count": Kind("device", (IMU,), "its counter jumps by so many (not seraccel)", needs=True),
     "unplug": Kind("plug", BOTH, "the port vanishes, and comes back at the end", 0.0, closed=True),

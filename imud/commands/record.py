@@ -102,7 +102,7 @@ class Tape:
         """See `ports.Host`."""
         number = self._ports.index(port)
         known = _calibration_of(configured.identity) if driver.kind == "imu" else None
-        self._recorder.connected(number, port.spec.path, configured, known)
+        self._recorder.connected(number, port.spec.path, configured, known, time.monotonic_ns())
         self._taps[port] = self._recorder.tap(number)
         self._log.info("streaming", port=port.spec.path, device=configured.identity.model or driver.name)
 

@@ -172,19 +172,21 @@ class Devices:
         if isinstance(configured, ImuConfigured) and driver.kind == "imu":
             known = self._calibration_of(identity)
             try:
-                inertial = self.fitting.connect(port.line, driver, configured, known, self._settings, now_ns)
+                inertial = self.fitting.connect(
+                    port.line, driver, configured, known, self._settings, now_ns, self.ports.index(port)
+                )
             except UsageError as error:
                 if self.fitting.inertial is None:
                     raise
                 port.refuse(str(error))  # who served once does not end because of what is plugged in later
                 return
             self.imu, self._known = (port, inertial), known
-            self._record(port, inertial)
+            self._record(port, inertial, now_ns)
             self._read_directly()
             facts |= {"serial": identity.serial, "firmware": identity.firmware, "rate_hz": round(configured.rate_hz, 3)}
         elif driver.kind == "gnss":
             self.gnss = (port, Receiver(driver, self._settings.gnss, now_ns, self._pulse))
-            self._record(*self.gnss)
+            self._record(*self.gnss, now_ns)
         self._spares[driver.kind].discard(port)
         self._wake_spares(driver.kind, math.inf)
         self._log.info("streaming", **{name: value for name, value in facts.items() if value})
@@ -250,15 +252,15 @@ class Devices:
             self._cycle.detach()
             self._cycle.others.register(self.imu[0].fd, select.POLLIN)
         for port, sensor in self.streaming().values():
-            self._record(port, sensor)
+            self._record(port, sensor, time.monotonic_ns())
 
-    def _record(self, port: Port, sensor: Inertial | Receiver) -> None:
-        """Have the sensor's bytes recorded, if a recording is being made."""
+    def _record(self, port: Port, sensor: Inertial | Receiver, now_ns: int) -> None:
+        """Have the sensor's bytes recorded from now on, if a recording is being made."""
         recorder = self._recordings.current
         if recorder and port.configured:
             number = self.ports.index(port)
             known = self._known if isinstance(sensor, Inertial) else None
-            recorder.connected(number, port.spec.path, port.configured, known)
+            recorder.connected(number, port.spec.path, port.configured, known, now_ns)
             sensor.tap = recorder.tap(number)
 
 

@@ -29,6 +29,7 @@ class Estimator:
     told(state[0], innovations) -> rows of `innovations` that steps have made since it was asked last; None: never any.
     needs_gyros: useless on a sensor without rates about all three axes.
     tunables: the constants that the settings' table `NAME.tuning` may change.
+    survives_power_on: a sample with POWER_ON reopens its biases, or it estimates none; else it is started anew then.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Estimator:
     step: Callable[[Any, Any, Any, Any], None]
     update: Callable[[Any, Any, Any, Any], int] | None
     needs_gyros: bool = True
+    survives_power_on: bool = False
     told: Callable[[Any, Any], int] | None = None
     tunables: tuple[Tunable, ...] = ()
 

@@ -209,4 +209,4 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
     tell(p, s, sample, solution)
 
 
-ESTIMATOR = Estimator("tilt", configure, start, step, None, needs_gyros=False)
+ESTIMATOR = Estimator("tilt", configure, start, step, None, needs_gyros=False, survives_power_on=True)

@@ -80,7 +80,11 @@ SAMPLE_TABLE = Table(
         "f": ("f_mps2", "specific force, body FRD, m/s^2, calibrated; at rest and level (0, 0, -g)"),
         "down": ("down", "unit vector down by the device itself; zeros: it has none"),
         "temperature": ("temperature_c", "degC"),
-        "flags": ("flags", "bits: 1 suspect, 2 saturated, 4 device error, 8 no rate, 16 no force"),
+        "flags": (
+            "flags",
+            "bits: 1 suspect, 2 saturated, 4 device error, 8 no rate, 16 no force, 32 gyro saturated, "
+            "64 accelerometer saturated, 128 first after a power-on",
+        ),
         "unseen_s": ("unseen_s", "s for which rates, or forces, have told nothing"),
     },
 )

@@ -151,7 +151,7 @@ class Player:
         if driver.kind == "imu":
             known = msgspec.convert(_known(said.calibration if self._calibrated else {}), Calibration)
             self._ports[said.port] = self._fitting.connect(
-                self._line, driver, said.imu(), known, self._settings, said.t_ns
+                self._line, driver, said.imu(), known, self._settings, said.t_ns, said.port
             )
             self._imu = said
         else:

@@ -93,14 +93,19 @@ class Recorder:
         self._put(Kind.RAW, data, t_ns, port)
 
     def connected(
-        self, port: int, path: str, configured: ImuConfigured | GnssConfigured, calibration: Calibration | None
+        self,
+        port: int,
+        path: str,
+        configured: ImuConfigured | GnssConfigured,
+        calibration: Calibration | None,
+        now_ns: int,
     ) -> None:
-        """A device streams. calibration: of an inertial sensor, what is taken out of its samples."""
+        """A device streams since `now_ns`. calibration: of an inertial sensor, what is taken out of its samples."""
         from drivers.capture import Connection, plain
 
         kind = "imu" if isinstance(configured, ImuConfigured) else "gnss"
         known = {} if calibration is None else msgspec.to_builtins(calibration)
-        driver, now_ns = configured.identity.driver, time.monotonic_ns()
+        driver = configured.identity.driver
         self._json(Kind.CONNECTION, Connection(now_ns, port, path, True, kind, driver, plain(configured), known), port)
 
     def disconnected(self, port: int, path: str) -> None:

@@ -14,6 +14,7 @@ from ..sensor_errors.calibration import Calibration
 from .inertial import Inertial
 
 RATE_STEP = 0.1  # logarithmic: sensors within that are the same to a filter
+AWAY_NS = 30_000_000_000  # after which an estimate says nothing more of the body: the filter begins anew
 _UNKNOWN = Initial()
 
 
@@ -25,7 +26,7 @@ class Fitting:
         self.estimator = self.choice.wanted
         self.inertial: Inertial | None = None
         self._warn, self._initial = warn, initial
-        self._serial = ""  # another sensor has other biases
+        self._serial, self._port = "", 0  # another sensor has other biases
         self._made_for: tuple[Any, ...] = ()
 
     def connect(
@@ -36,17 +37,24 @@ class Fitting:
         calibration: Calibration,
         settings: Settings,
         now_ns: int,
+        port: int = 0,
     ) -> Inertial:
-        """The sensor streams. Raises UsageError if it does not suffice for the estimator that the user asked for."""
+        """The sensor streams on the port of that number. Its earlier filter goes on, with its biases reopened, if it
+        is the same sensor and was not away for long. Raises UsageError if it does not suffice for the estimator that
+        the user asked for.
+        """
         settings = choices.settings_for(settings, configured.identity)
         self.estimator, why = self.choice.fitting(configured)
         if why:
             self._warn(why)
         about_hz = round(math.log(configured.rate_hz) / RATE_STEP)  # a rate that was heard varies a little
-        self._serial = configured.identity.serial or self._serial  # who does not tell is taken for the same
-        made_for = (driver.name, self.estimator.name, settings.imu.profile, about_hz, self._serial)
-        if self.inertial is None or made_for != self._made_for:
+        made_for = (driver.name, self.estimator.name, settings.imu.profile, about_hz)
+        same = made_for == self._made_for and self._is_same(configured.identity.serial, port)
+        self._serial, self._port = configured.identity.serial, port
+        goes_on = self.inertial is not None and same and self.estimator.survives_power_on
+        if self.inertial is None or not goes_on or now_ns - self.inertial.heard_ns > AWAY_NS:
             filter_ = Filter(self.estimator, settings, self._initial, configured.rate_hz)
+            self._initial = _UNKNOWN  # it was of the start
             stream = Stream(driver, driver.new_state(configured), filter_)
             stream.record["count"] = self.inertial.samples if self.inertial else 0
             self.inertial = Inertial(stream)
@@ -55,3 +63,7 @@ class Fitting:
         self.inertial.stream.filter.calibrate(calibration)
         self.inertial.connect(line, driver, configured, now_ns)
         return self.inertial
+
+    def _is_same(self, serial: str, port: int) -> bool:
+        """Whether it is the sensor before: by its serial number, or if one of them tells none, by the port."""
+        return serial == self._serial if serial and self._serial else port == self._port

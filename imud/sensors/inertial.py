@@ -39,11 +39,11 @@ class Inertial:
         self._complained: int | None = None  # status word of the first look: the driver has told of that
 
     def connect(self, line: Line, driver: ImuDriver, configured: ImuConfigured, now_ns: int) -> None:
-        """Begin a new connection; the filter keeps its state."""
+        """Begin a new connection. The filter keeps its state but for the biases: each one may follow a power-on."""
         if self._line is not None:
             self._before.update(self.counters())
+        self.stream.restart(driver.new_state(configured), configured, power_on=self._newest >= 0)
         self._line = line
-        self.stream.restart(driver.new_state(configured), configured)
         self.stream.record["heard_ns"] = now_ns
         self._complaints, self._complained = driver.complaints, None
         self.rate, self._loss = Rate(), Loss()

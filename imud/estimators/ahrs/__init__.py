@@ -14,4 +14,4 @@ from .setup import configure, start
 
 __all__ = ["ESTIMATOR"]
 
-ESTIMATOR = Estimator("attitude", configure, start, step, None, tunables=TUNABLES)
+ESTIMATOR = Estimator("attitude", configure, start, step, None, survives_power_on=True, tunables=TUNABLES)

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from drivers.sample import NO_FORCE, NO_RATE, SATURATED, SUSPECT
+from drivers.sample import NO_FORCE, NO_RATE, POWER_ON, SATURATED, SUSPECT
 
 from ...kernels.jit import kernel
 from .divergence import tilt_is_lost
@@ -13,6 +13,7 @@ from .levelling import coarse_level, initialise_attitude, is_coarse, restart_aft
 from .mechanization import mechanize
 from .motion import update_travel
 from .outages import add_outage_noise, force_without_acceleration, hold_rate, mean_reading
+from .power_on import reopen_biases
 from .pseudo_measurements import add_truncation_noise, fuse_stationary, fuse_zero_position, fuse_zero_velocity
 from .quantization import examine_readings
 from .solution import write_solution
@@ -44,6 +45,8 @@ def process_sample(p: Any, s: Any, sample: Any, dt: float) -> None:
         compensate_truncation(s, sample.w[2], 2),
     )
     f = (sample.f[0], sample.f[1], sample.f[2])
+    if sample.flags & POWER_ON and dt >= 0.0:
+        reopen_biases(p, s)
     has_rate = sample.flags & (SUSPECT | NO_RATE) == 0 and math.isfinite(w[0] + w[1] + w[2])
     has_force = sample.flags & (SUSPECT | NO_FORCE) == 0 and math.isfinite(f[0] + f[1] + f[2])
     if not has_rate:

@@ -11,4 +11,4 @@ from .. import Estimator
 from .filter import step, take_innovations, update
 from .setup import configure, start
 
-ESTIMATOR = Estimator("navigation", configure, start, step, update, told=take_innovations)
+ESTIMATOR = Estimator("navigation", configure, start, step, update, told=take_innovations, survives_power_on=True)

@@ -90,6 +90,7 @@ def take_innovations(s: Any, innovations: Any) -> int:
 @kernel
 def initialize(p: Any, c: Any, t_ns: int, w: Any, f: Any, rpy: Any) -> None:
     """Take the first sample: the attitude is that of rest, unless it was given."""
+    c.imu.sample_ns = t_ns
     store_last_sample(c, t_ns, w, f)
     first_window(c, f)
     roll, pitch, yaw = rpy[0], rpy[1], rpy[2]

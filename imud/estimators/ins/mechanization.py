@@ -192,6 +192,13 @@ def set_velocity(c: Any, axis: int, v: float) -> None:
 
 
 @kernel
+def clear_biases(c: Any) -> None:
+    """Nothing is known of the biases."""
+    for i in range(3):
+        c.nav.bg[i] = c.nav.ba[i] = 0.0
+
+
+@kernel
 def clear_sensor_errors(c: Any) -> None:
     """Nothing is known of biases and of errors in turns."""
     for i in range(3):

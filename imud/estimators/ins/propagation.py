@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE
+from drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, POWER_ON
 from drivers.sample import SATURATED as BEYOND_RANGE
 
 from ...kernels.earth import gravity
@@ -17,6 +17,7 @@ from .error_model import COVARIANCE_INTERVAL_S
 from .fusion import propagate_errors
 from .integrity.heading_monitor import MAX_HEADING_SIGMA
 from .mechanization import integrate_strapdown, ned_to_body, rotation_matrix, set_velocity
+from .power_on import check_tilt, reopen_biases
 from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, POSITION, VELOCITY
 from .stationarity import (
     VIBRATION_NOISE_SHARE,
@@ -197,14 +198,23 @@ def inflate_covariance(p: Any, c: Any, sample: Any, dt: float) -> None:
 def process_sample(p: Any, c: Any, sample: Any) -> None:
     """Take one stored sample (body axes) and whatever becomes due with it."""
     dt = 1e-9 * (sample.t_ns - c.nav.t_ns)
+    away_s = 1e-9 * (sample.t_ns - c.imu.sample_ns)
+    c.imu.sample_ns = sample.t_ns
     c.imu.sample_count += 1
     if dt <= 0.0:
         return
     incomplete = sample.flags & (NO_RATE | NO_FORCE) != 0
     if incomplete:
         substitute_missing(c, sample)
+    if sample.flags & POWER_ON:
+        for i in range(3):
+            c.imu.w[i] -= c.nav.bg[i]  # the last sample as this sensor would show it, for the gap that follows it
+            c.imu.f[i] -= c.nav.ba[i]
+        reopen_biases(p, c)
     accumulate_window(c, sample.w, sample.f)
     propagate_to(p, c, sample.t_ns, sample.w, sample.f)
+    if sample.flags & POWER_ON and away_s > MAX_GYRO_OUTAGE_S:
+        check_tilt(p, c)
     inflate_covariance(p, c, sample, dt)
     if incomplete:
         clear_window(c)

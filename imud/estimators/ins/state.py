@@ -98,6 +98,7 @@ EARTH = np.dtype(  # what depends on the position, evaluated where `position` sa
 IMU = np.dtype(  # the last sample, and what was integrated since the covariance was propagated
     [
         ("sample_count", "<i8"),  # samples integrated since the start
+        ("sample_ns", "<i8"),  # time of the last of them; fixes are fused between samples, too
         ("w", "<f8", (3,)),  # rad/s, body
         ("f", "<f8", (3,)),  # m/s^2, body
         ("saturated", "<i8"),  # 1: the last sample is at the end of the sensor's range

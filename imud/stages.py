@@ -16,10 +16,10 @@ from drivers.entry import entry
 from drivers.sample import POWER_ON, SAMPLE
 
 from .clocks.counter import CLOCK, stamp
+from .compile.jit import inlined, kernel
+from .compile.system import call, records
 from .estimators import Estimator
 from .estimators.records import SOLUTION
-from .kernels.jit import inlined, kernel
-from .kernels.system import call, records
 from .sensor_errors.calibration import CORRECTION, correct
 from .sensors.health import HEALTH, examine
 

@@ -29,7 +29,7 @@ LEAST_PERCENT = 97.0
 NOT_RUN = {  # function and line: why no trace runs it
     "correct: pitch, roll = x[PITCH], x[ROLL]": "Suh's filters as printed are the experiments' alone",
     "correct: by_pitch, expected = 0.0, (cp * pitch, cr * cp * roll)": "as above",
-    "median: return first": "the loop before it always returns; the compiler wants a result",
+    "median_bin: return first": "the loop before it always returns; the compiler wants a result",
     "estimate_drift: return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0": "guards a division: fixes inform on both axes",
     "propagate_to: return": "guards a division: the ring takes newer samples only",
     "process_sample: return": "guards a division: as above",

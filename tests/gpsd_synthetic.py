@@ -20,8 +20,8 @@ import numpy as np
 from drivers.fix import Satellite, Sky
 from imud.configuration.settings import Gpsd
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALID, SOLUTION
-from imud.kernels.earth import radii
-from imud.kernels.rotation import quat_of_euler
+from imud.math.earth import radii
+from imud.math.rotation import quat_of_euler
 from imud.outputs.gpsd import GpsdServer
 from imud.outputs.view import Device, Gnss, View
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from drivers.sample import SAMPLE
+from imud.compile.jit import kernel
 from imud.configuration.settings import Initial, Settings
 from imud.estimators.ins import ESTIMATOR
 from imud.estimators.records import FIX, INNOVATION, SOLUTION
-from imud.kernels.jit import kernel
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 _step, _update = ESTIMATOR.step, ESTIMATOR.update

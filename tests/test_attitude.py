@@ -13,8 +13,8 @@ from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators.ahrs import ESTIMATOR
 from imud.estimators.ahrs.state import STATES
 from imud.estimators.records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SOLUTION
-from imud.kernels.earth import gravity
-from imud.kernels.kalman import unpack
+from imud.math.earth import gravity
+from imud.math.kalman import unpack
 
 
 @pytest.mark.parametrize("profile", ["m-g350", "auto"])

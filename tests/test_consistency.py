@@ -23,9 +23,10 @@ from scipy.stats import chi2
 from simulated import G350, M_G350, errors, estimated, motion, received, samples_of, sensed, unknown_fixes
 
 from imud.configuration.settings import GpsTrack, Imu, Initial, Settings
-from imud.estimators import gps_track, registry, stationary
+from imud.estimators import registry
+from imud.estimators.papers import gps_track, stationary
 from imud.estimators.records import ASSUMED, POSITION_VALID, SOLUTION
-from imud.kernels.kalman import unpack
+from imud.math.kalman import unpack
 from imud.pipeline import Filter
 from imud.sensor_errors.profiles import PROFILES
 

@@ -17,11 +17,11 @@ from drivers.registry import by_name
 from imud import client
 from imud.commands.bench import signals
 from imud.commands.bench.throughput import new_stream
+from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
 from imud.configuration.settings import Stream as StreamSettings
 from imud.daemon.cycle import FAILED, SHOW, Cycle, _turn
 from imud.estimators import registry
-from imud.kernels.jit import interpreted
 from imud.outputs.binary import BinaryOutputs
 from imud.pipeline import Filter, Stream
 from imud.sensors.tap import READ

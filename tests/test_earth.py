@@ -1,4 +1,4 @@
-"""imud.kernels.earth against pymap3d and closed forms."""
+"""imud.math.earth against pymap3d and closed forms."""
 
 import math
 
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imud.kernels.earth import EARTH_RATE_RADPS, FLATTENING, SEMI_MAJOR_M, gravity, radii
+from imud.math.earth import EARTH_RATE_RADPS, FLATTENING, SEMI_MAJOR_M, gravity, radii
 
 pymap3d = pytest.importorskip("pymap3d")
 LATITUDES = st.floats(-0.5 * math.pi, 0.5 * math.pi)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from imud.estimators.records import POSITION_VALID, SOLUTION
-from imud.kernels.rotation import euler_of_quat
+from imud.math.rotation import euler_of_quat
 from imud.outputs.gpsd_json import _bound95, _motion, _turn_rate
 from imud.outputs.gpsd_objects import iso
 from imud.outputs.view import decode, euler

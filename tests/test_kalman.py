@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imud.kernels import kalman
+from imud.math import kalman
 
 SEEDS = st.integers(0, 2**32 - 1)
 SIZES = st.integers(1, 12)

@@ -10,7 +10,7 @@ from imud.estimators.ins import ESTIMATOR
 from imud.estimators.ins.alignment.transitions import transfer_lever_arm
 from imud.estimators.ins.state import ATTITUDE, POSITION, STATES, TIME_OFFSET
 from imud.estimators.records import HEADING_VALID, POSITION_N, REJECTING, VELOCITY_N
-from imud.kernels.kalman import packed_index
+from imud.math.kalman import packed_index
 
 RATE = 100
 PARKED = drive(120.0, rest=1e3)

@@ -26,7 +26,7 @@ from imud.estimators.ins.state import (
     VELOCITY,
     VELOCITY_TIME_OFFSET,
 )
-from imud.kernels.kalman import unpack
+from imud.math.kalman import unpack
 
 
 def skew(v):

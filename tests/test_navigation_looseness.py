@@ -16,7 +16,7 @@ from imud.estimators.ins.aiding.non_holonomic import disable_nhc, enable_nhc
 from imud.estimators.ins.propagation import gap_variance
 from imud.estimators.ins.setup import configure, start
 from imud.estimators.ins.state import ATTITUDE, GNSS_BIAS, STATES, TURN_SCALE
-from imud.kernels.kalman import scale, unpack
+from imud.math.kalman import scale, unpack
 
 
 def learned(innovations, assumed, fix_age_s=0.0, known=True):

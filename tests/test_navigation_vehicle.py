@@ -11,7 +11,7 @@ from imud.estimators.ins import stationarity
 from imud.estimators.ins.aiding import non_holonomic
 from imud.estimators.ins.setup import configure, start
 from imud.estimators.ins.state import NAVIGATING, NHC_LEVER_ARM, STATES, TURN_SCALE
-from imud.kernels.kalman import unpack
+from imud.math.kalman import unpack
 
 LN_REST, LN_MOTION = np.log(0.0014), np.log(0.009)  # of the gyro's deviation in rad/s, a car's in Tokyo
 

@@ -10,7 +10,8 @@ import pytest
 from imud import figures
 from imud.commands import main
 from imud.configuration.settings import GpsTrack, Ins9, Settings
-from imud.estimators import registry, stationary
+from imud.estimators import registry
+from imud.estimators.papers import stationary
 from imud.experiments import farrell, prasanna, simulate, suh
 from imud.experiments.report import Report, Row, at_most, within
 from imud.figures import Figure, Panel, Trace

@@ -6,7 +6,8 @@ from scipy.linalg import expm
 from scipy.stats import chi2, kstest, norm
 
 from imud.configuration.settings import Imu, Initial, Settings
-from imud.estimators import registry, stationary
+from imud.estimators import registry
+from imud.estimators.papers import stationary
 from imud.estimators.records import AT_REST, FIX, INNOVATION, POSITION_VALID, REJECTING, SOLUTION
 from imud.experiments import farrell, whiteness
 from imud.experiments.simulate import level_at_rest, m_g350, samples_of

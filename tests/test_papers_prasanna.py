@@ -7,7 +7,8 @@ import pytest
 from pymap3d import geodetic2enu
 
 from imud.configuration.settings import GpsTrack, Imu, Initial, Ins9, Settings
-from imud.estimators import ins9, registry
+from imud.estimators import registry
+from imud.estimators.papers import ins9
 from imud.estimators.records import (
     AT_REST,
     ATTITUDE_VALID,

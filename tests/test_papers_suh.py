@@ -7,8 +7,8 @@ import pytest
 
 from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators import registry
+from imud.estimators.papers.suh import ADAPTIVE, STANDARD, TWO_STEP
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, SOLUTION
-from imud.estimators.suh import ADAPTIVE, STANDARD, TWO_STEP
 from imud.experiments import suh
 from imud.experiments.simulate import level_at_rest, m_g350, samples_of
 from imud.pipeline import Filter

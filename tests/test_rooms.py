@@ -23,7 +23,7 @@ DEVICES = sorted(f"drivers/{path.parent.name}" for path in (ROOT / "drivers").gl
 ONLY = {
     room: {"numpy", "drivers"} for room in DEVICES
 } | {  # room: all that it may import besides the standard library and itself
-    "imud/kernels": {"numpy", "numba", "llvmlite", "drivers"},
+    "imud/math": {"numpy", "numba", "llvmlite", "drivers"},
     "drivers/nmea": {"drivers"},
     "drivers/transport": {"serial", "spidev", "gpiod", "drivers"},
 }
@@ -69,10 +69,10 @@ def test_a_room_imports_no_more_than_it_may(room):
         assert others == standard(others), path
 
 
-def test_kernels_know_nothing_outside_their_room():
-    for path in files("imud/kernels"):
+def test_arithmetic_knows_only_how_kernels_are_compiled():
+    for path in files("imud/math"):
         inside = {name for name in imported(path) if name.startswith(PACKAGES)}
-        assert all(name.startswith(("imud.kernels", "drivers.jit")) for name in inside), path
+        assert all(name.startswith(("imud.math", "imud.compile.jit")) for name in inside), path
 
 
 @pytest.mark.parametrize("room", DEVICES)

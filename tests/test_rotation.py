@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from imud.kernels import rotation
+from imud.math import rotation
 
 unit = st.floats(-1.0, 1.0)
 quaternions = (

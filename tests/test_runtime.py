@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @pytest.fixture
 def sources(tmp_path):
-    for room in ("imud/kernels", "drivers"):
+    for room in ("imud/math", "drivers"):
         (tmp_path / room).mkdir(parents=True)
         (tmp_path / room / "a.py").write_text("RATE = 7.292115e-5\n")
     return tmp_path

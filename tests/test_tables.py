@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from imud.errors import BadDataError, InputMissingError
 from imud.estimators.records import POSITION_VALID, SOLUTION
-from imud.kernels.decimal import write_fixed, write_seconds
-from imud.kernels.rotation import quat_of_euler
+from imud.math.decimal import write_fixed, write_seconds
+from imud.math.rotation import quat_of_euler
 from imud.tables import estimates as estimate_tables
 from imud.tables import inputs as tables
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.jit import kernel
+from ..compile.jit import kernel
 from .line import FAR_NS, POINTS, add_point, refit
 
 WINDOW_NS = 0.5e9  # the first ones

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.jit import kernel
+from ..compile.jit import kernel
 
 POINTS, LONGEST_NS = 64, 4e9  # windows, and their length at last
 FIT_SPAN_NS = 3e9  # a slope needs a base line this long; until then the nominal period holds

@@ -114,7 +114,7 @@ def _slope(samples: Any, rate_hz: float, args: argparse.Namespace) -> dict[str, 
 
 
 def _faces(samples: Any, rate_hz: float, args: argparse.Namespace) -> dict[str, Any]:
-    from ..kernels.earth import gravity
+    from ..math.earth import gravity
     from ..sensor_errors.accelerometer import FULL, accelerometer, positions
     from ..sensor_errors.calibration import Accelerometer
 

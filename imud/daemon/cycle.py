@@ -14,7 +14,7 @@ import numpy as np
 from drivers.entry import waiting_entry
 from drivers.transport.serial import CHUNK
 
-from ..kernels.system import CLOCK_MONOTONIC, clock_ns, ppoll, read
+from ..compile.system import CLOCK_MONOTONIC, clock_ns, ppoll, read
 from ..outputs.binary import BinaryOutputs, publish
 from ..pipeline import Stream
 from ..stages import RX, STREAM, Records, ingest

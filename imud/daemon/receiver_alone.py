@@ -5,9 +5,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compile.jit import interpreted
 from ..estimators.ins.aiding.gnss_noise import VELOCITY_SIGMA_RANGE, VERTICAL_RATIO, horizontal_sigma
 from ..estimators.records import POSITION_VALID, SOLUTION
-from ..kernels.jit import interpreted
 from ..outputs.view import NO_SOLUTION
 
 

@@ -11,12 +11,12 @@ _WHERE = {
     "attitude": ("ahrs", "ESTIMATOR"),
     "navigation": ("ins", "ESTIMATOR"),
     "tilt": ("tilt", "ESTIMATOR"),
-    "stationary": ("stationary", "ESTIMATOR"),
-    "suh-standard": ("suh", "SUH_STANDARD"),
-    "suh-adaptive": ("suh", "SUH_ADAPTIVE"),
-    "suh-two-step": ("suh", "SUH_TWO_STEP"),
-    "gps-track": ("gps_track", "ESTIMATOR"),
-    "ins9": ("ins9", "ESTIMATOR"),
+    "stationary": ("papers.stationary", "ESTIMATOR"),
+    "suh-standard": ("papers.suh", "SUH_STANDARD"),
+    "suh-adaptive": ("papers.suh", "SUH_ADAPTIVE"),
+    "suh-two-step": ("papers.suh", "SUH_TWO_STEP"),
+    "gps-track": ("papers.gps_track", "ESTIMATOR"),
+    "ins9": ("papers.ins9", "ESTIMATOR"),
 }
 NAMES = tuple(_WHERE)
 

@@ -22,10 +22,10 @@ import numpy as np
 from drivers.sample import NO_FORCE, NO_RATE, SUSPECT
 from drivers.sample import SATURATED as BEYOND_RANGE
 
+from ..compile.jit import kernel
 from ..configuration.settings import Initial, Settings
-from ..kernels.earth import STANDARD_GRAVITY, gravity
-from ..kernels.jit import kernel
-from ..kernels.rotation import quat_of_euler
+from ..math.earth import STANDARD_GRAVITY, gravity
+from ..math.rotation import quat_of_euler
 from ..sensor_errors.profiles import profile_of
 from . import Estimator, Record
 from .records import ATTITUDE_VALID, HEADING_VALID, SATURATED

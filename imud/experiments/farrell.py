@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from ..compile.jit import kernel
 from ..configuration.settings import Imu, Initial, Noise, Settings
-from ..estimators import stationary
+from ..estimators.papers import stationary
+from ..estimators.papers.stationary import BIAS, POSITION, STATES, VELOCITY
 from ..estimators.records import SOLUTION
-from ..estimators.stationary import BIAS, POSITION, STATES, VELOCITY
-from ..kernels.jit import kernel
-from ..kernels.kalman import scale, shear, unpack
+from ..math.kalman import scale, shear, unpack
 from ..sensor_errors.profiles import profile_of
 from .farrell_figures import SETTLED, drift_figure, residual_figure, state_figure
 from .report import Floats, Report, Row, at_most, rms, within

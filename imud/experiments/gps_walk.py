@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..configuration.settings import GpsTrack, Initial, Settings
-from ..estimators import gps_track
+from ..estimators.papers import gps_track
 from ..estimators.records import FIX, SOLUTION
-from ..kernels.earth import radii
+from ..math.earth import radii
 from ..pipeline import Filter
 from .report import Floats, Row, at_most, rms, within
 from .simulate import level_at_rest, samples_of

@@ -14,10 +14,11 @@ import numpy as np
 from drivers.crossbow import packet
 
 from ..configuration.settings import Imu, Initial, Settings
-from ..estimators import ins9, registry
+from ..estimators import registry
+from ..estimators.papers import ins9
 from ..estimators.records import SOLUTION
-from ..kernels.earth import STANDARD_GRAVITY
-from ..kernels.rotation import euler_of_quat
+from ..math.earth import STANDARD_GRAVITY
+from ..math.rotation import euler_of_quat
 from ..pipeline import Filter
 from .gps_walk import LAT, LON, SIGMA_M, distance_rows, gps_rows, walked
 from .prasanna_figures import gps_figure, loop_figure, tilt_figure

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from drivers.sample import SAMPLE
 
-from ..kernels.earth import STANDARD_GRAVITY
+from ..math.earth import STANDARD_GRAVITY
 from ..sensor_errors.profiles import PROFILES
 from .report import Floats
 

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from ..compile.jit import kernel
 from ..configuration.settings import Initial, Settings
 from ..estimators import Estimator
-from ..estimators import suh as filters
+from ..estimators.papers import suh as filters
+from ..estimators.papers.suh import PITCH, R_NOMINAL, ROLL, STEP_S, SUH_ADAPTIVE, SUH_STANDARD, SUH_TWO_STEP
 from ..estimators.records import SOLUTION
-from ..estimators.suh import PITCH, R_NOMINAL, ROLL, STEP_S, SUH_ADAPTIVE, SUH_STANDARD, SUH_TWO_STEP
-from ..kernels.earth import STANDARD_GRAVITY
-from ..kernels.jit import kernel
+from ..math.earth import STANDARD_GRAVITY
 from .report import Floats, Report, Row, at_most, rms
 from .simulate import level_at_rest, m_g350
 from .suh_figures import figures

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..estimators.suh import DELTA, PITCH, ROLL, STEP_S
+from ..estimators.papers.suh import DELTA, PITCH, ROLL, STEP_S
 from ..figures import Figure, Panel, Trace
-from ..kernels.earth import STANDARD_GRAVITY
+from ..math.earth import STANDARD_GRAVITY
 from .report import Floats
 from .simulate import PROFILE
 

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from drivers.entry import entry
 from imud.client import MAGIC, RECORD, VERSION
+from imud.compile.system import CLOCK_MONOTONIC, CLOCK_REALTIME, clock_ns, records
 from imud.configuration.settings import Settings
 from imud.estimators.records import SOLUTION
-from imud.kernels.system import CLOCK_MONOTONIC, CLOCK_REALTIME, clock_ns, records
 
 from .door import Poller
 from .shared_memory import WORD, SharedMemory, write

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from drivers.entry import entry
 from imud.client import MAGIC, SHARED_SIZE
+from imud.compile.system import fence
 from imud.errors import CannotCreateError, PermissionDeniedError
-from imud.kernels.system import fence
 
 WORD = np.dtype(np.uint64)
 _LOCK_BYTES = WORD.itemsize  # before the record

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imud.client import DIVISOR
+from imud.compile.jit import kernel
+from imud.compile.system import EAGAIN, errno, send
 from imud.configuration.settings import Stream as StreamSettings
-from imud.kernels.jit import kernel
-from imud.kernels.system import EAGAIN, errno, send
 
 from .connection import SECOND_NS
 from .door import Door, Poller, TurnedAwayError

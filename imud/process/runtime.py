@@ -86,7 +86,7 @@ def without_scipy() -> None:
 def prepare() -> Path | None:
     """Set the environment for numba; call before anything imports it.
 
-    Returns the cache directory; None if no folder can be written: then every start compiles (see `kernels.jit`).
+    Returns the cache directory; None if no folder can be written: then every start compiles (see `compile.jit`).
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one thread and 57 MB of address space less
     for folder in candidates():

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from drivers.driver import Identity
 
+from ..compile.jit import interpreted, kernel
 from ..configuration.folders import places
 from ..errors import BadDataError, CannotCreateError, InputMissingError
-from ..kernels.jit import interpreted, kernel
-from ..kernels.rotation import dcm_of_quat, quat_of_euler
+from ..math.rotation import dcm_of_quat, quat_of_euler
 
 Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]

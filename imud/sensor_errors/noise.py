@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.allan import allan_variance, integrated
+from ..math.allan import allan_variance, integrated
 
 Floats = NDArray[np.float64]
 PER_OCTAVE = 4  # points of the curve; every fourth is fitted

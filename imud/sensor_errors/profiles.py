@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, replace
 
 from ..configuration.settings import Settings
-from ..kernels.earth import STANDARD_GRAVITY
+from ..math.earth import STANDARD_GRAVITY
 
 
 @dataclass(frozen=True)

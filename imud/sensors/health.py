@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from drivers.entry import entry
 from drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, SATURATED, SUSPECT
 
-from ..kernels.earth import STANDARD_GRAVITY
-from ..kernels.jit import kernel
+from ..compile.jit import kernel
+from ..math.earth import STANDARD_GRAVITY
 from ..sensor_errors.profiles import Profile
 
 LEAST_RUN, LEAST_RUN_S = 20, 0.1  # of equal samples

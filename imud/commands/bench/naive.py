@@ -9,7 +9,7 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
-from imud.kernels.earth import STANDARD_GRAVITY
+from imud.math.earth import STANDARD_GRAVITY
 
 from .signals import ACCEL_LSB, FRAME, GYRO_LSB
 

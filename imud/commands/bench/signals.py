@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from drivers.sample import SAMPLE
 from imud.estimators.records import FIX
-from imud.kernels.earth import STANDARD_GRAVITY
+from imud.math.earth import STANDARD_GRAVITY
 
 Records = NDArray[np.void]
 RATE_HZ = 1000

@@ -16,7 +16,7 @@ from imud.commands.replay import play
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.records import SOLUTION
-from imud.kernels.earth import STANDARD_GRAVITY
+from imud.math.earth import STANDARD_GRAVITY
 from imud.pipeline import Filter, Stream
 
 from . import naive, reference, signals

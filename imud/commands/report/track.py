@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imud.figures import Figure, Panel, Trace
-from imud.kernels.earth import radii
+from imud.math.earth import radii
 
 from .session import TIME, Fixes, Session
 

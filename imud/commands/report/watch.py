@@ -5,8 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from imud.compile.jit import kernel
 from imud.estimators.records import HEADING_VALID
-from imud.kernels.jit import kernel
 from imud.sensor_errors.profiles import PROFILES
 from imud.sensors.health import examine, new_health, words
 from imud.tables.estimates import ESTIMATE_COLUMNS

@@ -13,7 +13,7 @@ long; roll and pitch are then initialised as at a start.
 import math
 from typing import Any
 
-from ...kernels.jit import kernel
+from ...compile.jit import kernel
 from .error_model import add_variance, variance
 from .motion import reset_motion
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS

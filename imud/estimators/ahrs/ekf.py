@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from ...kernels.jit import kernel
-from ...kernels.kalman import measure, packed_index, update
-from ...kernels.rotation import euler_variances, quat_exp, quat_normalised, quat_product
+from ...compile.jit import kernel
+from ...math.kalman import measure, packed_index, update
+from ...math.rotation import euler_variances, quat_exp, quat_normalised, quat_product
 from .error_model import variance
 from .state import ACCEL_BIAS, ACCEL_DELAY, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, POSITION, STATES, VELOCITY
 

@@ -15,9 +15,9 @@ pseudo-measurement can seem to observe it.
 
 from typing import Any
 
-from ...kernels.jit import kernel, unrolled
-from ...kernels.kalman import packed_index, scale, shear, shear3
-from ...kernels.rotation import Vector
+from ...compile.jit import kernel, unrolled
+from ...math.kalman import packed_index, scale, shear, shear3
+from ...math.rotation import Vector
 from .state import ACCEL_BIAS, ACCEL_DELAY, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, POSITION, STATES, VELOCITY
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from drivers.sample import NO_FORCE, NO_RATE, POWER_ON, SATURATED, SUSPECT
 
-from ...kernels.jit import kernel
+from ...compile.jit import kernel
 from .divergence import tilt_is_lost
 from .ekf import inject_error, update_sigmas
 from .error_model import add_shock_noise, propagate_covariance, reset_integrals

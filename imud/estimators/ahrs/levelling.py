@@ -11,9 +11,9 @@ Source of the mean force in such axes: Laidig and Seel, VQF: Highly accurate IMU
 import math
 from typing import Any
 
-from ...kernels.jit import kernel
-from ...kernels.kalman import reset, shear
-from ...kernels.rotation import (
+from ...compile.jit import kernel
+from ...math.kalman import reset, shear
+from ...math.rotation import (
     Vector,
     dcm_of_quat,
     euler_of_quat,

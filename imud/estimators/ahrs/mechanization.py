@@ -9,8 +9,8 @@ Source: Bortz (1971); Savage, Strapdown inertial navigation integration algorith
 
 from typing import Any
 
-from ...kernels.jit import kernel
-from ...kernels.rotation import Quaternion, Vector, dcm_of_quat, quat_exp, quat_normalised, quat_product
+from ...compile.jit import kernel
+from ...math.rotation import Quaternion, Vector, dcm_of_quat, quat_exp, quat_normalised, quat_product
 from .motion import update_scatter
 
 

@@ -11,8 +11,8 @@ change: manoeuvres are too slow for that.
 import math
 from typing import Any
 
-from ...kernels.jit import kernel
-from ...kernels.kalman import reset
+from ...compile.jit import kernel
+from ...math.kalman import reset
 from .error_model import variance
 from .state import POSITION, STATES, VELOCITY
 

@@ -4,8 +4,8 @@ from typing import Any
 
 from drivers.sample import LIMITED_FORCE, LIMITED_RATE, SATURATED
 
-from ...kernels.jit import kernel
-from ...kernels.rotation import Vector, quat_rotate_back
+from ...compile.jit import kernel
+from ...math.rotation import Vector, quat_rotate_back
 
 
 @kernel

@@ -13,7 +13,7 @@ while it travels fast, its vertical velocity is no better known than roads are l
 
 from typing import Any
 
-from ...kernels.jit import kernel
+from ...compile.jit import kernel
 from .ekf import fuse_state
 from .error_model import add_variance, variance
 from .motion import reset_motion

@@ -8,8 +8,8 @@ such a crossing, and a rest on the way spoils it; the noise of a rest is evaluat
 import math
 from typing import Any
 
-from ...kernels.jit import kernel
-from ...kernels.rotation import Vector
+from ...compile.jit import kernel
+from ...math.rotation import Vector
 from .rest_histogram import evaluate_block, start_block
 from .state import BINS, WINDOW
 from .truncation import update_truncation

@@ -10,7 +10,7 @@ Source: von Neumann, Distribution of the ratio of the mean square successive dif
 import math
 from typing import Any
 
-from ...kernels.jit import kernel
+from ...compile.jit import kernel
 from .state import BINS
 from .truncation import first_candidate, last_candidate
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...configuration.settings import Initial, Settings
-from ...kernels.earth import STANDARD_GRAVITY, gravity
+from ...math.earth import STANDARD_GRAVITY, gravity
 from ...sensor_errors.profiles import PROFILES, Profile, profile_of
 from .. import Record
 from ..tuning import values_of

@@ -5,7 +5,7 @@ from typing import Any
 
 from drivers.sample import SATURATED as BEYOND_RANGE
 
-from ...kernels.jit import kernel
+from ...compile.jit import kernel
 from ..records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SATURATED
 from .mechanization import compensate_force, compensate_rate
 

@@ -20,9 +20,9 @@ longer than curves do is believed.
 import math
 from typing import Any
 
-from ...kernels.jit import kernel
-from ...kernels.kalman import measure, reset
-from ...kernels.rotation import Vector, dcm_of_quat, quat_rotate
+from ...compile.jit import kernel
+from ...math.kalman import measure, reset
+from ...math.rotation import Vector, dcm_of_quat, quat_rotate
 from .divergence import inflate_covariance
 from .error_model import add_variance, variance
 from .mechanization import compensate_force

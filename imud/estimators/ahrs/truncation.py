@@ -15,7 +15,7 @@ Source: Bayes' rule for two hypotheses, as in Wald, Sequential tests of statisti
 import math
 from typing import Any
 
-from ...kernels.jit import kernel
+from ...compile.jit import kernel
 from .state import BINS, WINDOW
 
 

@@ -10,8 +10,8 @@ Source: Groves (2013), sec. 3.2 and 14.2; Sola, Quaternion kinematics for the er
 import math
 from typing import Any
 
-from ...kernels.jit import kernel
-from ...kernels.kalman import measure, packed_index, reset, shear, shear3, update
+from ...compile.jit import kernel
+from ...math.kalman import measure, packed_index, reset, shear, shear3, update
 from .mechanization import displace, rotate_attitude
 from .state import (
     ACCEL_BIAS,

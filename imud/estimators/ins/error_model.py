@@ -19,9 +19,9 @@ Source: Groves (2013), sec. 14.2.
 import math
 from typing import Any
 
-from ...kernels.earth import STANDARD_GRAVITY
-from ...kernels.jit import kernel
-from ...kernels.kalman import packed_index, reset, scale, shear, shear3
+from ...compile.jit import kernel
+from ...math.earth import STANDARD_GRAVITY
+from ...math.kalman import packed_index, reset, scale, shear, shear3
 from .ekf import add_variance, combine3, variance
 from .mechanization import ned_to_body, rotate_attitude, rotation_matrix
 from .state import (

@@ -5,8 +5,8 @@ from typing import Any
 
 from drivers.sample import NO_FORCE, NO_RATE, SUSPECT, UNTOLD
 
-from ...kernels.jit import kernel
-from ...kernels.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
+from ...compile.jit import kernel
+from ...math.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
 from ..records import POSITION_N
 from .aiding.gnss_gate import clear_contradictions, contradicts_heading, fade_reset_score, is_frozen, reject_frozen
 from .aiding.gnss_noise import count_fix, horizontal_sigma, set_gnss_noise, set_speed

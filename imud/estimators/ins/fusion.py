@@ -7,7 +7,7 @@ neither of them; whoever fuses a measurement or propagates the errors calls the 
 import math
 from typing import Any
 
-from ...kernels.jit import kernel
+from ...compile.jit import kernel
 from .ekf import inject_error, innovation, innovation_variance, kalman_update
 from .error_model import linearize, propagate_covariance
 from .mechanization import start_integration

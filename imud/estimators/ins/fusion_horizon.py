@@ -7,8 +7,8 @@ forward again to the newest sample, with the code that new samples take; the sna
 import math
 from typing import Any
 
-from ...kernels.jit import kernel
-from ...kernels.kalman import packed_index
+from ...compile.jit import kernel
+from ...math.kalman import packed_index
 from .ekf import variance
 from .propagation import process_sample, propagate_to
 from .state import IMU_RING, NAVIGATING, SNAPSHOT_NS, SNAPSHOTS, STATES, TIME_OFFSET, VELOCITY_TIME_OFFSET

@@ -11,9 +11,9 @@ Source: Titterton and Weston, Strapdown Inertial Navigation Technology (2004), c
 import math
 from typing import Any
 
-from ...kernels.earth import EARTH_RATE_RADPS, SEMI_MAJOR_M, gravity_above, radii, radii_by_sine, surface_gravity
-from ...kernels.jit import kernel
-from ...kernels.rotation import (
+from ...compile.jit import kernel
+from ...math.earth import EARTH_RATE_RADPS, SEMI_MAJOR_M, gravity_above, radii, radii_by_sine, surface_gravity
+from ...math.rotation import (
     dcm_of_quat,
     quat_exp,
     quat_normalised,

@@ -5,8 +5,8 @@ from typing import Any
 from drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, POWER_ON
 from drivers.sample import SATURATED as BEYOND_RANGE
 
-from ...kernels.earth import gravity
-from ...kernels.jit import kernel
+from ...compile.jit import kernel
+from ...math.earth import gravity
 from .aiding.non_holonomic import find_forward_axis, fuse_nhc, is_due, reset_nhc
 from .aiding.zero_velocity import fuse_rest
 from .alignment.levelling import level_from_window

@@ -3,9 +3,9 @@
 import math
 from typing import Any
 
-from ...kernels.jit import kernel
-from ...kernels.kalman import packed_index
-from ...kernels.rotation import euler_variances
+from ...compile.jit import kernel
+from ...math.kalman import packed_index
+from ...math.rotation import euler_variances
 from ..records import AT_REST, ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, REJECTING, SATURATED
 from .ekf import standard_deviation, variance
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, POSITION, STATES, VELOCITY

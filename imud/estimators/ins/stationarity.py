@@ -10,8 +10,8 @@ the quiet is compared with what this vehicle has shown at rest and in slow motio
 import math
 from typing import Any
 
-from ...kernels.earth import STANDARD_GRAVITY
-from ...kernels.jit import kernel
+from ...compile.jit import kernel
+from ...math.earth import STANDARD_GRAVITY
 from .ekf import innovation_variance, set_jacobian, variance
 from .mechanization import Vector, rotation_matrix
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, VELOCITY

@@ -7,7 +7,7 @@ believed once they have been consistent with the velocity for a while, or where 
 import math
 from typing import Any
 
-from ....kernels.jit import kernel
+from ....compile.jit import kernel
 from ..ekf import add_variance, clear_gnss_bias, decorrelate, variance
 from ..error_model import GNSS_BIAS_TIME_S
 from ..mechanization import displace

@@ -7,7 +7,7 @@ first-order Gauss-Markov state; the white part is learned from the innovations.
 import math
 from typing import Any
 
-from ....kernels.jit import kernel
+from ....compile.jit import kernel
 from ..ekf import add_covariance, add_variance, clear_gnss_bias, variance
 from ..observers.gnss_drift import reset_drift
 from ..state import ATTITUDE, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY_TIME_OFFSET

@@ -6,8 +6,8 @@ z = p_fix - p - C_nb lever_arm - gnss_bias + v time_offset, axis by axis; the he
 import math
 from typing import Any
 
-from ....kernels.earth import radii
-from ....kernels.jit import kernel
+from ....compile.jit import kernel
+from ....math.earth import radii
 from ...records import POSITION_N
 from ..ekf import innovation, innovation_variance, set_jacobian, variance
 from ..fusion import correct_state, fuse

@@ -7,7 +7,7 @@ that size is ruled out, the survey is right, and what is left is the inertial se
 
 from typing import Any
 
-from ....kernels.jit import kernel
+from ....compile.jit import kernel
 from ..ekf import clear_time_offset, decorrelate, standard_deviation
 from ..state import TIME_OFFSET
 

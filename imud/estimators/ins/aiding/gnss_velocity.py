@@ -6,7 +6,7 @@ z = v_fix - v - C_nb (w x lever_arm) + a (time_offset + velocity_time_offset), c
 import math
 from typing import Any
 
-from ....kernels.jit import kernel
+from ....compile.jit import kernel
 from ...records import VELOCITY_N
 from ..ekf import innovation, innovation_variance, set_jacobian
 from ..fusion import correct_state, gated_update

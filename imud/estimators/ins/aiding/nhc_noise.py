@@ -9,7 +9,7 @@ that has just begun is weaker than any land vehicle's: the first sums that show 
 import math
 from typing import Any
 
-from ....kernels.jit import kernel
+from ....compile.jit import kernel
 from ..stationarity import FRESH_S
 
 SUM_LENGTH = 100  # innovations

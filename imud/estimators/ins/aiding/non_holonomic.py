@@ -12,8 +12,8 @@ constraints (2001).
 import math
 from typing import Any
 
-from ....kernels.jit import kernel
-from ....kernels.rotation import quat_exp, quat_rotate, quat_rotate_back
+from ....compile.jit import kernel
+from ....math.rotation import quat_exp, quat_rotate, quat_rotate_back
 from ...records import HOP, SLIP
 from ..ekf import add_variance, decorrelate, set_forward_axis, set_jacobian, variance
 from ..fusion import correct_state, pseudo_measurement

@@ -3,8 +3,8 @@
 import math
 from typing import Any
 
-from ....kernels.earth import EARTH_RATE_RADPS
-from ....kernels.jit import kernel
+from ....compile.jit import kernel
+from ....math.earth import EARTH_RATE_RADPS
 from ...records import REST_N, REST_X
 from ..ekf import decorrelate, set_jacobian
 from ..fusion import correct_state, pseudo_measurement

@@ -8,8 +8,8 @@ The drift within the interval between two fixes matters little: each interval is
 import math
 from typing import Any
 
-from ....kernels.earth import STANDARD_GRAVITY
-from ....kernels.jit import kernel
+from ....compile.jit import kernel
+from ....math.earth import STANDARD_GRAVITY
 from ..observers.heading_integrals import (
     DELTA_V,
     HEADING_INTEGRAL,

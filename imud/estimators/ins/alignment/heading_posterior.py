@@ -3,8 +3,8 @@
 import math
 from typing import Any
 
-from ....kernels.earth import STANDARD_GRAVITY
-from ....kernels.jit import kernel
+from ....compile.jit import kernel
+from ....math.earth import STANDARD_GRAVITY
 from ..ekf import innovation_variance, set_jacobian
 from ..mechanization import rotation_matrix, wrap_angle
 from ..observers.heading_integrals import (

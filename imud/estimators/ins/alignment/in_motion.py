@@ -4,8 +4,8 @@ fixes' own time (see `alignment.refer`), by the filter that navigates later, and
 import math
 from typing import Any
 
-from ....kernels.earth import STANDARD_GRAVITY
-from ....kernels.jit import kernel
+from ....compile.jit import kernel
+from ....math.earth import STANDARD_GRAVITY
 from ..aiding.gnss_noise import limit_position_confidence, mark_used, set_speed
 from ..aiding.gnss_velocity import low_speed_variance, velocity_of
 from ..aiding.non_holonomic import accumulate_scatter

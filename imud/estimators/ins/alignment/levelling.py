@@ -7,8 +7,8 @@ of any vehicle; the gyro, whose bias is estimated at the same time, carries the 
 import math
 from typing import Any
 
-from ....kernels.earth import gravity
-from ....kernels.jit import kernel
+from ....compile.jit import kernel
+from ....math.earth import gravity
 from ..ekf import innovation_variance, set_jacobian
 from ..fusion import correct_state, gated_update
 from ..mechanization import ned_to_body, rotation_matrix

@@ -6,8 +6,8 @@ And how navigation begins with it, and is given up again.
 import math
 from typing import Any
 
-from ....kernels.jit import kernel
-from ....kernels.rotation import quat_of_gravity
+from ....compile.jit import kernel
+from ....math.rotation import quat_of_gravity
 from ..aiding.non_holonomic import reset_nhc, rotate_scatter
 from ..ekf import (
     add_variance,

@@ -6,8 +6,8 @@ How they are matched, is in `matching`; here is what of a fix is taken for it, a
 import math
 from typing import Any
 
-from ....kernels.earth import STANDARD_GRAVITY
-from ....kernels.jit import kernel
+from ....compile.jit import kernel
+from ....math.earth import STANDARD_GRAVITY
 from ..ekf import innovation_variance, set_jacobian, variance
 from ..error_model import GNSS_BIAS_TIME_S
 from ..mechanization import ned_difference, rotation_matrix

@@ -12,7 +12,7 @@ Source: Kailath, An innovations approach to least-squares estimation, part I (19
 import math
 from typing import Any
 
-from ....kernels.jit import kernel
+from ....compile.jit import kernel
 from ..error_model import GNSS_BIAS_TIME_S
 from ..state import HYPOTHESES
 

@@ -7,7 +7,7 @@ changes that it sees by tilt and biases. Here they are matched as in `alignment`
 import math
 from typing import Any
 
-from ....kernels.jit import kernel
+from ....compile.jit import kernel
 from ..aiding.gnss_velocity import low_speed_variance, velocity_of
 from ..aiding.non_holonomic import reset_nhc
 from ..alignment.heading_posterior import set_wide_prior, solve_heading

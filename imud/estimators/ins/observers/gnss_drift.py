@@ -16,7 +16,7 @@ approach to the detection and estimation of jumps in linear systems (1976).
 import math
 from typing import Any
 
-from ....kernels.jit import kernel
+from ....compile.jit import kernel
 from ..ekf import add_correction, add_covariance
 from ..error_model import apply_phi
 from ..state import NEVER_NS, ONSETS, STATES, VELOCITY

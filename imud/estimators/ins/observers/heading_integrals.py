@@ -21,8 +21,8 @@ Systems (1973), ch. 6, for nuisance parameters with a prior; matched-filter bank
 import math
 from typing import Any
 
-from ....kernels.earth import STANDARD_GRAVITY
-from ....kernels.jit import kernel
+from ....compile.jit import kernel
+from ....math.earth import STANDARD_GRAVITY
 from ..mechanization import rotation_matrix
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ....kernels.jit import kernel
+from ....compile.jit import kernel
 
 
 @kernel

@@ -5,8 +5,8 @@ from typing import Any
 
 from drivers.sample import SATURATED as BEYOND_RANGE
 
-from ..kernels.jit import kernel
-from .records import SATURATED
+from ...compile.jit import kernel
+from ..records import SATURATED
 
 
 @kernel

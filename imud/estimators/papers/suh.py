@@ -36,14 +36,14 @@ import numpy as np
 
 from drivers.sample import UNTOLD
 
-from ..configuration.settings import Initial, Settings
-from ..kernels.earth import STANDARD_GRAVITY, gravity
-from ..kernels.jit import kernel
-from ..kernels.kalman import measure, scale, shear, update
-from ..kernels.rotation import quat_of_euler
-from . import Estimator, Record
-from .records import ATTITUDE_VALID
-from .unknown import blank
+from ...compile.jit import kernel
+from ...configuration.settings import Initial, Settings
+from ...math.earth import STANDARD_GRAVITY, gravity
+from ...math.kalman import measure, scale, shear, update
+from ...math.rotation import quat_of_euler
+from .. import Estimator, Record
+from ..records import ATTITUDE_VALID
+from .blank_solution import blank
 
 STEP_S = 0.05
 LONG_GAP_S = 1.0  # after it the filter begins anew

@@ -6,7 +6,7 @@ Source: IEEE Std 952-2020, annex C; W. J. Riley, Handbook of Frequency Stability
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import kernel
+from ..compile.jit import kernel
 
 
 @kernel

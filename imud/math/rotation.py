@@ -5,7 +5,7 @@ Source: Solà, Quaternion kinematics for the error-state Kalman filter (2017); T
 
 import math
 
-from .jit import kernel
+from ..compile.jit import kernel
 
 Quaternion = tuple[float, float, float, float]
 Vector = tuple[float, float, float]

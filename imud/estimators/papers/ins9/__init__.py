@@ -22,10 +22,10 @@ from typing import Any
 
 from drivers.sample import UNTOLD
 
-from ...kernels.earth import displaced
-from ...kernels.jit import kernel
-from ...kernels.kalman import measure, shear, update
-from .. import Estimator
+from ....compile.jit import kernel
+from ....math.earth import displaced
+from ....math.kalman import measure, shear, update
+from ... import Estimator
 from .reckoning import calibrate, err, reckon
 from .solution import reckoning_variance, tell
 from .state import ACCELERATION, DISTANCE, REST_S, SPEED, STATES, configure, start

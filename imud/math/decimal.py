@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import kernel
+from ..compile.jit import kernel
 
 Bytes = NDArray[np.uint8]
 _ZERO, _MINUS, _POINT = ord("0"), ord("-"), ord(".")

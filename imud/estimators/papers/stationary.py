@@ -11,7 +11,7 @@ What is built instead of the print:
   sensor that filters; over that u is constant and the integral exact, so mean and Phi agree;
 - lambda = 0.001 Hz is, in (4) and by the printed Phi, 0.001 1/s;
 - sigma_b = 8 mg is 7.845e-2 m/s^2, not 7.2e-2; the data sheet's VRW is in (m/s)/sqrt(h), not (m/s)/sqrt(Hz);
-- P = (I - KH) P is symmetric only on paper; here it is the packed triangle of `kernels.kalman`.
+- P = (I - KH) P is symmetric only on paper; here it is the packed triangle of `math.kalman`.
 
 The three axes have the same parameters and therefore one covariance, which turning the axes does not change. Tilt is
 given by the user or taken from the first sample, and then fixed: in the second case the estimated bias is what the
@@ -26,15 +26,15 @@ import numpy as np
 
 from drivers.sample import NO_FORCE, SUSPECT
 
-from ..configuration.settings import Initial, Settings
-from ..kernels.earth import STANDARD_GRAVITY, displaced, gravity
-from ..kernels.jit import kernel
-from ..kernels.kalman import measure, scale, shear, update
-from ..kernels.rotation import euler_of_quat, quat_of_euler, quat_of_gravity, quat_rotate, quat_rotate_back
-from ..sensor_errors.profiles import profile_of
-from . import Estimator, Record
-from .records import AT_REST, ATTITUDE_VALID, POSITION_VALID, REJECTING
-from .unknown import blank
+from ...compile.jit import kernel
+from ...configuration.settings import Initial, Settings
+from ...math.earth import STANDARD_GRAVITY, displaced, gravity
+from ...math.kalman import measure, scale, shear, update
+from ...math.rotation import euler_of_quat, quat_of_euler, quat_of_gravity, quat_rotate, quat_rotate_back
+from ...sensor_errors.profiles import profile_of
+from .. import Estimator, Record
+from ..records import AT_REST, ATTITUDE_VALID, POSITION_VALID, REJECTING
+from .blank_solution import blank
 
 LAMBDA = 1e-3  # 1/s
 BIAS_PSD = 8e-6  # (m/s^2)^2/s, his Q_omega

@@ -19,13 +19,13 @@ from typing import Any
 
 import numpy as np
 
-from ..configuration.settings import Initial, Settings
-from ..kernels.earth import MIN_COS, displaced, radii
-from ..kernels.jit import kernel
-from ..kernels.kalman import measure, shear, update
-from . import Estimator, Record
-from .records import COASTING, POSITION_E, POSITION_N, POSITION_VALID
-from .unknown import blank
+from ...compile.jit import kernel
+from ...configuration.settings import Initial, Settings
+from ...math.earth import MIN_COS, displaced, radii
+from ...math.kalman import measure, shear, update
+from .. import Estimator, Record
+from ..records import COASTING, POSITION_E, POSITION_N, POSITION_VALID
+from .blank_solution import blank
 
 NORTH, VELOCITY_N, EAST, VELOCITY_E, STATES = 0, 1, 2, 3, 4
 PACKED = STATES * (STATES + 1) // 2

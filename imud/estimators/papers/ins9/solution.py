@@ -3,10 +3,10 @@
 import math
 from typing import Any
 
-from ...kernels.earth import EARTH_RATE_RADPS, displaced
-from ...kernels.jit import kernel
-from ..records import AT_REST, ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID
-from ..unknown import blank
+from ....compile.jit import kernel
+from ....math.earth import EARTH_RATE_RADPS, displaced
+from ...records import AT_REST, ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID
+from ..blank_solution import blank
 from .state import DEVICE, EARTH, RATE_ERROR, SCALE_ERROR
 
 GIVEN_HEADING, UNIFORM = math.radians(5.0), math.pi / math.sqrt(3.0)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import kernel, unrolled
+from ..compile.jit import kernel, unrolled
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

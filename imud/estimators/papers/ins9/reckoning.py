@@ -3,8 +3,8 @@
 import math
 from typing import Any
 
-from ...kernels.jit import kernel
-from ...kernels.rotation import (
+from ....compile.jit import kernel
+from ....math.rotation import (
     dcm_of_quat,
     euler_of_quat,
     quat_exp,

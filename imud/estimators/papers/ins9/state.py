@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from ...configuration.settings import Initial, Settings
-from ...sensor_errors.profiles import profile_of
-from .. import Record
+from ....configuration.settings import Initial, Settings
+from ....sensor_errors.profiles import profile_of
+from ... import Record
 
 REST_S = 5.0
 IN_RUN_S = 300.0  # time in which a bias wanders by its in-run stability

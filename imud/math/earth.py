@@ -5,7 +5,7 @@ Source: NIMA TR8350.2 (2000), Somigliana's formula (eq. 4-1) and its second-orde
 
 import math
 
-from .jit import kernel
+from ..compile.jit import kernel
 
 SEMI_MAJOR_M = 6378137.0
 FLATTENING = 1.0 / 298.257223563

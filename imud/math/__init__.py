@@ -1,0 +1,1 @@
+"""Arithmetic on small fixed arrays: rotations, the earth, packed covariances."""

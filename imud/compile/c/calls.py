@@ -1,4 +1,4 @@
-"""Calls in a kernel as C: of other kernels, of numbers' types, of the mathematical library, of `kernels.system`."""
+"""Calls in a kernel as C: of other kernels, of numbers' types, of the mathematical library, of `compile.system`."""
 
 import ast
 from collections.abc import Callable

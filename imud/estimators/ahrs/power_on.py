@@ -6,8 +6,8 @@ deviation with which the filter starts. What was learned before the power-on is 
 
 from typing import Any
 
-from ...kernels.jit import kernel
-from ...kernels.kalman import reset
+from ...compile.jit import kernel
+from ...math.kalman import reset
 from .state import ACCEL_BIAS, GYRO_BIAS, STATES
 from .stationarity import restart_means_at_last
 

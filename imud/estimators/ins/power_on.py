@@ -8,7 +8,7 @@ kept only if the first specific force is along the vertical, up to what a vehicl
 import math
 from typing import Any
 
-from ...kernels.jit import kernel
+from ...compile.jit import kernel
 from .alignment.transitions import restart_attitude
 from .alignment.velocity_pairs import reset_pairs
 from .ekf import add_variance, decorrelate, variance

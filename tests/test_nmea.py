@@ -182,6 +182,7 @@ REFUSED = {
     "GGA HDOP": (gga(rest="1,08,-1,545.4,M,46.9,M,,"), gga(rest="1,08,nan,545.4,M,46.9,M,,")),
     "GGA altitude": (gga(rest="1,08,0.9,5e4,M,46.9,M,,"), gga(rest="1,08,0.9,1_0,M,46.9,M,,")),
     "GGA unit": gga(rest="1,08,0.9,545.4,F,46.9,M,,"),
+    "GGA too short": tuple(gga(rest="1,08,0.9,545.4,M,46.9,M".rsplit(",", cut)[0]) for cut in range(1, 7)),
     "VTG speed": (vtg(kmh="-1"), vtg(kmh="inf"), vtg(kmh="9999")),
     "VTG course": (vtg(course="360.1"), vtg(course="-1")),
     "VTG unit": line("GPVTG,1,T,,M,1,K,1,N,A"),
@@ -194,6 +195,7 @@ REFUSED = {
     "GNS position missing": line("GNGNS,120000,,,,,AN,08,0.9,545.4,46.9,,"),
     "GLL status": line("GPGLL,4807.038,N,01131.000,E,120000"),
     "GLL latitude": line("GPGLL,9000.001,N,01131.000,E,120000,A,A"),
+    "GLL position missing": line("GPGLL,,,,,120000,A,A"),
     "GLL mode": line("GPGLL,4807.038,N,01131.000,E,120000,A,Z"),
     "GSA dimensions": (line("GPGSA,A,,01"), line("GPGSA,A,4,01")),
     "ZDA date": (line("GPZDA,120000,31,02,2026,,"), line("GPZDA,120000,21,11,26,,")),
@@ -270,6 +272,10 @@ def test_gns_and_gll_give_fixes_where_there_is_no_gga():
     assert (fix.quality, fix.height_m, fix.satellites, fix.utc_s) == (1, None, None, 19 * 3600 + 41 * 60 + 2)
     assert fix.lon_deg == -float(Fraction(71) + Fraction("40.5579") / 60)
     assert decode(line("GPGLL,,,,,,V,N"))[0] == []
+    for status in ("V,N", "N,N", "N", "N,A"):  # N: no fix, in the words of some receivers
+        fixes, decoder = decode(line(f"GPGLL,4807.038,N,01131.000,E,120000,{status}") + gga("120001", rest="0,,,,,,,,"))
+        assert fixes == [] and decoder.counters["no fix"] == 2 and "GLL status" not in decoder.counters
+    assert fix_of(gga(rest="1,08,0.9,545.4,M,46.9,M")).satellites == 8  # without age and station
 
 
 def test_an_invalid_sentence_beside_a_valid_one_is_no_place():

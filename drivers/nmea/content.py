@@ -8,6 +8,7 @@ from .sentences import RefusedError, Sentence, angle, calendar, integer, number,
 
 KNOTS, KMH = (1852, 3600), (10, 36)  # to m/s
 FASTEST = 4000.0  # knots or km/h
+GGA_FIELDS = 12  # at least: up to the geoid's unit; the age of corrections and the station may be missing
 UNKNOWN_HDOP = 99.0  # and above: the receiver has no figure
 TRUST = (8, 7, 6, 1, 2, 3, 5, 4)  # qualities, the best last
 WAAS, DIFFERENTIAL = 9, 2  # NovAtel's word for a differential fix, and the standard's
@@ -102,6 +103,8 @@ def gga(s: Sentence) -> Position:
     satellites = integer(s.field(7), 999, "satellites")
     if quality == 0:  # the position may be a dummy such as 8960.000000
         return Position(time_ns, 0, satellites)
+    if len(s.fields) < GGA_FIELDS:
+        raise RefusedError("too short")
     height, geoid = metres(s, 9, 1e6, "altitude"), metres(s, 11, 1e3, "geoid")
     return Position(time_ns, quality, satellites, *latlon(s, 2), height, geoid, hdop(s))
 
@@ -142,9 +145,9 @@ def rmc(s: Sentence) -> Minimum:
 def gll(s: Sentence) -> Minimum:
     """Position, time, status, mode."""
     time_ns, mode = utc_ns(s.field(5)), s.field(7)
-    if s.field(6) not in ("A", "V"):
+    if s.field(6) not in ("A", "V", "N"):  # N: some receivers' word for V
         raise RefusedError("status")
-    if s.field(6) == "V" or mode == "N":
+    if s.field(6) != "A" or mode == "N":
         return Minimum(time_ns, None, 0)
     if mode not in QUALITY_OF_MODE:
         raise RefusedError("mode")

@@ -6,10 +6,10 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Initial, Settings
-from imud.estimators.ins import error_model as k
 from imud.estimators.ins.ekf import set_jacobian
 from imud.estimators.ins.fusion import correct_state, gated_update, propagate_errors
-from imud.estimators.ins.setup import configure, start
+from imud.estimators.ins.parameters import configure
+from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -65,29 +65,34 @@ def test_one_interval_is_that_of_the_matrix_exponential(seed):
     dt = 0.01
     force = rng.standard_normal(3) * 3 + (0, 0, -9.8)
     c["imu"]["delta_v"], c["imu"]["delta_theta"], c["imu"]["integration_time"] = force * dt, c["imu"]["rate_b"] * dt, dt
+    tuning = p.view(np.recarray)[0].tuning
     F = np.zeros((STATES, STATES))
     F[block(POSITION), block(VELOCITY)] = np.eye(3)
     F[block(VELOCITY), block(ATTITUDE)] = -skew(force)
     F[block(VELOCITY), block(ACCEL_BIAS)] = -C
     F[block(ATTITUDE), block(GYRO_BIAS)] = -C
     F[block(ATTITUDE), block(TURN_SCALE)] = -C * (C[2] @ c["imu"]["rate_b"])
-    F[block(GNSS_BIAS), block(GNSS_BIAS)] = -np.eye(3) / k.GNSS_BIAS_TIME_S
+    F[block(GNSS_BIAS), block(GNSS_BIAS)] = -np.eye(3) / tuning.gnss_bias_time_s
     q = np.zeros(STATES)
     tilt2, heading2 = np.mean(np.diag(P)[block(ATTITUDE, 2)]), P[ATTITUDE + 2, ATTITUDE + 2]
     r = p[0]
     q[block(VELOCITY)] = (
         r["accel_psd"]
-        + k.VIBRATION_VRW**2 * 0.4
-        + r["accel_scale"] ** 2 * np.sum(c["imu"]["accel_n"] ** 2) * k.ACCEL_SCALE_TIME_S
-        + heading2 * (0.5 * heading2 * np.sum(c["imu"]["accel_n"] ** 2) + 9.80665**2 * tilt2) * k.SECOND_ORDER_TIME_S
+        + tuning.vibration_vrw**2 * 0.4
+        + r["accel_scale"] ** 2 * np.sum(c["imu"]["accel_n"] ** 2) * tuning.accel_scale_time_s
+        + heading2
+        * (0.5 * heading2 * np.sum(c["imu"]["accel_n"] ** 2) + 9.80665**2 * tilt2)
+        * tuning.second_order_time_s
     )
-    q[block(ATTITUDE)] = r["gyro_psd"] + r["gyro_scale"] ** 2 * np.sum(c["imu"]["rate_b"] ** 2) * k.GYRO_SCALE_TIME_S
+    q[block(ATTITUDE)] = (
+        r["gyro_psd"] + r["gyro_scale"] ** 2 * np.sum(c["imu"]["rate_b"] ** 2) * tuning.gyro_scale_time_s
+    )
     q[block(GYRO_BIAS)] = r["gyro_bias_psd"]
-    q[block(ACCEL_BIAS)] = r["accel_bias_psd"] + k.VIBRATION_BIAS_WALK**2 * 0.4
-    q[block(GNSS_BIAS)] = 2.0 / k.GNSS_BIAS_TIME_S * np.array([1.5, 1.5, 3.0]) ** 2
-    q[[MOUNT_PITCH, MOUNT_YAW]] = k.MOUNT_PSD
-    q[block(TURN_SCALE)] = k.TURN_SCALE_PSD
-    q[NHC_LEVER_ARM] = k.NHC_LEVER_ARM_PSD
+    q[block(ACCEL_BIAS)] = r["accel_bias_psd"] + tuning.vibration_bias_walk**2 * 0.4
+    q[block(GNSS_BIAS)] = 2.0 / tuning.gnss_bias_time_s * np.array([1.5, 1.5, 3.0]) ** 2
+    q[[MOUNT_PITCH, MOUNT_YAW]] = tuning.mount_psd
+    q[block(TURN_SCALE)] = tuning.turn_scale_psd
+    q[NHC_LEVER_ARM] = tuning.nhc_lever_arm_psd
     phi = expm(F * dt)
     expected = phi @ P @ phi.T + np.diag(q) * dt
     propagate_errors(p[0], c)
@@ -133,13 +138,13 @@ def test_a_gated_measurement_changes_nothing():
 
 
 def test_corrections_move_the_nominal_state_by_the_error():
-    _, _, c, _, C, _ = made(6)
+    p, _, c, _, C, _ = made(6)
     lat, height, v = float(c["nav"]["lat"]), float(c["nav"]["height"]), c["nav"]["v_n"].copy()
     c["scratch"]["x"][POSITION : POSITION + 3] = 10.0, 0.0, 2.0
     c["scratch"]["x"][VELOCITY] = 0.5
     c["scratch"]["x"][ATTITUDE : ATTITUDE + 3] = 0.01, -0.02, 0.03
     c["scratch"]["x"][TIME_OFFSET], c["scratch"]["x"][VELOCITY_TIME_OFFSET] = 0.1, 0.05
-    correct_state(c)
+    correct_state(p[0], c)
     assert (c["nav"]["time_offset"], c["nav"]["velocity_time_offset"]) == pytest.approx((0.1, 0.05))
     assert (c["nav"]["lat"] - lat) * 6.3781e6 == pytest.approx(10.0, rel=0.01)
     assert (c["nav"]["height"] - height, c["nav"]["v_n"][0] - v[0]) == pytest.approx((-2.0, 0.5))

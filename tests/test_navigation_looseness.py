@@ -5,18 +5,22 @@ import pytest
 
 from imud.configuration.settings import Initial, Settings
 from imud.estimators.ins.aiding.nhc_noise import (
-    INITIAL_NOISE_SCALE,
-    NOISE_SCALE_RANGE,
-    SUM_LENGTH,
     add_innovation,
     clear_sums,
     learn_noise_scale,
 )
 from imud.estimators.ins.aiding.non_holonomic import disable_nhc, enable_nhc
+from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.propagation import gap_variance
-from imud.estimators.ins.setup import configure, start
+from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import ATTITUDE, GNSS_BIAS, STATES, TURN_SCALE
 from imud.math.kalman import scale, unpack
+
+PARAMETERS = configure(Settings(), 100.0).view(np.recarray)[0]
+TUNING = PARAMETERS["tuning"]
+SUM_LENGTH = int(TUNING["nhc_sum_length"])
+NOISE_SCALE_RANGE = TUNING["nhc_min_noise_scale"], TUNING["nhc_max_noise_scale"]
+INITIAL_NOISE_SCALE = np.sqrt(NOISE_SCALE_RANGE[0] * NOISE_SCALE_RANGE[1])
 
 
 def learned(innovations, assumed, fix_age_s=0.0, known=True):
@@ -35,7 +39,7 @@ def learned(innovations, assumed, fix_age_s=0.0, known=True):
     for pair in innovations:
         for k in range(2):
             add_innovation(c, k, pair[k], c["nhc"]["noise_scale"][k] * assumed)
-        fits = not learn_noise_scale(c) and fits
+        fits = not learn_noise_scale(PARAMETERS, c) and fits
     return c["nhc"]["noise_scale"].copy(), fits
 
 
@@ -83,11 +87,11 @@ def test_what_the_constraint_taught_of_what_is_no_land_vehicle_is_doubted():
     core = start(configure(Settings(), 100.0), Initial())["core"][0]
     c = core[0]
     c["nhc"]["down_sum"], c["nhc"]["principal_axis"] = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
-    enable_nhc(c)
+    enable_nhc(PARAMETERS, c)
     began = np.diag(unpack(c["cov"]["P"], STATES))
     for i in range(STATES):
         scale(c["cov"]["P"], STATES, i, 0.1)
-    disable_nhc(c, 4.0)
+    disable_nhc(PARAMETERS, c, 4.0)
     doubted = np.diag(unpack(c["cov"]["P"], STATES))
     bent = [*range(ATTITUDE, GNSS_BIAS), *range(TURN_SCALE, TURN_SCALE + 3)]
     assert doubted[bent] == pytest.approx(began[bent])
@@ -104,11 +108,13 @@ def test_a_gap_hides_what_a_random_walk_tied_at_both_ends_does(gap):
     walks = np.column_stack([np.zeros(runs), walks])
     bridges = walks - np.linspace(0.0, 1.0, n + 1) * walks[:, -1:]
     still = np.zeros(3)
-    assert gap_variance(still, still, gap, q, 0.0, 10.0) == pytest.approx(np.var(bridges.mean(axis=1)), rel=0.1)
+    assert gap_variance(PARAMETERS, still, still, gap, q, 0.0, 10.0) == pytest.approx(
+        np.var(bridges.mean(axis=1)), rel=0.1
+    )
 
 
 def test_a_gap_hides_more_where_its_ends_differ_or_shake_and_at_most_what_may_happen():
     still, turning = np.zeros(3), np.array([0.0, 0.0, 0.6])
-    assert gap_variance(still, turning, 0.2, 0.0, 0.0, 10.0) == pytest.approx(0.6**2 / 12)
-    assert gap_variance(still, still, 0.2, 0.0, 0.02, 10.0) == pytest.approx(0.01)
-    assert gap_variance(still, still, 1e3, 0.01, 0.0, 0.3) == pytest.approx(0.09)
+    assert gap_variance(PARAMETERS, still, turning, 0.2, 0.0, 0.0, 10.0) == pytest.approx(0.6**2 / 12)
+    assert gap_variance(PARAMETERS, still, still, 0.2, 0.0, 0.02, 10.0) == pytest.approx(0.01)
+    assert gap_variance(PARAMETERS, still, still, 1e3, 0.01, 0.0, 0.3) == pytest.approx(0.09)

@@ -11,12 +11,16 @@ from imud.estimators.ins.alignment import drift_hypotheses as hypotheses
 from imud.estimators.ins.alignment import heading_posterior as posterior
 from imud.estimators.ins.alignment import whitening
 from imud.estimators.ins.observers import heading_integrals as matching
-from imud.estimators.ins.setup import configure, start
+from imud.estimators.ins.parameters import configure
+from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, HYPOTHESES, STATES
 
 RATE = 100
 G = 9.80665
 VARIANCE = 0.1**2
+
+PARAMETERS = configure(Settings(), RATE)[0]
+TUNING = PARAMETERS["tuning"]
 
 
 def core():
@@ -41,7 +45,7 @@ def carried(corrections, seconds=20.0, at_s=8.0):
         if k == int(at_s * RATE):
             for state, value in corrections.items():
                 c["scratch"]["x"][state] = value
-            fusion.correct_state(c)
+            fusion.correct_state(p, c)
     return c["alignment"]["integrals"].copy(), s
 
 
@@ -90,7 +94,7 @@ def match(b, z, u, seen, ages):
     """As if they had been followed: each hypothesis turns back what was felt in its frame."""
     for i in range(len(z)):
         for k in range(HYPOTHESES):
-            turn = np.exp(1j * hypotheses.drift_rate(k) * ages[i])
+            turn = np.exp(1j * hypotheses.drift_rate(PARAMETERS, k) * ages[i])
             for j, value in enumerate([seen[i], turn * z[i], *(turn * u[i])]):
                 b["innovations"][j] = value.real, value.imag
             hypotheses.accumulate_products(b, k, 1.0 / VARIANCE)
@@ -105,7 +109,7 @@ def test_corrections_taken_over_are_as_if_made_before():
     b = s["bank"][0, 0]
     match(b, *data)
     c["alignment"]["corrections"] = np.stack([d.real, d.imag], axis=-1)
-    hypotheses.apply_corrections(c, b)
+    hypotheses.apply_corrections(PARAMETERS, c, b)
     taken = b["products"].copy()
     hypotheses.clear_hypotheses(b)
     match(b, data[0] + data[1] @ d, *data[1:])
@@ -117,7 +121,7 @@ def test_in_the_frame_of_the_right_drift_forces_add_up_to_the_velocity_for_as_lo
     p, s, c = core()
     b = s["bank"][0, 0]
     d = drive(40.0, rest=0.0, fast_start=True)
-    bias = np.array([0.0, 0.0, 7 * hypotheses.DRIFT_RATE_STEP])
+    bias = np.array([0.0, 0.0, 7 * TUNING["drift_rate_step"]])
     c["nav"]["q_nb"] = np.roll((Rotation.from_rotvec([0.006, -0.006, 0.0]) * d.attitude[0]).as_quat(), 1)
     c["nav"]["v_n"], c["nav"]["lat"], c["imu"]["w"], c["imu"]["f"] = d.v[0], d.lat[0], d.w[0] + bias, d.f[0]
     hypotheses.clear_hypotheses(b)
@@ -128,7 +132,7 @@ def test_in_the_frame_of_the_right_drift_forces_add_up_to_the_velocity_for_as_lo
         fusion.propagate_errors(p, c)
         c["nav"]["t_ns"] = round(1e9 * d.t[k])
         if k % RATE == 0:
-            hypotheses.propagate_hypotheses(c, b, 1.0)
+            hypotheses.propagate_hypotheses(PARAMETERS, c, b, 1.0)
             integrals.append(complex_(b["integrals"]))
     v = (d.v[RATE::RATE] - d.v[0])[:, :2] @ (1.0, 1.0j)
     felt = np.array(integrals)
@@ -147,11 +151,11 @@ def test_innovations_are_those_of_the_dense_covariance_of_the_fixes():
     b = core()[1]["bank"][0, 0]
     wander, white2, n, dt = 2.0, 0.5, 12, 1.5
     data = rng.standard_normal((2, n)) * 3.0
-    whitening.reset_whitening(b, wander)
+    whitening.reset_whitening(PARAMETERS, b, wander)
     products = np.zeros((2, 2))
     for k in range(n):
         if k:
-            whitening.predict_whitening(b, wander, dt)
+            whitening.predict_whitening(PARAMETERS, b, wander, dt)
         b["double_integrals"][0, matching.DELTA_V, 0] = data[1, k]
         s = whitening.whitened_variance(b, True, white2)
         whitening.whitened_innovations(b, 0, True, (data[0, k], 0.0))
@@ -161,9 +165,13 @@ def test_innovations_are_those_of_the_dense_covariance_of_the_fixes():
         whitening.update_whitening(b, True, s)
     t = dt * np.arange(n)
     early = np.minimum.outer(t, t)
-    V = whitening.UNMODELLED_ACCEL_PSD * early**2 * (np.maximum.outer(t, t) / 2.0 - early / 6.0)
-    V += whitening.INITIAL_POSITION_SIGMA**2 + whitening.INITIAL_SPEED_SIGMA**2 * np.outer(t, t) + white2 * np.eye(n)
-    V += wander**2 * np.exp(-np.abs(t[:, None] - t) / whitening.WANDER_S)
+    V = TUNING["unmodelled_accel_psd"] * early**2 * (np.maximum.outer(t, t) / 2.0 - early / 6.0)
+    V += (
+        TUNING["whitening_position_sigma"] ** 2
+        + TUNING["whitening_speed_sigma"] ** 2 * np.outer(t, t)
+        + white2 * np.eye(n)
+    )
+    V += wander**2 * np.exp(-np.abs(t[:, None] - t) / TUNING["gnss_bias_time_s"])
     assert products == pytest.approx(data @ np.linalg.solve(V, data.T), rel=1e-4, abs=1e-4)
 
 
@@ -171,7 +179,7 @@ def test_innovations_are_those_of_the_dense_covariance_of_the_fixes():
 def test_the_heading_is_that_of_a_least_squares_with_the_nuisance_marginalized(seed):
     rng = np.random.default_rng(seed)
     psi, k_true = rng.uniform(-np.pi, np.pi), rng.integers(10, 23)
-    rate = hypotheses.drift_rate(k_true)
+    rate = hypotheses.drift_rate(PARAMETERS, k_true)
     half = rng.standard_normal((3, 3)) + 1j * rng.standard_normal((3, 3))
     prior = 0.02 * half @ half.conj().T + 0.01 * np.eye(3)
     z, u, seen, ages = pairs(rng, psi, rate, prior)
@@ -180,9 +188,9 @@ def test_the_heading_is_that_of_a_least_squares_with_the_nuisance_marginalized(s
     match(b, z, u, seen, ages)
     c["nav"]["t_ns"] = round(1e9 * ages[-1])
     b["prior"][:, :, 0], b["prior"][:, :, 1] = prior.real, prior.imag
-    found, sigma, found_rate, _, _ = posterior.solve_heading(c, b, 0.1**2)
+    found, sigma, found_rate, _, _ = posterior.solve_heading(PARAMETERS, c, b, 0.1**2)
     inverse = np.linalg.inv(VARIANCE * np.eye(len(z)) + u @ prior @ u.conj().T)
-    drifts = (np.arange(HYPOTHESES) - HYPOTHESES // 2) * hypotheses.DRIFT_RATE_STEP
+    drifts = (np.arange(HYPOTHESES) - HYPOTHESES // 2) * TUNING["drift_rate_step"]
     angles = np.linspace(-np.pi, np.pi, 1441)
     costs = np.empty((HYPOTHESES, len(angles)))
     for k, drift in enumerate(drifts):
@@ -194,7 +202,7 @@ def test_the_heading_is_that_of_a_least_squares_with_the_nuisance_marginalized(s
     assert abs(np.angle(np.exp(1j * (found - now)))) < 0.5 * sigma
     assert abs(np.angle(np.exp(1j * (found - psi - rate * ages[-1])))) < 4.0 * sigma
     assert sigma < np.radians(12.0)
-    assert found_rate == pytest.approx(rate, abs=hypotheses.DRIFT_RATE_STEP)
+    assert found_rate == pytest.approx(rate, abs=TUNING["drift_rate_step"])
 
 
 def test_the_prior_is_the_filters_covariance_of_the_force_that_tilt_and_biases_make():

@@ -9,10 +9,12 @@ from scipy.spatial.transform import Rotation
 from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators.ins import stationarity
 from imud.estimators.ins.aiding import non_holonomic
-from imud.estimators.ins.setup import configure, start
+from imud.estimators.ins.parameters import configure
+from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import NAVIGATING, NHC_LEVER_ARM, STATES, TURN_SCALE
 from imud.math.kalman import unpack
 
+PARAMETERS = configure(Settings(), 100.0)[0]
 LN_REST, LN_MOTION = np.log(0.0014), np.log(0.009)  # of the gyro's deviation in rad/s, a car's in Tokyo
 
 
@@ -70,23 +72,23 @@ def test_the_axis_of_a_robot_that_turns_and_reverses_is_found_within_ten_seconds
 def test_a_line_over_ground_is_no_axis_of_a_vehicle():
     k = np.arange(60)
     back_and_forth = np.column_stack([0.0 * k, np.where(k % 8 < 4, -3.0, 3.0), 0.0 * k])
-    assert travelled(0.5 * np.sin(k), back_and_forth)["constrained"] == 0
-    assert travelled(0.5 * np.sin(k), back_and_forth, vehicle="land")["constrained"] == 1
+    assert travelled(0.5 * np.sin(k), back_and_forth)["nhc"]["enabled"] == 0
+    assert travelled(0.5 * np.sin(k), back_and_forth, vehicle="land")["nhc"]["enabled"] == 1
     turning = Rotation.from_euler("z", -3.0 * k[:, None], degrees=True).apply([3.0, 0.0, 0.0])  # on the spot, in flight
-    assert travelled(3.0 * k, turning)["constrained"] == 0
+    assert travelled(3.0 * k, turning)["nhc"]["enabled"] == 0
 
 
 def test_a_velocity_that_slides_in_every_direction_is_no_vehicle_s():
     rng = np.random.default_rng(3)
     slide = np.column_stack([4.0 + rng.standard_normal(100), 1.5 * rng.standard_normal(100), np.zeros(100)])
-    assert travelled(3.0 * np.arange(100), slide)["constrained"] == 0
+    assert travelled(3.0 * np.arange(100), slide)["nhc"]["enabled"] == 0
 
 
 def test_a_flight_that_looks_like_a_drive_for_some_seconds_is_none():
     k = np.arange(60)
     along = np.column_stack([3.0 + 0.0 * k, 0.27 * (-1.0) ** k, 0.0 * k])  # across: 0.8 of what the doubts explain
-    assert travelled(3.0 * k[:12], along[:12])["constrained"] == 0
-    assert travelled(3.0 * k, along)["constrained"] == 1
+    assert travelled(3.0 * k[:12], along[:12])["nhc"]["enabled"] == 0
+    assert travelled(3.0 * k, along)["nhc"]["enabled"] == 1
 
 
 def test_what_was_gathered_before_the_heading_was_known_turns_with_it():
@@ -95,13 +97,17 @@ def test_what_was_gathered_before_the_heading_was_known_turns_with_it():
     along = np.column_stack([0.3 + 0.0 * k, 0.9 + 0.0 * k, 0.1 * np.sin(k)])
     straight = travelled(2.0 * k, along)
     psi = np.radians(70.0)
-    v, q, spread = straight["v"].copy(), straight["q"].copy(), straight["spread"].copy()
+    v, q, spread = (
+        straight["nav"]["v_n"].copy(),
+        straight["nav"]["q_nb"].copy(),
+        straight["nhc"]["velocity_scatter"].copy(),
+    )
     back = Rotation.from_rotvec([0.0, 0.0, -psi])
-    straight["q"] = np.roll((back * Rotation.from_quat(np.roll(q, -1))).as_quat(), 1)
+    straight["nav"]["q_nb"] = np.roll((back * Rotation.from_quat(np.roll(q, -1))).as_quat(), 1)
     non_holonomic.rotate_scatter(straight, -psi)  # as if the heading had been wrong by psi all the time
-    assert np.abs(straight["spread"] - spread).max() > 0.1 * np.abs(spread).max()
+    assert np.abs(straight["nhc"]["velocity_scatter"] - spread).max() > 0.1 * np.abs(spread).max()
     non_holonomic.rotate_scatter(straight, psi)
-    assert straight["spread"] == pytest.approx(spread)
+    assert straight["nhc"]["velocity_scatter"] == pytest.approx(spread)
     turned = Rotation.from_quat(np.roll(q, -1)).inv().apply(v)  # the last velocity, in the body
     matrix = np.zeros((3, 3))
     matrix[np.triu_indices(3)] = spread
@@ -129,20 +135,24 @@ def core():
 def learned(c, at_rest, in_motion, spread):
     rng = np.random.default_rng(0)
     for _ in range(200):
-        stationarity.learn_class(c["stationarity"]["motion_class"][0], at_rest + spread * rng.standard_normal())
-        stationarity.learn_class(c["stationarity"]["motion_class"][1], in_motion + spread * rng.standard_normal())
+        stationarity.learn_class(
+            PARAMETERS, c["stationarity"]["motion_class"][0], at_rest + spread * rng.standard_normal()
+        )
+        stationarity.learn_class(
+            PARAMETERS, c["stationarity"]["motion_class"][1], in_motion + spread * rng.standard_normal()
+        )
 
 
 def test_rest_is_told_in_an_outage_by_what_was_learned_though_the_velocity_has_drifted():
     _, c = core()
-    assert not stationarity.detect_rest(c)
+    assert not stationarity.detect_rest(PARAMETERS, c)
     learned(c, LN_REST, LN_MOTION, 0.4)
     for _ in range(5):
-        stationarity.update_evidence(c, LN_REST)
-    assert not stationarity.detect_rest(c)  # too soon to be sure
+        stationarity.update_evidence(PARAMETERS, c, LN_REST)
+    assert not stationarity.detect_rest(PARAMETERS, c)  # too soon to be sure
     for _ in range(5):
-        stationarity.update_evidence(c, LN_REST)
-    assert stationarity.detect_rest(c)
+        stationarity.update_evidence(PARAMETERS, c, LN_REST)
+    assert stationarity.detect_rest(PARAMETERS, c)
 
 
 def test_motion_braking_and_speed_are_no_rest():
@@ -150,17 +160,17 @@ def test_motion_braking_and_speed_are_no_rest():
         _, c = core()
         learned(c, LN_REST, LN_MOTION, 0.4)
         for _ in range(20):
-            stationarity.update_evidence(c, LN_MOTION if spoil == "motion" else LN_REST)
+            stationarity.update_evidence(PARAMETERS, c, LN_MOTION if spoil == "motion" else LN_REST)
         if spoil == "braking":
             c["stationarity"]["delta_v"][0] = 0.5 * 0.8
         if spoil == "speed":
             c["nav"]["v_n"][0] = 5.0
-        assert not stationarity.detect_rest(c), spoil
+        assert not stationarity.detect_rest(PARAMETERS, c), spoil
 
 
 def test_a_car_as_smooth_in_motion_as_at_rest_is_never_taken_for_resting():
     _, c = core()
     learned(c, LN_REST, LN_REST + 0.1, 0.4)
     for _ in range(60):
-        stationarity.update_evidence(c, LN_REST)
-    assert not stationarity.detect_rest(c)
+        stationarity.update_evidence(PARAMETERS, c, LN_REST)
+    assert not stationarity.detect_rest(PARAMETERS, c)

@@ -149,6 +149,7 @@ class Navigation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         tuple[Length, Length, Length],
         Meta(description="Antenna from the inertial sensor, in the vehicle's axes (FRD).", extra=HOT),
     ] = (0.0, 0.0, 0.0)
+    tuning: Tuning = {}
 
 
 class GpsTrack(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compile.jit import interpreted
-from ..estimators.ins.aiding.gnss_noise import VELOCITY_SIGMA_RANGE, VERTICAL_RATIO, horizontal_sigma
+from ..configuration.settings import Settings
+from ..estimators.ins.aiding.gnss_noise import horizontal_sigma
+from ..estimators.ins.parameters import configure
 from ..estimators.records import POSITION_VALID, SOLUTION
 from ..outputs.view import NO_SOLUTION
 
@@ -18,13 +20,15 @@ def solution(fix: NDArray[np.void]) -> NDArray[np.void]:
         row[name] = fix[name]
     row["status"] = POSITION_VALID
     told = fix.view(np.recarray)[0]
-    horizontal = interpreted(horizontal_sigma)(told)
+    parameters = configure(Settings(), 1.0).view(np.recarray)[0]
+    tuning = parameters.tuning
+    horizontal = interpreted(horizontal_sigma)(parameters, told)
     row["sigma_p"] = (
         horizontal,
         horizontal,
-        told.sigma[2] if math.isfinite(told.sigma[2]) else VERTICAL_RATIO * horizontal,
+        told.sigma[2] if math.isfinite(told.sigma[2]) else tuning.vertical_ratio * horizontal,
     )
     course = told.course if told.speed > 0.0 else 0.0
     row["v"] = told.speed * math.cos(course), told.speed * math.sin(course), math.nan
-    row["sigma_v"] = VELOCITY_SIGMA_RANGE[1], VELOCITY_SIGMA_RANGE[1], math.nan
+    row["sigma_v"] = tuning.max_velocity_sigma, tuning.max_velocity_sigma, math.nan
     return row

@@ -9,6 +9,9 @@ late ones there, `filter` has the entries.
 
 from .. import Estimator
 from .filter import step, take_innovations, update
-from .setup import configure, start
+from .parameters import TUNABLES, configure
+from .setup import start
 
-ESTIMATOR = Estimator("navigation", configure, start, step, update, told=take_innovations, survives_power_on=True)
+ESTIMATOR = Estimator(
+    "navigation", configure, start, step, update, told=take_innovations, tunables=TUNABLES, survives_power_on=True
+)

@@ -7,11 +7,14 @@ carries over into the nominal state. Between the two, `innovation` allows for wh
 Source: Groves (2013), sec. 3.2 and 14.2; Sola, Quaternion kinematics for the error-state Kalman filter (2017).
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...compile.jit import kernel
 from ...math.kalman import measure, packed_index, reset, shear, shear3, update
+from ..tuning import Tunable
 from .mechanization import displace, rotate_attitude
 from .state import (
     ACCEL_BIAS,
@@ -29,59 +32,71 @@ from .state import (
     VELOCITY_TIME_OFFSET,
 )
 
-MIN_TURN_RAD = 1e-3  # a smaller change of heading leaves the covariance of the tilt as it is
+if TYPE_CHECKING:
+    from .types import Core, Parameters
+
+
+TUNABLES = (
+    Tunable(
+        "min_rotated_tilt",
+        1e-3,
+        "rad",
+        "Heading corrections that rotate the covariance of the tilt, from this angle on.",
+        "Numerics.",
+    ),
+)
 
 
 @kernel
-def covariance(c: Any, i: int, k: int) -> float:
+def covariance(c: Core, i: int, k: int) -> float:
     """P[i, k]."""
     return float(c.cov.P[packed_index(STATES, i, k)])
 
 
 @kernel
-def variance(c: Any, i: int) -> float:
+def variance(c: Core, i: int) -> float:
     """P[i, i]."""
     return float(c.cov.P[packed_index(STATES, i, i)])
 
 
 @kernel
-def standard_deviation(c: Any, i: int) -> float:
+def standard_deviation(c: Core, i: int) -> float:
     """Square root of P[i, i]."""
     return math.sqrt(max(variance(c, i), 0.0))
 
 
 @kernel
-def add_variance(c: Any, i: int, q: float) -> None:
+def add_variance(c: Core, i: int, q: float) -> None:
     """P[i, i] += q."""
     c.cov.P[packed_index(STATES, i, i)] += q
 
 
 @kernel
-def add_covariance(c: Any, i: int, k: int, q: float) -> None:
+def add_covariance(c: Core, i: int, k: int, q: float) -> None:
     """P[i, k] += q."""
     c.cov.P[packed_index(STATES, i, k)] += q
 
 
 @kernel
-def decorrelate(c: Any, i: int, variance: float) -> None:
+def decorrelate(c: Core, i: int, variance: float) -> None:
     """Make error state i independent of the others, with `variance`."""
     reset(c.cov.P, STATES, i, variance)
 
 
 @kernel
-def combine(c: Any, i: int, k: int, a: float) -> None:
+def combine(c: Core, i: int, k: int, a: float) -> None:
     """Error state i gains `a` times error state k."""
     shear(c.cov.P, STATES, i, k, a)
 
 
 @kernel
-def combine3(c: Any, i: int, k: int, a: float, b: float, d: float) -> None:
+def combine3(c: Core, i: int, k: int, a: float, b: float, d: float) -> None:
     """Error state i gains a, b, d times the error states k, k + 1, k + 2."""
     shear3(c.cov.P, STATES, i, k, a, b, d)
 
 
 @kernel
-def set_jacobian(c: Any, k: int, column: int, value: float) -> int:
+def set_jacobian(c: Core, k: int, column: int, value: float) -> int:
     """Put one element into the Jacobian, which has `k` already; returns k + 1."""
     c.scratch.columns[k] = column
     c.scratch.values[k] = value
@@ -89,13 +104,13 @@ def set_jacobian(c: Any, k: int, column: int, value: float) -> int:
 
 
 @kernel
-def innovation_variance(c: Any, m: int) -> float:
+def innovation_variance(c: Core, m: int) -> float:
     """h P h' of the Jacobian's `m` elements; leaves P h in scratch."""
     return measure(c.cov.P, STATES, c.scratch.columns, c.scratch.values, m, c.scratch.d)
 
 
 @kernel
-def innovation(c: Any, m: int, z: float) -> float:
+def innovation(c: Core, m: int, z: float) -> float:
     """What is left of residual z (against the nominal state) after the corrections gathered so far."""
     for k in range(m):
         z -= c.scratch.values[k] * c.scratch.x[c.scratch.columns[k]]
@@ -103,25 +118,25 @@ def innovation(c: Any, m: int, z: float) -> float:
 
 
 @kernel
-def kalman_update(c: Any, z: float, s: float) -> None:
+def kalman_update(c: Core, z: float, s: float) -> None:
     """Fuse the Jacobian whose P h is in scratch, with innovation z of variance s."""
     update(c.cov.P, STATES, c.scratch.x, c.scratch.d, s, z, STATES)
 
 
 @kernel
-def add_correction(c: Any, i: int, x: float) -> None:
+def add_correction(c: Core, i: int, x: float) -> None:
     """Gather a correction of error state i that comes from elsewhere than a measurement."""
     c.scratch.x[i] += x
 
 
 @kernel
-def cancel_correction(c: Any, i: int) -> None:
+def cancel_correction(c: Core, i: int) -> None:
     """Drop what has been gathered for error state i."""
     c.scratch.x[i] = 0.0
 
 
 @kernel
-def rotate_forward_axis(c: Any, pitch: float, yaw: float) -> None:
+def rotate_forward_axis(c: Core, pitch: float, yaw: float) -> None:
     """Turn the vehicle's forward and lateral axes by small angles about lateral and vertical."""
     f, l = c.nav.forward, c.nav.lateral  # noqa: E741
     fx, fy, fz = f[0], f[1], f[2]
@@ -138,7 +153,7 @@ def rotate_forward_axis(c: Any, pitch: float, yaw: float) -> None:
 
 
 @kernel
-def set_forward_axis(c: Any, forward: Any, lateral: Any) -> None:
+def set_forward_axis(c: Core, forward: Any, lateral: Any) -> None:
     """Take these unit vectors of the body for the vehicle's axes, and the sensor for the point about which it turns."""
     for i in range(3):
         c.nav.forward[i], c.nav.lateral[i] = forward[i], lateral[i]
@@ -146,21 +161,21 @@ def set_forward_axis(c: Any, forward: Any, lateral: Any) -> None:
 
 
 @kernel
-def clear_gnss_bias(c: Any, axis: int, variance: float) -> None:
+def clear_gnss_bias(c: Core, axis: int, variance: float) -> None:
     """The receiver's correlated error along an axis is unknown, with `variance`."""
     decorrelate(c, GNSS_BIAS + axis, variance)
     c.nav.gnss_bias[axis] = 0.0
 
 
 @kernel
-def clear_time_offset(c: Any, variance: float) -> None:
+def clear_time_offset(c: Core, variance: float) -> None:
     """The fixes' epochs are right, up to `variance`."""
     c.nav.time_offset = 0.0
     decorrelate(c, TIME_OFFSET, variance)
 
 
 @kernel
-def rotate_tilt_covariance(c: Any, psi: float) -> None:
+def rotate_tilt_covariance(c: Core, psi: float) -> None:
     """Turn the roll and pitch errors, given in NED, with a heading corrected by `psi` (as three shears, twice).
 
     Their correlation with the accelerometer bias is fixed in the body, and was linearized about the old heading.
@@ -172,10 +187,10 @@ def rotate_tilt_covariance(c: Any, psi: float) -> None:
 
 
 @kernel
-def inject_error(c: Any) -> None:
+def inject_error(p: Parameters, c: Core) -> None:
     """Add the gathered correction to the nominal state and clear it."""
     x, n = c.scratch.x, c.nav
-    if abs(x[ATTITUDE + 2]) > MIN_TURN_RAD:
+    if abs(x[ATTITUDE + 2]) > p.tuning.min_rotated_tilt:
         rotate_tilt_covariance(c, x[ATTITUDE + 2])
     tilt2 = x[ATTITUDE] ** 2 + x[ATTITUDE + 1] ** 2
     bent2 = 0.25 * tilt2 * (tilt2 + x[ATTITUDE + 2] ** 2)  # a linear filter leaves out the square of a correction

@@ -16,12 +16,15 @@ columns of error states.
 Source: Groves (2013), sec. 14.2.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...compile.jit import kernel
 from ...math.earth import STANDARD_GRAVITY
 from ...math.kalman import packed_index, reset, scale, shear, shear3
+from ..tuning import Tunable
 from .ekf import add_variance, combine3, variance
 from .mechanization import ned_to_body, rotate_attitude, rotation_matrix
 from .state import (
@@ -39,24 +42,61 @@ from .state import (
     VELOCITY,
 )
 
-COVARIANCE_INTERVAL_S = 0.0195  # the covariance is propagated at about 50 Hz
-GNSS_BIAS_TIME_S = 40.0  # time constant of the GNSS position error (four real receivers: 20 to 60 s)
-ACCEL_SCALE_TIME_S, GYRO_SCALE_TIME_S = 0.2, 0.05  # how long a scale-factor error acts in one direction
-VIBRATION_VRW = 0.011  # (m/s)/sqrt(s), of an accelerometer on a vehicle under way, beyond its own
-VIBRATION_BIAS_WALK = 2e-3  # (m/s^2)/sqrt(s), vibration rectified into bias
-MOUNT_PSD = math.radians(0.02) ** 2  # rad^2/s, load and suspension
-NHC_LEVER_ARM_PSD = 0.01**2  # m^2/s, the point about which a vehicle turns depends on load and ground
-SECOND_ORDER_TIME_S = 1.0  # how long such an error of acceleration lasts
-MIN_TURN_RAD = 1e-3  # turn_scale is applied to turns of at least so much
-NONLINEAR_SCALE_SHARE = 0.5  # share of a gyro error in turns about the vertical that constant factors do not explain
-MISALIGNMENT_OVER_SCALE = 0.35  # M-G350 data sheet: 0.1 deg and 0.5 %
-TURN_SCALE_PSD = 5e-5**2  # 1/s, with temperature
-# m/s^2, s: what is not measured of an acceleration in unknown direction, and its correlation time
-ALIGNMENT_ACCEL, ALIGNMENT_ACCEL_TIME_S = 0.3, 1.0
+if TYPE_CHECKING:
+    from .types import Core, Parameters, Transition
+
+
+TUNABLES = (
+    Tunable("covariance_interval_s", 0.0195, "s", "Interval in which the covariance is propagated.", "About 50 Hz."),
+    Tunable(
+        "gnss_bias_time_s", 40.0, "s", "Time constant of the GNSS position error.", "Four real receivers: 20 to 60 s."
+    ),
+    Tunable(
+        "accel_scale_time_s", 0.2, "s", "How long an accelerometer's scale error acts in one direction.", "Choice."
+    ),
+    Tunable("gyro_scale_time_s", 0.05, "s", "How long a gyro's scale error acts in one direction.", "Choice."),
+    Tunable(
+        "vibration_vrw",
+        0.011,
+        "(m/s)/sqrt(s)",
+        "Velocity random walk of an accelerometer under way, beyond its own.",
+        "Recorded drives.",
+    ),
+    Tunable("vibration_bias_walk", 2e-3, "(m/s^2)/sqrt(s)", "Vibration rectified into bias.", "Recorded drives."),
+    Tunable(
+        "mount_psd",
+        math.radians(0.02) ** 2,
+        "rad^2/s",
+        "Random walk of the forward axis: load and suspension.",
+        "Choice.",
+    ),
+    Tunable("nhc_lever_arm_psd", 0.01**2, "m^2/s", "Random walk of the point about which a vehicle turns.", "Choice."),
+    Tunable("second_order_time_s", 1.0, "s", "How long an error that the linear model leaves out lasts.", "Choice."),
+    Tunable("min_scaled_turn", 1e-3, "rad", "Turns are corrected for scale errors from this angle on.", "Numerics."),
+    Tunable(
+        "nonlinear_scale_share",
+        0.5,
+        "",
+        "Share of a gyro's error in turns that constant factors do not explain.",
+        "Recorded drives.",
+    ),
+    Tunable(
+        "misalignment_over_scale", 0.35, "", "Misalignment over scale factor.", "M-G350 data sheet: 0.1 deg and 0.5 %."
+    ),
+    Tunable("turn_scale_psd", 5e-5**2, "1/s", "Random walk of turn_scale, with temperature.", "Choice."),
+    Tunable(
+        "alignment_accel",
+        0.3,
+        "m/s^2",
+        "Acceleration that is not measured in an unknown direction.",
+        "Recorded drives.",
+    ),
+    Tunable("alignment_accel_time_s", 1.0, "s", "Its correlation time.", "Choice."),
+)
 
 
 @kernel
-def linearize(c: Any, phi: Any) -> None:
+def linearize(p: Parameters, c: Core, phi: Transition) -> None:
     """phi <- F over the interval since the covariance was propagated, at the attitude now; see state.TRANSITION."""
     m, dt = rotation_matrix(c), c.imu.integration_time
     fx, fy, fz = c.imu.delta_v[0], c.imu.delta_v[1], c.imu.delta_v[2]
@@ -69,11 +109,11 @@ def linearize(c: Any, phi: Any) -> None:
     for k in range(9):
         phi.rotation[k] = m[k]
     phi.turn = m[6] * c.imu.delta_theta[0] + m[7] * c.imu.delta_theta[1] + m[8] * c.imu.delta_theta[2]
-    phi.gnss_bias = math.exp(-dt / GNSS_BIAS_TIME_S)
+    phi.gnss_bias = math.exp(-dt / p.tuning.gnss_bias_time_s)
 
 
 @kernel
-def apply_phi(u: Any, columns: int, phi: Any) -> None:
+def apply_phi(u: Any, columns: int, phi: Transition) -> None:
     """u <- Phi u, for `columns` columns of error states (STATES x columns)."""
     m, f, dt = phi.rotation, phi.delta_v, phi.interval
     for j in range(columns):
@@ -93,10 +133,10 @@ def apply_phi(u: Any, columns: int, phi: Any) -> None:
 
 
 @kernel
-def reset_turn_scale(p: Any, c: Any) -> None:
+def reset_turn_scale(p: Parameters, c: Core) -> None:
     """Nothing is known of errors in turns: along the vertical a scale factor, across it a misalignment."""
     down = ned_to_body(c, (0.0, 0.0, 1.0))
-    along, across = p.gyro_scale**2, (MISALIGNMENT_OVER_SCALE * p.gyro_scale) ** 2
+    along, across = p.gyro_scale**2, (p.tuning.misalignment_over_scale * p.gyro_scale) ** 2
     for i in range(3):
         reset(c.cov.P, STATES, TURN_SCALE + i, across)
     for i in range(3):
@@ -105,7 +145,7 @@ def reset_turn_scale(p: Any, c: Any) -> None:
 
 
 @kernel
-def apply_turn_scale(c: Any, phi: Any) -> None:
+def apply_turn_scale(p: Parameters, c: Core, phi: Transition) -> None:
     """Turn back by the gyro's error in a turn about the vertical, once the turn is large enough.
 
     The turn is that of the body, not a smoothed rate times the time: a wrong axis shows as a tilt and an accelerometer
@@ -114,7 +154,7 @@ def apply_turn_scale(c: Any, phi: Any) -> None:
     c.imu.deferred_rotation += phi.turn
     angle, m, k = c.imu.deferred_rotation, phi.rotation, c.nav.turn_scale
     phi.scaled_turn = 0.0
-    if abs(angle) < MIN_TURN_RAD:
+    if abs(angle) < p.tuning.min_scaled_turn:
         return
     phi.scaled_turn = angle
     x, y, z = k[0] * angle, k[1] * angle, k[2] * angle
@@ -125,7 +165,7 @@ def apply_turn_scale(c: Any, phi: Any) -> None:
 
 
 @kernel
-def second_order_psd(c: Any, accel2: float) -> float:
+def second_order_psd(p: Parameters, c: Core, accel2: float) -> float:
     """Velocity noise, m^2/s^3, for what a linear model of an uncertain heading leaves out of the acceleration.
 
     The acceleration itself is shortened by half the square of the heading's error, and that of a wrong tilt or bias
@@ -133,33 +173,42 @@ def second_order_psd(c: Any, accel2: float) -> float:
     """
     heading2 = variance(c, ATTITUDE + 2)
     tilt2 = 0.5 * (variance(c, ATTITUDE) + variance(c, ATTITUDE + 1))
-    return float((0.5 * heading2 * accel2 + STANDARD_GRAVITY**2 * tilt2) * heading2 * SECOND_ORDER_TIME_S)
+    return float((0.5 * heading2 * accel2 + STANDARD_GRAVITY**2 * tilt2) * heading2 * p.tuning.second_order_time_s)
 
 
 @kernel
-def velocity_psd(p: Any, c: Any) -> float:
+def velocity_psd(p: Parameters, c: Core) -> float:
     """Q of the velocity, m^2/s^3: the sensor, vibration, scale factors, and what a linear model leaves out."""
     a = c.imu.accel_n
     accel2 = a[0] ** 2 + a[1] ** 2 + a[2] ** 2
     if c.alignment.mode == COARSE_ALIGNMENT:
-        return (ALIGNMENT_ACCEL**2 + accel2) * ALIGNMENT_ACCEL_TIME_S if not c.stationarity.at_rest else 0.0
-    vibration = VIBRATION_VRW**2 * c.stationarity.vibration_level
-    q = p.accel_psd + vibration + c.stationarity.vibration_accel_psd + p.accel_scale**2 * accel2 * ACCEL_SCALE_TIME_S
-    return float(q + second_order_psd(c, accel2))
+        return (
+            (p.tuning.alignment_accel**2 + accel2) * p.tuning.alignment_accel_time_s
+            if not c.stationarity.at_rest
+            else 0.0
+        )
+    vibration = p.tuning.vibration_vrw**2 * c.stationarity.vibration_level
+    q = (
+        p.accel_psd
+        + vibration
+        + c.stationarity.vibration_accel_psd
+        + p.accel_scale**2 * accel2 * p.tuning.accel_scale_time_s
+    )
+    return float(q + second_order_psd(p, c, accel2))
 
 
 @kernel
-def attitude_psd(p: Any, c: Any, turn: float) -> float:
+def attitude_psd(p: Parameters, c: Core, turn: float) -> float:
     """Q of the attitude, rad^2/s, at a smoothed rate `turn` rad/s about the vertical."""
     w = c.imu.rate_b
-    rate2 = w[0] ** 2 + w[1] ** 2 + w[2] ** 2 - (1.0 - NONLINEAR_SCALE_SHARE) * turn * turn
+    rate2 = w[0] ** 2 + w[1] ** 2 + w[2] ** 2 - (1.0 - p.tuning.nonlinear_scale_share) * turn * turn
     floor = c.stationarity.gyro_noise_floor
     gyro_psd = max(p.gyro_psd, floor * floor * p.period / 3.0)  # the smallest deviation seen is all noise
-    return float(gyro_psd + c.stationarity.vibration_gyro_psd + p.gyro_scale**2 * rate2 * GYRO_SCALE_TIME_S)
+    return float(gyro_psd + c.stationarity.vibration_gyro_psd + p.gyro_scale**2 * rate2 * p.tuning.gyro_scale_time_s)
 
 
 @kernel
-def propagate_covariance(p: Any, c: Any, phi: Any) -> None:
+def propagate_covariance(p: Parameters, c: Core, phi: Transition) -> None:
     """P <- Phi P Phi' + Q, and the decay of the nominal GNSS bias; call with `phi` from `linearize`.
 
     Before the heading is known the velocity is the receiver's, to which neither tilt nor accelerometer bias adds.
@@ -178,7 +227,7 @@ def propagate_covariance(p: Any, c: Any, phi: Any) -> None:
     for i in range(3):
         k = 3 * i
         shear3(P, STATES, ATTITUDE + i, GYRO_BIAS, -m[k] * dt, -m[k + 1] * dt, -m[k + 2] * dt)
-    apply_turn_scale(c, phi)
+    apply_turn_scale(p, c, phi)
     if phi.scaled_turn != 0.0:
         for i in range(3):
             k, angle = 3 * i, phi.scaled_turn
@@ -194,10 +243,12 @@ def propagate_covariance(p: Any, c: Any, phi: Any) -> None:
         add_variance(c, ATTITUDE + i, qa * dt)
         add_variance(c, GYRO_BIAS + i, p.gyro_bias_psd * dt)
         add_variance(
-            c, ACCEL_BIAS + i, (p.accel_bias_psd + VIBRATION_BIAS_WALK**2 * c.stationarity.vibration_level) * dt
+            c,
+            ACCEL_BIAS + i,
+            (p.accel_bias_psd + p.tuning.vibration_bias_walk**2 * c.stationarity.vibration_level) * dt,
         )
-        add_variance(c, TURN_SCALE + i, TURN_SCALE_PSD * dt)
+        add_variance(c, TURN_SCALE + i, p.tuning.turn_scale_psd * dt)
         c.imu.scale_error_rate[i] = c.nav.turn_scale[i] * turn
-    add_variance(c, MOUNT_PITCH, MOUNT_PSD * dt)
-    add_variance(c, MOUNT_YAW, MOUNT_PSD * dt)
-    add_variance(c, NHC_LEVER_ARM, NHC_LEVER_ARM_PSD * dt)
+    add_variance(c, MOUNT_PITCH, p.tuning.mount_psd * dt)
+    add_variance(c, MOUNT_YAW, p.tuning.mount_psd * dt)
+    add_variance(c, NHC_LEVER_ARM, p.tuning.nhc_lever_arm_psd * dt)

@@ -1,13 +1,16 @@
 """The two entries of the navigation filter: an inertial sample, and a fix."""
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from drivers.sample import NO_FORCE, NO_RATE, SUSPECT, UNTOLD
 
 from ...compile.jit import kernel
 from ...math.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
 from ..records import POSITION_N
+from ..tuning import Tunable
 from .aiding.gnss_gate import clear_contradictions, contradicts_heading, fade_reset_score, is_frozen, reject_frozen
 from .aiding.gnss_noise import count_fix, horizontal_sigma, set_gnss_noise, set_speed
 from .aiding.gnss_position import fuse_gnss_position, write_innovation
@@ -30,16 +33,23 @@ from .fusion_horizon import (
 from .integrity.heading_monitor import monitor_heading
 from .mechanization import set_attitude
 from .propagation import store_last_sample
-from .solution import MAX_VALID_HEADING_SIGMA, write_solution
+from .solution import write_solution
 from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS, PENDING_INNOVATIONS
 from .stationarity import first_window
 
-MAX_AHEAD_S, MAX_AGE_S = 1.0, 10.0  # a fix may be newer or older than the newest sample by this
-MAX_REWIND_MISS_S = 1.0
+if TYPE_CHECKING:
+    from .types import Core, Fix, Floats, HypothesisBank, Innovation, Parameters, Sample, Solution, State
+
+
+TUNABLES = (
+    Tunable("max_ahead_s", 1.0, "s", "A fix may be newer than the newest sample by this.", "Choice."),
+    Tunable("max_age_s", 10.0, "s", "A fix may be older than the newest sample by this.", "Choice."),
+    Tunable("max_rewind_miss_s", 1.0, "s", "A velocity later than that is not used.", "Choice."),
+)
 
 
 @kernel
-def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
+def step(p: Parameters, s: State, sample: Sample, solution: Solution) -> None:
     """One inertial sample (body axes) in, one solution out. For a suspect sample the last good one is held."""
     w, f = s.last_w, s.last_f
     good = (sample.flags & SUSPECT) == 0
@@ -61,11 +71,11 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
         store_sample(s, sample, w, f)
         replay_to_newest(p, s)
         collect_innovations(s)
-    write_solution(c, solution)
+    write_solution(p, c, solution)
 
 
 @kernel
-def collect_innovations(s: Any) -> None:
+def collect_innovations(s: State) -> None:
     """Keep what the newest sample told. Samples that are integrated again after a late fix tell nothing new."""
     c = s.core[0]
     for k in range(c.scratch.innovation_count):
@@ -76,7 +86,7 @@ def collect_innovations(s: Any) -> None:
 
 
 @kernel
-def take_innovations(s: Any, innovations: Any) -> int:
+def take_innovations(s: State, innovations: list[Innovation]) -> int:
     """Move the innovations of rest and constraints to `innovations`, oldest first; returns how many."""
     n: int = min(s.pending_count, len(innovations))
     for k in range(n):
@@ -88,7 +98,7 @@ def take_innovations(s: Any, innovations: Any) -> int:
 
 
 @kernel
-def initialize(p: Any, c: Any, t_ns: int, w: Any, f: Any, rpy: Any) -> None:
+def initialize(p: Parameters, c: Core, t_ns: int, w: Floats, f: Floats, rpy: Floats) -> None:
     """Take the first sample: the attitude is that of rest, unless it was given."""
     c.imu.sample_ns = t_ns
     store_last_sample(c, t_ns, w, f)
@@ -101,12 +111,12 @@ def initialize(p: Any, c: Any, t_ns: int, w: Any, f: Any, rpy: Any) -> None:
             roll, pitch = 0.0, 0.0
     set_attitude(c, quat_of_euler(roll, pitch, yaw if math.isfinite(yaw) else 0.0))
     reset_turn_scale(p, c)
-    if c.gnss.fix_count > 0 and c.alignment.heading_sigma > 0.0 and is_levelled(c):
+    if c.gnss.fix_count > 0 and c.alignment.heading_sigma > 0.0 and is_levelled(p, c):
         start_navigation(p, c)
 
 
 @kernel
-def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
+def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> int:
     """One fix in, fused at its epoch less the latency found; returns the rows of innovations written."""
     c = s.core[0]
     usable = math.isfinite(fix.lat) and math.isfinite(fix.lon) and fix.quality != 0 and fix.quality != 6
@@ -117,7 +127,7 @@ def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
     if ordered:
         t_ns = max(t_ns, s.last_fusion_ns)
     age = 1e-9 * (c.nav.t_ns - fix.t_ns)
-    if not ordered or not -MAX_AHEAD_S < age < MAX_AGE_S:
+    if not ordered or not -p.tuning.max_ahead_s < age < p.tuning.max_age_s:
         return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
     snapped = s.snapshot_count
     if not rewind_to(s, t_ns):
@@ -125,9 +135,9 @@ def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
     propagate_to_epoch(p, s, t_ns, s.interpolated_w, s.interpolated_f)
     propagate_errors(p, c)
     if s.last_epoch_ns == NEVER_NS:
-        set_initial_time_offset(p, c, fix, horizontal_sigma(fix))
-    set_gnss_noise(c, fix)
-    fit_acceleration(s, snapped)
+        set_initial_time_offset(p, c, fix, horizontal_sigma(p, fix))
+    set_gnss_noise(p, c, fix)
+    fit_acceleration(p, s, snapped)
     rows = fuse_gnss(p, c, s.bank[0], fix, c.nav.time_offset - 1e-9 * (fix.t_ns - c.nav.t_ns), innovations)
     s.last_epoch_ns = fix.t_ns
     s.last_time_offset = c.nav.time_offset
@@ -139,16 +149,16 @@ def update(p: Any, s: Any, fix: Any, innovations: Any) -> int:
 
 
 @kernel
-def fuse_gnss(p: Any, c: Any, b: Any, fix: Any, late: float, innovations: Any) -> int:
+def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, innovations: list[Innovation]) -> int:
     """Take the fix at the time where the core is; it was true `late` s before that (what rewinding has left)."""
-    if is_frozen(c, fix):
+    if is_frozen(p, c, fix):
         reject_frozen(c)
         return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
     set_speed(c, math.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed)
-    if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > MAX_VALID_HEADING_SIGMA**2:
+    if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > p.tuning.max_valid_heading_sigma**2:
         abort_navigation(p, c)
     if c.alignment.mode == NAVIGATING and not math.isfinite(c.gnss.speed):
-        set_speed(c, low_motion_speed(c, fix.lat, fix.lon))
+        set_speed(c, low_motion_speed(p, c, fix.lat, fix.lon))
     rows = 0
     first = c.alignment.mode == COARSE_ALIGNMENT and c.gnss.last_used_ns == NEVER_NS  # a given position may be old
     if first:
@@ -157,13 +167,13 @@ def fuse_gnss(p: Any, c: Any, b: Any, fix: Any, late: float, innovations: Any) -
         align_with_fix(p, c, b, fix)
     if not first:
         rows = fuse_gnss_position(p, c, fix, late, innovations, rows)
-    if abs(late) < MAX_REWIND_MISS_S:
+    if abs(late) < p.tuning.max_rewind_miss_s:
         rows = fuse_gnss_velocity(p, c, fix, late, innovations, rows)
-    fade_reset_score(c)
+    fade_reset_score(p, c)
     right = True
     if c.alignment.mode == NAVIGATING:
         right = monitor_heading(p, c, b, fix)
-    if contradicts_heading(c) or not right:
+    if contradicts_heading(p, c) or not right:
         clear_contradictions(c)
         if c.alignment.mode == NAVIGATING:
             restart_alignment(p, c)

@@ -4,8 +4,10 @@ The drift test has to know each gain, the alignment each correction. The filter 
 neither of them; whoever fuses a measurement or propagates the errors calls the functions here.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from .ekf import inject_error, innovation, innovation_variance, kalman_update
@@ -15,14 +17,17 @@ from .observers.gnss_drift import propagate_sensitivity, update_sensitivity
 from .observers.heading_integrals import accumulate_integrals, retain_integrals
 from .observers.reset_inflation import fade_inflation
 
+if TYPE_CHECKING:
+    from .types import Core, Parameters
+
 
 @kernel
-def propagate_errors(p: Any, c: Any) -> None:
+def propagate_errors(p: Parameters, c: Core) -> None:
     """Propagate P, and what observes it, over the interval since the last time; start a new one."""
     if c.imu.integration_time <= 0.0:
         return
     phi = c.scratch.phi
-    linearize(c, phi)
+    linearize(p, c, phi)
     accumulate_integrals(c, phi.turn, phi.interval)
     propagate_covariance(p, c, phi)
     propagate_sensitivity(c, phi)
@@ -31,7 +36,7 @@ def propagate_errors(p: Any, c: Any) -> None:
 
 
 @kernel
-def fuse(c: Any, m: int, z: float, s: float, axis: int) -> None:
+def fuse(c: Core, m: int, z: float, s: float, axis: int) -> None:
     """Fuse the Jacobian's `m` elements, whose P h is in scratch, with innovation z of variance s.
 
     axis: of the GNSS position that it is, 0 north, 1 east; -1: it is none.
@@ -41,7 +46,7 @@ def fuse(c: Any, m: int, z: float, s: float, axis: int) -> None:
 
 
 @kernel
-def gated_update(c: Any, m: int, z: float, r: float, gate: float) -> float:
+def gated_update(c: Core, m: int, z: float, r: float, gate: float) -> float:
     """Fuse the Jacobian with residual z (against the nominal state) and variance r, unless z^2/s > gate > 0.
 
     Returns the normalised innovation squared (NIS), negative when rejected.
@@ -56,7 +61,7 @@ def gated_update(c: Any, m: int, z: float, r: float, gate: float) -> float:
 
 
 @kernel
-def pseudo_measurement(c: Any, kind: int, m: int, z: float, r: float, gate: float) -> tuple[float, float, float]:
+def pseudo_measurement(c: Core, kind: int, m: int, z: float, r: float, gate: float) -> tuple[float, float, float]:
     """Fuse what is assumed, not measured, and write its innovation; returns it, its variance, and as `gated_update`."""
     left = innovation(c, m, z)
     s = innovation_variance(c, m) + r
@@ -69,7 +74,7 @@ def pseudo_measurement(c: Any, kind: int, m: int, z: float, r: float, gate: floa
 
 
 @kernel
-def correct_state(c: Any) -> None:
+def correct_state(p: Parameters, c: Core) -> None:
     """Add the gathered correction to the nominal state; the integrals of the alignment are kept as if it were not."""
     retain_integrals(c)
-    inject_error(c)
+    inject_error(p, c)

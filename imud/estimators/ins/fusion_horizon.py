@@ -4,20 +4,29 @@ To fuse at epoch t the core goes back to the last snapshot not after t, forward 
 forward again to the newest sample, with the code that new samples take; the snapshots on the way are renewed.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from ...math.kalman import packed_index
+from ..tuning import Tunable
 from .ekf import variance
 from .propagation import process_sample, propagate_to
 from .state import IMU_RING, NAVIGATING, SNAPSHOT_NS, SNAPSHOTS, STATES, TIME_OFFSET, VELOCITY_TIME_OFFSET
 
-UNKNOWN_ACCEL = 2.0  # m/s^2
+if TYPE_CHECKING:
+    from .types import Core, Floats, Parameters, Sample, Snapshot, State
+
+
+TUNABLES = (
+    Tunable("unknown_accel", 2.0, "m/s^2", "Acceleration where the velocity's history is not known.", "Choice."),
+)
 
 
 @kernel
-def store_sample(s: Any, sample: Any, w: Any, f: Any) -> None:
+def store_sample(s: State, sample: Sample, w: Floats, f: Floats) -> None:
     """Put a sample (body axes) into the ring, with (w, f) for what it shows."""
     r = s.imu_ring[s.sample_count % IMU_RING]
     r.t_ns = sample.t_ns
@@ -30,7 +39,7 @@ def store_sample(s: Any, sample: Any, w: Any, f: Any) -> None:
 
 
 @kernel
-def store_snapshot(s: Any) -> None:
+def store_snapshot(s: State) -> None:
     """Keep a copy of the core, without its scratch."""
     c, k = s.core[0], s.snapshots[s.snapshot_count % SNAPSHOTS]
     k.nav, k.earth, k.imu, k.cov, k.stationarity = c.nav, c.earth, c.imu, c.cov, c.stationarity
@@ -39,14 +48,14 @@ def store_snapshot(s: Any) -> None:
 
 
 @kernel
-def restore_snapshot(c: Any, k: Any) -> None:
+def restore_snapshot(c: Core, k: Snapshot) -> None:
     """Put the core back to snapshot k."""
     c.nav, c.earth, c.imu, c.cov, c.stationarity = k.nav, k.earth, k.imu, k.cov, k.stationarity
     c.nhc, c.gnss, c.integrity, c.drift, c.alignment = k.nhc, k.gnss, k.integrity, k.drift, k.alignment
 
 
 @kernel
-def replay_to_newest(p: Any, s: Any) -> None:
+def replay_to_newest(p: Parameters, s: State) -> None:
     """Bring the core up to the newest sample, with a snapshot whenever one is due."""
     c = s.core[0]
     while c.imu.sample_count < s.sample_count:
@@ -59,7 +68,7 @@ def replay_to_newest(p: Any, s: Any) -> None:
 
 
 @kernel
-def rewind_to(s: Any, t_ns: int) -> bool:
+def rewind_to(s: State, t_ns: int) -> bool:
     """Put the core back to the last snapshot not after t_ns; False when that is forgotten."""
     if s.core[0].nav.t_ns <= t_ns:
         return True
@@ -75,7 +84,7 @@ def rewind_to(s: Any, t_ns: int) -> bool:
 
 
 @kernel
-def velocity_at(s: Any, snapped: int, t_ns: int, axis: int) -> float:
+def velocity_at(s: State, snapped: int, t_ns: int, axis: int) -> float:
     """Velocity at t_ns, between `snapped` snapshots and the core; NaN when it is forgotten or was not navigated."""
     k = snapped - 1
     oldest = max(0, snapped - SNAPSHOTS)
@@ -93,7 +102,7 @@ def velocity_at(s: Any, snapped: int, t_ns: int, axis: int) -> float:
 
 
 @kernel
-def fit_acceleration(s: Any, snapped: int) -> None:
+def fit_acceleration(p: Parameters, s: State, snapped: int) -> None:
     """Straight line through the velocities about now, as long as the velocity's lateness is uncertain, either way.
 
     And its misfit: a parabola's, where that is shorter than what is between snapshots. What comes after now is known
@@ -117,11 +126,11 @@ def fit_acceleration(s: Any, snapped: int) -> None:
         known = math.isfinite(v0) and math.isfinite(v1) and math.isfinite(v2)
         curve = v0 - 2.0 * v1 + v2
         c.scratch.accel_fit[i] = (v0 - v2 + (1.0 - ahead / span) * curve) / (2.0 * span) if known else 0.0
-        c.scratch.accel_fit_error[i] = 0.5 * share * curve if known else UNKNOWN_ACCEL * span
+        c.scratch.accel_fit_error[i] = 0.5 * share * curve if known else p.tuning.unknown_accel * span
 
 
 @kernel
-def propagate_to_epoch(p: Any, s: Any, t_ns: int, w: Any, f: Any) -> None:
+def propagate_to_epoch(p: Parameters, s: State, t_ns: int, w: Floats, f: Floats) -> None:
     """Forward from a snapshot to t_ns exactly, not after the newest sample; (w, f) is room to interpolate there."""
     c = s.core[0]
     while c.imu.sample_count < s.sample_count and s.imu_ring[c.imu.sample_count % IMU_RING].t_ns <= t_ns:

@@ -8,8 +8,10 @@ Source: Titterton and Weston, Strapdown Inertial Navigation Technology (2004), c
 (2013), sec. 5.4.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...compile.jit import kernel
 from ...math.earth import EARTH_RATE_RADPS, SEMI_MAJOR_M, gravity_above, radii, radii_by_sine, surface_gravity
@@ -22,6 +24,10 @@ from ...math.rotation import (
     quat_rotate,
     quat_rotate_back,
 )
+
+if TYPE_CHECKING:
+    from .types import Core, Floats
+
 
 Vector = tuple[float, float, float]
 
@@ -45,32 +51,32 @@ def bounded_cosine(lat: float) -> float:
 
 
 @kernel
-def quaternion(c: Any) -> tuple[float, float, float, float]:
+def quaternion(c: Core) -> tuple[float, float, float, float]:
     """The attitude q_nb as a tuple."""
     q = c.nav.q_nb
     return q[0], q[1], q[2], q[3]
 
 
 @kernel
-def rotation_matrix(c: Any) -> Any:
+def rotation_matrix(c: Core) -> Any:
     """C_nb, body to navigation axes: nine numbers, row by row."""
     return dcm_of_quat(quaternion(c))
 
 
 @kernel
-def body_to_ned(c: Any, x: Vector) -> Vector:
+def body_to_ned(c: Core, x: Vector) -> Vector:
     """A body vector in navigation axes."""
     return quat_rotate(quaternion(c), x)
 
 
 @kernel
-def ned_to_body(c: Any, x: Vector) -> Vector:
+def ned_to_body(c: Core, x: Vector) -> Vector:
     """A vector of navigation axes in body axes."""
     return quat_rotate_back(quaternion(c), x)
 
 
 @kernel
-def update_earth(c: Any) -> None:
+def update_earth(c: Core) -> None:
     """Evaluate what depends on the position, anew after some 0.6 m."""
     n, e = c.nav, c.earth
     near = abs(n.lat - e.position[0]) < EARTH_TOLERANCE * e.cos_lat
@@ -86,7 +92,7 @@ def update_earth(c: Any) -> None:
 
 
 @kernel
-def displace(c: Any, north: float, east: float, down: float) -> None:
+def displace(c: Core, north: float, east: float, down: float) -> None:
     """Move the position by metres."""
     update_earth(c)
     c.nav.lon = wrap_angle(c.nav.lon + east * c.earth.lon_per_m)
@@ -95,7 +101,7 @@ def displace(c: Any, north: float, east: float, down: float) -> None:
 
 
 @kernel
-def ned_difference(c: Any, lat0: float, lon0: float, lat: float, lon: float) -> tuple[float, float]:
+def ned_difference(c: Core, lat0: float, lon0: float, lat: float, lon: float) -> tuple[float, float]:
     """Metres north and east from one position to another near the core's."""
     meridian, prime_vertical = radii(c.nav.lat)
     north = (lat - lat0) * (meridian + c.nav.height)
@@ -103,7 +109,7 @@ def ned_difference(c: Any, lat0: float, lon0: float, lat: float, lon: float) -> 
 
 
 @kernel
-def integrate_strapdown(c: Any, w: Any, f: Any, dt: float) -> Vector:
+def integrate_strapdown(c: Core, w: Floats, f: Floats, dt: float) -> Vector:
     """Advance attitude, velocity and position by `dt` s while the sensor goes from its last sample to (w, f), linearly.
 
     w: rad/s, f: m/s^2, body axes. Returns the integral of the specific force in navigation axes, m/s.
@@ -158,7 +164,7 @@ def integrate_strapdown(c: Any, w: Any, f: Any, dt: float) -> Vector:
 
 
 @kernel
-def start_integration(c: Any) -> None:
+def start_integration(c: Core) -> None:
     """Begin a new interval of the covariance."""
     for i in range(3):
         c.imu.delta_v[i] = c.imu.delta_theta[i] = 0.0
@@ -166,19 +172,19 @@ def start_integration(c: Any) -> None:
 
 
 @kernel
-def rotate_attitude(c: Any, x: float, y: float, z: float) -> None:
+def rotate_attitude(c: Core, x: float, y: float, z: float) -> None:
     """q_nb <- exp(x, y, z) q_nb, normalised; a small rotation in navigation axes, rad."""
     set_attitude(c, quat_normalised(quat_product(quat_exp(x, y, z), quaternion(c))))
 
 
 @kernel
-def set_attitude(c: Any, q: Any) -> None:
+def set_attitude(c: Core, q: Any) -> None:
     """q_nb <- q."""
     c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3] = q
 
 
 @kernel
-def set_position(c: Any, lat: float, lon: float, height: float) -> None:
+def set_position(c: Core, lat: float, lon: float, height: float) -> None:
     """Latitude and longitude rad, height m; a height of NaN leaves the present one."""
     c.nav.lat, c.nav.lon = lat, lon
     if math.isfinite(height):
@@ -186,20 +192,20 @@ def set_position(c: Any, lat: float, lon: float, height: float) -> None:
 
 
 @kernel
-def set_velocity(c: Any, axis: int, v: float) -> None:
+def set_velocity(c: Core, axis: int, v: float) -> None:
     """One component of the velocity, m/s, NED."""
     c.nav.v_n[axis] = v
 
 
 @kernel
-def clear_biases(c: Any) -> None:
+def clear_biases(c: Core) -> None:
     """Nothing is known of the biases."""
     for i in range(3):
         c.nav.bg[i] = c.nav.ba[i] = 0.0
 
 
 @kernel
-def clear_sensor_errors(c: Any) -> None:
+def clear_sensor_errors(c: Core) -> None:
     """Nothing is known of biases and of errors in turns."""
     for i in range(3):
         c.nav.bg[i] = c.nav.ba[i] = c.nav.turn_scale[i] = 0.0

@@ -1,27 +1,26 @@
 """One sample further: the same code for new samples and for those that are replayed after a late measurement."""
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 from drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, POWER_ON
 from drivers.sample import SATURATED as BEYOND_RANGE
 
 from ...compile.jit import kernel
 from ...math.earth import gravity
+from ..tuning import Tunable
 from .aiding.non_holonomic import find_forward_axis, fuse_nhc, is_due, reset_nhc
 from .aiding.zero_velocity import fuse_rest
 from .alignment.levelling import level_from_window
-from .alignment.transitions import LOST_TILT, abort_navigation, restart_attitude, start_navigation
+from .alignment.transitions import abort_navigation, restart_attitude, start_navigation
 from .alignment.velocity_pairs import flag_heading, is_levelled, reset_pairs
 from .ekf import add_covariance, add_variance, variance
-from .error_model import COVARIANCE_INTERVAL_S
 from .fusion import propagate_errors
-from .integrity.heading_monitor import MAX_HEADING_SIGMA
 from .mechanization import integrate_strapdown, ned_to_body, rotation_matrix, set_velocity
 from .power_on import check_tilt, reopen_biases
 from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, POSITION, VELOCITY
 from .stationarity import (
-    VIBRATION_NOISE_SHARE,
-    WINDOW_S,
     accumulate_force,
     accumulate_window,
     classify_window,
@@ -31,25 +30,34 @@ from .stationarity import (
     withdraw_rest,
 )
 
-GAP_STEP_S = 0.05
-GAP_PERIODS = 2.5  # sample periods: a longer silence of the sensor hides something
-GAP_S = 0.1  # and one longer than that is extrapolated
-GAP_ACCEL, GAP_TURN = 2.0, 0.3  # m/s^2, rad/s: what may happen in a long one, even where the motion was smooth
-RATE_OF_CHANGE_TIME_S = 1.0  # after that a motion that changes much has taken another turn
-LONGEST_GAP_S = 30.0
-RATE_HOLD_S = 0.5  # the last rate is held
-MAX_GYRO_OUTAGE_S = 1.0  # then the attitude is found anew: its sigma is beyond what a linear filter can use
-NEAR_RANGE = 0.9  # of the fastest rate: that axis is at the end of its range, too
-OVER_RANGE = 0.5  # of a reading at the end of the range, what may be beyond it
-SMOOTHING_S = 0.2
+if TYPE_CHECKING:
+    from .types import Core, Floats, Parameters, StoredSample
+
+
+TUNABLES = (
+    Tunable("gap_step_s", 0.05, "s", "Integration step over a gap.", "Choice."),
+    Tunable("gap_periods", 2.5, "periods", "A longer silence of the sensor hides something.", "Choice."),
+    Tunable("gap_s", 0.1, "s", "A longer gap is extrapolated.", "Choice."),
+    Tunable("gap_accel", 2.0, "m/s^2", "Acceleration that a long gap may hide.", "A vehicle's."),
+    Tunable("gap_turn", 0.3, "rad/s", "Rate that a long gap may hide.", "A vehicle's."),
+    Tunable(
+        "rate_of_change_time_s", 1.0, "s", "After that a motion that changes much has taken another turn.", "Choice."
+    ),
+    Tunable("longest_gap_s", 30.0, "s", "Longest gap over which is integrated.", "Choice."),
+    Tunable("rate_hold_s", 0.5, "s", "The last rate is held so long.", "Choice."),
+    Tunable("max_gyro_outage_s", 1.0, "s", "After that without rates the attitude is found anew.", "Linearization."),
+    Tunable("near_range", 0.9, "", "Share of the fastest rate: that axis is at the end of its range, too.", "Choice."),
+    Tunable("over_range", 0.5, "", "Share of a clipped reading that may be beyond it.", "Choice."),
+    Tunable("smoothing_s", 0.2, "s", "Time constant of the smoothed rate and acceleration.", "Choice."),
+)
 
 
 @kernel
-def mechanize(p: Any, c: Any, w: Any, f: Any, dt: float) -> None:
+def mechanize(p: Parameters, c: Core, w: Floats, f: Floats, dt: float) -> None:
     """Integrate over dt, which is short; during coarse alignment the velocity is the receiver's, not an integral."""
     v0, v1, v2 = c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2]
     accumulate_force(c, integrate_strapdown(c, w, f, dt), dt)
-    v, accel, a = c.nav.v_n, c.imu.accel_n, min(1.0 / SMOOTHING_S, 1.0 / dt)
+    v, accel, a = c.nav.v_n, c.imu.accel_n, min(1.0 / p.tuning.smoothing_s, 1.0 / dt)
     accel[0] += a * (v[0] - v0 - dt * accel[0])
     accel[1] += a * (v[1] - v1 - dt * accel[1])
     accel[2] += a * (v[2] - v2 - dt * accel[2])
@@ -57,12 +65,14 @@ def mechanize(p: Any, c: Any, w: Any, f: Any, dt: float) -> None:
         set_velocity(c, 0, v0)
         set_velocity(c, 1, v1)
         set_velocity(c, 2, v2)
-    if c.imu.integration_time >= COVARIANCE_INTERVAL_S:
+    if c.imu.integration_time >= p.tuning.covariance_interval_s:
         propagate_errors(p, c)
 
 
 @kernel
-def gap_variance(before: Any, after: Any, dt: float, rate_of_change: float, jitter2: float, most: float) -> float:
+def gap_variance(
+    p: Parameters, before: Floats, after: Floats, dt: float, rate_of_change: float, jitter2: float, most: float
+) -> float:
     """Variance of the mean over a gap of dt s, about that of two readings: of a random walk tied at both ends.
 
     It has changed as fast as it did at its fastest, or from one end to the other; the ends vibrate by `jitter2`.
@@ -71,14 +81,14 @@ def gap_variance(before: Any, after: Any, dt: float, rate_of_change: float, jitt
     jump2 = 0.0
     for i in range(3):
         jump2 = max(jump2, (after[i] - before[i]) ** 2)
-    longest = max(rate_of_change * RATE_OF_CHANGE_TIME_S, most**2)
+    longest = max(rate_of_change * p.tuning.rate_of_change_time_s, most**2)
     return min(max(rate_of_change * dt, jump2) / 12.0, longest) + 0.5 * jitter2
 
 
 @kernel
-def extrapolate_gap(p: Any, c: Any, w: Any, f: Any, dt: float) -> None:
+def extrapolate_gap(p: Parameters, c: Core, w: Floats, f: Floats, dt: float) -> None:
     """Integrate over a gap in the samples, holding what is known."""
-    steps = int(dt / GAP_STEP_S) + 1
+    steps = int(dt / p.tuning.gap_step_s) + 1
     for i in range(3):
         c.imu.w[i] = 0.5 * (c.imu.w[i] + w[i])
         c.imu.f[i] = 0.5 * (c.imu.f[i] + f[i])
@@ -91,7 +101,7 @@ def extrapolate_gap(p: Any, c: Any, w: Any, f: Any, dt: float) -> None:
 
 
 @kernel
-def store_last_sample(c: Any, t_ns: int, w: Any, f: Any) -> None:
+def store_last_sample(c: Core, t_ns: int, w: Floats, f: Floats) -> None:
     """The core is at t_ns, and the sensor shows (w, f) there."""
     c.nav.t_ns = t_ns
     for i in range(3):
@@ -100,18 +110,20 @@ def store_last_sample(c: Any, t_ns: int, w: Any, f: Any) -> None:
 
 
 @kernel
-def propagate_to(p: Any, c: Any, t_ns: int, w: Any, f: Any) -> None:
+def propagate_to(p: Parameters, c: Core, t_ns: int, w: Floats, f: Floats) -> None:
     """Bring the core to time t_ns, at which the sensor shows (w, f)."""
     dt = 1e-9 * (t_ns - c.nav.t_ns)
     if dt <= 0.0:
         return
-    dt = min(dt, LONGEST_GAP_S)
+    dt = min(dt, p.tuning.longest_gap_s)
     turn2, accel2 = 0.0, 0.0
-    if dt > GAP_PERIODS * p.period:
-        s, psd = c.stationarity, VIBRATION_NOISE_SHARE * p.period
-        turn2 = gap_variance(c.imu.w, w, dt, s.max_rate_of_change[0], s.vibration_gyro_psd / psd, GAP_TURN)
-        accel2 = gap_variance(c.imu.f, f, dt, s.max_rate_of_change[1], s.vibration_accel_psd / psd, GAP_ACCEL)
-    if dt > max(GAP_S, 5.0 * p.period):
+    if dt > p.tuning.gap_periods * p.period:
+        s, psd = c.stationarity, p.tuning.vibration_noise_share * p.period
+        turn2 = gap_variance(p, c.imu.w, w, dt, s.max_rate_of_change[0], s.vibration_gyro_psd / psd, p.tuning.gap_turn)
+        accel2 = gap_variance(
+            p, c.imu.f, f, dt, s.max_rate_of_change[1], s.vibration_accel_psd / psd, p.tuning.gap_accel
+        )
+    if dt > max(p.tuning.gap_s, 5.0 * p.period):
         extrapolate_gap(p, c, w, f, dt)
     else:
         mechanize(p, c, w, f, dt)
@@ -124,17 +136,17 @@ def propagate_to(p: Any, c: Any, t_ns: int, w: Any, f: Any) -> None:
 
 
 @kernel
-def end_window(p: Any, c: Any) -> None:
+def end_window(p: Parameters, c: Core) -> None:
     """The end of a stationarity window: rest, level, and the vehicle's axis."""
     propagate_errors(p, c)
     classify_window(p, c)
-    resting = detect_rest(c)
+    resting = detect_rest(p, c)
     if c.alignment.mode == COARSE_ALIGNMENT:
-        level_from_window(c, resting)  # before rest turns the attitude that the mean force belongs to
+        level_from_window(p, c, resting)  # before rest turns the attitude that the mean force belongs to
     if resting and fuse_rest(p, c):
-        flag_heading(c)
+        flag_heading(p, c)
     if c.alignment.mode == COARSE_ALIGNMENT:
-        if c.gnss.fix_count > 0 and c.alignment.heading_sigma > 0.0 and is_levelled(c):
+        if c.gnss.fix_count > 0 and c.alignment.heading_sigma > 0.0 and is_levelled(p, c):
             start_navigation(p, c)
     else:
         find_forward_axis(p, c)
@@ -142,9 +154,9 @@ def end_window(p: Any, c: Any) -> None:
 
 
 @kernel
-def substitute_missing(c: Any, sample: Any) -> None:
+def substitute_missing(p: Parameters, c: Core, sample: StoredSample) -> None:
     """Put into the sample what it does not show: soon no turn, and no acceleration. Nothing of that looks like rest."""
-    if sample.flags & NO_RATE and sample.unseen_s > RATE_HOLD_S:
+    if sample.flags & NO_RATE and sample.unseen_s > p.tuning.rate_hold_s:
         for i in range(3):
             sample.w[i] = c.nav.bg[i]
     if sample.flags & NO_FORCE:
@@ -155,24 +167,24 @@ def substitute_missing(c: Any, sample: Any) -> None:
 
 
 @kernel
-def inflate_attitude(p: Any, c: Any, sample: Any, fastest: float, q: float) -> None:
+def inflate_attitude(p: Parameters, c: Core, sample: StoredSample, fastest: float, q: float) -> None:
     """Add the variance q to the attitude about the axes that show no rate, or the end of their range."""
     m = rotation_matrix(c)
     for axis in range(3):
-        if sample.flags & NO_RATE or abs(c.imu.w[axis]) > NEAR_RANGE * fastest:
+        if sample.flags & NO_RATE or abs(c.imu.w[axis]) > p.tuning.near_range * fastest:
             for i in range(3):
                 for k in range(i, 3):
                     add_covariance(c, ATTITUDE + i, ATTITUDE + k, q * m[3 * i + axis] * m[3 * k + axis])
     reset_pairs(c)
-    if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > MAX_HEADING_SIGMA**2:
+    if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > p.tuning.max_heading_sigma**2:
         abort_navigation(p, c)  # neither fixes nor the vehicle's constraint can correct such a heading
         reset_nhc(c)
-    if max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1)) > LOST_TILT**2:
+    if max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1)) > p.tuning.lost_tilt**2:
         restart_attitude(p, c)
 
 
 @kernel
-def inflate_covariance(p: Any, c: Any, sample: Any, dt: float) -> None:
+def inflate_covariance(p: Parameters, c: Core, sample: StoredSample, dt: float) -> None:
     """Add the variance of what a sample does not show, or only the beginning of, for as long as that lasts."""
     c.imu.saturated = 1 if sample.flags & BEYOND_RANGE else 0
     if sample.flags == 0:
@@ -180,8 +192,20 @@ def inflate_covariance(p: Any, c: Any, sample: Any, dt: float) -> None:
         return
     fastest = max(abs(c.imu.w[0]), abs(c.imu.w[1]), abs(c.imu.w[2]))
     largest = max(abs(c.imu.f[0]), abs(c.imu.f[1]), abs(c.imu.f[2]))
-    turn = GAP_TURN if sample.flags & NO_RATE else OVER_RANGE * fastest if sample.flags & LIMITED_RATE else 0.0
-    accel = GAP_ACCEL if sample.flags & NO_FORCE else OVER_RANGE * largest if sample.flags & LIMITED_FORCE else 0.0
+    turn = (
+        p.tuning.gap_turn
+        if sample.flags & NO_RATE
+        else p.tuning.over_range * fastest
+        if sample.flags & LIMITED_RATE
+        else 0.0
+    )
+    accel = (
+        p.tuning.gap_accel
+        if sample.flags & NO_FORCE
+        else p.tuning.over_range * largest
+        if sample.flags & LIMITED_FORCE
+        else 0.0
+    )
     for k in range(2):
         before, most = c.imu.outage_s[k], turn if k == 0 else accel
         now = max(before + dt, sample.unseen_s) if most > 0.0 else 0.0
@@ -195,7 +219,7 @@ def inflate_covariance(p: Any, c: Any, sample: Any, dt: float) -> None:
 
 
 @kernel
-def process_sample(p: Any, c: Any, sample: Any) -> None:
+def process_sample(p: Parameters, c: Core, sample: StoredSample) -> None:
     """Take one stored sample (body axes) and whatever becomes due with it."""
     dt = 1e-9 * (sample.t_ns - c.nav.t_ns)
     away_s = 1e-9 * (sample.t_ns - c.imu.sample_ns)
@@ -205,7 +229,7 @@ def process_sample(p: Any, c: Any, sample: Any) -> None:
         return
     incomplete = sample.flags & (NO_RATE | NO_FORCE) != 0
     if incomplete:
-        substitute_missing(c, sample)
+        substitute_missing(p, c, sample)
     if sample.flags & POWER_ON:
         for i in range(3):
             c.imu.w[i] -= c.nav.bg[i]  # the last sample as this sensor would show it, for the gap that follows it
@@ -213,18 +237,18 @@ def process_sample(p: Any, c: Any, sample: Any) -> None:
         reopen_biases(p, c)
     accumulate_window(c, sample.w, sample.f)
     propagate_to(p, c, sample.t_ns, sample.w, sample.f)
-    if sample.flags & POWER_ON and away_s > MAX_GYRO_OUTAGE_S:
+    if sample.flags & POWER_ON and away_s > p.tuning.max_gyro_outage_s:
         check_tilt(p, c)
     inflate_covariance(p, c, sample, dt)
     if incomplete:
         clear_window(c)
-    if c.imu.outage_s[0] > MAX_GYRO_OUTAGE_S and sample.flags & NO_RATE:
+    if c.imu.outage_s[0] > p.tuning.max_gyro_outage_s and sample.flags & NO_RATE:
         restart_attitude(p, c)
-    share = min(dt * (1.0 / SMOOTHING_S), 1.0)
+    share = min(dt * (1.0 / p.tuning.smoothing_s), 1.0)
     for i in range(3):
         c.imu.rate_b[i] += share * (c.imu.w[i] - c.nav.bg[i] - c.imu.rate_b[i])
-    if c.stationarity.duration >= WINDOW_S and c.stationarity.sample_count > 3:
+    if c.stationarity.duration >= p.tuning.rest_window_s and c.stationarity.sample_count > 3:
         end_window(p, c)
-    if is_due(c, dt) and c.alignment.mode == NAVIGATING and c.imu.outage_s[0] == 0.0:
+    if is_due(p, c, dt) and c.alignment.mode == NAVIGATING and c.imu.outage_s[0] == 0.0:
         propagate_errors(p, c)
         fuse_nhc(p, c)

@@ -1,22 +1,45 @@
 """What the outside sees of the filter's core: one solution row."""
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...compile.jit import kernel
 from ...math.kalman import packed_index
 from ...math.rotation import euler_variances
 from ..records import AT_REST, ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, REJECTING, SATURATED
+from ..tuning import Tunable
 from .ekf import standard_deviation, variance
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, POSITION, STATES, VELOCITY
 
-COASTING_S = 5.0  # a slow line may bring a 1 Hz receiver's fixes two seconds apart
-MAX_VALID_TILT_SIGMA = math.radians(10.0)
-MAX_VALID_HEADING_SIGMA = math.radians(30.0)
+if TYPE_CHECKING:
+    from .types import Core, Parameters, Solution
+
+
+TUNABLES = (
+    Tunable(
+        "coasting_s",
+        5.0,
+        "s",
+        "Time without a fix after which COASTING is set.",
+        "A slow line brings 1 Hz fixes 2 s apart.",
+    ),
+    Tunable(
+        "max_valid_tilt_sigma", math.radians(10.0), "rad", "Tilt sigma up to which ATTITUDE_VALID is set.", "Choice."
+    ),
+    Tunable(
+        "max_valid_heading_sigma",
+        math.radians(30.0),
+        "rad",
+        "Heading sigma up to which HEADING_VALID is set.",
+        "Choice.",
+    ),
+)
 
 
 @kernel
-def status_bits(c: Any, sigma_rpy: Any) -> int:
+def status_bits(p: Parameters, c: Core, sigma_rpy: Any) -> int:
     """The status bits of the solution."""
     bits = 0
     if c.stationarity.at_rest:
@@ -25,19 +48,21 @@ def status_bits(c: Any, sigma_rpy: Any) -> int:
         bits |= REJECTING
     if c.imu.saturated:
         bits |= SATURATED
-    if max(sigma_rpy[0], sigma_rpy[1]) < MAX_VALID_TILT_SIGMA:
+    if max(sigma_rpy[0], sigma_rpy[1]) < p.tuning.max_valid_tilt_sigma:
         bits |= ATTITUDE_VALID
-    if (c.alignment.mode == NAVIGATING or c.alignment.heading_sigma > 0.0) and sigma_rpy[2] < MAX_VALID_HEADING_SIGMA:
+    if (c.alignment.mode == NAVIGATING or c.alignment.heading_sigma > 0.0) and sigma_rpy[
+        2
+    ] < p.tuning.max_valid_heading_sigma:
         bits |= HEADING_VALID
     if c.gnss.fix_count > 0:
         bits |= POSITION_VALID
-        if c.nav.t_ns - c.gnss.last_used_ns > 1e9 * COASTING_S:
+        if c.nav.t_ns - c.gnss.last_used_ns > 1e9 * p.tuning.coasting_s:
             bits |= COASTING
     return bits
 
 
 @kernel
-def write_solution(c: Any, o: Any) -> None:
+def write_solution(p: Parameters, c: Core, o: Solution) -> None:
     """Fill the row `o`."""
     o.t_ns = c.nav.t_ns
     known = c.gnss.fix_count > 0
@@ -70,4 +95,4 @@ def write_solution(c: Any, o: Any) -> None:
     )
     for i in range(3):
         o.sigma_rpy[i] = math.sqrt(max(rpy[i], 0.0))
-    o.status = status_bits(c, o.sigma_rpy)
+    o.status = status_bits(p, c, o.sigma_rpy)

@@ -30,7 +30,6 @@ COARSE_ALIGNMENT, NAVIGATING = 0, 1  # modes: roll and pitch only, position from
 FREE, AUTO, LAND = 0, 1, 2  # vehicle
 
 HYPOTHESES = 33  # of the heading's drift rate during alignment
-HEADING_FAULTS = 3  # pairs of fixes in a row that contradict the heading: it is wrong
 NEVER_NS = -(1 << 62)  # a time before all others
 IMU_RING = 4096  # samples kept: 2 s at the highest rate
 SNAPSHOTS = 64
@@ -39,26 +38,6 @@ ONSETS = 3  # times at which the receiver may have begun to drift
 JACOBIAN_LENGTH = 10  # most nonzero elements of a row of H
 STEP_INNOVATIONS = 8  # of one sample: a window of rest and a constraint
 PENDING_INNOVATIONS = 1024  # kept until they are asked for
-
-PARAMETERS = np.dtype(
-    [
-        ("period", "<f8"),  # s, nominal time between samples
-        ("gnss_lever_arm", "<f8", (3,)),  # m, antenna from IMU, body
-        ("vehicle", "<i8"),
-        ("assumed_latency", "<f8"),  # s, from epoch to arrival where the epoch is only assumed
-        ("gyro_psd", "<f8"),  # rad^2/s
-        ("gyro_bias_psd", "<f8"),  # rad^2/s^3
-        ("gyro_bias_sigma", "<f8"),  # rad/s, at switch-on
-        ("gyro_scale", "<f8"),
-        ("gyro_range", "<f8"),  # rad/s
-        ("accel_psd", "<f8"),  # m^2/s^3
-        ("accel_bias_psd", "<f8"),  # m^2/s^5
-        ("accel_bias_sigma", "<f8"),  # m/s^2, at switch-on
-        ("accel_scale", "<f8"),
-        ("accel_range", "<f8"),  # m/s^2
-    ],
-    align=True,
-)
 
 NAV = np.dtype(  # the nominal state: time, and one value for each error state
     [

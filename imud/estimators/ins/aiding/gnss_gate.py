@@ -4,33 +4,52 @@ A receiver that jumps stays where it went; one that drifts contradicts the veloc
 believed once they have been consistent with the velocity for a while, or where nothing else supports the velocity.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
+from ...tuning import Tunable
 from ..ekf import add_variance, clear_gnss_bias, decorrelate, variance
-from ..error_model import GNSS_BIAS_TIME_S
 from ..mechanization import displace
 from ..observers.gnss_drift import all_onsets_open, clear_detection, reset_drift
 from ..observers.reset_inflation import inflate_position
 from ..state import ATTITUDE, NAVIGATING, POSITION, VELOCITY
-from ..stationarity import FRESH_S
 
-POSITION_GATE = 25.0
-RETURN_GATE = 9.0  # gate of a receiver that has drifted: within that it is back
-RESET_COUNT, RESET_S = 5, 8.0
-CONSISTENCY_GATE = 9.0
-DRIFT_RESET_S = 20.0  # consistent for so long, where the receiver has been found to drift slowly
-MAX_REJECT_S, MAX_DRIFT_SPEED = 60.0, 5.0  # s, m/s: of fixes that drift away from the velocity
-FROZEN_MIN_SPEED, FROZEN_MIN_S = 2.0, 0.5  # m/s, s: what shows in the last digit of any receiver
-# m/s, rad: what an inertial velocity may be wrong by without knowing it
-INERTIAL_VELOCITY_ERROR, INERTIAL_HEADING_ERROR = 0.25, 0.05
-MAX_VELOCITY_REJECTS = 8  # fixes in a row with a velocity that contradicts: the heading is wrong
-MAX_RESET_SCORE, RESET_SCORE_DECAY = 1.5, 0.98
+if TYPE_CHECKING:
+    from ..types import Core, Fix, Parameters
+
+
+TUNABLES = (
+    Tunable("gnss_position_gate", 25.0, "NIS", "Gate of the position.", "Five sigma."),
+    Tunable(
+        "gnss_return_gate", 9.0, "NIS", "Gate of a receiver that has drifted: within that it is back.", "Three sigma."
+    ),
+    Tunable("reset_count", 5, "fixes", "Rejected fixes before the filter is reset to them.", "Choice."),
+    Tunable("reset_s", 8.0, "s", "Time for which they must have been consistent.", "Recorded multipath."),
+    Tunable("consistency_gate", 9.0, "NIS", "Gate of a rejected position against the velocity.", "Three sigma."),
+    Tunable(
+        "drift_reset_s", 20.0, "s", "The same time where the receiver has been found to drift.", "Simulated drifts."
+    ),
+    Tunable("max_reject_s", 60.0, "s", "Longest rejection of fixes that drift away.", "Choice."),
+    Tunable("max_drift_speed", 5.0, "m/s", "Fastest drift of a receiver.", "Choice."),
+    Tunable("frozen_min_speed", 2.0, "m/s", "Speed that shows in the last digit of any receiver.", "Choice."),
+    Tunable("frozen_min_s", 0.5, "s", "Time that shows there.", "Choice."),
+    Tunable(
+        "inertial_velocity_error", 0.25, "m/s", "Error of an inertial velocity that its sigma may not have.", "Choice."
+    ),
+    Tunable(
+        "inertial_heading_error", 0.05, "rad", "Error of an inertial heading that its sigma may not have.", "Choice."
+    ),
+    Tunable("max_velocity_rejects", 8, "fixes", "Rejected velocities in a row that prove a wrong heading.", "Choice."),
+    Tunable("max_reset_score", 1.5, "", "Resets, fading, that prove a wrong heading.", "Choice."),
+    Tunable("reset_score_decay", 0.98, "per fix", "How they fade.", "Choice."),
+)
 
 
 @kernel
-def is_frozen(c: Any, fix: Any) -> bool:
+def is_frozen(p: Parameters, c: Core, fix: Fix) -> bool:
     """Does the receiver go on repeating a position, to the last digit, that the vehicle has certainly left?
 
     At rest many hold it, and let go of it late.
@@ -43,41 +62,47 @@ def is_frozen(c: Any, fix: Any) -> bool:
     frozen_s = 1e-9 * (c.nav.t_ns - g.frozen_since_ns)
     sigma = math.sqrt(max(variance(c, VELOCITY), variance(c, VELOCITY + 1)))
     least = math.hypot(c.nav.v_n[0], c.nav.v_n[1]) - 3.0 * sigma
-    return bool(c.alignment.mode == NAVIGATING and least > FROZEN_MIN_SPEED and FROZEN_MIN_S < frozen_s < MAX_REJECT_S)
+    return bool(
+        c.alignment.mode == NAVIGATING
+        and least > p.tuning.frozen_min_speed
+        and p.tuning.frozen_min_s < frozen_s < p.tuning.max_reject_s
+    )
 
 
 @kernel
-def reports_velocity(fix: Any) -> bool:
+def reports_velocity(fix: Fix) -> bool:
     """Does the receiver report a velocity?"""
     return math.isfinite(fix.speed) or math.isfinite(fix.v[0])
 
 
 @kernel
-def velocity_is_supported(c: Any, fix: Any) -> bool:
+def velocity_is_supported(c: Core, fix: Fix) -> bool:
     """Does something other than positions support the velocity: rest, the receiver's own velocity, or its drift?"""
     own = reports_velocity(fix) and c.integrity.velocity_reject_count == 0
     return c.drift.detected != 0 or c.stationarity.at_rest != 0 or own
 
 
 @kernel
-def position_residual(c: Any, axis: int) -> float:
+def position_residual(c: Core, axis: int) -> float:
     """How far the fix is from the estimate, m, with no bias allowed for."""
     return float(c.scratch.position_innovation[axis] + c.nav.gnss_bias[axis])
 
 
 @kernel
-def drift_is_plausible(c: Any, fix: Any, outage_s: float) -> bool:
+def drift_is_plausible(p: Parameters, c: Core, fix: Fix, outage_s: float) -> bool:
     """Where only the IMU supports the velocity: may the rejected positions be those of a receiver that drifts?
 
     Not where the estimate is new, or had no fixes before: then it is as likely to be wrong.
     """
     way = math.hypot(position_residual(c, 0), position_residual(c, 1))
-    recent = c.integrity.outage_at_reject_s < FRESH_S
-    return bool(not reports_velocity(fix) and all_onsets_open(c) and recent and way < MAX_DRIFT_SPEED * outage_s)
+    recent = c.integrity.outage_at_reject_s < p.tuning.fresh_fix_s
+    return bool(
+        not reports_velocity(fix) and all_onsets_open(c) and recent and way < p.tuning.max_drift_speed * outage_s
+    )
 
 
 @kernel
-def consistent_for(c: Any, known: bool) -> float:
+def consistent_for(p: Parameters, c: Core, known: bool) -> float:
     """For how long, s, the rejected positions have been consistent with the velocity, as far as errors of both allow.
 
     Call for each rejected fix; a position that is not consistent begins anew.
@@ -85,12 +110,12 @@ def consistent_for(c: Any, known: bool) -> float:
     g = c.integrity
     dt = 1e-9 * (c.nav.t_ns - g.reject_start_ns[0])
     v2 = c.nav.v_n[0] ** 2 + c.nav.v_n[1] ** 2
-    unknown = 0.0 if known else INERTIAL_VELOCITY_ERROR**2 + INERTIAL_HEADING_ERROR**2 * v2
+    unknown = 0.0 if known else p.tuning.inertial_velocity_error**2 + p.tuning.inertial_heading_error**2 * v2
     leaves = False
     for i in range(2):
-        bias2 = c.gnss.reported_sigma[0] ** 2 * (1.0 - math.exp(-dt / GNSS_BIAS_TIME_S))
+        bias2 = c.gnss.reported_sigma[0] ** 2 * (1.0 - math.exp(-dt / p.tuning.gnss_bias_time_s))
         allowed = 2.0 * (bias2 + c.gnss.noise_var[0]) + (variance(c, VELOCITY + i) + unknown) * dt * dt
-        leaves = leaves or (position_residual(c, i) - g.reject_offset[i]) ** 2 > CONSISTENCY_GATE * allowed
+        leaves = leaves or (position_residual(c, i) - g.reject_offset[i]) ** 2 > p.tuning.consistency_gate * allowed
     if g.reject_count[0] == 1 or leaves:
         g.reject_start_ns[0] = c.nav.t_ns
         for i in range(2):
@@ -100,7 +125,7 @@ def consistent_for(c: Any, known: bool) -> float:
 
 
 @kernel
-def reset_to_gnss(c: Any, first: int, last: int, known: bool) -> None:
+def reset_to_gnss(c: Core, first: int, last: int, known: bool) -> None:
     """The fixes have contradicted the estimate for long enough: go to them, as uncertain as they disagreed.
 
     Nothing shows whether the estimate or the receiver was wrong: the position's sigma is inflated by the difference,
@@ -122,22 +147,22 @@ def reset_to_gnss(c: Any, first: int, last: int, known: bool) -> None:
 
 
 @kernel
-def gate_position(c: Any, fix: Any, nis: float) -> bool:
+def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     """May the horizontal position, of this normalised innovation squared, correct the estimate? In the end it may."""
     g = c.integrity
-    if nis < (RETURN_GATE if c.drift.detected else POSITION_GATE):
+    if nis < (p.tuning.gnss_return_gate if c.drift.detected else p.tuning.gnss_position_gate):
         clear_detection(c)
         g.reject_count[0] = 0
         return True
     g.reject_count[0] += 1
     known, outage_s = velocity_is_supported(c, fix), 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
-    consistent_s = consistent_for(c, known)
+    consistent_s = consistent_for(p, c, known)
     if g.reject_count[0] == 1:
         g.outage_at_reject_s = outage_s
-    if g.reject_count[0] <= RESET_COUNT or outage_s <= RESET_S:
+    if g.reject_count[0] <= p.tuning.reset_count or outage_s <= p.tuning.reset_s:
         return False
-    consistent = consistent_s > (DRIFT_RESET_S if c.drift.detected else RESET_S)
-    if (known or drift_is_plausible(c, fix, outage_s)) and not consistent and outage_s < MAX_REJECT_S:
+    consistent = consistent_s > (p.tuning.drift_reset_s if c.drift.detected else p.tuning.reset_s)
+    if (known or drift_is_plausible(p, c, fix, outage_s)) and not consistent and outage_s < p.tuning.max_reject_s:
         return False
     reset_to_gnss(c, 0, 2, known)
     reset_drift(c)
@@ -146,16 +171,16 @@ def gate_position(c: Any, fix: Any, nis: float) -> bool:
 
 
 @kernel
-def gate_height(c: Any, nis: float) -> bool:
+def gate_height(p: Parameters, c: Core, nis: float) -> bool:
     """May the height, where there is one, correct the estimate?"""
     g, known = c.integrity, math.isfinite(c.scratch.position_innovation[2])
-    if not known or nis < POSITION_GATE:
+    if not known or nis < p.tuning.gnss_position_gate:
         g.reject_count[1] = 0
         return known
     g.reject_count[1] += 1
     if g.reject_count[1] == 1:
         g.reject_start_ns[1] = c.nav.t_ns
-    if g.reject_count[1] <= RESET_COUNT or 1e-9 * (c.nav.t_ns - g.reject_start_ns[1]) <= RESET_S:
+    if g.reject_count[1] <= p.tuning.reset_count or 1e-9 * (c.nav.t_ns - g.reject_start_ns[1]) <= p.tuning.reset_s:
         return False
     reset_to_gnss(c, 2, 3, c.stationarity.at_rest != 0)
     g.reject_count[1] = 0
@@ -163,38 +188,38 @@ def gate_height(c: Any, nis: float) -> bool:
 
 
 @kernel
-def set_rejecting(c: Any) -> None:
+def set_rejecting(c: Core) -> None:
     """Whether the last fix was rejected, in its position or its height."""
     c.integrity.rejecting = 1 if c.integrity.reject_count[0] > 0 or c.integrity.reject_count[1] > 0 else 0
 
 
 @kernel
-def reject_frozen(c: Any) -> None:
+def reject_frozen(c: Core) -> None:
     """The receiver is frozen: its fix is rejected."""
     c.integrity.rejecting = 1
 
 
 @kernel
-def count_velocity_rejects(c: Any, rejected: int) -> None:
+def count_velocity_rejects(c: Core, rejected: int) -> None:
     """After the velocity of a fix, of which `rejected` components were: how many fixes in a row were so."""
     c.integrity.velocity_reject_count = c.integrity.velocity_reject_count + 1 if rejected else 0
 
 
 @kernel
-def contradicts_heading(c: Any) -> bool:
+def contradicts_heading(p: Parameters, c: Core) -> bool:
     """After a fix: do so many rejected velocities, or resets, say that the heading is wrong?"""
     g = c.integrity
-    return bool(g.velocity_reject_count > MAX_VELOCITY_REJECTS or g.reset_score > MAX_RESET_SCORE)
+    return bool(g.velocity_reject_count > p.tuning.max_velocity_rejects or g.reset_score > p.tuning.max_reset_score)
 
 
 @kernel
-def fade_reset_score(c: Any) -> None:
+def fade_reset_score(p: Parameters, c: Core) -> None:
     """Resets count less with every fix."""
-    c.integrity.reset_score *= RESET_SCORE_DECAY
+    c.integrity.reset_score *= p.tuning.reset_score_decay
 
 
 @kernel
-def clear_contradictions(c: Any) -> None:
+def clear_contradictions(c: Core) -> None:
     """Count rejected velocities and resets anew."""
     c.integrity.velocity_reject_count = 0
     c.integrity.reset_score = 0.0

@@ -4,43 +4,74 @@ A receiver's position error is almost purely correlated over tens of seconds, so
 first-order Gauss-Markov state; the white part is learned from the innovations.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
+from ...tuning import Tunable
 from ..ekf import add_covariance, add_variance, clear_gnss_bias, variance
 from ..observers.gnss_drift import reset_drift
 from ..state import ATTITUDE, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY_TIME_OFFSET
 
-UERE = 2.0  # m per HDOP, horizontal
-VERTICAL_RATIO = 2.2  # times the horizontal sigma
-UNKNOWN_HDOP = 1.5
-RTK_FIXED, RTK_FLOAT = 0.03, 0.4  # m, when nothing better is reported
-MIN_BIAS_SHARE = 0.3  # of what a receiver reports of its error, where all that is seen of it is white
-VELOCITY_SIGMA_RANGE = (0.05, 0.3)  # m/s, of what is learned: errors that last do not show in innovations
-NOISE_GAIN = 0.03
-SECOND_ORDER_HEADING = 10.0  # m, m/s per rad^2 of heading variance: what the linear model leaves out
-LEVER_ARM_SIGMA = 0.03  # m, of a lever arm taken by rule
-TIME_OFFSET_FLOOR = 0.01  # s per metre of sigma
-CONSTANT_ERROR_SHARE = 0.5  # of a receiver's error, outlasts any wait: no repetition takes it away
+if TYPE_CHECKING:
+    from ..types import Core, Fix, Parameters
+
+
+TUNABLES = (
+    Tunable("uere", 2.0, "m", "Horizontal position error per HDOP.", "Real receivers."),
+    Tunable("vertical_ratio", 2.2, "", "Vertical over horizontal sigma.", "Real receivers."),
+    Tunable("unknown_hdop", 1.5, "", "HDOP where none is reported.", "Choice."),
+    Tunable("rtk_fixed", 0.03, "m", "Position error per HDOP, RTK fixed.", "Real receivers."),
+    Tunable("rtk_float", 0.4, "m", "Position error per HDOP, RTK float.", "Real receivers."),
+    Tunable("min_bias_share", 0.3, "", "Least share of the reported error that is correlated.", "Choice."),
+    Tunable(
+        "min_velocity_sigma",
+        0.05,
+        "m/s",
+        "Least sigma that is learned of a velocity: lasting errors do not show.",
+        "Real receivers.",
+    ),
+    Tunable("max_velocity_sigma", 0.3, "m/s", "Largest sigma that is learned of a velocity.", "Real receivers."),
+    Tunable("noise_gain", 0.03, "per fix", "Gain of the learned variances.", "Choice."),
+    Tunable(
+        "second_order_heading",
+        10.0,
+        "m/rad^2",
+        "What the linear model leaves out, per heading variance; also m/s/rad^2.",
+        "Simulated starts.",
+    ),
+    Tunable("gnss_lever_arm_sigma", 0.03, "m", "Error of a lever arm measured with a rule.", "Choice."),
+    Tunable(
+        "time_offset_floor",
+        0.01,
+        "s/m",
+        "Least sigma of the time offset, per metre of position sigma.",
+        "Recorded drives.",
+    ),
+    Tunable(
+        "constant_error_share", 0.5, "", "Share of the receiver's error that outlasts any averaging.", "Real receivers."
+    ),
+)
 
 
 @kernel
-def horizontal_sigma(fix: Any) -> float:
+def horizontal_sigma(p: Parameters, fix: Fix) -> float:
     """1 sigma of the position, m, from what the receiver reports."""
     if math.isfinite(fix.sigma[0]) and math.isfinite(fix.sigma[1]):
         return max(math.sqrt(0.5 * (fix.sigma[0] ** 2 + fix.sigma[1] ** 2)), 1e-3)
-    hdop = fix.hdop if fix.hdop > 0.0 else UNKNOWN_HDOP
-    unit = RTK_FIXED if fix.quality == 4 else (RTK_FLOAT if fix.quality == 5 else UERE)
+    hdop = fix.hdop if fix.hdop > 0.0 else p.tuning.unknown_hdop
+    unit = p.tuning.rtk_fixed if fix.quality == 4 else (p.tuning.rtk_float if fix.quality == 5 else p.tuning.uere)
     return unit * hdop
 
 
 @kernel
-def set_gnss_noise(c: Any, fix: Any) -> None:
+def set_gnss_noise(p: Parameters, c: Core, fix: Fix) -> None:
     """Scale bias and white noise to the reported quality; another kind of solution has another bias."""
     g = c.gnss
-    h = horizontal_sigma(fix)
-    v = max(fix.sigma[2], 1e-3) if math.isfinite(fix.sigma[2]) else VERTICAL_RATIO * h
+    h = horizontal_sigma(p, fix)
+    v = max(fix.sigma[2], 1e-3) if math.isfinite(fix.sigma[2]) else p.tuning.vertical_ratio * h
     for k in range(2):
         sigma = h if k == 0 else v
         if not 0.5 * g.reported_sigma[k] < sigma < 2.0 * g.reported_sigma[k]:
@@ -52,8 +83,8 @@ def set_gnss_noise(c: Any, fix: Any) -> None:
             reset_drift(c)
         g.reported_sigma[k] = g.bias_sigma[k] = sigma
         if math.isfinite(fix.sigma[2 * k]):  # what the receiver itself states is the whole error
-            g.bias_sigma[k] = math.sqrt(max(sigma * sigma - g.noise_var[k], (MIN_BIAS_SHARE * sigma) ** 2))
-    floor = TIME_OFFSET_FLOOR * h
+            g.bias_sigma[k] = math.sqrt(max(sigma * sigma - g.noise_var[k], (p.tuning.min_bias_share * sigma) ** 2))
+    floor = p.tuning.time_offset_floor * h
     q = max(0.0, floor * floor - variance(c, TIME_OFFSET))  # of positions, whose errors last: velocities show the sum
     add_variance(c, TIME_OFFSET, q)
     add_variance(c, VELOCITY_TIME_OFFSET, q)
@@ -61,59 +92,59 @@ def set_gnss_noise(c: Any, fix: Any) -> None:
 
 
 @kernel
-def learn_position_noise(c: Any, axis: int, nis: float, s: float) -> None:
+def learn_position_noise(p: Parameters, c: Core, axis: int, nis: float, s: float) -> None:
     """Adapt the white variance of a position to its normalised innovation squared `nis`, of variance s."""
     k = axis // 2
     least = (0.3 * min(c.gnss.reported_sigma[k], 0.3)) ** 2
     most = (2.0 * c.gnss.reported_sigma[k]) ** 2
-    learned = c.gnss.noise_var[k] + NOISE_GAIN * (min(nis, 9.0) - 1.0) * s
+    learned = c.gnss.noise_var[k] + p.tuning.noise_gain * (min(nis, 9.0) - 1.0) * s
     c.gnss.noise_var[k] = min(max(learned, least), most)
 
 
 @kernel
-def learn_velocity_noise(c: Any, nis: float, s: float) -> None:
+def learn_velocity_noise(p: Parameters, c: Core, nis: float, s: float) -> None:
     """Adapt the variance of a velocity component to its normalised innovation squared `nis`, of variance s."""
     share = c.gnss.velocity_noise_var / s
-    learned = c.gnss.velocity_noise_var + NOISE_GAIN * share * (min(nis, 9.0) - 1.0) * s
-    c.gnss.velocity_noise_var = min(max(learned, VELOCITY_SIGMA_RANGE[0] ** 2), VELOCITY_SIGMA_RANGE[1] ** 2)
+    learned = c.gnss.velocity_noise_var + p.tuning.noise_gain * share * (min(nis, 9.0) - 1.0) * s
+    c.gnss.velocity_noise_var = min(max(learned, p.tuning.min_velocity_sigma**2), p.tuning.max_velocity_sigma**2)
 
 
 @kernel
-def second_order_error(c: Any) -> float:
+def second_order_error(p: Parameters, c: Core) -> float:
     """What the linear model leaves out, m or m/s, where an uncertain heading has a part in it."""
-    return float(SECOND_ORDER_HEADING * variance(c, ATTITUDE + 2)) if c.alignment.mode == NAVIGATING else 0.0
+    return float(p.tuning.second_order_heading * variance(c, ATTITUDE + 2)) if c.alignment.mode == NAVIGATING else 0.0
 
 
 @kernel
-def lever_arm_rate_variance(c: Any) -> float:
+def lever_arm_rate_variance(p: Parameters, c: Core) -> float:
     """Variance of the antenna's velocity, m^2/s^2, by an error of the lever arm in the present turn."""
     w = c.imu.rate_b
-    return float(LEVER_ARM_SIGMA**2 * (w[0] ** 2 + w[1] ** 2 + w[2] ** 2))
+    return float(p.tuning.gnss_lever_arm_sigma**2 * (w[0] ** 2 + w[1] ** 2 + w[2] ** 2))
 
 
 @kernel
-def limit_position_confidence(p: Any, c: Any) -> None:
+def limit_position_confidence(p: Parameters, c: Core) -> None:
     """The position is never known better than what lasts of the receiver's error, and no better than the lever arm."""
     a = p.gnss_lever_arm
     arm2 = a[0] ** 2 + a[1] ** 2 + a[2] ** 2 if c.alignment.mode != NAVIGATING else 0.0
     for i in range(3):
-        lasting2 = (CONSTANT_ERROR_SHARE * c.gnss.reported_sigma[i // 2]) ** 2
+        lasting2 = (p.tuning.constant_error_share * c.gnss.reported_sigma[i // 2]) ** 2
         add_variance(c, POSITION + i, max(0.0, lasting2 + arm2 - variance(c, POSITION + i)))
 
 
 @kernel
-def mark_used(c: Any) -> None:
+def mark_used(c: Core) -> None:
     """A fix has been used now."""
     c.gnss.last_used_ns = c.nav.t_ns
 
 
 @kernel
-def count_fix(c: Any) -> None:
+def count_fix(c: Core) -> None:
     """Another fix has been processed."""
     c.gnss.fix_count += 1
 
 
 @kernel
-def set_speed(c: Any, speed: float) -> None:
+def set_speed(c: Core, speed: float) -> None:
     """Speed over ground of the last fix, m/s; NaN: unknown."""
     c.gnss.speed = speed

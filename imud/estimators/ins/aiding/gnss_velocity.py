@@ -3,60 +3,70 @@
 z = v_fix - v - C_nb (w x lever_arm) + a (time_offset + velocity_time_offset), component by component.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...records import VELOCITY_N
+from ...tuning import Tunable
 from ..ekf import innovation, innovation_variance, set_jacobian
 from ..fusion import correct_state, gated_update
 from ..state import NAVIGATING, TIME_OFFSET, VELOCITY, VELOCITY_TIME_OFFSET
-from .gnss_gate import POSITION_GATE, count_velocity_rejects
+from .gnss_gate import count_velocity_rejects
 from .gnss_noise import learn_velocity_noise, lever_arm_rate_variance, second_order_error
 from .gnss_position import lever_arm_n, write_innovation
 
-MIN_COURSE_SPEED = 0.5  # m/s, below it the course is noise
+if TYPE_CHECKING:
+    from ..types import Core, Fix, Innovation, Parameters
+
+
+TUNABLES = (
+    Tunable("min_course_speed", 0.5, "m/s", "Below it the course is noise.", "Real receivers."),
+    Tunable("gnss_velocity_gate", 25.0, "NIS", "Gate of each component of the velocity.", "Five sigma."),
+)
 
 
 @kernel
-def velocity_of(fix: Any, axis: int) -> float:
+def velocity_of(p: Parameters, fix: Fix, axis: int) -> float:
     """North, east or down velocity of a fix, m/s; NaN where it says nothing."""
     if math.isfinite(fix.v[axis]):
         return float(fix.v[axis])
     if axis == 2 or not math.isfinite(fix.speed):
         return math.nan
-    if fix.speed < MIN_COURSE_SPEED:
+    if fix.speed < p.tuning.min_course_speed:
         return 0.0
     return float(fix.speed) * (math.cos(fix.course) if axis == 0 else math.sin(fix.course))
 
 
 @kernel
-def low_speed_variance(fix: Any) -> float:
+def low_speed_variance(p: Parameters, fix: Fix) -> float:
     """Variance, m^2/s^2, of a component of the velocity where only the speed is believed."""
-    return 0.0 if math.isfinite(fix.v[0]) or not fix.speed < MIN_COURSE_SPEED else float(0.5 * fix.speed**2)
+    return 0.0 if math.isfinite(fix.v[0]) or not fix.speed < p.tuning.min_course_speed else float(0.5 * fix.speed**2)
 
 
 @kernel
-def fuse_gnss_velocity(p: Any, c: Any, fix: Any, late: float, innovations: Any, n: int) -> int:
+def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, late: float, innovations: list[Innovation], n: int) -> int:
     """Gate and fuse the velocity, component by component."""
     w = (c.imu.w[0] - c.nav.bg[0], c.imu.w[1] - c.nav.bg[1], c.imu.w[2] - c.nav.bg[2])
     arm = p.gnss_lever_arm
     swung = (w[1] * arm[2] - w[2] * arm[1], w[2] * arm[0] - w[0] * arm[2], w[0] * arm[1] - w[1] * arm[0])
     antenna = lever_arm_n(p, c, swung)
-    slow = fix.speed if not math.isfinite(fix.v[0]) and fix.speed < MIN_COURSE_SPEED else 0.0
+    slow = fix.speed if not math.isfinite(fix.v[0]) and fix.speed < p.tuning.min_course_speed else 0.0
     timed = 1.0 if c.alignment.mode == NAVIGATING else 0.0  # before, the velocity is followed at the fixes' own time
     rejected = 0
     for i in range(3):
-        received = velocity_of(fix, i)
+        received = velocity_of(p, fix, i)
         if not math.isfinite(received):
             continue
         accel, misfit = timed * c.scratch.accel_fit[i], timed * c.scratch.accel_fit_error[i]
         z = received - c.nav.v_n[i] - antenna[i] + (late + c.nav.velocity_time_offset) * accel
         r = (
             c.gnss.velocity_noise_var
-            + second_order_error(c) ** 2
+            + second_order_error(p, c) ** 2
             + slow * slow
-            + lever_arm_rate_variance(c)
+            + lever_arm_rate_variance(p, c)
             + misfit**2
         )
         m = set_jacobian(c, 0, VELOCITY + i, 1.0)
@@ -64,12 +74,12 @@ def fuse_gnss_velocity(p: Any, c: Any, fix: Any, late: float, innovations: Any, 
         m = set_jacobian(c, m, VELOCITY_TIME_OFFSET, -accel)
         s = innovation_variance(c, m) + r
         left = innovation(c, m, z)
-        nis = gated_update(c, m, z, r, POSITION_GATE)
+        nis = gated_update(c, m, z, r, p.tuning.gnss_velocity_gate)
         used = nis >= 0.0
         if used and slow == 0.0:
-            learn_velocity_noise(c, nis, s)
+            learn_velocity_noise(p, c, nis, s)
         n = write_innovation(innovations, n, fix.t_ns, VELOCITY_N + i, left, s, used)
         rejected += 0 if used else 1
     count_velocity_rejects(c, rejected)
-    correct_state(c)
+    correct_state(p, c)
     return n

@@ -9,12 +9,15 @@ Source: Dissanayake et al., The aiding of a low-cost strapdown inertial measurem
 constraints (2001).
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ....compile.jit import kernel
 from ....math.rotation import quat_exp, quat_rotate, quat_rotate_back
 from ...records import HOP, SLIP
+from ...tuning import Tunable
 from ..ekf import add_variance, decorrelate, set_forward_axis, set_jacobian, variance
 from ..fusion import correct_state, pseudo_measurement
 from ..mechanization import ned_to_body, quaternion
@@ -31,63 +34,106 @@ from ..state import (
     TURN_SCALE,
     VELOCITY,
 )
-from ..stationarity import FRESH_S
 from .nhc_noise import add_innovation, clear_sums, learn_noise_scale, reset_noise_scale
 
-NHC_INTERVAL_S = 0.1
-NHC_MIN_SPEED = 0.3  # m/s, below it the constraint says little
-NHC_SIGMA = 0.1  # m/s
-NHC_LEVER_ARM_SIGMA = 1.5  # m
-TURN_SIDESLIP, TYRE_SIDESLIP = (
-    0.4,
-    0.005,
-)  # m, s^2/m: sideways speed in turns, per rate, and per rate times speed squared
-SUSPENSION_PITCH, SUSPENSION_TIME_S = (
-    math.radians(0.7),
-    1.5,
-)  # a body on springs pitches against the road as it brakes, for so long
-NHC_GATE = 12.0
-MAX_MEAN_NIS = 4.0  # mean normalised innovation squared
-RETRY_S = 60.0  # doubled by each contradiction, before another drive is believed
-MEAN_NIS_GAIN = 0.02
-MOUNT_SIGMA = math.radians(4.0)
-TYPICAL_LEVER_ARM = 1.2  # m
-DIRECTION_SIGMAS = 2.0  # times its sigma, a velocity that has a direction
-SCATTER_DECAY = 0.98  # per window
-POWER_ITERATIONS = 4  # iterations, each begins where the last ended
-# windows; normalised square across the axis in a short look, and more of it per window, as a flight looks like a drive
-# for some seconds; how much more there is across any line over ground: for auto
-AXIS_FOUND, AXIS_FOUND_LAND = (8.0, 0.5, 0.01, 12.0), (6.0, 4.0, 0.0, -math.inf)
+if TYPE_CHECKING:
+    from ..types import Core, Parameters
+
+
+TUNABLES = (
+    Tunable("nhc_interval_s", 0.1, "s", "Time between two constraints.", "Choice."),
+    Tunable("nhc_min_speed", 0.3, "m/s", "Below it the constraint says little.", "Choice."),
+    Tunable("nhc_sigma", 0.1, "m/s", "Sigma of the velocity across the vehicle.", "Recorded drives."),
+    Tunable("nhc_lever_arm_sigma", 1.5, "m", "Sensor ahead of the axle that does not slip.", "Cars."),
+    Tunable("turn_sideslip", 0.4, "m", "Sideways speed in turns, per rate of turn.", "Recorded drives."),
+    Tunable(
+        "tyre_sideslip",
+        0.005,
+        "s^2/m",
+        "Sideways speed in turns, per rate and squared speed.",
+        "Cornering stiffness of cars.",
+    ),
+    Tunable("suspension_pitch", math.radians(0.7), "rad", "Pitch of the body against the road when braking.", "Cars."),
+    Tunable("suspension_time_s", 1.5, "s", "How long that lasts.", "Cars."),
+    Tunable("nhc_gate", 12.0, "NIS", "Gate of each of the two constraints.", "3.5 sigma."),
+    Tunable("nhc_max_mean_nis", 4.0, "", "Mean NIS beyond which the constraint is disabled.", "Recorded drives."),
+    Tunable("nhc_retry_s", 60.0, "s", "Time before it is enabled again, doubled by each contradiction.", "Choice."),
+    Tunable("nhc_mean_nis_gain", 0.02, "", "Gain of the mean NIS.", "Five seconds."),
+    Tunable("mount_sigma", math.radians(4.0), "rad", "Sigma of the forward axis when it is found.", "Recorded drives."),
+    Tunable("typical_lever_arm", 1.2, "m", "Lever arm assumed while the forward axis is sought.", "Cars."),
+    Tunable("direction_sigmas", 2.0, "sigma", "A velocity that large has a direction.", "Two sigma."),
+    Tunable("scatter_decay", 0.98, "per window", "Memory of the velocities in the body.", "25 s."),
+    Tunable(
+        "axis_windows",
+        8.0,
+        "windows",
+        "Windows with a direction before the constraint is enabled: auto.",
+        "Recorded flights and drives.",
+    ),
+    Tunable("axis_across", 0.5, "", "Normalised square across the axis, per window.", "Recorded flights and drives."),
+    Tunable(
+        "axis_across_growth",
+        0.01,
+        "",
+        "More of it per window: a flight looks like a drive for some seconds.",
+        "Recorded flights.",
+    ),
+    Tunable(
+        "axis_ground",
+        12.0,
+        "",
+        "Normalised square across any line over ground, beyond that: it has turned.",
+        "Recorded flights and drives.",
+    ),
+    Tunable(
+        "axis_windows_land",
+        6.0,
+        "windows",
+        "Windows with a direction before the constraint is enabled: land.",
+        "Choice.",
+    ),
+    Tunable("axis_across_land", 4.0, "", "Normalised square across the axis, per window: land.", "Choice."),
+    Tunable(
+        "power_iterations",
+        4,
+        "",
+        "Power iterations of the principal axis; each begins where the last ended.",
+        "Numerics.",
+    ),
+)
 
 
 @kernel
-def find_forward_axis(p: Any, c: Any) -> None:
+def find_forward_axis(p: Parameters, c: Core) -> None:
     """Once per window: gather the velocity in the body, and begin to constrain when it keeps to one axis.
 
     An axis is found when what is left across it is less than the doubts explain, but not what is left across any line
     over ground: then the velocity has turned with the body. In an outage the velocity is no witness.
     """
-    if 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns) > FRESH_S:
+    if 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns) > p.tuning.fresh_fix_s:
         return
     level2 = max(variance(c, VELOCITY), variance(c, VELOCITY + 1))
     climb = c.nav.v_n[2] * math.sqrt(min(level2 / variance(c, VELOCITY + 2), 1.0))  # mostly not measured
     if not accumulate_scatter(p, c, (c.nav.v_n[0], c.nav.v_n[1], climb), level2, variance(c, ATTITUDE + 2)):
         return
-    across = c.nhc.velocity_scatter[0] + c.nhc.velocity_scatter[3] + c.nhc.velocity_scatter[5] - principal_direction(c)
-    windows, most, more, evidence = AXIS_FOUND_LAND if p.vehicle == LAND else AXIS_FOUND
-    most = (most + more * c.nhc.scatter_weight) * c.nhc.scatter_weight
-    if (
-        c.nhc.disable_count > 0
-        and 1e-9 * (c.nav.t_ns - c.nhc.disabled_ns) < RETRY_S * 2.0**c.nhc.disable_count
-        and p.vehicle != LAND
-    ):
+    across = (
+        c.nhc.velocity_scatter[0] + c.nhc.velocity_scatter[3] + c.nhc.velocity_scatter[5] - principal_direction(p, c)
+    )
+    n, land, t = c.nhc.scatter_weight, p.vehicle == LAND, p.tuning
+    disabled_s = 1e-9 * (c.nav.t_ns - c.nhc.disabled_ns)
+    if c.nhc.disable_count > 0 and not land and disabled_s < p.tuning.nhc_retry_s * 2.0**c.nhc.disable_count:
         return
-    if c.nhc.scatter_weight >= windows and across < most and ground_residual(c) - across > evidence:
-        enable_nhc(c)
+    if land:
+        found = n >= t.axis_windows_land and across < t.axis_across_land * n
+    else:
+        turned = ground_residual(c) - across > t.axis_ground
+        found = n >= t.axis_windows and across < (t.axis_across + t.axis_across_growth * n) * n and turned
+    if found:
+        enable_nhc(p, c)
 
 
 @kernel
-def accumulate_scatter(p: Any, c: Any, v: Any, level2: float, heading2: float) -> bool:
+def accumulate_scatter(p: Parameters, c: Core, v: Any, level2: float, heading2: float) -> bool:
     """Gather v (m/s, NED, level variance `level2`) in a body of heading variance `heading2`, if it tells a direction.
 
     It counts by how well it tells: it may be wrong by its sigma, slip, squat, the heading and where the sensor sits.
@@ -98,28 +144,33 @@ def accumulate_scatter(p: Any, c: Any, v: Any, level2: float, heading2: float) -
     u = quat_rotate_back(q, v)
     speed2 = u[0] ** 2 + u[1] ** 2 + u[2] ** 2
     turn2 = c.imu.rate_b[0] ** 2 + c.imu.rate_b[1] ** 2 + c.imu.rate_b[2] ** 2
-    s2 = level2 + NHC_SIGMA**2 + TYPICAL_LEVER_ARM**2 * turn2 + (SUSPENSION_PITCH**2 + heading2) * speed2
-    if speed2 < DIRECTION_SIGMAS**2 * s2:
+    s2 = (
+        level2
+        + p.tuning.nhc_sigma**2
+        + p.tuning.typical_lever_arm**2 * turn2
+        + (p.tuning.suspension_pitch**2 + heading2) * speed2
+    )
+    if speed2 < p.tuning.direction_sigmas**2 * s2:
         return False
     down = quat_rotate_back(q, (0.0, 0.0, 1.0))
     for i in range(3):
-        c.nhc.down_sum[i] = SCATTER_DECAY * c.nhc.down_sum[i] + down[i]
+        c.nhc.down_sum[i] = p.tuning.scatter_decay * c.nhc.down_sum[i] + down[i]
     k = 0
     for i in range(3):
         for j in range(i, 3):
-            c.nhc.velocity_scatter[k] = SCATTER_DECAY * c.nhc.velocity_scatter[k] + u[i] * u[j] / s2
+            c.nhc.velocity_scatter[k] = p.tuning.scatter_decay * c.nhc.velocity_scatter[k] + u[i] * u[j] / s2
             k += 1
-    c.nhc.ground_scatter[0] = SCATTER_DECAY * c.nhc.ground_scatter[0] + v[0] * v[0] / s2
-    c.nhc.ground_scatter[1] = SCATTER_DECAY * c.nhc.ground_scatter[1] + v[0] * v[1] / s2
-    c.nhc.ground_scatter[2] = SCATTER_DECAY * c.nhc.ground_scatter[2] + v[1] * v[1] / s2
-    c.nhc.scatter_weight = SCATTER_DECAY * c.nhc.scatter_weight + 1.0
+    c.nhc.ground_scatter[0] = p.tuning.scatter_decay * c.nhc.ground_scatter[0] + v[0] * v[0] / s2
+    c.nhc.ground_scatter[1] = p.tuning.scatter_decay * c.nhc.ground_scatter[1] + v[0] * v[1] / s2
+    c.nhc.ground_scatter[2] = p.tuning.scatter_decay * c.nhc.ground_scatter[2] + v[1] * v[1] / s2
+    c.nhc.scatter_weight = p.tuning.scatter_decay * c.nhc.scatter_weight + 1.0
     if c.nhc.scatter_weight <= 1.0:
         c.nhc.principal_axis[0], c.nhc.principal_axis[1], c.nhc.principal_axis[2] = u[0], u[1], u[2]
     return True
 
 
 @kernel
-def rotate_scatter(c: Any, psi: float) -> None:
+def rotate_scatter(c: Core, psi: float) -> None:
     """What was gathered in a level frame of arbitrary heading, which is about to be turned by psi."""
     down = ned_to_body(c, (0.0, 0.0, 1.0))
     turn = quat_exp(-psi * down[0], -psi * down[1], -psi * down[2])
@@ -144,17 +195,17 @@ def rotate_scatter(c: Any, psi: float) -> None:
 
 
 @kernel
-def ground_residual(c: Any) -> float:
+def ground_residual(c: Core) -> float:
     """Sum of squares across the line over ground that explains the gathered velocities best."""
     half = 0.5 * (c.nhc.ground_scatter[0] + c.nhc.ground_scatter[2])
     return float(half - math.hypot(0.5 * (c.nhc.ground_scatter[0] - c.nhc.ground_scatter[2]), c.nhc.ground_scatter[1]))
 
 
 @kernel
-def principal_direction(c: Any) -> float:
+def principal_direction(p: Parameters, c: Core) -> float:
     """Turn the principal axis into the main direction of the gathered velocities; returns their squares along it."""
     a, s, n = c.nhc.principal_axis, c.nhc.velocity_scatter, 0.0
-    for _ in range(POWER_ITERATIONS):
+    for _ in range(p.tuning.power_iterations):
         x = s[0] * a[0] + s[1] * a[1] + s[2] * a[2]
         y = s[1] * a[0] + s[3] * a[1] + s[4] * a[2]
         z = s[2] * a[0] + s[4] * a[1] + s[5] * a[2]
@@ -164,14 +215,14 @@ def principal_direction(c: Any) -> float:
 
 
 @kernel
-def is_due(c: Any, dt: float) -> bool:
+def is_due(p: Parameters, c: Core, dt: float) -> bool:
     """Another `dt` s have passed: is it time for the constraint, if it is enabled?"""
     c.nhc.since_update += dt
-    return bool(c.nhc.enabled and c.nhc.since_update >= NHC_INTERVAL_S)
+    return bool(c.nhc.enabled and c.nhc.since_update >= p.tuning.nhc_interval_s)
 
 
 @kernel
-def enable_nhc(c: Any) -> None:
+def enable_nhc(p: Parameters, c: Core) -> None:
     """Constrain along the axis found; the lateral axis is the one across it that was level in the mean."""
     n = math.sqrt(c.nhc.down_sum[0] ** 2 + c.nhc.down_sum[1] ** 2 + c.nhc.down_sum[2] ** 2)
     down = (c.nhc.down_sum[0] / n, c.nhc.down_sum[1] / n, c.nhc.down_sum[2] / n)
@@ -181,9 +232,9 @@ def enable_nhc(c: Any) -> None:
     if s < 0.5:  # motion is up or down: no land vehicle
         return
     set_forward_axis(c, (fx, fy, fz), (lx / s, ly / s, lz / s))
-    decorrelate(c, MOUNT_PITCH, MOUNT_SIGMA**2)
-    decorrelate(c, MOUNT_YAW, MOUNT_SIGMA**2 + variance(c, ATTITUDE + 2))
-    decorrelate(c, NHC_LEVER_ARM, NHC_LEVER_ARM_SIGMA**2)
+    decorrelate(c, MOUNT_PITCH, p.tuning.mount_sigma**2)
+    decorrelate(c, MOUNT_YAW, p.tuning.mount_sigma**2 + variance(c, ATTITUDE + 2))
+    decorrelate(c, NHC_LEVER_ARM, p.tuning.nhc_lever_arm_sigma**2)
     for i in range(STATES):
         c.nhc.start_variance[i] = variance(c, i)
     c.nhc.enabled = 1
@@ -192,7 +243,7 @@ def enable_nhc(c: Any) -> None:
 
 
 @kernel
-def reset_nhc(c: Any) -> None:
+def reset_nhc(c: Core) -> None:
     """Give the constraint up and look for an axis anew."""
     c.nhc.enabled = 0
     c.nhc.scatter_weight = 0.0
@@ -204,23 +255,23 @@ def reset_nhc(c: Any) -> None:
 
 
 @kernel
-def disable_nhc(c: Any, along: float) -> None:
+def disable_nhc(p: Parameters, c: Core, along: float) -> None:
     """No land vehicle, at `along` m/s: its velocity across was not nothing, which has bent the heading until now.
 
     And with it whatever else was learned: of attitude, biases and turns no more is known than when it began.
     """
-    add_variance(c, ATTITUDE + 2, c.nhc.noise_scale[0] * (NHC_SIGMA / along) ** 2)
+    add_variance(c, ATTITUDE + 2, c.nhc.noise_scale[0] * (p.tuning.nhc_sigma / along) ** 2)
     for first in (ATTITUDE, GYRO_BIAS, ACCEL_BIAS, TURN_SCALE):
         for i in range(first, first + 3):
             add_variance(c, i, max(c.nhc.start_variance[i] - variance(c, i), 0.0))
     reset_nhc(c)
     c.nhc.disable_count += 1
     c.nhc.disabled_ns = c.nav.t_ns
-    reset_noise_scale(c)
+    reset_noise_scale(p, c)
 
 
 @kernel
-def nhc_jacobian(c: Any, q: Any, e: Any, along: float, mount: int) -> int:
+def nhc_jacobian(c: Core, q: Any, e: Any, along: float, mount: int) -> int:
     """Row of the velocity along body vector `e`, which is across a forward axis that may be wrong by state `mount`."""
     en = quat_rotate(q, e)
     k = 0
@@ -233,7 +284,7 @@ def nhc_jacobian(c: Any, q: Any, e: Any, along: float, mount: int) -> int:
 
 
 @kernel
-def fuse_nhc(p: Any, c: Any) -> None:
+def fuse_nhc(p: Parameters, c: Core) -> None:
     """Fuse the two velocities across, if it is time and there is motion: none off the floor, sideways that of turning.
 
     A sensor ahead of the point about which the vehicle turns swings out; tyres slip in proportion to their load.
@@ -249,21 +300,23 @@ def fuse_nhc(p: Any, c: Any) -> None:
     )
     along = f[0] * vb[0] + f[1] * vb[1] + f[2] * vb[2]
     c.nhc.since_update = 0.0
-    if abs(along) < NHC_MIN_SPEED:
+    if abs(along) < p.tuning.nhc_min_speed:
         return
     turn = vertical[0] * c.imu.rate_b[0] + vertical[1] * c.imu.rate_b[1] + vertical[2] * c.imu.rate_b[2]
     rate = math.sqrt(c.imu.rate_b[0] ** 2 + c.imu.rate_b[1] ** 2 + c.imu.rate_b[2] ** 2)
-    r = (NHC_SIGMA + (TURN_SIDESLIP + TYRE_SIDESLIP * along * along) * rate) ** 2
-    rough2 = (SUSPENSION_PITCH * along) ** 2 * 2.0 * SUSPENSION_TIME_S / NHC_INTERVAL_S
+    r = (p.tuning.nhc_sigma + (p.tuning.turn_sideslip + p.tuning.tyre_sideslip * along * along) * rate) ** 2
+    rough2 = (p.tuning.suspension_pitch * along) ** 2 * 2.0 * p.tuning.suspension_time_s / p.tuning.nhc_interval_s
     k = set_jacobian(c, nhc_jacobian(c, q, lateral, along, MOUNT_YAW), NHC_LEVER_ARM, -turn)
     z = c.nav.nhc_lever_arm * turn - (lateral[0] * vb[0] + lateral[1] * vb[1] + lateral[2] * vb[2])
-    left, s, sideways = pseudo_measurement(c, SLIP, k, z, c.nhc.noise_scale[0] * r, NHC_GATE)
+    left, s, sideways = pseudo_measurement(c, SLIP, k, z, c.nhc.noise_scale[0] * r, p.tuning.nhc_gate)
     add_innovation(c, 0, left, s)
     k = nhc_jacobian(c, q, vertical, along, MOUNT_PITCH)
     z = -(vertical[0] * vb[0] + vertical[1] * vb[1] + vertical[2] * vb[2])
-    left, s, upwards = pseudo_measurement(c, HOP, k, z, c.nhc.noise_scale[1] * r + rough2, NHC_GATE)
+    left, s, upwards = pseudo_measurement(c, HOP, k, z, c.nhc.noise_scale[1] * r + rough2, p.tuning.nhc_gate)
     add_innovation(c, 1, left, s)
-    correct_state(c)
-    c.nhc.mean_nis += MEAN_NIS_GAIN * (min(max(abs(sideways), abs(upwards)), 4.0 * NHC_GATE) - c.nhc.mean_nis)
-    if (learn_noise_scale(c) or c.nhc.mean_nis > MAX_MEAN_NIS) and p.vehicle != LAND:
-        disable_nhc(c, along)
+    correct_state(p, c)
+    c.nhc.mean_nis += p.tuning.nhc_mean_nis_gain * (
+        min(max(abs(sideways), abs(upwards)), 4.0 * p.tuning.nhc_gate) - c.nhc.mean_nis
+    )
+    if (learn_noise_scale(p, c) or c.nhc.mean_nis > p.tuning.nhc_max_mean_nis) and p.vehicle != LAND:
+        disable_nhc(p, c, along)

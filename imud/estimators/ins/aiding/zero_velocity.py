@@ -1,11 +1,14 @@
 """Rest as a measurement: the velocity is zero (ZUPT), and the gyro shows its bias and the earth's rotation (ZARU)."""
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ....math.earth import EARTH_RATE_RADPS
 from ...records import REST_N, REST_X
+from ...tuning import Tunable
 from ..ekf import decorrelate, set_jacobian
 from ..fusion import correct_state, pseudo_measurement
 from ..mechanization import ned_to_body, set_velocity
@@ -13,17 +16,31 @@ from ..observers.gnss_drift import clear_velocity_sensitivity
 from ..state import GYRO_BIAS, NAVIGATING, VELOCITY
 from ..stationarity import gnss_confirms_rest, max_rest_rate
 
-# m/s, where a receiver's speed confirms the rest, and where none does. Large on purpose: windows of one rest all show
-# the same tilt and bias, and a filter that counts them as independent comes to know, from its own linearization
-# errors, what rest cannot show; and a start out of rest may be so smooth that only positions show it
-ZUPT_SIGMA = (0.06, 0.2)
-STANDSTILL_SIGMA = 0.01  # m/s, of a vehicle that stands, its engine running: for the velocity itself
-ZARU_SIGMA = 1e-4  # rad/s
-REST_GATE = 25.0
+if TYPE_CHECKING:
+    from ..types import Core, Parameters
+
+
+TUNABLES = (
+    Tunable(
+        "zupt_sigma",
+        0.06,
+        "m/s",
+        "Velocity at rest, confirmed by a receiver's speed. Large: windows are not independent.",
+        "Recorded drives.",
+    ),
+    Tunable(
+        "zupt_sigma_unconfirmed", 0.2, "m/s", "The same where nothing confirms the rest.", "Simulated smooth starts."
+    ),
+    Tunable(
+        "standstill_sigma", 0.01, "m/s", "Velocity of a vehicle that stands, its engine running.", "Recorded drives."
+    ),
+    Tunable("zaru_sigma", 1e-4, "rad/s", "Rate of a vehicle that stands.", "Choice."),
+    Tunable("rest_gate", 25.0, "NIS", "Gate of rates at rest; velocities have four times that.", "Five sigma."),
+)
 
 
 @kernel
-def reset_velocity(c: Any, sigma: float) -> None:
+def reset_velocity(c: Core, sigma: float) -> None:
     """The velocity is zero, whatever it was thought to be, and its error independent of all others."""
     for i in range(3):
         decorrelate(c, VELOCITY + i, sigma * sigma)
@@ -32,25 +49,25 @@ def reset_velocity(c: Any, sigma: float) -> None:
 
 
 @kernel
-def fuse_rest(p: Any, c: Any) -> bool:
+def fuse_rest(p: Parameters, c: Core) -> bool:
     """Fuse one window of rest (call at its end, before it is cleared). True: it contradicts the gyro bias."""
-    certain, navigating = gnss_confirms_rest(c), c.alignment.mode == NAVIGATING
-    sigma = ZUPT_SIGMA[0] if certain else ZUPT_SIGMA[1]
+    certain, navigating = gnss_confirms_rest(p, c), c.alignment.mode == NAVIGATING
+    sigma = p.tuning.zupt_sigma if certain else p.tuning.zupt_sigma_unconfirmed
     if navigating:
         for i in range(3):
             m = set_jacobian(c, 0, VELOCITY + i, 1.0)
-            pseudo_measurement(c, REST_N + i, m, -c.nav.v_n[i], sigma * sigma, 4.0 * REST_GATE)
+            pseudo_measurement(c, REST_N + i, m, -c.nav.v_n[i], sigma * sigma, 4.0 * p.tuning.rest_gate)
     north, down = EARTH_RATE_RADPS * math.cos(c.nav.lat), -EARTH_RATE_RADPS * math.sin(c.nav.lat)
     earth = ned_to_body(c, (north, 0.0, down))
     s, contradicted = c.stationarity, False
-    r = p.gyro_psd / s.duration + s.gyro_noise_floor**2 / s.sample_count + ZARU_SIGMA**2
+    r = p.gyro_psd / s.duration + s.gyro_noise_floor**2 / s.sample_count + p.tuning.zaru_sigma**2
     for i in range(3):
         z = s.mean_w[i] - earth[i] - c.nav.bg[i]
-        if abs(z) > max_rest_rate(c, i):  # the rest is certain, or it would not have been detected
+        if abs(z) > max_rest_rate(p, c, i):  # the rest is certain, or it would not have been detected
             decorrelate(c, GYRO_BIAS + i, z * z)
             contradicted = True
-        pseudo_measurement(c, REST_X + i, set_jacobian(c, 0, GYRO_BIAS + i, 1.0), z, r, REST_GATE)
-    correct_state(c)
+        pseudo_measurement(c, REST_X + i, set_jacobian(c, 0, GYRO_BIAS + i, 1.0), z, r, p.tuning.rest_gate)
+    correct_state(p, c)
     if certain or not navigating:
-        reset_velocity(c, STANDSTILL_SIGMA if certain else sigma)
+        reset_velocity(c, p.tuning.standstill_sigma if certain else sigma)
     return contradicted

@@ -5,11 +5,14 @@ one likes. A tilt turns with the level frame, too, which drifts about the axis o
 The drift within the interval between two fixes matters little: each interval is turned as a whole.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ....compile.jit import kernel
 from ....math.earth import STANDARD_GRAVITY
+from ...tuning import Tunable
 from ..observers.heading_integrals import (
     DELTA_V,
     HEADING_INTEGRAL,
@@ -24,39 +27,55 @@ from ..observers.heading_integrals import (
 from ..state import HYPOTHESES
 from .whitening import update_hypothesis, update_whitening, whitened_innovations
 
-DRIFT_RATE_STEP = math.radians(0.35)  # rad/s between hypotheses
+if TYPE_CHECKING:
+    from ..types import Core, HypothesisBank, Parameters
+
+
+TUNABLES = (
+    Tunable(
+        "drift_rate_step",
+        math.radians(0.35),
+        "rad/s",
+        "Distance between the hypotheses of the heading's drift rate.",
+        "33 of them span 11 deg/s.",
+    ),
+    Tunable(
+        "max_corrected_tilt", 0.1, "rad", "Tilt corrected afterwards; more is not of first order.", "Linearization."
+    ),
+)
 GNSS_COLUMN, INERTIAL_COLUMN, REGRESSOR_COLUMN = (
     0,
     1,
     2,
 )  # products: of what the receiver saw, what was felt, and the first regressor
-MAX_CORRECTED_TILT = 0.1  # rad, of a tilt corrected afterwards: more is not of first order
 
 
 @kernel
-def drift_rate(k: int) -> float:
+def drift_rate(p: Parameters, k: int) -> float:
     """Drift rate of hypothesis k, rad/s."""
-    return (k - HYPOTHESES // 2) * DRIFT_RATE_STEP
+    return (k - HYPOTHESES // 2) * p.tuning.drift_rate_step
 
 
 @kernel
-def nearest_hypothesis(c: Any) -> int:
+def nearest_hypothesis(p: Parameters, c: Core) -> int:
     """The hypothesis nearest to what the filter knows of the drift."""
-    return int(min(max(HYPOTHESES // 2 + 0.5 - c.alignment.vertical_bias / DRIFT_RATE_STEP, 0.0), HYPOTHESES - 0.5))
+    return int(
+        min(max(HYPOTHESES // 2 + 0.5 - c.alignment.vertical_bias / p.tuning.drift_rate_step, 0.0), HYPOTHESES - 0.5)
+    )
 
 
 @kernel
-def frame_rotation(c: Any, k: int, ago: float) -> float:
+def frame_rotation(p: Parameters, c: Core, k: int, ago: float) -> float:
     """Angle, rad, by which the level frame had turned since the origin `ago` s before now, if hypothesis k is right."""
     return float(
-        drift_rate(k) * (1e-9 * (c.nav.t_ns - c.alignment.origin_ns) - ago)
+        drift_rate(p, k) * (1e-9 * (c.nav.t_ns - c.alignment.origin_ns) - ago)
         + c.alignment.wander_azimuth_drift
         - c.alignment.vertical_bias * ago
     )
 
 
 @kernel
-def clear_hypotheses(b: Any) -> None:
+def clear_hypotheses(b: HypothesisBank) -> None:
     """Forget all that was matched, at the origin of the core's integrals."""
     b.integrals[:] = 0.0
     b.double_integrals[:] = 0.0
@@ -66,7 +85,7 @@ def clear_hypotheses(b: Any) -> None:
 
 
 @kernel
-def discount(b: Any, share: float) -> None:
+def discount(b: HypothesisBank, share: float) -> None:
     """Keep a share of what was matched."""
     b.weight *= share
     b.energy2 *= share
@@ -75,10 +94,10 @@ def discount(b: Any, share: float) -> None:
 
 
 @kernel
-def propagate_hypotheses(c: Any, b: Any, dt: float) -> None:
+def propagate_hypotheses(p: Parameters, c: Core, b: HypothesisBank, dt: float) -> None:
     """Add the core's integrals over the last `dt` s to those of each hypothesis, turned back."""
     for k in range(HYPOTHESES):
-        turn = phasor(frame_rotation(c, k, 0.5 * dt))
+        turn = phasor(frame_rotation(p, c, k, 0.5 * dt))
         for j in range(4):
             old, new = element(b.last_integrals, j), element(c.alignment.integrals, j)
             once = multiply(turn, (new[0] - old[0], new[1] - old[1]))
@@ -96,7 +115,7 @@ def propagate_hypotheses(c: Any, b: Any, dt: float) -> None:
 
 
 @kernel
-def apply_corrections(c: Any, b: Any) -> None:
+def apply_corrections(p: Parameters, c: Core, b: HypothesisBank) -> None:
     """Take the corrections as made in all that was matched, and in the integrals.
 
     That is of first order, so that what was matched before counts the less the more its level frame was tilted. A frame
@@ -105,7 +124,7 @@ def apply_corrections(c: Any, b: Any) -> None:
     d = c.alignment.corrections
     drifted = multiply(element(d, 1), element(c.alignment.integrals, HEADING_INTEGRAL))
     then, now = d[0, 0] ** 2 + d[0, 1] ** 2, (d[0, 0] + drifted[0]) ** 2 + (d[0, 1] + drifted[1]) ** 2
-    discount(b, math.exp(-max(then, now) / (STANDARD_GRAVITY * MAX_CORRECTED_TILT) ** 2))
+    discount(b, math.exp(-max(then, now) / (STANDARD_GRAVITY * p.tuning.max_corrected_tilt) ** 2))
     for k in range(HYPOTHESES):
         correct_products(b.products[k], d)
         add_corrections(d, b.integrals[k], DELTA_V)
@@ -140,7 +159,7 @@ def correct_products(products: Any, d: Any) -> None:
 
 
 @kernel
-def accumulate_products(b: Any, k: int, share: float) -> None:
+def accumulate_products(b: HypothesisBank, k: int, share: float) -> None:
     """Add the products of the innovations in b.innovations to those of hypothesis k."""
     left = b.innovations
     for i in range(5):
@@ -149,7 +168,7 @@ def accumulate_products(b: Any, k: int, share: float) -> None:
 
 
 @kernel
-def count_innovation(b: Any, share: float, age: float) -> None:
+def count_innovation(b: HypothesisBank, share: float, age: float) -> None:
     """Count the innovations in b.innovations, of variance 1 / share, `age` s from the origin."""
     v2 = share * (b.innovations[GNSS_COLUMN, 0] ** 2 + b.innovations[GNSS_COLUMN, 1] ** 2)
     b.energy2 += v2 * v2
@@ -158,7 +177,7 @@ def count_innovation(b: Any, share: float, age: float) -> None:
 
 
 @kernel
-def match_measurement(c: Any, b: Any, place: bool, told: Complex, s: float, telling: bool) -> None:
+def match_measurement(c: Core, b: HypothesisBank, place: bool, told: Complex, s: float, telling: bool) -> None:
     """Take a place or a velocity, whose innovation has the variance s; match it if it is telling."""
     for k in range(HYPOTHESES):
         whitened_innovations(b, k, place, told)

@@ -1,10 +1,13 @@
 """The heading that the pairs of `matching` tell, with tilt and biases marginalized out under their prior."""
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ....compile.jit import kernel
 from ....math.earth import STANDARD_GRAVITY
+from ...tuning import Tunable
 from ..ekf import innovation_variance, set_jacobian
 from ..mechanization import rotation_matrix, wrap_angle
 from ..observers.heading_integrals import (
@@ -18,7 +21,6 @@ from ..observers.heading_integrals import (
 )
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, HYPOTHESES
 from .drift_hypotheses import (
-    DRIFT_RATE_STEP,
     GNSS_COLUMN,
     INERTIAL_COLUMN,
     REGRESSOR_COLUMN,
@@ -26,14 +28,39 @@ from .drift_hypotheses import (
     drift_rate,
 )
 
-MIN_EVENTS = 3.0, 2.0  # innovations with motion, at least; and so many more where the gyro's drift is not known at all
-CORRELATION_FACTOR = 1.5  # what is left over of neighbouring innovations is not quite independent
+if TYPE_CHECKING:
+    from ..types import Core, HypothesisBank, Parameters
+
+
+TUNABLES = (
+    Tunable("min_events", 3.0, "", "Least number of innovations with motion.", "Simulated starts."),
+    Tunable(
+        "min_events_unknown_drift",
+        2.0,
+        "",
+        "So many more where the gyro's drift is not known at all.",
+        "Simulated starts.",
+    ),
+    Tunable(
+        "correlation_factor",
+        1.5,
+        "",
+        "Variance of neighbouring innovations, not quite independent.",
+        "Simulated starts.",
+    ),
+    Tunable(
+        "unknown_tilt_accel",
+        0.3,
+        "m/s^2",
+        "Sigma of gravity's level part where the covariance is not believed.",
+        "1.75 deg of tilt.",
+    ),
+)
 FITTED_PARAMETERS = 3.0  # heading, and what the nuisance parameters take
-UNKNOWN_TILT_ACCEL = 0.3  # m/s^2, where the filter's covariance is not to be believed
 
 
 @kernel
-def nuisance_jacobian(c: Any, m: Any, i: int) -> int:
+def nuisance_jacobian(c: Core, m: Any, i: int) -> int:
     """Row of component i (even: real) of tilt, level gyro bias and accelerometer bias, each as it acts on the force."""
     axis = i % 2
     if i < 2:
@@ -48,7 +75,7 @@ def nuisance_jacobian(c: Any, m: Any, i: int) -> int:
 
 
 @kernel
-def set_prior(c: Any, b: Any) -> None:
+def set_prior(c: Core, b: HypothesisBank) -> None:
     """b.prior <- their covariance (3 x 3, complex) as the filter has it, taken as equal in all directions."""
     m = rotation_matrix(c)
     b.prior[:] = 0.0
@@ -66,16 +93,16 @@ def set_prior(c: Any, b: Any) -> None:
 
 
 @kernel
-def set_wide_prior(c: Any, b: Any, accel_initial: float) -> None:
+def set_wide_prior(p: Parameters, c: Core, b: HypothesisBank, accel_initial: float) -> None:
     """b.prior <- what is known of tilt and accelerometer bias before anything was learned."""
     set_prior(c, b)
     gyro = b.prior[1, 1, 0]
     b.prior[:] = 0.0
-    b.prior[0, 0, 0], b.prior[1, 1, 0], b.prior[2, 2, 0] = UNKNOWN_TILT_ACCEL**2, gyro, accel_initial**2
+    b.prior[0, 0, 0], b.prior[1, 1, 0], b.prior[2, 2, 0] = p.tuning.unknown_tilt_accel**2, gyro, accel_initial**2
 
 
 @kernel
-def move_prior_to_origin(c: Any, b: Any) -> None:
+def move_prior_to_origin(c: Core, b: HypothesisBank) -> None:
     """Carry b.prior from tilt and biases now, in level axes, over to those at the origin of the running integrals."""
     frame, sway, s = phasor(c.alignment.wander_azimuth), element(c.alignment.integrals, HEADING_INTEGRAL), b.prior
     body = multiply(frame, (c.alignment.heading_phasor[0], -c.alignment.heading_phasor[1]))
@@ -112,7 +139,7 @@ def invert(a: Any) -> None:
 
 
 @kernel
-def eliminate_nuisance(b: Any, products: Any) -> None:
+def eliminate_nuisance(b: HypothesisBank, products: Any) -> None:
     """b.gain <- (N + S^-1)^-1 = S (N S + 1)^-1, with N the regressors' products, and S b.prior."""
     s, g = b.prior, b.inverse
     for j in range(3):
@@ -133,7 +160,7 @@ def eliminate_nuisance(b: Any, products: Any) -> None:
 
 
 @kernel
-def residual_product(b: Any, products: Any, one: int, other: int) -> Complex:
+def residual_product(b: HypothesisBank, products: Any, one: int, other: int) -> Complex:
     """A product without what the regressors explain, by the gain."""
     re, im = element(products[one], other)
     for j in range(3):
@@ -146,7 +173,7 @@ def residual_product(b: Any, products: Any, one: int, other: int) -> Complex:
 
 
 @kernel
-def evaluate_hypothesis(b: Any, k: int) -> tuple[float, float]:
+def evaluate_hypothesis(b: HypothesisBank, k: int) -> tuple[float, float]:
     """Of hypothesis k: b.headings <- the frame's heading and the misfit; returns this, and the energy that agrees."""
     eliminate_nuisance(b, b.products[k])
     re, im = residual_product(b, b.products[k], INERTIAL_COLUMN, GNSS_COLUMN)
@@ -160,18 +187,20 @@ def evaluate_hypothesis(b: Any, k: int) -> tuple[float, float]:
 
 
 @kernel
-def solve_heading(c: Any, b: Any, bias_variance: float) -> tuple[float, float, float, float, float]:
+def solve_heading(
+    p: Parameters, c: Core, b: HypothesisBank, bias_variance: float
+) -> tuple[float, float, float, float, float]:
     """Heading of the level frame now, its sigma (pi when not ready), its drift rate, that one's variance, covariance.
 
     Call with the prior in b.prior. The rate is that which the filter does not know of.
     """
     unknown = (0.0, math.pi, 0.0, 0.0, 0.0)
     age = 1e-9 * (c.nav.t_ns - c.alignment.origin_ns)
-    events = MIN_EVENTS[0] + MIN_EVENTS[1] * min(bias_variance * age * age, 1.0)
+    events = p.tuning.min_events + p.tuning.min_events_unknown_drift * min(bias_variance * age * age, 1.0)
     energy = b.products[0, GNSS_COLUMN, GNSS_COLUMN, 0]
     if b.weight <= FITTED_PARAMETERS or energy**2 < events * b.energy2:
         return unknown
-    apply_corrections(c, b)
+    apply_corrections(p, c, b)
     move_prior_to_origin(c, b)
     least, power = math.inf, 0.0
     for k in range(HYPOTHESES):
@@ -180,14 +209,14 @@ def solve_heading(c: Any, b: Any, bias_variance: float) -> tuple[float, float, f
             least, power = misfit, agreed
     if power < 1.0:
         return unknown
-    r = CORRELATION_FACTOR * max(least / (2.0 * b.weight - FITTED_PARAMETERS), 1.0)
+    r = p.tuning.correlation_factor * max(least / (2.0 * b.weight - FITTED_PARAMETERS), 1.0)
     frame = c.alignment.wander_azimuth + c.alignment.wander_azimuth_drift
     mean = b.energy_age / energy  # age of what tells most: the heading of then is known best
-    between = DRIFT_RATE_STEP**2 / 12.0  # hypotheses
+    between = p.tuning.drift_rate_step**2 / 12.0  # hypotheses
     inside = bias_variance * between / (bias_variance + between)
     weight, sr, si, rate, rate2 = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(HYPOTHESES):
-        drift, misfit = drift_rate(k), b.headings[k, 1] - least
+        drift, misfit = drift_rate(p, k), b.headings[k, 1] - least
         apart = drift + c.alignment.vertical_bias
         w = math.exp(-0.5 * misfit / r - 0.5 * apart**2 / (bias_variance + between))
         unforeseen = apart * inside / between

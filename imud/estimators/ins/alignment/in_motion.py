@@ -1,68 +1,76 @@
 """Before the heading is known: position and velocity are followed as the receiver shows them, its antenna's at the
 fixes' own time (see `alignment.refer`), by the filter that navigates later, and every fix helps to find the heading."""
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ....math.earth import STANDARD_GRAVITY
+from ...tuning import Tunable
 from ..aiding.gnss_noise import limit_position_confidence, mark_used, set_speed
 from ..aiding.gnss_velocity import low_speed_variance, velocity_of
 from ..aiding.non_holonomic import accumulate_scatter
 from ..ekf import clear_gnss_bias, combine, decorrelate, innovation_variance, standard_deviation, variance
-from ..error_model import GNSS_BIAS_TIME_S
 from ..mechanization import ned_difference, set_position, set_velocity
 from ..observers.heading_integrals import DELTA_V, TIME, multiply, phasor
 from ..state import ATTITUDE, GNSS_BIAS, POSITION, VELOCITY
-from ..stationarity import REST_SPEED, WINDOW_S
 from .drift_hypotheses import frame_rotation, nearest_hypothesis
-from .transitions import HEADING_HORIZON_S, find_heading, start_navigation
+from .transitions import find_heading, start_navigation
 from .velocity_pairs import is_levelled, match_pair, vertical_bias_jacobian
 from .whitening import SPEED, unobserved_velocity
 
-UNKNOWN_HEIGHT = 1000.0  # m
-UNKNOWN_SPEED, UNKNOWN_VERTICAL_SPEED = 30.0, 1.0  # m/s
-RECEIVED_SPEED = 0.3  # m/s
-MAX_VELOCITY_SIGMA = 5.0  # m/s, at most, of a velocity that positions and what was felt since have told
-SPEED_SIGMAS = 3.0  # times its sigma, a speed seen in positions is no noise
+if TYPE_CHECKING:
+    from ..types import Core, Fix, HypothesisBank, Parameters
+
+
+TUNABLES = (
+    Tunable("unknown_height", 1000.0, "m", "Sigma of a height that nothing has told.", "Choice."),
+    Tunable("unknown_speed", 30.0, "m/s", "Sigma of a velocity that the fix does not give.", "A car on a motorway."),
+    Tunable("unknown_vertical_speed", 1.0, "m/s", "The same of the vertical velocity.", "Choice."),
+    Tunable("first_velocity_sigma", 0.3, "m/s", "Sigma of the first velocity taken from a fix.", "Real receivers."),
+    Tunable("max_start_velocity_sigma", 5.0, "m/s", "Largest sigma of the velocity when navigation starts.", "Choice."),
+    Tunable("speed_sigmas", 3.0, "sigma", "A speed seen in positions that large is no noise.", "Three sigma."),
+)
 
 
 @kernel
-def differenced_velocity_variance(c: Any, dt: float) -> float:
+def differenced_velocity_variance(p: Parameters, c: Core, dt: float) -> float:
     """Variance, m^2/s^2, of a velocity component seen in two positions `dt` s apart."""
-    wander2 = c.gnss.reported_sigma[0] ** 2 * (1.0 - math.exp(-dt / GNSS_BIAS_TIME_S))
+    wander2 = c.gnss.reported_sigma[0] ** 2 * (1.0 - math.exp(-dt / p.tuning.gnss_bias_time_s))
     return float(2.0 * (c.gnss.noise_var[0] + wander2) / dt**2)
 
 
 @kernel
-def low_motion_speed(c: Any, lat: float, lon: float) -> float:
+def low_motion_speed(p: Parameters, c: Core, lat: float, lon: float) -> float:
     """Mean speed in the positions since the sensor has been quiet, m/s; NaN where that is not known well enough."""
     dt = 1e-9 * (c.nav.t_ns - c.alignment.low_motion_ns)
-    if dt > c.stationarity.low_motion_count * WINDOW_S:
+    if dt > c.stationarity.low_motion_count * p.tuning.rest_window_s:
         c.alignment.low_motion_position[0], c.alignment.low_motion_position[1] = lat, lon
         c.alignment.low_motion_ns = c.nav.t_ns
         return math.nan
-    if dt <= 0.0 or SPEED_SIGMAS**2 * differenced_velocity_variance(c, dt) > REST_SPEED**2:
+    if dt <= 0.0 or p.tuning.speed_sigmas**2 * differenced_velocity_variance(p, c, dt) > p.tuning.rest_speed**2:
         return math.nan
     north, east = ned_difference(c, c.alignment.low_motion_position[0], c.alignment.low_motion_position[1], lat, lon)
     return float(math.hypot(north, east) / dt)
 
 
 @kernel
-def speed_from_positions(c: Any, lat: float, lon: float) -> float:
+def speed_from_positions(p: Parameters, c: Core, lat: float, lon: float) -> float:
     """Speed seen in positions, m/s: over the last pair, or since the sensor is quiet; NaN where it may be noise."""
-    calm = low_motion_speed(c, lat, lon)
+    calm = low_motion_speed(p, c, lat, lon)
     if c.alignment.mean_velocity[2] > 0.0:
         speed = math.hypot(c.alignment.mean_velocity[0], c.alignment.mean_velocity[1])
         # the GNSS bias hardly changes meanwhile
         sigma = math.sqrt(2.0 * c.gnss.noise_var[0]) / c.alignment.mean_velocity[2]
-        if speed > SPEED_SIGMAS * sigma or SPEED_SIGMAS * sigma < REST_SPEED:
+        if speed > p.tuning.speed_sigmas * sigma or p.tuning.speed_sigmas * sigma < p.tuning.rest_speed:
             return speed
     return calm
 
 
 @kernel
-def observe_forward_axis(p: Any, c: Any, vn: float, ve: float) -> None:
+def observe_forward_axis(p: Parameters, c: Core, vn: float, ve: float) -> None:
     """Let the velocity of a fix (NaN: it told none) tell of the vehicle's axis, in the level frame.
 
     One that is seen in positions is exact, but that of a moment ago.
@@ -74,16 +82,16 @@ def observe_forward_axis(p: Any, c: Any, vn: float, ve: float) -> None:
             return
         turned = 0.5 * dt * (abs(c.imu.rate_b[0]) + abs(c.imu.rate_b[1]) + abs(c.imu.rate_b[2]))
         noise = 2.0 * c.gnss.noise_var[0] / dt**2 + turned**2 * (vn**2 + ve**2)
-    drift2 = innovation_variance(c, vertical_bias_jacobian(c)) * HEADING_HORIZON_S**2
+    drift2 = innovation_variance(c, vertical_bias_jacobian(c)) * p.tuning.heading_horizon_s**2
     accumulate_scatter(p, c, (vn, ve, 0.0), noise, drift2)
 
 
 @kernel
-def initialize_velocity(c: Any, b: Any) -> None:
+def initialize_velocity(p: Parameters, c: Core, b: HypothesisBank) -> None:
     """With the heading found: the velocity that positions showed, and what was felt since."""
-    k = nearest_hypothesis(c)
+    k = nearest_hypothesis(p, c)
     felt = multiply(
-        phasor(-c.alignment.wander_azimuth - frame_rotation(c, k, 0.0)),
+        phasor(-c.alignment.wander_azimuth - frame_rotation(p, c, k, 0.0)),
         (unobserved_velocity(b, k, 0, DELTA_V), unobserved_velocity(b, k, 1, DELTA_V)),
     )
     tilt2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
@@ -94,21 +102,27 @@ def initialize_velocity(c: Any, b: Any) -> None:
     )
     for i in range(2):
         set_velocity(c, i, b.whitening_state[k, SPEED, 0, i] + felt[i])
-        decorrelate(c, VELOCITY + i, min(r, MAX_VELOCITY_SIGMA**2))
+        decorrelate(c, VELOCITY + i, min(r, p.tuning.max_start_velocity_sigma**2))
 
 
 @kernel
-def reset_to_fix(p: Any, c: Any, fix: Any) -> None:
+def reset_to_fix(p: Parameters, c: Core, fix: Fix) -> None:
     """Put the core on the fix: all that is known of the place is what it says, and how far receivers wander."""
     set_position(c, fix.lat, fix.lon, fix.height)
     guess = 0.0  # sigma of a height that the fix does not give: of the last one, if there was one
     if not math.isfinite(fix.height):
-        guess = min(max(standard_deviation(c, POSITION + 2), c.gnss.reported_sigma[1]), UNKNOWN_HEIGHT)
+        guess = min(max(standard_deviation(c, POSITION + 2), c.gnss.reported_sigma[1]), p.tuning.unknown_height)
     for i in range(3):
-        v = velocity_of(fix, i)
+        v = velocity_of(p, fix, i)
         known = math.isfinite(v)
         set_velocity(c, i, v if known else 0.0)
-        speed = RECEIVED_SPEED if known else UNKNOWN_VERTICAL_SPEED if i == 2 else UNKNOWN_SPEED
+        speed = (
+            p.tuning.first_velocity_sigma
+            if known
+            else p.tuning.unknown_vertical_speed
+            if i == 2
+            else p.tuning.unknown_speed
+        )
         decorrelate(c, VELOCITY + i, speed**2)
         decorrelate(c, POSITION + i, c.gnss.noise_var[i // 2] if i < 2 or guess == 0.0 else guess**2)
         clear_gnss_bias(c, i, c.gnss.reported_sigma[i // 2] ** 2)
@@ -119,17 +133,17 @@ def reset_to_fix(p: Any, c: Any, fix: Any) -> None:
 
 
 @kernel
-def align_with_fix(p: Any, c: Any, b: Any, fix: Any) -> None:
+def align_with_fix(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> None:
     """Learn from a fix, before it is fused, what the heading is; begin to navigate when that is known."""
-    vn, ve = velocity_of(fix, 0), velocity_of(fix, 1)
-    match_pair(c, b, fix.lat, fix.lon, vn, ve, low_speed_variance(fix))
+    vn, ve = velocity_of(p, fix, 0), velocity_of(p, fix, 1)
+    match_pair(p, c, b, fix.lat, fix.lon, vn, ve, low_speed_variance(p, fix))
     if not math.isfinite(c.gnss.speed):
-        set_speed(c, speed_from_positions(c, fix.lat, fix.lon))
+        set_speed(c, speed_from_positions(p, c, fix.lat, fix.lon))
     observe_forward_axis(p, c, vn, ve)
-    if is_levelled(c) and (c.alignment.heading_sigma > 0.0 or find_heading(c, b)):
+    if is_levelled(p, c) and (c.alignment.heading_sigma > 0.0 or find_heading(p, c, b)):
         if math.isfinite(vn) and math.isfinite(ve):  # told in a moment, for a sensor whose heading is known
             for i in range(2):
-                decorrelate(c, VELOCITY + i, MAX_VELOCITY_SIGMA**2)
+                decorrelate(c, VELOCITY + i, p.tuning.max_start_velocity_sigma**2)
         elif c.alignment.last_match_ns == c.nav.t_ns:
-            initialize_velocity(c, b)
+            initialize_velocity(p, c, b)
         start_navigation(p, c)

@@ -3,11 +3,14 @@
 And how navigation begins with it, and is given up again.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ....compile.jit import kernel
 from ....math.rotation import quat_of_gravity
+from ...tuning import Tunable
 from ..aiding.non_holonomic import reset_nhc, rotate_scatter
 from ..ekf import (
     add_variance,
@@ -38,16 +41,48 @@ from ..state import (
 from .heading_posterior import set_prior, solve_heading
 from .velocity_pairs import reset_pairs, vertical_bias_jacobian
 
-# with a receiver that reports its velocity, and without: that cannot wait
-MAX_START_HEADING = math.radians(10.0), math.radians(11.0)
-HEADING_HORIZON_S = 10.0  # for which the heading has to stay known
-MIN_HEADING_SIGMA = math.radians(3.0)
-MOVING_TILT = math.radians(1.0)  # of a tilt found while the level frame turned by an unknown angle
-LOST_TILT = math.radians(20.0)
+if TYPE_CHECKING:
+    from ..types import Core, HypothesisBank, Parameters
+
+
+TUNABLES = (
+    Tunable(
+        "max_start_heading_positions",
+        math.radians(11.0),
+        "rad",
+        "Heading sigma to start with, without a receiver's velocity.",
+        "Simulated and recorded starts.",
+    ),
+    Tunable(
+        "max_start_heading",
+        math.radians(10.0),
+        "rad",
+        "Heading sigma to start navigation with.",
+        "Simulated and recorded starts.",
+    ),
+    Tunable("heading_horizon_s", 10.0, "s", "Time for which the heading has to stay known.", "Choice."),
+    Tunable(
+        "min_heading_sigma",
+        math.radians(3.0),
+        "rad",
+        "Smallest heading sigma to start with.",
+        "Linearization errors of alignment.",
+    ),
+    Tunable(
+        "moving_tilt",
+        math.radians(1.0),
+        "rad",
+        "Tilt error found while the level frame turned by an unknown angle.",
+        "Choice.",
+    ),
+    Tunable(
+        "lost_tilt", math.radians(20.0), "rad", "Tilt sigma beyond which the attitude is found anew.", "Linearization."
+    ),
+)
 
 
 @kernel
-def rotate_to_north(c: Any, psi: float) -> None:
+def rotate_to_north(c: Core, psi: float) -> None:
     """Turn the level frame by psi about down, and what is given in it: tilt errors, velocities in the body."""
     rotate_scatter(c, psi)
     rotate_attitude(c, 0.0, 0.0, psi)
@@ -56,24 +91,24 @@ def rotate_to_north(c: Any, psi: float) -> None:
 
 
 @kernel
-def find_heading(c: Any, b: Any) -> bool:
+def find_heading(p: Parameters, c: Core, b: HypothesisBank) -> bool:
     """Turn the level frame to north when the pairs tell how; its sigma goes to c.alignment.heading_sigma."""
     bias_variance = innovation_variance(c, vertical_bias_jacobian(c))
     turned2 = bias_variance * (1e-9 * (c.nav.t_ns - c.alignment.origin_ns)) ** 2
     set_prior(c, b)
-    if not accept_heading(c, solve_heading(c, b, bias_variance)):
+    if not accept_heading(p, c, solve_heading(p, c, b, bias_variance)):
         return False
     for i in range(2):
-        add_variance(c, ATTITUDE + i, MOVING_TILT**2 * min(turned2, 1.0))
+        add_variance(c, ATTITUDE + i, p.tuning.moving_tilt**2 * min(turned2, 1.0))
     return True
 
 
 @kernel
-def accept_heading(c: Any, found: Any) -> bool:
+def accept_heading(p: Parameters, c: Core, found: Any) -> bool:
     """Turn to the heading that `solve` found, if that is good enough to navigate with."""
     psi, sigma, rate, rate_variance, together = found
-    ready = MAX_START_HEADING[1] if c.alignment.mean_velocity[2] > 0.0 else MAX_START_HEADING[0]
-    if sigma * sigma + rate_variance * HEADING_HORIZON_S**2 > ready**2:
+    ready = p.tuning.max_start_heading_positions if c.alignment.mean_velocity[2] > 0.0 else p.tuning.max_start_heading
+    if sigma * sigma + rate_variance * p.tuning.heading_horizon_s**2 > ready**2:
         return False
     n = vertical_bias_jacobian(c)
     # beside what the filter knew, which the solution has counted in
@@ -81,15 +116,15 @@ def accept_heading(c: Any, found: Any) -> bool:
     if news > 0.0:
         gated_update(c, n, -rate / (rate_variance * news), 1.0 / news, 0.0)
     cancel_correction(c, ATTITUDE + 2)
-    correct_state(c)
+    correct_state(p, c)
     rotate_to_north(c, psi)
-    c.alignment.heading_sigma = max(sigma, MIN_HEADING_SIGMA)
+    c.alignment.heading_sigma = max(sigma, p.tuning.min_heading_sigma)
     c.alignment.heading_bias_gain = together / rate_variance
     return True
 
 
 @kernel
-def transfer_lever_arm(p: Any, c: Any, sign: float) -> None:
+def transfer_lever_arm(p: Parameters, c: Core, sign: float) -> None:
     """From the antenna at the fixes' own time, which is followed while levelling, to the sensor now; back with -1.
 
     What the fixes' latency is not known by is no error there, as all comes from the same fixes. A place that a user
@@ -112,11 +147,11 @@ def transfer_lever_arm(p: Any, c: Any, sign: float) -> None:
 
 
 @kernel
-def start_navigation(p: Any, c: Any) -> None:
+def start_navigation(p: Parameters, c: Core) -> None:
     """Begin to navigate, at the position and velocity in hand, with the heading in hand and its sigma."""
     propagate_errors(p, c)
     drifted = c.alignment.heading_bias_gain**2 * innovation_variance(c, vertical_bias_jacobian(c))
-    decorrelate(c, ATTITUDE + 2, max(c.alignment.heading_sigma**2 - drifted, MIN_HEADING_SIGMA**2))
+    decorrelate(c, ATTITUDE + 2, max(c.alignment.heading_sigma**2 - drifted, p.tuning.min_heading_sigma**2))
     for k in range(vertical_bias_jacobian(c)):
         combine(c, ATTITUDE + 2, c.scratch.columns[k], -c.alignment.heading_bias_gain * c.scratch.values[k])
     c.alignment.heading_bias_gain = 0.0
@@ -128,14 +163,14 @@ def start_navigation(p: Any, c: Any) -> None:
 
 
 @kernel
-def accept_fault_heading(c: Any, psi: float, sigma: float) -> None:
+def accept_fault_heading(p: Parameters, c: Core, psi: float, sigma: float) -> None:
     """Turn by psi to the heading that contradicts the present one; its sigma is at least that of a start."""
-    c.alignment.heading_sigma = max(sigma, MIN_HEADING_SIGMA)
+    c.alignment.heading_sigma = max(sigma, p.tuning.min_heading_sigma)
     rotate_to_north(c, psi)
 
 
 @kernel
-def abort_navigation(p: Any, c: Any) -> None:
+def abort_navigation(p: Parameters, c: Core) -> None:
     """Back to levelling with the heading unknown, and all else as it is."""
     if c.alignment.mode == NAVIGATING:
         transfer_lever_arm(p, c, -1.0)
@@ -146,18 +181,18 @@ def abort_navigation(p: Any, c: Any) -> None:
 
 
 @kernel
-def restart_attitude(p: Any, c: Any) -> None:
+def restart_attitude(p: Parameters, c: Core) -> None:
     """Back to levelling: nothing is known of roll, pitch and heading."""
     abort_navigation(p, c)
     reset_nhc(c)
     reset_pairs(c)
     set_attitude(c, quat_of_gravity(c.imu.f[0], c.imu.f[1], c.imu.f[2] - 1e-3))
     for i in range(2):
-        decorrelate(c, ATTITUDE + i, LOST_TILT**2)
+        decorrelate(c, ATTITUDE + i, p.tuning.lost_tilt**2)
 
 
 @kernel
-def restart_alignment(p: Any, c: Any) -> None:
+def restart_alignment(p: Parameters, c: Core) -> None:
     """Back to levelling: the heading was wrong, and what was learned with it."""
     restart_attitude(p, c)
     clear_sensor_errors(c)

@@ -3,16 +3,18 @@
 How they are matched, is in `matching`; here is what of a fix is taken for it, and how long it can be compared.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ....math.earth import STANDARD_GRAVITY
+from ...tuning import Tunable
 from ..ekf import innovation_variance, set_jacobian, variance
-from ..error_model import GNSS_BIAS_TIME_S
 from ..mechanization import ned_difference, rotation_matrix
 from ..observers.heading_integrals import DELTA_V, TIME, Complex, clear_integrals, multiply, phasor
-from ..state import ATTITUDE, COARSE_ALIGNMENT, GYRO_BIAS, HEADING_FAULTS, NAVIGATING, NEVER_NS, TIME_OFFSET
+from ..state import ATTITUDE, COARSE_ALIGNMENT, GYRO_BIAS, NAVIGATING, NEVER_NS, TIME_OFFSET
 from .drift_hypotheses import (
     apply_corrections,
     clear_hypotheses,
@@ -22,18 +24,39 @@ from .drift_hypotheses import (
     propagate_hypotheses,
 )
 from .levelling import level_from_velocity_change
-from .whitening import INITIAL_SPEED_SIGMA, predict_whitening, reset_whitening, whitened_innovations, whitened_variance
+from .whitening import predict_whitening, reset_whitening, whitened_innovations, whitened_variance
 
-SHORTEST_S, LONGEST_S = 0.9, 6.0  # between two fixes of a pair
-PAIR_VELOCITY_SIGMA = 0.4  # m/s, of a velocity change seen in positions
-MATCH_GATE = 25.0
-MATCH_DURATION_S, MATCH_ROTATION = (100.0, 400.0), math.radians(20.0)  # of pairs: tilt and biases are taken as constant
-OUTAGE_SHARE = 0.2  # of that time, without fixes, after which to begin anew
-LEVELLED_SIGMA = math.radians(6.0)
+if TYPE_CHECKING:
+    from ..types import Core, HypothesisBank, Parameters
+
+
+TUNABLES = (
+    Tunable("pair_min_s", 0.9, "s", "Shortest time between two fixes of a pair.", "1 Hz receivers with jitter."),
+    Tunable("pair_max_s", 6.0, "s", "Longest time between two positions of a pair.", "Choice."),
+    Tunable("pair_velocity_sigma", 0.4, "m/s", "Sigma of a velocity change seen in positions.", "Choice."),
+    Tunable("match_gate", 25.0, "NIS", "Gate of fixes that force must explain.", "Five sigma."),
+    Tunable(
+        "match_min_duration_s", 100.0, "s", "Least time for which pairs are compared.", "Biases are taken as constant."
+    ),
+    Tunable(
+        "match_max_duration_s", 400.0, "s", "Most time for which pairs are compared.", "Biases are taken as constant."
+    ),
+    Tunable(
+        "match_rotation",
+        math.radians(20.0),
+        "rad",
+        "Unknown rotation up to which pairs are compared.",
+        "Distance between hypotheses.",
+    ),
+    Tunable(
+        "match_outage_share", 0.2, "", "Outage, as a share of that time, after which matching begins anew.", "Choice."
+    ),
+    Tunable("levelled_sigma", math.radians(6.0), "rad", "Tilt sigma to navigate with.", "Linearization."),
+)
 
 
 @kernel
-def start_pair(c: Any, lat: float, lon: float, vn: float, ve: float) -> None:
+def start_pair(c: Core, lat: float, lon: float, vn: float, ve: float) -> None:
     """Remember this fix as the first of the next pair."""
     c.alignment.pair_start_ns = c.nav.t_ns
     for k in range(4):
@@ -47,24 +70,24 @@ def start_pair(c: Any, lat: float, lon: float, vn: float, ve: float) -> None:
 
 
 @kernel
-def is_levelled(c: Any) -> bool:
+def is_levelled(p: Parameters, c: Core) -> bool:
     """Whether roll and pitch are known well enough to navigate."""
-    return max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1)) < LEVELLED_SIGMA**2
+    return max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1)) < p.tuning.levelled_sigma**2
 
 
 @kernel
-def level_with_pair(c: Any, vn: float, ve: float, dt: float) -> None:
+def level_with_pair(p: Parameters, c: Core, vn: float, ve: float, dt: float) -> None:
     """Level by the force in `integral_change`, felt over `dt` s while the velocity changed by (vn, ve)."""
     zn, ze = multiply(
         phasor(-c.alignment.wander_azimuth),
         (c.scratch.integral_change[DELTA_V, 0], c.scratch.integral_change[DELTA_V, 1]),
     )
     if c.alignment.mode == COARSE_ALIGNMENT:
-        level_from_velocity_change(c, zn / dt, ze / dt, dt, math.hypot(vn, ve) / dt)
+        level_from_velocity_change(p, c, zn / dt, ze / dt, dt, math.hypot(vn, ve) / dt)
 
 
 @kernel
-def timing_velocity_variance(c: Any) -> float:
+def timing_velocity_variance(c: Core) -> float:
     """Variance, m^2/s^2, of a velocity change since the mark by what is not known of the fixes' latency."""
     return float(
         variance(c, TIME_OFFSET)
@@ -73,7 +96,7 @@ def timing_velocity_variance(c: Any) -> float:
 
 
 @kernel
-def timing_position_variance(c: Any, b: Any) -> float:
+def timing_position_variance(c: Core, b: HypothesisBank) -> float:
     """Variance, m^2, of a way since the last fix matched by the same: what it has sped up goes on for so long."""
     north, east = (
         c.alignment.integrals[DELTA_V, 0] - b.last_integrals[DELTA_V, 0],
@@ -83,70 +106,76 @@ def timing_position_variance(c: Any, b: Any) -> float:
 
 
 @kernel
-def pair_duration(c: Any) -> float:
+def pair_duration(p: Parameters, c: Core) -> float:
     """Seconds between positions that show a velocity change with a sigma of VAGUENESS.
 
     It is their second difference, of three times white noise and of two increments of a random walk.
     """
-    walk = 4.0 * c.gnss.reported_sigma[0] ** 2 / GNSS_BIAS_TIME_S
-    root = math.sqrt(walk * walk + 24.0 * c.gnss.noise_var[0] * PAIR_VELOCITY_SIGMA**2)
-    seconds: float = (walk + root) / (2.0 * PAIR_VELOCITY_SIGMA**2)
-    return min(max(seconds, SHORTEST_S), LONGEST_S)
+    walk = 4.0 * c.gnss.reported_sigma[0] ** 2 / p.tuning.gnss_bias_time_s
+    root = math.sqrt(walk * walk + 24.0 * c.gnss.noise_var[0] * p.tuning.pair_velocity_sigma**2)
+    seconds: float = (walk + root) / (2.0 * p.tuning.pair_velocity_sigma**2)
+    return min(max(seconds, p.tuning.pair_min_s), p.tuning.pair_max_s)
 
 
 @kernel
-def match_duration(c: Any) -> float:
+def match_duration(p: Parameters, c: Core) -> float:
     """Seconds for which pairs can be compared: drift hypotheses lie some way apart, unless the drift is known.
 
     While navigating the estimate of the gyro's scale factor changes, too.
     """
     if c.alignment.mode == NAVIGATING:
-        return MATCH_DURATION_S[0]
+        return p.tuning.match_min_duration_s
     drift = math.sqrt(innovation_variance(c, vertical_bias_jacobian(c)))
-    return min(max(MATCH_ROTATION / drift, MATCH_DURATION_S[0]), MATCH_DURATION_S[1])
+    return min(max(p.tuning.match_rotation / drift, p.tuning.match_min_duration_s), p.tuning.match_max_duration_s)
 
 
 @kernel
-def match_pair(c: Any, b: Any, lat: float, lon: float, vn: float, ve: float, noise2: float) -> None:
+def match_pair(
+    p: Parameters, c: Core, b: HypothesisBank, lat: float, lon: float, vn: float, ve: float, noise2: float
+) -> None:
     """A fix at the core's time, with its velocity (NaN when it has none), of a variance beyond the usual."""
-    matching = 1e-9 * (c.nav.t_ns - c.alignment.last_match_ns) >= SHORTEST_S
+    matching = 1e-9 * (c.nav.t_ns - c.alignment.last_match_ns) >= p.tuning.pair_min_s
     if matching:
-        apply_corrections(c, b)
-        match_fix(c, b, lat, lon, vn, ve, noise2)
+        apply_corrections(p, c, b)
+        match_fix(p, c, b, lat, lon, vn, ve, noise2)
     dt = 1e-9 * (c.nav.t_ns - c.alignment.pair_start_ns)
     m = c.alignment.pair_start
     known = math.isfinite(vn) and math.isfinite(m[0])
-    if dt < SHORTEST_S or (not known and dt < pair_duration(c)):
+    if dt < p.tuning.pair_min_s or (not known and dt < pair_duration(p, c)):
         return
     if not matching:
-        apply_corrections(c, b)
-    if dt > max(LONGEST_S, 2.0 * pair_duration(c)):
+        apply_corrections(p, c, b)
+    if dt > max(p.tuning.pair_max_s, 2.0 * pair_duration(p, c)):
         c.alignment.mean_velocity[2] = 0.0
     elif known:
         for k in range(4):
             for i in range(2):
                 c.scratch.integral_change[k, i] = c.alignment.integrals[k, i] - c.alignment.pair_integrals[k, i]
-        level_with_pair(c, vn - m[0], ve - m[1], dt)
+        level_with_pair(p, c, vn - m[0], ve - m[1], dt)
     else:
         north, east = ned_difference(c, m[2], m[3], lat, lon)
-        pair_mean_velocities(c, north / dt, east / dt, dt)
+        pair_mean_velocities(p, c, north / dt, east / dt, dt)
     start_pair(c, lat, lon, vn, ve)
 
 
 @kernel
-def contradicts_force(c: Any, b: Any, s: float) -> bool:
+def contradicts_force(p: Parameters, c: Core, b: HypothesisBank, s: float) -> bool:
     """Do the innovations in b.innovations, of variance s, differ by more than heading and tilt errors explain?"""
     felt = math.hypot(b.innovations[1 + DELTA_V, 0], b.innovations[1 + DELTA_V, 1])
     tilt2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
     doubt = s + tilt2 * (b.innovations[1 + TIME, 0] ** 2 + b.innovations[1 + TIME, 1] ** 2)
-    return bool((felt - math.hypot(b.innovations[0, 0], b.innovations[0, 1])) ** 2 > MATCH_GATE * doubt)
+    return bool((felt - math.hypot(b.innovations[0, 0], b.innovations[0, 1])) ** 2 > p.tuning.match_gate * doubt)
 
 
 @kernel
-def match_fix(c: Any, b: Any, lat: float, lon: float, vn: float, ve: float, noise2: float) -> None:
+def match_fix(
+    p: Parameters, c: Core, b: HypothesisBank, lat: float, lon: float, vn: float, ve: float, noise2: float
+) -> None:
     """Match what this fix tells with what was felt."""
     dt = 1e-9 * (c.nav.t_ns - c.alignment.last_match_ns)
-    if 1e-9 * (c.nav.t_ns - c.alignment.origin_ns) > match_duration(c) or dt > OUTAGE_SHARE * match_duration(c):
+    if 1e-9 * (c.nav.t_ns - c.alignment.origin_ns) > match_duration(
+        p, c
+    ) or dt > p.tuning.match_outage_share * match_duration(p, c):
         reset_pairs(c)
         dt = math.inf
     c.alignment.last_match_ns = c.nav.t_ns
@@ -155,15 +184,16 @@ def match_fix(c: Any, b: Any, lat: float, lon: float, vn: float, ve: float, nois
         c.alignment.position_origin[0], c.alignment.position_origin[1] = lat, lon
         clear_integrals(c)
         clear_hypotheses(b)
-        restart_matching(c, b)
+        restart_matching(p, c, b)
     else:
-        propagate_hypotheses(c, b, dt)
-        predict_whitening(b, c.gnss.reported_sigma[0], dt)
-        discount(b, math.exp(-2.0 * dt / match_duration(c)))
+        propagate_hypotheses(p, c, b, dt)
+        predict_whitening(p, b, c.gnss.reported_sigma[0], dt)
+        discount(b, math.exp(-2.0 * dt / match_duration(p, c)))
     if math.isfinite(vn) and math.isfinite(ve):
-        match_if_consistent(c, b, False, (vn, ve), c.gnss.velocity_noise_var + timing_velocity_variance(c) + noise2)
+        match_if_consistent(p, c, b, False, (vn, ve), c.gnss.velocity_noise_var + timing_velocity_variance(c) + noise2)
     else:
         match_if_consistent(
+            p,
             c,
             b,
             True,
@@ -173,32 +203,32 @@ def match_fix(c: Any, b: Any, lat: float, lon: float, vn: float, ve: float, nois
 
 
 @kernel
-def restart_matching(c: Any, b: Any) -> None:
+def restart_matching(p: Parameters, c: Core, b: HypothesisBank) -> None:
     """Place and velocity are taken from the next fix."""
-    reset_whitening(b, c.gnss.reported_sigma[0])
+    reset_whitening(p, b, c.gnss.reported_sigma[0])
     c.alignment.reject_count = 0
 
 
 @kernel
-def match_if_consistent(c: Any, b: Any, place: bool, told: Complex, r: float) -> None:
+def match_if_consistent(p: Parameters, c: Core, b: HypothesisBank, place: bool, told: Complex, r: float) -> None:
     """Match a place (m) or a velocity of variance r, if it tells something; not one that was not felt.
 
     When there are three such fixes in a row, place and velocity are taken anew from the next.
     """
     s = whitened_variance(b, place, r)
-    certain = is_levelled(c) and s < 0.5 * INITIAL_SPEED_SIGMA**2
-    whitened_innovations(b, nearest_hypothesis(c), place, told)
-    if certain and contradicts_force(c, b, s):
+    certain = is_levelled(p, c) and s < 0.5 * p.tuning.whitening_speed_sigma**2
+    whitened_innovations(b, nearest_hypothesis(p, c), place, told)
+    if certain and contradicts_force(p, c, b, s):
         c.alignment.reject_count += 1
         if c.alignment.reject_count > 2:
-            restart_matching(c, b)
+            restart_matching(p, c, b)
         return
     c.alignment.reject_count = 0
     match_measurement(c, b, place, told, s, certain and not c.stationarity.at_rest)
 
 
 @kernel
-def pair_mean_velocities(c: Any, vn: float, ve: float, dt: float) -> None:
+def pair_mean_velocities(p: Parameters, c: Core, vn: float, ve: float, dt: float) -> None:
     """From positions alone: the mean velocity since the last fix, against the mean before it."""
     s = c.alignment.mean_velocity
     for k in range(4):
@@ -206,16 +236,16 @@ def pair_mean_velocities(c: Any, vn: float, ve: float, dt: float) -> None:
             mean = (c.alignment.double_integrals[k, i] - c.alignment.pair_double_integrals[k, i]) / dt
             c.scratch.integral_change[k, i] = mean - c.alignment.mean_integrals[k, i]
             c.alignment.mean_integrals[k, i] = mean
-    if s[2] > 0.0 and exceeds_force(c, vn - s[0], ve - s[1], dt):
+    if s[2] > 0.0 and exceeds_force(p, c, vn - s[0], ve - s[1], dt):
         s[2] = 0.0
         return
     if s[2] > 0.0:
-        level_with_pair(c, vn - s[0], ve - s[1], c.scratch.integral_change[TIME, 0])
+        level_with_pair(p, c, vn - s[0], ve - s[1], c.scratch.integral_change[TIME, 0])
     s[0], s[1], s[2] = vn, ve, dt
 
 
 @kernel
-def exceeds_force(c: Any, vn: float, ve: float, dt: float) -> bool:
+def exceeds_force(p: Parameters, c: Core, vn: float, ve: float, dt: float) -> bool:
     """Is this change of mean velocities over `dt` s more than force, tilt errors and noise explain?"""
     felt = math.hypot(c.scratch.integral_change[DELTA_V, 0], c.scratch.integral_change[DELTA_V, 1])
     tilt2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
@@ -223,11 +253,11 @@ def exceeds_force(c: Any, vn: float, ve: float, dt: float) -> bool:
         6.0 * (c.gnss.noise_var[0] + c.gnss.reported_sigma[0] ** 2) / dt**2
         + tilt2 * c.scratch.integral_change[TIME, 0] ** 2
     )
-    return bool(max(math.hypot(vn, ve) - felt, 0.0) ** 2 > MATCH_GATE * doubt)
+    return bool(max(math.hypot(vn, ve) - felt, 0.0) ** 2 > p.tuning.match_gate * doubt)
 
 
 @kernel
-def vertical_bias_jacobian(c: Any) -> int:
+def vertical_bias_jacobian(c: Core) -> int:
     """Put the gyro bias about the vertical into the measurement row; returns its length."""
     m = rotation_matrix(c)
     k = 0
@@ -237,7 +267,7 @@ def vertical_bias_jacobian(c: Any) -> int:
 
 
 @kernel
-def reset_pairs(c: Any) -> None:
+def reset_pairs(c: Core) -> None:
     """Begin to match anew."""
     clear_integrals(c)
     c.alignment.pair_start_ns = c.alignment.last_match_ns = NEVER_NS
@@ -246,12 +276,12 @@ def reset_pairs(c: Any) -> None:
 
 
 @kernel
-def count_heading_fault(c: Any, wrong: bool) -> None:
+def count_heading_fault(c: Core, wrong: bool) -> None:
     """Another pair contradicts the heading, or one does not."""
     c.alignment.heading_fault_count = c.alignment.heading_fault_count + 1 if wrong else 0
 
 
 @kernel
-def flag_heading(c: Any) -> None:
+def flag_heading(p: Parameters, c: Core) -> None:
     """The heading is wrong, as something other than pairs has shown."""
-    c.alignment.heading_fault_count = HEADING_FAULTS
+    c.alignment.heading_fault_count = p.tuning.heading_faults

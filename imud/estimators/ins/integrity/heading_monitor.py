@@ -4,10 +4,13 @@ A filter whose heading is wrong by much more than its sigma does not come back b
 changes that it sees by tilt and biases. Here they are matched as in `alignment`, whatever the filter's covariance says.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
+from ...tuning import Tunable
 from ..aiding.gnss_velocity import low_speed_variance, velocity_of
 from ..aiding.non_holonomic import reset_nhc
 from ..alignment.heading_posterior import set_wide_prior, solve_heading
@@ -15,44 +18,55 @@ from ..alignment.transitions import accept_fault_heading, accept_heading, start_
 from ..alignment.velocity_pairs import count_heading_fault, match_pair, vertical_bias_jacobian
 from ..ekf import add_variance, decorrelate, innovation_variance, variance
 from ..error_model import reset_turn_scale
-from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, HEADING_FAULTS
+from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 
-HEADING_FAULT_RAD = math.radians(10.0)
-HEADING_FAULT_GATE = 16.0
-REALIGNED_TILT = math.radians(1.0)
-MAX_HEADING_SIGMA = math.radians(14.0)  # a heading no better known than that is better found anew
+if TYPE_CHECKING:
+    from ..types import Core, Fix, HypothesisBank, Parameters
+
+
+TUNABLES = (
+    Tunable("heading_fault_angle", math.radians(10.0), "rad", "Smallest error that is called a fault.", "Choice."),
+    Tunable("heading_fault_gate", 16.0, "NIS", "Gate of the difference.", "Four sigma."),
+    Tunable("heading_faults", 3, "pairs", "Pairs of fixes in a row that prove a wrong heading.", "Choice."),
+    Tunable("realigned_tilt", math.radians(1.0), "rad", "Tilt error learned with a wrong heading.", "Choice."),
+    Tunable(
+        "max_heading_sigma", math.radians(14.0), "rad", "A heading less certain than that is found anew.", "Choice."
+    ),
+)
 
 
 @kernel
-def monitor_heading(p: Any, c: Any, b: Any, fix: Any) -> bool:
+def monitor_heading(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> bool:
     """Take a fix at the core's time; False when the heading was wrong and no better one is known."""
-    if c.alignment.heading_fault_count >= HEADING_FAULTS:
+    if c.alignment.heading_fault_count >= p.tuning.heading_faults:
         return False
     before = b.weight
-    match_pair(c, b, fix.lat, fix.lon, velocity_of(fix, 0), velocity_of(fix, 1), low_speed_variance(fix))
+    match_pair(p, c, b, fix.lat, fix.lon, velocity_of(p, fix, 0), velocity_of(p, fix, 1), low_speed_variance(p, fix))
     if b.weight == before:
         return True
     bias = innovation_variance(c, vertical_bias_jacobian(c))
-    set_wide_prior(c, b, p.accel_bias_sigma)
-    found = solve_heading(c, b, bias)
+    set_wide_prior(p, c, b, p.accel_bias_sigma)
+    found = solve_heading(p, c, b, bias)
     psi, sigma = found[0], found[1]
     known = variance(c, ATTITUDE + 2)
-    wrong = abs(psi) > HEADING_FAULT_RAD and psi * psi > HEADING_FAULT_GATE * (sigma * sigma + known)
+    wrong = abs(psi) > p.tuning.heading_fault_angle and psi * psi > p.tuning.heading_fault_gate * (
+        sigma * sigma + known
+    )
     count_heading_fault(c, wrong)
-    if c.alignment.heading_fault_count >= HEADING_FAULTS:
-        accept_fault_heading(c, psi, sigma)
+    if c.alignment.heading_fault_count >= p.tuning.heading_faults:
+        accept_fault_heading(p, c, psi, sigma)
         realign(p, c)
-    elif known > MAX_HEADING_SIGMA**2 and accept_heading(c, found):
+    elif known > p.tuning.max_heading_sigma**2 and accept_heading(p, c, found):
         realign(p, c)
     return True
 
 
 @kernel
-def realign(p: Any, c: Any) -> None:
+def realign(p: Parameters, c: Core) -> None:
     """Doubt what was learned with the wrong heading, and go on with the new one."""
     reset_nhc(c)
     for i in range(2):
-        add_variance(c, ATTITUDE + i, REALIGNED_TILT**2)
+        add_variance(c, ATTITUDE + i, p.tuning.realigned_tilt**2)
     for i in range(3):
         decorrelate(c, ACCEL_BIAS + i, p.accel_bias_sigma**2)
         if c.alignment.heading_bias_gain == 0.0:

@@ -18,13 +18,19 @@ Source: Wu and Pan, Velocity/position integration formula, part I (2013), in the
 Systems (1973), ch. 6, for nuisance parameters with a prior; matched-filter bank.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ....compile.jit import kernel
 from ....math.earth import STANDARD_GRAVITY
 from ..mechanization import rotation_matrix
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
+
+if TYPE_CHECKING:
+    from ..types import Core
+
 
 Complex = tuple[float, float]  # a complex number
 
@@ -50,7 +56,7 @@ def phasor(angle: float) -> Complex:
 
 
 @kernel
-def accumulate_integrals(c: Any, turn: float, dt: float) -> None:
+def accumulate_integrals(c: Core, turn: float, dt: float) -> None:
     """Add the level specific force gathered in c.imu.delta_v over `dt` s, in which the body turned by `turn` rad."""
     total, twice, d = c.alignment.integrals, c.alignment.double_integrals, c.alignment.corrections
     y, sway = (
@@ -71,7 +77,7 @@ def accumulate_integrals(c: Any, turn: float, dt: float) -> None:
 
 
 @kernel
-def retain_integrals(c: Any) -> None:
+def retain_integrals(c: Core) -> None:
     """Before the corrections in c.scratch.x are applied: keep the running integrals as if they were not."""
     x, d = c.scratch.x, c.alignment.corrections
     m = rotation_matrix(c)
@@ -92,7 +98,7 @@ def retain_integrals(c: Any) -> None:
 
 
 @kernel
-def rotate_level_frame(c: Any, psi: float) -> None:
+def rotate_level_frame(c: Core, psi: float) -> None:
     """The level frame of q_nb is about to be turned by psi; the frame of the integrals stays."""
     c.alignment.wander_azimuth -= psi
 
@@ -104,7 +110,7 @@ def component(m: Any, axis: int, v: Any) -> float:
 
 
 @kernel
-def clear_integrals(c: Any) -> None:
+def clear_integrals(c: Core) -> None:
     """Begin with the level frame as it is."""
     c.alignment.wander_azimuth = c.alignment.vertical_bias = c.alignment.wander_azimuth_drift = 0.0
     c.alignment.integrals[:] = 0.0

@@ -1,0 +1,118 @@
+"""The parameters of the navigation filter: the sensor's noise, what a user states, and every tunable.
+
+The tunables stand in the files that use them, with unit, meaning and source. Together they are the record `tuning`,
+which kernels read as `p.tuning.NAME` and users set as `--set navigation.tuning.NAME=…`; `imud reference tuning` prints
+them.
+"""
+
+import numpy as np
+
+from imud.configuration.settings import Settings
+from imud.sensor_errors.profiles import profile_of
+
+from .. import Record
+from ..tuning import Tunable, dtype_of, values_of
+from . import ekf, error_model, filter, fusion_horizon, power_on, propagation, setup, solution, stationarity
+from .aiding import (
+    gnss_gate,
+    gnss_noise,
+    gnss_position,
+    gnss_time,
+    gnss_velocity,
+    nhc_noise,
+    non_holonomic,
+    zero_velocity,
+)
+from .alignment import (
+    drift_hypotheses,
+    heading_posterior,
+    in_motion,
+    levelling,
+    transitions,
+    velocity_pairs,
+    whitening,
+)
+from .integrity import heading_monitor
+from .observers import gnss_drift
+from .state import AUTO, FREE, LAND
+
+VEHICLES = {"free": FREE, "auto": AUTO, "land": LAND}
+TUNABLES = (
+    Tunable(
+        "bias_walk_time_s",
+        100.0,
+        "s",
+        "Time in which a bias walks by its instability.",
+        "Allan variance: K^2 tau / 3 = B^2 where it is flat, at 300 s.",
+    ),
+    *error_model.TUNABLES,
+    *ekf.TUNABLES,
+    *propagation.TUNABLES,
+    *power_on.TUNABLES,
+    *stationarity.TUNABLES,
+    *gnss_noise.TUNABLES,
+    *gnss_position.TUNABLES,
+    *gnss_velocity.TUNABLES,
+    *gnss_gate.TUNABLES,
+    *gnss_time.TUNABLES,
+    *zero_velocity.TUNABLES,
+    *non_holonomic.TUNABLES,
+    *nhc_noise.TUNABLES,
+    *in_motion.TUNABLES,
+    *transitions.TUNABLES,
+    *levelling.TUNABLES,
+    *velocity_pairs.TUNABLES,
+    *whitening.TUNABLES,
+    *drift_hypotheses.TUNABLES,
+    *heading_posterior.TUNABLES,
+    *heading_monitor.TUNABLES,
+    *gnss_drift.TUNABLES,
+    *fusion_horizon.TUNABLES,
+    *filter.TUNABLES,
+    *setup.TUNABLES,
+    *solution.TUNABLES,
+)
+
+PARAMETERS = np.dtype(
+    [
+        ("period", "<f8"),  # s, nominal time between samples
+        ("gnss_lever_arm", "<f8", (3,)),  # m, antenna from IMU, body
+        ("vehicle", "<i8"),
+        ("assumed_latency", "<f8"),  # s, from epoch to arrival where the epoch is only assumed
+        ("gyro_psd", "<f8"),  # rad^2/s
+        ("gyro_bias_psd", "<f8"),  # rad^2/s^3
+        ("gyro_bias_sigma", "<f8"),  # rad/s, at switch-on
+        ("gyro_scale", "<f8"),
+        ("gyro_range", "<f8"),  # rad/s
+        ("accel_psd", "<f8"),  # m^2/s^3
+        ("accel_bias_psd", "<f8"),  # m^2/s^5
+        ("accel_bias_sigma", "<f8"),  # m/s^2, at switch-on
+        ("accel_scale", "<f8"),
+        ("accel_range", "<f8"),  # m/s^2
+        ("tuning", dtype_of(TUNABLES)),
+    ],
+    align=True,
+)
+
+
+def configure(settings: Settings, rate_hz: float) -> Record:
+    """Parameters (1 element) for a sensor of `rate_hz`; profile "auto" is consumer-mems."""
+    profile = profile_of(settings)
+    p = np.zeros(1, PARAMETERS)
+    r = p[0]
+    p["tuning"] = values_of(TUNABLES, settings.navigation.tuning)
+    r["period"] = 1.0 / rate_hz
+    r["gnss_lever_arm"] = settings.navigation.lever_arm_m
+    r["vehicle"] = VEHICLES[settings.navigation.vehicle]
+    r["assumed_latency"] = settings.gnss.latency_s
+    r["gyro_psd"] = profile.gyro_noise**2
+    r["gyro_bias_psd"] = profile.gyro_bias_instability**2 / r["tuning"]["bias_walk_time_s"]
+    r["gyro_bias_sigma"] = profile.gyro_bias_initial
+    r["gyro_scale"] = profile.gyro_scale
+    r["gyro_range"] = profile.gyro_range
+    r["accel_psd"] = profile.accel_noise**2
+    r["accel_bias_psd"] = profile.accel_bias_instability**2 / r["tuning"]["bias_walk_time_s"]
+    r["accel_bias_sigma"] = profile.accel_bias_initial
+    r["accel_scale"] = profile.accel_scale
+    r["accel_range"] = profile.accel_range
+    return p

@@ -1,0 +1,88 @@
+"""Writes imud/estimators/ins/types.py: the records of the navigation filter as types for mypy, from their dtypes.
+
+`python tests/record_types.py`; a test holds the file against the dtypes.
+"""
+
+from pathlib import Path
+
+from drivers.sample import SAMPLE
+from imud.estimators.ins import parameters, state
+from imud.estimators.records import FIX, INNOVATION, SOLUTION
+
+FILE = Path(__file__).resolve().parents[1] / "imud" / "estimators" / "ins" / "types.py"
+RECORDS = {
+    "Sample": SAMPLE,
+    "StoredSample": state.STORED_SAMPLE,
+    "Fix": FIX,
+    "Solution": SOLUTION,
+    "Innovation": INNOVATION,
+    "Tuning": parameters.PARAMETERS["tuning"],
+    "Parameters": parameters.PARAMETERS,
+    "Nav": state.NAV,
+    "Earth": state.EARTH,
+    "Imu": state.IMU,
+    "Covariance": state.COVARIANCE,
+    "Stationarity": state.STATIONARITY,
+    "Nhc": state.NHC,
+    "Gnss": state.GNSS,
+    "Integrity": state.INTEGRITY,
+    "Drift": state.DRIFT,
+    "Alignment": state.ALIGNMENT,
+    "Transition": state.TRANSITION,
+    "Scratch": state.SCRATCH,
+    "Snapshot": state.SNAPSHOT,
+    "Core": state.CORE,
+    "HypothesisBank": state.HYPOTHESIS_BANK,
+    "State": state.STATE,
+}
+TO_KALMAN = {"columns": "np.int64"} | dict.fromkeys(("P", "x", "d", "values"), "np.float64")
+HEAD = '''"""The records of the navigation filter as types for mypy, written by tests/record_types.py."""
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Floats(Protocol):
+    """A one-dimensional array of numbers."""
+
+    def __getitem__(self, i: int) -> float: ...
+    def __setitem__(self, i: Any, value: float) -> None: ...
+    def __len__(self) -> int: ...
+
+
+class Integers(Protocol):
+    """A one-dimensional array of integers."""
+
+    def __getitem__(self, i: int) -> int: ...
+    def __setitem__(self, i: Any, value: int) -> None: ...
+    def __len__(self) -> int: ...
+'''
+
+
+def type_of(dtype, name):
+    """What mypy knows a field of this dtype as; the kernels of kalman take numpy's arrays."""
+    if name in TO_KALMAN:
+        return f"NDArray[{TO_KALMAN[name]}]"
+    base, shape = dtype.subdtype or (dtype, ())
+    if base.names:
+        name = next(name for name, record in RECORDS.items() if record == base)
+        return f"list[{name}]" if shape else name
+    kind = "float" if base.kind == "f" else "int"
+    if not shape:
+        return kind
+    return {"float": "Floats", "int": "Integers"}[kind] if len(shape) == 1 else "Any"
+
+
+def text():
+    """The whole file."""
+    parts = [HEAD]
+    for name, dtype in RECORDS.items():
+        fields = "".join(f"    {field}: {type_of(dtype[field], field)}\n" for field in dtype.names)
+        parts.append(f"\n\nclass {name}:\n{fields}")
+    return "".join(parts)
+
+
+if __name__ == "__main__":
+    FILE.write_text(text())

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .math.arrays import Floats
+
 COLOURS = ("#0b6fa4", "#d1495b", "#3a7d44", "#8a5a9e", "#b07d12")
 MOST_POINTS = 4000  # of a curve: a page of some MB, not hundreds
 PANEL_PX = 340
@@ -22,8 +24,6 @@ STYLE = (
     "h1{font-size:1.3rem}h2{font-size:1.05rem;margin:1.4rem 0 .2rem;border-top:1px solid #d5dce3;padding-top:.6rem}"
     "pre{font:inherit;white-space:pre-wrap;overflow-wrap:anywhere}.grid{display:grid;gap:.3rem}.grid>div{min-width:0}"
 )
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

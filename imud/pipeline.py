@@ -7,7 +7,6 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.driver import ImuConfigured, ImuDriver
 from drivers.sample import SAMPLE
@@ -16,12 +15,12 @@ from .clocks.counter import new_clock
 from .configuration.settings import Initial, Settings
 from .estimators import Estimator
 from .estimators.records import FIX, INNOVATION, SOLUTION
+from .math.arrays import Records
 from .sensor_errors.calibration import Calibration, correction
 from .sensor_errors.profiles import profile_of
 from .sensors.health import new_health
-from .stages import BATCH, BYTE, RX, STREAM, Records, Stages, decoding, ingest
+from .stages import BATCH, BYTE, RX, STREAM, Stages, decoding, ingest
 
-Floats = NDArray[np.float64]
 UNREAD, OF_A_FIX = 1024, 16  # innovations, at most: of samples since `told` was last called; of one fix
 _NO_SAMPLE, _NO_SOLUTION, _NO_FIX, _AT_ONCE = (
     np.zeros(n, kind) for n, kind in ((0, SAMPLE), (0, SOLUTION), (0, FIX), (1, np.int64))

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.driver import ImuDriver
 from drivers.entry import entry
@@ -20,10 +19,10 @@ from .compile.jit import inlined, kernel
 from .compile.system import call, records
 from .estimators import Estimator
 from .estimators.records import SOLUTION
+from .math.arrays import Records
 from .sensor_errors.calibration import CORRECTION, correct
 from .sensors.health import HEALTH, examine
 
-Records = NDArray[np.void]
 BATCH = 1024  # samples one call may yield: more than a reading can hold of the shortest frames, lines of 6 bytes
 RX = 65536  # bytes
 BYTE = np.dtype(np.uint8)

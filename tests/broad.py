@@ -13,8 +13,8 @@ from drivers.sample import SAMPLE
 from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators.ahrs import ESTIMATOR
 from imud.estimators.records import SOLUTION
+from imud.math.arrays import Floats
 
-Floats = NDArray[np.float64]
 HALF_TURN_ABOUT_X = np.array([1.0, -1.0, -1.0])  # z-up axes to FRD and back; a quaternion's vector part turns with them
 step = ESTIMATOR.step
 

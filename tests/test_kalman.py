@@ -135,6 +135,21 @@ def test_update_is_joseph_s_form_with_considered_states_left_alone(seed, n, log_
     assert np.array_equal(x[keep:], before[keep:])
 
 
+@given(SEEDS, st.integers(1, 10))
+def test_noise_far_below_the_predicted_variance_leaves_a_covariance(seed, n):
+    """To the ratio that the module promises, relative to the largest predicted variance that P's diagonal allows."""
+    rng = np.random.default_rng(seed)
+    p, x, d = packed(random_covariance(rng, n)), np.zeros(n), np.empty(n)
+    sigma = np.sqrt(np.diag(kalman.unpack(p, n)))
+    for _ in range(3):
+        columns, values, h = random_row(rng, n)
+        v = kalman.measure(p, n, columns, values, len(columns), d)
+        kalman.update(p, n, x, d, v + 1e-13 * (np.abs(h) @ sigma) ** 2, rng.normal(), n)
+    P = kalman.unpack(p, n)
+    assert np.all(np.diag(P) >= 0.0)
+    assert np.linalg.eigvalsh(P / np.outer(sigma, sigma)).min() > -1e-13
+
+
 @given(SEEDS, st.integers(2, 10))
 def test_p_stays_a_covariance_through_any_sequence(seed, n):
     rng = np.random.default_rng(seed)
@@ -149,9 +164,10 @@ def test_p_stays_a_covariance_through_any_sequence(seed, n):
         elif kind == 2:
             kalman.reset(p, n, i, 10.0 ** rng.uniform(-6, 2))
         else:
-            columns, values, _ = random_row(rng, n)
+            columns, values, h = random_row(rng, n)
             v = kalman.measure(p, n, columns, values, len(columns), d)
-            r = 1e-9 + v * 10.0 ** rng.uniform(-3, 1)
+            size2 = (np.abs(h) @ np.sqrt(np.diag(kalman.unpack(p, n)))) ** 2
+            r = 1e-9 + 1e-6 * size2 + v * 10.0 ** rng.uniform(-3, 1)
             kalman.update(p, n, x, d, v + r, rng.normal(), rng.integers(0, n + 1))
         P = kalman.unpack(p, n)
         assert np.all(np.diag(P) >= 0.0)

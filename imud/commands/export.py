@@ -16,7 +16,7 @@ from .files import keep_apart
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from ..recording.player import Records
+    from ..math.arrays import Records
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -18,8 +18,8 @@ from .arguments import above_zero, add_settings, at_least_one
 from .files import input_file, keep_apart
 
 if TYPE_CHECKING:
+    from ..math.arrays import Records
     from ..pipeline import Filter
-    from ..stages import Records
     from ..tables.inputs import LeftOut
 
 BLOCK = 1024

@@ -15,9 +15,10 @@ from drivers.entry import waiting_entry
 from drivers.transport.serial import CHUNK
 
 from ..compile.system import CLOCK_MONOTONIC, clock_ns, ppoll, read
+from ..math.arrays import Records
 from ..outputs.binary import BinaryOutputs, publish
 from ..pipeline import Stream
-from ..stages import RX, STREAM, Records, ingest
+from ..stages import RX, STREAM, ingest
 
 CYCLE = np.dtype(
     [

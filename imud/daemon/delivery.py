@@ -3,10 +3,10 @@
 import time
 from collections.abc import Callable
 
+from ..math.arrays import Records
 from ..outputs.all import Outputs
 from ..outputs.view import Health, View
 from ..recording.control import Recordings
-from ..sensors.gnss import Records
 from ..sensors.inertial import Inertial
 from .devices import Devices
 from .load import Load

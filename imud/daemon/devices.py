@@ -17,13 +17,13 @@ from drivers.transport.line import Known
 from ..configuration import choices
 from ..configuration.settings import Settings
 from ..errors import ImudError, UsageError
+from ..math.arrays import Records
 from ..outputs.view import Device
 from ..process import garbage
 from ..process.contained import ContainedErrors
 from ..recording.control import Recordings
 from ..sensor_errors import calibration
 from ..sensors.fitting import Fitting
-from ..sensors.gnss import Records
 from ..sensors.inertial import Inertial
 from ..sensors.rate import ALIKE
 from ..sensors.receiver import Receiver

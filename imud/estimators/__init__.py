@@ -9,14 +9,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from imud.configuration.settings import Initial, Settings
 
+from ..math.arrays import Records
 from .tuning import Tunable
-
-Record = NDArray[np.void]  # a structured array of one element
 
 
 @dataclass(frozen=True)
@@ -33,8 +29,8 @@ class Estimator:
     """
 
     name: str
-    configure: Callable[[Settings, float], Record]
-    start: Callable[[Record, Initial], Record]
+    configure: Callable[[Settings, float], Records]
+    start: Callable[[Records, Initial], Records]
     step: Callable[[Any, Any, Any, Any], None]
     update: Callable[[Any, Any, Any, Any], int] | None
     needs_gyros: bool = True

@@ -24,10 +24,11 @@ from drivers.sample import SATURATED as BEYOND_RANGE
 
 from ..compile.jit import kernel
 from ..configuration.settings import Initial, Settings
+from ..math.arrays import Records
 from ..math.earth import STANDARD_GRAVITY, gravity
 from ..math.rotation import quat_of_euler
 from ..sensor_errors.profiles import profile_of
-from . import Estimator, Record
+from . import Estimator
 from .records import ATTITUDE_VALID, HEADING_VALID, SATURATED
 
 BANDWIDTH_HZ = 1.0
@@ -77,7 +78,7 @@ STATE = np.dtype(
 )
 
 
-def configure(settings: Settings, rate_hz: float) -> Record:
+def configure(settings: Settings, rate_hz: float) -> Records:
     """Parameters (PARAMETERS) from the sensor's noise profile; a sample's noise fills half of `rate_hz`."""
     profile = profile_of(settings)
     p = np.zeros(1, PARAMETERS)
@@ -89,7 +90,7 @@ def configure(settings: Settings, rate_hz: float) -> Record:
     return p
 
 
-def start(parameters: Record, initial: Initial) -> Record:
+def start(parameters: Records, initial: Initial) -> Records:
     """A state (STATE) that waits for its first sample. A latitude makes gravity known; a given yaw is the start's."""
     s = np.zeros(1, STATE)
     s["gravity"], s["gravity_var"] = STANDARD_GRAVITY, (GRAVITY_SPREAD * STANDARD_GRAVITY) ** 2

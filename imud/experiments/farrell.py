@@ -17,10 +17,11 @@ from ..configuration.settings import Imu, Initial, Noise, Settings
 from ..estimators.papers import stationary
 from ..estimators.papers.stationary import BIAS, POSITION, STATES, VELOCITY
 from ..estimators.records import SOLUTION
+from ..math.arrays import Floats
 from ..math.kalman import scale, shear, unpack
 from ..sensor_errors.profiles import profile_of
 from .farrell_figures import SETTLED, drift_figure, residual_figure, state_figure
-from .report import Floats, Report, Row, at_most, rms, within
+from .report import Report, Row, at_most, rms, within
 from .simulate import IN_RUN_S, PROFILE, level_at_rest, m_g350, samples_of
 from .whiteness import CHI2_99, KS_99, ljung_box, normal_distance
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..figures import Figure, Panel, Trace
-from .report import Floats
+from ..math.arrays import Floats
 from .whiteness import LAGS, autocorrelation
 
 if TYPE_CHECKING:

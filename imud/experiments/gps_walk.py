@@ -8,9 +8,10 @@ import numpy as np
 from ..configuration.settings import GpsTrack, Initial, Settings
 from ..estimators.papers import gps_track
 from ..estimators.records import FIX, SOLUTION
+from ..math.arrays import Floats
 from ..math.earth import radii
 from ..pipeline import Filter
-from .report import Floats, Row, at_most, rms, within
+from .report import Row, at_most, rms, within
 from .simulate import level_at_rest, samples_of
 
 LAT, LON = math.radians(1.3), math.radians(103.77)  # rad, National University of Singapore

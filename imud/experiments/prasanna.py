@@ -17,12 +17,13 @@ from ..configuration.settings import Imu, Initial, Settings
 from ..estimators import registry
 from ..estimators.papers import ins9
 from ..estimators.records import SOLUTION
+from ..math.arrays import Floats
 from ..math.earth import STANDARD_GRAVITY
 from ..math.rotation import euler_of_quat
 from ..pipeline import Filter
 from .gps_walk import LAT, LON, SIGMA_M, distance_rows, gps_rows, walked
 from .prasanna_figures import gps_figure, loop_figure, tilt_figure
-from .report import Floats, Report, Row, at_most
+from .report import Report, Row, at_most
 from .simulate import PROFILE, level_at_rest, m_g350
 
 LOOP_HZ, REST_S, SIDE_S, PAUSE_S = 200.0, ins9.REST_S + 1.0, 3.0, 0.5

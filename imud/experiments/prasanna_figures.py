@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..figures import Figure, Panel, Trace
-from .report import Floats, circles
+from ..math.arrays import Floats
+from .report import circles
 
 if TYPE_CHECKING:
     from .gps_walk import Track

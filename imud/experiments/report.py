@@ -5,11 +5,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..figures import Figure
-
-Floats = NDArray[np.float64]
+from ..math.arrays import Floats
 
 
 @dataclass(frozen=True)

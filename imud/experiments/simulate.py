@@ -5,9 +5,9 @@ from numpy.typing import NDArray
 
 from drivers.sample import SAMPLE
 
+from ..math.arrays import Floats
 from ..math.earth import STANDARD_GRAVITY
 from ..sensor_errors.profiles import PROFILES
-from .report import Floats
 
 PROFILE = PROFILES["m-g350"]
 IN_RUN_S = 300.0  # time in which a bias wanders by its in-run stability

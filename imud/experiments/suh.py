@@ -18,8 +18,9 @@ from ..estimators import Estimator
 from ..estimators.papers import suh as filters
 from ..estimators.papers.suh import PITCH, R_NOMINAL, ROLL, STEP_S, SUH_ADAPTIVE, SUH_STANDARD, SUH_TWO_STEP
 from ..estimators.records import SOLUTION
+from ..math.arrays import Floats
 from ..math.earth import STANDARD_GRAVITY
-from .report import Floats, Report, Row, at_most, rms
+from .report import Report, Row, at_most, rms
 from .simulate import level_at_rest, m_g350
 from .suh_figures import figures
 

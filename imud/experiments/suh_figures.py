@@ -7,8 +7,8 @@ import numpy as np
 
 from ..estimators.papers.suh import DELTA, PITCH, ROLL, STEP_S
 from ..figures import Figure, Panel, Trace
+from ..math.arrays import Floats
 from ..math.earth import STANDARD_GRAVITY
-from .report import Floats
 from .simulate import PROFILE
 
 if TYPE_CHECKING:

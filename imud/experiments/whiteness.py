@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from .report import Floats
+from ..math.arrays import Floats
 
 LAGS = 20
 CHI2_99 = 37.57  # 99 % of chi-square with LAGS degrees of freedom

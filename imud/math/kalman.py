@@ -1,21 +1,22 @@
 """Covariance arithmetic on a packed upper triangle: symmetric by construction, no temporaries.
 
 A symmetric n x n matrix P is kept as a flat array of n (n + 1) / 2 numbers, rows of the upper triangle one after
-another. A sparse transition Phi is applied as a product of elementary steps, each of which is a congruence and so
-keeps P positive semidefinite; measurements are taken one scalar at a time in the symmetric Joseph form.
+another. A sparse transition Phi is applied as a product of elementary matrices, each of which is a congruence
+P <- E P E' and so keeps P positive semidefinite. Measurements are fused one scalar at a time by the conventional
+update P <- P - (P h')(P h')' / s, which the triangle keeps symmetric. Joseph's form, (I - k h) P (I - k h)' + k r k',
+is the same in exact arithmetic. It keeps P positive also where the noise variance r is less than 1e-14 of the largest
+that h P h' could be with these variances; above that, to which tests hold both, rounding harms neither.
 
-Source: Bierman, Factorization Methods for Discrete Sequential Estimation (1977), ch. II; Bucy and Joseph (1968).
+Source: Bierman, Factorization Methods for Discrete Sequential Estimation (1977), ch. II; Schmidt, Application of
+state-space methods to navigation problems (1966), for the considered states.
 """
 
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..compile.jit import kernel, unrolled
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from .arrays import Floats, Indices
 
 
 @kernel
@@ -115,11 +116,11 @@ def measure(P: Floats, n: int, columns: Indices, values: Floats, m: int, d: Floa
 
 @kernel
 def update(P: Floats, n: int, x: Floats, d: Floats, s: float, z: float, keep: int) -> None:
-    """Take one scalar measurement with innovation z (h x already removed), variance s = h P h' + r and d = P h.
+    """Fuse one scalar measurement with innovation z (h x already removed), variance s = h P h' + r and d = P h'.
 
-    x is the correction gathered so far; states from index `keep` on are considered, not corrected (Schmidt):
-    P <- P + k s k' - k d' - d k', valid for any gain k, is with k = d / s above `keep` and 0 below it the same as
-    subtracting d d' / s from all but the block of the considered states.
+    x is the error estimate so far. States from index `keep` on are considered (Schmidt): their gain is 0, so that they
+    are not corrected, but their uncertainty counts. For any gain k Joseph's form is P + k s k' - k d' - d k'; with
+    k = d / s before `keep` and 0 from there on it subtracts d d' / s from all but the block of considered states.
     """
     first = 0
     for i in range(keep):

@@ -10,16 +10,15 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.capture import CONNECTIONS, RAW
 from drivers.sample import SAMPLE
 
 from ..estimators.innovation_kinds import KINDS
 from ..estimators.records import FIX, INNOVATION, SOLUTION
+from ..math.arrays import Records
 from .clock_fit import CLOCK_FIT
 
-Records = NDArray[np.void]
 SAMPLES, ESTIMATES, FIXES, CLOCK = "/imu/samples", "/estimate", "/gnss/fixes", "/imu/clock"
 INNOVATIONS, EVENTS, SETTINGS, LOCATION, POSE = "/innovations", "/events", "/settings", "/location", "/tf"
 

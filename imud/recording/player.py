@@ -8,8 +8,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
-import numpy as np
-from numpy.typing import NDArray
 
 from drivers.capture import CONNECTIONS, Connection, Entry, Raw
 from drivers.registry import by_name
@@ -17,14 +15,13 @@ from drivers.registry import by_name
 from ..configuration.choices import settings_for
 from ..configuration.settings import Initial, Settings
 from ..errors import BadDataError
+from ..math.arrays import Records
 from ..sensor_errors.calibration import Calibration
 from ..sensors.fitting import Fitting
 from ..sensors.inertial import Inertial
 from ..sensors.receiver import Receiver
 from ..sensors.tap import READ
 from .messages import SETTINGS
-
-Records = NDArray[np.void]
 
 
 @dataclass

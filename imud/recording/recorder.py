@@ -20,12 +20,12 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.driver import GnssConfigured, ImuConfigured
 
 from ..configuration.settings import Settings
 from ..errors import CannotCreateError, UsageError
+from ..math.arrays import Records
 from ..sensor_errors.calibration import Calibration
 from ..sensors.inertial import Inertial
 from ..sensors.tap import Tap
@@ -38,7 +38,6 @@ _KEPT_BYTES = 16 << 20
 _SOCKET_BYTES = 1 << 20  # as far as the system allows
 _LOOK_NS = 1_000_000_000
 _GOODBYE_S = 4.0  # systemd waits 5
-Records = NDArray[np.void]
 
 
 class Recorder:

@@ -56,8 +56,9 @@ class Outcome:
 
 def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
     """Replay one recording into its file. progress: told bytes done, and of how many. Raises ImudError."""
+    from ..math.arrays import Records
     from ..tables.estimates import EstimateWriter
-    from .player import Player, Records
+    from .player import Player
     from .writer import Thinner
 
     begin = time.perf_counter()

@@ -9,9 +9,10 @@ from drivers.capture import CONNECTIONS
 
 from ..configuration.settings import Initial
 from ..errors import BadDataError
+from ..math.arrays import Records
 from ..progress import Progress
 from ..sensor_errors.calibration import name_of
-from .player import Player, Records
+from .player import Player
 from .source import Recording, adapter, tell
 
 _BLOCK = 1 << 16

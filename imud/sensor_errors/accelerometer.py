@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from .rest import Estimate, Floats, Records, UnfitError, still_spells
+from ..math.arrays import Floats, Records
+from .rest import Estimate, UnfitError, still_spells
 
 FULL = 9  # positions from which misalignment can be told, too
 _SAME_DEG = 10.0  # positions closer than this are one

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from .rest import WINDOW_S, Estimate, Records, UnfitError, mean, still_spells, windows
+from ..math.arrays import Records
+from .rest import WINDOW_S, Estimate, UnfitError, mean, still_spells, windows
 
 _BIAS_S = 10.0  # the least time at rest for a bias
 _SPAN_K = 5.0  # of temperature, for a slope

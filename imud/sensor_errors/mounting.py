@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from .rest import WINDOW_S, Floats, Records, UnfitError, mean, still_spells, windows
+from ..math.arrays import Floats, Records
+from .rest import WINDOW_S, UnfitError, mean, still_spells, windows
 
 _ACCELERATION = 0.5  # m/s^2, the least that shows where forwards is
 _STRAIGHT_DEG = 20.0

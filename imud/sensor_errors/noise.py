@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..math.allan import allan_variance, integrated
+from ..math.arrays import Floats
 
-Floats = NDArray[np.float64]
 PER_OCTAVE = 4  # points of the curve; every fourth is fitted
 _FEWEST = 9  # clusters of the longest time: fewer say nothing
 _FLICKER = 2.0 * math.log(2.0) / math.pi

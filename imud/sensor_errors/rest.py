@@ -4,10 +4,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Records = NDArray[np.void]
+from ..math.arrays import Floats, Records
+
 WINDOW_S = 0.5
 _STILL = 3.0  # times the scatter of the quietest tenth of the windows
 _CALMEST_DPS, _CALMEST_MPS2 = 0.05, 0.02  # scatter that no sensor is blamed for

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.fix import Fix
 from drivers.registry import by_name
@@ -15,9 +14,9 @@ from drivers.registry import by_name
 from ..configuration.settings import Gnss
 from ..errors import BadDataError
 from ..estimators.records import FIX
+from ..math.arrays import Records
 from ..tables.lines import content
 
-Records = NDArray[np.void]
 _DAY_S = 86_400.0
 
 

@@ -10,8 +10,9 @@ from drivers.transport.line import Line
 
 from ..clocks.epochs import EpochClock
 from ..configuration.settings import Gnss as GnssSettings
+from ..math.arrays import Records
 from ..outputs.view import Gnss
-from .gnss import Records, Refusal, record, refusal
+from .gnss import Refusal, record, refusal
 from .loss import MUCH, Loss
 from .rate import Rate
 from .tap import READ, Tap

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from ..compile.jit import kernel
 from ..estimators.innovation_kinds import KINDS
 from ..estimators.records import POSITION_VALID
+from ..math.arrays import Floats
 from ..math.decimal import MAX_WIDTH, write_fixed, write_seconds
 from ..math.rotation import euler_of_quat
-from .inputs import Floats
 
 # what stands in an estimate's row after t_s: name, decimals. Angles and rates in deg; 1e-10 deg is 11 um.
 ESTIMATE_COLUMNS: tuple[tuple[str, int], ...] = (

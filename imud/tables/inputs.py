@@ -18,6 +18,7 @@ from drivers.sample import SAMPLE
 
 from ..errors import BadDataError
 from ..estimators.records import FIX
+from ..math.arrays import Floats
 from .lines import Table, first_bytes, table_of
 
 _SHOWN = 40  # characters of what is no number
@@ -37,7 +38,6 @@ _FIX_OPTIONAL = (
     *("quality", "satellites"),
 )
 
-Floats = NDArray[np.float64]
 Row = TypeVar("Row")
 
 

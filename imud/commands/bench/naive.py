@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from imud.math.earth import STANDARD_GRAVITY
 
+from ...math.arrays import Floats
 from .signals import ACCEL_LSB, FRAME, GYRO_LSB
 
-Floats = NDArray[np.float64]
 _UNPACK = struct.Struct(">B9hHB").unpack
 STATES = 26
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.sample import SAMPLE
 from imud.compile import c
@@ -20,7 +19,8 @@ from imud.compile.c.kinds import stored
 from imud.estimators.records import SOLUTION
 from imud.pipeline import Filter, Stream
 
-Records = NDArray[np.void]
+from ...math.arrays import Records
+
 SOURCES = Path(__file__).resolve().parents[3] / "tests" / "c"
 FLAGS = ("-std=gnu11", "-O3", "-march=native", "-w")
 

@@ -7,7 +7,8 @@ from drivers.sample import SAMPLE
 from imud.estimators.records import FIX
 from imud.math.earth import STANDARD_GRAVITY
 
-Records = NDArray[np.void]
+from ...math.arrays import Records
+
 RATE_HZ = 1000
 REST_S = 5.0
 FIX_HZ = 5

@@ -18,12 +18,12 @@ from imud.estimators.records import (
 )
 from imud.figures import Figure, Panel, Trace
 
+from ...math.arrays import Floats
 from .innovations import consistency, whiteness
 from .session import TIME, Clock, Estimates, Sensor, Session
 from .statistics import LEAST
 from .track import epochs, track
 
-Floats = NDArray[np.float64]
 STATUS = {
     "attitude valid": ATTITUDE_VALID,
     "heading valid": HEADING_VALID,

@@ -14,7 +14,8 @@ from imud.errors import BadDataError
 from imud.tables.estimates import ESTIMATE_HEADER, INNOVATION_COLUMNS
 from imud.tables.inputs import IMU_COLUMNS, TEMPERATURE, header_of, read_fixes
 
-from .session import Fixes, Floats, Innovations, Part, Session
+from ...math.arrays import Floats
+from .session import Fixes, Innovations, Part, Session
 from .watch import EstimateWatch, SensorWatch
 
 _BLOCK_BYTES = 4 << 20

@@ -6,7 +6,8 @@ The spans double whenever there are too many, so that memory is bounded and nobo
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from ...math.arrays import Floats
+
 Bits = NDArray[np.int64]
 SPANS = 1000  # at least, once there are so many rows; at most twice as many
 

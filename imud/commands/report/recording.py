@@ -25,7 +25,8 @@ from imud.recording.messages import (
 from imud.recording.source import Recording, tell
 from imud.tables.estimates import estimate_cells
 
-from .session import Clock, Event, Fixes, Innovations, Part, Records, Session
+from ...math.arrays import Records
+from .session import Clock, Event, Fixes, Innovations, Part, Session
 from .watch import EstimateWatch, SensorWatch
 
 _BLOCK = 2000  # messages that are looked at together

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Records = NDArray[np.void]
+from ...math.arrays import Floats, Records
+
 TIME = "time, s"  # title of that axis
 
 

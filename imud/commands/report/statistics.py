@@ -6,9 +6,9 @@ Source: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking an
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from ...math.arrays import Floats
+
 LAGS = 20
 LEAST = 20  # innovations from which anything is said
 

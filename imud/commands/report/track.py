@@ -4,14 +4,13 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imud.figures import Figure, Panel, Trace
 from imud.math.earth import radii
 
+from ...math.arrays import Floats
 from .session import TIME, Fixes, Session
 
-Floats = NDArray[np.float64]
 RADIUS_95 = math.sqrt(-2.0 * math.log(0.05))  # of a plane normal distribution, in sigmas
 ELLIPSES = 40  # along the track
 

@@ -11,8 +11,9 @@ from imud.sensor_errors.profiles import PROFILES
 from imud.sensors.health import examine, new_health, words
 from imud.tables.estimates import ESTIMATE_COLUMNS
 
+from ...math.arrays import Floats, Records
 from .envelope import Envelope
-from .session import Estimates, Floats, Records, Sensor
+from .session import Estimates, Sensor
 
 NAMES = ("t_s", *(name for name, _ in ESTIMATE_COLUMNS if not name.startswith("q") and name != "status"))
 BITS = 16

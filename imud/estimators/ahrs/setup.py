@@ -7,16 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...configuration.settings import Initial, Settings
+from ...math.arrays import Records
 from ...math.earth import STANDARD_GRAVITY, gravity
 from ...sensor_errors.profiles import PROFILES, Profile, profile_of
-from .. import Record
 from ..tuning import values_of
 from .levelling import UNKNOWN_ANGLE
 from .parameters import TUNABLES
 from .state import ACCEL_BIAS, ACCEL_DELAY, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, PARAMETERS, STATE, STATES
 
 
-def configure(settings: Settings, rate_hz: float) -> Record:
+def configure(settings: Settings, rate_hz: float) -> Records:
     """Parameters (PARAMETERS) from the sensor's profile and the tunables; rate_hz is nominal.
 
     Raises KeyError when there is no such profile.
@@ -57,7 +57,7 @@ def _well_calibrated(profile: Profile) -> Profile:
     )
 
 
-def start(parameters: Record, initial: Initial) -> Record:
+def start(parameters: Records, initial: Initial) -> Records:
     """A state (STATE) that waits for its first sample. A latitude makes gravity known; given angles are kept."""
     tuning = parameters["tuning"][0]
     known = initial.lat_deg is not None
@@ -76,7 +76,7 @@ def start(parameters: Record, initial: Initial) -> Record:
     return s
 
 
-def _covariance(parameters: Record, gravity_known: bool) -> NDArray[np.float64]:
+def _covariance(parameters: Records, gravity_known: bool) -> NDArray[np.float64]:
     tuning = parameters["tuning"][0]
     P = np.zeros((STATES, STATES))
     for first, count, name in (

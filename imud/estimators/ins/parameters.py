@@ -10,7 +10,7 @@ import numpy as np
 from imud.configuration.settings import Settings
 from imud.sensor_errors.profiles import profile_of
 
-from .. import Record
+from ...math.arrays import Records
 from ..tuning import Tunable, dtype_of, values_of
 from . import ekf, error_model, filter, fusion_horizon, power_on, propagation, setup, solution, stationarity
 from .aiding import (
@@ -95,7 +95,7 @@ PARAMETERS = np.dtype(
 )
 
 
-def configure(settings: Settings, rate_hz: float) -> Record:
+def configure(settings: Settings, rate_hz: float) -> Records:
     """Parameters (1 element) for a sensor of `rate_hz`; profile "auto" is consumer-mems."""
     profile = profile_of(settings)
     p = np.zeros(1, PARAMETERS)

@@ -6,7 +6,7 @@ import numpy as np
 
 from imud.configuration.settings import Initial
 
-from .. import Record
+from ...math.arrays import Records
 from ..tuning import Tunable
 from .state import (
     ACCEL_BIAS,
@@ -48,7 +48,7 @@ TUNABLES = (
 )
 
 
-def start(parameters: Record, initial: Initial) -> Record:
+def start(parameters: Records, initial: Initial) -> Records:
     """State (1 element) before the first sample, with what `initial` tells."""
     p = parameters[0]
     t = p["tuning"]

@@ -21,9 +21,10 @@ import numpy as np
 
 from ...compile.jit import kernel
 from ...configuration.settings import Initial, Settings
+from ...math.arrays import Records
 from ...math.earth import MIN_COS, displaced, radii
 from ...math.kalman import measure, shear, update
-from .. import Estimator, Record
+from .. import Estimator
 from ..records import COASTING, POSITION_E, POSITION_N, POSITION_VALID
 from .blank_solution import blank
 
@@ -52,7 +53,7 @@ STATE = np.dtype(
 )
 
 
-def configure(settings: Settings, rate_hz: float) -> Record:
+def configure(settings: Settings, rate_hz: float) -> Records:
     """Parameters (PARAMETERS): Q and R."""
     p = np.zeros(1, PARAMETERS)
     p["acceleration_var"] = settings.gps_track.acceleration_var
@@ -60,7 +61,7 @@ def configure(settings: Settings, rate_hz: float) -> Record:
     return p
 
 
-def start(parameters: Record, initial: Initial) -> Record:
+def start(parameters: Records, initial: Initial) -> Records:
     """A state (STATE) that waits for its first fix. A position given by the user has no use here."""
     s = np.zeros(1, STATE)
     s["one"] = 1.0

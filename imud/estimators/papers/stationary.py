@@ -28,11 +28,12 @@ from drivers.sample import NO_FORCE, SUSPECT
 
 from ...compile.jit import kernel
 from ...configuration.settings import Initial, Settings
+from ...math.arrays import Records
 from ...math.earth import STANDARD_GRAVITY, displaced, gravity
 from ...math.kalman import measure, scale, shear, update
 from ...math.rotation import euler_of_quat, quat_of_euler, quat_of_gravity, quat_rotate, quat_rotate_back
 from ...sensor_errors.profiles import profile_of
-from .. import Estimator, Record
+from .. import Estimator
 from ..records import AT_REST, ATTITUDE_VALID, POSITION_VALID, REJECTING
 from .blank_solution import blank
 
@@ -88,7 +89,7 @@ STATE = np.dtype(
 )
 
 
-def configure(settings: Settings, rate_hz: float) -> Record:
+def configure(settings: Settings, rate_hz: float) -> Records:
     """Parameters (PARAMETERS): noise and bias from the sensor's profile, the rest Farrell's."""
     profile = profile_of(settings)
     p = np.zeros(1, PARAMETERS)
@@ -99,7 +100,7 @@ def configure(settings: Settings, rate_hz: float) -> Record:
     return p
 
 
-def start(parameters: Record, initial: Initial) -> Record:
+def start(parameters: Records, initial: Initial) -> Records:
     """A state (STATE) that waits for its first sample: P0 = diag(0, 0, sigma_b^2) (Solution 7)."""
     s = np.zeros(1, STATE)
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)

@@ -38,10 +38,11 @@ from drivers.sample import UNTOLD
 
 from ...compile.jit import kernel
 from ...configuration.settings import Initial, Settings
+from ...math.arrays import Records
 from ...math.earth import STANDARD_GRAVITY, gravity
 from ...math.kalman import measure, scale, shear, update
 from ...math.rotation import quat_of_euler
-from .. import Estimator, Record
+from .. import Estimator
 from ..records import ATTITUDE_VALID
 from .blank_solution import blank
 
@@ -87,14 +88,14 @@ STATE = np.dtype(
 )
 
 
-def configure(mode: int, settings: Settings, rate_hz: float) -> Record:
+def configure(mode: int, settings: Settings, rate_hz: float) -> Records:
     """Parameters (PARAMETERS) of one of the three filters."""
     p = np.zeros(1, PARAMETERS)
     p["mode"], p["half_ns"] = mode, round(0.5e9 / rate_hz)
     return p
 
 
-def start(parameters: Record, initial: Initial) -> Record:
+def start(parameters: Records, initial: Initial) -> Records:
     """A state (STATE) that waits for its first step; P0 = 0, as he prints."""
     s = np.zeros(1, STATE)
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)

@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from ....configuration.settings import Initial, Settings
+from ....math.arrays import Records
 from ....sensor_errors.profiles import profile_of
-from ... import Record
 
 REST_S = 5.0
 IN_RUN_S = 300.0  # time in which a bias wanders by its in-run stability
@@ -70,7 +70,7 @@ STATE = np.dtype(
 )
 
 
-def configure(settings: Settings, rate_hz: float) -> Record:
+def configure(settings: Settings, rate_hz: float) -> Records:
     """Parameters (PARAMETERS): Q and R, and the sensor's noise for the sigmas of dead reckoning."""
     profile = profile_of(settings)
     p = np.zeros(1, PARAMETERS)
@@ -84,7 +84,7 @@ def configure(settings: Settings, rate_hz: float) -> Record:
     return p
 
 
-def start(parameters: Record, initial: Initial) -> Record:
+def start(parameters: Records, initial: Initial) -> Records:
     """A state (STATE) at rest at its origin, P = 0."""
     s = np.zeros(1, STATE)
     s["origin"], s["one"] = math.nan, 1.0

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from drivers.sample import SAMPLE
 from imud.estimators.ins import parameters, state
-from imud.estimators.records import FIX, INNOVATION, SOLUTION
+from imud.estimators.records import FIX, INNOVATION, MEASUREMENT, SOLUTION
 
 FILE = Path(__file__).resolve().parents[1] / "imud" / "estimators" / "ins" / "types.py"
 RECORDS = {
@@ -33,6 +33,8 @@ RECORDS = {
     "Snapshot": state.SNAPSHOT,
     "Core": state.CORE,
     "HypothesisBank": state.HYPOTHESIS_BANK,
+    "Measurement": MEASUREMENT,
+    "StoredMeasurement": state.STORED_MEASUREMENT,
     "State": state.STATE,
 }
 TO_KALMAN = {"columns": "np.int64"} | dict.fromkeys(("P", "x", "d", "values"), "np.float64")

@@ -20,6 +20,19 @@ FIX = np.dtype(
     align=True,
 )
 
+MEASUREMENT = np.dtype(  # of an aiding source other than GNSS
+    [
+        ("t_ns", "<i8"),  # epoch on the estimator's time axis
+        ("arrival_ns", "<i8"),  # when it became known
+        ("kind", "<i8"),  # which source: a code below
+        ("value", "<f8", (3,)),  # what it says; SI units, the source's file says which
+        ("sigma", "<f8", (3,)),  # 1 sigma of each; NaN: unknown
+    ],
+    align=True,
+)
+
+GNSS_FIX, HEADING_SOURCE = range(2)  # aiding sources
+
 SOLUTION = np.dtype(
     [
         ("t_ns", "<i8"),

@@ -1,4 +1,4 @@
-"""The two entries of the navigation filter: an inertial sample, and a fix."""
+"""The entries of the navigation filter: an inertial sample, a GNSS fix, a measurement of another aiding source."""
 
 from __future__ import annotations
 
@@ -9,42 +9,49 @@ from drivers.sample import NO_FORCE, NO_RATE, SUSPECT, UNTOLD
 
 from ...compile.jit import kernel
 from ...math.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
-from ..records import POSITION_N
+from ..records import GNSS_FIX, POSITION_N
 from ..tuning import Tunable
-from .aiding.gnss_gate import clear_contradictions, contradicts_heading, fade_reset_score, is_frozen, reject_frozen
-from .aiding.gnss_noise import count_fix, horizontal_sigma, set_gnss_noise, set_speed
-from .aiding.gnss_position import fuse_gnss_position, write_innovation
-from .aiding.gnss_time import set_initial_time_offset
-from .aiding.gnss_velocity import fuse_gnss_velocity
-from .alignment.in_motion import align_with_fix, low_motion_speed, reset_to_fix
-from .alignment.transitions import abort_navigation, restart_alignment, start_navigation
+from .aiding.gnss_position import write_innovation
+from .aiding.table import REJECTED_KIND, fuse_source
+from .alignment.transitions import start_navigation
 from .alignment.velocity_pairs import is_levelled
-from .ekf import variance
 from .error_model import reset_turn_scale
 from .fusion import propagate_errors
 from .fusion_horizon import (
     fit_acceleration,
+    insert_measurement,
+    keep_bank,
     propagate_to_epoch,
     replay_to_newest,
     rewind_to,
+    row,
     store_sample,
     store_snapshot,
 )
-from .integrity.heading_monitor import monitor_heading
+from .gnss_fix import fuse_gnss, is_usable, set_noise
 from .mechanization import set_attitude
 from .propagation import store_last_sample
 from .solution import write_solution
-from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS, PENDING_INNOVATIONS
+from .state import NEVER_NS, PENDING_INNOVATIONS
 from .stationarity import first_window
 
 if TYPE_CHECKING:
-    from .types import Core, Fix, Floats, HypothesisBank, Innovation, Parameters, Sample, Solution, State
-
+    from .types import (
+        Core,
+        Fix,
+        Floats,
+        Innovation,
+        Measurement,
+        Parameters,
+        Sample,
+        Solution,
+        State,
+        StoredMeasurement,
+    )
 
 TUNABLES = (
-    Tunable("max_ahead_s", 1.0, "s", "A fix may be newer than the newest sample by this.", "Choice."),
-    Tunable("max_age_s", 10.0, "s", "A fix may be older than the newest sample by this.", "Choice."),
-    Tunable("max_rewind_miss_s", 1.0, "s", "A velocity later than that is not used.", "Choice."),
+    Tunable("max_ahead_s", 1.0, "s", "A measurement may be newer than the newest sample by this.", "Choice."),
+    Tunable("max_age_s", 10.0, "s", "A measurement may be older than the newest sample by this.", "Choice."),
 )
 
 
@@ -117,66 +124,77 @@ def initialize(p: Parameters, c: Core, t_ns: int, w: Floats, f: Floats, rpy: Flo
 
 @kernel
 def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> int:
-    """One fix in, fused at its epoch less the latency found; returns the rows of innovations written."""
+    """One fix in, fused at its epoch less the time offset found; returns the rows of innovations written."""
     c = s.core[0]
-    usable = math.isfinite(fix.lat) and math.isfinite(fix.lon) and fix.quality != 0 and fix.quality != 6
-    if s.sample_count == 0 or not usable or abs(fix.lat) > 0.5 * math.pi:
+    if s.sample_count == 0 or not is_usable(fix):
         return 0
-    t_ns = min(fix.t_ns - int(1e9 * s.last_time_offset), c.nav.t_ns)
-    ordered = fix.t_ns >= s.last_epoch_ns
-    if ordered:
-        t_ns = max(t_ns, s.last_fusion_ns)
     age = 1e-9 * (c.nav.t_ns - fix.t_ns)
-    if not ordered or not -p.tuning.max_ahead_s < age < p.tuning.max_age_s:
+    if fix.t_ns < s.last_epoch_ns or not -p.tuning.max_ahead_s < age < p.tuning.max_age_s:
         return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
-    snapped = s.snapshot_count
+    t_ns = max(min(fix.t_ns - int(1e9 * s.last_time_offset), c.nav.t_ns), s.last_fusion_ns)
+    newest_ns, snapped = c.nav.t_ns, s.snapshot_count
     if not rewind_to(s, t_ns):
-        t_ns = c.nav.t_ns  # too late for that: fused now, with more noise
-    propagate_to_epoch(p, s, t_ns, s.interpolated_w, s.interpolated_f)
-    propagate_errors(p, c)
-    if s.last_epoch_ns == NEVER_NS:
-        set_initial_time_offset(p, c, fix, horizontal_sigma(p, fix))
-    set_gnss_noise(p, c, fix)
-    fit_acceleration(p, s, snapped)
-    rows = fuse_gnss(p, c, s.bank[0], fix, c.nav.time_offset - 1e-9 * (fix.t_ns - c.nav.t_ns), innovations)
-    s.last_epoch_ns = fix.t_ns
-    s.last_time_offset = c.nav.time_offset
-    s.last_fusion_ns = c.nav.t_ns
-    store_snapshot(s)
+        t_ns = newest_ns  # too late for that: fused now, with more noise
+    k = insert_measurement(s, t_ns, GNSS_FIX)
+    e = s.aiding_ring[row(s, k)]
+    e.fix = fix
+    e.first = 1 if s.last_epoch_ns == NEVER_NS else 0
+    return fuse_from(p, s, k, snapped, innovations)
+
+
+@kernel
+def aid(p: Parameters, s: State, measurement: Measurement, innovations: list[Innovation]) -> int:
+    """One measurement of another source in, in any order within the horizon; returns the rows of innovations written.
+
+    One that is older than the horizon is rejected.
+    """
+    c = s.core[0]
+    age = 1e-9 * (c.nav.t_ns - measurement.t_ns)
+    if s.sample_count == 0 or not math.isfinite(measurement.value[0]):
+        return 0
+    t_ns, snapped = min(measurement.t_ns, c.nav.t_ns), s.snapshot_count
+    if age < -p.tuning.max_ahead_s or not rewind_to(s, t_ns):
+        kind = REJECTED_KIND[measurement.kind]
+        return write_innovation(innovations, 0, measurement.t_ns, kind, math.nan, math.nan, False)
+    k = insert_measurement(s, t_ns, measurement.kind)
+    s.aiding_ring[row(s, k)].measurement = measurement
+    return fuse_from(p, s, k, snapped, innovations)
+
+
+@kernel
+def fuse_from(p: Parameters, s: State, first: int, snapped: int, innovations: list[Innovation]) -> int:
+    """From a rewound core: fuse measurement `first`, then again those after it, each at its epoch; then catch up.
+
+    snapped: snapshots that there were before the rewind. Only the innovations of `first` are written.
+    """
+    c = s.core[0]
+    rows = 0
+    for k in range(first, s.aiding_count):
+        e = s.aiding_ring[row(s, k)]
+        propagate_to_epoch(p, s, e.t_ns, s.interpolated_w, s.interpolated_f)
+        propagate_errors(p, c)
+        if k == first:
+            rows = fuse_stored(p, s, e, snapped, innovations)
+        else:
+            fuse_stored(p, s, e, snapped, innovations[len(innovations) :])
+        store_snapshot(s)
     replay_to_newest(p, s)
     c.scratch.innovation_count = 0
     return rows
 
 
 @kernel
-def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, innovations: list[Innovation]) -> int:
-    """Take the fix at the time where the core is; it was true `late` s before that (what rewinding has left)."""
-    if is_frozen(p, c, fix):
-        reject_frozen(c)
-        return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
-    set_speed(c, math.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed)
-    if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > p.tuning.max_valid_heading_sigma**2:
-        abort_navigation(p, c)
-    if c.alignment.mode == NAVIGATING and not math.isfinite(c.gnss.speed):
-        set_speed(c, low_motion_speed(p, c, fix.lat, fix.lon))
-    rows = 0
-    first = c.alignment.mode == COARSE_ALIGNMENT and c.gnss.last_used_ns == NEVER_NS  # a given position may be old
-    if first:
-        reset_to_fix(p, c, fix)
-    if c.alignment.mode == COARSE_ALIGNMENT:
-        align_with_fix(p, c, b, fix)
-    if not first:
-        rows = fuse_gnss_position(p, c, fix, late, innovations, rows)
-    if abs(late) < p.tuning.max_rewind_miss_s:
-        rows = fuse_gnss_velocity(p, c, fix, late, innovations, rows)
-    fade_reset_score(p, c)
-    right = True
-    if c.alignment.mode == NAVIGATING:
-        right = monitor_heading(p, c, b, fix)
-    if contradicts_heading(p, c) or not right:
-        clear_contradictions(c)
-        if c.alignment.mode == NAVIGATING:
-            restart_alignment(p, c)
-        reset_to_fix(p, c, fix)
-    count_fix(c)
+def fuse_stored(p: Parameters, s: State, e: StoredMeasurement, snapped: int, innovations: list[Innovation]) -> int:
+    """Fuse a measurement at the time where the core is."""
+    c = s.core[0]
+    if e.kind != GNSS_FIX:
+        return fuse_source(p, c, e.measurement, innovations)
+    keep_bank(s, e)
+    set_noise(p, c, e.fix, e.first != 0)
+    fit_acceleration(p, s, snapped)
+    late = c.nav.time_offset - 1e-9 * (e.fix.t_ns - c.nav.t_ns)  # what rewinding has left
+    rows = fuse_gnss(p, c, s.bank[0], e.fix, late, innovations)
+    s.last_epoch_ns = e.fix.t_ns
+    s.last_time_offset = c.nav.time_offset
+    s.last_fusion_ns = c.nav.t_ns
     return rows

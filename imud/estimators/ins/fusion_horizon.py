@@ -1,7 +1,12 @@
-"""The recent past, so that a late fix meets the state of its own epoch: samples in a ring, snapshots of the core.
+"""The fusion horizon: measurements that come late, or in any order, are fused at their own epochs.
 
-To fuse at epoch t the core goes back to the last snapshot not after t, forward to t exactly, and after the fusion
-forward again to the newest sample, with the code that new samples take; the snapshots on the way are renewed.
+Three rings hold the last two seconds: IMU samples, snapshots of the core, and aiding measurements in the order of their
+times. To fuse a measurement of epoch t the core is rewound to the last snapshot not after t, brought forward to t
+exactly, corrected, and brought to the newest sample with the code that new samples take; measurements on that way,
+which had been fused before, are fused again at their own epochs, and the snapshots are renewed.
+
+Source: the idea of a delayed fusion horizon with one buffer for each sensor is that of PX4's EKF2; here the present
+solution is corrected at once instead of predicted from the horizon.
 """
 
 from __future__ import annotations
@@ -10,14 +15,23 @@ import math
 from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
-from ...math.kalman import packed_index
+from ..records import GNSS_FIX
 from ..tuning import Tunable
-from .ekf import variance
+from .ekf import covariance, variance
 from .propagation import process_sample, propagate_to
-from .state import IMU_RING, NAVIGATING, SNAPSHOT_NS, SNAPSHOTS, STATES, TIME_OFFSET, VELOCITY_TIME_OFFSET
+from .state import (
+    AIDING_RING,
+    BANKS,
+    IMU_RING,
+    NAVIGATING,
+    SNAPSHOT_NS,
+    SNAPSHOTS,
+    TIME_OFFSET,
+    VELOCITY_TIME_OFFSET,
+)
 
 if TYPE_CHECKING:
-    from .types import Core, Floats, Parameters, Sample, Snapshot, State
+    from .types import Core, Floats, Parameters, Sample, Snapshot, State, StoredMeasurement
 
 
 TUNABLES = (
@@ -36,6 +50,49 @@ def store_sample(s: State, sample: Sample, w: Floats, f: Floats) -> None:
         r.w[i] = w[i]
         r.f[i] = f[i]
     s.sample_count += 1
+
+
+@kernel
+def row(s: State, k: int) -> int:
+    """Row of the ring in which measurement k is, 0 the oldest."""
+    return (s.aiding_start + k) % AIDING_RING
+
+
+@kernel
+def insert_measurement(s: State, t_ns: int, kind: int) -> int:
+    """Make room for a measurement to be fused at t_ns, behind those of the same time; returns its number."""
+    if s.aiding_count == AIDING_RING:
+        s.forgotten_ns = s.aiding_ring[row(s, 0)].t_ns
+        s.aiding_start += 1
+        s.aiding_count -= 1
+    k = s.aiding_count
+    s.aiding_count += 1
+    while k > 0 and s.aiding_ring[row(s, k - 1)].t_ns > t_ns:
+        s.aiding_ring[row(s, k)] = s.aiding_ring[row(s, k - 1)]
+        k -= 1
+    e = s.aiding_ring[row(s, k)]
+    e.t_ns, e.kind, e.first = t_ns, kind, 0
+    if kind == GNSS_FIX:
+        e.bank = s.bank_count
+        s.bank_count += 1
+    return k
+
+
+@kernel
+def keep_bank(s: State, e: StoredMeasurement) -> None:
+    """Before a fix is fused: keep the hypothesis bank, for a rewind to a time before it."""
+    s.banks[e.bank % BANKS] = s.bank[0]
+
+
+@kernel
+def first_fix_after(s: State, t_ns: int) -> int:
+    """Number of the oldest stored fix fused after t_ns; -1: there is none."""
+    k, found = s.aiding_count - 1, -1
+    while k >= 0 and s.aiding_ring[row(s, k)].t_ns > t_ns:
+        if s.aiding_ring[row(s, k)].kind == GNSS_FIX:
+            found = k
+        k -= 1
+    return found
 
 
 @kernel
@@ -60,24 +117,27 @@ def replay_to_newest(p: Parameters, s: State) -> None:
     c = s.core[0]
     while c.imu.sample_count < s.sample_count:
         process_sample(p, c, s.imu_ring[c.imu.sample_count % IMU_RING])
-        if (
-            s.snapshot_count == 0
-            or c.nav.t_ns - s.snapshots[(s.snapshot_count - 1) % SNAPSHOTS].nav.t_ns >= SNAPSHOT_NS
-        ):
+        last = s.snapshots[(s.snapshot_count - 1) % SNAPSHOTS]
+        if s.snapshot_count == 0 or c.nav.t_ns - last.nav.t_ns >= SNAPSHOT_NS:
             store_snapshot(s)
 
 
 @kernel
 def rewind_to(s: State, t_ns: int) -> bool:
-    """Put the core back to the last snapshot not after t_ns; False when that is forgotten."""
+    """Put core and hypothesis bank back to the last snapshot not after t_ns; False when that is forgotten."""
     if s.core[0].nav.t_ns <= t_ns:
         return True
     oldest = max(0, s.snapshot_count - SNAPSHOTS)
     k = s.snapshot_count - 1
     while k >= oldest and s.snapshots[k % SNAPSHOTS].nav.t_ns > t_ns:
         k -= 1
-    if k < oldest or s.snapshots[k % SNAPSHOTS].imu.sample_count < s.sample_count - IMU_RING:
+    if k < oldest or s.snapshots[k % SNAPSHOTS].imu.sample_count < s.sample_count - IMU_RING or t_ns < s.forgotten_ns:
         return False
+    fix = first_fix_after(s, t_ns)
+    if fix >= 0:
+        if s.bank_count - s.aiding_ring[row(s, fix)].bank > BANKS:
+            return False
+        s.bank[0] = s.banks[s.aiding_ring[row(s, fix)].bank % BANKS]
     restore_snapshot(s.core[0], s.snapshots[k % SNAPSHOTS])
     s.snapshot_count = k + 1
     return True
@@ -111,7 +171,7 @@ def fit_acceleration(p: Parameters, s: State, snapped: int) -> None:
     c = s.core[0]
     late2 = (
         variance(c, TIME_OFFSET)
-        + 2.0 * c.cov.P[packed_index(STATES, TIME_OFFSET, VELOCITY_TIME_OFFSET)]
+        + 2.0 * covariance(c, TIME_OFFSET, VELOCITY_TIME_OFFSET)
         + variance(c, VELOCITY_TIME_OFFSET)
     )
     span = max(math.sqrt(max(late2, 0.0)), 1e-9 * SNAPSHOT_NS)

@@ -20,7 +20,7 @@ rotation phi in navigation axes, C_true = exp(phi) C.
 
 import numpy as np
 
-from ..records import INNOVATION
+from ..records import FIX, INNOVATION, MEASUREMENT
 
 STATES = 26
 POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS, GNSS_BIAS = 0, 3, 6, 9, 12, 15
@@ -35,6 +35,8 @@ IMU_RING = 4096  # samples kept: 2 s at the highest rate
 SNAPSHOTS = 64
 SNAPSHOT_NS = 50_000_000
 ONSETS = 3  # times at which the receiver may have begun to drift
+AIDING_RING = 256  # measurements kept: 2 s of sources of 100 Hz
+BANKS = 32  # fixes of which the hypothesis bank is kept
 JACOBIAN_LENGTH = 10  # most nonzero elements of a row of H
 STEP_INNOVATIONS = 8  # of one sample: a window of rest and a constraint
 PENDING_INNOVATIONS = 1024  # kept until they are asked for
@@ -312,12 +314,30 @@ STORED_SAMPLE = np.dtype(
     [("t_ns", "<i8"), ("w", "<f8", (3,)), ("f", "<f8", (3,)), ("flags", "<i8"), ("unseen_s", "<f8")], align=True
 )
 
+STORED_MEASUREMENT = np.dtype(
+    [
+        ("t_ns", "<i8"),  # of the core when it is fused
+        ("kind", "<i8"),
+        ("fix", FIX),  # if it is a GNSS fix
+        ("measurement", MEASUREMENT),  # if it is from another source
+        ("bank", "<i8"),  # number of the hypothesis bank before a fix
+        ("first", "<i8"),  # 1: the first fix
+    ],
+    align=True,
+)
+
 STATE = np.dtype(
     [
         ("core", CORE, (1,)),
         ("bank", HYPOTHESIS_BANK, (1,)),  # changes with fixes only, so that no snapshot needs it
+        ("banks", HYPOTHESIS_BANK, (BANKS,)),  # before each of the last fixes
+        ("bank_count", "<i8"),  # fixes ever stored
         ("snapshots", SNAPSHOT, (SNAPSHOTS,)),
         ("imu_ring", STORED_SAMPLE, (IMU_RING,)),
+        ("aiding_ring", STORED_MEASUREMENT, (AIDING_RING,)),  # in the order of their times
+        ("aiding_start", "<i8"),  # row of the oldest
+        ("aiding_count", "<i8"),
+        ("forgotten_ns", "<i8"),  # time of the newest that is no longer kept: no rewind goes beyond it
         ("snapshot_count", "<i8"),  # snapshots ever taken, less those withdrawn
         ("sample_count", "<i8"),  # samples ever put into the ring
         ("last_epoch_ns", "<i8"),  # epoch of the last fix fused

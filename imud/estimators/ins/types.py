@@ -266,6 +266,9 @@ class Tuning:
     max_ahead_s: float
     max_age_s: float
     max_rewind_miss_s: float
+    heading_sigma: float
+    heading_gate: float
+    heading_min_level: float
     first_tilt_sigma: float
     given_tilt_sigma: float
     given_heading_sigma: float
@@ -518,11 +521,34 @@ class HypothesisBank:
     headings: Any
 
 
+class Measurement:
+    t_ns: int
+    arrival_ns: int
+    kind: int
+    value: Floats
+    sigma: Floats
+
+
+class StoredMeasurement:
+    t_ns: int
+    kind: int
+    fix: Fix
+    measurement: Measurement
+    bank: int
+    first: int
+
+
 class State:
     core: list[Core]
     bank: list[HypothesisBank]
+    banks: list[HypothesisBank]
+    bank_count: int
     snapshots: list[Snapshot]
     imu_ring: list[StoredSample]
+    aiding_ring: list[StoredMeasurement]
+    aiding_start: int
+    aiding_count: int
+    forgotten_ns: int
     snapshot_count: int
     sample_count: int
     last_epoch_ns: int

@@ -1,0 +1,52 @@
+"""Heading of an antenna baseline or a compass, from true north: dual-antenna receivers, gyro compasses (HDT, THS).
+
+z = heading - yaw of the body's x axis. value[0]: heading, rad; sigma[0]: rad, NaN where it is not reported.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from ....compile.jit import kernel
+from ...records import HEADING
+from ...tuning import Tunable
+from ..ekf import innovation, innovation_variance, set_jacobian
+from ..fusion import correct_state, gated_update
+from ..mechanization import body_to_ned, wrap_angle
+from ..state import ATTITUDE, NAVIGATING
+from .gnss_position import write_innovation
+
+if TYPE_CHECKING:
+    from ..types import Core, Innovation, Measurement, Parameters
+
+TUNABLES = (
+    Tunable("heading_sigma", math.radians(1.0), "rad", "Sigma of a heading that reports none.", "Choice."),
+    Tunable("heading_gate", 25.0, "NIS", "Gate of a heading.", "Five sigma."),
+    Tunable("heading_min_level", 0.2, "", "Level part of the body's x axis below which it has no heading.", "Choice."),
+)
+
+
+@kernel
+def sigma_of(p: Parameters, m: Measurement) -> float:
+    """1 sigma of a heading, rad."""
+    return m.sigma[0] if m.sigma[0] > 0.0 else p.tuning.heading_sigma
+
+
+@kernel
+def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
+    """Gate and fuse a heading; before navigation the alignment uses it instead (see `alignment.given_heading`)."""
+    x, y, z = body_to_ned(c, (1.0, 0.0, 0.0))
+    level2 = x * x + y * y
+    if c.alignment.mode != NAVIGATING or level2 < p.tuning.heading_min_level**2:
+        return 0
+    # the yaw of d = C x changes by d x (phi x d) / |d|^2 over ground
+    k = set_jacobian(c, 0, ATTITUDE, -x * z / level2)
+    k = set_jacobian(c, k, ATTITUDE + 1, -y * z / level2)
+    k = set_jacobian(c, k, ATTITUDE + 2, 1.0)
+    residual, r = wrap_angle(m.value[0] - math.atan2(y, x)), sigma_of(p, m) ** 2
+    s = innovation_variance(c, k) + r
+    left = innovation(c, k, residual)
+    nis = gated_update(c, k, residual, r, p.tuning.heading_gate)
+    correct_state(p, c)
+    return write_innovation(innovations, 0, m.t_ns, HEADING, left, s, nis >= 0.0)

@@ -1,0 +1,74 @@
+"""One GNSS fix, at the time where the core is: the order in which it aligns, corrects and is monitored."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from ...compile.jit import kernel
+from ..records import POSITION_N
+from ..tuning import Tunable
+from .aiding.gnss_gate import clear_contradictions, contradicts_heading, fade_reset_score, is_frozen, reject_frozen
+from .aiding.gnss_noise import count_fix, horizontal_sigma, set_gnss_noise, set_speed
+from .aiding.gnss_position import fuse_gnss_position, write_innovation
+from .aiding.gnss_time import set_initial_time_offset
+from .aiding.gnss_velocity import fuse_gnss_velocity
+from .alignment.in_motion import align_with_fix, low_motion_speed, reset_to_fix
+from .alignment.transitions import abort_navigation, restart_alignment
+from .ekf import variance
+from .integrity.heading_monitor import monitor_heading
+from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS
+
+if TYPE_CHECKING:
+    from .types import Core, Fix, HypothesisBank, Innovation, Parameters
+
+TUNABLES = (Tunable("max_rewind_miss_s", 1.0, "s", "A velocity later than that is not used.", "Choice."),)
+
+
+@kernel
+def is_usable(fix: Fix) -> bool:
+    """Does the fix give a position, and is it no dead reckoning (NMEA quality 6) of the receiver's own?"""
+    known = math.isfinite(fix.lat) and math.isfinite(fix.lon) and abs(fix.lat) <= 0.5 * math.pi
+    return known and fix.quality != 0 and fix.quality != 6
+
+
+@kernel
+def set_noise(p: Parameters, c: Core, fix: Fix, first: bool) -> None:
+    """Before the fix is fused: how good it is, and, of the first one, how well its epoch is known."""
+    if first:
+        set_initial_time_offset(p, c, fix, horizontal_sigma(p, fix))
+    set_gnss_noise(p, c, fix)
+
+
+@kernel
+def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, innovations: list[Innovation]) -> int:
+    """Take the fix at the time where the core is; it was true `late` s before that (what rewinding has left)."""
+    if is_frozen(p, c, fix):
+        reject_frozen(c)
+        return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
+    set_speed(c, math.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed)
+    if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > p.tuning.max_valid_heading_sigma**2:
+        abort_navigation(p, c)
+    if c.alignment.mode == NAVIGATING and not math.isfinite(c.gnss.speed):
+        set_speed(c, low_motion_speed(p, c, fix.lat, fix.lon))
+    rows = 0
+    first = c.alignment.mode == COARSE_ALIGNMENT and c.gnss.last_used_ns == NEVER_NS  # a given position may be old
+    if first:
+        reset_to_fix(p, c, fix)
+    if c.alignment.mode == COARSE_ALIGNMENT:
+        align_with_fix(p, c, b, fix)
+    if not first:
+        rows = fuse_gnss_position(p, c, fix, late, innovations, rows)
+    if abs(late) < p.tuning.max_rewind_miss_s:
+        rows = fuse_gnss_velocity(p, c, fix, late, innovations, rows)
+    fade_reset_score(p, c)
+    right = True
+    if c.alignment.mode == NAVIGATING:
+        right = monitor_heading(p, c, b, fix)
+    if contradicts_heading(p, c) or not right:
+        clear_contradictions(c)
+        if c.alignment.mode == NAVIGATING:
+            restart_alignment(p, c)
+        reset_to_fix(p, c, fix)
+    count_fix(c)
+    return rows

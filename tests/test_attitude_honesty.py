@@ -84,7 +84,7 @@ FAR_FROM_ZERO, ABOUT_ZERO = (0.3, -0.2, -0.4), (0.08, -0.05, -0.4)  # deg/s
 
 
 @pytest.mark.parametrize(
-    ("cast", "bias_degps", "taken_out_degps"),
+    ("cast", "bias_degps", "removed_degps"),
     [
         (np.trunc, FAR_FROM_ZERO, 0.0),
         (np.trunc, ABOUT_ZERO, 0.47),
@@ -94,37 +94,39 @@ FAR_FROM_ZERO, ABOUT_ZERO = (0.3, -0.2, -0.4), (0.08, -0.05, -0.4)  # deg/s
         (None, ABOUT_ZERO, 0.0),
     ],
 )
-def test_rates_cut_off_toward_zero_are_recognised_and_restored(cast, bias_degps, taken_out_degps):
-    """By passes through zero, or by the noise of a rest near it, also if a bias was taken out after the cast."""
+def test_rates_truncated_toward_zero_are_recognised_and_compensated(cast, bias_degps, removed_degps):
+    """By crossings of zero, or by the noise of a rest near it, also if a bias was removed after the cast."""
     count = 2000.0 * DEG / 2**15
     truth = simulate(120.0, 200.0, after(8.0, wobble(6, 0.5, 0.3, 1.5)), after(8.0, wobble(6, 0.5, 1.0, 3.0)))
     samples = samples_from(truth, Flaws(gyro_bias=tuple(np.array(bias_degps) * DEG)))
     if cast is not None:
         samples["w"] = cast(samples["w"] / count) * count
-    samples["w"] -= taken_out_degps * DEG
+    samples["w"] -= removed_degps * DEG
     parameters = ESTIMATOR.configure(Settings(imu=Imu(profile="m-g350")), 200.0)
     state, out = ESTIMATOR.start(parameters, Initial()), np.zeros(len(samples), SOLUTION)
     broad.run(parameters, state, samples, out)
-    np.testing.assert_allclose(state["cut_most"][0], 0.5 * count * (cast is np.trunc), atol=0.1 * count)
-    expected = (np.array(bias_degps) - taken_out_degps) * DEG - 0.5 * count * (cast is np.floor)
+    np.testing.assert_allclose(
+        state["quantization"]["max_error"][0], 0.5 * count * (cast is np.trunc), atol=0.1 * count
+    )
+    expected = (np.array(bias_degps) - removed_degps) * DEG - 0.5 * count * (cast is np.floor)
     np.testing.assert_allclose(out["bg"][-1], expected, atol=0.3 * count)
     _, yaw = errors_deg(out["q_nb"], truth.attitude)
     drift_deg_per_min = np.polyfit(truth.t[12000:], yaw[12000:], 1)[0] * 60.0
-    assert abs(drift_deg_per_min) < 0.9  # 1.8 if cut off and not restored
+    assert abs(drift_deg_per_min) < 0.9  # 1.8 if truncated and not compensated
 
 
-# knocks
+# shocks
 
 
-def test_knocks_and_vibration_cost_certainty_and_smooth_motion_does_not():
+def test_shocks_and_vibration_cost_certainty_and_smooth_motion_does_not():
     """By 0.01 rad for each m/s that came and went between two samples, in all axes."""
     truth = simulate(20.0, 200.0, acceleration=after(5.0, wobble(1, 1.0, 1.0, 3.0)))
     sigmas = []
-    for knock in (0.0, 100.0):
+    for shock in (0.0, 100.0):
         samples = samples_from(truth)
-        samples["f"][3000, 2] += knock
+        samples["f"][3000, 2] += shock
         sigmas.append(yaw_sigma_deg(solutions_of(samples, "m-g350")))
-    unannounced = np.array([1.0, -2.0, 1.0]) * 100.0 / 200.0  # m/s, second differences of one knock
+    unannounced = np.array([1.0, -2.0, 1.0]) * 100.0 / 200.0  # m/s, second differences of one shock
     expected = np.degrees(0.01) * np.sqrt((unannounced**2).sum())
     np.testing.assert_allclose(np.sqrt(sigmas[1][3030] ** 2 - sigmas[0][3030] ** 2), expected, rtol=0.1)
     samples = samples_from(truth)

@@ -20,6 +20,8 @@ _FILTER = (
         "s",
         "Time between updates of the covariance.",
         "BROAD; 0.025 to 0.1 s give the same.",
+        low=1e-3,
+        high=1.0,
     ),
     Tunable("long_gap_s", 1.0, "s", "After an outage so long roll and pitch are initialised anew.", UNRECORDED),
     Tunable("valid_tilt_rad", math.radians(10.0), "rad", "Least sigma of tilt without ATTITUDE_VALID.", UNRECORDED),
@@ -104,7 +106,7 @@ _MOTION = (
         "s",
         "Time in which a new place becomes the origin of position.",
         UNRECORDED,
-        low=1e-3,
+        low=1.0,
     ),
     Tunable(
         "position_scatter_time_s", 2.5, "s", "Time over which the scatter of position is taken.", UNRECORDED, low=1e-3

@@ -13,10 +13,11 @@ made from the same table. All numbers are little-endian.
 """
 
 import math
-import mmap
+import os
 import socket
 import struct
 import time
+import uuid
 from collections.abc import Iterator
 from functools import reduce
 from operator import xor
@@ -59,8 +60,10 @@ STATUS: Final = {
 }
 _CODES = {"char": "s", "uint16_t": "H", "uint64_t": "Q", "int64_t": "q", "double": "d"}
 RECORD: Final = struct.Struct("<" + "".join(f"{count}{_CODES[kind]}" for _, kind, count, _ in FIELDS))
-_SHARED = struct.Struct(f"<Q{RECORD.size // 8}QQ")  # lock, record, exclusive or of the record's 64-bit words
+LIFE: Final = struct.Struct("<qQ16s")  # heartbeat on CLOCK_MONOTONIC (ns), pid and boot id of the daemon
+_SHARED = struct.Struct(f"<Q{RECORD.size // 8}QQqQ16s")  # lock, record, exclusive or of its 64-bit words, LIFE
 SHARED_SIZE: Final = _SHARED.size
+STALE_NS: Final = 2_000_000_000  # a daemon whose last heartbeat is older does not run
 DIVISOR: Final = struct.Struct("<I")  # what a client may send: one of so many states, from now on
 _TRIES, _PAUSE_S = 500, 1e-3  # while a write is in progress: the daemon may have lost its processor in it
 
@@ -69,6 +72,10 @@ Vector = tuple[float, float, float]
 
 class ProtocolError(Exception):
     """The other side is not imud, or speaks another version of the protocol."""
+
+
+class StaleError(ProtocolError):
+    """The daemon that wrote the shared memory does not run: it crashed, was killed, or is stopped."""
 
 
 class State(NamedTuple):
@@ -216,31 +223,47 @@ def connect(path: str | Path, divisor: int = 1, timeout_s: float | None = None) 
     return stream
 
 
+def boot_id() -> bytes:
+    """16 bytes that differ from one boot of this machine to the next."""
+    return uuid.UUID(Path("/proc/sys/kernel/random/boot_id").read_text().strip()).bytes
+
+
 class Shared:
-    """The newest state of the daemon whose `shared_memory.path` is `path`, without a system call. Raises OSError."""
+    """The newest state of the daemon whose `shared_memory.path` is `path`. Raises OSError."""
 
     def __init__(self, path: str | Path) -> None:
-        with Path(path).open("rb") as file:
-            self._memory = mmap.mmap(file.fileno(), SHARED_SIZE, prot=mmap.PROT_READ)
+        self._file = Path(path).open("rb", buffering=0)  # noqa: SIM115
+        self._boot_id = boot_id()
 
     def read(self) -> State | None:
-        """The newest state; None before the first. Raises ProtocolError.
+        """The newest state; None before the first and after the daemon's end. Raises StaleError, ProtocolError.
 
-        A lock that is odd, or changes meanwhile, is a write in progress. The check word makes this right on machines
-        that reorder reads, which Python cannot forbid.
+        How old the state itself is tells its `t_ns`: the daemon may live while its sensor is silent. A lock that is
+        odd, or changes meanwhile, is a write in progress. The check word makes this right on machines that reorder
+        reads, which Python cannot forbid. The file is read, not mapped: to truncate it costs its reader nothing.
         """
         for tried in range(_TRIES):
-            memory = self._memory[:]
-            lock, *words, check = _SHARED.unpack(memory)
+            memory = os.pread(self._file.fileno(), SHARED_SIZE, 0)
+            if len(memory) != SHARED_SIZE:
+                raise ProtocolError(f"{self._file.name} has {len(memory)} bytes instead of {SHARED_SIZE}")
+            lock, *words, check, heartbeat_ns, pid, boot = _SHARED.unpack(memory)
             if lock == 0:
                 return None
-            if lock % 2 == 0 and self._memory[:8] == memory[:8] and reduce(xor, words) == check:
-                return decode(memory[8:-8])
+            if lock % 2 == 0 and os.pread(self._file.fileno(), 8, 0) == memory[:8] and reduce(xor, words) == check:
+                self._check_life(heartbeat_ns, pid, boot)
+                return decode(memory[8 : 8 + RECORD.size])
             time.sleep(_PAUSE_S if tried else 0.0)
         raise ProtocolError("the daemon ended in the middle of a write")
 
+    def _check_life(self, heartbeat_ns: int, pid: int, boot: bytes) -> None:
+        age_ns = time.monotonic_ns() - heartbeat_ns
+        if boot != self._boot_id:
+            raise StaleError(f"the daemon (pid {pid}) ran before this machine was started anew")
+        if not -STALE_NS < age_ns < STALE_NS:
+            raise StaleError(f"the daemon (pid {pid}) does not run: its last life sign is {age_ns * 1e-9:.1f} s old")
+
     def close(self) -> None:
-        self._memory.close()
+        self._file.close()
 
 
 def latest(path: str | Path) -> State | None:

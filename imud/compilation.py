@@ -75,7 +75,7 @@ def entries() -> dict[str, tuple[Entry, tuple[Kind, ...]]]:
     words = np.zeros(4, WORD)
     with noting() as found:
         warm_decoders()
-        write(words, words)
+        write(0, 0, words, 0)
         for name in registry.NAMES:
             warm(registry.by_name(name), Settings())
             warm_replay(registry.by_name(name), Settings())

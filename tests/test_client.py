@@ -11,6 +11,7 @@ import socket
 import struct
 import subprocess
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -219,8 +220,11 @@ def test_shared_memory_follows_and_ends(outputs):
 
 
 def _write_without_end(path: str, stop: multiprocessing.Event) -> None:
-    memory = SharedMemory(path)
     record = np.zeros(client.RECORD.size // 8, np.uint64)
+    elsewhere = SharedMemory(f"{path}-elsewhere")
+    elsewhere.publish(record)  # compiles, which takes longer than a life sign may be old
+    elsewhere.close()
+    memory = SharedMemory(path)
     header = np.frombuffer(b"IMUD" + struct.pack("<HH", 1, 336), np.uint64)
     seq = 0
     while not stop.is_set():
@@ -258,6 +262,7 @@ def _flat(values):
 def test_a_writer_that_died_in_the_middle_is_noticed(outputs):
     outputs.publish(solutions(1), 1, 0, 0)
     outputs._shared._memory[0] += np.uint64(1)
+    outputs._shared._write_all()
     with pytest.raises(client.ProtocolError, match="middle of a write"):
         client.latest(outputs.at / "m")
 
@@ -278,8 +283,45 @@ def test_the_c_header_reads_what_python_reads(outputs, tmp_path):
     outputs.publish(solutions(1, 9), 1, 9, 0)
     assert read(ctypes.c_void_p(memory.ctypes.data), out) == 1
     assert client.decode(out.raw) == client.latest(tmp_path / "m")
-    outputs._shared._memory[0] += np.uint64(1)
-    assert read(ctypes.c_void_p(memory.ctypes.data), out) == 0
+    for place in (0, -4, -2, -1):  # the writer at work, no heartbeat, another boot
+        outputs._shared._memory[place] += np.uint64(1 + 10**10)
+        outputs._shared._write_all()
+        assert read(ctypes.c_void_p(memory.ctypes.data), out) == 0
+        outputs._shared._memory[place] -= np.uint64(1 + 10**10)
+        outputs._shared._write_all()
+        assert read(ctypes.c_void_p(memory.ctypes.data), out) == 1
+
+
+def test_a_state_that_a_crash_left_behind_is_not_taken_for_new(outputs):
+    outputs.publish(solutions(1), 1, 0, 0)
+    assert client.latest(outputs.at / "m").seq == 0
+    for place, says in ((-4, "life sign is"), (-1, "started anew")):
+        outputs._shared._memory[place] -= np.uint64(5 * 10**9)
+        outputs._shared._write_all()
+        with pytest.raises(client.StaleError, match=rf"\(pid {os.getpid()}\).*{says}"):
+            client.latest(outputs.at / "m")
+        outputs._shared._memory[place] += np.uint64(5 * 10**9)
+    outputs.look_after(time.monotonic_ns())
+    assert client.latest(outputs.at / "m").seq == 0
+    outputs.look_after(time.monotonic_ns() + 10**10)  # of another time namespace
+    with pytest.raises(client.StaleError):
+        client.latest(outputs.at / "m")
+
+
+@pytest.mark.parametrize("size", [0, 8, 100, 4096])
+def test_a_file_that_somebody_truncates_is_written_anew(outputs, size):
+    outputs.publish(solutions(1, 3), 1, 3, 0)
+    shared = client.Shared(outputs.at / "m")
+    os.truncate(outputs.at / "m", size)
+    if size < client.SHARED_SIZE:
+        with pytest.raises(client.ProtocolError, match="bytes instead of"):
+            shared.read()
+    outputs.look_after(time.monotonic_ns())
+    assert shared.read().seq == 3
+    os.truncate(outputs.at / "m", size)
+    outputs.publish(solutions(1, 4), 1, 4, 0)
+    assert shared.read().seq == 4
+    shared.close()
 
 
 def test_nothing_is_done_while_nobody_listens(tmp_path):

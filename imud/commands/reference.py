@@ -132,7 +132,12 @@ def c_header() -> str:
         array = f"[{count}]" if count > 1 else ""
         fields.append(f"    {kind} {name}{array}; /* {what} */")
     return _HEADER.format(
-        bits="\n".join(bits), fields="\n".join(fields), version=client.VERSION, size=client.RECORD.size
+        bits="\n".join(bits),
+        fields="\n".join(fields),
+        version=client.VERSION,
+        size=client.RECORD.size,
+        shared_size=client.SHARED_SIZE,
+        stale_ns=client.STALE_NS,
     )
 
 
@@ -143,10 +148,16 @@ _HEADER = """\
  * get one of so many. shared_memory.path: map it, and read by imud_read(). */
 #ifndef IMUD_H
 #define IMUD_H
+#if defined __STRICT_ANSI__ && !defined _POSIX_C_SOURCE /* for clock_gettime; then include this file first */
+#define _POSIX_C_SOURCE 200809L
+#endif
 #include <stdint.h>
+#include <stdio.h>
 #include <string.h>
+#include <time.h>
 
 #define IMUD_VERSION {version}
+#define IMUD_STALE_NS {stale_ns}
 {bits}
 
 struct imud_state {{
@@ -157,11 +168,45 @@ struct imud_shared {{
     uint64_t lock; /* 0 before the first state, odd while one is written */
     struct imud_state state;
     uint64_t check; /* exclusive or of the state's 64-bit words */
+    int64_t heartbeat_ns; /* when the daemon last gave a life sign, on CLOCK_MONOTONIC */
+    uint64_t pid; /* of the daemon */
+    uint8_t boot_id[16]; /* of the machine's boot in which it ran */
 }};
 
 _Static_assert(sizeof(struct imud_state) == {size}, "layout");
+_Static_assert(sizeof(struct imud_shared) == {shared_size}, "layout");
 
-/* Copies the newest state; 0 if there is none yet, or the writer is at work: try again. */
+/* This boot's id; 0 where it cannot be read. It is read once. */
+static inline int imud_boot_id(uint8_t boot_id[16])
+{{
+    static uint8_t known[16];
+    static int digits;
+    FILE *file = digits < 32 ? fopen("/proc/sys/kernel/random/boot_id", "r") : NULL;
+    for (int c; file && digits < 32 && (c = getc(file)) != EOF;) {{
+        int digit = c >= '0' && c <= '9' ? c - '0' : c >= 'a' && c <= 'f' ? c - 'a' + 10 : -1;
+        if (digit >= 0) {{
+            known[digits / 2] = (uint8_t)(known[digits / 2] << 4 | digit);
+            digits++;
+        }}
+    }}
+    if (file)
+        fclose(file);
+    memcpy(boot_id, known, 16);
+    return digits == 32;
+}}
+
+/* Whether the daemon runs: 0 if it crashed, was killed or is stopped, and the state is an old one. */
+static inline int imud_alive(const volatile struct imud_shared *shared)
+{{
+    struct timespec now;
+    uint8_t boot_id[16];
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    int64_t age_ns = (int64_t)now.tv_sec * 1000000000 + now.tv_nsec - shared->heartbeat_ns;
+    return age_ns < IMUD_STALE_NS && age_ns > -IMUD_STALE_NS && imud_boot_id(boot_id)
+        && memcmp(boot_id, (const void *)shared->boot_id, 16) == 0;
+}}
+
+/* Copies the newest state; 0 if there is none yet, the daemon does not run, or it is at work: try again. */
 static inline int imud_read(const volatile struct imud_shared *shared, struct imud_state *state)
 {{
     uint64_t lock = __atomic_load_n(&shared->lock, __ATOMIC_ACQUIRE);
@@ -169,7 +214,7 @@ static inline int imud_read(const volatile struct imud_shared *shared, struct im
         return 0;
     memcpy(state, (const void *)&shared->state, sizeof *state);
     __atomic_thread_fence(__ATOMIC_ACQUIRE);
-    return __atomic_load_n(&shared->lock, __ATOMIC_RELAXED) == lock;
+    return __atomic_load_n(&shared->lock, __ATOMIC_RELAXED) == lock && imud_alive(shared);
 }}
 #endif
 """

@@ -204,12 +204,19 @@ class Nmea(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Chrony(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The receiver's time for chrony (`refclock SHM 2:perm=0666 delay 0.2`, in use when imud starts) or ntpd."""
+    """The receiver's time for chrony (`refclock SHM 2:perm=0660 delay 0.2`, in use when imud starts) or ntpd."""
 
     shm_unit: Annotated[
         int,
         number(-1, 255, "", "Unit of refclock SHM; -1: none. As right as `gnss.latency_s` is."),
     ] = -1
+    shm_mode: Annotated[
+        Literal["0600", "0660", "0666"],
+        Meta(
+            description="Permissions of the segment where imud makes it; `0666`: every user of this machine may set "
+            "the time that chrony gets."
+        ),
+    ] = "0600"
 
 
 class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

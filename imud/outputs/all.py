@@ -35,8 +35,10 @@ class Outputs:
             )
             nmea = stack.enter_context(contextlib.closing(NmeaOutput(settings.nmea)))
             self.binary = stack.enter_context(contextlib.closing(BinaryOutputs(settings, poller, batch)))
-            unit = settings.chrony.shm_unit
-            self._chrony = stack.enter_context(contextlib.closing(ChronyOutput(unit))) if unit >= 0 else None
+            self._chrony = None
+            if settings.chrony.shm_unit >= 0:
+                chrony = ChronyOutput(settings.chrony.shm_unit, int(settings.chrony.shm_mode, 8))
+                self._chrony = stack.enter_context(contextlib.closing(chrony))
             self._viewers = (self.gpsd, nmea)
             self._opened = stack.pop_all()
 

@@ -24,8 +24,9 @@ _SEQ, _UTC_OFFSET, _STATE = 1, 2, 3  # places of LAYOUT's 64-bit words; magic, v
 PUBLISHER = np.dtype(
     [
         ("messages", "<i8"),  # addresses: of rows of LAYOUT,
-        ("shared", "<i8"),  # of the shared memory; 0: there is none
+        ("shared", "<i8"),  # of the shared memory's contents; 0: there is none
         ("clients", "<i8"),  # of rows of CLIENT,
+        ("shared_file", "<i8"),  # descriptor of the shared memory
         ("connected", "<i8"),  # and how many of them count
         ("dropped", "<i8"),  # records that slow clients lost
         ("time", "<i8", (2,)),  # room for a timespec
@@ -42,14 +43,15 @@ def publish(publisher: NDArray[np.void], solutions: int, n: int, seq: int, now_n
     if p.connected == 0 and p.shared == 0:
         return
     messages, states = records(p.messages, n * _WORDS, WORD), records(solutions, n * _STATE_WORDS, WORD)
-    utc_offset_ns = clock_ns(CLOCK_REALTIME, p.time_at) - clock_ns(CLOCK_MONOTONIC, p.time_at)
+    monotonic_ns = clock_ns(CLOCK_MONOTONIC, p.time_at)
+    utc_offset_ns = clock_ns(CLOCK_REALTIME, p.time_at) - monotonic_ns
     for k in range(n):
         messages[k * _WORDS + _SEQ] = seq - n + 1 + k
         messages[k * _WORDS + _UTC_OFFSET] = utc_offset_ns
         for i in range(_STATE_WORDS):
             messages[k * _WORDS + _STATE + i] = states[k * _STATE_WORDS + i]
     if p.shared:
-        write(records(p.shared, _WORDS + 2, WORD), messages[(n - 1) * _WORDS :])
+        write(p.shared_file, p.shared, messages[(n - 1) * _WORDS :], monotonic_ns)
     if p.connected:
         p.dropped += send_all(records(p.clients, p.connected, CLIENT), p.messages, _WORDS * 8, n, seq, now_ns)
 
@@ -73,15 +75,18 @@ class BinaryOutputs:
         self._messages["magic"], self._messages["version"], self._messages["size"] = MAGIC, VERSION, RECORD.size
         self.record["messages"] = self._messages.ctypes.data
         self.record["time_at"] = self.record["time"].ctypes.data
-        self.record["shared"] = self._shared.address if self._shared else 0
+        if self._shared:
+            self.record["shared"], self.record["shared_file"] = self._shared.address, self._shared.file
 
     def publish(self, solutions: NDArray[np.void], n: int, seq: int, now_ns: int) -> None:
         """The first `n` of `solutions`, the last of them being the sample number `seq`."""
         publish(self.record, solutions.ctypes.data, n, seq, now_ns)
 
     def look_after(self, now_ns: int) -> None:
-        """Call now and then: cuts off clients that are stuck."""
+        """Call several times a second: cuts off clients that are stuck, and gives the shared memory's life sign."""
         self.stream.look_after(now_ns)
+        if self._shared is not None:
+            self._shared.beat(now_ns)
 
     def close(self) -> None:
         self.stream.close()

@@ -3,8 +3,8 @@
 Each sample says which time the system clock showed when a fix was taken. It is as good as `gnss.latency_s` is known,
 and as the jitter of a serial line, which is given as the precision: good enough to set a clock without a network to
 some hundredths of a second, not to discipline one with a network. Let chrony start first and make the segment
-(`perm=0666`): one made by a service is removed with the service (RemoveIPC), and chrony would go on reading the old
-one.
+(`perm=0660`, with imud's user in chrony's group): one made by a service is removed with the service (RemoveIPC), and
+chrony would go on reading the old one. Who may write to the segment sets the machine's clock.
 
 Source: ntpd's refclock 28 (struct shmTime); chrony.conf(5), refclock SHM. The key is "NTP0" and the unit.
 """
@@ -21,7 +21,6 @@ from imud.errors import CannotCreateError, PermissionDeniedError
 
 KEY = 0x4E545030
 _IPC_CREAT = 0o1000
-_PRIVATE_UNITS = 2  # by ntpd's custom units 0 and 1 are root's
 _DAY_S = 86_400.0
 _ROUND_S = 1024 * 7 * 86_400
 _ROUND_BEGAN_S = calendar.timegm((2019, 4, 7, 0, 0, 0))
@@ -78,15 +77,17 @@ def utc_ns(fix: Fix, now_ns: int) -> int | None:
 class ChronyOutput:
     """The writer of one unit. Never waits; not thread-safe."""
 
-    def __init__(self, unit: int) -> None:
-        """Attach, and create what chrony has not. Raises CannotCreateError (73), PermissionDeniedError (77)."""
+    def __init__(self, unit: int, mode: int = 0o600) -> None:
+        """Attach, and create, with these permissions, what chrony has not.
+
+        Raises CannotCreateError (73), PermissionDeniedError (77).
+        """
         self._offset_s: float | None = None
         self._jitter_s = 1.0
         self._libc = _libc()
-        permissions = 0o600 if unit < _PRIVATE_UNITS else 0o666
         before = os.umask(0)
         try:
-            segment = self._libc.shmget(KEY + unit, ctypes.sizeof(_ShmTime), _IPC_CREAT | permissions)
+            segment = self._libc.shmget(KEY + unit, ctypes.sizeof(_ShmTime), _IPC_CREAT | mode)
         finally:
             os.umask(before)
         address = self._libc.shmat(segment, None, 0) if segment >= 0 else None
@@ -132,7 +133,8 @@ def _explained(unit: int, code: int) -> Exception:
     what = f"cannot share time with chrony (chrony.shm_unit = {unit}): {os.strerror(code)}"
     if code in (errno.EACCES, errno.EPERM):
         return PermissionDeniedError(
-            f"{what}; somebody else made the segment: `refclock SHM {unit}:perm=0666` in chrony.conf opens it"
+            f"{what}; somebody else made the segment: `refclock SHM {unit}:perm=0660` in chrony.conf opens it to "
+            "chrony's group, of which imud's user must be a member"
         )
     if code == errno.EINVAL:
         return CannotCreateError(f"{what}: there is a smaller one; remove it with `ipcrm -M {KEY + unit:#x}`")

@@ -1,40 +1,49 @@
 """The newest state in a file on a tmpfs, behind a sequence lock: readers map it and need no system call.
 
 Layout, all little-endian: the lock (uint64: 0 before the first state, odd while one is written), the record
-(`imud.client.FIELDS`), and the exclusive or of the record's 64-bit words, for readers that cannot order their reads.
-Who may write to the file (its own user, root) can end the daemon by truncating it: SIGBUS. Linux seals only memory
-that has no path, so there is nothing against that; all others may only read.
+(`imud.client.FIELDS`), the exclusive or of the record's 64-bit words, for readers that cannot order their reads, and
+the daemon's life sign (`imud.client.LIFE`): heartbeat, pid and boot id, by which readers tell a state of now from one
+that a crash left behind. The file is written, not mapped, by the daemon: whoever truncates it (its own user, root)
+makes the daemon write it anew, where a mapping would end the daemon with SIGBUS. All others may only read.
 """
 
 import fcntl
-import mmap
 import os
+import time
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.entry import entry
-from imud.client import MAGIC, SHARED_SIZE
-from imud.compile.system import fence
+from imud.client import LIFE, MAGIC, RECORD, SHARED_SIZE, boot_id
+from imud.compile.system import fence, pwrite, records
 from imud.errors import CannotCreateError, PermissionDeniedError
 
 WORD = np.dtype(np.uint64)
 _LOCK_BYTES = WORD.itemsize  # before the record
+_LIFE_WORDS = LIFE.size // WORD.itemsize
+_HEARTBEAT = RECORD.size // WORD.itemsize + 2  # place of this word; lock, record and check stand before it
 
 
 @entry
-def write(memory: NDArray[np.uint64], record: NDArray[np.uint64]) -> None:
-    """The record, as 64-bit words, into memory that has room for three more."""
+def write(file: int, address: int, record: NDArray[np.uint64], now_ns: int) -> None:
+    """The record, as 64-bit words, into the file whose contents stand at the address, too."""
+    size = len(record) + 2 + _LIFE_WORDS
+    memory = records(address, size, WORD)
     lock = memory[0]
     memory[0] = lock + np.uint64(1)
+    pwrite(file, address, 8, 0)
     fence()
     check = np.uint64(0)
     for i in range(len(record)):
         memory[i + 1] = record[i]
         check ^= record[i]
     memory[len(record) + 1] = check
+    memory[len(record) + 2] = np.uint64(now_ns)
+    pwrite(file, address + 8, size * 8 - 8, 8)
     fence()
     memory[0] = lock + np.uint64(2)
+    pwrite(file, address, 8, 0)
 
 
 class SharedMemory:
@@ -42,28 +51,37 @@ class SharedMemory:
 
     def __init__(self, path: str) -> None:
         """Create, or take over what an earlier run left. Raises CannotCreateError (73), PermissionDeniedError (77)."""
-        self._file = _open(path)
+        self.file = _open(path)
+        self._memory: NDArray[np.uint64] = np.zeros(SHARED_SIZE // WORD.itemsize, WORD)
+        self._memory[_HEARTBEAT:] = np.frombuffer(LIFE.pack(time.monotonic_ns(), os.getpid(), boot_id()), WORD)
         try:
-            os.ftruncate(self._file, SHARED_SIZE)
-            self._memory: NDArray[np.uint64] = np.frombuffer(mmap.mmap(self._file, SHARED_SIZE), np.uint64)
+            self._write_all()
         except OSError as error:
-            os.close(self._file)
+            os.close(self.file)
             raise CannotCreateError(f"cannot share memory in {path}: {error.strerror}") from error
-        self._memory[0] = 0
+
+    def _write_all(self) -> None:
+        os.pwrite(self.file, self._memory.tobytes(), 0)
 
     @property
     def address(self) -> int:
-        """Of the file in our memory."""
+        """Of the file's contents in our memory."""
         return int(self._memory.ctypes.data)
 
     def publish(self, record: NDArray[np.uint64]) -> None:
         """The newest record, as 64-bit words."""
-        write(self._memory, record)
+        write(self.file, self.address, record, time.monotonic_ns())
+
+    def beat(self, now_ns: int) -> None:
+        """Call several times a second: readers see that the daemon lives. Restores a file that was truncated."""
+        self._memory[_HEARTBEAT] = now_ns
+        self._write_all()
 
     def close(self) -> None:
         """Let readers know that there is no state any more."""
-        self._memory[0] = 0
-        os.close(self._file)
+        self._memory[0] = self._memory[_HEARTBEAT] = 0
+        self._write_all()
+        os.close(self.file)
 
 
 def _open(path: str) -> int:

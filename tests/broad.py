@@ -6,23 +6,13 @@ Usage: score_attitude.py broad:attitude, with this folder on the path.
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+from replay_in_process import new_filter, replay
 
 from drivers.sample import SAMPLE
 from imud.configuration.settings import Imu, Initial, Settings
-from imud.estimators.ahrs import ESTIMATOR
-from imud.estimators.records import SOLUTION
-from imud.math.arrays import Floats
 
 HALF_TURN_ABOUT_X = np.array([1.0, -1.0, -1.0])  # z-up axes to FRD and back; a quaternion's vector part turns with them
-step = ESTIMATOR.step
-
-
-@njit
-def run(parameters, state, samples, out):
-    for k in range(len(samples)):
-        step(parameters[0], state[0], samples[k], out[k])
 
 
 def samples_of(t: Floats, w: Floats, f: Floats) -> NDArray[np.void]:
@@ -34,14 +24,14 @@ def samples_of(t: Floats, w: Floats, f: Floats) -> NDArray[np.void]:
     return samples
 
 
+def filter_of(samples: NDArray[np.void], profile: str = "auto", initial: Initial | None = None):
+    """A fresh attitude filter for these samples."""
+    return new_filter("attitude", samples, Settings(imu=Imu(profile=profile)), initial)
+
+
 def solutions_of(samples: NDArray[np.void], profile: str = "auto", initial: Initial | None = None) -> NDArray[np.void]:
     """Every sample's solution from a fresh filter."""
-    rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
-    parameters = ESTIMATOR.configure(Settings(imu=Imu(profile=profile)), rate_hz)
-    state = ESTIMATOR.start(parameters, initial or Initial())
-    out = np.zeros(len(samples), SOLUTION)
-    run(parameters, state, samples, out)
-    return out
+    return replay(filter_of(samples, profile, initial), samples)[0]
 
 
 def with_profile(profile: str) -> Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]:

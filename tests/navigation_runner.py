@@ -8,29 +8,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from replay_in_process import new_filter, replay
 
 from drivers.sample import SAMPLE
-from imud.compile.jit import kernel
-from imud.configuration.settings import Initial, Settings
-from imud.estimators.ins import ESTIMATOR
-from imud.estimators.records import FIX, INNOVATION, SOLUTION
+from imud.configuration.settings import Settings
+from imud.estimators.records import ASSUMED, FIX
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
-_step, _update = ESTIMATOR.step, ESTIMATOR.update
-
-
-@kernel
-def run(p, s, samples, fixes, arrivals, innovations, out):
-    """Every sample in order, and before each the fixes that have arrived; returns rows of innovations."""
-    k, rows = 0, 0
-    while k < len(fixes) and arrivals[k] < samples[0].t_ns:
-        k += 1
-    for i in range(len(samples)):
-        while k < len(fixes) and arrivals[k] <= samples[i].t_ns:
-            rows += _update(p, s, fixes[k], innovations[rows : rows + 8])
-            k += 1
-        _step(p, s, samples[i], out[i])
-    return rows
 
 
 def nanoseconds(t_s):
@@ -76,17 +60,10 @@ def load(folder, grade):
 
 
 def navigate(samples, fixes, settings=None, initial=None):
-    """(solutions, innovations, final state) of one pass."""
-    settings = settings or Settings()
-    rate = 1e9 / np.median(np.diff(samples["t_ns"]))
-    p = ESTIMATOR.configure(settings, rate)
-    s = ESTIMATOR.start(p, initial or Initial())
-    order = np.argsort(fixes["arrival_ns"], kind="stable")
-    fixes = fixes[order]
-    innovations = np.zeros(8 * len(fixes) + 8, INNOVATION)
-    out = np.zeros(len(samples), SOLUTION)
-    rows = run(p[0], s[0], samples, fixes, fixes["arrival_ns"], innovations, out)
-    return out, innovations[:rows], s
+    """(solutions, innovations of the fixes, final state) of one pass."""
+    filter_ = new_filter("navigation", samples, settings, initial)
+    out, innovations = replay(filter_, samples, fixes)
+    return out, innovations[~np.isin(innovations["kind"], ASSUMED)], filter_.state
 
 
 def euler_deg(q):

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from attitude_runs import assert_whole, rpy_deg, samples_from, still_then_moving, yaw_sigma_deg
 from attitude_simulation import DEG, MG, Flaws, G, after, errors_deg, simulate, steady, wobble
-from broad import solutions_of
+from broad import filter_of, solutions_of
 
-from imud.configuration.settings import Imu, Initial, Settings
+from imud.configuration.settings import Initial, Settings
 from imud.estimators.ahrs import ESTIMATOR
 from imud.estimators.ahrs.state import STATES
 from imud.estimators.records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SOLUTION
@@ -51,11 +51,10 @@ def test_gyro_bias_is_known_seconds_after_the_start_at_rest(profile, bias_degps,
 def test_ten_minutes_of_rest_change_nothing_and_p_stays_a_covariance():
     truth = simulate(600.0, 100.0, rpy_deg=(40.0, 20.0, 0.0))
     samples = samples_from(truth, Flaws(gyro_bias=(0.1 * DEG,) * 3))
-    parameters = ESTIMATOR.configure(Settings(imu=Imu(profile="m-g350")), 100.0)
-    state, out = ESTIMATOR.start(parameters, Initial()), np.zeros(len(samples), SOLUTION)
+    filter_, out = filter_of(samples, "m-g350"), np.zeros(len(samples), SOLUTION)
     for begin in range(0, len(samples), 3000):
-        broad.run(parameters, state, samples[begin : begin + 3000], out[begin : begin + 3000])
-        P = unpack(state["cov"]["P"][0], STATES)
+        filter_.run(samples[begin : begin + 3000], out[begin : begin + 3000])
+        P = unpack(filter_.state["cov"]["P"][0], STATES)
         sigma = np.sqrt(np.diag(P))
         assert np.linalg.eigvalsh(P / np.outer(sigma, sigma)).min() > -1e-9
     assert_whole(out)
@@ -110,12 +109,11 @@ def test_a_given_latitude_gives_gravity():
 def test_the_same_samples_give_the_same_bits_in_any_batches():
     _, samples = still_then_moving()
     whole = solutions_of(samples, "m-g350")
-    parameters = ESTIMATOR.configure(Settings(imu=Imu(profile="m-g350")), 100.0)
-    state, out, k = ESTIMATOR.start(parameters, Initial()), np.zeros(len(samples), SOLUTION), 0
+    filter_, out, k = filter_of(samples, "m-g350"), np.zeros(len(samples), SOLUTION), 0
     rng = np.random.default_rng(0)
     while k < len(samples):
         stop = k + int(rng.integers(1, 50))
-        broad.run(parameters, state, samples[k:stop], out[k:stop])
+        filter_.run(samples[k:stop], out[k:stop])
         k = stop
     assert out.tobytes() == whole.tobytes()
 

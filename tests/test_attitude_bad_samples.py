@@ -2,7 +2,6 @@
 
 import math
 
-import broad
 import numpy as np
 import pytest
 from attitude_runs import (
@@ -14,14 +13,13 @@ from attitude_runs import (
     yaw_sigma_deg,
 )
 from attitude_simulation import DEG, Flaws, after, errors_deg, simulate, steady, wobble
-from broad import samples_of, solutions_of
+from broad import filter_of, samples_of, solutions_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.sample import LIMITED_FORCE, LIMITED_RATE, SUSPECT
 from drivers.sample import SATURATED as BEYOND_RANGE
-from imud.configuration.settings import Imu, Initial, Settings
-from imud.estimators.ahrs import ESTIMATOR
+from imud.configuration.settings import Initial
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, SATURATED, SOLUTION
 
 
@@ -120,9 +118,8 @@ def test_samples_that_are_not_newer_are_ignored():
     doubled["t_ns"][1::4] -= 50_000_000
     doubled["w"][1::2] = 1e3
     out = solutions_of(samples, "m-g350")
-    twice = np.zeros(len(doubled), SOLUTION)
-    parameters = ESTIMATOR.configure(Settings(imu=Imu(profile="m-g350")), 100.0)
-    broad.run(parameters, ESTIMATOR.start(parameters, Initial()), doubled, twice)
+    filter_, twice = filter_of(samples, "m-g350"), np.zeros(len(doubled), SOLUTION)
+    filter_.run(doubled, twice)
     assert twice[0::2].tobytes() == out.tobytes()
     assert np.array_equal(twice[1::2]["q_nb"], out["q_nb"])
 

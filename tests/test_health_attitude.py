@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from attitude_simulation import MG, Flaws, G, after, errors_deg, measure, simulate, wobble
+from broad import samples_of, solutions_of
 
 from drivers.sample import SAMPLE
 from imud.configuration.settings import Imu, Initial, Settings
@@ -76,3 +77,14 @@ def test_without_the_accelerometer_the_gyro_carries_the_attitude_on(body, axes, 
     assert (error[at(12.0) :] < 6.0 * sigma[at(12.0) :]).all()
     assert sigma[at(END) - 1] > sigma[at(BEGIN)]
     assert error[at(END) :].max() < 4.0
+
+
+@pytest.mark.parametrize("start_s", [0.0, 10.0])
+def test_a_hand_that_shakes_the_sensor_by_three_g_does_not_cost_the_accelerometer(start_s):
+    truth = simulate(60.0, RATE, after(start_s, wobble(3, 2.0, 2.0, 8.0)), after(start_s, wobble(53, 25.0, 10.0, 25.0)))
+    assert np.linalg.norm(truth.f[at(start_s) :], axis=1).mean() > 2.5 * G
+    w, f = measure(truth, Flaws(gyro_bias=(0.005, -0.004, 0.003)), np.random.default_rng(3))
+    out = solutions_of(samples_of(truth.t, w, f))
+    error = errors_deg(out["q_nb"], truth.attitude)[0]
+    assert np.sqrt(np.mean(error[at(start_s + 10.0) :] ** 2)) < 2.0  # 13 to 16 when it does
+    assert (out["status"][at(start_s + 10.0) :] & ATTITUDE_VALID).all()

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from navigation_runner import navigate
-from navigation_simulation import drive, errors, received, sensed
+from navigation_simulation import Drive, curvature, drive, errors, ideal_sensor, received, sensed
 from scipy.spatial.transform import Rotation
 
 from drivers.sample import LIMITED_RATE, SATURATED
 from imud.commands.replay import play
 from imud.configuration.settings import Imu, Initial, Navigation, Settings
 from imud.estimators import registry
-from imud.estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID
+from imud.estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, REJECTING
 from imud.pipeline import Filter
 
 RATE = 100
@@ -90,3 +90,32 @@ def test_a_spin_beyond_the_range_of_the_gyro_leaves_no_false_heading(vehicle):
     assert (np.abs(a[since:, 2]) < 5.0 * out["sigma_rpy"][since:, 2])[trusted].all()
     assert (np.abs(p[since:, :2]) < 5.0 * out["sigma_p"][since:, :2]).all()
     assert (np.abs(v[since:, :2]) < 5.0 * out["sigma_v"][since:, :2]).all()
+
+
+def steep_turn(bank_deg=65.0, speed=70.0, begin=60.0, end=85.0, seconds=100.0):
+    """An aircraft that flies gentle curves and then, in a steep level turn, pulls 2.4 g."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    steep = np.clip((t - begin) / 3.0, 0.0, 1.0) * np.clip((end - t) / 3.0, 0.0, 1.0)
+    gentle = 0.35 * np.sin(2.0 * np.pi * t / 25.0) * np.clip((begin - t) / 3.0, 0.0, 1.0)
+    roll = gentle + np.radians(bank_deg) * steep**2 * (3.0 - 2.0 * steep)
+    yaw = np.cumsum(9.8 * np.tan(roll) / speed) / RATE
+    attitude = Rotation.from_euler("ZYX", np.column_stack([yaw, 0.0 * t, roll]))
+    v = speed * np.column_stack([np.cos(yaw), np.sin(yaw), 0.0 * t])
+    way, (north, east) = np.cumsum(v, axis=0) / RATE, curvature(np.radians(48.0))
+    lat, lon = np.radians(48.0) + way[:, 0] / north, np.radians(11.0) + way[:, 1] / (east * np.cos(np.radians(48.0)))
+    height = 1000.0 + 0.0 * t
+    return Drive(t, lat, lon, height, v, attitude, *ideal_sensor(t, lat, height, v, attitude))
+
+
+def test_a_steep_turn_is_no_fault_of_the_accelerometer():
+    flight, rng = steep_turn(), np.random.default_rng(1)
+    steep = slice(at(60.0), at(90.0))
+    assert np.linalg.norm(flight.f[at(65.0) : at(80.0)], axis=1).min() > 2.2 * 9.8
+    out, _, _ = navigate(sensed(flight, rng), received(flight, rng, every=0.2, late=0.1), initial=Initial(yaw_deg=0.0))
+    p, v, a = errors(flight, out)
+    valid = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID
+    assert (out["status"][steep] & valid == valid).all()
+    assert (out["status"][steep] & REJECTING > 0).mean() < 0.05
+    assert np.abs(p[steep, :2]).max() < 10.0
+    assert np.abs(v[steep, :2]).max() < 2.0
+    assert np.degrees(np.abs(a[steep])).max() < 5.0

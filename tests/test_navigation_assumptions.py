@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from navigation_runner import SOLUTION
 from navigation_simulation import drive, received, sensed
 
 from imud.commands.replay import play
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
-from imud.estimators.records import HOP, INNOVATION, REST_D, REST_N, REST_X, REST_Z, SLIP
+from imud.estimators.records import HOP, INNOVATION, REST_D, REST_N, REST_X, REST_Z, SLIP, SOLUTION
 from imud.pipeline import UNREAD, Filter
 
 RATE = 100

@@ -8,6 +8,10 @@ sensor with a coarse resolution, or a simulated one without noise, may well repe
 sample noise goes up and down and motion does not, so noise is measured by second differences, in the quietest block
 seen. An axis is judged only if these were at least FINE times its resolution (the smallest change seen) and if its data
 sheet promises noise above the resolution. Some sensors hold a value for a few samples: the longest hold seen is usual.
+
+A specific force that differs from gravity is no evidence of a fault: a hand shakes a sensor with 3 g, an aircraft in a
+steep turn pulls as much for a minute. Both turn or change. A force that stays the same and far from gravity for 10 s in
+a sensor that does not turn would be an acceleration along a straight line to more than 50 m/s.
 """
 
 import math
@@ -32,8 +36,10 @@ FINE = 4.0  # resolutions: mean second difference of white noise of two resoluti
 ZEROS = 3  # samples whose force is exactly nothing
 IMPOSSIBLE = 2.0  # times the range
 LATITUDE = 0.999  # of the range: scale factors are rounded
-WEIGHT_S = 10.0
-LIGHTEST, HEAVIEST = 0.5, 2.0  # of gravity, root mean square over WEIGHT_S: beyond lasts on no vehicle
+LIGHTEST, HEAVIEST = 0.5, 2.0  # of gravity: a specific force beyond is far from it
+FAR_S, NEAR_S = 10.0, 1.0  # for which it is far while the sensor does not turn, or near, without a break
+STEADY, STEADY_G = 0.25, 0.1  # of the force, and of gravity: by so much a steady one may change
+TURNING = 0.1  # rad/s, beyond the biases of most gyros; an aircraft of 2 g at 170 m/s turns as fast
 COLDEST, HOTTEST = -60.0, 130.0  # degC; one damaged word among good ones is none of the sensor's
 SHOWN_NS = 2_000_000_000  # so long a finding is reported after it was last made
 
@@ -48,7 +54,8 @@ HEALTH = np.dtype(
         ("range", "<f8", (6,)),  # rad/s about x y z, m/s^2 along x y z; the sensor's axes
         ("promised", "<f8", (6,)),  # noise of a sample by the profile, same units
         ("least_run", "<i8"),
-        ("fade", "<f8"),  # of the mean square force, per sample
+        ("far_samples", "<i8"),  # in FAR_S
+        ("near_samples", "<i8"),  # in NEAR_S
         ("samples", "<i8"),
         ("last_ns", "<i8"),
         ("fresh", "<f8", (6,)),  # scratch: the sample at hand
@@ -66,7 +73,10 @@ HEALTH = np.dtype(
         ("longest", "<i8", (6,)),
         ("zeros", "<i8"),
         ("fever", "<i8"),  # samples in sequence with an impossible temperature
-        ("force2", "<f8"),  # (m/s^2)^2, mean square
+        ("far", "<i8"),  # samples whose force was far from gravity while the sensor did not turn, without a break
+        ("near", "<i8"),  # samples in sequence whose force was near gravity
+        ("far_ns", "<i8"),  # when the first of `far` came
+        ("far_force", "<f8", (3,)),  # and its force
         ("told_ns", "<i8", (2,)),  # last sample whose rates, and forces, told something
         ("found_ns", "<i8", (FINDINGS,)),  # when last
         ("found", "<i8", (FINDINGS,)),  # samples
@@ -81,10 +91,9 @@ def new_health(profile: Profile, rate_hz: float) -> NDArray[np.void]:
     h["range"] = np.repeat((LATITUDE * profile.gyro_range, LATITUDE * profile.accel_range), 3)
     h["promised"] = np.repeat((profile.gyro_noise, profile.accel_noise), 3) * math.sqrt(0.5 * rate_hz)
     h["least_run"] = max(LEAST_RUN, round(LEAST_RUN_S * rate_hz))
-    h["fade"] = min(1.0, 1.0 / (WEIGHT_S * rate_hz))
+    h["far_samples"], h["near_samples"] = max(LEAST_RUN, round(FAR_S * rate_hz)), max(1, round(NEAR_S * rate_hz))
     h["finest"] = h["quietest"] = math.inf
     h["value"] = math.nan
-    h["force2"] = STANDARD_GRAVITY**2
     return h
 
 
@@ -158,16 +167,42 @@ def judge_axis(h: Any, i: int, t_ns: int) -> int:
 
 
 @kernel
-def judge_force(h: Any) -> int:
+def is_steady(h: Any, square: float) -> bool:
+    """Whether the sensor does not turn, and shows the force of the first far sample."""
+    v = h.value
+    turn2 = change2 = 0.0
+    for i in range(3):
+        turn2 += v[i] * v[i]
+        change2 += (v[3 + i] - h.far_force[i]) ** 2
+    return bool(turn2 < TURNING**2 and change2 < STEADY**2 * square + (STEADY_G * STANDARD_GRAVITY) ** 2)
+
+
+@kernel
+def is_far_from_gravity(h: Any, square: float, t_ns: int) -> bool:
+    """Whether the specific force (its square in (m/s^2)^2) has been far from gravity for so long that it is false."""
+    if (LIGHTEST * STANDARD_GRAVITY) ** 2 < square < (HEAVIEST * STANDARD_GRAVITY) ** 2:
+        h.near += 1
+        if h.near >= h.near_samples or h.far < h.far_samples:
+            h.far = 0
+    elif 0.0 < square < math.inf:
+        h.near = 0
+        if h.far > 0 and (h.far >= h.far_samples or is_steady(h, square)):
+            h.far += 1
+        else:
+            h.far, h.far_ns = 1, t_ns
+            for i in range(3):
+                h.far_force[i] = h.value[3 + i]
+    return bool(h.far >= h.far_samples)
+
+
+@kernel
+def judge_force(h: Any, t_ns: int) -> int:
     """Findings on the three forces together."""
     f = h.value
     square = f[3] * f[3] + f[4] * f[4] + f[5] * f[5]
     h.zeros = h.zeros + 1 if square == 0.0 else 0
-    if math.isfinite(square):
-        h.force2 += h.fade * (min(square, 100.0 * STANDARD_GRAVITY**2) - h.force2)
     findings = 1 << ZERO if h.zeros >= ZEROS else 0
-    light, heavy = (LIGHTEST * STANDARD_GRAVITY) ** 2, (HEAVIEST * STANDARD_GRAVITY) ** 2
-    return findings if light < h.force2 < heavy else findings | 1 << WEIGHT
+    return findings | 1 << WEIGHT if is_far_from_gravity(h, square, t_ns) else findings
 
 
 @kernel
@@ -192,6 +227,8 @@ def mark(h: Any, sample: Any, findings: int) -> None:
     if findings & _NO_FORCE:
         sample.flags |= NO_FORCE
         since = min(since, h.told_ns[1])
+    if findings >> WEIGHT & 1:
+        since = min(since, h.far_ns)
     sample.unseen_s = (t_ns - since) * 1e-9
 
 
@@ -207,7 +244,7 @@ def examine(h: Any, sample: Any) -> None:
     if take(h, sample) or h.samples == 0:
         for i in range(6):
             findings |= judge_axis(h, i, sample.t_ns)
-    findings |= judge_force(h)
+    findings |= judge_force(h, sample.t_ns)
     h.fever = h.fever + 1 if sample.temperature < COLDEST or sample.temperature > HOTTEST else 0
     if h.fever >= LEAST_RUN:
         findings |= 1 << TEMPERATURE
@@ -226,7 +263,7 @@ def examine(h: Any, sample: Any) -> None:
 _PER_AXIS = ((FROZEN, "frozen"), (LIMITED, "at the end of its range"), (INVALID, "impossible"))
 _WHOLE = (
     (ZERO, "accelerometer shows nothing, not even gravity"),
-    (WEIGHT, "force is far from gravity"),
+    (WEIGHT, "accelerometer shows a steady force far from gravity"),
     (TEMPERATURE, "temperature is impossible"),
 )
 

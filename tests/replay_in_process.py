@@ -1,0 +1,42 @@
+"""Samples and fixes through everything that `imud replay --imu` runs: sensor monitor, calibration, estimator.
+
+Every figure of accuracy comes this way, so that it is the figure that users get.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imud.process import runtime
+
+runtime.prepare()  # else numba would run stale kernels
+
+from imud.commands.replay import play  # noqa: E402
+from imud.configuration.settings import Initial, Settings  # noqa: E402
+from imud.estimators import registry  # noqa: E402
+from imud.estimators.records import FIX, INNOVATION  # noqa: E402
+from imud.pipeline import Filter  # noqa: E402
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Records = NDArray[np.void]
+
+NO_FIXES = np.zeros(0, FIX)
+
+
+def new_filter(estimator: str, samples: Records, settings: Settings | None = None, initial: Initial | None = None):
+    """The filter that `imud replay` makes for these samples."""
+    rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
+    return Filter(registry.by_name(estimator), settings or Settings(), initial or Initial(), rate_hz)
+
+
+def replay(filter_: Filter, samples: Records, fixes: Records = NO_FIXES) -> tuple[Records, Records]:
+    """(solutions of all samples, innovations); a fix goes in when it arrives. `samples` stay as they are."""
+    solutions: list[Records] = []
+    innovations: list[Records] = [np.zeros(0, INNOVATION)]
+    order = np.argsort(fixes["arrival_ns"], kind="stable")
+    play(filter_, samples.copy(), fixes[order], lambda rows: solutions.append(rows.copy()), note=innovations.append)
+    return np.concatenate(solutions), np.concatenate(innovations)

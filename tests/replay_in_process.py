@@ -13,6 +13,8 @@ from imud.process import runtime
 
 runtime.prepare()  # else numba would run stale kernels
 
+from kernels_in_c import to_c_if_possible  # noqa: E402
+
 from imud.commands.replay import play  # noqa: E402
 from imud.configuration.settings import Initial, Settings  # noqa: E402
 from imud.estimators import registry  # noqa: E402
@@ -28,9 +30,10 @@ NO_FIXES = np.zeros(0, FIX)
 
 
 def new_filter(estimator: str, samples: Records, settings: Settings | None = None, initial: Initial | None = None):
-    """The filter that `imud replay` makes for these samples."""
+    """The filter that `imud replay` makes for these samples, with its kernels as C, which compile sooner."""
     rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
-    return Filter(registry.by_name(estimator), settings or Settings(), initial or Initial(), rate_hz)
+    estimator_ = registry.by_name(estimator)
+    return to_c_if_possible(Filter(estimator_, settings or Settings(), initial or Initial(), rate_hz))
 
 
 def replay(filter_: Filter, samples: Records, fixes: Records = NO_FIXES) -> tuple[Records, Records]:

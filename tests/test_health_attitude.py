@@ -6,10 +6,7 @@ from attitude_simulation import MG, Flaws, G, after, errors_deg, measure, simula
 from broad import samples_of, solutions_of
 
 from drivers.sample import SAMPLE
-from imud.configuration.settings import Imu, Initial, Settings
-from imud.estimators import registry
-from imud.estimators.records import ATTITUDE_VALID, SOLUTION
-from imud.pipeline import Filter
+from imud.estimators.records import ATTITUDE_VALID
 
 RATE = 200
 LSB = np.radians(0.0125), 0.125e-3 * G
@@ -41,8 +38,7 @@ def spoilt(body, faults):
     for sensor, axes, value in faults:
         values = samples["wf"[sensor]]
         values[at(BEGIN) : at(END), axes] = values[at(BEGIN), axes] if value is None else value
-    filter_ = Filter(registry.by_name("attitude"), Settings(imu=Imu(profile="m-g350")), Initial(), RATE)
-    filter_.run(samples, out := np.zeros(len(samples), SOLUTION))
+    out = solutions_of(samples, "m-g350")
     sigma = np.degrees(out["sigma_rpy"][:, :2].max(axis=1))
     return errors_deg(out["q_nb"], truth.attitude)[0], sigma, (out["status"] & ATTITUDE_VALID) > 0
 

@@ -9,11 +9,8 @@ from navigation_simulation import Drive, curvature, drive, errors, ideal_sensor,
 from scipy.spatial.transform import Rotation
 
 from drivers.sample import LIMITED_RATE, SATURATED
-from imud.commands.replay import play
 from imud.configuration.settings import Imu, Initial, Navigation, Settings
-from imud.estimators import registry
 from imud.estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, REJECTING
-from imud.pipeline import Filter
 
 RATE = 100
 D = drive(160.0)
@@ -35,10 +32,7 @@ def spoilt(faults):
     for name, axes, value in faults:
         values = samples[name]
         values[at(BEGIN) : at(END), axes] = values[at(BEGIN), axes] if value is None else value
-    filter_ = Filter(registry.by_name("navigation"), Settings(imu=Imu(profile="m-g350")), Initial(), RATE)
-    rows = []
-    play(filter_, samples, fixes, lambda r: rows.append(r.copy()), np.ones(len(samples), bool))
-    return np.concatenate(rows)
+    return navigate(samples, fixes, Settings(imu=Imu(profile="m-g350")))[0]
 
 
 @pytest.mark.parametrize("faults", [[("w", 2, None)], [("w", ALL, None), ("f", ALL, None)], [("w", 0, np.nan)]])

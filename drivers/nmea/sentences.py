@@ -39,7 +39,7 @@ class Sentence:
 
     def field(self, i: int) -> str:
         """Field i, counted from 1 after the address; empty if the sentence is shorter."""
-        return self.fields[i - 1] if i <= len(self.fields) else ""
+        return self.fields[i - 1] if 1 <= i <= len(self.fields) else ""
 
 
 class Splitter:

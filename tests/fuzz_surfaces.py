@@ -1,0 +1,192 @@
+"""The surfaces at which bytes from outside come in, each as a function that takes any bytes and must not raise.
+
+What a user or peer did wrong is told by an ImudError or CaptureError, or an answer; anything else is a defect.
+"""
+
+import contextlib
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from drivers.capture import Connection, Raw
+from drivers.registry import by_name
+from imud import client
+from imud.configuration import config
+from imud.configuration.settings import Initial, Settings
+from imud.errors import ConfigError, ImudError
+from imud.outputs.gpsd_dialogue import Inbox, Policy, answer
+from imud.outputs.gpsd_json import Report
+from imud.outputs.listen import parse_address
+from imud.outputs.view import Device, View
+from imud.recording.file import RecordingFile
+from imud.recording.player import Player
+from imud.recording.source import adapter, group
+from imud.tables.inputs import read_fixes, read_samples
+
+
+@dataclass(frozen=True)
+class Surface:
+    """take: the function; examples: inputs to begin with; words: what to insert."""
+
+    take: Callable[[bytes], None]
+    examples: tuple[bytes, ...]
+    words: tuple[bytes, ...] = (b"\0", b"\n", b"\xff")
+
+
+def gpsd(data: bytes) -> None:
+    """Requests; every answer is JSON on one line."""
+    inbox, policy = Inbox(), Policy(10.0)
+    report = Report(View(devices=(Device("/dev/ttyUSB0", "epson"),)))
+    inbox.feed(data)
+    while request := inbox.take():
+        answered = answer(request, policy, report)
+        policy = answered.policy
+        assert 0.001 <= policy.rate_hz <= 1000.0
+        for text in answered.objects:
+            assert "class" in json.loads(text) and "\n" not in text
+
+
+def toml(data: bytes) -> None:
+    with contextlib.suppress(ConfigError, UnicodeDecodeError):
+        assert isinstance(config.loads(data.decode()), Settings)
+
+
+def override(data: bytes) -> None:
+    with contextlib.suppress(ConfigError):
+        assert isinstance(config.load(None, [os.fsdecode(data.replace(b"\0", b""))]), Settings)
+
+
+def address(data: bytes) -> None:
+    text = data.decode("latin-1")
+    if "." not in text.strip("0123456789.:") and not any(c.isalpha() for c in text):  # no name is looked up
+        with contextlib.suppress(ConfigError):
+            parse_address(text, 2947)
+
+
+def nmea(data: bytes) -> None:
+    driver = by_name("nmea")
+    assert driver.kind == "gnss"
+    for unchecked in (False, True):
+        decoder = driver.new_decoder(unchecked)
+        for fix in [*decoder.feed(data, 10**9), *decoder.flush(1 << 62)]:
+            assert abs(fix.lat_deg) <= 90.0 and abs(fix.lon_deg) <= 180.0
+
+
+def _file(data: bytes, suffix: str, read: Callable[[Path], object]) -> None:
+    with tempfile.NamedTemporaryFile(suffix=suffix) as file:
+        file.write(data)
+        file.flush()
+        with contextlib.suppress(ImudError):
+            read(Path(file.name))
+
+
+def mcap(data: bytes) -> None:
+    def read(path: Path) -> None:
+        (recording, *_), _ = group([path])
+        adapt = adapter(None, (), None)
+        player = Player(recording.settings(adapt), adapt, Initial(), lambda *_: None)
+        for entry in recording:
+            player.take(entry)
+
+    _file(data, ".mcap", read)
+
+
+def imu_csv(data: bytes) -> None:
+    _file(data, ".csv", read_samples)
+
+
+def gnss_csv(data: bytes) -> None:
+    _file(data, ".csv", lambda path: read_fixes(path, 0))
+
+
+client._TRIES = 2  # of reading the shared memory: no writer is at work here, for which one would wait
+
+
+def shared(data: bytes) -> None:
+    def read(path: Path) -> None:
+        with contextlib.suppress(client.ProtocolError):
+            client.latest(path)
+
+    _file(data, ".state", read)
+
+
+def stream(data: bytes) -> None:
+    with contextlib.suppress(client.ProtocolError):
+        client.decode(data)
+
+
+def web(data: bytes) -> None:
+    from imud.commands.web.server import is_own_name, is_own_origin
+
+    host, _, origin = data.decode("latin-1").partition("\n")
+    is_own_name(host)
+    is_own_origin(origin, host)
+
+
+def _recording() -> bytes:
+    said = Connection(10**9, 0, "/dev/x", True, "gnss", "nmea", {"identity": {"driver": "nmea", "model": ""}})
+    with tempfile.TemporaryDirectory() as folder:
+        file = RecordingFile(Path(folder) / "a", {"version": "0"}, msgspec.json.encode(Settings()), 0)
+        file.write("/connections", 10**9, msgspec.json.encode(said))
+        file.write("/raw/0", 2 * 10**9, msgspec.json.encode(Raw(2 * 10**9, b"$GPGGA,\r\n")))
+        file.finish()
+        return (Path(folder) / "a").read_bytes()
+
+
+_GGA = b"$GPGGA,081437.000,5212.981473,N,00653.102458,E,1,3,2.88,102.907,M,47.093,M,,*5E\r\n"
+_SENTENCES = (_GGA, b"$GPGLL,4807.038,N,01131.000,E,120000,A,A*50\r\n", b"$GPRMC,120000,V,,,,,,,,,,N*40\r\n")
+_IMU = b"t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2\n" + b"".join(
+    b"%.2f,0,0,0,0,0,-9.8\n" % (0.01 * i) for i in range(5)
+)
+_JSON = (b"{", b"}", b"[", b'"', b":", b",", b"null", b"true", b"\\u0000", b"1e999", b"NaN")
+_TOML = (
+    b"[",
+    b"]",
+    b"=",
+    b"\n",
+    b"[gnss]\n",
+    b"latency_s",
+    b"nmea.rate_hz",
+    b"inf",
+    b"nan",
+    b'"""',
+    b"1979-05-27",
+    b".",
+)
+SURFACES = {
+    "gpsd": Surface(
+        gpsd,
+        (
+            b'?WATCH={"enable":true,"json":true,"rate":10,"class":"TPV"};\n',
+            b"?POLL;?DEVICES;",
+            b"?DEVICE={};",
+            b"POST /",
+        ),
+        (*_JSON, b"?WATCH=", b"?DEVICE=", b";", b"?", b"rate", b"GET "),
+    ),
+    "toml": Surface(
+        toml, (b'ports = ["/dev/ttyUSB0"]\n[gnss]\nlatency_s = 0.2\n[imu]\nmount_rpy_deg = [0, 0, 1]\n',), _TOML
+    ),
+    "override": Surface(
+        override, (b"gnss.latency_s=0.2", b"navigation.lever_arm_m=[0,0,1]", b"realtime.cpus=[0]"), _TOML
+    ),
+    "address": Surface(
+        address, (b"127.0.0.1:2947", b"[::1]:2947", b"/run/imud.sock", b":0"), (b":", b"[", b"]", b"/", b"%")
+    ),
+    "nmea": Surface(nmea, _SENTENCES, (b"$", b",", b"*", b"\r\n", b"GPGSV", b"PMTK", b"\xb5b")),
+    "mcap": Surface(mcap, (_recording(),), (b"\x06", b"\x0c", b"\x09", b"\0\0\0\0\0\0\0\x80")),
+    "imu-csv": Surface(imu_csv, (_IMU,), (b",", b"\n", b"nan", b"1e999", b'"')),
+    "gnss-csv": Surface(
+        gnss_csv, (b"t_s,lat_deg,lon_deg,height_m\n0.5,48.0,11.0,500\n",), (b",", b"\n", b"nan", b"1e999", b'"')
+    ),
+    "shared": Surface(shared, (bytes(client.SHARED_SIZE), b"\2" + bytes(7) + b"IMUD" + bytes(client.SHARED_SIZE - 12))),
+    "stream": Surface(stream, (client.MAGIC + b"\1\0" + bytes(client.RECORD.size - 6),)),
+    "web": Surface(
+        web, (b"127.0.0.1:8080\nhttp://127.0.0.1:8080", b"[::1]\nnull"), (b"[", b"]", b"@", b"#", b"http://", b":")
+    ),
+}

@@ -45,7 +45,7 @@ def usual(name):
     rng = np.random.RandomState(7)  # its stream never changes (NEP 19)
     m = motion("rest" if name in STILL else "car", SECONDS, RATE_HZ)
     samples, _ = sensed(m, rng)
-    return Recording(name, samples, received(m, rng), initial=INITIAL.get(name, Initial()), rows=40)
+    return Recording(name, samples, received(m, rng), initial=INITIAL.get(name, Initial()), rows=20)
 
 
 def classes():
@@ -70,8 +70,9 @@ def recording(name):
     return CLASSES[name]()
 
 
-def traced(name, **how):
-    return trace(recording(name), **{"prepared": to_c_if_possible, **how})
+def traced(name, changed=lambda original: original, **how):
+    """The trace of a recording as it is, or `changed`."""
+    return trace(changed(recording(name)), **{"prepared": to_c_if_possible, **how})
 
 
 def write(name, table):

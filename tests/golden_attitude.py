@@ -1,19 +1,18 @@
 """Recordings for the golden traces of the attitude filter, one for each class of fault and of motion."""
 
-import math
-
 import numpy as np
 from attitude_simulation import DEG, MG, Flaws, G, after, measure, simulate, steady
 from golden_run import Recording
 from scipy.spatial.transform import Rotation
 from simulated import samples_of
 
-from drivers.sample import SUSPECT
+from drivers.sample import POWER_ON, SUSPECT
 from imud.configuration.settings import Imu, Initial, Settings
 
 NOBODY, HEADED = Initial(), Initial(yaw_deg=20.0)
 BIASES = Flaws(gyro_bias=(0.2 * DEG, -0.1 * DEG, 0.15 * DEG), accel_bias=(2.0 * MG, -3.0 * MG, 1.0 * MG))
 LSB = 0.0125 * DEG, 0.125 * MG  # of the M-G350
+COUNT = 2000.0 * DEG / 2**15  # of a gyro of 2000 deg/s and 16 bits
 
 
 def wobble(seed, amplitude, slowest=0.3, fastest=2.5):
@@ -73,6 +72,14 @@ def start_shaken():
     return judged(samples)
 
 
+def start_far_from_gravity():
+    """At first too heavy to show the vertical, then so light that it just may."""
+    samples = shown(lively(40.0, still=-1.0))
+    samples["f"][:30] *= 2.2
+    samples["f"][30:60] *= 0.55
+    return judged(samples)
+
+
 def everything_given():
     given = Initial(roll_deg=10.0, pitch_deg=5.0, yaw_deg=20.0, lat_deg=48.0, height_m=500.0, lon_deg=11.0)
     return judged(shown(lively()), given)
@@ -93,6 +100,115 @@ def rest_with_a_step_of_the_bias():
     samples["w"][truth.t > 60.0] += (0.03 * DEG, -0.15 * DEG, 0.1 * DEG)
     samples["w"][truth.t > 100.0] -= (0.5 * DEG, 0.0, 0.0)
     return judged(samples)
+
+
+def graded(duration, rate_hz, begin, kinds):
+    """What is added to the samples of a rest: for each kind 8 spells of 4 s, ever stronger, with 4 s of rest between.
+
+    kinds: (column, axis, least, most, course over the t s of a spell).
+    """
+    t = np.arange(round(duration * rate_hz)) / rate_hz
+    added = {"w": np.zeros((len(t), 3)), "f": np.zeros((len(t), 3))}
+    for column, axis, least, most, course in kinds:
+        for size in np.geomspace(least, most, 8):
+            spell = (t >= begin) & (t < begin + 4.0)
+            added[column][spell, axis] += size * course(t[spell] - begin)
+            begin += 8.0
+    return added
+
+
+def disturbed_rest():
+    """By rates and forces about as large as a rest may have."""
+    short, ramp = lambda t: (t < 0.05).astype(float), lambda t: np.minimum(t / 2.0, 1.0)
+    kinds = (
+        ("w", 1, 0.025, 0.06, short),
+        ("f", 0, 0.35, 0.9, short),
+        ("f", 1, 0.07, 0.16, ramp),
+        ("w", 2, 3e-4, 3e-3, ramp),
+    )
+    samples = shown(simulate(270.0, 100.0, rpy_deg=(2.0, 1.0, 0.0)))
+    for column, added in graded(270.0, 100.0, 10.0, kinds).items():
+        samples[column] += added
+    return judged(samples, HEADED)
+
+
+def disturbed_rest_of_a_consumer_sensor():
+    """By single rates, about as large as a rest may have."""
+    single = lambda t: (np.arange(len(t)) % 100 == 50).astype(float)  # noqa: E731
+    samples = shown(simulate(90.0, 100.0))
+    samples["w"] += graded(90.0, 100.0, 10.0, (("w", 1, 0.025, 0.06, single),))["w"]
+    return judged(samples, profile="consumer-mems")
+
+
+def fast_turntable():
+    """About as fast as a bias may be."""
+    edges = ((0.0, 1.8), (20.0, 0.0), (40.0, 2.15), (60.0, 0.0), (80.0, -2.4))
+    courses = [steady((0.0, 0.0, rate * DEG), begin, begin + 20.0) for begin, rate in edges]
+    return judged(shown(simulate(110.0, 100.0, lambda t: sum(course(t) for course in courses))))
+
+
+def turntable_that_tilts():
+    """It turns at the start, which looks like a bias; when it stops it leans otherwise, as a vehicle in a curve."""
+    turning, tilting = steady((0.0, 0.0, 1.0 * DEG), -1.0, 30.0), steady((1.0 * DEG, 0.0, 0.0), 30.0, 33.0)
+    return judged(shown(simulate(130.0, 100.0, lambda t: turning(t) + tilting(t))))
+
+
+def weight_just_false():
+    """More than a good board's error explains, by a little."""
+    flaws = Flaws(accel_bias=(0.0, 0.0, -26.0 * MG), gyro_bias=(0.5 * DEG,) * 3)
+    return judged(shown(lively(40.0), flaws), profile="auto")
+
+
+def coarse_counts():
+    """Coarser than is looked at for how readings were cut off."""
+    return cut_off(np.trunc, (0.3, -0.2, -0.4), count=0.22 * DEG)
+
+
+def fine_counts():
+    """In which the noise hides each single one."""
+    return cut_off(np.trunc, (0.03, -0.02, 0.04), still=1e3, duration=60.0, count=0.0105 * DEG)
+
+
+def counts_that_hardly_tell():
+    """The noise nearly hides each single one: it takes long to learn from it."""
+    return cut_off(np.trunc, (0.03, -0.02, 0.04), still=1e3, duration=130.0, count=0.0145 * DEG)
+
+
+def short_gaps():
+    """Of two samples each, about the shortest that count as one."""
+    samples = shown(lively(40.0))
+    keep = np.ones(len(samples), bool)
+    keep[1500::250] = keep[1501::250] = False
+    return judged(samples[keep], HEADED)
+
+
+def power_on():
+    """Of another sensor, with other biases, at rest and in motion."""
+    truth = lively(60.0)
+    samples = shown(truth)
+    for begin in (6.0, 40.0):
+        samples["w"][truth.t >= begin] += np.array([0.3, -0.2, 0.1]) * DEG
+        samples["f"][truth.t >= begin] += np.array([3.0, 5.0, -4.0]) * MG
+        samples["flags"][np.searchsorted(truth.t, begin)] |= POWER_ON
+    return judged(samples[(truth.t < 5.5) | (truth.t > 6.0 - 1e-6)], HEADED)
+
+
+def counts_about_whole():
+    """A bias that was taken out left them a little beside whole numbers, by as much as they just may be."""
+    return cut_off(np.trunc, (0.08, -0.05, -0.4), 8.11 * COUNT / DEG, still=60.0)
+
+
+def gaps_of_about_a_second():
+    """A little longer than the attitude is carried on for; the same of damage."""
+    truth = lively(60.0)
+    samples = shown(truth)
+    samples["flags"][(truth.t >= 40.0) & (truth.t < 41.1)] = SUSPECT
+    return judged(samples[(truth.t < 25.0) | (truth.t > 26.1)], HEADED)
+
+
+def long_drive_of_the_heading():
+    """Until it is not trusted any more."""
+    return judged(shown(lively(150.0, 50.0, turning=1.5), seed=4), HEADED, profile="consumer-mems")
 
 
 def turntable():
@@ -247,9 +363,8 @@ def wrong_tilt_at_rest():
     return slipped(5.0, simulate(80.0, 50.0))
 
 
-def cut_off(cast, bias_degps, taken_out_degps=0.0, still=8.0, duration=100.0):
-    """Rates as integers of 2000 deg/s full scale; a bias was taken out afterwards."""
-    count = 2000.0 * DEG / 2**15
+def cut_off(cast, bias_degps, taken_out_degps=0.0, still=8.0, duration=100.0, count=COUNT):
+    """Rates as integers; a bias was taken out afterwards."""
     truth = simulate(duration, 200.0, after(still, wobble(6, 0.5, 0.3, 1.5)), after(still, wobble(6, 0.5, 1.0, 3.0)))
     samples = shown(truth, Flaws(gyro_bias=tuple(np.array(bias_degps) * DEG)))
     samples["w"] = cast(samples["w"] / count) * count - taken_out_degps * DEG
@@ -266,13 +381,13 @@ def rates_cut_off_about_zero():
 
 
 def long_rest_of_counts():
-    """Longer than its noise is looked at; at first a low-pass makes the noise of neighbours alike on one axis."""
+    """Longer than its noise is looked at; for a while a low-pass makes the noise of neighbours alike."""
     recording = cut_off(np.trunc, (0.03, -0.1, 0.2), still=1e3, duration=110.0)
-    noise = np.random.RandomState(5).normal(size=len(recording.samples))
+    noise = np.random.RandomState(5).normal(size=(4000, 2))
     for k in range(1, len(noise)):
-        noise[k] = 0.7 * noise[k - 1] + math.sqrt(0.51) * noise[k]
-    count = 2000.0 * DEG / 2**15
-    recording.samples["w"][:4000, 0] = np.trunc(1.5 * noise[:4000]) * count
+        noise[k] = (0.78, 0.6) * noise[k - 1] + (0.626, 0.8) * noise[k]
+    recording.samples["w"][:4000, 0] = np.trunc(1.5 * noise[:, 0]) * COUNT
+    recording.samples["w"][6000:10000, 1] = np.trunc(1.4 * noise[:, 1]) * COUNT
     return recording
 
 
@@ -281,10 +396,12 @@ def rates_rounded():
 
 
 CLASSES = (
-    hand, start_in_motion, start_shaken, everything_given, false_attitude_given, rest, rest_with_a_step_of_the_bias,
-    turntable, start_on_a_turntable, even_curve, car, smooth_car, fast_car, unnamed, tapping, warped, clipping,
+    disturbed_rest_of_a_consumer_sensor, counts_that_hardly_tell, short_gaps, power_on, hand, start_in_motion,
+    start_shaken, start_far_from_gravity, everything_given, disturbed_rest, fast_turntable, turntable_that_tilts,
+    weight_just_false, coarse_counts, fine_counts, counts_about_whole, gaps_of_about_a_second,
+    long_drive_of_the_heading, false_attitude_given, rest, rest_with_a_step_of_the_bias, turntable,
+    start_on_a_turntable, even_curve, car, smooth_car, fast_car, unnamed, tapping, warped, clipping,
     lost_accelerometer, one_frozen_axis_of_the_accelerometer, lost_gyro, lost_gyro_for_a_moment,
     no_accelerometer_at_the_start, gaps, gap_in_lively_motion, damaged_samples, lost_attitude, wrong_tilt_in_motion,
-    wrong_tilt_at_rest, rates_cut_off, rates_cut_off_about_zero,
-    long_rest_of_counts, rates_rounded,
+    wrong_tilt_at_rest, rates_cut_off, rates_cut_off_about_zero, long_rest_of_counts, rates_rounded,
 )  # fmt: skip

@@ -26,9 +26,10 @@ from imud.compile.c import Translation
 FOLDER = Path(imud.estimators.__file__).resolve().parent
 DUMP = "void __gcov_dump(void);\nvoid write_counts(void) { __gcov_dump(); }\n"  # at once, not when the process ends
 LEAST_PERCENT = 97.0
-NOT_RUN = {  # function and line: why no trace runs it
+NOT_RUN = {  # a function and its line, or all of a function: why no trace runs it
     "correct: pitch, roll = x[PITCH], x[ROLL]": "Suh's filters as printed are the experiments' alone",
     "correct: by_pitch, expected = 0.0, (cp * pitch, cr * cp * roll)": "as above",
+    "evaluate_axis: return False": "seen in no simulation: noise so coloured ends the rest before a block is full",
     "median_bin: return first": "the loop before it always returns; the compiler wants a result",
     "estimate_drift: return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0": "guards a division: fixes inform on both axes",
     "propagate_to: return": "guards a division: the ring takes newer samples only",
@@ -36,6 +37,12 @@ NOT_RUN = {  # function and line: why no trace runs it
     "solve_heading: return unknown": "seen in no simulation: motion that only the receiver shows",
     "monitor_heading: realign(p, c)": "seen in no simulation: it is surer than its velocity pairs",
 }
+NO_SOURCE = "needs a measurement beside fixes, which the pipeline does not bring yet"
+NOT_RUN |= dict.fromkeys(
+    ("fuse_heading", "sigma_of", "fuse_source", "fuse_stored", "fuse_from", "insert_measurement", "first_fix_after"),
+    NO_SOURCE,
+)
+NOT_RUN["rewind_to"] = NO_SOURCE
 
 
 @dataclass(frozen=True, order=True)
@@ -92,7 +99,7 @@ def unexplained(counted):
 
 
 def reason(line):
-    return NOT_RUN.get(f"{line.function}: {line.text}")
+    return NOT_RUN.get(f"{line.function}: {line.text}") or NOT_RUN.get(line.function)
 
 
 def report(counted):

@@ -9,7 +9,7 @@ from golden_run import Recording
 from navigation_simulation import Drive, curvature, drive, ideal_sensor, received, sensed
 from scipy.spatial.transform import Rotation
 
-from drivers.sample import SUSPECT
+from drivers.sample import POWER_ON, SUSPECT
 from imud.configuration.settings import Imu, Initial, Navigation, Settings
 
 RATE = 100
@@ -129,6 +129,96 @@ def frozen_receiver():
     return navigated(samples, fixes)
 
 
+def frozen_slow_receiver():
+    """Five fixes a second that stand still, of a vehicle about as slow as it may be for that to show."""
+    d = road(100.0, speed=2.6, swing=0.5)
+    samples, fixes = data(d, seed=62, every=0.2)
+    for begin in (40.0, 52.0, 64.0, 76.0):
+        frozen = np.flatnonzero(between(fixes, begin, begin + 4.0))
+        fixes["lat"][frozen], fixes["lon"][frozen] = fixes["lat"][frozen[0]], fixes["lon"][frozen[0]]
+    return navigated(samples, fixes)
+
+
+def two_jumps_without_velocity():
+    samples, fixes = data(seed=63)
+    fixes = silent(moved(moved(fixes, 80.0, 1e9, 300.0), 91.0, 1e9, 400.0))
+    return navigated(samples, fixes, HEADED)
+
+
+def graded_jumps():
+    """Each for three seconds, ever farther."""
+    samples, fixes = data(road(200.0), seed=64)
+    for k, metres in enumerate(np.geomspace(4.0, 40.0, 14)):
+        fixes = moved(fixes, 50.0 + 10.0 * k, 53.0 + 10.0 * k, metres)
+    return navigated(samples, fixes, HEADED)
+
+
+def graded_drifts():
+    """Of a parked vehicle's positions, ever faster, each until it is far enough; and back."""
+    samples, fixes = data(road(320.0, rest=1e3), seed=65)
+    for k, speed in enumerate((0.3, 0.6, 1.2, 2.4, 4.5, 6.0)):
+        fixes = moved(fixes, 60.0 + 40.0 * k, 80.0 + 40.0 * k, 0.0, per_second=speed)
+    return navigated(samples, silent(fixes), HEADED)
+
+
+def graded_drifts_under_way():
+    """The same of a car; each stays for a while where it has come to."""
+    samples, fixes = data(road(330.0), seed=66)
+    for k, speed in enumerate((0.8, 1.6, 5.6)):
+        begin = 60.0 + 90.0 * k
+        fixes = moved(fixes, begin, begin + 20.0, 0.0, per_second=speed)
+        fixes = moved(fixes, begin + 20.0, begin + 55.0, 20.0 * speed)
+    return navigated(samples, silent(fixes), HEADED)
+
+
+def survey_of_a_decimetre():
+    """Whose fixes are just too uncertain for it to be one."""
+    d, rng = road(80.0), random(67)
+    samples, fixes = sensed(d, rng), received(d, rng, every=0.5, sigma=0.08, white=0.05)
+    fixes["arrival_ns"] = fixes["t_ns"]
+    fixes["sigma"], fixes["hdop"] = (0.11, 0.11, 0.2), np.nan
+    return navigated(samples, fixes)
+
+
+def outage_before_heading():
+    """After two fixes under way; what was matched until then is too old as they come back."""
+    samples, fixes = data(road(100.0, rest=0.0, fast_start=True), seed=68)
+    return navigated(samples, fixes[~between(fixes, 7.5, 29.5)])
+
+
+def old_fixes():
+    """About as old as may be used; none comes meanwhile."""
+    samples, fixes = data(seed=69)
+    fixes["arrival_ns"][between(fixes, 80.0, 81.0)] += 11_000_000_000
+    fixes["arrival_ns"][between(fixes, 110.0, 111.0)] += 4_000_000_000
+    fixes["t_ns"][between(fixes, 130.0, 131.0)] += 1_300_000_000
+    return navigated(samples, fixes[~between(fixes, 81.0, 92.0) & ~between(fixes, 111.0, 115.0)], HEADED)
+
+
+def drift_that_returns():
+    """Slowly, of a parked vehicle's positions."""
+    samples, fixes = data(road(200.0, rest=1e3), seed=82)
+    fixes = moved(moved(fixes, 70.0, 110.0, 0.0, per_second=1.0), 110.0, 190.0, 40.0, per_second=-0.5)
+    return navigated(samples, silent(fixes), HEADED)
+
+
+def long_drift():
+    """For longer than fixes are refused."""
+    samples, fixes = data(road(200.0, rest=1e3), seed=83)
+    return navigated(samples, silent(moved(fixes, 60.0, 1e9, 0.0, per_second=1.0)), HEADED)
+
+
+def restless_receiver():
+    """Its positions wander farther than it says, for minutes, and drift at last."""
+    samples, fixes = data(road(330.0, rest=1e3), seed=84, sigma=5.0, tau=30.0)
+    return navigated(samples, silent(moved(fixes, 280.0, 1e9, 0.0, per_second=1.5)), HEADED)
+
+
+def restless_receiver_under_way():
+    samples, fixes = data(road(330.0), seed=85, sigma=4.0, tau=20.0)
+    return navigated(samples, silent(moved(fixes, 270.0, 1e9, 0.0, per_second=2.0)), HEADED)
+
+
 def outage():
     samples, fixes = data(seed=11)
     return navigated(samples, fixes[~between(fixes, 90.0, 130.0)])
@@ -219,6 +309,40 @@ def gaps():
     samples, fixes = data(seed=20)
     keep = ~between(samples, 50.0, 50.05) & ~between(samples, 60.0, 60.4) & ~between(samples, 75.0, 77.0)
     return navigated(samples[keep & ~between(samples, 95.0, 125.0)], fixes)
+
+
+def short_gaps():
+    """About the longest that are not bridged."""
+    samples, fixes = data(seed=86)
+    keep = np.ones(len(samples), bool)
+    for begin in range(40, 140, 7):
+        keep &= ~between(samples, begin, begin + 0.1)
+    return navigated(samples[keep], fixes)
+
+
+def another_sensor(samples, begin):
+    """From `begin` on, with the biases of its power-on."""
+    after = between(samples, begin, 1e9)
+    samples["w"][after] += (0.01, -0.005, 0.008)
+    samples["f"][after] += (0.1, 0.05, -0.1)
+    samples["flags"][np.flatnonzero(after)[0]] |= POWER_ON
+
+
+def power_on():
+    """Under way, for a moment and for longer."""
+    samples, fixes = data(seed=87)
+    another_sensor(samples, 70.0)
+    another_sensor(samples, 105.0)
+    return navigated(samples[~between(samples, 69.8, 70.0) & ~between(samples, 102.0, 105.0)], fixes)
+
+
+def power_on_moved():
+    """At a stop, mounted again with a tilt that is too large for the same attitude."""
+    samples, fixes = data(stop_and_go(), seed=88)
+    another_sensor(samples, 110.0)
+    tilt, after = Rotation.from_euler("Y", 25.0, degrees=True), between(samples, 110.0, 1e9)
+    samples["w"][after], samples["f"][after] = tilt.apply(samples["w"][after]), tilt.apply(samples["f"][after])
+    return navigated(samples[~between(samples, 106.0, 110.0)], fixes)
 
 
 def long_gap():
@@ -349,6 +473,22 @@ def reversing():
     """Turns about its axle, ahead of which the sensor stands; forwards and in reverse."""
     samples, fixes = data(road(swing=1.8, arm=1.5), seed=34)
     return navigated(samples, fixes, vehicle="land")
+
+
+def slipping_start():
+    """A land vehicle by its settings, whose nose swings ever less about its way."""
+    d = road(120.0)
+    angle = 1.2 * np.exp(-np.maximum(d.t - 10.0, 0.0) / 25.0) * np.sin(1.1 * d.t)
+    samples, fixes = data(turned(d, angle), seed=70)
+    return navigated(samples, fixes, vehicle="land")
+
+
+def ferry():
+    """A car that a current sets off for some time, and that is a car again after."""
+    d = road(330.0)
+    angle = 0.5 * np.clip((d.t - 60.0) / 3.0, 0.0, 1.0) * np.clip((110.0 - d.t) / 3.0, 0.0, 1.0)
+    samples, fixes = data(turned(d, angle * np.sin(0.15 * (d.t - 60.0))), seed=71)
+    return navigated(samples, fixes)
 
 
 def turned(d, angle):
@@ -493,6 +633,53 @@ def force_that_creeps():
     return navigated(samples, fixes, HEADED)
 
 
+def graded_rest(seed, silent_receiver):
+    """Steps of the gyro's bias, then noise of the forces, then of the rates, all about as large as at a rest."""
+    samples, fixes = data(road(240.0, rest=1e3), seed=seed)
+    rng, t = random(seed + 1), seconds(samples)
+    level = np.interp(t, [20.0, 90.0], [0.0, 14.0]).astype(int)
+    samples["w"][:, 2] += np.concatenate([[0.0], np.geomspace(1e-3, 5e-3, 14)])[level] * (level % 2) * (t < 90.0)
+    samples["f"] += (
+        rng.standard_normal(samples["f"].shape) * np.interp(t, [90, 91, 150, 151], [0, 0.01, 0.25, 0])[:, None]
+    )
+    samples["w"] += (
+        rng.standard_normal(samples["w"].shape) * np.interp(t, [160, 161, 220, 221], [0, 1e-3, 8e-3, 0])[:, None]
+    )
+    return navigated(samples, silent(fixes) if silent_receiver else fixes, HEADED)
+
+
+def disturbed_rest():
+    return graded_rest(72, False)
+
+
+def disturbed_rest_without_velocity():
+    return graded_rest(74, True)
+
+
+def disturbed_rest_before_heading():
+    recording = graded_rest(76, True)
+    return replace(recording, initial=Initial())
+
+
+def rest_in_an_outage():
+    """Of what may move anywhere, so that its velocity drifts: what was learned of rest and of slow motion tells."""
+    samples, fixes = data(stop_and_go(), seed=78)
+    return navigated(samples, fixes[~between(fixes, 165.0, 1e9)], vehicle="free")
+
+
+def wrong_heading_by(degrees, seed):
+    samples, fixes = data(seed=seed)
+    return navigated(samples, fixes, Initial(yaw_deg=math.degrees(0.7) + degrees))
+
+
+def heading_a_little_wrong():
+    return wrong_heading_by(35.0, 79)
+
+
+def heading_just_wrong():
+    return wrong_heading_by(24.0, 80)
+
+
 def step_of_the_bias_at_rest():
     """So still that it can be nothing else."""
     samples, fixes = data(road(rest=1e3), seed=54)
@@ -530,11 +717,16 @@ def date_line():
 
 
 CLASSES = (
-    no_velocity, jump, short_jump, jump_without_velocity, jump_of_height, no_height, slow_drift,
-    slow_drift_against_velocity, slow_drift_parked, drift_that_stays, frozen_receiver, outage, latency, late_fixes, rtk,
-    rtk_comes_and_goes, ned_velocity, sparse_fixes, positions_often, few_fixes, contrary_velocity, gaps, long_gap,
-    saturation, no_rates, no_rate_for_a_moment, no_forces, no_samples, damaged_samples, wrong_heading, wrong_place,
-    vague_heading, jump_before_heading, start_in_free_fall, everything_given, under_way, under_way_without_velocity,
-    no_fixes, reversing, boat, free_craft, mounted_askew, scale_factor, flight, hammered, stops, parked, turned_at_rest,
-    force_that_creeps, moored, step_of_the_bias_at_rest, lift, pole, date_line,
+    drift_that_returns, long_drift, restless_receiver, restless_receiver_under_way, short_gaps, power_on,
+    power_on_moved, no_velocity, jump, short_jump, jump_without_velocity, jump_of_height, no_height, slow_drift,
+    slow_drift_against_velocity, slow_drift_parked, drift_that_stays, frozen_receiver, outage, latency, late_fixes,
+    rtk, rtk_comes_and_goes, ned_velocity, sparse_fixes, positions_often, few_fixes, contrary_velocity, gaps,
+    long_gap, saturation, no_rates, no_rate_for_a_moment, no_forces, no_samples, damaged_samples, wrong_heading,
+    wrong_place, vague_heading, jump_before_heading, start_in_free_fall, everything_given, under_way,
+    under_way_without_velocity, no_fixes, reversing, boat, free_craft, mounted_askew, scale_factor, flight,
+    hammered, stops, parked, turned_at_rest, frozen_slow_receiver, two_jumps_without_velocity, graded_jumps,
+    graded_drifts, graded_drifts_under_way, survey_of_a_decimetre, outage_before_heading, old_fixes, slipping_start,
+    ferry, disturbed_rest, disturbed_rest_without_velocity, disturbed_rest_before_heading, rest_in_an_outage,
+    heading_a_little_wrong, heading_just_wrong, force_that_creeps, moored, step_of_the_bias_at_rest, lift, pole,
+    date_line,
 )  # fmt: skip

@@ -12,7 +12,7 @@ from imud.estimators.records import INNOVATION, SOLUTION
 from imud.pipeline import Filter
 
 TO_DEG = np.degrees(1.0)
-ROWS = 12  # of a golden file
+ROWS = 8  # of a golden file
 ROOM = 64  # innovations between two fixes, at most
 
 
@@ -77,11 +77,20 @@ def innovation_columns(innovations, t_ns):
     return table
 
 
+def sum_columns(out):
+    """Sums over all samples until each: they remember what was between the rows of a file."""
+    sums = {"status": out["status"].astype(float)}
+    for name in ("v", "bg", "ba", "sigma_p", "sigma_v", "sigma_rpy", "sigma_bg", "sigma_ba"):
+        sums[name] = np.linalg.norm(np.nan_to_num(out[name]), axis=1)
+    return {f"{name}_sum": np.cumsum(values) for name, values in sums.items()}
+
+
 def trace(recording, **how):
     """Name to numbers of every so many samples; what the estimator never knows, and what never came, is left out."""
     out, innovations = run(recording, **how)
     every = max(len(out) // recording.rows, 1)
     kept = out[every - 1 :: every]
-    counted = innovation_columns(innovations, kept["t_ns"])
+    counted = {name: values[every - 1 :: every] for name, values in sum_columns(out).items()}
+    counted |= innovation_columns(innovations, kept["t_ns"])
     table = {name: values for name, values in solution_columns(kept).items() if np.isfinite(values).any()}
     return table | {name: values for name, values in counted.items() if values.any()}

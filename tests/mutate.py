@@ -1,0 +1,105 @@
+"""Do the golden traces notice when a tunable of an estimator changes? `python tests/mutate.py [NAME..]`
+
+Each tunable is changed alone: by a quarter, whole numbers by one at least. It is noticed if a golden trace differs. Of
+those that no trace notices, NOT_NOTICED says why. NAME: `attitude.KEY`, or its beginning; default: all.
+"""
+
+import argparse
+import dataclasses
+import functools
+import sys
+from dataclasses import dataclass
+
+import msgspec
+from golden import CLASSES, differences, read, recording, traced
+from golden_run import Recording
+
+from imud.estimators import registry
+from imud.estimators.tuning import Tunable
+
+LEAST_PERCENT = 85.0
+NOT_NOTICED: dict[str, str] = {}
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A change of one tunable."""
+
+    estimator: str
+    tunable: Tunable
+
+    @property
+    def name(self) -> str:
+        return f"{self.estimator}.{self.tunable.name}"
+
+    @property
+    def value(self) -> float:
+        """A quarter more, of a whole number one more at least; less where so much is not allowed."""
+        default = self.tunable.default
+        step = max(1, round(0.25 * abs(default))) if isinstance(default, int) else 0.25 * default or 0.25
+        return default + step if self.tunable.accepts(default + step) else default - step
+
+    @property
+    def reason(self) -> str | None:
+        """Why no trace notices it, if that is known."""
+        return NOT_NOTICED.get(self.name)
+
+    def applied(self, original: Recording) -> Recording:
+        """The recording with settings that have the change."""
+        settings, table = original.settings, registry.by_name(self.estimator).table
+        tuning = {**getattr(settings, table).tuning, self.tunable.name: self.value}
+        changed = {table: msgspec.structs.replace(getattr(settings, table), tuning=tuning)}
+        return dataclasses.replace(original, settings=msgspec.structs.replace(settings, **changed))
+
+
+def mutants(beginnings=("",)) -> list[Mutant]:
+    """All whose names begin so."""
+    found = [Mutant(name, tunable) for name in registry.NAMES for tunable in registry.by_name(name).tunables]
+    return [mutant for mutant in found if mutant.name.startswith(tuple(beginnings))]
+
+
+class Search:
+    """Looks for a golden trace that differs; those that did for the last mutants come first."""
+
+    def __init__(self) -> None:
+        self._order = list(CLASSES)
+
+    def noticed_by(self, mutant: Mutant) -> str | None:
+        """The name of a golden trace that the change moves; None: it moves none."""
+        for name in self._order:
+            if recording(name).estimator == mutant.estimator and differences(
+                _golden(name), traced(name, mutant.applied)
+            ):
+                self._order.remove(name)
+                self._order.insert(0, name)
+                return name
+        return None
+
+
+@functools.cache
+def _golden(name):
+    return read(name)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", default=[""], metavar="NAME")
+    parser.add_argument("-v", "--verbose", action="store_true", help="say which trace notices each")
+    args = parser.parse_args()
+    search, alive, every = Search(), [], mutants(args.names)
+    if not every:
+        parser.error("no tunable's name begins so; `imud reference tuning` lists them")
+    for mutant in every:
+        name = search.noticed_by(mutant)
+        alive += [mutant] if name is None else []
+        if args.verbose:
+            print(f"{mutant.name} {mutant.value:g}: {name}", flush=True)
+    for mutant in alive:
+        print(f"not noticed: {mutant.name} {mutant.tunable.default:g} as {mutant.value:g} ({mutant.reason})")
+    percent = 100.0 * (1.0 - len(alive) / len(every))
+    print(f"{percent:.1f} % of {len(every)} tunables are noticed")
+    sys.exit(percent < LEAST_PERCENT or any(mutant.reason is None for mutant in alive))
+
+
+if __name__ == "__main__":
+    main()

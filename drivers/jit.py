@@ -7,6 +7,7 @@ program has named a cache directory for just these sources: numba itself would t
 
 import functools
 import os
+import types
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
@@ -59,5 +60,13 @@ def unrolled(function: Function) -> Function:
 
 
 def interpreted(function: Function) -> Function:
-    """The plain Python function of a kernel: for what is done once at the start and is not worth importing numba."""
-    return cast(Function, cast(Kernel, function).py_func)
+    """A kernel as plain Python, with all that it calls: for what is done once and is not worth importing numba.
+
+    As in Python, a division by zero raises ZeroDivisionError, and the root of a negative number ValueError.
+    """
+    python = cast(Any, function).py_func
+    scope = dict(python.__globals__)
+    for name in python.__code__.co_names:
+        if isinstance(scope.get(name), Kernel):
+            scope[name] = interpreted(scope[name])
+    return cast(Function, types.FunctionType(python.__code__, scope, python.__name__, python.__defaults__))

@@ -4,17 +4,17 @@ Each is composed with every driver and every estimator that is used; `ingest` ca
 stream's record. So drivers plus estimators are compiled, not drivers times estimators.
 """
 
-import types
+import functools
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from drivers.driver import ImuDriver
-from drivers.entry import entry
 from drivers.sample import POWER_ON, SAMPLE
 
 from .clocks.counter import CLOCK, stamp
+from .compile.entry import address_of, entry, name_after
 from .compile.jit import inlined, kernel
 from .compile.system import call, records
 from .estimators import Estimator
@@ -23,6 +23,7 @@ from .math.arrays import Records
 from .sensor_errors.calibration import CORRECTION, correct
 from .sensors.health import HEALTH, examine
 
+Kernel = Callable[..., Any]
 BATCH = 1024  # samples one call may yield: more than a reading can hold of the shortest frames, lines of 6 bytes
 RX = 65536  # bytes
 BYTE = np.dtype(np.uint8)
@@ -51,46 +52,6 @@ STREAM = np.dtype(
 )
 
 
-def _decode(stream: int, received: int) -> int:
-    s = records(stream, 1, STREAM)[0]
-    state = records(s.decoder, 1, DECODER)  # type: ignore[name-defined]  # noqa: F821
-    n: int = decode(  # type: ignore[name-defined]  # noqa: F821
-        records(s.rx, RX, BYTE), s.fill + received, state, records(s.samples, BATCH, SAMPLE)
-    )
-    s.fill = state[0].leftover
-    return n
-
-
-def _advance(stream: int, n: int, arrival_ns: int) -> int:
-    s = records(stream, 1, STREAM)[0]
-    samples = records(s.samples, BATCH, SAMPLE)
-    if s.power_on:
-        samples[0].flags |= POWER_ON
-        s.power_on = 0
-    advance(  # type: ignore[name-defined]  # noqa: F821
-        samples,
-        n,
-        arrival_ns,
-        records(s.clock, 1, CLOCK),
-        records(s.health, 1, HEALTH),
-        records(s.correction, 1, CORRECTION),
-        records(s.parameters, 1, PARAMETERS),  # type: ignore[name-defined]  # noqa: F821
-        records(s.state, 1, STATE),  # type: ignore[name-defined]  # noqa: F821
-        records(s.solutions, BATCH, SOLUTION),
-    )
-    return n
-
-
-def _each(
-    samples: Any, n: int, arrival_ns: int, clock: Any, health: Any, errors: Any, parameters: Any, state: Any, out: Any
-) -> None:
-    for k in range(n):
-        samples[k].t_ns = stamp(clock[0], samples[k].tick, arrival_ns)
-        examine(health[0], samples[k])
-        correct(samples[k], errors[0])
-        step(parameters[0], state[0], samples[k], out[k])  # type: ignore[name-defined]  # noqa: F821
-
-
 @entry
 def ingest(stream: Records, received: int, arrival_ns: int) -> int:
     """Decode, stamp and step what was written to rx[fill:fill + received]; returns how many solutions are new."""
@@ -102,35 +63,6 @@ def ingest(stream: Records, received: int, arrival_ns: int) -> int:
         s.newest = n - 1
         s.heard_ns = arrival_ns
     return int(n)
-
-
-def _feed(
-    health: Any,
-    samples: Any,
-    errors: Any,
-    parameters: Any,
-    state: Any,
-    out: Any,
-    fixes: Any,
-    places: Any,
-    innovations: Any,
-) -> int:
-    n = fed = 0
-    for k in range(len(samples) + 1):
-        while fed < len(fixes) and places[fed] <= k:
-            n += told(state[0], innovations[n:])  # type: ignore[name-defined]  # noqa: F821
-            n += update(parameters[0], state[0], fixes[fed], innovations[n:])  # type: ignore[name-defined]  # noqa: F821
-            fed += 1
-        if k < len(samples):
-            examine(health[0], samples[k])
-            correct(samples[k], errors[0])
-            step(parameters[0], state[0], samples[k], out[k])  # type: ignore[name-defined]  # noqa: F821
-    return n
-
-
-def _told(state: Any, innovations: Any) -> int:
-    n: int = told(state[0], innovations)  # type: ignore[name-defined]  # noqa: F821
-    return n
 
 
 @kernel
@@ -145,35 +77,115 @@ def _tells_none(state: Any, innovations: Any) -> int:
     return 0
 
 
-_composed: dict[str, Any] = {}
+@functools.cache
+def _decoder(decode: Kernel, decoder: np.dtype[Any]) -> Kernel:
+    """A driver's half of `ingest`. decoder: of its state."""
+
+    def decode_stream(stream: int, received: int) -> int:
+        s = records(stream, 1, STREAM)[0]
+        state = records(s.decoder, 1, decoder)
+        n: int = decode(records(s.rx, RX, BYTE), s.fill + received, state, records(s.samples, BATCH, SAMPLE))
+        s.fill = state[0].leftover
+        return n
+
+    name_after(decode_stream, decode, decoder)
+    return entry(decode_stream)
 
 
-def _compose(how: Callable[..., Any], template: Callable[..., Any], name: str, **parts: Any) -> Any:
-    """The template with its free names bound to `parts`, under a name of its own, by which its code is cached."""
-    if name not in _composed:
-        bound = types.FunctionType(template.__code__, {**globals(), **parts}, name)
-        bound.__qualname__ = name
-        _composed[name] = how(bound)
-    return _composed[name]
+@functools.cache
+def _stepper(step: Kernel) -> Kernel:
+    """Clock, health, calibration and estimator, for each sample of a batch."""
+
+    def step_batch(
+        samples: Any, n: int, arrival_ns: int, clock: Any, health: Any, errors: Any, p: Any, s: Any, out: Any
+    ) -> None:
+        for k in range(n):
+            samples[k].t_ns = stamp(clock[0], samples[k].tick, arrival_ns)
+            examine(health[0], samples[k])
+            correct(samples[k], errors[0])
+            step(p[0], s[0], samples[k], out[k])
+
+    name_after(step_batch, step)
+    return inlined(step_batch)
+
+
+@functools.cache
+def _advancer(step: Kernel, parameters: np.dtype[Any], state: np.dtype[Any]) -> Kernel:
+    """An estimator's half of `ingest`. parameters, state: of its records."""
+    step_batch = _stepper(step)
+
+    def advance_stream(stream: int, n: int, arrival_ns: int) -> int:
+        s = records(stream, 1, STREAM)[0]
+        samples = records(s.samples, BATCH, SAMPLE)
+        if s.power_on:
+            samples[0].flags |= POWER_ON
+            s.power_on = 0
+        step_batch(
+            samples,
+            n,
+            arrival_ns,
+            records(s.clock, 1, CLOCK),
+            records(s.health, 1, HEALTH),
+            records(s.correction, 1, CORRECTION),
+            records(s.parameters, 1, parameters),
+            records(s.state, 1, state),
+            records(s.solutions, BATCH, SOLUTION),
+        )
+        return n
+
+    name_after(advance_stream, step, parameters, state)
+    return entry(advance_stream)
+
+
+@functools.cache
+def _feeder(step: Kernel, update: Kernel, told: Kernel) -> Kernel:
+    """What `Filter.feed` calls."""
+
+    def feed(
+        health: Any, samples: Any, errors: Any, p: Any, s: Any, out: Any, fixes: Any, places: Any, innovations: Any
+    ) -> int:
+        n = fed = 0
+        for k in range(len(samples) + 1):
+            while fed < len(fixes) and places[fed] <= k:
+                n += told(s[0], innovations[n:])
+                n += update(p[0], s[0], fixes[fed], innovations[n:])
+                fed += 1
+            if k < len(samples):
+                examine(health[0], samples[k])
+                correct(samples[k], errors[0])
+                step(p[0], s[0], samples[k], out[k])
+        return n
+
+    name_after(feed, step, update, told)
+    return entry(feed)
+
+
+@functools.cache
+def _teller(told: Kernel) -> Kernel:
+    """What `Filter.told` calls."""
+
+    def innovations_of(state: Any, innovations: Any) -> int:
+        return int(told(state[0], innovations))
+
+    name_after(innovations_of, told)
+    return entry(innovations_of)
 
 
 def decoding(driver: ImuDriver, decoder: Records) -> int:
-    """Address of the compiled driver's half of `ingest`; compiles it if need be."""
-    parts = {"decode": driver.decode, "DECODER": decoder.dtype}
-    return int(_compose(entry, _decode, f"decode_{driver.name}", **parts).address)
+    """Address of the compiled driver's half of `ingest`."""
+    return address_of(_decoder(driver.decode, decoder.dtype))
 
 
 class Stages:
-    """What is composed with an estimator; each is compiled when it is first called."""
+    """What is composed with an estimator."""
 
     def __init__(self, estimator: Estimator) -> None:
-        self._stem = estimator.name.replace("-", "_")
-        step, told, update = estimator.step, estimator.told or _tells_none, estimator.update or _takes_none
-        self.each = _compose(inlined, _each, f"each_{self._stem}", step=step)
-        self.feed = _compose(entry, _feed, f"feed_{self._stem}", step=step, told=told, update=update)
-        self.told = _compose(entry, _told, f"told_{self._stem}", told=told)
+        update, told = estimator.update or _takes_none, estimator.told or _tells_none
+        self._step = estimator.step
+        self.each = _stepper(estimator.step)
+        self.feed = _feeder(estimator.step, update, told)
+        self.told = _teller(told)
 
     def advancing(self, parameters: Records, state: Records) -> int:
-        """Address of the estimator's half of `ingest`; compiles it if need be."""
-        parts = {"advance": self.each, "PARAMETERS": parameters.dtype, "STATE": state.dtype}
-        return int(_compose(entry, _advance, f"advance_{self._stem}", **parts).address)
+        """Address of the compiled estimator's half of `ingest`."""
+        return address_of(_advancer(self._step, parameters.dtype, state.dtype))

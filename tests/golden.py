@@ -4,8 +4,7 @@
     python tests/golden.py NAME..           some of them: a file's name without .csv, or its beginning
     python tests/golden.py --check [NAME..] compare instead, and say from when on which column differs
 
-A change of any number shows in the diff, and is either meant or a bug. The kernels run as C, which compiles in seconds
-after an edit; where there is no C compiler, numba compiles them, in minutes. The traces hold on other processors too:
+A change of any number shows in the diff, and is either meant or a bug. The traces hold on other processors too:
 the noise is of numpy's frozen generator, and the comparison leaves room for the last bits of sines and of fused
 multiplication, nothing more.
 """
@@ -16,21 +15,15 @@ import functools
 import sys
 from pathlib import Path
 
+import golden_attitude
+import golden_navigation
+import golden_others
 import numpy as np
+from golden_run import Recording, trace
+from simulated import motion, received, sensed
 
-from imud.process import runtime
-
-runtime.prepare()  # else numba would run stale kernels
-
-import golden_attitude  # noqa: E402
-import golden_navigation  # noqa: E402
-import golden_others  # noqa: E402
-from golden_run import Recording, trace  # noqa: E402
-from kernels_in_c import to_c_if_possible  # noqa: E402
-from simulated import motion, received, sensed  # noqa: E402
-
-from imud.configuration.settings import Initial  # noqa: E402
-from imud.estimators.registry import NAMES  # noqa: E402
+from imud.configuration.settings import Initial
+from imud.estimators.registry import NAMES
 
 FOLDER = Path(__file__).with_name("golden")
 SECONDS, RATE_HZ = 80.0, 100.0
@@ -72,7 +65,7 @@ def recording(name):
 
 def traced(name, changed=lambda original: original, **how):
     """The trace of a recording as it is, or `changed`."""
-    return trace(changed(recording(name)), **{"prepared": to_c_if_possible, **how})
+    return trace(changed(recording(name)), **how)
 
 
 def write(name, table):

@@ -4,27 +4,25 @@ All recordings run on a library in which gcc counts the lines, by the `#line` di
 """
 
 import ast
-import ctypes
 import functools
 import json
+import os
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections import Counter, defaultdict
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
-from golden import CLASSES, recording
-from golden_run import run
-from kernels_in_c import to_c, translated
+from golden import CLASSES
 
 import imud.estimators
 from imud.compile import build
-from imud.compile.c import Translation
 
 FOLDER = Path(imud.estimators.__file__).resolve().parent
-DUMP = "void __gcov_dump(void);\nvoid write_counts(void) { __gcov_dump(); }\n"  # at once, not when the process ends
+TESTS = Path(__file__).resolve().parent
+RUN = "import sys, golden, golden_run; [golden_run.run(golden.recording(name)) for name in sys.argv[1:]]"
 LEAST_PERCENT = 97.0
 NOT_RUN = {  # a function and its line, or all of a function: why no trace runs it
     "correct: pitch, roll = x[PITCH], x[ROLL]": "Suh's filters as printed are the experiments' alone",
@@ -72,13 +70,10 @@ def counts(names=tuple(CLASSES)):
     if shutil.which("gcc") is None or shutil.which("gcov") is None:
         raise build.CannotBuildError("lines are counted by gcc and gcov")
     with tempfile.TemporaryDirectory() as folder:
-        source, made = Path(folder, "kernels.c"), Path(folder, "kernels.so")
-        source.write_text(translated(Translation(with_lines=True)).source + DUMP)
-        build.compile_c(source, made, ("--coverage", "-O0"))  # optimised, lines would be merged
-        library = ctypes.CDLL(str(made))
-        for name in names:
-            run(recording(name), partial(to_c, loaded=library))
-        library.write_counts()
+        made = str(Path(folder, "kernels.so"))
+        subprocess.run([sys.executable, "-m", "imud.compile", made, "--coverage"], check=True, cwd=TESTS.parent)
+        environment = {**os.environ, "IMUD_KERNELS": made}  # the counts are written as the process ends
+        subprocess.run([sys.executable, "-c", RUN, *names], check=True, cwd=TESTS, env=environment)
         command = ["gcov", "--json-format", "--stdout", str(next(Path(folder).glob("*.gcda")))]
         said = json.loads(subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True).stdout)
     counted = Counter()

@@ -28,16 +28,16 @@ class Recording:
     rows: int = ROWS
 
 
-def run(recording, prepared=lambda filter_: filter_, disturb=lambda samples: samples):
+def run(recording, disturb=lambda samples: samples):
     """(solutions of every sample, innovations in the order in which they were made); fixes go in as they arrive.
 
-    `prepared` may give the filter other kernels, `disturb` may change the samples.
+    `disturb` may change the samples.
     """
     samples = disturb(recording.samples.copy())
     fixes = recording.fixes[np.argsort(recording.fixes["arrival_ns"], kind="stable")]
     rate_hz = 1e9 / np.median(np.diff(samples["t_ns"]))
     estimator = registry.by_name(recording.estimator)
-    filter_ = prepared(Filter(estimator, recording.settings, recording.initial, rate_hz))
+    filter_ = Filter(estimator, recording.settings, recording.initial, rate_hz)
     out = np.zeros(len(samples), SOLUTION)
     places = np.searchsorted(samples["t_ns"], fixes["arrival_ns"]).astype(np.int64)
     innovations = filter_.feed(samples, out, fixes, places, np.zeros(ROOM * (len(fixes) + 1), INNOVATION))

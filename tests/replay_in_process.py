@@ -9,17 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imud.process import runtime
-
-runtime.prepare()  # else numba would run stale kernels
-
-from kernels_in_c import to_c_if_possible  # noqa: E402
-
-from imud.commands.replay import play  # noqa: E402
-from imud.configuration.settings import Initial, Settings  # noqa: E402
-from imud.estimators import registry  # noqa: E402
-from imud.estimators.records import FIX, INNOVATION  # noqa: E402
-from imud.pipeline import Filter  # noqa: E402
+from imud.commands.replay import play
+from imud.configuration.settings import Initial, Settings
+from imud.estimators import registry
+from imud.estimators.records import FIX, INNOVATION
+from imud.pipeline import Filter
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,10 +24,10 @@ NO_FIXES = np.zeros(0, FIX)
 
 
 def new_filter(estimator: str, samples: Records, settings: Settings | None = None, initial: Initial | None = None):
-    """The filter that `imud replay` makes for these samples, with its kernels as C, which compile sooner."""
+    """The filter that `imud replay` makes for these samples."""
     rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
     estimator_ = registry.by_name(estimator)
-    return to_c_if_possible(Filter(estimator_, settings or Settings(), initial or Initial(), rate_hz))
+    return Filter(estimator_, settings or Settings(), initial or Initial(), rate_hz)
 
 
 def replay(filter_: Filter, samples: Records, fixes: Records = NO_FIXES) -> tuple[Records, Records]:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from attitude_runs import assert_whole, samples_from
 from attitude_simulation import DEG, Flaws, after, simulate, wobble
-from kernels_in_c import to_c_if_possible
 
 from drivers.sample import SATURATED, SUSPECT
 from imud.configuration.settings import Attitude, Initial, Settings
@@ -32,7 +31,7 @@ def eventful():
 def test_every_value_of_a_tunable_gives_finite_solutions(tunable, end):
     samples = eventful()
     settings = Settings(attitude=Attitude(tuning={tunable.name: getattr(tunable, end)}))
-    filter_ = to_c_if_possible(Filter(ESTIMATOR, settings, Initial(), 100.0))
+    filter_ = Filter(ESTIMATOR, settings, Initial(), 100.0)
     out = np.zeros(len(samples), SOLUTION)
     filter_.run(samples, out)
     assert_whole(out)

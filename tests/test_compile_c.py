@@ -212,5 +212,11 @@ def test_all_kernels_of_imud_have_a_translation():
     from imud.compile.__main__ import source
 
     text = source(with_lines=False)
-    for name in ("feed_navigation", "advance_attitude", "decode_epson", "stages_ingest", "cycle__turn"):
+    for name in (
+        "feed_imud_estimators",
+        "advance_stream",
+        "decode_stream_drivers_epson",
+        "stages_ingest",
+        "cycle_turn",
+    ):
         assert re.search(rf"^int64_t \w*{name}\w*\(int64_t", text, re.MULTILINE), name

@@ -37,7 +37,7 @@ def test_attitude_and_bias_of_a_still_sensor(tmp_path):
         assert [est[f"bg{axis}_dps"] for axis in "xyz"] == pytest.approx([0.3, -0.3, 0.3], abs=0.1)
         assert "lat_deg" not in est
         imud.comes_at(1000.0, 0.02)
-        assert "/numba/" not in Path(f"/proc/{imud.process.pid}/maps").read_text(), "something was compiled after READY"
+        assert "/numba/" not in Path(f"/proc/{imud.process.pid}/maps").read_text(), "numba compiled something"
         imud.process.send_signal(signal.SIGTERM)
         assert imud.process.wait(PATIENCE_S) == 0
         assert "lost=0" in imud.log
@@ -211,10 +211,10 @@ def test_exit_codes(arguments, code, says, capsys):
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
-def test_a_signal_ends_the_compiling(tmp_path, number, code):
+def test_a_signal_ends_the_compiling_by_numba(tmp_path, number, code):
     log = (tmp_path / "log").open("w")
     command = ("imud", "run", "--port", str(tmp_path / "absent"), "--listen", str(tmp_path / "gpsd.sock"))
-    environment = {**os.environ, "NO_COLOR": "1", "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    environment = {**os.environ, "NO_COLOR": "1", "IMUD_JIT": "1", "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     with log, process(*command, stderr=log, env=environment) as running:
         while not list(tmp_path.glob("cache/**/*.nbi")):  # the first kernel is done, many are to come
             assert running.poll() is None

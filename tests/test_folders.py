@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from imud.compile import numba_cache
 from imud.configuration import folders
-from imud.process import runtime
 
 
 @pytest.fixture
@@ -18,7 +18,7 @@ def nobody(monkeypatch):
 
 def test_without_a_home_there_is_the_services_folder_or_none(nobody, monkeypatch):
     assert folders.places("state") == []
-    assert runtime.candidates() == []
+    assert numba_cache.candidates() == []
     monkeypatch.setenv("CACHE_DIRECTORY", "/var/cache/imud:/var/cache/other")
     assert folders.places("cache") == [Path("/var/cache/imud")]
 

@@ -159,7 +159,7 @@ def test_a_cluster_gives_the_same_files(fleet, tmp_path):
 
 
 def test_workers_without_this_imud_are_named():
-    ours = metadata.version("imud")
+    ours = many.version()
     assert many.unfit({"tcp://a": ours, "tcp://b": ours}) == ""
     told = many.unfit({"tcp://a": ours, "tcp://b": "0.0.1", "tcp://c": metadata.PackageNotFoundError("imud")})
     assert "tcp://b has imud 0.0.1, tcp://c has no imud" in told and "tcp://a" not in told

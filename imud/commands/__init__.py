@@ -2,7 +2,6 @@
 
 import argparse
 import importlib
-import importlib.metadata
 import io
 import os
 import sys
@@ -10,8 +9,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import NoReturn
 
+from .. import __version__
 from ..errors import ImudError, InputOutputError
-from ..process import runtime
 
 COMMANDS = {
     "run": "the daemon: sensors in, attitude and position out (default)",
@@ -53,8 +52,7 @@ def _parser(command: str | None) -> argparse.ArgumentParser:
         description="Inertial sensor daemon: attitude, velocity and position from an IMU and a GNSS receiver.",
         epilog="`imud --port /dev/ttyUSB0` alone is `imud run --port /dev/ttyUSB0`. `imud COMMAND --help` tells more.",
     )
-    version = importlib.metadata.version("imud")
-    parser.add_argument("--version", action="version", version=f"imud {version}")
+    parser.add_argument("--version", action="version", version=f"imud {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, summary in COMMANDS.items():
         sub = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
@@ -99,9 +97,9 @@ def _close_output() -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the process's exit code (see `imud.errors`)."""
     _open_standard_streams()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy: one thread and 57 MB of address space less
     arguments = _with_default_command(sys.argv[1:] if arguments is None else arguments)
     try:
-        runtime.prepare()
         if not arguments:
             _parser(None).print_help(sys.stderr)
             return _USAGE

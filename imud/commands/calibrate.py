@@ -114,12 +114,13 @@ def _slope(samples: Any, rate_hz: float, args: argparse.Namespace) -> dict[str, 
 
 
 def _faces(samples: Any, rate_hz: float, args: argparse.Namespace) -> dict[str, Any]:
+    from ..compile.jit import interpreted
     from ..math.earth import gravity
     from ..sensor_errors.accelerometer import FULL, accelerometer, positions
     from ..sensor_errors.calibration import Accelerometer
 
     forces = positions(samples, rate_hz)
-    bias, matrix, residual = accelerometer(forces, gravity(math.radians(args.latitude), 0.0))
+    bias, matrix, residual = accelerometer(forces, interpreted(gravity)(math.radians(args.latitude), 0.0))
     _show("accelerometer bias", bias.value, bias.sigma, _MG, "mG")
     x, y, z = (100.0 * (1.0 / value - 1.0) for value in np.diag(matrix))
     print(f"scale error: x {x:+.3f}, y {y:+.3f}, z {z:+.3f} %")

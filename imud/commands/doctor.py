@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
-from ..process import runtime
+from ..compile import build, library
 from .probe import candidates
 
 _MARKS = {"ok": "ok  ", "note": "note", "problem": "FAIL"}
@@ -136,20 +136,24 @@ def spi(root: Path) -> Iterator[Finding]:
             yield Finding("note", f"the Python package {package} is missing, for {purpose}", "pip install 'imud[spi]'")
 
 
-def cache(root: Path) -> Iterator[Finding]:
-    """Can compiled kernels be kept?"""
-    place = runtime.prepare()
-    if place is None:
+def kernels(root: Path) -> Iterator[Finding]:
+    """Are they compiled, and if not, can they be?"""
+    if place := library.current():
+        yield Finding("ok", f"compiled kernels are in {place}")
+        return
+    try:
+        compiler = build.compiler()
+    except build.CannotBuildError:
         yield Finding(
             "note",
-            "compiled kernels cannot be kept: every start compiles for a minute",
-            "make ~/.cache writable with 64 MB free, or set NUMBA_CACHE_DIR",
+            "no compiled kernels, no C compiler: numba compiles at the first start, for minutes",
+            "sudo apt install gcc; or pip install ziglang",
         )
     else:
-        yield Finding("ok", f"compiled kernels are kept in {place}")
+        yield Finding("ok", f"the kernels will be compiled by {compiler[0]}, in some 15 s")
 
 
-CHECKS: tuple[Callable[[Path], Iterator[Finding]], ...] = (ports, console, rivals, latency, spi, cache)
+CHECKS: tuple[Callable[[Path], Iterator[Finding]], ...] = (ports, console, rivals, latency, spi, kernels)
 
 
 def examine(root: Path = Path("/")) -> list[Finding]:

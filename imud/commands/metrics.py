@@ -26,7 +26,6 @@ METRICS = (
     Metric("process_cpu_seconds_total", _COUNTER, "Processor time.", "cpu_s"),
     Metric("process_resident_memory_bytes", _GAUGE, "Memory in use.", "memory_bytes"),
     Metric("process_open_fds", _GAUGE, "Open descriptors.", "open_files"),
-    Metric("imud_compiling", _GAUGE, "1: a first start, no sensor is read yet.", "compiling"),
     Metric("imud_overloaded", _GAUGE, "1: the machine cannot keep up with the sensor.", r"load\.overloaded"),
     Metric("imud_batches_shed_total", _COUNTER, "Batches that were not published for lack of time.", r"load\.shed"),
     Metric("imud_port_streaming", _GAUGE, "1: a device sends on this port.", _PORT + "streaming"),

@@ -8,7 +8,7 @@ from ..configuration import config
 from ..configuration.settings import Settings
 from ..daemon import simulated
 from ..errors import CannotCreateError, UsageError
-from ..process import log, runtime
+from ..process import log
 from .arguments import add_settings, seed
 
 
@@ -43,7 +43,6 @@ def run(args: argparse.Namespace) -> int:
         return 0
     if not settings.ports:
         raise UsageError("no port: name one, for example --port /dev/ttyUSB0, or try `imud demo`")
-    runtime.without_scipy()
     from ..daemon.loop import Daemon
     from ..recording.control import Recordings
     from ..recording.ports import expanded

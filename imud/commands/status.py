@@ -111,7 +111,6 @@ def nested(status: Table) -> dict[str, Any]:
 def screen(status: Table) -> Iterator[tuple[str, str]]:
     """Lines for people, each with its name."""
     pace = "OVERLOADED, publishing waits" if status["load"]["overloaded"] else "keeps up"
-    pace = "compiling for this machine, then it reads the sensors" if status.get("compiling") else pace
     yield "imud", f"{status['version']}, pid {status['pid']}, up {_duration(status['uptime_s'])}, {pace}"
     yield from _filter(status["filter"])
     if told := status.get("innovations"):
@@ -126,7 +125,7 @@ def screen(status: Table) -> Iterator[tuple[str, str]]:
     megabytes = (status[key] / 2**20 for key in ("memory_bytes", "memory_peak_bytes"))
     memory = "{:.0f} MB of memory ({:.0f} at most)".format(*megabytes)
     yield "process", f"{share:.1f} % of a processor, {memory}, {status['open_files']} descriptors"
-    yield "kernels", f"kept in {status['cache']}" if status["cache"] else "not kept: every start compiles"
+    yield "kernels", status["kernels"]
 
 
 def innovations(told: Table) -> list[str]:

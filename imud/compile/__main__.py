@@ -17,6 +17,7 @@ from pathlib import Path
 
 from .build import CannotBuildError, compile_c
 from .c import Translation, UnsupportedError
+from .library import loaded_sources, seal
 
 _COVERAGE = ("--coverage", "-O0")  # optimised, lines would be merged; the bits are the same
 
@@ -42,6 +43,7 @@ def main() -> int:
     try:
         text.write_text(source(with_lines=args.c is not None or args.coverage))
         compile_c(text, library, _COVERAGE if args.coverage else ())
+        seal(library, loaded_sources())
     except (UnsupportedError, CannotBuildError, OSError) as error:
         print(f"imud.compile: {error}", file=sys.stderr)
         return 1

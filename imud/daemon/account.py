@@ -63,15 +63,14 @@ class Account:
         imu = self._devices.imu
         return Health(**self._troubles, clock=imu[1].clock_fit() if imu else ClockFit())
 
-    def status(self, delivery: Delivery, outputs: Outputs, compiling: bool) -> str:
-        """The answer to `imud status`; compiling: no sensor is read yet."""
+    def status(self, delivery: Delivery, outputs: Outputs) -> str:
+        """The answer to `imud status`."""
         now_ns = time.monotonic_ns()
         devices = self._devices
         parts = {port: (sensor, self._troubles[kind]) for kind, (port, sensor) in devices.streaming().items()}
         return vitals.status_object(
             {
                 **vitals.of_process(self._started_ns),
-                "compiling": compiling,
                 "internal_errors": {"count": self._errors.count, "last": self._errors.last},
                 "load": vitals.of_load(delivery.load),
                 "filter": vitals.of_filter(devices.fitting.inertial, devices.fitting.estimator.name),

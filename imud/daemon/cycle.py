@@ -11,9 +11,9 @@ import select
 
 import numpy as np
 
-from drivers.entry import waiting_entry
 from drivers.transport.serial import CHUNK
 
+from ..compile.entry import waiting_entry
 from ..compile.system import CLOCK_MONOTONIC, clock_ns, ppoll, read
 from ..math.arrays import Records
 from ..outputs.binary import BinaryOutputs, publish

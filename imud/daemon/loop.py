@@ -18,7 +18,7 @@ from ..configuration.config import adopt
 from ..configuration.settings import Settings
 from ..errors import ImudError
 from ..outputs.all import Outputs
-from ..process import garbage, realtime, runtime
+from ..process import garbage, realtime
 from ..process.contained import ContainedErrors
 from ..process.notify import Notifier
 from ..process.signals import caught, endings
@@ -60,7 +60,7 @@ class Daemon:
         self._notifier = Notifier()
         self._exit: int | None = None
         self._reload_due = False
-        self._compiling = False
+        self._serving = False
 
     def run(self) -> int:
         """Serve until SIGTERM (returns 0) or Ctrl-C (130). Raises ImudError when there is no point in going on."""
@@ -70,11 +70,7 @@ class Daemon:
             self._outputs = stack.enter_context(contextlib.closing(self._open_outputs()))
             self._delivery = Delivery(self._devices, self._recordings, self._outputs, self._account.health)
             self._devices.look()
-            self._notifier.say("STATUS=compiling", "EXTEND_TIMEOUT_USEC=3600000000")
-            self._compiling = True
             self._prepare_kernels()
-            compilation.release_compiler()
-            self._compiling = False
             garbage.set_aside()
             realtime.apply(self._settings.realtime)
             name = self._devices.fitting.estimator.name
@@ -82,44 +78,24 @@ class Daemon:
             self._notifier.say("READY=1")
             stack.callback(self._devices.close)
             stack.callback(self._notifier.say, "STOPPING=1")
+            self._serving = True
             self._serve()
         assert self._exit is not None
         return self._exit
 
     def _open_outputs(self) -> Outputs:
         own = {
-            "STATUS": lambda: self._account.status(self._delivery, self._outputs, self._compiling),
+            "STATUS": lambda: self._account.status(self._delivery, self._outputs),
             "RECORD": self._recordings.told,
         }
         orders = {"RECORD": self._recordings.obey}
         return Outputs(self._settings, self._cycle.others, BATCH, own, orders, self._errors)
 
     def _prepare_kernels(self) -> None:
-        fitting = self._devices.fitting
-        estimators = fitting.choice.possible
-        kept = "NUMBA_CACHE_DIR" in os.environ
-        with compilation.cache():
-            if missing := compilation.missing(estimators):
-                self._log.info("compiling for this machine, a minute or two", estimator=fitting.estimator.name)
-                kept &= compilation.compile_apart(missing, self._settings, self._serve_clients)
-            compilation.warm_decoders()
-            for estimator in estimators:
-                compilation.warm(estimator, self._settings)
-        if not kept:
-            places = ", ".join(str(path) for path in runtime.candidates())
-            self._log.warning(f"compiled kernels could not be kept, every start compiles anew: see {places}")
-
-    def _serve_clients(self, fd: int) -> None:
-        """Serve them without kernels, and so without sensors, until this descriptor is readable."""
-        self._cycle.others.register(fd, select.POLLIN)
-        while fd not in (ready := dict(self._cycle.others.poll(_SLOW_NS * 1e-9))):
-            now_ns = time.monotonic_ns()
-            for each, mask in ready.items():
-                self._dispatch(each, mask, now_ns)
-            with self._errors.contain("the publishing of a fix"):
-                self._delivery.show_receiver(now_ns)
-            self._outputs.look_after(now_ns)
-        self._cycle.others.unregister(fd)
+        """Call all of them once. Where numba has to compile them, that takes minutes."""
+        compilation.warm_decoders()
+        for estimator in self._devices.fitting.choice.possible:
+            compilation.warm(estimator, self._settings)
 
     def _serve(self) -> None:
         slow_ns = 0
@@ -196,7 +172,7 @@ class Daemon:
 
     def _end(self, code: int) -> None:
         self._exit = code
-        if self._compiling:  # no loop runs yet that would see it
+        if not self._serving:  # no loop runs yet that would see it
             raise SystemExit(code)
 
     def _ask_for_reload(self) -> None:

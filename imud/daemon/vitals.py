@@ -6,7 +6,6 @@ those of `imud replay`'s est.csv where both have them.
 """
 
 import dataclasses
-import importlib.metadata
 import json
 import math
 import os
@@ -22,6 +21,8 @@ from numpy.typing import NDArray
 
 from drivers.driver import ImuConfigured
 
+from .. import __version__
+from ..compile import library
 from ..estimators.innovation_kinds import KINDS
 from ..estimators.records import ATTITUDE_VALID
 from ..outputs.gpsd_json import STATUS_WORDS, status_words
@@ -67,18 +68,18 @@ class Innovations:
 
 
 def of_process(started_ns: int) -> Table:
-    """Time and memory used by this process, and where its compiled kernels are kept."""
+    """Time and memory used by this process, and where its compiled kernels are."""
     usage = resource.getrusage(resource.RUSAGE_SELF)
     resident = int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
     return {
-        "version": importlib.metadata.version("imud"),
+        "version": __version__,
         "pid": os.getpid(),
         "uptime_s": round((time.monotonic_ns() - started_ns) * 1e-9, 3),
         "cpu_s": round(time.process_time(), 3),
         "memory_bytes": resident,
         "memory_peak_bytes": usage.ru_maxrss * 1024,
         "open_files": len(os.listdir("/proc/self/fd")),  # noqa: PTH208  # names are all that is needed
-        "cache": os.environ.get("NUMBA_CACHE_DIR", ""),
+        "kernels": library.described(),
     }
 
 

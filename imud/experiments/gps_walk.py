@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..compile.jit import interpreted
 from ..configuration.settings import GpsTrack, Initial, Settings
 from ..estimators.papers import gps_track
 from ..estimators.records import FIX, SOLUTION
@@ -44,7 +45,7 @@ def walk(t: Floats) -> Floats:
 
 def tracked(truth: Floats, raw: Floats, t: Floats, settings: Settings) -> Track:
     """Fixes at t s through `gps-track`, read at each fix."""
-    meridian, prime_vertical = radii(LAT)
+    meridian, prime_vertical = interpreted(radii)(LAT)
     scale = np.array([meridian, prime_vertical * math.cos(LAT)])
     filter_ = Filter(gps_track.ESTIMATOR, settings, Initial(), 1.0)
     samples, out = samples_of(t, *level_at_rest(len(t))), np.zeros(1, SOLUTION)
@@ -110,7 +111,7 @@ def distance_rows() -> list[Row]:
     """His metres per degree of longitude against the ellipsoid's, which differ by cos(latitude) and 0.2 %."""
     rows = []
     for lat_deg, where in ((1.3, "Singapore"), (48.0, "Munich")):
-        _, prime_vertical = radii(math.radians(lat_deg))
+        _, prime_vertical = interpreted(radii)(math.radians(lat_deg))
         ours = math.radians(1.0) * prime_vertical * math.cos(math.radians(lat_deg))
         his = math.radians(1.0) * SPHERE_M
         text = f"{ours:.0f} m ({100.0 * (his / ours - 1.0):+.2f} % in the print)"

@@ -13,6 +13,7 @@ import numpy as np
 
 from drivers.crossbow import packet
 
+from ..compile.jit import interpreted
 from ..configuration.settings import Imu, Initial, Settings
 from ..estimators import registry
 from ..estimators.papers import ins9
@@ -145,7 +146,7 @@ def tilted(rng: np.random.Generator, tilt_deg: float) -> tuple[float, float, flo
     filter_ = Filter(registry.by_name("tilt"), Settings(imu=Imu(profile="m-g350")), Initial(), 125.0)
     out = np.zeros(len(t), SOLUTION)
     filter_.run(samples, out)
-    roll, pitch, _ = euler_of_quat(tuple(out["q_nb"][-1]))
+    roll, pitch, _ = interpreted(euler_of_quat)(tuple(out["q_nb"][-1]))
     acc = -samples["f"].mean(axis=0)
     tilt = math.degrees(math.acos(math.cos(roll) * math.cos(pitch)))
     return tilt, math.degrees(out["sigma_rpy"][-1, 0]), math.degrees(roll), float(np.linalg.norm(acc) / acc[2])

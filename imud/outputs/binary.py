@@ -6,8 +6,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.entry import entry
 from imud.client import MAGIC, RECORD, VERSION
+from imud.compile.entry import entry
 from imud.compile.system import CLOCK_MONOTONIC, CLOCK_REALTIME, clock_ns, records
 from imud.configuration.settings import Settings
 from imud.estimators.records import SOLUTION

@@ -8,7 +8,6 @@ wants.
 """
 
 import functools
-import importlib.metadata
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -16,6 +15,7 @@ from typing import Annotated
 
 import msgspec
 
+from imud import __version__
 from imud.configuration.settings import MESSAGE_RATE_HZ, number
 
 from .gpsd_json import CLASSES, Report
@@ -149,9 +149,8 @@ def _path_asked(argument: bytes | None) -> str | None:
 @functools.cache
 def version_object() -> str:
     """Protocol 3.14, the one that gpsd 3.22 speaks."""
-    release = importlib.metadata.version("imud")
-    name = quoted(f"imud-{release}", 63)
-    return f'{{"class":"VERSION","release":{quoted(release, 63)},"rev":{name},"proto_major":3,"proto_minor":14}}'
+    name = quoted(f"imud-{__version__}", 63)
+    return f'{{"class":"VERSION","release":{quoted(__version__, 63)},"rev":{name},"proto_major":3,"proto_minor":14}}'
 
 
 def error_object(message: str) -> str:

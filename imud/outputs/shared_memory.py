@@ -14,8 +14,8 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.entry import entry
 from imud.client import LIFE, MAGIC, RECORD, SHARED_SIZE, boot_id
+from imud.compile.entry import entry
 from imud.compile.system import fence, pwrite, records
 from imud.errors import CannotCreateError, PermissionDeniedError
 

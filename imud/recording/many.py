@@ -13,12 +13,11 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 from functools import partial
-from importlib import metadata
 from multiprocessing import get_context
 from typing import Any
 
+from .. import __version__
 from ..errors import ImudError, InputOutputError, UsageError
-from ..process import runtime
 from .replaying import Job, Outcome, play
 
 Replay = Callable[[Job], Outcome | str]
@@ -65,16 +64,21 @@ def on_cluster(jobs: list[Job], address: str) -> Iterator[Outcome | str]:
             "start one with `dask scheduler`, and `dask worker ADDRESS --nthreads 1` on each machine"
         ) from error
     with client:
-        if refused := unfit(client.run(metadata.version, "imud", on_error="return")):
+        if refused := unfit(client.run(version, on_error="return")):
             raise InputOutputError(f"--cluster {address}: {refused}")
         waiting = {client.submit(partial(alone, job), pure=False): job for job in jobs}
         for future in dask.as_completed(list(waiting)):
             yield _result(future, waiting[future])
 
 
+def version() -> str:
+    """Of this imud, to be asked for on other machines."""
+    return __version__
+
+
 def unfit(versions: dict[str, Any]) -> str:
     """Why these workers cannot replay as we do; versions: imud's on each worker, or the error met in asking for it."""
-    ours = metadata.version("imud")
+    ours = version()
     if not versions:
         return "it has no workers; start some with `dask worker ADDRESS --nthreads 1`"
     if wrong := {worker: version for worker, version in versions.items() if version != ours}:
@@ -88,7 +92,6 @@ def unfit(versions: dict[str, Any]) -> str:
 
 def alone(job: Job) -> Outcome | str:
     """Replay in a process of its own, perhaps on another machine; an error is returned as text, so the others go on."""
-    runtime.prepare()
     try:
         return play(job, lambda done, total: None)
     except ImudError as error:

@@ -14,7 +14,7 @@ import uuid
 from collections import deque
 from collections.abc import Iterator
 from functools import partial
-from importlib import metadata, util
+from importlib import util
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ import numpy as np
 
 from drivers.driver import GnssConfigured, ImuConfigured
 
+from .. import __version__
 from ..configuration.settings import Settings
 from ..errors import CannotCreateError, UsageError
 from ..math.arrays import Records
@@ -69,11 +70,10 @@ class Recorder:
             "record": msgspec.structs.replace(settings.record, path=str(path.absolute())),
             "facts": {
                 "session": uuid.uuid4().hex,
-                "version": metadata.version("imud"),
+                "version": __version__,
                 "host": os.uname().nodename,
                 "machine": os.uname().machine,
                 "numpy": np.__version__,
-                "numba": metadata.version("numba"),
                 "python": sys.version.split()[0],
             },
             "ports": settings.ports,

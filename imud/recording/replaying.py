@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..compile import library
 from ..configuration import config
 from ..configuration.settings import Initial, Settings
 from ..errors import BadDataError, CannotCreateError, ImudError, UsageError
@@ -122,7 +123,9 @@ def _many(jobs: list[Job], failed: list[str], args: argparse.Namespace) -> int:
 
 
 def _compile(jobs: list[Job]) -> None:
-    """Compile what the jobs need, unless the cache has it: once, instead of in all their processes at the same time."""
+    """Compile what the jobs need, if installation did not: once, instead of in all their processes at the same time."""
+    if library.library() is not None:
+        return
     from .. import compilation
     from ..configuration import choices
 
@@ -131,10 +134,9 @@ def _compile(jobs: list[Job]) -> None:
         with contextlib.suppress(ImudError):  # which will be told when it is replayed
             settings = Recording(job.paths).settings(adapter(job.config, job.overrides, job.estimator))
             needed |= {estimator.name: estimator for estimator in choices.estimators(settings).possible}
-    if missing := compilation.missing(needed.values()):
-        if sys.stderr.isatty():
-            print("imud replay: compiling the filter (the first time takes a while)", file=sys.stderr)
-        compilation.compile_apart(missing, Settings())
+    for estimator in needed.values():
+        compilation.warm(estimator, Settings())
+        compilation.warm_replay(estimator, Settings())
 
 
 def _jobs(args: argparse.Namespace, recordings: list[tuple[Path, ...]], into_folder: bool) -> list[Job]:

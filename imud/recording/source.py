@@ -4,12 +4,13 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from importlib import metadata, util
+from importlib import util
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
+from .. import __version__
 from ..configuration import config
 from ..configuration.settings import Settings
 from ..errors import BadDataError, ConfigError, InputMissingError, UsageError
@@ -84,7 +85,7 @@ class Recording:
 
     def doubts(self) -> list[str]:
         """Reasons why estimates may differ from the recorded ones although no setting was changed."""
-        version = metadata.version("imud")
+        version = __version__
         recorded = self.facts.get("version", version)
         return [] if recorded == version else [f"recorded by imud {recorded}, this is {version}: estimates may differ"]
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compile.entry import entry
 from ..math.allan import allan_variance, integrated
 from ..math.arrays import Floats
 
@@ -46,16 +47,23 @@ class AllanDeviation:
     fitted: Floats
 
 
+@entry
+def allan_variances(rate: Floats, angle: Floats, sizes: NDArray[np.int64], out: Floats) -> None:
+    """Allan variances of `rate` for clusters of `sizes` samples; angle: room for one value more than `rate` has."""
+    integrated(rate, angle)
+    for i in range(len(sizes)):
+        out[i] = allan_variance(angle, sizes[i])
+
+
 def allan_deviation(rate: Floats, rate_hz: float) -> AllanDeviation:
     """The overlapping Allan deviation of `rate` (n), sampled `rate_hz` times a second. Raises ValueError if n < 64."""
     n = len(rate)
     if n < 64:
         raise ValueError(f"{n} samples; an Allan deviation needs at least 64")
-    angle = np.empty(n + 1)
-    integrated(np.ascontiguousarray(rate, float), angle)
     octaves = math.floor(math.log2(n / _FEWEST) * PER_OCTAVE)
     sizes = np.unique(np.rint(2.0 ** (np.arange(octaves + 1) / PER_OCTAVE)).astype(np.int64))
-    variance = np.array([allan_variance(angle, int(m)) for m in sizes])
+    variance = np.empty(len(sizes))
+    allan_variances(np.require(rate, float, ["C", "W"]), np.empty(n + 1), sizes, variance)
     fitted = [int(np.argmin(np.abs(sizes - 2**k))) for k in range(int(math.log2(sizes[-1])) + 1)]
     values, covariance = _fit(sizes[fitted], variance[fitted], n, rate_hz)
     tau, deviation = sizes / rate_hz, np.sqrt(variance)

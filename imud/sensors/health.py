@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.entry import entry
 from drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, SATURATED, SUSPECT
 
+from ..compile.entry import entry
 from ..compile.jit import kernel
 from ..math.earth import STANDARD_GRAVITY
 from ..sensor_errors.profiles import Profile
@@ -258,6 +258,13 @@ def examine(h: Any, sample: Any) -> None:
         h.told_ns[0] = sample.t_ns
     if findings & _NO_FORCE == 0:
         h.told_ns[1] = sample.t_ns
+
+
+@entry
+def examine_all(health: NDArray[np.void], samples: NDArray[np.void]) -> None:
+    """`examine` each of these samples."""
+    for k in range(len(samples)):
+        examine(health[0], samples[k])
 
 
 _PER_AXIS = ((FROZEN, "frozen"), (LIMITED, "at the end of its range"), (INVALID, "impossible"))

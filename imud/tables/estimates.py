@@ -8,6 +8,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compile.entry import entry
 from ..compile.jit import kernel
 from ..estimators.innovation_kinds import KINDS
 from ..estimators.records import POSITION_VALID
@@ -31,6 +32,7 @@ ESTIMATE_COLUMNS: tuple[tuple[str, int], ...] = (
     ("status", 0),
 )
 _DECIMALS = np.array([decimals for _, decimals in ESTIMATE_COLUMNS])
+_CELLS = len(ESTIMATE_COLUMNS)
 ESTIMATE_HEADER = ",".join(["t_s", *(name for name, _ in ESTIMATE_COLUMNS)])
 _COMMA, _NEWLINE = ord(","), ord("\n")
 _DEG = 180.0 / math.pi
@@ -64,14 +66,14 @@ def _fill(cells: Floats, row: Any) -> None:
     cells[at] = row.status
 
 
-@kernel
+@entry
 def _format(solutions: Any, origin: int, decimals: NDArray[np.int64], buffer: NDArray[np.uint8]) -> int:
-    cells = np.empty(len(decimals))
+    cells = np.empty(_CELLS)
     at = 0
     for k in range(len(solutions)):
         at = write_seconds(buffer, at, origin * 1_000_000_000 + solutions[k].t_ns)
         _fill(cells, solutions[k])
-        for i in range(len(decimals)):
+        for i in range(_CELLS):
             buffer[at] = _COMMA
             at = write_fixed(buffer, at + 1, cells[i], decimals[i])
         buffer[at] = _NEWLINE
@@ -79,16 +81,16 @@ def _format(solutions: Any, origin: int, decimals: NDArray[np.int64], buffer: ND
     return at
 
 
-@kernel
+@entry
 def _fill_all(solutions: Any, cells: Floats) -> None:
     for k in range(len(solutions)):
-        _fill(cells[k], solutions[k])
+        _fill(cells[k * _CELLS :], solutions[k])
 
 
 def estimate_cells(solutions: NDArray[np.void]) -> dict[str, Floats]:
     """Columns of est.csv behind t_s, by name, of solutions (array of SOLUTION); unknown is NaN."""
-    cells = np.empty((len(solutions), len(ESTIMATE_COLUMNS)))
-    _fill_all(solutions, cells)
+    cells = np.empty((len(solutions), _CELLS))
+    _fill_all(solutions, cells.reshape(-1))
     return {name: cells[:, i] for i, (name, _) in enumerate(ESTIMATE_COLUMNS)}
 
 

@@ -12,11 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from imud.process import runtime
-
 
 def main() -> int:
-    runtime.prepare()
     from . import reference, signals, throughput
 
     wire = np.ascontiguousarray(signals.frames(10_000)).reshape(-1)

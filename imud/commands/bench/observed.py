@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from imud.process import garbage, runtime
+from imud.process import garbage
 
 
 class Observer:
@@ -82,7 +82,6 @@ def _recorded() -> Any:
 
 def main() -> int:
     file, *arguments = sys.argv[1:]
-    runtime.prepare()
     observer = Observer()
     observer.watch()
     from imud.commands import main as imud

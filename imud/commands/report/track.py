@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from imud.compile.jit import interpreted
 from imud.figures import Figure, Panel, Trace
 from imud.math.earth import radii
 
@@ -30,7 +31,7 @@ def _origin(session: Session) -> tuple[float, float] | None:
 def _grid(lat_deg: float, lon_deg: float) -> Callable[[Floats, Floats], tuple[Floats, Floats]]:
     """From degrees to metres (north, east) of the plane that touches the ellipsoid there."""
     lat = math.radians(lat_deg)
-    meridian, normal = radii(lat)
+    meridian, normal = interpreted(radii)(lat)
 
     def metres(lats: Floats, lons: Floats) -> tuple[Floats, Floats]:
         turned = np.mod(lons - lon_deg + 180.0, 360.0) - 180.0

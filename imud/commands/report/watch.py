@@ -5,10 +5,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imud.compile.jit import kernel
 from imud.estimators.records import HEADING_VALID
 from imud.sensor_errors.profiles import PROFILES
-from imud.sensors.health import examine, new_health, words
+from imud.sensors.health import examine_all, new_health, words
 from imud.tables.estimates import ESTIMATE_COLUMNS
 
 from ...math.arrays import Floats, Records
@@ -71,12 +70,6 @@ class EstimateWatch:
         return Estimates(self._name, columns, status, shares, tuple(self._lost))
 
 
-@kernel
-def _examine(health: NDArray[np.void], samples: NDArray[np.void]) -> None:
-    for i in range(len(samples)):
-        examine(health[0], samples[i])
-
-
 class SensorWatch:
     """Of one inertial sensor, judged as the daemon judges it; its range is not known."""
 
@@ -108,7 +101,7 @@ class SensorWatch:
 
     def _take(self, rows: Records) -> None:
         assert self._health is not None
-        _examine(self._health, rows)
+        examine_all(self._health, rows)
         t = rows["t_ns"]
         before = t[0] if self._last_ns is None else self._last_ns
         intervals = np.diff(np.concatenate([[before], t])) * 1e-9

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from imud.process import runtime
+from imud.compile import numba_cache
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -31,75 +31,75 @@ def home(tmp_path, monkeypatch):
 
 
 def test_the_digest_notices_a_constant_in_another_file(sources):
-    before = runtime.source_digest(sources)
-    assert runtime.source_digest(sources) == before
+    before = numba_cache.source_digest(sources)
+    assert numba_cache.source_digest(sources) == before
     (sources / "drivers" / "a.py").write_text("RATE = 7.292116e-5\n")
-    assert runtime.source_digest(sources) != before
+    assert numba_cache.source_digest(sources) != before
 
 
 def test_the_digest_notices_a_new_and_a_renamed_file(sources):
-    digests = [runtime.source_digest(sources)]
+    digests = [numba_cache.source_digest(sources)]
     (sources / "imud" / "b.py").write_text("")
-    digests.append(runtime.source_digest(sources))
+    digests.append(numba_cache.source_digest(sources))
     (sources / "imud" / "b.py").rename(sources / "imud" / "c.py")
-    digests.append(runtime.source_digest(sources))
+    digests.append(numba_cache.source_digest(sources))
     assert len(set(digests)) == 3
 
 
 @pytest.mark.parametrize("library", ["numba", "llvmlite", "numpy"])
 def test_the_digest_notices_another_library(sources, monkeypatch, library):
-    before = runtime.source_digest(sources)
-    version = runtime.importlib.metadata.version
-    monkeypatch.setattr(runtime.importlib.metadata, "version", lambda name: version(name) + "x" * (name == library))
-    assert runtime.source_digest(sources) != before
+    before = numba_cache.source_digest(sources)
+    version = numba_cache.importlib.metadata.version
+    monkeypatch.setattr(numba_cache.importlib.metadata, "version", lambda name: version(name) + "x" * (name == library))
+    assert numba_cache.source_digest(sources) != before
 
 
 def test_the_digest_notices_another_python_and_another_processor(sources, monkeypatch):
-    digests = {runtime.source_digest(sources)}
-    monkeypatch.setattr(runtime.sys, "version", "3.99")
-    digests.add(runtime.source_digest(sources))
-    monkeypatch.setattr(runtime, "_processor", lambda: "CPU part: 0xd0b")
-    digests.add(runtime.source_digest(sources))
+    digests = {numba_cache.source_digest(sources)}
+    monkeypatch.setattr(numba_cache.sys, "version", "3.99")
+    digests.add(numba_cache.source_digest(sources))
+    monkeypatch.setattr(numba_cache, "_processor", lambda: "CPU part: 0xd0b")
+    digests.add(numba_cache.source_digest(sources))
     monkeypatch.setenv("NUMBA_OPT", "1")
-    digests.add(runtime.source_digest(sources))
+    digests.add(numba_cache.source_digest(sources))
     assert len(digests) == 4
 
 
 def test_the_processor_is_told_by_what_does_not_change_from_start_to_start():
-    described = runtime._processor()
+    described = numba_cache._processor()
     assert described
     assert "MHz" not in described
-    assert described == runtime._processor()
+    assert described == numba_cache._processor()
 
 
 def test_the_first_place_that_can_be_written_is_taken(home, monkeypatch):
     monkeypatch.setenv("CACHE_DIRECTORY", "/dev/null/imud")
-    assert runtime.prepare() == home / "cache" / "imud" / f"numba-{runtime.source_digest()}"
-    assert os.environ["NUMBA_CACHE_DIR"] == str(runtime.prepare())
+    assert numba_cache.prepare() == home / "cache" / "imud" / f"numba-{numba_cache.source_digest()}"
+    assert os.environ["NUMBA_CACHE_DIR"] == str(numba_cache.prepare())
 
 
 def test_a_service_has_its_own(home, monkeypatch):
     monkeypatch.setenv("CACHE_DIRECTORY", f"{home}/service:{home}/other")
-    assert runtime.prepare().parent == home / "service"
+    assert numba_cache.prepare().parent == home / "service"
 
 
 def test_stale_code_is_told_apart_in_a_place_that_the_user_names_too(home, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(home / "mine"))
-    assert runtime.prepare() == home / "mine" / f"numba-{runtime.source_digest()}"
-    assert runtime.prepare() == home / "mine" / f"numba-{runtime.source_digest()}"
+    assert numba_cache.prepare() == home / "mine" / f"numba-{numba_cache.source_digest()}"
+    assert numba_cache.prepare() == home / "mine" / f"numba-{numba_cache.source_digest()}"
 
 
 @pytest.mark.parametrize("variable", ["XDG_CACHE_HOME", "NUMBA_CACHE_DIR"])
 def test_without_a_writable_place_nothing_is_cached(home, monkeypatch, variable):
     monkeypatch.setenv(variable, "/dev/null/x")
-    assert runtime.prepare() is None
+    assert numba_cache.prepare() is None
     assert "NUMBA_CACHE_DIR" not in os.environ
 
 
 def test_a_full_disk_is_no_place(home, monkeypatch):
     full = shutil._ntuple_diskusage(10**9, 10**9, 0)
-    monkeypatch.setattr(runtime.shutil, "disk_usage", lambda path: full)
-    assert runtime.prepare() is None
+    monkeypatch.setattr(numba_cache.shutil, "disk_usage", lambda path: full)
+    assert numba_cache.prepare() is None
 
 
 def test_digests_that_nobody_used_for_weeks_are_removed(home):
@@ -109,13 +109,13 @@ def test_digests_that_nobody_used_for_weeks_are_removed(home):
         (base / name / "sub").mkdir(parents=True)
         (base / name / "sub" / "kernel.nbc").write_text("")
         os.utime(base / name, (time.time() - 86400 * age,) * 2)
-    mine = runtime.prepare()
+    mine = numba_cache.prepare()
     assert sorted(path.name for path in base.iterdir()) == sorted([mine.name, "numba-recent", "other"])
 
 
 def test_what_is_used_stays(home, monkeypatch):
-    mine = runtime.prepare()
+    mine = numba_cache.prepare()
     os.utime(mine, (0, 0))
     monkeypatch.delenv("NUMBA_CACHE_DIR")
-    assert runtime.prepare() == mine
+    assert numba_cache.prepare() == mine
     assert mine.stat().st_mtime > time.time() - 3600

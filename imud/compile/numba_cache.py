@@ -1,4 +1,4 @@
-"""What must be set before numba is imported: where compiled kernels are kept, and how many threads BLAS starts.
+"""Where numba keeps the kernels that it compiles, where the shared library does not have them.
 
 numba keys its cache by the file of a kernel alone: if a callee or a constant in another file changes, it runs stale
 machine code. So the name of our cache directory holds a digest of all that machine code depends on: every source file,
@@ -17,6 +17,7 @@ import time
 from pathlib import Path
 
 from ..configuration.folders import places
+from ..errors import CannotCreateError
 
 _ROOT = Path(__file__).resolve().parents[2]
 _ROOMS = ("imud", "drivers")
@@ -78,17 +79,11 @@ def _remove_unused(base: Path, now_s: float) -> None:
                 shutil.rmtree(folder, ignore_errors=True)
 
 
-def without_scipy() -> None:
-    """Keep numba from loading an installed SciPy, for linear algebra that no kernel uses: saves 0.2 s and 15 MB."""
-    sys.modules.setdefault("scipy", None)  # type: ignore[arg-type]
-
-
 def prepare() -> Path | None:
-    """Set the environment for numba; call before anything imports it.
+    """Set numba's environment; call before anything imports it.
 
     Returns the cache directory; None if no folder can be written: then every start compiles (see `compile.jit`).
     """
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one thread and 57 MB of address space less
     for folder in candidates():
         if is_writable(folder):
             if "NUMBA_CACHE_DIR" not in os.environ:
@@ -98,3 +93,11 @@ def prepare() -> Path | None:
             return folder
     os.environ.pop("NUMBA_CACHE_DIR", None)
     return None
+
+
+def needed() -> Path:
+    """The cache directory. Raises CannotCreateError if there can be none."""
+    if (folder := prepare()) is None:
+        places = " nor ".join(str(path) for path in candidates())
+        raise CannotCreateError(f"neither {places} can be written to: name a directory in NUMBA_CACHE_DIR")
+    return folder

@@ -1,0 +1,152 @@
+"""Entries: the kernels that Python calls while samples come, as machine code.
+
+An entry of ours is in the shared library (see `library`); a user's own is compiled by numba when it is first called. A
+call is cheap: there is one signature, so nothing is dispatched, and an array that was passed before is passed by the
+address that it had.
+"""
+
+import contextlib
+import ctypes
+import functools
+import hashlib
+import inspect
+import os
+import re
+import weakref
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypeVar, cast
+
+import numpy as np
+
+from drivers.jit import Kernel
+
+from . import library, numba_cache
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+Dtype = np.dtype[Any] | None  # of an array's elements; None: an integer
+_noted: "dict[str, tuple[Entry, tuple[Dtype, ...]]] | None" = None  # while `noting`: by symbol, what is called
+
+
+class Entry(Kernel):
+    """A kernel whose arguments are integers and 1-d arrays, always of the same types. Returns an integer, or None as 0.
+
+    Called from another kernel it is a kernel like any. Not thread-safe.
+    """
+
+    def __init__(self, function: Callable[..., Any], waits: bool = False) -> None:
+        """waits: release the GIL during a call, so that other threads run meanwhile."""
+        super().__init__(function, nogil=waits)
+        self._interface = ctypes.CFUNCTYPE if waits else ctypes.PYFUNCTYPE
+        self._call: Callable[..., int] | None = None  # in the library
+        self._dtypes: tuple[Dtype, ...] = ()
+        self._last: list[Callable[[], Any]] = []  # weak: an array given once must not be kept alive
+        self._words: list[int] = []
+
+    def __call__(self, *arguments: Any) -> int:
+        """Raises TypeError if an argument is not of the type it was in the first call."""
+        if _noted is not None:
+            return self._note(arguments)
+        if not self._dtypes:
+            self._load(arguments)
+        last = self._last
+        for i, argument in enumerate(arguments):
+            if argument is not last[i]():
+                self._take(i, argument)
+        return int(self._by_numba(*arguments) or 0) if self._call is None else self._call(*self._words)
+
+    @property
+    def address(self) -> int:
+        """Address of the machine code, for callers that are compiled themselves. All arguments must be integers."""
+        integers = (0,) * len(inspect.signature(self.py_func).parameters)
+        if _noted is not None:
+            return self._note(integers)
+        return library.address(symbol(self, _dtypes(integers))) or cast(int, self._callback.address)
+
+    @functools.cached_property
+    def _by_numba(self) -> Callable[..., int | None]:
+        numba_cache.prepare()
+        return cast(Callable[..., int | None], self.compiled)
+
+    @functools.cached_property
+    def _callback(self) -> Any:
+        numba_cache.prepare()
+        import numba
+
+        long = numba.types.int64
+        signature = long(*[long] * len(inspect.signature(self.py_func).parameters))
+        return numba.cfunc(signature, cache="NUMBA_CACHE_DIR" in os.environ, error_model="numpy")(self.py_func)
+
+    def _note(self, arguments: tuple[Any, ...]) -> int:
+        assert _noted is not None
+        dtypes = _dtypes(arguments)
+        _noted[symbol(self, dtypes)] = self, dtypes
+        return 0
+
+    def _load(self, arguments: tuple[Any, ...]) -> None:
+        dtypes = _dtypes(arguments)
+        sizes = [1 if dtype is None else 2 for dtype in dtypes]
+        if (address := library.address(symbol(self, dtypes))) is not None:
+            self._call = self._interface(ctypes.c_int64, *[ctypes.c_int64] * sum(sizes))(address)
+        self._places, self._words = [sum(sizes[:i]) for i in range(len(sizes))], [0] * sum(sizes)
+        self._last, self._dtypes = [_nothing] * len(dtypes), dtypes
+
+    def _take(self, i: int, argument: Any) -> None:
+        """Remember an argument that differs from the one in the last call."""
+        dtype, place = self._dtypes[i], self._places[i]
+        if dtype is None:
+            self._words[place] = argument
+        elif argument.dtype == dtype and argument.ndim == 1 and argument.flags.carray:
+            self._words[place : place + 2] = argument.ctypes.data, len(argument)
+            self._last[i] = weakref.ref(argument)
+        else:
+            raise TypeError(f"{self.name}: argument {i} must be a writable contiguous array of {dtype}")
+
+
+def _dtypes(arguments: tuple[Any, ...]) -> tuple[Dtype, ...]:
+    return tuple(a.dtype if isinstance(a, np.ndarray) else None for a in arguments)
+
+
+def _nothing() -> None:
+    """Stands for a weak reference whose object is gone."""
+
+
+def entry(function: Function) -> Function:
+    """Make `function` an entry; its own type is kept for the type checker."""
+    return cast(Function, Entry(function))
+
+
+def waiting_entry(function: Function) -> Function:
+    """An entry that releases the GIL: other threads run while it waits."""
+    return cast(Function, Entry(function, waits=True))
+
+
+def address_of(kernel: Callable[..., Any]) -> int:
+    """Address of an entry's machine code, for `compile.system.call`. All its arguments must be integers."""
+    return cast(Entry, kernel).address
+
+
+def name_after(function: Callable[..., Any], *parts: Callable[..., Any] | np.dtype[Any]) -> None:
+    """Name a function that is made for these kernels and dtypes after them, so that no other has its name."""
+    names = [_digest([p]) if isinstance(p, np.dtype) else f"{p.__module__}.{p.__qualname__}" for p in parts]
+    function.__qualname__ = f"{function.__name__}[{','.join(names)}]"
+
+
+@contextlib.contextmanager
+def noting() -> Iterator[dict[str, tuple[Entry, tuple[Dtype, ...]]]]:
+    """Within the block a call of an entry does nothing but note the entry, by symbol, and its arguments' types."""
+    global _noted  # noqa: PLW0603
+    _noted = {}
+    try:
+        yield _noted
+    finally:
+        _noted = None
+
+
+def symbol(kernel: Kernel, dtypes: Sequence[Dtype]) -> str:
+    """What an entry for arguments of these types is called in the library."""
+    return f"{re.sub(r'[^A-Za-z0-9]+', '_', kernel.name).strip('_')}_{_digest(dtypes)}"
+
+
+def _digest(dtypes: Sequence[Dtype]) -> str:
+    described = repr([dtype and (dtype.descr, dtype.itemsize) for dtype in dtypes])
+    return hashlib.sha256(described.encode()).hexdigest()[:8]

@@ -1,0 +1,167 @@
+"""The library of all kernels: one of other sources, or a damaged one, is never loaded, but built anew."""
+
+import json
+import os
+import platform
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from imud.compile import build, library
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture
+def sources(tmp_path):
+    """Two files of sources, and a library that is of them."""
+    files = ["imud/a.py", "drivers/b.py"]
+    for name in files:
+        path = tmp_path / name
+        path.parent.mkdir()
+        path.write_text("RATE = 7.292115e-5\n")
+    return tmp_path, files
+
+
+@pytest.fixture
+def sealed(sources, monkeypatch):
+    root, files = sources
+    monkeypatch.setattr(library, "digest", lambda files, digest=library.digest: digest(files, root))
+    path = root / "kernels.so"
+    path.write_bytes(b"\x7fELF code\nand more")
+    library.seal(path, files)
+    return path
+
+
+def test_a_library_is_loaded_only_with_the_sources_that_it_was_made_of(sealed):
+    assert library.defect(sealed) is None
+    file = sealed.with_name("drivers") / "b.py"
+    file.write_text("RATE = 7.292116e-5\n")
+    assert library.defect(sealed) == "is of other sources"
+    file.write_text("RATE = 7.292115e-5\n")
+    assert library.defect(sealed) is None
+    file.rename(file.with_name("c.py"))
+    assert "do not" in library.defect(sealed)
+
+
+def test_a_damaged_library_is_not_loaded(sealed):
+    whole = sealed.read_bytes()
+    for damaged in (b"", whole[:-1], whole[:100], whole[5:], b"x" + whole[1:], b"\n{}", b"\n[]", b"\n\xff"):
+        sealed.write_bytes(damaged)
+        assert library.defect(sealed) == "is damaged"
+
+
+def test_a_library_of_another_machine_is_not_loaded(sealed, monkeypatch):
+    monkeypatch.setattr(platform, "machine", lambda: "riscv64")
+    assert library.defect(sealed) == f"is for {os.uname().machine}"
+
+
+def test_a_library_that_is_not_there_or_cannot_be_read(tmp_path):
+    assert "does not exist" in library.defect(tmp_path / "kernels.so")
+    assert "directory" in library.defect(tmp_path)
+
+
+def test_the_sources_are_those_that_are_loaded(tmp_path, monkeypatch):
+    import imud.stages  # noqa: F401
+
+    files = library.loaded_sources()
+    assert {"imud/stages.py", "imud/math/rotation.py", "imud/compile/c/calls.py", "drivers/sample.py"} <= set(files)
+    assert not any(name.startswith("tests") for name in files)
+
+
+def run(*arguments, code="from imud.commands import main; import sys; sys.exit(main(sys.argv[1:]))", **variables):
+    environment = {**os.environ, "NO_COLOR": "1", **variables}
+    command = [sys.executable, "-c", code, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=ROOT)
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """A library of these sources, which `imud warmup` built."""
+    try:
+        build.compiler()
+    except build.CannotBuildError as error:
+        pytest.skip(str(error))
+    place = tmp_path_factory.mktemp("built") / "kernels.so"
+    ended = run("warmup", IMUD_KERNELS=str(place))
+    assert ended.returncode == 0, ended.stderr
+    assert "compiling the kernels for these sources" in ended.stderr
+    assert str(place) in ended.stdout
+    assert [path.name for path in place.parent.iterdir()] == ["kernels.so"]
+    return place
+
+
+def test_what_was_built_is_loaded_and_not_built_again(built):
+    before = built.read_bytes()
+    ended = run("warmup", IMUD_KERNELS=str(built))
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert built.read_bytes() == before
+    assert json.loads(before.rpartition(b"\n")[2])["machine"] == platform.machine()
+
+
+def test_a_truncated_one_is_built_anew(built, tmp_path):
+    place = tmp_path / "kernels.so"
+    place.write_bytes(built.read_bytes()[:50_000])
+    ended = run("warmup", IMUD_KERNELS=str(place))
+    assert ended.returncode == 0, ended.stderr
+    assert library.defect(place) is None
+
+
+def test_a_signal_while_building_leaves_nothing_behind(built, tmp_path):
+    place = tmp_path / "kernels.so"
+    environment = {**os.environ, "IMUD_KERNELS": str(place)}
+    with subprocess.Popen([sys.executable, "-m", "imud", "warmup"], env=environment, cwd=ROOT) as process:
+        deadline = time.monotonic() + 60.0
+        while not list(tmp_path.glob("*/*.c")):
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(30.0) == 143
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_a_compiler_it_says_what_takes_minutes_and_why(tmp_path, monkeypatch):
+    code = "from imud.compile import library; print(library.library())"
+    ended = run(code=code, CC="no-such-compiler", IMUD_KERNELS=str(tmp_path / "kernels.so"))
+    assert ended.stdout == "None\n"
+    assert "no-such-compiler: No such file or directory" in ended.stderr
+    assert "numba compiles" in ended.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_numba_on_request():
+    ended = run(code="from imud.compile import library; print(library.library())", IMUD_JIT="1")
+    assert (ended.stdout, ended.stderr) == ("None\n", "")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_where_the_package_cannot_be_written_it_is_in_the_cache(built, tmp_path, monkeypatch):
+    installed = tmp_path / "package"
+    installed.mkdir()
+    installed.chmod(0o555)
+    monkeypatch.setattr(library, "INSTALLED", installed / "kernels.so")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(library, "_in_a_process", lambda output: shutil.copy(built, output))
+    assert library.rebuild(library.places()).parent == tmp_path / "imud"
+
+
+def test_what_a_daemon_calls_is_all_in_the_library(built):
+    """So nothing waits for numba, nor loads it."""
+    code = """
+import sys
+from imud import compilation
+from imud.configuration.settings import Settings
+from imud.estimators import registry
+compilation.warm_decoders()
+for name in registry.NAMES:
+    compilation.warm(registry.by_name(name), Settings())
+    compilation.warm_replay(registry.by_name(name), Settings())
+print("numba" in sys.modules, "llvmlite" in sys.modules)
+"""
+    ended = run(code=code, IMUD_KERNELS=str(built))
+    assert (ended.stdout, ended.stderr) == ("False False\n", "")

@@ -18,7 +18,39 @@ from imud.estimators import registry
 from imud.estimators.tuning import Tunable
 
 LEAST_PERCENT = 85.0
-NOT_NOTICED: dict[str, str] = {}
+BETWEEN = "no recording has one between the two: "
+NO_SOURCE = "needs a measurement beside fixes, which the pipeline does not bring yet"
+CLASSES_SECOND = "the velocity itself tells each rest in the recordings before the motion class does"
+OLDER = "each drift in the recordings is found from an older onset"
+NOT_NOTICED = {
+    "attitude.min_step_radps": "tells equal readings from others: anything between rounding and a count does",
+    "attitude.max_blocks": "the odds of no recording are still open after so many blocks",
+    "attitude.min_whiteness": BETWEEN + "whiteness of a block at rest",
+    "navigation.power_on_force_sigma": BETWEEN + "tilt of a sensor that is mounted anew",
+    "navigation.power_on_tilt_gate": BETWEEN + "tilt of a sensor that is mounted anew",
+    "navigation.stationary_accel": BETWEEN + "vibration on which a decision hangs",
+    "navigation.long_rest_variance": BETWEEN + "variance of the velocity at a rest in an outage",
+    "navigation.rest_variance": BETWEEN + "variance of the velocity at a rest in an outage",
+    "navigation.slow_motion_max_speed": CLASSES_SECOND,
+    "navigation.class_memory": CLASSES_SECOND,
+    "navigation.class_min_windows": CLASSES_SECOND,
+    "navigation.gnss_return_gate": BETWEEN + "NIS of the first fix after a drift",
+    "navigation.inertial_velocity_error": BETWEEN + "speed at which rejected fixes move",
+    "navigation.time_tag_tolerance_s": "tells exact time tags from others: anything well below their step does",
+    "navigation.nhc_retry_s": BETWEEN + "time after which a land vehicle is recognized again",
+    "navigation.axis_across_land": BETWEEN + "velocity across the axis of a land vehicle",
+    "navigation.match_rotation": "the limits of the time that it makes hold in all recordings",
+    "navigation.whitening_position_sigma": "stands for infinity",
+    "navigation.whitening_speed_sigma": "stands for infinity",
+    "navigation.heading_fault_angle": BETWEEN + "error of a given heading",
+    "navigation.heading_fault_gate": BETWEEN + "error of a given heading",
+    "navigation.min_drift_s": OLDER,
+    "navigation.min_drift_fixes": OLDER,
+    "navigation.max_rewind_miss_s": "what is too old for a rewind is older than that",
+    "navigation.heading_sigma": NO_SOURCE,
+    "navigation.heading_gate": NO_SOURCE,
+    "navigation.heading_min_level": NO_SOURCE,
+}
 
 
 @dataclass(frozen=True)

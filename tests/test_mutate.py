@@ -1,0 +1,24 @@
+"""The golden traces notice when a tunable changes: some of them here, all of them by `python tests/mutate.py`."""
+
+import pytest
+from mutate import NOT_NOTICED, Search, mutants
+
+EVERY = 12
+SOME = [mutant for mutant in mutants() if mutant.reason is None][::EVERY]
+
+
+@pytest.fixture(scope="module")
+def search():
+    return Search()
+
+
+@pytest.mark.parametrize("mutant", SOME, ids=[mutant.name for mutant in SOME])
+def test_a_tunable_that_changes_moves_a_golden_trace(search, mutant):
+    """A new tunable needs a recording in which it matters; or else a reason in `NOT_NOTICED`."""
+    assert mutant.value != mutant.tunable.default
+    assert mutant.tunable.accepts(mutant.value)
+    assert search.noticed_by(mutant) is not None
+
+
+def test_reasons_are_of_tunables():
+    assert set(NOT_NOTICED) <= {mutant.name for mutant in mutants()}

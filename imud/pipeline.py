@@ -17,7 +17,7 @@ from .estimators import Estimator
 from .estimators.records import FIX, INNOVATION, SOLUTION
 from .math.arrays import Records
 from .sensor_errors.calibration import Calibration, correction
-from .sensor_errors.profiles import profile_of
+from .sensor_errors.profiles import profile_of, ranges_of
 from .sensors.health import new_health
 from .stages import BATCH, BYTE, RX, STREAM, Stages, decoding, ingest
 
@@ -45,7 +45,7 @@ class Filter:
         self.state = estimator.start(self.parameters, initial)
         self._mount_rpy_deg = settings.imu.mount_rpy_deg
         self.correction = correction(Calibration(""), self._mount_rpy_deg)
-        self._profile = profile_of(settings)
+        self._profile, self._given_ranges = profile_of(settings), ranges_of(settings)
         self.health = new_health(self._profile, rate_hz)
         self.stages = Stages(estimator)
         self._innovations = room_for(1)
@@ -59,11 +59,11 @@ class Filter:
         self.correction[:] = correction(calibration, self._mount_rpy_deg)
 
     def watch_over(self, sensor: ImuConfigured) -> None:
-        """From now on, judge the health of this sensor, by its own ranges where it tells them."""
+        """From now on, monitor this sensor, by the ranges that the user gives, else by its own where it tells them."""
         ranges = {
             name: value for name in ("gyro_range", "accel_range") if math.isfinite(value := getattr(sensor, name))
         }
-        self.health[:] = new_health(dataclasses.replace(self._profile, **ranges), sensor.rate_hz)
+        self.health[:] = new_health(dataclasses.replace(self._profile, **(ranges | self._given_ranges)), sensor.rate_hz)
 
     def configure(self, settings: Settings) -> None:
         """Take other settings; the state stays."""

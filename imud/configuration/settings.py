@@ -48,6 +48,12 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         text("Which it is (such as `G365PDF`), where it may not be asked (`readonly`) and does not tell."),
     ] = ""
     rate_hz: Annotated[float, number(0.1, 2000.0, "Hz", "Samples per second to ask the sensor for.")] = 1000.0
+    gyro_range_dps: Annotated[
+        float, number(0.0, 1e5, "deg/s", "Where the gyro's readings end; 0: as the sensor says, else its profile.")
+    ] = 0.0
+    accel_range_g: Annotated[
+        float, number(0.0, 1e4, "g", "Where the accelerometer's readings end; 0: as the sensor says, else its profile.")
+    ] = 0.0
     mount_rpy_deg: Annotated[
         tuple[Angle, Angle, Angle],
         Meta(description="Roll, pitch, yaw (ZYX) of the sensor's axes in the vehicle's (x forward, y right, z down)."),

@@ -91,4 +91,13 @@ def profile_of(settings: Settings) -> Profile:
     name = settings.imu.profile
     profile = PROFILES[DEFAULT if name == "auto" else name]
     known = {field: value * unit for key, field, unit in _KNOWN_BETTER if (value := getattr(settings.noise, key))}
-    return replace(profile, **known)
+    return replace(profile, **known, **ranges_of(settings))
+
+
+def ranges_of(settings: Settings) -> dict[str, float]:
+    """The ranges that the user gives, SI, by the names that profiles have for them."""
+    given = {
+        "gyro_range": settings.imu.gyro_range_dps * _DEG,
+        "accel_range": settings.imu.accel_range_g * STANDARD_GRAVITY,
+    }
+    return {name: value for name, value in given.items() if value > 0.0}

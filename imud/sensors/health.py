@@ -26,6 +26,7 @@ from ..compile.entry import entry
 from ..compile.jit import kernel
 from ..math.earth import STANDARD_GRAVITY
 from ..sensor_errors.profiles import Profile
+from .clipping import CLIPPING, is_clipped, new_clipping
 
 LEAST_RUN, LEAST_RUN_S = 20, 0.1  # of equal samples
 USUAL = 8  # times the longest hold
@@ -51,6 +52,7 @@ _NO_FORCE = _FORCES << FROZEN | _FORCES << INVALID | 1 << ZERO | 1 << WEIGHT
 
 HEALTH = np.dtype(
     [
+        ("clipping", CLIPPING),
         ("range", "<f8", (6,)),  # rad/s about x y z, m/s^2 along x y z; the sensor's axes
         ("promised", "<f8", (6,)),  # noise of a sample by the profile, same units
         ("least_run", "<i8"),
@@ -89,6 +91,8 @@ def new_health(profile: Profile, rate_hz: float) -> NDArray[np.void]:
     """A record (array of one HEALTH) for a sensor of this profile at `rate_hz`."""
     h = np.zeros(1, HEALTH)
     h["range"] = np.repeat((LATITUDE * profile.gyro_range, LATITUDE * profile.accel_range), 3)
+    h["clipping"] = new_clipping()
+    h["clipping"]["floor"] = np.minimum(h["clipping"]["floor"], h["range"])
     h["promised"] = np.repeat((profile.gyro_noise, profile.accel_noise), 3) * math.sqrt(0.5 * rate_hz)
     h["least_run"] = max(LEAST_RUN, round(LEAST_RUN_S * rate_hz))
     h["far_samples"], h["near_samples"] = max(LEAST_RUN, round(FAR_S * rate_hz)), max(1, round(NEAR_S * rate_hz))
@@ -118,7 +122,7 @@ def take(h: Any, sample: Any) -> bool:
         bends += bend[i]
         finest[i] = min(finest[i], size if size > 0.0 else math.inf)
         curve[i], step[i], value[i] = second, d, v
-        odd |= (run[i] >= HOLD - 1) | (not abs(v) < h.range[i])
+        odd |= (run[i] >= HOLD - 1) | (not abs(v) < h.clipping.floor[i])
         run[i] = run[i] + 1 if size == 0.0 else 0
     return odd | (not bends < math.inf)
 
@@ -163,6 +167,9 @@ def judge_axis(h: Any, i: int, t_ns: int) -> int:
     if size >= h.range[i]:
         h.spoilt[i] = 1
         return 1 << ((INVALID if size > IMPOSSIBLE * h.range[i] else LIMITED) + i)
+    if size > h.clipping.floor[i] and is_clipped(h.clipping, i, h.value[i], h.step[i]):
+        h.spoilt[i] = 1
+        return 1 << (LIMITED + i)
     return 1 << (FROZEN + i) if repeats_itself(h, i, t_ns) else 0
 
 

@@ -1,0 +1,86 @@
+"""A range that no data sheet declares is learned from plateaus, and smooth motion makes none."""
+
+import numpy as np
+import pytest
+from attitude_simulation import Flaws, after, errors_deg, measure, simulate, wobble
+from broad import filter_of, samples_of
+from replay_in_process import new_filter, replay
+
+from drivers.sample import LIMITED_FORCE, LIMITED_RATE
+from imud.configuration.settings import Imu, Settings
+from imud.estimators.records import SATURATED, SOLUTION
+from imud.sensors.health import shown, words
+
+RATE, RANGE = 100, 7.4  # Hz, rad/s
+
+
+def swung(amplitude, hz=2.5, seconds=10.0, seed=1):
+    """Samples of a level sensor that is swung to and fro about x after 2 s, with noise of 5 mrad/s."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    w = 0.005 * np.random.default_rng(seed).standard_normal((len(t), 3))
+    w[:, 0] += amplitude * np.sin(2.0 * np.pi * hz * t) * (t > 2.0)
+    return samples_of(t, w, np.tile([0.0, 0.0, -9.8], (len(t), 1)) + 0.02 * w)
+
+
+def flags_of(samples, settings=None):
+    """(flags that the sensor monitor sets, its findings in words)."""
+    filter_, seen = new_filter("attitude", samples, settings), samples.copy()
+    filter_.run(seen, np.zeros(len(seen), SOLUTION))
+    return seen["flags"], words(shown(filter_.health))
+
+
+def test_a_range_is_learned_from_two_plateaus_of_each_side():
+    samples = swung(13.0)
+    samples["w"][:, 0] = np.clip(samples["w"][:, 0], -RANGE, RANGE)
+    clipped = np.abs(samples["w"][:, 0]) == RANGE
+    flags, said = flags_of(samples)
+    late = np.arange(len(samples)) > 3.5 * RATE
+    assert np.array_equal(flags & LIMITED_RATE > 0, clipped & (flags & LIMITED_RATE > 0))
+    assert ((flags & LIMITED_RATE > 0) == clipped)[late].all()
+    assert said == ("gyro x at the end of its range",)
+
+
+def test_a_reading_beyond_a_learned_range_shows_that_it_was_none():
+    samples = swung(13.0, seconds=20.0)
+    held = np.arange(len(samples)) < 10 * RATE
+    samples["w"][held, 0] = np.clip(samples["w"][held, 0], -RANGE, RANGE)
+    flags, _ = flags_of(samples)
+    assert (flags[held] & LIMITED_RATE).any()
+    assert not flags[11 * RATE :].any()
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 100.0, 285.0, 1000.0])
+def test_smooth_motion_is_not_clipped(rate_hz):
+    for seed in range(20):
+        fastest = np.random.default_rng(seed).uniform(3.0, 25.0)
+        rates, pushes = wobble(seed, 6.0, 0.5, fastest), wobble(seed + 100, 15.0, 1.0, fastest)
+        truth = simulate(20.0, rate_hz, after(2.0, rates), after(2.0, pushes))
+        w, f = measure(truth, Flaws(), np.random.default_rng(seed))
+        flags, _ = flags_of(samples_of(truth.t, w, f))
+        assert not flags.any(), seed
+
+
+def test_an_undeclared_range_costs_certainty_and_is_told():
+    truth = simulate(60.0, 100.0, after(5.0, wobble(4, 5.0, 6.0, 14.0)))
+    w, f = measure(truth, Flaws(), np.random.default_rng(4))
+    samples = samples_of(truth.t, np.clip(w, -RANGE, RANGE), f)
+    out, _ = replay(filter_of(samples), samples)
+    assert (out["status"] & SATURATED).any()
+    tilt, _ = errors_deg(out["q_nb"], truth.attitude)
+    sigma = np.degrees(np.hypot(out["sigma_rpy"][:, 0], out["sigma_rpy"][:, 1]))
+    late = truth.t > 20.0
+    assert (tilt < 4.0 * sigma)[late].mean() > 0.99
+
+
+@pytest.mark.parametrize(
+    ("column", "end", "flag", "given"),
+    [
+        ("w", np.radians(120.0), LIMITED_RATE, {"gyro_range_dps": 120.0}),
+        ("f", 30.0, LIMITED_FORCE, {"accel_range_g": 3.0}),
+    ],
+)
+def test_the_user_may_give_the_ranges(column, end, flag, given):
+    samples = swung(1.0)
+    samples[column][500:505, 1] = end
+    assert np.array_equal(np.flatnonzero(flags_of(samples, Settings(imu=Imu(**given)))[0] & flag), np.arange(500, 505))
+    assert not flags_of(samples)[0].any()

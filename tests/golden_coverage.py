@@ -25,8 +25,8 @@ TESTS = Path(__file__).resolve().parent
 RUN = "import sys, golden, golden_run; [golden_run.run(golden.recording(name)) for name in sys.argv[1:]]"
 LEAST_PERCENT = 97.0
 NOT_RUN = {  # a function and its line, or all of a function: why no trace runs it
-    "correct: pitch, roll = x[PITCH], x[ROLL]": "Suh's filters as printed are the experiments' alone",
-    "correct: by_pitch, expected = 0.0, (cp * pitch, cr * cp * roll)": "as above",
+    "update_measurements: pitch, roll = x[PITCH], x[ROLL]": "Suh's filters as printed are the experiments' alone",
+    "update_measurements: by_pitch, expected = 0.0, (cp * pitch, cr * cp * roll)": "as above",
     "evaluate_axis: return False": "seen in no simulation: noise so coloured ends the rest before a block is full",
     "median_bin: return first": "the loop before it always returns; the compiler wants a result",
     "estimate_drift: return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0": "guards a division: fixes inform on both axes",

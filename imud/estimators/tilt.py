@@ -32,14 +32,14 @@ from . import Estimator
 from .records import ATTITUDE_VALID, HEADING_VALID, SATURATED
 
 BANDWIDTH_HZ = 1.0
-TIME_S = 1.0 / (2.0 * math.pi * BANDWIDTH_HZ)
-SLOW = 3.0  # times as slow: the second average, behind which the first one runs by twice its own lag
+TIME_CONSTANT_S = 1.0 / (2.0 * math.pi * BANDWIDTH_HZ)
+SLOW_RATIO = 3.0  # times as slow: the second average, behind which the first one runs by twice its own lag
 GRAVITY_SPREAD = 0.0015  # of standard gravity over the earth's surface, 1 sigma
-EXPLAINED = 2.0  # sigma by which sensor errors may change the force's magnitude
-UNIFORM = math.pi / math.sqrt(3.0)  # rad, sigma of an angle of which nothing is known
+MAGNITUDE_GATE = 2.0  # sigma by which sensor errors may change the force's magnitude
+UNKNOWN_ANGLE = math.pi / math.sqrt(3.0)  # rad, sigma of an angle of which nothing is known
 GIVEN_ANGLE = math.radians(1.0)  # of a heading given by the user
-TRUSTED_TILT, TRUSTED_HEADING = math.radians(10.0), math.radians(20.0)
-UNSEEN_RATE = 0.3  # rad/s, while the gyro tells nothing
+VALID_TILT, VALID_HEADING = math.radians(10.0), math.radians(20.0)
+FAULT_RATE = 0.3  # rad/s, error of the rate while the gyro fails
 LONG_GAP_S = 1.0  # without a good sample the tilt is not claimed, and the heading is lost
 
 PARAMETERS = np.dtype(
@@ -58,21 +58,21 @@ STATE = np.dtype(
         ("gravity", "<f8"),  # m/s^2
         ("gravity_var", "<f8"),
         ("t_ns", "<i8"),  # of the newest sample
-        ("good_ns", "<i8"),  # of the newest good one
-        ("samples", "<i8"),  # good ones
-        ("f", "<f8", (3,)),  # m/s^2, averaged
-        ("slow", "<f8", (3,)),  # averaged for longer
+        ("last_good_ns", "<i8"),  # of the newest good one
+        ("sample_count", "<i8"),  # good ones
+        ("f_mean", "<f8", (3,)),  # m/s^2, averaged
+        ("f_slow_mean", "<f8", (3,)),  # averaged for longer
         ("noise_var", "<f8"),  # (m/s^2)^2, white noise left in f
-        ("change", "<f8"),  # (m/s^2)^2, how far apart the averages were lately
-        ("gyro", "<i8", (3,)),  # 1: that axis has shown a rate
+        ("mean_change2", "<f8"),  # (m/s^2)^2, how far apart the averages were lately
+        ("has_gyro", "<i8", (3,)),  # 1: that axis has shown a rate
         ("w", "<f8", (3,)),  # rad/s, newest
-        ("heading", "<i8"),  # 1 while yaw refers to true north
+        ("true_heading", "<i8"),  # 1 while yaw refers to true north
         ("yaw", "<f8"),
         ("yaw_var", "<f8"),  # rad^2, but for the gyro's bias
-        ("yaw_gain", "<f8"),  # s, rad of yaw per rad/s of that bias
+        ("yaw_per_bias", "<f8"),  # s, rad of yaw per rad/s of that bias
         ("tilt_var", "<f8"),
-        ("angles", "<f8", (2,)),  # rad, roll and pitch
-        ("angle_var", "<f8", (2,)),
+        ("roll_pitch", "<f8", (2,)),  # rad, roll and pitch
+        ("roll_pitch_var", "<f8", (2,)),
     ],
     align=True,
 )
@@ -97,99 +97,99 @@ def start(parameters: Records, initial: Initial) -> Records:
     if initial.lat_deg is not None:
         s["gravity"], s["gravity_var"] = gravity(math.radians(initial.lat_deg), initial.height_m or 0.0), 0.0
     if initial.yaw_deg is not None:
-        s["yaw"], s["yaw_var"], s["heading"] = math.radians(initial.yaw_deg), GIVEN_ANGLE**2, 1
-    s["tilt_var"] = s["angle_var"] = UNIFORM**2
+        s["yaw"], s["yaw_var"], s["true_heading"] = math.radians(initial.yaw_deg), GIVEN_ANGLE**2, 1
+    s["tilt_var"] = s["roll_pitch_var"] = UNKNOWN_ANGLE**2
     return s
 
 
 @kernel
-def average(p: Any, s: Any, sample: Any, dt: float) -> None:
+def update_means(p: Any, s: Any, sample: Any, dt: float) -> None:
     """Take the force of a good sample, dt s after the last good one."""
-    s.samples += 1
-    fade = max(dt / (TIME_S + dt), 1.0 / s.samples)
-    fade_slow = max(dt / (SLOW * TIME_S + dt), 1.0 / s.samples)
-    apart = 0.0
+    s.sample_count += 1
+    gain = max(dt / (TIME_CONSTANT_S + dt), 1.0 / s.sample_count)
+    slow_gain = max(dt / (SLOW_RATIO * TIME_CONSTANT_S + dt), 1.0 / s.sample_count)
+    change2 = 0.0
     for i in range(3):
-        s.f[i] += fade * (sample.f[i] - s.f[i])
-        s.slow[i] += fade_slow * (sample.f[i] - s.slow[i])
-        apart += (s.f[i] - s.slow[i]) ** 2
-    s.noise_var += fade * (fade * p.sample_var - (2.0 - fade) * s.noise_var)
-    s.change = max(apart, s.change + fade_slow * (apart - s.change))
+        s.f_mean[i] += gain * (sample.f[i] - s.f_mean[i])
+        s.f_slow_mean[i] += slow_gain * (sample.f[i] - s.f_slow_mean[i])
+        change2 += (s.f_mean[i] - s.f_slow_mean[i]) ** 2
+    s.noise_var += gain * (gain * p.sample_var - (2.0 - gain) * s.noise_var)
+    s.mean_change2 = max(change2, s.mean_change2 + slow_gain * (change2 - s.mean_change2))
 
 
 @kernel
-def judge(p: Any, s: Any) -> None:
+def update_tilt(p: Any, s: Any) -> None:
     """Roll and pitch of the averaged force, and what they are worth."""
-    f = s.f
+    f = s.f_mean
     force2 = max(f[0] * f[0] + f[1] * f[1] + f[2] * f[2], 1e-12)
     roll, pitch = math.atan2(-f[1], -f[2]), math.atan2(f[0], math.sqrt(f[1] * f[1] + f[2] * f[2]))
-    s.angles[0], s.angles[1] = roll, pitch
+    s.roll_pitch[0], s.roll_pitch[1] = roll, pitch
     sensor_var = s.noise_var + p.bias_var
     excess = math.sqrt(force2) - s.gravity
-    explained = EXPLAINED * math.sqrt(sensor_var + s.gravity_var + p.scale_var * force2)
+    explained_excess = MAGNITUDE_GATE * math.sqrt(sensor_var + s.gravity_var + p.scale_var * force2)
     # a horizontal acceleration a lengthens the force by a^2 / (2 g); a vertical one is taken for as large sideways
-    unexplained = max(abs(excess) - explained, 0.0)
-    motion_var = unexplained * unexplained + 0.25 * s.change
+    unexplained_excess = max(abs(excess) - explained_excess, 0.0)
+    motion_var = unexplained_excess * unexplained_excess + 0.25 * s.mean_change2
     if excess > 0.0:
-        motion_var += s.gravity * unexplained
+        motion_var += s.gravity * unexplained_excess
     isotropic = sensor_var + motion_var
     cos_pitch = max(math.cos(pitch), 1e-6)
     sr, cr, sp = math.sin(roll), math.cos(roll), math.sin(pitch)
     across = p.scale_var * ((f[1] * cr) ** 2 + (f[2] * sr) ** 2)
     along = p.scale_var * ((f[0] * cos_pitch) ** 2 + (f[1] * sr * sp) ** 2 + (f[2] * cr * sp) ** 2)
-    s.tilt_var = min((isotropic + max(across, along)) / force2, UNIFORM**2)
-    s.angle_var[0] = min((isotropic + across) / (force2 * cos_pitch**2), UNIFORM**2)
-    s.angle_var[1] = min((isotropic + along) / force2, UNIFORM**2)
+    s.tilt_var = min((isotropic + max(across, along)) / force2, UNKNOWN_ANGLE**2)
+    s.roll_pitch_var[0] = min((isotropic + across) / (force2 * cos_pitch**2), UNKNOWN_ANGLE**2)
+    s.roll_pitch_var[1] = min((isotropic + along) / force2, UNKNOWN_ANGLE**2)
 
 
 @kernel
-def turn(p: Any, s: Any, sample: Any, dt: float) -> None:
+def integrate_yaw(p: Any, s: Any, sample: Any, dt: float) -> None:
     """Integrate yaw over dt with the rates there are, between the last good sample and this one."""
     for i in range(3):
         if sample.w[i] != 0.0:
-            s.gyro[i] = 1
-    if s.gyro[2] == 1:
-        cos_pitch = max(math.cos(s.angles[1]), 0.1)
-        sr, cr = math.sin(s.angles[0]), math.cos(s.angles[0])
+            s.has_gyro[i] = 1
+    if s.has_gyro[2] == 1:
+        cos_pitch = max(math.cos(s.roll_pitch[1]), 0.1)
+        sr, cr = math.sin(s.roll_pitch[0]), math.cos(s.roll_pitch[0])
         middle_y, middle_z = 0.5 * (s.w[1] + sample.w[1]), 0.5 * (s.w[2] + sample.w[2])
         yaw = s.yaw + (middle_y * sr + middle_z * cr) / cos_pitch * dt
         s.yaw = yaw - 2.0 * math.pi * math.floor(yaw / (2.0 * math.pi) + 0.5)
-        s.yaw_gain += cr / cos_pitch * dt
+        s.yaw_per_bias += cr / cos_pitch * dt
         s.yaw_var += p.gyro_psd / cos_pitch**2 * dt
         if sample.flags & NO_RATE != 0:
-            unseen = sample.unseen_s
-            s.yaw_var += UNSEEN_RATE**2 * (unseen * unseen - max(unseen - dt, 0.0) ** 2)
+            outage_s = sample.unseen_s
+            s.yaw_var += FAULT_RATE**2 * (outage_s * outage_s - max(outage_s - dt, 0.0) ** 2)
     for i in range(3):
         s.w[i] = sample.w[i]
 
 
 @kernel
-def tell(p: Any, s: Any, sample: Any, out: Any) -> None:
+def write_solution(p: Any, s: Any, sample: Any, out: Any) -> None:
     """Write a row of SOLUTION; what this estimator does not know is NaN."""
-    yaw_sigma = UNIFORM
-    if s.gyro[2] == 1:
-        yaw_sigma = min(math.sqrt(s.yaw_var + p.gyro_bias_var * s.yaw_gain**2), UNIFORM)
+    yaw_sigma = UNKNOWN_ANGLE
+    if s.has_gyro[2] == 1:
+        yaw_sigma = min(math.sqrt(s.yaw_var + p.gyro_bias_var * s.yaw_per_bias**2), UNKNOWN_ANGLE)
     status = 0
-    if s.samples > 0 and math.sqrt(s.tilt_var) < TRUSTED_TILT and s.t_ns - s.good_ns < LONG_GAP_S * 1e9:
+    if s.sample_count > 0 and math.sqrt(s.tilt_var) < VALID_TILT and s.t_ns - s.last_good_ns < LONG_GAP_S * 1e9:
         status |= ATTITUDE_VALID
-        if s.heading == 1 and yaw_sigma < TRUSTED_HEADING:
+        if s.true_heading == 1 and yaw_sigma < VALID_HEADING:
             status |= HEADING_VALID
     if sample.flags & BEYOND_RANGE != 0:
         status |= SATURATED
     out.t_ns, out.status = s.t_ns, status
     out.lat = out.lon = out.height = math.nan
-    q = quat_of_euler(s.angles[0], s.angles[1], s.yaw)
+    q = quat_of_euler(s.roll_pitch[0], s.roll_pitch[1], s.yaw)
     for i in range(4):
         out.q_nb[i] = q[i]
     for i in range(3):
         out.v[i] = out.sigma_p[i] = out.sigma_v[i] = math.nan
-        out.w[i] = s.w[i] if s.gyro[i] == 1 else math.nan
+        out.w[i] = s.w[i] if s.has_gyro[i] == 1 else math.nan
         out.f[i] = sample.f[i]
-        out.bg[i] = 0.0 if s.gyro[i] == 1 else math.nan
+        out.bg[i] = 0.0 if s.has_gyro[i] == 1 else math.nan
         out.ba[i] = 0.0
-        out.sigma_bg[i] = math.sqrt(p.gyro_bias_var) if s.gyro[i] == 1 else math.nan
+        out.sigma_bg[i] = math.sqrt(p.gyro_bias_var) if s.has_gyro[i] == 1 else math.nan
         out.sigma_ba[i] = math.sqrt(p.bias_var)
-    out.sigma_rpy[0], out.sigma_rpy[1] = math.sqrt(s.angle_var[0]), math.sqrt(s.angle_var[1])
+    out.sigma_rpy[0], out.sigma_rpy[1] = math.sqrt(s.roll_pitch_var[0]), math.sqrt(s.roll_pitch_var[1])
     out.sigma_rpy[2] = yaw_sigma
 
 
@@ -200,14 +200,14 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
         f, w = sample.f, sample.w
         s.t_ns = sample.t_ns
         if sample.flags & (SUSPECT | NO_FORCE) == 0 and math.isfinite(f[0] + f[1] + f[2] + w[0] + w[1] + w[2]):
-            dt = (s.t_ns - s.good_ns) * 1e-9 if s.samples > 0 else 0.0
+            dt = (s.t_ns - s.last_good_ns) * 1e-9 if s.sample_count > 0 else 0.0
             if dt > LONG_GAP_S:
-                s.yaw_var, s.heading = UNIFORM**2, 0
-            average(p, s, sample, dt)
-            judge(p, s)
-            turn(p, s, sample, min(dt, LONG_GAP_S))
-            s.good_ns = s.t_ns
-    tell(p, s, sample, solution)
+                s.yaw_var, s.true_heading = UNKNOWN_ANGLE**2, 0
+            update_means(p, s, sample, dt)
+            update_tilt(p, s)
+            integrate_yaw(p, s, sample, min(dt, LONG_GAP_S))
+            s.last_good_ns = s.t_ns
+    write_solution(p, s, sample, solution)
 
 
 ESTIMATOR = Estimator("tilt", configure, start, step, None, needs_gyros=False, survives_power_on=True)

@@ -1,4 +1,4 @@
-"""A solution row in which nothing is known yet: what an estimator does not estimate stays NaN."""
+"""A solution row in which nothing is known: what an estimator does not estimate stays NaN."""
 
 import math
 from typing import Any

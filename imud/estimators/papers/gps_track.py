@@ -9,7 +9,7 @@ What is built instead of the print:
 - x = (long2 - long1) R_earth: angles in radians, times cos(latitude), on the ellipsoid's two radii. The state keeps
   latitude and longitude themselves, so that the track may be as long as it likes;
 - G = columns of ones: discrete white-noise acceleration, [dt^2 / 2, dt] per axis, of variance Q.
-P(0) is not printed: the first fix is the first position with the variance R, and the speed unknown by UNKNOWN_SPEED.
+P(0) is not printed: the first fix is the first position with the variance R; speed has INITIAL_SPEED_SIGMA.
 Q in (m/s^2)^2 and R in m^2 are `gps_track` in the settings; a receiver that reports its sigma is believed instead of R.
 Height, attitude and biases are not in his state and stay unknown.
 """
@@ -30,7 +30,7 @@ from .blank_solution import blank
 
 NORTH, VELOCITY_N, EAST, VELOCITY_E, STATES = 0, 1, 2, 3, 4
 PACKED = STATES * (STATES + 1) // 2
-UNKNOWN_SPEED = 30.0  # m/s, 1 sigma at the first fix
+INITIAL_SPEED_SIGMA = 30.0  # m/s, 1 sigma at the first fix
 COASTING_S = 2.5
 
 PARAMETERS = np.dtype([("acceleration_var", "<f8"), ("position_var", "<f8")], align=True)
@@ -43,7 +43,7 @@ STATE = np.dtype(
         ("lon", "<f8"),
         ("v", "<f8", (2,)),  # m/s, north and east
         ("P", "<f8", (PACKED,)),
-        ("ahead", "<f8", (PACKED,)),  # P at the newest sample
+        ("predicted_P", "<f8", (PACKED,)),  # P at the newest sample
         ("x", "<f8", (STATES,)),
         ("d", "<f8", (STATES,)),
         ("column", "<i8", (1,)),
@@ -83,7 +83,7 @@ def predict(P: Any, T: float, acceleration_var: float) -> None:
 
 
 @kernel
-def offset(s: Any, fix: Any) -> tuple[float, float]:
+def ned_difference(s: Any, fix: Any) -> tuple[float, float]:
     """The way north and east in m from the estimate to the fix."""
     meridian, prime_vertical = radii(s.lat)
     turn = fix.lon - s.lon
@@ -98,23 +98,23 @@ def fix_variance(p: Any, fix: Any, axis: int) -> float:
 
 
 @kernel
-def begin(p: Any, s: Any, fix: Any) -> None:
+def initialise(p: Any, s: Any, fix: Any) -> None:
     """The first fix is the first position; the velocity is unknown."""
     s.lat, s.lon = fix.lat, fix.lon
     s.v[0] = s.v[1] = 0.0
     for i in range(PACKED):
         s.P[i] = 0.0
     s.P[0], s.P[7] = fix_variance(p, fix, 0), fix_variance(p, fix, 1)
-    s.P[4] = s.P[9] = UNKNOWN_SPEED**2
+    s.P[4] = s.P[9] = INITIAL_SPEED_SIGMA**2
 
 
 @kernel
-def take(p: Any, s: Any, fix: Any, innovations: Any) -> int:
+def fuse_fix(p: Any, s: Any, fix: Any, innovations: Any) -> int:
     """Fuse the fix at its epoch; returns the rows of `innovations` written."""
     T = (fix.t_ns - s.fix_ns) * 1e-9
     s.lat, s.lon = displaced(s.lat, s.lon, 0.0, T * s.v[0], T * s.v[1])
     predict(s.P, T, p.acceleration_var)
-    z = offset(s, fix)
+    z = ned_difference(s, fix)
     for i in range(STATES):
         s.x[i] = 0.0
     for axis in range(2):
@@ -132,16 +132,16 @@ def take(p: Any, s: Any, fix: Any, innovations: Any) -> int:
 
 
 @kernel
-def track(p: Any, s: Any, fix: Any, innovations: Any) -> int:
+def update_track(p: Any, s: Any, fix: Any, innovations: Any) -> int:
     """One fix in. Fixes without a position, dead reckoned ones and those older than the last are not used."""
     usable = math.isfinite(fix.lat + fix.lon) and fix.quality != 0 and fix.quality != 6
     if not usable or (s.fixes > 0 and fix.t_ns <= s.fix_ns):
         return 0
     rows = 0
     if s.fixes == 0:
-        begin(p, s, fix)
+        initialise(p, s, fix)
     else:
-        rows = take(p, s, fix, innovations)
+        rows = fuse_fix(p, s, fix, innovations)
     s.fixes += 1
     s.fix_ns = fix.t_ns
     return rows
@@ -155,14 +155,14 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
         return
     T = max((sample.t_ns - s.fix_ns) * 1e-9, 0.0)
     for i in range(PACKED):
-        s.ahead[i] = s.P[i]
-    predict(s.ahead, T, p.acceleration_var)
+        s.predicted_P[i] = s.P[i]
+    predict(s.predicted_P, T, p.acceleration_var)
     solution.status |= POSITION_VALID | (COASTING if T > COASTING_S else 0)
     solution.lat, solution.lon = displaced(s.lat, s.lon, 0.0, T * s.v[0], T * s.v[1])
     for axis in range(2):
         solution.v[axis] = s.v[axis]
-        solution.sigma_p[axis] = math.sqrt(s.ahead[0 if axis == 0 else 7])
-        solution.sigma_v[axis] = math.sqrt(s.ahead[4 if axis == 0 else 9])
+        solution.sigma_p[axis] = math.sqrt(s.predicted_P[0 if axis == 0 else 7])
+        solution.sigma_v[axis] = math.sqrt(s.predicted_P[4 if axis == 0 else 9])
 
 
-ESTIMATOR = Estimator("gps-track", configure, start, step, track, needs_gyros=False)
+ESTIMATOR = Estimator("gps-track", configure, start, step, update_track, needs_gyros=False)

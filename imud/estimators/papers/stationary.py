@@ -45,7 +45,7 @@ GATE = 5.0
 ORIGIN_SIGMA = 5.0  # m, of an origin whose source does not say
 TERMS = 12  # of the series below: the next one is under 1e-16 for lambda T < 1
 NODES = ((-0.8611363115940526, 0.3478548451374538), (-0.3399810435848563, 0.6521451548625461))  # Gauss-Legendre, 4
-UNIFORM = math.pi / math.sqrt(3.0)  # rad, of a yaw that nothing measures
+UNKNOWN_ANGLE = math.pi / math.sqrt(3.0)  # rad, of a yaw that nothing measures
 POSITION, VELOCITY, BIAS, STATES = 0, 1, 2, 3
 
 PARAMETERS = np.dtype(
@@ -66,7 +66,7 @@ STATE = np.dtype(
         ("t_ns", "<i8"),
         ("samples", "<i8"),
         ("gravity", "<f8"),  # m/s^2
-        ("given", "<f8", (3,)),  # rad, roll, pitch, yaw that the user knows; NaN: unknown
+        ("initial_rpy", "<f8", (3,)),  # rad, roll, pitch, yaw that the user knows; NaN: unknown
         ("q", "<f8", (4,)),
         ("u", "<f8", (3,)),  # m/s^2, newest measured acceleration, body
         ("p", "<f8", (3,)),  # m, body axes, from the origin
@@ -77,11 +77,11 @@ STATE = np.dtype(
         ("d", "<f8", (3,)),
         ("column", "<i8", (1,)),
         ("one", "<f8", (1,)),
-        ("measured_ns", "<i8"),  # when the position was last measured
-        ("measured", "<i8"),  # how often
+        ("measurement_ns", "<i8"),  # when the position was last measured
+        ("measurement_count", "<i8"),  # how often
         ("residual", "<f8", (3,)),  # m, the newest r_k
         ("variance", "<f8"),  # m^2, its S_k
-        ("contradicted", "<i8"),
+        ("rejected", "<i8"),
         ("origin", "<f8", (3,)),  # rad, rad, m; NaN: none
         ("origin_var", "<f8", (3,)),  # m^2
     ],
@@ -104,7 +104,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     """A state (STATE) that waits for its first sample: P0 = diag(0, 0, sigma_b^2) (Solution 7)."""
     s = np.zeros(1, STATE)
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)
-    s["given"] = [math.nan if angle is None else math.radians(angle) for angle in angles]
+    s["initial_rpy"] = [math.nan if angle is None else math.radians(angle) for angle in angles]
     s["gravity"], s["origin"], s["one"] = STANDARD_GRAVITY, math.nan, 1.0
     if initial.lat_deg is not None:
         s["gravity"] = gravity(math.radians(initial.lat_deg), initial.height_m or 0.0)
@@ -167,45 +167,45 @@ def predict(p: Any, s: Any, T: float) -> None:
 
 
 @kernel
-def rest(p: Any, s: Any) -> None:
+def fuse_zero_position(p: Any, s: Any) -> None:
     """Solution 7, step 3b: the position is 0. The gain is the same for all axes, and so is P."""
     s.variance = measure(s.P, STATES, s.column, s.one, 1, s.d) + p.position_var
-    s.contradicted = 0
+    s.rejected = 0
     for i in range(3):
         r = -s.p[i]
         s.residual[i] = r
         if r * r > GATE * GATE * s.variance:
-            s.contradicted = 1
+            s.rejected = 1
         s.p[i] += s.d[POSITION] / s.variance * r
         s.v[i] += s.d[VELOCITY] / s.variance * r
         s.b[i] += s.d[BIAS] / s.variance * r
     update(s.P, STATES, s.x, s.d, s.variance, 0.0, STATES)
-    s.measured += 1
+    s.measurement_count += 1
 
 
 @kernel
-def level(s: Any, f: Any) -> None:
+def initialise_tilt(s: Any, f: Any) -> None:
     """Fix the tilt: the user's, or that of the first force."""
     roll, pitch, _ = euler_of_quat(quat_of_gravity(f[0], f[1], f[2] if f[2] != 0.0 else -1e-12))
-    if math.isfinite(s.given[0]) and math.isfinite(s.given[1]):
-        roll, pitch = s.given[0], s.given[1]
-    yaw = s.given[2] if math.isfinite(s.given[2]) else 0.0
+    if math.isfinite(s.initial_rpy[0]) and math.isfinite(s.initial_rpy[1]):
+        roll, pitch = s.initial_rpy[0], s.initial_rpy[1]
+    yaw = s.initial_rpy[2] if math.isfinite(s.initial_rpy[2]) else 0.0
     s.q[0], s.q[1], s.q[2], s.q[3] = quat_of_euler(roll, pitch, yaw)
 
 
 @kernel
-def tell(p: Any, s: Any, sample: Any, out: Any) -> None:
+def write_solution(p: Any, s: Any, sample: Any, out: Any) -> None:
     """Write a row of SOLUTION."""
     blank(out, s.t_ns, sample)
     if s.samples == 0:
         return
     q = (s.q[0], s.q[1], s.q[2], s.q[3])
-    out.status |= ATTITUDE_VALID | (REJECTING if s.contradicted == 1 else AT_REST)
+    out.status |= ATTITUDE_VALID | (REJECTING if s.rejected == 1 else AT_REST)
     for i in range(4):
         out.q_nb[i] = s.q[i]
     tilt_var = (p.bias_var + p.sample_var) / (s.gravity * s.gravity)
     out.sigma_rpy[0] = out.sigma_rpy[1] = math.sqrt(tilt_var)
-    out.sigma_rpy[2] = UNIFORM
+    out.sigma_rpy[2] = UNKNOWN_ANGLE
     for i in range(3):
         out.f[i] = sample.f[i] + s.b[i]
         out.ba[i] = -s.b[i]
@@ -229,9 +229,9 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
     f = sample.f
     good = sample.flags & (SUSPECT | NO_FORCE) == 0 and math.isfinite(f[0] + f[1] + f[2])
     if s.samples == 0 and good:
-        level(s, f)
+        initialise_tilt(s, f)
         s.samples = 1
-        s.t_ns = s.measured_ns = sample.t_ns
+        s.t_ns = s.measurement_ns = sample.t_ns
     elif s.samples > 0 and sample.t_ns > s.t_ns:
         if good:
             weight = quat_rotate_back((s.q[0], s.q[1], s.q[2], s.q[3]), (0.0, 0.0, s.gravity))
@@ -240,10 +240,10 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
         predict(p, s, (sample.t_ns - s.t_ns) * 1e-9)
         s.t_ns = sample.t_ns
         s.samples += 1
-        if s.t_ns - s.measured_ns >= p.interval_ns:
-            s.measured_ns = s.t_ns
-            rest(p, s)
-    tell(p, s, sample, solution)
+        if s.t_ns - s.measurement_ns >= p.interval_ns:
+            s.measurement_ns = s.t_ns
+            fuse_zero_position(p, s)
+    write_solution(p, s, sample, solution)
 
 
 @kernel

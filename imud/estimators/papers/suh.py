@@ -52,8 +52,8 @@ Q1, R_NOMINAL, R3 = 1.0, 0.05, 1.0
 DELTA, ALPHA1, R_LARGE = 0.005, 0.4, 5.0
 PRINTED_ALPHA2 = 10.0  # g, of the residual
 ALPHA2 = PRINTED_ALPHA2 / math.sqrt(DELTA)  # of its square
-TRUSTED_TILT, UNIFORM = math.radians(20.0), math.pi / math.sqrt(3.0)
-STEEP = 1e-3  # least |cos(pitch)|: at 90 deg roll and its rate are not defined
+VALID_TILT, UNKNOWN_ANGLE = math.radians(20.0), math.pi / math.sqrt(3.0)
+MIN_COS_PITCH = 1e-3  # least |cos(pitch)|: at 90 deg roll and its rate are not defined
 PITCH, ROLL, RATE, STATES = 0, 1, 2, 5
 STANDARD, ADAPTIVE, TWO_STEP = range(3)
 
@@ -67,10 +67,10 @@ STATE = np.dtype(
         ("t_ns", "<i8"),  # of the newest sample
         ("step_ns", "<i8"),  # of the last step
         ("started", "<i8"),  # 1: there was a sample
-        ("begun", "<i8"),  # 1: there is an attitude
+        ("initialised", "<i8"),  # 1: there is an attitude
         ("steps", "<i8"),
         ("gravity", "<f8"),
-        ("given", "<f8", (3,)),  # rad, roll, pitch, yaw that the user knows; NaN: unknown
+        ("initial_rpy", "<f8", (3,)),  # rad, roll, pitch, yaw that the user knows; NaN: unknown
         ("count", "<i8"),  # samples since the last step, and their sums
         ("w_sum", "<f8", (3,)),
         ("f_sum", "<f8", (3,)),
@@ -78,11 +78,11 @@ STATE = np.dtype(
         ("yaw", "<f8"),
         ("P", "<f8", (15,)),
         ("r", "<f8", (2,)),
-        ("external", "<i8"),  # 1: (7) holds
+        ("external_acceleration", "<i8"),  # 1: (7) holds
         ("innovation", "<f8", (2,)),  # of the accelerometer, g
         ("d", "<f8", (STATES,)),
         ("columns", "<i8", (2,)),
-        ("row", "<f8", (2,)),
+        ("jacobian", "<f8", (2,)),
     ],
     align=True,
 )
@@ -99,7 +99,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     """A state (STATE) that waits for its first step; P0 = 0, as he prints."""
     s = np.zeros(1, STATE)
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)
-    s["given"] = [math.nan if angle is None else math.radians(angle) for angle in angles]
+    s["initial_rpy"] = [math.nan if angle is None else math.radians(angle) for angle in angles]
     known = initial.lat_deg is not None
     s["gravity"] = gravity(math.radians(initial.lat_deg or 0.0), initial.height_m or 0.0) if known else STANDARD_GRAVITY
     s["r"] = R_NOMINAL
@@ -107,9 +107,9 @@ def start(parameters: Records, initial: Initial) -> Records:
 
 
 @kernel
-def begin(s: Any, w: Any, a: Any) -> None:
+def initialise(s: Any, w: Any, a: Any) -> None:
     """The first attitude, (1) made valid for all angles, or the user's."""
-    given = s.given
+    given = s.initial_rpy
     s.x[PITCH] = given[1] if math.isfinite(given[1]) else math.atan2(a[0], math.sqrt(a[1] * a[1] + a[2] * a[2]))
     s.x[ROLL] = given[0] if math.isfinite(given[0]) else math.atan2(a[1], -a[2])
     if math.isfinite(given[2]):
@@ -120,7 +120,7 @@ def begin(s: Any, w: Any, a: Any) -> None:
     for i in range(len(s.P)):
         s.P[i] = 0.0
     s.r[0] = s.r[1] = R_NOMINAL
-    s.begun = 1
+    s.initialised = 1
 
 
 @kernel
@@ -128,7 +128,7 @@ def predict(s: Any, T: float) -> None:
     """Time update (4): x <- Phi x, P <- Phi P Phi' + Q with Phi = [[I, W T], [0, I]]."""
     x, P = s.x, s.P
     sr, cr = math.sin(x[ROLL]), math.cos(x[ROLL])
-    cp = max(math.cos(x[PITCH]), STEEP)
+    cp = max(math.cos(x[PITCH]), MIN_COS_PITCH)
     tp = math.sin(x[PITCH]) / cp
     s.yaw += T * (sr * x[RATE + 1] + cr * x[RATE + 2]) / cp
     W = ((0.0, cr, -sr), (1.0, sr * tp, cr * tp))
@@ -148,20 +148,20 @@ def predict(s: Any, T: float) -> None:
 
 
 @kernel
-def take(s: Any, m: int, innovation: float, r: float) -> None:
+def fuse_scalar(s: Any, m: int, innovation: float, r: float) -> None:
     """One scalar measurement with the first m of the row's elements."""
-    variance = measure(s.P, STATES, s.columns, s.row, m, s.d) + r
+    variance = measure(s.P, STATES, s.columns, s.jacobian, m, s.d) + r
     update(s.P, STATES, s.x, s.d, variance, innovation, STATES)
 
 
 @kernel
-def adapt(p: Any, s: Any, a: Any) -> None:
+def adapt_accel_noise(p: Any, s: Any, a: Any) -> None:
     """r1 and r2 for this step: (7), (9), (10)."""
-    s.external = 1 if abs(a[0] * a[0] + a[1] * a[1] + a[2] * a[2] - 1.0) > DELTA else 0
+    s.external_acceleration = 1 if abs(a[0] * a[0] + a[1] * a[1] + a[2] * a[2] - 1.0) > DELTA else 0
     for i in range(2):
         if p.mode == ADAPTIVE:
-            s.r[i] = R_LARGE if s.external == 1 else R_NOMINAL
-        elif p.mode == TWO_STEP and s.external == 1:
+            s.r[i] = R_LARGE if s.external_acceleration == 1 else R_NOMINAL
+        elif p.mode == TWO_STEP and s.external_acceleration == 1:
             e = s.innovation[i]
             s.r[i] = max(ALPHA1 * s.r[i] + (PRINTED_ALPHA2 * e if p.literal == 1 else ALPHA2 * e * e), R_NOMINAL)
         elif p.mode == TWO_STEP:
@@ -169,7 +169,7 @@ def adapt(p: Any, s: Any, a: Any) -> None:
 
 
 @kernel
-def correct(p: Any, s: Any, w: Any, a: Any) -> None:
+def update_measurements(p: Any, s: Any, w: Any, a: Any) -> None:
     """Measurement updates: gyro (8), covariances, accelerometer (11).
 
     The standard filter takes both at once: its C and f are those of the predicted state, and what the gyro has moved
@@ -178,10 +178,10 @@ def correct(p: Any, s: Any, w: Any, a: Any) -> None:
     """
     x = s.x
     pitch, roll = x[PITCH], x[ROLL]
-    s.row[0] = 1.0
+    s.jacobian[0] = 1.0
     for i in range(3):
         s.columns[0] = RATE + i
-        take(s, 1, w[i] - x[RATE + i], R3)
+        fuse_scalar(s, 1, w[i] - x[RATE + i], R3)
     if p.mode == TWO_STEP and p.literal == 0:
         pitch, roll = x[PITCH], x[ROLL]
     sp, cp, sr, cr = math.sin(pitch), math.cos(pitch), math.sin(roll), math.cos(roll)
@@ -190,16 +190,16 @@ def correct(p: Any, s: Any, w: Any, a: Any) -> None:
         pitch, roll = x[PITCH], x[ROLL]
         by_pitch, expected = 0.0, (cp * pitch, cr * cp * roll)
     s.innovation[0], s.innovation[1] = a[0] - expected[0], a[1] - expected[1]
-    adapt(p, s, a)
+    adapt_accel_noise(p, s, a)
     s.columns[0], s.columns[1] = PITCH, ROLL
-    s.row[0], s.row[1] = cp, 0.0
-    take(s, 2, s.innovation[0] - cp * (x[PITCH] - pitch), s.r[0])
-    s.row[0], s.row[1] = by_pitch, cr * cp
-    take(s, 2, s.innovation[1] - by_pitch * (x[PITCH] - pitch) - cr * cp * (x[ROLL] - roll), s.r[1])
+    s.jacobian[0], s.jacobian[1] = cp, 0.0
+    fuse_scalar(s, 2, s.innovation[0] - cp * (x[PITCH] - pitch), s.r[0])
+    s.jacobian[0], s.jacobian[1] = by_pitch, cr * cp
+    fuse_scalar(s, 2, s.innovation[1] - by_pitch * (x[PITCH] - pitch) - cr * cp * (x[ROLL] - roll), s.r[1])
 
 
 @kernel
-def fold(s: Any) -> None:
+def wrap_angles(s: Any) -> None:
     """Keep pitch within +-90 deg, roll and yaw within +-180 deg."""
     x = s.x
     if abs(x[PITCH]) > 0.5 * math.pi:
@@ -212,18 +212,18 @@ def fold(s: Any) -> None:
 
 
 @kernel
-def advance(p: Any, s: Any) -> None:
+def advance_filter(p: Any, s: Any) -> None:
     """One step of the filter with the mean of the samples since the last one."""
     n, T = s.count, (s.t_ns - s.step_ns) * 1e-9
     w = (s.w_sum[0] / n, s.w_sum[1] / n, s.w_sum[2] / n)
     g = n * s.gravity
     a = (s.f_sum[0] / g, -s.f_sum[1] / g, s.f_sum[2] / g)
-    if s.begun == 0 or T > LONG_GAP_S:
-        begin(s, w, a)
+    if s.initialised == 0 or T > LONG_GAP_S:
+        initialise(s, w, a)
     else:
         predict(s, T)
-        correct(p, s, w, a)
-        fold(s)
+        update_measurements(p, s, w, a)
+        wrap_angles(s)
         s.steps += 1
     s.step_ns = s.t_ns
     s.count = 0
@@ -246,16 +246,16 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
             s.w_sum[i] += w[i]
             s.f_sum[i] += f[i]
         if s.t_ns - s.step_ns >= STEP_S * 1e9 - p.half_ns:
-            advance(p, s)
+            advance_filter(p, s)
     blank(solution, sample.t_ns, sample)
-    if s.begun == 1:
+    if s.initialised == 1:
         q = quat_of_euler(s.x[ROLL], s.x[PITCH], s.yaw)
         for i in range(4):
             solution.q_nb[i] = q[i]
-        solution.sigma_rpy[0] = min(math.sqrt(s.P[5]), UNIFORM)
-        solution.sigma_rpy[1] = min(math.sqrt(s.P[0]), UNIFORM)
-        solution.sigma_rpy[2] = UNIFORM
-        if max(solution.sigma_rpy[0], solution.sigma_rpy[1]) < TRUSTED_TILT:
+        solution.sigma_rpy[0] = min(math.sqrt(s.P[5]), UNKNOWN_ANGLE)
+        solution.sigma_rpy[1] = min(math.sqrt(s.P[0]), UNKNOWN_ANGLE)
+        solution.sigma_rpy[2] = UNKNOWN_ANGLE
+        if max(solution.sigma_rpy[0], solution.sigma_rpy[1]) < VALID_TILT:
             solution.status |= ATTITUDE_VALID
 
 

@@ -26,8 +26,8 @@ from ....compile.jit import kernel
 from ....math.earth import displaced
 from ....math.kalman import measure, shear, update
 from ... import Estimator
-from .reckoning import calibrate, err, reckon
-from .solution import reckoning_variance, tell
+from .reckoning import average_rest, dead_reckon, propagate_errors
+from .solution import reckoning_variance, write_solution
 from .state import ACCELERATION, DISTANCE, REST_S, SPEED, STATES, configure, start
 
 __all__ = ["ESTIMATOR", "REST_S", "configure", "reckoning_variance", "start", "step"]
@@ -35,7 +35,7 @@ ORIGIN_SIGMA = 5.0  # m, of an origin whose source does not say
 
 
 @kernel
-def smooth(p: Any, s: Any, T: float) -> None:
+def smooth_distances(p: Any, s: Any, T: float) -> None:
     """The nine-state filter over T s with the reckoned distances as its measurements."""
     shear(s.P, STATES, DISTANCE, SPEED, T)
     shear(s.P, STATES, DISTANCE, ACCELERATION, 0.5 * T * T)
@@ -68,16 +68,16 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
         T = (sample.t_ns - s.t_ns) * 1e-9 if s.samples > 0 else 0.0
         s.t_ns = sample.t_ns
         if s.samples == 0:
-            s.begin_ns = s.t_ns
+            s.first_sample_ns = s.t_ns
         s.samples += 1
-        if s.t_ns - s.begin_ns <= REST_S * 1e9:
-            calibrate(s, sample)
+        if s.t_ns - s.first_sample_ns <= REST_S * 1e9:
+            average_rest(s, sample)
         else:
             s.moving_s += T
-            err(s, sample, T)
-            reckon(s, sample, T)
-            smooth(p, s, T)
-    tell(p, s, sample, solution)
+            propagate_errors(s, sample, T)
+            dead_reckon(s, sample, T)
+            smooth_distances(p, s, T)
+    write_solution(p, s, sample, solution)
 
 
 @kernel

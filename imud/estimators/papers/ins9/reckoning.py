@@ -1,4 +1,4 @@
-"""Dead reckoning from a rest at the start, and what unit errors do to it."""
+"""Dead reckoning from a rest at the start, and its sensitivity to unit errors."""
 
 import math
 from typing import Any
@@ -18,9 +18,9 @@ from .state import DEVICE, EARTH, RATE_ERROR, SCALE_ERROR, SOURCES
 
 
 @kernel
-def calibrate(s: Any, sample: Any) -> None:
+def average_rest(s: Any, sample: Any) -> None:
     """Mean rate and force so far: gyro bias, gravity, tilt."""
-    s.since_s = (sample.t_ns - s.begin_ns) * 1e-9
+    s.rest_s = (sample.t_ns - s.first_sample_ns) * 1e-9
     for i in range(3):
         s.w_sum[i] += sample.w[i]
         s.f_sum[i] += sample.f[i]
@@ -29,7 +29,7 @@ def calibrate(s: Any, sample: Any) -> None:
     fx, fy, fz = s.f_sum[0] / s.samples, s.f_sum[1] / s.samples, s.f_sum[2] / s.samples
     s.gravity = math.sqrt(fx * fx + fy * fy + fz * fz)
     roll, pitch, _ = euler_of_quat(quat_of_gravity(fx, fy, fz))
-    q = quat_of_euler(roll, pitch, s.given_yaw if math.isfinite(s.given_yaw) else 0.0)
+    q = quat_of_euler(roll, pitch, s.initial_yaw if math.isfinite(s.initial_yaw) else 0.0)
     for i in range(4):
         s.q[i] = q[i]
     C = dcm_of_quat(q)
@@ -38,14 +38,14 @@ def calibrate(s: Any, sample: Any) -> None:
 
 
 @kernel
-def gives_tilt(sample: Any) -> bool:
+def has_device_tilt(sample: Any) -> bool:
     """Did the device itself compute where down is?"""
     down = sample.down
     return bool(down[0] * down[0] + down[1] * down[1] + down[2] * down[2] > 0.5)
 
 
 @kernel
-def turn(s: Any, sample: Any, T: float) -> None:
+def rotate_attitude(s: Any, sample: Any, T: float) -> None:
     """The attitude after T s: the gyros' turn, then the device's own tilt if it computes one."""
     half = 0.5 * T
     q = (s.q[0], s.q[1], s.q[2], s.q[3])
@@ -58,7 +58,7 @@ def turn(s: Any, sample: Any, T: float) -> None:
         ),
     )
     down = sample.down
-    if gives_tilt(sample):
+    if has_device_tilt(sample):
         _, _, yaw = euler_of_quat(q)
         roll, pitch, _ = euler_of_quat(quat_of_gravity(-down[0], -down[1], -down[2]))
         q = quat_of_euler(roll, pitch, yaw)
@@ -66,8 +66,8 @@ def turn(s: Any, sample: Any, T: float) -> None:
 
 
 @kernel
-def err(s: Any, sample: Any, T: float) -> None:
-    """What unit errors do to dead reckoning in T s.
+def propagate_errors(s: Any, sample: Any, T: float) -> None:
+    """Propagate the sensitivity of dead reckoning to unit errors over T s.
 
     Levelling at rest hid the accelerometer's bias b in the tilt; a turn brings (C - C_rest) b out of it. A rate error
     tilts by its integral, a scale error by its part of the turn, the earth's rate, taken for bias at rest, by as much
@@ -79,23 +79,23 @@ def err(s: Any, sample: Any, T: float) -> None:
         trace += C[i] * s.C_rest[i]
         s.distance_by_bias[i] += T * s.velocity_by_bias[i]
         s.velocity_by_bias[i] += T * (C[i] - s.C_rest[i])
-    s.turned = math.acos(min(max(0.5 * (trace - 1.0), -1.0), 1.0))
+    s.rotation_from_rest = math.acos(min(max(0.5 * (trace - 1.0), -1.0), 1.0))
     for k in range(SOURCES):
         s.distance_by[k] += T * s.velocity_by[k]
         s.velocity_by[k] += T * s.gravity * s.tilt_by[k]
-    if gives_tilt(sample):
+    if has_device_tilt(sample):
         s.tilt_by[DEVICE] = 1.0
     else:
         s.tilt_by[RATE_ERROR] += T
-        s.tilt_by[SCALE_ERROR] = s.turned
-        s.tilt_by[EARTH] += T * 2.0 * math.sin(0.5 * s.turned)
+        s.tilt_by[SCALE_ERROR] = s.rotation_from_rest
+        s.tilt_by[EARTH] += T * 2.0 * math.sin(0.5 * s.rotation_from_rest)
 
 
 @kernel
-def reckon(s: Any, sample: Any, T: float) -> None:
+def dead_reckon(s: Any, sample: Any, T: float) -> None:
     """His integration, vel = vel' + accl dt, dist = dist' + vel dt, by the trapezoid rule."""
     before = quat_rotate((s.q[0], s.q[1], s.q[2], s.q[3]), (s.f[0], s.f[1], s.f[2]))
-    turn(s, sample, T)
+    rotate_attitude(s, sample, T)
     after = quat_rotate((s.q[0], s.q[1], s.q[2], s.q[3]), (sample.f[0], sample.f[1], sample.f[2]))
     for i in range(3):
         a = 0.5 * (before[i] + after[i]) + (s.gravity if i == 2 else 0.0)

@@ -1,4 +1,4 @@
-"""What `ins9` tells: its states, and with their own sigmas what dead reckoning does not know."""
+"""The solution of `ins9`: its states, and with their own sigmas what dead reckoning does not know."""
 
 import math
 from typing import Any
@@ -9,42 +9,42 @@ from ...records import AT_REST, ATTITUDE_VALID, COASTING, HEADING_VALID, POSITIO
 from ..blank_solution import blank
 from .state import DEVICE, EARTH, RATE_ERROR, SCALE_ERROR
 
-GIVEN_HEADING, UNIFORM = math.radians(5.0), math.pi / math.sqrt(3.0)
-DEVICE_TILT = math.radians(1.0)  # of a device that does not say how good its own is
-TRUSTED = math.radians(20.0)
+GIVEN_HEADING_SIGMA, UNKNOWN_ANGLE = math.radians(5.0), math.pi / math.sqrt(3.0)
+DEVICE_TILT_SIGMA = math.radians(1.0)  # of a device that does not say how good its own is
+VALID_ANGLE = math.radians(20.0)
 EARTH_VAR = EARTH_RATE_RADPS * EARTH_RATE_RADPS
 
 
 @kernel
-def by_tilt(p: Any, s: Any, by: Any) -> float:
+def tilt_variance(p: Any, s: Any, by: Any) -> float:
     """Sum of the tilting sources' variances times the squares of `by`."""
-    rate = p.gyro_psd / max(s.since_s, 1e-3)
+    rate = p.gyro_psd / max(s.rest_s, 1e-3)
     gyros = rate * by[RATE_ERROR] ** 2 + p.gyro_scale_var * by[SCALE_ERROR] ** 2 + EARTH_VAR * by[EARTH] ** 2
-    return float(gyros + (DEVICE_TILT * by[DEVICE]) ** 2)
+    return float(gyros + (DEVICE_TILT_SIGMA * by[DEVICE]) ** 2)
 
 
 @kernel
 def reckoning_variance(p: Any, s: Any, axis: int) -> tuple[float, float]:
     """What dead reckoning does not know of one axis (NED): variances of distance and velocity.
 
-    The mean force at rest, white noise, wander, the turned bias; and what tilts, which only the level axes feel.
+    The mean force at rest, white noise, bias walk, the rotated bias; and what tilts, which only the level axes feel.
     """
     t = s.moving_s
-    force = p.accel_psd / max(s.since_s, 1e-3)
-    distance = force * t**4 / 4 + p.accel_psd * t**3 / 3 + p.accel_wander * t**5 / 20
-    velocity = force * t**2 + p.accel_psd * t + p.accel_wander * t**3 / 3
+    force = p.accel_psd / max(s.rest_s, 1e-3)
+    distance = force * t**4 / 4 + p.accel_psd * t**3 / 3 + p.accel_bias_psd * t**5 / 20
+    velocity = force * t**2 + p.accel_psd * t + p.accel_bias_psd * t**3 / 3
     for j in range(3):
         distance += p.accel_bias_var * s.distance_by_bias[3 * axis + j] ** 2
         velocity += p.accel_bias_var * s.velocity_by_bias[3 * axis + j] ** 2
     if axis < 2:
         g2 = s.gravity * s.gravity
-        distance += by_tilt(p, s, s.distance_by) + g2 * (p.gyro_psd * t**5 / 20 + p.gyro_wander * t**7 / 252)
-        velocity += by_tilt(p, s, s.velocity_by) + g2 * (p.gyro_psd * t**3 / 3 + p.gyro_wander * t**5 / 20)
+        distance += tilt_variance(p, s, s.distance_by) + g2 * (p.gyro_psd * t**5 / 20 + p.gyro_bias_psd * t**7 / 252)
+        velocity += tilt_variance(p, s, s.velocity_by) + g2 * (p.gyro_psd * t**3 / 3 + p.gyro_bias_psd * t**5 / 20)
     return distance, velocity
 
 
 @kernel
-def tell_position(p: Any, s: Any, heading_var: float, tilt_var: float, out: Any) -> None:
+def write_position(p: Any, s: Any, heading_var: float, tilt_var: float, out: Any) -> None:
     """Position and velocity relative to the origin; errors of scale, heading and tilt are a part of the way gone."""
     out.lat, out.lon = displaced(s.origin[0], s.origin[1], s.origin[2], s.p[0], s.p[1])
     out.height = s.origin[2] - s.p[2]
@@ -59,28 +59,28 @@ def tell_position(p: Any, s: Any, heading_var: float, tilt_var: float, out: Any)
 
 
 @kernel
-def tell(p: Any, s: Any, sample: Any, out: Any) -> None:
+def write_solution(p: Any, s: Any, sample: Any, out: Any) -> None:
     """Write a row of SOLUTION."""
     blank(out, s.t_ns, sample)
     if s.samples == 0:
         return
-    drift = by_tilt(p, s, s.tilt_by) + p.gyro_psd * s.moving_s + p.gyro_wander * s.moving_s**3 / 3.0
-    level_var = (p.accel_bias_var + p.accel_psd / max(s.since_s, 1e-3)) / (s.gravity * s.gravity)
-    known = math.isfinite(s.given_yaw)
-    heading_var = min((GIVEN_HEADING**2 if known else UNIFORM**2) + drift, UNIFORM**2)
-    out.sigma_rpy[0] = out.sigma_rpy[1] = min(math.sqrt(level_var + drift), UNIFORM)
+    drift = tilt_variance(p, s, s.tilt_by) + p.gyro_psd * s.moving_s + p.gyro_bias_psd * s.moving_s**3 / 3.0
+    level_var = (p.accel_bias_var + p.accel_psd / max(s.rest_s, 1e-3)) / (s.gravity * s.gravity)
+    known = math.isfinite(s.initial_yaw)
+    heading_var = min((GIVEN_HEADING_SIGMA**2 if known else UNKNOWN_ANGLE**2) + drift, UNKNOWN_ANGLE**2)
+    out.sigma_rpy[0] = out.sigma_rpy[1] = min(math.sqrt(level_var + drift), UNKNOWN_ANGLE)
     out.sigma_rpy[2] = math.sqrt(heading_var)
     out.status |= AT_REST if s.moving_s == 0.0 else COASTING
-    if out.sigma_rpy[0] < TRUSTED:
+    if out.sigma_rpy[0] < VALID_ANGLE:
         out.status |= ATTITUDE_VALID
-    if known and out.sigma_rpy[2] < TRUSTED:
+    if known and out.sigma_rpy[2] < VALID_ANGLE:
         out.status |= HEADING_VALID
     for i in range(4):
         out.q_nb[i] = s.q[i]
     for i in range(3):
         out.w[i] = sample.w[i] - s.bg[i]
         out.bg[i] = s.bg[i]
-        out.sigma_bg[i] = math.sqrt(p.gyro_psd / max(s.since_s, 1e-3) + p.gyro_wander * s.moving_s + EARTH_VAR / 3.0)
+        out.sigma_bg[i] = math.sqrt(p.gyro_psd / max(s.rest_s, 1e-3) + p.gyro_bias_psd * s.moving_s + EARTH_VAR / 3.0)
     if math.isfinite(s.origin[0]):
         out.status |= POSITION_VALID
-        tell_position(p, s, heading_var, level_var, out)
+        write_position(p, s, heading_var, level_var, out)

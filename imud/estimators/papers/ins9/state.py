@@ -1,4 +1,4 @@
-"""What `ins9` keeps: its parameters, its state, and how both begin."""
+"""The parameters and the state of `ins9`, and how both begin."""
 
 import math
 
@@ -20,8 +20,8 @@ PARAMETERS = np.dtype(
         ("gyro_psd", "<f8"),  # rad^2/s
         ("accel_psd", "<f8"),  # (m/s)^2/s
         ("accel_bias_var", "<f8"),  # (m/s^2)^2
-        ("accel_wander", "<f8"),  # (m/s^2)^2/s, of the bias since the rest
-        ("gyro_wander", "<f8"),  # (rad/s)^2/s
+        ("accel_bias_psd", "<f8"),  # (m/s^2)^2/s, of the bias since the rest
+        ("gyro_bias_psd", "<f8"),  # (rad/s)^2/s
         ("gyro_scale_var", "<f8"),
         ("accel_scale_var", "<f8"),
     ],
@@ -32,19 +32,19 @@ STATE = np.dtype(
     [
         ("t_ns", "<i8"),
         ("samples", "<i8"),
-        ("begin_ns", "<i8"),  # of the first sample
-        ("since_s", "<f8"),  # how long the rest at the start was
+        ("first_sample_ns", "<i8"),  # of the first sample
+        ("rest_s", "<f8"),  # how long the rest at the start was
         ("moving_s", "<f8"),  # since the rest at the start
         ("w_sum", "<f8", (3,)),  # over that rest
         ("f_sum", "<f8", (3,)),
-        ("given_yaw", "<f8"),  # rad, NaN: unknown
+        ("initial_yaw", "<f8"),  # rad, NaN: unknown
         ("q", "<f8", (4,)),
         ("bg", "<f8", (3,)),
         ("gravity", "<f8"),
         ("w", "<f8", (3,)),  # the newest good sample
         ("f", "<f8", (3,)),
         ("C_rest", "<f8", (9,)),  # q then, as a matrix by rows
-        ("turned", "<f8"),  # rad, from the attitude at rest
+        ("rotation_from_rest", "<f8"),  # rad, from the attitude at rest
         ("tilt_by", "<f8", (SOURCES,)),  # rad of tilt, m/s and m level per unit of each source of tilt error
         ("velocity_by", "<f8", (SOURCES,)),
         ("distance_by", "<f8", (SOURCES,)),
@@ -78,8 +78,8 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     p["distance_var"] = settings.ins9.distance_var
     p["gyro_psd"], p["accel_psd"] = profile.gyro_noise**2, profile.accel_noise**2
     p["accel_bias_var"] = profile.accel_bias_initial**2
-    p["accel_wander"] = profile.accel_bias_instability**2 / IN_RUN_S
-    p["gyro_wander"] = profile.gyro_bias_instability**2 / IN_RUN_S
+    p["accel_bias_psd"] = profile.accel_bias_instability**2 / IN_RUN_S
+    p["gyro_bias_psd"] = profile.gyro_bias_instability**2 / IN_RUN_S
     p["gyro_scale_var"], p["accel_scale_var"] = profile.gyro_scale**2, profile.accel_scale**2
     return p
 
@@ -88,7 +88,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     """A state (STATE) at rest at its origin, P = 0."""
     s = np.zeros(1, STATE)
     s["origin"], s["one"] = math.nan, 1.0
-    s["given_yaw"] = math.nan if initial.yaw_deg is None else math.radians(initial.yaw_deg)
+    s["initial_yaw"] = math.nan if initial.yaw_deg is None else math.radians(initial.yaw_deg)
     if initial.lat_deg is not None and initial.lon_deg is not None:
         s["origin"] = math.radians(initial.lat_deg), math.radians(initial.lon_deg), initial.height_m or 0.0
     return s

@@ -4,6 +4,8 @@ Every sample is integrated; the covariance follows at about 20 Hz whatever the s
 averaged: its integral, a velocity, is held to be about zero, which tells gravity from acceleration. Roll and pitch are
 absolute. Yaw counts from the start, or from the heading that the user gives; nothing corrects it and its sigma grows.
 
+docs/ahrs.md derives it.
+
 Source: Solà, Quaternion kinematics for the error-state Kalman filter (2017), sec. 7 (global angular error).
 """
 

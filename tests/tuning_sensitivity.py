@@ -1,8 +1,8 @@
 """How much each tunable of the attitude filter matters, on recordings with optical truth, as a table in Markdown.
 
-Usage: python tests/tuning_sensitivity.py [NAME...]. Each tunable is made 25 % smaller and 25 % larger; the table has
-the change of the mean RMS tilt error and of the mean size of the heading drift over all trials of ../shared/data/attitude,
-but for one whose gyro is beyond its range throughout. Tunables that change neither by 1 % are left out.
+Usage: python tests/tuning_sensitivity.py [NAME...]. Each tunable is made 25 % smaller and 25 % larger. The table has
+the change of the mean RMS tilt error and of the mean size of the drift, over all trials of ../shared/data/attitude
+but one whose gyro is beyond its range throughout. Tunables that change neither by 1 % are left out.
 """
 
 import sys

@@ -80,7 +80,7 @@ def _record(p: Any, s: Any, samples: Any, out: Any, states: Any, sigmas: Any, re
         states[k, 0], states[k, 1], states[k, 2] = s[0].p[0], s[0].v[0], s[0].b[0]
         for i, diagonal in enumerate((0, 3, 5)):
             sigmas[k, i] = math.sqrt(s[0].P[diagonal])
-        if s[0].measured > kept and kept < len(residuals):
+        if s[0].measurement_count > kept and kept < len(residuals):
             residuals[kept, 0], residuals[kept, 1] = s[0].residual[0], math.sqrt(s[0].variance)
             kept += 1
     return kept

@@ -17,7 +17,7 @@ SAMPLE = np.dtype(
         ("down", "<f8", (3,)),  # unit vector down as the device itself computed it; zeros where it does not
         ("temperature", "<f8"),  # degC, NaN where the sensor has none
         ("flags", "<i8"),  # bits below
-        ("unseen_s", "<f8"),  # s since rates, or forces, were last credible; written by the judge of health
+        ("unseen_s", "<f8"),  # s since rates, or forces, were last credible; written by the sensor monitor
     ],
     align=True,
 )

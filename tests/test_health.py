@@ -1,4 +1,4 @@
-"""The judge of an inertial sensor's health: what is found on which axis, how soon, and what is not."""
+"""The sensor monitor: what is found on which axis, how soon, and what is not."""
 
 import dataclasses
 import math

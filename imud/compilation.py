@@ -18,7 +18,7 @@ from .compile.entry import Dtype, Entry, noting
 from .configuration.settings import Initial, Settings
 from .daemon.cycle import Cycle
 from .estimators import Estimator, registry
-from .estimators.records import FIX, SOLUTION
+from .estimators.records import FIX, MEASUREMENT, SOLUTION
 from .outputs.binary import BinaryOutputs
 from .outputs.shared_memory import WORD, write
 from .pipeline import Filter, Stream
@@ -52,6 +52,8 @@ def warm(estimator: Estimator, settings: Settings) -> None:
     Stream(*_scratch()[0], filter_).ingest(0, 0)
     filter_.update(np.zeros(1, FIX))
     filter_.told()
+    if estimator.aid is not None:
+        filter_.aid(np.zeros(1, MEASUREMENT))
     shown(filter_.health)
 
 

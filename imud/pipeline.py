@@ -90,6 +90,16 @@ class Filter:
             return self.told()
         return self.feed(_NO_SAMPLE, _NO_SOLUTION, fix, _AT_ONCE, self._innovations)
 
+    def aid(self, measurements: Records) -> Records:
+        """Take measurements (MEASUREMENT) of aiding sources; returns their innovations, valid until the next call.
+
+        Raises ValueError when the estimator takes none.
+        """
+        if self.stages.aid is None:
+            raise ValueError(f"the estimator {self.estimator.name} takes no measurements but fixes")
+        room = room_for(len(measurements))
+        return room[: self.stages.aid(self.parameters, self.state, measurements, room)]
+
     def told(self) -> Records:
         """The innovations (INNOVATION) of the samples since the last call of this; valid until the next one."""
         n = 0 if self.estimator.told is None else self.stages.told(self.state, self._innovations)

@@ -161,6 +161,20 @@ def _feeder(step: Kernel, update: Kernel, told: Kernel) -> Kernel:
 
 
 @functools.cache
+def _aider(aid: Kernel) -> Kernel:
+    """What `Filter.aid` calls."""
+
+    def fuse_measurements(p: Any, s: Any, measurements: Any, innovations: Any) -> int:
+        n = 0
+        for k in range(len(measurements)):
+            n += aid(p[0], s[0], measurements[k], innovations[n:])
+        return n
+
+    name_after(fuse_measurements, aid)
+    return entry(fuse_measurements)
+
+
+@functools.cache
 def _teller(told: Kernel) -> Kernel:
     """What `Filter.told` calls."""
 
@@ -185,6 +199,7 @@ class Stages:
         self.each = _stepper(estimator.step)
         self.feed = _feeder(estimator.step, update, told)
         self.told = _teller(told)
+        self.aid = estimator.aid and _aider(estimator.aid)
 
     def advancing(self, parameters: Records, state: Records) -> int:
         """Address of the compiled estimator's half of `ingest`."""

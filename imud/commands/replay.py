@@ -1,6 +1,7 @@
 """`imud replay`: recorded samples and fixes through the same filter as the daemon's, as fast as it goes."""
 
 import argparse
+import itertools
 import sys
 import time
 from collections.abc import Iterator
@@ -18,6 +19,8 @@ from .arguments import above_zero, add_settings, at_least_one
 from .files import input_file, keep_apart
 
 if TYPE_CHECKING:
+    from ..estimators import Estimator
+    from ..estimators.aiding_source import AidingSource
     from ..math.arrays import Records
     from ..pipeline import Filter
     from ..tables.inputs import LeftOut
@@ -33,6 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--gnss", type=input_file, metavar="CSV|NMEA", help="fixes: t_s,lat_deg,lon_deg,height_m,… or NMEA"
+    )
+    parser.add_argument(
+        "--aiding", action="append", default=[], metavar="SOURCE=CSV", help="other measurements, as heading=hdg.csv"
     )
     parser.add_argument(
         "-o",
@@ -55,7 +61,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def play(
-    filter_: "Filter", samples: "Records", fixes: "Records", write: Any, keep: "Records | None" = None, note: Any = None
+    filter_: "Filter",
+    samples: "Records",
+    fixes: "Records",
+    write: Any,
+    keep: "Records | None" = None,
+    note: Any = None,
+    aiding: "Records | None" = None,
 ) -> int:
     """Feed everything in the order in which it became known: a fix goes in before the first sample not older than its
     arrival. `keep` is a mask of the samples whose solutions go to `write(rows)`, None: all, in rows that are written
@@ -68,8 +80,13 @@ def play(
     places = np.maximum.accumulate(np.searchsorted(samples["t_ns"], fixes["arrival_ns"], side="left"))
     among = (places > 0) & (places < len(samples))
     fixes, places = fixes[among], places[among]
-    for start in range(0, len(samples), BLOCK):
-        stop = min(start + BLOCK, len(samples))
+    aided = np.zeros(0, np.int64) if aiding is None else np.searchsorted(samples["t_ns"], aiding["arrival_ns"])
+    edges = np.unique(np.concatenate([np.arange(0, len(samples), BLOCK), aided[aided < len(samples)], [len(samples)]]))
+    for start, stop in itertools.pairwise(edges):
+        if aiding is not None and (aided == start).any():
+            innovations = filter_.aid(aiding[aided == start])
+            if note is not None:
+                note(innovations.copy())
         due = slice(*np.searchsorted(places, [start, stop]))
         rows = out[: stop - start]
         told = filter_.feed(samples[start:stop], rows, fixes[due], places[due] - start, room_for(len(fixes[due])))
@@ -114,6 +131,7 @@ def run(args: argparse.Namespace) -> int:
 
     estimator = registry.by_name(_estimator_name(args, settings))
     left_out = LeftOut(args.imu), LeftOut(args.gnss)
+    sources = _sources(args.aiding, estimator)
     samples, origin, skipped = read_imu(args.imu, left_out[0])
     fixes = _read_gnss(args.gnss, origin, samples, settings, left_out[1])
     rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
@@ -124,7 +142,8 @@ def run(args: argparse.Namespace) -> int:
         if args.calibration is not None:
             filter_.calibrate(calibration.read(args.calibration))
         told: list[Records] = []
-        fed = play(filter_, samples, fixes, writer.write, _kept(samples["t_ns"], args.rate), told.append)
+        aiding = _read_aiding(sources, origin)
+        fed = play(filter_, samples, fixes, writer.write, _kept(samples["t_ns"], args.rate), told.append, aiding)
     if args.innovations is not None:
         _keep_innovations(args.innovations, origin, told)
     _summary(samples, fixes, fed, skipped, time.perf_counter() - begin)
@@ -162,6 +181,29 @@ def _read_gnss(
 
         return fixes_of_log(path, origin, int(samples["t_ns"][0]), settings.gnss, tell)
     return read_fixes(path, origin, left_out)
+
+
+def _sources(named: list[str], estimator: "Estimator") -> "list[tuple[AidingSource, Path]]":
+    """The sources and files of `--aiding SOURCE=CSV`. Raises UsageError."""
+    known = {source.name: source for source in estimator.sources}
+    found = []
+    for text in named:
+        name, equals, path = text.partition("=")
+        if not equals or name not in known:
+            there_are = ", ".join(known) or "none"
+            raise UsageError(f"--aiding {text}: it must be SOURCE=CSV; sources of {estimator.name}: {there_are}")
+        found.append((known[name], input_file(path)))
+    return found
+
+
+def _read_aiding(sources: "list[tuple[AidingSource, Path]]", origin: int) -> "Records | None":
+    """Measurements of all sources in order of arrival; None: there is no source."""
+    from ..tables.inputs import LeftOut, read_aiding
+
+    if not sources:
+        return None
+    measurements = np.concatenate([read_aiding(source, path, origin, LeftOut(path)) for source, path in sources])
+    return measurements[np.argsort(measurements["arrival_ns"], kind="stable")]
 
 
 def _doubts(samples: "Records") -> Iterator[str]:

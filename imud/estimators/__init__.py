@@ -12,6 +12,7 @@ from typing import Any
 from imud.configuration.settings import Initial, Settings
 
 from ..math.arrays import Records
+from .aiding_source import AidingSource
 from .tuning import Tunable
 
 
@@ -24,6 +25,8 @@ class Estimator:
     update(parameters[0], state[0], fix, innovations) -> rows of `innovations` written. None: takes no fixes.
     told(state[0], innovations) -> rows of `innovations` that steps have made since it was asked last; None: never any.
     needs_gyros: useless on a sensor without rates about all three axes.
+    aid(parameters[0], state[0], measurement, innovations) -> rows of `innovations`; a measurement (MEASUREMENT) of one
+    of `sources`. None: GNSS only.
     tunables: the constants that the settings' table `NAME.tuning` may change.
     survives_power_on: a sample with POWER_ON reopens its biases, or it estimates none; else it is started anew then.
     """
@@ -37,6 +40,8 @@ class Estimator:
     survives_power_on: bool = False
     told: Callable[[Any, Any], int] | None = None
     tunables: tuple[Tunable, ...] = ()
+    aid: Callable[[Any, Any, Any, Any], int] | None = None
+    sources: tuple[AidingSource, ...] = ()
 
     @property
     def table(self) -> str:

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from drivers.sample import SAMPLE
 
 from ..errors import BadDataError
-from ..estimators.records import FIX
+from ..estimators.aiding_source import AidingSource
+from ..estimators.records import FIX, MEASUREMENT
 from ..math.arrays import Floats
 from .lines import Table, first_bytes, table_of
 
@@ -256,3 +257,33 @@ def read_fixes(path: Path, origin: int, left_out: LeftOut | None = None) -> NDAr
         fix["quality"] = 1 if math.isnan(quality) else int(quality)
         fix["satellites"] = -1 if math.isnan(satellites) else int(satellites)
     return fixes[np.argsort(fixes["arrival_ns"], kind="stable")]
+
+
+def read_aiding(source: AidingSource, path: Path, origin: int, left_out: LeftOut | None = None) -> NDArray[np.void]:
+    """Measurements (array of MEASUREMENT) of a source in order of arrival; left_out as in `read_imu`.
+
+    Columns: t_s, those of the source, and optionally its sigmas and arrival_s. Raises InputMissingError, BadDataError
+    (with line).
+    """
+    needed = ("t_s", *source.columns)
+    table = table_of(path, needed)
+    table.column_numbers(needed)
+    known = {name: i for i, name in enumerate(table.names) if name in (*needed, *source.sigmas, "arrival_s")}
+
+    def read(number: int, cells: list[str]) -> dict[str, float]:
+        row = {name: _number_or_none(number, cells, i, name) for name, i in known.items()}
+        if math.isnan(row["t_s"]):
+            raise ValueError(f"line {number}: t_s is empty")
+        return row
+
+    rows = list(_rows(table, read, left_out))
+    measurements = np.zeros(len(rows), MEASUREMENT)
+    measurements["kind"], measurements["sigma"] = source.kind, math.nan
+    for m, row in zip(measurements, rows, strict=True):
+        arrival = row.get("arrival_s", math.nan)
+        m["t_ns"] = _ns(row["t_s"], origin)
+        m["arrival_ns"] = _ns(arrival, origin) if math.isfinite(arrival) else m["t_ns"]
+        for field, columns in (("value", source.columns), ("sigma", source.sigmas)):
+            for i, (name, factor) in enumerate(columns.items()):
+                m[field][i] = factor * row.get(name, math.nan)
+    return measurements[np.argsort(measurements["arrival_ns"], kind="stable")]

@@ -1,17 +1,35 @@
-"""The navigation filter: position, velocity, attitude and sensor biases from an inertial sensor and a GNSS receiver.
+"""The inertial navigation system (INS): position, velocity, attitude and sensor biases from an IMU and aiding sources.
 
-One idea per file: `strapdown` integrates, `covariance` lets the errors grow, `correction` takes scalar measurements,
-`motion` looks for rest, `levelling`, `whitening`, `matching`, `fix_matching`, `posterior`, `alignment` and
-`acquisition` start the filter, `supervision` doubts its heading, `gnss`, `zero_velocity` and `non_holonomic` with
-`looseness` aid it, `creep` and `admission` decide on fixes that contradict, `stamps` on their epochs, `history` brings
-late ones there, `filter` has the entries.
+An error-state Kalman filter around a strapdown mechanization. In the order of the data:
+
+| file or folder | holds |
+|---|---|
+| `filter` | the entries: an inertial sample, a GNSS fix, a measurement of another source |
+| `fusion_horizon` | rings of samples, snapshots and measurements: each measurement is fused at its epoch |
+| `propagation` | one sample further; `mechanization`: the nominal state; `error_model`: F and Q; `stationarity`: rest |
+| `gnss_fix`, `sources` | the order of things for a fix; the table of the other sources |
+| `aiding/` | one file a source: its Jacobian, noise and gate |
+| `fusion`, `ekf` | one update of the Kalman filter; `observers/` watch every one |
+| `alignment/` | roll, pitch and heading before navigation; `integrity/`: is the heading right? |
+| `state`, `parameters` | the records, a concern each; the tunables |
+| `solution` | what comes out |
 """
 
 from .. import Estimator
-from .filter import step, take_innovations, update
+from .filter import aid, step, take_innovations, update
 from .parameters import TUNABLES, configure
 from .setup import start
+from .sources import SOURCES
 
 ESTIMATOR = Estimator(
-    "navigation", configure, start, step, update, told=take_innovations, tunables=TUNABLES, survives_power_on=True
+    "navigation",
+    configure,
+    start,
+    step,
+    update,
+    told=take_innovations,
+    tunables=TUNABLES,
+    survives_power_on=True,
+    aid=aid,
+    sources=SOURCES,
 )

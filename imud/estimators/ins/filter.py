@@ -12,27 +12,28 @@ from ...math.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
 from ..records import GNSS_FIX, POSITION_N
 from ..tuning import Tunable
 from .aiding.gnss_position import write_innovation
-from .aiding.table import REJECTED_KIND, fuse_source
 from .alignment.transitions import start_navigation
 from .alignment.velocity_pairs import is_levelled
 from .error_model import reset_turn_scale
 from .fusion import propagate_errors
 from .fusion_horizon import (
     fit_acceleration,
+    fusion_time,
     insert_measurement,
     keep_bank,
     propagate_to_epoch,
     replay_to_newest,
     rewind_to,
-    row,
     store_sample,
     store_snapshot,
+    store_snapshot_if_due,
 )
 from .gnss_fix import fuse_gnss, is_usable, set_noise
 from .mechanization import set_attitude
 from .propagation import store_last_sample
 from .solution import write_solution
-from .state import NEVER_NS, PENDING_INNOVATIONS
+from .sources import REJECTED_KIND, fuse_source
+from .state import AIDING_RING, NEVER_NS, PENDING_INNOVATIONS
 from .stationarity import first_window
 
 if TYPE_CHECKING:
@@ -131,14 +132,12 @@ def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> 
     age = 1e-9 * (c.nav.t_ns - fix.t_ns)
     if fix.t_ns < s.last_epoch_ns or not -p.tuning.max_ahead_s < age < p.tuning.max_age_s:
         return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
-    t_ns = max(min(fix.t_ns - int(1e9 * s.last_time_offset), c.nav.t_ns), s.last_fusion_ns)
-    newest_ns, snapped = c.nav.t_ns, s.snapshot_count
-    if not rewind_to(s, t_ns):
-        t_ns = newest_ns  # too late for that: fused now, with more noise
-    k = insert_measurement(s, t_ns, GNSS_FIX)
-    e = s.aiding_ring[row(s, k)]
+    t_ns, snapped = fusion_time(s, fix), s.snapshot_count
+    too_late = not rewind_to(s, t_ns)
+    k = insert_measurement(s, c.nav.t_ns if too_late else t_ns, GNSS_FIX)
+    e = s.aiding_ring[k % AIDING_RING]
     e.fix = fix
-    e.first = 1 if s.last_epoch_ns == NEVER_NS else 0
+    e.too_late = 1 if too_late else 0
     return fuse_from(p, s, k, snapped, innovations)
 
 
@@ -157,27 +156,34 @@ def aid(p: Parameters, s: State, measurement: Measurement, innovations: list[Inn
         kind = REJECTED_KIND[measurement.kind]
         return write_innovation(innovations, 0, measurement.t_ns, kind, math.nan, math.nan, False)
     k = insert_measurement(s, t_ns, measurement.kind)
-    s.aiding_ring[row(s, k)].measurement = measurement
+    s.aiding_ring[k % AIDING_RING].measurement = measurement
     return fuse_from(p, s, k, snapped, innovations)
 
 
 @kernel
-def fuse_from(p: Parameters, s: State, first: int, snapped: int, innovations: list[Innovation]) -> int:
-    """From a rewound core: fuse measurement `first`, then again those after it, each at its epoch; then catch up.
+def fuse_from(p: Parameters, s: State, new: int, snapped: int, innovations: list[Innovation]) -> int:
+    """From a rewound core: fuse each measurement at its epoch, most of them again, and catch up with the samples.
 
-    snapped: snapshots that there were before the rewind. Only the innovations of `first` are written.
+    new: number of the measurement that has not been fused before; only its innovations are written. snapped: snapshots
+    that there were before the rewind.
     """
     c = s.core[0]
     rows = 0
-    for k in range(first, s.aiding_count):
-        e = s.aiding_ring[row(s, k)]
+    for k in range(c.nav.fused_count, s.aiding_start + s.aiding_count):
+        e = s.aiding_ring[k % AIDING_RING]
+        if e.kind == GNSS_FIX and not e.too_late:
+            e.t_ns = fusion_time(s, e.fix)
         propagate_to_epoch(p, s, e.t_ns, s.interpolated_w, s.interpolated_f)
         propagate_errors(p, c)
-        if k == first:
+        if k == new:
             rows = fuse_stored(p, s, e, snapped, innovations)
         else:
             fuse_stored(p, s, e, snapped, innovations[len(innovations) :])
-        store_snapshot(s)
+        c.nav.fused_count += 1
+        if e.kind == GNSS_FIX:
+            store_snapshot(s)
+        else:
+            store_snapshot_if_due(s)
     replay_to_newest(p, s)
     c.scratch.innovation_count = 0
     return rows
@@ -190,7 +196,7 @@ def fuse_stored(p: Parameters, s: State, e: StoredMeasurement, snapped: int, inn
     if e.kind != GNSS_FIX:
         return fuse_source(p, c, e.measurement, innovations)
     keep_bank(s, e)
-    set_noise(p, c, e.fix, e.first != 0)
+    set_noise(p, c, e.fix, s.last_epoch_ns == NEVER_NS)
     fit_acceleration(p, s, snapped)
     late = c.nav.time_offset - 1e-9 * (e.fix.t_ns - c.nav.t_ns)  # what rewinding has left
     rows = fuse_gnss(p, c, s.bank[0], e.fix, late, innovations)

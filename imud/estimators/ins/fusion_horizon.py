@@ -31,7 +31,7 @@ from .state import (
 )
 
 if TYPE_CHECKING:
-    from .types import Core, Floats, Parameters, Sample, Snapshot, State, StoredMeasurement
+    from .types import Core, Fix, Floats, Parameters, Sample, Snapshot, State, StoredMeasurement
 
 
 TUNABLES = (
@@ -53,25 +53,18 @@ def store_sample(s: State, sample: Sample, w: Floats, f: Floats) -> None:
 
 
 @kernel
-def row(s: State, k: int) -> int:
-    """Row of the ring in which measurement k is, 0 the oldest."""
-    return (s.aiding_start + k) % AIDING_RING
-
-
-@kernel
 def insert_measurement(s: State, t_ns: int, kind: int) -> int:
     """Make room for a measurement to be fused at t_ns, behind those of the same time; returns its number."""
     if s.aiding_count == AIDING_RING:
-        s.forgotten_ns = s.aiding_ring[row(s, 0)].t_ns
         s.aiding_start += 1
         s.aiding_count -= 1
-    k = s.aiding_count
+    k = s.aiding_start + s.aiding_count
     s.aiding_count += 1
-    while k > 0 and s.aiding_ring[row(s, k - 1)].t_ns > t_ns:
-        s.aiding_ring[row(s, k)] = s.aiding_ring[row(s, k - 1)]
+    while k > s.aiding_start and s.aiding_ring[(k - 1) % AIDING_RING].t_ns > t_ns:
+        s.aiding_ring[k % AIDING_RING] = s.aiding_ring[(k - 1) % AIDING_RING]
         k -= 1
-    e = s.aiding_ring[row(s, k)]
-    e.t_ns, e.kind, e.first = t_ns, kind, 0
+    e = s.aiding_ring[k % AIDING_RING]
+    e.t_ns, e.kind, e.too_late = t_ns, kind, 0
     if kind == GNSS_FIX:
         e.bank = s.bank_count
         s.bank_count += 1
@@ -79,20 +72,33 @@ def insert_measurement(s: State, t_ns: int, kind: int) -> int:
 
 
 @kernel
-def keep_bank(s: State, e: StoredMeasurement) -> None:
-    """Before a fix is fused: keep the hypothesis bank, for a rewind to a time before it."""
-    s.banks[e.bank % BANKS] = s.bank[0]
+def fusion_time(s: State, fix: Fix) -> int:
+    """When a fix is fused: at its epoch less the time offset, behind the last fix and not after the last sample."""
+    newest_ns = s.imu_ring[(s.sample_count - 1) % IMU_RING].t_ns
+    return max(min(fix.t_ns - int(1e9 * s.last_time_offset), newest_ns), s.last_fusion_ns)
 
 
 @kernel
-def first_fix_after(s: State, t_ns: int) -> int:
-    """Number of the oldest stored fix fused after t_ns; -1: there is none."""
-    k, found = s.aiding_count - 1, -1
-    while k >= 0 and s.aiding_ring[row(s, k)].t_ns > t_ns:
-        if s.aiding_ring[row(s, k)].kind == GNSS_FIX:
-            found = k
-        k -= 1
-    return found
+def keep_bank(s: State, e: StoredMeasurement) -> None:
+    """Before a fix is fused: keep what only fixes change, for a rewind to a time before it."""
+    s.banks[e.bank % BANKS] = s.bank[0]
+    e.last_epoch_ns, e.last_time_offset, e.last_fusion_ns = s.last_epoch_ns, s.last_time_offset, s.last_fusion_ns
+
+
+@kernel
+def restore_bank(s: State, e: StoredMeasurement) -> None:
+    """Put that back to what it was before a fix."""
+    s.bank[0] = s.banks[e.bank % BANKS]
+    s.last_epoch_ns, s.last_time_offset, s.last_fusion_ns = e.last_epoch_ns, e.last_time_offset, e.last_fusion_ns
+
+
+@kernel
+def first_fix_from(s: State, first: int) -> int:
+    """Number of the oldest fix among measurement `first` and those after it; -1: there is none."""
+    for k in range(first, s.aiding_start + s.aiding_count):
+        if s.aiding_ring[k % AIDING_RING].kind == GNSS_FIX:
+            return k
+    return -1
 
 
 @kernel
@@ -102,6 +108,14 @@ def store_snapshot(s: State) -> None:
     k.nav, k.earth, k.imu, k.cov, k.stationarity = c.nav, c.earth, c.imu, c.cov, c.stationarity
     k.nhc, k.gnss, k.integrity, k.drift, k.alignment = c.nhc, c.gnss, c.integrity, c.drift, c.alignment
     s.snapshot_count += 1
+
+
+@kernel
+def store_snapshot_if_due(s: State) -> None:
+    """Keep a copy if the last one is old enough."""
+    last = s.snapshots[(s.snapshot_count - 1) % SNAPSHOTS]
+    if s.snapshot_count == 0 or s.core[0].nav.t_ns - last.nav.t_ns >= SNAPSHOT_NS:
+        store_snapshot(s)
 
 
 @kernel
@@ -117,9 +131,7 @@ def replay_to_newest(p: Parameters, s: State) -> None:
     c = s.core[0]
     while c.imu.sample_count < s.sample_count:
         process_sample(p, c, s.imu_ring[c.imu.sample_count % IMU_RING])
-        last = s.snapshots[(s.snapshot_count - 1) % SNAPSHOTS]
-        if s.snapshot_count == 0 or c.nav.t_ns - last.nav.t_ns >= SNAPSHOT_NS:
-            store_snapshot(s)
+        store_snapshot_if_due(s)
 
 
 @kernel
@@ -131,13 +143,16 @@ def rewind_to(s: State, t_ns: int) -> bool:
     k = s.snapshot_count - 1
     while k >= oldest and s.snapshots[k % SNAPSHOTS].nav.t_ns > t_ns:
         k -= 1
-    if k < oldest or s.snapshots[k % SNAPSHOTS].imu.sample_count < s.sample_count - IMU_RING or t_ns < s.forgotten_ns:
+    if k < oldest:
         return False
-    fix = first_fix_after(s, t_ns)
+    snapshot = s.snapshots[k % SNAPSHOTS]
+    if snapshot.imu.sample_count < s.sample_count - IMU_RING or snapshot.nav.fused_count < s.aiding_start:
+        return False
+    fix = first_fix_from(s, snapshot.nav.fused_count)
+    if fix >= 0 and s.bank_count - s.aiding_ring[fix % AIDING_RING].bank > BANKS:
+        return False
     if fix >= 0:
-        if s.bank_count - s.aiding_ring[row(s, fix)].bank > BANKS:
-            return False
-        s.bank[0] = s.banks[s.aiding_ring[row(s, fix)].bank % BANKS]
+        restore_bank(s, s.aiding_ring[fix % AIDING_RING])
     restore_snapshot(s.core[0], s.snapshots[k % SNAPSHOTS])
     s.snapshot_count = k + 1
     return True

@@ -12,7 +12,19 @@ from imud.sensor_errors.profiles import profile_of
 
 from ...math.arrays import Records
 from ..tuning import Tunable, dtype_of, values_of
-from . import ekf, error_model, filter, fusion_horizon, gnss_fix, power_on, propagation, setup, solution, stationarity
+from . import (
+    ekf,
+    error_model,
+    filter,
+    fusion_horizon,
+    gnss_fix,
+    power_on,
+    propagation,
+    setup,
+    solution,
+    sources,
+    stationarity,
+)
 from .aiding import (
     gnss_gate,
     gnss_noise,
@@ -21,7 +33,6 @@ from .aiding import (
     gnss_velocity,
     nhc_noise,
     non_holonomic,
-    table,
     zero_velocity,
 )
 from .alignment import (
@@ -71,7 +82,7 @@ TUNABLES = (
     *fusion_horizon.TUNABLES,
     *filter.TUNABLES,
     *gnss_fix.TUNABLES,
-    *table.TUNABLES,
+    *sources.TUNABLES,
     *setup.TUNABLES,
     *solution.TUNABLES,
 )

@@ -74,7 +74,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     c["drift"]["onset_ns"] = NEVER_NS
     c["gnss"]["velocity_noise_var"] = t["first_velocity_noise"] ** 2
     c["nhc"]["noise_scale"] = math.sqrt(t["nhc_min_noise_scale"] * t["nhc_max_noise_scale"])
-    c["gnss"]["last_used_ns"] = s["last_epoch_ns"] = s["last_fusion_ns"] = s["forgotten_ns"] = NEVER_NS
+    c["gnss"]["last_used_ns"] = s["last_epoch_ns"] = s["last_fusion_ns"] = NEVER_NS
     for name in ("pair_start_ns", "last_match_ns", "low_motion_ns"):
         c["alignment"][name] = NEVER_NS
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)

@@ -44,6 +44,7 @@ PENDING_INNOVATIONS = 1024  # kept until they are asked for
 NAV = np.dtype(  # the nominal state: time, and one value for each error state
     [
         ("t_ns", "<i8"),
+        ("fused_count", "<i8"),  # measurements fused since the start, in the order of their times
         ("lat", "<f8"),  # rad
         ("lon", "<f8"),  # rad
         ("height", "<f8"),  # m above the ellipsoid
@@ -321,7 +322,10 @@ STORED_MEASUREMENT = np.dtype(
         ("fix", FIX),  # if it is a GNSS fix
         ("measurement", MEASUREMENT),  # if it is from another source
         ("bank", "<i8"),  # number of the hypothesis bank before a fix
-        ("first", "<i8"),  # 1: the first fix
+        ("too_late", "<i8"),  # 1: its epoch is before the horizon, so that it is fused later
+        ("last_epoch_ns", "<i8"),  # these three as in STATE, before a fix
+        ("last_time_offset", "<f8"),
+        ("last_fusion_ns", "<i8"),
     ],
     align=True,
 )
@@ -335,9 +339,8 @@ STATE = np.dtype(
         ("snapshots", SNAPSHOT, (SNAPSHOTS,)),
         ("imu_ring", STORED_SAMPLE, (IMU_RING,)),
         ("aiding_ring", STORED_MEASUREMENT, (AIDING_RING,)),  # in the order of their times
-        ("aiding_start", "<i8"),  # row of the oldest
-        ("aiding_count", "<i8"),
-        ("forgotten_ns", "<i8"),  # time of the newest that is no longer kept: no rewind goes beyond it
+        ("aiding_start", "<i8"),  # measurements no longer kept: the number of the oldest that is
+        ("aiding_count", "<i8"),  # measurements kept
         ("snapshot_count", "<i8"),  # snapshots ever taken, less those withdrawn
         ("sample_count", "<i8"),  # samples ever put into the ring
         ("last_epoch_ns", "<i8"),  # epoch of the last fix fused

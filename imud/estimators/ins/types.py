@@ -302,6 +302,7 @@ class Parameters:
 
 class Nav:
     t_ns: int
+    fused_count: int
     lat: float
     lon: float
     height: float
@@ -535,7 +536,10 @@ class StoredMeasurement:
     fix: Fix
     measurement: Measurement
     bank: int
-    first: int
+    too_late: int
+    last_epoch_ns: int
+    last_time_offset: float
+    last_fusion_ns: int
 
 
 class State:
@@ -548,7 +552,6 @@ class State:
     aiding_ring: list[StoredMeasurement]
     aiding_start: int
     aiding_count: int
-    forgotten_ns: int
     snapshot_count: int
     sample_count: int
     last_epoch_ns: int

@@ -9,17 +9,22 @@ import math
 from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
-from ...records import HEADING
+from ...aiding_source import DEGREE, AidingSource
+from ...innovation_kinds import KINDS
+from ...records import HEADING, HEADING_SOURCE
 from ...tuning import Tunable
 from ..ekf import innovation, innovation_variance, set_jacobian
 from ..fusion import correct_state, gated_update
 from ..mechanization import body_to_ned, wrap_angle
-from ..state import ATTITUDE, NAVIGATING
+from ..state import ATTITUDE
 from .gnss_position import write_innovation
 
 if TYPE_CHECKING:
     from ..types import Core, Innovation, Measurement, Parameters
 
+SOURCE = AidingSource(
+    "heading", HEADING_SOURCE, {"heading_deg": DEGREE}, {"sigma_deg": DEGREE}, {HEADING: KINDS[HEADING]}
+)
 TUNABLES = (
     Tunable("heading_sigma", math.radians(1.0), "rad", "Sigma of a heading that reports none.", "Choice."),
     Tunable("heading_gate", 25.0, "NIS", "Gate of a heading.", "Five sigma."),
@@ -35,16 +40,18 @@ def sigma_of(p: Parameters, m: Measurement) -> float:
 
 @kernel
 def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
-    """Gate and fuse a heading; before navigation the alignment uses it instead (see `alignment.given_heading`)."""
+    """Gate and fuse a heading; before navigation the alignment uses it instead (`alignment.given_heading`)."""
     x, y, z = body_to_ned(c, (1.0, 0.0, 0.0))
     level2 = x * x + y * y
-    if c.alignment.mode != NAVIGATING or level2 < p.tuning.heading_min_level**2:
+    if level2 < p.tuning.heading_min_level**2:
         return 0
     # the yaw of d = C x changes by d x (phi x d) / |d|^2 over ground
     k = set_jacobian(c, 0, ATTITUDE, -x * z / level2)
     k = set_jacobian(c, k, ATTITUDE + 1, -y * z / level2)
     k = set_jacobian(c, k, ATTITUDE + 2, 1.0)
-    residual, r = wrap_angle(m.value[0] - math.atan2(y, x)), sigma_of(p, m) ** 2
+    rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2]
+    ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # of the newest sample
+    residual, r = wrap_angle(m.value[0] - math.atan2(y, x) - rate * ahead_s), sigma_of(p, m) ** 2
     s = innovation_variance(c, k) + r
     left = innovation(c, k, residual)
     nis = gated_update(c, k, residual, r, p.tuning.heading_gate)

@@ -163,8 +163,8 @@ def start_navigation(p: Parameters, c: Core) -> None:
 
 
 @kernel
-def accept_fault_heading(p: Parameters, c: Core, psi: float, sigma: float) -> None:
-    """Turn by psi to the heading that contradicts the present one; its sigma is at least that of a start."""
+def rotate_to_heading(p: Parameters, c: Core, psi: float, sigma: float) -> None:
+    """Turn by psi to a heading that something else than pairs tells; its sigma is at least that of a start."""
     c.alignment.heading_sigma = max(sigma, p.tuning.min_heading_sigma)
     rotate_to_north(c, psi)
 

@@ -14,7 +14,7 @@ from ...tuning import Tunable
 from ..aiding.gnss_velocity import low_speed_variance, velocity_of
 from ..aiding.non_holonomic import reset_nhc
 from ..alignment.heading_posterior import set_wide_prior, solve_heading
-from ..alignment.transitions import accept_fault_heading, accept_heading, start_navigation
+from ..alignment.transitions import accept_heading, rotate_to_heading, start_navigation
 from ..alignment.velocity_pairs import count_heading_fault, match_pair, vertical_bias_jacobian
 from ..ekf import add_variance, decorrelate, innovation_variance, variance
 from ..error_model import reset_turn_scale
@@ -54,7 +54,7 @@ def monitor_heading(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> bool
     )
     count_heading_fault(c, wrong)
     if c.alignment.heading_fault_count >= p.tuning.heading_faults:
-        accept_fault_heading(p, c, psi, sigma)
+        rotate_to_heading(p, c, psi, sigma)
         realign(p, c)
     elif known > p.tuning.max_heading_sigma**2 and accept_heading(p, c, found):
         realign(p, c)

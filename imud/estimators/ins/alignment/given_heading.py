@@ -1,0 +1,30 @@
+"""A heading that is measured before navigation has begun: the level frame is turned to it."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from ....compile.jit import kernel
+from ..aiding.heading import sigma_of
+from ..ekf import decorrelate
+from ..mechanization import body_to_ned, wrap_angle
+from ..state import ATTITUDE
+from .transitions import rotate_to_heading, start_navigation
+from .velocity_pairs import is_levelled
+
+if TYPE_CHECKING:
+    from ..types import Core, Measurement, Parameters
+
+
+@kernel
+def align_with_heading(p: Parameters, c: Core, m: Measurement) -> None:
+    """Once roll and pitch are known: take the heading, and begin to navigate if there has been a fix."""
+    x, y, _ = body_to_ned(c, (1.0, 0.0, 0.0))
+    if not is_levelled(p, c) or x * x + y * y < p.tuning.heading_min_level**2:
+        return
+    sigma = sigma_of(p, m)
+    rotate_to_heading(p, c, wrap_angle(m.value[0] - math.atan2(y, x)), sigma)
+    decorrelate(c, ATTITUDE + 2, sigma * sigma)
+    if c.gnss.fix_count > 0:
+        start_navigation(p, c)

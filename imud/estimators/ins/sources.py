@@ -1,0 +1,34 @@
+"""The aiding sources beside GNSS: one row and one branch for each. Everything else about a source is its own file."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...compile.jit import kernel
+from ..records import HEADING_SOURCE
+from .aiding import heading
+from .aiding.heading import fuse_heading
+from .alignment.given_heading import align_with_heading
+from .state import NAVIGATING
+
+if TYPE_CHECKING:
+    from .types import Core, Innovation, Measurement, Parameters
+
+SOURCES = (heading.SOURCE,)
+TUNABLES = (*heading.TUNABLES,)
+# by source: the kind of innovation that stands for a measurement that came too late
+REJECTED_KIND = np.zeros(1 + max(source.kind for source in SOURCES), np.int64)
+for _source in SOURCES:
+    REJECTED_KIND[_source.kind] = next(iter(_source.innovations))
+
+
+@kernel
+def fuse_source(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
+    """Fuse a measurement by its source's file; returns the rows of innovations written."""
+    if m.kind == HEADING_SOURCE and c.alignment.mode == NAVIGATING:
+        return fuse_heading(p, c, m, innovations)
+    if m.kind == HEADING_SOURCE:
+        align_with_heading(p, c, m)
+    return 0

@@ -1,0 +1,102 @@
+"""Measurements of other sources than GNSS: fused at their own epochs, in whatever order they come."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from navigation_simulation import drive, errors, received, sensed
+
+from imud.configuration.settings import Initial, Settings
+from imud.estimators import registry
+from imud.estimators.records import HEADING, HEADING_SOURCE, HEADING_VALID, MEASUREMENT, SOLUTION
+from imud.pipeline import Filter, room_for
+
+SIGMA = np.radians(0.3)
+
+
+def headings(d, rng, every_s=0.2, late_s=0.0, sigma=SIGMA):
+    """MEASUREMENT rows of a compass of `sigma` rad, known `late_s` after their epochs."""
+    step = round(every_s / (d.t[1] - d.t[0]))
+    t, yaw = d.t[step::step], d.attitude.as_euler("ZYX")[step::step, 0]
+    rows = np.zeros(len(t), MEASUREMENT)
+    rows["t_ns"] = np.round(1e9 * (100.0 + t))
+    rows["arrival_ns"] = rows["t_ns"] + np.round(1e9 * late_s * np.ones(len(t))).astype(np.int64)
+    rows["kind"], rows["sigma"] = HEADING_SOURCE, np.nan
+    rows["value"][:, 0], rows["sigma"][:, 0] = yaw + sigma * rng.standard_normal(len(t)), sigma
+    return rows
+
+
+def estimated(samples, fixes, measurements):
+    """(solutions, innovations of the measurements), everything in the order in which it became known."""
+    filter_ = Filter(registry.by_name("navigation"), Settings(), Initial(), 100.0)
+    samples, out = samples.copy(), np.zeros(len(samples), SOLUTION)
+    fixes = fixes[np.argsort(fixes["arrival_ns"], kind="stable")]
+    measurements = measurements[np.argsort(measurements["arrival_ns"], kind="stable")]
+    places = np.searchsorted(samples["t_ns"], fixes["arrival_ns"]).astype(np.int64)
+    aided = np.searchsorted(samples["t_ns"], measurements["arrival_ns"])
+    told = []
+    for start, stop in pairwise(np.unique([0, *aided[aided < len(samples)], len(samples)])):
+        told.append(filter_.aid(measurements[aided == start]).copy())
+        due = slice(*np.searchsorted(places, [start, stop]))
+        filter_.feed(samples[start:stop], out[start:stop], fixes[due], places[due] - start, room_for(len(fixes[due])))
+    return out, np.concatenate(told)
+
+
+def recorded(seed, seconds=60.0, rest=30.0):
+    rng = np.random.default_rng(seed)
+    d = drive(seconds, rest=rest)
+    return d, sensed(d, rng), received(d, rng), rng
+
+
+def test_a_compass_gives_a_standing_vehicle_its_heading():
+    d, samples, fixes, rng = recorded(1)
+    out, told = estimated(samples, fixes, headings(d, rng))
+    yaw = errors(d, out)[2][:, 2]
+    standing = (d.t > 10.0) & (d.t < 30.0)
+    assert (out["status"][d.t > 3.0] & HEADING_VALID).all()
+    assert np.sqrt(np.mean(yaw[standing] ** 2)) < SIGMA
+    assert np.mean((yaw[d.t > 5.0] / out["sigma_rpy"][d.t > 5.0, 2]) ** 2) < 4.0
+    assert (told["kind"] == HEADING).all() and told["used"].all()
+    assert 0.5 < np.mean(told["value"] ** 2 / told["variance"]) < 1.5
+
+
+def test_measurements_in_any_order_within_the_horizon_give_what_those_in_order_give():
+    """But for the acceleration at a fix, which is fitted to snapshots of other times: a tenth of the sigmas."""
+    d, samples, _, rng = recorded(2)
+    fixes = received(d, rng, late=0.5)  # so late that the velocity after each is known, whenever it is fused
+    in_order = headings(d, rng, late_s=0.02)[:-10]  # 2 s before the end all have come, late or not
+    shuffled = in_order.copy()
+    shuffled["arrival_ns"] += (1.5e9 * np.random.default_rng(3).random(len(shuffled))).astype(np.int64)
+    prompt, _ = estimated(samples, fixes, in_order)
+    late, told = estimated(samples, fixes, shuffled)
+    assert told["used"].all() and len(told) > 200
+    assert (np.diff(told["t_ns"]) < 0).any()
+    for name, room in (("q_nb", 3e-4), ("v", 2e-2), ("lat", 1e-9), ("sigma_rpy", 1e-5)):
+        assert late[name][-1] == pytest.approx(prompt[name][-1], abs=room)
+
+
+def test_one_late_measurement_is_fused_at_its_epoch_with_the_fixes_after_it_fused_again():
+    """The filter then is where it would be, to rounding, if it had come in time: fixes lie between it and now."""
+    d, samples, fixes, rng = recorded(4)
+    one = headings(d, rng, late_s=0.02)[200:201]
+    late = one.copy()
+    late["arrival_ns"] += 1_800_000_000
+    first, _ = estimated(samples, fixes, one)
+    second, told = estimated(samples, fixes, late)
+    assert told["used"].all() and len(told) == 1
+    after = d.t > late["arrival_ns"][0] * 1e-9 - 99.98
+    assert np.abs(second["q_nb"][after] - first["q_nb"][after]).max() < 1e-9
+    assert np.abs(second["v"][after] - first["v"][after]).max() < 1e-8
+    before = d.t < late["arrival_ns"][0] * 1e-9 - 100.02
+    moved = np.abs(second["q_nb"] - first["q_nb"]).max(axis=1)
+    assert moved[before].max() > 1e-6  # what had not come could not be known
+
+
+def test_a_measurement_from_before_the_horizon_is_rejected_and_changes_nothing():
+    d, samples, fixes, rng = recorded(5)
+    old = headings(d, rng)[100:101]
+    old["arrival_ns"] += 8_000_000_000
+    without, _ = estimated(samples, fixes, old[:0])
+    out, told = estimated(samples, fixes, old)
+    assert len(told) == 1 and not told["used"][0] and told["kind"][0] == HEADING
+    assert out.tobytes() == without.tobytes()

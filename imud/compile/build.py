@@ -31,7 +31,7 @@ def compiler() -> list[str]:
         if shutil.which(name):
             return [name]
     if importlib.util.find_spec("ziglang"):
-        return [sys.executable, "-m", "ziglang", "cc"]
+        return [sys.executable, "-m", "ziglang", "cc", "-mcpu=baseline"]  # else of this machine, with FMA
     raise CannotBuildError("there is no C compiler: install gcc or clang, or the Python package `ziglang`")
 
 

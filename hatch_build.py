@@ -44,7 +44,6 @@ class Hook(BuildHookInterface):  # type: ignore[type-arg]
         command = [sys.executable, "-m", "imud.compile", str(library)]
         done = subprocess.run(command, cwd=self.root, capture_output=True, text=True, check=False)
         if done.returncode:
-            self.app.display_warning(
-                f"imud: numba will compile the kernels at the first start, for minutes, as\n{done.stderr}"
-            )
+            self.app.display_warning(f"imud: the kernels could not be compiled: {done.stderr}")
+            self.app.display_warning("imud: numba will compile them at the first start, which takes minutes")
         return done.returncode == 0

@@ -199,6 +199,15 @@ def test_what_has_no_translation_is_named_with_its_place(function, what):
         unit.export(function, [np.dtype(float) if function is from_the_end else None], "entry")
 
 
+def test_a_kernel_that_calls_itself_is_refused():
+    @kernel
+    def endless(n):
+        return endless(n - 1)
+
+    with pytest.raises(UnsupportedError, match="endless calls itself"):
+        Translation().export(endless, [None], "entry")
+
+
 def test_a_record_whose_layout_c_would_not_have_is_not_compiled(tmp_path):
     packed = np.dtype([("a", "u1"), ("b", "<f8")])
     unit = Translation()

@@ -14,6 +14,7 @@ from functools import partial
 import structlog
 
 from .. import compilation
+from ..compile import library
 from ..configuration.config import adopt
 from ..configuration.settings import Settings
 from ..errors import ImudError
@@ -93,6 +94,11 @@ class Daemon:
 
     def _prepare_kernels(self) -> None:
         """Call all of them once. Where numba has to compile them, that takes minutes."""
+        if library.library() is None:
+            self._log.info(
+                "numba compiles the kernels, which takes minutes", estimator=self._devices.fitting.estimator.name
+            )
+            self._notifier.say("STATUS=compiling", "EXTEND_TIMEOUT_USEC=3600000000")
         compilation.warm_decoders()
         for estimator in self._devices.fitting.choice.possible:
             compilation.warm(estimator, self._settings)

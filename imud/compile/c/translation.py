@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .kinds import FLOAT, INT, STORAGE, VOID, Array, Kind, Record, Tuple, real, stored, unify, working
+from .kinds import FLOAT, INT, STORAGE, VOID, Array, Kind, Record, Tuple, UnsupportedError, real, stored, unify, working
 from .statements import Body, parameters
 
 _PRELUDE = r"""#include <math.h>
@@ -54,6 +54,7 @@ class Translation:
         self._structs: dict[np.dtype[Any], Record] = {}
         self._tables: dict[tuple[Kind, str, str], str] = {}
         self._functions: dict[tuple[Any, tuple[Kind, ...]], Function] = {}
+        self._begun: list[Any] = []  # functions that are being translated, each called by the one before
         self._declarations: dict[str, None] = {}  # in the order in which they were needed, each once
         self._bodies: list[str] = []
 
@@ -137,8 +138,12 @@ class Translation:
         python = getattr(kernel, "py_func", kernel)
         key = python, tuple(working(kind) for kind in kinds)
         if key not in self._functions:
+            if python in self._begun:
+                raise UnsupportedError(f"{python.__module__}.{python.__qualname__} calls itself")
+            self._begun.append(python)
             body = Body(self, python, key[1])
             body.translate()
+            self._begun.pop()
             assert body.returns is not None
             done = self._functions[key] = Function(f"{python.__name__}_{len(self._functions)}", body.returns)
             head = f"{body.place}static inline {done.returns.c} {done.name}({body.parameters})"

@@ -7,7 +7,7 @@ from navigation_simulation import drive, received, sensed
 from imud.commands.replay import play
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
-from imud.estimators.records import HOP, INNOVATION, REST_D, REST_N, REST_X, REST_Z, SLIP, SOLUTION
+from imud.estimators.records import INNOVATION, NHC_LATERAL, NHC_VERTICAL, REST_D, REST_N, REST_X, REST_Z, SOLUTION
 from imud.pipeline import UNREAD, Filter
 
 RATE = 100
@@ -39,14 +39,14 @@ def of(rows, first, last=None):
 def test_each_is_told_once_at_its_own_pace_though_late_fixes_have_samples_integrated_twice(run):
     _, rows = run
     assert rows.dtype == INNOVATION
-    for first, last, period_s in ((REST_N, REST_D, 0.5), (REST_X, REST_Z, 0.5), (SLIP, HOP, 0.1)):
+    for first, last, period_s in ((REST_N, REST_D, 0.5), (REST_X, REST_Z, 0.5), (NHC_LATERAL, NHC_VERTICAL, 0.1)):
         for kind in range(first, last + 1):
             gaps = np.diff(of(rows, kind)["t_ns"] * 1e-9)
             assert gaps.min() > 0.6 * period_s
             assert np.median(gaps) == pytest.approx(period_s, abs=0.03)
     resting = of(rows, REST_X)["t_ns"] * 1e-9 - 100.0
     assert 12 < np.count_nonzero(resting < REST_S) <= 20
-    assert of(rows, SLIP)["t_ns"].min() * 1e-9 - 100.0 > REST_S
+    assert of(rows, NHC_LATERAL)["t_ns"].min() * 1e-9 - 100.0 > REST_S
 
 
 def test_value_and_variance_are_those_of_the_gain_that_was_applied(run):
@@ -61,7 +61,7 @@ def test_value_and_variance_are_those_of_the_gain_that_was_applied(run):
 
 def test_a_skid_is_no_slip_that_may_be_used(run):
     _, rows = run
-    slips = of(rows, SLIP)
+    slips = of(rows, NHC_LATERAL)
     t = slips["t_ns"] * 1e-9 - 100.0
     skidding = (t > SKID_S[0] + 0.2) & (t < SKID_S[1] - 0.3)
     assert not slips["used"][skidding].all()

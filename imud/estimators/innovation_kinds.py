@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 from .records import (
     HEADING,
-    HOP,
+    NHC_LATERAL,
+    NHC_VERTICAL,
     POSITION_D,
     POSITION_E,
     POSITION_N,
@@ -14,7 +15,6 @@ from .records import (
     REST_X,
     REST_Y,
     REST_Z,
-    SLIP,
     VELOCITY_D,
     VELOCITY_E,
     VELOCITY_N,
@@ -43,6 +43,6 @@ KINDS = {
     REST_X: Kind("rest_x", "rest_wx_radps", "no rate about x at rest, rad/s"),
     REST_Y: Kind("rest_y", "rest_wy_radps", "no rate about y at rest, rad/s"),
     REST_Z: Kind("rest_z", "rest_wz_radps", "no rate about z at rest, rad/s"),
-    SLIP: Kind("slip", "slip_mps", "no velocity across the vehicle, m/s"),
-    HOP: Kind("hop", "hop_mps", "no velocity off its floor, m/s"),
+    NHC_LATERAL: Kind("slip", "slip_mps", "no velocity across the vehicle, m/s"),
+    NHC_VERTICAL: Kind("hop", "hop_mps", "no velocity off its floor, m/s"),
 }

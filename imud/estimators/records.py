@@ -76,5 +76,5 @@ INNOVATION = np.dtype(
 
 POSITION_N, POSITION_E, POSITION_D, VELOCITY_N, VELOCITY_E, VELOCITY_D, HEADING = range(7)
 # of what is assumed instead of measured: at rest, and of a vehicle that neither slips nor jumps
-REST_N, REST_E, REST_D, REST_X, REST_Y, REST_Z, SLIP, HOP = range(7, 15)
-ASSUMED = range(REST_N, HOP + 1)
+REST_N, REST_E, REST_D, REST_X, REST_Y, REST_Z, NHC_LATERAL, NHC_VERTICAL = range(7, 15)
+ASSUMED = range(REST_N, NHC_VERTICAL + 1)

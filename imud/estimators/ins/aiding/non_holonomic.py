@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from ....compile.jit import kernel
 from ....math.rotation import quat_exp, quat_rotate, quat_rotate_back
-from ...records import HOP, SLIP
+from ...records import NHC_LATERAL, NHC_VERTICAL
 from ...tuning import Tunable
 from ..ekf import add_variance, decorrelate, set_forward_axis, set_jacobian, variance
 from ..fusion import correct_state, pseudo_measurement
@@ -308,11 +308,11 @@ def fuse_nhc(p: Parameters, c: Core) -> None:
     rough2 = (p.tuning.suspension_pitch * along) ** 2 * 2.0 * p.tuning.suspension_time_s / p.tuning.nhc_interval_s
     k = set_jacobian(c, nhc_jacobian(c, q, lateral, along, MOUNT_YAW), NHC_LEVER_ARM, -turn)
     z = c.nav.nhc_lever_arm * turn - (lateral[0] * vb[0] + lateral[1] * vb[1] + lateral[2] * vb[2])
-    left, s, sideways = pseudo_measurement(c, SLIP, k, z, c.nhc.noise_scale[0] * r, p.tuning.nhc_gate)
+    left, s, sideways = pseudo_measurement(c, NHC_LATERAL, k, z, c.nhc.noise_scale[0] * r, p.tuning.nhc_gate)
     add_innovation(c, 0, left, s)
     k = nhc_jacobian(c, q, vertical, along, MOUNT_PITCH)
     z = -(vertical[0] * vb[0] + vertical[1] * vb[1] + vertical[2] * vb[2])
-    left, s, upwards = pseudo_measurement(c, HOP, k, z, c.nhc.noise_scale[1] * r + rough2, p.tuning.nhc_gate)
+    left, s, upwards = pseudo_measurement(c, NHC_VERTICAL, k, z, c.nhc.noise_scale[1] * r + rough2, p.tuning.nhc_gate)
     add_innovation(c, 1, left, s)
     correct_state(p, c)
     c.nhc.mean_nis += p.tuning.nhc_mean_nis_gain * (

@@ -104,8 +104,6 @@ def linearize(p: Parameters, c: Core, phi: Transition) -> None:
         fx, fy, fz = 0.0, 0.0, -STANDARD_GRAVITY * dt
     phi.interval = dt
     phi.force[0], phi.force[1], phi.force[2] = fx, fy, fz
-    for i in range(3):
-        phi.delta_v[i] = c.imu.delta_v[i]
     for k in range(9):
         phi.rotation[k] = m[k]
     phi.turn = m[6] * c.imu.delta_theta[0] + m[7] * c.imu.delta_theta[1] + m[8] * c.imu.delta_theta[2]
@@ -115,7 +113,7 @@ def linearize(p: Parameters, c: Core, phi: Transition) -> None:
 @kernel
 def apply_phi(u: Any, columns: int, phi: Transition) -> None:
     """u <- Phi u, for `columns` columns of error states (STATES x columns)."""
-    m, f, dt = phi.rotation, phi.delta_v, phi.interval
+    m, f, dt = phi.rotation, phi.force, phi.interval
     for j in range(columns):
         for i in range(3):
             u[POSITION + i, j] += dt * u[VELOCITY + i, j]

@@ -456,7 +456,6 @@ class Alignment:
 class Transition:
     interval: float
     force: Floats
-    delta_v: Floats
     rotation: Floats
     turn: float
     scaled_turn: float

@@ -154,6 +154,8 @@ _STATIONARITY = (
         "gravity_magnitude_gate", 2.5, "sigma", "Most error of the force's magnitude at the first rest.", UNRECORDED
     ),
     Tunable("relevel_tilt_rad", 0.1, "rad", "Tilt sigma added where that gate is exceeded.", UNRECORDED),
+    Tunable("min_rate_across_gravity", 0.5, "", "Sine of the angle to gravity of a rate that may turn it.", UNRECORDED),
+    Tunable("fixed_gravity_gate", 8.0, "sigma", "Turn of gravity that must be seen, or the rate is bias.", UNRECORDED),
     Tunable("confirmation_time_s", 3.0, "s", "How long a contradiction must last at obvious rest.", UNRECORDED),
     Tunable("max_curve_time_s", 60.0, "s", "No curve is even for so long.", UNRECORDED),
     Tunable(

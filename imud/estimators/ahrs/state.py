@@ -135,6 +135,7 @@ STATIONARITY = np.dtype(
         ("f_mean", "<f8", (3,)),  # m/s^2
         ("w_start", "<f8", (3,)),  # these means when the low motion began
         ("f_start", "<f8", (3,)),
+        ("force_psd", "<f8"),  # (m/s)^2/s, of the force about its mean: noise and vibration, per axis
         ("f_at_rest", "<f8", (3,)),  # mean force when the gyro bias was last measured
         ("low_motion_s", "<f8"),
         ("bias_mismatch_s", "<f8"),  # for how long the mean rate at low motion has contradicted the known bias

@@ -46,6 +46,7 @@ def update_means(p: Any, s: Any, w: Vector, f: Vector, dt: float) -> None:
         rate_change2 += (m.w_mean[i] - m.w_start[i]) ** 2
         mean2 = max(mean2, m.w_mean[i] ** 2)
     m.low_motion_s += dt
+    m.force_psd += gain * (force2 * dt / 3.0 - m.force_psd)
     low = rate2 < c.max_rate_deviation_radps**2 and force2 < c.max_force_deviation_mps2**2
     low = low and force_change2 < c.max_force_change_mps2**2
     low = low and rate_change2 < c.min_bias_sigma_radps**2 + c.rate_change_gate**2 * p.gyro_psd / c.mean_time_s
@@ -160,6 +161,31 @@ def rate_is_likelier_bias(p: Any, s: Any) -> bool:
 
 
 @kernel
+def gravity_is_fixed(p: Any, s: Any) -> bool:
+    """Does gravity stay where it is in the body, although the mean rate less the known bias would have turned it?
+
+    Then the body rests, and what contradicts is the bias. A rate about the vertical turns no gravity, and nearly level
+    curves turn about it; so one that is not mostly across the force tells nothing. The mean force is that of
+    `mean_time_s` ago, the one at the start that of the first `mean_time_s`.
+    """
+    c, m = p.tuning, s.stationarity
+    w = (m.w_mean[0] - s.nav.bg[0], m.w_mean[1] - s.nav.bg[1], m.w_mean[2] - s.nav.bg[2])
+    f = m.f_mean
+    time = m.low_motion_s - 1.5 * c.mean_time_s
+    across = (f[1] * w[2] - f[2] * w[1], f[2] * w[0] - f[0] * w[2], f[0] * w[1] - f[1] * w[0])
+    across2 = across[0] ** 2 + across[1] ** 2 + across[2] ** 2
+    rate2 = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
+    force2 = f[0] ** 2 + f[1] ** 2 + f[2] ** 2
+    change2 = 0.0
+    for i in range(3):
+        change2 += (f[i] - m.f_start[i]) ** 2
+    noise2 = 1.5 * max(m.force_psd, p.accel_psd) / c.mean_time_s
+    turn2 = across2 * time * time  # (m/s^2)^2, by which the force would have changed
+    no_curve = across2 > c.min_rate_across_gravity**2 * rate2 * force2
+    return bool(no_curve and turn2 > c.fixed_gravity_gate**2 * noise2 and change2 < 0.25 * turn2)
+
+
+@kernel
 def detect_stationary(p: Any, s: Any) -> bool:
     """Is this rest, with a mean rate that may correct the gyro bias? Once per covariance interval."""
     c, m = p.tuning, s.stationarity
@@ -172,6 +198,11 @@ def detect_stationary(p: Any, s: Any) -> bool:
     contradicts = rate_contradicts_bias(p, s)
     acceleration = unexplained_acceleration(p, s)
     patience = c.confirmation_time_s if vibrates_less_than_in_travel(p, s) else c.travel_time_s
+    if contradicts and (acceleration == 0.0 or m.low_motion_s > patience) and gravity_is_fixed(p, s):
+        for i in range(3):
+            reset(s.cov.P, STATES, GYRO_BIAS + i, p.gyro_bias_var)
+        contradicts = False
+        m.bias_mismatch_s = 0.0
     if acceleration > 0.0 and not contradicts and m.low_motion_s > patience:
         inflate_covariance(p, s, acceleration)
         restart_means_at_last(s)

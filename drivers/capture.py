@@ -51,6 +51,7 @@ class Connection(msgspec.Struct, frozen=True):
     driver: str = ""
     configured: dict[str, Any] = {}
     calibration: dict[str, Any] = {}
+    biases: dict[str, Any] = {}  # of an inertial sensor, kept from an earlier run, with which the filter begins
     repeated: bool = False  # at the start of a later file of the same recording
 
     def imu(self) -> ImuConfigured:

@@ -102,7 +102,8 @@ def _merged(lists: Sequence[Sequence[int]]) -> Iterator[int]:
 def _recognised(among: Sequence[AnyDriver], heard: bytes, baud: int) -> Found | None:
     for driver in among:
         if found := driver.recognise(heard):
-            return replace(found, baud=baud)
+            found = replace(found, baud=baud)
+            return replace(found, streaming=True) if isinstance(found, Identity) else found
     return None
 
 

@@ -27,6 +27,7 @@ class Identity:
     baud: int = 0  # also 0 on SPI
     profile: str = ""  # name of the noise profile that fits this model
     spi: bool = False  # how it is connected
+    streaming: bool = False  # it sent samples by itself when it was found
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,7 @@ class ImuConfigured:
     gyro_range: float = math.inf  # rad/s, where readings end; infinite: not known
     accel_range: float = math.inf  # m/s^2
     request: Request | None = None  # None: it sends by itself
+    still_powered: bool = False  # its stream shows that it has not been switched off since somebody set it up
 
 
 @dataclass(frozen=True)

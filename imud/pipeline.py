@@ -18,6 +18,7 @@ from .estimators.records import FIX, INNOVATION, SOLUTION
 from .math.arrays import Records
 from .sensor_errors.calibration import Calibration, correction
 from .sensor_errors.profiles import profile_of, ranges_of
+from .sensor_errors.stored_biases import Biases
 from .sensors.health import new_health
 from .stages import BATCH, BYTE, RX, STREAM, Stages, decoding, ingest
 
@@ -57,6 +58,11 @@ class Filter:
     def calibrate(self, calibration: Calibration) -> None:
         """From now on, correct the samples by this calibration."""
         self.correction[:] = correction(calibration, self._mount_rpy_deg)
+
+    def restore_biases(self, biases: Biases) -> None:
+        """Begin with these biases; before the first sample."""
+        if self.estimator.restore_biases is not None:
+            self.estimator.restore_biases(self.state, biases)
 
     def watch_over(self, sensor: ImuConfigured) -> None:
         """From now on, monitor this sensor, by the ranges that the user gives, else by its own where it tells them."""

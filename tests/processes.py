@@ -110,8 +110,9 @@ class Daemon:
 def daemon(folder: Path, *arguments: str) -> Iterator[Daemon]:
     """`imud run` with its socket in `folder`, connected."""
     with (folder / "daemon.log").open("w") as log:
+        env = {"XDG_STATE_HOME": str(folder / "state"), **os.environ, "NO_COLOR": "1"}
         command = ("imud", "run", *arguments, "--listen", str(folder / "gpsd.sock"))
-        with process(*command, stderr=log, env={**os.environ, "NO_COLOR": "1"}) as running:
+        with process(*command, stderr=log, env=env) as running:
             started = Daemon(running, folder)
             started.says(" ready ", START_S)
             started.connect()

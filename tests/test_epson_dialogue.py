@@ -267,3 +267,23 @@ def test_readonly_cannot_start_a_stream():
     device = G350()
     assert configure(device, readonly=True) is None
     assert device.written == b""
+
+
+@pytest.mark.parametrize(
+    ("heard", "uart", "still_powered"),
+    [
+        (True, 0x01, True),
+        (False, 0x01, False),  # it was silent: it may have been switched on just now
+        (True, 0x03, False),  # AUTO_START: it streams after each power-on
+    ],
+)
+def test_a_stream_that_only_a_set_up_starts_shows_that_the_sensor_was_not_switched_off(heard, uart, still_powered):
+    device = G350().start()
+    device.byte[0x3A] = uart
+    found = Identity("epson", "M-G350", baud=device.baud, streaming=heard)
+    assert configure(device, found).still_powered == still_powered
+
+
+def test_a_sensor_that_was_reset_is_not_taken_for_one_that_streamed_on():
+    device = G350()
+    assert not configure(device, Identity("epson", "M-G350", baud=device.baud, streaming=True)).still_powered

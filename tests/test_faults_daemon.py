@@ -1,19 +1,32 @@
 """Faults as the daemon meets them: plugs pulled, a sensor that boots again, damaged frames; and emulated ports."""
 
+import json
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from processes import PATIENCE_S, daemon, emulator
-from test_recording import replayed, stored
+from test_recording import stored
 
+from imud.configuration.settings import Initial
 from imud.recording.messages import ESTIMATE_TABLE
-from imud.recording.source import Recording
+from imud.recording.player import Player
+from imud.recording.source import Recording, adapter
 
 REST = ("--scenario", "rest", "--roll-deg", "10", "--pitch-deg", "-5", "--gyro-bias-dps", "0.2,-0.2,0.2")
 DAMAGE = ",".join(f"{kind}=0.005" for kind in ("cut", "flip", "drop", "dup", "header", "cr"))
+
+
+def replayed(recording):
+    """The estimates of a recording without fixes."""
+    steps, adapt = [], adapter(None, (), None)
+    player = Player(recording.settings(adapt), adapt, Initial(), lambda _, rows: steps.append(rows.copy()))
+    for entry in recording:
+        player.take(entry)
+    return np.concatenate(steps)
 
 
 def descriptors(pid):
@@ -93,7 +106,7 @@ def test_another_sensor_on_the_port_is_not_taken_for_the_one_before(tmp_path):
 
 def test_after_a_replug_with_other_biases_the_attitude_is_right_by_its_sigma_live_and_replayed(tmp_path):
     imu, recording = tmp_path / "imu", tmp_path / "replug.mcap"
-    faults = "unplug@14-17,bias=0.2@15"  # deg/s: what a power-on may do to an M-G350
+    faults = "unplug@14-17,reset@15,bias=0.2@15"  # deg/s: what a power-on may do to an M-G350
     record = ("--record", str(recording), "--set", "record.estimate_rate_hz=0")
     with (
         daemon(tmp_path, "--port", f"{imu}:epson@460800", *record) as imud,
@@ -111,6 +124,34 @@ def test_after_a_replug_with_other_biases_the_attitude_is_right_by_its_sigma_liv
         assert max(est["sroll_deg"], est["spitch_deg"]) < 1.0
         imud.process.terminate()
         assert imud.process.wait(PATIENCE_S) == 0
-    steps, _, _ = replayed(Recording([recording]))
-    kept = stored(recording, ESTIMATE_TABLE)
-    assert steps.tobytes() == kept.tobytes()
+    assert replayed(Recording([recording])).tobytes() == stored(recording, ESTIMATE_TABLE).tobytes()
+
+
+def settled(path):
+    """Whether the biases in this file have been measured at rest."""
+    return max(json.loads(path.read_text())["biases"]["gyro_sigma_radps"]) < 3e-4
+
+
+@pytest.mark.parametrize(("faults", "known"), [("", True), ("reset@14", False)])
+def test_a_daemon_that_was_killed_knows_the_biases_if_the_sensor_was_not_switched_off(
+    tmp_path, monkeypatch, faults, known
+):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    imu = tmp_path / "imu"
+    port = f"{imu}:epson@460800"
+    with emulator("g350", *REST, "--faults", faults, links=[imu]):
+        with daemon(tmp_path, "--port", port) as imud:
+            imud.until(lambda m: is_settled(m) and m["sbgx_dps"] < 0.02)
+            while not any(settled(path) for path in (tmp_path / "state").rglob("biases-*.json")):
+                imud.until(lambda m: m["class"] == "EST")
+            if faults:
+                imud.says("trying again")
+            else:
+                imud.until(lambda m: m["class"] == "EST")
+            imud.process.kill()
+            imud.process.wait()
+        with daemon(tmp_path, "--port", port) as imud:
+            first = imud.until(lambda m: m["class"] == "EST")
+            assert (first["sbgx_dps"] < 0.1) == known
+            if known:
+                assert first["bgx_dps"] == pytest.approx(0.2, abs=0.1)

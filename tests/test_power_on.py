@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from attitude_simulation import Flaws, errors_deg, measure, simulate
-from broad import solutions_of
+from broad import samples_of, solutions_of
 from navigation_runner import navigate
 from navigation_simulation import drive, errors, received, sensed
 from scipy.spatial.transform import Rotation
@@ -61,6 +61,23 @@ def test_attitude_of_100_replugs_is_as_good_as_it_says(away_s):
     assert (sigma[:, 2:] < 1.0).all()
 
 
+DIRECTIONS = np.array([[1, 0, 0], [0, 1, 0], [0.7, 0.7, 0], [-0.7, 0, 0.7], [0, 0.6, -0.8], [-0.6, 0, -0.8]])
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+@pytest.mark.parametrize("change_dps", [0.2, 0.6, -0.4])
+def test_rest_contradicts_a_bias_that_changed_unnoticed(direction, change_dps):
+    """Gravity would turn in the body if it turned by such a rate. About the vertical nothing tells."""
+    truth = simulate(BEFORE_S + AFTER_S, RATE)
+    w, f = measure(truth, Flaws(gyro_bias=(0.002, -0.003, 0.001)), np.random.default_rng(4))
+    w[truth.t > BEFORE_S] += np.radians(change_dps) * direction
+    out = solutions_of(samples_of(truth.t, w, f), "m-g350")
+    tilt, _ = errors_deg(out["q_nb"], truth.attitude)
+    k = round(BEFORE_S * RATE)
+    assert (tilt[k:] < 3.5 * np.degrees(np.hypot(*out["sigma_rpy"][k:, :2].T))).all()
+    assert np.abs(np.degrees(out["bg"][k + 8 * RATE] - out["bg"][k]) - change_dps * direction).max() < 0.05
+
+
 PATHS = {
     "rest": drive(BEFORE_S + AFTER_S + 3.0, rate=RATE, rest=1e6),
     "car": drive(BEFORE_S + AFTER_S + 3.0, rate=RATE),
@@ -114,8 +131,9 @@ def connect():
     """Connect a sensor, by serial number, port and time in s, and read LINES of it; returns the sensor."""
     fitting, driver = Fitting(Settings(estimator="tilt"), str, Initial(yaw_deg=90.0)), by_name("seraccel")
 
-    def connect(serial, port=0, at_s=0.0):
-        configured = ImuConfigured(Identity("seraccel", "", serial), 100.0, 10_000_000, 0, 0)
+    def connect(serial, port=0, at_s=0.0, still_powered=False):
+        identity = Identity("seraccel", "", serial)
+        configured = ImuConfigured(identity, 100.0, 10_000_000, 0, 0, still_powered=still_powered)
         at_ns = round(at_s * 1e9)
         sensor = fitting.connect(None, driver, configured, Calibration(serial), Settings(), at_ns, port)
         sensor.stream.rx[: len(LINES)] = bytearray(LINES)
@@ -128,6 +146,15 @@ def connect():
 def test_the_first_sample_of_each_later_connection_may_follow_a_power_on(connect):
     flags = [connect("1", at_s=at_s).stream.samples["flags"][:3].tolist() for at_s in (0.0, 3.0, 6.0)]
     assert flags == [[0, 0, 0], [POWER_ON, 0, 0], [POWER_ON, 0, 0]]
+
+
+@pytest.mark.parametrize(("serial", "power_on"), [("1", 0), ("", POWER_ON)])
+def test_a_sensor_that_was_not_switched_off_keeps_its_biases_if_its_number_says_it_is_the_same(
+    connect, serial, power_on
+):
+    connect(serial)
+    sensor = connect(serial, at_s=3.0, still_powered=True)
+    assert sensor.stream.samples["flags"][0] == power_on
 
 
 @pytest.mark.parametrize(

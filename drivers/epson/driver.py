@@ -23,6 +23,7 @@ from .setup import (
     examine,
     fastest,
     is_configuring,
+    is_still_powered,
     possible_rates,
     program,
     self_test,
@@ -109,9 +110,11 @@ class Epson:
         model = model_of(described.model) if isinstance(described, Identity) else None
         if not isinstance(described, Identity) or model is None:
             return None
+        streaming = identity.streaming
         identity = replace(described, baud=identity.baud, spi=identity.spi)
         polled = options.polled and not identity.spi
         warnings = yield from to_configuration(dialect)
+        still_powered = yield from is_still_powered(dialect, streaming)
         warnings += yield from examine(dialect)
         warnings += yield from choose_range(model)
         if options.self_test:
@@ -136,7 +139,8 @@ class Epson:
         layout = yield from start(dialect, polled, fetched)
         if layout is None:
             return None
-        return configured(identity, model, rate, taps, layout, (*warnings, *refused), polled)
+        found = configured(identity, model, rate, taps, layout, (*warnings, *refused), polled)
+        return replace(found, still_powered=still_powered)
 
     def new_state(self, configured: ImuConfigured) -> NDArray[np.void]:
         """See `ImuDriver`."""

@@ -15,6 +15,7 @@ CONFIGURING = 1 << 10  # MODE_CTRL
 RESET = 0x80  # GLOB_CMD, low byte
 NOT_READY = 1 << 10  # GLOB_CMD
 AUTO, POLLED = 0x01, 0x00  # UART_CTRL, low byte
+AUTO_START = 0x02  # UART_CTRL: it streams after a power-on, by itself
 ALL_NEWS = 0xFE  # SIG_CTRL, high byte: flags in FLAG for temperature, gyros, accelerometers not read yet
 DATA_READY = 0x06  # MSC_CTRL, low byte: that line is on, and high when a sample is there
 HARD_ERROR = 0x0060  # DIAG_STAT

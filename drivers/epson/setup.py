@@ -11,6 +11,7 @@ from .models import Model
 from .registers import (
     ALL_NEWS,
     AUTO,
+    AUTO_START,
     CONFIGURE,
     CONFIGURING,
     CR,
@@ -59,6 +60,15 @@ def to_configuration(dialect: Dialect) -> Dialogue[list[str]]:
             yield Exchange(listen_s=RESET_S)
             yield from wait_ready(dialect)
     return ["the sensor does not confirm configuration mode"]
+
+
+def is_still_powered(dialect: Dialect, streaming: bool) -> Dialogue[bool]:
+    """Whether a sensor, in configuration mode now, has been on since somebody set it up: by `streaming` when found.
+
+    After a power-on or a reset it does not stream, unless the setting AUTO_START, which it keeps in its flash, says so.
+    """
+    word = (yield from ask(dialect.uart)) if streaming else None
+    return word is not None and word & (AUTO | AUTO_START) == AUTO
 
 
 def examine(dialect: Dialect) -> Dialogue[list[str]]:

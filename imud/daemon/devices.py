@@ -23,10 +23,12 @@ from ..process import garbage
 from ..process.contained import ContainedErrors
 from ..recording.control import Recordings
 from ..sensor_errors import calibration
+from ..sensor_errors.stored_biases import Biases
 from ..sensors.fitting import Fitting
 from ..sensors.inertial import Inertial
 from ..sensors.rate import ALIKE
 from ..sensors.receiver import Receiver
+from .bias_store import BiasStore
 from .cycle import Cycle
 from .ports import Configured, Port
 
@@ -59,6 +61,7 @@ class Devices:
         self._insisted: float | None = None  # share of the agreed rate for which the sensor was set up anew
         self._known = calibration.Calibration("")  # of the inertial sensor
         self._by_fd: dict[int, Port] = {}
+        self._bias_store = BiasStore()
         self._looked_ns = self._awake_ns = 0  # of `look_after`: when last; since when without a long pause between two
         self._spares: dict[str, set[Port]] = {kind: set() for kind in _PARTS}
         recordings.on_begin, recordings.on_end = self._introduce, self._read_directly
@@ -132,6 +135,8 @@ class Devices:
             port.pass_on()
         if self._recordings.current and self.imu:
             self._recordings.current.looked(self.ports.index(self.imu[0]), self.imu[1], now_ns)
+        if self.imu and self.imu[0].configured:
+            self._bias_store.save_when_due(self.imu[0].configured.identity.serial, self.imu[1], now_ns)
 
     def _insist(self, port: Port, sensor: Inertial, share: float) -> None:
         """Set up anew a sensor that streams at another rate than agreed; once only, if that does not help."""
@@ -171,9 +176,10 @@ class Devices:
         now_ns = time.monotonic_ns()
         if isinstance(configured, ImuConfigured) and driver.kind == "imu":
             known = self._calibration_of(identity)
+            stored = self._bias_store.load(configured, known, self._settings, now_ns)
             try:
                 inertial = self.fitting.connect(
-                    port.line, driver, configured, known, self._settings, now_ns, self.ports.index(port)
+                    port.line, driver, configured, known, self._settings, now_ns, self.ports.index(port), stored
                 )
             except UsageError as error:
                 if self.fitting.inertial is None:
@@ -181,7 +187,7 @@ class Devices:
                 port.refuse(str(error))  # who served once does not end because of what is plugged in later
                 return
             self.imu, self._known = (port, inertial), known
-            self._record(port, inertial, now_ns)
+            self._record(port, inertial, now_ns, stored)
             self._read_directly()
             facts |= {"serial": identity.serial, "firmware": identity.firmware, "rate_hz": round(configured.rate_hz, 3)}
         elif driver.kind == "gnss":
@@ -254,13 +260,13 @@ class Devices:
         for port, sensor in self.streaming().values():
             self._record(port, sensor, time.monotonic_ns())
 
-    def _record(self, port: Port, sensor: Inertial | Receiver, now_ns: int) -> None:
+    def _record(self, port: Port, sensor: Inertial | Receiver, now_ns: int, stored: Biases | None = None) -> None:
         """Have the sensor's bytes recorded from now on, if a recording is being made."""
         recorder = self._recordings.current
         if recorder and port.configured:
             number = self.ports.index(port)
             known = self._known if isinstance(sensor, Inertial) else None
-            recorder.connected(number, port.spec.path, port.configured, known, now_ns)
+            recorder.connected(number, port.spec.path, port.configured, known, now_ns, stored)
             sensor.tap = recorder.tap(number)
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from imud.configuration.settings import Initial, Settings
+from imud.sensor_errors.stored_biases import Biases
 
 from ..math.arrays import Records
 from .aiding_source import AidingSource
@@ -28,6 +29,7 @@ class Estimator:
     aid(parameters[0], state[0], measurement, innovations) -> rows of `innovations`; a measurement (MEASUREMENT) of one
     of `sources`. None: GNSS only.
     tunables: the constants that the settings' table `NAME.tuning` may change.
+    restore_biases(state, biases): begin with these instead of unknown ones. None: it cannot.
     survives_power_on: a sample with POWER_ON reopens its biases, or it estimates none; else it is started anew then.
     """
 
@@ -38,6 +40,7 @@ class Estimator:
     update: Callable[[Any, Any, Any, Any], int] | None
     needs_gyros: bool = True
     survives_power_on: bool = False
+    restore_biases: Callable[[Records, Biases], None] | None = None
     told: Callable[[Any, Any], int] | None = None
     tunables: tuple[Tunable, ...] = ()
     aid: Callable[[Any, Any, Any, Any], int] | None = None

@@ -17,6 +17,7 @@ from ..configuration.settings import Initial, Settings
 from ..errors import BadDataError
 from ..math.arrays import Records
 from ..sensor_errors.calibration import Calibration
+from ..sensor_errors.stored_biases import Biases
 from ..sensors.fitting import Fitting
 from ..sensors.inertial import Inertial
 from ..sensors.receiver import Receiver
@@ -147,8 +148,9 @@ class Player:
         driver = by_name(said.driver)
         if driver.kind == "imu":
             known = msgspec.convert(_known(said.calibration if self._calibrated else {}), Calibration)
+            stored = msgspec.convert(said.biases, Biases) if said.biases else None
             self._ports[said.port] = self._fitting.connect(
-                self._line, driver, said.imu(), known, self._settings, said.t_ns, said.port
+                self._line, driver, said.imu(), known, self._settings, said.t_ns, said.port, stored
             )
             self._imu = said
         else:

@@ -28,6 +28,7 @@ from ..configuration.settings import Settings
 from ..errors import CannotCreateError, UsageError
 from ..math.arrays import Records
 from ..sensor_errors.calibration import Calibration
+from ..sensor_errors.stored_biases import Biases
 from ..sensors.inertial import Inertial
 from ..sensors.tap import Tap
 from .clock_fit import row_of
@@ -98,14 +99,21 @@ class Recorder:
         configured: ImuConfigured | GnssConfigured,
         calibration: Calibration | None,
         now_ns: int,
+        biases: Biases | None = None,
     ) -> None:
-        """A device streams since `now_ns`. calibration: of an inertial sensor, what is taken out of its samples."""
+        """A device streams since `now_ns`.
+
+        Of an inertial sensor, calibration: what is taken out of its samples; biases: with which its filter begins.
+        """
         from drivers.capture import Connection, plain
 
         kind = "imu" if isinstance(configured, ImuConfigured) else "gnss"
         known = {} if calibration is None else msgspec.to_builtins(calibration)
+        stored = {} if biases is None else msgspec.to_builtins(biases)
         driver = configured.identity.driver
-        self._json(Kind.CONNECTION, Connection(now_ns, port, path, True, kind, driver, plain(configured), known), port)
+        self._json(
+            Kind.CONNECTION, Connection(now_ns, port, path, True, kind, driver, plain(configured), known, stored), port
+        )
 
     def disconnected(self, port: int, path: str) -> None:
         """It streams no more."""

@@ -11,6 +11,7 @@ from ..configuration import choices
 from ..configuration.settings import Initial, Settings
 from ..pipeline import Filter, Stream
 from ..sensor_errors.calibration import Calibration
+from ..sensor_errors.stored_biases import Biases
 from .inertial import Inertial
 
 RATE_STEP = 0.1  # logarithmic: sensors within that are the same to a filter
@@ -38,10 +39,12 @@ class Fitting:
         settings: Settings,
         now_ns: int,
         port: int = 0,
+        stored: Biases | None = None,
     ) -> Inertial:
-        """The sensor streams on the port of that number. Its earlier filter goes on, with its biases reopened, if it
-        is the same sensor and was not away for long. Raises UsageError if it does not suffice for the estimator that
-        the user asked for.
+        """The sensor streams on the port of that number. Its earlier filter goes on if it is the same sensor and was
+        not away for long, with its biases reopened if it may have been switched off. A new filter begins with the
+        biases that were `stored`. Raises UsageError if the sensor does not suffice for the estimator that the user
+        asked for.
         """
         settings = choices.settings_for(settings, configured.identity)
         self.estimator, why = self.choice.fitting(configured)
@@ -50,18 +53,22 @@ class Fitting:
         about_hz = round(math.log(configured.rate_hz) / RATE_STEP)  # a rate that was heard varies a little
         made_for = (driver.name, self.estimator.name, settings.imu.profile, about_hz)
         same = made_for == self._made_for and self._is_same(configured.identity.serial, port)
-        self._serial, self._port = configured.identity.serial, port
+        serial = configured.identity.serial
+        same_power = same and configured.still_powered and bool(serial and self._serial)  # no twin of it
+        self._serial, self._port = serial, port
         goes_on = self.inertial is not None and same and self.estimator.survives_power_on
         if self.inertial is None or not goes_on or now_ns - self.inertial.heard_ns > AWAY_NS:
             filter_ = Filter(self.estimator, settings, self._initial, configured.rate_hz)
             self._initial = _UNKNOWN  # it was of the start
+            if stored is not None:
+                filter_.restore_biases(stored)
             stream = Stream(driver, driver.new_state(configured), filter_)
             stream.record["count"] = self.inertial.samples if self.inertial else 0
             self.inertial = Inertial(stream)
             self._made_for = made_for
         self.inertial.stream.filter.configure(settings)
         self.inertial.stream.filter.calibrate(calibration)
-        self.inertial.connect(line, driver, configured, now_ns)
+        self.inertial.connect(line, driver, configured, now_ns, same_power)
         return self.inertial
 
     def _is_same(self, serial: str, port: int) -> bool:

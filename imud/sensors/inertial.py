@@ -38,11 +38,14 @@ class Inertial:
         self._complaints: Mapping[int, str] = {}
         self._complained: int | None = None  # status word of the first look: the driver has told of that
 
-    def connect(self, line: Line, driver: ImuDriver, configured: ImuConfigured, now_ns: int) -> None:
-        """Begin a new connection. The filter keeps its state but for the biases: each one may follow a power-on."""
+    def connect(
+        self, line: Line, driver: ImuDriver, configured: ImuConfigured, now_ns: int, same_power: bool = False
+    ) -> None:
+        """Begin a new connection. The filter keeps its state, and its biases if the sensor was not switched off."""
         if self._line is not None:
             self._before.update(self.counters())
-        self.stream.restart(driver.new_state(configured), configured, power_on=self._newest >= 0)
+        power_on = self._newest >= 0 and not same_power
+        self.stream.restart(driver.new_state(configured), configured, power_on)
         self._line = line
         self.stream.record["heard_ns"] = now_ns
         self._complaints, self._complained = driver.complaints, None

@@ -12,8 +12,17 @@ Source: Solà, Quaternion kinematics for the error-state Kalman filter (2017), s
 from .. import Estimator
 from .filter import step
 from .parameters import TUNABLES
-from .setup import configure, start
+from .setup import configure, restore_biases, start
 
 __all__ = ["ESTIMATOR"]
 
-ESTIMATOR = Estimator("attitude", configure, start, step, None, survives_power_on=True, tunables=TUNABLES)
+ESTIMATOR = Estimator(
+    "attitude",
+    configure,
+    start,
+    step,
+    None,
+    survives_power_on=True,
+    restore_biases=restore_biases,
+    tunables=TUNABLES,
+)

@@ -6,10 +6,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...compile.jit import interpreted
 from ...configuration.settings import Initial, Settings
 from ...math.arrays import Records
 from ...math.earth import STANDARD_GRAVITY, gravity
+from ...math.kalman import packed_index
 from ...sensor_errors.profiles import PROFILES, Profile, profile_of
+from ...sensor_errors.stored_biases import Biases
 from ..tuning import values_of
 from .levelling import UNKNOWN_ANGLE
 from .parameters import TUNABLES
@@ -92,3 +95,12 @@ def _covariance(parameters: Records, gravity_known: bool) -> NDArray[np.float64]
     if not gravity_known:  # looks like the same scale error on every axis
         P[ACCEL_SCALE : ACCEL_SCALE + 3, ACCEL_SCALE : ACCEL_SCALE + 3] += float(tuning["gravity_spread"]) ** 2
     return P
+
+
+def restore_biases(state: Records, biases: Biases) -> None:
+    """Before the first sample: begin with these biases."""
+    s = state[0]
+    s["nav"]["bg"], s["nav"]["ba"] = biases.gyro_radps, biases.accel_mps2
+    for first, sigmas in ((GYRO_BIAS, biases.gyro_sigma_radps), (ACCEL_BIAS, biases.accel_sigma_mps2)):
+        for i, sigma in enumerate(sigmas, first):
+            s["cov"]["P"][interpreted(packed_index)(STATES, i, i)] = sigma**2

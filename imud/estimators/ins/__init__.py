@@ -18,7 +18,7 @@ An error-state Kalman filter around a strapdown mechanization. In the order of t
 from .. import Estimator
 from .filter import aid, step, take_innovations, update
 from .parameters import TUNABLES, configure
-from .setup import start
+from .setup import restore_biases, start
 from .sources import SOURCES
 
 ESTIMATOR = Estimator(
@@ -32,4 +32,5 @@ ESTIMATOR = Estimator(
     survives_power_on=True,
     aid=aid,
     sources=SOURCES,
+    restore_biases=restore_biases,
 )

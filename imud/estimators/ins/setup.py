@@ -4,7 +4,10 @@ import math
 
 import numpy as np
 
+from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial
+from imud.math.kalman import packed_index
+from imud.sensor_errors.stored_biases import Biases
 
 from ...math.arrays import Records
 from ..tuning import Tunable
@@ -97,3 +100,12 @@ def start(parameters: Records, initial: Initial) -> Records:
             sigmas[VELOCITY + i] = t["given_velocity_sigma"]
     c["cov"]["P"] = np.diag(sigmas**2)[np.triu_indices(STATES)]
     return s
+
+
+def restore_biases(state: Records, biases: Biases) -> None:
+    """Before the first sample: begin with these biases."""
+    c = state["core"][0, 0]
+    c["nav"]["bg"], c["nav"]["ba"] = biases.gyro_radps, biases.accel_mps2
+    for first, sigmas in ((GYRO_BIAS, biases.gyro_sigma_radps), (ACCEL_BIAS, biases.accel_sigma_mps2)):
+        for i, sigma in enumerate(sigmas, first):
+            c["cov"]["P"][interpreted(packed_index)(STATES, i, i)] = sigma**2

@@ -1,0 +1,111 @@
+"""The biases that the filter has found for one sensor, kept over a restart of the daemon: a file per serial number.
+
+They are used only while they are surely those of the sensor's present switch-on: the same computer has not been booted
+since, the file is seconds old, samples are corrected as they were, and the sensor itself shows that it was not switched
+off. Whatever else is in the file, or in its place, is ignored: then the filter begins as it always does.
+"""
+
+import contextlib
+import math
+import tempfile
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from ..configuration.folders import places
+from .calibration import Triple
+from .profiles import Profile
+
+MAX_AGE_S = 60.0  # a restart takes seconds; what happened to the sensor in a longer time nobody knows
+CAUTION = 2.0  # by which the standard deviations are multiplied: the temperature may have changed, the filter be wrong
+ACCEL_BIAS_WALK_S = 100.0  # in which the accelerometer's bias may change by its instability; the gyro's: in 1 s
+
+
+class Biases(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Of gyro and accelerometer, in body axes, with their standard deviations."""
+
+    gyro_radps: Triple
+    gyro_sigma_radps: Triple
+    accel_mps2: Triple
+    accel_sigma_mps2: Triple
+
+    @property
+    def is_plausible(self) -> bool:
+        """Whether all are numbers, and all standard deviations positive."""
+        sigmas = self.gyro_sigma_radps + self.accel_sigma_mps2
+        return all(map(math.isfinite, self.gyro_radps + self.accel_mps2)) and all(0.0 < s < math.inf for s in sigmas)
+
+
+class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    serial: str
+    boot_id: str
+    monotonic_ns: int
+    correction: list[float]  # of samples, by calibration and mounting
+    biases: Biases
+
+
+def biases_of(solution: np.void) -> Biases:
+    """The biases in a row of SOLUTION."""
+    values = (tuple(solution[name].tolist()) for name in ("bg", "sigma_bg", "ba", "sigma_ba"))
+    return Biases(*values)
+
+
+def aged(biases: Biases, age_s: float, profile: Profile) -> Biases | None:
+    """The same `age_s` later, with larger standard deviations; None if they say no more than the profile does."""
+    gyro_walk2 = profile.gyro_bias_instability**2 * age_s
+    accel_walk2 = profile.accel_bias_instability**2 * age_s / ACCEL_BIAS_WALK_S
+    older = Biases(
+        biases.gyro_radps,
+        _grown(biases.gyro_sigma_radps, gyro_walk2, profile.gyro_bias_initial),
+        biases.accel_mps2,
+        _grown(biases.accel_sigma_mps2, accel_walk2, profile.accel_bias_initial),
+    )
+    return older if max(older.gyro_sigma_radps) < profile.gyro_bias_initial else None
+
+
+def _grown(sigmas: Triple, variance: float, most: float) -> Triple:
+    x, y, z = (min(math.sqrt((CAUTION * sigma) ** 2 + variance), most) for sigma in sigmas)
+    return x, y, z
+
+
+def load(serial: str, correction: NDArray[np.void], now_ns: int, profile: Profile) -> Biases | None:
+    """What is kept of the sensor `serial`, as it is worth at `now_ns`; None: nothing that can be trusted."""
+    for folder in places("state"):
+        with contextlib.suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
+            kept = msgspec.json.decode((folder / _name(serial)).read_bytes(), type=_File)
+            age_s = (now_ns - kept.monotonic_ns) * 1e-9
+            same = (kept.serial, kept.boot_id, kept.correction) == (serial, _boot_id(), _numbers(correction))
+            if same and 0.0 <= age_s <= MAX_AGE_S and kept.biases.is_plausible:
+                return aged(kept.biases, age_s, profile)
+    return None
+
+
+def save(serial: str, correction: NDArray[np.void], now_ns: int, biases: Biases) -> None:
+    """Replace the file as a whole, in the first folder that may be written. Raises OSError if there is none."""
+    content = msgspec.json.encode(_File(serial, _boot_id(), now_ns, _numbers(correction), biases))
+    refused = OSError("there is no folder for state")
+    for folder in places("state"):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile(dir=folder, prefix=".biases-", delete=False) as file:
+                file.write(content)
+            Path(file.name).replace(folder / _name(serial))
+            return
+        except OSError as error:
+            refused = error
+    raise refused
+
+
+def _name(serial: str) -> str:
+    return f"biases-{serial.encode().hex()}.json"
+
+
+def _numbers(correction: NDArray[np.void]) -> list[float]:
+    """All fields but NaN, which is not equal to itself."""
+    return [x for x in correction.view(np.float64).tolist() if not math.isnan(x)]
+
+
+def _boot_id() -> str:
+    return Path("/proc/sys/kernel/random/boot_id").read_text().strip()

@@ -35,6 +35,8 @@ NOT_NOTICED = {
     "navigation.class_memory": CLASSES_SECOND,
     "navigation.class_min_windows": CLASSES_SECOND,
     "navigation.gnss_return_gate": BETWEEN + "NIS of the first fix after a drift",
+    "navigation.inertial_heading_error": BETWEEN + "speed at which rejected fixes move",
+    "navigation.match_gate": BETWEEN + "NIS of a velocity change that was not felt",
     "navigation.inertial_velocity_error": BETWEEN + "speed at which rejected fixes move",
     "navigation.time_tag_tolerance_s": "tells exact time tags from others: anything well below their step does",
     "navigation.nhc_retry_s": BETWEEN + "time after which a land vehicle is recognized again",

@@ -22,7 +22,8 @@ import pytest
 from scipy.stats import chi2
 from simulated import G350, M_G350, errors, estimated, motion, received, samples_of, sensed, unknown_fixes
 
-from imud.configuration.settings import GpsTrack, Imu, Initial, Settings
+from imud.configuration import config
+from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.papers import gps_track, stationary
 from imud.estimators.records import ASSUMED, POSITION_VALID, SOLUTION
@@ -58,8 +59,12 @@ def assert_in_band(squares):
 
 
 @cache
-def normalised(name, scenario, seconds, at, rate_hz=50.0, grade=M_G350, rpy=(0.0, 0.0, 0.0), settings=G350):
-    """Squared errors over variances, (runs, times `at` in s, 9: position, velocity, roll pitch yaw); NIS per run."""
+def normalised(name, scenario, seconds, at, rate_hz=50.0, grade=M_G350, rpy=(0.0, 0.0, 0.0), changed=()):
+    """Squared errors over variances, (runs, times `at` in s, 9: position, velocity, roll pitch yaw); NIS per run.
+
+    changed: settings other than those of an M-G350, as of `--set`.
+    """
+    settings = config.loads("", ("imu.profile=m-g350", *changed))
     m = motion(scenario, seconds, rate_hz, rpy)
     k = np.array([round(t * rate_hz) for t in at])
     squares, nis = [], []
@@ -109,9 +114,9 @@ def test_attitude_on_a_turntable():
 @pytest.mark.parametrize("scenario", ["car", "figure8", "circle"])
 def test_attitude_on_a_vehicle(scenario, grade):
     """Curves, braking and hills are not learnt as tilt; without knowing speed, it cannot but fear them."""
-    profile = G350 if grade is M_G350 else Settings(imu=Imu(profile="consumer-mems"))
+    changed = () if grade is M_G350 else ("imu.profile=consumer-mems",)
     at = tuple(np.arange(10.0, 100.0, 5.0))
-    squares, _ = normalised("attitude", scenario, 100.0, at, grade=grade, settings=profile)
+    squares, _ = normalised("attitude", scenario, 100.0, at, grade=grade, changed=changed)
     assert 0.1 < np.mean(squares[:, :, RP]) < 2.0
     assert (mean_of(squares, RP) < 3.0).all()
 
@@ -173,8 +178,8 @@ def test_gps_track():
     squares, nis = normalised("gps-track", "car", 100.0, at, rate_hz=20.0)
     assert np.mean(squares[:, :, P]) > 3.0
     assert nis.mean() > 3.0
-    fitting = Settings(gps_track=GpsTrack(acceleration_var=2.0, position_var=1.5**2 + 0.2**2))
-    squares, nis = normalised("gps-track", "car", 100.0, at, rate_hz=20.0, settings=fitting)
+    fitting = ("gps_track.acceleration_var=2.0", f"gps_track.position_var={1.5**2 + 0.2**2}")
+    squares, nis = normalised("gps-track", "car", 100.0, at, rate_hz=20.0, changed=fitting)
     assert 0.5 < np.mean(squares[:, :, P]) < 2.0
     assert 0.25 < np.mean(squares[:, :, V]) < 2.0
     assert 0.2 < nis.mean() < 1.5
@@ -250,7 +255,7 @@ def test_gps_track_on_its_own_model():
     for run in range(RUNS):
         rng = np.random.default_rng([15, run])
         a = math.sqrt(q) * rng.standard_normal((n, 2))
-        v = rng.normal(0.0, gps_track.UNKNOWN_SPEED, 2) + np.vstack([np.zeros((1, 2)), np.cumsum(a, axis=0)[:-1]])
+        v = rng.normal(0.0, gps_track.INITIAL_SPEED_SIGMA, 2) + np.vstack([np.zeros((1, 2)), np.cumsum(a, axis=0)[:-1]])
         p = np.vstack([np.zeros((1, 2)), np.cumsum(v + 0.5 * a, axis=0)[:-1]])
         measured = p + math.sqrt(r) * rng.standard_normal((n, 2))
         filter_ = Filter(registry.by_name("gps-track"), Settings(), Initial(), 1.0)

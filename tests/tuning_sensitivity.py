@@ -9,18 +9,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from broad import HALF_TURN_ABOUT_X, samples_of
 
-from imud.process import runtime
-
-runtime.prepare()  # else numba would run stale kernels
-
-from broad import HALF_TURN_ABOUT_X, samples_of  # noqa: E402
-from kernels_in_c import to_c_if_possible  # noqa: E402
-
-from imud.configuration.settings import Attitude, Initial, Settings  # noqa: E402
-from imud.estimators import registry  # noqa: E402
-from imud.estimators.records import SOLUTION  # noqa: E402
-from imud.pipeline import Filter  # noqa: E402
+from imud.configuration.settings import Attitude, Initial, Settings
+from imud.estimators import registry
+from imud.estimators.records import SOLUTION
+from imud.pipeline import Filter
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 LEFT_OUT = "TStick_Test05"
@@ -36,7 +30,7 @@ def errors_of(trial, tuning):
     samples = samples_of(trial["t"], trial["gyr"] * HALF_TURN_ABOUT_X, trial["acc"] * HALF_TURN_ABOUT_X)
     rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
     settings = Settings(attitude=Attitude(tuning=tuning))
-    filter_ = to_c_if_possible(Filter(ESTIMATOR, settings, Initial(), rate_hz))
+    filter_ = Filter(ESTIMATOR, settings, Initial(), rate_hz)
     out = np.zeros(len(samples), SOLUTION)
     filter_.run(samples, out)
     found = score_attitude.errors(out["q_nb"] * np.concatenate([[1.0], HALF_TURN_ABOUT_X]), trial)

@@ -1,0 +1,27 @@
+"""Do the compilers agree? `python tests/same_bits.py [NAME..]` prints a digest of all words of each golden trace's run.
+
+Compare what it prints with IMUD_JIT=1 (numba), or with CC=clang and IMUD_KERNELS=/tmp/clang.so (another compiler).
+"""
+
+import hashlib
+import sys
+
+from golden import CLASSES, recording
+from golden_run import run
+
+from imud.compile import library
+
+
+def digest(name):
+    """Of all solutions and innovations of a golden trace's run, before they are thinned and rounded."""
+    whole = hashlib.sha256()
+    for rows in run(recording(name)):
+        for field in rows.dtype.names:  # not the padding
+            whole.update(rows[field].tobytes())
+    return whole.hexdigest()[:16]
+
+
+if __name__ == "__main__":
+    print(f"kernels of {'numba' if library.library() is None else 'the library'}", file=sys.stderr)
+    for name in sys.argv[1:] or CLASSES:
+        print(digest(name), name, flush=True)

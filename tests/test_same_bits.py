@@ -1,0 +1,48 @@
+"""gcc, clang and numba give the same words; all golden traces: `python tests/same_bits.py`."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from imud.compile import library
+
+TESTS = Path(__file__).resolve().parent
+NAMES = ("tilt", "stationary")  # numba compiles their kernels in seconds
+
+
+def digests(names, **variables):
+    command = [sys.executable, "same_bits.py", *names]
+    environment = {**os.environ, **variables}
+    ended = subprocess.run(command, capture_output=True, text=True, check=True, env=environment, cwd=TESTS)
+    assert ended.stderr.splitlines()[-1] == f"kernels of {'numba' if 'IMUD_JIT' in variables else 'the library'}"
+    return ended.stdout.split()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled():
+    if library.library() is None:
+        pytest.skip("there is no C compiler")
+
+
+def test_numba_gives_the_bits_of_the_library():
+    assert digests(NAMES, IMUD_JIT="1") == digests(NAMES)
+
+
+LARGER = ("attitude", "navigation", "ins9", "suh-adaptive")
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_another_compiler_gives_the_same(compiler, tmp_path):
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not on this machine")
+    assert digests(LARGER, CC=compiler, IMUD_KERNELS=str(tmp_path / "kernels.so")) == digests(LARGER)
+
+
+def test_without_optimisation_it_is_the_same(tmp_path):
+    made = str(tmp_path / "kernels.so")
+    subprocess.run([sys.executable, "-m", "imud.compile", made, "--coverage"], check=True, cwd=TESTS.parent)
+    assert digests(LARGER, IMUD_KERNELS=made) == digests(LARGER)

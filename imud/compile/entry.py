@@ -20,7 +20,7 @@ import numpy as np
 
 from drivers.jit import Kernel
 
-from . import library, numba_cache
+from . import library
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Dtype = np.dtype[Any] | None  # of an array's elements; None: an integer
@@ -64,12 +64,12 @@ class Entry(Kernel):
 
     @functools.cached_property
     def _by_numba(self) -> Callable[..., int | None]:
-        numba_cache.prepare()
+        _prepare_numba()
         return cast(Callable[..., int | None], self.compiled)
 
     @functools.cached_property
     def _callback(self) -> Any:
-        numba_cache.prepare()
+        _prepare_numba()
         import numba
 
         long = numba.types.int64
@@ -100,6 +100,12 @@ class Entry(Kernel):
             self._last[i] = weakref.ref(argument)
         else:
             raise TypeError(f"{self.name}: argument {i} must be a writable contiguous array of {dtype}")
+
+
+def _prepare_numba() -> None:
+    from . import numba_cache  # which most processes do not need
+
+    numba_cache.prepare()
 
 
 def _dtypes(arguments: tuple[Any, ...]) -> tuple[Dtype, ...]:

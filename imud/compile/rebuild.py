@@ -1,0 +1,75 @@
+"""Builds the library of all kernels where there is none of these sources, in a process of its own."""
+
+import contextlib
+import fcntl
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from . import build
+from .library import PACKAGES, ROOT, defect, digest, sha256
+
+
+def loaded_sources(root: Path = ROOT) -> list[str]:
+    """The source files of ours that this process has loaded: whatever the kernels depend on is among them."""
+    folders = tuple(f"{root / package}{os.sep}" for package in PACKAGES)
+    files = (getattr(module, "__file__", None) for module in list(sys.modules.values()))
+    return sorted({Path(f).relative_to(root).as_posix() for f in files if f and f.startswith(folders)})
+
+
+def seal(library: Path, files: Sequence[str]) -> None:
+    """Append the line that says of which sources a library is."""
+    code = library.read_bytes()
+    line = {"machine": os.uname().machine, "code": sha256(code), "sources": digest(files), "files": list(files)}
+    with library.open("ab") as file:
+        file.write(b"\n" + json.dumps(line).encode())
+
+
+def rebuild(candidates: Sequence[Path]) -> Path:
+    """Build the library at the first of these places that can be written. Raises CannotBuildError, OSError."""
+    build.compiler()
+    with _locked(candidates) as place:
+        if defect(place) is not None:  # nobody else has built it meanwhile
+            print("imud: compiling the kernels for these sources, some 15 s", file=sys.stderr, flush=True)
+            with tempfile.TemporaryDirectory(prefix=f"{place.stem}-", dir=place.parent) as folder:
+                made = Path(folder, place.name)
+                _in_a_process(made)
+                made.replace(place)  # whole or not at all
+        return place
+
+
+@contextlib.contextmanager
+def _locked(candidates: Sequence[Path]) -> Iterator[Path]:
+    """The first place in whose folder files can be written; within the block no other process builds there."""
+    for place in candidates:
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            folder = os.open(place.parent, os.O_RDONLY)
+        except OSError:
+            continue
+        try:
+            if os.access(place.parent, os.W_OK):
+                fcntl.flock(folder, fcntl.LOCK_EX)
+                yield place
+                return
+        finally:
+            os.close(folder)
+    raise build.CannotBuildError(f"none of {', '.join(str(place) for place in candidates)} can be written")
+
+
+def _in_a_process(output: Path) -> None:
+    """Build in a process of its own, which ends with this one's wait. Raises CannotBuildError."""
+    command = [sys.executable, "-m", "imud.compile", str(output)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True, cwd=ROOT) as process:
+        try:
+            said = process.communicate()[1]
+        except BaseException:  # a signal ends us
+            os.killpg(process.pid, signal.SIGKILL)
+            raise
+    if process.returncode:
+        raise build.CannotBuildError(said.strip()[-2000:])

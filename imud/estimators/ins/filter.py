@@ -15,7 +15,7 @@ from .aiding.gnss_position import write_innovation
 from .alignment.transitions import start_navigation
 from .alignment.velocity_pairs import is_levelled
 from .error_model import reset_turn_scale
-from .fusion import propagate_errors
+from .fusion import clear_innovations, propagate_errors
 from .fusion_horizon import (
     fit_acceleration,
     fusion_time,
@@ -30,7 +30,7 @@ from .fusion_horizon import (
 )
 from .gnss_fix import fuse_gnss, is_usable, set_noise
 from .mechanization import set_attitude
-from .propagation import store_last_sample
+from .propagation import store_first_sample
 from .solution import write_solution
 from .sources import REJECTED_KIND, fuse_source
 from .state import AIDING_RING, NEVER_NS, PENDING_INNOVATIONS
@@ -74,7 +74,6 @@ def step(p: Parameters, s: State, sample: Sample, solution: Solution) -> None:
         if good and (sample.flags & UNTOLD) == 0:
             initialize(p, c, sample.t_ns, w, f, s.initial_rpy)
             store_sample(s, sample, w, f)
-            c.imu.sample_count = 1
     elif sample.t_ns > s.imu_ring[(s.sample_count - 1) % len(s.imu_ring)].t_ns:
         store_sample(s, sample, w, f)
         replay_to_newest(p, s)
@@ -90,7 +89,7 @@ def collect_innovations(s: State) -> None:
         if s.pending_count < PENDING_INNOVATIONS:
             s.pending_innovations[s.pending_count] = c.scratch.innovations[k]
             s.pending_count += 1
-    c.scratch.innovation_count = 0
+    clear_innovations(c)
 
 
 @kernel
@@ -108,8 +107,7 @@ def take_innovations(s: State, innovations: list[Innovation]) -> int:
 @kernel
 def initialize(p: Parameters, c: Core, t_ns: int, w: Floats, f: Floats, rpy: Floats) -> None:
     """Take the first sample: the attitude is that of rest, unless it was given."""
-    c.imu.sample_ns = t_ns
-    store_last_sample(c, t_ns, w, f)
+    store_first_sample(c, t_ns, w, f)
     first_window(c, f)
     roll, pitch, yaw = rpy[0], rpy[1], rpy[2]
     if not (math.isfinite(roll) and math.isfinite(pitch)):
@@ -185,7 +183,7 @@ def fuse_from(p: Parameters, s: State, new: int, snapped: int, innovations: list
         else:
             store_snapshot_if_due(s)
     replay_to_newest(p, s)
-    c.scratch.innovation_count = 0
+    clear_innovations(c)
     return rows
 
 

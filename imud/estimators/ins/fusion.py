@@ -74,6 +74,12 @@ def pseudo_measurement(c: Core, kind: int, m: int, z: float, r: float, gate: flo
 
 
 @kernel
+def clear_innovations(c: Core) -> None:
+    """The innovations of the last sample have been read."""
+    c.scratch.innovation_count = 0
+
+
+@kernel
 def correct_state(p: Parameters, c: Core) -> None:
     """Add the gathered correction to the nominal state; the integrals of the alignment are kept as if it were not."""
     retain_integrals(c)

@@ -110,6 +110,14 @@ def store_last_sample(c: Core, t_ns: int, w: Floats, f: Floats) -> None:
 
 
 @kernel
+def store_first_sample(c: Core, t_ns: int, w: Floats, f: Floats) -> None:
+    """The core begins at the first sample."""
+    c.imu.sample_count = 1
+    c.imu.sample_ns = t_ns
+    store_last_sample(c, t_ns, w, f)
+
+
+@kernel
 def propagate_to(p: Parameters, c: Core, t_ns: int, w: Floats, f: Floats) -> None:
     """Bring the core to time t_ns, at which the sensor shows (w, f)."""
     dt = 1e-9 * (t_ns - c.nav.t_ns)

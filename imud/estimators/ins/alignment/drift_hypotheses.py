@@ -19,6 +19,7 @@ from ..observers.heading_integrals import (
     Complex,
     add_corrections,
     add_scaled,
+    clear_corrections,
     conjugate_product,
     element,
     multiply,
@@ -138,7 +139,7 @@ def apply_corrections(p: Parameters, c: Core, b: HypothesisBank) -> None:
     add_corrections(d, c.alignment.mean_integrals, DELTA_V)
     add_corrections(d, b.last_integrals, DELTA_V)
     add_corrections(d, b.last_double_integrals, DELTA_V)
-    d[:] = 0.0
+    clear_corrections(c)
 
 
 @kernel

@@ -110,6 +110,12 @@ def component(m: Any, axis: int, v: Any) -> float:
 
 
 @kernel
+def clear_corrections(c: Core) -> None:
+    """All corrections have been applied to what is kept."""
+    c.alignment.corrections[:] = 0.0
+
+
+@kernel
 def clear_integrals(c: Core) -> None:
     """Begin with the level frame as it is."""
     c.alignment.wander_azimuth = c.alignment.vertical_bias = c.alignment.wander_azimuth_drift = 0.0

@@ -16,7 +16,6 @@ import msgspec
 from drivers.capture import Connection, Raw
 from drivers.registry import by_name
 from imud import client
-from imud.configuration import config
 from imud.configuration.settings import Initial, Settings
 from imud.errors import ConfigError, ImudError
 from imud.outputs.gpsd_dialogue import Inbox, Policy, answer
@@ -25,8 +24,10 @@ from imud.outputs.listen import parse_address
 from imud.outputs.view import Device, View
 from imud.recording.file import RecordingFile
 from imud.recording.player import Player
+from imud.recording.samples import read_samples
 from imud.recording.source import adapter, group
-from imud.tables.inputs import read_fixes, read_samples
+from imud.setup import config
+from imud.tables.inputs import read_fixes
 
 
 @dataclass(frozen=True)

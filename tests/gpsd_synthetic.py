@@ -23,7 +23,8 @@ from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALI
 from imud.math.earth import radii
 from imud.math.rotation import quat_of_euler
 from imud.outputs.gpsd import GpsdServer
-from imud.outputs.view import Device, Gnss, View
+from imud.outputs.view import Device, View
+from imud.sensors.readings import Gnss
 
 LAT_DEG, LON_DEG, HEIGHT_M, GEOID_M = 48.137154, 11.576124, 565.0, 46.0
 RADIUS_M, SPEED_MPS = 50.0, 10.0

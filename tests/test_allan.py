@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from imud.commands import main
-from imud.configuration import config
 from imud.sensor_errors.noise import allan_deviation
 from imud.sensor_errors.profiles import PROFILES, profile_of
+from imud.setup import config
 
 RATE_HZ = 20.0
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from imud.configuration import config
 from imud.configuration.settings import Initial, Settings
 from imud.errors import ConfigError
+from imud.setup import config
 
 
 def test_defaults_without_a_file():

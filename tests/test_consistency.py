@@ -22,7 +22,6 @@ import pytest
 from scipy.stats import chi2
 from simulated import G350, M_G350, errors, estimated, motion, received, samples_of, sensed, unknown_fixes
 
-from imud.configuration import config
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.papers import gps_track, stationary
@@ -30,6 +29,7 @@ from imud.estimators.records import ASSUMED, POSITION_VALID, SOLUTION
 from imud.math.kalman import unpack
 from imud.pipeline import Filter
 from imud.sensor_errors.profiles import PROFILES
+from imud.setup import config
 
 RUNS = 100
 G = 9.80665

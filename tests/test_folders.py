@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from imud import folders
 from imud.compile import numba_cache
-from imud.configuration import folders
 
 
 @pytest.fixture

@@ -11,16 +11,17 @@ import pytest
 from nmea_lines import decode, gga, line, rmc, vtg
 
 from drivers.registry import by_name
-from imud.configuration.config import load
 from imud.configuration.settings import Gnss
 from imud.daemon.receiver_alone import solution
 from imud.errors import BadDataError, ConfigError
 from imud.outputs.gpsd_json import Report
-from imud.outputs.view import Gnss as GnssView
 from imud.outputs.view import View
-from imud.sensors.gnss import fixes_of_log, record, refusal
+from imud.sensors.gnss import record, refusal
+from imud.sensors.readings import Gnss as GnssView
 from imud.sensors.receiver import Receiver
+from imud.setup.config import load
 from imud.tables.lines import is_nmea
+from imud.tables.nmea_log import fixes_of_log
 
 FIX = decode(gga() + rmc(motion="10.0,90.0") + vtg())[0][0]
 

@@ -16,7 +16,8 @@ from drivers.fix import Satellite, Sky
 from imud.estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, SOLUTION
 from imud.outputs.gpsd_json import CLASSES, Report, status_words
 from imud.outputs.gpsd_objects import line, quoted
-from imud.outputs.view import NO_SOLUTION, Device, Gnss, View
+from imud.outputs.view import NO_SOLUTION, Device, View
+from imud.sensors.readings import Gnss
 
 FULL = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID
 GNSS = Gnss(satellites=9, hdop=0.9, quality=1, alt_msl=454.0, geoid_sep=46.125, age_s=0.1)

@@ -8,7 +8,7 @@ import pytest
 
 from imud.commands import install_service, main
 from imud.commands.install_service import Remove, Run, Write, _program
-from imud.configuration import config
+from imud.setup import config
 
 FILES = {
     "etc/systemd/system/imud@.service",

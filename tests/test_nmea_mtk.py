@@ -19,8 +19,8 @@ from firmware_sim.fixes import SimulatedFixes
 from firmware_sim.motion import Trajectory
 from firmware_sim.nmea import FvM11
 from firmware_sim.scenarios import SCENARIOS
-from imud.configuration.config import load
 from imud.configuration.settings import Settings
+from imud.setup.config import load
 
 FAST = Options(fix_rate_hz=5.0)
 

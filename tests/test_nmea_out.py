@@ -24,7 +24,8 @@ from imud.errors import CannotCreateError, ConfigError
 from imud.estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, SOLUTION
 from imud.outputs.nmea import _UNREAD, NmeaOutput
 from imud.outputs.nmea_sentences import sentences
-from imud.outputs.view import Gnss, View
+from imud.outputs.view import View
+from imud.sensors.readings import Gnss
 
 ALL = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID
 GNSS = Gnss(satellites=7, hdop=1.25, quality=1, alt_msl=80.0, geoid_sep=20.0, age_s=0.1)

@@ -5,8 +5,8 @@ from dataclasses import asdict
 
 import pytest
 
-from imud.configuration import config
 from imud.sensor_errors.profiles import PROFILES, profile_of
+from imud.setup import config
 
 
 def test_what_is_not_said_is_the_profiles():

@@ -13,9 +13,9 @@ from test_drivers_on_emulators import is_right
 from drivers.detect import detect
 from drivers.driver import GnssConfigured, Identity, ImuConfigured, Options, Unsupported
 from drivers.registry import by_name
-from imud.configuration import choices
-from imud.configuration.config import load
 from imud.errors import UsageError
+from imud.setup import choices
+from imud.setup.config import load
 
 
 def overheard(wire, **options):

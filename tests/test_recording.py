@@ -17,13 +17,14 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.capture import Capture
+from imud.commands import replay_recordings
 from imud.configuration.settings import Initial
 from imud.recording import many, replaying
 from imud.recording.clock_fit import row_of
 from imud.recording.messages import CLOCK_TABLE, ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE, SAMPLE_TABLE
 from imud.recording.player import Player
+from imud.recording.samples import read_samples
 from imud.recording.source import Recording, adapter, group
-from imud.tables.inputs import read_samples
 
 SCENARIO = ("--scenario", "car")
 
@@ -167,8 +168,8 @@ def test_workers_without_this_imud_are_named():
 
 def test_files_of_a_name_are_told_apart_by_their_folders():
     paths = [Path(text) for text in ("/x/a/drive.mcap", "/x/b/drive.mcap", "/x/b/other.mcap")]
-    assert replaying.names_apart(paths) == ["a_drive", "b_drive", "other"]
-    assert replaying.names_apart(paths[1:]) == ["drive", "other"]
+    assert replay_recordings.names_apart(paths) == ["a_drive", "b_drive", "other"]
+    assert replay_recordings.names_apart(paths[1:]) == ["drive", "other"]
 
 
 def test_the_export_is_what_replay_takes_and_what_ros_reads(recorded, tmp_path):

@@ -10,9 +10,9 @@ import pytest
 
 from imud.commands import COMMANDS
 from imud.commands.reference import man_command, man_configuration, sample, table, titles
-from imud.configuration import config
 from imud.configuration.schema import keys
 from imud.configuration.settings import Settings
+from imud.setup import config
 
 
 def uncommented(text: str) -> str:

@@ -16,7 +16,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from imud.clocks.epochs import EpochClock
-from imud.configuration import config
 from imud.configuration.schema import Key, choices_of, keys, kind_of, split
 from imud.configuration.settings import Initial, Settings
 from imud.errors import ConfigError
@@ -26,6 +25,7 @@ from imud.outputs.all import Outputs
 from imud.outputs.gpsd_dialogue import _WatchArgument
 from imud.pipeline import Filter
 from imud.recording.writer import Thinner
+from imud.setup import config
 
 SECOND = 1_000_000_000
 KEYS = list(keys())

@@ -8,13 +8,13 @@ from broad import samples_of
 
 from drivers.sample import SAMPLE
 from imud.commands.reference import tuning
-from imud.configuration import config
 from imud.configuration.settings import Initial
 from imud.errors import ConfigError
 from imud.estimators import registry
 from imud.estimators.records import SOLUTION
 from imud.estimators.tuning import Tunable, dtype_of, problems, values_of
 from imud.pipeline import Filter
+from imud.setup import config
 
 ESTIMATORS = [registry.by_name(name) for name in registry.NAMES]
 TUNED = [estimator for estimator in ESTIMATORS if estimator.tunables]

@@ -59,9 +59,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from ..recording.samples import read_samples
     from ..sensor_errors.noise import allan_deviation
     from ..sensor_errors.profiles import PROFILES
-    from ..tables.inputs import read_samples
 
     keep_apart([args.output, args.settings], [args.recording])
     if args.sheet not in PROFILES:

@@ -12,8 +12,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..configuration import config
 from ..errors import ConfigError, ImudError, InputMissingError, PermissionDeniedError, UsageError
+from ..setup import config
 from .reference import man_command, man_configuration, sample
 
 _BUILT_FOR = "/opt/imud/bin/imud"  # what the unit in systemd/ calls

@@ -12,7 +12,6 @@ import structlog
 from drivers.driver import AnyDriver, GnssConfigured, Identity
 from drivers.errors import PortEndedError, PortLostError
 
-from ..configuration import choices, config
 from ..configuration.settings import Settings
 from ..daemon import simulated
 from ..daemon.ports import Configured, Port
@@ -22,6 +21,7 @@ from ..process.signals import caught, endings
 from ..recording.recorder import Recorder, recording
 from ..sensor_errors import calibration
 from ..sensors.tap import READ, Tap
+from ..setup import choices, config
 from .arguments import above_zero, add_settings
 
 _TICK_S = 0.02

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..configuration import config
 from ..configuration.settings import Initial, Settings
 from ..errors import BadDataError, CannotCreateError, UsageError
 from ..progress import Progress
+from ..setup import config
 from ..tables.output import open_output
 from .arguments import above_zero, add_settings, at_least_one
 from .files import input_file, keep_apart
@@ -114,11 +114,11 @@ def _estimator_name(args: argparse.Namespace, settings: Settings) -> str:
 def run(args: argparse.Namespace) -> int:
     keep_apart([args.output, args.innovations], [args.imu, args.gnss, args.calibration, *args.recordings])
     if args.recordings:
-        from ..recording import replaying
+        from . import replay_recordings
 
         if args.imu or args.gnss or args.calibration or args.innovations:
             raise UsageError("replay: --imu, --gnss, --calibration and --innovations are for tables, not recordings")
-        return replaying.run(args)
+        return replay_recordings.run(args)
     settings = config.load(args.config, args.set)
     initial = config.parse_assignments(args.initial, Initial, "--initial")
     if args.imu is None:
@@ -174,7 +174,7 @@ def _read_gnss(
     if path is None:
         return np.zeros(0, FIX)
     if is_nmea(path):
-        from ..sensors.gnss import fixes_of_log
+        from ..tables.nmea_log import fixes_of_log
 
         def tell(refused: str) -> None:
             print(f"imud replay: {path}: {refused}", file=sys.stderr)

@@ -4,11 +4,11 @@ import argparse
 
 import msgspec
 
-from ..configuration import config
 from ..configuration.settings import Settings
 from ..daemon import simulated
 from ..errors import CannotCreateError, UsageError
 from ..process import log
+from ..setup import config
 from .arguments import add_settings, seed
 
 
@@ -63,9 +63,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _check(settings: Settings) -> None:
     """What the daemon would refuse before it touches a device. Raises ConfigError, UsageError, CannotCreateError."""
-    from ..configuration import choices
     from ..outputs.listen import addresses_of, parse_path
     from ..recording.control import folder_trouble
+    from ..setup import choices
 
     real = tuple(text for text in settings.ports if not text.startswith(simulated.SCHEME))
     choices.ports(msgspec.structs.replace(settings, ports=real))

@@ -56,7 +56,7 @@ def places() -> list[Path]:
     """Where the library is looked for, and built: the first of them that can be written."""
     if given := os.environ.get("IMUD_KERNELS"):
         return [Path(given).resolve()]
-    from ..configuration.folders import places as folders
+    from ..folders import places as folders
 
     name = f"kernels-{sha256(str(ROOT).encode())[:12]}.so"  # of this installation
     return [INSTALLED, *(folder / name for folder in folders("cache"))]

@@ -16,8 +16,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from ..configuration.folders import places
 from ..errors import CannotCreateError
+from ..folders import places
 
 _ROOT = Path(__file__).resolve().parents[2]
 _ROOMS = ("imud", "drivers")

@@ -1,1 +1,1 @@
-"""What a user may set: the keys, how they are read, and what they make of a daemon."""
+"""What a user may set: the keys, with their types, ranges, units and defaults."""

@@ -6,9 +6,10 @@ import structlog
 
 from ..estimators.records import ATTITUDE_VALID
 from ..outputs.all import Outputs
-from ..outputs.view import ClockFit, Health
+from ..outputs.view import Health
 from ..process.contained import ContainedErrors
 from ..sensors.inertial import Inertial
+from ..sensors.readings import ClockFit
 from ..sensors.receiver import Receiver
 from . import vitals
 from .announce import Announcer

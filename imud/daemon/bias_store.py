@@ -7,13 +7,13 @@ import structlog
 
 from drivers.driver import ImuConfigured
 
-from ..configuration import choices
 from ..configuration.settings import Settings
 from ..sensor_errors import stored_biases
 from ..sensor_errors.calibration import Calibration, correction
 from ..sensor_errors.profiles import profile_of
 from ..sensor_errors.stored_biases import Biases
 from ..sensors.inertial import Inertial
+from ..setup import choices
 
 _PERIOD_NS = 5_000_000_000
 

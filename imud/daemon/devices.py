@@ -14,7 +14,6 @@ from drivers.driver import AnyDriver, Identity, ImuConfigured
 from drivers.errors import PortEndedError, PortLostError
 from drivers.transport.line import Known
 
-from ..configuration import choices
 from ..configuration.settings import Settings
 from ..errors import ImudError, UsageError
 from ..math.arrays import Records
@@ -28,6 +27,7 @@ from ..sensors.fitting import Fitting
 from ..sensors.inertial import Inertial
 from ..sensors.rate import ALIKE
 from ..sensors.receiver import Receiver
+from ..setup import choices
 from .bias_store import BiasStore
 from .cycle import Cycle
 from .ports import Configured, Port

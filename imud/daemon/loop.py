@@ -15,7 +15,6 @@ import structlog
 
 from .. import compilation
 from ..compile import library
-from ..configuration.config import adopt
 from ..configuration.settings import Settings
 from ..errors import ImudError
 from ..outputs.all import Outputs
@@ -25,6 +24,7 @@ from ..process.notify import Notifier
 from ..process.signals import caught, endings
 from ..recording.control import Recordings
 from ..sensors.inertial import Inertial
+from ..setup.config import adopt
 from ..stages import BATCH
 from .account import Account
 from .cycle import FAILED, SHOW, Cycle

@@ -21,10 +21,11 @@ from imud.estimators.records import (
     REJECTING,
     SATURATED,
 )
+from imud.sensors.readings import NO_VECTOR, Gnss
 
 from .gpsd_objects import Numbers, head, line, quoted, time_of
 from .gpsd_sky import sky_object
-from .view import NAN, NO_SOLUTION, NO_VECTOR, Gnss, State, Vector, View, decode, euler
+from .view import NAN, NO_SOLUTION, State, Vector, View, decode, euler
 
 
 def _bound95(*sigmas: float) -> float:

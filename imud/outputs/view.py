@@ -11,13 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drivers.fix import Sky
 from imud.estimators.records import POSITION_VALID, SOLUTION
+from imud.sensors.readings import NO_VECTOR, ClockFit, Gnss
 
 NAN = math.nan
 _LOCK = 1.0 - 1e-13  # sine of a pitch at which rounding decides what roll and yaw are
 Vector = tuple[float, ...]
-NO_VECTOR = (NAN, NAN, NAN)
 
 
 def _unknown() -> bytes:
@@ -40,26 +39,6 @@ class Device(NamedTuple):
     model: str = ""
     serial: str = ""
     activated_s: float = NAN  # unix time of opening
-
-
-class Gnss(NamedTuple):
-    """What the receiver said with its last fix that the solution does not hold."""
-
-    satellites: int | None = None  # in use
-    hdop: float = NAN
-    quality: int | None = None  # as NMEA GGA
-    alt_msl: float = NAN  # m
-    geoid_sep: float = NAN  # m, geoid above ellipsoid
-    age_s: float = NAN  # since the fix
-    sky: Sky = Sky()
-
-
-class ClockFit(NamedTuple):
-    """How well the counter of the inertial sensor fits the host's time."""
-
-    residual_s: float = NAN  # median distance of the earliest arrivals from the line
-    drift: float = NAN  # of the sensor's clock against the host's, positive when slow; dimensionless
-    sigma_drift: float = NAN  # 1 sigma by the scatter of the arrivals alone
 
 
 class Health(NamedTuple):

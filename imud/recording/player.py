@@ -12,7 +12,6 @@ import msgspec
 from drivers.capture import CONNECTIONS, Connection, Entry, Raw
 from drivers.registry import by_name
 
-from ..configuration.choices import settings_for
 from ..configuration.settings import Initial, Settings
 from ..errors import BadDataError
 from ..math.arrays import Records
@@ -22,6 +21,7 @@ from ..sensors.fitting import Fitting
 from ..sensors.inertial import Inertial
 from ..sensors.receiver import Receiver
 from ..sensors.tap import READ
+from ..setup.choices import settings_for
 from .messages import SETTINGS
 
 

@@ -12,6 +12,7 @@ from ..errors import BadDataError
 from ..math.arrays import Records
 from ..progress import Progress
 from ..sensor_errors.calibration import name_of
+from ..tables.inputs import is_recording, read_imu
 from .player import Player
 from .source import Recording, adapter, tell
 
@@ -54,6 +55,11 @@ def samples_of(path: Path) -> tuple[Records, int, int]:
     origin = math.floor(samples["t_ns"][0] * 1e-9)
     samples["t_ns"] -= origin * 1_000_000_000
     return samples, origin, 0
+
+
+def read_samples(path: Path) -> tuple[Records, int, int]:
+    """As `read_imu`, from a CSV file or a recording (MCAP), told apart by the first bytes."""
+    return samples_of(path) if is_recording(path) else read_imu(path)
 
 
 def own_samples_of(path: Path) -> tuple[Records, str]:

@@ -11,9 +11,9 @@ from typing import Any
 import msgspec
 
 from .. import __version__
-from ..configuration import config
 from ..configuration.settings import Settings
 from ..errors import BadDataError, ConfigError, InputMissingError, UsageError
+from ..setup import config
 
 _SETTINGS = "settings.json"  # name of the attachment
 

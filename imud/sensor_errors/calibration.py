@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from drivers.driver import Identity
 
 from ..compile.jit import interpreted, kernel
-from ..configuration.folders import places
 from ..errors import BadDataError, CannotCreateError, InputMissingError
+from ..folders import places
 from ..math.rotation import dcm_of_quat, quat_of_euler
 
 Triple = tuple[float, float, float]

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ..configuration.folders import places
+from ..folders import places
 from .calibration import Triple
 from .profiles import Profile
 

@@ -7,11 +7,11 @@ from typing import Any
 from drivers.driver import ImuConfigured, ImuDriver
 from drivers.transport.line import Line
 
-from ..configuration import choices
 from ..configuration.settings import Initial, Settings
 from ..pipeline import Filter, Stream
 from ..sensor_errors.calibration import Calibration
 from ..sensor_errors.stored_biases import Biases
+from ..setup import choices
 from .inertial import Inertial
 
 RATE_STEP = 0.1  # logarithmic: sensors within that are the same to a filter

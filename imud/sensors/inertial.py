@@ -8,11 +8,11 @@ import numpy as np
 from drivers.driver import ImuConfigured, ImuDriver
 from drivers.transport.line import Known, Line
 
-from ..outputs.view import NO_VECTOR, ClockFit
 from ..pipeline import Stream
 from .health import shown, words
 from .loss import MUCH, Loss
 from .rate import Pace, Rate
+from .readings import NO_VECTOR, ClockFit
 from .tap import READ, Tap
 
 SILENCE_NS = 1_000_000_000  # a stream this long silent is broken

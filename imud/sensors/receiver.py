@@ -11,10 +11,10 @@ from drivers.transport.line import Line
 from ..clocks.epochs import EpochClock
 from ..configuration.settings import Gnss as GnssSettings
 from ..math.arrays import Records
-from ..outputs.view import Gnss
 from .gnss import Refusal, record, refusal
 from .loss import MUCH, Loss
 from .rate import Rate
+from .readings import Gnss
 from .tap import READ, Tap
 
 SILENCE_NS = 5_000_000_000  # a stream this long silent is broken

@@ -114,15 +114,6 @@ def is_recording(path: Path) -> bool:
     return first_bytes(path, len(_MCAP)) == _MCAP
 
 
-def read_samples(path: Path) -> tuple[NDArray[np.void], int, int]:
-    """As `read_imu`, from a CSV file or a recording (MCAP), told apart by the first bytes."""
-    if is_recording(path):
-        from ..recording.samples import samples_of
-
-        return samples_of(path)
-    return read_imu(path)
-
-
 def read_imu(path: Path, left_out: LeftOut | None = None) -> tuple[NDArray[np.void], int, int]:
     """Samples (array of SAMPLE), the origin in whole s, and how many rows were skipped because time stood or ran back.
 

@@ -25,8 +25,8 @@ from firmware_sim.cli import SCENARIO_NAMES
 from firmware_sim.faults import spec
 from imud.commands import web
 from imud.commands.arguments import above_zero, add_settings, seed
-from imud.configuration import config
 from imud.errors import ImudError, UsageError
+from imud.setup import config
 
 from .comparison import Comparison, Truth
 from .screen import Display, summary

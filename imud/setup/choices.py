@@ -11,10 +11,10 @@ from drivers.errors import PortAbsentError, SpecError
 from drivers.transport.portspec import PortSpec
 from drivers.transport.pps import PulsePerSecond
 
+from ..configuration.settings import Settings
 from ..errors import DeviceAbsentError, UsageError
 from ..estimators import Estimator, registry
 from ..sensor_errors.profiles import PROFILES
-from .settings import Settings
 
 RECORDED = "replay:"  # several ports may play one file
 WITHOUT_GYROS = "tilt"  # the estimator for sensors that lack them

@@ -13,9 +13,9 @@ from typing import Any, TypeVar, get_type_hints
 
 import msgspec
 
+from ..configuration.schema import is_table, is_valid, keys, kind_of
+from ..configuration.settings import Settings
 from ..errors import ConfigError
-from .schema import is_table, is_valid, keys, kind_of
-from .settings import Settings
 
 Struct = TypeVar("Struct", bound=msgspec.Struct)
 _FILE_MAX = 1 << 18  # bytes; all keys with their descriptions are 12 kB

@@ -1,0 +1,28 @@
+"""What a sensor reports beside samples and fixes. Values only, frozen; unknown is NaN, as in the records."""
+
+from math import nan
+from typing import NamedTuple
+
+from drivers.fix import Sky
+
+NO_VECTOR = (nan, nan, nan)
+
+
+class Gnss(NamedTuple):
+    """What the receiver said with its last fix that the solution does not hold."""
+
+    satellites: int | None = None  # in use
+    hdop: float = nan
+    quality: int | None = None  # as NMEA GGA
+    alt_msl: float = nan  # m
+    geoid_sep: float = nan  # m, geoid above ellipsoid
+    age_s: float = nan  # since the fix
+    sky: Sky = Sky()
+
+
+class ClockFit(NamedTuple):
+    """How well the counter of the inertial sensor fits the host's time."""
+
+    residual_s: float = nan  # median distance of the earliest arrivals from the line
+    drift: float = nan  # of the sensor's clock against the host's, positive when slow; dimensionless
+    sigma_drift: float = nan  # 1 sigma by the scatter of the arrivals alone

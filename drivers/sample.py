@@ -2,8 +2,8 @@
 
 A level sensor at rest shows f = (0, 0, -g): specific force, not gravity. Drivers write rows of a preallocated
 array of `SAMPLE`. `t_ns` is written later by the clock, which fits `tick` (counter wraps removed, lost samples counted)
-to the host's time; `unseen_s` and the flags from NO_RATE to LIMITED_FORCE are written by `imud/sensors/health.py`,
-POWER_ON by the pipeline.
+to the host's time; `unseen_s` and the flags from NO_RATE to LIMITED_FORCE are written by
+`imud/sensor_monitor/health.py`, POWER_ON by the pipeline.
 """
 
 import numpy as np

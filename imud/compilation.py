@@ -24,7 +24,7 @@ from .outputs.shared_memory import WORD, write
 from .pipeline import Filter, Stream
 from .sensor_errors.noise import allan_variances
 from .sensor_errors.profiles import profile_of
-from .sensors.health import examine_all, new_health, shown
+from .sensor_monitor.health import examine_all, new_health, shown
 from .stages import decoding
 
 _RATE_HZ, _PERIOD_NS = 1000.0, 1_000_000

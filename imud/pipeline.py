@@ -19,7 +19,7 @@ from .math.arrays import Records
 from .sensor_errors.calibration import Calibration, correction
 from .sensor_errors.profiles import profile_of, ranges_of
 from .sensor_errors.stored_biases import Biases
-from .sensors.health import new_health
+from .sensor_monitor.health import new_health
 from .stages import BATCH, BYTE, RX, STREAM, Stages, decoding, ingest
 
 UNREAD, OF_A_FIX = 1024, 16  # innovations, at most: of samples since `told` was last called; of one fix

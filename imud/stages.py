@@ -21,7 +21,7 @@ from .estimators import Estimator
 from .estimators.records import SOLUTION
 from .math.arrays import Records
 from .sensor_errors.calibration import CORRECTION, correct
-from .sensors.health import HEALTH, examine
+from .sensor_monitor.health import HEALTH, examine
 
 Kernel = Callable[..., Any]
 BATCH = 1024  # samples one call may yield: more than a reading can hold of the shortest frames, lines of 6 bytes

@@ -9,7 +9,7 @@ from replay_in_process import new_filter, replay
 from drivers.sample import LIMITED_FORCE, LIMITED_RATE
 from imud.configuration.settings import Imu, Settings
 from imud.estimators.records import SATURATED, SOLUTION
-from imud.sensors.health import shown, words
+from imud.sensor_monitor.health import shown, words
 
 RATE, RANGE = 100, 7.4  # Hz, rad/s
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, SAMPLE, SATURATED, SUSPECT
 from imud.sensor_errors.profiles import PROFILES
-from imud.sensors.health import examine, new_health, shown, words
+from imud.sensor_monitor.health import examine, new_health, shown, words
 
 G = 9.80665
 G350 = PROFILES["m-g350"]

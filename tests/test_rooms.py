@@ -1,10 +1,12 @@
-"""The rooms of the house: which package may import what, read from the import statements themselves."""
+"""Which package, folder and file may import what, read from the import statements themselves."""
 
 import ast
 import sys
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
+from import_graph import import_graph
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("imud", "drivers", "firmware_sim")
@@ -20,6 +22,54 @@ FORBIDDEN = {  # room: packages it must not know
     "firmware_sim": {"imud", "drivers"},
 }
 DEVICES = sorted(f"drivers/{path.parent.name}" for path in (ROOT / "drivers").glob("*/driver.py"))
+FLOORS = (  # lowest first; a file imports from its own floor or below; of several paths that fit the longest counts
+    ("drivers",),  # the protocol of drivers, samples, fixes, errors
+    ("drivers/transport", *DEVICES),
+    ("drivers/detect.py", "firmware_sim"),
+    ("firmware_sim/faults",),
+    ("firmware_sim/build.py", "firmware_sim/emulator.py", "firmware_sim/cli.py", "firmware_sim/__main__.py"),
+    ("firmware_sim/bench.py",),
+    ("firmware_sim/stand_in",),
+    ("imud/__init__.py", "imud/client.py", "imud/errors.py", "imud/folders.py", "imud/progress.py"),
+    ("imud/compile",),
+    ("imud/math", "imud/figures.py"),
+    ("imud/configuration", "imud/process"),
+    ("imud/clocks", "imud/sensor_errors", "imud/sensor_monitor"),
+    ("imud/estimators", "imud/estimators/ahrs", "imud/estimators/papers"),
+    ("imud/estimators/ins/state.py", "imud/estimators/ins/types.py"),
+    ("imud/estimators/ins/mechanization.py",),
+    ("imud/estimators/ins/ekf.py",),
+    ("imud/estimators/ins/error_model.py", "imud/estimators/ins/setup.py", "imud/estimators/ins/solution.py"),
+    ("imud/estimators/ins/observers",),
+    ("imud/estimators/ins/fusion.py",),
+    ("imud/estimators/ins/stationarity.py",),
+    ("imud/estimators/ins/aiding",),
+    ("imud/estimators/ins/alignment",),
+    ("imud/estimators/ins/integrity", "imud/estimators/ins/power_on.py"),
+    ("imud/estimators/ins/propagation.py",),
+    ("imud/estimators/ins/fusion_horizon.py",),
+    ("imud/estimators/ins/gnss_fix.py", "imud/estimators/ins/sources.py"),
+    ("imud/estimators/ins/filter.py",),
+    ("imud/estimators/ins/parameters.py",),
+    ("imud/estimators/ins/__init__.py",),
+    ("imud/setup", "imud/stages.py"),
+    ("imud/pipeline.py",),
+    ("imud/sensors",),
+    ("imud/outputs", "imud/tables"),
+    ("imud/recording",),
+    ("imud/daemon",),
+    ("imud/compilation.py", "imud/experiments"),
+    ("imud/commands", "imud/compile/__main__.py"),
+    ("imud/__main__.py",),
+)
+FLOOR = {place: floor for floor, places in enumerate(FLOORS) for place in places}
+EXCEPTIONS = {  # importing file, imported file: why it may stay
+    ("imud/daemon/loop.py", "imud/compilation.py"): "calls every kernel once, those of the daemon's own cycle, too",
+    (
+        "imud/compile/library.py",
+        "imud/compile/rebuild.py",
+    ): "builds a missing library, which rebuild.py looks for again",
+}
 ONLY = {
     room: {"numpy", "drivers"} for room in DEVICES
 } | {  # room: all that it may import besides the standard library and itself
@@ -86,6 +136,80 @@ def test_nothing_is_needed_at_run_time_that_is_not_declared(package):
     for path in files(package):
         others = top(imported(path)) - RUN_TIME - set(PACKAGES) - EXTRAS.get(str(path.relative_to(ROOT)), set())
         assert others == standard(others), path
+
+
+def place_of(file):
+    """The folder or file of FLOORS to which a file belongs."""
+    fitting = [place for place in FLOOR if file == place or file.startswith(f"{place}/")]
+    assert fitting, f"{file}: no floor in FLOORS"
+    return max(fitting, key=len)
+
+
+@pytest.fixture(scope="module")
+def graph():
+    """For each file the files that it imports, without EXCEPTIONS, each of which must be there."""
+    found = import_graph(ROOT, PACKAGES)
+    for importing, imported_file in EXCEPTIONS:
+        found[importing].remove(imported_file)
+    return found
+
+
+def circle(graph):
+    """A circle in the graph, or nothing."""
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return error.args[1]
+    return []
+
+
+def test_every_place_of_the_floors_is_there(graph):
+    assert {place_of(file) for file in graph} == set(FLOOR)
+
+
+def test_no_file_imports_from_a_higher_floor(graph):
+    upward = [(a, b) for a, others in graph.items() for b in others if FLOOR[place_of(a)] < FLOOR[place_of(b)]]
+    assert not upward
+
+
+def test_no_circle_between_files(graph):
+    assert not circle(graph)
+
+
+def test_no_circle_between_places(graph):
+    between = {place: set() for place in FLOOR}
+    for file, others in graph.items():
+        between[place_of(file)] |= {place_of(other) for other in others} - {place_of(file)}
+    assert not circle(between)
+
+
+def test_sensors_do_not_know_outputs(graph):
+    outputs = {file for file in graph if file.startswith("imud/outputs/")}
+    assert not [file for file, others in graph.items() if file.startswith("imud/sensors/") and others & outputs]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_shipped_file_imports_a_test(package):
+    tests = {path.stem for path in (ROOT / "tests").glob("*.py")} | {"tests"}
+    for path in files(package):
+        assert not top(imported(path)) & tests, path
+
+
+def test_the_graph_of_imports_sees_what_is_there(tmp_path):
+    (tmp_path / "p" / "q").mkdir(parents=True)
+    for name, text in {
+        "p/__init__.py": "",
+        "p/a.py": "from typing import TYPE_CHECKING\nfrom .q import b\nif TYPE_CHECKING:\n    from .q.c import D\n",
+        "p/q/__init__.py": "",
+        "p/q/b.py": "def f():\n    from .. import a\n",
+        "p/q/c.py": "import p.q.b\nfrom ..a import f\n",
+    }.items():
+        (tmp_path / name).write_text(text)
+    found = import_graph(tmp_path, ("p",))
+    assert found["p/a.py"] == {"p/q/b.py"}
+    assert found["p/q/b.py"] == {"p/a.py"}
+    assert found["p/q/c.py"] == {"p/q/b.py", "p/a.py"}
+    assert circle(found)
 
 
 def test_the_reading_of_imports_sees_what_is_there(tmp_path, monkeypatch):

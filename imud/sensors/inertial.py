@@ -9,7 +9,7 @@ from drivers.driver import ImuConfigured, ImuDriver
 from drivers.transport.line import Known, Line
 
 from ..pipeline import Stream
-from .health import shown, words
+from ..sensor_monitor.health import shown, words
 from .loss import MUCH, Loss
 from .rate import Pace, Rate
 from .readings import NO_VECTOR, ClockFit

@@ -1,0 +1,42 @@
+"""Which file imports which, read from the import statements: those in functions, too, but not `if TYPE_CHECKING`."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+
+def _module(path: Path, root: Path) -> str:
+    parts = path.relative_to(root).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def _statements(node: ast.AST) -> Iterator[ast.AST]:
+    for child in ast.iter_child_nodes(node):
+        if not (isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test)):
+            yield child
+            yield from _statements(child)
+
+
+def _imported(path: Path, root: Path) -> Iterator[tuple[str, str]]:
+    """(module, name in it or "") for each import, absolute."""
+    package = path.relative_to(root).parts[:-1]
+    for node in _statements(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, "") for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            stem = package[: len(package) + 1 - node.level] if node.level else ()
+            yield from ((".".join((*stem, *filter(None, [node.module]))), alias.name) for alias in node.names)
+
+
+def import_graph(root: Path, packages: tuple[str, ...]) -> dict[str, set[str]]:
+    """For each file of the packages, the files of the packages that it imports; paths from the root."""
+    paths = [path for package in packages for path in (root / package).rglob("*.py")]
+    files = {_module(path, root): str(path.relative_to(root)) for path in paths}
+    graph = {}
+    for path in paths:
+        names = {
+            f"{module}.{name}" if f"{module}.{name}" in files else module for module, name in _imported(path, root)
+        }
+        own = str(path.relative_to(root))
+        graph[own] = {files[name] for name in names if name in files} - {own}
+    return graph

@@ -16,7 +16,7 @@ QUALITY_OF_MODE = {"A": 1, "D": 2, "P": 3, "R": 4, "F": 5, "E": 6, "M": 7, "S": 
 
 
 @dataclass(frozen=True)
-class Position:
+class GgaGns:
     """GGA, GNS."""
 
     utc_ns: int | None
@@ -30,7 +30,7 @@ class Position:
 
 
 @dataclass(frozen=True)
-class Minimum:
+class RmcGllGroup:
     """RMC, GLL."""
 
     utc_ns: int | None
@@ -43,7 +43,7 @@ class Minimum:
 
 
 @dataclass(frozen=True)
-class Velocity:
+class Vtg:
     """VTG."""
 
     speed_mps: float | None
@@ -52,7 +52,7 @@ class Velocity:
 
 
 @dataclass(frozen=True)
-class Errors:
+class Gst:
     """GST, 1 sigma."""
 
     utc_ns: int | None
@@ -62,7 +62,7 @@ class Errors:
 
 
 @dataclass(frozen=True)
-class Calendar:
+class Zda:
     """ZDA."""
 
     utc_ns: int | None
@@ -70,14 +70,14 @@ class Calendar:
 
 
 @dataclass(frozen=True)
-class Dimensions:
+class GsaMode:
     """GSA."""
 
     dimensions: int  # 1: no fix
     utc_ns: int | None = None  # it has none
 
 
-Content = Position | Minimum | Velocity | Errors | Calendar | Dimensions
+Content = GgaGns | RmcGllGroup | Vtg | Gst | Zda | GsaMode
 
 
 def latlon(s: Sentence, first: int) -> tuple[float, float]:
@@ -96,30 +96,30 @@ def metres(s: Sentence, i: int, limit: float, reason: str) -> float | None:
     return number(s.field(i), -limit, limit, reason)
 
 
-def gga(s: Sentence) -> Position:
+def gga(s: Sentence) -> GgaGns:
     """Time, position, quality, satellites, HDOP, altitude, geoid."""
     time_ns, quality = utc_ns(s.field(1)), integer(s.field(6), WAAS, "quality") or 0
     quality = DIFFERENTIAL if quality == WAAS else quality
     satellites = integer(s.field(7), 999, "satellites")
     if quality == 0:  # the position may be a dummy such as 8960.000000
-        return Position(time_ns, 0, satellites)
+        return GgaGns(time_ns, 0, satellites)
     if len(s.fields) < GGA_FIELDS:
         raise RefusedError("too short")
     height, geoid = metres(s, 9, 1e6, "altitude"), metres(s, 11, 1e3, "geoid")
-    return Position(time_ns, quality, satellites, *latlon(s, 2), height, geoid, hdop(s))
+    return GgaGns(time_ns, quality, satellites, *latlon(s, 2), height, geoid, hdop(s))
 
 
-def gns(s: Sentence) -> Position:
+def gns(s: Sentence) -> GgaGns:
     """Time, position, a mode letter for each satellite system, satellites, HDOP, altitude, geoid."""
     time_ns, satellites = utc_ns(s.field(1)), integer(s.field(7), 999, "satellites")
     letters = set(s.field(6)) - {"N"}
     if not letters <= QUALITY_OF_MODE.keys():
         raise RefusedError("mode")
     if not letters:
-        return Position(time_ns, 0, satellites)
+        return GgaGns(time_ns, 0, satellites)
     quality = max((QUALITY_OF_MODE[letter] for letter in letters), key=TRUST.index)
     height, geoid = number(s.field(9), -1e6, 1e6, "altitude"), number(s.field(10), -1e3, 1e3, "geoid")
-    return Position(time_ns, quality, satellites, *latlon(s, 2), height, geoid, hdop(s))
+    return GgaGns(time_ns, quality, satellites, *latlon(s, 2), height, geoid, hdop(s))
 
 
 def hdop(s: Sentence) -> float | None:
@@ -128,63 +128,63 @@ def hdop(s: Sentence) -> float | None:
     return value if value and value < UNKNOWN_HDOP else None
 
 
-def rmc(s: Sentence) -> Minimum:
+def rmc(s: Sentence) -> RmcGllGroup:
     """Time, status, position, speed, course, date, mode."""
     time_ns, mode = utc_ns(s.field(1)), s.field(12)
     if s.field(2) not in ("A", "V"):
         raise RefusedError("status")
     if s.field(2) == "V" or mode == "N":
-        return Minimum(time_ns, None, 0)
+        return RmcGllGroup(time_ns, None, 0)
     if mode not in QUALITY_OF_MODE:
         raise RefusedError("mode")
     lat, lon = latlon(s, 3)
     speed = speed_mps(s.field(7), KNOTS)
-    return Minimum(time_ns, calendar(s.field(9)), QUALITY_OF_MODE[mode], lat, lon, speed, course(s.field(8)))
+    return RmcGllGroup(time_ns, calendar(s.field(9)), QUALITY_OF_MODE[mode], lat, lon, speed, course(s.field(8)))
 
 
-def gll(s: Sentence) -> Minimum:
+def gll(s: Sentence) -> RmcGllGroup:
     """Position, time, status, mode."""
     time_ns, mode = utc_ns(s.field(5)), s.field(7)
     if s.field(6) not in ("A", "V", "N"):  # N: some receivers' word for V
         raise RefusedError("status")
     if s.field(6) != "A" or mode == "N":
-        return Minimum(time_ns, None, 0)
+        return RmcGllGroup(time_ns, None, 0)
     if mode not in QUALITY_OF_MODE:
         raise RefusedError("mode")
-    return Minimum(time_ns, None, QUALITY_OF_MODE[mode], *latlon(s, 1))
+    return RmcGllGroup(time_ns, None, QUALITY_OF_MODE[mode], *latlon(s, 1))
 
 
-def vtg(s: Sentence) -> Velocity:
+def vtg(s: Sentence) -> Vtg:
     """Course and speed. Before NMEA 2 there were no unit letters."""
     if len(s.fields) <= 4:
-        return Velocity(speed_mps(s.field(4), KMH, s.field(3)), course(s.field(1)))
+        return Vtg(speed_mps(s.field(4), KMH, s.field(3)), course(s.field(1)))
     if any(s.field(2 * i) not in (unit, "") for i, unit in enumerate("TMNK", start=1)):
         raise RefusedError("unit")
     speed, mode = speed_mps(s.field(7), KMH, s.field(5)), s.field(9)
     if mode not in (*QUALITY_OF_MODE, "N"):
         raise RefusedError("mode")
-    return Velocity(None, None) if mode == "N" else Velocity(speed, course(s.field(1)))
+    return Vtg(None, None) if mode == "N" else Vtg(speed, course(s.field(1)))
 
 
-def gst(s: Sentence) -> Errors:
+def gst(s: Sentence) -> Gst:
     """Standard deviations of latitude, longitude, altitude."""
     sigma = [number(s.field(i), 0.0, 1e7, "sigma") for i in (6, 7, 8)]
-    return Errors(utc_ns(s.field(1)), *sigma)
+    return Gst(utc_ns(s.field(1)), *sigma)
 
 
-def zda(s: Sentence) -> Calendar:
+def zda(s: Sentence) -> Zda:
     """Time and date."""
     day, month, year = s.field(2), s.field(3), s.field(4)
     if year and len(year) != 4:
         raise RefusedError("date")
-    return Calendar(utc_ns(s.field(1)), calendar(day + month + year[2:]))
+    return Zda(utc_ns(s.field(1)), calendar(day + month + year[2:]))
 
 
-def gsa(s: Sentence) -> Dimensions:
+def gsa(s: Sentence) -> GsaMode:
     """Which kind of fix; the satellites behind it do not matter here."""
     if s.field(2) not in ("1", "2", "3"):
         raise RefusedError("dimensions")
-    return Dimensions(int(s.field(2)))
+    return GsaMode(int(s.field(2)))
 
 
 def speed_mps(text: str, unit: tuple[int, int], knots: str = "") -> float | None:

@@ -9,51 +9,51 @@ their time is ahead.
 from collections import Counter
 
 from ..fix import Fix, ReceiverStatus, Sky
-from .content import READERS, Content, Dimensions
+from .content import READERS, Content, GsaMode
 from .epochs import Epoch, same_time
 from .sentences import RefusedError, Sentence, Splitter
 from .sky import SkyListener
 
 QUIET_NS = 200_000_000  # longer than any pause within a burst
-SURE, DOUBT = 2, -3  # bursts: so many were alike, and so many more must be after one that was not
+ESTABLISHED, CONTRADICTED = 2, -3  # bursts: so many were alike, and so many more must be after one that was not
 LATEST = 1.1  # intervals after an epoch's first sentence, in which one without a time can be of that epoch
 LONGEST_NS = 10_000_000_000  # interval
 COMPANIONS = {"GST", "ZDA"}
 DIMENSIONS_LAST = 30  # epochs without a GSA after which the last one no longer counts
 
 
-class Habit:
-    """Which kinds of sentence have a place in the burst (last, or first), though any sentence may be lost."""
+class BurstOrder:
+    """Which kinds of sentence come first, or last, in a burst: learned, as any sentence may be lost."""
 
     def __init__(self) -> None:
         self._score: Counter[str] = Counter()
 
-    def kept(self, kind: str) -> None:
-        """A burst had `kind` there."""
-        self._score[kind] = min(self._score[kind] + 1, SURE)
+    def confirm(self, kind: str) -> None:
+        """In a burst `kind` came at this end."""
+        self._score[kind] = min(self._score[kind] + 1, ESTABLISHED)
 
-    def broken(self, kind: str) -> None:
-        """A burst had `kind` elsewhere."""
-        self._score[kind] = DOUBT
+    def contradict(self, kind: str) -> None:
+        """In a burst `kind` came elsewhere."""
+        self._score[kind] = CONTRADICTED
 
-    def sure(self, kind: str) -> bool:
-        """Whether that is the place of `kind`."""
-        return self._score[kind] >= SURE
+    def is_established(self, kind: str) -> bool:
+        """Whether `kind` comes at this end, by the last bursts."""
+        return self._score[kind] >= ESTABLISHED
 
-    def doubted(self, kind: str) -> bool:
-        """Whether bursts had `kind` elsewhere lately."""
+    def is_contradicted(self, kind: str) -> bool:
+        """Whether `kind` came elsewhere in the last bursts."""
         return self._score[kind] < 0
 
 
-class HeightMode:
-    """What the receiver last said in GSA. It may send one for each satellite system, and none in most epochs."""
+class GsaHistory:
+    """The fix mode by the newest GSA. A receiver may send one for each satellite system, and none in most epochs."""
 
     def __init__(self) -> None:
         self._dimensions: int | None = None
         self._complete = True  # something else came since, so the next GSA is of another epoch
         self._age = 0
 
-    def hear(self, said: Dimensions) -> None:
+    def hear(self, said: GsaMode) -> None:
         """One GSA."""
         best = max(said.dimensions, 1 if self._complete or self._dimensions is None else self._dimensions)
         self._dimensions = best if best > 1 else None
@@ -84,14 +84,14 @@ class NmeaDecoder:
         self.whole = 0
         self._splitter = Splitter(self.counters, unchecked)
         self._epoch: Epoch | None = None
-        self._beginnings, self._endings = Habit(), Habit()
+        self._beginnings, self._endings = BurstOrder(), BurstOrder()
         self._vtg_agrees = True  # with RMC, where there was both
         self._interval_ns = LONGEST_NS  # between epochs
-        self._heights = HeightMode()
+        self._gsa = GsaHistory()
         self._sky = SkyListener()
         self._waiting: dict[str, tuple[Content, int]] = {}  # companions of an epoch to come, with their arrival
-        self._told_utc_ns: int | None = None
-        self._heard_ns: int | None = None
+        self._last_fix_utc_ns: int | None = None
+        self._last_arrival_ns: int | None = None
         self._pause_ns: int | None = None  # when the first bytes after a pause came
 
     @property
@@ -106,22 +106,22 @@ class NmeaDecoder:
 
     def feed(self, data: bytes, arrival_ns: int) -> list[Fix]:
         """See `GnssDecoder`."""
-        if self._heard_ns is not None and arrival_ns - self._heard_ns >= QUIET_NS:
+        if self._last_arrival_ns is not None and arrival_ns - self._last_arrival_ns >= QUIET_NS:
             self._pause_ns = arrival_ns
-        self._heard_ns = arrival_ns
+        self._last_arrival_ns = arrival_ns
         fixes = []
         for sentence in self._splitter.feed(data, arrival_ns):
             self.whole += 1
-            fixes += self._take(sentence)
+            fixes += self._process(sentence)
         return fixes
 
     def flush(self, now_ns: int) -> list[Fix]:
         """See `GnssDecoder`."""
-        if self._heard_ns is None or now_ns - self._heard_ns < QUIET_NS:
+        if self._last_arrival_ns is None or now_ns - self._last_arrival_ns < QUIET_NS:
             return []
         return self._close()
 
-    def _take(self, sentence: Sentence) -> list[Fix]:
+    def _process(self, sentence: Sentence) -> list[Fix]:
         self._sky.hear(sentence)
         content = self._read(sentence)
         fresh = self._pause_ns is not None and sentence.arrival_ns >= self._pause_ns
@@ -130,11 +130,11 @@ class NmeaDecoder:
         fixes = self._close() if fresh else []
         if content is None:
             return fixes
-        if isinstance(content, Dimensions):
-            self._heights.hear(content)
+        if isinstance(content, GsaMode):
+            self._gsa.hear(content)
             return fixes
-        self._heights.other()
-        return fixes + self._place(sentence, content, fresh)
+        self._gsa.other()
+        return fixes + self._assign(sentence, content, fresh)
 
     def _read(self, sentence: Sentence) -> Content | None:
         """What it says; None if that is of no interest, or not to be used."""
@@ -148,12 +148,12 @@ class NmeaDecoder:
             self.counters[f"{sentence.kind} {reason}"] += 1
             return None
 
-    def _place(self, sentence: Sentence, content: Content, fresh: bool) -> list[Fix]:
+    def _assign(self, sentence: Sentence, content: Content, fresh: bool) -> list[Fix]:
         """Put a sentence into the epoch to which it belongs."""
         epoch, kind = self._epoch, sentence.kind
         if epoch is not None and not fresh and self._belongs(sentence, content, epoch):
-            self._endings.broken(epoch.last)
-            self._beginnings.broken(kind)
+            self._endings.contradict(epoch.last)
+            self._beginnings.contradict(kind)
             if epoch.done:
                 self.counters["late"] += 1
                 return []
@@ -167,8 +167,8 @@ class NmeaDecoder:
         else:
             fixes = self._close()
             self._begin(sentence, content, fresh)
-            return fixes + (self._finish() if self._endings.sure(kind) else [])
-        return self._finish() if self._endings.sure(kind) else []
+            return fixes + (self._finish() if self._endings.is_established(kind) else [])
+        return self._finish() if self._endings.is_established(kind) else []
 
     def _belongs(self, sentence: Sentence, content: Content, epoch: Epoch) -> bool:
         late = content.utc_ns is None and sentence.arrival_ns - epoch.arrival_ns > LATEST * self._interval_ns
@@ -176,9 +176,9 @@ class NmeaDecoder:
 
     def _begin(self, sentence: Sentence, content: Content, fresh: bool) -> None:
         kind = sentence.kind
-        unusual = self._beginnings.doubted(kind) or self._endings.sure(kind)
-        first = self._beginnings.sure(kind) or (fresh and not unusual)
-        self._beginnings.kept(kind)
+        unusual = self._beginnings.is_contradicted(kind) or self._endings.is_established(kind)
+        first = self._beginnings.is_established(kind) or (fresh and not unusual)
+        self._beginnings.confirm(kind)
         epoch = self._epoch = Epoch(sentence.arrival_ns, open_time=first)
         self._pause_ns = None
         for name, (waiting, arrival_ns) in self._waiting.items():
@@ -192,7 +192,7 @@ class NmeaDecoder:
         """The epoch is over."""
         if self._epoch is None or self._epoch.done:
             return []
-        self._endings.kept(self._epoch.last)
+        self._endings.confirm(self._epoch.last)
         return self._finish()
 
     def _finish(self) -> list[Fix]:
@@ -206,23 +206,23 @@ class NmeaDecoder:
         self.status = status
         if status.quality == 0:
             self.counters["no fix"] += 1
-        elif same_time(epoch.utc_ns, self._told_utc_ns):
+        elif same_time(epoch.utc_ns, self._last_fix_utc_ns):
             self.counters["repeated"] += 1
         elif epoch.contradictory():
             self.counters["contradictory"] += 1
         else:
-            return self._tell(epoch, status.quality)
+            return self._make_fix(epoch, status.quality)
         return []
 
-    def _tell(self, epoch: Epoch, quality: int) -> list[Fix]:
+    def _make_fix(self, epoch: Epoch, quality: int) -> list[Fix]:
         agrees = epoch.vtg_agrees()
         self._vtg_agrees = self._vtg_agrees if agrees is None else agrees
-        fix = epoch.fix(quality, self._heights.now(), self._vtg_agrees)
+        fix = epoch.fix(quality, self._gsa.now(), self._vtg_agrees)
         if fix is None:
             return []
-        if epoch.utc_ns is not None and self._told_utc_ns is not None:
-            step_ns = epoch.utc_ns - self._told_utc_ns
+        if epoch.utc_ns is not None and self._last_fix_utc_ns is not None:
+            step_ns = epoch.utc_ns - self._last_fix_utc_ns
             self._interval_ns = step_ns if 0 < step_ns < LONGEST_NS else LONGEST_NS
-        self._told_utc_ns = epoch.utc_ns
+        self._last_fix_utc_ns = epoch.utc_ns
         self.counters["fixes"] += 1
         return [fix]

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from ..fix import Fix, ReceiverStatus
-from .content import Calendar, Content, Errors, Minimum, Position, Velocity
+from .content import Content, GgaGns, Gst, RmcGllGroup, Vtg, Zda
 
 SAME_NS = 10_000_000  # receivers round the time of one epoch to 2 decimals here and to 3 there
 FAR_DEG = 1e-3  # sentences of one epoch further apart than that contradict each other
@@ -25,13 +25,13 @@ class Epoch:
     utc_ns: int | None = None
     last: str = ""
     done: bool = False
-    gga: Position | None = None
-    gns: Position | None = None
-    rmc: Minimum | None = None
-    gll: Minimum | None = None
-    vtg: Velocity | None = None
-    gst: Errors | None = None
-    zda: Calendar | None = None
+    gga: GgaGns | None = None
+    gns: GgaGns | None = None
+    rmc: RmcGllGroup | None = None
+    gll: RmcGllGroup | None = None
+    vtg: Vtg | None = None
+    gst: Gst | None = None
+    zda: Zda | None = None
 
     def has(self, kind: str) -> bool:
         """Whether a sentence of this kind came already."""
@@ -48,7 +48,7 @@ class Epoch:
         )
 
     def add(self, kind: str, content: Content) -> None:
-        """Take it."""
+        """Add a sentence."""
         setattr(self, kind.lower(), content)
         self.last = kind
         if content.utc_ns is not None and (self.utc_ns is None or kind == "GGA"):
@@ -60,7 +60,7 @@ class Epoch:
         if not named:
             return None
         quality = 0 if any(said.quality == 0 for said in named) else named[0].quality
-        satellites = self.satellites() if quality else (self.gga or self.gns or Position(None, 0, None)).satellites
+        satellites = self.satellites() if quality else (self.gga or self.gns or GgaGns(None, 0, None)).satellites
         return ReceiverStatus(quality, satellites, self.arrival_ns)
 
     def satellites(self) -> int | None:
@@ -68,14 +68,14 @@ class Epoch:
         counts = [said.satellites for said in (self.gga, self.gns) if said]
         return next((count for count in counts if count), None)
 
-    def places(self) -> list[Position | Minimum]:
+    def positions(self) -> list[GgaGns | RmcGllGroup]:
         """The sentences with a position, the richest first."""
         return [said for said in (self.gga, self.gns, self.rmc, self.gll) if said and said.quality]
 
     def contradictory(self) -> bool:
         """Whether two sentences of it give different positions."""
-        places = self.places()
-        return any(_apart_deg(places[0], other) > FAR_DEG for other in places[1:])
+        positions = self.positions()
+        return any(_separation_deg(positions[0], other) > FAR_DEG for other in positions[1:])
 
     def vtg_agrees(self) -> bool | None:
         """Whether VTG gives the speed of RMC; None if one of them does not give any."""
@@ -84,15 +84,15 @@ class Epoch:
 
     def fix(self, quality: int, dimensions: int | None, with_vtg: bool) -> Fix | None:
         """The burst as a fix of `quality`; None without a position."""
-        places = self.places()
-        if not places:
+        positions = self.positions()
+        if not positions:
             return None
-        place = places[0]
+        place = positions[0]
         # RMC says by its time to which position its speed belongs; VTG can only be told by its place in the burst.
         motion = self.rmc if self.rmc and self.rmc.speed_mps is not None else self.vtg if with_vtg else None
         dated = self.rmc or self.zda
-        height = self.gga or self.gns or Position(None, quality, None)
-        gst = self.gst or Errors(None, None, None, None)
+        height = self.gga or self.gns or GgaGns(None, quality, None)
+        gst = self.gst or Gst(None, None, None, None)
         return Fix(
             arrival_ns=self.arrival_ns,
             utc_s=None if self.utc_ns is None else self.utc_ns / 1e9,
@@ -113,7 +113,7 @@ class Epoch:
         )
 
 
-def _apart_deg(a: Position | Minimum, b: Position | Minimum) -> float:
+def _separation_deg(a: GgaGns | RmcGllGroup, b: GgaGns | RmcGllGroup) -> float:
     """The larger of the distances north and east, in degrees of latitude."""
     east = (a.lon_deg - b.lon_deg + 180.0) % 360.0 - 180.0
     return max(abs(a.lat_deg - b.lat_deg), abs(east) * math.cos(math.radians(a.lat_deg)))

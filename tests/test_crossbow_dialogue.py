@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scripted import G350, Line, Mute, Speaker, run
 
 from drivers.crossbow.driver import DRIVER
-from drivers.crossbow.hearing import SERIES_440
-from drivers.crossbow.talk import change_baud, find_zero
+from drivers.crossbow.protocol import change_baud, find_zero
+from drivers.crossbow.signatures import SERIES_440
 from drivers.detect import detect
 from drivers.driver import Identity, Options, Unsupported
 from drivers.epson.driver import DRIVER as EPSON

@@ -11,9 +11,9 @@ from drivers.dialogue import Exchange
 from drivers.driver import Identity, Options
 from drivers.epson.dialects import FLAT, NARROW, WIDE, WINDOWED
 from drivers.epson.driver import DRIVER
+from drivers.epson.protocol import read_register_once, write_register
 from drivers.epson.registers import Register
 from drivers.epson.spi import fetch, over_spi, spi_carries
-from drivers.epson.talk import ask_once, put
 from drivers.findings import NoAnswer
 from drivers.sample import SAMPLE
 from drivers.spi import Bus
@@ -40,16 +40,16 @@ def converse(dialogue, answers):
 
 def test_registers_in_words():
     bus = Bus(3, 500_000, 20)  # mode 3; 32 us and 20 us rest: more than 40 us from word to word
-    sent, reply = converse(over_spi(ask_once(Register(0x4C, 0))), iter([b"\0\0", bytes.fromhex("77775345")]))
+    sent, reply = converse(over_spi(read_register_once(Register(0x4C, 0))), iter([b"\0\0", bytes.fromhex("77775345")]))
     assert [exchange.send.hex() for exchange in sent if exchange.send] == ["fe00", "4c000000"]
     assert (sent[0].spi, sent[1].spi) == (bus, None)
     assert Register(0x4C, 0).answer(reply) == 0x5345
-    sent, _ = converse(over_spi(put(Register(0x36), high=1)), iter([b"\0\0"]))
+    sent, _ = converse(over_spi(write_register(Register(0x36), high=1)), iter([b"\0\0"]))
     assert sent[0].send.hex() == "b701"
 
 
 def test_a_line_that_nobody_drives_is_no_answer():
-    assert Register(0x3C).answer(converse(over_spi(ask_once(Register(0x3C))), iter([b"\xff" * 4]))[1]) is None
+    assert Register(0x3C).answer(converse(over_spi(read_register_once(Register(0x3C))), iter([b"\xff" * 4]))[1]) is None
 
 
 def test_a_waiting_is_only_that():

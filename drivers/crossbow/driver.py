@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from ..dialogue import Dialogue, Exchange
 from ..driver import Identity, ImuConfigured, Options, Request, Unsupported
-from .hearing import convention, is_stream, relative, scan
 from .packet import (
     ACCEL_FAILED,
     ACCEL_SCALE,
@@ -31,8 +30,9 @@ from .packet import (
     ZERO_INVALID,
     word,
 )
+from .protocol import ask_packets, describe, pace, ping, unsupported
 from .services import SERVICES
-from .talk import ask_packets, describe, pace, ping, unsupported
+from .signatures import convention, is_stream, relative, scan
 from .timer import spacing_ns
 
 START_S = 0.2

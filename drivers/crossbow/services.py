@@ -5,9 +5,9 @@ from statistics import fmean, pstdev
 
 from ..dialogue import Dialogue
 from ..driver import Done, Identity, Service
-from .hearing import convention, scan
 from .packet import ACCEL, ACCEL_SCALE, RATE_SCALE, YAW_RATE, signed
-from .talk import ask_packets, change_baud, describe, find_zero
+from .protocol import ask_packets, change_baud, describe, find_zero
+from .signatures import convention, scan
 
 NAME = "crossbow"
 HUNDRED_S = 0.35  # that a hundred samples take: VRPN found 3 to 4 ms each

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from ..dialogue import Dialogue
 from ..driver import Identity, ImuConfigured, Options, Request, Unsupported
 from .dialects import FLAT, WINDOWED, Dialect, Layout
-from .hearing import is_spoken
 from .models import G350, Model, model_of
-from .overhear import overhear
+from .passive_identify import passive_identify
+from .protocol import describe, reach, synchronize, with_late_answers
 from .registers import burst
 from .setup import (
     EAGERNESS,
@@ -32,8 +32,8 @@ from .setup import (
     uart_carries,
     wire_s,
 )
+from .signatures import is_stream_of
 from .spi import fetch, over_spi, spi_carries
-from .talk import approach, describe, reach, slowly
 
 DEAF = "the sensor does not obey, its stream is taken as it is: is the wire to its input (SIN) connected?"
 
@@ -54,23 +54,23 @@ class Epson:
 
     def recognise(self, heard: bytes) -> Identity | Unsupported | None:
         """An automatic stream. Which model of its dialect it is only `configure` can ask."""
-        if is_spoken(heard, FLAT):
+        if is_stream_of(heard, FLAT):
             return Identity(self.name, G350.name, profile=G350.profile)
-        return Identity(self.name, "") if is_spoken(heard, WINDOWED) else None
+        return Identity(self.name, "") if is_stream_of(heard, WINDOWED) else None
 
     def identify(self) -> Dialogue[Identity | Unsupported | None]:
         """Stop whatever runs, and ask. Leaves the sensor in configuration mode."""
-        dialect, late = yield from approach()
+        dialect, late = yield from reach()
         if dialect is None:
             return None
-        return (yield from slowly(describe(dialect)) if late else describe(dialect))
+        return (yield from with_late_answers(describe(dialect)) if late else describe(dialect))
 
     def identify_spi(self) -> Dialogue[Identity | Unsupported | None]:
         """See `SpiDriver`."""
         return over_spi(self._identify_spi())
 
     def _identify_spi(self) -> Dialogue[Identity | Unsupported | None]:
-        dialect = yield from reach()
+        dialect = yield from synchronize()
         if dialect is None or not (yield from is_configuring(dialect)):  # a dead line reads as zeros
             return None
         found = yield from describe(dialect)
@@ -90,18 +90,18 @@ class Epson:
     def _take_over(
         self, identity: Identity, named: str, warnings: tuple[str, ...] = ()
     ) -> Dialogue[ImuConfigured | Unsupported | None]:
-        found = yield from overhear(identity, named)
+        found = yield from passive_identify(identity, named)
         if not isinstance(found, tuple):
             return found
-        identity, model, rate, overheard = found
-        return configured(identity, model, rate, model.taps(rate), overheard, warnings)
+        identity, model, rate, layout = found
+        return configured(identity, model, rate, model.taps(rate), layout, warnings)
 
     def _set_up(self, identity: Identity, options: Options) -> Dialogue[ImuConfigured | Unsupported | None]:
-        dialect, late = yield from approach()
+        dialect, late = yield from reach()
         if dialect is None:  # it may stream without listening
             return (yield from self._take_over(identity, options.model, (DEAF,)))
         dialogue = self._program(dialect, identity, options)
-        return (yield from slowly(dialogue) if late else dialogue)
+        return (yield from with_late_answers(dialogue) if late else dialogue)
 
     def _program(
         self, dialect: Dialect, identity: Identity, options: Options
@@ -168,7 +168,7 @@ def configured(
     """The finding of `configure`."""
     wire_ns = 0 if identity.spi else round(wire_s(layout, identity.baud or Epson.bauds[0], polled) * 1e9)
     delay_ns = model.delay_ns(taps) + wire_ns
-    ask = Request(burst(layout.header), round(1e9 / (EAGERNESS * rate_hz))) if polled else None
+    request = Request(burst(layout.header), round(1e9 / (EAGERNESS * rate_hz))) if polled else None
     gyro_end, accel_end = model.range_lsb
     return ImuConfigured(
         identity,
@@ -179,7 +179,7 @@ def configured(
         warnings,
         gyro_range=gyro_end * model.gyro_scale,
         accel_range=accel_end * model.accel_scale,
-        request=ask,
+        request=request,
     )
 
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from ..dialogue import Dialogue, Exchange
 from ..spi import Fetch
 from .dialects import Dialect, Layout
-from .hearing import layout_of
 from .models import Model
+from .protocol import STOP_S, STOPS, read_register, select_window, send_commands, wait_ready, write_register
 from .registers import (
     ALL_NEWS,
     AUTO,
@@ -28,7 +28,7 @@ from .registers import (
     burst,
     write,
 )
-from .talk import STOP_S, STOPS, ask, put, select, tell, wait_ready
+from .signatures import layout_of
 
 RESET_S = 0.8
 TEST_POLLS, TEST_S = 10, 0.1  # it takes 80 to 150 ms
@@ -43,7 +43,7 @@ FILTER_CODE = 0x1F  # of the filter register; the bit above is set while the fil
 
 def is_configuring(dialect: Dialect) -> Dialogue[bool]:
     """Whether the sensor says that it is in configuration mode."""
-    mode = yield from ask(dialect.mode)
+    mode = yield from read_register(dialect.mode)
     return mode is not None and bool(mode & CONFIGURING)
 
 
@@ -53,10 +53,10 @@ def to_configuration(dialect: Dialect) -> Dialogue[list[str]]:
         if (yield from is_configuring(dialect)):
             return []
         if attempt < STOPS - 1:
-            yield from put(dialect.mode, high=CONFIGURE)
+            yield from write_register(dialect.mode, high=CONFIGURE)
             yield Exchange(listen_s=STOP_S)
         elif attempt == STOPS - 1:
-            yield from put(dialect.command, low=RESET)
+            yield from write_register(dialect.command, low=RESET)
             yield Exchange(listen_s=RESET_S)
             yield from wait_ready(dialect)
     return ["the sensor does not confirm configuration mode"]
@@ -67,13 +67,13 @@ def is_still_powered(dialect: Dialect, streaming: bool) -> Dialogue[bool]:
 
     After a power-on or a reset it does not stream, unless the setting AUTO_START, which it keeps in its flash, says so.
     """
-    word = (yield from ask(dialect.uart)) if streaming else None
+    word = (yield from read_register(dialect.uart)) if streaming else None
     return word is not None and word & (AUTO | AUTO_START) == AUTO
 
 
 def examine(dialect: Dialect) -> Dialogue[list[str]]:
     """The faults that the sensor reports, in words."""
-    diagnosis = (yield from ask(dialect.diagnosis)) or 0
+    diagnosis = (yield from read_register(dialect.diagnosis)) or 0
     broken = diagnosis & HARD_ERROR
     return [f"the sensor reports a hardware error (DIAG_STAT {diagnosis:#06x})"] if broken else []
 
@@ -86,12 +86,12 @@ def choose_range(model: Model) -> Dialogue[list[str]]:
 
 def self_test(dialect: Dialect) -> Dialogue[list[str]]:
     """Have the sensor test itself, in configuration mode and at rest; returns warnings."""
-    yield from put(dialect.test, high=TEST)
+    yield from write_register(dialect.test, high=TEST)
     for _ in range(TEST_POLLS):
         yield Exchange(listen_s=TEST_S)
-        word = yield from ask(dialect.test)
+        word = yield from read_register(dialect.test)
         if word is not None and not word & TESTING:
-            diagnosis = (yield from ask(dialect.diagnosis)) or 0
+            diagnosis = (yield from read_register(dialect.diagnosis)) or 0
             failed = diagnosis & TEST_FAILED
             return [f"the sensor's self test failed (DIAG_STAT {diagnosis:#06x})"] if failed else []
     return ["the sensor's self test does not end"]
@@ -136,9 +136,9 @@ def program(model: Model, code: int, taps: int, automatic: bool) -> Dialogue[tup
     dialect, rate, warnings = model.dialect, model.rates[code], list[str]()
     filter_code = model.tap_codes[taps]
     for _ in range(WRITES):
-        yield from put(dialect.rate, high=code)
-        yield from put(dialect.filter, low=filter_code)
-        yield from put(dialect.uart, low=AUTO if automatic else POLLED)
+        yield from write_register(dialect.rate, high=code)
+        yield from write_register(dialect.filter, low=filter_code)
+        yield from write_register(dialect.uart, low=AUTO if automatic else POLLED)
         kept_rate = yield from kept_bits(dialect.rate, code << 8, 0xFF00)
         kept_filter = yield from kept_bits(dialect.filter, filter_code, FILTER_CODE)
         if (kept_rate >> 8, kept_filter) == (code, filter_code):
@@ -153,24 +153,24 @@ def program(model: Model, code: int, taps: int, automatic: bool) -> Dialogue[tup
 
 def kept_bits(register: Register, wanted: int, bits: int) -> Dialogue[int]:
     """Those `bits` of a register as the sensor keeps them; taken as `wanted` if the sensor does not answer."""
-    word = yield from ask(register)
+    word = yield from read_register(register)
     return wanted if word is None else word & bits
 
 
 def announce(dialect: Dialect) -> Dialogue[None]:
     """Have new samples flagged in FLAG, and announced on the data-ready line."""
-    yield from put(dialect.signal, high=ALL_NEWS)
-    yield from put(dialect.test, low=DATA_READY)
+    yield from write_register(dialect.signal, high=ALL_NEWS)
+    yield from write_register(dialect.test, low=DATA_READY)
 
 
 def keeps(settings: Sequence[Setting]) -> Dialogue[bool]:
     """Write registers and read them back; whether the sensor kept what was written, as far as it can be read."""
     for _ in range(WRITES):
         for register, low, high in settings:
-            yield from put(register, low, high)
+            yield from write_register(register, low, high)
         kept = True
         for register, low, high in settings:
-            word = yield from ask(register)
+            word = yield from read_register(register)
             kept &= word is None or (low in (None, word & 0xFF) and high in (None, word >> 8))
         if kept:
             break
@@ -191,9 +191,9 @@ def start(dialect: Dialect, polled: bool, fetch: Fetch | None = None) -> Dialogu
     Leaves window 0 open.
     """
     for _ in range(2):
-        yield from select(dialect.mode)
+        yield from select_window(dialect.mode)
         if polled:
-            yield from tell(write(dialect.mode.address + 1, SAMPLE))
+            yield from send_commands(write(dialect.mode.address + 1, SAMPLE))
             if layout := layout_of((yield from request(dialect)), dialect.layouts):
                 return layout
             continue

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from ..dialogue import Dialogue
 from ..driver import Identity, ImuConfigured, Options
-from .hearing import Stream, firmware_in, menu_in, range_in, stream_in
+from .protocol import PATIENCE_S, measure_rate, probe, reach_stream
 from .ranges import FULL_COUNT, LOW_PASS_NS, MODEL, RANGES, STANDARD_GRAVITY, range_of
-from .talk import PATIENCE_S, measure_rate, probe, reach_stream
+from .signatures import Stream, firmware_in, menu_in, range_in, stream_in
 
 PROFILE = "mma7260"
 

@@ -6,7 +6,7 @@ the menu again. `x` leaves the menu; it is sent only after text that resembles t
 """
 
 from ..dialogue import Dialogue, Exchange
-from .hearing import ends_in_prompt, is_streaming, menu_in, stream_in
+from .signatures import ends_in_prompt, is_streaming, menu_in, stream_in
 
 PROBE, LEAVE = b"\xff", b"x"
 LISTEN_S = 0.04  # before a silent line is probed; the detection has listened for longer

@@ -1,4 +1,4 @@
-"""Talking to a Crossbow DMU: single letters, most of them answered.
+"""Commands of a Crossbow DMU: single letters, most of them answered.
 
     R -> H ping   P polled   C continuous   G -> packet   S -> FF, serial number, its byte sum   v or V -> FF, text, $
     z n -> Z when the gyro's zero is found, over n hundred samples   b -> B, then a at the new speed -> A
@@ -8,8 +8,8 @@ Sources: Prasanna (2009), table "IMU Commands"; VRPN's vrpn_Tracker_Crossbow; Mo
 
 from ..dialogue import Dialogue, Exchange
 from ..driver import Identity, Unsupported
-from .hearing import RELATIVES, is_stream, without_packets
 from .packet import CONVENTIONS, HEADER, LENGTH, is_packet
+from .signatures import RELATIVES, is_stream, without_packets
 
 QUIET_S = 0.05  # after P, until the last packet is through
 FIRST_ANSWER_S, LATE_S = 0.1, 0.15  # most often waited for on a line with no unit at its end

@@ -27,7 +27,7 @@ def longest_run(heard: bytes, header: int, length: int, checked: bool = False) -
     return max(runs.values(), default=0)
 
 
-def is_spoken(heard: bytes, dialect: Dialect) -> bool:
+def is_stream_of(heard: bytes, dialect: Dialect) -> bool:
     """Whether this is a stream of the dialect, in whatever layout."""
     if heard.count(dialect.header) < ENOUGH_FRAMES:
         return False

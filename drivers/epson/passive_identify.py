@@ -11,26 +11,26 @@ from dataclasses import replace
 from ..dialogue import Dialogue, Exchange
 from ..driver import Identity, Unsupported
 from .dialects import FLAT, WINDOWED, Dialect, Layout
-from .hearing import ENOUGH_FRAMES, is_frame, is_spoken, layout_of, longest_run
 from .models import G350, MODELS, Model, model_of
+from .signatures import ENOUGH_FRAMES, is_frame, is_stream_of, layout_of, longest_run
 from .state import ALL_NEWS
 from .windowed import FLAG, READABLE, TEMP
 
 LISTEN_S = 1.0
 PIECE = 2048  # bytes of it, which are looked at in every way: all of them would hold up the other port for seconds
 PLAUSIBLE_G = 0.7, 1.4  # mean specific force of a second
-Understood = tuple[Model, Layout]
-Overheard = tuple[Identity, Model, float, Layout]  # rate in 1/s
+ModelLayout = tuple[Model, Layout]
+PassiveIdentity = tuple[Identity, Model, float, Layout]  # rate in 1/s
 
 
-def overhear(identity: Identity, named: str) -> Dialogue[Overheard | Unsupported | None]:
+def passive_identify(identity: Identity, named: str) -> Dialogue[PassiveIdentity | Unsupported | None]:
     """The stream that runs, of a sensor whose model the user `named`, or not. None: there is none."""
     heard = yield Exchange(listen_s=LISTEN_S, discard=True)
     piece = heard[:PIECE]
-    if is_spoken(piece, FLAT):
+    if is_stream_of(piece, FLAT):
         found = _flat(identity, piece, named)
     else:
-        found = _windowed(identity, piece, named) if is_spoken(piece, WINDOWED) else None
+        found = _windowed(identity, piece, named) if is_stream_of(piece, WINDOWED) else None
     if not isinstance(found, tuple):
         return found
     model, layout = found
@@ -39,7 +39,7 @@ def overhear(identity: Identity, named: str) -> Dialogue[Overheard | Unsupported
     return replace(identity, model=model.name, profile=model.profile), model, rate_hz, layout
 
 
-def _flat(identity: Identity, heard: bytes, named: str) -> Understood | Unsupported | None:
+def _flat(identity: Identity, heard: bytes, named: str) -> ModelLayout | Unsupported | None:
     model = (model_of(named) if named else model_of(identity.model)) or G350
     if model.dialect is not FLAT:
         return _contradiction(identity, model, FLAT)
@@ -47,7 +47,7 @@ def _flat(identity: Identity, heard: bytes, named: str) -> Understood | Unsuppor
     return (model, layout) if layout else None
 
 
-def _windowed(identity: Identity, heard: bytes, named: str) -> Understood | Unsupported:
+def _windowed(identity: Identity, heard: bytes, named: str) -> ModelLayout | Unsupported:
     length, checked = _shape(heard)
     model = model_of(named or identity.model)
     shape = f"frames of {length} bytes {'with' if checked else 'without'} a checksum"

@@ -1,4 +1,4 @@
-"""Talking to an Epson sensor: reach it, whatever it is doing and whichever dialect it speaks; find out who it is.
+"""Registers of an Epson sensor over its UART: synchronize in whatever state and dialect it is; find out who it is.
 
 A sensor answers within microseconds, so a line without one is left quickly. A device that answers late (an emulator, a
 line through a network) is recognised by its late answers to the first questions, and given more time from then on.
@@ -16,7 +16,7 @@ ANSWER_S = 0.1  # an answer takes microseconds; adapters and stand-ins take long
 FIRST_ANSWER_S = 0.06  # to the first question of all, most often put to a line with no sensor at its end
 STOPS = 5  # attempts to end automatic mode
 LATE_S = 0.5  # in which answers may still come that nobody waited for
-MOST_LATE = STOPS * 3 * 4  # bytes: answers to all that `reach` asks
+MOST_LATE = STOPS * 3 * 4  # bytes: answers to all that `synchronize` asks
 SLOW_ANSWER_S = 0.8  # for what answers late
 PAUSE_S = 0.006  # from one command or answer to the next command: 3.7 ms at 19200 baud, 0.2 ms at 460800
 STOP_S = 0.2  # until its last frames have drained from adapter and driver
@@ -26,32 +26,32 @@ READY_POLLS, READY_S = 30, 0.05  # start-up takes 0.8 s
 IDENTITY_ANSWER = bytes((IDENTITY.address, *IDENTITY_VALUE.to_bytes(2), CR))
 
 
-def tell(*commands: bytes) -> Dialogue[None]:
+def send_commands(*commands: bytes) -> Dialogue[None]:
     """Send commands that are not answered."""
     for command in commands:
         yield Exchange(command, PAUSE_S)
 
 
-def select(register: Register) -> Dialogue[None]:
+def select_window(register: Register) -> Dialogue[None]:
     """Have the window of `register` open."""
     if register.window is not None:
-        yield from tell(write(WIN_CTRL, register.window))
+        yield from send_commands(write(WIN_CTRL, register.window))
 
 
-def ask_once(register: Register) -> Dialogue[bytes]:
+def read_register_once(register: Register) -> Dialogue[bytes]:
     """What comes as the answer."""
-    yield from select(register)
+    yield from select_window(register)
     reply = yield Exchange(read(register), ANSWER_S, enough=lambda heard: len(heard) >= 4, discard=True)
     if reply:
         yield Exchange(listen_s=PAUSE_S)
     return reply
 
 
-def ask(register: Register, silences: int = SILENCES) -> Dialogue[int | None]:
+def read_register(register: Register, silences: int = SILENCES) -> Dialogue[int | None]:
     """The word of a register, which no checksum guards: two answers must agree. None: none do, or it is silent."""
     words = set[int]()
     for _ in range(ANSWERS):
-        reply = yield from ask_once(register)
+        reply = yield from read_register_once(register)
         word = register.answer(reply)
         if word in words:
             return word
@@ -63,20 +63,20 @@ def ask(register: Register, silences: int = SILENCES) -> Dialogue[int | None]:
     return None
 
 
-def put(register: Register, low: int | None = None, high: int | None = None) -> Dialogue[None]:
+def write_register(register: Register, low: int | None = None, high: int | None = None) -> Dialogue[None]:
     """Write a register's low byte, its high byte, or both."""
-    yield from select(register)
+    yield from select_window(register)
     if low is not None:
-        yield from tell(write(register.address, low))
+        yield from send_commands(write(register.address, low))
     if high is not None:
-        yield from tell(write(register.address + 1, high))
+        yield from send_commands(write(register.address + 1, high))
 
 
-def ask_text(registers: tuple[Register, ...]) -> Dialogue[str]:
+def read_text(registers: tuple[Register, ...]) -> Dialogue[str]:
     """ASCII of several registers, low bytes first; empty if they do not answer with printable text."""
     text = b""
     for register in registers:
-        word = yield from ask(register)
+        word = yield from read_register(register)
         if word is None:
             return ""
         text += bytes((word & 0xFF, word >> 8))
@@ -84,22 +84,22 @@ def ask_text(registers: tuple[Register, ...]) -> Dialogue[str]:
     return plain.decode("ascii") if plain.isascii() and plain.decode("ascii").isprintable() else ""
 
 
-def reach() -> Dialogue[Dialect | None]:
+def synchronize() -> Dialogue[Dialect | None]:
     """End automatic mode and wait until the sensor is ready; None if nothing here answers like one.
 
     The windowed dialect is tried first: to a flat sensor its commands mean nothing, while the flat stop command would
     write into the rotation matrix of a windowed one.
     """
     for _ in range(STOPS):
-        yield from tell(b"\r" + write(WIN_CTRL, 0), write(WINDOWED.mode.address + 1, CONFIGURE))
+        yield from send_commands(b"\r" + write(WIN_CTRL, 0), write(WINDOWED.mode.address + 1, CONFIGURE))
         heard = yield Exchange(read(IDENTITY), FIRST_ANSWER_S, enough=lambda heard: heard.endswith(IDENTITY_ANSWER))
-        if heard.endswith(IDENTITY_ANSWER) and (yield from ask_once(IDENTITY)) == IDENTITY_ANSWER:
+        if heard.endswith(IDENTITY_ANSWER) and (yield from read_register_once(IDENTITY)) == IDENTITY_ANSWER:
             return WINDOWED if (yield from wait_ready(WINDOWED)) else None
         yield Exchange(write(FLAT.mode.address + 1, CONFIGURE), STOP_S if heard else PAUSE_S)
-        first = FLAT.command.answer((yield from ask_once(FLAT.command)))
-        if first is not None and FLAT.command.answer((yield from ask_once(FLAT.command))) is not None:
-            told = (yield from ask_once(IDENTITY)), (yield from ask_once(FLAT.command))  # the answer may come late
-            if IDENTITY_ANSWER in told:
+        first = FLAT.command.answer((yield from read_register_once(FLAT.command)))
+        if first is not None and FLAT.command.answer((yield from read_register_once(FLAT.command))) is not None:
+            identity = yield from read_register_once(IDENTITY)
+            if IDENTITY_ANSWER in (identity, (yield from read_register_once(FLAT.command))):  # the answer may come late
                 continue
             return FLAT if (yield from wait_ready(FLAT)) else None
         if first is None and not heard:
@@ -107,18 +107,18 @@ def reach() -> Dialogue[Dialect | None]:
     return None
 
 
-def approach() -> Dialogue[tuple[Dialect | None, bool]]:
-    """`reach`, at the sensor's own pace; the dialect, and whether the following dialogues must be run `slowly`."""
-    dialect = yield from reach()
+def reach() -> Dialogue[tuple[Dialect | None, bool]]:
+    """`synchronize`, again where answers come late; the dialect, and whether all dialogues need `with_late_answers`."""
+    dialect = yield from synchronize()
     if dialect is not None:
         return dialect, False
     late = yield Exchange(listen_s=LATE_S, spare=True)
     if len(late) > MOST_LATE or all(register.answer(late[-4:]) is None for register in (IDENTITY, FLAT.command)):
         return None, False
-    return (yield from slowly(reach())), True
+    return (yield from with_late_answers(synchronize())), True
 
 
-def slowly(dialogue: Dialogue[Result]) -> Dialogue[Result]:
+def with_late_answers(dialogue: Dialogue[Result]) -> Dialogue[Result]:
     """The same dialogue, with more time for each answer."""
     heard: bytes | None = None
     try:
@@ -134,7 +134,7 @@ def slowly(dialogue: Dialogue[Result]) -> Dialogue[Result]:
 def wait_ready(dialect: Dialect) -> Dialogue[bool]:
     """Poll until start-up is over."""
     for _ in range(READY_POLLS):
-        word = dialect.command.answer((yield from ask_once(dialect.command)))
+        word = dialect.command.answer((yield from read_register_once(dialect.command)))
         if word is not None and not word & NOT_READY:
             return True
         yield Exchange(listen_s=READY_S)
@@ -143,13 +143,13 @@ def wait_ready(dialect: Dialect) -> Dialogue[bool]:
 
 def describe(dialect: Dialect) -> Dialogue[Identity | Unsupported]:
     """Who answers: a flat sensor may have none of these registers."""
-    product = yield from ask_text(dialect.product)
+    product = yield from read_text(dialect.product)
     model = model_of(product)
     if dialect is FLAT:
         model = model if model is not None and model.dialect is FLAT else G350
     elif model is None:
         return Unsupported("epson", f"Epson {product or 'IMU'}", "its scale factors are not in drivers/epson/models.py")
-    version = yield from ask(dialect.version)
-    serial = yield from ask_text(dialect.serial)
+    version = yield from read_register(dialect.version)
+    serial = yield from read_text(dialect.serial)
     name = model.name if dialect is FLAT else f"M-{product}"
     return Identity("epson", name, serial, f"{version:04x}" if version else "", profile=model.profile)

@@ -60,7 +60,7 @@ STATUS: Final = {
 }
 _CODES = {"char": "s", "uint16_t": "H", "uint64_t": "Q", "int64_t": "q", "double": "d"}
 RECORD: Final = struct.Struct("<" + "".join(f"{count}{_CODES[kind]}" for _, kind, count, _ in FIELDS))
-LIFE: Final = struct.Struct("<qQ16s")  # heartbeat on CLOCK_MONOTONIC (ns), pid and boot id of the daemon
+LIVENESS: Final = struct.Struct("<qQ16s")  # heartbeat on CLOCK_MONOTONIC (ns), pid and boot id of the daemon
 _SHARED = struct.Struct(f"<Q{RECORD.size // 8}QQqQ16s")  # lock, record, exclusive or of its 64-bit words, LIFE
 SHARED_SIZE: Final = _SHARED.size
 STALE_NS: Final = 2_000_000_000  # a daemon whose last heartbeat is older does not run
@@ -250,17 +250,17 @@ class Shared:
             if lock == 0:
                 return None
             if lock % 2 == 0 and os.pread(self._file.fileno(), 8, 0) == memory[:8] and reduce(xor, words) == check:
-                self._check_life(heartbeat_ns, pid, boot)
+                self._check_liveness(heartbeat_ns, pid, boot)
                 return decode(memory[8 : 8 + RECORD.size])
             time.sleep(_PAUSE_S if tried else 0.0)
         raise ProtocolError("the daemon ended in the middle of a write")
 
-    def _check_life(self, heartbeat_ns: int, pid: int, boot: bytes) -> None:
+    def _check_liveness(self, heartbeat_ns: int, pid: int, boot: bytes) -> None:
         age_ns = time.monotonic_ns() - heartbeat_ns
         if boot != self._boot_id:
             raise StaleError(f"the daemon (pid {pid}) ran before this machine was started anew")
         if not -STALE_NS < age_ns < STALE_NS:
-            raise StaleError(f"the daemon (pid {pid}) does not run: its last life sign is {age_ns * 1e-9:.1f} s old")
+            raise StaleError(f"the daemon (pid {pid}) does not run: its last heartbeat is {age_ns * 1e-9:.1f} s old")
 
     def close(self) -> None:
         self._file.close()

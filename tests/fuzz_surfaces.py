@@ -18,9 +18,9 @@ from drivers.registry import by_name
 from imud import client
 from imud.configuration.settings import Initial, Settings
 from imud.errors import ConfigError, ImudError
-from imud.outputs.gpsd_dialogue import Inbox, Policy, answer
+from imud.outputs.addresses import parse_address
+from imud.outputs.gpsd_dialogue import Policy, ReceiveBuffer, answer
 from imud.outputs.gpsd_json import Report
-from imud.outputs.listen import parse_address
 from imud.outputs.view import Device, View
 from imud.recording.file import RecordingFile
 from imud.recording.player import Player
@@ -41,10 +41,10 @@ class Surface:
 
 def gpsd(data: bytes) -> None:
     """Requests; every answer is JSON on one line."""
-    inbox, policy = Inbox(), Policy(10.0)
+    receive_buffer, policy = ReceiveBuffer(), Policy(10.0)
     report = Report(View(devices=(Device("/dev/ttyUSB0", "epson"),)))
-    inbox.feed(data)
-    while request := inbox.take():
+    receive_buffer.feed(data)
+    while request := receive_buffer.next_request():
         answered = answer(request, policy, report)
         policy = answered.policy
         assert 0.001 <= policy.rate_hz <= 1000.0

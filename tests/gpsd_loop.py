@@ -24,9 +24,9 @@ noise = st.lists(pieces | st.binary(max_size=8), max_size=40).map(b"".join)
 class Loop:
     """The daemon's loop around a server, turned by hand."""
 
-    def __init__(self, own=None, orders=None, **changes) -> None:
+    def __init__(self, queries=None, commands=None, **changes) -> None:
         self.poller = select.poll()
-        self.server = GpsdServer(Gpsd(**{"listen": "127.0.0.1:0"} | changes), self.poller, own, orders)
+        self.server = GpsdServer(Gpsd(**{"listen": "127.0.0.1:0"} | changes), self.poller, queries, commands)
         self.now, self.seq = 10 * SECOND, 0
         self.sockets = []
 

@@ -128,9 +128,9 @@ def test_one_that_never_reads_is_cut_off(outputs):
         serve(outputs)
         for seq in range(3000):
             outputs.publish(solutions(1), 1, seq, 1)
-        outputs.look_after(59_000_000_000)
+        outputs.tick(59_000_000_000)
         assert outputs.stream.clients == 1
-        outputs.look_after(61_000_000_000)
+        outputs.tick(61_000_000_000)
         assert outputs.stream.clients == 0
 
 
@@ -222,7 +222,7 @@ def test_shared_memory_follows_and_ends(outputs):
 def _write_without_end(path: str, stop: multiprocessing.Event) -> None:
     record = np.zeros(client.RECORD.size // 8, np.uint64)
     elsewhere = SharedMemory(f"{path}-elsewhere")
-    elsewhere.publish(record)  # compiles, which takes longer than a life sign may be old
+    elsewhere.publish(record)  # compiles, which takes longer than a heartbeat may be old
     elsewhere.close()
     memory = SharedMemory(path)
     header = np.frombuffer(b"IMUD" + struct.pack("<HH", 1, 336), np.uint64)
@@ -295,15 +295,15 @@ def test_the_c_header_reads_what_python_reads(outputs, tmp_path):
 def test_a_state_that_a_crash_left_behind_is_not_taken_for_new(outputs):
     outputs.publish(solutions(1), 1, 0, 0)
     assert client.latest(outputs.at / "m").seq == 0
-    for place, says in ((-4, "life sign is"), (-1, "started anew")):
+    for place, says in ((-4, "heartbeat is"), (-1, "started anew")):
         outputs._shared._memory[place] -= np.uint64(5 * 10**9)
         outputs._shared._write_all()
         with pytest.raises(client.StaleError, match=rf"\(pid {os.getpid()}\).*{says}"):
             client.latest(outputs.at / "m")
         outputs._shared._memory[place] += np.uint64(5 * 10**9)
-    outputs.look_after(time.monotonic_ns())
+    outputs.tick(time.monotonic_ns())
     assert client.latest(outputs.at / "m").seq == 0
-    outputs.look_after(time.monotonic_ns() + 10**10)  # of another time namespace
+    outputs.tick(time.monotonic_ns() + 10**10)  # of another time namespace
     with pytest.raises(client.StaleError):
         client.latest(outputs.at / "m")
 
@@ -316,7 +316,7 @@ def test_a_file_that_somebody_truncates_is_written_anew(outputs, size):
     if size < client.SHARED_SIZE:
         with pytest.raises(client.ProtocolError, match="bytes instead of"):
             shared.read()
-    outputs.look_after(time.monotonic_ns())
+    outputs.tick(time.monotonic_ns())
     assert shared.read().seq == 3
     os.truncate(outputs.at / "m", size)
     outputs.publish(solutions(1, 4), 1, 4, 0)

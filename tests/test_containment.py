@@ -78,7 +78,7 @@ def test_a_request_of_http_is_refused_however_it_is_cut(loop, cut):
 
 
 def test_an_exception_in_a_request_is_an_answer(make_loop):
-    loop = make_loop(own={"STATUS": broken})
+    loop = make_loop(queries={"STATUS": broken})
     client = loop.connect(b"?STATUS;?VERSION;")
     _, refusal, after = client.receive()
     assert refusal == {"class": "ERROR", "message": "internal error"} and after["class"] == "VERSION"
@@ -89,7 +89,7 @@ def test_an_exception_for_one_client_ends_its_connection_only(loop):
     good, bad = loop.connect(WATCH), loop.connect(WATCH)
     loop.publish()
     good.receive()
-    loop.server._clients[[*loop.server._clients][1]].due = broken
+    loop.server._clients[[*loop.server._clients][1]].due_classes = broken
     loop.publish(SECOND)
     assert good.classes() == ["TPV", "SKY", "ATT", "IMU", "EST"]
     bad.receive()
@@ -109,7 +109,7 @@ def test_an_exception_while_reading_one_client_ends_its_connection_only(loop):
 
 
 def test_an_exception_while_accepting_does_not_keep_the_loop_busy(loop, monkeypatch):
-    monkeypatch.setattr(loop.server._door, "let_in", broken)
+    monkeypatch.setattr(loop.server._listeners, "accept", broken)
     with socket.create_connection(("127.0.0.1", int(loop.server.addresses[0].rpartition(":")[2]))):
         assert loop.turn() == 1
     assert loop.server._errors.count == 1
@@ -130,16 +130,16 @@ def outputs(tmp_path):
 
 def test_an_output_that_fails_does_not_keep_the_view_from_the_others(outputs, monkeypatch):
     shown = []
-    gpsd, nmea = outputs._viewers
+    gpsd, nmea = outputs._view_outputs
     monkeypatch.setattr(gpsd, "publish", broken)
     monkeypatch.setattr(nmea, "publish", lambda view, now_ns: shown.append(view))
-    outputs.show(View, 10 * SECOND)
+    outputs.publish(View, 10 * SECOND)
     assert len(shown) == 1 and outputs._errors.count == 1
 
 
 def test_an_exception_for_a_stream_client_ends_its_connection_only(outputs, monkeypatch, tmp_path):
     stream = outputs.binary.stream
-    listener = next(iter(stream._door._listeners))
+    listener = next(iter(stream._listeners._sockets))
     with connect(tmp_path / "s") as one, connect(tmp_path / "s", divisor=2):
         for _ in range(2):
             outputs.on_event(listener, select.POLLIN, MS)
@@ -153,4 +153,4 @@ def test_an_exception_for_a_stream_client_ends_its_connection_only(outputs, monk
 
 def test_rates_within_the_range_are_taken(loop):
     for rate in (0.001, 1000.0):
-        assert Policy(10.0).told(json.dumps({"rate": rate}).encode()).rate_hz == rate
+        assert Policy(10.0).updated(json.dumps({"rate": rate}).encode()).rate_hz == rate

@@ -8,16 +8,16 @@ from gpsd_synthetic import view
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imud.outputs.gpsd_dialogue import Inbox, Policy, answer, devices_object
+from imud.outputs.gpsd_dialogue import Policy, ReceiveBuffer, answer, devices_object
 from imud.outputs.gpsd_json import CLASSES, Report
 from imud.outputs.view import Device, View
 
 
 def requests_of(*chunks: bytes) -> list:
-    inbox, found = Inbox(), []
+    receive_buffer, found = ReceiveBuffer(), []
     for chunk in chunks:
-        inbox.feed(chunk)
-        while request := inbox.take():
+        receive_buffer.feed(chunk)
+        while request := receive_buffer.next_request():
             found.append(request)
     return found
 
@@ -74,7 +74,7 @@ def test_hostile_arguments_are_refused(argument):
 def watched(*arguments: bytes) -> Policy:
     policy = Policy(10.0)
     for argument in arguments:
-        policy = policy.told(argument)
+        policy = policy.updated(argument)
     return policy
 
 

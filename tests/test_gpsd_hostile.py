@@ -51,10 +51,10 @@ def test_a_client_that_never_reads_is_cut_off(loop):
     loop.connect(b'?WATCH={"json":true,"rate":1000};', buffer=4096)
     (connection,) = loop.server._clients.values()
     while loop.server.clients and loop.now < 300 * SECOND:
-        loop.publish(MS if connection.stuck_ns is None else 100 * MS)
+        loop.publish(MS if connection.stalled_ns is None else 100 * MS)
         loop.turn(step=1)
     assert loop.server.counters.expelled == 1
-    assert 60 * SECOND < loop.now - connection.stuck_ns < 62 * SECOND
+    assert 60 * SECOND < loop.now - connection.stalled_ns < 62 * SECOND
 
 
 def test_a_slow_reader_gets_whole_lines_and_stays(loop):
@@ -79,7 +79,7 @@ def test_what_a_client_is_owed_is_bounded(loop):
         loop.publish(MS)
         loop.turn(step=1)
     assert client.sock.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) <= 131072
-    assert 0 < len(client._owed) < 10240
+    assert 0 < len(client._unsent) < 10240
 
 
 def test_a_client_that_reads_no_answers_is_read_no_further(loop):
@@ -95,8 +95,8 @@ def test_a_client_that_reads_no_answers_is_read_no_further(loop):
         loop.server.tick(loop.now)
     (connection,) = loop.server._clients.values()
     assert 30 < loop.server.counters.requests < 50 * 100
-    assert len(connection.inbox._bytes) <= REQUEST_MAX + 128
-    assert 0 < len(connection._owed) < 1000  # one answer
+    assert len(connection.receive_buffer._bytes) <= REQUEST_MAX + 128
+    assert 0 < len(connection._unsent) < 1000  # one answer
 
 
 def test_a_flood_of_requests_is_served_in_slices(loop):
@@ -195,7 +195,7 @@ def test_out_of_descriptors_and_without_a_reserve_the_listener_waits_for_the_nex
     waiting = socket.create_connection(("127.0.0.1", int(loop.server.addresses[0].rpartition(":")[2])))
     loop.sockets.append(waiting)
     loop.server.tick(loop.now)
-    loop.server._door._reserve.close()
+    loop.server._listeners._spare.close()
     taken = [os.dup(0)]  # as another thread may, between the reserve's descriptor and the client's
     with no_descriptors():
         assert loop.turn(until_quiet=False) == 1

@@ -9,7 +9,7 @@ from gpsd_synthetic import IMU, RECEIVER, solution
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imud.outputs.connection import Pace
+from imud.outputs.connection import RateLimiter
 
 
 def test_greeting_then_silence_until_watch(loop):
@@ -91,7 +91,7 @@ def test_answers(loop, request_, classes):
 def test_an_own_request_is_answered_anew_ten_times_a_second_at_most(make_loop):
     made = []
     status = lambda: made.append(loop.now) or f'{{"class":"STATUS","made":{len(made)}}}'  # noqa: E731
-    loop = make_loop(own={"STATUS": status})
+    loop = make_loop(queries={"STATUS": status})
     client = loop.connect()
     client.receive()
     for _ in range(30):
@@ -214,11 +214,11 @@ def test_disabling_ends_the_stream(loop):
 
 @given(st.lists(st.integers(0, 30 * MS), min_size=1, max_size=300), st.floats(1.0, 1000.0))
 def test_no_more_messages_than_the_rate_allows(steps, rate_hz):
-    pace, now, sent = Pace(rate_hz), 0, 0
+    limiter, now, sent = RateLimiter(rate_hz), 0, 0
     for step in steps:
         now += step
-        sent += pace.take(now)
-    assert 1 <= sent <= now / pace.period_ns + 1.25 + 1e-9
+        sent += limiter.try_acquire(now)
+    assert 1 <= sent <= now / limiter.period_ns + 1.25 + 1e-9
 
 
 def test_a_solution_may_be_overwritten_after_it_was_published(loop):

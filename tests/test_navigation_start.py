@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALID
-from imud.outputs.view import GUESSED_M
+from imud.outputs.view import UNKNOWN_HEIGHT_SIGMA_M
 
 RATE = 100
 
@@ -70,7 +70,7 @@ def test_a_height_that_no_fix_has_told_is_not_known():
     out, _, _ = navigate(sensed(d, rng), fixes)
     p, _, _ = errors(d, out)
     assert (out["status"][-1] & HEADING_VALID) > 0
-    assert (out["sigma_p"][at(2.0) :, 2] > GUESSED_M).all()
+    assert (out["sigma_p"][at(2.0) :, 2] > UNKNOWN_HEIGHT_SIGMA_M).all()
     assert np.hypot(*p[at(40.0) :, :2].T).max() < 5.0
 
 

@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from imud.configuration.settings import Nmea
 from imud.errors import CannotCreateError, ConfigError
 from imud.estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, SOLUTION
-from imud.outputs.nmea import _UNREAD, NmeaOutput
+from imud.outputs.nmea import _PTY_BACKLOG, NmeaOutput
 from imud.outputs.nmea_sentences import sentences
 from imud.outputs.view import View
 from imud.sensors.readings import Gnss
@@ -181,7 +181,7 @@ def test_a_pseudo_terminal_holds_the_newest_news_only(tmp_path):
     unread = 0
     for second in range(100):
         output.publish(view(utc_s=1.7e9 + second), second * SECOND_NS)
-        unread = (unread if unread <= _UNREAD else 0) + len(sentences(view(utc_s=1.7e9 + second)))
+        unread = (unread if unread <= _PTY_BACKLOG else 0) + len(sentences(view(utc_s=1.7e9 + second)))
         settle(reader, unread)
     os.write(reader, b"$PMTK314,whatever\r\n" * 200)
     heard = read_until(reader, sentences(view(utc_s=1.7e9 + 99)))

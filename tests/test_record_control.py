@@ -11,7 +11,7 @@ from processes import PATIENCE_S
 from drivers.capture import Capture
 from imud.commands import main
 from imud.configuration.settings import Record, Settings
-from imud.outputs.listen import is_own
+from imud.outputs.addresses import is_own
 from imud.recording.control import Recordings
 
 
@@ -82,19 +82,19 @@ def test_a_folder_that_cannot_be_written_to_is_told_at_the_start(folder, tmp_pat
 
 
 def test_only_clients_of_this_machine_that_speak_the_protocol_give_orders(make_loop):
-    orders = []
+    commands = []
 
     def obey(argument):
-        orders.append(argument)
+        commands.append(argument)
         return '{"class":"RECORD"}'
 
-    loop = make_loop(orders={"RECORD": obey})
+    loop = make_loop(commands={"RECORD": obey})
     order = b'?RECORD={"enable":true}\n'
     assert loop.connect(order).classes() == ["VERSION", "RECORD"]
-    assert orders == [b'{"enable":true}']
+    assert commands == [b'{"enable":true}']
     _, refusal, after = loop.connect(b"hello\n" + order + b"?VERSION\n").receive()
     assert "only by a client on this machine" in refusal["message"] and after["class"] == "VERSION"
-    assert len(orders) == 1
+    assert len(commands) == 1
 
 
 def test_who_is_on_this_machine():

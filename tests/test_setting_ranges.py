@@ -148,8 +148,8 @@ def test_the_end_of_a_range_serves_every_part_of_the_daemon(key: Key, end: float
 
         for now_ns in (SECOND, 2 * SECOND, 4000 * SECOND):
             assert outputs.due_ns < 1 << 63
-            outputs.show(View, now_ns)
-            outputs.look_after(now_ns)
+            outputs.publish(View, now_ns)
+            outputs.tick(now_ns)
     finally:
         outputs.close()
     assert EpochClock(chosen.gnss.latency_s).epoch_ns(5.0, 20 * SECOND) <= 20 * SECOND

@@ -23,8 +23,8 @@ from imud.daemon.vitals import Innovations, flat, status_object
 from imud.errors import DeviceAbsentError, ImudError
 from imud.estimators.innovation_kinds import KINDS
 from imud.estimators.records import ASSUMED, INNOVATION
+from imud.outputs.addresses import parse_address
 from imud.outputs.gpsd_objects import line
-from imud.outputs.listen import parse_address
 from imud.sensors.rate import SECOND_NS, Pace, Rate
 
 

@@ -168,7 +168,7 @@ struct imud_shared {{
     uint64_t lock; /* 0 before the first state, odd while one is written */
     struct imud_state state;
     uint64_t check; /* exclusive or of the state's 64-bit words */
-    int64_t heartbeat_ns; /* when the daemon last gave a life sign, on CLOCK_MONOTONIC */
+    int64_t heartbeat_ns; /* when the daemon wrote its last heartbeat, on CLOCK_MONOTONIC */
     uint64_t pid; /* of the daemon */
     uint8_t boot_id[16]; /* of the machine's boot in which it ran */
 }};

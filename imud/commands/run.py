@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _check(settings: Settings) -> None:
     """What the daemon would refuse before it touches a device. Raises ConfigError, UsageError, CannotCreateError."""
-    from ..outputs.listen import addresses_of, parse_path
+    from ..outputs.addresses import addresses_of, parse_path
     from ..recording.control import folder_trouble
     from ..setup import choices
 

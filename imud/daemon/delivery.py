@@ -44,7 +44,7 @@ class Delivery:
     def fixed(self, fixes: list[Records], latency_s: float) -> None:
         """The receiver brought fixes, each `latency_s` old on arrival."""
         if fixes and self._devices.gnss:
-            self._outputs.fixed(self._devices.gnss[1].used_last, latency_s)
+            self._outputs.publish_fix(self._devices.gnss[1].used_last, latency_s)
         if (inertial := self._devices.fitting.inertial) is None:
             return
         for fix in fixes:
@@ -65,11 +65,11 @@ class Delivery:
 
     def show(self, inertial: Inertial, now_ns: int) -> None:
         """Show the newest solution to those clients whose message is due."""
-        self._outputs.show(lambda: self._view(inertial, now_ns), now_ns)
+        self._outputs.publish(lambda: self._view(inertial, now_ns), now_ns)
 
     def show_receiver(self, now_ns: int) -> None:
         """Without an inertial sensor: show what the receiver says, so that clients do not take old news for new."""
-        self._outputs.show(lambda: self._receivers_view(now_ns), now_ns)
+        self._outputs.publish(lambda: self._receivers_view(now_ns), now_ns)
 
     def _receivers_view(self, now_ns: int) -> View:
         view = View(devices=self._devices.described, health=self._health())

@@ -1,6 +1,6 @@
 """The daemon's one loop: waits on all descriptors at once, hands bytes to the sensors, and solutions to the outputs.
 
-It owns the order of things, from the start to the farewell; it knows no register, no equation and no JSON key.
+It owns the order of things, from the start to the end; it knows no register, no equation and no JSON key.
 """
 
 import contextlib
@@ -85,12 +85,12 @@ class Daemon:
         return self._exit
 
     def _open_outputs(self) -> Outputs:
-        own = {
+        queries = {
             "STATUS": lambda: self._account.status(self._delivery, self._outputs),
             "RECORD": self._recordings.told,
         }
-        orders = {"RECORD": self._recordings.obey}
-        return Outputs(self._settings, self._cycle.others, BATCH, own, orders, self._errors)
+        commands = {"RECORD": self._recordings.obey}
+        return Outputs(self._settings, self._cycle.others, BATCH, queries, commands, self._errors)
 
     def _prepare_kernels(self) -> None:
         """Call all of them once. Where numba has to compile them, that takes minutes."""
@@ -159,7 +159,7 @@ class Daemon:
         with self._errors.contain("the publishing of a fix"):
             if self._devices.imu is None:
                 self._delivery.show_receiver(now_ns)
-        self._outputs.look_after(now_ns)
+        self._outputs.tick(now_ns)
         with self._errors.contain("a look at the state"):
             self._account.look_after(self._delivery.load, now_ns)
         with self._errors.contain("a look at the recording"):

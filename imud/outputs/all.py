@@ -1,4 +1,4 @@
-"""All outputs together: who gets what, and when it is worth making. The settings say which of them exist."""
+"""All outputs together: which of them exist by the settings, and when the next view is due."""
 
 import contextlib
 from collections.abc import Callable, Mapping
@@ -9,8 +9,8 @@ from imud.process.contained import ContainedErrors
 
 from .binary import BinaryOutputs
 from .chrony import ChronyOutput
-from .door import Poller
 from .gpsd import GpsdServer
+from .listeners import Poller
 from .nmea import NmeaOutput
 from .view import View
 
@@ -23,15 +23,15 @@ class Outputs:
         settings: Settings,
         poller: Poller,
         batch: int,
-        own: Mapping[str, Callable[[], str]],
-        orders: Mapping[str, Callable[[bytes], str]],
+        queries: Mapping[str, Callable[[], str]],
+        commands: Mapping[str, Callable[[bytes], str]],
         errors: ContainedErrors | None = None,
     ) -> None:
-        """Open for at most `batch` solutions at a time; own, orders: see GpsdServer. Raises ImudError."""
+        """Open for at most `batch` solutions at a time; queries, commands: see ExtensionRequests. Raises ImudError."""
         self._errors = errors or ContainedErrors()
         with contextlib.ExitStack() as stack:
             self.gpsd = stack.enter_context(
-                contextlib.closing(GpsdServer(settings.gpsd, poller, own, orders, self._errors))
+                contextlib.closing(GpsdServer(settings.gpsd, poller, queries, commands, self._errors))
             )
             nmea = stack.enter_context(contextlib.closing(NmeaOutput(settings.nmea)))
             self.binary = stack.enter_context(contextlib.closing(BinaryOutputs(settings, poller, batch)))
@@ -39,7 +39,7 @@ class Outputs:
             if settings.chrony.shm_unit >= 0:
                 chrony = ChronyOutput(settings.chrony.shm_unit, int(settings.chrony.shm_mode, 8))
                 self._chrony = stack.enter_context(contextlib.closing(chrony))
-            self._viewers = (self.gpsd, nmea)
+            self._view_outputs = (self.gpsd, nmea)
             self._opened = stack.pop_all()
 
     def configure(self, settings: Settings) -> None:
@@ -47,7 +47,7 @@ class Outputs:
         self.gpsd.settings = settings.gpsd
 
     def on_event(self, fd: int, mask: int, now_ns: int) -> None:
-        """Handle what poll said of a descriptor that may be one of ours."""
+        """Handle a poll event of a descriptor that may belong to an output."""
         if fd in self.gpsd:
             self.gpsd.on_event(fd, mask, now_ns)
         elif fd in self.binary.stream:
@@ -57,34 +57,34 @@ class Outputs:
                 self._errors.report("the connection of a stream client", error)
                 self.binary.stream.disconnect(fd)
 
-    def fixed(self, fix: Fix, latency_s: float) -> None:
-        """Give the time of a fix that was taken `latency_s` before it came."""
+    def publish_fix(self, fix: Fix, latency_s: float) -> None:
+        """Publish the time of a fix; its epoch is `latency_s` before its arrival."""
         if self._chrony is not None:
             self._chrony.publish(fix, latency_s)
 
     @property
     def due_ns(self) -> int:
-        """When the next view is worth making."""
-        return min(viewer.due_ns for viewer in self._viewers)
+        """When the next view is due."""
+        return min(output.due_ns for output in self._view_outputs)
 
-    def show(self, make: Callable[[], View], now_ns: int) -> None:
-        """Give the view that `make` makes to those whose message is due; without any, `make` is not called."""
-        due = [viewer for viewer in self._viewers if now_ns >= viewer.due_ns]
+    def publish(self, make: Callable[[], View], now_ns: int) -> None:
+        """Publish the view that `make` returns to the outputs that are due; `make` is called only if one is due."""
+        due = [output for output in self._view_outputs if now_ns >= output.due_ns]
         if due:
             view = make()
-            for viewer in due:
+            for output in due:
                 try:
-                    viewer.publish(view, now_ns)
+                    output.publish(view, now_ns)
                 except Exception as error:
-                    self._errors.report(f"a message of {type(viewer).__name__}", error)
+                    self._errors.report(f"a message of {type(output).__name__}", error)
 
-    def look_after(self, now_ns: int) -> None:
-        """Call now and then: cuts off clients that are stuck."""
-        with self._errors.contain("a look at the gpsd clients"):
+    def tick(self, now_ns: int) -> None:
+        """Call several times per second: disconnects clients that timed out."""
+        with self._errors.contain("the check of the gpsd clients"):
             if (deadline := self.gpsd.next_deadline()) is not None and now_ns >= deadline:
                 self.gpsd.tick(now_ns)
-        with self._errors.contain("a look at the stream clients"):
-            self.binary.look_after(now_ns)
+        with self._errors.contain("the check of the stream clients"):
+            self.binary.tick(now_ns)
 
     def close(self) -> None:
         self._opened.close()

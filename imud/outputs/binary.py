@@ -1,4 +1,4 @@
-"""Solutions as records for the stream and the shared memory. Without a reader nothing is done.
+"""Solutions as records for the stream and the shared memory. Without a reader no record is made.
 
 `publish` is compiled, because the daemon's cycle calls it without Python (`imud/daemon/cycle.py`).
 """
@@ -12,7 +12,7 @@ from imud.compile.system import CLOCK_MONOTONIC, CLOCK_REALTIME, clock_ns, recor
 from imud.configuration.settings import Settings
 from imud.estimators.records import SOLUTION
 
-from .door import Poller
+from .listeners import Poller
 from .shared_memory import WORD, SharedMemory, write
 from .stream import CLIENT, StreamServer, send_all
 
@@ -82,11 +82,11 @@ class BinaryOutputs:
         """The first `n` of `solutions`, the last of them being the sample number `seq`."""
         publish(self.record, solutions.ctypes.data, n, seq, now_ns)
 
-    def look_after(self, now_ns: int) -> None:
-        """Call several times a second: cuts off clients that are stuck, and gives the shared memory's life sign."""
-        self.stream.look_after(now_ns)
+    def tick(self, now_ns: int) -> None:
+        """Call several times per second: disconnects stalled clients and writes the shared memory's heartbeat."""
+        self.stream.tick(now_ns)
         if self._shared is not None:
-            self._shared.beat(now_ns)
+            self._shared.write_heartbeat(now_ns)
 
     def close(self) -> None:
         self.stream.close()

@@ -22,10 +22,10 @@ from imud.errors import CannotCreateError, PermissionDeniedError
 KEY = 0x4E545030
 _IPC_CREAT = 0o1000
 _DAY_S = 86_400.0
-_ROUND_S = 1024 * 7 * 86_400
-_ROUND_BEGAN_S = calendar.timegm((2019, 4, 7, 0, 0, 0))
+_ROLLOVER_PERIOD_S = 1024 * 7 * 86_400
+_LAST_ROLLOVER_S = calendar.timegm((2019, 4, 7, 0, 0, 0))
 _NS = 1_000_000_000
-_SHARE = 1.0 / 16.0  # of one sample in the jitter
+_JITTER_GAIN = 1.0 / 16.0  # of one sample in the jitter
 _COARSE, _FINE = 0, -10  # precision, log2 s
 
 
@@ -67,8 +67,8 @@ def utc_ns(fix: Fix, now_ns: int) -> int | None:
         return None
     if fix.date is not None:
         day_s = calendar.timegm(fix.date.timetuple())
-        while day_s < _ROUND_BEGAN_S:
-            day_s += _ROUND_S
+        while day_s < _LAST_ROLLOVER_S:
+            day_s += _ROLLOVER_PERIOD_S
     else:
         day_s = round((now_ns * 1e-9 - fix.utc_s) / _DAY_S) * round(_DAY_S)
     return day_s * _NS + round(fix.utc_s * 1e9)
@@ -92,13 +92,13 @@ class ChronyOutput:
             os.umask(before)
         address = self._libc.shmat(segment, None, 0) if segment >= 0 else None
         if address is None or address == ctypes.c_void_p(-1).value:
-            raise _explained(unit, ctypes.get_errno())
+            raise _attach_error(unit, ctypes.get_errno())
         self._address = address
         self._memory = _ShmTime.from_address(address)
         self._memory.valid, self._memory.mode = 0, 1
 
     def publish(self, fix: Fix, latency_s: float) -> None:
-        """Give the time of a fix that was taken `latency_s` before it came."""
+        """Publish the time of a fix; its epoch is `latency_s` before its arrival."""
         system_less_monotonic_ns = time.time_ns() - time.monotonic_ns()
         receive_ns = fix.arrival_ns - round(latency_s * 1e9) + system_less_monotonic_ns
         clock_ns = utc_ns(fix, receive_ns)
@@ -115,9 +115,9 @@ class ChronyOutput:
         memory.valid = 1
 
     def _precision(self, offset_s: float) -> int:
-        """From how much the offset differs from one fix to the next."""
+        """log2 of the precision in s, from the change of the offset between two fixes."""
         if self._offset_s is not None:
-            self._jitter_s += _SHARE * (abs(offset_s - self._offset_s) - self._jitter_s)
+            self._jitter_s += _JITTER_GAIN * (abs(offset_s - self._offset_s) - self._jitter_s)
         self._offset_s = offset_s
         return max(_FINE, min(_COARSE, math.ceil(math.log2(max(self._jitter_s, 2.0**_FINE)))))
 
@@ -129,7 +129,7 @@ class ChronyOutput:
             self._address = 0
 
 
-def _explained(unit: int, code: int) -> Exception:
+def _attach_error(unit: int, code: int) -> Exception:
     what = f"cannot share time with chrony (chrony.shm_unit = {unit}): {os.strerror(code)}"
     if code in (errno.EACCES, errno.EPERM):
         return PermissionDeniedError(

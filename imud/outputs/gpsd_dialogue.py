@@ -1,4 +1,4 @@
-"""gpsd's requests and the messages that answer them: the language, not the connection.
+"""gpsd's requests and the messages that answer them: the protocol, not the connection.
 
 A request ends at `;`, LF or CR; text that does not begin with `?` is passed over, except a request of HTTP, which any
 web page can have a browser send across sites: whoever sends one is disconnected before anything after it is read. No
@@ -23,7 +23,7 @@ from .gpsd_objects import iso, quoted
 from .view import Device
 
 REQUEST_MAX = 1024  # bytes; gpsd's own limit is 80
-_DEVICES_MAX = 4  # libgps loops for ever when it is told of more
+_DEVICES_MAX = 4  # libgps loops for ever over a longer list
 _ERROR_MAX = 255
 NOT_HTTP = "this port does not speak HTTP"
 TOO_MANY, NO_DESCRIPTORS = "too many clients", "no descriptor left for another client"
@@ -38,23 +38,23 @@ class Request:
     text: str
 
 
-class Inbox:
-    """Bytes in, requests out; holds what is not complete."""
+class ReceiveBuffer:
+    """Splits received bytes into requests; buffers an incomplete request."""
 
     def __init__(self) -> None:
         self._bytes = bytearray()
-        self.has_strange_text = False  # something was sent that is no request
-        self.is_http = False  # a browser sends; nothing more is taken
+        self.has_other_text = False  # the client has sent text that is no request
+        self.is_http = False  # a browser sends HTTP; no further request is parsed
 
     def feed(self, data: bytes) -> None:
         self._bytes += data
 
     @property
-    def overlong(self) -> bool:
+    def too_long(self) -> bool:
         """True when a request is longer than REQUEST_MAX: the sender is no gpsd client."""
         return len(self._bytes) > REQUEST_MAX and _END.search(self._bytes, 0, REQUEST_MAX + 1) is None
 
-    def take(self) -> Request | None:
+    def next_request(self) -> Request | None:
         """The next complete request, if there is one."""
         while not self.is_http and (end := _END.search(self._bytes)):
             text = bytes(self._bytes[: end.start()]).strip()
@@ -62,7 +62,7 @@ class Inbox:
             if text.startswith(b"?"):
                 command, equals, argument = text[1:].partition(b"=")
                 return Request(command.decode("latin-1"), argument if equals else None, _printable(text))
-            self.has_strange_text |= bool(text)
+            self.has_other_text |= bool(text)
             self.is_http = _HTTP.match(text) is not None
         return None
 
@@ -94,7 +94,7 @@ _watch_argument = msgspec.json.Decoder(_WatchArgument, strict=False)
 _device_argument = msgspec.json.Decoder(_DeviceArgument)
 
 
-class RefusedError(Exception):
+class RequestError(Exception):
     """A request that is answered with ERROR; the message is its text."""
 
 
@@ -113,12 +113,12 @@ class Policy:
     def streaming(self) -> bool:
         return self.enable and (self.json or self.nmea)
 
-    def told(self, argument: bytes) -> "Policy":
+    def updated(self, argument: bytes) -> "Policy":
         """This policy after ?WATCH=argument. Raises RefusedError."""
         try:
             given = _watch_argument.decode(argument)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-            raise RefusedError(f"Invalid WATCH: {error}") from None
+            raise RequestError(f"Invalid WATCH: {error}") from None
         return replace(
             self,
             enable=given.enable,
@@ -126,24 +126,24 @@ class Policy:
             nmea=self.nmea if given.nmea is None else given.nmea,
             device=self.device if given.device is None else given.device,
             rate_hz=given.rate or self.rate_hz,
-            classes=self.classes if given.classes is None else _chosen(given.classes),
+            classes=self.classes if given.classes is None else _selected_classes(given.classes),
         )
 
 
-def _chosen(names: str) -> tuple[str, ...]:
+def _selected_classes(names: str) -> tuple[str, ...]:
     """The classes of a comma-separated list; `WATCH`, the request's own class, chooses nothing."""
     wanted = {name.strip().upper() for name in names.split(",")} - {"WATCH", ""}
     if unknown := wanted.difference(CLASSES):
-        raise RefusedError(f"Invalid WATCH: no class {', '.join(sorted(unknown))}; there are {', '.join(CLASSES)}")
+        raise RequestError(f"Invalid WATCH: no class {', '.join(sorted(unknown))}; there are {', '.join(CLASSES)}")
     return tuple(kind for kind in CLASSES if kind in wanted) if wanted else CLASSES
 
 
-def _path_asked(argument: bytes | None) -> str | None:
+def _requested_path(argument: bytes | None) -> str | None:
     """The path in ?DEVICE's argument, None when it names none. Raises RefusedError."""
     try:
         return _device_argument.decode(argument).path if argument else None
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise RefusedError(f"Invalid DEVICE: {error}") from None
+        raise RequestError(f"Invalid DEVICE: {error}") from None
 
 
 @functools.cache
@@ -197,7 +197,7 @@ def _find(devices: tuple[Device, ...], path: str | None) -> Device:
     for device in devices:
         if path in (None, device.path):
             return device
-    raise RefusedError("No devices attached" if path is None else f"No such device as {path}")
+    raise RequestError("No devices attached" if path is None else f"No such device as {path}")
 
 
 def _answer_version(_: bytes | None, policy: Policy, report: Report) -> Answer:
@@ -210,12 +210,12 @@ def _answer_devices(_: bytes | None, policy: Policy, report: Report) -> Answer:
 
 def _answer_device(argument: bytes | None, policy: Policy, report: Report) -> Answer:
     """The device unchanged: clients do not configure sensors here."""
-    return Answer((device_object(_find(report.view.devices, _path_asked(argument))),), policy)
+    return Answer((device_object(_find(report.view.devices, _requested_path(argument))),), policy)
 
 
 def _answer_watch(argument: bytes | None, policy: Policy, report: Report) -> Answer:
     if argument is not None:
-        policy = policy.told(argument)
+        policy = policy.updated(argument)
         if policy.device is not None:
             _find(report.view.devices, policy.device)
     return Answer((devices_object(report.view.devices), watch_object(policy)), policy)
@@ -239,7 +239,7 @@ def answer(request: Request, policy: Policy, report: Report) -> Answer:
     """Answer one request of a client with `policy`, out of the newest report."""
     try:
         if request.command not in _ANSWERS or (request.argument is not None and request.command not in _WITH_ARGUMENT):
-            raise RefusedError(f"Unrecognized request '{request.text}'")
+            raise RequestError(f"Unrecognized request '{request.text}'")
         return _ANSWERS[request.command](request.argument, policy, report)
-    except RefusedError as refusal:
-        return Answer((error_object(str(refusal)),), policy, refused=True)
+    except RequestError as error_text:
+        return Answer((error_object(str(error_text)),), policy, refused=True)

@@ -1,6 +1,7 @@
 """NMEA sentences to a UDP address and to a pseudo-terminal, for programs that know receivers only.
 
-It never waits: what a reader does not take is thrown away, the oldest first, so that nobody reads outdated sentences.
+The output never blocks: sentences that a reader does not take are discarded, the oldest first, so that no reader gets
+outdated sentences.
 """
 
 import contextlib
@@ -16,13 +17,13 @@ from pathlib import Path
 from imud.configuration.settings import Nmea
 from imud.errors import CannotCreateError, ConfigError, PermissionDeniedError
 
-from .connection import NEVER_NS, Pace
-from .listen import Address, is_local, parse_address
+from .addresses import Address, is_local, parse_address
+from .connection import NEVER_NS, RateLimiter
 from .nmea_sentences import sentences
 from .view import View
 
 PORT = 10110  # IANA: nmea-0183
-_UNREAD = 2048  # bytes that may wait for the reader of the pseudo-terminal: a second or two of sentences
+_PTY_BACKLOG = 2048  # bytes that may wait for the reader of the pseudo-terminal: a second or two of sentences
 
 
 class NmeaOutput:
@@ -30,7 +31,7 @@ class NmeaOutput:
 
     def __init__(self, settings: Nmea) -> None:
         """Open. Raises ConfigError (78), CannotCreateError (73), PermissionDeniedError (77)."""
-        self._pace = Pace(settings.rate_hz)
+        self._rate_limiter = RateLimiter(settings.rate_hz)
         self._udp: socket.socket | None = None
         self._master = self._slave = -1
         self._link: Path | None = None
@@ -42,7 +43,7 @@ class NmeaOutput:
         except BaseException:
             self.close()
             raise
-        self._wanted = self._udp is not None or self._link is not None
+        self._enabled = self._udp is not None or self._link is not None
 
     def _open_pty(self, link: Path) -> None:
         self._master, self._slave = os.openpty()
@@ -51,7 +52,7 @@ class NmeaOutput:
         path = os.ttyname(self._slave)
         with contextlib.suppress(OSError):  # some mounts forbid it; then only our user may read
             Path(path).chmod(0o666)
-        if _is_used(link):
+        if _is_locked_by_another(link):
             raise CannotCreateError(f"cannot make {link} (nmea.pty): another instance's sentences are there")
         fcntl.lockf(self._slave, fcntl.LOCK_EX)
         try:
@@ -66,31 +67,31 @@ class NmeaOutput:
 
     @property
     def due_ns(self) -> int:
-        """When a view is worth making."""
-        return self._pace.due_ns if self._wanted else NEVER_NS
+        """When the next view is due."""
+        return self._rate_limiter.due_ns if self._enabled else NEVER_NS
 
     def publish(self, view: View, now_ns: int) -> None:
-        """Send, if it is time."""
-        if not self._wanted or not self._pace.take(now_ns):
+        """Send the sentences of the view, if they are due."""
+        if not self._enabled or not self._rate_limiter.try_acquire(now_ns):
             return
         data = sentences(view)
         if self._udp is not None:
-            with contextlib.suppress(OSError):  # nobody there, or no room
+            with contextlib.suppress(OSError):  # no receiver, or no room in the socket buffer
                 self._udp.send(data)
         if self._link is not None:
-            self._feed(data)
+            self._write_pty(data)
 
-    def _feed(self, data: bytes) -> None:
+    def _write_pty(self, data: bytes) -> None:
         unread = struct.unpack("i", fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4)))[0]
-        if unread > _UNREAD:
+        if unread > _PTY_BACKLOG:
             termios.tcflush(self._slave, termios.TCIFLUSH)
         with contextlib.suppress(BlockingIOError):
             os.write(self._master, data)
         with contextlib.suppress(BlockingIOError):
-            os.read(self._master, 4096)  # what the reader tells its "receiver"
+            os.read(self._master, 4096)  # what the reader writes to its "receiver"
 
     def close(self) -> None:
-        """Take the pseudo-terminal away. May be called twice."""
+        """Close the pseudo-terminal and remove its link. May be called twice."""
         if self._udp is not None:
             self._udp.close()
         if self._link is not None:
@@ -100,10 +101,10 @@ class NmeaOutput:
             if fd >= 0:
                 os.close(fd)
         self._master = self._slave = -1
-        self._wanted = False
+        self._enabled = False
 
 
-def _is_used(link: Path) -> bool:
+def _is_locked_by_another(link: Path) -> bool:
     """Whether the link leads to a pseudo-terminal of another instance, which holds a record lock (readers use none)."""
     try:
         fd = os.open(link, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)

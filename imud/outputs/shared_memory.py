@@ -2,9 +2,9 @@
 
 Layout, all little-endian: the lock (uint64: 0 before the first state, odd while one is written), the record
 (`imud.client.FIELDS`), the exclusive or of the record's 64-bit words, for readers that cannot order their reads, and
-the daemon's life sign (`imud.client.LIFE`): heartbeat, pid and boot id, by which readers tell a state of now from one
-that a crash left behind. The file is written, not mapped, by the daemon: whoever truncates it (its own user, root)
-makes the daemon write it anew, where a mapping would end the daemon with SIGBUS. All others may only read.
+the daemon's `imud.client.LIVENESS`: heartbeat, pid and boot id, by which a reader detects a state that a crashed daemon
+left behind. The daemon writes the file and does not map it: if a user with write permission truncates the file, the
+daemon writes it anew, where a mapping would end the daemon with SIGBUS. All others may only read.
 """
 
 import fcntl
@@ -14,21 +14,21 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from imud.client import LIFE, MAGIC, RECORD, SHARED_SIZE, boot_id
+from imud.client import LIVENESS, MAGIC, RECORD, SHARED_SIZE, boot_id
 from imud.compile.entry import entry
 from imud.compile.system import fence, pwrite, records
 from imud.errors import CannotCreateError, PermissionDeniedError
 
 WORD = np.dtype(np.uint64)
 _LOCK_BYTES = WORD.itemsize  # before the record
-_LIFE_WORDS = LIFE.size // WORD.itemsize
+_LIVENESS_WORDS = LIVENESS.size // WORD.itemsize
 _HEARTBEAT = RECORD.size // WORD.itemsize + 2  # place of this word; lock, record and check stand before it
 
 
 @entry
 def write(file: int, address: int, record: NDArray[np.uint64], now_ns: int) -> None:
     """The record, as 64-bit words, into the file whose contents stand at the address, too."""
-    size = len(record) + 2 + _LIFE_WORDS
+    size = len(record) + 2 + _LIVENESS_WORDS
     memory = records(address, size, WORD)
     lock = memory[0]
     memory[0] = lock + np.uint64(1)
@@ -53,7 +53,7 @@ class SharedMemory:
         """Create, or take over what an earlier run left. Raises CannotCreateError (73), PermissionDeniedError (77)."""
         self.file = _open(path)
         self._memory: NDArray[np.uint64] = np.zeros(SHARED_SIZE // WORD.itemsize, WORD)
-        self._memory[_HEARTBEAT:] = np.frombuffer(LIFE.pack(time.monotonic_ns(), os.getpid(), boot_id()), WORD)
+        self._memory[_HEARTBEAT:] = np.frombuffer(LIVENESS.pack(time.monotonic_ns(), os.getpid(), boot_id()), WORD)
         try:
             self._write_all()
         except OSError as error:
@@ -72,13 +72,13 @@ class SharedMemory:
         """The newest record, as 64-bit words."""
         write(self.file, self.address, record, time.monotonic_ns())
 
-    def beat(self, now_ns: int) -> None:
-        """Call several times a second: readers see that the daemon lives. Restores a file that was truncated."""
+    def write_heartbeat(self, now_ns: int) -> None:
+        """Call several times per second: readers see that the daemon runs. Restores a file that was truncated."""
         self._memory[_HEARTBEAT] = now_ns
         self._write_all()
 
     def close(self) -> None:
-        """Let readers know that there is no state any more."""
+        """Mark the file as without a state and without a running daemon."""
         self._memory[0] = self._memory[_HEARTBEAT] = 0
         self._write_all()
         os.close(self.file)

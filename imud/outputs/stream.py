@@ -1,7 +1,8 @@
 """Every state in binary for any number of clients: a SEQPACKET socket on which each client chooses a divisor.
 
-One record per message (layout: `imud.client.FIELDS`). A client that does not read loses its own records, which their
-numbers tell it, and is cut off after a while; nobody waits for it. Sending is compiled, connecting is not.
+One record per message (layout: `imud.client.FIELDS`). A client that does not read loses records, sees the gap in their
+sequence numbers, and is disconnected after a minute; the daemon never waits for a client. Sending is compiled,
+connecting is not.
 """
 
 import select
@@ -15,18 +16,18 @@ from imud.compile.jit import kernel
 from imud.compile.system import EAGAIN, errno, send
 from imud.configuration.settings import Stream as StreamSettings
 
+from .addresses import parse_path
 from .connection import SECOND_NS
-from .door import Door, Poller, TurnedAwayError
-from .listen import parse_path
+from .listeners import Listeners, Poller, RejectedError
 
-_STUCK_NS = 60_000_000_000
+_STALL_TIMEOUT_NS = 60_000_000_000
 _SEND_BUFFER = 256 * 1024
 _FLAGS = int(socket.MSG_NOSIGNAL | socket.MSG_DONTWAIT)
 CLIENT = np.dtype(
     [
         ("fd", "<i4"),
         ("divisor", "<i8"),
-        ("stuck_ns", "<i8"),  # since when it takes nothing; 0: it does
+        ("stalled_ns", "<i8"),  # since when the client takes no record; 0: it takes them
     ],
     align=True,
 )
@@ -36,7 +37,7 @@ CLIENT = np.dtype(
 def send_all(clients: NDArray[np.void], messages: int, size: int, n: int, seq: int, now_ns: int) -> int:
     """Send to each client those of n messages of `size` bytes whose number its divisor divides; the last is `seq`.
 
-    Returns how many were dropped. A client that is gone is left to the poll, which reports it.
+    Returns how many were dropped. A client that has closed its connection is reported by poll, not here.
     """
     dropped = 0
     for i in range(len(clients)):
@@ -45,11 +46,11 @@ def send_all(clients: NDArray[np.void], messages: int, size: int, n: int, seq: i
             if (seq - n + 1 + k) % c.divisor != 0:
                 continue
             if send(c.fd, messages + k * size, size, _FLAGS) >= 0:
-                c.stuck_ns = 0
+                c.stalled_ns = 0
             elif errno() == EAGAIN:
                 dropped += 1
-                if c.stuck_ns == 0:
-                    c.stuck_ns = now_ns
+                if c.stalled_ns == 0:
+                    c.stalled_ns = now_ns
     return dropped
 
 
@@ -57,18 +58,18 @@ class StreamServer:
     """The clients of one socket. Never blocks; not thread-safe."""
 
     def __init__(self, settings: StreamSettings, poller: Poller, publisher: NDArray[np.void]) -> None:
-        """Open; `publisher` (array of one PUBLISHER) is told of the clients.
+        """Open; this class writes the clients into `publisher` (array of one PUBLISHER).
 
         Raises AddressInUseError or CannotCreateError (73), PermissionDeniedError (77).
         """
         self._publisher = publisher
         self._poller = poller
-        self._look_ns = 0
+        self._tick_ns = 0
         self._sockets: list[socket.socket] = []
         self._clients = np.zeros(settings.max_clients, CLIENT)  # in the same order
         publisher["clients"] = self._clients.ctypes.data
         addresses = [parse_path(settings.listen)] if settings.listen else []
-        self._door = Door(addresses, poller, b"", socket.SOCK_SEQPACKET)
+        self._listeners = Listeners(addresses, poller, b"", socket.SOCK_SEQPACKET)
 
     @property
     def clients(self) -> int:
@@ -80,14 +81,14 @@ class StreamServer:
         return int(self._publisher["dropped"][0])
 
     def _index(self, fd: int) -> int:
-        """The client's place; -1 for none of ours."""
+        """The client's index; -1: the descriptor belongs to no client."""
         return next((i for i, sock in enumerate(self._sockets) if sock.fileno() == fd), -1)
 
     def __contains__(self, fd: int) -> bool:
-        return self._index(fd) >= 0 or fd in self._door
+        return self._index(fd) >= 0 or fd in self._listeners
 
     def on_event(self, fd: int) -> None:
-        """Somebody connects, asks for another divisor, or goes."""
+        """Handle a poll event: a client connects, sends another divisor, or disconnects."""
         i = self._index(fd)
         if i < 0:
             self._accept(fd)
@@ -104,26 +105,26 @@ class StreamServer:
             self._remove(i)
 
     def disconnect(self, fd: int) -> None:
-        """End this client's connection; a listener instead waits until `look_after`."""
+        """End this client's connection; a listener instead waits until `tick`."""
         if (i := self._index(fd)) >= 0:
             self._remove(i)
         else:
-            self._door.pause(fd)
+            self._listeners.pause(fd)
 
-    def look_after(self, now_ns: int) -> None:
-        """Cut off clients that have taken nothing for long; accept again those for whom there was no room."""
-        if now_ns < self._look_ns:
+    def tick(self, now_ns: int) -> None:
+        """Once per second: disconnect stalled clients; accept connections again after a lack of file descriptors."""
+        if now_ns < self._tick_ns:
             return
-        self._look_ns = now_ns + SECOND_NS
-        self._door.tick()
+        self._tick_ns = now_ns + SECOND_NS
+        self._listeners.tick()
         for i in reversed(range(len(self._sockets))):
-            if (stuck_ns := self._clients[i]["stuck_ns"]) and now_ns - stuck_ns > _STUCK_NS:
+            if (stalled_ns := self._clients[i]["stalled_ns"]) and now_ns - stalled_ns > _STALL_TIMEOUT_NS:
                 self._remove(i)
 
     def _accept(self, fd: int) -> None:
         try:
-            sock = self._door.let_in(fd)
-        except TurnedAwayError:
+            sock = self._listeners.accept(fd)
+        except RejectedError:
             return
         if sock is None:
             return
@@ -148,4 +149,4 @@ class StreamServer:
         """End all connections and remove the socket."""
         while self._sockets:
             self._remove(0)
-        self._door.close()
+        self._listeners.close()

@@ -15,11 +15,11 @@ from imud.estimators.records import POSITION_VALID, SOLUTION
 from imud.sensors.readings import NO_VECTOR, ClockFit, Gnss
 
 NAN = math.nan
-_LOCK = 1.0 - 1e-13  # sine of a pitch at which rounding decides what roll and yaw are
+_GIMBAL_LOCK_SINE = 1.0 - 1e-13  # sine of a pitch at which rounding decides what roll and yaw are
 Vector = tuple[float, ...]
 
 
-def _unknown() -> bytes:
+def _nan_solution() -> bytes:
     row = np.zeros(1, SOLUTION)
     for name in SOLUTION.names or ():
         if SOLUTION[name].base.kind == "f":
@@ -27,7 +27,7 @@ def _unknown() -> bytes:
     return row.tobytes()
 
 
-NO_SOLUTION = _unknown()
+NO_SOLUTION = _nan_solution()
 
 
 class Device(NamedTuple):
@@ -66,7 +66,7 @@ class View(NamedTuple):
     sensed: Vector = 2 * NO_VECTOR  # by the inertial sensor: rates in rad/s and specific force in m/s^2, body
 
 
-GUESSED_M = 500.0  # standard deviation
+UNKNOWN_HEIGHT_SIGMA_M = 500.0  # standard deviation
 
 
 class State(NamedTuple):
@@ -89,9 +89,9 @@ class State(NamedTuple):
     sigma_ba: Vector
 
     @property
-    def told_height(self) -> float:
+    def known_height(self) -> float:
         """For people and maps; NaN while no fix had one (RMC has none), and a guess stands in its place."""
-        return self.height if self.sigma_p[2] < GUESSED_M else math.nan
+        return self.height if self.sigma_p[2] < UNKNOWN_HEIGHT_SIGMA_M else math.nan
 
 
 _ANGLES = {"lat", "lon", "w", "bg", "sigma_rpy", "sigma_bg"}
@@ -124,7 +124,7 @@ def euler(q: Vector) -> tuple[float, float, float]:
     """Roll, pitch, yaw in degrees of q_nb, ZYX; with the nose straight up or down roll is 0."""
     w, x, y, z = q
     sine = 2.0 * (w * y - x * z)
-    if abs(sine) > _LOCK:
+    if abs(sine) > _GIMBAL_LOCK_SINE:
         pitch = math.degrees(math.asin(max(-1.0, min(1.0, sine))))
         return 0.0, pitch, math.remainder(math.degrees(2.0 * math.atan2(z, w)), 360.0)
     return (

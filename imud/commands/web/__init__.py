@@ -38,7 +38,7 @@ def require() -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from imud.outputs.listen import parse_address
+    from imud.outputs.addresses import parse_address
 
     require()
     from .server import serve

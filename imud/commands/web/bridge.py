@@ -7,7 +7,7 @@ import asyncio
 import json
 from typing import Any, NamedTuple
 
-from imud.outputs.listen import Address
+from imud.outputs.addresses import Address
 
 RATE_HZ = 20
 _WATCH = {"enable": True, "json": True, "rate": RATE_HZ, "class": "ATT,EST,SKY"}

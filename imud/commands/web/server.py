@@ -20,7 +20,7 @@ from aiohttp import web
 from aiohttp.typedefs import Handler
 
 from imud import figures
-from imud.outputs.listen import Address, is_local, listen, shown_address
+from imud.outputs.addresses import Address, is_local, listen, shown_address
 
 from .bridge import Bridge
 from .limits import KEEP_ALIVE_S, Connections, ErrorLog

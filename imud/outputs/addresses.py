@@ -48,7 +48,7 @@ def parse_address(text: str, default_port: int) -> Address:
     if port > 65535:
         raise ConfigError(f"{text!r} is no address: the highest port is 65535")
     family, host = _resolve(match["v6"] or match["host"] or "0.0.0.0", text)
-    return Address(_shown(host, port), family, (host, port))
+    return Address(_host_port(host, port), family, (host, port))
 
 
 def addresses_of(settings: Gpsd) -> list[Address]:
@@ -81,7 +81,7 @@ def _resolve(host: str, text: str) -> tuple[socket.AddressFamily, str]:
     return found[0][0], str(found[0][4][0])
 
 
-def _shown(host: str, port: int) -> str:
+def _host_port(host: str, port: int) -> str:
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
@@ -113,7 +113,7 @@ def listen(address: Address, kind: socket.SocketKind = socket.SOCK_STREAM) -> so
     try:
         sock.setblocking(False)
         if isinstance(address.where, str):
-            _clear_stale(address.where, kind)
+            _remove_stale_socket(address.where, kind)
         else:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             if address.family == socket.AF_INET6:
@@ -124,17 +124,17 @@ def listen(address: Address, kind: socket.SocketKind = socket.SOCK_STREAM) -> so
         sock.listen(_BACKLOG)
     except OSError as error:
         sock.close()
-        raise _explained(address, error) from error
+        raise _listen_error(address, error) from error
     return sock
 
 
 def shown_address(sock: socket.socket) -> str:
     """Where a socket listens, with the port that the system chose for port 0."""
     name = sock.getsockname()
-    return f"unix:{name}" if isinstance(name, str) else _shown(name[0], name[1])
+    return f"unix:{name}" if isinstance(name, str) else _host_port(name[0], name[1])
 
 
-def _clear_stale(path: str, kind: socket.SocketKind) -> None:
+def _remove_stale_socket(path: str, kind: socket.SocketKind) -> None:
     """Remove a socket that a dead process left behind; a living one and other kinds of file stay."""
     if not Path(path).is_socket():
         return
@@ -148,7 +148,7 @@ def _clear_stale(path: str, kind: socket.SocketKind) -> None:
             pass
 
 
-def _explained(address: Address, error: OSError) -> Exception:
+def _listen_error(address: Address, error: OSError) -> Exception:
     if error.errno == errno.EADDRINUSE and isinstance(address.where, str) and not Path(address.where).is_socket():
         return AddressInUseError(
             f"cannot listen on {address.text}: there is a file that is no socket; choose another name"

@@ -11,8 +11,8 @@ from gpsd_loop import WATCH, Client
 
 from imud.configuration.settings import Gpsd
 from imud.errors import CannotCreateError, ConfigError, PermissionDeniedError
+from imud.outputs.addresses import AddressInUseError, holder_of, is_local, parse_address
 from imud.outputs.gpsd import GpsdServer
-from imud.outputs.listen import AddressInUseError, holder_of, is_local, parse_address
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The door of a server: its listening sockets, who comes in, and who is sent away for lack of a descriptor."""
+"""The listening sockets of a server. A connection is accepted, or rejected while no file descriptor is free."""
 
 import contextlib
 import errno
@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
-from .listen import Address, listen, shown_address
+from .addresses import Address, listen, shown_address
 
-_EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)  # nobody can be let in now
+_EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)  # accept() fails with one of these
 
 
 class Poller(Protocol):
@@ -22,89 +22,89 @@ class Poller(Protocol):
     def unregister(self, fd: int, /) -> None: ...
 
 
-class TurnedAwayError(Exception):
-    """Who waited was sent away."""
+class RejectedError(Exception):
+    """The server rejected the connection: no file descriptor is free."""
 
 
-class Door:
+class Listeners:
     """Listening sockets that a loop polls. Never blocks; not thread-safe."""
 
     def __init__(
         self,
         addresses: Sequence[Address],
         poller: Poller,
-        farewell: bytes,
+        rejection: bytes,
         kind: socket.SocketKind = socket.SOCK_STREAM,
     ) -> None:
-        """Open all of them, or none. farewell: the last words to who is sent away. Raises as `listen`."""
-        self._poller, self._farewell = poller, farewell
-        self._listeners: dict[int, socket.socket] = {}
-        self._reserve = Reserve()
+        """Open all addresses, or none. rejection: the bytes that a rejected client receives. Raises as `listen`."""
+        self._poller, self._rejection = poller, rejection
+        self._sockets: dict[int, socket.socket] = {}
+        self._spare = SpareDescriptor()
         try:
             for address in addresses:
                 sock = listen(address, kind)
-                self._listeners[sock.fileno()] = sock
+                self._sockets[sock.fileno()] = sock
                 poller.register(sock.fileno(), select.POLLIN)
         except BaseException:
             self.close()
             raise
 
     def __contains__(self, fd: int) -> bool:
-        return fd in self._listeners
+        return fd in self._sockets
 
     @property
     def addresses(self) -> tuple[str, ...]:
-        """Where it listens, with real port numbers."""
-        return tuple(shown_address(sock) for sock in self._listeners.values())
+        """The addresses, with the port numbers that the system assigned."""
+        return tuple(shown_address(sock) for sock in self._sockets.values())
 
-    def let_in(self, fd: int) -> socket.socket | None:
-        """Who waits at this socket; None: nobody, or nothing can be done before `tick`. Raises TurnedAwayError."""
-        listener = self._listeners[fd]
+    def accept(self, fd: int) -> socket.socket | None:
+        """The next connection; None: no client waits, or none can be accepted before `tick`. Raises RejectedError."""
+        listener = self._sockets[fd]
         try:
             return listener.accept()[0]
         except OSError as error:
             if error.errno not in _EXHAUSTED:
                 return None
-        if self._reserve.turn_away(listener, self._farewell):
-            raise TurnedAwayError
-        self.pause(fd)  # poll would say it again at once
+        if self._spare.reject(listener, self._rejection):
+            raise RejectedError
+        self.pause(fd)  # poll would report the same client again at once
         return None
 
     def pause(self, fd: int) -> None:
-        """Accept nobody at this socket until `tick`."""
-        if fd in self._listeners:
+        """Accept no connection at this socket until `tick`."""
+        if fd in self._sockets:
             self._poller.modify(fd, 0)
 
     def tick(self) -> None:
         """Call once per second."""
-        for fd in self._listeners:
+        for fd in self._sockets:
             self._poller.modify(fd, select.POLLIN)
 
     def close(self) -> None:
         """Stop listening."""
-        for fd, sock in self._listeners.items():
+        for fd, sock in self._sockets.items():
             self._poller.unregister(fd)
             if sock.family == socket.AF_UNIX:
                 with contextlib.suppress(OSError):
                     Path(sock.getsockname()).unlink()
             sock.close()
-        self._listeners.clear()
-        self._reserve.close()
+        self._sockets.clear()
+        self._spare.close()
 
 
-class Reserve:
-    """A descriptor kept back. Once none is left, it lets in who would wait for an answer, and sends them away."""
+class SpareDescriptor:
+    """An open file descriptor. Once no other is free, the server closes it to accept and reject a waiting client."""
 
     def __init__(self) -> None:
         self._fd = -1
-        self._keep()
+        self._reopen()
 
-    def _keep(self) -> None:
+    def _reopen(self) -> None:
         with contextlib.suppress(OSError):
             self._fd = os.open("/dev/null", os.O_RDONLY | os.O_CLOEXEC)
 
-    def turn_away(self, listener: socket.socket, farewell: bytes) -> bool:
-        """End the connection of who waits first, with these last words; False: not even that is possible."""
+    def reject(self, listener: socket.socket, rejection: bytes) -> bool:
+        """Accept the first waiting client, send it `rejection`, disconnect it; False: accept() fails even so."""
         self.close()
         try:
             sock, _ = listener.accept()
@@ -112,13 +112,13 @@ class Reserve:
             return False
         else:
             with sock, contextlib.suppress(OSError):
-                sock.send(farewell, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+                sock.send(rejection, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
             return True
         finally:
-            self._keep()
+            self._reopen()
 
     def close(self) -> None:
-        """Give it up."""
+        """Close the descriptor."""
         if self._fd >= 0:
             os.close(self._fd)
         self._fd = -1

@@ -1,8 +1,8 @@
-"""A bank of drift rates of the level frame: for each, the integrals of `matching` turned back, matched with the fixes.
+"""A bank of hypotheses of the level frame's drift rate: for each, the integrals turned back and matched with the fixes.
 
-If a hypothesis is right, its frame does not turn over ground, and the equation of `matching` holds in it for as long as
-one likes. A tilt turns with the level frame, too, which drifts about the axis of the body that it takes for vertical.
-The drift within the interval between two fixes matters little: each interval is turned as a whole.
+The vertical gyro bias turns the level frame. In the frame of a correct hypothesis that rotation is removed, and the
+equation of `observers.heading_integrals` holds over any duration. Each interval between two fixes is turned as a
+whole, because the rotation within it is small.
 """
 
 from __future__ import annotations
@@ -44,11 +44,8 @@ TUNABLES = (
         "max_corrected_tilt", 0.1, "rad", "Tilt corrected afterwards; more is not of first order.", "Linearization."
     ),
 )
-GNSS_COLUMN, INERTIAL_COLUMN, REGRESSOR_COLUMN = (
-    0,
-    1,
-    2,
-)  # products: of what the receiver saw, what was felt, and the first regressor
+# columns of `products`: innovations of GNSS, of the integrated specific force, of the first of three regressors
+GNSS_COLUMN, INERTIAL_COLUMN, REGRESSOR_COLUMN = 0, 1, 2
 
 
 @kernel
@@ -59,7 +56,7 @@ def drift_rate(p: Parameters, k: int) -> float:
 
 @kernel
 def nearest_hypothesis(p: Parameters, c: Core) -> int:
-    """The hypothesis nearest to what the filter knows of the drift."""
+    """Number of the hypothesis nearest to the drift rate that the filter's vertical gyro bias predicts."""
     return int(
         min(max(HYPOTHESES // 2 + 0.5 - c.alignment.vertical_bias / p.tuning.drift_rate_step, 0.0), HYPOTHESES - 0.5)
     )
@@ -67,7 +64,7 @@ def nearest_hypothesis(p: Parameters, c: Core) -> int:
 
 @kernel
 def frame_rotation(p: Parameters, c: Core, k: int, ago: float) -> float:
-    """Angle, rad, by which the level frame had turned since the origin `ago` s before now, if hypothesis k is right."""
+    """Angle, rad, from the origin to `ago` s before now, by which the level frame turned under hypothesis k."""
     return float(
         drift_rate(p, k) * (1e-9 * (c.nav.t_ns - c.alignment.origin_ns) - ago)
         + c.alignment.wander_azimuth_drift
@@ -77,7 +74,7 @@ def frame_rotation(p: Parameters, c: Core, k: int, ago: float) -> float:
 
 @kernel
 def clear_hypotheses(b: HypothesisBank) -> None:
-    """Forget all that was matched, at the origin of the core's integrals."""
+    """Clear integrals and products of every hypothesis, at the origin of the core's integrals."""
     b.integrals[:] = 0.0
     b.double_integrals[:] = 0.0
     b.last_integrals[:] = 0.0
@@ -86,57 +83,55 @@ def clear_hypotheses(b: HypothesisBank) -> None:
 
 
 @kernel
-def discount(b: HypothesisBank, share: float) -> None:
-    """Keep a share of what was matched."""
-    b.weight *= share
-    b.energy2 *= share
-    b.energy_age *= share
-    b.products *= share
+def discount(b: HypothesisBank, factor: float) -> None:
+    """Multiply the sums of matched innovations by `factor`, 0 to 1."""
+    b.weight *= factor
+    b.energy2 *= factor
+    b.energy_age *= factor
+    b.products *= factor
 
 
 @kernel
 def propagate_hypotheses(p: Parameters, c: Core, b: HypothesisBank, dt: float) -> None:
-    """Add the core's integrals over the last `dt` s to those of each hypothesis, turned back."""
+    """Add the core's integrals over the last `dt` s, turned back, to those of each hypothesis."""
+    a = c.alignment
     for k in range(HYPOTHESES):
         turn = phasor(frame_rotation(p, c, k, 0.5 * dt))
         for j in range(4):
-            old, new = element(b.last_integrals, j), element(c.alignment.integrals, j)
-            once = multiply(turn, (new[0] - old[0], new[1] - old[1]))
-            twice, again = element(b.last_double_integrals, j), element(c.alignment.double_integrals, j)
-            again = multiply(turn, (again[0] - twice[0] - old[0] * dt, again[1] - twice[1] - old[1] * dt))
+            old, new = element(b.last_integrals, j), element(a.integrals, j)
+            old2, new2 = element(b.last_double_integrals, j), element(a.double_integrals, j)
+            change = multiply(turn, (new[0] - old[0], new[1] - old[1]))
+            change2 = multiply(turn, (new2[0] - old2[0] - old[0] * dt, new2[1] - old2[1] - old[1] * dt))
             add_scaled(b.double_integrals[k, j], element(b.integrals[k], j), dt)
-            add_scaled(b.double_integrals[k, j], again, 1.0)
-            add_scaled(b.integrals[k, j], once, 1.0)
+            add_scaled(b.double_integrals[k, j], change2, 1.0)
+            add_scaled(b.integrals[k, j], change, 1.0)
     for j in range(4):
         for i in range(2):
-            b.last_integrals[j, i], b.last_double_integrals[j, i] = (
-                c.alignment.integrals[j, i],
-                c.alignment.double_integrals[j, i],
-            )
+            b.last_integrals[j, i], b.last_double_integrals[j, i] = a.integrals[j, i], a.double_integrals[j, i]
 
 
 @kernel
 def apply_corrections(p: Parameters, c: Core, b: HypothesisBank) -> None:
-    """Take the corrections as made in all that was matched, and in the integrals.
+    """Apply the corrections of tilt and biases to the integrals and to the products, and clear them.
 
-    That is of first order, so that what was matched before counts the less the more its level frame was tilted. A frame
-    that never had the corrections would tilt ever further.
+    The correction is of first order in the tilt, so the products are discounted by the square of the corrected tilt.
+    Without the corrections the tilt of the level frame would grow without bound.
     """
-    d = c.alignment.corrections
-    drifted = multiply(element(d, 1), element(c.alignment.integrals, HEADING_INTEGRAL))
-    then, now = d[0, 0] ** 2 + d[0, 1] ** 2, (d[0, 0] + drifted[0]) ** 2 + (d[0, 1] + drifted[1]) ** 2
-    discount(b, math.exp(-max(then, now) / (STANDARD_GRAVITY * p.tuning.max_corrected_tilt) ** 2))
+    a, d = c.alignment, c.alignment.corrections
+    change = multiply(element(d, 1), element(a.integrals, HEADING_INTEGRAL))
+    at_origin, now = d[0, 0] ** 2 + d[0, 1] ** 2, (d[0, 0] + change[0]) ** 2 + (d[0, 1] + change[1]) ** 2
+    discount(b, math.exp(-max(at_origin, now) / (STANDARD_GRAVITY * p.tuning.max_corrected_tilt) ** 2))
     for k in range(HYPOTHESES):
         correct_products(b.products[k], d)
         add_corrections(d, b.integrals[k], DELTA_V)
         add_corrections(d, b.double_integrals[k], DELTA_V)
         for state in range(3):
             add_corrections(d, b.whitening_state[k, state], 1 + DELTA_V)
-    add_corrections(d, c.alignment.integrals, DELTA_V)
-    add_corrections(d, c.alignment.double_integrals, DELTA_V)
-    add_corrections(d, c.alignment.pair_integrals, DELTA_V)
-    add_corrections(d, c.alignment.pair_double_integrals, DELTA_V)
-    add_corrections(d, c.alignment.mean_integrals, DELTA_V)
+    add_corrections(d, a.integrals, DELTA_V)
+    add_corrections(d, a.double_integrals, DELTA_V)
+    add_corrections(d, a.pair_integrals, DELTA_V)
+    add_corrections(d, a.pair_double_integrals, DELTA_V)
+    add_corrections(d, a.mean_integrals, DELTA_V)
     add_corrections(d, b.last_integrals, DELTA_V)
     add_corrections(d, b.last_double_integrals, DELTA_V)
     clear_corrections(c)
@@ -144,7 +139,7 @@ def apply_corrections(p: Parameters, c: Core, b: HypothesisBank) -> None:
 
 @kernel
 def correct_products(products: Any, d: Any) -> None:
-    """As if d times the regressors had been part of what was felt."""
+    """Products after d times the regressors are added to the integrated specific force (both columns and rows)."""
     for i in range(5):
         for j in range(3):
             add_scaled(
@@ -160,31 +155,33 @@ def correct_products(products: Any, d: Any) -> None:
 
 
 @kernel
-def accumulate_products(b: HypothesisBank, k: int, share: float) -> None:
-    """Add the products of the innovations in b.innovations to those of hypothesis k."""
-    left = b.innovations
+def accumulate_products(b: HypothesisBank, k: int, weight: float) -> None:
+    """Add the products of the innovations in b.innovations, times `weight`, to those of hypothesis k."""
+    z = b.innovations
     for i in range(5):
         for j in range(5):
-            add_scaled(b.products[k, i, j], conjugate_product(element(left, i), element(left, j)), share)
+            add_scaled(b.products[k, i, j], conjugate_product(element(z, i), element(z, j)), weight)
 
 
 @kernel
-def count_innovation(b: HypothesisBank, share: float, age: float) -> None:
-    """Count the innovations in b.innovations, of variance 1 / share, `age` s from the origin."""
-    v2 = share * (b.innovations[GNSS_COLUMN, 0] ** 2 + b.innovations[GNSS_COLUMN, 1] ** 2)
+def count_innovation(b: HypothesisBank, weight: float, age: float) -> None:
+    """Count the innovations in b.innovations, of variance 1 / weight, `age` s after the origin."""
+    v2 = weight * (b.innovations[GNSS_COLUMN, 0] ** 2 + b.innovations[GNSS_COLUMN, 1] ** 2)
     b.energy2 += v2 * v2
     b.energy_age += v2 * age
     b.weight += 1.0
 
 
 @kernel
-def match_measurement(c: Core, b: HypothesisBank, place: bool, told: Complex, s: float, telling: bool) -> None:
-    """Take a place or a velocity, whose innovation has the variance s; match it if it is telling."""
+def match_measurement(
+    c: Core, b: HypothesisBank, is_position: bool, measured: Complex, s: float, informative: bool
+) -> None:
+    """Whiten a position (else a velocity) of innovation variance s; add the products of informative innovations."""
     for k in range(HYPOTHESES):
-        whitened_innovations(b, k, place, told)
-        if telling:
+        whitened_innovations(b, k, is_position, measured)
+        if informative:
             accumulate_products(b, k, 1.0 / s)
-        update_hypothesis(b, k, place, s)
-    if telling:
+        update_hypothesis(b, k, is_position, s)
+    if informative:
         count_innovation(b, 1.0 / s, 1e-9 * (c.nav.t_ns - c.alignment.origin_ns))
-    update_whitening(b, place, s)
+    update_whitening(b, is_position, s)

@@ -1,4 +1,4 @@
-"""A heading that is measured before navigation has begun: the level frame is turned to it."""
+"""A heading measured during coarse alignment: the level frame is rotated to it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @kernel
 def align_with_heading(p: Parameters, c: Core, m: Measurement) -> None:
-    """Once roll and pitch are known: take the heading, and begin to navigate if there has been a fix."""
+    """Rotate the level frame to the heading once roll and pitch are known; start navigation if there was a fix."""
     x, y, _ = body_to_ned(c, (1.0, 0.0, 0.0))
     if not is_levelled(p, c) or x * x + y * y < p.tuning.heading_min_level**2:
         return

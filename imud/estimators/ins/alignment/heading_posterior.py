@@ -1,4 +1,9 @@
-"""The heading that the pairs of `matching` tell, with tilt and biases marginalized out under their prior."""
+"""The posterior of the heading: the products of the hypothesis bank, with tilt and biases marginalized under a prior.
+
+For each drift rate the nuisance parameters are eliminated by least squares with the prior's information. The argument
+of the remaining cross product of GNSS and inertial innovations is the heading; the residual energy is minus twice the
+log likelihood. The hypotheses are averaged with their likelihoods (a Gaussian sum).
+"""
 
 from __future__ import annotations
 
@@ -56,12 +61,15 @@ TUNABLES = (
         "1.75 deg of tilt.",
     ),
 )
-FITTED_PARAMETERS = 3.0  # heading, and what the nuisance parameters take
+FITTED_PARAMETERS = 3.0  # the heading, and the degrees of freedom that the nuisance parameters take
 
 
 @kernel
 def nuisance_jacobian(c: Core, m: Any, i: int) -> int:
-    """Row of component i (even: real) of tilt, level gyro bias and accelerometer bias, each as it acts on the force."""
+    """Jacobian of component i of the nuisance parameters; 0, 1: tilt; 2, 3: gyro; 4, 5: accelerometer; even: north.
+
+    Each acts as a level specific force, m/s^2 (the gyro bias: m/s^3). m: C_nb, row by row. Returns the row's length.
+    """
     axis = i % 2
     if i < 2:
         return set_jacobian(c, 0, ATTITUDE + 1 - axis, (2 * axis - 1) * STANDARD_GRAVITY)
@@ -76,7 +84,7 @@ def nuisance_jacobian(c: Core, m: Any, i: int) -> int:
 
 @kernel
 def set_prior(c: Core, b: HypothesisBank) -> None:
-    """b.prior <- their covariance (3 x 3, complex) as the filter has it, taken as equal in all directions."""
+    """b.prior <- covariance of the nuisance parameters (3 x 3, complex) from P, averaged over the two level axes."""
     m = rotation_matrix(c)
     b.prior[:] = 0.0
     for j in range(6):
@@ -94,7 +102,7 @@ def set_prior(c: Core, b: HypothesisBank) -> None:
 
 @kernel
 def set_wide_prior(p: Parameters, c: Core, b: HypothesisBank, accel_initial: float) -> None:
-    """b.prior <- what is known of tilt and accelerometer bias before anything was learned."""
+    """b.prior <- wide variances of tilt and accelerometer bias (sigma `accel_initial`, m/s^2); the gyro bias from P."""
     set_prior(c, b)
     gyro = b.prior[1, 1, 0]
     b.prior[:] = 0.0
@@ -103,24 +111,25 @@ def set_wide_prior(p: Parameters, c: Core, b: HypothesisBank, accel_initial: flo
 
 @kernel
 def move_prior_to_origin(c: Core, b: HypothesisBank) -> None:
-    """Carry b.prior from tilt and biases now, in level axes, over to those at the origin of the running integrals."""
-    frame, sway, s = phasor(c.alignment.wander_azimuth), element(c.alignment.integrals, HEADING_INTEGRAL), b.prior
-    body = multiply(frame, (c.alignment.heading_phasor[0], -c.alignment.heading_phasor[1]))
+    """Transform b.prior from tilt and biases now, in level axes, to those at the origin of the integrals."""
+    a, s = c.alignment, b.prior
+    frame, heading_integral = phasor(a.wander_azimuth), element(a.integrals, HEADING_INTEGRAL)
+    body = multiply(frame, (a.heading_phasor[0], -a.heading_phasor[1]))
     for k in range(3):  # rows
         for j in range(3):
             p = multiply(frame if j == 0 else body, element(s[j], k))
             s[j, k, 0], s[j, k, 1] = p[0], p[1]
-        add_scaled(s[0, k], multiply(sway, element(s[1], k)), -1.0)
+        add_scaled(s[0, k], multiply(heading_integral, element(s[1], k)), -1.0)
     for j in range(3):  # columns, conjugated
         for k in range(3):
             p = conjugate_product(frame if k == 0 else body, element(s[j], k))
             s[j, k, 0], s[j, k, 1] = p[0], p[1]
-        add_scaled(s[j, 0], conjugate_product(sway, element(s[j], 1)), -1.0)
+        add_scaled(s[j, 0], conjugate_product(heading_integral, element(s[j], 1)), -1.0)
 
 
 @kernel
 def invert(a: Any) -> None:
-    """a <- its inverse (3 x 3, complex, Gauss-Jordan; for what has a dominant diagonal by construction)."""
+    """a <- its inverse (3 x 3, complex; Gauss-Jordan without pivoting, the diagonal is dominant by construction)."""
     for i in range(3):
         size = a[i, i, 0] ** 2 + a[i, i, 1] ** 2
         pivot = (a[i, i, 0] / size, -a[i, i, 1] / size)
@@ -140,7 +149,7 @@ def invert(a: Any) -> None:
 
 @kernel
 def eliminate_nuisance(b: HypothesisBank, products: Any) -> None:
-    """b.gain <- (N + S^-1)^-1 = S (N S + 1)^-1, with N the regressors' products, and S b.prior."""
+    """b.gain <- (N + S^-1)^-1 = S (N S + 1)^-1; N: products of the regressors with each other, S: b.prior."""
     s, g = b.prior, b.inverse
     for j in range(3):
         for k in range(3):
@@ -161,7 +170,7 @@ def eliminate_nuisance(b: HypothesisBank, products: Any) -> None:
 
 @kernel
 def residual_product(b: HypothesisBank, products: Any, one: int, other: int) -> Complex:
-    """A product without what the regressors explain, by the gain."""
+    """products[one, other] less the part that the regressors explain: a Schur complement by b.gain."""
     re, im = element(products[one], other)
     for j in range(3):
         for k in range(3):
@@ -174,7 +183,7 @@ def residual_product(b: HypothesisBank, products: Any, one: int, other: int) -> 
 
 @kernel
 def evaluate_hypothesis(b: HypothesisBank, k: int) -> tuple[float, float]:
-    """Of hypothesis k: b.headings <- the frame's heading and the misfit; returns this, and the energy that agrees."""
+    """b.headings[k] <- heading of the level frame (rad) and residual energy; returns residual and explained energy."""
     eliminate_nuisance(b, b.products[k])
     re, im = residual_product(b, b.products[k], INERTIAL_COLUMN, GNSS_COLUMN)
     z2, v2 = (
@@ -190,9 +199,10 @@ def evaluate_hypothesis(b: HypothesisBank, k: int) -> tuple[float, float]:
 def solve_heading(
     p: Parameters, c: Core, b: HypothesisBank, bias_variance: float
 ) -> tuple[float, float, float, float, float]:
-    """Heading of the level frame now, its sigma (pi when not ready), its drift rate, that one's variance, covariance.
+    """Posterior mean of the level frame's heading now (rad), and of its drift rate that the filter does not predict.
 
-    Call with the prior in b.prior. The rate is that which the filter does not know of.
+    bias_variance: of the vertical gyro bias, rad^2/s^2. Call with the nuisance parameters' prior in b.prior. Returns
+    heading, its sigma (pi: not observable yet), drift rate, its variance, covariance of heading and drift rate.
     """
     unknown = (0.0, math.pi, 0.0, 0.0, 0.0)
     age = 1e-9 * (c.nav.t_ns - c.alignment.origin_ns)
@@ -204,36 +214,38 @@ def solve_heading(
     move_prior_to_origin(c, b)
     least, power = math.inf, 0.0
     for k in range(HYPOTHESES):
-        misfit, agreed = evaluate_hypothesis(b, k)
-        if misfit < least:
-            least, power = misfit, agreed
+        residual_energy, explained_energy = evaluate_hypothesis(b, k)
+        if residual_energy < least:
+            least, power = residual_energy, explained_energy
     if power < 1.0:
         return unknown
     r = p.tuning.correlation_factor * max(least / (2.0 * b.weight - FITTED_PARAMETERS), 1.0)
     frame = c.alignment.wander_azimuth + c.alignment.wander_azimuth_drift
-    mean = b.energy_age / energy  # age of what tells most: the heading of then is known best
-    between = p.tuning.drift_rate_step**2 / 12.0  # hypotheses
-    inside = bias_variance * between / (bias_variance + between)
+    mean = (
+        b.energy_age / energy
+    )  # mean time of the velocity changes, s after the origin: the heading is known best then
+    between = p.tuning.drift_rate_step**2 / 12.0  # variance of a rate uniform between two hypotheses
+    inside = bias_variance * between / (bias_variance + between)  # of the rate within one hypothesis, with its prior
     weight, sr, si, rate, rate2 = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(HYPOTHESES):
-        drift, misfit = drift_rate(p, k), b.headings[k, 1] - least
+        drift, energy_difference = drift_rate(p, k), b.headings[k, 1] - least
         apart = drift + c.alignment.vertical_bias
-        w = math.exp(-0.5 * misfit / r - 0.5 * apart**2 / (bias_variance + between))
-        unforeseen = apart * inside / between
-        psi = b.headings[k, 0] + drift * mean + (unforeseen - c.alignment.vertical_bias) * (age - mean) + frame
-        b.headings[k, 0], b.headings[k, 1], b.headings[k, 2] = psi, w, unforeseen
+        w = math.exp(-0.5 * energy_difference / r - 0.5 * apart**2 / (bias_variance + between))
+        unpredicted_rate = apart * inside / between
+        psi = b.headings[k, 0] + drift * mean + (unpredicted_rate - c.alignment.vertical_bias) * (age - mean) + frame
+        b.headings[k, 0], b.headings[k, 1], b.headings[k, 2] = psi, w, unpredicted_rate
         weight += w
         sr += w * math.cos(psi)
         si += w * math.sin(psi)
-        rate += w * unforeseen
-        rate2 += w * unforeseen**2
+        rate += w * unpredicted_rate
+        rate2 += w * unpredicted_rate**2
     if not weight > 0.0:
         return unknown
     rate /= weight
     length = min(math.hypot(sr, si) / weight, 1.0)
     spread2 = -2.0 * math.log(max(length, 1e-9)) + (age - mean) ** 2 * inside
-    psi, together = math.atan2(si, sr), 0.0
+    psi, covariance = math.atan2(si, sr), 0.0
     for k in range(HYPOTHESES):
-        together += b.headings[k, 1] * wrap_angle(b.headings[k, 0] - psi) * (b.headings[k, 2] - rate)
+        covariance += b.headings[k, 1] * wrap_angle(b.headings[k, 0] - psi) * (b.headings[k, 2] - rate)
     variance = max(rate2 / weight - rate * rate, 0.0) + inside
-    return psi, math.sqrt(r / power + spread2), rate, variance, together / weight + (age - mean) * inside
+    return psi, math.sqrt(r / power + spread2), rate, variance, covariance / weight + (age - mean) * inside

@@ -1,5 +1,8 @@
-"""Before the heading is known: position and velocity are followed as the receiver shows them, its antenna's at the
-fixes' own time (see `alignment.refer`), by the filter that navigates later, and every fix helps to find the heading."""
+"""Coarse alignment in motion, one fix at a time.
+
+Position and velocity are those of the antenna at the epoch of the fix (`transitions.transfer_lever_arm`), estimated by
+the same filter that navigates later. Every fix is matched with the integrals of specific force to find the heading.
+"""
 
 from __future__ import annotations
 
@@ -19,65 +22,68 @@ from ..state import ATTITUDE, GNSS_BIAS, POSITION, VELOCITY
 from .drift_hypotheses import frame_rotation, nearest_hypothesis
 from .transitions import find_heading, start_navigation
 from .velocity_pairs import is_levelled, match_pair, vertical_bias_jacobian
-from .whitening import SPEED, unobserved_velocity
+from .whitening import VELOCITY_STATE, unobserved_velocity
 
 if TYPE_CHECKING:
     from ..types import Core, Fix, HypothesisBank, Parameters
 
 
 TUNABLES = (
-    Tunable("unknown_height", 1000.0, "m", "Sigma of a height that nothing has told.", "Choice."),
+    Tunable("unknown_height", 1000.0, "m", "Sigma of a height that is not known.", "Choice."),
     Tunable("unknown_speed", 30.0, "m/s", "Sigma of a velocity that the fix does not give.", "A car on a motorway."),
     Tunable("unknown_vertical_speed", 1.0, "m/s", "The same of the vertical velocity.", "Choice."),
     Tunable("first_velocity_sigma", 0.3, "m/s", "Sigma of the first velocity taken from a fix.", "Real receivers."),
     Tunable("max_start_velocity_sigma", 5.0, "m/s", "Largest sigma of the velocity when navigation starts.", "Choice."),
-    Tunable("speed_sigmas", 3.0, "sigma", "A speed seen in positions that large is no noise.", "Three sigma."),
+    Tunable(
+        "speed_sigmas", 3.0, "sigma", "A speed differenced from positions, if larger, is no noise.", "Three sigma."
+    ),
 )
 
 
 @kernel
 def differenced_velocity_variance(p: Parameters, c: Core, dt: float) -> float:
-    """Variance, m^2/s^2, of a velocity component seen in two positions `dt` s apart."""
-    wander2 = c.gnss.reported_sigma[0] ** 2 * (1.0 - math.exp(-dt / p.tuning.gnss_bias_time_s))
-    return float(2.0 * (c.gnss.noise_var[0] + wander2) / dt**2)
+    """Variance, m^2/s^2, of a velocity component differenced from two positions `dt` s apart."""
+    bias2 = c.gnss.reported_sigma[0] ** 2 * (1.0 - math.exp(-dt / p.tuning.gnss_bias_time_s))
+    return float(2.0 * (c.gnss.noise_var[0] + bias2) / dt**2)
 
 
 @kernel
 def low_motion_speed(p: Parameters, c: Core, lat: float, lon: float) -> float:
-    """Mean speed in the positions since the sensor has been quiet, m/s; NaN where that is not known well enough."""
-    dt = 1e-9 * (c.nav.t_ns - c.alignment.low_motion_ns)
+    """Mean speed since low motion began, m/s, differenced from positions; NaN where it is not accurate enough."""
+    a = c.alignment
+    dt = 1e-9 * (c.nav.t_ns - a.low_motion_ns)
     if dt > c.stationarity.low_motion_count * p.tuning.rest_window_s:
-        c.alignment.low_motion_position[0], c.alignment.low_motion_position[1] = lat, lon
-        c.alignment.low_motion_ns = c.nav.t_ns
+        a.low_motion_position[0], a.low_motion_position[1] = lat, lon
+        a.low_motion_ns = c.nav.t_ns
         return math.nan
     if dt <= 0.0 or p.tuning.speed_sigmas**2 * differenced_velocity_variance(p, c, dt) > p.tuning.rest_speed**2:
         return math.nan
-    north, east = ned_difference(c, c.alignment.low_motion_position[0], c.alignment.low_motion_position[1], lat, lon)
+    north, east = ned_difference(c, a.low_motion_position[0], a.low_motion_position[1], lat, lon)
     return float(math.hypot(north, east) / dt)
 
 
 @kernel
 def speed_from_positions(p: Parameters, c: Core, lat: float, lon: float) -> float:
-    """Speed seen in positions, m/s: over the last pair, or since the sensor is quiet; NaN where it may be noise."""
-    calm = low_motion_speed(p, c, lat, lon)
-    if c.alignment.mean_velocity[2] > 0.0:
-        speed = math.hypot(c.alignment.mean_velocity[0], c.alignment.mean_velocity[1])
-        # the GNSS bias hardly changes meanwhile
-        sigma = math.sqrt(2.0 * c.gnss.noise_var[0]) / c.alignment.mean_velocity[2]
+    """Speed differenced from positions, m/s: of the last pair, or since low motion began; NaN where it may be noise."""
+    speed_since_low_motion, mean = low_motion_speed(p, c, lat, lon), c.alignment.mean_velocity
+    if mean[2] > 0.0:
+        speed = math.hypot(mean[0], mean[1])
+        # the GNSS bias hardly changes within a pair
+        sigma = math.sqrt(2.0 * c.gnss.noise_var[0]) / mean[2]
         if speed > p.tuning.speed_sigmas * sigma or p.tuning.speed_sigmas * sigma < p.tuning.rest_speed:
             return speed
-    return calm
+    return speed_since_low_motion
 
 
 @kernel
 def observe_forward_axis(p: Parameters, c: Core, vn: float, ve: float) -> None:
-    """Let the velocity of a fix (NaN: it told none) tell of the vehicle's axis, in the level frame.
+    """Accumulate a fix's velocity (m/s; NaN: none reported) in the body axes, from which the forward axis is found.
 
-    One that is seen in positions is exact, but that of a moment ago.
+    Without a reported velocity the mean over the last pair of positions is used: it is as old as half the pair.
     """
-    noise = c.gnss.velocity_noise_var
+    noise, mean = c.gnss.velocity_noise_var, c.alignment.mean_velocity
     if not (math.isfinite(vn) and math.isfinite(ve)):
-        vn, ve, dt = c.alignment.mean_velocity[0], c.alignment.mean_velocity[1], c.alignment.mean_velocity[2]
+        vn, ve, dt = mean[0], mean[1], mean[2]
         if not dt > 0.0 or c.alignment.pair_start_ns != c.nav.t_ns:
             return
         turned = 0.5 * dt * (abs(c.imu.rate_b[0]) + abs(c.imu.rate_b[1]) + abs(c.imu.rate_b[2]))
@@ -88,42 +94,42 @@ def observe_forward_axis(p: Parameters, c: Core, vn: float, ve: float) -> None:
 
 @kernel
 def initialize_velocity(p: Parameters, c: Core, b: HypothesisBank) -> None:
-    """With the heading found: the velocity that positions showed, and what was felt since."""
+    """Once the heading is found from positions alone: velocity of the whitening filter, plus the force since."""
     k = nearest_hypothesis(p, c)
-    felt = multiply(
+    delta_v = multiply(
         phasor(-c.alignment.wander_azimuth - frame_rotation(p, c, k, 0.0)),
         (unobserved_velocity(b, k, 0, DELTA_V), unobserved_velocity(b, k, 1, DELTA_V)),
     )
     tilt2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
     r = (
-        b.whitening_P[SPEED, SPEED]
-        + c.alignment.heading_sigma**2 * (felt[0] ** 2 + felt[1] ** 2)
+        b.whitening_P[VELOCITY_STATE, VELOCITY_STATE]
+        + c.alignment.heading_sigma**2 * (delta_v[0] ** 2 + delta_v[1] ** 2)
         + tilt2 * unobserved_velocity(b, k, 0, TIME) ** 2
     )
     for i in range(2):
-        set_velocity(c, i, b.whitening_state[k, SPEED, 0, i] + felt[i])
+        set_velocity(c, i, b.whitening_state[k, VELOCITY_STATE, 0, i] + delta_v[i])
         decorrelate(c, VELOCITY + i, min(r, p.tuning.max_start_velocity_sigma**2))
 
 
 @kernel
 def reset_to_fix(p: Parameters, c: Core, fix: Fix) -> None:
-    """Put the core on the fix: all that is known of the place is what it says, and how far receivers wander."""
+    """Set position and velocity to those of the fix, with the variances of the receiver and of its bias."""
     set_position(c, fix.lat, fix.lon, fix.height)
-    guess = 0.0  # sigma of a height that the fix does not give: of the last one, if there was one
+    guess = 0.0  # m, sigma of the height that the filter has, where the fix gives none; 0: the fix gives one
     if not math.isfinite(fix.height):
         guess = min(max(standard_deviation(c, POSITION + 2), c.gnss.reported_sigma[1]), p.tuning.unknown_height)
     for i in range(3):
         v = velocity_of(p, fix, i)
         known = math.isfinite(v)
         set_velocity(c, i, v if known else 0.0)
-        speed = (
+        sigma = (
             p.tuning.first_velocity_sigma
             if known
             else p.tuning.unknown_vertical_speed
             if i == 2
             else p.tuning.unknown_speed
         )
-        decorrelate(c, VELOCITY + i, speed**2)
+        decorrelate(c, VELOCITY + i, sigma**2)
         decorrelate(c, POSITION + i, c.gnss.noise_var[i // 2] if i < 2 or guess == 0.0 else guess**2)
         clear_gnss_bias(c, i, c.gnss.reported_sigma[i // 2] ** 2)
         if i < 2 or guess == 0.0:
@@ -134,14 +140,14 @@ def reset_to_fix(p: Parameters, c: Core, fix: Fix) -> None:
 
 @kernel
 def align_with_fix(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> None:
-    """Learn from a fix, before it is fused, what the heading is; begin to navigate when that is known."""
+    """Match a fix before it is fused; start navigation when roll, pitch and heading are known."""
     vn, ve = velocity_of(p, fix, 0), velocity_of(p, fix, 1)
     match_pair(p, c, b, fix.lat, fix.lon, vn, ve, low_speed_variance(p, fix))
     if not math.isfinite(c.gnss.speed):
         set_speed(c, speed_from_positions(p, c, fix.lat, fix.lon))
     observe_forward_axis(p, c, vn, ve)
     if is_levelled(p, c) and (c.alignment.heading_sigma > 0.0 or find_heading(p, c, b)):
-        if math.isfinite(vn) and math.isfinite(ve):  # told in a moment, for a sensor whose heading is known
+        if math.isfinite(vn) and math.isfinite(ve):  # the velocity is fused next, at the sensor, with the heading known
             for i in range(2):
                 decorrelate(c, VELOCITY + i, p.tuning.max_start_velocity_sigma**2)
         elif c.alignment.last_match_ns == c.nav.t_ns:

@@ -1,7 +1,8 @@
-"""Roll and pitch from the specific force, while the heading is unknown: at rest it is gravity, in motion nearly so.
+"""Levelling: roll and pitch from the specific force, during coarse alignment.
 
-Both are one measurement of a mean specific force, with the sigma of rest, of the acceleration that the receiver saw, or
-of any vehicle; the gyro, whose bias is estimated at the same time, carries the attitude between.
+The mean specific force is a measurement of gravity. Its sigma is that of rest, or of the acceleration measured by the
+receiver, or of the acceleration of any vehicle. Between two measurements the gyro propagates the attitude, and the
+gyro bias is estimated at the same time.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ TUNABLES = (
         "level_vertical_sigma",
         0.03,
         "m/s^2",
-        "Floor of what the vertical force tells of the bias.",
+        "Floor of the bias sigma that is learned from the vertical force.",
         "Gravity times half the square of a tilt.",
     ),
     Tunable(
@@ -49,7 +50,10 @@ TUNABLES = (
 
 @kernel
 def tilt_jacobian(c: Core, k: int, m: Any, axis: int, gain: float, ago: float) -> int:
-    """Row of the tilt about `axis` as it was `ago` s before now: the error of the gyro bias has turned it since."""
+    """Append to the Jacobian the tilt about `axis` (0 north, 1 east) `ago` s ago, times `gain`; returns its length.
+
+    The tilt then is the tilt now plus `ago` times the gyro bias error in navigation axes. m: C_nb; k: length so far.
+    """
     for j in range(3):
         k = set_jacobian(c, k, GYRO_BIAS + j, gain * ago * m[3 * axis + j])
     return set_jacobian(c, k, ATTITUDE + axis, gain)
@@ -57,13 +61,14 @@ def tilt_jacobian(c: Core, k: int, m: Any, axis: int, gain: float, ago: float) -
 
 @kernel
 def fuse_gravity(p: Parameters, c: Core, fx: float, fy: float, fz: float, ago: float, sigma: float, axes: int) -> None:
-    """Fuse a mean specific force (level axes), which is -gravity but for accelerations of `sigma`, on `axes` axes.
+    """Fuse a mean specific force (fx, fy, fz; m/s^2, NED) as minus gravity, on the first `axes` axes.
 
-    It is the mean about a time `ago` s in the past: the attitude error was another then, by the gyro bias.
+    sigma: m/s^2, of the acceleration. The mean belongs to a time `ago` s in the past; since then the gyro bias error
+    has changed the tilt.
     """
     m = rotation_matrix(c)
     for i in range(axes):
-        # C f + phi x C f - C ba = (0, 0, -g); heading error has no part in it
+        # C f + phi x C f - C ba = (0, 0, -g); the heading error has no effect on it
         k = set_jacobian(c, 0, ACCEL_BIAS, -m[3 * i])
         k = set_jacobian(c, k, ACCEL_BIAS + 1, -m[3 * i + 1])
         k = set_jacobian(c, k, ACCEL_BIAS + 2, -m[3 * i + 2])
@@ -85,29 +90,26 @@ def fuse_gravity(p: Parameters, c: Core, fx: float, fy: float, fz: float, ago: f
 
 @kernel
 def level_from_window(p: Parameters, c: Core, resting: bool) -> None:
-    """Fuse the mean specific force of a window (call at its end, before it is cleared)."""
-    if (
-        resting or 1e-9 * (c.nav.t_ns - c.alignment.pair_start_ns) > p.tuning.level_pair_age_s
-    ):  # else the receiver's velocity tells more: level_between
-        sigma = p.tuning.level_rest_sigma
-        if not resting:
-            down = ned_to_body(c, (0.0, 0.0, 1.0))
-            turn = down[0] * c.imu.rate_b[0] + down[1] * c.imu.rate_b[1] + down[2] * c.imu.rate_b[2]
-            sigma = math.hypot(p.tuning.level_motion_sigma, p.tuning.level_turn_speed * turn)
-        fuse_gravity(
-            p,
-            c,
-            c.stationarity.delta_v[0] / c.stationarity.duration,
-            c.stationarity.delta_v[1] / c.stationarity.duration,
-            c.stationarity.delta_v[2] / c.stationarity.duration,
-            0.5 * c.stationarity.duration,
-            sigma,
-            3,
-        )
+    """Fuse the mean specific force of a stationarity window (call at its end, before it is cleared).
+
+    In motion, with fixes, the velocity changes between fixes are more accurate: `level_from_velocity_change`.
+    """
+    if not resting and 1e-9 * (c.nav.t_ns - c.alignment.pair_start_ns) <= p.tuning.level_pair_age_s:
+        return
+    sigma = p.tuning.level_rest_sigma
+    if not resting:
+        down, w = ned_to_body(c, (0.0, 0.0, 1.0)), c.imu.rate_b
+        turn = down[0] * w[0] + down[1] * w[1] + down[2] * w[2]
+        sigma = math.hypot(p.tuning.level_motion_sigma, p.tuning.level_turn_speed * turn)
+    dv, dt = c.stationarity.delta_v, c.stationarity.duration
+    fuse_gravity(p, c, dv[0] / dt, dv[1] / dt, dv[2] / dt, 0.5 * dt, sigma, 3)
 
 
 @kernel
-def level_from_velocity_change(p: Parameters, c: Core, an: float, ae: float, dt: float, pull: float) -> None:
-    """Fuse the mean level specific force of the last `dt` s, which the receiver saw accelerate by `pull` m/s^2."""
+def level_from_velocity_change(p: Parameters, c: Core, fn: float, fe: float, dt: float, accel: float) -> None:
+    """Fuse the mean level specific force (fn, fe; m/s^2, NED) of the last `dt` s as gravity.
+
+    accel: m/s^2, magnitude of the acceleration that the receiver measured; its direction is not known yet.
+    """
     if not c.stationarity.at_rest:
-        fuse_gravity(p, c, an, ae, -gravity(c.nav.lat, c.nav.height), 0.5 * dt, pull + p.tuning.level_gnss_sigma, 2)
+        fuse_gravity(p, c, fn, fe, -gravity(c.nav.lat, c.nav.height), 0.5 * dt, accel + p.tuning.level_gnss_sigma, 2)

@@ -1,7 +1,4 @@
-"""The beginning: when is the heading that the fixes tell (`fix_matching`, `posterior`) known well enough?
-
-And how navigation begins with it, and is given up again.
-"""
+"""Transitions between coarse alignment and navigation: accept a heading, start navigation, go back to alignment."""
 
 from __future__ import annotations
 
@@ -83,7 +80,7 @@ TUNABLES = (
 
 @kernel
 def rotate_to_north(c: Core, psi: float) -> None:
-    """Turn the level frame by psi about down, and what is given in it: tilt errors, velocities in the body."""
+    """Rotate the level frame by psi (rad, about down), with the tilt errors and the velocity scatter given in it."""
     rotate_scatter(c, psi)
     rotate_attitude(c, 0.0, 0.0, psi)
     rotate_level_frame(c, psi)
@@ -92,43 +89,43 @@ def rotate_to_north(c: Core, psi: float) -> None:
 
 @kernel
 def find_heading(p: Parameters, c: Core, b: HypothesisBank) -> bool:
-    """Turn the level frame to north when the pairs tell how; its sigma goes to c.alignment.heading_sigma."""
+    """Rotate the level frame to north if its heading is known well enough; its sigma: alignment.heading_sigma."""
     bias_variance = innovation_variance(c, vertical_bias_jacobian(c))
-    turned2 = bias_variance * (1e-9 * (c.nav.t_ns - c.alignment.origin_ns)) ** 2
+    rotation2 = bias_variance * (1e-9 * (c.nav.t_ns - c.alignment.origin_ns)) ** 2
     set_prior(c, b)
     if not accept_heading(p, c, solve_heading(p, c, b, bias_variance)):
         return False
     for i in range(2):
-        add_variance(c, ATTITUDE + i, p.tuning.moving_tilt**2 * min(turned2, 1.0))
+        add_variance(c, ATTITUDE + i, p.tuning.moving_tilt**2 * min(rotation2, 1.0))
     return True
 
 
 @kernel
 def accept_heading(p: Parameters, c: Core, found: Any) -> bool:
-    """Turn to the heading that `solve` found, if that is good enough to navigate with."""
-    psi, sigma, rate, rate_variance, together = found
+    """Rotate to the heading that `solve_heading` found, if its sigma is small enough; fuse its drift rate, too."""
+    psi, sigma, rate, rate_variance, covariance = found
     ready = p.tuning.max_start_heading_positions if c.alignment.mean_velocity[2] > 0.0 else p.tuning.max_start_heading
     if sigma * sigma + rate_variance * p.tuning.heading_horizon_s**2 > ready**2:
         return False
     n = vertical_bias_jacobian(c)
-    # beside what the filter knew, which the solution has counted in
-    news = 1.0 / rate_variance - 1.0 / innovation_variance(c, n)
-    if news > 0.0:
-        gated_update(c, n, -rate / (rate_variance * news), 1.0 / news, 0.0)
+    # the posterior contains the filter's own variance as its prior: only the information beyond it is fused
+    information = 1.0 / rate_variance - 1.0 / innovation_variance(c, n)
+    if information > 0.0:
+        gated_update(c, n, -rate / (rate_variance * information), 1.0 / information, 0.0)
     cancel_correction(c, ATTITUDE + 2)
     correct_state(p, c)
     rotate_to_north(c, psi)
     c.alignment.heading_sigma = max(sigma, p.tuning.min_heading_sigma)
-    c.alignment.heading_bias_gain = together / rate_variance
+    c.alignment.heading_bias_gain = covariance / rate_variance
     return True
 
 
 @kernel
 def transfer_lever_arm(p: Parameters, c: Core, sign: float) -> None:
-    """From the antenna at the fixes' own time, which is followed while levelling, to the sensor now; back with -1.
+    """Move the nominal position from the antenna at the epoch of the fixes to the IMU now (sign 1), or back (-1).
 
-    What the fixes' latency is not known by is no error there, as all comes from the same fixes. A place that a user
-    gave, and no fix has told yet, is the sensor's all the time.
+    During coarse alignment the position is the antenna's and the time offset is no error of it, because all of it comes
+    from fixes. A position given by the user, before any fix, is that of the IMU.
     """
     if c.gnss.last_used_ns == NEVER_NS:
         return
@@ -148,10 +145,13 @@ def transfer_lever_arm(p: Parameters, c: Core, sign: float) -> None:
 
 @kernel
 def start_navigation(p: Parameters, c: Core) -> None:
-    """Begin to navigate, at the position and velocity in hand, with the heading in hand and its sigma."""
+    """Start navigation with the present position, velocity and heading, and the sigma alignment.heading_sigma.
+
+    An error of the vertical gyro bias has turned the heading by heading_bias_gain times itself: the two are correlated.
+    """
     propagate_errors(p, c)
-    drifted = c.alignment.heading_bias_gain**2 * innovation_variance(c, vertical_bias_jacobian(c))
-    decorrelate(c, ATTITUDE + 2, max(c.alignment.heading_sigma**2 - drifted, p.tuning.min_heading_sigma**2))
+    bias_part = c.alignment.heading_bias_gain**2 * innovation_variance(c, vertical_bias_jacobian(c))
+    decorrelate(c, ATTITUDE + 2, max(c.alignment.heading_sigma**2 - bias_part, p.tuning.min_heading_sigma**2))
     for k in range(vertical_bias_jacobian(c)):
         combine(c, ATTITUDE + 2, c.scratch.columns[k], -c.alignment.heading_bias_gain * c.scratch.values[k])
     c.alignment.heading_bias_gain = 0.0
@@ -164,14 +164,14 @@ def start_navigation(p: Parameters, c: Core) -> None:
 
 @kernel
 def rotate_to_heading(p: Parameters, c: Core, psi: float, sigma: float) -> None:
-    """Turn by psi to a heading that something else than pairs tells; its sigma is at least that of a start."""
+    """Rotate by psi (rad) to a given heading; its sigma is at least min_heading_sigma."""
     c.alignment.heading_sigma = max(sigma, p.tuning.min_heading_sigma)
     rotate_to_north(c, psi)
 
 
 @kernel
 def abort_navigation(p: Parameters, c: Core) -> None:
-    """Back to levelling with the heading unknown, and all else as it is."""
+    """Go back to coarse alignment: the heading is unknown, everything else is kept."""
     if c.alignment.mode == NAVIGATING:
         transfer_lever_arm(p, c, -1.0)
     c.alignment.mode = COARSE_ALIGNMENT
@@ -182,7 +182,7 @@ def abort_navigation(p: Parameters, c: Core) -> None:
 
 @kernel
 def restart_attitude(p: Parameters, c: Core) -> None:
-    """Back to levelling: nothing is known of roll, pitch and heading."""
+    """Go back to coarse alignment: roll, pitch and heading are unknown."""
     abort_navigation(p, c)
     reset_nhc(c)
     reset_pairs(c)
@@ -193,7 +193,7 @@ def restart_attitude(p: Parameters, c: Core) -> None:
 
 @kernel
 def restart_alignment(p: Parameters, c: Core) -> None:
-    """Back to levelling: the heading was wrong, and what was learned with it."""
+    """Go back to coarse alignment: the heading was wrong, so attitude, biases and turn_scale are cleared."""
     restart_attitude(p, c)
     clear_sensor_errors(c)
     for i in range(3):

@@ -1,6 +1,7 @@
-"""A fix while the heading is not known: its innovations are matched with what was felt, pairs of them level the frame.
+"""Fixes for the alignment: each fix is matched with the integrals of specific force, pairs of fixes level the frame.
 
-How they are matched, is in `matching`; here is what of a fix is taken for it, and how long it can be compared.
+The equation is in `observers.heading_integrals`. This file decides which velocity or position of a fix is matched, with
+which variance, and for how long matched fixes are compared.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from ....math.earth import STANDARD_GRAVITY
 from ...tuning import Tunable
 from ..ekf import innovation_variance, set_jacobian, variance
 from ..mechanization import ned_difference, rotation_matrix
-from ..observers.heading_integrals import DELTA_V, TIME, Complex, clear_integrals, multiply, phasor
+from ..observers.heading_integrals import DELTA_V, TIME, Complex, clear_integrals, element, multiply, phasor
 from ..state import ATTITUDE, COARSE_ALIGNMENT, GYRO_BIAS, NAVIGATING, NEVER_NS, TIME_OFFSET
 from .drift_hypotheses import (
     apply_corrections,
@@ -57,15 +58,13 @@ TUNABLES = (
 
 @kernel
 def start_pair(c: Core, lat: float, lon: float, vn: float, ve: float) -> None:
-    """Remember this fix as the first of the next pair."""
-    c.alignment.pair_start_ns = c.nav.t_ns
+    """Store this fix (rad; m/s) and the integrals as the first of the next pair."""
+    a = c.alignment
+    a.pair_start_ns = c.nav.t_ns
     for k in range(4):
         for i in range(2):
-            c.alignment.pair_integrals[k, i], c.alignment.pair_double_integrals[k, i] = (
-                c.alignment.integrals[k, i],
-                c.alignment.double_integrals[k, i],
-            )
-    m = c.alignment.pair_start
+            a.pair_integrals[k, i], a.pair_double_integrals[k, i] = a.integrals[k, i], a.double_integrals[k, i]
+    m = a.pair_start
     m[0], m[1], m[2], m[3], m[4], m[5] = vn, ve, lat, lon, c.imu.accel_n[0], c.imu.accel_n[1]
 
 
@@ -77,18 +76,15 @@ def is_levelled(p: Parameters, c: Core) -> bool:
 
 @kernel
 def level_with_pair(p: Parameters, c: Core, vn: float, ve: float, dt: float) -> None:
-    """Level by the force in `integral_change`, felt over `dt` s while the velocity changed by (vn, ve)."""
-    zn, ze = multiply(
-        phasor(-c.alignment.wander_azimuth),
-        (c.scratch.integral_change[DELTA_V, 0], c.scratch.integral_change[DELTA_V, 1]),
-    )
+    """Level with the force in scratch.integral_change over `dt` s, in which the velocity changed by (vn, ve) m/s."""
+    zn, ze = multiply(phasor(-c.alignment.wander_azimuth), element(c.scratch.integral_change, DELTA_V))
     if c.alignment.mode == COARSE_ALIGNMENT:
         level_from_velocity_change(p, c, zn / dt, ze / dt, dt, math.hypot(vn, ve) / dt)
 
 
 @kernel
 def timing_velocity_variance(c: Core) -> float:
-    """Variance, m^2/s^2, of a velocity change since the mark by what is not known of the fixes' latency."""
+    """Variance, m^2/s^2, of the velocity change since the pair's start that the time offset's variance causes."""
     return float(
         variance(c, TIME_OFFSET)
         * ((c.imu.accel_n[0] - c.alignment.pair_start[4]) ** 2 + (c.imu.accel_n[1] - c.alignment.pair_start[5]) ** 2)
@@ -97,7 +93,7 @@ def timing_velocity_variance(c: Core) -> float:
 
 @kernel
 def timing_position_variance(c: Core, b: HypothesisBank) -> float:
-    """Variance, m^2, of a way since the last fix matched by the same: what it has sped up goes on for so long."""
+    """Variance, m^2, of the displacement since the last matched fix that the time offset's variance causes."""
     north, east = (
         c.alignment.integrals[DELTA_V, 0] - b.last_integrals[DELTA_V, 0],
         c.alignment.integrals[DELTA_V, 1] - b.last_integrals[DELTA_V, 1],
@@ -107,9 +103,10 @@ def timing_position_variance(c: Core, b: HypothesisBank) -> float:
 
 @kernel
 def pair_duration(p: Parameters, c: Core) -> float:
-    """Seconds between positions that show a velocity change with a sigma of VAGUENESS.
+    """Time between positions, s, from which a velocity change follows with the sigma pair_velocity_sigma.
 
-    It is their second difference, of three times white noise and of two increments of a random walk.
+    The velocity change is a second difference: of three positions with white noise, and of two increments of the GNSS
+    bias, taken as a random walk.
     """
     walk = 4.0 * c.gnss.reported_sigma[0] ** 2 / p.tuning.gnss_bias_time_s
     root = math.sqrt(walk * walk + 24.0 * c.gnss.noise_var[0] * p.tuning.pair_velocity_sigma**2)
@@ -119,9 +116,9 @@ def pair_duration(p: Parameters, c: Core) -> float:
 
 @kernel
 def match_duration(p: Parameters, c: Core) -> float:
-    """Seconds for which pairs can be compared: drift hypotheses lie some way apart, unless the drift is known.
+    """Time, s, for which matched fixes are compared: in it an unknown drift turns the frame by match_rotation.
 
-    While navigating the estimate of the gyro's scale factor changes, too.
+    While navigating it is the least, because the estimate of the gyro's scale factor changes, too.
     """
     if c.alignment.mode == NAVIGATING:
         return p.tuning.match_min_duration_s
@@ -133,7 +130,10 @@ def match_duration(p: Parameters, c: Core) -> float:
 def match_pair(
     p: Parameters, c: Core, b: HypothesisBank, lat: float, lon: float, vn: float, ve: float, noise2: float
 ) -> None:
-    """A fix at the core's time, with its velocity (NaN when it has none), of a variance beyond the usual."""
+    """Match a fix at the core's time and level with it; (vn, ve): its velocity, NaN if it reports none.
+
+    noise2: m^2/s^2, variance of its velocity in addition to gnss.velocity_noise_var.
+    """
     matching = 1e-9 * (c.nav.t_ns - c.alignment.last_match_ns) >= p.tuning.pair_min_s
     if matching:
         apply_corrections(p, c, b)
@@ -160,18 +160,21 @@ def match_pair(
 
 @kernel
 def contradicts_force(p: Parameters, c: Core, b: HypothesisBank, s: float) -> bool:
-    """Do the innovations in b.innovations, of variance s, differ by more than heading and tilt errors explain?"""
-    felt = math.hypot(b.innovations[1 + DELTA_V, 0], b.innovations[1 + DELTA_V, 1])
+    """Whether GNSS and inertial innovations (variance s) differ in magnitude by more than noise and tilt explain."""
+    inertial = math.hypot(b.innovations[1 + DELTA_V, 0], b.innovations[1 + DELTA_V, 1])
     tilt2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
-    doubt = s + tilt2 * (b.innovations[1 + TIME, 0] ** 2 + b.innovations[1 + TIME, 1] ** 2)
-    return bool((felt - math.hypot(b.innovations[0, 0], b.innovations[0, 1])) ** 2 > p.tuning.match_gate * doubt)
+    allowed = s + tilt2 * (b.innovations[1 + TIME, 0] ** 2 + b.innovations[1 + TIME, 1] ** 2)
+    return bool((inertial - math.hypot(b.innovations[0, 0], b.innovations[0, 1])) ** 2 > p.tuning.match_gate * allowed)
 
 
 @kernel
 def match_fix(
     p: Parameters, c: Core, b: HypothesisBank, lat: float, lon: float, vn: float, ve: float, noise2: float
 ) -> None:
-    """Match what this fix tells with what was felt."""
+    """Match the velocity of a fix, or its position if it reports none, with the integrals of specific force.
+
+    After an outage, or when the matched fixes are too old, the integrals start anew at this fix.
+    """
     dt = 1e-9 * (c.nav.t_ns - c.alignment.last_match_ns)
     if 1e-9 * (c.nav.t_ns - c.alignment.origin_ns) > match_duration(
         p, c
@@ -179,7 +182,7 @@ def match_fix(
         reset_pairs(c)
         dt = math.inf
     c.alignment.last_match_ns = c.nav.t_ns
-    late2 = timing_position_variance(c, b)
+    timing2 = timing_position_variance(c, b)
     if dt == math.inf:
         c.alignment.position_origin[0], c.alignment.position_origin[1] = lat, lon
         clear_integrals(c)
@@ -198,44 +201,46 @@ def match_fix(
             b,
             True,
             ned_difference(c, c.alignment.position_origin[0], c.alignment.position_origin[1], lat, lon),
-            c.gnss.noise_var[0] + late2,
+            c.gnss.noise_var[0] + timing2,
         )
 
 
 @kernel
 def restart_matching(p: Parameters, c: Core, b: HypothesisBank) -> None:
-    """Place and velocity are taken from the next fix."""
+    """Reset the whitening filter: its position and velocity are those of the next fix."""
     reset_whitening(p, b, c.gnss.reported_sigma[0])
     c.alignment.reject_count = 0
 
 
 @kernel
-def match_if_consistent(p: Parameters, c: Core, b: HypothesisBank, place: bool, told: Complex, r: float) -> None:
-    """Match a place (m) or a velocity of variance r, if it tells something; not one that was not felt.
+def match_if_consistent(
+    p: Parameters, c: Core, b: HypothesisBank, is_position: bool, measured: Complex, r: float
+) -> None:
+    """Match a position (m; else a velocity, m/s) of variance r, unless the specific force contradicts it.
 
-    When there are three such fixes in a row, place and velocity are taken anew from the next.
+    Its products count once roll and pitch are known, in motion. Three contradictions in a row reset the whitening.
     """
-    s = whitened_variance(b, place, r)
+    s = whitened_variance(b, is_position, r)
     certain = is_levelled(p, c) and s < 0.5 * p.tuning.whitening_speed_sigma**2
-    whitened_innovations(b, nearest_hypothesis(p, c), place, told)
+    whitened_innovations(b, nearest_hypothesis(p, c), is_position, measured)
     if certain and contradicts_force(p, c, b, s):
         c.alignment.reject_count += 1
         if c.alignment.reject_count > 2:
             restart_matching(p, c, b)
         return
     c.alignment.reject_count = 0
-    match_measurement(c, b, place, told, s, certain and not c.stationarity.at_rest)
+    match_measurement(c, b, is_position, measured, s, certain and not c.stationarity.at_rest)
 
 
 @kernel
 def pair_mean_velocities(p: Parameters, c: Core, vn: float, ve: float, dt: float) -> None:
-    """From positions alone: the mean velocity since the last fix, against the mean before it."""
-    s = c.alignment.mean_velocity
+    """From positions alone: level with the change of the mean velocity (vn, ve; m/s, over `dt` s)."""
+    a, s = c.alignment, c.alignment.mean_velocity
     for k in range(4):
         for i in range(2):
-            mean = (c.alignment.double_integrals[k, i] - c.alignment.pair_double_integrals[k, i]) / dt
-            c.scratch.integral_change[k, i] = mean - c.alignment.mean_integrals[k, i]
-            c.alignment.mean_integrals[k, i] = mean
+            mean = (a.double_integrals[k, i] - a.pair_double_integrals[k, i]) / dt
+            c.scratch.integral_change[k, i] = mean - a.mean_integrals[k, i]
+            a.mean_integrals[k, i] = mean
     if s[2] > 0.0 and exceeds_force(p, c, vn - s[0], ve - s[1], dt):
         s[2] = 0.0
         return
@@ -246,19 +251,18 @@ def pair_mean_velocities(p: Parameters, c: Core, vn: float, ve: float, dt: float
 
 @kernel
 def exceeds_force(p: Parameters, c: Core, vn: float, ve: float, dt: float) -> bool:
-    """Is this change of mean velocities over `dt` s more than force, tilt errors and noise explain?"""
-    felt = math.hypot(c.scratch.integral_change[DELTA_V, 0], c.scratch.integral_change[DELTA_V, 1])
+    """Whether this change of mean velocity (m/s, over `dt` s) is more than force, tilt errors and noise explain."""
+    change = c.scratch.integral_change
+    inertial = math.hypot(change[DELTA_V, 0], change[DELTA_V, 1])
     tilt2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
-    doubt = (
-        6.0 * (c.gnss.noise_var[0] + c.gnss.reported_sigma[0] ** 2) / dt**2
-        + tilt2 * c.scratch.integral_change[TIME, 0] ** 2
-    )
-    return bool(max(math.hypot(vn, ve) - felt, 0.0) ** 2 > p.tuning.match_gate * doubt)
+    noise2 = 6.0 * (c.gnss.noise_var[0] + c.gnss.reported_sigma[0] ** 2) / dt**2
+    allowed = noise2 + tilt2 * change[TIME, 0] ** 2
+    return bool(max(math.hypot(vn, ve) - inertial, 0.0) ** 2 > p.tuning.match_gate * allowed)
 
 
 @kernel
 def vertical_bias_jacobian(c: Core) -> int:
-    """Put the gyro bias about the vertical into the measurement row; returns its length."""
+    """Set the Jacobian of the vertical gyro bias, (C_nb bg)_down; returns its length."""
     m = rotation_matrix(c)
     k = 0
     for i in range(3):
@@ -268,7 +272,7 @@ def vertical_bias_jacobian(c: Core) -> int:
 
 @kernel
 def reset_pairs(c: Core) -> None:
-    """Begin to match anew."""
+    """Clear integrals and pairs: the next fix starts a new origin."""
     clear_integrals(c)
     c.alignment.pair_start_ns = c.alignment.last_match_ns = NEVER_NS
     c.alignment.mean_velocity[2] = 0.0
@@ -277,11 +281,11 @@ def reset_pairs(c: Core) -> None:
 
 @kernel
 def count_heading_fault(c: Core, wrong: bool) -> None:
-    """Another pair contradicts the heading, or one does not."""
+    """Count pairs in a row that contradict the heading; `wrong`: the last one does."""
     c.alignment.heading_fault_count = c.alignment.heading_fault_count + 1 if wrong else 0
 
 
 @kernel
 def flag_heading(p: Parameters, c: Core) -> None:
-    """The heading is wrong, as something other than pairs has shown."""
+    """Mark the heading as wrong, on evidence other than pairs."""
     c.alignment.heading_fault_count = p.tuning.heading_faults

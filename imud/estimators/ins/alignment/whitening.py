@@ -1,10 +1,10 @@
-"""What the receiver says, made independent: innovations of a small filter of position, velocity and wander.
+"""Whitening of the fixes: independent innovations of a small Kalman filter of position, velocity and GNSS bias.
 
-Fixes share the receiver's wander, and the vehicle's unknown place and velocity at the start. A Kalman filter of a
-vehicle that moves on as it moved knows of these, and its innovations are independent, as far as what was felt
-explains the rest. It is linear: fed with integrals of what was felt instead of fixes, it leaves of them what the same
-innovations would be. So one covariance serves the receiver's words and all integrals of `matching`, and how far apart
-two fixes have to be for their noise needs no rule.
+Successive fixes share the receiver's correlated error and the unknown position and velocity at the origin. The small
+filter has a state for each of them and predicts a constant velocity, so its innovations are independent, as far as the
+integrals of specific force explain the acceleration. The filter is linear: applied to the integrals instead of the
+fixes it gives the regressors that belong to the innovations of the fixes. So one covariance whitens the fixes and all
+integrals of the alignment, and no rule is needed for the least time between two fixes.
 
 Source: Kailath, An innovations approach to least-squares estimation, part I (1968).
 """
@@ -27,89 +27,91 @@ TUNABLES = (
         "unmodelled_accel_psd",
         0.05**2,
         "m^2/s^3",
-        "Acceleration that the IMU does not show: scale, sway, vibration.",
+        "Acceleration that the IMU does not show: scale factors, sway, vibration.",
         "Recorded drives.",
     ),
     Tunable("whitening_position_sigma", 1e4, "m", "Position before the first fix.", "Uninformative."),
     Tunable("whitening_speed_sigma", 1e2, "m/s", "Velocity before the first fix.", "Uninformative."),
 )
-PLACE, SPEED, BIAS = 0, 1, 2  # states
+POSITION_STATE, VELOCITY_STATE, BIAS_STATE = 0, 1, 2  # m, m/s, m; complex numbers, north + i east
 
 
 @kernel
-def reset_whitening(p: Parameters, b: HypothesisBank, wander: float) -> None:
-    """Nothing is known of place and velocity; the receiver's position wanders by `wander` m."""
+def reset_whitening(p: Parameters, b: HypothesisBank, bias_sigma: float) -> None:
+    """Position and velocity are unknown; the GNSS bias has the sigma `bias_sigma` m."""
     P = b.whitening_P
     P[:] = 0.0
-    P[PLACE, PLACE], P[SPEED, SPEED], P[BIAS, BIAS] = (
+    P[POSITION_STATE, POSITION_STATE], P[VELOCITY_STATE, VELOCITY_STATE], P[BIAS_STATE, BIAS_STATE] = (
         p.tuning.whitening_position_sigma**2,
         p.tuning.whitening_speed_sigma**2,
-        wander**2,
+        bias_sigma**2,
     )
     b.whitening_state[:] = 0.0
 
 
 @kernel
-def predict_whitening(p: Parameters, b: HypothesisBank, wander: float, dt: float) -> None:
-    """Predict over `dt` s."""
+def predict_whitening(p: Parameters, b: HypothesisBank, bias_sigma: float, dt: float) -> None:
+    """Predict states and covariance over `dt` s; `bias_sigma` m: steady-state sigma of the GNSS bias."""
     P, x = b.whitening_P, b.whitening_state
     decay = math.exp(-dt / p.tuning.gnss_bias_time_s)
     for k in range(HYPOTHESES):
         for j in range(5):
             for i in range(2):
-                x[k, PLACE, j, i] += dt * x[k, SPEED, j, i]
-                x[k, BIAS, j, i] *= decay
+                x[k, POSITION_STATE, j, i] += dt * x[k, VELOCITY_STATE, j, i]
+                x[k, BIAS_STATE, j, i] *= decay
     P[0, 0] += dt * (2.0 * P[0, 1] + dt * P[1, 1]) + p.tuning.unmodelled_accel_psd * dt**3 / 3.0
     P[0, 1] += dt * P[1, 1] + p.tuning.unmodelled_accel_psd * dt * dt / 2.0
     P[0, 2] = decay * (P[0, 2] + dt * P[1, 2])
     P[1, 1] += p.tuning.unmodelled_accel_psd * dt
     P[1, 2] *= decay
-    P[2, 2] = decay * decay * P[2, 2] + wander**2 * (1.0 - decay * decay)
+    P[2, 2] = decay * decay * P[2, 2] + bias_sigma**2 * (1.0 - decay * decay)
     P[1, 0], P[2, 0], P[2, 1] = P[0, 1], P[0, 2], P[1, 2]
 
 
 @kernel
-def whitened_variance(b: HypothesisBank, place: bool, r: float) -> float:
-    """Variance of the innovation of a place (else a velocity) of variance r."""
+def whitened_variance(b: HypothesisBank, is_position: bool, r: float) -> float:
+    """Innovation variance of a position (else a velocity) of variance r; m^2, or m^2/s^2."""
     P = b.whitening_P
-    return float(P[0, 0] + 2.0 * P[0, 2] + P[2, 2] + r if place else P[1, 1] + r)
+    return float(P[0, 0] + 2.0 * P[0, 2] + P[2, 2] + r if is_position else P[1, 1] + r)
 
 
 @kernel
-def whitened_innovations(b: HypothesisBank, k: int, place: bool, told: Any) -> None:
-    """b.innovations <- innovations of a place (m, else a velocity), and of the integrals of hypothesis k."""
-    x, integrals = b.whitening_state[k], b.double_integrals[k] if place else b.integrals[k]
+def whitened_innovations(b: HypothesisBank, k: int, is_position: bool, measured: Any) -> None:
+    """b.innovations <- those of a measured position (m; else velocity, m/s) and of the integrals of hypothesis k."""
+    x, integrals = b.whitening_state[k], b.double_integrals[k] if is_position else b.integrals[k]
     for j in range(5):
         for i in range(2):
-            value = integrals[j - 1, i] if j > 0 else told[i]
-            b.innovations[j, i] = value - (x[PLACE, j, i] + x[BIAS, j, i] if place else x[SPEED, j, i])
+            value = integrals[j - 1, i] if j > 0 else measured[i]
+            b.innovations[j, i] = value - (
+                x[POSITION_STATE, j, i] + x[BIAS_STATE, j, i] if is_position else x[VELOCITY_STATE, j, i]
+            )
 
 
 @kernel
-def whitening_gains(b: HypothesisBank, place: bool) -> Any:
-    """Covariance of place, speed and error with an innovation."""
+def whitening_gains(b: HypothesisBank, is_position: bool) -> Any:
+    """Covariances of position, velocity and GNSS bias with the innovation: P h."""
     P = b.whitening_P
-    if place:
+    if is_position:
         return P[0, 0] + P[0, 2], P[1, 0] + P[1, 2], P[2, 0] + P[2, 2]
     return P[0, 1], P[1, 1], P[2, 1]
 
 
 @kernel
-def update_hypothesis(b: HypothesisBank, k: int, place: bool, s: float) -> None:
-    """Let hypothesis k follow the innovations in b.innovations, of variance s."""
-    x, d = b.whitening_state[k], whitening_gains(b, place)
+def update_hypothesis(b: HypothesisBank, k: int, is_position: bool, s: float) -> None:
+    """Update the states of hypothesis k with the innovations in b.innovations, of variance s."""
+    x, d = b.whitening_state[k], whitening_gains(b, is_position)
     for j in range(5):
         for i in range(2):
             gain = b.innovations[j, i] / s
-            x[PLACE, j, i] += d[0] * gain
-            x[SPEED, j, i] += d[1] * gain
-            x[BIAS, j, i] += d[2] * gain
+            x[POSITION_STATE, j, i] += d[0] * gain
+            x[VELOCITY_STATE, j, i] += d[1] * gain
+            x[BIAS_STATE, j, i] += d[2] * gain
 
 
 @kernel
-def update_whitening(b: HypothesisBank, place: bool, s: float) -> None:
-    """The covariance after an innovation of variance s."""
-    P, d = b.whitening_P, whitening_gains(b, place)
+def update_whitening(b: HypothesisBank, is_position: bool, s: float) -> None:
+    """Update the covariance with an innovation of variance s; it is common to all hypotheses."""
+    P, d = b.whitening_P, whitening_gains(b, is_position)
     P[0, 0] -= d[0] * d[0] / s
     P[0, 1] -= d[0] * d[1] / s
     P[0, 2] -= d[0] * d[2] / s
@@ -121,5 +123,5 @@ def update_whitening(b: HypothesisBank, place: bool, s: float) -> None:
 
 @kernel
 def unobserved_velocity(b: HypothesisBank, k: int, axis: int, column: int) -> float:
-    """What of an integral of hypothesis k, now, the fixes followed so far do not show in the velocity."""
-    return float(b.integrals[k, column, axis] - b.whitening_state[k, SPEED, 1 + column, axis])
+    """The part of an integral of hypothesis k that the whitening filter's velocity does not contain yet."""
+    return float(b.integrals[k, column, axis] - b.whitening_state[k, VELOCITY_STATE, 1 + column, axis])

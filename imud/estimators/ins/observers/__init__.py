@@ -1,1 +1,1 @@
-"""Those who watch every propagation and every correction of the filter: `fusion` calls them."""
+"""Observers of the filter: `fusion` calls them at every propagation and at every update."""

@@ -1,13 +1,14 @@
-"""Does the receiver creep away? A constant velocity that its positions had, and the vehicle had not, since some moment.
+"""The drift test: do the receiver's positions drift with a constant velocity that the vehicle does not have?
 
-A filter that is not told of the receiver's velocity follows such positions: each of them is within its gate. But what
-creeping at 1 m/s would do to the estimate, and to every innovation, follows from the filter's own gains. So for some
-moments at which it may have begun, that pull is carried along, and the creeping velocity is estimated from the
-innovations by least squares. When it is certainly not nothing, the estimate is put back to where it had been without,
-as unsure as that velocity is, and the positions are refused (see `admission`).
+Each position of a drifting receiver is within its gate, so the filter follows the drift. The filter's own gains give
+the sensitivity of the estimate, and of every innovation, to a drift of 1 m/s (Friedland). This sensitivity is
+propagated for three hypothetical onsets of the drift. From the innovations the drift velocity since each onset is
+estimated by least squares, and its chi-square is compared with a threshold (generalized likelihood ratio, GLR). When a
+drift is detected, its effect is removed from the estimate, the uncertainty of the drift velocity is added to P, and
+further positions are rejected (see `aiding.gnss_gate`).
 
-How far a receiver's positions wander is not what it reports: what this one has seemed to creep in earlier times
-is the measure.
+The position error of a receiver is not as large as the receiver reports. `noise_scale` is the ratio of the two
+variances, learned from the drift estimates of onsets at which no drift was detected.
 
 Source: Friedland, Treatment of bias in recursive filtering (1969); Willsky and Jones, A generalized likelihood ratio
 approach to the detection and estimation of jumps in linear systems (1976).
@@ -44,7 +45,7 @@ TUNABLES = (
 
 @kernel
 def reset_drift(c: Core) -> None:
-    """Begin anew, with the receiver trusted."""
+    """Close all onsets and clear the detection."""
     c.drift.detected = 0
     c.drift.pending_noise_scale = 0.0
     for j in range(ONSETS):
@@ -53,13 +54,13 @@ def reset_drift(c: Core) -> None:
 
 @kernel
 def all_onsets_open(c: Core) -> bool:
-    """Have estimate and receiver agreed for as long as it takes to let every moment begin?"""
+    """Whether every onset is open: positions have been used for as long as it takes to open them all."""
     return bool(min(c.drift.onset_ns[0], c.drift.onset_ns[1], c.drift.onset_ns[2]) != NEVER_NS)
 
 
 @kernel
 def open_hypothesis(c: Core, j: int) -> None:
-    """Let moment j be now."""
+    """Open onset j at the core's time: its sensitivity and its information are zero."""
     c.drift.onset_ns[j] = c.nav.t_ns
     c.drift.innovation_count[j] = 0
     for i in range(2):
@@ -73,13 +74,13 @@ def open_hypothesis(c: Core, j: int) -> None:
 
 @kernel
 def clear_detection(c: Core) -> None:
-    """The receiver is back where it should be."""
+    """Clear the detection: the receiver's positions agree with the estimate again."""
     c.drift.detected = 0
 
 
 @kernel
 def clear_velocity_sensitivity(c: Core) -> None:
-    """The velocity has been set from elsewhere: no drift has a part in it."""
+    """Set the sensitivity of the velocity to zero, after the velocity was set without use of GNSS."""
     for i in range(3):
         for j in range(2 * ONSETS):
             c.drift.bias_sensitivity[VELOCITY + i, j] = 0.0
@@ -87,15 +88,16 @@ def clear_velocity_sensitivity(c: Core) -> None:
 
 @kernel
 def propagate_sensitivity(c: Core, phi: Transition) -> None:
-    """Propagate the sensitivities as errors."""
+    """Propagate the sensitivities as error states are propagated: V <- Phi V."""
     apply_phi(c.drift.bias_sensitivity, 2 * ONSETS, phi)
 
 
 @kernel
 def update_sensitivity(c: Core, m: int, s: float, z: float, axis: int) -> None:
-    """A row of length m with innovation z, variance s, P h in scratch.d will be fused next: of position `axis`, or -1.
+    """Sensitivity of the estimate after the scalar update that follows: V <- V + K (b - h V); call before the update.
 
-    Call before the covariance is changed.
+    The Jacobian h has m elements, innovation z has variance s, and P h is in scratch.d. axis: 0 for a GNSS position
+    north, 1 east, whose sensitivity b is the time since the onset; -1: any other measurement, b = 0.
     """
     for j in range(ONSETS):
         if c.drift.onset_ns[j] == NEVER_NS:
@@ -124,8 +126,11 @@ def update_sensitivity(c: Core, m: int, s: float, z: float, axis: int) -> None:
 
 
 @kernel
-def estimate_drift(p: Parameters, c: Core, j: int, restless: float) -> Any:
-    """Velocity north and east that the receiver has crept with since moment j, its covariance, and chi squared."""
+def estimate_drift(p: Parameters, c: Core, j: int, noise_scale: float) -> Any:
+    """Drift velocity since onset j: north, east (m/s), covariance nn, ne, ee (m^2/s^2), chi-square.
+
+    The covariance is that of the innovations times `noise_scale`, plus min_drift_speed squared.
+    """
     nn, ne, ee = c.drift.information_matrix[j, 0], c.drift.information_matrix[j, 1], c.drift.information_matrix[j, 2]
     determinant = nn * ee - ne * ne
     if not determinant > 0.0:
@@ -134,9 +139,9 @@ def estimate_drift(p: Parameters, c: Core, j: int, restless: float) -> Any:
     vn = pnn * c.drift.information_vector[j, 0] + pne * c.drift.information_vector[j, 1]
     ve = pne * c.drift.information_vector[j, 0] + pee * c.drift.information_vector[j, 1]
     pnn, pne, pee = (
-        restless * pnn + p.tuning.min_drift_speed**2,
-        restless * pne,
-        restless * pee + p.tuning.min_drift_speed**2,
+        noise_scale * pnn + p.tuning.min_drift_speed**2,
+        noise_scale * pne,
+        noise_scale * pee + p.tuning.min_drift_speed**2,
     )
     determinant = pnn * pee - pne * pne
     chi2 = (pee * vn * vn - 2.0 * pne * vn * ve + pnn * ve * ve) / determinant
@@ -145,7 +150,7 @@ def estimate_drift(p: Parameters, c: Core, j: int, restless: float) -> Any:
 
 @kernel
 def remove_drift(c: Core, j: int, found: Any) -> None:
-    """Take out of the estimate (gather in c.scratch.x) what creeping as found since moment j has done to it."""
+    """Gather in scratch.x the correction that removes the drift `found` since onset j, and add its covariance to P."""
     vn, ve, pnn, pne, pee = found[0], found[1], found[2], found[3], found[4]
     u, first = c.drift.bias_sensitivity, 2 * j
     for i in range(STATES):
@@ -158,9 +163,9 @@ def remove_drift(c: Core, j: int, found: Any) -> None:
 
 @kernel
 def learn_gnss_noise_scale(p: Parameters, c: Core, seen: float) -> None:
-    """A receiver that has not been found to creep has seemed to, by `seen` times the variance expected.
+    """Learn from `seen`, the squared drift velocity over its variance, of an onset at which no drift was detected.
 
-    What was seen the time before is learned: what is seen now may yet be found to be creeping.
+    The value of the onset before is learned, and `seen` is pending: a drift that has begun may not be detected yet.
     """
     seen, c.drift.pending_noise_scale = c.drift.pending_noise_scale, seen
     if not seen > 0.0:
@@ -175,7 +180,7 @@ def learn_gnss_noise_scale(p: Parameters, c: Core, seen: float) -> None:
 
 @kernel
 def detect_drift(p: Parameters, c: Core) -> bool:
-    """After a position was taken: does the receiver creep? Then the correction to put back is in c.scratch.x."""
+    """After a position was fused: True if a drift is detected; then its correction is in scratch.x, not injected."""
     best, worst, oldest, youngest_s = 0, 0.0, 0, math.inf
     for j in range(ONSETS):
         age = math.inf if c.drift.onset_ns[j] == NEVER_NS else 1e-9 * (c.nav.t_ns - c.drift.onset_ns[j])

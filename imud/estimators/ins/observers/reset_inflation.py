@@ -1,4 +1,4 @@
-"""What is added to the stated variance of the position after a reset to fixes that contradicted it."""
+"""The position variance that the solution states beyond P after a reset to fixes that contradicted the estimate."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ if TYPE_CHECKING:
 
 @kernel
 def inflate_position(c: Core, axis: int, variance: float) -> None:
-    """State more variance (m^2) of the position along an axis than P has."""
+    """Add `variance` (m^2) to the position inflation along an axis (0 north, 1 east, 2 down)."""
     c.integrity.position_inflation[axis] += variance
 
 
 @kernel
 def fade_inflation(c: Core, decay: float) -> None:
-    """It fades as the receiver's correlated error does, by `decay` over the interval."""
+    """Let the position inflation decay as the variance of the GNSS bias does; `decay`: that of the bias itself."""
     for i in range(3):
         c.integrity.position_inflation[i] *= decay * decay

@@ -1,0 +1,204 @@
+"""Jacobians of position, velocity, non-holonomic constraint and heading against finite differences.
+
+Each measurement is evaluated by the filter's own code, as plain Python, which hands its Jacobian and its residual to a
+recorder instead of the Kalman filter. The nominal state is displaced along one error state by `inject_error`. A
+residual is measured minus predicted, so that its derivative is minus the Jacobian.
+"""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from imud.compile.jit import interpreted
+from imud.configuration.settings import Initial, Navigation, Settings
+from imud.estimators.ins.aiding import gnss_position, gnss_velocity, heading, non_holonomic
+from imud.estimators.ins.ekf import inject_error
+from imud.estimators.ins.parameters import configure
+from imud.estimators.ins.setup import start
+from imud.estimators.ins.state import (
+    ATTITUDE,
+    GNSS_BIAS,
+    GYRO_BIAS,
+    MOUNT_PITCH,
+    MOUNT_YAW,
+    NAVIGATING,
+    NHC_LEVER_ARM,
+    POSITION,
+    STATES,
+    TIME_OFFSET,
+    VELOCITY,
+    VELOCITY_TIME_OFFSET,
+)
+from imud.estimators.records import FIX, HEADING_SOURCE, INNOVATION, MEASUREMENT
+
+STEP = 1e-5  # m, m/s, rad, ...: small against every curvature, large against the rounding of a latitude (1e-9 m)
+LEVER_ARM = (1.2, -0.7, -1.9)
+EPOCH_NS = 7_000_000_000
+
+
+def record(array):
+    """The only element of an array, with its fields as attributes."""
+    return array.view(np.recarray)[0]
+
+
+class Recorder:
+    """Stands for the Kalman filter: keeps the Jacobian (STATES) and the residual of every measurement."""
+
+    def __init__(self):
+        self.rows = []
+
+    def gated_update(self, c, m, z, r, gate):
+        self._keep(c, m, z)
+        return 1.0
+
+    def pseudo_measurement(self, c, kind, m, z, r, gate):
+        self._keep(c, m, z)
+        return z, r, 1.0
+
+    def fuse(self, c, m, z, s, axis):
+        self._keep(c, m, z)
+
+    def _keep(self, c, m, z):
+        jacobian = np.zeros(STATES)
+        for k in range(m):
+            jacobian[c.scratch.columns[k]] += c.scratch.values[k]
+        self.rows.append((jacobian, z))
+
+
+@pytest.fixture
+def recorder(monkeypatch):
+    made = Recorder()
+    monkeypatch.setattr(gnss_position, "fuse", made.fuse)
+    monkeypatch.setattr(gnss_velocity, "gated_update", made.gated_update)
+    monkeypatch.setattr(heading, "gated_update", made.gated_update)
+    monkeypatch.setattr(non_holonomic, "pseudo_measurement", made.pseudo_measurement)
+    return made
+
+
+def nominal(seed, rolling=False):
+    """Parameters and state of a filter that navigates: any attitude, some 15 m/s, turning and accelerating.
+
+    rolling: the smoothed rate has a part about the forward axis, whose effect on the constraint is not in H.
+    """
+    rng = np.random.default_rng(seed)
+    p = configure(Settings(navigation=Navigation(lever_arm_m=LEVER_ARM)), 100.0)
+    s = start(p, Initial(lat_deg=50.0, lon_deg=8.0, height_m=120.0, yaw_deg=10.0))
+    c = record(s).core[0]
+    attitude = Rotation.random(random_state=seed)
+    c.alignment.mode = NAVIGATING
+    c.cov.P[:] = 0.0
+    c.nav.t_ns = c.gnss.last_used_ns = EPOCH_NS
+    c.nav.q_nb = np.roll(attitude.as_quat(), 1)
+    c.nav.v_n = rng.standard_normal(3) * 15.0
+    c.nav.forward, c.nav.lateral = Rotation.random(random_state=seed + 100).as_matrix()[:2]
+    c.nav.nhc_lever_arm, c.nav.time_offset, c.nav.velocity_time_offset = 0.8, 0.0, 0.04
+    c.imu.w, c.imu.rate_b = rng.standard_normal((2, 3)) * 0.5
+    if not rolling:
+        c.imu.rate_b = c.imu.rate_b - (c.nav.forward @ c.imu.rate_b) * c.nav.forward
+    c.scratch.accel_fit = rng.standard_normal(3) * 2.0
+    c.gnss.reported_sigma, c.gnss.noise_var, c.nhc.enabled = (1.5, 3.0), (1.0, 4.0), 1
+    return p, s
+
+
+def fix_near(c, rng):
+    """A fix with position and velocity, some metres and tenths of m/s from the estimate."""
+    fix = np.zeros(1, FIX)
+    f = record(fix)
+    north, east, down = rng.standard_normal(3)
+    f.t_ns, f.arrival_ns, f.quality, f.sigma, f.speed, f.course = EPOCH_NS, EPOCH_NS, 1, np.nan, np.nan, np.nan
+    f.lat, f.lon, f.height = c.nav.lat + north / 6.4e6, c.nav.lon + east / 4.1e6, c.nav.height - down
+    f.v = c.nav.v_n + rng.standard_normal(3) * 0.1
+    return f
+
+
+def measure_position(p, c, fix):
+    rows = np.zeros(4, INNOVATION).view(np.recarray)
+    late = c.nav.time_offset - 1e-9 * (fix.t_ns - c.nav.t_ns)
+    interpreted(gnss_position.fuse_gnss_position)(p, c, fix, late, rows, 0)
+
+
+def measure_velocity(p, c, fix):
+    rows = np.zeros(4, INNOVATION).view(np.recarray)
+    late = c.nav.time_offset - 1e-9 * (fix.t_ns - c.nav.t_ns)
+    interpreted(gnss_velocity.fuse_gnss_velocity)(p, c, fix, late, rows, 0)
+
+
+def measure_nhc(p, c, fix):
+    interpreted(non_holonomic.fuse_nhc)(p, c)
+
+
+def measure_heading(p, c, fix):
+    rows = np.zeros(4, INNOVATION).view(np.recarray)
+    m = record(np.zeros(1, MEASUREMENT))
+    m.t_ns, m.kind, m.value, m.sigma = c.nav.t_ns, HEADING_SOURCE, 1.0, 0.02
+    interpreted(heading.fuse_heading)(p, c, m, rows)
+
+
+MEASUREMENTS = {  # measurement: rows, and the error states by which its Jacobian has elements
+    measure_position: (
+        3,
+        (*range(POSITION, POSITION + 3), *range(ATTITUDE, ATTITUDE + 3), *range(GNSS_BIAS, GNSS_BIAS + 3), TIME_OFFSET),
+    ),
+    measure_velocity: (3, (*range(VELOCITY, VELOCITY + 3), TIME_OFFSET, VELOCITY_TIME_OFFSET)),
+    measure_nhc: (
+        2,
+        (*range(VELOCITY, VELOCITY + 3), *range(ATTITUDE, ATTITUDE + 3), MOUNT_PITCH, MOUNT_YAW, NHC_LEVER_ARM),
+    ),
+    measure_heading: (1, tuple(range(ATTITUDE, ATTITUDE + 3))),
+}
+
+
+def residuals(recorder, measure, seed, state, step, rolling=False):
+    """Jacobians (rows, STATES) and residuals (rows) with the nominal state displaced by `step` along an error state."""
+    p, s = nominal(seed, rolling)
+    parameters, c = record(p), record(s).core[0]
+    fix = fix_near(c, np.random.default_rng(seed))
+    c.scratch.x[state] = step
+    interpreted(inject_error)(parameters, c)
+    recorder.rows.clear()
+    measure(parameters, c, fix)
+    return np.array([row for row, _ in recorder.rows]), np.array([z for _, z in recorder.rows])
+
+
+def differenced(recorder, measure, seed, state, rolling=False):
+    """Derivative of the residuals with respect to an error state, by central differences."""
+    _, ahead = residuals(recorder, measure, seed, state, STEP, rolling)
+    _, behind = residuals(recorder, measure, seed, state, -STEP, rolling)
+    return (ahead - behind) / (2.0 * STEP)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("measure", MEASUREMENTS)
+def test_jacobian_is_the_derivative_of_the_prediction(recorder, measure, seed):
+    rows, states = MEASUREMENTS[measure]
+    H, _ = residuals(recorder, measure, seed, 0, 0.0)
+    assert H.shape == (rows, STATES)
+    assert set(np.flatnonzero(np.any(H != 0.0, axis=0))) == set(states)
+    for state in states:
+        derivative = differenced(recorder, measure, seed, state)
+        np.testing.assert_allclose(-derivative, H[:, state], rtol=0.0, atol=1e-4)
+
+
+def omitted_by_velocity(c):
+    """The antenna's velocity C (w x lever arm) depends on attitude and gyro bias."""
+    C = Rotation.from_quat(np.roll(c.nav.q_nb, -1)).as_matrix()
+    antenna = C @ np.cross(c.imu.w - c.nav.bg, LEVER_ARM)
+    yield from ((ATTITUDE + i, np.cross(np.eye(3)[i], antenna)) for i in range(3))
+    yield from ((GYRO_BIAS + i, -C @ np.cross(np.eye(3)[i], LEVER_ARM)) for i in range(3))
+
+
+def omitted_by_nhc(c):
+    """The rate of turn about the vehicle's vertical axis, with which the lever arm swings, depends on the mounting."""
+    yield MOUNT_PITCH, (-c.nav.nhc_lever_arm * (c.nav.forward @ c.imu.rate_b), 0.0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    ("measure", "omitted"), [(measure_velocity, omitted_by_velocity), (measure_nhc, omitted_by_nhc)]
+)
+def test_terms_omitted_from_a_jacobian_are_those_of_the_derivation(recorder, measure, omitted, seed):
+    _, s = nominal(seed, rolling=True)
+    for state, column in omitted(record(s).core[0]):
+        H, _ = residuals(recorder, measure, seed, state, 0.0, rolling=True)
+        derivative = differenced(recorder, measure, seed, state, rolling=True)
+        np.testing.assert_allclose(-derivative - H[:, state], column, rtol=0.0, atol=1e-4)

@@ -1,7 +1,8 @@
-"""The gate of GNSS positions: which are rejected, for how long, and when the filter is reset to them after all.
+"""The gate of GNSS positions: which are rejected, for how long, and when the filter is reset to them.
 
-A receiver that jumps stays where it went; one that drifts contradicts the velocity ever more. So rejected positions are
-believed once they have been consistent with the velocity for a while, or where nothing else supports the velocity.
+After a jump the rejected positions are consistent with the estimated velocity; in a drift they contradict it more and
+more. So the filter is reset to rejected positions once they have been consistent with the velocity for some seconds, or
+where nothing but the IMU supports the velocity.
 """
 
 from __future__ import annotations
@@ -24,7 +25,11 @@ if TYPE_CHECKING:
 TUNABLES = (
     Tunable("gnss_position_gate", 25.0, "NIS", "Gate of the position.", "Five sigma."),
     Tunable(
-        "gnss_return_gate", 9.0, "NIS", "Gate of a receiver that has drifted: within that it is back.", "Three sigma."
+        "gnss_return_gate",
+        9.0,
+        "NIS",
+        "Gate of the position while a drift is detected: within it the drift has ended.",
+        "Three sigma.",
     ),
     Tunable("reset_count", 5, "fixes", "Rejected fixes before the filter is reset to them.", "Choice."),
     Tunable("reset_s", 8.0, "s", "Time for which they must have been consistent.", "Recorded multipath."),
@@ -36,23 +41,19 @@ TUNABLES = (
     Tunable("max_drift_speed", 5.0, "m/s", "Fastest drift of a receiver.", "Choice."),
     Tunable("frozen_min_speed", 2.0, "m/s", "Speed that shows in the last digit of any receiver.", "Choice."),
     Tunable("frozen_min_s", 0.5, "s", "Time that shows there.", "Choice."),
-    Tunable(
-        "inertial_velocity_error", 0.25, "m/s", "Error of an inertial velocity that its sigma may not have.", "Choice."
-    ),
-    Tunable(
-        "inertial_heading_error", 0.05, "rad", "Error of an inertial heading that its sigma may not have.", "Choice."
-    ),
-    Tunable("max_velocity_rejects", 8, "fixes", "Rejected velocities in a row that prove a wrong heading.", "Choice."),
-    Tunable("max_reset_score", 1.5, "", "Resets, fading, that prove a wrong heading.", "Choice."),
-    Tunable("reset_score_decay", 0.98, "per fix", "How they fade.", "Choice."),
+    Tunable("inertial_velocity_error", 0.25, "m/s", "Error of an inertial velocity beyond its sigma.", "Choice."),
+    Tunable("inertial_heading_error", 0.05, "rad", "Error of an inertial heading beyond its sigma.", "Choice."),
+    Tunable("max_velocity_rejects", 8, "fixes", "More rejected velocities in a row mean a wrong heading.", "Choice."),
+    Tunable("max_reset_score", 1.5, "", "A larger decaying count of resets means a wrong heading.", "Choice."),
+    Tunable("reset_score_decay", 0.98, "per fix", "Decay of the count of resets.", "Choice."),
 )
 
 
 @kernel
 def is_frozen(p: Parameters, c: Core, fix: Fix) -> bool:
-    """Does the receiver go on repeating a position, to the last digit, that the vehicle has certainly left?
+    """Whether the receiver repeats a position to the last digit although the vehicle certainly moves.
 
-    At rest many hold it, and let go of it late.
+    Many receivers hold the position at rest, and release it late.
     """
     g = c.integrity
     if fix.lat != g.frozen_position[0] or fix.lon != g.frozen_position[1]:
@@ -71,50 +72,50 @@ def is_frozen(p: Parameters, c: Core, fix: Fix) -> bool:
 
 @kernel
 def reports_velocity(fix: Fix) -> bool:
-    """Does the receiver report a velocity?"""
+    """Whether the receiver reports a velocity or a speed."""
     return math.isfinite(fix.speed) or math.isfinite(fix.v[0])
 
 
 @kernel
 def velocity_is_supported(c: Core, fix: Fix) -> bool:
-    """Does something other than positions support the velocity: rest, the receiver's own velocity, or its drift?"""
-    own = reports_velocity(fix) and c.integrity.velocity_reject_count == 0
-    return c.drift.detected != 0 or c.stationarity.at_rest != 0 or own
+    """Whether rest, the receiver's velocity, or a detected drift of the positions supports the estimated velocity."""
+    reported = reports_velocity(fix) and c.integrity.velocity_reject_count == 0
+    return c.drift.detected != 0 or c.stationarity.at_rest != 0 or reported
 
 
 @kernel
 def position_residual(c: Core, axis: int) -> float:
-    """How far the fix is from the estimate, m, with no bias allowed for."""
+    """Position of the fix minus the estimate along an axis, m, without the estimated GNSS bias."""
     return float(c.scratch.position_innovation[axis] + c.nav.gnss_bias[axis])
 
 
 @kernel
 def drift_is_plausible(p: Parameters, c: Core, fix: Fix, outage_s: float) -> bool:
-    """Where only the IMU supports the velocity: may the rejected positions be those of a receiver that drifts?
+    """Whether the rejected positions may be those of a drifting receiver, where only the IMU supports the velocity.
 
-    Not where the estimate is new, or had no fixes before: then it is as likely to be wrong.
+    Not where the estimate is new, or was without fixes before: then the estimate is as likely to be wrong.
     """
-    way = math.hypot(position_residual(c, 0), position_residual(c, 1))
+    distance = math.hypot(position_residual(c, 0), position_residual(c, 1))
     recent = c.integrity.outage_at_reject_s < p.tuning.fresh_fix_s
     return bool(
-        not reports_velocity(fix) and all_onsets_open(c) and recent and way < p.tuning.max_drift_speed * outage_s
+        not reports_velocity(fix) and all_onsets_open(c) and recent and distance < p.tuning.max_drift_speed * outage_s
     )
 
 
 @kernel
-def consistent_for(p: Parameters, c: Core, known: bool) -> float:
-    """For how long, s, the rejected positions have been consistent with the velocity, as far as errors of both allow.
+def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
+    """Time, s, for which the rejected positions have been consistent with the velocity, within the errors of both.
 
-    Call for each rejected fix; a position that is not consistent begins anew.
+    Call for each rejected fix; an inconsistent position restarts the time. supported: see `velocity_is_supported`.
     """
     g = c.integrity
     dt = 1e-9 * (c.nav.t_ns - g.reject_start_ns[0])
     v2 = c.nav.v_n[0] ** 2 + c.nav.v_n[1] ** 2
-    unknown = 0.0 if known else p.tuning.inertial_velocity_error**2 + p.tuning.inertial_heading_error**2 * v2
+    inertial2 = 0.0 if supported else p.tuning.inertial_velocity_error**2 + p.tuning.inertial_heading_error**2 * v2
     leaves = False
     for i in range(2):
         bias2 = c.gnss.reported_sigma[0] ** 2 * (1.0 - math.exp(-dt / p.tuning.gnss_bias_time_s))
-        allowed = 2.0 * (bias2 + c.gnss.noise_var[0]) + (variance(c, VELOCITY + i) + unknown) * dt * dt
+        allowed = 2.0 * (bias2 + c.gnss.noise_var[0]) + (variance(c, VELOCITY + i) + inertial2) * dt * dt
         leaves = leaves or (position_residual(c, i) - g.reject_offset[i]) ** 2 > p.tuning.consistency_gate * allowed
     if g.reject_count[0] == 1 or leaves:
         g.reject_start_ns[0] = c.nav.t_ns
@@ -125,46 +126,46 @@ def consistent_for(p: Parameters, c: Core, known: bool) -> float:
 
 
 @kernel
-def reset_to_gnss(c: Core, first: int, last: int, known: bool) -> None:
-    """The fixes have contradicted the estimate for long enough: go to them, as uncertain as they disagreed.
+def reset_to_gnss(c: Core, first: int, last: int, supported: bool) -> None:
+    """Set position axes first to last - 1 to the fix, and inflate their stated variance by the squared difference.
 
-    Nothing shows whether the estimate or the receiver was wrong: the position's sigma is inflated by the difference,
-    which fades as the receiver's errors do. No state can hold it, as a GNSS bias that large would be contradicted by
-    every fix that stays where it is. Velocity and heading get more variance where nothing supports the velocity.
+    Either the estimate or the receiver was wrong, so the difference is stated as an error. This inflation decays as the
+    GNSS bias does; it is no state, because every further fix at the same place would contradict a GNSS bias that large.
+    Unless the velocity is supported, the variances of velocity and heading are increased, too.
     """
     for i in range(first, last):
-        way, sigma = position_residual(c, i), c.gnss.reported_sigma[i // 2]
-        displace(c, way if i == 0 else 0.0, way if i == 1 else 0.0, way if i == 2 else 0.0)
+        z, sigma = position_residual(c, i), c.gnss.reported_sigma[i // 2]
+        displace(c, z if i == 0 else 0.0, z if i == 1 else 0.0, z if i == 2 else 0.0)
         decorrelate(c, POSITION + i, 4.0 * sigma * sigma + 1.0)
         clear_gnss_bias(c, i, sigma * sigma)
-        inflate_position(c, i, way * way)
+        inflate_position(c, i, z * z)
         c.scratch.position_innovation[i] = 0.0
-        if not known:
+        if not supported:
             add_variance(c, VELOCITY + i, 4.0)
-    if first == 0 and not known:
+    if first == 0 and not supported:
         add_variance(c, ATTITUDE + 2, math.radians(10.0) ** 2)
         c.integrity.reset_score += 1
 
 
 @kernel
 def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
-    """May the horizontal position, of this normalised innovation squared, correct the estimate? In the end it may."""
+    """Whether the horizontal position, of this NIS, is accepted; after long rejection the filter is reset to it."""
     g = c.integrity
     if nis < (p.tuning.gnss_return_gate if c.drift.detected else p.tuning.gnss_position_gate):
         clear_detection(c)
         g.reject_count[0] = 0
         return True
     g.reject_count[0] += 1
-    known, outage_s = velocity_is_supported(c, fix), 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
-    consistent_s = consistent_for(p, c, known)
+    supported, outage_s = velocity_is_supported(c, fix), 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
+    consistent_s = consistent_for(p, c, supported)
     if g.reject_count[0] == 1:
         g.outage_at_reject_s = outage_s
     if g.reject_count[0] <= p.tuning.reset_count or outage_s <= p.tuning.reset_s:
         return False
     consistent = consistent_s > (p.tuning.drift_reset_s if c.drift.detected else p.tuning.reset_s)
-    if (known or drift_is_plausible(p, c, fix, outage_s)) and not consistent and outage_s < p.tuning.max_reject_s:
+    if (supported or drift_is_plausible(p, c, fix, outage_s)) and not consistent and outage_s < p.tuning.max_reject_s:
         return False
-    reset_to_gnss(c, 0, 2, known)
+    reset_to_gnss(c, 0, 2, supported)
     reset_drift(c)
     g.reject_count[0] = 0
     return True
@@ -172,7 +173,7 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
 
 @kernel
 def gate_height(p: Parameters, c: Core, nis: float) -> bool:
-    """May the height, where there is one, correct the estimate?"""
+    """Whether the fix has a height and it is accepted; after long rejection the filter is reset to it."""
     g, known = c.integrity, math.isfinite(c.scratch.position_innovation[2])
     if not known or nis < p.tuning.gnss_position_gate:
         g.reject_count[1] = 0
@@ -189,37 +190,37 @@ def gate_height(p: Parameters, c: Core, nis: float) -> bool:
 
 @kernel
 def set_rejecting(c: Core) -> None:
-    """Whether the last fix was rejected, in its position or its height."""
+    """Store whether the last fix was rejected, in its horizontal position or its height."""
     c.integrity.rejecting = 1 if c.integrity.reject_count[0] > 0 or c.integrity.reject_count[1] > 0 else 0
 
 
 @kernel
 def reject_frozen(c: Core) -> None:
-    """The receiver is frozen: its fix is rejected."""
+    """Mark the fix of a frozen receiver as rejected."""
     c.integrity.rejecting = 1
 
 
 @kernel
 def count_velocity_rejects(c: Core, rejected: int) -> None:
-    """After the velocity of a fix, of which `rejected` components were: how many fixes in a row were so."""
+    """Count fixes in a row with a rejected velocity; `rejected`: rejected components of the last one."""
     c.integrity.velocity_reject_count = c.integrity.velocity_reject_count + 1 if rejected else 0
 
 
 @kernel
 def contradicts_heading(p: Parameters, c: Core) -> bool:
-    """After a fix: do so many rejected velocities, or resets, say that the heading is wrong?"""
+    """Whether the number of rejected velocities, or of resets, means that the heading is wrong."""
     g = c.integrity
     return bool(g.velocity_reject_count > p.tuning.max_velocity_rejects or g.reset_score > p.tuning.max_reset_score)
 
 
 @kernel
 def fade_reset_score(p: Parameters, c: Core) -> None:
-    """Resets count less with every fix."""
+    """Let the count of resets decay, once per fix."""
     c.integrity.reset_score *= p.tuning.reset_score_decay
 
 
 @kernel
 def clear_contradictions(c: Core) -> None:
-    """Count rejected velocities and resets anew."""
+    """Clear the counts of rejected velocities and of resets."""
     c.integrity.velocity_reject_count = 0
     c.integrity.reset_score = 0.0

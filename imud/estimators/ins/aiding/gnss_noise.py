@@ -1,7 +1,7 @@
-"""How good a fix is: what the receiver reports, and what its innovations have shown.
+"""The noise of a fix: the sigma that the receiver reports, and the white noise learned from the innovations.
 
-A receiver's position error is almost purely correlated over tens of seconds, so it is mostly the GNSS bias, a
-first-order Gauss-Markov state; the white part is learned from the innovations.
+The position error of a receiver is correlated over tens of seconds. Most of it is the GNSS bias, a first-order
+Gauss-Markov state; the variance of the white part is adapted to the innovations (cf. Sage and Husa).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ TUNABLES = (
         "min_velocity_sigma",
         0.05,
         "m/s",
-        "Least sigma that is learned of a velocity: lasting errors do not show.",
+        "Least sigma that is learned of a velocity: innovations do not show constant errors.",
         "Real receivers.",
     ),
     Tunable("max_velocity_sigma", 0.3, "m/s", "Largest sigma that is learned of a velocity.", "Real receivers."),
@@ -39,10 +39,10 @@ TUNABLES = (
         "second_order_heading",
         10.0,
         "m/rad^2",
-        "What the linear model leaves out, per heading variance; also m/s/rad^2.",
+        "Error of the linear model per heading variance; also m/s/rad^2.",
         "Simulated starts.",
     ),
-    Tunable("gnss_lever_arm_sigma", 0.03, "m", "Error of a lever arm measured with a rule.", "Choice."),
+    Tunable("gnss_lever_arm_sigma", 0.03, "m", "Error of a lever arm measured with a ruler.", "Choice."),
     Tunable(
         "time_offset_floor",
         0.01,
@@ -51,7 +51,7 @@ TUNABLES = (
         "Recorded drives.",
     ),
     Tunable(
-        "constant_error_share", 0.5, "", "Share of the receiver's error that outlasts any averaging.", "Real receivers."
+        "constant_error_share", 0.5, "", "Share of the receiver's error that no averaging removes.", "Real receivers."
     ),
 )
 
@@ -68,7 +68,7 @@ def horizontal_sigma(p: Parameters, fix: Fix) -> float:
 
 @kernel
 def set_gnss_noise(p: Parameters, c: Core, fix: Fix) -> None:
-    """Scale bias and white noise to the reported quality; another kind of solution has another bias."""
+    """Set sigma of the GNSS bias and white variance from the reported quality; a new quality resets bias and noise."""
     g = c.gnss
     h = horizontal_sigma(p, fix)
     v = max(fix.sigma[2], 1e-3) if math.isfinite(fix.sigma[2]) else p.tuning.vertical_ratio * h
@@ -82,10 +82,10 @@ def set_gnss_noise(p: Parameters, c: Core, fix: Fix) -> None:
                 clear_gnss_bias(c, i, sigma * sigma)
             reset_drift(c)
         g.reported_sigma[k] = g.bias_sigma[k] = sigma
-        if math.isfinite(fix.sigma[2 * k]):  # what the receiver itself states is the whole error
+        if math.isfinite(fix.sigma[2 * k]):  # a sigma that the receiver reports is that of the whole error
             g.bias_sigma[k] = math.sqrt(max(sigma * sigma - g.noise_var[k], (p.tuning.min_bias_share * sigma) ** 2))
     floor = p.tuning.time_offset_floor * h
-    q = max(0.0, floor * floor - variance(c, TIME_OFFSET))  # of positions, whose errors last: velocities show the sum
+    q = max(0.0, floor * floor - variance(c, TIME_OFFSET))  # position errors are correlated; the sum of both is kept
     add_variance(c, TIME_OFFSET, q)
     add_variance(c, VELOCITY_TIME_OFFSET, q)
     add_covariance(c, TIME_OFFSET, VELOCITY_TIME_OFFSET, -q)
@@ -93,7 +93,7 @@ def set_gnss_noise(p: Parameters, c: Core, fix: Fix) -> None:
 
 @kernel
 def learn_position_noise(p: Parameters, c: Core, axis: int, nis: float, s: float) -> None:
-    """Adapt the white variance of a position to its normalised innovation squared `nis`, of variance s."""
+    """Adapt the white variance of a position (m^2) to an innovation of variance s (m^2) and of this NIS."""
     k = axis // 2
     least = (0.3 * min(c.gnss.reported_sigma[k], 0.3)) ** 2
     most = (2.0 * c.gnss.reported_sigma[k]) ** 2
@@ -103,7 +103,7 @@ def learn_position_noise(p: Parameters, c: Core, axis: int, nis: float, s: float
 
 @kernel
 def learn_velocity_noise(p: Parameters, c: Core, nis: float, s: float) -> None:
-    """Adapt the variance of a velocity component to its normalised innovation squared `nis`, of variance s."""
+    """Adapt the variance of a velocity component (m^2/s^2) to an innovation of variance s (m^2/s^2) and of this NIS."""
     share = c.gnss.velocity_noise_var / s
     learned = c.gnss.velocity_noise_var + p.tuning.noise_gain * share * (min(nis, 9.0) - 1.0) * s
     c.gnss.velocity_noise_var = min(max(learned, p.tuning.min_velocity_sigma**2), p.tuning.max_velocity_sigma**2)
@@ -111,40 +111,43 @@ def learn_velocity_noise(p: Parameters, c: Core, nis: float, s: float) -> None:
 
 @kernel
 def second_order_error(p: Parameters, c: Core) -> float:
-    """What the linear model leaves out, m or m/s, where an uncertain heading has a part in it."""
+    """Error of the linear model by an uncertain heading: m of a position, m/s of a velocity."""
     return float(p.tuning.second_order_heading * variance(c, ATTITUDE + 2)) if c.alignment.mode == NAVIGATING else 0.0
 
 
 @kernel
 def lever_arm_rate_variance(p: Parameters, c: Core) -> float:
-    """Variance of the antenna's velocity, m^2/s^2, by an error of the lever arm in the present turn."""
+    """Variance of the antenna's velocity, m^2/s^2, by the error of the lever arm at the present rate."""
     w = c.imu.rate_b
     return float(p.tuning.gnss_lever_arm_sigma**2 * (w[0] ** 2 + w[1] ** 2 + w[2] ** 2))
 
 
 @kernel
 def limit_position_confidence(p: Parameters, c: Core) -> None:
-    """The position is never known better than what lasts of the receiver's error, and no better than the lever arm."""
+    """Keep the position variance at or above that of the receiver's constant error.
+
+    During coarse alignment the position is the antenna's, so the squared lever arm is added.
+    """
     a = p.gnss_lever_arm
     arm2 = a[0] ** 2 + a[1] ** 2 + a[2] ** 2 if c.alignment.mode != NAVIGATING else 0.0
     for i in range(3):
-        lasting2 = (p.tuning.constant_error_share * c.gnss.reported_sigma[i // 2]) ** 2
-        add_variance(c, POSITION + i, max(0.0, lasting2 + arm2 - variance(c, POSITION + i)))
+        constant2 = (p.tuning.constant_error_share * c.gnss.reported_sigma[i // 2]) ** 2
+        add_variance(c, POSITION + i, max(0.0, constant2 + arm2 - variance(c, POSITION + i)))
 
 
 @kernel
 def mark_used(c: Core) -> None:
-    """A fix has been used now."""
+    """Store that a fix was used at the core's time."""
     c.gnss.last_used_ns = c.nav.t_ns
 
 
 @kernel
 def count_fix(c: Core) -> None:
-    """Another fix has been processed."""
+    """Count a processed fix."""
     c.gnss.fix_count += 1
 
 
 @kernel
 def set_speed(c: Core, speed: float) -> None:
-    """Speed over ground of the last fix, m/s; NaN: unknown."""
+    """Store the speed over ground of the last fix, m/s; NaN: unknown."""
     c.gnss.speed = speed

@@ -1,6 +1,7 @@
-"""The position of a fix, at its epoch: its innovation, its Jacobian, its gate.
+"""The GNSS position: innovation, Jacobian and gate, axis by axis; the height has a gate of its own.
 
-z = p_fix - p - C_nb lever_arm - gnss_bias + v time_offset, axis by axis; the height has a gate of its own.
+z = p_fix - p - C_nb lever_arm - gnss_bias + v late, in m, NED; `late`: by which the position was true before the core's
+time, s, whose error is that of the time offset.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ TUNABLES = (
 
 @kernel
 def position_offset(c: Core, fix: Fix, out: Any) -> None:
-    """out <- the way in m (NED) from the estimate to the fix; down is NaN without a height."""
+    """out (3) <- position of the fix minus the estimate, m, NED; down is NaN without a height."""
     meridian, prime_vertical = radii(c.nav.lat)
     out[0] = (fix.lat - c.nav.lat) * (meridian + c.nav.height)
     out[1] = wrap_angle(fix.lon - c.nav.lon) * (prime_vertical + c.nav.height) * bounded_cosine(c.nav.lat)
@@ -55,7 +56,10 @@ def position_offset(c: Core, fix: Fix, out: Any) -> None:
 
 @kernel
 def position_jacobian(c: Core, lever: Any, i: int) -> int:
-    """Jacobian of the antenna's position along axis i: IMU position, attitude, GNSS bias and time offset."""
+    """Jacobian of the position along axis i: position, attitude, GNSS bias, time offset; returns its length.
+
+    lever: lever arm, m, NED.
+    """
     k = set_jacobian(c, 0, POSITION + i, 1.0)
     j, m = (i + 1) % 3, (i + 2) % 3
     k = set_jacobian(c, k, ATTITUDE + j, lever[m])
@@ -68,7 +72,7 @@ def position_jacobian(c: Core, lever: Any, i: int) -> int:
 def write_innovation(
     innovations: list[Innovation], n: int, t_ns: int, kind: int, z: float, s: float, used: bool
 ) -> int:
-    """Write one row, if there is room; returns the rows written so far."""
+    """Write row n of the innovations (value z, variance s), if there is room; returns the rows written so far."""
     if n < len(innovations):
         r = innovations[n]
         r.t_ns, r.kind, r.value, r.variance, r.used = t_ns, kind, z, s, 1 if used else 0
@@ -78,7 +82,7 @@ def write_innovation(
 
 @kernel
 def lever_arm_n(p: Parameters, c: Core, body: Any) -> tuple[float, float, float]:
-    """A vector of the lever arm (`body`) in NED; none during coarse alignment, where the antenna itself is followed."""
+    """`body` (lever arm, m, or its velocity, m/s) in NED; zero in coarse alignment, whose position is the antenna's."""
     if c.alignment.mode != NAVIGATING:
         return 0.0, 0.0, 0.0
     return body_to_ned(c, body)
@@ -86,20 +90,27 @@ def lever_arm_n(p: Parameters, c: Core, body: Any) -> tuple[float, float, float]
 
 @kernel
 def max_nis(p: Parameters, c: Core, lever: Any, extra: float, first: int, last: int) -> float:
-    """The largest normalised innovation squared of axes first to last - 1, to be held against POSITION_GATE."""
+    """Largest NIS of axes first to last - 1, with and without the GNSS bias, on the scale of gnss_position_gate.
+
+    extra: m^2, variance of each axis beyond the receiver's white noise. The NIS without the bias rejects positions that
+    only a diverged bias state explains.
+    """
     largest, z = 0.0, c.scratch.position_innovation
     for i in range(first, last):
         r = c.gnss.noise_var[i // 2] + extra
         s = innovation_variance(c, position_jacobian(c, lever, i)) + r
         without_bias = variance(c, POSITION + i) + c.gnss.reported_sigma[i // 2] ** 2 + r
-        nis = (z[i] + c.nav.gnss_bias[i]) ** 2 / without_bias  # a bias state that has run away is no excuse
+        nis = (z[i] + c.nav.gnss_bias[i]) ** 2 / without_bias
         largest = max(largest, z[i] ** 2 / s, nis * (p.tuning.gnss_position_gate / p.tuning.bias_free_gate))
     return largest
 
 
 @kernel
 def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, late: float, innovations: list[Innovation], n: int) -> int:
-    """Gate and fuse the position; the fix was true `late` s before the core's time. Height has no veto."""
+    """Gate and fuse the position, which was true `late` s before the core's time; returns the rows of innovations.
+
+    A rejected height does not reject the horizontal position. n: rows of `innovations` written before.
+    """
     z = c.scratch.position_innovation
     position_offset(c, fix, z)
     lever = lever_arm_n(p, c, (p.gnss_lever_arm[0], p.gnss_lever_arm[1], p.gnss_lever_arm[2]))
@@ -107,12 +118,12 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, late: float, innovation
     extra += lever_arm_rate_variance(p, c) * p.tuning.turn_between_fixes_s**2
     for i in range(3):
         z[i] += late * c.nav.v_n[i] - lever[i] - c.nav.gnss_bias[i]
-    level = gate_position(p, c, fix, max_nis(p, c, lever, extra, 0, 2))
-    height = level and gate_height(p, c, max_nis(p, c, lever, extra, 2, 3))
+    horizontal = gate_position(p, c, fix, max_nis(p, c, lever, extra, 0, 2))
+    height = horizontal and gate_height(p, c, max_nis(p, c, lever, extra, 2, 3))
     for i in range(3):
         if not math.isfinite(z[i]):
             continue
-        accepted = level if i < 2 else height
+        accepted = horizontal if i < 2 else height
         r = c.gnss.noise_var[i // 2] + extra
         m = position_jacobian(c, lever, i)
         s = innovation_variance(c, m) + r
@@ -120,9 +131,9 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, late: float, innovation
         n = write_innovation(innovations, n, fix.t_ns, POSITION_N + i, left, s, accepted)
         if accepted:
             fuse(c, m, left, s, i if i < 2 else -1)
-            if c.alignment.mode == NAVIGATING or c.stationarity.at_rest:  # otherwise they show accelerations
+            if c.alignment.mode == NAVIGATING or c.stationarity.at_rest:  # otherwise innovations contain accelerations
                 learn_position_noise(p, c, i, left * left / s, s)
-    if level:
+    if horizontal:
         correct_state(p, c)
         mark_used(c)
         confirm_survey_epochs(p, c)

@@ -1,8 +1,8 @@
-"""How far the epochs of fixes are believed: that depends on who states them, and on what the fixes themselves show.
+"""The initial uncertainty of the time offset, which depends on the source of the epochs.
 
-A survey states its epochs to the sample, but a log may be off by some tenths of a second throughout, and a filter that
-were sure of it would turn its heading instead. So the latency is first estimated, as of any receiver. Once a mistake of
-that size is ruled out, the survey is right, and what is left is the inertial sensor's own delay.
+The epochs of a survey (post-processed, centimetres) are exact, unless its log is off by some tenths of a second
+throughout; a filter that assumed zero offset would then turn its heading instead. So the time offset of a survey is
+estimated first. Once an offset of that size is excluded, the epochs are taken as exact.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ TUNABLES = (
 
 @kernel
 def set_initial_time_offset(p: Parameters, c: Core, fix: Fix, sigma: float) -> None:
-    """At the first fix (sigma m): is its epoch the receiver's, or only its arrival, less the latency that is assumed?
+    """At the first fix (position sigma, m): set the time offset's variance by whether the epoch is reported or assumed.
 
-    A survey's log that states no arrival states the epoch.
+    An epoch at the assumed latency before the arrival is assumed. A survey's log has no arrival: both times are equal.
     """
     delay = 1e-9 * (fix.arrival_ns - fix.t_ns)
     c.integrity.survey_epochs = (
@@ -58,8 +58,8 @@ def set_initial_time_offset(p: Parameters, c: Core, fix: Fix, sigma: float) -> N
 
 @kernel
 def confirm_survey_epochs(p: Parameters, c: Core) -> None:
-    """After a fix: a survey's epochs are believed to the sample once the motion has shown that they are right."""
-    late, most = abs(c.nav.time_offset), 3.0 * standard_deviation(c, TIME_OFFSET)
-    if c.integrity.survey_epochs != 0 and late + most < p.tuning.epoch_mistake_s and late < most:
+    """After a fix: take a survey's epochs as exact once the estimated time offset excludes a mistake."""
+    offset, bound = abs(c.nav.time_offset), 3.0 * standard_deviation(c, TIME_OFFSET)
+    if c.integrity.survey_epochs != 0 and offset + bound < p.tuning.epoch_mistake_s and offset < bound:
         clear_time_offset(c, p.tuning.confirmed_epoch_sigma**2)
         c.integrity.survey_epochs = 0

@@ -1,6 +1,7 @@
-"""The velocity of a fix, as the receiver gives it: three components, two, or speed and course.
+"""The GNSS velocity, component by component: reported as three components, two, or speed and course.
 
-z = v_fix - v - C_nb (w x lever_arm) + a (time_offset + velocity_time_offset), component by component.
+z = v_fix - v - C_nb (w x lever_arm) + a (late + velocity_time_offset), in m/s, NED; a: acceleration around the epoch;
+`late`: as in `gnss_position`. The Jacobian omits attitude and gyro bias, on which C_nb (w x lever_arm) depends.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ TUNABLES = (
 
 @kernel
 def velocity_of(p: Parameters, fix: Fix, axis: int) -> float:
-    """North, east or down velocity of a fix, m/s; NaN where it says nothing."""
+    """North, east or down velocity of a fix (axis 0 to 2), m/s; NaN where it is not reported."""
     if math.isfinite(fix.v[axis]):
         return float(fix.v[axis])
     if axis == 2 or not math.isfinite(fix.speed):
@@ -42,32 +43,35 @@ def velocity_of(p: Parameters, fix: Fix, axis: int) -> float:
 
 @kernel
 def low_speed_variance(p: Parameters, fix: Fix) -> float:
-    """Variance, m^2/s^2, of a component of the velocity where only the speed is believed."""
+    """Variance, m^2/s^2, of a velocity component taken as zero, because at a low speed the course is noise."""
     return 0.0 if math.isfinite(fix.v[0]) or not fix.speed < p.tuning.min_course_speed else float(0.5 * fix.speed**2)
 
 
 @kernel
 def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, late: float, innovations: list[Innovation], n: int) -> int:
-    """Gate and fuse the velocity, component by component."""
+    """Gate and fuse the velocity, which was true `late` s before the core's time; returns the rows of innovations.
+
+    n: rows of `innovations` written before.
+    """
     w = (c.imu.w[0] - c.nav.bg[0], c.imu.w[1] - c.nav.bg[1], c.imu.w[2] - c.nav.bg[2])
     arm = p.gnss_lever_arm
-    swung = (w[1] * arm[2] - w[2] * arm[1], w[2] * arm[0] - w[0] * arm[2], w[0] * arm[1] - w[1] * arm[0])
-    antenna = lever_arm_n(p, c, swung)
+    antenna_b = (w[1] * arm[2] - w[2] * arm[1], w[2] * arm[0] - w[0] * arm[2], w[0] * arm[1] - w[1] * arm[0])
+    antenna = lever_arm_n(p, c, antenna_b)
     slow = fix.speed if not math.isfinite(fix.v[0]) and fix.speed < p.tuning.min_course_speed else 0.0
-    timed = 1.0 if c.alignment.mode == NAVIGATING else 0.0  # before, the velocity is followed at the fixes' own time
+    timed = 1.0 if c.alignment.mode == NAVIGATING else 0.0  # in coarse alignment the velocity is that at the epoch
     rejected = 0
     for i in range(3):
         received = velocity_of(p, fix, i)
         if not math.isfinite(received):
             continue
-        accel, misfit = timed * c.scratch.accel_fit[i], timed * c.scratch.accel_fit_error[i]
+        accel, fit_error = timed * c.scratch.accel_fit[i], timed * c.scratch.accel_fit_error[i]
         z = received - c.nav.v_n[i] - antenna[i] + (late + c.nav.velocity_time_offset) * accel
         r = (
             c.gnss.velocity_noise_var
             + second_order_error(p, c) ** 2
             + slow * slow
             + lever_arm_rate_variance(p, c)
-            + misfit**2
+            + fit_error**2
         )
         m = set_jacobian(c, 0, VELOCITY + i, 1.0)
         m = set_jacobian(c, m, TIME_OFFSET, -accel)

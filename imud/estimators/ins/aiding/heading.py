@@ -1,6 +1,7 @@
-"""Heading of an antenna baseline or a compass, from true north: dual-antenna receivers, gyro compasses (HDT, THS).
+"""Heading from true north: dual-antenna receivers, gyro compasses (HDT, THS).
 
-z = heading - yaw of the body's x axis. value[0]: heading, rad; sigma[0]: rad, NaN where it is not reported.
+z = heading - yaw, with yaw = atan2(y, x) of the body's x axis in NED. A measurement has value[0]: heading, rad, and
+sigma[0]: rad, NaN where it is not reported.
 """
 
 from __future__ import annotations
@@ -34,18 +35,18 @@ TUNABLES = (
 
 @kernel
 def sigma_of(p: Parameters, m: Measurement) -> float:
-    """1 sigma of a heading, rad."""
+    """Sigma of a heading, rad: the reported one, else the tunable heading_sigma."""
     return m.sigma[0] if m.sigma[0] > 0.0 else p.tuning.heading_sigma
 
 
 @kernel
 def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
-    """Gate and fuse a heading; before navigation the alignment uses it instead (`alignment.given_heading`)."""
+    """Gate and fuse a heading while navigating; returns the rows of innovations (before: `alignment.given_heading`)."""
     x, y, z = body_to_ned(c, (1.0, 0.0, 0.0))
     level2 = x * x + y * y
     if level2 < p.tuning.heading_min_level**2:
         return 0
-    # the yaw of d = C x changes by d x (phi x d) / |d|^2 over ground
+    # yaw of d = C e_x: its change is (d x (phi x d))_down / (x^2 + y^2)
     k = set_jacobian(c, 0, ATTITUDE, -x * z / level2)
     k = set_jacobian(c, k, ATTITUDE + 1, -y * z / level2)
     k = set_jacobian(c, k, ATTITUDE + 2, 1.0)

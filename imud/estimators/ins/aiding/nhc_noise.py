@@ -1,9 +1,9 @@
-"""How well does the vehicle keep to its axis? Learned from sums of the constraint's innovations.
+"""The noise scale of the non-holonomic constraint, learned from sums of its innovations.
 
-What slips sideways, or off the floor, does so for seconds: the innovations of a tenth of a second each are small, and
-all of one sign. The square of their sum over ten seconds is what the sum of their variances promises where these are
-honest, less on a vehicle that keeps to its axis better than assumed, and far more on a boat in a current. A constraint
-that has just begun is weaker than any land vehicle's: the first sums that show no slip tighten it.
+Lateral and vertical velocities last for seconds: the innovations, every tenth of a second, are small but of one sign.
+So the innovations of ten seconds are summed. The square of the sum equals the sum of the variances where the assumed
+noise is right; it is smaller on a vehicle with less sideslip, and far larger on a boat in a current. The first noise
+scale is larger than that of any land vehicle; the first sums without sideslip reduce it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ TUNABLES = (
         "nhc_first_sums",
         4.0,
         "sums",
-        "Small first sums tell more than each of many.",
+        "Weight of small first sums, beside that of later ones.",
         "A slow UGV and simulated boats.",
     ),
     Tunable("nhc_max_sum_nis", 9.0, "", "Largest normalised square that counts: a kerb.", "Three sigma."),
@@ -36,22 +36,23 @@ TUNABLES = (
 
 @kernel
 def add_innovation(c: Core, k: int, z: float, s: float) -> None:
-    """Add innovation z of variance s: sideways (k 0) or off the floor (1)."""
+    """Add an innovation z (m/s) of variance s to the sums; k: 0 lateral, 1 vertical."""
     c.nhc.innovation_sum[k, 0] += z
     c.nhc.innovation_sum[k, 1] += s
 
 
 @kernel
 def clear_sums(c: Core) -> None:
-    """Begin new sums."""
-    c.nhc.innovation_count = 0
+    """Clear the sums."""
+    h = c.nhc
+    h.innovation_count = 0
     for k in range(2):
-        c.nhc.innovation_sum[k, 0] = c.nhc.innovation_sum[k, 1] = 0.0
+        h.innovation_sum[k, 0] = h.innovation_sum[k, 1] = 0.0
 
 
 @kernel
 def reset_noise_scale(p: Parameters, c: Core) -> None:
-    """Nothing is known of the vehicle."""
+    """Reset both noise scales to the geometric mean of the least and the largest."""
     c.nhc.sum_count = 0
     for k in range(2):
         c.nhc.noise_scale[k] = math.sqrt(p.tuning.nhc_min_noise_scale * p.tuning.nhc_max_noise_scale)
@@ -59,25 +60,26 @@ def reset_noise_scale(p: Parameters, c: Core) -> None:
 
 @kernel
 def learn_noise_scale(p: Parameters, c: Core) -> bool:
-    """Once per pair of innovations: learn when the sums are long enough. True: this is no land vehicle.
+    """Call once per pair of innovations; adapts the noise scales at the end of a sum. True: this is no land vehicle.
 
-    In an outage nothing contradicts: the constraint is then its own witness.
+    Nothing is learned in a GNSS outage, where the velocity is known from the constraint itself.
     """
+    h = c.nhc
     if 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns) > p.tuning.fresh_fix_s:
         clear_sums(c)
         return False
-    c.nhc.innovation_count += 1
-    if c.nhc.innovation_count < p.tuning.nhc_sum_length:
+    h.innovation_count += 1
+    if h.innovation_count < p.tuning.nhc_sum_length:
         return False
     for k in range(2):
-        surprise = min(c.nhc.innovation_sum[k, 0] ** 2 / c.nhc.innovation_sum[k, 1], p.tuning.nhc_max_sum_nis)
+        nis = min(h.innovation_sum[k, 0] ** 2 / h.innovation_sum[k, 1], p.tuning.nhc_max_sum_nis)
         gain = (
             p.tuning.nhc_sum_gain
-            if surprise > 1.0
-            else max(p.tuning.nhc_sum_gain, p.tuning.nhc_first_sums / (p.tuning.nhc_first_sums + c.nhc.sum_count))
+            if nis > 1.0
+            else max(p.tuning.nhc_sum_gain, p.tuning.nhc_first_sums / (p.tuning.nhc_first_sums + h.sum_count))
         )
-        loose = c.nhc.noise_scale[k] * math.exp(gain * (surprise - 1.0))
-        c.nhc.noise_scale[k] = min(max(loose, p.tuning.nhc_min_noise_scale), p.tuning.nhc_max_noise_scale)
-    c.nhc.sum_count += 1
+        noise_scale_new = h.noise_scale[k] * math.exp(gain * (nis - 1.0))
+        h.noise_scale[k] = min(max(noise_scale_new, p.tuning.nhc_min_noise_scale), p.tuning.nhc_max_noise_scale)
+    h.sum_count += 1
     clear_sums(c)
-    return bool(max(c.nhc.noise_scale[0], c.nhc.noise_scale[1]) >= p.tuning.nhc_max_noise_scale)
+    return bool(max(h.noise_scale[0], h.noise_scale[1]) >= p.tuning.nhc_max_noise_scale)

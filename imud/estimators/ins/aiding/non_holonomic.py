@@ -1,9 +1,11 @@
-"""A land vehicle moves along its forward axis: velocity across it and off its floor is nearly zero.
+"""The non-holonomic constraint (NHC): the lateral and vertical velocities of a land vehicle are nearly zero.
 
-The axis is a unit vector in the body, found as the main direction of motion, forwards and in reverse (the sensor may
-be mounted in any way), then refined by two states; a third is how far the sensor is ahead of the point about which the
-vehicle turns. "auto" switches the constraint on when a drive that has turned shows one steady axis, and off when the
-motion contradicts it; how well the vehicle keeps to the axis is learned (`looseness`).
+Lateral: z = lever_arm turn - lateral . v_b. Vertical: z = -vertical . v_b, with vertical = forward x lateral and `turn`
+the rate about it. The forward axis, a unit vector of the body, is the principal direction of the velocity in the body
+(the sensor may be mounted in any way). Two error states refine it; a third is the lever arm, by which the sensor is
+ahead of the point about which the vehicle turns. With vehicle = "auto" the constraint is enabled when the velocity has
+turned over ground but not in the body, and disabled when the motion contradicts it; its noise scale is learned
+(`nhc_noise`).
 
 Source: Dissanayake et al., The aiding of a low-cost strapdown inertial measurement unit using vehicle model
 constraints (2001).
@@ -42,7 +44,7 @@ if TYPE_CHECKING:
 
 TUNABLES = (
     Tunable("nhc_interval_s", 0.1, "s", "Time between two constraints.", "Choice."),
-    Tunable("nhc_min_speed", 0.3, "m/s", "Below it the constraint says little.", "Choice."),
+    Tunable("nhc_min_speed", 0.3, "m/s", "Below it the constraint is not fused.", "Choice."),
     Tunable("nhc_sigma", 0.1, "m/s", "Sigma of the velocity across the vehicle.", "Recorded drives."),
     Tunable("nhc_lever_arm_sigma", 1.5, "m", "Sensor ahead of the axle that does not slip.", "Cars."),
     Tunable("turn_sideslip", 0.4, "m", "Sideways speed in turns, per rate of turn.", "Recorded drives."),
@@ -75,14 +77,14 @@ TUNABLES = (
         "axis_across_growth",
         0.01,
         "",
-        "More of it per window: a flight looks like a drive for some seconds.",
+        "Growth of it per window: a flight looks like a drive for some seconds.",
         "Recorded flights.",
     ),
     Tunable(
         "axis_ground",
         12.0,
         "",
-        "Normalised square across any line over ground, beyond that: it has turned.",
+        "Normalised square across any line over ground, beyond that: the vehicle has turned.",
         "Recorded flights and drives.",
     ),
     Tunable(
@@ -105,23 +107,22 @@ TUNABLES = (
 
 @kernel
 def find_forward_axis(p: Parameters, c: Core) -> None:
-    """Once per window: gather the velocity in the body, and begin to constrain when it keeps to one axis.
+    """Once per window: accumulate the velocity in the body, and enable the constraint when it has one principal axis.
 
-    An axis is found when what is left across it is less than the doubts explain, but not what is left across any line
-    over ground: then the velocity has turned with the body. In an outage the velocity is no witness.
+    The axis is found when the velocity across it is explained by the uncertainty, while the velocity across every line
+    over ground is not: then the velocity has turned with the body. In a GNSS outage nothing is accumulated.
     """
+    h = c.nhc
     if 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns) > p.tuning.fresh_fix_s:
         return
     level2 = max(variance(c, VELOCITY), variance(c, VELOCITY + 1))
     climb = c.nav.v_n[2] * math.sqrt(min(level2 / variance(c, VELOCITY + 2), 1.0))  # mostly not measured
     if not accumulate_scatter(p, c, (c.nav.v_n[0], c.nav.v_n[1], climb), level2, variance(c, ATTITUDE + 2)):
         return
-    across = (
-        c.nhc.velocity_scatter[0] + c.nhc.velocity_scatter[3] + c.nhc.velocity_scatter[5] - principal_direction(p, c)
-    )
-    n, land, t = c.nhc.scatter_weight, p.vehicle == LAND, p.tuning
-    disabled_s = 1e-9 * (c.nav.t_ns - c.nhc.disabled_ns)
-    if c.nhc.disable_count > 0 and not land and disabled_s < p.tuning.nhc_retry_s * 2.0**c.nhc.disable_count:
+    across = h.velocity_scatter[0] + h.velocity_scatter[3] + h.velocity_scatter[5] - principal_direction(p, c)
+    n, land, t = h.scatter_weight, p.vehicle == LAND, p.tuning
+    disabled_s = 1e-9 * (c.nav.t_ns - h.disabled_ns)
+    if h.disable_count > 0 and not land and disabled_s < p.tuning.nhc_retry_s * 2.0**h.disable_count:
         return
     if land:
         found = n >= t.axis_windows_land and across < t.axis_across_land * n
@@ -134,11 +135,13 @@ def find_forward_axis(p: Parameters, c: Core) -> None:
 
 @kernel
 def accumulate_scatter(p: Parameters, c: Core, v: Any, level2: float, heading2: float) -> bool:
-    """Gather v (m/s, NED, level variance `level2`) in a body of heading variance `heading2`, if it tells a direction.
+    """Add velocity v (m/s, NED) in body axes to the scatter matrices; False if it is too small to have a direction.
 
-    It counts by how well it tells: it may be wrong by its sigma, slip, squat, the heading and where the sensor sits.
+    level2: variance of a level component, m^2/s^2; heading2: of the heading, rad^2. The weight is the inverse variance
+    by these, by sideslip, suspension and lever arm.
     """
-    if p.vehicle == FREE or c.nhc.enabled:
+    h = c.nhc
+    if p.vehicle == FREE or h.enabled:
         return False
     q = quaternion(c)
     u = quat_rotate_back(q, v)
@@ -154,56 +157,58 @@ def accumulate_scatter(p: Parameters, c: Core, v: Any, level2: float, heading2: 
         return False
     down = quat_rotate_back(q, (0.0, 0.0, 1.0))
     for i in range(3):
-        c.nhc.down_sum[i] = p.tuning.scatter_decay * c.nhc.down_sum[i] + down[i]
+        h.down_sum[i] = p.tuning.scatter_decay * h.down_sum[i] + down[i]
     k = 0
     for i in range(3):
         for j in range(i, 3):
-            c.nhc.velocity_scatter[k] = p.tuning.scatter_decay * c.nhc.velocity_scatter[k] + u[i] * u[j] / s2
+            h.velocity_scatter[k] = p.tuning.scatter_decay * h.velocity_scatter[k] + u[i] * u[j] / s2
             k += 1
-    c.nhc.ground_scatter[0] = p.tuning.scatter_decay * c.nhc.ground_scatter[0] + v[0] * v[0] / s2
-    c.nhc.ground_scatter[1] = p.tuning.scatter_decay * c.nhc.ground_scatter[1] + v[0] * v[1] / s2
-    c.nhc.ground_scatter[2] = p.tuning.scatter_decay * c.nhc.ground_scatter[2] + v[1] * v[1] / s2
-    c.nhc.scatter_weight = p.tuning.scatter_decay * c.nhc.scatter_weight + 1.0
-    if c.nhc.scatter_weight <= 1.0:
-        c.nhc.principal_axis[0], c.nhc.principal_axis[1], c.nhc.principal_axis[2] = u[0], u[1], u[2]
+    h.ground_scatter[0] = p.tuning.scatter_decay * h.ground_scatter[0] + v[0] * v[0] / s2
+    h.ground_scatter[1] = p.tuning.scatter_decay * h.ground_scatter[1] + v[0] * v[1] / s2
+    h.ground_scatter[2] = p.tuning.scatter_decay * h.ground_scatter[2] + v[1] * v[1] / s2
+    h.scatter_weight = p.tuning.scatter_decay * h.scatter_weight + 1.0
+    if h.scatter_weight <= 1.0:
+        h.principal_axis[0], h.principal_axis[1], h.principal_axis[2] = u[0], u[1], u[2]
     return True
 
 
 @kernel
 def rotate_scatter(c: Core, psi: float) -> None:
-    """What was gathered in a level frame of arbitrary heading, which is about to be turned by psi."""
+    """Rotate the scatter matrix and the principal axis before the level frame is rotated by psi (rad, about down)."""
+    h = c.nhc
     down = ned_to_body(c, (0.0, 0.0, 1.0))
     turn = quat_exp(-psi * down[0], -psi * down[1], -psi * down[2])
     x, y, z = quat_rotate(turn, (1.0, 0.0, 0.0)), quat_rotate(turn, (0.0, 1.0, 0.0)), quat_rotate(turn, (0.0, 0.0, 1.0))
-    a = quat_rotate(turn, (c.nhc.principal_axis[0], c.nhc.principal_axis[1], c.nhc.principal_axis[2]))
+    a = quat_rotate(turn, (h.principal_axis[0], h.principal_axis[1], h.principal_axis[2]))
     xx, xy, xz, yy, yz, zz = (
-        c.nhc.velocity_scatter[0],
-        c.nhc.velocity_scatter[1],
-        c.nhc.velocity_scatter[2],
-        c.nhc.velocity_scatter[3],
-        c.nhc.velocity_scatter[4],
-        c.nhc.velocity_scatter[5],
+        h.velocity_scatter[0],
+        h.velocity_scatter[1],
+        h.velocity_scatter[2],
+        h.velocity_scatter[3],
+        h.velocity_scatter[4],
+        h.velocity_scatter[5],
     )
     k = 0
     for i in range(3):
-        c.nhc.principal_axis[i] = a[i]
+        h.principal_axis[i] = a[i]
         for j in range(i, 3):
             diagonal = xx * x[i] * x[j] + yy * y[i] * y[j] + zz * z[i] * z[j]
             mixed = xy * (x[i] * y[j] + y[i] * x[j]) + xz * (x[i] * z[j] + z[i] * x[j])
-            c.nhc.velocity_scatter[k] = diagonal + mixed + yz * (y[i] * z[j] + z[i] * y[j])
+            h.velocity_scatter[k] = diagonal + mixed + yz * (y[i] * z[j] + z[i] * y[j])
             k += 1
 
 
 @kernel
 def ground_residual(c: Core) -> float:
-    """Sum of squares across the line over ground that explains the gathered velocities best."""
-    half = 0.5 * (c.nhc.ground_scatter[0] + c.nhc.ground_scatter[2])
-    return float(half - math.hypot(0.5 * (c.nhc.ground_scatter[0] - c.nhc.ground_scatter[2]), c.nhc.ground_scatter[1]))
+    """Smaller eigenvalue of the scatter over ground: sum of squares across its principal line."""
+    h = c.nhc
+    half = 0.5 * (h.ground_scatter[0] + h.ground_scatter[2])
+    return float(half - math.hypot(0.5 * (h.ground_scatter[0] - h.ground_scatter[2]), h.ground_scatter[1]))
 
 
 @kernel
 def principal_direction(p: Parameters, c: Core) -> float:
-    """Turn the principal axis into the main direction of the gathered velocities; returns their squares along it."""
+    """Update the principal axis of the scatter matrix by power iteration; returns its eigenvalue."""
     a, s, n = c.nhc.principal_axis, c.nhc.velocity_scatter, 0.0
     for _ in range(p.tuning.power_iterations):
         x = s[0] * a[0] + s[1] * a[1] + s[2] * a[2]
@@ -216,63 +221,72 @@ def principal_direction(p: Parameters, c: Core) -> float:
 
 @kernel
 def is_due(p: Parameters, c: Core, dt: float) -> bool:
-    """Another `dt` s have passed: is it time for the constraint, if it is enabled?"""
-    c.nhc.since_update += dt
-    return bool(c.nhc.enabled and c.nhc.since_update >= p.tuning.nhc_interval_s)
+    """Whether the constraint is enabled and due, after another `dt` s."""
+    h = c.nhc
+    h.since_update += dt
+    return bool(h.enabled and h.since_update >= p.tuning.nhc_interval_s)
 
 
 @kernel
 def enable_nhc(p: Parameters, c: Core) -> None:
-    """Constrain along the axis found; the lateral axis is the one across it that was level in the mean."""
-    n = math.sqrt(c.nhc.down_sum[0] ** 2 + c.nhc.down_sum[1] ** 2 + c.nhc.down_sum[2] ** 2)
-    down = (c.nhc.down_sum[0] / n, c.nhc.down_sum[1] / n, c.nhc.down_sum[2] / n)
-    fx, fy, fz = c.nhc.principal_axis[0], c.nhc.principal_axis[1], c.nhc.principal_axis[2]
+    """Enable the constraint along the principal axis; the lateral axis is across it and across the mean vertical."""
+    h = c.nhc
+    n = math.sqrt(h.down_sum[0] ** 2 + h.down_sum[1] ** 2 + h.down_sum[2] ** 2)
+    down = (h.down_sum[0] / n, h.down_sum[1] / n, h.down_sum[2] / n)
+    fx, fy, fz = h.principal_axis[0], h.principal_axis[1], h.principal_axis[2]
     lx, ly, lz = down[1] * fz - down[2] * fy, down[2] * fx - down[0] * fz, down[0] * fy - down[1] * fx
     s = math.sqrt(lx * lx + ly * ly + lz * lz)
-    if s < 0.5:  # motion is up or down: no land vehicle
+    if s < 0.5:  # vertical motion: no land vehicle
         return
     set_forward_axis(c, (fx, fy, fz), (lx / s, ly / s, lz / s))
     decorrelate(c, MOUNT_PITCH, p.tuning.mount_sigma**2)
     decorrelate(c, MOUNT_YAW, p.tuning.mount_sigma**2 + variance(c, ATTITUDE + 2))
     decorrelate(c, NHC_LEVER_ARM, p.tuning.nhc_lever_arm_sigma**2)
     for i in range(STATES):
-        c.nhc.start_variance[i] = variance(c, i)
-    c.nhc.enabled = 1
-    c.nhc.mean_nis = 1.0
+        h.start_variance[i] = variance(c, i)
+    h.enabled = 1
+    h.mean_nis = 1.0
     clear_sums(c)
 
 
 @kernel
 def reset_nhc(c: Core) -> None:
-    """Give the constraint up and look for an axis anew."""
-    c.nhc.enabled = 0
-    c.nhc.scatter_weight = 0.0
+    """Disable the constraint and clear the scatter matrices."""
+    h = c.nhc
+    h.enabled = 0
+    h.scatter_weight = 0.0
     for i in range(6):
-        c.nhc.velocity_scatter[i] = 0.0
+        h.velocity_scatter[i] = 0.0
     for i in range(3):
-        c.nhc.ground_scatter[i] = 0.0
-        c.nhc.down_sum[i] = 0.0
+        h.ground_scatter[i] = 0.0
+        h.down_sum[i] = 0.0
 
 
 @kernel
 def disable_nhc(p: Parameters, c: Core, along: float) -> None:
-    """No land vehicle, at `along` m/s: its velocity across was not nothing, which has bent the heading until now.
+    """Disable the constraint after a contradiction, at a forward speed of `along` m/s.
 
-    And with it whatever else was learned: of attitude, biases and turns no more is known than when it began.
+    The assumed zero velocity was wrong and has biased the heading, so the heading variance is increased; the variances
+    of attitude, biases and turn_scale are put back to those at which the constraint was enabled.
     """
-    add_variance(c, ATTITUDE + 2, c.nhc.noise_scale[0] * (p.tuning.nhc_sigma / along) ** 2)
+    h = c.nhc
+    add_variance(c, ATTITUDE + 2, h.noise_scale[0] * (p.tuning.nhc_sigma / along) ** 2)
     for first in (ATTITUDE, GYRO_BIAS, ACCEL_BIAS, TURN_SCALE):
         for i in range(first, first + 3):
-            add_variance(c, i, max(c.nhc.start_variance[i] - variance(c, i), 0.0))
+            add_variance(c, i, max(h.start_variance[i] - variance(c, i), 0.0))
     reset_nhc(c)
-    c.nhc.disable_count += 1
-    c.nhc.disabled_ns = c.nav.t_ns
+    h.disable_count += 1
+    h.disabled_ns = c.nav.t_ns
     reset_noise_scale(p, c)
 
 
 @kernel
 def nhc_jacobian(c: Core, q: Any, e: Any, along: float, mount: int) -> int:
-    """Row of the velocity along body vector `e`, which is across a forward axis that may be wrong by state `mount`."""
+    """Jacobian of the velocity along body vector e: velocity, attitude and mounting; returns its length.
+
+    e: lateral or vertical axis of the vehicle; mount: the error state that turns e (MOUNT_YAW or MOUNT_PITCH); along:
+    forward speed, m/s. The change of a vector with the attitude is phi x C e, so that of the velocity C e x v.
+    """
     en = quat_rotate(q, e)
     k = 0
     for i in range(3):
@@ -285,10 +299,11 @@ def nhc_jacobian(c: Core, q: Any, e: Any, along: float, mount: int) -> int:
 
 @kernel
 def fuse_nhc(p: Parameters, c: Core) -> None:
-    """Fuse the two velocities across, if it is time and there is motion: none off the floor, sideways that of turning.
+    """Fuse lateral and vertical velocity above a minimum speed; disable the constraint if they contradict it.
 
-    A sensor ahead of the point about which the vehicle turns swings out; tyres slip in proportion to their load.
+    The lateral velocity of the sensor is the lever arm times the rate of turn; tyres slip in proportion to their load.
     """
+    h = c.nhc
     q = quaternion(c)
     vb = quat_rotate_back(q, (c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2]))
     f = (c.nav.forward[0], c.nav.forward[1], c.nav.forward[2])
@@ -299,24 +314,24 @@ def fuse_nhc(p: Parameters, c: Core) -> None:
         f[0] * lateral[1] - f[1] * lateral[0],
     )
     along = f[0] * vb[0] + f[1] * vb[1] + f[2] * vb[2]
-    c.nhc.since_update = 0.0
+    h.since_update = 0.0
     if abs(along) < p.tuning.nhc_min_speed:
         return
     turn = vertical[0] * c.imu.rate_b[0] + vertical[1] * c.imu.rate_b[1] + vertical[2] * c.imu.rate_b[2]
     rate = math.sqrt(c.imu.rate_b[0] ** 2 + c.imu.rate_b[1] ** 2 + c.imu.rate_b[2] ** 2)
     r = (p.tuning.nhc_sigma + (p.tuning.turn_sideslip + p.tuning.tyre_sideslip * along * along) * rate) ** 2
-    rough2 = (p.tuning.suspension_pitch * along) ** 2 * 2.0 * p.tuning.suspension_time_s / p.tuning.nhc_interval_s
+    suspension2 = (p.tuning.suspension_pitch * along) ** 2 * 2.0 * p.tuning.suspension_time_s / p.tuning.nhc_interval_s
     k = set_jacobian(c, nhc_jacobian(c, q, lateral, along, MOUNT_YAW), NHC_LEVER_ARM, -turn)
     z = c.nav.nhc_lever_arm * turn - (lateral[0] * vb[0] + lateral[1] * vb[1] + lateral[2] * vb[2])
-    left, s, sideways = pseudo_measurement(c, NHC_LATERAL, k, z, c.nhc.noise_scale[0] * r, p.tuning.nhc_gate)
+    left, s, lateral_nis = pseudo_measurement(c, NHC_LATERAL, k, z, h.noise_scale[0] * r, p.tuning.nhc_gate)
     add_innovation(c, 0, left, s)
     k = nhc_jacobian(c, q, vertical, along, MOUNT_PITCH)
     z = -(vertical[0] * vb[0] + vertical[1] * vb[1] + vertical[2] * vb[2])
-    left, s, upwards = pseudo_measurement(c, NHC_VERTICAL, k, z, c.nhc.noise_scale[1] * r + rough2, p.tuning.nhc_gate)
+    left, s, vertical_nis = pseudo_measurement(c, NHC_VERTICAL, k, z, h.noise_scale[1] * r + suspension2, p.tuning.nhc_gate)
     add_innovation(c, 1, left, s)
     correct_state(p, c)
-    c.nhc.mean_nis += p.tuning.nhc_mean_nis_gain * (
-        min(max(abs(sideways), abs(upwards)), 4.0 * p.tuning.nhc_gate) - c.nhc.mean_nis
+    h.mean_nis += p.tuning.nhc_mean_nis_gain * (
+        min(max(abs(lateral_nis), abs(vertical_nis)), 4.0 * p.tuning.nhc_gate) - h.mean_nis
     )
-    if (learn_noise_scale(p, c) or c.nhc.mean_nis > p.tuning.nhc_max_mean_nis) and p.vehicle != LAND:
+    if (learn_noise_scale(p, c) or h.mean_nis > p.tuning.nhc_max_mean_nis) and p.vehicle != LAND:
         disable_nhc(p, c, along)

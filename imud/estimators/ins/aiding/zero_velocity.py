@@ -1,4 +1,8 @@
-"""Rest as a measurement: the velocity is zero (ZUPT), and the gyro shows its bias and the earth's rotation (ZARU)."""
+"""Zero-velocity update (ZUPT) and zero-angular-rate update (ZARU), once per stationarity window at rest.
+
+ZUPT: z = -v. ZARU: z = mean rate - earth rate in the body - bg. Where the receiver confirms the rest, the velocity is
+then reset to zero.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +45,7 @@ TUNABLES = (
 
 @kernel
 def reset_velocity(c: Core, sigma: float) -> None:
-    """The velocity is zero, whatever it was thought to be, and its error independent of all others."""
+    """Set the velocity to zero with `sigma` (m/s), uncorrelated with all other error states."""
     for i in range(3):
         decorrelate(c, VELOCITY + i, sigma * sigma)
         set_velocity(c, i, 0.0)
@@ -50,9 +54,9 @@ def reset_velocity(c: Core, sigma: float) -> None:
 
 @kernel
 def fuse_rest(p: Parameters, c: Core) -> bool:
-    """Fuse one window of rest (call at its end, before it is cleared). True: it contradicts the gyro bias."""
-    certain, navigating = gnss_confirms_rest(p, c), c.alignment.mode == NAVIGATING
-    sigma = p.tuning.zupt_sigma if certain else p.tuning.zupt_sigma_unconfirmed
+    """Fuse one window of rest (call at its end, before it is cleared); True if it contradicts the gyro bias."""
+    confirmed, navigating = gnss_confirms_rest(p, c), c.alignment.mode == NAVIGATING
+    sigma = p.tuning.zupt_sigma if confirmed else p.tuning.zupt_sigma_unconfirmed
     if navigating:
         for i in range(3):
             m = set_jacobian(c, 0, VELOCITY + i, 1.0)
@@ -63,11 +67,11 @@ def fuse_rest(p: Parameters, c: Core) -> bool:
     r = p.gyro_psd / s.duration + s.gyro_noise_floor**2 / s.sample_count + p.tuning.zaru_sigma**2
     for i in range(3):
         z = s.mean_w[i] - earth[i] - c.nav.bg[i]
-        if abs(z) > max_rest_rate(p, c, i):  # the rest is certain, or it would not have been detected
+        if abs(z) > max_rest_rate(p, c, i):  # only a confirmed rest is detected with such a rate
             decorrelate(c, GYRO_BIAS + i, z * z)
             contradicted = True
         pseudo_measurement(c, REST_X + i, set_jacobian(c, 0, GYRO_BIAS + i, 1.0), z, r, p.tuning.rest_gate)
     correct_state(p, c)
-    if certain or not navigating:
-        reset_velocity(c, p.tuning.standstill_sigma if certain else sigma)
+    if confirmed or not navigating:
+        reset_velocity(c, p.tuning.standstill_sigma if confirmed else sigma)
     return contradicted

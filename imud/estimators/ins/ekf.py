@@ -1,8 +1,8 @@
 """The error-state Kalman filter itself: Jacobian, innovation, scalar update, injection. It knows no sensor.
 
-A measurement is one scalar: its Jacobian h, a sparse row, is put together with `set_jacobian`; `innovation_variance`
-gives h P h' and keeps P h; `kalman_update` corrects P and gathers the correction of the state, which `inject_error`
-carries over into the nominal state. Between the two, `innovation` allows for what has been gathered.
+A measurement is one scalar. `set_jacobian` sets the elements of its Jacobian h, a sparse row; `innovation_variance`
+returns h P h' and stores P h; `kalman_update` corrects P and adds K z to the error estimate in scratch.x, which
+`inject_error` adds to the nominal state. In between, `innovation` subtracts h x from a residual.
 
 Source: Groves (2013), sec. 3.2 and 14.2; Sola, Quaternion kinematics for the error-state Kalman filter (2017).
 """
@@ -97,7 +97,7 @@ def combine3(c: Core, i: int, k: int, a: float, b: float, d: float) -> None:
 
 @kernel
 def set_jacobian(c: Core, k: int, column: int, value: float) -> int:
-    """Put one element into the Jacobian, which has `k` already; returns k + 1."""
+    """Append one element to the Jacobian, which has `k` elements; returns k + 1."""
     c.scratch.columns[k] = column
     c.scratch.values[k] = value
     return k + 1
@@ -105,13 +105,13 @@ def set_jacobian(c: Core, k: int, column: int, value: float) -> int:
 
 @kernel
 def innovation_variance(c: Core, m: int) -> float:
-    """h P h' of the Jacobian's `m` elements; leaves P h in scratch."""
+    """h P h' for the Jacobian's `m` elements; stores P h in scratch.d."""
     return measure(c.cov.P, STATES, c.scratch.columns, c.scratch.values, m, c.scratch.d)
 
 
 @kernel
 def innovation(c: Core, m: int, z: float) -> float:
-    """What is left of residual z (against the nominal state) after the corrections gathered so far."""
+    """Innovation: residual z against the nominal state, less h x of the error estimate that is not injected yet."""
     for k in range(m):
         z -= c.scratch.values[k] * c.scratch.x[c.scratch.columns[k]]
     return z
@@ -119,25 +119,25 @@ def innovation(c: Core, m: int, z: float) -> float:
 
 @kernel
 def kalman_update(c: Core, z: float, s: float) -> None:
-    """Fuse the Jacobian whose P h is in scratch, with innovation z of variance s."""
+    """Scalar Kalman update with innovation z of variance s; P h is in scratch.d."""
     update(c.cov.P, STATES, c.scratch.x, c.scratch.d, s, z, STATES)
 
 
 @kernel
 def add_correction(c: Core, i: int, x: float) -> None:
-    """Gather a correction of error state i that comes from elsewhere than a measurement."""
+    """Add x to the estimate of error state i, without a measurement."""
     c.scratch.x[i] += x
 
 
 @kernel
 def cancel_correction(c: Core, i: int) -> None:
-    """Drop what has been gathered for error state i."""
+    """Set the estimate of error state i to zero."""
     c.scratch.x[i] = 0.0
 
 
 @kernel
 def rotate_forward_axis(c: Core, pitch: float, yaw: float) -> None:
-    """Turn the vehicle's forward and lateral axes by small angles about lateral and vertical."""
+    """Rotate forward and lateral axes of the vehicle by small angles, rad, about lateral and vertical axis."""
     f, l = c.nav.forward, c.nav.lateral  # noqa: E741
     fx, fy, fz = f[0], f[1], f[2]
     lx, ly, lz = l[0], l[1], l[2]
@@ -154,7 +154,7 @@ def rotate_forward_axis(c: Core, pitch: float, yaw: float) -> None:
 
 @kernel
 def set_forward_axis(c: Core, forward: Any, lateral: Any) -> None:
-    """Take these unit vectors of the body for the vehicle's axes, and the sensor for the point about which it turns."""
+    """Set forward and lateral axis of the vehicle (unit vectors, body) and a zero lever arm of the constraint."""
     for i in range(3):
         c.nav.forward[i], c.nav.lateral[i] = forward[i], lateral[i]
     c.nav.nhc_lever_arm = 0.0
@@ -162,23 +162,23 @@ def set_forward_axis(c: Core, forward: Any, lateral: Any) -> None:
 
 @kernel
 def clear_gnss_bias(c: Core, axis: int, variance: float) -> None:
-    """The receiver's correlated error along an axis is unknown, with `variance`."""
+    """Set the GNSS bias along an axis to zero, with `variance` (m^2)."""
     decorrelate(c, GNSS_BIAS + axis, variance)
     c.nav.gnss_bias[axis] = 0.0
 
 
 @kernel
 def clear_time_offset(c: Core, variance: float) -> None:
-    """The fixes' epochs are right, up to `variance`."""
+    """Set the time offset to zero, with `variance` (s^2)."""
     c.nav.time_offset = 0.0
     decorrelate(c, TIME_OFFSET, variance)
 
 
 @kernel
 def rotate_tilt_covariance(c: Core, psi: float) -> None:
-    """Turn the roll and pitch errors, given in NED, with a heading corrected by `psi` (as three shears, twice).
+    """Rotate the covariance of the tilt errors (NED) by a heading correction `psi`, rad (as three shears, twice).
 
-    Their correlation with the accelerometer bias is fixed in the body, and was linearized about the old heading.
+    The correlation of tilt and accelerometer bias is fixed in the body, and was linearized about the old heading.
     """
     for _ in range(2):
         combine(c, ATTITUDE, ATTITUDE + 1, -math.tan(0.25 * psi))
@@ -188,14 +188,14 @@ def rotate_tilt_covariance(c: Core, psi: float) -> None:
 
 @kernel
 def inject_error(p: Parameters, c: Core) -> None:
-    """Add the gathered correction to the nominal state and clear it."""
+    """Add the error estimate in scratch.x to the nominal state and clear it."""
     x, n = c.scratch.x, c.nav
     if abs(x[ATTITUDE + 2]) > p.tuning.min_rotated_tilt:
         rotate_tilt_covariance(c, x[ATTITUDE + 2])
     tilt2 = x[ATTITUDE] ** 2 + x[ATTITUDE + 1] ** 2
-    bent2 = 0.25 * tilt2 * (tilt2 + x[ATTITUDE + 2] ** 2)  # a linear filter leaves out the square of a correction
+    second_order2 = 0.25 * tilt2 * (tilt2 + x[ATTITUDE + 2] ** 2)  # rad^2, square of the second-order part
     for i in range(2):
-        add_variance(c, ATTITUDE + i, bent2)
+        add_variance(c, ATTITUDE + i, second_order2)
     displace(c, x[POSITION], x[POSITION + 1], x[POSITION + 2])
     for i in range(3):
         n.v_n[i] += x[VELOCITY + i]

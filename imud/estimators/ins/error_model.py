@@ -1,4 +1,4 @@
-"""The error model: how the errors of the nominal state propagate (F), and what is added to them meanwhile (Q).
+"""The error model: how the errors of the nominal state propagate (F), and the process noise (Q).
 
     p' = v
     v' = phi x f - C ba
@@ -6,9 +6,9 @@
     bg', ba', turn_scale', mounting' = noise
     gnss_bias' = -gnss_bias / T + noise
 
-Left out, being below a hundredth of what a MEMS sensor adds in minutes: Coriolis and frame rotation of the errors, and
-the change of gravity and of transport rate with them. Scale factors and misalignments have states (turn_scale) for
-turns about the vertical only; otherwise they act as noise that grows with the rate and with the acceleration.
+Omitted, being below a hundredth of the errors that a MEMS sensor causes in minutes: Coriolis and frame rotation of the
+errors, and the change of gravity and of transport rate with them. Scale factors and misalignments have states
+(turn_scale) for turns about the vertical only; otherwise they are noise that grows with rate and acceleration.
 
 `linearize` evaluates F over the interval; `propagate_covariance` applies it to P and adds Q; `apply_phi` applies it to
 columns of error states.
@@ -67,11 +67,11 @@ TUNABLES = (
         "mount_psd",
         math.radians(0.02) ** 2,
         "rad^2/s",
-        "Random walk of the forward axis: load and suspension.",
+        "Random walk of the forward axis by load and suspension.",
         "Choice.",
     ),
     Tunable("nhc_lever_arm_psd", 0.01**2, "m^2/s", "Random walk of the point about which a vehicle turns.", "Choice."),
-    Tunable("second_order_time_s", 1.0, "s", "How long an error that the linear model leaves out lasts.", "Choice."),
+    Tunable("second_order_time_s", 1.0, "s", "Correlation time of the errors of the linear model.", "Choice."),
     Tunable("min_scaled_turn", 1e-3, "rad", "Turns are corrected for scale errors from this angle on.", "Numerics."),
     Tunable(
         "nonlinear_scale_share",
@@ -100,7 +100,9 @@ def linearize(p: Parameters, c: Core, phi: Transition) -> None:
     """phi <- F over the interval since the covariance was propagated, at the attitude now; see state.TRANSITION."""
     m, dt = rotation_matrix(c), c.imu.integration_time
     fx, fy, fz = c.imu.delta_v[0], c.imu.delta_v[1], c.imu.delta_v[2]
-    if c.stationarity.at_rest:  # known better than measured: noise in fx, fy would give false knowledge of the heading
+    if (
+        c.stationarity.at_rest
+    ):  # gravity is known exactly; measured noise in fx, fy would make the heading falsely observable
         fx, fy, fz = 0.0, 0.0, -STANDARD_GRAVITY * dt
     phi.interval = dt
     phi.force[0], phi.force[1], phi.force[2] = fx, fy, fz
@@ -132,7 +134,7 @@ def apply_phi(u: Any, columns: int, phi: Transition) -> None:
 
 @kernel
 def reset_turn_scale(p: Parameters, c: Core) -> None:
-    """Nothing is known of errors in turns: along the vertical a scale factor, across it a misalignment."""
+    """Set the covariance of turn_scale to its prior: a scale factor along the vertical, misalignments across it."""
     down = ned_to_body(c, (0.0, 0.0, 1.0))
     along, across = p.gyro_scale**2, (p.tuning.misalignment_over_scale * p.gyro_scale) ** 2
     for i in range(3):
@@ -144,10 +146,10 @@ def reset_turn_scale(p: Parameters, c: Core) -> None:
 
 @kernel
 def apply_turn_scale(p: Parameters, c: Core, phi: Transition) -> None:
-    """Turn back by the gyro's error in a turn about the vertical, once the turn is large enough.
+    """Correct the attitude by the gyro's error in a turn about the vertical, once the turn is large enough.
 
-    The turn is that of the body, not a smoothed rate times the time: a wrong axis shows as a tilt and an accelerometer
-    bias, both fixed in the body, and nothing distinguishes the three unless the turn lags behind the body.
+    The turn is the integral of the rate itself, not of a smoothed one: a wrong axis has the effect of a tilt and of an
+    accelerometer bias, all fixed in the body, and a delayed turn would make them falsely distinguishable.
     """
     c.imu.deferred_rotation += phi.turn
     angle, m, k = c.imu.deferred_rotation, phi.rotation, c.nav.turn_scale
@@ -164,10 +166,9 @@ def apply_turn_scale(p: Parameters, c: Core, phi: Transition) -> None:
 
 @kernel
 def second_order_psd(p: Parameters, c: Core, accel2: float) -> float:
-    """Velocity noise, m^2/s^3, for what a linear model of an uncertain heading leaves out of the acceleration.
+    """Velocity noise, m^2/s^3, for second-order effects of an uncertain heading; accel2: squared acceleration.
 
-    The acceleration itself is shortened by half the square of the heading's error, and that of a wrong tilt or bias
-    points elsewhere by the heading's error.
+    A heading error reduces the acceleration by half its square, and rotates the acceleration that a tilt error causes.
     """
     heading2 = variance(c, ATTITUDE + 2)
     tilt2 = 0.5 * (variance(c, ATTITUDE) + variance(c, ATTITUDE + 1))
@@ -176,7 +177,7 @@ def second_order_psd(p: Parameters, c: Core, accel2: float) -> float:
 
 @kernel
 def velocity_psd(p: Parameters, c: Core) -> float:
-    """Q of the velocity, m^2/s^3: the sensor, vibration, scale factors, and what a linear model leaves out."""
+    """Q of the velocity, m^2/s^3: sensor noise, vibration, scale factors, and second-order effects of the heading."""
     a = c.imu.accel_n
     accel2 = a[0] ** 2 + a[1] ** 2 + a[2] ** 2
     if c.alignment.mode == COARSE_ALIGNMENT:
@@ -201,7 +202,7 @@ def attitude_psd(p: Parameters, c: Core, turn: float) -> float:
     w = c.imu.rate_b
     rate2 = w[0] ** 2 + w[1] ** 2 + w[2] ** 2 - (1.0 - p.tuning.nonlinear_scale_share) * turn * turn
     floor = c.stationarity.gyro_noise_floor
-    gyro_psd = max(p.gyro_psd, floor * floor * p.period / 3.0)  # the smallest deviation seen is all noise
+    gyro_psd = max(p.gyro_psd, floor * floor * p.period / 3.0)  # the smallest deviation is that of noise
     return float(gyro_psd + c.stationarity.vibration_gyro_psd + p.gyro_scale**2 * rate2 * p.tuning.gyro_scale_time_s)
 
 

@@ -58,7 +58,7 @@ TUNABLES = (
 
 @kernel
 def step(p: Parameters, s: State, sample: Sample, solution: Solution) -> None:
-    """One inertial sample (body axes) in, one solution out. For a suspect sample the last good one is held."""
+    """Process one inertial sample (body axes), write one solution. A suspect sample is replaced by the last good one."""
     w, f = s.last_w, s.last_f
     good = (sample.flags & SUSPECT) == 0
     for i in range(3):
@@ -83,7 +83,7 @@ def step(p: Parameters, s: State, sample: Sample, solution: Solution) -> None:
 
 @kernel
 def collect_innovations(s: State) -> None:
-    """Keep what the newest sample told. Samples that are integrated again after a late fix tell nothing new."""
+    """Store the innovations of the newest sample; those of samples replayed after a late fix are not stored again."""
     c = s.core[0]
     for k in range(c.scratch.innovation_count):
         if s.pending_count < PENDING_INNOVATIONS:
@@ -94,7 +94,7 @@ def collect_innovations(s: State) -> None:
 
 @kernel
 def take_innovations(s: State, innovations: list[Innovation]) -> int:
-    """Move the innovations of rest and constraints to `innovations`, oldest first; returns how many."""
+    """Move the pending innovations of pseudo-measurements to `innovations`, oldest first; returns how many."""
     n: int = min(s.pending_count, len(innovations))
     for k in range(n):
         innovations[k] = s.pending_innovations[k]
@@ -106,7 +106,7 @@ def take_innovations(s: State, innovations: list[Innovation]) -> int:
 
 @kernel
 def initialize(p: Parameters, c: Core, t_ns: int, w: Floats, f: Floats, rpy: Floats) -> None:
-    """Take the first sample: the attitude is that of rest, unless it was given."""
+    """Initialize from the first sample (body axes): roll and pitch from gravity, unless rpy (rad) gives them."""
     store_first_sample(c, t_ns, w, f)
     first_window(c, f)
     roll, pitch, yaw = rpy[0], rpy[1], rpy[2]
@@ -123,47 +123,47 @@ def initialize(p: Parameters, c: Core, t_ns: int, w: Floats, f: Floats, rpy: Flo
 
 @kernel
 def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> int:
-    """One fix in, fused at its epoch less the time offset found; returns the rows of innovations written."""
+    """Fuse one fix at its epoch less the estimated time offset; returns the rows of innovations written."""
     c = s.core[0]
     if s.sample_count == 0 or not is_usable(fix):
         return 0
     age = 1e-9 * (c.nav.t_ns - fix.t_ns)
     if fix.t_ns < s.last_epoch_ns or not -p.tuning.max_ahead_s < age < p.tuning.max_age_s:
         return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
-    t_ns, snapped = fusion_time(s, fix), s.snapshot_count
+    t_ns, snapshots = fusion_time(s, fix), s.snapshot_count
     too_late = not rewind_to(s, t_ns)
     k = insert_measurement(s, c.nav.t_ns if too_late else t_ns, GNSS_FIX)
     e = s.aiding_ring[k % AIDING_RING]
     e.fix = fix
     e.too_late = 1 if too_late else 0
-    return fuse_from(p, s, k, snapped, innovations)
+    return fuse_from(p, s, k, snapshots, innovations)
 
 
 @kernel
 def aid(p: Parameters, s: State, measurement: Measurement, innovations: list[Innovation]) -> int:
-    """One measurement of another source in, in any order within the horizon; returns the rows of innovations written.
+    """Fuse one measurement of another source at its epoch; returns the rows of innovations written.
 
-    One that is older than the horizon is rejected.
+    Measurements may come in any order; one that is older than the fusion horizon is rejected.
     """
     c = s.core[0]
     age = 1e-9 * (c.nav.t_ns - measurement.t_ns)
     if s.sample_count == 0 or not math.isfinite(measurement.value[0]):
         return 0
-    t_ns, snapped = min(measurement.t_ns, c.nav.t_ns), s.snapshot_count
+    t_ns, snapshots = min(measurement.t_ns, c.nav.t_ns), s.snapshot_count
     if age < -p.tuning.max_ahead_s or not rewind_to(s, t_ns):
         kind = REJECTED_KIND[measurement.kind]
         return write_innovation(innovations, 0, measurement.t_ns, kind, math.nan, math.nan, False)
     k = insert_measurement(s, t_ns, measurement.kind)
     s.aiding_ring[k % AIDING_RING].measurement = measurement
-    return fuse_from(p, s, k, snapped, innovations)
+    return fuse_from(p, s, k, snapshots, innovations)
 
 
 @kernel
-def fuse_from(p: Parameters, s: State, new: int, snapped: int, innovations: list[Innovation]) -> int:
-    """From a rewound core: fuse each measurement at its epoch, most of them again, and catch up with the samples.
+def fuse_from(p: Parameters, s: State, new: int, snapshots: int, innovations: list[Innovation]) -> int:
+    """From a rewound core: fuse each stored measurement at its epoch, most of them again, and replay the samples.
 
-    new: number of the measurement that has not been fused before; only its innovations are written. snapped: snapshots
-    that there were before the rewind.
+    new: number of the measurement that has not been fused before; only its innovations are written. snapshots: number
+    of snapshots before the rewind.
     """
     c = s.core[0]
     rows = 0
@@ -174,9 +174,9 @@ def fuse_from(p: Parameters, s: State, new: int, snapped: int, innovations: list
         propagate_to_epoch(p, s, e.t_ns, s.interpolated_w, s.interpolated_f)
         propagate_errors(p, c)
         if k == new:
-            rows = fuse_stored(p, s, e, snapped, innovations)
+            rows = fuse_stored(p, s, e, snapshots, innovations)
         else:
-            fuse_stored(p, s, e, snapped, innovations[len(innovations) :])
+            fuse_stored(p, s, e, snapshots, innovations[len(innovations) :])
         c.nav.fused_count += 1
         if e.kind == GNSS_FIX:
             store_snapshot(s)
@@ -188,15 +188,15 @@ def fuse_from(p: Parameters, s: State, new: int, snapped: int, innovations: list
 
 
 @kernel
-def fuse_stored(p: Parameters, s: State, e: StoredMeasurement, snapped: int, innovations: list[Innovation]) -> int:
-    """Fuse a measurement at the time where the core is."""
+def fuse_stored(p: Parameters, s: State, e: StoredMeasurement, snapshots: int, innovations: list[Innovation]) -> int:
+    """Fuse a stored measurement at the core's time; returns the rows of innovations written."""
     c = s.core[0]
     if e.kind != GNSS_FIX:
         return fuse_source(p, c, e.measurement, innovations)
     keep_bank(s, e)
     set_noise(p, c, e.fix, s.last_epoch_ns == NEVER_NS)
-    fit_acceleration(p, s, snapped)
-    late = c.nav.time_offset - 1e-9 * (e.fix.t_ns - c.nav.t_ns)  # what rewinding has left
+    fit_acceleration(p, s, snapshots)
+    late = c.nav.time_offset - 1e-9 * (e.fix.t_ns - c.nav.t_ns)  # s, the part that rewinding did not cover
     rows = fuse_gnss(p, c, s.bank[0], e.fix, late, innovations)
     s.last_epoch_ns = e.fix.t_ns
     s.last_time_offset = c.nav.time_offset

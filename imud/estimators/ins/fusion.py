@@ -1,7 +1,7 @@
-"""One step of the Kalman filter, and those who observe it: the drift test and the integrals of the alignment.
+"""One step of the Kalman filter together with its observers: the drift test and the integrals of the alignment.
 
-The drift test has to know each gain, the alignment each correction. The filter itself (`ekf`, `error_model`) knows
-neither of them; whoever fuses a measurement or propagates the errors calls the functions here.
+The drift test needs every gain, the alignment every correction. `ekf` and `error_model` know neither of them; aiding
+sources and propagation call the functions of this file.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @kernel
 def propagate_errors(p: Parameters, c: Core) -> None:
-    """Propagate P, and what observes it, over the interval since the last time; start a new one."""
+    """Propagate P and its observers over the covariance interval, and start a new interval."""
     if c.imu.integration_time <= 0.0:
         return
     phi = c.scratch.phi
@@ -37,9 +37,9 @@ def propagate_errors(p: Parameters, c: Core) -> None:
 
 @kernel
 def fuse(c: Core, m: int, z: float, s: float, axis: int) -> None:
-    """Fuse the Jacobian's `m` elements, whose P h is in scratch, with innovation z of variance s.
+    """Scalar Kalman update with innovation z of variance s; the Jacobian has `m` elements and P h is in scratch.d.
 
-    axis: of the GNSS position that it is, 0 north, 1 east; -1: it is none.
+    axis: 0 for a GNSS position north, 1 east; -1: any other measurement.
     """
     update_sensitivity(c, m, s, z, axis)
     kalman_update(c, z, s)
@@ -47,7 +47,7 @@ def fuse(c: Core, m: int, z: float, s: float, axis: int) -> None:
 
 @kernel
 def gated_update(c: Core, m: int, z: float, r: float, gate: float) -> float:
-    """Fuse the Jacobian with residual z (against the nominal state) and variance r, unless z^2/s > gate > 0.
+    """Fuse a measurement with residual z (against the nominal state) and variance r, unless NIS > gate > 0.
 
     Returns the normalised innovation squared (NIS), negative when rejected.
     """
@@ -62,15 +62,15 @@ def gated_update(c: Core, m: int, z: float, r: float, gate: float) -> float:
 
 @kernel
 def pseudo_measurement(c: Core, kind: int, m: int, z: float, r: float, gate: float) -> tuple[float, float, float]:
-    """Fuse what is assumed, not measured, and write its innovation; returns it, its variance, and as `gated_update`."""
-    left = innovation(c, m, z)
+    """Fuse a pseudo-measurement and write its innovation; returns innovation, its variance, NIS as `gated_update`."""
+    value = innovation(c, m, z)
     s = innovation_variance(c, m) + r
     nis = gated_update(c, m, z, r, gate)
     if c.scratch.innovation_count < len(c.scratch.innovations):
         o = c.scratch.innovations[c.scratch.innovation_count]
-        o.t_ns, o.kind, o.value, o.variance, o.used = c.nav.t_ns, kind, left, s, 1 if nis >= 0.0 else 0
+        o.t_ns, o.kind, o.value, o.variance, o.used = c.nav.t_ns, kind, value, s, 1 if nis >= 0.0 else 0
         c.scratch.innovation_count += 1
-    return left, s, nis
+    return value, s, nis
 
 
 @kernel
@@ -81,6 +81,6 @@ def clear_innovations(c: Core) -> None:
 
 @kernel
 def correct_state(p: Parameters, c: Core) -> None:
-    """Add the gathered correction to the nominal state; the integrals of the alignment are kept as if it were not."""
+    """Inject the error estimate into the nominal state; the alignment notes it, so that its integrals do not jump."""
     retain_integrals(c)
     inject_error(p, c)

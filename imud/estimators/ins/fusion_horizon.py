@@ -1,12 +1,12 @@
-"""The fusion horizon: measurements that come late, or in any order, are fused at their own epochs.
+"""The fusion horizon: measurements that arrive late, or in any order, are fused at their own epochs.
 
 Three rings hold the last two seconds: IMU samples, snapshots of the core, and aiding measurements in the order of their
-times. To fuse a measurement of epoch t the core is rewound to the last snapshot not after t, brought forward to t
-exactly, corrected, and brought to the newest sample with the code that new samples take; measurements on that way,
-which had been fused before, are fused again at their own epochs, and the snapshots are renewed.
+times. To fuse a measurement of epoch t the core is rewound to the last snapshot not after t, propagated to t exactly,
+corrected, and replayed to the newest sample with the code that new samples take. Measurements between t and now, which
+had been fused before, are fused again at their own epochs, and the snapshots are renewed.
 
-Source: the idea of a delayed fusion horizon with one buffer for each sensor is that of PX4's EKF2; here the present
-solution is corrected at once instead of predicted from the horizon.
+Source: a delayed fusion horizon with one buffer for each sensor is that of PX4's EKF2; here the present solution is
+corrected at once instead of predicted from the horizon.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ TUNABLES = (
 
 @kernel
 def store_sample(s: State, sample: Sample, w: Floats, f: Floats) -> None:
-    """Put a sample (body axes) into the ring, with (w, f) for what it shows."""
+    """Store a sample in the ring, with rate w (rad/s) and specific force f (m/s^2), body axes."""
     r = s.imu_ring[s.sample_count % IMU_RING]
     r.t_ns = sample.t_ns
     r.flags = sample.flags
@@ -54,7 +54,7 @@ def store_sample(s: State, sample: Sample, w: Floats, f: Floats) -> None:
 
 @kernel
 def insert_measurement(s: State, t_ns: int, kind: int) -> int:
-    """Make room for a measurement to be fused at t_ns, behind those of the same time; returns its number."""
+    """Insert an empty measurement to be fused at t_ns, after those of the same time; returns its number."""
     if s.aiding_count == AIDING_RING:
         s.aiding_start += 1
         s.aiding_count -= 1
@@ -73,21 +73,21 @@ def insert_measurement(s: State, t_ns: int, kind: int) -> int:
 
 @kernel
 def fusion_time(s: State, fix: Fix) -> int:
-    """When a fix is fused: at its epoch less the time offset, behind the last fix and not after the last sample."""
+    """When a fix is fused, ns: its epoch less the time offset, not before the last fix, not after the last sample."""
     newest_ns = s.imu_ring[(s.sample_count - 1) % IMU_RING].t_ns
     return max(min(fix.t_ns - int(1e9 * s.last_time_offset), newest_ns), s.last_fusion_ns)
 
 
 @kernel
 def keep_bank(s: State, e: StoredMeasurement) -> None:
-    """Before a fix is fused: keep what only fixes change, for a rewind to a time before it."""
+    """Before a fix is fused: store the hypothesis bank, which only fixes change, for a rewind to a time before it."""
     s.banks[e.bank % BANKS] = s.bank[0]
     e.last_epoch_ns, e.last_time_offset, e.last_fusion_ns = s.last_epoch_ns, s.last_time_offset, s.last_fusion_ns
 
 
 @kernel
 def restore_bank(s: State, e: StoredMeasurement) -> None:
-    """Put that back to what it was before a fix."""
+    """Restore the hypothesis bank, and the times of the last fix, to those before a fix."""
     s.bank[0] = s.banks[e.bank % BANKS]
     s.last_epoch_ns, s.last_time_offset, s.last_fusion_ns = e.last_epoch_ns, e.last_time_offset, e.last_fusion_ns
 
@@ -103,7 +103,7 @@ def first_fix_from(s: State, first: int) -> int:
 
 @kernel
 def store_snapshot(s: State) -> None:
-    """Keep a copy of the core, without its scratch."""
+    """Store a copy of the core, without its scratch."""
     c, k = s.core[0], s.snapshots[s.snapshot_count % SNAPSHOTS]
     k.nav, k.earth, k.imu, k.cov, k.stationarity = c.nav, c.earth, c.imu, c.cov, c.stationarity
     k.nhc, k.gnss, k.integrity, k.drift, k.alignment = c.nhc, c.gnss, c.integrity, c.drift, c.alignment
@@ -112,7 +112,7 @@ def store_snapshot(s: State) -> None:
 
 @kernel
 def store_snapshot_if_due(s: State) -> None:
-    """Keep a copy if the last one is old enough."""
+    """Store a copy of the core if the last one is older than SNAPSHOT_NS."""
     last = s.snapshots[(s.snapshot_count - 1) % SNAPSHOTS]
     if s.snapshot_count == 0 or s.core[0].nav.t_ns - last.nav.t_ns >= SNAPSHOT_NS:
         store_snapshot(s)
@@ -120,14 +120,14 @@ def store_snapshot_if_due(s: State) -> None:
 
 @kernel
 def restore_snapshot(c: Core, k: Snapshot) -> None:
-    """Put the core back to snapshot k."""
+    """Restore the core from snapshot k."""
     c.nav, c.earth, c.imu, c.cov, c.stationarity = k.nav, k.earth, k.imu, k.cov, k.stationarity
     c.nhc, c.gnss, c.integrity, c.drift, c.alignment = k.nhc, k.gnss, k.integrity, k.drift, k.alignment
 
 
 @kernel
 def replay_to_newest(p: Parameters, s: State) -> None:
-    """Bring the core up to the newest sample, with a snapshot whenever one is due."""
+    """Process all stored samples up to the newest one, with a snapshot whenever one is due."""
     c = s.core[0]
     while c.imu.sample_count < s.sample_count:
         process_sample(p, c, s.imu_ring[c.imu.sample_count % IMU_RING])
@@ -136,7 +136,7 @@ def replay_to_newest(p: Parameters, s: State) -> None:
 
 @kernel
 def rewind_to(s: State, t_ns: int) -> bool:
-    """Put core and hypothesis bank back to the last snapshot not after t_ns; False when that is forgotten."""
+    """Restore core and hypothesis bank from the last snapshot not after t_ns; False if it is no longer stored."""
     if s.core[0].nav.t_ns <= t_ns:
         return True
     oldest = max(0, s.snapshot_count - SNAPSHOTS)
@@ -159,10 +159,13 @@ def rewind_to(s: State, t_ns: int) -> bool:
 
 
 @kernel
-def velocity_at(s: State, snapped: int, t_ns: int, axis: int) -> float:
-    """Velocity at t_ns, between `snapped` snapshots and the core; NaN when it is forgotten or was not navigated."""
-    k = snapped - 1
-    oldest = max(0, snapped - SNAPSHOTS)
+def velocity_at(s: State, snapshot_count: int, t_ns: int, axis: int) -> float:
+    """Velocity along an axis at t_ns, m/s, interpolated between snapshots and core; NaN if it is not stored.
+
+    snapshot_count: number of snapshots before the rewind. NaN also where the mode was not navigation.
+    """
+    k = snapshot_count - 1
+    oldest = max(0, snapshot_count - SNAPSHOTS)
     after_ns, after = s.core[0].nav.t_ns, s.core[0].nav.v_n[axis]
     while k >= oldest and s.snapshots[k % SNAPSHOTS].nav.t_ns > t_ns:
         after_ns, after = s.snapshots[k % SNAPSHOTS].nav.t_ns, s.snapshots[k % SNAPSHOTS].nav.v_n[axis]
@@ -177,11 +180,11 @@ def velocity_at(s: State, snapped: int, t_ns: int, axis: int) -> float:
 
 
 @kernel
-def fit_acceleration(p: Parameters, s: State, snapped: int) -> None:
-    """Straight line through the velocities about now, as long as the velocity's lateness is uncertain, either way.
+def fit_acceleration(p: Parameters, s: State, snapshot_count: int) -> None:
+    """scratch.accel_fit <- acceleration (m/s^2, NED) over the uncertainty of the velocity's time offset, either way.
 
-    And its misfit: a parabola's, where that is shorter than what is between snapshots. What comes after now is known
-    from the `snapped` snapshots that there were before the rewind; where there were none, the last moments must do.
+    scratch.accel_fit_error <- m/s, error of that straight line: the second-order term of the velocity. Velocities after
+    the core's time are those of the `snapshot_count` snapshots before the rewind.
     """
     c = s.core[0]
     late2 = (
@@ -191,13 +194,15 @@ def fit_acceleration(p: Parameters, s: State, snapped: int) -> None:
     )
     span = max(math.sqrt(max(late2, 0.0)), 1e-9 * SNAPSHOT_NS)
     share = late2 / span**2
-    newest_ns = max(c.nav.t_ns, s.snapshots[(snapped - 1) % SNAPSHOTS].nav.t_ns if snapped > 0 else c.nav.t_ns)
+    newest_ns = max(
+        c.nav.t_ns, s.snapshots[(snapshot_count - 1) % SNAPSHOTS].nav.t_ns if snapshot_count > 0 else c.nav.t_ns
+    )
     ahead = min(1e-9 * (newest_ns - c.nav.t_ns), span)
     last_ns, span_ns = c.nav.t_ns + int(1e9 * ahead), int(1e9 * span)
     for i in range(3):
-        v0 = velocity_at(s, snapped, last_ns, i)
-        v1 = velocity_at(s, snapped, last_ns - span_ns, i)
-        v2 = velocity_at(s, snapped, last_ns - 2 * span_ns, i)
+        v0 = velocity_at(s, snapshot_count, last_ns, i)
+        v1 = velocity_at(s, snapshot_count, last_ns - span_ns, i)
+        v2 = velocity_at(s, snapshot_count, last_ns - 2 * span_ns, i)
         known = math.isfinite(v0) and math.isfinite(v1) and math.isfinite(v2)
         curve = v0 - 2.0 * v1 + v2
         c.scratch.accel_fit[i] = (v0 - v2 + (1.0 - ahead / span) * curve) / (2.0 * span) if known else 0.0
@@ -206,7 +211,7 @@ def fit_acceleration(p: Parameters, s: State, snapped: int) -> None:
 
 @kernel
 def propagate_to_epoch(p: Parameters, s: State, t_ns: int, w: Floats, f: Floats) -> None:
-    """Forward from a snapshot to t_ns exactly, not after the newest sample; (w, f) is room to interpolate there."""
+    """Propagate the core to t_ns exactly, not after the newest sample; (w, f): scratch for the interpolated sample."""
     c = s.core[0]
     while c.imu.sample_count < s.sample_count and s.imu_ring[c.imu.sample_count % IMU_RING].t_ns <= t_ns:
         process_sample(p, c, s.imu_ring[c.imu.sample_count % IMU_RING])

@@ -1,4 +1,4 @@
-"""One GNSS fix, at the time where the core is: the order in which it aligns, corrects and is monitored."""
+"""One GNSS fix at the core's time: the order of alignment, position, velocity and integrity monitoring."""
 
 from __future__ import annotations
 
@@ -22,19 +22,21 @@ from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS
 if TYPE_CHECKING:
     from .types import Core, Fix, HypothesisBank, Innovation, Parameters
 
-TUNABLES = (Tunable("max_rewind_miss_s", 1.0, "s", "A velocity later than that is not used.", "Choice."),)
+TUNABLES = (
+    Tunable("max_rewind_miss_s", 1.0, "s", "A velocity of a fix that is later than this is not used.", "Choice."),
+)
 
 
 @kernel
 def is_usable(fix: Fix) -> bool:
-    """Does the fix give a position, and is it no dead reckoning (NMEA quality 6) of the receiver's own?"""
+    """Whether the fix has a position that is no dead reckoning of the receiver (NMEA quality 6)."""
     known = math.isfinite(fix.lat) and math.isfinite(fix.lon) and abs(fix.lat) <= 0.5 * math.pi
     return known and fix.quality != 0 and fix.quality != 6
 
 
 @kernel
 def set_noise(p: Parameters, c: Core, fix: Fix, first: bool) -> None:
-    """Before the fix is fused: how good it is, and, of the first one, how well its epoch is known."""
+    """Before the fix is fused: set its noise; of the first fix also the variance of the time offset."""
     if first:
         set_initial_time_offset(p, c, fix, horizontal_sigma(p, fix))
     set_gnss_noise(p, c, fix)
@@ -42,7 +44,7 @@ def set_noise(p: Parameters, c: Core, fix: Fix, first: bool) -> None:
 
 @kernel
 def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, innovations: list[Innovation]) -> int:
-    """Take the fix at the time where the core is; it was true `late` s before that (what rewinding has left)."""
+    """Fuse a fix at the core's time; it was true `late` s before. Returns the rows of innovations written."""
     if is_frozen(p, c, fix):
         reject_frozen(c)
         return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
@@ -62,10 +64,10 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, 
     if abs(late) < p.tuning.max_rewind_miss_s:
         rows = fuse_gnss_velocity(p, c, fix, late, innovations, rows)
     fade_reset_score(p, c)
-    right = True
+    heading_ok = True
     if c.alignment.mode == NAVIGATING:
-        right = monitor_heading(p, c, b, fix)
-    if contradicts_heading(p, c) or not right:
+        heading_ok = monitor_heading(p, c, b, fix)
+    if contradicts_heading(p, c) or not heading_ok:
         clear_contradictions(c)
         if c.alignment.mode == NAVIGATING:
             restart_alignment(p, c)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 Vector = tuple[float, float, float]
 
-MIN_COS_LAT = 1e-4  # some 600 m from a pole: east and north lose their meaning there
+MIN_COS_LAT = 1e-4  # some 600 m from a pole, where east and north are not defined
 EARTH_TOLERANCE = 1e-7  # of an earth radius, some 0.6 m: what depends on the position changes by no larger share
 MAX_LATITUDE = 0.5 * math.pi - 1e-9
 
@@ -77,7 +77,7 @@ def ned_to_body(c: Core, x: Vector) -> Vector:
 
 @kernel
 def update_earth(c: Core) -> None:
-    """Evaluate what depends on the position, anew after some 0.6 m."""
+    """Evaluate radii and gravity at the position, again after a change of some 0.6 m."""
     n, e = c.nav, c.earth
     near = abs(n.lat - e.position[0]) < EARTH_TOLERANCE * e.cos_lat
     if near and abs(n.height - e.position[1]) < EARTH_TOLERANCE * SEMI_MAJOR_M:
@@ -93,7 +93,7 @@ def update_earth(c: Core) -> None:
 
 @kernel
 def displace(c: Core, north: float, east: float, down: float) -> None:
-    """Move the position by metres."""
+    """Move the nominal position by metres north, east and down."""
     update_earth(c)
     c.nav.lon = wrap_angle(c.nav.lon + east * c.earth.lon_per_m)
     c.nav.lat = min(max(c.nav.lat + north * c.earth.lat_per_m, -MAX_LATITUDE), MAX_LATITUDE)
@@ -165,7 +165,7 @@ def integrate_strapdown(c: Core, w: Floats, f: Floats, dt: float) -> Vector:
 
 @kernel
 def start_integration(c: Core) -> None:
-    """Begin a new interval of the covariance."""
+    """Start a new covariance interval."""
     for i in range(3):
         c.imu.delta_v[i] = c.imu.delta_theta[i] = 0.0
     c.imu.integration_time = 0.0
@@ -199,13 +199,13 @@ def set_velocity(c: Core, axis: int, v: float) -> None:
 
 @kernel
 def clear_biases(c: Core) -> None:
-    """Nothing is known of the biases."""
+    """Set both nominal biases to zero."""
     for i in range(3):
         c.nav.bg[i] = c.nav.ba[i] = 0.0
 
 
 @kernel
 def clear_sensor_errors(c: Core) -> None:
-    """Nothing is known of biases and of errors in turns."""
+    """Set nominal biases and turn_scale to zero."""
     for i in range(3):
         c.nav.bg[i] = c.nav.ba[i] = c.nav.turn_scale[i] = 0.0

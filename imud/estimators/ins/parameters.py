@@ -1,6 +1,6 @@
-"""The parameters of the navigation filter: the sensor's noise, what a user states, and every tunable.
+"""The parameters of the navigation filter: the sensor's noise, the user's settings, and every tunable.
 
-The tunables stand in the files that use them, with unit, meaning and source. Together they are the record `tuning`,
+The tunables are in the files that use them, with unit, meaning and source. Together they are the record `tuning`,
 which kernels read as `p.tuning.NAME` and users set as `--set navigation.tuning.NAME=…`; `imud reference tuning` prints
 them.
 """

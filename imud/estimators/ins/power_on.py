@@ -1,8 +1,8 @@
-"""What a power-on of the sensor leaves of an estimate: all but the biases, if the sensor is still mounted as before.
+"""A power-on of the sensor: both biases are reset, and the attitude is checked against gravity.
 
-A sensor's bias changes from one switch-on to the next by the repeatability in its data sheet, which is the standard
-deviation with which the filter starts. And who unplugs a sensor may move it: after more than a moment its attitude is
-kept only if the first specific force is along the vertical, up to what a vehicle's acceleration may turn it.
+A bias changes from one switch-on to the next by the repeatability in the data sheet, which is the filter's initial
+sigma. A sensor that was unplugged may have been moved: after a longer gap its attitude is kept only if the first
+specific force is vertical, within the tilt that a vehicle's acceleration causes.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ TUNABLES = (
 
 @kernel
 def reopen_biases(p: Parameters, c: Core) -> None:
-    """Put both biases back to what is known of them at switch-on; what was gathered with the old ones is dropped."""
+    """Reset both biases to their switch-on variances, and everything accumulated with the old ones."""
     clear_biases(c)
     for i in range(3):
         decorrelate(c, GYRO_BIAS + i, p.gyro_bias_sigma**2)
@@ -57,7 +57,7 @@ def reopen_biases(p: Parameters, c: Core) -> None:
 
 @kernel
 def check_tilt(p: Parameters, c: Core) -> None:
-    """Keep the attitude, a little less sure, if the specific force is about vertical in it; else find it anew."""
+    """Keep the attitude, with more variance, if the specific force is vertical in it; else restart the alignment."""
     x, y, z = body_to_ned(c, (c.imu.f[0], c.imu.f[1], c.imu.f[2]))
     tilt = math.atan2(math.hypot(x, y), -z)
     tilt2 = tilt * tilt

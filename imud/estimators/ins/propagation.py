@@ -1,4 +1,4 @@
-"""One sample further: the same code for new samples and for those that are replayed after a late measurement."""
+"""Propagation by one sample: the same code for new samples and for those replayed after a late measurement."""
 
 from __future__ import annotations
 
@@ -36,17 +36,19 @@ if TYPE_CHECKING:
 
 TUNABLES = (
     Tunable("gap_step_s", 0.05, "s", "Integration step over a gap.", "Choice."),
-    Tunable("gap_periods", 2.5, "periods", "A longer silence of the sensor hides something.", "Choice."),
+    Tunable("gap_periods", 2.5, "periods", "A longer gap between samples adds variance.", "Choice."),
     Tunable("gap_s", 0.1, "s", "A longer gap is extrapolated.", "Choice."),
     Tunable("gap_accel", 2.0, "m/s^2", "Acceleration that a long gap may hide.", "A vehicle's."),
     Tunable("gap_turn", 0.3, "rad/s", "Rate that a long gap may hide.", "A vehicle's."),
     Tunable(
-        "rate_of_change_time_s", 1.0, "s", "After that a motion that changes much has taken another turn.", "Choice."
+        "rate_of_change_time_s", 1.0, "s", "Longest time over which the rate of change is extrapolated.", "Choice."
     ),
-    Tunable("longest_gap_s", 30.0, "s", "Longest gap over which is integrated.", "Choice."),
+    Tunable("longest_gap_s", 30.0, "s", "Longest gap that is integrated.", "Choice."),
     Tunable("rate_hold_s", 0.5, "s", "The last rate is held so long.", "Choice."),
-    Tunable("max_gyro_outage_s", 1.0, "s", "After that without rates the attitude is found anew.", "Linearization."),
-    Tunable("near_range", 0.9, "", "Share of the fastest rate: that axis is at the end of its range, too.", "Choice."),
+    Tunable(
+        "max_gyro_outage_s", 1.0, "s", "After a longer time without rates the alignment starts again.", "Linearization."
+    ),
+    Tunable("near_range", 0.9, "", "Share of the largest rate from which an axis counts as saturated, too.", "Choice."),
     Tunable("over_range", 0.5, "", "Share of a clipped reading that may be beyond it.", "Choice."),
     Tunable("smoothing_s", 0.2, "s", "Time constant of the smoothed rate and acceleration.", "Choice."),
 )
@@ -54,7 +56,7 @@ TUNABLES = (
 
 @kernel
 def mechanize(p: Parameters, c: Core, w: Floats, f: Floats, dt: float) -> None:
-    """Integrate over dt, which is short; during coarse alignment the velocity is the receiver's, not an integral."""
+    """Integrate one sample (w, f; body axes) over a short dt, s; in coarse alignment the velocity is not integrated."""
     v0, v1, v2 = c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2]
     accumulate_force(c, integrate_strapdown(c, w, f, dt), dt)
     v, accel, a = c.nav.v_n, c.imu.accel_n, min(1.0 / p.tuning.smoothing_s, 1.0 / dt)
@@ -71,23 +73,23 @@ def mechanize(p: Parameters, c: Core, w: Floats, f: Floats, dt: float) -> None:
 
 @kernel
 def gap_variance(
-    p: Parameters, before: Floats, after: Floats, dt: float, rate_of_change: float, jitter2: float, most: float
+    p: Parameters, before: Floats, after: Floats, dt: float, rate_of_change: float, vibration2: float, most: float
 ) -> float:
-    """Variance of the mean over a gap of dt s, about that of two readings: of a random walk tied at both ends.
+    """Variance of the mean of a signal over a gap of dt s, about the mean of the two samples at its ends.
 
-    It has changed as fast as it did at its fastest, or from one end to the other; the ends vibrate by `jitter2`.
-    In a long gap it may have become anything: `most`, or what a motion that changes so fast is.
+    The signal is a random walk between two known ends (Brownian bridge: dt / 12), with `rate_of_change` or the change
+    between the ends, whichever is larger. vibration2: variance of the ends; most: sigma that bounds a long gap's.
     """
     jump2 = 0.0
     for i in range(3):
         jump2 = max(jump2, (after[i] - before[i]) ** 2)
     longest = max(rate_of_change * p.tuning.rate_of_change_time_s, most**2)
-    return min(max(rate_of_change * dt, jump2) / 12.0, longest) + 0.5 * jitter2
+    return min(max(rate_of_change * dt, jump2) / 12.0, longest) + 0.5 * vibration2
 
 
 @kernel
 def extrapolate_gap(p: Parameters, c: Core, w: Floats, f: Floats, dt: float) -> None:
-    """Integrate over a gap in the samples, holding what is known."""
+    """Integrate over a gap of dt s with the mean of the samples at its ends; rest and alignment start again."""
     steps = int(dt / p.tuning.gap_step_s) + 1
     for i in range(3):
         c.imu.w[i] = 0.5 * (c.imu.w[i] + w[i])
@@ -102,7 +104,7 @@ def extrapolate_gap(p: Parameters, c: Core, w: Floats, f: Floats, dt: float) -> 
 
 @kernel
 def store_last_sample(c: Core, t_ns: int, w: Floats, f: Floats) -> None:
-    """The core is at t_ns, and the sensor shows (w, f) there."""
+    """Store the core's time and the sample (w, f; body axes) at that time."""
     c.nav.t_ns = t_ns
     for i in range(3):
         c.imu.w[i] = w[i]
@@ -119,7 +121,7 @@ def store_first_sample(c: Core, t_ns: int, w: Floats, f: Floats) -> None:
 
 @kernel
 def propagate_to(p: Parameters, c: Core, t_ns: int, w: Floats, f: Floats) -> None:
-    """Bring the core to time t_ns, at which the sensor shows (w, f)."""
+    """Propagate the core to t_ns, at which the sample is (w, f; body axes); a gap adds variance."""
     dt = 1e-9 * (t_ns - c.nav.t_ns)
     if dt <= 0.0:
         return
@@ -145,13 +147,13 @@ def propagate_to(p: Parameters, c: Core, t_ns: int, w: Floats, f: Floats) -> Non
 
 @kernel
 def end_window(p: Parameters, c: Core) -> None:
-    """The end of a stationarity window: rest, level, and the vehicle's axis."""
+    """At the end of a stationarity window: detect rest, level, fuse rest, look for the forward axis."""
     propagate_errors(p, c)
     classify_window(p, c)
-    resting = detect_rest(p, c)
+    at_rest = detect_rest(p, c)
     if c.alignment.mode == COARSE_ALIGNMENT:
-        level_from_window(p, c, resting)  # before rest turns the attitude that the mean force belongs to
-    if resting and fuse_rest(p, c):
+        level_from_window(p, c, at_rest)  # before the update at rest changes the attitude of the mean force
+    if at_rest and fuse_rest(p, c):
         flag_heading(p, c)
     if c.alignment.mode == COARSE_ALIGNMENT:
         if c.gnss.fix_count > 0 and c.alignment.heading_sigma > 0.0 and is_levelled(p, c):
@@ -163,7 +165,7 @@ def end_window(p: Parameters, c: Core) -> None:
 
 @kernel
 def substitute_missing(p: Parameters, c: Core, sample: StoredSample) -> None:
-    """Put into the sample what it does not show: soon no turn, and no acceleration. Nothing of that looks like rest."""
+    """Replace missing rates (held, later zero) and forces (no acceleration) of a sample; such a sample ends a rest."""
     if sample.flags & NO_RATE and sample.unseen_s > p.tuning.rate_hold_s:
         for i in range(3):
             sample.w[i] = c.nav.bg[i]
@@ -176,7 +178,10 @@ def substitute_missing(p: Parameters, c: Core, sample: StoredSample) -> None:
 
 @kernel
 def inflate_attitude(p: Parameters, c: Core, sample: StoredSample, fastest: float, q: float) -> None:
-    """Add the variance q to the attitude about the axes that show no rate, or the end of their range."""
+    """Add the variance q (rad^2) to the attitude about the body axes whose rate is missing or saturated.
+
+    fastest: rad/s, largest rate of the three axes. An attitude that is too uncertain starts the alignment again.
+    """
     m = rotation_matrix(c)
     for axis in range(3):
         if sample.flags & NO_RATE or abs(c.imu.w[axis]) > p.tuning.near_range * fastest:
@@ -193,7 +198,7 @@ def inflate_attitude(p: Parameters, c: Core, sample: StoredSample, fastest: floa
 
 @kernel
 def inflate_covariance(p: Parameters, c: Core, sample: StoredSample, dt: float) -> None:
-    """Add the variance of what a sample does not show, or only the beginning of, for as long as that lasts."""
+    """Add variance for missing and clipped rates and forces, for the duration of the outage; dt: s of this sample."""
     c.imu.saturated = 1 if sample.flags & BEYOND_RANGE else 0
     if sample.flags == 0:
         c.imu.outage_s[0] = c.imu.outage_s[1] = 0.0
@@ -228,9 +233,9 @@ def inflate_covariance(p: Parameters, c: Core, sample: StoredSample, dt: float) 
 
 @kernel
 def process_sample(p: Parameters, c: Core, sample: StoredSample) -> None:
-    """Take one stored sample (body axes) and whatever becomes due with it."""
+    """Process one stored sample (body axes): propagate, then window end and constraint where they are due."""
     dt = 1e-9 * (sample.t_ns - c.nav.t_ns)
-    away_s = 1e-9 * (sample.t_ns - c.imu.sample_ns)
+    gap_s = 1e-9 * (sample.t_ns - c.imu.sample_ns)
     c.imu.sample_ns = sample.t_ns
     c.imu.sample_count += 1
     if dt <= 0.0:
@@ -240,12 +245,12 @@ def process_sample(p: Parameters, c: Core, sample: StoredSample) -> None:
         substitute_missing(p, c, sample)
     if sample.flags & POWER_ON:
         for i in range(3):
-            c.imu.w[i] -= c.nav.bg[i]  # the last sample as this sensor would show it, for the gap that follows it
+            c.imu.w[i] -= c.nav.bg[i]  # the last sample without the old biases, for the gap that follows it
             c.imu.f[i] -= c.nav.ba[i]
         reopen_biases(p, c)
     accumulate_window(c, sample.w, sample.f)
     propagate_to(p, c, sample.t_ns, sample.w, sample.f)
-    if sample.flags & POWER_ON and away_s > p.tuning.max_gyro_outage_s:
+    if sample.flags & POWER_ON and gap_s > p.tuning.max_gyro_outage_s:
         check_tilt(p, c)
     inflate_covariance(p, c, sample, dt)
     if incomplete:

@@ -1,4 +1,4 @@
-"""The state before the first sample, with what the user knows."""
+"""The initial state and covariance, before the first sample."""
 
 import math
 
@@ -28,7 +28,13 @@ from .state import (
 )
 
 TUNABLES = (
-    Tunable("first_tilt_sigma", math.radians(20.0), "rad", "Tilt of the first sample taken for gravity.", "Choice."),
+    Tunable(
+        "first_tilt_sigma",
+        math.radians(20.0),
+        "rad",
+        "Tilt error where the force of the first sample is taken as gravity.",
+        "Choice.",
+    ),
     Tunable("given_tilt_sigma", math.radians(2.0), "rad", "Roll and pitch that a user gives.", "Choice."),
     Tunable("given_heading_sigma", math.radians(5.0), "rad", "Heading that a user gives.", "Choice."),
     Tunable("given_position_sigma", 5.0, "m", "Position that a user gives.", "Choice."),
@@ -52,7 +58,7 @@ TUNABLES = (
 
 
 def start(parameters: Records, initial: Initial) -> Records:
-    """State (1 element) before the first sample, with what `initial` tells."""
+    """State (1 element) before the first sample; `initial`: attitude, position and velocity that the user gives."""
     p = parameters[0]
     t = p["tuning"]
     s = np.zeros(1, STATE)

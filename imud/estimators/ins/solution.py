@@ -1,4 +1,4 @@
-"""What the outside sees of the filter's core: one solution row."""
+"""The solution: one row of outputs from the core."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def status_bits(p: Parameters, c: Core, sigma_rpy: Any) -> int:
 
 @kernel
 def write_solution(p: Parameters, c: Core, o: Solution) -> None:
-    """Fill the row `o`."""
+    """Write the solution to row o; values that are not known are NaN."""
     o.t_ns = c.nav.t_ns
     known = c.gnss.fix_count > 0
     o.lat = c.nav.lat if known else math.nan

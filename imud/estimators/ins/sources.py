@@ -1,4 +1,4 @@
-"""The aiding sources beside GNSS: one row and one branch for each. Everything else about a source is its own file."""
+"""The table of aiding sources beside GNSS: one row and one branch each; the rest of a source is in its own file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 SOURCES = (heading.SOURCE,)
 TUNABLES = (*heading.TUNABLES,)
-# by source: the kind of innovation that stands for a measurement that came too late
+# by source: the kind of innovation under which a measurement beyond the fusion horizon is reported as rejected
 REJECTED_KIND = np.zeros(1 + max(source.kind for source in SOURCES), np.int64)
 for _source in SOURCES:
     REJECTED_KIND[_source.kind] = next(iter(_source.innovations))

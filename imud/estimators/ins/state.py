@@ -49,15 +49,15 @@ NAV = np.dtype(  # the nominal state: time, and one value for each error state
         ("lon", "<f8"),  # rad
         ("height", "<f8"),  # m above the ellipsoid
         ("v_n", "<f8", (3,)),  # m/s, NED
-        ("q_nb", "<f8", (4,)),  # before the heading is known its origin is arbitrary
+        ("q_nb", "<f8", (4,)),  # during coarse alignment the heading has an arbitrary origin
         ("bg", "<f8", (3,)),  # rad/s
         ("ba", "<f8", (3,)),  # m/s^2
-        ("gnss_bias", "<f8", (3,)),  # m, NED, fix minus truth: what lasts of the receiver's error
+        ("gnss_bias", "<f8", (3,)),  # m, NED, fix minus truth: the correlated error of the receiver
         ("forward", "<f8", (3,)),  # unit vector of the vehicle's motion in the body
         ("lateral", "<f8", (3,)),  # unit vector across it, level
         ("time_offset", "<f8"),  # s, a fix is older than its epoch says by this
         ("turn_scale", "<f8", (3,)),  # body, gyro error per rate of turn about the vertical
-        ("nhc_lever_arm", "<f8"),  # m, of the sensor ahead of the axle that does not slip sideways
+        ("nhc_lever_arm", "<f8"),  # m, by which the sensor is ahead of the axle without sideslip
         ("velocity_time_offset", "<f8"),  # s, the receiver's velocity is older than its position by this
     ],
     align=True,
@@ -119,14 +119,14 @@ STATIONARITY = np.dtype(
         ),  # rad^2/s^3, m^2/s^5: most that the means have changed lately, squared, per s
         ("at_rest", "<i8"),
         ("low_motion_count", "<i8"),  # windows of low motion in a row
-        ("stationary_count", "<i8"),  # and of no motion that is felt
+        ("stationary_count", "<i8"),  # and of none
         (
             "motion_class",
             "<f8",
             (2, 3),
         ),  # at rest and in slow motion: count, mean and variance of the log gyro deviation
-        ("log_likelihood_ratio", "<f8"),  # of rest, by these
-        ("gyro_noise_floor", "<f8"),  # rad/s, smallest gyro deviation seen
+        ("log_likelihood_ratio", "<f8"),  # of rest against slow motion, summed over windows
+        ("gyro_noise_floor", "<f8"),  # rad/s, smallest gyro deviation measured
         ("vibration_level", "<f8"),  # 0 to 1, how much of a vehicle's vibration there is
         ("vibration_accel_psd", "<f8"),  # m^2/s^3, noise density added by vibration
         ("vibration_gyro_psd", "<f8"),  # rad^2/s
@@ -144,12 +144,12 @@ NHC = np.dtype(  # the non-holonomic constraint of a land vehicle
         ("down_sum", "<f8", (3,)),  # sum of the vertical in the body
         ("scatter_weight", "<f8"),
         ("mean_nis", "<f8"),  # smoothed normalised innovation squared
-        ("noise_scale", "<f8", (2,)),  # variance of the velocity sideways and off the floor, over that assumed
-        ("innovation_sum", "<f8", (2, 2)),  # sums of their innovations and of the variances of those
+        ("noise_scale", "<f8", (2,)),  # lateral and vertical velocity variance over the assumed one
+        ("innovation_sum", "<f8", (2, 2)),  # lateral and vertical: sums of innovations, and of their variances
         ("innovation_count", "<i8"),  # innovations in these
-        ("sum_count", "<i8"),  # sums that were learned from
-        ("start_variance", "<f8", (STATES,)),  # variances as the constraint began
-        ("disable_count", "<i8"),  # times that the motion has contradicted
+        ("sum_count", "<i8"),  # complete sums since the noise scale was reset
+        ("start_variance", "<f8", (STATES,)),  # variances when the constraint was enabled
+        ("disable_count", "<i8"),  # times that it was disabled by a contradiction
         ("disabled_ns", "<i8"),  # and the last of them
     ],
     align=True,
@@ -168,7 +168,7 @@ GNSS = np.dtype(
     align=True,
 )
 
-INTEGRITY = np.dtype(  # fixes that contradict, and the heading that they contradict
+INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
     [
         ("rejecting", "<i8"),  # 1: the last fix was rejected
         ("reject_count", "<i8", (2,)),  # positions in a row, and heights
@@ -192,14 +192,18 @@ INTEGRITY = np.dtype(  # fixes that contradict, and the heading that they contra
 DRIFT = np.dtype(  # the test for a receiver that drifts (GLR)
     [
         ("detected", "<i8"),
-        ("noise_scale", "<f8"),  # square of the receiver's bias as it has seemed, over that reported
-        ("noise_scale_count", "<i8"),  # times that was learned
-        ("pending_noise_scale", "<f8"),  # the same of the last onset that passed, to be learned with the next
-        ("onset_ns", "<i8", (ONSETS,)),  # from when it may have drifted
+        ("noise_scale", "<f8"),  # variance of the receiver's bias over the reported one
+        ("noise_scale_count", "<i8"),  # onsets from which it was learned
+        ("pending_noise_scale", "<f8"),  # that of the last closed onset, learned at the next
+        ("onset_ns", "<i8", (ONSETS,)),  # start of a hypothetical drift
         ("innovation_count", "<i8", (ONSETS,)),  # since
-        ("information_vector", "<f8", (ONSETS, 2)),  # s/m, of a velocity north and east
+        ("information_vector", "<f8", (ONSETS, 2)),  # s/m, of the drift velocity north and east
         ("information_matrix", "<f8", (ONSETS, 3)),  # s^2/m^2, upper triangle
-        ("bias_sensitivity", "<f8", (STATES, 2 * ONSETS)),  # of the estimate, per m/s, north and east for each onset
+        (
+            "bias_sensitivity",
+            "<f8",
+            (STATES, 2 * ONSETS),
+        ),  # error states per m/s of drift, north and east for each onset
     ],
     align=True,
 )
@@ -211,30 +215,30 @@ ALIGNMENT = np.dtype(  # in a level frame of arbitrary heading; complex numbers 
         (
             "heading_bias_gain",
             "<f8",
-        ),  # s, what an error of the vertical gyro bias has been multiplied with in that found
-        ("integrals", "<f8", (4, 2)),  # since the origin: of level specific force, of 1, GG, G
-        ("double_integrals", "<f8", (4, 2)),  # and theirs
-        ("heading_phasor", "<f8", (2,)),  # exp(i y), y rad the heading of the body in the frame of those
-        ("wander_azimuth", "<f8"),  # rad, from the level frame of q_nb to that one
-        ("wander_azimuth_drift", "<f8"),  # rad, by which it would have turned without the vertical gyro bias found
-        ("vertical_bias", "<f8"),  # rad/s, vertical gyro bias found since the origin
+        ),  # s, heading error per error of the vertical gyro bias
+        ("integrals", "<f8", (4, 2)),  # since the origin, of: level specific force, 1, G, exp(i y)
+        ("double_integrals", "<f8", (4, 2)),  # integrals of these
+        ("heading_phasor", "<f8", (2,)),  # exp(i y), y: heading of the body in the integrals' frame, rad
+        ("wander_azimuth", "<f8"),  # rad, from the level frame of q_nb to that of the integrals
+        ("wander_azimuth_drift", "<f8"),  # rad, integral of vertical_bias
+        ("vertical_bias", "<f8"),  # rad/s, corrections of the vertical gyro bias since the origin
         (
             "corrections",
             "<f8",
             (3, 2),
-        ),  # m/s^2, m/s^3, m/s^2: tilt, level gyro bias, accelerometer bias, found likewise
+        ),  # m/s^2, m/s^3, m/s^2: of tilt, level gyro bias, accelerometer bias, since then
         ("pair_start_ns", "<i8"),  # last fix used for alignment
         ("pair_start", "<f8", (6,)),  # its velocity, latitude and longitude, and the acceleration
         ("pair_integrals", "<f8", (4, 2)),  # integrals then
         ("pair_double_integrals", "<f8", (4, 2)),
-        ("mean_velocity", "<f8", (3,)),  # over the last pair of positions, and its s; 0: there is none
+        ("mean_velocity", "<f8", (3,)),  # m/s north, east, of the last pair of positions; its s, 0: none
         ("mean_integrals", "<f8", (4, 2)),
         ("low_motion_position", "<f8", (2,)),  # latitude and longitude of the first fix since motion is low
         ("low_motion_ns", "<i8"),
         ("origin_ns", "<i8"),
         ("position_origin", "<f8", (2,)),  # latitude and longitude from which the positions of fixes are counted
         ("last_match_ns", "<i8"),  # last fix matched
-        ("reject_count", "<i8"),  # fixes in a row that force does not explain
+        ("reject_count", "<i8"),  # fixes in a row that contradict the specific force
         ("heading_fault_count", "<i8"),  # pairs in a row that contradict the heading
     ],
     align=True,
@@ -252,16 +256,16 @@ TRANSITION = np.dtype(  # F over one interval of the covariance: the blocks that
     align=True,
 )
 
-SCRATCH = np.dtype(  # holds nothing from one call of the filter's entries to the next: no snapshot has it
+SCRATCH = np.dtype(  # used within one call of the filter's entries only: no snapshot has it
     [
-        ("x", "<f8", (STATES,)),  # correction gathered, not injected yet
+        ("x", "<f8", (STATES,)),  # error estimate that is not injected yet
         ("d", "<f8", (STATES,)),  # P h
         ("columns", "<i8", (JACOBIAN_LENGTH,)),  # h
         ("values", "<f8", (JACOBIAN_LENGTH,)),
         ("phi", TRANSITION),
         ("position_innovation", "<f8", (3,)),
         ("accel_fit", "<f8", (3,)),  # m/s^2, acceleration over the uncertain part of the time offset
-        ("accel_fit_error", "<f8", (3,)),  # m/s, how far the velocity was from that line
+        ("accel_fit_error", "<f8", (3,)),  # m/s, second-order term of the velocity there
         ("integral_change", "<f8", (4, 2)),
         ("innovations", INNOVATION, (STEP_INNOVATIONS,)),  # of the last sample
         ("innovation_count", "<i8"),
@@ -286,16 +290,20 @@ CORE = np.dtype([*REWOUND, ("scratch", SCRATCH)], align=True)
 
 HYPOTHESIS_BANK = np.dtype(
     [
-        ("integrals", "<f8", (HYPOTHESES, 4, 2)),  # as the core's, up to the last fix matched, turned back
+        ("integrals", "<f8", (HYPOTHESES, 4, 2)),  # as the core's, to the last matched fix, turned back
         ("double_integrals", "<f8", (HYPOTHESES, 4, 2)),
-        ("whitening_state", "<f8", (HYPOTHESES, 3, 5, 2)),  # position, velocity, bias that fixes and integrals show
+        (
+            "whitening_state",
+            "<f8",
+            (HYPOTHESES, 3, 5, 2),
+        ),  # position, velocity, GNSS bias of the fixes and of each integral
         ("whitening_P", "<f8", (3, 3)),  # and their covariance, m, s
         (
             "products",
             "<f8",
             (HYPOTHESES, 5, 5, 2),
-        ),  # sums of those of GNSS, inertial and the three regressors' innovations
-        ("weight", "<f8"),  # innovations matched
+        ),  # of the innovations of GNSS, force and three regressors
+        ("weight", "<f8"),  # number of matched innovations
         ("energy2", "<f8"),  # sum of squares of the single energies of the velocity changes
         ("energy_age", "<f8"),  # s, their energy times its age
         ("last_integrals", "<f8", (4, 2)),  # the core's then
@@ -345,7 +353,7 @@ STATE = np.dtype(
         ("last_epoch_ns", "<i8"),  # epoch of the last fix fused
         ("last_time_offset", "<f8"),  # s, as found at that fix
         ("last_fusion_ns", "<i8"),  # and the time of the core at which it was fused
-        ("initial_rpy", "<f8", (3,)),  # rad, NaN where the first sample or motion must tell
+        ("initial_rpy", "<f8", (3,)),  # rad, NaN where not given by the user
         ("last_w", "<f8", (3,)),  # last good sample, body axes
         ("last_f", "<f8", (3,)),
         ("pending_innovations", INNOVATION, (PENDING_INNOVATIONS,)),

@@ -127,12 +127,12 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, late: float, innovation
         r = c.gnss.noise_var[i // 2] + extra
         m = position_jacobian(c, lever, i)
         s = innovation_variance(c, m) + r
-        left = innovation(c, m, z[i])
-        n = write_innovation(innovations, n, fix.t_ns, POSITION_N + i, left, s, accepted)
+        value = innovation(c, m, z[i])
+        n = write_innovation(innovations, n, fix.t_ns, POSITION_N + i, value, s, accepted)
         if accepted:
-            fuse(c, m, left, s, i if i < 2 else -1)
+            fuse(c, m, value, s, i if i < 2 else -1)
             if c.alignment.mode == NAVIGATING or c.stationarity.at_rest:  # otherwise innovations contain accelerations
-                learn_position_noise(p, c, i, left * left / s, s)
+                learn_position_noise(p, c, i, value * value / s, s)
     if horizontal:
         correct_state(p, c)
         mark_used(c)

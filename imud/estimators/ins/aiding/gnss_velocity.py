@@ -77,12 +77,12 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, late: float, innovation
         m = set_jacobian(c, m, TIME_OFFSET, -accel)
         m = set_jacobian(c, m, VELOCITY_TIME_OFFSET, -accel)
         s = innovation_variance(c, m) + r
-        left = innovation(c, m, z)
+        value = innovation(c, m, z)
         nis = gated_update(c, m, z, r, p.tuning.gnss_velocity_gate)
         used = nis >= 0.0
         if used and slow == 0.0:
             learn_velocity_noise(p, c, nis, s)
-        n = write_innovation(innovations, n, fix.t_ns, VELOCITY_N + i, left, s, used)
+        n = write_innovation(innovations, n, fix.t_ns, VELOCITY_N + i, value, s, used)
         rejected += 0 if used else 1
     count_velocity_rejects(c, rejected)
     correct_state(p, c)

@@ -54,7 +54,7 @@ def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innov
     ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # of the newest sample
     residual, r = wrap_angle(m.value[0] - math.atan2(y, x) - rate * ahead_s), sigma_of(p, m) ** 2
     s = innovation_variance(c, k) + r
-    left = innovation(c, k, residual)
+    value = innovation(c, k, residual)
     nis = gated_update(c, k, residual, r, p.tuning.heading_gate)
     correct_state(p, c)
-    return write_innovation(innovations, 0, m.t_ns, HEADING, left, s, nis >= 0.0)
+    return write_innovation(innovations, 0, m.t_ns, HEADING, value, s, nis >= 0.0)

@@ -323,12 +323,12 @@ def fuse_nhc(p: Parameters, c: Core) -> None:
     suspension2 = (p.tuning.suspension_pitch * along) ** 2 * 2.0 * p.tuning.suspension_time_s / p.tuning.nhc_interval_s
     k = set_jacobian(c, nhc_jacobian(c, q, lateral, along, MOUNT_YAW), NHC_LEVER_ARM, -turn)
     z = c.nav.nhc_lever_arm * turn - (lateral[0] * vb[0] + lateral[1] * vb[1] + lateral[2] * vb[2])
-    left, s, lateral_nis = pseudo_measurement(c, NHC_LATERAL, k, z, h.noise_scale[0] * r, p.tuning.nhc_gate)
-    add_innovation(c, 0, left, s)
+    value, s, lateral_nis = pseudo_measurement(c, NHC_LATERAL, k, z, h.noise_scale[0] * r, p.tuning.nhc_gate)
+    add_innovation(c, 0, value, s)
     k = nhc_jacobian(c, q, vertical, along, MOUNT_PITCH)
     z = -(vertical[0] * vb[0] + vertical[1] * vb[1] + vertical[2] * vb[2])
-    left, s, vertical_nis = pseudo_measurement(c, NHC_VERTICAL, k, z, h.noise_scale[1] * r + suspension2, p.tuning.nhc_gate)
-    add_innovation(c, 1, left, s)
+    value, s, vertical_nis = pseudo_measurement(c, NHC_VERTICAL, k, z, h.noise_scale[1] * r + suspension2, p.tuning.nhc_gate)
+    add_innovation(c, 1, value, s)
     correct_state(p, c)
     h.mean_nis += p.tuning.nhc_mean_nis_gain * (
         min(max(abs(lateral_nis), abs(vertical_nis)), 4.0 * p.tuning.nhc_gate) - h.mean_nis

@@ -1,7 +1,7 @@
-"""Is the heading that is navigated with the right one? The matching that found it goes on, and can say no.
+"""The heading monitor: the in-motion alignment continues during navigation and is compared with the heading.
 
-A filter whose heading is wrong by much more than its sigma does not come back by itself: it explains the velocity
-changes that it sees by tilt and biases. Here they are matched as in `alignment`, whatever the filter's covariance says.
+A filter whose heading is wrong by much more than its sigma does not converge: it explains the velocity changes of the
+receiver by tilt and biases. The alignment estimates the heading with a wide prior, independent of the filter's P.
 """
 
 from __future__ import annotations
@@ -25,19 +25,25 @@ if TYPE_CHECKING:
 
 
 TUNABLES = (
-    Tunable("heading_fault_angle", math.radians(10.0), "rad", "Smallest error that is called a fault.", "Choice."),
+    Tunable("heading_fault_angle", math.radians(10.0), "rad", "Smallest heading error that is a fault.", "Choice."),
     Tunable("heading_fault_gate", 16.0, "NIS", "Gate of the difference.", "Four sigma."),
-    Tunable("heading_faults", 3, "pairs", "Pairs of fixes in a row that prove a wrong heading.", "Choice."),
+    Tunable(
+        "heading_faults", 3, "pairs", "Contradicting pairs of fixes in a row that mean a wrong heading.", "Choice."
+    ),
     Tunable("realigned_tilt", math.radians(1.0), "rad", "Tilt error learned with a wrong heading.", "Choice."),
     Tunable(
-        "max_heading_sigma", math.radians(14.0), "rad", "A heading less certain than that is found anew.", "Choice."
+        "max_heading_sigma",
+        math.radians(14.0),
+        "rad",
+        "From this heading sigma on the heading of the alignment is accepted.",
+        "Choice.",
     ),
 )
 
 
 @kernel
 def monitor_heading(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> bool:
-    """Take a fix at the core's time; False when the heading was wrong and no better one is known."""
+    """Compare the heading with that of the alignment after a fix; False if it is wrong and no better one is known."""
     if c.alignment.heading_fault_count >= p.tuning.heading_faults:
         return False
     before = b.weight
@@ -63,7 +69,7 @@ def monitor_heading(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> bool
 
 @kernel
 def realign(p: Parameters, c: Core) -> None:
-    """Doubt what was learned with the wrong heading, and go on with the new one."""
+    """Reset the states learned with the wrong heading, and continue with the new heading."""
     reset_nhc(c)
     for i in range(2):
         add_variance(c, ATTITUDE + i, p.tuning.realigned_tilt**2)

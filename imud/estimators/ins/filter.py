@@ -58,7 +58,7 @@ TUNABLES = (
 
 @kernel
 def step(p: Parameters, s: State, sample: Sample, solution: Solution) -> None:
-    """Process one inertial sample (body axes), write one solution. A suspect sample is replaced by the last good one."""
+    """Process one inertial sample (body axes), write one solution. The last good sample replaces a suspect one."""
     w, f = s.last_w, s.last_f
     good = (sample.flags & SUSPECT) == 0
     for i in range(3):

@@ -327,7 +327,9 @@ def fuse_nhc(p: Parameters, c: Core) -> None:
     add_innovation(c, 0, value, s)
     k = nhc_jacobian(c, q, vertical, along, MOUNT_PITCH)
     z = -(vertical[0] * vb[0] + vertical[1] * vb[1] + vertical[2] * vb[2])
-    value, s, vertical_nis = pseudo_measurement(c, NHC_VERTICAL, k, z, h.noise_scale[1] * r + suspension2, p.tuning.nhc_gate)
+    value, s, vertical_nis = pseudo_measurement(
+        c, NHC_VERTICAL, k, z, h.noise_scale[1] * r + suspension2, p.tuning.nhc_gate
+    )
     add_innovation(c, 1, value, s)
     correct_state(p, c)
     h.mean_nis += p.tuning.nhc_mean_nis_gain * (

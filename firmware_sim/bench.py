@@ -14,9 +14,9 @@ from collections import deque
 from functools import cache
 
 from . import build, cli
-from .alarm import Alarm
 from .epson import EpsonSensor
 from .epson_spi import EpsonSpi
+from .timerfd import TimerFd
 
 CHIP = "/dev/gpiochip0"
 QUIET_S = 0.6e-3  # before a sample: the last one has been fetched, so there is time to compute ahead
@@ -30,15 +30,15 @@ class Wire:
         self._sensor, self._start = sensor, start
         self._edges: deque[tuple[int, int]] = deque()
         self._seen = 0
-        self.alarm: Alarm | None = None  # while somebody listens
+        self.timer: TimerFd | None = None  # while somebody listens
         sensor.on_data_ready = self._rise
 
-    def listen(self, room: int) -> Alarm:
+    def listen(self, room: int) -> TimerFd:
         """Keep up to `room` edges from now on; returns what becomes readable with them."""
         self._edges, self._seen = deque(maxlen=room), 0
-        self.alarm = Alarm()
+        self.timer = TimerFd()
         self.follow()
-        return self.alarm
+        return self.timer
 
     def take(self) -> list[tuple[int, int]]:
         """Edges since the last call: sequence number from 1 on, CLOCK_MONOTONIC in ns."""
@@ -51,11 +51,11 @@ class Wire:
     def follow(self) -> None:
         """Be readable when there will be an edge, or while there is one."""
         due = self._start if self._edges else self._start + self._sensor.next_sample
-        if self.alarm is not None and due != self.alarm.at:
-            self.alarm.set(due)
+        if self.timer is not None and due != self.timer.at:
+            self.timer.set(due)
 
     def _rise(self, t: float) -> None:
-        if self.alarm is not None:
+        if self.timer is not None:
             self._seen += 1
             self._edges.append((self._seen, round((self._start + t) * 1e9)))
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from . import tape
+from . import sentence_playback
 from .device import Device
-from .faults.device import Troubled
+from .faults.device import FaultyDevice
 from .faults.fixes import FaultyFixes
 from .faults.sensor import FaultyErrors
 from .faults.spec import Fault, of_layer
@@ -26,8 +26,8 @@ from .replay import RecordedFixes, RecordedImu, kind
 from .rga300 import RGA300, Rga300
 from .sampling import TICK_HZ
 from .scenarios import SCENARIOS
+from .sentence_playback import SentencePlayback
 from .seraccel import SerAccel, Settings, mma7260
-from .tape import Tape
 
 START = (35.6586, 139.7454, 60.0)  # latitude and longitude in deg, height in m: Tokyo
 
@@ -43,7 +43,7 @@ class Scene:
     signal: Signal | None
     trajectory: Trajectory | None = None
     fixes: RecordedFixes | None = None
-    tape: list[tuple[float, bytes]] | None = None
+    sentences: list[tuple[float, bytes]] | None = None
 
     def time_zero(self) -> tuple[float, float]:
         """CLOCK_MONOTONIC and UTC of time 0, in s: now, or soon, when recorded epochs fall on whole UTC seconds."""
@@ -75,7 +75,7 @@ def _recorded(args: argparse.Namespace) -> Scene:
         raise MisuseError("--replay: nmea needs a gnss.csv or a log of sentences as well")
     imu = RecordedImu(files["imu"], args.loop) if "imu" in files else None
     fixes = RecordedFixes(files["gnss"], imu, args.loop) if "gnss" in files else None
-    return Scene(imu, None, fixes, tape.read(files["nmea"]) if "nmea" in files else None)
+    return Scene(imu, None, fixes, sentence_playback.read(files["nmea"]) if "nmea" in files else None)
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def device(
         rng = np.random.default_rng([args.seed, index, 1])
         built.uart.damage = Wire(name, of_layer("wire", faults), rng, log)
     happening = of_layer("device", faults)
-    return Troubled(built, happening) if happening else built
+    return FaultyDevice(built, happening) if happening else built
 
 
 def _g350(order: _Order) -> Device:
@@ -164,8 +164,8 @@ def _seraccel(order: _Order) -> Device:
 
 
 def _nmea(order: _Order) -> Device:
-    if order.scene.tape is not None:
-        return Tape(order.scene.tape, order.baud, order.args.loop)
+    if order.scene.sentences is not None:
+        return SentencePlayback(order.scene.sentences, order.baud, order.args.loop)
     source: FixSource
     if order.scene.fixes is not None:
         source = order.scene.fixes

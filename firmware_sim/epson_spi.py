@@ -54,7 +54,7 @@ class EpsonSpi:
             return self._burst.popleft()
         answer, self._rest = self._answer, STALL_S
         self._burst.clear()
-        self._answer = self._obey(word[0], word[1], end)
+        self._answer = self._execute(word[0], word[1], end)
         return answer
 
     def _broken(self, word: bytes, begin: float, clock_hz: int, mode: int, in_burst: bool) -> str:
@@ -69,7 +69,7 @@ class EpsonSpi:
         }
         return next((rule for rule, kept in rules.items() if not kept), "")
 
-    def _obey(self, address: int, value: int, t: float) -> bytes:
+    def _execute(self, address: int, value: int, t: float) -> bytes:
         """Carry a command out; returns what the next word is answered with."""
         if not self.sensor.listens(address, t):
             return ONES

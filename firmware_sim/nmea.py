@@ -10,13 +10,15 @@ from collections.abc import Callable, Iterator
 
 from . import sentences
 from .fixes import COMPUTE_S, Fix, FixSource
-from .sentences import Epoch, seal
+from .sentences import Epoch, with_checksum
 from .uart import BITS, Uart
 
 BAUDS = (4800, 9600, 19200, 38400, 57600, 115200)
 INTERVAL_S = (0.2, 1.0)  # 1 to 5 fixes a second
 _BOOT_S = 0.1
-_BOOT = seal("PMTK010,001") + b"$POLYN,TIME,RESTART_OCCURRED\r\n$POLYN,EPH,0,00000000\r\n$POLYN,ALM,0,00000000\r\n"
+_BOOT = (
+    with_checksum("PMTK010,001") + b"$POLYN,TIME,RESTART_OCCURRED\r\n$POLYN,EPH,0,00000000\r\n$POLYN,ALM,0,00000000\r\n"
+)
 _RTC = 315532800.0 + 4 * 86400.0 + 86386.005  # 5 January 1980, 23:59:46.005: the clock before the first fix
 _BUFFER = 2048  # bytes; a sentence that finds no room is lost
 
@@ -75,7 +77,7 @@ class FvM11:
                 self._line.clear()
             self._line.append(byte)
             if byte == ord("\n"):
-                self._obey(bytes(self._line).strip(), t)
+                self._execute(bytes(self._line).strip(), t)
                 self._line.clear()
         del self._line[:-300]
 
@@ -130,16 +132,16 @@ class FvM11:
                 if self.uart.backlog(t) > _BUFFER:
                     self._lose()
                 else:
-                    self.uart.send(seal(body), t)
+                    self.uart.send(with_checksum(body), t)
 
     def _lose(self) -> None:
         if not self.lost:
             _log.warning("%d baud is too slow for what is to be said: sentences are lost", self.uart.baud)
         self.lost += 1
 
-    def _obey(self, line: bytes, t: float) -> None:
+    def _execute(self, line: bytes, t: float) -> None:
         body, _, _ = line.decode("ascii", "ignore").partition("*")
-        if not body.startswith("$PMTK") or seal(body[1:]).strip() != line.upper():
+        if not body.startswith("$PMTK") or with_checksum(body[1:]).strip() != line.upper():
             return
         number, *values = body[5:].split(",")
         try:
@@ -148,7 +150,7 @@ class FvM11:
             return
         flag = self._command(command, numbers)
         arrived = t + len(line) * BITS / self.uart.baud
-        self.uart.send(seal(f"PMTK001,{command:03d},{flag}"), arrived)
+        self.uart.send(with_checksum(f"PMTK001,{command:03d},{flag}"), arrived)
         if command == 251 and flag == _DONE:
             self.uart.baud = numbers[0] or self._default_baud  # after the answer, which is queued at the old speed
             _log.info("baud %d", self.uart.baud)

@@ -2,7 +2,7 @@
 
 imu.csv: t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2. gnss.csv by column name: t_s,lat_deg,lon_deg,height_m,
 then optionally arrival_s, hdop, and speed_mps,course_deg or vn_mps,ve_mps. Time 0 is the first row of imu.csv, or of
-gnss.csv if that is alone. A receiver's log of sentences is `tape.py`'s.
+gnss.csv if that is alone. A receiver's log of sentences is `sentence_playback.py`'s.
 """
 
 import csv

@@ -100,7 +100,7 @@ class Rga300:
             ord("P"): lambda _: self._stop(),
             ord("C"): self._start,
             ord("G"): self._poll,
-            ord("S"): lambda t: self._answer(_sealed(struct.pack(">I", SERIAL)), t),
+            ord("S"): lambda t: self._answer(_with_byte_sum(struct.pack(">I", SERIAL)), t),
             ord("v"): lambda t: self._answer(b"\xff" + VERSION + b"$", t),
             ord("b"): self._search_baud,
         }
@@ -225,5 +225,5 @@ class Rga300:
         return self._gravity
 
 
-def _sealed(data: bytes) -> bytes:
+def _with_byte_sum(data: bytes) -> bytes:
     return b"\xff" + data + bytes([sum(data) & 0xFF])

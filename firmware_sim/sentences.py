@@ -66,7 +66,7 @@ class Epoch:
         return "A" if self.valid else "N"
 
 
-def seal(body: str) -> bytes:
+def with_checksum(body: str) -> bytes:
     """The sentence with dollar, checksum and line end."""
     checksum = 0
     for byte in body.encode("ascii"):

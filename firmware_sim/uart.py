@@ -60,12 +60,12 @@ class Uart:
         out = b""
         while self._queue and self._queue[0][0] <= t:
             _, chunk, baud = self._queue.popleft()
-            out += chunk if baud == listener_baud else mishear(chunk, baud, listener_baud)
+            out += chunk if baud == listener_baud else garble(chunk, baud, listener_baud)
         return out
 
     def hear(self, data: bytes, talker_baud: int) -> bytes:
         """What this end receives of bytes sent at the talker's speed."""
-        return data if talker_baud == self.baud else mishear(data, talker_baud, self.baud)
+        return data if talker_baud == self.baud else garble(data, talker_baud, self.baud)
 
     def clear(self) -> None:
         """Forget what is queued: reset of the device."""
@@ -73,7 +73,7 @@ class Uart:
         self._free = self._late = -math.inf
 
 
-def mishear(data: bytes, talker_baud: int, listener_baud: int) -> bytes:
+def garble(data: bytes, talker_baud: int, listener_baud: int) -> bytes:
     """Bytes that a receiver at the wrong speed makes of `data`, framing errors included.
 
     It starts at a falling edge and samples the line in the middle of its own bits, as a UART does; a bad stop bit

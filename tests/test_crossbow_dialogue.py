@@ -14,7 +14,7 @@ from drivers.crossbow.signatures import SERIES_440
 from drivers.detect import detect
 from drivers.driver import Identity, Options, Unsupported
 from drivers.epson.driver import DRIVER as EPSON
-from firmware_sim.uart import mishear
+from firmware_sim.uart import garble
 
 G = 9.80665
 
@@ -290,7 +290,7 @@ def test_nothing_that_an_epson_is_asked_moves_a_dmu():
     for baud in EPSON.bauds:
         epson.written.clear()
         run(EPSON.identify(), epson)
-        heard += mishear(bytes(epson.written), baud, 38400) if baud != 38400 else bytes(epson.written)
+        heard += garble(bytes(epson.written), baud, 38400) if baud != 38400 else bytes(epson.written)
     assert heard
     assert not set(heard) & set(b"zbC")
 

@@ -17,7 +17,7 @@ from firmware_sim.faults.spec import KINDS, SpecError, help_text, parse
 from firmware_sim.faults.wire import Wire
 from firmware_sim.fixes import Fix
 from firmware_sim.noise import M_G350
-from firmware_sim.tape import Tape, read
+from firmware_sim.sentence_playback import SentencePlayback, read
 
 DEVICES = ("g350", "nmea")
 MESSAGE = bytes(range(0x20, 0x40)) + b"\r"
@@ -294,7 +294,7 @@ def test_a_log_of_sentences_is_played_as_it_was_recorded(tmp_path):
     ]
     log.write_bytes(b"".join(lines))
     assert read(log) == [(0.0, lines[0] + lines[1]), (1.0, lines[2]), (3.5, lines[3]), (4.5, lines[4])]
-    chunks = play(Tape(read(log), 9600), 6.0)
+    chunks = play(SentencePlayback(read(log), 9600), 6.0)
     assert b"".join(data for _, data in chunks) == b"".join(lines)
-    twice = play(Tape(read(log), 9600, loop=True), 10.5)
+    twice = play(SentencePlayback(read(log), 9600, loop=True), 10.5)
     assert b"".join(data for _, data in twice) == b"".join(lines) * 2

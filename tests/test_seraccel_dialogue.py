@@ -10,7 +10,7 @@ from drivers.epson.driver import DRIVER as EPSON
 from drivers.findings import Chatter
 from drivers.seraccel.driver import DRIVER
 from drivers.seraccel.ranges import RANGES
-from firmware_sim.uart import mishear
+from firmware_sim.uart import garble
 
 MENU = (  # the successor's words, shortened
     b"--- Serial Accelerometer Dongle MMA7361 ---\n\r          Firmware Version 6.0\n\n\r"
@@ -72,7 +72,7 @@ class Board(Line):
         if self.streaming:
             self.into_stream += data
         if data and self.host_baud != self.baud:
-            data = mishear(data, self.host_baud, self.baud)
+            data = garble(data, self.host_baud, self.baud)
         self.written += data
         self.receive(data)
 
@@ -176,7 +176,5 @@ def test_an_unknown_menu_is_not_left():
 
 
 def test_the_probe_means_nothing_in_the_menu_however_it_is_misheard():
-    heard = {
-        byte for talker in DRIVER.bauds for listener in DRIVER.bauds for byte in mishear(b"\xff", talker, listener)
-    }
+    heard = {byte for talker in DRIVER.bauds for listener in DRIVER.bauds for byte in garble(b"\xff", talker, listener)}
     assert not heard & set(range(0x20, 0x7F))

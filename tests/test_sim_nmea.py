@@ -16,7 +16,7 @@ from firmware_sim.fixes import Fix, SimulatedFixes
 from firmware_sim.motion import Trajectory
 from firmware_sim.nmea import FvM11
 from firmware_sim.scenarios import SCENARIOS
-from firmware_sim.sentences import Epoch, seal
+from firmware_sim.sentences import Epoch, with_checksum
 
 UTC_0 = datetime(2026, 3, 1, 23, 59, 40, 300_000, tzinfo=UTC).timestamp()  # soon midnight, and not on a whole second
 FOREVER = 1e6
@@ -70,7 +70,7 @@ LOGGED = Fix(
 )
 def test_lines_with_a_fix_are_those_of_the_log(form, line, monkeypatch):
     monkeypatch.setattr(sentences, "GEOID_SEPARATION_M", 47.093)
-    assert [seal(body) for body in form(epoch(LOGGED))] == [line.encode() + b"\r\n"]
+    assert [with_checksum(body) for body in form(epoch(LOGGED))] == [line.encode() + b"\r\n"]
 
 
 @pytest.mark.parametrize(
@@ -84,18 +84,20 @@ def test_lines_with_a_fix_are_those_of_the_log(form, line, monkeypatch):
 )
 def test_lines_without_a_fix_are_those_of_the_log(form, line):
     unknown = epoch(utc=datetime(1980, 1, 5, 23, 59, 46, 5000, tzinfo=UTC).timestamp(), valid=False)
-    assert [seal(body) for body in form(unknown)] == [line.encode() + b"\r\n"]
+    assert [with_checksum(body) for body in form(unknown)] == [line.encode() + b"\r\n"]
 
 
 def test_the_epoch_before_the_first_fix_has_position_but_quality_0(monkeypatch):
     monkeypatch.setattr(sentences, "GEOID_SEPARATION_M", 47.093)
     early = Fix(0.0, 0.1, 52 + 12.978993 / 60, 6 + 53.097906 / 60, 150.0, 0.0, 0.0, 2.88, satellites=3)
     line = "$GPGGA,081434.590,5212.978993,N,00653.097906,E,0,3,,102.907,M,47.093,M,,*42"
-    assert [seal(body) for body in sentences.gga(epoch(early, EPOCH - 2.41, valid=False))] == [line.encode() + b"\r\n"]
+    assert [with_checksum(body) for body in sentences.gga(epoch(early, EPOCH - 2.41, valid=False))] == [
+        line.encode() + b"\r\n"
+    ]
 
 
 def test_channels_are_longer_than_nmea_allows():
-    line = seal(sentences.channels(epoch())[0])
+    line = with_checksum(sentences.channels(epoch())[0])
     assert len(line) == 205
     assert len(line.split(b",")) == 33
 
@@ -103,7 +105,7 @@ def test_channels_are_longer_than_nmea_allows():
 @given(st.floats(-90.0, 90.0), st.floats(-180.0, 180.0))
 def test_any_position_reads_back_to_a_ten_millionth_of_a_degree(lat, lon):
     fix = Fix(0.0, 0.1, lat, lon, 0.0, None, None, 1.0)
-    message = NMEAReader.parse(seal(sentences.gga(epoch(fix))[0]), validate=1)
+    message = NMEAReader.parse(with_checksum(sentences.gga(epoch(fix))[0]), validate=1)
     assert message.lat == pytest.approx(lat, abs=2e-8) and message.lon == pytest.approx(lon, abs=2e-8)
 
 
@@ -144,7 +146,7 @@ def test_fixes_fall_on_whole_utc_seconds_through_midnight():
 
 def test_order_within_an_epoch_and_every_fifth():
     unit = receiver(no_fix_s=0.0)
-    unit.receive(seal("PMTK314,0,1,1,1,5,5,0,0,0,0,0,0,0,0,0,0,0,0,1"), 0.0)
+    unit.receive(with_checksum("PMTK314,0,1,1,1,5,5,0,0,0,0,0,0,0,0,0,0,0,0,1"), 0.0)
     kinds = [line[1:8].split(",")[0] for _, line in said(unit, 12.0)][5:]  # after the boot text and the answer
     plain, fifth = (
         ["GPGGA", "GPRMC", "PMTKCHN", "GPVTG"],
@@ -263,12 +265,12 @@ def answers(unit, command, t=0.2):
         (b"$PMTK300,200,0,0,0,0*2F\r\n", "$PMTK001,300,3*33\r\n"),
         (b"$PMTK314,-1*04\r\n", "$PMTK001,314,3*36\r\n"),
         (b"$PMTK251,57600*2C\r\n", "$PMTK001,251,3*36\r\n"),  # at the old speed
-        (seal("PMTK251,1234"), "$PMTK001,251,2*37\r\n"),
-        (seal("PMTK604"), "$PMTK001,604,1*30\r\n"),
+        (with_checksum("PMTK251,1234"), "$PMTK001,251,2*37\r\n"),
+        (with_checksum("PMTK604"), "$PMTK001,604,1*30\r\n"),
         (b"$PMTK220,200*2D\r\n", ""),  # checksum
         (b"$PMTK220,200\r\n", ""),
         (b"$GPGGA,,*00\r\n", ""),
-        (seal("PMTKxyz"), ""),
+        (with_checksum("PMTKxyz"), ""),
         (b"noise\r\n\xff\xfe$PM$PMTK000*32\r\n", "$PMTK001,000,3*30\r\n"),
     ],
 )
@@ -296,7 +298,7 @@ def test_only_what_is_wanted_is_said_and_the_default_returns():
     assert {line[:6] for _, line in said(unit, 8.0)[5:]} == {"$GPGGA", "$GPVTG"}
     unit.receive(b"$PMTK314,-1*04\r\n", 8.0)
     assert {line[:6] for t, line in said(unit, 20.0) if t > 8.5} == {"$GPGGA", "$GPRMC", "$GPVTG", "$GPGSA", "$GPGSV"}
-    assert "PMTK001,314,2" in answers(unit, seal("PMTK314,1,1"), 21.0)
+    assert "PMTK001,314,2" in answers(unit, with_checksum("PMTK314,1,1"), 21.0)
 
 
 def test_a_new_baud_rate_holds_after_the_answer_and_0_is_the_default():
@@ -304,7 +306,7 @@ def test_a_new_baud_rate_holds_after_the_answer_and_0_is_the_default():
     assert answers(unit, b"$PMTK251,57600*2C\r\n") == "$PMTK001,251,3*36\r\n"
     assert unit.uart.baud == 57600
     assert len(parse(said(unit, 3.0))) >= 6
-    answers(unit, seal("PMTK251,0"), 4.0)
+    answers(unit, with_checksum("PMTK251,0"), 4.0)
     assert unit.uart.baud == 4800
 
 

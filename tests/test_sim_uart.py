@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_sim.uart import Uart, mishear
+from firmware_sim.uart import Uart, garble
 
 FOREVER = 1e6
 
@@ -48,10 +48,10 @@ def test_a_new_speed_applies_to_what_is_sent_after_it():
     ],
 )
 def test_the_wrong_speed_is_heard_as_a_uart_hears_it(data, talker, listener, heard):
-    assert mishear(data, talker, listener)[: len(heard)] == heard
+    assert garble(data, talker, listener)[: len(heard)] == heard
 
 
 @given(st.binary(max_size=60), st.sampled_from([4800, 9600, 38400, 230400]))
 def test_the_right_speed_is_understood_and_no_speed_is_silence(data, baud):
-    assert mishear(data, baud, baud) == data
-    assert mishear(data, baud, 0) == b"" == mishear(data, 0, baud)
+    assert garble(data, baud, baud) == data
+    assert garble(data, baud, 0) == b"" == garble(data, 0, baud)

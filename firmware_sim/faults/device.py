@@ -8,7 +8,7 @@ from .spec import Fault
 
 
 @runtime_checkable
-class Counting(Protocol):
+class HasCounter(Protocol):
     """A device with a counter in its messages."""
 
     def jump_count(self, by: int) -> None:
@@ -16,7 +16,7 @@ class Counting(Protocol):
         ...
 
 
-class Troubled:
+class FaultyDevice:
     """A device to which the faults of the layer "device" happen; to the outside like any other."""
 
     def __init__(self, device: Device, faults: Sequence[Fault]) -> None:
@@ -53,5 +53,5 @@ class Troubled:
     def _happen(self, fault: Fault, t: float) -> None:
         if fault.name == "reset":
             self._device.restart(t)
-        elif isinstance(self._device, Counting):
+        elif isinstance(self._device, HasCounter):
             self._device.jump_count(round(fault.value))

@@ -55,7 +55,7 @@ class LineRequest:
         return [EdgeEvent(ns + self._shift_ns, self._offset, number, number) for number, ns in edges]
 
     def release(self) -> None:
-        self._wire.alarm = None
+        self._wire.timer = None
         self._alarm.close()
 
 
@@ -76,6 +76,6 @@ def request_lines(
         raise ValueError(f"no such input: {wanted!r}")
     if settings.edge_detection not in (Edge.RISING, Edge.BOTH):
         raise ValueError("a data-ready line rises")
-    if lines[offset].alarm is not None:
+    if lines[offset].timer is not None:
         raise OSError(errno.EBUSY, os.strerror(errno.EBUSY))
     return LineRequest(lines[offset], offset, settings, event_buffer_size or 16)

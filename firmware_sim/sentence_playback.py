@@ -43,7 +43,7 @@ def _time_of_day(line: bytes) -> float | None:
         return None
 
 
-class Tape:
+class SentencePlayback:
     """A device that plays a log and hears nothing. loop: again and again."""
 
     def __init__(self, epochs: list[tuple[float, bytes]], baud: int, loop: bool = False) -> None:

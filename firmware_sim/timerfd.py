@@ -6,7 +6,7 @@ import os
 import time
 
 
-class Alarm:
+class TimerFd:
     """`at` is the CLOCK_MONOTONIC time in s for which it is set; infinite: it is off."""
 
     def __init__(self) -> None:

@@ -22,29 +22,29 @@ def settings(folder="", path=""):
 def until(accept, recordings):
     """The state that `accept` takes, looked after as the daemon does."""
     deadline = time.monotonic() + PATIENCE_S
-    while not accept(state := json.loads(recordings.told())):
+    while not accept(state := json.loads(recordings.status())):
         assert time.monotonic() < deadline, state
-        recordings.look_after()
+        recordings.tick()
         time.sleep(0.02)
     return state
 
 
 def test_a_client_begins_and_ends_recordings_in_the_folder(tmp_path):
-    told = []
+    ended = []
     with Recordings(settings(tmp_path)) as recordings:
         recordings.on_begin = lambda: recordings.current.tap(0)(b"abc", 7)
-        recordings.on_end = lambda: told.append(recordings.current)
+        recordings.on_end = lambda: ended.append(recordings.current)
         recordings.event("info", "before any", {})
         assert until(lambda s: True, recordings) == {
             **{"class": "RECORD", "allowed": True, "recording": False, "path": "", "bytes": 0, "trouble": ""}
         }
-        assert json.loads(recordings.obey(b'{"enable":true}'))["recording"]
-        assert json.loads(recordings.obey(b'{"enable":true}'))["recording"]  # the same one
+        assert json.loads(recordings.handle_command(b'{"enable":true}'))["recording"]
+        assert json.loads(recordings.handle_command(b'{"enable":true}'))["recording"]  # the same one
         recordings.event("warning", "something", {})
         state = until(lambda s: s["bytes"] > 0, recordings)
-        assert not json.loads(recordings.obey(b'{"enable":false}'))["recording"]
-        assert told == [None]
-        recordings.look_after()
+        assert not json.loads(recordings.handle_command(b'{"enable":false}'))["recording"]
+        assert ended == [None]
+        recordings.tick()
     (path,) = tmp_path.iterdir()
     assert str(path) == state["path"]
     capture = Capture(path)
@@ -55,7 +55,7 @@ def test_a_client_begins_and_ends_recordings_in_the_folder(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("folder", "path", "order", "says"),
+    ("folder", "path", "command", "says"),
     [
         ("", "", b'{"enable":true}', "record.folder"),
         ("{tmp}/absent", "", b'{"enable":true}', "no folder"),
@@ -64,9 +64,9 @@ def test_a_client_begins_and_ends_recordings_in_the_folder(tmp_path):
         ("{tmp}", "", b"[[[", "what is to be done?"),
     ],
 )
-def test_what_is_not_done_is_said(folder, path, order, says, tmp_path):
+def test_what_is_not_done_is_said(folder, path, command, says, tmp_path):
     with Recordings(settings(folder.format(tmp=tmp_path), path.format(tmp=tmp_path))) as recordings:
-        answer = json.loads(recordings.obey(order))
+        answer = json.loads(recordings.handle_command(command))
         assert says in answer["trouble"] and answer["recording"] == bool(path)
 
 
@@ -74,25 +74,25 @@ def test_what_is_not_done_is_said(folder, path, order, says, tmp_path):
 def test_a_folder_that_cannot_be_written_to_is_told_at_the_start(folder, tmp_path):
     chosen = settings(folder.format(tmp=tmp_path))
     with Recordings(chosen) as recordings:
-        ((level, text),) = recordings.look_after()
+        ((level, text),) = recordings.tick()
         assert level == "warning" and "(record.folder)" in text
-        assert recordings.look_after() == []
-        assert json.loads(recordings.told())["trouble"] == text
+        assert recordings.tick() == []
+        assert json.loads(recordings.status())["trouble"] == text
     assert main(["run", "--check", "--set", f"record.folder={chosen.record.folder}"]) == 73
 
 
 def test_only_clients_of_this_machine_that_speak_the_protocol_give_orders(make_loop):
     commands = []
 
-    def obey(argument):
+    def handle_command(argument):
         commands.append(argument)
         return '{"class":"RECORD"}'
 
-    loop = make_loop(commands={"RECORD": obey})
-    order = b'?RECORD={"enable":true}\n'
-    assert loop.connect(order).classes() == ["VERSION", "RECORD"]
+    loop = make_loop(commands={"RECORD": handle_command})
+    command = b'?RECORD={"enable":true}\n'
+    assert loop.connect(command).classes() == ["VERSION", "RECORD"]
     assert commands == [b'{"enable":true}']
-    _, refusal, after = loop.connect(b"hello\n" + order + b"?VERSION\n").receive()
+    _, refusal, after = loop.connect(b"hello\n" + command + b"?VERSION\n").receive()
     assert "only by a client on this machine" in refusal["message"] and after["class"] == "VERSION"
     assert len(commands) == 1
 

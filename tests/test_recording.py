@@ -125,7 +125,7 @@ def killed_by_one(job):
 
 def test_a_process_that_is_killed_takes_its_own_recording_along():
     jobs = [replaying.Job((Path(str(i)),), Path("out"), None, (), None, "", None) for i in range(5)]
-    told = sorted(many.here(jobs, 2, killed_by_one))
+    told = sorted(many.run_locally(jobs, 2, killed_by_one))
     assert told[1].startswith("1: its process was killed")
     assert [line for line in told if line.endswith("done")] == ["0 done", "2 done", "3 done", "4 done"]
 
@@ -161,15 +161,17 @@ def test_a_cluster_gives_the_same_files(fleet, tmp_path):
 
 def test_workers_without_this_imud_are_named():
     ours = many.version()
-    assert many.unfit({"tcp://a": ours, "tcp://b": ours}) == ""
-    told = many.unfit({"tcp://a": ours, "tcp://b": "0.0.1", "tcp://c": metadata.PackageNotFoundError("imud")})
+    assert many.version_mismatch({"tcp://a": ours, "tcp://b": ours}) == ""
+    told = many.version_mismatch(
+        {"tcp://a": ours, "tcp://b": "0.0.1", "tcp://c": metadata.PackageNotFoundError("imud")}
+    )
     assert "tcp://b has imud 0.0.1, tcp://c has no imud" in told and "tcp://a" not in told
 
 
 def test_files_of_a_name_are_told_apart_by_their_folders():
     paths = [Path(text) for text in ("/x/a/drive.mcap", "/x/b/drive.mcap", "/x/b/other.mcap")]
-    assert replay_recordings.names_apart(paths) == ["a_drive", "b_drive", "other"]
-    assert replay_recordings.names_apart(paths[1:]) == ["drive", "other"]
+    assert replay_recordings.distinct_names(paths) == ["a_drive", "b_drive", "other"]
+    assert replay_recordings.distinct_names(paths[1:]) == ["drive", "other"]
 
 
 def test_the_export_is_what_replay_takes_and_what_ros_reads(recorded, tmp_path):

@@ -115,19 +115,19 @@ def test_a_writer_that_stalls_delays_nobody_and_its_gap_is_told_once(tmp_path):
     recorder = Recorder(settings(tmp_path / "drive.mcap"))
     while not (tmp_path / "drive.mcap").exists():
         time.sleep(0.02)
-    recorder.look_after()
+    recorder.tick()
     os.kill(recorder._process.pid, signal.SIGSTOP)
     data = bytes(64 << 10)
     for i in range(400):  # 25 MB
         recorder.tap(0)(data, i)
     assert recorder.dropped > 0
-    assert [level for level, _ in recorder.look_after()].count("warning") == 1
-    assert recorder.look_after() == []
+    assert [level for level, _ in recorder.tick()].count("warning") == 1
+    assert recorder.tick() == []
     os.kill(recorder._process.pid, signal.SIGCONT)
     told = []
     while not told:
         time.sleep(0.02)
-        told = [text for level, text in recorder.look_after() if "whole again" in text]
+        told = [text for level, text in recorder.tick() if "whole again" in text]
     recorder.close()
     assert len(raws(tmp_path / "drive.mcap")) == 400 - recorder.dropped
 
@@ -137,9 +137,9 @@ def test_a_writer_that_dies_is_told_and_harms_nobody(tmp_path):
     recorder._process.kill()
     recorder._process.wait()
     recorder.tap(0)(b"abc", 1)
-    assert ("error", "the recording ended: its writer is gone; everything else goes on") in recorder.look_after()
+    assert ("error", "the recording ended: its writer is gone; everything else goes on") in recorder.tick()
     recorder.tap(0)(bytes(1 << 16), 1)
-    assert recorder.look_after() == []
+    assert recorder.tick() == []
     recorder.close()
 
 

@@ -65,7 +65,7 @@ class Tape:
                 now_s = time.monotonic()
                 for port in self._ports:
                     port.on_time(now_s)
-                for level, text in self._recorder.look_after():
+                for level, text in self._recorder.tick():
                     getattr(self._log, level)(text)
         for port in self._ports:
             port.close()

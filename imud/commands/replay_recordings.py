@@ -39,7 +39,7 @@ def _many(jobs: list[Job], failed: list[str], args: argparse.Namespace) -> int:
     total = len(jobs) + len(failed)
     progress = Progress(total)
     progress.at(len(failed))
-    outcomes = many.on_cluster(jobs, args.cluster) if args.cluster else many.here(jobs, args.jobs)
+    outcomes = many.run_on_cluster(jobs, args.cluster) if args.cluster else many.run_locally(jobs, args.jobs)
     for done, outcome in enumerate(outcomes, len(failed) + 1):
         progress.clear()
         if isinstance(outcome, str):
@@ -80,7 +80,7 @@ def _jobs(args: argparse.Namespace, recordings: list[tuple[Path, ...]], into_fol
             output.mkdir(exist_ok=True)
         except OSError as error:
             raise CannotCreateError(f"-o {output}: several recordings need a folder: {error.strerror}") from error
-    names = names_apart([paths[0] for paths in recordings])
+    names = distinct_names([paths[0] for paths in recordings])
     config_file = args.config and args.config.absolute()
     return [
         Job(
@@ -96,7 +96,7 @@ def _jobs(args: argparse.Namespace, recordings: list[tuple[Path, ...]], into_fol
     ]
 
 
-def names_apart(paths: list[Path]) -> list[str]:
+def distinct_names(paths: list[Path]) -> list[str]:
     """A name for each path: that of its file, with as many of its folders as tell it from others of the same name."""
     stems = Counter(path.stem for path in paths)
     if max(stems.values(), default=0) < 2:

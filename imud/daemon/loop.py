@@ -87,9 +87,9 @@ class Daemon:
     def _open_outputs(self) -> Outputs:
         queries = {
             "STATUS": lambda: self._account.status(self._delivery, self._outputs),
-            "RECORD": self._recordings.told,
+            "RECORD": self._recordings.status,
         }
-        commands = {"RECORD": self._recordings.obey}
+        commands = {"RECORD": self._recordings.handle_command}
         return Outputs(self._settings, self._cycle.others, BATCH, queries, commands, self._errors)
 
     def _prepare_kernels(self) -> None:
@@ -163,7 +163,7 @@ class Daemon:
         with self._errors.contain("a look at the state"):
             self._account.look_after(self._delivery.load, now_ns)
         with self._errors.contain("a look at the recording"):
-            for level, text in self._recordings.look_after():
+            for level, text in self._recordings.tick():
                 getattr(self._log, level)(text)
         self._notifier.status("; ".join(f"{port.spec.path}: {port.story}" for port in self._devices.ports))
         self._notifier.alive(now_ns)

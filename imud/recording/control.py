@@ -15,10 +15,10 @@ from ..configuration.settings import Settings
 from ..errors import ImudError
 from .recorder import Recorder
 
-News = list[tuple[str, str]]
+LogLines = list[tuple[str, str]]
 
 
-class _Order(msgspec.Struct, forbid_unknown_fields=True):
+class _Command(msgspec.Struct, forbid_unknown_fields=True):
     enable: bool
 
 
@@ -35,15 +35,15 @@ class Recordings:
         self.on_end: Callable[[], None] = lambda: None
         self._settings = settings
         self._configured = self.current is not None
-        self._leaving: list[Recorder] = []
+        self._closing: list[Recorder] = []
         self._trouble = folder_trouble(settings.record.folder)
-        self._told_trouble = False
+        self._trouble_reported = False
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for recorder in filter(None, (self.current, *self._leaving)):
+        for recorder in filter(None, (self.current, *self._closing)):
             recorder.close()
 
     def event(self, level: str, text: str, facts: dict[str, Any]) -> None:
@@ -51,14 +51,14 @@ class Recordings:
         if self.current:
             self.current.event(level, text, facts)
 
-    def look_after(self) -> News:
-        """Now and then: (level, text) of what the log should tell."""
-        self._leaving = [recorder for recorder in self._leaving if not recorder.gone()]
-        news = [] if self._told_trouble or not self._trouble else [("warning", self._trouble)]
-        self._told_trouble = True
-        return news + (self.current.look_after() if self.current else [])
+    def tick(self) -> LogLines:
+        """Call several times per second; returns (level, text) of each new line for the log."""
+        self._closing = [recorder for recorder in self._closing if not recorder.is_finished()]
+        news = [] if self._trouble_reported or not self._trouble else [("warning", self._trouble)]
+        self._trouble_reported = True
+        return news + (self.current.tick() if self.current else [])
 
-    def told(self) -> str:
+    def status(self) -> str:
         """The answer to ?RECORD."""
         state = self.current.state if self.current else {}
         answer = {
@@ -71,19 +71,19 @@ class Recordings:
         }
         return msgspec.json.encode(answer).decode()
 
-    def obey(self, argument: bytes) -> str:
+    def handle_command(self, argument: bytes) -> str:
         """The answer to ?RECORD={"enable":…}, once it is done; why it cannot be is in it."""
         self._trouble = ""
-        self._told_trouble = True  # the client reads the next one
+        self._trouble_reported = True  # the client reads the next one
         try:
-            order = msgspec.json.decode(argument, type=_Order)
+            command = msgspec.json.decode(argument, type=_Command)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             self._trouble = f"what is to be done? {error}"
         else:
-            self._follow(order.enable)
-        return self.told()
+            self._set_recording(command.enable)
+        return self.status()
 
-    def _follow(self, enable: bool) -> None:
+    def _set_recording(self, enable: bool) -> None:
         if not self._settings.record.folder:
             self._trouble = "the daemon is to be told where: record.folder"
         elif self._configured:
@@ -91,8 +91,8 @@ class Recordings:
         elif enable and self.current is None:
             self._begin()
         elif not enable and self.current is not None:
-            self._leaving.append(self.current)
-            self.current.leave()
+            self._closing.append(self.current)
+            self.current.begin_close()
             self.current = None
             self.on_end()
 

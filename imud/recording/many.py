@@ -24,7 +24,7 @@ Replay = Callable[[Job], Outcome | str]
 ANSWER_S = 10.0  # a cluster that is there answers sooner
 
 
-def here(jobs: list[Job], at_a_time: int, replay: Replay | None = None) -> Iterator[Outcome | str]:
+def run_locally(jobs: list[Job], at_a_time: int, replay: Replay | None = None) -> Iterator[Outcome | str]:
     """Outcomes as they come, from `at_a_time` processes; a text says why a recording could not be replayed.
 
     Each process is a pool of its own, so that one that dies costs one recording. replay: what it runs for a job.
@@ -36,7 +36,7 @@ def here(jobs: list[Job], at_a_time: int, replay: Replay | None = None) -> Itera
         def go_on(pool: ProcessPoolExecutor | None = None) -> None:
             if job := next(waiting, None):
                 pool = pool or stack.enter_context(ProcessPoolExecutor(1, get_context("spawn")))
-                busy[pool.submit(replay or alone, job)] = job, pool
+                busy[pool.submit(replay or replay_locally, job)] = job, pool
 
         for _ in range(at_a_time):
             go_on()
@@ -47,7 +47,7 @@ def here(jobs: list[Job], at_a_time: int, replay: Replay | None = None) -> Itera
                 yield _result(future, job)
 
 
-def on_cluster(jobs: list[Job], address: str) -> Iterator[Outcome | str]:
+def run_on_cluster(jobs: list[Job], address: str) -> Iterator[Outcome | str]:
     """The same on the Dask cluster with that scheduler. Its workers must see the files under the same paths.
 
     Raises UsageError, InputOutputError.
@@ -64,9 +64,9 @@ def on_cluster(jobs: list[Job], address: str) -> Iterator[Outcome | str]:
             "start one with `dask scheduler`, and `dask worker ADDRESS --nthreads 1` on each machine"
         ) from error
     with client:
-        if refused := unfit(client.run(version, on_error="return")):
+        if refused := version_mismatch(client.run(version, on_error="return")):
             raise InputOutputError(f"--cluster {address}: {refused}")
-        waiting = {client.submit(partial(alone, job), pure=False): job for job in jobs}
+        waiting = {client.submit(partial(replay_locally, job), pure=False): job for job in jobs}
         for future in dask.as_completed(list(waiting)):
             yield _result(future, waiting[future])
 
@@ -76,7 +76,7 @@ def version() -> str:
     return __version__
 
 
-def unfit(versions: dict[str, Any]) -> str:
+def version_mismatch(versions: dict[str, Any]) -> str:
     """Why these workers cannot replay as we do; versions: imud's on each worker, or the error met in asking for it."""
     ours = version()
     if not versions:
@@ -90,7 +90,7 @@ def unfit(versions: dict[str, Any]) -> str:
     return ""
 
 
-def alone(job: Job) -> Outcome | str:
+def replay_locally(job: Job) -> Outcome | str:
     """Replay in a process of its own, perhaps on another machine; an error is returned as text, so the others go on."""
     try:
         return play(job, lambda done, total: None)

@@ -19,7 +19,7 @@ def existing(base: Path) -> list[Path]:
     return [path for _, path in sorted(numbered)]
 
 
-def following(base: Path) -> Path:
+def next_file(base: Path) -> Path:
     """The name of the next part."""
     before = existing(base)
     if not before:

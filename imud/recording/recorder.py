@@ -39,7 +39,7 @@ _SHIP_BYTES = 32 << 10
 _KEPT_BYTES = 16 << 20
 _SOCKET_BYTES = 1 << 20  # as far as the system allows
 _LOOK_NS = 1_000_000_000
-_GOODBYE_S = 4.0  # systemd waits 5
+_CLOSE_TIMEOUT_S = 4.0  # systemd waits 5
 
 
 class Recorder:
@@ -55,7 +55,7 @@ class Recorder:
         self._queued = self._look_ns = 0
         self._full = self._dead = False
         self._end_s = 0.0
-        self._told_full = self._told_dead = False
+        self._gap_reported = self._end_reported = False
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SOCKET_BYTES)
@@ -184,8 +184,8 @@ class Recorder:
             self._queue.clear()
             self._queued = 0
 
-    def look_after(self) -> list[tuple[str, str]]:
-        """Call now and then: passes on what has gathered, without waiting; returns (level, text) for the log."""
+    def tick(self) -> list[tuple[str, str]]:
+        """Call several times per second: sends queued packets without waiting; returns (level, text) for the log."""
         self._ship()
         news = []
         with contextlib.suppress(OSError):
@@ -195,23 +195,23 @@ class Recorder:
                     self.state = msgspec.json.decode(text)
                 else:
                     news.append((level, text))
-        if self._dead and not self._told_dead:
-            self._told_dead = True
+        if self._dead and not self._end_reported:
+            self._end_reported = True
             news.append(("error", "the recording ended: its writer is gone; everything else goes on"))
-        elif self._full and not (self._told_full or self._dead):
-            self._told_full = True
+        elif self._full and not (self._gap_reported or self._dead):
+            self._gap_reported = True
             news.append(("warning", "the recording has gaps from here: its disk is too slow"))
         elif self._full and not self._queue and not self._dead:
-            self._full = self._told_full = False
+            self._full = self._gap_reported = False
             news.append(("info", f"the recording is whole again; {self.dropped} packets are missing in it so far"))
         return news
 
-    def leave(self) -> None:
-        """Take no more; begin to hand over the rest and have the file finished. Call `gone` until that is done."""
-        self._end_s = time.monotonic() + _GOODBYE_S
+    def begin_close(self) -> None:
+        """Begin to send the rest and to finish the file. Call `is_finished` until it returns True."""
+        self._end_s = time.monotonic() + _CLOSE_TIMEOUT_S
 
-    def gone(self) -> bool:
-        """After `leave`: whether the file is finished. Gives up after some seconds."""
+    def is_finished(self) -> bool:
+        """After `begin_close`: whether the file is finished. Gives up after some seconds."""
         self._ship()
         late = time.monotonic() > self._end_s
         if not self._queue or self._dead or late:
@@ -222,9 +222,9 @@ class Recorder:
         return self._process.poll() is not None
 
     def close(self) -> None:
-        """`leave`, and wait until the file is finished."""
-        self.leave()
-        while not self.gone():
+        """`begin_close`, and wait until the file is finished."""
+        self.begin_close()
+        while not self.is_finished():
             time.sleep(0.01)
 
 

@@ -65,12 +65,12 @@ class Thinner:
 class RecordingWriter:
     """The recording of one daemon. say: told (level, text) of what its log should tell."""
 
-    def __init__(self, start: dict[str, Any], say: Any) -> None:
+    def __init__(self, start: dict[str, Any], log: Any) -> None:
         self._record = msgspec.convert(start["record"], Record)
         self._base = Path(self._record.path)
         self._facts: dict[str, str] = start["facts"] | {"ports": " ".join(start["ports"])}
         self._settings: Any = start["settings"]
-        self._say = say
+        self._log = log
         self._part = 0
         self._offset_ns = time.time_ns() - time.monotonic_ns()
         self._connections: dict[int, Connection] = {}
@@ -140,7 +140,7 @@ class RecordingWriter:
         self._retry_s = time.monotonic() + _RETRY_S
         if why != self._trouble:
             self._trouble = why
-            self._say("error", f"recording pauses: {why}; everything else goes on")
+            self._log("error", f"recording pauses: {why}; everything else goes on")
 
     def _open(self) -> None:
         """The next file, with what a reader must know first."""
@@ -149,7 +149,7 @@ class RecordingWriter:
             return
         facts = self._facts | {"part": str(self._part), "unix_less_monotonic_ns": str(self._offset_ns)}
         try:
-            path = parts.following(self._base)
+            path = parts.next_file(self._base)
             self._file = RecordingFile(path, facts, _encode(self._settings), time.time_ns())
         except OSError as error:
             self._pause(f"cannot write in {self._base.parent}: {error.strerror}")
@@ -158,7 +158,7 @@ class RecordingWriter:
         self._opened_s = now_ns * 1e-9
         self._part += 1
         self._trouble = ""
-        self._say("info", f"recording to {path}")
+        self._log("info", f"recording to {path}")
         for connection in self._connections.values():
             if connection.streaming:
                 repeated = msgspec.structs.replace(connection, repeated=True)
@@ -177,17 +177,17 @@ class RecordingWriter:
         if self._file is not None:
             self._keep_to_limits(self._file)
 
-    def tell_state(self) -> None:
+    def publish_state(self) -> None:
         """Send the state of the recording: where it goes, how large the file is, and what keeps it from growing."""
         file = self._file
         state = {"path": str(file.path) if file else "", "bytes": file.size if file else 0, "trouble": self._trouble}
-        self._say(STATE, _encode(state).decode())
+        self._log(STATE, _encode(state).decode())
 
     def _keep_to_limits(self, file: RecordingFile) -> None:
         record = self._record
         if record.budget_mb:
             for path in parts.make_room(self._base, record.budget_mb * _MB, file.path):
-                self._say("info", f"removed {path}: the recordings may take {record.budget_mb} MB (record.budget_mb)")
+                self._log("info", f"removed {path}: the recordings may take {record.budget_mb} MB (record.budget_mb)")
         if parts.free_bytes(self._base) < record.spare_mb * _MB:
             self._guard(lambda file: file.finish())
             self._pause(f"less than {record.spare_mb} MB are free where {self._base} is (record.spare_mb)")
@@ -209,7 +209,7 @@ def main(fd: int) -> None:
     os.nice(_NICE)
     with socket.socket(fileno=fd) as packets:
 
-        def say(level: str, text: str) -> None:
+        def log(level: str, text: str) -> None:
             with contextlib.suppress(OSError):
                 packets.send(f"{level}:{text}".encode(), socket.MSG_DONTWAIT)
 
@@ -223,15 +223,15 @@ def main(fd: int) -> None:
                     break
                 for kind, port, t_ns, data in items(packet):
                     if writer is None:
-                        writer = RecordingWriter(msgspec.json.decode(data), say)
-                        writer.tell_state()
+                        writer = RecordingWriter(msgspec.json.decode(data), log)
+                        writer.publish_state()
                     else:
                         writer.take(kind, port, t_ns, data)
             if time.monotonic() >= due_s:
                 due_s = time.monotonic() + _COMMIT_S
                 if writer is not None:
                     writer.commit()
-                    writer.tell_state()
+                    writer.publish_state()
         if writer is not None:
             writer.finish()
 

@@ -130,7 +130,7 @@ def reset_to_gnss(c: Core, first: int, last: int, supported: bool) -> None:
     """Set position axes first to last - 1 to the fix, and inflate their stated variance by the squared difference.
 
     Either the estimate or the receiver was wrong, so the difference is stated as an error. This inflation decays as the
-    GNSS bias does; it is no state, because every further fix at the same place would contradict a GNSS bias that large.
+    GNSS bias does; it is no state, because every further fix there would contradict a GNSS bias that large.
     Unless the velocity is supported, the variances of velocity and heading are increased, too.
     """
     for i in range(first, last):

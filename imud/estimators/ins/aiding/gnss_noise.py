@@ -94,19 +94,21 @@ def set_gnss_noise(p: Parameters, c: Core, fix: Fix) -> None:
 @kernel
 def learn_position_noise(p: Parameters, c: Core, axis: int, nis: float, s: float) -> None:
     """Adapt the white variance of a position (m^2) to an innovation of variance s (m^2) and of this NIS."""
+    g = c.gnss
     k = axis // 2
-    least = (0.3 * min(c.gnss.reported_sigma[k], 0.3)) ** 2
-    most = (2.0 * c.gnss.reported_sigma[k]) ** 2
-    learned = c.gnss.noise_var[k] + p.tuning.noise_gain * (min(nis, 9.0) - 1.0) * s
-    c.gnss.noise_var[k] = min(max(learned, least), most)
+    least = (0.3 * min(g.reported_sigma[k], 0.3)) ** 2
+    most = (2.0 * g.reported_sigma[k]) ** 2
+    learned = g.noise_var[k] + p.tuning.noise_gain * (min(nis, 9.0) - 1.0) * s
+    g.noise_var[k] = min(max(learned, least), most)
 
 
 @kernel
 def learn_velocity_noise(p: Parameters, c: Core, nis: float, s: float) -> None:
     """Adapt the variance of a velocity component (m^2/s^2) to an innovation of variance s (m^2/s^2) and of this NIS."""
-    share = c.gnss.velocity_noise_var / s
-    learned = c.gnss.velocity_noise_var + p.tuning.noise_gain * share * (min(nis, 9.0) - 1.0) * s
-    c.gnss.velocity_noise_var = min(max(learned, p.tuning.min_velocity_sigma**2), p.tuning.max_velocity_sigma**2)
+    g = c.gnss
+    share = g.velocity_noise_var / s
+    learned = g.velocity_noise_var + p.tuning.noise_gain * share * (min(nis, 9.0) - 1.0) * s
+    g.velocity_noise_var = min(max(learned, p.tuning.min_velocity_sigma**2), p.tuning.max_velocity_sigma**2)
 
 
 @kernel

@@ -73,7 +73,7 @@ TUNABLES = (
         "Choice.",
     ),
     Tunable(
-        "lost_tilt", math.radians(20.0), "rad", "Tilt sigma beyond which the attitude is found anew.", "Linearization."
+        "lost_tilt", math.radians(20.0), "rad", "Tilt sigma from which the alignment starts again.", "Linearization."
     ),
 )
 

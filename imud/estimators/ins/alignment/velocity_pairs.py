@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 TUNABLES = (
     Tunable("pair_min_s", 0.9, "s", "Shortest time between two fixes of a pair.", "1 Hz receivers with jitter."),
     Tunable("pair_max_s", 6.0, "s", "Longest time between two positions of a pair.", "Choice."),
-    Tunable("pair_velocity_sigma", 0.4, "m/s", "Sigma of a velocity change seen in positions.", "Choice."),
+    Tunable("pair_velocity_sigma", 0.4, "m/s", "Sigma of a velocity change differenced from positions.", "Choice."),
     Tunable("match_gate", 25.0, "NIS", "Gate of fixes that force must explain.", "Five sigma."),
     Tunable(
         "match_min_duration_s", 100.0, "s", "Least time for which pairs are compared.", "Biases are taken as constant."
@@ -50,7 +50,7 @@ TUNABLES = (
         "Distance between hypotheses.",
     ),
     Tunable(
-        "match_outage_share", 0.2, "", "Outage, as a share of that time, after which matching begins anew.", "Choice."
+        "match_outage_share", 0.2, "", "Outage, as a share of that time, after which matching starts again.", "Choice."
     ),
     Tunable("levelled_sigma", math.radians(6.0), "rad", "Tilt sigma to navigate with.", "Linearization."),
 )
@@ -134,23 +134,24 @@ def match_pair(
 
     noise2: m^2/s^2, variance of its velocity in addition to gnss.velocity_noise_var.
     """
-    matching = 1e-9 * (c.nav.t_ns - c.alignment.last_match_ns) >= p.tuning.pair_min_s
+    a = c.alignment
+    matching = 1e-9 * (c.nav.t_ns - a.last_match_ns) >= p.tuning.pair_min_s
     if matching:
         apply_corrections(p, c, b)
         match_fix(p, c, b, lat, lon, vn, ve, noise2)
-    dt = 1e-9 * (c.nav.t_ns - c.alignment.pair_start_ns)
-    m = c.alignment.pair_start
+    dt = 1e-9 * (c.nav.t_ns - a.pair_start_ns)
+    m = a.pair_start
     known = math.isfinite(vn) and math.isfinite(m[0])
     if dt < p.tuning.pair_min_s or (not known and dt < pair_duration(p, c)):
         return
     if not matching:
         apply_corrections(p, c, b)
     if dt > max(p.tuning.pair_max_s, 2.0 * pair_duration(p, c)):
-        c.alignment.mean_velocity[2] = 0.0
+        a.mean_velocity[2] = 0.0
     elif known:
         for k in range(4):
             for i in range(2):
-                c.scratch.integral_change[k, i] = c.alignment.integrals[k, i] - c.alignment.pair_integrals[k, i]
+                c.scratch.integral_change[k, i] = a.integrals[k, i] - a.pair_integrals[k, i]
         level_with_pair(p, c, vn - m[0], ve - m[1], dt)
     else:
         north, east = ned_difference(c, m[2], m[3], lat, lon)
@@ -173,25 +174,25 @@ def match_fix(
 ) -> None:
     """Match the velocity of a fix, or its position if it reports none, with the integrals of specific force.
 
-    After an outage, or when the matched fixes are too old, the integrals start anew at this fix.
+    After an outage, or when the matched fixes are too old, the integrals start again at this fix.
     """
-    dt = 1e-9 * (c.nav.t_ns - c.alignment.last_match_ns)
-    if 1e-9 * (c.nav.t_ns - c.alignment.origin_ns) > match_duration(
-        p, c
-    ) or dt > p.tuning.match_outage_share * match_duration(p, c):
+    a = c.alignment
+    dt = 1e-9 * (c.nav.t_ns - a.last_match_ns)
+    duration = match_duration(p, c)
+    if 1e-9 * (c.nav.t_ns - a.origin_ns) > duration or dt > p.tuning.match_outage_share * duration:
         reset_pairs(c)
         dt = math.inf
-    c.alignment.last_match_ns = c.nav.t_ns
+    a.last_match_ns = c.nav.t_ns
     timing2 = timing_position_variance(c, b)
     if dt == math.inf:
-        c.alignment.position_origin[0], c.alignment.position_origin[1] = lat, lon
+        a.position_origin[0], a.position_origin[1] = lat, lon
         clear_integrals(c)
         clear_hypotheses(b)
         restart_matching(p, c, b)
     else:
         propagate_hypotheses(p, c, b, dt)
         predict_whitening(p, b, c.gnss.reported_sigma[0], dt)
-        discount(b, math.exp(-2.0 * dt / match_duration(p, c)))
+        discount(b, math.exp(-2.0 * dt / duration))
     if math.isfinite(vn) and math.isfinite(ve):
         match_if_consistent(p, c, b, False, (vn, ve), c.gnss.velocity_noise_var + timing_velocity_variance(c) + noise2)
     else:
@@ -200,7 +201,7 @@ def match_fix(
             c,
             b,
             True,
-            ned_difference(c, c.alignment.position_origin[0], c.alignment.position_origin[1], lat, lon),
+            ned_difference(c, a.position_origin[0], a.position_origin[1], lat, lon),
             c.gnss.noise_var[0] + timing2,
         )
 
@@ -220,15 +221,16 @@ def match_if_consistent(
 
     Its products count once roll and pitch are known, in motion. Three contradictions in a row reset the whitening.
     """
+    a = c.alignment
     s = whitened_variance(b, is_position, r)
     certain = is_levelled(p, c) and s < 0.5 * p.tuning.whitening_speed_sigma**2
     whitened_innovations(b, nearest_hypothesis(p, c), is_position, measured)
     if certain and contradicts_force(p, c, b, s):
-        c.alignment.reject_count += 1
-        if c.alignment.reject_count > 2:
+        a.reject_count += 1
+        if a.reject_count > 2:
             restart_matching(p, c, b)
         return
-    c.alignment.reject_count = 0
+    a.reject_count = 0
     match_measurement(c, b, is_position, measured, s, certain and not c.stationarity.at_rest)
 
 
@@ -273,10 +275,11 @@ def vertical_bias_jacobian(c: Core) -> int:
 @kernel
 def reset_pairs(c: Core) -> None:
     """Clear integrals and pairs: the next fix starts a new origin."""
+    a = c.alignment
     clear_integrals(c)
-    c.alignment.pair_start_ns = c.alignment.last_match_ns = NEVER_NS
-    c.alignment.mean_velocity[2] = 0.0
-    c.alignment.heading_fault_count = 0
+    a.pair_start_ns = a.last_match_ns = NEVER_NS
+    a.mean_velocity[2] = 0.0
+    a.heading_fault_count = 0
 
 
 @kernel

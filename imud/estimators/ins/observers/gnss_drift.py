@@ -46,30 +46,33 @@ TUNABLES = (
 @kernel
 def reset_drift(c: Core) -> None:
     """Close all onsets and clear the detection."""
-    c.drift.detected = 0
-    c.drift.pending_noise_scale = 0.0
+    g = c.drift
+    g.detected = 0
+    g.pending_noise_scale = 0.0
     for j in range(ONSETS):
-        c.drift.onset_ns[j] = NEVER_NS
+        g.onset_ns[j] = NEVER_NS
 
 
 @kernel
 def all_onsets_open(c: Core) -> bool:
     """Whether every onset is open: positions have been used for as long as it takes to open them all."""
-    return bool(min(c.drift.onset_ns[0], c.drift.onset_ns[1], c.drift.onset_ns[2]) != NEVER_NS)
+    g = c.drift
+    return bool(min(g.onset_ns[0], g.onset_ns[1], g.onset_ns[2]) != NEVER_NS)
 
 
 @kernel
 def open_hypothesis(c: Core, j: int) -> None:
     """Open onset j at the core's time: its sensitivity and its information are zero."""
-    c.drift.onset_ns[j] = c.nav.t_ns
-    c.drift.innovation_count[j] = 0
+    g = c.drift
+    g.onset_ns[j] = c.nav.t_ns
+    g.innovation_count[j] = 0
     for i in range(2):
-        c.drift.information_vector[j, i] = 0.0
+        g.information_vector[j, i] = 0.0
     for i in range(3):
-        c.drift.information_matrix[j, i] = 0.0
+        g.information_matrix[j, i] = 0.0
     for i in range(STATES):
-        c.drift.bias_sensitivity[i, 2 * j] = 0.0
-        c.drift.bias_sensitivity[i, 2 * j + 1] = 0.0
+        g.bias_sensitivity[i, 2 * j] = 0.0
+        g.bias_sensitivity[i, 2 * j + 1] = 0.0
 
 
 @kernel
@@ -99,30 +102,31 @@ def update_sensitivity(c: Core, m: int, s: float, z: float, axis: int) -> None:
     The Jacobian h has m elements, innovation z has variance s, and P h is in scratch.d. axis: 0 for a GNSS position
     north, 1 east, whose sensitivity b is the time since the onset; -1: any other measurement, b = 0.
     """
+    g = c.drift
     for j in range(ONSETS):
-        if c.drift.onset_ns[j] == NEVER_NS:
+        if g.onset_ns[j] == NEVER_NS:
             continue
         first = 2 * j
         north, east = 0.0, 0.0
         for k in range(m):
-            north -= c.scratch.values[k] * c.drift.bias_sensitivity[c.scratch.columns[k], first]
-            east -= c.scratch.values[k] * c.drift.bias_sensitivity[c.scratch.columns[k], first + 1]
+            north -= c.scratch.values[k] * g.bias_sensitivity[c.scratch.columns[k], first]
+            east -= c.scratch.values[k] * g.bias_sensitivity[c.scratch.columns[k], first + 1]
         if axis >= 0:
-            since = 1e-9 * (c.nav.t_ns - c.drift.onset_ns[j])
+            since = 1e-9 * (c.nav.t_ns - g.onset_ns[j])
             if axis == 0:
                 north += since
             else:
                 east += since
-            c.drift.information_vector[j, 0] += north * z / s
-            c.drift.information_vector[j, 1] += east * z / s
-            c.drift.information_matrix[j, 0] += north * north / s
-            c.drift.information_matrix[j, 1] += north * east / s
-            c.drift.information_matrix[j, 2] += east * east / s
-            c.drift.innovation_count[j] += 1
+            g.information_vector[j, 0] += north * z / s
+            g.information_vector[j, 1] += east * z / s
+            g.information_matrix[j, 0] += north * north / s
+            g.information_matrix[j, 1] += north * east / s
+            g.information_matrix[j, 2] += east * east / s
+            g.innovation_count[j] += 1
         for i in range(STATES):
             gain = c.scratch.d[i] / s
-            c.drift.bias_sensitivity[i, first] += gain * north
-            c.drift.bias_sensitivity[i, first + 1] += gain * east
+            g.bias_sensitivity[i, first] += gain * north
+            g.bias_sensitivity[i, first + 1] += gain * east
 
 
 @kernel
@@ -131,13 +135,14 @@ def estimate_drift(p: Parameters, c: Core, j: int, noise_scale: float) -> Any:
 
     The covariance is that of the innovations times `noise_scale`, plus min_drift_speed squared.
     """
-    nn, ne, ee = c.drift.information_matrix[j, 0], c.drift.information_matrix[j, 1], c.drift.information_matrix[j, 2]
+    g = c.drift
+    nn, ne, ee = g.information_matrix[j, 0], g.information_matrix[j, 1], g.information_matrix[j, 2]
     determinant = nn * ee - ne * ne
     if not determinant > 0.0:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     pnn, pne, pee = ee / determinant, -ne / determinant, nn / determinant
-    vn = pnn * c.drift.information_vector[j, 0] + pne * c.drift.information_vector[j, 1]
-    ve = pne * c.drift.information_vector[j, 0] + pee * c.drift.information_vector[j, 1]
+    vn = pnn * g.information_vector[j, 0] + pne * g.information_vector[j, 1]
+    ve = pne * g.information_vector[j, 0] + pee * g.information_vector[j, 1]
     pnn, pne, pee = (
         noise_scale * pnn + p.tuning.min_drift_speed**2,
         noise_scale * pne,
@@ -162,18 +167,19 @@ def remove_drift(c: Core, j: int, found: Any) -> None:
 
 
 @kernel
-def learn_gnss_noise_scale(p: Parameters, c: Core, seen: float) -> None:
-    """Learn from `seen`, the squared drift velocity over its variance, of an onset at which no drift was detected.
+def learn_gnss_noise_scale(p: Parameters, c: Core, ratio: float) -> None:
+    """Learn from `ratio`, the squared drift velocity over its variance, of an onset at which no drift was detected.
 
-    The value of the onset before is learned, and `seen` is pending: a drift that has begun may not be detected yet.
+    The value of the onset before is learned, and `ratio` is pending: a drift that has begun may not be detected yet.
     """
-    seen, c.drift.pending_noise_scale = c.drift.pending_noise_scale, seen
-    if not seen > 0.0:
+    g = c.drift
+    ratio, g.pending_noise_scale = g.pending_noise_scale, ratio
+    if not ratio > 0.0:
         return
-    c.drift.noise_scale_count += 1
-    share = max(p.tuning.drift_noise_scale_gain, 1.0 / (p.tuning.drift_noise_scale_prior + c.drift.noise_scale_count))
-    c.drift.noise_scale = max(
-        c.drift.noise_scale + share * (min(seen, p.tuning.max_drift_noise_scale) - c.drift.noise_scale),
+    g.noise_scale_count += 1
+    share = max(p.tuning.drift_noise_scale_gain, 1.0 / (p.tuning.drift_noise_scale_prior + g.noise_scale_count))
+    g.noise_scale = max(
+        g.noise_scale + share * (min(ratio, p.tuning.max_drift_noise_scale) - g.noise_scale),
         p.tuning.min_drift_noise_scale,
     )
 
@@ -181,23 +187,24 @@ def learn_gnss_noise_scale(p: Parameters, c: Core, seen: float) -> None:
 @kernel
 def detect_drift(p: Parameters, c: Core) -> bool:
     """After a position was fused: True if a drift is detected; then its correction is in scratch.x, not injected."""
+    g = c.drift
     best, worst, oldest, youngest_s = 0, 0.0, 0, math.inf
     for j in range(ONSETS):
-        age = math.inf if c.drift.onset_ns[j] == NEVER_NS else 1e-9 * (c.nav.t_ns - c.drift.onset_ns[j])
-        if c.drift.onset_ns[j] < c.drift.onset_ns[oldest]:
+        age = math.inf if g.onset_ns[j] == NEVER_NS else 1e-9 * (c.nav.t_ns - g.onset_ns[j])
+        if g.onset_ns[j] < g.onset_ns[oldest]:
             oldest = j
         youngest_s = min(youngest_s, age)
-        if p.tuning.min_drift_s < age < math.inf and c.drift.innovation_count[j] >= 2 * p.tuning.min_drift_fixes:
-            chi2 = estimate_drift(p, c, j, c.drift.noise_scale)[5]
+        if p.tuning.min_drift_s < age < math.inf and g.innovation_count[j] >= 2 * p.tuning.min_drift_fixes:
+            chi2 = estimate_drift(p, c, j, g.noise_scale)[5]
             if chi2 > worst:
                 best, worst = j, chi2
     if worst > p.tuning.drift_chi2 and all_onsets_open(c):
-        remove_drift(c, best, estimate_drift(p, c, best, c.drift.noise_scale))
+        remove_drift(c, best, estimate_drift(p, c, best, g.noise_scale))
         reset_drift(c)
-        c.drift.detected = 1
+        g.detected = 1
         return True
     if youngest_s >= p.tuning.onset_interval_s:
-        if c.drift.onset_ns[oldest] != NEVER_NS:
+        if g.onset_ns[oldest] != NEVER_NS:
             learn_gnss_noise_scale(p, c, 0.5 * estimate_drift(p, c, oldest, 1.0)[5])
         open_hypothesis(c, oldest)
     return False

@@ -35,12 +35,6 @@ NOT_RUN = {  # a function and its line, or all of a function: why no trace runs 
     "solve_heading: return unknown": "seen in no simulation: motion that only the receiver shows",
     "monitor_heading: realign(p, c)": "seen in no simulation: it is surer than its velocity pairs",
 }
-NO_SOURCE = "needs a measurement beside fixes, which the pipeline does not bring yet"
-NOT_RUN |= dict.fromkeys(
-    ("fuse_heading", "sigma_of", "fuse_source", "fuse_stored", "fuse_from", "insert_measurement", "first_fix_after"),
-    NO_SOURCE,
-)
-NOT_RUN["rewind_to"] = NO_SOURCE
 
 
 @dataclass(frozen=True, order=True)

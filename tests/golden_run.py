@@ -1,6 +1,7 @@
 """One recording through one estimator, and its trace: the columns that a golden file keeps."""
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from simulated import G350, rpy, unknown_fixes
@@ -8,7 +9,7 @@ from simulated import G350, rpy, unknown_fixes
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.innovation_kinds import KINDS
-from imud.estimators.records import INNOVATION, SOLUTION
+from imud.estimators.records import INNOVATION, MEASUREMENT, SOLUTION
 from imud.pipeline import Filter
 
 TO_DEG = np.degrees(1.0)
@@ -18,13 +19,17 @@ ROOM = 64  # innovations between two fixes, at most
 
 @dataclass(frozen=True)
 class Recording:
-    """What an estimator is given. samples: SAMPLE rows; fixes: FIX rows; initial: what the user knows."""
+    """What an estimator is given. samples: SAMPLE rows; fixes: FIX rows; initial: what the user knows.
+
+    measurements: MEASUREMENT rows of other aiding sources.
+    """
 
     estimator: str
     samples: np.ndarray
     fixes: np.ndarray = field(default_factory=lambda: unknown_fixes(0))
     settings: Settings = G350
     initial: Initial = Initial()  # noqa: RUF009
+    measurements: np.ndarray = field(default_factory=lambda: np.zeros(0, MEASUREMENT))
     rows: int = ROWS
 
 
@@ -40,8 +45,16 @@ def run(recording, disturb=lambda samples: samples):
     filter_ = Filter(estimator, recording.settings, recording.initial, rate_hz)
     out = np.zeros(len(samples), SOLUTION)
     places = np.searchsorted(samples["t_ns"], fixes["arrival_ns"]).astype(np.int64)
-    innovations = filter_.feed(samples, out, fixes, places, np.zeros(ROOM * (len(fixes) + 1), INNOVATION))
-    return out, np.concatenate([innovations, filter_.told()])
+    measurements = recording.measurements[np.argsort(recording.measurements["arrival_ns"], kind="stable")]
+    aided = np.searchsorted(samples["t_ns"], measurements["arrival_ns"])
+    made = []
+    for start, stop in pairwise(np.unique([0, *aided[aided < len(samples)], len(samples)])):
+        if (aided == start).any():
+            made.append(filter_.aid(measurements[aided == start]).copy())
+        due = slice(*np.searchsorted(places, [start, stop + (stop == len(samples))]))
+        room = np.zeros(ROOM * (len(fixes[due]) + 1), INNOVATION)
+        made.append(filter_.feed(samples[start:stop], out[start:stop], fixes[due], places[due] - start, room).copy())
+    return out, np.concatenate([*made, filter_.told()])
 
 
 def solution_columns(out):

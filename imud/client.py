@@ -65,7 +65,7 @@ _SHARED = struct.Struct(f"<Q{RECORD.size // 8}QQqQ16s")  # lock, record, exclusi
 SHARED_SIZE: Final = _SHARED.size
 STALE_NS: Final = 2_000_000_000  # a daemon whose last heartbeat is older does not run
 DIVISOR: Final = struct.Struct("<I")  # what a client may send: one of so many states, from now on
-_TRIES, _PAUSE_S = 500, 1e-3  # while a write is in progress: the daemon may have lost its processor in it
+_WRITE_NS, _PAUSE_S = STALE_NS, 1e-3  # while a write is in progress: the daemon may have lost its processor in it
 
 Vector = tuple[float, float, float]
 
@@ -242,7 +242,9 @@ class Shared:
         odd, or changes meanwhile, is a write in progress. The check word makes this right on machines that reorder
         reads, which Python cannot forbid. The file is read, not mapped: to truncate it costs its reader nothing.
         """
-        for tried in range(_TRIES):
+        began_ns = time.monotonic_ns()
+        pause_s = 0.0
+        while time.monotonic_ns() - began_ns < _WRITE_NS:
             memory = os.pread(self._file.fileno(), SHARED_SIZE, 0)
             if len(memory) != SHARED_SIZE:
                 raise ProtocolError(f"{self._file.name} has {len(memory)} bytes instead of {SHARED_SIZE}")
@@ -252,7 +254,8 @@ class Shared:
             if lock % 2 == 0 and os.pread(self._file.fileno(), 8, 0) == memory[:8] and reduce(xor, words) == check:
                 self._check_liveness(heartbeat_ns, pid, boot)
                 return decode(memory[8 : 8 + RECORD.size])
-            time.sleep(_PAUSE_S if tried else 0.0)
+            time.sleep(pause_s)
+            pause_s = _PAUSE_S
         raise ProtocolError("the daemon ended in the middle of a write")
 
     def _check_liveness(self, heartbeat_ns: int, pid: int, boot: bytes) -> None:

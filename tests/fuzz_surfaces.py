@@ -105,7 +105,7 @@ def gnss_csv(data: bytes) -> None:
     _file(data, ".csv", lambda path: read_fixes(path, 0))
 
 
-client._TRIES = 2  # of reading the shared memory: no writer is at work here, for which one would wait
+client._WRITE_NS = 2_000_000  # for reading the shared memory: no writer is at work here, for which one would wait
 
 
 def shared(data: bytes) -> None:

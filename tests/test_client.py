@@ -10,8 +10,10 @@ import shutil
 import socket
 import struct
 import subprocess
+import tempfile
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -234,8 +236,15 @@ def _write_without_end(path: str, stop: multiprocessing.Event) -> None:
         memory.publish(record)
 
 
-def test_no_reader_sees_half_a_state(tmp_path):
-    path = tmp_path / "m"
+@pytest.fixture
+def memory_folder():
+    """In memory, as /run is: where a disk is busy, a writer may wait for it in the middle of a state."""
+    with tempfile.TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as folder:
+        yield Path(folder)
+
+
+def test_no_reader_sees_half_a_state(memory_folder):
+    path = memory_folder / "m"
     SharedMemory(str(path)).close()
     shared = client.Shared(path)
     context = multiprocessing.get_context("spawn")

@@ -755,8 +755,8 @@ def compass_too_late():
 def compass_behind_many_fixes():
     """A measurement comes when the alignment's sums of its time are kept no longer."""
     d = road(40.0)
-    rows = headings(d, seed=54, every_s=1.0, late_s=1.8)
-    return replace(navigated(*data(d, seed=49, every=0.05)), measurements=rows)
+    rows = headings(d, seed=54, every_s=1.0, late_s=0.8)
+    return replace(navigated(*data(d, seed=49, every=0.02)), measurements=rows)
 
 
 CLASSES = (

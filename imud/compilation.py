@@ -51,7 +51,7 @@ def warm(estimator: Estimator, settings: Settings) -> None:
     filter_ = Filter(estimator, settings, Initial(), _RATE_HZ)
     Stream(*_scratch()[0], filter_).ingest(0, 0)
     filter_.update(np.zeros(1, FIX))
-    filter_.told()
+    filter_.pending_innovations()
     if estimator.aid is not None:
         filter_.aid(np.zeros(1, MEASUREMENT))
     shown(filter_.health)

@@ -22,7 +22,7 @@ from .sensor_errors.stored_biases import Biases
 from .sensor_monitor.health import new_health
 from .stages import BATCH, BYTE, RX, STREAM, Stages, decoding, ingest
 
-UNREAD, OF_A_FIX = 1024, 16  # innovations, at most: of samples since `told` was last called; of one fix
+UNREAD, OF_A_FIX = 1024, 16  # innovations, at most: of samples since `pending_innovations` was last called; of one fix
 _NO_SAMPLE, _NO_SOLUTION, _NO_FIX, _AT_ONCE = (
     np.zeros(n, kind) for n, kind in ((0, SAMPLE), (0, SOLUTION), (0, FIX), (1, np.int64))
 )
@@ -79,7 +79,7 @@ class Filter:
         """Step through `samples` (SAMPLE, turned to body axes in place), one solution each into `out` (SOLUTION).
 
         Fix i of `fixes` (FIX) goes in before sample places[i] (int64, ascending). Fills `innovations`, which must have
-        `room_for` these fixes: for each fix what was `told` until then, and its own. Returns the filled part.
+        `room_for` these fixes: for each fix those pending until then, and its own. Returns the filled part.
         """
         n = self.stages.feed(
             self.health, samples, self.correction, self.parameters, self.state, out, fixes, places, innovations
@@ -91,9 +91,9 @@ class Filter:
         self.feed(samples, out, _NO_FIX, _AT_ONCE, self._innovations)
 
     def update(self, fix: Records) -> Records:
-        """Take a fix (array of one FIX); returns what was `told` until then and its own, valid until the next call."""
+        """Take a fix (array of one FIX); returns those pending until then and its own, valid until the next call."""
         if self.estimator.update is None:
-            return self.told()
+            return self.pending_innovations()
         return self.feed(_NO_SAMPLE, _NO_SOLUTION, fix, _AT_ONCE, self._innovations)
 
     def aid(self, measurements: Records) -> Records:
@@ -106,9 +106,13 @@ class Filter:
         room = room_for(len(measurements))
         return room[: self.stages.aid(self.parameters, self.state, measurements, room)]
 
-    def told(self) -> Records:
+    def pending_innovations(self) -> Records:
         """The innovations (INNOVATION) of the samples since the last call of this; valid until the next one."""
-        n = 0 if self.estimator.told is None else self.stages.told(self.state, self._innovations)
+        n = (
+            0
+            if self.estimator.pending_innovations is None
+            else self.stages.pending_innovations(self.state, self._innovations)
+        )
         return self._innovations[:n]
 
 

@@ -72,8 +72,8 @@ def _takes_none(parameters: Any, state: Any, fix: Any, innovations: Any) -> int:
 
 
 @kernel
-def _tells_none(state: Any, innovations: Any) -> int:
-    """The `told` of an estimator whose steps make no innovations."""
+def _has_none(state: Any, innovations: Any) -> int:
+    """The `pending_innovations` of an estimator whose steps make no innovations."""
     return 0
 
 
@@ -138,7 +138,7 @@ def _advancer(step: Kernel, parameters: np.dtype[Any], state: np.dtype[Any]) -> 
 
 
 @functools.cache
-def _feeder(step: Kernel, update: Kernel, told: Kernel) -> Kernel:
+def _feeder(step: Kernel, update: Kernel, pending: Kernel) -> Kernel:
     """What `Filter.feed` calls."""
 
     def feed(
@@ -147,7 +147,7 @@ def _feeder(step: Kernel, update: Kernel, told: Kernel) -> Kernel:
         n = fed = 0
         for k in range(len(samples) + 1):
             while fed < len(fixes) and places[fed] <= k:
-                n += told(s[0], innovations[n:])
+                n += pending(s[0], innovations[n:])
                 n += update(p[0], s[0], fixes[fed], innovations[n:])
                 fed += 1
             if k < len(samples):
@@ -156,7 +156,7 @@ def _feeder(step: Kernel, update: Kernel, told: Kernel) -> Kernel:
                 step(p[0], s[0], samples[k], out[k])
         return n
 
-    name_after(feed, step, update, told)
+    name_after(feed, step, update, pending)
     return entry(feed)
 
 
@@ -175,13 +175,13 @@ def _aider(aid: Kernel) -> Kernel:
 
 
 @functools.cache
-def _teller(told: Kernel) -> Kernel:
-    """What `Filter.told` calls."""
+def _collector(pending: Kernel) -> Kernel:
+    """What `Filter.pending_innovations` calls."""
 
     def innovations_of(state: Any, innovations: Any) -> int:
-        return int(told(state[0], innovations))
+        return int(pending(state[0], innovations))
 
-    name_after(innovations_of, told)
+    name_after(innovations_of, pending)
     return entry(innovations_of)
 
 
@@ -194,11 +194,11 @@ class Stages:
     """What is composed with an estimator."""
 
     def __init__(self, estimator: Estimator) -> None:
-        update, told = estimator.update or _takes_none, estimator.told or _tells_none
+        update, pending = estimator.update or _takes_none, estimator.pending_innovations or _has_none
         self._step = estimator.step
         self.each = _stepper(estimator.step)
-        self.feed = _feeder(estimator.step, update, told)
-        self.told = _teller(told)
+        self.feed = _feeder(estimator.step, update, pending)
+        self.pending_innovations = _collector(pending)
         self.aid = estimator.aid and _aider(estimator.aid)
 
     def advancing(self, parameters: Records, state: Records) -> int:

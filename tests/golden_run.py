@@ -54,7 +54,7 @@ def run(recording, disturb=lambda samples: samples):
         due = slice(*np.searchsorted(places, [start, stop + (stop == len(samples))]))
         room = np.zeros(ROOM * (len(fixes[due]) + 1), INNOVATION)
         made.append(filter_.feed(samples[start:stop], out[start:stop], fixes[due], places[due] - start, room).copy())
-    return out, np.concatenate([*made, filter_.told()])
+    return out, np.concatenate([*made, filter_.pending_innovations()])
 
 
 def solution_columns(out):

@@ -77,7 +77,7 @@ def test_what_nobody_asks_for_is_kept_up_to_a_limit_and_harms_nothing():
     samples = np.tile(sensed(d, rng), 5)
     samples["t_ns"] = 10**11 + 10**7 * np.arange(len(samples))
     filter_.run(samples, np.zeros(len(samples), SOLUTION))
-    kept = filter_.told().copy()
+    kept = filter_.pending_innovations().copy()
     assert len(kept) == UNREAD
     assert (np.diff(kept["t_ns"]) >= 0).all()
-    assert not len(filter_.told())
+    assert not len(filter_.pending_innovations())

@@ -84,17 +84,19 @@ def play(
     edges = np.unique(np.concatenate([np.arange(0, len(samples), BLOCK), aided[aided < len(samples)], [len(samples)]]))
     for start, stop in itertools.pairwise(edges):
         if aiding is not None and (aided == start).any():
-            innovations = filter_.aid(aiding[aided == start])
+            measured = filter_.aid(aiding[aided == start])
             if note is not None:
-                note(innovations.copy())
+                note(measured.copy())
         due = slice(*np.searchsorted(places, [start, stop]))
         rows = out[: stop - start]
-        told = filter_.feed(samples[start:stop], rows, fixes[due], places[due] - start, room_for(len(fixes[due])))
+        innovations = filter_.feed(
+            samples[start:stop], rows, fixes[due], places[due] - start, room_for(len(fixes[due]))
+        )
         write(rows if keep is None else rows[keep[start:stop]])
         progress.at(stop)
         if note is not None:
-            note(told.copy())  # a view would keep all the room
-            note(filter_.told().copy())
+            note(innovations.copy())  # a view would keep all the room
+            note(filter_.pending_innovations().copy())
     return len(fixes)
 
 
@@ -141,11 +143,11 @@ def run(args: argparse.Namespace) -> int:
         filter_ = Filter(estimator, settings, initial, rate_hz)
         if args.calibration is not None:
             filter_.calibrate(calibration.read(args.calibration))
-        told: list[Records] = []
+        innovations: list[Records] = []
         aiding = _read_aiding(sources, origin)
-        fed = play(filter_, samples, fixes, writer.write, _kept(samples["t_ns"], args.rate), told.append, aiding)
+        fed = play(filter_, samples, fixes, writer.write, _kept(samples["t_ns"], args.rate), innovations.append, aiding)
     if args.innovations is not None:
-        _keep_innovations(args.innovations, origin, told)
+        _keep_innovations(args.innovations, origin, innovations)
     _summary(samples, fixes, fed, skipped, time.perf_counter() - begin)
     if args.gnss is not None and not len(fixes):
         print(f"imud replay: {args.gnss}: no fix in it", file=sys.stderr)
@@ -154,12 +156,12 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _keep_innovations(path: Path, origin: int, told: "list[Records]") -> None:
+def _keep_innovations(path: Path, origin: int, innovations: "list[Records]") -> None:
     from ..estimators.records import INNOVATION
     from ..tables.estimates import write_innovations
 
     try:
-        write_innovations(path, origin, np.concatenate([np.zeros(0, INNOVATION), *told]))
+        write_innovations(path, origin, np.concatenate([np.zeros(0, INNOVATION), *innovations]))
     except OSError as error:
         raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error
 

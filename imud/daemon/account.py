@@ -30,7 +30,7 @@ class Account:
         self._troubles: dict[str, tuple[str, ...] | None] = {"imu": None, "gnss": None}  # None: no such sensor
         self._started_ns = time.monotonic_ns()
 
-    def look_after(self, load: Load, now_ns: int) -> None:
+    def tick(self, load: Load, now_ns: int) -> None:
         """Call now and then: logs what has changed."""
         inertial = self._devices.fitting.inertial
         newest = inertial.newest if inertial else None

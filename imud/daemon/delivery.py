@@ -53,15 +53,15 @@ class Delivery:
             if recorder := self._recordings.current:
                 recorder.updated(fix, innovations)
 
-    def look_after(self, latency_s: float, now_ns: int) -> None:
+    def tick(self, latency_s: float, now_ns: int) -> None:
         """Call now and then: takes fixes whose epoch ended by silence, and innovations that come without a fix."""
         if self._devices.gnss:
             self.fixed(self._devices.gnss[1].flush(now_ns), latency_s)
         inertial = self._devices.fitting.inertial
-        if inertial is not None and len(told := inertial.stream.filter.told()):
-            self.innovations.take(told)
+        if inertial is not None and len(innovations := inertial.stream.filter.pending_innovations()):
+            self.innovations.take(innovations)
             if recorder := self._recordings.current:
-                recorder.told(told)
+                recorder.told(innovations)
 
     def show(self, inertial: Inertial, now_ns: int) -> None:
         """Show the newest solution to those clients whose message is due."""

@@ -62,7 +62,7 @@ class Devices:
         self._known = calibration.Calibration("")  # of the inertial sensor
         self._by_fd: dict[int, Port] = {}
         self._bias_store = BiasStore()
-        self._looked_ns = self._awake_ns = 0  # of `look_after`: when last; since when without a long pause between two
+        self._looked_ns = self._awake_ns = 0  # of `tick`: when last; since when without a long pause between two
         self._spares: dict[str, set[Port]] = {kind: set() for kind in _PARTS}
         recordings.on_begin, recordings.on_end = self._introduce, self._read_directly
 
@@ -120,7 +120,7 @@ class Devices:
         self._errors.report(f"the connection on {port.spec.path}", error)
         port.lost("internal error")
 
-    def look_after(self, now_ns: int) -> None:
+    def tick(self, now_ns: int) -> None:
         """Call now and then: looks for streams that fell silent, complaints of lines, and a sensor at a wrong rate."""
         if now_ns - self._looked_ns > _SLEPT_NS:
             self._awake_ns = now_ns

@@ -153,15 +153,15 @@ class Daemon:
     def _look_after(self, now_ns: int) -> None:
         """Do what is due now and then: unfinished epochs, silence, slow clients, the watchdog, lines for the log."""
         with self._errors.contain("the use of a fix"):
-            self._delivery.look_after(self._settings.gnss.latency_s, now_ns)
+            self._delivery.tick(self._settings.gnss.latency_s, now_ns)
         with self._errors.contain("a look at the devices"):
-            self._devices.look_after(now_ns)
+            self._devices.tick(now_ns)
         with self._errors.contain("the publishing of a fix"):
             if self._devices.imu is None:
                 self._delivery.show_receiver(now_ns)
         self._outputs.tick(now_ns)
         with self._errors.contain("a look at the state"):
-            self._account.look_after(self._delivery.load, now_ns)
+            self._account.tick(self._delivery.load, now_ns)
         with self._errors.contain("a look at the recording"):
             for level, text in self._recordings.tick():
                 getattr(self._log, level)(text)

@@ -24,7 +24,8 @@ class Estimator:
     configure(settings, rate_hz) -> parameters (1 element). start(parameters, initial) -> state (1 element).
     step(parameters[0], state[0], sample, solution): one inertial sample in, one solution row out.
     update(parameters[0], state[0], fix, innovations) -> rows of `innovations` written. None: takes no fixes.
-    told(state[0], innovations) -> rows of `innovations` that steps have made since it was asked last; None: never any.
+    pending_innovations(state[0], innovations) -> rows of `innovations` that steps have made since
+    the last call; None: never any.
     needs_gyros: useless on a sensor without rates about all three axes.
     aid(parameters[0], state[0], measurement, innovations) -> rows of `innovations`; a measurement (MEASUREMENT) of one
     of `sources`. None: GNSS only.
@@ -41,7 +42,7 @@ class Estimator:
     needs_gyros: bool = True
     survives_power_on: bool = False
     restore_biases: Callable[[Records, Biases], None] | None = None
-    told: Callable[[Any, Any], int] | None = None
+    pending_innovations: Callable[[Any, Any], int] | None = None
     tunables: tuple[Tunable, ...] = ()
     aid: Callable[[Any, Any, Any, Any], int] | None = None
     sources: tuple[AidingSource, ...] = ()

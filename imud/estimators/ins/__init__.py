@@ -27,7 +27,7 @@ ESTIMATOR = Estimator(
     start,
     step,
     update,
-    told=take_innovations,
+    pending_innovations=take_innovations,
     tunables=TUNABLES,
     survives_power_on=True,
     aid=aid,

@@ -120,7 +120,7 @@ class Daemon:
             if now_ns >= slow_ns:
                 gnss = self._devices.gnss
                 slow_ns = now_ns + (_SOON_NS if gnss and gnss[1].decoder.pending else _SLOW_NS)
-                self._look_after(now_ns)
+                self._tick_all(now_ns)
 
     def _turn(self, slow_ns: int) -> int:
         """Wait until something happens that the cycle does not handle by itself, or until something is due."""
@@ -150,7 +150,7 @@ class Daemon:
         else:
             self._outputs.on_event(fd, mask, now_ns)
 
-    def _look_after(self, now_ns: int) -> None:
+    def _tick_all(self, now_ns: int) -> None:
         """Do what is due now and then: unfinished epochs, silence, slow clients, the watchdog, lines for the log."""
         with self._errors.contain("the use of a fix"):
             self._delivery.tick(self._settings.gnss.latency_s, now_ns)

@@ -9,7 +9,6 @@ parameters and read by its kernels; the keys of the settings' table `ESTIMATOR.t
     parameters["tuning"] = values_of(TUNABLES, settings.attitude.tuning)
 """
 
-import math
 import reprlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -22,7 +21,8 @@ from numpy.typing import NDArray
 class Tunable:
     """One constant: its default, its unit ("": a pure number), its meaning, and where the default comes from.
 
-    A default that is an int makes an integer. Values from `low` to `most` are accepted, both included.
+    A default that is an int makes an integer. Values from `least` to `most` are accepted, both included: `low` and
+    `high`, else a thousandth and a thousand times the default, so that every number is finite and none divides by zero.
     """
 
     name: str
@@ -30,22 +30,27 @@ class Tunable:
     unit: str
     meaning: str
     source: str
-    low: float = 0.0
-    high: float = math.inf
+    low: float | None = None
+    high: float | None = None
+
+    @property
+    def least(self) -> float:
+        if self.low is not None:
+            return self.low
+        return 1 if isinstance(self.default, int) else self.default / 1000.0
 
     @property
     def most(self) -> float:
-        """`high`; if that is infinite, a thousand times the default: every number has a finite range."""
-        return self.high if math.isfinite(self.high) else 1000.0 * self.default
+        return 1000.0 * self.default if self.high is None else self.high
 
     @property
     def kind(self) -> str:
         """The values it takes, in words."""
         kind = "integer" if isinstance(self.default, int) else "number"
-        return f"{kind} from {self.low:g} to {self.most:g}"
+        return f"{kind} from {self.least:g} to {self.most:g}"
 
     def accepts(self, value: float) -> bool:
-        return self.low <= value <= self.most and (not isinstance(self.default, int) or float(value).is_integer())
+        return self.least <= value <= self.most and (not isinstance(self.default, int) or float(value).is_integer())
 
 
 def dtype_of(tunables: Iterable[Tunable]) -> np.dtype[np.void]:

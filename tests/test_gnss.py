@@ -20,8 +20,10 @@ from imud.sensors.gnss import record, refusal
 from imud.sensors.readings import Gnss as GnssView
 from imud.sensors.receiver import Receiver
 from imud.setup.config import load
+from imud.tables.inputs import read_fixes
 from imud.tables.lines import is_nmea
 from imud.tables.nmea_log import fixes_of_log
+from imud.tables.refused import without_refused
 
 FIX = decode(gga() + rmc(motion="10.0,90.0") + vtg())[0][0]
 
@@ -216,3 +218,18 @@ def test_a_tap_is_handed_all_that_the_fixes_depend_on():
     assert len(live) == 8
     assert len(heard) < 20
     assert np.concatenate(again).tobytes() == np.concatenate(live).tobytes()
+
+
+def test_fixes_of_a_table_obey_the_same_settings(tmp_path):
+    table = tmp_path / "gnss.csv"
+    rows = ["1,48,11,500,0.9,8", "2,48,11,500,0.9,4", "3,48,11,500,25,8", "4,48,11,500,,"]
+    table.write_text("\n".join(["t_s,lat_deg,lon_deg,height_m,hdop,satellites", *rows]) + "\n")
+    fixes, told = read_fixes(table, 0), []
+    assert without_refused(table, fixes, Gnss(), told.append)["t_ns"].tolist() == [1e9, 4e9]
+    assert told == [
+        "2 of 4 fixes are not used: 4 satellites, fewer than gnss.min_satellites = 5 (1 times), "
+        "HDOP 25, above gnss.max_hdop = 20 (1 times)"
+    ]
+    assert len(without_refused(table, fixes, Gnss(min_satellites=4, max_hdop=30.0), told.append)) == 4
+    with pytest.raises(BadDataError, match=r"none of its fixes is used: quality 1, .* gnss\.qualities = \[4\]"):
+        without_refused(table, fixes[:3], Gnss(qualities=(4,)), told.append)

@@ -172,17 +172,18 @@ def _read_gnss(
     from ..estimators.records import FIX
     from ..tables.inputs import read_fixes
     from ..tables.lines import is_nmea
+    from ..tables.refused import without_refused
+
+    def tell(refused: str) -> None:
+        print(f"imud replay: {path}: {refused}", file=sys.stderr)
 
     if path is None:
         return np.zeros(0, FIX)
     if is_nmea(path):
         from ..tables.nmea_log import fixes_of_log
 
-        def tell(refused: str) -> None:
-            print(f"imud replay: {path}: {refused}", file=sys.stderr)
-
         return fixes_of_log(path, origin, int(samples["t_ns"][0]), settings.gnss, tell)
-    return read_fixes(path, origin, left_out)
+    return without_refused(path, read_fixes(path, origin, left_out), settings.gnss, tell)
 
 
 def _sources(named: list[str], estimator: "Estimator") -> "list[tuple[AidingSource, Path]]":

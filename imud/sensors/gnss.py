@@ -32,15 +32,33 @@ class Refusal:
 
 def refusal(fix: Fix, settings: Gnss) -> Refusal | None:
     """Why the settings forbid this fix; None: use it."""
-    if fix.quality not in settings.qualities:
-        quality, allowed = _QUALITIES.get(fix.quality, fix.quality), ", ".join(map(str, settings.qualities))
-        return Refusal("gnss.qualities", f"quality {quality}, not in gnss.qualities = [{allowed}]")
-    if fix.satellites is not None and fix.satellites < settings.min_satellites:
+    why = _forbidden(fix.quality, fix.satellites, fix.hdop, settings)
+    return why or (Refusal("time", "they have no time") if fix.utc_s is None else None)
+
+
+def _forbidden(quality: int, satellites: int | None, hdop: float | None, settings: Gnss) -> Refusal | None:
+    """Which setting forbids a fix; satellites, hdop: None where it does not say."""
+    if quality not in settings.qualities:
+        named, allowed = _QUALITIES.get(quality, quality), ", ".join(map(str, settings.qualities))
+        return Refusal("gnss.qualities", f"quality {named}, not in gnss.qualities = [{allowed}]")
+    if satellites is not None and satellites < settings.min_satellites:
         limit = f"gnss.min_satellites = {settings.min_satellites}"
-        return Refusal("gnss.min_satellites", f"{fix.satellites} satellites, fewer than {limit}")
-    if fix.hdop is not None and fix.hdop > settings.max_hdop:
-        return Refusal("gnss.max_hdop", f"HDOP {fix.hdop}, above gnss.max_hdop = {settings.max_hdop:g}")
-    return Refusal("time", "they have no time") if fix.utc_s is None else None
+        return Refusal("gnss.min_satellites", f"{satellites} satellites, fewer than {limit}")
+    if hdop is not None and hdop > settings.max_hdop:
+        return Refusal("gnss.max_hdop", f"HDOP {hdop:g}, above gnss.max_hdop = {settings.max_hdop:g}")
+    return None
+
+
+def refusals(fixes: Records, settings: Gnss) -> list[Refusal | None]:
+    """Of each fix (array of FIX) why the settings forbid it; None: use it. A row without a position is not judged."""
+    known = np.isfinite(fixes["lat"])
+    columns = (fixes[name].tolist() for name in ("quality", "satellites", "hdop"))
+    return [
+        _forbidden(quality, satellites if satellites >= 0 else None, hdop if math.isfinite(hdop) else None, settings)
+        if k
+        else None
+        for k, quality, satellites, hdop in zip(known, *columns, strict=True)
+    ]
 
 
 def record(fix: Fix, t_ns: int, arrival_ns: int) -> Records:

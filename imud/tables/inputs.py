@@ -245,7 +245,7 @@ def read_fixes(path: Path, origin: int, left_out: LeftOut | None = None) -> NDAr
         fix["hdop"], fix["speed"] = row.get("hdop", math.nan), row.get("speed_mps", math.nan)
         fix["course"] = math.radians(row.get("course_deg", math.nan))
         quality, satellites = row.get("quality", math.nan), row.get("satellites", math.nan)
-        fix["quality"] = 1 if math.isnan(quality) else int(quality)
+        fix["quality"] = int(quality) if quality >= 0.0 else 1  # NaN, below zero: not known
         fix["satellites"] = -1 if math.isnan(satellites) else int(satellites)
     return fixes[np.argsort(fixes["arrival_ns"], kind="stable")]
 

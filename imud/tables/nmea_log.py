@@ -14,6 +14,7 @@ from ..errors import BadDataError
 from ..math.arrays import Records
 from ..sensors.gnss import record, refusal
 from .lines import content
+from .refused import say_refused
 
 _DAY_S = 86_400.0
 
@@ -55,9 +56,5 @@ def fixes_of_log(
         day = round((near - fix.utc_s) / _DAY_S)
         t_ns = round((fix.utc_s + day * _DAY_S - origin) * 1e9)
         rows.append(record(fix, t_ns, t_ns + round(settings.latency_s * 1e9)))
-    reasons = ", ".join(f"{why} ({count} times)" for why, count in refused.items())
-    if not rows:
-        raise BadDataError(f"{path}: none of its fixes is used: {reasons}")
-    if refused:
-        tell(f"{refused.total()} of {len(fixes)} fixes are not used: {reasons}")
+    say_refused(path, refused, len(fixes), tell)
     return np.concatenate(rows)

@@ -91,3 +91,10 @@ def test_any_event_is_readable(event, text):
     told = parsed(log.datagram(6, {"event": text, **{f"x{key}": value for key, value in event.items()}}))
     assert told["EVENT"] == text.encode(errors="replace").decode()
     assert all(name and name[0] not in "_0123456789" for name in told)
+
+
+def test_the_log_does_not_cost_asyncio():
+    code = "import sys, imud.process.log; from structlog import stdlib; print('asyncio.base_events' in sys.modules)"
+    code += "; print(stdlib.asyncio.sleep.__module__)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "asyncio.tasks"]

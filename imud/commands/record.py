@@ -7,7 +7,6 @@ import select
 import time
 
 import msgspec
-import structlog
 
 from drivers.driver import AnyDriver, GnssConfigured, Identity
 from drivers.errors import PortEndedError, PortLostError
@@ -17,6 +16,7 @@ from ..daemon import simulated
 from ..daemon.ports import Configured, Port
 from ..errors import ImudError
 from ..process import log
+from ..process.log import get_logger
 from ..process.signals import caught, endings
 from ..recording.recorder import Recorder, recording
 from ..sensor_errors import calibration
@@ -41,7 +41,7 @@ class Tape:
 
     def __init__(self, settings: Settings, recorder: Recorder, wait: bool) -> None:
         self._recorder = recorder
-        self._log = structlog.get_logger()
+        self._log = get_logger()
         self._poll = select.epoll()
         self._by_fd: dict[int, Port] = {}
         self._taps: dict[Port, Tap] = {}

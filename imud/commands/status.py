@@ -14,7 +14,7 @@ from typing import Any
 from ..configuration.settings import Gpsd
 from ..errors import ConfigError, DeviceAbsentError, ImudError, PermissionDeniedError, UsageError
 from ..outputs.addresses import Address, parse_address
-from ..outputs.gpsd_dialogue import NO_DESCRIPTORS, TOO_MANY
+from ..outputs.listeners import NO_DESCRIPTORS, TOO_MANY
 from . import metrics
 
 PORT = 2947

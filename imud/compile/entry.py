@@ -8,7 +8,6 @@ address that it had.
 import contextlib
 import ctypes
 import functools
-import hashlib
 import inspect
 import os
 import re
@@ -21,6 +20,7 @@ import numpy as np
 from drivers.jit import Kernel
 
 from . import library
+from .hashing import digest_of
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Dtype = np.dtype[Any] | None  # of an array's elements; None: an integer
@@ -155,4 +155,4 @@ def symbol(kernel: Kernel, dtypes: Sequence[Dtype]) -> str:
 
 def _digest(dtypes: Sequence[Dtype]) -> str:
     described = repr([dtype and (dtype.descr, dtype.itemsize) for dtype in dtypes])
-    return hashlib.sha256(described.encode()).hexdigest()[:8]
+    return digest_of(described.encode())[:8]

@@ -8,12 +8,13 @@ if it is set; this folder; the cache folder, for where this one cannot be writte
 
 import ctypes
 import functools
-import hashlib
 import json
 import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+
+from .hashing import digest_of
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("imud", "drivers")  # that have kernels
@@ -22,11 +23,8 @@ INSTALLED = Path(__file__).with_name("kernels.so")
 
 def digest(files: Sequence[str], root: Path = ROOT) -> str:
     """Digest of these files of the sources, names and contents. Raises OSError if one is not there."""
-    whole = hashlib.sha256()
-    for name in files:
-        content = (root / name).read_bytes()
-        whole.update(f"{name}\0{len(content)}\0".encode() + content)
-    return whole.hexdigest()
+    contents = [(name, (root / name).read_bytes()) for name in files]
+    return digest_of(*(f"{name}\0{len(content)}\0".encode() + content for name, content in contents))
 
 
 def defect(library: Path) -> str | None:
@@ -34,7 +32,7 @@ def defect(library: Path) -> str | None:
     try:
         code, _, line = library.read_bytes().rpartition(b"\n")
         said = json.loads(line)
-        if said["code"] != sha256(code):
+        if said["code"] != digest_of(code):
             return "is damaged"
         if said["machine"] != os.uname().machine:
             return f"is for {said['machine']}"
@@ -47,18 +45,13 @@ def defect(library: Path) -> str | None:
         return "is damaged"
 
 
-def sha256(content: bytes) -> str:
-    """Of a library, or of a path."""
-    return hashlib.sha256(content).hexdigest()
-
-
 def places() -> list[Path]:
     """Where the library is looked for, and built: the first of them that can be written."""
     if given := os.environ.get("IMUD_KERNELS"):
         return [Path(given).resolve()]
     from ..folders import places as folders
 
-    name = f"kernels-{sha256(str(ROOT).encode())[:12]}.so"  # of this installation
+    name = f"kernels-{digest_of(str(ROOT).encode())[:12]}.so"  # of this installation
     return [INSTALLED, *(folder / name for folder in folders("cache"))]
 
 

@@ -12,7 +12,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from . import build
-from .library import PACKAGES, ROOT, defect, digest, sha256
+from .hashing import digest_of
+from .library import PACKAGES, ROOT, defect, digest
 
 
 def loaded_sources(root: Path = ROOT) -> list[str]:
@@ -25,7 +26,7 @@ def loaded_sources(root: Path = ROOT) -> list[str]:
 def seal(library: Path, files: Sequence[str]) -> None:
     """Append the line that says of which sources a library is."""
     code = library.read_bytes()
-    line = {"machine": os.uname().machine, "code": sha256(code), "sources": digest(files), "files": list(files)}
+    line = {"machine": os.uname().machine, "code": digest_of(code), "sources": digest(files), "files": list(files)}
     with library.open("ab") as file:
         file.write(b"\n" + json.dumps(line).encode())
 

@@ -2,12 +2,11 @@
 
 import time
 
-import structlog
-
 from ..estimators.records import ATTITUDE_VALID
 from ..outputs.all import Outputs
 from ..outputs.view import Health
 from ..process.contained import ContainedErrors
+from ..process.log import get_logger
 from ..sensors.inertial import Inertial
 from ..sensors.readings import ClockFit
 from ..sensors.receiver import Receiver
@@ -25,7 +24,7 @@ class Account:
 
     def __init__(self, devices: Devices, errors: ContainedErrors) -> None:
         self._devices, self._errors = devices, errors
-        self._log = structlog.get_logger()
+        self._log = get_logger()
         self._announcer = Announcer(self._log)
         self._troubles: dict[str, tuple[str, ...] | None] = {"imu": None, "gnss": None}  # None: no such sensor
         self._started_ns = time.monotonic_ns()

@@ -3,11 +3,10 @@
 import threading
 from typing import Any
 
-import structlog
-
 from drivers.driver import ImuConfigured
 
 from ..configuration.settings import Settings
+from ..process.log import get_logger
 from ..sensor_errors import stored_biases
 from ..sensor_errors.calibration import Calibration, correction
 from ..sensor_errors.profiles import profile_of
@@ -53,5 +52,5 @@ class BiasStore:
             stored_biases.save(*arguments)
         except OSError as error:
             if not self._warned:
-                structlog.get_logger().warning(f"biases cannot be kept over a restart: {error}")
+                get_logger().warning(f"biases cannot be kept over a restart: {error}")
             self._warned = True

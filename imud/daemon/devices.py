@@ -8,8 +8,6 @@ import select
 import time
 from typing import Any
 
-import structlog
-
 from drivers.driver import AnyDriver, Identity, ImuConfigured
 from drivers.errors import PortEndedError, PortLostError
 from drivers.transport.line import Known
@@ -20,6 +18,7 @@ from ..math.arrays import Records
 from ..outputs.view import Device
 from ..process import garbage
 from ..process.contained import ContainedErrors
+from ..process.log import get_logger
 from ..recording.control import Recordings
 from ..sensor_errors import calibration
 from ..sensor_errors.stored_biases import Biases
@@ -51,7 +50,7 @@ class Devices:
         """patient: wait for devices that are absent at the start. Raises UsageError, DeviceAbsentError."""
         self._settings = settings
         self._cycle, self._recordings, self._errors = cycle, recordings, errors
-        self._log = structlog.get_logger()
+        self._log = get_logger()
         self.fitting = Fitting(settings, self._log.warning)
         self.ports = [Port(spec, options, self, patient) for spec, options in choices.ports(settings)]
         self.imu: tuple[Port, Inertial] | None = None

@@ -11,8 +11,6 @@ import time
 from collections.abc import Callable
 from functools import partial
 
-import structlog
-
 from .. import compilation
 from ..compile import library
 from ..configuration.settings import Settings
@@ -20,6 +18,7 @@ from ..errors import ImudError
 from ..outputs.all import Outputs
 from ..process import garbage, realtime
 from ..process.contained import ContainedErrors
+from ..process.log import get_logger
 from ..process.notify import Notifier
 from ..process.signals import caught, endings
 from ..recording.control import Recordings
@@ -52,7 +51,7 @@ class Daemon:
         """
         self._settings = settings
         self._reread = reread
-        self._log = structlog.get_logger()
+        self._log = get_logger()
         self._recordings = recordings or Recordings(settings)
         self._cycle = Cycle()
         self._errors = ContainedErrors()

@@ -9,8 +9,6 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-import structlog
-
 from drivers.detect import search
 from drivers.dialogue import Dialogue
 from drivers.driver import AnyDriver, GnssConfigured, Identity, ImuConfigured, Options, Request, Unsupported
@@ -29,6 +27,7 @@ from drivers.transport.line import Known, Line, look, open_line
 from drivers.transport.portspec import PortSpec
 
 from ..errors import DeviceAbsentError, ImudError, InputOutputError, PermissionDeniedError
+from ..process.log import get_logger
 
 Configured = ImuConfigured | GnssConfigured
 
@@ -68,7 +67,7 @@ class Port:
         self.story = self._gist = _UNTRIED
         self.connects = 0
         self._host, self._patient = host, patient
-        self._log = structlog.get_logger().bind(port=spec.path)
+        self._log = get_logger().bind(port=spec.path)
         self._line: Line | None = None
         self._talk: Conversation[Any] | None = None
         self._complaint = ""

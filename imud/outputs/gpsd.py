@@ -18,9 +18,7 @@ from imud.process.contained import ContainedErrors
 from .addresses import addresses_of
 from .connection import NEVER_NS, SECOND_NS, Connection
 from .gpsd_dialogue import (
-    NO_DESCRIPTORS,
     NOT_HTTP,
-    TOO_MANY,
     Answer,
     Policy,
     Request,
@@ -32,7 +30,7 @@ from .gpsd_dialogue import (
 from .gpsd_extensions import FRESH_NS, ExtensionRequests
 from .gpsd_json import Report
 from .gpsd_objects import line
-from .listeners import Listeners, Poller, RejectedError
+from .listeners import NO_DESCRIPTORS, TOO_MANY, Listeners, Poller, RejectedError
 from .nmea_sentences import sentences
 from .view import Device, View
 

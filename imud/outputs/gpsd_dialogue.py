@@ -26,7 +26,6 @@ REQUEST_MAX = 1024  # bytes; gpsd's own limit is 80
 _DEVICES_MAX = 4  # libgps loops for ever over a longer list
 _ERROR_MAX = 255
 NOT_HTTP = "this port does not speak HTTP"
-TOO_MANY, NO_DESCRIPTORS = "too many clients", "no descriptor left for another client"
 
 
 @dataclass(frozen=True, slots=True)

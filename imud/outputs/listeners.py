@@ -11,6 +11,7 @@ from typing import Protocol
 
 from .addresses import Address, listen, shown_address
 
+TOO_MANY, NO_DESCRIPTORS = "too many clients", "no descriptor left for another client"  # the reasons, as sent
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)  # accept() fails with one of these
 
 

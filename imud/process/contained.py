@@ -9,9 +9,8 @@ import traceback
 from collections.abc import Iterator
 from pathlib import Path
 
-import structlog
-
 from ..errors import ImudError
+from .log import get_logger
 
 _KINDS_MAX = 100  # that are remembered, and so logged
 _ROOT = Path(__file__).parents[2]
@@ -23,7 +22,7 @@ class ContainedErrors:
     def __init__(self) -> None:
         self.count = 0
         self.last = ""
-        self._log = structlog.get_logger()
+        self._log = get_logger()
         self._logged: set[str] = set()
 
     @contextlib.contextmanager

@@ -1,16 +1,17 @@
-"""Writes imud/estimators/ins/types.py: the records of the navigation filter as types for mypy, from their dtypes.
+"""Writes types.py of both filters, imud/estimators/ahrs and ins: their records as types for mypy, from the dtypes.
 
-`python tests/record_types.py`; a test holds the file against the dtypes.
+`python tests/record_types.py`; a test holds the files against the dtypes.
 """
 
 from pathlib import Path
 
 from drivers.sample import SAMPLE
+from imud.estimators.ahrs import state as ahrs
 from imud.estimators.ins import parameters, state
 from imud.estimators.records import FIX, INNOVATION, MEASUREMENT, SOLUTION
 
-FILE = Path(__file__).resolve().parents[1] / "imud" / "estimators" / "ins" / "types.py"
-RECORDS = {
+ESTIMATORS = Path(__file__).resolve().parents[1] / "imud" / "estimators"
+INS = {
     "Sample": SAMPLE,
     "StoredSample": state.STORED_SAMPLE,
     "Fix": FIX,
@@ -37,8 +38,29 @@ RECORDS = {
     "StoredMeasurement": state.STORED_MEASUREMENT,
     "State": state.STATE,
 }
-TO_KALMAN = {"columns": "np.int64"} | dict.fromkeys(("P", "x", "d", "values"), "np.float64")
-HEAD = '''"""The records of the navigation filter as types for mypy, written by tests/record_types.py."""
+AHRS = {
+    "Sample": SAMPLE,
+    "Solution": SOLUTION,
+    "Tuning": ahrs.PARAMETERS["tuning"],
+    "Parameters": ahrs.PARAMETERS,
+    "Nav": ahrs.NAV,
+    "Covariance": ahrs.COVARIANCE,
+    "Imu": ahrs.IMU,
+    "Integrals": ahrs.INTEGRALS,
+    "Levelling": ahrs.LEVELLING,
+    "Motion": ahrs.MOTION,
+    "Stationarity": ahrs.STATIONARITY,
+    "Divergence": ahrs.DIVERGENCE,
+    "Quantization": ahrs.QUANTIZATION,
+    "Scratch": ahrs.SCRATCH,
+    "State": ahrs.STATE,
+}
+FILES = {  # file: (what its filter is called, its records)
+    ESTIMATORS / "ahrs" / "types.py": ("attitude", AHRS),
+    ESTIMATORS / "ins" / "types.py": ("navigation", INS),
+}
+TO_KALMAN = {"columns": "np.int64"} | dict.fromkeys(("P", "x", "d", "ph", "values"), "np.float64")
+HEAD = '''"""The records of the {} filter as types for mypy, written by tests/record_types.py."""
 
 from typing import Any, Protocol
 
@@ -63,13 +85,13 @@ class Integers(Protocol):
 '''
 
 
-def type_of(dtype, name):
+def type_of(dtype, name, records):
     """What mypy knows a field of this dtype as; the kernels of kalman take numpy's arrays."""
     if name in TO_KALMAN:
         return f"NDArray[{TO_KALMAN[name]}]"
     base, shape = dtype.subdtype or (dtype, ())
     if base.names:
-        name = next(name for name, record in RECORDS.items() if record == base)
+        name = next(name for name, record in records.items() if record == base)
         return f"list[{name}]" if shape else name
     kind = "float" if base.kind == "f" else "int"
     if not shape:
@@ -77,14 +99,16 @@ def type_of(dtype, name):
     return {"float": "Floats", "int": "Integers"}[kind] if len(shape) == 1 else "Any"
 
 
-def text():
-    """The whole file."""
-    parts = [HEAD]
-    for name, dtype in RECORDS.items():
-        fields = "".join(f"    {field}: {type_of(dtype[field], field)}\n" for field in dtype.names)
+def text(path):
+    """The whole of this file."""
+    filter_name, records = FILES[path]
+    parts = [HEAD.format(filter_name)]
+    for name, dtype in records.items():
+        fields = "".join(f"    {field}: {type_of(dtype[field], field, records)}\n" for field in dtype.names)
         parts.append(f"\n\nclass {name}:\n{fields}")
     return "".join(parts)
 
 
 if __name__ == "__main__":
-    FILE.write_text(text())
+    for path in FILES:
+        path.write_text(text(path))

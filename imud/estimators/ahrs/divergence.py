@@ -10,32 +10,38 @@ Where roll and pitch have become very uncertain, corrections, which are linear i
 long; roll and pitch are then initialised as at a start.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
+from .ekf import inflate_sigma_tilt
 from .error_model import add_variance, variance
 from .motion import reset_motion
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 
+if TYPE_CHECKING:
+    from .types import Parameters, State
+
 
 @kernel
-def tilt_is_lost(p: Any, s: Any) -> bool:
+def tilt_is_lost(p: Parameters, s: State) -> bool:
     """Must roll and pitch be initialised anew? Once per covariance interval."""
     c = p.tuning
     gain = update_velocity_gain(p, s)
     if gain > c.max_velocity_gain_mps:
         inflate_covariance(p, s, gain * (1.0 - c.common_velocity_gain) / s.divergence.gain_duration)
     if s.cov.sigma_tilt < c.converged_tilt_rad:
-        s.levelling.converged = 1
-    if s.levelling.converged == 0 or s.cov.sigma_tilt < c.lost_tilt_rad:
+        s.divergence.converged = 1
+    if s.divergence.converged == 0 or s.cov.sigma_tilt < c.lost_tilt_rad:
         return False
-    s.levelling.initialised = s.levelling.converged = 0
+    s.divergence.converged = 0
     return True
 
 
 @kernel
-def update_velocity_gain(p: Any, s: Any) -> float:
+def update_velocity_gain(p: Parameters, s: State) -> float:
     """The velocity lately gained, m/s, uncorrected by measurements; the time that most of it took is kept."""
     c, d, time = p.tuning, s.divergence, s.integrals.time
     forgetting = time / (c.velocity_gain_time_s + time)
@@ -50,7 +56,14 @@ def update_velocity_gain(p: Any, s: Any) -> float:
 
 
 @kernel
-def inflate_covariance(p: Any, s: Any, acceleration: float) -> None:
+def restart_velocity_gain(s: State) -> None:
+    """No velocity has been gained."""
+    for i in range(3):
+        s.divergence.velocity_gain[i] = 0.0
+
+
+@kernel
+def inflate_covariance(p: Parameters, s: State, acceleration: float) -> None:
     """Take an acceleration, m/s^2, as gravity seen in a wrong attitude: tilt and biases are that uncertain."""
     tilt = acceleration / s.nav.gravity
     for i in range(3):
@@ -58,12 +71,12 @@ def inflate_covariance(p: Any, s: Any, acceleration: float) -> None:
         inflate_variance(s, GYRO_BIAS + i, tilt / p.tuning.velocity_gain_time_s, p.gyro_bias_var)
         inflate_variance(s, ACCEL_BIAS + i, acceleration, p.accel_bias_var)
         reset_motion(p, s, i)
-        s.divergence.velocity_gain[i] = 0.0
-    s.cov.sigma_tilt += tilt
+    restart_velocity_gain(s)
+    inflate_sigma_tilt(s, tilt)
     s.divergence.gain_duration = 0.0
 
 
 @kernel
-def inflate_variance(s: Any, i: int, error: float, largest: float) -> None:
+def inflate_variance(s: State, i: int, error: float, largest: float) -> None:
     """Add the square of an error to variance i, as far as the sum does not exceed `largest`."""
     add_variance(s, i, max(min(error * error, largest - variance(s, i)), 0.0))

@@ -1,16 +1,22 @@
 """The error-state Kalman filter: a scalar measurement of one state, injection of the error, standard deviations."""
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from ...math.kalman import measure, packed_index, update
 from ...math.rotation import euler_variances, quat_exp, quat_normalised, quat_product
 from .error_model import variance
+from .motion import shift_mean_velocity
 from .state import ACCEL_BIAS, ACCEL_DELAY, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, POSITION, STATES, VELOCITY
+
+if TYPE_CHECKING:
+    from .types import State
 
 
 @kernel
-def fuse_state(s: Any, i: int, z: float, r: float) -> None:
+def fuse_state(s: State, i: int, z: float, r: float) -> None:
     """Kalman update with the error of state i measured as z, noise variance r: the row of H is e_i'."""
     t = s.scratch
     t.columns[0], t.values[0] = i, 1.0
@@ -19,7 +25,7 @@ def fuse_state(s: Any, i: int, z: float, r: float) -> None:
 
 
 @kernel
-def inject_error(s: Any) -> None:
+def inject_error(s: State) -> None:
     """Add the error estimate to the nominal state, and clear it."""
     x, nav = s.scratch.x, s.nav
     turn = quat_exp(x[ATTITUDE], x[ATTITUDE + 1], x[ATTITUDE + 2])
@@ -28,7 +34,7 @@ def inject_error(s: Any) -> None:
     for i in range(3):
         nav.bg[i] += x[GYRO_BIAS + i]
         nav.v_n[i] += x[VELOCITY + i]
-        s.motion.v_mean[i] += x[VELOCITY + i]
+        shift_mean_velocity(s, i, x[VELOCITY + i])
         nav.p_n[i] += x[POSITION + i]
         nav.ba[i] += x[ACCEL_BIAS + i]
         nav.accel_scale[i] += x[ACCEL_SCALE + i]
@@ -40,7 +46,7 @@ def inject_error(s: Any) -> None:
 
 
 @kernel
-def update_sigmas(s: Any) -> None:
+def update_sigmas(s: State) -> None:
     """Standard deviations for the solution."""
     P, cov, q = s.cov.P, s.cov, s.nav.q_nb
     variances = euler_variances(
@@ -57,3 +63,9 @@ def update_sigmas(s: Any) -> None:
         cov.sigma_rpy[i] = max(variances[i], 0.0) ** 0.5
         cov.sigma_bg[i] = variance(s, GYRO_BIAS + i) ** 0.5
         cov.sigma_ba[i] = variance(s, ACCEL_BIAS + i) ** 0.5
+
+
+@kernel
+def inflate_sigma_tilt(s: State, tilt: float) -> None:
+    """Until the next interval: tilt may be wrong by so much more, rad."""
+    s.cov.sigma_tilt += tilt

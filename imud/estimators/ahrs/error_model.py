@@ -5,42 +5,58 @@ attitude, f the specific force, w the rate: position from velocity, velocity fro
 -C, scale -C diag(f) and delay C (f x w), attitude from gyro bias -C and gyro matrix -C [w' . .].
 
 Accelerometer noise, gyro noise and the walk of the gyro bias grow with the motion, by densities found on hand-held
-recordings with optical truth (BROAD). A shock or a vibration is over, or has reversed, before the next sample: what of
-the force its last change did not announce is a velocity that is not resolved, and rotations come with it that the gyro
-does not resolve either (a tap turned the BROAD sensor by half a degree unseen).
+recordings with optical truth (BROAD).
 
 Yaw does not enter: the errors of velocity and position are counted in axes that turn with the yaw error, so that no
 pseudo-measurement can seem to observe it.
 """
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel, unrolled
-from ...math.kalman import packed_index, scale, shear, shear3
-from ...math.rotation import Vector
+from ...math.kalman import packed_index, reset, scale, shear, shear3
 from .state import ACCEL_BIAS, ACCEL_DELAY, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, POSITION, STATES, VELOCITY
+
+if TYPE_CHECKING:
+    from ...math.rotation import Vector
+    from .types import Floats, Parameters, State
 
 
 @kernel
-def variance(s: Any, i: int) -> float:
+def variance(s: State, i: int) -> float:
     """P[i, i]."""
     return float(s.cov.P[packed_index(STATES, i, i)])
 
 
 @kernel
-def add_variance(s: Any, i: int, q: float) -> None:
+def add_variance(s: State, i: int, q: float) -> None:
     """P[i, i] += q."""
     s.cov.P[packed_index(STATES, i, i)] += q
 
 
+@kernel
+def reset_variance(s: State, i: int, variance: float) -> None:
+    """Make error state i independent of the others, with this variance."""
+    reset(s.cov.P, STATES, i, variance)
+
+
+@kernel
+def age_tilt(s: State, i: int, columns_of_c: Vector, time: float) -> None:
+    """Tilt i is that of `time` ago: its error has grown with the gyro bias since. `columns_of_c`: row i of C."""
+    for j in range(3):
+        shear(s.cov.P, STATES, ATTITUDE + i, GYRO_BIAS + j, -time * columns_of_c[j])
+
+
 @unrolled
-def couple(s: Any, i: int, j: int, integrals: Any, k: int) -> None:
+def couple(s: State, i: int, j: int, integrals: Floats, k: int) -> None:
     """Phi[i, j:j + 3] = -integrals[k:k + 3]."""
     shear3(s.cov.P, STATES, i, j, -integrals[k], -integrals[k + 1], -integrals[k + 2])
 
 
 @kernel
-def propagate_covariance(p: Any, s: Any) -> None:
+def propagate_covariance(p: Parameters, s: State) -> None:
     """P <- Phi P Phi' + Q over the interval since the last call."""
     P, total = s.cov.P, s.integrals
     for i in range(3):
@@ -62,7 +78,7 @@ def propagate_covariance(p: Any, s: Any) -> None:
 
 
 @kernel
-def add_process_noise(p: Any, s: Any) -> None:
+def add_process_noise(p: Parameters, s: State) -> None:
     """P += Q over the interval."""
     t, c, total = s.integrals.time, p.tuning, s.integrals
     a2 = total.a_outer_a[0] + total.a_outer_a[3] + total.a_outer_a[5]
@@ -79,29 +95,3 @@ def add_process_noise(p: Any, s: Any) -> None:
             at = packed_index(STATES, VELOCITY + i, VELOCITY + j)
             s.cov.P[at] += c.accel_noise_per_acceleration**2 * total.a_outer_a[k]
             k += 1
-
-
-@kernel
-def add_shock_noise(p: Any, s: Any, f: Vector, dt: float) -> None:
-    """Attitude noise from the change of the specific force (sample f, dt s after the last) that no trend announced."""
-    unannounced2 = 0.0
-    for i in range(3):
-        change = f[i] - s.imu.f[i]
-        unannounced2 += (change - s.imu.f_change[i]) ** 2
-        s.imu.f_change[i] = change
-    s.integrals.attitude_noise += p.tuning.shock_rotation**2 * unannounced2 * dt * dt
-
-
-@kernel
-def reset_integrals(s: Any) -> None:
-    """Begin a new interval."""
-    total = s.integrals
-    total.time = total.w2 = total.attitude_noise = total.velocity_noise = 0.0
-    for i in range(3):
-        total.delta_v[i] = total.c_f_cross_w[i] = 0.0
-    for i in range(6):
-        total.a_outer_a[i] = 0.0
-    for i in range(9):
-        total.c[i] = total.c_diag_f[i] = 0.0
-    for i in range(27):
-        total.c_outer_w[i] = 0.0

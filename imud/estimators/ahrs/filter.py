@@ -1,18 +1,22 @@
 """The entry of the attitude filter, one inertial sample; and the order of things on one page."""
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from drivers.sample import NO_FORCE, NO_RATE, POWER_ON, SATURATED, SUSPECT
 
 from ...compile.jit import kernel
 from .divergence import tilt_is_lost
 from .ekf import inject_error, update_sigmas
-from .error_model import add_shock_noise, propagate_covariance, reset_integrals
-from .levelling import coarse_level, initialise_attitude, is_coarse, restart_after_gap, restart_imu
+from .error_model import propagate_covariance
+from .integrals import reset_integrals
+from .last_sample import set_outage, store_sample
+from .levelling import coarse_level, forget_tilt, initialise_attitude, is_coarse, restart_after_gap, restart_imu
 from .mechanization import mechanize
-from .motion import update_travel
-from .outages import add_outage_noise, force_without_acceleration, hold_rate, mean_reading
+from .motion import update_scatter, update_travel
+from .outages import add_outage_noise, add_shock_noise, force_without_acceleration, hold_rate, mean_reading
 from .power_on import reopen_biases
 from .pseudo_measurements import add_truncation_noise, fuse_stationary, fuse_zero_position, fuse_zero_velocity
 from .quantization import examine_readings
@@ -20,9 +24,12 @@ from .solution import write_solution
 from .stationarity import detect_stationary, restart_means, update_means
 from .truncation import compensate_truncation
 
+if TYPE_CHECKING:
+    from .types import Parameters, Sample, Solution, State
+
 
 @kernel
-def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
+def step(p: Parameters, s: State, sample: Sample, solution: Solution) -> None:
     """Take one sample (SAMPLE), write one row (SOLUTION). A sample that is not newer than the last is ignored."""
     dt = (sample.t_ns - s.t_ns) * 1e-9 if s.sample_count > 0 else -1.0
     if s.sample_count == 0 or dt > 0.0:
@@ -33,7 +40,7 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
 
 
 @kernel
-def process_sample(p: Any, s: Any, sample: Any, dt: float) -> None:
+def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
     """Integrate one sample, dt s after the last one (dt < 0: the first), and update the covariance when it is due.
 
     Of a sample that the health monitor does not believe, the last rate is held and the force assumed to be gravity.
@@ -66,15 +73,14 @@ def process_sample(p: Any, s: Any, sample: Any, dt: float) -> None:
             mechanize(p, s, mean_reading(s.imu.w, w), mean_reading(s.imu.f, f), dt)
         else:
             mechanize(p, s, w, f, dt)
+        update_scatter(p, s, dt)
         if has_rate and has_force:
             update_means(p, s, w, f, dt)
         else:
             restart_means(s, w, f)
-        for i in range(3):
-            s.imu.w[i] = w[i]
-            s.imu.f[i] = f[i]
+        store_sample(s, w, f)
     if has_rate:
-        s.imu.outage_s = 0.0
+        set_outage(s, 0.0)
         examine_readings(p, s, (sample.w[0], sample.w[1], sample.w[2]))
     if s.levelling.initialised == 0 and has_force:
         initialise_attitude(p, s, f)
@@ -83,12 +89,14 @@ def process_sample(p: Any, s: Any, sample: Any, dt: float) -> None:
 
 
 @kernel
-def update_covariance(p: Any, s: Any) -> None:
+def update_covariance(p: Parameters, s: State) -> None:
     """Propagate the covariance over the interval, fuse the pseudo-measurements, inject the error."""
     propagate_covariance(p, s)
     if is_coarse(s):
         coarse_level(p, s)
-    elif s.levelling.initialised == 1 and not tilt_is_lost(p, s):
+    elif s.levelling.initialised == 1 and tilt_is_lost(p, s):
+        forget_tilt(s)
+    elif s.levelling.initialised == 1:
         fuse_pseudo_measurements(p, s)
         inject_error(s)
     reset_integrals(s)
@@ -96,7 +104,7 @@ def update_covariance(p: Any, s: Any) -> None:
 
 
 @kernel
-def fuse_pseudo_measurements(p: Any, s: Any) -> None:
+def fuse_pseudo_measurements(p: Parameters, s: State) -> None:
     """Zero velocity and zero position, and at rest the mean rate as the gyro bias."""
     update_travel(p, s)
     was_stationary = s.stationarity.stationary == 1

@@ -8,11 +8,12 @@ better its mean is known to be the vertical.
 Source of the mean force in such axes: Laidig and Seel, VQF: Highly accurate IMU orientation estimation (2023).
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
-from ...math.kalman import reset, shear
 from ...math.rotation import (
     Vector,
     dcm_of_quat,
@@ -23,40 +24,48 @@ from ...math.rotation import (
     quat_of_gravity,
     quat_product,
 )
+from .divergence import restart_velocity_gain
 from .ekf import update_sigmas
-from .error_model import add_variance, reset_integrals, variance
-from .motion import reset_motion
-from .state import ATTITUDE, GYRO_BIAS, STATES, VELOCITY
-from .stationarity import restart_means
+from .error_model import add_variance, age_tilt, reset_variance, variance
+from .integrals import reset_integrals
+from .last_sample import store_first_sample
+from .mechanization import set_attitude
+from .motion import reset_motion, start_motion
+from .state import ATTITUDE, GYRO_BIAS
+from .stationarity import restart_stationarity
+
+if TYPE_CHECKING:
+    from .types import Parameters, State
 
 UNKNOWN_ANGLE = math.pi / math.sqrt(3.0)  # rad, sigma of a uniform angle
 
 
 @kernel
-def restart_imu(s: Any, w: Vector, f: Vector) -> None:
+def restart_imu(s: State, w: Vector, f: Vector) -> None:
     """Take the first sample, or the first one after a long gap: running means start from it."""
-    for i in range(3):
-        s.imu.w[i] = w[i]
-        s.imu.f[i] = f[i]
-        s.imu.f_change[i] = 0.0
-    restart_means(s, w, f)
-    s.stationarity.bias_mismatch_s = s.imu.outage_s = 0.0
-    s.stationarity.stationary = 0
+    store_first_sample(s, w, f)
+    restart_stationarity(s, w, f)
 
 
 @kernel
-def restart_after_gap(p: Any, s: Any, w: Vector, f: Vector, dt: float) -> None:
+def forget_tilt(s: State) -> None:
+    """Roll and pitch are initialised anew from the next sample."""
+    s.levelling.initialised = 0
+
+
+@kernel
+def restart_after_gap(p: Parameters, s: State, w: Vector, f: Vector, dt: float) -> None:
     """After a long gap: tilt and heading unknown, biases as they were, a little older."""
     restart_imu(s, w, f)
     reset_integrals(s)
     s.levelling.initialised = s.levelling.true_heading = 0
     for i in range(3):
         add_variance(s, GYRO_BIAS + i, p.gyro_bias_psd * dt)
-        reset(s.cov.P, STATES, ATTITUDE + i, UNKNOWN_ANGLE**2)
+        reset_variance(s, ATTITUDE + i, UNKNOWN_ANGLE**2)
 
 
 @kernel
-def initialise_attitude(p: Any, s: Any, f: Vector) -> None:
+def initialise_attitude(p: Parameters, s: State, f: Vector) -> None:
     """Take roll and pitch from specific force f, or from the user, yaw as it is; forget velocity and position."""
     c, known, q = p.tuning, s.levelling, s.nav.q_nb
     ratio = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]) / s.nav.gravity
@@ -73,12 +82,13 @@ def initialise_attitude(p: Any, s: Any, f: Vector) -> None:
         known.coarse = 0
     if math.isfinite(given[2]):
         yaw, heading_var = given[2], c.given_angle_rad**2
-    q[0], q[1], q[2], q[3] = quat_of_euler(roll, pitch, yaw)
+    set_attitude(s, quat_of_euler(roll, pitch, yaw))
     for i in range(3):
-        reset(s.cov.P, STATES, ATTITUDE + i, tilt_var if i < 2 else heading_var)
+        reset_variance(s, ATTITUDE + i, tilt_var if i < 2 else heading_var)
         given[i] = math.nan
-        known.delta_v[i] = s.divergence.velocity_gain[i] = 0.0
+        known.delta_v[i] = 0.0
         reset_motion(p, s, i)
+    restart_velocity_gain(s)
     known.duration = 0.0
     reset_integrals(s)
     known.initialised = 1
@@ -86,7 +96,7 @@ def initialise_attitude(p: Any, s: Any, f: Vector) -> None:
 
 
 @kernel
-def is_coarse(s: Any) -> bool:
+def is_coarse(s: State) -> bool:
     """Is coarse levelling needed, or has there been low motion since the beginning?"""
     if s.levelling.duration == 0.0 and s.stationarity.low_motion_s > 0.5 * s.integrals.time:
         s.levelling.coarse = 0
@@ -94,7 +104,7 @@ def is_coarse(s: Any) -> bool:
 
 
 @kernel
-def coarse_level(p: Any, s: Any) -> None:
+def coarse_level(p: Parameters, s: State) -> None:
     """Put the mean force since the beginning upright, and start velocity and position again from there."""
     c, known, total, q = p.tuning, s.levelling, s.integrals, s.nav.q_nb
     delta_v2 = 0.0
@@ -111,19 +121,16 @@ def coarse_level(p: Any, s: Any) -> None:
     mean_var = mean_var + change_var * c.acceleration_time_s / (t + c.acceleration_time_s)
     C = dcm_of_quat((q[0], q[1], q[2], q[3]))
     for i in range(3):
-        reset_motion(p, s, i)
-        reset(s.cov.P, STATES, VELOCITY + i, c.initial_velocity_var)
-        s.motion.v_scatter[i] = c.initial_velocity_scatter
+        start_motion(p, s, i)
         if i < 2:
-            reset(s.cov.P, STATES, ATTITUDE + i, min(mean_var / s.nav.gravity**2, UNKNOWN_ANGLE**2))
-            for j in range(3):  # the mean is that of half the duration ago
-                shear(s.cov.P, STATES, ATTITUDE + i, GYRO_BIAS + j, -0.5 * t * C[3 * i + j])
+            reset_variance(s, ATTITUDE + i, min(mean_var / s.nav.gravity**2, UNKNOWN_ANGLE**2))
+            age_tilt(s, i, (C[3 * i], C[3 * i + 1], C[3 * i + 2]), 0.5 * t)
     if t > c.levelling_time_s:
         known.coarse = 0
 
 
 @kernel
-def align_with_vertical(s: Any) -> None:
+def align_with_vertical(s: State) -> None:
     """Rotate the attitude about a level axis so that the integral of the force points upward."""
     v, q = s.levelling.delta_v, s.nav.q_nb
     x, y, z = v[0], v[1], v[2]
@@ -131,5 +138,5 @@ def align_with_vertical(s: Any) -> None:
     angle = math.atan2(level, -z)
     k = angle / level if level > 0.0 else 0.0
     turned = quat_product(quat_exp(-k * y, k * x, 0.0), (q[0], q[1], q[2], q[3]))
-    q[0], q[1], q[2], q[3] = quat_normalised(turned)
+    set_attitude(s, quat_normalised(turned))
     v[0], v[1], v[2] = 0.0, 0.0, -math.hypot(level, z)

@@ -1,4 +1,4 @@
-"""Strapdown equations for one sample, and the integrals that make the transition of the covariance.
+"""The nominal state: strapdown equations for one sample, and what sets it from outside.
 
 A sample is the mean rate and force over the period that ends with it, as sensors that filter before they decimate give
 it (on recordings with optical truth, taking it for the value at that instant doubles the tilt error in fast motion).
@@ -7,15 +7,20 @@ The rotation vector of a step has the coning term dt^2/12 w0 x w1; forces are ro
 Source: Bortz (1971); Savage, Strapdown inertial navigation integration algorithm design, parts 1 and 2 (1998).
 """
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
-from ...math.rotation import Quaternion, Vector, dcm_of_quat, quat_exp, quat_normalised, quat_product
-from .motion import update_scatter
+from ...math.rotation import Quaternion, Vector, quat_exp, quat_normalised, quat_product
+from .integrals import integrate_force, integrate_rate
+
+if TYPE_CHECKING:
+    from .types import Nav, Parameters, State
 
 
 @kernel
-def compensate_rate(nav: Any, x: float, y: float, z: float) -> Vector:
+def compensate_rate(nav: Nav, x: float, y: float, z: float) -> Vector:
     """A rate already without its bias (x, y, z), less scale factors and misalignments."""
     m = nav.gyro_matrix
     return (
@@ -26,14 +31,14 @@ def compensate_rate(nav: Any, x: float, y: float, z: float) -> Vector:
 
 
 @kernel
-def compensate_force(nav: Any, x: float, y: float, z: float) -> Vector:
+def compensate_force(nav: Nav, x: float, y: float, z: float) -> Vector:
     """Measured specific force less bias and scale factors."""
     b, m = nav.ba, nav.accel_scale
     return (1.0 - m[0]) * (x - b[0]), (1.0 - m[1]) * (y - b[1]), (1.0 - m[2]) * (z - b[2])
 
 
 @kernel
-def mechanize(p: Any, s: Any, w: Vector, f: Vector, dt: float) -> None:
+def mechanize(p: Parameters, s: State, w: Vector, f: Vector, dt: float) -> None:
     """Integrate from the last sample (s.imu) to this one (measured rate w, force f), dt s later."""
     nav, last = s.nav, s.imu
     w0, w1, w2 = w[0] - nav.bg[0], w[1] - nav.bg[1], w[2] - nav.bg[2]
@@ -52,36 +57,33 @@ def mechanize(p: Any, s: Any, w: Vector, f: Vector, dt: float) -> None:
     f_cross_w = (g[1] * r2 - g[2] * r1, g[2] * r0 - g[0] * r2, g[0] * r1 - g[1] * r0)
     delay = nav.accel_delay
     force = (g[0] + delay * f_cross_w[0], g[1] + delay * f_cross_w[1], g[2] + delay * f_cross_w[2])
-    integrate(p, s, middle, (w0, w1, w2), force, f_cross_w, dt)
-    update_scatter(p, s, dt)
-    s.integrals.w2 += (r0 * r0 + r1 * r1 + r2 * r2) * dt
-    s.integrals.time += dt
+    integrate_force(s, middle, (w0, w1, w2), force, f_cross_w, dt)
+    for i in range(3):
+        nav.p_n[i] += (nav.v_n[i] - nav.p_n[i] / p.tuning.position_decay_time_s) * dt
+        nav.v_n[i] += s.scratch.dv_n[i]
+    integrate_rate(s, (r0, r1, r2), dt)
 
 
 @kernel
-def integrate(p: Any, s: Any, q: Quaternion, w: Vector, f: Vector, f_cross_w: Vector, dt: float) -> None:
-    """Integrate velocity and position, and add this step to the integrals of the covariance interval."""
-    nav, total, a = s.nav, s.integrals, s.scratch.a_n
-    C = dcm_of_quat(q)
+def set_attitude(s: State, q: Quaternion) -> None:
+    """Make q the attitude."""
+    s.nav.q_nb[0], s.nav.q_nb[1], s.nav.q_nb[2], s.nav.q_nb[3] = q
+
+
+@kernel
+def stop(s: State, i: int) -> None:
+    """Count velocity and position along axis i from zero again."""
+    s.nav.v_n[i] = s.nav.p_n[i] = 0.0
+
+
+@kernel
+def clear_biases(s: State) -> None:
+    """Know no bias."""
     for i in range(3):
-        delta_v = 0.0
-        for j in range(3):
-            k = 3 * i + j
-            c = C[k] * dt
-            total.c[k] += c
-            total.c_diag_f[k] += c * f[j]
-            total.c_outer_w[3 * k] += c * w[0]
-            total.c_outer_w[3 * k + 1] += c * w[1]
-            total.c_outer_w[3 * k + 2] += c * w[2]
-            delta_v += c * f[j]
-            total.c_f_cross_w[i] += c * f_cross_w[j]
-        total.delta_v[i] += delta_v
-        dv = delta_v if i < 2 else delta_v + nav.gravity * dt
-        a[i] = dv / dt
-        nav.p_n[i] += (nav.v_n[i] - nav.p_n[i] / p.tuning.position_decay_time_s) * dt
-        nav.v_n[i] += dv
-    k = 0
-    for i in range(3):
-        for j in range(i, 3):
-            total.a_outer_a[k] += a[i] * a[j] * dt
-            k += 1
+        s.nav.bg[i] = s.nav.ba[i] = 0.0
+
+
+@kernel
+def shift_gyro_bias(s: State, i: int, change: float) -> None:
+    """Add a change to the gyro bias of axis i."""
+    s.nav.bg[i] += change

@@ -8,17 +8,22 @@ Vibration is seen in mean forces over a covariance interval, which leave out mos
 change: manoeuvres are too slow for that.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
-from ...math.kalman import reset
-from .error_model import variance
-from .state import POSITION, STATES, VELOCITY
+from .error_model import reset_variance, variance
+from .mechanization import stop
+from .state import POSITION, VELOCITY
+
+if TYPE_CHECKING:
+    from .types import Parameters, State
 
 
 @kernel
-def update_scatter(p: Any, s: Any, dt: float) -> None:
+def update_scatter(p: Parameters, s: State, dt: float) -> None:
     """Mean and scatter of velocity, and scatter of position, after one sample."""
     motion, v, position = s.motion, s.nav.v_n, s.nav.p_n
     velocity_gain = dt / (p.tuning.velocity_scatter_time_s + dt)
@@ -30,7 +35,7 @@ def update_scatter(p: Any, s: Any, dt: float) -> None:
 
 
 @kernel
-def update_travel(p: Any, s: Any) -> None:
+def update_travel(p: Parameters, s: State) -> None:
     """Sustained speed and vibration after one covariance interval."""
     c, motion, time = p.tuning, s.motion, s.integrals.time
     gain = time / (c.travel_time_s + time)
@@ -51,9 +56,23 @@ def update_travel(p: Any, s: Any) -> None:
 
 
 @kernel
-def reset_motion(p: Any, s: Any, i: int) -> None:
+def reset_motion(p: Parameters, s: State, i: int) -> None:
     """Count velocity and position along axis i from zero again, and learn nothing from what they were."""
-    nav, motion = s.nav, s.motion
-    nav.v_n[i] = motion.v_mean[i] = motion.v_scatter[i] = nav.p_n[i] = motion.p_scatter[i] = 0.0
-    reset(s.cov.P, STATES, VELOCITY + i, p.tuning.reset_velocity_var)
-    reset(s.cov.P, STATES, POSITION + i, p.tuning.reset_position_var)
+    stop(s, i)
+    s.motion.v_mean[i] = s.motion.v_scatter[i] = s.motion.p_scatter[i] = 0.0
+    reset_variance(s, VELOCITY + i, p.tuning.reset_velocity_var)
+    reset_variance(s, POSITION + i, p.tuning.reset_position_var)
+
+
+@kernel
+def start_motion(p: Parameters, s: State, i: int) -> None:
+    """The same for a body that may already move."""
+    reset_motion(p, s, i)
+    reset_variance(s, VELOCITY + i, p.tuning.initial_velocity_var)
+    s.motion.v_scatter[i] = p.tuning.initial_velocity_scatter
+
+
+@kernel
+def shift_mean_velocity(s: State, i: int, change: float) -> None:
+    """The velocities averaged so far were wrong by this."""
+    s.motion.v_mean[i] += change

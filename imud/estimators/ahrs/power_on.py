@@ -4,23 +4,27 @@ A sensor's bias changes from one switch-on to the next by the repeatability in i
 deviation with which the filter starts. What was learned before the power-on is worth no more than that.
 """
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
-from ...math.kalman import reset
-from .state import ACCEL_BIAS, GYRO_BIAS, STATES
-from .stationarity import restart_means_at_last
+from .error_model import reset_variance
+from .last_sample import subtract_biases
+from .mechanization import clear_biases
+from .state import ACCEL_BIAS, GYRO_BIAS
+from .stationarity import forget_rest
+
+if TYPE_CHECKING:
+    from .types import Parameters, State
 
 
 @kernel
-def reopen_biases(p: Any, s: Any) -> None:
+def reopen_biases(p: Parameters, s: State) -> None:
     """Put both biases back to what is known of them at switch-on; rest and the force at rest are judged anew."""
+    subtract_biases(s)  # the last sample as this sensor would show it, for the gap that follows it
+    clear_biases(s)
     for i in range(3):
-        s.imu.w[i] -= s.nav.bg[i]  # the last sample as this sensor would show it, for the gap that follows it
-        s.imu.f[i] -= s.nav.ba[i]
-        s.nav.bg[i] = s.nav.ba[i] = 0.0
-        reset(s.cov.P, STATES, GYRO_BIAS + i, p.gyro_bias_var)
-        reset(s.cov.P, STATES, ACCEL_BIAS + i, p.accel_bias_var)
-    restart_means_at_last(s)
-    s.stationarity.bias_mismatch_s = 0.0
-    s.stationarity.gravity_checked = 0
+        reset_variance(s, GYRO_BIAS + i, p.gyro_bias_var)
+        reset_variance(s, ACCEL_BIAS + i, p.accel_bias_var)
+    forget_rest(s)

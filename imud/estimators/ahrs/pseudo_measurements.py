@@ -11,7 +11,9 @@ zero); with less, curves and long braking are learnt as tilt and accelerometer b
 while it travels fast, its vertical velocity is no better known than roads are level.
 """
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from .ekf import fuse_state
@@ -19,9 +21,12 @@ from .error_model import add_variance, variance
 from .motion import reset_motion
 from .state import GYRO_BIAS, POSITION, VELOCITY
 
+if TYPE_CHECKING:
+    from .types import Parameters, State
+
 
 @kernel
-def fuse_zero_velocity_axis(p: Any, s: Any, i: int, psd: float) -> None:
+def fuse_zero_velocity_axis(p: Parameters, s: State, i: int, psd: float) -> None:
     """Zero velocity along axis i with noise of this density. A velocity far beyond is real: it is reset first."""
     v = s.nav.v_n
     if v[i] * v[i] > p.tuning.velocity_reset_gate**2 * (variance(s, VELOCITY + i) + psd):
@@ -30,7 +35,7 @@ def fuse_zero_velocity_axis(p: Any, s: Any, i: int, psd: float) -> None:
 
 
 @kernel
-def fuse_stationary(p: Any, s: Any) -> None:
+def fuse_stationary(p: Parameters, s: State) -> None:
     """At rest the mean rate is the gyro bias (ZARU), and velocity zero (ZUPT)."""
     for i in range(3):
         bias_error = s.stationarity.w_mean[i] - s.nav.bg[i]
@@ -39,14 +44,14 @@ def fuse_stationary(p: Any, s: Any) -> None:
 
 
 @kernel
-def add_truncation_noise(s: Any) -> None:
+def add_truncation_noise(s: State) -> None:
     """When rest ends: the gyro bias in motion is that at rest but for the unknown truncation error there."""
     for i in range(3):
         add_variance(s, GYRO_BIAS + i, s.quantization.error_var[i])
 
 
 @kernel
-def fuse_zero_velocity(p: Any, s: Any) -> None:
+def fuse_zero_velocity(p: Parameters, s: State) -> None:
     """In motion velocity is about zero; the noise follows its scatter and the sustained speed."""
     c, motion = p.tuning, s.motion
     level2 = motion.travel_speed2[0] + motion.travel_speed2[1]  # whatever the heading: a vehicle turns
@@ -59,7 +64,7 @@ def fuse_zero_velocity(p: Any, s: Any) -> None:
 
 
 @kernel
-def fuse_zero_position(p: Any, s: Any) -> None:
+def fuse_zero_position(p: Parameters, s: State) -> None:
     """Position is about the origin; the noise follows its scatter."""
     c = p.tuning
     for i in range(3):

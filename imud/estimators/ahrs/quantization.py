@@ -5,14 +5,19 @@ are truncated toward zero (`truncation`). Only a rate that goes all the way from
 such a crossing, and a rest on the way spoils it; the noise of a rest is evaluated by itself (`rest_histogram`).
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from ...math.rotation import Vector
-from .rest_histogram import evaluate_block, start_block
+from .rest_histogram import count_at_rest, evaluate_full_block, forget_blocks, start_block
 from .state import BINS, WINDOW
-from .truncation import update_truncation
+from .truncation import add_evidence, forget_evidence, update_truncation
+
+if TYPE_CHECKING:
+    from .types import Parameters, State
 
 # Log likelihood ratio of one reading, that a given code is twice as wide as the others, against that none is: if the
 # reading shows that code, and if it shows another.
@@ -21,7 +26,7 @@ NOT_SHOWN = math.log(BINS / (BINS + 1.0))
 
 
 @kernel
-def examine_readings(p: Any, s: Any, w: Vector) -> None:
+def examine_readings(p: Parameters, s: State, w: Vector) -> None:
     """Learn from one sample of rates as read."""
     c, z = p.tuning, s.quantization
     at_rest = s.stationarity.low_motion_s >= c.stationary_time_s
@@ -37,15 +42,13 @@ def examine_readings(p: Any, s: Any, w: Vector) -> None:
         elif c.min_lsb_radps < lsb < c.max_lsb_radps:
             news |= count_reading(p, s, i, w[i], step, at_rest)
     if at_rest:
-        z.rest_samples += 1
-        if z.rest_samples == c.block_samples:
-            news |= evaluate_block(p, s)
+        news |= evaluate_full_block(p, s)
     if news:
         update_truncation(p, s)
 
 
 @kernel
-def count_reading(p: Any, s: Any, i: int, w: float, step: float, at_rest: bool) -> bool:
+def count_reading(p: Parameters, s: State, i: int, w: float, step: float, at_rest: bool) -> bool:
     """Count the reading w of axis i, `step` from the last one, rad/s. Did it change what is known of truncation?"""
     z = s.quantization
     if abs(w) > (WINDOW + 1) * z.lsb[i]:  # far from zero, as most are in motion
@@ -59,8 +62,7 @@ def count_reading(p: Any, s: Any, i: int, w: float, step: float, at_rest: bool) 
         return forget_axis(p, s, i)
     code = i * BINS + WINDOW + k
     if at_rest:
-        z.rest_histogram[code] += 1.0
-        z.rest_step2[i] += (step / z.lsb[i]) ** 2
+        count_at_rest(s, i, code, step / z.lsb[i])
         z.last_side[i] = 0.0
     else:
         z.crossing_histogram[code] += 1.0
@@ -69,7 +71,7 @@ def count_reading(p: Any, s: Any, i: int, w: float, step: float, at_rest: bool) 
 
 
 @kernel
-def leave_window(s: Any, i: int, side: float) -> bool:
+def leave_window(s: State, i: int, side: float) -> bool:
     """Axis i is beyond the window; if it came from beyond the other end, learn from the crossing."""
     z = s.quantization
     count, before = z.crossing_count[i], z.last_side[i]
@@ -82,19 +84,17 @@ def leave_window(s: Any, i: int, side: float) -> bool:
     for k in range(i * BINS, (i + 1) * BINS):
         shown = z.crossing_histogram[k]
         if crossed:
-            z.log_likelihood_ratio[k] += weight * (NOT_SHOWN * (count - shown) + SHOWN * shown)
+            add_evidence(s, k, weight * (NOT_SHOWN * (count - shown) + SHOWN * shown))
         z.crossing_histogram[k] = 0.0
     return crossed
 
 
 @kernel
-def forget_axis(p: Any, s: Any, i: int) -> bool:
+def forget_axis(p: Parameters, s: State, i: int) -> bool:
     """Start again with axis i. Was anything known of it?"""
     z = s.quantization
-    known = False
     for k in range(i * BINS, (i + 1) * BINS):
-        known |= z.log_likelihood_ratio[k] != 0.0
-        z.log_likelihood_ratio[k] = z.crossing_histogram[k] = 0.0
+        z.crossing_histogram[k] = 0.0
     z.last_side[i] = z.crossing_count[i] = 0.0
-    z.rest_samples, z.rest_blocks = p.tuning.block_samples, 0
-    return known
+    forget_blocks(p, s)
+    return forget_evidence(s, i)

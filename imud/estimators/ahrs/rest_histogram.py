@@ -7,18 +7,23 @@ only some blocks are, because one and the same noise, looked at for hours, would
 Source: von Neumann, Distribution of the ratio of the mean square successive difference to the variance (1941).
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from .state import BINS
-from .truncation import first_candidate, last_candidate
+from .truncation import add_evidence, first_candidate, last_candidate
+
+if TYPE_CHECKING:
+    from .types import Floats, Parameters, State
 
 NONE = -1  # no code is the wide one
 
 
 @kernel
-def start_block(s: Any) -> None:
+def start_block(s: State) -> None:
     """Start a new histogram."""
     s.quantization.rest_samples = 0
     for k in range(3 * BINS):
@@ -28,7 +33,27 @@ def start_block(s: Any) -> None:
 
 
 @kernel
-def evaluate_block(p: Any, s: Any) -> bool:
+def forget_blocks(p: Parameters, s: State) -> None:
+    """Start again with the first histogram."""
+    s.quantization.rest_samples, s.quantization.rest_blocks = p.tuning.block_samples, 0
+
+
+@kernel
+def count_at_rest(s: State, i: int, code: int, step: float) -> None:
+    """Count a reading at rest of axis i in bin `code`, `step` LSB from the one before."""
+    s.quantization.rest_histogram[code] += 1.0
+    s.quantization.rest_step2[i] += step**2
+
+
+@kernel
+def evaluate_full_block(p: Parameters, s: State) -> bool:
+    """After one sample at rest: learn from the histogram if it is full. Is there anything new?"""
+    s.quantization.rest_samples += 1
+    return s.quantization.rest_samples == p.tuning.block_samples and evaluate_block(p, s)
+
+
+@kernel
+def evaluate_block(p: Parameters, s: State) -> bool:
     """Learn from a full block. Is there anything new?"""
     if s.quantization.rest_blocks == p.tuning.max_blocks:
         return False
@@ -40,7 +65,7 @@ def evaluate_block(p: Any, s: Any) -> bool:
 
 
 @kernel
-def evaluate_axis(p: Any, s: Any, i: int) -> bool:
+def evaluate_axis(p: Parameters, s: State, i: int) -> bool:
     """Compare the histogram of axis i with those of noise if one of the codes were wide, and if none is."""
     c, z = p.tuning, s.quantization
     deviation = math.sqrt(0.5 * z.rest_step2[i] / c.block_samples)
@@ -57,12 +82,12 @@ def evaluate_axis(p: Any, s: Any, i: int) -> bool:
     none_wide = log_likelihood(p, z.rest_histogram, middle, reach, NONE)
     for k in range(first, end):
         ratio = log_likelihood(p, z.rest_histogram, middle, reach, k) - none_wide
-        z.log_likelihood_ratio[k] += min(whiteness, 1.0) * ratio
+        add_evidence(s, k, min(whiteness, 1.0) * ratio)
     return bool(first < end)
 
 
 @kernel
-def median_bin(histogram: Any, first: int) -> int:
+def median_bin(histogram: Floats, first: int) -> int:
     """The median of the axis whose bins begin with `first`."""
     total, below = 0.0, 0.0
     for k in range(first, first + BINS):
@@ -83,7 +108,7 @@ def bin_edges(k: int, wide: int) -> tuple[float, float]:
 
 
 @kernel
-def fit_gaussian(p: Any, histogram: Any, first: int, end: int, wide: int) -> tuple[float, float]:
+def fit_gaussian(p: Parameters, histogram: Floats, first: int, end: int, wide: int) -> tuple[float, float]:
     """Mean and variance of the readings in the bins from `first` up to `end`, less that of the bins' width."""
     n, mean, square, width2 = 0.0, 0.0, 0.0, 0.0
     for k in range(first, end):
@@ -99,7 +124,7 @@ def fit_gaussian(p: Any, histogram: Any, first: int, end: int, wide: int) -> tup
 
 
 @kernel
-def log_likelihood(p: Any, histogram: Any, middle: int, reach: int, wide: int) -> float:
+def log_likelihood(p: Parameters, histogram: Floats, middle: int, reach: int, wide: int) -> float:
     """Log likelihood of the bins about `middle`, from Gaussian noise, if bin `wide` is the wide one."""
     outliers = p.tuning.outlier_probability
     mean, variance = fit_gaussian(p, histogram, middle - reach, middle + reach + 1, wide)

@@ -1,7 +1,9 @@
 """What the attitude filter claims: a row of SOLUTION with its status bits."""
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from drivers.sample import SATURATED as BEYOND_RANGE
 
@@ -9,9 +11,12 @@ from ...compile.jit import kernel
 from ..records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SATURATED
 from .mechanization import compensate_force, compensate_rate
 
+if TYPE_CHECKING:
+    from .types import Parameters, Solution, State
+
 
 @kernel
-def write_solution(p: Any, s: Any, flags: int, out: Any) -> None:
+def write_solution(p: Parameters, s: State, flags: int, out: Solution) -> None:
     """Write a row of SOLUTION; what this filter does not estimate is NaN."""
     nav, cov, c = s.nav, s.cov, p.tuning
     status = 0

@@ -105,7 +105,6 @@ LEVELLING = np.dtype(
     [
         ("initialised", "<i8"),  # 1: roll and pitch are known
         ("coarse", "<i8"),  # 1: they follow the mean force since the beginning
-        ("converged", "<i8"),  # 1: they have been known well since
         ("true_heading", "<i8"),  # 1: yaw refers to true north
         ("initial_rpy", "<f8", (3,)),  # rad, given by the user; NaN: unknown
         ("duration", "<f8"),  # s, of coarse levelling
@@ -149,6 +148,7 @@ DIVERGENCE = np.dtype(
     [
         ("velocity_gain", "<f8", (3,)),  # m/s, NED, lately, not corrected by any measurement
         ("gain_duration", "<f8"),  # s that it took
+        ("converged", "<i8"),  # 1: roll and pitch have been known well since the start
     ],
     align=True,
 )
@@ -180,7 +180,8 @@ SCRATCH = np.dtype(  # holds nothing from one call to the next
         ("ph", "<f8", (STATES,)),  # P h'
         ("columns", "<i8", (JACOBIAN_LENGTH,)),  # a row h of H: its nonzero elements
         ("values", "<f8", (JACOBIAN_LENGTH,)),
-        ("a_n", "<f8", (3,)),  # m/s^2, acceleration in NED over one sample
+        ("dv_n", "<f8", (3,)),  # m/s, change of velocity in NED over one sample
+        ("a_n", "<f8", (3,)),  # m/s^2, the acceleration that it takes
     ],
     align=True,
 )

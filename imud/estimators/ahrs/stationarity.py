@@ -17,20 +17,25 @@ one at which the bias was measured, as on a turntable; in an even curve the forc
 longer than curves do is believed.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
-from ...math.kalman import measure, reset
+from ...math.kalman import measure
 from ...math.rotation import Vector, dcm_of_quat, quat_rotate
 from .divergence import inflate_covariance
-from .error_model import add_variance, variance
+from .error_model import add_variance, reset_variance, variance
 from .mechanization import compensate_force
 from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, STATES, VELOCITY
 
+if TYPE_CHECKING:
+    from .types import Parameters, State
+
 
 @kernel
-def update_means(p: Any, s: Any, w: Vector, f: Vector, dt: float) -> None:
+def update_means(p: Parameters, s: State, w: Vector, f: Vector, dt: float) -> None:
     """Running means, and for how long samples have been near them; a sample that is not restarts the means."""
     c, m = p.tuning, s.stationarity
     gain = dt / (min(c.mean_time_s, m.low_motion_s + dt) + dt)
@@ -55,7 +60,7 @@ def update_means(p: Any, s: Any, w: Vector, f: Vector, dt: float) -> None:
 
 
 @kernel
-def restart_means(s: Any, w: Vector, f: Vector) -> None:
+def restart_means(s: State, w: Vector, f: Vector) -> None:
     """Low motion begins now, with the means at these readings."""
     m = s.stationarity
     m.low_motion_s = 0.0
@@ -65,14 +70,30 @@ def restart_means(s: Any, w: Vector, f: Vector) -> None:
 
 
 @kernel
-def restart_means_at_last(s: Any) -> None:
+def restart_means_at_last(s: State) -> None:
     """The same at the newest sample."""
     w, f = s.imu.w, s.imu.f
     restart_means(s, (w[0], w[1], w[2]), (f[0], f[1], f[2]))
 
 
 @kernel
-def unexplained_acceleration(p: Any, s: Any) -> float:
+def restart_stationarity(s: State, w: Vector, f: Vector) -> None:
+    """After a gap: nothing is known of the motion before these readings."""
+    restart_means(s, w, f)
+    s.stationarity.bias_mismatch_s = 0.0
+    s.stationarity.stationary = 0
+
+
+@kernel
+def forget_rest(s: State) -> None:
+    """After a power-on: whatever was learnt at rest is judged anew."""
+    restart_means_at_last(s)
+    s.stationarity.bias_mismatch_s = 0.0
+    s.stationarity.gravity_checked = 0
+
+
+@kernel
+def unexplained_acceleration(p: Parameters, s: State) -> float:
     """The acceleration in the mean force, m/s^2, if errors of attitude and accelerometer do not explain it, else 0.
 
     The Jacobian of C f + g by attitude is -(C f)x, by accelerometer bias -C, by scale -C diag(f).
@@ -96,13 +117,13 @@ def unexplained_acceleration(p: Any, s: Any) -> float:
 
 
 @kernel
-def vibrates_less_than_in_travel(p: Any, s: Any) -> bool:
+def vibrates_less_than_in_travel(p: Parameters, s: State) -> bool:
     """Does the body vibrate far less than it did while it travelled?"""
     return bool(p.tuning.standing_vibration_ratio * s.motion.vibration_level < s.motion.travel_vibration_level)
 
 
 @kernel
-def is_standing(p: Any, s: Any) -> bool:
+def is_standing(p: Parameters, s: State) -> bool:
     """Likelihood ratio of a body that travelled: zero velocity, or the sustained one in whichever direction?"""
     c = p.tuning
     travel2 = s.motion.travel_speed2[0] + s.motion.travel_speed2[1]
@@ -119,7 +140,7 @@ def is_standing(p: Any, s: Any) -> bool:
 
 
 @kernel
-def check_gravity(p: Any, s: Any) -> None:
+def check_gravity(p: Parameters, s: State) -> None:
     """At the first rest: a force whose magnitude is not gravity shows a sensor worse than assumed."""
     c, f, g = p.tuning, s.stationarity.f_mean, s.nav.gravity
     s.stationarity.gravity_checked = 1
@@ -137,7 +158,7 @@ def check_gravity(p: Any, s: Any) -> None:
 
 
 @kernel
-def rate_contradicts_bias(p: Any, s: Any) -> bool:
+def rate_contradicts_bias(p: Parameters, s: State) -> bool:
     """Is the mean rate not the bias that is known?"""
     c = p.tuning
     for i in range(3):
@@ -148,7 +169,7 @@ def rate_contradicts_bias(p: Any, s: Any) -> bool:
 
 
 @kernel
-def rate_is_likelier_bias(p: Any, s: Any) -> bool:
+def rate_is_likelier_bias(p: Parameters, s: State) -> bool:
     """Is the mean rate, which contradicts the known bias, smaller than it, and has it been for long enough?"""
     c, m = p.tuning, s.stationarity
     known2 = shown2 = moved2 = 0.0
@@ -161,7 +182,7 @@ def rate_is_likelier_bias(p: Any, s: Any) -> bool:
 
 
 @kernel
-def gravity_is_fixed(p: Any, s: Any) -> bool:
+def gravity_is_fixed(p: Parameters, s: State) -> bool:
     """Does gravity stay where it is in the body, although the mean rate less the known bias would have turned it?
 
     Then the body rests, and what contradicts is the bias. A rate about the vertical turns no gravity, and nearly level
@@ -186,7 +207,7 @@ def gravity_is_fixed(p: Any, s: Any) -> bool:
 
 
 @kernel
-def detect_stationary(p: Any, s: Any) -> bool:
+def detect_stationary(p: Parameters, s: State) -> bool:
     """Is this rest, with a mean rate that may correct the gyro bias? Once per covariance interval."""
     c, m = p.tuning, s.stationarity
     m.stationary = 0
@@ -200,7 +221,7 @@ def detect_stationary(p: Any, s: Any) -> bool:
     patience = c.confirmation_time_s if vibrates_less_than_in_travel(p, s) else c.travel_time_s
     if contradicts and (acceleration == 0.0 or m.low_motion_s > patience) and gravity_is_fixed(p, s):
         for i in range(3):
-            reset(s.cov.P, STATES, GYRO_BIAS + i, p.gyro_bias_var)
+            reset_variance(s, GYRO_BIAS + i, p.gyro_bias_var)
         contradicts = False
         m.bias_mismatch_s = 0.0
     if acceleration > 0.0 and not contradicts and m.low_motion_s > patience:
@@ -220,5 +241,5 @@ def detect_stationary(p: Any, s: Any) -> bool:
     m.bias_mismatch_s += s.integrals.time
     if rate_is_likelier_bias(p, s):
         for i in range(3):
-            reset(s.cov.P, STATES, GYRO_BIAS + i, p.gyro_bias_var)
+            reset_variance(s, GYRO_BIAS + i, p.gyro_bias_var)
     return False

@@ -12,15 +12,21 @@ calibrations do, they are whole numbers but for a common offset, and zero may ha
 Source: Bayes' rule for two hypotheses, as in Wald, Sequential tests of statistical hypotheses (1945).
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
+from .mechanization import shift_gyro_bias
 from .state import BINS, WINDOW
+
+if TYPE_CHECKING:
+    from .types import Parameters, State
 
 
 @kernel
-def compensate_truncation(s: Any, x: float, i: int) -> float:
+def compensate_truncation(s: State, x: float, i: int) -> float:
     """Reading x of axis i with its expected truncation error added."""
     z = s.quantization
     largest = float(z.max_error[i])
@@ -37,19 +43,35 @@ def compensate_truncation(s: Any, x: float, i: int) -> float:
 
 
 @kernel
-def first_candidate(p: Any, s: Any, i: int) -> int:
+def add_evidence(s: State, k: int, log_ratio: float) -> None:
+    """Log likelihood ratio of new readings, that bin k is the wide one, against that none is."""
+    s.quantization.log_likelihood_ratio[k] += log_ratio
+
+
+@kernel
+def forget_evidence(s: State, i: int) -> bool:
+    """Start again with axis i. Was anything known of it?"""
+    known = False
+    for k in range(i * BINS, (i + 1) * BINS):
+        known |= s.quantization.log_likelihood_ratio[k] != 0.0
+        s.quantization.log_likelihood_ratio[k] = 0.0
+    return known
+
+
+@kernel
+def first_candidate(p: Parameters, s: State, i: int) -> int:
     """The first bin of axis i that may be the wide one."""
     return i * BINS + WINDOW if abs(s.quantization.offset[i]) < p.tuning.max_code_error else i * BINS
 
 
 @kernel
-def last_candidate(p: Any, s: Any, i: int) -> int:
+def last_candidate(p: Parameters, s: State, i: int) -> int:
     """The last one."""
     return i * BINS + WINDOW if abs(s.quantization.offset[i]) < p.tuning.max_code_error else (i + 1) * BINS - 1
 
 
 @kernel
-def update_truncation(p: Any, s: Any) -> None:
+def update_truncation(p: Parameters, s: State) -> None:
     """Expect as much truncation as the readings show; the bias that was seen at rest had it, too."""
     c, z = p.tuning, s.quantization
     odds = c.truncation_prior
@@ -59,11 +81,11 @@ def update_truncation(p: Any, s: Any) -> None:
     share = 0.5 / (1.0 + math.exp(-z.truncation_log_odds))
     for i in range(3):
         z.max_error[i] = share * z.lsb[i]
-        s.nav.bg[i] += update_errors(p, s, i)
+        shift_gyro_bias(s, i, update_errors(p, s, i))
 
 
 @kernel
-def mean_likelihood_ratio(p: Any, s: Any, i: int) -> float:
+def mean_likelihood_ratio(p: Parameters, s: State, i: int) -> float:
     """Logarithm of the mean likelihood ratio of all bins of axis i that may be the wide one."""
     ratio = s.quantization.log_likelihood_ratio
     first, end = first_candidate(p, s, i), last_candidate(p, s, i) + 1
@@ -76,7 +98,7 @@ def mean_likelihood_ratio(p: Any, s: Any, i: int) -> float:
 
 
 @kernel
-def update_errors(p: Any, s: Any, i: int) -> float:
+def update_errors(p: Parameters, s: State, i: int) -> float:
     """The expected truncation error of each code of axis i: `max_error` toward the side of zero that it is on.
 
     Returns by how much the mean of the readings at rest has changed by it, and keeps the variance of that mean.

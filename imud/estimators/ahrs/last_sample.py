@@ -1,0 +1,53 @@
+"""The newest good sample, and for how long its rate has been held since."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ...compile.jit import kernel
+from ...math.rotation import Vector
+
+if TYPE_CHECKING:
+    from .types import State
+
+
+@kernel
+def store_sample(s: State, w: Vector, f: Vector) -> None:
+    """Make rate w and specific force f the newest sample."""
+    for i in range(3):
+        s.imu.w[i] = w[i]
+        s.imu.f[i] = f[i]
+
+
+@kernel
+def store_first_sample(s: State, w: Vector, f: Vector) -> None:
+    """The same for the first sample, or the first one after a long gap."""
+    store_sample(s, w, f)
+    for i in range(3):
+        s.imu.f_change[i] = 0.0
+    s.imu.outage_s = 0.0
+
+
+@kernel
+def subtract_biases(s: State) -> None:
+    """The newest sample as a sensor without these biases would show it."""
+    for i in range(3):
+        s.imu.w[i] -= s.nav.bg[i]
+        s.imu.f[i] -= s.nav.ba[i]
+
+
+@kernel
+def update_force_change(s: State, f: Vector) -> float:
+    """Square of the change from the last force to f that the change before did not announce, (m/s^2)^2."""
+    unannounced2 = 0.0
+    for i in range(3):
+        change = f[i] - s.imu.f[i]
+        unannounced2 += (change - s.imu.f_change[i]) ** 2
+        s.imu.f_change[i] = change
+    return unannounced2
+
+
+@kernel
+def set_outage(s: State, seconds: float) -> None:
+    """The last rate has been held for so long."""
+    s.imu.outage_s = seconds

@@ -36,7 +36,7 @@ FIELDS: Final = (  # name, what C and `struct` call it, how many, what it is
     ("status", "int64_t", 1, "bits: see IMUD_*"),
     ("lat", "double", 1, "rad, WGS-84; NaN without IMUD_POSITION_VALID, like lon, height and v"),
     ("lon", "double", 1, "rad"),
-    ("height", "double", 1, "m above the ellipsoid"),
+    ("height", "double", 1, "m above the ellipsoid; arbitrary without IMUD_HEIGHT_VALID"),
     ("v", "double", 3, "m/s, north east down"),
     ("q_nb", "double", 4, "Hamilton, scalar first, turns body (FRD) into NED vectors"),
     ("w", "double", 3, "rad/s, body, bias removed"),
@@ -57,6 +57,7 @@ STATUS: Final = {
     "COASTING": 16,
     "REJECTING": 32,
     "SATURATED": 64,
+    "HEIGHT_VALID": 128,
 }
 _CODES = {"char": "s", "uint16_t": "H", "uint64_t": "Q", "int64_t": "q", "double": "d"}
 RECORD: Final = struct.Struct("<" + "".join(f"{count}{_CODES[kind]}" for _, kind, count, _ in FIELDS))
@@ -147,6 +148,10 @@ class State(NamedTuple):
     @property
     def position_valid(self) -> bool:
         return bool(self.status & STATUS["POSITION_VALID"])
+
+    @property
+    def height_valid(self) -> bool:
+        return bool(self.status & STATUS["HEIGHT_VALID"])
 
 
 def decode(record: bytes) -> State:

@@ -19,7 +19,7 @@ import numpy as np
 
 from drivers.fix import Satellite, Sky
 from imud.configuration.settings import Gpsd
-from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALID, SOLUTION
+from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, HEIGHT_VALID, POSITION_VALID, SOLUTION
 from imud.math.earth import radii
 from imud.math.rotation import quat_of_euler
 from imud.outputs.gpsd import GpsdServer
@@ -27,6 +27,7 @@ from imud.outputs.view import Device, View
 from imud.sensors.readings import Gnss
 
 LAT_DEG, LON_DEG, HEIGHT_M, GEOID_M = 48.137154, 11.576124, 565.0, 46.0
+ALL_VALID = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID | HEIGHT_VALID
 RADIUS_M, SPEED_MPS = 50.0, 10.0
 ROLL_DEG, PITCH_DEG = -11.5, 2.0
 IMU = Device("/dev/ttyUSB0", "Epson M-G350", 460800, "M-G350-PD11", "12345678", 1.7e9)
@@ -34,7 +35,7 @@ SKY = Sky(tuple(Satellite(0, k, 40 + k, 12 * k + 1, 26 + k, k <= 9) for k in ran
 RECEIVER = Device("/dev/ttyUSB1", "NMEA0183", 38400, activated_s=1.7e9)
 
 
-def solution(t_s: float, status: int = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID) -> np.ndarray:
+def solution(t_s: float, status: int = ALL_VALID) -> np.ndarray:
     """One row: the vehicle at time t_s."""
     row = np.zeros(1, SOLUTION)
     angle = SPEED_MPS / RADIUS_M * t_s
@@ -63,7 +64,7 @@ def solution(t_s: float, status: int = ATTITUDE_VALID | HEADING_VALID | POSITION
 
 def view(t_s: float, utc_s: float | None, seq: int, attitude_only: bool = False) -> View:
     """What the daemon would publish at t_s."""
-    status = ATTITUDE_VALID if attitude_only else ATTITUDE_VALID | HEADING_VALID | POSITION_VALID
+    status = ATTITUDE_VALID if attitude_only else ALL_VALID
     return View(
         solution=solution(t_s, status).tobytes(),
         utc_s=utc_s,

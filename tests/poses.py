@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from imud.estimators.records import SOLUTION
+from imud.estimators.records import HEIGHT_VALID, SOLUTION
 
 G = 9.8
 NED_IN_ENU = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
@@ -40,7 +40,7 @@ def quaternion(r):
 def solution(r_nb):
     """At rest in that pose, but turning about the vertical and moving."""
     row = np.zeros(1, SOLUTION)[0]
-    row["t_ns"], row["status"] = 1_500_000_000, 7
+    row["t_ns"], row["status"] = 1_500_000_000, 7 | HEIGHT_VALID
     row["lat"], row["lon"], row["height"] = 0.6, 2.4, 50.0
     row["q_nb"] = quaternion(r_nb)
     row["f"] = r_nb.T @ [0, 0, -G]

@@ -13,13 +13,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.fix import Satellite, Sky
-from imud.estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, SOLUTION
+from imud.estimators.records import (
+    ATTITUDE_VALID,
+    COASTING,
+    HEADING_VALID,
+    HEIGHT_VALID,
+    POSITION_VALID,
+    SOLUTION,
+)
 from imud.outputs.gpsd_json import CLASSES, Report, status_words
 from imud.outputs.gpsd_objects import line, quoted
 from imud.outputs.view import NO_SOLUTION, Device, View
 from imud.sensors.readings import Gnss
 
-FULL = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID
+FULL = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID | HEIGHT_VALID
 GNSS = Gnss(satellites=9, hdop=0.9, quality=1, alt_msl=454.0, geoid_sep=46.125, age_s=0.1)
 
 
@@ -65,7 +72,7 @@ GOLDEN = {
     "IMU": '{"class":"IMU","device":"/dev/ttyUSB0","time":"2026-03-23T12:00:20.250000Z","msg":"imud",'
     '"gyro_x":90,"gyro_y":-180,"gyro_z":0,"acc_x":2,"acc_y":3,"acc_z":-6,"acc_len":7,"temp":31.5}\r\n',
     "EST": '{"class":"EST","device":"/dev/ttyUSB0","time":"2026-03-23T12:00:20.250000Z","t_mono_ns":9007199254740993,'
-    '"seq":42,"estimator":"navigation","status":7,"state":"attitude,heading,position",'
+    '"seq":42,"estimator":"navigation","status":135,"state":"attitude,heading,position,height",'
     '"lat_deg":48.5,"lon_deg":-11.25,"height_m":500.125,"vn_mps":3,"ve_mps":-4,"vd_mps":0.5,'
     '"roll_deg":0,"pitch_deg":0,"yaw_deg":-90,"sn_m":1,"se_m":1,"sd_m":2,"svn_mps":0.1,"sve_mps":0.1,"svd_mps":0.2,'
     '"sroll_deg":0.5,"spitch_deg":0.25,"syaw_deg":1.5,"q0":0.707106781,"q1":0,"q2":0,"q3":-0.707106781,'
@@ -138,28 +145,26 @@ def test_unknown_time_is_left_out_everywhere():
     assert "time" not in json.loads(Report(view).poll(watched=True))
 
 
-def test_a_guessed_height_is_none():
-    row = golden_solution()
-    row["sigma_p"] = (1.0, 1.0, 1000.0)
+def test_a_height_that_is_not_valid_is_not_published():
+    row = golden_solution(FULL & ~HEIGHT_VALID)
     tpv = fields("TPV", golden_view(solution=row.tobytes()))
     assert tpv["mode"] == 2
     assert not {"altHAE", "altMSL", "alt"} & tpv.keys()
 
 
 @pytest.mark.parametrize(
-    ("status", "emulated", "height", "expected"),
+    ("status", "emulated", "expected"),
     [
-        (FULL, False, 500.0, (6, 3)),  # GNSS and dead reckoning
-        (FULL | COASTING, False, 500.0, (5, 3)),  # dead reckoning
-        (FULL, True, 500.0, (8, 3)),  # simulated
-        (FULL | COASTING, True, 500.0, (8, 3)),
-        (FULL, False, math.nan, (6, 2)),
-        (ATTITUDE_VALID, True, 500.0, (None, 1)),
+        (FULL, False, (6, 3)),  # GNSS and dead reckoning
+        (FULL | COASTING, False, (5, 3)),  # dead reckoning
+        (FULL, True, (8, 3)),  # simulated
+        (FULL | COASTING, True, (8, 3)),
+        (FULL & ~HEIGHT_VALID, False, (6, 2)),
+        (ATTITUDE_VALID, True, (None, 1)),
     ],
 )
-def test_status_and_mode(status, emulated, height, expected):
+def test_status_and_mode(status, emulated, expected):
     row = golden_solution(status)
-    row["height"] = height
     tpv = fields("TPV", golden_view(solution=row.tobytes(), emulated=emulated))
     assert (tpv.get("status"), tpv["mode"]) == expected
 

@@ -9,7 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from imud.estimators.records import POSITION_VALID, SOLUTION
+from imud.estimators.records import HEIGHT_VALID, POSITION_VALID, SOLUTION
 from imud.math.rotation import euler_of_quat
 from imud.outputs.gpsd_json import _bound95, _motion, _turn_rate
 from imud.outputs.gpsd_objects import iso
@@ -24,6 +24,7 @@ def test_decoding_reads_every_column_in_its_unit(data):
         for name in state._fields:
             value = np.degrees(row[name]) if name in ("lat", "lon", "w", "bg", "sigma_rpy", "sigma_bg") else row[name]
             hidden = name in ("lat", "lon", "height", "v", "sigma_p", "sigma_v") and not row["status"] & POSITION_VALID
+            hidden |= name == "height" and not row["status"] & HEIGHT_VALID
             expected = np.full_like(value, math.nan) if hidden else value
             np.testing.assert_allclose(getattr(state, name), expected, rtol=1e-14, equal_nan=True)
 

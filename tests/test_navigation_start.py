@@ -7,8 +7,7 @@ from navigation_simulation import drive, errors, received, sensed
 from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Initial, Navigation, Settings
-from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALID
-from imud.outputs.view import UNKNOWN_HEIGHT_SIGMA_M
+from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, HEIGHT_VALID, POSITION_VALID
 
 RATE = 100
 
@@ -62,7 +61,7 @@ def test_curves_without_a_receiver_are_not_believed_to_be_level():
     assert np.abs(a[at(5.0) :, :2]).max() < np.radians(4.0)
 
 
-def test_a_height_that_no_fix_has_told_is_not_known():
+def test_a_height_that_no_fix_has_is_not_valid():
     rng = np.random.default_rng(4)
     d = drive(60.0, rest=5.0)
     fixes = received(d, rng)
@@ -70,11 +69,12 @@ def test_a_height_that_no_fix_has_told_is_not_known():
     out, _, _ = navigate(sensed(d, rng), fixes)
     p, _, _ = errors(d, out)
     assert (out["status"][-1] & HEADING_VALID) > 0
-    assert (out["sigma_p"][at(2.0) :, 2] > UNKNOWN_HEIGHT_SIGMA_M).all()
+    assert not (out["status"] & HEIGHT_VALID).any()
+    assert (out["sigma_p"][at(2.0) :, 2] > 500.0).all()
     assert np.hypot(*p[at(40.0) :, :2].T).max() < 5.0
 
 
-def test_a_height_that_a_fix_has_told_is_kept_when_the_next_does_not():
+def test_a_height_of_one_fix_stays_valid_when_the_next_has_none():
     rng = np.random.default_rng(4)
     d = drive(20.0, rest=20.0)
     fixes = received(d, rng)
@@ -83,6 +83,7 @@ def test_a_height_that_a_fix_has_told_is_kept_when_the_next_does_not():
     p, _, _ = errors(d, out)
     assert (np.abs(p[at(2.0) :, 2]) < 4.0 * out["sigma_p"][at(2.0) :, 2]).all()
     assert (out["sigma_p"][at(2.0) :, 2] < 20.0).all()
+    assert (out["status"][at(2.0) :] & HEIGHT_VALID).all()
 
 
 def test_start_under_way():

@@ -8,7 +8,7 @@ from scipy.stats import chi2, kstest, norm
 from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators import registry
 from imud.estimators.papers import stationary
-from imud.estimators.records import AT_REST, FIX, INNOVATION, POSITION_VALID, REJECTING, SOLUTION
+from imud.estimators.records import AT_REST, FIX, HEIGHT_VALID, INNOVATION, POSITION_VALID, REJECTING, SOLUTION
 from imud.experiments import farrell, whiteness
 from imud.experiments.simulate import level_at_rest, m_g350, samples_of
 from imud.pipeline import Filter
@@ -129,6 +129,17 @@ def test_a_tilted_sensor_rests_where_it_is():
     np.testing.assert_allclose(out["f"] - (f[-1] - out["ba"]), 0.0, atol=1e-12)
     assert np.isnan(out["bg"]).all()
     assert out["sigma_rpy"][2] > 1.5
+
+
+@pytest.mark.parametrize("height", [100.0, np.nan])
+def test_a_height_is_valid_if_the_fix_of_the_origin_has_one(height):
+    t = np.arange(200) / 100.0
+    fix = fix_at(0.8, 0.2)
+    fix["height"] = height
+    last = rows(samples_of(t, *level_at_rest(len(t))), LEVEL, fix)[-1]
+    assert bool(last["status"] & HEIGHT_VALID) == np.isfinite(height)
+    np.testing.assert_allclose(last["height"], height, atol=0.01)
+    assert np.isfinite(last["sigma_p"][2]) == np.isfinite(height)
 
 
 def test_motion_contradicts_rest():

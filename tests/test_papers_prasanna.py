@@ -15,6 +15,7 @@ from imud.estimators.records import (
     COASTING,
     FIX,
     HEADING_VALID,
+    HEIGHT_VALID,
     POSITION_E,
     POSITION_N,
     POSITION_VALID,
@@ -202,8 +203,8 @@ def test_what_the_ins_row_says():
         Filter(registry.by_name("ins9"), Settings(imu=Imu(profile="m-g350")), initial, 100.0).run(samples.copy(), out)
         rows[name] = out
     at_rest, end = rows["known"][300], rows["known"][-1]
-    assert at_rest["status"] == ATTITUDE_VALID | HEADING_VALID | AT_REST | POSITION_VALID
-    assert end["status"] == ATTITUDE_VALID | HEADING_VALID | COASTING | POSITION_VALID
+    valid = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID | HEIGHT_VALID
+    assert (at_rest["status"], end["status"]) == (valid | AT_REST, valid | COASTING)
     assert (end["sigma_p"] > 10 * at_rest["sigma_p"]).all()
     assert rows["unknown"][-1]["status"] == ATTITUDE_VALID | COASTING
     assert np.isnan(rows["unknown"][-1]["lat"])

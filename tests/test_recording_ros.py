@@ -7,7 +7,7 @@ import pytest
 from poses import FRD_IN_FLU, NED_IN_ENU, POSES, G, solution
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from imud.estimators.records import SOLUTION
+from imud.estimators.records import HEIGHT_VALID, SOLUTION
 from imud.recording import ros
 from imud.recording.enu import LocalMap
 from imud.recording.foxglove import location, transform
@@ -55,7 +55,11 @@ def test_positions():
     assert fix.position_covariance.reshape(3, 3).diagonal() == pytest.approx([4, 1, 9])
     assert (fix.status.status, fix.position_covariance_type) == (0, 2)
     where = location(ESTIMATE_TABLE.objects(np.array([row], SOLUTION))[0], 7)
-    assert where["position_covariance"] == fix.position_covariance.tolist()
+    assert (where["position_covariance"], where["altitude"]) == (fix.position_covariance.tolist(), 50.0)
+    row["status"] &= ~HEIGHT_VALID
+    fix = STORE.deserialize_cdr(ros.nav_sat_fix(row, 7), "sensor_msgs/msg/NavSatFix")
+    assert np.isnan(fix.altitude)
+    assert location(ESTIMATE_TABLE.objects(np.array([row], SOLUTION))[0], 7)["altitude"] is None
     row["status"] = 0
     assert ros.odometry(row, 0, LocalMap()) is None
     imu = STORE.deserialize_cdr(ros.imu(row, 0), "sensor_msgs/msg/Imu")

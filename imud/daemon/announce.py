@@ -3,13 +3,14 @@
 from collections.abc import Hashable, Iterable
 from typing import Any
 
-from ..estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, REJECTING
+from ..estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, HEIGHT_VALID, POSITION_VALID, REJECTING
 
 STATUS_LASTS_NS, TROUBLE_LASTS_NS = 1_000_000_000, 500_000_000  # a change must last so long to be logged
 _STATUS = (
     (ATTITUDE_VALID, "roll and pitch are valid", "roll and pitch are lost"),
     (HEADING_VALID, "heading is valid", "heading is lost"),
     (POSITION_VALID, "position is valid", "position is lost"),
+    (HEIGHT_VALID, "height is valid", "height is lost"),
     (COASTING, "no fixes: coasting", "fixes are back"),
     (REJECTING, "the fixes contradict the estimate: rejecting them", "fixes and estimate agree again"),
 )

@@ -9,7 +9,7 @@ from ..compile.jit import interpreted
 from ..configuration.settings import Settings
 from ..estimators.ins.aiding.gnss_noise import horizontal_sigma
 from ..estimators.ins.parameters import configure
-from ..estimators.records import POSITION_VALID, SOLUTION
+from ..estimators.records import HEIGHT_VALID, POSITION_VALID, SOLUTION
 from ..outputs.view import NO_SOLUTION
 
 
@@ -18,7 +18,7 @@ def solution(fix: NDArray[np.void]) -> NDArray[np.void]:
     row = np.frombuffer(NO_SOLUTION, SOLUTION).copy()
     for name in ("t_ns", "lat", "lon", "height"):
         row[name] = fix[name]
-    row["status"] = POSITION_VALID
+    row["status"] = POSITION_VALID | (HEIGHT_VALID if math.isfinite(fix["height"][0]) else 0)
     told = fix.view(np.recarray)[0]
     parameters = configure(Settings(), 1.0).view(np.recarray)[0]
     tuning = parameters.tuning

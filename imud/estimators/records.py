@@ -39,7 +39,7 @@ SOLUTION = np.dtype(
         ("status", "<i8"),  # bits below
         ("lat", "<f8"),  # rad; NaN without POSITION_VALID, like height and v
         ("lon", "<f8"),  # rad
-        ("height", "<f8"),  # m above the ellipsoid
+        ("height", "<f8"),  # m above the ellipsoid; arbitrary without HEIGHT_VALID
         ("v", "<f8", (3,)),  # m/s, NED
         ("q_nb", "<f8", (4,)),  # Hamilton, scalar first, rotates body vectors into NED
         ("w", "<f8", (3,)),  # rad/s, body, bias removed
@@ -57,11 +57,12 @@ SOLUTION = np.dtype(
 
 ATTITUDE_VALID = 1  # roll and pitch may be trusted to their sigmas
 HEADING_VALID = 2  # so may yaw, against true north; otherwise its origin is arbitrary
-POSITION_VALID = 4  # so may position and velocity
+POSITION_VALID = 4  # so may latitude, longitude and velocity
 AT_REST = 8
 COASTING = 16  # position without a recent fix
 REJECTING = 32  # fixes come, and contradict the estimate
 SATURATED = 64  # the inertial sensor is at the end of its range
+HEIGHT_VALID = 128  # the height may be trusted to its sigma; never set without POSITION_VALID
 
 INNOVATION = np.dtype(
     [

@@ -17,6 +17,7 @@ from imud.estimators.records import (
     ATTITUDE_VALID,
     COASTING,
     HEADING_VALID,
+    HEIGHT_VALID,
     POSITION_VALID,
     REJECTING,
     SATURATED,
@@ -66,7 +67,7 @@ def _motion(s: State) -> Vector:
 
 
 def _altitude_msl(s: State, gnss: Gnss | None) -> float:
-    if gnss is None or not math.isfinite(s.known_height):
+    if gnss is None or not math.isfinite(s.height):
         return NAN
     return s.height - gnss.geoid_sep if math.isfinite(gnss.geoid_sep) else gnss.alt_msl
 
@@ -79,7 +80,7 @@ def _fix(view: View, s: State) -> str:
     """`status` where gpsd has a word for it, and `mode`: 0 nothing known yet, 1 no position, 2 no height, 3 all."""
     if not s.status & POSITION_VALID:
         return f',"mode":{0 if view.solution == NO_SOLUTION else 1}'
-    mode = f',"mode":{3 if math.isfinite(s.known_height) else 2}'
+    mode = f',"mode":{3 if s.status & HEIGHT_VALID else 2}'
     if not view.estimator:
         status = _OF_QUALITY.get(view.gnss.quality or 0) if view.gnss else None
         return f',"status":{status}{mode}' if status else mode
@@ -92,7 +93,7 @@ def _tpv(view: View, s: State) -> str:
     msl = _altitude_msl(s, view.gnss)
     geoid_sep = view.gnss.geoid_sep if view.gnss else NAN
     numbers = _TPV(
-        view.utc_error_s if view.utc_s is not None else NAN, s.lat, s.lon, s.known_height, msl, msl, geoid_sep,
+        view.utc_error_s if view.utc_s is not None else NAN, s.lat, s.lon, s.height, msl, msl, geoid_sep,
         _NORMAL95 * se, _NORMAL95 * sn, _NORMAL95 * sd, _bound95(sn, se), _bound95(sn, se, sd),
         *_motion(s), *s.v,
     )  # fmt: skip
@@ -139,6 +140,7 @@ STATUS_WORDS = {
     ATTITUDE_VALID: "attitude",
     HEADING_VALID: "heading",
     POSITION_VALID: "position",
+    HEIGHT_VALID: "height",
     AT_REST: "at-rest",
     COASTING: "coasting",
     REJECTING: "rejecting",
@@ -146,7 +148,7 @@ STATUS_WORDS = {
 }
 
 
-@functools.lru_cache(maxsize=128)
+@functools.lru_cache(maxsize=256)
 def status_words(status: int) -> str:
     """The status bits by name, separated by commas; "aligning" when nothing is valid yet."""
     words = [word for bit, word in STATUS_WORDS.items() if status & bit]

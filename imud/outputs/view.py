@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from imud.estimators.records import POSITION_VALID, SOLUTION
+from imud.estimators.records import HEIGHT_VALID, POSITION_VALID, SOLUTION
 from imud.sensors.readings import NO_VECTOR, ClockFit, Gnss
 
 NAN = math.nan
@@ -66,9 +66,6 @@ class View(NamedTuple):
     sensed: Vector = 2 * NO_VECTOR  # by the inertial sensor: rates in rad/s and specific force in m/s^2, body
 
 
-UNKNOWN_HEIGHT_SIGMA_M = 500.0  # standard deviation
-
-
 class State(NamedTuple):
     """The columns of SOLUTION in the units of the records, but angles in degrees and rates in degrees per second."""
 
@@ -87,11 +84,6 @@ class State(NamedTuple):
     sigma_rpy: Vector
     sigma_bg: Vector
     sigma_ba: Vector
-
-    @property
-    def known_height(self) -> float:
-        """For people and maps; NaN while no fix had one (RMC has none), and a guess stands in its place."""
-        return self.height if self.sigma_p[2] < UNKNOWN_HEIGHT_SIGMA_M else math.nan
 
 
 _ANGLES = {"lat", "lon", "w", "bg", "sigma_rpy", "sigma_bg"}
@@ -113,10 +105,14 @@ _row, _scale, _columns = _layout()
 
 
 def decode(solution: bytes) -> State:
-    """The numbers of a solution; position and velocity are unknown without POSITION_VALID, whatever the bytes say."""
+    """The numbers of a solution.
+
+    Position and velocity are unknown without POSITION_VALID, and the height without HEIGHT_VALID, whatever the bytes
+    say.
+    """
     state = State._make(_columns(tuple(map(mul, _row.unpack(solution), _scale))))
     if state.status & POSITION_VALID:
-        return state
+        return state if state.status & HEIGHT_VALID else state._replace(height=NAN)
     return state._replace(lat=NAN, lon=NAN, height=NAN, v=NO_VECTOR, sigma_p=NO_VECTOR, sigma_v=NO_VECTOR)
 
 

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from ..estimators.records import ATTITUDE_VALID, POSITION_VALID
+from ..estimators.records import ATTITUDE_VALID, HEIGHT_VALID, POSITION_VALID
 from .enu import LocalMap, attitude, diagonal, world
 
 MAP, BODY = "map", "base_link"
@@ -16,7 +16,7 @@ def _time(unix_ns: int) -> dict[str, int]:
 
 
 def location(estimate: dict[str, Any], unix_ns: int) -> dict[str, Any] | None:
-    """None while the position is not valid."""
+    """None while the position is not valid. The altitude is null while the height is not."""
     if not estimate["status"] & POSITION_VALID:
         return None
     return {
@@ -24,7 +24,7 @@ def location(estimate: dict[str, Any], unix_ns: int) -> dict[str, Any] | None:
         "frame_id": MAP,
         "latitude": math.degrees(estimate["lat_rad"]),
         "longitude": math.degrees(estimate["lon_rad"]),
-        "altitude": estimate["height_m"],
+        "altitude": estimate["height_m"] if estimate["status"] & HEIGHT_VALID else None,
         "position_covariance": diagonal(world(estimate["sigma_p_m"])),
         "position_covariance_type": _DIAGONAL_KNOWN,
     }

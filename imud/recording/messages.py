@@ -95,7 +95,8 @@ ESTIMATE_TABLE = Table(
         "t_ns": _T,
         "status": (
             "status",
-            "bits: 1 attitude, 2 heading, 4 position valid, 8 rest, 16 coasting, 32 rejecting, 64 saturated",
+            "bits: 1 attitude, 2 heading, 4 position valid, 8 rest, 16 coasting, 32 rejecting, 64 saturated, "
+            "128 height valid",
         ),
         "lat": ("lat_rad", "WGS-84, rad"),
         "lon": ("lon_rad", "rad"),
@@ -196,7 +197,8 @@ SCHEMAS: dict[str, bytes] = {
         {
             "timestamp": _TIME,
             "frame_id": _TEXT,
-            **{name: {"type": "number"} for name in ("latitude", "longitude", "altitude")},
+            **{name: {"type": "number"} for name in ("latitude", "longitude")},
+            "altitude": {"type": ["number", "null"]},
             "position_covariance": {**_NINE, "description": "m^2, east north up, row-major"},
             "position_covariance_type": {"type": "integer"},
         },

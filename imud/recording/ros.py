@@ -4,12 +4,13 @@ World is ENU (`map`), body FLU (`base_link`), quaternions x y z w; twists are in
 begins with -1 says that there is no such estimate, one of zeros that it is not known.
 """
 
+import math
 import struct
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from ..estimators.records import ATTITUDE_VALID, POSITION_VALID
+from ..estimators.records import ATTITUDE_VALID, HEIGHT_VALID, POSITION_VALID
 from .enu import LocalMap, attitude, body, diagonal, world
 from .foxglove import BODY, MAP
 
@@ -62,11 +63,12 @@ def imu(solution: np.void, unix_ns: int) -> bytes:
 
 
 def nav_sat_fix(solution: np.void, unix_ns: int) -> bytes:
-    """sensor_msgs/msg/NavSatFix, of a row of SOLUTION: the filter's position."""
+    """sensor_msgs/msg/NavSatFix, of a row of SOLUTION: the filter's position; an unknown altitude is NaN."""
     known = int(solution["status"]) & POSITION_VALID
-    place = [float(solution[name]) for name in ("lat", "lon", "height")]
+    lat, lon = (math.degrees(solution[name]) for name in ("lat", "lon"))
+    altitude = float(solution["height"]) if int(solution["status"]) & HEIGHT_VALID else math.nan
     message = Cdr().header(unix_ns, BODY).add("b", _STATUS_FIX if known else _STATUS_NO_FIX).add("H", _SERVICE_GPS)
-    message.add("d", float(np.degrees(place[0])), float(np.degrees(place[1])), place[2])
+    message.add("d", lat, lon, altitude)
     covariance = diagonal(world(solution["sigma_p"].tolist())) if known else _UNKNOWN
     return message.add("d", *covariance).add("B", _DIAGONAL_KNOWN if known else 0).bytes()
 

@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Any
 from ...compile.jit import kernel
 from ...math.kalman import packed_index
 from ...math.rotation import euler_variances
-from ..records import AT_REST, ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, REJECTING, SATURATED
+from ..records import (
+    AT_REST,
+    ATTITUDE_VALID,
+    COASTING,
+    HEADING_VALID,
+    HEIGHT_VALID,
+    POSITION_VALID,
+    REJECTING,
+    SATURATED,
+)
 from ..tuning import Tunable
 from .ekf import standard_deviation, variance
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, POSITION, STATES, VELOCITY
@@ -39,8 +48,11 @@ TUNABLES = (
 
 
 @kernel
-def status_bits(p: Parameters, c: Core, sigma_rpy: Any) -> int:
-    """The status bits of the solution."""
+def status_bits(p: Parameters, c: Core, sigma_rpy: Any, sigma_down: float) -> int:
+    """The status bits of the solution.
+
+    The first height that is measured brings its sigma far below half of that of an unknown height.
+    """
     bits = 0
     if c.stationarity.at_rest:
         bits |= AT_REST
@@ -56,6 +68,8 @@ def status_bits(p: Parameters, c: Core, sigma_rpy: Any) -> int:
         bits |= HEADING_VALID
     if c.gnss.fix_count > 0:
         bits |= POSITION_VALID
+        if sigma_down < 0.5 * p.tuning.unknown_height:
+            bits |= HEIGHT_VALID
         if c.nav.t_ns - c.gnss.last_used_ns > 1e9 * p.tuning.coasting_s:
             bits |= COASTING
     return bits
@@ -95,4 +109,4 @@ def write_solution(p: Parameters, c: Core, o: Solution) -> None:
     )
     for i in range(3):
         o.sigma_rpy[i] = math.sqrt(max(rpy[i], 0.0))
-    o.status = status_bits(p, c, o.sigma_rpy)
+    o.status = status_bits(p, c, o.sigma_rpy, o.sigma_p[2])

@@ -34,7 +34,7 @@ from ...math.kalman import measure, scale, shear, update
 from ...math.rotation import euler_of_quat, quat_of_euler, quat_of_gravity, quat_rotate, quat_rotate_back
 from ...sensor_errors.profiles import profile_of
 from .. import Estimator
-from ..records import AT_REST, ATTITUDE_VALID, POSITION_VALID, REJECTING
+from ..records import AT_REST, ATTITUDE_VALID, HEIGHT_VALID, POSITION_VALID, REJECTING
 from .blank_solution import blank
 
 LAMBDA = 1e-3  # 1/s
@@ -110,6 +110,7 @@ def start(parameters: Records, initial: Initial) -> Records:
         s["gravity"] = gravity(math.radians(initial.lat_deg), initial.height_m or 0.0)
         if initial.lon_deg is not None:
             s["origin"] = math.radians(initial.lat_deg), math.radians(initial.lon_deg), initial.height_m or 0.0
+            s["origin_var"][0, 2] = math.nan if initial.height_m is None else 0.0
     s["P"][0, 5] = parameters["bias_var"][0]
     return s
 
@@ -216,7 +217,9 @@ def write_solution(p: Any, s: Any, sample: Any, out: Any) -> None:
     p_n = quat_rotate(q, (s.p[0], s.p[1], s.p[2]))
     v_n = quat_rotate(q, (s.v[0], s.v[1], s.v[2]))
     out.lat, out.lon = displaced(s.origin[0], s.origin[1], s.origin[2], p_n[0], p_n[1])
-    out.height = s.origin[2] - p_n[2]
+    if math.isfinite(s.origin_var[2]):
+        out.status |= HEIGHT_VALID
+        out.height = s.origin[2] - p_n[2]
     for i in range(3):
         out.v[i] = v_n[i]
         out.sigma_p[i] = math.sqrt(s.P[0] + s.origin_var[i])
@@ -255,6 +258,8 @@ def set_origin(p: Any, s: Any, fix: Any, innovations: Any) -> int:
         s.origin[2] = fix.height if math.isfinite(fix.height) else 0.0
         for i in range(3):
             s.origin_var[i] = (fix.sigma[i] if math.isfinite(fix.sigma[i]) else ORIGIN_SIGMA) ** 2
+        if not math.isfinite(fix.height):
+            s.origin_var[2] = math.nan
     return 0
 
 

@@ -10,7 +10,7 @@ import { fillTables } from "./tables.js";
 import { follow, forgetTrack, makeTrack } from "./track.js";
 
 const STALE_MS = 1500;
-const GOOD = ["attitude", "heading", "position", "at-rest"];
+const GOOD = ["attitude", "heading", "position", "height", "at-rest"];
 
 const byId = (id) => document.getElementById(id);
 let news = { connected: false, why: "connecting" };

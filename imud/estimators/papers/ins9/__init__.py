@@ -89,6 +89,8 @@ def set_origin(p: Any, s: Any, fix: Any, innovations: Any) -> int:
         s.origin[2] = (fix.height if math.isfinite(fix.height) else 0.0) + s.p[2]
         for i in range(3):
             s.origin_var[i] = (fix.sigma[i] if math.isfinite(fix.sigma[i]) else ORIGIN_SIGMA) ** 2
+        if not math.isfinite(fix.height):
+            s.origin_var[2] = math.nan
     return 0
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from ....compile.jit import kernel
 from ....math.earth import EARTH_RATE_RADPS, displaced
-from ...records import AT_REST, ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID
+from ...records import AT_REST, ATTITUDE_VALID, COASTING, HEADING_VALID, HEIGHT_VALID, POSITION_VALID
 from ..blank_solution import blank
 from .state import DEVICE, EARTH, RATE_ERROR, SCALE_ERROR
 
@@ -47,7 +47,9 @@ def reckoning_variance(p: Any, s: Any, axis: int) -> tuple[float, float]:
 def write_position(p: Any, s: Any, heading_var: float, tilt_var: float, out: Any) -> None:
     """Position and velocity relative to the origin; errors of scale, heading and tilt are a part of the way gone."""
     out.lat, out.lon = displaced(s.origin[0], s.origin[1], s.origin[2], s.p[0], s.p[1])
-    out.height = s.origin[2] - s.p[2]
+    if math.isfinite(s.origin_var[2]):
+        out.status |= HEIGHT_VALID
+        out.height = s.origin[2] - s.p[2]
     turned = min(heading_var, 2.0)  # mean square chord of an unknown turn, per square of the way
     way2, speed2 = s.p[0] ** 2 + s.p[1] ** 2, s.v[0] ** 2 + s.v[1] ** 2
     for i in range(3):

@@ -91,4 +91,5 @@ def start(parameters: Records, initial: Initial) -> Records:
     s["initial_yaw"] = math.nan if initial.yaw_deg is None else math.radians(initial.yaw_deg)
     if initial.lat_deg is not None and initial.lon_deg is not None:
         s["origin"] = math.radians(initial.lat_deg), math.radians(initial.lon_deg), initial.height_m or 0.0
+        s["origin_var"][0, 2] = math.nan if initial.height_m is None else 0.0
     return s

@@ -1,20 +1,22 @@
 """The GNSS velocity, component by component: reported as three components, two, or speed and course.
 
 z = v_fix - v - C_nb (w x lever_arm) + a (late + velocity_time_offset), in m/s, NED; a: acceleration around the epoch;
-`late`: as in `gnss_position`. The Jacobian omits attitude and gyro bias, on which C_nb (w x lever_arm) depends.
+`late`: as in `gnss_position`. The attitude error phi changes C_nb (w x lever_arm) by phi x C_nb (w x lever_arm), the
+error of the gyro bias by C_nb (lever_arm x bias).
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ....compile.jit import kernel
 from ...records import VELOCITY_N
 from ...tuning import Tunable
 from ..ekf import innovation, innovation_variance, set_jacobian
 from ..fusion import correct_state, gated_update
-from ..state import NAVIGATING, TIME_OFFSET, VELOCITY, VELOCITY_TIME_OFFSET
+from ..mechanization import rotation_matrix
+from ..state import ATTITUDE, GYRO_BIAS, NAVIGATING, TIME_OFFSET, VELOCITY, VELOCITY_TIME_OFFSET
 from .gnss_gate import count_velocity_rejects
 from .gnss_noise import learn_velocity_noise, lever_arm_rate_variance, second_order_error
 from .gnss_position import lever_arm_n, write_innovation
@@ -48,6 +50,27 @@ def low_speed_variance(p: Parameters, fix: Fix) -> float:
 
 
 @kernel
+def velocity_jacobian(p: Parameters, c: Core, antenna: Any, accel: float, i: int) -> int:
+    """Jacobian of the velocity along axis i: velocity, both time offsets and, by the lever arm, attitude and gyro bias.
+
+    antenna: C_nb (w x lever_arm), m/s, NED; accel: m/s^2 along the axis. Returns the Jacobian's length.
+    """
+    k = set_jacobian(c, 0, VELOCITY + i, 1.0)
+    k = set_jacobian(c, k, TIME_OFFSET, -accel)
+    k = set_jacobian(c, k, VELOCITY_TIME_OFFSET, -accel)
+    if c.alignment.mode != NAVIGATING:
+        return k
+    j, m = (i + 1) % 3, (i + 2) % 3
+    k = set_jacobian(c, k, ATTITUDE + j, antenna[m])
+    k = set_jacobian(c, k, ATTITUDE + m, -antenna[j])
+    C, arm = rotation_matrix(c), p.gnss_lever_arm
+    for j in range(3):
+        m, n = (j + 1) % 3, (j + 2) % 3
+        k = set_jacobian(c, k, GYRO_BIAS + j, C[3 * i + m] * arm[n] - C[3 * i + n] * arm[m])
+    return k
+
+
+@kernel
 def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, late: float, innovations: list[Innovation], n: int) -> int:
     """Gate and fuse the velocity, which was true `late` s before the core's time; returns the rows of innovations.
 
@@ -73,9 +96,7 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, late: float, innovation
             + lever_arm_rate_variance(p, c)
             + fit_error**2
         )
-        m = set_jacobian(c, 0, VELOCITY + i, 1.0)
-        m = set_jacobian(c, m, TIME_OFFSET, -accel)
-        m = set_jacobian(c, m, VELOCITY_TIME_OFFSET, -accel)
+        m = velocity_jacobian(p, c, antenna, accel, i)
         s = innovation_variance(c, m) + r
         value = innovation(c, m, z)
         nis = gated_update(c, m, z, r, p.tuning.gnss_velocity_gate)

@@ -15,6 +15,7 @@ from imud.math.kalman import packed_index
 RATE = 100
 PARKED = drive(120.0, rest=1e3)
 UNDER_WAY = drive(60.0, rest=0.0, fast_start=True)
+WINDING = drive(40.0)
 CIRCLE = drive(60.0, rest=0.0, swing=0.0, fast_start=True)
 LEVER = (3.0, 1.0, -1.0)
 
@@ -134,6 +135,23 @@ def test_as_the_heading_is_found_the_place_goes_from_the_antenna_to_the_sensor()
     assert np.concatenate(after).mean() < 2.5
 
 
+@pytest.mark.parametrize("velocity", [True, False])
+def test_heading_is_found_with_an_antenna_far_from_the_sensor(velocity):
+    """In the curves the antenna moves against the sensor as fast as a tenth of the drive."""
+    normalised = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        fixes = at_antenna(WINDING, received(WINDING, rng, every=0.2, sigma=0.01, white=0.01), (1.5, 0.5, -2.0))
+        fixes["sigma"] = 0.02
+        settings = Settings(navigation=Navigation(lever_arm_m=(1.5, 0.5, -2.0)))
+        out, _, _ = navigate(sensed(WINDING, rng), fixes if velocity else silent(fixes), settings)
+        first = np.flatnonzero(headed(out))[0]
+        error = errors(WINDING, out)[2][first : first + at(5.0), 2]
+        assert np.abs(error).max() < np.radians(8.0)
+        normalised.append((error / out["sigma_rpy"][first : first + at(5.0), 2]) ** 2)
+    assert np.mean(normalised) < 1.0
+
+
 def test_a_place_that_is_given_is_the_sensors():
     known = Initial(lat_deg=48.0, lon_deg=11.0, height_m=500.0, roll_deg=0.0, pitch_deg=0.0, yaw_deg=np.degrees(0.7))
     rng = np.random.default_rng(1)
@@ -161,19 +179,23 @@ def test_from_antenna_to_sensor_and_back_changes_nothing():
     c = c["core"][0]
     c["nav"]["q_nb"] = [0.5, 0.5, -0.5, 0.5]
     c["nav"]["v_n"] = [3.0, -4.0, 1.0]
+    c["imu"]["w"] = [0.1, -0.2, 0.3]
     transfer_lever_arm(p, c, -1.0)
     assert c["nav"]["lat"] == np.radians(48.0)  # given by a user: it is the sensor's
     c["gnss"]["last_used_ns"] = 0
-    arm = np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0]]) @ LEVER  # that attitude as a matrix
+    C = np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0]])  # that attitude as a matrix
+    arm, v = C @ LEVER, [3.0, -4.0, 1.0] - C @ np.cross([0.1, -0.2, 0.3], LEVER)
     place, P = (float(c["nav"]["lat"]), float(c["nav"]["lon"]), float(c["nav"]["height"])), c["cov"]["P"].copy()
     transfer_lever_arm(p, c, 1.0)
     variance = lambda P, i: P[packed_index(STATES, i, i)]  # noqa: E731
     swung = arm[2] ** 2 * variance(P, ATTITUDE) + arm[0] ** 2 * variance(P, ATTITUDE + 2)
     gained = variance(c["cov"]["P"], POSITION + 1) - variance(P, POSITION + 1)
-    assert gained == pytest.approx(16.0 * variance(P, TIME_OFFSET) + swung)
+    assert gained == pytest.approx(v[1] ** 2 * variance(P, TIME_OFFSET) + swung)
     m, n = curvature(place[0])
     moved = [(c["nav"]["lat"] - place[0]) * (m + 500.0), (c["nav"]["lon"] - place[1]) * (n + 500.0) * np.cos(place[0])]
     assert [*moved, place[2] - c["nav"]["height"]] == pytest.approx(-arm, abs=1e-5)
+    assert c["nav"]["v_n"] == pytest.approx(v)
     transfer_lever_arm(p, c, -1.0)
     assert (c["nav"]["lat"], c["nav"]["lon"], c["nav"]["height"]) == pytest.approx(place, abs=1e-12, rel=1e-12)
+    assert c["nav"]["v_n"] == pytest.approx([3.0, -4.0, 1.0])
     assert c["cov"]["P"] == pytest.approx(P, rel=1e-9)

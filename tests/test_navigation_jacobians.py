@@ -12,7 +12,9 @@ from scipy.spatial.transform import Rotation
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators.ins.aiding import gnss_position, gnss_velocity, heading, non_holonomic
+from imud.estimators.ins.alignment.transitions import transfer_lever_arm
 from imud.estimators.ins.ekf import inject_error
+from imud.estimators.ins.mechanization import ned_difference
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import (
@@ -191,3 +193,28 @@ def test_term_omitted_from_the_jacobian_of_the_constraint_is_that_of_the_derivat
     H, _ = residuals(recorder, measure_nhc, seed, MOUNT_PITCH, 0.0, rolling=True)
     derivative = differenced(recorder, measure_nhc, seed, MOUNT_PITCH, rolling=True)
     np.testing.assert_allclose(-derivative - H[:, MOUNT_PITCH], omitted, rtol=0.0, atol=1e-4)
+
+
+def transferred(seed, state, step):
+    """Position (m, NED), velocity and P after the transfer from antenna to IMU, displaced by `step` along a state."""
+    p, s = nominal(seed)
+    parameters, c = record(p), record(s).core[0]
+    start = c.nav.lat, c.nav.lon, c.nav.height
+    c.imu.rate_b = c.imu.accel_n = 0.0
+    c.scratch.x[state] = step
+    interpreted(inject_error)(parameters, c)
+    c.cov.P[:] = [i == k and i != TIME_OFFSET for i in range(STATES) for k in range(i, STATES)]
+    interpreted(transfer_lever_arm)(parameters, c, 1.0)
+    north, east = interpreted(ned_difference)(c, start[0], start[1], c.nav.lat, c.nav.lon)
+    return np.array([north, east, start[2] - c.nav.height, *c.nav.v_n]), c.cov.P.copy()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_transfer_of_the_covariance_from_antenna_to_imu_is_the_derivative_of_that_of_the_state(seed):
+    states = [*range(POSITION, GYRO_BIAS + 3)]
+    ahead, behind = (np.array([transferred(seed, i, step)[0] for i in states]) for step in (STEP, -STEP))
+    T = ((ahead - behind) / (2.0 * STEP)).T
+    P = np.zeros((STATES, STATES))
+    P[np.triu_indices(STATES)] = transferred(seed, 0, 0.0)[1]
+    np.testing.assert_allclose(P[:6, :6], np.triu(T @ T.T), rtol=0.0, atol=1e-3)
+    np.testing.assert_allclose(P[:6, 6:12], T[:, 6:], rtol=0.0, atol=1e-4)

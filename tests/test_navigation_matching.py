@@ -158,7 +158,7 @@ def test_innovations_are_those_of_the_dense_covariance_of_the_fixes():
             whitening.predict_whitening(PARAMETERS, b, wander, dt)
         b["double_integrals"][0, matching.DELTA_V, 0] = data[1, k]
         s = whitening.whitened_variance(b, True, white2)
-        whitening.whitened_innovations(b, 0, True, (data[0, k], 0.0))
+        whitening.whitened_innovations(b, 0, True, (data[0, k], 0.0), (0.0, 0.0))
         left = b["innovations"][:2, 0].copy()
         products += np.outer(left, left) / s
         whitening.update_hypothesis(b, 0, True, s)

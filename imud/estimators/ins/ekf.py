@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from ...compile.jit import kernel
 from ...math.kalman import measure, packed_index, reset, shear, shear3, update
 from ..tuning import Tunable
-from .mechanization import displace, rotate_attitude
+from .mechanization import Vector, displace, rotate_attitude
 from .state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -101,6 +101,14 @@ def set_jacobian(c: Core, k: int, column: int, value: float) -> int:
     c.scratch.columns[k] = column
     c.scratch.values[k] = value
     return k + 1
+
+
+@kernel
+def set_jacobian3(c: Core, k: int, column: int, row: Vector) -> int:
+    """Append the elements of three error states from `column` on to the Jacobian of length k; returns k + 3."""
+    k = set_jacobian(c, k, column, row[0])
+    k = set_jacobian(c, k, column + 1, row[1])
+    return set_jacobian(c, k, column + 2, row[2])
 
 
 @kernel

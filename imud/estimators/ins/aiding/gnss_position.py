@@ -13,9 +13,10 @@ from ....compile.jit import kernel
 from ....math.earth import radii
 from ...records import POSITION_N
 from ...tuning import Tunable
-from ..ekf import innovation, innovation_variance, set_jacobian, variance
+from ..ekf import innovation, innovation_variance, set_jacobian, set_jacobian3, variance
 from ..fusion import correct_state, fuse
-from ..mechanization import body_to_ned, bounded_cosine, wrap_angle
+from ..lever_arm import antenna_position, attitude_row
+from ..mechanization import Vector, bounded_cosine, wrap_angle
 from ..observers.gnss_drift import detect_drift
 from ..state import ATTITUDE, GNSS_BIAS, NAVIGATING, POSITION, TIME_OFFSET
 from .gnss_gate import gate_height, gate_position, set_rejecting
@@ -55,15 +56,13 @@ def position_offset(c: Core, fix: Fix, out: Any) -> None:
 
 
 @kernel
-def position_jacobian(c: Core, lever: Any, i: int) -> int:
+def position_jacobian(c: Core, lever: Vector, i: int) -> int:
     """Jacobian of the position along axis i: position, attitude, GNSS bias, time offset; returns its length.
 
     lever: lever arm, m, NED.
     """
     k = set_jacobian(c, 0, POSITION + i, 1.0)
-    j, m = (i + 1) % 3, (i + 2) % 3
-    k = set_jacobian(c, k, ATTITUDE + j, lever[m])
-    k = set_jacobian(c, k, ATTITUDE + m, -lever[j])
+    k = set_jacobian3(c, k, ATTITUDE, attitude_row(lever, i))
     k = set_jacobian(c, k, GNSS_BIAS + i, 1.0)
     return set_jacobian(c, k, TIME_OFFSET, -c.nav.v_n[i] if c.alignment.mode == NAVIGATING else 0.0)
 
@@ -81,15 +80,7 @@ def write_innovation(
 
 
 @kernel
-def lever_arm_n(p: Parameters, c: Core, body: Any) -> tuple[float, float, float]:
-    """`body` (lever arm, m, or its velocity, m/s) in NED; zero in coarse alignment, whose position is the antenna's."""
-    if c.alignment.mode != NAVIGATING:
-        return 0.0, 0.0, 0.0
-    return body_to_ned(c, body)
-
-
-@kernel
-def max_nis(p: Parameters, c: Core, lever: Any, extra: float, first: int, last: int) -> float:
+def max_nis(p: Parameters, c: Core, lever: Vector, extra: float, first: int, last: int) -> float:
     """Largest NIS of axes first to last - 1, with and without the GNSS bias, on the scale of gnss_position_gate.
 
     extra: m^2, variance of each axis beyond the receiver's white noise. The NIS without the bias rejects positions that
@@ -113,7 +104,8 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, late: float, innovation
     """
     z = c.scratch.position_innovation
     position_offset(c, fix, z)
-    lever = lever_arm_n(p, c, (p.gnss_lever_arm[0], p.gnss_lever_arm[1], p.gnss_lever_arm[2]))
+    # in coarse alignment the position is the antenna's
+    lever = antenna_position(p, c) if c.alignment.mode == NAVIGATING else (0.0, 0.0, 0.0)
     extra = second_order_error(p, c) ** 2 + (0.5 * p.tuning.late_fix_accel * late * late) ** 2
     extra += lever_arm_rate_variance(p, c) * p.tuning.turn_between_fixes_s**2
     for i in range(3):

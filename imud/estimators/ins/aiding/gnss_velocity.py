@@ -8,18 +8,19 @@ error of the gyro bias by C_nb (lever_arm x bias).
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...records import VELOCITY_N
 from ...tuning import Tunable
-from ..ekf import innovation, innovation_variance, set_jacobian
+from ..ekf import innovation, innovation_variance, set_jacobian, set_jacobian3
 from ..fusion import correct_state, gated_update
-from ..mechanization import rotation_matrix
+from ..lever_arm import antenna_velocity, attitude_row, gyro_bias_row
+from ..mechanization import Vector
 from ..state import ATTITUDE, GYRO_BIAS, NAVIGATING, TIME_OFFSET, VELOCITY, VELOCITY_TIME_OFFSET
 from .gnss_gate import count_velocity_rejects
 from .gnss_noise import learn_velocity_noise, lever_arm_rate_variance, second_order_error
-from .gnss_position import lever_arm_n, write_innovation
+from .gnss_position import write_innovation
 
 if TYPE_CHECKING:
     from ..types import Core, Fix, Innovation, Parameters
@@ -50,7 +51,7 @@ def low_speed_variance(p: Parameters, fix: Fix) -> float:
 
 
 @kernel
-def velocity_jacobian(p: Parameters, c: Core, antenna: Any, accel: float, i: int) -> int:
+def velocity_jacobian(p: Parameters, c: Core, antenna: Vector, accel: float, i: int) -> int:
     """Jacobian of the velocity along axis i: velocity, both time offsets and, by the lever arm, attitude and gyro bias.
 
     antenna: C_nb (w x lever_arm), m/s, NED; accel: m/s^2 along the axis. Returns the Jacobian's length.
@@ -60,14 +61,8 @@ def velocity_jacobian(p: Parameters, c: Core, antenna: Any, accel: float, i: int
     k = set_jacobian(c, k, VELOCITY_TIME_OFFSET, -accel)
     if c.alignment.mode != NAVIGATING:
         return k
-    j, m = (i + 1) % 3, (i + 2) % 3
-    k = set_jacobian(c, k, ATTITUDE + j, antenna[m])
-    k = set_jacobian(c, k, ATTITUDE + m, -antenna[j])
-    C, arm = rotation_matrix(c), p.gnss_lever_arm
-    for j in range(3):
-        m, n = (j + 1) % 3, (j + 2) % 3
-        k = set_jacobian(c, k, GYRO_BIAS + j, C[3 * i + m] * arm[n] - C[3 * i + n] * arm[m])
-    return k
+    k = set_jacobian3(c, k, ATTITUDE, attitude_row(antenna, i))
+    return set_jacobian3(c, k, GYRO_BIAS, gyro_bias_row(p, c, i))
 
 
 @kernel
@@ -76,10 +71,7 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, late: float, innovation
 
     n: rows of `innovations` written before.
     """
-    w = (c.imu.w[0] - c.nav.bg[0], c.imu.w[1] - c.nav.bg[1], c.imu.w[2] - c.nav.bg[2])
-    arm = p.gnss_lever_arm
-    antenna_b = (w[1] * arm[2] - w[2] * arm[1], w[2] * arm[0] - w[0] * arm[2], w[0] * arm[1] - w[1] * arm[0])
-    antenna = lever_arm_n(p, c, antenna_b)
+    antenna = antenna_velocity(p, c) if c.alignment.mode == NAVIGATING else (0.0, 0.0, 0.0)
     slow = fix.speed if not math.isfinite(fix.v[0]) and fix.speed < p.tuning.min_course_speed else 0.0
     timed = 1.0 if c.alignment.mode == NAVIGATING else 0.0  # in coarse alignment the velocity is that at the epoch
     rejected = 0

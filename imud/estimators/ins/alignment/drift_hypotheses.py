@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from ....compile.jit import kernel
 from ....math.earth import STANDARD_GRAVITY
 from ...tuning import Tunable
+from ..lever_arm import antenna_position, antenna_velocity
 from ..observers.heading_integrals import (
     DELTA_V,
     HEADING_INTEGRAL,
@@ -70,6 +71,13 @@ def frame_rotation(p: Parameters, c: Core, k: int, ago: float) -> float:
         + c.alignment.wander_azimuth_drift
         - c.alignment.vertical_bias * ago
     )
+
+
+@kernel
+def antenna_offset(p: Parameters, c: Core, k: int, is_position: bool) -> Complex:
+    """Level position (m; else velocity, m/s) of the antenna relative to the IMU, in the frame of hypothesis k."""
+    offset = antenna_position(p, c) if is_position else antenna_velocity(p, c)
+    return multiply(phasor(c.alignment.wander_azimuth + frame_rotation(p, c, k, 0.0)), (offset[0], offset[1]))
 
 
 @kernel
@@ -174,11 +182,11 @@ def count_innovation(b: HypothesisBank, weight: float, age: float) -> None:
 
 @kernel
 def match_measurement(
-    c: Core, b: HypothesisBank, is_position: bool, measured: Complex, s: float, informative: bool
+    p: Parameters, c: Core, b: HypothesisBank, is_position: bool, measured: Complex, s: float, informative: bool
 ) -> None:
     """Whiten a position (else a velocity) of innovation variance s; add the products of informative innovations."""
     for k in range(HYPOTHESES):
-        whitened_innovations(b, k, is_position, measured)
+        whitened_innovations(b, k, is_position, measured, antenna_offset(p, c, k, is_position))
         if informative:
             accumulate_products(b, k, 1.0 / s)
         update_hypothesis(b, k, is_position, s)

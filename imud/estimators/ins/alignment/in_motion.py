@@ -16,6 +16,7 @@ from ..aiding.gnss_noise import limit_position_confidence, mark_used, set_speed
 from ..aiding.gnss_velocity import low_speed_variance, velocity_of
 from ..aiding.non_holonomic import accumulate_scatter
 from ..ekf import clear_gnss_bias, combine, decorrelate, innovation_variance, standard_deviation, variance
+from ..lever_arm import antenna_velocity
 from ..mechanization import ned_difference, set_position, set_velocity
 from ..observers.heading_integrals import DELTA_V, TIME, multiply, phasor
 from ..state import ATTITUDE, GNSS_BIAS, POSITION, VELOCITY
@@ -94,7 +95,7 @@ def observe_forward_axis(p: Parameters, c: Core, vn: float, ve: float) -> None:
 
 @kernel
 def initialize_velocity(p: Parameters, c: Core, b: HypothesisBank) -> None:
-    """Once the heading is found from positions alone: velocity of the whitening filter, plus the force since."""
+    """Once the heading is found from positions alone: the antenna's velocity by whitening filter and force since."""
     k = nearest_hypothesis(p, c)
     delta_v = multiply(
         phasor(-c.alignment.wander_azimuth - frame_rotation(p, c, k, 0.0)),
@@ -106,8 +107,9 @@ def initialize_velocity(p: Parameters, c: Core, b: HypothesisBank) -> None:
         + c.alignment.heading_sigma**2 * (delta_v[0] ** 2 + delta_v[1] ** 2)
         + tilt2 * unobserved_velocity(b, k, 0, TIME) ** 2
     )
+    antenna = antenna_velocity(p, c)
     for i in range(2):
-        set_velocity(c, i, b.whitening_state[k, VELOCITY_STATE, 0, i] + delta_v[i])
+        set_velocity(c, i, b.whitening_state[k, VELOCITY_STATE, 0, i] + delta_v[i] + antenna[i])
         decorrelate(c, VELOCITY + i, min(r, p.tuning.max_start_velocity_sigma**2))
 
 

@@ -21,7 +21,8 @@ from ..ekf import (
 )
 from ..error_model import reset_turn_scale
 from ..fusion import correct_state, gated_update, propagate_errors
-from ..mechanization import body_to_ned, clear_sensor_errors, displace, rotate_attitude, set_attitude
+from ..lever_arm import antenna_position, antenna_velocity, attitude_row, gyro_bias_row
+from ..mechanization import clear_sensor_errors, displace, rotate_attitude, set_attitude, set_velocity
 from ..observers.gnss_drift import reset_drift
 from ..observers.heading_integrals import rotate_level_frame
 from ..state import (
@@ -122,25 +123,26 @@ def accept_heading(p: Parameters, c: Core, found: Any) -> bool:
 
 @kernel
 def transfer_lever_arm(p: Parameters, c: Core, sign: float) -> None:
-    """Move the nominal position from the antenna at the epoch of the fixes to the IMU now (sign 1), or back (-1).
+    """Move position and velocity from the antenna at the epoch of the fixes to the IMU now (sign 1), or back (-1).
 
-    During coarse alignment the position is the antenna's and the time offset is no error of it, because all of it comes
+    During coarse alignment they are the antenna's and the time offset is no error of it, because all of it comes
     from fixes. A position given by the user, before any fix, is that of the IMU.
     """
     if c.gnss.last_used_ns == NEVER_NS:
         return
-    body = p.gnss_lever_arm
-    arm = body_to_ned(c, (body[0], body[1], body[2]))
-    arm2 = body[0] ** 2 + body[1] ** 2 + body[2] ** 2
-    late2 = variance(c, TIME_OFFSET)
-    n, e, d = sign * arm[0], sign * arm[1], sign * arm[2]
-    displace(c, -n, -e, -d)
-    combine3(c, POSITION, ATTITUDE, 0.0, -d, e)
-    combine3(c, POSITION + 1, ATTITUDE, d, 0.0, -n)
-    combine3(c, POSITION + 2, ATTITUDE, -e, n, 0.0)
+    arm, antenna, late2 = antenna_position(p, c), antenna_velocity(p, c), variance(c, TIME_OFFSET)
+    displace(c, -sign * arm[0], -sign * arm[1], -sign * arm[2])
     for i in range(3):
-        combine(c, POSITION + i, TIME_OFFSET, sign * c.nav.v_n[i])
-        add_variance(c, VELOCITY + i, late2 * c.imu.accel_n[i] ** 2 + arm2 * c.imu.rate_b[i] ** 2)
+        of_imu = c.nav.v_n[i] - (antenna[i] if sign > 0.0 else 0.0)
+        set_velocity(c, i, c.nav.v_n[i] - sign * antenna[i])
+        row = attitude_row(arm, i)
+        combine3(c, POSITION + i, ATTITUDE, -sign * row[0], -sign * row[1], -sign * row[2])
+        row = attitude_row(antenna, i)
+        combine3(c, VELOCITY + i, ATTITUDE, -sign * row[0], -sign * row[1], -sign * row[2])
+        row = gyro_bias_row(p, c, i)
+        combine3(c, VELOCITY + i, GYRO_BIAS, -sign * row[0], -sign * row[1], -sign * row[2])
+        combine(c, POSITION + i, TIME_OFFSET, sign * of_imu)
+        add_variance(c, VELOCITY + i, late2 * c.imu.accel_n[i] ** 2)
 
 
 @kernel

@@ -17,6 +17,7 @@ from ..mechanization import ned_difference, rotation_matrix
 from ..observers.heading_integrals import DELTA_V, TIME, Complex, clear_integrals, element, multiply, phasor
 from ..state import ATTITUDE, COARSE_ALIGNMENT, GYRO_BIAS, NAVIGATING, NEVER_NS, TIME_OFFSET
 from .drift_hypotheses import (
+    antenna_offset,
     apply_corrections,
     clear_hypotheses,
     discount,
@@ -224,14 +225,15 @@ def match_if_consistent(
     a = c.alignment
     s = whitened_variance(b, is_position, r)
     certain = is_levelled(p, c) and s < 0.5 * p.tuning.whitening_speed_sigma**2
-    whitened_innovations(b, nearest_hypothesis(p, c), is_position, measured)
+    k = nearest_hypothesis(p, c)
+    whitened_innovations(b, k, is_position, measured, antenna_offset(p, c, k, is_position))
     if certain and contradicts_force(p, c, b, s):
         a.reject_count += 1
         if a.reject_count > 2:
             restart_matching(p, c, b)
         return
     a.reject_count = 0
-    match_measurement(c, b, is_position, measured, s, certain and not c.stationarity.at_rest)
+    match_measurement(p, c, b, is_position, measured, s, certain and not c.stationarity.at_rest)
 
 
 @kernel

@@ -76,12 +76,15 @@ def whitened_variance(b: HypothesisBank, is_position: bool, r: float) -> float:
 
 
 @kernel
-def whitened_innovations(b: HypothesisBank, k: int, is_position: bool, measured: Any) -> None:
-    """b.innovations <- those of a measured position (m; else velocity, m/s) and of the integrals of hypothesis k."""
+def whitened_innovations(b: HypothesisBank, k: int, is_position: bool, measured: Any, antenna: Any) -> None:
+    """b.innovations <- those of a measured position (m; else velocity, m/s) and of the integrals of hypothesis k.
+
+    antenna: position or velocity of the antenna relative to the IMU, whose motion the integrals are.
+    """
     x, integrals = b.whitening_state[k], b.double_integrals[k] if is_position else b.integrals[k]
     for j in range(5):
         for i in range(2):
-            value = integrals[j - 1, i] if j > 0 else measured[i]
+            value = integrals[j - 1, i] + (antenna[i] if j == 1 else 0.0) if j > 0 else measured[i]
             b.innovations[j, i] = value - (
                 x[POSITION_STATE, j, i] + x[BIAS_STATE, j, i] if is_position else x[VELOCITY_STATE, j, i]
             )

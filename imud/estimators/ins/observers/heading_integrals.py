@@ -7,8 +7,10 @@ measures the velocity change dV. As complex numbers, north + i east,
 
 psi is the heading of the level frame, which is estimated. The nuisance parameters are x1, a tilt times gravity; x2, a
 level gyro bias times gravity, whose tilt grows with time; x3, an accelerometer bias. The biases are fixed in the body,
-whose heading in the level frame is y. The prior of the three is the filter's covariance. The filter corrects attitude
-and biases between fixes; dz is kept as if it had not (`retain_integrals`), and the corrections are the prior's mean.
+whose heading in the level frame is y. The velocity of the antenna relative to the IMU is added to dz where it is
+compared (`alignment.drift_hypotheses.antenna_offset`). The prior of the three is the filter's covariance. The filter
+corrects attitude and biases between fixes; dz is kept as if it had not (`retain_integrals`), and the corrections are
+the prior's mean.
 
 This file accumulates the integrals. The vertical gyro bias turns the level frame, so fixes are matched in a bank of
 frames, each turned back at its own drift rate (`alignment.drift_hypotheses`); the posterior of the heading is in

@@ -1,0 +1,44 @@
+"""The lever arm l of the antenna, from the IMU, in the body: C_nb l in position, C_nb (w x l) in velocity."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ...compile.jit import kernel
+from .mechanization import Vector, body_to_ned, rotation_matrix
+
+if TYPE_CHECKING:
+    from .types import Core, Parameters
+
+
+@kernel
+def antenna_position(p: Parameters, c: Core) -> Vector:
+    """C_nb l: position of the antenna relative to the IMU, m, NED."""
+    arm = p.gnss_lever_arm
+    return body_to_ned(c, (arm[0], arm[1], arm[2]))
+
+
+@kernel
+def antenna_velocity(p: Parameters, c: Core) -> Vector:
+    """C_nb (w x l): velocity of the antenna relative to the IMU, m/s, NED."""
+    arm = p.gnss_lever_arm
+    x, y, z = c.imu.w[0] - c.nav.bg[0], c.imu.w[1] - c.nav.bg[1], c.imu.w[2] - c.nav.bg[2]
+    return body_to_ned(c, (y * arm[2] - z * arm[1], z * arm[0] - x * arm[2], x * arm[1] - y * arm[0]))
+
+
+@kernel
+def attitude_row(v: Vector, i: int) -> Vector:
+    """Component i of phi x v by the attitude error phi: how the attitude error changes v = C_nb x."""
+    if i == 0:
+        return 0.0, v[2], -v[1]
+    if i == 1:
+        return -v[2], 0.0, v[0]
+    return v[1], -v[0], 0.0
+
+
+@kernel
+def gyro_bias_row(p: Parameters, c: Core, i: int) -> Vector:
+    """Component i of C_nb (l x bias) by the error of the gyro bias: how it changes the antenna's velocity."""
+    m, arm = rotation_matrix(c), p.gnss_lever_arm
+    x, y, z = m[3 * i], m[3 * i + 1], m[3 * i + 2]
+    return y * arm[2] - z * arm[1], z * arm[0] - x * arm[2], x * arm[1] - y * arm[0]

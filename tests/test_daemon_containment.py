@@ -22,8 +22,8 @@ def test_a_defect_on_one_port_leaves_the_other_one_alone(tmp_path):
         bad.on_time = broken
         devices.on_time(1e9)
         assert errors.count == 1 and bad.spec.path in errors.last
-        assert bad.story == "internal error; trying again" and bad.deadline_s < float("inf")
-        assert good.story.endswith("trying again") and good.story != bad.story
+        assert bad.description == "internal error; trying again" and bad.deadline_s < float("inf")
+        assert good.description.endswith("trying again") and good.description != bad.description
         devices._by_fd[77] = bad
         bad.on_event = broken
         assert devices.on_event(77, 0) == (0, [])

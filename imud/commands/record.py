@@ -48,7 +48,7 @@ class Tape:
         self._room = memoryview(bytearray(READ))
         self._ended = False
         self._pulse = choices.pulse(settings)
-        self._ports = [Port(spec, options, self, patient=wait) for spec, options in choices.ports(settings)]
+        self._ports = [Port(spec, options, self, wait=wait) for spec, options in choices.ports(settings)]
 
     def run(self, seconds: float) -> None:
         """Until a signal, or so many seconds."""
@@ -82,24 +82,24 @@ class Tape:
         try:
             received, arrival_ns = port.line.receive(self._room, now_ns)
         except PortLostError as error:
-            (port.retire if isinstance(error, PortEndedError) else port.lost)(str(error))
+            (port.release if isinstance(error, PortEndedError) else port.lost)(str(error))
         else:
             if received:
                 pulse = self._pulse if isinstance(port.configured, GnssConfigured) else None
                 tap(self._room[:received], arrival_ns, pulse.newest_ns(now_ns) if pulse else None)
 
     def watch(self, port: Port, fd: int) -> None:
-        """See `ports.Host`."""
+        """See `ports.PortOwner`."""
         self._by_fd[fd] = port
         self._poll.register(fd, select.POLLIN)
 
     def unwatch(self, fd: int) -> None:
-        """See `ports.Host`."""
+        """See `ports.PortOwner`."""
         del self._by_fd[fd]
         self._poll.unregister(fd)
 
     def connected(self, port: Port, driver: AnyDriver, configured: Configured) -> None:
-        """See `ports.Host`."""
+        """See `ports.PortOwner`."""
         number = self._ports.index(port)
         known = _calibration_of(configured.identity) if driver.kind == "imu" else None
         self._recorder.connected(number, port.spec.path, configured, known, time.monotonic_ns())
@@ -107,7 +107,7 @@ class Tape:
         self._log.info("streaming", port=port.spec.path, device=configured.identity.model or driver.name)
 
     def disconnected(self, port: Port) -> None:
-        """See `ports.Host`."""
+        """See `ports.PortOwner`."""
         self._recorder.disconnected(self._ports.index(port), port.spec.path)
         self._taps.pop(port, None)
 

@@ -1,6 +1,6 @@
 """The daemon's ports and what streams on them: which is the inertial sensor, which the receiver, who reads their bytes.
 
-This is the `Host` of the ports and owns their descriptors; it does not know what becomes of solutions and fixes.
+This is the `PortOwner` of the ports and owns their descriptors; it does not know what becomes of solutions and fixes.
 """
 
 import math
@@ -42,17 +42,17 @@ class Devices:
     def __init__(
         self,
         settings: Settings,
-        patient: bool,
+        wait: bool,
         cycle: Cycle,
         recordings: Recordings,
         errors: ContainedErrors,
     ) -> None:
-        """patient: wait for devices that are absent at the start. Raises UsageError, DeviceAbsentError."""
+        """wait: for devices that are absent at the start. Raises UsageError, DeviceAbsentError."""
         self._settings = settings
         self._cycle, self._recordings, self._errors = cycle, recordings, errors
         self._log = get_logger()
         self.fitting = Fitting(settings, self._log.warning)
-        self.ports = [Port(spec, options, self, patient) for spec, options in choices.ports(settings)]
+        self.ports = [Port(spec, options, self, wait) for spec, options in choices.ports(settings)]
         self.imu: tuple[Port, Inertial] | None = None
         self.gnss: tuple[Port, Receiver] | None = None
         self.described: tuple[Device, ...] = ()  # those that stream, for the clients
@@ -65,10 +65,10 @@ class Devices:
         self._spares: dict[str, set[Port]] = {kind: set() for kind in _PARTS}
         recordings.on_begin, recordings.on_end = self._introduce, self._read_directly
 
-    def look(self) -> None:
+    def check(self) -> None:
         """Find out early that there is no point in waiting. Raises ImudError as `on_time`."""
         for port in self.ports:
-            port.look()
+            port.check()
 
     def configure(self, settings: Settings) -> None:
         """Take over the hot keys of new settings."""
@@ -107,7 +107,7 @@ class Devices:
                 return 0, self.gnss[1].read(port.line, now_ns)
             port.on_event()
         except PortLostError as error:
-            (port.retire if isinstance(error, PortEndedError) else port.lost)(str(error))
+            (port.release if isinstance(error, PortEndedError) else port.lost)(str(error))
         except ImudError:
             raise
         except Exception as error:
@@ -131,7 +131,7 @@ class Devices:
         if self.imu and (share := self.imu[1].share_of_rate()):
             self._insist(*self.imu, share)
         for port in self.ports:
-            port.pass_on()
+            port.log_line_complaint()
         if self._recordings.current and self.imu:
             self._recordings.current.looked(self.ports.index(self.imu[0]), self.imu[1], now_ns)
         if self.imu and self.imu[0].configured:
@@ -168,7 +168,7 @@ class Devices:
         """A device streams."""
         if other := self.streaming().get(driver.kind):
             self._spares[driver.kind].add(port)
-            port.retire(f"a spare, for when {other[0].spec.path}, the {_PARTS[driver.kind]}, is away")
+            port.release(f"a spare, for when {other[0].spec.path}, the {_PARTS[driver.kind]}, is away")
             return
         identity = configured.identity
         facts: dict[str, Any] = {"port": port.spec.path, "device": identity.model or driver.name, "baud": identity.baud}
@@ -183,7 +183,7 @@ class Devices:
             except UsageError as error:
                 if self.fitting.inertial is None:
                     raise
-                port.refuse(str(error))  # who served once does not end because of what is plugged in later
+                port.reject(str(error))  # who served once does not end because of what is plugged in later
                 return
             self.imu, self._known = (port, inertial), known
             self._record(port, inertial, now_ns, stored)
@@ -216,7 +216,7 @@ class Devices:
 
     def _wake_spares(self, kind: str, at_s: float) -> None:
         for port in self._spares[kind]:
-            port.wake(at_s)
+            port.schedule_retry(at_s)
 
     def close(self) -> None:
         """Close all ports."""

@@ -69,7 +69,7 @@ class Daemon:
             self._cycle.others.register(self._wakeup, select.POLLIN)
             self._outputs = stack.enter_context(contextlib.closing(self._open_outputs()))
             self._delivery = Delivery(self._devices, self._recordings, self._outputs, self._account.health)
-            self._devices.look()
+            self._devices.check()
             self._prepare_kernels()
             garbage.set_aside()
             realtime.apply(self._settings.realtime)
@@ -164,7 +164,7 @@ class Daemon:
         with self._errors.contain("a look at the recording"):
             for level, text in self._recordings.tick():
                 getattr(self._log, level)(text)
-        self._notifier.status("; ".join(f"{port.spec.path}: {port.story}" for port in self._devices.ports))
+        self._notifier.status("; ".join(f"{port.spec.path}: {port.description}" for port in self._devices.ports))
         self._notifier.alive(now_ns)
 
     def _actions(self) -> dict[signal.Signals, Callable[[], None]]:

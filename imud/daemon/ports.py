@@ -1,7 +1,7 @@
-"""One port, from absent to streaming and back again: a state machine that never waits.
+"""One port, from absent to streaming and back again: the state machine of `port_states.py`, which never waits.
 
-Absent, silent and unknown devices are tried again with growing patience; every change is logged once. A port knows
-when a device streams, not what the bytes mean.
+A port without a usable device is tried again at growing intervals; every change is logged once. A port knows when a
+device streams, not what the bytes mean.
 """
 
 import math
@@ -28,12 +28,15 @@ from drivers.transport.portspec import PortSpec
 
 from ..errors import DeviceAbsentError, ImudError, InputOutputError, PermissionDeniedError
 from ..process.log import get_logger
+from .port_states import PortEvent, PortState, next_state
 
 Configured = ImuConfigured | GnssConfigured
 
 _FIRST_RETRY_S, _LAST_RETRY_S = 0.25, 4.0
 _UNTRIED = "not tried yet"
-_FATAL: dict[type[PortError], type[ImudError]] = {  # at the start; later the device may be given back, or just appear
+_FATAL_AT_START: dict[
+    type[PortError], type[ImudError]
+] = {  # later another program may close it, or udev set permissions
     PortDeniedError: PermissionDeniedError,
     PortBusyError: InputOutputError,
     NotSerialError: InputOutputError,
@@ -44,12 +47,12 @@ _FATAL: dict[type[PortError], type[ImudError]] = {  # at the start; later the de
 def failure(error: PortError) -> ImudError:
     """The exception for a command that does not wait for a port."""
     absent = isinstance(error, PortAbsentError)
-    kind = _FATAL.get(type(error), DeviceAbsentError if absent else InputOutputError)
+    kind = _FATAL_AT_START.get(type(error), DeviceAbsentError if absent else InputOutputError)
     return kind(str(error))
 
 
-class Host(Protocol):
-    """Who owns the port: is told of streams, and has the poll object."""
+class PortOwner(Protocol):
+    """Owns the ports and the poll object; is notified of devices that begin and end to stream."""
 
     def watch(self, port: "Port", fd: int) -> None: ...
     def unwatch(self, fd: int) -> None: ...
@@ -60,27 +63,29 @@ class Host(Protocol):
 class Port:
     """A port and what is known of the device on it."""
 
-    def __init__(self, spec: PortSpec, options: Options, host: Host, patient: bool) -> None:
+    def __init__(self, spec: PortSpec, options: Options, owner: PortOwner, wait: bool) -> None:
+        """wait: for a device that is absent at the start."""
         self.spec, self.options = spec, options
+        self.state = PortState.WAITING
         self.configured: Configured | None = None
         self.deadline_s = 0.0  # when `on_time` wants to be called
-        self.story = self._gist = _UNTRIED
+        self.description = self._logged = _UNTRIED  # of the state, in words
         self.connects = 0
-        self._host, self._patient = host, patient
+        self._owner, self._wait = owner, wait
         self._log = get_logger().bind(port=spec.path)
         self._line: Line | None = None
-        self._talk: Conversation[Any] | None = None
-        self._complaint = ""
+        self._conversation: Conversation[Any] | None = None
+        self._line_complaint = ""
         self._last_baud = 0  # at which a device was found here; 0: none yet
-        self._then: Callable[[Any], None] = lambda result: None
+        self._on_result: Callable[[Any], None] = lambda result: None
         self._retry_s = _FIRST_RETRY_S
 
-    def look(self) -> None:
-        """See whether the port is there, before anything that takes long. Raises ImudError as `on_time`."""
+    def check(self) -> None:
+        """Check that the port is there, before anything that takes long. Raises ImudError as `on_time`."""
         try:
             look(self.spec)
         except PortError as error:
-            if type(error) in _FATAL or not self._patient:
+            if type(error) in _FATAL_AT_START or not self._wait:
                 raise failure(error) from error
 
     @property
@@ -95,100 +100,107 @@ class Port:
         return self._line
 
     def on_time(self, now_s: float) -> None:
-        """Do what is due: try again, or end a listening."""
+        """Do what is due: open the port, end the wait for an answer, ask for a sample."""
         if now_s < self.deadline_s:
             return
         if self._line is None:
             self._open()
-        elif self._talk is not None:
-            self._guard(self._talk.on_deadline)
+        elif self._conversation is not None:
+            self._advance(self._conversation.on_deadline)
         elif isinstance(self.configured, ImuConfigured) and self.configured.request is not None:
-            self._ask(self.configured.request, now_s)
+            self._request_sample(self.configured.request, now_s)
 
     def on_event(self) -> None:
         """Bytes for the dialogue. (A streaming port is read by its owner.)"""
-        if self._talk is not None:
-            self._guard(self._talk.on_readable)
+        if self._conversation is not None:
+            self._advance(self._conversation.on_readable)
 
-    def pass_on(self) -> None:
+    def log_line_complaint(self) -> None:
         """Log the line's complaint, once."""
         complaint = self._line.complaint if self._line else ""
-        if complaint and complaint != self._complaint:
+        if complaint and complaint != self._line_complaint:
             self._log.warning(complaint)
-        self._complaint = complaint
+        self._line_complaint = complaint
 
     def lost(self, why: str) -> None:
         """The stream ended: close, and begin again."""
-        self._close()
+        self._close(PortEvent.LOST)
         self._retry_s = _FIRST_RETRY_S
-        self._wait(why, warn=True)
+        self._schedule_attempt(why, warn=True)
 
-    def retire(self, why: str) -> None:
-        """Let go of a device that is not wanted, until `wake`."""
-        self._close()
-        self.deadline_s = float("inf")
-        self._tell(why, warn=True)
+    def release(self, why: str) -> None:
+        """Close the device, which is not wanted, until `schedule_retry`."""
+        self._close(PortEvent.RELEASED)
+        self.deadline_s = math.inf
+        self._describe(why, warn=True)
 
-    def wake(self, at_s: float) -> None:
-        """Try a retired port again at that time; infinite: never."""
+    def schedule_retry(self, at_s: float) -> None:
+        """Try a closed port again at that time; infinite: never."""
         if self._line is None:
             self.deadline_s = at_s
 
-    def refuse(self, why: str) -> None:
-        """Let go of an unsuitable device; another may be there later."""
-        self._close()
+    def reject(self, why: str) -> None:
+        """Close an unsuitable device; another may be there later."""
+        self._close(PortEvent.FAILED)
         self._retry_s = _LAST_RETRY_S
-        self._wait(why, warn=True)
+        self._schedule_attempt(why, warn=True)
 
     def close(self) -> None:
-        """Let go of the device."""
-        self._close()
+        """Close the device; the port is not used any more."""
+        if self._line is not None:
+            self._close(PortEvent.LOST)
 
     def _open(self) -> None:
         try:
             self._line = open_line(self.spec)
         except PortError as error:
-            fatal = _FATAL.get(type(error))
-            if fatal and self.story == _UNTRIED:
+            fatal = _FATAL_AT_START.get(type(error))
+            if fatal and self.description == _UNTRIED:
                 raise fatal(str(error)) from error
             self._fail(str(error))
             return
-        self._host.watch(self, self._line.fd)
+        self._enter(PortEvent.OPENED)
+        self._owner.watch(self, self._line.fd)
         if isinstance(self._line, Known):
-            self._streams(by_name(self._line.configured.identity.driver), self._line.configured)
+            self._enter(PortEvent.IDENTIFIED)
+            self._on_configured(by_name(self._line.configured.identity.driver), self._line.configured)
             return
-        if self.story == _UNTRIED:
-            self._tell("looking for a device")
-        self._converse(search(self.spec, self.options.readonly, self._last_baud), self._detected)
+        if self.description == _UNTRIED:
+            self._describe("looking for a device")
+        self._converse(search(self.spec, self.options.readonly, self._last_baud), self._on_identified)
 
-    def _converse(self, dialogue: Dialogue[Any], then: Callable[[Any], None]) -> None:
+    def _enter(self, event: PortEvent) -> None:
+        self.state = next_state(self.state, event)
+
+    def _converse(self, dialogue: Dialogue[Any], on_result: Callable[[Any], None]) -> None:
         assert self._line is not None
-        self._then = then
-        self._talk = Conversation(self._line, dialogue)
-        self._guard(self._talk.start)
+        self._on_result = on_result
+        self._conversation = Conversation(self._line, dialogue)
+        self._advance(self._conversation.start)
 
-    def _guard(self, act: Callable[[], None]) -> None:
-        """Let the dialogue go on; a lost line ends it, a finished one leads to the next step."""
-        talk = self._talk
-        assert talk is not None
+    def _advance(self, act: Callable[[], None]) -> None:
+        """Continue the dialogue; a lost line ends it, the result of a finished one is handled."""
+        conversation = self._conversation
+        assert conversation is not None
         try:
             act()
         except PortError as error:
             self._fail(str(error))
             return
-        self.deadline_s = talk.deadline_s
-        if talk.finished:
-            self._talk = None
-            self._then(talk.result)
+        self.deadline_s = conversation.deadline_s
+        if conversation.finished:
+            self._conversation = None
+            self._on_result(conversation.result)
 
-    def _detected(self, found: Identity | Unsupported | Finding) -> None:
+    def _on_identified(self, found: Identity | Unsupported | Finding) -> None:
         if not isinstance(found, Identity):
             self._fail(str(found), found.gist if isinstance(found, Chatter) else "")
             return
         driver = by_name(found.driver)
-        self._converse(driver.configure(found, self.options), lambda result: self._streams(driver, result))
+        self._enter(PortEvent.IDENTIFIED)
+        self._converse(driver.configure(found, self.options), lambda result: self._on_configured(driver, result))
 
-    def _streams(self, driver: AnyDriver, configured: Configured | Unsupported | None) -> None:
+    def _on_configured(self, driver: AnyDriver, configured: Configured | Unsupported | None) -> None:
         if configured is None:
             hint = " by itself, and its port is readonly" if self.options.readonly else ""
             self._fail(f"found a device of the driver {driver.name}, but it does not start to stream{hint}")
@@ -196,21 +208,22 @@ class Port:
         if isinstance(configured, Unsupported):
             self._fail(str(configured))
             return
+        self._enter(PortEvent.CONFIGURED)
         self.configured = configured
         self._last_baud = configured.identity.baud
         self.connects += 1
         self._retry_s = _FIRST_RETRY_S
         asked = isinstance(configured, ImuConfigured) and configured.request is not None
-        self.deadline_s = time.monotonic() if asked else float("inf")
+        self.deadline_s = time.monotonic() if asked else math.inf
         for warning in configured.warnings:
             self._log.warning(warning)
         if driver.kind == "imu" and self.options.polled and not (asked or configured.identity.spi):
             self._log.warning("this sensor cannot be asked for its samples: it sends them by itself")
-        self._host.connected(self, driver, configured)
-        if self.configured is not None:
-            self.story = self._gist = "streaming"
+        self._owner.connected(self, driver, configured)
+        if self.state is PortState.STREAMING:
+            self.description = self._logged = "streaming"
 
-    def _ask(self, request: Request, now_s: float) -> None:
+    def _request_sample(self, request: Request, now_s: float) -> None:
         """Ask for a sample. The times to ask are fixed from the start; those that a late wake-up missed are skipped."""
         assert self._line is not None
         period_s = request.period_ns * 1e-9
@@ -220,31 +233,31 @@ class Port:
         except PortError as error:
             self.lost(str(error))
 
-    def _fail(self, why: str, gist: str = "") -> None:
+    def _fail(self, why: str, same_as: str = "") -> None:
         """This attempt brought no stream."""
-        if not self._patient and not self.connects:
-            self._close()
+        self._close(PortEvent.FAILED)
+        if not self._wait and not self.connects:
             raise DeviceAbsentError(why)
-        self._close()
-        self._wait(why, gist=gist)
+        self._schedule_attempt(why, same_as=same_as)
 
-    def _wait(self, why: str, warn: bool = False, gist: str = "") -> None:
-        self._tell(f"{why}; trying again", warn, gist)
+    def _schedule_attempt(self, why: str, warn: bool = False, same_as: str = "") -> None:
+        self._describe(f"{why}; trying again", warn, same_as)
         self.deadline_s = time.monotonic() + self._retry_s
         self._retry_s = min(2.0 * self._retry_s, _LAST_RETRY_S)
 
-    def _tell(self, story: str, warn: bool = False, gist: str = "") -> None:
-        """Log a change, once. gist: the part that must differ for it to count as one; default: the whole story."""
-        before, self.story, self._gist = self._gist, story, gist or story
-        if self._gist != before:
-            (self._log.warning if warn else self._log.info)(story)
+    def _describe(self, description: str, warn: bool = False, same_as: str = "") -> None:
+        """Log a change, once. same_as: what two descriptions have in common that count as one; default: all of it."""
+        before, self.description, self._logged = self._logged, description, same_as or description
+        if self._logged != before:
+            (self._log.warning if warn else self._log.info)(description)
 
-    def _close(self) -> None:
-        self._talk = None
+    def _close(self, event: PortEvent) -> None:
+        self._enter(event)
+        self._conversation = None
         if self._line is not None:
-            self._host.unwatch(self._line.fd)
+            self._owner.unwatch(self._line.fd)
             self._line.close()
             self._line = None
         if self.configured is not None:
             self.configured = None
-            self._host.disconnected(self)
+            self._owner.disconnected(self)

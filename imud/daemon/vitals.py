@@ -87,7 +87,8 @@ def of_port(
     port: "Port", now_ns: int, part: "Inertial | Receiver | None" = None, troubles: tuple[str, ...] | None = None
 ) -> Table:
     """A port, its device, and what was counted since it began to stream."""
-    table: Table = {"path": port.spec.path, "story": port.story, "connects": port.connects, "streaming": False}
+    table: Table = {"path": port.spec.path, "state": port.state.name.lower(), "story": port.description}
+    table |= {"connects": port.connects, "streaming": False}
     configured = port.configured
     if configured is None or part is None:
         return table

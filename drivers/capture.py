@@ -52,6 +52,7 @@ class Connection(msgspec.Struct, frozen=True):
     configured: dict[str, Any] = {}
     calibration: dict[str, Any] = {}
     biases: dict[str, Any] = {}  # of an inertial sensor, kept from an earlier run, with which the filter begins
+    checkpoint: bytes = b""  # and the rest of its filter's state, kept likewise
     repeated: bool = False  # at the start of a later file of the same recording
 
     def imu(self) -> ImuConfigured:

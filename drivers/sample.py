@@ -3,7 +3,7 @@
 A level sensor at rest shows f = (0, 0, -g): specific force, not gravity. Drivers write rows of a preallocated
 array of `SAMPLE`. `t_ns` is written later by the clock, which fits `tick` (counter wraps removed, lost samples counted)
 to the host's time; `unseen_s` and the flags from NO_RATE to LIMITED_FORCE are written by
-`imud/sensor_monitor/health.py`, POWER_ON by the pipeline.
+`imud/sensor_monitor/health.py`, POWER_ON and RECONNECTED by the pipeline.
 """
 
 import numpy as np
@@ -30,4 +30,5 @@ NO_FORCE = 16  # the forces tell nothing
 LIMITED_RATE = 32  # a gyro is what is saturated
 LIMITED_FORCE = 64  # an accelerometer is
 POWER_ON = 128  # the sensor may have been switched on since the sample before: its biases may be others
+RECONNECTED = 256  # the first sample of a later connection: the sensor may have been moved since the one before
 UNTOLD = SUSPECT | NO_RATE | NO_FORCE  # something of the sample tells nothing

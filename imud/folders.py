@@ -5,16 +5,25 @@ import os
 from pathlib import Path
 
 _OWN = {"cache": ".cache", "state": ".local/state"}
+_XDG = {"cache": "XDG_CACHE_HOME", "state": "XDG_STATE_HOME", "runtime": "XDG_RUNTIME_DIR"}
 
 
 def places(kind: str) -> list[Path]:
-    """Folders for "cache" or "state", in order of preference; may be none, as a service's user may have no home."""
+    """Folders for "cache", "state" or "runtime" (gone at the next boot), in order of preference; may be none.
+
+    A service's user may have no home, and only a session or a service has a runtime folder.
+    """
     found = []
     if service := os.environ.get(f"{kind.upper()}_DIRECTORY"):  # systemd.exec(5)
         found.append(Path(service.split(":")[0]))
-    if named := os.environ.get(f"XDG_{kind.upper()}_HOME"):
+    if named := os.environ.get(_XDG[kind]):
         found.append(Path(named) / "imud")
-    else:
+    elif kind in _OWN:
         with contextlib.suppress(RuntimeError):  # nobody knows a home
             found.append(Path.home() / _OWN[kind] / "imud")
     return found
+
+
+def boot_id() -> str:
+    """Of the machine, another one after each boot."""
+    return Path("/proc/sys/kernel/random/boot_id").read_text().strip()

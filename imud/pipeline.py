@@ -5,6 +5,7 @@ Live and replay step with the same code (`stages`), whatever the chunks in which
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from drivers.driver import ImuConfigured, ImuDriver
 from drivers.sample import SAMPLE
 
 from .clocks.counter import new_clock
+from .compile.hashing import digest_of
 from .configuration.settings import Initial, Settings
 from .estimators import Estimator
 from .estimators.records import FIX, INNOVATION, SOLUTION
@@ -26,6 +28,17 @@ UNREAD, OF_A_FIX = 1024, 16  # innovations, at most: of samples since `pending_i
 _NO_SAMPLE, _NO_SOLUTION, _NO_FIX, _AT_ONCE = (
     np.zeros(n, kind) for n, kind in ((0, SAMPLE), (0, SOLUTION), (0, FIX), (1, np.int64))
 )
+
+
+@dataclasses.dataclass(frozen=True)
+class Stored:
+    """What an earlier run of the program has left of a sensor's filter."""
+
+    biases: Biases | None = None
+    checkpoint: bytes = b""
+
+
+NOTHING_STORED = Stored()
 
 
 def room_for(fixes: int) -> Records:
@@ -63,6 +76,34 @@ class Filter:
         """Begin with these biases; before the first sample."""
         if self.estimator.restore_biases is not None:
             self.estimator.restore_biases(self.state, biases)
+
+    def checkpoint(self) -> bytes:
+        """What a filter with the same settings and calibration can `restore`; empty: this estimator has none."""
+        if self.estimator.checkpoint is None:
+            return b""
+        saved = self.estimator.checkpoint(self.state)
+        return self._digest(saved.dtype) + saved.tobytes()
+
+    def restore(self, stored: Stored) -> bool:
+        """Begin with what an earlier run has stored; before the first sample. Returns whether its estimate goes on.
+
+        A checkpoint of another version, other settings or another calibration is ignored; then only its biases are
+        used.
+        """
+        if self.estimator.checkpoint is not None and self.estimator.resume is not None:
+            kind = self.estimator.checkpoint(self.state).dtype
+            digest = self._digest(kind)
+            if stored.checkpoint[: len(digest)] == digest and len(stored.checkpoint) == len(digest) + kind.itemsize:
+                self.estimator.resume(self.state, np.frombuffer(stored.checkpoint, kind, offset=len(digest)))
+                return True
+        if stored.biases is not None:
+            self.restore_biases(stored.biases)
+        return False
+
+    def _digest(self, kind: np.dtype[Any]) -> bytes:
+        """Of all on which the meaning of a checkpoint of this dtype depends."""
+        parts = self.estimator.name.encode(), str(kind).encode(), self.parameters.tobytes(), self.correction.tobytes()
+        return digest_of(*parts).encode()
 
     def watch_over(self, sensor: ImuConfigured) -> None:
         """From now on, monitor this sensor, by the ranges that the user gives, else by its own where it tells them."""
@@ -136,14 +177,14 @@ class Stream:
             for name in names:
                 self.record[name] = getattr(owner, name).ctypes.data
 
-    def restart(self, decoder: Records, configured: ImuConfigured, power_on: bool) -> None:
+    def restart(self, decoder: Records, configured: ImuConfigured, first_flags: int) -> None:
         """Begin a new connection to the sensor: forget half frames and the clock's fit, keep the filter's state.
 
-        power_on: the sensor may have been switched on since its last sample; the filter then reopens its biases.
+        first_flags: of the next sample, POWER_ON or RECONNECTED; 0: the filter has seen no sample before.
         """
         self.decoder[:] = decoder
         self.clock[:] = new_clock(configured.period_ns, configured.delay_ns)
-        self.record["fill"], self.record["power_on"] = 0, power_on
+        self.record["fill"], self.record["first_flags"] = 0, first_flags
         self.filter.watch_over(configured)
 
     @property

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from drivers.driver import ImuDriver
-from drivers.sample import POWER_ON, SAMPLE
+from drivers.sample import SAMPLE
 
 from .clocks.counter import CLOCK, stamp
 from .compile.entry import address_of, entry, name_after
@@ -46,7 +46,7 @@ STREAM = np.dtype(
         ("count", "<i8"),  # samples since the start
         ("newest", "<i8"),  # row of the newest solution; -1: none yet
         ("heard_ns", "<i8"),  # when it came
-        ("power_on", "<i8"),  # 1: the next sample is the first one after a power-on
+        ("first_flags", "<i8"),  # of the next sample: POWER_ON, RECONNECTED
     ],
     align=True,
 )
@@ -117,9 +117,8 @@ def _advancer(step: Kernel, parameters: np.dtype[Any], state: np.dtype[Any]) -> 
     def advance_stream(stream: int, n: int, arrival_ns: int) -> int:
         s = records(stream, 1, STREAM)[0]
         samples = records(s.samples, BATCH, SAMPLE)
-        if s.power_on:
-            samples[0].flags |= POWER_ON
-            s.power_on = 0
+        samples[0].flags |= s.first_flags
+        s.first_flags = 0
         step_batch(
             samples,
             n,

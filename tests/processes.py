@@ -110,7 +110,8 @@ class Daemon:
 def daemon(folder: Path, *arguments: str) -> Iterator[Daemon]:
     """`imud run` with its socket in `folder`, connected."""
     with (folder / "daemon.log").open("w") as log:
-        env = {"XDG_STATE_HOME": str(folder / "state"), **os.environ, "NO_COLOR": "1"}
+        own = {"XDG_RUNTIME_DIR": str(folder / "run"), "NO_COLOR": "1"}
+        env = {"XDG_STATE_HOME": str(folder / "state"), **os.environ, **own}
         command = ("imud", "run", *arguments, "--listen", str(folder / "gpsd.sock"))
         with process(*command, stderr=log, env=env) as running:
             started = Daemon(running, folder)

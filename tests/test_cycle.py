@@ -228,7 +228,7 @@ def test_the_densest_stream_does_not_pile_up_in_the_buffer(frame):
     configured = ImuConfigured(Identity("seraccel", ""), 100.0, 10_000_000, 0, 0)
     driver, standard = by_name("seraccel"), Settings()
     stream = Stream(driver, driver.new_state(configured), Filter(registry.by_name("tilt"), standard, Initial(), 100.0))
-    stream.restart(driver.new_state(configured), configured, power_on=False)
+    stream.restart(driver.new_state(configured), configured, first_flags=0)
     whole = frame * (20 * READ // len(frame))
     ours, device = os.pipe()
     with contextlib.closing(Cycle()) as cycle:

@@ -43,6 +43,22 @@ def test_attitude_and_bias_of_a_still_sensor(tmp_path):
         assert "lost=0" in imud.log
 
 
+def test_a_daemon_that_was_killed_goes_on_where_it_was(tmp_path):
+    with emulator("g350", *REST, "--patient", links=[tmp_path / "imu"]):
+        with daemon(tmp_path, "--port", str(tmp_path / "imu")) as imud:
+            settled_ns = imud.until(is_settled)["t_mono_ns"]
+            imud.until(lambda m: m["class"] == "EST" and m["t_mono_ns"] > settled_ns + 3_000_000_000)
+            imud.process.kill()
+            imud.process.wait()
+        with daemon(tmp_path, "--port", str(tmp_path / "imu")) as imud:
+            est = imud.until(lambda message: message["class"] == "EST")
+            assert est["sbgx_dps"] < 0.1
+            assert est["bgx_dps"] == pytest.approx(0.3, abs=0.1)
+            imud.says("the filter goes on where an earlier run of the daemon ended")
+            est = imud.until(is_settled)
+            assert est["roll_deg"] == pytest.approx(10.0, abs=0.3)
+
+
 def test_the_configuration_is_read_again(tmp_path):
     imu, gnss, file = tmp_path / "imu", tmp_path / "gnss", tmp_path / "imud.toml"
     file.write_text("[gnss]\nmax_hdop = 20.0\n")

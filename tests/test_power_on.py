@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from drivers.driver import Identity, ImuConfigured
 from drivers.registry import by_name
-from drivers.sample import POWER_ON, SAMPLE
+from drivers.sample import POWER_ON, RECONNECTED, SAMPLE
 from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators.records import HEADING_VALID
 from imud.sensor_errors.calibration import Calibration
@@ -148,13 +148,11 @@ def test_the_first_sample_of_each_later_connection_may_follow_a_power_on(connect
     assert flags == [[0, 0, 0], [POWER_ON, 0, 0], [POWER_ON, 0, 0]]
 
 
-@pytest.mark.parametrize(("serial", "power_on"), [("1", 0), ("", POWER_ON)])
-def test_a_sensor_that_was_not_switched_off_keeps_its_biases_if_its_number_says_it_is_the_same(
-    connect, serial, power_on
-):
+@pytest.mark.parametrize(("serial", "flags"), [("1", RECONNECTED), ("", POWER_ON)])
+def test_a_sensor_that_was_not_switched_off_keeps_its_biases_if_its_number_says_it_is_the_same(connect, serial, flags):
     connect(serial)
     sensor = connect(serial, at_s=3.0, still_powered=True)
-    assert sensor.stream.samples["flags"][0] == power_on
+    assert sensor.stream.samples["flags"][0] == flags
 
 
 @pytest.mark.parametrize(

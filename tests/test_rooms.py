@@ -39,7 +39,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     ("imud/estimators/ins/state.py", "imud/estimators/ins/types.py"),
     ("imud/estimators/ins/mechanization.py",),
     ("imud/estimators/ins/ekf.py",),
-    tuple(f"imud/estimators/ins/{name}.py" for name in ("error_model", "lever_arm", "setup", "solution")),
+    tuple(f"imud/estimators/ins/{name}.py" for name in ("checkpoint", "error_model", "lever_arm", "setup", "solution")),
     ("imud/estimators/ins/observers",),
     ("imud/estimators/ins/fusion.py",),
     ("imud/estimators/ins/stationarity.py",),

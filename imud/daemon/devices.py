@@ -6,6 +6,7 @@ This is the `PortOwner` of the ports and owns their descriptors; it does not kno
 import math
 import select
 import time
+from dataclasses import replace
 from typing import Any
 
 from drivers.driver import AnyDriver, Identity, ImuConfigured
@@ -16,20 +17,20 @@ from ..configuration.settings import Settings
 from ..errors import ImudError, UsageError
 from ..math.arrays import Records
 from ..outputs.view import Device
+from ..pipeline import NOTHING_STORED, Stored
 from ..process import garbage
 from ..process.contained import ContainedErrors
 from ..process.log import get_logger
 from ..recording.control import Recordings
 from ..sensor_errors import calibration
-from ..sensor_errors.stored_biases import Biases
 from ..sensors.fitting import Fitting
 from ..sensors.inertial import Inertial
 from ..sensors.rate import ALIKE
 from ..sensors.receiver import Receiver
 from ..setup import choices
-from .bias_store import BiasStore
 from .cycle import Cycle
 from .ports import Configured, Port
+from .state_store import StateStore
 
 _PARTS = {"imu": "inertial sensor", "gnss": "receiver"}
 _SLEPT_NS = 500_000_000  # between two looks: this process did not run, and silence then says nothing of a device
@@ -60,7 +61,7 @@ class Devices:
         self._insisted: float | None = None  # share of the agreed rate for which the sensor was set up anew
         self._known = calibration.Calibration("")  # of the inertial sensor
         self._by_fd: dict[int, Port] = {}
-        self._bias_store = BiasStore()
+        self._store = StateStore()
         self._looked_ns = self._awake_ns = 0  # of `tick`: when last; since when without a long pause between two
         self._spares: dict[str, set[Port]] = {kind: set() for kind in _PARTS}
         recordings.on_begin, recordings.on_end = self._introduce, self._read_directly
@@ -134,8 +135,8 @@ class Devices:
             port.log_line_complaint()
         if self._recordings.current and self.imu:
             self._recordings.current.looked(self.ports.index(self.imu[0]), self.imu[1], now_ns)
-        if self.imu and self.imu[0].configured:
-            self._bias_store.save_when_due(self.imu[0].configured.identity.serial, self.imu[1], now_ns)
+        if self.imu and isinstance(configured := self.imu[0].configured, ImuConfigured):
+            self._store.save_when_due(configured, self.imu[0].spec.path, self.imu[1], now_ns)
 
     def _insist(self, port: Port, sensor: Inertial, share: float) -> None:
         """Set up anew a sensor that streams at another rate than agreed; once only, if that does not help."""
@@ -175,7 +176,7 @@ class Devices:
         now_ns = time.monotonic_ns()
         if isinstance(configured, ImuConfigured) and driver.kind == "imu":
             known = self._calibration_of(identity)
-            stored = self._bias_store.load(configured, known, self._settings, now_ns)
+            stored = self._load(configured, port.spec.path, known)
             try:
                 inertial = self.fitting.connect(
                     port.line, driver, configured, known, self._settings, now_ns, self.ports.index(port), stored
@@ -186,6 +187,8 @@ class Devices:
                 port.reject(str(error))  # who served once does not end because of what is plugged in later
                 return
             self.imu, self._known = (port, inertial), known
+            if stored.checkpoint and self.fitting.resumed:
+                self._log.info("the filter goes on where an earlier run of the daemon ended")
             self._record(port, inertial, now_ns, stored)
             self._read_directly()
             facts |= {"serial": identity.serial, "firmware": identity.firmware, "rate_hz": round(configured.rate_hz, 3)}
@@ -220,6 +223,8 @@ class Devices:
 
     def close(self) -> None:
         """Close all ports."""
+        if self.imu and isinstance(configured := self.imu[0].configured, ImuConfigured):
+            self._store.close(configured, self.imu[0].spec.path, self.imu[1])
         for port in self.ports:
             port.close()
         if self.fitting.inertial is not None:
@@ -241,6 +246,11 @@ class Devices:
             self._log.info("calibrated", sensor=found.serial, **parts)
         return found
 
+    def _load(self, configured: ImuConfigured, path: str, known: calibration.Calibration) -> Stored:
+        """What an earlier run of the daemon knew; a checkpoint only for the first filter of this run."""
+        stored = self._store.load(configured, path, known, self._settings)
+        return stored if self.fitting.inertial is None else replace(stored, checkpoint=b"")
+
     def _read_directly(self) -> None:
         """Let the inertial sensor's line be read in compiled code, if nobody else wants to see its bytes."""
         if self._recordings.current is None:
@@ -259,7 +269,7 @@ class Devices:
         for port, sensor in self.streaming().values():
             self._record(port, sensor, time.monotonic_ns())
 
-    def _record(self, port: Port, sensor: Inertial | Receiver, now_ns: int, stored: Biases | None = None) -> None:
+    def _record(self, port: Port, sensor: Inertial | Receiver, now_ns: int, stored: Stored = NOTHING_STORED) -> None:
         """Have the sensor's bytes recorded from now on, if a recording is being made."""
         recorder = self._recordings.current
         if recorder and port.configured:

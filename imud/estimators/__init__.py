@@ -31,6 +31,8 @@ class Estimator:
     of `sources`. None: GNSS only.
     tunables: the constants that the settings' table `NAME.tuning` may change.
     restore_biases(state, biases): begin with these instead of unknown ones. None: it cannot.
+    checkpoint(state) -> record (1 element) with which resume(state, record) lets a state before its first sample go on
+    after a restart of the program. None: it cannot.
     survives_power_on: a sample with POWER_ON reopens its biases, or it estimates none; else it is started anew then.
     """
 
@@ -42,6 +44,8 @@ class Estimator:
     needs_gyros: bool = True
     survives_power_on: bool = False
     restore_biases: Callable[[Records, Biases], None] | None = None
+    checkpoint: Callable[[Records], Records] | None = None
+    resume: Callable[[Records, Records], None] | None = None
     pending_innovations: Callable[[Any, Any], int] | None = None
     tunables: tuple[Tunable, ...] = ()
     aid: Callable[[Any, Any, Any, Any], int] | None = None

@@ -15,6 +15,7 @@ from drivers.registry import by_name
 from ..configuration.settings import Initial, Settings
 from ..errors import BadDataError
 from ..math.arrays import Records
+from ..pipeline import Stored
 from ..sensor_errors.calibration import Calibration
 from ..sensor_errors.stored_biases import Biases
 from ..sensors.fitting import Fitting
@@ -148,7 +149,8 @@ class Player:
         driver = by_name(said.driver)
         if driver.kind == "imu":
             known = msgspec.convert(_known(said.calibration if self._calibrated else {}), Calibration)
-            stored = msgspec.convert(said.biases, Biases) if said.biases else None
+            biases = msgspec.convert(said.biases, Biases) if said.biases else None
+            stored = Stored(biases, said.checkpoint)
             self._ports[said.port] = self._fitting.connect(
                 self._line, driver, said.imu(), known, self._settings, said.t_ns, said.port, stored
             )

@@ -27,8 +27,8 @@ from .. import __version__
 from ..configuration.settings import Settings
 from ..errors import CannotCreateError, UsageError
 from ..math.arrays import Records
+from ..pipeline import NOTHING_STORED, Stored
 from ..sensor_errors.calibration import Calibration
-from ..sensor_errors.stored_biases import Biases
 from ..sensors.inertial import Inertial
 from ..sensors.tap import Tap
 from .clock_fit import row_of
@@ -99,21 +99,20 @@ class Recorder:
         configured: ImuConfigured | GnssConfigured,
         calibration: Calibration | None,
         now_ns: int,
-        biases: Biases | None = None,
+        stored: Stored = NOTHING_STORED,
     ) -> None:
         """A device streams since `now_ns`.
 
-        Of an inertial sensor, calibration: what is taken out of its samples; biases: with which its filter begins.
+        Of an inertial sensor, calibration: what is taken out of its samples; stored: with which its filter begins.
         """
         from drivers.capture import Connection, plain
 
         kind = "imu" if isinstance(configured, ImuConfigured) else "gnss"
         known = {} if calibration is None else msgspec.to_builtins(calibration)
-        stored = {} if biases is None else msgspec.to_builtins(biases)
-        driver = configured.identity.driver
-        self._json(
-            Kind.CONNECTION, Connection(now_ns, port, path, True, kind, driver, plain(configured), known, stored), port
-        )
+        biases = {} if stored.biases is None else msgspec.to_builtins(stored.biases)
+        driver, setup = configured.identity.driver, plain(configured)
+        opened = Connection(now_ns, port, path, True, kind, driver, setup, known, biases, stored.checkpoint)
+        self._json(Kind.CONNECTION, opened, port)
 
     def disconnected(self, port: int, path: str) -> None:
         """It streams no more."""

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ..folders import places
+from ..folders import boot_id, places
 from .calibration import Triple
 from .profiles import Profile
 
@@ -76,7 +76,7 @@ def load(serial: str, correction: NDArray[np.void], now_ns: int, profile: Profil
         with contextlib.suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
             kept = msgspec.json.decode((folder / _name(serial)).read_bytes(), type=_File)
             age_s = (now_ns - kept.monotonic_ns) * 1e-9
-            same = (kept.serial, kept.boot_id, kept.correction) == (serial, _boot_id(), _numbers(correction))
+            same = (kept.serial, kept.boot_id, kept.correction) == (serial, boot_id(), _numbers(correction))
             if same and 0.0 <= age_s <= MAX_AGE_S and kept.biases.is_plausible:
                 return aged(kept.biases, age_s, profile)
     return None
@@ -84,7 +84,7 @@ def load(serial: str, correction: NDArray[np.void], now_ns: int, profile: Profil
 
 def save(serial: str, correction: NDArray[np.void], now_ns: int, biases: Biases) -> None:
     """Replace the file as a whole, in the first folder that may be written. Raises OSError if there is none."""
-    content = msgspec.json.encode(_File(serial, _boot_id(), now_ns, _numbers(correction), biases))
+    content = msgspec.json.encode(_File(serial, boot_id(), now_ns, _numbers(correction), biases))
     refused = OSError("there is no folder for state")
     for folder in places("state"):
         try:
@@ -105,7 +105,3 @@ def _name(serial: str) -> str:
 def _numbers(correction: NDArray[np.void]) -> list[float]:
     """All fields but NaN, which is not equal to itself."""
     return [x for x in correction.view(np.float64).tolist() if not math.isnan(x)]
-
-
-def _boot_id() -> str:
-    return Path("/proc/sys/kernel/random/boot_id").read_text().strip()

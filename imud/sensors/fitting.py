@@ -2,15 +2,16 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from drivers.driver import ImuConfigured, ImuDriver
+from drivers.sample import POWER_ON, RECONNECTED
 from drivers.transport.line import Line
 
 from ..configuration.settings import Initial, Settings
-from ..pipeline import Filter, Stream
+from ..pipeline import NOTHING_STORED, Filter, Stored, Stream
 from ..sensor_errors.calibration import Calibration
-from ..sensor_errors.stored_biases import Biases
 from ..setup import choices
 from .inertial import Inertial
 
@@ -28,6 +29,7 @@ class Fitting:
         self.inertial: Inertial | None = None
         self._warn, self._initial = warn, initial
         self._serial, self._port = "", 0  # another sensor has other biases
+        self.resumed = False  # the filter goes on from an earlier run of the program
         self._made_for: tuple[Any, ...] = ()
 
     def connect(
@@ -39,11 +41,11 @@ class Fitting:
         settings: Settings,
         now_ns: int,
         port: int = 0,
-        stored: Biases | None = None,
+        stored: Stored = NOTHING_STORED,
     ) -> Inertial:
         """The sensor streams on the port of that number. Its earlier filter goes on if it is the same sensor and was
-        not away for long, with its biases reopened if it may have been switched off. A new filter begins with the
-        biases that were `stored`. Raises UsageError if the sensor does not suffice for the estimator that the user
+        not away for long, with its biases reopened if it may have been switched off. A new filter begins with what
+        an earlier run has `stored`. Raises UsageError if the sensor does not suffice for the estimator that the user
         asked for.
         """
         settings = choices.settings_for(settings, configured.identity)
@@ -54,21 +56,29 @@ class Fitting:
         made_for = (driver.name, self.estimator.name, settings.imu.profile, about_hz)
         same = made_for == self._made_for and self._is_same(configured.identity.serial, port)
         serial = configured.identity.serial
-        same_power = same and configured.still_powered and bool(serial and self._serial)  # no twin of it
+        same_power = configured.still_powered and bool(serial)  # no twin of it
+        if self.inertial is not None:
+            same_power = same_power and same and bool(self._serial)
         self._serial, self._port = serial, port
         goes_on = self.inertial is not None and same and self.estimator.survives_power_on
-        if self.inertial is None or not goes_on or now_ns - self.inertial.heard_ns > AWAY_NS:
+        fresh = self.inertial is None or not goes_on or now_ns - self.inertial.heard_ns > AWAY_NS
+        if self.inertial is None or fresh:
             filter_ = Filter(self.estimator, settings, self._initial, configured.rate_hz)
+            if self._initial != _UNKNOWN:
+                stored = replace(stored, checkpoint=b"")
             self._initial = _UNKNOWN  # it was of the start
-            if stored is not None:
-                filter_.restore_biases(stored)
             stream = Stream(driver, driver.new_state(configured), filter_)
             stream.record["count"] = self.inertial.samples if self.inertial else 0
             self.inertial = Inertial(stream)
             self._made_for = made_for
-        self.inertial.stream.filter.configure(settings)
-        self.inertial.stream.filter.calibrate(calibration)
-        self.inertial.connect(line, driver, configured, now_ns, same_power)
+        filter_ = self.inertial.stream.filter
+        filter_.configure(settings)
+        filter_.calibrate(calibration)
+        if fresh:
+            self.resumed = filter_.restore(stored)
+        again = self.resumed or self.inertial.newest is not None
+        flags = RECONNECTED if same_power else POWER_ON
+        self.inertial.connect(line, driver, configured, now_ns, flags if again else 0)
         return self.inertial
 
     def _is_same(self, serial: str, port: int) -> bool:

@@ -39,13 +39,12 @@ class Inertial:
         self._complained: int | None = None  # status word of the first look: the driver has told of that
 
     def connect(
-        self, line: Line, driver: ImuDriver, configured: ImuConfigured, now_ns: int, same_power: bool = False
+        self, line: Line, driver: ImuDriver, configured: ImuConfigured, now_ns: int, first_flags: int = 0
     ) -> None:
-        """Begin a new connection. The filter keeps its state, and its biases if the sensor was not switched off."""
+        """Begin a new connection; the filter keeps its state. first_flags: of its first sample."""
         if self._line is not None:
             self._before.update(self.counters())
-        power_on = self._newest >= 0 and not same_power
-        self.stream.restart(driver.new_state(configured), configured, power_on)
+        self.stream.restart(driver.new_state(configured), configured, first_flags)
         self._line = line
         self.stream.record["heard_ns"] = now_ns
         self._complaints, self._complained = driver.complaints, None

@@ -12,7 +12,7 @@ Source: Solà, Quaternion kinematics for the error-state Kalman filter (2017), s
 from .. import Estimator
 from .filter import step
 from .parameters import TUNABLES
-from .setup import configure, restore_biases, start
+from .setup import checkpoint, configure, restore_biases, resume, start
 
 __all__ = ["ESTIMATOR"]
 
@@ -24,5 +24,7 @@ ESTIMATOR = Estimator(
     None,
     survives_power_on=True,
     restore_biases=restore_biases,
+    checkpoint=checkpoint,
+    resume=resume,
     tunables=TUNABLES,
 )

@@ -12,10 +12,11 @@ An error-state Kalman filter around a strapdown mechanization. In the order of t
 | `fusion`, `ekf` | one update of the Kalman filter; `observers/` watch every one |
 | `alignment/` | roll, pitch and heading before navigation; `integrity/`: is the heading right? |
 | `state`, `parameters` | the records, a concern each; the tunables |
-| `solution` | what comes out |
+| `solution` | what comes out; `checkpoint`: what outlasts a restart of the program |
 """
 
 from .. import Estimator
+from .checkpoint import checkpoint, resume
 from .filter import aid, step, take_innovations, update
 from .parameters import TUNABLES, configure
 from .setup import restore_biases, start
@@ -33,4 +34,6 @@ ESTIMATOR = Estimator(
     aid=aid,
     sources=SOURCES,
     restore_biases=restore_biases,
+    checkpoint=checkpoint,
+    resume=resume,
 )

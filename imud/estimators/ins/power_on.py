@@ -1,8 +1,9 @@
-"""A power-on of the sensor: both biases are reset, and the attitude is checked against gravity.
+"""A new connection to the sensor: after a power-on both biases are reset; the attitude is checked against gravity.
 
 A bias changes from one switch-on to the next by the repeatability in the data sheet, which is the filter's initial
-sigma. A sensor that was unplugged may have been moved: after a longer gap its attitude is kept only if the first
-specific force is vertical, within the tilt that a vehicle's acceleration causes.
+sigma. A sensor that was not connected may have been moved: after a longer gap its attitude is kept only if the first
+specific force is vertical, within the tilt that a vehicle's acceleration causes. No sensor shows a turn about the
+vertical meanwhile: the heading's sigma grows with the length of the gap.
 """
 
 from __future__ import annotations
@@ -28,17 +29,17 @@ TUNABLES = (
         "power_on_force_sigma",
         math.radians(3.0),
         "rad",
-        "Tilt of the specific force at a power-on, by an acceleration.",
+        "Tilt of the specific force after a gap, by an acceleration.",
         "0.5 m/s^2.",
     ),
     Tunable(
-        "power_on_heading_sigma",
+        "reconnect_turn_rate",
         math.radians(3.0),
-        "rad",
-        "Turn of a sensor that may have been moved, but was not tilted.",
+        "rad/s",
+        "Sigma of the turn of a sensor that was not connected, per duration of the gap.",
         "Choice.",
     ),
-    Tunable("power_on_tilt_gate", 9.0, "NIS", "Gate of the tilt at a power-on.", "Three sigma."),
+    Tunable("power_on_tilt_gate", 9.0, "NIS", "Gate of the tilt after a gap.", "Three sigma."),
 )
 
 
@@ -56,7 +57,7 @@ def reopen_biases(p: Parameters, c: Core) -> None:
 
 
 @kernel
-def check_tilt(p: Parameters, c: Core) -> None:
+def check_attitude(p: Parameters, c: Core, gap_s: float) -> None:
     """Keep the attitude, with more variance, if the specific force is vertical in it; else restart the alignment."""
     x, y, z = body_to_ned(c, (c.imu.f[0], c.imu.f[1], c.imu.f[2]))
     tilt = math.atan2(math.hypot(x, y), -z)
@@ -68,4 +69,4 @@ def check_tilt(p: Parameters, c: Core) -> None:
         return
     for i in range(3):
         add_variance(c, ATTITUDE + i, tilt2)
-    add_variance(c, ATTITUDE + 2, p.tuning.power_on_heading_sigma**2)
+    add_variance(c, ATTITUDE + 2, (p.tuning.reconnect_turn_rate * gap_s) ** 2)

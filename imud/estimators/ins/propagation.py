@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, POWER_ON
+from drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, POWER_ON, RECONNECTED
 from drivers.sample import SATURATED as BEYOND_RANGE
 
 from ...compile.jit import kernel
@@ -18,7 +18,7 @@ from .alignment.velocity_pairs import flag_heading, is_levelled, reset_pairs
 from .ekf import add_covariance, add_variance, variance
 from .fusion import propagate_errors
 from .mechanization import integrate_strapdown, ned_to_body, rotation_matrix, set_velocity
-from .power_on import check_tilt, reopen_biases
+from .power_on import check_attitude, reopen_biases
 from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, POSITION, VELOCITY
 from .stationarity import (
     accumulate_force,
@@ -250,8 +250,8 @@ def process_sample(p: Parameters, c: Core, sample: StoredSample) -> None:
         reopen_biases(p, c)
     accumulate_window(c, sample.w, sample.f)
     propagate_to(p, c, sample.t_ns, sample.w, sample.f)
-    if sample.flags & POWER_ON and gap_s > p.tuning.max_gyro_outage_s:
-        check_tilt(p, c)
+    if sample.flags & (POWER_ON | RECONNECTED) and gap_s > p.tuning.max_gyro_outage_s:
+        check_attitude(p, c, gap_s)
     inflate_covariance(p, c, sample, dt)
     if incomplete:
         clear_window(c)

@@ -114,7 +114,7 @@ class Tuning:
     over_range: float
     smoothing_s: float
     power_on_force_sigma: float
-    power_on_heading_sigma: float
+    reconnect_turn_rate: float
     power_on_tilt_gate: float
     rest_window_s: float
     max_gyro_ratio: float

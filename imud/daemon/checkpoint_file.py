@@ -1,0 +1,71 @@
+"""A filter's checkpoint as a file: one for each sensor, on a tmpfs where there is one, for the next run of the daemon.
+
+It is used once, by the next run, and only if surely nothing but a gap lies between: the same boot, the same sensor on
+the same port, seconds ago, every byte as it was written. Whatever else is in its place is ignored.
+"""
+
+import contextlib
+import tempfile
+import time
+from pathlib import Path
+
+import msgspec
+
+from ..compile.hashing import digest_of
+from ..folders import boot_id, places
+
+_NS = 1_000_000_000
+_SUSPENDED_NS = 100_000_000  # by which the two clocks differ more if the machine slept in between: samples were lost
+
+
+class _Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    sensor: str
+    port: str
+    boot_id: str
+    monotonic_ns: int
+    boottime_ns: int  # goes on while the machine sleeps
+    digest: str  # of the checkpoint
+
+
+def save(sensor: str, port: str, checkpoint: bytes) -> None:
+    """Replace the file as a whole, in the first folder that may be written. Raises OSError if there is none."""
+    now = time.monotonic_ns(), time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+    header = _Header(sensor, port, boot_id(), *now, digest_of(checkpoint))
+    refused = OSError("there is no folder for state")
+    for folder in _folders():
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile(dir=folder, prefix=".filter-", delete=False) as file:
+                file.write(msgspec.json.encode(header) + b"\n" + checkpoint)
+            Path(file.name).replace(folder / _name(sensor, port))
+            return
+        except OSError as error:
+            refused = error
+    raise refused
+
+
+def take(sensor: str, port: str, max_age_ns: int) -> bytes:
+    """The checkpoint that an earlier run has left at most `max_age_ns` ago; empty: none. Its file is removed."""
+    found = b""
+    for folder in _folders():
+        with contextlib.suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
+            path = folder / _name(sensor, port)
+            head, _, checkpoint = path.read_bytes().partition(b"\n")
+            path.unlink()  # a checkpoint with which the daemon fails must not fail the next run, too
+            header = msgspec.json.decode(head, type=_Header)
+            age_ns = time.monotonic_ns() - header.monotonic_ns
+            suspended_ns = time.clock_gettime_ns(time.CLOCK_BOOTTIME) - header.boottime_ns - age_ns
+            same = (header.sensor, header.port, header.boot_id) == (sensor, port, boot_id())
+            intact = header.digest == digest_of(checkpoint)
+            if same and intact and 0 <= age_ns <= max_age_ns and suspended_ns <= _SUSPENDED_NS and not found:
+                found = checkpoint
+    return found
+
+
+def _folders() -> list[Path]:
+    return [*places("runtime"), *places("state")]
+
+
+def _name(sensor: str, port: str) -> str:
+    key = digest_of(f"{sensor}\n{port}".encode(errors="surrogateescape"))
+    return f"filter-{key[:16]}"

@@ -1,0 +1,89 @@
+"""Keeps what the filter knows of the inertial sensor and of the motion for a daemon that is started again in a moment.
+
+Two files: the biases, which any later version can use while the sensor stays switched on; and a checkpoint of the whole
+filter, with which it goes on as after a gap in the samples.
+"""
+
+import threading
+import time
+
+from drivers.driver import ImuConfigured
+
+from ..configuration.settings import Settings
+from ..pipeline import Stored
+from ..process.log import get_logger
+from ..sensor_errors import stored_biases
+from ..sensor_errors.calibration import Calibration, correction
+from ..sensor_errors.profiles import profile_of
+from ..sensors.fitting import AWAY_NS
+from ..sensors.inertial import Inertial
+from ..setup import choices
+from . import checkpoint_file
+
+_CHECKPOINT_NS, _BIASES_NS = 1_000_000_000, 5_000_000_000  # between two writings
+
+
+class StateStore:
+    """Writes in a thread: a disk may stall for seconds."""
+
+    def __init__(self) -> None:
+        self._checkpoint_ns = self._biases_ns = 0  # when they are due
+        self._writer: threading.Thread | None = None
+        self._warned = False
+
+    def load(self, configured: ImuConfigured, port: str, calibration: Calibration, settings: Settings) -> Stored:
+        """What an earlier run knew of this very sensor on this port; biases only if it surely was not switched off."""
+        serial = configured.identity.serial
+        checkpoint = checkpoint_file.take(_sensor(configured), port, AWAY_NS)
+        if not configured.still_powered or not serial:
+            return Stored(None, checkpoint)
+        own = choices.settings_for(settings, configured.identity)
+        corrected = correction(calibration, own.imu.mount_rpy_deg)
+        biases = stored_biases.load(serial, corrected, time.monotonic_ns(), profile_of(own))
+        return Stored(biases, checkpoint)
+
+    def save_when_due(self, configured: ImuConfigured, port: str, sensor: Inertial, now_ns: int) -> None:
+        """Call now and then while the sensor streams: writes what is known, every second."""
+        busy = self._writer is not None and self._writer.is_alive()
+        if not busy and now_ns >= self._checkpoint_ns:
+            self._checkpoint_ns = now_ns + _CHECKPOINT_NS
+            self._begin_save(configured, port, sensor, now_ns)
+
+    def close(self, configured: ImuConfigured, port: str, sensor: Inertial) -> None:
+        """Write what is known at the end of the run."""
+        self._wait()
+        self._begin_save(configured, port, sensor, time.monotonic_ns())
+        self._wait()
+
+    def _wait(self) -> None:
+        if self._writer is not None:
+            self._writer.join(0.5)
+
+    def _begin_save(self, configured: ImuConfigured, port: str, sensor: Inertial, now_ns: int) -> None:
+        if sensor.newest is None or not (biases := stored_biases.biases_of(sensor.newest)).is_plausible:
+            return
+        checkpoint = sensor.stream.filter.checkpoint()
+        due = now_ns >= self._biases_ns and bool(configured.identity.serial)
+        if due:
+            self._biases_ns = now_ns + _BIASES_NS
+        corrected = sensor.stream.filter.correction.copy()
+
+        def save() -> None:
+            try:
+                if checkpoint:
+                    checkpoint_file.save(_sensor(configured), port, checkpoint)
+                if due:
+                    stored_biases.save(configured.identity.serial, corrected, now_ns, biases)
+            except OSError as error:
+                if not self._warned:
+                    get_logger().warning(f"the filter's state cannot be kept over a restart: {error}")
+                self._warned = True
+
+        self._writer = threading.Thread(target=save, daemon=True)
+        self._writer.start()
+
+
+def _sensor(configured: ImuConfigured) -> str:
+    """Which sensor it is; those without a serial number are told apart by their ports."""
+    identity = configured.identity
+    return f"{identity.driver} {identity.model} {identity.serial}"

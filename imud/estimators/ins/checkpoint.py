@@ -1,0 +1,36 @@
+"""What of the state is enough to go on after a restart of the program: the core, as after a gap in the samples.
+
+The first sample after a gap begins the alignment's integrals and pairs anew, so the hypothesis bank is not needed; of
+the rings the last sample is.
+"""
+
+import numpy as np
+
+from ...math.arrays import Records
+from .state import IMU_RING, SNAPSHOT
+
+_TIMES = ("last_epoch_ns", "last_time_offset", "last_fusion_ns")
+CHECKPOINT = np.dtype([("core", SNAPSHOT), *zip(_TIMES, ("<i8", "<f8", "<i8"), strict=True)], align=True)
+
+
+def checkpoint(state: Records) -> Records:
+    """A copy (1 element) of what `resume` needs."""
+    s, saved = state[0], np.zeros(1, CHECKPOINT)
+    for name in SNAPSHOT.names or ():
+        saved["core"][name] = s["core"][name]
+    for name in _TIMES:
+        saved[name] = s[name]
+    return saved
+
+
+def resume(state: Records, saved: Records) -> None:
+    """Go on from a checkpoint in a state before its first sample."""
+    s, core = state[0], saved["core"][0]
+    for name in SNAPSHOT.names or ():
+        s["core"][name] = core[name]
+    for name in _TIMES:
+        s[name] = saved[name][0]
+    s["sample_count"], s["aiding_start"] = core["imu"]["sample_count"], core["nav"]["fused_count"]
+    last = s["imu_ring"][(s["sample_count"] - 1) % IMU_RING]
+    last["t_ns"], last["w"], last["f"] = core["nav"]["t_ns"], core["imu"]["w"], core["imu"]["f"]
+    s["last_w"], s["last_f"], s["initial_rpy"] = core["imu"]["w"], core["imu"]["f"], np.nan

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imud.commands.replay import play
+from imud.batch import play
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.records import FIX, INNOVATION

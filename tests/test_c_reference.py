@@ -5,9 +5,9 @@ import ctypes
 import numpy as np
 import pytest
 
+from imud.batch import play
 from imud.commands.bench import reference, signals
 from imud.commands.bench.throughput import CReplay, new_stream
-from imud.commands.replay import play
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.records import SOLUTION

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from navigation_simulation import drive, received, sensed
 
-from imud.commands.replay import play
+from imud.batch import play
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.records import INNOVATION, NHC_LATERAL, NHC_VERTICAL, REST_D, REST_N, REST_X, REST_Z, SOLUTION

@@ -56,9 +56,9 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     ("imud/pipeline.py",),
     ("imud/sensors",),
     ("imud/outputs", "imud/tables"),
-    ("imud/recording",),
+    ("imud/recording", "imud/batch.py"),
     ("imud/daemon",),
-    ("imud/compilation.py", "imud/experiments"),
+    ("imud/compilation.py", "imud/experiments", "imud/api"),
     ("imud/commands", "imud/compile/__main__.py"),
     ("imud/__main__.py",),
 )

@@ -1,7 +1,6 @@
 """`imud replay`: recorded samples and fixes through the same filter as the daemon's, as fast as it goes."""
 
 import argparse
-import itertools
 import sys
 import time
 from collections.abc import Iterator
@@ -22,10 +21,8 @@ if TYPE_CHECKING:
     from ..estimators import Estimator
     from ..estimators.aiding_source import AidingSource
     from ..math.arrays import Records
-    from ..pipeline import Filter
     from ..tables.inputs import LeftOut
 
-BLOCK = 1024
 _FAR_S, _FORCE_MPS2, _LOOKED_AT = 0.2, (4.0, 25.0), 10_000  # what is doubted; samples looked at for that
 
 
@@ -60,46 +57,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_settings(parser)
 
 
-def play(
-    filter_: "Filter",
-    samples: "Records",
-    fixes: "Records",
-    write: Any,
-    keep: "Records | None" = None,
-    note: Any = None,
-    aiding: "Records | None" = None,
-) -> int:
-    """Feed everything in the order in which it became known: a fix goes in before the first sample not older than its
-    arrival. `keep` is a mask of the samples whose solutions go to `write(rows)`, None: all, in rows that are written
-    over by the next; `note` is given innovations. Returns the number of fixes fed."""
-    from ..estimators.records import SOLUTION
-    from ..pipeline import room_for
-
-    out = np.zeros(BLOCK, SOLUTION)
-    progress = Progress(len(samples))
-    places = np.maximum.accumulate(np.searchsorted(samples["t_ns"], fixes["arrival_ns"], side="left"))
-    among = (places > 0) & (places < len(samples))
-    fixes, places = fixes[among], places[among]
-    aided = np.zeros(0, np.int64) if aiding is None else np.searchsorted(samples["t_ns"], aiding["arrival_ns"])
-    edges = np.unique(np.concatenate([np.arange(0, len(samples), BLOCK), aided[aided < len(samples)], [len(samples)]]))
-    for start, stop in itertools.pairwise(edges):
-        if aiding is not None and (aided == start).any():
-            measured = filter_.aid(aiding[aided == start])
-            if note is not None:
-                note(measured.copy())
-        due = slice(*np.searchsorted(places, [start, stop]))
-        rows = out[: stop - start]
-        innovations = filter_.feed(
-            samples[start:stop], rows, fixes[due], places[due] - start, room_for(len(fixes[due]))
-        )
-        write(rows if keep is None else rows[keep[start:stop]])
-        progress.at(stop)
-        if note is not None:
-            note(innovations.copy())  # a view would keep all the room
-            note(filter_.pending_innovations().copy())
-    return len(fixes)
-
-
 def _kept(t_ns: Any, rate_hz: float | None) -> Any:
     """Mask of the samples that start a new output period; None: all."""
     if rate_hz is None:
@@ -125,6 +82,7 @@ def run(args: argparse.Namespace) -> int:
     initial = config.parse_assignments(args.initial, Initial, "--initial")
     if args.imu is None:
         raise UsageError("replay: name the recording: FILE.mcap, or --imu imu.csv [--gnss gnss.csv]")
+    from ..batch import play
     from ..estimators import registry
     from ..pipeline import Filter
     from ..sensor_errors import calibration
@@ -145,7 +103,9 @@ def run(args: argparse.Namespace) -> int:
             filter_.calibrate(calibration.read(args.calibration))
         innovations: list[Records] = []
         aiding = _read_aiding(sources, origin)
-        fed = play(filter_, samples, fixes, writer.write, _kept(samples["t_ns"], args.rate), innovations.append, aiding)
+        kept = _kept(samples["t_ns"], args.rate)
+        progress = Progress(len(samples))
+        fed = play(filter_, samples, fixes, writer.write, kept, innovations.append, aiding, progress.at)
     if args.innovations is not None:
         _keep_innovations(args.innovations, origin, innovations)
     _summary(samples, fixes, fed, skipped, time.perf_counter() - begin)

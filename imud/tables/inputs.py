@@ -39,6 +39,8 @@ _FIX_OPTIONAL = (
     *("quality", "satellites"),
 )
 
+FIX_COLUMNS = (*_FIX_REQUIRED, *_FIX_OPTIONAL)
+
 Row = TypeVar("Row")
 
 
@@ -134,14 +136,14 @@ def read_imu(path: Path, left_out: LeftOut | None = None) -> tuple[NDArray[np.vo
         raise BadDataError(f"{path}: the samples are {apart_s:g} s apart, if t_s is in s: is it in ms, us or ns?")
     origin = math.floor(table[0, 0])
     samples = np.zeros(len(table), SAMPLE)
-    samples["t_ns"] = _ns(table[:, 0], origin)
+    samples["t_ns"] = ns_since(table[:, 0], origin)
     samples["tick"] = np.arange(len(table))
     samples["w"], samples["f"] = table[:, 1:4], table[:, 4:7]
     samples["temperature"] = table[:, 7] if len(names) > len(IMU_COLUMNS) else np.nan
     return samples, origin, every - len(table)
 
 
-def _ns(t_s: float | Floats, origin: int) -> NDArray[np.int64]:
+def ns_since(t_s: float | Floats, origin: int) -> NDArray[np.int64]:
     """Times since the origin."""
     since_s = np.clip(np.subtract(t_s, origin), -_LONGEST_S, _LONGEST_S)
     return np.rint(since_s * 1e9).astype(np.int64)
@@ -196,10 +198,11 @@ def _fix_rows(path: Path, left_out: LeftOut | None) -> Iterator[dict[str, float]
     """The rows with a position; a receiver without a fix leaves rows without one, which are skipped."""
     source = table_of(path, _FIX_REQUIRED)
     source.column_numbers(_FIX_REQUIRED)
-    known = {name: i for i, name in enumerate(source.names) if name in (*_FIX_REQUIRED, *_FIX_OPTIONAL)}
+    known = {name: i for i, name in enumerate(source.names) if name in FIX_COLUMNS}
 
     def read(number: int, cells: list[str]) -> dict[str, float]:
-        return _checked(number, {name: _number_or_none(number, cells, i, name) for name, i in known.items()})
+        row = {name: _number_or_none(number, cells, i, name) for name, i in known.items()}
+        return checked_fix(f"line {number}", row)
 
     rows = _rows(source, read, left_out)
     return (row for row in rows if math.isfinite(row["lat_deg"]) and row.get("quality") != 0.0)
@@ -213,17 +216,17 @@ def _number_or_none(line: int, cells: Sequence[str], column: int, name: str) -> 
     return math.nan if value < 0.0 and name in _BELOW_ZERO_UNKNOWN else value
 
 
-def _checked(line: int, fix: dict[str, float]) -> dict[str, float]:
-    """Raises ValueError that says where."""
+def checked_fix(where: str, fix: dict[str, float]) -> dict[str, float]:
+    """The fix, by names of `FIX_COLUMNS`, if its numbers are possible. Raises ValueError that says where."""
     if math.isnan(fix["lat_deg"]) and math.isnan(fix["lon_deg"]):
         return fix
     for name, (low, high) in _LIMITS.items():
         if not low <= fix.get(name, low) <= high and (name in _FIX_REQUIRED or not math.isnan(fix[name])):
-            raise ValueError(f"line {line}: {name} is {fix[name]}, outside {low} to {high}")
+            raise ValueError(f"{where}: {name} is {fix[name]}, outside {low} to {high}")
     if math.isnan(fix["t_s"]):
-        raise ValueError(f"line {line}: t_s is empty")
+        raise ValueError(f"{where}: t_s is empty")
     if fix.get("arrival_s", math.nan) < fix["t_s"] - _EARLY_S:
-        raise ValueError(f"line {line}: arrival_s is {fix['arrival_s']:.3f}, before t_s, which is {fix['t_s']:.3f}")
+        raise ValueError(f"{where}: arrival_s is {fix['arrival_s']:.3f}, before t_s, which is {fix['t_s']:.3f}")
     return fix
 
 
@@ -232,12 +235,16 @@ def read_fixes(path: Path, origin: int, left_out: LeftOut | None = None) -> NDAr
 
     Raises InputMissingError, BadDataError (with line).
     """
-    rows = list(_fix_rows(path, left_out))
+    return fixes_of(list(_fix_rows(path, left_out)), origin)
+
+
+def fixes_of(rows: Sequence[dict[str, float]], origin: int) -> NDArray[np.void]:
+    """Fixes (array of FIX) in order of arrival, from values by column; a column may be absent, or NaN for unknown."""
     fixes = np.zeros(len(rows), FIX)
     for fix, row in zip(fixes, rows, strict=True):
         arrival = row.get("arrival_s", math.nan)
-        fix["t_ns"] = _ns(row["t_s"], origin)
-        fix["arrival_ns"] = _ns(arrival, origin) if math.isfinite(arrival) else fix["t_ns"]
+        fix["t_ns"] = ns_since(row["t_s"], origin)
+        fix["arrival_ns"] = ns_since(arrival, origin) if math.isfinite(arrival) else fix["t_ns"]
         fix["lat"], fix["lon"] = math.radians(row["lat_deg"]), math.radians(row["lon_deg"])
         fix["height"] = row["height_m"]
         fix["sigma"] = [row.get(name, math.nan) for name in ("sn_m", "se_m", "sd_m")]
@@ -267,13 +274,17 @@ def read_aiding(source: AidingSource, path: Path, origin: int, left_out: LeftOut
             raise ValueError(f"line {number}: t_s is empty")
         return row
 
-    rows = list(_rows(table, read, left_out))
+    return measurements_of(source, list(_rows(table, read, left_out)), origin)
+
+
+def measurements_of(source: AidingSource, rows: Sequence[dict[str, float]], origin: int) -> NDArray[np.void]:
+    """Measurements (array of MEASUREMENT) of a source in order of arrival, from values by column."""
     measurements = np.zeros(len(rows), MEASUREMENT)
     measurements["kind"], measurements["sigma"] = source.kind, math.nan
     for m, row in zip(measurements, rows, strict=True):
         arrival = row.get("arrival_s", math.nan)
-        m["t_ns"] = _ns(row["t_s"], origin)
-        m["arrival_ns"] = _ns(arrival, origin) if math.isfinite(arrival) else m["t_ns"]
+        m["t_ns"] = ns_since(row["t_s"], origin)
+        m["arrival_ns"] = ns_since(arrival, origin) if math.isfinite(arrival) else m["t_ns"]
         for field, columns in (("value", source.columns), ("sigma", source.sigmas)):
             for i, (name, factor) in enumerate(columns.items()):
                 m[field][i] = factor * row.get(name, math.nan)

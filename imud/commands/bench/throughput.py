@@ -12,7 +12,7 @@ import numpy as np
 
 from drivers.driver import Identity, ImuConfigured
 from drivers.registry import by_name
-from imud.commands.replay import play
+from imud.batch import play
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.records import SOLUTION

@@ -1,0 +1,122 @@
+"""What users pass: arrays, tables, settings. Whatever is wrong is a ValueError that says what and where."""
+
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from drivers.sample import SAMPLE
+
+from ..configuration.settings import Initial, Settings
+from ..estimators.aiding_source import AidingSource
+from ..math.arrays import Floats, Records
+from ..setup import config
+from ..tables.inputs import FIX_COLUMNS, IMU_COLUMNS, TEMPERATURE, checked_fix, fixes_of, measurements_of, ns_since
+
+Frames = Literal["ned-frd", "enu-flu"]
+_FLU = np.array([1.0, -1.0, -1.0])
+
+
+def table_of(columns: Any) -> dict[str, Floats]:
+    """Columns by name, of a mapping, a DataFrame or a structured array."""
+    names = getattr(getattr(columns, "dtype", None), "names", None) or list(columns)
+    return {str(name): np.asarray(columns[name]) for name in names}
+
+
+def settings_of(settings: Mapping[str, Any] | Path | str | None) -> Settings:
+    """From keys and values as in `--set`, or from a configuration file. Raises ConfigError."""
+    if settings is None or isinstance(settings, Mapping):
+        return config.loads("", given=settings, name="settings")
+    return config.load(Path(settings))
+
+
+def initial_of(initial: Mapping[str, float] | None) -> Initial:
+    """What is known at the start, by names as in `--initial`. Raises ConfigError."""
+    text = ",".join(f"{name}={float(value)!r}" for name, value in (initial or {}).items())
+    return config.parse_assignments(text, Initial, "initial")
+
+
+def check_frames(frames: str) -> None:
+    if frames not in ("ned-frd", "enu-flu"):
+        raise ValueError(f"frames is {frames!r}; it must be 'ned-frd' or 'enu-flu'")
+
+
+def rows_of(table: Mapping[str, Any]) -> list[dict[str, float]]:
+    """One mapping for each row; columns of one value are those of one row."""
+    columns = {name: np.atleast_1d(np.asarray(values, float)) for name, values in table.items()}
+    lengths = {len(values) for values in columns.values()}
+    if len(lengths) > 1:
+        raise ValueError(f"the columns have different lengths: { ({n: len(v) for n, v in columns.items()}) }")
+    return [dict(zip(columns, map(float, row), strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def samples_from(t: Any, gyro: Any, accel: Any, temperature: Any, frames: Frames, origin: int | None) -> Records:
+    """Samples (array of SAMPLE), t_ns since `origin` in s; None: since the whole second before the first one."""
+    times = np.atleast_1d(np.asarray(t, float))
+    n = len(times)
+    vectors = {}
+    for name, values in (("gyro", gyro), ("accel", accel)):
+        array = np.asarray(values, float)
+        array = array.reshape(1, 3) if array.shape == (3,) else array
+        if array.shape != (n, 3):
+            raise ValueError(f"{name} has the shape {array.shape}; with {n} times it must be ({n}, 3)")
+        vectors[name] = array * _FLU if frames == "enu-flu" else array
+    for name, array in (("t", times), *vectors.items()):
+        bad = ~np.isfinite(array) if array.ndim == 1 else ~np.isfinite(array).all(axis=1)
+        if bad.any():
+            raise ValueError(f"{name}[{int(np.argmax(bad))}] is not finite")
+    samples = np.zeros(n, SAMPLE)
+    samples["t_ns"] = ns_since(times, start_of(times) if origin is None else origin)
+    back = np.diff(samples["t_ns"]) <= 0
+    if back.any():
+        raise ValueError(f"t[{int(np.argmax(back)) + 1}] is not later than the time before it")
+    samples["tick"] = np.arange(n)
+    samples["w"], samples["f"] = vectors["gyro"], vectors["accel"]
+    samples["temperature"] = np.nan if temperature is None else np.asarray(temperature, float)
+    return samples
+
+
+def start_of(times: Floats) -> int:
+    """The origin of a time axis: the whole second at or before its first time."""
+    return math.floor(float(times[0]))
+
+
+def split_imu(imu: Any) -> tuple[Any, Any, Any, Any]:
+    """t, gyro, accel, temperature: of (t, gyro, accel), of a table with these names, or with those of `imu.csv`."""
+    if isinstance(imu, tuple | list):
+        if len(imu) != 3:
+            raise ValueError(f"imu has {len(imu)} elements; it must be (t, gyro, accel) or a table")
+        return *imu, None
+    table = table_of(imu)
+    if {"t", "gyro", "accel"} <= table.keys():
+        return table["t"], table["gyro"], table["accel"], table.get("temperature")
+    if missing := [name for name in IMU_COLUMNS if name not in table]:
+        raise ValueError(
+            f"imu has no column {', '.join(missing)}; it needs t, gyro, accel, or {', '.join(IMU_COLUMNS)}"
+        )
+    gyro, accel = (np.stack([table[name] for name in IMU_COLUMNS[k : k + 3]], axis=1) for k in (1, 4))
+    return table["t_s"], gyro, accel, table.get(TEMPERATURE)
+
+
+def fixes_from(gnss: Any, origin: int) -> Records:
+    """Fixes (array of FIX) of a table with columns as in gnss.csv."""
+    table = table_of(gnss)
+    if missing := [name for name in ("t_s", "lat_deg", "lon_deg", "height_m") if name not in table]:
+        raise ValueError(f"gnss has no column {', '.join(missing)}; its columns are those of `gnss.csv`")
+    rows = rows_of({name: values for name, values in table.items() if name in FIX_COLUMNS})
+    checked = [checked_fix(f"gnss, row {i}", row) for i, row in enumerate(rows)]
+    return fixes_of([row for row in checked if math.isfinite(row["lat_deg"]) and row.get("quality") != 0.0], origin)
+
+
+def measurements_from(name: str, table: Any, known: Iterable[AidingSource], origin: int) -> Records:
+    """Measurements (array of MEASUREMENT) of the source of this name."""
+    sources = {source.name: source for source in known}
+    if name not in sources:
+        raise ValueError(f"there is no aiding source {name!r}; there are: {', '.join(sources) or 'none'}")
+    columns = table_of(table)
+    if missing := [column for column in ("t_s", *sources[name].columns) if column not in columns]:
+        raise ValueError(f"{name} has no column {', '.join(missing)}")
+    wanted = ("t_s", *sources[name].columns, *sources[name].sigmas, "arrival_s")
+    return measurements_of(sources[name], rows_of({k: v for k, v in columns.items() if k in wanted}), origin)

@@ -1,0 +1,128 @@
+"""The filters, to be stepped by hand: samples as they come, fixes and other measurements in between."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import UsageError
+from ..estimators import registry
+from ..estimators.records import INNOVATION, SOLUTION
+from ..math.arrays import Records
+from ..pipeline import UNREAD, Filter
+from .arguments import (
+    Frames,
+    check_frames,
+    fixes_from,
+    initial_of,
+    measurements_from,
+    samples_from,
+    settings_of,
+    start_of,
+)
+from .solution import Solution
+
+
+class AttitudeFilter:
+    """Attitude from gyro and accelerometer: what `imud run` does with one port. Not thread-safe.
+
+    >>> import imud
+    >>> attitude = imud.AttitudeFilter(rate_hz=100.0)
+    >>> for k in range(300):
+    ...     solution = attitude.step(k / 100.0, [0.0, 0.0, 0.0], [0.0, 0.0, -9.8])
+    >>> bool(solution.attitude_valid[0])
+    True
+    """
+
+    estimator = "attitude"
+
+    def __init__(
+        self,
+        rate_hz: float,
+        *,
+        settings: Mapping[str, Any] | Path | str | None = None,
+        initial: Mapping[str, float] | None = None,
+        frames: Frames = "ned-frd",
+        estimator: str | None = None,
+    ) -> None:
+        """rate_hz: of the samples. settings: keys and values as in `--set`, or a configuration file. initial: what is
+        known at the start, as in `--initial`: lat_deg, yaw_deg, … frames: of all arrays, see `Solution`. estimator:
+        another one by its name. Raises ConfigError for what is wrong in settings, ValueError for the rest.
+        """
+        if not 0.0 < rate_hz < 1e6:
+            raise ValueError(f"rate_hz is {rate_hz}; it must be above 0 and below 1e6")
+        check_frames(frames)
+        try:
+            chosen = registry.by_name(estimator or self.estimator)
+        except UsageError as error:
+            raise ValueError(str(error)) from error
+        self.frames = frames
+        self._settings = settings_of(settings)
+        self._filter = Filter(chosen, self._settings, initial_of(initial), rate_hz)
+        self._origin: int | None = None
+        self._last_ns = np.iinfo(np.int64).min
+        self._waiting: list[Records] = []
+
+    def step(self, t: Any, gyro: Any, accel: Any, temperature: Any = None) -> Solution:
+        """The estimates of the next sample, or samples.
+
+        t: s, a number or [n], later than all before. gyro: rad/s, [3] or [n, 3]. accel: specific force, m/s^2, [3] or
+        [n, 3]: at rest and level (0, 0, -g) in FRD, (0, 0, g) in FLU. temperature: degC. Raises ValueError.
+        """
+        samples = samples_from(t, gyro, accel, temperature, self.frames, self._origin)
+        if not len(samples):
+            return self._solution(np.zeros(0, SOLUTION))
+        if samples["t_ns"][0] <= self._last_ns and self._origin is not None:
+            raise ValueError(f"t is {np.atleast_1d(t)[0]}, not later than that of the sample before")
+        if self._origin is None:
+            self._origin = start_of(np.atleast_1d(np.asarray(t, float)))
+        self._last_ns = int(samples["t_ns"][-1])
+        out = np.zeros(len(samples), SOLUTION)
+        for begin in range(0, len(samples), UNREAD // 4):
+            part = slice(begin, begin + UNREAD // 4)
+            self._filter.run(samples[part], out[part])
+            self._waiting.append(self._filter.pending_innovations().copy())
+        return self._solution(out)
+
+    def _solution(self, out: Records) -> Solution:
+        innovations, self._waiting = np.concatenate([np.zeros(0, INNOVATION), *self._waiting]), []
+        return Solution(out, innovations, self._origin or 0, self.frames)
+
+
+class NavigationFilter(AttitudeFilter):
+    """Attitude, velocity and position (INS/GNSS): what `imud run` does with an inertial sensor and a receiver.
+
+    >>> import imud
+    >>> navigation = imud.NavigationFilter(rate_hz=100.0)
+    >>> for k in range(300):
+    ...     solution = navigation.step(k / 100.0, [0.0, 0.0, 0.0], [0.0, 0.0, -9.8])
+    ...     if k % 100 == 50:
+    ...         navigation.fix(t_s=k / 100.0, lat_deg=48.0, lon_deg=11.0, height_m=500.0, sn_m=1.0, se_m=1.0, sd_m=2.0)
+    >>> bool(solution.position_valid[0])
+    True
+    """
+
+    estimator = "navigation"
+
+    def fix(self, **columns: float) -> None:
+        """A fix that became known before the next sample; columns by names as in `gnss.csv`: t_s, lat_deg, lon_deg,
+        height_m, and what else is known of it: sn_m, se_m, sd_m, vn_mps, ve_mps, vd_mps, quality, …
+
+        Its innovations are in the next step's solution. Raises ValueError.
+        """
+        for fix in fixes_from(columns, self._known_origin()):
+            self._waiting.append(self._filter.update(np.array([fix])).copy())
+
+    def aid(self, source: str, **columns: float) -> None:
+        """A measurement of an aiding source: `heading`, … with columns as in its table: t_s, heading_deg, sigma_deg.
+
+        Raises ValueError.
+        """
+        measurements = measurements_from(source, columns, self._filter.estimator.sources, self._known_origin())
+        self._waiting.append(self._filter.aid(measurements).copy())
+
+    def _known_origin(self) -> int:
+        if self._origin is None:
+            raise ValueError("step through a sample first: it begins the time axis")
+        return self._origin

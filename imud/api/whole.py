@@ -1,0 +1,130 @@
+"""A whole array of samples at once: attitude, or attitude, velocity and position."""
+
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..batch import play
+from ..errors import UsageError
+from ..estimators import registry
+from ..estimators.records import FIX, INNOVATION
+from ..math.arrays import Records
+from ..pipeline import Filter
+from ..tables.refused import without_refused
+from .arguments import (
+    Frames,
+    check_frames,
+    fixes_from,
+    initial_of,
+    measurements_from,
+    samples_from,
+    settings_of,
+    split_imu,
+    start_of,
+)
+from .solution import Solution
+
+Setting = Mapping[str, Any] | Path | str | None
+
+
+def attitude(
+    t: Any,
+    gyro: Any,
+    accel: Any,
+    temperature: Any = None,
+    *,
+    settings: Setting = None,
+    initial: Mapping[str, float] | None = None,
+    frames: Frames = "ned-frd",
+    estimator: str = "attitude",
+) -> Solution:
+    """Attitude and gyro bias from gyro and accelerometer, causal, with sigmas; the bits of `imud replay --imu`.
+
+    t: [n] s, increasing. gyro: [n, 3] rad/s. accel: [n, 3] specific force, m/s^2: at rest and level (0, 0, -g) in FRD,
+    (0, 0, g) in FLU. temperature: [n] degC. settings: keys and values as in `--set`, or a configuration file; initial:
+    as in `--initial`. frames: `ned-frd` or `enu-flu`, of what goes in and of what comes out. Raises ValueError for what
+    is wrong in arrays, ConfigError for what is wrong in settings, BadDataError if the settings forbid every fix.
+
+    >>> import numpy as np, imud
+    >>> t = np.arange(300) / 100.0
+    >>> accel = np.tile([0.0, -9.8 * np.sin(0.1), -9.8 * np.cos(0.1)], (300, 1))  # rolled to the right by 0.1 rad
+    >>> print(round(np.radians(imud.attitude(t, np.zeros((300, 3)), accel).roll_deg[-1]), 2))
+    0.1
+    """
+    return _run(t, gyro, accel, temperature, None, {}, settings, initial, frames, estimator)
+
+
+def navigate(
+    imu: Any,
+    gnss: Any,
+    aiding: Mapping[str, Any] | None = None,
+    *,
+    settings: Setting = None,
+    initial: Mapping[str, float] | None = None,
+    frames: Frames = "ned-frd",
+    estimator: str = "navigation",
+) -> Solution:
+    """Attitude, velocity and position from inertial samples and fixes; the bits of `imud replay --imu --gnss`.
+
+    imu: (t, gyro, accel) as for `attitude`; or a table (mapping of names to columns, DataFrame, structured array) with
+    t, gyro, accel, or with the columns of `imu.csv`. gnss: a table with the columns of `gnss.csv`: t_s, lat_deg,
+    lon_deg, height_m, and those that are known of sn_m, se_m, sd_m, vn_mps, ve_mps, vd_mps, quality, arrival_s, …
+    aiding: tables of other sources by their names: `{"heading": table}`. Others and errors: as for `attitude`.
+
+    >>> import numpy as np, imud
+    >>> t = np.arange(500) / 100.0
+    >>> imu = t, np.zeros((500, 3)), np.tile([0.0, 0.0, -9.8], (500, 1))
+    >>> seconds = np.arange(1.0, 5.0)
+    >>> gnss = {"t_s": seconds, "lat_deg": 48.0 + 0 * seconds, "lon_deg": 11.0 + 0 * seconds, "height_m": 0 * seconds}
+    >>> bool(imud.navigate(imu, gnss).position_valid[-1])
+    True
+    """
+    return _run(*split_imu(imu), gnss, aiding or {}, settings, initial, frames, estimator)
+
+
+def _run(
+    t: Any,
+    gyro: Any,
+    accel: Any,
+    temperature: Any,
+    gnss: Any,
+    aiding: Mapping[str, Any],
+    settings: Setting,
+    initial: Mapping[str, float] | None,
+    frames: Frames,
+    name: str,
+) -> Solution:
+    check_frames(frames)
+    try:
+        estimator = registry.by_name(name)
+    except UsageError as error:
+        raise ValueError(str(error)) from error
+    samples = samples_from(t, gyro, accel, temperature, frames, None)
+    if len(samples) < 2:
+        raise ValueError(f"{len(samples)} samples; at least two are needed")
+    origin = start_of(np.asarray(t, float))
+    chosen = settings_of(settings)
+    fixes = np.zeros(0, FIX) if gnss is None else fixes_from(gnss, origin)
+    fixes = without_refused(Path("gnss"), fixes, chosen.gnss, warnings.warn)
+    measured = [measurements_from(source, table, estimator.sources, origin) for source, table in aiding.items()]
+    rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
+    filter_ = Filter(estimator, chosen, initial_of(initial), rate_hz)
+    rows: list[Records] = []
+    innovations: list[Records] = [np.zeros(0, INNOVATION)]
+    play(
+        filter_,
+        samples,
+        fixes,
+        lambda block: rows.append(block.copy()),
+        note=innovations.append,
+        aiding=_in_order(measured) if measured else None,
+    )
+    return Solution(np.concatenate(rows), np.concatenate(innovations), origin, frames)
+
+
+def _in_order(measured: list[Records]) -> Records:
+    rows = np.concatenate(measured)
+    return rows[np.argsort(rows["arrival_ns"], kind="stable")]

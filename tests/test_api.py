@@ -1,0 +1,201 @@
+"""The library: the same bits as the commands, in the frames that the user asks for, and clear errors."""
+
+import csv
+import doctest
+import importlib
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from emulated_recording import record
+
+import imud
+from firmware_sim.motion import Trajectory
+from firmware_sim.scenarios import SCENARIOS
+from imud.commands import main
+from imud.errors import ConfigError, InputMissingError
+from imud.recording import enu
+
+RATE_HZ = 100.0
+N = 1500
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """A start from rest to the north-east with a fix each half second: (t, gyro, accel) in FRD, columns of fixes."""
+    rng = np.random.default_rng(7)
+    t = 1000.25 + np.arange(N) / RATE_HZ
+    moving = t > t[0] + 5.0
+    accel = np.tile([0.0, 0.0, -9.81], (N, 1)) + rng.normal(0.0, 0.02, (N, 3))
+    accel[moving, 0] += 1.0
+    gyro = rng.normal([2e-3, -1e-3, 5e-4], 1e-3, (N, 3))
+    fix_t = np.arange(t[0] + 0.5, t[-1], 0.5)
+    along = 0.5 * np.maximum(fix_t - t[0] - 5.0, 0.0) ** 2
+    speed = np.maximum(fix_t - t[0] - 5.0, 0.0)
+    fixes = {
+        "t_s": fix_t,
+        "lat_deg": 48.0 + np.degrees(along * np.sqrt(0.5) / 6.36e6),
+        "lon_deg": 11.0 + np.degrees(along * np.sqrt(0.5) / 4.27e6),
+        "height_m": 500.0 + 0.0 * fix_t,
+        **{name: np.full(len(fix_t), 1.0) for name in ("sn_m", "se_m", "sd_m")},
+        "vn_mps": speed * np.sqrt(0.5),
+        "ve_mps": speed * np.sqrt(0.5),
+        "vd_mps": 0.0 * fix_t,
+    }
+    return (t, gyro, accel), fixes
+
+
+def write(path, columns):
+    with path.open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(columns)
+        rows.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+
+
+def imu_columns(imu):
+    t, gyro, accel = imu
+    names = ("gx_radps", "gy_radps", "gz_radps", "ax_mps2", "ay_mps2", "az_mps2")
+    return {"t_s": t, **dict(zip(names, np.hstack([gyro, accel]).T, strict=True))}
+
+
+def replayed(folder, imu, fixes, *options):
+    """The numbers of est.csv, by column, that the command makes."""
+    write(folder / "imu.csv", imu_columns(imu))
+    arguments = ["replay", "--imu", str(folder / "imu.csv"), "-o", str(folder / "est.csv"), *options]
+    if fixes:
+        write(folder / "gnss.csv", fixes)
+        arguments += ["--gnss", str(folder / "gnss.csv")]
+    assert main(arguments) == 0
+    return np.genfromtxt(folder / "est.csv", delimiter=",", names=True)
+
+
+@pytest.mark.parametrize("with_fixes", [False, True], ids=["attitude", "navigate"])
+def test_the_library_computes_what_the_command_computes(tmp_path, drive, with_fixes):
+    imu, fixes = drive
+    table = replayed(tmp_path, imu, fixes if with_fixes else None, "--set", "imu.profile=m-g350")
+    settings = {"imu.profile": "m-g350"}
+    solution = imud.navigate(imu, fixes, settings=settings) if with_fixes else imud.attitude(*imu, settings=settings)
+    assert len(solution) == N
+    for name, column, decimals in (
+        ("roll_deg", solution.roll_deg, 5),
+        ("yaw_deg", solution.yaw_deg, 5),
+        ("q2", solution.q[:, 2], 9),
+        ("bgx_radps", solution.gyro_bias_radps[:, 0], 9),
+        ("spitch_deg", solution.sigma_rpy_deg[:, 1], 5),
+        ("lat_deg", solution.lat_deg, 10),
+        ("ve_mps", solution.velocity_mps[:, 1], 5),
+        ("svd_mps", solution.sigma_velocity_mps[:, 2], 5),
+        ("sn_m", solution.sigma_position_m[:, 0], 4),
+        ("status", solution.status, 0),
+    ):
+        np.testing.assert_allclose(column, table[name], rtol=0.0, atol=0.51 * 10.0**-decimals, err_msg=name)
+    assert solution.position_valid[-1] == with_fixes and solution.attitude_valid[-1]
+
+
+def test_a_filter_stepped_by_hand_agrees_with_the_whole(drive):
+    (t, gyro, accel), fixes = drive
+    whole = imud.navigate((t, gyro, accel), fixes)
+    stepped = imud.NavigationFilter(rate_hz=RATE_HZ)
+    rows, innovations, k = [], 0, 0
+    for i in range(N):
+        while i and k < len(fixes["t_s"]) and fixes["t_s"][k] <= t[i]:
+            stepped.fix(**{name: values[k] for name, values in fixes.items()})
+            k += 1
+        solution = stepped.step(t[i], gyro[i], accel[i])
+        rows.append(solution.records)
+        innovations += len(solution.innovations.t)
+    assert np.concatenate(rows).tobytes() == whole.records.tobytes()
+    assert innovations == len(whole.innovations.t) > 3 * k
+
+
+def test_robotics_frames(drive):
+    (t, gyro, accel), fixes = drive
+    flu = np.array([1.0, -1.0, -1.0])
+    ours = imud.navigate((t, gyro, accel), fixes)
+    theirs = imud.navigate((t, gyro * flu, accel * flu), fixes, frames="enu-flu")
+    assert ours.records.tobytes() == theirs.records.tobytes()
+    k = N - 1
+    q = np.array(enu.attitude(ours.q[k]))
+    np.testing.assert_allclose(theirs.q[k] * np.sign(theirs.q[k] @ q), q, atol=1e-12)
+    np.testing.assert_allclose(theirs.velocity_mps[k], enu.world(ours.velocity_mps[k]))
+    np.testing.assert_allclose(theirs.rate_radps[k], enu.body(ours.rate_radps[k]))
+    w, x, y, z = theirs.q[k]
+    yaw = np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+    assert abs((theirs.yaw_deg[k] - yaw + 180.0) % 360.0 - 180.0) < 1e-9
+
+
+def test_a_recording_is_read_as_arrays_that_the_filters_take(tmp_path):
+
+    record(tmp_path / "still.mcap", Trajectory(SCENARIOS["rest"](0.0, 0.0, 0.0), 35.0, 139.0, 60.0), 3.0)
+    recording = imud.read(tmp_path / "still.mcap")
+    n = len(recording.estimates)
+    assert n > 300 and recording.imu["gyro"].shape == (n, 3) and len(recording.gnss["t_s"]) == 0
+    solution = imud.attitude(recording.imu["t"], recording.imu["gyro"], recording.imu["accel"])
+    np.testing.assert_allclose(solution.t, recording.estimates.t, atol=1e-6)
+    assert np.abs(solution.roll_deg - recording.estimates.roll_deg)[-1] < 0.1
+    with pytest.raises(InputMissingError):
+        imud.read(tmp_path / "absent.mcap")
+
+
+def test_heading_as_an_aiding_source(drive):
+    imu, fixes = drive
+    compass = {"t_s": imu[0][::20], "heading_deg": np.full(N // 20, 123.0), "sigma_deg": np.full(N // 20, 1.0)}
+    solution = imud.navigate(imu, fixes, {"heading": compass})
+    assert abs(solution.yaw_deg[400] - 123.0) < 1.0 and solution.heading_valid[400]
+    assert "yaw_rad" in solution.innovations.kind
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"t": [0.0, 1.0, 1.0]}, r"t\[2\]"),
+        ({"gyro": np.zeros((3, 2))}, r"gyro has the shape \(3, 2\)"),
+        ({"accel": np.full((3, 3), np.nan)}, r"accel\[0\] is not finite"),
+        ({"frames": "enu"}, "frames"),
+        ({"estimator": "nothing"}, "nothing"),
+        ({"t": [0.0], "gyro": np.zeros((1, 3)), "accel": np.zeros((1, 3))}, "at least two"),
+    ],
+)
+def test_what_is_wrong_is_said(change, says):
+    arguments = {"t": [0.0, 0.01, 0.02], "gyro": np.zeros((3, 3)), "accel": np.tile([0, 0, -9.8], (3, 1))} | change
+    with pytest.raises(ValueError, match=says):
+        imud.attitude(**arguments)
+
+
+def test_what_is_wrong_with_tables_and_settings_is_said(drive):
+    imu, fixes = drive
+    with pytest.raises(ValueError, match="lat_deg"):
+        imud.navigate(imu, {"t_s": [1.0]})
+    with pytest.raises(ValueError, match=r"gnss, row 0: lat_deg is 95\.0"):
+        imud.navigate(imu, fixes | {"lat_deg": np.full(len(fixes["t_s"]), 95.0)})
+    with pytest.raises(ValueError, match="no aiding source 'compas'"):
+        imud.navigate(imu, fixes, {"compas": {}})
+    with pytest.raises(ConfigError, match="vehicl"):
+        imud.attitude(*imu, settings={"navigation.vehicl": "land"})
+    with pytest.raises(ValueError, match="first"):
+        imud.NavigationFilter(100.0).fix(t_s=0.0, lat_deg=0.0, lon_deg=0.0, height_m=0.0)
+
+
+def test_the_public_names():
+    """Change them on purpose only: programs of users depend on them."""
+    assert set(imud.__all__) == {
+        *("attitude", "navigate", "read"),
+        *("AttitudeFilter", "NavigationFilter", "Solution", "Innovations", "Recording"),
+    }
+    assert all(getattr(imud, name).__doc__ for name in imud.__all__)
+    assert set(imud.__all__) <= set(dir(imud))
+    with pytest.raises(AttributeError):
+        imud.nothing  # noqa: B018
+
+
+def test_importing_imud_imports_nothing_else():
+    code = "import sys, imud; print({'numpy', 'msgspec', 'imud.api'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "set()\n"
+
+
+@pytest.mark.parametrize("module", ["filters", "solution", "whole"])
+def test_the_examples_in_the_docstrings(module):
+    result = doctest.testmod(importlib.import_module(f"imud.api.{module}"))
+    assert result.attempted > 3 and not result.failed

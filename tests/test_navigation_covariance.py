@@ -132,7 +132,7 @@ def test_scalar_measurements_are_one_textbook_update():
 
 def test_a_gated_measurement_changes_nothing():
     _, _, c, P, *_ = made(5)
-    assert gated_update(c, set_jacobian(c, 0, VELOCITY, 1.0), 100.0, 0.01, 25.0) < 0.0
+    assert gated_update(c, set_jacobian(c, 0, VELOCITY, 1.0), 100.0, 0.01, 25.0)[2] < 0.0
     assert not c["scratch"]["x"].any()
     assert unpack(c["cov"]["P"], STATES) == pytest.approx(P)
 

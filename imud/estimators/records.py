@@ -23,7 +23,7 @@ FIX = np.dtype(
 MEASUREMENT = np.dtype(  # of an aiding source other than GNSS
     [
         ("t_ns", "<i8"),  # epoch on the estimator's time axis
-        ("arrival_ns", "<i8"),  # when it became known
+        ("arrival_ns", "<i8"),  # when it became known: fed then, fused at t_ns
         ("kind", "<i8"),  # which source: a code below
         ("value", "<f8", (3,)),  # what it says; SI units, the source's file says which
         ("sigma", "<f8", (3,)),  # 1 sigma of each; NaN: unknown
@@ -76,6 +76,6 @@ INNOVATION = np.dtype(
 )
 
 POSITION_N, POSITION_E, POSITION_D, VELOCITY_N, VELOCITY_E, VELOCITY_D, HEADING = range(7)
-# of what is assumed instead of measured: at rest, and of a vehicle that neither slips nor jumps
+# of what is assumed instead of measured: at rest, and of a vehicle that neither slips nor jumps; a new kind is behind
 REST_N, REST_E, REST_D, REST_X, REST_Y, REST_Z, NHC_LATERAL, NHC_VERTICAL = range(7, 15)
 ASSUMED = range(REST_N, NHC_VERTICAL + 1)

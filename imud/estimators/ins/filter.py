@@ -11,11 +11,10 @@ from ...compile.jit import kernel
 from ...math.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
 from ..records import GNSS_FIX, POSITION_N
 from ..tuning import Tunable
-from .aiding.gnss_position import write_innovation
 from .alignment.transitions import start_navigation
 from .alignment.velocity_pairs import is_levelled
 from .error_model import reset_turn_scale
-from .fusion import clear_innovations, propagate_errors
+from .fusion import clear_innovations, propagate_errors, write_innovation
 from .fusion_horizon import (
     fit_acceleration,
     fusion_time,

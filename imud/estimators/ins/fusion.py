@@ -18,7 +18,7 @@ from .observers.heading_integrals import accumulate_integrals, retain_integrals
 from .observers.reset_inflation import fade_inflation
 
 if TYPE_CHECKING:
-    from .types import Core, Parameters
+    from .types import Core, Innovation, Parameters
 
 
 @kernel
@@ -46,30 +46,39 @@ def fuse(c: Core, m: int, z: float, s: float, axis: int) -> None:
 
 
 @kernel
-def gated_update(c: Core, m: int, z: float, r: float, gate: float) -> float:
-    """Fuse a measurement with residual z (against the nominal state) and variance r, unless NIS > gate > 0.
+def gated_update(c: Core, m: int, z: float, r: float, gate: float) -> tuple[float, float, float]:
+    """Fuse a measurement with residual z (against the nominal state) and variance r, unless NIS > gate; gate 0: none.
 
-    Returns the normalised innovation squared (NIS), negative when rejected.
+    The Jacobian has `m` elements. Returns the innovation, its variance, and its normalised square (NIS), negative when
+    rejected.
     """
     s = innovation_variance(c, m) + r
     z = innovation(c, m, z)
     nis = z * z / s
     if 0.0 < gate < nis or not nis < math.inf:
-        return -nis
+        return z, s, -nis
     fuse(c, m, z, s, -1)
-    return nis
+    return z, s, nis
+
+
+@kernel
+def write_innovation(
+    innovations: list[Innovation], n: int, t_ns: int, kind: int, z: float, s: float, used: bool
+) -> int:
+    """Write row n of the innovations (value z, variance s), if there is room; returns the rows written so far."""
+    if n < len(innovations):
+        r = innovations[n]
+        r.t_ns, r.kind, r.value, r.variance, r.used = t_ns, kind, z, s, 1 if used else 0
+        n += 1
+    return n
 
 
 @kernel
 def pseudo_measurement(c: Core, kind: int, m: int, z: float, r: float, gate: float) -> tuple[float, float, float]:
-    """Fuse a pseudo-measurement and write its innovation; returns innovation, its variance, NIS as `gated_update`."""
-    value = innovation(c, m, z)
-    s = innovation_variance(c, m) + r
-    nis = gated_update(c, m, z, r, gate)
-    if c.scratch.innovation_count < len(c.scratch.innovations):
-        o = c.scratch.innovations[c.scratch.innovation_count]
-        o.t_ns, o.kind, o.value, o.variance, o.used = c.nav.t_ns, kind, value, s, 1 if nis >= 0.0 else 0
-        c.scratch.innovation_count += 1
+    """Fuse a pseudo-measurement as `gated_update` does, and write its innovation."""
+    value, s, nis = gated_update(c, m, z, r, gate)
+    x = c.scratch
+    x.innovation_count = write_innovation(x.innovations, x.innovation_count, c.nav.t_ns, kind, value, s, nis >= 0.0)
     return value, s, nis
 
 

@@ -10,12 +10,13 @@ from ..records import POSITION_N
 from ..tuning import Tunable
 from .aiding.gnss_gate import clear_contradictions, contradicts_heading, fade_reset_score, is_frozen, reject_frozen
 from .aiding.gnss_noise import count_fix, horizontal_sigma, set_gnss_noise, set_speed
-from .aiding.gnss_position import fuse_gnss_position, write_innovation
+from .aiding.gnss_position import fuse_gnss_position
 from .aiding.gnss_time import set_initial_time_offset
 from .aiding.gnss_velocity import fuse_gnss_velocity
 from .alignment.in_motion import align_with_fix, low_motion_speed, reset_to_fix
 from .alignment.transitions import abort_navigation, restart_alignment
 from .ekf import variance
+from .fusion import write_innovation
 from .integrity.heading_monitor import monitor_heading
 from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS
 

@@ -26,9 +26,9 @@ for _source in SOURCES:
 
 @kernel
 def fuse_source(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
-    """Fuse a measurement by its source's file; returns the rows of innovations written."""
+    """Fuse a measurement by its source's file, in every mode; returns the rows of innovations written."""
     if m.kind == HEADING_SOURCE and c.alignment.mode == NAVIGATING:
         return fuse_heading(p, c, m, innovations)
-    if m.kind == HEADING_SOURCE:
+    if m.kind == HEADING_SOURCE:  # coarse alignment: the heading has an arbitrary origin, which this replaces
         align_with_heading(p, c, m)
     return 0

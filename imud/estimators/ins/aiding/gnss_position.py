@@ -14,7 +14,7 @@ from ....math.earth import radii
 from ...records import POSITION_N
 from ...tuning import Tunable
 from ..ekf import innovation, innovation_variance, set_jacobian, set_jacobian3, variance
-from ..fusion import correct_state, fuse
+from ..fusion import correct_state, fuse, write_innovation
 from ..lever_arm import antenna_position, attitude_row
 from ..mechanization import Vector, bounded_cosine, wrap_angle
 from ..observers.gnss_drift import detect_drift
@@ -65,18 +65,6 @@ def position_jacobian(c: Core, lever: Vector, i: int) -> int:
     k = set_jacobian3(c, k, ATTITUDE, attitude_row(lever, i))
     k = set_jacobian(c, k, GNSS_BIAS + i, 1.0)
     return set_jacobian(c, k, TIME_OFFSET, -c.nav.v_n[i] if c.alignment.mode == NAVIGATING else 0.0)
-
-
-@kernel
-def write_innovation(
-    innovations: list[Innovation], n: int, t_ns: int, kind: int, z: float, s: float, used: bool
-) -> int:
-    """Write row n of the innovations (value z, variance s), if there is room; returns the rows written so far."""
-    if n < len(innovations):
-        r = innovations[n]
-        r.t_ns, r.kind, r.value, r.variance, r.used = t_ns, kind, z, s, 1 if used else 0
-        n += 1
-    return n
 
 
 @kernel

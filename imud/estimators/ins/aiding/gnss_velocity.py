@@ -13,14 +13,13 @@ from typing import TYPE_CHECKING
 from ....compile.jit import kernel
 from ...records import VELOCITY_N
 from ...tuning import Tunable
-from ..ekf import innovation, innovation_variance, set_jacobian, set_jacobian3
-from ..fusion import correct_state, gated_update
+from ..ekf import set_jacobian, set_jacobian3
+from ..fusion import correct_state, gated_update, write_innovation
 from ..lever_arm import antenna_velocity, attitude_row, gyro_bias_row
 from ..mechanization import Vector
 from ..state import ATTITUDE, GYRO_BIAS, NAVIGATING, TIME_OFFSET, VELOCITY, VELOCITY_TIME_OFFSET
 from .gnss_gate import count_velocity_rejects
 from .gnss_noise import learn_velocity_noise, lever_arm_rate_variance, second_order_error
-from .gnss_position import write_innovation
 
 if TYPE_CHECKING:
     from ..types import Core, Fix, Innovation, Parameters
@@ -89,9 +88,7 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, late: float, innovation
             + fit_error**2
         )
         m = velocity_jacobian(p, c, antenna, accel, i)
-        s = innovation_variance(c, m) + r
-        value = innovation(c, m, z)
-        nis = gated_update(c, m, z, r, p.tuning.gnss_velocity_gate)
+        value, s, nis = gated_update(c, m, z, r, p.tuning.gnss_velocity_gate)
         used = nis >= 0.0
         if used and slow == 0.0:
             learn_velocity_noise(p, c, nis, s)

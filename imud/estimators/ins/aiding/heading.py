@@ -1,7 +1,8 @@
 """Heading from true north: dual-antenna receivers, gyro compasses (HDT, THS).
 
-z = heading - yaw, with yaw = atan2(y, x) of the body's x axis in NED. A measurement has value[0]: heading, rad, and
-sigma[0]: rad, NaN where it is not reported.
+z = heading - yaw, with yaw = atan2(y, x) of the body's x axis in NED, extrapolated where the epoch is after the newest
+sample. A measurement has value[0]: heading, rad, and sigma[0]: rad, NaN where it is not reported. During coarse
+alignment `alignment.given_heading` takes it.
 """
 
 from __future__ import annotations
@@ -14,11 +15,10 @@ from ...aiding_source import DEGREE, AidingSource
 from ...innovation_kinds import KINDS
 from ...records import HEADING, HEADING_SOURCE
 from ...tuning import Tunable
-from ..ekf import innovation, innovation_variance, set_jacobian
-from ..fusion import correct_state, gated_update
+from ..ekf import set_jacobian
+from ..fusion import correct_state, gated_update, write_innovation
 from ..mechanization import body_to_ned, wrap_angle
 from ..state import ATTITUDE
-from .gnss_position import write_innovation
 
 if TYPE_CHECKING:
     from ..types import Core, Innovation, Measurement, Parameters
@@ -51,10 +51,8 @@ def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innov
     k = set_jacobian(c, k, ATTITUDE + 1, -y * z / level2)
     k = set_jacobian(c, k, ATTITUDE + 2, 1.0)
     rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2]
-    ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # of the newest sample
+    ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
     residual, r = wrap_angle(m.value[0] - math.atan2(y, x) - rate * ahead_s), sigma_of(p, m) ** 2
-    s = innovation_variance(c, k) + r
-    value = innovation(c, k, residual)
-    nis = gated_update(c, k, residual, r, p.tuning.heading_gate)
+    value, s, nis = gated_update(c, k, residual, r, p.tuning.heading_gate)
     correct_state(p, c)
     return write_innovation(innovations, 0, m.t_ns, HEADING, value, s, nis >= 0.0)

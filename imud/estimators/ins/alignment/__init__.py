@@ -1,0 +1,1 @@
+"""Roll, pitch and heading from the start on: levelling, in-motion alignment, and the transitions to navigation."""

@@ -1,1 +1,1 @@
-"""Observers of the filter: `fusion` calls them at every propagation and at every update."""
+"""What has to see each propagation and each update of the Kalman filter: `fusion` calls it, it calls nothing above."""

@@ -68,9 +68,15 @@ TUNABLES = (
         math.radians(0.02) ** 2,
         "rad^2/s",
         "Random walk of the forward axis by load and suspension.",
-        "Choice.",
+        "0.02 deg in a second, 1.2 deg in an hour.",
     ),
-    Tunable("nhc_lever_arm_psd", 0.01**2, "m^2/s", "Random walk of the point about which a vehicle turns.", "Choice."),
+    Tunable(
+        "nhc_lever_arm_psd",
+        0.01**2,
+        "m^2/s",
+        "Random walk of the point about which a vehicle turns.",
+        "1 cm in a second, 0.6 m in an hour.",
+    ),
     Tunable("second_order_time_s", 1.0, "s", "Correlation time of the errors of the linear model.", "Choice."),
     Tunable("min_scaled_turn", 1e-3, "rad", "Turns are corrected for scale errors from this angle on.", "Numerics."),
     Tunable(
@@ -83,7 +89,7 @@ TUNABLES = (
     Tunable(
         "misalignment_over_scale", 0.35, "", "Misalignment over scale factor.", "M-G350 data sheet: 0.1 deg and 0.5 %."
     ),
-    Tunable("turn_scale_psd", 5e-5**2, "1/s", "Random walk of turn_scale, with temperature.", "Choice."),
+    Tunable("turn_scale_psd", 5e-5**2, "1/s", "Random walk of turn_scale, with temperature.", "0.3 % in an hour."),
     Tunable(
         "alignment_accel",
         0.3,
@@ -91,7 +97,7 @@ TUNABLES = (
         "Acceleration that is not measured in an unknown direction.",
         "Recorded drives.",
     ),
-    Tunable("alignment_accel_time_s", 1.0, "s", "Its correlation time.", "Choice."),
+    Tunable("alignment_accel_time_s", 1.0, "s", "Its correlation time.", "1 Hz receivers."),
 )
 
 

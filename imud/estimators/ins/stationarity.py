@@ -68,12 +68,22 @@ TUNABLES = (
     Tunable("fresh_fix_s", 2.0, "s", "Age up to which a fix gives the present speed.", "Two fixes of a 1 Hz receiver."),
     Tunable("rest_speed", 0.3, "m/s", "Largest speed of a receiver at rest.", "Three sigma of real receivers."),
     Tunable(
-        "long_rest_windows", 10, "windows", "Low motion for so long is rest even where no speed is known.", "Choice."
+        "long_rest_windows",
+        10,
+        "windows",
+        "Low motion for so long is rest even where no speed is known.",
+        "Five seconds.",
     ),
     Tunable(
         "long_rest_variance", 10.0, "m^2/s^2", "Largest variance of a velocity that allows a long rest.", "Choice."
     ),
-    Tunable("rest_variance", 0.5, "m^2/s^2", "Largest variance of a velocity that allows a rest.", "Choice."),
+    Tunable(
+        "rest_variance",
+        0.5,
+        "m^2/s^2",
+        "Largest variance of a velocity that allows a rest.",
+        "A prototype on recorded drives.",
+    ),
     Tunable("rest_rate", 0.003, "rad/s", "Mean rate at rest, beyond the uncertainty of the bias.", "Recorded drives."),
     Tunable(
         "rest_accel",
@@ -86,10 +96,18 @@ TUNABLES = (
         "slow_motion_min_speed", 0.5, "m/s", "Slow motion, which rest could be mistaken for, begins here.", "Choice."
     ),
     Tunable("slow_motion_max_speed", 5.0, "m/s", "Slow motion ends here.", "Choice."),
-    Tunable("class_memory", 0.01, "per window", "Gain of the statistics of rest and of slow motion.", "Choice."),
+    Tunable(
+        "class_memory", 0.01, "per window", "Gain of the statistics of rest and of slow motion.", "About fifty seconds."
+    ),
     Tunable("class_min_windows", 20.0, "windows", "Number of windows from which these are known.", "Choice."),
     Tunable("class_min_sigma", 0.25, "", "Smallest deviation of the logarithm in these.", "Recorded drives."),
-    Tunable("evidence_weight", 0.25, "", "Weight of a window: neighbouring ones are not independent.", "Choice."),
+    Tunable(
+        "evidence_weight",
+        0.25,
+        "",
+        "Weight of a window: neighbouring ones are not independent.",
+        "One independent window in four.",
+    ),
     Tunable("rest_log_likelihood", 3.0, "", "Log likelihood ratio that proves rest.", "Odds of 20 to 1."),
 )
 

@@ -39,13 +39,19 @@ TUNABLES = (
     ),
     Tunable("max_reject_s", 60.0, "s", "Longest rejection of fixes that drift away.", "Choice."),
     Tunable("max_drift_speed", 5.0, "m/s", "Fastest drift of a receiver.", "Choice."),
-    Tunable("frozen_min_speed", 2.0, "m/s", "Speed that shows in the last digit of any receiver.", "Choice."),
-    Tunable("frozen_min_s", 0.5, "s", "Time that shows there.", "Choice."),
+    Tunable(
+        "frozen_min_speed",
+        2.0,
+        "m/s",
+        "Speed that shows in the last digit of any receiver.",
+        "GGA with four decimals of a minute: 0.19 m.",
+    ),
+    Tunable("frozen_min_s", 0.5, "s", "Time that shows there.", "The same: 1 m."),
     Tunable("inertial_velocity_error", 0.25, "m/s", "Error of an inertial velocity beyond its sigma.", "Choice."),
     Tunable("inertial_heading_error", 0.05, "rad", "Error of an inertial heading beyond its sigma.", "Choice."),
     Tunable("max_velocity_rejects", 8, "fixes", "More rejected velocities in a row mean a wrong heading.", "Choice."),
     Tunable("max_reset_score", 1.5, "", "A larger decaying count of resets means a wrong heading.", "Choice."),
-    Tunable("reset_score_decay", 0.98, "per fix", "Decay of the count of resets.", "Choice."),
+    Tunable("reset_score_decay", 0.98, "per fix", "Decay of the count of resets.", "About fifty fixes."),
 )
 
 

@@ -25,7 +25,13 @@ TUNABLES = (
     Tunable("unknown_hdop", 1.5, "", "HDOP where none is reported.", "Choice."),
     Tunable("rtk_fixed", 0.03, "m", "Position error per HDOP, RTK fixed.", "Real receivers."),
     Tunable("rtk_float", 0.4, "m", "Position error per HDOP, RTK float.", "Real receivers."),
-    Tunable("min_bias_share", 0.3, "", "Least share of the reported error that is correlated.", "Choice."),
+    Tunable(
+        "min_bias_share",
+        0.3,
+        "",
+        "Least share of the reported error that is correlated.",
+        "Four real receivers: their white part is the smaller.",
+    ),
     Tunable(
         "min_velocity_sigma",
         0.05,
@@ -34,7 +40,9 @@ TUNABLES = (
         "Real receivers.",
     ),
     Tunable("max_velocity_sigma", 0.3, "m/s", "Largest sigma that is learned of a velocity.", "Real receivers."),
-    Tunable("noise_gain", 0.03, "per fix", "Gain of the learned variances.", "Choice."),
+    Tunable(
+        "noise_gain", 0.03, "per fix", "Gain of the learned variances.", "Sage-Husa: fading factors are 0.95 to 0.99."
+    ),
     Tunable(
         "second_order_heading",
         10.0,
@@ -42,7 +50,7 @@ TUNABLES = (
         "Error of the linear model per heading variance; also m/s/rad^2.",
         "Simulated starts.",
     ),
-    Tunable("gnss_lever_arm_sigma", 0.03, "m", "Error of a lever arm measured with a ruler.", "Choice."),
+    Tunable("gnss_lever_arm_sigma", 0.03, "m", "Error of a lever arm measured with a ruler.", "A ruler."),
     Tunable(
         "time_offset_floor",
         0.01,

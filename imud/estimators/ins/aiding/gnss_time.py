@@ -19,9 +19,15 @@ if TYPE_CHECKING:
 
 
 TUNABLES = (
-    Tunable("time_tag_tolerance_s", 1e-3, "s", "Two times closer than that are the same.", "Choice."),
+    Tunable(
+        "time_tag_tolerance_s",
+        1e-3,
+        "s",
+        "Two times closer than that are the same.",
+        "NMEA states milliseconds at best.",
+    ),
     Tunable("reported_epoch_sigma", 0.07, "s", "Sigma of the epoch that a receiver reports.", "Recorded receivers."),
-    Tunable("survey_sigma", 0.1, "m", "A position that good is a survey's.", "Choice."),
+    Tunable("survey_sigma", 0.1, "m", "A position that good is a survey's.", "RTK: centimetres."),
     Tunable(
         "survey_epoch_sigma",
         0.1,

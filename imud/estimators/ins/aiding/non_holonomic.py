@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 
 TUNABLES = (
-    Tunable("nhc_interval_s", 0.1, "s", "Time between two constraints.", "Choice."),
+    Tunable("nhc_interval_s", 0.1, "s", "Time between two constraints.", "A prototype on recorded drives."),
     Tunable("nhc_min_speed", 0.3, "m/s", "Below it the constraint is not fused.", "Choice."),
     Tunable("nhc_sigma", 0.1, "m/s", "Sigma of the velocity across the vehicle.", "Recorded drives."),
     Tunable("nhc_lever_arm_sigma", 1.5, "m", "Sensor ahead of the axle that does not slip.", "Cars."),

@@ -28,7 +28,11 @@ TUNABLES = (
         "level_gnss_sigma", 0.3, "m/s^2", "Acceleration that a receiver's velocity does not show.", "Recorded drives."
     ),
     Tunable(
-        "level_pair_age_s", 3.0, "s", "Age up to which pairs of fixes level the frame instead of windows.", "Choice."
+        "level_pair_age_s",
+        3.0,
+        "s",
+        "Age up to which pairs of fixes level the frame instead of windows.",
+        "Three fixes of a 1 Hz receiver.",
     ),
     Tunable(
         "level_vertical_sigma",

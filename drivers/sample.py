@@ -2,7 +2,7 @@
 
 A level sensor at rest shows f = (0, 0, -g): specific force, not gravity. Drivers write rows of a preallocated
 array of `SAMPLE`. `t_ns` is written later by the clock, which fits `tick` (counter wraps removed, lost samples counted)
-to the host's time; `unseen_s` and the flags from NO_RATE to LIMITED_FORCE are written by
+to the host's time; `outage_s` and the flags from NO_RATE to LIMITED_FORCE are written by
 `imud/sensor_monitor/health.py`, POWER_ON and RECONNECTED by the pipeline.
 """
 
@@ -17,7 +17,7 @@ SAMPLE = np.dtype(
         ("down", "<f8", (3,)),  # unit vector down as the device itself computed it; zeros where it does not
         ("temperature", "<f8"),  # degC, NaN where the sensor has none
         ("flags", "<i8"),  # bits below
-        ("unseen_s", "<f8"),  # s since rates, or forces, were last credible; written by the sensor monitor
+        ("outage_s", "<f8"),  # s since rates, or forces, were last credible; written by the sensor monitor
     ],
     align=True,
 )

@@ -16,7 +16,7 @@ from drivers.sample import SAMPLE
 
 from .compile.entry import Dtype, Entry, noting
 from .configuration.settings import Initial, Settings
-from .daemon.cycle import Cycle
+from .daemon.fast_loop import FastLoop
 from .estimators import Estimator, registry
 from .estimators.records import FIX, MEASUREMENT, SOLUTION
 from .outputs.binary import BinaryOutputs
@@ -40,9 +40,9 @@ def warm_decoders() -> None:
     """Compile, or load, the decoder of every inertial sensor, and the daemon's cycle."""
     for driver, state in _scratch():
         decoding(driver, state)
-    with contextlib.closing(Cycle()) as cycle:
-        outputs = BinaryOutputs(Settings(), cycle.others, 1)
-        cycle.turn(0, outputs, 0, 0)
+    with contextlib.closing(FastLoop()) as fast_loop:
+        outputs = BinaryOutputs(Settings(), fast_loop.others, 1)
+        fast_loop.run_until_event(0, outputs, 0, 0)
         outputs.publish(np.zeros(1, SOLUTION), 1, 0, 0)
 
 

@@ -45,7 +45,7 @@ STREAM = np.dtype(
         ("fill", "<i8"),  # bytes in rx that belong to no whole frame yet
         ("count", "<i8"),  # samples since the start
         ("newest", "<i8"),  # row of the newest solution; -1: none yet
-        ("heard_ns", "<i8"),  # when it came
+        ("last_data_ns", "<i8"),  # when it came
         ("first_flags", "<i8"),  # of the next sample: POWER_ON, RECONNECTED
     ],
     align=True,
@@ -61,7 +61,7 @@ def ingest(stream: Records, received: int, arrival_ns: int) -> int:
         call(s.advance, (s.at, n, arrival_ns))
         s.count += n
         s.newest = n - 1
-        s.heard_ns = arrival_ns
+        s.last_data_ns = arrival_ns
     return int(n)
 
 

@@ -226,6 +226,6 @@ def test_all_kernels_of_imud_have_a_translation():
         "advance_stream",
         "decode_stream_drivers_epson",
         "stages_ingest",
-        "cycle_turn",
+        "fast_loop_run_until_event",
     ):
         assert re.search(rf"^int64_t \w*{name}\w*\(int64_t", text, re.MULTILINE), name

@@ -178,8 +178,8 @@ def test_gps_track():
     squares, nis = normalised("gps-track", "car", 100.0, at, rate_hz=20.0)
     assert np.mean(squares[:, :, P]) > 3.0
     assert nis.mean() > 3.0
-    fitting = ("gps_track.acceleration_var=2.0", f"gps_track.position_var={1.5**2 + 0.2**2}")
-    squares, nis = normalised("gps-track", "car", 100.0, at, rate_hz=20.0, changed=fitting)
+    estimator_for = ("gps_track.acceleration_var=2.0", f"gps_track.position_var={1.5**2 + 0.2**2}")
+    squares, nis = normalised("gps-track", "car", 100.0, at, rate_hz=20.0, changed=estimator_for)
     assert 0.5 < np.mean(squares[:, :, P]) < 2.0
     assert 0.25 < np.mean(squares[:, :, V]) < 2.0
     assert 0.2 < nis.mean() < 1.5

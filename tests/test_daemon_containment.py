@@ -3,8 +3,8 @@
 import contextlib
 
 from imud.configuration.settings import Settings
-from imud.daemon.cycle import Cycle
 from imud.daemon.devices import Devices
+from imud.daemon.fast_loop import FastLoop
 from imud.process.contained import ContainedErrors
 from imud.recording.control import Recordings
 
@@ -16,8 +16,8 @@ def broken(*_):
 def test_a_defect_on_one_port_leaves_the_other_one_alone(tmp_path):
     settings = Settings(ports=(str(tmp_path / "a"), str(tmp_path / "b")))
     errors = ContainedErrors()
-    with contextlib.closing(Cycle()) as cycle, Recordings(settings) as recordings:
-        devices = Devices(settings, True, cycle, recordings, errors)
+    with contextlib.closing(FastLoop()) as fast_loop, Recordings(settings) as recordings:
+        devices = Devices(settings, True, fast_loop, recordings, errors)
         bad, good = devices.ports
         bad.on_time = broken
         devices.on_time(1e9)

@@ -12,7 +12,7 @@ from nmea_lines import decode, gga, line, rmc, vtg
 
 from drivers.registry import by_name
 from imud.configuration.settings import Gnss
-from imud.daemon.receiver_alone import solution
+from imud.daemon.receiver_solution import solution
 from imud.errors import BadDataError, ConfigError
 from imud.outputs.gpsd_json import Report
 from imud.outputs.view import View
@@ -169,9 +169,9 @@ def test_the_verdict_on_fixes_is_told_once_per_change_with_the_key_that_changes_
         os.write(writer, gga(f"1200{second:02}.000", rest=f"1,{count},2.9,545.4,M,46.9,M,,"))
         receiver.read(line, second * 1_000_000_000)
         receiver.flush(second * 1_000_000_000 + 500_000_000)
-        if receiver.news:
-            told.append((second, receiver.news))
-            receiver.news = ""
+        if receiver.message:
+            told.append((second, receiver.message))
+            receiver.message = ""
     os.close(reader)
     os.close(writer)
     assert told == [
@@ -188,9 +188,9 @@ def test_noise_keeps_no_receiver_alive():
     receiver = Receiver(by_name("nmea"), Gnss(), 0)
     receiver.take(gga("120000.000"), 1)
     receiver.take(b"\xff\x80$GPGGA,\xfe*00\r\n" * 40, 2)
-    assert receiver.heard_ns == 1
+    assert receiver.last_data_ns == 1
     receiver.take(b"$GPTXT,01*62\r\n", 3)  # whole, and of no use
-    assert receiver.heard_ns == 3
+    assert receiver.last_data_ns == 3
 
 
 class FixedPulse:
@@ -205,7 +205,7 @@ def test_a_tap_is_handed_all_that_the_fixes_depend_on():
     driver = by_name("nmea")
     heard, live, again = [], [], []
     receiver = Receiver(driver, Gnss(), 0, FixedPulse(None))
-    receiver.tap = lambda data, t_ns, pulse_ns=None: heard.append((bytes(data), t_ns, pulse_ns))
+    receiver.byte_sink = lambda data, t_ns, pulse_ns=None: heard.append((bytes(data), t_ns, pulse_ns))
     for second in range(8):
         now_ns = second * 1_000_000_000 + 130_000_000
         receiver._pulse.pulse_ns = None if second % 3 == 0 else now_ns - 90_000_000

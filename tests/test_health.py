@@ -61,9 +61,9 @@ def test_one_frozen_axis_is_found_within_a_fifth_of_a_second(axis, motion):
     assert at(10.0) < marked[0] < at(10.2)
     assert np.array_equal(marked, np.arange(marked[0], at(15.0)))
     assert not (samples["flags"] & other).any()
-    assert samples["unseen_s"][marked] == pytest.approx((marked - at(10.0)) / RATE, abs=2.5 / RATE)
-    assert not samples["unseen_s"][: at(10.0)].any()
-    assert not samples["unseen_s"][at(15.0) :].any()
+    assert samples["outage_s"][marked] == pytest.approx((marked - at(10.0)) / RATE, abs=2.5 / RATE)
+    assert not samples["outage_s"][: at(10.0)].any()
+    assert not samples["outage_s"][at(15.0) :].any()
     name = "xyz"[axis % 3]
     assert words(shown(judged(samples[: at(15.0)]))) == (f"{'gyro' if axis < 3 else 'accelerometer'} {name} frozen",)
     assert shown(health) == 0  # seconds ago
@@ -149,7 +149,7 @@ def test_what_cannot_be_is_not_taken(wrong):
     health = judged(samples)
     assert np.array_equal(np.flatnonzero(samples["flags"] & NO_RATE), np.arange(at(2.5), at(2.6)))
     assert np.array_equal(np.flatnonzero(samples["flags"] & NO_FORCE), np.arange(at(3.0), at(3.1)))
-    assert samples["unseen_s"][at(2.6) - 1] == pytest.approx(0.1, abs=0.003)
+    assert samples["outage_s"][at(2.6) - 1] == pytest.approx(0.1, abs=0.003)
     assert words(shown(health)) == ("gyro z impossible", "accelerometer z impossible")
 
 
@@ -167,7 +167,7 @@ def test_a_steady_force_far_from_gravity_is_a_fault_after_ten_seconds_until_it_i
     judged(samples)
     marked = np.flatnonzero(samples["flags"] & NO_FORCE)
     assert np.array_equal(marked, np.arange(at(40.0) - 1, at(51.0) - 1))
-    assert samples["unseen_s"][marked[0]] == pytest.approx(10.0, abs=0.01)
+    assert samples["outage_s"][marked[0]] == pytest.approx(10.0, abs=0.01)
 
 
 @pytest.mark.parametrize("g", [0.1, 2.3, 5.0])

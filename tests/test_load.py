@@ -17,7 +17,7 @@ def feed(load, batches, start_ms=1000, period_s=1e-3):
     for after_ms, n in batches:
         now += after_ms * MS
         published.append(load.leaves_time_to_publish(n, period_s, now))
-        told += load.news(0, now)
+        told += load.messages(0, now)
     return published, told
 
 
@@ -32,7 +32,7 @@ def test_what_a_new_connection_lost_is_told_though_it_counts_anew():
     for k, n in enumerate([1] * 100 + [186] * 50 + [1] * 2000):
         now = (1000 + 186 * k) * MS
         load.leaves_time_to_publish(n, 1e-3, now)
-        told += load.news(70 if k < 120 else 3, now)
+        told += load.messages(70 if k < 120 else 3, now)
     assert [line for line in told if "; 3 samples lost" in line]
 
 

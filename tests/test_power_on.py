@@ -15,7 +15,7 @@ from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators.records import HEADING_VALID
 from imud.sensor_errors.calibration import Calibration
 from imud.sensor_errors.profiles import PROFILES
-from imud.sensors.fitting import AWAY_NS, Fitting
+from imud.sensors.estimator_selection import AWAY_NS, EstimatorSelection
 
 PROFILE, SETTINGS = PROFILES["m-g350"], Settings(imu=Imu(profile="m-g350"))
 RATE, BEFORE_S, AFTER_S = 100, 20.0, 45.0
@@ -129,13 +129,13 @@ LINES = b"\n" + b"0512 0512 0717\n" * 3
 @pytest.fixture
 def connect():
     """Connect a sensor, by serial number, port and time in s, and read LINES of it; returns the sensor."""
-    fitting, driver = Fitting(Settings(estimator="tilt"), str, Initial(yaw_deg=90.0)), by_name("seraccel")
+    selection, driver = EstimatorSelection(Settings(estimator="tilt"), str, Initial(yaw_deg=90.0)), by_name("seraccel")
 
     def connect(serial, port=0, at_s=0.0, still_powered=False):
         identity = Identity("seraccel", "", serial)
         configured = ImuConfigured(identity, 100.0, 10_000_000, 0, 0, still_powered=still_powered)
         at_ns = round(at_s * 1e9)
-        sensor = fitting.connect(None, driver, configured, Calibration(serial), Settings(), at_ns, port)
+        sensor = selection.connect(None, driver, configured, Calibration(serial), Settings(), at_ns, port)
         sensor.stream.rx[: len(LINES)] = bytearray(LINES)
         sensor.stream.ingest(len(LINES), at_ns)
         return sensor

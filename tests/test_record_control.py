@@ -32,7 +32,7 @@ def until(accept, recordings):
 def test_a_client_begins_and_ends_recordings_in_the_folder(tmp_path):
     ended = []
     with Recordings(settings(tmp_path)) as recordings:
-        recordings.on_begin = lambda: recordings.current.tap(0)(b"abc", 7)
+        recordings.on_begin = lambda: recordings.current.byte_sink(0)(b"abc", 7)
         recordings.on_end = lambda: ended.append(recordings.current)
         recordings.event("info", "before any", {})
         assert until(lambda s: True, recordings) == {

@@ -62,16 +62,16 @@ def test_what_is_read_from_ports_reaches_the_file_in_order_and_other_readers_see
     recorder = Recorder(settings(path))
     wanted = [(i % 2, 1000 + i, bytes([i % 256]) * (i % 50)) for i in range(3000)]
     for port, t_ns, data in wanted:
-        recorder.tap(port)(memoryview(data), t_ns)
+        recorder.byte_sink(port)(memoryview(data), t_ns)
     solutions = np.zeros(4, SOLUTION)
     solutions["t_ns"] = np.arange(4) * 10**9
     solutions["status"] = 7
     solutions["q_nb"] = 1.0, 0.0, 0.0, 0.0
-    recorder.stepped(_samples(4), solutions)
+    recorder.record_solutions(_samples(4), solutions)
     innovations = np.zeros(1, INNOVATION)
     innovations["value"], innovations["variance"] = 3.0, 4.0
-    recorder.updated(_fix(), innovations)
-    recorder.event("warning", "text", {"port": "/dev/a"})
+    recorder.record_fix(_fix(), innovations)
+    recorder.record_event("warning", "text", {"port": "/dev/a"})
     recorder.close()
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
@@ -119,7 +119,7 @@ def test_a_writer_that_stalls_delays_nobody_and_its_gap_is_told_once(tmp_path):
     os.kill(recorder._process.pid, signal.SIGSTOP)
     data = bytes(64 << 10)
     for i in range(400):  # 25 MB
-        recorder.tap(0)(data, i)
+        recorder.byte_sink(0)(data, i)
     assert recorder.dropped > 0
     assert [level for level, _ in recorder.tick()].count("warning") == 1
     assert recorder.tick() == []
@@ -136,9 +136,9 @@ def test_a_writer_that_dies_is_told_and_harms_nobody(tmp_path):
     recorder = Recorder(settings(tmp_path / "drive.mcap"))
     recorder._process.kill()
     recorder._process.wait()
-    recorder.tap(0)(b"abc", 1)
+    recorder.byte_sink(0)(b"abc", 1)
     assert ("error", "the recording ended: its writer is gone; everything else goes on") in recorder.tick()
-    recorder.tap(0)(bytes(1 << 16), 1)
+    recorder.byte_sink(0)(bytes(1 << 16), 1)
     assert recorder.tick() == []
     recorder.close()
 
@@ -256,7 +256,7 @@ def test_a_daemon_that_leaves_without_hearing_the_writer_out_still_gets_a_whole_
     recorder = Recorder(settings(path))
     while not path.exists():
         time.sleep(0.01)
-    recorder.tap(0)(b"abc", 5)
+    recorder.byte_sink(0)(b"abc", 5)
     time.sleep(0.2)  # "recording to …" waits to be read by then
     recorder.close()
     capture = Capture(path)

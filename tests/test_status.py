@@ -19,13 +19,13 @@ from processes import PATIENCE_S, daemon, emulator
 from imud.commands import status
 from imud.commands.metrics import METRICS, prometheus
 from imud.commands.status import innovations
-from imud.daemon.vitals import Innovations, flat, status_object
+from imud.daemon.status_tables import InnovationStatistics, flat, status_object
 from imud.errors import DeviceAbsentError, ImudError
 from imud.estimators.innovation_kinds import KINDS
 from imud.estimators.records import ASSUMED, INNOVATION
 from imud.outputs.addresses import parse_address
 from imud.outputs.gpsd_objects import line
-from imud.sensors.rate import SECOND_NS, Pace, Rate
+from imud.sensors.rate import SECOND_NS, RateMeter, SampleRateMonitor
 
 
 def ask(*arguments: str) -> str:
@@ -161,7 +161,7 @@ def test_a_status_of_any_text_goes_on_the_wire(story):
 
 @pytest.mark.parametrize("hz", [1.0, 125.0, 1000.0])
 def test_the_rate_is_that_of_the_last_ten_seconds(hz):
-    rate, count = Rate(), 0
+    rate, count = RateMeter(), 0
     assert math.isnan(rate.hz)
     for k in range(40 * 50):
         count += 3.0 * hz / 50 if k < 20 * 50 else hz / 50
@@ -174,34 +174,34 @@ def test_the_rate_is_that_of_the_last_ten_seconds(hz):
     [((1.0,), 1.0), ((1.02, 0.97), 1.0), ((0.25,), 0.25), ((4.0,), 4.0), ((0.2, 1.8), None), ((0.5, 0.7), None)],
 )
 def test_another_pace_is_told_from_an_uneven_one(shares, found):
-    pace, ticks = Pace(1000.0), 0.0
+    rate_monitor, ticks = SampleRateMonitor(1000.0), 0.0
     for k in range(4 * 20 + 1):
-        pace.look(int(ticks), k * SECOND_NS // 4)
+        rate_monitor.look(int(ticks), k * SECOND_NS // 4)
         ticks += 250.0 * shares[k // 4 % len(shares)]
-    assert pace.share == (None if found is None else pytest.approx(found, rel=1e-2))
+    assert rate_monitor.share == (None if found is None else pytest.approx(found, rel=1e-2))
 
 
 def test_a_silence_is_no_other_pace():
-    pace = Pace(1000.0)
+    rate_monitor = SampleRateMonitor(1000.0)
     for k in range(40):
-        pace.look(250 * k, 10 * SECOND_NS * k)
-    assert pace.share is None
+        rate_monitor.look(250 * k, 10 * SECOND_NS * k)
+    assert rate_monitor.share is None
 
 
 def test_innovation_ratios_of_a_filter_that_knows_are_one():
-    told, rng = Innovations(), np.random.default_rng(3)
+    statistics, rng = InnovationStatistics(), np.random.default_rng(3)
     rows = np.zeros(2, INNOVATION)
     rows["value"] = rows["variance"] = np.nan  # refused unseen
-    told.take(rows[:1])
-    assert math.isnan(told.told()["north"]["ratio"])
+    statistics.add(rows[:1])
+    assert math.isnan(statistics.table()["north"]["ratio"])
     ratios = []
     for _ in range(4000):
         rows["kind"], rows["variance"], rows["used"] = (0, 6), (4.0, 0.01), (1, 0)
         rows["value"] = rng.normal(0.0, (2.0, 0.3))  # the second says 0.1 and is 0.3
-        told.take(rows)
-        ratios.append([told.told()[kind]["ratio"] for kind in ("north", "heading")])
-    assert told.told()["north"] == {"used": 4000, "rejected": 1, "ratio": ratios[-1][0]}
-    assert told.told()["heading"]["rejected"] == 4000
+        statistics.add(rows)
+        ratios.append([statistics.table()[kind]["ratio"] for kind in ("north", "heading")])
+    assert statistics.table()["north"] == {"used": 4000, "rejected": 1, "ratio": ratios[-1][0]}
+    assert statistics.table()["heading"]["rejected"] == 4000
     assert np.mean(ratios, axis=0) == pytest.approx([1.0, 9.0], rel=0.1)
 
 

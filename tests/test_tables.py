@@ -118,7 +118,7 @@ def test_one_time_far_ahead_costs_one_sample(tmp_path):
 )
 def test_a_fix_that_cannot_be_is_left_out(tmp_path, row, says):
     header = "t_s,lat_deg,lon_deg,height_m,quality,satellites,arrival_s\n"
-    left_out = tables.LeftOut(tmp_path)
+    left_out = tables.SkippedRows(tmp_path)
     rows = f"{row}\n1,1,2,3,0,9,\n2e12,1,2,3,,,\n"
     fixes = tables.read_fixes(write(tmp_path, rows, header), 0, left_out)
     assert says in str(left_out)
@@ -178,12 +178,12 @@ def test_what_may_be_a_bad_row_is_not_taken_for_units(tmp_path, row):
 
 def test_bad_rows_are_left_out_and_then_named(tmp_path):
     rows = ["0,0,0,0,0,0,-9.8", "0.01,0,x,0,0,0,-9.8", "0.02,0,0,0,0,0,nan", "0.03,0,0,0,0,0,-9.8"]
-    left_out = tables.LeftOut(tmp_path / "in.csv")
+    left_out = tables.SkippedRows(tmp_path / "in.csv")
     samples, _, _ = tables.read_imu(write(tmp_path, "\n".join(rows) + "\n"), left_out)
     assert samples["t_ns"].tolist() == [0, 30_000_000]
     with pytest.raises(BadDataError, match="2 rows left out, the first of them is line 3: gy_radps is 'x'"):
         left_out.judge(len(samples))
-    left_out = tables.LeftOut(tmp_path / "in.csv")
+    left_out = tables.SkippedRows(tmp_path / "in.csv")
     with pytest.raises(BadDataError, match="line 2: t_s is '12:00:00', not a number; 0 samples"):
         tables.read_imu(write(tmp_path, "12:00:00,0,0,0,0,0,-9.8\n"), left_out)
 

@@ -20,7 +20,7 @@ from ..process.log import get_logger
 from ..process.signals import caught, endings
 from ..recording.recorder import Recorder, recording
 from ..sensor_errors import calibration
-from ..sensors.tap import READ, Tap
+from ..sensors.byte_sink import READ_BYTES, ByteSink
 from ..setup import choices, config
 from .arguments import above_zero, add_settings
 
@@ -44,8 +44,8 @@ class Tape:
         self._log = get_logger()
         self._poll = select.epoll()
         self._by_fd: dict[int, Port] = {}
-        self._taps: dict[Port, Tap] = {}
-        self._room = memoryview(bytearray(READ))
+        self._byte_sinks: dict[Port, ByteSink] = {}
+        self._room = memoryview(bytearray(READ_BYTES))
         self._ended = False
         self._pulse = choices.pulse(settings)
         self._ports = [Port(spec, options, self, wait=wait) for spec, options in choices.ports(settings)]
@@ -74,8 +74,8 @@ class Tape:
         self._ended = True
 
     def _hear(self, port: Port) -> None:
-        tap = self._taps.get(port)
-        if tap is None:
+        byte_sink = self._byte_sinks.get(port)
+        if byte_sink is None:
             port.on_event()
             return
         now_ns = time.monotonic_ns()
@@ -86,7 +86,7 @@ class Tape:
         else:
             if received:
                 pulse = self._pulse if isinstance(port.configured, GnssConfigured) else None
-                tap(self._room[:received], arrival_ns, pulse.newest_ns(now_ns) if pulse else None)
+                byte_sink(self._room[:received], arrival_ns, pulse.newest_ns(now_ns) if pulse else None)
 
     def watch(self, port: Port, fd: int) -> None:
         """See `ports.PortOwner`."""
@@ -103,13 +103,13 @@ class Tape:
         number = self._ports.index(port)
         known = _calibration_of(configured.identity) if driver.kind == "imu" else None
         self._recorder.connected(number, port.spec.path, configured, known, time.monotonic_ns())
-        self._taps[port] = self._recorder.tap(number)
+        self._byte_sinks[port] = self._recorder.byte_sink(number)
         self._log.info("streaming", port=port.spec.path, device=configured.identity.model or driver.name)
 
     def disconnected(self, port: Port) -> None:
         """See `ports.PortOwner`."""
         self._recorder.disconnected(self._ports.index(port), port.spec.path)
-        self._taps.pop(port, None)
+        self._byte_sinks.pop(port, None)
 
 
 def _calibration_of(identity: Identity) -> calibration.Calibration | None:
@@ -129,6 +129,6 @@ def run(args: argparse.Namespace) -> int:
         )
         recorder = stack.enter_context(recording(settings))
         assert recorder is not None
-        log.configure(tap=recorder.event)
+        log.configure(sink=recorder.record_event)
         Tape(settings, recorder, args.wait).run(float("inf") if args.seconds is None else args.seconds)
     return 0

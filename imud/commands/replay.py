@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..estimators import Estimator
     from ..estimators.aiding_source import AidingSource
     from ..math.arrays import Records
-    from ..tables.inputs import LeftOut
+    from ..tables.inputs import SkippedRows
 
 _FAR_S, _FORCE_MPS2, _LOOKED_AT = 0.2, (4.0, 25.0), 10_000  # what is doubted; samples looked at for that
 
@@ -87,10 +87,10 @@ def run(args: argparse.Namespace) -> int:
     from ..pipeline import Filter
     from ..sensor_errors import calibration
     from ..tables.estimates import EstimateWriter
-    from ..tables.inputs import LeftOut, read_imu
+    from ..tables.inputs import SkippedRows, read_imu
 
     estimator = registry.by_name(_estimator_name(args, settings))
-    left_out = LeftOut(args.imu), LeftOut(args.gnss)
+    left_out = SkippedRows(args.imu), SkippedRows(args.gnss)
     sources = _sources(args.aiding, estimator)
     samples, origin, skipped = read_imu(args.imu, left_out[0])
     fixes = _read_gnss(args.gnss, origin, samples, settings, left_out[1])
@@ -127,7 +127,7 @@ def _keep_innovations(path: Path, origin: int, innovations: "list[Records]") -> 
 
 
 def _read_gnss(
-    path: Path | None, origin: int, samples: "Records", settings: Settings, left_out: "LeftOut"
+    path: Path | None, origin: int, samples: "Records", settings: Settings, left_out: "SkippedRows"
 ) -> "Records":
     from ..estimators.records import FIX
     from ..tables.inputs import read_fixes
@@ -161,11 +161,11 @@ def _sources(named: list[str], estimator: "Estimator") -> "list[tuple[AidingSour
 
 def _read_aiding(sources: "list[tuple[AidingSource, Path]]", origin: int) -> "Records | None":
     """Measurements of all sources in order of arrival; None: there is no source."""
-    from ..tables.inputs import LeftOut, read_aiding
+    from ..tables.inputs import SkippedRows, read_aiding
 
     if not sources:
         return None
-    measurements = np.concatenate([read_aiding(source, path, origin, LeftOut(path)) for source, path in sources])
+    measurements = np.concatenate([read_aiding(source, path, origin, SkippedRows(path)) for source, path in sources])
     return measurements[np.argsort(measurements["arrival_ns"], kind="stable")]
 
 

@@ -23,12 +23,12 @@ from ..process.contained import ContainedErrors
 from ..process.log import get_logger
 from ..recording.control import Recordings
 from ..sensor_errors import calibration
-from ..sensors.fitting import Fitting
+from ..sensors.estimator_selection import EstimatorSelection
 from ..sensors.inertial import Inertial
 from ..sensors.rate import ALIKE
 from ..sensors.receiver import Receiver
 from ..setup import choices
-from .cycle import Cycle
+from .fast_loop import FastLoop
 from .ports import Configured, Port
 from .state_store import StateStore
 
@@ -44,15 +44,15 @@ class Devices:
         self,
         settings: Settings,
         wait: bool,
-        cycle: Cycle,
+        fast_loop: FastLoop,
         recordings: Recordings,
         errors: ContainedErrors,
     ) -> None:
         """wait: for devices that are absent at the start. Raises UsageError, DeviceAbsentError."""
         self._settings = settings
-        self._cycle, self._recordings, self._errors = cycle, recordings, errors
+        self._fast_loop, self._recordings, self._errors = fast_loop, recordings, errors
         self._log = get_logger()
-        self.fitting = Fitting(settings, self._log.warning)
+        self.selection = EstimatorSelection(settings, self._log.warning)
         self.ports = [Port(spec, options, self, wait) for spec, options in choices.ports(settings)]
         self.imu: tuple[Port, Inertial] | None = None
         self.gnss: tuple[Port, Receiver] | None = None
@@ -126,15 +126,15 @@ class Devices:
             self._awake_ns = now_ns
         self._looked_ns = now_ns
         for port, sensor in self.streaming().values():
-            silent = now_ns - max(sensor.heard_ns, self._awake_ns) > sensor.silence_ns
+            silent = now_ns - max(sensor.last_data_ns, self._awake_ns) > sensor.silence_ns
             if silent and not isinstance(port.line, Known):  # a recording may have gaps, and goes on by itself
                 port.lost("the device sends nothing more of use")
-        if self.imu and (share := self.imu[1].share_of_rate()):
+        if self.imu and (share := self.imu[1].rate_ratio()):
             self._insist(*self.imu, share)
         for port in self.ports:
             port.log_line_complaint()
         if self._recordings.current and self.imu:
-            self._recordings.current.looked(self.ports.index(self.imu[0]), self.imu[1], now_ns)
+            self._recordings.current.record_clock(self.ports.index(self.imu[0]), self.imu[1], now_ns)
         if self.imu and isinstance(configured := self.imu[0].configured, ImuConfigured):
             self._store.save_when_due(configured, self.imu[0].spec.path, self.imu[1], now_ns)
 
@@ -155,15 +155,15 @@ class Devices:
     def watch(self, port: Port, fd: int) -> None:
         """A port opened its device."""
         self._by_fd[fd] = port
-        self._cycle.others.register(fd, select.POLLIN)
+        self._fast_loop.others.register(fd, select.POLLIN)
 
     def unwatch(self, fd: int) -> None:
         """A port closes its device."""
         del self._by_fd[fd]
-        if fd == self._cycle.fd:
-            self._cycle.detach()
+        if fd == self._fast_loop.fd:
+            self._fast_loop.detach()
         else:
-            self._cycle.others.unregister(fd)
+            self._fast_loop.others.unregister(fd)
 
     def connected(self, port: Port, driver: AnyDriver, configured: Configured) -> None:
         """A device streams."""
@@ -172,32 +172,40 @@ class Devices:
             port.release(f"a spare, for when {other[0].spec.path}, the {_PARTS[driver.kind]}, is away")
             return
         identity = configured.identity
-        facts: dict[str, Any] = {"port": port.spec.path, "device": identity.model or driver.name, "baud": identity.baud}
+        properties: dict[str, Any] = {
+            "port": port.spec.path,
+            "device": identity.model or driver.name,
+            "baud": identity.baud,
+        }
         now_ns = time.monotonic_ns()
         if isinstance(configured, ImuConfigured) and driver.kind == "imu":
             known = self._calibration_of(identity)
             stored = self._load(configured, port.spec.path, known)
             try:
-                inertial = self.fitting.connect(
+                inertial = self.selection.connect(
                     port.line, driver, configured, known, self._settings, now_ns, self.ports.index(port), stored
                 )
             except UsageError as error:
-                if self.fitting.inertial is None:
+                if self.selection.inertial is None:
                     raise
                 port.reject(str(error))  # who served once does not end because of what is plugged in later
                 return
             self.imu, self._known = (port, inertial), known
-            if stored.checkpoint and self.fitting.resumed:
+            if stored.checkpoint and self.selection.resumed:
                 self._log.info("the filter goes on where an earlier run of the daemon ended")
             self._record(port, inertial, now_ns, stored)
             self._read_directly()
-            facts |= {"serial": identity.serial, "firmware": identity.firmware, "rate_hz": round(configured.rate_hz, 3)}
+            properties |= {
+                "serial": identity.serial,
+                "firmware": identity.firmware,
+                "rate_hz": round(configured.rate_hz, 3),
+            }
         elif driver.kind == "gnss":
             self.gnss = (port, Receiver(driver, self._settings.gnss, now_ns, self._pulse))
             self._record(*self.gnss, now_ns)
         self._spares[driver.kind].discard(port)
         self._wake_spares(driver.kind, math.inf)
-        self._log.info("streaming", **{name: value for name, value in facts.items() if value})
+        self._log.info("streaming", **{name: value for name, value in properties.items() if value})
         if self.imu is None and all(port.configured for port in self.ports):
             self._log.warning("there is no inertial sensor on any port: only the receiver's fixes are passed on")
         self._describe()
@@ -227,8 +235,8 @@ class Devices:
             self._store.close(configured, self.imu[0].spec.path, self.imu[1])
         for port in self.ports:
             port.close()
-        if self.fitting.inertial is not None:
-            self._log.info("ended", samples=self.fitting.inertial.samples, **self.fitting.inertial.totals())
+        if self.selection.inertial is not None:
+            self._log.info("ended", samples=self.selection.inertial.samples, **self.selection.inertial.totals())
 
     def _describe(self) -> None:
         self.described = tuple(
@@ -249,23 +257,23 @@ class Devices:
     def _load(self, configured: ImuConfigured, path: str, known: calibration.Calibration) -> Stored:
         """What an earlier run of the daemon knew; a checkpoint only for the first filter of this run."""
         stored = self._store.load(configured, path, known, self._settings)
-        return stored if self.fitting.inertial is None else replace(stored, checkpoint=b"")
+        return stored if self.selection.inertial is None else replace(stored, checkpoint=b"")
 
     def _read_directly(self) -> None:
         """Let the inertial sensor's line be read in compiled code, if nobody else wants to see its bytes."""
         if self._recordings.current is None:
             for _, sensor in self.streaming().values():
-                sensor.tap = None
-        if self.imu and self.imu[0].line.plain and self.imu[1].tap is None and self._cycle.fd < 0:
+                sensor.byte_sink = None
+        if self.imu and self.imu[0].line.plain and self.imu[1].byte_sink is None and self._fast_loop.fd < 0:
             port, inertial = self.imu
-            self._cycle.others.unregister(port.fd)
-            self._cycle.attach(port.fd, inertial.stream)
+            self._fast_loop.others.unregister(port.fd)
+            self._fast_loop.attach(port.fd, inertial.stream)
 
     def _introduce(self) -> None:
         """Have a recording that begins take the sensors that stream already: from now on Python reads their bytes."""
-        if self.imu and self.imu[0].fd == self._cycle.fd:
-            self._cycle.detach()
-            self._cycle.others.register(self.imu[0].fd, select.POLLIN)
+        if self.imu and self.imu[0].fd == self._fast_loop.fd:
+            self._fast_loop.detach()
+            self._fast_loop.others.register(self.imu[0].fd, select.POLLIN)
         for port, sensor in self.streaming().values():
             self._record(port, sensor, time.monotonic_ns())
 
@@ -276,7 +284,7 @@ class Devices:
             number = self.ports.index(port)
             known = self._known if isinstance(sensor, Inertial) else None
             recorder.connected(number, port.spec.path, port.configured, known, now_ns, stored)
-            sensor.tap = recorder.tap(number)
+            sensor.byte_sink = recorder.byte_sink(number)
 
 
 def _described(port: Port, configured: Configured) -> Device:

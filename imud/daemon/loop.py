@@ -25,10 +25,10 @@ from ..recording.control import Recordings
 from ..sensors.inertial import Inertial
 from ..setup.config import adopt
 from ..stages import BATCH
-from .account import Account
-from .cycle import FAILED, SHOW, Cycle
-from .delivery import Delivery
 from .devices import Devices
+from .fast_loop import FAILED, PUBLISH_DUE, FastLoop
+from .publisher import Publisher
+from .status_reporter import StatusReporter
 
 _SLOW_NS = 100_000_000  # what is not urgent is looked after this often
 _SOON_NS = 20_000_000  # while a fix waits for the end of its epoch
@@ -53,10 +53,10 @@ class Daemon:
         self._reread = reread
         self._log = get_logger()
         self._recordings = recordings or Recordings(settings)
-        self._cycle = Cycle()
+        self._fast_loop = FastLoop()
         self._errors = ContainedErrors()
-        self._devices = Devices(settings, wait, self._cycle, self._recordings, self._errors)
-        self._account = Account(self._devices, self._errors)
+        self._devices = Devices(settings, wait, self._fast_loop, self._recordings, self._errors)
+        self._status_reporter = StatusReporter(self._devices, self._errors)
         self._notifier = Notifier()
         self._exit: int | None = None
         self._reload_due = False
@@ -64,16 +64,16 @@ class Daemon:
 
     def run(self) -> int:
         """Serve until SIGTERM (returns 0) or Ctrl-C (130). Raises ImudError when there is no point in going on."""
-        with contextlib.closing(self._cycle), contextlib.ExitStack() as stack:
+        with contextlib.closing(self._fast_loop), contextlib.ExitStack() as stack:
             self._wakeup = stack.enter_context(caught(self._actions()))
-            self._cycle.others.register(self._wakeup, select.POLLIN)
+            self._fast_loop.others.register(self._wakeup, select.POLLIN)
             self._outputs = stack.enter_context(contextlib.closing(self._open_outputs()))
-            self._delivery = Delivery(self._devices, self._recordings, self._outputs, self._account.health)
+            self._publisher = Publisher(self._devices, self._recordings, self._outputs, self._status_reporter.health)
             self._devices.check()
             self._prepare_kernels()
             garbage.set_aside()
             realtime.apply(self._settings.realtime)
-            name = self._devices.fitting.estimator.name
+            name = self._devices.selection.estimator.name
             self._log.info("ready", gpsd=" ".join(self._outputs.gpsd.addresses), estimator=name)
             self._notifier.say("READY=1")
             stack.callback(self._devices.close)
@@ -85,32 +85,32 @@ class Daemon:
 
     def _open_outputs(self) -> Outputs:
         queries = {
-            "STATUS": lambda: self._account.status(self._delivery, self._outputs),
+            "STATUS": lambda: self._status_reporter.status(self._publisher, self._outputs),
             "RECORD": self._recordings.status,
         }
         commands = {"RECORD": self._recordings.handle_command}
-        return Outputs(self._settings, self._cycle.others, BATCH, queries, commands, self._errors)
+        return Outputs(self._settings, self._fast_loop.others, BATCH, queries, commands, self._errors)
 
     def _prepare_kernels(self) -> None:
         """Call all of them once. Where numba has to compile them, that takes minutes."""
         if library.library() is None:
             self._log.info(
-                "numba compiles the kernels, which takes minutes", estimator=self._devices.fitting.estimator.name
+                "numba compiles the kernels, which takes minutes", estimator=self._devices.selection.estimator.name
             )
             self._notifier.say("STATUS=compiling", "EXTEND_TIMEOUT_USEC=3600000000")
         compilation.warm_decoders()
-        for estimator in self._devices.fitting.choice.possible:
+        for estimator in self._devices.selection.choice.possible:
             compilation.warm(estimator, self._settings)
 
     def _serve(self) -> None:
         slow_ns = 0
         while self._exit is None:
-            unpublished = self._turn(slow_ns)
+            unpublished = self._run_until_event(slow_ns)
             now_ns = time.monotonic_ns()
             if self._devices.imu:
                 with self._errors.contain("the publishing of a solution"):
-                    self._on_turn(self._devices.imu[0].fd, self._devices.imu[1], unpublished, now_ns)
-            for fd, mask in self._cycle.others.poll(0):
+                    self._on_event(self._devices.imu[0].fd, self._devices.imu[1], unpublished, now_ns)
+            for fd, mask in self._fast_loop.others.poll(0):
                 self._dispatch(fd, mask, now_ns)
             self._devices.on_time(now_ns * 1e-9)
             if self._reload_due:
@@ -121,29 +121,31 @@ class Daemon:
                 slow_ns = now_ns + (_SOON_NS if gnss and gnss[1].decoder.pending else _SLOW_NS)
                 self._tick_all(now_ns)
 
-    def _turn(self, slow_ns: int) -> int:
+    def _run_until_event(self, slow_ns: int) -> int:
         """Wait until something happens that the cycle does not handle by itself, or until something is due."""
         due_s = self._devices.deadline_s
         until_ns = round(due_s * 1e9) if due_s < slow_ns * 1e-9 else slow_ns
-        return self._cycle.turn(until_ns, self._outputs.binary, self._outputs.due_ns, self._delivery.most())
+        return self._fast_loop.run_until_event(
+            until_ns, self._outputs.binary, self._outputs.due_ns, self._publisher.max_batch()
+        )
 
-    def _on_turn(self, fd: int, inertial: Inertial, unpublished: int, now_ns: int) -> None:
+    def _on_event(self, fd: int, inertial: Inertial, unpublished: int, now_ns: int) -> None:
         """Do what the cycle left to do: a read that failed, a large batch, a view that is due."""
         if unpublished == FAILED:
             self._dispatch(fd, 0, now_ns)
         elif unpublished > 0:
-            self._delivery.solved(inertial, unpublished, now_ns)
-        elif unpublished == SHOW:
-            self._delivery.show(inertial, now_ns)
+            self._publisher.on_solutions(inertial, unpublished, now_ns)
+        elif unpublished == PUBLISH_DUE:
+            self._publisher.publish(inertial, now_ns)
 
     def _dispatch(self, fd: int, mask: int, now_ns: int) -> None:
         if fd in self._devices:
             n, fixes = self._devices.on_event(fd, now_ns)
             with self._errors.contain("the publishing of a solution"):
                 if n and self._devices.imu:
-                    self._delivery.solved(self._devices.imu[1], n, now_ns)
+                    self._publisher.on_solutions(self._devices.imu[1], n, now_ns)
             with self._errors.contain("the use of a fix"):
-                self._delivery.fixed(fixes, self._settings.gnss.latency_s)
+                self._publisher.on_fixes(fixes, self._settings.gnss.latency_s)
         elif fd == self._wakeup:
             os.read(fd, 64)  # its handler has run
         else:
@@ -152,15 +154,15 @@ class Daemon:
     def _tick_all(self, now_ns: int) -> None:
         """Do what is due now and then: unfinished epochs, silence, slow clients, the watchdog, lines for the log."""
         with self._errors.contain("the use of a fix"):
-            self._delivery.tick(self._settings.gnss.latency_s, now_ns)
+            self._publisher.tick(self._settings.gnss.latency_s, now_ns)
         with self._errors.contain("a look at the devices"):
             self._devices.tick(now_ns)
         with self._errors.contain("the publishing of a fix"):
             if self._devices.imu is None:
-                self._delivery.show_receiver(now_ns)
+                self._publisher.publish_receiver(now_ns)
         self._outputs.tick(now_ns)
         with self._errors.contain("a look at the state"):
-            self._account.tick(self._delivery.load, now_ns)
+            self._status_reporter.tick(self._publisher.load, now_ns)
         with self._errors.contain("a look at the recording"):
             for level, text in self._recordings.tick():
                 getattr(self._log, level)(text)
@@ -196,7 +198,7 @@ class Daemon:
             self._outputs.configure(self._settings)
             self._devices.configure(self._settings)
             if self._recordings.current:
-                self._recordings.current.settings(self._settings)
+                self._recordings.current.record_settings(self._settings)
             self._log.info("read the configuration again", changed=", ".join(taken) or "nothing")
             if waiting:
                 self._log.warning(f"takes effect at the next start: {', '.join(waiting)}")

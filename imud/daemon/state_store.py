@@ -15,7 +15,7 @@ from ..process.log import get_logger
 from ..sensor_errors import stored_biases
 from ..sensor_errors.calibration import Calibration, correction
 from ..sensor_errors.profiles import profile_of
-from ..sensors.fitting import AWAY_NS
+from ..sensors.estimator_selection import AWAY_NS
 from ..sensors.inertial import Inertial
 from ..setup import choices
 from . import checkpoint_file

@@ -157,7 +157,7 @@ def integrate_yaw(p: Any, s: Any, sample: Any, dt: float) -> None:
         s.yaw_per_bias += cr / cos_pitch * dt
         s.yaw_var += p.gyro_psd / cos_pitch**2 * dt
         if sample.flags & NO_RATE != 0:
-            outage_s = sample.unseen_s
+            outage_s = sample.outage_s
             s.yaw_var += FAULT_RATE**2 * (outage_s * outage_s - max(outage_s - dt, 0.0) ** 2)
     for i in range(3):
         s.w[i] = sample.w[i]

@@ -1,6 +1,6 @@
 """Solutions as records for the stream and the shared memory. Without a reader no record is made.
 
-`publish` is compiled, because the daemon's cycle calls it without Python (`imud/daemon/cycle.py`).
+`publish` is compiled, because the daemon's fast loop calls it without Python (`imud/daemon/fast_loop.py`).
 """
 
 import numpy as np

@@ -108,22 +108,22 @@ class _Lossy:
             self._stream.flush()
 
 
-Tap = Callable[[str, str, dict[str, Any]], None]  # level, text, facts of each line
+LogSink = Callable[[str, str, dict[str, Any]], None]  # level, text, facts of each line
 
 
-def _tapped(tap: Tap) -> Any:
-    def pass_on(_: Any, method: str, event: dict[str, Any]) -> dict[str, Any]:
-        tap(method, event["event"], {name: fact for name, fact in event.items() if name not in ("event", "level")})
+def _forward_to(sink: LogSink) -> Any:
+    def forward(_: Any, method: str, event: dict[str, Any]) -> dict[str, Any]:
+        sink(method, event["event"], {name: fact for name, fact in event.items() if name not in ("event", "level")})
         return event
 
-    return pass_on
+    return forward
 
 
-def configure(level: str = "info", tap: Tap | None = None) -> None:
-    """Set up structlog once, for the whole process; `tap` is called with every line, too."""
+def configure(level: str = "info", sink: LogSink | None = None) -> None:
+    """Set up structlog once, for the whole process; `sink` is called with every line, too."""
     processors: list[Any] = [structlog.processors.add_log_level]
-    if tap is not None:
-        processors.append(_tapped(tap))
+    if sink is not None:
+        processors.append(_forward_to(sink))
     if _is_journalled():
         with contextlib.suppress(OSError):
             processors.append(Journal(JOURNAL))

@@ -49,7 +49,7 @@ class Recordings:
     def event(self, level: str, text: str, facts: dict[str, Any]) -> None:
         """A line of the log."""
         if self.current:
-            self.current.event(level, text, facts)
+            self.current.record_event(level, text, facts)
 
     def tick(self) -> LogLines:
         """Call several times per second; returns (level, text) of each new line for the log."""
@@ -85,7 +85,7 @@ class Recordings:
 
     def _set_recording(self, enable: bool) -> None:
         if not self._settings.record.folder:
-            self._trouble = "the daemon is to be told where: record.folder"
+            self._trouble = "the daemon has no folder for recordings: set record.folder"
         elif self._configured:
             self._trouble = "the daemon records by its configuration (record.path)"
         elif enable and self.current is None:

@@ -55,7 +55,7 @@ def run_on_cluster(jobs: list[Job], address: str) -> Iterator[Outcome | str]:
     if importlib.util.find_spec("distributed") is None:
         raise UsageError("--cluster needs the package distributed: pip install 'imud[cluster]'")
     dask: Any = importlib.import_module("distributed")
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is told by us
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # imud reports what matters
     try:
         client = dask.Client(address, timeout=ANSWER_S)
     except (OSError, ValueError) as error:
@@ -82,11 +82,11 @@ def version_mismatch(versions: dict[str, Any]) -> str:
     if not versions:
         return "it has no workers; start some with `dask worker ADDRESS --nthreads 1`"
     if wrong := {worker: version for worker, version in versions.items() if version != ours}:
-        told = ", ".join(
+        texts = ", ".join(
             f"{worker} has {'no imud' if isinstance(version, Exception) else f'imud {version}'}"
             for worker, version in wrong.items()
         )
-        return f"{told}; this is imud {ours}: install the same on every worker"
+        return f"{texts}; this is imud {ours}: install the same on every worker"
     return ""
 
 

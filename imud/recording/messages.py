@@ -84,7 +84,7 @@ SAMPLE_TABLE = Table(
             "bits: 1 suspect, 2 saturated, 4 device error, 8 no rate, 16 no force, 32 gyro saturated, "
             "64 accelerometer saturated, 128 first after a power-on",
         ),
-        "unseen_s": ("unseen_s", "s for which rates, or forces, have told nothing"),
+        "outage_s": ("unseen_s", "s since rates, or forces, were last credible"),
     },
 )
 ESTIMATE_TABLE = Table(

@@ -18,10 +18,10 @@ from ..math.arrays import Records
 from ..pipeline import Stored
 from ..sensor_errors.calibration import Calibration
 from ..sensor_errors.stored_biases import Biases
-from ..sensors.fitting import Fitting
+from ..sensors.byte_sink import READ_BYTES
+from ..sensors.estimator_selection import EstimatorSelection
 from ..sensors.inertial import Inertial
 from ..sensors.receiver import Receiver
-from ..sensors.tap import READ
 from ..setup.choices import settings_for
 from .messages import SETTINGS
 
@@ -40,7 +40,7 @@ class Replayed:
     def receive(self, room: memoryview, now_ns: int) -> tuple[int, int]:
         """See `drivers.transport.line.Line`."""
         if len(self.data) > len(room):
-            raise BadDataError(f"a reading of {len(self.data)} bytes; no line reads more than {READ} at once")
+            raise BadDataError(f"a reading of {len(self.data)} bytes; no line reads more than {READ_BYTES} at once")
         room[: len(self.data)] = self.data
         return len(self.data), self.arrival_ns
 
@@ -80,9 +80,9 @@ class Player:
     """Takes the messages of a recording one by one; not thread-safe.
 
     on_step(samples, solutions): rows of SAMPLE and SOLUTION, valid until the next message. on_update(fix, innovations).
-    on_fix(fix): every fix that is used, also before there is an inertial sensor. adapt: makes of recorded settings
-    those to go by. warn: told what the user should know. calibrated: whether the errors that were known of the sensor
-    are taken out of its samples.
+    on_fix(fix): every fix that is used, also before there is an inertial sensor. adapt: from recorded settings to those
+    of the replay. warn: called with warnings for the user. calibrated: whether the stored calibration corrects the
+    samples.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class Player:
         self._adapt = adapt
         self._calibrated = calibrated
         self._on_step, self._on_update, self._on_fix, self._warn = on_step, on_update, on_fix, warn
-        self._fitting = Fitting(settings, warn, initial)
+        self._selection = EstimatorSelection(settings, warn, initial)
         self._line = Replayed()
         self._pulse = ReplayedPulse()
         self._ports: dict[int, Inertial | Receiver] = {}
@@ -134,9 +134,9 @@ class Player:
                 self._on_step(sensor.stream.samples[:n], sensor.stream.solutions[:n])
 
     def _update(self, fix: Records) -> None:
-        if self._fitting.inertial is not None:
+        if self._selection.inertial is not None:
             self.fixes += 1
-            self._on_update(fix, self._fitting.inertial.stream.filter.update(fix))
+            self._on_update(fix, self._selection.inertial.stream.filter.update(fix))
 
     def _connection(self, said: Connection) -> None:
         if said.repeated and said.port in self._ports:
@@ -151,7 +151,7 @@ class Player:
             known = msgspec.convert(_known(said.calibration if self._calibrated else {}), Calibration)
             biases = msgspec.convert(said.biases, Biases) if said.biases else None
             stored = Stored(biases, said.checkpoint)
-            self._ports[said.port] = self._fitting.connect(
+            self._ports[said.port] = self._selection.connect(
                 self._line, driver, said.imu(), known, self._settings, said.t_ns, said.port, stored
             )
             self._imu = said
@@ -164,8 +164,8 @@ class Player:
         for sensor in self._ports.values():
             if isinstance(sensor, Receiver):
                 sensor.settings = settings.gnss
-        if self._imu is not None and self._fitting.inertial is not None:
-            self._fitting.inertial.stream.filter.configure(settings_for(settings, self._imu.imu().identity))
+        if self._imu is not None and self._selection.inertial is not None:
+            self._selection.inertial.stream.filter.configure(settings_for(settings, self._imu.imu().identity))
 
 
 def _known(calibration: dict[str, Any]) -> dict[str, Any]:

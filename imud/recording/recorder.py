@@ -1,7 +1,7 @@
 """The daemon's side of a recording: hands bytes and records to a process that writes, and never waits for it.
 
-What that process cannot take yet (an SD card may stall for seconds) is kept here up to a limit. Beyond the limit whole
-packets are dropped and counted, and the log is told when that begins and ends.
+Packets for which its socket has no room (an SD card may stall for seconds) are queued up to a limit. Beyond the limit
+whole packets are dropped and counted; the log says when that begins and ends.
 """
 
 import contextlib
@@ -29,8 +29,8 @@ from ..errors import CannotCreateError, UsageError
 from ..math.arrays import Records
 from ..pipeline import NOTHING_STORED, Stored
 from ..sensor_errors.calibration import Calibration
+from ..sensors.byte_sink import ByteSink
 from ..sensors.inertial import Inertial
-from ..sensors.tap import Tap
 from .clock_fit import row_of
 from .protocol import HEADER, STATE, Kind
 
@@ -38,7 +38,7 @@ Buffer = bytes | memoryview
 _SHIP_BYTES = 32 << 10
 _KEPT_BYTES = 16 << 20
 _SOCKET_BYTES = 1 << 20  # as far as the system allows
-_LOOK_NS = 1_000_000_000
+_CLOCK_PERIOD_NS = 1_000_000_000
 _CLOSE_TIMEOUT_S = 4.0  # systemd waits 5
 
 
@@ -49,10 +49,10 @@ class Recorder:
         path = Path(settings.record.path)
         _check(path)
         self.dropped = 0  # packets
-        self.state: dict[str, Any] = {}  # path, bytes and trouble, as the writer told last
+        self.state: dict[str, Any] = {}  # path, bytes and trouble, as the writer reported last
         self._batch = bytearray()
         self._queue: deque[bytes] = deque()
-        self._queued = self._look_ns = 0
+        self._queued = self._clock_due_ns = 0
         self._full = self._dead = False
         self._end_s = 0.0
         self._gap_reported = self._end_reported = False
@@ -83,7 +83,7 @@ class Recorder:
         self._json(Kind.START, start)
         self._ship()
 
-    def tap(self, port: int) -> Tap:
+    def byte_sink(self, port: int) -> ByteSink:
         """The function that records the bytes of that port, as they are read."""
         return partial(self._raw, port)
 
@@ -120,34 +120,34 @@ class Recorder:
 
         self._json(Kind.CONNECTION, Connection(time.monotonic_ns(), port, path, False), port)
 
-    def stepped(self, samples: Records, solutions: Records) -> None:
+    def record_solutions(self, samples: Records, solutions: Records) -> None:
         """Samples (SAMPLE) and the solutions (SOLUTION) after each."""
         t_ns = int(samples[0]["t_ns"])
         self._put(Kind.SAMPLES, samples.view(np.uint8).data, t_ns)
         self._put(Kind.SOLUTIONS, solutions.view(np.uint8).data, t_ns)
 
-    def updated(self, fix: Records, innovations: Records) -> None:
+    def record_fix(self, fix: Records, innovations: Records) -> None:
         """A fix (FIX) and what the filter made of it (INNOVATION)."""
         t_ns = int(fix[0]["arrival_ns"])
         self._put(Kind.FIX, fix.tobytes(), t_ns)
         if len(innovations):
             self._put(Kind.INNOVATIONS, innovations.tobytes(), t_ns)
 
-    def told(self, innovations: Records) -> None:
+    def record_innovations(self, innovations: Records) -> None:
         """Innovations that the filter made without a fix (INNOVATION)."""
         self._put(Kind.INNOVATIONS, innovations.tobytes(), int(innovations[-1]["t_ns"]))
 
-    def looked(self, port: int, inertial: Inertial, now_ns: int) -> None:
-        """Keep the state of that sensor's clock, once a second."""
-        if now_ns >= self._look_ns:
-            self._look_ns = now_ns + _LOOK_NS
+    def record_clock(self, port: int, inertial: Inertial, now_ns: int) -> None:
+        """Record the state of that sensor's clock, once a second."""
+        if now_ns >= self._clock_due_ns:
+            self._clock_due_ns = now_ns + _CLOCK_PERIOD_NS
             self._put(Kind.CLOCK, row_of(inertial, port, now_ns).tobytes(), now_ns)
 
-    def settings(self, settings: Settings) -> None:
+    def record_settings(self, settings: Settings) -> None:
         """These are the settings from now on."""
         self._json(Kind.SETTINGS, settings)
 
-    def event(self, level: str, text: str, facts: dict[str, Any]) -> None:
+    def record_event(self, level: str, text: str, facts: dict[str, Any]) -> None:
         """A line of the log."""
         self._json(
             Kind.EVENT, {"level": level, "text": text, "facts": {name: str(fact) for name, fact in facts.items()}}

@@ -45,7 +45,7 @@ class Outcome:
 
 
 def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
-    """Replay one recording into its file. progress: told bytes done, and of how many. Raises ImudError."""
+    """Replay one recording into its file. progress: called with the bytes done and all bytes. Raises ImudError."""
     from ..math.arrays import Records
     from ..tables.estimates import EstimateWriter
     from .player import Player

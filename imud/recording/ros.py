@@ -143,11 +143,11 @@ _WHOLE = {
 def definition(name: str) -> str:
     """The text that describes a message type, with all that it consists of."""
     texts, wanted = [_WHOLE[name]], [_WHOLE[name]]
-    told: set[str] = set()
+    seen: set[str] = set()
     while wanted:
         for word in wanted.pop().split():
-            if word in _PARTS and word not in told:
-                told.add(word)
+            if word in _PARTS and word not in seen:
+                seen.add(word)
                 wanted.append(_PARTS[word])
                 texts.append(f"{_SEPARATOR}\nMSG: {word}\n{_PARTS[word]}")
     return "\n".join(texts) + "\n"

@@ -58,7 +58,7 @@ def samples_of(path: Path) -> tuple[Records, int, int]:
 
 
 def read_samples(path: Path) -> tuple[Records, int, int]:
-    """As `read_imu`, from a CSV file or a recording (MCAP), told apart by the first bytes."""
+    """As `read_imu`, from a CSV file or a recording (MCAP), which differ in their first bytes."""
     return samples_of(path) if is_recording(path) else read_imu(path)
 
 

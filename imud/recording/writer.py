@@ -63,7 +63,7 @@ class Thinner:
 
 
 class RecordingWriter:
-    """The recording of one daemon. say: told (level, text) of what its log should tell."""
+    """The recording of one daemon. log: called with (level, text) of each line for the daemon's log."""
 
     def __init__(self, start: dict[str, Any], log: Any) -> None:
         self._record = msgspec.convert(start["record"], Record)

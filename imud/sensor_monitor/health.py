@@ -236,13 +236,13 @@ def mark(h: Any, sample: Any, findings: int) -> None:
         since = min(since, h.told_ns[1])
     if findings >> WEIGHT & 1:
         since = min(since, h.far_ns)
-    sample.unseen_s = (t_ns - since) * 1e-9
+    sample.outage_s = (t_ns - since) * 1e-9
 
 
 @kernel
 def examine(h: Any, sample: Any) -> None:
     """Judge one sample (sensor axes, stamped) and mark it. Damage on the wire says nothing of the sensor."""
-    sample.unseen_s = 0.0
+    sample.outage_s = 0.0
     if sample.flags & SUSPECT:
         return
     if h.samples == 0:

@@ -10,15 +10,15 @@ from drivers.transport.line import Known, Line
 
 from ..pipeline import Stream
 from ..sensor_monitor.health import shown, words
-from .loss import MUCH, Loss
-from .rate import Pace, Rate
+from .byte_sink import READ_BYTES, ByteSink
+from .loss import HIGH, LossMonitor
+from .rate import RateMeter, SampleRateMonitor
 from .readings import NO_VECTOR, ClockFit
-from .tap import READ, Tap
 
 SILENCE_NS = 1_000_000_000  # a stream this long silent is broken
 SILENT_PERIODS = 4  # at least
 STALE_NS, STALE_PERIODS = 200_000_000, 3
-_DAMAGED = f"inertial sensor: more than {MUCH:.0%} of its samples do not arrive whole"
+_DAMAGED = f"inertial sensor: more than {HIGH:.0%} of its samples do not arrive whole"
 
 
 class Inertial:
@@ -28,15 +28,15 @@ class Inertial:
         self.stream = stream
         self.silence_ns = SILENCE_NS
         self.period_s = 0.0  # nominal, between samples
-        self.rate, self._loss = Rate(), Loss()
+        self.rate, self._loss_monitor = RateMeter(), LossMonitor()
         self._before = Counter[str]()  # counted in earlier connections
-        self.pace: Pace | None = None  # of a sensor that sends by itself
-        self.tap: Tap | None = None
+        self.rate_monitor: SampleRateMonitor | None = None  # of a sensor that sends by itself
+        self.byte_sink: ByteSink | None = None
         self._has_gyros = False
         self._room = stream.rx.data
         self._line: Line | None = None
         self._complaints: Mapping[int, str] = {}
-        self._complained: int | None = None  # status word of the first look: the driver has told of that
+        self._complained: int | None = None  # status word of the first frame, which the driver has reported
 
     def connect(
         self, line: Line, driver: ImuDriver, configured: ImuConfigured, now_ns: int, first_flags: int = 0
@@ -46,11 +46,11 @@ class Inertial:
             self._before.update(self.counters())
         self.stream.restart(driver.new_state(configured), configured, first_flags)
         self._line = line
-        self.stream.record["heard_ns"] = now_ns
+        self.stream.record["last_data_ns"] = now_ns
         self._complaints, self._complained = driver.complaints, None
-        self.rate, self._loss = Rate(), Loss()
+        self.rate, self._loss_monitor = RateMeter(), LossMonitor()
         by_itself = configured.request is None and not isinstance(line, Known)
-        self.pace = Pace(1e9 / configured.period_ns) if by_itself else None
+        self.rate_monitor = SampleRateMonitor(1e9 / configured.period_ns) if by_itself else None
         self.period_s = 1.0 / configured.rate_hz
         self._has_gyros = all(configured.gyro_axes)
         self.silence_ns = max(SILENCE_NS, SILENT_PERIODS * round(1e9 / configured.rate_hz))
@@ -59,11 +59,11 @@ class Inertial:
         """Read and step; returns how many solutions are new, the newest last. Raises PortLostError."""
         assert self._line is not None
         fill = self.stream.fill
-        received, arrival_ns = self._line.receive(self._room[fill : fill + READ], now_ns)
+        received, arrival_ns = self._line.receive(self._room[fill : fill + READ_BYTES], now_ns)
         if received == 0:
             return 0
-        if self.tap is not None:
-            self.tap(self._room[fill : fill + received], arrival_ns)
+        if self.byte_sink is not None:
+            self.byte_sink(self._room[fill : fill + received], arrival_ns)
         return self.stream.ingest(received, arrival_ns)
 
     @property
@@ -72,20 +72,20 @@ class Inertial:
         return int(self.stream.record["count"][0])
 
     @property
-    def heard_ns(self) -> int:
+    def last_data_ns(self) -> int:
         """When the newest sample came; before the first, when the connection was made."""
-        return int(self.stream.record["heard_ns"][0])
+        return int(self.stream.record["last_data_ns"][0])
 
     @property
     def _newest(self) -> int:
         return int(self.stream.record["newest"][0])
 
-    def share_of_rate(self) -> float | None:
+    def rate_ratio(self) -> float | None:
         """The samples' rate over the agreed one; None while it is not known. Call it now and then."""
-        if self.pace is None or self._newest < 0:
+        if self.rate_monitor is None or self._newest < 0:
             return None
-        self.pace.look(int(self.stream.samples[self._newest]["tick"]), self.heard_ns)
-        return self.pace.share
+        self.rate_monitor.look(int(self.stream.samples[self._newest]["tick"]), self.last_data_ns)
+        return self.rate_monitor.share
 
     @property
     def newest(self) -> np.void | None:
@@ -102,13 +102,13 @@ class Inertial:
     def look(self, now_ns: int) -> None:
         """Call now and then: how fast samples come, and how many of them do not."""
         self.rate.look(self.samples, now_ns)
-        self._loss.look(int(self.stream.decoder["frames"][0]), self.lost, now_ns)
+        self._loss_monitor.look(int(self.stream.decoder["frames"][0]), self.lost, now_ns)
 
-    def troubles(self, now_ns: int) -> tuple[str, ...]:
+    def faults(self, now_ns: int) -> tuple[str, ...]:
         """What is wrong with the sensor, in words."""
-        if now_ns - self.heard_ns > max(STALE_NS, STALE_PERIODS * self.period_s * 1e9):
+        if now_ns - self.last_data_ns > max(STALE_NS, STALE_PERIODS * self.period_s * 1e9):
             return ("inertial sensor: stale, nothing new comes",)
-        damaged = (_DAMAGED,) if self._loss.much else ()
+        damaged = (_DAMAGED,) if self._loss_monitor.is_high else ()
         return (*damaged, *words(shown(self.stream.filter.health)), *self._complains())
 
     def _complains(self) -> tuple[str, ...]:
@@ -133,12 +133,12 @@ class Inertial:
         slope, sigma = clock["slope"] / clock["period_ns"], clock["sigma_slope"] / clock["period_ns"]
         return ClockFit(float(clock["residual_ns"]) * 1e-9, float(slope) - 1.0, float(sigma))
 
-    def facts(self, now_ns: int) -> dict[str, object]:
+    def properties(self, now_ns: int) -> dict[str, object]:
         """What `imud status` shows of the sensor: counters, and the fit of its clock."""
         fit, clock = self.clock_fit(), self.stream.clock[0]
         return {
             **self.counters(),
-            "heard_ago_s": (now_ns - self.heard_ns) * 1e-9,
+            "heard_ago_s": (now_ns - self.last_data_ns) * 1e-9,
             "clock": {
                 "drift_ppm": 1e6 * fit.drift,
                 "residual_us": 1e6 * fit.residual_s,

@@ -2,18 +2,18 @@
 
 from collections import deque
 
-from .rate import LOOKS, SECOND_NS
+from .rate import SECOND_NS, WINDOW_S
 
-MUCH, LITTLE = 0.01, 0.005  # of what was sent in the last ten seconds: begins and ends to be worth a word
-SOME = 5  # damaged ones at least: a glitch is none
+HIGH, LOW = 0.01, 0.005  # of what was sent in the last ten seconds: begins and ends to be worth a word
+MIN_DAMAGED = 5  # damaged ones at least: a glitch is none
 
 
-class Loss:
+class LossMonitor:
     """How much of a stream is lost or damaged, from a look per second."""
 
     def __init__(self) -> None:
-        self._looks: deque[tuple[int, int, int]] = deque(maxlen=LOOKS)
-        self.much = False
+        self._looks: deque[tuple[int, int, int]] = deque(maxlen=WINDOW_S)
+        self.is_high = False
 
     def look(self, whole: int, damaged: int, now_ns: int) -> None:
         """Take note of how many came whole, and how many did not, as often as is convenient."""
@@ -21,5 +21,5 @@ class Loss:
             return
         self._looks.append((now_ns, whole, damaged))
         came, failed = whole - self._looks[0][1], damaged - self._looks[0][2]
-        bound = LITTLE if self.much else MUCH
-        self.much = failed >= SOME and failed > bound * (came + failed)
+        bound = LOW if self.is_high else HIGH
+        self.is_high = failed >= MIN_DAMAGED and failed > bound * (came + failed)

@@ -4,17 +4,17 @@ import math
 from collections import deque
 
 SECOND_NS = 1_000_000_000
-LOOKS = 11  # a second apart: the rate is that of the last ten seconds
+WINDOW_S = 11  # a second apart: the rate is that of the last ten seconds
 STEADY, ALIKE = 3, 0.1  # looks in a row that must agree; by what share they may differ
 OFF = 0.25  # share by which the rate must differ from the agreed one to count as another
-TICKS = 20  # at least, between two looks of `Pace`
+TICKS = 20  # at least, between two looks of `SampleRateMonitor`
 
 
-class Rate:
+class RateMeter:
     """How fast a counter counts, from a look per second."""
 
     def __init__(self) -> None:
-        self._looks: deque[tuple[int, int]] = deque(maxlen=LOOKS)
+        self._looks: deque[tuple[int, int]] = deque(maxlen=WINDOW_S)
 
     def look(self, count: int, now_ns: int) -> None:
         """Take note of the counter, as often as is convenient."""
@@ -30,7 +30,7 @@ class Rate:
         return (last - first) * 1e9 / (last_ns - first_ns)
 
 
-class Pace:
+class SampleRateMonitor:
     """Whether ticks come as fast as was agreed: a device that started anew by itself may be back at its own rate.
 
     A machine that does not keep up sees them come unevenly.

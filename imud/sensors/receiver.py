@@ -11,11 +11,11 @@ from drivers.transport.line import Line
 from ..clocks.epochs import EpochClock
 from ..configuration.settings import Gnss as GnssSettings
 from ..math.arrays import Records
+from .byte_sink import READ_BYTES, ByteSink
 from .gnss import Refusal, record, refusal
-from .loss import MUCH, Loss
-from .rate import Rate
+from .loss import HIGH, LossMonitor
+from .rate import RateMeter
 from .readings import Gnss
-from .tap import READ, Tap
 
 SILENCE_NS = 5_000_000_000  # a stream this long silent is broken
 STEADY = 3  # fixes
@@ -23,7 +23,7 @@ STALE_FIX_NS = 3_000_000_000
 EARTH_RADIUS_M = 6.371e6
 JUMP_M, JUMP_MPS = 100.0, 100.0  # a jump goes farther than that, plus what JUMP_MPS above its own speed would make
 JUMPED_NS = 5_000_000_000  # for which a jump is shown
-_DAMAGED = f"receiver: more than {MUCH:.0%} of its sentences do not arrive whole"
+_DAMAGED = f"receiver: more than {HIGH:.0%} of its sentences do not arrive whole"
 
 
 class Pulse(Protocol):
@@ -38,17 +38,17 @@ class Receiver:
     def __init__(self, driver: GnssDriver, settings: GnssSettings, now_ns: int, pulse: Pulse | None = None) -> None:
         self._pulse = pulse
         self.decoder = driver.new_decoder(not settings.require_checksum)
-        self.rate, self._loss = Rate(), Loss()
-        self.heard_ns = now_ns
+        self.rate, self._loss_monitor = RateMeter(), LossMonitor()
+        self.last_data_ns = now_ns
         self.silence_ns = SILENCE_NS
         self.used = 0
         self.refused = Counter[str]()  # by rule
-        self.news = ""  # a change of the verdict on its fixes, until somebody has told it
+        self.message = ""  # a change of whether its fixes are used, until the daemon has logged it
         self.settings = settings
-        self.tap: Tap | None = None
+        self.byte_sink: ByteSink | None = None
         self._verdict: str | None = None  # the rule that refuses them
         self._dissent = 0  # fixes in sequence of another verdict
-        self._room = memoryview(bytearray(READ))
+        self._room = memoryview(bytearray(READ_BYTES))
         self._epochs = EpochClock(settings.latency_s)
         self._last: Fix | None = None
         self._used_last: Fix | None = None
@@ -64,11 +64,11 @@ class Receiver:
     def take(self, data: bytes, now_ns: int) -> list[Records]:
         """The same for bytes that came at `now_ns`."""
         pulse_ns = self._pulse.newest_ns(now_ns) if self._pulse else None
-        if self.tap is not None:
-            self.tap(data, now_ns, pulse_ns)
+        if self.byte_sink is not None:
+            self.byte_sink(data, now_ns, pulse_ns)
         whole, fixes = self.decoder.whole, self.decoder.feed(data, now_ns)
         if self.decoder.whole > whole:
-            self.heard_ns = now_ns
+            self.last_data_ns = now_ns
         return self._accepted(fixes, now_ns, pulse_ns)
 
     @property
@@ -83,8 +83,8 @@ class Receiver:
         if not pending or self.decoder.pending:
             return []
         pulse_ns = self._pulse.newest_ns(now_ns) if self._pulse else None
-        if self.tap is not None:
-            self.tap(b"", now_ns, pulse_ns)
+        if self.byte_sink is not None:
+            self.byte_sink(b"", now_ns, pulse_ns)
         return self._accepted(fixes, now_ns, pulse_ns)
 
     def _accepted(self, fixes: list[Fix], now_ns: int, pulse_ns: int | None) -> list[Records]:
@@ -122,9 +122,9 @@ class Receiver:
         self._dissent = 0 if verdict == self._verdict else self._dissent + 1
         if self._dissent == STEADY:
             self._verdict, self._dissent = verdict, 0
-            self.news = f"the fixes are refused: {refused}" if refused else "the fixes are used again"
+            self.message = f"the fixes are refused: {refused}" if refused else "the fixes are used again"
 
-    def facts(self, now_ns: int) -> dict[str, object]:
+    def properties(self, now_ns: int) -> dict[str, object]:
         """What `imud status` shows of it: what became of its sentences and fixes, and what it says of itself."""
         said, last = self.decoder.status, self.view(now_ns)
         return {
@@ -139,25 +139,25 @@ class Receiver:
 
     def counters(self) -> dict[str, object]:
         """What became of its sentences and fixes in this connection."""
-        told = {"sentences": self.decoder.counters, "refused": self.refused}
-        tables = {name: ", ".join(f"{count} {key}" for key, count in table.items()) for name, table in told.items()}
+        counters = {"sentences": self.decoder.counters, "refused": self.refused}
+        tables = {name: ", ".join(f"{count} {key}" for key, count in table.items()) for name, table in counters.items()}
         return {"fixes_used": self.used, **{name: text for name, text in tables.items() if text}}
 
     def look(self, now_ns: int) -> None:
         """Call now and then: how fast fixes come, and how many sentences do not."""
         self.rate.look(self.heard, now_ns)
-        self._loss.look(self.decoder.whole, self.decoder.counters["wrong checksum"], now_ns)
+        self._loss_monitor.look(self.decoder.whole, self.decoder.counters["wrong checksum"], now_ns)
 
-    def troubles(self, now_ns: int) -> tuple[str, ...]:
+    def faults(self, now_ns: int) -> tuple[str, ...]:
         """What is wrong with the receiver, in words."""
-        damaged = _DAMAGED if self._loss.much else ""
+        damaged = _DAMAGED if self._loss_monitor.is_high else ""
         return tuple(text for text in (self._trouble(now_ns), damaged) if text)
 
     def _trouble(self, now_ns: int) -> str:
         """What is wrong with its fixes; empty: nothing."""
         status = self.decoder.status
         if now_ns - max(status.arrival_ns, self._connected_ns) > STALE_FIX_NS:
-            talks = now_ns - self.heard_ns <= STALE_FIX_NS
+            talks = now_ns - self.last_data_ns <= STALE_FIX_NS
             said = "what it says tells no position (GGA, RMC, GNS or GLL)" if talks else "stale, nothing new comes"
             return f"receiver: {said}"
         if status.arrival_ns and status.quality == 0:

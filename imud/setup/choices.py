@@ -76,7 +76,7 @@ class Choice:
     def possible(self) -> list[Estimator]:
         return [self.wanted] if self.fallback is None else [self.wanted, self.fallback]
 
-    def fitting(self, sensor: ImuConfigured) -> tuple[Estimator, str]:
+    def estimator_for(self, sensor: ImuConfigured) -> tuple[Estimator, str]:
         """The estimator for which this sensor suffices; if it is not the wanted one, also why. Raises UsageError."""
         if all(sensor.gyro_axes) or not self.wanted.needs_gyros:
             return self.wanted, ""

@@ -54,7 +54,7 @@ def header_of(path: Path) -> list[str]:
 
 
 @dataclass
-class LeftOut:
+class SkippedRows:
     """Gathers the rows of a table that cannot be used, so that the others can."""
 
     path: Path
@@ -76,7 +76,7 @@ class LeftOut:
         return f"{self.path}: {rows} {self.first}"
 
 
-def _rows(table: Table, read: Callable[[int, list[str]], Row], left_out: LeftOut | None) -> Iterator[Row]:
+def _rows(table: Table, read: Callable[[int, list[str]], Row], left_out: SkippedRows | None) -> Iterator[Row]:
     """What `read` makes of line number and cells, row by row. A row that it refuses (ValueError) is left out, or raises
     BadDataError.
 
@@ -116,7 +116,7 @@ def is_recording(path: Path) -> bool:
     return first_bytes(path, len(_MCAP)) == _MCAP
 
 
-def read_imu(path: Path, left_out: LeftOut | None = None) -> tuple[NDArray[np.void], int, int]:
+def read_imu(path: Path, left_out: SkippedRows | None = None) -> tuple[NDArray[np.void], int, int]:
     """Samples (array of SAMPLE), the origin in whole s, and how many rows were skipped because time stood or ran back.
 
     left_out: gathers the rows that cannot be read; without it the first of them is an error. Raises InputMissingError,
@@ -175,7 +175,7 @@ def _in_order(t: Floats) -> NDArray[np.int64]:
 
 
 def _numbers(
-    source: Table, columns: Sequence[int], names: Sequence[str], left_out: LeftOut | None
+    source: Table, columns: Sequence[int], names: Sequence[str], left_out: SkippedRows | None
 ) -> NDArray[np.float64]:
     """The rows of a table as numbers: all at once, or row by row if any of them cannot be read."""
     try:
@@ -194,7 +194,7 @@ def _numbers(
     return np.array(list(_rows(source, read, left_out))).reshape(-1, len(columns))
 
 
-def _fix_rows(path: Path, left_out: LeftOut | None) -> Iterator[dict[str, float]]:
+def _fix_rows(path: Path, left_out: SkippedRows | None) -> Iterator[dict[str, float]]:
     """The rows with a position; a receiver without a fix leaves rows without one, which are skipped."""
     source = table_of(path, _FIX_REQUIRED)
     source.column_numbers(_FIX_REQUIRED)
@@ -230,7 +230,7 @@ def checked_fix(where: str, fix: dict[str, float]) -> dict[str, float]:
     return fix
 
 
-def read_fixes(path: Path, origin: int, left_out: LeftOut | None = None) -> NDArray[np.void]:
+def read_fixes(path: Path, origin: int, left_out: SkippedRows | None = None) -> NDArray[np.void]:
     """Fixes (array of FIX) in order of arrival; left_out as in `read_imu`.
 
     Raises InputMissingError, BadDataError (with line).
@@ -257,7 +257,7 @@ def fixes_of(rows: Sequence[dict[str, float]], origin: int) -> NDArray[np.void]:
     return fixes[np.argsort(fixes["arrival_ns"], kind="stable")]
 
 
-def read_aiding(source: AidingSource, path: Path, origin: int, left_out: LeftOut | None = None) -> NDArray[np.void]:
+def read_aiding(source: AidingSource, path: Path, origin: int, left_out: SkippedRows | None = None) -> NDArray[np.void]:
     """Measurements (array of MEASUREMENT) of a source in order of arrival; left_out as in `read_imu`.
 
     Columns: t_s, those of the source, and optionally its sigmas and arrival_s. Raises InputMissingError, BadDataError

@@ -58,7 +58,7 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
     has_force = sample.flags & (SUSPECT | NO_FORCE) == 0 and math.isfinite(f[0] + f[1] + f[2])
     if not has_rate:
         w = (s.imu.w[0], s.imu.w[1], s.imu.w[2])
-        hold_rate(p, s, max(dt, 0.0), sample.unseen_s)
+        hold_rate(p, s, max(dt, 0.0), sample.outage_s)
     if not has_force:
         f = force_without_acceleration(p, s, max(dt, 0.0)) if has_rate else (s.imu.f[0], s.imu.f[1], s.imu.f[2])
     if dt < 0.0:

@@ -30,7 +30,7 @@ class Sample:
     down: Floats
     temperature: float
     flags: int
-    unseen_s: float
+    outage_s: float
 
 
 class Solution:

@@ -45,7 +45,7 @@ def store_sample(s: State, sample: Sample, w: Floats, f: Floats) -> None:
     r = s.imu_ring[s.sample_count % IMU_RING]
     r.t_ns = sample.t_ns
     r.flags = sample.flags
-    r.unseen_s = sample.unseen_s
+    r.outage_s = sample.outage_s
     for i in range(3):
         r.w[i] = w[i]
         r.f[i] = f[i]

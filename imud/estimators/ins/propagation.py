@@ -168,7 +168,7 @@ def end_window(p: Parameters, c: Core) -> None:
 @kernel
 def substitute_missing(p: Parameters, c: Core, sample: StoredSample) -> None:
     """Replace missing rates (held, later zero) and forces (no acceleration) of a sample; such a sample ends a rest."""
-    if sample.flags & NO_RATE and sample.unseen_s > p.tuning.rate_hold_s:
+    if sample.flags & NO_RATE and sample.outage_s > p.tuning.rate_hold_s:
         for i in range(3):
             sample.w[i] = c.nav.bg[i]
     if sample.flags & NO_FORCE:
@@ -223,7 +223,7 @@ def inflate_covariance(p: Parameters, c: Core, sample: StoredSample, dt: float) 
     )
     for k in range(2):
         before, most = c.imu.outage_s[k], turn if k == 0 else accel
-        now = max(before + dt, sample.unseen_s) if most > 0.0 else 0.0
+        now = max(before + dt, sample.outage_s) if most > 0.0 else 0.0
         c.imu.outage_s[k] = now
         if most > 0.0 and k == 0:
             inflate_attitude(p, c, sample, fastest, most**2 * (now**2 - before**2))

@@ -319,7 +319,7 @@ HYPOTHESIS_BANK = np.dtype(
 )
 
 STORED_SAMPLE = np.dtype(
-    [("t_ns", "<i8"), ("w", "<f8", (3,)), ("f", "<f8", (3,)), ("flags", "<i8"), ("unseen_s", "<f8")], align=True
+    [("t_ns", "<i8"), ("w", "<f8", (3,)), ("f", "<f8", (3,)), ("flags", "<i8"), ("outage_s", "<f8")], align=True
 )
 
 STORED_MEASUREMENT = np.dtype(

@@ -30,7 +30,7 @@ class Sample:
     down: Floats
     temperature: float
     flags: int
-    unseen_s: float
+    outage_s: float
 
 
 class StoredSample:
@@ -38,7 +38,7 @@ class StoredSample:
     w: Floats
     f: Floats
     flags: int
-    unseen_s: float
+    outage_s: float
 
 
 class Fix:

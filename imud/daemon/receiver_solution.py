@@ -1,4 +1,4 @@
-"""A receiver's fix as a solution, while there is no inertial sensor: what the receiver says, and its uncertainty."""
+"""A receiver's fix and its uncertainty as a solution, while there is no inertial sensor."""
 
 import math
 
@@ -19,16 +19,16 @@ def solution(fix: NDArray[np.void]) -> NDArray[np.void]:
     for name in ("t_ns", "lat", "lon", "height"):
         row[name] = fix[name]
     row["status"] = POSITION_VALID | (HEIGHT_VALID if math.isfinite(fix["height"][0]) else 0)
-    told = fix.view(np.recarray)[0]
+    first = fix.view(np.recarray)[0]
     parameters = configure(Settings(), 1.0).view(np.recarray)[0]
     tuning = parameters.tuning
-    horizontal = interpreted(horizontal_sigma)(parameters, told)
+    horizontal = interpreted(horizontal_sigma)(parameters, first)
     row["sigma_p"] = (
         horizontal,
         horizontal,
-        told.sigma[2] if math.isfinite(told.sigma[2]) else tuning.vertical_ratio * horizontal,
+        first.sigma[2] if math.isfinite(first.sigma[2]) else tuning.vertical_ratio * horizontal,
     )
-    course = told.course if told.speed > 0.0 else 0.0
-    row["v"] = told.speed * math.cos(course), told.speed * math.sin(course), math.nan
+    course = first.course if first.speed > 0.0 else 0.0
+    row["v"] = first.speed * math.cos(course), first.speed * math.sin(course), math.nan
     row["sigma_v"] = tuning.max_velocity_sigma, tuning.max_velocity_sigma, math.nan
     return row

@@ -20,7 +20,7 @@ AWAY_NS = 30_000_000_000  # after which an estimate says nothing more of the bod
 _UNKNOWN = Initial()
 
 
-class Fitting:
+class EstimatorSelection:
     """The inertial sensor and its filter, which outlive connections. warn: called with what the user should know."""
 
     def __init__(self, settings: Settings, warn: Callable[[str], None], initial: Initial = _UNKNOWN) -> None:
@@ -49,7 +49,7 @@ class Fitting:
         asked for.
         """
         settings = choices.settings_for(settings, configured.identity)
-        self.estimator, why = self.choice.fitting(configured)
+        self.estimator, why = self.choice.estimator_for(configured)
         if why:
             self._warn(why)
         about_hz = round(math.log(configured.rate_hz) / RATE_STEP)  # a rate that was heard varies a little
@@ -61,7 +61,7 @@ class Fitting:
             same_power = same_power and same and bool(self._serial)
         self._serial, self._port = serial, port
         goes_on = self.inertial is not None and same and self.estimator.survives_power_on
-        fresh = self.inertial is None or not goes_on or now_ns - self.inertial.heard_ns > AWAY_NS
+        fresh = self.inertial is None or not goes_on or now_ns - self.inertial.last_data_ns > AWAY_NS
         if self.inertial is None or fresh:
             filter_ = Filter(self.estimator, settings, self._initial, configured.rate_hz)
             if self._initial != _UNKNOWN:

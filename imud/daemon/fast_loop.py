@@ -1,4 +1,4 @@
-"""The daemon's wait, and what it does meanwhile without Python: read, decode, stamp, filter, publish.
+"""The daemon's fast loop, which runs without Python: poll, read, decode, stamp, filter, publish.
 
 A line is plain when its bytes come by reading the descriptor and nobody else wants to see them. While the inertial
 sensor's line is plain, a wake-up for its bytes never leaves compiled code. Control returns to Python when anything else
@@ -20,7 +20,7 @@ from ..outputs.binary import BinaryOutputs, publish
 from ..pipeline import Stream
 from ..stages import RX, STREAM, ingest
 
-CYCLE = np.dtype(
+FAST_LOOP = np.dtype(
     [
         ("fd", "<i4"),  # struct pollfd twice: of the line, -1: there is none that is plain
         ("events", "<i2"),
@@ -38,12 +38,14 @@ CYCLE = np.dtype(
     align=True,
 )
 _SECOND_NS = 1_000_000_000
-FAILED, SHOW = -1, -2
+FAILED, PUBLISH_DUE = -1, -2
 
 
 @waiting_entry
-def _turn(cycle: Records, stream: Records, publisher: Records, until_ns: int, show_ns: int, most: int) -> int:
-    c, s = cycle[0], stream[0]
+def _run_until_event(
+    fast_loop: Records, stream: Records, publisher: Records, until_ns: int, publish_ns: int, max_batch: int
+) -> int:
+    c, s = fast_loop[0], stream[0]
     now_ns = clock_ns(CLOCK_MONOTONIC, c.time_at)
     while True:
         wait_ns = max(until_ns - now_ns, 0)
@@ -56,23 +58,23 @@ def _turn(cycle: Records, stream: Records, publisher: Records, until_ns: int, sh
             if received <= 0:
                 return FAILED
             n = ingest(stream, received, now_ns)
-            if n > most:
+            if n > max_batch:
                 return n
             if n > 0:
                 publish(publisher, s.solutions, n, s.count, now_ns)
-                if now_ns >= show_ns:
-                    return SHOW
+                if now_ns >= publish_ns:
+                    return PUBLISH_DUE
         if c.others_happened != 0 or now_ns >= until_ns:
             return 0
 
 
-class Cycle:
+class FastLoop:
     """One line and its stream, and a poll object for everything else. Not thread-safe."""
 
     def __init__(self) -> None:
         self.others = select.epoll()
         self._idle = np.zeros(1, STREAM)
-        self._record = np.zeros(1, CYCLE)
+        self._record = np.zeros(1, FAST_LOOP)
         for name, part in (("at", "fd"), ("timeout_at", "timeout_s"), ("time_at", "time")):
             self._record[name] = self._record[part].ctypes.data
         self._record["events"] = self._record["others_events"] = select.POLLIN
@@ -92,13 +94,13 @@ class Cycle:
         """Stop reading the line."""
         self._record["fd"], self._stream = -1, self._idle
 
-    def turn(self, until_ns: int, outputs: BinaryOutputs, show_ns: int, most: int) -> int:
-        """Wait until something happens or `until_ns`; meanwhile publish batches of at most `most` solutions.
+    def run_until_event(self, until_ns: int, outputs: BinaryOutputs, publish_ns: int, max_batch: int) -> int:
+        """Wait until something happens or `until_ns`; meanwhile publish batches of at most `max_batch` solutions.
 
-        Returns the size of a last batch that was larger than `most` and was not published; FAILED if the line could
-        not be read; SHOW once solutions were published at `show_ns` or later; else 0.
+        Returns the size of a last batch that was larger than `max_batch` and was not published; FAILED if the line
+        could not be read; PUBLISH_DUE once solutions were published at `publish_ns` or later; else 0.
         """
-        return _turn(self._record, self._stream, outputs.record, until_ns, show_ns, most)
+        return _run_until_event(self._record, self._stream, outputs.record, until_ns, publish_ns, max_batch)
 
     def close(self) -> None:
         self.others.close()

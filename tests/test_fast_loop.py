@@ -20,11 +20,11 @@ from imud.commands.bench.throughput import new_stream
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
 from imud.configuration.settings import Stream as StreamSettings
-from imud.daemon.cycle import FAILED, SHOW, Cycle, _turn
+from imud.daemon.fast_loop import FAILED, PUBLISH_DUE, FastLoop, _run_until_event
 from imud.estimators import registry
 from imud.outputs.binary import BinaryOutputs
 from imud.pipeline import Filter, Stream
-from imud.sensors.tap import READ
+from imud.sensors.byte_sink import READ_BYTES
 from imud.stages import BATCH
 
 WIRE = signals.frames(2000).tobytes()
@@ -43,16 +43,16 @@ class Rig:
     """A cycle that reads from a pipe, and a subscriber to what it publishes."""
 
     def __init__(self, stack, path):
-        self.cycle = stack.enter_context(contextlib.closing(Cycle()))
+        self.fast_loop = stack.enter_context(contextlib.closing(FastLoop()))
         outputs = Settings(stream=StreamSettings(listen=str(path)))
-        self.outputs = stack.enter_context(contextlib.closing(BinaryOutputs(outputs, self.cycle.others, 256)))
+        self.outputs = stack.enter_context(contextlib.closing(BinaryOutputs(outputs, self.fast_loop.others, 256)))
         self.states = stack.enter_context(client.connect(path, timeout_s=5.0))
-        self.outputs.stream.on_event(self.cycle.others.poll(0)[0][0])
+        self.outputs.stream.on_event(self.fast_loop.others.poll(0)[0][0])
         self.reader, self.writer = os.pipe()
         os.set_blocking(self.reader, False)
         stack.callback(os.close, self.reader)
         self.stream = new_stream("attitude")
-        self.cycle.attach(self.reader, self.stream)
+        self.fast_loop.attach(self.reader, self.stream)
         self._at = 0
 
     def begin(self):
@@ -66,8 +66,8 @@ class Rig:
         self.write(WIRE[22 * self._at : 22 * (self._at + n)])
         self._at += n
 
-    def turn(self, for_ns=SOON_NS, show_ns=NEVER_NS, most=99):
-        return self.cycle.turn(time.monotonic_ns() + for_ns, self.outputs, show_ns, most)
+    def turn(self, for_ns=SOON_NS, publish_ns=NEVER_NS, max_batch=99):
+        return self.fast_loop.run_until_event(time.monotonic_ns() + for_ns, self.outputs, publish_ns, max_batch)
 
     def write(self, data):
         os.write(self.writer, data)
@@ -87,9 +87,9 @@ def test_what_comes_is_published_and_python_is_not_returned_to(rig):
 
     writing = threading.Thread(target=write)  # the cycle lets other threads run
     writing.start()
-    assert rig.turn(for_ns=500_000_000, most=BATCH) == 0
+    assert rig.turn(for_ns=500_000_000, max_batch=BATCH) == 0
     writing.join()
-    rig.turn(most=BATCH)
+    rig.turn(max_batch=BATCH)
     assert rig.samples == 102
     assert [next(rig.states).seq for _ in range(100)] == list(range(3, 103))
 
@@ -99,9 +99,9 @@ def test_solutions_are_those_of_the_same_bytes_given_by_python(rig):
     for at in range(0, 22_000, 50):
         rig.write(WIRE[at : at + 50])
         assert rig.turn(for_ns=0) == 0
-        heard_ns = int(rig.stream.record["heard_ns"][0])  # of the reading that completed a frame, as each does here
+        last_ns = int(rig.stream.record["last_data_ns"][0])  # of the reading that completed a frame, as each does here
         other.rx[other.fill : other.fill + 50] = np.frombuffer(WIRE[at : at + 50], np.uint8)
-        n = other.ingest(50, heard_ns)
+        n = other.ingest(50, last_ns)
         assert rig.stream.solutions[:n].tobytes() == other.solutions[:n].tobytes()
         for _ in range(n):
             state = next(rig.states)
@@ -125,10 +125,10 @@ def test_bytes_are_timed_after_they_are_read(monkeypatch):
 
     fakes = {"ppoll": lambda *_: 1, "clock_ns": lambda *_: now_ns, "read": read_slowly, "ingest": ingest}
     for name, fake in fakes.items():
-        monkeypatch.setattr(f"imud.daemon.cycle.{name}", fake)
-    cycle = SimpleNamespace(fd=0, happened=1, at=0, time_at=0, timeout_at=0)
+        monkeypatch.setattr(f"imud.daemon.fast_loop.{name}", fake)
+    fast_loop = SimpleNamespace(fd=0, happened=1, at=0, time_at=0, timeout_at=0)
     stream = SimpleNamespace(rx=0, fill=0)
-    assert interpreted(_turn)([cycle], [stream], None, NEVER_NS, NEVER_NS, 0) == 1
+    assert interpreted(_run_until_event)([fast_loop], [stream], None, NEVER_NS, NEVER_NS, 0) == 1
     assert arrivals == [7]
 
 
@@ -136,13 +136,16 @@ def test_bytes_are_timed_after_they_are_read(monkeypatch):
 @given(st.lists(st.integers(1, 300), min_size=1, max_size=30))
 def test_any_chunks_give_every_sample_once(chunks):
     stream = new_stream("attitude")
-    with contextlib.closing(Cycle()) as cycle, contextlib.closing(BinaryOutputs(Settings(), cycle.others, 256)) as none:
+    with (
+        contextlib.closing(FastLoop()) as fast_loop,
+        contextlib.closing(BinaryOutputs(Settings(), fast_loop.others, 256)) as none,
+    ):
         reader, writer = os.pipe()
-        cycle.attach(reader, stream)
+        fast_loop.attach(reader, stream)
         at = 0
         for size in chunks:
             os.write(writer, WIRE[at : at + size])
-            cycle.turn(0, none, NEVER_NS, 255)
+            fast_loop.run_until_event(0, none, NEVER_NS, 255)
             at += size
         os.close(reader)
         os.close(writer)
@@ -154,7 +157,7 @@ def test_any_chunks_give_every_sample_once(chunks):
 def test_a_late_batch_is_left_to_be_judged(rig):
     rig.begin()
     rig.frames(100)
-    assert rig.turn(most=99) == 100
+    assert rig.turn(max_batch=99) == 100
     rig.frames(1)
     rig.turn()
     assert next(rig.states).seq == 103  # nobody published the others
@@ -164,13 +167,13 @@ def test_a_late_batch_is_left_to_be_judged(rig):
 def test_a_solution_that_is_to_be_shown_comes_back_published(rig):
     rig.begin()
     rig.frames(1)
-    assert rig.turn(for_ns=LONG_NS, show_ns=0) == SHOW
+    assert rig.turn(for_ns=LONG_NS, publish_ns=0) == PUBLISH_DUE
     assert next(rig.states).seq == 3
 
 
 def test_bytes_without_a_frame_are_nothing_to_show(rig):
     rig.write(b"\xff" * 100)
-    assert rig.turn(show_ns=0) == 0
+    assert rig.turn(publish_ns=0) == 0
 
 
 def test_a_line_that_ended_is_told(rig):
@@ -186,7 +189,7 @@ def test_another_descriptor_ends_the_turn_after_what_the_line_has(rig):
     rig.frames(1)
     assert rig.turn(for_ns=LONG_NS) == 0
     assert rig.samples == 3
-    fd, _ = rig.cycle.others.poll(0)[0]
+    fd, _ = rig.fast_loop.others.poll(0)[0]
     rig.outputs.stream.on_event(fd)
     rig.frames(30)
     rig.turn()
@@ -210,12 +213,12 @@ def test_a_client_that_went_is_no_loss_to_anybody(rig):
     rig.frames(50)
     rig.turn()
     assert rig.outputs.stream.dropped == 0
-    rig.outputs.stream.on_event(rig.cycle.others.poll(0)[0][0])
+    rig.outputs.stream.on_event(rig.fast_loop.others.poll(0)[0][0])
     assert rig.outputs.stream.clients == 0
 
 
 def test_without_a_line_it_waits_for_the_others(rig):
-    rig.cycle.detach()
+    rig.fast_loop.detach()
     rig.frames(2)
     begin_ns = time.monotonic_ns()
     assert rig.turn() == 0
@@ -229,14 +232,14 @@ def test_the_densest_stream_does_not_pile_up_in_the_buffer(frame):
     driver, standard = by_name("seraccel"), Settings()
     stream = Stream(driver, driver.new_state(configured), Filter(registry.by_name("tilt"), standard, Initial(), 100.0))
     stream.restart(driver.new_state(configured), configured, first_flags=0)
-    whole = frame * (20 * READ // len(frame))
+    whole = frame * (20 * READ_BYTES // len(frame))
     ours, device = os.pipe()
-    with contextlib.closing(Cycle()) as cycle:
-        outputs = BinaryOutputs(standard, cycle.others, BATCH)
-        cycle.attach(ours, stream)
-        for at in range(0, len(whole), READ):
-            os.write(device, whole[at : at + READ])
-            cycle.turn(0, outputs, NEVER_NS, BATCH)
+    with contextlib.closing(FastLoop()) as fast_loop:
+        outputs = BinaryOutputs(standard, fast_loop.others, BATCH)
+        fast_loop.attach(ours, stream)
+        for at in range(0, len(whole), READ_BYTES):
+            os.write(device, whole[at : at + READ_BYTES])
+            fast_loop.run_until_event(0, outputs, NEVER_NS, BATCH)
             assert stream.fill <= PARTIAL
     os.close(ours)
     os.close(device)

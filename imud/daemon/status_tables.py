@@ -1,8 +1,8 @@
 """The state of a running daemon as one nested table of numbers and texts, for `imud status` and Prometheus.
 
-Most of it is made only when somebody asks; the loop pays a sum per sample (how late it came) and per innovation.
-Counters of a port begin anew with each connection; what is not known is left out. Units stand in the names, which are
-those of `imud replay`'s est.csv where both have them.
+Most of it is computed only on request; the loop itself adds one sum per sample (its delay) and per innovation.
+Counters of a port begin anew with each connection; a value that is not known is left out. Units stand in the names,
+which are those of `imud replay`'s est.csv where both have them.
 """
 
 import dataclasses
@@ -36,33 +36,33 @@ if TYPE_CHECKING:
     from .load import Load
     from .ports import Port
 
-MEMORY = 32.0  # fixes over which an innovation ratio is averaged
+RATIO_SAMPLES = 32.0  # fixes over which an innovation ratio is averaged
 Table = dict[str, Any]
 
 
-class Innovations:
+class InnovationStatistics:
     """Statistics of innovations by kind: how many were used or rejected, and how large they were for their variance."""
 
     def __init__(self) -> None:
         self._table: dict[int, Table] = {}
-        self._judged: Counter[int] = Counter()
+        self._finite: Counter[int] = Counter()
 
-    def take(self, rows: NDArray[np.void]) -> None:
+    def add(self, rows: NDArray[np.void]) -> None:
         """Add rows of INNOVATION. One rejected without a value, as of a fix out of order, is counted and no more."""
         for _, kind, value, variance, used in rows.tolist():
             entry = self._table.setdefault(kind, {"used": 0, "rejected": 0, "ratio": 0.0})
             entry["used" if used else "rejected"] += 1
             if math.isfinite(value):
-                self._judged[kind] += 1
-                entry["ratio"] += (value * value / variance - entry["ratio"]) / min(MEMORY, self._judged[kind])
+                self._finite[kind] += 1
+                entry["ratio"] += (value * value / variance - entry["ratio"]) / min(RATIO_SAMPLES, self._finite[kind])
 
-    def told(self) -> Table:
+    def table(self) -> Table:
         """By kind; `ratio` is the mean of innovation^2 / variance over the last fixes, 1 for a consistent filter.
 
         NaN as long as none had a value.
         """
         return {
-            KINDS[kind].key: entry | ({} if self._judged[kind] else {"ratio": math.nan})
+            KINDS[kind].key: entry | ({} if self._finite[kind] else {"ratio": math.nan})
             for kind, entry in sorted(self._table.items())
         }
 
@@ -84,7 +84,7 @@ def of_process(started_ns: int) -> Table:
 
 
 def of_port(
-    port: "Port", now_ns: int, part: "Inertial | Receiver | None" = None, troubles: tuple[str, ...] | None = None
+    port: "Port", now_ns: int, part: "Inertial | Receiver | None" = None, faults: tuple[str, ...] | None = None
 ) -> Table:
     """A port, its device, and what was counted since it began to stream."""
     table: Table = {"path": port.spec.path, "state": port.state.name.lower(), "story": port.description}
@@ -100,13 +100,13 @@ def of_port(
         "serial": identity.serial,
         "firmware": identity.firmware,
         "baud": identity.baud or None,
-        "health": "; ".join(troubles or ()) or "ok",
-        "troubles": len(troubles or ()),
+        "health": "; ".join(faults or ()) or "ok",
+        "troubles": len(faults or ()),
         "rate_hz": part.rate.hz,
     }
     if isinstance(configured, ImuConfigured):
         table["rate_asked_hz"] = configured.rate_hz
-    return table | part.facts(now_ns)
+    return table | part.properties(now_ns)
 
 
 def of_filter(inertial: "Inertial | None", estimator: str) -> Table:

@@ -14,7 +14,7 @@ from drivers.driver import Identity, ImuConfigured
 from drivers.fix import Fix
 from drivers.registry import by_name
 from imud.configuration.settings import Initial, Settings
-from imud.daemon.announce import STATUS_LASTS_NS, Announcer, Changes
+from imud.daemon.change_logger import STATUS_LASTS_NS, ChangeLogger, Debouncer
 from imud.estimators import registry
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID
 from imud.pipeline import Filter, Stream
@@ -32,7 +32,7 @@ class Log(list):
 
 
 def test_a_status_that_flaps_is_told_once():
-    announcer = Announcer(log := Log())
+    announcer = ChangeLogger(log := Log())
     announcer.status(ATTITUDE_VALID, 0)
     assert announcer.status(ATTITUDE_VALID, STATUS_LASTS_NS) == ATTITUDE_VALID
     for k in range(1, 200):  # for 20 s
@@ -45,11 +45,11 @@ def test_a_status_that_flaps_is_told_once():
 
 @given(st.lists(st.tuples(st.integers(1, 400), st.frozensets(st.integers(0, 3))), max_size=60))
 def test_changes_alternate_and_lasted(steps):
-    changes, now, there, since = Changes(1000), 0, set(), {}
-    for wait, facts in steps:
+    changes, now, there, since = Debouncer(1000), 0, set(), {}
+    for wait, properties in steps:
         now += wait
-        came, went = changes.of(facts, now)
-        since = {fact: since.get(fact, now) for fact in there ^ facts}
+        came, went = changes.update(properties, now)
+        since = {fact: since.get(fact, now) for fact in there ^ properties}
         assert not there & set(came)
         assert set(went) <= there
         assert set(came) | set(went) == {fact for fact, begin in since.items() if now - begin >= 1000}
@@ -75,7 +75,7 @@ def test_bits_that_a_dmu_sets_are_told_in_words():
     told = []
     for k, bit in enumerate([0, 0, 4, 4, 0x44, 0x40, 0]):
         hear(sensor, packet(level, clock=-12_658 * k, bit=bit), k * SECOND // 100)
-        told.append(sensor.troubles(k * SECOND // 100))
+        told.append(sensor.faults(k * SECOND // 100))
     failed, unknown = "the sensor reports a failed accelerometer (BIT bit 2)", "bit 6 of its status word"
     assert told[:2] == [(), ()]
     assert told[2] == told[3] == (failed,)
@@ -83,7 +83,7 @@ def test_bits_that_a_dmu_sets_are_told_in_words():
     assert unknown in told[4][1]
     assert unknown in told[5][0]
     assert told[6] == ()
-    assert "stale" in sensor.troubles(SECOND)[0]
+    assert "stale" in sensor.faults(SECOND)[0]
 
 
 @pytest.mark.parametrize("gap", [0, 60, 500])
@@ -102,7 +102,7 @@ def test_a_bit_that_was_set_from_the_start_is_the_drivers_to_tell():
     told = []
     for k, bit in enumerate([4, 4, 0, 4]):
         hear(sensor, packet(level, clock=-12_658 * k, bit=bit), k * SECOND // 100)
-        told.append(sensor.troubles(k * SECOND // 100))
+        told.append(sensor.faults(k * SECOND // 100))
     assert told[:3] == [(), (), ()]
     assert "failed" in told[3][0]
 
@@ -111,7 +111,7 @@ def test_the_sensors_own_ranges_hold():
     sensor = inertial(by_name("crossbow"), gyro_range=math.radians(100.0), accel_range=2.0 * 9.80665)
     for k in range(3):
         hear(sensor, packet((0, 0, 21_845, 0, 0, 10923), clock=-12_658 * k), k * SECOND // 100)
-    assert sensor.troubles(0) == ("gyro z at the end of its range",)
+    assert sensor.faults(0) == ("gyro z at the end of its range",)
 
 
 @pytest.mark.parametrize("name", ["crossbow", "epson", "seraccel"])
@@ -135,7 +135,7 @@ def test_a_receiver_that_tells_no_position_is_not_called_silent(talks, said):
     receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
     for second in range(6) if talks else ():
         receiver.take(line("GPGSV,1,1,00"), second * SECOND)
-    assert said in receiver.troubles(5 * SECOND)[0]
+    assert said in receiver.faults(5 * SECOND)[0]
 
 
 def test_a_receiver_that_repeats_its_fix_is_not_called_well():
@@ -144,7 +144,7 @@ def test_a_receiver_that_repeats_its_fix_is_not_called_well():
         receiver.take(gga(f"12000{min(second, 5)}.000"), second * SECOND)
         receiver.flush(second * SECOND + SECOND // 2)
         stuck = second > 8
-        assert receiver.troubles(second * SECOND) == ("receiver: says that it has a fix, but tells no new one",) * stuck
+        assert receiver.faults(second * SECOND) == ("receiver: says that it has a fix, but tells no new one",) * stuck
 
 
 def test_a_receiver_on_a_disturbed_line_is_not_called_well():
@@ -156,7 +156,7 @@ def test_a_receiver_on_a_disturbed_line_is_not_called_well():
         receiver.take(torn + good, second * SECOND)
         receiver.flush(second * SECOND + SECOND // 2)
         receiver.look(second * SECOND)
-        told.append(receiver.troubles(second * SECOND))
+        told.append(receiver.faults(second * SECOND))
     disturbed = ("receiver: more than 1% of its sentences do not arrive whole",)
     assert set(told[:18]) == set(told[41:]) == {()}
     assert set(told[20:30]) == {disturbed}
@@ -169,7 +169,7 @@ def test_an_inertial_sensor_on_a_disturbed_line_is_not_called_well():
         data = packet((0, 0, 0, 0, 0, 10923), clock=-12_658 * k)
         hear(sensor, bytes(24) if 1000 <= k < 3000 and k % 40 == 0 else data, k * SECOND // 100)
         sensor.look(k * SECOND // 100)
-        told.append(sensor.troubles(k * SECOND // 100))
+        told.append(sensor.faults(k * SECOND // 100))
     disturbed = ("inertial sensor: more than 1% of its samples do not arrive whole",)
     assert set(told[:1000]) == set(told[4100:]) == {()}
     assert set(told[2000:3000]) == {disturbed}

@@ -4,16 +4,16 @@ from drivers.driver import Identity, ImuConfigured
 from drivers.registry import by_name
 from imud.configuration.settings import Settings
 from imud.sensor_errors.calibration import Calibration
-from imud.sensors.fitting import Fitting
+from imud.sensors.estimator_selection import EstimatorSelection
 
 
 def test_the_numbering_goes_on_with_another_sensor():
     """Subscribers are promised the number of the sample since the daemon's start."""
-    fitting = Fitting(Settings(estimator="tilt"), str)
+    selection = EstimatorSelection(Settings(estimator="tilt"), str)
     driver = by_name("seraccel")
     for serial, before in (("1", 0), ("1", 7), ("2", 14)):
         configured = ImuConfigured(Identity("seraccel", "", serial), 100.0, 10_000_000, 0, 0)
-        sensor = fitting.connect(None, driver, configured, Calibration(serial), Settings(), 0)
+        sensor = selection.connect(None, driver, configured, Calibration(serial), Settings(), 0)
         assert sensor.samples == before
         lines = b"\n" + b"0512 0512 0717\n" * 7
         sensor.stream.rx[: len(lines)] = bytearray(lines)

@@ -1,0 +1,84 @@
+"""The daemon's state: changes go to the log, faults of the sensors to clients, a table answers `imud status`."""
+
+import time
+
+from ..estimators.records import ATTITUDE_VALID
+from ..outputs.all import Outputs
+from ..outputs.view import Health
+from ..process.contained import ContainedErrors
+from ..process.log import get_logger
+from ..sensors.inertial import Inertial
+from ..sensors.readings import ClockFit
+from ..sensors.receiver import Receiver
+from . import status_tables
+from .change_logger import ChangeLogger
+from .devices import Devices
+from .load import Load
+from .publisher import Publisher
+
+_UPSIDE_DOWN = "the sensor is upside down; if it is not, its axes are others: imu.mount_rpy_deg = [180, 0, 0]"
+
+
+class StatusReporter:
+    """One per daemon, from its start. All times are monotonic nanoseconds; not thread-safe."""
+
+    def __init__(self, devices: Devices, errors: ContainedErrors) -> None:
+        self._devices, self._errors = devices, errors
+        self._log = get_logger()
+        self._change_logger = ChangeLogger(self._log)
+        self._faults: dict[str, tuple[str, ...] | None] = {"imu": None, "gnss": None}  # None: no such sensor
+        self._started_ns = time.monotonic_ns()
+
+    def tick(self, load: Load, now_ns: int) -> None:
+        """Call several times a second: logs what has changed."""
+        inertial = self._devices.selection.inertial
+        newest = inertial.newest if inertial else None
+        status = 0 if newest is None else int(newest["status"])
+        if self._change_logger.status(status, now_ns) & ATTITUDE_VALID:
+            self._warn_if_upside_down()
+        if self._devices.gnss and (message := self._devices.gnss[1].message):
+            self._log.warning(message)
+            self._devices.gnss[1].message = ""
+        streaming = self._devices.streaming()
+        for kind in self._faults:
+            pair = streaming.get(kind)
+            self._faults[kind] = self._check(kind, pair[1], now_ns) if pair else None
+        for text in load.messages(inertial.lost if inertial else 0, now_ns):
+            self._log.warning(text)
+
+    def _check(self, kind: str, sensor: Inertial | Receiver, now_ns: int) -> tuple[str, ...]:
+        faults = sensor.faults(now_ns)
+        sensor.look(now_ns)
+        self._change_logger.faults(kind, faults, now_ns)
+        return faults
+
+    def _warn_if_upside_down(self) -> None:
+        """Warn of a sensor that seems upside down: perhaps its axes are not FRD, which its protocol does not say."""
+        inertial = self._devices.selection.inertial
+        if inertial is not None and inertial.stream.samples[0]["f"][2] > 0.0:
+            self._log.warning(_UPSIDE_DOWN)
+
+    def health(self) -> Health:
+        """The faults of the sensors at the last tick."""
+        imu = self._devices.imu
+        return Health(**self._faults, clock=imu[1].clock_fit() if imu else ClockFit())
+
+    def status(self, publisher: Publisher, outputs: Outputs) -> str:
+        """The answer to `imud status`."""
+        now_ns = time.monotonic_ns()
+        devices = self._devices
+        parts = {port: (sensor, self._faults[kind]) for kind, (port, sensor) in devices.streaming().items()}
+        return status_tables.status_object(
+            {
+                **status_tables.of_process(self._started_ns),
+                "internal_errors": {"count": self._errors.count, "last": self._errors.last},
+                "load": status_tables.of_load(publisher.load),
+                "filter": status_tables.of_filter(devices.selection.inertial, devices.selection.estimator.name),
+                "innovations": publisher.innovations.table(),
+                "ports": {
+                    str(i): status_tables.of_port(port, now_ns, *parts.get(port, (None, None)))
+                    for i, port in enumerate(devices.ports)
+                },
+                "outputs": status_tables.of_outputs(outputs.gpsd, outputs.binary),
+            }
+        )

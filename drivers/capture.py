@@ -1,8 +1,7 @@
-"""Recordings: MCAP files in which the bytes of ports stand exactly as they were read, and what was connected when.
+"""Recordings: MCAP files with the bytes of ports exactly as they were read, and the connections of devices.
 
-Topics: `/raw/N` the bytes of port N, `/connections` what streams on which port. Their order in the file is the order in
-which they happened. A recording that broke off (a power cut) is read up to its last whole chunk; damage in the middle
-costs the chunks that it hit.
+Topics: `/raw/N` the bytes of port N, `/connections` which device streams on which port. The messages are in the order
+of the events. A truncated recording (a power cut) is read up to its last whole chunk; damaged chunks are left out.
 """
 
 import math
@@ -28,12 +27,12 @@ RAW, CONNECTIONS = "/raw/", "/connections"
 SESSION = "imud"  # name of the metadata record
 CHECKSUM = "crc32"  # in the metadata: of the other entries
 _CHECKSUM_BYTES = 4
-_LONGEST = 1 << 30  # bytes of a record
+_RECORD_MAX = 1 << 30  # bytes
 _COMPRESSION, _BEFORE_COMPRESSION = b"\4\0\0\0zstd", 37  # in a chunk; opcode, length, two times, size, checksum
 
 
 class Raw(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One read of a port. No data: the line had fallen quiet, and the receiver's open epoch was taken as complete."""
+    """One read of a port. No data: the line had become silent, and the receiver's open epoch was completed."""
 
     t_ns: int  # arrival, CLOCK_MONOTONIC
     data: bytes
@@ -64,14 +63,14 @@ class Connection(msgspec.Struct, frozen=True):
         return msgspec.convert(_without_none(self.configured), GnssConfigured)
 
 
-def checksum_of(facts: Mapping[str, str]) -> str:
+def checksum_of(metadata: Mapping[str, str]) -> str:
     """Of the metadata's entries, as the entry CHECKSUM holds it."""
-    others = sorted((name, text) for name, text in facts.items() if name != CHECKSUM)
+    others = sorted((name, text) for name, text in metadata.items() if name != CHECKSUM)
     return f"{zlib.crc32(msgspec.json.encode(others)):08x}"
 
 
-def plain(configured: ImuConfigured | GnssConfigured) -> dict[str, Any]:
-    """As JSON can hold it. An infinite range is left out, since JSON has no infinity; reading it back restores it."""
+def to_builtins(configured: ImuConfigured | GnssConfigured) -> dict[str, Any]:
+    """For JSON. An infinite range is left out, since JSON has no infinity; reading it back restores it."""
     known = {name: value for name, value in asdict(configured).items() if value not in (math.inf, None)}
     return dict(msgspec.to_builtins(known))
 
@@ -108,10 +107,10 @@ class Entry:
 def _next_chunk(file: BinaryIO, after: int) -> int | None:
     """Offset of the next chunk after `after`, found by the name of its compression; None: there is none."""
     with mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ) as data:
-        place = data.find(_COMPRESSION, after + _BEFORE_COMPRESSION)
-        while place >= 0 and data[place - _BEFORE_COMPRESSION] != Opcode.CHUNK:
-            place = data.find(_COMPRESSION, place + 1)
-    return place - _BEFORE_COMPRESSION if place >= 0 else None
+        at = data.find(_COMPRESSION, after + _BEFORE_COMPRESSION)
+        while at >= 0 and data[at - _BEFORE_COMPRESSION] != Opcode.CHUNK:
+            at = data.find(_COMPRESSION, at + 1)
+    return at - _BEFORE_COMPRESSION if at >= 0 else None
 
 
 class Capture:
@@ -130,12 +129,12 @@ class Capture:
 
         Raises CaptureError where their checksums show that they are damaged.
         """
-        facts: dict[str, str] = {}
+        metadata: dict[str, str] = {}
         attached: dict[str, bytes] = {}
         for record in self._records():
             if isinstance(record, Metadata) and record.name == SESSION:
-                facts = record.metadata
-                if facts.get(CHECKSUM, checksum_of(facts)) != checksum_of(facts):
+                metadata = record.metadata
+                if metadata.get(CHECKSUM, checksum_of(metadata)) != checksum_of(metadata):
                     raise CaptureError(f"{self.path} is damaged: the checksum of its metadata is wrong")
             elif isinstance(record, Attachment):
                 if not self._is_whole(record):
@@ -143,7 +142,7 @@ class Capture:
                 attached[record.name] = record.data
             elif isinstance(record, Chunk):
                 break
-        return facts, attached
+        return metadata, attached
 
     def _is_whole(self, attachment: Attachment) -> bool:
         """Whether the attachment that was just read has the checksum that ends its record, which the library skips."""
@@ -166,7 +165,7 @@ class Capture:
                 try:
                     connection = entry.connection()
                 except ValueError as error:
-                    raise CaptureError(f"{self.path}: a message on {CONNECTIONS} cannot be understood") from error
+                    raise CaptureError(f"{self.path}: a message on {CONNECTIONS} cannot be decoded") from error
                 first_ns = entry.log_ns if first_ns is None else first_ns
                 if connection.streaming:
                     found.setdefault(connection.port, connection)
@@ -206,7 +205,7 @@ class Capture:
             ended = False
             while start is not None:
                 file.seek(start)
-                reader = StreamReader(file, skip_magic=start > 0, emit_chunks=True, record_size_limit=_LONGEST)
+                reader = StreamReader(file, skip_magic=start > 0, emit_chunks=True, record_size_limit=_RECORD_MAX)
                 try:
                     for record in reader.records:
                         self.read_bytes = file.tell()

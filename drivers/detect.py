@@ -1,10 +1,10 @@
-"""Finding out which device is on a line, and how fast it talks.
+"""Detection of the device on a line, and of its baud rate.
 
-First listen: a device that speaks by itself is recognised without a byte written to it, and a line that carries
-something unknown is listened to at all speeds. Only a silent line is asked, by every driver at the speeds that its
-devices use. A line that carries something unknown is asked only if the user named a driver whose questions may
-interrupt a stream. All this is done three times, since a device may be starting up. Answers that come late are waited
-for at the likeliest speed; at all speeds in a fourth turn, if anything came that was no answer.
+First listen: a device that streams is recognised without a byte written to it; unrecognised data are listened to at
+all baud rates. Only a silent line is queried, by every driver at the baud rates that its devices use. A line with
+unrecognised data is queried only if the user named a driver whose queries may interrupt a stream. All this is done in
+three rounds, since a device may be starting up. Late answers are waited for at the likeliest baud rate; at all baud
+rates in a fourth round, if any byte was received that was no answer.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,24 +13,24 @@ from itertools import zip_longest
 
 from .dialogue import Dialogue, Exchange
 from .driver import AnyDriver, Identity, SpiDriver, Unsupported
-from .findings import CHATTER, Chatter, Echo, Finding, NoAnswer, Silence, is_garbage
+from .findings import DATA_MIN, Echo, Finding, NoAnswer, Silence, UnrecognisedData, is_garbage
 from .registry import by_name, drivers
 from .transport.portspec import PortSpec
 
-TURNS = 3  # and a fourth on a line that stirs
-PATIENT = (1, 0, 1, 99)  # turn by turn, at how many of a driver's speeds late answers are waited for
-PLENTY = 1024  # bytes in which any driver recognises its device
+ROUNDS = 3  # and a fourth on a line with activity
+LATE_SPEEDS = (1, 0, 1, 99)  # for each round, at how many of a driver's speeds late answers are waited for
+RECEIVED_MAX = 1024  # bytes in which any driver recognises its device
 ECHOES = 3  # in a row are no answers
-START_S = 0.4  # between turns on SPI: a device may be starting up
+START_S = 0.4  # between rounds on SPI: a device may be starting up
 
 Found = Identity | Unsupported
 
 
 @dataclass
-class Stir:
-    """Whether anything came while the line was asked: what it was is not known, but something there may answer late."""
+class Activity:
+    """Whether any byte was received while the line was queried: a device there may answer late."""
 
-    came: bool = False
+    seen: bool = False
 
 
 def search(spec: PortSpec, readonly: bool = False, last_baud: int = 0) -> Dialogue[Found | Finding]:
@@ -41,10 +41,10 @@ def search(spec: PortSpec, readonly: bool = False, last_baud: int = 0) -> Dialog
 
 
 def detect_spi(driver: str | None = None, readonly: bool = False) -> Dialogue[Found | Finding]:
-    """The device on an SPI line. It says nothing by itself, so every driver asks."""
-    among = (by_name(driver),) if driver else drivers()
-    for _ in range(0 if readonly else TURNS):
-        for one in among:
+    """The device on an SPI line. It sends nothing by itself, so every driver queries it."""
+    candidates = (by_name(driver),) if driver else drivers()
+    for _ in range(0 if readonly else ROUNDS):
+        for one in candidates:
             if isinstance(one, SpiDriver) and (found := (yield from one.identify_spi())):
                 return found
         yield Exchange(listen_s=START_S)
@@ -58,35 +58,35 @@ def detect(
 
     readonly: only listen. last_baud: the speed at which a device was found here before, tried first; 0: none was.
     """
-    among = (by_name(driver),) if driver else drivers()
-    speeds = {one.name: (baud,) if baud else _from(last_baud, one.bauds) for one in among}
+    candidates = (by_name(driver),) if driver else drivers()
+    speeds = {one.name: (baud,) if baud else _from(last_baud, one.bauds) for one in candidates}
     bauds = tuple(_merged(list(speeds.values())))
-    once: Chatter | None = None
-    stir = Stir()
-    for turn, patient in enumerate(PATIENT):
-        if turn == TURNS and not stir.came:
+    last: UnrecognisedData | None = None
+    activity = Activity()
+    for number, late_speeds in enumerate(LATE_SPEEDS):
+        if number == ROUNDS and not activity.seen:
             break
-        first = bauds[turn % len(bauds)]
-        heard = yield from _listen(among, first)
-        found = _recognised(among, heard, first)
+        first = bauds[number % len(bauds)]
+        received = yield from _listen(candidates, first)
+        found = _recognised(candidates, received, first)
         if found is not None:
             found = replace(found, baud=_plausible(found, baud))
-        noise = None
-        if found is None and len(heard) >= CHATTER:
-            once = Chatter(heard, first, bauds)
-            found, noise = yield from _listen_at_all(among, bauds, first)
+        data = None
+        if found is None and len(received) >= DATA_MIN:
+            last = UnrecognisedData(received, first, bauds)
+            found, data = yield from _listen_at_all(candidates, bauds, first)
         if found is None and not readonly:
-            askable = among if noise is None else [one for one in among if driver and one.interrupts]
-            answer = yield from _ask({one: speeds[one.name] for one in askable}, patient, stir)
+            queried = candidates if data is None else [one for one in candidates if driver and one.interrupts]
+            answer = yield from _query({one: speeds[one.name] for one in queried}, late_speeds, activity)
             if isinstance(answer, Echo):
                 return answer
             found = answer
         if found is not None:
             yield Exchange(baud=found.baud)
             return found
-        if noise is not None:
-            return noise
-    return once or Silence(bauds, not readonly)
+        if data is not None:
+            return data
+    return last or Silence(bauds, not readonly)
 
 
 def _from(first: int, bauds: Sequence[int]) -> tuple[int, ...]:
@@ -99,57 +99,60 @@ def _merged(lists: Sequence[Sequence[int]]) -> Iterator[int]:
     return iter(dict.fromkeys(baud for rank in zip_longest(*lists) for baud in rank if baud))
 
 
-def _recognised(among: Sequence[AnyDriver], heard: bytes, baud: int) -> Found | None:
-    for driver in among:
-        if found := driver.recognise(heard):
+def _recognised(candidates: Sequence[AnyDriver], received: bytes, baud: int) -> Found | None:
+    for driver in candidates:
+        if found := driver.recognise(received):
             found = replace(found, baud=baud)
             return replace(found, streaming=True) if isinstance(found, Identity) else found
     return None
 
 
 def _plausible(found: Found, named: int | None) -> int:
-    """The speed of a line on which a device was heard at once.
+    """The baud rate of a line on which a device was recognised by the first listening.
 
-    A pseudo-terminal carries it at speeds that its driver does not know, too. On a line where another speed gave
-    something else, the speed is what it is.
+    A pseudo-terminal carries data at any baud rate: then the driver's likeliest one is taken.
     """
     bauds = by_name(found.driver).bauds
     return found.baud if named or found.baud in bauds else bauds[0]
 
 
-def _listen(among: Sequence[AnyDriver], baud: int) -> Dialogue[bytes]:
-    def enough(heard: bytes) -> bool:
-        return len(heard) >= PLENTY or is_garbage(heard) or _recognised(among, heard, baud) is not None
+def _listen(candidates: Sequence[AnyDriver], baud: int) -> Dialogue[bytes]:
+    def enough(received: bytes) -> bool:
+        return (
+            len(received) >= RECEIVED_MAX or is_garbage(received) or _recognised(candidates, received, baud) is not None
+        )
 
-    patience_s = max(driver.patience_s for driver in among)
-    return (yield Exchange(baud=baud, listen_s=patience_s, enough=enough, discard=True))
+    timeout_s = max(driver.timeout_s for driver in candidates)
+    return (yield Exchange(baud=baud, listen_s=timeout_s, enough=enough, discard=True))
 
 
 def _listen_at_all(
-    among: Sequence[AnyDriver], bauds: Sequence[int], first: int
-) -> Dialogue[tuple[Found | None, Chatter | None]]:
-    """Listen at all speeds to a line that talks, at the `first` one last; the device, or the most that was heard.
+    candidates: Sequence[AnyDriver], bauds: Sequence[int], first: int
+) -> Dialogue[tuple[Found | None, UnrecognisedData | None]]:
+    """Listen at all speeds to a line with unrecognised data, at the `first` one last; the device, or the best data.
 
-    Neither if it said something once, as a starting device does, and has fallen silent since.
+    Neither if the line is silent meanwhile, as after the start message of a device.
     """
-    noise = Chatter(b"", first, tuple(bauds))
+    data = UnrecognisedData(b"", first, tuple(bauds))
     for baud in (*(other for other in bauds if other != first), first):
-        heard = yield from _listen(among, baud)
-        if found := _recognised(among, heard, baud):
+        received = yield from _listen(candidates, baud)
+        if found := _recognised(candidates, received, baud):
             return found, None
-        if not heard:
+        if not received:
             return None, None
-        noise = max(noise, replace(noise, heard=heard, baud=baud), key=lambda chatter: chatter.worth)
-    return None, noise
+        data = max(data, replace(data, received=received, baud=baud), key=lambda data: data.rank)
+    return None, data
 
 
-def _ask(speeds: Mapping[AnyDriver, Sequence[int]], patient: int, stir: Stir) -> Dialogue[Found | Echo | None]:
-    """Every driver at its likeliest speed, then its second, and so on; all its exchanges at the first `patient`."""
+def _query(
+    speeds: Mapping[AnyDriver, Sequence[int]], late_speeds: int, activity: Activity
+) -> Dialogue[Found | Echo | None]:
+    """Every driver at its likeliest speed, then its second, and so on; wait for late answers at the first few."""
     for rank, of_rank in enumerate(zip_longest(*speeds.values())):
         for driver, speed in zip(speeds, of_rank, strict=True):
             if speed:
                 yield Exchange(baud=speed, discard=True)
-                found = yield from _unless_echoed(driver.identify(), speed, rank >= patient, stir)
+                found = yield from _unless_echoed(driver.identify(), speed, rank >= late_speeds, activity)
                 if isinstance(found, Echo):
                     return found
                 if found:
@@ -160,13 +163,13 @@ def _ask(speeds: Mapping[AnyDriver, Sequence[int]], patient: int, stir: Stir) ->
 def _at_any_speed(driver: AnyDriver, likeliest: int, speed: int) -> Dialogue[Found | None]:
     """The device that answered at `speed`, if it answers at the likeliest speed, too: then the line has no speed.
 
-    On such a line (a pseudo-terminal) the device was merely not ready when the likeliest speed was tried. To keep the
-    speed at which it happened to answer would lower its sample rate for nothing.
+    On such a line (a pseudo-terminal) the device was not ready yet when the likeliest speed was tried. A lower speed
+    would lower its sample rate without need.
     """
     if speed == likeliest:
         return None
     yield Exchange(baud=likeliest, discard=True)
-    found = yield from _unless_echoed(driver.identify(), likeliest, hurry=True, stir=Stir())
+    found = yield from _unless_echoed(driver.identify(), likeliest, hurry=True, activity=Activity())
     if found and not isinstance(found, Echo):
         return replace(found, baud=likeliest)
     yield Exchange(baud=speed, discard=True)
@@ -174,18 +177,18 @@ def _at_any_speed(driver: AnyDriver, likeliest: int, speed: int) -> Dialogue[Fou
 
 
 def _unless_echoed(
-    dialogue: Dialogue[Found | None], baud: int, hurry: bool, stir: Stir
+    dialogue: Dialogue[Found | None], baud: int, hurry: bool, activity: Activity
 ) -> Dialogue[Found | Echo | None]:
-    """The dialogue, given up once `ECHOES` commands in a row came back unchanged. hurry: without spare exchanges."""
+    """The dialogue, ended once `ECHOES` commands in a row were echoed. hurry: without optional exchanges."""
     echoes = 0
     try:
         exchange = next(dialogue)
         while echoes < ECHOES:
-            heard = b"" if hurry and exchange.spare else (yield exchange)
-            stir.came |= bool(heard)
-            if exchange.send and heard:
-                echoes = echoes + 1 if heard == exchange.send else 0
-            exchange = dialogue.send(heard)
+            received = b"" if hurry and exchange.optional else (yield exchange)
+            activity.seen |= bool(received)
+            if exchange.send and received:
+                echoes = echoes + 1 if received == exchange.send else 0
+            exchange = dialogue.send(received)
     except StopIteration as finding:
         return finding.value  # type: ignore[no-any-return]
     return Echo(baud)

@@ -1,7 +1,7 @@
-"""A conversation with a device as a generator: it yields what to send and how long to listen, and is sent what came.
+"""A dialogue with a device as a generator: it yields exchanges (send, then listen), and is sent the bytes received.
 
 Drivers know their device's dialogue but no port; a transport runs the generator, blocking or inside an event loop.
-A dialogue never raises for what the device says: it returns its finding, or `None` when the device did not play along.
+A dialogue never raises for the device's answers: it returns its result, or `None` when the device did not answer.
 """
 
 from collections.abc import Callable, Generator
@@ -16,9 +16,9 @@ class Exchange:
     """Send, then listen. The transport answers with the bytes received meanwhile.
 
     baud: change the line's speed first. discard: throw away what is waiting in the input first. listen_s: longest time
-    to listen. enough: stop earlier when this is true of the bytes so far. spare: a caller with other things to try may
-    skip this exchange, as if nothing had been heard. spi: on an SPI line, set the bus up first, or begin to fetch
-    samples; there `send` holds 16-bit words, and what is heard are their answers.
+    to listen. enough: stop earlier when this is true of the bytes so far. optional: a caller in a hurry may skip this
+    exchange, as if no byte had been received. spi: on an SPI line, set the bus up first, or begin to fetch samples;
+    there `send` holds 16-bit words, and their answers are received.
     """
 
     send: bytes = b""
@@ -27,7 +27,7 @@ class Exchange:
     baud: int | None = None
     discard: bool = False
     spi: Bus | Fetch | None = None
-    spare: bool = False
+    optional: bool = False
 
 
 Result = TypeVar("Result")

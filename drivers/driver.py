@@ -1,7 +1,7 @@
-"""What a driver is: the two protocols behind which every device stands, and the frozen values they exchange.
+"""The protocols that every driver implements, and the frozen values that they exchange.
 
-A driver knows its device's data sheet. It opens no port and reads no clock: conversations are dialogues
-(`dialogue.py`) that a transport runs, decoders are fed with bytes.
+A driver implements its device's data sheet. It opens no port and reads no clock: a transport runs its dialogues
+(`dialogue.py`) and feeds its decoders with bytes.
 """
 
 import math
@@ -46,11 +46,11 @@ class Unsupported:
 
 @dataclass(frozen=True)
 class Options:
-    """What the user wants of the device. readonly: write nothing to it, use what it sends by itself."""
+    """The user's options for the device. readonly: write nothing to it, use what it sends by itself."""
 
     rate_hz: float = 1000.0
     readonly: bool = False
-    model: str = ""  # for a device that must not be asked and whose stream does not tell its model
+    model: str = ""  # for a device that must not be written to and whose stream does not identify its model
     polled: bool = False  # have an inertial sensor send each sample only when asked, if it can; not if readonly
     filter_taps: int = 0  # of an inertial sensor's moving average; 0: as few as the rate allows, least delay
     self_test: bool = False  # have an inertial sensor test itself first; it must be at rest
@@ -60,7 +60,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be sent, and how often, to a sensor that speaks only when asked."""
+    """The command, and its period, for a sensor that is polled."""
 
     command: bytes
     period_ns: int
@@ -93,7 +93,7 @@ class GnssConfigured:
 
 
 class Driver(Protocol):
-    """What imu and gnss drivers have in common."""
+    """The interface that imu and gnss drivers share."""
 
     @property
     def name(self) -> str:
@@ -104,15 +104,15 @@ class Driver(Protocol):
         """Speeds its devices use, likeliest first."""
 
     @property
-    def patience_s(self) -> float:
-        """Within this time a healthy device that speaks by itself has said something recognisable."""
+    def timeout_s(self) -> float:
+        """A device that streams is recognised within this time."""
 
     @property
     def interrupts(self) -> bool:
-        """Whether `identify` may be run on a device that streams. If not, the bytes sent would do harm, or nothing."""
+        """Whether `identify` may be run on a device that streams. If not, the bytes sent do harm or have no effect."""
 
-    def recognise(self, heard: bytes) -> Identity | Unsupported | None:
-        """The device, if `heard` is what it says by itself at the right speed."""
+    def recognise(self, received: bytes) -> Identity | Unsupported | None:
+        """The device, if it streams `received` at the right baud rate."""
 
     def identify(self) -> Dialogue[Identity | Unsupported | None]:
         """Ask a silent line. Never writes flash; harmless for other devices. None: no such device, or no answer."""
@@ -132,18 +132,18 @@ class ImuDriver(Driver, Protocol):
         """A fresh decoder state, an array of one record, for `decode`.
 
         Every state has the fields leftover, frames, junk, bad, lost, suspect and errors (counters, i8), and status
-        (i8): the word with which the device reports its faults, as last heard.
+        (i8): the device's last status word.
         """
 
     @property
-    def complaints(self) -> Mapping[int, str]:
-        """What the bits of the device's status word mean, by mask; one bit each."""
+    def fault_texts(self) -> Mapping[int, str]:
+        """The texts of the faults in the device's status word, by mask; one bit each."""
 
     @property
     def decode(self) -> Callable[[NDArray[np.uint8], int, NDArray[np.void], NDArray[np.void]], int]:
         """Kernel (rx, fill, state, samples) -> n.
 
-        Decodes the complete frames of rx[:fill] into rows of `samples` (SAMPLE) and moves what is left to
+        Decodes the complete frames of rx[:fill] into rows of `samples` (SAMPLE) and moves the remaining bytes to
         rx[:state.leftover]; with `samples` full it stops and keeps the rest. Any chunking gives the same samples.
         """
 
@@ -153,29 +153,29 @@ class GnssDecoder(Protocol):
 
     @property
     def counters(self) -> Mapping[str, int]:
-        """Sentences and epochs taken and refused, by reason."""
+        """Counts of sentences and epochs, used and rejected, by reason."""
 
     @property
     def status(self) -> ReceiverStatus:
-        """What the receiver last said of itself: quality and satellites, with or without a fix."""
+        """The receiver's last report of itself: quality and satellites, with or without a fix."""
 
     @property
     def sky(self) -> Sky:
-        """What it last said of the satellites."""
+        """Its last report of the satellites."""
 
     @property
     def whole(self) -> int:
-        """Messages that came undamaged, whatever they say: without any, the device or its speed is another."""
+        """The number of undamaged messages: 0 means that it is another device or another baud rate."""
 
     @property
     def pending(self) -> bool:
         """Whether an epoch is open that `flush` may end."""
 
     def feed(self, data: bytes, arrival_ns: int) -> list[Fix]:
-        """Take bytes that arrived at `arrival_ns` (monotonic); returns the fixes they complete."""
+        """Decode bytes that arrived at `arrival_ns` (monotonic); returns the fixes that they complete."""
 
     def flush(self, now_ns: int) -> list[Fix]:
-        """The fix of an epoch whose end did not come, once the line has been quiet."""
+        """The fix of an epoch whose end did not arrive, once the line has been silent."""
 
 
 class GnssDriver(Driver, Protocol):
@@ -194,7 +194,7 @@ class GnssDriver(Driver, Protocol):
 
 @runtime_checkable
 class SpiDriver(Protocol):
-    """What a driver offers in addition if its devices speak SPI, too. `configure` then goes by `Identity.spi`."""
+    """The additional interface of a driver whose devices have SPI, too. `configure` then checks `Identity.spi`."""
 
     def identify_spi(self) -> Dialogue[Identity | Unsupported | None]:
         """Ask on an SPI line, as `identify` does on a serial one."""
@@ -202,26 +202,26 @@ class SpiDriver(Protocol):
 
 @dataclass(frozen=True)
 class Done:
-    """How a service ended, in words."""
+    """The outcome of a service."""
 
     ok: bool
-    told: str
+    message: str
 
 
 @dataclass(frozen=True)
 class Service:
-    """Something that a device does once, because a user asks for it, and that outlasts the connection."""
+    """A command that a user has a device run once, and whose effect outlasts the connection."""
 
-    what: str  # what it does and what the user must see to, shown before the user agrees; {} is the value
+    description: str  # of the effect and of the user's part, printed before the user confirms; {} is the value
     unit: str  # of the value; s means that the service takes that long
     values: Sequence[int]
-    usual: int | None  # the default value; None: the user must name one
-    act: Callable[[int], Dialogue[Done]]  # does it, then asks the device whether it worked
+    default: int | None  # None: the user must name a value
+    run: Callable[[int], Dialogue[Done]]  # runs the command, then reads back whether it worked
 
 
 @runtime_checkable
 class ServiceDriver(Protocol):
-    """What a driver offers in addition if its devices do more than stream."""
+    """The additional interface of a driver whose devices have services."""
 
     @property
     def services(self) -> Mapping[str, Service]:

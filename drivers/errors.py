@@ -1,4 +1,4 @@
-"""What can go wrong with a port, as one tree. Each message says what, where, and what to do next.
+"""The errors of ports, as one tree. Each message says what, where, and what to do next.
 
 PortError
 ├── PortAbsentError    no such device (yet)
@@ -6,9 +6,9 @@ PortError
 ├── PortBusyError      another process has it
 ├── NotSerialError     it exists, but is no serial line
 ├── PortSupportError   a package without which this kind of port cannot be used is not installed
-└── PortLostError      it was open and went away, or fails at input or output
-    └── PortEndedError    it was a recording, and is over
-SpecError         a port that was written in a way that cannot be understood
+└── PortLostError      it was open and was removed, or fails at input or output
+    └── PortEndedError    it was a recording, which has ended
+SpecError         a port specification with a wrong syntax
 CaptureError      a file that is no recording
 """
 
@@ -54,4 +54,4 @@ class CaptureError(ValueError):
 
 
 class SpecError(ValueError):
-    """A port specification that cannot be understood."""
+    """A port specification with a wrong syntax."""

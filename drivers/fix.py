@@ -1,4 +1,4 @@
-"""The position fix as a receiver tells it: degrees, metres, seconds; None where it did not say."""
+"""The position fix as a receiver reports it: degrees, metres, seconds; None: not reported."""
 
 from dataclasses import dataclass
 from datetime import date
@@ -25,7 +25,7 @@ class Fix:
     sigma_n_m: float | None = None
     sigma_e_m: float | None = None
     sigma_d_m: float | None = None
-    dimensions: int | None = None  # 2: the receiver holds the height and solves for the rest; 3; None: not said
+    dimensions: int | None = None  # 2: the receiver holds the height and solves for the rest; 3; None: not reported
 
     @property
     def height_m(self) -> float | None:
@@ -37,10 +37,10 @@ class Fix:
 
 @dataclass(frozen=True)
 class Satellite:
-    """One in view. None where the receiver did not say."""
+    """A satellite in view. None: the receiver did not report it."""
 
     system: int  # 0 GPS, 1 SBAS, 2 Galileo, 3 BeiDou, 5 QZSS, 6 GLONASS
-    number: int  # as the receiver calls it
+    number: int  # in the receiver's numbering
     elevation_deg: int | None
     azimuth_deg: int | None
     signal_dbhz: int | None
@@ -49,7 +49,7 @@ class Satellite:
 
 @dataclass(frozen=True)
 class Sky:
-    """What the receiver last said of the satellites."""
+    """The receiver's last report of the satellites."""
 
     satellites: tuple[Satellite, ...] = ()
     pdop: float | None = None
@@ -58,8 +58,8 @@ class Sky:
 
 @dataclass(frozen=True)
 class ReceiverStatus:
-    """What the receiver last said of itself, also without a fix."""
+    """The receiver's last report of itself, also without a fix."""
 
     quality: int = 0  # as in `Fix`; 0: no fix
     satellites: int | None = None
-    arrival_ns: int = 0  # 0: nothing heard yet
+    arrival_ns: int = 0  # 0: no message received yet

@@ -2,7 +2,7 @@
 
 Importing numba takes longer than all the rest of a start, and the kernels that Python calls while samples come do not
 need it (see `entry`). So numba is imported when the first kernel is compiled, if any is. Nothing is cached unless the
-program has named a cache directory for just these sources: numba itself would take stale machine code for fresh.
+program has named a cache directory for just these sources: numba itself does not detect stale machine code.
 """
 
 import functools

@@ -1,4 +1,4 @@
-"""The inertial sample: what every driver of an inertial sensor hands on, in SI units and the sensor's FRD axes.
+"""The inertial sample: the output of every driver of an inertial sensor, in SI units and the sensor's FRD axes.
 
 A level sensor at rest shows f = (0, 0, -g): specific force, not gravity. Drivers write rows of a preallocated
 array of `SAMPLE`. `t_ns` is written later by the clock, which fits `tick` (counter wraps removed, lost samples counted)
@@ -22,13 +22,13 @@ SAMPLE = np.dtype(
     align=True,
 )
 
-SUSPECT = 1  # the values contradict their neighbours: damaged on the wire, hold the last good sample
+SUSPECT = 1  # an outlier among its neighbours, probably damaged on the wire; use the last good sample instead
 SATURATED = 2  # an axis is at the end of its range
 DEVICE_ERROR = 4  # the sensor reports a fault
-NO_RATE = 8  # the rates tell nothing: an axis is frozen or impossible
-NO_FORCE = 16  # the forces tell nothing
-LIMITED_RATE = 32  # a gyro is what is saturated
-LIMITED_FORCE = 64  # an accelerometer is
-POWER_ON = 128  # the sensor may have been switched on since the sample before: its biases may be others
+NO_RATE = 8  # the rates are invalid: an axis is frozen or has impossible values
+NO_FORCE = 16  # the forces are invalid
+LIMITED_RATE = 32  # a gyro is saturated
+LIMITED_FORCE = 64  # an accelerometer is saturated
+POWER_ON = 128  # the sensor may have been switched on since the sample before: its biases may have changed
 RECONNECTED = 256  # the first sample of a later connection: the sensor may have been moved since the one before
-UNTOLD = SUSPECT | NO_RATE | NO_FORCE  # something of the sample tells nothing
+UNUSABLE = SUSPECT | NO_RATE | NO_FORCE  # a part of the sample is invalid

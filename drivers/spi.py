@@ -1,4 +1,4 @@
-"""What an SPI port must know of a device: how the bus is set up, and how a sample is fetched. Values only."""
+"""The properties of a device on SPI that its port needs: the bus setup, and how a sample is fetched. Values only."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class Fetch:
 
     clock_hz: int
     cycles: tuple[Cycle, ...]
-    gate: int  # index of the cycle whose answer tells whether there is a new sample; if not, the rest are left out
+    gate: int  # index of the cycle whose answer shows whether there is a new sample; if not, the rest are left out
     is_new: Callable[[bytes], bool]  # of that answer
     capture: int  # index of the cycle at which the device latches the sample
     frame: Callable[[bytes], bytes]

@@ -2,7 +2,7 @@
 
 A sample is a spike if an axis leaves the last good value by more than motion ever makes it in one sample period
 (`floor`), and by more than twice what it recently did. It is motion, not a spike, if the sample before left to the same
-side. Never more than `LONGEST` samples in a row are called spikes, so motion always comes through.
+side. Never more than `RUN_MAX` samples in a row are called spikes, so motion is never suppressed.
 """
 
 from typing import Any
@@ -11,8 +11,8 @@ import numpy as np
 
 from .jit import kernel
 
-LONGEST = 3
-GAP = 8  # ticks after which neighbours say nothing any more
+RUN_MAX = 3
+GAP_MAX = 8  # ticks beyond which neighbours are not compared
 REPEATED = 1.0 / 8.0  # share of a spike's difference that counts as motion
 DECAY = 1.0 / 1024.0  # per sample, of the recent largest difference
 
@@ -32,7 +32,7 @@ SPIKES = np.dtype(
 
 @kernel
 def is_far(s: Any, ticks: int) -> bool:
-    """Whether any axis leaves the last good value by more than it may. Without branches: it is asked of each sample."""
+    """Whether any axis leaves the last good value by more than it may. Without branches, as each sample is tested."""
     far = False
     for i in range(6):
         far |= abs(float(s.raw[i] - s.good[i])) > max(s.floor[i], 2.0 * s.recent[i]) * (ticks + s.run)
@@ -56,10 +56,10 @@ def contradicts(s: Any, ticks: int) -> bool:
 def is_spike(s: Any, ticks: int) -> bool:
     """Judge s.raw, `ticks` after the sample before."""
     raw, good, side, recent = s.raw, s.good, s.side, s.recent
-    comparable = s.started and 0 < ticks <= GAP
-    if comparable and is_far(s, ticks) and contradicts(s, ticks) and s.run < LONGEST:
+    comparable = s.started and 0 < ticks <= GAP_MAX
+    if comparable and is_far(s, ticks) and contradicts(s, ticks) and s.run < RUN_MAX:
         for i in range(6):
-            if side[i] != 0:  # what happens again and again is motion
+            if side[i] != 0:  # a difference that repeats is motion
                 recent[i] += abs(raw[i] - good[i]) * REPEATED / ticks
         s.run += 1
         return True

@@ -13,7 +13,7 @@ FLAGS = (
     *("--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage"),
     "--remote-debugging-port=0",
 )
-START_S = PATIENCE_S = 60.0
+START_S = TIMEOUT_S = 60.0
 DESKTOP, PHONE = (1280, 900), (360, 740)
 
 
@@ -46,7 +46,7 @@ class Page:
         number = next(self._numbers)
         self._answers[number] = asyncio.get_running_loop().create_future()
         await self._channel.send_json({"id": number, "method": method, "params": params})
-        answer = await asyncio.wait_for(self._answers[number], PATIENCE_S)
+        answer = await asyncio.wait_for(self._answers[number], TIMEOUT_S)
         assert "error" not in answer, answer
         return answer["result"]
 
@@ -62,7 +62,7 @@ class Page:
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
 
-    async def until(self, expression, seconds=PATIENCE_S):
+    async def until(self, expression, seconds=TIMEOUT_S):
         """Wait until a JavaScript expression is true; its value."""
         deadline = time.monotonic() + seconds
         while not (value := await self.evaluate(expression)):

@@ -5,7 +5,7 @@ import numpy as np
 from emulated import Emulated
 from scripted import run
 
-from drivers.capture import Connection, Raw, plain
+from drivers.capture import Connection, Raw, to_builtins
 from drivers.detect import detect
 from drivers.driver import Options
 from drivers.registry import by_name
@@ -25,7 +25,7 @@ def record(path, signal, seconds, ideal=False, rate_hz=125.0, gap_s=(0.0, 0.0), 
     driver = by_name(found.driver)
     configured, _ = run(driver.configure(found, Options(rate_hz=rate_hz)), wire)
     file = RecordingFile(path, {"version": "0", "session": path.stem}, b"{}", 0)
-    connection = Connection(_ns(wire), 0, "/dev/emulated", True, "imu", driver.name, plain(configured))
+    connection = Connection(_ns(wire), 0, "/dev/emulated", True, "imu", driver.name, to_builtins(configured))
     file.write("/connections", _ns(wire), msgspec.json.encode(connection))
     wire.outgoing.clear()
     begin = wire.now_s

@@ -9,7 +9,7 @@ from simulated import samples_of
 from drivers.sample import POWER_ON, SUSPECT
 from imud.configuration.settings import Imu, Initial, Settings
 
-NOBODY, HEADED = Initial(), Initial(yaw_deg=20.0)
+UNDRIVEN, HEADED = Initial(), Initial(yaw_deg=20.0)
 BIASES = Flaws(gyro_bias=(0.2 * DEG, -0.1 * DEG, 0.15 * DEG), accel_bias=(2.0 * MG, -3.0 * MG, 1.0 * MG))
 LSB = 0.0125 * DEG, 0.125 * MG  # of the M-G350
 COUNT = 2000.0 * DEG / 2**15  # of a gyro of 2000 deg/s and 16 bits
@@ -35,7 +35,7 @@ def shown(truth, flaws=BIASES, seed=0):
     return samples_of(truth.t, values)
 
 
-def judged(samples, initial=NOBODY, profile="m-g350", estimator="attitude"):
+def judged(samples, initial=UNDRIVEN, profile="m-g350", estimator="attitude"):
     return Recording(estimator, samples, settings=Settings(imu=Imu(profile=profile)), initial=initial)
 
 

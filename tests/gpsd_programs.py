@@ -21,7 +21,7 @@ from pathlib import Path
 import pyte
 import pytest
 from gpsd_synthetic import LAT_DEG, LON_DEG, RADIUS_M
-from processes import PATIENCE_S
+from processes import TIMEOUT_S
 
 SYSTEM_PYTHON = "/usr/bin/python3"  # where Debian's python3-gps is
 PY_GPS = """
@@ -46,7 +46,7 @@ def program(name: str) -> str:
 
 
 def run(*command: str) -> str:
-    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=True).stdout
+    return subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=True).stdout
 
 
 def on_the_circle(lat: float, lon: float) -> bool:
@@ -57,7 +57,7 @@ def on_the_circle(lat: float, lon: float) -> bool:
 
 
 def until(condition: Callable[[], bool], what: str) -> None:
-    end = time.monotonic() + PATIENCE_S
+    end = time.monotonic() + TIMEOUT_S
     while not condition():
         assert time.monotonic() < end, f"in vain: {what}"
         time.sleep(0.05)

@@ -1,6 +1,6 @@
 """NMEA sentences made to order, with their checksum from a plain loop, and a decoder that takes them all."""
 
-from drivers.nmea.decoder import QUIET_NS, NmeaDecoder
+from drivers.nmea.decoder import SILENCE_NS, NmeaDecoder
 
 
 def checksum(body):
@@ -30,4 +30,4 @@ def vtg(course="054.7", kmh="010.2", mode=",A"):
 def decode(data):
     """Fixes and decoder after `data` and a pause."""
     decoder = NmeaDecoder()
-    return decoder.feed(data, 1) + decoder.flush(1 + QUIET_NS), decoder
+    return decoder.feed(data, 1) + decoder.flush(1 + SILENCE_NS), decoder

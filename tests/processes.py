@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 START_S = 900.0  # kernels may have to be compiled first, on a busy machine
-PATIENCE_S = 120.0  # like all limits here: against hanging, not to be measured by
+TIMEOUT_S = 120.0  # like all limits here: against hanging, not to be measured by
 
 
 @contextlib.contextmanager
@@ -71,7 +71,7 @@ class Daemon:
             *lines, self._buffer = (self._buffer + data).split(b"\n")
             yield from map(json.loads, lines)
 
-    def until(self, accept, seconds: float = PATIENCE_S) -> dict:
+    def until(self, accept, seconds: float = TIMEOUT_S) -> dict:
         """The first message that `accept` takes."""
         last = {}
         for message in self.messages(seconds):
@@ -97,7 +97,7 @@ class Daemon:
 
         self.until(reached)
 
-    def says(self, text: str, seconds: float = PATIENCE_S) -> None:
+    def says(self, text: str, seconds: float = TIMEOUT_S) -> None:
         """Wait until the log holds `text`."""
         deadline = time.monotonic() + seconds
         while text not in self.log:

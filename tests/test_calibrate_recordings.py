@@ -39,7 +39,7 @@ def test_a_warm_up_gives_bias_and_slope(warm_up, tmp_path, capsys):
     path, slope, bias = warm_up
     assert calibrate("temperature", path, tmp_path, "--latitude", "35") == 0
     said = capsys.readouterr()
-    assert "its slope: x +0.0" in said.out and f"{SERIAL}: kept in" in said.err
+    assert "its slope: x +0.0" in said.out and f"{SERIAL}: saved in" in said.err
     found = calibration.load(SERIAL, [tmp_path]).gyro
     assert found.slope_radps_per_k == pytest.approx(slope, abs=0.002 * DPS)  # 6 deg/h of in-run bias over 5 K
     assert found.bias_radps == pytest.approx(bias + slope * (found.temperature_c - 25.0), abs=0.01 * DPS)

@@ -119,7 +119,7 @@ def test_every_state_has_a_status_word_and_every_complaint_one_bit(name):
     driver = by_name(name)
     configured = ImuConfigured(Identity(name, ""), 100.0, 10_000_000, 0, 20)
     assert driver.new_state(configured)["status"][0] == 0
-    assert all(mask.bit_count() == 1 for mask in driver.complaints)
+    assert all(mask.bit_count() == 1 for mask in driver.fault_texts)
 
 
 def fix(lat_deg, seconds, speed_mps=0.0, lon_deg=10.0):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 import structlog
-from processes import PATIENCE_S, process
+from processes import TIMEOUT_S, process
 
 from imud.commands import COMMANDS, main
 from imud.process import log
@@ -131,5 +131,5 @@ def test_a_start_can_be_ended_at_once(arguments, code, tmp_path):
             assert running.poll() is None
             time.sleep(0.001)
         running.send_signal(signal.SIGTERM)
-        assert running.wait(PATIENCE_S) == code
+        assert running.wait(TIMEOUT_S) == code
     assert "Traceback" not in (tmp_path / "log").read_text()

@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
-from processes import PATIENCE_S, daemon, emulator, process, silent_tty
+from processes import TIMEOUT_S, daemon, emulator, process, silent_tty
 
 from imud import client
 from imud.commands import main
@@ -39,7 +39,7 @@ def test_attitude_and_bias_of_a_still_sensor(tmp_path):
         imud.comes_at(1000.0, 0.02)
         assert "/numba/" not in Path(f"/proc/{imud.process.pid}/maps").read_text(), "numba compiled something"
         imud.process.send_signal(signal.SIGTERM)
-        assert imud.process.wait(PATIENCE_S) == 0
+        assert imud.process.wait(TIMEOUT_S) == 0
         assert "lost=0" in imud.log
 
 
@@ -77,7 +77,7 @@ def test_the_configuration_is_read_again(tmp_path):
         imud.says("takes effect at the next start: estimator")
         imud.says("no fixes: coasting")
         imud.process.send_signal(signal.SIGTERM)
-        assert imud.process.wait(PATIENCE_S) == 0
+        assert imud.process.wait(TIMEOUT_S) == 0
 
 
 def test_live_subscribers_miss_nothing_beside_one_that_stalls(tmp_path):
@@ -90,7 +90,7 @@ def test_live_subscribers_miss_nothing_beside_one_that_stalls(tmp_path):
         contextlib.ExitStack() as stack,
     ):
         imud.says("roll and pitch are valid")
-        live = [stack.enter_context(client.connect(stream, EVERY, PATIENCE_S)) for _ in range(3)]
+        live = [stack.enter_context(client.connect(stream, EVERY, TIMEOUT_S)) for _ in range(3)]
         last = [next(states) for states in live]
         for _ in range(3000 // EVERY):
             for i, states in enumerate(live):
@@ -235,7 +235,7 @@ def test_a_signal_ends_the_compiling_by_numba(tmp_path, number, code):
             assert running.poll() is None
             time.sleep(0.02)
         running.send_signal(number)
-        assert running.wait(PATIENCE_S) == code
+        assert running.wait(TIMEOUT_S) == code
     said = (tmp_path / "log").read_text()
     assert "ready" not in said
     assert "Traceback" not in said
@@ -254,11 +254,11 @@ def test_a_hang_up_that_nohup_had_ignored_ends_nothing(tmp_path):
             time.sleep(0.05)
         running.send_signal(signal.SIGHUP)
         running.send_signal(signal.SIGTERM)
-        assert running.wait(PATIENCE_S) == 0
+        assert running.wait(TIMEOUT_S) == 0
 
 
 def test_ctrl_c(tmp_path):
     with daemon(tmp_path, "--port", str(tmp_path / "absent")) as imud:
         imud.process.send_signal(signal.SIGINT)
-        assert imud.process.wait(PATIENCE_S) == 130
+        assert imud.process.wait(TIMEOUT_S) == 130
         assert "Traceback" not in imud.log

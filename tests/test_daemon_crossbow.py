@@ -1,7 +1,7 @@
 """The daemon with an emulated Crossbow DMU, through a pseudo-terminal."""
 
 import pytest
-from processes import PATIENCE_S, daemon, emulator
+from processes import TIMEOUT_S, daemon, emulator
 
 
 def test_tilt_of_a_still_dmu(tmp_path):
@@ -16,6 +16,6 @@ def test_tilt_of_a_still_dmu(tmp_path):
         assert est["roll_deg"] == pytest.approx(10.0, abs=0.5)
         assert est["pitch_deg"] == pytest.approx(-5.0, abs=0.5)
         imud.process.terminate()
-        assert imud.process.wait(PATIENCE_S) == 0
+        assert imud.process.wait(TIMEOUT_S) == 0
         assert "serial=30042" in imud.log
         assert "lost=0" in imud.log

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from processes import PATIENCE_S, daemon, emulator
+from processes import TIMEOUT_S, daemon, emulator
 
 from imud.client import connect
 
@@ -21,11 +21,11 @@ def test_attitude_of_a_polled_g350(tmp_path):
         est = imud.until(lambda m: m["class"] == "EST" and "aligning" not in m["state"])
         assert est["roll_deg"] == pytest.approx(10.0, abs=0.3)
         assert est["pitch_deg"] == pytest.approx(-5.0, abs=0.3)
-        with connect(stream, timeout_s=PATIENCE_S) as states:
+        with connect(stream, timeout_s=TIMEOUT_S) as states:
             steps = np.diff([next(states).t_ns for _ in range(120)]) / PERIOD_NS
         passed = np.round(steps)  # by the sensor's own count; a busy machine asks too late for some
         assert np.mean((passed > 0) & (np.abs(steps - passed) < 0.05)) > 0.9, steps
         assert (passed == 1).any(), steps
         imud.process.terminate()
-        assert imud.process.wait(PATIENCE_S) == 0
+        assert imud.process.wait(TIMEOUT_S) == 0
         assert "junk=0" in imud.log

@@ -1,7 +1,7 @@
 """A recording that is played to the daemon, end to end."""
 
 from emulated_recording import record
-from processes import PATIENCE_S, daemon
+from processes import TIMEOUT_S, daemon
 
 from firmware_sim.motion import Trajectory
 from firmware_sim.scenarios import SCENARIOS
@@ -15,7 +15,7 @@ def test_a_gap_in_a_recording_is_passed_once(tmp_path):
     with daemon(tmp_path, "--port", f"replay:{path}", "--estimator", "attitude") as imud:
         imud.says("played to its end")
         imud.process.terminate()
-        assert imud.process.wait(PATIENCE_S) == 0
+        assert imud.process.wait(TIMEOUT_S) == 0
         samples = int(imud.log.partition("ended samples=")[2].split()[0])
         assert abs(samples - (SECONDS - GAP_S[1] + GAP_S[0]) * RATE_HZ) < 10
         assert imud.log.count(" streaming ") == 1

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from processes import PATIENCE_S, daemon
+from processes import TIMEOUT_S, daemon
 
 ROOT = Path(__file__).resolve().parents[1]
 STAND_IN = ROOT / "firmware_sim" / "stand_in"
@@ -41,7 +41,7 @@ def test_attitude_of_a_still_sensor(tmp_path, bench, device, model, settings):
         rate = (later["seq"] - est["seq"]) / (later["t_mono_ns"] - est["t_mono_ns"]) * 1e9
         assert 50.0 < rate < 255.0  # none twice; what else the machine does may cost some
         imud.process.terminate()
-        assert imud.process.wait(PATIENCE_S) == 0
+        assert imud.process.wait(TIMEOUT_S) == 0
         assert model in imud.log
         assert "broken rules: none" in imud.log
         assert " bad=0 " in imud.log

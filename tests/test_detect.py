@@ -9,7 +9,7 @@ from scripted import G350, Mute, Speaker, Windowed, run
 
 from drivers.detect import detect
 from drivers.driver import GnssConfigured, Identity, Options, Unsupported
-from drivers.findings import Chatter, Echo, Silence
+from drivers.findings import Echo, Silence, UnrecognisedData
 from drivers.registry import by_name, drivers, names
 
 BURST = (
@@ -109,7 +109,7 @@ def test_what_the_user_names_is_all_that_is_tried():
     assert seconds < 1.5
     assert isinstance(run(detect("epson", 9600), G350(230400))[0], Silence)
     receiver = Speaker(9600, BURST)
-    assert isinstance(run(detect("epson"), receiver)[0], Chatter)
+    assert isinstance(run(detect("epson"), receiver)[0], UnrecognisedData)
     silent = G350()
     assert isinstance(run(detect("nmea"), silent)[0], Silence)
     assert silent.written == b""
@@ -162,7 +162,7 @@ def test_an_echo_is_told_at_once():
 def test_an_unknown_talker_is_explained_and_left_alone():
     device = Speaker(9600, b"hello, I am a coffee machine\r\n")
     found, _ = run(detect(), device)
-    assert isinstance(found, Chatter)
+    assert isinstance(found, UnrecognisedData)
     assert "bytes heard at" in str(found)
     assert "text, but of no device" in str(found)
     assert "hello, I am a coffee machine" in str(found)
@@ -177,8 +177,8 @@ def test_a_stream_at_another_speed_than_the_one_named_is_called_garbage(baud):
 
 
 def test_garbage_is_the_same_news_whatever_its_bytes():
-    one, other = (Chatter(bytes([128 + byte]) * 200, baud, (baud,)) for byte, baud in ((1, 9600), (2, 4800)))
-    assert (str(one) != str(other)) and one.gist == other.gist
+    one, other = (UnrecognisedData(bytes([128 + byte]) * 200, baud, (baud,)) for byte, baud in ((1, 9600), (2, 4800)))
+    assert (str(one) != str(other)) and one.summary == other.summary
 
 
 def test_a_silent_line_at_the_one_speed_named_says_that_no_other_was_tried():

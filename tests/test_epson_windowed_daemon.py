@@ -1,7 +1,7 @@
 """Emulated windowed sensors on pseudo-terminals and the daemon, end to end."""
 
 import pytest
-from processes import PATIENCE_S, daemon, emulator
+from processes import TIMEOUT_S, daemon, emulator
 
 REST = ("--scenario", "rest", "--roll-deg", "10", "--pitch-deg", "-5", "--gyro-bias-dps", "0.05,-0.05,0.05")
 
@@ -25,5 +25,5 @@ def test_attitude_of_a_still_sensor(tmp_path, device, model, frame):
         assert model in imud.log
         assert frame in imud.log
         imud.process.terminate()
-        assert imud.process.wait(PATIENCE_S) == 0
+        assert imud.process.wait(TIMEOUT_S) == 0
         assert "lost=0" in imud.log

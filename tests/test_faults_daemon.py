@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from processes import PATIENCE_S, daemon, emulator
+from processes import TIMEOUT_S, daemon, emulator
 from test_recording import stored
 
 from imud.configuration.settings import Initial
@@ -75,7 +75,7 @@ def test_emulated_ports_of_one_scenario_share_their_motion(tmp_path):
         assert len(children) == 1
         imud.process.kill()
         imud.process.wait()
-        deadline = time.monotonic() + PATIENCE_S
+        deadline = time.monotonic() + TIMEOUT_S
         while children[0].exists():
             assert time.monotonic() < deadline
             time.sleep(0.05)
@@ -123,7 +123,7 @@ def test_after_a_replug_with_other_biases_the_attitude_is_right_by_its_sigma_liv
         assert est["bgx_dps"] == pytest.approx(0.4, abs=0.1)
         assert max(est["sroll_deg"], est["spitch_deg"]) < 1.0
         imud.process.terminate()
-        assert imud.process.wait(PATIENCE_S) == 0
+        assert imud.process.wait(TIMEOUT_S) == 0
     assert replayed(Recording([recording])).tobytes() == stored(recording, ESTIMATE_TABLE).tobytes()
 
 

@@ -16,7 +16,7 @@ import pynmeagps
 import pytest
 from gpsd_programs import on_the_circle, program, py_gps, run, terminal, until
 from gpsd_synthetic import GEOID_M, HEIGHT_M, ROLL_DEG, SPEED_MPS, running
-from processes import PATIENCE_S
+from processes import TIMEOUT_S
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +84,7 @@ def test_gpxlogger_writes_a_track(server, tmp_path):
 def test_gps2udp_forwards_the_messages(server):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
-        receiver.settimeout(PATIENCE_S)
+        receiver.settimeout(TIMEOUT_S)
         target = f"127.0.0.1:{receiver.getsockname()[1]}"
         with subprocess.Popen([program("gps2udp"), "-j", "-u", target, server], stdout=subprocess.DEVNULL) as process:
             seen = set()
@@ -113,7 +113,7 @@ def test_python_gps_module(server):
 def test_gpsdclient(server):
     gpsdclient = pytest.importorskip("gpsdclient")
     host, _, port = server.rpartition(":")
-    with gpsdclient.GPSDClient(host, port, timeout=PATIENCE_S) as client:
+    with gpsdclient.GPSDClient(host, port, timeout=TIMEOUT_S) as client:
         stream = client.dict_stream(convert_datetime=True)
         messages = [next(stream) for _ in range(8)]
     kinds = [message["class"] for message in messages]

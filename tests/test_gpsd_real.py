@@ -18,7 +18,7 @@ from collections.abc import Iterator
 import pytest
 from gpsd_programs import on_the_circle, program, py_gps, terminal, until
 from gpsd_synthetic import running
-from processes import PATIENCE_S
+from processes import TIMEOUT_S
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def real_gpsd(source: str) -> Iterator[str]:
 
 def messages_of(address: str, *requests: bytes) -> Iterator[dict]:
     host, _, port = address.rpartition(":")
-    with socket.create_connection((host, int(port)), timeout=PATIENCE_S) as sock:
+    with socket.create_connection((host, int(port)), timeout=TIMEOUT_S) as sock:
         for request in requests:
             sock.sendall(request)
         for text in sock.makefile("rb"):
@@ -118,7 +118,7 @@ def conversation(address: str, *requests: bytes) -> list[list[str]]:
     """
     host, _, port = address.rpartition(":")
     answers = []
-    with socket.create_connection((host, int(port)), timeout=PATIENCE_S) as sock:
+    with socket.create_connection((host, int(port)), timeout=TIMEOUT_S) as sock:
         lines = sock.makefile("rb")
         next(lines)
         for request in requests:

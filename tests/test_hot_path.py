@@ -8,7 +8,7 @@ import subprocess
 import time
 
 import pytest
-from processes import PATIENCE_S, START_S, emulator, process
+from processes import START_S, TIMEOUT_S, emulator, process
 
 from imud.client import connect
 from imud.commands.bench.live import traced_calls
@@ -47,7 +47,7 @@ def watched(tmp_path_factory):
                 if attached:
                     calls = traced_calls((folder / "calls").read_text()) | {"frames": seen[-1] - begin}
         running.send_signal(signal.SIGTERM)
-        assert running.wait(PATIENCE_S) == 0
+        assert running.wait(TIMEOUT_S) == 0
     return json.loads((folder / "seen.json").read_text()), calls
 
 

@@ -114,10 +114,10 @@ def test_a_bad_name_is_refused(capsys):
 
 def test_a_failing_command_is_named():
     with pytest.raises(install_service.ImudError, match="`false` failed with 1"):
-        Run(("false",)).do()
+        Run(("false",)).execute()
     with pytest.raises(install_service.ImudError, match="no no-such-command"):
-        Run(("no-such-command",)).do()
-    Run(("no-such-command",), optional=True).do()
+        Run(("no-such-command",)).execute()
+    Run(("no-such-command",), optional=True).execute()
 
 
 @pytest.mark.skipif(not Path("/usr/bin/systemd-sysusers").exists(), reason="systemd is not installed")

@@ -162,7 +162,7 @@ REFUSED = {
     "wrong checksum": gga().replace(b"4807", b"4808"),
     "no checksum": gga()[:-5] + b"\r\n",
     "garbage": line(b"GPGGA,12\x0000"),
-    "overlong": line("GPGGA," + "1" * 600),
+    "too long": line("GPGGA," + "1" * 600),
     "GGA latitude": (
         gga(lat="8960.000000,N"),
         gga(lat="36000.0000,N"),

@@ -6,7 +6,7 @@ from fractions import Fraction
 import pytest
 from nmea_lines import decode, gga, line, rmc, vtg
 
-from drivers.nmea.decoder import QUIET_NS, NmeaDecoder
+from drivers.nmea.decoder import SILENCE_NS, NmeaDecoder
 
 
 class Receiver:
@@ -75,7 +75,7 @@ def test_a_damaged_sentence_costs_its_own_epoch_only(paused):
         receiver.burst(first, vtg(kmh=str(k)))
         if not paused:
             receiver.now_ns -= 900_000_000  # a line without a pause
-    receiver.fixes += receiver.decoder.flush(receiver.now_ns + QUIET_NS)
+    receiver.fixes += receiver.decoder.flush(receiver.now_ns + SILENCE_NS)
     assert [fix.utc_s - 43200 for fix in receiver.fixes] == [0, 1, 2, 3, 5, 6, 7]
     assert [round(fix.speed_mps * 3.6) for fix in receiver.fixes] == [0, 1, 2, 3, 5, 6, 7]
 
@@ -84,7 +84,7 @@ def test_the_end_of_a_burst_that_began_before_us_stays_out_of_the_next():
     decoder, stream = NmeaDecoder(), vtg(kmh="0")
     for k in range(1, 5):
         stream += gga(at(k)) + slow_rmc(at(k)) + vtg(kmh=str(k))
-    fixes = decoder.feed(stream, 1) + decoder.flush(1 + QUIET_NS)  # a line without pauses
+    fixes = decoder.feed(stream, 1) + decoder.flush(1 + SILENCE_NS)  # a line without pauses
     assert [fix.speed_mps for fix in fixes] == [float(Fraction(k) * 10 / 36) for k in range(1, 5)]
 
 
@@ -160,7 +160,7 @@ def test_zda_before_the_rest_dates_the_fix_and_begins_the_epoch():
     decoder, stream = NmeaDecoder(), b""
     for k in range(4):
         stream += line(f"GPZDA,{at(k)},2{k},11,2026,00,00") + gga(at(k))
-    fixes = decoder.feed(stream, 1) + decoder.flush(1 + QUIET_NS)
+    fixes = decoder.feed(stream, 1) + decoder.flush(1 + SILENCE_NS)
     assert [fix.date for fix in fixes] == [date(2026, 11, 20 + k) for k in range(4)]
     receiver = Receiver()
     receiver.burst(line(f"GPZDA,{at(0)},21,11,2026,00,00"), gga(at(0)))
@@ -198,7 +198,7 @@ def test_vtg_that_does_not_go_with_rmc_is_not_used_alone():
     decoder, stream = NmeaDecoder(), b""
     for k in range(5):
         stream += vtg(kmh=str(10 * k)) + (rmc(at(k), motion=f"{k / 0.1852},0") if k != 3 else b"") + gga(at(k))
-    fixes = decoder.feed(stream, 1) + decoder.flush(1 + QUIET_NS)
+    fixes = decoder.feed(stream, 1) + decoder.flush(1 + SILENCE_NS)
     assert [fix.speed_mps and round(fix.speed_mps * 3.6) for fix in fixes] == [0, 10, 20, None, 40]
 
 

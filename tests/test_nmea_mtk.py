@@ -5,14 +5,14 @@ import time
 import numpy as np
 import pytest
 from nmea_lines import gga, line, rmc, vtg
-from processes import PATIENCE_S, daemon, emulator
+from processes import TIMEOUT_S, daemon, emulator
 from scripted import Line, Speaker, run
 
 from drivers.detect import detect
 from drivers.driver import Identity, Options
 from drivers.nmea.driver import DRIVER, MEDIATEK
 from drivers.nmea.mtk import command, speaks_mtk
-from drivers.transport.conversation import run_dialogue
+from drivers.transport.dialogue_runner import run_dialogue
 from drivers.transport.portspec import PortSpec
 from drivers.transport.serial import SerialPort
 from firmware_sim.fixes import SimulatedFixes
@@ -177,7 +177,7 @@ def test_on_a_pseudo_terminal(tmp_path, baud):
             found = run_dialogue(port, detect("nmea"))
             configured = run_dialogue(port, DRIVER.configure(found, FAST))
             assert (configured.identity.baud, configured.warnings) == (57600, ())
-            decoder, fixes, end = DRIVER.new_decoder(), [], time.monotonic() + PATIENCE_S
+            decoder, fixes, end = DRIVER.new_decoder(), [], time.monotonic() + TIMEOUT_S
             while len(fixes) < 12 and time.monotonic() < end:
                 fixes += decoder.feed(port.read(), time.monotonic_ns())
                 time.sleep(0.01)

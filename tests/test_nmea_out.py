@@ -16,7 +16,7 @@ import pynmeagps
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from processes import PATIENCE_S
+from processes import TIMEOUT_S
 from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Nmea
@@ -174,7 +174,7 @@ def read_until(fd, end):
 
 def settle(fd, wanted):
     """Wait until so many bytes can be read from the descriptor: a pseudo-terminal delivers in its own time."""
-    give_up = time.monotonic() + PATIENCE_S
+    give_up = time.monotonic() + TIMEOUT_S
     while (unread := int.from_bytes(fcntl.ioctl(fd, termios.FIONREAD, bytes(4)), sys.byteorder)) != wanted:
         assert time.monotonic() < give_up, (unread, wanted)
         time.sleep(0.001)

@@ -6,7 +6,7 @@ import time
 
 import msgspec
 import pytest
-from processes import PATIENCE_S
+from processes import TIMEOUT_S
 
 from drivers.capture import Capture
 from imud.commands import main
@@ -21,7 +21,7 @@ def settings(folder="", path=""):
 
 def until(accept, recordings):
     """The state that `accept` takes, looked after as the daemon does."""
-    deadline = time.monotonic() + PATIENCE_S
+    deadline = time.monotonic() + TIMEOUT_S
     while not accept(state := json.loads(recordings.status())):
         assert time.monotonic() < deadline, state
         recordings.tick()

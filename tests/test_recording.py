@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from processes import PATIENCE_S, daemon, emulator
+from processes import TIMEOUT_S, daemon, emulator
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
@@ -40,7 +40,7 @@ def recorded(tmp_path_factory):
         start = imud.until(lambda m: m["class"] == "EST" and "heading" in m["state"])["t_mono_ns"]
         imud.until(lambda m: m["class"] == "EST" and m["t_mono_ns"] > start + 3_000_000_000)
         imud.process.terminate()
-        assert imud.process.wait(PATIENCE_S) == 0
+        assert imud.process.wait(TIMEOUT_S) == 0
     return folder / "drive.mcap"
 
 
@@ -205,7 +205,7 @@ def test_a_recording_is_an_ordinary_port(recorded, tmp_path):
         while imud.log.count("played to its end") < 2:
             imud.until(lambda m: True)
         imud.process.terminate()
-        assert imud.process.wait(PATIENCE_S) == 0
+        assert imud.process.wait(TIMEOUT_S) == 0
     for kind in ("imu", "gnss"):
         (copied, came_ns), (original, once_ns) = (_bytes(path, kind) for path in (tmp_path / "copy.mcap", recorded))
         assert original.endswith(copied)

@@ -148,7 +148,7 @@ def test_a_given_start_needs_no_alignment(drive, tmp_path):
         (("-o", "/nonexistent/est.csv"), 73, b"/nonexistent/est.csv"),
         (("-o", "-", "--gnss", "/nonexistent.csv"), 66, b"/nonexistent.csv"),
         (("-o", "-", "--gnss", "{imu}"), 65, b"lat_deg"),
-        (("-o", "{imu}"), 73, b"written over"),
+        (("-o", "{imu}"), 73, b"overwritten"),
         (("-o", "-", "--estimator", "magic"), 64, b"magic"),
         (("-o", "-", "--initial", "yaw=3"), 78, b"--initial"),
         (("-o", "-", "--rate", "0"), 64, b"--rate"),

@@ -13,13 +13,13 @@ from scipy import stats
 
 from drivers.sample import SAMPLE
 from imud.commands import main
-from imud.commands.report import names_apart, read
+from imud.commands.report import distinct_labels, read
 from imud.commands.report.content import panels
 from imud.commands.report.envelope import Envelope
 from imud.commands.report.findings import findings
-from imud.commands.report.session import Estimates, Innovations, Part, Session, together
+from imud.commands.report.reduction import SensorReduction
+from imud.commands.report.session import Estimates, Innovations, Part, Session, merged
 from imud.commands.report.statistics import autocorrelation, chi2_bounds, effective_number, moving_mean
-from imud.commands.report.watch import SensorWatch
 from imud.estimators.records import ATTITUDE_VALID, FIX, INNOVATION, POSITION_N, POSITION_VALID, REJECTING, SOLUTION
 from imud.figures import kept
 from imud.tables.estimates import EstimateWriter, write_innovations
@@ -70,7 +70,7 @@ def said(*of, sensors=()):
 
 def watched(rows, block=700):
     """As a report sees a sensor, block by block."""
-    watch = SensorWatch("imu")
+    watch = SensorReduction("imu")
     for start in range(0, len(rows), block):
         watch.add(rows[start : start + block])
     return watch.close()
@@ -85,7 +85,7 @@ WHITE = (WHITE - WHITE.mean()) / WHITE.std()
     [
         (innovations(WHITE), ""),
         (innovations(1.5 * WHITE), "overconfident: the innovations are 1.5"),
-        (innovations(0.4 * WHITE), "cautious"),
+        (innovations(0.4 * WHITE), "conservative"),
         (innovations(WHITE + 0.6), "biased: mean +0.6"),
         (innovations(np.convolve(WHITE, np.full(4, 0.5), "same")), "not white"),
         (innovations(WHITE, np.arange(400) % 10 > 0), "10 % of 400 innovations were rejected: the gate is too tight"),
@@ -242,7 +242,7 @@ def test_runs_at_the_same_time_share_an_axis_and_those_of_other_days_lie_over_th
         run = Estimates("run", columns, np.zeros(2, int), {}, (0.5,))
         return Part(int(first), first, last, Session(estimates=(run,)))
 
-    whole = together([part(1000.25, 1030.0), part(90_000.25, 90_010.0), part(1020.0, 1040.0)])
+    whole = merged([part(1000.25, 1030.0), part(90_000.25, 90_010.0), part(1020.0, 1040.0)])
     assert [run.columns["t_s"][0] for run in whole.estimates] == [0.25, 20.25, 0.25]
     assert [run.lost_s for run in whole.estimates] == [(0.5,), (20.5,), (0.5,)]
 
@@ -256,7 +256,7 @@ def test_runs_at_the_same_time_share_an_axis_and_those_of_other_days_lie_over_th
     ],
 )
 def test_files_that_are_overlaid_are_told_apart(paths, names):
-    assert names_apart([Path(path) for path in paths]) == names
+    assert distinct_labels([Path(path) for path in paths]) == names
 
 
 def test_the_page_says_and_draws_what_the_files_tell(files, capsys):

@@ -7,7 +7,7 @@ import sys
 import pytest
 from processes import emulator
 
-from drivers.crossbow.services import look
+from drivers.crossbow.services import gyro_at_rest
 from drivers.transport.line import open_line
 from drivers.transport.portspec import PortSpec
 from firmware_sim.rga300 import Reading
@@ -30,7 +30,7 @@ def sensor(capsys, *arguments):
 def test_nothing_is_done_unasked(unit, capsys, monkeypatch):
     code, out, err = sensor(capsys, unit, "zero")
     assert (code, out) == (64, "")
-    assert "takes what its gyro reads for 60 s for zero" in err
+    assert "averages its gyro for 60 s" in err
     assert "--yes" in err
     terminal = io.StringIO("no\n")
     monkeypatch.setattr(terminal, "isatty", lambda: True)
@@ -88,7 +88,7 @@ def test_a_sensor_that_does_no_such_thing(tmp_path, capsys):
 
 def looked(rates_dps):
     """What `look` makes of a unit that turns so fast in packet after packet; of silence behind them."""
-    talk = look()
+    talk = gyro_at_rest()
     next(talk)
     try:
         for rate in rates_dps:

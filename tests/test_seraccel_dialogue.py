@@ -7,7 +7,7 @@ from seraccel_lines import BINARY, GOLDEN, RAW, SUCCESSOR, raw
 from drivers.detect import detect
 from drivers.driver import Identity, Options
 from drivers.epson.driver import DRIVER as EPSON
-from drivers.findings import Chatter
+from drivers.findings import UnrecognisedData
 from drivers.seraccel.driver import DRIVER
 from drivers.seraccel.ranges import RANGES
 from firmware_sim.uart import garble
@@ -164,7 +164,7 @@ def test_what_does_not_play_along_is_not_configured(device):
 
 def test_a_stranger_that_talks_is_not_written_to():
     device = Speaker(57600, b"hello, I am a coffee machine\r\n", period_s=0.05)
-    assert isinstance(run(detect("seraccel"), device)[0], Chatter)
+    assert isinstance(run(detect("seraccel"), device)[0], UnrecognisedData)
     assert device.written == b""
 
 

@@ -16,7 +16,7 @@ import pytest
 
 from drivers.dialogue import Exchange
 from drivers.errors import NotSerialError, PortAbsentError, PortBusyError, PortDeniedError, PortLostError, SpecError
-from drivers.transport.conversation import Conversation, run_dialogue
+from drivers.transport.dialogue_runner import DialogueRunner, run_dialogue
 from drivers.transport.portspec import PortSpec
 from drivers.transport.serial import SerialPort
 
@@ -258,7 +258,7 @@ def test_a_conversation_steps_through_its_exchanges():
 
     time_s = [10.0]
     line = Line(b"a", b"b.", b"late")
-    conversation = Conversation(line, dialogue(), lambda: time_s[0])
+    conversation = DialogueRunner(line, dialogue(), lambda: time_s[0])
     conversation.start()
     assert line.done == [9600, "discard", b"one", b"two"]
     assert (heard, conversation.deadline_s, conversation.finished) == ([b""], 12.0, False)

@@ -179,16 +179,16 @@ def test_a_torn_sample_is_none_and_the_next_is_looked_for_at_once(port, modules)
 def test_without_edges_it_is_looked_for_in_time_and_said(port):
     begin(port, plan(period_ns=SHORT_NS))
     for k in range(60):
-        assert not port.complaint or k >= 50
+        assert not port.warning or k >= 50
         assert readable(port, 1000)
         assert sample(port)[0]
     assert port.counters["unannounced"] == 60
-    assert "gpiochip0:24" in port.complaint
+    assert "gpiochip0:24" in port.warning
 
 
 def test_a_sample_fetched_by_time_has_the_time_at_which_it_was_chosen(timed):
     begin(timed)
-    assert timed.complaint == ""
+    assert timed.warning == ""
     times = []
 
     def note():

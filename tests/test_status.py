@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from processes import PATIENCE_S, daemon, emulator
+from processes import TIMEOUT_S, daemon, emulator
 
 from imud.commands import status
 from imud.commands.metrics import METRICS, prometheus
@@ -67,13 +67,13 @@ def test_a_running_daemon_tells_the_same_in_three_forms(tmp_path):
         asked = 0
         while not tells_all(first := json.loads(ask("--json", address))):
             asked += 1
-            assert asked < PATIENCE_S, first
+            assert asked < TIMEOUT_S, first
             list(imud.messages(1.0))
         found = families(ask("--prometheus", address))
         screen = ask(address)
         while not comes_as_agreed(last := json.loads(ask("--json", address))):
             asked += 1
-            assert asked < PATIENCE_S, last
+            assert asked < TIMEOUT_S, last
             list(imud.messages(1.0))
         kinds = {message["class"] for message in imud.messages(1.5)}
         imud.process.terminate()
@@ -232,16 +232,16 @@ def stranger(*lines: bytes):
 @pytest.mark.parametrize(
     ("lines", "says"),
     [
-        ((b'{"class":"VERSION"}\r\n', b'{"class":"ERROR","message":"Unrecognized"}\r\n'), "no imud.*Unrecognized"),
+        ((b'{"class":"VERSION"}\r\n', b'{"class":"ERROR","message":"Unrecognized"}\r\n'), "not imud.*Unrecognized"),
         ((b'{"class":"ERROR","message":"too many clients"}\r\n',), r"too many clients: .*gpsd\.max_clients"),
-        ((b"SSH-2.0-OpenSSH\r\n",), "no imud"),
-        ((b"[]\n",), "no imud"),
-        ((b'{"class":"VERSION"}\r\n',), "no imud"),
+        ((b"SSH-2.0-OpenSSH\r\n",), "not imud"),
+        ((b"[]\n",), "not imud"),
+        ((b'{"class":"VERSION"}\r\n',), "not imud"),
         ((), "open, but does not answer"),
     ],
 )
 def test_who_is_no_imud_is_told_apart(monkeypatch, lines, says):
-    monkeypatch.setattr(status, "PATIENCE_S", 0.5)
+    monkeypatch.setattr(status, "TIMEOUT_S", 0.5)
     with stranger(*lines) as address, pytest.raises(ImudError, match=says):
         status.ask(parse_address(address, 1))
 

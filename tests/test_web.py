@@ -12,7 +12,7 @@ aiohttp = pytest.importorskip("aiohttp", reason="the live page needs the extra i
 pytest.importorskip("plotly", reason="the live page needs the extra imud[web]")
 
 from browser import DESKTOP, PHONE, browser, program  # noqa: E402
-from processes import PATIENCE_S, daemon, process  # noqa: E402
+from processes import TIMEOUT_S, daemon, process  # noqa: E402
 
 from imud.commands import web  # noqa: E402
 from imud.errors import UsageError  # noqa: E402
@@ -50,7 +50,7 @@ async def scripted_daemon(path, *lines):
             writer.close()
 
 
-async def heard(channel, accept, seconds=PATIENCE_S):
+async def heard(channel, accept, seconds=TIMEOUT_S):
     """The first news that `accept` takes."""
     async with asyncio.timeout(seconds):
         while "control" in (news := await channel.receive_json()) or not accept(news):
@@ -71,7 +71,7 @@ def test_news_follow_the_daemon_as_it_comes_and_goes(tmp_path):
                 watch = json.loads(asked[0].removeprefix(b"?WATCH="))
                 assert 10 <= watch["rate"] <= 20 and {"ATT", "EST", "SKY"} == set(watch["class"].split(","))
             async with scripted_daemon(path, b"SSH-2.0-OpenSSH_9.2"):
-                news = await heard(channel, lambda n: "not gpsd" in (n["why"] or ""))
+                news = await heard(channel, lambda n: "gpsd's protocol" in (n["why"] or ""))
                 assert "EST" not in news  # nothing old is shown as if it were new
 
     with page_server(path) as url:
@@ -120,7 +120,7 @@ def test_other_sites_pages_record_nothing(headers, status, tmp_path):
                         await heard(channel, lambda n: "EST" in n)
                         for text in ("no such order", "record", "stop"):
                             await channel.send_str(text)
-                        async with asyncio.timeout(PATIENCE_S):
+                        async with asyncio.timeout(TIMEOUT_S):
                             while len(orders(asked)) < 2:
                                 await asyncio.sleep(0.05)
                         found = 101
@@ -162,14 +162,14 @@ def test_the_page_is_whole_and_asks_nothing_of_other_machines(served):
 )
 def test_a_bad_address_is_told(arguments, code, says):
     command = [sys.executable, "-m", "imud", "web", *arguments]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
     assert (ended.returncode, ended.stdout) == (code, "")
     assert says in ended.stderr and "Traceback" not in ended.stderr
 
 
 def test_a_port_that_is_taken_is_told(served):
     command = [sys.executable, "-m", "imud", "web", "--listen", served.removeprefix("http://").rstrip("/")]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
     assert ended.returncode == 73 and "in use by" in ended.stderr
 
 

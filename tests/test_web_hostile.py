@@ -16,7 +16,7 @@ pytest.importorskip("aiohttp", reason="the live page needs the extra imud[web]")
 pytest.importorskip("plotly", reason="the live page needs the extra imud[web]")
 
 from aiohttp.http_exceptions import BadHttpMessage
-from processes import PATIENCE_S
+from processes import TIMEOUT_S
 
 from imud.commands.web import limits
 from imud.commands.web.server import is_own_name, is_own_origin
@@ -38,12 +38,12 @@ def page_server(tmp_path, code="", descriptors=None):
             yield (host, int(port)), (tmp_path / "stderr").read_text
         finally:
             running.terminate()
-            assert running.wait(PATIENCE_S) == 0
+            assert running.wait(TIMEOUT_S) == 0
 
 
 def answer(address, request: bytes, whole: bool = True) -> bytes:
     """What comes back; after a request that is not whole nothing more is sent."""
-    with socket.create_connection(address, timeout=PATIENCE_S) as sock:
+    with socket.create_connection(address, timeout=TIMEOUT_S) as sock:
         sock.sendall(request)
         if not whole:
             sock.shutdown(socket.SHUT_WR)
@@ -133,7 +133,7 @@ def test_malformed_requests_are_a_line_each_kind_and_no_traceback(tmp_path):
 def test_a_connection_without_a_whole_request_is_ended(tmp_path):
     code = "from imud.commands.web import limits; limits.HEADER_S = 0.3"
     with page_server(tmp_path, code) as (address, printed):
-        slow = [socket.create_connection(address, timeout=PATIENCE_S) for _ in range(5)]
+        slow = [socket.create_connection(address, timeout=TIMEOUT_S) for _ in range(5)]
         for sock in slow[1:]:
             sock.sendall(b"GET / HTTP/1.1\r\nHost: loc")
         for sock in slow:
@@ -145,15 +145,15 @@ def test_a_connection_without_a_whole_request_is_ended(tmp_path):
 def test_at_its_limit_of_descriptors_it_goes_on_serving_and_prints_little(tmp_path):
     with page_server(tmp_path, descriptors=96) as (address, printed), contextlib.ExitStack() as stack:
         for _ in range(200):
-            stack.enter_context(socket.create_connection(address, timeout=PATIENCE_S))
-        deadline = time.monotonic() + PATIENCE_S
+            stack.enter_context(socket.create_connection(address, timeout=TIMEOUT_S))
+        deadline = time.monotonic() + TIMEOUT_S
         while "connections: the newest are closed" not in printed():
             assert time.monotonic() < deadline
             time.sleep(0.05)
         stack.close()
         url = f"http://{address[0]}:{address[1]}/page/style.css"
         while True:  # the connections that are closed are seen one by one
-            with contextlib.suppress(OSError), urllib.request.urlopen(url, timeout=PATIENCE_S) as page:
+            with contextlib.suppress(OSError), urllib.request.urlopen(url, timeout=TIMEOUT_S) as page:
                 assert page.status == 200
                 break
             assert time.monotonic() < deadline

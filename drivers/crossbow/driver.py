@@ -18,8 +18,8 @@ from .packet import (
     ACCEL_FAILED,
     ACCEL_SCALE,
     BIT,
-    COMPLAINTS,
     CONVENTIONS,
+    FAULT_TEXTS,
     LENGTH,
     PART,
     RANGE_LSB,
@@ -30,7 +30,7 @@ from .packet import (
     ZERO_INVALID,
     word,
 )
-from .protocol import ask_packets, describe, pace, ping, unsupported
+from .protocol import ask_packets, describe, ping, sustained_rate, unsupported
 from .services import SERVICES
 from .signatures import convention, is_stream, relative, scan
 from .timer import spacing_ns
@@ -41,7 +41,7 @@ TURN_S = 1e-3  # from a request to its answer, at most
 PART_NUMBER = 300
 ABILITIES = (False, False, True), RANGE_LSB * RATE_SCALE, RANGE_LSB * ACCEL_SCALE  # gyro axes; ranges
 BAUD = 38400
-DUMB = "it sends nothing by itself: it is asked for each packet"
+POLLED_ONLY = "it does not stream: it is polled for each packet"
 
 
 class Crossbow:
@@ -49,9 +49,9 @@ class Crossbow:
 
     name = "crossbow"
     bauds = (BAUD,)
-    patience_s = 0.5
+    timeout_s = 0.5
     interrupts = True
-    complaints = MappingProxyType(COMPLAINTS)
+    fault_texts = MappingProxyType(FAULT_TEXTS)
     services = MappingProxyType(SERVICES)
 
     @property
@@ -59,15 +59,15 @@ class Crossbow:
         """The kind of device."""
         return "imu"
 
-    def recognise(self, heard: bytes) -> Identity | Unsupported | None:
+    def recognise(self, received: bytes) -> Identity | Unsupported | None:
         """A continuous stream."""
-        if is_stream(heard):
+        if is_stream(received):
             return Identity(self.name, "DMU RGA300CA", profile="consumer-mems")
-        model = relative(heard)
+        model = relative(received)
         return unsupported(self.name, model) if model else None
 
     def identify(self) -> Dialogue[Identity | Unsupported | None]:
-        """Stop whatever runs, and ask. Leaves the unit in polled mode."""
+        """Stop a stream, and query the unit. Leaves it in polled mode."""
         return (yield from describe(self.name)) if (yield from ping()) else None
 
     def configure(self, identity: Identity, options: Options) -> Dialogue[ImuConfigured | None]:
@@ -83,31 +83,31 @@ class Crossbow:
             return (yield from self._polled(identity, options.rate_hz))
         if not options.readonly:
             yield Exchange(b"C", START_S, discard=True)
-        heard = yield Exchange(listen_s=RATE_S, discard=True)
-        summed = convention(heard)
-        starts = scan(heard, summed or 0)
+        received = yield Exchange(listen_s=RATE_S, discard=True)
+        summed = convention(received)
+        starts = scan(received, summed or 0)
         if summed is None or len(starts) < 2:
-            return None if options.readonly else (yield from self._polled(identity, options.rate_hz, (DUMB,)))
-        timers = [word(heard, p + TIMER) for p in starts]
-        packets = max(len(starts), len(heard) / LENGTH)  # a disturbed line carries the others, too, but not whole
-        rate_hz = neat(1e9 / spacing_ns(timers, RATE_S * 1e9 / packets))
+            return None if options.readonly else (yield from self._polled(identity, options.rate_hz, (POLLED_ONLY,)))
+        timers = [word(received, p + TIMER) for p in starts]
+        packets = max(len(starts), len(received) / LENGTH)  # a disturbed line carries the others, too, but not whole
+        rate_hz = rounded_rate(1e9 / spacing_ns(timers, RATE_S * 1e9 / packets))
         wire_ns = round(LENGTH * 10 / (identity.baud or BAUD) * 1e9)
-        warnings = oddities(heard[starts[-1] :], summed)
+        warnings = warnings_of(received[starts[-1] :], summed)
         return ImuConfigured(identity, rate_hz, TICK_NS, wire_ns, LENGTH, warnings, *ABILITIES)
 
     def _polled(
         self, identity: Identity, wanted_hz: float, warnings: tuple[str, ...] = ()
     ) -> Dialogue[ImuConfigured | None]:
-        """As `configure`, for a unit that is asked for each packet."""
-        heard = yield from ask_packets(SURE + 1)
-        summed = convention(heard)
+        """As `configure`, for a unit that is polled for each packet."""
+        received = yield from ask_packets(SURE + 1)
+        summed = convention(received)
         if summed is None:
             return None
         wire_s = (1 + LENGTH) * 10 / (identity.baud or BAUD)
-        rate_hz = neat((yield from pace(min(wanted_hz, neat(1.0 / (wire_s + TURN_S))))))
-        warnings += oddities(heard[scan(heard, summed)[-1] :], summed)
+        rate_hz = rounded_rate((yield from sustained_rate(min(wanted_hz, rounded_rate(1.0 / (wire_s + TURN_S))))))
+        warnings += warnings_of(received[scan(received, summed)[-1] :], summed)
         if rate_hz < wanted_hz:
-            warnings += (f"{wanted_hz:g} samples/s wanted, {rate_hz:g} can be asked for",)
+            warnings += (f"{wanted_hz:g} samples/s wanted, {rate_hz:g} can be polled",)
         ask = Request(b"G", round(1e9 / rate_hz))
         return ImuConfigured(identity, rate_hz, TICK_NS, round(wire_s * 1e9), LENGTH, warnings, *ABILITIES, ask)
 
@@ -125,22 +125,22 @@ class Crossbow:
         return decode
 
 
-def neat(rate_hz: float) -> float:
+def rounded_rate(rate_hz: float) -> float:
     """Rounded, so that the same unit gets the same rate at each start."""
     return float(round(rate_hz)) if rate_hz >= 10.0 else round(rate_hz, 1)
 
 
-def oddities(packet: bytes, summed: int) -> tuple[str, ...]:
-    """What is unusual about this unit."""
+def warnings_of(packet: bytes, summed: int) -> tuple[str, ...]:
+    """Warnings of the properties in which this unit differs from the known one."""
     part, bit = word(packet, PART), word(packet, BIT)
-    facts = (
+    cases = (
         (summed != 0, f"its checksum is the {CONVENTIONS[summed]}, not the {CONVENTIONS[0]}"),
         (part != PART_NUMBER, f"part number {part} instead of {PART_NUMBER}: ranges may differ"),
         (bool(bit & ACCEL_FAILED), f"it reports a failed accelerometer (BIT {bit:#06x})"),
         (bool(bit & ZERO_INVALID), f"it reports an invalid gyro zero (BIT {bit:#06x})"),
         (bool(bit & ~(ACCEL_FAILED | ZERO_INVALID)), f"BIT {bit:#06x}: meaning not known"),
     )
-    return tuple(text for true, text in facts if true)
+    return tuple(text for differs, text in cases if differs)
 
 
 DRIVER = Crossbow()

@@ -22,7 +22,7 @@ from .packet import CHECKSUM, CONVENTIONS, HEADER, LENGTH, PITCH, RANGE_LSB, ROL
 from .timer import TIMER, ticks_since
 
 SPIKE_RADPS2, SPIKE_MPS3 = math.radians(2500.0), 50.0 * packet.STANDARD_GRAVITY  # more than a vehicle's motion makes
-LONGEST_S = 0.02  # for which that holds
+SPIKE_PERIOD_MAX_S = 0.02  # for which that holds
 FAULTS = packet.ACCEL_FAILED | packet.ZERO_INVALID
 ANGLE_SCALE, RATE_SCALE, ACCEL_SCALE = packet.ANGLE_SCALE, packet.RATE_SCALE, packet.ACCEL_SCALE
 DEGC_SCALE = packet.VOLTS * packet.DEGC_PER_VOLT
@@ -40,7 +40,7 @@ STATE = np.dtype(
         ("tick", "<i8"),
         ("timer", TIMER),
         ("spikes", SPIKES),
-        ("status", "<i8"),  # the BIT word last heard
+        ("status", "<i8"),  # the last BIT word
         ("frames", "<i8"),  # delivered
         ("junk", "<i8"),  # bytes that belong to no delivered packet
         ("bad", "<i8"),  # times that the sequence of packets broke
@@ -58,14 +58,14 @@ def new_state(rate_hz: float) -> NDArray[np.void]:
     """A decoder state (array of one `STATE`) for packets at this rate."""
     state = np.zeros(1, STATE)
     state["timer"]["spacing"] = max(1, round(1e9 / rate_hz / packet.TICK_NS))
-    dt = min(1.0 / rate_hz, LONGEST_S)
+    dt = min(1.0 / rate_hz, SPIKE_PERIOD_MAX_S)
     floor = [SPIKE_RADPS2 * dt / RATE_SCALE] + [SPIKE_MPS3 * dt / ACCEL_SCALE] * 3
     state["spikes"]["floor"] = [*floor, 1.0, 1.0]  # the last two stay 0
     return state
 
 
 @kernel
-def fits(rx: Any, p: int) -> int:
+def matching_conventions(rx: Any, p: int) -> int:
     """Bit i: the checksum of the packet at p is right by convention i."""
     octets = words = 0
     for i in range(p + 2, p + CHECKSUM, 2):
@@ -79,7 +79,7 @@ def fits(rx: Any, p: int) -> int:
 
 
 @kernel
-def follow(s: Any, fit: int) -> None:
+def count_convention(s: Any, fit: int) -> None:
     """Count packets that only another convention explains, and go over to it once there are enough in sequence."""
     for i in range(len(s.runs)):
         if fit >> i & 1:
@@ -96,10 +96,10 @@ def examine(s: Any, rx: Any, p: int, fill: int) -> int:
         return BAD
     if p + LENGTH > fill:
         return WAIT
-    fit = fits(rx, p)
+    fit = matching_conventions(rx, p)
     if fit >> s.convention & 1:
         return GOOD
-    follow(s, fit)
+    count_convention(s, fit)
     return BAD
 
 
@@ -114,8 +114,8 @@ def skip(s: Any) -> None:
 
 
 @kernel
-def settle(s: Any) -> None:
-    """A packet fits the present convention: forget what spoke for another one."""
+def reset_conventions(s: Any) -> None:
+    """A packet fits the present convention: reset the counts of the others."""
     for i in range(len(s.runs)):
         s.runs[i] = 0
     s.gap = 0
@@ -123,7 +123,7 @@ def settle(s: Any) -> None:
 
 
 @kernel
-def point_down(roll: float, pitch: float, down: Any) -> None:
+def set_down(roll: float, pitch: float, down: Any) -> None:
     """The vertical in the sensor's axes from its own tilt, rad: the third column of the matrix of ZYX angles."""
     down[0] = -math.sin(pitch)
     down[1] = math.cos(pitch) * math.sin(roll)
@@ -157,10 +157,10 @@ def emit(s: Any, rx: Any, p: int, sample: Any) -> None:
     w[0], w[1], w[2] = 0.0, 0.0, raw[0] * RATE_SCALE
     for i in range(3):
         f[i] = -raw[i + 1] * ACCEL_SCALE
-    point_down(signed(rx, p + ROLL) * ANGLE_SCALE, signed(rx, p + PITCH) * ANGLE_SCALE, sample.down)
+    set_down(signed(rx, p + ROLL) * ANGLE_SCALE, signed(rx, p + PITCH) * ANGLE_SCALE, sample.down)
     sample.temperature = word(rx, p + TEMPERATURE) * DEGC_SCALE + DEGC_0
     sample.tick, sample.flags = s.tick, flags
-    settle(s)
+    reset_conventions(s)
 
 
 @kernel

@@ -24,7 +24,7 @@ RANGE_LSB = 21845  # rated range: the word holds 1.5 times as much
 VOLTS, VOLTS_0_DEGC, DEGC_PER_VOLT = 5.0 / 4096.0, 1.375, 44.44
 
 ACCEL_FAILED, ZERO_INVALID, ZEROING = 1 << 2, 1 << 4, 1 << 5  # bits of BIT in a relative; 0 in the healthy RGA known
-COMPLAINTS = {
+FAULT_TEXTS = {
     ACCEL_FAILED: "the sensor reports a failed accelerometer (BIT bit 2)",
     ZERO_INVALID: "the sensor reports an invalid gyro zero (BIT bit 4)",
     ZEROING: "the sensor is finding its gyro's zero (BIT bit 5)",
@@ -36,7 +36,7 @@ CONVENTIONS = (
     "sum of words modulo 65535",
     "sum of bytes modulo 256",
 )
-SURE = 20  # packets in sequence before another convention than the first is believed
+SURE = 20  # packets in sequence before another convention than the first is accepted
 
 
 def word(data: bytes, at: int) -> int:

@@ -14,15 +14,15 @@ from .signatures import RELATIVES, is_stream, without_packets
 QUIET_S = 0.05  # after P, until the last packet is through
 FIRST_ANSWER_S, LATE_S = 0.1, 0.15  # most often waited for on a line with no unit at its end
 ANSWER_S = 0.6  # to anything: a unit takes milliseconds, a stand-in or a line through a network longer
-PACED, PACE_TRIES, SLOWEST_HZ = 8, 2, 1.0  # requests that show whether a unit keeps up
+PACE_REQUESTS, PACE_TRIES, SLOWEST_HZ = 8, 2, 1.0  # requests that show whether a unit keeps up
 TRIES = 3
-STRANGE_S = 0.05  # in which a longer packet than the RGA's would go on
+EXTRA_S = 0.05  # in which a longer packet than the RGA's would go on
 ZERO_S = 0.5  # at most, for a hundred samples: VRPN found 3 to 4 ms each
-ZERO_MARGIN_S, ZERO_LONGEST_S = 5.0, 120.0
+ZERO_MARGIN_S, ZERO_MAX_S = 5.0, 120.0
 
 
 def stop() -> Dialogue[None]:
-    """End a running stream, and forget what it left."""
+    """End a running stream, and discard its last bytes."""
     yield Exchange(b"P", QUIET_S, discard=True)
 
 
@@ -30,24 +30,24 @@ def ping() -> Dialogue[bool]:
     """Whether something here answers as a DMU does, and is quiet otherwise."""
     for _ in range(TRIES):
         yield from stop()
-        heard = yield Exchange(b"R", FIRST_ANSWER_S, enough=is_pong, discard=True)
-        heard = heard or (yield Exchange(listen_s=LATE_S, enough=is_pong, spare=True))
-        if heard.strip() == b"H":
+        received = yield Exchange(b"R", FIRST_ANSWER_S, enough=is_pong, discard=True)
+        received = received or (yield Exchange(listen_s=LATE_S, enough=is_pong, optional=True))
+        if received.strip() == b"H":
             return True
-        if not heard:
+        if not received:
             return False
     return False
 
 
-def is_pong(heard: bytes) -> bool:
+def is_pong(received: bytes) -> bool:
     """Whether this is the answer to R."""
-    return heard == b"H"
+    return received == b"H"
 
 
 def serial_number() -> Dialogue[str]:
     """In decimal, or the text that Prasanna's table promises; empty if the answer is neither."""
     reply = yield Exchange(b"S", ANSWER_S, enough=is_serial_number, discard=True)
-    return str(int.from_bytes(reply[1:5], "big")) if is_serial_number(reply) else plain(reply)
+    return str(int.from_bytes(reply[1:5], "big")) if is_serial_number(reply) else printable_text(reply)
 
 
 def is_serial_number(reply: bytes) -> bool:
@@ -55,7 +55,7 @@ def is_serial_number(reply: bytes) -> bool:
     return len(reply) == 6 and reply[0] == 0xFF and sum(reply[1:5]) & 0xFF == reply[5]
 
 
-def plain(reply: bytes) -> str:
+def printable_text(reply: bytes) -> str:
     """The reply as one line of text; empty if it is none."""
     text = reply.strip(b"\0 \r\n")
     return text.decode("ascii") if text.isascii() and text.decode("ascii").isprintable() else ""
@@ -64,24 +64,26 @@ def plain(reply: bytes) -> str:
 def version() -> Dialogue[str]:
     """The unit's own description; empty if it gives none."""
     for command in (b"v", b"V"):
-        reply = yield Exchange(command, ANSWER_S, enough=lambda heard: b"$" in heard or HEADER in heard, discard=True)
-        if text := plain(reply.partition(b"$")[0].partition(HEADER)[0].removeprefix(b"\xff")):
+        reply = yield Exchange(
+            command, ANSWER_S, enough=lambda received: b"$" in received or HEADER in received, discard=True
+        )
+        if text := printable_text(reply.partition(b"$")[0].partition(HEADER)[0].removeprefix(b"\xff")):
             return text
     return ""
 
 
 def ask_packets(n: int) -> Dialogue[bytes]:
-    """What a polled unit answers to so many requests for a packet; nothing if the first is not answered."""
-    heard = b""
+    """The answers of a polled unit to n requests for a packet; empty if the first is not answered."""
+    received = b""
     for _ in range(n):
         answer = yield Exchange(b"G", ANSWER_S, enough=lambda answer: len(answer) >= LENGTH, discard=True)
         if not answer:
             break
-        heard += answer
-    return heard
+        received += answer
+    return received
 
 
-def pace(wanted_hz: float) -> Dialogue[float]:
+def sustained_rate(wanted_hz: float) -> Dialogue[float]:
     """The rate at which a polled unit has answered each request before the next: at a higher one it would fall behind.
 
     The wanted one, or a half, a quarter … of it.
@@ -89,10 +91,10 @@ def pace(wanted_hz: float) -> Dialogue[float]:
     rate_hz = wanted_hz
     while rate_hz > SLOWEST_HZ:
         for _ in range(PACE_TRIES):
-            heard = b""
-            for _ in range(PACED):
-                heard += yield Exchange(b"G", 1.0 / rate_hz)
-            if len(heard) >= PACED * LENGTH:
+            received = b""
+            for _ in range(PACE_REQUESTS):
+                received += yield Exchange(b"G", 1.0 / rate_hz)
+            if len(received) >= PACE_REQUESTS * LENGTH:
                 return rate_hz
             yield Exchange(listen_s=ANSWER_S)  # what is late
         rate_hz *= 0.5
@@ -100,17 +102,17 @@ def pace(wanted_hz: float) -> Dialogue[float]:
 
 
 def describe(name: str) -> Dialogue[Identity | Unsupported | None]:
-    """Who answers: a packet tells. None: nothing that is known."""
-    packet = yield Exchange(b"G", ANSWER_S, enough=lambda heard: len(heard) >= LENGTH, discard=True)
-    heard = b""
+    """The identity of the unit that answers, by a packet of it. None: none that is known."""
+    packet = yield Exchange(b"G", ANSWER_S, enough=lambda received: len(received) >= LENGTH, discard=True)
+    received = b""
     if len(packet) >= LENGTH:
-        packet += yield Exchange(listen_s=STRANGE_S)
+        packet += yield Exchange(listen_s=EXTRA_S)
     else:
-        heard = yield Exchange(b"C", ANSWER_S, enough=is_stream, discard=True)
+        received = yield Exchange(b"C", ANSWER_S, enough=is_stream, discard=True)
         yield from stop()
     serial = yield from serial_number()
     firmware = yield from version()
-    if is_stream(heard) or any(is_packet(packet, convention) for convention in range(len(CONVENTIONS))):
+    if is_stream(received) or any(is_packet(packet, convention) for convention in range(len(CONVENTIONS))):
         return Identity(name, "DMU RGA300CA", serial, firmware, profile="consumer-mems")  # no noise figures published
     for kind in RELATIVES:
         if kind.is_packet(packet):
@@ -121,28 +123,28 @@ def describe(name: str) -> Dialogue[Identity | Unsupported | None]:
 
 
 def unsupported(name: str, model: str) -> Unsupported:
-    """A relative."""
+    """A related model."""
     return Unsupported(name, model, "this driver speaks the RGA300CA's angle mode")
 
 
 def find_zero(hundreds: int) -> Dialogue[bool]:
-    """Let the unit average its gyro over that many hundred samples at rest (1 to 255) and take the mean for zero.
+    """Have the unit average its gyro over that many hundred samples at rest (1 to 255), and subtract the mean.
 
-    Ends a stream. False: the unit did not say that it was done.
+    Ends a stream. False: the unit did not report the end.
     """
     yield from stop()
-    longest_s = min(ZERO_LONGEST_S, ZERO_S * hundreds + ZERO_MARGIN_S)
-    heard = yield Exchange(
-        bytes((ord("z"), hundreds)), longest_s, enough=lambda heard: b"Z" in without_packets(heard), discard=True
+    longest_s = min(ZERO_MAX_S, ZERO_S * hundreds + ZERO_MARGIN_S)
+    received = yield Exchange(
+        bytes((ord("z"), hundreds)), longest_s, enough=lambda received: b"Z" in without_packets(received), discard=True
     )
-    return b"Z" in without_packets(heard)
+    return b"Z" in without_packets(received)
 
 
 def change_baud(baud: int) -> Dialogue[bool]:
-    """Go over to another speed. False: the unit did not follow; the line is at the new speed all the same."""
+    """Change the baud rate. False: the unit did not change; the line is at the new baud rate in both cases."""
     yield from stop()
-    heard = yield Exchange(b"b", ANSWER_S, enough=lambda heard: heard == b"B", discard=True)
-    if heard != b"B":
+    received = yield Exchange(b"b", ANSWER_S, enough=lambda received: received == b"B", discard=True)
+    if received != b"B":
         return False
-    heard = yield Exchange(b"a", ANSWER_S, enough=lambda heard: heard == b"A", baud=baud, discard=True)
-    return heard == b"A"
+    received = yield Exchange(b"a", ANSWER_S, enough=lambda received: received == b"A", baud=baud, discard=True)
+    return received == b"A"

@@ -1,4 +1,4 @@
-"""What a Crossbow DMU says by itself, found in a piece of its stream in plain Python: the RGA's packets, and relatives.
+"""Recognition of a Crossbow DMU in a piece of its stream, in plain Python: the RGA's packets, and related models'.
 
 A relative is named, not decoded: its ranges follow from its order number, which a stream does not tell.
 Sources: Moog Crossbow VG700MB manual (7430-0280-01); public drivers of the AHRS400, VG and 440 series.
@@ -13,36 +13,36 @@ ENOUGH = 3  # packets with the usual checksum: each is 1 in 2^32 of random bytes
 ENOUGH_ODD = 6  # in sequence, with another
 
 
-def scan(heard: bytes, convention: int = 0) -> list[int]:
+def scan(received: bytes, convention: int = 0) -> list[int]:
     """Where packets begin."""
     found = []
-    p = heard.find(HEADER)
+    p = received.find(HEADER)
     while p >= 0:
-        good = is_packet(heard[p : p + LENGTH], convention)
+        good = is_packet(received[p : p + LENGTH], convention)
         if good:
             found.append(p)
-        p = heard.find(HEADER, p + (LENGTH if good else 1))
+        p = received.find(HEADER, p + (LENGTH if good else 1))
     return found
 
 
-def without_packets(heard: bytes) -> bytes:
-    """What is left of `heard`."""
+def without_packets(received: bytes) -> bytes:
+    """The bytes of `received` that are no packets."""
     rest, at = b"", 0
-    for p in scan(heard):
-        rest += heard[at:p]
+    for p in scan(received):
+        rest += received[at:p]
         at = p + LENGTH
-    return rest + heard[at:]
+    return rest + received[at:]
 
 
-def convention(heard: bytes, enough: int = SURE) -> int | None:
+def convention(received: bytes, enough: int = SURE) -> int | None:
     """By which of `CONVENTIONS` these packets are summed; None if there are none.
 
     Any but the first only by `enough` packets without a gap, while the first does not fit a single one.
     """
-    if scan(heard):
+    if scan(received):
         return 0
     for odd in range(1, len(CONVENTIONS)):
-        starts = scan(heard, odd)
+        starts = scan(received, odd)
         run = 1
         for i in range(1, len(starts)):
             run = run + 1 if starts[i] - starts[i - 1] == LENGTH else 1
@@ -51,9 +51,9 @@ def convention(heard: bytes, enough: int = SURE) -> int | None:
     return None
 
 
-def is_stream(heard: bytes) -> bool:
-    """Whether an RGA speaks here."""
-    return len(scan(heard)) >= ENOUGH or bool(convention(heard, ENOUGH_ODD))
+def is_stream(received: bytes) -> bool:
+    """Whether this is the stream of an RGA."""
+    return len(scan(received)) >= ENOUGH or bool(convention(received, ENOUGH_ODD))
 
 
 @dataclass(frozen=True)
@@ -88,35 +88,35 @@ ENOUGH_RELATIVE = 4  # in sequence, no two the same: each is 1 in 2^16 of random
 SERIES_440 = "Crossbow 440 series"
 
 
-def relative(heard: bytes) -> str:
-    """The name of the relative that speaks here, or nothing."""
+def relative(received: bytes) -> str:
+    """The name of the related model that streams here; empty: none."""
     for kind in RELATIVES:
-        p = heard.find(kind.header)
-        while p >= 0 and _sequence(kind, heard[p:]) < ENOUGH_RELATIVE:
-            p = heard.find(kind.header, p + 1)
+        p = received.find(kind.header)
+        while p >= 0 and _sequence(kind, received[p:]) < ENOUGH_RELATIVE:
+            p = received.find(kind.header, p + 1)
         if p >= 0:
             return kind.name
-    return SERIES_440 if _is_440(heard) else ""
+    return SERIES_440 if _is_440(received) else ""
 
 
-def _sequence(kind: Relative, heard: bytes) -> int:
-    """Packets, each unlike the others, with which `heard` begins."""
+def _sequence(kind: Relative, received: bytes) -> int:
+    """Packets, each unlike the others, with which `received` begins."""
     seen: set[bytes] = set()
-    while kind.is_packet(one := heard[len(seen) * kind.length :][: kind.length]) and one not in seen:
+    while kind.is_packet(one := received[len(seen) * kind.length :][: kind.length]) and one not in seen:
         seen.add(one)
     return len(seen)
 
 
-def _is_440(heard: bytes) -> bool:
+def _is_440(received: bytes) -> bool:
     """Two packets: U U, type (2 letters or digits), length, data, CRC of all from the type on."""
     found = 0
-    p = heard.find(b"UU")
-    while 0 <= p < len(heard) - 6:
-        end = p + 5 + heard[p + 4]
-        body, crc = heard[p + 2 : end], heard[end : end + 2]
+    p = received.find(b"UU")
+    while 0 <= p < len(received) - 6:
+        end = p + 5 + received[p + 4]
+        body, crc = received[p + 2 : end], received[end : end + 2]
         good = body[:2].isalnum() and len(crc) == 2 and _crc(body) == word(crc, 0)
         found += good
-        p = heard.find(b"UU", end + 2 if good else p + 1)
+        p = received.find(b"UU", end + 2 if good else p + 1)
     return found >= 2
 
 

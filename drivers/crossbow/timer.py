@@ -34,7 +34,7 @@ def distance(ticks: int, expected: int) -> int:
 
 @kernel
 def learn_direction(t: Any, up: int, expected: int) -> None:
-    """Vote by one step of the timer; a step that fits neither way takes a vote back."""
+    """Vote by one step of the timer; a step that fits neither way removes a vote."""
     far_up, far_down = distance(up, expected), distance(-up, expected)
     if far_up == far_down or min(far_up, far_down) > t.spacing // 2:
         t.votes -= (t.votes > 0) - (t.votes < 0)

@@ -1,10 +1,10 @@
 """From the device's COUNT word to ticks: sample periods since the first sample, wraps removed, lost samples counted.
 
-What one sample adds to COUNT differs between models and rates (1, 2, 20, …), so the most frequent difference is
-learned. A jump of COUNT is believed once `CONFIRMED` frames continue from it: an odd value may be damage, which a
+What one sample adds to COUNT differs between models and rates (1, 2, 20, …), so the ticks_max frequent difference is
+learned. A jump of COUNT is accepted once `CONFIRMED` frames continue from it: a wrong value may be damage, which a
 16-bit checksum can miss, and two frames in a row may be damaged alike. Until then, and if COUNT does not count at all,
-each frame is one tick, and so is each frame's length of junk before it. If a checksum vouches for COUNT, a short jump
-is believed at once.
+each frame is one tick, and so is each frame's length of junk before it. If a checksum covers COUNT, a short jump is
+accepted at once.
 """
 
 from typing import Any
@@ -16,16 +16,16 @@ from ..jit import kernel
 VOTES = 24  # lead over all other differences before the commonest is taken for the step
 CONFIRMED = 2  # frames
 SHORT = 16  # samples
-MOST_LOST = 2048  # samples; a longer jump is a restarted counter
+LOST_MAX = 2048  # samples; a longer jump is a restarted counter
 
 COUNTING = np.dtype(
     [
         ("step", "<i8"),  # of COUNT per sample; 0: not known
         ("candidate", "<i8"),
         ("votes", "<i8"),
-        ("trusted", "<i8"),  # the last COUNT believed
-        ("since", "<i8"),  # ticks given out since then
-        ("odd", "<i8"),  # the last COUNT not believed
+        ("accepted", "<i8"),  # the last COUNT accepted
+        ("since", "<i8"),  # ticks returned since then
+        ("unaccepted", "<i8"),  # the last COUNT not accepted
         ("confirmed", "<i8"),  # frames in sequence that went on from there
     ],
     align=True,
@@ -35,8 +35,8 @@ COUNTING = np.dtype(
 @kernel
 def learn_step(c: Any, count: int) -> None:
     """Majority vote over differences (Boyer and Moore, MJRTY, 1981)."""
-    step = (count - c.trusted) & 0xFFFF
-    c.trusted = count
+    step = (count - c.accepted) & 0xFFFF
+    c.accepted = count
     if step == c.candidate:
         c.votes = min(c.votes + 1, VOTES)
     elif c.votes == 0:
@@ -48,30 +48,30 @@ def learn_step(c: Any, count: int) -> None:
 
 
 @kernel
-def ticks_since(c: Any, count: int, missing: int, first: bool, sure: bool) -> int:
+def ticks_since(c: Any, count: int, missing: int, first: bool, checked: bool) -> int:
     """Ticks from the last frame to this one with `count` (-1: has none) after junk of the size of `missing` frames."""
     expected = 1 + missing
     if first:
-        c.trusted = count
+        c.accepted = count
         return 0
     if count < 0:
         return expected
     if c.step == 0:
         learn_step(c, count)
         return expected
-    ahead = (count - c.trusted) & 0xFFFF
+    ahead = (count - c.accepted) & 0xFFFF
     if ahead == c.step and c.since == 0:  # as nearly always
-        c.trusted, c.confirmed = count, 0
+        c.accepted, c.confirmed = count, 0
         return 1
     ticks = ahead // c.step - c.since
-    if ahead % c.step != 0 or ticks > MOST_LOST:
+    if ahead % c.step != 0 or ticks > LOST_MAX:
         ticks = 0
-    goes_on = c.since > 0 and (count - c.odd) & 0xFFFF == c.step
+    goes_on = c.since > 0 and (count - c.unaccepted) & 0xFFFF == c.step
     c.confirmed = c.confirmed + 1 if goes_on else 0
-    most = max(expected, SHORT) if sure else expected
-    if not (1 <= ticks <= most or c.confirmed >= CONFIRMED):
-        c.odd = count
+    ticks_max = max(expected, SHORT) if checked else expected
+    if not (1 <= ticks <= ticks_max or c.confirmed >= CONFIRMED):
+        c.unaccepted = count
         c.since += expected
         return expected
-    c.trusted, c.since = count, 0
+    c.accepted, c.since = count, 0
     return int(max(ticks, 1))

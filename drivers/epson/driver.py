@@ -13,19 +13,19 @@ from ..driver import Identity, ImuConfigured, Options, Request, Unsupported
 from .dialects import FLAT, WINDOWED, Dialect, Layout
 from .models import G350, Model, model_of
 from .passive_identify import passive_identify
-from .protocol import describe, reach, synchronize, with_late_answers
+from .protocol import describe, synchronize, synchronize_with_retry, with_late_answers
 from .registers import burst
 from .setup import (
-    EAGERNESS,
-    announce,
-    arrange,
+    REQUESTS_PER_SAMPLE,
+    choose_layout,
     choose_range,
-    examine,
-    fastest,
+    enable_data_ready,
     is_configuring,
     is_still_powered,
+    nearest_rate,
     possible_rates,
     program,
+    reported_faults,
     self_test,
     start,
     to_configuration,
@@ -35,7 +35,7 @@ from .setup import (
 from .signatures import is_stream_of
 from .spi import fetch, over_spi, spi_carries
 
-DEAF = "the sensor does not obey, its stream is taken as it is: is the wire to its input (SIN) connected?"
+NO_RESPONSE = "the sensor does not answer, its stream is used as it is: is the wire to its input (SIN) connected?"
 
 
 class Epson:
@@ -43,24 +43,24 @@ class Epson:
 
     name = "epson"
     bauds = (460800, 230400, 115200, 19200, 9600, 921600)
-    patience_s = 0.5  # four frames at the lowest rate take 0.26 s
+    timeout_s = 0.5  # four frames at the lowest rate take 0.26 s
     interrupts = True
-    complaints = MappingProxyType({1: "the sensor reports an error of its own (FLAG bit EA)"})
+    fault_texts = MappingProxyType({1: "the sensor reports an error of its own (FLAG bit EA)"})
 
     @property
     def kind(self) -> Literal["imu"]:
         """The kind of device."""
         return "imu"
 
-    def recognise(self, heard: bytes) -> Identity | Unsupported | None:
-        """An automatic stream. Which model of its dialect it is only `configure` can ask."""
-        if is_stream_of(heard, FLAT):
+    def recognise(self, received: bytes) -> Identity | Unsupported | None:
+        """An automatic stream. Only `configure` can read which model of its dialect it is."""
+        if is_stream_of(received, FLAT):
             return Identity(self.name, G350.name, profile=G350.profile)
-        return Identity(self.name, "") if is_stream_of(heard, WINDOWED) else None
+        return Identity(self.name, "") if is_stream_of(received, WINDOWED) else None
 
     def identify(self) -> Dialogue[Identity | Unsupported | None]:
-        """Stop whatever runs, and ask. Leaves the sensor in configuration mode."""
-        dialect, late = yield from reach()
+        """Stop a stream, and query the sensor. Leaves it in configuration mode."""
+        dialect, late = yield from synchronize_with_retry()
         if dialect is None:
             return None
         return (yield from with_late_answers(describe(dialect)) if late else describe(dialect))
@@ -77,17 +77,17 @@ class Epson:
         return replace(found, spi=True) if isinstance(found, Identity) else found
 
     def configure(self, identity: Identity, options: Options) -> Dialogue[ImuConfigured | Unsupported | None]:
-        """The nearest possible rate, the shortest filter that will do, COUNT, the finest words, automatic frames.
+        """The nearest possible rate, the shortest valid filter, COUNT, the finest words, automatic frames.
 
-        On SPI the frames are fetched. Readonly, or a sensor that does not listen: the stream as it is, with the
-        shortest filter of its rate supposed.
+        On SPI the frames are fetched. Readonly, or a sensor that does not answer: the stream as it is, assumed to have
+        the shortest filter of its rate.
         """
         if options.readonly:
-            return self._take_over(identity, options.model)
+            return self._configure_passively(identity, options.model)
         dialogue = self._set_up(identity, options)
         return over_spi(dialogue) if identity.spi else dialogue
 
-    def _take_over(
+    def _configure_passively(
         self, identity: Identity, named: str, warnings: tuple[str, ...] = ()
     ) -> Dialogue[ImuConfigured | Unsupported | None]:
         found = yield from passive_identify(identity, named)
@@ -97,9 +97,9 @@ class Epson:
         return configured(identity, model, rate, model.taps(rate), layout, warnings)
 
     def _set_up(self, identity: Identity, options: Options) -> Dialogue[ImuConfigured | Unsupported | None]:
-        dialect, late = yield from reach()
+        dialect, late = yield from synchronize_with_retry()
         if dialect is None:  # it may stream without listening
-            return (yield from self._take_over(identity, options.model, (DEAF,)))
+            return (yield from self._configure_passively(identity, options.model, (NO_RESPONSE,)))
         dialogue = self._program(dialect, identity, options)
         return (yield from with_late_answers(dialogue) if late else dialogue)
 
@@ -115,26 +115,26 @@ class Epson:
         polled = options.polled and not identity.spi
         warnings = yield from to_configuration(dialect)
         still_powered = yield from is_still_powered(dialect, streaming)
-        warnings += yield from examine(dialect)
+        warnings += yield from reported_faults(dialect)
         warnings += yield from choose_range(model)
         if options.self_test:
             warnings += yield from self_test(dialect)
         baud = identity.baud or self.bauds[0]
         most_hz = spi_carries(dialect) if identity.spi else uart_carries(baud, polled)
-        rate, code, layouts = fastest(model, options.rate_hz, most_hz)
+        rate, code, layouts = nearest_rate(model, options.rate_hz, most_hz)
         if rate != options.rate_hz:
             line = "on SPI" if identity.spi else f"at {baud} baud"
             listed = ", ".join(f"{hz:g}" for hz in sorted(possible_rates(model, most_hz), reverse=True))
-            warnings.append(f"{options.rate_hz:g} samples/s wanted, {rate:g} taken; possible {line}: {listed}")
+            warnings.append(f"{options.rate_hz:g} samples/s wanted, {rate:g} set; possible {line}: {listed}")
         taps = options.filter_taps or model.taps(rate)
         if taps not in model.possible_taps(rate):
             listed = ", ".join(map(str, model.possible_taps(rate)))
             why = f"imu.filter_taps = {taps} is not possible at {rate:g} samples/s; possible: {listed}, or 0 to choose"
             return Unsupported(self.name, identity.model, why, identity.baud)
-        warnings += yield from arrange(layouts[:1] if identity.spi else layouts)
+        warnings += yield from choose_layout(layouts[:1] if identity.spi else layouts)
         rate, refused = yield from program(model, code, taps, automatic=not (polled or identity.spi))
         if identity.spi:
-            yield from announce(dialect)
+            yield from enable_data_ready(dialect)
         fetched = fetch(dialect, layouts[0], rate) if identity.spi else None
         layout = yield from start(dialect, polled, fetched)
         if layout is None:
@@ -165,10 +165,10 @@ def configured(
     warnings: tuple[str, ...] = (),
     polled: bool = False,
 ) -> ImuConfigured:
-    """The finding of `configure`."""
+    """The result of `configure`."""
     wire_ns = 0 if identity.spi else round(wire_s(layout, identity.baud or Epson.bauds[0], polled) * 1e9)
     delay_ns = model.delay_ns(taps) + wire_ns
-    request = Request(burst(layout.header), round(1e9 / (EAGERNESS * rate_hz))) if polled else None
+    request = Request(burst(layout.header), round(1e9 / (REQUESTS_PER_SAMPLE * rate_hz))) if polled else None
     gyro_end, accel_end = model.range_lsb
     return ImuConfigured(
         identity,

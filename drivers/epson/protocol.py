@@ -1,7 +1,7 @@
-"""Registers of an Epson sensor over its UART: synchronize in whatever state and dialect it is; find out who it is.
+"""Registers of an Epson sensor over its UART: synchronize in any state and dialect; read its identity.
 
-A sensor answers within microseconds, so a line without one is left quickly. A device that answers late (an emulator, a
-line through a network) is recognised by its late answers to the first questions, and given more time from then on.
+A sensor answers within microseconds, so an empty line is detected quickly. A device that answers late (an emulator, a
+line through a network) is recognised by its late answers to the first queries, and is given longer timeouts then.
 """
 
 from dataclasses import replace
@@ -14,14 +14,14 @@ from .registers import CONFIGURE, CR, NOT_READY, WIN_CTRL, Register, read, write
 
 ANSWER_S = 0.1  # an answer takes microseconds; adapters and stand-ins take longer
 FIRST_ANSWER_S = 0.06  # to the first question of all, most often put to a line with no sensor at its end
-STOPS = 5  # attempts to end automatic mode
-LATE_S = 0.5  # in which answers may still come that nobody waited for
-MOST_LATE = STOPS * 3 * 4  # bytes: answers to all that `synchronize` asks
+STOP_ATTEMPTS = 5  # attempts to end automatic mode
+LATE_S = 0.5  # in which late answers may arrive
+LATE_MAX = STOP_ATTEMPTS * 3 * 4  # bytes: answers to all that `synchronize` asks
 SLOW_ANSWER_S = 0.8  # for what answers late
 PAUSE_S = 0.006  # from one command or answer to the next command: 3.7 ms at 19200 baud, 0.2 ms at 460800
 STOP_S = 0.2  # until its last frames have drained from adapter and driver
-ANSWERS = 6  # to one question, of which two must agree
-SILENCES = 3  # to one question, after which nobody knows the register
+ANSWERS = 6  # to one query, of which two must agree
+SILENT_MAX = 3  # queries of a register without an answer, after which there is no such register
 READY_POLLS, READY_S = 30, 0.05  # start-up takes 0.8 s
 IDENTITY_ANSWER = bytes((IDENTITY.address, *IDENTITY_VALUE.to_bytes(2), CR))
 
@@ -33,21 +33,21 @@ def send_commands(*commands: bytes) -> Dialogue[None]:
 
 
 def select_window(register: Register) -> Dialogue[None]:
-    """Have the window of `register` open."""
+    """Select the window of `register`."""
     if register.window is not None:
         yield from send_commands(write(WIN_CTRL, register.window))
 
 
 def read_register_once(register: Register) -> Dialogue[bytes]:
-    """What comes as the answer."""
+    """The bytes received as the answer."""
     yield from select_window(register)
-    reply = yield Exchange(read(register), ANSWER_S, enough=lambda heard: len(heard) >= 4, discard=True)
+    reply = yield Exchange(read(register), ANSWER_S, enough=lambda received: len(received) >= 4, discard=True)
     if reply:
         yield Exchange(listen_s=PAUSE_S)
     return reply
 
 
-def read_register(register: Register, silences: int = SILENCES) -> Dialogue[int | None]:
+def read_register(register: Register, silences: int = SILENT_MAX) -> Dialogue[int | None]:
     """The word of a register, which no checksum guards: two answers must agree. None: none do, or it is silent."""
     words = set[int]()
     for _ in range(ANSWERS):
@@ -90,42 +90,44 @@ def synchronize() -> Dialogue[Dialect | None]:
     The windowed dialect is tried first: to a flat sensor its commands mean nothing, while the flat stop command would
     write into the rotation matrix of a windowed one.
     """
-    for _ in range(STOPS):
+    for _ in range(STOP_ATTEMPTS):
         yield from send_commands(b"\r" + write(WIN_CTRL, 0), write(WINDOWED.mode.address + 1, CONFIGURE))
-        heard = yield Exchange(read(IDENTITY), FIRST_ANSWER_S, enough=lambda heard: heard.endswith(IDENTITY_ANSWER))
-        if heard.endswith(IDENTITY_ANSWER) and (yield from read_register_once(IDENTITY)) == IDENTITY_ANSWER:
+        received = yield Exchange(
+            read(IDENTITY), FIRST_ANSWER_S, enough=lambda received: received.endswith(IDENTITY_ANSWER)
+        )
+        if received.endswith(IDENTITY_ANSWER) and (yield from read_register_once(IDENTITY)) == IDENTITY_ANSWER:
             return WINDOWED if (yield from wait_ready(WINDOWED)) else None
-        yield Exchange(write(FLAT.mode.address + 1, CONFIGURE), STOP_S if heard else PAUSE_S)
+        yield Exchange(write(FLAT.mode.address + 1, CONFIGURE), STOP_S if received else PAUSE_S)
         first = FLAT.command.answer((yield from read_register_once(FLAT.command)))
         if first is not None and FLAT.command.answer((yield from read_register_once(FLAT.command))) is not None:
             identity = yield from read_register_once(IDENTITY)
             if IDENTITY_ANSWER in (identity, (yield from read_register_once(FLAT.command))):  # the answer may come late
                 continue
             return FLAT if (yield from wait_ready(FLAT)) else None
-        if first is None and not heard:
+        if first is None and not received:
             return None
     return None
 
 
-def reach() -> Dialogue[tuple[Dialect | None, bool]]:
+def synchronize_with_retry() -> Dialogue[tuple[Dialect | None, bool]]:
     """`synchronize`, again where answers come late; the dialect, and whether all dialogues need `with_late_answers`."""
     dialect = yield from synchronize()
     if dialect is not None:
         return dialect, False
-    late = yield Exchange(listen_s=LATE_S, spare=True)
-    if len(late) > MOST_LATE or all(register.answer(late[-4:]) is None for register in (IDENTITY, FLAT.command)):
+    late = yield Exchange(listen_s=LATE_S, optional=True)
+    if len(late) > LATE_MAX or all(register.answer(late[-4:]) is None for register in (IDENTITY, FLAT.command)):
         return None, False
     return (yield from with_late_answers(synchronize())), True
 
 
 def with_late_answers(dialogue: Dialogue[Result]) -> Dialogue[Result]:
-    """The same dialogue, with more time for each answer."""
-    heard: bytes | None = None
+    """The same dialogue, with longer timeouts."""
+    received: bytes | None = None
     try:
         while True:
-            exchange = dialogue.send(heard) if heard is not None else next(dialogue)
+            exchange = dialogue.send(received) if received is not None else next(dialogue)
             question = exchange.send and exchange.enough
-            heard = yield replace(exchange, listen_s=max(exchange.listen_s, SLOW_ANSWER_S)) if question else exchange
+            received = yield replace(exchange, listen_s=max(exchange.listen_s, SLOW_ANSWER_S)) if question else exchange
     except StopIteration as finding:
         result: Result = finding.value
         return result
@@ -142,7 +144,7 @@ def wait_ready(dialect: Dialect) -> Dialogue[bool]:
 
 
 def describe(dialect: Dialect) -> Dialogue[Identity | Unsupported]:
-    """Who answers: a flat sensor may have none of these registers."""
+    """The sensor's identity. A flat sensor may have none of these registers."""
     product = yield from read_text(dialect.product)
     model = model_of(product)
     if dialect is FLAT:

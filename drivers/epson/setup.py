@@ -1,4 +1,4 @@
-"""Configuring an Epson sensor, and starting its automatic stream: the same conversation in both dialects."""
+"""Configuring an Epson sensor, and starting its automatic stream: the same dialogue in both dialects."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -7,9 +7,9 @@ from ..dialogue import Dialogue, Exchange
 from ..spi import Fetch
 from .dialects import Dialect, Layout
 from .models import Model
-from .protocol import STOP_S, STOPS, read_register, select_window, send_commands, wait_ready, write_register
+from .protocol import STOP_ATTEMPTS, STOP_S, read_register, select_window, send_commands, wait_ready, write_register
 from .registers import (
-    ALL_NEWS,
+    ALL_NEW,
     AUTO,
     AUTO_START,
     CONFIGURE,
@@ -34,9 +34,11 @@ RESET_S = 0.8
 TEST_POLLS, TEST_S = 10, 0.1  # it takes 80 to 150 ms
 STREAM_S = 1.0
 WIRE_SHARE = 0.96  # of the line's capacity that a stream may take
-EAGERNESS = 1.25  # requests per sample in polled mode: no sample is missed although the two clocks are not in step
+REQUESTS_PER_SAMPLE = (
+    1.25  # requests per sample in polled mode: no sample is missed although the two clocks are not in step
+)
 COMMAND_BYTES, STALL_S = 3, 90e-6  # of a request; besides its bytes and the answer's (M-G362PDC1 data sheet, timing)
-SAMPLE_ANSWERS, POLL_S = 4, 0.05  # asked for to see what the frames are like; for each
+SAMPLE_ANSWERS, POLL_S = 4, 0.05  # polled frames that show the layout; time for each
 WRITES = 3  # of a setting that is not kept: the command may have been damaged
 FILTER_CODE = 0x1F  # of the filter register; the bit above is set while the filter changes
 
@@ -48,14 +50,14 @@ def is_configuring(dialect: Dialect) -> Dialogue[bool]:
 
 
 def to_configuration(dialect: Dialect) -> Dialogue[list[str]]:
-    """Have configuration mode confirmed, by a reset if need be; returns warnings."""
-    for attempt in range(STOPS + 1):
+    """Enter configuration mode, by a reset if need be; returns warnings."""
+    for attempt in range(STOP_ATTEMPTS + 1):
         if (yield from is_configuring(dialect)):
             return []
-        if attempt < STOPS - 1:
+        if attempt < STOP_ATTEMPTS - 1:
             yield from write_register(dialect.mode, high=CONFIGURE)
             yield Exchange(listen_s=STOP_S)
-        elif attempt == STOPS - 1:
+        elif attempt == STOP_ATTEMPTS - 1:
             yield from write_register(dialect.command, low=RESET)
             yield Exchange(listen_s=RESET_S)
             yield from wait_ready(dialect)
@@ -65,27 +67,27 @@ def to_configuration(dialect: Dialect) -> Dialogue[list[str]]:
 def is_still_powered(dialect: Dialect, streaming: bool) -> Dialogue[bool]:
     """Whether a sensor, in configuration mode now, has been on since somebody set it up: by `streaming` when found.
 
-    After a power-on or a reset it does not stream, unless the setting AUTO_START, which it keeps in its flash, says so.
+    After a power-on or a reset it does not stream, unless AUTO_START is set in its flash.
     """
     word = (yield from read_register(dialect.uart)) if streaming else None
     return word is not None and word & (AUTO | AUTO_START) == AUTO
 
 
-def examine(dialect: Dialect) -> Dialogue[list[str]]:
-    """The faults that the sensor reports, in words."""
+def reported_faults(dialect: Dialect) -> Dialogue[list[str]]:
+    """The faults that the sensor reports, as warnings."""
     diagnosis = (yield from read_register(dialect.diagnosis)) or 0
     broken = diagnosis & HARD_ERROR
     return [f"the sensor reports a hardware error (DIAG_STAT {diagnosis:#06x})"] if broken else []
 
 
 def choose_range(model: Model) -> Dialogue[list[str]]:
-    """Have the accelerometer range for which the scale factors are; returns warnings."""
-    kept = yield from keeps(model.settings)
+    """Set the accelerometer range for which the scale factors are valid; returns warnings."""
+    kept = yield from write_verified(model.settings)
     return [] if kept else [f"the sensor does not keep the range of {model.accel_range_g:g} G: its scale may be wrong"]
 
 
 def self_test(dialect: Dialect) -> Dialogue[list[str]]:
-    """Have the sensor test itself, in configuration mode and at rest; returns warnings."""
+    """Run the sensor's self test, in configuration mode and at rest; returns warnings."""
     yield from write_register(dialect.test, high=TEST)
     for _ in range(TEST_POLLS):
         yield Exchange(listen_s=TEST_S)
@@ -105,7 +107,7 @@ def uart_carries(baud: int, polled: bool) -> Fastest:
 
     def most_hz(layout: Layout) -> float:
         if polled:
-            return 1.0 / (EAGERNESS * (wire_s(layout, baud, polled) + STALL_S))
+            return 1.0 / (REQUESTS_PER_SAMPLE * (wire_s(layout, baud, polled) + STALL_S))
         return WIRE_SHARE / wire_s(layout, baud, polled)
 
     return most_hz
@@ -116,7 +118,7 @@ def wire_s(layout: Layout, baud: int, polled: bool) -> float:
     return (layout.length + COMMAND_BYTES * polled) * 10 / baud
 
 
-def fastest(model: Model, wanted_hz: float, most_hz: Fastest) -> tuple[float, int, tuple[Layout, ...]]:
+def nearest_rate(model: Model, wanted_hz: float, most_hz: Fastest) -> tuple[float, int, tuple[Layout, ...]]:
     """Rate nearest to `wanted_hz` that fits on the line, its code, and the layouts with which it does, best first."""
     layouts = model.dialect.layouts
     possible = possible_rates(model, most_hz)
@@ -157,14 +159,14 @@ def kept_bits(register: Register, wanted: int, bits: int) -> Dialogue[int]:
     return wanted if word is None else word & bits
 
 
-def announce(dialect: Dialect) -> Dialogue[None]:
-    """Have new samples flagged in FLAG, and announced on the data-ready line."""
-    yield from write_register(dialect.signal, high=ALL_NEWS)
+def enable_data_ready(dialect: Dialect) -> Dialogue[None]:
+    """Enable the new-data bits of FLAG, and the data-ready line."""
+    yield from write_register(dialect.signal, high=ALL_NEW)
     yield from write_register(dialect.test, low=DATA_READY)
 
 
-def keeps(settings: Sequence[Setting]) -> Dialogue[bool]:
-    """Write registers and read them back; whether the sensor kept what was written, as far as it can be read."""
+def write_verified(settings: Sequence[Setting]) -> Dialogue[bool]:
+    """Write registers and read them back; whether the sensor keeps the values, as far as they can be read."""
     for _ in range(WRITES):
         for register, low, high in settings:
             yield from write_register(register, low, high)
@@ -177,12 +179,12 @@ def keeps(settings: Sequence[Setting]) -> Dialogue[bool]:
     return kept
 
 
-def arrange(layouts: Sequence[Layout]) -> Dialogue[list[str]]:
+def choose_layout(layouts: Sequence[Layout]) -> Dialogue[list[str]]:
     """Ask for the first of `layouts` that the sensor keeps; returns warnings."""
     for layout in layouts:
-        if (yield from keeps(layout.settings)):
+        if (yield from write_verified(layout.settings)):
             return [layout.drawback] if layout.drawback else []
-    return ["the sensor does not keep what its frames shall hold"]
+    return ["the sensor does not keep the selected contents of its frames"]
 
 
 def start(dialect: Dialect, polled: bool, fetch: Fetch | None = None) -> Dialogue[Layout | None]:
@@ -197,27 +199,27 @@ def start(dialect: Dialect, polled: bool, fetch: Fetch | None = None) -> Dialogu
             if layout := layout_of((yield from request(dialect)), dialect.layouts):
                 return layout
             continue
-        heard = yield Exchange(
+        received = yield Exchange(
             write(dialect.mode.address + 1, SAMPLE),
             STREAM_S,
-            enough=lambda heard: layout_of(heard, dialect.layouts) is not None,
+            enough=lambda received: layout_of(received, dialect.layouts) is not None,
             discard=True,
             spi=fetch,
         )
-        if layout := layout_of(heard, dialect.layouts):
+        if layout := layout_of(received, dialect.layouts):
             return layout
     return None
 
 
 def request(dialect: Dialect) -> Dialogue[bytes]:
-    """A few polled frames: each is asked for."""
+    """A few polled frames."""
     shortest = min(layout.length for layout in dialect.layouts)
-    heard = b""
+    received = b""
     for _ in range(SAMPLE_ANSWERS):
-        heard += yield Exchange(
+        received += yield Exchange(
             burst(dialect.header),
             POLL_S,
             enough=lambda answer: len(answer) >= shortest and answer[-1] == CR,
             discard=True,
         )
-    return heard
+    return received

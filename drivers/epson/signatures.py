@@ -1,4 +1,4 @@
-"""What an Epson sensor in automatic mode says by itself, found in a piece of its stream in plain Python."""
+"""Recognition of an Epson sensor's automatic frames in a piece of its stream, in plain Python."""
 
 from collections.abc import Sequence
 
@@ -16,25 +16,25 @@ def is_frame(frame: bytes, header: int, checked: bool = False) -> bool:
     return not checked or sum(words[:-1]) & 0xFFFF == words[-1]
 
 
-def longest_run(heard: bytes, header: int, length: int, checked: bool = False) -> int:
+def longest_run(received: bytes, header: int, length: int, checked: bool = False) -> int:
     """Frames in the longest unbroken sequence of frames of `length`."""
     runs: dict[int, int] = {}  # frames in sequence, by where the last of them ends
-    p = heard.find(header)
-    while 0 <= p <= len(heard) - length:
-        if is_frame(heard[p : p + length], header, checked):
+    p = received.find(header)
+    while 0 <= p <= len(received) - length:
+        if is_frame(received[p : p + length], header, checked):
             runs[p + length] = runs.get(p, 0) + 1
-        p = heard.find(header, p + 1)
+        p = received.find(header, p + 1)
     return max(runs.values(), default=0)
 
 
-def is_stream_of(heard: bytes, dialect: Dialect) -> bool:
+def is_stream_of(received: bytes, dialect: Dialect) -> bool:
     """Whether this is a stream of the dialect, in whatever layout."""
-    if heard.count(dialect.header) < ENOUGH_FRAMES:
+    if received.count(dialect.header) < ENOUGH_FRAMES:
         return False
-    return any(longest_run(heard, dialect.header, length) >= ENOUGH_FRAMES for length in dialect.lengths)
+    return any(longest_run(received, dialect.header, length) >= ENOUGH_FRAMES for length in dialect.lengths)
 
 
-def layout_of(heard: bytes, layouts: Sequence[Layout]) -> Layout | None:
+def layout_of(received: bytes, layouts: Sequence[Layout]) -> Layout | None:
     """The layout of which most frames came in sequence, if enough did."""
-    runs = [longest_run(heard, layout.header, layout.length, layout.checked) for layout in layouts]
+    runs = [longest_run(received, layout.header, layout.length, layout.checked) for layout in layouts]
     return layouts[runs.index(max(runs))] if max(runs) >= ENOUGH_FRAMES else None

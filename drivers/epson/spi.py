@@ -1,4 +1,4 @@
-"""Epson's sensors on SPI: the same registers in other words, and how a sample is fetched.
+"""Epson's sensors on SPI: the same registers in SPI words, and how a sample is fetched.
 
 A word is 16 bits, mode 3, high byte first. A write is address | 0x80, value; a read is address, 0, and its answer comes
 with the next word, whatever that is. The windowed dialect can send a whole frame after 0x80, 0 (window 0 open). The
@@ -23,8 +23,8 @@ CLOCK_HZ = 1_000_000
 STALL_US = 24  # a word takes 16 us then
 COMMAND_STALL_US, BURST_STALL_US = 45, 5
 COMMAND_BYTES = 3  # on a UART
-NOBODY = b"\xff\xff"  # what is read where nothing drives the line
-NEWS = 0xFE  # FLAG, high byte: temperature, gyros, accelerometers
+UNDRIVEN = b"\xff\xff"  # the word read from a line that no device drives
+NEW_DATA = 0xFE  # FLAG, high byte: temperature, gyros, accelerometers
 BURST = b"\x80\0"
 CALL_NS = 15_000  # for each transfer, in the system and in spidev
 SHARE = 0.8  # of the time that fetching may take
@@ -36,25 +36,25 @@ WINDOWED_FLAG, WINDOWED_COUNT = 0x06, 0x0A
 def over_spi(dialogue: Dialogue[Result]) -> Dialogue[Result]:
     """Run a dialogue that was written for a UART over SPI."""
     setup: Bus | None = REGISTERS
-    heard: bytes | None = None
+    answered: bytes | None = None
     try:
         while True:
-            exchange = dialogue.send(heard) if heard is not None else next(dialogue)
+            exchange = dialogue.send(answered) if answered is not None else next(dialogue)
             commands = tuple(_commands(exchange.send))
             words = b"".join(map(_words, commands))
             if isinstance(exchange.spi, Fetch):
-                heard = yield Exchange(words, exchange.listen_s, exchange.enough, spi=exchange.spi)
+                answered = yield Exchange(words, exchange.listen_s, exchange.enough, spi=exchange.spi)
                 setup = REGISTERS
                 continue
             answers = yield Exchange(words, exchange.listen_s, _complete(len(words)), discard=True, spi=setup)
-            heard, setup = _as_on_a_uart(commands, answers), None
+            answered, setup = _uart_answers(commands, answers), None
     except StopIteration as finding:
         result: Result = finding.value
         return result
 
 
 def _complete(size: int) -> Callable[[bytes], bool] | None:
-    return (lambda heard: len(heard) >= size) if size else None
+    return (lambda answered: len(answered) >= size) if size else None
 
 
 def _commands(sent: bytes) -> Iterator[tuple[int, int]]:
@@ -71,26 +71,32 @@ def _is_write(command: tuple[int, int]) -> bool:
     return bool(command[0] & 0x80)
 
 
-def _as_on_a_uart(commands: tuple[tuple[int, int], ...], answers: bytes) -> bytes:
+def _uart_answers(commands: tuple[tuple[int, int], ...], answers: bytes) -> bytes:
     """The answers to the reads, as a UART brings them."""
-    heard, at = b"", 0
+    answered, at = b"", 0
     for command in commands:
         at += len(_words(command))
         word = answers[at - 2 : at]
-        if not _is_write(command) and word not in (b"", NOBODY):
-            heard += bytes((command[0], *word, CR))
-    return heard
+        if not _is_write(command) and word not in (b"", UNDRIVEN):
+            answered += bytes((command[0], *word, CR))
+    return answered
 
 
 def _is_new(flag: bytes) -> bool:
-    return flag != NOBODY and bool(flag[0] & NEWS)
+    return flag != UNDRIVEN and bool(flag[0] & NEW_DATA)
 
 
-def _ask(address: int) -> Cycle:
+def _read_cycle(address: int) -> Cycle:
     return Cycle(bytes((address, 0)), STALL_US)
 
 
-_FLAT_CYCLES = (_ask(FLAG), _ask(COUNT), *map(_ask, range(TEMP, LAST + 2, 2)), _ask(COUNT), _ask(0))
+_FLAT_CYCLES = (
+    _read_cycle(FLAG),
+    _read_cycle(COUNT),
+    *map(_read_cycle, range(TEMP, LAST + 2, 2)),
+    _read_cycle(COUNT),
+    _read_cycle(0),
+)
 
 
 def _flat_frame(answers: bytes) -> bytes:
@@ -112,7 +118,7 @@ def fetch(dialect: Dialect, layout: Layout, rate_hz: float) -> Fetch:
     words = (layout.length - 2) // 2
     data = (*[Cycle(b"\0\0", BURST_STALL_US)] * (words - 1), Cycle(b"\0\0", STALL_US))
     # COUNT is asked for to have FLAG answered; another reading of FLAG might take a newer sample for known
-    cycles = (_ask(WINDOWED_FLAG), _ask(WINDOWED_COUNT), Cycle(BURST, COMMAND_STALL_US), *data)
+    cycles = (_read_cycle(WINDOWED_FLAG), _read_cycle(WINDOWED_COUNT), Cycle(BURST, COMMAND_STALL_US), *data)
     return Fetch(CLOCK_HZ, cycles, 1, _is_new, 2, _burst_frame, period_ns)
 
 

@@ -1,4 +1,4 @@
-"""What the decoders of both dialects remember from call to call, and how they deliver a sample."""
+"""The state of the decoders of both dialects, and how they output a sample."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from ..spikes import SPIKES, is_spike
 from .counting import COUNTING
 from .models import Model
 
-ALL_NEWS = 0xFE00  # bits of FLAG: temperature, gyros, accelerometers that were not read yet
+ALL_NEW = 0xFE00  # bits of FLAG: temperature, gyros, accelerometers that were not read yet
 
 STATE = np.dtype(
     [
@@ -74,7 +74,7 @@ def is_saturated(s: Any) -> bool:
 @kernel
 def is_repeated(s: Any, flag: int, count: int) -> bool:
     """Whether an answer holds the same sample as the one before: by COUNT, or without one (-1) by FLAG's news."""
-    same = flag & ALL_NEWS == 0 if count < 0 else count == s.count
+    same = flag & ALL_NEW == 0 if count < 0 else count == s.count
     s.count = count
     return bool(s.polled and s.frames > 0 and same)
 

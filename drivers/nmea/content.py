@@ -1,4 +1,4 @@
-"""What the sentences that matter here say, as typed values: `READERS` lists them."""
+"""The contents of the sentences that the decoder uses, as typed values: `READERS` lists them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,11 +7,11 @@ from datetime import date
 from .sentences import RefusedError, Sentence, angle, calendar, integer, number, quotient, utc_ns
 
 KNOTS, KMH = (1852, 3600), (10, 36)  # to m/s
-FASTEST = 4000.0  # knots or km/h
+SPEED_MAX = 4000.0  # knots or km/h
 GGA_FIELDS = 12  # at least: up to the geoid's unit; the age of corrections and the station may be missing
 UNKNOWN_HDOP = 99.0  # and above: the receiver has no figure
-TRUST = (8, 7, 6, 1, 2, 3, 5, 4)  # qualities, the best last
-WAAS, DIFFERENTIAL = 9, 2  # NovAtel's word for a differential fix, and the standard's
+RANKING = (8, 7, 6, 1, 2, 3, 5, 4)  # qualities, the best last
+WAAS, DIFFERENTIAL = 9, 2  # NovAtel's code for a differential fix, and the standard's
 QUALITY_OF_MODE = {"A": 1, "D": 2, "P": 3, "R": 4, "F": 5, "E": 6, "M": 7, "S": 8, "": 1}
 
 
@@ -81,7 +81,7 @@ Content = GgaGns | RmcGllGroup | Vtg | Gst | Zda | GsaMode
 
 
 def latlon(s: Sentence, first: int) -> tuple[float, float]:
-    """Four fields from `first` on; a position that is not there is refused, not taken for 0, 0."""
+    """Four fields from `first` on; an empty position is rejected, not taken for 0, 0."""
     lat = angle(s.field(first), s.field(first + 1), 2, "NS", 90, "latitude")
     lon = angle(s.field(first + 2), s.field(first + 3), 3, "EW", 180, "longitude")
     if lat is None or lon is None:
@@ -117,13 +117,13 @@ def gns(s: Sentence) -> GgaGns:
         raise RefusedError("mode")
     if not letters:
         return GgaGns(time_ns, 0, satellites)
-    quality = max((QUALITY_OF_MODE[letter] for letter in letters), key=TRUST.index)
+    quality = max((QUALITY_OF_MODE[letter] for letter in letters), key=RANKING.index)
     height, geoid = number(s.field(9), -1e6, 1e6, "altitude"), number(s.field(10), -1e3, 1e3, "geoid")
     return GgaGns(time_ns, quality, satellites, *latlon(s, 2), height, geoid, hdop(s))
 
 
 def hdop(s: Sentence) -> float | None:
-    """Field 8 of GGA and GNS; 0 and 99.x say that the receiver has no figure."""
+    """Field 8 of GGA and GNS; 0 and 99.x mean that it is unknown."""
     value = number(s.field(8), 0.0, 1e4, "HDOP")
     return value if value and value < UNKNOWN_HDOP else None
 
@@ -145,7 +145,7 @@ def rmc(s: Sentence) -> RmcGllGroup:
 def gll(s: Sentence) -> RmcGllGroup:
     """Position, time, status, mode."""
     time_ns, mode = utc_ns(s.field(5)), s.field(7)
-    if s.field(6) not in ("A", "V", "N"):  # N: some receivers' word for V
+    if s.field(6) not in ("A", "V", "N"):  # N: V in some receivers
         raise RefusedError("status")
     if s.field(6) != "A" or mode == "N":
         return RmcGllGroup(time_ns, None, 0)
@@ -181,7 +181,7 @@ def zda(s: Sentence) -> Zda:
 
 
 def gsa(s: Sentence) -> GsaMode:
-    """Which kind of fix; the satellites behind it do not matter here."""
+    """The fix mode; `sky.py` reads the satellites."""
     if s.field(2) not in ("1", "2", "3"):
         raise RefusedError("dimensions")
     return GsaMode(int(s.field(2)))
@@ -191,7 +191,7 @@ def speed_mps(text: str, unit: tuple[int, int], knots: str = "") -> float | None
     """A speed in `unit`, or else in knots."""
     if not text:
         return speed_mps(knots, KNOTS) if knots else None
-    number(text, 0.0, FASTEST, "speed")
+    number(text, 0.0, SPEED_MAX, "speed")
     return quotient(text, *unit)
 
 

@@ -12,36 +12,36 @@ from ..fix import Fix, ReceiverStatus, Sky
 from .content import READERS, Content, GsaMode
 from .epochs import Epoch, same_time
 from .sentences import RefusedError, Sentence, Splitter
-from .sky import SkyListener
+from .sky import SkyCollector
 
-QUIET_NS = 200_000_000  # longer than any pause within a burst
+SILENCE_NS = 200_000_000  # longer than any pause within a burst
 ESTABLISHED, CONTRADICTED = 2, -3  # bursts: so many were alike, and so many more must be after one that was not
-LATEST = 1.1  # intervals after an epoch's first sentence, in which one without a time can be of that epoch
-LONGEST_NS = 10_000_000_000  # interval
+LATE_INTERVALS = 1.1  # intervals after an epoch's first sentence, in which one without a time can be of that epoch
+INTERVAL_MAX_NS = 10_000_000_000  # interval
 COMPANIONS = {"GST", "ZDA"}
 DIMENSIONS_LAST = 30  # epochs without a GSA after which the last one no longer counts
 
 
 class BurstOrder:
-    """Which kinds of sentence come first, or last, in a burst: learned, as any sentence may be lost."""
+    """The kinds of sentence that are first, or last, in a burst: learned, as any sentence may be lost."""
 
     def __init__(self) -> None:
         self._score: Counter[str] = Counter()
 
     def confirm(self, kind: str) -> None:
-        """In a burst `kind` came at this end."""
+        """In a burst `kind` was at this end."""
         self._score[kind] = min(self._score[kind] + 1, ESTABLISHED)
 
     def contradict(self, kind: str) -> None:
-        """In a burst `kind` came elsewhere."""
+        """In a burst `kind` was not at this end."""
         self._score[kind] = CONTRADICTED
 
     def is_established(self, kind: str) -> bool:
-        """Whether `kind` comes at this end, by the last bursts."""
+        """Whether `kind` was at this end in the last bursts."""
         return self._score[kind] >= ESTABLISHED
 
     def is_contradicted(self, kind: str) -> bool:
-        """Whether `kind` came elsewhere in the last bursts."""
+        """Whether `kind` was elsewhere in the last bursts."""
         return self._score[kind] < 0
 
 
@@ -53,9 +53,9 @@ class GsaHistory:
         self._complete = True  # something else came since, so the next GSA is of another epoch
         self._age = 0
 
-    def hear(self, said: GsaMode) -> None:
+    def add(self, gsa: GsaMode) -> None:
         """One GSA."""
-        best = max(said.dimensions, 1 if self._complete or self._dimensions is None else self._dimensions)
+        best = max(gsa.dimensions, 1 if self._complete or self._dimensions is None else self._dimensions)
         self._dimensions = best if best > 1 else None
         self._complete, self._age = False, 0
 
@@ -72,8 +72,8 @@ class GsaHistory:
 class NmeaDecoder:
     """Bytes of one receiver to fixes. Not thread-safe.
 
-    Counters: `fixes`; epochs without one: `no fix`, `repeated` (also sentences said twice), `contradictory`; `other`,
-    sentences that say nothing of a fix; `late`, those of an epoch already told; `noise bytes`; and refused sentences by
+    Counters: `fixes`; epochs without one: `no fix`, `repeated` (also repeated sentences), `contradictory`; `other`,
+    sentences of unused kinds; `late`, those of an epoch that is complete; `noise bytes`; and rejected sentences by
     reason.
     """
 
@@ -86,9 +86,9 @@ class NmeaDecoder:
         self._epoch: Epoch | None = None
         self._beginnings, self._endings = BurstOrder(), BurstOrder()
         self._vtg_agrees = True  # with RMC, where there was both
-        self._interval_ns = LONGEST_NS  # between epochs
+        self._interval_ns = INTERVAL_MAX_NS  # between epochs
         self._gsa = GsaHistory()
-        self._sky = SkyListener()
+        self._sky = SkyCollector()
         self._waiting: dict[str, tuple[Content, int]] = {}  # companions of an epoch to come, with their arrival
         self._last_fix_utc_ns: int | None = None
         self._last_arrival_ns: int | None = None
@@ -106,7 +106,7 @@ class NmeaDecoder:
 
     def feed(self, data: bytes, arrival_ns: int) -> list[Fix]:
         """See `GnssDecoder`."""
-        if self._last_arrival_ns is not None and arrival_ns - self._last_arrival_ns >= QUIET_NS:
+        if self._last_arrival_ns is not None and arrival_ns - self._last_arrival_ns >= SILENCE_NS:
             self._pause_ns = arrival_ns
         self._last_arrival_ns = arrival_ns
         fixes = []
@@ -117,27 +117,27 @@ class NmeaDecoder:
 
     def flush(self, now_ns: int) -> list[Fix]:
         """See `GnssDecoder`."""
-        if self._last_arrival_ns is None or now_ns - self._last_arrival_ns < QUIET_NS:
+        if self._last_arrival_ns is None or now_ns - self._last_arrival_ns < SILENCE_NS:
             return []
         return self._close()
 
     def _process(self, sentence: Sentence) -> list[Fix]:
-        self._sky.hear(sentence)
+        self._sky.add(sentence)
         content = self._read(sentence)
-        fresh = self._pause_ns is not None and sentence.arrival_ns >= self._pause_ns
-        if fresh and self._epoch and content and same_time(content.utc_ns, self._epoch.utc_ns):
-            fresh = False  # a pause in the burst, for bytes that were lost
-        fixes = self._close() if fresh else []
+        after_pause = self._pause_ns is not None and sentence.arrival_ns >= self._pause_ns
+        if after_pause and self._epoch and content and same_time(content.utc_ns, self._epoch.utc_ns):
+            after_pause = False  # a pause in the burst, for bytes that were lost
+        fixes = self._close() if after_pause else []
         if content is None:
             return fixes
         if isinstance(content, GsaMode):
-            self._gsa.hear(content)
+            self._gsa.add(content)
             return fixes
         self._gsa.other()
-        return fixes + self._assign(sentence, content, fresh)
+        return fixes + self._assign(sentence, content, after_pause)
 
     def _read(self, sentence: Sentence) -> Content | None:
-        """What it says; None if that is of no interest, or not to be used."""
+        """Its contents; None: an unused kind, or rejected."""
         reader = READERS.get(sentence.kind)
         if reader is None:
             self.counters["other"] += 1
@@ -148,10 +148,10 @@ class NmeaDecoder:
             self.counters[f"{sentence.kind} {reason}"] += 1
             return None
 
-    def _assign(self, sentence: Sentence, content: Content, fresh: bool) -> list[Fix]:
+    def _assign(self, sentence: Sentence, content: Content, after_pause: bool) -> list[Fix]:
         """Put a sentence into the epoch to which it belongs."""
         epoch, kind = self._epoch, sentence.kind
-        if epoch is not None and not fresh and self._belongs(sentence, content, epoch):
+        if epoch is not None and not after_pause and self._belongs(sentence, content, epoch):
             self._endings.contradict(epoch.last)
             self._beginnings.contradict(kind)
             if epoch.done:
@@ -166,18 +166,18 @@ class NmeaDecoder:
             return []
         else:
             fixes = self._close()
-            self._begin(sentence, content, fresh)
+            self._begin(sentence, content, after_pause)
             return fixes + (self._finish() if self._endings.is_established(kind) else [])
         return self._finish() if self._endings.is_established(kind) else []
 
     def _belongs(self, sentence: Sentence, content: Content, epoch: Epoch) -> bool:
-        late = content.utc_ns is None and sentence.arrival_ns - epoch.arrival_ns > LATEST * self._interval_ns
+        late = content.utc_ns is None and sentence.arrival_ns - epoch.arrival_ns > LATE_INTERVALS * self._interval_ns
         return not late and epoch.fits(sentence.kind, content.utc_ns)
 
-    def _begin(self, sentence: Sentence, content: Content, fresh: bool) -> None:
+    def _begin(self, sentence: Sentence, content: Content, after_pause: bool) -> None:
         kind = sentence.kind
         unusual = self._beginnings.is_contradicted(kind) or self._endings.is_established(kind)
-        first = self._beginnings.is_established(kind) or (fresh and not unusual)
+        first = self._beginnings.is_established(kind) or (after_pause and not unusual)
         self._beginnings.confirm(kind)
         epoch = self._epoch = Epoch(sentence.arrival_ns, open_time=first)
         self._pause_ns = None
@@ -222,7 +222,7 @@ class NmeaDecoder:
             return []
         if epoch.utc_ns is not None and self._last_fix_utc_ns is not None:
             step_ns = epoch.utc_ns - self._last_fix_utc_ns
-            self._interval_ns = step_ns if 0 < step_ns < LONGEST_NS else LONGEST_NS
+            self._interval_ns = step_ns if 0 < step_ns < INTERVAL_MAX_NS else INTERVAL_MAX_NS
         self._last_fix_utc_ns = epoch.utc_ns
         self.counters["fixes"] += 1
         return [fix]

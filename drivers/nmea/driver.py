@@ -1,4 +1,4 @@
-"""NMEA 0183 receivers, of any make: recognised by what they say; written to only if the user wants that."""
+"""NMEA 0183 receivers of any make: recognised by their sentences; configured only if the user wants that."""
 
 from collections import Counter
 from dataclasses import replace
@@ -11,9 +11,9 @@ from .decoder import NmeaDecoder
 from .mtk import is_mtk, speaks_mtk, speed_up
 from .sentences import RefusedError, Sentence, Splitter
 
-ENOUGH = 2  # checked sentences; one of a kind that only receivers send will do
+ENOUGH = 2  # checked sentences; or one of a kind that only receivers send
 MEDIATEK, UNCHECKED = "MediaTek NMEA receiver", "NMEA receiver without checksums"
-TELLING = {"GGA", "GNS", "RMC", "GLL"}
+POSITION_KINDS = {"GGA", "GNS", "RMC", "GLL"}
 WITHOUT = "switch them on in the receiver, or accept sentences without them: --set gnss.require_checksum=false"
 
 
@@ -22,7 +22,7 @@ class Nmea:
 
     name = "nmea"
     bauds = (4800, 9600, 38400, 115200, 57600, 19200)
-    patience_s = 1.3  # a burst a second, a little late
+    timeout_s = 1.3  # a burst a second, a little late
     interrupts = False
 
     @property
@@ -30,21 +30,21 @@ class Nmea:
         """The kind of device."""
         return "gnss"
 
-    def recognise(self, heard: bytes) -> Identity | None:
+    def recognise(self, received: bytes) -> Identity | None:
         """Sentences with the right checksum; without any, positions that lack it."""
-        kinds = [sentence.kind for sentence in Splitter(Counter()).feed(heard, 0)]
-        if len(kinds) >= ENOUGH or TELLING.intersection(kinds):
-            return Identity(self.name, MEDIATEK if speaks_mtk(heard) else "NMEA receiver")
-        told = Splitter(Counter(), unchecked=True).feed(heard, 0)
-        return Identity(self.name, UNCHECKED) if any(map(_makes_sense, told)) else None
+        kinds = [sentence.kind for sentence in Splitter(Counter()).feed(received, 0)]
+        if len(kinds) >= ENOUGH or POSITION_KINDS.intersection(kinds):
+            return Identity(self.name, MEDIATEK if speaks_mtk(received) else "NMEA receiver")
+        sentences = Splitter(Counter(), unchecked=True).feed(received, 0)
+        return Identity(self.name, UNCHECKED) if any(map(_has_position, sentences)) else None
 
     def identify(self) -> Dialogue[Identity | None]:
-        """Receivers speak by themselves: nothing is asked."""
+        """Receivers stream by themselves: nothing is queried."""
         yield Exchange()
         return None
 
     def configure(self, identity: Identity, options: Options) -> Dialogue[GnssConfigured | Unsupported | None]:
-        """Takes the receiver as it is, unless `options.fix_rate_hz` says otherwise and it is a MediaTek."""
+        """Leaves the receiver as it is, unless `options.fix_rate_hz` is set and it is a MediaTek."""
         yield Exchange()
         if identity.model == UNCHECKED and not options.unchecked:
             return Unsupported(self.name, identity.model, WITHOUT, identity.baud)
@@ -63,10 +63,10 @@ class Nmea:
         return NmeaDecoder(unchecked)
 
 
-def _makes_sense(sentence: Sentence) -> bool:
-    """Whether it is of a kind that receivers send, and its fields are right."""
+def _has_position(sentence: Sentence) -> bool:
+    """Whether it is a valid sentence with a position."""
     try:
-        return sentence.kind in TELLING and bool(READERS[sentence.kind](sentence))
+        return sentence.kind in POSITION_KINDS and bool(READERS[sentence.kind](sentence))
     except RefusedError:
         return False
 

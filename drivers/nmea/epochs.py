@@ -55,22 +55,24 @@ class Epoch:
             self.utc_ns = content.utc_ns
 
     def status(self) -> ReceiverStatus | None:
-        """What the receiver says of itself; None if it did not. Where GGA and RMC are there, both must be valid."""
-        named = [said for said in (self.gga, self.rmc) if said] or [said for said in (self.gns, self.gll) if said]
+        """The receiver's status; None: unknown. Where GGA and RMC are there, both must be valid."""
+        named = [sentence for sentence in (self.gga, self.rmc) if sentence] or [
+            sentence for sentence in (self.gns, self.gll) if sentence
+        ]
         if not named:
             return None
-        quality = 0 if any(said.quality == 0 for said in named) else named[0].quality
+        quality = 0 if any(sentence.quality == 0 for sentence in named) else named[0].quality
         satellites = self.satellites() if quality else (self.gga or self.gns or GgaGns(None, 0, None)).satellites
         return ReceiverStatus(quality, satellites, self.arrival_ns)
 
     def satellites(self) -> int | None:
-        """In use. Some receivers say 0 in GGA beside a fix: they do not know."""
-        counts = [said.satellites for said in (self.gga, self.gns) if said]
+        """In use. 0 in GGA with a fix, as of some receivers, means unknown."""
+        counts = [sentence.satellites for sentence in (self.gga, self.gns) if sentence]
         return next((count for count in counts if count), None)
 
     def positions(self) -> list[GgaGns | RmcGllGroup]:
         """The sentences with a position, the richest first."""
-        return [said for said in (self.gga, self.gns, self.rmc, self.gll) if said and said.quality]
+        return [sentence for sentence in (self.gga, self.gns, self.rmc, self.gll) if sentence and sentence.quality]
 
     def contradictory(self) -> bool:
         """Whether two sentences of it give different positions."""
@@ -79,7 +81,7 @@ class Epoch:
 
     def vtg_agrees(self) -> bool | None:
         """Whether VTG gives the speed of RMC; None if one of them does not give any."""
-        rmc, vtg = (said.speed_mps if said else None for said in (self.rmc, self.vtg))
+        rmc, vtg = (sentence.speed_mps if sentence else None for sentence in (self.rmc, self.vtg))
         return None if rmc is None or vtg is None else abs(rmc - vtg) < ROUNDING_MPS
 
     def fix(self, quality: int, dimensions: int | None, with_vtg: bool) -> Fix | None:
@@ -87,8 +89,8 @@ class Epoch:
         positions = self.positions()
         if not positions:
             return None
-        place = positions[0]
-        # RMC says by its time to which position its speed belongs; VTG can only be told by its place in the burst.
+        position = positions[0]
+        # RMC's time says to which position its speed belongs; of VTG only its order in the burst is known.
         motion = self.rmc if self.rmc and self.rmc.speed_mps is not None else self.vtg if with_vtg else None
         dated = self.rmc or self.zda
         height = self.gga or self.gns or GgaGns(None, quality, None)
@@ -97,8 +99,8 @@ class Epoch:
             arrival_ns=self.arrival_ns,
             utc_s=None if self.utc_ns is None else self.utc_ns / 1e9,
             date=dated.date if dated else None,
-            lat_deg=place.lat_deg,
-            lon_deg=place.lon_deg,
+            lat_deg=position.lat_deg,
+            lon_deg=position.lon_deg,
             alt_msl_m=height.alt_msl_m,
             geoid_sep_m=height.geoid_sep_m,
             quality=quality,

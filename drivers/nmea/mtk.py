@@ -1,8 +1,8 @@
-"""MediaTek receivers: giving them fewer sentences, a faster line and more fixes a second, by PMTK commands.
+"""MediaTek receivers: PMTK commands for fewer sentences, a higher baud rate and a higher fix rate.
 
-Every command is acknowledged with PMTK001 (flag 3: done); silence is asked again twice. PMTK220, the fix interval, is
-not known to all of them; PMTK300 is tried after it. Nothing here survives a power cycle. If any step fails, what was
-changed is changed back. Source: MTK NMEA packet user manual; design/protocols.md 4.3.
+PMTK001 acknowledges every command (flag 3: done); without an answer a command is repeated twice. PMTK220, the fix
+interval, is not known to all of them; PMTK300 is tried after it. Nothing here survives a power cycle. If any step
+fails, all changes are undone. Source: MTK NMEA packet user manual; design/protocols.md 4.3.
 """
 
 from collections import Counter
@@ -16,20 +16,20 @@ from .sentences import Sentence, Splitter, checksum
 TRIES = 3
 DONE = "3"
 ANSWER_S = 1.0
-BACKLOG = 2048  # bytes that the receiver may have to say before it answers
+BACKLOG = 2048  # bytes that the receiver may send before it answers
 BITS = 10  # on the wire per byte
-SETTLE_S = 2.5  # in which a receiver is heard at its new speed: one burst a second, and one may be torn
-WANTED = "314,0,1,1,1,5,0,0,0,0,0,0,0,0,0,0,0,0,0,0"  # RMC VTG GGA at each fix, GSA at every fifth
+SETTLE_S = 2.5  # in which a receiver is received at its new speed: one burst a second, and one may be torn
+SENTENCES = "314,0,1,1,1,5,0,0,0,0,0,0,0,0,0,0,0,0,0,0"  # RMC VTG GGA at each fix, GSA at every fifth
 DEFAULTS = "314,-1"
 FIX_BYTES = 220  # of those per fix: GGA 82, RMC 76, VTG 40, a fifth of GSA 60, and a little
-LOAD = 0.8  # of the line, at most
+LOAD_MAX = 0.8  # of the line, at most
 FAST_BAUD = 57600
 SLOWEST_MS = 1000
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of it. baud: at which the receiver talks now; None: it is not heard any more."""
+    """The result. baud: the receiver's, now; None: nothing is received any more."""
 
     baud: int | None
     problem: str = ""
@@ -41,20 +41,20 @@ def command(text: str) -> bytes:
     return b"$%s*%02X\r\n" % (body, checksum(body))
 
 
-def sentences(heard: bytes) -> Sequence[Sentence]:
+def sentences(received: bytes) -> Sequence[Sentence]:
     """Those with the right checksum."""
-    return list(Splitter(Counter()).feed(heard, 0))
+    return list(Splitter(Counter()).feed(received, 0))
 
 
-def speaks_mtk(heard: bytes) -> bool:
-    """Whether a MediaTek receiver said something of its own."""
-    return any(sentence.talker == "P" and sentence.kind.startswith("MTK") for sentence in sentences(heard))
+def speaks_mtk(received: bytes) -> bool:
+    """Whether a sentence of MediaTek's own protocol was received."""
+    return any(sentence.talker == "P" and sentence.kind.startswith("MTK") for sentence in sentences(received))
 
 
 def is_mtk(baud: int) -> Dialogue[bool]:
-    """Ask for the firmware's version. Any answer in PMTK will do, also that the question is not known."""
+    """Query the firmware's version. Any answer in PMTK counts, also that the query is unknown."""
     for _ in range(TRIES):
-        if speaks_mtk((yield Exchange(command("605"), patience_s(baud), speaks_mtk))):
+        if speaks_mtk((yield Exchange(command("605"), answer_timeout_s(baud), speaks_mtk))):
             return True
     return False
 
@@ -62,25 +62,25 @@ def is_mtk(baud: int) -> Dialogue[bool]:
 def speed_up(baud: int, rate_hz: float) -> Dialogue[Outcome]:
     """Set up a MediaTek receiver that talks at `baud` for `rate_hz` fixes a second."""
     faster = max(baud, FAST_BAUD)
-    if rate_hz * FIX_BYTES * BITS > LOAD * faster:
+    if rate_hz * FIX_BYTES * BITS > LOAD_MAX * faster:
         return Outcome(baud, f"{rate_hz:g} fixes a second do not fit through {faster} baud")
-    if not (yield from _do(WANTED, baud)):
-        return Outcome(baud, "it does not take PMTK314, the choice of sentences")
-    now = yield from _change_baud(baud, faster)
-    if now != faster:
-        yield from _do(DEFAULTS, now or baud)
-        return Outcome(now, f"it does not change to {faster} baud")
+    if not (yield from _do(SENTENCES, baud)):
+        return Outcome(baud, "it rejects PMTK314, the choice of sentences")
+    actual = yield from _change_baud(baud, faster)
+    if actual != faster:
+        yield from _do(DEFAULTS, actual or baud)
+        return Outcome(actual, f"it does not change to {faster} baud")
     interval_ms = round(1000.0 / rate_hz)
     if (yield from _set_interval(interval_ms, faster)):
         return Outcome(faster)
     yield from _set_interval(SLOWEST_MS, faster)
     yield from _do(DEFAULTS, faster)
     back = yield from _change_baud(faster, baud)
-    return Outcome(back, f"it does not take {interval_ms} ms between fixes, neither by PMTK220 nor by PMTK300")
+    return Outcome(back, f"it rejects {interval_ms} ms between fixes, both by PMTK220 and by PMTK300")
 
 
-def patience_s(baud: int) -> float:
-    """For an answer behind all that is still to be said."""
+def answer_timeout_s(baud: int) -> float:
+    """For an answer after all pending sentences."""
     return ANSWER_S + BACKLOG * BITS / baud
 
 
@@ -88,20 +88,20 @@ def _do(text: str, baud: int) -> Dialogue[bool]:
     """Send a command until it is acknowledged; whether it was done."""
     number = text.partition(",")[0]
     for _ in range(TRIES):
-        flag = _flag((yield Exchange(command(text), patience_s(baud), partial(_answered, number=number))), number)
+        flag = _flag((yield Exchange(command(text), answer_timeout_s(baud), partial(_answered, number=number))), number)
         if flag:
             return flag == DONE
     return False
 
 
-def _flag(heard: bytes, number: str) -> str:
+def _flag(received: bytes, number: str) -> str:
     """The acknowledgement of a command; empty: none."""
-    answers = [s for s in sentences(heard) if s.kind == "MTK001" and s.field(1) == number]
+    answers = [s for s in sentences(received) if s.kind == "MTK001" and s.field(1) == number]
     return answers[-1].field(2) if answers else ""
 
 
-def _answered(heard: bytes, number: str) -> bool:
-    return bool(_flag(heard, number))
+def _answered(received: bytes, number: str) -> bool:
+    return bool(_flag(received, number))
 
 
 def _set_interval(interval_ms: int, baud: int) -> Dialogue[bool]:
@@ -112,22 +112,24 @@ def _set_interval(interval_ms: int, baud: int) -> Dialogue[bool]:
 
 
 def _change_baud(old: int, new: int) -> Dialogue[int | None]:
-    """Change the receiver's speed and our own; the one at which it is heard then, None if at neither.
+    """Change the receiver's speed and our own; the one at which it is received then, None if at neither.
 
-    The answer comes at the old speed, if at all, so only what is heard at the new one counts.
+    The answer comes at the old speed, if at all, so only what is received at the new one counts.
     """
     if new == old:
         return new
     for _ in range(TRIES):
         answered = partial(_answered, number="251")
-        flag = _flag((yield Exchange(command(f"251,{new}"), patience_s(old), answered)), "251")
-        if flag in ("", DONE) and sentences((yield Exchange(baud=new, discard=True, listen_s=SETTLE_S, enough=_heard))):
+        flag = _flag((yield Exchange(command(f"251,{new}"), answer_timeout_s(old), answered)), "251")
+        if flag in ("", DONE) and sentences(
+            (yield Exchange(baud=new, discard=True, listen_s=SETTLE_S, enough=_has_sentences))
+        ):
             return new
-        heard = yield Exchange(baud=old, discard=True, listen_s=SETTLE_S, enough=_heard)
-        if flag and sentences(heard):
+        received = yield Exchange(baud=old, discard=True, listen_s=SETTLE_S, enough=_has_sentences)
+        if flag and sentences(received):
             return old
-    return old if sentences(heard) else None
+    return old if sentences(received) else None
 
 
-def _heard(heard: bytes) -> bool:
-    return bool(sentences(heard))
+def _has_sentences(received: bytes) -> bool:
+    return bool(sentences(received))

@@ -1,9 +1,9 @@
 """NMEA 0183 sentences, strictly: bytes to checked sentences, and their fields to values.
 
-A sentence ends with CR, LF, or the `$` of the next one, and what stands behind its checksum does not count: good
-sentences beside a torn one survive. One without a checksum is taken only if the user wants that, and CR or LF ends it.
-What is not correct to the letter is refused with a reason, never guessed; empty fields are `None`. Angles are computed
-from the digits as one quotient of integers, so they are right to the last bit.
+A sentence ends with CR, LF, or the `$` of the next one, and bytes after its checksum are ignored: a torn sentence does
+not damage its neighbours. A sentence without a checksum is accepted only if the user allows it; CR or LF ends it. A
+sentence with any syntax error is rejected with a reason; empty fields are `None`. Angles are computed from the digits
+as one quotient of integers, so they are correctly rounded.
 Source: NMEA 0183 v4.11, gpsd's NMEA.adoc.
 """
 
@@ -15,7 +15,7 @@ from datetime import date
 from functools import reduce
 from operator import xor
 
-LONGEST = 512  # bytes; the standard has 82, receivers send more
+LENGTH_MAX = 512  # bytes; the standard has 82, receivers send more
 BODY = re.compile(rb"([A-Z0-9]{2,})((?:,[\x20-\x7e]*)?)")
 ENDING = re.compile(rb"\*([0-9A-Fa-f]{2})")
 NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)")
@@ -25,7 +25,7 @@ DEGREES = {2: re.compile(r"(\d{2})(\d\d)(?:\.(\d*))?"), 3: re.compile(r"(\d{3})(
 
 
 class RefusedError(ValueError):
-    """A sentence that is not to be used; the message is the reason it is counted under."""
+    """A rejected sentence; the message is the reason under which it is counted."""
 
 
 @dataclass(frozen=True)
@@ -52,14 +52,14 @@ class Splitter:
         self._arrival_ns = 0
 
     def feed(self, data: bytes, arrival_ns: int) -> Iterator[Sentence]:
-        """Take bytes; yields the sentences that they complete."""
+        """Split bytes; yields the sentences that they complete."""
         for piece in re.split(rb"([$\r\n])", data):
             if piece in (b"$", b"\r", b"\n"):
                 yield from self._end(torn=piece == b"$")
                 if piece == b"$":
                     self._inside, self._arrival_ns = True, arrival_ns
             elif self._inside:
-                self._line += piece[: LONGEST + 1 - len(self._line)]
+                self._line += piece[: LENGTH_MAX + 1 - len(self._line)]
             elif piece:
                 self._counters["noise bytes"] += len(piece)
 
@@ -76,8 +76,8 @@ class Splitter:
 
     def _checked(self, line: bytes, torn: bool) -> Sentence:
         ending = ENDING.search(line)
-        if len(line) > LONGEST:
-            raise RefusedError("overlong")
+        if len(line) > LENGTH_MAX:
+            raise RefusedError("too long")
         if ending is None and (torn or not self._unchecked):
             raise RefusedError("no checksum")
         body = line[: ending.start()] if ending else line.rstrip()

@@ -1,7 +1,7 @@
-"""The satellites that a receiver tells of: GSV says which are in view, GSA which it uses.
+"""The satellites that a receiver reports: GSV lists those in view, GSA those in use.
 
-A list comes in several GSV of one talker (and signal), in sequence; it counts once it is whole. Satellites are numbered
-as NMEA does, by system; those who send GN tell the system by GSA's last field, or by the number alone.
+A list is several GSV of one talker (and signal), in sequence; it is used once it is whole. Satellites are numbered by
+system, as in NMEA; with talker GN the system is GSA's last field, or follows from the number.
 Source: NMEA 0183 v4.11, GSA and GSV; gpsd's NMEA.adoc.
 """
 
@@ -15,10 +15,10 @@ SYSTEMS = {"GP": 0, "GA": 2, "GB": 3, "BD": 3, "GQ": 5, "GL": 6}  # as gpsd's gn
 SYSTEM_OF_GSA = {"1": 0, "2": 6, "3": 2, "4": 3, "5": 5}
 GPS, SBAS, GLONASS = 0, 1, 6
 FIRST_SBAS, LAST_SBAS, FIRST_GLONASS, LAST_GLONASS = 33, 64, 65, 96
-LISTS = 16  # at most: systems times signals
-LONGEST = 64  # satellites in a list
+LISTS_MAX = 16  # at most: systems times signals
+LIST_MAX = 64  # satellites in a list
 IN_ONE = 4
-PLACES = 14  # where the numbers in GSA end
+NUMBERS_END = 14  # where the numbers in GSA end
 UNKNOWN_DOP = 99.0
 
 
@@ -32,7 +32,7 @@ def system_of(talker: str, satellite: int) -> int:
     return SYSTEMS.get(talker, 0)
 
 
-class SkyListener:
+class SkyCollector:
     """Sentences in, satellites out. Not thread-safe."""
 
     def __init__(self) -> None:
@@ -44,39 +44,39 @@ class SkyListener:
         self._sky: Sky | None = Sky()
         self._readers: dict[str, Callable[[Sentence], None]] = {"GSV": self._gsv, "GSA": self._gsa}
 
-    def hear(self, sentence: Sentence) -> None:
-        """Any sentence; those of other kinds say nothing here."""
+    def add(self, sentence: Sentence) -> None:
+        """Any sentence; other kinds are ignored."""
         if reader := self._readers.get(sentence.kind):
             reader(sentence)
 
     @property
     def sky(self) -> Sky:
-        """As last told; each satellite once, with its strongest signal."""
+        """The last report; each satellite once, with its strongest signal."""
         if self._sky is None:
             self._sky = Sky(self._satellites(), self._pdop, self._vdop)
         return self._sky
 
     def _gsv(self, s: Sentence) -> None:
-        total, place = s.field(1), s.field(2)
+        total, index = s.field(1), s.field(2)
         signal = s.field(len(s.fields)) if (len(s.fields) - 3) % IN_ONE == 1 else ""
         key = (s.talker, signal)
         rows = [s.fields[i : i + IN_ONE] for i in range(3, len(s.fields) - IN_ONE + 1, IN_ONE)]
-        if place in ("1", "01"):
-            if len(self._growing) >= LISTS:
+        if index in ("1", "01"):
+            if len(self._growing) >= LISTS_MAX:
                 self._growing.clear()
             self._growing[key] = []
-        elif len(self._growing.get(key, ())) != IN_ONE * (int(place) - 1 if place.isdecimal() else -1):
+        elif len(self._growing.get(key, ())) != IN_ONE * (int(index) - 1 if index.isdecimal() else -1):
             self._growing.pop(key, None)  # one was lost
             return
-        elif len(self._growing[key]) >= LONGEST:
+        elif len(self._growing[key]) >= LIST_MAX:
             return
         self._growing[key] += rows
-        if total == place and (key in self._lists or len(self._lists) < LISTS):
+        if total == index and (key in self._lists or len(self._lists) < LISTS_MAX):
             self._lists[key] = self._growing.pop(key)
             self._sky = None
 
     def _gsa(self, s: Sentence) -> None:
-        numbers = [int(text) for text in s.fields[2:PLACES] if text.isdecimal()]
+        numbers = [int(text) for text in s.fields[2:NUMBERS_END] if text.isdecimal()]
         system = SYSTEM_OF_GSA.get(s.field(18), system_of(s.talker, numbers[0] if numbers else 0))
         self._used[system] = {(system_of(s.talker, n) if system == GPS else system, n) for n in numbers}
         self._sky = None
@@ -98,7 +98,7 @@ class SkyListener:
 
 
 def _satellite(talker: str, row: tuple[str, ...], used: set[tuple[int, int]]) -> Satellite | None:
-    """One of a list; None where it makes no sense."""
+    """One satellite of a list; None if its fields are invalid."""
     try:
         name, elevation = integer(row[0], 999, "satellite"), integer(row[1].removeprefix("-"), 90, "elevation")
         azimuth, signal = integer(row[2], 360, "azimuth"), integer(row[3], 99, "signal")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..dialogue import Dialogue
 from ..driver import Identity, ImuConfigured, Options
-from .protocol import PATIENCE_S, measure_rate, probe, reach_stream
+from .protocol import TIMEOUT_S, measure_rate, probe, reach_stream
 from .ranges import FULL_COUNT, LOW_PASS_NS, MODEL, RANGES, STANDARD_GRAVITY, range_of
 from .signatures import Stream, firmware_in, menu_in, range_in, stream_in
 
@@ -23,38 +23,38 @@ class SerAccel:
 
     name = "seraccel"
     bauds = (57600, 38400, 19200, 9600)
-    patience_s = PATIENCE_S
+    timeout_s = TIMEOUT_S
     interrupts = False
-    complaints = MappingProxyType[int, str]({})
+    fault_texts = MappingProxyType[int, str]({})
 
     @property
     def kind(self) -> Literal["imu"]:
         """The kind of device."""
         return "imu"
 
-    def recognise(self, heard: bytes) -> Identity | None:
+    def recognise(self, received: bytes) -> Identity | None:
         """A stream in any mode, or the menu."""
-        if stream_in(heard) is None and not menu_in(heard):
+        if stream_in(received) is None and not menu_in(received):
             return None
-        return Identity(self.name, MODEL, firmware=firmware_in(heard), profile=PROFILE)
+        return Identity(self.name, MODEL, firmware=firmware_in(received), profile=PROFILE)
 
     def identify(self) -> Dialogue[Identity | None]:
-        """Ask a silent line for the menu."""
+        """Request the menu on a silent line."""
         return self.recognise((yield from probe()))
 
     def configure(self, identity: Identity, options: Options) -> Dialogue[ImuConfigured | None]:
         """Leave the menu if the board is there, and listen. Rate and range stay as the user chose them in the menu."""
-        streaming, heard = yield from reach_stream(options.readonly)
+        streaming, received = yield from reach_stream(options.readonly)
         if not streaming:
             return None
         rate_hz, newest = yield from measure_rate()
         stream = stream_in(newest)
         if stream is None:
             return None
-        identity = replace(identity, firmware=firmware_in(heard) or identity.firmware)
-        range_g, warnings = range_in(heard), tuple[str, ...]()
+        identity = replace(identity, firmware=firmware_in(received) or identity.firmware)
+        range_g, warnings = range_in(received), tuple[str, ...]()
         if range_g is None and stream.counts:
-            range_g, warnings = judged_range(stream)
+            range_g, warnings = range_from_gravity(stream)
         model = next((row.model for row in RANGES if row.g == range_g), MODEL)
         wire_ns = round(stream.bytes_each * 10 / (identity.baud or self.bauds[0]) * 1e9)
         return ImuConfigured(
@@ -82,8 +82,8 @@ class SerAccel:
         return decode
 
 
-def judged_range(stream: Stream) -> tuple[float, tuple[str, ...]]:
-    """The range in which the counts heard are nearest to 1 g, and a warning: only the menu tells it."""
+def range_from_gravity(stream: Stream) -> tuple[float, tuple[str, ...]]:
+    """The range in which the counts are nearest to 1 g, and a warning: only the menu states the range."""
     mean = [sum(axis) / len(stream.samples) - FULL_COUNT / 2.0 for axis in zip(*stream.samples, strict=True)]
     force = {row.g: math.hypot(*mean) * row.scale / STANDARD_GRAVITY for row in RANGES}
     range_g = min(force, key=lambda g: abs(math.log(max(force[g], 1e-3))))

@@ -1,4 +1,4 @@
-"""What the board sends, bytes to samples, whatever mode its menu has it in.
+"""The decoder of the board's stream in all its modes: bytes to samples.
 
     X=-0.501 Y=-0.007 Z= 0.082     calculated gravity in g; the sign column of a positive number is blank
      0.01<TAB>-0.02<TAB> 1.00      the same by the successor's firmware
@@ -32,7 +32,7 @@ from .ranges import FULL_COUNT, STANDARD_GRAVITY, Range
 from .text import LETTER_X, MINUS, NO_NUMBER, read_line, skip_blanks
 
 FRAME = 8  # bytes of a binary frame
-LONGEST = 64  # bytes of a line
+LINE_MAX = 64  # bytes of a line
 STRAY = 2  # bytes of junk that need not be what is left of a line
 HASH, DOLLAR, CR, LF = ord("#"), ord("$"), 13, 10
 FIXED, DEVIATION = 8, 4  # lines of one width that make it count; how many of them a deviation takes back
@@ -84,22 +84,22 @@ def is_frame(rx: Any, p: int) -> bool:
 @kernel
 def piece_end(rx: Any, p: int, fill: int) -> int:
     """Where the text at p ends: at CR, LF, the next X or #, or at its longest; -1: not yet."""
-    for at in range(p, min(p + LONGEST, fill)):
+    for at in range(p, min(p + LINE_MAX, fill)):
         byte = rx[at]
         if byte in (CR, LF) or (at > p and byte in (LETTER_X, HASH)):
             return at
-    return p + LONGEST if p + LONGEST <= fill else -1
+    return p + LINE_MAX if p + LINE_MAX <= fill else -1
 
 
 @kernel
-def drop(s: Any, size: int) -> None:
+def skip(s: Any, size: int) -> None:
     """Bytes that are no sample."""
     s.junk += size
     s.gap += size
 
 
 @kernel
-def take_counts(s: Any, x: int, y: int, z: int) -> bool:
+def force_from_counts(s: Any, x: int, y: int, z: int) -> bool:
     """Raw counts as force; False if no converter gives them."""
     if not (0 <= x <= FULL_COUNT and 0 <= y <= FULL_COUNT and 0 <= z <= FULL_COUNT):
         return False
@@ -110,13 +110,13 @@ def take_counts(s: Any, x: int, y: int, z: int) -> bool:
 
 
 @kernel
-def take_text(s: Any, rx: Any, p: int, end: int) -> bool:
+def force_from_text(s: Any, rx: Any, p: int, end: int) -> bool:
     """The line rx[p:end] as force; False if it is none."""
     decimals = read_line(rx, p, end, s.numbers)
     if decimals == NO_NUMBER:
         return False
     if decimals == 0:
-        return take_counts(s, s.numbers[0], s.numbers[1], s.numbers[2])
+        return force_from_counts(s, s.numbers[0], s.numbers[1], s.numbers[2])
     unit = 1
     for _ in range(decimals):
         unit *= 10
@@ -126,7 +126,7 @@ def take_text(s: Any, rx: Any, p: int, end: int) -> bool:
 
 
 @kernel
-def is_odd(s: Any, rx: Any, p: int, end: int) -> bool:
+def has_odd_width(s: Any, rx: Any, p: int, end: int) -> bool:
     """Whether the line rx[p:end] has lost or gained a byte: lines have had another width for long."""
     width = bare = end - p
     for at in range(p, end):
@@ -176,16 +176,16 @@ def emit(s: Any, sample: Any, size: int, odd: bool) -> None:
 
 
 @kernel
-def take_piece(s: Any, rx: Any, p: int, end: int, fill: int, sample: Any) -> bool:
+def decode_piece(s: Any, rx: Any, p: int, end: int, fill: int, sample: Any) -> bool:
     """The text rx[p:end] as a sample; False if it is none."""
     if skip_blanks(rx, p, end) == end:
         return False
     last = rx[end] if end < fill else HASH
     ended = last in (CR, LF) or (last == LETTER_X and rx[p] == LETTER_X)
-    if (s.synchronous or rx[p] == LETTER_X) and ended and end - p < LONGEST and take_text(s, rx, p, end):
-        emit(s, sample, end - p, is_odd(s, rx, p, end))
+    if (s.synchronous or rx[p] == LETTER_X) and ended and end - p < LINE_MAX and force_from_text(s, rx, p, end):
+        emit(s, sample, end - p, has_odd_width(s, rx, p, end))
         return True
-    drop(s, end - p)
+    skip(s, end - p)
     s.bad += 1
     return False
 
@@ -204,7 +204,7 @@ def decode(rx: NDArray[np.uint8], fill: int, state: NDArray[np.void], samples: N
         if byte == HASH:
             if p + FRAME > fill:
                 break
-            if is_frame(rx, p) and take_counts(s, word(rx, p + 1), word(rx, p + 3), word(rx, p + 5)):
+            if is_frame(rx, p) and force_from_counts(s, word(rx, p + 1), word(rx, p + 3), word(rx, p + 5)):
                 emit(s, samples[n], FRAME, False)
                 n += 1
                 p += FRAME
@@ -213,7 +213,7 @@ def decode(rx: NDArray[np.uint8], fill: int, state: NDArray[np.void], samples: N
         end = piece_end(rx, p, fill)
         if end < 0:
             break
-        if take_piece(s, rx, p, end, fill, samples[n]):
+        if decode_piece(s, rx, p, end, fill, samples[n]):
             n += 1
         s.synchronous = 0
         p = end

@@ -1,4 +1,4 @@
-"""What the board says by itself, found in a piece of it in plain Python: its stream, or its menu."""
+"""Recognition of the board's stream, or of its menu, in a piece of bytes, in plain Python."""
 
 import re
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ LABELLED = re.compile(
 )
 PLAIN = re.compile(rb"[ \t]*" + (_BETWEEN + rb"+").join([_NUMBER] * 3) + _END)
 PIECE = re.compile(rb"[^\r\n]*[\r\n]+")
-PLAIN_LINES = 3  # in sequence; one with labels is telling enough
+PLAIN_LINES = 3  # in sequence; one line with labels is enough
 BINARY = re.compile(rb"(?:#[\0-\3].[\0-\3].[\0-\3].\$){5,}", re.DOTALL)
 FRAME = 8
 MENU = re.compile(
@@ -28,22 +28,22 @@ RANGE = re.compile(rb"range[^\r\n]*?(\d(?:\.\d)?) ?g", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Stream:
-    """Samples heard: numbers as sent, g or counts."""
+    """Samples received: numbers as sent, g or counts."""
 
     samples: tuple[tuple[float, float, float], ...]
     counts: bool
     bytes_each: float  # with line end
 
 
-def stream_in(heard: bytes) -> Stream | None:
+def stream_in(received: bytes) -> Stream | None:
     """The longest unbroken run of samples, if it is long enough to be sure."""
-    if runs := [match[0] for match in BINARY.finditer(heard)]:
+    if runs := [match[0] for match in BINARY.finditer(received)]:
         run = max(runs, key=len)
         frames = [run[i : i + FRAME] for i in range(0, len(run), FRAME)]
         words = [[float(frame[i] << 8 | frame[i + 1]) for i in (1, 3, 5)] for frame in frames]
         return Stream(tuple((x, y, z) for x, y, z in words), True, FRAME)
     best: list[re.Match[bytes]] = []
-    for lines in _text_runs(heard):
+    for lines in _text_runs(received):
         if len(lines) >= (1 if lines[0].re is LABELLED else PLAIN_LINES):
             best = max(best, lines, key=len)
     if not best:
@@ -53,10 +53,10 @@ def stream_in(heard: bytes) -> Stream | None:
     return Stream(values, b"." not in best[0][1], width)
 
 
-def _text_runs(heard: bytes) -> Iterator[list[re.Match[bytes]]]:
+def _text_runs(received: bytes) -> Iterator[list[re.Match[bytes]]]:
     """Runs of whole text lines; the first and the last piece may be cut."""
     run: list[re.Match[bytes]] = []
-    for piece in PIECE.findall(heard)[1:]:
+    for piece in PIECE.findall(received)[1:]:
         line = LABELLED.fullmatch(piece) or PLAIN.fullmatch(piece)
         if line and len({b"." in line[axis] for axis in (1, 2, 3)}) == 1:
             run.append(line)
@@ -67,29 +67,29 @@ def _text_runs(heard: bytes) -> Iterator[list[re.Match[bytes]]]:
         yield run
 
 
-def menu_in(heard: bytes) -> bytes:
+def menu_in(received: bytes) -> bytes:
     """The text up to the end of what resembles the menu or one of its prompts; empty if nothing does."""
-    matches = list(MENU.finditer(heard))
-    return heard[: matches[-1].end()] if matches else b""
+    matches = list(MENU.finditer(received))
+    return received[: matches[-1].end()] if matches else b""
 
 
-def ends_in_prompt(heard: bytes) -> bool:
+def ends_in_prompt(received: bytes) -> bool:
     """Whether the last words ask for a choice, of whatever menu."""
-    return PROMPT.search(heard) is not None
+    return PROMPT.search(received) is not None
 
 
-def is_streaming(heard: bytes) -> bool:
-    """Whether samples were heard, after the menu if that was heard too."""
-    return stream_in(heard[len(menu_in(heard)) :]) is not None
+def is_streaming(received: bytes) -> bool:
+    """Whether samples were received, after the menu if that was received too."""
+    return stream_in(received[len(menu_in(received)) :]) is not None
 
 
-def firmware_in(heard: bytes) -> str:
-    """Version as the menu tells it; empty if it does not."""
-    match = FIRMWARE.search(heard)
+def firmware_in(received: bytes) -> str:
+    """Version in the menu; empty if there is none."""
+    match = FIRMWARE.search(received)
     return match[1].decode("ascii") if match else ""
 
 
-def range_in(heard: bytes) -> float | None:
-    """Range in g as the menu tells it."""
-    match = RANGE.search(heard)
+def range_in(received: bytes) -> float | None:
+    """Range in g in the menu; None if there is none."""
+    match = RANGE.search(received)
     return float(match[1]) if match else None

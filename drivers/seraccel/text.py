@@ -13,7 +13,7 @@ from ..jit import kernel
 
 TAB, BLANK, COMMA, SEMICOLON, COLON, EQUALS = 9, 32, 44, 59, 58, 61
 PLUS, MINUS, POINT, ZERO, LETTER_X = 43, 45, 46, 48, 88
-MOST_DIGITS = 9  # in one number
+DIGITS_MAX = 9  # in one number
 NO_NUMBER = -1
 
 
@@ -51,20 +51,20 @@ def read_number(rx: Any, at: int, end: int) -> tuple[int, int, int]:
     value, digits, decimals = 0, 0, 0
     if not is_digit(rx, at, end):
         return 0, NO_NUMBER, at
-    while is_digit(rx, at, end) and digits <= MOST_DIGITS:
+    while is_digit(rx, at, end) and digits <= DIGITS_MAX:
         value = 10 * value + (rx[at] - ZERO)
         digits += 1
         at += 1
     if at < end and rx[at] == POINT:
         at += 1
-        while is_digit(rx, at, end) and digits <= MOST_DIGITS:
+        while is_digit(rx, at, end) and digits <= DIGITS_MAX:
             value = 10 * value + (rx[at] - ZERO)
             digits += 1
             decimals += 1
             at += 1
         if decimals == 0:
             return 0, NO_NUMBER, at
-    if digits > MOST_DIGITS:
+    if digits > DIGITS_MAX:
         return 0, NO_NUMBER, at
     return -value if negative else value, decimals, at
 

@@ -22,21 +22,21 @@ class DataReady:
         chip, _, name = line.rpartition(":")
         self.line = line
         self.dropped = 0  # edges for which the kernel had no room (it keeps 16)
-        self.waiting: list[int] = []  # edges read but not taken
+        self.waiting: list[int] = []  # edges that were read and not popped
         self._next: int | None = None  # sequence number
         self._request = _request(line, chip if chip.startswith("/") else f"/dev/{chip}", name)
         self.fd: int = self._request.fd
         self._poll = select.poll()
         self._poll.register(self.fd, select.POLLIN)
 
-    def forget(self) -> None:
-        """Drop the edges until now: they came before anything was to be fetched."""
+    def discard(self) -> None:
+        """Drop the edges until now, before the first fetch."""
         self._read()
         self.waiting.clear()
         self.dropped = 0
 
-    def take(self, until_ns: int) -> list[int]:
-        """Times in ns (CLOCK_MONOTONIC) of the edges until then that were not taken before, oldest first."""
+    def pop_until(self, until_ns: int) -> list[int]:
+        """Remove and return the times in ns (CLOCK_MONOTONIC) of the waiting edges until then, oldest first."""
         self._read()
         edges = self.waiting
         self.waiting = [edge for edge in edges if edge > until_ns]
@@ -53,7 +53,7 @@ class DataReady:
         self.waiting += [event.timestamp_ns for event in events]
 
     def close(self) -> None:
-        """Give the line back."""
+        """Release the line."""
         with contextlib.suppress(OSError):
             self._request.release()
 
@@ -74,10 +74,10 @@ def _request(line: str, chip: str, name: str) -> Any:
     try:
         return gpiod.request_lines(chip, consumer="imud", config={offset: settings})
     except (OSError, ValueError) as error:
-        raise _explained(line, chip, error) from error
+        raise _port_error(line, chip, error) from error
 
 
-def _explained(line: str, chip: str, error: Exception) -> PortError:
+def _port_error(line: str, chip: str, error: Exception) -> PortError:
     number = getattr(error, "errno", None)
     if number in ABSENT:
         return PortAbsentError(line, f"there is no GPIO chip {chip} for the data-ready line {line}: see `gpioinfo`")
@@ -86,5 +86,5 @@ def _explained(line: str, chip: str, error: Exception) -> PortError:
             line, f"no permission to open {chip}: join group gpio (sudo usermod -aG gpio $USER) and log in again"
         )
     if number in BUSY:
-        return PortBusyError(line, f"the data-ready line {line} is in use: `gpioinfo` tells by whom")
+        return PortBusyError(line, f"the data-ready line {line} is in use: `gpioinfo` prints the user")
     return NotSerialError(line, f"the data-ready line {line} cannot be used: {reason(error)}")

@@ -1,6 +1,6 @@
-"""Which other processes have a terminal line open, found by looking through /proc as `fuser` does.
+"""The other processes that have a terminal line open, found in /proc as `fuser` does.
 
-Two kinds of process are no rivals: the one that owns the master side of a pseudo-terminal, which is its device, even if
+Two kinds of process do not count: the one that owns the master side of a pseudo-terminal, which is its device, even if
 it also holds the slave side open; and those that started this process.
 """
 
@@ -32,15 +32,15 @@ def is_pty(status: os.stat_result) -> bool:
 
 def holders(status: os.stat_result) -> list[Holder]:
     """Processes, as far as this user may see them, that hold the device of `status` open."""
-    passed_over = {os.getpid(), *_ancestors()}
-    return [Holder(pid, _command(pid)) for pid in _pids() if pid not in passed_over and _rivals(pid, status)]
+    ignored = {os.getpid(), *_ancestors()}
+    return [Holder(pid, _command(pid)) for pid in _pids() if pid not in ignored and _holds(pid, status)]
 
 
 def _pids() -> Iterator[int]:
     return (int(entry.name) for entry in Path("/proc").iterdir() if entry.name.isdecimal())
 
 
-def _rivals(pid: int, status: os.stat_result) -> bool:
+def _holds(pid: int, status: os.stat_result) -> bool:
     holds = False
     try:
         descriptors = list(Path(f"/proc/{pid}/fd").iterdir())
@@ -56,8 +56,8 @@ def _rivals(pid: int, status: os.stat_result) -> bool:
         if is_pty(status) and other.st_rdev == PTMX and _drives(pid, descriptor.name, status):
             return False
         # each container numbers its pseudo-terminals anew: the file system tells them apart
-        same_place = not is_pty(status) or other.st_dev == status.st_dev
-        holds |= other.st_rdev == status.st_rdev and same_place
+        same_system = not is_pty(status) or other.st_dev == status.st_dev
+        holds |= other.st_rdev == status.st_rdev and same_system
     return holds
 
 

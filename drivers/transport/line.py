@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Protocol, runtime_checkable
 
 from ..driver import GnssConfigured, ImuConfigured
-from .conversation import Port
+from .dialogue_runner import Port
 from .portspec import PortSpec
 from .serial import SerialPort, present
 from .spi import SpiPort
@@ -22,19 +22,19 @@ class Line(Port, Protocol):
         """How often things went wrong below the level of frames, by name."""
 
     @property
-    def complaint(self) -> str:
-        """What the user should mend although the line works; empty if there is nothing."""
+    def warning(self) -> str:
+        """A problem that the user should solve although the line works; empty: none."""
 
-    def receive(self, room: memoryview, now_ns: int) -> tuple[int, int]:
-        """Read into `room` at the time `now_ns`; returns how many bytes, and when the last of them was there."""
+    def receive(self, buffer: memoryview, now_ns: int) -> tuple[int, int]:
+        """Read into `buffer` at the time `now_ns`; returns how many bytes, and when the last of them was there."""
 
     def close(self) -> None:
-        """Give the port back. May be called twice."""
+        """Close the port. May be called twice."""
 
 
 @runtime_checkable
 class Known(Protocol):
-    """What a line has in addition if its device is known without asking and needs no setting up."""
+    """The additional interface of a line whose device is known and needs no configuration."""
 
     @property
     def configured(self) -> ImuConfigured | GnssConfigured:
@@ -50,7 +50,7 @@ def _replay(spec: PortSpec) -> Line:
 _OPENERS: dict[str, Callable[[PortSpec], Line]] = {"spi": SpiPort, "replay": _replay}
 
 
-def look(spec: PortSpec) -> None:
+def check_port(spec: PortSpec) -> None:
     """Check a port without opening it. Raises the errors of `drivers.errors`."""
     if spec.path.partition(":")[0] not in _OPENERS:
         present(spec.path)

@@ -1,4 +1,4 @@
-"""What the kernel's error numbers mean on opening a port, of whatever kind."""
+"""The meaning of the kernel's error numbers on opening a port of any kind."""
 
 import errno
 import os

@@ -1,4 +1,4 @@
-"""A recording as a port: the bytes of one of its devices, readable at the times at which they once came.
+"""A recording as a port: the bytes of one of its devices, readable at their recorded times.
 
 It begins where all its devices stream. Lines that play the same file at the same time share that beginning, so that
 inertial sensor and receiver stay together.
@@ -38,7 +38,7 @@ class ReplayPort:
     Not thread-safe. Raises PortAbsentError, NotSerialError, PortSupportError on opening; PortEndedError at the end.
     """
 
-    complaint, plain = "", False
+    warning, plain = "", False
     configured: ImuConfigured | GnssConfigured
 
     def __init__(self, spec: PortSpec) -> None:
@@ -48,20 +48,20 @@ class ReplayPort:
         file = Path(spec.path.partition(":")[2])
         try:
             recording = capture.Capture(file)
-            first_ns, connection = self._find(recording, spec.driver or "imu")
+            first_ns, connection = self._device(recording, spec.driver or "imu")
             self.configured = connection.imu() if connection.kind == "imu" else connection.gnss()
         except (CaptureError, ValueError) as error:
             raise NotSerialError(spec.path, f"{file} cannot be played: {error}") from error
         except OSError as error:
             raise PortAbsentError(spec.path, f"{file} cannot be read: {error.strerror}") from error
         self._playback = _playing.setdefault(file.resolve(), _Playback(first_ns))
-        self._readings = self._of(recording, connection.port, first_ns)
+        self._pending = self._reads(recording, connection.port, first_ns)
         self._timer = Timer()
         self.fd = self._timer.fd
-        self._next = next(self._readings, None)
+        self._next = next(self._pending, None)
         self._wait()
 
-    def _find(self, recording: "capture.Capture", wanted: str) -> tuple[int, "capture.Connection"]:
+    def _device(self, recording: "capture.Capture", wanted: str) -> tuple[int, "capture.Connection"]:
         """When the last of its devices began to stream, and the device that is wanted."""
         devices = recording.devices()
         for device in devices:
@@ -70,8 +70,8 @@ class ReplayPort:
         there = ", ".join(device.driver for device in devices) or "none"
         raise CaptureError(f"{recording.path}: no {wanted} in it; its devices: {there}")
 
-    def _of(self, recording: "capture.Capture", port: int, first_ns: int) -> Iterator["capture.Raw"]:
-        """What was read from that port from then on."""
+    def _reads(self, recording: "capture.Capture", port: int, first_ns: int) -> Iterator["capture.Raw"]:
+        """The reads of that port from then on."""
         for entry in recording:
             if entry.port == port:
                 raw = entry.raw()
@@ -87,7 +87,7 @@ class ReplayPort:
         """Nothing goes wrong on this line."""
         return {}
 
-    def receive(self, room: memoryview, now_ns: int) -> tuple[int, int]:
+    def receive(self, buffer: memoryview, now_ns: int) -> tuple[int, int]:
         """The bytes of the next reading, and when they came, on our clock; none before that."""
         if self._next is None:
             raise PortEndedError(self.path, f"{self.path} has been played to its end")
@@ -95,29 +95,29 @@ class ReplayPort:
         if arrival_ns > now_ns:
             self._wait()
             return 0, now_ns
-        data = self._next.data[: len(room)]
-        room[: len(data)] = data
+        data = self._next.data[: len(buffer)]
+        buffer[: len(data)] = data
         if len(data) < len(self._next.data):
             self._next = capture.Raw(self._next.t_ns, self._next.data[len(data) :])
         else:
-            self._next = next(self._readings, None)
+            self._next = next(self._pending, None)
         self._wait()
         return len(data), arrival_ns
 
     def read(self) -> bytes:
         """As `receive`, without the time."""
-        room = memoryview(bytearray(4096))
-        received, _ = self.receive(room, time.monotonic_ns())
-        return bytes(room[:received])
+        buffer = memoryview(bytearray(4096))
+        received, _ = self.receive(buffer, time.monotonic_ns())
+        return bytes(buffer[:received])
 
     def set_baud(self, baud: int) -> None:
         """A recording has its own speed."""
 
     def discard(self) -> None:
-        """Nothing is thrown away."""
+        """Nothing is discarded."""
 
     def write(self, data: bytes) -> None:
-        """Nobody listens."""
+        """Nothing is sent."""
 
     def close(self) -> None:
         """May be called twice."""

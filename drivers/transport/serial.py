@@ -26,7 +26,7 @@ from .reasons import ABSENT, BUSY, DENIED, UNFIT, reason
 PATTERNS = ("serial/by-id/*", "ttyUSB*", "ttyACM*", "ttyAMA*")
 CHUNK = 4096
 DEFAULT_BAUD = 460800
-FLUSH_READS = 16  # at most: a device that sends without pause must not keep us here
+FLUSH_READS = 16  # at most: a device may send without pause
 
 
 class SerialPort:
@@ -40,7 +40,7 @@ class SerialPort:
         try:
             self._serial = serial.Serial(path, spec.baud or DEFAULT_BAUD, timeout=0, write_timeout=0, exclusive=True)
         except (OSError, ValueError) as error:  # SerialException is an OSError
-            _explain(path, status, error)
+            _raise_port_error(path, status, error)
         self.fd: int = self._serial.fileno()
         try:
             self._claim(status)
@@ -48,16 +48,16 @@ class SerialPort:
             self.discard()
         except (OSError, termios.error) as error:
             self.close()
-            _explain(path, status, error)
+            _raise_port_error(path, status, error)
         except PortError:
             self.close()
             raise
 
     def _claim(self, status: os.stat_result) -> None:
         """Refuse a line that others read without a lock; keep others from opening it while it is ours."""
-        rivals = holders(status)
-        if rivals:
-            raise PortBusyError(self.path, f"{self.path} is in use by {', '.join(map(str, rivals))}: stop it first")
+        others = holders(status)
+        if others:
+            raise PortBusyError(self.path, f"{self.path} is in use by {', '.join(map(str, others))}: stop it first")
         if not is_pty(status):  # a pseudo-terminal would stay closed to others after a crash of ours
             fcntl.ioctl(self.fd, termios.TIOCEXCL)
         # an FTDI adapter otherwise holds bytes back for 16 ms; pseudo-terminals and some drivers refuse
@@ -71,13 +71,13 @@ class SerialPort:
         termios.tcsetattr(self.fd, termios.TCSANOW, attributes)
 
     @property
-    def complaint(self) -> str:
-        """See `Line`: a UART has nothing to tell."""
+    def warning(self) -> str:
+        """See `Line`: a UART has none."""
         return ""
 
     @property
     def counters(self) -> Mapping[str, int]:
-        """See `Line`: a UART does not say what went wrong on it."""
+        """See `Line`: a UART has none."""
         return {}
 
     @property
@@ -107,10 +107,10 @@ class SerialPort:
             raise self._lost(None)
         return data
 
-    def receive(self, room: memoryview, now_ns: int) -> tuple[int, int]:
-        """Read into `room`; returns how many bytes, and the time after that: they may come late, but never early."""
+    def receive(self, buffer: memoryview, now_ns: int) -> tuple[int, int]:
+        """Read into `buffer`; returns how many bytes, and the time after that: they may come late, but never early."""
         try:
-            received = os.readv(self.fd, [room])
+            received = os.readv(self.fd, [buffer])
         except BlockingIOError:
             return 0, now_ns
         except OSError as error:
@@ -120,7 +120,7 @@ class SerialPort:
         return received, time.monotonic_ns()
 
     def write(self, data: bytes) -> None:
-        """Send a command. What a jammed line does not take is dropped: the missing answer will tell."""
+        """Send a command. Bytes for which the line has no room are dropped: then the answer is missing."""
         try:
             os.write(self.fd, data)
         except BlockingIOError:
@@ -139,7 +139,7 @@ class SerialPort:
                 return
 
     def close(self) -> None:
-        """Give the line back. May be called twice, also on a line that is gone."""
+        """Close the line. May be called twice, also on a line that was lost."""
         with contextlib.suppress(OSError):
             self._serial.close()
 
@@ -153,7 +153,7 @@ def present(path: str) -> os.stat_result:
         status = Path(path).stat()
     except OSError as error:
         if error.errno in DENIED:
-            raise PortDeniedError(path, f"no permission to look at {path}: may you enter its folder?") from error
+            raise PortDeniedError(path, f"no permission to read {path}: may you enter its folder?") from error
         raise PortAbsentError(path, _absent(path)) from error
     if not stat.S_ISCHR(status.st_mode):
         raise NotSerialError(path, f"{path} is not a serial device, but {_kind(status.st_mode)}")
@@ -170,8 +170,8 @@ def _absent(path: str) -> str:
     return f"there is no {path}; serial devices present: {', '.join(present) or 'none'}"
 
 
-def _explain(path: str, status: os.stat_result, error: Exception) -> NoReturn:
-    """Raise the typed error for what opening `path` ran into."""
+def _raise_port_error(path: str, status: os.stat_result, error: Exception) -> NoReturn:
+    """Raise the typed error for a failure of opening `path`."""
     cause = error.__context__ if getattr(error, "errno", None) is None and error.__context__ else error
     number = cause.args[0] if cause.args and isinstance(cause.args[0], int) else None
     if number in ABSENT:

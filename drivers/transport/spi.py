@@ -1,9 +1,9 @@
 """An SPI device through spidev: words with the pauses that it needs between them; samples fetched when they are due.
 
-A sample is due when the data-ready line says so; the kernel stamps its edges. Without such a line, or while it is
-silent, samples are fetched by time: each a little earlier after the last, until one is not there yet and is asked for
-again a moment later. So the reading stays just behind the sensor, whose clock is not ours. An SPI device queues
-nothing: a sample that is not fetched before the next one is overwritten.
+An edge of the data-ready line says that a sample is there; the kernel stamps the edges. Without such a line, or while
+it has no edges, samples are fetched by time: each a little earlier after the last, until one is not there yet and is
+fetched again a moment later. So the fetches follow the sensor, whose clock is not ours. An SPI device queues nothing: a
+sample that is not fetched before the next one is overwritten.
 """
 
 import contextlib
@@ -22,11 +22,11 @@ from .reasons import ABSENT, DENIED, reason
 from .timer import Timer
 
 BITS = 8  # a word is sent as two bytes
-EARLIER = 256  # each sample is asked for one 256th of a period earlier than the last
-AGAIN, PATIENCE = 16, 2  # one that was not there is asked for again every 16th of a period, for 2 periods
-OVERDUE = 4  # periods without an edge after which the sensor is asked without one
-MUTE = 50  # samples in a row fetched without an edge before the user is told
-BELIEVED = 1.25  # periods; an edge longer ago than that is not the one of the sample read
+ADVANCE = 256  # each sample is fetched one 256th of a period earlier than the last
+RETRIES, RETRY_PERIODS = 16, 2  # a missing sample is fetched again 16 times per period, for 2 periods
+EDGE_TIMEOUT = 4  # periods without an edge after which a sample is fetched without one
+MISSING_EDGES = 50  # samples in a row without an edge before the warning
+EDGE_AGE_MAX = 1.25  # periods; an older edge is not that of the sample
 
 
 class SpiPort:
@@ -44,16 +44,16 @@ class SpiPort:
             self._device.close()
             raise
         self._timer = Timer()
-        self._wakers = select.epoll()
-        self._wakers.register(self._timer.fd, select.EPOLLIN)
-        self.fd: int = self._wakers.fileno()  # readable when answers wait, or when a sample is due
+        self._epoll = select.epoll()
+        self._epoll.register(self._timer.fd, select.EPOLLIN)
+        self.fd: int = self._epoll.fileno()  # readable when answers wait, or when a sample is due
         self._bus = Bus(0, 0, 0)
         self._fetch: Fetch | None = None
         self._answers = bytearray()
         self._due_ns = 0
         self._overruns = self._torn = self._unannounced = 0
-        self._waits = 0  # in a row
-        self._mute = 0  # samples without an edge since the last one with
+        self._retries = 0  # in a row
+        self._missing_edges = 0  # samples without an edge since the last one with
 
     @property
     def counters(self) -> Mapping[str, int]:
@@ -67,9 +67,9 @@ class SpiPort:
         return {"overruns": overruns, "torn": self._torn, "unannounced": self._unannounced}
 
     @property
-    def complaint(self) -> str:
+    def warning(self) -> str:
         """See `Line`."""
-        if self._edges and self._mute >= MUTE:
+        if self._edges and self._missing_edges >= MISSING_EDGES:
             return (
                 f"no edges on the data-ready line {self._edges.line}: samples are fetched by time; is it wired to it?"
             )
@@ -80,7 +80,7 @@ class SpiPort:
 
     def set_spi(self, setup: Bus | Fetch) -> None:
         """Set the bus up; or begin to fetch samples, which are what `read` and `receive` give from then on."""
-        self._attend(isinstance(setup, Fetch))
+        self._watch_edges(isinstance(setup, Fetch))
         if isinstance(setup, Bus):
             self._bus, self._fetch = setup, None
             try:
@@ -94,15 +94,15 @@ class SpiPort:
             self._due_ns = time.monotonic_ns()
             self._timer.set(self._due_ns)
 
-    def _attend(self, fetching: bool) -> None:
+    def _watch_edges(self, fetching: bool) -> None:
         """Wake up at edges only while samples are fetched: a sensor that was left sampling makes edges, too."""
         if self._edges is None or fetching == (self._fetch is not None):
             return
         if fetching:
-            self._edges.forget()
-            self._wakers.register(self._edges.fd, select.EPOLLIN)
+            self._edges.discard()
+            self._epoll.register(self._edges.fd, select.EPOLLIN)
         else:
-            self._wakers.unregister(self._edges.fd)
+            self._epoll.unregister(self._edges.fd)
 
     def write(self, data: bytes) -> None:
         """Exchange 16-bit words. While samples are fetched, the answers are not kept."""
@@ -116,31 +116,31 @@ class SpiPort:
     def read(self) -> bytes:
         """The answers that wait; or the next sample's frame, if it is there."""
         if self._fetch is not None:
-            return self._next(self._fetch)[0]
+            return self._fetch_next(self._fetch)[0]
         self._timer.clear()
         answers = bytes(self._answers)
         self._answers.clear()
         return answers
 
-    def receive(self, room: memoryview, now_ns: int) -> tuple[int, int]:
-        """The next sample's frame, if it is there, into `room`; returns its bytes, and when the sample was ready."""
+    def receive(self, buffer: memoryview, now_ns: int) -> tuple[int, int]:
+        """The next sample's frame, if it is there, into `buffer`; returns its bytes, and when the sample was ready."""
         if self._fetch is None:
             return 0, now_ns
-        frame, ready_ns = self._next(self._fetch)
-        room[: len(frame)] = frame
+        frame, ready_ns = self._fetch_next(self._fetch)
+        buffer[: len(frame)] = frame
         return len(frame), ready_ns
 
     def discard(self) -> None:
-        """Throw away what waits."""
+        """Discard the waiting answers."""
         self._answers.clear()
         if self._fetch is None:
             self._timer.clear()
 
     def close(self) -> None:
-        """Give everything back. May be called twice."""
-        if self._wakers.closed:
+        """Close all descriptors. May be called twice."""
+        if self._epoll.closed:
             return
-        self._wakers.close()
+        self._epoll.close()
         self._timer.close()
         if self._edges:
             self._edges.close()
@@ -148,12 +148,12 @@ class SpiPort:
             self._device.close()
 
     def _exchange(self, cycle: Cycle, clock_hz: int) -> bytes:
-        try:  # a list that is handed over is overwritten with the answer
+        try:  # xfer2 overwrites the list with the answer
             return bytes(self._device.xfer2(list(cycle.word), clock_hz, cycle.stall_us))
         except OSError as error:
             raise self._lost(error) from error
 
-    def _next(self, fetch: Fetch) -> tuple[bytes, int]:
+    def _fetch_next(self, fetch: Fetch) -> tuple[bytes, int]:
         """The next sample's frame and when it was ready; an empty one if there is none yet, or it was overwritten."""
         self._timer.clear()
         answers = bytearray()
@@ -164,15 +164,15 @@ class SpiPort:
                 captured_ns = time.monotonic_ns() - 1000 * cycle.stall_us
             if i == fetch.gate and not fetch.is_new(answer):
                 if self._edges:
-                    self._edges.take(begun_ns)  # of samples that were fetched already
-                self._wait(fetch.period_ns)
+                    self._edges.pop_until(begun_ns)  # of samples that were fetched already
+                self._schedule_retry(fetch.period_ns)
                 return b"", 0
             answers += answer
-        self._waits = 0
+        self._retries = 0
         frame = fetch.frame(bytes(answers))
         edge_ns = self._edge_of(captured_ns, bool(frame))
-        self._plan(fetch, captured_ns, edge_ns, bool(frame))
-        ready_ns = edge_ns if captured_ns - edge_ns < BELIEVED * fetch.period_ns else captured_ns
+        self._schedule_next(fetch, captured_ns, edge_ns, bool(frame))
+        ready_ns = edge_ns if captured_ns - edge_ns < EDGE_AGE_MAX * fetch.period_ns else captured_ns
         return frame, ready_ns
 
     def _edge_of(self, captured_ns: int, whole: bool) -> int:
@@ -180,30 +180,30 @@ class SpiPort:
         self._torn += not whole
         if self._edges is None:
             return 0
-        edges = self._edges.take(captured_ns)
+        edges = self._edges.pop_until(captured_ns)
         self._overruns += max(len(edges) - whole, 0)
         self._unannounced += not edges
-        self._mute = 0 if edges else self._mute + 1
+        self._missing_edges = 0 if edges else self._missing_edges + 1
         return edges[-1] if edges else 0
 
-    def _wait(self, period_ns: int) -> None:
-        """Look again a moment later; less often if an edge will tell, or if nothing has come for long."""
-        self._waits += 1
-        if self._edges and self._mute == 0:
-            pause_ns = OVERDUE * period_ns
+    def _schedule_retry(self, period_ns: int) -> None:
+        """Fetch again a moment later; later if there are edges, or if there was no sample for long."""
+        self._retries += 1
+        if self._edges and self._missing_edges == 0:
+            pause_ns = EDGE_TIMEOUT * period_ns
         else:
-            pause_ns = period_ns // AGAIN if self._waits < PATIENCE * AGAIN else period_ns
+            pause_ns = period_ns // RETRIES if self._retries < RETRY_PERIODS * RETRIES else period_ns
         self._due_ns = time.monotonic_ns() + pause_ns
         self._timer.set(self._due_ns)
 
-    def _plan(self, fetch: Fetch, captured_ns: int, edge_ns: int, whole: bool) -> None:
-        """Say when to look next."""
+    def _schedule_next(self, fetch: Fetch, captured_ns: int, edge_ns: int, whole: bool) -> None:
+        """Set the time of the next fetch."""
         if not whole or (self._edges and self._edges.waiting):
             self._due_ns = 1
         elif edge_ns:
-            self._due_ns = captured_ns + OVERDUE * fetch.period_ns
+            self._due_ns = captured_ns + EDGE_TIMEOUT * fetch.period_ns
         else:
-            step_ns = fetch.period_ns - fetch.period_ns // EARLIER
+            step_ns = fetch.period_ns - fetch.period_ns // ADVANCE
             self._due_ns = max(self._due_ns, captured_ns - fetch.period_ns) + step_ns
         self._timer.set(self._due_ns)
 
@@ -228,13 +228,13 @@ def _open(spec: PortSpec) -> Any:
         if error.errno in ABSENT:
             raise PortAbsentError(path, _absent(path, node)) from error
         if error.errno in DENIED:
-            mend = "join group spi (sudo usermod -aG spi $USER) and log in again"
-            raise PortDeniedError(path, f"no permission to open {node}: {mend}") from error
+            remedy = "join group spi (sudo usermod -aG spi $USER) and log in again"
+            raise PortDeniedError(path, f"no permission to open {node}: {remedy}") from error
         raise NotSerialError(path, f"{node} cannot be used: {reason(error)}") from error
-    rivals = holders(node.stat()) if node.exists() else []
-    if rivals:
+    others = holders(node.stat()) if node.exists() else []
+    if others:
         device.close()
-        raise PortBusyError(path, f"{node} is in use by {', '.join(map(str, rivals))}: stop it first")
+        raise PortBusyError(path, f"{node} is in use by {', '.join(map(str, others))}: stop it first")
     return device
 
 

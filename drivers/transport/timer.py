@@ -18,26 +18,26 @@ class _TimerSpec(ctypes.Structure):
 
 
 class Timer:
-    """One alarm. `fd` is readable from its time on, until it is cleared or set anew. Not thread-safe."""
+    """One timer. `fd` is readable from its time on, until it is cleared or set anew. Not thread-safe."""
 
     def __init__(self) -> None:
         self.fd: int = _libc.timerfd_create(time.CLOCK_MONOTONIC, _NONBLOCK | _CLOEXEC)
         if self.fd < 0:
-            raise OSError(ctypes.get_errno(), "no timer to be had")
+            raise OSError(ctypes.get_errno(), "cannot create a timer")
         self._spec = _TimerSpec()
         self._pointer = ctypes.byref(self._spec)
 
     def set(self, at_ns: int) -> None:
-        """Ring at that time, at once if it is past."""
+        """Expire at that time, at once if it is past."""
         value = self._spec.value
         value.s, value.ns = divmod(max(at_ns, 1), 1_000_000_000)  # 0 would disarm it
         _libc.timerfd_settime(self.fd, _ABSOLUTE, self._pointer, None)
 
     def clear(self) -> None:
-        """If it has rung, take that back: not readable until it is set anew."""
+        """Make `fd` not readable until the timer is set anew."""
         with contextlib.suppress(BlockingIOError):
             os.read(self.fd, 8)
 
     def close(self) -> None:
-        """Give the descriptor back."""
+        """Close the descriptor."""
         os.close(self.fd)

@@ -22,7 +22,7 @@ COMMANDS = {
     "status": "how a running daemon is; also for Prometheus",
     "doctor": "why this machine would not work, and the mend",
     "replay": "recorded data through the same filter, as fast as it goes",
-    "record": "the bytes of ports, just as they come, to be replayed",
+    "record": "the bytes of ports as they are received, for replay",
     "export": "a recording as CSV files, or for ROS 2",
     "report": "a run as a page: its estimates, and what looks wrong",
     "reproduce": "a paper's experiment: its numbers and figures beside ours",
@@ -34,7 +34,7 @@ COMMANDS = {
     "install-service": "imud under systemd: shows what it would do, then does it",
 }
 _USAGE, _INTERRUPTED = 64, 130
-_EXTRAS = {"mcap": "record", "plotly": "plots", "aiohttp": "web", "distributed": "cluster"}  # package: what wants it
+_EXTRAS = {"mcap": "record", "plotly": "plots", "aiohttp": "web", "distributed": "cluster"}  # package: extra
 
 
 class _Parser(argparse.ArgumentParser):
@@ -50,7 +50,7 @@ def _parser(command: str | None) -> argparse.ArgumentParser:
     parser = _Parser(
         prog="imud",
         description="Inertial sensor daemon: attitude, velocity and position from an IMU and a GNSS receiver.",
-        epilog="`imud --port /dev/ttyUSB0` alone is `imud run --port /dev/ttyUSB0`. `imud COMMAND --help` tells more.",
+        epilog="`imud --port /dev/ttyUSB0` alone is `imud run --port /dev/ttyUSB0`. See also `imud COMMAND --help`.",
     )
     parser.add_argument("--version", action="version", version=f"imud {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
@@ -90,7 +90,7 @@ def _open_standard_streams() -> None:
 
 
 def _close_output() -> None:
-    """After a failed write to stdout, point it to nowhere: Python writes what is left once more as it ends."""
+    """After a failed write to stdout, redirect it to /dev/null: Python flushes the rest of the buffer at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
@@ -123,7 +123,7 @@ def main(arguments: list[str] | None = None) -> int:
         _close_output()
         return 0
     except MemoryError:
-        print("imud: there is not enough memory for that: take less at a time", file=sys.stderr)
+        print("imud: out of memory: process less data at a time", file=sys.stderr)
         return 1
     except OSError as error:  # the disk is full
         print(f"imud: {error.filename or 'output'}: {error.strerror}", file=sys.stderr)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import BadDataError, CannotCreateError, UsageError
 from ..progress import Progress
-from .files import input_file, keep_apart
+from .files import input_file, refuse_overwriting
 
 if TYPE_CHECKING:
     from ..sensor_errors.noise import AllanDeviation, Coefficient
@@ -44,7 +44,7 @@ _KINDS = {
 }
 _SI = {"gyro": ("rad/s/√Hz", "rad/s", "rad/s/√s"), "accel": ("m/s²/√Hz", "m/s²", "m/s²/√s")}
 _NAMES = ("random walk N", "bias instability B", "rate random walk K")
-_MOVED = 10.0  # times the usual scatter of a second's mean rate from its neighbour's
+_MOTION_RATIO = 10.0  # change of the mean rate from one second to the next, over the median change
 Found = dict[str, dict[str, "AllanDeviation"]]  # by kind and letter of those axes that the sensor has
 
 
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     from ..sensor_errors.noise import allan_deviation
     from ..sensor_errors.profiles import PROFILES
 
-    keep_apart([args.output, args.settings], [args.recording])
+    refuse_overwriting([args.output, args.settings], [args.recording])
     if args.sheet not in PROFILES:
         raise UsageError(f"--sheet {args.sheet}: there is no such profile; known are {', '.join(PROFILES)}")
     samples, _, _ = read_samples(args.recording)
@@ -79,12 +79,12 @@ def run(args: argparse.Namespace) -> int:
             raise BadDataError(f"{args.recording}: {error}") from error
         progress.at(number + 1)
     if not any(found.values()):
-        raise BadDataError(f"{args.recording}: no axis changes at all, so there is no noise to be told")
+        raise BadDataError(f"{args.recording}: every axis is constant: there is no noise to measure")
     if args.json:
-        print(json.dumps(_plain(found, rate_hz)))
+        print(json.dumps(_si_results(found, rate_hz)))
     else:
         _print(found, PROFILES[args.sheet], args.sheet, len(samples), rate_hz)
-        _doubt(samples, rate_hz)
+        _warn_of_motion(samples, rate_hz)
     if args.settings:
         _write(args.settings, _settings(found, args.recording))
     if args.output:
@@ -102,7 +102,7 @@ def _rate(path: Path, t_ns: Any) -> float:
     return float(1e9 * len(steps) / (t_ns[-1] - t_ns[0]) * (1.0 + missing))
 
 
-def _shown(coefficient: "Coefficient", unit: _Unit) -> str:
+def _formatted(coefficient: "Coefficient", unit: _Unit) -> str:
     if coefficient.bound:
         return f"< {coefficient.value * unit.factor:.3g}"
     return f"{coefficient.value * unit.factor:.4g} ± {coefficient.sigma * unit.factor:.2g}"
@@ -117,24 +117,24 @@ def _print(found: Found, sheet: Any, name: str, n: int, rate_hz: float) -> None:
     for kind, units in _KINDS.items():
         print(f"\n{kind:<20}{'x':>20}{'y':>20}{'z':>20}   {name}")
         for i, (what, unit) in enumerate(zip(_NAMES, units, strict=True)):
-            told = {axis: _shown(_coefficients(deviation)[i], unit) for axis, deviation in found[kind].items()}
-            cells = "".join(f"{told.get(axis, 'never changes'):>20}" for axis in "xyz")
+            values = {axis: _formatted(_coefficients(deviation)[i], unit) for axis, deviation in found[kind].items()}
+            cells = "".join(f"{values.get(axis, 'never changes'):>20}" for axis in "xyz")
             known = f"{getattr(sheet, unit.field) * unit.factor:.3g}" if unit.field else ""
             print(f"{what:<20}{cells}   {known} {unit.text}")
 
 
-def _doubt(samples: Any, rate_hz: float) -> None:
-    """Warn if the sensor seems to have moved: then the result is its motion, not its noise."""
+def _warn_of_motion(samples: Any, rate_hz: float) -> None:
+    """Print a warning if the rates show motion: the result is then the motion, not the noise."""
     m = max(1, round(rate_hz))
     whole = len(samples) // m * m
     means = np.linalg.norm(samples["w"][:whole].reshape(-1, m, 3).mean(axis=1), axis=1)
     steps = np.abs(np.diff(means))
-    if len(steps) > 10 and steps.max() > _MOVED * (np.median(steps) + 1e-6):
+    if len(steps) > 10 and steps.max() > _MOTION_RATIO * (np.median(steps) + 1e-6):
         at = (int(np.argmax(steps)) + 1) * m / rate_hz
-        print(f"\nThe sensor seems to have moved, at {at:.0f} s most: then this is its motion, not its noise.")
+        print(f"\nThe sensor has moved, most at {at:.0f} s: the result is its motion, not its noise.")
 
 
-def _plain(found: Found, rate_hz: float) -> dict[str, Any]:
+def _si_results(found: Found, rate_hz: float) -> dict[str, Any]:
     """All results in SI, for JSON."""
     axes = {}
     for kind, deviations in found.items():

@@ -1,4 +1,4 @@
-"""`imud calibrate`: one sensor's errors, found in a recording and kept under its serial number for the daemon."""
+"""`imud calibrate`: one sensor's errors, estimated from a recording and saved by serial number for the daemon."""
 
 import argparse
 import math
@@ -18,8 +18,8 @@ _MG = 1e3 / 9.80665
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    kinds = "; ".join(f"{kind}: {what}" for kind, (_, what) in _KINDS.items())
-    parser.add_argument("what", choices=_KINDS, metavar="WHAT", help=kinds)
+    kinds = "; ".join(f"{kind}: {what}" for kind, (_, what) in _CALIBRATIONS.items())
+    parser.add_argument("what", choices=_CALIBRATIONS, metavar="WHAT", help=kinds)
     parser.add_argument(
         "recording",
         type=input_file,
@@ -27,13 +27,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="inertial samples in the sensor's own axes; or imud's recording",
     )
     parser.add_argument(
-        "--serial", metavar="NUMBER", help="of the sensor, as `imud probe` tells it (default: the recording's)"
+        "--serial", metavar="NUMBER", help="of the sensor, as `imud probe` prints it (default: the recording's)"
     )
     parser.add_argument(
         "--latitude", type=float, default=45.0, metavar="DEG", help="for gravity (default: %(default)s)"
     )
     parser.add_argument(
-        "--state", type=Path, metavar="FOLDER", help="keep the result there, not where the daemon looks"
+        "--state", type=Path, metavar="FOLDER", help="save the result there, not where the daemon reads it"
     )
     parser.add_argument("--dry-run", action="store_true", help="only show the result")
 
@@ -46,22 +46,22 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--latitude {args.latitude}: write degrees, -90 to 90")
     samples, serial = _read(args)
     rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
-    places = [args.state] if args.state else None
-    known = calibration.load(serial, places)
+    folders = [args.state] if args.state else None
+    known = calibration.load(serial, folders)
     try:
         refuse_broken(samples)
-        part = _KINDS[args.what][0](samples, rate_hz, args)
+        part = _CALIBRATIONS[args.what][0](samples, rate_hz, args)
     except UnfitError as error:
         raise BadDataError(f"{args.recording}: {error}") from error
     if args.dry_run:
         return 0
-    path = calibration.save(msgspec.structs.replace(known, **part), places)
-    print(f"{serial}: kept in {path}; the daemon takes it when the sensor is next connected", file=sys.stderr)
+    path = calibration.save(msgspec.structs.replace(known, **part), folders)
+    print(f"{serial}: saved in {path}; the daemon applies it when the sensor next connects", file=sys.stderr)
     return 0
 
 
 def _read(args: argparse.Namespace) -> tuple[Any, str]:
-    """The samples, and the name under which their sensor's calibration is kept."""
+    """The samples, and the name under which their sensor's calibration is saved."""
     from ..tables.inputs import is_recording, read_imu
 
     if is_recording(args.recording):
@@ -70,7 +70,7 @@ def _read(args: argparse.Namespace) -> tuple[Any, str]:
         samples, serial = own_samples_of(args.recording)
         return samples, args.serial or serial
     if not args.serial:
-        raise UsageError(f"whose samples are in {args.recording}? --serial NUMBER, as `imud probe` tells it")
+        raise UsageError(f"{args.recording} names no sensor: give --serial NUMBER, as `imud probe` prints it")
     return read_imu(args.recording)[0], args.serial
 
 
@@ -87,33 +87,33 @@ def _triple(values: Any) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _show(title: str, values: Any, sigma: Any, factor: float, unit: str) -> None:
+def _print_values(title: str, values: Any, sigma: Any, factor: float, unit: str) -> None:
     cells = (f"{axis} {v * factor:+.4f} ± {s * factor:.4f}" for axis, v, s in zip("xyz", values, sigma, strict=True))
     print(f"{title}: {', '.join(cells)} {unit}")
 
 
-def _still(samples: Any, rate_hz: float, args: argparse.Namespace) -> dict[str, Any]:
+def _gyro_bias(samples: Any, rate_hz: float, args: argparse.Namespace) -> dict[str, Any]:
     from ..sensor_errors.calibration import Gyro
     from ..sensor_errors.gyro import bias
 
     found = bias(samples, rate_hz)
-    _show("gyro bias", found.value, found.sigma, math.degrees(1.0), "deg/s")
+    _print_values("gyro bias", found.value, found.sigma, math.degrees(1.0), "deg/s")
     value, sigma = _triple(found.value), _triple(found.sigma)
     return {"gyro": Gyro(_today(), value, sigma, _temperature(samples))}
 
 
-def _slope(samples: Any, rate_hz: float, args: argparse.Namespace) -> dict[str, Any]:
+def _gyro_slope(samples: Any, rate_hz: float, args: argparse.Namespace) -> dict[str, Any]:
     from ..sensor_errors.calibration import Gyro
     from ..sensor_errors.gyro import slope
 
     bias, change, at = slope(samples, rate_hz)
-    _show(f"gyro bias at {at:.1f} degC", bias.value, bias.sigma, math.degrees(1.0), "deg/s")
-    _show("its slope", change.value, change.sigma, math.degrees(1.0), "deg/s/K")
-    told = Gyro(_today(), _triple(bias.value), _triple(bias.sigma), at, _triple(change.value), _triple(change.sigma))
-    return {"gyro": told}
+    _print_values(f"gyro bias at {at:.1f} degC", bias.value, bias.sigma, math.degrees(1.0), "deg/s")
+    _print_values("its slope", change.value, change.sigma, math.degrees(1.0), "deg/s/K")
+    gyro = Gyro(_today(), _triple(bias.value), _triple(bias.sigma), at, _triple(change.value), _triple(change.sigma))
+    return {"gyro": gyro}
 
 
-def _faces(samples: Any, rate_hz: float, args: argparse.Namespace) -> dict[str, Any]:
+def _accelerometer(samples: Any, rate_hz: float, args: argparse.Namespace) -> dict[str, Any]:
     from ..compile.jit import interpreted
     from ..math.earth import gravity
     from ..sensor_errors.accelerometer import FULL, accelerometer, positions
@@ -121,18 +121,16 @@ def _faces(samples: Any, rate_hz: float, args: argparse.Namespace) -> dict[str, 
 
     forces = positions(samples, rate_hz)
     bias, matrix, residual = accelerometer(forces, interpreted(gravity)(math.radians(args.latitude), 0.0))
-    _show("accelerometer bias", bias.value, bias.sigma, _MG, "mG")
+    _print_values("accelerometer bias", bias.value, bias.sigma, _MG, "mG")
     x, y, z = (100.0 * (1.0 / value - 1.0) for value in np.diag(matrix))
     print(f"scale error: x {x:+.3f}, y {y:+.3f}, z {z:+.3f} %")
     if len(forces) >= FULL:
         xy, xz, yz = (math.degrees(matrix[i, j]) for i, j in ((0, 1), (0, 2), (1, 2)))
         print(f"misalignment: xy {xy:+.3f}, xz {xz:+.3f}, yz {yz:+.3f} deg")
     else:
-        print(
-            f"misalignment: not told by {len(forces)} positions; {FULL} or more, edges and corners too, would tell it"
-        )
-    print(f"left over: {residual * _MG:.2f} mG in {len(forces)} positions")
-    told = Accelerometer(
+        print(f"misalignment: not determined by {len(forces)} positions; it needs {FULL}, edges and corners too")
+    print(f"residual: {residual * _MG:.2f} mG in {len(forces)} positions")
+    found = Accelerometer(
         date=_today(),
         bias_mps2=_triple(bias.value),
         matrix=(_triple(matrix[0]), _triple(matrix[1]), _triple(matrix[2])),
@@ -141,7 +139,7 @@ def _faces(samples: Any, rate_hz: float, args: argparse.Namespace) -> dict[str, 
         positions=len(forces),
         temperature_c=_temperature(samples),
     )
-    return {"accelerometer": told}
+    return {"accelerometer": found}
 
 
 def _mounting(samples: Any, rate_hz: float, args: argparse.Namespace) -> dict[str, Any]:
@@ -158,9 +156,12 @@ def _mounting(samples: Any, rate_hz: float, args: argparse.Namespace) -> dict[st
     return {"mounting": Mounting(_today(), _triple(rpy), _triple(np.degrees(sigma)))}
 
 
-_KINDS: dict[str, tuple[Callable[[Any, float, argparse.Namespace], dict[str, Any]], str]] = {
-    "still": (_still, "the gyro's bias, from ten seconds at rest"),
-    "temperature": (_slope, "its bias and slope, from a warm-up at rest with a column temperature_c"),
-    "faces": (_faces, "the accelerometer, from two seconds at rest on each of six sides, or more"),
-    "mounting": (_mounting, "how the sensor sits in the vehicle, from a rest on level ground and a start forwards"),
+_CALIBRATIONS: dict[str, tuple[Callable[[Any, float, argparse.Namespace], dict[str, Any]], str]] = {
+    "still": (_gyro_bias, "the gyro's bias, from ten seconds at rest"),
+    "temperature": (_gyro_slope, "its bias and slope, from a warm-up at rest with a column temperature_c"),
+    "faces": (_accelerometer, "the accelerometer, from two seconds at rest on each of six sides, or more"),
+    "mounting": (
+        _mounting,
+        "the sensor's orientation in the vehicle, from a rest on level ground and a start forwards",
+    ),
 }

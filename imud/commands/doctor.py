@@ -1,4 +1,4 @@
-"""`imud doctor`: why imud would not work on this machine, and how to mend it. It only looks, and opens no port.
+"""`imud doctor`: why imud would not work on this machine, and how to mend it. It opens no port and changes nothing.
 
 Each check is a function of the file system's root, so that tests can imitate any machine in a folder.
 """
@@ -84,11 +84,11 @@ def _group_of(path: Path) -> str:
 
 
 def console(root: Path) -> Iterator[Finding]:
-    """Does the kernel, or a login prompt, talk on a UART?"""
+    """Does the kernel's console, or a login prompt, use a UART?"""
     for uart in _UARTS.findall(_text(root / "proc/cmdline")):
         yield Finding(
             "problem",
-            f"the kernel's console is on {uart}: it would talk into the sensor",
+            f"the kernel's console is on {uart}: it would write to the sensor",
             f"remove console={uart},… from /boot/firmware/cmdline.txt, reboot (raspi-config: serial login shell off)",
         )
     for unit in (root / "etc/systemd/system/getty.target.wants").glob("serial-getty@*.service"):
@@ -96,8 +96,8 @@ def console(root: Path) -> Iterator[Finding]:
         yield Finding("problem", f"a login prompt waits on {port}", f"sudo systemctl disable --now {unit.name}")
 
 
-def rivals(root: Path) -> Iterator[Finding]:
-    """Programs that like to grab serial ports."""
+def competing_programs(root: Path) -> Iterator[Finding]:
+    """Programs that open serial ports without being asked to."""
     running = _processes(root, {"ModemManager", "gpsd", "brltty"})
     mends = {
         "ModemManager": "sudo systemctl disable --now ModemManager, or a udev rule with ID_MM_DEVICE_IGNORE=1",
@@ -109,7 +109,7 @@ def rivals(root: Path) -> Iterator[Finding]:
 
 
 def latency(root: Path) -> Iterator[Finding]:
-    """FTDI adapters hold bytes back."""
+    """FTDI adapters deliver bytes only after their latency timer."""
     for timer in (root / "sys/bus/usb-serial/devices").glob("*/latency_timer"):
         value = _text(timer).strip()
         if value.isdecimal() and int(value) > _LATENCY_MS:
@@ -138,8 +138,8 @@ def spi(root: Path) -> Iterator[Finding]:
 
 def kernels(root: Path) -> Iterator[Finding]:
     """Are they compiled, and if not, can they be?"""
-    if place := library.current():
-        yield Finding("ok", f"compiled kernels are in {place}")
+    if path := library.current():
+        yield Finding("ok", f"compiled kernels are in {path}")
         return
     try:
         compiler = build.compiler()
@@ -153,11 +153,11 @@ def kernels(root: Path) -> Iterator[Finding]:
         yield Finding("ok", f"the kernels will be compiled by {compiler[0]}, in some 15 s")
 
 
-CHECKS: tuple[Callable[[Path], Iterator[Finding]], ...] = (ports, console, rivals, latency, spi, kernels)
+CHECKS: tuple[Callable[[Path], Iterator[Finding]], ...] = (ports, console, competing_programs, latency, spi, kernels)
 
 
 def examine(root: Path = Path("/")) -> list[Finding]:
-    """Everything there is to say of the machine below `root`."""
+    """The findings of all checks of the machine below `root`."""
     return [finding for check in CHECKS for finding in check(root)]
 
 

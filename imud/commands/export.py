@@ -11,7 +11,7 @@ from ..configuration.settings import Initial
 from ..errors import BadDataError, CannotCreateError, UsageError
 from ..progress import Progress
 from .arguments import above_zero
-from .files import keep_apart
+from .files import refuse_overwriting
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -27,16 +27,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 class Target(Protocol):
-    """Where the export goes. fixes: that were written."""
+    """An output of the export. fixes: how many were written."""
 
     fixes: int
 
     def step(self, samples: "Records", solutions: "Records") -> None: ...
-    def take_fix(self, fix: "Records") -> None: ...
+    def write_fix(self, fix: "Records") -> None: ...
 
 
 class CsvFolder:
-    """imu.csv and gnss.csv as `imud replay` takes them, est.csv as it makes it; all on the same clock."""
+    """imu.csv and gnss.csv as `imud replay` reads them, est.csv as it writes it; all on the same clock."""
 
     def __init__(self, folder: Path, rate_hz: float, stack: ExitStack) -> None:
         from ..recording.writer import Thinner
@@ -63,7 +63,7 @@ class CsvFolder:
             self._imu.write(_row(t_ns, [*w, *f, temperature_c]))
         self._est.write(self._thinner.kept(solutions))
 
-    def take_fix(self, fix: "Records") -> None:
+    def write_fix(self, fix: "Records") -> None:
         """A FIX."""
         self.fixes += 1
         row = fix[0]
@@ -113,8 +113,8 @@ class Ros2File:
         self._channels = {}
         for topic, name in _ROS_TOPICS.items():
             schema = self._writer.register_schema(name, "ros2msg", definition(name).encode())
-            facts = {"offered_qos_profiles": ""}
-            self._channels[topic] = self._writer.register_channel(topic, "cdr", schema, facts)
+            metadata = {"offered_qos_profiles": ""}
+            self._channels[topic] = self._writer.register_channel(topic, "cdr", schema, metadata)
         self._plane = LocalMap()
         self._thinner = Thinner(rate_hz)
         self._offset_ns = offset_ns
@@ -131,8 +131,8 @@ class Ros2File:
                 self._add("/odometry", unix_ns, message)
                 self._add("/fix", unix_ns, nav_sat_fix(solution, unix_ns))
 
-    def take_fix(self, fix: "Records") -> None:
-        """Its estimate tells more."""
+    def write_fix(self, fix: "Records") -> None:
+        """Nothing is written: /fix holds the estimate."""
 
     def _add(self, topic: str, unix_ns: int, message: bytes) -> None:
         self._writer.add_message(self._channels[topic], unix_ns, message, unix_ns)
@@ -147,8 +147,8 @@ _ROS_TOPICS = {
 
 def run(args: argparse.Namespace) -> int:
     if not (args.csv or args.ros2):
-        raise UsageError("export: say where to: --csv DIR, --ros2 OUT.mcap")
-    keep_apart([args.ros2], args.recording)
+        raise UsageError("export: name an output: --csv DIR, --ros2 OUT.mcap")
+    refuse_overwriting([args.ros2], args.recording)
     from ..recording.player import Player
     from ..recording.source import Recording, adapter, tell
 
@@ -161,19 +161,21 @@ def run(args: argparse.Namespace) -> int:
             for target in targets:
                 target.step(samples, solutions)
 
-        def take_fix(fix: "Records") -> None:
+        def write_fix(fix: "Records") -> None:
             for target in targets:
-                target.take_fix(fix)
+                target.write_fix(fix)
 
-        player = Player(recording.settings(adapt), adapt, Initial(), step, warn=recording.notes.append, on_fix=take_fix)
+        player = Player(
+            recording.settings(adapt), adapt, Initial(), step, warn=recording.notes.append, on_fix=write_fix
+        )
         for entry in recording:
             player.take(entry)
             progress.at(1000 * recording.read_bytes // max(recording.bytes, 1))
     if not player.samples:
-        lacking = f"{recording.path}: no samples of an inertial sensor in it"
+        problem = f"{recording.path}: no samples of an inertial sensor in it"
         if not any(target.fixes for target in targets):
-            raise BadDataError("; ".join([lacking, *recording.notes]))
-        recording.notes.append(f"{lacking}: there are fixes only, in gnss.csv")
+            raise BadDataError("; ".join([problem, *recording.notes]))
+        recording.notes.append(f"{problem}: there are fixes only, in gnss.csv")
     tell("export", recording.notes)
     return 0
 

@@ -1,4 +1,4 @@
-"""Files that a command reads and writes: keeps what comes through a pipe, and refuses to write over its own input."""
+"""Files that a command reads and writes: copies a pipe to a file, and refuses to overwrite an input."""
 
 import atexit
 import shutil
@@ -15,11 +15,11 @@ def input_file(text: str) -> Path:
     Raises OSError if that has no room.
     """
     path = Path("/dev/stdin" if text == "-" else text)
-    return _kept(path) if path.is_fifo() else path
+    return _copy_of_pipe(path) if path.is_fifo() else path
 
 
-def _kept(pipe: Path) -> Path:
-    """A file with all that came through the pipe; it exists until this process ends."""
+def _copy_of_pipe(pipe: Path) -> Path:
+    """A file with all bytes of the pipe; it exists until this process ends."""
     folder = Path(tempfile.mkdtemp(prefix="imud-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     copy = folder / pipe.name
@@ -28,9 +28,9 @@ def _kept(pipe: Path) -> Path:
     return copy
 
 
-def keep_apart(written: Iterable[Path | None], read: Iterable[Path | None]) -> None:
-    """Raises CannotCreateError if what is to be written stands where something is read from."""
+def refuse_overwriting(written: Iterable[Path | None], read: Iterable[Path | None]) -> None:
+    """Raises CannotCreateError if a file is to be written that is also read."""
     sources = [path for path in read if path is not None and path.exists()]
     for path in written:
         if path is not None and path.is_file() and any(path.samefile(source) for source in sources):
-            raise CannotCreateError(f"{path} is read here, and would be written over: choose another output")
+            raise CannotCreateError(f"{path} is an input, and would be overwritten: choose another output")

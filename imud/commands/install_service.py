@@ -1,6 +1,6 @@
-"""`imud install-service`: unit, groups, udev rules, man pages, configuration: shown first, then put in place.
+"""`imud install-service`: unit, groups, udev rules, man pages, configuration: listed first, then installed.
 
-The steps are listed before anything is touched; what is shown and what is done is the same list.
+The steps are printed before anything is changed; the same list is then executed.
 """
 
 import argparse
@@ -16,8 +16,8 @@ from ..errors import ConfigError, ImudError, InputMissingError, PermissionDenied
 from ..setup import config
 from .reference import man_command, man_configuration, sample
 
-_BUILT_FOR = "/opt/imud/bin/imud"  # what the unit in systemd/ calls
-_FILES = {  # ours -> where it belongs
+_UNIT_PROGRAM = "/opt/imud/bin/imud"  # the command in the unit in systemd/
+_FILES = {  # file in systemd/ -> file of the system
     "imud@.service": "etc/systemd/system/imud@.service",
     "sysusers.conf": "etc/sysusers.d/imud.conf",
     "60-imud.rules": "etc/udev/rules.d/60-imud.rules",
@@ -31,21 +31,21 @@ _PAGES = {
 
 @dataclass(frozen=True)
 class Write:
-    """A file to be written. One that the user owns (`keep`) stays as it is if it is there."""
+    """A file to be written. An existing file is not overwritten if `keep` is set, because the user edits it."""
 
     path: Path
     text: str
     keep: bool = False
 
     def __str__(self) -> str:
-        state = "keep" if self.keep and self.path.exists() else "same" if self._is_there() else "write"
+        state = "keep" if self.keep and self.path.exists() else "same" if self._is_current() else "write"
         return f"{state:6} {self.path}"
 
-    def _is_there(self) -> bool:
+    def _is_current(self) -> bool:
         return self.path.is_file() and self.path.read_text(errors="replace") == self.text
 
-    def do(self) -> None:
-        if (self.keep and self.path.exists()) or self._is_there():
+    def execute(self) -> None:
+        if (self.keep and self.path.exists()) or self._is_current():
             return
         self.path.parent.mkdir(parents=True, exist_ok=True)
         new = self.path.with_name(self.path.name + ".new")
@@ -63,7 +63,7 @@ class Remove:
     def __str__(self) -> str:
         return f"remove {self.path}"
 
-    def do(self) -> None:
+    def execute(self) -> None:
         self.path.unlink(missing_ok=True)
 
 
@@ -77,7 +77,7 @@ class Run:
     def __str__(self) -> str:
         return f"run    {shlex.join(self.command)}"
 
-    def do(self) -> None:
+    def execute(self) -> None:
         if self.optional and shutil.which(self.command[0]) is None:
             return
         try:
@@ -95,7 +95,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", nargs="?", default="imu", help="of the instance: imud@NAME, /etc/imud/NAME.toml")
     parser.add_argument("--port", action="append", default=[], metavar="DEV[:DRIVER[@BAUD]]", help="as of `imud run`")
     parser.add_argument("--realtime", action="store_true", help="also allow real-time scheduling and locked memory")
-    parser.add_argument("--remove", action="store_true", help="take the service away; configuration and state stay")
+    parser.add_argument("--remove", action="store_true", help="remove the service; configuration and state stay")
     parser.add_argument("--dry-run", action="store_true", help="only show what would be done")
     parser.add_argument("--yes", action="store_true", help="do not ask")
     parser.add_argument("--root", type=Path, default=Path("/"), metavar="DIR", help="a mounted image: files only")
@@ -107,13 +107,13 @@ def run(args: argparse.Namespace) -> int:
     steps = removal(args.root, args.name) if args.remove else installation(args)
     for step in steps:
         print(step, flush=True)
-    if args.dry_run or not (args.yes or _agreed()):
+    if args.dry_run or not (args.yes or _confirmed()):
         return 0
     if not args.remove and args.root == Path("/"):
         print("the first start compiles the filter, which takes a minute or two", flush=True)
     try:
         for step in steps:
-            step.do()
+            step.execute()
     except PermissionError as error:
         raise PermissionDeniedError(f"{error.filename}: not permitted; try again with sudo") from error
     print(
@@ -124,29 +124,29 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _agreed() -> bool:
+def _confirmed() -> bool:
     if not sys.stdin.isatty():
-        raise UsageError("nobody to ask: say --yes to do it, or --dry-run to look only")
+        raise UsageError("there is no terminal to ask on: --yes executes the steps, --dry-run only prints them")
     return input("Do this? [y/N] ").strip().lower() in ("y", "yes")
 
 
 def installation(args: argparse.Namespace) -> list[Step]:
-    """Everything that makes imud@NAME run now and after each boot. Raises ImudError if it could not work."""
+    """The steps that make imud@NAME run now and after each boot. Raises ImudError if it could not work."""
     program = _program(args.root)
     files = _FILES | (_REALTIME if args.realtime else {})
     steps: list[Step] = [
-        Write(args.root / target, _asset(name).replace(_BUILT_FOR, str(program))) for name, target in files.items()
+        Write(args.root / target, _asset(name).replace(_UNIT_PROGRAM, str(program))) for name, target in files.items()
     ]
     steps += [Write(args.root / path, page()) for path, page in _PAGES.items()]
     configuration = args.root / "etc/imud" / f"{args.name}.toml"
     if not configuration.exists():
-        steps.append(Write(configuration, _configured(args.port), keep=True))
+        steps.append(Write(configuration, _checked_sample(args.port), keep=True))
     elif args.port:
         raise ConfigError(f"{configuration} is there already: change `ports` in it, and leave --port away")
-    return steps + (_commands(args.name) if args.root == Path("/") else [])
+    return steps + (_systemd_commands(args.name) if args.root == Path("/") else [])
 
 
-def _commands(name: str) -> list[Step]:
+def _systemd_commands(name: str) -> list[Step]:
     return [
         Run(("systemd-sysusers",)),
         Run(("udevadm", "control", "--reload"), optional=True),
@@ -170,15 +170,15 @@ def removal(root: Path, name: str) -> list[Step]:
 
 
 def _program(root: Path) -> Path:
-    """The command the unit shall call. Raises InputMissingError when the service's user could not read it."""
+    """The command that the unit starts. Raises InputMissingError when the service's user could not read it."""
     program = Path(sys.executable).with_name("imud")
     if root != Path("/"):
-        return Path(_BUILT_FOR)
+        return Path(_UNIT_PROGRAM)
     if not program.exists():
         raise InputMissingError(f"there is no {program}: install imud with pip into this Python first")
     if program.is_relative_to("/home") or program.is_relative_to("/root"):
         raise InputMissingError(
-            f"imud is installed in {program.parent}, where a service's own user may not look: in its sources\n"
+            f"imud is installed in {program.parent}, which a service's own user may not read: in its sources\n"
             "  sudo python3 -m venv /opt/imud && sudo /opt/imud/bin/pip install .\n"
             "and run `sudo /opt/imud/bin/imud install-service`"
         )
@@ -188,13 +188,13 @@ def _program(root: Path) -> Path:
 def _asset(name: str) -> str:
     """A file of systemd/, from the installed package or from the checkout."""
     package = Path(__file__).parents[1]
-    for place in (package / "systemd", package.parent / "systemd"):
-        if (place / name).is_file():
-            return (place / name).read_text()
+    for folder in (package / "systemd", package.parent / "systemd"):
+        if (folder / name).is_file():
+            return (folder / name).read_text()
     raise InputMissingError(f"the installation lacks its file systemd/{name}: install imud again")
 
 
-def _configured(ports: list[str]) -> str:
+def _checked_sample(ports: list[str]) -> str:
     text = sample(ports)
-    config.loads(text)  # what we write must be what we take
+    config.loads(text)  # the file must be valid
     return text

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 
 class Metric(NamedTuple):
-    """A family of samples. `where`: the keys of the flat status, in a pattern whose groups are the labels."""
+    """A family of samples. `pattern`: matches the keys of the flat status; its groups are the labels."""
 
     name: str
     kind: str
     about: str
-    where: str
+    pattern: str
     scale: float = 1.0
 
 
@@ -49,11 +49,11 @@ METRICS = (
         _PORT + r"clock\.residual_us", 1e-6,
     ),
     Metric(
-        "imud_arrival_lateness_seconds", _GAUGE, "How much later than at best samples come, mean.",
+        "imud_arrival_lateness_seconds", _GAUGE, "Arrival of samples after the earliest possible, mean.",
         _PORT + r"clock\.late_us", 1e-6,
     ),
     Metric(
-        "imud_arrival_lateness_max_seconds", _GAUGE, "How much later than at best a sample came, at most.",
+        "imud_arrival_lateness_max_seconds", _GAUGE, "Arrival of samples after the earliest possible, maximum.",
         _PORT + r"clock\.latest_us", 1e-6,
     ),
     Metric(
@@ -63,14 +63,14 @@ METRICS = (
     Metric("imud_fixes_used_total", _COUNTER, f"Fixes given to the filter{_SINCE}.", _PORT + "used"),
     Metric("imud_fixes_refused_total", _COUNTER, "Fixes refused, by setting.", _PORT + r"refused\.(?P<rule>.+)"),
     Metric(
-        "imud_nmea_sentences_total", _COUNTER, "Sentences and epochs by what became of them.",
+        "imud_nmea_sentences_total", _COUNTER, "Sentences and epochs by outcome.",
         _PORT + r"sentences\.(?P<outcome>(?!noise bytes).+)",
     ),
     Metric("imud_nmea_noise_bytes_total", _COUNTER, "Bytes between sentences.", _PORT + r"sentences\.noise bytes"),
     Metric("imud_satellites", _GAUGE, "Satellites that the receiver uses.", _PORT + "satellites"),
     Metric("imud_fix_quality", _GAUGE, "Quality of the fix as in NMEA GGA, 0: none.", _PORT + "quality"),
     Metric("imud_fix_age_seconds", _GAUGE, "Since the last fix.", _PORT + "fix_age_s"),
-    Metric("imud_filter_state", _GAUGE, "1: so it is.", r"filter\.flags\.(?P<state>.+)"),
+    Metric("imud_filter_state", _GAUGE, "1: the filter is in this state.", r"filter\.flags\.(?P<state>.+)"),
     Metric(
         "imud_attitude_sigma_degrees", _GAUGE, "Standard deviation.", r"filter\.s(?P<angle>roll|pitch|yaw)_deg",
     ),
@@ -84,7 +84,7 @@ METRICS = (
         r"filter\.sba(?P<axis>[xyz])_mps2",
     ),
     Metric(
-        "imud_innovations_total", _COUNTER, "Measured minus predicted, by what the filter made of it.",
+        "imud_innovations_total", _COUNTER, "Innovations that the filter used, and that it rejected.",
         r"innovations\.(?P<kind>\w+)\.(?P<outcome>used|rejected)",
     ),
     Metric(
@@ -96,9 +96,9 @@ METRICS = (
         "imud_messages_dropped_total", _COUNTER, "Messages that slow clients lost.",
         r"outputs\.(?P<output>\w+)\.dropped",
     ),
-    Metric("imud_gpsd_connections_total", _COUNTER, "Clients that came.", r"outputs\.gpsd\.connections"),
-    Metric("imud_gpsd_refused_total", _COUNTER, "Clients turned away: too many.", r"outputs\.gpsd\.refused"),
-    Metric("imud_gpsd_expelled_total", _COUNTER, "Clients cut off.", r"outputs\.gpsd\.expelled"),
+    Metric("imud_gpsd_connections_total", _COUNTER, "Accepted connections.", r"outputs\.gpsd\.connections"),
+    Metric("imud_gpsd_refused_total", _COUNTER, "Rejected connections: too many.", r"outputs\.gpsd\.refused"),
+    Metric("imud_gpsd_expelled_total", _COUNTER, "Disconnected clients.", r"outputs\.gpsd\.expelled"),
     Metric("imud_gpsd_requests_total", _COUNTER, "Requests.", r"outputs\.gpsd\.requests"),
     Metric("imud_gpsd_errors_total", _COUNTER, "Requests answered with an error.", r"outputs\.gpsd\.errors"),
 )  # fmt: skip
@@ -116,7 +116,7 @@ def prometheus(status: Mapping[str, Any]) -> str:
 
 
 def _infos(status: Mapping[str, Any]) -> Iterator[str]:
-    """The texts, as labels of a metric that is always 1, as is Prometheus' custom."""
+    """The texts, as labels of a metric that is always 1, the convention of Prometheus."""
     yield "# HELP imud_info The daemon."
     yield "# TYPE imud_info gauge"
     yield _sample("imud_info", {"version": status["version"], "estimator": status["filter.estimator"]}, 1)
@@ -124,13 +124,13 @@ def _infos(status: Mapping[str, Any]) -> Iterator[str]:
     yield "# TYPE imud_port_info gauge"
     for key in status:
         if match := re.fullmatch(r"ports\.(\d+)\.path", key):
-            facts = {name: status.get(f"ports.{match[1]}.{name}", "") for name in _INFO}
-            yield _sample("imud_port_info", {"port": facts.pop("path"), **facts}, 1)
+            labels = {name: status.get(f"ports.{match[1]}.{name}", "") for name in _INFO}
+            yield _sample("imud_port_info", {"port": labels.pop("path"), **labels}, 1)
 
 
 def _samples(metric: Metric, status: Mapping[str, Any]) -> Iterator[str]:
     for key, value in status.items():
-        if match := re.fullmatch(metric.where, key):
+        if match := re.fullmatch(metric.pattern, key):
             labels = match.groupdict()
             if "port" in labels:
                 labels["port"] = status[f"ports.{labels['port']}.path"]

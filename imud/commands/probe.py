@@ -10,7 +10,7 @@ from typing import Any
 from drivers.detect import search
 from drivers.driver import Identity
 from drivers.errors import PortError, SpecError
-from drivers.transport.conversation import run_dialogue
+from drivers.transport.dialogue_runner import run_dialogue
 from drivers.transport.line import open_line
 from drivers.transport.portspec import PortSpec
 
@@ -38,7 +38,7 @@ def candidates(root: Path = Path("/")) -> list[str]:
 
 
 def examine(spec: PortSpec, readonly: bool) -> dict[str, Any]:
-    """What is on the port: the identity's fields, or `problem` in words."""
+    """The device on the port: the identity's fields, or `problem` as text."""
     try:
         line = open_line(spec)
         try:
@@ -52,14 +52,14 @@ def examine(spec: PortSpec, readonly: bool) -> dict[str, Any]:
     return {"port": spec.path, "problem": str(found)}
 
 
-def _sentence(result: dict[str, Any]) -> str:
+def _as_text(result: dict[str, Any]) -> str:
     if "problem" in result:
         return f"{result['port']}: {result['problem']}"
-    facts = [f"serial {result['serial']}"] * bool(result["serial"])
-    facts += [f"firmware {result['firmware']}"] * bool(result["firmware"])
-    named = f"--port {result['port']}:{result['driver']}"
-    facts += [named] if result["spi"] else [f"{result['baud']} baud", f"{named}@{result['baud']}"]
-    return f"{result['port']}: {result['model'] or result['driver']}, {', '.join(facts)}"
+    properties = [f"serial {result['serial']}"] * bool(result["serial"])
+    properties += [f"firmware {result['firmware']}"] * bool(result["firmware"])
+    port = f"--port {result['port']}:{result['driver']}"
+    properties += [port] if result["spi"] else [f"{result['baud']} baud", f"{port}@{result['baud']}"]
+    return f"{result['port']}: {result['model'] or result['driver']}, {', '.join(properties)}"
 
 
 def run(args: argparse.Namespace) -> int:
@@ -75,5 +75,5 @@ def run(args: argparse.Namespace) -> int:
             print(f"{spec.path}: listening …", end="\r", file=sys.stderr, flush=True)
         result = examine(spec, args.readonly)
         known += "problem" not in result
-        print(json.dumps(result) if args.json else _sentence(result), flush=True)
+        print(json.dumps(result) if args.json else _as_text(result), flush=True)
     return 0 if known else DeviceAbsentError.exit_code

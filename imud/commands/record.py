@@ -1,4 +1,4 @@
-"""`imud record`: writes what ports say to a file, byte for byte and with arrival times, for `imud replay`."""
+"""`imud record`: writes the bytes that ports receive to a file, with their arrival times, for `imud replay`."""
 
 import argparse
 import contextlib
@@ -36,8 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_settings(parser)
 
 
-class Tape:
-    """The loop: owns the ports, hands what they say to the recorder."""
+class RecordLoop:
+    """The event loop: owns the ports, and gives their bytes to the recorder."""
 
     def __init__(self, settings: Settings, recorder: Recorder, wait: bool) -> None:
         self._recorder = recorder
@@ -45,7 +45,7 @@ class Tape:
         self._poll = select.epoll()
         self._by_fd: dict[int, Port] = {}
         self._byte_sinks: dict[Port, ByteSink] = {}
-        self._room = memoryview(bytearray(READ_BYTES))
+        self._buffer = memoryview(bytearray(READ_BYTES))
         self._ended = False
         self._pulse = choices.pulse(settings)
         self._ports = [Port(spec, options, self, wait=wait) for spec, options in choices.ports(settings)]
@@ -61,7 +61,7 @@ class Tape:
                     if fd == wakeup:
                         os.read(fd, 64)
                     elif fd in self._by_fd:
-                        self._hear(self._by_fd[fd])
+                        self._read(self._by_fd[fd])
                 now_s = time.monotonic()
                 for port in self._ports:
                     port.on_time(now_s)
@@ -73,20 +73,20 @@ class Tape:
     def _end(self) -> None:
         self._ended = True
 
-    def _hear(self, port: Port) -> None:
+    def _read(self, port: Port) -> None:
         byte_sink = self._byte_sinks.get(port)
         if byte_sink is None:
             port.on_event()
             return
         now_ns = time.monotonic_ns()
         try:
-            received, arrival_ns = port.line.receive(self._room, now_ns)
+            received, arrival_ns = port.line.receive(self._buffer, now_ns)
         except PortLostError as error:
             (port.release if isinstance(error, PortEndedError) else port.lost)(str(error))
         else:
             if received:
                 pulse = self._pulse if isinstance(port.configured, GnssConfigured) else None
-                byte_sink(self._room[:received], arrival_ns, pulse.newest_ns(now_ns) if pulse else None)
+                byte_sink(self._buffer[:received], arrival_ns, pulse.newest_ns(now_ns) if pulse else None)
 
     def watch(self, port: Port, fd: int) -> None:
         """See `ports.PortOwner`."""
@@ -130,5 +130,5 @@ def run(args: argparse.Namespace) -> int:
         recorder = stack.enter_context(recording(settings))
         assert recorder is not None
         log.configure(sink=recorder.record_event)
-        Tape(settings, recorder, args.wait).run(float("inf") if args.seconds is None else args.seconds)
+        RecordLoop(settings, recorder, args.wait).run(float("inf") if args.seconds is None else args.seconds)
     return 0

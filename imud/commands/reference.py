@@ -1,6 +1,6 @@
 """`imud reference`: settings, commands and records as sample file, table, man page or C header.
 
-It is generated from the code that defines them, and nothing else describes them, so it cannot become outdated.
+It is generated from the code that defines them, so it cannot become outdated.
 """
 
 import argparse
@@ -18,7 +18,7 @@ _EXAMPLE_PORTS = ("/dev/ttyUSB0", "/dev/ttyACM0")
 
 
 def titles() -> dict[str, str]:
-    """What each table is about."""
+    """The title of each table."""
     hints = get_type_hints(Settings)
     return {name: hint.__doc__ or "" for name, hint in hints.items() if is_table(hint)}
 

@@ -15,7 +15,7 @@ from ..progress import Progress
 from ..setup import config
 from ..tables.output import open_output
 from .arguments import above_zero, add_settings, at_least_one
-from .files import input_file, keep_apart
+from .files import input_file, refuse_overwriting
 
 if TYPE_CHECKING:
     from ..estimators import Estimator
@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from ..math.arrays import Records
     from ..tables.inputs import SkippedRows
 
-_FAR_S, _FORCE_MPS2, _LOOKED_AT = 0.2, (4.0, 25.0), 10_000  # what is doubted; samples looked at for that
+_PERIOD_MAX_S, _FORCE_MPS2 = 0.2, (4.0, 25.0)  # beyond them the units of the file are probably wrong
+_CHECKED_SAMPLES = 10_000  # of the specific force
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_settings(parser)
 
 
-def _kept(t_ns: Any, rate_hz: float | None) -> Any:
+def _output_mask(t_ns: Any, rate_hz: float | None) -> Any:
     """Mask of the samples that start a new output period; None: all."""
     if rate_hz is None:
         return None
@@ -71,7 +72,7 @@ def _estimator_name(args: argparse.Namespace, settings: Settings) -> str:
 
 
 def run(args: argparse.Namespace) -> int:
-    keep_apart([args.output, args.innovations], [args.imu, args.gnss, args.calibration, *args.recordings])
+    refuse_overwriting([args.output, args.innovations], [args.imu, args.gnss, args.calibration, *args.recordings])
     if args.recordings:
         from . import replay_recordings
 
@@ -103,11 +104,11 @@ def run(args: argparse.Namespace) -> int:
             filter_.calibrate(calibration.read(args.calibration))
         innovations: list[Records] = []
         aiding = _read_aiding(sources, origin)
-        kept = _kept(samples["t_ns"], args.rate)
+        mask = _output_mask(samples["t_ns"], args.rate)
         progress = Progress(len(samples))
-        fed = play(filter_, samples, fixes, writer.write, kept, innovations.append, aiding, progress.at)
+        fed = play(filter_, samples, fixes, writer.write, mask, innovations.append, aiding, progress.at)
     if args.innovations is not None:
-        _keep_innovations(args.innovations, origin, innovations)
+        _write_innovations(args.innovations, origin, innovations)
     _summary(samples, fixes, fed, skipped, time.perf_counter() - begin)
     if args.gnss is not None and not len(fixes):
         print(f"imud replay: {args.gnss}: no fix in it", file=sys.stderr)
@@ -116,7 +117,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _keep_innovations(path: Path, origin: int, innovations: "list[Records]") -> None:
+def _write_innovations(path: Path, origin: int, innovations: "list[Records]") -> None:
     from ..estimators.records import INNOVATION
     from ..tables.estimates import write_innovations
 
@@ -134,16 +135,16 @@ def _read_gnss(
     from ..tables.lines import is_nmea
     from ..tables.refused import without_refused
 
-    def tell(refused: str) -> None:
-        print(f"imud replay: {path}: {refused}", file=sys.stderr)
+    def warn(problem: str) -> None:
+        print(f"imud replay: {path}: {problem}", file=sys.stderr)
 
     if path is None:
         return np.zeros(0, FIX)
     if is_nmea(path):
         from ..tables.nmea_log import fixes_of_log
 
-        return fixes_of_log(path, origin, int(samples["t_ns"][0]), settings.gnss, tell)
-    return without_refused(path, read_fixes(path, origin, left_out), settings.gnss, tell)
+        return fixes_of_log(path, origin, int(samples["t_ns"][0]), settings.gnss, warn)
+    return without_refused(path, read_fixes(path, origin, left_out), settings.gnss, warn)
 
 
 def _sources(named: list[str], estimator: "Estimator") -> "list[tuple[AidingSource, Path]]":
@@ -169,13 +170,13 @@ def _read_aiding(sources: "list[tuple[AidingSource, Path]]", origin: int) -> "Re
     return measurements[np.argsort(measurements["arrival_ns"], kind="stable")]
 
 
-def _doubts(samples: "Records") -> Iterator[str]:
-    """Warnings of values that look like other units."""
-    apart_s = float(np.median(np.diff(samples["t_ns"]))) * 1e-9
-    forces = samples["f"][:: max(1, len(samples) // _LOOKED_AT)]
+def _unit_warnings(samples: "Records") -> Iterator[str]:
+    """Warnings of values that are probably in other units."""
+    period_s = float(np.median(np.diff(samples["t_ns"]))) * 1e-9
+    forces = samples["f"][:: max(1, len(samples) // _CHECKED_SAMPLES)]
     force, down = float(np.median(np.linalg.norm(forces, axis=1))), -float(np.median(forces[:, 2]))
-    if apart_s > _FAR_S:
-        yield f"the samples are {apart_s:g} s apart: is t_s in s?"
+    if period_s > _PERIOD_MAX_S:
+        yield f"the samples are {period_s:g} s apart: is t_s in s?"
     if not _FORCE_MPS2[0] < force < _FORCE_MPS2[1]:
         yield f"the specific force is mostly {force:.3g} m/s^2, where gravity alone gives 9.8: is it in m/s^2?"
     elif down < -_FORCE_MPS2[0]:
@@ -183,7 +184,7 @@ def _doubts(samples: "Records") -> Iterator[str]:
 
 
 def _summary(samples: "Records", fixes: "Records", fed: int, skipped: int, seconds: float) -> None:
-    """Print what went wrong and, on a terminal, what was done."""
+    """Print the warnings and, on a terminal, the number of samples and the speed."""
     span = float(samples["t_ns"][-1] - samples["t_ns"][0]) * 1e-9
     if sys.stderr.isatty():
         speed = span / max(seconds, 1e-9)
@@ -192,8 +193,8 @@ def _summary(samples: "Records", fixes: "Records", fed: int, skipped: int, secon
             f"{fed} of {len(fixes)} fixes",
             file=sys.stderr,
         )
-    for remark in _doubts(samples):
-        print(f"imud replay: {remark}", file=sys.stderr)
+    for warning in _unit_warnings(samples):
+        print(f"imud replay: {warning}", file=sys.stderr)
     if skipped:
         print(f"imud replay: {skipped} samples skipped: their time did not advance", file=sys.stderr)
     if len(fixes) and not fed:

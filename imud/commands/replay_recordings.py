@@ -26,7 +26,7 @@ def run(args: argparse.Namespace) -> int:
     if several or args.cluster:
         return _many(jobs, failed, args)
     progress = Progress(1000)
-    _tell(play(jobs[0], lambda done, total: progress.at(1000 * done // max(total, 1))))
+    _report(play(jobs[0], lambda done, total: progress.at(1000 * done // max(total, 1))))
     return 0
 
 
@@ -45,7 +45,7 @@ def _many(jobs: list[Job], failed: list[str], args: argparse.Namespace) -> int:
         if isinstance(outcome, str):
             failed.append(outcome)
         else:
-            _tell(outcome)
+            _report(outcome)
         progress.at(done)
     if failed:
         raise BadDataError("\n  ".join([f"{len(failed)} of {total} recordings could not be replayed", *failed]))
@@ -61,7 +61,7 @@ def _compile(jobs: list[Job]) -> None:
 
     needed: dict[str, Estimator] = {}
     for job in jobs:
-        with contextlib.suppress(ImudError):  # which will be told when it is replayed
+        with contextlib.suppress(ImudError):  # it is reported when the job is replayed
             settings = Recording(job.paths).settings(adapter(job.config, job.overrides, job.estimator))
             needed |= {estimator.name: estimator for estimator in choices.estimators(settings).possible}
     for estimator in needed.values():
@@ -70,7 +70,7 @@ def _compile(jobs: list[Job]) -> None:
 
 
 def _jobs(args: argparse.Namespace, recordings: list[tuple[Path, ...]], into_folder: bool) -> list[Job]:
-    """Paths are whole ones: whoever does the work may stand elsewhere."""
+    """Paths are absolute: a worker may have another current directory."""
     to_stdout = str(args.output) == "-"
     output: Path = args.output if to_stdout else args.output.absolute()
     if to_stdout and (args.cluster or into_folder):
@@ -97,7 +97,7 @@ def _jobs(args: argparse.Namespace, recordings: list[tuple[Path, ...]], into_fol
 
 
 def distinct_names(paths: list[Path]) -> list[str]:
-    """A name for each path: that of its file, with as many of its folders as tell it from others of the same name."""
+    """A name for each path: that of its file, with those of its folders where files have the same name."""
     stems = Counter(path.stem for path in paths)
     if max(stems.values(), default=0) < 2:
         return [path.stem for path in paths]
@@ -108,8 +108,8 @@ def distinct_names(paths: list[Path]) -> list[str]:
     ]
 
 
-def _tell(outcome: Outcome) -> None:
-    """What was done, on a terminal; what went wrong, everywhere."""
+def _report(outcome: Outcome) -> None:
+    """Print the outcome on a terminal, and warnings always."""
     if sys.stderr.isatty():
         print(f"imud replay: {outcome}", file=sys.stderr)
     tell("replay", outcome.notes)

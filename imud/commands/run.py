@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_settings(parser)
     parser.add_argument("--check", action="store_true", help="check the configuration and exit")
     levels = ("debug", "info", "warning", "error")
-    parser.add_argument("--log-level", default="info", choices=levels, help="what is told on stderr (default info)")
+    parser.add_argument("--log-level", default="info", choices=levels, help="of the log on stderr (default info)")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check(settings: Settings) -> None:
-    """What the daemon would refuse before it touches a device. Raises ConfigError, UsageError, CannotCreateError."""
+    """The checks that need no device. Raises ConfigError, UsageError, CannotCreateError."""
     from ..outputs.addresses import addresses_of, parse_path
     from ..recording.control import folder_trouble
     from ..setup import choices

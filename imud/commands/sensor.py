@@ -1,4 +1,4 @@
-"""`imud sensor`: has a device do something once. Says what that will be, asks, does it, and tells how it ended."""
+"""`imud sensor`: runs one service of a device. Prints what the service does, asks, runs it, and prints the outcome."""
 
 import argparse
 import sys
@@ -9,7 +9,7 @@ from drivers.detect import search
 from drivers.driver import Done, Identity, Service, ServiceDriver
 from drivers.errors import PortError, SpecError
 from drivers.registry import by_name, drivers
-from drivers.transport.conversation import run_dialogue
+from drivers.transport.dialogue_runner import run_dialogue
 from drivers.transport.line import Known, Line, open_line
 from drivers.transport.portspec import PortSpec
 
@@ -20,24 +20,24 @@ from ..progress import Progress
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("port", metavar="DEV[:DRIVER[@BAUD]]", help="no daemon may have it open")
-    parser.add_argument("service", choices=sorted(_offered()), metavar="SERVICE", help="; ".join(_offered().values()))
+    parser.add_argument("service", choices=sorted(_services()), metavar="SERVICE", help="; ".join(_services().values()))
     parser.add_argument("value", nargs="?", type=int, metavar="N", help="seconds, or the baud rate")
     parser.add_argument("--yes", action="store_true", help="do not ask")
 
 
-def _offered() -> dict[str, str]:
-    """A text with every service, and which drivers offer it with which values."""
+def _services() -> dict[str, str]:
+    """A text for every service: which drivers have it, with which values."""
     found: dict[str, list[str]] = {}
     for driver in drivers():
         if isinstance(driver, ServiceDriver):
             for name, service in driver.services.items():
                 found.setdefault(name, []).append(f"{driver.name}, {_values(service)}")
-    return {name: f"{name} ({'; '.join(told)})" for name, told in found.items()}
+    return {name: f"{name} ({'; '.join(texts)})" for name, texts in found.items()}
 
 
 def _values(service: Service) -> str:
-    usual = "" if service.usual is None else f", usually {service.usual}"
-    return f"{_listed(service.values)} {service.unit}{usual}"
+    default = "" if service.default is None else f", default {service.default}"
+    return f"{_listed(service.values)} {service.unit}{default}"
 
 
 def _listed(values: Sequence[int]) -> str:
@@ -59,25 +59,25 @@ def run(args: argparse.Namespace) -> int:
     finally:
         line.close()
     if not done.ok:
-        raise ImudError(f"{spec.path}: {done.told}")
-    print(f"{spec.path}: {done.told}")
+        raise ImudError(f"{spec.path}: {done.message}")
+    print(f"{spec.path}: {done.message}")
     return 0
 
 
 def _serve(line: Line, spec: PortSpec, args: argparse.Namespace) -> Done:
     if isinstance(line, Known):
-        raise UsageError(f"{spec.path}: a recording does nothing; name the port of a device")
+        raise UsageError(f"{spec.path}: a recording has no services; name the port of a device")
     found = run_dialogue(line, search(spec))
     if not isinstance(found, Identity):
         raise DeviceAbsentError(f"{spec.path}: {found}")
     who = f"{found.model or found.driver}{found.serial and f', serial {found.serial},'} on {spec.path}"
     service = _service(found, args.service, who)
     value = _value(service, args.value, args.service)
-    _agree(f"{who} {service.what.format(value)}", args.yes)
+    _confirm(f"{who} {service.description.format(value)}", args.yes)
     if service.unit != "s":
-        return run_dialogue(line, service.act(value))
+        return run_dialogue(line, service.run(value))
     progress, begin_s = Progress(value), time.monotonic()
-    done = run_dialogue(line, service.act(value), lambda: progress.at(min(int(time.monotonic() - begin_s), value)))
+    done = run_dialogue(line, service.run(value), lambda: progress.at(min(int(time.monotonic() - begin_s), value)))
     progress.clear()
     return done
 
@@ -86,24 +86,24 @@ def _service(found: Identity, name: str, who: str) -> Service:
     driver = by_name(found.driver)
     if isinstance(driver, ServiceDriver) and name in driver.services:
         return driver.services[name]
-    raise UsageError(f"{who} offers no {name!r}; there is {', '.join(_offered().values())}")
+    raise UsageError(f"{who} offers no {name!r}; there is {', '.join(_services().values())}")
 
 
 def _value(service: Service, given: int | None, name: str) -> int:
-    value = service.usual if given is None else given
+    value = service.default if given is None else given
     if value is None or value not in service.values:
-        told = "no value" if value is None else value
-        raise UsageError(f"{name}: {told}; write {_listed(service.values)} {service.unit}")
+        problem = "no value" if value is None else value
+        raise UsageError(f"{name}: {problem}; write {_listed(service.values)} {service.unit}")
     return value
 
 
-def _agree(what: str, yes: bool) -> None:
-    """Say what is to be done, and ask the user. Raises UsageError if the answer is no, or nobody can be asked."""
+def _confirm(what: str, yes: bool) -> None:
+    """Print what the service does, and ask the user. Raises UsageError without a terminal, ImudError for a no."""
     print(what, file=sys.stderr)
     if yes:
         return
     if not sys.stdin.isatty():
-        raise UsageError("nobody is here to be asked: say --yes")
+        raise UsageError("there is no terminal to ask on: write --yes")
     print("go on? [y/N] ", end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise ImudError("nothing was done")

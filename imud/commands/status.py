@@ -1,4 +1,4 @@
-"""`imud status`: how a running daemon is, on one screen, as JSON, or for Prometheus. Asks it over its gpsd socket."""
+"""`imud status`: the state of a running daemon on one screen, as JSON, or for Prometheus, read from its gpsd socket."""
 
 import argparse
 import contextlib
@@ -18,9 +18,9 @@ from ..outputs.listeners import NO_DESCRIPTORS, TOO_MANY
 from . import metrics
 
 PORT = 2947
-PATIENCE_S = 5.0
-LONGEST = 1 << 20  # bytes to wait through for the answer
-_WIDTH = 100  # of what stands behind the names
+TIMEOUT_S = 5.0
+ANSWER_MAX = 1 << 20  # bytes
+_WIDTH = 100  # of the text to the right of the names
 Table = Mapping[str, Any]
 
 
@@ -55,14 +55,14 @@ def run(args: argparse.Namespace) -> int:
 def ask(address: Address) -> dict[str, Any]:
     """The flat status of the daemon there. Raises DeviceAbsentError (69), PermissionDeniedError (77), ImudError."""
     with socket.socket(address.family, socket.SOCK_STREAM) as sock:
-        sock.settimeout(PATIENCE_S)
+        sock.settimeout(TIMEOUT_S)
         try:
             sock.connect(address.where)
             sock.sendall(b"?STATUS;\n")
             return _answer(sock, address)
         except TimeoutError:
             raise DeviceAbsentError(
-                f"{address.text} is open, but does not answer: see the log of who listens there"
+                f"{address.text} is open, but does not answer: see the log of the program that listens there"
             ) from None
         except PermissionError as error:
             raise PermissionDeniedError(f"cannot connect to {address.text}: permission denied") from error
@@ -74,25 +74,25 @@ def ask(address: Address) -> dict[str, Any]:
 
 
 def _answer(sock: socket.socket, address: Address) -> dict[str, Any]:
-    stranger = DeviceAbsentError(f"what answers at {address.text} is no imud that knows its status")
-    heard = b""
-    while len(heard) < LONGEST and (data := sock.recv(65536)):
-        *lines, heard = (heard + data).split(b"\n")
+    not_imud = DeviceAbsentError(f"the program at {address.text} is not imud, or is an imud without ?STATUS")
+    received = b""
+    while len(received) < ANSWER_MAX and (data := sock.recv(65536)):
+        *lines, received = (received + data).split(b"\n")
         for text in lines:
             try:
                 message = json.loads(text)
                 kind = message.pop("class")
             except (ValueError, TypeError, AttributeError, KeyError):
-                raise stranger from None
+                raise not_imud from None
             if kind == "STATUS":
                 return dict(message)
             if kind == "ERROR" and message.get("message") == TOO_MANY:
-                raise ImudError(f"{address.text} says {TOO_MANY}: let some go, or raise gpsd.max_clients")
+                raise ImudError(f"{address.text} answers {TOO_MANY}: close some clients, or raise gpsd.max_clients")
             if kind == "ERROR" and message.get("message") == NO_DESCRIPTORS:
-                raise ImudError(f"{address.text} says {NO_DESCRIPTORS}: let some go, or raise its limit (ulimit -n)")
+                raise ImudError(f"{address.text} answers {NO_DESCRIPTORS}: close some, or raise its limit (ulimit -n)")
             if kind == "ERROR":
-                raise DeviceAbsentError(f"{stranger}: it says {message.get('message')!r}")
-    raise stranger
+                raise DeviceAbsentError(f"{not_imud}: it answers {message.get('message')!r}")
+    raise not_imud
 
 
 def nested(status: Table) -> dict[str, Any]:
@@ -110,11 +110,11 @@ def nested(status: Table) -> dict[str, Any]:
 
 def screen(status: Table) -> Iterator[tuple[str, str]]:
     """Lines for people, each with its name."""
-    pace = "OVERLOADED, publishing waits" if status["load"]["overloaded"] else "keeps up"
-    yield "imud", f"{status['version']}, pid {status['pid']}, up {_duration(status['uptime_s'])}, {pace}"
+    load = "OVERLOADED, publishing waits" if status["load"]["overloaded"] else "keeps up"
+    yield "imud", f"{status['version']}, pid {status['pid']}, up {_duration(status['uptime_s'])}, {load}"
     yield from _filter(status["filter"])
-    if told := status.get("innovations"):
-        yield from zip_longest(["innovations"], innovations(told), fillvalue="")
+    if by_kind := status.get("innovations"):
+        yield from zip_longest(["innovations"], innovations(by_kind), fillvalue="")
     for port in status["ports"]:
         yield from _port(port)
     for name, output in status["outputs"].items():
@@ -128,10 +128,10 @@ def screen(status: Table) -> Iterator[tuple[str, str]]:
     yield "kernels", status["kernels"]
 
 
-def innovations(told: Table) -> list[str]:
-    """By kind how large they are, where any had a value, and how many there were."""
-    ratios = ", ".join(f"{kind} {entry['ratio']:.2f}" for kind, entry in told.items() if "ratio" in entry)
-    used, rejected = (sum(entry[what] for entry in told.values()) for what in ("used", "rejected"))
+def innovations(by_kind: Table) -> list[str]:
+    """The mean normalised square of each kind, and the counts of all."""
+    ratios = ", ".join(f"{kind} {entry['ratio']:.2f}" for kind, entry in by_kind.items() if "ratio" in entry)
+    used, rejected = (sum(entry[what] for entry in by_kind.values()) for what in ("used", "rejected"))
     counts = f"{used} used, {rejected} rejected"
     return [*textwrap.wrap(ratios, _WIDTH), f"ratio 1 is right; {counts}"] if ratios else [counts]
 
@@ -155,14 +155,14 @@ def _filter(f: Table) -> Iterator[tuple[str, str]]:
 
 
 _Row = tuple[tuple[str, str, str, str], ...]  # of each column its name, keys of value and sigma, format
-_PLACE: _Row = (
+_POSITION: _Row = (
     ("lat", "lat_deg", "sn_m", "{:.7f}° ±{:.2f} m"),
     ("lon", "lon_deg", "se_m", "{:.7f}° ±{:.2f} m"),
     ("height", "height_m", "sd_m", "{:.2f} ±{:.2f} m"),
 )
 _ROWS: tuple[tuple[str, _Row], ...] = (
     ("attitude", tuple((a, f"{a}_deg", f"s{a}_deg", "{:+.2f} ±{:.2f}°") for a in ("roll", "pitch", "yaw"))),
-    ("position", _PLACE),
+    ("position", _POSITION),
     ("velocity", tuple((a, f"v{a}_mps", f"sv{a}_mps", "{:+.3f} ±{:.3f} m/s") for a in "ned")),
     ("gyro bias", tuple((a, f"bg{a}_dps", f"sbg{a}_dps", "{:+.4f} ±{:.4f}°/s") for a in "xyz")),
     ("accel bias", tuple((a, f"ba{a}_mps2", f"sba{a}_mps2", "{:+.4f} ±{:.4f} m/s²") for a in "xyz")),
@@ -190,8 +190,8 @@ _COUNTED = ("frames", "lost", "junk", "bad", "suspect", "errors", "overruns", "t
 
 
 def _rate(port: Table) -> str:
-    heard = f"{port['rate_hz']:.4g}" if "rate_hz" in port else "?"
-    return f"{heard} of {port['rate_asked_hz']:.4g} Hz" if "rate_asked_hz" in port else f"{heard} fixes/s"
+    rate = f"{port['rate_hz']:.4g}" if "rate_hz" in port else "?"
+    return f"{rate} of {port['rate_asked_hz']:.4g} Hz" if "rate_asked_hz" in port else f"{rate} fixes/s"
 
 
 def _counted(port: Table, names: tuple[str, ...]) -> str:

@@ -132,7 +132,7 @@ class Devices:
         if self.imu and (share := self.imu[1].rate_ratio()):
             self._insist(*self.imu, share)
         for port in self.ports:
-            port.log_line_complaint()
+            port.log_line_warning()
         if self._recordings.current and self.imu:
             self._recordings.current.record_clock(self.ports.index(self.imu[0]), self.imu[1], now_ns)
         if self.imu and isinstance(configured := self.imu[0].configured, ImuConfigured):

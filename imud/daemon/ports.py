@@ -20,10 +20,10 @@ from drivers.errors import (
     PortError,
     PortSupportError,
 )
-from drivers.findings import Chatter, Finding
+from drivers.findings import Finding, UnrecognisedData
 from drivers.registry import by_name
-from drivers.transport.conversation import Conversation
-from drivers.transport.line import Known, Line, look, open_line
+from drivers.transport.dialogue_runner import DialogueRunner
+from drivers.transport.line import Known, Line, check_port, open_line
 from drivers.transport.portspec import PortSpec
 
 from ..errors import DeviceAbsentError, ImudError, InputOutputError, PermissionDeniedError
@@ -74,8 +74,8 @@ class Port:
         self._owner, self._wait = owner, wait
         self._log = get_logger().bind(port=spec.path)
         self._line: Line | None = None
-        self._conversation: Conversation[Any] | None = None
-        self._line_complaint = ""
+        self._dialogue: DialogueRunner[Any] | None = None
+        self._line_warning = ""
         self._last_baud = 0  # at which a device was found here; 0: none yet
         self._on_result: Callable[[Any], None] = lambda result: None
         self._retry_s = _FIRST_RETRY_S
@@ -83,7 +83,7 @@ class Port:
     def check(self) -> None:
         """Check that the port is there, before anything that takes long. Raises ImudError as `on_time`."""
         try:
-            look(self.spec)
+            check_port(self.spec)
         except PortError as error:
             if type(error) in _FATAL_AT_START or not self._wait:
                 raise failure(error) from error
@@ -105,22 +105,22 @@ class Port:
             return
         if self._line is None:
             self._open()
-        elif self._conversation is not None:
-            self._advance(self._conversation.on_deadline)
+        elif self._dialogue is not None:
+            self._advance(self._dialogue.on_deadline)
         elif isinstance(self.configured, ImuConfigured) and self.configured.request is not None:
             self._request_sample(self.configured.request, now_s)
 
     def on_event(self) -> None:
         """Bytes for the dialogue. (A streaming port is read by its owner.)"""
-        if self._conversation is not None:
-            self._advance(self._conversation.on_readable)
+        if self._dialogue is not None:
+            self._advance(self._dialogue.on_readable)
 
-    def log_line_complaint(self) -> None:
-        """Log the line's complaint, once."""
-        complaint = self._line.complaint if self._line else ""
-        if complaint and complaint != self._line_complaint:
-            self._log.warning(complaint)
-        self._line_complaint = complaint
+    def log_line_warning(self) -> None:
+        """Log the line's warning, once."""
+        warning = self._line.warning if self._line else ""
+        if warning and warning != self._line_warning:
+            self._log.warning(warning)
+        self._line_warning = warning
 
     def lost(self, why: str) -> None:
         """The stream ended: close, and begin again."""
@@ -175,26 +175,26 @@ class Port:
     def _converse(self, dialogue: Dialogue[Any], on_result: Callable[[Any], None]) -> None:
         assert self._line is not None
         self._on_result = on_result
-        self._conversation = Conversation(self._line, dialogue)
-        self._advance(self._conversation.start)
+        self._dialogue = DialogueRunner(self._line, dialogue)
+        self._advance(self._dialogue.start)
 
     def _advance(self, act: Callable[[], None]) -> None:
         """Continue the dialogue; a lost line ends it, the result of a finished one is handled."""
-        conversation = self._conversation
-        assert conversation is not None
+        runner = self._dialogue
+        assert runner is not None
         try:
             act()
         except PortError as error:
             self._fail(str(error))
             return
-        self.deadline_s = conversation.deadline_s
-        if conversation.finished:
-            self._conversation = None
-            self._on_result(conversation.result)
+        self.deadline_s = runner.deadline_s
+        if runner.finished:
+            self._dialogue = None
+            self._on_result(runner.result)
 
     def _on_identified(self, found: Identity | Unsupported | Finding) -> None:
         if not isinstance(found, Identity):
-            self._fail(str(found), found.gist if isinstance(found, Chatter) else "")
+            self._fail(str(found), found.summary if isinstance(found, UnrecognisedData) else "")
             return
         driver = by_name(found.driver)
         self._enter(PortEvent.IDENTIFIED)
@@ -253,7 +253,7 @@ class Port:
 
     def _close(self, event: PortEvent) -> None:
         self._enter(event)
-        self._conversation = None
+        self._dialogue = None
         if self._line is not None:
             self._owner.unwatch(self._line.fd)
             self._line.close()

@@ -32,7 +32,7 @@ class Replayed:
 
     data: bytes = b""
     arrival_ns: int = 0
-    complaint: str = ""
+    warning: str = ""
     counters: dict[str, int] = field(default_factory=dict)
     fd: int = -1
     plain: bool = False

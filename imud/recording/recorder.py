@@ -105,12 +105,12 @@ class Recorder:
 
         Of an inertial sensor, calibration: what is taken out of its samples; stored: with which its filter begins.
         """
-        from drivers.capture import Connection, plain
+        from drivers.capture import Connection, to_builtins
 
         kind = "imu" if isinstance(configured, ImuConfigured) else "gnss"
         known = {} if calibration is None else msgspec.to_builtins(calibration)
         biases = {} if stored.biases is None else msgspec.to_builtins(stored.biases)
-        driver, setup = configured.identity.driver, plain(configured)
+        driver, setup = configured.identity.driver, to_builtins(configured)
         opened = Connection(now_ns, port, path, True, kind, driver, setup, known, biases, stored.checkpoint)
         self._json(Kind.CONNECTION, opened, port)
 

@@ -35,7 +35,7 @@ class Inertial:
         self._has_gyros = False
         self._room = stream.rx.data
         self._line: Line | None = None
-        self._complaints: Mapping[int, str] = {}
+        self._fault_texts: Mapping[int, str] = {}
         self._complained: int | None = None  # status word of the first frame, which the driver has reported
 
     def connect(
@@ -47,7 +47,7 @@ class Inertial:
         self.stream.restart(driver.new_state(configured), configured, first_flags)
         self._line = line
         self.stream.record["last_data_ns"] = now_ns
-        self._complaints, self._complained = driver.complaints, None
+        self._fault_texts, self._complained = driver.fault_texts, None
         self.rate, self._loss_monitor = RateMeter(), LossMonitor()
         by_itself = configured.request is None and not isinstance(line, Known)
         self.rate_monitor = SampleRateMonitor(1e9 / configured.period_ns) if by_itself else None
@@ -120,7 +120,7 @@ class Inertial:
         if status == self._complained:
             return ()
         return tuple(
-            self._complaints.get(1 << bit, f"the sensor sets bit {bit} of its status word, meaning not known")
+            self._fault_texts.get(1 << bit, f"the sensor sets bit {bit} of its status word, meaning not known")
             for bit in range(16)
             if (status & ~self._complained) >> bit & 1
         )

@@ -1,7 +1,7 @@
-"""`imud bench`: imud's performance on this machine, as ratios to C, to numpy and to numba alone, taken in one run.
+"""`imud bench`: imud's performance on this machine, as ratios to C and to numpy, measured in one run.
 
-Absolute times vary with the machine and its other work. So the contestants take turns, and the medians of their ratios
-are shown.
+Absolute times vary with the machine and its load. So the programs are run alternately, and the medians of the ratios
+are printed.
 """
 
 import argparse

@@ -1,7 +1,7 @@
-"""`python -m imud.commands.bench.counted [OPTION …]`: does replays on request, while instructions are counted.
+"""`python -m imud.commands.bench.counted [OPTION …]`: replays on request, while callgrind counts the instructions.
 
-OPTIONs go to the C compiler. A request is a line `ours N` or `c N` on stdin: turn N frames of an M-G350 into attitude
-solutions. Each is answered by a line.
+OPTIONs are passed to the C compiler. A request is a line `ours N` or `c N` on stdin: turn N frames of an M-G350 into
+attitude solutions. One line answers each request.
 """
 
 import sys

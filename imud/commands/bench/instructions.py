@@ -18,41 +18,41 @@ import numpy as np
 from imud.errors import ImudError
 
 from . import reference
-from .race import Pacer, number, race
+from .race import Pacer, match_sequence, race
 from .table import Section
 from .throughput import LLVM
 
 SLOWNESS = 10  # times
 _OPTIONS = {"x86_64": ("-mno-avx512f",)}.get(platform.machine(), ())  # valgrind does not know these instructions
-_REPLAYED, _LIVE = (2000, 7000), 1000  # frames; what a replay takes whatever its length is the same in both
-_SETTLE = 300
-_PATIENCE_S = 60.0
+_REPLAYED, _LIVE = (2000, 7000), 1000  # frames; the difference of two replays has no fixed cost
+_WARM_UP = 300  # frames
+_TIMEOUT_S = 60.0
 _PROCESSOR = "import llvmlite.binding as b; print(b.get_host_cpu_name()); print(b.get_host_cpu_features().flatten())"
 
 
-class UncountedError(Exception):
+class CountError(Exception):
     """Instructions cannot be counted; the message says why."""
 
 
 def processor() -> dict[str, str]:
-    """Environment that selects machine code for the processor which valgrind emulates. Raises UncountedError."""
+    """Environment that selects machine code for the processor which valgrind emulates. Raises CountError."""
     if not (shutil.which("valgrind") and shutil.which("callgrind_control")):
-        raise UncountedError("valgrind is not on this machine")
+        raise CountError("valgrind is not on this machine")
     command = ["valgrind", "-q", "--tool=none", sys.executable, "-c", _PROCESSOR]
-    told = subprocess.run(command, capture_output=True, text=True, check=False)
-    if told.returncode:
-        raise UncountedError(f"valgrind: {told.stderr[-200:]}")
-    name, features = told.stdout.split()
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise CountError(f"valgrind: {done.stderr[-200:]}")
+    name, features = done.stdout.split()
     return {**os.environ, "NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": features}
 
 
-def warmed(environment: dict[str, str]) -> dict[str, str]:
+def with_compiled_kernels(environment: dict[str, str]) -> dict[str, str]:
     """The environment, after kernels have been compiled for it into a cache of their own."""
     environment = {name: value for name, value in environment.items() if name != "NUMBA_CACHE_DIR"}
     command = [sys.executable, "-m", "imud", "warmup", "--estimator", "attitude"]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise UncountedError(f"imud warmup: {done.stderr[-200:]}")
+        raise CountError(f"imud warmup: {done.stderr[-200:]}")
     return environment
 
 
@@ -70,22 +70,22 @@ class Counter:
     def begin(self, pid: int) -> None:
         """Count from now on."""
         self._control("-i", "on", str(pid))
-        self.take(pid)
+        self.read(pid)
 
-    def take(self, pid: int) -> int:
-        """Instructions since the last call. Raises UncountedError."""
+    def read(self, pid: int) -> int:
+        """Instructions since the last call. Raises CountError."""
         self._dumps += 1
         self._control("-d", str(pid))
         text = self._out.with_name(f"{self._out.name}.{self._dumps}").read_text()
         found = re.search(r"^(?:totals|summary): (\d+)", text, re.MULTILINE)
         if found is None:
-            raise UncountedError("callgrind wrote no total")
+            raise CountError("callgrind wrote no total")
         return int(found[1])
 
     def _control(self, *arguments: str) -> None:
         done = subprocess.run(["callgrind_control", *arguments], capture_output=True, text=True, check=False)
         if done.returncode:
-            raise UncountedError(f"callgrind_control: {(done.stderr or done.stdout)[-200:]}")
+            raise CountError(f"callgrind_control: {(done.stderr or done.stdout)[-200:]}")
 
 
 def _replay(section: Section, environment: dict[str, str], folder: Path) -> None:
@@ -96,26 +96,26 @@ def _replay(section: Section, environment: dict[str, str], folder: Path) -> None
     ) as process:
         assert process.stdin and process.stdout
 
-        def ask(name: str, frames: int) -> None:
+        def request(name: str, frames: int) -> None:
             print(f"{name} {frames}", file=process.stdin, flush=True)
             if not process.stdout.readline():  # type: ignore[union-attr]
-                raise UncountedError("the replay ended by itself under valgrind")
+                raise CountError("the replay ended by itself under valgrind")
 
-        said = process.stdout.readline().strip()
-        names = ["ours", "c"] if said == "ready" else ["ours"]
+        status = process.stdout.readline().strip()
+        names = ["ours", "c"] if status == "ready" else ["ours"]
         for name in names:
-            ask(name, _REPLAYED[0])
+            request(name, _REPLAYED[0])
         counter.begin(process.pid)
         counts = []
         for name in names:
-            taken = []
+            short, long = 0, 0
             for frames in _REPLAYED:
-                ask(name, frames)
-                taken.append(counter.take(process.pid))
-            counts.append((taken[1] - taken[0]) / (_REPLAYED[1] - _REPLAYED[0]))
+                request(name, frames)
+                short, long = long, counter.read(process.pid)
+            counts.append((long - short) / (_REPLAYED[1] - _REPLAYED[0]))
         process.stdin.close()
     section.add("replay, bytes to solution", counts[0], "/frame")
-    _against(section, "replay against C", counts, 1.2, said)
+    _compare(section, "replay against C", counts, 1.2, status)
 
 
 def _live(section: Section, environment: dict[str, str], folder: Path) -> None:
@@ -132,20 +132,20 @@ def _live(section: Section, environment: dict[str, str], folder: Path) -> None:
         pacer = Pacer(contestants, SLOWNESS)
         for contestant, counter in zip(contestants, counters, strict=True):
             counter.begin(contestant.pid)
-        pacer.feed(_SETTLE)
-        number(pacer, contestants)
+        pacer.feed(_WARM_UP)
+        match_sequence(pacer, contestants)
         for contestant, counter in zip(contestants, counters, strict=True):
-            counter.take(contestant.pid)
+            counter.read(contestant.pid)
         pacer.feed(_LIVE)
-        pacer.wait_for(_LIVE, _PATIENCE_S)
+        pacer.wait_for(_LIVE, _TIMEOUT_S)
         if any(len(contestant.latencies_ns) < _LIVE for contestant in contestants):
-            raise UncountedError("this machine is too busy: frames were lost")
-        counts = [counter.take(c.pid) / _LIVE for c, counter in zip(contestants, counters, strict=True)]
+            raise CountError("this machine is too busy: frames were lost")
+        counts = [counter.read(c.pid) / _LIVE for c, counter in zip(contestants, counters, strict=True)]
     section.add("live at 1 kHz, one subscriber, user space", counts[0], "/frame")
-    _against(section, "live against the C daemon", counts, None, why)
+    _compare(section, "live against the C daemon", counts, None, why)
 
 
-def _against(section: Section, name: str, counts: list[float], most: float | None, why: str) -> None:
+def _compare(section: Section, name: str, counts: list[float], most: float | None, why: str) -> None:
     if len(counts) > 1:
         section.add(name, counts[0] / counts[1], "x", most=most, note=f"C: {counts[1]:,.0f}", reason=LLVM)
     else:
@@ -158,9 +158,9 @@ def instructions() -> Section:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         try:
-            environment = warmed(processor())
+            environment = with_compiled_kernels(processor())
             _replay(section, environment, folder)
             _live(section, environment, folder)
-        except (UncountedError, reference.NoReferenceError, ImudError) as error:
+        except (CountError, reference.NoReferenceError, ImudError) as error:
             section.add("instructions per frame", np.nan, "", note=str(error))
     return section

@@ -13,17 +13,17 @@ import numpy as np
 
 from imud.errors import ImudError
 
-from .race import Contestant, Pacer, number, race
+from .race import Contestant, Pacer, match_sequence, race
 from .table import Section
 
-_SETTLE = 3000  # frames before anything is measured: the detection listens, caches fill
+_WARM_UP = 3000  # frames before the measurement: the detection listens, caches fill
 _TRACED = 2000  # frames
-_PYTHON = "20 times a second Python looks after clients, signals and health, 10 times it makes a view for JSON"
+_PYTHON = "20 times a second Python checks clients, signals and health, 10 times it makes a view for JSON"
 _SCHEDULER = "most of it is the scheduler's: two wake-ups, of the tty's worker and of ours; on a loaded machine more"
 _STARVED = "this machine was too busy for a frame each millisecond: see the 99th percentile"
 _MEMORY = "something was compiled in the daemon itself: it is less at the next start"
-_GARBAGE = "what was made since READY is looked through, and a loaded machine interrupts it"
-_KERNELS = "a kernel was forgotten in `imud/compilation.py`"
+_GARBAGE = "the collector visits all objects made since READY, and a loaded machine interrupts it"
+_KERNELS = "a kernel is missing in `imud/compilation.py`"
 
 
 def live(seconds: int) -> Section:
@@ -33,10 +33,10 @@ def live(seconds: int) -> Section:
         folder = Path(name)
         with race(folder) as (contestants, why):
             pacer = Pacer(contestants)
-            pacer.feed(_SETTLE)
+            pacer.feed(_WARM_UP)
             gc.collect()
             gc.freeze()
-            number(pacer, contestants)
+            match_sequence(pacer, contestants)
             n = seconds * 1000
             before = [c.cpu_ns() for c in contestants]
             pacer.feed(n)
@@ -48,10 +48,10 @@ def live(seconds: int) -> Section:
             percentiles = [np.percentile(c.latencies_ns, (50, 99)) * 1e-3 for c in contestants]
             ours = contestants[0]
             section.add("processor time per frame", used_us[0], "us")
-            _against(section, "processor time against the C daemon", used_us, 1.5, why, _PYTHON)
+            _compare(section, "processor time against the C daemon", used_us, 1.5, why, _PYTHON)
             section.add("byte written to solution, median", percentiles[0][0], "us")
-            _against(section, "median against the C daemon", [p[0] for p in percentiles], 1.15, why, _SCHEDULER)
-            _against(section, "99th percentile against the C daemon", [p[1] for p in percentiles], None, why)
+            _compare(section, "median against the C daemon", [p[0] for p in percentiles], 1.15, why, _SCHEDULER)
+            _compare(section, "99th percentile against the C daemon", [p[1] for p in percentiles], None, why)
             notes = f"C daemon: {lost[1]}" if len(lost) > 1 else ""
             section.add(f"solutions missing of {n}", lost[0], "", most=0, note=notes, reason=_STARVED)
             section.add("memory, resident", ours.status_mb("VmRSS"), "MB", most=150, reason=_MEMORY)
@@ -61,7 +61,7 @@ def live(seconds: int) -> Section:
     return section
 
 
-def _against(section: Section, name: str, values: list[Any], most: float | None, why: str, reason: str = "") -> None:
+def _compare(section: Section, name: str, values: list[Any], most: float | None, why: str, reason: str = "") -> None:
     if len(values) < 2:
         section.add(name, np.nan, "x", most=most, note=why)
     else:

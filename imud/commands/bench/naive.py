@@ -1,7 +1,7 @@
 """The textbook in numpy, for comparison: frames unpacked one by one, and an error-state filter with dense matrices.
 
 It has as many states as the attitude filter, and the same inputs. Every sample propagates the covariance, Phi P Phi' +
-Q, and corrects with zero velocity in Joseph's form. It is what one writes first, not a fair opponent.
+Q, and fuses a zero velocity in Joseph's form. It is a baseline, not an optimised implementation.
 """
 
 import struct
@@ -24,7 +24,7 @@ def skew(v: Floats) -> Floats:
 
 
 class Naive:
-    """Attitude, velocity, biases, gyro matrix, scale factors and a lag, as one vector of errors."""
+    """Attitude, velocity, biases, gyro matrix, scale factors and a time offset, as one error state."""
 
     def __init__(self) -> None:
         self.q = np.array([1.0, 0.0, 0.0, 0.0])
@@ -44,8 +44,8 @@ class Naive:
     def _step(self, w: Floats, f: Floats, dt: float) -> None:
         W, X, Y, Z = self.q
         x, y, z = 0.5 * dt * w
-        turn = np.array([[1.0, -x, -y, -z], [x, 1.0, z, -y], [y, -z, 1.0, x], [z, y, -x, 1.0]])
-        self.q = turn @ self.q
+        rotation = np.array([[1.0, -x, -y, -z], [x, 1.0, z, -y], [y, -z, 1.0, x], [z, y, -x, 1.0]])
+        self.q = rotation @ self.q
         self.q /= np.linalg.norm(self.q)
         r = np.array([X, Y, Z])
         C = np.eye(3) + 2.0 * W * skew(r) + 2.0 * skew(r) @ skew(r)

@@ -1,7 +1,7 @@
-"""`python -m imud.commands.bench.observed FILE COMMAND …`: runs a command, and writes what its interpreter did to FILE.
+"""`python -m imud.commands.bench.observed FILE COMMAND …`: runs a command, and writes its interpreter's counts to FILE.
 
 As JSON, counted from READY on: pauses of the garbage collector in ns (except when a device connects), objects that it
-has to look through, functions compiled, blocks of memory that stayed allocated.
+visits, functions compiled, blocks of memory that stayed allocated.
 """
 
 import gc
@@ -43,12 +43,12 @@ class Observer:
         Notifier.say = observed  # type: ignore[method-assign, assignment]
         set_aside = garbage.set_aside
 
-        def apart() -> None:
+        def unobserved() -> None:
             ready, self.ready = self.ready, False
             set_aside()
             self.ready = ready
 
-        garbage.set_aside = apart
+        garbage.set_aside = unobserved
 
     def _count(self) -> int:
         """Count a compilation if numba is loaded only now: nothing else would load it."""

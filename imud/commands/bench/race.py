@@ -24,12 +24,12 @@ from .throughput import new_stream
 
 _PERIOD_NS = 1_000_000
 _START_S = 3600.0  # a first start compiles
-_PATIENCE_S, _QUIET_S = 2.0, 0.2  # for what is under way; without anything new that was the last
+_TIMEOUT_S, _SILENCE_S = 2.0, 0.2  # to the first pending solution; after the last one
 _SEQ = struct.Struct("<8xQ")
 
 
 class Contestant:
-    """A daemon, the line on which it hears frames, and our subscription to its solutions."""
+    """A daemon, the line on which it receives frames, and our subscription to its solutions."""
 
     def __init__(self, name: str, folder: Path) -> None:
         self.name = name
@@ -73,8 +73,8 @@ class Contestant:
         except BlockingIOError:
             self.overruns += 1
 
-    def take(self) -> int:
-        """Read what has come; returns the last seq, 0 for none."""
+    def receive(self) -> int:
+        """Read all waiting solutions; returns the last seq, 0 for none."""
         seq = 0
         with contextlib.suppress(BlockingIOError):
             while record := self.socket.recv(RECORD.size):
@@ -117,7 +117,7 @@ class Pacer:
         self._by_fd = {c.socket.fileno(): c for c in contestants}
 
     def feed(self, n: int) -> None:
-        """n frames to each; solutions are taken as they come."""
+        """Write n frames to each; receive solutions meanwhile."""
         connected = [c.socket for c in self._contestants if c.first]
         gap_ns = self._period_ns // len(self._contestants)
         deadline = time.monotonic_ns()
@@ -130,16 +130,16 @@ class Pacer:
                 deadline += gap_ns
         self._wait(connected, deadline + 20 * self._period_ns)
 
-    def wait_for(self, n: int, patience_s: float = _PATIENCE_S) -> None:
-        """Wait a little for solutions that are still under way."""
-        deadline = time.monotonic() + patience_s
+    def wait_for(self, n: int, timeout_s: float = _TIMEOUT_S) -> None:
+        """Wait for pending solutions."""
+        deadline = time.monotonic() + timeout_s
         while min(len(c.latencies_ns) for c in self._contestants) < n and time.monotonic() < deadline:
             self._wait([c.socket for c in self._contestants], time.monotonic_ns() + 20 * self._period_ns)
 
     def _wait(self, sockets: list[socket.socket], deadline: int) -> None:
         while (left := deadline - time.monotonic_ns()) > 0:
             for sock in select.select(sockets, [], [], left * 1e-9)[0]:
-                self._by_fd[sock.fileno()].take()
+                self._by_fd[sock.fileno()].receive()
 
 
 def _imud(folder: Path, contestant: Contestant) -> list[str]:
@@ -160,21 +160,21 @@ def _c_daemon(folder: Path, contestant: Contestant, options: Sequence[str]) -> l
     return [str(folder / "daemon"), contestant.tty, str(contestant.path), str(folder / "memory")]
 
 
-def _as_it_is(name: str, command: list[str]) -> list[str]:
+def _unchanged(name: str, command: list[str]) -> list[str]:
     return command
 
 
 @contextlib.contextmanager
 def race(
     folder: Path,
-    wrap: Callable[[str, list[str]], list[str]] = _as_it_is,
+    wrap: Callable[[str, list[str]], list[str]] = _unchanged,
     environment: dict[str, str] | None = None,
     slowness: int = 1,
     options: Sequence[str] = (),
 ) -> Iterator[tuple[list[Contestant], str]]:
-    """Both daemons, streaming and subscribed; and why there is no C one.
+    """Both daemons, streaming and subscribed; and the reason if there is no C daemon.
 
-    wrap: makes of a contestant's command the one that is run, in this environment; options: of the C compiler.
+    wrap: changes a contestant's command before it is run, in this environment; options: of the C compiler.
     """
     contestants, why = [Contestant("imud", folder)], ""
     try:
@@ -186,14 +186,14 @@ def race(
         except reference.NoReferenceError as error:
             contestant.close()
             why = str(error)
-        _meet(Pacer(contestants, slowness), contestants, folder)
+        _wait_for_solutions(Pacer(contestants, slowness), contestants, folder)
         yield contestants, why
     finally:
         for contestant in contestants:
             contestant.close()
 
 
-def _meet(pacer: Pacer, contestants: list[Contestant], folder: Path) -> None:
+def _wait_for_solutions(pacer: Pacer, contestants: list[Contestant], folder: Path) -> None:
     """Feed until every daemon streams to us."""
     deadline = time.monotonic() + _START_S
     waiting = list(contestants)
@@ -202,21 +202,21 @@ def _meet(pacer: Pacer, contestants: list[Contestant], folder: Path) -> None:
         pacer.feed(100)
         if time.monotonic() > deadline:
             raise ImudError(f"bench: no daemon to measure: {(folder / 'imud.log').read_text()[-500:]}")
-    while not all(c.take() for c in contestants):
+    while not all(c.receive() for c in contestants):
         pacer.feed(100)
         if time.monotonic() > deadline:
             raise ImudError(f"bench: no solution came: {(folder / 'imud.log').read_text()[-500:]}")
 
 
-def number(pacer: Pacer, contestants: list[Contestant]) -> None:
+def match_sequence(pacer: Pacer, contestants: list[Contestant]) -> None:
     """Learn which solution belongs to the next frame written."""
     for contestant in contestants:
-        contestant.take()  # what it had queued for us; newer solutions it had to drop
+        contestant.receive()  # the queue, which is outdated: the daemon had to drop newer solutions
     pacer.feed(1)
     for contestant in contestants:
         seq = 0
-        while select.select([contestant.socket], [], [], _PATIENCE_S if not seq else _QUIET_S)[0]:
-            seq = contestant.take()
+        while select.select([contestant.socket], [], [], _TIMEOUT_S if not seq else _SILENCE_S)[0]:
+            seq = contestant.receive()
         if not seq:
             raise ImudError(f"bench: no solution comes from the daemon {contestant.name}")
         contestant.first = seq + 1

@@ -38,7 +38,7 @@ def compiler() -> str:
 
 
 class _Recorder:
-    """Takes the place of a kernel and keeps the arguments of its last call."""
+    """Replaces a kernel, and records the arguments of its last call."""
 
     def __init__(self, answer: int) -> None:
         self._answer = answer
@@ -64,7 +64,7 @@ def to_c(filter_: Filter, folder: Path) -> None:
 
 
 def stream_source(stream: Stream) -> tuple[str, bytes]:
-    """`Stream.ingest` in C as `int64_t ingest(received, arrival_ns)`, all its memory, and what that holds at present.
+    """`Stream.ingest` in C as `int64_t ingest(received, arrival_ns)`, with all its memory; and the memory's contents.
 
     RX, DECODER and SOLUTIONS name the buffers; `memory` lists all of them, in the order of the bytes returned.
     """

@@ -22,15 +22,15 @@ _EARTH_M = 6.37e6
 
 
 def _motion(n: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Time, rates and forces: at rest, then speeding up, then round a circle on a road that shakes.
+    """Time, rates and forces: at rest, then accelerating, then on a circle with vibration.
 
-    Fast enough that it moves the sensor nowhere: fixes must agree with samples, or a filter comes to doubt its heading.
+    The vibration is fast enough not to move the sensor: fixes must agree with samples, or a filter detects a fault.
     """
     rng = np.random.default_rng(1)
     t = np.arange(n) / RATE_HZ
-    going = np.clip((t - REST_S) / 5.0, 0.0, 1.0)
-    w = 0.002 * rng.standard_normal((n, 3)) + 0.05 * going[:, None] * np.sin(np.outer(t, (71.0, 107.0, 89.0)))
-    f = 0.02 * rng.standard_normal((n, 3)) + 0.3 * going[:, None] * np.sin(np.outer(t, (131.0, 83.0, 197.0)))
+    moving = np.clip((t - REST_S) / 5.0, 0.0, 1.0)
+    w = 0.002 * rng.standard_normal((n, 3)) + 0.05 * moving[:, None] * np.sin(np.outer(t, (71.0, 107.0, 89.0)))
+    f = 0.02 * rng.standard_normal((n, 3)) + 0.3 * moving[:, None] * np.sin(np.outer(t, (131.0, 83.0, 197.0)))
     w[:, 2] += _TURN * (t > REST_S + 5.0)
     f[:, 0] += _SPEED / 5.0 * ((t > REST_S) & (t < REST_S + 5.0))
     f[:, 1] += _SPEED * _TURN * (t > REST_S + 5.0)

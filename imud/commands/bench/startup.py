@@ -22,7 +22,7 @@ _VERSION = "it needs neither numpy nor a kernel, only Python and argparse"
 
 
 def _ready(memory_mb: list[float], **variables: str) -> float:
-    """Seconds from the start of `imud run` until it says that it is ready; appends the memory that it has then."""
+    """Seconds from the start of `imud run` until it logs that it is ready; appends the memory that it uses then."""
     with tempfile.TemporaryDirectory() as folder:
         command = ["-m", "imud", "run", "--port", f"{folder}/absent", "--listen", f"{folder}/gpsd"]
         environment = {**os.environ, "NO_COLOR": "1", **variables}
@@ -31,17 +31,17 @@ def _ready(memory_mb: list[float], **variables: str) -> float:
             [sys.executable, *command], stderr=subprocess.PIPE, text=True, env=environment
         ) as process:
             assert process.stderr
-            said = ""
+            log = ""
             for line in process.stderr:
-                said += line
+                log += line
                 if _READY in line:
                     break
             seconds = time.perf_counter() - begin
             memory_mb.append(_resident_mb(process.pid))
             process.send_signal(signal.SIGTERM)
             process.stderr.read()
-        if _READY not in said:
-            raise ImudError(f"bench: the daemon does not start: {said[-500:]}")
+        if _READY not in log:
+            raise ImudError(f"bench: the daemon does not start: {log[-500:]}")
         return seconds
 
 
@@ -73,8 +73,8 @@ def start(rounds: int, cold: bool) -> Section:
     section.add("memory when READY", statistics.median(memory_mb), "MB", most=40, reason=_IMPORTS)
     if cold:
         with tempfile.TemporaryDirectory() as folder:
-            made = Path(folder, "kernels.so")
-            section.add("start after a change of the sources", _ready([], IMUD_KERNELS=str(made)), "s")
-            size = made.stat().st_size if made.exists() else math.nan
-            section.add("compiled kernels", size * 1e-6, "MB", note="" if made.exists() else "no C compiler")
+            library = Path(folder, "kernels.so")
+            section.add("start after a change of the sources", _ready([], IMUD_KERNELS=str(library)), "s")
+            size = library.stat().st_size if library.exists() else math.nan
+            section.add("compiled kernels", size * 1e-6, "MB", note="" if library.exists() else "no C compiler")
     return section

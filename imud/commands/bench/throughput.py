@@ -23,14 +23,14 @@ from . import naive, reference, signals
 from .table import Section
 from .turns import Turns
 
-CHUNK = 180 * signals.FRAME  # bytes at a time, as a daemon that catches up
+CHUNK = 180 * signals.FRAME  # bytes at a time, as a daemon with a backlog
 _NAIVE = 200  # frames
 START_S = 20  # in which a filter aligns itself
 LLVM = "gcc fuses multiplications with additions; we do not, for the same results on every processor"
-_MORE = "beside the filter, which is all that numpy does here, ours judges health, rest, motion and the clock"
+_MORE = "numpy runs the filter alone; ours also checks health, rest, motion and the clock"
 _NAVIGATION = (
-    "the goal is for 15 states, ours has 26; and a quarter is late fixes: for each one all samples of the 150 ms since "
-    "its epoch are integrated again, lest a solution differs from that of a fix in time"
+    "the goal is for 15 states, ours has 26; a quarter of the time is late fixes: for each, the samples of the 150 ms "
+    "since its epoch are integrated again, so that the solution is that of a fix without latency"
 )
 
 
@@ -80,11 +80,11 @@ def replay(seconds: int, rounds: int) -> Section:
     wire, period_ns = np.ascontiguousarray(frames).reshape(-1), 1_000_000 // signals.FRAME
     n = len(frames)
 
-    def once() -> float:
+    def run_once() -> float:
         stream = new_stream("attitude")
         return timed(lambda: replay_wire(stream, wire, period_ns))
 
-    contestants = [once]
+    contestants = [run_once]
     why = ""
     with tempfile.TemporaryDirectory() as folder:
         try:
@@ -107,12 +107,12 @@ def navigation(seconds: int, rounds: int) -> Section:
     """Samples and fixes through the navigation filter, with a solution record for each sample."""
     samples, fixes = signals.samples(seconds * signals.RATE_HZ), signals.fixes(seconds)
 
-    def once() -> float:
+    def run_once() -> float:
         filter_ = Filter(registry.by_name("navigation"), Settings(), Initial(), 1000.0)
         return timed(lambda: play(filter_, samples, fixes, lambda rows: None))
 
     section = Section(f"Navigation filter, {seconds} s at 1 kHz with fixes at {signals.FIX_HZ} Hz")
-    speed = seconds / Turns(rounds, once).median(0)
+    speed = seconds / Turns(rounds, run_once).median(0)
     section.add("replay against real time, with output", speed, "x", least=3000, reason=_NAVIGATION)
     return section
 
@@ -123,9 +123,9 @@ def estimators(rounds: int) -> Section:
     block = 10 * signals.RATE_HZ
     for name in registry.NAMES:
         with tempfile.TemporaryDirectory() as folder:
-            contestants, note = [_Stepping(name, block).once], ""
+            contestants, note = [_Stepping(name, block).run_once], ""
             try:
-                contestants.append(_Stepping(name, block, Path(folder)).once)
+                contestants.append(_Stepping(name, block, Path(folder)).run_once)
             except reference.NoReferenceError as error:
                 note = str(error) if name == registry.NAMES[0] else ""
             turns = Turns(rounds, *contestants)
@@ -155,7 +155,7 @@ class _Stepping:
         play(self._filter, samples[:before], fixes, lambda rows: None)
         self._block, self._out = samples[before:].copy(), np.zeros(block, SOLUTION)
 
-    def once(self) -> float:
+    def run_once(self) -> float:
         seconds = timed(lambda: self._filter.run(self._block, self._out))
         self._block["t_ns"] += len(self._block) * 1_000_000
         return seconds

@@ -67,13 +67,13 @@ def _process(*arguments: str, **options: Any) -> Iterator[subprocess.Popen[str]]
             process.wait()
 
 
-def _wait_until_ready(notices: socket.socket, daemon: subprocess.Popen[str], log: Path) -> None:
+def _wait_until_ready(notifications: socket.socket, daemon: subprocess.Popen[str], log: Path) -> None:
     """Wait for the daemon's READY=1, as a service manager does."""
     deadline = time.monotonic() + _START_S
     while time.monotonic() < deadline:
         if daemon.poll() is not None:
             raise ImudError(f"demo: the daemon ended with code {daemon.returncode}:\n{log.read_text()}")
-        if select.select([notices], [], [], 0.5)[0] and b"READY=1" in notices.recv(4096):
+        if select.select([notifications], [], [], 0.5)[0] and b"READY=1" in notifications.recv(4096):
             return
     raise ImudError(f"demo: the daemon was not ready within {_START_S:.0f} s:\n{log.read_text()}")
 
@@ -109,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
         spec.parse(args.faults, devices)
     except spec.SpecError as error:
         raise UsageError(f"--faults: {error}") from error
-    config.load(args.config, args.set)  # what is wrong in it is told at once
+    config.load(args.config, args.set)  # report errors before anything starts
     if args.web:
         web.require()
     with tempfile.TemporaryDirectory(prefix="imud-demo-") as folder, contextlib.ExitStack() as stack:
@@ -121,8 +121,8 @@ def run(args: argparse.Namespace) -> int:
         )
         recordings = _recordings_folder() if args.web else None
         log_file = stack.enter_context(log.open("w"))
-        notices = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
-        notices.bind(str(base / "notify"))
+        notifications = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+        notifications.bind(str(base / "notify"))
         daemon = stack.enter_context(
             _process(
                 *("run", *(f"--port={link}" for link in links), f"--listen={listen}"),
@@ -133,7 +133,7 @@ def run(args: argparse.Namespace) -> int:
                 env={**os.environ, "NOTIFY_SOCKET": str(base / "notify")},
             )
         )
-        _wait_until_ready(notices, daemon, log)
+        _wait_until_ready(notifications, daemon, log)
         client = stack.enter_context(_subscribe(listen))
         stack.enter_context(
             _process(
@@ -170,8 +170,8 @@ def _show_in_browser(page: subprocess.Popen[str], log: Path) -> None:
         webbrowser.open(url)
 
 
-class Finding:
-    """The result of the comparison so far: takes estimates, and pairs each with the truth once that is written."""
+class LiveComparison:
+    """The comparison so far: receives estimates, and compares each with the truth once that is written."""
 
     def __init__(self, truth_file: Path) -> None:
         self.comparison, self.estimates = Comparison(), 0
@@ -192,7 +192,7 @@ class Finding:
         self._pending.append(est)
         if self._truth is None and self._truth_file.exists() and self._truth_file.stat().st_size > 0:
             self._truth = Truth(self._truth_file)
-        while self._truth and self._pending and self._truth.reaches(self._pending[0]["t_mono_ns"] * 1e-9):
+        while self._truth and self._pending and self._truth.covers(self._pending[0]["t_mono_ns"] * 1e-9):
             old = self._pending.pop(0)
             if truth := self._truth.at(old["t_mono_ns"] * 1e-9):
                 self.comparison.add(old, truth)
@@ -200,20 +200,20 @@ class Finding:
 
 
 def _compare(client: socket.socket, truth_file: Path, seconds: float | None, log: Path) -> int:
-    finding = Finding(truth_file)
-    heard = time.monotonic()
+    live = LiveComparison(truth_file)
+    received_s = time.monotonic()
     try:
         for est in _estimates(client):
             if est:
-                heard = time.monotonic()
-                finding.add(est)
-            elif time.monotonic() - heard > _SILENCE_S:
-                raise ImudError(f"demo: no estimate for {_SILENCE_S:.0f} s; the daemon says:\n{log.read_text()}")
-            if seconds is not None and finding.elapsed_s >= seconds:
+                received_s = time.monotonic()
+                live.add(est)
+            elif time.monotonic() - received_s > _SILENCE_S:
+                raise ImudError(f"demo: no estimate for {_SILENCE_S:.0f} s; the daemon's log:\n{log.read_text()}")
+            if seconds is not None and live.elapsed_s >= seconds:
                 break
     except KeyboardInterrupt:
         print()
-    print(summary(finding.comparison, finding.estimates, finding.elapsed_s))
-    if not finding.comparison.errors["roll"].count:
-        raise ImudError(f"demo: nothing could be compared; the daemon says:\n{log.read_text()}")
+    print(summary(live.comparison, live.estimates, live.elapsed_s))
+    if not live.comparison.errors["roll"].count:
+        raise ImudError(f"demo: nothing could be compared; the daemon's log:\n{log.read_text()}")
     return 0

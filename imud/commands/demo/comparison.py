@@ -10,7 +10,7 @@ _METRES_PER_DEG = 111_320.0
 
 @dataclass
 class Errors:
-    """Of one quantity: the squares of its errors, and of the standard deviations claimed for them."""
+    """The errors of one quantity: sums of their squares, and of the variances claimed for them."""
 
     total: float = 0.0
     claimed: float = 0.0
@@ -49,9 +49,9 @@ class Comparison:
             errors.last = math.nan
         if "aligning" not in state:
             for name in ("roll", "pitch"):
-                self.errors[name].add(_turn(est[f"{name}_deg"] - truth[f"{name}_deg"]), est[f"s{name}_deg"])
+                self.errors[name].add(_wrapped_deg(est[f"{name}_deg"] - truth[f"{name}_deg"]), est[f"s{name}_deg"])
         if "heading" in state:
-            self.errors["heading"].add(_turn(est["yaw_deg"] - truth["yaw_deg"]), est["syaw_deg"])
+            self.errors["heading"].add(_wrapped_deg(est["yaw_deg"] - truth["yaw_deg"]), est["syaw_deg"])
         if "position" in state:
             north = (est["lat_deg"] - truth["lat_deg"]) * _METRES_PER_DEG
             east = (est["lon_deg"] - truth["lon_deg"]) * _METRES_PER_DEG * math.cos(math.radians(truth["lat_deg"]))
@@ -61,7 +61,7 @@ class Comparison:
             self.errors["velocity"].add(math.dist(*velocities), *(est[f"sv{axis}_mps"] for axis in "ned"))
 
 
-def _turn(angle_deg: float) -> float:
+def _wrapped_deg(angle_deg: float) -> float:
     return (angle_deg + 180.0) % 360.0 - 180.0
 
 
@@ -74,14 +74,14 @@ class Truth:
         self._rows: list[list[float]] = []
         self._rest = ""
 
-    def reaches(self, t_s: float) -> bool:
+    def covers(self, t_s: float) -> bool:
         """True when the truth at monotonic time t_s is written."""
         *lines, self._rest = (self._rest + self._file.read()).split("\n")
         self._rows += [[float(cell) for cell in line.split(",")] for line in lines if line]
         return bool(self._rows) and self._rows[-1][0] >= t_s
 
     def at(self, t_s: float) -> dict[str, float] | None:
-        """The truth at t_s, which it must reach; None before its beginning. Forgets what is older."""
+        """The truth at t_s, which it must cover; None before its beginning. Deletes older rows."""
         while len(self._rows) > 2 and self._rows[1][0] < t_s:
             del self._rows[0]
         (t0, *before), (t1, *after) = self._rows[0], self._rows[min(1, len(self._rows) - 1)]
@@ -89,6 +89,6 @@ class Truth:
             return None
         share = (t_s - t0) / (t1 - t0)
         return {
-            name: a + share * (_turn(b - a) if name in ("roll_deg", "yaw_deg") else b - a)
+            name: a + share * (_wrapped_deg(b - a) if name in ("roll_deg", "yaw_deg") else b - a)
             for name, a, b in zip(self._names[1:], before, after, strict=True)
         }

@@ -1,4 +1,4 @@
-"""`imud report`: a run of the filter as one HTML page: its estimates, how far to believe them, and what looks wrong."""
+"""`imud report`: a run of the filter as one HTML page: its estimates, their consistency, and what looks wrong."""
 
 import argparse
 import sys
@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imud.commands.files import input_file, keep_apart
+from imud.commands.files import input_file, refuse_overwriting
 from imud.errors import CannotCreateError, UsageError
 
 if TYPE_CHECKING:
@@ -31,25 +31,25 @@ def read(paths: list[Path]) -> "Session":
 
     from .csv_files import read_table
     from .recording import read_recording
-    from .session import together
+    from .session import merged
 
     kinds = [is_recording(path) for path in paths]
     total = sum(path.stat().st_size for path in paths)
     progress, done = Progress(1000), 0
 
-    def heard(count: int) -> None:
+    def advance(count: int) -> None:
         nonlocal done
         done += count
         progress.at(min(1000, 1000 * done // max(total, 1)))
 
-    return together(
-        (read_recording if mcap else read_table)(path, name, heard)
-        for path, name, mcap in zip(paths, names_apart(paths), kinds, strict=True)
+    return merged(
+        (read_recording if mcap else read_table)(path, name, advance)
+        for path, name, mcap in zip(paths, distinct_labels(paths), kinds, strict=True)
     )
 
 
-def names_apart(paths: list[Path]) -> list[str]:
-    """The shortest name for each file that tells it from the others."""
+def distinct_labels(paths: list[Path]) -> list[str]:
+    """The shortest name of each file by which all differ."""
     labels: tuple[Callable[[Path], str], ...] = (lambda path: path.stem, lambda path: path.name, str)
     choices = [[label(path) for path in paths] for label in labels]
     return next((names for names in choices if len(set(names)) == len(names)), choices[-1])
@@ -60,18 +60,18 @@ def run(args: argparse.Namespace) -> int:
 
     if not figures.available():
         raise UsageError("the page needs plotly: pip install 'imud[plots]'")
-    keep_apart([args.output], args.files)
+    refuse_overwriting([args.output], args.files)
     from .content import panels
     from .findings import findings
 
     session = read(args.files)
-    said = findings(session)
-    text = "\n".join(["What looks wrong:", *(f"- {line}" for line in said)] if said else ["Nothing looks wrong."])
+    found = findings(session)
+    text = "\n".join(["What looks wrong:", *(f"- {line}" for line in found)] if found else ["Nothing looks wrong."])
     if not session.innovations:
-        text += "\nThere are no innovations in these files: whether the sigmas are right was not judged."
+        text += "\nThere are no innovations in these files: whether the sigmas are right was not tested."
     if session.events:
         lines = (f"- {event.name} at {event.t:.1f} s: {event.text}" for event in session.events)
-        text += "\n".join(["\nWhat the daemon warned of:", *lines])
+        text += "\n".join(["\nWarnings of the daemon:", *lines])
     title = "imud report: " + ", ".join(path.name for path in args.files)
     try:
         figures.write(title, text, panels(session), args.output)

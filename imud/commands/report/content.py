@@ -22,7 +22,7 @@ from imud.figures import Figure, Panel, Trace
 from ...math.arrays import Floats
 from .innovations import consistency, whiteness
 from .session import TIME, Clock, Estimates, Sensor, Session
-from .statistics import LEAST
+from .statistics import COUNT_MIN
 from .track import epochs, track
 
 STATUS = {
@@ -45,7 +45,7 @@ FLAGS = {
 
 
 def _wrapped(yaw: Floats) -> Floats:
-    """Degrees within half a turn of north; where it jumps, nothing."""
+    """Degrees in ±180; NaN where the angle jumps."""
     y = yaw - 360.0 * np.round(yaw / 360.0)
     return np.where(np.abs(np.diff(y, prepend=y[:1])) > 180.0, np.nan, y)
 
@@ -64,8 +64,8 @@ def _states(session: Session, title: str, unit: str, names: Iterable[str], facto
     return Figure(title, panels, columns=3)
 
 
-def _words(title: str, t: Floats, bits: NDArray[np.int64], table: dict[str, int]) -> Panel:
-    """When each of the words held, one above the other."""
+def _flag_panel(title: str, t: Floats, bits: NDArray[np.int64], table: dict[str, int]) -> Panel:
+    """When each flag was set, one flag above the other."""
     traces = [
         Trace(name, t, np.where(bits & bit, float(k), np.nan), style="markers")
         for k, (name, bit) in enumerate(table.items())
@@ -74,7 +74,7 @@ def _words(title: str, t: Floats, bits: NDArray[np.int64], table: dict[str, int]
 
 
 def _status(e: Estimates) -> Figure:
-    return Figure(f"{e.name}: status", [_words("", e.columns["t_s"], e.status, STATUS)], columns=1)
+    return Figure(f"{e.name}: status", [_flag_panel("", e.columns["t_s"], e.status, STATUS)], columns=1)
 
 
 def _sensor(s: Sensor) -> Figure:
@@ -87,7 +87,7 @@ def _sensor(s: Sensor) -> Figure:
     if np.isfinite(c["temperature_c"]).any():
         panels.append(Panel("Temperature", TIME, "°C", [Trace("sensor", c["t_s"], c["temperature_c"])]))
     if any((s.flags & bit).any() for bit in FLAGS.values()):
-        panels.append(_words("Health", c["t_s"], s.flags, FLAGS))
+        panels.append(_flag_panel("Health", c["t_s"], s.flags, FLAGS))
     return Figure(f"{s.name}: the sensor at {s.rate_hz:.6g} Hz", panels)
 
 
@@ -134,7 +134,7 @@ def panels(session: Session) -> list[Figure]:
         drawn.append(_states(session, "Gyro bias ± σ", "deg/s", rates, math.degrees(1.0)))
         drawn.append(_states(session, "Accelerometer bias ± σ", "m/s²", forces))
         drawn += [_status(e) for e in session.estimates]
-    shown = [i for i in session.innovations if len(i.t) >= LEAST]
+    shown = [i for i in session.innovations if len(i.t) >= COUNT_MIN]
     for name in dict.fromkeys(i.name for i in shown):
         kinds = [i for i in shown if i.name == name]
         if moving := consistency(name, kinds):

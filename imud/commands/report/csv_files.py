@@ -15,15 +15,15 @@ from imud.tables.estimates import ESTIMATE_HEADER, INNOVATION_COLUMNS
 from imud.tables.inputs import IMU_COLUMNS, TEMPERATURE, header_of, read_fixes
 
 from ...math.arrays import Floats
+from .reduction import EstimateReduction, SensorReduction
 from .session import Fixes, Innovations, Part, Session
-from .watch import EstimateWatch, SensorWatch
 
 _BLOCK_BYTES = 4 << 20
 Progress = Callable[[int], None]
 
 
 def read_table(path: Path, name: str, progress: Progress) -> Part:
-    """What it tells, under that name. progress: told bytes as read. Raises InputMissingError, BadDataError."""
+    """The file's data, labelled `name`. progress: called with bytes read. Raises InputMissingError, BadDataError."""
     present = set(header_of(path))
     for names, reader in _READERS:
         if set(names) <= present:
@@ -79,7 +79,7 @@ def _parsed(path: Path, header: list[str], rows: list[list[str]], line: int, tex
 
 
 def _estimates(path: Path, name: str, progress: Progress) -> Part:
-    watch, origin, first, last = EstimateWatch(name), 0, math.nan, math.nan
+    watch, origin, first, last = EstimateReduction(name), 0, math.nan, math.nan
     for block in _blocks(path, ESTIMATE_HEADER.split(","), progress):
         if math.isnan(first):
             first = float(block["t_s"][0])
@@ -90,7 +90,7 @@ def _estimates(path: Path, name: str, progress: Progress) -> Part:
 
 
 def _samples(path: Path, name: str, progress: Progress) -> Part:
-    watch, origin, first, last = SensorWatch(name), 0, math.nan, -math.inf
+    watch, origin, first, last = SensorReduction(name), 0, math.nan, -math.inf
     names = (*IMU_COLUMNS, *({TEMPERATURE} & set(header_of(path))))
     for block in _blocks(path, names, progress):
         t = block["t_s"]

@@ -1,4 +1,4 @@
-"""Innovations: whether they are as large as they were said to be, and white."""
+"""Figures of innovations: their consistency with the claimed sigma, and their whiteness."""
 
 import math
 
@@ -10,7 +10,7 @@ from .session import TIME, Innovations
 from .statistics import autocorrelation, chi2_bounds, moving_mean
 
 WINDOW = 20  # normalised innovations whose mean square is one point
-UNSEEN = 10.0  # medians: a sigma of the start that would leave nothing else to be seen
+PLOTTED_SIGMA_MAX = 10.0  # medians: larger sigmas, as at the start, would hide the others
 BINS = np.arange(-5.0, 5.01, 0.25)
 
 
@@ -18,8 +18,8 @@ def _panels(i: Innovations) -> list[Panel]:
     unit = i.kind.rpartition("_")[2].replace("ps", "/s")
     z = i.normalised
     zero, lags = np.zeros(len(z)), autocorrelation(z[i.used]) if np.count_nonzero(i.used) > 2 else np.ones(1)
-    usual = np.where(i.sigma < UNSEEN * np.median(i.sigma), i.sigma, np.nan)
-    values = [Trace("used", i.t, i.value, usual, about=zero, style="markers")]
+    plotted = np.where(i.sigma < PLOTTED_SIGMA_MAX * np.median(i.sigma), i.sigma, np.nan)
+    values = [Trace("used", i.t, i.value, plotted, about=zero, style="markers")]
     normalised = [Trace("used", i.t[i.used], z[i.used], style="markers")]
     if not i.used.all():
         values.append(Trace("rejected", i.t[~i.used], i.value[~i.used], style="markers"))

@@ -26,49 +26,49 @@ from imud.recording.source import Recording, tell
 from imud.tables.estimates import estimate_cells
 
 from ...math.arrays import Records
+from .reduction import EstimateReduction, SensorReduction
 from .session import Clock, Event, Fixes, Innovations, Part, Session
-from .watch import EstimateWatch, SensorWatch
 
-_BLOCK = 2000  # messages that are looked at together
-_MOST_EVENTS = 60
-_TOLD = ("warning", "error", "critical")
+_BLOCK = 2000  # messages that are decoded together
+_EVENTS_MAX = 60
+_LEVELS = ("warning", "error", "critical")
 Progress = Callable[[int], None]
 
 
 class _Collector:
-    """Takes messages, and passes their rows on in blocks."""
+    """Collects messages, and forwards their rows in blocks."""
 
     def __init__(self, name: str) -> None:
         self._name = name
         self.origin_ns: int | None = None
         self.first_ns = self.last_ns = 0
-        self._waiting: dict[str, list[Any]] = {table.topic: [] for table in _TABLES}
-        self._kept: dict[str, list[Records]] = {table.topic: [] for table in _TABLES}
-        self.estimates, self.sensor = EstimateWatch(name), SensorWatch(name)
+        self._undecoded: dict[str, list[Any]] = {table.topic: [] for table in _TABLES}
+        self._rows: dict[str, list[Records]] = {table.topic: [] for table in _TABLES}
+        self.estimates, self.sensor = EstimateReduction(name), SensorReduction(name)
         self.events: list[tuple[int, str]] = []
 
     def take(self, topic: str, data: bytes) -> None:
         if topic == EVENTS:
             self._event(msgspec.json.decode(data))
-        elif topic in self._waiting:
-            waiting = self._waiting[topic]
-            waiting.append(msgspec.json.decode(data))
-            if len(waiting) >= _BLOCK:
-                self._pass_on(_TABLES_BY_TOPIC[topic])
+        elif topic in self._undecoded:
+            undecoded = self._undecoded[topic]
+            undecoded.append(msgspec.json.decode(data))
+            if len(undecoded) >= _BLOCK:
+                self._forward(_TABLES_BY_TOPIC[topic])
 
     def finish(self) -> None:
         for table in _TABLES:
-            if self._waiting[table.topic]:
-                self._pass_on(table)
+            if self._undecoded[table.topic]:
+                self._forward(table)
 
-    def _event(self, said: dict[str, Any]) -> None:
-        if said["level"] in _TOLD and len(self.events) < _MOST_EVENTS:
-            facts = ", ".join(f"{name} {fact}" for name, fact in said["facts"].items())
-            self.events.append((said["t_ns"], f"{said['text']} ({facts})" if facts else said["text"]))
+    def _event(self, event: dict[str, Any]) -> None:
+        if event["level"] in _LEVELS and len(self.events) < _EVENTS_MAX:
+            fields = ", ".join(f"{name} {value}" for name, value in event["facts"].items())
+            self.events.append((event["t_ns"], f"{event['text']} ({fields})" if fields else event["text"]))
 
-    def _pass_on(self, table: Table) -> None:
-        rows = table.rows(self._waiting[table.topic])
-        self._waiting[table.topic].clear()
+    def _forward(self, table: Table) -> None:
+        rows = table.rows(self._undecoded[table.topic])
+        self._undecoded[table.topic].clear()
         if self.origin_ns is None:
             self.origin_ns = math.floor(rows["t_ns"][0] * 1e-9) * 1_000_000_000
             self.first_ns = int(rows["t_ns"][0])
@@ -84,11 +84,11 @@ class _Collector:
         elif table is SAMPLE_TABLE:
             self.sensor.add(rows)
         else:
-            self._kept[table.topic].append(rows)
+            self._rows[table.topic].append(rows)
 
-    def kept(self, table: Table) -> Records:
-        """All rows of a table that is small enough."""
-        return np.concatenate([np.zeros(0, table.dtype), *self._kept[table.topic]])
+    def rows_of(self, table: Table) -> Records:
+        """All rows of a table that is not reduced."""
+        return np.concatenate([np.zeros(0, table.dtype), *self._rows[table.topic]])
 
 
 _TABLES = (ESTIMATE_TABLE, SAMPLE_TABLE, INNOVATION_TABLE, FIX_TABLE, CLOCK_TABLE)
@@ -96,7 +96,7 @@ _TABLES_BY_TOPIC = {table.topic: table for table in _TABLES}
 
 
 def read_recording(path: Path, name: str, progress: Progress) -> Part:
-    """What it tells, under that name. progress: told bytes as they are read. What is wrong with it is told on stderr.
+    """The recording's data, labelled `name`. progress: called with bytes read. Damage is reported on stderr.
 
     Raises BadDataError, InputMissingError, UsageError.
     """
@@ -110,14 +110,14 @@ def read_recording(path: Path, name: str, progress: Progress) -> Part:
                 done = recording.read_bytes
         found.finish()
     except (ValueError, KeyError, TypeError) as error:
-        raise BadDataError(f"{path}: a message cannot be understood: {error}") from error
+        raise BadDataError(f"{path}: a message cannot be decoded: {error}") from error
     tell("report", recording.notes)
     if not found.estimates.rows or found.origin_ns is None:
         raise BadDataError(f"{path}: no estimates in it; `imud replay {path} -o est.csv` makes them of its bytes")
-    sensor, fixes, clock = found.sensor.close(), found.kept(FIX_TABLE), found.kept(CLOCK_TABLE)
+    sensor, fixes, clock = found.sensor.close(), found.rows_of(FIX_TABLE), found.rows_of(CLOCK_TABLE)
     session = Session(
         (found.estimates.close(),),
-        tuple(innovations_of(name, found.kept(INNOVATION_TABLE))),
+        tuple(innovations_of(name, found.rows_of(INNOVATION_TABLE))),
         (sensor,) if sensor else (),
         (Fixes(name, fixes),) if len(fixes) else (),
         (Clock(name, clock),) if len(clock) else (),

@@ -1,4 +1,4 @@
-"""The data of a report: what each file tells, reduced while it is read to what a page can show.
+"""The data of a report: the contents of each file, reduced while it is read to what a page can show.
 
 Files whose times overlap share one time axis, in seconds since the earliest of them. Runs at other times or on other
 machines begin at a 0 of their own, so that their curves lie over each other.
@@ -52,14 +52,14 @@ class Innovations:
 class Sensor:
     """An inertial sensor as points that lose no spike. columns: t_s, wx…fz in SI, interval_ms, temperature_c.
 
-    flags: those of the samples. said: what is wrong with it.
+    flags: those of the samples. findings: what looks wrong.
     """
 
     name: str
     rate_hz: float
     columns: dict[str, Floats]
     flags: NDArray[np.int64]
-    said: tuple[str, ...]
+    findings: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Session:
-    """Everything that the files tell."""
+    """The contents of all files."""
 
     estimates: tuple[Estimates, ...] = ()
     innovations: tuple[Innovations, ...] = ()
@@ -101,7 +101,7 @@ class Session:
 
 @dataclass(frozen=True)
 class Part:
-    """What one file tells. Its times are since origin_s; first_s and last_s are its span on its own clock."""
+    """The contents of one file. Its times are since origin_s; first_s and last_s are its span on its own clock."""
 
     origin_s: int
     first_s: float
@@ -110,7 +110,7 @@ class Part:
 
 
 def _shifted(session: Session, seconds: int) -> Session:
-    """With all times later by so much."""
+    """The session with `seconds` added to all times."""
 
     def columns(of: dict[str, Floats]) -> dict[str, Floats]:
         return {**of, "t_s": of["t_s"] + seconds}
@@ -136,7 +136,7 @@ def _shifted(session: Session, seconds: int) -> Session:
     )
 
 
-def together(parts: Iterable[Part]) -> Session:
+def merged(parts: Iterable[Part]) -> Session:
     """All parts on one axis: those whose spans overlap, directly or through others, share a beginning."""
     ordered = sorted(parts, key=lambda part: part.first_s)
     whole: list[Session] = []

@@ -1,4 +1,4 @@
-"""Whether innovations are what the filter says they are: zero mean, unit variance after normalising, white.
+"""Tests of innovations: zero mean, unit variance after normalising, whiteness.
 
 Source: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), section 5.4.
 """
@@ -10,7 +10,7 @@ import numpy as np
 from ...math.arrays import Floats
 
 LAGS = 20
-LEAST = 20  # innovations from which anything is said
+COUNT_MIN = 20  # innovations; no test is made with fewer
 
 
 def autocorrelation(z: Floats, lags: int = LAGS) -> Floats:
@@ -24,7 +24,7 @@ def autocorrelation(z: Floats, lags: int = LAGS) -> Floats:
 
 
 def effective_number(z: Floats) -> float:
-    """How many independent values the correlated ones are worth, as of a first-order Markov sequence."""
+    """Effective sample size of correlated values, as of a first-order Markov sequence."""
     if len(z) < 3:
         return float(len(z))
     rho = float(np.clip(autocorrelation(z, 1)[1], 0.0, 0.99))

@@ -11,13 +11,13 @@ from imud.outputs.addresses import Address
 
 RATE_HZ = 20
 _WATCH = {"enable": True, "json": True, "rate": RATE_HZ, "class": "ATT,EST,SKY"}
-_LONGEST = 1 << 20  # bytes of a line
+_LINE_MAX = 1 << 20  # bytes
 _RETRY_S = 1.0
-_ASK_S = 1.0  # between questions after what the daemon does not tell by itself: devices that come and go, recordings
+_REQUEST_S = 1.0  # between requests of what the daemon does not send by itself: devices, recordings
 
 
-class News(NamedTuple):
-    """What is known: number, and the newest message of each class as one JSON object."""
+class Snapshot(NamedTuple):
+    """The newest message of each class as one JSON object, and the number of the snapshot."""
 
     number: int
     text: str
@@ -28,29 +28,29 @@ class NotADaemonError(Exception):
 
 
 class Bridge:
-    """Keeps a connection to the daemon and the newest of what it says. Belongs to one event loop."""
+    """Keeps a connection to the daemon and its newest messages. Belongs to one event loop."""
 
     def __init__(self, address: Address) -> None:
         self._address = address
         self._messages: dict[str, Any] = {}
-        self._news = News(0, "")
+        self._snapshot = Snapshot(0, "")
         self._waiting = asyncio.Event()
         self._writer: asyncio.StreamWriter | None = None  # to the daemon, while there is one
-        self._tell("not yet connected")
+        self._publish("not yet connected")
 
-    async def newer_than(self, number: int) -> News:
-        """The newest news, as soon as its number differs."""
-        while self._news.number == number:
+    async def newer_than(self, number: int) -> Snapshot:
+        """The newest snapshot, as soon as its number differs."""
+        while self._snapshot.number == number:
             await self._waiting.wait()
-        return self._news
+        return self._snapshot
 
     def record(self, enable: bool) -> None:
-        """Have the daemon begin or end a recording; the outcome is in the news."""
+        """Have the daemon begin or end a recording; the outcome is in the next snapshot."""
         if self._writer is not None:
             self._writer.write(b"?RECORD=" + json.dumps({"enable": enable}).encode() + b"\n")
 
     async def run(self) -> None:
-        """Connect, read, connect again; for ever."""
+        """Connect, read, and connect again after an error; never returns."""
         while True:
             try:
                 await self._session()
@@ -60,49 +60,49 @@ class Bridge:
             except NotADaemonError as error:
                 why = str(error)
             self._messages.clear()
-            self._tell(why)
+            self._publish(why)
             await asyncio.sleep(_RETRY_S)
 
     async def _session(self) -> None:
         where = self._address.where
         opened = asyncio.open_unix_connection(where) if isinstance(where, str) else asyncio.open_connection(*where)
         reader, writer = await opened
-        asking = asyncio.create_task(self._ask(writer))
+        requests = asyncio.create_task(self._send_requests(writer))
         self._writer = writer
         try:
             await self._read(reader)
         finally:
             self._writer = None
-            asking.cancel()
+            requests.cancel()
             writer.close()
 
-    async def _ask(self, writer: asyncio.StreamWriter) -> None:
+    async def _send_requests(self, writer: asyncio.StreamWriter) -> None:
         writer.write(b"?WATCH=" + json.dumps(_WATCH).encode() + b"\n")
         while True:
             writer.write(b"?DEVICES\n?RECORD\n")
-            await asyncio.sleep(_ASK_S)
+            await asyncio.sleep(_REQUEST_S)
 
     async def _read(self, reader: asyncio.StreamReader) -> None:
         rest = b""
         while data := await reader.read(65536):
             *lines, rest = (rest + data).split(b"\n")
-            if len(rest) > _LONGEST:
-                raise NotADaemonError("what it says is not gpsd's protocol")
+            if len(rest) > _LINE_MAX:
+                raise NotADaemonError("it does not send gpsd's protocol")
             for line in lines:
-                self._take(line)
+                self._store(line)
             if lines:
-                self._tell(None)
+                self._publish(None)
 
-    def _take(self, line: bytes) -> None:
+    def _store(self, line: bytes) -> None:
         try:
             message = json.loads(line)
             self._messages[message["class"]] = message
         except (ValueError, TypeError, KeyError, RecursionError):
-            raise NotADaemonError("what it says is not gpsd's protocol") from None
+            raise NotADaemonError("it does not send gpsd's protocol") from None
 
-    def _tell(self, why: str | None) -> None:
-        """Wake up the readers. why: what keeps the daemon away; None: nothing."""
+    def _publish(self, why: str | None) -> None:
+        """Publish a snapshot to all readers. why: the reason that there is no connection; None: there is one."""
         known = {"daemon": self._address.text, "connected": why is None, "why": why, **self._messages}
-        self._news = News(self._news.number + 1, json.dumps(known))
+        self._snapshot = Snapshot(self._snapshot.number + 1, json.dumps(known))
         self._waiting.set()
         self._waiting = asyncio.Event()

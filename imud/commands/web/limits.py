@@ -23,7 +23,7 @@ _KINDS_MAX = 100
 
 
 def connections_max() -> int:
-    """As many as descriptors allow: each connection may have a file of the page open as well."""
+    """The number that the descriptor limit allows: each connection may have a file of the page open as well."""
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return max(4, min(_CONNECTIONS_MAX, (soft - _OWN_DESCRIPTORS) // 2))
 
@@ -43,7 +43,7 @@ class Connections:
 
     def __init__(self, report: Callable[[str], None]) -> None:
         self._report = report
-        self._most = connections_max()
+        self._connections_max = connections_max()
         self._waiting: set[Any] = set()  # protocols whose first request has not come yet
 
     def has_request(self, protocol: Any) -> None:
@@ -53,8 +53,8 @@ class Connections:
     def __call__(self) -> asyncio.BaseProtocol:
         """For `loop.create_server`."""
         assert self.server is not None
-        if len(self.server.connections) >= self._most:
-            self._report(f"more than {self._most} connections: the newest are closed")
+        if len(self.server.connections) >= self._connections_max:
+            self._report(f"more than {self._connections_max} connections: the newest are closed")
             return _Rejected()
         protocol = self.server()
         self._waiting.add(protocol)
@@ -99,6 +99,6 @@ class ErrorLog(logging.Handler):
             return
         self._printed.add(seen)
         why = f": {' '.join(str(error).split())[:200]}" if error is not None else ""
-        print(f"imud web: {text}{why} (told once)", file=sys.stderr, flush=True)
+        print(f"imud web: {text}{why} (printed once)", file=sys.stderr, flush=True)
         if error is not None and not isinstance(error, HttpProcessingError | OSError):
             traceback.print_exception(error)

@@ -1,7 +1,7 @@
-"""The page's web server: files of the page, plotly from its own package, and the daemon's news over a WebSocket.
+"""The page's web server: files of the page, plotly from its own package, and the daemon's messages over a WebSocket.
 
-Any page in the user's browser can reach a server on loopback. So only pages served by this server may read the news: a
-request from another site's page, or under a name that is not this machine's, is refused.
+Any page in the user's browser can reach a server on loopback. So only pages served by this server may read the
+messages: a request from another site's page, or under a name that is not this machine's, is rejected.
 """
 
 import asyncio
@@ -29,7 +29,7 @@ _FILES = Path(__file__).parent / "page"
 _POLICY = "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; frame-ancestors 'none'"
 _SHUTDOWN_S = 0.2  # for what is being sent; the pages connect again by themselves
 _CONTROL = web.AppKey("control", bool)
-_ORDERS = {"record": True, "stop": False}
+_COMMANDS = {"record": True, "stop": False}
 _BRIDGE: web.AppKey[Bridge] = web.AppKey("bridge", Bridge)
 _CONNECTIONS: web.AppKey[Connections] = web.AppKey("connections", Connections)
 _HOST = re.compile(r"(?:\[(?P<v6>[0-9A-Fa-f:.]+)\]|(?P<name>[A-Za-z0-9._-]+))(?::[0-9]{1,5})?")
@@ -49,12 +49,12 @@ def is_own_name(host: str) -> bool:
 
 
 def is_own_origin(origin: str | None, host: str) -> bool:
-    """Whether the page that has a browser send a request was served under `host`; None: no page has."""
+    """Whether the request's page was served under `host`. origin: of the page; None: there is no page."""
     return origin is None or origin.lower() in (f"http://{host.lower()}", f"https://{host.lower()}")
 
 
 @web.middleware
-async def _guard(request: web.Request, handler: Handler) -> web.StreamResponse:
+async def _reject_foreign_requests(request: web.Request, handler: Handler) -> web.StreamResponse:
     request.app[_CONNECTIONS].has_request(request.protocol)
     host = request.headers.get("Host", "")
     if not is_own_name(host) or not is_own_origin(request.headers.get("Origin"), host):
@@ -75,19 +75,19 @@ async def _page(_: web.Request) -> web.FileResponse:
 async def _live(request: web.Request) -> web.WebSocketResponse:
     channel = web.WebSocketResponse(heartbeat=10.0, max_msg_size=1024)
     await channel.prepare(request)
-    bridge, control = request.app[_BRIDGE], request.app[_CONTROL] or _is_here(request)
+    bridge, control = request.app[_BRIDGE], request.app[_CONTROL] or _is_on_this_machine(request)
     await channel.send_str(json.dumps({"control": control}))
     sender = asyncio.create_task(_send(channel, bridge))
     try:
         async for message in channel:
-            if control and message.data in _ORDERS:
-                bridge.record(_ORDERS[message.data])
+            if control and message.data in _COMMANDS:
+                bridge.record(_COMMANDS[message.data])
     finally:
         sender.cancel()
     return channel
 
 
-def _is_here(request: web.Request) -> bool:
+def _is_on_this_machine(request: web.Request) -> bool:
     """Whether the browser is on this machine."""
     with contextlib.suppress(ValueError):
         return ipaddress.ip_address(request.remote or "").is_loopback
@@ -111,7 +111,7 @@ async def _connected(app: web.Application) -> AsyncIterator[None]:
 
 def application(daemon: Address, control: bool, connections: Connections) -> web.Application:
     """The server for one daemon; to be started in the event loop that calls this. control: see `serve`."""
-    app = web.Application(middlewares=[_guard])
+    app = web.Application(middlewares=[_reject_foreign_requests])
     app[_BRIDGE], app[_CONTROL], app[_CONNECTIONS] = Bridge(daemon), control, connections
     plotly = gzip.compress(figures.plotly_js().encode(), 6)
 

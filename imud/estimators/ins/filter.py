@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from drivers.sample import NO_FORCE, NO_RATE, SUSPECT, UNTOLD
+from drivers.sample import NO_FORCE, NO_RATE, SUSPECT, UNUSABLE
 
 from ...compile.jit import kernel
 from ...math.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
@@ -70,7 +70,7 @@ def step(p: Parameters, s: State, sample: Sample, solution: Solution) -> None:
             f[i] = sample.f[i]
     c = s.core[0]
     if s.sample_count == 0:
-        if good and (sample.flags & UNTOLD) == 0:
+        if good and (sample.flags & UNUSABLE) == 0:
             initialize(p, c, sample.t_ns, w, f, s.initial_rpy)
             store_sample(s, sample, w, f)
     elif sample.t_ns > s.imu_ring[(s.sample_count - 1) % len(s.imu_ring)].t_ns:

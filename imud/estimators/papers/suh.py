@@ -34,7 +34,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.sample import UNTOLD
+from drivers.sample import UNUSABLE
 
 from ...compile.jit import kernel
 from ...configuration.settings import Initial, Settings
@@ -235,7 +235,7 @@ def advance_filter(p: Any, s: Any) -> None:
 def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
     """Take one sample (SAMPLE), write one row (SOLUTION). Bad samples are left out."""
     w, f = sample.w, sample.f
-    good = sample.flags & UNTOLD == 0 and math.isfinite(f[0] + f[1] + f[2] + w[0] + w[1] + w[2])
+    good = sample.flags & UNUSABLE == 0 and math.isfinite(f[0] + f[1] + f[2] + w[0] + w[1] + w[2])
     if good and (s.started == 0 or sample.t_ns > s.t_ns):
         s.t_ns = sample.t_ns
         if s.started == 0:

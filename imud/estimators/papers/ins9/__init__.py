@@ -20,7 +20,7 @@ user's, or the first fix; without a given yaw the track is turned by an unknown 
 import math
 from typing import Any
 
-from drivers.sample import UNTOLD
+from drivers.sample import UNUSABLE
 
 from ....compile.jit import kernel
 from ....math.earth import displaced
@@ -63,7 +63,7 @@ def smooth_distances(p: Any, s: Any, T: float) -> None:
 def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
     """Take one sample (SAMPLE), write one row (SOLUTION). Bad samples are left out."""
     w, f = sample.w, sample.f
-    good = sample.flags & UNTOLD == 0 and math.isfinite(f[0] + f[1] + f[2] + w[0] + w[1] + w[2])
+    good = sample.flags & UNUSABLE == 0 and math.isfinite(f[0] + f[1] + f[2] + w[0] + w[1] + w[2])
     if good and (s.samples == 0 or sample.t_ns > s.t_ns):
         T = (sample.t_ns - s.t_ns) * 1e-9 if s.samples > 0 else 0.0
         s.t_ns = sample.t_ns

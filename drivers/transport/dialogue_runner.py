@@ -8,11 +8,11 @@ from typing import Generic, Protocol, runtime_checkable
 from ..dialogue import Dialogue, Exchange, Result
 from ..spi import Bus, Fetch
 
-WAIT_S = 0.25  # at most, between two looks at the clock
+WAIT_S = 0.25  # at most, between two readings of the clock
 
 
 class Port(Protocol):
-    """What a dialogue needs of a line."""
+    """The interface of a line that a dialogue needs."""
 
     @property
     def fd(self) -> int:
@@ -33,16 +33,16 @@ class Port(Protocol):
 
 @runtime_checkable
 class SpiTarget(Protocol):
-    """What it needs in addition of an SPI line."""
+    """The additional interface of an SPI line."""
 
     def set_spi(self, setup: Bus | Fetch) -> None:
         """Set the bus up, or begin to fetch samples."""
 
 
-class Conversation(Generic[Result]):
+class DialogueRunner(Generic[Result]):
     """One dialogue on one port. The loop waits until `fd` is readable or `deadline_s` has come, and says so.
 
-    Once `finished`, `result` is the dialogue's finding. Errors of the port come out of `start` and the `on_` methods.
+    Once `finished`, `result` is the dialogue's result. `start` and the `on_` methods raise the port's errors.
     """
 
     def __init__(self, port: Port, dialogue: Dialogue[Result], now: Callable[[], float] = time.monotonic) -> None:
@@ -53,7 +53,7 @@ class Conversation(Generic[Result]):
         self._port = port
         self._dialogue = dialogue
         self._now = now
-        self._heard = bytearray()
+        self._received = bytearray()
         self._exchange = Exchange()
 
     def start(self) -> None:
@@ -62,24 +62,24 @@ class Conversation(Generic[Result]):
 
     def on_readable(self) -> None:
         """Bytes are waiting."""
-        self._heard += self._port.read()
+        self._received += self._port.read()
         enough = self._exchange.enough
-        if enough is not None and enough(bytes(self._heard)):
-            self._advance(bytes(self._heard))
+        if enough is not None and enough(bytes(self._received)):
+            self._advance(bytes(self._received))
 
     def on_deadline(self) -> None:
         """The time to listen is over."""
-        self._advance(bytes(self._heard))
+        self._advance(bytes(self._received))
 
-    def _advance(self, heard: bytes | None) -> None:
-        """Hand the dialogue what was heard and begin the next exchange that takes time."""
+    def _advance(self, received: bytes | None) -> None:
+        """Send the received bytes to the dialogue, and begin its next exchange that takes time."""
         try:
             while True:
-                exchange = self._dialogue.send(heard) if heard is not None else next(self._dialogue)
+                exchange = self._dialogue.send(received) if received is not None else next(self._dialogue)
                 self._begin(exchange)
                 if exchange.listen_s > 0.0:
                     return
-                heard = b""
+                received = b""
         except StopIteration as finding:
             self.result, self.finished = finding.value, True
 
@@ -93,21 +93,21 @@ class Conversation(Generic[Result]):
         if exchange.send:
             self._port.write(exchange.send)
         self._exchange = exchange
-        self._heard.clear()
+        self._received.clear()
         self.deadline_s = self._now() + exchange.listen_s
 
 
 def run_dialogue(port: Port, dialogue: Dialogue[Result], on_wait: Callable[[], None] = lambda: None) -> Result:
-    """Run `dialogue` to its end and return its finding; `on_wait` is called before each wait, of a quarter second."""
-    conversation = Conversation(port, dialogue)
-    conversation.start()
+    """Run `dialogue` to its end and return its result; `on_wait` is called before each wait, of a quarter second."""
+    runner = DialogueRunner(port, dialogue)
+    runner.start()
     poller = select.poll()
-    poller.register(conversation.fd, select.POLLIN)
-    while not conversation.finished:
+    poller.register(runner.fd, select.POLLIN)
+    while not runner.finished:
         on_wait()
-        left = conversation.deadline_s - time.monotonic()
+        left = runner.deadline_s - time.monotonic()
         if poller.poll(min(max(0.0, left), WAIT_S) * 1e3):
-            conversation.on_readable()
-        if not conversation.finished and time.monotonic() >= conversation.deadline_s:
-            conversation.on_deadline()
-    return conversation.result
+            runner.on_readable()
+        if not runner.finished and time.monotonic() >= runner.deadline_s:
+            runner.on_deadline()
+    return runner.result

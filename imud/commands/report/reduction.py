@@ -16,14 +16,14 @@ from .session import Estimates, Sensor
 
 NAMES = ("t_s", *(name for name, _ in ESTIMATE_COLUMNS if not name.startswith("q") and name != "status"))
 BITS = 16
-MOST_LOST = 100
-_PLACES = ("lat_deg", "lon_deg")
+LOSSES_MAX = 100
+_POSITION = ("lat_deg", "lon_deg")
 _SENSED = ("t_s", "wx", "wy", "wz", "fx", "fy", "fz", "interval_ms", "temperature_c")
-_SETTLING = 64  # samples that tell the rate
+_RATE_SAMPLES = 64  # from which the rate is computed
 _GAP = 2.5  # periods
 
 
-class EstimateWatch:
+class EstimateReduction:
     """Of one run. Blocks are columns by the names of est.csv; times are since the run's origin."""
 
     def __init__(self, name: str) -> None:
@@ -39,14 +39,14 @@ class EstimateWatch:
         """The next rows."""
         status = block["status"].astype(np.int64)
         self._counts += ((status[:, None] >> np.arange(BITS)) & 1).sum(axis=0)
-        self._note_losses(block["t_s"], status)
+        self._add_losses(block["t_s"], status)
         columns = block | {"yaw_deg": self._unwrapped(block["yaw_deg"])}
         self._envelope.add(np.stack([columns[name] for name in NAMES], axis=1), status)
         self.rows += len(status)
 
-    def _note_losses(self, t: Floats, status: NDArray[np.int64]) -> None:
+    def _add_losses(self, t: Floats, status: NDArray[np.int64]) -> None:
         heading = (np.concatenate([[self._status], status]) & HEADING_VALID) > 0
-        self._lost += t[heading[:-1] & ~heading[1:]].tolist()[: MOST_LOST - len(self._lost)]
+        self._lost += t[heading[:-1] & ~heading[1:]].tolist()[: LOSSES_MAX - len(self._lost)]
         self._status = int(status[-1])
 
     def _unwrapped(self, yaw: Floats) -> Floats:
@@ -60,18 +60,18 @@ class EstimateWatch:
         return out
 
     def close(self) -> Estimates:
-        """All that was seen."""
+        """The reduced estimates."""
         extremes, ends, greatest, status = self._envelope.close()
         columns = {}
         for i, name in enumerate(NAMES):
-            points = ends if name in _PLACES else greatest if name.startswith("s") else extremes
+            points = ends if name in _POSITION else greatest if name.startswith("s") else extremes
             columns[name] = points[:, i]
         shares = {1 << bit: float(count) / max(self.rows, 1) for bit, count in enumerate(self._counts)}
         return Estimates(self._name, columns, status, shares, tuple(self._lost))
 
 
-class SensorWatch:
-    """Of one inertial sensor, judged as the daemon judges it; its range is not known."""
+class SensorReduction:
+    """Of one inertial sensor, checked by the daemon's health checks; its range is not known."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -88,24 +88,24 @@ class SensorWatch:
         rows = rows.copy()
         if self._health is None:
             self._waiting = rows if self._waiting is None else np.concatenate([self._waiting, rows])
-            if len(self._waiting) < _SETTLING:
+            if len(self._waiting) < _RATE_SAMPLES:
                 return
             rows, self._waiting = self._waiting, None
             self._begin(rows)
-        self._take(rows)
+        self._reduce(rows)
 
     def _begin(self, rows: Records) -> None:
         self.rate_hz = 1e9 / max(1.0, float(np.median(np.diff(rows["t_ns"]))))
         self._health = new_health(PROFILES["consumer-mems"], self.rate_hz)
         self._health["range"] = math.inf  # not known from a table
 
-    def _take(self, rows: Records) -> None:
+    def _reduce(self, rows: Records) -> None:
         assert self._health is not None
         examine_all(self._health, rows)
         t = rows["t_ns"]
         before = t[0] if self._last_ns is None else self._last_ns
         intervals = np.diff(np.concatenate([[before], t])) * 1e-9
-        self._note_gaps(intervals, t)
+        self._add_gaps(intervals, t)
         if self._last_ns is None:
             intervals[0] = math.nan
         self._last_ns = int(t[-1])
@@ -113,29 +113,31 @@ class SensorWatch:
         self._envelope.add(np.concatenate(columns, axis=1), rows["flags"].astype(np.int64))
         self.rows += len(rows)
 
-    def _note_gaps(self, intervals: Floats, t: NDArray[np.int64]) -> None:
+    def _add_gaps(self, intervals: Floats, t: NDArray[np.int64]) -> None:
         self._gaps += int(np.count_nonzero(intervals > _GAP / self.rate_hz))
         if (longest := float(intervals.max())) > self._longest_s:
             self._longest_s = longest
             self._longest_at_s = float(t[int(np.argmax(intervals))]) * 1e-9 - longest
 
     def close(self) -> Sensor | None:
-        """All that was seen; None: hardly anything."""
+        """The reduced samples; None: there were fewer than two."""
         if self._health is None:
             if self._waiting is None or len(self._waiting) < 2:
                 return None
             self._begin(self._waiting)
-            self._take(self._waiting)
+            self._reduce(self._waiting)
         extremes, _, _, flags = self._envelope.close()
         columns = {name: extremes[:, i] for i, name in enumerate(_SENSED)}
-        return Sensor(self._name, self.rate_hz, columns, flags, tuple(self._said()))
+        return Sensor(self._name, self.rate_hz, columns, flags, tuple(self._findings()))
 
-    def _said(self) -> list[str]:
+    def _findings(self) -> list[str]:
         assert self._health is not None
         counts = self._health["found"][0].tolist()
-        said = [f"{text} ({count} samples)" for bit, count in enumerate(counts) if count for text in words(1 << bit)]
+        findings = [
+            f"{text} ({count} samples)" for bit, count in enumerate(counts) if count for text in words(1 << bit)
+        ]
         if self._gaps:
-            said.append(
+            findings.append(
                 f"{self._gaps} gaps between samples, the longest {self._longest_s:.3g} s at {self._longest_at_s:.1f} s"
             )
-        return said
+        return findings

@@ -32,13 +32,13 @@ from .seraccel import SerAccel, Settings, mma7260
 START = (35.6586, 139.7454, 60.0)  # latitude and longitude in deg, height in m: Tokyo
 
 
-class MisuseError(Exception):
-    """Options that do not go together."""
+class UsageError(Exception):
+    """Options that contradict each other."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What the devices go through: a scenario's trajectory, or recordings."""
+    """The common motion of the devices: a scenario's trajectory, or recordings."""
 
     signal: Signal | None
     trajectory: Trajectory | None = None
@@ -53,7 +53,7 @@ class Scene:
 
 
 def scene(args: argparse.Namespace) -> Scene:
-    """The scenario or recording that the options name. Raises DataError, MisuseError; OSError for a recording."""
+    """The scenario or recording that the options name. Raises DataError, UsageError; OSError for a recording."""
     if args.replay:
         return _recorded(args)
     angles = (math.radians(angle) for angle in (args.roll_deg, args.pitch_deg, args.yaw_deg))
@@ -66,20 +66,20 @@ def _recorded(args: argparse.Namespace) -> Scene:
     files: dict[str, Path] = {}
     for path in args.replay:
         if (of := kind(path)) in files or {of, *files} >= {"gnss", "nmea"}:
-            raise MisuseError(f"--replay: {path} and {files.get(of, *files.values())} are of one kind; give one")
+            raise UsageError(f"--replay: {path} and {files.get(of, *files.values())} are of one kind; give one")
         files[of] = path
     names = {name for name, _ in args.devices}
     if names - {"nmea"} and "imu" not in files:
-        raise MisuseError(f"--replay: {', '.join(sorted(names - {'nmea'}))} needs an imu.csv")
+        raise UsageError(f"--replay: {', '.join(sorted(names - {'nmea'}))} needs an imu.csv")
     if "nmea" in names and "imu" in files and len(files) < 2:
-        raise MisuseError("--replay: nmea needs a gnss.csv or a log of sentences as well")
+        raise UsageError("--replay: nmea needs a gnss.csv or a log of sentences as well")
     imu = RecordedImu(files["imu"], args.loop) if "imu" in files else None
     fixes = RecordedFixes(files["gnss"], imu, args.loop) if "gnss" in files else None
     return Scene(imu, None, fixes, sentence_playback.read(files["nmea"]) if "nmea" in files else None)
 
 
 @dataclass(frozen=True)
-class _Order:
+class _DeviceOptions:
     """One device of the command line."""
 
     args: argparse.Namespace
@@ -122,65 +122,65 @@ def device(
 ) -> Device:
     """Device number `index` of the command line, with errors from a random stream of its own. utc: of time 0, in s.
 
-    faults: its own; log: of what becomes of its messages.
+    faults: its own; log: of its messages, as sent and as arrived.
     """
     name, baud = args.devices[index]
-    order = _Order(args, scene, utc, name, baud, np.random.default_rng([args.seed, index]), list(faults))
-    built = _windowed(order) if name in VARIANTS else _BUILDERS[name](order)
+    options = _DeviceOptions(args, scene, utc, name, baud, np.random.default_rng([args.seed, index]), list(faults))
+    built = _windowed(options) if name in VARIANTS else _BUILDERS[name](options)
     if of_layer("wire", faults) or log is not None:
         rng = np.random.default_rng([args.seed, index, 1])
         built.uart.damage = Wire(name, of_layer("wire", faults), rng, log)
-    happening = of_layer("device", faults)
-    return FaultyDevice(built, happening) if happening else built
+    device_faults = of_layer("device", faults)
+    return FaultyDevice(built, device_faults) if device_faults else built
 
 
-def _g350(order: _Order) -> Device:
+def _g350(options: _DeviceOptions) -> Device:
     return G350(
-        order.signal,
-        order.errors(M_G350, TICK_HZ),
-        order.baud,
-        count_step=order.args.count_step,
-        identity=not order.args.no_identity,
-        oscillator=order.oscillator,
+        options.signal,
+        options.errors(M_G350, TICK_HZ),
+        options.baud,
+        count_step=options.args.count_step,
+        identity=not options.args.no_identity,
+        oscillator=options.oscillator,
     )
 
 
-def _windowed(order: _Order) -> Device:
-    variant = VARIANTS[order.name]
-    errors, step = order.errors(variant.grade, TICK_HZ), order.args.count_step
-    return Windowed(variant, order.signal, errors, order.baud, count_step=step, oscillator=order.oscillator)
+def _windowed(options: _DeviceOptions) -> Device:
+    variant = VARIANTS[options.name]
+    errors, step = options.errors(variant.grade, TICK_HZ), options.args.count_step
+    return Windowed(variant, options.signal, errors, options.baud, count_step=step, oscillator=options.oscillator)
 
 
-def _rga300(order: _Order) -> Device:
-    rate_hz = order.args.stream_rate
-    errors = order.errors(RGA300, rate_hz)
-    return Rga300(order.signal, errors, order.baud, rate_hz=rate_hz, oscillator=order.oscillator)
+def _rga300(options: _DeviceOptions) -> Device:
+    rate_hz = options.args.stream_rate
+    errors = options.errors(RGA300, rate_hz)
+    return Rga300(options.signal, errors, options.baud, rate_hz=rate_hz, oscillator=options.oscillator)
 
 
-def _seraccel(order: _Order) -> Device:
-    settings = Settings(mode=order.args.stream_mode, rate_hz=order.args.stream_rate)
-    errors, streaming = order.errors(mma7260(settings.rate_hz), settings.rate_hz), order.args.streaming
-    return SerAccel(order.signal, errors, order.baud, settings, streaming=streaming, oscillator=order.oscillator)
+def _seraccel(options: _DeviceOptions) -> Device:
+    settings = Settings(mode=options.args.stream_mode, rate_hz=options.args.stream_rate)
+    errors, streaming = options.errors(mma7260(settings.rate_hz), settings.rate_hz), options.args.streaming
+    return SerAccel(options.signal, errors, options.baud, settings, streaming=streaming, oscillator=options.oscillator)
 
 
-def _nmea(order: _Order) -> Device:
-    if order.scene.sentences is not None:
-        return SentencePlayback(order.scene.sentences, order.baud, order.args.loop)
+def _nmea(options: _DeviceOptions) -> Device:
+    if options.scene.sentences is not None:
+        return SentencePlayback(options.scene.sentences, options.baud, options.args.loop)
     source: FixSource
-    if order.scene.fixes is not None:
-        source = order.scene.fixes
+    if options.scene.fixes is not None:
+        source = options.scene.fixes
     else:
-        assert order.scene.trajectory is not None, "`scene` refuses a receiver without fixes"
-        source = SimulatedFixes(order.scene.trajectory, order.rng, order.utc, order.args.ideal)
-    faulty = FaultyFixes(source, of_layer("fixes", order.faults))
-    return FvM11(faulty, order.utc, order.baud, order.args.rate, order.args.no_fix)
+        assert options.scene.trajectory is not None, "`scene` refuses a receiver without fixes"
+        source = SimulatedFixes(options.scene.trajectory, options.rng, options.utc, options.args.ideal)
+    faulty = FaultyFixes(source, of_layer("fixes", options.faults))
+    return FvM11(faulty, options.utc, options.baud, options.args.rate, options.args.no_fix)
 
 
 def _scaled(values: tuple[float, float, float] | None, unit: float) -> tuple[float, float, float] | None:
     return None if values is None else (values[0] * unit, values[1] * unit, values[2] * unit)
 
 
-_BUILDERS: dict[str, Callable[[_Order], Device]] = {
+_BUILDERS: dict[str, Callable[[_DeviceOptions], Device]] = {
     "g350": _g350,
     "nmea": _nmea,
     "rga300": _rga300,

@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     scenarios = ", ".join(SCENARIO_NAMES)
     add("--scenario", choices=SCENARIO_NAMES, default="rest", metavar="NAME", help=f"{scenarios} (default rest)")
     add("--replay", nargs="+", type=Path, metavar="FILE", help="instead: imu.csv, gnss.csv or a receiver's sentences")
-    add("--loop", action="store_true", help="repeat the recording for ever; else the devices fall silent at its end")
+    add("--loop", action="store_true", help="repeat the recording for ever; else the devices are silent after its end")
     add("--link", action="append", type=Path, default=[], metavar="PATH", help="stable name; one per device, in order")
     add("--seed", type=int, default=1, metavar="N", help="of noise and biases (default 1)")
     add("--seconds", type=_span, default=math.inf, metavar="N", help="end after that")
@@ -71,11 +71,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--truth", type=Path, metavar="FILE", help="write the true motion there, CSV at 100 Hz")
     add_faults(parser)
     add("--wire-log", type=Path, metavar="FILE", help="write every message there, as sent and as damaged, CSV")
-    pace = parser.add_mutually_exclusive_group()
-    pace.add_argument("--realtime", dest="fast", action="store_false", help="time runs as it does (default)")
-    pace.add_argument("--fast", action="store_true", help="as fast as read; a host that stamps arrivals is misled")
+    speed = parser.add_mutually_exclusive_group()
+    speed.add_argument("--realtime", dest="fast", action="store_false", help="in real time (default)")
+    speed.add_argument("--fast", action="store_true", help="as fast as read; a host that stamps arrivals is misled")
     parser.set_defaults(fast=False)
-    add("--patient", action="store_true", help="what a busy host leaves unread waits; a real line would lose it")
+    add("--patient", action="store_true", help="bytes wait until the host reads them; a real line would lose them")
     add("--parent", type=int, metavar="PID", help="end with that process, which started this one")
 
 
@@ -88,7 +88,7 @@ class _FaultsHelp(argparse.Action):
 
 
 def add_faults(parser: argparse.ArgumentParser) -> None:
-    """Declare --faults, and what explains it."""
+    """Declare --faults and --faults-help."""
     parser.add_argument(
         "--faults", default="", metavar="SPEC", help='what goes wrong: "flip=0.01,cut=0.01;gnss:loss@20-40"'
     )
@@ -96,13 +96,13 @@ def add_faults(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Emulate until told to stop. Returns the exit code."""
+    """Emulate until a signal or the end. Returns the exit code."""
     from . import build
     from .replay import DataError
 
     if not logging.getLogger().handlers:
         logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(name)s: %(message)s")
-    problem = _misuse(args)
+    problem = _usage_error(args)
     if problem:
         return _fail(EXIT_USAGE, problem)
     try:
@@ -110,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
         scene = build.scene(args)
     except spec.SpecError as error:
         return _fail(EXIT_USAGE, f"--faults: {error}")
-    except build.MisuseError as error:
+    except build.UsageError as error:
         return _fail(EXIT_USAGE, str(error))
     except DataError as error:
         return _fail(EXIT_DATA, str(error))
@@ -146,8 +146,8 @@ def _triple(text: str) -> Triple:
     return x, y, z
 
 
-def _misuse(args: argparse.Namespace) -> str:
-    """What is wrong with the arguments together, or nothing."""
+def _usage_error(args: argparse.Namespace) -> str:
+    """The error in the combination of the arguments; empty: none."""
     names = [name for name, _ in args.devices]
     checks = [
         (len(args.link) > len(names), "more --link than devices"),
@@ -169,16 +169,16 @@ def _fail(code: int, message: str) -> int:
 
 def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]) -> int:
     from .build import device
-    from .emulator import AsFastAsRead, Port, RealTime, TruthLog, end_with, serve
+    from .emulator import AsFastAsRead, Port, RealTime, TruthLog, end_with_parent, serve
     from .faults.wire import WireLog
 
-    received: list[int] = []
+    signals: list[int] = []
     with ExitStack() as stack:
         for number in (signal.SIGINT, signal.SIGTERM):
-            before = signal.signal(number, lambda number, _: received.append(number))
+            before = signal.signal(number, lambda number, _: signals.append(number))
             stack.callback(signal.signal, number, before)
         if args.parent is not None:
-            end_with(args.parent)
+            end_with_parent(args.parent)
         start, utc = scene.time_zero()
         wires = stack.enter_context(closing(WireLog(args.wire_log, start))) if args.wire_log else None
         links = [*args.link, *[None] * len(args.devices)]
@@ -194,13 +194,13 @@ def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]
             print(port.name, port.path, flush=True)
         leaders = [port for port in ports if port.name != "nmea"] or ports
         clock = AsFastAsRead(leaders) if args.fast else RealTime(start)
-        serve(ports, logs, clock, args.seconds, lambda: bool(received))
+        serve(ports, logs, clock, args.seconds, lambda: bool(signals))
         for port in ports:
-            _tell_end(port)
-    return EXIT_INTERRUPTED if signal.SIGINT in received else 0
+            _log_summary(port)
+    return EXIT_INTERRUPTED if signal.SIGINT in signals else 0
 
 
-def _tell_end(port: "Port") -> None:
+def _log_summary(port: "Port") -> None:
     from .faults.wire import Wire
 
     log = logging.getLogger("firmware_sim")
@@ -208,4 +208,4 @@ def _tell_end(port: "Port") -> None:
     if isinstance(wire, Wire):
         log.info("%s: %s", port.name, wire.summary())
     if port.lost:
-        log.info("%s: %d bytes found no reader", port.name, port.lost)
+        log.info("%s: %d bytes lost: the host did not read them", port.name, port.lost)

@@ -8,10 +8,10 @@ from .uart import Uart
 class Device(Protocol):
     """Sans-IO. Times are seconds since the emulation's start and never decrease."""
 
-    uart: Uart  # what it sends waits here
+    uart: Uart  # with the transmit buffer
 
     def receive(self, data: bytes, t: float) -> None:
-        """Take in bytes that arrived at time `t`."""
+        """Process bytes that arrived at time `t`."""
         ...
 
     def advance(self, t: float) -> None:
@@ -19,7 +19,7 @@ class Device(Protocol):
         ...
 
     def deadline(self) -> float:
-        """When the device will next have something on the line of its own accord; infinite when it only answers."""
+        """When the device will next send by itself; infinite when it only answers."""
         ...
 
     def restart(self, t: float) -> None:

@@ -22,14 +22,14 @@ from .motion import Trajectory
 from .pty import Pty
 
 _PR_SET_PDEATHSIG = 1
-_LONGEST_WAIT_S = 0.1  # signals and the end of the run are noticed after that
+_WAIT_MAX_S = 0.1  # signals and the end of the run are noticed after that
 _PR_SET_TIMERSLACK = 29
 
 _log = logging.getLogger("firmware_sim")
 
 
 class Task(Protocol):
-    """Something that the loop does at its times."""
+    """Work of the loop that is due at certain times."""
 
     def step(self, t: float) -> None: ...
 
@@ -41,7 +41,7 @@ class Task(Protocol):
 class Port:
     """A device and the pseudo-terminal into which it is plugged, but for the outages. Context manager.
 
-    patient: what finds no room waits for the reader instead of being lost.
+    patient: bytes without room in the pseudo-terminal wait for the reader, and are not lost.
     """
 
     def __init__(
@@ -61,23 +61,23 @@ class Port:
 
     @property
     def path(self) -> Path | None:
-        """Where it is; None while it is unplugged."""
+        """Path of the port; None while it is unplugged."""
         return None if self.pty is None else self.pty.path
 
     @property
     def lost(self) -> int:
-        """Bytes that found no reader."""
+        """Bytes that the host did not read in time."""
         return self._lost + (self.pty.lost if self.pty else 0)
 
     @property
     def behind(self) -> Pty | None:
-        """The pseudo-terminal, if something waits there for the reader."""
+        """The pseudo-terminal, if bytes wait there for the reader."""
         return self.pty if self.pty is not None and self.pty.waiting else None
 
     def listen(self, t: float) -> None:
-        """The host has sent something."""
+        """The host has sent bytes."""
         if self.pty is not None:
-            self.device.receive(self.device.uart.hear(self.pty.read(), self.pty.baud()), t)
+            self.device.receive(self.device.uart.receive_from(self.pty.read(), self.pty.baud()), t)
 
     def step(self, t: float) -> None:
         self._check_plug(t)
@@ -160,7 +160,7 @@ class TruthLog:
 
 
 class RealTime:
-    """Time runs as it does. start: CLOCK_MONOTONIC of time 0 in s."""
+    """Real time. start: CLOCK_MONOTONIC of time 0 in s."""
 
     def __init__(self, start: float) -> None:
         self._start = start
@@ -169,14 +169,14 @@ class RealTime:
         return time.monotonic() - self._start
 
     def wait(self, deadline: float, ports: Sequence[Port]) -> list[Port]:
-        """Wait until `deadline`; the ports on which the host has sent something, as soon as it has."""
-        return _listen(ports, max(min(deadline - self.now(), _LONGEST_WAIT_S), 0.0), _behind(ports))
+        """Wait until `deadline`, or until the host sends; the ports on which it has sent."""
+        return _listen(ports, max(min(deadline - self.now(), _WAIT_MAX_S), 0.0), _behind(ports))
 
 
 class AsFastAsRead:
-    """Time leaps from deadline to deadline while the sensors stream, and stands still while a reader is behind.
+    """Time jumps from deadline to deadline while the sensors stream, and stops while a reader is behind.
 
-    Until all `leaders` send by themselves it runs as it does, so that a host has the time to set them up.
+    Until all `leaders` stream it is real time, so that a host has the time to configure them.
     """
 
     def __init__(self, leaders: Sequence[Port]) -> None:
@@ -186,16 +186,16 @@ class AsFastAsRead:
         return self._t
 
     def wait(self, deadline: float, ports: Sequence[Port]) -> list[Port]:
-        """Leap to `deadline`, or wait; the ports on which the host has sent something."""
+        """Jump to `deadline`, or wait; the ports on which the host has sent."""
         if behind := _behind(ports):
-            return _listen(ports, _LONGEST_WAIT_S, behind)
+            return _listen(ports, _WAIT_MAX_S, behind)
         if all(port.device.deadline() < math.inf for port in self._leaders):
             self._t = max(deadline, self._t)
             return _listen(ports, 0.0)
         begin = time.monotonic()
-        heard = _listen(ports, max(min(deadline - self._t, _LONGEST_WAIT_S), 0.0))
+        ready = _listen(ports, max(min(deadline - self._t, _WAIT_MAX_S), 0.0))
         self._t += time.monotonic() - begin
-        return heard
+        return ready
 
 
 def _behind(ports: Sequence[Port]) -> list[Pty]:
@@ -204,12 +204,12 @@ def _behind(ports: Sequence[Port]) -> list[Pty]:
 
 def _listen(ports: Sequence[Port], seconds: float, behind: Sequence[Pty] = ()) -> list[Port]:
     listeners = {port.pty.fileno(): port for port in ports if port.pty is not None}
-    heard = select.select(listeners, behind, (), seconds)[0]
-    return [listeners[descriptor] for descriptor in heard]
+    ready = select.select(listeners, behind, (), seconds)[0]
+    return [listeners[descriptor] for descriptor in ready]
 
 
-def end_with(parent: int) -> None:
-    """Get SIGTERM when the process `parent`, which started this one, is no more."""
+def end_with_parent(parent: int) -> None:
+    """Receive SIGTERM when the process `parent`, which started this one, ends."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != parent:
         os.kill(os.getpid(), signal.SIGTERM)
@@ -222,15 +222,15 @@ def serve(
     end: float,
     stopped: Callable[[], bool],
 ) -> None:
-    """Run until time `end` or until `stopped()`. tasks: what else is to do."""
+    """Run until time `end` or until `stopped()`. tasks: work beside the ports."""
     ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1)  # ns; the default of 50 us would make every frame late
     everything: list[Task] = [*ports, *tasks]
-    heard: list[Port] = []
+    ready: list[Port] = []
     while not stopped() and (now := clock.now()) < end:
-        for port in heard:
+        for port in ready:
             port.listen(now)
         for task in everything:
             task.step(now)
         for task in everything:
             task.idle()
-        heard = clock.wait(min(end, *(task.deadline() for task in everything)), ports)
+        ready = clock.wait(min(end, *(task.deadline() for task in everything)), ports)

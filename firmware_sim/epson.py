@@ -1,8 +1,8 @@
-"""What Epson's inertial sensors have in common, from the device's side: registers, modes, sampling, resets; its UART.
+"""The common part of Epson's inertial sensors, from the device's side: registers, modes, sampling, resets; its UART.
 
-A model adds its register map and the words of its frames. Where sources are silent the emulator does what is hardest
-on the host but still plausible: a command that is not exactly two bytes and CR is ignored, and so is everything but
-the NOT_READY poll during start-up.
+A model adds its register map and the words of its frames. Where sources say nothing the emulator behaves in the most
+difficult plausible way for the host: a command that is not exactly two bytes and CR is ignored, and so is every
+command but the NOT_READY poll during start-up.
 """
 
 import abc
@@ -31,7 +31,7 @@ BINARY_RATES = {code: 1 << code for code in range(1, 8)}  # rate code -> ticks p
 _log = logging.getLogger("firmware_sim.epson")
 
 
-def _nobody(_t: float) -> None:
+def _not_wired(_t: float) -> None:
     """The line is not wired."""
 
 
@@ -85,7 +85,7 @@ class EpsonSensor(abc.ABC):
         self._count_step = count_step
         self._sampler: Sampler | None = None
         self._count = self._step = 0
-        self.on_data_ready: Callable[[float], None] = _nobody  # told when that line rises
+        self.on_data_ready: Callable[[float], None] = _not_wired  # called when that line rises
         self.restart(0.0)
 
     def receive(self, data: bytes, t: float) -> None:
@@ -118,7 +118,7 @@ class EpsonSensor(abc.ABC):
 
     @property
     def next_sample(self) -> float:
-        """When it will be there; infinite while none are taken."""
+        """Time of the next sample; infinite while the sensor does not sample."""
         return math.inf if self._sampler is None else self._sampler.next_time
 
     def deadline(self) -> float:
@@ -155,7 +155,7 @@ class EpsonSensor(abc.ABC):
 
     @property
     def auto(self) -> bool:
-        """Whether samples are sent on the UART unasked; then no register can be read."""
+        """Whether the sensor sends samples on the UART by itself; then no register can be read."""
         return self._sampler is not None and bool(self._word[self.map.uart] & 1)
 
     def _frame(self) -> bytes:
@@ -174,8 +174,8 @@ class EpsonSensor(abc.ABC):
         size = self._words.size
         return self._sample[index * size : (index + 1) * size]
 
-    def listens(self, address: int, t: float) -> bool:
-        """Whether a command is taken: during start-up all but the NOT_READY poll are ignored."""
+    def accepts(self, address: int, t: float) -> bool:
+        """Whether a command is accepted: during start-up all but the NOT_READY poll are ignored."""
         return t >= self._ready_at or address & 0x7F in (self.map.command[1], self.map.window)
 
     def is_burst(self, address: int, value: int) -> bool:
@@ -189,7 +189,7 @@ class EpsonSensor(abc.ABC):
         return fields
 
     def _execute(self, address: int, value: int, t: float) -> None:
-        if not self.listens(address, t):
+        if not self.accepts(address, t):
             return
         line = 3 * BITS / self.uart.baud  # the command itself was on the line
         if self.is_burst(address, value):

@@ -1,4 +1,4 @@
-"""An Epson sensor's side of an SPI bus, strict: what breaks a rule is not heard, is answered with ones, and is counted.
+"""An Epson sensor's side of an SPI bus, strict: a word that breaks a rule is ignored, answered with ones, and counted.
 
 Rules (design/protocols.md §1.6): mode 3, 16-bit words, high byte first; 20 us of rest after a word and 40 us from word
 to word; 45 us after the burst command and 4 us between its words; 2 MHz at most, 1 MHz in a burst; not in UART auto
@@ -70,8 +70,8 @@ class EpsonSpi:
         return next((rule for rule, kept in rules.items() if not kept), "")
 
     def _execute(self, address: int, value: int, t: float) -> bytes:
-        """Carry a command out; returns what the next word is answered with."""
-        if not self.sensor.listens(address, t):
+        """Carry a command out; returns the answer, which is sent with the next word."""
+        if not self.sensor.accepts(address, t):
             return ONES
         if self.sensor.is_burst(address, value):
             data = self.sensor.burst()

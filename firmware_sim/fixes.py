@@ -1,4 +1,4 @@
-"""What a satellite receiver measures: fixes of a true motion with the errors of a single-frequency receiver.
+"""Simulated fixes of a satellite receiver: a true motion with the errors of a single-frequency receiver.
 
 Position errors are first-order Gauss-Markov (atmosphere, multipath) plus a little white noise, as receivers filter.
 """
@@ -13,7 +13,7 @@ from .ellipsoid import Array
 from .motion import Trajectory
 
 COMPUTE_S = 0.1  # from the epoch to the first byte
-_WOBBLE_S = 0.005  # 1 sigma of it
+_JITTER_S = 0.005  # 1 sigma of it
 _CORRELATION_S = 30.0
 _SLOW = np.array([1.5, 1.5, 2.5])  # m, 1 sigma north, east, down, at HDOP 1
 _WHITE = np.array([0.2, 0.2, 0.4])  # m
@@ -66,7 +66,7 @@ class SimulatedFixes:
         lat = truth.lat[0] + north / 6.36e6  # errors in metres need no ellipsoid
         return Fix(
             t=epoch,
-            arrival=epoch + COMPUTE_S + self._size * abs(_WOBBLE_S * self._rng.standard_normal()),
+            arrival=epoch + COMPUTE_S + self._size * abs(_JITTER_S * self._rng.standard_normal()),
             lat_deg=math.degrees(lat),
             lon_deg=math.degrees(truth.lon[0] + east / (6.38e6 * math.cos(lat))),
             height_m=float(truth.height[0]) - down,

@@ -1,4 +1,4 @@
-"""True motion on the rotating ellipsoid, and what an ideal inertial sensor in it measures.
+"""True motion on the rotating ellipsoid, and the measurements of an ideal inertial sensor.
 
 A path gives displacement and attitude with exact derivatives; position, velocity, angular rate and specific force
 follow in closed form, so that they agree with each other to rounding. Axes: body FRD, navigation NED, Euler angles ZYX.
@@ -111,7 +111,7 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Mounted:
-    """What a sensor feels whose axes are not the vehicle's; matrix (3, 3) turns its vectors into the vehicle's."""
+    """The motion in the axes of a mounted sensor; matrix (3, 3) turns its vectors into the vehicle's."""
 
     vehicle: Trajectory
     matrix: Array

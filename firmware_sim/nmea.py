@@ -1,6 +1,6 @@
-"""San Jose FV-M11 (MTK-3301): when the receiver says what, and the PMTK commands that it obeys.
+"""San Jose FV-M11 (MTK-3301): the receiver's reports and their times, and its PMTK commands.
 
-Its life: boot text; epochs without a position by an arbitrary clock; one epoch with a position of quality 0; fixes.
+First boot text; then epochs without a position by an arbitrary clock; one epoch with a position of quality 0; fixes.
 Order within an epoch: GGA, GSA, GSV, RMC, PMTKCHN, VTG last. Facts: design/protocols.md §4, from a real power-up log.
 """
 
@@ -20,9 +20,9 @@ _BOOT = (
     with_checksum("PMTK010,001") + b"$POLYN,TIME,RESTART_OCCURRED\r\n$POLYN,EPH,0,00000000\r\n$POLYN,ALM,0,00000000\r\n"
 )
 _RTC = 315532800.0 + 4 * 86400.0 + 86386.005  # 5 January 1980, 23:59:46.005: the clock before the first fix
-_BUFFER = 2048  # bytes; a sentence that finds no room is lost
+_BUFFER = 2048  # bytes; a sentence without room is lost
 
-# in order of appearance: formatter, place in PMTK314, default divider (0 is off)
+# in order of appearance: formatter, index in PMTK314, default divider (0 is off)
 _TABLE: list[tuple[Callable[[Epoch], list[str]], int, int]] = [
     (sentences.gga, 3, 1),
     (sentences.gsa, 4, 5),
@@ -66,8 +66,8 @@ class FvM11:
         self._dividers = self._defaults()
         self._line = bytearray()
         self._epochs = 0
-        self._story = self._live(t)
-        self._next = next(self._story, None)
+        self._schedule = self._reports_since(t)
+        self._next = next(self._schedule, None)
 
     def receive(self, data: bytes, t: float) -> None:
         """Take in bytes from the host: lines of NMEA."""
@@ -89,7 +89,7 @@ class FvM11:
                 self._report(report, due)
             else:
                 self.uart.send(report, due)
-            self._next = next(self._story, None)
+            self._next = next(self._schedule, None)
 
     def deadline(self) -> float:
         return math.inf if self._next is None else self.uart.earliest(self._next[0], 1)
@@ -99,9 +99,9 @@ class FvM11:
 
     @staticmethod
     def _defaults() -> dict[int, int]:
-        return {place: divider for _, place, divider in _TABLE}
+        return {index: divider for _, index, divider in _TABLE}
 
-    def _live(self, on: float) -> Iterator[tuple[float, bytes | Epoch]]:
+    def _reports_since(self, on: float) -> Iterator[tuple[float, bytes | Epoch]]:
         """Switched on at time `on`."""
         yield on + _BOOT_S, _BOOT
         t = on + 3.0 * _BOOT_S
@@ -124,19 +124,19 @@ class FvM11:
 
     def _report(self, epoch: Epoch, t: float) -> None:
         self._epochs += 1
-        for form, place, _ in _TABLE:
-            divider = self._dividers[place]
+        for form, index, _ in _TABLE:
+            divider = self._dividers[index]
             if not divider or self._epochs % divider:
                 continue
             for body in form(epoch):
                 if self.uart.backlog(t) > _BUFFER:
-                    self._lose()
+                    self._count_lost()
                 else:
                     self.uart.send(with_checksum(body), t)
 
-    def _lose(self) -> None:
+    def _count_lost(self) -> None:
         if not self.lost:
-            _log.warning("%d baud is too slow for what is to be said: sentences are lost", self.uart.baud)
+            _log.warning("%d baud is too slow for these sentences: some are lost", self.uart.baud)
         self.lost += 1
 
     def _execute(self, line: bytes, t: float) -> None:
@@ -176,7 +176,7 @@ class FvM11:
         if values == [-1]:
             self._dividers = self._defaults()
         elif len(values) == 19 and all(0 <= value <= 5 for value in values):
-            self._dividers = {place: values[place] for place in self._dividers}
+            self._dividers = {index: values[index] for index in self._dividers}
         else:
             return _FAILED
         return _DONE

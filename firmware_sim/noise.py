@@ -46,11 +46,11 @@ IDEAL = Grade((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), M_G350
 
 
 class Signal(Protocol):
-    """Where the true rates and forces come from."""
+    """A source of true rates and forces."""
 
     @property
     def end(self) -> float:
-        """Time in s after which there is nothing, or infinity."""
+        """Time in s at which the signal ends, or infinity."""
         ...
 
     def imu(self, t: Array) -> Array:
@@ -95,25 +95,25 @@ class ImuErrors:
         self.limit = _six(grade.limit)
 
     def measure(self, signal: Signal, t: Array) -> Array:
-        """What it shows at times `t` (n,) in s, one after the other at its rate: (n, 6), rad/s and m/s^2."""
-        warmth = self._warmth(t)
-        return np.clip(self.corrupt(signal.imu(t)) + np.outer(warmth, self._slope), -self.limit, self.limit)
+        """Measured values at times `t` (n,) in s, successive at its rate: (n, 6), rad/s and m/s^2."""
+        rise = self._temperature_rise(t)
+        return np.clip(self.corrupt(signal.imu(t)) + np.outer(rise, self._slope), -self.limit, self.limit)
 
     def corrupt(self, signal: Array) -> Array:
         """Measured from ideal values, (n, 6), one row per tick: gyro in rad/s, accelerometer in m/s^2."""
         n = len(signal)
         before = self._drift
         decay = math.exp(-n / (self._tick_hz * self._grade.correlation_s))
-        kick = math.sqrt(1.0 - decay**2) * self._in_run
-        self._drift = decay * before + kick * self._rng.standard_normal(6)
+        increment = math.sqrt(1.0 - decay**2) * self._in_run
+        self._drift = decay * before + increment * self._rng.standard_normal(6)
         drift = before + np.outer(np.arange(1, n + 1) / n, self._drift - before)
         white = self._white * self._rng.standard_normal((n, 6))
         return np.clip(signal @ self.gain.T + self.bias + drift + white, -self.limit, self.limit)
 
     def temperature(self, t: float) -> float:
         """Inside the sensor, degC, `t` s after switch-on."""
-        return 25.0 + float(self._warmth(np.array([t]))[0])
+        return 25.0 + float(self._temperature_rise(np.array([t]))[0])
 
-    def _warmth(self, t: Array) -> Array:
+    def _temperature_rise(self, t: Array) -> Array:
         """Above 25 degC, at times `t` (n,) after switch-on."""
         return np.asarray(-self._grade.warm_up_degc * np.expm1(-np.maximum(t, 0.0) / 200.0))

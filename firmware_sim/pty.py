@@ -21,9 +21,9 @@ class Pty:
     """
 
     def __init__(self, link: Path | None, baud: int, *, patient: bool = False) -> None:
-        """patient: keep what finds no room until `flush` finds some."""
-        self.lost = 0  # bytes for which nobody made room
-        self.waiting = b""  # for room
+        """patient: keep bytes without room until `flush` writes them."""
+        self.lost = 0  # bytes without room
+        self.waiting = b""  # bytes that wait for room
         self._patient = patient
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
@@ -64,7 +64,7 @@ class Pty:
             return b""
 
     def write(self, data: bytes) -> None:
-        """Send to the host; what finds no room is lost, as on a real line, and counted."""
+        """Send to the host; bytes without room are lost, as on a real line, and counted."""
         try:
             sent = os.write(self._master, data)
         except BlockingIOError:
@@ -75,7 +75,7 @@ class Pty:
             self.lost += len(data) - sent
 
     def flush(self) -> None:
-        """Try again to send what found no room."""
+        """Send the waiting bytes."""
         data, self.waiting = self.waiting, b""
         self.write(data)
 
@@ -89,7 +89,7 @@ class Pty:
         if self.path == self.device:
             return
         if self.path.exists() and not self.path.is_symlink():
-            raise OSError(errno.EEXIST, "exists and is not a link: choose another place")
+            raise OSError(errno.EEXIST, "exists and is not a link: choose another path")
         new = self.path.with_name(f".{self.path.name}.{os.getpid()}")
         new.symlink_to(self.device)
         new.replace(self.path)

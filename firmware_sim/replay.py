@@ -1,4 +1,4 @@
-"""Recorded data as a source of motion and fixes: the CSV pair of `imud replay`, played as if the devices felt it now.
+"""Recorded data as a source of motion and fixes: the CSV pair of `imud replay`, played as the devices' true motion.
 
 imu.csv: t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2. gnss.csv by column name: t_s,lat_deg,lon_deg,height_m,
 then optionally arrival_s, hdop, and speed_mps,course_deg or vn_mps,ve_mps. Time 0 is the first row of imu.csv, or of

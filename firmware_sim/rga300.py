@@ -1,8 +1,8 @@
 """Crossbow DMU RGA300CA, the device's side: single-letter commands, angle-mode packets, timer, zeroing, baud rate.
 
-Facts: Prasanna (2009) and a packet and host code of a real unit (design/protocols.md §2). Where they are silent the
-emulator does what is hardest on the host but still plausible: it is deaf while it starts and while it zeroes, streams
-meanwhile, and packets show the latest of its internal samples, so that their spacing varies.
+Facts: Prasanna (2009) and a packet and host code of a real unit (design/protocols.md §2). Where they say nothing the
+emulator behaves in the most difficult plausible way for the host: it ignores input while it starts and while it zeroes,
+streams meanwhile, and packets show the latest of its internal samples, so that their spacing varies.
 """
 
 import logging
@@ -23,9 +23,9 @@ START_UP_S = 0.3
 INTERNAL_S = 3.5e-3  # between its own samples
 TIMER_S = 0.79e-6
 PART_NUMBER, SERIAL, VERSION = 300, 30042, b"RGA300CA-100 REV C, 0.5"
-_HUNDRED = 100  # samples that a unit of the z command stands for
+_COUNT_UNIT = 100  # samples that a unit of the z command stands for
 _TILT_S = 0.3  # time constant of the tilt angles
-_TURN_S = 200e-6  # from a command to its answer
+_ANSWER_S = 200e-6  # from a command to its answer
 _LSB = np.array([150.0 * DEG, *[3.0 * STANDARD_GRAVITY] * 3]) / 32768.0  # yaw rate, accelerations x y z
 
 # no figures of this model are published; these are of the order of the maker's AHRS400
@@ -69,14 +69,14 @@ def _wrapped(lsb: float) -> int:
 
 
 class AutobaudUart(Uart):
-    """A UART that, while `searching`, takes over the speed at which it hears an "a"."""
+    """A UART that, while `searching`, changes to the baud rate at which it receives an "a"."""
 
     searching = False
 
-    def hear(self, data: bytes, talker_baud: int) -> bytes:
+    def receive_from(self, data: bytes, talker_baud: int) -> bytes:
         if self.searching and b"a" in data and talker_baud in BAUDS:
             self.baud = talker_baud
-        return super().hear(data, talker_baud)
+        return super().receive_from(data, talker_baud)
 
 
 class Rga300:
@@ -140,7 +140,7 @@ class Rga300:
         while self._next <= t:
             due, reading = self._next, self._ahead or self._read(self._next)
             self._ahead = None
-            self._next = self._following(due)
+            self._next = self._next_after(due)
             if self.uart.backlog(due) <= PACKET:
                 self.uart.send(reading.packet(), due)
 
@@ -158,15 +158,15 @@ class Rga300:
             self._ahead = self._read(self._next)
 
     def _answer(self, reply: bytes, t: float) -> None:
-        self.uart.send(reply, t + BITS / self.uart.baud + _TURN_S)
+        self.uart.send(reply, t + BITS / self.uart.baud + _ANSWER_S)
 
-    def _following(self, t: float) -> float:
+    def _next_after(self, t: float) -> float:
         after = t + self._period
         return after if after <= self._signal.end else math.inf
 
     def _start(self, t: float) -> None:
         if self._next == math.inf:
-            self._next = self._following(t)
+            self._next = self._next_after(t)
             _log.info("continuous, %g/s", 1.0 / self._period)
 
     def _stop(self) -> None:
@@ -191,12 +191,12 @@ class Rga300:
 
     def _begin_zeroing(self, count: int, t: float) -> None:
         self._expects_count = False
-        self._zeroing = t, t + count * _HUNDRED * self._internal
+        self._zeroing = t, t + count * _COUNT_UNIT * self._internal
 
     def _end_zeroing(self, begin: float, end: float) -> None:
         self._zeroing, self._zero = None, 0.0
         if end > begin:
-            self._zero = float(self._errors.measure(self._signal, np.linspace(begin, end, _HUNDRED))[:, 2].mean())
+            self._zero = float(self._errors.measure(self._signal, np.linspace(begin, end, _COUNT_UNIT))[:, 2].mean())
         self._answer(b"Z", end)
         _log.info("gyro zero %.3f deg/s", self._zero / DEG)
 

@@ -1,8 +1,8 @@
 """The scenarios by name: a sensor at rest, on a turntable, in a car, on a figure eight.
 
-Vehicles follow a truncated Fourier path: closed form, smooth to any order, and lapped for ever. Speed follows from the
-path and a timeline; heading is the path's direction; the body leans by its springs, outwards in curves and back when
-accelerating, and follows the slope.
+Vehicles follow a truncated Fourier path: closed form, smooth to any order, periodic. Speed follows from the path and a
+timeline; heading is the path's direction; the body rolls outwards in curves, pitches up when accelerating, and follows
+the slope.
 """
 
 import math
@@ -18,7 +18,7 @@ from .timeline import Timeline
 
 @dataclass(frozen=True)
 class Pivot:
-    """Rotation about the vertical at a fixed place, on a base of constant roll and pitch (rad)."""
+    """Rotation about the vertical at a fixed position, with constant roll and pitch (rad)."""
 
     timeline: Timeline
     roll: float

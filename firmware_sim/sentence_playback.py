@@ -1,8 +1,8 @@
-"""A receiver's recorded sentences, played byte by byte as they were said, damage and all.
+"""A receiver's recorded sentences, played byte by byte, damaged ones included.
 
-A sentence with a time begins a new epoch when that time is another one; what has no time goes with the epoch before.
-Epochs come as far apart as their times are; where those step back, or ahead by more than a minute (a clock that was
-set), a second.
+A sentence with another time begins a new epoch; sentences without a time belong to the epoch before. The interval
+between epochs is that of their times; a second where these step back, or ahead by more than a minute (a clock that was
+set).
 """
 
 import math
@@ -12,7 +12,7 @@ from .replay import DataError
 from .uart import Uart
 
 _TIME_FIELD = {"GGA": 1, "RMC": 1, "GNS": 1, "GST": 1, "ZDA": 1, "GLL": 5}
-_LONGEST_GAP_S, _USUAL_GAP_S, _DAY_S = 60.0, 1.0, 86400.0
+_GAP_MAX_S, _DEFAULT_GAP_S, _DAY_S = 60.0, 1.0, 86400.0
 
 
 def read(path: Path) -> list[tuple[float, bytes]]:
@@ -24,7 +24,7 @@ def read(path: Path) -> list[tuple[float, bytes]]:
         if stamp is not None and stamp != last:
             if last is not None:
                 gap = (stamp - last) % _DAY_S
-                epochs.append((epochs[-1][0] + (gap if gap <= _LONGEST_GAP_S else _USUAL_GAP_S), []))
+                epochs.append((epochs[-1][0] + (gap if gap <= _GAP_MAX_S else _DEFAULT_GAP_S), []))
             last = stamp
         epochs[-1][1].append(line)
     if last is None:
@@ -35,8 +35,8 @@ def read(path: Path) -> list[tuple[float, bytes]]:
 def _time_of_day(line: bytes) -> float | None:
     """s, of a sentence that has one."""
     fields = line.decode("ascii", "replace").split("*")[0].strip().split(",")
-    place = _TIME_FIELD.get(fields[0][-3:], 0) if fields[0].startswith("$") else 0
-    text = fields[place] if 0 < place < len(fields) else ""
+    index = _TIME_FIELD.get(fields[0][-3:], 0) if fields[0].startswith("$") else 0
+    text = fields[index] if 0 < index < len(fields) else ""
     try:
         return int(text[:2]) * 3600.0 + int(text[2:4]) * 60.0 + float(text[4:])
     except ValueError:
@@ -44,20 +44,20 @@ def _time_of_day(line: bytes) -> float | None:
 
 
 class SentencePlayback:
-    """A device that plays a log and hears nothing. loop: again and again."""
+    """A device that plays a log and ignores all input. loop: repeat it for ever."""
 
     def __init__(self, epochs: list[tuple[float, bytes]], baud: int, loop: bool = False) -> None:
         self.uart = Uart(baud)
         self._epochs = epochs
-        self._lap = epochs[-1][0] + _USUAL_GAP_S if loop else math.inf
+        self._lap = epochs[-1][0] + _DEFAULT_GAP_S if loop else math.inf
         self._next, self._on = 0, 0.0
 
     def receive(self, data: bytes, t: float) -> None:
-        """Deaf."""
+        """Ignored."""
         self.advance(t)
 
     def advance(self, t: float) -> None:
-        """Say what was due until time `t`, sentence by sentence."""
+        """Send all epochs that were due until time `t`, sentence by sentence."""
         while (due := self._due()) <= t:
             for sentence in self._epochs[self._next % len(self._epochs)][1].splitlines(keepends=True):
                 self.uart.send(sentence, due)

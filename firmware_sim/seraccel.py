@@ -17,7 +17,7 @@ from .uart import BITS, Uart
 
 BAUDS = (9600, 19200, 38400, 57600)
 MODES = ("gravity", "raw", "binary")
-FASTEST_HZ = {"gravity": 125.0, "raw": 195.0, "binary": 195.0}  # the seed's table
+RATE_MAX_HZ = {"gravity": 125.0, "raw": 195.0, "binary": 195.0}  # the seed's table
 MV_PER_G = {1.5: 800, 2.0: 600, 4.0: 300, 6.0: 200}  # data sheet, by range
 _SUPPLY_MV, _ZERO_G_MV, _FULL_COUNT = 3300, 1650, 1023
 _SWING_MV = 1400.0  # the sensor's output stays 0.25 V away from supply and ground
@@ -44,7 +44,7 @@ def mma7260(rate_hz: float, range_g: float = 1.5) -> Grade:
 
 @dataclass
 class Settings:
-    """What the menu sets and the board remembers."""
+    """The settings of the menu, which the board stores."""
 
     mode: str = "gravity"
     rate_hz: float = 50.0
@@ -83,13 +83,13 @@ class SerAccel:
     def restart(self, t: float) -> None:
         """Boot; the settings survive."""
         self.uart.clear()
-        self._key: Callable[[str, float], None] | None = None  # who gets the next byte; None while streaming
+        self._key: Callable[[str, float], None] | None = None  # handles the next byte; None while streaming
         self._start = math.inf
         self._lines: list[bytes] = []
         self._boots_at = t + _BOOT_S
 
     def receive(self, data: bytes, t: float) -> None:
-        """Take in bytes from the host: each is a key. While the board prints it does not listen."""
+        """Process bytes from the host: each is a key. While the board prints it ignores them."""
         self.advance(t)
         for byte in data:
             if self._key is not None and self.uart.backlog(t) <= 0.0:
@@ -99,7 +99,7 @@ class SerAccel:
                 self._menu(t)
 
     def advance(self, t: float) -> None:
-        """Say all that was due until time `t`."""
+        """Send all that was due until time `t`."""
         if t >= self._boots_at:
             boot, now = self._stream if self._streams_at_boot else self._menu, self._boots_at
             self._boots_at = math.inf
@@ -138,7 +138,7 @@ class SerAccel:
         _log.info("streaming %s values, %g/s", self.settings.mode, self.settings.rate_hz)
 
     def _line(self) -> bytes:
-        """The next one; it stays the next."""
+        """The next line, without consuming it."""
         if not self._lines:
             self._compute()
         return self._lines[-1]
@@ -183,11 +183,11 @@ class SerAccel:
         self._key = self._choose
 
     def _limit_rate(self) -> bool:
-        """As fast as mode and line allow; whether that is slower than before."""
-        longest = {"gravity": 28, "raw": 16, "binary": 8}[self.settings.mode]
-        fastest = min(FASTEST_HZ[self.settings.mode], math.floor(_WIRE_SHARE * self.uart.baud / BITS / longest))
-        lower = self.settings.rate_hz > fastest
-        self.settings.rate_hz = min(self.settings.rate_hz, fastest)
+        """Limit the rate to that of mode and line; whether it was lowered."""
+        line_bytes = {"gravity": 28, "raw": 16, "binary": 8}[self.settings.mode]
+        rate_max = min(RATE_MAX_HZ[self.settings.mode], math.floor(_WIRE_SHARE * self.uart.baud / BITS / line_bytes))
+        lower = self.settings.rate_hz > rate_max
+        self.settings.rate_hz = min(self.settings.rate_hz, rate_max)
         return lower
 
     def _choose(self, key: str, t: float) -> None:

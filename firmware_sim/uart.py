@@ -1,6 +1,6 @@
-"""A device's serial line: bytes leave at the speed of the baud rate, and a listener at another speed hears garbage.
+"""A device's serial line: bytes are sent at the baud rate, and a listener at another baud rate receives garbage.
 
-Sans-IO: times are passed in. The queue is what waits in the device's transmitter.
+Sans-IO: times are passed in. The queue is the device's transmit buffer.
 """
 
 import math
@@ -8,40 +8,40 @@ from collections import deque
 from collections.abc import Callable
 
 BITS = 10  # on the wire per byte: start, 8 data, stop
-_FIFO = 32  # bytes handed over at once, as a UART's buffer does
-_PATIENCE = 4e-3  # s; the longest time that a byte waits in that buffer
+_FIFO = 32  # bytes delivered at once, as from a UART's buffer
+_FIFO_S = 4e-3  # the longest time that a byte waits in that buffer
 
 
 Damage = Callable[[bytes, float], tuple[bytes, float]]
 
 
-def _nothing(message: bytes, _t: float) -> tuple[bytes, float]:
+def _undamaged(message: bytes, _t: float) -> tuple[bytes, float]:
     return message, -math.inf
 
 
 class Uart:
-    """One end of a line, 8N1. `baud` may be changed at any time; what is queued already leaves at the old speed.
+    """One end of a line, 8N1. `baud` may be changed at any time; queued bytes are sent at the old baud rate.
 
-    damage: what the line makes of a message sent at time t, and until when it holds it and all later ones up.
+    damage: the arriving bytes of a message sent at time t, and until when it and all later ones are delayed.
     """
 
     def __init__(self, baud: int) -> None:
         self.baud = baud
-        self.damage: Damage = _nothing
-        self._late = -math.inf  # until when what is sent is held up on the way
-        self._free = -math.inf  # when the last byte queued will have left
+        self.damage: Damage = _undamaged
+        self._delayed_until = -math.inf  # arrival of messages
+        self._free = -math.inf  # when the last queued byte will have been sent
         self._queue: deque[tuple[float, bytes, int]] = deque()  # (complete at, bytes, baud)
 
     def send(self, data: bytes, t: float) -> None:
         """Queue `data` for transmission from time `t` on, or after what is queued already."""
-        size = max(1, min(_FIFO, int(_PATIENCE * self.baud / BITS)))
+        size = max(1, min(_FIFO, int(_FIFO_S * self.baud / BITS)))
         self._free = max(t, self._free)
         data, until = self.damage(data, t)
-        self._late = max(until, self._late)
+        self._delayed_until = max(until, self._delayed_until)
         for i in range(0, len(data), size):
             chunk = data[i : i + size]
             self._free += len(chunk) * BITS / self.baud
-            self._queue.append((max(self._free, self._late), chunk, self.baud))
+            self._queue.append((max(self._free, self._delayed_until), chunk, self.baud))
 
     def backlog(self, t: float) -> float:
         """Bytes that have still to leave at time `t`."""
@@ -56,25 +56,25 @@ class Uart:
         return max(t, self._free) + size * BITS / self.baud
 
     def take(self, t: float, listener_baud: int) -> bytes:
-        """What a listener at that speed has received since the last call, at time `t`."""
+        """The bytes that a listener at that baud rate has received since the last call, at time `t`."""
         out = b""
         while self._queue and self._queue[0][0] <= t:
             _, chunk, baud = self._queue.popleft()
             out += chunk if baud == listener_baud else garble(chunk, baud, listener_baud)
         return out
 
-    def hear(self, data: bytes, talker_baud: int) -> bytes:
-        """What this end receives of bytes sent at the talker's speed."""
+    def receive_from(self, data: bytes, talker_baud: int) -> bytes:
+        """The bytes that this end receives of bytes sent at the talker's baud rate."""
         return data if talker_baud == self.baud else garble(data, talker_baud, self.baud)
 
     def clear(self) -> None:
-        """Forget what is queued: reset of the device."""
+        """Clear the queue: reset of the device."""
         self._queue.clear()
-        self._free = self._late = -math.inf
+        self._free = self._delayed_until = -math.inf
 
 
 def garble(data: bytes, talker_baud: int, listener_baud: int) -> bytes:
-    """Bytes that a receiver at the wrong speed makes of `data`, framing errors included.
+    """The bytes that a listener at the wrong baud rate receives, framing errors included.
 
     It starts at a falling edge and samples the line in the middle of its own bits, as a UART does; a bad stop bit
     delivers the byte all the same, as Linux does without INPCK.
@@ -83,13 +83,13 @@ def garble(data: bytes, talker_baud: int, listener_baud: int) -> bytes:
         return b""
     level = [bit for byte in data for bit in (0, *((byte >> i) & 1 for i in range(8)), 1)]
     step = talker_baud / listener_baud  # listener's bit in bits of the talker
-    heard = bytearray()
+    received = bytearray()
     at = 0
     while at < len(level):
         if level[at] or (at and not level[at - 1]):
             at += 1
             continue
         samples = [int(at + (i + 1.5) * step) for i in range(8)]
-        heard.append(sum(level[s] << i if s < len(level) else 1 << i for i, s in enumerate(samples)))
+        received.append(sum(level[s] << i if s < len(level) else 1 << i for i, s in enumerate(samples)))
         at = max(at + 1, math.ceil(at + 9.5 * step))
-    return bytes(heard)
+    return bytes(received)

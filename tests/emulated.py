@@ -27,10 +27,10 @@ class Emulated(Line):
         super().__init__(unit.uart.baud)
         self.unit, self.now_s = unit, now_s
 
-    def hear(self, data):
+    def receive_from(self, data):
         self.written += data
         if data:
-            self.unit.receive(self.unit.uart.hear(data, self.host_baud), self.now_s)
+            self.unit.receive(self.unit.uart.receive_from(data, self.host_baud), self.now_s)
 
     def pass_time(self, seconds):
         super().pass_time(seconds)
@@ -42,7 +42,7 @@ class Emulated(Line):
         heard, begin, asked = bytearray(), self.now_s, 0
         while (passed := self.now_s - begin) < seconds:
             if request and passed >= asked * request.period_ns * 1e-9:
-                self.hear(request.command)
+                self.receive_from(request.command)
                 asked += 1
             self.pass_time(step_s)
             heard += self.outgoing
@@ -72,7 +72,7 @@ class TouchedError(AssertionError):
 class Untouchable(Emulated):
     """Fails on any byte received."""
 
-    def hear(self, data):
+    def receive_from(self, data):
         if data:
             raise TouchedError(data)
 

@@ -18,7 +18,7 @@ def run(dialogue, device):
                 device.host_baud = exchange.baud
             if exchange.discard:
                 device.outgoing.clear()
-            device.hear(exchange.send)
+            device.receive_from(exchange.send)
             heard, waited = bytearray(), 0.0
             while waited < exchange.listen_s and not (exchange.enough and exchange.enough(bytes(heard))):
                 device.pass_time(STEP_S)
@@ -44,7 +44,7 @@ class Line:
         same = self.host_baud == self.baud
         self.outgoing += data if same else bytes((byte * 37 + 129) & 0xFF | 0x80 for byte in data)
 
-    def hear(self, data):
+    def receive_from(self, data):
         self.written += data
         if self.host_baud == self.baud:
             self.receive(data)

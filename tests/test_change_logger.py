@@ -64,7 +64,7 @@ def inertial(driver, **known):
     return sensor
 
 
-def hear(sensor, data, now_ns):
+def receive_from(sensor, data, now_ns):
     sensor.stream.rx[sensor.stream.fill : sensor.stream.fill + len(data)] = np.frombuffer(data, np.uint8)
     sensor.stream.ingest(len(data), now_ns)
 
@@ -74,7 +74,7 @@ def test_bits_that_a_dmu_sets_are_told_in_words():
     level = (0, 0, 0, 0, 0, 10923)
     told = []
     for k, bit in enumerate([0, 0, 4, 4, 0x44, 0x40, 0]):
-        hear(sensor, packet(level, clock=-12_658 * k, bit=bit), k * SECOND // 100)
+        receive_from(sensor, packet(level, clock=-12_658 * k, bit=bit), k * SECOND // 100)
         told.append(sensor.faults(k * SECOND // 100))
     failed, unknown = "the sensor reports a failed accelerometer (BIT bit 2)", "bit 6 of its status word"
     assert told[:2] == [(), ()]
@@ -91,7 +91,7 @@ def test_samples_that_no_counter_misses_are_lost_by_the_clock(gap):
     """A timer that wraps within 52 ms knows nothing of the seconds for which the daemon was stopped."""
     sensor = inertial(by_name("crossbow"))
     for k in [*range(1000), *range(1000 + gap, 1300 + gap)]:
-        hear(sensor, packet((0, 0, 0, 0, 0, 10923), clock=-12_658 * k), k * SECOND // 100)
+        receive_from(sensor, packet((0, 0, 0, 0, 0, 10923), clock=-12_658 * k), k * SECOND // 100)
     assert abs(sensor.lost - gap) <= 2
     assert sensor.counters()["lost"] == sensor.lost
 
@@ -101,7 +101,7 @@ def test_a_bit_that_was_set_from_the_start_is_the_drivers_to_tell():
     level = (0, 0, 0, 0, 0, 10923)
     told = []
     for k, bit in enumerate([4, 4, 0, 4]):
-        hear(sensor, packet(level, clock=-12_658 * k, bit=bit), k * SECOND // 100)
+        receive_from(sensor, packet(level, clock=-12_658 * k, bit=bit), k * SECOND // 100)
         told.append(sensor.faults(k * SECOND // 100))
     assert told[:3] == [(), (), ()]
     assert "failed" in told[3][0]
@@ -110,7 +110,7 @@ def test_a_bit_that_was_set_from_the_start_is_the_drivers_to_tell():
 def test_the_sensors_own_ranges_hold():
     sensor = inertial(by_name("crossbow"), gyro_range=math.radians(100.0), accel_range=2.0 * 9.80665)
     for k in range(3):
-        hear(sensor, packet((0, 0, 21_845, 0, 0, 10923), clock=-12_658 * k), k * SECOND // 100)
+        receive_from(sensor, packet((0, 0, 21_845, 0, 0, 10923), clock=-12_658 * k), k * SECOND // 100)
     assert sensor.faults(0) == ("gyro z at the end of its range",)
 
 
@@ -167,7 +167,7 @@ def test_an_inertial_sensor_on_a_disturbed_line_is_not_called_well():
     told = []
     for k in range(6000):
         data = packet((0, 0, 0, 0, 0, 10923), clock=-12_658 * k)
-        hear(sensor, bytes(24) if 1000 <= k < 3000 and k % 40 == 0 else data, k * SECOND // 100)
+        receive_from(sensor, bytes(24) if 1000 <= k < 3000 and k % 40 == 0 else data, k * SECOND // 100)
         sensor.look(k * SECOND // 100)
         told.append(sensor.faults(k * SECOND // 100))
     disturbed = ("inertial sensor: more than 1% of its samples do not arrive whole",)
@@ -181,7 +181,7 @@ def test_what_was_counted_in_all_connections_is_added_up():
     for connection in range(3):
         configured = ImuConfigured(Identity(driver.name, ""), 100.0, 790, 0, 24)
         sensor.connect(SimpleNamespace(counters={"overruns": connection}), driver, configured, 0)
-        hear(sensor, b"?" + packet((0, 0, 0, 0, 0, 10923)) * 10, SECOND)
+        receive_from(sensor, b"?" + packet((0, 0, 0, 0, 0, 10923)) * 10, SECOND)
     assert sensor.counters()["frames"] == 10
     totals = sensor.totals()
     assert [totals[name] for name in ("frames", "junk", "overruns")] == [30, 3, 3]

@@ -68,7 +68,7 @@ class Pseudo(G350):
     def say(self, data):
         self.outgoing += data
 
-    def hear(self, data):
+    def receive_from(self, data):
         self.written += data
         self.receive(data)
 
@@ -134,17 +134,17 @@ def test_silence_is_explained_in_time():
 class Loopback(Mute):
     """TX and RX connected with each other."""
 
-    def hear(self, data):
-        super().hear(data)
+    def receive_from(self, data):
+        super().receive_from(data)
         self.outgoing += data
 
 
 class OnAnyLine(G350):
     """On a pseudo-terminal, or behind a network: bytes pass at every speed."""
 
-    def hear(self, data):
+    def receive_from(self, data):
         self.baud = self.host_baud
-        super().hear(data)
+        super().receive_from(data)
 
 
 @pytest.mark.parametrize("boot_s", [1.8, 2.2, 2.6, 3.0, 3.4])

@@ -45,7 +45,7 @@ def test_mediatek_receivers_say_so_themselves():
 
 
 class Device(Line):
-    """The emulated receiver on a wire in memory. deaf: commands that it does not hear."""
+    """The emulated receiver on a wire in memory. deaf: commands that it does not receive."""
 
     def __init__(self, baud=9600, deaf=(), **options):
         super().__init__(baud)
@@ -55,13 +55,13 @@ class Device(Line):
         self.deaf = {str(number) for number in deaf}
         self.commands = []
 
-    def hear(self, data):
+    def receive_from(self, data):
         self.written += data
         number = data[5:8].decode()
         if data:
             self.commands.append(number)
         if number not in self.deaf:
-            self.unit.receive(self.unit.uart.hear(data, self.host_baud), self.now_s)
+            self.unit.receive(self.unit.uart.receive_from(data, self.host_baud), self.now_s)
 
     def pass_time(self, seconds):
         super().pass_time(seconds)

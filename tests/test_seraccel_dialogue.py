@@ -68,7 +68,7 @@ class Board(Line):
         self.next_s = 0.0
         self.into_stream = b""  # what the host should not have written
 
-    def hear(self, data):
+    def receive_from(self, data):
         if self.streaming:
             self.into_stream += data
         if data and self.host_baud != self.baud:

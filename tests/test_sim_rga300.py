@@ -157,7 +157,7 @@ def test_zeroing_takes_its_time_is_deaf_and_takes_out_the_bias():
 def test_changing_the_speed(baud):
     unit = device()
     assert ask(unit, b"b") == b"B"
-    unit.receive(unit.uart.hear(b"a", baud), 1.0)
+    unit.receive(unit.uart.receive_from(b"a", baud), 1.0)
     assert unit.uart.take(2.0, baud) == b"A"
     assert unit.uart.baud == baud
     assert ask(unit, b"R", 3.0) == b"H"
@@ -172,7 +172,7 @@ def test_a_line_too_slow_for_the_stream_loses_whole_packets():
 
 def test_the_wrong_speed_is_garbage_both_ways():
     unit = device()
-    unit.receive(unit.uart.hear(b"G", 9600), READY)
+    unit.receive(unit.uart.receive_from(b"G", 9600), READY)
     assert b"\xaa\x55" not in unit.uart.take(FOREVER, 38400)
     unit.receive(b"G", 1.0)
     assert b"\xaa\x55" not in unit.uart.take(FOREVER, 57600)

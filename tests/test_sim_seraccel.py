@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_sim.noise import IDEAL, STANDARD_GRAVITY, ImuErrors
-from firmware_sim.seraccel import BAUDS, FASTEST_HZ, MODES, MV_PER_G, SerAccel, Settings, mma7260
+from firmware_sim.seraccel import BAUDS, MODES, MV_PER_G, RATE_MAX_HZ, SerAccel, Settings, mma7260
 
 G = STANDARD_GRAVITY
 READY = 1.0  # s; the menu has been said, at any speed
@@ -189,7 +189,7 @@ def test_no_rate_exceeds_the_line(mode, baud):
     text = heard(unit, 10.0)
     assert unit.skipped == 0
     assert len(text) * 10 <= baud * 10.0
-    assert unit.settings.rate_hz == FASTEST_HZ[mode] or len(text) * 10 > 0.85 * baud * 9.8
+    assert unit.settings.rate_hz == RATE_MAX_HZ[mode] or len(text) * 10 > 0.85 * baud * 9.8
 
 
 def test_lines_leave_on_the_grid_of_the_boards_clock():

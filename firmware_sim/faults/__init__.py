@@ -1,1 +1,1 @@
-"""What goes wrong on purpose, seeded and repeatable: on the wire, in the sensor, at the plug, in the fixes."""
+"""Injected faults, seeded and repeatable: on the wire, in the sensor, at the plug, in the fixes."""

@@ -1,4 +1,4 @@
-"""Faults of a device as a whole, at set times: it starts anew, or its counter jumps."""
+"""Faults of a device as a whole, at set times: it restarts, or its counter jumps."""
 
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
@@ -17,12 +17,12 @@ class HasCounter(Protocol):
 
 
 class FaultyDevice:
-    """A device to which the faults of the layer "device" happen; to the outside like any other."""
+    """A device with the faults of the layer "device"."""
 
     def __init__(self, device: Device, faults: Sequence[Fault]) -> None:
         self.uart = device.uart
         self._device, self._faults = device, faults
-        self._happened = [0] * len(faults)
+        self._applied = [0] * len(faults)
 
     def receive(self, data: bytes, t: float) -> None:
         self.advance(t)
@@ -33,9 +33,9 @@ class FaultyDevice:
         while (due := self._due()) <= t:
             self._device.advance(due)
             for i, fault in enumerate(self._faults):
-                if fault.span.beginnings(due) > self._happened[i]:
-                    self._happened[i] = fault.span.beginnings(due)
-                    self._happen(fault, due)
+                if fault.span.beginnings(due) > self._applied[i]:
+                    self._applied[i] = fault.span.beginnings(due)
+                    self._apply(fault, due)
         self._device.advance(t)
 
     def deadline(self) -> float:
@@ -48,9 +48,9 @@ class FaultyDevice:
         self._device.restart(t)
 
     def _due(self) -> float:
-        return min(fault.span.nth(n) for fault, n in zip(self._faults, self._happened, strict=True))
+        return min(fault.span.nth(n) for fault, n in zip(self._faults, self._applied, strict=True))
 
-    def _happen(self, fault: Fault, t: float) -> None:
+    def _apply(self, fault: Fault, t: float) -> None:
         if fault.name == "reset":
             self._device.restart(t)
         elif isinstance(self._device, HasCounter):

@@ -21,11 +21,11 @@ class FaultyFixes:
         fix = self._source.after(t, interval)
         for fault in self._faults:
             if fix is not None and fault.span.holds(fix.t):
-                fix = _spoiled(fix, fault)
+                fix = _with_fault(fix, fault)
         return fix
 
 
-def _spoiled(fix: Fix, fault: Fault) -> Fix:
+def _with_fault(fix: Fix, fault: Fault) -> Fix:
     if fault.name == "loss":
         return replace(fix, valid=False)
     distance = fault.value * (fault.span.since(fix.t) if fault.name == "ramp" else 1.0)

@@ -85,23 +85,23 @@ class Kind:
 SHARE = "share of the messages"
 KINDS: dict[str, Kind] = {
     "cut": Kind("wire", BOTH, f"{SHARE} that lose their end", most=1.0),
-    "flip": Kind("wire", BOTH, f"{SHARE} with 1 to 3 bits turned", most=1.0),
+    "flip": Kind("wire", BOTH, f"{SHARE} with 1 to 3 bits inverted", most=1.0),
     "drop": Kind("wire", BOTH, f"{SHARE} that lose 1 to 3 bytes inside", most=1.0),
-    "dup": Kind("wire", BOTH, f"{SHARE} with 1 to 3 bytes said twice", most=1.0),
+    "dup": Kind("wire", BOTH, f"{SHARE} with 1 to 3 bytes repeated", most=1.0),
     "header": Kind("wire", BOTH, f"{SHARE} with a byte inside replaced by their first", most=1.0),
     "cr": Kind("wire", BOTH, f"{SHARE} with a byte inside replaced by CR", most=1.0),
     "junk": Kind("wire", BOTH, f"{SHARE} with 1 to 16 stray bytes before them", most=1.0),
     "lose": Kind("wire", BOTH, f"{SHARE} lost whole; all: lose@FROM-TO", 1.0, most=1.0),
-    "delay": Kind("wire", BOTH, f"{SHARE} held up for the second value in s (0.1), with all behind them", second=0.1),
-    "backlog": Kind("wire", BOTH, "messages are held back and come all at once at the end", 1.0, closed=True),
+    "delay": Kind("wire", BOTH, f"{SHARE} delayed by the second value in s (0.1), with all later ones", second=0.1),
+    "backlog": Kind("wire", BOTH, "messages are delayed and arrive together at the end", 1.0, closed=True),
     "frozen": Kind("sensor", (IMU,), "axes (gx+gy+gz+ax+ay+az, or all) keep their value", 0.0, axes=True),
     "saturated": Kind("sensor", (IMU,), "axes at the end of their range", 0.0, axes=True),
     "zero": Kind("sensor", (IMU,), "axes show 0", 0.0, axes=True),
     "bias": Kind("sensor", (IMU,), "deg/s on top of each gyro's bias, as after another power-on", needs=True),
-    "reset": Kind("device", BOTH, "boots again, settings lost", 0.0, needs=True),
+    "reset": Kind("device", BOTH, "restarts, settings lost", 0.0, needs=True),
     "count": Kind("device", (IMU,), "its counter jumps by so many (not seraccel)", needs=True),
-    "unplug": Kind("plug", BOTH, "the port vanishes, and comes back at the end", 0.0, closed=True),
-    "loss": Kind("fixes", (GNSS,), "the receiver says that it has no fix", 0.0),
+    "unplug": Kind("plug", BOTH, "the port is removed, and returns at the end", 0.0, closed=True),
+    "loss": Kind("fixes", (GNSS,), "the receiver reports no fix", 0.0),
     "jump": Kind("fixes", (GNSS,), "m beside the truth, towards the second value in deg (0)", second=0.0),
     "ramp": Kind("fixes", (GNSS,), "m/s away from the truth, towards the second value in deg (0)", second=0.0),
 }
@@ -117,7 +117,9 @@ def parse(spec: str, devices: Sequence[str]) -> list[list[Fault]]:
             fault = _fault(text.strip())
             fits = [i for i in chosen if _can_have(devices[i], fault.name)]
             if not fits:
-                raise SpecError(f"{text.strip()!r}: not a fault of {', '.join(devices[i] for i in chosen)}; {_offer()}")
+                raise SpecError(
+                    f"{text.strip()!r}: not a fault of {', '.join(devices[i] for i in chosen)}; {_known_faults()}"
+                )
             for i in fits:
                 faults[i].append(fault)
     return faults
@@ -149,14 +151,14 @@ def _chosen(target: str | None, devices: Sequence[str], group: str) -> list[int]
     return chosen
 
 
-def _offer() -> str:
+def _known_faults() -> str:
     return f"there are {', '.join(KINDS)}"
 
 
 def _fault(text: str) -> Fault:
     parts = _FAULT.fullmatch(text)
     if not parts or parts["name"] not in KINDS:
-        raise SpecError(f"{text!r}: no fault of that name; {_offer()}")
+        raise SpecError(f"{text!r}: no fault of that name; {_known_faults()}")
     name, kind = parts["name"], KINDS[parts["name"]]
     span = _span(parts["span"], kind, text)
     if kind.axes:

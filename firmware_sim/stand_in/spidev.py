@@ -8,14 +8,14 @@ import os
 import sys
 from collections.abc import Sequence
 
-from firmware_sim.bench import Socket, sockets
+from firmware_sim.bench import ChipSelect, chip_selects
 
 
 class SpiDev:
     """One open device, as spidev 3.8 has it."""
 
     def __init__(self) -> None:
-        self._socket: Socket | None = None
+        self._socket: ChipSelect | None = None
         self.mode = 0
         self.bits_per_word = 8
         self.max_speed_hz = 500_000
@@ -23,9 +23,9 @@ class SpiDev:
 
     def open(self, bus: int, device: int) -> None:
         """Raises OSError like the original."""
-        if bus != 0 or device >= len(sockets()):
+        if bus != 0 or device >= len(chip_selects()):
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
-        self._socket = sockets()[device]
+        self._socket = chip_selects()[device]
 
     def xfer2(
         self, values: Sequence[int], speed_hz: int = 0, delay_usecs: int = 0, bits_per_word: int = 0

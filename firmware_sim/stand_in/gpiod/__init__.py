@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from firmware_sim.bench import CHIP, FIRST_LINE, Wire, sockets
+from firmware_sim.bench import CHIP, FIRST_LINE, DataReadyLine, chip_selects
 
 from .line import Bias, Clock, Direction, Edge
 
@@ -38,25 +38,25 @@ class EdgeEvent:
 class LineRequest:
     """Requested lines; here one."""
 
-    def __init__(self, wire: Wire, offset: int, settings: LineSettings, room: int) -> None:
+    def __init__(self, wire: DataReadyLine, offset: int, settings: LineSettings, capacity: int) -> None:
         self._wire, self._offset = wire, offset
         realtime = settings.event_clock is Clock.REALTIME
         self._shift_ns = time.time_ns() - time.monotonic_ns() if realtime else 0
-        self._alarm = wire.listen(room)
-        self.fd = self._alarm.fd
+        self._timer = wire.listen(capacity)
+        self.fd = self._timer.fd
 
     def fileno(self) -> int:
         return self.fd
 
     def read_edge_events(self, max_events: int | None = None) -> list[EdgeEvent]:
         """Blocks until there is one, as the original does."""
-        while not (edges := self._wire.take()):
+        while not (edges := self._wire.read_edges()):
             select.select([self.fd], [], [])
         return [EdgeEvent(ns + self._shift_ns, self._offset, number, number) for number, ns in edges]
 
     def release(self) -> None:
         self._wire.timer = None
-        self._alarm.close()
+        self._timer.close()
 
 
 def request_lines(
@@ -69,7 +69,7 @@ def request_lines(
     if path != CHIP:
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
     ((wanted, settings),) = config.items()
-    lines = {FIRST_LINE + i: socket.wire for i, socket in enumerate(sockets())}
+    lines = {FIRST_LINE + i: socket.wire for i, socket in enumerate(chip_selects())}
     names = {f"GPIO{offset}": offset for offset in lines}
     offset = names.get(wanted, -1) if isinstance(wanted, str) else wanted
     if offset not in lines or settings is None or settings.direction is not Direction.INPUT:

@@ -14,7 +14,7 @@ from drivers.driver import Identity, ImuConfigured, ImuDriver
 from drivers.registry import drivers
 from drivers.sample import SAMPLE
 
-from .compile.entry import Dtype, Entry, noting
+from .compile.entry import Dtype, Entry, recording_entries
 from .configuration.settings import Initial, Settings
 from .daemon.fast_loop import FastLoop
 from .estimators import Estimator, registry
@@ -76,7 +76,7 @@ def warm_analysis() -> None:
 def entries() -> dict[str, tuple[Entry, tuple[Dtype, ...]]]:
     """Every entry that imud itself calls, by symbol, with its arguments' types. Nothing is compiled for that."""
     words = np.zeros(4, WORD)
-    with noting() as found:
+    with recording_entries() as found:
         warm_decoders()
         warm_analysis()
         write(0, 0, words, 0)

@@ -8,7 +8,7 @@ _OWN = {"cache": ".cache", "state": ".local/state"}
 _XDG = {"cache": "XDG_CACHE_HOME", "state": "XDG_STATE_HOME", "runtime": "XDG_RUNTIME_DIR"}
 
 
-def places(kind: str) -> list[Path]:
+def folders_for(kind: str) -> list[Path]:
     """Folders for "cache", "state" or "runtime" (gone at the next boot), in order of preference; may be none.
 
     A service's user may have no home, and only a session or a service has a runtime folder.
@@ -19,7 +19,7 @@ def places(kind: str) -> list[Path]:
     if named := os.environ.get(_XDG[kind]):
         found.append(Path(named) / "imud")
     elif kind in _OWN:
-        with contextlib.suppress(RuntimeError):  # nobody knows a home
+        with contextlib.suppress(RuntimeError):  # there is no home
             found.append(Path.home() / _OWN[kind] / "imud")
     return found
 

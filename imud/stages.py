@@ -14,7 +14,7 @@ from drivers.driver import ImuDriver
 from drivers.sample import SAMPLE
 
 from .clocks.counter import CLOCK, stamp
-from .compile.entry import address_of, entry, name_after
+from .compile.entry import address_of, entry, set_unique_name
 from .compile.jit import inlined, kernel
 from .compile.system import call, records
 from .estimators import Estimator
@@ -88,7 +88,7 @@ def _decoder(decode: Kernel, decoder: np.dtype[Any]) -> Kernel:
         s.fill = state[0].leftover
         return n
 
-    name_after(decode_stream, decode, decoder)
+    set_unique_name(decode_stream, decode, decoder)
     return entry(decode_stream)
 
 
@@ -105,7 +105,7 @@ def _stepper(step: Kernel) -> Kernel:
             correct(samples[k], errors[0])
             step(p[0], s[0], samples[k], out[k])
 
-    name_after(step_batch, step)
+    set_unique_name(step_batch, step)
     return inlined(step_batch)
 
 
@@ -132,7 +132,7 @@ def _advancer(step: Kernel, parameters: np.dtype[Any], state: np.dtype[Any]) -> 
         )
         return n
 
-    name_after(advance_stream, step, parameters, state)
+    set_unique_name(advance_stream, step, parameters, state)
     return entry(advance_stream)
 
 
@@ -155,7 +155,7 @@ def _feeder(step: Kernel, update: Kernel, pending: Kernel) -> Kernel:
                 step(p[0], s[0], samples[k], out[k])
         return n
 
-    name_after(feed, step, update, pending)
+    set_unique_name(feed, step, update, pending)
     return entry(feed)
 
 
@@ -169,7 +169,7 @@ def _aider(aid: Kernel) -> Kernel:
             n += aid(p[0], s[0], measurements[k], innovations[n:])
         return n
 
-    name_after(fuse_measurements, aid)
+    set_unique_name(fuse_measurements, aid)
     return entry(fuse_measurements)
 
 
@@ -180,7 +180,7 @@ def _collector(pending: Kernel) -> Kernel:
     def innovations_of(state: Any, innovations: Any) -> int:
         return int(pending(state[0], innovations))
 
-    name_after(innovations_of, pending)
+    set_unique_name(innovations_of, pending)
     return entry(innovations_of)
 
 

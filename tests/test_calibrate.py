@@ -17,7 +17,7 @@ from imud.sensor_errors import calibration, gyro
 from imud.sensor_errors.accelerometer import accelerometer, positions
 from imud.sensor_errors.calibration import Accelerometer, Calibration, Gyro, Mounting, correct, correction
 from imud.sensor_errors.mounting import mounting
-from imud.sensor_errors.rest import UnfitError, refuse_broken, still_spells
+from imud.sensor_errors.rest import UnfitError, refuse_broken, rest_intervals
 
 RATE_HZ, G = 100.0, 9.80665
 RNG = np.random.default_rng(7)
@@ -177,13 +177,13 @@ def test_broken_moving_and_short_data_is_refused():
     moving = still.copy()
     moving["w"] += np.sin(np.arange(len(moving)) / 20.0)[:, None]
     with pytest.raises(UnfitError, match="never at rest"):
-        still_spells(moving, RATE_HZ)
+        rest_intervals(moving, RATE_HZ)
     bends = still.copy()
     bends["w"][:, 2] += 0.1 * np.sin(np.arange(len(bends)) / RATE_HZ)  # smooth, as a drive without a shake
     with pytest.raises(UnfitError, match="needs 10 s"):
         gyro.bias(bends, RATE_HZ)
     with pytest.raises(UnfitError, match="too short"):
-        still_spells(still[:50], RATE_HZ)
+        rest_intervals(still[:50], RATE_HZ)
     with pytest.raises(UnfitError, match="needs 10 s"):
         gyro.bias(still[:500], RATE_HZ)
     with pytest.raises(UnfitError, match=r"changes by 0\.0 K"):
@@ -234,12 +234,12 @@ def test_where_calibrations_are_kept(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "own"))
     expected = ["/var/lib/imud", str(tmp_path / "service"), str(tmp_path / "own/imud")]
     assert list(map(str, calibration.folders())) == expected
-    places = [tmp_path / "absent", tmp_path / "own"]
-    assert calibration.save(Calibration("a/../b"), places) == tmp_path / "own" / "calibration-a_.._b.toml"
-    assert calibration.load("other", places) == Calibration("other")
+    folders = [tmp_path / "absent", tmp_path / "own"]
+    assert calibration.save(Calibration("a/../b"), folders) == tmp_path / "own" / "calibration-a_.._b.toml"
+    assert calibration.load("other", folders) == Calibration("other")
     (tmp_path / "own" / "calibration-bad.toml").write_text("serial = 3")
     with pytest.raises(BadDataError, match="delete it"):
-        calibration.load("bad", places)
+        calibration.load("bad", folders)
     (tmp_path / "file").touch()
     with pytest.raises(CannotCreateError, match="none of"):
         calibration.save(Calibration("x"), [tmp_path / "file"])

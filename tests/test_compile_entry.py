@@ -9,7 +9,7 @@ import pytest
 from drivers.jit import kernel
 from imud.compile import build, entry, library
 from imud.compile.c import Translation
-from imud.compile.entry import Entry, address_of, noting
+from imud.compile.entry import Entry, address_of, recording_entries
 
 PAIR = np.dtype([("a", "<f8"), ("n", "<i8")], align=True)
 
@@ -44,7 +44,7 @@ def made(request, monkeypatch, tmp_path):
     def make(function, *arguments):
         one = Entry(function)
         if request.param == "library":
-            with noting() as noted:
+            with recording_entries() as noted:
                 one(*arguments)
             unit = Translation()
             for symbol, (kernel_, dtypes) in noted.items():
@@ -120,7 +120,7 @@ def test_other_kernels_may_call_an_entry_and_c_by_its_address(made):
 def test_while_noting_nothing_is_called_and_the_types_are_part_of_the_symbol():
     values = np.ones(2)
     one = Entry(double)
-    with noting() as noted:
+    with recording_entries() as noted:
         assert one(values) == one(values) == one(np.ones(1, np.float32)) == 0
     assert [dtypes for _, dtypes in noted.values()] == [(np.dtype(float),), (np.dtype(np.float32),)]
     assert values.tolist() == [1.0, 1.0]
@@ -131,7 +131,7 @@ def test_entries_made_for_different_kernels_or_records_have_different_names():
         def act(n):
             return n
 
-        entry.name_after(act, *parts)
+        entry.set_unique_name(act, *parts)
         return Entry(act)
 
     parts = ((total,), (double,), (total, PAIR), (total, np.dtype(float)))

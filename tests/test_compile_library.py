@@ -150,7 +150,7 @@ def test_where_the_package_cannot_be_written_it_is_in_the_cache(built, tmp_path,
     monkeypatch.setattr(library, "INSTALLED", installed / "kernels.so")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(rebuild, "_in_a_process", lambda output: shutil.copy(built, output))
-    assert rebuild.rebuild(library.places()).parent == tmp_path / "imud"
+    assert rebuild.rebuild(library.candidates()).parent == tmp_path / "imud"
 
 
 def test_what_a_daemon_calls_is_all_in_the_library(built):

@@ -17,10 +17,10 @@ def nobody(monkeypatch):
 
 
 def test_without_a_home_there_is_the_services_folder_or_none(nobody, monkeypatch):
-    assert folders.places("state") == []
+    assert folders.folders_for("state") == []
     assert numba_cache.candidates() == []
     monkeypatch.setenv("CACHE_DIRECTORY", "/var/cache/imud:/var/cache/other")
-    assert folders.places("cache") == [Path("/var/cache/imud")]
+    assert folders.folders_for("cache") == [Path("/var/cache/imud")]
 
 
 def test_the_users_own(monkeypatch):
@@ -28,5 +28,5 @@ def test_the_users_own(monkeypatch):
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setenv("HOME", "/home/somebody")
     monkeypatch.setenv("XDG_STATE_HOME", "/elsewhere")
-    assert folders.places("cache") == [Path("/home/somebody/.cache/imud")]
-    assert folders.places("state") == [Path("/elsewhere/imud")]
+    assert folders.folders_for("cache") == [Path("/home/somebody/.cache/imud")]
+    assert folders.folders_for("state") == [Path("/elsewhere/imud")]

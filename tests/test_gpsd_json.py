@@ -21,7 +21,7 @@ from imud.estimators.records import (
     POSITION_VALID,
     SOLUTION,
 )
-from imud.outputs.gpsd_json import CLASSES, Report, status_words
+from imud.outputs.gpsd_json import CLASSES, Report, status_text
 from imud.outputs.gpsd_objects import line, quoted
 from imud.outputs.view import NO_SOLUTION, Device, View
 from imud.sensors.readings import Gnss
@@ -231,9 +231,9 @@ def test_a_track_is_given_only_while_the_vehicle_moves():
     ("status", "words"),
     [(0, "aligning"), (7, "attitude,heading,position"), (1 | 8, "attitude,at-rest"), (7 | 16 | 32, None), (64, None)],
 )
-def test_status_words(status, words):
+def test_status_text(status, words):
     known = {7 | 16 | 32: "attitude,heading,position,coasting,rejecting", 64: "aligning,saturated"}
-    assert status_words(status) == (words or known[status])
+    assert status_text(status) == (words or known[status])
 
 
 # --- what every client depends on, whatever the numbers are

@@ -11,7 +11,7 @@ from processes import TIMEOUT_S
 from drivers.capture import Capture
 from imud.commands import main
 from imud.configuration.settings import Record, Settings
-from imud.outputs.addresses import is_own
+from imud.outputs.addresses import is_from_this_machine
 from imud.recording.control import Recordings
 
 
@@ -111,9 +111,9 @@ def test_who_is_on_this_machine():
     ):
         with Far(family) as sock:
             sock.peer = peer
-            assert is_own(sock) is own
+            assert is_from_this_machine(sock) is own
     with socket.socket() as sock:
-        assert not is_own(sock)
+        assert not is_from_this_machine(sock)
     a, b = socket.socketpair()
     with a, b:
-        assert is_own(a)
+        assert is_from_this_machine(a)

@@ -44,7 +44,7 @@ def _draw(report: object, folder: Path, paper: str) -> None:
 
 def run(args: argparse.Namespace) -> int:
     report = importlib.import_module(f"imud.experiments.{args.paper}").reproduce(args.seed)
-    print(json.dumps(report.plain(), ensure_ascii=False) if args.json else "\n".join(report.lines()))
+    print(json.dumps(report.as_dict(), ensure_ascii=False) if args.json else "\n".join(report.lines()))
     for row in report.failed:
         print(f"imud reproduce: does not hold: {row.quantity}: {row.ours}", file=sys.stderr)
     if args.output is not None:

@@ -18,7 +18,7 @@ def run(args: argparse.Namespace) -> int:
     if library.library() is not None:
         print(f"all kernels are compiled: {library.current()}")
         return 0
-    cache = numba_cache.needed()
+    cache = numba_cache.required()
     estimators = [registry.by_name(name) for name in args.estimator or registry.NAMES]
     compilation.warm_decoders()
     for number, estimator in enumerate(estimators, 1):

@@ -1,1 +1,1 @@
-"""Kernels as machine code: `c` translates them."""
+"""Kernels as machine code: `c` translates them to C."""

@@ -36,7 +36,7 @@ def compiler() -> list[str]:
 
 
 def compile_c(source: Path, library: Path, options: Sequence[str] = ()) -> None:
-    """Compile one file of C, with more options than ours. Raises CannotBuildError with what the compiler said."""
+    """Compile one file of C, with more options than ours. Raises CannotBuildError with the compiler's message."""
     command = [*compiler(), *FLAGS, *options, "-o", str(library), str(source), "-lm"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -24,7 +24,7 @@ from .hashing import digest_of
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Dtype = np.dtype[Any] | None  # of an array's elements; None: an integer
-_noted: "dict[str, tuple[Entry, tuple[Dtype, ...]]] | None" = None  # while `noting`: by symbol, what is called
+_recorded: "dict[str, tuple[Entry, tuple[Dtype, ...]]] | None" = None  # by symbol, within `recording_entries`
 
 
 class Entry(Kernel):
@@ -44,22 +44,22 @@ class Entry(Kernel):
 
     def __call__(self, *arguments: Any) -> int:
         """Raises TypeError if an argument is not of the type it was in the first call."""
-        if _noted is not None:
-            return self._note(arguments)
+        if _recorded is not None:
+            return self._record_call(arguments)
         if not self._dtypes:
             self._load(arguments)
         last = self._last
         for i, argument in enumerate(arguments):
             if argument is not last[i]():
-                self._take(i, argument)
+                self._set_argument(i, argument)
         return int(self._by_numba(*arguments) or 0) if self._call is None else self._call(*self._words)
 
     @property
     def address(self) -> int:
         """Address of the machine code, for callers that are compiled themselves. All arguments must be integers."""
         integers = (0,) * len(inspect.signature(self.py_func).parameters)
-        if _noted is not None:
-            return self._note(integers)
+        if _recorded is not None:
+            return self._record_call(integers)
         return library.address(symbol(self, _dtypes(integers))) or cast(int, self._callback.address)
 
     @functools.cached_property
@@ -76,10 +76,10 @@ class Entry(Kernel):
         signature = long(*[long] * len(inspect.signature(self.py_func).parameters))
         return numba.cfunc(signature, cache="NUMBA_CACHE_DIR" in os.environ, error_model="numpy")(self.py_func)
 
-    def _note(self, arguments: tuple[Any, ...]) -> int:
-        assert _noted is not None
+    def _record_call(self, arguments: tuple[Any, ...]) -> int:
+        assert _recorded is not None
         dtypes = _dtypes(arguments)
-        _noted[symbol(self, dtypes)] = self, dtypes
+        _recorded[symbol(self, dtypes)] = self, dtypes
         return 0
 
     def _load(self, arguments: tuple[Any, ...]) -> None:
@@ -87,16 +87,16 @@ class Entry(Kernel):
         sizes = [1 if dtype is None else 2 for dtype in dtypes]
         if (address := library.address(symbol(self, dtypes))) is not None:
             self._call = self._interface(ctypes.c_int64, *[ctypes.c_int64] * sum(sizes))(address)
-        self._places, self._words = [sum(sizes[:i]) for i in range(len(sizes))], [0] * sum(sizes)
+        self._first_words, self._words = [sum(sizes[:i]) for i in range(len(sizes))], [0] * sum(sizes)
         self._last, self._dtypes = [_nothing] * len(dtypes), dtypes
 
-    def _take(self, i: int, argument: Any) -> None:
+    def _set_argument(self, i: int, argument: Any) -> None:
         """Remember an argument that differs from the one in the last call."""
-        dtype, place = self._dtypes[i], self._places[i]
+        dtype, first = self._dtypes[i], self._first_words[i]
         if dtype is None:
-            self._words[place] = argument
+            self._words[first] = argument
         elif argument.dtype == dtype and argument.ndim == 1 and argument.flags.carray:
-            self._words[place : place + 2] = argument.ctypes.data, len(argument)
+            self._words[first : first + 2] = argument.ctypes.data, len(argument)
             self._last[i] = weakref.ref(argument)
         else:
             raise TypeError(f"{self.name}: argument {i} must be a writable contiguous array of {dtype}")
@@ -131,28 +131,28 @@ def address_of(kernel: Callable[..., Any]) -> int:
     return cast(Entry, kernel).address
 
 
-def name_after(function: Callable[..., Any], *parts: Callable[..., Any] | np.dtype[Any]) -> None:
+def set_unique_name(function: Callable[..., Any], *parts: Callable[..., Any] | np.dtype[Any]) -> None:
     """Name a function that is made for these kernels and dtypes after them, so that no other has its name."""
     names = [_digest([p]) if isinstance(p, np.dtype) else f"{p.__module__}.{p.__qualname__}" for p in parts]
     function.__qualname__ = f"{function.__name__}[{','.join(names)}]"
 
 
 @contextlib.contextmanager
-def noting() -> Iterator[dict[str, tuple[Entry, tuple[Dtype, ...]]]]:
+def recording_entries() -> Iterator[dict[str, tuple[Entry, tuple[Dtype, ...]]]]:
     """Within the block a call of an entry does nothing but note the entry, by symbol, and its arguments' types."""
-    global _noted  # noqa: PLW0603
-    _noted = {}
+    global _recorded  # noqa: PLW0603
+    _recorded = {}
     try:
-        yield _noted
+        yield _recorded
     finally:
-        _noted = None
+        _recorded = None
 
 
 def symbol(kernel: Kernel, dtypes: Sequence[Dtype]) -> str:
-    """What an entry for arguments of these types is called in the library."""
+    """The name in the library of an entry for arguments of these types."""
     return f"{re.sub(r'[^A-Za-z0-9]+', '_', kernel.name).strip('_')}_{_digest(dtypes)}"
 
 
 def _digest(dtypes: Sequence[Dtype]) -> str:
-    described = repr([dtype and (dtype.descr, dtype.itemsize) for dtype in dtypes])
-    return digest_of(described.encode())[:8]
+    types = repr([dtype and (dtype.descr, dtype.itemsize) for dtype in dtypes])
+    return digest_of(types.encode())[:8]

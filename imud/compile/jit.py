@@ -6,11 +6,11 @@ from typing import Any
 
 from drivers.jit import inlined, interpreted, kernel, unrolled
 
-__all__ = ["Later", "inlined", "interpreted", "kernel", "unrolled"]
+__all__ = ["NumbaObject", "inlined", "interpreted", "kernel", "unrolled"]
 
 
-class Later:
-    """Something of numba's for kernels to call; numba is asked for it when the first of them is compiled."""
+class NumbaObject:
+    """An object of numba's for kernels to call; it is made when the first of them is compiled."""
 
     def __init__(
         self, make: Callable[[Any], Any], intrinsic: str | None = None, external: tuple[str, ...] | None = None

@@ -1,9 +1,9 @@
-"""The shared library with all kernels: where it lies, whether it belongs to these sources, and how it comes there.
+"""The shared library with all kernels: its path, and whether it was built from these sources.
 
-`pip install` builds it, into this folder. The file's last line says of which sources it was made and what its bytes
-are. One that is of other sources, of another processor, or damaged is never loaded: where there is a C compiler it is
-built anew, in some 15 s; else numba compiles the kernels, in minutes. In this order are looked at: $IMUD_KERNELS alone,
-if it is set; this folder; the cache folder, for where this one cannot be written. IMUD_JIT=1 takes numba at once.
+`pip install` builds it, into this folder. The file's last line holds the digests of its sources and of its code. A
+library of other sources, of another processor, or damaged is never loaded: with a C compiler it is rebuilt, in some
+15 s; else numba compiles the kernels, in minutes. The order of search: $IMUD_KERNELS alone, if it is set; this folder;
+the cache folder, if this one cannot be written. IMUD_JIT=1 uses numba.
 """
 
 import ctypes
@@ -31,12 +31,12 @@ def defect(library: Path) -> str | None:
     """Why a library must not be loaded; None: it may."""
     try:
         code, _, line = library.read_bytes().rpartition(b"\n")
-        said = json.loads(line)
-        if said["code"] != digest_of(code):
+        seal = json.loads(line)
+        if seal["code"] != digest_of(code):
             return "is damaged"
-        if said["machine"] != os.uname().machine:
-            return f"is for {said['machine']}"
-        return None if said["sources"] == digest(said["files"]) else "is of other sources"
+        if seal["machine"] != os.uname().machine:
+            return f"is for {seal['machine']}"
+        return None if seal["sources"] == digest(seal["files"]) else "is of other sources"
     except FileNotFoundError:
         return "does not exist, or is of sources that do not"
     except OSError as error:
@@ -45,23 +45,23 @@ def defect(library: Path) -> str | None:
         return "is damaged"
 
 
-def places() -> list[Path]:
+def candidates() -> list[Path]:
     """Where the library is looked for, and built: the first of them that can be written."""
     if given := os.environ.get("IMUD_KERNELS"):
         return [Path(given).resolve()]
-    from ..folders import places as folders
+    from ..folders import folders_for
 
     name = f"kernels-{digest_of(str(ROOT).encode())[:12]}.so"  # of this installation
-    return [INSTALLED, *(folder / name for folder in folders("cache"))]
+    return [INSTALLED, *(folder / name for folder in folders_for("cache"))]
 
 
 def current() -> Path | None:
     """Where the library of these sources is; None: it has to be built."""
-    return next((place for place in places() if defect(place) is None), None)
+    return next((path for path in candidates() if defect(path) is None), None)
 
 
-def described() -> str:
-    """Where this process's kernels are from."""
+def origin() -> str:
+    """The library that this process's kernels are from, or numba."""
     loaded = library()
     return "numba" if loaded is None else loaded._name
 
@@ -71,12 +71,12 @@ def library() -> ctypes.CDLL | None:
     """The library of these sources, built if need be; None: numba has to compile. Once per process."""
     if os.environ.get("IMUD_JIT", "0") not in ("", "0"):
         return None
-    if place := current():
-        return ctypes.CDLL(str(place))
+    if path := current():
+        return ctypes.CDLL(str(path))
     from . import build, rebuild  # which most processes do not need
 
     try:
-        return ctypes.CDLL(str(rebuild.rebuild(places())))
+        return ctypes.CDLL(str(rebuild.rebuild(candidates())))
     except (build.CannotBuildError, OSError) as error:
         print(f"imud: the kernels cannot be compiled ahead of time: {error}", file=sys.stderr)
         print("imud: numba compiles them now, which takes minutes", file=sys.stderr, flush=True)

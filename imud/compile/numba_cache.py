@@ -1,4 +1,4 @@
-"""Where numba keeps the kernels that it compiles, where the shared library does not have them.
+"""The cache of the kernels that numba compiles, where the shared library does not have them.
 
 numba keys its cache by the file of a kernel alone: if a callee or a constant in another file changes, it runs stale
 machine code. So the name of our cache directory holds a digest of all that machine code depends on: every source file,
@@ -17,13 +17,13 @@ import time
 from pathlib import Path
 
 from ..errors import CannotCreateError
-from ..folders import places
+from ..folders import folders_for
 
 _ROOT = Path(__file__).resolve().parents[2]
-_ROOMS = ("imud", "drivers")
+_PACKAGES = ("imud", "drivers")
 _PREFIX = "numba-"
 _UNUSED_S = 14 * 86400.0
-_ROOM_BYTES = 64 << 20  # that must be free on the disk: all kernels take a third of it
+_FREE_BYTES = 64 << 20  # that must be free on the disk: all kernels take a third of it
 # these change the code, but not numba's key
 _SWITCHES = ("NUMBA_OPT", "NUMBA_BOUNDSCHECK", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
 _CPU = {"vendor_id", "cpu family", "model", "stepping", "flags"}  # of /proc/cpuinfo
@@ -46,8 +46,8 @@ def source_digest(root: Path = _ROOT) -> str:
         digest.update(f"{name}={importlib.metadata.version(name)};".encode())
     for variable in _SWITCHES:
         digest.update(f"{variable}={os.environ.get(variable, '')};".encode())
-    for room in _ROOMS:
-        for path in sorted((root / room).rglob("*.py")):
+    for package in _PACKAGES:
+        for path in sorted((root / package).rglob("*.py")):
             digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:16]
 
@@ -57,7 +57,7 @@ def is_writable(folder: Path) -> bool:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
-            return shutil.disk_usage(folder).free > _ROOM_BYTES
+            return shutil.disk_usage(folder).free > _FREE_BYTES
     except OSError:
         return False
 
@@ -68,7 +68,7 @@ def candidates() -> list[Path]:
     given = Path(os.environ.get("NUMBA_CACHE_DIR", ""))
     if given.name == name:  # a process of ours has settled it
         return [given]
-    return [base / name for base in ([given] if given.name else places("cache"))]
+    return [base / name for base in ([given] if given.name else folders_for("cache"))]
 
 
 def _remove_unused(base: Path, now_s: float) -> None:
@@ -95,9 +95,9 @@ def prepare() -> Path | None:
     return None
 
 
-def needed() -> Path:
+def required() -> Path:
     """The cache directory. Raises CannotCreateError if there can be none."""
     if (folder := prepare()) is None:
-        places = " nor ".join(str(path) for path in candidates())
-        raise CannotCreateError(f"neither {places} can be written to: name a directory in NUMBA_CACHE_DIR")
+        tried = " nor ".join(str(path) for path in candidates())
+        raise CannotCreateError(f"neither {tried} can be written to: name a directory in NUMBA_CACHE_DIR")
     return folder

@@ -24,7 +24,7 @@ def loaded_sources(root: Path = ROOT) -> list[str]:
 
 
 def seal(library: Path, files: Sequence[str]) -> None:
-    """Append the line that says of which sources a library is."""
+    """Append the line with the digests of a library's sources and code."""
     code = library.read_bytes()
     line = {"machine": os.uname().machine, "code": digest_of(code), "sources": digest(files), "files": list(files)}
     with library.open("ab") as file:
@@ -32,35 +32,35 @@ def seal(library: Path, files: Sequence[str]) -> None:
 
 
 def rebuild(candidates: Sequence[Path]) -> Path:
-    """Build the library at the first of these places that can be written. Raises CannotBuildError, OSError."""
+    """Build the library at the first of these candidates that can be written. Raises CannotBuildError, OSError."""
     build.compiler()
-    with _locked(candidates) as place:
-        if defect(place) is not None:  # nobody else has built it meanwhile
+    with _locked(candidates) as path:
+        if defect(path) is not None:  # no other process has built it meanwhile
             print("imud: compiling the kernels for these sources, some 15 s", file=sys.stderr, flush=True)
-            with tempfile.TemporaryDirectory(prefix=f"{place.stem}-", dir=place.parent) as folder:
-                made = Path(folder, place.name)
+            with tempfile.TemporaryDirectory(prefix=f"{path.stem}-", dir=path.parent) as folder:
+                made = Path(folder, path.name)
                 _in_a_process(made)
-                made.replace(place)  # whole or not at all
-        return place
+                made.replace(path)  # whole or not at all
+        return path
 
 
 @contextlib.contextmanager
 def _locked(candidates: Sequence[Path]) -> Iterator[Path]:
-    """The first place in whose folder files can be written; within the block no other process builds there."""
-    for place in candidates:
+    """The first path in whose folder files can be written; within the block no other process builds there."""
+    for path in candidates:
         try:
-            place.parent.mkdir(parents=True, exist_ok=True)
-            folder = os.open(place.parent, os.O_RDONLY)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            folder = os.open(path.parent, os.O_RDONLY)
         except OSError:
             continue
         try:
-            if os.access(place.parent, os.W_OK):
+            if os.access(path.parent, os.W_OK):
                 fcntl.flock(folder, fcntl.LOCK_EX)
-                yield place
+                yield path
                 return
         finally:
             os.close(folder)
-    raise build.CannotBuildError(f"none of {', '.join(str(place) for place in candidates)} can be written")
+    raise build.CannotBuildError(f"none of {', '.join(str(path) for path in candidates)} can be written")
 
 
 def _in_a_process(output: Path) -> None:
@@ -68,9 +68,9 @@ def _in_a_process(output: Path) -> None:
     command = [sys.executable, "-m", "imud.compile", str(output)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True, cwd=ROOT) as process:
         try:
-            said = process.communicate()[1]
+            errors = process.communicate()[1]
         except BaseException:  # a signal ends us
             os.killpg(process.pid, signal.SIGKILL)
             raise
     if process.returncode:
-        raise build.CannotBuildError(said.strip()[-2000:])
+        raise build.CannotBuildError(errors.strip()[-2000:])

@@ -1,6 +1,6 @@
 """System calls, and memory and functions by their address, for compiled loops. Linux on 64 bits.
 
-All arguments are integers, addresses too. Nothing is checked: the caller is responsible for what stands at an address,
+All arguments are integers, addresses too. Nothing is checked: the caller is responsible for the contents at an address,
 and for keeping the array there alive.
 """
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .jit import Later, inlined, kernel
+from .jit import NumbaObject, inlined, kernel
 
 CLOCK_REALTIME, CLOCK_MONOTONIC = 0, 1
 EAGAIN = 11
@@ -21,10 +21,10 @@ def _function(name: str, returns: str, *arguments: str) -> Any:
         types = numba.types
         return types.ExternalFunction(name, getattr(types, returns)(*(getattr(types, a) for a in arguments)))
 
-    return Later(make, external=(name, returns, *arguments))
+    return NumbaObject(make, external=(name, returns, *arguments))
 
 
-carray: Any = Later(lambda numba: numba.carray, "carray")
+carray: Any = NumbaObject(lambda numba: numba.carray, "carray")
 ppoll: Any = _function("ppoll", "int32", "int64", "int64", "int64", "int64")
 pwrite: Any = _function("pwrite", "int64", "int32", "int64", "int64", "int64")
 read: Any = _function("read", "int64", "int32", "int64", "int64")
@@ -40,10 +40,10 @@ def errno() -> int:
 
 
 @kernel
-def clock_ns(clock: int, room: int) -> int:
-    """Time of a clock, ns. room: address of 16 bytes of scratch memory."""
-    _clock_gettime(clock, room)
-    time = carray(pointer(room), 2, np.int64)
+def clock_ns(clock: int, scratch: int) -> int:
+    """Time of a clock, ns. scratch: address of 16 bytes of scratch memory."""
+    _clock_gettime(clock, scratch)
+    time = carray(pointer(scratch), 2, np.int64)
     return int(time[0] * 1_000_000_000 + time[1])
 
 
@@ -85,14 +85,14 @@ def _fence(numba: Any) -> Any:
     return numba.extending.intrinsic(emit)
 
 
-pointer: Any = Later(_pointer)  # what `carray` takes
-call: Any = Later(_call, "call")  # (address, (argument, ...)) -> int; of an entry whose arguments are integers
-fence: Any = Later(_fence, "fence")  # () no store moves across it, in either direction: ARM would let them
+pointer: Any = NumbaObject(_pointer)  # what `carray` takes
+call: Any = NumbaObject(_call, "call")  # (address, (argument, ...)) -> int; of an entry whose arguments are integers
+fence: Any = NumbaObject(_fence, "fence")  # () no store moves across it, in either direction: ARM would let them
 
 
 @inlined
 def records(address: int, n: int, dtype: Any) -> Any:
-    """The n records of this type that stand there."""
+    """The n records of this type at the address."""
     return carray(pointer(address), n, dtype)
 
 

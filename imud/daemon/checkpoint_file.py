@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from ..compile.hashing import digest_of
-from ..folders import boot_id, places
+from ..folders import boot_id, folders_for
 
 _NS = 1_000_000_000
 _SUSPENDED_NS = 100_000_000  # by which the two clocks differ more if the machine slept in between: samples were lost
@@ -63,7 +63,7 @@ def take(sensor: str, port: str, max_age_ns: int) -> bytes:
 
 
 def _folders() -> list[Path]:
-    return [*places("runtime"), *places("state")]
+    return [*folders_for("runtime"), *folders_for("state")]
 
 
 def _name(sensor: str, port: str) -> str:

@@ -25,7 +25,7 @@ from .. import __version__
 from ..compile import library
 from ..estimators.innovation_kinds import KINDS
 from ..estimators.records import ATTITUDE_VALID
-from ..outputs.gpsd_json import STATUS_WORDS, status_words
+from ..outputs.gpsd_json import STATUS_NAMES, status_text
 from ..outputs.view import decode, euler
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def of_process(started_ns: int) -> Table:
         "memory_bytes": resident,
         "memory_peak_bytes": usage.ru_maxrss * 1024,
         "open_files": len(os.listdir("/proc/self/fd")),  # noqa: PTH208  # names are all that is needed
-        "kernels": library.described(),
+        "kernels": library.origin(),
     }
 
 
@@ -118,8 +118,8 @@ def of_filter(inertial: "Inertial | None", estimator: str) -> Table:
     rpy = dict(zip(("roll_deg", "pitch_deg", "yaw_deg"), euler(s.q_nb), strict=True))
     return {
         "estimator": estimator,
-        "state": status_words(s.status),
-        "flags": {word: bool(s.status & bit) for bit, word in STATUS_WORDS.items()},
+        "state": status_text(s.status),
+        "flags": {word: bool(s.status & bit) for bit, word in STATUS_NAMES.items()},
         **(rpy if s.status & ATTITUDE_VALID else {}),
         **_named("s{}_deg", ("roll", "pitch", "yaw"), s.sigma_rpy),
         "lat_deg": s.lat,

@@ -42,7 +42,7 @@ class Report:
         text = ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in table]
         return [self.title, "", text[0].rstrip(), "-" * sum(widths, 6), *(line.rstrip() for line in text[1:])]
 
-    def plain(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """The table for machines."""
         rows = [{"quantity": r.quantity, "paper": r.paper, "ours": r.ours, "holds": r.holds} for r in self.rows]
         return {"title": self.title, "holds": not self.failed, "rows": rows}
@@ -62,10 +62,10 @@ def within(quantity: str, paper: str, value: float, low: float, high: float, uni
 
 def circles(p: Floats, sigma: Floats, every: int) -> tuple[Floats, Floats]:
     """East and north in m of circles of radius sigma about every so many points p (north, east), for a map."""
-    turn = np.append(np.linspace(0.0, 2.0 * np.pi, 25), np.nan)
+    angle = np.append(np.linspace(0.0, 2.0 * np.pi, 25), np.nan)
     chosen = range(0, len(p), every)
-    east = np.concatenate([p[k, 1] + sigma[k] * np.cos(turn) for k in chosen])
-    north = np.concatenate([p[k, 0] + sigma[k] * np.sin(turn) for k in chosen])
+    east = np.concatenate([p[k, 1] + sigma[k] * np.cos(angle) for k in chosen])
+    north = np.concatenate([p[k, 0] + sigma[k] * np.sin(angle) for k in chosen])
     return east, north
 
 

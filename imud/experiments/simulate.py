@@ -10,7 +10,7 @@ from ..math.earth import STANDARD_GRAVITY
 from ..sensor_errors.profiles import PROFILES
 
 PROFILE = PROFILES["m-g350"]
-IN_RUN_S = 300.0  # time in which a bias wanders by its in-run stability
+IN_RUN_S = 300.0  # time in which a bias changes by its in-run stability
 
 
 def samples_of(t: Floats, w: Floats, f: Floats) -> NDArray[np.void]:
@@ -22,7 +22,7 @@ def samples_of(t: Floats, w: Floats, f: Floats) -> NDArray[np.void]:
     return samples
 
 
-def _wander(rng: np.random.Generator, count: int, rate_hz: float, sigma: float) -> Floats:
+def _random_walk(rng: np.random.Generator, count: int, rate_hz: float, sigma: float) -> Floats:
     """A random walk of three axes that reaches `sigma` in IN_RUN_S."""
     return np.cumsum(sigma / np.sqrt(IN_RUN_S * rate_hz) * rng.standard_normal((count, 3)), axis=0)
 
@@ -35,7 +35,7 @@ def m_g350(rng: np.random.Generator, t: Floats, w: Floats, f: Floats, switch_on:
         (w, PROFILE.gyro_noise, PROFILE.gyro_bias_initial, PROFILE.gyro_bias_instability),
         (f, PROFILE.accel_noise, PROFILE.accel_bias_initial, PROFILE.accel_bias_instability),
     ):
-        bias = switch_on * initial * rng.standard_normal(3) + _wander(rng, n, rate_hz, in_run)
+        bias = switch_on * initial * rng.standard_normal(3) + _random_walk(rng, n, rate_hz, in_run)
         sensed.append(ideal + bias + noise * np.sqrt(rate_hz) * rng.standard_normal((n, 3)))
     return samples_of(t, sensed[0], sensed[1])
 

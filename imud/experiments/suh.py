@@ -1,9 +1,9 @@
 """Suh et al., Attitude Estimation Adaptively Compensating External Acceleration: their two experiments, simulated.
 
 Experiment 1: the sensor is still. Experiment 2: a cart is pushed to and fro by hand on rails along y, its attitude
-fixed; the rails shake it. The sensor is an M-G350 whose biases have been zeroed at rest but for a fifth: that leaves
-the 0.1 deg/s of their gyros ("less than 1 degree after 10 seconds"). Of experiment 2 they print figures only; what must
-come out is the order: roll error standard > simple adaptive > two-step, pitch about equal, r2 well above r1.
+fixed; the rails cause vibration. The sensor is an M-G350 whose biases have been zeroed at rest but for a fifth: that
+leaves the 0.1 deg/s of their gyros ("less than 1 degree after 10 seconds"). Of experiment 2 they print figures only;
+the claim is the order: roll error standard > simple adaptive > two-step, pitch about equal, r2 well above r1.
 """
 
 import math
@@ -25,7 +25,7 @@ from .simulate import level_at_rest, m_g350
 from .suh_figures import figures
 
 RATE_HZ, SECONDS = 200.0, 60.0
-SHAKING = 0.01 * STANDARD_GRAVITY  # m/s^2, 1 sigma per axis of rails and rollers
+VIBRATION = 0.01 * STANDARD_GRAVITY  # m/s^2, 1 sigma per axis of rails and rollers
 CARTS = 20  # repetitions of experiment 2
 ZEROED = 0.2  # of the switch-on bias is left
 FILTERS: dict[str, tuple[Estimator, bool]] = {
@@ -59,17 +59,17 @@ class Run:
 @kernel
 def _record(step: Any, p: Any, s: Any, samples: Any, out: Any, rows: Any) -> int:
     """Step through the samples; one row t, pitch, roll, their variances, r1, r2 per step of the filter."""
-    kept = 0
+    count = 0
     for k in range(len(samples)):
         step(p[0], s[0], samples[k], out[0])
-        if s[0].steps > kept:
-            rows[kept, 0] = s[0].t_ns * 1e-9
+        if s[0].steps > count:
+            rows[count, 0] = s[0].t_ns * 1e-9
             for i in range(2):
-                rows[kept, 1 + i] = s[0].x[i]
-                rows[kept, 3 + i] = s[0].P[5 * i]
-                rows[kept, 5 + i] = s[0].r[i]
-            kept += 1
-    return kept
+                rows[count, 1 + i] = s[0].x[i]
+                rows[count, 3 + i] = s[0].P[5 * i]
+                rows[count, 5 + i] = s[0].r[i]
+            count += 1
+    return count
 
 
 def filtered(name: str, samples: Any) -> Run:
@@ -93,14 +93,14 @@ def pushes(rng: np.random.Generator, t: Floats) -> Floats:
     """Acceleration along the rails in m/s^2: strokes to and fro by hand, each from rest to rest, with pauses."""
     a = np.zeros(len(t))
     start = 5.0
-    forth = 1.0
+    direction = 1.0
     while start < t[-1] - 3.0:
-        lasts, way = rng.uniform(0.5, 1.0), rng.uniform(0.2, 0.5)
+        lasts, length = rng.uniform(0.5, 1.0), rng.uniform(0.2, 0.5)
         inside = (t >= start) & (t < start + lasts)
         phase = 2.0 * np.pi * (t[inside] - start) / lasts
-        # a stroke of length `way` along way (u - sin(2 pi u) / 2 pi), u from 0 to 1
-        a[inside] = forth * 2.0 * np.pi * way / lasts**2 * np.sin(phase)
-        forth = -forth
+        # a stroke: length (u - sin(2 pi u) / 2 pi), u from 0 to 1
+        a[inside] = direction * 2.0 * np.pi * length / lasts**2 * np.sin(phase)
+        direction = -direction
         start += lasts + (rng.uniform(0.0, 0.2) if rng.random() < 0.7 else rng.uniform(1.0, 3.0))
     return a
 
@@ -112,7 +112,7 @@ def cart(rng: np.random.Generator, switch_on: float = ZEROED) -> tuple[Any, Floa
     push = pushes(rng, t)
     f[:, 1] += push
     moving = np.convolve(np.abs(push) > 0.0, np.ones(3), mode="same") > 0.0
-    f += SHAKING * moving[:, None] * rng.standard_normal(f.shape)
+    f += VIBRATION * moving[:, None] * rng.standard_normal(f.shape)
     return m_g350(rng, t, w, f, switch_on), push
 
 
@@ -220,6 +220,6 @@ def reproduce(seed: int) -> Report:
         *repeated(rng),
     ]
     title = "Suh et al., Attitude Estimation Adaptively Compensating External Acceleration"
-    sigma_a = np.where(push == 0.0, 0.0, SHAKING)
+    sigma_a = np.where(push == 0.0, 0.0, VIBRATION)
     drawn = figures(averaged(at_rest), rest["two-step"], runs, ORDER, samples, push, sigma_a)
     return Report(title, rows, drawn)

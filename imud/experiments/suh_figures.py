@@ -48,10 +48,12 @@ def _angle_panels(runs: "dict[str, Run]", names: tuple[str, ...]) -> list[Panel]
     return panels
 
 
-def _cart_figure(runs: "dict[str, Run]", order: tuple[str, ...], samples: Any, push: Floats, shaking: Floats) -> Figure:
+def _cart_figure(
+    runs: "dict[str, Run]", order: tuple[str, ...], samples: Any, push: Floats, vibration: Floats
+) -> Figure:
     t = samples["t_ns"] * 1e-9
     sample_noise = PROFILE.accel_noise / math.sqrt(t[1] - t[0])
-    measured = Trace("measured a_y", t, samples["f"][:, 1], np.hypot(shaking, sample_noise))
+    measured = Trace("measured a_y", t, samples["f"][:, 1], np.hypot(vibration, sample_noise))
     rolls = [Trace(n, runs[n].t, runs[n].angles[:, ROLL], runs[n].sigmas[:, ROLL]) for n in order]
     return Figure(
         "Experiment 2: the cart",
@@ -69,11 +71,11 @@ def figures(
     order: tuple[str, ...],
     samples: Any,
     push: Floats,
-    shaking: Floats,
+    vibration: Floats,
 ) -> list[Figure]:
     """Figs. 1 to 3 of experiment 1; the cart, Figs. 5 and 6 of experiment 2.
 
-    at_rest: force in g and rate in deg/s per step; shaking: m/s^2, 1 sigma per sample.
+    at_rest: force in g and rate in deg/s per step; vibration: m/s^2, 1 sigma per sample.
     """
     covariances = []
     for name in order[1:]:
@@ -83,7 +85,7 @@ def figures(
     return [
         *_sensor_figures(*at_rest),
         Figure("Fig. 3: experiment 1, the sensor is still", _angle_panels({"two-step": rest}, ("two-step",))),
-        _cart_figure(runs, order, samples, push, shaking),
+        _cart_figure(runs, order, samples, push, vibration),
         Figure("Fig. 5: experiment 2, ±σ of his covariances", _angle_panels(runs, order), columns=3),
         Figure("Fig. 6: covariances of the accelerometer", covariances),
     ]

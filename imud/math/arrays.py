@@ -1,4 +1,4 @@
-"""The types of arrays that are passed around, for the type checker."""
+"""Types of arrays, for the type checker."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -9,7 +9,7 @@ from ..compile.jit import kernel
 
 Quaternion = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
-LOCK = 1.0 - 1e-13  # sine of a pitch at which rounding decides what roll and yaw are
+GIMBAL_LOCK_SINE = 1.0 - 1e-13  # sine of a pitch at which rounding decides what roll and yaw are
 
 
 @kernel
@@ -113,7 +113,7 @@ def euler_of_quat(q: Quaternion) -> Vector:
     if abs(sine) > 1.0:  # by rounding; an unknown attitude stays NaN
         sine = math.copysign(1.0, sine)
     pitch = math.asin(sine)
-    if abs(sine) > LOCK:
+    if abs(sine) > GIMBAL_LOCK_SINE:
         yaw = 2.0 * math.atan2(z, w)
         return 0.0, pitch, yaw - math.copysign(2.0 * math.pi, yaw) if abs(yaw) > math.pi else yaw
     yaw = math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
@@ -137,7 +137,7 @@ def euler_variances(q: Quaternion, p00: float, p01: float, p02: float, p11: floa
     w, x, y, z = q
     sine = min(max(2.0 * (w * y - x * z), -1.0), 1.0)  # of pitch
     north, east = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)  # along the heading
-    if abs(sine) > LOCK:
+    if abs(sine) > GIMBAL_LOCK_SINE:
         north, east = w * w - z * z, 2.0 * w * z
     level = 1.0 / (north * north + east * east)  # and away from the poles 1 / cos^2 pitch
     steep = 1.0 / max((1.0 - sine) * (1.0 + sine), 1e-12)

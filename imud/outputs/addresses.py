@@ -1,4 +1,4 @@
-"""Listening sockets: addresses as users write them, which of them are safe to open, and who holds one that is taken."""
+"""Listening sockets: parsing of addresses, which of them are safe to open, and which process holds one in use."""
 
 import errno
 import ipaddress
@@ -18,7 +18,7 @@ _LISTENING = "0A"  # TCP_LISTEN in /proc/net/tcp
 
 
 class AddressInUseError(CannotCreateError):
-    """Somebody listens there already."""
+    """Another process listens there already."""
 
 
 @dataclass(frozen=True)
@@ -52,19 +52,19 @@ def parse_address(text: str, default_port: int) -> Address:
 
 
 def addresses_of(settings: Gpsd) -> list[Address]:
-    """Where to listen. Raises ConfigError for what is no address, and for what other machines could reach unasked."""
+    """The listening addresses. Raises ConfigError for a wrong syntax, and without allow_remote for remote access."""
     addresses = [parse_address(text, PORT) for text in settings.listen.split(",")]
     for address in addresses:
         if not settings.allow_remote and not is_local(address):
             raise ConfigError(
-                f"refusing to listen on {address.text}: other machines could connect, and the protocol knows no "
+                f"refusing to listen on {address.text}: other machines could connect, and the protocol has no "
                 "password; listen on 127.0.0.1, or set gpsd.allow_remote = true"
             )
     return addresses
 
 
 def parse_path(text: str) -> Address:
-    """`/PATH` or `unix:PATH`. Raises ConfigError for what cannot be a Unix socket."""
+    """`/PATH` or `unix:PATH`. Raises ConfigError for a path that no Unix socket can have."""
     path = text.strip().removeprefix("unix:")
     if not 0 < len(os.fsencode(path)) < 108 or "\0" in path:  # sizeof(sockaddr_un.sun_path)
         raise ConfigError(f"{text!r} is no address: the path of a Unix socket has 1 to 107 bytes")
@@ -85,8 +85,8 @@ def _host_port(host: str, port: int) -> str:
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
-def is_own(sock: socket.socket) -> bool:
-    """Whether who is at the other end of a connection is on this machine."""
+def is_from_this_machine(sock: socket.socket) -> bool:
+    """Whether the peer of a connection is on this machine."""
     if sock.family == socket.AF_UNIX:
         return True
     try:
@@ -97,7 +97,7 @@ def is_own(sock: socket.socket) -> bool:
 
 
 def is_local(address: Address) -> bool:
-    """True when nobody outside this machine can connect."""
+    """True when no other machine can connect."""
     if isinstance(address.where, str):
         return True
     ip = ipaddress.ip_address(address.where[0])
@@ -105,7 +105,7 @@ def is_local(address: Address) -> bool:
 
 
 def listen(address: Address, kind: socket.SocketKind = socket.SOCK_STREAM) -> socket.socket:
-    """A non-blocking listening socket. Anybody on this machine may connect to a Unix socket.
+    """A non-blocking listening socket. All users of this machine may connect to a Unix socket.
 
     Raises AddressInUseError naming the holder where it can be found, PermissionDeniedError, CannotCreateError.
     """
@@ -120,7 +120,7 @@ def listen(address: Address, kind: socket.SocketKind = socket.SOCK_STREAM) -> so
                 sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
         sock.bind(address.where)
         if isinstance(address.where, str):
-            Path(address.where).chmod(0o666)  # a service's umask would shut everybody out
+            Path(address.where).chmod(0o666)  # a service's umask would exclude all other users
         sock.listen(_BACKLOG)
     except OSError as error:
         sock.close()
@@ -128,14 +128,14 @@ def listen(address: Address, kind: socket.SocketKind = socket.SOCK_STREAM) -> so
     return sock
 
 
-def shown_address(sock: socket.socket) -> str:
+def address_text(sock: socket.socket) -> str:
     """Where a socket listens, with the port that the system chose for port 0."""
     name = sock.getsockname()
     return f"unix:{name}" if isinstance(name, str) else _host_port(name[0], name[1])
 
 
 def _remove_stale_socket(path: str, kind: socket.SocketKind) -> None:
-    """Remove a socket that a dead process left behind; a living one and other kinds of file stay."""
+    """Remove the socket file of a process that ended; a socket in use and other kinds of file stay."""
     if not Path(path).is_socket():
         return
     with socket.socket(socket.AF_UNIX, kind) as probe:
@@ -144,7 +144,7 @@ def _remove_stale_socket(path: str, kind: socket.SocketKind) -> None:
             probe.connect(path)
         except ConnectionRefusedError:
             Path(path).unlink(missing_ok=True)
-        except OSError:  # it lives: busy, or of another kind
+        except OSError:  # in use: busy, or of another kind
             pass
 
 

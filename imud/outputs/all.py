@@ -1,4 +1,4 @@
-"""All outputs together: which of them exist by the settings, and when the next view is due."""
+"""All outputs together: opened by the settings, and the time when the next view is due."""
 
 import contextlib
 from collections.abc import Callable, Mapping
@@ -43,7 +43,7 @@ class Outputs:
             self._opened = stack.pop_all()
 
     def configure(self, settings: Settings) -> None:
-        """Take over the hot keys of new settings."""
+        """Apply the hot keys of new settings."""
         self.gpsd.settings = settings.gpsd
 
     def on_event(self, fd: int, mask: int, now_ns: int) -> None:

@@ -19,7 +19,7 @@ from .stream import CLIENT, StreamServer, send_all
 _HEADER = [("magic", "S4"), ("version", "<u2"), ("size", "<u2"), ("seq", "<u8"), ("utc_offset_ns", "<i8")]
 LAYOUT = np.dtype([*_HEADER, ("state", SOLUTION)])  # imud.client.FIELDS, as numpy sees it
 _WORDS, _STATE_WORDS = LAYOUT.itemsize // 8, SOLUTION.itemsize // 8
-_SEQ, _UTC_OFFSET, _STATE = 1, 2, 3  # places of LAYOUT's 64-bit words; magic, version and size are one
+_SEQ, _UTC_OFFSET, _STATE = 1, 2, 3  # indices of LAYOUT's 64-bit words; magic, version and size are one
 
 PUBLISHER = np.dtype(
     [
@@ -27,7 +27,7 @@ PUBLISHER = np.dtype(
         ("shared", "<i8"),  # of the shared memory's contents; 0: there is none
         ("clients", "<i8"),  # of rows of CLIENT,
         ("shared_file", "<i8"),  # descriptor of the shared memory
-        ("connected", "<i8"),  # and how many of them count
+        ("connected", "<i8"),  # and their number
         ("dropped", "<i8"),  # records that slow clients lost
         ("time", "<i8", (2,)),  # room for a timespec
         ("time_at", "<i8"),

@@ -1,10 +1,10 @@
 """The receiver's time for chrony or ntpd: a sample per fix in the shared memory segment that both call refclock SHM.
 
-Each sample says which time the system clock showed when a fix was taken. It is as good as `gnss.latency_s` is known,
-and as the jitter of a serial line, which is given as the precision: good enough to set a clock without a network to
-some hundredths of a second, not to discipline one with a network. Let chrony start first and make the segment
-(`perm=0660`, with imud's user in chrony's group): one made by a service is removed with the service (RemoveIPC), and
-chrony would go on reading the old one. Who may write to the segment sets the machine's clock.
+Each sample is the time of the system clock at the epoch of a fix. Its error is that of `gnss.latency_s` plus the jitter
+of the serial line, which is given as the precision: good enough to set a clock without a network to some hundredths of
+a second, not to discipline one with a network. Let chrony start first and create the segment (`perm=0660`, with imud's
+user in chrony's group): systemd removes a segment that a service created when the service ends (RemoveIPC), and chrony
+would continue to read the old one. A process that may write to the segment can set the machine's clock.
 
 Source: ntpd's refclock 28 (struct shmTime); chrony.conf(5), refclock SHM. The key is "NTP0" and the unit.
 """
@@ -61,7 +61,7 @@ def _libc() -> ctypes.CDLL:
 def utc_ns(fix: Fix, now_ns: int) -> int | None:
     """The fix's epoch as unix time, ns; without a date on the day that is nearest to `now_ns`.
 
-    GPS counts 1024 weeks and begins anew, last in 2019: before that lie the dates of receivers that do not know it.
+    GPS's week number rolls over after 1024 weeks, last in 2019: receivers that ignore it report earlier dates.
     """
     if fix.utc_s is None:
         return None
@@ -78,7 +78,7 @@ class ChronyOutput:
     """The writer of one unit. Never waits; not thread-safe."""
 
     def __init__(self, unit: int, mode: int = 0o600) -> None:
-        """Attach, and create, with these permissions, what chrony has not.
+        """Attach to the segment; create it with these permissions if chrony has not.
 
         Raises CannotCreateError (73), PermissionDeniedError (77).
         """
@@ -122,7 +122,7 @@ class ChronyOutput:
         return max(_FINE, min(_COARSE, math.ceil(math.log2(max(self._jitter_s, 2.0**_FINE)))))
 
     def close(self) -> None:
-        """Detach. The segment stays: chrony, if it runs, goes on looking there."""
+        """Detach. The segment stays: chrony, if it runs, continues to read it."""
         if self._address:
             self._memory.valid = 0
             self._libc.shmdt(self._address)
@@ -133,7 +133,7 @@ def _attach_error(unit: int, code: int) -> Exception:
     what = f"cannot share time with chrony (chrony.shm_unit = {unit}): {os.strerror(code)}"
     if code in (errno.EACCES, errno.EPERM):
         return PermissionDeniedError(
-            f"{what}; somebody else made the segment: `refclock SHM {unit}:perm=0660` in chrony.conf opens it to "
+            f"{what}; another user created the segment: `refclock SHM {unit}:perm=0660` in chrony.conf opens it to "
             "chrony's group, of which imud's user must be a member"
         )
     if code == errno.EINVAL:

@@ -10,7 +10,7 @@ import contextlib
 import select
 import socket
 
-from .addresses import is_own
+from .addresses import is_from_this_machine
 from .gpsd_dialogue import Policy, ReceiveBuffer, Request
 
 _READ_MAX = 128  # bytes per event: two dozen requests at most, which bounds the work of one wake-up
@@ -63,7 +63,7 @@ class Connection:
     @property
     def trusted(self) -> bool:
         """Whether it may send commands: a client on this machine that has sent nothing but this protocol."""
-        return is_own(self.sock) and not self.receive_buffer.has_other_text
+        return is_from_this_machine(self.sock) and not self.receive_buffer.has_other_text
 
     def wanted_events(self) -> int:
         """The poll events: POLLOUT while bytes are unsent, POLLIN while the quota lasts."""

@@ -1,10 +1,9 @@
 """gpsd's requests and the messages that answer them: the protocol, not the connection.
 
-A request ends at `;`, LF or CR; text that does not begin with `?` is passed over, except a request of HTTP, which any
-web page can have a browser send across sites: whoever sends one is disconnected before anything after it is read. No
-bytes raise anything: what cannot be understood is answered with ERROR. Real gpsd is the model, with two more keys in
-?WATCH, both optional: `rate` (Hz) and `class` (names separated by commas) say how often and which messages a client
-wants.
+A request ends at `;`, LF or CR; text that does not begin with `?` is ignored, except a request of HTTP, which any web
+page can have a browser send across sites: a client that sends one is disconnected before anything after it is read. No
+bytes raise an error: an invalid request is answered with ERROR. The protocol is gpsd's, with two more keys in ?WATCH,
+both optional: `rate` (Hz) and `class` (names separated by commas) select the rate and the classes of messages.
 """
 
 import functools
@@ -157,7 +156,7 @@ def error_object(message: str) -> str:
 
 
 def device_object(device: Device, active: bool = True) -> str:
-    """One DEVICE; without `activated` a client takes it for gone."""
+    """One DEVICE; without `activated` clients consider it removed."""
     optional = {"subtype": device.model, "sernum": device.serial}
     texts = "".join(f',"{key}":{quoted(text, 63)}' for key, text in optional.items() if text)
     activated = f',"activated":{text}' if active and (text := iso(device.activated_s)) else ""

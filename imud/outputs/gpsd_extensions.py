@@ -28,7 +28,7 @@ class ExtensionRequests:
         if argument is None or command not in self._commands:
             return None
         if not client.trusted:
-            error = error_object(f"{command} only by a client on this machine that says nothing else")
+            error = error_object(f"{command} only by a client on this machine that sends no other text")
             return Answer((error,), policy, refused=True)
         self._cached.pop(command, None)
         return Answer((self._commands[command](argument),), policy)

@@ -2,8 +2,8 @@
 
 Unknown is NaN, and a number that is not finite is never printed: its key is left out. Objects are compact, begin with
 their class and hold flat scalars only, because gpsd's clients depend on it. `EST` is a class of our own, with the keys
-and units of `imud replay`'s est.csv; gpsd's clients pass over it. Errors in gpsd's fields are 95 % bounds, those in
-`EST` one sigma.
+and units of `imud replay`'s est.csv; gpsd's clients ignore it. Errors in gpsd's fields are 95 % bounds, those in `EST`
+one sigma.
 
 Source: gpsd_json(5); gpsd 3.22, 3.25 and 3.27.5 tried.
 """
@@ -77,7 +77,7 @@ _OF_QUALITY = {2: 2, 4: 3, 5: 4, 8: _SIMULATED}  # of GGA: differential, RTK, fl
 
 
 def _fix(view: View, s: State) -> str:
-    """`status` where gpsd has a word for it, and `mode`: 0 nothing known yet, 1 no position, 2 no height, 3 all."""
+    """`status` where gpsd defines one, and `mode`: 0 no data yet, 1 no position, 2 no height, 3 all."""
     if not s.status & POSITION_VALID:
         return f',"mode":{0 if view.solution == NO_SOLUTION else 1}'
     mode = f',"mode":{3 if s.status & HEIGHT_VALID else 2}'
@@ -130,13 +130,13 @@ _IMU = Numbers(
 
 
 def _imu(view: View, s: State) -> str:
-    """The sensor's last sample as it is, biases and all, in ATT's axes and units."""
+    """The sensor's last sample, without bias correction, in ATT's axes and units."""
     rates, forces = map(math.degrees, view.sensed[:3]), view.sensed[3:]
     numbers = _IMU(*rates, *forces, math.hypot(*forces), view.temperature)
     return f'{head("IMU", view)}{time_of(view)},"msg":"imud"{numbers}}}'
 
 
-STATUS_WORDS = {
+STATUS_NAMES = {
     ATTITUDE_VALID: "attitude",
     HEADING_VALID: "heading",
     POSITION_VALID: "position",
@@ -149,10 +149,10 @@ STATUS_WORDS = {
 
 
 @functools.lru_cache(maxsize=256)
-def status_words(status: int) -> str:
+def status_text(status: int) -> str:
     """The status bits by name, separated by commas; "aligning" when nothing is valid yet."""
-    words = [word for bit, word in STATUS_WORDS.items() if status & bit]
-    return ",".join(words if status & ATTITUDE_VALID else ["aligning", *words])
+    names = [word for bit, word in STATUS_NAMES.items() if status & bit]
+    return ",".join(names if status & ATTITUDE_VALID else ["aligning", *names])
 
 
 _EST = Numbers(
@@ -166,9 +166,9 @@ _EST = Numbers(
 )  # fmt: skip
 
 
-def _health_of(sensor: str, troubles: tuple[str, ...] | None) -> str:
+def _health_of(sensor: str, faults: tuple[str, ...] | None) -> str:
     """The field, or nothing where there is no such sensor."""
-    return "" if troubles is None else f',"{sensor}_health":{quoted("; ".join(troubles) or "ok")}'
+    return "" if faults is None else f',"{sensor}_health":{quoted("; ".join(faults) or "ok")}'
 
 
 def _est(view: View, s: State) -> str:
@@ -180,7 +180,7 @@ def _est(view: View, s: State) -> str:
     )  # fmt: skip
     return (
         f'{head("EST", view)}{time_of(view)},"t_mono_ns":{view.t_mono_ns},"seq":{view.seq}'
-        f',"estimator":{quoted(view.estimator)},"status":{s.status},"state":"{status_words(s.status)}"'
+        f',"estimator":{quoted(view.estimator)},"status":{s.status},"state":"{status_text(s.status)}"'
         f"{_health_of('imu', view.health.imu)}{_health_of('gnss', view.health.gnss)}{numbers}}}"
     )
 
@@ -211,12 +211,12 @@ class Report:
         return self._objects[kind]
 
     def lines(self, kinds: tuple[str, ...]) -> bytes:
-        """Messages as they go on the wire; those that would say nothing are left out."""
+        """Messages as bytes; those without data are left out."""
         if kinds not in self._lines:
-            silent = set() if self.view.estimator else {"ATT", "IMU", "EST"}
+            empty = set() if self.view.estimator else {"ATT", "IMU", "EST"}
             if self.view.gnss is None:
-                silent.add("SKY")
-            self._lines[kinds] = line(*(self.object(kind) for kind in kinds if kind not in silent))
+                empty.add("SKY")
+            self._lines[kinds] = line(*(self.object(kind) for kind in kinds if kind not in empty))
         return self._lines[kinds]
 
     def poll(self, watched: bool) -> str:

@@ -1,4 +1,4 @@
-"""The text of gpsd's JSON objects: numbers that are known, strings, times, the beginning that all share.
+"""The text of gpsd's JSON objects: finite numbers, strings, times, the members that all objects begin with.
 
 A number that is not finite is never printed: its key is left out.
 """
@@ -61,5 +61,5 @@ def time_of(view: View) -> str:
 
 
 def line(*objects: str) -> bytes:
-    """Objects as they go on the wire: py-gps waits for ever for a message that ends in LF alone."""
+    """Objects as bytes with CR LF: py-gps waits for ever for a message that ends in LF alone."""
     return "".join(f"{text}\r\n" for text in objects).encode("ascii")

@@ -1,4 +1,4 @@
-"""SKY: what the receiver last said of the satellites, numbered as gpsd numbers them."""
+"""SKY: the receiver's last report of the satellites, in gpsd's numbering."""
 
 from drivers.fix import Satellite
 
@@ -7,32 +7,32 @@ from .view import NAN, View
 
 _SKY = Numbers(hdop="%.4g", pdop="%.4g", vdop="%.4g", nSat="%.4g", uSat="%.4g")
 _SATELLITE = Numbers(gnssid="%d", svid="%d", el="%.4g", az="%.4g", ss="%.4g")
-_FIX_LIFE_S = 10.0
+_FIX_AGE_MAX_S = 10.0
 _SATELLITES_MAX = 100  # 140 would blank libgps' list, and 10 kB are too long for a line
-_SBAS, _SBAS_LESS = 1, 87  # NMEA calls PRN 120 satellite 33
+_SBAS, _SBAS_OFFSET = 1, 87  # NMEA calls PRN 120 satellite 33
 _OFFSETS = {2: 300, 3: 400, 5: 192, 6: 64}  # from svid to PRN, by gnssid
 
 
-def _numbered(satellite: Satellite) -> tuple[int, int]:
-    """PRN and svid as gpsd has them; receivers number Galileo, BeiDou and QZSS from 1, or as PRN."""
+def _prn_and_svid(satellite: Satellite) -> tuple[int, int]:
+    """PRN and svid in gpsd's numbering; receivers number Galileo, BeiDou and QZSS from 1, or as PRN."""
     if satellite.system == _SBAS:
-        return satellite.number + _SBAS_LESS, satellite.number + _SBAS_LESS
+        return satellite.number + _SBAS_OFFSET, satellite.number + _SBAS_OFFSET
     offset = _OFFSETS.get(satellite.system, 0)
     svid = satellite.number - offset if satellite.number > offset else satellite.number
     return svid + offset, svid
 
 
 def _satellite(satellite: Satellite) -> str:
-    prn, svid = _numbered(satellite)
+    prn, svid = _prn_and_svid(satellite)
     known = (satellite.elevation_deg, satellite.azimuth_deg, satellite.signal_dbhz)
     numbers = _SATELLITE(satellite.system, svid, *(NAN if value is None else value for value in known))
     return f'{{"PRN":{prn}{numbers},"used":{"true" if satellite.used else "false"}}}'
 
 
 def sky_object(view: View) -> str:
-    """The last fix's dilutions and satellites, as far as the receiver tells; nothing of a fix older than 10 s."""
+    """The last fix's dilutions and satellites, as far as the receiver reports them; empty if it is older than 10 s."""
     gnss = view.gnss
-    if gnss is None or gnss.age_s > _FIX_LIFE_S:
+    if gnss is None or gnss.age_s > _FIX_AGE_MAX_S:
         return f"{head('SKY', view)}{time_of(view)}}}"
     sky, used = gnss.sky, NAN if gnss.satellites is None or gnss.satellites < 0 else gnss.satellites
     dops = (NAN if dop is None else dop for dop in (sky.pdop, sky.vdop))

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
-from .addresses import Address, listen, shown_address
+from .addresses import Address, address_text, listen
 
 TOO_MANY, NO_DESCRIPTORS = "too many clients", "no descriptor left for another client"  # the reasons, as sent
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)  # accept() fails with one of these
@@ -56,7 +56,7 @@ class Listeners:
     @property
     def addresses(self) -> tuple[str, ...]:
         """The addresses, with the port numbers that the system assigned."""
-        return tuple(shown_address(sock) for sock in self._sockets.values())
+        return tuple(address_text(sock) for sock in self._sockets.values())
 
     def accept(self, fd: int) -> socket.socket | None:
         """The next connection; None: no client waits, or none can be accepted before `tick`. Raises RejectedError."""

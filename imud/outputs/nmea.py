@@ -1,4 +1,4 @@
-"""NMEA sentences to a UDP address and to a pseudo-terminal, for programs that know receivers only.
+"""NMEA sentences to a UDP address and to a pseudo-terminal, for programs that read receivers only.
 
 The output never blocks: sentences that a reader does not take are discarded, the oldest first, so that no reader gets
 outdated sentences.
@@ -27,7 +27,7 @@ _PTY_BACKLOG = 2048  # bytes that may wait for the reader of the pseudo-terminal
 
 
 class NmeaOutput:
-    """As far as it is configured. Not thread-safe."""
+    """The configured outputs of sentences. Not thread-safe."""
 
     def __init__(self, settings: Nmea) -> None:
         """Open. Raises ConfigError (78), CannotCreateError (73), PermissionDeniedError (77)."""
@@ -53,7 +53,7 @@ class NmeaOutput:
         with contextlib.suppress(OSError):  # some mounts forbid it; then only our user may read
             Path(path).chmod(0o666)
         if _is_locked_by_another(link):
-            raise CannotCreateError(f"cannot make {link} (nmea.pty): another instance's sentences are there")
+            raise CannotCreateError(f"cannot make {link} (nmea.pty): another instance uses it")
         fcntl.lockf(self._slave, fcntl.LOCK_EX)
         try:
             if link.is_symlink():

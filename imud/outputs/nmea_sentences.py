@@ -1,7 +1,7 @@
 """A solution as NMEA 0183 sentences for plotters and autopilots: GGA, RMC, VTG, HDT, ROT and PASHR.
 
-A field that is not known, or not valid, is empty; the talker is GP, which every listener takes. Positions are WGS-84,
-altitudes above mean sea level as far as the receiver tells the geoid, angles true.
+A field that is not known, or not valid, is empty; the talker is GP, which every listener accepts. Positions are WGS-84,
+altitudes above mean sea level if the receiver reports the geoid, angles true.
 
 Source: NMEA 0183 4.11; PASHR as in Hemisphere's and Applanix' manuals (right side down and bow up are positive).
 """
@@ -24,10 +24,10 @@ _MODES = {2: "D", 4: "R", 5: "F", _ESTIMATED: "E"}  # of GGA's quality; else A
 def sentences(view: View) -> bytes:
     """All sentences of one instant, in the order of `_SENTENCES`."""
     state = decode(view.solution)
-    return b"".join(_framed(make(view, state)) for make in _SENTENCES)
+    return b"".join(_with_checksum(make(view, state)) for make in _SENTENCES)
 
 
-def _framed(body: str) -> bytes:
+def _with_checksum(body: str) -> bytes:
     data = body.encode("ascii")
     return b"$%b*%02X\r\n" % (data, functools.reduce(operator.xor, data, 0))
 
@@ -140,5 +140,5 @@ def pashr(view: View, state: State) -> str:
     )
 
 
-# RMC is the last with a time: gpsd takes that for the end of the burst, and tells no position if that is PASHR.
+# RMC is the last with a time: gpsd ends the burst with the last one, and reports no position if that is PASHR.
 _SENTENCES: tuple[Callable[[View, State], str], ...] = (gga, vtg, hdt, rot, pashr, rmc)

@@ -22,12 +22,12 @@ from imud.errors import CannotCreateError, PermissionDeniedError
 WORD = np.dtype(np.uint64)
 _LOCK_BYTES = WORD.itemsize  # before the record
 _LIVENESS_WORDS = LIVENESS.size // WORD.itemsize
-_HEARTBEAT = RECORD.size // WORD.itemsize + 2  # place of this word; lock, record and check stand before it
+_HEARTBEAT = RECORD.size // WORD.itemsize + 2  # index of this word, after lock, record and check
 
 
 @entry
 def write(file: int, address: int, record: NDArray[np.uint64], now_ns: int) -> None:
-    """The record, as 64-bit words, into the file whose contents stand at the address, too."""
+    """Write the record, as 64-bit words, to the file and to our copy of its contents at the address."""
     size = len(record) + 2 + _LIVENESS_WORDS
     memory = records(address, size, WORD)
     lock = memory[0]
@@ -50,7 +50,7 @@ class SharedMemory:
     """The one writer of one file. Not thread-safe."""
 
     def __init__(self, path: str) -> None:
-        """Create, or take over what an earlier run left. Raises CannotCreateError (73), PermissionDeniedError (77)."""
+        """Create the file, or reuse an earlier run's. Raises CannotCreateError (73), PermissionDeniedError (77)."""
         self.file = _open(path)
         self._memory: NDArray[np.uint64] = np.zeros(SHARED_SIZE // WORD.itemsize, WORD)
         self._memory[_HEARTBEAT:] = np.frombuffer(LIVENESS.pack(time.monotonic_ns(), os.getpid(), boot_id()), WORD)
@@ -99,6 +99,6 @@ def _open(path: str) -> int:
         raise CannotCreateError(f"cannot share memory in {path}: another imud writes there") from error
     if os.fstat(file).st_size and os.pread(file, len(MAGIC), _LOCK_BYTES) not in (MAGIC, bytes(len(MAGIC))):
         os.close(file)
-        raise CannotCreateError(f"cannot share memory in {path}: that file is something else; choose another name")
+        raise CannotCreateError(f"cannot share memory in {path}: that is another kind of file; choose another name")
     os.fchmod(file, 0o644)  # whatever a service's umask
     return file

@@ -1,6 +1,6 @@
-"""What the outputs get of one instant, and how to unpack a solution's bytes into the units that they publish.
+"""The view: the data of one instant that all outputs publish; unpacking of a solution into their units.
 
-Values only, frozen: an output may keep a view as long as it likes. Unknown is NaN, as in the records.
+Values only, frozen: an output may keep a view. Unknown is NaN, as in the records.
 """
 
 import math
@@ -42,7 +42,7 @@ class Device(NamedTuple):
 
 
 class Health(NamedTuple):
-    """What is wrong with the sensors, in words; nothing: they are well. None: there is no such sensor."""
+    """The faults of the sensors, as texts; empty: none. None: there is no such sensor."""
 
     imu: tuple[str, ...] | None = None
     gnss: tuple[str, ...] | None = None

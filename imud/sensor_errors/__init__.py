@@ -1,1 +1,1 @@
-"""What is known of a sensor's errors: noise profiles, calibrations kept by serial number, and how both are found."""
+"""The errors of a sensor: noise profiles, calibrations by serial number, and the estimation of both."""

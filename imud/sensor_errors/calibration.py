@@ -20,7 +20,7 @@ from drivers.driver import Identity
 
 from ..compile.jit import interpreted, kernel
 from ..errors import BadDataError, CannotCreateError, InputMissingError
-from ..folders import places
+from ..folders import folders_for
 from ..math.rotation import dcm_of_quat, quat_of_euler
 
 Triple = tuple[float, float, float]
@@ -61,7 +61,7 @@ class Mounting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Of the sensor `serial`; what was never found is None."""
+    """Of the sensor `serial`; a part that was never calibrated is None."""
 
     serial: str
     gyro: Gyro | None = None
@@ -90,7 +90,7 @@ CORRECTION = np.dtype(
 
 
 def correction(calibration: Calibration, mount_rpy_deg: Triple) -> NDArray[np.void]:
-    """What `correct` needs (array of one CORRECTION). A mounting given by the user overrides the calibrated one."""
+    """The parameters of `correct` (array of one CORRECTION). The user's mounting overrides the calibrated one."""
     rpy = mount_rpy_deg
     if rpy == NOTHING and calibration.mounting is not None:
         rpy = calibration.mounting.rpy_deg
@@ -109,13 +109,13 @@ def correction(calibration: Calibration, mount_rpy_deg: Triple) -> NDArray[np.vo
 
 @kernel
 def correct(sample: Any, c: Any) -> None:
-    """Take the sensor's known errors out of a sample and turn it from the sensor's into body axes."""
-    warmer = sample.temperature - c.temperature
-    if not math.isfinite(warmer):
-        warmer = 0.0
-    w0 = sample.w[0] - c.gyro_bias[0] - warmer * c.gyro_slope[0]
-    w1 = sample.w[1] - c.gyro_bias[1] - warmer * c.gyro_slope[1]
-    w2 = sample.w[2] - c.gyro_bias[2] - warmer * c.gyro_slope[2]
+    """Correct a sample by the calibrated errors, and rotate it from the sensor's into body axes."""
+    rise = sample.temperature - c.temperature
+    if not math.isfinite(rise):
+        rise = 0.0
+    w0 = sample.w[0] - c.gyro_bias[0] - rise * c.gyro_slope[0]
+    w1 = sample.w[1] - c.gyro_bias[1] - rise * c.gyro_slope[1]
+    w2 = sample.w[2] - c.gyro_bias[2] - rise * c.gyro_slope[2]
     f0, f1, f2 = sample.f[0] - c.accel_bias[0], sample.f[1] - c.accel_bias[1], sample.f[2] - c.accel_bias[2]
     d0, d1, d2 = sample.down[0], sample.down[1], sample.down[2]
     w, f, down, W, F, D = sample.w, sample.f, sample.down, c.gyro, c.accel, c.turn
@@ -126,8 +126,8 @@ def correct(sample: Any, c: Any) -> None:
 
 
 def folders() -> list[Path]:
-    """Where calibrations are kept, in order of preference: the machine's, then the service's or the user's own."""
-    return [_COMMON, *places("state")]
+    """The folders of calibrations, in order of preference: the machine's, then the service's or the user's own."""
+    return [_COMMON, *folders_for("state")]
 
 
 def _name(serial: str) -> str:
@@ -136,14 +136,14 @@ def _name(serial: str) -> str:
 
 def load(serial: str, where: list[Path] | None = None) -> Calibration:
     """The calibration of the sensor `serial`, empty if there is none. Raises BadDataError for a broken file."""
-    for place in folders() if where is None else where:
+    for folder in folders() if where is None else where:
         with contextlib.suppress(InputMissingError):
-            return read(place / _name(serial))
+            return read(folder / _name(serial))
     return Calibration(serial)
 
 
 def name_of(identity: Identity) -> str:
-    """The name under which a sensor's calibration is kept: its serial number, or else its model."""
+    """The name under which a sensor's calibration is saved: its serial number, or else its model."""
     return identity.serial or identity.model or identity.driver
 
 
@@ -164,20 +164,20 @@ def read(path: Path) -> Calibration:
 
 def save(calibration: Calibration, where: list[Path] | None = None) -> Path:
     """Replace the file as a whole, in the first folder that may be written. Raises CannotCreateError."""
-    tried = folders() if where is None else where
-    for place in tried:
-        path = place / _name(calibration.serial)
+    candidates = folders() if where is None else where
+    for folder in candidates:
+        path = folder / _name(calibration.serial)
         with contextlib.suppress(OSError):
-            if place is tried[-1]:
-                place.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile("w", dir=place, delete=False) as file:
+            if folder is candidates[-1]:
+                folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile("w", dir=folder, delete=False) as file:
                 file.write(_toml(calibration))
                 file.flush()
                 os.fsync(file.fileno())
             Path(file.name).chmod(0o644)
             Path(file.name).replace(path)
             return path
-    raise CannotCreateError(f"cannot keep the calibration: none of {', '.join(map(str, tried))} may be written")
+    raise CannotCreateError(f"cannot save the calibration: none of {', '.join(map(str, candidates))} may be written")
 
 
 def _toml(calibration: Calibration) -> str:

@@ -1,9 +1,9 @@
-"""A gyro's bias at rest, and how it follows the temperature."""
+"""A gyro's bias at rest, and its temperature coefficient."""
 
 import numpy as np
 
 from ..math.arrays import Records
-from .rest import WINDOW_S, Estimate, UnfitError, mean, still_spells, windows
+from .rest import WINDOW_S, Estimate, UnfitError, mean, rest_intervals, windows
 
 _BIAS_S = 10.0  # the least time at rest for a bias
 _SPAN_K = 5.0  # of temperature, for a slope
@@ -11,17 +11,17 @@ _SPAN_K = 5.0  # of temperature, for a slope
 
 def bias(samples: Records, rate_hz: float) -> Estimate:
     """Bias in rad/s (3) from the longest time at rest. Raises UnfitError."""
-    spell = max(still_spells(samples, rate_hz), key=lambda s: s.stop - s.start)
-    seconds = (spell.stop - spell.start) / rate_hz
+    interval = max(rest_intervals(samples, rate_hz), key=lambda s: s.stop - s.start)
+    seconds = (interval.stop - interval.start) / rate_hz
     if seconds < _BIAS_S:
         raise UnfitError(f"the longest rest lasts {seconds:.1f} s; the gyro's bias needs {_BIAS_S:.0f} s")
-    return mean(samples["w"][spell.start : spell.stop], max(1, round(WINDOW_S * rate_hz)))
+    return mean(samples["w"][interval.start : interval.stop], max(1, round(WINDOW_S * rate_hz)))
 
 
 def slope(samples: Records, rate_hz: float) -> tuple[Estimate, Estimate, float]:
     """Bias in rad/s at the mean temperature, its slope in rad/s/K (3 each), and that temperature. Raises UnfitError."""
-    spells = still_spells(samples, rate_hz)
-    rest = np.concatenate([samples[s.start : s.stop] for s in spells])
+    intervals = rest_intervals(samples, rate_hz)
+    rest = np.concatenate([samples[s.start : s.stop] for s in intervals])
     if not np.isfinite(rest["temperature"]).all():
         raise UnfitError("the recording holds no temperature")
     m = max(1, round(2.0 * WINDOW_S * rate_hz))

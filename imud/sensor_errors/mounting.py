@@ -1,17 +1,17 @@
-"""How a sensor is mounted in its vehicle: down from a rest on level ground, forwards from a straight start."""
+"""The mounting of a sensor in its vehicle: down from a rest on level ground, forwards from a straight start."""
 
 import math
 
 import numpy as np
 
 from ..math.arrays import Floats, Records
-from .rest import WINDOW_S, UnfitError, mean, still_spells, windows
+from .rest import WINDOW_S, UnfitError, mean, rest_intervals, windows
 
 _ACCELERATION = 0.5  # m/s^2, the least that shows where forwards is
 _STRAIGHT_DEG = 20.0
 _START_S = 1.5
-_CURVES_S, _CURVE = 30.0, 0.3  # looked at so long; m/s^2, the least push that counts
-_MIRRORED = "gyro and accelerometer contradict each other: an axis is mirrored; no mounting can mend that"
+_CURVES_S, _CURVE = 30.0, 0.3  # of data that are tested; m/s^2, the least acceleration that counts
+_MIRRORED = "gyro and accelerometer contradict each other: an axis is mirrored; no mounting can correct that"
 
 
 def mounting(samples: Records, rate_hz: float) -> tuple[Floats, Floats]:
@@ -19,16 +19,16 @@ def mounting(samples: Records, rate_hz: float) -> tuple[Floats, Floats]:
 
     From a rest on level ground followed by a straight start forwards. Raises UnfitError, also for mirrored axes.
     """
-    spells = still_spells(samples, rate_hz)
-    rest = spells[0]
+    intervals = rest_intervals(samples, rate_hz)
+    rest = intervals[0]
     m = max(2, round(WINDOW_S * rate_hz))
     up_force = mean(samples["f"][rest.start : rest.stop], m)
     bias = samples["w"][rest.start : rest.stop].mean(axis=0)
     down = -up_force.value / np.linalg.norm(up_force.value)
     _refuse_mirrored(samples, bias, rate_hz)
     after = samples[rest.stop :]
-    push = windows(after["f"], m).mean(axis=1) - up_force.value if len(after) >= m else np.empty((0, 3))
-    level = push - np.outer(push @ down, down)
+    acceleration = windows(after["f"], m).mean(axis=1) - up_force.value if len(after) >= m else np.empty((0, 3))
+    level = acceleration - np.outer(acceleration @ down, down)
     size = np.linalg.norm(level, axis=1)
     strong = np.flatnonzero(size > _ACCELERATION)
     if len(strong) == 0:

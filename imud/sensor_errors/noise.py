@@ -1,4 +1,4 @@
-"""What an Allan deviation tells of a sensor's noise: random walk N, bias instability B, rate random walk K.
+"""The noise coefficients of an Allan deviation: random walk N, bias instability B, rate random walk K.
 
 The model is sigma^2(tau) = N^2/tau + (2 ln 2/pi) B^2 + K^2 tau/3 (IEEE Std 952-2020, annex C.1), fitted by generalised
 least squares with coefficients that are not negative. The covariance of the overlapping estimates at two times follows
@@ -18,7 +18,7 @@ from ..math.allan import allan_variance, integrated
 from ..math.arrays import Floats
 
 PER_OCTAVE = 4  # points of the curve; every fourth is fitted
-_FEWEST = 9  # clusters of the longest time: fewer say nothing
+_CLUSTERS_MIN = 9  # of the longest time
 _FLICKER = 2.0 * math.log(2.0) / math.pi
 _ROUNDS = 6  # of weighting anew by the fitted model
 _SIGNIFICANT = 2.0  # sigma
@@ -60,7 +60,7 @@ def allan_deviation(rate: Floats, rate_hz: float) -> AllanDeviation:
     n = len(rate)
     if n < 64:
         raise ValueError(f"{n} samples; an Allan deviation needs at least 64")
-    octaves = math.floor(math.log2(n / _FEWEST) * PER_OCTAVE)
+    octaves = math.floor(math.log2(n / _CLUSTERS_MIN) * PER_OCTAVE)
     sizes = np.unique(np.rint(2.0 ** (np.arange(octaves + 1) / PER_OCTAVE)).astype(np.int64))
     variance = np.empty(len(sizes))
     allan_variances(np.require(rate, float, ["C", "W"]), np.empty(n + 1), sizes, variance)

@@ -1,4 +1,4 @@
-"""Noise profiles of inertial sensors by name: what an estimator must know of a sensor, each with its source."""
+"""Noise profiles of inertial sensors by name: the error model that an estimator needs, each with its source."""
 
 import math
 from dataclasses import dataclass, replace
@@ -74,7 +74,7 @@ DEFAULT = "consumer-mems"
 
 
 # settings.noise: key, what it replaces, its unit in SI
-_KNOWN_BETTER = (
+_OVERRIDES = (
     ("gyro_random_walk_deg_per_sqrt_h", "gyro_noise", _DEG / math.sqrt(_HOUR)),
     ("gyro_bias_instability_deg_per_h", "gyro_bias_instability", _DEG / _HOUR),
     ("gyro_bias_initial_dps", "gyro_bias_initial", _DEG),
@@ -87,10 +87,10 @@ _KNOWN_BETTER = (
 
 
 def profile_of(settings: Settings) -> Profile:
-    """The profile that the settings name, that of an unknown sensor for "auto", with what they know better."""
+    """The profile that the settings name, that of an unknown sensor for "auto", with the user's values."""
     name = settings.imu.profile
     profile = PROFILES[DEFAULT if name == "auto" else name]
-    known = {field: value * unit for key, field, unit in _KNOWN_BETTER if (value := getattr(settings.noise, key))}
+    known = {field: value * unit for key, field, unit in _OVERRIDES if (value := getattr(settings.noise, key))}
     return replace(profile, **known, **ranges_of(settings))
 
 

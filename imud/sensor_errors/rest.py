@@ -1,4 +1,4 @@
-"""Finds when a sensor is at rest, and refuses readings of no use to a calibration: frozen, clipped, or not numbers."""
+"""Detects rest for calibrations, and rejects readings that no calibration can use: frozen, clipped, or not numbers."""
 
 import math
 from dataclasses import dataclass
@@ -8,18 +8,18 @@ import numpy as np
 from ..math.arrays import Floats, Records
 
 WINDOW_S = 0.5
-_STILL = 3.0  # times the scatter of the quietest tenth of the windows
-_CALMEST_DPS, _CALMEST_MPS2 = 0.05, 0.02  # scatter that no sensor is blamed for
-_MOVING_DPS, _MOVING_MPS2 = 3.0, 0.7  # scatter that no sensor at rest has: somebody holds it
-_SPELL_S = 2.0  # the shortest that counts
+_STILL = 3.0  # times the scatter of the tenth of the windows with the least scatter
+_NOISE_DPS, _NOISE_MPS2 = 0.05, 0.02  # scatter of a sensor with much noise
+_MOVING_DPS, _MOVING_MPS2 = 3.0, 0.7  # scatter that no sensor at rest has, only one in a hand
+_REST_MIN_S = 2.0  # the shortest that counts
 
 
 class UnfitError(Exception):
-    """The recording does not suffice for what was asked; the message says why, and what to record instead."""
+    """The recording does not suffice for the calibration; the message says why, and what to record instead."""
 
 
 @dataclass(frozen=True)
-class Spell:
+class Interval:
     """A time at rest: its slice of the samples."""
 
     start: int
@@ -48,7 +48,7 @@ def refuse_broken(samples: Records) -> None:
             raise UnfitError(f"the {kind} gives values that are no numbers")
         for axis, column in zip("xyz", values.T, strict=True):
             if (column == column[0]).all():
-                raise UnfitError(f"the {kind}'s {axis} is frozen at {column[0]:g}: see to the sensor first")
+                raise UnfitError(f"the {kind}'s {axis} is frozen at {column[0]:g}: check the sensor first")
             edge = np.abs(column).max()
             if edge > 0.0 and (np.abs(column) == edge).sum() > max(20, 0.01 * len(column)) and _is_flat(column, edge):
                 raise UnfitError(f"the {kind}'s {axis} is at the end of its range ({edge:.4g})")
@@ -60,29 +60,29 @@ def _is_flat(column: Floats, edge: float) -> bool:
     return bool((at[1:] & at[:-1]).sum() > 0.8 * at.sum() and at.sum() < 0.9 * len(column))
 
 
-def still_spells(samples: Records, rate_hz: float) -> list[Spell]:
+def rest_intervals(samples: Records, rate_hz: float) -> list[Interval]:
     """When the sensor was at rest, for two seconds or more. Raises UnfitError if never."""
     m = max(2, round(WINDOW_S * rate_hz))
     if len(samples) < 2 * m:
-        raise UnfitError(f"{len(samples) / rate_hz:.1f} s are too short; record at least {_SPELL_S:.0f} s at rest")
+        raise UnfitError(f"{len(samples) / rate_hz:.1f} s are too short; record at least {_REST_MIN_S:.0f} s at rest")
     scatter_w = np.degrees(np.linalg.norm(windows(samples["w"], m).std(axis=1), axis=1))
     scatter_f = np.linalg.norm(windows(samples["f"], m).std(axis=1), axis=1)
-    limit_w = min(_STILL * max(np.quantile(scatter_w, 0.1), _CALMEST_DPS), _MOVING_DPS)
-    limit_f = min(_STILL * max(np.quantile(scatter_f, 0.1), _CALMEST_MPS2), _MOVING_MPS2)
+    limit_w = min(_STILL * max(np.quantile(scatter_w, 0.1), _NOISE_DPS), _MOVING_DPS)
+    limit_f = min(_STILL * max(np.quantile(scatter_f, 0.1), _NOISE_MPS2), _MOVING_MPS2)
     still = (scatter_w < limit_w) & (scatter_f < limit_f)
     force = windows(samples["f"], m).mean(axis=1)
     turned = np.linalg.norm(np.diff(force, axis=0), axis=1) > 3.0 * limit_f  # from one window to the next
     rate = np.degrees(windows(samples["w"], m).mean(axis=1))
-    spells, start = [], 0
+    intervals, start = [], 0
     for i in range(1, len(still) + 1):
         turns = i < len(still) and np.linalg.norm(rate[i] - rate[start]) > 3.0 * limit_w  # evenly, as in a bend
         if i == len(still) or not still[i] or not still[i - 1] or turned[i - 1] or turns:
-            if still[start] and (i - start) * m >= _SPELL_S * rate_hz:
-                spells.append(Spell(start * m, i * m))
+            if still[start] and (i - start) * m >= _REST_MIN_S * rate_hz:
+                intervals.append(Interval(start * m, i * m))
             start = i
-    if not spells:
-        raise UnfitError(f"the sensor was never at rest for {_SPELL_S:.0f} s: put it down and leave it alone")
-    return spells
+    if not intervals:
+        raise UnfitError(f"the sensor was never at rest for {_REST_MIN_S:.0f} s: put it down and leave it alone")
+    return intervals
 
 
 def mean(values: Floats, m: int) -> Estimate:

@@ -1,8 +1,8 @@
-"""The biases that the filter has found for one sensor, kept over a restart of the daemon: a file per serial number.
+"""The biases that the filter estimated for one sensor, stored over a restart of the daemon: a file per serial number.
 
-They are used only while they are surely those of the sensor's present switch-on: the same computer has not been booted
-since, the file is seconds old, samples are corrected as they were, and the sensor itself shows that it was not switched
-off. Whatever else is in the file, or in its place, is ignored: then the filter begins as it always does.
+They are used only if the sensor was certainly not switched off since: the computer has not been booted, the file is
+seconds old, samples have the same calibration, and the sensor itself shows that it has stayed on. Any other file is
+ignored: then the filter begins with the profile's biases.
 """
 
 import contextlib
@@ -14,12 +14,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ..folders import boot_id, places
+from ..folders import boot_id, folders_for
 from .calibration import Triple
 from .profiles import Profile
 
-MAX_AGE_S = 60.0  # a restart takes seconds; what happened to the sensor in a longer time nobody knows
-CAUTION = 2.0  # by which the standard deviations are multiplied: the temperature may have changed, the filter be wrong
+MAX_AGE_S = 60.0  # a restart takes seconds
+INFLATION = 2.0  # factor of the standard deviations: the temperature may have changed, the filter be wrong
 ACCEL_BIAS_WALK_S = 100.0  # in which the accelerometer's bias may change by its instability; the gyro's: in 1 s
 
 
@@ -53,40 +53,40 @@ def biases_of(solution: np.void) -> Biases:
 
 
 def aged(biases: Biases, age_s: float, profile: Profile) -> Biases | None:
-    """The same `age_s` later, with larger standard deviations; None if they say no more than the profile does."""
+    """The same `age_s` later, with larger standard deviations; None if they are as large as the profile's."""
     gyro_walk2 = profile.gyro_bias_instability**2 * age_s
     accel_walk2 = profile.accel_bias_instability**2 * age_s / ACCEL_BIAS_WALK_S
     older = Biases(
         biases.gyro_radps,
-        _grown(biases.gyro_sigma_radps, gyro_walk2, profile.gyro_bias_initial),
+        _inflated(biases.gyro_sigma_radps, gyro_walk2, profile.gyro_bias_initial),
         biases.accel_mps2,
-        _grown(biases.accel_sigma_mps2, accel_walk2, profile.accel_bias_initial),
+        _inflated(biases.accel_sigma_mps2, accel_walk2, profile.accel_bias_initial),
     )
     return older if max(older.gyro_sigma_radps) < profile.gyro_bias_initial else None
 
 
-def _grown(sigmas: Triple, variance: float, most: float) -> Triple:
-    x, y, z = (min(math.sqrt((CAUTION * sigma) ** 2 + variance), most) for sigma in sigmas)
+def _inflated(sigmas: Triple, variance: float, most: float) -> Triple:
+    x, y, z = (min(math.sqrt((INFLATION * sigma) ** 2 + variance), most) for sigma in sigmas)
     return x, y, z
 
 
 def load(serial: str, correction: NDArray[np.void], now_ns: int, profile: Profile) -> Biases | None:
-    """What is kept of the sensor `serial`, as it is worth at `now_ns`; None: nothing that can be trusted."""
-    for folder in places("state"):
+    """The stored biases of the sensor `serial`, aged to `now_ns`; None: none that can be used."""
+    for folder in folders_for("state"):
         with contextlib.suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
-            kept = msgspec.json.decode((folder / _name(serial)).read_bytes(), type=_File)
-            age_s = (now_ns - kept.monotonic_ns) * 1e-9
-            same = (kept.serial, kept.boot_id, kept.correction) == (serial, boot_id(), _numbers(correction))
-            if same and 0.0 <= age_s <= MAX_AGE_S and kept.biases.is_plausible:
-                return aged(kept.biases, age_s, profile)
+            stored = msgspec.json.decode((folder / _name(serial)).read_bytes(), type=_File)
+            age_s = (now_ns - stored.monotonic_ns) * 1e-9
+            same = (stored.serial, stored.boot_id, stored.correction) == (serial, boot_id(), _numbers(correction))
+            if same and 0.0 <= age_s <= MAX_AGE_S and stored.biases.is_plausible:
+                return aged(stored.biases, age_s, profile)
     return None
 
 
 def save(serial: str, correction: NDArray[np.void], now_ns: int, biases: Biases) -> None:
     """Replace the file as a whole, in the first folder that may be written. Raises OSError if there is none."""
     content = msgspec.json.encode(_File(serial, boot_id(), now_ns, _numbers(correction), biases))
-    refused = OSError("there is no folder for state")
-    for folder in places("state"):
+    last_error = OSError("there is no folder for state")
+    for folder in folders_for("state"):
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with tempfile.NamedTemporaryFile(dir=folder, prefix=".biases-", delete=False) as file:
@@ -94,8 +94,8 @@ def save(serial: str, correction: NDArray[np.void], now_ns: int, biases: Biases)
             Path(file.name).replace(folder / _name(serial))
             return
         except OSError as error:
-            refused = error
-    raise refused
+            last_error = error
+    raise last_error
 
 
 def _name(serial: str) -> str:

@@ -20,7 +20,7 @@ from aiohttp import web
 from aiohttp.typedefs import Handler
 
 from imud import figures
-from imud.outputs.addresses import Address, is_local, listen, shown_address
+from imud.outputs.addresses import Address, address_text, is_local, listen
 
 from .bridge import Bridge
 from .limits import KEEP_ALIVE_S, Connections, ErrorLog
@@ -146,7 +146,7 @@ async def _serve(daemon: Address, listening: socket.socket, control: bool) -> No
     connections.server = runner.server
     listener = await loop.create_server(connections, sock=listening)
     try:
-        print(f"http://{shown_address(listening)}/", flush=True)
+        print(f"http://{address_text(listening)}/", flush=True)
         await ended.wait()
     finally:
         listener.close()

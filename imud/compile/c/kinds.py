@@ -1,4 +1,4 @@
-"""What a value of a kernel is in C: a number, a tuple, a record, or an array."""
+"""The kinds of values of a kernel in C: a number, a tuple, a record, or an array."""
 
 import math
 from dataclasses import dataclass

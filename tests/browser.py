@@ -92,11 +92,11 @@ async def browser(profile):
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as running:
         try:
             deadline = time.monotonic() + START_S
-            told = profile / "DevToolsActivePort"
-            while not (told.exists() and told.read_text().count("\n")):
+            port_file = profile / "DevToolsActivePort"
+            while not (port_file.exists() and port_file.read_text().count("\n")):
                 assert running.poll() is None and time.monotonic() < deadline, "Chromium does not start"
                 await asyncio.sleep(0.1)
-            port = told.read_text().split()[0]
+            port = port_file.read_text().split()[0]
             async with aiohttp.ClientSession() as session:
                 async with session.get(f"http://127.0.0.1:{port}/json/list") as answer:
                     targets = await answer.json()

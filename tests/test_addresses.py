@@ -115,7 +115,7 @@ def test_a_dead_unix_socket_is_replaced_and_a_file_is_not(make_loop, tmp_path):
         GpsdServer(Gpsd(listen=str(tmp_path / "none/gpsd.sock")), select.poll())
 
 
-def test_a_forbidden_place_is_named(tmp_path):
+def test_a_forbidden_path_is_named(tmp_path):
     tmp_path.chmod(0o500)
     root = os.geteuid() == 0
     try:

@@ -62,7 +62,7 @@ def test_nothing_but_suspect_samples_claims_nothing():
     assert not np.any(out["status"] & ATTITUDE_VALID)
 
 
-def test_saturation_is_told_and_costs_certainty():
+def test_saturation_is_reported_and_increases_the_sigma():
     _, samples = still_then_moving()
     calm = solutions_of(samples, "m-g350")["sigma_rpy"][1220, 2]
     samples["w"][1200:1220, 2] = 300.0 * DEG
@@ -88,7 +88,7 @@ def test_only_the_sensor_that_is_named_saturated_costs_certainty():
     assert sigmas[LIMITED_FORCE][0] > 1.2 * calm[0]
 
 
-def test_a_short_gap_is_bridged_within_the_sigmas():
+def test_a_short_gap_is_extrapolated_within_the_sigmas():
     truth, samples = still_then_moving()
     keep = np.r_[0:1500, 1530:3000]
     out = solutions_of(samples[keep], "m-g350")

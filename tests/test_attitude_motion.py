@@ -137,7 +137,7 @@ def test_a_slow_turntable_is_not_taken_for_bias(profile):
 
 
 @pytest.mark.parametrize("profile", PROFILE_NAMES)
-def test_a_start_on_a_turntable_is_mended_when_it_stops(profile):
+def test_a_start_on_a_turntable_is_corrected_when_it_stops(profile):
     truth = simulate(60.0, 100.0, steady((0.0, 0.0, 1.0 * DEG), -1.0, 40.0))
     out = solutions_of(samples_from(truth), profile)
     assert abs(out["bg"][3900][2] - 1.0 * DEG) < 0.05 * DEG  # no sensor could tell

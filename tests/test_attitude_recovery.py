@@ -46,7 +46,7 @@ def test_a_sensor_that_slipped_unseen_finds_the_vertical_again(angle_deg):
     assert out["status"][1900] & HEADING_VALID and not np.any(out["status"][found] & HEADING_VALID)
 
 
-def test_a_gap_in_lively_motion_is_over_soon_although_it_left_the_tilt_unknown():
+def test_the_tilt_is_found_soon_after_a_gap_in_strong_motion():
     truth = simulate(60.0, 100.0, wobble(8, 2.0), wobble(58, 2.0, 1.0, 4.0))
     keep = (truth.t < 30.0) | (truth.t > 30.9)
     out = solutions_of(samples_from(truth)[keep], "m-g350")
@@ -65,7 +65,7 @@ def test_a_fast_car_is_not_beyond_belief():
 
 
 @pytest.mark.parametrize("angle_deg", [3.0, 5.0, 10.0])
-def test_a_wrong_tilt_at_rest_is_mended_when_no_acceleration_lasts_so_long(angle_deg):
+def test_a_wrong_tilt_at_rest_is_corrected_when_no_acceleration_lasts_so_long(angle_deg):
     truth = simulate(70.0, 50.0)
     samples, attitude = slipped(truth, angle_deg)
     assert_found(samples, attitude, truth.t > SLIP_S + 33.0, 1.0, 2.0)

@@ -84,7 +84,7 @@ def test_the_whole_path_from_bytes_in_c_gives_the_same_solutions(tmp_path):
         assert stream.decoder["lost"][0] > 0
 
 
-def test_an_installed_imud_says_that_there_is_no_c_to_compare_with(monkeypatch, tmp_path):
+def test_an_installed_imud_reports_that_there_is_no_c_to_compare_with(monkeypatch, tmp_path):
     """As it did not: `imud bench` from an installation ended with a traceback."""
     monkeypatch.setattr(reference, "SOURCES", tmp_path / "tests" / "c")
     with pytest.raises(reference.NoReferenceError, match="checkout"):

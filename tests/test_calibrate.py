@@ -120,7 +120,7 @@ def drive(C_vs, acceleration=2.0, seed=1):
 
 
 @pytest.mark.parametrize("C_vs", RIGHT_HANDED, ids=range(24))
-def test_mounting_in_all_right_handed_ways_and_a_little_off(C_vs):
+def test_mounting_in_all_right_handed_orientations_and_a_little_off(C_vs):
     fine = Rotation.from_euler("ZYX", [5.0, -3.0, 2.0], degrees=True).as_matrix()
     matrix, sigma = mounting(drive(C_vs @ fine), RATE_HZ)
     error = Rotation.from_matrix(matrix @ (C_vs @ fine).T).magnitude()

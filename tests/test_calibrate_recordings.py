@@ -54,7 +54,7 @@ def test_a_still_bias_of_the_same_recording_goes_to_another_name(warm_up, tmp_pa
 
 
 @pytest.mark.parametrize("way", range(24))
-def test_a_start_forwards_gives_the_mounting_in_all_right_handed_ways_and_a_little_off(way, tmp_path):
+def test_a_start_forwards_gives_the_mounting_in_all_right_handed_orientations(way, tmp_path):
     matrix = RIGHT_HANDED[way] @ FINE
     path = tmp_path / "start.mcap"
     signal = Mounted(vehicle("figure8"), matrix)
@@ -124,7 +124,7 @@ def test_what_cannot_be_used_is_refused_in_words(what, signal, ideal, says, tmp_
     assert not list(tmp_path.glob("*.toml"))
 
 
-def test_a_table_needs_to_be_told_whose_it_is(tmp_path, capsys):
+def test_a_table_needs_a_serial_number(tmp_path, capsys):
     table = tmp_path / "t.csv"
     table.write_text("t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2\n0,0,0,0,0,0,-9.8\n1,0,0,0,0,0,-9.8\n")
     assert calibrate("still", table, tmp_path) == 64

@@ -69,10 +69,10 @@ def receive_from(sensor, data, now_ns):
     sensor.stream.ingest(len(data), now_ns)
 
 
-def test_bits_that_a_dmu_sets_are_told_in_words():
+def test_fault_bits_of_a_dmu_are_reported_as_text():
     sensor = inertial(by_name("crossbow"))
     level = (0, 0, 0, 0, 0, 10923)
-    told = []
+    reported = []
     for k, bit in enumerate([0, 0, 4, 4, 0x44, 0x40, 0]):
         receive_from(sensor, packet(level, clock=-12_658 * k, bit=bit), k * SECOND // 100)
         told.append(sensor.faults(k * SECOND // 100))
@@ -96,10 +96,10 @@ def test_samples_that_no_counter_misses_are_lost_by_the_clock(gap):
     assert sensor.counters()["lost"] == sensor.lost
 
 
-def test_a_bit_that_was_set_from_the_start_is_the_drivers_to_tell():
+def test_the_driver_reports_a_fault_bit_that_is_set_from_the_start():
     sensor = inertial(by_name("crossbow"))
     level = (0, 0, 0, 0, 0, 10923)
-    told = []
+    reported = []
     for k, bit in enumerate([4, 4, 0, 4]):
         receive_from(sensor, packet(level, clock=-12_658 * k, bit=bit), k * SECOND // 100)
         told.append(sensor.faults(k * SECOND // 100))
@@ -131,7 +131,7 @@ def fix(lat_deg, seconds, speed_mps=0.0, lon_deg=10.0):
 
 
 @pytest.mark.parametrize(("talks", "said"), [(False, "stale"), (True, "tells no position")])
-def test_a_receiver_that_tells_no_position_is_not_called_silent(talks, said):
+def test_a_receiver_without_a_position_is_not_reported_silent(talks, said):
     receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
     for second in range(6) if talks else ():
         receiver.take(line("GPGSV,1,1,00"), second * SECOND)
@@ -149,7 +149,7 @@ def test_a_receiver_that_repeats_its_fix_is_not_called_well():
 
 def test_a_receiver_on_a_disturbed_line_is_not_called_well():
     receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
-    told = []
+    reported = []
     for second in range(60):
         good = gga(f"12{second // 60:02}{second % 60:02}.000")
         torn = good.replace(b"545", b"546") * (10 <= second < 30 and second % 2)
@@ -158,21 +158,21 @@ def test_a_receiver_on_a_disturbed_line_is_not_called_well():
         receiver.look(second * SECOND)
         told.append(receiver.faults(second * SECOND))
     disturbed = ("receiver: more than 1% of its sentences do not arrive whole",)
-    assert set(told[:18]) == set(told[41:]) == {()}
-    assert set(told[20:30]) == {disturbed}
+    assert set(reported[:18]) == set(reported[41:]) == {()}
+    assert set(reported[20:30]) == {disturbed}
 
 
 def test_an_inertial_sensor_on_a_disturbed_line_is_not_called_well():
     sensor = inertial(by_name("crossbow"))
-    told = []
+    reported = []
     for k in range(6000):
         data = packet((0, 0, 0, 0, 0, 10923), clock=-12_658 * k)
         receive_from(sensor, bytes(24) if 1000 <= k < 3000 and k % 40 == 0 else data, k * SECOND // 100)
         sensor.look(k * SECOND // 100)
         told.append(sensor.faults(k * SECOND // 100))
     disturbed = ("inertial sensor: more than 1% of its samples do not arrive whole",)
-    assert set(told[:1000]) == set(told[4100:]) == {()}
-    assert set(told[2000:3000]) == {disturbed}
+    assert set(reported[:1000]) == set(reported[4100:]) == {()}
+    assert set(reported[2000:3000]) == {disturbed}
 
 
 def test_what_was_counted_in_all_connections_is_added_up():

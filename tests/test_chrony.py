@@ -70,7 +70,7 @@ def reader(tmp_path, unit):
 def test_a_c_program_reads_when_the_fix_was_by_both_clocks(unit, reader):
     output = ChronyOutput(unit)
     size, mode, count, valid, *_ = reader()
-    assert (size, mode, count, valid) == (96, 1, 0, 0)  # nothing is told before the first fix
+    assert (size, mode, count, valid) == (96, 1, 0, 0)  # nothing is epoch_ns before the first fix
 
     before_ns = time.time_ns()
     output.publish(replace(FIX, arrival_ns=time.monotonic_ns()), LATENCY_S)
@@ -116,11 +116,11 @@ def test_the_precision_is_that_of_the_line(unit, reader, jitter_s):
 )
 def test_the_day_of_a_fix(utc_s, day, now, expected):
     *whole, second = expected
-    told = utc_ns(replace(FIX, utc_s=utc_s, date=day), calendar.timegm(now) * 1_000_000_000)
-    assert told == calendar.timegm((*whole, 0)) * 1_000_000_000 + round(second * 1e9)
+    epoch_ns = utc_ns(replace(FIX, utc_s=utc_s, date=day), calendar.timegm(now) * 1_000_000_000)
+    assert epoch_ns == calendar.timegm((*whole, 0)) * 1_000_000_000 + round(second * 1e9)
 
 
-def test_a_fix_without_a_time_tells_none(unit, reader):
+def test_a_fix_without_a_time_gives_no_time(unit, reader):
     output = ChronyOutput(unit)
     output.publish(replace(FIX, utc_s=None), LATENCY_S)
     assert reader()[2:4] == [0, 0]

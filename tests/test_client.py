@@ -110,7 +110,7 @@ def test_clients_get_every_state_they_asked_for(outputs):
         assert heard == list(range(0, 1000, 10))
 
 
-def test_a_stalled_client_loses_its_own_and_is_told_by_the_numbers(outputs):
+def test_a_stalled_client_loses_its_own_records_and_sees_the_gap_in_their_numbers(outputs):
     with client.connect(outputs.at / "s") as live, client.connect(outputs.at / "s", timeout_s=1.0) as stalled:
         serve(outputs)
         serve(outputs)
@@ -136,7 +136,7 @@ def test_one_that_never_reads_is_cut_off(outputs):
         assert outputs.stream.clients == 0
 
 
-def test_rubbish_and_crowds(outputs):
+def test_invalid_requests_and_too_many_clients(outputs):
     crowd = [client.connect(outputs.at / "s") for _ in range(8)]
     for _ in crowd:
         serve(outputs)
@@ -151,7 +151,7 @@ def test_rubbish_and_crowds(outputs):
     assert outputs.stream.clients == 0
 
 
-def test_out_of_descriptors_clients_are_sent_away(outputs):
+def test_out_of_descriptors_clients_are_rejected(outputs):
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     with client.connect(outputs.at / "s") as waiting:
         lowest = os.dup(0)
@@ -195,7 +195,7 @@ def test_a_file_of_something_else_is_not_written_over(tmp_path):
     assert notes.read_text() == "worth keeping"
 
 
-def test_a_dead_daemon_leaves_nothing_in_the_way(tmp_path):
+def test_the_socket_of_a_dead_daemon_is_replaced(tmp_path):
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as dead:
         dead.bind(str(tmp_path / "s"))
     (tmp_path / "m").write_bytes(b"\xff" * 8 + client.MAGIC + b"\xff" * 1000)
@@ -320,7 +320,7 @@ def test_a_state_that_a_crash_left_behind_is_not_taken_for_new(outputs):
 
 
 @pytest.mark.parametrize("size", [0, 8, 100, 4096])
-def test_a_file_that_somebody_truncates_is_written_anew(outputs, size):
+def test_a_truncated_file_is_written_anew(outputs, size):
     outputs.publish(solutions(1, 3), 1, 3, 0)
     shared = client.Shared(outputs.at / "m")
     os.truncate(outputs.at / "m", size)
@@ -335,7 +335,7 @@ def test_a_file_that_somebody_truncates_is_written_anew(outputs, size):
     shared.close()
 
 
-def test_nothing_is_done_while_nobody_listens(tmp_path):
+def test_without_clients_no_record_is_made(tmp_path):
     outputs = BinaryOutputs(Settings(), select.poll(), 4)
     outputs.publish(solutions(4), 4, 3, 0)
     assert not outputs._messages["seq"].any()

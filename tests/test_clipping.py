@@ -60,7 +60,7 @@ def test_smooth_motion_is_not_clipped(rate_hz):
         assert not flags.any(), seed
 
 
-def test_an_undeclared_range_costs_certainty_and_is_told():
+def test_an_undeclared_range_is_reported_and_increases_the_sigma():
     truth = simulate(60.0, 100.0, after(5.0, wobble(4, 5.0, 6.0, 14.0)))
     w, f = measure(truth, Flaws(), np.random.default_rng(4))
     samples = samples_of(truth.t, np.clip(w, -RANGE, RANGE), f)

@@ -59,7 +59,7 @@ def test_a_stalled_host_does_not_move_the_stamps():
     assert clock["corrections"][0] == 0
 
 
-def test_lost_samples_are_bridged_by_the_counter():
+def test_the_counter_counts_lost_samples():
     ticks, truth, arrivals = device(30_000, 2e-4, jitter_ns=1e6)
     kept = np.random.default_rng(2).random(len(ticks)) > 0.3
     t, _ = stamps(ticks[kept], arrivals[kept])
@@ -249,7 +249,7 @@ def test_samples_that_wait_for_each_other_move_a_stamp_by_half_a_millisecond(clo
 
 
 @pytest.mark.parametrize("clock_error", [0.4, 0.12, 0.02, -0.03, -0.07, -0.3])
-def test_a_device_that_keeps_no_time_is_followed(clock_error):
+def test_a_device_with_a_bad_oscillator_is_tracked(clock_error):
     ticks, truth, _ = device(30_000, clock_error)  # such as a program that sleeps a millisecond between its samples
     t, clock = stamps(ticks, queued(truth, np.random.default_rng(5)) if clock_error < 0 else truth + 1e5)
     assert np.abs(t - truth)[5_000:].max() < 5e6
@@ -309,7 +309,9 @@ def depth(heights):
 
 @settings(max_examples=25, deadline=None)
 @given(JITTERS, st.floats(-1e-3, 1e-3), st.integers(0, 99), st.floats(8.0, 300.0))
-def test_the_line_goes_by_the_earliest_arrivals_and_the_means_and_lies_below_them(jitter, clock_error, seed, seconds):
+def test_the_line_is_fitted_to_the_earliest_arrivals_and_the_means_and_lies_below_them(
+    jitter, clock_error, seed, seconds
+):
     n = round(40.0 * seconds)
     truth = 10**15 + np.arange(n) * 25e6 * (1.0 + clock_error)
     arrivals = delayed(truth, *jitter, np.random.default_rng(seed)).astype(np.int64)

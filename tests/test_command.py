@@ -37,7 +37,7 @@ def test_a_check_refuses_what_the_daemon_would(arguments, code, capsys):
 
 
 @pytest.mark.parametrize(("name", "waiting", "code"), [("absent", "--no-wait", 69), ("", "--wait", 74)])
-def test_what_is_no_port_is_told_before_anything_is_compiled(name, waiting, code, tmp_path, monkeypatch, capsys):
+def test_an_invalid_port_is_reported_before_anything_is_compiled(name, waiting, code, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("imud.daemon.loop.Daemon._prepare_kernels", lambda daemon: pytest.fail("compiled"))
     port, listen = tmp_path / name, tmp_path / "gpsd.sock"
     assert main(["run", "--port", str(port), waiting, "--listen", str(listen)]) == code
@@ -93,7 +93,7 @@ class Broken(io.StringIO):
         raise BrokenPipeError
 
 
-def test_a_log_that_nobody_reads_does_no_harm(monkeypatch):
+def test_a_log_without_a_reader_does_no_harm(monkeypatch):
     monkeypatch.setattr(sys, "stderr", Broken())
     log.configure()
     try:

@@ -127,7 +127,7 @@ def test_the_bits_are_numbas(in_c, x, y):
     assert theirs.tobytes() == ours.tobytes()
 
 
-def test_a_line_of_c_says_which_line_of_python_it_is(in_c, tmp_path):
+def test_a_line_of_c_names_its_line_of_python(in_c, tmp_path):
     """So gcov counts the lines of Python that ran."""
     if "gcc" not in subprocess.run([*build.compiler(), "-v"], capture_output=True, text=True, check=True).stderr:
         pytest.skip("gcov needs gcc")
@@ -193,7 +193,7 @@ def several(n):
         (several, r"variable that is both double and t2_double"),
     ],
 )
-def test_what_has_no_translation_is_named_with_its_place(function, what):
+def test_what_has_no_translation_is_named_with_file_and_line(function, what):
     unit = Translation()
     with pytest.raises(UnsupportedError, match=rf"test_compile_c\.py:\d+: .*{what}"):
         unit.export(function, [np.dtype(float) if function is from_the_end else None], "entry")

@@ -71,14 +71,14 @@ def rows_of(*values):
     ("values", "weights", "offset"),
     [((1.0, 2.0), (0.5, 0.25), 3), ((0.1,), (0.3,), -1), ((1e300, -1e300), (1.0, 1.0), 0)],
 )
-def test_an_entry_does_what_its_function_says(made, values, weights, offset):
+def test_an_entry_computes_what_its_function_computes(made, values, weights, offset):
     call = made(total, rows_of(1.0), np.ones(1), 0)
     rows = rows_of(*values)
     assert call(rows, np.array(weights), offset) == len(values)
     assert rows["a"].tolist() == [sum(v * w for v, w in zip(values, weights, strict=True)) + offset, *values[1:]]
 
 
-def test_an_array_that_took_the_place_of_another_is_not_taken_for_it(made):
+def test_an_array_at_the_address_of_another_is_not_mistaken_for_it(made):
     call = made(double, np.ones(1))
     for length in range(1, 50):
         values = np.full(length, 1.0)  # likely where the last one was

@@ -128,7 +128,7 @@ def test_a_signal_while_building_leaves_nothing_behind(built, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_without_a_compiler_it_says_what_takes_minutes_and_why(tmp_path, monkeypatch):
+def test_without_a_compiler_a_message_explains_the_minutes_of_compilation(tmp_path, monkeypatch):
     code = "from imud.compile import library; print(library.library())"
     ended = run(code=code, CC="no-such-compiler", IMUD_KERNELS=str(tmp_path / "kernels.so"))
     assert ended.stdout == "None\n"

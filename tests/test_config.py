@@ -59,7 +59,7 @@ def test_initial_values():
         config.parse_assignments("yaw=1", Initial, "--initial")
 
 
-def test_what_is_hot_is_adopted_and_the_rest_waits():
+def test_hot_settings_are_applied_and_the_others_wait():
     running = config.loads("[gpsd]\nrate_hz = 5.0\n[gnss]\nmax_hdop = 3.0")
     fresh = config.loads(
         'ports = ["/dev/ttyS0"]\n[gpsd]\nrate_hz = 7.0\nlisten = "127.0.0.1:1"\n[gnss]\nmax_hdop = 3.0'

@@ -145,7 +145,7 @@ def test_ins9(scenario):
     assert (mean_of(squares, DOWN)[1:] < 2.0).all()
 
 
-def test_stationary_fears_more_than_there_is():
+def test_stationary_is_conservative():
     squares, _ = normalised("stationary", "rest", 20.0, (4.5, 19.5))
     assert np.isnan(squares[:, :, P]).all()  # without an origin there is no position to judge
     bias = []

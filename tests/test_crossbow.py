@@ -130,14 +130,14 @@ def test_another_checksum_is_taken_once_it_fits_twenty_times(name):
     assert decoder().feed(torn)["frames"] == 0
 
 
-def test_the_sums_are_told_apart():
+def test_the_checksum_conventions_are_distinguished():
     body = GOLDEN[2:22]
     assert [sums(body) for sums in SUMS.values()] == [0x06BF, 0xDFE3, 0xDFE5, 0xBF]
 
 
 @pytest.mark.parametrize("direction", [-1, 1])
 @pytest.mark.parametrize("spacing", [7911, 12658, 31000, 50000, 126582, 632911])
-def test_the_timer_is_unwrapped_whichever_way_it_counts(direction, spacing):
+def test_the_timer_is_unwrapped_in_both_directions(direction, spacing):
     rng = np.random.default_rng(spacing)
     # the unit's own sampling makes the spacing uneven
     at = np.cumsum(rng.integers(-3000, 3000, 300) + spacing)
@@ -149,14 +149,14 @@ def test_the_timer_is_unwrapped_whichever_way_it_counts(direction, spacing):
 
 
 @pytest.mark.parametrize("clock", [lambda k: 7, lambda k: (k * k * 7919) ^ (k << 7)])
-def test_a_timer_that_stands_or_raves_is_left_alone(clock):
+def test_a_constant_or_random_timer_is_ignored(clock):
     decoding = decoder().feed(b"".join(packet(clock=clock(k)) for k in range(300)))
     assert decoding.ticks == [k * SPACING for k in range(300)]
     assert decoding["lost"] == 0
 
 
 @given(st.lists(st.integers(1, 4), max_size=30))
-def test_packets_that_vanish_are_bridged_by_the_timer(steps):
+def test_the_timer_counts_lost_packets(steps):
     at = list(range(30)) + [29 + sum(steps[: k + 1]) for k in range(len(steps))]
     decoding = decoder().feed(b"".join(packet(clock=-k * SPACING) for k in at))
     assert decoding.ticks == [k * SPACING for k in at]

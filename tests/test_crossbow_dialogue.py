@@ -134,7 +134,7 @@ def test_a_stream_is_recognised_without_a_byte_written(rate_hz):
 
 
 @pytest.mark.parametrize("name", list(SUMS))
-def test_a_stream_with_another_checksum_is_recognised_and_said(name):
+def test_a_stream_with_another_checksum_is_recognised_and_reported(name):
     def odd(clock):
         return packet(clock=clock, checksum=SUMS[name])
 
@@ -196,7 +196,7 @@ def test_readonly_takes_the_stream_as_it_is():
     assert unit.written == b""
 
 
-def test_what_is_unusual_is_said():
+def test_unusual_properties_are_reported():
     unit = Rga(part=301)
     unit.host_baud = 38400
     result, _ = run(DRIVER.configure(Identity("crossbow", "", baud=38400), Options()), unit)
@@ -270,7 +270,7 @@ def test_the_later_series_is_named():
 
 
 @given(st.binary(max_size=1500))
-def test_noise_is_nobody(noise):
+def test_noise_is_no_device(noise):
     assert DRIVER.recognise(noise) is None
 
 

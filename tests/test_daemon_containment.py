@@ -13,7 +13,7 @@ def broken(*_):
     raise IndexError("list index out of range")
 
 
-def test_a_defect_on_one_port_leaves_the_other_one_alone(tmp_path):
+def test_a_defect_on_one_port_does_not_affect_the_other(tmp_path):
     settings = Settings(ports=(str(tmp_path / "a"), str(tmp_path / "b")))
     errors = ContainedErrors()
     with contextlib.closing(FastLoop()) as fast_loop, Recordings(settings) as recordings:

@@ -55,8 +55,8 @@ def run(*arguments):
 
 def test_probe(bench):
     bench("g365 g350 --no-identity")
-    told = run("probe", "spi:0.0", "spi:0.1", "--json")
-    first, second = map(json.loads, told.stdout.splitlines())
+    result = run("probe", "spi:0.0", "spi:0.1", "--json")
+    first, second = map(json.loads, result.stdout.splitlines())
     assert (first["model"], first["serial"], first["spi"]) == ("M-G365PDF1", "W0000042", True)
     assert (second["model"], second["serial"]) == ("M-G350", "")
     assert "--port spi:0.0:epson\n" in run("probe", "spi:0.0").stdout

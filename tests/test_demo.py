@@ -18,7 +18,7 @@ def rows(*values):
     return "".join(",".join(map(str, row)) + "\n" for row in values)
 
 
-def test_the_truth_at_a_time_between_two_rows_with_angles_the_short_way(tmp_path):
+def test_truth_is_interpolated_with_angles_along_the_short_arc(tmp_path):
     file = tmp_path / "truth.csv"
     file.write_text(HEADER + rows(FIRST))
     truth = Truth(file)

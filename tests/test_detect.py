@@ -153,13 +153,13 @@ def test_a_line_without_speeds_is_not_held_to_the_one_at_which_its_device_was_re
     assert (found.model, found.baud) == ("M-G350", 460800)
 
 
-def test_an_echo_is_told_at_once():
+def test_an_echo_is_reported_at_once():
     found, seconds = run(detect(), Loopback(9600))
     assert isinstance(found, Echo)
     assert seconds < 3.0
 
 
-def test_an_unknown_talker_is_explained_and_left_alone():
+def test_an_unknown_device_is_reported_and_not_written_to():
     device = Speaker(9600, b"hello, I am a coffee machine\r\n")
     found, _ = run(detect(), device)
     assert isinstance(found, UnrecognisedData)
@@ -181,7 +181,7 @@ def test_garbage_is_the_same_news_whatever_its_bytes():
     assert (str(one) != str(other)) and one.summary == other.summary
 
 
-def test_a_silent_line_at_the_one_speed_named_says_that_no_other_was_tried():
+def test_a_silent_line_at_a_named_baud_rate_reports_that_no_other_was_tried():
     found, _ = run(detect("epson", 115200), G350(460800))
     assert str(found).startswith("silent at 115200 baud")
     assert "leave out @BAUD" in str(found)
@@ -195,7 +195,7 @@ def test_damaged_sentences_are_shown_as_they_are():
     assert "$GPGGA,092750.000" in str(found)
 
 
-def test_a_receiver_that_says_nothing_but_gll_is_one():
+def test_a_receiver_that_sends_only_gll_is_recognised():
     found, _ = run(detect(), Speaker(4800, b"$GPGLL,5742.00,N,01158.20,E,054130,A*22\r\n"))
     assert (found.model, found.baud) == ("NMEA receiver", 4800)
 

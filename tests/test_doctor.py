@@ -65,7 +65,7 @@ def test_healthy_settings_are_not_complained_of(tmp_path):
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may open everything")
-def test_a_port_of_others_names_the_mend(tmp_path):
+def test_a_port_without_permission_names_the_remedy(tmp_path):
     (tmp_path / "dev").mkdir()
     (tmp_path / "dev/ttyUSB0").write_text("")
     (tmp_path / "dev/ttyUSB0").chmod(0)

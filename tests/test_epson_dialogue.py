@@ -33,7 +33,7 @@ def test_a_device_at_rest_is_identified_without_a_trace():
     assert device.restarts == 0
 
 
-def test_the_sibling_is_told_by_its_name():
+def test_the_v340_is_identified_by_its_name():
     found, _ = identify(G350(product="V340PDD0"))
     assert found.model == "M-V340"
 
@@ -213,7 +213,7 @@ def test_a_running_stream_is_reconfigured():
         ({0x50: 0}, "does not number its samples", 1000.0),
     ],
 )
-def test_what_reads_back_differently_is_believed_and_reported(stuck, complaint, rate_hz):
+def test_a_register_that_reads_back_differently_is_used_and_reported(stuck, complaint, rate_hz):
     device = G350()
     device.stuck = stuck
     result = configure(device)
@@ -255,7 +255,7 @@ def test_readonly_takes_the_stream_as_it_is(code, rate_hz):
     assert device.written == b""
 
 
-def test_a_stream_of_a_sensor_that_hears_nothing_is_taken_as_it_is():
+def test_the_stream_of_a_sensor_that_does_not_answer_is_used_as_it_is():
     device = G350().start(4)
     device.receive = lambda data: None
     result = configure(device)

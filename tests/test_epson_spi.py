@@ -48,7 +48,7 @@ def test_registers_in_words():
     assert sent[0].send.hex() == "b701"
 
 
-def test_a_line_that_nobody_drives_is_no_answer():
+def test_an_undriven_line_is_no_answer():
     assert Register(0x3C).answer(converse(over_spi(read_register_once(Register(0x3C))), iter([b"\xff" * 4]))[1]) is None
 
 
@@ -126,7 +126,7 @@ def test_what_is_new(flag, new):
 
 
 @pytest.mark.parametrize("name", SENSORS)
-def test_a_sensor_is_found_and_told_by_its_names(name):
+def test_a_sensor_is_found_and_identified_by_its_names(name):
     memory = Memory(SENSORS[name](*golden()))
     found = memory.run(detect_spi())
     assert found.spi

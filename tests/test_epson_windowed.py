@@ -228,7 +228,7 @@ def edited(edit, at, length):
     ("edit", "length", "at"),
     [(e, length, at) for e in ("delete", "insert", "flip") for length in (NARROW, WIDE) for at in range(length)],
 )
-def test_damage_at_any_byte_costs_that_frame_alone(edit, length, at):
+def test_damage_at_any_byte_costs_only_that_frame(edit, length, at):
     decoder = make(length=length).feed(b"".join(edited(edit, at, length)))
     spared = edit == "insert" and at <= 1  # a second header before the frame's own
     expected = [w for k, w in enumerate(CALM) if spared or k != MIDDLE]

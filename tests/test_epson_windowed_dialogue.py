@@ -37,7 +37,7 @@ def test_a_device_at_rest_is_identified_without_a_trace():
 
 
 @pytest.mark.parametrize("product", ["G320PDG0", "G354PDH0", "G362PDC1", "G365PDF1", "G366PDG0", "G370PDF1"])
-def test_every_model_is_told_by_its_name(product):
+def test_every_model_is_identified_by_its_name(product):
     found, _ = identify(Windowed(product=product))
     assert found.model == f"M-{product}"
 
@@ -52,7 +52,7 @@ def test_a_model_of_unknown_scales_is_refused_by_name(product):
 
 @pytest.mark.parametrize("window", [0, 1])
 @pytest.mark.parametrize("code", [0, 1, 7])
-def test_a_stream_is_stopped_and_the_rotation_matrix_left_alone(window, code):
+def test_a_stream_is_stopped_and_the_rotation_matrix_not_written(window, code):
     device = Windowed().start(code, window=window)
     before = matrix(device)
     found, _ = identify(device)
@@ -156,7 +156,7 @@ def test_a_sensor_that_keeps_to_16_bits_is_taken_with_them():
     ("stuck", "complaint", "rate_hz"),
     [({(1, 0x05): 2}, "keeps rate code 2", 500.0), ({(1, 0x06): 5}, "keeps filter code 5", 1000.0)],
 )
-def test_what_reads_back_differently_is_believed_and_reported(stuck, complaint, rate_hz):
+def test_a_register_that_reads_back_differently_is_used_and_reported(stuck, complaint, rate_hz):
     device = Windowed()
     device.stuck = stuck
     result = configure(device)

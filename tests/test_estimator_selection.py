@@ -7,7 +7,7 @@ from imud.sensor_errors.calibration import Calibration
 from imud.sensors.estimator_selection import EstimatorSelection
 
 
-def test_the_numbering_goes_on_with_another_sensor():
+def test_the_numbering_continues_with_another_sensor():
     """Subscribers are promised the number of the sample since the daemon's start."""
     selection = EstimatorSelection(Settings(estimator="tilt"), str)
     driver = by_name("seraccel")

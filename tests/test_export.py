@@ -30,7 +30,7 @@ def exported(recording, folder):
     return export.run(argparse.Namespace(recording=[recording], csv=folder, ros2=None, rate=0.0))
 
 
-def test_the_fixes_of_a_receiver_alone_are_exported(tmp_path, capsys):
+def test_fixes_without_an_inertial_sensor_are_exported(tmp_path, capsys):
     assert exported(recorded(tmp_path / "boat.mcap", 5), tmp_path / "boat") == 0
     rows = list(csv.DictReader((tmp_path / "boat" / "gnss.csv").open()))
     assert [(int(float(row["arrival_s"])), float(row["height_m"])) for row in rows] == [(s, 592.3) for s in range(5)]

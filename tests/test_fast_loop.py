@@ -176,7 +176,7 @@ def test_bytes_without_a_frame_are_nothing_to_show(rig):
     assert rig.turn(publish_ns=0) == 0
 
 
-def test_a_line_that_ended_is_told(rig):
+def test_the_end_of_a_line_is_reported(rig):
     rig.frames(2)
     os.close(rig.writer)
     assert rig.turn(for_ns=LONG_NS) == FAILED

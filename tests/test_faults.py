@@ -26,7 +26,7 @@ MESSAGE = bytes(range(0x20, 0x40)) + b"\r"
 # --- the language ---
 
 
-def test_a_spec_says_which_device_has_what_and_when():
+def test_a_spec_selects_devices_faults_and_times():
     g350, nmea = parse("flip=0.01,cut=0.02@5;gnss:loss@20-40;imu:frozen=gx+az@30-35/60;g350:delay=0.1x0.5", DEVICES)
     assert [fault.name for fault in g350] == ["flip", "cut", "frozen", "delay"]
     assert [fault.name for fault in nmea] == ["flip", "cut", "loss"]
@@ -57,7 +57,7 @@ def test_a_spec_says_which_device_has_what_and_when():
         ("", None),
     ],
 )
-def test_what_makes_no_sense_is_told(spec, complaint):
+def test_an_invalid_spec_is_reported(spec, complaint):
     if complaint is None:
         assert parse(spec, DEVICES) == [[], []]
         return
@@ -95,7 +95,7 @@ def wire(spec, seed=1, log=None):
         ("lose", lambda came: came == b""),
     ],
 )
-def test_a_share_of_the_messages_is_damaged_in_the_way_named(name, is_so):
+def test_a_share_of_the_messages_has_the_named_damage(name, is_so):
     line = wire(f"{name}=0.1")
     came = [line(MESSAGE, 0.001 * k)[0] for k in range(5000)]
     damaged = [bytes_ for bytes_ in came if bytes_ != MESSAGE]
@@ -210,7 +210,7 @@ def place(spec, t):
     return fix.valid, pytest.approx(north, abs=0.1), pytest.approx(east, abs=0.1)
 
 
-def test_fixes_are_lost_jump_and_run_away():
+def test_fixes_are_lost_jump_and_drift():
     assert place("loss@20-40", 19.0)[0] and not place("loss@20-40", 20.0)[0] and place("loss@20-40", 40.0)[0]
     assert place("jump=300@10-20", 15.0) == (True, 300.0, 0.0)
     assert place("jump=300x90@10-20", 15.0) == (True, 0.0, 300.0)
@@ -219,7 +219,7 @@ def test_fixes_are_lost_jump_and_run_away():
     assert place("ramp=2x90@10-30", 30.0) == (True, 0.0, 0.0)
 
 
-def test_a_receiver_without_a_fix_says_so():
+def test_a_receiver_without_a_fix_reports_it():
     device, log = emulated("nmea", "--no-fix", "1", faults="loss@5-10")
     play(device, 14.0)
     qualities = {round(m.t): m.sent.split(b",")[6] for m in log if m.sent.startswith(b"$GPGGA") and m.t > 2.5}
@@ -268,7 +268,7 @@ def heard(faults, seconds=25.0):
 
 
 @pytest.mark.parametrize("kind", [*EACH, "lose"])
-def test_no_whole_epoch_of_sentences_is_lost_and_no_damaged_one_believed(kind):
+def test_no_whole_epoch_is_lost_and_no_damaged_one_is_used(kind):
     truth, _ = heard("")
     fixes, log = heard(f"{kind}=0.1")
     assert len(fixes) > 10
@@ -276,8 +276,8 @@ def test_no_whole_epoch_of_sentences_is_lost_and_no_damaged_one_believed(kind):
     gga = [m for m in log if m.sent.startswith((b"$GPGGA", b"$GPRMC")) and m.sent.split(b",")[1][-4:] == b".000"]
     spoiled = {m.sent.split(b",")[1] for m in gga if not m.came.endswith(m.sent)}
     whole = {m.sent.split(b",")[1] for m in gga} - spoiled
-    told = {time.strftime("%H%M%S.000", time.gmtime(round(utc_s))).encode() for utc_s in fixes}
-    assert len(whole - told) <= 2  # before the first fix, and the last, which nothing ends
+    fix_times = {time.strftime("%H%M%S.000", time.gmtime(round(utc_s))).encode() for utc_s in fixes}
+    assert len(whole - fix_times) <= 2  # before the first fix, and the last, which nothing ends
 
 
 # --- recorded sentences ---

@@ -37,7 +37,7 @@ def is_settled(message):
     return message["class"] == "EST" and "aligning" not in message["state"]
 
 
-def test_plugs_pulled_a_reset_and_damage_leave_attitude_and_descriptors_alone(tmp_path):
+def test_unplugging_a_reset_and_damage_cost_neither_attitude_nor_descriptors(tmp_path):
     imu = tmp_path / "imu"
     faults = f"{DAMAGE},reset@9.5,unplug@14-14.3/4"
     with (

@@ -92,7 +92,7 @@ def test_settings_name_the_qualities_that_there_are():
         load(None, ["gnss.qualities=[0]"])
 
 
-def test_a_log_is_placed_near_the_samples_and_over_midnight(tmp_path):
+def test_a_log_gets_the_date_of_the_samples_also_over_midnight(tmp_path):
     log = tmp_path / "track.nmea"
     log.write_bytes(b"".join(gga(time) for time in ("235958.000", "235959.000", "000000.000", "000001.000")))
     origin = 1_700_000_000 // 86_400 * 86_400
@@ -101,16 +101,16 @@ def test_a_log_is_placed_near_the_samples_and_over_midnight(tmp_path):
     assert set(rows["arrival_ns"] - rows["t_ns"]) == {150_000_000}
 
 
-def test_a_log_of_which_nothing_is_used_says_why(tmp_path):
+def test_a_log_without_a_usable_fix_reports_why(tmp_path):
     log = tmp_path / "track.nmea"
     log.write_bytes(gga(rest="1,04,0.9,545.4,M,46.9,M,,"))
     with pytest.raises(BadDataError, match=r"4 satellites, fewer than gnss\.min_satellites = 5 \(1 times\)"):
         fixes_of_log(log, 0, 0, Gnss())
     assert len(fixes_of_log(log, 0, 0, Gnss(min_satellites=4))) == 1
-    told = []
+    notes = []
     log.write_bytes(gga() + gga("120001.000", rest="6,08,0.9,545.4,M,46.9,M,,"))
-    assert len(fixes_of_log(log, 0, 0, Gnss(), told.append)) == 1
-    assert told[0].startswith("1 of 2 fixes are not used: quality 6 (dead reckoning by the receiver)")
+    assert len(fixes_of_log(log, 0, 0, Gnss(), notes.append)) == 1
+    assert notes[0].startswith("1 of 2 fixes are not used: quality 6 (dead reckoning by the receiver)")
     log.write_bytes(gga().split(b"*")[0] + b"\r\n")
     with pytest.raises(BadDataError, match=r"no fix in it; 1 x no checksum: .* gnss\.require_checksum=false"):
         fixes_of_log(log, 0, 0, Gnss())
@@ -158,12 +158,12 @@ class FileLine:
         return os.readv(self._fd, [room]), now_ns
 
 
-def test_the_verdict_on_fixes_is_told_once_per_change_with_the_key_that_changes_it():
+def test_rejection_of_fixes_is_reported_once_per_change_with_its_setting():
     driver = by_name("nmea")
     reader, writer = os.pipe2(os.O_NONBLOCK)
     line = FileLine(reader)
     receiver = Receiver(driver, Gnss(), 0)
-    told = []
+    notes = []
     satellites = [3, 4, 3, 3, 4, 6, 4, 6, 6, 6, 6, 4, 6, 6]  # one of another kind now and then is no change
     for second, count in enumerate(satellites):
         os.write(writer, gga(f"1200{second:02}.000", rest=f"1,{count},2.9,545.4,M,46.9,M,,"))
@@ -174,7 +174,7 @@ def test_the_verdict_on_fixes_is_told_once_per_change_with_the_key_that_changes_
             receiver.message = ""
     os.close(reader)
     os.close(writer)
-    assert told == [
+    assert notes == [
         (2, "the fixes are refused: 3 satellites, fewer than gnss.min_satellites = 5"),
         (9, "the fixes are used again"),
     ]

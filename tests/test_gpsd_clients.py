@@ -61,7 +61,7 @@ def test_cgps_shows_a_3d_fix_and_the_position(server):
     assert re.search(r"GP +5 +5 +45.0 +61.0 +31.0 +Y", shown), shown
 
 
-def test_cgps_shows_no_fix_for_attitude_alone(attitude_server):
+def test_cgps_shows_no_fix_without_a_receiver(attitude_server):
     with terminal(program("cgps"), "-s", "-u", "m", attitude_server) as screen:
         until(lambda: re.search(r"20\d\d-\d\d-\d\dT", screen()), "the time on cgps' screen")
         shown = screen()

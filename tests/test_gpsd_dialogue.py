@@ -110,8 +110,8 @@ def test_watch_chooses_classes_and_rate(argument, classes, rate_hz):
     assert (policy.classes, policy.rate_hz) == (classes, rate_hz)
 
 
-def test_five_devices_are_told_as_four_because_libgps_would_hang():
+def test_at_most_four_devices_are_listed_because_libgps_would_hang():
     devices = [Device(f"/dev/ttyUSB{n}" + "x" * 200, "driver" * 20) for n in range(5)]
-    told = json.loads(devices_object(devices))["devices"]
-    assert [entry["path"][:12] for entry in told] == [f"/dev/ttyUSB{n}" for n in range(4)]
-    assert all(len(entry["path"]) == 127 and len(entry["driver"]) == 63 for entry in told)
+    entries = json.loads(devices_object(devices))["devices"]
+    assert [entry["path"][:12] for entry in entries] == [f"/dev/ttyUSB{n}" for n in range(4)]
+    assert all(len(entry["path"]) == 127 and len(entry["driver"]) == 63 for entry in entries)

@@ -72,7 +72,7 @@ def test_a_slow_reader_gets_whole_lines_and_stays(loop):
     assert loop.server.counters.dropped > 0
 
 
-def test_what_a_client_is_owed_is_bounded(loop):
+def test_the_unsent_bytes_of_a_client_are_bounded(loop):
     loop.connect(b'?WATCH={"json":true,"rate":1000};', buffer=4096)
     (client,) = loop.server._clients.values()
     for _ in range(2000):
@@ -138,7 +138,7 @@ def test_endless_requests_end_the_connection(loop, data):
     assert loop.server.counters.expelled == 1
 
 
-def test_too_many_clients_are_told_so(make_loop):
+def test_too_many_clients_receive_an_error(make_loop):
     loop = make_loop(max_clients=3)
     clients = [loop.connect() for _ in range(5)]
     assert [client.classes() for client in clients] == [["VERSION"]] * 3 + [["ERROR"]] * 2
@@ -177,7 +177,7 @@ def no_descriptors():
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
-def test_out_of_descriptors_clients_are_told_so_and_sent_away(loop):
+def test_out_of_descriptors_clients_receive_an_error_and_are_rejected(loop):
     port = int(loop.server.addresses[0].rpartition(":")[2])
     waiting = [Client(socket.create_connection(("127.0.0.1", port))) for _ in range(3)]
     loop.server.tick(loop.now)

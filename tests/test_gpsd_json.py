@@ -98,7 +98,7 @@ def test_several_classes_go_out_in_one_piece():
     assert report.lines(("TPV", "ATT")).decode() == GOLDEN["TPV"] + GOLDEN["ATT"]
 
 
-def test_attitude_alone_has_no_fix_no_heading_and_a_relative_yaw():
+def test_without_a_receiver_there_is_no_fix_no_heading_and_a_relative_yaw():
     view = golden_view(solution=golden_solution(ATTITUDE_VALID).tobytes(), gnss=None)
     tpv = {"class": "TPV", "device": "/dev/ttyUSB0", "mode": 1, "time": "2026-03-23T12:00:20.250000Z", "ept": 0.005}
     assert fields("TPV", view) == tpv
@@ -203,17 +203,20 @@ def test_satellites_in_view_by_gpsd_s_numbers():
     sky = Sky(
         tuple(Satellite(system, name, 30, None, 41, used=False) for system, name, *_ in rows), pdop=2.5, vdop=1.75
     )
-    told = fields("SKY", golden_view(gnss=GNSS._replace(sky=sky)))
-    assert [(s["gnssid"], s["PRN"], s["svid"]) for s in told["satellites"]] == [(r[0], *r[2:]) for r in rows]
-    assert told["satellites"][0] == {"PRN": 7, "gnssid": 0, "svid": 7, "el": 30, "ss": 41, "used": False}
-    assert (told["nSat"], told["uSat"], told["pdop"], told["vdop"]) == (8, 9, 2.5, 1.75)
+    sky_report = fields("SKY", golden_view(gnss=GNSS._replace(sky=sky)))
+    assert [(s["gnssid"], s["PRN"], s["svid"]) for s in sky_report["satellites"]] == [(r[0], *r[2:]) for r in rows]
+    assert sky_report["satellites"][0] == {"PRN": 7, "gnssid": 0, "svid": 7, "el": 30, "ss": 41, "used": False}
+    assert (sky_report["nSat"], sky_report["uSat"], sky_report["pdop"], sky_report["vdop"]) == (8, 9, 2.5, 1.75)
 
 
 def test_too_many_satellites_are_those_in_use_first_and_one_line():
     sky = Sky(tuple(Satellite(3, k, 89, 359, 99, used=k > 400) for k in range(1, 501)))
     view = golden_view(gnss=GNSS._replace(sky=sky))
-    told = fields("SKY", view)
-    assert told["nSat"] == 500 and sum(s["used"] for s in told["satellites"]) == len(told["satellites"]) == 100
+    sky_report = fields("SKY", view)
+    assert (
+        sky_report["nSat"] == 500
+        and sum(s["used"] for s in sky_report["satellites"]) == len(sky_report["satellites"]) == 100
+    )
     assert len(Report(view).lines(("SKY",))) < 10240
 
 

@@ -97,8 +97,8 @@ def test_an_own_request_is_answered_anew_ten_times_a_second_at_most(make_loop):
     for _ in range(30):
         client.send(b"?STATUS;?STATUS=1;\n")
         loop.turn(step=10 * MS)
-    told = client.receive()
-    answers, refusals = told[::2], told[1::2]
+    received = client.receive()
+    answers, refusals = received[::2], received[1::2]
     assert {m["class"] for m in answers} == {"STATUS"} and {m["class"] for m in refusals} == {"ERROR"}
     assert [m["made"] for m in answers] == sorted(m["made"] for m in answers)
     assert len(answers) == 30 and all(b - a >= 100 * MS for a, b in itertools.pairwise(made)) and len(made) >= 3
@@ -137,7 +137,7 @@ def test_poll_sees_the_newest_solution(loop):
     ]
 
 
-def test_devices_that_come_and_go_are_told_to_those_who_watch(loop):
+def test_added_and_removed_devices_are_sent_to_watching_clients(loop):
     loop.publish()
     watching, silent = loop.connect(b'?WATCH={"json":true,"class":"SKY"};'), loop.connect()
     loop.publish(MS)

@@ -111,7 +111,7 @@ def test_a_simulated_sensor_without_noise_is_not_frozen():
     assert not samples["flags"].any()
 
 
-def test_a_sensor_that_always_holds_its_values_for_a_while_is_not_frozen():
+def test_a_sensor_that_repeats_its_values_regularly_is_not_frozen():
     slow = noisy(60.0, np.random.default_rng(1), rate=20)
     samples = np.repeat(slow, 25)
     samples["t_ns"] = 10**12 + np.arange(len(samples)) * 2_000_000
@@ -127,7 +127,7 @@ def test_noise_alone_is_never_a_finding(seed, lsbs, rate, motion):
     assert not samples["flags"].any()
 
 
-def test_the_ends_of_the_range_are_told_by_axis():
+def test_the_ends_of_the_range_are_reported_by_axis():
     samples = noisy(5.0, np.random.default_rng(2))
     samples["w"][at(3.5) : at(3.7), 1] = -G350.gyro_range
     samples["f"][at(4.0) : at(4.1), 0] = G350.accel_range
@@ -200,7 +200,7 @@ def test_temperature():
     assert words(shown(judged(samples))) == ("temperature is impossible",)
 
 
-def test_a_finding_that_comes_and_goes_stays():
+def test_an_intermittent_finding_stays():
     samples = noisy(5.0, np.random.default_rng(2))
     samples["w"][at(1.0) :: 50, 0] = G350.gyro_range
     health = new_health(G350, RATE)

@@ -54,7 +54,7 @@ BLIND = {
 
 
 @pytest.mark.parametrize("faults", BLIND.values(), ids=BLIND)
-def test_a_gyro_that_tells_nothing_ends_the_attitude_within_a_second_and_not_for_long(body, faults):
+def test_an_invalid_gyro_ends_the_attitude_within_a_second_and_not_for_long(body, faults):
     error, sigma, valid = spoilt(body, faults)
     assert valid[at(15.0) : at(BEGIN)].all()
     assert not valid[at(BEGIN + 1.0) : at(END)].any()

@@ -36,7 +36,7 @@ def spoilt(faults):
 
 
 @pytest.mark.parametrize("faults", [[("w", 2, None)], [("w", ALL, None), ("f", ALL, None)], [("w", 0, np.nan)]])
-def test_without_rates_the_receiver_goes_on_and_the_attitude_is_found_anew(faults):
+def test_without_rates_fixes_continue_and_the_attitude_is_aligned_again(faults):
     out = spoilt(faults)
     p, v, a = errors(D, out)
     status, since = out["status"], at(BEGIN)

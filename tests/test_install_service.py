@@ -56,7 +56,7 @@ def test_dry_run_touches_nothing(tmp_path, capsys):
     assert "imud@.service.d/realtime.conf" in capsys.readouterr().out
 
 
-def test_nobody_to_ask(tmp_path, capsys, monkeypatch):
+def test_without_a_terminal_nothing_is_asked(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("sys.stdin", open("/dev/null"))  # noqa: SIM115, PTH123
     assert main(["install-service", "front", "--root", str(tmp_path)]) == 64
     assert "--yes" in capsys.readouterr().err

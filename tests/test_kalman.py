@@ -118,7 +118,7 @@ def test_measure_gives_the_cross_covariance_and_the_predicted_variance(seed, n):
 
 
 @given(SEEDS, SIZES, st.floats(-6.0, 3.0))
-def test_update_is_joseph_s_form_with_considered_states_left_alone(seed, n, log_r):
+def test_update_is_joseph_s_form_with_considered_states_unchanged(seed, n, log_r):
     rng = np.random.default_rng(seed)
     P = random_covariance(rng, n)
     columns, values, h = random_row(rng, n)

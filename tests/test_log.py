@@ -19,7 +19,7 @@ log.JOURNAL = sys.argv[1]
 log.configure()
 import structlog
 structlog.get_logger().bind(port="/dev/ttyUSB0").warning("two\\nlines", baud=9600)
-structlog.get_logger().debug("not told")
+structlog.get_logger().debug("not entry")
 """
 
 
@@ -64,11 +64,16 @@ def test_fields_and_priority_go_to_the_journal_and_nothing_to_stderr(tmp_path, e
         try:
             journal.settimeout(10.0)
             said(err, path, stream_of(err))
-            told = parsed(journal.recv(65536))
+            entry = parsed(journal.recv(65536))
         finally:
             os.unlink(path)  # noqa: PTH108
-    assert (told["PRIORITY"], told["PORT"], told["BAUD"], told["EVENT"]) == ("4", "/dev/ttyUSB0", "9600", "two\nlines")
-    assert told["MESSAGE"] == "two\nlines port=/dev/ttyUSB0 baud=9600" and told["SYSLOG_IDENTIFIER"] == "imud"
+    assert (entry["PRIORITY"], entry["PORT"], entry["BAUD"], entry["EVENT"]) == (
+        "4",
+        "/dev/ttyUSB0",
+        "9600",
+        "two\nlines",
+    )
+    assert entry["MESSAGE"] == "two\nlines port=/dev/ttyUSB0 baud=9600" and entry["SYSLOG_IDENTIFIER"] == "imud"
     err.seek(0)
     assert err.read() == ""
 

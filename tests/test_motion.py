@@ -97,7 +97,7 @@ def test_timeline_laps_add_up_and_rest_before_zero():
 
 
 @pytest.mark.parametrize("roll_deg, pitch_deg, yaw_deg", [(0, 0, 0), (10, -5, 0), (-30, 20, 135)])
-def test_rest_feels_gravity_and_the_earth(roll_deg, pitch_deg, yaw_deg):
+def test_at_rest_gravity_and_earth_rate_are_measured(roll_deg, pitch_deg, yaw_deg):
     roll, pitch, yaw = np.radians([roll_deg, pitch_deg, yaw_deg])
     x = trajectory("rest", roll, pitch, yaw).at(np.array([0.0, 1000.0]))
     g = somigliana(math.radians(LAT), HEIGHT)
@@ -229,7 +229,7 @@ def gravitation(r):
 
 
 @pytest.mark.parametrize("name", MOVING)
-def test_what_the_sensor_feels_is_continuous(name):
+def test_measured_rates_and_forces_are_continuous(name):
     feels = trajectory(name).imu(np.arange(0.0, 110.0, 1e-3))
     steps = np.abs(np.diff(feels, axis=0)).max(axis=0)
     assert steps[:3].max() < math.radians(0.5)  # at most 470 deg/s^2 in the fastest ramp of the turntable
@@ -251,7 +251,7 @@ def test_the_car_rests_five_seconds_and_then_drives_off():
     assert np.abs(slip).max() < 1e-3  # no side slip: the heading is the course
 
 
-def test_the_car_leans_out_of_the_curve_and_squats():
+def test_the_car_rolls_outwards_in_curves_and_pitches_up_when_accelerating():
     x = trajectory("car").at(np.arange(5.5, 60.0, 0.1))
     right_turn = x.w_ib_b[:, 2] > math.radians(15)
     assert right_turn.any() and (x.rpy[right_turn, 0] < 0.0).all()
@@ -300,7 +300,7 @@ def test_turn_on_bias_and_gain_are_drawn_from_the_data_sheet():
     assert not gain[:, :3, 3:].any()
 
 
-def test_in_run_bias_wanders_with_its_sigma():
+def test_in_run_bias_varies_with_its_sigma():
     grade = replace(IDEAL, in_run=M_G350.in_run, correlation_s=1.0)
     population = [errors(grade, seed) for seed in range(200)]
     late = np.array([[one.corrupt(STILL) for _ in range(50)][-1][-1] for one in population]) - STILL[0]

@@ -33,12 +33,12 @@ def estimated(samples, fixes, measurements):
     measurements = measurements[np.argsort(measurements["arrival_ns"], kind="stable")]
     places = np.searchsorted(samples["t_ns"], fixes["arrival_ns"]).astype(np.int64)
     aided = np.searchsorted(samples["t_ns"], measurements["arrival_ns"])
-    told = []
+    innovations = []
     for start, stop in pairwise(np.unique([0, *aided[aided < len(samples)], len(samples)])):
-        told.append(filter_.aid(measurements[aided == start]).copy())
+        innovations.append(filter_.aid(measurements[aided == start]).copy())
         due = slice(*np.searchsorted(places, [start, stop]))
         filter_.feed(samples[start:stop], out[start:stop], fixes[due], places[due] - start, room_for(len(fixes[due])))
-    return out, np.concatenate(told)
+    return out, np.concatenate(innovations)
 
 
 def apart(one, other):
@@ -56,14 +56,14 @@ def recorded(seed, seconds=60.0, rest=30.0):
 
 def test_a_compass_gives_a_standing_vehicle_its_heading():
     d, samples, fixes, rng = recorded(1)
-    out, told = estimated(samples, fixes, headings(d, rng))
+    out, innovations = estimated(samples, fixes, headings(d, rng))
     yaw = errors(d, out)[2][:, 2]
     standing = (d.t > 10.0) & (d.t < 30.0)
     assert (out["status"][d.t > 3.0] & HEADING_VALID).all()
     assert np.sqrt(np.mean(yaw[standing] ** 2)) < SIGMA
     assert np.mean((yaw[d.t > 5.0] / out["sigma_rpy"][d.t > 5.0, 2]) ** 2) < 4.0
-    assert (told["kind"] == HEADING).all() and told["used"].all()
-    assert 0.5 < np.mean(told["value"] ** 2 / told["variance"]) < 1.5
+    assert (innovations["kind"] == HEADING).all() and innovations["used"].all()
+    assert 0.5 < np.mean(innovations["value"] ** 2 / innovations["variance"]) < 1.5
 
 
 def test_measurements_in_any_order_within_the_horizon_give_what_those_in_order_give():
@@ -74,9 +74,9 @@ def test_measurements_in_any_order_within_the_horizon_give_what_those_in_order_g
     shuffled = in_order.copy()
     shuffled["arrival_ns"] += (1.5e9 * np.random.default_rng(3).random(len(shuffled))).astype(np.int64)
     prompt, _ = estimated(samples, fixes, in_order)
-    late, told = estimated(samples, fixes, shuffled)
-    assert told["used"].all() and len(told) > 200
-    assert (np.diff(told["t_ns"]) < 0).any()
+    late, innovations = estimated(samples, fixes, shuffled)
+    assert innovations["used"].all() and len(innovations) > 200
+    assert (np.diff(innovations["t_ns"]) < 0).any()
     assert apart(late[-1:], prompt[-1:]) < 0.3
 
 
@@ -88,8 +88,8 @@ def test_one_late_measurement_is_fused_at_its_epoch_with_the_fixes_after_it_fuse
     late = one.copy()
     late["arrival_ns"] += 1_800_000_000
     first, _ = estimated(samples, fixes, one)
-    second, told = estimated(samples, fixes, late)
-    assert told["used"].all() and len(told) == 1
+    second, innovations = estimated(samples, fixes, late)
+    assert innovations["used"].all() and len(innovations) == 1
     after = d.t > late["arrival_ns"][0] * 1e-9 - 99.98
     assert apart(second[after], first[after]) < 0.1
     before = d.t < late["arrival_ns"][0] * 1e-9 - 100.02
@@ -101,6 +101,6 @@ def test_a_measurement_from_before_the_horizon_is_rejected_and_changes_nothing()
     old = headings(d, rng)[100:101]
     old["arrival_ns"] += 8_000_000_000
     without, _ = estimated(samples, fixes, old[:0])
-    out, told = estimated(samples, fixes, old)
-    assert len(told) == 1 and not told["used"][0] and told["kind"][0] == HEADING
+    out, innovations = estimated(samples, fixes, old)
+    assert len(innovations) == 1 and not innovations["used"][0] and innovations["kind"][0] == HEADING
     assert out.tobytes() == without.tobytes()

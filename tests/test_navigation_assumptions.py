@@ -14,7 +14,7 @@ RATE = 100
 REST_S, SKID_S = 10.0, (80.0, 83.0)
 
 
-def told(samples, fixes):
+def innovations_of(samples, fixes):
     """(solutions, innovations) as `imud replay` has them."""
     filter_ = Filter(registry.by_name("navigation"), Settings(), Initial(yaw_deg=np.degrees(0.7)), RATE)
     out, rows = [], []
@@ -29,14 +29,14 @@ def run():
     d = drive(120.0, rest=REST_S)
     skid = (d.t >= SKID_S[0]) & (d.t < SKID_S[1])
     d.f[skid, 1] += 2.0 * np.sign(np.mean(SKID_S) - d.t[skid])
-    return told(sensed(d, rng), received(d, rng, late=0.25))
+    return innovations_of(sensed(d, rng), received(d, rng, late=0.25))
 
 
 def of(rows, first, last=None):
     return rows[(rows["kind"] >= first) & (rows["kind"] <= (first if last is None else last))]
 
 
-def test_each_is_told_once_at_its_own_pace_though_late_fixes_have_samples_integrated_twice(run):
+def test_each_pseudo_measurement_is_reported_once_though_late_fixes_have_samples_integrated_twice(run):
     _, rows = run
     assert rows.dtype == INNOVATION
     for first, last, period_s in ((REST_N, REST_D, 0.5), (REST_X, REST_Z, 0.5), (NHC_LATERAL, NHC_VERTICAL, 0.1)):
@@ -51,7 +51,7 @@ def test_each_is_told_once_at_its_own_pace_though_late_fixes_have_samples_integr
 
 def test_value_and_variance_are_those_of_the_gain_that_was_applied(run):
     out, rows = run
-    row = of(rows, REST_X)[1]  # nothing but rest has told of the bias yet
+    row = of(rows, REST_X)[1]  # nothing but rest has innovations_of of the bias yet
     k = np.searchsorted(out["t_ns"], row["t_ns"])
     before, after = out[k - 1], out[k]
     assert row["variance"] > before["sigma_bg"][0] ** 2
@@ -59,7 +59,7 @@ def test_value_and_variance_are_those_of_the_gain_that_was_applied(run):
     assert after["bg"][0] - before["bg"][0] == pytest.approx(correction, rel=0.05)
 
 
-def test_a_skid_is_no_slip_that_may_be_used(run):
+def test_a_skid_is_no_valid_constraint(run):
     _, rows = run
     slips = of(rows, NHC_LATERAL)
     t = slips["t_ns"] * 1e-9 - 100.0
@@ -70,7 +70,7 @@ def test_a_skid_is_no_slip_that_may_be_used(run):
     assert (slips["value"][quiet] ** 2 / slips["variance"][quiet]).mean() < 2.0
 
 
-def test_what_nobody_asks_for_is_kept_up_to_a_limit_and_harms_nothing():
+def test_pending_innovations_are_kept_up_to_a_limit_and_harm_nothing():
     rng = np.random.default_rng(2)
     d = drive(60.0, rest=1e3)
     filter_ = Filter(registry.by_name("navigation"), Settings(), Initial(), RATE)

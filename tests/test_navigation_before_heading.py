@@ -46,7 +46,7 @@ def at_antenna(d, fixes, lever):
     return fixes
 
 
-def test_a_parked_vehicle_is_placed_better_than_a_fix_is_and_as_well_as_is_said():
+def test_a_parked_vehicle_is_located_better_than_by_a_fix_and_as_well_as_claimed():
     last, filtered, normalised = [], [], []
     for seed in range(20):
         rng = np.random.default_rng(seed)
@@ -63,7 +63,7 @@ def test_a_parked_vehicle_is_placed_better_than_a_fix_is_and_as_well_as_is_said(
     assert 0.5 < np.mean(normalised) < 1.6
 
 
-def test_the_place_of_a_parked_vehicle_is_never_known_better_than_what_lasts_of_the_receivers_error():
+def test_the_position_of_a_parked_vehicle_is_never_better_than_the_correlated_receiver_error():
     d = drive(1500.0, rate=20, rest=1e4)
     rng = np.random.default_rng(1)
     out, _, _ = navigate(sensed(d, rng), received(d, rng, sigma=1.8, white=0.3))
@@ -71,14 +71,14 @@ def test_the_place_of_a_parked_vehicle_is_never_known_better_than_what_lasts_of_
     assert np.median(out["sigma_p"][20 * 600 :, 0]) < 1.0
 
 
-@pytest.mark.parametrize("told", [True, False], ids=["speed", "positions"])
+@pytest.mark.parametrize("with_speed", [True, False], ids=["speed", "positions"])
 @pytest.mark.parametrize("d", [UNDER_WAY, CIRCLE], ids=["curves", "constant speed"])
-def test_under_way_place_and_velocity_are_followed_as_well_as_is_said(d, told):
+def test_under_way_position_and_velocity_are_as_good_as_claimed(d, with_speed):
     place, velocity = [], []
     for seed in range(10):
         rng = np.random.default_rng(seed)
         fixes = received(d, rng, late=0.2, sigma=1.8, white=0.5, speed_sigma=0.1)
-        out, rows, _ = navigate(sensed(d, rng), fixes if told else silent(fixes))
+        out, rows, _ = navigate(sensed(d, rng), fixes if with_speed else silent(fixes))
         before = ~headed(out)
         before[: at(4.0)] = False
         p, v, _ = errors(d, out)
@@ -89,20 +89,20 @@ def test_under_way_place_and_velocity_are_followed_as_well_as_is_said(d, told):
     assert np.concatenate(velocity).mean() < 2.0
 
 
-@pytest.mark.parametrize("told", [True, False], ids=["speed", "positions"])
-def test_a_jump_is_refused_before_the_heading_is_known(told):
+@pytest.mark.parametrize("with_speed", [True, False], ids=["speed", "positions"])
+def test_a_jump_is_refused_before_the_heading_is_known(with_speed):
     rng = np.random.default_rng(1)
     fixes = received(PARKED, rng)
     jump = (fixes["t_ns"] >= 130e9) & (fixes["t_ns"] < 133e9)
     fixes["lat"][jump] += 100.0 / 6.37e6
-    out, _, _ = navigate(sensed(PARKED, rng), fixes if told else silent(fixes))
+    out, _, _ = navigate(sensed(PARKED, rng), fixes if with_speed else silent(fixes))
     p = errors(PARKED, out)[0]
     assert np.abs(p[at(10.0) :, :2]).max() < 5.0
     assert (out["status"][at(30.5) : at(32.5)] & REJECTING).all()
     assert not (out["status"][at(34.5) :] & REJECTING).any()
 
 
-def test_a_given_place_is_forgotten_for_the_first_fix():
+def test_a_given_position_is_replaced_by_the_first_fix():
     rng = np.random.default_rng(1)
     start = Initial(lat_deg=48.01, lon_deg=11.0, height_m=500.0)
     out, _, _ = navigate(sensed(PARKED, rng), received(PARKED, rng), None, start)
@@ -110,7 +110,7 @@ def test_a_given_place_is_forgotten_for_the_first_fix():
     assert not (out["status"] & REJECTING).any()
 
 
-def test_a_place_far_off_is_gone_to_in_the_end():
+def test_a_distant_position_is_accepted_in_the_end():
     rng = np.random.default_rng(1)
     fixes = received(PARKED, rng)
     fixes["lat"][fixes["t_ns"] >= 130e9] += 1000.0 / 6.37e6
@@ -118,7 +118,7 @@ def test_a_place_far_off_is_gone_to_in_the_end():
     assert np.abs(errors(PARKED, out)[0][at(45.0) :, 0] + 1000.0).max() < 6.0
 
 
-def test_as_the_heading_is_found_the_place_goes_from_the_antenna_to_the_sensor():
+def test_when_the_heading_is_found_the_position_moves_from_the_antenna_to_the_sensor():
     after = []
     for seed in range(10):
         rng = np.random.default_rng(seed)
@@ -152,7 +152,7 @@ def test_heading_is_found_with_an_antenna_far_from_the_sensor(velocity):
     assert np.mean(normalised) < 1.0
 
 
-def test_a_place_that_is_given_is_the_sensors():
+def test_a_given_position_is_that_of_the_sensor():
     known = Initial(lat_deg=48.0, lon_deg=11.0, height_m=500.0, roll_deg=0.0, pitch_deg=0.0, yaw_deg=np.degrees(0.7))
     rng = np.random.default_rng(1)
     fixes = received(PARKED, rng)[30:]

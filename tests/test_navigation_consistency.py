@@ -40,7 +40,7 @@ def test_normalised_errors_are_about_one(name, rate, vehicle):
 
 
 @pytest.mark.parametrize("vehicle", ["free", "auto"])
-def test_gyros_out_of_line_are_not_known_better_than_turns_can_tell(vehicle):
+def test_gyro_misalignment_is_not_known_better_than_turns_allow(vehicle):
     """In level turns a wrong axis is a tilt and an accelerometer bias that are fixed in the body: all stay unsure."""
     scale = PROFILES["consumer-mems"].gyro_scale
     _, _, a, _ = np.mean([normalised("consumer-mems", 100, vehicle, seed, scale) for seed in range(10)], axis=0)

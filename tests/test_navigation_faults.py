@@ -56,7 +56,7 @@ def test_a_jump_of_a_few_seconds_is_rejected(metres):
     assert set(refused["t_ns"] // 10**9) == {200, 201, 202}
 
 
-def test_a_jump_that_stays_is_believed_in_bounded_time():
+def test_a_lasting_jump_is_accepted_in_bounded_time():
     samples, fixes = data()
     out, _, _ = navigate(samples, moved(fixes, 100.0, 1e9, 100.0))
     p, v, a = errors(D, out)
@@ -66,7 +66,7 @@ def test_a_jump_that_stays_is_believed_in_bounded_time():
     assert np.abs(a[at(120.0) :, 2]).max() < np.radians(2.0)
 
 
-def test_a_creeping_position_is_noticed():
+def test_a_drifting_position_is_detected():
     samples, fixes = data()
     out, _, _ = navigate(samples, moved(fixes, 100.0, 1e9, 0.0, per_second=1.0))
     noticed = np.flatnonzero(out["status"][at(100.0) :] & REJECTING)
@@ -83,7 +83,7 @@ def surprise(d, out, begin):
 
 @places
 @pytest.mark.parametrize(("speed", "most"), [(0.5, np.inf), (2.0, 6.0)])
-def test_positions_that_creep_against_the_velocity_are_refused_or_doubted(d, speed, most):
+def test_positions_that_drift_against_the_velocity_are_rejected_or_inflate_the_covariance(d, speed, most):
     """0.5 m/s takes half a minute to tell from a receiver's wander, and may be given in to, with doubt."""
     samples, fixes = data(d=d)
     out, _, _ = navigate(samples, moved(fixes, 80.0, 120.0, 0.0, per_second=speed), None, START)
@@ -96,7 +96,7 @@ def test_positions_that_creep_against_the_velocity_are_refused_or_doubted(d, spe
 
 
 @pytest.mark.parametrize(("speed", "most"), [(1.0, np.inf), (5.0, 4.0)])
-def test_parked_positions_that_creep_are_refused_though_the_receiver_tells_no_speed(speed, most):
+def test_drifting_positions_of_a_parked_vehicle_are_rejected_without_a_speed_of_the_receiver(speed, most):
     for seed in range(3):
         samples, fixes = data(seed, PARKED)
         fixes["speed"] = fixes["course"] = np.nan
@@ -108,7 +108,7 @@ def test_parked_positions_that_creep_are_refused_though_the_receiver_tells_no_sp
 
 
 @pytest.mark.parametrize("speed", [1.0, 3.0])
-def test_positions_that_creep_from_a_car_are_refused_though_the_receiver_tells_no_speed(speed):
+def test_drifting_positions_of_a_car_are_rejected_without_a_speed_of_the_receiver(speed):
     worst = []
     for seed in range(6):
         samples, fixes = data(seed)
@@ -123,7 +123,7 @@ def test_positions_that_creep_from_a_car_are_refused_though_the_receiver_tells_n
     assert max(worst) < 9.0
 
 
-def test_what_creeping_would_do_to_the_estimate_is_foretold():
+def test_the_effect_of_a_drift_on_the_estimate_is_predicted():
     """Against the difference of two runs, one with a creep so slow that the filter is linear in it.
 
     Of a free vehicle: how loosely a land vehicle keeps to its axis is learned from what the creep does, too. So is the
@@ -148,7 +148,7 @@ def test_what_creeping_would_do_to_the_estimate_is_foretold():
 
 @places
 @pytest.mark.parametrize("metres", [30.0, 200.0, 500.0])
-def test_a_jump_for_half_a_minute_is_refused_or_doubted(d, metres):
+def test_a_jump_for_half_a_minute_is_rejected_or_inflates_the_covariance(d, metres):
     samples, fixes = data(d=d)
     out, _, _ = navigate(samples, moved(fixes, 80.0, 110.0, metres), None, START)
     p, sigmas = surprise(d, out, 81.5)  # from the first such fix on
@@ -159,7 +159,7 @@ def test_a_jump_for_half_a_minute_is_refused_or_doubted(d, metres):
 
 
 @places
-def test_another_place_after_an_outage_is_accepted_in_bounded_time(d):
+def test_another_position_after_an_outage_is_accepted_in_bounded_time(d):
     samples, fixes = data(d=d)
     t = fixes["t_ns"] * 1e-9 - 100.0
     out, _, _ = navigate(samples, moved(fixes[(t < 80.0) | (t > 110.0)], 100.0, 1e9, 300.0), None, START)
@@ -168,7 +168,7 @@ def test_another_place_after_an_outage_is_accepted_in_bounded_time(d):
     assert np.abs(p[at(122.0) :] + 300.0).max() < 6.0
 
 
-def test_a_receiver_that_repeats_itself_under_way_is_not_heard():
+def test_repeated_positions_under_way_are_not_used():
     samples, fixes = data()
     frozen = fixes.copy()
     t = fixes["t_ns"] * 1e-9 - 100.0
@@ -239,7 +239,7 @@ def test_gaps_in_the_samples_widen_the_sigmas_and_pass():
     finite(navigate(samples[keep], fixes)[0])
 
 
-def test_rubbish_samples_are_held():
+def test_invalid_samples_are_replaced_by_the_last_valid_one():
     samples, fixes = data()
     bad = samples.copy()
     bad["w"][at(50.0) : at(50.2)] = np.nan

@@ -52,7 +52,7 @@ def test_an_unknown_latency_is_found():
     assert np.sqrt(np.mean(p**2)) < 1.5 * np.sqrt(np.mean(known**2)) + 0.5
 
 
-def test_a_velocity_behind_its_position_is_told_from_a_latency():
+def test_a_late_velocity_is_distinguished_from_a_latency():
     d = drive(300.0)
     rng = np.random.default_rng(2)
     samples = sensed(d, rng)

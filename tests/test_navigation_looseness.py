@@ -53,13 +53,13 @@ def test_honest_innovations_leave_the_noise_as_it_is():
     assert 0.6 < np.exp(np.mean([np.log(loose) for loose, _ in runs])) < 1.5
 
 
-def test_a_vehicle_that_keeps_to_its_axis_is_believed_more_and_within_bounds():
+def test_without_slip_the_constraint_noise_decreases_within_bounds():
     loose, fits = learned(white(2, 30 * SUM_LENGTH, 0.01), 0.01)
     assert fits
     assert loose == pytest.approx(NOISE_SCALE_RANGE[0])
 
 
-def test_a_constraint_begins_weak_and_is_tight_within_a_minute_of_no_slip():
+def test_the_constraint_noise_is_small_after_a_minute_without_slip():
     assert np.exp(np.mean(np.log(NOISE_SCALE_RANGE))) == pytest.approx(INITIAL_NOISE_SCALE)
     loose, fits = learned(white(4, SUM_LENGTH - 1, 0.05), 0.01, known=False)
     assert fits
@@ -83,7 +83,7 @@ def test_a_drift_too_small_to_show_in_one_innovation_shows_in_their_sum():
     assert (loose == 1.0).all()
 
 
-def test_what_the_constraint_taught_of_what_is_no_land_vehicle_is_doubted():
+def test_a_wrong_constraint_inflates_the_covariance():
     core = start(configure(Settings(), 100.0), Initial())["core"][0]
     c = core[0]
     c["nhc"]["down_sum"], c["nhc"]["principal_axis"] = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)

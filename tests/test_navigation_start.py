@@ -51,7 +51,7 @@ def test_before_the_heading_is_known_position_follows_the_receiver_and_roll_and_
     assert (np.abs(p[at(2.0) :]) < 4.0 * out["sigma_p"][at(2.0) :]).all()
 
 
-def test_curves_without_a_receiver_are_not_believed_to_be_level():
+def test_curves_without_a_receiver_are_not_taken_for_level_motion():
     rng = np.random.default_rng(4)
     d = drive(120.0, rest=5.0)
     out, _, _ = navigate(sensed(d, rng, bg=(0.001, -0.001, 0.002)), received(d, rng)[:0])

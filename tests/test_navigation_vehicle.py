@@ -78,7 +78,7 @@ def test_a_line_over_ground_is_no_axis_of_a_vehicle():
     assert travelled(3.0 * k, turning)["nhc"]["enabled"] == 0
 
 
-def test_a_velocity_that_slides_in_every_direction_is_no_vehicle_s():
+def test_a_velocity_in_every_direction_is_not_of_a_land_vehicle():
     rng = np.random.default_rng(3)
     slide = np.column_stack([4.0 + rng.standard_normal(100), 1.5 * rng.standard_normal(100), np.zeros(100)])
     assert travelled(3.0 * np.arange(100), slide)["nhc"]["enabled"] == 0
@@ -91,7 +91,7 @@ def test_a_flight_that_looks_like_a_drive_for_some_seconds_is_none():
     assert travelled(3.0 * k, along)["nhc"]["enabled"] == 1
 
 
-def test_what_was_gathered_before_the_heading_was_known_turns_with_it():
+def test_velocities_from_before_the_heading_was_known_rotate_with_it():
     """The axis found in a level frame of arbitrary heading, then turned to north, is that of one gathered in north."""
     k = np.arange(12)
     along = np.column_stack([0.3 + 0.0 * k, 0.9 + 0.0 * k, 0.1 * np.sin(k)])
@@ -143,7 +143,7 @@ def learned(c, at_rest, in_motion, spread):
         )
 
 
-def test_rest_is_told_in_an_outage_by_what_was_learned_though_the_velocity_has_drifted():
+def test_rest_is_detected_in_an_outage_though_the_velocity_has_drifted():
     _, c = core()
     assert not stationarity.detect_rest(PARAMETERS, c)
     learned(c, LN_REST, LN_MOTION, 0.4)

@@ -136,7 +136,7 @@ UNKNOWN = {
 
 
 @pytest.mark.parametrize(("field", "data"), [(field, data) for field, cases in UNKNOWN.items() for data in cases])
-def test_what_is_not_said_is_unknown(field, data):
+def test_empty_fields_are_unknown(field, data):
     assert getattr(fix_of(data), field) is None
 
 
@@ -278,7 +278,7 @@ def test_gns_and_gll_give_fixes_where_there_is_no_gga():
     assert fix_of(gga(rest="1,08,0.9,545.4,M,46.9,M")).satellites == 8  # without age and station
 
 
-def test_an_invalid_sentence_beside_a_valid_one_is_no_place():
+def test_an_invalid_sentence_beside_a_valid_one_gives_no_position():
     """Both are at 0, 0 until somebody takes them for a position."""
     void = line("GNGNS,120000.000,,,,,NN,00,,,,,")
     assert fix_of(void + rmc()).lat_deg == pytest.approx(48.1173)

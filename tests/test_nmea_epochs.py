@@ -18,18 +18,18 @@ class Receiver:
 
     def burst(self, *sentences):
         """Indices of the sentences that completed a fix; -1: the flush."""
-        begin_ns, told = self.now_ns, []
+        begin_ns, completed = self.now_ns, []
         for i, sentence in enumerate(sentences):
             self.now_ns += 20_000_000
             for fix in self.decoder.feed(sentence, self.now_ns):
                 self.fixes.append(fix)
-                told.append(i)
+                completed.append(i)
         self.now_ns = begin_ns + 10**9
         if self.flush:
             for fix in self.decoder.flush(self.now_ns - 20_000_000):
                 self.fixes.append(fix)
-                told.append(-1)
-        return told
+                completed.append(-1)
+        return completed
 
 
 def at(k):
@@ -43,8 +43,8 @@ def slow_rmc(time):
 
 def test_the_sentence_that_ends_a_burst_is_learned():
     receiver = Receiver()
-    told = [receiver.burst(gga(at(k)), slow_rmc(at(k)), vtg(kmh=str(k))) for k in range(5)]
-    assert told == [[-1], [-1], [2], [2], [2]]
+    completed = [receiver.burst(gga(at(k)), slow_rmc(at(k)), vtg(kmh=str(k))) for k in range(5)]
+    assert completed == [[-1], [-1], [2], [2], [2]]
     assert [fix.utc_s for fix in receiver.fixes] == [43200 + k for k in range(5)]
     assert [fix.speed_mps for fix in receiver.fixes] == [float(Fraction(k) * 10 / 36) for k in range(5)]
     assert {fix.date for fix in receiver.fixes} == {date(1994, 3, 23)}
@@ -101,8 +101,8 @@ def test_a_changed_ending_is_learned_anew():
     receiver = Receiver()
     for k in range(3):
         receiver.burst(gga(at(k)), vtg())
-    told = [receiver.burst(gga(at(k)), vtg(), rmc(at(k))) for k in range(3, 8)]
-    assert told[-1] == [2]
+    completed = [receiver.burst(gga(at(k)), vtg(), rmc(at(k))) for k in range(3, 8)]
+    assert completed[-1] == [2]
     assert [fix.utc_s - 43200 for fix in receiver.fixes] == list(range(8))
 
 
@@ -135,7 +135,7 @@ def gsa(mode, talker="GP"):
     return line(f"{talker}GSA,A,{mode},01,03,14,,,,,,,,,,3.1,3.1,")
 
 
-def test_dimensions_are_those_last_said():
+def test_dimensions_are_the_last_reported_ones():
     receiver = Receiver()
     for k, modes in enumerate([(2,), (), (), (3,), (3, 1), (1, 3), (), (1,), (1, 1)]):
         receiver.burst(gga(at(k)), *[gsa(mode) for mode in modes], vtg())
@@ -189,11 +189,11 @@ def test_rmc_and_gga_that_contradict_each_other_are_no_fix():
     assert len(decode(gga(lat="4807.0380,N", lon="01131.0001,E") + rmc())[0]) == 1
 
 
-def test_the_speed_of_rmc_goes_before_that_of_vtg():
+def test_the_speed_of_rmc_is_preferred_to_that_of_vtg():
     assert decode(gga() + rmc(motion="10.0,20.0") + vtg(kmh="99.0"))[0][0].speed_mps == float(Fraction(18520, 3600))
 
 
-def test_vtg_that_does_not_go_with_rmc_is_not_used_alone():
+def test_vtg_that_contradicts_rmc_is_not_used_alone():
     """A burst that begins with VTG, without a pause before: it looks like the end of the one before."""
     decoder, stream = NmeaDecoder(), b""
     for k in range(5):
@@ -206,8 +206,8 @@ def test_endings_survive_losses_in_succession():
     receiver = Receiver(flush=False)
     for k in range(10):
         receiver.burst(gga(at(k)), b"" if k in (4, 5) else vtg(kmh=str(k)))
-    told = [receiver.burst(gga(at(k)), vtg(kmh=str(k))) for k in range(10, 13)]
-    assert told == [[1], [1], [1]]
+    completed = [receiver.burst(gga(at(k)), vtg(kmh=str(k))) for k in range(10, 13)]
+    assert completed == [[1], [1], [1]]
     assert [fix.speed_mps is None for fix in receiver.fixes] == [k in (4, 5) for k in range(13)]
 
 

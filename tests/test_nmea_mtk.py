@@ -38,7 +38,7 @@ def test_commands_are_those_of_the_manual(text, sentence):
     assert command(text) == sentence
 
 
-def test_mediatek_receivers_say_so_themselves():
+def test_mediatek_receivers_identify_themselves():
     assert speaks_mtk(b"noise$PMTK010,001*2E\r\n")
     assert speaks_mtk(line("PMTK705,AXN_2.51_3339_19071200,0002,QUECTEL-L70,1.0"))  # of gpsd's quectel-L70.log
     assert not speaks_mtk(b"$PMTK010,001*2F\r\n" + gga())
@@ -106,7 +106,7 @@ def test_a_receiver_whose_boot_was_missed_is_asked_who_it_is():
     assert configured.warnings == ()
 
 
-def test_another_makers_receiver_is_asked_and_left_alone():
+def test_another_makers_receiver_is_queried_and_left_unchanged():
     device = Speaker(9600, gga() + rmc() + vtg())
     configured = configure(device, model="NMEA receiver")
     assert bytes(device.written) == 3 * command("605")
@@ -163,7 +163,7 @@ def test_a_receiver_that_falls_silent_is_lost():
     assert configure(Dying()) is None
 
 
-def test_settings_leave_receivers_alone_by_default():
+def test_receivers_are_left_unchanged_by_default():
     assert Settings().gnss.configure is False
     assert load(None, ["gnss.configure=true", "gnss.rate_hz=2"]).gnss.rate_hz == 2.0
 

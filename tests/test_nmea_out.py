@@ -66,7 +66,7 @@ ANGLE = st.floats(-89.0, 89.0)
 
 
 @given(st.floats(-90, 90), st.floats(-180, 180), ANGLE, ANGLE, st.floats(-180, 180))
-def test_what_is_said_is_what_is_meant(lat, lon, roll, pitch, yaw):
+def test_sentences_contain_the_solution(lat, lon, roll, pitch, yaw):
     said = parsed(view(lat=lat, lon=lon, rpy=(roll, pitch, yaw)))
     for kind in ("GPGGA", "GPRMC"):
         assert said[kind].lat == pytest.approx(lat, abs=1e-8)
@@ -94,7 +94,7 @@ def test_the_rate_of_turn_is_that_of_the_heading():
     assert parsed(view(rpy=rpy, w=w))["GPROT"].rot == pytest.approx(rate, abs=0.02)
 
 
-def test_nothing_invalid_is_said():
+def test_invalid_values_are_empty_fields():
     assert sentences(View()) == (
         b"$GPGGA,,,,,,0,,,,M,,M,,*66\r\n$GPVTG,,T,,M,,N,,K,N*2C\r\n"
         b"$GPHDT,,T*1B\r\n$GPROT,,V*08\r\n$PASHR,,,T,,,,,,,0,0*20\r\n$GPRMC,,V,,,,,,,,,,N*53\r\n"

@@ -206,26 +206,26 @@ def test_three_percent_damage_costs_the_damaged_sentences_only(style, paused, se
 
 def check(run):
     """Every epoch with a whole position has its one fix; every fix is an epoch's, with nothing of another's."""
-    told = {}
+    by_epoch = {}
     for fix in run.fixes:
         k = round((fix.lat_deg - 47.9) / 1e-5)
         assert 0 <= k < EPOCHS
-        assert k not in told, f"epoch {k} twice"
-        told[k] = fix
+        assert k not in by_epoch, f"epoch {k} twice"
+        by_epoch[k] = fix
     for k, (burst, whole) in enumerate(zip(run.bursts, run.whole, strict=True)):
         if whole & set(PLACES):
-            assert k in told, f"epoch {k} lost"
-        if k in told:
-            compare(told[k], burst, whole)
+            assert k in by_epoch, f"epoch {k} lost"
+        if k in by_epoch:
+            compare(by_epoch[k], burst, whole)
 
 
 def lost_speeds(run):
     """Epochs whose position and VTG were whole, but went apart: without RMC their pairing is cautious."""
     if "RMC" in run.bursts[0].kinds:
         return 0
-    told = {round((fix.lat_deg - 47.9) / 1e-5): fix for fix in run.fixes}
+    by_epoch = {round((fix.lat_deg - 47.9) / 1e-5): fix for fix in run.fixes}
     whole = [k for k in range(EPOCHS) if "VTG" in run.whole[k] and run.whole[k] & set(PLACES)]
-    return sum(told[k].speed_mps is None for k in whole)
+    return sum(by_epoch[k].speed_mps is None for k in whole)
 
 
 def compare(fix, burst, whole):

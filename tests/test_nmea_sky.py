@@ -26,14 +26,14 @@ def sky(*bodies: str):
 
 
 def test_a_whole_sky():
-    told = sky(*GSV, *GSA)
-    found = {(s.system, s.number): s for s in told.satellites}
+    reported = sky(*GSV, *GSA)
+    found = {(s.system, s.number): s for s in reported.satellites}
     assert found[0, 16] == Satellite(0, 16, 57, 208, 39, used=True)
     assert found[1, 46] == Satellite(1, 46, 30, 200, 35, used=True)  # SBAS 133 in GPS' list
     assert found[6, 70] == Satellite(6, 70, -5, 123, None, used=False)
     assert found[6, 81].used and not found[0, 3].used
-    assert len(told.satellites) == 13
-    assert (told.pdop, told.vdop) == (1.7, 1.3)
+    assert len(reported.satellites) == 13
+    assert (reported.pdop, reported.vdop) == (1.7, 1.3)
 
 
 def test_as_another_decoder_reads_it():
@@ -44,18 +44,18 @@ def test_as_another_decoder_reads_it():
             if svid := getattr(message, f"svid_{k:02d}", None):
                 fields = (getattr(message, f"{name}_{k:02d}") for name in ("elv", "az", "cno"))
                 expected.add((svid, *(None if value == "" else value for value in fields)))
-    told = {(s.number, s.elevation_deg, s.azimuth_deg, s.signal_dbhz) for s in sky(*GSV).satellites}
-    assert told == expected
+    reported = {(s.number, s.elevation_deg, s.azimuth_deg, s.signal_dbhz) for s in sky(*GSV).satellites}
+    assert reported == expected
 
 
 def test_systems_by_gsa_s_last_field_and_signals_of_one_satellite():
-    told = sky(
+    reported = sky(
         "GAGSV,1,1,02,04,50,100,30,09,20,200,25,7",
         "GAGSV,1,1,01,04,50,100,44,2",  # the other signal, stronger
         "GBGSV,1,1,01,04,10,020,33,1",
         "GNGSA,A,3,04,,,,,,,,,,,,1.7,1.0,1.3,3",
     ).satellites
-    assert set(told) == {
+    assert set(reported) == {
         Satellite(2, 4, 50, 100, 44, used=True),
         Satellite(2, 9, 20, 200, 25, used=False),
         Satellite(3, 4, 10, 20, 33, used=False),
@@ -70,15 +70,15 @@ def test_a_list_with_a_sentence_lost_leaves_the_one_before(lost):
 
 
 def test_a_shrinking_sky_and_fields_that_make_no_sense():
-    told = sky(*GSV[:3], "GPGSV,1,1,04,07,45,361,50,08,91,10,50,,,,,09,45,180,50").satellites
-    assert [s.number for s in told] == [9]
+    reported = sky(*GSV[:3], "GPGSV,1,1,04,07,45,361,50,08,91,10,50,,,,,09,45,180,50").satellites
+    assert [s.number for s in reported] == [9]
 
 
 @given(st.lists(st.sampled_from([*GSV, *GSA]) | st.text("0123456789,.-ANGPSV", max_size=60).map("GPGSV,".__add__)))
 def test_no_sentences_raise_and_all_is_bounded(bodies):
-    told = sky(*bodies)
-    assert len({(s.system, s.number) for s in told.satellites}) == len(told.satellites)
-    for s in told.satellites:
+    reported = sky(*bodies)
+    assert len({(s.system, s.number) for s in reported.satellites}) == len(reported.satellites)
+    for s in reported.satellites:
         assert s.elevation_deg is None or -90 <= s.elevation_deg <= 90
 
 

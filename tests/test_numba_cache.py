@@ -65,14 +65,14 @@ def test_the_digest_notices_another_python_and_another_processor(sources, monkey
     assert len(digests) == 4
 
 
-def test_the_processor_is_told_by_what_does_not_change_from_start_to_start():
+def test_the_processor_is_identified_by_constant_properties():
     described = numba_cache._processor()
     assert described
     assert "MHz" not in described
     assert described == numba_cache._processor()
 
 
-def test_the_first_place_that_can_be_written_is_taken(home, monkeypatch):
+def test_the_first_writable_folder_is_used(home, monkeypatch):
     monkeypatch.setenv("CACHE_DIRECTORY", "/dev/null/imud")
     assert numba_cache.prepare() == home / "cache" / "imud" / f"numba-{numba_cache.source_digest()}"
     assert os.environ["NUMBA_CACHE_DIR"] == str(numba_cache.prepare())
@@ -83,20 +83,20 @@ def test_a_service_has_its_own(home, monkeypatch):
     assert numba_cache.prepare().parent == home / "service"
 
 
-def test_stale_code_is_told_apart_in_a_place_that_the_user_names_too(home, monkeypatch):
+def test_stale_code_is_detected_in_a_folder_that_the_user_names_too(home, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(home / "mine"))
     assert numba_cache.prepare() == home / "mine" / f"numba-{numba_cache.source_digest()}"
     assert numba_cache.prepare() == home / "mine" / f"numba-{numba_cache.source_digest()}"
 
 
 @pytest.mark.parametrize("variable", ["XDG_CACHE_HOME", "NUMBA_CACHE_DIR"])
-def test_without_a_writable_place_nothing_is_cached(home, monkeypatch, variable):
+def test_without_a_writable_folder_nothing_is_cached(home, monkeypatch, variable):
     monkeypatch.setenv(variable, "/dev/null/x")
     assert numba_cache.prepare() is None
     assert "NUMBA_CACHE_DIR" not in os.environ
 
 
-def test_a_full_disk_is_no_place(home, monkeypatch):
+def test_a_full_disk_is_not_writable(home, monkeypatch):
     full = shutil._ntuple_diskusage(10**9, 10**9, 0)
     monkeypatch.setattr(numba_cache.shutil, "disk_usage", lambda path: full)
     assert numba_cache.prepare() is None

@@ -100,7 +100,7 @@ def test_a_roll_to_the_other_side_is_another_tilt():
 
 
 @pytest.mark.parametrize(("shape", "holds"), [(-1.0, True), (1.0, False), (-1.1, False)])
-def test_dead_reckoning_drifts_as_the_bias_says(shape, holds):
+def test_dead_reckoning_drifts_by_the_bias(shape, holds):
     t = np.linspace(0.0, 600.0, 601)
     states = shape * 0.078 * np.column_stack([0.5 * t**2, t, 0.0 * t])
     nothing = np.zeros((len(t), 3))
@@ -121,7 +121,7 @@ def test_an_unknown_paper_is_a_usage_error():
     assert ended.value.code == 64
 
 
-def test_without_plotly_the_table_is_printed_and_the_mend_is_told(monkeypatch, capsys, tmp_path):
+def test_without_plotly_the_table_is_printed_and_the_remedy_is_named(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(suh, "reproduce", lambda seed: report_of(Row("a number", "2", "2"), drawn=[a_figure()]))
     monkeypatch.setattr(figures, "available", lambda: False)
     assert main(["reproduce", "suh", "-o", str(tmp_path)]) == 73

@@ -120,8 +120,8 @@ def test_a_tilted_sensor_rests_where_it_is():
     bias = np.array([0.05, -0.04, 0.03])
     c, s = np.cos(0.3), np.sin(0.3)  # roll 0.3 rad
     f = np.tile([0.0, -9.80665 * s, -9.80665 * c], (len(t), 1)) + bias + 0.001 * rng.standard_normal((len(t), 3))
-    told = Initial(roll_deg=np.degrees(0.3), pitch_deg=0.0, yaw_deg=90.0)
-    out = rows(samples_of(t, np.zeros((len(t), 3)), f), told, fix_at(0.8, 0.2))[-1]
+    initial = Initial(roll_deg=np.degrees(0.3), pitch_deg=0.0, yaw_deg=90.0)
+    out = rows(samples_of(t, np.zeros((len(t), 3)), f), initial, fix_at(0.8, 0.2))[-1]
     assert out["status"] & (AT_REST | POSITION_VALID) == AT_REST | POSITION_VALID
     np.testing.assert_allclose(out["ba"], bias, atol=0.01)
     assert (np.abs(out["ba"] - bias) < 4 * out["sigma_ba"]).all()

@@ -194,7 +194,7 @@ def test_the_ins_filter_agrees_with_a_dense_one():
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-9)
 
 
-def test_what_the_ins_row_says():
+def test_the_row_of_the_ins():
     samples, _ = carried()
     known = Initial(lat_deg=45.0, lon_deg=8.0, height_m=100.0, yaw_deg=20.0)
     rows = {}
@@ -225,7 +225,7 @@ def test_the_first_fix_is_the_origin():
     assert out["sigma_p"][100] == pytest.approx([0.1, 0.1, 0.2], abs=1e-3)
 
 
-def test_the_devices_own_tilt_is_believed():
+def test_the_devices_own_tilt_is_used():
     t = np.arange(1000) / 100.0
     c, s = math.cos(0.4), math.sin(0.4)
     samples = samples_of(t, *level_at_rest(len(t)))

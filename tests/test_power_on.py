@@ -52,7 +52,7 @@ def attitude_errors(seed, away_s):
 
 
 @pytest.mark.parametrize("away_s", [0.3, 3.0])
-def test_attitude_of_100_replugs_is_as_good_as_it_says(away_s):
+def test_attitude_after_100_replugs_is_as_good_as_claimed(away_s):
     tilt, sigma = np.swapaxes([attitude_errors(seed, away_s) for seed in range(100)], 0, 1)
     assert (tilt < 3.5 * sigma).all()
     nees = ((tilt / sigma) ** 2).mean(axis=0)
@@ -101,7 +101,7 @@ def navigated(path, seed, away_s, remounted=None):
 
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("away_s", [0.3, 3.0])
-def test_navigation_of_replugs_is_as_good_as_it_says(path, away_s):
+def test_navigation_after_replugging_is_as_good_as_claimed(path, away_s):
     runs = [navigated(path, seed, away_s) for seed in range(25)]
     sigma = np.array([out["sigma_rpy"] for out, _ in runs])
     z = np.array([error for _, error in runs]) / sigma
@@ -112,7 +112,7 @@ def test_navigation_of_replugs_is_as_good_as_it_says(path, away_s):
 
 
 @pytest.mark.parametrize("turned_deg", [25.0, 90.0, 180.0])
-def test_a_sensor_that_was_turned_while_it_was_away_is_levelled_anew_and_its_heading_is_not_known(turned_deg):
+def test_a_sensor_that_was_turned_while_unplugged_is_levelled_anew_and_has_no_heading(turned_deg):
     turn = Rotation.from_euler("x", turned_deg, degrees=True)
     for seed in range(5):
         out, _ = navigated("rest", seed, 3.0, turn)
@@ -149,7 +149,7 @@ def test_the_first_sample_of_each_later_connection_may_follow_a_power_on(connect
 
 
 @pytest.mark.parametrize(("serial", "flags"), [("1", RECONNECTED), ("", POWER_ON)])
-def test_a_sensor_that_was_not_switched_off_keeps_its_biases_if_its_number_says_it_is_the_same(connect, serial, flags):
+def test_a_sensor_that_was_not_switched_off_keeps_its_biases_if_its_serial_number_is_the_same(connect, serial, flags):
     connect(serial)
     sensor = connect(serial, at_s=3.0, still_powered=True)
     assert sensor.stream.samples["flags"][0] == flags
@@ -168,7 +168,7 @@ def test_a_sensor_that_was_not_switched_off_keeps_its_biases_if_its_number_says_
         (("1", 0), ("1", 0, AWAY_NS * 1e-9 + 1.0), False),
     ],
 )
-def test_a_filter_goes_on_with_the_same_sensor_only_and_not_after_long(connect, before, then, goes_on):
+def test_a_filter_continues_with_the_same_sensor_only_and_not_after_long(connect, before, then, goes_on):
     first = connect(*before)
     second = connect(*then)
     assert (second.stream.filter is first.stream.filter) == goes_on

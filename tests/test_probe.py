@@ -25,7 +25,7 @@ def test_devices_and_baud_rates_are_found(tmp_path):
     assert (second["driver"], second["baud"]) == ("nmea", 4800)
 
 
-def test_silence_and_absence_are_told_apart(tmp_path):
+def test_silence_and_absence_are_distinguished(tmp_path):
     with silent_tty() as (_, path):
         ended = probe(path, tmp_path / "absent")
     assert ended.returncode == 69

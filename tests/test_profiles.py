@@ -9,12 +9,12 @@ from imud.sensor_errors.profiles import PROFILES, profile_of
 from imud.setup import config
 
 
-def test_what_is_not_said_is_the_profiles():
+def test_settings_that_are_not_given_are_the_profiles():
     assert profile_of(config.loads('[imu]\nprofile = "m-g350"')) == PROFILES["m-g350"]
     assert profile_of(config.loads("")) == PROFILES["consumer-mems"]
 
 
-def test_what_is_known_better_replaces_the_profiles():
+def test_given_settings_replace_the_profiles():
     text = """
         [imu]
         profile = "m-g350"

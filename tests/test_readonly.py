@@ -33,7 +33,7 @@ def test_the_devices_of_this_test_do_fail_when_written_to():
 @pytest.mark.parametrize(
     ("name", "baud", "rate_hz"), [("g350", 460800, 125.0), ("g350", 115200, 125.0), ("rga300", 38400, 100.0)]
 )
-def test_streams_that_tell_everything(name, baud, rate_hz):
+def test_streams_that_identify_their_layout(name, baud, rate_hz):
     wire = streaming(name, baud)
     driver, configured = overheard(wire)
     assert configured.rate_hz == rate_hz
@@ -62,7 +62,7 @@ def test_windowed_frames_are_learned_from_the_stream(fields, wide):
         (0xF007, "G320", "show 0.5 g: is imu.model right?"),
     ],
 )
-def test_what_cannot_be_learned_is_said(fields, model, complaint):
+def test_what_a_stream_does_not_show_is_reported(fields, model, complaint):
     _, answer = overheard(streaming("g365", 460800, fields=fields), model=model)
     assert isinstance(answer, Unsupported)
     assert complaint in str(answer)
@@ -83,7 +83,7 @@ def test_receiver_and_accelerometer():
     assert np.linalg.norm(samples["f"].mean(axis=0)) == pytest.approx(9.8, abs=0.05)
 
 
-def test_ports_are_readonly_as_the_settings_say():
+def test_ports_are_readonly_by_the_settings():
     ports = 'ports=["/dev/a:epson@460800","/dev/b"]'
     for readonly, expected in [("true", [True, True]), ('["/dev/b"]', [False, True]), ("false", [False, False])]:
         opened = choices.ports(load(None, [ports, f"readonly={readonly}"]))

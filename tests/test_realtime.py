@@ -62,7 +62,7 @@ def test_what_is_asked_for_is_so_when_ready(tmp_path):
 
 
 @pytest.mark.parametrize("setting", ["realtime.lock_memory=true", "realtime.scheduler=rr"])
-def test_a_refusal_ends_the_start_and_says_what_to_do(tmp_path, setting):
+def test_a_refusal_of_the_kernel_ends_the_start_and_names_the_remedy(tmp_path, setting):
     ended = start(tmp_path, setting, preexec_fn=unprivileged)
     assert ended.returncode == 77, ended.stderr
     assert setting.partition("=")[0] in ended.stderr
@@ -76,7 +76,7 @@ def test_a_processor_that_is_not_there_is_a_mistake_of_the_configuration():
 
 
 @pytest.mark.parametrize(("code", "kind"), [(errno.EPERM, PermissionDeniedError), (errno.EINVAL, ImudError)])
-def test_refusals_are_told_apart(monkeypatch, code, kind):
+def test_refusals_of_the_kernel_are_distinguished(monkeypatch, code, kind):
     def refuse(*_):
         raise OSError(code, os.strerror(code))
 

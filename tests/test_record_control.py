@@ -64,14 +64,14 @@ def test_a_client_begins_and_ends_recordings_in_the_folder(tmp_path):
         ("{tmp}", "", b"[[[", "what is to be done?"),
     ],
 )
-def test_what_is_not_done_is_said(folder, path, command, says, tmp_path):
+def test_a_command_that_fails_is_reported(folder, path, command, says, tmp_path):
     with Recordings(settings(folder.format(tmp=tmp_path), path.format(tmp=tmp_path))) as recordings:
         answer = json.loads(recordings.handle_command(command))
         assert says in answer["trouble"] and answer["recording"] == bool(path)
 
 
 @pytest.mark.parametrize("folder", ["{tmp}/absent", "/dev/null/x", "/" + "x" * 300])
-def test_a_folder_that_cannot_be_written_to_is_told_at_the_start(folder, tmp_path):
+def test_a_folder_that_cannot_be_written_to_is_reported_at_the_start(folder, tmp_path):
     chosen = settings(folder.format(tmp=tmp_path))
     with Recordings(chosen) as recordings:
         ((level, text),) = recordings.tick()

@@ -81,7 +81,7 @@ def test_a_replay_gives_the_daemons_estimates_bit_for_bit(recorded):
     assert len(found[0]) > 6000
 
 
-def test_a_cut_recording_gives_the_same_as_far_as_it_goes_and_the_cut_is_told(recorded, tmp_path):
+def test_a_truncated_recording_gives_the_same_up_to_its_end_and_is_reported(recorded, tmp_path):
     whole = stored(recorded, ESTIMATE_TABLE)
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(recorded.read_bytes()[: recorded.stat().st_size // 2])
@@ -108,7 +108,7 @@ def fleet(recorded, tmp_path_factory):
     return paths, {path.name: path.read_bytes() for path in (folder / "here").iterdir() if path.stat().st_size > 2000}
 
 
-def test_many_at_a_time_are_each_replayed_as_if_alone(recorded, fleet, tmp_path):
+def test_parallel_replays_equal_single_ones(recorded, fleet, tmp_path):
     paths, made = fleet
     assert sorted(made) == [f"{paths[1].parent.name}_drive.csv", f"{recorded.parent.name}_drive.csv"]
     alone = tmp_path / "alone.csv"
@@ -125,9 +125,9 @@ def killed_by_one(job):
 
 def test_a_process_that_is_killed_takes_its_own_recording_along():
     jobs = [replaying.Job((Path(str(i)),), Path("out"), None, (), None, "", None) for i in range(5)]
-    told = sorted(many.run_locally(jobs, 2, killed_by_one))
-    assert told[1].startswith("1: its process was killed")
-    assert [line for line in told if line.endswith("done")] == ["0 done", "2 done", "3 done", "4 done"]
+    outcomes = sorted(many.run_locally(jobs, 2, killed_by_one))
+    assert outcomes[1].startswith("1: its process was killed")
+    assert [line for line in outcomes if line.endswith("done")] == ["0 done", "2 done", "3 done", "4 done"]
 
 
 def test_another_estimator_is_tried_on_the_same_bytes(recorded, tmp_path):
@@ -162,13 +162,13 @@ def test_a_cluster_gives_the_same_files(fleet, tmp_path):
 def test_workers_without_this_imud_are_named():
     ours = many.version()
     assert many.version_mismatch({"tcp://a": ours, "tcp://b": ours}) == ""
-    told = many.version_mismatch(
+    outcomes = many.version_mismatch(
         {"tcp://a": ours, "tcp://b": "0.0.1", "tcp://c": metadata.PackageNotFoundError("imud")}
     )
-    assert "tcp://b has imud 0.0.1, tcp://c has no imud" in told and "tcp://a" not in told
+    assert "tcp://b has imud 0.0.1, tcp://c has no imud" in outcomes and "tcp://a" not in outcomes
 
 
-def test_files_of_a_name_are_told_apart_by_their_folders():
+def test_files_of_a_name_are_distinguished_by_their_folders():
     paths = [Path(text) for text in ("/x/a/drive.mcap", "/x/b/drive.mcap", "/x/b/other.mcap")]
     assert replay_recordings.distinct_names(paths) == ["a_drive", "b_drive", "other"]
     assert replay_recordings.distinct_names(paths[1:]) == ["drive", "other"]

@@ -124,7 +124,7 @@ def test_every_command_ends_with_65_and_names_the_file(command, whole, tmp_path,
     [[], 5, None, "text", {"gnss": 7}, {"gnss": {"latency_s": 1e300}}, {"unknown": 1}, {"ports": 5}],
     ids=str,
 )
-def test_settings_that_are_none_are_refused_by_name(made_with, tmp_path):
+def test_invalid_settings_are_rejected_by_name(made_with, tmp_path):
     path = write(tmp_path / "odd.mcap", made_with=msgspec.Raw(msgspec.json.encode(made_with)))
     recording = Recording([path])
     with pytest.raises(BadDataError):

@@ -29,14 +29,14 @@ def settings(path, **record):
     return Settings(record=Record(path=str(path), **record), ports=("/dev/a", "/dev/b"))
 
 
-def writer(path, told=None, **record):
+def writer(path, messages=None, **record):
     start = {
         "record": msgspec.to_builtins(settings(path, **record).record),
         "facts": {"session": "s", "version": "1"},
         "ports": ["/dev/a"],
         "settings": msgspec.to_builtins(settings(path)),
     }
-    return RecordingWriter(start, (lambda *line: told.append(line)) if told is not None else lambda *line: None)
+    return RecordingWriter(start, (lambda *line: messages.append(line)) if messages is not None else lambda *line: None)
 
 
 def raws(path):
@@ -111,7 +111,7 @@ def _fix():
     return np.zeros(1, TABLES[2].dtype)
 
 
-def test_a_writer_that_stalls_delays_nobody_and_its_gap_is_told_once(tmp_path):
+def test_a_stalled_writer_does_not_delay_the_loop_and_its_gap_is_reported_once(tmp_path):
     recorder = Recorder(settings(tmp_path / "drive.mcap"))
     while not (tmp_path / "drive.mcap").exists():
         time.sleep(0.02)
@@ -124,15 +124,15 @@ def test_a_writer_that_stalls_delays_nobody_and_its_gap_is_told_once(tmp_path):
     assert [level for level, _ in recorder.tick()].count("warning") == 1
     assert recorder.tick() == []
     os.kill(recorder._process.pid, signal.SIGCONT)
-    told = []
-    while not told:
+    messages = []
+    while not messages:
         time.sleep(0.02)
-        told = [text for level, text in recorder.tick() if "whole again" in text]
+        messages = [text for level, text in recorder.tick() if "whole again" in text]
     recorder.close()
     assert len(raws(tmp_path / "drive.mcap")) == 400 - recorder.dropped
 
 
-def test_a_writer_that_dies_is_told_and_harms_nobody(tmp_path):
+def test_the_death_of_a_writer_is_reported_and_does_no_harm(tmp_path):
     recorder = Recorder(settings(tmp_path / "drive.mcap"))
     recorder._process.kill()
     recorder._process.wait()
@@ -185,7 +185,7 @@ def test_a_power_cut_and_damage_cost_no_more_than_what_they_hit(tmp_path):
     assert sum(entry.topic == "/raw/0" for entry in Capture(cut)) == 301
 
 
-def test_what_is_no_recording_is_said_to_be_none(tmp_path):
+def test_a_file_that_is_no_recording_is_reported(tmp_path):
     (tmp_path / "x").write_text("t_s,gx_radps\n")
     with pytest.raises(CaptureError, match="is no recording"):
         Capture(tmp_path / "x")
@@ -193,9 +193,9 @@ def test_what_is_no_recording_is_said_to_be_none(tmp_path):
 
 def test_files_change_at_their_size_and_the_oldest_go_for_the_budget(tmp_path, monkeypatch):
     monkeypatch.setattr("imud.recording.writer._MB", 2000)
-    path, told = tmp_path / "drive.mcap", []
+    path, messages = tmp_path / "drive.mcap", []
     path.write_bytes(b"somebody's earlier recording")
-    recording = writer(path, told, file_mb=2, budget_mb=9, spare_mb=0)
+    recording = writer(path, messages, file_mb=2, budget_mb=9, spare_mb=0)
     for t_ns in range(40):
         recording.take(Kind.RAW, 0, t_ns, np.random.default_rng(t_ns).bytes(1500))
         recording.commit()
@@ -206,14 +206,14 @@ def test_files_change_at_their_size_and_the_oldest_go_for_the_budget(tmp_path, m
     assert sum(file.stat().st_size for file in left) <= 9 * 2000 + 2 * 3000
     times = [raw.t_ns for file in left for raw in raws(file)]
     assert times == list(range(times[0], 40))
-    assert any("removed" in text for _, text in told)
+    assert any("removed" in text for _, text in messages)
     numbers = [Capture(file).session()[0]["part"] for file in left]
     assert [int(number) for number in numbers] == list(range(int(numbers[0]), int(numbers[0]) + len(left)))
 
 
-def test_a_full_disk_pauses_the_recording_which_goes_on_when_there_is_room(tmp_path, monkeypatch):
-    path, told, full = tmp_path / "drive.mcap", [], []
-    recording = writer(path, told)
+def test_a_full_disk_pauses_the_recording_until_there_is_space(tmp_path, monkeypatch):
+    path, messages, full = tmp_path / "drive.mcap", [], []
+    recording = writer(path, messages)
     sync = os.fdatasync
     monkeypatch.setattr(os, "fdatasync", lambda fd: _no_room() if full else sync(fd))
     recording.take(Kind.RAW, 0, 1, b"before")
@@ -230,8 +230,8 @@ def test_a_full_disk_pauses_the_recording_which_goes_on_when_there_is_room(tmp_p
     recording.finish()
     assert [raw.data for raw in raws(path)] == [b"before"]
     assert [raw.data for raw in raws(path.with_name("drive.0001.mcap"))] == [b"after"]
-    assert [level for level, _ in told] == ["info", "error", "info"]
-    assert "No space left" in told[1][1]
+    assert [level for level, _ in messages] == ["info", "error", "info"]
+    assert "No space left" in messages[1][1]
 
 
 def _no_room():

@@ -25,7 +25,7 @@ def test_every_key_and_table_is_described():
     assert set(titles()) == {key.table for key in keys()} - {""}
 
 
-def test_the_sample_is_all_comments_and_says_the_defaults():
+def test_the_sample_is_all_comments_with_the_defaults():
     assert config.loads(sample()) == Settings()
     chosen = config.loads(uncommented(sample()))
     assert msgspec.structs.replace(chosen, ports=()) == Settings()

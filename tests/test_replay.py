@@ -155,7 +155,7 @@ def test_a_given_start_needs_no_alignment(drive, tmp_path):
         (("-o", "-", "--set", "navigation.vehicle=boat"), 78, b"navigation.vehicle"),
     ],
 )
-def test_what_cannot_be_done_is_said(drive, arguments, code, says):
+def test_errors_are_reported(drive, arguments, code, says):
     folder, _ = drive
     ended = replay("--imu", folder / "imu.csv", *(a.format(imu=folder / "imu.csv") for a in arguments))
     assert ended.returncode == code, ended.stderr

@@ -92,7 +92,7 @@ WHITE = (WHITE - WHITE.mean()) / WHITE.std()
         (innovations(9.0 * WHITE[:10]), "too few innovations were used to judge the filter by pn_m (10)"),
     ],
 )
-def test_what_is_wrong_with_innovations_is_said(case, words):
+def test_inconsistent_innovations_are_reported(case, words):
     text = said(case)
     assert words in text and bool(text) == bool(words)
 
@@ -107,7 +107,7 @@ def still(n=4000, rate_hz=100.0):
     return rows
 
 
-def test_what_is_wrong_with_the_sensor_is_said():
+def test_faults_of_the_sensor_are_reported():
     well = still()
     assert said(sensors=(watched(well),)) == ""
     frozen = still()
@@ -167,10 +167,14 @@ def files(tmp_path):
         rows[name] = 0.1
     with (tmp_path / "est.csv").open("wb") as file:
         EstimateWriter(file, 1000).write(rows)
-    told = np.zeros(30, INNOVATION)
-    told["t_ns"], told["kind"], told["used"] = np.arange(30) * 1_000_000_000, POSITION_N, 1
-    told["value"], told["variance"] = 3.0 * WHITE[:30], 1.0
-    write_innovations(tmp_path / "innovations.csv", 1000, told)
+    innovation_rows = np.zeros(30, INNOVATION)
+    innovation_rows["t_ns"], innovation_rows["kind"], innovation_rows["used"] = (
+        np.arange(30) * 1_000_000_000,
+        POSITION_N,
+        1,
+    )
+    innovation_rows["value"], innovation_rows["variance"] = 3.0 * WHITE[:30], 1.0
+    write_innovations(tmp_path / "innovations.csv", 1000, innovation_rows)
     imu = "".join(f"{1000 + k / 100},0,0,0,0,0,{-9.81 + 0.001 * (k % 7)}\n" for k in range(3000))
     (tmp_path / "imu.csv").write_text(f"t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2\n{imu}")
     fixes = "".join(f"{1000 + k},48.0,11.0,500,{1000.2 + k},1.0\n" for k in range(30))
@@ -191,21 +195,34 @@ def test_innovations_come_back_as_they_were_written(files):
 
 
 @pytest.mark.parametrize("clock", [True, False], ids=["with clock", "as older versions wrote it"])
-def test_a_recording_tells_the_same_as_tables(clock, tmp_path):
+def test_a_recording_gives_the_same_report_as_tables(clock, tmp_path):
     pytest.importorskip("mcap", reason="recordings need the extra imud[record]")
     from imud.recording.clock_fit import CLOCK_FIT
     from imud.recording.file import RecordingFile
     from imud.recording.messages import CLOCK_TABLE, ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE, SAMPLE_TABLE
 
-    estimates, told, samples, fixes = np.zeros(100, SOLUTION), np.zeros(30, INNOVATION), still(500), np.zeros(9, FIX)
-    estimates["t_ns"], told["t_ns"] = 5_250_000_000 + np.arange(100) * 10**8, 6_000_000_000 + np.arange(30) * 10**8
+    estimates, innovation_rows, samples, fixes = (
+        np.zeros(100, SOLUTION),
+        np.zeros(30, INNOVATION),
+        still(500),
+        np.zeros(9, FIX),
+    )
+    estimates["t_ns"], innovation_rows["t_ns"] = (
+        5_250_000_000 + np.arange(100) * 10**8,
+        6_000_000_000 + np.arange(30) * 10**8,
+    )
     estimates["status"], estimates["q_nb"][:, 0], estimates["lat"] = ATTITUDE_VALID | POSITION_VALID, 1.0, 0.5
-    told["kind"], told["value"], told["variance"] = POSITION_N, 2.0 * WHITE[:30], 4.0
-    told["used"][:27] = 1
+    innovation_rows["kind"], innovation_rows["value"], innovation_rows["variance"] = POSITION_N, 2.0 * WHITE[:30], 4.0
+    innovation_rows["used"][:27] = 1
     samples["t_ns"] += 5_000_000_000
     fixes["t_ns"], fixes["arrival_ns"], fixes["lat"] = 6_000_000_000, 6_200_000_000, 0.5
     file = RecordingFile(tmp_path / "drive.mcap", {"version": "0"}, b"{}", 0)
-    tables = [(ESTIMATE_TABLE, estimates), (INNOVATION_TABLE, told), (SAMPLE_TABLE, samples), (FIX_TABLE, fixes)]
+    tables = [
+        (ESTIMATE_TABLE, estimates),
+        (INNOVATION_TABLE, innovation_rows),
+        (SAMPLE_TABLE, samples),
+        (FIX_TABLE, fixes),
+    ]
     fits = np.zeros(3, CLOCK_FIT)
     fits["t_ns"], fits["drift"], fits["sigma_drift"] = 6_000_000_000 + np.arange(3) * 10**9, 2e-5, 1e-6
     fits["drift"][0], fits["lost"], fits["bad"] = np.nan, (3, 5, 1), 7  # it was connected anew after the second
@@ -255,11 +272,11 @@ def test_runs_at_the_same_time_share_an_axis_and_those_of_other_days_lie_over_th
         (["a/drive.mcap", "b/drive.mcap"], ["a/drive.mcap", "b/drive.mcap"]),
     ],
 )
-def test_files_that_are_overlaid_are_told_apart(paths, names):
+def test_overlaid_files_have_distinct_labels(paths, names):
     assert distinct_labels([Path(path) for path in paths]) == names
 
 
-def test_the_page_says_and_draws_what_the_files_tell(files, capsys):
+def test_the_page_contains_text_and_figures_of_the_files(files, capsys):
     pytest.importorskip("plotly", reason="pages need the extra imud[web]")
     page = files / "report.html"
     assert main(["report", *(str(files / name) for name in NAMES), "-o", str(page)]) == 0
@@ -296,7 +313,7 @@ async def _look(page, folder):
         ("t_s,kind,value,sigma,used\n0,pn_m,1\n", 65, "line 2: 3 columns instead of 5"),
     ],
 )
-def test_bad_files_are_told(content, code, says, tmp_path, capsys):
+def test_bad_files_are_reported(content, code, says, tmp_path, capsys):
     pytest.importorskip("plotly", reason="pages need the extra imud[web]")
     path = tmp_path / "x.csv"
     if content is not None:
@@ -305,7 +322,7 @@ def test_bad_files_are_told(content, code, says, tmp_path, capsys):
     assert says in capsys.readouterr().err
 
 
-def test_a_page_that_cannot_be_written_is_told(files, capsys):
+def test_a_page_that_cannot_be_written_is_reported(files, capsys):
     pytest.importorskip("plotly", reason="pages need the extra imud[web]")
     assert main(["report", str(files / "est.csv"), "-o", str(files / "no" / "x.html")]) == 73
     assert "cannot write" in capsys.readouterr().err

@@ -163,7 +163,7 @@ def circle(graph):
     return []
 
 
-def test_every_place_of_the_floors_is_there(graph):
+def test_every_module_of_the_floors_exists(graph):
     assert {place_of(file) for file in graph} == set(FLOOR)
 
 

@@ -110,7 +110,7 @@ def test_counts_are_millivolts(row):
     assert [sample["tick"] for sample in samples] == [0, 1]
 
 
-def test_a_line_that_is_under_way_is_not_believed_unless_it_has_labels():
+def test_a_line_cut_at_its_beginning_is_not_decoded_unless_it_has_labels():
     assert [board(sample) for sample in decoder().feed(b"12\t0498\t0760\n\r" + RAW).samples] == [
         board(decoder().feed(b"\n" + RAW).samples[0])
     ]

@@ -131,16 +131,16 @@ def test_every_driver_asking_does_not_disturb_it_for_good():
     assert seconds < 8.0
 
 
-@pytest.mark.parametrize(("rate_hz", "told"), [(1.0, 1.0), (3.0, 3.0), (7.0, 7.0), (125.0, None)])
-def test_the_rate_is_what_is_heard(rate_hz, told):
+@pytest.mark.parametrize(("rate_hz", "expected_hz"), [(1.0, 1.0), (3.0, 3.0), (7.0, 7.0), (125.0, None)])
+def test_the_rate_is_the_received_one(rate_hz, expected_hz):
     result = configure(Board(streaming=True, rate_hz=rate_hz))
-    assert result.rate_hz == (told if told else pytest.approx(rate_hz, rel=0.02))
+    assert result.rate_hz == (expected_hz if expected_hz else pytest.approx(rate_hz, rel=0.02))
     assert result.period_ns == pytest.approx(1e9 / result.rate_hz)
     assert result.delay_ns == pytest.approx(1_060_000 + len(GOLDEN) * 10e9 / 57600, abs=2)
 
 
 @pytest.mark.parametrize("row", RANGES, ids=lambda row: f"{row.g:g} g")
-def test_the_range_of_counts_is_told_by_the_menu_or_else_judged_by_gravity(row):
+def test_the_range_of_counts_is_that_of_the_menu_or_else_found_by_gravity(row):
     line = raw((512, 511, round((1650 + row.mv_per_g) * 1023 / 3300)), b"\n\r")
     menu = MENU.replace(b"1.5g", b"%.1fg" % row.g)
     assert configure(Board(line=line, menu=menu)).identity.model == row.model
@@ -175,6 +175,6 @@ def test_an_unknown_menu_is_not_left():
     assert b"x" not in device.written
 
 
-def test_the_probe_means_nothing_in_the_menu_however_it_is_misheard():
+def test_the_probe_has_no_effect_in_the_menu_at_any_baud_rate():
     heard = {byte for talker in DRIVER.bauds for listener in DRIVER.bauds for byte in garble(b"\xff", talker, listener)}
     assert not heard & set(range(0x20, 0x7F))

@@ -129,7 +129,7 @@ def test_a_port_of_this_process_is_busy_too(pty):
     pty.open().close()
 
 
-def test_the_emulator_behind_a_pseudo_terminal_is_no_rival():
+def test_the_emulator_behind_a_pseudo_terminal_does_not_count_as_a_holder():
     code = "import os; m, s = os.openpty(); print(os.ttyname(s), flush=True); input()"
     emulator = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     port = SerialPort(PortSpec(emulator.stdout.readline().strip()))

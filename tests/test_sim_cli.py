@@ -59,7 +59,7 @@ def test_an_old_link_is_replaced_and_another_ones_link_is_left(tmp_path):
         (["g350", "--truth", "/absent/t.csv"], 73, "/absent/t.csv: No such file"),
     ],
 )
-def test_misuse_is_told_and_has_its_exit_code(tmp_path, arguments, code, complaint):
+def test_misuse_is_reported_and_has_its_exit_code(tmp_path, arguments, code, complaint):
     bad = tmp_path / "bad"
     bad.write_text("not,this\n")
     names = {"IMU": write_recording(tmp_path)[0], "BAD": bad}

@@ -114,7 +114,7 @@ def test_self_test_is_busy_for_80_ms_and_passes():
     assert word(unit, 0x3C, 1.1) == 0
 
 
-def test_soft_reset_forgets_everything():
+def test_soft_reset_restores_all_defaults():
     unit = device()
     start(unit)
     assert len(frames(unit, 1.0)) > 90
@@ -248,7 +248,7 @@ def test_new_data_flags_are_cleared_one_by_one_and_can_be_disabled():
     assert word(few, 0x00, 1.0) == 0x0E00
 
 
-def test_a_line_too_slow_for_the_rate_loses_whole_frames_and_says_so():
+def test_a_line_too_slow_for_the_rate_loses_whole_frames_and_reports_it():
     unit = device(baud=115200)  # 22 bytes take 1.9 ms
     start(unit)
     got = frames(unit, READY + 1.0)

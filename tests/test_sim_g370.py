@@ -172,7 +172,7 @@ def test_a_burst_is_sent_when_asked_for():
     assert ask(unit, "FE 01 0D 80 00 0D", 1.2) == ""  # in window 1 that writes SIG_CTRL
 
 
-def test_soft_reset_forgets_everything():
+def test_soft_reset_restores_all_defaults():
     unit = device()
     start(unit)
     unit.advance(1.0)

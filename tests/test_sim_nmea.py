@@ -292,7 +292,7 @@ def test_the_fix_rate_can_be_set(command):
     assert stamps[:10] == [0, 200000, 400000, 600000, 800000, 0, 200000, 400000, 600000, 800000]
 
 
-def test_only_what_is_wanted_is_said_and_the_default_returns():
+def test_only_the_selected_sentences_are_sent_and_the_default_returns():
     unit = receiver(no_fix_s=0.0)
     unit.receive(b"$PMTK314,0,0,1,1,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0*28\r\n", 0.2)
     assert {line[:6] for _, line in said(unit, 8.0)[5:]} == {"$GPGGA", "$GPVTG"}

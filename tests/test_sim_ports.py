@@ -122,7 +122,7 @@ def test_the_device_vanishes_when_the_emulator_ends():
 # --- the receiver on a port ---
 
 
-def test_the_receiver_tells_the_time_and_the_place():
+def test_the_receiver_sends_time_and_position():
     before = time.time()
     with (
         emulator("nmea@38400", "--ideal", "--no-fix", "0.5", "--rate", 5) as (_, paths),

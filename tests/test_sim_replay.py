@@ -89,7 +89,7 @@ def test_real_recordings_can_be_played(recordings, name):
         (IMU_HEADER + "1,2,3,4,5,6,7\n1,2,3,4,5,6,7\n", "time does not increase"),
     ],
 )
-def test_bad_inertial_files_say_why(tmp_path, text, complaint):
+def test_bad_inertial_files_are_reported(tmp_path, text, complaint):
     path = tmp_path / "imu.csv"
     path.write_text(text)
     with pytest.raises(DataError, match=complaint):
@@ -108,7 +108,7 @@ def test_bad_inertial_files_say_why(tmp_path, text, complaint):
         ("t_s,lat_deg,lon_deg,height_m\n501,1,2,3\n501,1,2,3\n", "time does not increase"),
     ],
 )
-def test_bad_fix_files_say_why(tmp_path, text, complaint):
+def test_bad_fix_files_are_reported(tmp_path, text, complaint):
     imu, gnss = write_recording(tmp_path)
     gnss.write_text(text)
     with pytest.raises(DataError, match=complaint):

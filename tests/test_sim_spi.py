@@ -92,7 +92,7 @@ def test_another_command_ends_a_burst(windowed):
         ("mode", {"mode": 0}),
     ],
 )
-def test_what_breaks_a_rule_is_not_heard(flat, rule, how):
+def test_a_word_that_breaks_a_rule_is_ignored(flat, rule, how):
     flat.send("b703")
     answers = flat.send("b704", "b704", "3600", "3600", **how)
     assert answers[-1] == ONES.hex()
@@ -131,7 +131,7 @@ def test_nothing_is_read_in_uart_auto_mode_but_it_can_be_left(flat):
     assert flat.send("3800", "0000")[1] == "0401"
 
 
-def test_while_it_starts_up_only_not_ready_is_told(flat):
+def test_during_start_up_only_not_ready_can_be_read(flat):
     flat.now_s = 0.1
     assert flat.send("3e00", "0000", "3800", "0000")[1::2] == ["0400", ONES.hex()]
 
@@ -154,7 +154,7 @@ def test_the_data_ready_line_rises_with_every_sample(flat):
 
 
 @pytest.mark.parametrize("control", ["b400", "b402", "b404"])  # off; on, but low when ready
-def test_the_data_ready_line_is_as_msc_ctrl_says(flat, control):
+def test_msc_ctrl_sets_the_data_ready_line(flat, control):
     rises = []
     flat.spi.sensor.on_data_ready = rises.append
     flat.send(control, "b901")

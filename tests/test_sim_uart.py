@@ -47,7 +47,7 @@ def test_a_new_speed_applies_to_what_is_sent_after_it():
         (b"\x0f", 9600, 19200, b"\xfe\x80"),  # 2 low, 8 high; then start bit and 7 of the 8 low bits, high
     ],
 )
-def test_the_wrong_speed_is_heard_as_a_uart_hears_it(data, talker, listener, heard):
+def test_a_wrong_baud_rate_gives_the_garbage_of_a_uart(data, talker, listener, heard):
     assert garble(data, talker, listener)[: len(heard)] == heard
 
 

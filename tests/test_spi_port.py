@@ -176,7 +176,7 @@ def test_a_torn_sample_is_none_and_the_next_is_looked_for_at_once(port, modules)
     assert readable(port)
 
 
-def test_without_edges_it_is_looked_for_in_time_and_said(port):
+def test_without_edges_samples_are_fetched_by_time_with_a_warning(port):
     begin(port, plan(period_ns=SHORT_NS))
     for k in range(60):
         assert not port.warning or k >= 50

@@ -55,7 +55,7 @@ def tells_all(told: dict) -> bool:
     return "north" in told.get("innovations", {}) and "drift_ppm" in told["ports"][0].get("clock", {})
 
 
-def test_a_running_daemon_tells_the_same_in_three_forms(tmp_path):
+def test_a_running_daemon_gives_the_same_status_in_three_forms(tmp_path):
     imu, gnss = str(tmp_path / "imu"), str(tmp_path / "gnss")
     absent = str(tmp_path / "absent")
     with (
@@ -149,12 +149,12 @@ def test_flat_and_nested_are_inverse(tree):
     assert status.nested(flat(table)) == {**table, "ports": []}
 
 
-def test_the_unknown_is_left_out():
+def test_unknown_values_are_left_out():
     assert flat({"a": math.nan, "b": None, "c": {"d": math.inf, "e": 0.0}}) == {"c.e": 0.0}
 
 
 @given(st.text(st.characters(), max_size=5))
-def test_a_status_of_any_text_goes_on_the_wire(story):
+def test_a_status_with_any_text_is_sent(story):
     told = json.loads(line(status_object({"ports": {"0": {"state": "…" + story}}})))
     assert told == {"class": "STATUS", "ports.0.state": "…" + story}
 
@@ -240,7 +240,7 @@ def stranger(*lines: bytes):
         ((), "open, but does not answer"),
     ],
 )
-def test_who_is_no_imud_is_told_apart(monkeypatch, lines, says):
+def test_another_program_is_recognised(monkeypatch, lines, says):
     monkeypatch.setattr(status, "TIMEOUT_S", 0.5)
     with stranger(*lines) as address, pytest.raises(ImudError, match=says):
         status.ask(parse_address(address, 1))

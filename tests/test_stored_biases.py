@@ -52,7 +52,7 @@ def test_what_was_found_comes_back_less_sure(folder):
         {"as_corrected": correction(Calibration(""), (0.0, 0.0, 90.0))},
     ],
 )
-def test_of_another_sensor_time_or_mounting_nothing_is_known(folder, asked):
+def test_biases_of_another_sensor_time_or_mounting_are_not_used(folder, asked):
     assert load() is not None
     assert load(**asked) is None
 

@@ -191,7 +191,7 @@ def test_bad_rows_are_left_out_and_then_named(tmp_path):
 @pytest.mark.parametrize(
     ("times", "says"), [((1.7e18, 1.7e18 + 1e7), "is it in ms, us or ns"), ((3, 2, 1, 0), "sort them by t_s")]
 )
-def test_times_of_another_unit_or_order_are_told(tmp_path, times, says):
+def test_times_of_another_unit_or_order_are_reported(tmp_path, times, says):
     with pytest.raises(BadDataError, match=says):
         tables.read_imu(write(tmp_path, "".join(f"{t},0,0,0,0,0,-9.8\n" for t in times)))
 
@@ -202,7 +202,7 @@ def test_rows_of_a_receiver_without_a_fix_are_no_fixes(tmp_path):
     assert fixes["t_ns"].tolist() == [3_000_000_000]
 
 
-def test_what_a_phone_does_not_know_is_minus_one(tmp_path):
+def test_minus_one_of_a_phone_is_unknown(tmp_path):
     header = "t_s,lat_deg,lon_deg,height_m,sn_m,hdop,speed_mps,course_deg,vd_mps\n"
     fix = tables.read_fixes(write(tmp_path, "1,-35.5,-139.5,-1,-1,-1,-1,-1,-1\n", header), 0)[0]
     assert np.isnan([fix["sigma"][0], fix["hdop"], fix["speed"]]).all()
@@ -216,7 +216,7 @@ def test_missing_file_and_missing_column(tmp_path):
         tables.read_imu(write(tmp_path, "", "t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2\n"))
 
 
-def test_what_a_file_is_instead_of_a_table_is_said(tmp_path):
+def test_another_kind_of_file_is_reported(tmp_path):
     with pytest.raises(BadDataError, match=r"no column t_s, .*; it is: time \[s\], gyro_x, Acc Z, …"):
         tables.read_imu(write(tmp_path, "1,2,3\n", f"time [s],gyro_x,Acc Z,{'x' * 200}\n"))
     (tmp_path / "raw.ubx").write_bytes(bytes(range(256)) * 4)

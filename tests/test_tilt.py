@@ -134,14 +134,14 @@ def test_sigmas_are_those_of_a_monte_carlo(roll, pitch):
     assert np.all((nees > 0.7) & (nees < 1.35)), nees  # 99 % of chi2(300)/300 lies within 0.8 and 1.22
 
 
-def test_the_first_samples_say_how_noisy_they_are():
+def test_the_noise_is_estimated_from_the_first_samples():
     quiet = still(weight(0.0, 0.0), n=200)["sigma_rpy"][0]
     one = still(weight(0.0, 0.0), n=1)["sigma_rpy"][0]
     white = PROFILE.accel_noise * math.sqrt(RATE_HZ) / G
     assert one**2 - quiet**2 == pytest.approx(white**2, rel=0.15)
 
 
-def test_free_fall_says_nothing():
+def test_free_fall_gives_no_tilt():
     solution = still((0.0, 0.0, 0.0))
     assert np.all(np.isfinite(solution["q_nb"]))
     assert solution["sigma_rpy"].tolist() == pytest.approx([UNIFORM] * 3)
@@ -268,7 +268,7 @@ def test_position_is_not_claimed():
         assert np.all(np.isnan(solution[name])), name
 
 
-def test_gravity_of_the_place_is_used():
+def test_local_gravity_is_used():
     """At the pole gravity is 9.832: with the latitude known, that is no acceleration even to a fine sensor."""
     rows = samples(np.tile([0.0, 0.0, -9.83219], (200, 1)))
     settings = Settings(imu=Imu(profile="m-g350"))

@@ -58,7 +58,7 @@ async def heard(channel, accept, seconds=TIMEOUT_S):
     return news
 
 
-def test_news_follow_the_daemon_as_it_comes_and_goes(tmp_path):
+def test_snapshots_follow_the_daemon_when_it_starts_and_ends(tmp_path):
     path = tmp_path / "gpsd.sock"
 
     async def follow(url):
@@ -160,20 +160,20 @@ def test_the_page_is_whole_and_asks_nothing_of_other_machines(served):
         (["--listen", "127.0.0.1:99999"], 64, "65535"),
     ],
 )
-def test_a_bad_address_is_told(arguments, code, says):
+def test_a_bad_address_is_reported(arguments, code, says):
     command = [sys.executable, "-m", "imud", "web", *arguments]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
     assert (ended.returncode, ended.stdout) == (code, "")
     assert says in ended.stderr and "Traceback" not in ended.stderr
 
 
-def test_a_port_that_is_taken_is_told(served):
+def test_a_port_in_use_is_reported(served):
     command = [sys.executable, "-m", "imud", "web", "--listen", served.removeprefix("http://").rstrip("/")]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
     assert ended.returncode == 73 and "in use by" in ended.stderr
 
 
-def test_without_the_extra_the_mend_is_told(monkeypatch):
+def test_without_the_extra_the_remedy_is_named(monkeypatch):
     monkeypatch.setattr(web.importlib.util, "find_spec", lambda _: None)
     with pytest.raises(UsageError, match=r"pip install 'imud\[web\]'"):
         web.require()

@@ -65,7 +65,7 @@ HOSTS += ["localhost#@evil.example", "[localhost]", "evil.example\\@127.0.0.1", 
 
 
 @pytest.mark.parametrize("host", HOSTS)
-def test_a_host_that_is_none_is_refused(host, served):
+def test_an_invalid_host_is_rejected(host, served):
     address, printed = served
     status = answer(address, f"GET / HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode()).split(b"\r\n")[0]
     assert status in (b"HTTP/1.1 403 Forbidden", b"HTTP/1.0 400 Bad Request", b"HTTP/1.1 400 Bad Request")
@@ -73,7 +73,7 @@ def test_a_host_that_is_none_is_refused(host, served):
 
 
 @pytest.mark.parametrize("origin", ["http://[", "http://", "[", "null", "http://{host}@evil", "ftp://{host}", "{host}"])
-def test_an_origin_that_is_none_is_refused(origin, served):
+def test_an_invalid_origin_is_rejected(origin, served):
     address, printed = served
     host = f"{address[0]}:{address[1]}"
     for given_origin, status in ((f"http://{host}", b"200"), (origin.format(host=host), b"403")):
@@ -142,7 +142,7 @@ def test_a_connection_without_a_whole_request_is_ended(tmp_path):
         assert printed() == ""
 
 
-def test_at_its_limit_of_descriptors_it_goes_on_serving_and_prints_little(tmp_path):
+def test_at_its_limit_of_descriptors_it_continues_to_serve_and_prints_little(tmp_path):
     with page_server(tmp_path, descriptors=96) as (address, printed), contextlib.ExitStack() as stack:
         for _ in range(200):
             stack.enter_context(socket.create_connection(address, timeout=TIMEOUT_S))

@@ -51,8 +51,8 @@ class Expressions:
 
     def fail(self, node: ast.AST, what: str) -> NoReturn:
         """Raise UnsupportedError for this part of the function."""
-        place = f"{inspect.getsourcefile(self._python)}:{self.line(node)}"
-        raise UnsupportedError(f"{place}: C has no translation of this {what}: {ast.unparse(node)}")
+        where = f"{inspect.getsourcefile(self._python)}:{self.line(node)}"
+        raise UnsupportedError(f"{where}: C has no translation of this {what}: {ast.unparse(node)}")
 
     def constant(self, node: ast.expr) -> Any:
         """The value of an expression that is known while translating, else None. What a kernel returns is not."""

@@ -56,7 +56,7 @@ class Body:
         self.text = "\n".join([*own, *self._lines]) + "\n"
 
     @property
-    def place(self) -> str:
+    def line_directive(self) -> str:
         """The line of C that says to which line of Python what follows belongs; empty unless the unit has lines."""
         return "" if self._file is None else f'#line {self._of.line(self._tree)} "{self._file}"\n'
 
@@ -155,14 +155,14 @@ class Body:
         if isinstance(value, ast.Tuple) and all(isinstance(t, ast.Tuple) for t in targets):
             for target in targets:
                 assert isinstance(target, ast.Tuple)
-                self._together(target.elts, value.elts, depth)
+                self._assign_tuple(target.elts, value.elts, depth)
             return
         if isinstance(value, ast.Call) and ast.unparse(value.func) in ("np.empty", "np.zeros"):
             self._array(targets, value)
             return
         text, kind = self._of.value(value)
         if any(isinstance(t, ast.Tuple) for t in targets):
-            self._apart(targets, text, kind, depth)
+            self._unpack(targets, text, kind, depth)
             return
         self._remember_length(targets[0], kind, value, text, depth)
         kind = working(kind)
@@ -173,7 +173,7 @@ class Body:
         for target in targets:
             self._store(target, text, kind, depth)
 
-    def _apart(self, targets: list[ast.expr], text: str, kind: Kind, depth: int) -> None:
+    def _unpack(self, targets: list[ast.expr], text: str, kind: Kind, depth: int) -> None:
         """The elements of a tuple, or of a row of a table, to several targets."""
         if not isinstance(kind, Array | Tuple):
             self._of.fail(targets[0], "assignment")
@@ -185,7 +185,7 @@ class Body:
             for i, item in enumerate(target.elts):
                 self._store(item, *self._of.element(at, kind, str(i)), depth)
 
-    def _together(self, targets: list[ast.expr], values: list[ast.expr], depth: int) -> None:
+    def _assign_tuple(self, targets: list[ast.expr], values: list[ast.expr], depth: int) -> None:
         """Python evaluates the whole right side before it assigns."""
         pairs: list[tuple[ast.expr, Value]] = []
         for target, value in zip(targets, values, strict=True):
@@ -200,7 +200,7 @@ class Body:
     def _remember_length(self, target: ast.expr, kind: Kind, value: ast.expr, text: str, depth: int) -> None:
         if is_open(kind):
             if not isinstance(target, ast.Name):
-                self._of.fail(target, "place of an array")
+                self._of.fail(target, "target of an array")
             self._variables[f"{target.id}_n"] = INT
             self._put(depth, f"{target.id}_n = {length(self._of, value, text)};")
 
@@ -214,9 +214,9 @@ class Body:
                 self._of.fail(target, "slice")
             self._fill(target, row, filled, "=", text, depth)
         elif isinstance(target, ast.Subscript | ast.Attribute):
-            place, there = self._of.value(target)
+            assigned, there = self._of.value(target)
             star = "*" if isinstance(there, Record) else ""  # a record is copied
-            self._put(depth, f"{star}{place} = {star}{text};")
+            self._put(depth, f"{star}{assigned} = {star}{text};")
         else:
             self._of.fail(target, "target")
 

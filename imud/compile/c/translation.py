@@ -2,7 +2,7 @@
 
 Kernels are written in a small part of Python: numbers, fixed-size records and arrays, tuples of numbers, loops. Each
 (function, argument types) becomes one static C function; records become structs of the same layout. So C does the same
-operations in the same order, whoever changes a kernel. What is not understood raises UnsupportedError with its place.
+operations in the same order, whoever changes a kernel. What has no translation raises UnsupportedError with file and line.
 """
 
 from collections.abc import Callable, Sequence
@@ -146,8 +146,8 @@ class Translation:
             self._begun.pop()
             assert body.returns is not None
             done = self._functions[key] = Function(f"{python.__name__}_{len(self._functions)}", body.returns)
-            head = f"{body.place}static inline {done.returns.c} {done.name}({body.parameters})"
-            self._bodies.append(f"{head}\n{{\n{body.text}{body.place}}}\n")
+            head = f"{body.line_directive}static inline {done.returns.c} {done.name}({body.parameters})"
+            self._bodies.append(f"{head}\n{{\n{body.text}{body.line_directive}}}\n")
         return self._functions[key]
 
     def export(self, kernel: Callable[..., Any], dtypes: Sequence[np.dtype[Any] | None], symbol: str) -> None:

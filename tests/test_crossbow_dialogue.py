@@ -120,7 +120,7 @@ def test_a_unit_that_sends_nothing_by_itself_is_asked():
     unit = Rga(silent="C")
     unit.host_baud = 38400
     result, _ = run(DRIVER.configure(Identity("crossbow", "", baud=38400), Options()), unit)
-    assert result.request.command == b"G" and "sends nothing by itself" in result.warnings[0]
+    assert result.request.command == b"G" and "does not stream" in result.warnings[0]
     assert run(DRIVER.configure(Identity("crossbow", "", baud=38400), Options(readonly=True)), unit)[0] is None
 
 

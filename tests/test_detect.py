@@ -163,7 +163,7 @@ def test_an_unknown_device_is_reported_and_not_written_to():
     device = Speaker(9600, b"hello, I am a coffee machine\r\n")
     found, _ = run(detect(), device)
     assert isinstance(found, UnrecognisedData)
-    assert "bytes heard at" in str(found)
+    assert "bytes received at" in str(found)
     assert "text, but of no device" in str(found)
     assert "hello, I am a coffee machine" in str(found)
     assert device.written == b""
@@ -172,7 +172,7 @@ def test_an_unknown_device_is_reported_and_not_written_to():
 @pytest.mark.parametrize("baud", [115200, 9600])
 def test_a_stream_at_another_speed_than_the_one_named_is_called_garbage(baud):
     found, _ = run(detect("epson", baud, readonly=True), streaming("g350", 460800))
-    assert "garbage, as of a line at another speed" in str(found)
+    assert "garbage, as of a line at another baud rate" in str(found)
     assert "leave out @BAUD" in str(found)
 
 
@@ -202,7 +202,7 @@ def test_a_receiver_that_sends_only_gll_is_recognised():
 
 def test_an_instrument_that_knows_no_position_is_not_called_a_disturbed_line():
     found, _ = run(detect(), Speaker(4800, b"$SDDBT,036.4,f,011.1,M,006.0,F*00\r\n", period_s=2.0))
-    assert "NMEA sentences, but none that tells a position" in str(found)
+    assert "NMEA sentences, but none with a position" in str(found)
 
 
 @pytest.mark.parametrize("talker", ["GP", "BD", "II"])

@@ -196,7 +196,7 @@ def test_a_rate_that_the_sensor_has_not_is_answered_with_those_it_has():
     result = configure(G350(115200), rate_hz=333.0)
     assert result.rate_hz == 250.0
     assert result.warnings == (
-        "333 samples/s wanted, 250 taken; possible at 115200 baud: 500, 250, 125, 62.5, 31.25, 15.625",
+        "333 samples/s wanted, 250 set; possible at 115200 baud: 500, 250, 125, 62.5, 31.25, 15.625",
     )
 
 
@@ -260,7 +260,7 @@ def test_the_stream_of_a_sensor_that_does_not_answer_is_used_as_it_is():
     device.receive = lambda data: None
     result = configure(device)
     assert (result.rate_hz, result.frame_bytes) == (125.0, 22)
-    assert "does not obey" in " ".join(result.warnings)
+    assert "does not answer" in " ".join(result.warnings)
 
 
 def test_readonly_cannot_start_a_stream():

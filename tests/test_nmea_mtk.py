@@ -125,7 +125,7 @@ def test_two_retries_then_the_old_state():
     device = Device(deaf=("220", "300"))
     configured = configure(device)
     assert [device.commands.count(n) for n in ("220", "300")] == [6, 6]  # thrice to set, thrice to set back
-    assert "neither by PMTK220 nor by PMTK300" in configured.warnings[0]
+    assert "both by PMTK220 and by PMTK300" in configured.warnings[0]
     assert configured.identity.baud == device.unit.uart.baud == 9600
     assert b"GPGSV" in device.listen(6.0), "the sentences are the receiver's own again"
 

@@ -54,7 +54,7 @@ def test_windowed_frames_are_learned_from_the_stream(fields, wide):
 @pytest.mark.parametrize(
     ("fields", "model", "complaint"),
     [
-        (0xF007, "", "do not tell which model it is; set imu.model to one of G320, G330,"),
+        (0xF007, "", "do not identify the model; set imu.model to one of G320, G330,"),
         (0xF006, "G365PDF", "frames of 22 bytes without a checksum"),
         (0x3003, "G365PDF", "frames of 18 bytes with a checksum"),
         (0xF007, "G350", "imu.model says G350, but the frames are of another kind"),

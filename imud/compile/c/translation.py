@@ -2,7 +2,7 @@
 
 Kernels are written in a small part of Python: numbers, fixed-size records and arrays, tuples of numbers, loops. Each
 (function, argument types) becomes one static C function; records become structs of the same layout. So C does the same
-operations in the same order, whoever changes a kernel. What has no translation raises UnsupportedError with file and line.
+operations in the same order, whoever changes a kernel. What has no translation raises UnsupportedError with its line.
 """
 
 from collections.abc import Callable, Sequence

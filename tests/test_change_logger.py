@@ -75,14 +75,14 @@ def test_fault_bits_of_a_dmu_are_reported_as_text():
     reported = []
     for k, bit in enumerate([0, 0, 4, 4, 0x44, 0x40, 0]):
         receive_from(sensor, packet(level, clock=-12_658 * k, bit=bit), k * SECOND // 100)
-        told.append(sensor.faults(k * SECOND // 100))
+        reported.append(sensor.faults(k * SECOND // 100))
     failed, unknown = "the sensor reports a failed accelerometer (BIT bit 2)", "bit 6 of its status word"
-    assert told[:2] == [(), ()]
-    assert told[2] == told[3] == (failed,)
-    assert told[4][0] == failed
-    assert unknown in told[4][1]
-    assert unknown in told[5][0]
-    assert told[6] == ()
+    assert reported[:2] == [(), ()]
+    assert reported[2] == reported[3] == (failed,)
+    assert reported[4][0] == failed
+    assert unknown in reported[4][1]
+    assert unknown in reported[5][0]
+    assert reported[6] == ()
     assert "stale" in sensor.faults(SECOND)[0]
 
 
@@ -102,9 +102,9 @@ def test_the_driver_reports_a_fault_bit_that_is_set_from_the_start():
     reported = []
     for k, bit in enumerate([4, 4, 0, 4]):
         receive_from(sensor, packet(level, clock=-12_658 * k, bit=bit), k * SECOND // 100)
-        told.append(sensor.faults(k * SECOND // 100))
-    assert told[:3] == [(), (), ()]
-    assert "failed" in told[3][0]
+        reported.append(sensor.faults(k * SECOND // 100))
+    assert reported[:3] == [(), (), ()]
+    assert "failed" in reported[3][0]
 
 
 def test_the_sensors_own_ranges_hold():
@@ -156,7 +156,7 @@ def test_a_receiver_on_a_disturbed_line_is_not_called_well():
         receiver.take(torn + good, second * SECOND)
         receiver.flush(second * SECOND + SECOND // 2)
         receiver.look(second * SECOND)
-        told.append(receiver.faults(second * SECOND))
+        reported.append(receiver.faults(second * SECOND))
     disturbed = ("receiver: more than 1% of its sentences do not arrive whole",)
     assert set(reported[:18]) == set(reported[41:]) == {()}
     assert set(reported[20:30]) == {disturbed}
@@ -169,7 +169,7 @@ def test_an_inertial_sensor_on_a_disturbed_line_is_not_called_well():
         data = packet((0, 0, 0, 0, 0, 10923), clock=-12_658 * k)
         receive_from(sensor, bytes(24) if 1000 <= k < 3000 and k % 40 == 0 else data, k * SECOND // 100)
         sensor.look(k * SECOND // 100)
-        told.append(sensor.faults(k * SECOND // 100))
+        reported.append(sensor.faults(k * SECOND // 100))
     disturbed = ("inertial sensor: more than 1% of its samples do not arrive whole",)
     assert set(reported[:1000]) == set(reported[4100:]) == {()}
     assert set(reported[2000:3000]) == {disturbed}

@@ -170,7 +170,7 @@ def test_rejection_of_fixes_is_reported_once_per_change_with_its_setting():
         receiver.read(line, second * 1_000_000_000)
         receiver.flush(second * 1_000_000_000 + 500_000_000)
         if receiver.message:
-            told.append((second, receiver.message))
+            notes.append((second, receiver.message))
             receiver.message = ""
     os.close(reader)
     os.close(writer)
@@ -224,12 +224,12 @@ def test_fixes_of_a_table_obey_the_same_settings(tmp_path):
     table = tmp_path / "gnss.csv"
     rows = ["1,48,11,500,0.9,8", "2,48,11,500,0.9,4", "3,48,11,500,25,8", "4,48,11,500,,"]
     table.write_text("\n".join(["t_s,lat_deg,lon_deg,height_m,hdop,satellites", *rows]) + "\n")
-    fixes, told = read_fixes(table, 0), []
-    assert without_refused(table, fixes, Gnss(), told.append)["t_ns"].tolist() == [1e9, 4e9]
-    assert told == [
+    fixes, notes = read_fixes(table, 0), []
+    assert without_refused(table, fixes, Gnss(), notes.append)["t_ns"].tolist() == [1e9, 4e9]
+    assert notes == [
         "2 of 4 fixes are not used: 4 satellites, fewer than gnss.min_satellites = 5 (1 times), "
         "HDOP 25, above gnss.max_hdop = 20 (1 times)"
     ]
-    assert len(without_refused(table, fixes, Gnss(min_satellites=4, max_hdop=30.0), told.append)) == 4
+    assert len(without_refused(table, fixes, Gnss(min_satellites=4, max_hdop=30.0), notes.append)) == 4
     with pytest.raises(BadDataError, match=r"none of its fixes is used: quality 1, .* gnss\.qualities = \[4\]"):
-        without_refused(table, fixes[:3], Gnss(qualities=(4,)), told.append)
+        without_refused(table, fixes[:3], Gnss(qualities=(4,)), notes.append)

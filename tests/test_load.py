@@ -17,8 +17,8 @@ def feed(load, batches, start_ms=1000, period_s=1e-3):
     for after_ms, n in batches:
         now += after_ms * MS
         published.append(load.leaves_time_to_publish(n, period_s, now))
-        told += load.messages(0, now)
-    return published, told
+        messages += load.messages(0, now)
+    return published, messages
 
 
 def test_keeping_up_publishes_everything():
@@ -32,8 +32,8 @@ def test_losses_of_a_new_connection_are_reported_though_its_counter_restarts():
     for k, n in enumerate([1] * 100 + [186] * 50 + [1] * 2000):
         now = (1000 + 186 * k) * MS
         load.leaves_time_to_publish(n, 1e-3, now)
-        told += load.messages(70 if k < 120 else 3, now)
-    assert [line for line in told if "; 3 samples lost" in line]
+        messages += load.messages(70 if k < 120 else 3, now)
+    assert [line for line in messages if "; 3 samples lost" in line]
 
 
 def test_a_short_stall_is_processed_completely():

@@ -93,9 +93,9 @@ def test_a_file_is_not_the_journal_of_who_started_us(err):
 
 @given(st.dictionaries(st.from_regex(r"[a-z_][a-z0-9_]{0,9}", fullmatch=True), st.text() | st.integers()), st.text())
 def test_any_event_is_readable(event, text):
-    told = parsed(log.datagram(6, {"event": text, **{f"x{key}": value for key, value in event.items()}}))
-    assert told["EVENT"] == text.encode(errors="replace").decode()
-    assert all(name and name[0] not in "_0123456789" for name in told)
+    entry = parsed(log.datagram(6, {"event": text, **{f"x{key}": value for key, value in event.items()}}))
+    assert entry["EVENT"] == text.encode(errors="replace").decode()
+    assert all(name and name[0] not in "_0123456789" for name in entry)
 
 
 def test_the_log_does_not_cost_asyncio():

@@ -173,7 +173,7 @@ def test_the_rate_is_that_of_the_last_ten_seconds(hz):
     ("shares", "found"),
     [((1.0,), 1.0), ((1.02, 0.97), 1.0), ((0.25,), 0.25), ((4.0,), 4.0), ((0.2, 1.8), None), ((0.5, 0.7), None)],
 )
-def test_another_pace_is_told_from_an_uneven_one(shares, found):
+def test_another_rate_is_distinguished_from_an_uneven_one(shares, found):
     rate_monitor, ticks = SampleRateMonitor(1000.0), 0.0
     for k in range(4 * 20 + 1):
         rate_monitor.look(int(ticks), k * SECOND_NS // 4)
@@ -188,7 +188,7 @@ def test_a_silence_is_no_other_pace():
     assert rate_monitor.share is None
 
 
-def test_innovation_ratios_of_a_filter_that_knows_are_one():
+def test_innovation_ratios_of_a_consistent_filter_are_one():
     statistics, rng = InnovationStatistics(), np.random.default_rng(3)
     rows = np.zeros(2, INNOVATION)
     rows["value"] = rows["variance"] = np.nan  # refused unseen

@@ -320,6 +320,14 @@ def test_finding_the_gyro_zero_takes_its_time():
     assert not run(find_zero(1), Mute(38400))[0]
 
 
+@pytest.mark.parametrize(("hundreds", "seconds"), [(1, 5.5), (20, 15.0), (255, 120.0)])
+def test_a_gyro_zero_that_does_not_come_is_waited_for_as_long_as_it_may_take(hundreds, seconds):
+    """5 ms a sample, and 5 s; at most two minutes."""
+    done, waited = run(find_zero(hundreds), Mute(38400))
+    assert not done
+    assert waited == pytest.approx(seconds, abs=0.1)
+
+
 def test_changing_the_speed():
     unit = Rga(streaming=True)
     unit.host_baud = 38400

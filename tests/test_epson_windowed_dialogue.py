@@ -216,6 +216,14 @@ def test_the_self_test_is_run_when_wanted(diagnosis, test_s, complaint):
     assert bytes.fromhex("83040D") not in untested.written
 
 
+@pytest.mark.parametrize("bit", range(16))
+def test_the_self_test_fails_by_each_of_its_bits_alone(bit):
+    """DIAG_STAT in the data sheets: bit 1 sums up, bits 11 to 14 are the accelerometers and the three gyros."""
+    device = Windowed()
+    device.test_s, device.byte[0, 0x04], device.byte[0, 0x05] = 0.15, 1 << bit & 0xFF, 1 << bit >> 8
+    assert ("test failed" in " ".join(configure(device, self_test=True).warnings)) == (bit in (1, 11, 12, 13, 14))
+
+
 def test_a_running_stream_of_another_host_is_reconfigured():
     device = Windowed().start(4, fields=0xF007, wide=0x70, window=1)
     assert configure(device).frame_bytes == 36

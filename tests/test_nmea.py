@@ -45,6 +45,26 @@ def test_novatels_word_for_a_differential_fix():
     assert fix_of(gga(rest="9,08,0.9,545.4,M,46.9,M,,")).quality == 2
 
 
+@pytest.mark.parametrize(
+    ("letter", "quality"), [("A", 1), ("D", 2), ("P", 3), ("R", 4), ("F", 5), ("E", 6), ("M", 7), ("S", 8)]
+)
+def test_a_mode_letter_means_what_gga_numbers(letter, quality):
+    """NMEA 0183 v4.11, mode indicator and GGA's quality: manual input is 7, a simulator 8."""
+    sentences = (
+        rmc(tail=f",,,{letter}"),
+        line(f"GPGLL,4807.038,N,01131.000,E,120000,A,{letter}"),
+        line(f"GNGNS,120000,4807.038,N,01131.000,E,{letter}N,08,0.9,545.4,46.9,,"),
+    )
+    assert [fix_of(sentence).quality for sentence in sentences] == [quality] * 3
+
+
+@pytest.mark.parametrize(
+    ("text", "hdop"), [("", None), ("0", None), ("0.01", 0.01), ("98.99", 98.99), ("99.0", None), ("9999", None)]
+)
+def test_an_hdop_without_a_figure_is_unknown(text, hdop):
+    assert fix_of(gga(rest=f"1,08,{text},545.4,M,46.9,M,,")).hdop == hdop
+
+
 def test_the_real_receivers_search_is_a_state_and_no_fix():
     fixes, decoder = decode(BOOT + NO_FIX + NO_FIX_VTG)
     assert fixes == []

@@ -189,6 +189,33 @@ def test_rmc_and_gga_that_contradict_each_other_are_no_fix():
     assert len(decode(gga(lat="4807.0380,N", lon="01131.0001,E") + rmc())[0]) == 1
 
 
+@pytest.mark.parametrize(
+    ("lon", "rmc_lon", "agree"),
+    [
+        ("01131.000,E", "01131.110,E", True),  # 0.11' of longitude at 60 degrees north: 0.92e-3 degrees of latitude
+        ("01131.000,E", "01131.130,E", False),  # 1.08e-3
+        ("17959.980,E", "17959.980,W", True),  # on both sides of the date line
+        ("17959.900,E", "17959.900,W", False),
+    ],
+)
+def test_sentences_of_one_epoch_agree_by_their_distance_on_the_ground(lon, rmc_lon, agree):
+    second = line(f"GPRMC,120000.000,A,6000.000,N,{rmc_lon},022.4,084.4,230394,,,A")
+    fixes, decoder = decode(gga(lat="6000.000,N", lon=lon) + second)
+    assert (len(fixes), decoder.counters["contradictory"]) == ((1, 0) if agree else (0, 1))
+
+
+@pytest.mark.parametrize(("difference_kmh", "used"), [(0.5, True), (-0.5, True), (0.6, False), (-0.6, False)])
+def test_vtg_is_used_alone_only_if_it_gave_the_speed_of_rmc_but_for_rounding(difference_kmh, used):
+    """0.15 m/s are 0.54 km/h."""
+    decoder, stream = NmeaDecoder(), b""
+    for k in range(5):
+        knots = "" if k == 3 else f"{10 * k / 1.852}"
+        stream += gga(at(k)) + rmc(at(k), motion=f"{knots},0") + vtg(kmh=f"{max(10 * k + difference_kmh, 0):.2f}")
+    fixes = decoder.feed(stream, 1) + decoder.flush(1 + SILENCE_NS)
+    assert (fixes[3].speed_mps is not None) == used
+    assert [round(fix.speed_mps * 3.6) for fix in fixes if fix is not fixes[3]] == [0, 10, 20, 40]
+
+
 def test_the_speed_of_rmc_is_preferred_to_that_of_vtg():
     assert decode(gga() + rmc(motion="10.0,20.0") + vtg(kmh="99.0"))[0][0].speed_mps == float(Fraction(18520, 3600))
 

@@ -7,6 +7,7 @@ import pytest
 
 from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators import registry
+from imud.estimators.papers import suh as suh_filters
 from imud.estimators.papers.suh import ADAPTIVE, STANDARD, TWO_STEP
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, SOLUTION
 from imud.experiments import suh
@@ -33,6 +34,20 @@ def tumbling(seconds, rate=20.0, seed=4):
     f = G * np.column_stack([np.sin(pitch), -np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)])
     f[200:300, 1] += 4.0 * np.sin(3.0 * t[200:300])
     return m_g350(rng, t, w, f), np.column_stack([pitch, roll])
+
+
+def test_a_pitch_beyond_the_vertical_is_the_same_attitude_with_the_same_covariance():
+    """Pitch over the top is pi - pitch with roll and yaw turned round: only the sign of pitch's error changes."""
+    s = registry.by_name("suh-standard").start(None, Initial())
+    upper = np.triu_indices(5)
+    A = np.random.default_rng(1).standard_normal((5, 5))
+    P = A @ A.T
+    s["x"], s["yaw"], s["P"] = [math.radians(95.0), 0.2, 0.3, 0.4, 0.5], 0.1, P[upper]
+    suh_filters.wrap_angles(s[0])
+    J = np.diag([-1.0, 1, 1, 1, 1])
+    np.testing.assert_allclose(s["P"][0], (J @ P @ J)[upper], rtol=1e-15)
+    assert s["x"][0, :2] == pytest.approx([math.radians(85.0), 0.2 - math.pi])
+    assert s["yaw"][0] == pytest.approx(0.1 - math.pi)
 
 
 def dense(samples, mode, literal):

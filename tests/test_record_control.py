@@ -9,9 +9,10 @@ import pytest
 from processes import TIMEOUT_S
 
 from drivers.capture import Capture
+from drivers.driver import GnssConfigured, Identity
 from imud.commands import main
 from imud.configuration.settings import Record, Settings
-from imud.outputs.addresses import is_from_this_machine
+from imud.outputs.addresses import AddressInUseError, is_from_this_machine
 from imud.recording.control import Recordings
 
 
@@ -117,3 +118,25 @@ def test_who_is_on_this_machine():
     a, b = socket.socketpair()
     with a, b:
         assert is_from_this_machine(a)
+
+
+@pytest.mark.parametrize("streamed", [False, True])
+def test_a_start_that_is_refused_leaves_no_empty_recording(streamed, tmp_path):
+    identity = Identity("seraccel", "SerAccel", "", "", profile="consumer-mems")
+    with pytest.raises(AddressInUseError), Recordings(settings(path=tmp_path / "own.mcap")) as recordings:
+        until(lambda state: state["bytes"] > 0, recordings)
+        recordings.event("error", "before the end", {})
+        if streamed:
+            recordings.current.connected(0, "/dev/null", GnssConfigured(identity), None, 1)
+        raise AddressInUseError("cannot listen")
+    assert [path.name for path in tmp_path.iterdir()] == ["own.mcap"] * streamed
+
+
+def test_a_daemon_whose_socket_is_in_use_leaves_no_recording(tmp_path, capsys):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        listen = f"127.0.0.1:{taken.getsockname()[1]}"
+        assert main(["run", "--port", str(tmp_path / "x"), "--listen", listen, "--record", f"{tmp_path}/r.mcap"]) == 73
+    assert "in use" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

@@ -42,7 +42,9 @@ class Recordings:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
+        if self.current and isinstance(error, ImudError):
+            self.current.discard_unused()
         for recorder in filter(None, (self.current, *self._closing)):
             recorder.close()
 

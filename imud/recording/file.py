@@ -78,6 +78,11 @@ class RecordingFile:
             with contextlib.suppress(OSError):
                 self.path.unlink()
 
+    def discard(self) -> None:
+        """Close and remove."""
+        self._committed = 0
+        self.abandon()
+
 
 def _sync_folder(folder: Path) -> None:
     """Have the file's name on the disk, too."""

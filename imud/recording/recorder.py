@@ -25,7 +25,7 @@ from drivers.driver import GnssConfigured, ImuConfigured
 
 from .. import __version__
 from ..configuration.settings import Settings
-from ..errors import CannotCreateError, UsageError
+from ..errors import CannotCreateError, ImudError, UsageError
 from ..math.arrays import Records
 from ..pipeline import NOTHING_STORED, Stored
 from ..sensor_errors.calibration import Calibration
@@ -205,6 +205,10 @@ class Recorder:
             news.append(("info", f"the recording is whole again; {self.dropped} packets are missing in it so far"))
         return news
 
+    def discard_unused(self) -> None:
+        """Leave no file behind, if no device has streamed."""
+        self._put(Kind.DISCARD, b"", time.monotonic_ns())
+
     def begin_close(self) -> None:
         """Begin to send the rest and to finish the file. Call `is_finished` until it returns True."""
         self._end_s = time.monotonic() + _CLOSE_TIMEOUT_S
@@ -233,6 +237,10 @@ def recording(settings: Settings) -> Iterator[Recorder | None]:
     recorder = Recorder(settings) if settings.record.path else None
     try:
         yield recorder
+    except ImudError:
+        if recorder is not None:
+            recorder.discard_unused()
+        raise
     finally:
         if recorder is not None:
             recorder.close()

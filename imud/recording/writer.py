@@ -108,6 +108,9 @@ class RecordingWriter:
         elif kind == Kind.SETTINGS:
             self._settings = msgspec.json.decode(data)
             self._write(SETTINGS, t_ns, _encode({"t_ns": t_ns, "settings": self._settings}))
+        elif kind == Kind.DISCARD and self._file is not None and not self._connections:
+            self._file.discard()
+            self._file = None
 
     def _rows(self, table: Table, rows: Any, t_ns: int | None = None) -> None:
         for entry in table.objects(rows):

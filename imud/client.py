@@ -1,4 +1,4 @@
-"""Reading a running daemon's states from Python: every solution from its stream, or the newest from shared memory.
+"""A running daemon from Python: its states, from its stream or shared memory; and measurements for its filter.
 
     from imud.client import connect, latest
 
@@ -8,10 +8,16 @@
 
     state = latest("/dev/shm/imud-front")
 
+Measurements for the daemon whose `aiding.listen` is that path, from any program:
+
+    with AidingSender("/run/imud/aiding") as sender:
+        sender.send("HDG", heading=123.4, sigma=0.3)          # degrees; its epoch is now, unless t=… (Unix time) says so
+
 Needs nothing but the standard library. `FIELDS` describes the bytes on the wire; the C header (`imud reference c`) is
 made from the same table. All numbers are little-endian.
 """
 
+import json
 import math
 import os
 import socket
@@ -281,3 +287,41 @@ def latest(path: str | Path) -> State | None:
         return shared.read()
     finally:
         shared.close()
+
+
+class AidingSender:
+    """Sends measurements to the daemon whose `aiding.listen` is `address`: a path, or HOST:PORT. Never waits."""
+
+    def __init__(self, address: str | Path) -> None:
+        """Raises ValueError for what is no address. The daemon need not run yet."""
+        text = str(address).removeprefix("unix:")
+        host, colon, port = text.rpartition(":")
+        if "/" in text:
+            self._where: str | tuple[str, int] = text
+            family = socket.AF_UNIX
+        elif colon and port.isdigit():
+            self._where, family = (host.strip("[]"), int(port)), socket.AF_INET6 if ":" in host else socket.AF_INET
+        else:
+            raise ValueError(f"{text!r} is no address: it must be /path or HOST:PORT")
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+
+    def send(self, message: str, **values: float) -> bool:
+        """Send one measurement: its class (`HDG`, …) and its numbers; t: its epoch, Unix s. False: nobody took it.
+
+        There is no answer: what the daemon cannot use is in `imud status` and in its log.
+        """
+        try:
+            self._socket.sendto(json.dumps({"class": message, **values}).encode(), self._where)
+        except OSError:  # no daemon, or one that is behind; it may be back for the next one
+            return False
+        return True
+
+    def __enter__(self) -> "AidingSender":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._socket.close()

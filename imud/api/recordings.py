@@ -65,6 +65,7 @@ def read(paths: Any) -> Recording:
         on_update=lambda _, new: innovations.append(new.copy()),
         warn=source.notes.append,
         on_fix=lambda fix: fixes.append(fix.copy()),
+        on_aid=lambda _, new: innovations.append(new.copy()),
     )
     for entry in source:
         player.take(entry)

@@ -91,6 +91,18 @@ METRICS = (
         "imud_innovation_ratio", _GAUGE, "Mean of innovation^2 / variance over the last fixes; 1 is right.",
         r"innovations\.(?P<kind>\w+)\.ratio",
     ),
+    Metric(
+        "imud_aiding_measurements_total", _COUNTER, "Measurements of other programs, by source.",
+        r"aiding\.sources\.(?P<source>\w+)\.received",
+    ),
+    Metric(
+        "imud_aiding_rate_hertz", _GAUGE, "Measurements per second over ten seconds.",
+        r"aiding\.sources\.(?P<source>\w+)\.rate_hz",
+    ),
+    Metric("imud_aiding_age_seconds", _GAUGE, "Since the last one.", r"aiding\.sources\.(?P<source>\w+)\.age_s"),
+    Metric(
+        "imud_aiding_refused_total", _COUNTER, "Messages that could not be used.", r"aiding\.refused\.(?P<rule>\w+)",
+    ),
     Metric("imud_clients", _GAUGE, "Connected clients.", r"outputs\.(?P<output>\w+)\.clients"),
     Metric(
         "imud_messages_dropped_total", _COUNTER, "Messages that slow clients lost.",

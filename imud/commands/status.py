@@ -117,6 +117,8 @@ def screen(status: Table) -> Iterator[tuple[str, str]]:
         yield from zip_longest(["innovations"], innovations(by_kind), fillvalue="")
     for port in status["ports"]:
         yield from _port(port)
+    if aiding := status.get("aiding"):
+        yield from zip_longest(["aiding"], _aiding(aiding), fillvalue="")
     for name, output in status["outputs"].items():
         if addresses := output.pop("addresses", ""):
             yield name, addresses
@@ -134,6 +136,16 @@ def innovations(by_kind: Table) -> list[str]:
     used, rejected = (sum(entry[what] for entry in by_kind.values()) for what in ("used", "rejected"))
     counts = f"{used} used, {rejected} rejected"
     return [*textwrap.wrap(ratios, _WIDTH), f"ratio 1 is right; {counts}"] if ratios else [counts]
+
+
+def _aiding(aiding: Table) -> Iterator[str]:
+    """What came of each source of measurements, and what could not be used."""
+    yield aiding["address"]
+    for name, source in aiding.get("sources", {}).items():
+        rate = f"{source['rate_hz']:.4g}" if "rate_hz" in source else "?"
+        yield f"{name}: {source['received']} received, {rate} Hz, the last {source['age_s']:.1f} s ago"
+    if refused := aiding.get("refused"):
+        yield "refused: " + ", ".join(f"{count} for {rule}" for rule, count in refused.items())
 
 
 def _duration(seconds: float) -> str:

@@ -176,6 +176,14 @@ class Ins9(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     distance_var: Annotated[float, number(1e-9, 1e6, "m^2", "Of each reckoned distance.", hot=True)] = 0.2
 
 
+class Aiding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Measurements of other programs (heading, …), as datagrams of JSON lines; `imud.client` has the sender."""
+
+    listen: Annotated[
+        str, text("Where: /path/of/a/unix/socket, or HOST:PORT (UDP) on this machine; empty: nowhere.")
+    ] = ""
+
+
 class Gpsd(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The gpsd JSON server."""
 
@@ -287,6 +295,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     navigation: Navigation = Navigation()
     gps_track: GpsTrack = GpsTrack()
     ins9: Ins9 = Ins9()
+    aiding: Aiding = Aiding()
     gpsd: Gpsd = Gpsd()
     nmea: Nmea = Nmea()
     stream: Stream = Stream()

@@ -10,6 +10,7 @@ import signal
 import time
 from collections.abc import Callable
 from functools import partial
+from typing import TYPE_CHECKING
 
 from .. import compilation
 from ..compile import library
@@ -29,6 +30,9 @@ from .devices import Devices
 from .fast_loop import FAILED, PUBLISH_DUE, FastLoop
 from .publisher import Publisher
 from .status_reporter import StatusReporter
+
+if TYPE_CHECKING:
+    from .aiding_input import AidingInput
 
 _SLOW_NS = 100_000_000  # what is not urgent is looked after this often
 _SOON_NS = 20_000_000  # while a fix waits for the end of its epoch
@@ -58,6 +62,7 @@ class Daemon:
         self._devices = Devices(settings, wait, self._fast_loop, self._recordings, self._errors)
         self._status_reporter = StatusReporter(self._devices, self._errors)
         self._notifier = Notifier()
+        self._aiding: AidingInput | None = None
         self._exit: int | None = None
         self._reload_due = False
         self._serving = False
@@ -68,6 +73,7 @@ class Daemon:
             self._wakeup = stack.enter_context(caught(self._actions()))
             self._fast_loop.others.register(self._wakeup, select.POLLIN)
             self._outputs = stack.enter_context(contextlib.closing(self._open_outputs()))
+            self._aiding = self._open_aiding(stack)
             self._publisher = Publisher(self._devices, self._recordings, self._outputs, self._status_reporter.health)
             self._devices.check()
             self._prepare_kernels()
@@ -85,11 +91,19 @@ class Daemon:
 
     def _open_outputs(self) -> Outputs:
         queries = {
-            "STATUS": lambda: self._status_reporter.status(self._publisher, self._outputs),
+            "STATUS": lambda: self._status_reporter.status(self._publisher, self._outputs, self._aiding),
             "RECORD": self._recordings.status,
         }
         commands = {"RECORD": self._recordings.handle_command}
         return Outputs(self._settings, self._fast_loop.others, BATCH, queries, commands, self._errors)
+
+    def _open_aiding(self, stack: contextlib.ExitStack) -> "AidingInput | None":
+        if not self._settings.aiding.listen:
+            return None
+        from .aiding_input import AidingInput  # what few use costs the others no memory
+
+        opened = AidingInput(self._settings, self._fast_loop.others, self._devices.selection, self._recordings)
+        return stack.enter_context(contextlib.closing(opened))
 
     def _prepare_kernels(self) -> None:
         """Call all of them once. Where numba has to compile them, that takes minutes."""
@@ -148,6 +162,9 @@ class Daemon:
                 self._publisher.on_fixes(fixes, self._settings.gnss.latency_s)
         elif fd == self._wakeup:
             os.read(fd, 64)  # its handler has run
+        elif self._aiding is not None and fd in self._aiding:
+            with self._errors.contain("the use of a measurement"):
+                self._aiding.on_event(self._publisher.innovations)
         else:
             self._outputs.on_event(fd, mask, now_ns)
 
@@ -160,6 +177,9 @@ class Daemon:
         with self._errors.contain("the publishing of a fix"):
             if self._devices.imu is None:
                 self._publisher.publish_receiver(now_ns)
+        if self._aiding is not None:
+            with self._errors.contain("a look at the measurements"):
+                self._aiding.tick(now_ns)
         self._outputs.tick(now_ns)
         with self._errors.contain("a look at the state"):
             self._status_reporter.tick(self._publisher.load, now_ns)

@@ -1,6 +1,7 @@
 """The daemon's state: changes go to the log, faults of the sensors to clients, a table answers `imud status`."""
 
 import time
+from typing import TYPE_CHECKING
 
 from ..estimators.records import ATTITUDE_VALID
 from ..outputs.all import Outputs
@@ -15,6 +16,9 @@ from .change_logger import ChangeLogger
 from .devices import Devices
 from .load import Load
 from .publisher import Publisher
+
+if TYPE_CHECKING:
+    from .aiding_input import AidingInput
 
 _UPSIDE_DOWN = "the sensor is upside down; if it is not, its axes are others: imu.mount_rpy_deg = [180, 0, 0]"
 
@@ -63,7 +67,7 @@ class StatusReporter:
         imu = self._devices.imu
         return Health(**self._faults, clock=imu[1].clock_fit() if imu else ClockFit())
 
-    def status(self, publisher: Publisher, outputs: Outputs) -> str:
+    def status(self, publisher: Publisher, outputs: Outputs, aiding: "AidingInput | None") -> str:
         """The answer to `imud status`."""
         now_ns = time.monotonic_ns()
         devices = self._devices
@@ -75,6 +79,7 @@ class StatusReporter:
                 "load": status_tables.of_load(publisher.load),
                 "filter": status_tables.of_filter(devices.selection.inertial, devices.selection.estimator.name),
                 "innovations": publisher.innovations.table(),
+                "aiding": aiding.properties(now_ns) if aiding else {},
                 "ports": {
                     str(i): status_tables.of_port(port, now_ns, *parts.get(port, (None, None)))
                     for i, port in enumerate(devices.ports)

@@ -1,27 +1,54 @@
 """What the outside knows of an aiding source: its name, its columns in a table, the names of its innovations."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 from .innovation_kinds import Kind
+
+DEGREE = math.pi / 180.0  # rad
+
+
+class Column(NamedTuple):
+    """A number of a measurement, as users write it. low, high: what is possible, in that unit."""
+
+    factor: float  # to SI units
+    low: float
+    high: float
 
 
 @dataclass(frozen=True)
 class AidingSource:
     """A source of measurements beside GNSS.
 
-    name: what the user calls it. kind: its code in MEASUREMENT. columns: those of a table that become `value`, each
-    with its factor to SI units; sigmas: those that become `sigma`, which may be absent. innovations: kind in INNOVATION
-    to its names; the first stands for a measurement that came too late.
+    name: what the user calls it. kind: its code in MEASUREMENT. message: the class of its datagrams. columns: those of
+    a table that become `value`, in this order; sigmas: those that become `sigma`, which may be absent. In a datagram
+    they are called the same, without the unit: `heading_deg` is `heading`. innovations: kind in INNOVATION to its
+    names; the first stands for a measurement that came too late.
 
-        AidingSource("heading", HEADING_SOURCE, {"heading_deg": DEGREE}, {"sigma_deg": DEGREE}, {HEADING: Kind(...)})
+        degrees = Column(DEGREE, -360.0, 360.0)
+        AidingSource("heading", HEADING_SOURCE, "HDG", {"heading_deg": degrees}, …, {HEADING: KINDS[HEADING]})
     """
 
     name: str
     kind: int
-    columns: dict[str, float]
-    sigmas: dict[str, float] = field(default_factory=dict)
+    message: str
+    columns: dict[str, Column]
+    sigmas: dict[str, Column] = field(default_factory=dict)
     innovations: dict[int, Kind] = field(default_factory=dict)
 
+    def fill(self, measurement: Any, row: Mapping[str, float]) -> None:
+        """Write kind, values and sigmas of one row (by column) to a row of MEASUREMENT. Raises ValueError if it is impossible.
 
-DEGREE = math.pi / 180.0  # rad
+        A value or sigma that is absent or NaN is not known.
+        """
+        measurement["kind"] = self.kind
+        for target, columns in (("value", self.columns), ("sigma", self.sigmas)):
+            numbers = [math.nan] * 3
+            for i, (name, column) in enumerate(columns.items()):
+                number = row.get(name, math.nan)
+                if not math.isnan(number) and not column.low <= number <= column.high:
+                    raise ValueError(f"{name} is {number:g}, outside {column.low:g} to {column.high:g}")
+                numbers[i] = column.factor * number
+            measurement[target] = numbers

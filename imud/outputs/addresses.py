@@ -105,7 +105,7 @@ def is_local(address: Address) -> bool:
 
 
 def listen(address: Address, kind: socket.SocketKind = socket.SOCK_STREAM) -> socket.socket:
-    """A non-blocking listening socket. All users of this machine may connect to a Unix socket.
+    """A non-blocking listening socket, or one for datagrams. All users of this machine may connect to a Unix socket.
 
     Raises AddressInUseError naming the holder where it can be found, PermissionDeniedError, CannotCreateError.
     """
@@ -115,13 +115,15 @@ def listen(address: Address, kind: socket.SocketKind = socket.SOCK_STREAM) -> so
         if isinstance(address.where, str):
             _remove_stale_socket(address.where, kind)
         else:
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            if kind != socket.SOCK_DGRAM:  # two may receive datagrams at one address then
+                sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             if address.family == socket.AF_INET6:
                 sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
         sock.bind(address.where)
         if isinstance(address.where, str):
             Path(address.where).chmod(0o666)  # a service's umask would exclude all other users
-        sock.listen(_BACKLOG)
+        if kind != socket.SOCK_DGRAM:
+            sock.listen(_BACKLOG)
     except OSError as error:
         sock.close()
         raise _listen_error(address, error) from error

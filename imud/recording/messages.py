@@ -21,6 +21,7 @@ from .clock_fit import CLOCK_FIT
 
 SAMPLES, ESTIMATES, FIXES, CLOCK = "/imu/samples", "/estimate", "/gnss/fixes", "/imu/clock"
 INNOVATIONS, EVENTS, SETTINGS, LOCATION, POSE = "/innovations", "/events", "/settings", "/location", "/tf"
+AIDING = "/aiding"
 
 
 @dataclass(frozen=True)
@@ -177,6 +178,7 @@ _TIME = {
     "title": "time",
     "properties": {"sec": {"type": "integer", "minimum": 0}, "nsec": {"type": "integer", "minimum": 0}},
 }
+_THREE = {"type": "array", "items": {"type": ["number", "null"]}, "minItems": 3, "maxItems": 3}
 _NINE = {"type": "array", "items": {"type": "number"}, "minItems": 9, "maxItems": 9}
 
 SCHEMAS: dict[str, bytes] = {
@@ -191,6 +193,15 @@ SCHEMAS: dict[str, bytes] = {
         },
     ),
     "imud.Event": _schema("imud.Event", {"t_ns": _WHEN, "level": _TEXT, "text": _TEXT, "facts": _ANY}),
+    "imud.Measurement": _schema(
+        "imud.Measurement",
+        {
+            **{"t_ns": {**_WHEN, "description": "epoch on CLOCK_MONOTONIC, ns"}, "arrival_ns": _WHEN},
+            "source": {**_TEXT, "description": "name of the aiding source"},
+            "value": {**_THREE, "description": "SI units; its columns in their order"},
+            "sigma": {**_THREE, "description": "1 sigma of each; null: not known"},
+        },
+    ),
     "imud.Settings": _schema("imud.Settings", {"t_ns": _WHEN, "settings": _ANY}),
     "foxglove.LocationFix": _schema(
         "foxglove.LocationFix",
@@ -219,6 +230,7 @@ TOPICS = {
     CONNECTIONS: "imud.Connection",
     EVENTS: "imud.Event",
     SETTINGS: "imud.Settings",
+    AIDING: "imud.Measurement",
     LOCATION: "foxglove.LocationFix",
     POSE: "foxglove.FrameTransform",
 }

@@ -23,7 +23,8 @@ from ..sensors.estimator_selection import EstimatorSelection
 from ..sensors.inertial import Inertial
 from ..sensors.receiver import Receiver
 from ..setup.choices import settings_for
-from .messages import SETTINGS
+from .measurements import measurement_row
+from .messages import AIDING, SETTINGS
 
 
 @dataclass
@@ -80,7 +81,8 @@ class Player:
     """Takes the messages of a recording one by one; not thread-safe.
 
     on_step(samples, solutions): rows of SAMPLE and SOLUTION, valid until the next message. on_update(fix, innovations).
-    on_fix(fix): every fix that is used, also before there is an inertial sensor. adapt: from recorded settings to those
+    on_fix(fix): every fix that is used, also before there is an inertial sensor. on_aid(measurement, innovations): rows
+    of MEASUREMENT and INNOVATION. adapt: from recorded settings to those
     of the replay. warn: called with warnings for the user. calibrated: whether the stored calibration corrects the
     samples.
     """
@@ -95,12 +97,14 @@ class Player:
         warn: Callable[[str], None] = _ignore,
         calibrated: bool = True,
         on_fix: Callable[[Records], None] = _ignore,
+        on_aid: Callable[[Records, Records], None] = _ignore,
     ) -> None:
         self.samples = self.fixes = 0
         self._settings = settings
         self._adapt = adapt
         self._calibrated = calibrated
         self._on_step, self._on_update, self._on_fix, self._warn = on_step, on_update, on_fix, warn
+        self._on_aid = on_aid
         self._selection = EstimatorSelection(settings, warn, initial)
         self._line = Replayed()
         self._pulse = ReplayedPulse()
@@ -114,6 +118,8 @@ class Player:
                 self._raw(entry.port, entry.raw())
             elif entry.topic == CONNECTIONS:
                 self._connection(entry.connection())
+            elif entry.topic == AIDING:
+                self._aid(msgspec.json.decode(entry.data))
             elif entry.topic == SETTINGS:
                 self._change(self._adapt(msgspec.json.decode(entry.data)["settings"]))
         except (msgspec.DecodeError, ArithmeticError, KeyError, TypeError, ValueError) as error:
@@ -137,6 +143,14 @@ class Player:
         if self._selection.inertial is not None:
             self.fixes += 1
             self._on_update(fix, self._selection.inertial.stream.filter.update(fix))
+
+    def _aid(self, said: dict[str, Any]) -> None:
+        """A measurement of an aiding source; one that this estimator does not take is left out."""
+        if (inertial := self._selection.inertial) is None:
+            return
+        filter_ = inertial.stream.filter
+        if (measurement := measurement_row(said, filter_.estimator.sources)) is not None:
+            self._on_aid(measurement, filter_.aid(measurement))
 
     def _connection(self, said: Connection) -> None:
         if said.repeated and said.port in self._ports:

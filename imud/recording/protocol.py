@@ -24,6 +24,7 @@ class Kind(IntEnum):
     PULSE = 9  # nothing: its time is that of the pulse per second before the RAW that follows
     CLOCK = 10  # a row of CLOCK_FIT
     DISCARD = 11  # nothing: the start was refused; a file in which no device has streamed is removed
+    MEASUREMENT = 12  # JSON of a measurement of an aiding source
 
 
 def items(packet: bytes) -> Iterator[tuple[int, int, int, bytes]]:

@@ -32,6 +32,7 @@ from ..sensor_errors.calibration import Calibration
 from ..sensors.byte_sink import ByteSink
 from ..sensors.inertial import Inertial
 from .clock_fit import row_of
+from .measurements import measurement_object
 from .protocol import HEADER, STATE, Kind
 
 Buffer = bytes | memoryview
@@ -130,6 +131,13 @@ class Recorder:
         """A fix (FIX) and what the filter made of it (INNOVATION)."""
         t_ns = int(fix[0]["arrival_ns"])
         self._put(Kind.FIX, fix.tobytes(), t_ns)
+        if len(innovations):
+            self._put(Kind.INNOVATIONS, innovations.tobytes(), t_ns)
+
+    def record_measurement(self, source: str, measurement: Records, innovations: Records) -> None:
+        """A measurement (array of one MEASUREMENT) of an aiding source, and what the filter made of it."""
+        t_ns = int(measurement[0]["arrival_ns"])
+        self._put(Kind.MEASUREMENT, msgspec.json.encode(measurement_object(source, measurement[0])), t_ns)
         if len(innovations):
             self._put(Kind.INNOVATIONS, innovations.tobytes(), t_ns)
 

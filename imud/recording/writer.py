@@ -24,6 +24,7 @@ from .enu import LocalMap
 from .file import RecordingFile
 from .foxglove import location, transform
 from .messages import (
+    AIDING,
     CLOCK_TABLE,
     ESTIMATE_TABLE,
     EVENTS,
@@ -100,6 +101,8 @@ class RecordingWriter:
         elif kind == Kind.INNOVATIONS:
             for entry in INNOVATION_TABLE.objects(np.frombuffer(data, INNOVATION_TABLE.dtype)):
                 self._write(INNOVATION_TABLE.topic, t_ns, _encode(innovation(entry)))
+        elif kind == Kind.MEASUREMENT:
+            self._write(AIDING, t_ns, data)
         elif kind == Kind.CONNECTION:
             self._connections[port] = msgspec.json.decode(data, type=Connection)
             self._write(CONNECTIONS, t_ns, data)

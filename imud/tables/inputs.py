@@ -272,20 +272,24 @@ def read_aiding(source: AidingSource, path: Path, origin: int, left_out: Skipped
         row = {name: _number_or_none(number, cells, i, name) for name, i in known.items()}
         if math.isnan(row["t_s"]):
             raise ValueError(f"line {number}: t_s is empty")
+        try:
+            source.fill(np.zeros(1, MEASUREMENT), row)
+        except ValueError as error:
+            raise ValueError(f"line {number}: {error}") from None
         return row
 
     return measurements_of(source, list(_rows(table, read, left_out)), origin)
 
 
 def measurements_of(source: AidingSource, rows: Sequence[dict[str, float]], origin: int) -> NDArray[np.void]:
-    """Measurements (array of MEASUREMENT) of a source in order of arrival, from values by column."""
+    """Measurements (array of MEASUREMENT) of a source in order of arrival, from values by column.
+
+    Raises ValueError for what is impossible.
+    """
     measurements = np.zeros(len(rows), MEASUREMENT)
-    measurements["kind"], measurements["sigma"] = source.kind, math.nan
     for m, row in zip(measurements, rows, strict=True):
         arrival = row.get("arrival_s", math.nan)
         m["t_ns"] = ns_since(row["t_s"], origin)
         m["arrival_ns"] = ns_since(arrival, origin) if math.isfinite(arrival) else m["t_ns"]
-        for field, columns in (("value", source.columns), ("sigma", source.sigmas)):
-            for i, (name, factor) in enumerate(columns.items()):
-                m[field][i] = factor * row.get(name, math.nan)
+        source.fill(m, row)
     return measurements[np.argsort(measurements["arrival_ns"], kind="stable")]

@@ -11,7 +11,7 @@ import math
 from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
-from ...aiding_source import DEGREE, AidingSource
+from ...aiding_source import DEGREE, AidingSource, Column
 from ...innovation_kinds import KINDS
 from ...records import HEADING, HEADING_SOURCE
 from ...tuning import Tunable
@@ -24,7 +24,12 @@ if TYPE_CHECKING:
     from ..types import Core, Innovation, Measurement, Parameters
 
 SOURCE = AidingSource(
-    "heading", HEADING_SOURCE, {"heading_deg": DEGREE}, {"sigma_deg": DEGREE}, {HEADING: KINDS[HEADING]}
+    "heading",
+    HEADING_SOURCE,
+    "HDG",
+    {"heading_deg": Column(DEGREE, -360.0, 360.0)},
+    {"sigma_deg": Column(DEGREE, 0.01, 180.0)},
+    {HEADING: KINDS[HEADING]},
 )
 TUNABLES = (
     Tunable("heading_sigma", math.radians(1.0), "rad", "Sigma of a heading that reports none.", "Choice."),

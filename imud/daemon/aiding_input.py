@@ -1,0 +1,60 @@
+"""Measurements of other programs on their way to the filter: received, decoded, fused, counted, recorded."""
+
+import time
+from typing import Any
+
+from ..configuration.settings import Settings
+from ..process.log import get_logger
+from ..recording.control import Recordings
+from ..sensors.aiding import AidingReceiver
+from ..sensors.estimator_selection import EstimatorSelection
+from .aiding_socket import LONGEST, AidingSocket, Poller
+from .change_logger import ChangeLogger
+from .status_tables import InnovationStatistics
+
+
+class AidingInput:
+    """What `aiding.listen` opens. Not thread-safe; all times are monotonic nanoseconds. Raises as `AidingSocket`."""
+
+    def __init__(
+        self, settings: Settings, poller: Poller, selection: EstimatorSelection, recordings: Recordings
+    ) -> None:
+        self._socket = AidingSocket(settings.aiding.listen, poller)
+        self._receiver = AidingReceiver()
+        self._selection, self._recordings = selection, recordings
+        self._log = get_logger().bind(aiding=self._socket.address)
+        self._change_logger = ChangeLogger(self._log)
+
+    def __contains__(self, fd: int) -> bool:
+        return fd == self._socket.fd
+
+    def on_event(self, statistics: InnovationStatistics) -> None:
+        """Fuse the measurements that have come; statistics: of their innovations."""
+        for data in self._socket.datagrams():
+            now_ns, unix_ns = time.monotonic_ns(), time.time_ns()
+            if data is None:
+                self._receiver.refuse("length", f"a datagram of more than {LONGEST} bytes")
+            elif (inertial := self._selection.inertial) is None:
+                self._receiver.refuse("early", "there is no inertial sensor yet")
+            else:
+                filter_ = inertial.stream.filter
+                for source, measurement in self._receiver.decode(data, filter_.estimator.sources, now_ns, unix_ns):
+                    innovations = filter_.aid(measurement)
+                    statistics.add(innovations)
+                    if recorder := self._recordings.current:
+                        recorder.record_measurement(source.name, measurement, innovations)
+
+    def tick(self, now_ns: int) -> None:
+        """Call several times a second: logs what is new."""
+        self._receiver.look(now_ns)
+        for text in self._receiver.messages:
+            self._log.info(text)
+        self._receiver.messages.clear()
+        self._change_logger.faults("aiding", self._receiver.faults(now_ns), now_ns)
+
+    def properties(self, now_ns: int) -> dict[str, Any]:
+        """What `imud status` shows."""
+        return {"address": self._socket.address, **self._receiver.properties(now_ns)}
+
+    def close(self) -> None:
+        self._socket.close()

@@ -1,0 +1,171 @@
+"""Measurements of other programs as the daemon sees them: datagrams of JSON lines in, measurements out. No waiting.
+
+A line is an object such as `{"class": "HDG", "heading": 123.4, "sigma": 0.3, "t": 1700000000.25}`: the class says which
+aiding source it is, the other names are those of its columns without their units, and `t` is the epoch in Unix time;
+without it the epoch is the arrival. A line that cannot be used is counted, and costs nothing else.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from ..estimators.aiding_source import AidingSource
+from ..estimators.records import MEASUREMENT
+from ..math.arrays import Records
+from .rate import RateMeter
+
+RATE_HZ_MAX = 100  # measurements of a source per second: the fusion horizon has room for so many
+_OLDEST_S, _NEWEST_S = -10.0, 1.0  # of an epoch, from the arrival
+_STALE_NS = 3_000_000_000
+_SECOND_NS = 1_000_000_000
+_SHOWN = 60  # characters of a line that cannot be used
+
+
+class _RefusedError(ValueError):
+    """A line cannot be used. rule: for counting."""
+
+    def __init__(self, rule: str, why: str) -> None:
+        super().__init__(why)
+        self.rule = rule
+
+
+class _Received:
+    """What came of one source."""
+
+    def __init__(self) -> None:
+        self.count = self.last_ns = self._second = self._in_second = 0
+        self.rate = RateMeter()
+
+    def add(self, now_ns: int) -> bool:
+        """Count one more; False: too many come."""
+        second = now_ns // _SECOND_NS
+        self._in_second = self._in_second + 1 if second == self._second else 1
+        self._second = second
+        if self._in_second > RATE_HZ_MAX:
+            return False
+        self.count += 1
+        self.last_ns = now_ns
+        return True
+
+
+class AidingReceiver:
+    """Datagrams to measurements. Not thread-safe; all times are monotonic nanoseconds."""
+
+    def __init__(self) -> None:
+        self.messages: list[str] = []  # what is new, until the daemon has logged it
+        self._received: dict[str, _Received] = {}
+        self._refused = Counter[str]()
+
+    def decode(
+        self, data: bytes, known: Iterable[AidingSource], now_ns: int, unix_ns: int
+    ) -> Iterator[tuple[AidingSource, Records]]:
+        """Source and measurement (array of one MEASUREMENT) of each line of a datagram that came at `now_ns`.
+
+        known: the sources that the estimator takes. unix_ns: Unix time then.
+        """
+        sources = {source.message: source for source in known}
+        for line in data.splitlines():
+            if not line.strip():
+                continue
+            try:
+                yield self._measurement(line, sources, now_ns, unix_ns)
+            except ValueError as error:
+                self.refuse(error.rule if isinstance(error, _RefusedError) else "value", f"{error}: {_shown(line)}")
+
+    def refuse(self, rule: str, why: str) -> None:
+        """Count what cannot be used, and make news of the first of each kind."""
+        self._refused[rule] += 1
+        if self._refused[rule] == 1:
+            self.messages.append(f"refused: {why}; others like it are only counted")
+
+    def _measurement(
+        self, line: bytes, sources: dict[str, AidingSource], now_ns: int, unix_ns: int
+    ) -> tuple[AidingSource, Records]:
+        values = _object(line)
+        kind = values.pop("class", None)
+        if kind not in sources:
+            there_are = ", ".join(sources) or "none"
+            raise _RefusedError("class", f"class {kind!r} is not one of the estimator's: {there_are}")
+        source = sources[kind]
+        t_s = _number("t", values.pop("t", None))
+        row = _row(source, values)
+        measurement = np.zeros(1, MEASUREMENT)
+        source.fill(measurement[0], row)
+        measurement["t_ns"], measurement["arrival_ns"] = _epoch_ns(t_s, now_ns, unix_ns), now_ns
+        received = self._received.setdefault(source.name, _Received())
+        if not received.add(now_ns):
+            raise _RefusedError("rate", f"{source.name}: more than {RATE_HZ_MAX} per second")
+        if received.count == 1:
+            self.messages.append(f"measurements come: {source.name}")
+        return source, measurement
+
+    def look(self, now_ns: int) -> None:
+        """Call now and then: how fast they come."""
+        for received in self._received.values():
+            received.rate.look(received.count, now_ns)
+
+    def faults(self, now_ns: int) -> tuple[str, ...]:
+        """The sources that fell silent, in words."""
+        silent = (name for name, received in self._received.items() if now_ns - received.last_ns > _STALE_NS)
+        return tuple(f"{name}: stale, nothing new comes" for name in silent)
+
+    def properties(self, now_ns: int) -> dict[str, object]:
+        """What `imud status` shows."""
+        sources = {
+            name: {
+                "received": received.count,
+                "rate_hz": received.rate.hz,
+                "age_s": round((now_ns - received.last_ns) * 1e-9, 3),
+            }
+            for name, received in self._received.items()
+        }
+        return {"sources": sources, "refused": dict(self._refused)}
+
+
+def _object(line: bytes) -> dict[str, Any]:
+    try:
+        values = msgspec.json.decode(line)
+    except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
+        raise _RefusedError("JSON", f"no JSON ({error})") from None
+    if not isinstance(values, dict):
+        raise _RefusedError("JSON", "no JSON object")
+    return values
+
+
+def _row(source: AidingSource, values: dict[str, Any]) -> dict[str, float]:
+    """The values by column. Raises ValueError for one that is missing, unknown or no number."""
+    names = {column.rpartition("_")[0]: column for column in (*source.columns, *source.sigmas)}
+    if unknown := values.keys() - names.keys():
+        raise ValueError(f"{source.message} has no {', '.join(sorted(unknown))}; it has {', '.join(names)}, t")
+    row = {names[name]: _number(name, value) for name, value in values.items()}
+    for name, column in names.items():
+        if column in source.columns and math.isnan(row.get(column, math.nan)):
+            raise ValueError(f"{source.message} without {name}")
+    return row
+
+
+def _number(name: str, value: Any) -> float:
+    """NaN: it is absent. Raises ValueError."""
+    if value is None:
+        return math.nan
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e18:
+        raise ValueError(f"{name} is no number")
+    return float(value)
+
+
+def _epoch_ns(t_s: float, now_ns: int, unix_ns: int) -> int:
+    if math.isnan(t_s):
+        return now_ns
+    since_s = (round(t_s * 1e9) - unix_ns) * 1e-9
+    if not _OLDEST_S <= since_s <= _NEWEST_S:
+        raise _RefusedError("time", f"t is {since_s:+.1f} s from its arrival: is it this machine's Unix time?")
+    return now_ns + round(t_s * 1e9) - unix_ns
+
+
+def _shown(line: bytes) -> str:
+    text = line[: _SHOWN + 1].decode("utf-8", "backslashreplace")
+    return repr(text if len(line) <= _SHOWN else f"{text[:_SHOWN]}…")

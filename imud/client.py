@@ -11,7 +11,7 @@
 Measurements for the daemon whose `aiding.listen` is that path, from any program:
 
     with AidingSender("/run/imud/aiding") as sender:
-        sender.send("HDG", heading=123.4, sigma=0.3)          # degrees; its epoch is now, unless t=… (Unix time) says so
+        sender.send("HDG", heading=123.4, sigma=0.3)   # degrees; of now, or of `t=` in Unix time
 
 Needs nothing but the standard library. `FIELDS` describes the bytes on the wire; the C header (`imud reference c`) is
 made from the same table. All numbers are little-endian.

@@ -39,9 +39,9 @@ class AidingSource:
     innovations: dict[int, Kind] = field(default_factory=dict)
 
     def fill(self, measurement: Any, row: Mapping[str, float]) -> None:
-        """Write kind, values and sigmas of one row (by column) to a row of MEASUREMENT. Raises ValueError if it is impossible.
+        """Write kind, values and sigmas to a row of MEASUREMENT; row: numbers by column, absent or NaN if not known.
 
-        A value or sigma that is absent or NaN is not known.
+        Raises ValueError for an impossible one.
         """
         measurement["kind"] = self.kind
         for target, columns in (("value", self.columns), ("sigma", self.sigmas)):

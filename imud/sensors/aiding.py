@@ -87,7 +87,7 @@ class AidingReceiver:
     ) -> tuple[AidingSource, Records]:
         values = _object(line)
         kind = values.pop("class", None)
-        if kind not in sources:
+        if not isinstance(kind, str) or kind not in sources:
             there_are = ", ".join(sources) or "none"
             raise _RefusedError("class", f"class {kind!r} is not one of the estimator's: {there_are}")
         source = sources[kind]
@@ -160,10 +160,11 @@ def _number(name: str, value: Any) -> float:
 def _epoch_ns(t_s: float, now_ns: int, unix_ns: int) -> int:
     if math.isnan(t_s):
         return now_ns
-    since_s = (round(t_s * 1e9) - unix_ns) * 1e-9
-    if not _OLDEST_S <= since_s <= _NEWEST_S:
-        raise _RefusedError("time", f"t is {since_s:+.1f} s from its arrival: is it this machine's Unix time?")
-    return now_ns + round(t_s * 1e9) - unix_ns
+    fraction, whole = math.modf(t_s)
+    since_ns = int(whole) * _SECOND_NS + round(fraction * 1e9) - unix_ns
+    if not _OLDEST_S <= since_ns * 1e-9 <= _NEWEST_S:
+        raise _RefusedError("time", f"t is {since_ns * 1e-9:+.1f} s from its arrival: is it this machine's Unix time?")
+    return now_ns + since_ns
 
 
 def _shown(line: bytes) -> str:

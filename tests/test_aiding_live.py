@@ -1,0 +1,162 @@
+"""Measurements of other programs in a running daemon: datagrams in, recorded, replayed to the same bits."""
+
+import json
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from processes import TIMEOUT_S, daemon, emulator
+from test_recording import stored
+
+from imud.client import AidingSender
+from imud.configuration.settings import Initial
+from imud.daemon.aiding_socket import AidingSocket, address_of
+from imud.errors import ConfigError
+from imud.estimators import registry
+from imud.recording.messages import ESTIMATE_TABLE, INNOVATION_TABLE
+from imud.recording.player import Player
+from imud.recording.source import Recording, adapter
+from imud.sensors.aiding import RATE_HZ_MAX, AidingReceiver
+
+SOURCES = registry.by_name("navigation").sources
+NOW_NS, UNIX_NS = 50_000_000_000, 1_700_000_000_000_000_000
+
+
+def decoded(receiver, *lines, now_ns=NOW_NS):
+    return list(receiver.decode("\n".join(lines).encode(), SOURCES, now_ns, UNIX_NS + now_ns - NOW_NS))
+
+
+def test_a_heading_with_and_without_a_time():
+    timed, untimed = decoded(
+        AidingReceiver(),
+        '{"class":"HDG","heading":90,"sigma":0.5,"t":1699999999.75}',
+        '{"class":"HDG","heading":-45.5}',
+    )
+    source, row = timed
+    assert source.name == "heading"
+    assert row["t_ns"][0] == NOW_NS - 250_000_000 and row["arrival_ns"][0] == NOW_NS
+    assert row["value"][0, 0] == pytest.approx(np.pi / 2) and row["sigma"][0, 0] == pytest.approx(np.radians(0.5))
+    assert untimed[1]["t_ns"][0] == NOW_NS and np.isnan(untimed[1]["sigma"][0, 0])
+
+
+@pytest.mark.parametrize(
+    ("line", "rule", "why"),
+    [
+        ("{", "JSON", "no JSON"),
+        ("[1]", "JSON", "no JSON object"),
+        ("[" * 3000, "JSON", "no JSON"),
+        ('{"heading":1}', "class", "None is not one of the estimator's: HDG"),
+        ('{"class":["HDG"],"heading":1}', "class", "is not one of"),
+        ('{"class":"HDG"}', "value", "HDG without heading"),
+        ('{"class":"HDG","heading":"1"}', "value", "heading is no number"),
+        ('{"class":"HDG","heading":true}', "value", "heading is no number"),
+        ('{"class":"HDG","heading":1e300}', "value", "heading is no number"),
+        ('{"class":"HDG","heading":361}', "value", "heading_deg is 361, outside -360 to 360"),
+        ('{"class":"HDG","heading":1,"sigma":0}', "value", "sigma_deg is 0, outside 0.01 to 180"),
+        ('{"class":"HDG","heading":1,"yaw":2}', "value", "HDG has no yaw; it has heading, sigma, t"),
+        ('{"class":"HDG","heading":1,"t":12.5}', "time", "Unix time"),
+        ('{"class":"HDG","heading":1,"t":1700000005}', "time", "t is +5.0 s from its arrival"),
+    ],
+)
+def test_a_line_that_cannot_be_used_is_counted_and_told_once_and_the_others_are_used(line, rule, why):
+    receiver = AidingReceiver()
+    assert len(decoded(receiver, line, '{"class":"HDG","heading":1}', line)) == 1
+    assert receiver.properties(NOW_NS)["refused"] == {rule: 2}
+    [refused] = [text for text in receiver.messages if text.startswith("refused")]
+    assert why in refused
+
+
+def test_bytes_of_any_kind_raise_nothing():
+    receiver, rng = AidingReceiver(), np.random.default_rng(1)
+    for _ in range(300):
+        assert not list(receiver.decode(rng.bytes(rng.integers(1, 80)), SOURCES, NOW_NS, UNIX_NS))
+    assert len(receiver.messages) <= 4
+
+
+def test_too_many_are_refused_until_the_next_second():
+    receiver = AidingReceiver()
+    line = '{"class":"HDG","heading":1}'
+    assert len(decoded(receiver, *[line] * 150)) == RATE_HZ_MAX
+    assert receiver.properties(NOW_NS)["refused"] == {"rate": 150 - RATE_HZ_MAX}
+    assert len(decoded(receiver, line, now_ns=NOW_NS + 1_000_000_000)) == 1
+
+
+def test_a_source_that_fell_silent_is_a_fault():
+    receiver = AidingReceiver()
+    decoded(receiver, '{"class":"HDG","heading":1}')
+    assert receiver.faults(NOW_NS + 2_000_000_000) == ()
+    assert receiver.faults(NOW_NS + 4_000_000_000) == ("heading: stale, nothing new comes",)
+
+
+@pytest.mark.parametrize("text", ["0.0.0.0:2950", "192.0.2.1:2950", ":2950", "no/absolute/path"])
+def test_only_this_machine_may_send(text):
+    with pytest.raises(ConfigError):
+        address_of(text)
+
+
+class Poller:
+    def register(self, fd, mask):
+        pass
+
+    def unregister(self, fd):
+        pass
+
+
+@pytest.mark.parametrize("udp", [False, True])
+def test_the_sender_reaches_the_socket_and_survives_without_it(udp, tmp_path):
+    listening = AidingSocket("127.0.0.1:0" if udp else str(tmp_path / "aiding"), Poller())
+    with AidingSender(listening.address) as sender:
+        assert sender.send("HDG", heading=12.5)
+        [data] = listening.datagrams()
+        assert json.loads(data) == {"class": "HDG", "heading": 12.5}
+        sender.send("X" * 5000)
+        assert list(listening.datagrams()) == [None]
+        listening.close()
+        if not udp:
+            assert not sender.send("HDG", heading=12.5)
+
+
+def test_a_daemon_fuses_records_and_replays_the_headings_it_is_sent(tmp_path):
+    imu, gnss, aiding = tmp_path / "imu", tmp_path / "gnss", tmp_path / "aiding"
+    ports = ("--port", str(imu), "--port", str(gnss))
+    record = ("--record", str(tmp_path / "rest.mcap"), "--set", "record.estimate_rate_hz=0")
+    with (
+        emulator("g350", "nmea", "--scenario", "rest", "--yaw-deg", "123", links=[imu, gnss]),
+        daemon(tmp_path, *ports, *record, "--set", f"aiding.listen={aiding}") as imud,
+        AidingSender(aiding) as sender,
+    ):
+
+        def is_aligned(message):
+            sender.send("HDG", heading=123.2, sigma=0.5, t=time.time() - 0.1)
+            sender.send("HDG", heading=400.0)
+            return message["class"] == "EST" and "heading" in message["state"] and message["syaw_deg"] < 0.4
+
+        est = imud.until(is_aligned)
+        assert est["yaw_deg"] == pytest.approx(123.2, abs=1.5)
+        command = [sys.executable, "-m", "imud", "status", "--json", str(tmp_path / "gpsd.sock")]
+        status = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+        assert status["aiding"]["sources"]["heading"]["received"] > 5
+        assert status["aiding"]["refused"]["value"] > 5
+        assert status["innovations"]["heading"]["used"] > 0
+        imud.process.terminate()
+        assert imud.process.wait(TIMEOUT_S) == 0
+        assert imud.log.count("heading_deg is 400") == 1
+
+    rows, innovations = [], []
+    recording, adapt = Recording([tmp_path / "rest.mcap"]), adapter(None, (), None)
+    player = Player(
+        recording.settings(adapt),
+        adapt,
+        Initial(),
+        lambda _, new: rows.append(new.copy()),
+        on_aid=lambda _, new: innovations.append(new.copy()),
+    )
+    for entry in recording:
+        player.take(entry)
+    kept = stored(tmp_path / "rest.mcap", ESTIMATE_TABLE)
+    assert len(kept) > 1000 and np.concatenate(rows).tobytes() == kept.tobytes()
+    found = stored(tmp_path / "rest.mcap", INNOVATION_TABLE)
+    headings = np.concatenate(innovations)
+    assert len(headings) and headings.tobytes() == found[found["kind"] == headings["kind"][0]].tobytes()

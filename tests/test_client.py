@@ -8,6 +8,7 @@ import resource
 import select
 import shutil
 import socket
+import stat
 import struct
 import subprocess
 import tempfile
@@ -188,11 +189,19 @@ def test_two_daemons_never_share_an_output(outputs):
 def test_a_file_of_something_else_is_not_written_over(tmp_path):
     notes = tmp_path / "notes"
     notes.write_text("worth keeping")
-    with pytest.raises(CannotCreateError, match="something else"):
+    with pytest.raises(CannotCreateError, match="another kind of file"):
         SharedMemory(str(notes))
     with pytest.raises(CannotCreateError, match="a file that is no socket"):
         BinaryOutputs(Settings(stream=StreamSettings(listen=str(notes))), select.poll(), 1)
     assert notes.read_text() == "worth keeping"
+
+
+def test_a_device_is_not_written_to(tmp_path):
+    fifo = tmp_path / "fifo"
+    os.mkfifo(fifo, 0o600)
+    with pytest.raises(CannotCreateError, match="no regular file"):
+        SharedMemory(str(fifo))
+    assert stat.S_IMODE(fifo.stat().st_mode) == 0o600  # as root it would make /dev/null unusable for all others
 
 
 def test_the_socket_of_a_dead_daemon_is_replaced(tmp_path):
@@ -256,6 +265,7 @@ def test_no_reader_sees_half_a_state(memory_folder):
     try:
         seen = set()
         while len(seen) < 200:
+            assert writer.is_alive()
             if (state := shared.read()) is not None:
                 words = struct.unpack("<41Q", struct.pack("<Qqqq37d", *state[:4], *_flat(state[4:])))
                 assert len(set(words)) == 1

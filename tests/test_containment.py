@@ -53,7 +53,9 @@ def test_no_rate_that_a_client_asks_for_ends_the_server(loop, rate):
     assert (loop.server._errors.count, loop.server.clients) == (0, 1)
 
 
-@pytest.mark.parametrize("verb", ["GET", "HEAD", "POST", "PUT", "DELETE", "CONNECT", "OPTIONS", "TRACE", "PATCH"])
+@pytest.mark.parametrize(
+    "verb", ["GET", "HEAD", "POST", "PUT", "DELETE", "CONNECT", "OPTIONS", "TRACE", "PATCH", "put", "PROPFIND"]
+)
 def test_a_request_of_http_is_refused_and_nothing_after_it_is_read(loop, verb):
     body = b'?WATCH={"enable":true,"json":true}\n'
     page = loop.connect(f"{verb} / HTTP/1.1\r\nHost: 127.0.0.1:2947\r\n\r\n".encode() + body)

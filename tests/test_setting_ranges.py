@@ -245,11 +245,12 @@ def test_any_override_gives_settings_or_a_configuration_error(key, value):
         "x = " + "{a=" * 50_000,
         "filter_taps = " + "9" * 5000,
         "[" + "a." * 20_000 + "b]",
+        "a." * 50_000 + "b = 1",
         "\n".join(f"k{i} = 1" for i in range(20_000)),
         "imu = " + "'" * 3 + "x" * 100_000,
         "\ufeff",
     ],
-    ids=["arrays", "tables", "digits", "dotted", "keys", "string", "bom"],
+    ids=["arrays", "tables", "digits", "dotted", "dotted key", "keys", "string", "bom"],
 )
 def test_a_hostile_file_is_a_configuration_error(text, tmp_path):
     file = tmp_path / "hostile.toml"

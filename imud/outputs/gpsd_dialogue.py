@@ -66,7 +66,7 @@ class ReceiveBuffer:
 
 
 _END = re.compile(rb"[;\r\n]")
-_HTTP = re.compile(rb"(GET|HEAD|POST|PUT|DELETE|CONNECT|OPTIONS|TRACE|PATCH|PRI)([ \t]|\Z)")
+_HTTP = re.compile(rb"(GET|HEAD|POST|PUT|DELETE|CONNECT|OPTIONS|TRACE|PATCH|PRI)([ \t]|\Z)|.*[ \t]HTTP/", re.IGNORECASE)
 
 
 def _printable(text: bytes) -> str:

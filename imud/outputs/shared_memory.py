@@ -9,6 +9,7 @@ daemon writes it anew, where a mapping would end the daemon with SIGBUS. All oth
 
 import fcntl
 import os
+import stat
 import time
 
 import numpy as np
@@ -92,6 +93,9 @@ def _open(path: str) -> int:
         raise PermissionDeniedError(f"cannot share memory in {path}: permission denied") from error
     except OSError as error:
         raise CannotCreateError(f"cannot share memory in {path}: {error.strerror}") from error
+    if not stat.S_ISREG(os.fstat(file).st_mode):
+        os.close(file)
+        raise CannotCreateError(f"cannot share memory in {path}: that is no regular file; choose another name")
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

@@ -19,6 +19,7 @@ from ..errors import ConfigError
 
 Struct = TypeVar("Struct", bound=msgspec.Struct)
 _FILE_MAX = 1 << 18  # bytes; all keys with their descriptions are 12 kB
+_DOTS_MAX = 100  # in a line: the time that tomllib takes for a key goes with the square of its parts
 _PROBLEMS_MAX = 50  # in one message
 _NOT_TOML = (ValueError, RecursionError)  # TOMLDecodeError, an integer of thousands of digits; deeply nested arrays
 
@@ -104,6 +105,8 @@ def loads(
 ) -> Settings:
     """As `load`, for a text that messages call `name`."""
     try:
+        if any(line.count(".") > _DOTS_MAX for line in text.splitlines()):
+            raise RecursionError
         table = tomllib.loads(text)
     except RecursionError:
         raise ConfigError(f"{name} is not valid TOML: arrays or tables are nested too deeply") from None

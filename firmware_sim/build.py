@@ -1,6 +1,7 @@
 """From the command's options to devices on a common motion."""
 
 import argparse
+import logging
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import sentence_playback
+from . import recorded_bytes, sentence_playback
 from .device import Device
 from .faults.device import FaultyDevice
 from .faults.fixes import FaultyFixes
@@ -22,12 +23,15 @@ from .g370 import VARIANTS, Windowed
 from .motion import Mounted, Trajectory, rotation
 from .nmea import FvM11
 from .noise import DEG, IDEAL, M_G350, MILLI_G, Grade, ImuErrors, Signal
+from .recorded_bytes import BytePlayback, Playback, RecordedPort
 from .replay import RecordedFixes, RecordedImu, kind
 from .rga300 import RGA300, Rga300
 from .sampling import TICK_HZ
 from .scenarios import SCENARIOS
 from .sentence_playback import SentencePlayback
 from .seraccel import SerAccel, Settings, mma7260
+
+_log = logging.getLogger("firmware_sim.replay")
 
 START = (35.6586, 139.7454, 60.0)  # latitude and longitude in deg, height in m: Tokyo
 
@@ -44,6 +48,8 @@ class Scene:
     trajectory: Trajectory | None = None
     fixes: RecordedFixes | None = None
     sentences: list[tuple[float, bytes]] | None = None
+    ports: list[RecordedPort] | None = None  # one per device
+    playback: Playback | None = None
 
     def time_zero(self) -> tuple[float, float]:
         """CLOCK_MONOTONIC and UTC of time 0, in s: now, or soon, when recorded epochs fall on whole UTC seconds."""
@@ -68,6 +74,8 @@ def _recorded(args: argparse.Namespace) -> Scene:
         if (of := kind(path)) in files or {of, *files} >= {"gnss", "nmea"}:
             raise UsageError(f"--replay: {path} and {files.get(of, *files.values())} are of one kind; give one")
         files[of] = path
+    if "mcap" in files:
+        return _recorded_bytes(args, files)
     names = {name for name, _ in args.devices}
     if names - {"nmea"} and "imu" not in files:
         raise UsageError(f"--replay: {', '.join(sorted(names - {'nmea'}))} needs an imu.csv")
@@ -76,6 +84,17 @@ def _recorded(args: argparse.Namespace) -> Scene:
     imu = RecordedImu(files["imu"], args.loop) if "imu" in files else None
     fixes = RecordedFixes(files["gnss"], imu, args.loop) if "gnss" in files else None
     return Scene(imu, None, fixes, sentence_playback.read(files["nmea"]) if "nmea" in files else None)
+
+
+def _recorded_bytes(args: argparse.Namespace, files: dict[str, Path]) -> Scene:
+    if len(files) > 1:
+        raise UsageError(f"--replay: {files['mcap']} has all devices; give no other file with it")
+    found = recorded_bytes.read(files["mcap"])
+    ports, playback = recorded_bytes.choose(found, [name for name, _ in args.devices], args.loop)
+    for line in recorded_bytes.summary(ports):
+        _log.info("%s", line)
+    rest = Trajectory(SCENARIOS["rest"](0.0, 0.0, 0.0), *START)  # of what the device says beside its stream
+    return Scene(Mounted(rest, np.eye(3)), rest, ports=ports, playback=playback)
 
 
 @dataclass(frozen=True)
@@ -130,6 +149,9 @@ def device(
     if of_layer("wire", faults) or log is not None:
         rng = np.random.default_rng([args.seed, index, 1])
         built.uart.damage = Wire(name, of_layer("wire", faults), rng, log)
+    if scene.ports is not None and scene.playback is not None:
+        leads = index == next((i for i, port in enumerate(scene.ports) if port.device != "nmea"), 0)
+        built = BytePlayback(built, scene.ports[index], scene.playback, leads)
     device_faults = of_layer("device", faults)
     return FaultyDevice(built, device_faults) if device_faults else built
 
@@ -172,6 +194,8 @@ def _nmea(options: _DeviceOptions) -> Device:
     else:
         assert options.scene.trajectory is not None, "`scene` refuses a receiver without fixes"
         source = SimulatedFixes(options.scene.trajectory, options.rng, options.utc, options.args.ideal)
+    if options.scene.ports is not None:
+        return FvM11(source, options.utc, options.baud, options.args.rate, math.inf)  # until the recording begins
     faulty = FaultyFixes(source, of_layer("fixes", options.faults))
     return FvM11(faulty, options.utc, options.baud, options.args.rate, options.args.no_fix)
 

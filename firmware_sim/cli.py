@@ -32,15 +32,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of the emulator."""
     parser.usage = "%(prog)s DEVICE [DEVICE ...] [OPTION ...]"
     parser.epilog = (
-        f"Epson's sensors on SPI need no process: PYTHONPATH={STAND_IN} IMUD_SIM='g350 --scenario car' "
-        "imud --port spi:0.0 --set spi.data_ready=gpiochip0:24. The next DEVICE is spi:0.1, with line 25."
+        "--replay takes a recording (MCAP, of `imud run --record` or `imud record`): its bytes are sent as recorded, from "
+        "the host's start of the stream on. Or imu.csv and gnss.csv as `imud export --csv` writes them: each sample is "
+        f"sent as it is. Or a receiver's sentences. Epson's sensors on SPI need no process: PYTHONPATH={STAND_IN} "
+        "IMUD_SIM='g350 --scenario car' imud --port spi:0.0 --set spi.data_ready=gpiochip0:24. The next DEVICE is "
+        "spi:0.1, with line 25."
     )
     add = parser.add_argument
     kinds = ", ".join(DEFAULT_BAUD)
     add("devices", nargs="+", type=_device, metavar="DEVICE", help=f"{kinds}; optionally @BAUD; on one motion")
     scenarios = ", ".join(SCENARIO_NAMES)
     add("--scenario", choices=SCENARIO_NAMES, default="rest", metavar="NAME", help=f"{scenarios} (default rest)")
-    add("--replay", nargs="+", type=Path, metavar="FILE", help="instead: imu.csv, gnss.csv or a receiver's sentences")
+    add("--replay", nargs="+", type=Path, metavar="FILE", help="instead: a recording's bytes, or its samples")
     add("--loop", action="store_true", help="repeat the recording for ever; else the devices are silent after its end")
     add("--link", action="append", type=Path, default=[], metavar="PATH", help="stable name; one per device, in order")
     add("--seed", type=int, default=1, metavar="N", help="of noise and biases (default 1)")
@@ -73,6 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--wire-log", type=Path, metavar="FILE", help="write every message there, as sent and as damaged, CSV")
     speed = parser.add_mutually_exclusive_group()
     speed.add_argument("--realtime", dest="fast", action="store_false", help="in real time (default)")
+    speed.add_argument("--speed", type=float, default=1.0, metavar="X", help="so many times as fast as real time")
     speed.add_argument("--fast", action="store_true", help="as fast as read; a host that stamps arrivals is misled")
     parser.set_defaults(fast=False)
     add("--patient", action="store_true", help="bytes wait until the host reads them; a real line would lose them")
@@ -156,6 +160,7 @@ def _usage_error(args: argparse.Namespace) -> str:
         (not 1.0 <= args.stream_rate <= 160.0, "--stream-rate: 1 to 160 samples per second"),
         (bool(args.replay) and args.truth is not None, "--truth: a recording knows no truth"),
         (args.loop and not args.replay, "--loop goes with --replay"),
+        (not 0.01 <= args.speed <= 1000.0, "--speed: 0.01 to 1000"),
         (args.seed < 0, "--seed must not be negative"),
         (abs(args.clock_ppm) > 10000.0, "--clock-ppm: at most 10000"),
     ]
@@ -193,7 +198,7 @@ def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]
         for port in ports:
             print(port.name, port.path, flush=True)
         leaders = [port for port in ports if port.name != "nmea"] or ports
-        clock = AsFastAsRead(leaders) if args.fast else RealTime(start)
+        clock = AsFastAsRead(leaders) if args.fast else RealTime(start, args.speed)
         serve(ports, logs, clock, args.seconds, lambda: bool(signals))
         for port in ports:
             _log_summary(port)

@@ -160,17 +160,17 @@ class TruthLog:
 
 
 class RealTime:
-    """Real time. start: CLOCK_MONOTONIC of time 0 in s."""
+    """Real time, or so many times as fast. start: CLOCK_MONOTONIC of time 0 in s."""
 
-    def __init__(self, start: float) -> None:
-        self._start = start
+    def __init__(self, start: float, speed: float = 1.0) -> None:
+        self._start, self._speed = start, speed
 
     def now(self) -> float:
-        return time.monotonic() - self._start
+        return (time.monotonic() - self._start) * self._speed
 
     def wait(self, deadline: float, ports: Sequence[Port]) -> list[Port]:
         """Wait until `deadline`, or until the host sends; the ports on which it has sent."""
-        return _listen(ports, max(min(deadline - self.now(), _WAIT_MAX_S), 0.0), _behind(ports))
+        return _listen(ports, max(min((deadline - self.now()) / self._speed, _WAIT_MAX_S), 0.0), _behind(ports))
 
 
 class AsFastAsRead:

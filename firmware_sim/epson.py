@@ -12,8 +12,8 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from .noise import ImuErrors, Signal
-from .sampling import TICK_HZ, Sampler, Words
+from .noise import ImuErrors, SampledSignal, Signal
+from .sampling import TICK_HZ, RowSampler, Sampler, Words
 from .uart import BITS, Uart
 
 START_UP_S = 0.8  # NOT_READY after power-on and soft reset
@@ -83,7 +83,7 @@ class EpsonSensor(abc.ABC):
         self._signal, self._errors, self._oscillator = signal, errors, oscillator
         self._words, self._taps, self._names, self._self_test_s = words, taps, names, self_test_s
         self._count_step = count_step
-        self._sampler: Sampler | None = None
+        self._sampler: Sampler | RowSampler | None = None
         self._count = self._step = 0
         self.on_data_ready: Callable[[float], None] = _not_wired  # called when that line rises
         self.restart(0.0)
@@ -109,7 +109,7 @@ class EpsonSensor(abc.ABC):
             self._fresh = _ALL_NEW & self._word[self.map.signal]
             if self._word[self.map.test] & _DRDY_HIGH == _DRDY_HIGH:
                 self.on_data_ready(due)  # low since it was read, or for a moment before
-            if not self.auto:
+            if not self.streaming:
                 continue
             if self.uart.backlog(due) > self._frame_size:
                 self._word[self.map.diagnosis] |= _UART_OVERRUN
@@ -122,7 +122,7 @@ class EpsonSensor(abc.ABC):
         return math.inf if self._sampler is None else self._sampler.next_time
 
     def deadline(self) -> float:
-        if self._sampler is None or not self.auto:
+        if self._sampler is None or not self.streaming:
             return math.inf
         return self.uart.earliest(self._sampler.next_time, self._frame_size)
 
@@ -154,7 +154,7 @@ class EpsonSensor(abc.ABC):
         """What stands between header and CR."""
 
     @property
-    def auto(self) -> bool:
+    def streaming(self) -> bool:
         """Whether the sensor sends samples on the UART by itself; then no register can be read."""
         return self._sampler is not None and bool(self._word[self.map.uart] & 1)
 
@@ -193,11 +193,11 @@ class EpsonSensor(abc.ABC):
             return
         line = 3 * BITS / self.uart.baud  # the command itself was on the line
         if self.is_burst(address, value):
-            if not self.auto:
+            if not self.streaming:
                 self.uart.send(self._frame(), t + line + _STALL_S)
         elif address & 0x80:
             self.write(address & 0x7F, value, t)
-        elif not self.auto:
+        elif not self.streaming:
             word = self.read(address & 0x7E, t)
             self.uart.send(struct.pack(">BHB", address & 0x7E, word, _CR), t + line + _STALL_S)
 
@@ -248,6 +248,9 @@ class EpsonSensor(abc.ABC):
             decimation = self.map.rates.get(self._word[self.map.rate] >> 8, 2)
             taps = self._taps.get(self._word[self.map.filter] & 0x1F, 2)
             self._step = decimation if self._count_step is None else self._count_step
-            self._sampler = Sampler(self._signal, self._errors, t, decimation, taps, self._oscillator, self._words)
+            if isinstance(self._signal, SampledSignal):
+                self._sampler = RowSampler(self._signal, self._errors, t, self._words)
+            else:
+                self._sampler = Sampler(self._signal, self._errors, t, decimation, taps, self._oscillator, self._words)
             self._sampler.prepare()
-            _log.info("sampling %g/s, %d taps, %s", TICK_HZ / decimation, taps, "auto" if self.auto else "polled")
+            _log.info("sampling %g/s, %d taps, %s", TICK_HZ / decimation, taps, "auto" if self.streaming else "polled")

@@ -65,7 +65,7 @@ class EpsonSpi:
             "clock": 0 < clock_hz <= (BURST_CLOCK_HZ if in_burst else CLOCK_HZ),
             "stall": begin - self._ended >= self._rest - TOLERANCE_S,
             "period": in_burst or begin - self._began >= PERIOD_S - TOLERANCE_S,
-            "auto": not self.sensor.auto or bool(word[0] & 0x80),
+            "auto": not self.sensor.streaming or bool(word[0] & 0x80),
         }
         return next((rule for rule, kept in rules.items() if not kept), "")
 

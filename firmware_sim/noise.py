@@ -6,7 +6,7 @@ low-pass (133 Hz) is not modelled: noise is white at the internal sampling rate,
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -55,6 +55,15 @@ class Signal(Protocol):
 
     def imu(self, t: Array) -> Array:
         """w_ib_b in rad/s and f_b in m/s^2, (n, 6), at times `t` (n,) in s."""
+        ...
+
+
+@runtime_checkable
+class SampledSignal(Signal, Protocol):
+    """One that is known at certain times only: a sensor gives what it was then, at none of its own times."""
+
+    def after(self, t: float) -> float:
+        """The first of these times after time `t`; infinite: there is none."""
         ...
 
 

@@ -2,7 +2,8 @@
 
 imu.csv: t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2. gnss.csv by column name: t_s,lat_deg,lon_deg,height_m,
 then optionally arrival_s, hdop, and speed_mps,course_deg or vn_mps,ve_mps. Time 0 is the first row of imu.csv, or of
-gnss.csv if that is alone. A receiver's log of sentences is `sentence_playback.py`'s.
+gnss.csv if that is alone. A receiver's log of sentences is `sentence_playback.py`'s, a daemon's recording
+`recorded_bytes.py`'s.
 """
 
 import csv
@@ -25,9 +26,12 @@ class DataError(Exception):
 
 
 def kind(path: Path) -> str:
-    """What a file is by its first line: imu, gnss, or nmea. Raises DataError, OSError."""
+    """What a file is by its beginning: imu, gnss, nmea or mcap. Raises DataError, OSError."""
     with path.open("rb") as file:
-        first = file.readline(1000).decode("ascii", "replace").strip()
+        beginning = file.readline(1000)
+    if beginning.startswith(b"\x89MCAP"):
+        return "mcap"
+    first = beginning.decode("ascii", "replace").strip()
     names = first.split(",")
     if set(names) >= _NEEDED:
         return "gnss"
@@ -37,12 +41,13 @@ def kind(path: Path) -> str:
         return "nmea"
     columns = ",".join(sorted(_NEEDED))
     raise DataError(
-        f"{path}:1: the header must be {_IMU_HEADER}, or have {columns}, or be an NMEA sentence; found {first[:40]!a}"
+        f"{path}:1: not a recording (MCAP), and no table: the header must be {_IMU_HEADER}, or have {columns}, or be "
+        f"an NMEA sentence; found {first[:40]!a}"
     )
 
 
 class RecordedImu:
-    """Rates and forces by linear interpolation between the recorded samples; `loop`: again and again."""
+    """The recorded rates and forces, sample by sample and never between them; `loop`: again and again."""
 
     def __init__(self, path: Path, loop: bool = False) -> None:
         with path.open(encoding="utf-8") as file:
@@ -61,12 +66,28 @@ class RecordedImu:
         self.start = float(rows[0, 0])
         self.duration = float(rows[-1, 0]) - self.start
         self.end = math.inf if loop else self.duration
-        self._t, self._values = rows[:, 0] - self.start, rows[:, 1:].T.copy()
+        self._t, self._values = rows[:, 0] - self.start, rows[:, 1:]
+        self.lap = math.inf if not loop else self.duration + self.duration / (len(rows) - 1)
+
+    @property
+    def rate_hz(self) -> float:
+        """On the average."""
+        return (len(self._t) - 1) / self.duration
+
+    def after(self, t: float) -> float:
+        """Time of the first sample after time `t`, in s since the first one of all; infinite behind the last."""
+        lap = math.floor(t / self.lap)
+        i = int(np.searchsorted(self._t, t - (lap * self.lap if lap else 0.0) + 1e-9, side="right"))
+        if i == len(self._t):
+            lap, i = lap + 1, 0
+        return float(self._t[i] + (lap * self.lap if lap else 0.0))
 
     def imu(self, t: Array) -> Array:
-        """w_ib_b in rad/s and f_b in m/s^2, (n, 6), at times `t` (n,) in s since the first sample."""
-        t = t if math.isfinite(self.end) else np.mod(t, self.duration)
-        return np.stack([np.interp(t, self._t, column) for column in self._values], axis=1)
+        """w_ib_b in rad/s and f_b in m/s^2, (n, 6), of the sample nearest to each of the times `t` (n,)."""
+        t = t if math.isinf(self.lap) else np.mod(t + 1e-9, self.lap)
+        after = np.clip(np.searchsorted(self._t, t), 1, len(self._t) - 1)
+        nearest = np.where(t - self._t[after - 1] <= self._t[after] - t, after - 1, after)
+        return np.asarray(self._values[nearest])
 
 
 class RecordedFixes:
@@ -90,8 +111,8 @@ class RecordedFixes:
         late = next((i for i in range(1, len(self._epochs)) if self._epochs[i] <= self._epochs[i - 1]), 0)
         if late:
             raise DataError(f"{path}: time does not increase after t_s={self._epochs[late] + start:.3f}")
-        lap = imu.duration if imu else self._epochs[-1] + 1.0
-        self._period = lap if (math.isinf(imu.end) if imu else loop) else math.inf
+        lap = imu.lap if imu else self._epochs[-1] + 1.0
+        self._period = lap if imu or loop else math.inf
 
     @property
     def phase(self) -> float:

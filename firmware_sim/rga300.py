@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .ellipsoid import Array
-from .noise import DEG, MILLI_G, STANDARD_GRAVITY, Grade, ImuErrors, Signal
+from .noise import DEG, MILLI_G, STANDARD_GRAVITY, Grade, ImuErrors, SampledSignal, Signal
 from .uart import BITS, Uart
 
 BAUDS = (9600, 19200, 38400, 57600, 115200)  # that "b" finds
@@ -160,7 +160,14 @@ class Rga300:
     def _answer(self, reply: bytes, t: float) -> None:
         self.uart.send(reply, t + BITS / self.uart.baud + _ANSWER_S)
 
+    @property
+    def streaming(self) -> bool:
+        """Whether it sends packets by itself."""
+        return self._next < math.inf
+
     def _next_after(self, t: float) -> float:
+        if isinstance(self._signal, SampledSignal):
+            return self._signal.after(t)
         after = t + self._period
         return after if after <= self._signal.end else math.inf
 
@@ -202,7 +209,8 @@ class Rga300:
 
     def _read(self, t: float) -> Reading:
         """The latest internal sample at time `t`."""
-        sampled = math.floor(t / self._internal) * self._internal
+        recorded = isinstance(self._signal, SampledSignal)
+        sampled = t if recorded else math.floor(t / self._internal) * self._internal
         row = self._errors.measure(self._signal, np.array([sampled]))[0]
         gravity = -row[3:]
         x, y, z = self._average(gravity, sampled).tolist()

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .ellipsoid import Array
-from .noise import DEG, MILLI_G, ImuErrors, Signal
+from .noise import DEG, MILLI_G, ImuErrors, SampledSignal, Signal
 
 TICK_HZ = 2000.0  # internal sampling; the averaging filter's taps count these
 _BLOCK_TICKS = 200
@@ -23,6 +23,17 @@ class Words:
     temperature_lsb: float  # degC
     temperature_raw_25: int  # the word at 25 degC
     size: int = 2  # bytes; words of 4 are 65536 times finer
+
+    def encode(self, temperature_c: float, imu: Array) -> bytes:
+        """The words of rows of rates and forces (n, 6), each behind that of the temperature, high bytes first."""
+        values = np.empty((len(imu), 7))
+        values[:, 0] = temperature_c - 25.0
+        values[:, 1:] = imu
+        finer, limit = 1 << (8 * self.size - 16), 1 << (8 * self.size - 1)
+        lsb = np.array([self.temperature_lsb, *[self.gyro_lsb] * 3, *[self.accel_lsb] * 3])
+        words = np.rint(values / lsb * finer)
+        words[:, 0] += self.temperature_raw_25 * finer
+        return bytes(np.clip(words, -limit, limit - 1).astype(f">i{self.size}").tobytes())
 
 
 M_G350_WORDS = Words(0.0125 * DEG, 0.125 * MILLI_G, 0.0042725, -15214)  # data sheet, "Sensitivity"
@@ -46,8 +57,7 @@ class Sampler:
     ) -> None:
         self._signal, self._errors, self._tick_s = signal, errors, 1.0 / (TICK_HZ * oscillator)
         self._start, self._decimation, self._taps, self._words = start, decimation, taps, words
-        self._lsb = np.array([words.temperature_lsb, *[words.gyro_lsb] * 3, *[words.accel_lsb] * 3])
-        self._finer, self._row = 1 << (8 * words.size - 16), 7 * words.size
+        self._row = 7 * words.size
         self._tick = 0  # last tick computed
         self._given = 0  # rows handed out
         self._rows, self._at = b"", 0
@@ -88,10 +98,22 @@ class Sampler:
         total = np.vstack([np.zeros(6), np.cumsum(values, axis=0)])
         last = np.arange(self._decimation, ticks + 1, self._decimation) + self._taps - 1
         mean = (total[last] - total[last - self._taps]) / self._taps
-        values = np.empty((rows, 7))
-        values[:, 0] = self._errors.temperature(self._start + self._tick * self._tick_s) - 25.0
-        values[:, 1:] = mean
-        words = np.rint(values / self._lsb * self._finer)
-        words[:, 0] += self._words.temperature_raw_25 * self._finer
-        limit = 1 << (8 * self._words.size - 1)
-        self._rows, self._at = np.clip(words, -limit, limit - 1).astype(f">i{self._words.size}").tobytes(), 0
+        temperature = self._errors.temperature(self._start + self._tick * self._tick_s)
+        self._rows, self._at = self._words.encode(temperature, mean), 0
+
+
+class RowSampler:
+    """As `Sampler`, of recorded samples: each as it is and when it was, whatever rate and filter the host has set."""
+
+    def __init__(self, signal: SampledSignal, errors: ImuErrors, start: float, words: Words) -> None:
+        self._signal, self._errors, self._words = signal, errors, words
+        self.next_time = signal.after(start)
+
+    def row(self) -> bytes:
+        """See `Sampler`."""
+        t = self.next_time
+        self.next_time = self._signal.after(t)
+        return self._words.encode(self._errors.temperature(t), self._errors.measure(self._signal, np.array([t])))
+
+    def prepare(self) -> None:
+        """Nothing to compute ahead."""

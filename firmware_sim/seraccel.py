@@ -94,7 +94,7 @@ class SerAccel:
         for byte in data:
             if self._key is not None and self.uart.backlog(t) <= 0.0:
                 self._key(chr(byte).lower(), t)
-            elif self._streaming:
+            elif self.streaming:
                 _log.info("stopped by a byte")
                 self._menu(t)
 
@@ -121,11 +121,12 @@ class SerAccel:
         return self.uart.earliest(due, len(self._line())) if due < math.inf else due
 
     def prepare(self) -> None:
-        if self._streaming and not self._lines:
+        if self.streaming and not self._lines:
             self._compute()
 
     @property
-    def _streaming(self) -> bool:
+    def streaming(self) -> bool:
+        """Whether it sends lines by itself."""
         return self._start < math.inf
 
     def _due(self) -> float:

@@ -200,7 +200,7 @@ def test_a_sensor_that_streams_on_its_uart_is_stopped():
     sensor.receive(bytes.fromhex("BA010DB9010D"), 0.9)
     result = configured("g350", Memory(sensor))
     assert result.rate_hz == 1000.0
-    assert not sensor.auto
+    assert not sensor.streaming
 
 
 def test_start_up_is_waited_for():

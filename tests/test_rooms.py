@@ -11,7 +11,12 @@ from import_graph import import_graph
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("imud", "drivers", "firmware_sim")
 RUN_TIME = {"numpy", "numba", "llvmlite", "serial", "structlog", "msgspec", "spidev", "gpiod"}
-RECORDING = ("drivers/capture.py", "imud/recording/file.py", "imud/commands/export.py")
+RECORDING = (
+    "drivers/capture.py",
+    "imud/recording/file.py",
+    "imud/commands/export.py",
+    "firmware_sim/recorded_bytes.py",
+)
 EXTRAS = {  # file: what it may import that an extra brings
     "imud/commands/web/server.py": {"aiohttp"},
     "imud/commands/web/limits.py": {"aiohttp"},

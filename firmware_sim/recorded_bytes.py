@@ -9,6 +9,7 @@ import base64
 import binascii
 import json
 import math
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -75,7 +76,7 @@ def read(path: Path) -> list[RecordedPort]:
                     _connect(path, ports, json.loads(message.data))
                 elif channel.topic.startswith(_RAW):
                     _add(ports, int(channel.topic[len(_RAW) :]), json.loads(message.data))
-        except (McapError, ValueError, KeyError, TypeError, binascii.Error) as error:
+        except (McapError, struct.error, ValueError, KeyError, TypeError, binascii.Error) as error:
             raise DataError(
                 f"{path} is damaged ({type(error).__name__}): what can be read of it plays with "
                 f"`imud run --port replay:{path}`"
@@ -109,8 +110,8 @@ def choose(ports: list[RecordedPort], names: list[str], loop: bool) -> tuple[lis
         if port is None:
             there = ", ".join(f"{port.device or 'no emulated device'} ({port.model})" for port in ports)
             raise DataError(
-                f"{ports[0].path}: nothing of a {name} is left in it; it has {there}. Name those, or make a table of "
-                "its samples, which any device can play: imud export --csv DIR"
+                f"{ports[0].path}: there is no {name} in it, or not so many; there is {there}. Name those, or make "
+                "a table of its samples, which any device can play: imud export --csv DIR"
             )
         if port.polled:
             raise DataError(

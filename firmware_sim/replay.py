@@ -76,7 +76,7 @@ class RecordedImu:
 
     def after(self, t: float) -> float:
         """Time of the first sample after time `t`, in s since the first one of all; infinite behind the last."""
-        lap = math.floor(t / self.lap)
+        lap = max(math.floor(t / self.lap), 0)
         i = int(np.searchsorted(self._t, t - (lap * self.lap if lap else 0.0) + 1e-9, side="right"))
         if i == len(self._t):
             lap, i = lap + 1, 0

@@ -46,7 +46,7 @@ def test_a_stream_without_gaps_and_with_the_attitude_asked_for(tmp_path):
 
 
 def test_a_recording_is_played_as_fast_as_it_is_read_and_no_faster(tmp_path):
-    imu, _ = write_recording(tmp_path, seconds=20.0)
+    imu, _ = write_recording(tmp_path, seconds=300.0)
     with emulator("g350", "--replay", imu, "--fast") as (_, paths), serial.Serial(paths["g350"], 460800) as port:
         port.timeout = SILENT_S
         configure(port)

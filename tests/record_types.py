@@ -1,4 +1,4 @@
-"""Writes types.py of both filters, imud/estimators/ahrs and ins: their records as types for mypy, from the dtypes.
+"""Writes the files of FILES: the records of the kernels as types for mypy, from the dtypes.
 
 `python tests/record_types.py`; a test holds the files against the dtypes.
 """
@@ -6,18 +6,27 @@
 from pathlib import Path
 
 from drivers.sample import SAMPLE
+from imud.clocks import counter
+from imud.estimators import records, tilt
 from imud.estimators.ahrs import state as ahrs
 from imud.estimators.ins import parameters, state
-from imud.estimators.records import FIX, INNOVATION, MEASUREMENT, SOLUTION
+from imud.estimators.papers import gps_track, stationary, suh
+from imud.estimators.papers.ins9 import state as ins9
+from imud.sensor_monitor import clipping, health
 
-ESTIMATORS = Path(__file__).resolve().parents[1] / "imud" / "estimators"
-INS = {
+IMUD = Path(__file__).resolve().parents[1] / "imud"
+ESTIMATORS = {
     "Sample": SAMPLE,
+    "Fix": records.FIX,
+    "Measurement": records.MEASUREMENT,
+    "Solution": records.SOLUTION,
+    "Innovation": records.INNOVATION,
+    "TiltParameters": tilt.PARAMETERS,
+    "TiltState": tilt.STATE,
+}
+TUNING = {"Tuning": parameters.PARAMETERS["tuning"]}
+INS = {
     "StoredSample": state.STORED_SAMPLE,
-    "Fix": FIX,
-    "Solution": SOLUTION,
-    "Innovation": INNOVATION,
-    "Tuning": parameters.PARAMETERS["tuning"],
     "Parameters": parameters.PARAMETERS,
     "Nav": state.NAV,
     "Earth": state.EARTH,
@@ -34,13 +43,10 @@ INS = {
     "Snapshot": state.SNAPSHOT,
     "Core": state.CORE,
     "HypothesisBank": state.HYPOTHESIS_BANK,
-    "Measurement": MEASUREMENT,
     "StoredMeasurement": state.STORED_MEASUREMENT,
     "State": state.STATE,
 }
 AHRS = {
-    "Sample": SAMPLE,
-    "Solution": SOLUTION,
     "Tuning": ahrs.PARAMETERS["tuning"],
     "Parameters": ahrs.PARAMETERS,
     "Nav": ahrs.NAV,
@@ -55,58 +61,73 @@ AHRS = {
     "Scratch": ahrs.SCRATCH,
     "State": ahrs.STATE,
 }
-FILES = {  # file: (what its filter is called, its records)
-    ESTIMATORS / "ahrs" / "types.py": ("attitude", AHRS),
-    ESTIMATORS / "ins" / "types.py": ("navigation", INS),
+PAPERS = {
+    "StationaryParameters": stationary.PARAMETERS,
+    "StationaryState": stationary.STATE,
+    "SuhParameters": suh.PARAMETERS,
+    "SuhState": suh.STATE,
+    "TrackParameters": gps_track.PARAMETERS,
+    "TrackState": gps_track.STATE,
+    "Ins9Parameters": ins9.PARAMETERS,
+    "Ins9State": ins9.STATE,
 }
-TO_KALMAN = {"columns": "np.int64"} | dict.fromkeys(("P", "x", "d", "ph", "values"), "np.float64")
-HEAD = '''"""The records of the {} filter as types for mypy, written by tests/record_types.py."""
-
-from typing import Any, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
-
-
-class Floats(Protocol):
-    """A one-dimensional array of numbers."""
-
-    def __getitem__(self, i: int) -> float: ...
-    def __setitem__(self, i: Any, value: float) -> None: ...
-    def __len__(self) -> int: ...
-
-
-class Integers(Protocol):
-    """A one-dimensional array of integers."""
-
-    def __getitem__(self, i: int) -> int: ...
-    def __setitem__(self, i: Any, value: int) -> None: ...
-    def __len__(self) -> int: ...
-'''
+MONITOR = {"Clipping": clipping.CLIPPING, "Health": health.HEALTH}
+FILES = {  # file: (what its records are, its records, those of other files by the module that they are imported from)
+    IMUD / "clocks" / "types.py": ("record of a clock", {"Clock": counter.CLOCK}, {}),
+    IMUD / "sensor_monitor" / "types.py": ("records of the sensor monitor", MONITOR, {}),
+    IMUD / "estimators" / "types.py": ("records of all estimators, and of `tilt`", ESTIMATORS, {}),
+    IMUD / "estimators" / "papers" / "types.py": ("records of the papers' estimators", PAPERS, {}),
+    IMUD / "estimators" / "ahrs" / "types.py": ("records of the attitude filter", AHRS, {}),
+    IMUD / "estimators" / "ins" / "tuning_types.py": ("tunables of the navigation filter", TUNING, {}),
+    IMUD / "estimators" / "ins" / "types.py": (
+        "records of the navigation filter",
+        INS,
+        {"..types": ESTIMATORS, ".tuning_types": TUNING},
+    ),
+}
+TO_KALMAN = {"columns": "Indices", "column": "Indices"} | dict.fromkeys(
+    ("P", "predicted_P", "x", "d", "ph", "values", "jacobian", "one"), "Floats"
+)
+HEAD = '"""The {} as types for mypy, written by tests/record_types.py."""\n'
 
 
-def type_of(dtype, name, records):
+def type_of(dtype, name, known):
     """What mypy knows a field of this dtype as; the kernels of kalman take numpy's arrays."""
-    if name in TO_KALMAN:
-        return f"NDArray[{TO_KALMAN[name]}]"
     base, shape = dtype.subdtype or (dtype, ())
+    if name in TO_KALMAN and len(shape) == 1:
+        return TO_KALMAN[name]
     if base.names:
-        name = next(name for name, record in records.items() if record == base)
-        return f"list[{name}]" if shape else name
-    kind = "float" if base.kind == "f" else "int"
+        record = next(record for record, of in known.items() if of == base)
+        return f"list[{record}]" if shape else record
     if not shape:
-        return kind
-    return {"float": "Floats", "int": "Integers"}[kind] if len(shape) == 1 else "Any"
+        return "float" if base.kind == "f" else "int"
+    if len(shape) > 1:
+        return "Table"
+    return "Reals" if base.kind == "f" else "Integers"
 
 
 def text(path):
     """The whole of this file."""
-    filter_name, records = FILES[path]
-    parts = [HEAD.format(filter_name)]
-    for name, dtype in records.items():
-        fields = "".join(f"    {field}: {type_of(dtype[field], field, records)}\n" for field in dtype.names)
-        parts.append(f"\n\nclass {name}:\n{fields}")
-    return "".join(parts)
+    title, own, others = FILES[path]
+    known = own | {name: dtype for more in others.values() for name, dtype in more.items()}
+    types = {
+        record: {field: type_of(dtype[field], field, known) for field in dtype.names} for record, dtype in own.items()
+    }
+    used = {kind.removeprefix("list[").rstrip("]") for fields in types.values() for kind in fields.values()}
+    arrays = "." * len(path.relative_to(IMUD).parts) + "math.arrays"
+    imports = {arrays: {"Floats", "Indices", "Integers", "Reals", "Table"}} | {
+        where: set(more) for where, more in others.items()
+    }
+    lines = [
+        f"from {where} import {', '.join(sorted(names & used))}\n"
+        for where, names in sorted(imports.items(), key=lambda item: (-item[0].count("."), item[0]))
+        if names & used
+    ]
+    classes = [
+        f"\n\nclass {record}:\n" + "".join(f"    {field}: {kind}\n" for field, kind in fields.items())
+        for record, fields in types.items()
+    ]
+    return HEAD.format(title) + "".join(["\n"] * bool(lines) + lines) + "".join(classes)
 
 
 if __name__ == "__main__":

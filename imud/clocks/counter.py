@@ -9,12 +9,17 @@ still while samples were not sent (a sensor may have none, and its samples are c
 follow late, and equally late; bytes that only waited do not, for whoever reads them has caught up with the end of it.
 """
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..compile.jit import kernel
 from .line import FAR_NS, POINTS, add_point, refit
+
+if TYPE_CHECKING:
+    from .types import Clock
 
 WINDOW_NS = 0.5e9  # the first ones
 SLEW = 0.01  # stamps run at most 1 % fast or slow while they catch up with a changed line
@@ -77,7 +82,7 @@ def new_clock(period_ns: float, delay_ns: float) -> Any:
 
 
 @kernel
-def _restart(clock: Any, tick: int, arrival_ns: int) -> None:
+def _restart(clock: Clock, tick: int, arrival_ns: int) -> None:
     clock.base_tick = tick
     clock.base_ns = arrival_ns
     if clock.started == 0:
@@ -95,7 +100,7 @@ def _restart(clock: Any, tick: int, arrival_ns: int) -> None:
 
 
 @kernel
-def _window_anew(clock: Any, tick: int) -> None:
+def _window_anew(clock: Clock, tick: int) -> None:
     clock.window_start = tick
     clock.window_residual = np.inf
     clock.window_samples = 0
@@ -104,14 +109,14 @@ def _window_anew(clock: Any, tick: int) -> None:
 
 
 @kernel
-def _watch_anew(clock: Any, y: float) -> None:
+def _watch_anew(clock: Clock, y: float) -> None:
     clock.watch_start = y
     clock.watch_samples = 0
     clock.watch_least = np.inf
 
 
 @kernel
-def _gather(clock: Any, tick: int, x: float, y: float, residual: float) -> None:
+def _gather(clock: Clock, tick: int, x: float, y: float, residual: float) -> None:
     """Keep the earliest arrival of each window, and the mean, for the fit; what came far too late does not count."""
     if residual < clock.window_residual:
         clock.window_residual = residual
@@ -129,7 +134,7 @@ def _gather(clock: Any, tick: int, x: float, y: float, residual: float) -> None:
 
 
 @kernel
-def _correct(clock: Any, tick: int, ticks: float) -> None:
+def _correct(clock: Clock, tick: int, ticks: float) -> None:
     """So many ticks passed that were not counted (negative: were counted and did not pass)."""
     clock.missed += ticks
     clock.corrections += 1
@@ -137,7 +142,7 @@ def _correct(clock: Any, tick: int, ticks: float) -> None:
 
 
 @kernel
-def _watch(clock: Any, tick: int, arrival_ns: int, residual: float) -> None:
+def _watch(clock: Clock, tick: int, arrival_ns: int, residual: float) -> None:
     """Notice samples that are all late, and equally late, for two watches: the counter missed the time before them."""
     y = float(arrival_ns - clock.base_ns)
     clock.watch_samples += 1
@@ -160,7 +165,7 @@ def _watch(clock: Any, tick: int, arrival_ns: int, residual: float) -> None:
 
 
 @kernel
-def stamp(clock: Any, tick: int, arrival_ns: int) -> int:
+def stamp(clock: Clock, tick: int, arrival_ns: int) -> int:
     """Host time (int64 ns) of the sample with counter `tick`, which was there at `arrival_ns`. Strictly increasing."""
     if clock.started == 0 or tick <= clock.last_tick:
         _restart(clock, tick, arrival_ns)

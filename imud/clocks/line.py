@@ -15,12 +15,18 @@ minima tend to that distribution.
 Source: Zhang, Liu and Xia, Clock synchronization algorithms for network measurements, IEEE INFOCOM (2002), sec. III.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..compile.jit import kernel
+
+if TYPE_CHECKING:
+    from ..math.arrays import Reals
+    from .types import Clock
 
 POINTS, LONGEST_NS = 64, 4e9  # windows, and their length at last
 FIT_SPAN_NS = 3e9  # a slope needs a base line this long; until then the nominal period holds
@@ -31,7 +37,7 @@ PERIOD_TOLERANCE = 0.5  # a period further off its nominal value is not believed
 
 
 @kernel
-def _make_room(clock: Any) -> None:
+def _make_room(clock: Clock) -> None:
     """Join windows two by two, which keeps the points alike; once they are long, forget the oldest."""
     if clock.window_ns >= LONGEST_NS:
         for i in range(1, clock.count):
@@ -51,7 +57,7 @@ def _make_room(clock: Any) -> None:
 
 
 @kernel
-def add_point(clock: Any) -> None:
+def add_point(clock: Clock) -> None:
     if clock.count == POINTS:
         _make_room(clock)
     clock.ticks[clock.count] = clock.window_x
@@ -62,7 +68,7 @@ def add_point(clock: Any) -> None:
 
 
 @kernel
-def _hull_slope(clock: Any) -> float:
+def _hull_slope(clock: Clock) -> float:
     """Slope of the lower hull's edge above the middle of the time."""
     hull = clock.hull
     n = 0
@@ -85,7 +91,7 @@ def _hull_slope(clock: Any) -> float:
 
 
 @kernel
-def _heights(clock: Any, slope: float) -> tuple[float, float, float]:
+def _heights(clock: Clock, slope: float) -> tuple[float, float, float]:
     """Where the line of this slope below all points begins; their median height; how far arrivals in time lie below."""
     heights = clock.heights
     for i in range(clock.count):
@@ -102,7 +108,7 @@ def _heights(clock: Any, slope: float) -> tuple[float, float, float]:
 
 @kernel
 def _regression(
-    ticks: Any, arrivals: Any, count: int, slope: float, offset: float, scale: float
+    ticks: Reals, arrivals: Reals, count: int, slope: float, offset: float, scale: float
 ) -> tuple[float, float]:
     """Slope and its variance; a point so many `scale`s above the line of `slope` and `offset` weighs ever less."""
     origin = ticks[count - 1]
@@ -124,7 +130,7 @@ def _regression(
 
 
 @kernel
-def _settled_slope(clock: Any) -> tuple[float, float]:
+def _settled_slope(clock: Clock) -> tuple[float, float]:
     """Slope of the earliest arrivals near the hull's line and of the windows' means, each as it scatters; its sigma."""
     slope = _hull_slope(clock)
     offset, median, _ = _heights(clock, slope)
@@ -136,7 +142,7 @@ def _settled_slope(clock: Any) -> tuple[float, float]:
 
 
 @kernel
-def _rough_slope(clock: Any) -> float:
+def _rough_slope(clock: Clock) -> float:
     """Slope from the first point to the last, if those between agree with it and plainly not with the slope so far."""
     last = clock.count - 1
     if last < 2:
@@ -151,7 +157,7 @@ def _rough_slope(clock: Any) -> float:
 
 
 @kernel
-def refit(clock: Any, x: float) -> None:
+def refit(clock: Clock, x: float) -> None:
     """Lay the line anew below the window minima; stamps stay where they are and slew to it."""
     before = clock.offset + clock.slope * x
     if (clock.ticks[clock.count - 1] - clock.ticks[0]) * clock.period_ns >= FIT_SPAN_NS:

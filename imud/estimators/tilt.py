@@ -14,8 +14,10 @@ Source: Prasanna, Vehicle localisation using GPS and IMU (2009), "Calculating Ti
 upside down, and section INS, where g sin(roll) stands for the full rotation.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,6 +32,9 @@ from ..math.rotation import quat_of_euler
 from ..sensor_errors.profiles import profile_of
 from . import Estimator
 from .records import ATTITUDE_VALID, HEADING_VALID, SATURATED
+
+if TYPE_CHECKING:
+    from .types import Sample, Solution, TiltParameters, TiltState
 
 BANDWIDTH_HZ = 1.0
 TIME_CONSTANT_S = 1.0 / (2.0 * math.pi * BANDWIDTH_HZ)
@@ -103,7 +108,7 @@ def start(parameters: Records, initial: Initial) -> Records:
 
 
 @kernel
-def update_means(p: Any, s: Any, sample: Any, dt: float) -> None:
+def update_means(p: TiltParameters, s: TiltState, sample: Sample, dt: float) -> None:
     """Take the force of a good sample, dt s after the last good one."""
     s.sample_count += 1
     gain = max(dt / (TIME_CONSTANT_S + dt), 1.0 / s.sample_count)
@@ -118,7 +123,7 @@ def update_means(p: Any, s: Any, sample: Any, dt: float) -> None:
 
 
 @kernel
-def update_tilt(p: Any, s: Any) -> None:
+def update_tilt(p: TiltParameters, s: TiltState) -> None:
     """Roll and pitch of the averaged force, and what they are worth."""
     f = s.f_mean
     force2 = max(f[0] * f[0] + f[1] * f[1] + f[2] * f[2], 1e-12)
@@ -143,7 +148,7 @@ def update_tilt(p: Any, s: Any) -> None:
 
 
 @kernel
-def integrate_yaw(p: Any, s: Any, sample: Any, dt: float) -> None:
+def integrate_yaw(p: TiltParameters, s: TiltState, sample: Sample, dt: float) -> None:
     """Integrate yaw over dt with the rates there are, between the last good sample and this one."""
     for i in range(3):
         if sample.w[i] != 0.0:
@@ -164,7 +169,7 @@ def integrate_yaw(p: Any, s: Any, sample: Any, dt: float) -> None:
 
 
 @kernel
-def write_solution(p: Any, s: Any, sample: Any, out: Any) -> None:
+def write_solution(p: TiltParameters, s: TiltState, sample: Sample, out: Solution) -> None:
     """Write a row of SOLUTION; what this estimator does not know is NaN."""
     yaw_sigma = UNKNOWN_ANGLE
     if s.has_gyro[2] == 1:
@@ -194,7 +199,7 @@ def write_solution(p: Any, s: Any, sample: Any, out: Any) -> None:
 
 
 @kernel
-def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
+def step(p: TiltParameters, s: TiltState, sample: Sample, solution: Solution) -> None:
     """Take one sample (SAMPLE), write one row (SOLUTION). A sample that is not newer than the last is ignored."""
     if s.t_ns == 0 or sample.t_ns > s.t_ns:
         f, w = sample.f, sample.w

@@ -6,12 +6,17 @@ not stay flat for four. So two steep rises with plateaus right behind them, both
 Later readings near it are at the end of the range; a reading well beyond it shows that it was none.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..compile.jit import kernel
+
+if TYPE_CHECKING:
+    from .types import Clipping
 
 STEEP, FLAT = 0.02, 0.005  # of the reading: a step between samples that rises to a plateau, and one within it
 KINK = 2  # samples in which the one becomes the other
@@ -42,7 +47,7 @@ def new_clipping() -> Any:
 
 
 @kernel
-def is_clipped(c: Any, i: int, value: float, step: float) -> bool:
+def is_clipped(c: Clipping, i: int, value: float, step: float) -> bool:
     """Whether the reading `value` of axis i, `step` more than the one before, is at the end of a learned range."""
     size, side = abs(value), 1 if value > 0.0 else 0
     rise = step if value > 0.0 else -step

@@ -14,8 +14,10 @@ steep turn pulls as much for a minute. Both turn or change. A force that stays t
 a sensor that does not turn would be an acceleration along a straight line to more than 50 m/s.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +29,9 @@ from ..compile.jit import kernel
 from ..math.earth import STANDARD_GRAVITY
 from ..sensor_errors.profiles import Profile
 from .clipping import CLIPPING, is_clipped, new_clipping
+
+if TYPE_CHECKING:
+    from .types import Health
 
 LEAST_RUN, LEAST_RUN_S = 20, 0.1  # of equal samples
 USUAL = 8  # times the longest hold
@@ -102,7 +107,7 @@ def new_health(profile: Profile, rate_hz: float) -> NDArray[np.void]:
 
 
 @kernel
-def take(h: Any, sample: Any) -> bool:
+def take(h: Health, sample: Any) -> bool:
     """Note the values and what they tell of the noise; returns whether any of them deserves a closer look.
 
     Nearly all of what it costs to judge a sample is here, so there are no branches: this can become vector code.
@@ -128,7 +133,7 @@ def take(h: Any, sample: Any) -> bool:
 
 
 @kernel
-def end_block(h: Any) -> None:
+def end_block(h: Health) -> None:
     """At the end of a block, learn the noise of each axis that held no value in it."""
     for i in range(6):
         if h.spoilt[i] == 0 and h.turns[i] >= RESTLESS:
@@ -138,7 +143,7 @@ def end_block(h: Any) -> None:
 
 
 @kernel
-def repeats_itself(h: Any, i: int, t_ns: int) -> bool:
+def repeats_itself(h: Health, i: int, t_ns: int) -> bool:
     """Whether axis i has held its value for too long."""
     most = max(h.least_run, USUAL * h.longest[i])
     if h.run[i] < HOLD:
@@ -155,7 +160,7 @@ def repeats_itself(h: Any, i: int, t_ns: int) -> bool:
 
 
 @kernel
-def judge_axis(h: Any, i: int, t_ns: int) -> int:
+def judge_axis(h: Health, i: int, t_ns: int) -> int:
     """Findings on axis i."""
     size = abs(h.value[i])
     if not math.isfinite(size):
@@ -174,7 +179,7 @@ def judge_axis(h: Any, i: int, t_ns: int) -> int:
 
 
 @kernel
-def is_steady(h: Any, square: float) -> bool:
+def is_steady(h: Health, square: float) -> bool:
     """Whether the sensor does not turn, and shows the force of the first far sample."""
     v = h.value
     turn2 = change2 = 0.0
@@ -185,7 +190,7 @@ def is_steady(h: Any, square: float) -> bool:
 
 
 @kernel
-def is_far_from_gravity(h: Any, square: float, t_ns: int) -> bool:
+def is_far_from_gravity(h: Health, square: float, t_ns: int) -> bool:
     """Whether the specific force (its square in (m/s^2)^2) has been far from gravity for so long that it is false."""
     if (LIGHTEST * STANDARD_GRAVITY) ** 2 < square < (HEAVIEST * STANDARD_GRAVITY) ** 2:
         h.near += 1
@@ -203,7 +208,7 @@ def is_far_from_gravity(h: Any, square: float, t_ns: int) -> bool:
 
 
 @kernel
-def judge_force(h: Any, t_ns: int) -> int:
+def judge_force(h: Health, t_ns: int) -> int:
     """Findings on the three forces together."""
     f = h.value
     square = f[3] * f[3] + f[4] * f[4] + f[5] * f[5]
@@ -213,7 +218,7 @@ def judge_force(h: Any, t_ns: int) -> int:
 
 
 @kernel
-def mark(h: Any, sample: Any, findings: int) -> None:
+def mark(h: Health, sample: Any, findings: int) -> None:
     """Write what the findings mean into the sample, and when they were made into the record."""
     t_ns = sample.t_ns
     for i in range(FINDINGS):
@@ -240,7 +245,7 @@ def mark(h: Any, sample: Any, findings: int) -> None:
 
 
 @kernel
-def examine(h: Any, sample: Any) -> None:
+def examine(h: Health, sample: Any) -> None:
     """Judge one sample (sensor axes, stamped) and mark it. Damage on the wire says nothing of the sensor."""
     sample.outage_s = 0.0
     if sample.flags & SUSPECT:

@@ -20,8 +20,9 @@ from ...math.kalman import packed_index, reset, scale, shear, shear3
 from .state import ACCEL_BIAS, ACCEL_DELAY, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, POSITION, STATES, VELOCITY
 
 if TYPE_CHECKING:
+    from ...math.arrays import Reals
     from ...math.rotation import Vector
-    from .types import Floats, Parameters, State
+    from .types import Parameters, State
 
 
 @kernel
@@ -50,7 +51,7 @@ def age_tilt(s: State, i: int, columns_of_c: Vector, time: float) -> None:
 
 
 @unrolled
-def couple(s: State, i: int, j: int, integrals: Floats, k: int) -> None:
+def couple(s: State, i: int, j: int, integrals: Reals, k: int) -> None:
     """Phi[i, j:j + 3] = -integrals[k:k + 3]."""
     shear3(s.cov.P, STATES, i, j, -integrals[k], -integrals[k + 1], -integrals[k + 2])
 

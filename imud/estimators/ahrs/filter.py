@@ -25,7 +25,8 @@ from .stationarity import detect_stationary, restart_means, update_means
 from .truncation import compensate_truncation
 
 if TYPE_CHECKING:
-    from .types import Parameters, Sample, Solution, State
+    from ..types import Sample, Solution
+    from .types import Parameters, State
 
 
 @kernel

@@ -12,11 +12,12 @@ from .integrals import add_noise
 from .last_sample import set_outage, update_force_change
 
 if TYPE_CHECKING:
-    from .types import Floats, Parameters, State
+    from ...math.arrays import Reals
+    from .types import Parameters, State
 
 
 @kernel
-def mean_reading(a: Floats, b: Vector) -> Vector:
+def mean_reading(a: Reals, b: Vector) -> Vector:
     """The mean of the readings on both sides of a gap: the best guess of the values in it."""
     return 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
 

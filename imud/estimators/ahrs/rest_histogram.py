@@ -17,7 +17,8 @@ from .state import BINS
 from .truncation import add_evidence, first_candidate, last_candidate
 
 if TYPE_CHECKING:
-    from .types import Floats, Parameters, State
+    from ...math.arrays import Reals
+    from .types import Parameters, State
 
 NONE = -1  # no code is the wide one
 
@@ -87,7 +88,7 @@ def evaluate_axis(p: Parameters, s: State, i: int) -> bool:
 
 
 @kernel
-def median_bin(histogram: Floats, first: int) -> int:
+def median_bin(histogram: Reals, first: int) -> int:
     """The median of the axis whose bins begin with `first`."""
     total, below = 0.0, 0.0
     for k in range(first, first + BINS):
@@ -108,7 +109,7 @@ def bin_edges(k: int, wide: int) -> tuple[float, float]:
 
 
 @kernel
-def fit_gaussian(p: Parameters, histogram: Floats, first: int, end: int, wide: int) -> tuple[float, float]:
+def fit_gaussian(p: Parameters, histogram: Reals, first: int, end: int, wide: int) -> tuple[float, float]:
     """Mean and variance of the readings in the bins from `first` up to `end`, less that of the bins' width."""
     n, mean, square, width2 = 0.0, 0.0, 0.0, 0.0
     for k in range(first, end):
@@ -124,7 +125,7 @@ def fit_gaussian(p: Parameters, histogram: Floats, first: int, end: int, wide: i
 
 
 @kernel
-def log_likelihood(p: Parameters, histogram: Floats, middle: int, reach: int, wide: int) -> float:
+def log_likelihood(p: Parameters, histogram: Reals, middle: int, reach: int, wide: int) -> float:
     """Log likelihood of the bins about `middle`, from Gaussian noise, if bin `wide` is the wide one."""
     outliers = p.tuning.outlier_probability
     mean, variance = fit_gaussian(p, histogram, middle - reach, middle + reach + 1, wide)

@@ -12,7 +12,8 @@ from ..records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SATURATED
 from .mechanization import compensate_force, compensate_rate
 
 if TYPE_CHECKING:
-    from .types import Parameters, Solution, State
+    from ..types import Solution
+    from .types import Parameters, State
 
 
 @kernel

@@ -1,55 +1,6 @@
 """The records of the attitude filter as types for mypy, written by tests/record_types.py."""
 
-from typing import Any, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
-
-
-class Floats(Protocol):
-    """A one-dimensional array of numbers."""
-
-    def __getitem__(self, i: int) -> float: ...
-    def __setitem__(self, i: Any, value: float) -> None: ...
-    def __len__(self) -> int: ...
-
-
-class Integers(Protocol):
-    """A one-dimensional array of integers."""
-
-    def __getitem__(self, i: int) -> int: ...
-    def __setitem__(self, i: Any, value: int) -> None: ...
-    def __len__(self) -> int: ...
-
-
-class Sample:
-    t_ns: int
-    tick: int
-    w: Floats
-    f: Floats
-    down: Floats
-    temperature: float
-    flags: int
-    outage_s: float
-
-
-class Solution:
-    t_ns: int
-    status: int
-    lat: float
-    lon: float
-    height: float
-    v: Floats
-    q_nb: Floats
-    w: Floats
-    f: Floats
-    bg: Floats
-    ba: Floats
-    sigma_p: Floats
-    sigma_v: Floats
-    sigma_rpy: Floats
-    sigma_bg: Floats
-    sigma_ba: Floats
+from ...math.arrays import Floats, Indices, Reals
 
 
 class Tuning:
@@ -153,40 +104,40 @@ class Parameters:
 
 
 class Nav:
-    q_nb: Floats
-    v_n: Floats
-    p_n: Floats
-    bg: Floats
-    ba: Floats
-    gyro_matrix: Floats
-    accel_scale: Floats
+    q_nb: Reals
+    v_n: Reals
+    p_n: Reals
+    bg: Reals
+    ba: Reals
+    gyro_matrix: Reals
+    accel_scale: Reals
     accel_delay: float
     gravity: float
 
 
 class Covariance:
-    P: NDArray[np.float64]
+    P: Floats
     sigma_tilt: float
-    sigma_rpy: Floats
-    sigma_bg: Floats
-    sigma_ba: Floats
+    sigma_rpy: Reals
+    sigma_bg: Reals
+    sigma_ba: Reals
 
 
 class Imu:
-    w: Floats
-    f: Floats
-    f_change: Floats
+    w: Reals
+    f: Reals
+    f_change: Reals
     outage_s: float
 
 
 class Integrals:
     time: float
-    c: Floats
-    delta_v: Floats
-    c_outer_w: Floats
-    c_diag_f: Floats
-    c_f_cross_w: Floats
-    a_outer_a: Floats
+    c: Reals
+    delta_v: Reals
+    c_outer_w: Reals
+    c_diag_f: Reals
+    c_f_cross_w: Reals
+    a_outer_a: Reals
     w2: float
     attitude_noise: float
     velocity_noise: float
@@ -196,30 +147,30 @@ class Levelling:
     initialised: int
     coarse: int
     true_heading: int
-    initial_rpy: Floats
+    initial_rpy: Reals
     duration: float
-    delta_v: Floats
+    delta_v: Reals
     force2: float
 
 
 class Motion:
-    v_mean: Floats
-    v_scatter: Floats
-    p_scatter: Floats
-    travel_speed2: Floats
-    mean_force: Floats
-    mean_force_change: Floats
+    v_mean: Reals
+    v_scatter: Reals
+    p_scatter: Reals
+    travel_speed2: Reals
+    mean_force: Reals
+    mean_force_change: Reals
     vibration_level: float
     travel_vibration_level: float
 
 
 class Stationarity:
-    w_mean: Floats
-    f_mean: Floats
-    w_start: Floats
-    f_start: Floats
+    w_mean: Reals
+    f_mean: Reals
+    w_start: Reals
+    f_start: Reals
     force_psd: float
-    f_at_rest: Floats
+    f_at_rest: Reals
     low_motion_s: float
     bias_mismatch_s: float
     stationary: int
@@ -227,36 +178,36 @@ class Stationarity:
 
 
 class Divergence:
-    velocity_gain: Floats
+    velocity_gain: Reals
     gain_duration: float
     converged: int
 
 
 class Quantization:
-    last_reading: Floats
-    lsb: Floats
-    offset: Floats
+    last_reading: Reals
+    lsb: Reals
+    offset: Reals
     truncation_log_odds: float
-    max_error: Floats
-    error: Floats
-    error_var: Floats
-    log_likelihood_ratio: Floats
-    last_side: Floats
-    crossing_count: Floats
-    crossing_histogram: Floats
-    rest_histogram: Floats
-    rest_step2: Floats
+    max_error: Reals
+    error: Reals
+    error_var: Reals
+    log_likelihood_ratio: Reals
+    last_side: Reals
+    crossing_count: Reals
+    crossing_histogram: Reals
+    rest_histogram: Reals
+    rest_step2: Reals
     rest_samples: int
     rest_blocks: int
 
 
 class Scratch:
-    x: NDArray[np.float64]
-    ph: NDArray[np.float64]
-    columns: NDArray[np.int64]
-    values: NDArray[np.float64]
-    dv_n: Floats
-    a_n: Floats
+    x: Floats
+    ph: Floats
+    columns: Indices
+    values: Floats
+    dv_n: Reals
+    a_n: Reals
 
 
 class State:

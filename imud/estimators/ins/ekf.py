@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 from ...compile.jit import kernel
 from ...math.kalman import measure, packed_index, reset, shear, shear3, update
+from ...math.rotation import Vector
 from ..tuning import Tunable
-from .mechanization import Vector, displace, rotate_attitude
+from .mechanization import displace, rotate_attitude
 from .state import (
     ACCEL_BIAS,
     ATTITUDE,

@@ -36,18 +36,9 @@ from .state import AIDING_RING, NEVER_NS, PENDING_INNOVATIONS
 from .stationarity import first_window
 
 if TYPE_CHECKING:
-    from .types import (
-        Core,
-        Fix,
-        Floats,
-        Innovation,
-        Measurement,
-        Parameters,
-        Sample,
-        Solution,
-        State,
-        StoredMeasurement,
-    )
+    from ...math.arrays import Reals
+    from ..types import Fix, Innovation, Measurement, Sample, Solution
+    from .types import Core, Parameters, State, StoredMeasurement
 
 TUNABLES = (
     Tunable("max_ahead_s", 1.0, "s", "A measurement may be newer than the newest sample by this.", "Choice."),
@@ -104,7 +95,7 @@ def take_innovations(s: State, innovations: list[Innovation]) -> int:
 
 
 @kernel
-def initialize(p: Parameters, c: Core, t_ns: int, w: Floats, f: Floats, rpy: Floats) -> None:
+def initialize(p: Parameters, c: Core, t_ns: int, w: Reals, f: Reals, rpy: Reals) -> None:
     """Initialize from the first sample (body axes): roll and pitch from gravity, unless rpy (rad) gives them."""
     store_first_sample(c, t_ns, w, f)
     first_window(c, f)

@@ -18,7 +18,8 @@ from .observers.heading_integrals import accumulate_integrals, retain_integrals
 from .observers.reset_inflation import fade_inflation
 
 if TYPE_CHECKING:
-    from .types import Core, Innovation, Parameters
+    from ..types import Innovation
+    from .types import Core, Parameters
 
 
 @kernel

@@ -31,7 +31,9 @@ from .state import (
 )
 
 if TYPE_CHECKING:
-    from .types import Core, Fix, Floats, Parameters, Sample, Snapshot, State, StoredMeasurement
+    from ...math.arrays import Reals
+    from ..types import Fix, Sample
+    from .types import Core, Parameters, Snapshot, State, StoredMeasurement
 
 
 TUNABLES = (
@@ -40,7 +42,7 @@ TUNABLES = (
 
 
 @kernel
-def store_sample(s: State, sample: Sample, w: Floats, f: Floats) -> None:
+def store_sample(s: State, sample: Sample, w: Reals, f: Reals) -> None:
     """Store a sample in the ring, with rate w (rad/s) and specific force f (m/s^2), body axes."""
     r = s.imu_ring[s.sample_count % IMU_RING]
     r.t_ns = sample.t_ns
@@ -210,7 +212,7 @@ def fit_acceleration(p: Parameters, s: State, snapshot_count: int) -> None:
 
 
 @kernel
-def propagate_to_epoch(p: Parameters, s: State, t_ns: int, w: Floats, f: Floats) -> None:
+def propagate_to_epoch(p: Parameters, s: State, t_ns: int, w: Reals, f: Reals) -> None:
     """Propagate the core to t_ns exactly, not after the newest sample; (w, f): scratch for the interpolated sample."""
     c = s.core[0]
     while c.imu.sample_count < s.sample_count and s.imu_ring[c.imu.sample_count % IMU_RING].t_ns <= t_ns:

@@ -21,7 +21,8 @@ from .integrity.heading_monitor import monitor_heading
 from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS
 
 if TYPE_CHECKING:
-    from .types import Core, Fix, HypothesisBank, Innovation, Parameters
+    from ..types import Fix, Innovation
+    from .types import Core, HypothesisBank, Parameters
 
 TUNABLES = (
     Tunable("max_rewind_miss_s", 1.0, "s", "A velocity of a fix that is later than this is not used.", "Choice."),

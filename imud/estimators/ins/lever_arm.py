@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
-from .mechanization import Vector, body_to_ned, rotation_matrix
+from ...math.rotation import Vector
+from .mechanization import body_to_ned, rotation_matrix
 
 if TYPE_CHECKING:
     from .types import Core, Parameters

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from ...compile.jit import kernel
 from ...math.earth import EARTH_RATE_RADPS, SEMI_MAJOR_M, gravity_above, radii, radii_by_sine, surface_gravity
 from ...math.rotation import (
+    Vector,
     dcm_of_quat,
     quat_exp,
     quat_normalised,
@@ -26,10 +27,8 @@ from ...math.rotation import (
 )
 
 if TYPE_CHECKING:
-    from .types import Core, Floats
-
-
-Vector = tuple[float, float, float]
+    from ...math.arrays import Reals
+    from .types import Core
 
 MIN_COS_LAT = 1e-4  # some 600 m from a pole, where east and north are not defined
 EARTH_TOLERANCE = 1e-7  # of an earth radius, some 0.6 m: what depends on the position changes by no larger share
@@ -109,7 +108,7 @@ def ned_difference(c: Core, lat0: float, lon0: float, lat: float, lon: float) ->
 
 
 @kernel
-def integrate_strapdown(c: Core, w: Floats, f: Floats, dt: float) -> Vector:
+def integrate_strapdown(c: Core, w: Reals, f: Reals, dt: float) -> Vector:
     """Advance attitude, velocity and position by `dt` s while the sensor goes from its last sample to (w, f), linearly.
 
     w: rad/s, f: m/s^2, body axes. Returns the integral of the specific force in navigation axes, m/s.

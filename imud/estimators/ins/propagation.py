@@ -31,7 +31,8 @@ from .stationarity import (
 )
 
 if TYPE_CHECKING:
-    from .types import Core, Floats, Parameters, StoredSample
+    from ...math.arrays import Reals
+    from .types import Core, Parameters, StoredSample
 
 
 TUNABLES = (
@@ -57,7 +58,7 @@ TUNABLES = (
 
 
 @kernel
-def mechanize(p: Parameters, c: Core, w: Floats, f: Floats, dt: float) -> None:
+def mechanize(p: Parameters, c: Core, w: Reals, f: Reals, dt: float) -> None:
     """Integrate one sample (w, f; body axes) over a short dt, s; in coarse alignment the velocity is not integrated."""
     v0, v1, v2 = c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2]
     accumulate_force(c, integrate_strapdown(c, w, f, dt), dt)
@@ -75,7 +76,7 @@ def mechanize(p: Parameters, c: Core, w: Floats, f: Floats, dt: float) -> None:
 
 @kernel
 def gap_variance(
-    p: Parameters, before: Floats, after: Floats, dt: float, rate_of_change: float, vibration2: float, most: float
+    p: Parameters, before: Reals, after: Reals, dt: float, rate_of_change: float, vibration2: float, most: float
 ) -> float:
     """Variance of the mean of a signal over a gap of dt s, about the mean of the two samples at its ends.
 
@@ -90,7 +91,7 @@ def gap_variance(
 
 
 @kernel
-def extrapolate_gap(p: Parameters, c: Core, w: Floats, f: Floats, dt: float) -> None:
+def extrapolate_gap(p: Parameters, c: Core, w: Reals, f: Reals, dt: float) -> None:
     """Integrate over a gap of dt s with the mean of the samples at its ends; rest and alignment start again."""
     steps = int(dt / p.tuning.gap_step_s) + 1
     for i in range(3):
@@ -105,7 +106,7 @@ def extrapolate_gap(p: Parameters, c: Core, w: Floats, f: Floats, dt: float) -> 
 
 
 @kernel
-def store_last_sample(c: Core, t_ns: int, w: Floats, f: Floats) -> None:
+def store_last_sample(c: Core, t_ns: int, w: Reals, f: Reals) -> None:
     """Store the core's time and the sample (w, f; body axes) at that time."""
     c.nav.t_ns = t_ns
     for i in range(3):
@@ -114,7 +115,7 @@ def store_last_sample(c: Core, t_ns: int, w: Floats, f: Floats) -> None:
 
 
 @kernel
-def store_first_sample(c: Core, t_ns: int, w: Floats, f: Floats) -> None:
+def store_first_sample(c: Core, t_ns: int, w: Reals, f: Reals) -> None:
     """The core begins at the first sample."""
     c.imu.sample_count = 1
     c.imu.sample_ns = t_ns
@@ -122,7 +123,7 @@ def store_first_sample(c: Core, t_ns: int, w: Floats, f: Floats) -> None:
 
 
 @kernel
-def propagate_to(p: Parameters, c: Core, t_ns: int, w: Floats, f: Floats) -> None:
+def propagate_to(p: Parameters, c: Core, t_ns: int, w: Reals, f: Reals) -> None:
     """Propagate the core to t_ns, at which the sample is (w, f; body axes); a gap adds variance."""
     dt = 1e-9 * (t_ns - c.nav.t_ns)
     if dt <= 0.0:

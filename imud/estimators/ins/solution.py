@@ -23,7 +23,8 @@ from .ekf import standard_deviation, variance
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, POSITION, STATES, VELOCITY
 
 if TYPE_CHECKING:
-    from .types import Core, Parameters, Solution
+    from ..types import Solution
+    from .types import Core, Parameters
 
 
 TUNABLES = (

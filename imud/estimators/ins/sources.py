@@ -14,7 +14,8 @@ from .alignment.given_heading import align_with_heading
 from .state import NAVIGATING
 
 if TYPE_CHECKING:
-    from .types import Core, Innovation, Measurement, Parameters
+    from ..types import Innovation, Measurement
+    from .types import Core, Parameters
 
 SOURCES = (heading.SOURCE,)
 TUNABLES = (*heading.TUNABLES,)

@@ -15,13 +15,15 @@ from typing import TYPE_CHECKING, Any
 
 from ...compile.jit import kernel
 from ...math.earth import STANDARD_GRAVITY
+from ...math.rotation import Vector
 from ..tuning import Tunable
 from .ekf import innovation_variance, set_jacobian, variance
-from .mechanization import Vector, rotation_matrix
+from .mechanization import rotation_matrix
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, VELOCITY
 
 if TYPE_CHECKING:
-    from .types import Core, Floats, Parameters
+    from ...math.arrays import Reals
+    from .types import Core, Parameters
 
 
 TUNABLES = (
@@ -113,7 +115,7 @@ TUNABLES = (
 
 
 @kernel
-def accumulate_window(c: Core, w: Floats, f: Floats) -> None:
+def accumulate_window(c: Core, w: Reals, f: Reals) -> None:
     """Add one sample (rad/s, m/s^2, body axes) to the window, before it replaces the last sample."""
     s = c.stationarity
     for i in range(3):
@@ -148,7 +150,7 @@ def withdraw_rest(c: Core) -> None:
 
 
 @kernel
-def first_window(c: Core, f: Floats) -> None:
+def first_window(c: Core, f: Reals) -> None:
     """Before the first window: the mean specific force is that of the first sample (m/s^2, body)."""
     for i in range(3):
         c.stationarity.mean_f[i] = f[i]

@@ -1,16 +1,21 @@
 """A solution row in which nothing is known: what an estimator does not estimate stays NaN."""
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from drivers.sample import SATURATED as BEYOND_RANGE
 
 from ...compile.jit import kernel
 from ..records import SATURATED
 
+if TYPE_CHECKING:
+    from ..types import Sample, Solution
+
 
 @kernel
-def blank(out: Any, t_ns: int, sample: Any) -> None:
+def blank(out: Solution, t_ns: int, sample: Sample) -> None:
     """Fill `out` (SOLUTION) with NaN but for its time, the sample's own rate and force, and the range warning."""
     out.t_ns = t_ns
     out.status = SATURATED if sample.flags & BEYOND_RANGE != 0 else 0

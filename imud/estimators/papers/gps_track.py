@@ -14,8 +14,10 @@ Q in (m/s^2)^2 and R in m^2 are `gps_track` in the settings; a receiver that rep
 Height, attitude and biases are not in his state and stay unknown.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,6 +29,11 @@ from ...math.kalman import measure, shear, update
 from .. import Estimator
 from ..records import COASTING, POSITION_E, POSITION_N, POSITION_VALID
 from .blank_solution import blank
+
+if TYPE_CHECKING:
+    from ...math.arrays import Floats
+    from ..types import Fix, Innovation, Sample, Solution
+    from .types import TrackParameters, TrackState
 
 NORTH, VELOCITY_N, EAST, VELOCITY_E, STATES = 0, 1, 2, 3, 4
 PACKED = STATES * (STATES + 1) // 2
@@ -69,7 +76,7 @@ def start(parameters: Records, initial: Initial) -> Records:
 
 
 @kernel
-def predict(P: Any, T: float, acceleration_var: float) -> None:
+def predict(P: Floats, T: float, acceleration_var: float) -> None:
     """P <- F P F' + G Q G' over T s."""
     for i in (NORTH, EAST):
         shear(P, STATES, i, i + 1, T)
@@ -83,7 +90,7 @@ def predict(P: Any, T: float, acceleration_var: float) -> None:
 
 
 @kernel
-def ned_difference(s: Any, fix: Any) -> tuple[float, float]:
+def ned_difference(s: TrackState, fix: Fix) -> tuple[float, float]:
     """The way north and east in m from the estimate to the fix."""
     meridian, prime_vertical = radii(s.lat)
     turn = fix.lon - s.lon
@@ -92,13 +99,13 @@ def ned_difference(s: Any, fix: Any) -> tuple[float, float]:
 
 
 @kernel
-def fix_variance(p: Any, fix: Any, axis: int) -> float:
+def fix_variance(p: TrackParameters, fix: Fix, axis: int) -> float:
     """R of one axis, m^2."""
     return float(fix.sigma[axis] ** 2 if fix.sigma[axis] > 0.0 else p.position_var)
 
 
 @kernel
-def initialise(p: Any, s: Any, fix: Any) -> None:
+def initialise(p: TrackParameters, s: TrackState, fix: Fix) -> None:
     """The first fix is the first position; the velocity is unknown."""
     s.lat, s.lon = fix.lat, fix.lon
     s.v[0] = s.v[1] = 0.0
@@ -109,7 +116,7 @@ def initialise(p: Any, s: Any, fix: Any) -> None:
 
 
 @kernel
-def fuse_fix(p: Any, s: Any, fix: Any, innovations: Any) -> int:
+def fuse_fix(p: TrackParameters, s: TrackState, fix: Fix, innovations: list[Innovation]) -> int:
     """Fuse the fix at its epoch; returns the rows of `innovations` written."""
     T = (fix.t_ns - s.fix_ns) * 1e-9
     s.lat, s.lon = displaced(s.lat, s.lon, 0.0, T * s.v[0], T * s.v[1])
@@ -132,7 +139,7 @@ def fuse_fix(p: Any, s: Any, fix: Any, innovations: Any) -> int:
 
 
 @kernel
-def update_track(p: Any, s: Any, fix: Any, innovations: Any) -> int:
+def update_track(p: TrackParameters, s: TrackState, fix: Fix, innovations: list[Innovation]) -> int:
     """One fix in. Fixes without a position, dead reckoned ones and those older than the last are not used."""
     usable = math.isfinite(fix.lat + fix.lon) and fix.quality != 0 and fix.quality != 6
     if not usable or (s.fixes > 0 and fix.t_ns <= s.fix_ns):
@@ -148,7 +155,7 @@ def update_track(p: Any, s: Any, fix: Any, innovations: Any) -> int:
 
 
 @kernel
-def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
+def step(p: TrackParameters, s: TrackState, sample: Sample, solution: Solution) -> None:
     """Write a row of SOLUTION for the time of the sample: the last fix's state, extrapolated."""
     blank(solution, sample.t_ns, sample)
     if s.fixes == 0:

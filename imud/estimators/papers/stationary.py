@@ -19,8 +19,10 @@ accelerometer's bias differs from that tilt's gravity. `ba` of a solution is -b.
 or the first fix; further fixes say nothing that the filter does not claim to know.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -36,6 +38,11 @@ from ...sensor_errors.profiles import profile_of
 from .. import Estimator
 from ..records import AT_REST, ATTITUDE_VALID, HEIGHT_VALID, POSITION_VALID, REJECTING
 from .blank_solution import blank
+
+if TYPE_CHECKING:
+    from ...math.arrays import Floats, Reals
+    from ..types import Fix, Innovation, Sample, Solution
+    from .types import StationaryParameters, StationaryState
 
 LAMBDA = 1e-3  # 1/s
 BIAS_PSD = 8e-6  # (m/s^2)^2/s, his Q_omega
@@ -133,7 +140,7 @@ def transition(rate: float, T: float) -> tuple[float, float, float]:
 
 
 @kernel
-def process_noise(p: Any, T: float, add: Any) -> None:
+def process_noise(p: StationaryParameters, T: float, add: Floats) -> None:
     """add (packed triangle) += Q_d over T s: the integral of Phi(s) G Q G' Phi(s)' by Gauss and Legendre's rule.
 
     Four nodes are exact to s^7: Q_n's part exactly, Q_omega's to (lambda T)^4 1e-6.
@@ -153,7 +160,7 @@ def process_noise(p: Any, T: float, add: Any) -> None:
 
 
 @kernel
-def predict(p: Any, s: Any, T: float) -> None:
+def predict(p: StationaryParameters, s: StationaryState, T: float) -> None:
     """(9), (10)-(12) corrected: mean and covariance over T s with the acceleration u constant."""
     to_p, to_v, to_b = transition(p.bias_rate, T)
     for i in range(3):
@@ -168,7 +175,7 @@ def predict(p: Any, s: Any, T: float) -> None:
 
 
 @kernel
-def fuse_zero_position(p: Any, s: Any) -> None:
+def fuse_zero_position(p: StationaryParameters, s: StationaryState) -> None:
     """Solution 7, step 3b: the position is 0. The gain is the same for all axes, and so is P."""
     s.variance = measure(s.P, STATES, s.column, s.one, 1, s.d) + p.position_var
     s.rejected = 0
@@ -185,7 +192,7 @@ def fuse_zero_position(p: Any, s: Any) -> None:
 
 
 @kernel
-def initialise_tilt(s: Any, f: Any) -> None:
+def initialise_tilt(s: StationaryState, f: Reals) -> None:
     """Fix the tilt: the user's, or that of the first force."""
     roll, pitch, _ = euler_of_quat(quat_of_gravity(f[0], f[1], f[2] if f[2] != 0.0 else -1e-12))
     if math.isfinite(s.initial_rpy[0]) and math.isfinite(s.initial_rpy[1]):
@@ -195,7 +202,7 @@ def initialise_tilt(s: Any, f: Any) -> None:
 
 
 @kernel
-def write_solution(p: Any, s: Any, sample: Any, out: Any) -> None:
+def write_solution(p: StationaryParameters, s: StationaryState, sample: Sample, out: Solution) -> None:
     """Write a row of SOLUTION."""
     blank(out, s.t_ns, sample)
     if s.samples == 0:
@@ -227,7 +234,7 @@ def write_solution(p: Any, s: Any, sample: Any, out: Any) -> None:
 
 
 @kernel
-def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
+def step(p: StationaryParameters, s: StationaryState, sample: Sample, solution: Solution) -> None:
     """Take one sample (SAMPLE), write one row (SOLUTION). A bad sample repeats the last good one."""
     f = sample.f
     good = sample.flags & (SUSPECT | NO_FORCE) == 0 and math.isfinite(f[0] + f[1] + f[2])
@@ -250,7 +257,7 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
 
 
 @kernel
-def set_origin(p: Any, s: Any, fix: Any, innovations: Any) -> int:
+def set_origin(p: StationaryParameters, s: StationaryState, fix: Fix, innovations: list[Innovation]) -> int:
     """Take the first fix for the place where the sensor rests. No innovation: nothing was predicted."""
     usable = math.isfinite(fix.lat + fix.lon) and fix.quality != 0 and fix.quality != 6
     if usable and not math.isfinite(s.origin[0]):

@@ -28,9 +28,11 @@ His delta wants a zeroed accelerometer: more than 2.5 mg of bias along gravity i
 (an M-G350 may start with 8 mg).
 """
 
+from __future__ import annotations
+
 import math
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -41,10 +43,14 @@ from ...configuration.settings import Initial, Settings
 from ...math.arrays import Records
 from ...math.earth import STANDARD_GRAVITY, gravity
 from ...math.kalman import measure, scale, shear, update
-from ...math.rotation import quat_of_euler
+from ...math.rotation import Vector, quat_of_euler
 from .. import Estimator
 from ..records import ATTITUDE_VALID
 from .blank_solution import blank
+
+if TYPE_CHECKING:
+    from ..types import Sample, Solution
+    from .types import SuhParameters, SuhState
 
 STEP_S = 0.05
 LONG_GAP_S = 1.0  # after it the filter begins anew
@@ -107,7 +113,7 @@ def start(parameters: Records, initial: Initial) -> Records:
 
 
 @kernel
-def initialise(s: Any, w: Any, a: Any) -> None:
+def initialise(s: SuhState, w: Vector, a: Vector) -> None:
     """The first attitude, (1) made valid for all angles, or the user's."""
     given = s.initial_rpy
     s.x[PITCH] = given[1] if math.isfinite(given[1]) else math.atan2(a[0], math.sqrt(a[1] * a[1] + a[2] * a[2]))
@@ -124,7 +130,7 @@ def initialise(s: Any, w: Any, a: Any) -> None:
 
 
 @kernel
-def predict(s: Any, T: float) -> None:
+def predict(s: SuhState, T: float) -> None:
     """Time update (4): x <- Phi x, P <- Phi P Phi' + Q with Phi = [[I, W T], [0, I]]."""
     x, P = s.x, s.P
     sr, cr = math.sin(x[ROLL]), math.cos(x[ROLL])
@@ -148,14 +154,14 @@ def predict(s: Any, T: float) -> None:
 
 
 @kernel
-def fuse_scalar(s: Any, m: int, innovation: float, r: float) -> None:
+def fuse_scalar(s: SuhState, m: int, innovation: float, r: float) -> None:
     """One scalar measurement with the first m of the row's elements."""
     variance = measure(s.P, STATES, s.columns, s.jacobian, m, s.d) + r
     update(s.P, STATES, s.x, s.d, variance, innovation, STATES)
 
 
 @kernel
-def adapt_accel_noise(p: Any, s: Any, a: Any) -> None:
+def adapt_accel_noise(p: SuhParameters, s: SuhState, a: Vector) -> None:
     """r1 and r2 for this step: (7), (9), (10)."""
     s.external_acceleration = 1 if abs(a[0] * a[0] + a[1] * a[1] + a[2] * a[2] - 1.0) > DELTA else 0
     for i in range(2):
@@ -169,7 +175,7 @@ def adapt_accel_noise(p: Any, s: Any, a: Any) -> None:
 
 
 @kernel
-def update_measurements(p: Any, s: Any, w: Any, a: Any) -> None:
+def update_measurements(p: SuhParameters, s: SuhState, w: Vector, a: Vector) -> None:
     """Measurement updates: gyro (8), covariances, accelerometer (11).
 
     The standard filter takes both at once: its C and f are those of the predicted state, and what the gyro has moved
@@ -199,7 +205,7 @@ def update_measurements(p: Any, s: Any, w: Any, a: Any) -> None:
 
 
 @kernel
-def wrap_angles(s: Any) -> None:
+def wrap_angles(s: SuhState) -> None:
     """Keep pitch within +-90 deg, roll and yaw within +-180 deg."""
     x = s.x
     if abs(x[PITCH]) > 0.5 * math.pi:
@@ -212,7 +218,7 @@ def wrap_angles(s: Any) -> None:
 
 
 @kernel
-def advance_filter(p: Any, s: Any) -> None:
+def advance_filter(p: SuhParameters, s: SuhState) -> None:
     """One step of the filter with the mean of the samples since the last one."""
     n, T = s.count, (s.t_ns - s.step_ns) * 1e-9
     w = (s.w_sum[0] / n, s.w_sum[1] / n, s.w_sum[2] / n)
@@ -232,7 +238,7 @@ def advance_filter(p: Any, s: Any) -> None:
 
 
 @kernel
-def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
+def step(p: SuhParameters, s: SuhState, sample: Sample, solution: Solution) -> None:
     """Take one sample (SAMPLE), write one row (SOLUTION). Bad samples are left out."""
     w, f = sample.w, sample.f
     good = sample.flags & UNUSABLE == 0 and math.isfinite(f[0] + f[1] + f[2] + w[0] + w[1] + w[2])

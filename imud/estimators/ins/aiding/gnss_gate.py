@@ -19,7 +19,8 @@ from ..observers.reset_inflation import inflate_position
 from ..state import ATTITUDE, NAVIGATING, POSITION, VELOCITY
 
 if TYPE_CHECKING:
-    from ..types import Core, Fix, Parameters
+    from ...types import Fix
+    from ..types import Core, Parameters
 
 
 TUNABLES = (

@@ -16,7 +16,8 @@ from ..observers.gnss_drift import reset_drift
 from ..state import ATTITUDE, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY_TIME_OFFSET
 
 if TYPE_CHECKING:
-    from ..types import Core, Fix, Parameters
+    from ...types import Fix
+    from ..types import Core, Parameters
 
 
 TUNABLES = (

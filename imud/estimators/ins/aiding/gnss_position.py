@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 from ....compile.jit import kernel
 from ....math.earth import radii
+from ....math.rotation import Vector
 from ...records import POSITION_N
 from ...tuning import Tunable
 from ..ekf import innovation, innovation_variance, set_jacobian, set_jacobian3, variance
 from ..fusion import correct_state, fuse, write_innovation
 from ..lever_arm import antenna_position, attitude_row
-from ..mechanization import Vector, bounded_cosine, wrap_angle
+from ..mechanization import bounded_cosine, wrap_angle
 from ..observers.gnss_drift import detect_drift
 from ..state import ATTITUDE, GNSS_BIAS, NAVIGATING, POSITION, TIME_OFFSET
 from .gnss_gate import gate_height, gate_position, set_rejecting
@@ -30,7 +31,8 @@ from .gnss_noise import (
 from .gnss_time import confirm_survey_epochs
 
 if TYPE_CHECKING:
-    from ..types import Core, Fix, Innovation, Parameters
+    from ...types import Fix, Innovation
+    from ..types import Core, Parameters
 
 
 TUNABLES = (

@@ -15,7 +15,8 @@ from ..ekf import clear_time_offset, decorrelate, standard_deviation
 from ..state import TIME_OFFSET
 
 if TYPE_CHECKING:
-    from ..types import Core, Fix, Parameters
+    from ...types import Fix
+    from ..types import Core, Parameters
 
 
 TUNABLES = (

@@ -11,18 +11,19 @@ import math
 from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
+from ....math.rotation import Vector
 from ...records import VELOCITY_N
 from ...tuning import Tunable
 from ..ekf import set_jacobian, set_jacobian3
 from ..fusion import correct_state, gated_update, write_innovation
 from ..lever_arm import antenna_velocity, attitude_row, gyro_bias_row
-from ..mechanization import Vector
 from ..state import ATTITUDE, GYRO_BIAS, NAVIGATING, TIME_OFFSET, VELOCITY, VELOCITY_TIME_OFFSET
 from .gnss_gate import count_velocity_rejects
 from .gnss_noise import learn_velocity_noise, lever_arm_rate_variance, second_order_error
 
 if TYPE_CHECKING:
-    from ..types import Core, Fix, Innovation, Parameters
+    from ...types import Fix, Innovation
+    from ..types import Core, Parameters
 
 
 TUNABLES = (

@@ -21,7 +21,8 @@ from ..mechanization import body_to_ned, wrap_angle
 from ..state import ATTITUDE
 
 if TYPE_CHECKING:
-    from ..types import Core, Innovation, Measurement, Parameters
+    from ...types import Innovation, Measurement
+    from ..types import Core, Parameters
 
 SOURCE = AidingSource(
     "heading",

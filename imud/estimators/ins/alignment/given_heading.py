@@ -14,7 +14,8 @@ from .transitions import rotate_to_heading, start_navigation
 from .velocity_pairs import is_levelled
 
 if TYPE_CHECKING:
-    from ..types import Core, Measurement, Parameters
+    from ...types import Measurement
+    from ..types import Core, Parameters
 
 
 @kernel

@@ -26,7 +26,8 @@ from .velocity_pairs import is_levelled, match_pair, vertical_bias_jacobian
 from .whitening import VELOCITY_STATE, unobserved_velocity
 
 if TYPE_CHECKING:
-    from ..types import Core, Fix, HypothesisBank, Parameters
+    from ...types import Fix
+    from ..types import Core, HypothesisBank, Parameters
 
 
 TUNABLES = (

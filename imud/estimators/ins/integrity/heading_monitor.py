@@ -21,7 +21,8 @@ from ..error_model import reset_turn_scale
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 
 if TYPE_CHECKING:
-    from ..types import Core, Fix, HypothesisBank, Parameters
+    from ...types import Fix
+    from ..types import Core, HypothesisBank, Parameters
 
 
 TUNABLES = (

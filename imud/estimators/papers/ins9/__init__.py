@@ -17,8 +17,10 @@ Q in (m/s^2)^2/s and R in m^2 are `ins9` in the settings. The axes share one cov
 user's, or the first fix; without a given yaw the track is turned by an unknown angle, which its sigma includes.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from drivers.sample import UNUSABLE
 
@@ -30,12 +32,16 @@ from .reckoning import average_rest, dead_reckon, propagate_errors
 from .solution import reckoning_variance, write_solution
 from .state import ACCELERATION, DISTANCE, REST_S, SPEED, STATES, configure, start
 
+if TYPE_CHECKING:
+    from ...types import Fix, Innovation, Sample, Solution
+    from ..types import Ins9Parameters, Ins9State
+
 __all__ = ["ESTIMATOR", "REST_S", "configure", "reckoning_variance", "start", "step"]
 ORIGIN_SIGMA = 5.0  # m, of an origin whose source does not say
 
 
 @kernel
-def smooth_distances(p: Any, s: Any, T: float) -> None:
+def smooth_distances(p: Ins9Parameters, s: Ins9State, T: float) -> None:
     """The nine-state filter over T s with the reckoned distances as its measurements."""
     shear(s.P, STATES, DISTANCE, SPEED, T)
     shear(s.P, STATES, DISTANCE, ACCELERATION, 0.5 * T * T)
@@ -60,7 +66,7 @@ def smooth_distances(p: Any, s: Any, T: float) -> None:
 
 
 @kernel
-def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
+def step(p: Ins9Parameters, s: Ins9State, sample: Sample, solution: Solution) -> None:
     """Take one sample (SAMPLE), write one row (SOLUTION). Bad samples are left out."""
     w, f = sample.w, sample.f
     good = sample.flags & UNUSABLE == 0 and math.isfinite(f[0] + f[1] + f[2] + w[0] + w[1] + w[2])
@@ -81,7 +87,7 @@ def step(p: Any, s: Any, sample: Any, solution: Any) -> None:
 
 
 @kernel
-def set_origin(p: Any, s: Any, fix: Any, innovations: Any) -> int:
+def set_origin(p: Ins9Parameters, s: Ins9State, fix: Fix, innovations: list[Innovation]) -> int:
     """Take the first fix for the origin, less the way gone since. No innovation: nothing was predicted."""
     usable = math.isfinite(fix.lat + fix.lon) and fix.quality != 0 and fix.quality != 6
     if usable and not math.isfinite(s.origin[0]):

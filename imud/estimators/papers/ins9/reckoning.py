@@ -1,7 +1,9 @@
 """Dead reckoning from a rest at the start, and its sensitivity to unit errors."""
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ....math.rotation import (
@@ -16,9 +18,13 @@ from ....math.rotation import (
 )
 from .state import DEVICE, EARTH, RATE_ERROR, SCALE_ERROR, SOURCES
 
+if TYPE_CHECKING:
+    from ...types import Sample
+    from ..types import Ins9State
+
 
 @kernel
-def average_rest(s: Any, sample: Any) -> None:
+def average_rest(s: Ins9State, sample: Sample) -> None:
     """Mean rate and force so far: gyro bias, gravity, tilt."""
     s.rest_s = (sample.t_ns - s.first_sample_ns) * 1e-9
     for i in range(3):
@@ -38,14 +44,14 @@ def average_rest(s: Any, sample: Any) -> None:
 
 
 @kernel
-def has_device_tilt(sample: Any) -> bool:
+def has_device_tilt(sample: Sample) -> bool:
     """Did the device itself compute where down is?"""
     down = sample.down
     return bool(down[0] * down[0] + down[1] * down[1] + down[2] * down[2] > 0.5)
 
 
 @kernel
-def rotate_attitude(s: Any, sample: Any, T: float) -> None:
+def rotate_attitude(s: Ins9State, sample: Sample, T: float) -> None:
     """The attitude after T s: the gyros' turn, then the device's own tilt if it computes one."""
     half = 0.5 * T
     q = (s.q[0], s.q[1], s.q[2], s.q[3])
@@ -66,7 +72,7 @@ def rotate_attitude(s: Any, sample: Any, T: float) -> None:
 
 
 @kernel
-def propagate_errors(s: Any, sample: Any, T: float) -> None:
+def propagate_errors(s: Ins9State, sample: Sample, T: float) -> None:
     """Propagate the sensitivity of dead reckoning to unit errors over T s.
 
     Levelling at rest hid the accelerometer's bias b in the tilt; a turn brings (C - C_rest) b out of it. A rate error
@@ -92,7 +98,7 @@ def propagate_errors(s: Any, sample: Any, T: float) -> None:
 
 
 @kernel
-def dead_reckon(s: Any, sample: Any, T: float) -> None:
+def dead_reckon(s: Ins9State, sample: Sample, T: float) -> None:
     """His integration, vel = vel' + accl dt, dist = dist' + vel dt, by the trapezoid rule."""
     before = quat_rotate((s.q[0], s.q[1], s.q[2], s.q[3]), (s.f[0], s.f[1], s.f[2]))
     rotate_attitude(s, sample, T)

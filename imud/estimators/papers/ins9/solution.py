@@ -1,13 +1,20 @@
 """The solution of `ins9`: its states, and with their own sigmas what dead reckoning does not know."""
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ....math.earth import EARTH_RATE_RADPS, displaced
 from ...records import AT_REST, ATTITUDE_VALID, COASTING, HEADING_VALID, HEIGHT_VALID, POSITION_VALID
 from ..blank_solution import blank
 from .state import DEVICE, EARTH, RATE_ERROR, SCALE_ERROR
+
+if TYPE_CHECKING:
+    from ....math.arrays import Reals
+    from ...types import Sample, Solution
+    from ..types import Ins9Parameters, Ins9State
 
 GIVEN_HEADING_SIGMA, UNKNOWN_ANGLE = math.radians(5.0), math.pi / math.sqrt(3.0)
 DEVICE_TILT_SIGMA = math.radians(1.0)  # of a device that does not say how good its own is
@@ -16,7 +23,7 @@ EARTH_VAR = EARTH_RATE_RADPS * EARTH_RATE_RADPS
 
 
 @kernel
-def tilt_variance(p: Any, s: Any, by: Any) -> float:
+def tilt_variance(p: Ins9Parameters, s: Ins9State, by: Reals) -> float:
     """Sum of the tilting sources' variances times the squares of `by`."""
     rate = p.gyro_psd / max(s.rest_s, 1e-3)
     gyros = rate * by[RATE_ERROR] ** 2 + p.gyro_scale_var * by[SCALE_ERROR] ** 2 + EARTH_VAR * by[EARTH] ** 2
@@ -24,7 +31,7 @@ def tilt_variance(p: Any, s: Any, by: Any) -> float:
 
 
 @kernel
-def reckoning_variance(p: Any, s: Any, axis: int) -> tuple[float, float]:
+def reckoning_variance(p: Ins9Parameters, s: Ins9State, axis: int) -> tuple[float, float]:
     """What dead reckoning does not know of one axis (NED): variances of distance and velocity.
 
     The mean force at rest, white noise, bias walk, the rotated bias; and what tilts, which only the level axes feel.
@@ -44,7 +51,7 @@ def reckoning_variance(p: Any, s: Any, axis: int) -> tuple[float, float]:
 
 
 @kernel
-def write_position(p: Any, s: Any, heading_var: float, tilt_var: float, out: Any) -> None:
+def write_position(p: Ins9Parameters, s: Ins9State, heading_var: float, tilt_var: float, out: Solution) -> None:
     """Position and velocity relative to the origin; errors of scale, heading and tilt are a part of the way gone."""
     out.lat, out.lon = displaced(s.origin[0], s.origin[1], s.origin[2], s.p[0], s.p[1])
     if math.isfinite(s.origin_var[2]):
@@ -61,7 +68,7 @@ def write_position(p: Any, s: Any, heading_var: float, tilt_var: float, out: Any
 
 
 @kernel
-def write_solution(p: Any, s: Any, sample: Any, out: Any) -> None:
+def write_solution(p: Ins9Parameters, s: Ins9State, sample: Sample, out: Solution) -> None:
     """Write a row of SOLUTION."""
     blank(out, s.t_ns, sample)
     if s.samples == 0:

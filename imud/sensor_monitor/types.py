@@ -1,0 +1,45 @@
+"""The records of the sensor monitor as types for mypy, written by tests/record_types.py."""
+
+from ..math.arrays import Integers, Reals, Table
+
+
+class Clipping:
+    floor: Reals
+    range: Table
+    plateau: Table
+    largest: Reals
+    rising: Integers
+    flat: Integers
+
+
+class Health:
+    clipping: Clipping
+    range: Reals
+    promised: Reals
+    least_run: int
+    far_samples: int
+    near_samples: int
+    samples: int
+    last_ns: int
+    fresh: Reals
+    value: Reals
+    step: Reals
+    curve: Reals
+    finest: Reals
+    turns: Integers
+    bend: Reals
+    spoilt: Integers
+    quietest: Reals
+    run: Integers
+    held: Integers
+    run_ns: Integers
+    longest: Integers
+    zeros: int
+    fever: int
+    far: int
+    near: int
+    far_ns: int
+    far_force: Reals
+    told_ns: Integers
+    found_ns: Integers
+    found: Integers

@@ -19,7 +19,7 @@ Source: Groves (2013), sec. 14.2.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from ...math.earth import STANDARD_GRAVITY
@@ -43,6 +43,7 @@ from .state import (
 )
 
 if TYPE_CHECKING:
+    from ...math.arrays import Table
     from .types import Core, Parameters, Transition
 
 
@@ -119,7 +120,7 @@ def linearize(p: Parameters, c: Core, phi: Transition) -> None:
 
 
 @kernel
-def apply_phi(u: Any, columns: int, phi: Transition) -> None:
+def apply_phi(u: Table, columns: int, phi: Transition) -> None:
     """u <- Phi u, for `columns` columns of error states (STATES x columns)."""
     m, f, dt = phi.rotation, phi.force, phi.interval
     for j in range(columns):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from ...math.kalman import packed_index
@@ -23,6 +23,7 @@ from .ekf import standard_deviation, variance
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, POSITION, STATES, VELOCITY
 
 if TYPE_CHECKING:
+    from ...math.arrays import Reals
     from ..types import Solution
     from .types import Core, Parameters
 
@@ -49,7 +50,7 @@ TUNABLES = (
 
 
 @kernel
-def status_bits(p: Parameters, c: Core, sigma_rpy: Any, sigma_down: float) -> int:
+def status_bits(p: Parameters, c: Core, sigma_rpy: Reals, sigma_down: float) -> int:
     """The status bits of the solution.
 
     The first height that is measured brings its sigma far below half of that of an unknown height.

@@ -11,7 +11,7 @@ learned while the speed was known (a sequential likelihood ratio).
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from ...math.earth import STANDARD_GRAVITY
@@ -234,7 +234,7 @@ def update_evidence(p: Parameters, c: Core, x: float) -> None:
 
 
 @kernel
-def learn_class(p: Parameters, motion_class: Any, x: float) -> None:
+def learn_class(p: Parameters, motion_class: Reals, x: float) -> None:
     """Update count, mean and variance of x in a class, with exponential forgetting (class_memory)."""
     motion_class[0] += 1.0
     share = max(1.0 / motion_class[0], p.tuning.class_memory)
@@ -244,7 +244,7 @@ def learn_class(p: Parameters, motion_class: Any, x: float) -> None:
 
 
 @kernel
-def log_likelihood(p: Parameters, motion_class: Any, x: float) -> float:
+def log_likelihood(p: Parameters, motion_class: Reals, x: float) -> float:
     """Logarithm of the normal density of x in a class, without its constant."""
     variance = max(motion_class[2], p.tuning.class_min_sigma**2)
     return float(-0.5 * ((x - motion_class[1]) ** 2 / variance + math.log(variance)))

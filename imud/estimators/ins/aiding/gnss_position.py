@@ -7,7 +7,7 @@ time, s, whose error is that of the time offset.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ....math.earth import radii
@@ -31,6 +31,7 @@ from .gnss_noise import (
 from .gnss_time import confirm_survey_epochs
 
 if TYPE_CHECKING:
+    from ....math.arrays import Reals
     from ...types import Fix, Innovation
     from ..types import Core, Parameters
 
@@ -49,7 +50,7 @@ TUNABLES = (
 
 
 @kernel
-def position_offset(c: Core, fix: Fix, out: Any) -> None:
+def position_offset(c: Core, fix: Fix, out: Reals) -> None:
     """out (3) <- position of the fix minus the estimate, m, NED; down is NaN without a height."""
     meridian, prime_vertical = radii(c.nav.lat)
     out[0] = (fix.lat - c.nav.lat) * (meridian + c.nav.height)

@@ -8,7 +8,7 @@ whole, because the rotation within it is small.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ....math.earth import STANDARD_GRAVITY
@@ -30,6 +30,7 @@ from ..state import HYPOTHESES
 from .whitening import update_hypothesis, update_whitening, whitened_innovations
 
 if TYPE_CHECKING:
+    from ....math.arrays import Table
     from ..types import Core, HypothesisBank, Parameters
 
 
@@ -146,7 +147,7 @@ def apply_corrections(p: Parameters, c: Core, b: HypothesisBank) -> None:
 
 
 @kernel
-def correct_products(products: Any, d: Any) -> None:
+def correct_products(products: Table, d: Table) -> None:
     """Products after d times the regressors are added to the integrated specific force (both columns and rows)."""
     for i in range(5):
         for j in range(3):

@@ -19,6 +19,7 @@ from ...tuning import Tunable
 from ..state import HYPOTHESES
 
 if TYPE_CHECKING:
+    from ..observers.heading_integrals import Complex
     from ..types import HypothesisBank, Parameters
 
 
@@ -76,7 +77,7 @@ def whitened_variance(b: HypothesisBank, is_position: bool, r: float) -> float:
 
 
 @kernel
-def whitened_innovations(b: HypothesisBank, k: int, is_position: bool, measured: Any, antenna: Any) -> None:
+def whitened_innovations(b: HypothesisBank, k: int, is_position: bool, measured: Complex, antenna: Complex) -> None:
     """b.innovations <- those of a measured position (m; else velocity, m/s) and of the integrals of hypothesis k.
 
     antenna: position or velocity of the antenna relative to the IMU, whose motion the integrals are.

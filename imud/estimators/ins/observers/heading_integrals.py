@@ -31,6 +31,7 @@ from ..mechanization import rotation_matrix
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 
 if TYPE_CHECKING:
+    from ....math.arrays import Reals, Table
     from ..types import Core
 
 
@@ -129,20 +130,20 @@ def clear_integrals(c: Core) -> None:
 
 
 @kernel
-def add_corrections(d: Any, a: Any, first: int) -> None:
+def add_corrections(d: Table, a: Table, first: int) -> None:
     """a[first] += sum of d[j] a[first + 1 + j], j = 0 to 2: the corrections d times the regressors, complex."""
     for j in range(3):
         add_scaled(a[first], multiply(element(d, j), element(a, first + 1 + j)), 1.0)
 
 
 @kernel
-def element(a: Any, i: int) -> Complex:
+def element(a: Table, i: int) -> Complex:
     """a[i] as a complex number; a: (n, 2)."""
     return a[i, 0], a[i, 1]
 
 
 @kernel
-def add_scaled(a: Any, b: Complex, scale: float) -> None:
+def add_scaled(a: Reals, b: Complex, scale: float) -> None:
     """a += scale b, complex."""
     a[0] += scale * b[0]
     a[1] += scale * b[1]

@@ -1,15 +1,23 @@
-"""`imud export` of a recording without an inertial sensor: a receiver alone."""
+"""`imud export`: a recording of a receiver alone; tracks as other programs read them. Oracles: gpxpy, ElementTree."""
 
 import argparse
 import csv
+import io
+import json
+import math
+from xml.etree import ElementTree
 
+import gpxpy
 import msgspec
+import numpy as np
 import pytest
 from nmea_lines import gga
 
 from drivers.capture import Connection, Raw
 from imud.commands import export
 from imud.errors import BadDataError
+from imud.estimators.records import FIX, HEIGHT_VALID, POSITION_VALID, SOLUTION
+from imud.recording import tracks
 from imud.recording.file import RecordingFile
 
 SECOND = 1_000_000_000
@@ -26,12 +34,15 @@ def recorded(path, fixes):
     return path
 
 
-def exported(recording, folder):
-    return export.run(argparse.Namespace(recording=[recording], csv=folder, ros2=None, rate=0.0))
+NOTHING = dict.fromkeys(("csv", "ros2", "gpx", "kml", "geojson"))
+
+
+def exported(recording, **outputs):
+    return export.run(argparse.Namespace(recording=[recording], rate=0.0, **{**NOTHING, **outputs}))
 
 
 def test_fixes_without_an_inertial_sensor_are_exported(tmp_path, capsys):
-    assert exported(recorded(tmp_path / "boat.mcap", 5), tmp_path / "boat") == 0
+    assert exported(recorded(tmp_path / "boat.mcap", 5), csv=tmp_path / "boat") == 0
     rows = list(csv.DictReader((tmp_path / "boat" / "gnss.csv").open()))
     assert [(int(float(row["arrival_s"])), float(row["height_m"])) for row in rows] == [(s, 592.3) for s in range(5)]
     assert "no samples of an inertial sensor in it: there are fixes only" in capsys.readouterr().err
@@ -39,4 +50,85 @@ def test_fixes_without_an_inertial_sensor_are_exported(tmp_path, capsys):
 
 def test_a_recording_with_neither_samples_nor_fixes_is_bad_data(tmp_path):
     with pytest.raises(BadDataError, match="no samples of an inertial sensor"):
-        exported(recorded(tmp_path / "boat.mcap", 0), tmp_path / "boat")
+        exported(recorded(tmp_path / "boat.mcap", 0), csv=tmp_path / "boat")
+
+
+START_NS = 1_700_000_000_123_000_000  # Unix time of time 0
+
+
+def two_tracks():
+    """Estimates from -2 s on with a pause of a minute and two seconds without a position; fixes without a height."""
+    estimates, fixes = tracks.Track("imud", "a < b & c"), tracks.Track("receiver", "as it came")
+    row, fix = np.zeros(1, SOLUTION), np.zeros(1, FIX)
+    for second in (-2, -1, 0, 1, 61, 62, 63, 64, 65):
+        row["t_ns"], row["lat"], row["lon"], row["height"] = second * SECOND, 0.9, -3.0 - 1e-6 * second, 50.0 + second
+        row["status"] = 0 if second in (62, 63) else POSITION_VALID | (HEIGHT_VALID if second < 60 else 0)
+        row["sigma_p"] = 1.5, 2.5, 3.5
+        estimates.add(tracks.point_of_solution(row[0], START_NS))
+    for second in range(4):
+        fix["t_ns"], fix["lat"], fix["lon"], fix["height"] = second * SECOND, 0.9, 0.1 + 1e-6 * second, np.nan
+        fix["sigma"] = (2.0, 3.0, np.nan) if second else np.nan
+        fixes.add(tracks.point_of_fix(fix[0], START_NS))
+    return [estimates, fixes]
+
+
+def written(name):
+    file = io.StringIO()
+    tracks.WRITERS[name](file, two_tracks())
+    return file.getvalue()
+
+
+def test_a_gpx_file_has_both_tracks_with_times_and_sigmas():
+    gpx = gpxpy.parse(written("gpx"))
+    estimates, fixes = gpx.tracks
+    assert (estimates.name, estimates.description, fixes.name) == ("imud", "a < b & c", "receiver")
+    assert [len(segment.points) for segment in estimates.segments] == [4, 1, 2]
+    assert [len(segment.points) for segment in fixes.segments] == [4]
+    first = estimates.segments[0].points[0]
+    assert (first.latitude, first.longitude) == pytest.approx((math.degrees(0.9), math.degrees(-3.0 + 2e-6)), abs=1e-9)
+    assert first.elevation == 48.0
+    assert first.time.timestamp() == pytest.approx(START_NS * 1e-9 - 2.0, abs=1e-6)
+    assert {child.tag.partition("}")[2]: float(child.text) for child in first.extensions} == {
+        **{"sigma_n_m": 1.5, "sigma_e_m": 2.5, "sigma_d_m": 3.5}
+    }
+    assert estimates.segments[1].points[0].elevation is None
+    assert [len(point.extensions) for point in fixes.segments[0].points] == [0, 2, 2, 2]
+
+
+def test_a_kml_file_has_as_many_times_and_sigmas_as_coordinates():
+    spaces = {"k": "http://www.opengis.net/kml/2.2", "gx": "http://www.google.com/kml/ext/2.2"}
+    root = ElementTree.fromstring(written("kml"))
+    found = root.findall(".//gx:Track", spaces)
+    assert [len(track.findall("gx:coord", spaces)) for track in found] == [4, 1, 2, 4]
+    for track in found:
+        n = len(track.findall("gx:coord", spaces))
+        assert len(track.findall("k:when", spaces)) == n
+        assert [len(a.findall("gx:value", spaces)) for a in track.findall(".//gx:SimpleArrayData", spaces)] == [n] * 3
+    modes = [track.find("k:altitudeMode", spaces).text for track in found]
+    assert modes == ["absolute", "clampToGround", "clampToGround", "clampToGround"]
+    lon, lat, height = map(float, found[0].find("gx:coord", spaces).text.split())
+    assert (lon, lat, height) == pytest.approx((math.degrees(-3.0 + 2e-6), math.degrees(0.9), 48.0), abs=1e-8)
+
+
+def test_a_geojson_file_has_lines_and_points():
+    features = json.loads(written("geojson"))["features"]
+    lines = [feature for feature in features if feature["geometry"]["type"] == "MultiLineString"]
+    assert [[len(line) for line in each["geometry"]["coordinates"]] for each in lines] == [[4, 2], [4]]
+    points = [feature for feature in features if feature["geometry"]["type"] == "Point"]
+    assert len(points) == 7 + 4
+    assert points[0]["properties"] == {
+        **{"track": "imud", "time": "2023-11-14T22:13:18.123Z"},
+        **{"sigma_n_m": 1.5, "sigma_e_m": 2.5, "sigma_d_m": 3.5},
+    }
+    assert [len(point["geometry"]["coordinates"]) for point in points] == [3] * 4 + [2] * 7
+
+
+def test_the_tracks_of_a_recording(tmp_path):
+    path = recorded(tmp_path / "boat.mcap", 5)
+    files = {name: tmp_path / f"boat.{name}" for name in ("gpx", "kml", "geojson")}
+    assert exported(path, **files) == 0
+    (track,) = gpxpy.parse(files["gpx"].read_text()).tracks
+    assert (track.name, track.segments[0].points[0].latitude) == ("receiver", pytest.approx(48.1173, abs=1e-6))
+    assert [point.elevation for point in track.segments[0].points] == pytest.approx([592.3] * 5)
+    assert ElementTree.parse(files["kml"]).getroot().tag.endswith("kml")
+    assert len(json.loads(files["geojson"].read_text())["features"]) == 6

@@ -1,4 +1,4 @@
-"""`imud export`: a recording as CSV files, or for ROS 2. The recording is replayed, so that every sample is there."""
+"""`imud export`: a recording as CSV files, for ROS 2, or as tracks for maps. It is replayed: every sample counts."""
 
 import argparse
 import math
@@ -14,16 +14,26 @@ from .arguments import above_zero
 from .files import refuse_overwriting
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
+    from typing import TextIO
 
     from ..math.arrays import Records
+    from ..recording.tracks import Track
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", type=Path, nargs="+", metavar="MCAP", help="the files of one recording")
     parser.add_argument("--csv", type=Path, metavar="DIR", help="imu.csv, gnss.csv and est.csv")
     parser.add_argument("--ros2", type=Path, metavar="MCAP", help="Imu, NavSatFix and Odometry, in ENU and FLU")
-    parser.add_argument("--rate", type=above_zero, default=0.0, metavar="HZ", help="of the estimates (default: all)")
+    for name in FORMATS:
+        parser.add_argument(f"--{name}", type=Path, metavar="FILE", help="tracks of the estimates and of the receiver")
+    parser.add_argument(
+        "--rate", type=above_zero, default=0.0, metavar="HZ", help="of the estimates (default: all; tracks: 1)"
+    )
+
+
+FORMATS = ("gpx", "kml", "geojson")  # of tracks
+_TRACK_HZ = 1.0
 
 
 class Target(Protocol):
@@ -138,6 +148,42 @@ class Ros2File:
         self._writer.add_message(self._channels[topic], unix_ns, message, unix_ns)
 
 
+class TrackFiles:
+    """The files of the tracks, written at the end."""
+
+    def __init__(self, paths: dict[str, Path], rate_hz: float, offset_ns: int, stack: ExitStack) -> None:
+        from ..recording.tracks import WRITERS, Track
+        from ..recording.writer import Thinner
+
+        self._estimates = Track("imud", "the filter's estimates, each from what was known then")
+        self._fixes = Track("receiver", "the receiver's fixes")
+        self._thinner, self._offset_ns = Thinner(rate_hz or _TRACK_HZ), offset_ns
+        self.fixes = 0
+        for name, path in paths.items():
+            try:
+                file = stack.enter_context(path.open("w", encoding="utf-8"))
+            except OSError as error:
+                raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error
+            stack.callback(self._write, WRITERS[name], file)
+
+    def step(self, samples: "Records", solutions: "Records") -> None:
+        """Rows of SAMPLE and SOLUTION."""
+        from ..recording.tracks import point_of_solution
+
+        for solution in self._thinner.kept(solutions):
+            self._estimates.add(point_of_solution(solution, self._offset_ns))
+
+    def write_fix(self, fix: "Records") -> None:
+        """A FIX."""
+        from ..recording.tracks import point_of_fix
+
+        self.fixes += 1
+        self._fixes.add(point_of_fix(fix[0], self._offset_ns))
+
+    def _write(self, write: "Callable[[TextIO, list[Track]], None]", file: "TextIO") -> None:
+        write(file, [track for track in (self._estimates, self._fixes) if track.segments])
+
+
 _ROS_TOPICS = {
     "/imu/data": "sensor_msgs/msg/Imu",
     "/fix": "sensor_msgs/msg/NavSatFix",
@@ -146,16 +192,17 @@ _ROS_TOPICS = {
 
 
 def run(args: argparse.Namespace) -> int:
-    if not (args.csv or args.ros2):
-        raise UsageError("export: name an output: --csv DIR, --ros2 OUT.mcap")
-    refuse_overwriting([args.ros2], args.recording)
+    tracks = {name: path for name in FORMATS if (path := getattr(args, name))}
+    if not (args.csv or args.ros2 or tracks):
+        raise UsageError("export: name an output: --csv DIR, --ros2 OUT.mcap, --gpx, --kml or --geojson FILE")
+    refuse_overwriting([args.ros2, *tracks.values()], args.recording)
     from ..recording.player import Player
     from ..recording.source import Recording, adapter, tell
 
     recording = Recording(args.recording)
     adapt = adapter(None, (), None)
     progress = Progress(1000)
-    with _targets(args, recording) as targets:
+    with _targets(args, tracks, recording) as targets:
 
         def step(samples: "Records", solutions: "Records") -> None:
             for target in targets:
@@ -175,17 +222,19 @@ def run(args: argparse.Namespace) -> int:
         problem = f"{recording.path}: no samples of an inertial sensor in it"
         if not any(target.fixes for target in targets):
             raise BadDataError("; ".join([problem, *recording.notes]))
-        recording.notes.append(f"{problem}: there are fixes only, in gnss.csv")
+        recording.notes.append(f"{problem}: there are fixes only")
     tell("export", recording.notes)
     return 0
 
 
 @contextmanager
-def _targets(args: argparse.Namespace, recording: Any) -> "Iterator[list[Target]]":
+def _targets(args: argparse.Namespace, tracks: dict[str, Path], recording: Any) -> "Iterator[list[Target]]":
     with ExitStack() as stack:
         targets: list[Target] = []
         if args.csv:
             targets.append(CsvFolder(args.csv, args.rate, stack))
         if args.ros2:
             targets.append(Ros2File(args.ros2, args.rate, recording.unix_less_monotonic_ns, stack))
+        if tracks:
+            targets.append(TrackFiles(tracks, args.rate, recording.unix_less_monotonic_ns, stack))
         yield targets

@@ -1,4 +1,4 @@
-"""`python -m firmware_sim g350 nmea --scenario car`: the emulator by itself."""
+"""`python -m imud.firmware_sim g350 nmea --scenario car`: the emulator by itself."""
 
 import argparse
 import os

@@ -1,4 +1,4 @@
-"""`imud sim` and `python -m firmware_sim`: which devices, on which motion, with which errors, for how long."""
+"""`imud sim` and `python -m imud.firmware_sim`: which devices, on which motion, with which errors, for how long."""
 
 import argparse
 import logging

@@ -10,9 +10,9 @@ import io
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.driver import Identity, ImuConfigured, ImuDriver
-from drivers.registry import drivers
-from drivers.sample import SAMPLE
+from imud.drivers.driver import Identity, ImuConfigured, ImuDriver
+from imud.drivers.registry import drivers
+from imud.drivers.sample import SAMPLE
 
 from .compile.entry import Dtype, Entry, recording_entries
 from .configuration.settings import Initial, Settings

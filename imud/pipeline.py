@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from drivers.driver import ImuConfigured, ImuDriver
-from drivers.sample import SAMPLE
+from imud.drivers.driver import ImuConfigured, ImuDriver
+from imud.drivers.sample import SAMPLE
 
 from .clocks.counter import new_clock
 from .compile.hashing import digest_of

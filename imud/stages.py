@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from drivers.driver import ImuDriver
-from drivers.sample import SAMPLE
+from imud.drivers.driver import ImuDriver
+from imud.drivers.sample import SAMPLE
 
 from .clocks.counter import CLOCK, stamp
 from .compile.entry import address_of, entry, set_unique_name

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from replay_in_process import new_filter, replay
 
-from drivers.sample import SAMPLE
 from imud.configuration.settings import Imu, Initial, Settings
+from imud.drivers.sample import SAMPLE
 from imud.math.arrays import Floats
 
 HALF_TURN_ABOUT_X = np.array([1.0, -1.0, -1.0])  # z-up axes to FRD and back; a quaternion's vector part turns with them

@@ -5,15 +5,15 @@ import math
 import numpy as np
 from scripted import Line
 
-from firmware_sim.fixes import SimulatedFixes
-from firmware_sim.g350 import G350
-from firmware_sim.g370 import VARIANTS, Windowed
-from firmware_sim.motion import Trajectory
-from firmware_sim.nmea import FvM11
-from firmware_sim.noise import IDEAL, ImuErrors
-from firmware_sim.rga300 import Rga300
-from firmware_sim.scenarios import SCENARIOS
-from firmware_sim.seraccel import SerAccel, Settings
+from imud.firmware_sim.fixes import SimulatedFixes
+from imud.firmware_sim.g350 import G350
+from imud.firmware_sim.g370 import VARIANTS, Windowed
+from imud.firmware_sim.motion import Trajectory
+from imud.firmware_sim.nmea import FvM11
+from imud.firmware_sim.noise import IDEAL, ImuErrors
+from imud.firmware_sim.rga300 import Rga300
+from imud.firmware_sim.scenarios import SCENARIOS
+from imud.firmware_sim.seraccel import SerAccel, Settings
 
 ROLL, PITCH = math.radians(10.0), math.radians(-5.0)
 REST = Trajectory(SCENARIOS["rest"](ROLL, PITCH, 0.0), 35.0, 139.0, 60.0)

@@ -5,12 +5,12 @@ import numpy as np
 from emulated import Emulated
 from scripted import run
 
-from drivers.capture import Connection, Raw, to_builtins
-from drivers.detect import detect
-from drivers.driver import Options
-from drivers.registry import by_name
-from firmware_sim.g350 import G350
-from firmware_sim.noise import IDEAL, M_G350, ImuErrors
+from imud.drivers.capture import Connection, Raw, to_builtins
+from imud.drivers.detect import detect
+from imud.drivers.driver import Options
+from imud.drivers.registry import by_name
+from imud.firmware_sim.g350 import G350
+from imud.firmware_sim.noise import IDEAL, M_G350, ImuErrors
 from imud.recording.file import RecordingFile
 
 STEP_S = 0.016

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.driver import Identity, ImuConfigured
-from drivers.registry import by_name
-from drivers.sample import SAMPLE, SUSPECT
-from firmware_sim import build, cli
-from firmware_sim.faults import spec
+from imud.drivers.driver import Identity, ImuConfigured
+from imud.drivers.registry import by_name
+from imud.drivers.sample import SAMPLE, SUSPECT
+from imud.firmware_sim import build, cli
+from imud.firmware_sim.faults import spec
 
 STEP_S = 0.004
 

@@ -5,7 +5,7 @@ grows, and a good frame is neither lost nor held back because of bad bytes befor
 import numpy as np
 from hypothesis import strategies as st
 
-from drivers.sample import SAMPLE
+from imud.drivers.sample import SAMPLE
 
 SIZES = st.lists(st.integers(1, 60), min_size=1, max_size=20)
 CAPACITY = st.integers(1, 7)

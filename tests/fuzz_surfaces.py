@@ -13,10 +13,10 @@ from pathlib import Path
 
 import msgspec
 
-from drivers.capture import Connection, Raw
-from drivers.registry import by_name
 from imud import client
 from imud.configuration.settings import Initial, Settings
+from imud.drivers.capture import Connection, Raw
+from imud.drivers.registry import by_name
 from imud.errors import ConfigError, ImudError
 from imud.outputs.addresses import parse_address
 from imud.outputs.gpsd_dialogue import Policy, ReceiveBuffer, answer

@@ -6,8 +6,8 @@ from golden_run import Recording
 from scipy.spatial.transform import Rotation
 from simulated import samples_of
 
-from drivers.sample import POWER_ON, SUSPECT
 from imud.configuration.settings import Imu, Initial, Settings
+from imud.drivers.sample import POWER_ON, SUSPECT
 
 UNDRIVEN, HEADED = Initial(), Initial(yaw_deg=20.0)
 BIASES = Flaws(gyro_bias=(0.2 * DEG, -0.1 * DEG, 0.15 * DEG), accel_bias=(2.0 * MG, -3.0 * MG, 1.0 * MG))

@@ -6,8 +6,8 @@ from golden_attitude import HEADED, judged, lively, shown, spoilt
 from golden_run import Recording
 from simulated import G350, motion, received, sensed
 
-from drivers.sample import SUSPECT
 from imud.configuration.settings import Initial
+from imud.drivers.sample import SUSPECT
 
 GIVEN = Initial(roll_deg=2.0, pitch_deg=-3.0, yaw_deg=86.0, lat_deg=48.0, lon_deg=11.0, height_m=500.0)
 

@@ -8,8 +8,8 @@ from golden_data import HEADED, RATE, between, data, navigated, random, road, st
 from navigation_simulation import received, sensed
 from scipy.spatial.transform import Rotation
 
-from drivers.sample import POWER_ON, SUSPECT
 from imud.configuration.settings import Imu
+from imud.drivers.sample import POWER_ON, SUSPECT
 
 LSB = math.radians(0.0125), 0.125e-3 * 9.80665  # of the M-G350
 

@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.fix import Satellite, Sky
 from imud.configuration.settings import Gpsd
+from imud.drivers.fix import Satellite, Sky
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, HEIGHT_VALID, POSITION_VALID, SOLUTION
 from imud.math.earth import radii
 from imud.math.rotation import quat_of_euler

@@ -1,8 +1,14 @@
 """Which file imports which, read from the import statements: those in functions, too, but not `if TYPE_CHECKING`."""
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
+
+
+def in_folders(module: str) -> str:
+    """The name that a module has by its folder: `imud.drivers` and `imud.firmware_sim` are links."""
+    return re.sub(r"^imud\.(?=(drivers|firmware_sim)(\.|$))", "", module)
 
 
 def _module(path: Path, root: Path) -> str:
@@ -22,10 +28,11 @@ def _imported(path: Path, root: Path) -> Iterator[tuple[str, str]]:
     package = path.relative_to(root).parts[:-1]
     for node in _statements(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
-            yield from ((alias.name, "") for alias in node.names)
+            yield from ((in_folders(alias.name), "") for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             stem = package[: len(package) + 1 - node.level] if node.level else ()
-            yield from ((".".join((*stem, *filter(None, [node.module]))), alias.name) for alias in node.names)
+            module = in_folders(".".join((*stem, *filter(None, [node.module]))))
+            yield from ((module, alias.name) for alias in node.names)
 
 
 def import_graph(root: Path, packages: tuple[str, ...]) -> dict[str, set[str]]:

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from replay_in_process import new_filter, replay
 
-from drivers.sample import SAMPLE
 from imud.configuration.settings import Settings
+from imud.drivers.sample import SAMPLE
 from imud.estimators.records import ASSUMED, FIX
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"

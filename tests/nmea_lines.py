@@ -1,6 +1,6 @@
 """NMEA sentences made to order, with their checksum from a plain loop, and a decoder that takes them all."""
 
-from drivers.nmea.decoder import SILENCE_NS, NmeaDecoder
+from imud.drivers.nmea.decoder import SILENCE_NS, NmeaDecoder
 
 
 def checksum(body):

@@ -37,7 +37,7 @@ def process(*arguments: str, **options) -> Iterator[subprocess.Popen]:
 def emulator(*arguments: str, links: list[Path]) -> Iterator[subprocess.Popen]:
     """`imud sim` with its pseudo-terminals linked and ready."""
     linked = [item for link in links for item in ("--link", str(link))]
-    with process("firmware_sim", *arguments, *linked, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
+    with process("imud.firmware_sim", *arguments, *linked, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
         for _ in links:
             assert running.stdout.readline(), running.stderr.read()
         yield running

@@ -5,8 +5,8 @@
 
 from pathlib import Path
 
-from drivers.sample import SAMPLE
 from imud.clocks import counter
+from imud.drivers.sample import SAMPLE
 from imud.estimators import records, tilt
 from imud.estimators.ahrs import state as ahrs
 from imud.estimators.ins import parameters, state

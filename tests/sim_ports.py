@@ -18,7 +18,7 @@ def emulator(*arguments):
     """A running emulator and the paths it printed, by device name."""
     words = [str(argument) for argument in arguments]
     devices = [word for word in words if word.partition("@")[0] in ("g350", "nmea")]
-    command = [sys.executable, "-m", "firmware_sim", *words]
+    command = [sys.executable, "-m", "imud.firmware_sim", *words]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT)
     try:
         lines = [process.stdout.readline().split() for _ in devices]
@@ -30,7 +30,7 @@ def emulator(*arguments):
 
 
 def run(*arguments):
-    command = [sys.executable, "-m", "firmware_sim", *map(str, arguments)]
+    command = [sys.executable, "-m", "imud.firmware_sim", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
 
 

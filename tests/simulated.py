@@ -10,15 +10,15 @@ from functools import cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drivers.sample import SAMPLE
-from firmware_sim.fixes import SimulatedFixes
-from firmware_sim.motion import Trajectory, Truth
-from firmware_sim.noise import M_G350, Grade, ImuErrors
-from firmware_sim.scenarios import SCENARIOS, Course
-from firmware_sim.timeline import Timeline
 from imud.configuration.settings import Imu, Initial, Settings
+from imud.drivers.sample import SAMPLE
 from imud.estimators import registry
 from imud.estimators.records import FIX, SOLUTION
+from imud.firmware_sim.fixes import SimulatedFixes
+from imud.firmware_sim.motion import Trajectory, Truth
+from imud.firmware_sim.noise import M_G350, Grade, ImuErrors
+from imud.firmware_sim.scenarios import SCENARIOS, Course
+from imud.firmware_sim.timeline import Timeline
 from imud.pipeline import Filter
 
 G350 = Settings(imu=Imu(profile="m-g350"))

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from drivers.spi import Bus, Fetch
-from firmware_sim.epson_spi import EpsonSpi
-from firmware_sim.noise import IDEAL, ImuErrors
+from imud.drivers.spi import Bus, Fetch
+from imud.firmware_sim.epson_spi import EpsonSpi
+from imud.firmware_sim.noise import IDEAL, ImuErrors
 
 STEP_S = 1e-3
 DPS, G = np.pi / 180.0, 9.80665

@@ -11,10 +11,10 @@ import pytest
 from emulated_recording import record
 
 import imud
-from firmware_sim.motion import Trajectory
-from firmware_sim.scenarios import SCENARIOS
 from imud.commands import main
 from imud.errors import ConfigError, InputMissingError
+from imud.firmware_sim.motion import Trajectory
+from imud.firmware_sim.scenarios import SCENARIOS
 from imud.recording import enu
 
 RATE_HZ = 100.0

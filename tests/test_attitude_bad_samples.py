@@ -17,9 +17,9 @@ from broad import filter_of, samples_of, solutions_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.sample import LIMITED_FORCE, LIMITED_RATE, SUSPECT
-from drivers.sample import SATURATED as BEYOND_RANGE
 from imud.configuration.settings import Initial
+from imud.drivers.sample import LIMITED_FORCE, LIMITED_RATE, SUSPECT
+from imud.drivers.sample import SATURATED as BEYOND_RANGE
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, SATURATED, SOLUTION
 
 

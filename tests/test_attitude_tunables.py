@@ -5,8 +5,8 @@ import pytest
 from attitude_runs import assert_whole, samples_from
 from attitude_simulation import DEG, Flaws, after, simulate, wobble
 
-from drivers.sample import SATURATED, SUSPECT
 from imud.configuration.settings import Attitude, Initial, Settings
+from imud.drivers.sample import SATURATED, SUSPECT
 from imud.estimators import registry
 from imud.estimators.records import SOLUTION
 from imud.pipeline import Filter

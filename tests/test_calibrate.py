@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from drivers.sample import SAMPLE
 from imud.commands import main
+from imud.drivers.sample import SAMPLE
 from imud.errors import BadDataError, CannotCreateError
 from imud.sensor_errors import calibration, gyro
 from imud.sensor_errors.accelerometer import accelerometer, positions

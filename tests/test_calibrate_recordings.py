@@ -7,9 +7,9 @@ import pytest
 from emulated_recording import record
 from scipy.spatial.transform import Rotation
 
-from firmware_sim.motion import Mounted, Trajectory
-from firmware_sim.scenarios import SCENARIOS
 from imud.commands import main
+from imud.firmware_sim.motion import Mounted, Trajectory
+from imud.firmware_sim.scenarios import SCENARIOS
 from imud.sensor_errors import calibration
 
 DPS = np.radians(1.0)

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nmea_lines import gga, line
 
-from drivers.driver import Identity, ImuConfigured
-from drivers.fix import Fix
-from drivers.registry import by_name
 from imud.configuration.settings import Initial, Settings
 from imud.daemon.change_logger import STATUS_LASTS_NS, ChangeLogger, Debouncer
+from imud.drivers.driver import Identity, ImuConfigured
+from imud.drivers.fix import Fix
+from imud.drivers.registry import by_name
 from imud.estimators import registry
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID
 from imud.pipeline import Filter, Stream

@@ -12,7 +12,7 @@ from datetime import date
 
 import pytest
 
-from drivers.fix import Fix
+from imud.drivers.fix import Fix
 from imud.errors import CannotCreateError
 from imud.outputs.chrony import KEY, ChronyOutput, utc_ns
 

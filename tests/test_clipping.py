@@ -6,8 +6,8 @@ from attitude_simulation import Flaws, after, errors_deg, measure, simulate, wob
 from broad import filter_of, samples_of
 from replay_in_process import new_filter, replay
 
-from drivers.sample import LIMITED_FORCE, LIMITED_RATE
 from imud.configuration.settings import Imu, Settings
+from imud.drivers.sample import LIMITED_FORCE, LIMITED_RATE
 from imud.estimators.records import SATURATED, SOLUTION
 from imud.sensor_monitor.health import shown, words
 

@@ -45,8 +45,8 @@ def test_an_invalid_port_is_reported_before_anything_is_compiled(name, waiting, 
 
 
 def test_a_package_that_is_missing_is_named_with_the_extra_that_brings_it(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "drivers.capture", None)
-    monkeypatch.setattr("imud.commands._EXTRAS", {"drivers.capture": "record"})
+    monkeypatch.setitem(sys.modules, "imud.drivers.capture", None)
+    monkeypatch.setattr("imud.commands._EXTRAS", {"imud.drivers.capture": "record"})
     monkeypatch.delitem(sys.modules, "imud.recording.player", raising=False)
     assert main(["export", "x.mcap", "--csv", "out"]) == 64
     assert "pip install 'imud[record]'" in capsys.readouterr().err

@@ -11,9 +11,9 @@ import sys
 import numpy as np
 import pytest
 
-from drivers.jit import kernel
 from imud.compile import build
 from imud.compile.c import Translation, UnsupportedError
+from imud.drivers.jit import kernel
 
 PLACE = np.dtype([("v", "<f8", (3,)), ("n", "<i4")], align=True)
 PART = np.dtype([("place", PLACE), ("places", PLACE, (2,)), ("P", "<f8", (2, 3))], align=True)

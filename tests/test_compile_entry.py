@@ -6,10 +6,10 @@ import weakref
 import numpy as np
 import pytest
 
-from drivers.jit import kernel
 from imud.compile import build, entry, library
 from imud.compile.c import Translation
 from imud.compile.entry import Entry, address_of, recording_entries
+from imud.drivers.jit import kernel
 
 PAIR = np.dtype([("a", "<f8"), ("n", "<i8")], align=True)
 

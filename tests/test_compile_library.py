@@ -73,7 +73,9 @@ def test_the_sources_are_those_that_are_loaded(tmp_path, monkeypatch):
     import imud.stages  # noqa: F401
 
     files = rebuild.loaded_sources()
-    assert {"imud/stages.py", "imud/math/rotation.py", "imud/compile/c/calls.py", "drivers/sample.py"} <= set(files)
+    assert {"imud/stages.py", "imud/math/rotation.py", "imud/compile/c/calls.py", "imud/drivers/sample.py"} <= set(
+        files
+    )
     assert not any(name.startswith("tests") for name in files)
 
 

@@ -22,11 +22,11 @@ from framer_properties import (
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from drivers.crossbow import timer
-from drivers.crossbow.driver import DRIVER
-from drivers.driver import Identity, ImuConfigured
-from drivers.sample import DEVICE_ERROR, SATURATED, SUSPECT
 from imud.clocks.counter import new_clock, stamp
+from imud.drivers.crossbow import timer
+from imud.drivers.crossbow.driver import DRIVER
+from imud.drivers.driver import Identity, ImuConfigured
+from imud.drivers.sample import DEVICE_ERROR, SATURATED, SUSPECT
 
 G = 9.80665
 GOLDEN = bytes.fromhex("AA55005BFF97FFEE005F005C2A59ADA20621012C000006BF")

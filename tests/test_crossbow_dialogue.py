@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scripted import G350, Line, Mute, Speaker, run
 
-from drivers.crossbow.driver import DRIVER
-from drivers.crossbow.protocol import change_baud, find_zero
-from drivers.crossbow.signatures import SERIES_440
-from drivers.detect import detect
-from drivers.driver import Identity, Options, Unsupported
-from drivers.epson.driver import DRIVER as EPSON
-from firmware_sim.uart import garble
+from imud.drivers.crossbow.driver import DRIVER
+from imud.drivers.crossbow.protocol import change_baud, find_zero
+from imud.drivers.crossbow.signatures import SERIES_440
+from imud.drivers.detect import detect
+from imud.drivers.driver import Identity, Options, Unsupported
+from imud.drivers.epson.driver import DRIVER as EPSON
+from imud.firmware_sim.uart import garble
 
 G = 9.80665
 

@@ -3,8 +3,8 @@
 from emulated_recording import record
 from processes import TIMEOUT_S, daemon
 
-from firmware_sim.motion import Trajectory
-from firmware_sim.scenarios import SCENARIOS
+from imud.firmware_sim.motion import Trajectory
+from imud.firmware_sim.scenarios import SCENARIOS
 
 RATE_HZ, SECONDS, GAP_S = 125.0, 3.0, (0.7, 2.2)  # longer than a live sensor may be silent
 

@@ -7,10 +7,10 @@ import pytest
 from emulated import streaming
 from scripted import G350, Mute, Speaker, Windowed, run
 
-from drivers.detect import detect
-from drivers.driver import GnssConfigured, Identity, Options, Unsupported
-from drivers.findings import Echo, Silence, UnrecognisedData
-from drivers.registry import by_name, drivers, names
+from imud.drivers.detect import detect
+from imud.drivers.driver import GnssConfigured, Identity, Options, Unsupported
+from imud.drivers.findings import Echo, Silence, UnrecognisedData
+from imud.drivers.registry import by_name, drivers, names
 
 BURST = (
     b"$GPGGA,081437.000,5212.981473,N,00653.102458,E,1,3,2.88,102.907,M,47.093,M,,*5E\r\n"

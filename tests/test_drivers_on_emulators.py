@@ -9,9 +9,9 @@ from emulated import PITCH, ROLL, device
 from framer_properties import Decoder
 from scripted import run
 
-from drivers.detect import detect
-from drivers.driver import Identity, Options
-from drivers.registry import by_name
+from imud.drivers.detect import detect
+from imud.drivers.driver import Identity, Options
+from imud.drivers.registry import by_name
 
 LOCAL = 9.7971  # normal gravity there (WGS-84)
 F = LOCAL * np.array([np.sin(PITCH), -np.cos(PITCH) * np.sin(ROLL), -np.cos(PITCH) * np.cos(ROLL)])  # specific force

@@ -5,10 +5,10 @@ import random
 import pytest
 from scripted import G350, Mute, Speaker, run
 
-from drivers.driver import Identity, Options
-from drivers.epson.driver import DRIVER
-from drivers.epson.models import G350 as G350_ROW
-from drivers.epson.models import V340 as V340_ROW
+from imud.drivers.driver import Identity, Options
+from imud.drivers.epson.driver import DRIVER
+from imud.drivers.epson.models import G350 as G350_ROW
+from imud.drivers.epson.models import V340 as V340_ROW
 
 FLASH_BACKUP = bytes.fromhex("BE080D")
 

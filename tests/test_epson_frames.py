@@ -18,9 +18,9 @@ from framer_properties import (
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from drivers.driver import Identity, ImuConfigured
-from drivers.epson.driver import DRIVER
-from drivers.sample import DEVICE_ERROR, SATURATED, SUSPECT
+from imud.drivers.driver import Identity, ImuConfigured
+from imud.drivers.epson.driver import DRIVER
+from imud.drivers.sample import DEVICE_ERROR, SATURATED, SUSPECT
 
 G = 9.80665
 GOLDEN = "20 FE00 C492 0064 FF9C 0000 0000 0000 1F40 0000"  # protocols.md 1.5: 25 degC, +-1.25 dps, +1 G

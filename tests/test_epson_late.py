@@ -3,9 +3,9 @@
 import pytest
 from scripted import G350, Windowed, run
 
-from drivers.detect import detect
-from drivers.driver import Identity, Options
-from drivers.epson.driver import DRIVER
+from imud.drivers.detect import detect
+from imud.drivers.driver import Identity, Options
+from imud.drivers.epson.driver import DRIVER
 
 ANSWER_BYTES = 4
 

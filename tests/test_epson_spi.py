@@ -6,20 +6,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from spi_memory import DPS, Constant, G, Memory, golden
 
-from drivers.detect import detect_spi
-from drivers.dialogue import Exchange
-from drivers.driver import Identity, Options
-from drivers.epson.dialects import FLAT, NARROW, WIDE, WINDOWED
-from drivers.epson.driver import DRIVER
-from drivers.epson.protocol import read_register_once, write_register
-from drivers.epson.registers import Register
-from drivers.epson.spi import fetch, over_spi, spi_carries
-from drivers.findings import NoAnswer
-from drivers.sample import SAMPLE
-from drivers.spi import Bus
-from firmware_sim.g350 import G350, TAPS_V340
-from firmware_sim.g370 import VARIANTS, Windowed
-from firmware_sim.noise import IDEAL, ImuErrors
+from imud.drivers.detect import detect_spi
+from imud.drivers.dialogue import Exchange
+from imud.drivers.driver import Identity, Options
+from imud.drivers.epson.dialects import FLAT, NARROW, WIDE, WINDOWED
+from imud.drivers.epson.driver import DRIVER
+from imud.drivers.epson.protocol import read_register_once, write_register
+from imud.drivers.epson.registers import Register
+from imud.drivers.epson.spi import fetch, over_spi, spi_carries
+from imud.drivers.findings import NoAnswer
+from imud.drivers.sample import SAMPLE
+from imud.drivers.spi import Bus
+from imud.firmware_sim.g350 import G350, TAPS_V340
+from imud.firmware_sim.g370 import VARIANTS, Windowed
+from imud.firmware_sim.noise import IDEAL, ImuErrors
 
 SENSORS = {"g350": G350} | {
     name: lambda *scene, variant=variant: Windowed(variant, *scene) for name, variant in VARIANTS.items()

@@ -18,10 +18,10 @@ from framer_properties import (
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.driver import Identity, ImuConfigured
-from drivers.epson.driver import DRIVER
-from drivers.epson.models import MODELS, model_of
-from drivers.sample import DEVICE_ERROR, SATURATED
+from imud.drivers.driver import Identity, ImuConfigured
+from imud.drivers.epson.driver import DRIVER
+from imud.drivers.epson.models import MODELS, model_of
+from imud.drivers.sample import DEVICE_ERROR, SATURATED
 
 G = 9.80665
 NARROW, WIDE = 22, 36

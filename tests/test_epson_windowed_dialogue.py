@@ -3,9 +3,9 @@
 import pytest
 from scripted import G350, WINDOWED_RATES, Windowed, run
 
-from drivers.driver import Identity, Options, Unsupported
-from drivers.epson.driver import DRIVER
-from drivers.epson.models import MODELS
+from imud.drivers.driver import Identity, Options, Unsupported
+from imud.drivers.epson.driver import DRIVER
+from imud.drivers.epson.models import MODELS
 from imud.sensor_errors.profiles import PROFILES
 
 FLASH_BACKUP, INITIAL_BACKUP = bytes.fromhex("8A080D"), bytes.fromhex("8A100D")  # GLOB_CMD in window 1

@@ -1,8 +1,8 @@
 """The filter of the sensor that was found: what another one after it begins anew, and what goes on."""
 
-from drivers.driver import Identity, ImuConfigured
-from drivers.registry import by_name
 from imud.configuration.settings import Settings
+from imud.drivers.driver import Identity, ImuConfigured
+from imud.drivers.registry import by_name
 from imud.sensor_errors.calibration import Calibration
 from imud.sensors.estimator_selection import EstimatorSelection
 

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from nmea_lines import gga
 
-from drivers.capture import Connection, Raw
 from imud.commands import export
+from imud.drivers.capture import Connection, Raw
 from imud.errors import BadDataError
 from imud.estimators.records import FIX, HEIGHT_VALID, POSITION_VALID, SOLUTION
 from imud.recording import tracks

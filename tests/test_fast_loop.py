@@ -12,8 +12,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.driver import Identity, ImuConfigured
-from drivers.registry import by_name
 from imud import client
 from imud.commands.bench import signals
 from imud.commands.bench.throughput import new_stream
@@ -21,6 +19,8 @@ from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
 from imud.configuration.settings import Stream as StreamSettings
 from imud.daemon.fast_loop import FAILED, PUBLISH_DUE, FastLoop, _run_until_event
+from imud.drivers.driver import Identity, ImuConfigured
+from imud.drivers.registry import by_name
 from imud.estimators import registry
 from imud.outputs.binary import BinaryOutputs
 from imud.pipeline import Filter, Stream

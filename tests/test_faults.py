@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from faulty import FLAT, STREAMS, decode, emulated, fates, play
 
-from drivers.nmea.decoder import NmeaDecoder
-from drivers.sample import SUSPECT
-from firmware_sim.faults.fixes import FaultyFixes
-from firmware_sim.faults.sensor import FaultyErrors
-from firmware_sim.faults.spec import KINDS, SpecError, help_text, parse
-from firmware_sim.faults.wire import Wire
-from firmware_sim.fixes import Fix
-from firmware_sim.noise import M_G350
-from firmware_sim.sentence_playback import SentencePlayback, read
+from imud.drivers.nmea.decoder import NmeaDecoder
+from imud.drivers.sample import SUSPECT
+from imud.firmware_sim.faults.fixes import FaultyFixes
+from imud.firmware_sim.faults.sensor import FaultyErrors
+from imud.firmware_sim.faults.spec import KINDS, SpecError, help_text, parse
+from imud.firmware_sim.faults.wire import Wire
+from imud.firmware_sim.fixes import Fix
+from imud.firmware_sim.noise import M_G350
+from imud.firmware_sim.sentence_playback import SentencePlayback, read
 
 DEVICES = ("g350", "nmea")
 MESSAGE = bytes(range(0x20, 0x40)) + b"\r"

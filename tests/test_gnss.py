@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from nmea_lines import decode, gga, line, rmc, vtg
 
-from drivers.registry import by_name
 from imud.configuration.settings import Gnss
 from imud.daemon.receiver_solution import solution
+from imud.drivers.registry import by_name
 from imud.errors import BadDataError, ConfigError
 from imud.outputs.gpsd_json import Report
 from imud.outputs.view import View

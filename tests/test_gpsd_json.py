@@ -12,7 +12,7 @@ from gpsd_synthetic import IMU, RECEIVER, solution
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.fix import Satellite, Sky
+from imud.drivers.fix import Satellite, Sky
 from imud.estimators.records import (
     ATTITUDE_VALID,
     COASTING,

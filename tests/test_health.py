@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, SAMPLE, SATURATED, SUSPECT
+from imud.drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, SAMPLE, SATURATED, SUSPECT
 from imud.sensor_errors.profiles import PROFILES
 from imud.sensor_monitor.health import examine, new_health, shown, words
 

@@ -5,7 +5,7 @@ import pytest
 from attitude_simulation import MG, Flaws, G, after, errors_deg, measure, simulate, wobble
 from broad import samples_of, solutions_of
 
-from drivers.sample import SAMPLE
+from imud.drivers.sample import SAMPLE
 from imud.estimators.records import ATTITUDE_VALID
 
 RATE = 200

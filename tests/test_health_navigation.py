@@ -8,8 +8,8 @@ from navigation_runner import navigate
 from navigation_simulation import Drive, curvature, drive, errors, ideal_sensor, received, sensed
 from scipy.spatial.transform import Rotation
 
-from drivers.sample import LIMITED_RATE, SATURATED
 from imud.configuration.settings import Imu, Initial, Navigation, Settings
+from imud.drivers.sample import LIMITED_RATE, SATURATED
 from imud.estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, REJECTING
 
 RATE = 100

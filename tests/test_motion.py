@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_sim import ellipsoid
-from firmware_sim.motion import Trajectory, rotation
-from firmware_sim.noise import DEG, IDEAL, M_G350, MILLI_G, ImuErrors
-from firmware_sim.scenarios import SCENARIOS
-from firmware_sim.timeline import Timeline
+from imud.firmware_sim import ellipsoid
+from imud.firmware_sim.motion import Trajectory, rotation
+from imud.firmware_sim.noise import DEG, IDEAL, M_G350, MILLI_G, ImuErrors
+from imud.firmware_sim.scenarios import SCENARIOS
+from imud.firmware_sim.timeline import Timeline
 
 LAT, LON, HEIGHT = 35.6586, 139.7454, 60.0
 RATE = 7.292115e-5  # rad/s, WGS-84

@@ -5,8 +5,8 @@ import pytest
 from navigation_runner import fixes_of, navigate, samples_of
 from navigation_simulation import drive, errors, received, sensed
 
-from drivers.sample import SUSPECT
 from imud.configuration.settings import Initial, Navigation, Settings
+from imud.drivers.sample import SUSPECT
 from imud.estimators.ins.state import ACCEL_BIAS, ONSETS, POSITION, VELOCITY
 from imud.estimators.records import AT_REST, COASTING, HEADING_VALID, POSITION_VALID, REJECTING
 

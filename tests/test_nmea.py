@@ -12,10 +12,10 @@ from nmea_lines import decode, gga, line, rmc, vtg
 from pynmeagps import NMEAReader
 from scripted import Mute, run
 
-from drivers.driver import Options
-from drivers.nmea.decoder import NmeaDecoder
-from drivers.nmea.driver import DRIVER
-from drivers.nmea.sentences import Splitter
+from imud.drivers.driver import Options
+from imud.drivers.nmea.decoder import NmeaDecoder
+from imud.drivers.nmea.driver import DRIVER
+from imud.drivers.nmea.sentences import Splitter
 
 # protocols.md 4.1, from a real FV-M11
 NO_FIX = b"$GPGGA,235946.005,8960.000000,N,00000.000000,E,0,0,,137.000,M,13.000,M,,*49\r\n"

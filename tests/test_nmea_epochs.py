@@ -6,7 +6,7 @@ from fractions import Fraction
 import pytest
 from nmea_lines import decode, gga, line, rmc, vtg
 
-from drivers.nmea.decoder import SILENCE_NS, NmeaDecoder
+from imud.drivers.nmea.decoder import SILENCE_NS, NmeaDecoder
 
 
 class Receiver:

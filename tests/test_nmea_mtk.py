@@ -8,18 +8,18 @@ from nmea_lines import gga, line, rmc, vtg
 from processes import TIMEOUT_S, daemon, emulator
 from scripted import Line, Speaker, run
 
-from drivers.detect import detect
-from drivers.driver import Identity, Options
-from drivers.nmea.driver import DRIVER, MEDIATEK
-from drivers.nmea.mtk import command, speaks_mtk
-from drivers.transport.dialogue_runner import run_dialogue
-from drivers.transport.portspec import PortSpec
-from drivers.transport.serial import SerialPort
-from firmware_sim.fixes import SimulatedFixes
-from firmware_sim.motion import Trajectory
-from firmware_sim.nmea import FvM11
-from firmware_sim.scenarios import SCENARIOS
 from imud.configuration.settings import Settings
+from imud.drivers.detect import detect
+from imud.drivers.driver import Identity, Options
+from imud.drivers.nmea.driver import DRIVER, MEDIATEK
+from imud.drivers.nmea.mtk import command, speaks_mtk
+from imud.drivers.transport.dialogue_runner import run_dialogue
+from imud.drivers.transport.portspec import PortSpec
+from imud.drivers.transport.serial import SerialPort
+from imud.firmware_sim.fixes import SimulatedFixes
+from imud.firmware_sim.motion import Trajectory
+from imud.firmware_sim.nmea import FvM11
+from imud.firmware_sim.scenarios import SCENARIOS
 from imud.setup.config import load
 
 FAST = Options(fix_rate_hz=5.0)

@@ -8,7 +8,7 @@ import random
 import pytest
 from nmea_lines import line
 
-from drivers.nmea.decoder import NmeaDecoder
+from imud.drivers.nmea.decoder import NmeaDecoder
 
 START_S = 86_390  # midnight comes soon
 EPOCHS = 200

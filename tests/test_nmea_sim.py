@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from nmea_lines import line
 
-from drivers.nmea.decoder import NmeaDecoder
-from firmware_sim.fixes import SimulatedFixes
-from firmware_sim.motion import Trajectory
-from firmware_sim.nmea import FvM11
-from firmware_sim.scenarios import SCENARIOS
 from imud.clocks.epochs import EpochClock
+from imud.drivers.nmea.decoder import NmeaDecoder
+from imud.firmware_sim.fixes import SimulatedFixes
+from imud.firmware_sim.motion import Trajectory
+from imud.firmware_sim.nmea import FvM11
+from imud.firmware_sim.scenarios import SCENARIOS
 
 UTC_0 = 1_793_577_580.3  # 23:59:40.3, soon midnight
 LATENCY_S, COMPUTE_S = 0.15, 0.1

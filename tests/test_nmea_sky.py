@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nmea_lines import line
 
-from drivers.fix import Satellite
-from drivers.nmea.decoder import NmeaDecoder
+from imud.drivers.fix import Satellite
+from imud.drivers.nmea.decoder import NmeaDecoder
 
 # as a u-blox M8 sends them (protocol 18, NMEA 4.1 without signal numbers)
 GSV = (

@@ -17,6 +17,7 @@ def sources(tmp_path):
     for room in ("imud/math", "drivers"):
         (tmp_path / room).mkdir(parents=True)
         (tmp_path / room / "a.py").write_text("RATE = 7.292115e-5\n")
+    (tmp_path / "imud" / "drivers").symlink_to("../drivers")
     return tmp_path
 
 

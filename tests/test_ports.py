@@ -5,12 +5,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivers.dialogue import Exchange
-from drivers.driver import Identity, ImuConfigured, Options
-from drivers.errors import PortAbsentError, PortBusyError, PortDeniedError
-from drivers.transport.portspec import PortSpec
 from imud.daemon import ports
 from imud.daemon.port_states import TRANSITIONS, PortEvent, PortState, next_state, table
+from imud.drivers.dialogue import Exchange
+from imud.drivers.driver import Identity, ImuConfigured, Options
+from imud.drivers.errors import PortAbsentError, PortBusyError, PortDeniedError
+from imud.drivers.transport.portspec import PortSpec
 from imud.errors import InputOutputError
 
 PATH = "/dev/ttyUSB0"

@@ -8,10 +8,10 @@ from navigation_runner import navigate
 from navigation_simulation import drive, errors, received, sensed
 from scipy.spatial.transform import Rotation
 
-from drivers.driver import Identity, ImuConfigured
-from drivers.registry import by_name
-from drivers.sample import POWER_ON, RECONNECTED, SAMPLE
 from imud.configuration.settings import Imu, Initial, Settings
+from imud.drivers.driver import Identity, ImuConfigured
+from imud.drivers.registry import by_name
+from imud.drivers.sample import POWER_ON, RECONNECTED, SAMPLE
 from imud.estimators.records import HEADING_VALID
 from imud.sensor_errors.calibration import Calibration
 from imud.sensor_errors.profiles import PROFILES

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.errors import PortAbsentError
-from drivers.registry import by_name
-from drivers.transport.pps import PulsePerSecond
 from imud.clocks.epochs import EpochClock
 from imud.commands import main
 from imud.configuration.settings import Gnss
+from imud.drivers.errors import PortAbsentError
+from imud.drivers.registry import by_name
+from imud.drivers.transport.pps import PulsePerSecond
 from imud.sensors.receiver import Receiver
 
 SECOND_NS = 1_000_000_000

@@ -10,9 +10,9 @@ from framer_properties import Decoder
 from scripted import run
 from test_drivers_on_emulators import is_right
 
-from drivers.detect import detect
-from drivers.driver import GnssConfigured, Identity, ImuConfigured, Options, Unsupported
-from drivers.registry import by_name
+from imud.drivers.detect import detect
+from imud.drivers.driver import GnssConfigured, Identity, ImuConfigured, Options, Unsupported
+from imud.drivers.registry import by_name
 from imud.errors import UsageError
 from imud.setup import choices
 from imud.setup.config import load

@@ -8,10 +8,10 @@ import msgspec
 import pytest
 from processes import TIMEOUT_S
 
-from drivers.capture import Capture
-from drivers.driver import GnssConfigured, Identity
 from imud.commands import main
 from imud.configuration.settings import Record, Settings
+from imud.drivers.capture import Capture
+from imud.drivers.driver import GnssConfigured, Identity
 from imud.outputs.addresses import AddressInUseError, is_from_this_machine
 from imud.recording.control import Recordings
 

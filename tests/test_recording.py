@@ -16,9 +16,9 @@ from processes import TIMEOUT_S, daemon, emulator
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from drivers.capture import Capture
 from imud.commands import replay_recordings
 from imud.configuration.settings import Initial
+from imud.drivers.capture import Capture
 from imud.recording import many, replaying
 from imud.recording.clock_fit import row_of
 from imud.recording.messages import CLOCK_TABLE, ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE, SAMPLE_TABLE

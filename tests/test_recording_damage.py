@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.capture import Connection, Raw
-from drivers.errors import NotSerialError
-from drivers.transport.portspec import PortSpec
-from drivers.transport.replay import ReplayPort
 from imud.commands import main
 from imud.configuration.settings import Gnss, Initial, Settings
+from imud.drivers.capture import Connection, Raw
+from imud.drivers.errors import NotSerialError
+from imud.drivers.transport.portspec import PortSpec
+from imud.drivers.transport.replay import ReplayPort
 from imud.errors import BadDataError, ConfigError
 from imud.recording.file import RecordingFile
 from imud.recording.player import Player

@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from drivers.capture import MAGIC, Capture, Raw
-from drivers.errors import CaptureError
 from imud.configuration.settings import Record, Settings
+from imud.drivers.capture import MAGIC, Capture, Raw
+from imud.drivers.errors import CaptureError
 from imud.errors import CannotCreateError
 from imud.estimators.records import INNOVATION, SOLUTION
 from imud.recording import parts

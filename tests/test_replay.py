@@ -8,8 +8,8 @@ import sys
 import numpy as np
 import pytest
 
-from firmware_sim.motion import Trajectory
-from firmware_sim.scenarios import SCENARIOS
+from imud.firmware_sim.motion import Trajectory
+from imud.firmware_sim.scenarios import SCENARIOS
 
 RATE_HZ = 100
 SECONDS = 60

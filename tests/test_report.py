@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from drivers.sample import SAMPLE
 from imud.commands import main
 from imud.commands.report import distinct_labels, read
 from imud.commands.report.content import panels
@@ -20,6 +19,7 @@ from imud.commands.report.findings import findings
 from imud.commands.report.reduction import SensorReduction
 from imud.commands.report.session import Estimates, Innovations, Part, Session, merged
 from imud.commands.report.statistics import autocorrelation, chi2_bounds, effective_number, moving_mean
+from imud.drivers.sample import SAMPLE
 from imud.estimators.records import ATTITUDE_VALID, FIX, INNOVATION, POSITION_N, POSITION_VALID, REJECTING, SOLUTION
 from imud.figures import kept
 from imud.tables.estimates import EstimateWriter, write_innovations

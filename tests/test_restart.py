@@ -7,9 +7,9 @@ from replay_in_process import new_filter, replay
 from scipy.spatial.transform import Rotation
 from test_power_on import AT_S, BEFORE_S, PATHS, PROFILE, RATE, SETTINGS, YAW, switch_on_biases
 
-from drivers.sample import RECONNECTED
 from imud.configuration.settings import Imu, Initial, Navigation, Settings
 from imud.daemon import checkpoint_file
+from imud.drivers.sample import RECONNECTED
 from imud.estimators.records import HEADING_VALID
 from imud.pipeline import Stored
 from imud.sensor_errors.calibration import Calibration

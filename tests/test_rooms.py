@@ -6,7 +6,7 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
-from import_graph import import_graph
+from import_graph import import_graph, in_folders
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("imud", "drivers", "firmware_sim")
@@ -90,10 +90,10 @@ def imported(path):
     package = path.relative_to(ROOT).with_suffix("").parts[:-1]
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            yield from (in_folders(alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             stem = package[: len(package) + 1 - node.level] if node.level else ()
-            yield ".".join((*stem, *filter(None, [node.module])))
+            yield in_folders(".".join((*stem, *filter(None, [node.module]))))
 
 
 def top(names):
@@ -188,6 +188,17 @@ def test_no_circle_between_places(graph):
     assert not circle(between)
 
 
+def test_imud_is_the_only_name_that_is_imported():
+    """The wheel has no other; `drivers` is another project's on PyPI."""
+    for path in [file for room in (*PACKAGES, "tests") for file in files(room)]:
+        names = {
+            node.module
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.ImportFrom) and not node.level
+        }
+        assert not top(names) & {"drivers", "firmware_sim"}, path
+
+
 def test_sensors_do_not_know_outputs(graph):
     outputs = {file for file in graph if file.startswith("imud/outputs/")}
     assert not [file for file, others in graph.items() if file.startswith("imud/sensors/") and others & outputs]
@@ -222,6 +233,7 @@ def test_the_reading_of_imports_sees_what_is_there(tmp_path, monkeypatch):
     (tmp_path / "drivers" / "x").mkdir(parents=True)
     module = tmp_path / "drivers" / "x" / "y.py"
     module.write_text(
-        "import imud.clocks\nfrom ..sample import SAMPLE\nfrom . import z\ndef f():\n    from scipy import fft\n"
+        "import imud.clocks\nfrom imud.drivers import fix\nfrom ..sample import SAMPLE\nfrom . import z\n"
+        "def f():\n    from scipy import fft\n"
     )
-    assert set(imported(module)) == {"imud.clocks", "drivers.sample", "drivers.x", "scipy"}
+    assert set(imported(module)) == {"imud.clocks", "drivers", "drivers.sample", "drivers.x", "scipy"}

@@ -7,11 +7,11 @@ import sys
 import pytest
 from processes import emulator
 
-from drivers.crossbow.services import gyro_at_rest
-from drivers.transport.line import open_line
-from drivers.transport.portspec import PortSpec
-from firmware_sim.rga300 import Reading
 from imud.commands import main
+from imud.drivers.crossbow.services import gyro_at_rest
+from imud.drivers.transport.line import open_line
+from imud.drivers.transport.portspec import PortSpec
+from imud.firmware_sim.rga300 import Reading
 
 
 @pytest.fixture(scope="module")

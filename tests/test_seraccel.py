@@ -18,10 +18,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from seraccel_lines import BINARY, GOLDEN, RAW, SUCCESSOR, raw
 
-from drivers.driver import Identity, ImuConfigured
-from drivers.sample import SATURATED, SUSPECT
-from drivers.seraccel.driver import DRIVER
-from drivers.seraccel.ranges import RANGES
+from imud.drivers.driver import Identity, ImuConfigured
+from imud.drivers.sample import SATURATED, SUSPECT
+from imud.drivers.seraccel.driver import DRIVER
+from imud.drivers.seraccel.ranges import RANGES
 
 G = 9.80665
 

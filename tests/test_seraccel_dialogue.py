@@ -4,13 +4,13 @@ import pytest
 from scripted import Line, Mute, Speaker, run
 from seraccel_lines import BINARY, GOLDEN, RAW, SUCCESSOR, raw
 
-from drivers.detect import detect
-from drivers.driver import Identity, Options
-from drivers.epson.driver import DRIVER as EPSON
-from drivers.findings import UnrecognisedData
-from drivers.seraccel.driver import DRIVER
-from drivers.seraccel.ranges import RANGES
-from firmware_sim.uart import garble
+from imud.drivers.detect import detect
+from imud.drivers.driver import Identity, Options
+from imud.drivers.epson.driver import DRIVER as EPSON
+from imud.drivers.findings import UnrecognisedData
+from imud.drivers.seraccel.driver import DRIVER
+from imud.drivers.seraccel.ranges import RANGES
+from imud.firmware_sim.uart import garble
 
 MENU = (  # the successor's words, shortened
     b"--- Serial Accelerometer Dongle MMA7361 ---\n\r          Firmware Version 6.0\n\n\r"

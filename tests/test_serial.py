@@ -14,11 +14,18 @@ from pathlib import Path
 
 import pytest
 
-from drivers.dialogue import Exchange
-from drivers.errors import NotSerialError, PortAbsentError, PortBusyError, PortDeniedError, PortLostError, SpecError
-from drivers.transport.dialogue_runner import DialogueRunner, run_dialogue
-from drivers.transport.portspec import PortSpec
-from drivers.transport.serial import SerialPort
+from imud.drivers.dialogue import Exchange
+from imud.drivers.errors import (
+    NotSerialError,
+    PortAbsentError,
+    PortBusyError,
+    PortDeniedError,
+    PortLostError,
+    SpecError,
+)
+from imud.drivers.transport.dialogue_runner import DialogueRunner, run_dialogue
+from imud.drivers.transport.portspec import PortSpec
+from imud.drivers.transport.serial import SerialPort
 
 
 class Pty:

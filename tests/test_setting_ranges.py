@@ -164,7 +164,7 @@ def test_the_end_of_a_range_serves_every_part_of_the_daemon(key: Key, end: float
 @pytest.mark.parametrize("name", ["attitude", "tilt"])
 def test_any_valid_settings_give_no_sigma_that_is_not_a_number(name, values):
     """A second of a sensor at rest: an attitude that is called valid has a sigma above zero."""
-    from drivers.sample import SAMPLE
+    from imud.drivers.sample import SAMPLE
 
     samples = np.zeros(250, SAMPLE)
     samples["t_ns"] = np.arange(250) * 8_000_000

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_sim.g350 import G350, TAPS_V340
-from firmware_sim.noise import IDEAL, M_G350, ImuErrors
-from firmware_sim.sampling import Sampler
+from imud.firmware_sim.g350 import G350, TAPS_V340
+from imud.firmware_sim.noise import IDEAL, M_G350, ImuErrors
+from imud.firmware_sim.sampling import Sampler
 
 DEG, G = math.pi / 180.0, 9.80665
 READY = 0.9  # s; start-up is over

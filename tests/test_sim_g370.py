@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_sim.g370 import G364, G370, VARIANTS, Windowed
-from firmware_sim.noise import IDEAL, ImuErrors
+from imud.firmware_sim.g370 import G364, G370, VARIANTS, Windowed
+from imud.firmware_sim.noise import IDEAL, ImuErrors
 
 DEG, G = math.pi / 180.0, 9.80665
 READY = 0.9  # s; start-up is over

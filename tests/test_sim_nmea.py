@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pynmeagps import NMEAReader
 
-from firmware_sim import sentences
-from firmware_sim.fixes import Fix, SimulatedFixes
-from firmware_sim.motion import Trajectory
-from firmware_sim.nmea import FvM11
-from firmware_sim.scenarios import SCENARIOS
-from firmware_sim.sentences import Epoch, with_checksum
+from imud.firmware_sim import sentences
+from imud.firmware_sim.fixes import Fix, SimulatedFixes
+from imud.firmware_sim.motion import Trajectory
+from imud.firmware_sim.nmea import FvM11
+from imud.firmware_sim.scenarios import SCENARIOS
+from imud.firmware_sim.sentences import Epoch, with_checksum
 
 UTC_0 = datetime(2026, 3, 1, 23, 59, 40, 300_000, tzinfo=UTC).timestamp()  # soon midnight, and not on a whole second
 FOREVER = 1e6

@@ -22,8 +22,8 @@ from sim_ports import (
     write_recording,
 )
 
-from firmware_sim.motion import Trajectory
-from firmware_sim.scenarios import SCENARIOS
+from imud.firmware_sim.motion import Trajectory
+from imud.firmware_sim.scenarios import SCENARIOS
 
 
 def test_a_stream_without_gaps_and_with_the_attitude_asked_for(tmp_path):

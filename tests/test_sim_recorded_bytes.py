@@ -11,12 +11,12 @@ from nmea_lines import gga
 from processes import TIMEOUT_S, daemon, emulator
 from scripted import run
 
-from drivers.capture import Capture
-from drivers.detect import detect
-from drivers.driver import Options
-from drivers.registry import by_name
-from firmware_sim.recorded_bytes import BytePlayback, choose, read
-from firmware_sim.replay import DataError
+from imud.drivers.capture import Capture
+from imud.drivers.detect import detect
+from imud.drivers.driver import Options
+from imud.drivers.registry import by_name
+from imud.firmware_sim.recorded_bytes import BytePlayback, choose, read
+from imud.firmware_sim.replay import DataError
 from imud.recording.file import RecordingFile
 from imud.recording.samples import samples_of
 

@@ -8,7 +8,7 @@ import serial
 from pynmeagps import NMEAReader
 from sim_ports import GYRO_LSB, IMU_HEADER, SILENT_S, configure, emulator, lines_until, read_frames, write_recording
 
-from firmware_sim.replay import DataError, RecordedFixes, RecordedImu
+from imud.firmware_sim.replay import DataError, RecordedFixes, RecordedImu
 
 
 def test_recorded_samples_come_as_they_are_and_when_they_were(tmp_path):

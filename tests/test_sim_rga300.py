@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_sim.noise import IDEAL, ImuErrors
-from firmware_sim.rga300 import RGA300, SERIAL, START_UP_S, Reading, Rga300
+from imud.firmware_sim.noise import IDEAL, ImuErrors
+from imud.firmware_sim.rga300 import RGA300, SERIAL, START_UP_S, Reading, Rga300
 
 DEG, G = math.pi / 180.0, 9.80665
 READY = START_UP_S

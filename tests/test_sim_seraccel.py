@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_sim.noise import IDEAL, STANDARD_GRAVITY, ImuErrors
-from firmware_sim.seraccel import BAUDS, MODES, MV_PER_G, RATE_MAX_HZ, SerAccel, Settings, mma7260
+from imud.firmware_sim.noise import IDEAL, STANDARD_GRAVITY, ImuErrors
+from imud.firmware_sim.seraccel import BAUDS, MODES, MV_PER_G, RATE_MAX_HZ, SerAccel, Settings, mma7260
 
 G = STANDARD_GRAVITY
 READY = 1.0  # s; the menu has been said, at any speed

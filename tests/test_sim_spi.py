@@ -3,9 +3,9 @@
 import pytest
 from spi_memory import golden
 
-from firmware_sim.epson_spi import EpsonSpi
-from firmware_sim.g350 import G350
-from firmware_sim.g370 import G370, Windowed
+from imud.firmware_sim.epson_spi import EpsonSpi
+from imud.firmware_sim.g350 import G350
+from imud.firmware_sim.g370 import G370, Windowed
 
 READY_S = 1.0
 ONES = b"\xff\xff"

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_sim.uart import Uart, garble
+from imud.firmware_sim.uart import Uart, garble
 
 FOREVER = 1e6
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from fake_spi import SpiDev, stand_ins
 
-from drivers.errors import (
+from imud.drivers.errors import (
     NotSerialError,
     PortAbsentError,
     PortBusyError,
@@ -15,8 +15,8 @@ from drivers.errors import (
     PortSupportError,
     SpecError,
 )
-from drivers.transport.line import open_line
-from drivers.transport.portspec import PortSpec
+from imud.drivers.transport.line import open_line
+from imud.drivers.transport.portspec import PortSpec
 
 
 @pytest.fixture(autouse=True)

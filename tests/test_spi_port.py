@@ -8,10 +8,10 @@ from dataclasses import replace
 import pytest
 from fake_spi import SpiDev, stand_ins
 
-from drivers.errors import PortLostError
-from drivers.spi import Bus, Cycle, Fetch
-from drivers.transport.line import open_line
-from drivers.transport.portspec import PortSpec
+from imud.drivers.errors import PortLostError
+from imud.drivers.spi import Bus, Cycle, Fetch
+from imud.drivers.transport.line import open_line
+from imud.drivers.transport.portspec import PortSpec
 
 PERIOD_NS, SHORT_NS, MIDDLE_NS = 10_000_000_000, 10_000_000, 1_000_000_000  # no machine is late by the longest
 NEW, OLD = b"\xfe\0", b"\0\0"

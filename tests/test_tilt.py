@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from drivers.sample import SAMPLE, SUSPECT
-from drivers.sample import SATURATED as BEYOND_RANGE
 from imud.configuration.settings import Imu, Initial, Settings
+from imud.drivers.sample import SAMPLE, SUSPECT
+from imud.drivers.sample import SATURATED as BEYOND_RANGE
 from imud.estimators import registry
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, SATURATED, SOLUTION
 from imud.estimators.tilt import BANDWIDTH_HZ, ESTIMATOR

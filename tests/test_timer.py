@@ -3,7 +3,7 @@
 import select
 import time
 
-from drivers.transport.timer import Timer
+from imud.drivers.transport.timer import Timer
 
 
 def test_a_timer_rings_at_its_time_and_not_before():

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from broad import samples_of
 
-from drivers.sample import SAMPLE
 from imud.commands.reference import tuning
 from imud.configuration.settings import Initial
+from imud.drivers.sample import SAMPLE
 from imud.errors import ConfigError
 from imud.estimators import registry
 from imud.estimators.records import SOLUTION

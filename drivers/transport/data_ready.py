@@ -15,7 +15,7 @@ REMEDY = "pip install 'imud[spi]'"
 
 
 class DataReady:
-    """The requested line. `fd` is readable while edges wait. Raises the errors of `drivers.errors` on opening."""
+    """The requested line. `fd` is readable while edges wait. Raises the errors of `imud.drivers.errors` on opening."""
 
     def __init__(self, line: str) -> None:
         """line: CHIP:LINE, as /dev/gpiochip0:24 or gpiochip0:GPIO24 (offset, or the line's name)."""

@@ -51,11 +51,11 @@ _OPENERS: dict[str, Callable[[PortSpec], Line]] = {"spi": SpiPort, "replay": _re
 
 
 def check_port(spec: PortSpec) -> None:
-    """Check a port without opening it. Raises the errors of `drivers.errors`."""
+    """Check a port without opening it. Raises the errors of `imud.drivers.errors`."""
     if spec.path.partition(":")[0] not in _OPENERS:
         present(spec.path)
 
 
 def open_line(spec: PortSpec) -> Line:
-    """Open the port. Raises the errors of `drivers.errors`."""
+    """Open the port. Raises the errors of `imud.drivers.errors`."""
     return _OPENERS.get(spec.path.partition(":")[0], SerialPort)(spec)

@@ -30,7 +30,7 @@ FLUSH_READS = 16  # at most: a device may send without pause
 
 
 class SerialPort:
-    """An open line. Not thread-safe. Raises the errors of `drivers.errors` on opening and PortLostError in use."""
+    """An open line. Not thread-safe. Raises the errors of `imud.drivers.errors` on opening and PortLostError in use."""
 
     plain = True
 

@@ -30,7 +30,7 @@ EDGE_AGE_MAX = 1.25  # periods; an older edge is not that of the sample
 
 
 class SpiPort:
-    """An open device. Not thread-safe. Raises the errors of `drivers.errors` on opening and PortLostError in use."""
+    """An open device. Not thread-safe. Raises what `imud.drivers.errors` has: on opening, and PortLostError in use."""
 
     plain = False
 

@@ -1,6 +1,6 @@
-"""Stand-in for the package spidev: the same calls, on the emulated sensors of `firmware_sim.bench`.
+"""Stand-in for the package spidev: the same calls, on the emulated sensors of `imud.firmware_sim.bench`.
 
-Put the folder of this file on PYTHONPATH, and say in IMUD_SIM which sensors (see `python -m firmware_sim --help`).
+Put the folder of this file on PYTHONPATH, and say in IMUD_SIM which sensors (see `python -m imud.firmware_sim --help`).
 """
 
 import errno
@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from firmware_sim.bench import ChipSelect, chip_selects
+from imud.firmware_sim.bench import ChipSelect, chip_selects
 
 
 class SpiDev:

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from drivers.sample import SAMPLE
+from imud.drivers.sample import SAMPLE
 
 from ..configuration.settings import Initial, Settings
 from ..estimators.aiding_source import AidingSource

@@ -7,12 +7,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from drivers.detect import search
-from drivers.driver import Identity
-from drivers.errors import PortError, SpecError
-from drivers.transport.dialogue_runner import run_dialogue
-from drivers.transport.line import open_line
-from drivers.transport.portspec import PortSpec
+from imud.drivers.detect import search
+from imud.drivers.driver import Identity
+from imud.drivers.errors import PortError, SpecError
+from imud.drivers.transport.dialogue_runner import run_dialogue
+from imud.drivers.transport.line import open_line
+from imud.drivers.transport.portspec import PortSpec
 
 from ..errors import DeviceAbsentError, UsageError
 

@@ -8,8 +8,8 @@ import time
 
 import msgspec
 
-from drivers.driver import AnyDriver, GnssConfigured, Identity
-from drivers.errors import PortEndedError, PortLostError
+from imud.drivers.driver import AnyDriver, GnssConfigured, Identity
+from imud.drivers.errors import PortEndedError, PortLostError
 
 from ..configuration.settings import Settings
 from ..daemon import simulated

@@ -5,13 +5,13 @@ import sys
 import time
 from collections.abc import Sequence
 
-from drivers.detect import search
-from drivers.driver import Done, Identity, Service, ServiceDriver
-from drivers.errors import PortError, SpecError
-from drivers.registry import by_name, drivers
-from drivers.transport.dialogue_runner import run_dialogue
-from drivers.transport.line import Known, Line, open_line
-from drivers.transport.portspec import PortSpec
+from imud.drivers.detect import search
+from imud.drivers.driver import Done, Identity, Service, ServiceDriver
+from imud.drivers.errors import PortError, SpecError
+from imud.drivers.registry import by_name, drivers
+from imud.drivers.transport.dialogue_runner import run_dialogue
+from imud.drivers.transport.line import Known, Line, open_line
+from imud.drivers.transport.portspec import PortSpec
 
 from ..daemon.ports import failure
 from ..errors import DeviceAbsentError, ImudError, UsageError

@@ -2,7 +2,7 @@
 
 import argparse
 
-from firmware_sim import cli
+from imud.firmware_sim import cli
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

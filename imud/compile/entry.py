@@ -17,7 +17,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from drivers.jit import Kernel
+from imud.drivers.jit import Kernel
 
 from . import library
 from .hashing import digest_of

@@ -4,7 +4,7 @@ import functools
 from collections.abc import Callable
 from typing import Any
 
-from drivers.jit import inlined, interpreted, kernel, unrolled
+from imud.drivers.jit import inlined, interpreted, kernel, unrolled
 
 __all__ = ["NumbaObject", "inlined", "interpreted", "kernel", "unrolled"]
 

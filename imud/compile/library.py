@@ -17,7 +17,7 @@ from pathlib import Path
 from .hashing import digest_of
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("imud", "drivers")  # that have kernels
+PACKAGE = "imud"  # our sources: `imud/drivers` is a link in a checkout, a folder where it is installed
 INSTALLED = Path(__file__).with_name("kernels.so")
 
 

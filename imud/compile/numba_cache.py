@@ -6,6 +6,7 @@ the compiling libraries, Python, and the processor. Directories that nobody has 
 """
 
 import contextlib
+import glob
 import hashlib
 import importlib.metadata
 import os
@@ -20,7 +21,6 @@ from ..errors import CannotCreateError
 from ..folders import folders_for
 
 _ROOT = Path(__file__).resolve().parents[2]
-_PACKAGES = ("imud", "drivers")
 _PREFIX = "numba-"
 _UNUSED_S = 14 * 86400.0
 _FREE_BYTES = 64 << 20  # that must be free on the disk: all kernels take a third of it
@@ -46,9 +46,9 @@ def source_digest(root: Path = _ROOT) -> str:
         digest.update(f"{name}={importlib.metadata.version(name)};".encode())
     for variable in _SWITCHES:
         digest.update(f"{variable}={os.environ.get(variable, '')};".encode())
-    for package in _PACKAGES:
-        for path in sorted((root / package).rglob("*.py")):
-            digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+    # unlike Path.rglob, glob follows the links to folders
+    for name in sorted(glob.glob("imud/**/*.py", root_dir=root, recursive=True)):  # noqa: PTH207
+        digest.update(name.encode() + b"\0" + (root / name).read_bytes())
     return digest.hexdigest()[:16]
 
 

@@ -13,14 +13,14 @@ from pathlib import Path
 
 from . import build
 from .hashing import digest_of
-from .library import PACKAGES, ROOT, defect, digest
+from .library import PACKAGE, ROOT, defect, digest
 
 
 def loaded_sources(root: Path = ROOT) -> list[str]:
     """The source files of ours that this process has loaded: whatever the kernels depend on is among them."""
-    folders = tuple(f"{root / package}{os.sep}" for package in PACKAGES)
+    folder = f"{root / PACKAGE}{os.sep}"
     files = (getattr(module, "__file__", None) for module in list(sys.modules.values()))
-    return sorted({Path(f).relative_to(root).as_posix() for f in files if f and f.startswith(folders)})
+    return sorted({Path(f).relative_to(root).as_posix() for f in files if f and f.startswith(folder)})
 
 
 def seal(library: Path, files: Sequence[str]) -> None:

@@ -9,9 +9,9 @@ import time
 from dataclasses import replace
 from typing import Any
 
-from drivers.driver import AnyDriver, Identity, ImuConfigured
-from drivers.errors import PortEndedError, PortLostError
-from drivers.transport.line import Known
+from imud.drivers.driver import AnyDriver, Identity, ImuConfigured
+from imud.drivers.errors import PortEndedError, PortLostError
+from imud.drivers.transport.line import Known
 
 from ..configuration.settings import Settings
 from ..errors import ImudError, UsageError

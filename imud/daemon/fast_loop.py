@@ -11,7 +11,7 @@ import select
 
 import numpy as np
 
-from drivers.transport.serial import CHUNK
+from imud.drivers.transport.serial import CHUNK
 
 from ..compile.entry import waiting_entry
 from ..compile.system import CLOCK_MONOTONIC, clock_ns, ppoll, read

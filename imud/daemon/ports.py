@@ -9,10 +9,10 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from drivers.detect import search
-from drivers.dialogue import Dialogue
-from drivers.driver import AnyDriver, GnssConfigured, Identity, ImuConfigured, Options, Request, Unsupported
-from drivers.errors import (
+from imud.drivers.detect import search
+from imud.drivers.dialogue import Dialogue
+from imud.drivers.driver import AnyDriver, GnssConfigured, Identity, ImuConfigured, Options, Request, Unsupported
+from imud.drivers.errors import (
     NotSerialError,
     PortAbsentError,
     PortBusyError,
@@ -20,11 +20,11 @@ from drivers.errors import (
     PortError,
     PortSupportError,
 )
-from drivers.findings import Finding, UnrecognisedData
-from drivers.registry import by_name
-from drivers.transport.dialogue_runner import DialogueRunner
-from drivers.transport.line import Known, Line, check_port, open_line
-from drivers.transport.portspec import PortSpec
+from imud.drivers.findings import Finding, UnrecognisedData
+from imud.drivers.registry import by_name
+from imud.drivers.transport.dialogue_runner import DialogueRunner
+from imud.drivers.transport.line import Known, Line, check_port, open_line
+from imud.drivers.transport.portspec import PortSpec
 
 from ..errors import DeviceAbsentError, ImudError, InputOutputError, PermissionDeniedError
 from ..process.log import get_logger

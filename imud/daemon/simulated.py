@@ -13,8 +13,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from drivers.errors import SpecError
-from drivers.transport.portspec import PortSpec
+from imud.drivers.errors import SpecError
+from imud.drivers.transport.portspec import PortSpec
 
 from ..errors import ImudError, UsageError
 
@@ -55,7 +55,7 @@ def _spec(text: str) -> PortSpec:
 def _emulator(specs: Sequence[PortSpec], links: Sequence[str], seed: int, log: Path) -> Iterator[None]:
     """A process with a device for each of `specs`, all of one scenario, at `links`."""
     scenario = specs[0].path[len(SCHEME) :]
-    command = [sys.executable, "-m", "firmware_sim", f"--scenario={scenario}", f"--seed={seed}"]
+    command = [sys.executable, "-m", "imud.firmware_sim", f"--scenario={scenario}", f"--seed={seed}"]
     command += [f"--parent={os.getpid()}", *(f"--link={link}" for link in links), "--"]
     command += [DEVICES[spec.driver] + (f"@{spec.baud}" if spec.baud else "") for spec in specs]
     with log.open("w") as complaints:

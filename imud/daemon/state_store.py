@@ -7,7 +7,7 @@ filter, with which it goes on as after a gap in the samples.
 import threading
 import time
 
-from drivers.driver import ImuConfigured
+from imud.drivers.driver import ImuConfigured
 
 from ..configuration.settings import Settings
 from ..pipeline import Stored

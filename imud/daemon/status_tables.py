@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.driver import ImuConfigured
+from imud.drivers.driver import ImuConfigured
 
 from .. import __version__
 from ..compile import library

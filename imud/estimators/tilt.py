@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivers.sample import NO_FORCE, NO_RATE, SUSPECT
-from drivers.sample import SATURATED as BEYOND_RANGE
+from imud.drivers.sample import NO_FORCE, NO_RATE, SUSPECT
+from imud.drivers.sample import SATURATED as BEYOND_RANGE
 
 from ..compile.jit import kernel
 from ..configuration.settings import Initial, Settings

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.crossbow import packet
+from imud.drivers.crossbow import packet
 
 from ..compile.jit import interpreted
 from ..configuration.settings import Imu, Initial, Settings

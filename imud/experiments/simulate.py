@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.sample import SAMPLE
+from imud.drivers.sample import SAMPLE
 
 from ..math.arrays import Floats
 from ..math.earth import STANDARD_GRAVITY

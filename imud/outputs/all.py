@@ -3,8 +3,8 @@
 import contextlib
 from collections.abc import Callable, Mapping
 
-from drivers.fix import Fix
 from imud.configuration.settings import Settings
+from imud.drivers.fix import Fix
 from imud.process.contained import ContainedErrors
 
 from .binary import BinaryOutputs

@@ -16,7 +16,7 @@ import math
 import os
 import time
 
-from drivers.fix import Fix
+from imud.drivers.fix import Fix
 from imud.errors import CannotCreateError, PermissionDeniedError
 
 KEY = 0x4E545030

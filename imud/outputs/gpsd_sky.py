@@ -1,6 +1,6 @@
 """SKY: the receiver's last report of the satellites, in gpsd's numbering."""
 
-from drivers.fix import Satellite
+from imud.drivers.fix import Satellite
 
 from .gpsd_objects import Numbers, head, time_of
 from .view import NAN, View

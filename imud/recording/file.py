@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mcap.writer import CompressionType, Writer
 
-from drivers.capture import CHECKSUM, SESSION, checksum_of
+from imud.drivers.capture import CHECKSUM, SESSION, checksum_of
 
 from .messages import SCHEMAS, schema_of
 

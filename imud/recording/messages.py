@@ -11,8 +11,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from drivers.capture import CONNECTIONS, RAW
-from drivers.sample import SAMPLE
+from imud.drivers.capture import CONNECTIONS, RAW
+from imud.drivers.sample import SAMPLE
 
 from ..estimators.innovation_kinds import KINDS
 from ..estimators.records import FIX, INNOVATION, SOLUTION

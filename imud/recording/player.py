@@ -9,8 +9,8 @@ from typing import Any
 
 import msgspec
 
-from drivers.capture import CONNECTIONS, Connection, Entry, Raw
-from drivers.registry import by_name
+from imud.drivers.capture import CONNECTIONS, Connection, Entry, Raw
+from imud.drivers.registry import by_name
 
 from ..configuration.settings import Initial, Settings
 from ..errors import BadDataError
@@ -39,7 +39,7 @@ class Replayed:
     plain: bool = False
 
     def receive(self, room: memoryview, now_ns: int) -> tuple[int, int]:
-        """See `drivers.transport.line.Line`."""
+        """See `imud.drivers.transport.line.Line`."""
         if len(self.data) > len(room):
             raise BadDataError(f"a reading of {len(self.data)} bytes; no line reads more than {READ_BYTES} at once")
         room[: len(self.data)] = self.data
@@ -69,7 +69,7 @@ class ReplayedPulse:
     pulse_ns: int | None = None
 
     def newest_ns(self, now_ns: int) -> int | None:
-        """See `drivers.transport.pps`."""
+        """See `imud.drivers.transport.pps`."""
         return self.pulse_ns
 
 

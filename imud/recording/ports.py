@@ -23,8 +23,8 @@ def expanded(texts: Sequence[str]) -> tuple[str, ...]:
         return tuple(texts)  # names one of its devices
     if util.find_spec("mcap") is None:
         raise UsageError("recordings need the package mcap: pip install 'imud[record]'")
-    from drivers.capture import Capture
-    from drivers.errors import CaptureError
+    from imud.drivers.capture import Capture
+    from imud.drivers.errors import CaptureError
 
     try:
         devices = Capture(path).devices()

@@ -21,7 +21,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from drivers.driver import GnssConfigured, ImuConfigured
+from imud.drivers.driver import GnssConfigured, ImuConfigured
 
 from .. import __version__
 from ..configuration.settings import Settings
@@ -106,7 +106,7 @@ class Recorder:
 
         Of an inertial sensor, calibration: what is taken out of its samples; stored: with which its filter begins.
         """
-        from drivers.capture import Connection, to_builtins
+        from imud.drivers.capture import Connection, to_builtins
 
         kind = "imu" if isinstance(configured, ImuConfigured) else "gnss"
         known = {} if calibration is None else msgspec.to_builtins(calibration)
@@ -117,7 +117,7 @@ class Recorder:
 
     def disconnected(self, port: int, path: str) -> None:
         """It streams no more."""
-        from drivers.capture import Connection
+        from imud.drivers.capture import Connection
 
         self._json(Kind.CONNECTION, Connection(time.monotonic_ns(), port, path, False), port)
 

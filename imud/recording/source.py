@@ -25,8 +25,8 @@ class Recording:
         """Raises UsageError, InputMissingError, BadDataError."""
         if util.find_spec("mcap") is None:
             raise UsageError("recordings need the package mcap: pip install 'imud[record]'")
-        from drivers.capture import Capture
-        from drivers.errors import CaptureError
+        from imud.drivers.capture import Capture
+        from imud.drivers.errors import CaptureError
 
         self.notes: list[str] = []
         self._files = ", ".join(map(str, paths))
@@ -67,7 +67,7 @@ class Recording:
         return adapt(recorded)
 
     def __iter__(self) -> Iterator[Any]:
-        """All messages (`drivers.capture.Entry`)."""
+        """All messages (`imud.drivers.capture.Entry`)."""
         for capture in self._captures:
             yield from capture
             if capture.broken:

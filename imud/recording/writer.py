@@ -16,7 +16,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from drivers.capture import CONNECTIONS, RAW, Connection, Raw
+from imud.drivers.capture import CONNECTIONS, RAW, Connection, Raw
 
 from ..configuration.settings import Record
 from . import parts

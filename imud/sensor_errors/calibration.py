@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.driver import Identity
+from imud.drivers.driver import Identity
 
 from ..compile.jit import interpreted, kernel
 from ..errors import BadDataError, CannotCreateError, InputMissingError

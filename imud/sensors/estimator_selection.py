@@ -5,9 +5,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from drivers.driver import ImuConfigured, ImuDriver
-from drivers.sample import POWER_ON, RECONNECTED
-from drivers.transport.line import Line
+from imud.drivers.driver import ImuConfigured, ImuDriver
+from imud.drivers.sample import POWER_ON, RECONNECTED
+from imud.drivers.transport.line import Line
 
 from ..configuration.settings import Initial, Settings
 from ..pipeline import NOTHING_STORED, Filter, Stored, Stream

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.fix import Fix
+from imud.drivers.fix import Fix
 
 from ..configuration.settings import Gnss
 from ..estimators.records import FIX

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from drivers.driver import ImuConfigured, ImuDriver
-from drivers.transport.line import Known, Line
+from imud.drivers.driver import ImuConfigured, ImuDriver
+from imud.drivers.transport.line import Known, Line
 
 from ..pipeline import Stream
 from ..sensor_monitor.health import shown, words

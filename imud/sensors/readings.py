@@ -3,7 +3,7 @@
 from math import nan
 from typing import NamedTuple
 
-from drivers.fix import Sky
+from imud.drivers.fix import Sky
 
 NO_VECTOR = (nan, nan, nan)
 

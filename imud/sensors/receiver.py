@@ -4,9 +4,9 @@ import math
 from collections import Counter
 from typing import Protocol
 
-from drivers.driver import GnssDriver
-from drivers.fix import Fix
-from drivers.transport.line import Line
+from imud.drivers.driver import GnssDriver
+from imud.drivers.fix import Fix
+from imud.drivers.transport.line import Line
 
 from ..clocks.epochs import EpochClock
 from ..configuration.settings import Gnss as GnssSettings

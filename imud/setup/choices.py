@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import msgspec
 
-from drivers.driver import Identity, ImuConfigured, Options
-from drivers.errors import PortAbsentError, SpecError
-from drivers.transport.portspec import PortSpec
-from drivers.transport.pps import PulsePerSecond
+from imud.drivers.driver import Identity, ImuConfigured, Options
+from imud.drivers.errors import PortAbsentError, SpecError
+from imud.drivers.transport.portspec import PortSpec
+from imud.drivers.transport.pps import PulsePerSecond
 
 from ..configuration.settings import Settings
 from ..errors import DeviceAbsentError, UsageError

@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.sample import SAMPLE
+from imud.drivers.sample import SAMPLE
 
 from ..errors import BadDataError
 from ..estimators.aiding_source import AidingSource

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.fix import Fix
-from drivers.registry import by_name
+from imud.drivers.fix import Fix
+from imud.drivers.registry import by_name
 
 from ..configuration.settings import Gnss
 from ..errors import BadDataError

@@ -1,4 +1,4 @@
-"""Stand-in for the package gpiod 2: the same calls, on the data-ready lines of `firmware_sim.bench`."""
+"""Stand-in for the package gpiod 2: the same calls, on the data-ready lines of `imud.firmware_sim.bench`."""
 
 import errno
 import os
@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from firmware_sim.bench import CHIP, FIRST_LINE, DataReadyLine, chip_selects
+from imud.firmware_sim.bench import CHIP, FIRST_LINE, DataReadyLine, chip_selects
 
 from .line import Bias, Clock, Direction, Edge
 

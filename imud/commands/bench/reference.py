@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from drivers.sample import SAMPLE
 from imud.compile import c
 from imud.compile.c.kinds import stored
+from imud.drivers.sample import SAMPLE
 from imud.estimators.records import SOLUTION
 from imud.pipeline import Filter, Stream
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from drivers.driver import Identity, ImuConfigured
-from drivers.registry import by_name
 from imud.batch import play
 from imud.configuration.settings import Initial, Settings
+from imud.drivers.driver import Identity, ImuConfigured
+from imud.drivers.registry import by_name
 from imud.estimators import registry
 from imud.estimators.records import SOLUTION
 from imud.math.earth import STANDARD_GRAVITY

@@ -21,11 +21,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from firmware_sim.cli import SCENARIO_NAMES
-from firmware_sim.faults import spec
 from imud.commands import web
 from imud.commands.arguments import above_zero, add_settings, seed
 from imud.errors import ImudError, UsageError
+from imud.firmware_sim.cli import SCENARIO_NAMES
+from imud.firmware_sim.faults import spec
 from imud.setup import config
 
 from .comparison import Comparison, Truth

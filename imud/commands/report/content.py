@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers import sample as flag
+from imud.drivers import sample as flag
 from imud.estimators.records import (
     AT_REST,
     ATTITUDE_VALID,

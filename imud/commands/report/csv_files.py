@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.sample import SAMPLE
+from imud.drivers.sample import SAMPLE
 from imud.errors import BadDataError
 from imud.tables.estimates import ESTIMATE_HEADER, INNOVATION_COLUMNS
 from imud.tables.inputs import IMU_COLUMNS, TEMPERATURE, header_of, read_fixes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from drivers.sample import NO_FORCE, NO_RATE, POWER_ON, SATURATED, SUSPECT
+from imud.drivers.sample import NO_FORCE, NO_RATE, POWER_ON, SATURATED, SUSPECT
 
 from ...compile.jit import kernel
 from .divergence import tilt_is_lost

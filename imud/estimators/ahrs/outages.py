@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivers.sample import LIMITED_FORCE, LIMITED_RATE, SATURATED
+from imud.drivers.sample import LIMITED_FORCE, LIMITED_RATE, SATURATED
 
 from ...compile.jit import kernel
 from ...math.rotation import Vector, quat_rotate_back

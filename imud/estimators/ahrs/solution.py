@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from drivers.sample import SATURATED as BEYOND_RANGE
+from imud.drivers.sample import SATURATED as BEYOND_RANGE
 
 from ...compile.jit import kernel
 from ..records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SATURATED

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from drivers.sample import NO_FORCE, NO_RATE, SUSPECT, UNUSABLE
+from imud.drivers.sample import NO_FORCE, NO_RATE, SUSPECT, UNUSABLE
 
 from ...compile.jit import kernel
 from ...math.rotation import euler_of_quat, quat_of_euler, quat_of_gravity

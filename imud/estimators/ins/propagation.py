@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, POWER_ON, RECONNECTED
-from drivers.sample import SATURATED as BEYOND_RANGE
+from imud.drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, POWER_ON, RECONNECTED
+from imud.drivers.sample import SATURATED as BEYOND_RANGE
 
 from ...compile.jit import kernel
 from ...math.earth import gravity

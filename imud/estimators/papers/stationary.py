@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivers.sample import NO_FORCE, SUSPECT
+from imud.drivers.sample import NO_FORCE, SUSPECT
 
 from ...compile.jit import kernel
 from ...configuration.settings import Initial, Settings

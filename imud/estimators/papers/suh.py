@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivers.sample import UNUSABLE
+from imud.drivers.sample import UNUSABLE
 
 from ...compile.jit import kernel
 from ...configuration.settings import Initial, Settings

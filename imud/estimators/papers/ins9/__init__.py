@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from drivers.sample import UNUSABLE
+from imud.drivers.sample import UNUSABLE
 
 from ....compile.jit import kernel
 from ....math.earth import displaced

@@ -51,6 +51,21 @@ def ins9_with_faults():
     return driven("ins9")
 
 
+def without_height(estimator, scenario="car"):
+    """The first fix is the origin, and its height is not known."""
+    recording = driven(estimator, Initial(yaw_deg=86.0), scenario)
+    recording.fixes["height"] = np.nan
+    return recording
+
+
+def ins9_without_height():
+    return without_height("ins9")
+
+
+def stationary_without_height():
+    return without_height("stationary", "rest")
+
+
 def ins9_on_a_device_that_tells_its_tilt():
     """As a Crossbow does: the vertical in the body, beside rates and forces."""
     recording = driven("ins9")
@@ -96,6 +111,7 @@ def suh_two_step_turned_over():
 
 CLASSES = (
     tilt_in_a_hand, tilt_without_gyros, tilt_with_faults, gps_track_with_faults, ins9_with_faults,
+    ins9_without_height, stationary_without_height,
     ins9_on_a_device_that_tells_its_tilt, ins9_damaged_at_the_start, stationary_with_faults,
     stationary_damaged_at_the_start, suh_standard_turned_over, suh_adaptive_turned_over, suh_two_step_turned_over,
 )  # fmt: skip

@@ -243,8 +243,7 @@ def _write_without_end(path: str, stop: multiprocessing.Event) -> None:
         record[:] = seq
         record[0] = header[0]
         memory.publish(record)
-        if seq % 8 == 0:
-            time.sleep(1e-3)  # else a reader whose system calls are slow never meets the time between two states
+        time.sleep(1e-3)  # as a daemon at 1 kHz: without a pause a slow reader never meets the time between two states
 
 
 @pytest.fixture

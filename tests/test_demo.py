@@ -22,13 +22,13 @@ def test_truth_is_interpolated_with_angles_along_the_short_arc(tmp_path):
     file = tmp_path / "truth.csv"
     file.write_text(HEADER + rows(FIRST))
     truth = Truth(file)
-    assert truth.reaches(100.0) and not truth.reaches(100.05)
+    assert truth.covers(100.0) and not truth.covers(100.05)
     with file.open("a") as more:
         more.write(rows(SECOND)[:30])
         more.flush()
-        assert not truth.reaches(100.05)  # half a row is none
+        assert not truth.covers(100.05)  # half a row is none
         more.write(rows(SECOND)[30:])
-    assert truth.reaches(100.1)
+    assert truth.covers(100.1)
     found = truth.at(100.05)
     expected = {"lat_deg": 60.0005, "lon_deg": 10.001, "height_m": 50.0, "vn_mps": 1.5, "ve_mps": 2.0, "vd_mps": 3.0}
     assert found == pytest.approx(expected | {"roll_deg": 180.0, "pitch_deg": -5.0, "yaw_deg": 180.0})

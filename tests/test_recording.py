@@ -242,7 +242,7 @@ def test_the_clocks_fit_is_recorded_once_a_second(recorded):
         player.take(entry)
         if entry.topic == CLOCK_TABLE.topic:
             row = rows[len(found)]
-            found.append(row_of(player._fitting.inertial, row["port"], row["t_ns"]))
+            found.append(row_of(player._selection.inertial, row["port"], row["t_ns"]))
     assert np.concatenate(found).tobytes() == rows.tobytes()
 
 

@@ -20,6 +20,7 @@ KEEP_ALIVE_S = 15.0  # between requests
 _CONNECTIONS_MAX = 500
 _OWN_DESCRIPTORS = 48  # the loop, the listener, the daemon, the standard streams, files being read
 _KINDS_MAX = 100
+_START_S = 0.1  # until the server lists a new connection
 
 
 def connections_max() -> int:
@@ -44,6 +45,7 @@ class Connections:
     def __init__(self, report: Callable[[str], None]) -> None:
         self._report = report
         self._connections_max = connections_max()
+        self._starting: set[Any] = set()  # protocols that the server may not list yet: connections come in bursts
         self._waiting: set[Any] = set()  # protocols whose first request has not come yet
 
     def has_request(self, protocol: Any) -> None:
@@ -53,12 +55,15 @@ class Connections:
     def __call__(self) -> asyncio.BaseProtocol:
         """For `loop.create_server`."""
         assert self.server is not None
-        if len(self.server.connections) >= self._connections_max:
+        if len(self._starting.union(self.server.connections)) >= self._connections_max:
             self._report(f"more than {self._connections_max} connections: the newest are closed")
             return _Rejected()
         protocol = self.server()
+        loop = asyncio.get_running_loop()
+        self._starting.add(protocol)
+        loop.call_later(_START_S, self._starting.discard, protocol)
         self._waiting.add(protocol)
-        asyncio.get_running_loop().call_later(HEADER_S, self._end_without_request, protocol)
+        loop.call_later(HEADER_S, self._end_without_request, protocol)
         return protocol
 
     def _end_without_request(self, protocol: Any) -> None:

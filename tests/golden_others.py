@@ -67,15 +67,17 @@ def stationary_without_height():
 
 
 def ins9_on_a_device_that_tells_its_tilt():
-    """As a Crossbow does: the vertical in the body, beside rates and forces."""
+    """As a Crossbow does: the vertical in the body, beside rates and forces. The receiver reports no height."""
     recording = driven("ins9")
+    recording.fixes["height"] = np.nan
     recording.samples["down"] = (-0.02, 0.01, 0.99975)
     return recording
 
 
 def stationary_with_faults():
-    """It is moved after all, first slowly, then by a knock."""
+    """It is moved after all, first slowly, then by a knock. The receiver reports no height."""
     recording = driven("stationary", scenario="rest")
+    recording.fixes["height"] = np.nan
     recording.samples["f"][3000:3300, 0] += 20.0 * MG
     recording.samples["f"][4500:4510, 1] += 5.0
     return recording

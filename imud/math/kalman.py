@@ -7,8 +7,7 @@ update P <- P - (P h')(P h')' / s, which the triangle keeps symmetric. Joseph's 
 is the same in exact arithmetic. It keeps P positive also where the noise variance r is less than 1e-14 of the largest
 that h P h' could be with these variances; above that, to which tests hold both, rounding harms neither.
 
-Source: Bierman, Factorization Methods for Discrete Sequential Estimation (1977), ch. II; Schmidt, Application of
-state-space methods to navigation problems (1966), for the considered states.
+Source: Bierman, Factorization Methods for Discrete Sequential Estimation (1977), ch. II.
 """
 
 from typing import Any
@@ -115,15 +114,13 @@ def measure(P: Floats, n: int, columns: Indices, values: Floats, m: int, d: Floa
 
 
 @kernel
-def update(P: Floats, n: int, x: Floats, d: Floats, s: float, z: float, keep: int) -> None:
+def update(P: Floats, n: int, x: Floats, d: Floats, s: float, z: float) -> None:
     """Fuse one scalar measurement with innovation z (h x already removed), variance s = h P h' + r and d = P h'.
 
-    x is the error estimate so far. States from index `keep` on are considered (Schmidt): their gain is 0, so that they
-    are not corrected, but their uncertainty counts. For any gain k Joseph's form is P + k s k' - k d' - d k'; with
-    k = d / s before `keep` and 0 from there on it subtracts d d' / s from all but the block of considered states.
+    x is the error estimate so far.
     """
     first = 0
-    for i in range(keep):
+    for i in range(n):
         gain = d[i] / s
         x[i] += gain * z
         for k in range(n - i):  # unsigned indices cannot count from the end, so these loops become vector code

@@ -21,7 +21,7 @@ def fuse_state(s: State, i: int, z: float, r: float) -> None:
     t = s.scratch
     t.columns[0], t.values[0] = i, 1.0
     innovation_variance = measure(s.cov.P, STATES, t.columns, t.values, 1, t.ph) + r
-    update(s.cov.P, STATES, t.x, t.ph, innovation_variance, z - t.x[i], STATES)
+    update(s.cov.P, STATES, t.x, t.ph, innovation_variance, z - t.x[i])
 
 
 @kernel

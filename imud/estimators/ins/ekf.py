@@ -129,7 +129,7 @@ def innovation(c: Core, m: int, z: float) -> float:
 @kernel
 def kalman_update(c: Core, z: float, s: float) -> None:
     """Scalar Kalman update with innovation z of variance s; P h is in scratch.d."""
-    update(c.cov.P, STATES, c.scratch.x, c.scratch.d, s, z, STATES)
+    update(c.cov.P, STATES, c.scratch.x, c.scratch.d, s, z)
 
 
 @kernel

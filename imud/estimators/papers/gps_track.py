@@ -128,7 +128,7 @@ def fuse_fix(p: TrackParameters, s: TrackState, fix: Fix, innovations: list[Inno
         s.column[0] = 2 * axis
         variance = measure(s.P, STATES, s.column, s.one, 1, s.d) + fix_variance(p, fix, axis)
         left = z[axis] - s.x[2 * axis]
-        update(s.P, STATES, s.x, s.d, variance, left, STATES)
+        update(s.P, STATES, s.x, s.d, variance, left)
         row = innovations[axis]
         row.t_ns, row.value, row.variance, row.used = fix.t_ns, left, variance, 1
         row.kind = POSITION_N if axis == 0 else POSITION_E

@@ -187,7 +187,7 @@ def fuse_zero_position(p: StationaryParameters, s: StationaryState) -> None:
         s.p[i] += s.d[POSITION] / s.variance * r
         s.v[i] += s.d[VELOCITY] / s.variance * r
         s.b[i] += s.d[BIAS] / s.variance * r
-    update(s.P, STATES, s.x, s.d, s.variance, 0.0, STATES)
+    update(s.P, STATES, s.x, s.d, s.variance, 0.0)
     s.measurement_count += 1
 
 

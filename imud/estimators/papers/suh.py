@@ -157,7 +157,7 @@ def predict(s: SuhState, T: float) -> None:
 def fuse_scalar(s: SuhState, m: int, innovation: float, r: float) -> None:
     """One scalar measurement with the first m of the row's elements."""
     variance = measure(s.P, STATES, s.columns, s.jacobian, m, s.d) + r
-    update(s.P, STATES, s.x, s.d, variance, innovation, STATES)
+    update(s.P, STATES, s.x, s.d, variance, innovation)
 
 
 @kernel

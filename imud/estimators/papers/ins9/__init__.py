@@ -62,7 +62,7 @@ def smooth_distances(p: Ins9Parameters, s: Ins9State, T: float) -> None:
         s.p[i] += s.d[DISTANCE] / s.variance * z
         s.v[i] += s.d[SPEED] / s.variance * z
         s.a[i] += s.d[ACCELERATION] / s.variance * z
-    update(s.P, STATES, s.x, s.d, s.variance, 0.0, STATES)
+    update(s.P, STATES, s.x, s.d, s.variance, 0.0)
 
 
 @kernel

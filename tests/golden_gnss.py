@@ -200,6 +200,17 @@ def rtk():
     return navigated(samples, silent(fixes), lever_arm_m=lever)
 
 
+def rtk_on_a_rough_road():
+    """Blows of 0.4 m/s that the sensor does not show; each puts the next position beyond its gate."""
+    d, rng = road(120.0), random(17)
+    samples, fixes = sensed(d, rng), received(d, rng, sigma=0.01, white=0.01)
+    for k in range(7000, 12000, 1500):
+        samples["f"][k, :2] += 40.0  # in 0.01 s
+    fixes["arrival_ns"] = fixes["t_ns"]
+    fixes["sigma"], fixes["hdop"], fixes["quality"] = (0.02, 0.02, 0.04), np.nan, 4
+    return navigated(samples, silent(fixes))
+
+
 def rtk_comes_and_goes():
     """By its quality alone: fixed, float, single, fixed."""
     d, rng = road(120.0), random(15)

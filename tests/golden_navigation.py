@@ -33,6 +33,7 @@ from golden_gnss import (
     restless_receiver_under_way,
     rtk,
     rtk_comes_and_goes,
+    rtk_on_a_rough_road,
     short_jump,
     slow_drift,
     slow_drift_against_velocity,
@@ -105,5 +106,5 @@ CLASSES = (
     graded_drifts, graded_drifts_under_way, survey_of_a_decimetre, outage_before_heading, old_fixes, slipping_start,
     ferry, disturbed_rest, disturbed_rest_without_velocity, disturbed_rest_before_heading, rest_in_an_outage,
     heading_a_little_wrong, heading_just_wrong, force_that_creeps, moored, step_of_the_bias_at_rest, lift, pole,
-    date_line,
+    date_line, rtk_on_a_rough_road,
 )  # fmt: skip

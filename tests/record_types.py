@@ -36,6 +36,7 @@ INS = {
     "Nhc": state.NHC,
     "Gnss": state.GNSS,
     "Integrity": state.INTEGRITY,
+    "VelocityNoise": state.VELOCITY_NOISE,
     "Drift": state.DRIFT,
     "Alignment": state.ALIGNMENT,
     "Transition": state.TRANSITION,
@@ -85,8 +86,9 @@ FILES = {  # file: (what its records are, its records, those of other files by t
         {"..types": ESTIMATORS, ".tuning_types": TUNING},
     ),
 }
-TO_KALMAN = {"columns": "Indices", "column": "Indices"} | dict.fromkeys(
-    ("P", "predicted_P", "x", "d", "ph", "values", "jacobian", "one"), "Floats"
+OF_LEARNING = ("covariance_sensitivity", "learning_values", "learning_d")
+TO_KALMAN = dict.fromkeys(("columns", "column", "learning_columns"), "Indices") | dict.fromkeys(
+    ("P", "predicted_P", "x", "d", "ph", "values", "jacobian", "one", *OF_LEARNING), "Floats"
 )
 HEAD = '"""The {} as types for mypy, written by tests/record_types.py."""\n'
 

@@ -53,6 +53,9 @@ class Recorder:
         self._keep(c, m, z)
         return z, r, 1.0
 
+    def gated_fix_update(self, p, c, m, z, r, gate):
+        return self.gated_update(c, m, z, r, gate)
+
     def pseudo_measurement(self, c, kind, m, z, r, gate):
         return self.gated_update(c, m, z, r, gate)
 
@@ -70,7 +73,7 @@ class Recorder:
 def recorder(monkeypatch):
     made = Recorder()
     monkeypatch.setattr(gnss_position, "fuse", made.fuse)
-    monkeypatch.setattr(gnss_velocity, "gated_update", made.gated_update)
+    monkeypatch.setattr(gnss_velocity, "gated_fix_update", made.gated_fix_update)
     monkeypatch.setattr(heading, "gated_update", made.gated_update)
     monkeypatch.setattr(non_holonomic, "pseudo_measurement", made.pseudo_measurement)
     return made

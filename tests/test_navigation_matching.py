@@ -155,7 +155,7 @@ def test_innovations_are_those_of_the_dense_covariance_of_the_fixes():
     products = np.zeros((2, 2))
     for k in range(n):
         if k:
-            whitening.predict_whitening(PARAMETERS, b, wander, dt)
+            whitening.predict_whitening(PARAMETERS, b, wander, 0.0, dt)
         b["double_integrals"][0, matching.DELTA_V, 0] = data[1, k]
         s = whitening.whitened_variance(b, True, white2)
         whitening.whitened_innovations(b, 0, True, (data[0, k], 0.0), (0.0, 0.0))

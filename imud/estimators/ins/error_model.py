@@ -183,6 +183,12 @@ def second_order_psd(p: Parameters, c: Core, accel2: float) -> float:
 
 
 @kernel
+def learned_velocity_psd(c: Core) -> float:
+    """The learned part of the velocity's Q, m^2/s^3, in proportion to the vibration there is."""
+    return c.velocity_noise.psd * c.stationarity.vibration_level
+
+
+@kernel
 def velocity_psd(p: Parameters, c: Core) -> float:
     """Q of the velocity, m^2/s^3: sensor noise, vibration, scale factors, and second-order effects of the heading."""
     a = c.imu.accel_n
@@ -193,10 +199,9 @@ def velocity_psd(p: Parameters, c: Core) -> float:
             if not c.stationarity.at_rest
             else 0.0
         )
-    vibration = p.tuning.vibration_vrw**2 * c.stationarity.vibration_level
     q = (
         p.accel_psd
-        + vibration
+        + learned_velocity_psd(c)
         + c.stationarity.vibration_accel_psd
         + p.accel_scale**2 * accel2 * p.tuning.accel_scale_time_s
     )

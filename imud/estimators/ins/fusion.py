@@ -16,6 +16,8 @@ from .mechanization import start_integration
 from .observers.gnss_drift import propagate_sensitivity, update_sensitivity
 from .observers.heading_integrals import accumulate_integrals, retain_integrals
 from .observers.reset_inflation import fade_inflation
+from .observers.velocity_noise import learn_velocity_psd, propagate_learning, update_learning
+from .state import NAVIGATING
 
 if TYPE_CHECKING:
     from ..types import Innovation
@@ -32,6 +34,7 @@ def propagate_errors(p: Parameters, c: Core) -> None:
     accumulate_integrals(c, phi.turn, phi.interval)
     propagate_covariance(p, c, phi)
     propagate_sensitivity(c, phi)
+    propagate_learning(p, c, phi)
     fade_inflation(c, phi.gnss_bias)
     start_integration(c)
 
@@ -43,6 +46,7 @@ def fuse(c: Core, m: int, z: float, s: float, axis: int) -> None:
     axis: 0 for a GNSS position north, 1 east; -1: any other measurement.
     """
     update_sensitivity(c, m, s, z, axis)
+    update_learning(c, m, z, s)
     kalman_update(c, z, s)
 
 
@@ -60,6 +64,21 @@ def gated_update(c: Core, m: int, z: float, r: float, gate: float) -> tuple[floa
         return z, s, -nis
     fuse(c, m, z, s, -1)
     return z, s, nis
+
+
+@kernel
+def learn_from(p: Parameters, c: Core, m: int, z: float, s: float) -> None:
+    """While navigating, learn the process noise from a fix's innovation z of variance s, before it is fused."""
+    if c.alignment.mode == NAVIGATING:
+        learn_velocity_psd(p, c, m, z, s)
+
+
+@kernel
+def gated_fix_update(p: Parameters, c: Core, m: int, z: float, r: float, gate: float) -> tuple[float, float, float]:
+    """`gated_update` with a measurement of a receiver, from which the process noise is learned first."""
+    s = innovation_variance(c, m) + r
+    learn_from(p, c, m, innovation(c, m, z), s)
+    return gated_update(c, m, z, r, gate)
 
 
 @kernel

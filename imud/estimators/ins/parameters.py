@@ -45,7 +45,7 @@ from .alignment import (
     whitening,
 )
 from .integrity import heading_monitor
-from .observers import gnss_drift
+from .observers import gnss_drift, velocity_noise
 from .state import AUTO, FREE, LAND
 
 VEHICLES = {"free": FREE, "auto": AUTO, "land": LAND}
@@ -79,6 +79,7 @@ TUNABLES = (
     *heading_posterior.TUNABLES,
     *heading_monitor.TUNABLES,
     *gnss_drift.TUNABLES,
+    *velocity_noise.TUNABLES,
     *fusion_horizon.TUNABLES,
     *filter.TUNABLES,
     *gnss_fix.TUNABLES,

@@ -37,6 +37,7 @@ SNAPSHOT_NS = 50_000_000
 ONSETS = 3  # times at which the receiver may have begun to drift
 AIDING_RING = 256  # measurements kept: 2 s of sources of 100 Hz
 BANKS = 32  # fixes of which the hypothesis bank is kept
+LEARNING_STATES = 9  # of which the sensitivity to the process noise is known: position, velocity, attitude
 JACOBIAN_LENGTH = 10  # most nonzero elements of a row of H
 STEP_INNOVATIONS = 8  # of one sample: a window of rest and a constraint
 PENDING_INNOVATIONS = 1024  # kept until they are asked for
@@ -189,6 +190,21 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
     align=True,
 )
 
+VELOCITY_NOISE = np.dtype(  # the velocity's process noise, learned
+    [
+        ("psd", "<f8"),  # m^2/s^3
+        ("log_psd", "<f8"),  # its logarithm, and the variance of that
+        ("log_psd_variance", "<f8"),
+        (
+            "covariance_sensitivity",
+            "<f8",
+            (LEARNING_STATES * (LEARNING_STATES + 1) // 2,),
+        ),  # derivative of P by log_psd, packed
+        ("estimate_sensitivity", "<f8", (LEARNING_STATES,)),
+    ],
+    align=True,
+)
+
 DRIFT = np.dtype(  # the test for a receiver that drifts (GLR)
     [
         ("detected", "<i8"),
@@ -263,6 +279,9 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
         ("columns", "<i8", (JACOBIAN_LENGTH,)),  # h
         ("values", "<f8", (JACOBIAN_LENGTH,)),
         ("phi", TRANSITION),
+        ("learning_columns", "<i8", (JACOBIAN_LENGTH,)),  # the part of h, and D h, that learns process noise
+        ("learning_values", "<f8", (JACOBIAN_LENGTH,)),
+        ("learning_d", "<f8", (LEARNING_STATES,)),
         ("position_innovation", "<f8", (3,)),
         ("accel_fit", "<f8", (3,)),  # m/s^2, acceleration over the uncertain part of the time offset
         ("accel_fit_error", "<f8", (3,)),  # m/s, second-order term of the velocity there
@@ -282,6 +301,7 @@ REWOUND = [  # what a rewind restores
     ("nhc", NHC),
     ("gnss", GNSS),
     ("integrity", INTEGRITY),
+    ("velocity_noise", VELOCITY_NOISE),
     ("drift", DRIFT),
     ("alignment", ALIGNMENT),
 ]

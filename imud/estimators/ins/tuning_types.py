@@ -76,6 +76,8 @@ class Tuning:
     gnss_velocity_gate: float
     gnss_position_gate: float
     gnss_return_gate: float
+    burst_psd: float
+    burst_s: float
     reset_count: int
     reset_s: float
     consistency_gate: float
@@ -180,6 +182,11 @@ class Tuning:
     max_drift_noise_scale: float
     drift_noise_scale_prior: float
     drift_noise_scale_gain: float
+    velocity_noise_prior: float
+    velocity_noise_walk: float
+    max_learned_nis: float
+    max_velocity_noise: float
+    min_velocity_noise: float
     unknown_accel: float
     max_ahead_s: float
     max_age_s: float

@@ -146,6 +146,14 @@ class Integrity:
     reset_score: float
 
 
+class VelocityNoise:
+    psd: float
+    log_psd: float
+    log_psd_variance: float
+    covariance_sensitivity: Floats
+    estimate_sensitivity: Reals
+
+
 class Drift:
     detected: int
     noise_scale: float
@@ -199,6 +207,9 @@ class Scratch:
     columns: Indices
     values: Floats
     phi: Transition
+    learning_columns: Indices
+    learning_values: Floats
+    learning_d: Floats
     position_innovation: Reals
     accel_fit: Reals
     accel_fit_error: Reals
@@ -216,6 +227,7 @@ class Snapshot:
     nhc: Nhc
     gnss: Gnss
     integrity: Integrity
+    velocity_noise: VelocityNoise
     drift: Drift
     alignment: Alignment
 
@@ -229,6 +241,7 @@ class Core:
     nhc: Nhc
     gnss: Gnss
     integrity: Integrity
+    velocity_noise: VelocityNoise
     drift: Drift
     alignment: Alignment
     scratch: Scratch

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..ekf import add_variance, clear_gnss_bias, decorrelate, variance
+from ..ekf import add_covariance, add_variance, clear_gnss_bias, decorrelate, variance
 from ..mechanization import displace
 from ..observers.gnss_drift import all_onsets_open, clear_detection, reset_drift
 from ..observers.reset_inflation import inflate_position
@@ -32,6 +32,14 @@ TUNABLES = (
         "Gate of the position while a drift is detected: within it the drift has ended.",
         "Three sigma.",
     ),
+    Tunable(
+        "burst_psd",
+        0.5,
+        "m^2/s^3",
+        "Most noise of the velocity that a rejected fix may prove, since the last fix used.",
+        "0.7 m/s in a second: a pothole, a gust.",
+    ),
+    Tunable("burst_s", 3.0, "s", "Longest time since the last fix used for which it may.", "Choice."),
     Tunable("reset_count", 5, "fixes", "Rejected fixes before the filter is reset to them.", "Choice."),
     Tunable("reset_s", 8.0, "s", "Time for which they must have been consistent.", "Recorded multipath."),
     Tunable("consistency_gate", 9.0, "NIS", "Gate of a rejected position against the velocity.", "Three sigma."),
@@ -88,6 +96,27 @@ def velocity_is_supported(c: Core, fix: Fix) -> bool:
     """Whether rest, the receiver's velocity, or a detected drift of the positions supports the estimated velocity."""
     reported = reports_velocity(fix) and c.integrity.velocity_reject_count == 0
     return c.drift.detected != 0 or c.stationarity.at_rest != 0 or reported
+
+
+@kernel
+def share_blame(p: Parameters, c: Core, excess: float) -> float:
+    """Inflate P for horizontal positions that are too far off, half of the `excess` variance (m^2) being blamed on it.
+
+    The estimate or the receiver is wrong; each is blamed with half, so that the next fix decides. The estimate may be
+    wrong by a burst of velocity noise since the last fix used, which correlates velocity and position. Returns the
+    other half, m^2, which is the fix's; 0: a burst does not explain that much.
+    """
+    dt = 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
+    half = 0.5 * excess
+    if c.alignment.mode != NAVIGATING or c.drift.detected or dt > p.tuning.burst_s:
+        return 0.0
+    if half > p.tuning.burst_psd * dt**3 / 3.0:
+        return 0.0
+    for i in range(2):
+        add_variance(c, POSITION + i, half)
+        add_covariance(c, POSITION + i, VELOCITY + i, 1.5 * half / dt)
+        add_variance(c, VELOCITY + i, 3.0 * half / dt**2)
+    return half
 
 
 @kernel

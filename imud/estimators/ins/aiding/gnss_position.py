@@ -15,12 +15,12 @@ from ....math.rotation import Vector
 from ...records import POSITION_N
 from ...tuning import Tunable
 from ..ekf import innovation, innovation_variance, set_jacobian, set_jacobian3, variance
-from ..fusion import correct_state, fuse, write_innovation
+from ..fusion import correct_state, fuse, learn_from, write_innovation
 from ..lever_arm import antenna_position, attitude_row
 from ..mechanization import bounded_cosine, wrap_angle
 from ..observers.gnss_drift import detect_drift
 from ..state import ATTITUDE, GNSS_BIAS, NAVIGATING, POSITION, TIME_OFFSET
-from .gnss_gate import gate_height, gate_position, set_rejecting
+from .gnss_gate import gate_height, gate_position, set_rejecting, share_blame
 from .gnss_noise import (
     learn_position_noise,
     lever_arm_rate_variance,
@@ -88,6 +88,16 @@ def max_nis(p: Parameters, c: Core, lever: Vector, extra: float, first: int, las
 
 
 @kernel
+def excess_variance(p: Parameters, c: Core, lever: Vector, extra: float) -> float:
+    """Most by which the square of a horizontal innovation exceeds its variance, m^2; arguments: see `max_nis`."""
+    most, z = 0.0, c.scratch.position_innovation
+    for i in range(2):
+        s = innovation_variance(c, position_jacobian(c, lever, i)) + c.gnss.noise_var[0] + extra
+        most = max(most, z[i] ** 2 - s)
+    return most
+
+
+@kernel
 def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, late: float, innovations: list[Innovation], n: int) -> int:
     """Gate and fuse the position, which was true `late` s before the core's time; returns the rows of innovations.
 
@@ -101,16 +111,19 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, late: float, innovation
     extra += lever_arm_rate_variance(p, c) * p.tuning.turn_between_fixes_s**2
     for i in range(3):
         z[i] += late * c.nav.v_n[i] - lever[i] - c.nav.gnss_bias[i]
-    horizontal = gate_position(p, c, fix, max_nis(p, c, lever, extra, 0, 2))
+    nis = max_nis(p, c, lever, extra, 0, 2)
+    blamed = share_blame(p, c, excess_variance(p, c, lever, extra)) if nis > p.tuning.gnss_position_gate else 0.0
+    horizontal = gate_position(p, c, fix, 1.0 if blamed > 0.0 else nis)
     height = horizontal and gate_height(p, c, max_nis(p, c, lever, extra, 2, 3))
     for i in range(3):
         if not math.isfinite(z[i]):
             continue
         accepted = horizontal if i < 2 else height
-        r = c.gnss.noise_var[i // 2] + extra
+        r = c.gnss.noise_var[i // 2] + extra + (blamed if i < 2 else 0.0)
         m = position_jacobian(c, lever, i)
         s = innovation_variance(c, m) + r
         value = innovation(c, m, z[i])
+        learn_from(p, c, m, value, s)
         n = write_innovation(innovations, n, fix.t_ns, POSITION_N + i, value, s, accepted)
         if accepted:
             fuse(c, m, value, s, i if i < 2 else -1)

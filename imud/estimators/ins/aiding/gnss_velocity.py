@@ -15,7 +15,7 @@ from ....math.rotation import Vector
 from ...records import VELOCITY_N
 from ...tuning import Tunable
 from ..ekf import set_jacobian, set_jacobian3
-from ..fusion import correct_state, gated_update, write_innovation
+from ..fusion import correct_state, gated_fix_update, write_innovation
 from ..lever_arm import antenna_velocity, attitude_row, gyro_bias_row
 from ..state import ATTITUDE, GYRO_BIAS, NAVIGATING, TIME_OFFSET, VELOCITY, VELOCITY_TIME_OFFSET
 from .gnss_gate import count_velocity_rejects
@@ -89,7 +89,7 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, late: float, innovation
             + fit_error**2
         )
         m = velocity_jacobian(p, c, antenna, accel, i)
-        value, s, nis = gated_update(c, m, z, r, p.tuning.gnss_velocity_gate)
+        value, s, nis = gated_fix_update(p, c, m, z, r, p.tuning.gnss_velocity_gate)
         used = nis >= 0.0
         if used and slow == 0.0:
             learn_velocity_noise(p, c, nis, s)

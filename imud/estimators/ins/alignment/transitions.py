@@ -25,6 +25,7 @@ from ..lever_arm import antenna_position, antenna_velocity, attitude_row, gyro_b
 from ..mechanization import clear_sensor_errors, displace, rotate_attitude, set_attitude, set_velocity
 from ..observers.gnss_drift import reset_drift
 from ..observers.heading_integrals import rotate_level_frame
+from ..observers.velocity_noise import clear_learning
 from ..state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -160,6 +161,7 @@ def start_navigation(p: Parameters, c: Core) -> None:
     if c.alignment.mode == COARSE_ALIGNMENT:
         transfer_lever_arm(p, c, 1.0)
     c.alignment.mode = NAVIGATING
+    clear_learning(c)
     reset_drift(c)
     reset_pairs(c)
 

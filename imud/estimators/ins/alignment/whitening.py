@@ -51,8 +51,12 @@ def reset_whitening(p: Parameters, b: HypothesisBank, bias_sigma: float) -> None
 
 
 @kernel
-def predict_whitening(p: Parameters, b: HypothesisBank, bias_sigma: float, dt: float) -> None:
-    """Predict states and covariance over `dt` s; `bias_sigma` m: steady-state sigma of the GNSS bias."""
+def predict_whitening(p: Parameters, b: HypothesisBank, bias_sigma: float, learned_psd: float, dt: float) -> None:
+    """Predict states and covariance over `dt` s; `bias_sigma` m: steady-state sigma of the GNSS bias.
+
+    learned_psd: m^2/s^3, process noise of the velocity that the drive has shown.
+    """
+    psd = p.tuning.unmodelled_accel_psd + learned_psd
     P, x = b.whitening_P, b.whitening_state
     decay = math.exp(-dt / p.tuning.gnss_bias_time_s)
     for k in range(HYPOTHESES):
@@ -60,10 +64,10 @@ def predict_whitening(p: Parameters, b: HypothesisBank, bias_sigma: float, dt: f
             for i in range(2):
                 x[k, POSITION_STATE, j, i] += dt * x[k, VELOCITY_STATE, j, i]
                 x[k, BIAS_STATE, j, i] *= decay
-    P[0, 0] += dt * (2.0 * P[0, 1] + dt * P[1, 1]) + p.tuning.unmodelled_accel_psd * dt**3 / 3.0
-    P[0, 1] += dt * P[1, 1] + p.tuning.unmodelled_accel_psd * dt * dt / 2.0
+    P[0, 0] += dt * (2.0 * P[0, 1] + dt * P[1, 1]) + psd * dt**3 / 3.0
+    P[0, 1] += dt * P[1, 1] + psd * dt * dt / 2.0
     P[0, 2] = decay * (P[0, 2] + dt * P[1, 2])
-    P[1, 1] += p.tuning.unmodelled_accel_psd * dt
+    P[1, 1] += psd * dt
     P[1, 2] *= decay
     P[2, 2] = decay * decay * P[2, 2] + bias_sigma**2 * (1.0 - decay * decay)
     P[1, 0], P[2, 0], P[2, 1] = P[0, 1], P[0, 2], P[1, 2]

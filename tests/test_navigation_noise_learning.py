@@ -1,0 +1,115 @@
+"""The velocity's process noise is learned from the fixes: the likelihood's derivative, drives of any noise, bumps."""
+
+import numpy as np
+import pytest
+from navigation_runner import nanoseconds, navigate, settings_of
+from navigation_simulation import drive, errors, received, sensed
+
+from imud.configuration.settings import Initial, Navigation, Settings
+from imud.estimators.ins.observers.velocity_noise import learn_velocity_psd, propagate_learning, update_learning
+from imud.estimators.ins.parameters import configure
+from imud.estimators.ins.setup import start
+from imud.estimators.records import REJECTING
+
+N = 9  # position, velocity, attitude
+FIXES, DT, STEPS, R = 12, 0.25, 4, 0.04**2
+
+
+def transition(force):
+    """Phi of position, velocity and attitude over DT in the order of the elementary matrices that the kernels apply."""
+    position, velocity = np.eye(N), np.eye(N)
+    position[:3, 3:6] = DT * np.eye(3)
+    fx, fy, fz = force
+    velocity[3:6, 6:9] = -np.array([[0, -fz, fy], [fz, 0, -fx], [-fy, fx, 0]])
+    return velocity @ position
+
+
+def rows(rng):
+    """Jacobians of each fix: two positions, two velocities with a part of the attitude."""
+    h = np.zeros((FIXES, 4, N))
+    for axis in range(2):
+        h[:, axis, axis] = h[:, 2 + axis, 3 + axis] = 1.0
+    h[:, 2:, 6:] = 0.1 * rng.standard_normal((FIXES, 2, 3))
+    return h
+
+
+def filtered(log_psd, forces, h, z):
+    """(log likelihood, innovations with variance and P h) of a dense Kalman filter with this process noise."""
+    P, x, total, used = np.diag(np.repeat([1.0, 0.3, 0.02], 3) ** 2), np.zeros(N), 0.0, []
+    for k in range(FIXES):
+        for force in forces[k]:
+            phi = transition(force)
+            P, x = phi @ P @ phi.T, phi @ x
+            P[3:6, 3:6] += np.exp(log_psd) * DT * np.eye(3)
+        for i in range(4):
+            d = P @ h[k, i]
+            s, v = h[k, i] @ d + R, z[k, i] - h[k, i] @ x
+            used.append((v, s, d))
+            total -= 0.5 * (np.log(s) + v * v / s)
+            P, x = P - np.outer(d, d) / s, x + d * v / s
+    return total, used
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_score_is_the_derivative_of_the_log_likelihood(seed):
+    """By finite differences of a dense filter. With a prior of next to nothing the estimate moves by sigma^2 score."""
+    rng = np.random.default_rng(seed)
+    forces = (rng.standard_normal((FIXES, STEPS, 3)) * 3.0 + (0, 0, -9.8)) * DT
+    h, z, log_psd, sigma2 = rows(rng), 0.3 * rng.standard_normal((FIXES, 4)), np.log(0.02), 1e-9
+    used = filtered(log_psd, forces, h, z)[1]
+    likelihood = lambda x: filtered(x, forces, h, z)[0]  # noqa: E731
+    expected = (likelihood(log_psd + 1e-4) - likelihood(log_psd - 1e-4)) / 2e-4
+
+    tuning = {"velocity_noise_walk": 0.0, "max_learned_nis": 1e9}
+    p = configure(Settings(navigation=Navigation(tuning=tuning)), 100.0)
+    c = start(p, Initial())["core"][0, 0]
+    g, scratch = c["velocity_noise"], c["scratch"]
+    g["log_psd"], g["psd"], g["log_psd_variance"], c["stationarity"]["vibration_level"] = log_psd, 0.02, sigma2, 1.0
+    scratch["phi"]["interval"] = DT
+    for k in range(FIXES):
+        for force in forces[k]:
+            scratch["phi"]["force"] = force
+            propagate_learning(p[0], c, scratch["phi"])
+        for i in range(4):
+            v, s, d = used[4 * k + i]
+            columns = np.flatnonzero(h[k, i])
+            m = len(columns)
+            scratch["columns"][:m], scratch["values"][:m], scratch["d"][:N] = columns, h[k, i, columns], d
+            learn_velocity_psd(p[0], c, m, v, s)
+            update_learning(c, m, v, s)
+    assert (g["log_psd"] - log_psd) / sigma2 == pytest.approx(expected, rel=1e-3, abs=1e-3)
+
+
+@pytest.mark.parametrize("shaken", [0.05, 0.1, 0.3])
+def test_the_process_noise_of_a_drive_is_found(shaken):
+    """Each drive has white acceleration of another density beyond the sensor's; receivers with velocity, 1 Hz."""
+    rng = np.random.default_rng(8)
+    d = drive(240.0)
+    moving = d.t > 10.0
+    samples = sensed(d, rng)
+    samples["f"][moving] += shaken * 10.0 * rng.standard_normal((moving.sum(), 3))  # 100 Hz
+    out, innovations, state = navigate(samples, received(d, rng), settings_of("free"))
+    assert np.sqrt(state["core"]["velocity_noise"]["psd"][0, 0]) == pytest.approx(shaken, rel=0.6)
+    v, late = errors(d, out)[1][:, :2], d.t > 90.0
+    assert np.mean((v[late] / out["sigma_v"][late, :2]) ** 2) < 2.0
+    assert innovations["used"][innovations["t_ns"] > nanoseconds(160.0)].all()
+
+
+def test_fixes_are_not_refused_after_a_bump():
+    """Blows of 0.4 m/s that the sensor does not show, and centimetre positions: followed at once, nothing refused."""
+    rng = np.random.default_rng(3)
+    d = drive(200.0)
+    samples = sensed(d, rng)
+    for k in np.arange(8000, 20000, 2000):
+        samples["f"][k] += rng.choice([-1.0, 1.0], 3) * (40.0, 40.0, 0.0)  # in 0.01 s
+    fixes = received(d, rng, sigma=0.01, white=0.01)
+    fixes["sigma"], fixes["speed"], fixes["course"], fixes["arrival_ns"] = (
+        (0.02, 0.02, 0.04),
+        np.nan,
+        np.nan,
+        fixes["t_ns"],
+    )
+    out = navigate(samples, fixes, settings_of("free"))[0]
+    late = (d.t > 60.0) & np.isin(samples["t_ns"], nanoseconds(100.0 + np.arange(300)))
+    assert np.abs(errors(d, out)[0][late, :2]).max() < 1.3
+    assert ((out["status"][d.t > 60.0] & REJECTING) > 0).mean() < 0.02

@@ -4,7 +4,8 @@ First listen: a device that streams is recognised without a byte written to it; 
 all baud rates. Only a silent line is queried, by every driver at the baud rates that its devices use. A line with
 unrecognised data is queried only if the user named a driver whose queries may interrupt a stream. All this is done in
 three rounds, since a device may be starting up. Late answers are waited for at the likeliest baud rate; at all baud
-rates in a fourth round, if any byte was received that was no answer.
+rates in a fourth round, if any byte was received that was no answer. A line on which a common protocol is recognised is
+listened to a little longer, in case the device also sends one of its own.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,7 +13,7 @@ from dataclasses import dataclass, replace
 from itertools import zip_longest
 
 from .dialogue import Dialogue, Exchange
-from .driver import AnyDriver, Identity, SpiDriver, Unsupported
+from .driver import AnyDriver, Identity, NativeProtocol, SpiDriver, Unsupported
 from .findings import DATA_MIN, Echo, Finding, NoAnswer, Silence, UnrecognisedData, is_garbage
 from .registry import by_name, drivers
 from .transport.portspec import PortSpec
@@ -21,6 +22,7 @@ ROUNDS = 3  # and a fourth on a line with activity
 LATE_SPEEDS = (1, 0, 1, 99)  # for each round, at how many of a driver's speeds late answers are waited for
 RECEIVED_MAX = 1024  # bytes in which any driver recognises its device
 ECHOES = 3  # in a row are no answers
+NATIVE_S = 1.1  # in which a device that sends two protocols sends both: once a second
 START_S = 0.4  # between rounds on SPI: a device may be starting up
 
 Found = Identity | Unsupported
@@ -76,14 +78,16 @@ def detect(
             last = UnrecognisedData(received, first, bauds)
             found, data = yield from _listen_at_all(candidates, bauds, first)
         if found is None and not readonly:
-            queried = candidates if data is None else [one for one in candidates if driver and one.interrupts]
+            queried = [one for one in candidates if driver or not isinstance(one, NativeProtocol)]
+            if data is not None:
+                queried = [one for one in queried if driver and one.interrupts]
             answer = yield from _query({one: speeds[one.name] for one in queried}, late_speeds, activity)
             if isinstance(answer, Echo):
                 return answer
             found = answer
         if found is not None:
             yield Exchange(baud=found.baud)
-            return found
+            return (yield from _native(candidates, found))
         if data is not None:
             return data
     return last or Silence(bauds, not readonly)
@@ -105,6 +109,17 @@ def _recognised(candidates: Sequence[AnyDriver], received: bytes, baud: int) -> 
             found = replace(found, baud=baud)
             return replace(found, streaming=True) if isinstance(found, Identity) else found
     return None
+
+
+def _native(candidates: Sequence[AnyDriver], found: Found) -> Dialogue[Found]:
+    """The device by its own protocol, if it sends that beside the recognised one."""
+    natives = [one for one in candidates if isinstance(one, NativeProtocol) and one.also_speaks == found.driver]
+    if not natives:
+        return found
+    received = yield Exchange(
+        listen_s=NATIVE_S, enough=lambda received: _recognised(natives, received, found.baud) is not None
+    )
+    return _recognised(natives, received, found.baud) or found
 
 
 def _plausible(found: Found, named: int | None) -> int:

@@ -55,7 +55,8 @@ class Options:
     filter_taps: int = 0  # of an inertial sensor's moving average; 0: as few as the rate allows, least delay
     self_test: bool = False  # have an inertial sensor test itself first; it must be at rest
     unchecked: bool = False  # a receiver's messages may lack checksums
-    fix_rate_hz: float = 0.0  # a receiver may be set up for so many fixes per second; 0: it is left as it is
+    fix_rate_hz: float = 0.0  # a receiver may be set up for so many fixes per second; 0: as its driver does by default
+    keep_baud: bool = False  # the user named the baud rate: it is not changed
 
 
 @dataclass(frozen=True)
@@ -226,6 +227,19 @@ class ServiceDriver(Protocol):
     @property
     def services(self) -> Mapping[str, Service]:
         """By the names that users give them, each the same for all drivers."""
+
+
+@runtime_checkable
+class NativeProtocol(Protocol):
+    """The additional interface of a driver for receivers that also speak another driver's protocol.
+
+    A line recognised by that driver is listened to for this one's protocol, too. It queries a line only if the user
+    named it: a device that needs another driver is left alone.
+    """
+
+    @property
+    def also_speaks(self) -> str:
+        """The name of the other driver."""
 
 
 AnyDriver = ImuDriver | GnssDriver

@@ -115,7 +115,7 @@ def _shown(received: bytes) -> str:
 
 def is_garbage(received: bytes) -> bool:
     """Whether so little of it is text that no device will be recognised."""
-    return len(received) >= GARBAGE and _text_share(received) < TEXT_SHARE
+    return len(received) >= GARBAGE and _text_share(received) < TEXT_SHARE and not _protocol(received)
 
 
 def _text_share(received: bytes) -> float:

@@ -26,6 +26,11 @@ class Fix:
     sigma_e_m: float | None = None
     sigma_d_m: float | None = None
     dimensions: int | None = None  # 2: the receiver holds the height and solves for the rest; 3; None: not reported
+    velocity_mps: tuple[float, float, float | None] | None = None  # NED
+    velocity_sigma_mps: tuple[float, float, float] | None = None
+    heading_deg: float | None = None  # true, of the baseline of two antennas on the vehicle
+    heading_sigma_deg: float | None = None
+    spoofed: bool = False  # the receiver has several indications that the signals are forged
 
     @property
     def height_m(self) -> float | None:
@@ -63,3 +68,5 @@ class ReceiverStatus:
     quality: int = 0  # as in `Fix`; 0: no fix
     satellites: int | None = None
     arrival_ns: int = 0  # 0: no message received yet
+    jamming: int | None = None  # 0: none; 1: some, but there is a fix; 2: no fix because of it; None: not reported
+    spoofing: int | None = None  # 0: none; 1: an indication; 2: several

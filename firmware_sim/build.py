@@ -15,7 +15,7 @@ from .device import Device
 from .faults.device import FaultyDevice
 from .faults.fixes import FaultyFixes
 from .faults.sensor import FaultyErrors
-from .faults.spec import Fault, of_layer
+from .faults.spec import RECEIVERS, Fault, of_layer
 from .faults.wire import Wire, WireLog
 from .fixes import FixSource, SimulatedFixes
 from .g350 import G350
@@ -30,6 +30,7 @@ from .sampling import TICK_HZ
 from .scenarios import SCENARIOS
 from .sentence_playback import SentencePlayback
 from .seraccel import SerAccel, Settings, mma7260
+from .ublox import NEO_M8N, ZED_F9P, Model, Ublox
 
 _log = logging.getLogger("firmware_sim.replay")
 
@@ -77,8 +78,10 @@ def _recorded(args: argparse.Namespace) -> Scene:
     if "mcap" in files:
         return _recorded_bytes(args, files)
     names = {name for name, _ in args.devices}
-    if names - {"nmea"} and "imu" not in files:
-        raise UsageError(f"--replay: {', '.join(sorted(names - {'nmea'}))} needs an imu.csv")
+    if inertial := sorted(names - set(RECEIVERS)) if "imu" not in files else []:
+        raise UsageError(f"--replay: {', '.join(inertial)} needs an imu.csv")
+    if names & {"ubx", "m8"}:
+        raise UsageError("--replay: a u-blox receiver reports more than these files have: use nmea")
     if "nmea" in names and "imu" in files and len(files) < 2:
         raise UsageError("--replay: nmea needs a gnss.csv or a log of sentences as well")
     imu = RecordedImu(files["imu"], args.loop) if "imu" in files else None
@@ -113,6 +116,11 @@ class _DeviceOptions:
     def signal(self) -> Signal:
         assert self.scene.signal is not None, "`scene` refuses inertial sensors without a motion"
         return self.scene.signal
+
+    @property
+    def search_s(self) -> float:
+        """How long a receiver knows no position: with recorded bytes until these begin."""
+        return math.inf if self.scene.ports is not None else float(self.args.no_fix)
 
     @property
     def oscillator(self) -> float:
@@ -150,7 +158,7 @@ def device(
         rng = np.random.default_rng([args.seed, index, 1])
         built.uart.damage = Wire(name, of_layer("wire", faults), rng, log)
     if scene.ports is not None and scene.playback is not None:
-        leads = index == next((i for i, port in enumerate(scene.ports) if port.device != "nmea"), 0)
+        leads = index == next((i for i, port in enumerate(scene.ports) if port.device not in RECEIVERS), 0)
         built = BytePlayback(built, scene.ports[index], scene.playback, leads)
     device_faults = of_layer("device", faults)
     return FaultyDevice(built, device_faults) if device_faults else built
@@ -188,16 +196,25 @@ def _seraccel(options: _DeviceOptions) -> Device:
 def _nmea(options: _DeviceOptions) -> Device:
     if options.scene.sentences is not None:
         return SentencePlayback(options.scene.sentences, options.baud, options.args.loop)
+    return FvM11(_fixes(options), options.utc, options.baud, options.args.rate, options.search_s)
+
+
+def _ublox(model: Model) -> Callable[[_DeviceOptions], Device]:
+    def build(options: _DeviceOptions) -> Device:
+        rate, mixed = options.args.rate, options.args.mixed or options.scene.ports is not None
+        return Ublox(_fixes(options), options.utc, options.baud, rate, options.search_s, model, mixed=mixed)
+
+    return build
+
+
+def _fixes(options: _DeviceOptions) -> FixSource:
     source: FixSource
     if options.scene.fixes is not None:
         source = options.scene.fixes
     else:
         assert options.scene.trajectory is not None, "`scene` refuses a receiver without fixes"
         source = SimulatedFixes(options.scene.trajectory, options.rng, options.utc, options.args.ideal)
-    if options.scene.ports is not None:
-        return FvM11(source, options.utc, options.baud, options.args.rate, math.inf)  # until the recording begins
-    faulty = FaultyFixes(source, of_layer("fixes", options.faults))
-    return FvM11(faulty, options.utc, options.baud, options.args.rate, options.args.no_fix)
+    return FaultyFixes(source, of_layer("fixes", options.faults))
 
 
 def _scaled(values: tuple[float, float, float] | None, unit: float) -> tuple[float, float, float] | None:
@@ -206,7 +223,9 @@ def _scaled(values: tuple[float, float, float] | None, unit: float) -> tuple[flo
 
 _BUILDERS: dict[str, Callable[[_DeviceOptions], Device]] = {
     "g350": _g350,
+    "m8": _ublox(NEO_M8N),
     "nmea": _nmea,
     "rga300": _rga300,
     "seraccel": _seraccel,
+    "ubx": _ublox(ZED_F9P),
 }

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .emulator import Port
 
 EXIT_USAGE, EXIT_DATA, EXIT_NO_INPUT, EXIT_NO_OUTPUT, EXIT_INTERRUPTED = 64, 65, 66, 73, 130
-DEFAULT_BAUD = {"g350": 460800, "nmea": 9600, "rga300": 38400, "seraccel": 57600}
+DEFAULT_BAUD = {"g350": 460800, "nmea": 9600, "rga300": 38400, "seraccel": 57600, "ubx": 38400, "m8": 9600}
 DEFAULT_BAUD |= {"g364": 460800, "g365": 460800, "g370": 460800}
 SERACCEL_MODES = ("gravity", "raw", "binary")
 SCENARIO_NAMES = ("rest", "turntable", "car", "figure8")
@@ -58,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="gravity, raw, binary: seraccel",
     )
     add("--streaming", action="store_true", help="a seraccel that streams already; else it waits in its menu")
+    add("--mixed", action="store_true", help="a u-blox receiver that sends UBX beside NMEA already; else NMEA alone")
     add("--roll-deg", type=float, default=0.0, metavar="X", help="attitude at rest and on the turntable")
     add("--pitch-deg", type=float, default=0.0, metavar="X")
     add("--yaw-deg", type=float, default=0.0, metavar="X")
@@ -197,7 +198,7 @@ def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]
             logs.append(stack.enter_context(closing(TruthLog(args.truth, scene.trajectory, start))))
         for port in ports:
             print(port.name, port.path, flush=True)
-        leaders = [port for port in ports if port.name != "nmea"] or ports
+        leaders = [port for port in ports if port.name not in spec.RECEIVERS] or ports
         clock = AsFastAsRead(leaders) if args.fast else RealTime(start, args.speed)
         serve(ports, logs, clock, args.seconds, lambda: bool(signals))
         for port in ports:

@@ -35,6 +35,9 @@ class Fix:
     hdop: float
     satellites: int = 8
     valid: bool = True  # else the receiver knows no position
+    sigma_m: tuple[float, float, float] | None = None  # north, east, down; None: not known
+    velocity_mps: tuple[float, float, float] | None = None  # NED
+    velocity_sigma_mps: tuple[float, float, float] | None = None
 
 
 class FixSource(Protocol):
@@ -63,6 +66,7 @@ class SimulatedFixes:
         velocity = truth.v_n[0] + self._size * _VELOCITY * self._rng.standard_normal(3)
         speed = math.hypot(velocity[0], velocity[1])
         course = math.degrees(math.atan2(velocity[1], velocity[0])) % 360.0
+        sigma = hdop * np.hypot(_SLOW, _WHITE)
         lat = truth.lat[0] + north / 6.36e6  # errors in metres need no ellipsoid
         return Fix(
             t=epoch,
@@ -73,6 +77,9 @@ class SimulatedFixes:
             speed_mps=speed,
             course_deg=course if speed > _STANDSTILL else 0.0,
             hdop=hdop,
+            sigma_m=(sigma[0], sigma[1], sigma[2]),
+            velocity_mps=(velocity[0], velocity[1], velocity[2]),
+            velocity_sigma_mps=(_VELOCITY[0], _VELOCITY[1], _VELOCITY[2]),
         )
 
     def _position_error(self, epoch: float) -> Array:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from .device import Device
+from .faults.spec import RECEIVERS
 from .replay import DataError
 from .uart import BITS, Damage
 
@@ -27,6 +28,7 @@ _MODELS = {  # by driver: the emulated device for a model that begins like this
     "crossbow": {"": "rga300"},
     "seraccel": {"": "seraccel"},
     "nmea": {"": "nmea"},
+    "ubx": {"u-blox NEO-M8": "m8", "": "ubx"},
 }
 Chunks = list[tuple[int, bytes]]  # arrival in ns, and the bytes of one read
 
@@ -120,7 +122,7 @@ def choose(ports: list[RecordedPort], names: list[str], loop: bool) -> tuple[lis
             )
         left.remove(port)
         chosen.append(port)
-    leaders = [port for port in chosen if port.device != "nmea"] or chosen
+    leaders = [port for port in chosen if port.device not in RECEIVERS] or chosen
     first_ns = min(port.chunks[0][0] for port in leaders)
     last_ns = max(port.chunks[-1][0] for port in chosen)
     return chosen, Playback(first_ns, (last_ns - first_ns) * 1e-9 + _LOOP_GAP_S if loop else math.inf)

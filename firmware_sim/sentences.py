@@ -12,7 +12,7 @@ GEOID_SEPARATION_M = 36.7  # of Tokyo; the receiver knows one from its table
 _KNOT = 1852.0 / 3600.0  # m/s
 _NO_POSITION = "8960.000000,N,00000.000000,E"
 # PRN, elevation, azimuth in deg, signal to noise in dB: the first eight are used
-_SKY = [
+SKY = [
     (21, 62, 41, 45),
     (28, 55, 200, 47),
     (8, 43, 310, 44),
@@ -94,14 +94,14 @@ def vtg(e: Epoch) -> list[str]:
 def gsa(e: Epoch) -> list[str]:
     if e.fix is None or not e.valid:
         return ["GPGSA,A,1" + "," * 15]
-    used = [f"{prn:02d}" for prn, *_ in _SKY[: e.fix.satellites]]
+    used = [f"{prn:02d}" for prn, *_ in SKY[: e.fix.satellites]]
     hdop = e.fix.hdop
     return [f"GPGSA,A,3,{','.join(used + [''] * (12 - len(used)))},{1.8 * hdop:.2f},{hdop:.2f},{1.5 * hdop:.2f}"]
 
 
 def gsv(e: Epoch) -> list[str]:
     seen = [
-        f"{prn:02d},{up:02d},{round_:03d},{snr}" if e.valid else f"{prn:02d},,,{snr}" for prn, up, round_, snr in _SKY
+        f"{prn:02d},{up:02d},{round_:03d},{snr}" if e.valid else f"{prn:02d},,,{snr}" for prn, up, round_, snr in SKY
     ]
     groups = [seen[i : i + 4] for i in range(0, len(seen), 4)]
     return [f"GPGSV,{len(groups)},{i},{len(seen):02d},{','.join(group)}" for i, group in enumerate(groups, 1)]
@@ -109,7 +109,7 @@ def gsv(e: Epoch) -> list[str]:
 
 def channels(_: Epoch) -> list[str]:
     """The maker's own: satellite, signal and state of every channel, 205 characters."""
-    tracked = {prn: f"{prn:02d}{snr:02d}2" for prn, _, _, snr in _SKY}
+    tracked = {prn: f"{prn:02d}{snr:02d}2" for prn, _, _, snr in SKY}
     searched = [f"{prn:02d}001" for prn in range(1, _CHANNELS + 1) if prn not in tracked]
     return ["PMTKCHN," + ",".join([*tracked.values(), *searched])]
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 AXES = ("gx", "gy", "gz", "ax", "ay", "az")
 IMU, GNSS = "imu", "gnss"
+RECEIVERS = ("nmea", "ubx", "m8")
 BOTH = (IMU, GNSS)
 _FAULT = re.compile(r"(?P<name>[a-z]+)(?:=(?P<value>[^@]*))?(?:@(?P<span>.*))?")
 _SPAN = re.compile(r"(?P<begin>[\d.]+)(?P<dash>-(?P<end>[\d.]+)?)?(?:/(?P<period>[\d.]+))?")
@@ -108,7 +109,7 @@ KINDS: dict[str, Kind] = {
 
 
 def parse(spec: str, devices: Sequence[str]) -> list[list[Fault]]:
-    """The faults of each of `devices`, by name ("nmea" is the receiver). Raises SpecError."""
+    """The faults of each of `devices`, by name. Raises SpecError."""
     faults: list[list[Fault]] = [[] for _ in devices]
     for group in filter(None, (part.strip() for part in spec.split(";"))):
         target, colon, rest = group.rpartition(":")
@@ -137,7 +138,7 @@ def help_text() -> str:
 
 
 def _role(device: str) -> str:
-    return GNSS if device == "nmea" else IMU
+    return GNSS if device in RECEIVERS else IMU
 
 
 def _can_have(device: str, name: str) -> bool:

@@ -63,10 +63,10 @@ METRICS = (
     Metric("imud_fixes_used_total", _COUNTER, f"Fixes given to the filter{_SINCE}.", _PORT + "used"),
     Metric("imud_fixes_refused_total", _COUNTER, "Fixes refused, by setting.", _PORT + r"refused\.(?P<rule>.+)"),
     Metric(
-        "imud_nmea_sentences_total", _COUNTER, "Sentences and epochs by outcome.",
+        "imud_receiver_messages_total", _COUNTER, "Messages and epochs of a receiver by outcome.",
         _PORT + r"sentences\.(?P<outcome>(?!noise bytes).+)",
     ),
-    Metric("imud_nmea_noise_bytes_total", _COUNTER, "Bytes between sentences.", _PORT + r"sentences\.noise bytes"),
+    Metric("imud_receiver_noise_bytes_total", _COUNTER, "Bytes in no message.", _PORT + r"sentences\.noise bytes"),
     Metric("imud_satellites", _GAUGE, "Satellites that the receiver uses.", _PORT + "satellites"),
     Metric("imud_fix_quality", _GAUGE, "Quality of the fix as in NMEA GGA, 0: none.", _PORT + "quality"),
     Metric("imud_fix_age_seconds", _GAUGE, "Since the last fix.", _PORT + "fix_age_s"),

@@ -19,7 +19,14 @@ from imud.drivers.transport.portspec import PortSpec
 from ..errors import ImudError, UsageError
 
 SCHEME = "sim:"
-DEVICES = {None: "g350", "epson": "g350", "crossbow": "rga300", "seraccel": "seraccel", "nmea": "nmea"}  # by driver
+DEVICES = {
+    None: "g350",
+    "epson": "g350",
+    "crossbow": "rga300",
+    "seraccel": "seraccel",
+    "nmea": "nmea",
+    "ubx": "ubx",
+}  # by driver
 _MISUSE = 64  # exit code of the emulator
 
 

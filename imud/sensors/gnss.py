@@ -32,6 +32,8 @@ class Refusal:
 
 def refusal(fix: Fix, settings: Gnss) -> Refusal | None:
     """Why the settings forbid this fix; None: use it."""
+    if fix.spoofed:
+        return Refusal("spoofing", "the receiver reports forged signals")
     why = _forbidden(fix.quality, fix.satellites, fix.hdop, settings)
     return why or (Refusal("time", "they have no time") if fix.utc_s is None else None)
 
@@ -73,7 +75,7 @@ def record(fix: Fix, t_ns: int, arrival_ns: int) -> Records:
     row["t_ns"], row["arrival_ns"] = t_ns, arrival_ns
     row["lat"], row["lon"], row["height"] = math.radians(fix.lat_deg), math.radians(fix.lon_deg), _or_nan(height)
     row["sigma"] = [_or_nan(fix.sigma_n_m), _or_nan(fix.sigma_e_m), _or_nan(fix.sigma_d_m)]
-    row["v"] = math.nan
+    row["v"] = [_or_nan(component) for component in fix.velocity_mps or (None, None, None)]
     row["hdop"], row["speed"] = _or_nan(fix.hdop), _or_nan(fix.speed_mps)
     row["course"] = math.radians(_or_nan(fix.course_deg))
     row["quality"] = fix.quality

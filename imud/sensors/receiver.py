@@ -23,7 +23,9 @@ STALE_FIX_NS = 3_000_000_000
 EARTH_RADIUS_M = 6.371e6
 JUMP_M, JUMP_MPS = 100.0, 100.0  # a jump goes farther than that, plus what JUMP_MPS above its own speed would make
 JUMPED_NS = 5_000_000_000  # for which a jump is shown
-_DAMAGED = f"receiver: more than {HIGH:.0%} of its sentences do not arrive whole"
+_DAMAGED = f"receiver: more than {HIGH:.0%} of its messages do not arrive whole"
+_JAMMED = {1: "receiver: reports interference", 2: "receiver: reports interference so strong that it has no fix"}
+_SPOOFED = {1: "receiver: reports signs of spoofing", 2: "receiver: reports spoofing, so its fixes are refused"}
 
 
 class Pulse(Protocol):
@@ -134,6 +136,8 @@ class Receiver:
             "quality": said.quality,
             "satellites": said.satellites,
             "hdop": last.hdop if last else None,
+            "jamming": said.jamming,
+            "spoofing": said.spoofing,
             "fix_age_s": last.age_s if last else None,
         }
 
@@ -151,7 +155,9 @@ class Receiver:
     def faults(self, now_ns: int) -> tuple[str, ...]:
         """What is wrong with the receiver, in words."""
         damaged = _DAMAGED if self._loss_monitor.is_high else ""
-        return tuple(text for text in (self._trouble(now_ns), damaged) if text)
+        status = self.decoder.status
+        interference = (_JAMMED.get(status.jamming or 0, ""), _SPOOFED.get(status.spoofing or 0, ""))
+        return tuple(text for text in (self._trouble(now_ns), damaged, *interference) if text)
 
     def _trouble(self, now_ns: int) -> str:
         """What is wrong with its fixes; empty: nothing."""

@@ -13,12 +13,8 @@ from pathlib import Path
 
 import msgspec
 
-from imud.drivers.capture import Connection, Raw
-from imud.drivers.registry import by_name
-from imud.firmware_sim.fixes import Fix
-from imud.firmware_sim.ublox import _FORMS
-from imud.firmware_sim.ublox_frames import Report
 from imud import client
+from imud.firmware_sim import fixes, ublox
 from imud.configuration.settings import Initial, Settings
 from imud.drivers.capture import Connection, Raw
 from imud.drivers.registry import by_name
@@ -154,7 +150,9 @@ def _recording() -> bytes:
 
 _GGA = b"$GPGGA,081437.000,5212.981473,N,00653.102458,E,1,3,2.88,102.907,M,47.093,M,,*5E\r\n"
 _SENTENCES = (_GGA, b"$GPGLL,4807.038,N,01131.000,E,120000,A,A*50\r\n", b"$GPRMC,120000,V,,,,,,,,,,N*40\r\n")
-_UBX = Report(1.8e9, Fix(0.0, 0.1, 48.0, 11.0, 500.0, 5.0, 90.0, 0.8, velocity_mps=(0.0, 5.0, 0.1)), heading_deg=90.0)
+_UBX = ublox.Report(
+    1.8e9, fixes.Fix(0.0, 0.1, 48.0, 11.0, 500.0, 5.0, 90.0, 0.8, velocity_mps=(0.0, 5.0, 0.1)), heading_deg=90.0
+)
 _IMU = b"t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2\n" + b"".join(
     b"%.2f,0,0,0,0,0,-9.8\n" % (0.01 * i) for i in range(5)
 )
@@ -194,7 +192,9 @@ SURFACES = {
         address, (b"127.0.0.1:2947", b"[::1]:2947", b"/run/imud.sock", b":0"), (b":", b"[", b"]", b"/", b"%")
     ),
     "nmea": Surface(nmea, _SENTENCES, (b"$", b",", b"*", b"\r\n", b"GPGSV", b"PMTK", b"\xb5b")),
-    "ubx": Surface(ubx, tuple(form(_UBX) for form in _FORMS.values()), (b"\xb5b", b"\xb5b\x01\x07\x5c\0", b"\xd3\0")),
+    "ubx": Surface(
+        ubx, tuple(form(_UBX) for form in ublox._FORMS.values()), (b"\xb5b", b"\xb5b\x01\x07\x5c\0", b"\xd3\0")
+    ),
     "mcap": Surface(mcap, (_recording(),), (b"\x06", b"\x0c", b"\x09", b"\0\0\0\0\0\0\0\x80")),
     "imu-csv": Surface(imu_csv, (_IMU,), (b",", b"\n", b"nan", b"1e999", b'"')),
     "gnss-csv": Surface(

@@ -157,7 +157,7 @@ def test_a_receiver_on_a_disturbed_line_is_not_called_well():
         receiver.flush(second * SECOND + SECOND // 2)
         receiver.look(second * SECOND)
         reported.append(receiver.faults(second * SECOND))
-    disturbed = ("receiver: more than 1% of its sentences do not arrive whole",)
+    disturbed = ("receiver: more than 1% of its messages do not arrive whole",)
     assert set(reported[:18]) == set(reported[41:]) == {()}
     assert set(reported[20:30]) == {disturbed}
 

@@ -132,7 +132,8 @@ class Gnss(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     configure: Annotated[
         bool,
         Meta(
-            description="Set a MediaTek receiver up: faster line, fewer sentences, rate_hz. No @BAUD on its port then."
+            description="Set a MediaTek receiver up: faster line, fewer sentences, rate_hz. No @BAUD on its port then. "
+            "A u-blox receiver in UBX is set up anyway, for rate_hz if this is true, else for 5 Hz."
         ),
     ] = False
     rate_hz: Annotated[float, number(1.0, 10.0, "Hz", "Fixes per second, if it is set up.")] = 5.0

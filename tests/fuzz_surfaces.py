@@ -14,11 +14,11 @@ from pathlib import Path
 import msgspec
 
 from imud import client
-from imud.firmware_sim import fixes, ublox
 from imud.configuration.settings import Initial, Settings
 from imud.drivers.capture import Connection, Raw
 from imud.drivers.registry import by_name
 from imud.errors import ConfigError, ImudError
+from imud.firmware_sim import fixes, ublox
 from imud.outputs.addresses import parse_address
 from imud.outputs.gpsd_dialogue import Policy, ReceiveBuffer, answer
 from imud.outputs.gpsd_json import Report

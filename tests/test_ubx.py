@@ -16,19 +16,19 @@ from pyubx2 import GET, UBXMessage, UBXReader
 from pyubx2.ubxtypes_configdb import UBX_CONFIG_DATABASE
 from scripted import Mute, Speaker, run
 
-from drivers.detect import detect
-from drivers.driver import GnssConfigured, Identity, Options, Unsupported
-from drivers.findings import UnrecognisedData
-from drivers.registry import by_name
-from drivers.ubx import setup
-from drivers.ubx.decoder import UbxDecoder
-from drivers.ubx.frames import Framer, frame
-from firmware_sim import ublox
-from firmware_sim.fixes import Fix as TrueFix
-from firmware_sim.fixes import SimulatedFixes
-from firmware_sim.ublox import NEO_M8N, Ublox
-from firmware_sim.ublox_frames import Report
 from imud.configuration.settings import Gnss
+from imud.drivers.detect import detect
+from imud.drivers.driver import GnssConfigured, Identity, Options, Unsupported
+from imud.drivers.findings import UnrecognisedData
+from imud.drivers.registry import by_name
+from imud.drivers.ubx import setup
+from imud.drivers.ubx.decoder import UbxDecoder
+from imud.drivers.ubx.frames import Framer, frame
+from imud.firmware_sim import ublox
+from imud.firmware_sim.fixes import Fix as TrueFix
+from imud.firmware_sim.fixes import SimulatedFixes
+from imud.firmware_sim.ublox import NEO_M8N, Ublox
+from imud.firmware_sim.ublox_frames import Report
 from imud.sensors.gnss import record, refusal
 from imud.sensors.receiver import Receiver
 

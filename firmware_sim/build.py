@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from . import recorded_bytes, sentence_playback
-from .device import Device
+from .device import RECEIVERS, Device
 from .faults.device import FaultyDevice
 from .faults.fixes import FaultyFixes
 from .faults.sensor import FaultyErrors
-from .faults.spec import RECEIVERS, Fault, of_layer
+from .faults.spec import Fault, of_layer
 from .faults.wire import Wire, WireLog
 from .fixes import FixSource, SimulatedFixes
 from .g350 import G350

@@ -9,6 +9,7 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .device import RECEIVERS
 from .faults import spec
 from .faults.spec import Fault
 
@@ -198,7 +199,7 @@ def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]
             logs.append(stack.enter_context(closing(TruthLog(args.truth, scene.trajectory, start))))
         for port in ports:
             print(port.name, port.path, flush=True)
-        leaders = [port for port in ports if port.name not in spec.RECEIVERS] or ports
+        leaders = [port for port in ports if port.name not in RECEIVERS] or ports
         clock = AsFastAsRead(leaders) if args.fast else RealTime(start, args.speed)
         serve(ports, logs, clock, args.seconds, lambda: bool(signals))
         for port in ports:

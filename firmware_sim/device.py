@@ -4,6 +4,8 @@ from typing import Protocol
 
 from .uart import Uart
 
+RECEIVERS = ("nmea", "ubx", "m8")  # as `imud sim` calls them; the other devices are inertial sensors
+
 
 class Device(Protocol):
     """Sans-IO. Times are seconds since the emulation's start and never decrease."""

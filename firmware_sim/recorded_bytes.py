@@ -15,8 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-from .device import Device
-from .faults.spec import RECEIVERS
+from .device import RECEIVERS, Device
 from .replay import DataError
 from .uart import BITS, Damage
 

@@ -11,9 +11,10 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ..device import RECEIVERS
+
 AXES = ("gx", "gy", "gz", "ax", "ay", "az")
 IMU, GNSS = "imu", "gnss"
-RECEIVERS = ("nmea", "ubx", "m8")
 BOTH = (IMU, GNSS)
 _FAULT = re.compile(r"(?P<name>[a-z]+)(?:=(?P<value>[^@]*))?(?:@(?P<span>.*))?")
 _SPAN = re.compile(r"(?P<begin>[\d.]+)(?P<dash>-(?P<end>[\d.]+)?)?(?:/(?P<period>[\d.]+))?")

@@ -1,10 +1,12 @@
 """Logs: for people on a terminal or in a file; with fields and priorities in the journal, by its own reader's rules."""
 
+import json
 import os
 import socket
 import subprocess
 import sys
 import uuid
+from datetime import UTC, datetime
 
 import pytest
 from hypothesis import given
@@ -82,6 +84,17 @@ def test_without_a_journal_that_listens_stderr_gets_the_priority(tmp_path, err):
     said(err, str(tmp_path / "nobody"), stream_of(err))
     err.seek(0)
     assert err.read() == "<4>two\nlines port=/dev/ttyUSB0 baud=9600\n"
+
+
+def test_each_line_is_an_object_on_request(err):
+    code = SAYS.replace("log.configure()", "log.configure(form='json')")
+    subprocess.run([sys.executable, "-c", code, ""], stderr=err, check=True)
+    err.seek(0)
+    (line,) = err.read().splitlines()
+    entry = json.loads(line)
+    stamp = datetime.fromisoformat(entry.pop("timestamp"))
+    assert abs((datetime.now(UTC) - stamp).total_seconds()) < 600.0
+    assert entry == {"event": "two\nlines", "level": "warning", "port": "/dev/ttyUSB0", "baud": 9600}
 
 
 def test_a_file_is_not_the_journal_of_who_started_us(err):

@@ -5,6 +5,8 @@ import contextlib
 import json
 import subprocess
 import sys
+import urllib.error
+import urllib.request
 
 import pytest
 
@@ -103,6 +105,18 @@ def test_other_sites_pages_read_nothing(headers, status, served):
 def served(tmp_path_factory):
     with page_server(tmp_path_factory.mktemp("web") / "absent.sock") as url:
         yield url
+
+
+def test_prometheus_reads_the_daemons_status(tmp_path):
+    parser = pytest.importorskip("prometheus_client.parser")
+    with page_server(tmp_path / "gpsd.sock") as url:
+        with pytest.raises(urllib.error.HTTPError, match="503") as absent:
+            urllib.request.urlopen(f"{url}metrics")
+        assert "no daemon answers" in absent.value.read().decode()
+        with daemon(tmp_path, "--port", str(tmp_path / "imu")), urllib.request.urlopen(f"{url}metrics") as answer:
+            assert answer.headers["Content-Type"].startswith("text/plain; version=0.0.4")
+            families = {family.name for family in parser.text_string_to_metric_families(answer.read().decode())}
+    assert {"imud_info", "imud_port_info", "imud_uptime_seconds"} <= families
 
 
 @pytest.mark.parametrize(

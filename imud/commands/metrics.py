@@ -114,6 +114,7 @@ METRICS = (
     Metric("imud_gpsd_requests_total", _COUNTER, "Requests.", r"outputs\.gpsd\.requests"),
     Metric("imud_gpsd_errors_total", _COUNTER, "Requests answered with an error.", r"outputs\.gpsd\.errors"),
 )  # fmt: skip
+CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 _INFO = ("path", "driver", "model", "serial", "firmware")
 
 

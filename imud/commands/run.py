@@ -34,6 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--check", action="store_true", help="check the configuration and exit")
     levels = ("debug", "info", "warning", "error")
     parser.add_argument("--log-level", default="info", choices=levels, help="of the log on stderr (default info)")
+    parser.add_argument(
+        "--log-format", default="text", choices=("text", "json"), help="of the log; json: one object a line"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -49,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
 
     settings = msgspec.structs.replace(settings, ports=expanded(settings.ports))
     with simulated.ports(settings.ports, args.seed) as ports, Recordings(settings) as recordings:
-        log.configure(args.log_level, recordings.event)
+        log.configure(args.log_level, recordings.event, args.log_format)
         emulated = {settings.ports: ports}
 
         def reread() -> Settings:

@@ -119,12 +119,17 @@ def _forward_to(sink: LogSink) -> Any:
     return forward
 
 
-def configure(level: str = "info", sink: LogSink | None = None) -> None:
-    """Set up structlog once, for the whole process; `sink` is called with every line, too."""
+def configure(level: str = "info", sink: LogSink | None = None, form: str = "text") -> None:
+    """Set up structlog once, for the whole process; `sink` is called with every line, too.
+
+    form: "text" for people and systemd's journal, or "json": one object a line, with UTC time stamps (ISO 8601).
+    """
     processors: list[Any] = [structlog.processors.add_log_level]
     if sink is not None:
         processors.append(_forward_to(sink))
-    if _is_journalled():
+    if form == "json":
+        processors += [structlog.processors.TimeStamper(fmt="iso", utc=True), structlog.processors.JSONRenderer()]
+    elif _is_journalled():
         with contextlib.suppress(OSError):
             processors.append(Journal(JOURNAL))
         processors.append(_prefixed)

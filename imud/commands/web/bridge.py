@@ -31,7 +31,7 @@ class Bridge:
     """Keeps a connection to the daemon and its newest messages. Belongs to one event loop."""
 
     def __init__(self, address: Address) -> None:
-        self._address = address
+        self.address = address
         self._messages: dict[str, Any] = {}
         self._snapshot = Snapshot(0, "")
         self._waiting = asyncio.Event()
@@ -64,7 +64,7 @@ class Bridge:
             await asyncio.sleep(_RETRY_S)
 
     async def _session(self) -> None:
-        where = self._address.where
+        where = self.address.where
         opened = asyncio.open_unix_connection(where) if isinstance(where, str) else asyncio.open_connection(*where)
         reader, writer = await opened
         requests = asyncio.create_task(self._send_requests(writer))
@@ -102,7 +102,7 @@ class Bridge:
 
     def _publish(self, why: str | None) -> None:
         """Publish a snapshot to all readers. why: the reason that there is no connection; None: there is one."""
-        known = {"daemon": self._address.text, "connected": why is None, "why": why, **self._messages}
+        known = {"daemon": self.address.text, "connected": why is None, "why": why, **self._messages}
         self._snapshot = Snapshot(self._snapshot.number + 1, json.dumps(known))
         self._waiting.set()
         self._waiting = asyncio.Event()

@@ -20,8 +20,11 @@ from aiohttp import web
 from aiohttp.typedefs import Handler
 
 from imud import figures
+from imud.errors import ImudError
 from imud.outputs.addresses import Address, address_text, is_local, listen
 
+from ..metrics import CONTENT_TYPE, prometheus
+from ..status import ask
 from .bridge import Bridge
 from .limits import KEEP_ALIVE_S, Connections, ErrorLog
 
@@ -31,6 +34,7 @@ _SHUTDOWN_S = 0.2  # for what is being sent; the pages connect again by themselv
 _CONTROL = web.AppKey("control", bool)
 _COMMANDS = {"record": True, "stop": False}
 _BRIDGE: web.AppKey[Bridge] = web.AppKey("bridge", Bridge)
+_STATUS_LOCK: web.AppKey[asyncio.Lock] = web.AppKey("status_lock", asyncio.Lock)
 _CONNECTIONS: web.AppKey[Connections] = web.AppKey("connections", Connections)
 _HOST = re.compile(r"(?:\[(?P<v6>[0-9A-Fa-f:.]+)\]|(?P<name>[A-Za-z0-9._-]+))(?::[0-9]{1,5})?")
 
@@ -70,6 +74,16 @@ async def _secure(_: web.Request, response: web.StreamResponse) -> None:
 
 async def _page(_: web.Request) -> web.FileResponse:
     return web.FileResponse(_FILES / "index.html")
+
+
+async def _metrics(request: web.Request) -> web.Response:
+    """The daemon's status for Prometheus. One request at a time: each is a connection to the daemon."""
+    async with request.app[_STATUS_LOCK]:
+        try:
+            status = await asyncio.to_thread(ask, request.app[_BRIDGE].address)
+        except ImudError as error:
+            raise web.HTTPServiceUnavailable(text=f"{error}\n") from error
+    return web.Response(body=prometheus(status).encode(), headers={"Content-Type": CONTENT_TYPE})
 
 
 async def _live(request: web.Request) -> web.WebSocketResponse:
@@ -113,6 +127,7 @@ def application(daemon: Address, control: bool, connections: Connections) -> web
     """The server for one daemon; to be started in the event loop that calls this. control: see `serve`."""
     app = web.Application(middlewares=[_reject_foreign_requests])
     app[_BRIDGE], app[_CONTROL], app[_CONNECTIONS] = Bridge(daemon), control, connections
+    app[_STATUS_LOCK] = asyncio.Lock()
     plotly = gzip.compress(figures.plotly_js().encode(), 6)
 
     async def plotly_js(_: web.Request) -> web.Response:
@@ -121,6 +136,7 @@ def application(daemon: Address, control: bool, connections: Connections) -> web
 
     app.router.add_get("/", _page)
     app.router.add_get("/live", _live)
+    app.router.add_get("/metrics", _metrics)
     app.router.add_get("/plotly.js", plotly_js)
     app.router.add_static("/page", _FILES)
     app.on_response_prepare.append(_secure)

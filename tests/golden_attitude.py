@@ -359,6 +359,11 @@ def wrong_tilt_in_motion():
     return slipped(12.0, truth)
 
 
+def slip_in_a_hand():
+    """Of a body that has proved to be no vehicle."""
+    return slipped(15.0, lively(40.0))
+
+
 def wrong_tilt_at_rest():
     return slipped(5.0, simulate(80.0, 50.0))
 
@@ -396,6 +401,7 @@ def rates_rounded():
 
 
 CLASSES = (
+    slip_in_a_hand,
     disturbed_rest_of_a_consumer_sensor, counts_that_hardly_tell, short_gaps, power_on, hand, start_in_motion,
     start_shaken, start_far_from_gravity, everything_given, disturbed_rest, fast_turntable, turntable_that_tilts,
     weight_just_false, coarse_counts, fine_counts, counts_about_whole, gaps_of_about_a_second,

@@ -58,6 +58,7 @@ AHRS = {
     "Motion": ahrs.MOTION,
     "Stationarity": ahrs.STATIONARITY,
     "Divergence": ahrs.DIVERGENCE,
+    "AttitudeStep": ahrs.ATTITUDE_STEP,
     "Quantization": ahrs.QUANTIZATION,
     "Scratch": ahrs.SCRATCH,
     "State": ahrs.STATE,

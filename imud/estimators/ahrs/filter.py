@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from imud.drivers.sample import NO_FORCE, NO_RATE, POWER_ON, SATURATED, SUSPECT
 
 from ...compile.jit import kernel
+from .attitude_step import correct_attitude_step, turn_gain
 from .divergence import tilt_is_lost
 from .ekf import inject_error, update_sigmas
 from .error_model import propagate_covariance
@@ -21,6 +22,7 @@ from .power_on import reopen_biases
 from .pseudo_measurements import add_truncation_noise, fuse_stationary, fuse_zero_position, fuse_zero_velocity
 from .quantization import examine_readings
 from .solution import write_solution
+from .state import ATTITUDE
 from .stationarity import detect_stationary, restart_means, update_means
 from .truncation import compensate_truncation
 
@@ -97,8 +99,9 @@ def update_covariance(p: Parameters, s: State) -> None:
         coarse_level(p, s)
     elif s.levelling.initialised == 1 and tilt_is_lost(p, s):
         forget_tilt(s)
-    elif s.levelling.initialised == 1:
+    elif s.levelling.initialised == 1 and not correct_attitude_step(p, s):
         fuse_pseudo_measurements(p, s)
+        turn_gain(s, s.scratch.x[ATTITUDE], s.scratch.x[ATTITUDE + 1], s.scratch.x[ATTITUDE + 2])
         inject_error(s)
     reset_integrals(s)
     update_sigmas(s)

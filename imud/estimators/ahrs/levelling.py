@@ -24,6 +24,7 @@ from ...math.rotation import (
     quat_of_gravity,
     quat_product,
 )
+from .attitude_step import restart_gain
 from .divergence import restart_velocity_gain
 from .ekf import update_sigmas
 from .error_model import add_variance, age_tilt, reset_variance, variance
@@ -89,6 +90,7 @@ def initialise_attitude(p: Parameters, s: State, f: Vector) -> None:
         known.delta_v[i] = 0.0
         reset_motion(p, s, i)
     restart_velocity_gain(s)
+    restart_gain(s)
     known.duration = 0.0
     reset_integrals(s)
     known.initialised = 1

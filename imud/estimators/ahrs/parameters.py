@@ -4,6 +4,8 @@ Sources that recur:
 - BROAD: chosen for the smallest errors on hand-held recordings with optical truth: Laidig, Caruso, Cereatti and Seel,
   BROAD: A benchmark for robust inertial orientation estimation (2021).
 - Vehicles: chosen on simulated drives, so that the errors stay within their sigmas (tests/test_attitude_motion.py).
+- Hands: chosen on simulated hands, walks and drives (tests/test_attitude_step.py); hands that shake by 15 m/s^2
+  gain 4 m/s at most, and 2 to 4 times as much as they usually do (BROAD, RepoIMU).
 - Not recorded: a round number whose origin nobody wrote down. docs/ahrs.md has how much each one matters.
 """
 
@@ -11,7 +13,7 @@ import math
 
 from ..tuning import Tunable
 
-BROAD, VEHICLES, UNRECORDED = "BROAD.", "Vehicles.", "Not recorded."
+BROAD, VEHICLES, HANDS, UNRECORDED = "BROAD.", "Vehicles.", "Hands.", "Not recorded."
 
 _FILTER = (
     Tunable(
@@ -184,6 +186,21 @@ _DIVERGENCE = (
     Tunable("velocity_gain_time_s", 300.0, "s", "Time constant of the gain of velocity.", VEHICLES, low=1e-3),
 )
 
+_ATTITUDE_STEP = (
+    Tunable("gain_time_s", 5.0, "s", "Time over which a gain of velocity is taken.", HANDS, low=0.1),
+    Tunable("usual_gain_time_s", 30.0, "s", "Time over which the usual gain is learned.", HANDS, low=0.1),
+    Tunable("usual_gain_sigmas", 3.0, "sigma", "A gain beyond so many usual ones begins to tell.", HANDS),
+    Tunable("min_gain_mps", 0.7, "m/s", "The least gain that does: a body that is carried off.", HANDS),
+    Tunable("step_gain_sigmas", 5.0, "sigma", "A gain beyond so many usual ones is a step.", HANDS),
+    Tunable("step_gain_mps", 2.0, "m/s", "The least gain that is one: somebody begins to run.", HANDS),
+    Tunable("min_step_s", 0.5, "s", "The shortest time in which a gain tells.", HANDS, low=0.05),
+    Tunable("hand_time_s", 10.0, "s", "Lively motion after which a body is no vehicle.", HANDS),
+    Tunable("lively_acceleration_mps2", 0.3, "m/s^2", "RMS acceleration of lively motion.", HANDS),
+    Tunable("lively_rate_radps", 0.2, "rad/s", "RMS rate of lively motion.", HANDS),
+    Tunable("travel_proof_s", 3.0, "s", "Travel after which a body is a vehicle.", VEHICLES),
+    Tunable("vehicle_time_s", 600.0, "s", "Time constant with which that is forgotten.", UNRECORDED, low=1.0),
+)
+
 _QUANTIZATION = (
     Tunable("max_lsb_radps", math.radians(0.2), "rad/s", "A larger step between readings is motion.", UNRECORDED),
     Tunable("min_lsb_radps", math.radians(0.001), "rad/s", "A step whose half is not noticed.", UNRECORDED),
@@ -220,5 +237,6 @@ TUNABLES = (
     *_PSEUDO_MEASUREMENTS,
     *_STATIONARITY,
     *_DIVERGENCE,
+    *_ATTITUDE_STEP,
     *_QUANTIZATION,
 )

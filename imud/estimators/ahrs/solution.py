@@ -21,7 +21,11 @@ def write_solution(p: Parameters, s: State, flags: int, out: Solution) -> None:
     """Write a row of SOLUTION; what this filter does not estimate is NaN."""
     nav, cov, c = s.nav, s.cov, p.tuning
     status = 0
-    if s.levelling.initialised == 1 and cov.sigma_tilt < c.valid_tilt_rad and s.imu.outage_s < c.long_gap_s:
+    if (
+        s.levelling.initialised == 1
+        and math.hypot(cov.sigma_tilt, s.attitude_step.possible_error) < c.valid_tilt_rad
+        and s.imu.outage_s < c.long_gap_s
+    ):
         status |= ATTITUDE_VALID
         if s.levelling.true_heading == 1 and cov.sigma_rpy[2] < c.valid_heading_rad:
             status |= HEADING_VALID
@@ -42,6 +46,6 @@ def write_solution(p: Parameters, s: State, flags: int, out: Solution) -> None:
         out.f[i] = f[i]
         out.bg[i] = nav.bg[i]
         out.ba[i] = nav.ba[i]
-        out.sigma_rpy[i] = cov.sigma_rpy[i]
+        out.sigma_rpy[i] = math.hypot(cov.sigma_rpy[i], s.attitude_step.possible_error if i < 2 else 0.0)
         out.sigma_bg[i] = cov.sigma_bg[i]
         out.sigma_ba[i] = cov.sigma_ba[i]

@@ -153,6 +153,22 @@ DIVERGENCE = np.dtype(
     align=True,
 )
 
+ATTITUDE_STEP = np.dtype(  # what is gained of velocity, and since it began to grow (the window)
+    [
+        ("force", "<f8", (3,)),  # m/s, NED, integral of the specific force over gain_time_s, fading
+        ("span", "<f8"),  # s, the same integral of 1
+        ("mean_gain", "<f8", (3,)),  # m/s, the gain's mean over velocity_scatter_time_s
+        ("usual_gain2", "<f8"),  # (m/s)^2
+        ("usual_mean2", "<f8"),  # (m/s)^2, of that mean
+        ("window_force", "<f8", (3,)),  # m/s, integral of the specific force
+        ("window_s", "<f8"),
+        ("hand_held_s", "<f8"),  # of lively motion that is no vehicle's
+        ("travel_s", "<f8"),  # of travel, fading
+        ("possible_error", "<f8"),  # rad, by which the tilt may be wrong while the gain grows
+    ],
+    align=True,
+)
+
 QUANTIZATION = np.dtype(
     [
         ("last_reading", "<f8", (3,)),  # rad/s; NaN: none yet
@@ -198,6 +214,7 @@ STATE = np.dtype(
         ("motion", MOTION),
         ("stationarity", STATIONARITY),
         ("divergence", DIVERGENCE),
+        ("attitude_step", ATTITUDE_STEP),
         ("quantization", QUANTIZATION),
         ("scratch", SCRATCH),
     ],

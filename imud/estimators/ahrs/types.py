@@ -71,6 +71,18 @@ class Tuning:
     max_velocity_gain_mps: float
     common_velocity_gain: float
     velocity_gain_time_s: float
+    gain_time_s: float
+    usual_gain_time_s: float
+    usual_gain_sigmas: float
+    min_gain_mps: float
+    step_gain_sigmas: float
+    step_gain_mps: float
+    min_step_s: float
+    hand_time_s: float
+    lively_acceleration_mps2: float
+    lively_rate_radps: float
+    travel_proof_s: float
+    vehicle_time_s: float
     max_lsb_radps: float
     min_lsb_radps: float
     min_step_radps: float
@@ -183,6 +195,19 @@ class Divergence:
     converged: int
 
 
+class AttitudeStep:
+    force: Reals
+    span: float
+    mean_gain: Reals
+    usual_gain2: float
+    usual_mean2: float
+    window_force: Reals
+    window_s: float
+    hand_held_s: float
+    travel_s: float
+    possible_error: float
+
+
 class Quantization:
     last_reading: Reals
     lsb: Reals
@@ -221,5 +246,6 @@ class State:
     motion: Motion
     stationarity: Stationarity
     divergence: Divergence
+    attitude_step: AttitudeStep
     quantization: Quantization
     scratch: Scratch

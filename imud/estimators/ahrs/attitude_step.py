@@ -1,0 +1,140 @@
+"""Detection of a tilt that became wrong at once, and its correction from the mean force since.
+
+A sensor slips in its mount, or its readings fail for a moment while it turns. Then the attitude is wrong by a constant
+rotation, and a part of gravity appears as an acceleration that does not change: the velocity grows without end. A body
+in a hand or on a robot never gains much velocity, however hard it is shaken, and what it gains is about the same from
+one second to the next; so a gain far beyond what it usually has shows a slip after a second or two. A vehicle may gain
+any velocity. A body counts as none after `hand_time_s` of lively motion, at rest less and less, in which it did not
+travel; before, only `divergence` notices a wrong tilt, later.
+
+The gain is that of `gain_time_s`: the integral of the specific force in NED, corrected by whatever corrects the
+attitude, less gravity. From where it began to grow the mean force shows the vertical; its variance is that of the
+velocity that the body may have gained. Until the gain is large enough to tell, the tilt is that uncertain.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from ...compile.jit import kernel
+from ...math.rotation import quat_exp, quat_normalised, quat_product, quat_rotate
+from .divergence import inflate_variance, restart_velocity_gain
+from .error_model import add_variance, reset_variance
+from .mechanization import set_attitude
+from .motion import start_motion
+from .state import ACCEL_BIAS, ATTITUDE
+
+if TYPE_CHECKING:
+    from .types import Parameters, State
+
+
+@kernel
+def correct_attitude_step(p: Parameters, s: State) -> bool:
+    """Has the tilt become wrong at once? Then it is put right. Once per covariance interval."""
+    c, step, total, time = p.tuning, s.attitude_step, s.integrals, s.integrals.time
+    update_hand_held(p, s)
+    step.span += time - step.span * time / c.gain_time_s
+    step.window_s += time
+    gain2 = mean2 = 0.0
+    for i in range(3):
+        step.force[i] += total.delta_v[i] - step.force[i] * time / c.gain_time_s
+        step.window_force[i] += total.delta_v[i]
+        gain = step.force[i] + (s.nav.gravity * step.span if i == 2 else 0.0)
+        step.mean_gain[i] += time / (c.velocity_scatter_time_s + time) * (gain - step.mean_gain[i])
+        gain2 += gain * gain
+        mean2 += step.mean_gain[i] ** 2
+    if step.hand_held_s > 0.0 and s.stationarity.stationary == 0:
+        part = time / (min(step.hand_held_s, c.usual_gain_time_s) + time)
+        least2 = 0.25 * c.min_gain_mps**2  # what is not usual counts in part: else a slip becomes usual
+        step.usual_gain2 += part * (min(gain2, 4.0 * step.usual_gain2 + least2) - step.usual_gain2)
+        step.usual_mean2 += part * (min(mean2, 4.0 * step.usual_mean2 + least2) - step.usual_mean2)
+    step.possible_error = 0.0
+    if step.hand_held_s < c.hand_time_s or mean2 < c.usual_gain_sigmas**2 * step.usual_mean2 + c.min_gain_mps**2:
+        restart_window(s)
+        return False
+    step.possible_error = angle = window_angle(s)
+    least2 = c.step_gain_sigmas**2 * step.usual_mean2 + c.step_gain_mps**2
+    sure = angle * angle > c.usual_gain_sigmas**2 * window_variance(p, s)
+    if mean2 < least2 or step.window_s < c.min_step_s or not sure:
+        return False
+    level_by_window(p, s, angle)
+    return True
+
+
+@kernel
+def window_variance(p: Parameters, s: State) -> float:
+    """Of the angle to the mean force of the window, rad^2: what the body may really have gained."""
+    gained2 = 2.0 * s.attitude_step.usual_gain2 + p.tuning.min_gain_mps**2
+    return float(gained2 / (s.nav.gravity * s.attitude_step.window_s) ** 2)
+
+
+@kernel
+def update_hand_held(p: Parameters, s: State) -> None:
+    """For how long the body has moved as no vehicle does."""
+    c, step, total, time = p.tuning, s.attitude_step, s.integrals, s.integrals.time
+    a2 = total.a_outer_a[0] + total.a_outer_a[3] + total.a_outer_a[5]
+    mean2 = s.motion.v_mean[0] ** 2 + s.motion.v_mean[1] ** 2
+    travels = mean2 > c.travel_speed_mps**2
+    if step.hand_held_s < c.hand_time_s:
+        step.travel_s += time if travels else -step.travel_s * time / c.vehicle_time_s
+    if s.stationarity.stationary == 1:
+        step.hand_held_s = max(step.hand_held_s - 2.0 * time, 0.0)
+    elif step.travel_s > c.travel_proof_s:
+        step.hand_held_s = 0.0
+    elif a2 > c.lively_acceleration_mps2**2 * time or total.w2 > c.lively_rate_radps**2 * time:
+        step.hand_held_s = min(step.hand_held_s + time, 2.0 * c.hand_time_s)
+
+
+@kernel
+def window_angle(s: State) -> float:
+    """The angle from the vertical to the mean force of the window, rad."""
+    f = s.attitude_step.window_force
+    return math.atan2(math.hypot(f[0], f[1]), -f[2])
+
+
+@kernel
+def restart_window(s: State) -> None:
+    """The gain begins to grow now, if it does."""
+    s.attitude_step.window_s = 0.0
+    for i in range(3):
+        s.attitude_step.window_force[i] = 0.0
+
+
+@kernel
+def restart_gain(s: State) -> None:
+    """Nothing has been gained: the attitude has just been set."""
+    restart_window(s)
+    s.attitude_step.span = s.attitude_step.possible_error = 0.0
+    for i in range(3):
+        s.attitude_step.force[i] = s.attitude_step.mean_gain[i] = 0.0
+
+
+@kernel
+def level_by_window(p: Parameters, s: State, angle: float) -> None:
+    """Put the mean force of the window upright; yaw may have slipped by as much."""
+    c, f, q = p.tuning, s.attitude_step.window_force, s.nav.q_nb
+    k = angle / max(math.hypot(f[0], f[1]), 1e-9)
+    turn = quat_exp(-k * f[1], k * f[0], 0.0)
+    turned = quat_product(turn, (q[0], q[1], q[2], q[3]))
+    set_attitude(s, quat_normalised(turned))
+    for i in range(2):
+        reset_variance(s, ATTITUDE + i, window_variance(p, s))
+    add_variance(s, ATTITUDE + 2, angle * angle)
+    for i in range(3):
+        start_motion(p, s, i)
+        inflate_variance(s, ACCEL_BIAS + i, c.min_force_sigma_mps2, p.accel_bias_var)
+    restart_velocity_gain(s)
+    restart_gain(s)
+    step = s.attitude_step
+    step.hand_held_s = min(step.hand_held_s, 0.5 * c.hand_time_s)  # this may have been a vehicle that leaves
+
+
+@kernel
+def turn_gain(s: State, x: float, y: float, z: float) -> None:
+    """The attitude is corrected by this rotation (rad, NED): so is what was integrated with it."""
+    step, turn = s.attitude_step, quat_exp(x, y, z)
+    a = quat_rotate(turn, (step.force[0], step.force[1], step.force[2]))
+    b = quat_rotate(turn, (step.window_force[0], step.window_force[1], step.window_force[2]))
+    for i in range(3):
+        step.force[i], step.window_force[i] = a[i], b[i]

@@ -1,0 +1,89 @@
+"""A sensor in a hand slips in its mount: the attitude filter notices soon, and mistakes no walk and no drive for it."""
+
+import numpy as np
+import pytest
+from attitude_runs import samples_from, tilt_variance_deg2
+from attitude_simulation import DEG, Flaws, errors_deg, simulate, wobble
+from broad import solutions_of
+from scipy.spatial.transform import Rotation
+
+from imud.estimators.records import ATTITUDE_VALID
+
+SLIP_S = 30.0
+FLAWS = Flaws(gyro_bias=(0.2 * DEG, -0.1 * DEG, 0.15 * DEG))
+
+
+def begun(course, start=5.0):
+    """The course from `start` on, growing for 2 s, so that the body gains no velocity by its beginning."""
+    return lambda t: course(t) * np.clip((t - start) / 2.0, 0.0, 1.0)[:, None]
+
+
+def in_a_hand(seed, moving):
+    """Turned and moved with `moving` m/s^2."""
+    return simulate(50.0, 100.0, begun(wobble(seed, 0.8)), begun(wobble(seed + 50, moving, 2.0 + moving, 8.0 + moving)))
+
+
+@pytest.mark.parametrize("moving", [0.3, 1.5, 4.0])
+@pytest.mark.parametrize("angle_deg", [10.0, 40.0])
+def test_the_tilt_is_right_again_six_seconds_after_a_slip(angle_deg, moving):
+    for seed in range(3):
+        truth = in_a_hand(seed, moving)
+        samples = samples_from(truth, FLAWS)
+        slip = Rotation.from_rotvec(angle_deg * DEG * np.array([0.6, -0.8, 0.0]))
+        late = truth.t >= SLIP_S
+        for name in ("w", "f"):
+            samples[name][late] = slip.apply(samples[name][late])
+        attitude = Rotation.concatenate([truth.attitude[~late], truth.attitude[late] * slip.inv()])
+        out = solutions_of(samples)
+        tilt, _ = errors_deg(out["q_nb"], attitude)
+        sigma = np.sqrt(tilt_variance_deg2(out))
+        assert tilt[truth.t > SLIP_S + 6.0].max() < 4.0, seed
+        believed = (out["status"] & ATTITUDE_VALID > 0) & (tilt > 5.0) & (tilt > 4.0 * sigma)
+        assert believed[late].sum() < 2.5 * 100.0, seed
+
+
+def carried_off(speed, seed):
+    """Turned in a hand, then carried off at `speed` m/s by a walk that shakes it."""
+    angle = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi)
+    ahead = np.array([np.cos(angle), np.sin(angle), 0.0])
+    hand, steps = begun(wobble(seed + 50, 1.5, 3.0, 9.0)), np.array([0.8, 0.8, 2.5])
+
+    def acceleration(t):
+        walking = (t > 30.0) & (t < 51.0)
+        off = speed * (((t > 30.0) & (t < 31.0)) * 1.0 - ((t > 50.0) & (t < 51.0)))
+        walk = off[:, None] * ahead + steps * (np.sin(12.0 * t) * walking)[:, None]
+        return hand(t) * (t < 28.0)[:, None] + walk
+
+    return simulate(65.0, 100.0, begun(wobble(seed, 0.8)), acceleration)
+
+
+@pytest.mark.parametrize("speed", [1.5, 3.0])
+def test_a_walk_is_no_slip(speed):
+    for seed in range(3):
+        truth = carried_off(speed, seed)
+        out = solutions_of(samples_from(truth, FLAWS))
+        tilt, _ = errors_deg(out["q_nb"], truth.attitude)
+        assert (tilt[200:] ** 2 / tilt_variance_deg2(out)[200:]).mean() < 3.0, seed
+        assert tilt[200:].max() < 4.0, seed
+
+
+def test_a_vehicle_in_which_a_sensor_is_laid_down_may_gain_any_velocity():
+    """Handled for 20 s, laid down for 15, then 2.5 m/s^2 for 8 s on a road that shakes it."""
+    ahead = np.array([2.5, 0.0, 0.0])
+    hand, turns = begun(wobble(7, 1.5, 3.0, 9.0)), begun(wobble(8, 0.8))
+    until = 25.0
+    truth = simulate(
+        80.0,
+        100.0,
+        lambda t: turns(t) * np.clip((until - t) / 2.0, 0.0, 1.0)[:, None],
+        lambda t: (
+            hand(t) * np.clip((until - t) / 2.0, 0.0, 1.0)[:, None]
+            + ahead * (((t > 40.0) & (t < 48.0)) * 1.0 - ((t > 65.0) & (t < 73.0)))[:, None]
+        ),
+    )
+    samples = samples_from(truth, FLAWS)
+    samples["f"] += 0.3 * np.random.default_rng(1).normal(size=(len(truth.t), 3)) * (truth.t > 40.0)[:, None]
+    out = solutions_of(samples)
+    tilt, _ = errors_deg(out["q_nb"], truth.attitude)
+    assert tilt[200:].max() < 3.0
+    assert (out["status"][200:] & ATTITUDE_VALID).all()

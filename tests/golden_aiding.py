@@ -21,10 +21,11 @@ def headings(d, seed, every_s=0.2, late_s=0.05, spread_s=0.0):
 
 
 def compass():
-    """From the start, at rest; a jump of 30 deg for 2 s."""
+    """From the start, at rest; a jump of 30 deg for 2 s, then single headings of unknown sigma ever farther off."""
     d = road(80.0, rest=30.0)
     rows = headings(d, seed=51)
     rows["value"][250:260, 0] += 0.5
+    rows["value"][261:381:6, 0] += np.linspace(0.07, 0.12, 20)
     return replace(navigated(*data(d, seed=46)), measurements=rows)
 
 

@@ -19,7 +19,6 @@ from imud.estimators.tuning import Tunable
 
 LEAST_PERCENT = 85.0
 BETWEEN = "no recording has one between the two: "
-NO_SOURCE = "needs a measurement beside fixes, which the pipeline does not bring yet"
 CLASSES_SECOND = "the velocity itself tells each rest in the recordings before the motion class does"
 OLDER = "each drift in the recordings is found from an older onset"
 NOT_NOTICED = {
@@ -49,9 +48,7 @@ NOT_NOTICED = {
     "navigation.min_drift_s": OLDER,
     "navigation.min_drift_fixes": OLDER,
     "navigation.max_rewind_miss_s": "what is too old for a rewind is older than that",
-    "navigation.heading_sigma": NO_SOURCE,
-    "navigation.heading_gate": NO_SOURCE,
-    "navigation.heading_min_level": NO_SOURCE,
+    "navigation.heading_min_level": BETWEEN + "level part of a compass's axis",
 }
 
 

@@ -24,6 +24,9 @@ OLDER = "each drift in the recordings is found from an older onset"
 NOT_NOTICED = {
     "attitude.min_step_radps": "tells equal readings from others: anything between rounding and a count does",
     "attitude.max_blocks": "the odds of no recording are still open after so many blocks",
+    "attitude.acceleration_gate": BETWEEN + "mean force at a disturbed rest",
+    "attitude.min_force_sigma_mps2": BETWEEN + "mean force at a disturbed rest",
+    "attitude.min_rate_across_gravity": BETWEEN + "angle of a steady turn to gravity",
     "attitude.min_whiteness": BETWEEN + "whiteness of a block at rest",
     "navigation.power_on_force_sigma": BETWEEN + "tilt of a sensor that is mounted anew",
     "navigation.power_on_tilt_gate": BETWEEN + "tilt of a sensor that is mounted anew",

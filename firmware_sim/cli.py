@@ -15,7 +15,7 @@ from .faults.spec import Fault
 
 if TYPE_CHECKING:
     from .build import Scene
-    from .emulator import Port
+    from .emulator import EmulatedPort
 
 EXIT_USAGE, EXIT_DATA, EXIT_NO_INPUT, EXIT_NO_OUTPUT, EXIT_INTERRUPTED = 64, 65, 66, 73, 130
 DEFAULT_BAUD = {"g350": 460800, "nmea": 9600, "rga300": 38400, "seraccel": 57600, "ubx": 38400, "m8": 9600}
@@ -176,7 +176,7 @@ def _fail(code: int, message: str) -> int:
 
 def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]) -> int:
     from .build import device
-    from .emulator import AsFastAsRead, Port, RealTime, TruthLog, end_with_parent, serve
+    from .emulator import AsFastAsRead, EmulatedPort, RealTime, TruthLog, end_with_parent, serve
     from .faults.wire import WireLog
 
     signals: list[int] = []
@@ -189,11 +189,13 @@ def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]
         start, utc = scene.time_zero()
         wires = stack.enter_context(closing(WireLog(args.wire_log, start))) if args.wire_log else None
         links = [*args.link, *[None] * len(args.devices)]
-        ports: list[Port] = []
+        ports: list[EmulatedPort] = []
         for i, (name, _) in enumerate(args.devices):
             built = device(args, scene, utc, i, faults[i], wires)
             outages = [fault.span for fault in spec.of_layer("plug", faults[i])]
-            ports.append(stack.enter_context(Port(name, built, links[i], outages, patient=args.fast or args.patient)))
+            ports.append(
+                stack.enter_context(EmulatedPort(name, built, links[i], outages, patient=args.fast or args.patient))
+            )
         logs: list[TruthLog] = []
         if args.truth is not None and scene.trajectory is not None:
             logs.append(stack.enter_context(closing(TruthLog(args.truth, scene.trajectory, start))))
@@ -207,7 +209,7 @@ def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]
     return EXIT_INTERRUPTED if signal.SIGINT in signals else 0
 
 
-def _log_summary(port: "Port") -> None:
+def _log_summary(port: "EmulatedPort") -> None:
     from .faults.wire import Wire
 
     log = logging.getLogger("firmware_sim")

@@ -38,7 +38,7 @@ class Task(Protocol):
     def deadline(self) -> float: ...
 
 
-class Port:
+class EmulatedPort:
     """A device and the pseudo-terminal into which it is plugged, but for the outages. Context manager.
 
     patient: bytes without room in the pseudo-terminal wait for the reader, and are not lost.
@@ -53,7 +53,7 @@ class Port:
         self._next_change = 0.0
         self.pty: Pty | None = self._plug()
 
-    def __enter__(self) -> "Port":
+    def __enter__(self) -> "EmulatedPort":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -168,7 +168,7 @@ class RealTime:
     def now(self) -> float:
         return (time.monotonic() - self._start) * self._speed
 
-    def wait(self, deadline: float, ports: Sequence[Port]) -> list[Port]:
+    def wait(self, deadline: float, ports: Sequence[EmulatedPort]) -> list[EmulatedPort]:
         """Wait until `deadline`, or until the host sends; the ports on which it has sent."""
         return _listen(ports, max(min((deadline - self.now()) / self._speed, _WAIT_MAX_S), 0.0), _behind(ports))
 
@@ -179,13 +179,13 @@ class AsFastAsRead:
     Until all `leaders` stream it is real time, so that a host has the time to configure them.
     """
 
-    def __init__(self, leaders: Sequence[Port]) -> None:
+    def __init__(self, leaders: Sequence[EmulatedPort]) -> None:
         self._t, self._leaders = 0.0, leaders
 
     def now(self) -> float:
         return self._t
 
-    def wait(self, deadline: float, ports: Sequence[Port]) -> list[Port]:
+    def wait(self, deadline: float, ports: Sequence[EmulatedPort]) -> list[EmulatedPort]:
         """Jump to `deadline`, or wait; the ports on which the host has sent."""
         if behind := _behind(ports):
             return _listen(ports, _WAIT_MAX_S, behind)
@@ -198,11 +198,11 @@ class AsFastAsRead:
         return ready
 
 
-def _behind(ports: Sequence[Port]) -> list[Pty]:
+def _behind(ports: Sequence[EmulatedPort]) -> list[Pty]:
     return [port.behind for port in ports if port.behind is not None]
 
 
-def _listen(ports: Sequence[Port], seconds: float, behind: Sequence[Pty] = ()) -> list[Port]:
+def _listen(ports: Sequence[EmulatedPort], seconds: float, behind: Sequence[Pty] = ()) -> list[EmulatedPort]:
     listeners = {port.pty.fileno(): port for port in ports if port.pty is not None}
     ready = select.select(listeners, behind, (), seconds)[0]
     return [listeners[descriptor] for descriptor in ready]
@@ -216,7 +216,7 @@ def end_with_parent(parent: int) -> None:
 
 
 def serve(
-    ports: Sequence[Port],
+    ports: Sequence[EmulatedPort],
     tasks: Sequence[Task],
     clock: RealTime | AsFastAsRead,
     end: float,
@@ -225,7 +225,7 @@ def serve(
     """Run until time `end` or until `stopped()`. tasks: work beside the ports."""
     ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1)  # ns; the default of 50 us would make every frame late
     everything: list[Task] = [*ports, *tasks]
-    ready: list[Port] = []
+    ready: list[EmulatedPort] = []
     while not stopped() and (now := clock.now()) < end:
         for port in ready:
             port.listen(now)

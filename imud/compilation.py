@@ -21,7 +21,7 @@ from .estimators import Estimator, registry
 from .estimators.records import FIX, MEASUREMENT, SOLUTION
 from .outputs.binary import BinaryOutputs
 from .outputs.shared_memory import WORD, write
-from .pipeline import Filter, Stream
+from .pipeline import Filter, InertialPipeline
 from .sensor_errors.noise import allan_variances
 from .sensor_errors.profiles import profile_of
 from .sensor_monitor.health import examine_all, new_health, shown
@@ -49,7 +49,7 @@ def warm_decoders() -> None:
 def warm(estimator: Estimator, settings: Settings) -> None:
     """Compile, or load, the kernels of an estimator that a live stream calls."""
     filter_ = Filter(estimator, settings, Initial(), _RATE_HZ)
-    Stream(*_scratch()[0], filter_).ingest(0, 0)
+    InertialPipeline(*_scratch()[0], filter_).ingest(0, 0)
     filter_.update(np.zeros(1, FIX))
     filter_.pending_innovations()
     if estimator.aid is not None:

@@ -22,7 +22,7 @@ from .sensor_errors.calibration import Calibration, correction
 from .sensor_errors.profiles import profile_of, ranges_of
 from .sensor_errors.stored_biases import Biases
 from .sensor_monitor.health import new_health
-from .stages import BATCH, BYTE, RX, STREAM, Stages, decoding, ingest
+from .stages import BATCH, BYTE, INERTIAL_PIPELINE, RX, Stages, decoding, ingest
 
 UNREAD, OF_A_FIX = 1024, 16  # innovations, at most: of samples since `pending_innovations` was last called; of one fix
 _NO_SAMPLE, _NO_SOLUTION, _NO_FIX, _AT_ONCE = (
@@ -157,10 +157,10 @@ class Filter:
         return self._innovations[:n]
 
 
-class Stream:
+class InertialPipeline:
     """Bytes of one inertial sensor to solutions of one filter. Owns the preallocated buffers; not thread-safe.
 
-    `record` (array of one STREAM) is the view that compiled code has of it.
+    `record` (array of one INERTIAL_PIPELINE) is the view that compiled code has of it.
     """
 
     def __init__(self, driver: ImuDriver, decoder: Records, filter_: Filter) -> None:
@@ -170,7 +170,7 @@ class Stream:
         self.samples = np.zeros(BATCH, SAMPLE)
         self.solutions = np.zeros(BATCH, SOLUTION)
         self.clock = new_clock(1e6, 0.0)
-        self.record = np.zeros(1, STREAM)
+        self.record = np.zeros(1, INERTIAL_PIPELINE)
         self.record["decode"], self.record["advance"] = decoding(driver, decoder), filter_.advancing()
         self.record["at"], self.record["newest"] = self.record.ctypes.data, -1
         for owner, names in ((self, _OURS), (filter_, _THE_FILTERS)):

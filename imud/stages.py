@@ -28,7 +28,7 @@ BATCH = 1024  # samples one call may yield: more than a reading can hold of the 
 RX = 65536  # bytes
 BYTE = np.dtype(np.uint8)
 
-STREAM = np.dtype(
+INERTIAL_PIPELINE = np.dtype(
     [
         ("at", "<i8"),  # addresses: of this record itself,
         ("decode", "<i8"),  # of the functions that `_decode` and `_advance` become,
@@ -82,7 +82,7 @@ def _decoder(decode: Kernel, decoder: np.dtype[Any]) -> Kernel:
     """A driver's half of `ingest`. decoder: of its state."""
 
     def decode_stream(stream: int, received: int) -> int:
-        s = records(stream, 1, STREAM)[0]
+        s = records(stream, 1, INERTIAL_PIPELINE)[0]
         state = records(s.decoder, 1, decoder)
         n: int = decode(records(s.rx, RX, BYTE), s.fill + received, state, records(s.samples, BATCH, SAMPLE))
         s.fill = state[0].leftover
@@ -115,7 +115,7 @@ def _advancer(step: Kernel, parameters: np.dtype[Any], state: np.dtype[Any]) -> 
     step_batch = _stepper(step)
 
     def advance_stream(stream: int, n: int, arrival_ns: int) -> int:
-        s = records(stream, 1, STREAM)[0]
+        s = records(stream, 1, INERTIAL_PIPELINE)[0]
         samples = records(s.samples, BATCH, SAMPLE)
         samples[0].flags |= s.first_flags
         s.first_flags = 0

@@ -105,7 +105,7 @@ def type_of(dtype, name, known):
     if not shape:
         return "float" if base.kind == "f" else "int"
     if len(shape) > 1:
-        return "Table"
+        return "Tensor"
     return "Reals" if base.kind == "f" else "Integers"
 
 
@@ -118,7 +118,7 @@ def text(path):
     }
     used = {kind.removeprefix("list[").rstrip("]") for fields in types.values() for kind in fields.values()}
     arrays = "." * len(path.relative_to(IMUD).parts) + "math.arrays"
-    imports = {arrays: {"Floats", "Indices", "Integers", "Reals", "Table"}} | {
+    imports = {arrays: {"Floats", "Indices", "Integers", "Reals", "Tensor"}} | {
         where: set(more) for where, more in others.items()
     }
     lines = [

@@ -17,7 +17,7 @@ from imud.drivers.fix import Fix
 from imud.drivers.registry import by_name
 from imud.estimators import registry
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID
-from imud.pipeline import Filter, Stream
+from imud.pipeline import Filter, InertialPipeline
 from imud.sensors.inertial import Inertial
 from imud.sensors.receiver import Receiver, jumps
 
@@ -59,7 +59,7 @@ def test_changes_alternate_and_lasted(steps):
 def inertial(driver, **known):
     configured = ImuConfigured(Identity(driver.name, ""), 100.0, 790, 0, 24, **known)
     filter_ = Filter(registry.by_name("tilt"), Settings(), Initial(), 100.0)
-    sensor = Inertial(Stream(driver, driver.new_state(configured), filter_))
+    sensor = Inertial(InertialPipeline(driver, driver.new_state(configured), filter_))
     sensor.connect(SimpleNamespace(counters={}), driver, configured, 0)
     return sensor
 

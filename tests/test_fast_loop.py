@@ -23,7 +23,7 @@ from imud.drivers.driver import Identity, ImuConfigured
 from imud.drivers.registry import by_name
 from imud.estimators import registry
 from imud.outputs.binary import BinaryOutputs
-from imud.pipeline import Filter, Stream
+from imud.pipeline import Filter, InertialPipeline
 from imud.sensors.byte_sink import READ_BYTES
 from imud.stages import BATCH
 
@@ -230,7 +230,9 @@ def test_without_a_line_it_waits_for_the_others(rig):
 def test_the_densest_stream_does_not_pile_up_in_the_buffer(frame):
     configured = ImuConfigured(Identity("seraccel", ""), 100.0, 10_000_000, 0, 0)
     driver, standard = by_name("seraccel"), Settings()
-    stream = Stream(driver, driver.new_state(configured), Filter(registry.by_name("tilt"), standard, Initial(), 100.0))
+    stream = InertialPipeline(
+        driver, driver.new_state(configured), Filter(registry.by_name("tilt"), standard, Initial(), 100.0)
+    )
     stream.restart(driver.new_state(configured), configured, first_flags=0)
     whole = frame * (20 * READ_BYTES // len(frame))
     ours, device = os.pipe()

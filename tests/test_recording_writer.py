@@ -20,7 +20,7 @@ from imud.errors import CannotCreateError
 from imud.estimators.records import INNOVATION, SOLUTION
 from imud.recording import parts
 from imud.recording.messages import SCHEMAS, TABLES
-from imud.recording.protocol import Kind
+from imud.recording.protocol import MessageKind
 from imud.recording.recorder import Recorder
 from imud.recording.writer import RecordingWriter
 
@@ -148,10 +148,10 @@ def test_a_power_cut_and_damage_cost_no_more_than_what_they_hit(tmp_path):
     recording = writer(path)
     for second in range(5):
         for i in range(100):
-            recording.take(Kind.RAW, 0, second * 100 + i, b"0123456789" * 3)
+            recording.take(MessageKind.RAW, 0, second * 100 + i, b"0123456789" * 3)
         recording.commit()
     sizes = path.stat().st_size
-    recording.take(Kind.RAW, 0, 999, b"never on the disk")
+    recording.take(MessageKind.RAW, 0, 999, b"never on the disk")
     whole = path.read_bytes()[:sizes]
     assert [raw.t_ns for raw in raws(path)] == list(range(500))
     cut = tmp_path / "cut.mcap"
@@ -197,7 +197,7 @@ def test_files_change_at_their_size_and_the_oldest_go_for_the_budget(tmp_path, m
     path.write_bytes(b"somebody's earlier recording")
     recording = writer(path, messages, file_mb=2, budget_mb=9, spare_mb=0)
     for t_ns in range(40):
-        recording.take(Kind.RAW, 0, t_ns, np.random.default_rng(t_ns).bytes(1500))
+        recording.take(MessageKind.RAW, 0, t_ns, np.random.default_rng(t_ns).bytes(1500))
         recording.commit()
     recording.finish()
     left = parts.existing(path)
@@ -216,17 +216,17 @@ def test_a_full_disk_pauses_the_recording_until_there_is_space(tmp_path, monkeyp
     recording = writer(path, messages)
     sync = os.fdatasync
     monkeypatch.setattr(os, "fdatasync", lambda fd: _no_room() if full else sync(fd))
-    recording.take(Kind.RAW, 0, 1, b"before")
+    recording.take(MessageKind.RAW, 0, 1, b"before")
     recording.commit()
     full.append(True)
-    recording.take(Kind.RAW, 0, 2, b"lost")
+    recording.take(MessageKind.RAW, 0, 2, b"lost")
     recording.commit()
-    recording.take(Kind.RAW, 0, 3, b"lost, too")
+    recording.take(MessageKind.RAW, 0, 3, b"lost, too")
     recording.commit()
     full.clear()
     recording._retry_s = 0.0
     recording.commit()
-    recording.take(Kind.RAW, 0, 4, b"after")
+    recording.take(MessageKind.RAW, 0, 4, b"after")
     recording.finish()
     assert [raw.data for raw in raws(path)] == [b"before"]
     assert [raw.data for raw in raws(path.with_name("drive.0001.mcap"))] == [b"after"]

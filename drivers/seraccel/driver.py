@@ -13,7 +13,7 @@ from ..dialogue import Dialogue
 from ..driver import Identity, ImuConfigured, Options
 from .protocol import TIMEOUT_S, measure_rate, probe, reach_stream
 from .ranges import FULL_COUNT, LOW_PASS_NS, MODEL, RANGES, STANDARD_GRAVITY, range_of
-from .signatures import Stream, firmware_in, menu_in, range_in, stream_in
+from .signatures import StreamedSamples, firmware_in, menu_in, range_in, stream_in
 
 PROFILE = "mma7260"
 
@@ -82,7 +82,7 @@ class SerAccel:
         return decode
 
 
-def range_from_gravity(stream: Stream) -> tuple[float, tuple[str, ...]]:
+def range_from_gravity(stream: StreamedSamples) -> tuple[float, tuple[str, ...]]:
     """The range in which the counts are nearest to 1 g, and a warning: only the menu states the range."""
     mean = [sum(axis) / len(stream.samples) - FULL_COUNT / 2.0 for axis in zip(*stream.samples, strict=True)]
     force = {row.g: math.hypot(*mean) * row.scale / STANDARD_GRAVITY for row in RANGES}

@@ -27,7 +27,7 @@ RANGE = re.compile(rb"range[^\r\n]*?(\d(?:\.\d)?) ?g", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
-class Stream:
+class StreamedSamples:
     """Samples received: numbers as sent, g or counts."""
 
     samples: tuple[tuple[float, float, float], ...]
@@ -35,13 +35,13 @@ class Stream:
     bytes_each: float  # with line end
 
 
-def stream_in(received: bytes) -> Stream | None:
+def stream_in(received: bytes) -> StreamedSamples | None:
     """The longest unbroken run of samples, if it is long enough to be sure."""
     if runs := [match[0] for match in BINARY.finditer(received)]:
         run = max(runs, key=len)
         frames = [run[i : i + FRAME] for i in range(0, len(run), FRAME)]
         words = [[float(frame[i] << 8 | frame[i + 1]) for i in (1, 3, 5)] for frame in frames]
-        return Stream(tuple((x, y, z) for x, y, z in words), True, FRAME)
+        return StreamedSamples(tuple((x, y, z) for x, y, z in words), True, FRAME)
     best: list[re.Match[bytes]] = []
     for lines in _text_runs(received):
         if len(lines) >= (1 if lines[0].re is LABELLED else PLAIN_LINES):
@@ -50,7 +50,7 @@ def stream_in(received: bytes) -> Stream | None:
         return None
     values = tuple((float(line[1]), float(line[2]), float(line[3])) for line in best)
     width = sum(len(line[0]) for line in best) / len(best)
-    return Stream(values, b"." not in best[0][1], width)
+    return StreamedSamples(values, b"." not in best[0][1], width)
 
 
 def _text_runs(received: bytes) -> Iterator[list[re.Match[bytes]]]:

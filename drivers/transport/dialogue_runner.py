@@ -11,7 +11,7 @@ from ..spi import Bus, Fetch
 WAIT_S = 0.25  # at most, between two readings of the clock
 
 
-class Port(Protocol):
+class DialoguePort(Protocol):
     """The interface of a line that a dialogue needs."""
 
     @property
@@ -45,7 +45,9 @@ class DialogueRunner(Generic[Result]):
     Once `finished`, `result` is the dialogue's result. `start` and the `on_` methods raise the port's errors.
     """
 
-    def __init__(self, port: Port, dialogue: Dialogue[Result], now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, port: DialoguePort, dialogue: Dialogue[Result], now: Callable[[], float] = time.monotonic
+    ) -> None:
         self.fd = port.fd
         self.deadline_s = 0.0  # on the clock of `now`
         self.finished = False
@@ -97,7 +99,7 @@ class DialogueRunner(Generic[Result]):
         self.deadline_s = self._now() + exchange.listen_s
 
 
-def run_dialogue(port: Port, dialogue: Dialogue[Result], on_wait: Callable[[], None] = lambda: None) -> Result:
+def run_dialogue(port: DialoguePort, dialogue: Dialogue[Result], on_wait: Callable[[], None] = lambda: None) -> Result:
     """Run `dialogue` to its end and return its result; `on_wait` is called before each wait, of a quarter second."""
     runner = DialogueRunner(port, dialogue)
     runner.start()

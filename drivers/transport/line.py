@@ -4,13 +4,13 @@ from collections.abc import Callable, Mapping
 from typing import Protocol, runtime_checkable
 
 from ..driver import GnssConfigured, ImuConfigured
-from .dialogue_runner import Port
+from .dialogue_runner import DialoguePort
 from .portspec import PortSpec
 from .serial import SerialPort, present
 from .spi import SpiPort
 
 
-class Line(Port, Protocol):
+class Line(DialoguePort, Protocol):
     """An open port. Reading never blocks; whatever fails in use is PortLostError."""
 
     @property

@@ -70,7 +70,7 @@ class Fault:
 
 
 @dataclass(frozen=True)
-class Kind:
+class FaultKind:
     """One row of the language. needs: a beginning; closed: an end as well."""
 
     layer: str
@@ -85,27 +85,29 @@ class Kind:
 
 
 SHARE = "share of the messages"
-KINDS: dict[str, Kind] = {
-    "cut": Kind("wire", BOTH, f"{SHARE} that lose their end", most=1.0),
-    "flip": Kind("wire", BOTH, f"{SHARE} with 1 to 3 bits inverted", most=1.0),
-    "drop": Kind("wire", BOTH, f"{SHARE} that lose 1 to 3 bytes inside", most=1.0),
-    "dup": Kind("wire", BOTH, f"{SHARE} with 1 to 3 bytes repeated", most=1.0),
-    "header": Kind("wire", BOTH, f"{SHARE} with a byte inside replaced by their first", most=1.0),
-    "cr": Kind("wire", BOTH, f"{SHARE} with a byte inside replaced by CR", most=1.0),
-    "junk": Kind("wire", BOTH, f"{SHARE} with 1 to 16 stray bytes before them", most=1.0),
-    "lose": Kind("wire", BOTH, f"{SHARE} lost whole; all: lose@FROM-TO", 1.0, most=1.0),
-    "delay": Kind("wire", BOTH, f"{SHARE} delayed by the second value in s (0.1), with all later ones", second=0.1),
-    "backlog": Kind("wire", BOTH, "messages are delayed and arrive together at the end", 1.0, closed=True),
-    "frozen": Kind("sensor", (IMU,), "axes (gx+gy+gz+ax+ay+az, or all) keep their value", 0.0, axes=True),
-    "saturated": Kind("sensor", (IMU,), "axes at the end of their range", 0.0, axes=True),
-    "zero": Kind("sensor", (IMU,), "axes show 0", 0.0, axes=True),
-    "bias": Kind("sensor", (IMU,), "deg/s on top of each gyro's bias, as after another power-on", needs=True),
-    "reset": Kind("device", BOTH, "restarts, settings lost", 0.0, needs=True),
-    "count": Kind("device", (IMU,), "its counter jumps by so many (not seraccel)", needs=True),
-    "unplug": Kind("plug", BOTH, "the port is removed, and returns at the end", 0.0, closed=True),
-    "loss": Kind("fixes", (GNSS,), "the receiver reports no fix", 0.0),
-    "jump": Kind("fixes", (GNSS,), "m beside the truth, towards the second value in deg (0)", second=0.0),
-    "ramp": Kind("fixes", (GNSS,), "m/s away from the truth, towards the second value in deg (0)", second=0.0),
+KINDS: dict[str, FaultKind] = {
+    "cut": FaultKind("wire", BOTH, f"{SHARE} that lose their end", most=1.0),
+    "flip": FaultKind("wire", BOTH, f"{SHARE} with 1 to 3 bits inverted", most=1.0),
+    "drop": FaultKind("wire", BOTH, f"{SHARE} that lose 1 to 3 bytes inside", most=1.0),
+    "dup": FaultKind("wire", BOTH, f"{SHARE} with 1 to 3 bytes repeated", most=1.0),
+    "header": FaultKind("wire", BOTH, f"{SHARE} with a byte inside replaced by their first", most=1.0),
+    "cr": FaultKind("wire", BOTH, f"{SHARE} with a byte inside replaced by CR", most=1.0),
+    "junk": FaultKind("wire", BOTH, f"{SHARE} with 1 to 16 stray bytes before them", most=1.0),
+    "lose": FaultKind("wire", BOTH, f"{SHARE} lost whole; all: lose@FROM-TO", 1.0, most=1.0),
+    "delay": FaultKind(
+        "wire", BOTH, f"{SHARE} delayed by the second value in s (0.1), with all later ones", second=0.1
+    ),
+    "backlog": FaultKind("wire", BOTH, "messages are delayed and arrive together at the end", 1.0, closed=True),
+    "frozen": FaultKind("sensor", (IMU,), "axes (gx+gy+gz+ax+ay+az, or all) keep their value", 0.0, axes=True),
+    "saturated": FaultKind("sensor", (IMU,), "axes at the end of their range", 0.0, axes=True),
+    "zero": FaultKind("sensor", (IMU,), "axes show 0", 0.0, axes=True),
+    "bias": FaultKind("sensor", (IMU,), "deg/s on top of each gyro's bias, as after another power-on", needs=True),
+    "reset": FaultKind("device", BOTH, "restarts, settings lost", 0.0, needs=True),
+    "count": FaultKind("device", (IMU,), "its counter jumps by so many (not seraccel)", needs=True),
+    "unplug": FaultKind("plug", BOTH, "the port is removed, and returns at the end", 0.0, closed=True),
+    "loss": FaultKind("fixes", (GNSS,), "the receiver reports no fix", 0.0),
+    "jump": FaultKind("fixes", (GNSS,), "m beside the truth, towards the second value in deg (0)", second=0.0),
+    "ramp": FaultKind("fixes", (GNSS,), "m/s away from the truth, towards the second value in deg (0)", second=0.0),
 }
 
 
@@ -196,7 +198,7 @@ def _axes(text: str | None, where: str) -> tuple[int, ...]:
     return tuple(AXES.index(name) for name in names)
 
 
-def _span(text: str | None, kind: Kind, where: str) -> Span:
+def _span(text: str | None, kind: FaultKind, where: str) -> Span:
     if text is None:
         if kind.needs or kind.closed:
             raise SpecError(f"{where!r}: when? write @FROM{'-TO' if kind.closed else ''}, in s since the start")

@@ -17,8 +17,8 @@ from ..compile.entry import waiting_entry
 from ..compile.system import CLOCK_MONOTONIC, clock_ns, ppoll, read
 from ..math.arrays import Records
 from ..outputs.binary import BinaryOutputs, publish
-from ..pipeline import Stream
-from ..stages import RX, STREAM, ingest
+from ..pipeline import InertialPipeline
+from ..stages import INERTIAL_PIPELINE, RX, ingest
 
 FAST_LOOP = np.dtype(
     [
@@ -73,7 +73,7 @@ class FastLoop:
 
     def __init__(self) -> None:
         self.others = select.epoll()
-        self._idle = np.zeros(1, STREAM)
+        self._idle = np.zeros(1, INERTIAL_PIPELINE)
         self._record = np.zeros(1, FAST_LOOP)
         for name, part in (("at", "fd"), ("timeout_at", "timeout_s"), ("time_at", "time")):
             self._record[name] = self._record[part].ctypes.data
@@ -86,7 +86,7 @@ class FastLoop:
         """The line's descriptor; -1: none is attached."""
         return int(self._record["fd"][0])
 
-    def attach(self, fd: int, stream: Stream) -> None:
+    def attach(self, fd: int, stream: InertialPipeline) -> None:
         """From now on, read this line into this stream."""
         self._record["fd"], self._stream = fd, stream.record
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from .innovation_kinds import Kind
+from .innovation_kinds import InnovationKind
 
 DEGREE = math.pi / 180.0  # rad
 
@@ -36,7 +36,7 @@ class AidingSource:
     message: str
     columns: dict[str, Column]
     sigmas: dict[str, Column] = field(default_factory=dict)
-    innovations: dict[int, Kind] = field(default_factory=dict)
+    innovations: dict[int, InnovationKind] = field(default_factory=dict)
 
     def fill(self, measurement: Any, row: Mapping[str, float]) -> None:
         """Write kind, values and sigmas to a row of MEASUREMENT; row: numbers by column, absent or NaN if not known.

@@ -1,4 +1,4 @@
-"""Types of arrays, for the type checker: numpy's, and what kernels know of one (Reals, Integers, Table)."""
+"""Types of arrays, for the type checker: numpy's, and what kernels know of one (Reals, Integers, Tensor)."""
 
 from typing import Any, Protocol
 
@@ -26,7 +26,7 @@ class Integers(Protocol):
     def __len__(self) -> int: ...
 
 
-class Table(Protocol):
+class Tensor(Protocol):
     """An array of numbers with several indices."""
 
     def __getitem__(self, i: Any) -> Any: ...

@@ -9,7 +9,7 @@ STATE = "state"  # level of what is no line for the log but JSON: path, bytes an
 PACKET = 1 << 18  # bytes, more than any packet
 
 
-class Kind(IntEnum):
+class MessageKind(IntEnum):
     """Of an item; in brackets what its bytes are."""
 
     START = 0  # JSON

@@ -33,7 +33,7 @@ from ..sensors.byte_sink import ByteSink
 from ..sensors.inertial import Inertial
 from .clock_fit import row_of
 from .measurements import measurement_object
-from .protocol import HEADER, STATE, Kind
+from .protocol import HEADER, STATE, MessageKind
 
 Buffer = bytes | memoryview
 _SHIP_BYTES = 32 << 10
@@ -81,7 +81,7 @@ class Recorder:
             "ports": settings.ports,
             "settings": settings,
         }
-        self._json(Kind.START, start)
+        self._json(MessageKind.START, start)
         self._ship()
 
     def byte_sink(self, port: int) -> ByteSink:
@@ -90,8 +90,8 @@ class Recorder:
 
     def _raw(self, port: int, data: Buffer, t_ns: int, pulse_ns: int | None = None) -> None:
         if pulse_ns is not None:
-            self._put(Kind.PULSE, b"", pulse_ns, port)
-        self._put(Kind.RAW, data, t_ns, port)
+            self._put(MessageKind.PULSE, b"", pulse_ns, port)
+        self._put(MessageKind.RAW, data, t_ns, port)
 
     def connected(
         self,
@@ -113,55 +113,56 @@ class Recorder:
         biases = {} if stored.biases is None else msgspec.to_builtins(stored.biases)
         driver, setup = configured.identity.driver, to_builtins(configured)
         opened = Connection(now_ns, port, path, True, kind, driver, setup, known, biases, stored.checkpoint)
-        self._json(Kind.CONNECTION, opened, port)
+        self._json(MessageKind.CONNECTION, opened, port)
 
     def disconnected(self, port: int, path: str) -> None:
         """It streams no more."""
         from imud.drivers.capture import Connection
 
-        self._json(Kind.CONNECTION, Connection(time.monotonic_ns(), port, path, False), port)
+        self._json(MessageKind.CONNECTION, Connection(time.monotonic_ns(), port, path, False), port)
 
     def record_solutions(self, samples: Records, solutions: Records) -> None:
         """Samples (SAMPLE) and the solutions (SOLUTION) after each."""
         t_ns = int(samples[0]["t_ns"])
-        self._put(Kind.SAMPLES, samples.view(np.uint8).data, t_ns)
-        self._put(Kind.SOLUTIONS, solutions.view(np.uint8).data, t_ns)
+        self._put(MessageKind.SAMPLES, samples.view(np.uint8).data, t_ns)
+        self._put(MessageKind.SOLUTIONS, solutions.view(np.uint8).data, t_ns)
 
     def record_fix(self, fix: Records, innovations: Records) -> None:
         """A fix (FIX) and what the filter made of it (INNOVATION)."""
         t_ns = int(fix[0]["arrival_ns"])
-        self._put(Kind.FIX, fix.tobytes(), t_ns)
+        self._put(MessageKind.FIX, fix.tobytes(), t_ns)
         if len(innovations):
-            self._put(Kind.INNOVATIONS, innovations.tobytes(), t_ns)
+            self._put(MessageKind.INNOVATIONS, innovations.tobytes(), t_ns)
 
     def record_measurement(self, source: str, measurement: Records, innovations: Records) -> None:
         """A measurement (array of one MEASUREMENT) of an aiding source, and what the filter made of it."""
         t_ns = int(measurement[0]["arrival_ns"])
-        self._put(Kind.MEASUREMENT, msgspec.json.encode(measurement_object(source, measurement[0])), t_ns)
+        self._put(MessageKind.MEASUREMENT, msgspec.json.encode(measurement_object(source, measurement[0])), t_ns)
         if len(innovations):
-            self._put(Kind.INNOVATIONS, innovations.tobytes(), t_ns)
+            self._put(MessageKind.INNOVATIONS, innovations.tobytes(), t_ns)
 
     def record_innovations(self, innovations: Records) -> None:
         """Innovations that the filter made without a fix (INNOVATION)."""
-        self._put(Kind.INNOVATIONS, innovations.tobytes(), int(innovations[-1]["t_ns"]))
+        self._put(MessageKind.INNOVATIONS, innovations.tobytes(), int(innovations[-1]["t_ns"]))
 
     def record_clock(self, port: int, inertial: Inertial, now_ns: int) -> None:
         """Record the state of that sensor's clock, once a second."""
         if now_ns >= self._clock_due_ns:
             self._clock_due_ns = now_ns + _CLOCK_PERIOD_NS
-            self._put(Kind.CLOCK, row_of(inertial, port, now_ns).tobytes(), now_ns)
+            self._put(MessageKind.CLOCK, row_of(inertial, port, now_ns).tobytes(), now_ns)
 
     def record_settings(self, settings: Settings) -> None:
         """These are the settings from now on."""
-        self._json(Kind.SETTINGS, settings)
+        self._json(MessageKind.SETTINGS, settings)
 
     def record_event(self, level: str, text: str, facts: dict[str, Any]) -> None:
         """A line of the log."""
         self._json(
-            Kind.EVENT, {"level": level, "text": text, "facts": {name: str(fact) for name, fact in facts.items()}}
+            MessageKind.EVENT,
+            {"level": level, "text": text, "facts": {name: str(fact) for name, fact in facts.items()}},
         )
 
-    def _json(self, kind: Kind, value: Any, port: int = 0) -> None:
+    def _json(self, kind: MessageKind, value: Any, port: int = 0) -> None:
         self._put(kind, msgspec.json.encode(value), time.monotonic_ns(), port)
 
     def _put(self, kind: int, data: Buffer, t_ns: int, port: int = 0) -> None:
@@ -215,7 +216,7 @@ class Recorder:
 
     def discard_unused(self) -> None:
         """Leave no file behind, if no device has streamed."""
-        self._put(Kind.DISCARD, b"", time.monotonic_ns())
+        self._put(MessageKind.DISCARD, b"", time.monotonic_ns())
 
     def begin_close(self) -> None:
         """Begin to send the rest and to finish the file. Call `is_finished` until it returns True."""

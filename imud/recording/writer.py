@@ -37,7 +37,7 @@ from .messages import (
     Table,
     innovation,
 )
-from .protocol import PACKET, STATE, Kind, items
+from .protocol import PACKET, STATE, MessageKind, items
 
 _MB = 1 << 20
 _COMMIT_S = 1.0
@@ -86,32 +86,32 @@ class RecordingWriter:
 
     def take(self, kind: int, port: int, t_ns: int, data: bytes) -> None:
         """An item of a packet."""
-        if kind == Kind.RAW:
+        if kind == MessageKind.RAW:
             self._write(f"{RAW}{port}", t_ns, _encode(Raw(t_ns, data, self._pulses.pop(port, None))))
-        elif kind == Kind.PULSE:
+        elif kind == MessageKind.PULSE:
             self._pulses[port] = t_ns
-        elif kind == Kind.SAMPLES:
+        elif kind == MessageKind.SAMPLES:
             self._rows(SAMPLE_TABLE, self._samples.kept(np.frombuffer(data, SAMPLE_TABLE.dtype)))
-        elif kind == Kind.SOLUTIONS:
+        elif kind == MessageKind.SOLUTIONS:
             self._solutions(self._estimates.kept(np.frombuffer(data, ESTIMATE_TABLE.dtype)))
-        elif kind == Kind.FIX:
+        elif kind == MessageKind.FIX:
             self._rows(FIX_TABLE, np.frombuffer(data, FIX_TABLE.dtype), t_ns)
-        elif kind == Kind.CLOCK:
+        elif kind == MessageKind.CLOCK:
             self._rows(CLOCK_TABLE, np.frombuffer(data, CLOCK_TABLE.dtype))
-        elif kind == Kind.INNOVATIONS:
+        elif kind == MessageKind.INNOVATIONS:
             for entry in INNOVATION_TABLE.objects(np.frombuffer(data, INNOVATION_TABLE.dtype)):
                 self._write(INNOVATION_TABLE.topic, t_ns, _encode(innovation(entry)))
-        elif kind == Kind.MEASUREMENT:
+        elif kind == MessageKind.MEASUREMENT:
             self._write(AIDING, t_ns, data)
-        elif kind == Kind.CONNECTION:
+        elif kind == MessageKind.CONNECTION:
             self._connections[port] = msgspec.json.decode(data, type=Connection)
             self._write(CONNECTIONS, t_ns, data)
-        elif kind == Kind.EVENT:
+        elif kind == MessageKind.EVENT:
             self._write(EVENTS, t_ns, _encode({"t_ns": t_ns, **msgspec.json.decode(data)}))
-        elif kind == Kind.SETTINGS:
+        elif kind == MessageKind.SETTINGS:
             self._settings = msgspec.json.decode(data)
             self._write(SETTINGS, t_ns, _encode({"t_ns": t_ns, "settings": self._settings}))
-        elif kind == Kind.DISCARD and self._file is not None and not self._connections:
+        elif kind == MessageKind.DISCARD and self._file is not None and not self._connections:
             self._file.discard()
             self._file = None
 

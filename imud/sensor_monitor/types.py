@@ -1,12 +1,12 @@
 """The records of the sensor monitor as types for mypy, written by tests/record_types.py."""
 
-from ..math.arrays import Integers, Reals, Table
+from ..math.arrays import Integers, Reals, Tensor
 
 
 class Clipping:
     floor: Reals
-    range: Table
-    plateau: Table
+    range: Tensor
+    plateau: Tensor
     largest: Reals
     rising: Integers
     flat: Integers

@@ -10,7 +10,7 @@ from imud.drivers.sample import POWER_ON, RECONNECTED
 from imud.drivers.transport.line import Line
 
 from ..configuration.settings import Initial, Settings
-from ..pipeline import NOTHING_STORED, Filter, Stored, Stream
+from ..pipeline import NOTHING_STORED, Filter, InertialPipeline, Stored
 from ..sensor_errors.calibration import Calibration
 from ..setup import choices
 from .inertial import Inertial
@@ -67,7 +67,7 @@ class EstimatorSelection:
             if self._initial != _UNKNOWN:
                 stored = replace(stored, checkpoint=b"")
             self._initial = _UNKNOWN  # it was of the start
-            stream = Stream(driver, driver.new_state(configured), filter_)
+            stream = InertialPipeline(driver, driver.new_state(configured), filter_)
             stream.record["count"] = self.inertial.samples if self.inertial else 0
             self.inertial = Inertial(stream)
             self._made_for = made_for

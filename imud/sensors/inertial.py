@@ -8,7 +8,7 @@ import numpy as np
 from imud.drivers.driver import ImuConfigured, ImuDriver
 from imud.drivers.transport.line import Known, Line
 
-from ..pipeline import Stream
+from ..pipeline import InertialPipeline
 from ..sensor_monitor.health import shown, words
 from .byte_sink import READ_BYTES, ByteSink
 from .loss import HIGH, LossMonitor
@@ -24,7 +24,7 @@ _DAMAGED = f"inertial sensor: more than {HIGH:.0%} of its samples do not arrive 
 class Inertial:
     """An inertial sensor that streams into a filter."""
 
-    def __init__(self, stream: Stream) -> None:
+    def __init__(self, stream: InertialPipeline) -> None:
         self.stream = stream
         self.silence_ns = SILENCE_NS
         self.period_s = 0.0  # nominal, between samples

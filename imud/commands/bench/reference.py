@@ -17,7 +17,7 @@ from imud.compile import c
 from imud.compile.c.kinds import stored
 from imud.drivers.sample import SAMPLE
 from imud.estimators.records import SOLUTION
-from imud.pipeline import Filter, Stream
+from imud.pipeline import Filter, InertialPipeline
 
 from ...math.arrays import Records
 
@@ -63,8 +63,8 @@ def to_c(filter_: Filter, folder: Path) -> None:
     filter_.stages.feed = partial(call, build(unit.source, folder).feed)
 
 
-def stream_source(stream: Stream) -> tuple[str, bytes]:
-    """`Stream.ingest` in C as `int64_t ingest(received, arrival_ns)`, with all its memory; and the memory's contents.
+def stream_source(stream: InertialPipeline) -> tuple[str, bytes]:
+    """`InertialPipeline.ingest` in C as `int64_t ingest(received, arrival_ns)`, with its memory; and the contents.
 
     RX, DECODER and SOLUTIONS name the buffers; `memory` lists all of them, in the order of the bytes returned.
     """

@@ -17,7 +17,7 @@ from imud.drivers.registry import by_name
 from imud.estimators import registry
 from imud.estimators.records import SOLUTION
 from imud.math.earth import STANDARD_GRAVITY
-from imud.pipeline import Filter, Stream
+from imud.pipeline import Filter, InertialPipeline
 
 from . import naive, reference, signals
 from .table import Section
@@ -41,16 +41,16 @@ def timed(act: Callable[[], Any]) -> float:
     return time.process_time() - begin
 
 
-def new_stream(estimator: str) -> Stream:
+def new_stream(estimator: str) -> InertialPipeline:
     """An M-G350 into an estimator."""
     driver = by_name("epson")
     assert driver.kind == "imu"
     configured = ImuConfigured(Identity("epson", "M-G350"), 1000.0, 1_000_000, 0, signals.FRAME)
     filter_ = Filter(registry.by_name(estimator), Settings(), Initial(), 1000.0)
-    return Stream(driver, driver.new_state(configured), filter_)
+    return InertialPipeline(driver, driver.new_state(configured), filter_)
 
 
-def replay_wire(stream: Stream, wire: Any, period_ns: int) -> int:
+def replay_wire(stream: InertialPipeline, wire: Any, period_ns: int) -> int:
     """All of its bytes, as they would come; returns how many solutions they make."""
     total = 0
     for at in range(0, len(wire), CHUNK):

@@ -43,7 +43,7 @@ from .state import (
 )
 
 if TYPE_CHECKING:
-    from ...math.arrays import Table
+    from ...math.arrays import Tensor
     from .types import Core, Parameters, Transition
 
 
@@ -120,7 +120,7 @@ def linearize(p: Parameters, c: Core, phi: Transition) -> None:
 
 
 @kernel
-def apply_phi(u: Table, columns: int, phi: Transition) -> None:
+def apply_phi(u: Tensor, columns: int, phi: Transition) -> None:
     """u <- Phi u, for `columns` columns of error states (STATES x columns)."""
     m, f, dt = phi.rotation, phi.force, phi.interval
     for j in range(columns):

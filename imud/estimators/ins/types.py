@@ -1,6 +1,6 @@
 """The records of the navigation filter as types for mypy, written by tests/record_types.py."""
 
-from ...math.arrays import Floats, Indices, Integers, Reals, Table
+from ...math.arrays import Floats, Indices, Integers, Reals, Tensor
 from ..types import Fix, Innovation, Measurement
 from .tuning_types import Tuning
 
@@ -96,7 +96,7 @@ class Stationarity:
     at_rest: int
     low_motion_count: int
     stationary_count: int
-    motion_class: Table
+    motion_class: Tensor
     log_likelihood_ratio: float
     gyro_noise_floor: float
     vibration_level: float
@@ -114,7 +114,7 @@ class Nhc:
     scatter_weight: float
     mean_nis: float
     noise_scale: Reals
-    innovation_sum: Table
+    innovation_sum: Tensor
     innovation_count: int
     sum_count: int
     start_variance: Reals
@@ -161,28 +161,28 @@ class Drift:
     pending_noise_scale: float
     onset_ns: Integers
     innovation_count: Integers
-    information_vector: Table
-    information_matrix: Table
-    bias_sensitivity: Table
+    information_vector: Tensor
+    information_matrix: Tensor
+    bias_sensitivity: Tensor
 
 
 class Alignment:
     mode: int
     heading_sigma: float
     heading_bias_gain: float
-    integrals: Table
-    double_integrals: Table
+    integrals: Tensor
+    double_integrals: Tensor
     heading_phasor: Reals
     wander_azimuth: float
     wander_azimuth_drift: float
     vertical_bias: float
-    corrections: Table
+    corrections: Tensor
     pair_start_ns: int
     pair_start: Reals
-    pair_integrals: Table
-    pair_double_integrals: Table
+    pair_integrals: Tensor
+    pair_double_integrals: Tensor
     mean_velocity: Reals
-    mean_integrals: Table
+    mean_integrals: Tensor
     low_motion_position: Reals
     low_motion_ns: int
     origin_ns: int
@@ -213,7 +213,7 @@ class Scratch:
     position_innovation: Reals
     accel_fit: Reals
     accel_fit_error: Reals
-    integral_change: Table
+    integral_change: Tensor
     innovations: list[Innovation]
     innovation_count: int
 
@@ -248,21 +248,21 @@ class Core:
 
 
 class HypothesisBank:
-    integrals: Table
-    double_integrals: Table
-    whitening_state: Table
-    whitening_P: Table
-    products: Table
+    integrals: Tensor
+    double_integrals: Tensor
+    whitening_state: Tensor
+    whitening_P: Tensor
+    products: Tensor
     weight: float
     energy2: float
     energy_age: float
-    last_integrals: Table
-    last_double_integrals: Table
-    innovations: Table
-    prior: Table
-    inverse: Table
-    gain: Table
-    headings: Table
+    last_integrals: Tensor
+    last_double_integrals: Tensor
+    innovations: Tensor
+    prior: Tensor
+    inverse: Tensor
+    gain: Tensor
+    headings: Tensor
 
 
 class StoredMeasurement:

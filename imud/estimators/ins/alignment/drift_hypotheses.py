@@ -30,7 +30,7 @@ from ..state import HYPOTHESES
 from .whitening import update_hypothesis, update_whitening, whitened_innovations
 
 if TYPE_CHECKING:
-    from ....math.arrays import Table
+    from ....math.arrays import Tensor
     from ..types import Core, HypothesisBank, Parameters
 
 
@@ -147,7 +147,7 @@ def apply_corrections(p: Parameters, c: Core, b: HypothesisBank) -> None:
 
 
 @kernel
-def correct_products(products: Table, d: Table) -> None:
+def correct_products(products: Tensor, d: Tensor) -> None:
     """Products after d times the regressors are added to the integrated specific force (both columns and rows)."""
     for i in range(5):
         for j in range(3):

@@ -34,7 +34,7 @@ from .drift_hypotheses import (
 )
 
 if TYPE_CHECKING:
-    from ....math.arrays import Table
+    from ....math.arrays import Tensor
     from ..types import Core, HypothesisBank, Parameters
 
 
@@ -129,7 +129,7 @@ def move_prior_to_origin(c: Core, b: HypothesisBank) -> None:
 
 
 @kernel
-def invert(a: Table) -> None:
+def invert(a: Tensor) -> None:
     """a <- its inverse (3 x 3, complex; Gauss-Jordan without pivoting, the diagonal is dominant by construction)."""
     for i in range(3):
         size = a[i, i, 0] ** 2 + a[i, i, 1] ** 2
@@ -149,7 +149,7 @@ def invert(a: Table) -> None:
 
 
 @kernel
-def eliminate_nuisance(b: HypothesisBank, products: Table) -> None:
+def eliminate_nuisance(b: HypothesisBank, products: Tensor) -> None:
     """b.gain <- (N + S^-1)^-1 = S (N S + 1)^-1; N: products of the regressors with each other, S: b.prior."""
     s, g = b.prior, b.inverse
     for j in range(3):
@@ -170,7 +170,7 @@ def eliminate_nuisance(b: HypothesisBank, products: Table) -> None:
 
 
 @kernel
-def residual_product(b: HypothesisBank, products: Table, one: int, other: int) -> Complex:
+def residual_product(b: HypothesisBank, products: Tensor, one: int, other: int) -> Complex:
     """products[one, other] less the part that the regressors explain: a Schur complement by b.gain."""
     re, im = element(products[one], other)
     for j in range(3):

@@ -31,7 +31,7 @@ from ..mechanization import rotation_matrix
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 
 if TYPE_CHECKING:
-    from ....math.arrays import Reals, Table
+    from ....math.arrays import Reals, Tensor
     from ..types import Core
 
 
@@ -130,14 +130,14 @@ def clear_integrals(c: Core) -> None:
 
 
 @kernel
-def add_corrections(d: Table, a: Table, first: int) -> None:
+def add_corrections(d: Tensor, a: Tensor, first: int) -> None:
     """a[first] += sum of d[j] a[first + 1 + j], j = 0 to 2: the corrections d times the regressors, complex."""
     for j in range(3):
         add_scaled(a[first], multiply(element(d, j), element(a, first + 1 + j)), 1.0)
 
 
 @kernel
-def element(a: Table, i: int) -> Complex:
+def element(a: Tensor, i: int) -> Complex:
     """a[i] as a complex number; a: (n, 2)."""
     return a[i, 0], a[i, 1]
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from imud.compile import build, library, rebuild
+from imud.compile import build, library, rebuild, seal
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -31,48 +31,47 @@ def sources(tmp_path):
 @pytest.fixture
 def sealed(sources, monkeypatch):
     root, files = sources
-    original = library.digest
-    for module in (library, rebuild):
-        monkeypatch.setattr(module, "digest", lambda files: original(files, root))
+    original = seal.digest
+    monkeypatch.setattr(seal, "digest", lambda files: original(files, root))
     path = root / "kernels.so"
     path.write_bytes(b"\x7fELF code\nand more")
-    rebuild.seal(path, files)
+    seal.seal(path, files)
     return path
 
 
 def test_a_library_is_loaded_only_with_the_sources_that_it_was_made_of(sealed):
-    assert library.defect(sealed) is None
+    assert seal.defect(sealed) is None
     file = sealed.with_name("drivers") / "b.py"
     file.write_text("RATE = 7.292116e-5\n")
-    assert library.defect(sealed) == "is of other sources"
+    assert seal.defect(sealed) == "is of other sources"
     file.write_text("RATE = 7.292115e-5\n")
-    assert library.defect(sealed) is None
+    assert seal.defect(sealed) is None
     file.rename(file.with_name("c.py"))
-    assert "do not" in library.defect(sealed)
+    assert "do not" in seal.defect(sealed)
 
 
 def test_a_damaged_library_is_not_loaded(sealed):
     whole = sealed.read_bytes()
     for damaged in (b"", whole[:-1], whole[:100], whole[5:], b"x" + whole[1:], b"\n{}", b"\n[]", b"\n\xff"):
         sealed.write_bytes(damaged)
-        assert library.defect(sealed) == "is damaged"
+        assert seal.defect(sealed) == "is damaged"
 
 
 def test_a_library_of_another_machine_is_not_loaded(sealed):
     sealed.write_bytes(sealed.read_bytes().replace(os.uname().machine.encode(), b"riscv64"))
-    assert library.defect(sealed) == "is for riscv64"
+    assert seal.defect(sealed) == "is for riscv64"
 
 
 def test_a_library_that_is_not_there_or_cannot_be_read(tmp_path):
-    assert "does not exist" in library.defect(tmp_path / "kernels.so")
-    assert "directory" in library.defect(tmp_path)
+    assert "does not exist" in seal.defect(tmp_path / "kernels.so")
+    assert "directory" in seal.defect(tmp_path)
 
 
 def test_the_sources_are_those_that_are_loaded(tmp_path, monkeypatch):
     import imud.compile.c
     import imud.stages  # noqa: F401
 
-    files = rebuild.loaded_sources()
+    files = seal.loaded_sources()
     assert {"imud/stages.py", "imud/math/rotation.py", "imud/compile/c/calls.py", "imud/drivers/sample.py"} <= set(
         files
     )
@@ -114,7 +113,7 @@ def test_a_truncated_one_is_built_anew(built, tmp_path):
     place.write_bytes(built.read_bytes()[:50_000])
     ended = run("warmup", IMUD_KERNELS=str(place))
     assert ended.returncode == 0, ended.stderr
-    assert library.defect(place) is None
+    assert seal.defect(place) is None
 
 
 def test_a_signal_while_building_leaves_nothing_behind(built, tmp_path):

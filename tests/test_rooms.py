@@ -62,19 +62,14 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     ("imud/sensors",),
     ("imud/outputs", "imud/tables"),
     ("imud/recording", "imud/batch.py"),
+    ("imud/daemon/fast_loop.py",),
+    ("imud/compilation.py",),
     ("imud/daemon",),
-    ("imud/compilation.py", "imud/experiments", "imud/api"),
+    ("imud/experiments", "imud/api"),
     ("imud/commands", "imud/compile/__main__.py"),
     ("imud/__main__.py",),
 )
 FLOOR = {place: floor for floor, places in enumerate(FLOORS) for place in places}
-EXCEPTIONS = {  # importing file, imported file: why it may stay
-    ("imud/daemon/loop.py", "imud/compilation.py"): "calls every kernel once, those of the daemon's own cycle, too",
-    (
-        "imud/compile/library.py",
-        "imud/compile/rebuild.py",
-    ): "builds a missing library, which rebuild.py looks for again",
-}
 ONLY = {
     room: {"numpy", "drivers"} for room in DEVICES
 } | {  # room: all that it may import besides the standard library and itself
@@ -152,11 +147,8 @@ def place_of(file):
 
 @pytest.fixture(scope="module")
 def graph():
-    """For each file the files that it imports, without EXCEPTIONS, each of which must be there."""
-    found = import_graph(ROOT, PACKAGES)
-    for importing, imported_file in EXCEPTIONS:
-        found[importing].remove(imported_file)
-    return found
+    """For each file the files that it imports."""
+    return import_graph(ROOT, PACKAGES)
 
 
 def circle(graph):

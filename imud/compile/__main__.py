@@ -17,7 +17,7 @@ from pathlib import Path
 
 from .build import CannotBuildError, compile_c
 from .c import Translation, UnsupportedError
-from .rebuild import loaded_sources, seal
+from .seal import loaded_sources, seal
 
 _COVERAGE = ("--coverage", "-O0")  # optimised, lines would be merged; the bits are the same
 

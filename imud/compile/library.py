@@ -8,41 +8,14 @@ the cache folder, if this one cannot be written. IMUD_JIT=1 uses numba.
 
 import ctypes
 import functools
-import json
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from .hashing import digest_of
+from .seal import ROOT, defect
 
-ROOT = Path(__file__).resolve().parents[2]
-PACKAGE = "imud"  # our sources: `imud/drivers` is a link in a checkout, a folder where it is installed
 INSTALLED = Path(__file__).with_name("kernels.so")
-
-
-def digest(files: Sequence[str], root: Path = ROOT) -> str:
-    """Digest of these files of the sources, names and contents. Raises OSError if one is not there."""
-    contents = [(name, (root / name).read_bytes()) for name in files]
-    return digest_of(*(f"{name}\0{len(content)}\0".encode() + content for name, content in contents))
-
-
-def defect(library: Path) -> str | None:
-    """Why a library must not be loaded; None: it may."""
-    try:
-        code, _, line = library.read_bytes().rpartition(b"\n")
-        seal = json.loads(line)
-        if seal["code"] != digest_of(code):
-            return "is damaged"
-        if seal["machine"] != os.uname().machine:
-            return f"is for {seal['machine']}"
-        return None if seal["sources"] == digest(seal["files"]) else "is of other sources"
-    except FileNotFoundError:
-        return "does not exist, or is of sources that do not"
-    except OSError as error:
-        return str(error)
-    except (ValueError, KeyError, TypeError):
-        return "is damaged"
 
 
 def candidates() -> list[Path]:

@@ -2,7 +2,6 @@
 
 import contextlib
 import fcntl
-import json
 import os
 import signal
 import subprocess
@@ -12,23 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from . import build
-from .hashing import digest_of
-from .library import PACKAGE, ROOT, defect, digest
-
-
-def loaded_sources(root: Path = ROOT) -> list[str]:
-    """The source files of ours that this process has loaded: whatever the kernels depend on is among them."""
-    folder = f"{root / PACKAGE}{os.sep}"
-    files = (getattr(module, "__file__", None) for module in list(sys.modules.values()))
-    return sorted({Path(f).relative_to(root).as_posix() for f in files if f and f.startswith(folder)})
-
-
-def seal(library: Path, files: Sequence[str]) -> None:
-    """Append the line with the digests of a library's sources and code."""
-    code = library.read_bytes()
-    line = {"machine": os.uname().machine, "code": digest_of(code), "sources": digest(files), "files": list(files)}
-    with library.open("ab") as file:
-        file.write(b"\n" + json.dumps(line).encode())
+from .seal import ROOT, defect
 
 
 def rebuild(candidates: Sequence[Path]) -> Path:

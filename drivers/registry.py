@@ -1,4 +1,7 @@
-"""Finds the drivers: every sub-package with a module `driver` that holds a `DRIVER`. A new sensor is a new folder."""
+"""Finds the drivers: every sub-package with a module `driver` that holds a `DRIVER`, and those of plug-ins.
+
+A new sensor is a new folder here, or a package of its own.
+"""
 
 import importlib
 import importlib.util
@@ -6,6 +9,7 @@ import pkgutil
 from functools import cache
 
 from .driver import AnyDriver
+from .plugins import plugins
 
 
 @cache
@@ -17,6 +21,8 @@ def drivers() -> tuple[AnyDriver, ...]:
         module = f"{folder.name}.driver"
         if folder.ispkg and importlib.util.find_spec(module):
             found.append(importlib.import_module(module).DRIVER)
+    own = {driver.name for driver in found}
+    found += [driver for driver in plugins("imud.drivers").values() if driver.name not in own]
     return tuple(sorted(found, key=lambda driver: str(driver.name)))
 
 

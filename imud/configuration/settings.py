@@ -303,6 +303,10 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     shared_memory: SharedMemory = SharedMemory()
     record: Record = Record()
     chrony: Chrony = Chrony()
+    outputs: Annotated[
+        tuple[Name, ...],
+        Meta(max_length=16, description="Outputs of plug-ins, NAME or NAME:ARGUMENT; imud's own have tables above."),
+    ] = ()
     realtime: Realtime = Realtime()
 
 

@@ -1,7 +1,8 @@
-"""Which estimators there are. A new one is a module and a line here; it is imported when asked for."""
+"""Which estimators there are. A new one is a module and a line here, or a plug-in; it is imported when asked for."""
 
 import importlib
 
+from imud.drivers.plugins import plugins
 from imud.errors import UsageError
 
 from . import Estimator
@@ -18,14 +19,17 @@ _WHERE = {
     "gps-track": ("papers.gps_track", "ESTIMATOR"),
     "ins9": ("papers.ins9", "ESTIMATOR"),
 }
-NAMES = tuple(_WHERE)
+NAMES = tuple(_WHERE)  # of ours
 
 
 def by_name(name: str) -> Estimator:
     """The estimator called `name`. Raises UsageError naming those there are."""
-    if name not in _WHERE:
-        raise UsageError(f"no estimator is called {name!r}; there are {', '.join(NAMES)}")
-    module, attribute = _WHERE[name]
-    estimator = getattr(importlib.import_module(f"{__package__}.{module}"), attribute)
+    if name in _WHERE:
+        module, attribute = _WHERE[name]
+        estimator = getattr(importlib.import_module(f"{__package__}.{module}"), attribute)
+    elif name in (others := plugins("imud.estimators")):
+        estimator = others[name]
+    else:
+        raise UsageError(f"no estimator is called {name!r}; there are {', '.join([*NAMES, *others])}")
     assert isinstance(estimator, Estimator)
     return estimator

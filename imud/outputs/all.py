@@ -12,6 +12,7 @@ from .chrony import ChronyOutput
 from .gpsd import GpsdServer
 from .listeners import Poller
 from .nmea import NmeaOutput
+from .plugin import Output, opened
 from .view import View
 
 
@@ -39,7 +40,8 @@ class Outputs:
             if settings.chrony.shm_unit >= 0:
                 chrony = ChronyOutput(settings.chrony.shm_unit, int(settings.chrony.shm_mode, 8))
                 self._chrony = stack.enter_context(contextlib.closing(chrony))
-            self._view_outputs = (self.gpsd, nmea)
+            others = [stack.enter_context(contextlib.closing(opened(name))) for name in settings.outputs]
+            self._view_outputs: tuple[Output, ...] = (self.gpsd, nmea, *others)
             self._opened = stack.pop_all()
 
     def configure(self, settings: Settings) -> None:

@@ -143,10 +143,12 @@ def _unknown_names(table: dict[str, Any]) -> Iterable[tuple[str, str]]:
     imu = table.get("imu")
     given = {"estimator": table.get("estimator"), "imu.profile": imu.get("profile") if isinstance(imu, dict) else None}
     if any(given.values()):
+        from ..drivers.plugins import plugins
         from ..estimators.registry import NAMES
         from ..sensor_errors.profiles import PROFILES
 
-        for (path, name), known in zip(given.items(), (NAMES, tuple(PROFILES)), strict=True):
+        estimators = (*NAMES, *plugins("imud.estimators"))
+        for (path, name), known in zip(given.items(), (estimators, tuple(PROFILES)), strict=True):
             if isinstance(name, str) and name not in ("auto", *known):
                 yield path, f"there is no {name!r}; known are auto, {', '.join(known)}"
 

@@ -44,7 +44,7 @@ from .alignment import (
     velocity_pairs,
     whitening,
 )
-from .integrity import heading_monitor
+from .integrity import gravity_monitor, heading_monitor
 from .observers import gnss_drift, velocity_noise
 from .state import AUTO, FREE, LAND
 
@@ -78,6 +78,7 @@ TUNABLES = (
     *drift_hypotheses.TUNABLES,
     *heading_posterior.TUNABLES,
     *heading_monitor.TUNABLES,
+    *gravity_monitor.TUNABLES,
     *gnss_drift.TUNABLES,
     *velocity_noise.TUNABLES,
     *fusion_horizon.TUNABLES,

@@ -17,6 +17,7 @@ from .alignment.transitions import abort_navigation, restart_attitude, start_nav
 from .alignment.velocity_pairs import flag_heading, is_levelled, reset_pairs
 from .ekf import add_covariance, add_variance, variance
 from .fusion import propagate_errors
+from .integrity.gravity_monitor import monitor_gravity
 from .mechanization import integrate_strapdown, ned_to_body, rotation_matrix, set_velocity
 from .power_on import check_attitude, reopen_biases
 from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, POSITION, VELOCITY
@@ -153,6 +154,7 @@ def end_window(p: Parameters, c: Core) -> None:
     """At the end of a stationarity window: detect rest, level, fuse rest, look for the forward axis."""
     propagate_errors(p, c)
     classify_window(p, c)
+    monitor_gravity(p, c)
     at_rest = detect_rest(p, c)
     if c.alignment.mode == COARSE_ALIGNMENT:
         level_from_window(p, c, at_rest)  # before the update at rest changes the attitude of the mean force

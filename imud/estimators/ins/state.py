@@ -135,6 +135,17 @@ STATIONARITY = np.dtype(
     align=True,
 )
 
+GRAVITY_MONITOR = np.dtype(
+    [
+        ("time", "<f8"),  # s, since the first window
+        ("angle", "<f8", (3,)),  # rad, the measured rate integrated since then
+        ("mean_w", "<f8", (3,)),  # of the last window, rad/s
+        ("first_f", "<f8", (3,)),  # mean force of the first window, m/s^2
+        ("variance", "<f8"),  # m^2/s^4, largest of a mean force since then
+    ],
+    align=True,
+)
+
 NHC = np.dtype(  # the non-holonomic constraint of a land vehicle
     [
         ("since_update", "<f8"),  # s
@@ -298,6 +309,7 @@ REWOUND = [  # what a rewind restores
     ("imu", IMU),
     ("cov", COVARIANCE),
     ("stationarity", STATIONARITY),
+    ("gravity_monitor", GRAVITY_MONITOR),
     ("nhc", NHC),
     ("gnss", GNSS),
     ("integrity", INTEGRITY),

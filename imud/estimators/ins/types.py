@@ -104,6 +104,14 @@ class Stationarity:
     vibration_gyro_psd: float
 
 
+class GravityMonitor:
+    time: float
+    angle: Floats
+    mean_w: Floats
+    first_f: Floats
+    variance: float
+
+
 class Nhc:
     since_update: float
     enabled: int
@@ -224,6 +232,7 @@ class Snapshot:
     imu: Imu
     cov: Covariance
     stationarity: Stationarity
+    gravity_monitor: GravityMonitor
     nhc: Nhc
     gnss: Gnss
     integrity: Integrity
@@ -238,6 +247,7 @@ class Core:
     imu: Imu
     cov: Covariance
     stationarity: Stationarity
+    gravity_monitor: GravityMonitor
     nhc: Nhc
     gnss: Gnss
     integrity: Integrity

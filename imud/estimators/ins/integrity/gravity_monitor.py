@@ -1,0 +1,172 @@
+"""The gravity monitor: gravity that does not turn in the body contradicts a rate across it, and so the gyro bias.
+
+While the means of the windows hardly change, the rate less the known bias, integrated, says by how much gravity must
+have turned in the body. If it has not turned, there was no rotation, and the bias is another than the filter knows: a
+sensor that restarted without notice, or one that warms up. Whatever the history, it is found as soon as the turn is
+larger than the noise, within a second for 0.2 deg/s. A rate about the vertical turns no gravity and shows nothing. In a
+coordinated turn the force stays in the body as well, but it is more than gravity.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from ....compile.jit import kernel
+from ....math.earth import EARTH_RATE_RADPS, gravity
+from ...tuning import Tunable
+from ..alignment.velocity_pairs import flag_heading, reset_pairs
+from ..ekf import add_variance, decorrelate, innovation_variance, set_jacobian3, variance
+from ..fusion import correct_state, gated_update
+from ..mechanization import Vector, ned_to_body
+from ..observers.gnss_drift import reset_drift
+from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
+
+if TYPE_CHECKING:
+    from ..types import Core, Parameters
+
+
+TUNABLES = (
+    Tunable("gravity_memory_s", 5.0, "s", "Longest time over which a turn of gravity is looked for.", "Choice."),
+    Tunable("fixed_gravity_gate", 8.0, "sigma", "Turn of gravity that must be seen, or the rate is bias.", "Choice."),
+    Tunable("fixed_gravity_share", 0.5, "", "Of this turn, more must be missing.", "Half: as likely seen as not."),
+    Tunable("min_rate_across_gravity", 0.5, "", "Sine of the angle to gravity of a rate that may turn it.", "Choice."),
+    Tunable(
+        "max_gravity_excess", 0.3, "m/s^2", "Force beyond gravity and bias that is no coordinated turn.", "14 deg bank."
+    ),
+    Tunable("wrong_bias_gate", 16.0, "NIS", "Gate of the bias that fixed gravity shows.", "Four sigma."),
+)
+
+
+@kernel
+def cross(a: Vector, b: Vector) -> Vector:
+    """a x b."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+@kernel
+def dot(a: Vector, b: Vector) -> float:
+    """a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def window_variance(p: Parameters, c: Core) -> float:
+    """Variance of the mean force of this window per axis, by noise and vibration, m^2/s^4."""
+    s = c.stationarity
+    scatter = s.sum_f2 / s.sample_count
+    for i in range(3):
+        scatter -= s.mean_f[i] * s.mean_f[i]
+    return max(p.accel_psd / s.duration, scatter / (3.0 * s.sample_count))
+
+
+@kernel
+def restart_gravity_monitor(p: Parameters, c: Core) -> None:
+    """Compare later windows with this one."""
+    g, s = c.gravity_monitor, c.stationarity
+    g.time = 0.0
+    g.variance = window_variance(p, c)
+    for i in range(3):
+        g.angle[i] = 0.0
+        g.mean_w[i], g.first_f[i] = s.mean_w[i], s.mean_f[i]
+
+
+@kernel
+def add_window(p: Parameters, c: Core) -> None:
+    """Add the rotation from the window before to this one."""
+    g, s = c.gravity_monitor, c.stationarity
+    g.time += s.duration
+    g.variance = max(g.variance, window_variance(p, c))
+    for i in range(3):
+        g.angle[i] += 0.5 * (g.mean_w[i] + s.mean_w[i]) * s.duration
+        g.mean_w[i] = s.mean_w[i]
+
+
+@kernel
+def is_gravity_alone(p: Parameters, c: Core) -> bool:
+    """Whether the magnitude of the mean force is that of gravity, within the error of the accelerometer."""
+    f, ba, bias2 = c.stationarity.mean_f, c.nav.ba, 0.0
+    for i in range(3):
+        bias2 = max(bias2, variance(c, ACCEL_BIAS + i))
+    magnitude = math.sqrt((f[0] - ba[0]) ** 2 + (f[1] - ba[1]) ** 2 + (f[2] - ba[2]) ** 2)
+    excess = abs(magnitude - gravity(c.nav.lat, c.nav.height))
+    return bool(excess < p.tuning.max_gravity_excess + 3.0 * math.sqrt(bias2))
+
+
+@kernel
+def bias_error(p: Parameters, c: Core) -> Vector:
+    """The error of the gyro bias across gravity, rad/s, if gravity stayed where it was in the body; else zero."""
+    g, f = c.gravity_monitor, (c.stationarity.mean_f[0], c.stationarity.mean_f[1], c.stationarity.mean_f[2])
+    north, down = EARTH_RATE_RADPS * math.cos(c.nav.lat), -EARTH_RATE_RADPS * math.sin(c.nav.lat)
+    earth, bg = ned_to_body(c, (north, 0.0, down)), c.nav.bg
+    angle = (
+        g.angle[0] - (bg[0] + earth[0]) * g.time,
+        g.angle[1] - (bg[1] + earth[1]) * g.time,
+        g.angle[2] - (bg[2] + earth[2]) * g.time,
+    )
+    turn, f2 = cross(f, angle), dot(f, f)  # m/s^2: by which the force would have changed
+    change = (f[0] - g.first_f[0], f[1] - g.first_f[1], f[2] - g.first_f[2])
+    turn2 = dot(turn, turn)
+    across = turn2 > p.tuning.min_rate_across_gravity**2 * dot(angle, angle) * f2
+    seen = turn2 > p.tuning.fixed_gravity_gate**2 * 2.0 * g.variance
+    fixed = dot(change, change) < p.tuning.fixed_gravity_share**2 * turn2
+    if not (across and seen and fixed and is_gravity_alone(p, c)):
+        return (0.0, 0.0, 0.0)
+    error = cross((turn[0] - change[0], turn[1] - change[1], turn[2] - change[2]), f)
+    scale = 1.0 / (f2 * g.time)
+    return (scale * error[0], scale * error[1], scale * error[2])
+
+
+@kernel
+def across_gravity(c: Core, k: int) -> Vector:
+    """One of two unit vectors across the mean force and each other, body axes; k: 0 or 1."""
+    f = (c.stationarity.mean_f[0], c.stationarity.mean_f[1], c.stationarity.mean_f[2])
+    e = cross(f, (1.0, 0.0, 0.0)) if abs(f[0]) < abs(f[1]) else cross(f, (0.0, 1.0, 0.0))
+    if k == 1:
+        e = cross(f, e)
+    scale = 1.0 / math.sqrt(dot(e, e))
+    return (scale * e[0], scale * e[1], scale * e[2])
+
+
+@kernel
+def contradicts_bias(p: Parameters, c: Core, error: Vector, r: float) -> bool:
+    """Whether the error (rad/s, variance r) is more than the bias's own uncertainty explains."""
+    if dot(error, error) == 0.0:
+        return False
+    for k in range(2):
+        e = across_gravity(c, k)
+        z = dot(e, error)
+        if z * z > p.tuning.wrong_bias_gate * (innovation_variance(c, set_jacobian3(c, 0, GYRO_BIAS, e)) + r):
+            return True
+    return False
+
+
+@kernel
+def monitor_gravity(p: Parameters, c: Core) -> None:
+    """At the end of a window, once classified: correct a gyro bias that fixed gravity contradicts.
+
+    Its attitude has turned by the error meanwhile, and the bias about the vertical may have changed as well.
+    """
+    g = c.gravity_monitor
+    if c.stationarity.low_motion_count < 2:
+        restart_gravity_monitor(p, c)
+        return
+    add_window(p, c)
+    error = bias_error(p, c)
+    f = c.stationarity.mean_f
+    r = 2.0 * g.variance / ((f[0] * f[0] + f[1] * f[1] + f[2] * f[2] + 1e-9) * g.time**2)
+    if contradicts_bias(p, c, error, r):
+        turned = (g.time + 2.0 * c.stationarity.duration) ** 2 * dot(error, error)
+        for i in range(3):
+            decorrelate(c, GYRO_BIAS + i, p.gyro_bias_sigma**2)
+            add_variance(c, ATTITUDE + i, turned)
+        for k in range(2):
+            e = across_gravity(c, k)
+            gated_update(c, set_jacobian3(c, 0, GYRO_BIAS, e), dot(e, error), r, 0.0)
+        correct_state(p, c)
+        reset_pairs(c)
+        reset_drift(c)
+        flag_heading(p, c)
+        restart_gravity_monitor(p, c)
+    elif g.time > p.tuning.gravity_memory_s:
+        restart_gravity_monitor(p, c)

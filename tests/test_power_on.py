@@ -111,6 +111,26 @@ def test_navigation_after_replugging_is_as_good_as_claimed(path, away_s):
     assert all((out["status"] & HEADING_VALID).all() for out, _ in runs)
 
 
+@pytest.mark.parametrize("fixes_end_s", [0.0, BEFORE_S, 1e6])
+@pytest.mark.parametrize("change_dps", [0.2, 0.6, -0.4])
+def test_rest_contradicts_such_a_bias_in_navigation_too(change_dps, fixes_end_s):
+    """Whether there are fixes, were some or never was one; after a second nothing is left of it but across gravity."""
+    d, (first, after) = PATHS["rest"], (round(BEFORE_S * RATE), round((BEFORE_S + 8.0) * RATE))
+    for seed, direction in enumerate(DIRECTIONS[::2]):
+        rng = np.random.default_rng(seed)
+        samples = sensed(d, rng, PROFILE.gyro_noise, PROFILE.accel_noise, *switch_on_biases(rng))
+        samples["w"][first:] += np.radians(change_dps) * direction
+        fixes = received(d, rng, late=0.2, sigma=1.8, speed_sigma=0.1)
+        fixes = fixes[fixes["arrival_ns"] < samples["t_ns"][0] + int(fixes_end_s * 1e9)]
+        out, _, _ = navigate(samples, fixes, SETTINGS, YAW)
+        error = np.hypot(*errors(d, out)[2][first:, :2].T)
+        assert (error < 3.5 * np.hypot(*out["sigma_rpy"][first:, :2].T)).all()
+        assert np.degrees(error).max() < 2.0
+        assert np.degrees(out["sigma_rpy"][first:, :2]).max() < 4.0
+        changed = np.degrees(out["bg"][after] - out["bg"][first - 1]) - change_dps * direction
+        assert np.abs(changed[:2]).max() < 0.05
+
+
 @pytest.mark.parametrize("turned_deg", [25.0, 90.0, 180.0])
 def test_a_sensor_that_was_turned_while_unplugged_is_levelled_anew_and_has_no_heading(turned_deg):
     turn = Rotation.from_euler("x", turned_deg, degrees=True)

@@ -142,6 +142,7 @@ GRAVITY_MONITOR = np.dtype(
         ("mean_w", "<f8", (3,)),  # of the last window, rad/s
         ("first_f", "<f8", (3,)),  # mean force of the first window, m/s^2
         ("variance", "<f8"),  # m^2/s^4, largest of a mean force since then
+        ("last_rest_ns", "<i8"),  # when the body was last at rest
     ],
     align=True,
 )

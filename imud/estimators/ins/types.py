@@ -110,6 +110,7 @@ class GravityMonitor:
     mean_w: Floats
     first_f: Floats
     variance: float
+    last_rest_ns: int
 
 
 class Nhc:

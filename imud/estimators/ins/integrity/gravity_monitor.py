@@ -34,6 +34,7 @@ TUNABLES = (
     Tunable(
         "max_gravity_excess", 0.3, "m/s^2", "Force beyond gravity and bias that is no coordinated turn.", "14 deg bank."
     ),
+    Tunable("recent_rest_s", 10.0, "s", "A bias found wrong was right until the last rest, if so recent.", "Choice."),
     Tunable("wrong_bias_gate", 16.0, "NIS", "Gate of the bias that fixed gravity shows.", "Four sigma."),
 )
 
@@ -145,9 +146,12 @@ def contradicts_bias(p: Parameters, c: Core, error: Vector, r: float) -> bool:
 def monitor_gravity(p: Parameters, c: Core) -> None:
     """At the end of a window, once classified: correct a gyro bias that fixed gravity contradicts.
 
-    Its attitude has turned by the error meanwhile, and the bias about the vertical may have changed as well.
+    The attitude has turned by the error since the last rest, and the bias about the vertical may have changed as well.
+    If no rest has checked the bias lately, the heading may be wrong by any angle.
     """
     g = c.gravity_monitor
+    if c.stationarity.at_rest:
+        g.last_rest_ns = c.nav.t_ns
     if c.stationarity.low_motion_count < 2:
         restart_gravity_monitor(p, c)
         return
@@ -156,7 +160,10 @@ def monitor_gravity(p: Parameters, c: Core) -> None:
     f = c.stationarity.mean_f
     r = 2.0 * g.variance / ((f[0] * f[0] + f[1] * f[1] + f[2] * f[2] + 1e-9) * g.time**2)
     if contradicts_bias(p, c, error, r):
-        turned = (g.time + 2.0 * c.stationarity.duration) ** 2 * dot(error, error)
+        since_rest = 1e-9 * (c.nav.t_ns - g.last_rest_ns)
+        if since_rest > p.tuning.recent_rest_s:
+            flag_heading(p, c)
+        turned = min(since_rest, p.tuning.recent_rest_s) ** 2 * dot(error, error)
         for i in range(3):
             decorrelate(c, GYRO_BIAS + i, p.gyro_bias_sigma**2)
             add_variance(c, ATTITUDE + i, turned)
@@ -166,7 +173,6 @@ def monitor_gravity(p: Parameters, c: Core) -> None:
         correct_state(p, c)
         reset_pairs(c)
         reset_drift(c)
-        flag_heading(p, c)
         restart_gravity_monitor(p, c)
     elif g.time > p.tuning.gravity_memory_s:
         restart_gravity_monitor(p, c)

@@ -35,6 +35,7 @@ NOT_RUN = {  # a function and its line, or all of a function: why no trace runs 
     "solve_heading: return unknown": "seen in no simulation: motion that only the receiver shows",
     "fuse_heading: return 0": "no recording of a compass points straight up",
     "rewind_to: return False": "one of its rings forgets first; the lines of the others are not run",
+    "monitor_gravity: flag_heading(p, c)": "seen in no simulation: the bias is uncertain until a first rest",
     "monitor_heading: realign(p, c)": "seen in no simulation: it is surer than its velocity pairs",
 }
 

@@ -33,6 +33,7 @@ INS = {
     "Imu": state.IMU,
     "Covariance": state.COVARIANCE,
     "Stationarity": state.STATIONARITY,
+    "GravityMonitor": state.GRAVITY_MONITOR,
     "Nhc": state.NHC,
     "Gnss": state.GNSS,
     "Integrity": state.INTEGRITY,

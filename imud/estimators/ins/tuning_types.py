@@ -172,6 +172,13 @@ class Tuning:
     heading_faults: int
     realigned_tilt: float
     max_heading_sigma: float
+    gravity_memory_s: float
+    fixed_gravity_gate: float
+    fixed_gravity_share: float
+    min_rate_across_gravity: float
+    max_gravity_excess: float
+    recent_rest_s: float
+    wrong_bias_gate: float
     onset_interval_s: float
     min_drift_s: float
     min_drift_fixes: int

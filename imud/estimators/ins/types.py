@@ -106,9 +106,9 @@ class Stationarity:
 
 class GravityMonitor:
     time: float
-    angle: Floats
-    mean_w: Floats
-    first_f: Floats
+    angle: Reals
+    mean_w: Reals
+    first_f: Reals
     variance: float
     last_rest_ns: int
 

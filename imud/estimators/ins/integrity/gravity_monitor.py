@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ....math.earth import EARTH_RATE_RADPS, gravity
+from ....math.rotation import Vector
 from ...tuning import Tunable
 from ..alignment.velocity_pairs import flag_heading, reset_pairs
 from ..ekf import add_variance, decorrelate, innovation_variance, set_jacobian3, variance
 from ..fusion import correct_state, gated_update
-from ..mechanization import Vector, ned_to_body
+from ..mechanization import ned_to_body
 from ..observers.gnss_drift import reset_drift
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 

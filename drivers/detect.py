@@ -14,14 +14,15 @@ from itertools import zip_longest
 
 from .dialogue import Dialogue, Exchange
 from .driver import AnyDriver, Identity, NativeProtocol, SpiDriver, Unsupported
-from .findings import DATA_MIN, Echo, Finding, NoAnswer, Silence, UnrecognisedData, is_garbage
+from .findings import DATA_MIN, Echo, Finding, NoAnswer, NoGreeting, Silence, UnrecognisedData, is_garbage
 from .registry import by_name, drivers
-from .transport.portspec import PortSpec
+from .transport.portspec import SERVER_DRIVER, PortSpec
 
 ROUNDS = 3  # and a fourth on a line with activity
 LATE_SPEEDS = (1, 0, 1, 99)  # for each round, at how many of a driver's speeds late answers are waited for
 RECEIVED_MAX = 1024  # bytes in which any driver recognises its device
 ECHOES = 3  # in a row are no answers
+GREETING_S = 5.0  # also for making the connection
 NATIVE_S = 1.1  # in which a device that sends two protocols sends both: once a second
 START_S = 0.4  # between rounds on SPI: a device may be starting up
 
@@ -37,9 +38,21 @@ class Activity:
 
 def search(spec: PortSpec, readonly: bool = False, last_baud: int = 0) -> Dialogue[Found | Finding]:
     """The device on the port as the user named it, or why there is none; `last_baud` as in `detect`."""
+    if spec.server:
+        return detect_server()
     if spec.spi:
         return detect_spi(spec.driver, readonly)
     return detect(spec.driver, spec.baud, readonly, last_baud)
+
+
+def detect_server() -> Dialogue[Found | Finding]:
+    """The gpsd at the other end of a connection. It greets first."""
+    driver = by_name(SERVER_DRIVER)
+    received = yield Exchange(
+        listen_s=GREETING_S,
+        enough=lambda received: driver.recognise(received) is not None or len(received) >= RECEIVED_MAX,
+    )
+    return driver.recognise(received) or NoGreeting()
 
 
 def detect_spi(driver: str | None = None, readonly: bool = False) -> Dialogue[Found | Finding]:

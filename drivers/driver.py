@@ -56,6 +56,7 @@ class Options:
     self_test: bool = False  # have an inertial sensor test itself first; it must be at rest
     unchecked: bool = False  # a receiver's messages may lack checksums
     fix_rate_hz: float = 0.0  # a receiver may be set up for so many fixes per second; 0: as its driver does by default
+    device: str = ""  # of those that a gpsd has; empty: any
     keep_baud: bool = False  # the user named the baud rate: it is not changed
 
 

@@ -73,7 +73,15 @@ class NoAnswer:
         return "no known device answers on SPI: is it powered, wired (CS, SCLK, MOSI, MISO) and set to SPI?"
 
 
-Finding = Silence | UnrecognisedData | Echo | NoAnswer
+@dataclass(frozen=True)
+class NoGreeting:
+    """The server at the other end is no gpsd, or there is none."""
+
+    def __str__(self) -> str:
+        return "no gpsd answers there: is it another program's port, or is the host away?"
+
+
+Finding = Silence | UnrecognisedData | Echo | NoAnswer | NoGreeting
 
 
 def _speeds(bauds: Sequence[int]) -> str:

@@ -8,6 +8,7 @@ from .dialogue_runner import DialoguePort
 from .portspec import PortSpec
 from .serial import SerialPort, present
 from .spi import SpiPort
+from .tcp import TcpPort
 
 
 class Line(DialoguePort, Protocol):
@@ -47,7 +48,7 @@ def _replay(spec: PortSpec) -> Line:
     return ReplayPort(spec)
 
 
-_OPENERS: dict[str, Callable[[PortSpec], Line]] = {"spi": SpiPort, "replay": _replay}
+_OPENERS: dict[str, Callable[[PortSpec], Line]] = {"spi": SpiPort, "replay": _replay, "gpsd": TcpPort}
 
 
 def check_port(spec: PortSpec) -> None:

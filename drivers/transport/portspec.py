@@ -1,4 +1,4 @@
-"""Parses `DEV[:DRIVER[@BAUD]]`. Paths such as /dev/serial/by-path/…-usb-0:1.0-port0 have colons of their own."""
+"""Parses `DEV[:DRIVER[@BAUD]]` and `gpsd://HOST[:PORT][/DEVICE]`. Paths such as /dev/serial/by-path/…-usb-0:1.0-port0 have colons of their own."""
 
 import re
 from collections.abc import Collection
@@ -11,6 +11,9 @@ from ..registry import names
 SUFFIX = re.compile(r"(?P<driver>[A-Za-z][\w-]*)?(?:@(?P<baud>.*))?")
 SCHEME = re.compile(r"(?:spi|replay|sim):")
 KINDS = ("imu", "gnss")  # a device in a recording may also be named by its kind
+SERVER = "gpsd://"
+SERVER_DRIVER, SERVER_PORT = "gpsd", 2947
+ADDRESS = re.compile(r"gpsd://(?P<host>\[[0-9a-fA-F:.%]+\]|[\w.-]+)(?::(?P<port>\d{1,5}))?(?P<device>/.+)?")
 SPI = re.compile(r"spi:(\d+)\.(\d+)")
 BAUDS = range(50, 4_000_001)
 
@@ -19,12 +22,14 @@ BAUDS = range(50, 4_000_001)
 class PortSpec:
     """A port as the user named it."""
 
-    path: str  # or spi:BUS.DEV, replay:FILE, sim:SCENARIO
+    path: str  # or spi:BUS.DEV, replay:FILE, sim:SCENARIO, gpsd://HOST
     driver: str | None = None
     baud: int | None = None
     data_ready: str | None = None  # CHIP:LINE of the line on which an SPI device says that a sample is there
 
     def __str__(self) -> str:
+        if self.server:
+            return self.path
         baud = "" if self.baud is None else f"@{self.baud}"
         return f"{self.path}:{self.driver or ''}{baud}" if self.driver or baud else self.path
 
@@ -34,10 +39,22 @@ class PortSpec:
         numbers = SPI.fullmatch(self.path)
         return (int(numbers[1]), int(numbers[2])) if numbers else None
 
+    @property
+    def server(self) -> tuple[str, int, str] | None:
+        """Host, port and device (empty: any) of a gpsd, if this port is one."""
+        parts = ADDRESS.fullmatch(self.path)
+        if not parts:
+            return None
+        return parts["host"].strip("[]"), int(parts["port"] or SERVER_PORT), parts["device"] or ""
+
     @classmethod
     def parse(cls, text: str, drivers: Collection[str] | None = None) -> "PortSpec":
         """The parts of `text`; `drivers` are the names that count, by default all. Raises SpecError."""
+        if text.startswith(SERVER):
+            return _server(text)
         spec = cls._split(text, drivers)
+        if spec.driver == SERVER_DRIVER and not spec.path.startswith("replay:"):
+            raise SpecError(f"port {text!r}: a gpsd is no driver of a line; write gpsd://HOST:PORT")
         if spec.path.startswith("spi:") and (spec.spi is None or spec.baud is not None):
             raise SpecError(f"port {text!r}: write spi:BUS.DEVICE[:DRIVER], for example spi:0.0 for /dev/spidev0.0")
         return spec
@@ -59,6 +76,13 @@ class PortSpec:
                 return _whole(text, start)
             raise SpecError(f"port {text!r}: no driver {driver!r}; there are: {', '.join(known)}")
         return cls(text[:start] + path, driver, None if baud is None else _baud(text, baud))
+
+
+def _server(text: str) -> PortSpec:
+    spec = PortSpec(text, SERVER_DRIVER)
+    if spec.server is None or not 0 < spec.server[1] < 65536:
+        raise SpecError(f"port {text!r}: write gpsd://HOST[:PORT][/DEVICE], for example gpsd://localhost:2947")
+    return spec
 
 
 def _whole(text: str, start: int) -> PortSpec:

@@ -1,0 +1,105 @@
+"""A connection to a gpsd: `gpsd://HOST[:PORT][/DEVICE]`. Neither connecting nor reading ever blocks."""
+
+import errno
+import os
+import socket
+import time
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+from ..errors import PortAbsentError, PortLostError
+from .portspec import PortSpec
+
+CHUNK = 65536
+
+
+@cache
+def _resolve(host: str, port: int) -> tuple[int, Any]:
+    """Family and address of a host, looked up once. A name that the machine does not know itself may take long."""
+    family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    return family, address
+
+
+class TcpPort:
+    """An open connection, or one that is being made. Not thread-safe.
+
+    Raises PortAbsentError on opening and PortLostError in use. What is written before there is a connection is lost:
+    the other side must greet first.
+    """
+
+    warning, plain = "", False
+
+    def __init__(self, spec: PortSpec) -> None:
+        assert spec.server is not None
+        self.path = spec.path
+        host, port, _ = spec.server
+        self._where = f"{host} port {port}"
+        try:
+            family, address = _resolve(host, port)
+            self._socket = socket.socket(family, socket.SOCK_STREAM)
+        except OSError as error:
+            raise PortAbsentError(self.path, f"{host}: {error.strerror}: name a host that there is") from error
+        self._socket.setblocking(False)
+        number = self._socket.connect_ex(address)
+        if number not in (0, errno.EINPROGRESS):
+            self.close()
+            raise PortAbsentError(self.path, self._refusal(number))
+        self._connected = False
+        self.fd: int = self._socket.fileno()
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """See `Line`: TCP repairs what goes wrong."""
+        return {}
+
+    def set_baud(self, baud: int) -> None:
+        """See `Port`: a connection has no speed."""
+
+    def discard(self) -> None:
+        """See `Port`: the greeting must not be thrown away, and nothing is waiting else."""
+
+    def write(self, data: bytes) -> None:
+        """Send a short request."""
+        try:
+            self._socket.send(data)
+        except OSError as error:
+            raise self._lost(error) from error
+
+    def read(self) -> bytes:
+        """What is waiting; empty if nothing is."""
+        try:
+            data = self._socket.recv(CHUNK)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise self._lost(error) from error
+        if not data:
+            raise self._lost(None)
+        self._connected = True
+        return data
+
+    def receive(self, buffer: memoryview, now_ns: int) -> tuple[int, int]:
+        """Read into `buffer`; returns how many bytes, and the time after that."""
+        try:
+            received = self._socket.recv_into(buffer)
+        except BlockingIOError:
+            return 0, now_ns
+        except OSError as error:
+            raise self._lost(error) from error
+        if received == 0:
+            raise self._lost(None)
+        return received, time.monotonic_ns()
+
+    def close(self) -> None:
+        """Close the connection. May be called twice."""
+        self._socket.close()
+
+    def _refusal(self, number: int) -> str:
+        return f"no gpsd at {self._where} ({os.strerror(number)}): is it running, and does it listen there?"
+
+    def _lost(self, error: OSError | None) -> PortLostError:
+        if not self._connected and error is not None and error.errno:
+            return PortLostError(self.path, self._refusal(error.errno))
+        why = f": {error.strerror}" if error is not None else ""
+        return PortLostError(self.path, f"gpsd at {self._where} ended the connection{why}")

@@ -48,10 +48,7 @@ def search(spec: PortSpec, readonly: bool = False, last_baud: int = 0) -> Dialog
 def detect_server() -> Dialogue[Found | Finding]:
     """The gpsd at the other end of a connection. It greets first."""
     driver = by_name(SERVER_DRIVER)
-    received = yield Exchange(
-        listen_s=GREETING_S,
-        enough=lambda received: driver.recognise(received) is not None or len(received) >= RECEIVED_MAX,
-    )
+    received = yield Exchange(listen_s=GREETING_S, enough=lambda received: driver.recognise(received) is not None)
     return driver.recognise(received) or NoGreeting()
 
 

@@ -79,12 +79,16 @@ def nmea(data: bytes) -> None:
             assert abs(fix.lat_deg) <= 90.0 and abs(fix.lon_deg) <= 180.0
 
 
-def ubx(data: bytes) -> None:
-    driver = by_name("ubx")
-    assert driver.kind == "gnss"
-    decoder = driver.new_decoder()
-    for fix in [*decoder.feed(data, 10**9), *decoder.flush(1 << 62)]:
-        assert abs(fix.lat_deg) <= 90.0 and abs(fix.lon_deg) <= 180.0
+def _fixes(name: str) -> Callable[[bytes], None]:
+    def take(data: bytes) -> None:
+        driver = by_name(name)
+        assert driver.kind == "gnss"
+        decoder = driver.new_decoder()
+        for fix in [*decoder.feed(data, 10**9), *decoder.flush(1 << 62)]:
+            assert abs(fix.lat_deg) <= 90.0 and abs(fix.lon_deg) <= 180.0
+        assert len(decoder.sky.satellites) < 1000
+
+    return take
 
 
 def _file(data: bytes, suffix: str, read: Callable[[Path], object]) -> None:
@@ -153,6 +157,14 @@ _SENTENCES = (_GGA, b"$GPGLL,4807.038,N,01131.000,E,120000,A,A*50\r\n", b"$GPRMC
 _UBX = ublox.Report(
     1.8e9, fixes.Fix(0.0, 0.1, 48.0, 11.0, 500.0, 5.0, 90.0, 0.8, velocity_mps=(0.0, 5.0, 0.1)), heading_deg=90.0
 )
+_REPORTS = (
+    b'{"class":"TPV","device":"/dev/a","mode":3,"time":"2026-11-23T01:10:07.000Z","lat":35.6,"lon":139.7,"track":89.4,'
+    b'"altHAE":59.3,"altMSL":22.6,"speed":13.4}\n',
+    b'{"class":"SKY","device":"/dev/a","hdop":1.0,"satellites":[{"PRN":21,"el":62.0,"az":41.0,"ss":45.0,"used":true,'
+    b'"gnssid":0,"svid":21}]}\n',
+    b'{"class":"TOFF","device":"/dev/a","real_sec":1795396207,"real_nsec":0,"clock_sec":1795396207,"clock_nsec":1417}\n',
+    b'{"class":"GST","device":"/dev/a","time":"2026-11-23T01:10:07.000Z","lat":1.0,"lon":1.0,"alt":2.0}\n',
+)
 _IMU = b"t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2\n" + b"".join(
     b"%.2f,0,0,0,0,0,-9.8\n" % (0.01 * i) for i in range(5)
 )
@@ -193,8 +205,11 @@ SURFACES = {
     ),
     "nmea": Surface(nmea, _SENTENCES, (b"$", b",", b"*", b"\r\n", b"GPGSV", b"PMTK", b"\xb5b")),
     "ubx": Surface(
-        ubx, tuple(form(_UBX) for form in ublox._FORMS.values()), (b"\xb5b", b"\xb5b\x01\x07\x5c\0", b"\xd3\0")
+        _fixes("ubx"),
+        tuple(form(_UBX) for form in ublox._FORMS.values()),
+        (b"\xb5b", b"\xb5b\x01\x07\x5c\0", b"\xd3\0"),
     ),
+    "gpsd-reports": Surface(_fixes("gpsd"), _REPORTS, (*_JSON, b"-1", b"1e400", b"\n")),
     "mcap": Surface(mcap, (_recording(),), (b"\x06", b"\x0c", b"\x09", b"\0\0\0\0\0\0\0\x80")),
     "imu-csv": Surface(imu_csv, (_IMU,), (b",", b"\n", b"nan", b"1e999", b'"')),
     "gnss-csv": Surface(

@@ -3,7 +3,8 @@
 gpsd may send several TPV for one epoch, each with more: those of one time are merged. The fix is ready with as many of
 them as the epoch before had; else with the next epoch, or when the line has been quiet. TOFF comes as the epoch begins
 and so says when its first byte arrived. Of several devices one counts, until it has had no fix for some seconds.
-gpsd's epx, epy and epv are not used: they are its own guess from the dilution, unless the receiver reported them.
+Not used: epx, epy and epv, which are gpsd's own guess from the dilution unless the receiver reported them, and climb
+and velD, which are differences of heights unless the receiver reported them; nothing tells which they are.
 """
 
 from collections import Counter
@@ -171,7 +172,6 @@ class GpsdDecoder:
         if self._errors and self._errors[0] == epoch.time:
             sigma = [self._errors[1].number(name, 1e-3, 1e5) for name in ("lat", "lon", "alt")]
         course, speed = tpv.number("track", 0.0, 360.0), tpv.number("speed", 0.0, 1e5)
-        north, east, down = (tpv.number(name, -1e5, 1e5) for name in ("velN", "velE", "velD"))
         midnight = datetime(epoch.time.year, epoch.time.month, epoch.time.day)
         return Fix(
             arrival_ns=epoch.arrival_ns,
@@ -190,5 +190,4 @@ class GpsdDecoder:
             sigma_e_m=sigma[1],
             sigma_d_m=sigma[2],
             dimensions=2 if tpv.number("mode") == 2 else 3,
-            velocity_mps=None if north is None or east is None else (north, east, down),
         )

@@ -4,7 +4,6 @@ Source: gpsd_json(5) of gpsd 3.22 and 3.27.
 """
 
 import json
-import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -102,12 +101,7 @@ def _satellite(row: Report) -> Satellite | None:
     system, number = row.number("gnssid", 0, 6), row.number("svid", 1, 255)
     if system not in SYSTEMS or number is None:
         return None
-    up, around, signal = (row.number(*limits) for limits in (("el", -90, 90), ("az", 0, 360), ("ss", 0.5, 99)))
-    rounded = (None if value is None else round(value) for value in (up, around, signal))
+    limits = (("el", -90.0, 90.0), ("az", 0.0, 360.0), ("ss", 0.5, 99.0))
+    up, around, signal = (None if (value := row.number(*one)) is None else round(value) for one in limits)
     offset = SBAS_OFFSET if system == SBAS else 0
-    return Satellite(int(system), int(number) + offset, *rounded, row.values.get("used") is True)
-
-
-def is_finite(*values: float | None) -> bool:
-    """Whether all are there, and finite."""
-    return all(value is not None and math.isfinite(value) for value in values)
+    return Satellite(int(system), int(number) + offset, up, around, signal, row.values.get("used") is True)

@@ -8,7 +8,6 @@ from .dialogue_runner import DialoguePort
 from .portspec import PortSpec
 from .serial import SerialPort, present
 from .spi import SpiPort
-from .tcp import TcpPort
 
 
 class Line(DialoguePort, Protocol):
@@ -48,7 +47,13 @@ def _replay(spec: PortSpec) -> Line:
     return ReplayPort(spec)
 
 
-_OPENERS: dict[str, Callable[[PortSpec], Line]] = {"spi": SpiPort, "replay": _replay, "gpsd": TcpPort}
+def _server(spec: PortSpec) -> Line:
+    from .tcp import TcpPort
+
+    return TcpPort(spec)
+
+
+_OPENERS: dict[str, Callable[[PortSpec], Line]] = {"spi": SpiPort, "replay": _replay, "gpsd": _server}
 
 
 def check_port(spec: PortSpec) -> None:

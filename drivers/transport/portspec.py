@@ -1,4 +1,7 @@
-"""Parses `DEV[:DRIVER[@BAUD]]` and `gpsd://HOST[:PORT][/DEVICE]`. Paths such as /dev/serial/by-path/…-usb-0:1.0-port0 have colons of their own."""
+"""Parses `DEV[:DRIVER[@BAUD]]` and `gpsd://HOST[:PORT][/DEVICE]`.
+
+Paths such as /dev/serial/by-path/…-usb-0:1.0-port0 have colons of their own.
+"""
 
 import re
 from collections.abc import Collection
@@ -11,7 +14,6 @@ from ..registry import names
 SUFFIX = re.compile(r"(?P<driver>[A-Za-z][\w-]*)?(?:@(?P<baud>.*))?")
 SCHEME = re.compile(r"(?:spi|replay|sim):")
 KINDS = ("imu", "gnss")  # a device in a recording may also be named by its kind
-SERVER = "gpsd://"
 SERVER_DRIVER, SERVER_PORT = "gpsd", 2947
 ADDRESS = re.compile(r"gpsd://(?P<host>\[[0-9a-fA-F:.%]+\]|[\w.-]+)(?::(?P<port>\d{1,5}))?(?P<device>/.+)?")
 SPI = re.compile(r"spi:(\d+)\.(\d+)")
@@ -50,7 +52,7 @@ class PortSpec:
     @classmethod
     def parse(cls, text: str, drivers: Collection[str] | None = None) -> "PortSpec":
         """The parts of `text`; `drivers` are the names that count, by default all. Raises SpecError."""
-        if text.startswith(SERVER):
+        if text.startswith(f"{SERVER_DRIVER}:"):
             return _server(text)
         spec = cls._split(text, drivers)
         if spec.driver == SERVER_DRIVER and not spec.path.startswith("replay:"):

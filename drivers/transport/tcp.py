@@ -15,10 +15,20 @@ CHUNK = 65536
 
 
 @cache
-def _resolve(host: str, port: int) -> tuple[int, Any]:
-    """Family and address of a host, looked up once. A name that the machine does not know itself may take long."""
-    family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-    return family, address
+def _resolve(host: str, port: int) -> list[tuple[int, Any]]:
+    """Families and addresses of a host, looked up once. A name that the machine does not know itself may take long."""
+    found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    return [(family, address) for family, _, _, _, address in found]
+
+
+def _connect(family: int, address: Any) -> tuple[socket.socket, int]:
+    """A socket that is being connected, and the error number; 0: none yet. This machine refuses at once."""
+    connection = socket.socket(family, socket.SOCK_STREAM)
+    connection.setblocking(False)
+    number = connection.connect_ex(address)
+    if number == errno.EINPROGRESS:
+        number = connection.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+    return connection, number
 
 
 class TcpPort:
@@ -36,15 +46,15 @@ class TcpPort:
         host, port, _ = spec.server
         self._where = f"{host} port {port}"
         try:
-            family, address = _resolve(host, port)
-            self._socket = socket.socket(family, socket.SOCK_STREAM)
+            for family, address in _resolve(host, port):
+                self._socket, number = _connect(family, address)
+                if number == 0:
+                    break
+                self.close()
+            else:
+                raise PortAbsentError(self.path, self._refusal(number))
         except OSError as error:
             raise PortAbsentError(self.path, f"{host}: {error.strerror}: name a host that there is") from error
-        self._socket.setblocking(False)
-        number = self._socket.connect_ex(address)
-        if number not in (0, errno.EINPROGRESS):
-            self.close()
-            raise PortAbsentError(self.path, self._refusal(number))
         self._connected = False
         self.fd: int = self._socket.fileno()
 

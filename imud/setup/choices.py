@@ -37,18 +37,13 @@ def ports(settings: Settings) -> list[tuple[PortSpec, Options]]:
     if twice := [path for path, times in named.items() if times > 1]:
         raise UsageError(f"port {', '.join(twice)} is named twice")
     readonly = _readonly(settings.readonly, [spec.path for spec in specs])
-    return [
-        (
-            spec,
-            replace(
-                options,
-                readonly=spec.path in readonly,
-                keep_baud=spec.baud is not None,
-                device=spec.server[2] if spec.server else "",
-            ),
-        )
-        for spec in specs
-    ]
+    return [(spec, _options_of(spec, options, readonly)) for spec in specs]
+
+
+def _options_of(spec: PortSpec, options: Options, readonly: Collection[str]) -> Options:
+    """The options, with what the port itself says."""
+    device = spec.server[2] if spec.server else ""
+    return replace(options, readonly=spec.path in readonly, keep_baud=spec.baud is not None, device=device)
 
 
 def _spec(text: str, settings: Settings) -> PortSpec:

@@ -37,7 +37,7 @@ INS = {
     "Nhc": state.NHC,
     "Gnss": state.GNSS,
     "Integrity": state.INTEGRITY,
-    "VelocityNoise": state.VELOCITY_NOISE,
+    "ProcessNoise": state.PROCESS_NOISE,
     "Drift": state.DRIFT,
     "Alignment": state.ALIGNMENT,
     "Transition": state.TRANSITION,
@@ -88,7 +88,7 @@ FILES = {  # file: (what its records are, its records, those of other files by t
         {"..types": ESTIMATORS, ".tuning_types": TUNING},
     ),
 }
-OF_LEARNING = ("covariance_sensitivity", "learning_values", "learning_d")
+OF_LEARNING = ("learning_values", "learning_d")
 TO_KALMAN = dict.fromkeys(("columns", "column", "learning_columns"), "Indices") | dict.fromkeys(
     ("P", "predicted_P", "x", "d", "ph", "values", "jacobian", "one", *OF_LEARNING), "Floats"
 )

@@ -1,4 +1,4 @@
-"""The velocity's process noise is learned from the fixes: the likelihood's derivative, drives of any noise, bumps."""
+"""The process noise is learned from the fixes: the derivatives of the likelihood, drives of any noise, bumps."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from navigation_runner import nanoseconds, navigate, settings_of
 from navigation_simulation import drive, errors, received, sensed
 
 from imud.configuration.settings import Initial, Navigation, Settings
-from imud.estimators.ins.observers.velocity_noise import learn_velocity_psd, propagate_learning, update_learning
+from imud.estimators.ins.observers.process_noise import learn_process_noise, propagate_learning, update_learning
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.records import REJECTING
@@ -40,7 +40,7 @@ def filtered(log_psd, forces, h, z):
         for force in forces[k]:
             phi = transition(force)
             P, x = phi @ P @ phi.T, phi @ x
-            P[3:6, 3:6] += np.exp(log_psd) * DT * np.eye(3)
+            P[3:, 3:] += np.diag(np.repeat(np.exp(log_psd), 3)) * DT
         for i in range(4):
             d = P @ h[k, i]
             s, v = h[k, i] @ d + R, z[k, i] - h[k, i] @ x
@@ -51,21 +51,22 @@ def filtered(log_psd, forces, h, z):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_score_is_the_derivative_of_the_log_likelihood(seed):
-    """By finite differences of a dense filter. With a prior of next to nothing the estimate moves by sigma^2 score."""
+def test_the_scores_are_the_derivatives_of_the_log_likelihood(seed):
+    """By finite differences of a dense filter. With a prior of next to nothing estimates move by sigma^2 score."""
     rng = np.random.default_rng(seed)
     forces = (rng.standard_normal((FIXES, STEPS, 3)) * 3.0 + (0, 0, -9.8)) * DT
-    h, z, log_psd, sigma2 = rows(rng), 0.3 * rng.standard_normal((FIXES, 4)), np.log(0.02), 1e-9
+    h, z, log_psd, sigma2 = rows(rng), 0.3 * rng.standard_normal((FIXES, 4)), np.log([0.02, 1e-5]), 1e-9
     used = filtered(log_psd, forces, h, z)[1]
-    likelihood = lambda x: filtered(x, forces, h, z)[0]  # noqa: E731
-    expected = (likelihood(log_psd + 1e-4) - likelihood(log_psd - 1e-4)) / 2e-4
-
-    tuning = {"velocity_noise_walk": 0.0, "max_learned_nis": 1e9}
+    expected = [
+        (filtered(log_psd + step, forces, h, z)[0] - filtered(log_psd - step, forces, h, z)[0]) / 2e-4
+        for step in 1e-4 * np.eye(2)
+    ]
+    tuning = {"process_noise_walk": 0.0, "max_learned_nis": 1e9}
     p = configure(Settings(navigation=Navigation(tuning=tuning)), 100.0)
     c = start(p, Initial())["core"][0, 0]
-    g, scratch = c["velocity_noise"], c["scratch"]
-    g["log_psd"], g["psd"], g["log_psd_variance"], c["stationarity"]["vibration_level"] = log_psd, 0.02, sigma2, 1.0
-    scratch["phi"]["interval"] = DT
+    g, scratch = c["process_noise"], c["scratch"]
+    g["log_psd"], g["psd"], g["log_psd_covariance"] = log_psd, np.exp(log_psd), (sigma2, 0.0, sigma2)
+    c["stationarity"]["vibration_level"], scratch["phi"]["interval"] = 1.0, DT
     for k in range(FIXES):
         for force in forces[k]:
             scratch["phi"]["force"] = force
@@ -75,21 +76,24 @@ def test_the_score_is_the_derivative_of_the_log_likelihood(seed):
             columns = np.flatnonzero(h[k, i])
             m = len(columns)
             scratch["columns"][:m], scratch["values"][:m], scratch["d"][:N] = columns, h[k, i, columns], d
-            learn_velocity_psd(p[0], c, m, v, s)
+            learn_process_noise(p[0], c, m, v, s)
             update_learning(c, m, v, s)
     assert (g["log_psd"] - log_psd) / sigma2 == pytest.approx(expected, rel=1e-3, abs=1e-3)
 
 
-@pytest.mark.parametrize("shaken", [0.05, 0.1, 0.3])
-def test_the_process_noise_of_a_drive_is_found(shaken):
-    """Each drive has white acceleration of another density beyond the sensor's; receivers with velocity, 1 Hz."""
+@pytest.mark.parametrize(("shaken", "turned_deg"), [(0.05, 0.0), (0.1, 0.0), (0.3, 0.0), (0.05, 0.3)])
+def test_the_process_noise_of_a_drive_is_found(shaken, turned_deg):
+    """Each has white acceleration, m/s/sqrt(s), and rate, deg/sqrt(s), beyond the sensor's; fixes with velocity."""
     rng = np.random.default_rng(8)
     d = drive(240.0)
     moving = d.t > 10.0
     samples = sensed(d, rng)
     samples["f"][moving] += shaken * 10.0 * rng.standard_normal((moving.sum(), 3))  # 100 Hz
+    samples["w"][moving] += np.radians(turned_deg) * 10.0 * rng.standard_normal((moving.sum(), 3))
     out, innovations, state = navigate(samples, received(d, rng), settings_of("free"))
-    assert np.sqrt(state["core"]["velocity_noise"]["psd"][0, 0]) == pytest.approx(shaken, rel=0.6)
+    found = np.sqrt(state["core"]["process_noise"]["psd"][0, 0])
+    assert found[0] == pytest.approx(shaken, rel=0.6)
+    assert np.degrees(found[1]) == pytest.approx(turned_deg, rel=0.6, abs=0.1)
     v, late = errors(d, out)[1][:, :2], d.t > 90.0
     assert np.mean((v[late] / out["sigma_v"][late, :2]) ** 2) < 2.0
     assert innovations["used"][innovations["t_ns"] > nanoseconds(160.0)].all()

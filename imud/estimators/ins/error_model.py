@@ -60,7 +60,14 @@ TUNABLES = (
         "vibration_vrw",
         0.011,
         "(m/s)/sqrt(s)",
-        "Velocity random walk of an accelerometer under way, beyond its own.",
+        "Velocity random walk of an accelerometer under way, beyond its own; learned from here on.",
+        "Recorded drives.",
+    ),
+    Tunable(
+        "vibration_arw",
+        math.radians(0.005),
+        "rad/sqrt(s)",
+        "The same of the gyro, where it begins.",
         "Recorded drives.",
     ),
     Tunable("vibration_bias_walk", 2e-3, "(m/s^2)/sqrt(s)", "Vibration rectified into bias.", "Recorded drives."),
@@ -185,7 +192,13 @@ def second_order_psd(p: Parameters, c: Core, accel2: float) -> float:
 @kernel
 def learned_velocity_psd(c: Core) -> float:
     """The learned part of the velocity's Q, m^2/s^3, in proportion to the vibration there is."""
-    return c.velocity_noise.psd * c.stationarity.vibration_level
+    return c.process_noise.psd[0] * c.stationarity.vibration_level
+
+
+@kernel
+def learned_attitude_psd(c: Core) -> float:
+    """The learned part of the attitude's Q, rad^2/s, in proportion to the vibration there is."""
+    return c.process_noise.psd[1] * c.stationarity.vibration_level
 
 
 @kernel
@@ -215,7 +228,12 @@ def attitude_psd(p: Parameters, c: Core, turn: float) -> float:
     rate2 = w[0] ** 2 + w[1] ** 2 + w[2] ** 2 - (1.0 - p.tuning.nonlinear_scale_share) * turn * turn
     floor = c.stationarity.gyro_noise_floor
     gyro_psd = max(p.gyro_psd, floor * floor * p.period / 3.0)  # the smallest deviation is that of noise
-    return float(gyro_psd + c.stationarity.vibration_gyro_psd + p.gyro_scale**2 * rate2 * p.tuning.gyro_scale_time_s)
+    return float(
+        gyro_psd
+        + learned_attitude_psd(c)
+        + c.stationarity.vibration_gyro_psd
+        + p.gyro_scale**2 * rate2 * p.tuning.gyro_scale_time_s
+    )
 
 
 @kernel

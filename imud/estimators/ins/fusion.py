@@ -15,8 +15,8 @@ from .error_model import linearize, propagate_covariance
 from .mechanization import start_integration
 from .observers.gnss_drift import propagate_sensitivity, update_sensitivity
 from .observers.heading_integrals import accumulate_integrals, retain_integrals
+from .observers.process_noise import learn_process_noise, propagate_learning, update_learning
 from .observers.reset_inflation import fade_inflation
-from .observers.velocity_noise import learn_velocity_psd, propagate_learning, update_learning
 from .state import NAVIGATING
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def gated_update(c: Core, m: int, z: float, r: float, gate: float) -> tuple[floa
 def learn_from(p: Parameters, c: Core, m: int, z: float, s: float) -> None:
     """While navigating, learn the process noise from a fix's innovation z of variance s, before it is fused."""
     if c.alignment.mode == NAVIGATING:
-        learn_velocity_psd(p, c, m, z, s)
+        learn_process_noise(p, c, m, z, s)
 
 
 @kernel

@@ -109,7 +109,7 @@ def store_snapshot(s: State) -> None:
     c, k = s.core[0], s.snapshots[s.snapshot_count % SNAPSHOTS]
     k.nav, k.earth, k.imu, k.cov, k.stationarity = c.nav, c.earth, c.imu, c.cov, c.stationarity
     k.nhc, k.gnss, k.integrity, k.drift, k.alignment = c.nhc, c.gnss, c.integrity, c.drift, c.alignment
-    k.velocity_noise = c.velocity_noise
+    k.process_noise = c.process_noise
     s.snapshot_count += 1
 
 
@@ -126,7 +126,7 @@ def restore_snapshot(c: Core, k: Snapshot) -> None:
     """Restore the core from snapshot k."""
     c.nav, c.earth, c.imu, c.cov, c.stationarity = k.nav, k.earth, k.imu, k.cov, k.stationarity
     c.nhc, c.gnss, c.integrity, c.drift, c.alignment = k.nhc, k.gnss, k.integrity, k.drift, k.alignment
-    c.velocity_noise = k.velocity_noise
+    c.process_noise = k.process_noise
 
 
 @kernel

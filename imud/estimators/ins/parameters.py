@@ -45,7 +45,7 @@ from .alignment import (
     whitening,
 )
 from .integrity import gravity_monitor, heading_monitor
-from .observers import gnss_drift, velocity_noise
+from .observers import gnss_drift, process_noise
 from .state import AUTO, FREE, LAND
 
 VEHICLES = {"free": FREE, "auto": AUTO, "land": LAND}
@@ -80,7 +80,7 @@ TUNABLES = (
     *heading_monitor.TUNABLES,
     *gravity_monitor.TUNABLES,
     *gnss_drift.TUNABLES,
-    *velocity_noise.TUNABLES,
+    *process_noise.TUNABLES,
     *fusion_horizon.TUNABLES,
     *filter.TUNABLES,
     *gnss_fix.TUNABLES,

@@ -82,9 +82,9 @@ def start(parameters: Records, initial: Initial) -> Records:
     c["drift"]["noise_scale"] = t["first_drift_noise_scale"]
     c["drift"]["onset_ns"] = NEVER_NS
     c["gnss"]["velocity_noise_var"] = t["first_velocity_noise"] ** 2
-    c["velocity_noise"]["psd"] = t["vibration_vrw"] ** 2
-    c["velocity_noise"]["log_psd"] = 2.0 * math.log(t["vibration_vrw"])
-    c["velocity_noise"]["log_psd_variance"] = t["velocity_noise_prior"] ** 2
+    psd = np.array((t["vibration_vrw"], t["vibration_arw"])) ** 2
+    c["process_noise"]["psd"], c["process_noise"]["log_psd"] = psd, np.log(psd)
+    c["process_noise"]["log_psd_covariance"] = np.array((1.0, 0.0, 1.0)) * t["process_noise_prior"] ** 2
     c["nhc"]["noise_scale"] = math.sqrt(t["nhc_min_noise_scale"] * t["nhc_max_noise_scale"])
     c["gnss"]["last_used_ns"] = s["last_epoch_ns"] = s["last_fusion_ns"] = NEVER_NS
     for name in ("pair_start_ns", "last_match_ns", "low_motion_ns"):

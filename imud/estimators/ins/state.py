@@ -202,17 +202,14 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
     align=True,
 )
 
-VELOCITY_NOISE = np.dtype(  # the velocity's process noise, learned
+PROCESS_NOISE = np.dtype(  # of velocity and attitude, learned
     [
-        ("psd", "<f8"),  # m^2/s^3
-        ("log_psd", "<f8"),  # its logarithm, and the variance of that
-        ("log_psd_variance", "<f8"),
-        (
-            "covariance_sensitivity",
-            "<f8",
-            (LEARNING_STATES * (LEARNING_STATES + 1) // 2,),
-        ),  # derivative of P by log_psd, packed
-        ("estimate_sensitivity", "<f8", (LEARNING_STATES,)),
+        ("psd", "<f8", (2,)),  # m^2/s^3, rad^2/s
+        ("log_psd", "<f8", (2,)),  # their logarithms, and the covariance of these, packed
+        ("log_psd_covariance", "<f8", (3,)),
+        # derivatives by the logarithms of P, packed, and of the estimate
+        ("covariance_sensitivity", "<f8", (2, LEARNING_STATES * (LEARNING_STATES + 1) // 2)),
+        ("estimate_sensitivity", "<f8", (2, LEARNING_STATES)),
     ],
     align=True,
 )
@@ -314,7 +311,7 @@ REWOUND = [  # what a rewind restores
     ("nhc", NHC),
     ("gnss", GNSS),
     ("integrity", INTEGRITY),
-    ("velocity_noise", VELOCITY_NOISE),
+    ("process_noise", PROCESS_NOISE),
     ("drift", DRIFT),
     ("alignment", ALIGNMENT),
 ]

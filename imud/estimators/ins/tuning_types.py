@@ -8,6 +8,7 @@ class Tuning:
     accel_scale_time_s: float
     gyro_scale_time_s: float
     vibration_vrw: float
+    vibration_arw: float
     vibration_bias_walk: float
     mount_psd: float
     nhc_lever_arm_psd: float
@@ -189,11 +190,13 @@ class Tuning:
     max_drift_noise_scale: float
     drift_noise_scale_prior: float
     drift_noise_scale_gain: float
-    velocity_noise_prior: float
-    velocity_noise_walk: float
+    process_noise_prior: float
+    process_noise_walk: float
     max_learned_nis: float
     max_velocity_noise: float
     min_velocity_noise: float
+    max_attitude_noise: float
+    min_attitude_noise: float
     unknown_accel: float
     max_ahead_s: float
     max_age_s: float

@@ -155,12 +155,12 @@ class Integrity:
     reset_score: float
 
 
-class VelocityNoise:
-    psd: float
-    log_psd: float
-    log_psd_variance: float
-    covariance_sensitivity: Floats
-    estimate_sensitivity: Reals
+class ProcessNoise:
+    psd: Reals
+    log_psd: Reals
+    log_psd_covariance: Reals
+    covariance_sensitivity: Table
+    estimate_sensitivity: Table
 
 
 class Drift:
@@ -237,7 +237,7 @@ class Snapshot:
     nhc: Nhc
     gnss: Gnss
     integrity: Integrity
-    velocity_noise: VelocityNoise
+    process_noise: ProcessNoise
     drift: Drift
     alignment: Alignment
 
@@ -252,7 +252,7 @@ class Core:
     nhc: Nhc
     gnss: Gnss
     integrity: Integrity
-    velocity_noise: VelocityNoise
+    process_noise: ProcessNoise
     drift: Drift
     alignment: Alignment
     scratch: Scratch

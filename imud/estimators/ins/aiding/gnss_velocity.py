@@ -81,8 +81,9 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, late: float, innovation
             continue
         accel, fit_error = timed * c.scratch.accel_fit[i], timed * c.scratch.accel_fit_error[i]
         z = received - c.nav.v_n[i] - antenna[i] + (late + c.nav.velocity_time_offset) * accel
+        ratio2 = p.tuning.vertical_ratio**2 if i == 2 else 1.0  # of the variances, as for the position
         r = (
-            c.gnss.velocity_noise_var
+            ratio2 * c.gnss.velocity_noise_var
             + second_order_error(p, c) ** 2
             + slow * slow
             + lever_arm_rate_variance(p, c)
@@ -92,7 +93,7 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, late: float, innovation
         value, s, nis = gated_fix_update(p, c, m, z, r, p.tuning.gnss_velocity_gate)
         used = nis >= 0.0
         if used and slow == 0.0:
-            learn_velocity_noise(p, c, nis, s)
+            learn_velocity_noise(p, c, nis, s / ratio2)
         n = write_innovation(innovations, n, fix.t_ns, VELOCITY_N + i, value, s, used)
         rejected += 0 if used else 1
     count_velocity_rejects(c, rejected)

@@ -25,7 +25,7 @@ from ..lever_arm import antenna_position, antenna_velocity, attitude_row, gyro_b
 from ..mechanization import clear_sensor_errors, displace, rotate_attitude, set_attitude, set_velocity
 from ..observers.gnss_drift import reset_drift
 from ..observers.heading_integrals import rotate_level_frame
-from ..observers.velocity_noise import clear_learning
+from ..observers.process_noise import clear_learning
 from ..state import (
     ACCEL_BIAS,
     ATTITUDE,

@@ -192,7 +192,7 @@ def match_fix(
         restart_matching(p, c, b)
     else:
         propagate_hypotheses(p, c, b, dt)
-        predict_whitening(p, b, c.gnss.reported_sigma[0], c.velocity_noise.psd, dt)
+        predict_whitening(p, b, c.gnss.reported_sigma[0], c.process_noise.psd[0], dt)
         discount(b, math.exp(-2.0 * dt / duration))
     if math.isfinite(vn) and math.isfinite(ve):
         match_if_consistent(p, c, b, False, (vn, ve), c.gnss.velocity_noise_var + timing_velocity_variance(c) + noise2)

@@ -1,0 +1,168 @@
+"""The process noise of velocity and attitude, learned on each drive: vibration and motion add more than a sheet says.
+
+How far each innovation is from the variance that the filter expects tells whether its process noise is right, but so
+it does for the receiver's noise; what tells the two apart is whether innovations resemble the ones before. Both are in
+the likelihood of the innovations. Its derivative by the logarithm of a process noise needs two more recursions, in the
+steps of the Kalman filter's own: D = dP and x = d(estimate), of position, velocity and attitude,
+
+    D <- Phi D Phi' + dQ                     x <- Phi x
+    D <- (I - K h) D (I - K h)'              x <- x - K h x + (D h' - K h D h') z / s
+
+for each of the two noises. Each innovation z of variance s adds to the derivatives, and to their Fisher information,
+
+    score = 1/2 (h D h' / s) (z^2 / s - 1) + z h x / s
+    information = 1/2 (h D h' / s) (h D h' / s)' + (h x) (h x)' / s      of the vectors of both
+
+A noise of the attitude shows as an error of the velocity that grows, and returns after a fix; one of the velocity is
+gone after it. The logarithms are random walks with a prior; their estimate is a Kalman filter of two states with these.
+What few or poor fixes cannot show stays at the prior.
+
+Source: Ljung and Soderstrom, Theory and practice of recursive identification (1983), sec. 3.8: recursive maximum
+likelihood; Gupta and Mehra, Computational aspects of maximum likelihood estimation (1974): the sensitivity equations.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from ....compile.jit import kernel
+from ....math.kalman import measure, packed_index, shear, shear3
+from ...tuning import Tunable
+from ..error_model import learned_attitude_psd, learned_velocity_psd
+from ..state import ATTITUDE, LEARNING_STATES, POSITION, VELOCITY
+
+if TYPE_CHECKING:
+    from ..types import Core, Parameters, Transition
+
+
+TUNABLES = (
+    Tunable(
+        "process_noise_prior",
+        3.0,
+        "",
+        "Sigma of the logarithm of a vehicle's process noise before it is learned.",
+        "From a smooth car to a multicopter: a factor of 400.",
+    ),
+    Tunable(
+        "process_noise_walk",
+        0.1,
+        "per sqrt(s)",
+        "Random walk of this logarithm: road, speed and rotors change.",
+        "A factor of 2.7 in 100 s.",
+    ),
+    Tunable(
+        "max_learned_nis", 9.0, "NIS", "Largest normalised innovation squared that is learned from.", "Three sigma."
+    ),
+    Tunable("max_velocity_noise", 1.0, "(m/s)/sqrt(s)", "Largest process noise that is learned.", "A multicopter."),
+    Tunable("min_velocity_noise", 5e-3, "(m/s)/sqrt(s)", "Least process noise that is learned.", "A smooth car."),
+    Tunable("max_attitude_noise", math.radians(1.0), "rad/sqrt(s)", "The same of the attitude.", "A multicopter."),
+    Tunable("min_attitude_noise", math.radians(1e-3), "rad/sqrt(s)", "The same of the attitude.", "A smooth car."),
+)
+
+
+@kernel
+def clear_learning(c: Core) -> None:
+    """Clear the sensitivities: the estimate is new."""
+    g = c.process_noise
+    g.estimate_sensitivity[:] = 0.0
+    g.covariance_sensitivity[:] = 0.0
+
+
+@kernel
+def propagate_one(D: Any, x: Any, phi: Transition) -> None:
+    """D <- Phi D Phi' and x <- Phi x, of one of the noises."""
+    f, dt, n = phi.force, phi.interval, LEARNING_STATES
+    for i in range(3):
+        shear(D, n, POSITION + i, VELOCITY + i, dt)
+        x[POSITION + i] += dt * x[VELOCITY + i]
+    shear3(D, n, VELOCITY, ATTITUDE, 0.0, f[2], -f[1])
+    shear3(D, n, VELOCITY + 1, ATTITUDE, -f[2], 0.0, f[0])
+    shear3(D, n, VELOCITY + 2, ATTITUDE, f[1], -f[0], 0.0)
+    north, east, down = x[ATTITUDE], x[ATTITUDE + 1], x[ATTITUDE + 2]
+    x[VELOCITY] += f[2] * east - f[1] * down
+    x[VELOCITY + 1] += f[0] * down - f[2] * north
+    x[VELOCITY + 2] += f[1] * north - f[0] * east
+
+
+@kernel
+def propagate_learning(p: Parameters, c: Core, phi: Transition) -> None:
+    """D <- Phi D Phi' + dQ, x <- Phi x, and the random walk of the logarithms."""
+    g = c.process_noise
+    for k in range(2):
+        D = g.covariance_sensitivity[k]
+        propagate_one(D, g.estimate_sensitivity[k], phi)
+        first = VELOCITY if k == 0 else ATTITUDE
+        q = learned_velocity_psd(c) if k == 0 else learned_attitude_psd(c)
+        for i in range(3):
+            D[packed_index(LEARNING_STATES, first + i, first + i)] += q * phi.interval
+        if q > 0.0 and g.log_psd_covariance[2 * k] < p.tuning.process_noise_prior**2:
+            g.log_psd_covariance[2 * k] += p.tuning.process_noise_walk**2 * phi.interval
+
+
+@kernel
+def predict_sensitivity(c: Core, k: int, m: int) -> tuple[float, float]:
+    """h D h' and h x of noise k for the Jacobian, of length m; stores D h in scratch.learning_d."""
+    x, n, slope = c.scratch, 0, 0.0
+    for i in range(m):
+        column, value = x.columns[i], x.values[i]
+        if column < LEARNING_STATES:
+            x.learning_columns[n], x.learning_values[n] = column, value
+            slope += value * c.process_noise.estimate_sensitivity[k, column]
+            n += 1
+    D = c.process_noise.covariance_sensitivity[k]
+    return measure(D, LEARNING_STATES, x.learning_columns, x.learning_values, n, x.learning_d), slope
+
+
+@kernel
+def add_information(V: Any, a: float, b: float) -> None:
+    """V <- (V^-1 + u u')^-1 with u = (a, b); V: elements (0, 0), (0, 1), (1, 1)."""
+    x, y = V[0] * a + V[1] * b, V[1] * a + V[2] * b
+    s = 1.0 + a * x + b * y
+    V[0] -= x * x / s
+    V[1] -= x * y / s
+    V[2] -= y * y / s
+
+
+@kernel
+def set_psd(p: Parameters, c: Core) -> None:
+    """Bound the logarithms and store what they are of."""
+    g, t = c.process_noise, p.tuning
+    for k in range(2):
+        least, most = t.min_velocity_noise, t.max_velocity_noise
+        if k == 1:
+            least, most = t.min_attitude_noise, t.max_attitude_noise
+        g.log_psd[k] = min(max(g.log_psd[k], 2.0 * math.log(least)), 2.0 * math.log(most))
+        g.psd[k] = math.exp(g.log_psd[k])
+
+
+@kernel
+def learn_process_noise(p: Parameters, c: Core, m: int, z: float, s: float) -> None:
+    """Learn from an innovation z of variance s; the Jacobian has m elements. Call before its update, or without one."""
+    V, most, root = c.process_noise.log_psd_covariance, math.sqrt(p.tuning.max_learned_nis * s), math.sqrt(s)
+    velocity, velocity_slope = predict_sensitivity(c, 0, m)
+    attitude, attitude_slope = predict_sensitivity(c, 1, m)
+    z = min(max(z, -most), most)
+    excess = 0.5 * (z * z / s - 1.0) / s
+    add_information(V, math.sqrt(0.5) * velocity / s, math.sqrt(0.5) * attitude / s)
+    add_information(V, velocity_slope / root, attitude_slope / root)
+    by_velocity, by_attitude = velocity * excess + z * velocity_slope / s, attitude * excess + z * attitude_slope / s
+    c.process_noise.log_psd[0] += V[0] * by_velocity + V[1] * by_attitude
+    c.process_noise.log_psd[1] += V[1] * by_velocity + V[2] * by_attitude
+    set_psd(p, c)
+
+
+@kernel
+def update_learning(c: Core, m: int, z: float, s: float) -> None:
+    """D and x after the scalar update that follows; arguments as those of `fuse`."""
+    d, Dh = c.scratch.d, c.scratch.learning_d
+    for k in range(2):
+        D, x, at = c.process_noise.covariance_sensitivity[k], c.process_noise.estimate_sensitivity[k], 0
+        hDh, slope = predict_sensitivity(c, k, m)
+        for i in range(LEARNING_STATES):
+            gain = d[i] / s
+            x[i] += (Dh[i] - gain * hDh) * z / s - gain * slope
+            for j in range(i, LEARNING_STATES):
+                other = d[j] / s
+                D[at] += gain * other * hDh - gain * Dh[j] - Dh[i] * other
+                at += 1

@@ -159,8 +159,8 @@ class ProcessNoise:
     psd: Reals
     log_psd: Reals
     log_psd_covariance: Reals
-    covariance_sensitivity: Table
-    estimate_sensitivity: Table
+    covariance_sensitivity: Tensor
+    estimate_sensitivity: Tensor
 
 
 class Drift:

@@ -16,7 +16,7 @@ _OLD_NS = 1_500_000_000  # a pulse this old is not the last second's: it stopped
 
 
 class PulsePerSecond:
-    """The newest pulse of one source. Raises PortAbsentError if present is no such source."""
+    """The newest pulse of one source. Raises PortAbsentError if there is no such source."""
 
     def __init__(self, device: str, sysfs: Path = _SYSFS, real_ns: Callable[[], int] = time.time_ns) -> None:
         path = sysfs / Path(device).name / "assert"
@@ -25,12 +25,12 @@ class PulsePerSecond:
         except OSError as error:
             present = ", ".join(f"/dev/{found.name}" for found in sorted(sysfs.glob("pps*"))) or "none"
             raise PortAbsentError(
-                device, f"present is no {device}; present: {present}. On a Raspberry Pi: dtoverlay=pps-gpio,gpiopin=18"
+                device, f"there is no {device}; present: {present}. On a Raspberry Pi: dtoverlay=pps-gpio,gpiopin=18"
             ) from error
         self._real_ns = real_ns
 
     def newest_ns(self, now_ns: int) -> int | None:
-        """When the last pulse was, on the clock of `now_ns` (monotonic); None if present was none just now."""
+        """When the last pulse was, on the clock of `now_ns` (monotonic); None if there was none just now."""
         try:
             self._file.seek(0)
             found = _STAMP.match(self._file.read(64).decode("ascii", "replace"))

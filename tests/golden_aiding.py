@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 from golden_data import RATE, data, navigated, random, road
 
-from imud.estimators.records import HEADING_SOURCE, MEASUREMENT
+from imud.configuration.settings import Aiding, Settings
+from imud.estimators.records import HEADING_SOURCE, MEASUREMENT, ODOMETER_SOURCE
 
 
 def headings(d, seed, every_s=0.2, late_s=0.05, spread_s=0.0):
@@ -49,3 +50,50 @@ def compass_behind_many_fixes():
     d = road(40.0)
     rows = headings(d, seed=54, every_s=1.0, late_s=0.8)
     return replace(navigated(*data(d, seed=49, every=0.02)), measurements=rows)
+
+
+def readings(d, seed, every_s=0.1, late_s=0.05, spread_s=0.0, arm=(0.0, 0.0, 0.0)):
+    """MEASUREMENT rows of a wheel at `arm`, m, whose reading is 2 % too large; every other tells its sigma."""
+    step, rng = round(every_s * RATE), random(seed)
+    v = d.attitude.inv().apply(d.v) + np.cross(d.w, arm)
+    t, forward = d.t[step::step], v[step::step, 0]
+    rows = np.zeros(len(t), MEASUREMENT)
+    rows["t_ns"] = np.round(1e9 * (100.0 + t))
+    rows["arrival_ns"] = rows["t_ns"] + np.round(1e9 * (late_s + spread_s * rng.rand(len(t)))).astype(np.int64)
+    rows["kind"], rows["sigma"] = ODOMETER_SOURCE, np.nan
+    rows["value"][:, 0], rows["sigma"][::2, 0] = 1.02 * forward + 0.05 * rng.standard_normal(len(t)), 0.05
+    return rows
+
+
+def odometer():
+    """A wheel off the middle; it slips, and in an outage the sensor is shaken."""
+    arm = (-1.0, 0.7, 0.0)
+    d = road(120.0, swing=1.3)
+    samples, fixes = data(d, seed=61)
+    rows = readings(d, seed=62, arm=arm)
+    t = rows["t_ns"] * 1e-9 - 100.0
+    rows["value"][(t > 50.0) & (t < 52.0), 0] *= 1.4
+    rows["value"][(t > 60.0) & (t < 75.0), 0] *= 1.5
+    samples["f"][(d.t > 90.0) & (d.t < 91.0), 0] += 1.5
+    gone = (fixes["t_ns"] > 182e9) & (fixes["t_ns"] < 212e9)
+    settings = Settings(aiding=Aiding(odometer_lever_arm_m=arm))
+    return replace(navigated(samples, fixes[~gone]), settings=settings, measurements=rows)
+
+
+def odometer_without_sign():
+    """It reverses, and tells no sign; the readings come late and in any order."""
+    d = road(90.0, swing=1.6)
+    rows = readings(d, seed=63, spread_s=1.0)
+    rows["value"][:, 0] = np.abs(rows["value"][:, 0])
+    return replace(navigated(*data(d, seed=64)), measurements=rows)
+
+
+def odometer_against_a_drift():
+    """The receiver drifts, and says so in its velocity, too; then it is where it was."""
+    d = road(150.0)
+    samples, fixes = data(d, seed=65)
+    dt = np.maximum(fixes["t_ns"] * 1e-9 - 160.0, 0.0) * (fixes["t_ns"] < 220e9)
+    fixes["lat"] += dt / 6.37e6
+    v = fixes["speed"] * np.exp(1j * fixes["course"]) + (dt > 0.0)
+    fixes["speed"], fixes["course"] = np.abs(v), np.angle(v)
+    return replace(navigated(samples, fixes), measurements=readings(d, seed=66))

@@ -5,6 +5,9 @@ from golden_aiding import (
     compass_behind_many_fixes,
     compass_in_any_order,
     compass_too_late,
+    odometer,
+    odometer_against_a_drift,
+    odometer_without_sign,
 )
 from golden_gnss import (
     contrary_velocity,
@@ -106,5 +109,5 @@ CLASSES = (
     graded_drifts, graded_drifts_under_way, survey_of_a_decimetre, outage_before_heading, old_fixes, slipping_start,
     ferry, disturbed_rest, disturbed_rest_without_velocity, disturbed_rest_before_heading, rest_in_an_outage,
     heading_a_little_wrong, heading_just_wrong, force_that_creeps, moored, step_of_the_bias_at_rest, lift, pole,
-    date_line, rtk_on_a_rough_road,
+    date_line, rtk_on_a_rough_road, odometer, odometer_without_sign, odometer_against_a_drift,
 )  # fmt: skip

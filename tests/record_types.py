@@ -40,6 +40,8 @@ INS = {
     "ProcessNoise": state.PROCESS_NOISE,
     "Drift": state.DRIFT,
     "Alignment": state.ALIGNMENT,
+    "Odometer": state.ODOMETER,
+    "WheelCheck": state.WHEEL_CHECK,
     "Transition": state.TRANSITION,
     "Scratch": state.SCRATCH,
     "Snapshot": state.SNAPSHOT,

@@ -1,4 +1,4 @@
-"""Jacobians of position, velocity, non-holonomic constraint and heading against finite differences.
+"""Jacobians of position, velocity, non-holonomic constraint, heading and odometer against finite differences.
 
 Each measurement is evaluated by the filter's own code, as plain Python, which hands its Jacobian and its residual to a
 recorder instead of the Kalman filter. The nominal state is displaced along one error state by `inject_error`. A
@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Navigation, Settings
-from imud.estimators.ins.aiding import gnss_position, gnss_velocity, heading, non_holonomic
+from imud.estimators.ins.aiding import gnss_position, gnss_velocity, heading, non_holonomic, odometer
 from imud.estimators.ins.alignment.transitions import transfer_lever_arm
 from imud.estimators.ins.ekf import inject_error
 from imud.estimators.ins.mechanization import ned_difference
@@ -25,13 +25,14 @@ from imud.estimators.ins.state import (
     MOUNT_YAW,
     NAVIGATING,
     NHC_LEVER_ARM,
+    ODOMETER_SCALE,
     POSITION,
     STATES,
     TIME_OFFSET,
     VELOCITY,
     VELOCITY_TIME_OFFSET,
 )
-from imud.estimators.records import FIX, HEADING_SOURCE, INNOVATION, MEASUREMENT
+from imud.estimators.records import FIX, HEADING_SOURCE, INNOVATION, MEASUREMENT, ODOMETER_SOURCE
 
 STEP = 1e-5  # m, m/s, rad, ...: small against every curvature, large against the rounding of a latitude (1e-9 m)
 LEVER_ARM = (1.2, -0.7, -1.9)
@@ -75,6 +76,7 @@ def recorder(monkeypatch):
     monkeypatch.setattr(gnss_position, "fuse", made.fuse)
     monkeypatch.setattr(gnss_velocity, "gated_fix_update", made.gated_fix_update)
     monkeypatch.setattr(heading, "gated_update", made.gated_update)
+    monkeypatch.setattr(odometer, "fuse", made.fuse)
     monkeypatch.setattr(non_holonomic, "pseudo_measurement", made.pseudo_measurement)
     return made
 
@@ -138,6 +140,15 @@ def measure_heading(p, c, fix):
     interpreted(heading.fuse_heading)(p, c, m, rows)
 
 
+def measure_odometer(p, c, fix):
+    rows = np.zeros(4, INNOVATION).view(np.recarray)
+    m = record(np.zeros(1, MEASUREMENT))
+    m.t_ns, m.kind, m.value, m.sigma = c.nav.t_ns, ODOMETER_SOURCE, 5.0, 9.0
+    c.odometer.direction = c.odometer.reverses = 1
+    p.tuning.odometer_gate = p.tuning.odometer_sign_sigmas = 1e6
+    interpreted(odometer.fuse_odometer)(p, c, m, rows)
+
+
 MEASUREMENTS = {  # measurement: rows, and the error states by which its Jacobian has elements
     measure_position: (
         3,
@@ -152,6 +163,13 @@ MEASUREMENTS = {  # measurement: rows, and the error states by which its Jacobia
         (*range(VELOCITY, VELOCITY + 3), *range(ATTITUDE, ATTITUDE + 3), MOUNT_PITCH, MOUNT_YAW, NHC_LEVER_ARM),
     ),
     measure_heading: (1, tuple(range(ATTITUDE, ATTITUDE + 3))),
+    measure_odometer: (
+        1,
+        (
+            *(*range(VELOCITY, VELOCITY + 3), *range(ATTITUDE, ATTITUDE + 3)),
+            *(MOUNT_PITCH, MOUNT_YAW, ODOMETER_SCALE),
+        ),
+    ),
 }
 
 

@@ -178,11 +178,21 @@ class Ins9(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Aiding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Measurements of other programs (heading, …), as datagrams of JSON lines; `imud.client` has the sender."""
+    """Measurements beside GNSS: heading, wheel speed."""
 
     listen: Annotated[
-        str, text("Where: /path/of/a/unix/socket, or HOST:PORT (UDP) on this machine; empty: nowhere.")
+        str,
+        text(
+            "Where other programs send them: /path/of/a/unix/socket, or HOST:PORT (UDP, this machine); empty: nowhere."
+        ),
     ] = ""
+    odometer_lever_arm_m: Annotated[
+        tuple[Length, Length, Length],
+        Meta(
+            description="Wheel, or middle of the axle, from the inertial sensor, in the vehicle's axes (FRD).",
+            extra=HOT,
+        ),
+    ] = (0.0, 0.0, 0.0)
 
 
 class Gpsd(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

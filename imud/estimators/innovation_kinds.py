@@ -6,6 +6,7 @@ from .records import (
     HEADING,
     NHC_LATERAL,
     NHC_VERTICAL,
+    ODOMETER,
     POSITION_D,
     POSITION_E,
     POSITION_N,
@@ -45,4 +46,5 @@ KINDS = {
     REST_Z: InnovationKind("rest_z", "rest_wz_radps", "no rate about z at rest, rad/s"),
     NHC_LATERAL: InnovationKind("slip", "slip_mps", "no velocity across the vehicle, m/s"),
     NHC_VERTICAL: InnovationKind("hop", "hop_mps", "no velocity off its floor, m/s"),
+    ODOMETER: InnovationKind("odometer", "odometer_mps", "speed by the wheels, m/s"),
 }

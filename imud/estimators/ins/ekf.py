@@ -25,6 +25,7 @@ from .state import (
     MOUNT_PITCH,
     MOUNT_YAW,
     NHC_LEVER_ARM,
+    ODOMETER_SCALE,
     POSITION,
     STATES,
     TIME_OFFSET,
@@ -219,5 +220,6 @@ def inject_error(p: Parameters, c: Core) -> None:
         n.nhc_lever_arm += x[NHC_LEVER_ARM]
     n.time_offset += x[TIME_OFFSET]
     n.velocity_time_offset += x[VELOCITY_TIME_OFFSET]
+    n.odometer_scale += x[ODOMETER_SCALE]
     for i in range(STATES):
         x[i] = 0.0

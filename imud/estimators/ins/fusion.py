@@ -13,7 +13,7 @@ from ...compile.jit import kernel
 from .ekf import inject_error, innovation, innovation_variance, kalman_update
 from .error_model import linearize, propagate_covariance
 from .mechanization import start_integration
-from .observers.gnss_drift import propagate_sensitivity, update_sensitivity
+from .observers.gnss_drift import BY_WHEELS, propagate_sensitivity, update_sensitivity
 from .observers.heading_integrals import accumulate_integrals, retain_integrals
 from .observers.process_noise import learn_process_noise, propagate_learning, update_learning
 from .observers.reset_inflation import fade_inflation
@@ -22,6 +22,9 @@ from .state import NAVIGATING
 if TYPE_CHECKING:
     from ..types import Innovation
     from .types import Core, Parameters
+
+
+NEVER = 1e-12  # a gate that nothing passes
 
 
 @kernel
@@ -52,7 +55,8 @@ def fuse(c: Core, m: int, z: float, s: float, axis: int) -> None:
 
 @kernel
 def gated_update(c: Core, m: int, z: float, r: float, gate: float) -> tuple[float, float, float]:
-    """Fuse a measurement with residual z (against the nominal state) and variance r, unless NIS > gate; gate 0: none.
+    """Fuse a measurement with residual z (against the nominal state) and variance r, unless NIS > gate; gate 0: none,
+    gate NEVER: it is rejected.
 
     The Jacobian has `m` elements. Returns the innovation, its variance, and its normalised square (NIS), negative when
     rejected.
@@ -68,8 +72,11 @@ def gated_update(c: Core, m: int, z: float, r: float, gate: float) -> tuple[floa
 
 @kernel
 def learn_from(p: Parameters, c: Core, m: int, z: float, s: float) -> None:
-    """While navigating, learn the process noise from a fix's innovation z of variance s, before it is fused."""
-    if c.alignment.mode == NAVIGATING:
+    """While navigating, learn the process noise from a fix's innovation z of variance s, before it is fused.
+
+    From a receiver that contradicts the wheels nothing is learned.
+    """
+    if c.alignment.mode == NAVIGATING and c.drift.detected != BY_WHEELS:
         learn_process_noise(p, c, m, z, s)
 
 

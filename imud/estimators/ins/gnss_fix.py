@@ -13,6 +13,7 @@ from .aiding.gnss_noise import count_fix, horizontal_sigma, set_gnss_noise, set_
 from .aiding.gnss_position import fuse_gnss_position
 from .aiding.gnss_time import set_initial_time_offset
 from .aiding.gnss_velocity import fuse_gnss_velocity
+from .aiding.wheel_check import wheels_reject
 from .alignment.in_motion import align_with_fix, low_motion_speed, reset_to_fix
 from .alignment.transitions import abort_navigation, restart_alignment
 from .ekf import variance
@@ -67,7 +68,7 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, 
         rows = fuse_gnss_velocity(p, c, fix, late, innovations, rows)
     fade_reset_score(p, c)
     heading_ok = True
-    if c.alignment.mode == NAVIGATING:
+    if c.alignment.mode == NAVIGATING and not wheels_reject(p, c):
         heading_ok = monitor_heading(p, c, b, fix)
     if contradicts_heading(p, c) or not heading_ok:
         clear_contradictions(c)

@@ -33,6 +33,7 @@ from .aiding import (
     gnss_velocity,
     nhc_noise,
     non_holonomic,
+    wheel_check,
     zero_velocity,
 )
 from .alignment import (
@@ -67,6 +68,7 @@ TUNABLES = (
     *gnss_velocity.TUNABLES,
     *gnss_gate.TUNABLES,
     *gnss_time.TUNABLES,
+    *wheel_check.TUNABLES,
     *zero_velocity.TUNABLES,
     *non_holonomic.TUNABLES,
     *nhc_noise.TUNABLES,
@@ -93,6 +95,7 @@ PARAMETERS = np.dtype(
     [
         ("period", "<f8"),  # s, nominal time between samples
         ("gnss_lever_arm", "<f8", (3,)),  # m, antenna from IMU, body
+        ("odometer_lever_arm", "<f8", (3,)),  # m, wheel from IMU, body
         ("vehicle", "<i8"),
         ("assumed_latency", "<f8"),  # s, from epoch to arrival where the epoch is only assumed
         ("gyro_psd", "<f8"),  # rad^2/s
@@ -119,6 +122,7 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     p["tuning"] = values_of(TUNABLES, settings.navigation.tuning)
     r["period"] = 1.0 / rate_hz
     r["gnss_lever_arm"] = settings.navigation.lever_arm_m
+    r["odometer_lever_arm"] = settings.aiding.odometer_lever_arm_m
     r["vehicle"] = VEHICLES[settings.navigation.vehicle]
     r["assumed_latency"] = settings.gnss.latency_s
     r["gyro_psd"] = profile.gyro_noise**2

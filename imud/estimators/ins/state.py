@@ -1,6 +1,6 @@
 """The records of the navigation filter: one for each concern, and what a rewind restores.
 
-Error states are "true minus estimate", 26 of them, in the order of the table below. The attitude error is a small
+Error states are "true minus estimate", 27 of them, in the order of the table below. The attitude error is a small
 rotation phi in navigation axes, C_true = exp(phi) C.
 
 | error state            | unit    | what it is |
@@ -16,15 +16,17 @@ rotation phi in navigation axes, C_true = exp(phi) C.
 | TURN_SCALE (3)         | rad/rad | gyro error per rate of turn about the vertical: the column of scale factor and misalignments that a vehicle's drive shows |
 | NHC_LEVER_ARM          | m       | of the sensor ahead of the point about which the vehicle turns |
 | VELOCITY_TIME_OFFSET   | s       | by which the receiver's velocity is older than its position |
+| ODOMETER_SCALE         |         | by which the odometer's reading is too large, as a share of the speed |
 """  # noqa: E501 a table's row is one line
 
 import numpy as np
 
 from ..records import FIX, INNOVATION, MEASUREMENT
 
-STATES = 26
+STATES = 27
 POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS, GNSS_BIAS = 0, 3, 6, 9, 12, 15
 MOUNT_PITCH, MOUNT_YAW, TIME_OFFSET, TURN_SCALE, NHC_LEVER_ARM, VELOCITY_TIME_OFFSET = 18, 19, 20, 21, 24, 25
+ODOMETER_SCALE = 26
 
 COARSE_ALIGNMENT, NAVIGATING = 0, 1  # modes: roll and pitch only, position from GNSS; everything
 FREE, AUTO, LAND = 0, 1, 2  # vehicle
@@ -60,6 +62,7 @@ NAV = np.dtype(  # the nominal state: time, and one value for each error state
         ("turn_scale", "<f8", (3,)),  # body, gyro error per rate of turn about the vertical
         ("nhc_lever_arm", "<f8"),  # m, by which the sensor is ahead of the axle without sideslip
         ("velocity_time_offset", "<f8"),  # s, the receiver's velocity is older than its position by this
+        ("odometer_scale", "<f8"),  # the odometer's reading is too large by this share of the speed
     ],
     align=True,
 )
@@ -216,7 +219,7 @@ PROCESS_NOISE = np.dtype(  # of velocity and attitude, learned
 
 DRIFT = np.dtype(  # the test for a receiver that drifts (GLR)
     [
-        ("detected", "<i8"),
+        ("detected", "<i8"),  # by what: BY_POSITIONS, BY_WHEELS; 0: none is detected
         ("noise_scale", "<f8"),  # variance of the receiver's bias over the reported one
         ("noise_scale_count", "<i8"),  # onsets from which it was learned
         ("pending_noise_scale", "<f8"),  # that of the last closed onset, learned at the next
@@ -229,6 +232,30 @@ DRIFT = np.dtype(  # the test for a receiver that drifts (GLR)
             "<f8",
             (STATES, 2 * ONSETS),
         ),  # error states per m/s of drift, north and east for each onset
+    ],
+    align=True,
+)
+
+ODOMETER = np.dtype(
+    [
+        ("last_ns", "<i8"),  # epoch of the last reading
+        ("last_used_ns", "<i8"),  # and of the last that was used
+        ("reverses", "<i8"),  # 1: there was a reading below zero
+        ("direction", "<f8"),  # 1: readings above zero are along the forward axis, -1: against it; 0: not known
+    ],
+    align=True,
+)
+
+WHEEL_CHECK = np.dtype(  # the receiver's velocity against the wheels: sums over the fixes that contradict them
+    [
+        ("onset_ns", "<i8"),  # the first of these fixes
+        ("count", "<f8"),
+        ("z_n", "<f8"),  # m/s, velocity of the fix less that of the estimate
+        ("z_e", "<f8"),
+        ("z2", "<f8"),  # m^2/s^2, its square
+        ("turned", "<f8"),  # m^2/s^2, its product with the velocity, turned to the right
+        ("v2", "<f8"),  # m^2/s^2, square of the velocity
+        ("agreements", "<i8"),  # fixes in a row that agree, after a drift was detected
     ],
     align=True,
 )
@@ -314,6 +341,8 @@ REWOUND = [  # what a rewind restores
     ("process_noise", PROCESS_NOISE),
     ("drift", DRIFT),
     ("alignment", ALIGNMENT),
+    ("odometer", ODOMETER),
+    ("wheel_check", WHEEL_CHECK),
 ]
 SNAPSHOT = np.dtype(REWOUND, align=True)
 CORE = np.dtype([*REWOUND, ("scratch", SCRATCH)], align=True)

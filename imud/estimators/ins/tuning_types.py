@@ -98,6 +98,15 @@ class Tuning:
     survey_epoch_sigma: float
     confirmed_epoch_sigma: float
     epoch_mistake_s: float
+    wheel_fresh_s: float
+    wheel_check_speed: float
+    wheel_check_gate: float
+    wheel_check_least: float
+    wheel_contradictions: float
+    wheel_evidence: float
+    wheel_patience: float
+    wheel_agreements: int
+    wheel_max_reject_s: float
     zupt_sigma: float
     zupt_sigma_unconfirmed: float
     standstill_sigma: float
@@ -204,6 +213,19 @@ class Tuning:
     heading_sigma: float
     heading_gate: float
     heading_min_level: float
+    odometer_sigma: float
+    odometer_scale_sigma: float
+    odometer_scale_psd: float
+    odometer_slip: float
+    odometer_slip_per_accel: float
+    odometer_slip_time_s: float
+    odometer_time_sigma: float
+    odometer_dead_speed: float
+    odometer_gate: float
+    odometer_doubt_s: float
+    odometer_doubt_psd: float
+    odometer_max_doubt_s: float
+    odometer_sign_sigmas: float
     first_tilt_sigma: float
     given_tilt_sigma: float
     given_heading_sigma: float

@@ -16,6 +16,7 @@ class StoredSample:
 class Parameters:
     period: float
     gnss_lever_arm: Reals
+    odometer_lever_arm: Reals
     vehicle: int
     assumed_latency: float
     gyro_psd: float
@@ -48,6 +49,7 @@ class Nav:
     turn_scale: Reals
     nhc_lever_arm: float
     velocity_time_offset: float
+    odometer_scale: float
 
 
 class Earth:
@@ -201,6 +203,24 @@ class Alignment:
     heading_fault_count: int
 
 
+class Odometer:
+    last_ns: int
+    last_used_ns: int
+    reverses: int
+    direction: float
+
+
+class WheelCheck:
+    onset_ns: int
+    count: float
+    z_n: float
+    z_e: float
+    z2: float
+    turned: float
+    v2: float
+    agreements: int
+
+
 class Transition:
     interval: float
     force: Reals
@@ -240,6 +260,8 @@ class Snapshot:
     process_noise: ProcessNoise
     drift: Drift
     alignment: Alignment
+    odometer: Odometer
+    wheel_check: WheelCheck
 
 
 class Core:
@@ -255,6 +277,8 @@ class Core:
     process_noise: ProcessNoise
     drift: Drift
     alignment: Alignment
+    odometer: Odometer
+    wheel_check: WheelCheck
     scratch: Scratch
 
 

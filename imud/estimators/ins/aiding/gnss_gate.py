@@ -17,6 +17,7 @@ from ..mechanization import displace
 from ..observers.gnss_drift import all_onsets_open, clear_detection, reset_drift
 from ..observers.reset_inflation import inflate_position
 from ..state import ATTITUDE, NAVIGATING, POSITION, VELOCITY
+from .wheel_check import wheels_reject, wheels_support
 
 if TYPE_CHECKING:
     from ...types import Fix
@@ -92,10 +93,10 @@ def reports_velocity(fix: Fix) -> bool:
 
 
 @kernel
-def velocity_is_supported(c: Core, fix: Fix) -> bool:
-    """Whether rest, the receiver's velocity, or a detected drift of the positions supports the estimated velocity."""
+def velocity_is_supported(p: Parameters, c: Core, fix: Fix) -> bool:
+    """Whether rest, wheels, the receiver's velocity, or a detected drift supports the estimated velocity."""
     reported = reports_velocity(fix) and c.integrity.velocity_reject_count == 0
-    return c.drift.detected != 0 or c.stationarity.at_rest != 0 or reported
+    return c.drift.detected != 0 or c.stationarity.at_rest != 0 or reported or wheels_support(p, c)
 
 
 @kernel
@@ -187,19 +188,23 @@ def reset_to_gnss(c: Core, first: int, last: int, supported: bool) -> None:
 def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     """Whether the horizontal position, of this NIS, is accepted; after long rejection the filter is reset to it."""
     g = c.integrity
+    if wheels_reject(p, c):
+        g.reject_count[0] += 1
+        return False
     if nis < (p.tuning.gnss_return_gate if c.drift.detected else p.tuning.gnss_position_gate):
         clear_detection(c)
         g.reject_count[0] = 0
         return True
     g.reject_count[0] += 1
-    supported, outage_s = velocity_is_supported(c, fix), 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
+    supported, outage_s = velocity_is_supported(p, c, fix), 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
     consistent_s = consistent_for(p, c, supported)
     if g.reject_count[0] == 1:
         g.outage_at_reject_s = outage_s
     if g.reject_count[0] <= p.tuning.reset_count or outage_s <= p.tuning.reset_s:
         return False
     consistent = consistent_s > (p.tuning.drift_reset_s if c.drift.detected else p.tuning.reset_s)
-    if (supported or drift_is_plausible(p, c, fix, outage_s)) and not consistent and outage_s < p.tuning.max_reject_s:
+    longest_s = p.tuning.wheel_max_reject_s if wheels_support(p, c) else p.tuning.max_reject_s
+    if (supported or drift_is_plausible(p, c, fix, outage_s)) and not consistent and outage_s < longest_s:
         return False
     reset_to_gnss(c, 0, 2, supported)
     reset_drift(c)
@@ -246,7 +251,10 @@ def count_velocity_rejects(c: Core, rejected: int) -> None:
 def contradicts_heading(p: Parameters, c: Core) -> bool:
     """Whether the number of rejected velocities, or of resets, means that the heading is wrong."""
     g = c.integrity
-    return bool(g.velocity_reject_count > p.tuning.max_velocity_rejects or g.reset_score > p.tuning.max_reset_score)
+    patience = p.tuning.wheel_patience if wheels_support(p, c) else 1.0
+    return bool(
+        g.velocity_reject_count > patience * p.tuning.max_velocity_rejects or g.reset_score > p.tuning.max_reset_score
+    )
 
 
 @kernel

@@ -15,11 +15,12 @@ from ....math.rotation import Vector
 from ...records import VELOCITY_N
 from ...tuning import Tunable
 from ..ekf import set_jacobian, set_jacobian3
-from ..fusion import correct_state, gated_fix_update, write_innovation
+from ..fusion import NEVER, correct_state, gated_fix_update, write_innovation
 from ..lever_arm import antenna_velocity, attitude_row, gyro_bias_row
-from ..state import ATTITUDE, GYRO_BIAS, NAVIGATING, TIME_OFFSET, VELOCITY, VELOCITY_TIME_OFFSET
+from ..state import ATTITUDE, GYRO_BIAS, NAVIGATING, NEVER_NS, TIME_OFFSET, VELOCITY, VELOCITY_TIME_OFFSET
 from .gnss_gate import count_velocity_rejects
 from .gnss_noise import learn_velocity_noise, lever_arm_rate_variance, second_order_error
+from .wheel_check import check_receiver, wheels_reject
 
 if TYPE_CHECKING:
     from ...types import Fix, Innovation
@@ -51,6 +52,16 @@ def low_speed_variance(p: Parameters, fix: Fix) -> float:
 
 
 @kernel
+def velocity_variance(p: Parameters, c: Core, slow: float, ratio2: float) -> float:
+    """Variance, m^2/s^2, of a velocity component, but for what the acceleration adds.
+
+    slow: m/s, speed taken as zero; ratio2: variance over that of a horizontal component.
+    """
+    learned, second = ratio2 * c.gnss.velocity_noise_var, second_order_error(p, c)
+    return float(learned + second**2 + slow * slow + lever_arm_rate_variance(p, c))
+
+
+@kernel
 def velocity_jacobian(p: Parameters, c: Core, antenna: Vector, accel: float, i: int) -> int:
     """Jacobian of the velocity along axis i: velocity, both time offsets and, by the lever arm, attitude and gyro bias.
 
@@ -75,27 +86,29 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, late: float, innovation
     slow = fix.speed if not math.isfinite(fix.v[0]) and fix.speed < p.tuning.min_course_speed else 0.0
     timed = 1.0 if c.alignment.mode == NAVIGATING else 0.0  # in coarse alignment the velocity is that at the epoch
     rejected = 0
+    age = late + c.nav.velocity_time_offset
+    if c.odometer.last_used_ns != NEVER_NS:
+        a, e = c.scratch.accel_fit, c.scratch.accel_fit_error
+        z_n = velocity_of(p, fix, 0) - c.nav.v_n[0] - antenna[0] + timed * age * a[0]
+        z_e = velocity_of(p, fix, 1) - c.nav.v_n[1] - antenna[1] + timed * age * a[1]
+        r = velocity_variance(p, c, slow, 1.0) + timed * (e[0] ** 2 + e[1] ** 2)
+        check_receiver(p, c, z_n, z_e, a[0], a[1], r)
+    gate = NEVER if wheels_reject(p, c) else p.tuning.gnss_velocity_gate
     for i in range(3):
         received = velocity_of(p, fix, i)
         if not math.isfinite(received):
             continue
         accel, fit_error = timed * c.scratch.accel_fit[i], timed * c.scratch.accel_fit_error[i]
-        z = received - c.nav.v_n[i] - antenna[i] + (late + c.nav.velocity_time_offset) * accel
+        z = received - c.nav.v_n[i] - antenna[i] + age * accel
         ratio2 = p.tuning.vertical_ratio**2 if i == 2 else 1.0  # of the variances, as for the position
-        r = (
-            ratio2 * c.gnss.velocity_noise_var
-            + second_order_error(p, c) ** 2
-            + slow * slow
-            + lever_arm_rate_variance(p, c)
-            + fit_error**2
-        )
+        r = velocity_variance(p, c, slow, ratio2) + fit_error**2
         m = velocity_jacobian(p, c, antenna, accel, i)
-        value, s, nis = gated_fix_update(p, c, m, z, r, p.tuning.gnss_velocity_gate)
+        value, s, nis = gated_fix_update(p, c, m, z, r, gate)
         used = nis >= 0.0
         if used and slow == 0.0:
             learn_velocity_noise(p, c, nis, s / ratio2)
         n = write_innovation(innovations, n, fix.t_ns, VELOCITY_N + i, value, s, used)
         rejected += 0 if used else 1
-    count_velocity_rejects(c, rejected)
+    count_velocity_rejects(c, 0 if gate == NEVER else rejected)
     correct_state(p, c)
     return n

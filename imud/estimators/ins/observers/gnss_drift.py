@@ -25,6 +25,8 @@ from ..ekf import add_correction, add_covariance
 from ..error_model import apply_phi
 from ..state import NEVER_NS, ONSETS, STATES, VELOCITY
 
+BY_POSITIONS, BY_WHEELS = 1, 2  # what has detected a drift
+
 if TYPE_CHECKING:
     from ..types import Core, Parameters, Transition
 
@@ -85,6 +87,13 @@ def open_hypothesis(c: Core, j: int) -> None:
 def clear_detection(c: Core) -> None:
     """Clear the detection: the receiver's positions agree with the estimate again."""
     c.drift.detected = 0
+
+
+@kernel
+def declare_drift(c: Core, by: int) -> None:
+    """A drift was detected by something else than this test, which begins anew."""
+    reset_drift(c)
+    c.drift.detected = by
 
 
 @kernel
@@ -207,7 +216,7 @@ def detect_drift(p: Parameters, c: Core) -> bool:
     if worst > p.tuning.drift_chi2 and all_onsets_open(c):
         remove_drift(c, best, estimate_drift(p, c, best, g.noise_scale))
         reset_drift(c)
-        g.detected = 1
+        g.detected = BY_POSITIONS
         return True
     if youngest_s >= p.tuning.onset_interval_s:
         if g.onset_ns[oldest] != NEVER_NS:

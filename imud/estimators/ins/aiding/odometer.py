@@ -1,0 +1,187 @@
+"""Speed of a wheel, an odometer or a log: along the forward axis of the vehicle, signed or not.
+
+z = reading - (1 + scale) u, with u = e_x' (C' v + w x l): e_x is the forward axis, l the wheel's place in the body. A
+measurement has value[0]: speed, m/s, and sigma[0]: m/s, NaN where it is not reported. Used while navigating.
+
+*Scale.* The error of a wheel's radius is an error state. *Slip.* Tyres slip in proportion to the force on them, for
+about a second, so that readings in that time are not independent: the gate has the variance of a single reading, the
+update that of what so many of them know together. More slip than that is rejected. *Sign.* Many sensors do not tell
+backward from forward. Where the filter's own velocity does, it decides; where it does not, a reading without a sign is
+left out. *Time.* The reading may be late by an unknown time, an error in proportion to the acceleration.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from ....compile.jit import kernel
+from ....math.rotation import quat_rotate, quat_rotate_back
+from ...aiding_source import AidingSource, Column
+from ...innovation_kinds import KINDS
+from ...records import ODOMETER, ODOMETER_SOURCE
+from ...tuning import Tunable
+from ..ekf import add_covariance, add_variance, innovation, innovation_variance, set_jacobian
+from ..fusion import correct_state, fuse, write_innovation
+from ..mechanization import quaternion
+from ..state import ATTITUDE, MOUNT_PITCH, MOUNT_YAW, NEVER_NS, ODOMETER_SCALE, VELOCITY
+
+if TYPE_CHECKING:
+    from ...types import Innovation, Measurement
+    from ..types import Core, Parameters
+
+SOURCE = AidingSource(
+    "odometer",
+    ODOMETER_SOURCE,
+    "ODO",
+    {"speed_mps": Column(1.0, -200.0, 200.0)},
+    {"sigma_mps": Column(1.0, 1e-3, 10.0)},
+    {ODOMETER: KINDS[ODOMETER]},
+)
+TUNABLES = (
+    Tunable("odometer_sigma", 0.05, "m/s", "Sigma of a reading that reports none.", "Pulses of an ABS ring at 10 Hz."),
+    Tunable("odometer_scale_sigma", 0.05, "", "Scale factor at the start, 1 sigma.", "Worn or other tyres: 3 %."),
+    Tunable(
+        "odometer_scale_psd",
+        (0.003 / 60.0) ** 2,
+        "1/s",
+        "Random walk of the scale factor, with pressure, temperature and load.",
+        "0.3 % in an hour.",
+    ),
+    Tunable("odometer_slip", 0.004, "", "Slip of a driven wheel at a constant speed, 1 sigma.", "Rolling resistance."),
+    Tunable(
+        "odometer_slip_per_accel",
+        0.004,
+        "1/(m/s^2)",
+        "Slip per acceleration.",
+        "A tyre that slips by 10 % at 1 g, one axle braking more than its share: Wong (2008), ch. 1.",
+    ),
+    Tunable("odometer_slip_time_s", 1.0, "s", "How long slip lasts.", "A manoeuvre."),
+    Tunable("odometer_time_sigma", 0.03, "s", "Unknown age of a reading.", "Choice: half a period of 20 Hz."),
+    Tunable("odometer_dead_speed", 0.3, "m/s", "Below it wheels seem to stand.", "Pulses of an ABS ring."),
+    Tunable("odometer_gate", 12.0, "NIS", "Gate of a reading.", "3.5 sigma: slip is common."),
+    Tunable(
+        "odometer_doubt_s",
+        2.0,
+        "s",
+        "After so long a rejection the velocity is as doubtful as the wheels are.",
+        "A slip is mostly shorter.",
+    ),
+    Tunable("odometer_doubt_psd", 0.5, "m^2/s^3", "Most noise of the velocity by that.", "0.7 m/s in a second."),
+    Tunable("odometer_max_doubt_s", 10.0, "s", "After so long a rejection the wheels are wrong.", "Choice."),
+    Tunable("odometer_sign_sigmas", 3.0, "sigma", "A velocity that large has a sign.", "Three sigma."),
+)
+
+
+@kernel
+def signed_reading(p: Parameters, c: Core, reading: float, along: float, sigma: float) -> float:
+    """The reading with the sign of the motion along the forward axis; NaN where that is not known.
+
+    along: predicted speed, of standard deviation `sigma`, m/s.
+    """
+    g = c.odometer
+    if reading < 0.0:
+        g.reverses = 1
+    if abs(along) > p.tuning.odometer_sign_sigmas * sigma + p.tuning.odometer_dead_speed:
+        ahead = 1.0 if along > 0.0 else -1.0
+        if abs(reading) > p.tuning.odometer_dead_speed:
+            g.direction = ahead if reading > 0.0 else -ahead
+        return ahead * abs(reading)
+    if g.reverses:
+        return g.direction * reading if g.direction != 0.0 else math.nan
+    return 0.0 if abs(reading) <= p.tuning.odometer_dead_speed else math.nan
+
+
+@kernel
+def odometer_jacobian(c: Core, forward: Any, v_b: Any, along: float) -> int:
+    """Jacobian of a reading; returns its length. v_b: velocity of the wheel in the body; along: its forward part."""
+    gain = 1.0 + c.nav.odometer_scale
+    f, v = quat_rotate(quaternion(c), forward), c.nav.v_n
+    k = 0
+    for i in range(3):
+        k = set_jacobian(c, k, VELOCITY + i, gain * f[i])
+    k = set_jacobian(c, k, ATTITUDE, gain * (f[1] * v[2] - f[2] * v[1]))
+    k = set_jacobian(c, k, ATTITUDE + 1, gain * (f[2] * v[0] - f[0] * v[2]))
+    k = set_jacobian(c, k, ATTITUDE + 2, gain * (f[0] * v[1] - f[1] * v[0]))
+    k = set_jacobian(c, k, ODOMETER_SCALE, along)
+    if c.nhc.enabled:  # the forward axis is estimated: e_x <- e_x + yaw e_y - pitch e_z
+        e = c.nav.lateral
+        x = forward[1] * e[2] - forward[2] * e[1]
+        y = forward[2] * e[0] - forward[0] * e[2]
+        z = forward[0] * e[1] - forward[1] * e[0]
+        k = set_jacobian(c, k, MOUNT_YAW, gain * (e[0] * v_b[0] + e[1] * v_b[1] + e[2] * v_b[2]))
+        k = set_jacobian(c, k, MOUNT_PITCH, -gain * (x * v_b[0] + y * v_b[1] + z * v_b[2]))
+    return k
+
+
+@kernel
+def single_variance(p: Parameters, m: Measurement, reading: float, slip_sigma: float, accel: float) -> float:
+    """Variance of a single reading, (m/s)^2. slip_sigma: of slip, m/s; accel: along the forward axis, m/s^2."""
+    r = m.sigma[0] if m.sigma[0] > 0.0 else p.tuning.odometer_sigma
+    dead = 0.5 * p.tuning.odometer_dead_speed if abs(reading) <= p.tuning.odometer_dead_speed else 0.0
+    return r * r + dead * dead + slip_sigma * slip_sigma + (accel * p.tuning.odometer_time_sigma) ** 2
+
+
+@kernel
+def time_since_last(p: Parameters, c: Core, m: Measurement) -> float:
+    """Time since the last reading, s."""
+    g = c.odometer
+    dt = 1e-9 * (m.t_ns - g.last_ns) if g.last_ns != NEVER_NS else p.tuning.odometer_slip_time_s
+    g.last_ns = m.t_ns
+    return float(max(dt, 1e-3))
+
+
+@kernel
+def doubt_velocity(p: Parameters, c: Core, forward: Any, z: float, dt: float) -> None:
+    """After a rejection: the wheels slip, or the velocity is wrong. The longer it lasts, the more is added to P.
+
+    z: innovation, m/s; dt: time since the last reading, s.
+    """
+    last_ns = c.odometer.last_used_ns
+    if last_ns == NEVER_NS or 1e-9 * (c.nav.t_ns - last_ns) > p.tuning.odometer_max_doubt_s:
+        return
+    most = z * z / (p.tuning.odometer_gate * p.tuning.odometer_doubt_s)
+    q = min(most, p.tuning.odometer_doubt_psd) * min(dt, p.tuning.odometer_doubt_s)
+    f = quat_rotate(quaternion(c), forward)
+    for i in range(3):
+        for k in range(i, 3):
+            add_covariance(c, VELOCITY + i, VELOCITY + k, q * f[i] * f[k])
+
+
+@kernel
+def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
+    """Gate and fuse a reading; returns the rows of innovations."""
+    e, arm = c.nav.forward, p.odometer_lever_arm
+    forward = (e[0], e[1], e[2])
+    v_b = quat_rotate_back(quaternion(c), (c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2]))
+    w = (c.imu.w[0] - c.nav.bg[0], c.imu.w[1] - c.nav.bg[1], c.imu.w[2] - c.nav.bg[2])
+    wheel = (
+        v_b[0] + w[1] * arm[2] - w[2] * arm[1],
+        v_b[1] + w[2] * arm[0] - w[0] * arm[2],
+        v_b[2] + w[0] * arm[1] - w[1] * arm[0],
+    )
+    a = quat_rotate_back(quaternion(c), (c.imu.accel_n[0], c.imu.accel_n[1], c.imu.accel_n[2]))
+    accel = e[0] * a[0] + e[1] * a[1] + e[2] * a[2]
+    along = e[0] * wheel[0] + e[1] * wheel[1] + e[2] * wheel[2]
+    k = odometer_jacobian(c, forward, wheel, along)
+    variance = innovation_variance(c, k)
+    reading = signed_reading(p, c, m.value[0], along, math.sqrt(max(variance, 0.0)))
+    dt = time_since_last(p, c, m)
+    add_variance(c, ODOMETER_SCALE, p.tuning.odometer_scale_psd * dt)
+    if not math.isfinite(reading):
+        return 0
+    ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
+    residual = reading - (1.0 + c.nav.odometer_scale) * (along + accel * ahead_s)
+    slip_sigma = (p.tuning.odometer_slip + p.tuning.odometer_slip_per_accel * abs(accel)) * abs(reading)
+    r = single_variance(p, m, reading, slip_sigma, accel)
+    correlated = slip_sigma * slip_sigma + (accel * p.tuning.odometer_time_sigma) ** 2
+    z, s = innovation(c, k, residual), variance + r
+    used = z * z <= p.tuning.odometer_gate * s
+    if not used:
+        doubt_velocity(p, c, forward, z, dt)
+    else:
+        shared = max(2.0 * p.tuning.odometer_slip_time_s / dt, 1.0)  # readings while the error of slip is the same
+        fuse(c, k, z, s + (shared - 1.0) * correlated, -1)
+        correct_state(p, c)
+        c.odometer.last_used_ns = m.t_ns
+    return write_innovation(innovations, 0, m.t_ns, ODOMETER, z, s, used)

@@ -1,0 +1,142 @@
+"""Do the wheels contradict the receiver? Only they show a receiver that drifts, and says so in its velocity, too.
+
+Wheels know the velocity along the vehicle's way, whatever the receiver says. Where its velocity contradicts the
+estimate at several fixes, there are two explanations: the receiver drifts, by a constant velocity in NED (2 unknowns);
+or the heading is wrong, which rotates the vehicle's velocity (1 unknown). Least squares tell which of them leaves less;
+on a straight road, across the way, neither does, and after some more fixes the rules without wheels apply. A receiver
+that drifts is rejected, positions and velocities, until its velocity agrees again, and the position is as uncertain as
+the drift has made it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from ....compile.jit import kernel
+from ...tuning import Tunable
+from ..ekf import add_variance, innovation_variance, set_jacobian
+from ..observers.gnss_drift import BY_WHEELS, clear_detection, declare_drift
+from ..state import NAVIGATING, NEVER_NS, POSITION, TIME_OFFSET, VELOCITY, VELOCITY_TIME_OFFSET
+
+if TYPE_CHECKING:
+    from ..types import Core, Parameters
+
+TUNABLES = (
+    Tunable(
+        "wheel_fresh_s", 10.0, "s", "Age of the last used reading up to which wheels support the velocity.", "Slips."
+    ),
+    Tunable("wheel_check_speed", 2.0, "m/s", "Speed from which the receiver is tested.", "Choice."),
+    Tunable("wheel_check_gate", 9.0, "NIS", "A velocity beyond it is a contradiction.", "Three sigma."),
+    Tunable("wheel_check_least", 0.3, "m/s", "Smallest contradiction.", "The scale factor's error at 60 km/h."),
+    Tunable("wheel_contradictions", 3.5, "fixes", "So many decide; an agreement halves them.", "Choice."),
+    Tunable("wheel_evidence", 25.0, "", "Squares that only a drift explains, over the variance.", "Five sigma."),
+    Tunable(
+        "wheel_patience",
+        3.0,
+        "",
+        "With wheels so many times as many rejected velocities mean a wrong heading.",
+        "A turn comes meanwhile.",
+    ),
+    Tunable("wheel_agreements", 10, "fixes", "So many agreements in a row end a drift.", "Choice."),
+    Tunable(
+        "wheel_max_reject_s", 600.0, "s", "Longest rejection of fixes while wheels support the velocity.", "Choice."
+    ),
+)
+
+
+@kernel
+def wheels_support(p: Parameters, c: Core) -> bool:
+    """Whether a reading of the odometer was used lately."""
+    last_ns = c.odometer.last_used_ns
+    return bool(last_ns != NEVER_NS and 1e-9 * (c.nav.t_ns - last_ns) < p.tuning.wheel_fresh_s)
+
+
+@kernel
+def wheels_reject(p: Parameters, c: Core) -> bool:
+    """Whether the receiver drifts by the wheels, so that its fixes are of no use."""
+    if c.drift.detected != BY_WHEELS or c.alignment.mode != NAVIGATING:
+        return False
+    outage_s = 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
+    return bool(wheels_support(p, c) and outage_s < p.tuning.wheel_max_reject_s)
+
+
+@kernel
+def contradicts(p: Parameters, c: Core, axis: int, z: float, accel: float, r: float) -> bool:
+    """Whether the velocity along an axis contradicts the estimate. z: residual, m/s; accel: m/s^2; r: variance."""
+    k = set_jacobian(c, 0, VELOCITY + axis, 1.0)
+    k = set_jacobian(c, k, TIME_OFFSET, -accel)
+    k = set_jacobian(c, k, VELOCITY_TIME_OFFSET, -accel)
+    return bool(
+        abs(z) > p.tuning.wheel_check_least and z * z > p.tuning.wheel_check_gate * (innovation_variance(c, k) + r)
+    )
+
+
+@kernel
+def check_receiver(p: Parameters, c: Core, z_n: float, z_e: float, accel_n: float, accel_e: float, r: float) -> None:
+    """Test the velocity of a fix before it is fused. z: its residual, m/s; accel: m/s^2; r: variance of a component."""
+    if not wheels_support(p, c) or c.alignment.mode != NAVIGATING or not math.isfinite(z_n + z_e):
+        return
+    wrong = contradicts(p, c, 0, z_n, accel_n, r) or contradicts(p, c, 1, z_e, accel_e, r)
+    if c.drift.detected == BY_WHEELS:
+        count_agreement(c, wrong)
+        if c.wheel_check.agreements >= p.tuning.wheel_agreements:
+            clear_detection(c)
+    elif math.hypot(c.nav.v_n[0], c.nav.v_n[1]) > p.tuning.wheel_check_speed:
+        sum_contradictions(c, z_n, z_e, wrong)
+        speed = drift_speed(p, c, 2.0 * r)
+        if speed > 0.0:
+            since_s = 1e-9 * (c.nav.t_ns - c.wheel_check.onset_ns)
+            for i in range(2):
+                add_variance(c, POSITION + i, (speed * since_s) ** 2)
+            declare_drift(c, BY_WHEELS)
+            clear_sums(c)
+
+
+@kernel
+def count_agreement(c: Core, wrong: bool) -> None:
+    """Count agreements in a row."""
+    c.wheel_check.agreements = 0 if wrong else c.wheel_check.agreements + 1
+
+
+@kernel
+def clear_sums(c: Core) -> None:
+    """Forget the contradictions."""
+    g = c.wheel_check
+    g.count, g.z_n, g.z_e, g.z2, g.turned, g.v2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    g.agreements = 0
+
+
+@kernel
+def sum_contradictions(c: Core, z_n: float, z_e: float, wrong: bool) -> None:
+    """Add a contradiction to the sums of the two explanations; an agreement halves them."""
+    g = c.wheel_check
+    if not wrong:
+        g.count, g.z_n, g.z_e, g.z2 = 0.5 * g.count, 0.5 * g.z_n, 0.5 * g.z_e, 0.5 * g.z2
+        g.turned, g.v2 = 0.5 * g.turned, 0.5 * g.v2
+        return
+    v_n, v_e = c.nav.v_n[0], c.nav.v_n[1]
+    if g.count < 0.5:
+        g.onset_ns = c.nav.t_ns
+    g.count += 1.0
+    g.z_n += z_n
+    g.z_e += z_e
+    g.z2 += z_n * z_n + z_e * z_e
+    g.turned += z_e * v_n - z_n * v_e
+    g.v2 += v_n * v_n + v_e * v_e
+
+
+@kernel
+def drift_speed(p: Parameters, c: Core, r: float) -> float:
+    """Speed of the drift, m/s, if the contradictions are those of one and not of a wrong heading; else 0.
+
+    r: variance of a residual, (m/s)^2.
+    """
+    g = c.wheel_check
+    if g.count < p.tuning.wheel_contradictions:
+        return 0.0
+    of_drift = g.z2 - (g.z_n**2 + g.z_e**2) / g.count
+    of_heading = g.z2 - g.turned**2 / g.v2
+    if of_heading - of_drift < p.tuning.wheel_evidence * r:
+        return 0.0
+    return math.hypot(g.z_n, g.z_e) / g.count

@@ -1,0 +1,140 @@
+"""An odometer in the navigation filter: its scale is found, slips are left out, and a drifting receiver with it."""
+
+import numpy as np
+import pytest
+from navigation_simulation import drive, errors, received, sensed
+from test_navigation_aiding import estimated
+
+from imud.estimators.records import COASTING, MEASUREMENT, ODOMETER, ODOMETER_SOURCE, REJECTING
+
+SIGMA = 0.05
+
+
+def readings(d, rng, scale=0.02, every_s=0.1, late_s=0.02, unsigned=False):
+    """MEASUREMENT rows of a wheel: the speed along the vehicle's own axis, `scale` too large."""
+    step = round(every_s / (d.t[1] - d.t[0]))
+    forward = np.sum(d.attitude.apply([1.0, 0.0, 0.0]) * d.v, axis=1)[step::step]
+    rows = np.zeros(len(forward), MEASUREMENT)
+    rows["t_ns"] = np.round(1e9 * (100.0 + d.t[step::step]))
+    rows["arrival_ns"] = rows["t_ns"] + round(1e9 * late_s)
+    rows["kind"], rows["sigma"] = ODOMETER_SOURCE, np.nan
+    speed = (1.0 + scale) * forward + SIGMA * rng.standard_normal(len(forward))
+    rows["value"][:, 0] = np.abs(speed) if unsigned else speed
+    return rows
+
+
+def recorded(seed, seconds, accel_psd=2e-3, **changes):
+    rng = np.random.default_rng(seed)
+    d = drive(seconds, **changes)
+    return d, sensed(d, rng, accel_psd=accel_psd), received(d, rng, late=0.2, sigma=1.8, speed_sigma=0.1), rng
+
+
+def without(fixes, begin, end):
+    t = fixes["t_ns"] * 1e-9 - 100.0
+    return fixes[(t < begin) | (t > end)]
+
+
+@pytest.mark.parametrize("unsigned", [False, True])
+def test_in_an_outage_the_wheels_hold_the_way_within_sigma(unsigned):
+    """Also of a vehicle that reverses, whose wheel tells no sign; its accelerometers are noisy."""
+    d, samples, fixes, rng = recorded(1, 200.0, accel_psd=0.1, speed=6.0, swing=1.3)
+    fixes = without(fixes, 130.0, 190.0)
+    alone, _ = estimated(samples, fixes, readings(d, rng)[:0])
+    out, innovations = estimated(samples, fixes, readings(d, rng, unsigned=unsigned))
+    end = (d.t > 185.0) & (d.t < 189.0)
+    assert (out["status"][end] & COASTING).all()
+    sigma = out["sigma_v"][end, :2]
+    assert np.mean((errors(d, out)[1][end, :2] / sigma) ** 2) < 3.0
+    assert sigma.mean() < 0.85 * alone["sigma_v"][end, :2].mean()
+    assert innovations["used"].mean() > 0.97
+    found = innovations[(innovations["kind"] == ODOMETER) & (innovations["t_ns"] > 140e9)]
+    assert 0.2 < np.mean(found["value"] ** 2 / found["variance"]) < 1.5
+
+
+def test_slips_are_left_out_and_harm_nothing():
+    d, samples, fixes, rng = recorded(2, 120.0)
+    rows = readings(d, rng)
+    t = rows["t_ns"] * 1e-9 - 100.0
+    spin, lock = (t > 60.0) & (t < 62.5), (t > 80.0) & (t < 81.0)
+    rows["value"][spin, 0] *= 1.4
+    rows["value"][lock, 0] = 0.0
+    out, innovations = estimated(samples, fixes, rows)
+    epochs = innovations["t_ns"] * 1e-9 - 100.0
+    during = ((epochs > 60.0) & (epochs < 62.5)) | ((epochs > 80.0) & (epochs < 81.0))
+    assert innovations["used"][during].mean() < 0.5
+    assert innovations["used"][~during].mean() > 0.97
+    later = d.t > 50.0
+    assert np.mean((errors(d, out)[1][later, :2] / out["sigma_v"][later, :2]) ** 2) < 2.0
+
+
+def test_wheels_in_wrong_units_are_rejected_and_change_little():
+    """km/h instead of m/s."""
+    d, samples, fixes, rng = recorded(3, 90.0)
+    rows = readings(d, rng)
+    rows["value"][:, 0] *= 3.6
+    out, innovations = estimated(samples, fixes, rows)
+    alone, _ = estimated(samples, fixes, rows[:0])
+    moving = innovations["t_ns"] > 130e9
+    assert innovations["used"][moving].mean() < 0.05
+    later = d.t > 60.0
+    apart = np.abs(out["v"][later] - alone["v"][later]) / alone["sigma_v"][later]
+    assert apart.max() < 1.0
+
+
+def ramped(fixes, begin, direction, speed=1.0, velocity=True):
+    """Fixes of a receiver that drifts since `begin` s with `speed` m/s, and says so in its velocity, too."""
+    fixes = fixes.copy()
+    dt = np.maximum(fixes["t_ns"] * 1e-9 - 100.0 - begin, 0.0)
+    north, east = speed * np.cos(direction), speed * np.sin(direction)
+    fixes["lat"] += north * dt / 6.37e6
+    fixes["lon"] += east * dt / (6.39e6 * np.cos(np.radians(48.0)))
+    if velocity:
+        v = fixes["speed"] * np.exp(1j * fixes["course"]) + (dt > 0.0) * (north + 1j * east)
+        fixes["speed"], fixes["course"] = np.abs(v), np.angle(v)
+    return fixes
+
+
+@pytest.mark.parametrize("direction", [0.3, 1.9, 3.4, 5.0])
+def test_a_receiver_that_drifts_by_1_mps_and_says_so_is_found_within_30_s(direction):
+    d, samples, fixes, rng = recorded(4, 240.0)
+    fixes = ramped(fixes, 120.0, direction)
+    out, _ = estimated(samples, fixes, readings(d, rng))
+    rejecting = d.t[(out["status"] & REJECTING) != 0]
+    assert 120.0 < rejecting[rejecting > 120.0].min() < 150.0
+    assert np.hypot(*errors(d, out)[0][d.t > 235.0, :2].T).max() < 15.0  # the receiver is 115 m away
+
+
+def test_a_receiver_that_stops_drifting_is_used_again():
+    d, samples, fixes, rng = recorded(5, 240.0)
+    drifted = ramped(fixes, 100.0, 0.3)
+    late = fixes["t_ns"] > 230e9
+    drifted[late] = fixes[late]
+    out, _ = estimated(samples, drifted, readings(d, rng))
+    assert (out["status"][(d.t > 115.0) & (d.t < 128.0)] & REJECTING).all()
+    assert not (out["status"][d.t > 170.0] & REJECTING).any()
+    assert np.hypot(*errors(d, out)[0][d.t > 200.0, :2].T).max() < 6.0
+
+
+def test_a_wrong_odometer_does_not_cost_the_receiver():
+    """Wheels that show nothing: the receiver stays in use."""
+    d, samples, fixes, rng = recorded(6, 120.0)
+    rows = readings(d, rng)
+    rows["value"][rows["t_ns"] > 150e9, 0] = 0.0
+    out, _ = estimated(samples, fixes, rows)
+    assert not (out["status"][d.t > 50.0] & REJECTING).any()
+    later = d.t > 60.0
+    assert np.mean((errors(d, out)[1][later, :2] / out["sigma_v"][later, :2]) ** 2) < 2.5
+
+
+def test_errors_are_within_sigma_over_many_drives():
+    nees = []
+    for seed in range(6):
+        d, samples, fixes, rng = recorded(10 + seed, 100.0, speed=6.0 + seed)
+        out, _ = estimated(samples, fixes, readings(d, rng, scale=0.03 * rng.standard_normal()))
+        k = np.arange(4000, len(d.t), 100)
+        sigmas = (out["sigma_p"], out["sigma_v"], out["sigma_rpy"])
+        nees.append([np.mean((e / s)[k] ** 2) for e, s in zip(errors(d, out), sigmas, strict=True)])
+    position, velocity, attitude = np.mean(nees, axis=0)
+    assert 0.3 < position < 2.0
+    assert 0.2 < velocity < 2.0
+    assert 0.1 < attitude < 2.0

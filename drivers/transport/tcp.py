@@ -31,6 +31,20 @@ def _connect(family: int, address: Any) -> tuple[socket.socket, int]:
     return connection, number
 
 
+def connect(host: str, port: int) -> socket.socket:
+    """A connection that is made or being made; never blocks, but for names that the machine must ask for.
+
+    Raises OSError.
+    """
+    number = errno.EHOSTUNREACH
+    for family, address in _resolve(host, port):
+        connection, number = _connect(family, address)
+        if number == 0:
+            return connection
+        connection.close()
+    raise OSError(number, os.strerror(number))
+
+
 class TcpPort:
     """An open connection, or one that is being made. Not thread-safe.
 
@@ -46,15 +60,11 @@ class TcpPort:
         host, port, _ = spec.server
         self._where = f"{host} port {port}"
         try:
-            for family, address in _resolve(host, port):
-                self._socket, number = _connect(family, address)
-                if number == 0:
-                    break
-                self.close()
-            else:
-                raise PortAbsentError(self.path, self._refusal(number))
-        except OSError as error:
+            self._socket = connect(host, port)
+        except socket.gaierror as error:
             raise PortAbsentError(self.path, f"{host}: {error.strerror}: name a host that there is") from error
+        except OSError as error:
+            raise PortAbsentError(self.path, self._refusal(error.errno or errno.EIO)) from error
         self._connected = False
         self.fd: int = self._socket.fileno()
 

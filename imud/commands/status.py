@@ -119,6 +119,9 @@ def screen(status: Table) -> Iterator[tuple[str, str]]:
         yield from _port(port)
     if aiding := status.get("aiding"):
         yield from zip_longest(["aiding"], _aiding(aiding), fillvalue="")
+    if corrections := status.get("corrections"):
+        counts = ", ".join(f"{corrections[name]} {name}" for name in ("frames", "noise bytes") if name in corrections)
+        yield "rtcm", f"{corrections['source']}: {'; '.join(filter(None, (corrections['state'], counts)))}"
     for name, output in status["outputs"].items():
         if addresses := output.pop("addresses", ""):
             yield name, addresses

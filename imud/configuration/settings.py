@@ -116,6 +116,10 @@ class Gnss(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         float, number(0.0, 10.0, "s", "From a fix's epoch to its arrival, when nothing better is known.", hot=True)
     ] = 0.15
     pps: Annotated[str, text("The kernel's pulse per second of this receiver, such as /dev/pps0; empty: none.")] = ""
+    rtcm: Annotated[
+        str,
+        text("HOST:PORT or path from which RTCM 3 frames of an RTK base come, for the receiver; empty: none."),
+    ] = ""
     min_satellites: Annotated[
         int, number(0, 100, "", "Fixes with fewer satellites are not used; those that do not say are.", hot=True)
     ] = 5

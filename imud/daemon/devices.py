@@ -7,7 +7,7 @@ import math
 import select
 import time
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from imud.drivers.driver import AnyDriver, Identity, ImuConfigured
 from imud.drivers.errors import PortEndedError, PortLostError
@@ -31,6 +31,9 @@ from ..setup import choices
 from .fast_loop import FastLoop
 from .ports import Configured, Port
 from .state_store import StateStore
+
+if TYPE_CHECKING:
+    from .corrections import Corrections
 
 _PARTS = {"imu": "inertial sensor", "gnss": "receiver"}
 _SLEPT_NS = 500_000_000  # between two looks: this process did not run, and silence then says nothing of a device
@@ -58,6 +61,7 @@ class Devices:
         self.gnss: tuple[Port, Receiver] | None = None
         self.described: tuple[Device, ...] = ()  # those that stream, for the clients
         self._pulse = choices.pulse(settings)
+        self.corrections = _corrections(settings.gnss.rtcm) if settings.gnss.rtcm else None
         self._insisted: float | None = None  # share of the agreed rate for which the sensor was set up anew
         self._known = calibration.Calibration("")  # of the inertial sensor
         self._by_fd: dict[int, Port] = {}
@@ -131,12 +135,25 @@ class Devices:
                 port.lost("the device sends nothing more of use")
         if self.imu and (share := self.imu[1].rate_ratio()):
             self._insist(*self.imu, share)
+        if self.corrections is not None and (data := self.corrections.read(now_ns)):
+            self._forward(data)
         for port in self.ports:
             port.log_line_warning()
         if self._recordings.current and self.imu:
             self._recordings.current.record_clock(self.ports.index(self.imu[0]), self.imu[1], now_ns)
         if self.imu and isinstance(configured := self.imu[0].configured, ImuConfigured):
             self._store.save_when_due(configured, self.imu[0].spec.path, self.imu[1], now_ns)
+
+    def _forward(self, corrections: bytes) -> None:
+        """Write a base's data to the receiver, if it may be written to."""
+        if self.gnss is None:
+            return
+        port = self.gnss[0]
+        if not port.options.readonly and port.spec.server is None:
+            try:
+                port.line.write(corrections)
+            except PortLostError as error:
+                port.lost(str(error))
 
     def _insist(self, port: Port, sensor: Inertial, share: float) -> None:
         """Set up anew a sensor that streams at another rate than agreed; once only, if that does not help."""
@@ -235,6 +252,8 @@ class Devices:
             self._store.close(configured, self.imu[0].spec.path, self.imu[1])
         for port in self.ports:
             port.close()
+        if self.corrections is not None:
+            self.corrections.close()
         if self.selection.inertial is not None:
             self._log.info("ended", samples=self.selection.inertial.samples, **self.selection.inertial.totals())
 
@@ -285,6 +304,12 @@ class Devices:
             known = self._known if isinstance(sensor, Inertial) else None
             recorder.connected(number, port.spec.path, port.configured, known, now_ns, stored)
             sensor.byte_sink = recorder.byte_sink(number)
+
+
+def _corrections(source: str) -> "Corrections":
+    from .corrections import Corrections  # what few use costs the others no memory
+
+    return Corrections(source)
 
 
 def _described(port: Port, configured: Configured) -> Device:

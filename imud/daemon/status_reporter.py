@@ -80,6 +80,7 @@ class StatusReporter:
                 "filter": status_tables.of_filter(devices.selection.inertial, devices.selection.estimator.name),
                 "innovations": publisher.innovations.table(),
                 "aiding": aiding.properties(now_ns) if aiding else {},
+                "corrections": devices.corrections.properties(now_ns) if devices.corrections else {},
                 "ports": {
                     str(i): status_tables.of_port(port, now_ns, *parts.get(port, (None, None)))
                     for i, port in enumerate(devices.ports)

@@ -1,0 +1,104 @@
+"""Data of an RTK base on their way to the receiver: from a TCP server or a file, whole RTCM frames alone.
+
+A file may be a FIFO or a terminal into which another program writes (`str2str`), or a plain one that grows.
+"""
+
+import contextlib
+import os
+import socket
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from ..drivers.rtcm import RtcmFramer
+from ..drivers.transport.tcp import connect
+from ..errors import ConfigError
+from ..process.log import get_logger
+
+AT_ONCE = 1024  # bytes for each look: a receiver's line has little room
+STALE_NS = 30_000_000_000  # a source that is silent that long is opened anew
+_FIRST_RETRY_NS, _LAST_RETRY_NS = 1_000_000_000, 30_000_000_000
+
+
+def address_of(source: str) -> tuple[str, int]:
+    """`HOST:PORT` or `[IPV6]:PORT`. Raises ConfigError."""
+    host, _, port = source.rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise ConfigError(f"gnss.rtcm: {source!r} is neither HOST:PORT nor a path with a slash, such as ./base.rtcm")
+    return host.strip("[]"), int(port)
+
+
+class Corrections:
+    """Reads the source a few times a second, without waiting. Not thread-safe; times are monotonic nanoseconds."""
+
+    def __init__(self, source: str) -> None:
+        """source: HOST:PORT, or a path (with a slash)."""
+        self.counters = Counter[str]()
+        self._source = source
+        self._address = None if "/" in source else address_of(source)
+        self._log = get_logger().bind(rtcm=source)
+        self._framer = RtcmFramer(self.counters)
+        self._fd = -1
+        self._socket: socket.socket | None = None
+        self._state = ""
+        self._retry_ns, self._due_ns, self._last_ns = _FIRST_RETRY_NS, 0, 0
+
+    def read(self, now_ns: int) -> bytes:
+        """The frames that have come since; opens the source if that is due."""
+        if self._fd < 0 and (now_ns < self._due_ns or not self._open(now_ns)):
+            return b""
+        try:
+            data = os.read(self._fd, AT_ONCE)
+            ended = not data and self._address is not None  # a file may grow, a FIFO may get a new writer
+        except BlockingIOError:
+            data, ended = b"", False
+        except OSError as error:
+            self._lose(error.strerror or "it failed", now_ns)
+            return b""
+        frames = list(self._framer.feed(data))
+        if frames:
+            self._tell("data of the base come")
+            self._last_ns, self._retry_ns = now_ns, _FIRST_RETRY_NS
+            self.counters["frames"] += len(frames)
+        elif ended or now_ns - self._last_ns > STALE_NS:
+            self._lose("it ended the connection" if ended else "nothing comes", now_ns)
+        return b"".join(frames)
+
+    def properties(self, now_ns: int) -> dict[str, Any]:
+        """What `imud status` shows."""
+        age = (now_ns - self._last_ns) * 1e-9 if self._last_ns else None
+        return {"source": self._source, "state": self._state, "age_s": age, **self.counters}
+
+    def close(self) -> None:
+        """Close the source. May be called twice."""
+        if self._socket is not None:
+            self._socket.close()
+        elif self._fd >= 0:
+            os.close(self._fd)
+        self._socket, self._fd = None, -1
+
+    def _open(self, now_ns: int) -> bool:
+        try:
+            if self._address is None:
+                self._fd = os.open(Path(self._source).expanduser(), os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
+            else:
+                self._socket = connect(*self._address)
+                self._fd = self._socket.fileno()
+        except OSError as error:
+            self._lose(error.strerror or str(error), now_ns)
+            return False
+        self._last_ns = now_ns
+        return True
+
+    def _lose(self, why: str, now_ns: int) -> None:
+        with contextlib.suppress(OSError):
+            self.close()
+        self._tell(f"no data of the base: {why}; trying again")
+        self._due_ns = now_ns + self._retry_ns
+        self._retry_ns = min(2 * self._retry_ns, _LAST_RETRY_NS)
+
+    def _tell(self, state: str) -> None:
+        """Log a change, once."""
+        if state != self._state:
+            self._state = state
+            self._log.info(state)

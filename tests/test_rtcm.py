@@ -1,0 +1,150 @@
+"""Data of an RTK base for the receiver (`--rtcm`): whole frames alone, from a server or a file. Oracle: pyrtcm."""
+
+import contextlib
+import os
+import socket
+import time
+from collections import Counter
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pyrtcm import calc_crc24q
+
+from imud.daemon.corrections import STALE_NS, Corrections
+from imud.daemon.devices import Devices
+from imud.drivers.driver import Options
+from imud.drivers.errors import PortLostError
+from imud.drivers.rtcm import RtcmFramer, crc24q
+from imud.drivers.transport.portspec import PortSpec
+from imud.errors import ConfigError
+
+STATION = bytes.fromhex("D300133ED7D30202980EDEEF34B4BD62AC0941986F33360B98")  # RTCM 10403's example of 1005
+SECOND = 10**9
+
+
+def frame(payload):
+    head = b"\xd3" + len(payload).to_bytes(2, "big") + payload
+    return head + calc_crc24q(head).to_bytes(3, "big")
+
+
+@given(st.binary(max_size=300))
+def test_the_checksum(data):
+    assert crc24q(data) == calc_crc24q(data)
+
+
+def test_whole_frames_come_through_among_anything_else():
+    data = (
+        b"HTTP/1.1 200\r\n\xd3" + STATION + frame(b"") + STATION[:9] + frame(bytes(1023)) + b"$GPGGA\xd3\xff" + STATION
+    )
+    good = [STATION, frame(b""), frame(bytes(1023)), STATION]
+    for size in (1, 7, len(data)):
+        framer = RtcmFramer(counters := Counter())
+        assert [one for i in range(0, len(data), size) for one in framer.feed(data[i : i + size])] == good
+        assert counters["noise bytes"] == len(data) - sum(map(len, good))
+
+
+@given(st.lists(st.one_of(st.binary(max_size=30), st.just(STATION), st.just(b"\xd3\x00"))))
+def test_what_is_given_on_are_frames(pieces):
+    framer = RtcmFramer(Counter())
+    found = [one for piece in [*pieces, bytes(1100), STATION] for one in framer.feed(piece)]
+    assert found[-1] == STATION
+    assert all(calc_crc24q(one) == 0 for one in found)
+    assert found.count(STATION) >= 1 + pieces.count(STATION)
+
+
+@pytest.mark.parametrize("source", ["base", "host:", ":2101", "host:99999", "host:x"])
+def test_sources_are_addresses_or_paths(source):
+    with pytest.raises(ConfigError, match=r"gnss\.rtcm"):
+        Corrections(source)
+
+
+def received(corrections, expected):
+    """What comes until it is as long as expected; times advance by a tenth of a second."""
+    data, end, now_ns = b"", time.monotonic() + 30.0, SECOND
+    while len(data) < len(expected) and time.monotonic() < end:
+        data += corrections.read(now_ns := now_ns + SECOND // 10)
+        time.sleep(0.001)
+    return data, now_ns
+
+
+def test_a_file_is_followed_as_it_grows(tmp_path):
+    file = tmp_path / "base.rtcm"
+    corrections = Corrections(str(file))
+    assert corrections.read(0) == b""
+    assert "No such file" in corrections.properties(0)["state"]
+    file.write_bytes(STATION + STATION[:5])
+    data, now_ns = received(corrections, STATION)
+    with file.open("ab") as growing:
+        growing.write(STATION[5:])
+    assert data + corrections.read(now_ns) == STATION * 2
+    corrections.close()
+    corrections.close()
+
+
+def test_a_fifo_may_get_a_new_writer(tmp_path):
+    os.mkfifo(tmp_path / "base")
+    corrections = Corrections(str(tmp_path / "base"))
+    assert corrections.read(0) == b""
+    for _ in range(2):
+        with (tmp_path / "base").open("wb") as writer:
+            writer.write(STATION)
+        assert received(corrections, STATION)[0] == STATION
+    corrections.close()
+
+
+def test_a_server_that_ends_is_connected_again():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        corrections = Corrections(f"127.0.0.1:{server.getsockname()[1]}")
+        now_ns = 0
+        for _ in range(2):
+            corrections.read(now_ns := now_ns + 60 * SECOND)
+            client, _ = server.accept()
+            with client:
+                client.sendall(STATION)
+                data, end = b"", time.monotonic() + 30.0
+                while not data and time.monotonic() < end:
+                    data = corrections.read(now_ns)
+                assert data == STATION
+            while corrections.properties(now_ns)["state"].startswith("data") and time.monotonic() < end:
+                corrections.read(now_ns)
+            assert "ended the connection" in corrections.properties(now_ns)["state"]
+        assert corrections.properties(now_ns)["frames"] == 2
+        corrections.close()
+
+
+def test_a_silent_source_is_opened_anew(tmp_path):
+    (tmp_path / "base").write_bytes(b"")
+    corrections = Corrections(str(tmp_path / "base"))
+    corrections.read(SECOND)
+    corrections.read(2 * SECOND + STALE_NS)
+    assert "nothing comes" in corrections.properties(0)["state"]
+    corrections.close()
+
+
+@pytest.mark.parametrize(
+    ("path", "readonly", "written"), [("/dev/a", False, 1), ("/dev/a", True, 0), ("gpsd://a", False, 0)]
+)
+def test_only_receivers_that_may_be_written_to_get_them(path, readonly, written):
+    sent = []
+    port = SimpleNamespace(
+        options=Options(readonly=readonly), spec=PortSpec.parse(path), line=SimpleNamespace(write=sent.append)
+    )
+    Devices._forward(SimpleNamespace(gnss=(port, None)), STATION)
+    Devices._forward(SimpleNamespace(gnss=None), STATION)
+    assert sent == [STATION] * written
+
+
+def test_a_line_that_is_lost_meanwhile_is_opened_anew():
+    lost = []
+
+    def fail(data):
+        raise PortLostError("/dev/a", "it went away")
+
+    port = SimpleNamespace(
+        options=Options(), spec=PortSpec.parse("/dev/a"), line=SimpleNamespace(write=fail), lost=lost.append
+    )
+    with contextlib.suppress(AssertionError):
+        Devices._forward(SimpleNamespace(gnss=(port, None)), STATION)
+    assert lost == ["it went away"]

@@ -1,6 +1,6 @@
 """An Epson sensor's side of an SPI bus, strict: a word that breaks a rule is ignored, answered with ones, and counted.
 
-Rules (design/protocols.md §1.6): mode 3, 16-bit words, high byte first; 20 us of rest after a word and 40 us from word
+Rules (docs/protocols.md §1.6): mode 3, 16-bit words, high byte first; 20 us of rest after a word and 40 us from word
 to word; 45 us after the burst command and 4 us between its words; 2 MHz at most, 1 MHz in a burst; not in UART auto
 mode. A read is answered in the next word, and the flat dialect has no burst. Sans-IO: times are seconds, passed in.
 """

@@ -1,6 +1,6 @@
 """Epson M-G350-PD11, the device's side of its UART: the flat register map and the frames without a checksum.
 
-Facts: the data sheet's scale factors; registers and commands as public host code drives them (design/protocols.md §1).
+Facts: the data sheet's scale factors; registers and commands as public host code drives them (docs/protocols.md §1).
 """
 
 import struct

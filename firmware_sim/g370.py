@@ -1,6 +1,6 @@
 """Epson M-G364, M-G365 and M-G370, the device's side of their UART: two register windows, frames as BURST_CTRL asks.
 
-Facts: register maps, defaults and scale factors of Epson's public drivers (design/protocols.md §1.7). The 16-bit words
+Facts: register maps, defaults and scale factors of Epson's public drivers (docs/protocols.md §1.7). The 16-bit words
 are the high words of the 32-bit ones. Delta angles, attitude, range and flash are not emulated: those bits of
 BURST_CTRL are not stored.
 """

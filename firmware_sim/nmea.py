@@ -1,7 +1,7 @@
 """San Jose FV-M11 (MTK-3301): the receiver's reports and their times, and its PMTK commands.
 
 First boot text; then epochs without a position by an arbitrary clock; one epoch with a position of quality 0; fixes.
-Order within an epoch: GGA, GSA, GSV, RMC, PMTKCHN, VTG last. Facts: design/protocols.md §4, from a real power-up log.
+Order within an epoch: GGA, GSA, GSV, RMC, PMTKCHN, VTG last. Facts: docs/protocols.md §4, from a real power-up log.
 """
 
 import logging

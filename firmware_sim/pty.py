@@ -1,6 +1,6 @@
 """A pseudo-terminal that stands for a serial port: raw, never blocking, with a stable link, and with a speed.
 
-Pitfalls (design/realtime.md §6, tried): the line discipline must be raw before anybody can open it; without a slave
+Pitfalls (tried): the line discipline must be raw before anybody can open it; without a slave
 descriptor of our own every close by the host would be a hang-up; the kernel ignores the speed but shows it to us.
 """
 

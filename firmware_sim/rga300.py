@@ -1,6 +1,6 @@
 """Crossbow DMU RGA300CA, the device's side: single-letter commands, angle-mode packets, timer, zeroing, baud rate.
 
-Facts: Prasanna (2009) and a packet and host code of a real unit (design/protocols.md §2). Where they say nothing the
+Facts: Prasanna (2009) and a packet and host code of a real unit (docs/protocols.md §2). Where they say nothing the
 emulator behaves in the most difficult plausible way for the host: it ignores input while it starts and while it zeroes,
 streams meanwhile, and packets show the latest of its internal samples, so that their spacing varies.
 """

@@ -1,6 +1,6 @@
 """SparkFun Serial Accelerometer V5, the device's side of its UART: menu, three output modes, any byte stops the stream.
 
-Facts: design/protocols.md §3 (the seed's specimen line and limits), the firmware of the board's successor, and the data
+Facts: docs/protocols.md §3 (the seed's specimen line and limits), the firmware of the board's successor, and the data
 sheet of the MMA7260QT on it. What the V5 itself says in its menu is not known: the wording here is our own. The board
 lies with its parts up: its x is forward, y left, z up, and it reports +1 g on the axis that points up.
 """

@@ -1,4 +1,4 @@
-"""The angle-mode packets of a Crossbow DMU, made anew from the tables of protocols.md 2."""
+"""The angle-mode packets of a Crossbow DMU, made anew from the tables of docs/protocols.md 2."""
 
 import struct
 

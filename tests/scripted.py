@@ -95,7 +95,7 @@ class Epson(Line):
 
 
 class G350(Epson):
-    """An M-G350 on its UART as protocols.md 1.2 to 1.5 describe it: registers by byte, modes, automatic frames."""
+    """An M-G350 on its UART as docs/protocols.md 1.2 to 1.5 describe it: registers by byte, modes, automatic frames."""
 
     def __init__(self, baud=460800, boot_s=0.0, silent_boot=True, product="G350PD11", serial="A0000123"):
         super().__init__(baud)
@@ -161,7 +161,7 @@ WINDOWED_RATES = {0: 2000.0, **RATES, 8: 400.0, 9: 200.0, 10: 100.0, 11: 80.0, 1
 
 
 class Windowed(Epson):
-    """An M-G364 or other successor (protocols.md 1.7): registers in two windows, frames as BURST_CTRL says."""
+    """An M-G364 or other successor (docs/protocols.md 1.7): registers in two windows, frames as BURST_CTRL says."""
 
     def __init__(self, baud=460800, boot_s=0.0, product="G364PDCA", serial="W0000456"):
         super().__init__(baud)

@@ -1,4 +1,4 @@
-"""What a serial accelerometer sends: design/protocols.md §3, of which the first line stands in Prasanna's report."""
+"""What a serial accelerometer sends: docs/protocols.md §3, of which the first line stands in Prasanna's report."""
 
 GOLDEN = b"X=-0.501 Y=-0.007 Z= 0.082\r\n"  # Prasanna, "Output Modes"
 SUCCESSOR = b" 0.01\t-0.02\t 1.00\n\r"

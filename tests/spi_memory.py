@@ -8,7 +8,7 @@ from imud.firmware_sim.noise import IDEAL, ImuErrors
 
 STEP_S = 1e-3
 DPS, G = np.pi / 180.0, 9.80665
-GOLDEN = (1.25 * DPS, -1.25 * DPS, 0.0, 0.0, 0.0, G)  # protocols.md 1.5, synthetic vector
+GOLDEN = (1.25 * DPS, -1.25 * DPS, 0.0, 0.0, 0.0, G)  # docs/protocols.md 1.5, synthetic vector
 
 
 class Constant:

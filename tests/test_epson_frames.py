@@ -23,7 +23,7 @@ from imud.drivers.epson.driver import DRIVER
 from imud.drivers.sample import DEVICE_ERROR, SATURATED, SUSPECT
 
 G = 9.80665
-GOLDEN = "20 FE00 C492 0064 FF9C 0000 0000 0000 1F40 0000"  # protocols.md 1.5: 25 degC, +-1.25 dps, +1 G
+GOLDEN = "20 FE00 C492 0064 FF9C 0000 0000 0000 1F40 0000"  # docs/protocols.md 1.5: 25 degC, +-1.25 dps, +1 G
 
 
 def configured(model="M-G350", rate_hz=1000.0):

@@ -1,4 +1,4 @@
-"""Epson's sensors over SPI: words against protocols.md 1.6 and 1.7, dialogues and samples against emulated devices."""
+"""Epson's sensors over SPI: words against docs/protocols.md 1.6 and 1.7, dialogues and samples against emulators."""
 
 import numpy as np
 import pytest
@@ -86,7 +86,7 @@ def test_what_a_bus_carries():
     assert 500.0 < spi_carries(WINDOWED)(WIDE) < spi_carries(WINDOWED)(NARROW)
 
 
-# protocols.md 1.5, synthetic vector, and COUNT 0x0102; the first answer belongs to what was sent before
+# docs/protocols.md 1.5, synthetic vector, and COUNT 0x0102; the first answer belongs to what was sent before
 FLAT_ANSWERS = bytes.fromhex("beef fe00 0102 c492 0064 ff9c 0000 0000 0000 1f40 0102")
 
 

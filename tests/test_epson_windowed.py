@@ -25,7 +25,7 @@ from imud.drivers.sample import DEVICE_ERROR, SATURATED
 
 G = 9.80665
 NARROW, WIDE = 22, 36
-# protocols.md 1.7, M-G364PDCA: 25 degC, +0.375, -0.375 and 0 deg/s, +1 G, COUNT 1. The sum of the words, by hand:
+# docs/protocols.md 1.7, M-G364PDCA: 25 degC, +0.375, -0.375 and 0 deg/s, +1 G, COUNT 1. The sum of the words, by hand:
 # FE00 + 0A4A = 084A, + 0064 = 08AE, + FF9C = 084A, + 1F40 = 278A, + 0001 = 278B, carries dropped
 GOLDEN = "80 FE00 0A4A 0064 FF9C 0000 0000 0000 1F40 0001 278B 0D"
 # the same with 32 bits: x +0.376875 deg/s, z 1/65536 LSB; accelerometers 0, -1/65536 LSB, +1.00003125 G; COUNT 2:
@@ -102,7 +102,7 @@ def test_the_tests_own_frames_are_those_of_the_golden_bytes():
     assert frame(words, 2, temperature=2634 << 16, length=WIDE) == bytes.fromhex(GOLDEN_WIDE)
 
 
-# protocols.md 1.0 and py_esensorlib's models: deg/s and mG per LSB, degC per LSB, the word at 25 degC
+# docs/protocols.md 1.0 and py_esensorlib's models: deg/s and mG per LSB, degC per LSB, the word at 25 degC
 SCALES = {
     "G320PDG0": (0.008, 0.2, -0.0037918, 2634),
     "G330PDG0": (1 / 66, 0.25, 0.00390625, 0),

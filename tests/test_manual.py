@@ -114,6 +114,17 @@ def test_every_file_that_is_named_exists(page):
         assert (ROOT / "tests" / name).exists(), name
 
 
+def test_every_section_of_the_protocols_that_is_cited_exists():
+    sections = set(re.findall(r"^###? ([\d.]+)[. ]", (ROOT / "docs/protocols.md").read_text(), flags=re.M))
+    cited = set()
+    for path in (
+        path for folder in ("imud", "drivers", "firmware_sim", "tests") for path in (ROOT / folder).rglob("*.py")
+    ):
+        cited |= set(re.findall(r"protocols\.md,? §?(\d(?:\.\d)?)", path.read_text()))
+    assert {"1.5", "2", "3", "4.1"} <= cited
+    assert cited <= {section.rstrip(".") for section in sections}
+
+
 @PAGE
 def test_every_python_block_uses_what_there_is(page):
     for text in blocks(page, "python"):

@@ -17,7 +17,7 @@ from imud.drivers.nmea.decoder import NmeaDecoder
 from imud.drivers.nmea.driver import DRIVER
 from imud.drivers.nmea.sentences import Splitter
 
-# protocols.md 4.1, from a real FV-M11
+# docs/protocols.md 4.1, from a real FV-M11
 NO_FIX = b"$GPGGA,235946.005,8960.000000,N,00000.000000,E,0,0,,137.000,M,13.000,M,,*49\r\n"
 NO_FIX_VTG = b"$GPVTG,0.00,T,,M,0.000,N,0.000,K,N*32\r\n"
 FIX = b"$GPGGA,081437.000,5212.981473,N,00653.102458,E,1,3,2.88,102.907,M,47.093,M,,*5E\r\n"

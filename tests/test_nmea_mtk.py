@@ -26,7 +26,7 @@ FAST = Options(fix_rate_hz=5.0)
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),  # protocols.md 4.3
+    ("text", "sentence"),  # docs/protocols.md 4.3
     [
         ("220,200", b"$PMTK220,200*2C\r\n"),
         ("300,200,0,0,0,0", b"$PMTK300,200,0,0,0,0*2F\r\n"),

@@ -60,7 +60,7 @@ def test_others_are_not(heard):
 
 
 class Board(Line):
-    """The firmware of the successor as protocols.md §3 tells it: menu, `x`, any byte stops."""
+    """The firmware of the successor as docs/protocols.md §3 tells it: menu, `x`, any byte stops."""
 
     def __init__(self, baud=57600, line=GOLDEN, rate_hz=50.0, streaming=False, menu=MENU):
         super().__init__(baud)

@@ -1,4 +1,4 @@
-"""The emulated M-G350: words against the data sheet, behaviour against design/protocols.md §1."""
+"""The emulated M-G350: words against the data sheet, behaviour against docs/protocols.md §1."""
 
 import math
 
@@ -68,7 +68,7 @@ def test_not_ready_for_800_ms():
     assert word(unit, 0x36, 0.9) == 0x0100
 
 
-# design/protocols.md §1.3 and the siblings' defaults in §1.7
+# docs/protocols.md §1.3 and the siblings' defaults in §1.7
 @pytest.mark.parametrize(
     "address, value",
     [(0x38, 0x0401), (0x36, 0x0100), (0x34, 0x0006), (0x32, 0xFE00), (0x3A, 0), (0x3C, 0), (0x50, 0), (0x40, 0)],
@@ -170,7 +170,7 @@ def test_an_answer_takes_its_time_on_the_line():
 
 
 def test_golden_burst():
-    """25 degC, +1.25, -1.25, 0 deg/s, +1 G (design/protocols.md §1.5), GPIO cleared."""
+    """25 degC, +1.25, -1.25, 0 deg/s, +1 G (docs/protocols.md §1.5), GPIO cleared."""
     unit = device()
     ask(unit, "91 00 0D")
     start(unit, auto=False, count=False)

@@ -1,4 +1,4 @@
-"""The emulated windowed sensors: registers and frames against protocols.md §1.7, numbers against Epson's scales."""
+"""The emulated windowed sensors: registers, frames against docs/protocols.md §1.7, numbers against Epson's scales."""
 
 import math
 import struct
@@ -62,7 +62,7 @@ def test_not_ready_for_800_ms():
     assert word(unit, 0, 0x4C, 0.9) == 0x5345
 
 
-# protocols.md §1.7, defaults
+# docs/protocols.md §1.7, defaults
 @pytest.mark.parametrize(
     ("window", "address", "value"),
     [

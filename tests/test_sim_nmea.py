@@ -255,7 +255,7 @@ def answers(unit, command, t=0.2):
     return unit.uart.take(FOREVER, baud).decode()
 
 
-# commands with the checksums of design/protocols.md §4.3; of the answers one is from a real log, the rest differ by XOR
+# commands with the checksums of docs/protocols.md §4.3; of the answers one is from a real log, the rest differ by XOR
 @pytest.mark.parametrize(
     "command, answer",
     [

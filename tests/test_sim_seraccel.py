@@ -1,4 +1,4 @@
-"""The emulated serial accelerometer: lines against the report, menu and limits against design/protocols.md §3."""
+"""The emulated serial accelerometer: lines against the report, menu and limits against docs/protocols.md §3."""
 
 import math
 import re

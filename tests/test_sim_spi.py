@@ -1,4 +1,4 @@
-"""The emulated sensors' side of SPI, word by word, against protocols.md 1.3 to 1.7; without the driver."""
+"""The emulated sensors' side of SPI, word by word, against docs/protocols.md 1.3 to 1.7; without the driver."""
 
 import pytest
 from spi_memory import golden
@@ -56,7 +56,7 @@ def test_a_sample_of_the_flat_dialect_is_read_word_by_word(flat):
     flat.send("b702", "d001", "b901")
     flat.wait(0.0025)  # one sample at 500 per second
     words = ["0000", "0200", "0400", "0600", "0800", "0a00", "0c00", "0e00", "1200", "0000"]
-    # protocols.md 1.5, synthetic vector; COUNT in 2 kHz ticks
+    # docs/protocols.md 1.5, synthetic vector; COUNT in 2 kHz ticks
     assert flat.send(*words)[1:] == ["fe00", "c492", "0064", "ff9c", "0000", "0000", "0000", "1f40", "0004"]
     assert flat.send("0000", "0000")[1] == "0000"  # read: nothing new
     assert flat.spi.violations == {}

@@ -1,7 +1,7 @@
 """The two dialects of Epson's inertial sensors: where their registers are, and what their automatic frames look like.
 
 Flat: M-G350 and M-V340 (sensor_epsonV340.h of Epson's public driver; rtedwards' code for the G350). Windowed: M-G320,
-M-G354, M-G362 and all later ones (register maps of Epson's py_esensorlib; protocols.md §1.7), known by their ID.
+M-G354, M-G362 and all later ones (register maps of Epson's py_esensorlib; docs/protocols.md §1.7), known by their ID.
 """
 
 from dataclasses import dataclass

@@ -2,7 +2,7 @@
 
 PMTK001 acknowledges every command (flag 3: done); without an answer a command is repeated twice. PMTK220, the fix
 interval, is not known to all of them; PMTK300 is tried after it. Nothing here survives a power cycle. If any step
-fails, all changes are undone. Source: MTK NMEA packet user manual; design/protocols.md 4.3.
+fails, all changes are undone. Source: MTK NMEA packet user manual; docs/protocols.md 4.3.
 """
 
 from collections import Counter

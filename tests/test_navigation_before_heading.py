@@ -7,7 +7,7 @@ from navigation_simulation import curvature, drive, errors, received, sensed
 
 from imud.configuration.settings import Imu, Initial, Navigation, Settings
 from imud.estimators.ins import ESTIMATOR
-from imud.estimators.ins.alignment.transitions import transfer_lever_arm
+from imud.estimators.ins.alignment.modes import transfer_lever_arm
 from imud.estimators.ins.state import ATTITUDE, POSITION, STATES, TIME_OFFSET
 from imud.estimators.records import HEADING_VALID, POSITION_N, REJECTING, VELOCITY_N
 from imud.math.kalman import packed_index

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators.ins.aiding import gnss_position, gnss_velocity, heading, non_holonomic, odometer
-from imud.estimators.ins.alignment.transitions import transfer_lever_arm
+from imud.estimators.ins.alignment.modes import transfer_lever_arm
 from imud.estimators.ins.ekf import inject_error
 from imud.estimators.ins.mechanization import ned_difference
 from imud.estimators.ins.parameters import configure

@@ -11,7 +11,7 @@ from ...compile.jit import kernel
 from ...math.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
 from ..records import GNSS_FIX, POSITION_N
 from ..tuning import Tunable
-from .alignment.transitions import start_navigation
+from .alignment.modes import HEADING_KNOWN, change_mode
 from .alignment.velocity_pairs import is_levelled
 from .error_model import reset_turn_scale
 from .fusion import clear_innovations, propagate_errors, write_innovation
@@ -108,7 +108,7 @@ def initialize(p: Parameters, c: Core, t_ns: int, w: Reals, f: Reals, rpy: Reals
     set_attitude(c, quat_of_euler(roll, pitch, yaw if math.isfinite(yaw) else 0.0))
     reset_turn_scale(p, c)
     if c.gnss.fix_count > 0 and c.alignment.heading_sigma > 0.0 and is_levelled(p, c):
-        start_navigation(p, c)
+        change_mode(p, c, HEADING_KNOWN)
 
 
 @kernel

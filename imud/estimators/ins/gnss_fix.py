@@ -15,7 +15,7 @@ from .aiding.gnss_time import set_initial_time_offset
 from .aiding.gnss_velocity import fuse_gnss_velocity
 from .aiding.wheel_check import wheels_reject
 from .alignment.in_motion import align_with_fix, low_motion_speed, reset_to_fix
-from .alignment.transitions import abort_navigation, restart_alignment
+from .alignment.modes import HEADING_LOST, HEADING_WRONG, change_mode
 from .ekf import variance
 from .fusion import write_innovation
 from .integrity.heading_monitor import monitor_heading
@@ -53,7 +53,7 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, 
         return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
     set_speed(c, math.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed)
     if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > p.tuning.max_valid_heading_sigma**2:
-        abort_navigation(p, c)
+        change_mode(p, c, HEADING_LOST)
     if c.alignment.mode == NAVIGATING and not math.isfinite(c.gnss.speed):
         set_speed(c, low_motion_speed(p, c, fix.lat, fix.lon))
     rows = 0
@@ -73,7 +73,7 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, 
     if contradicts_heading(p, c) or not heading_ok:
         clear_contradictions(c)
         if c.alignment.mode == NAVIGATING:
-            restart_alignment(p, c)
+            change_mode(p, c, HEADING_WRONG)
         reset_to_fix(p, c, fix)
     count_fix(c)
     return rows

@@ -38,10 +38,11 @@ from .aiding import (
 )
 from .alignment import (
     drift_hypotheses,
+    heading_acceptance,
     heading_posterior,
     in_motion,
     levelling,
-    transitions,
+    modes,
     velocity_pairs,
     whitening,
 )
@@ -73,7 +74,8 @@ TUNABLES = (
     *non_holonomic.TUNABLES,
     *nhc_noise.TUNABLES,
     *in_motion.TUNABLES,
-    *transitions.TUNABLES,
+    *heading_acceptance.TUNABLES,
+    *modes.TUNABLES,
     *levelling.TUNABLES,
     *velocity_pairs.TUNABLES,
     *whitening.TUNABLES,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from ..tuning import Tunable
-from .alignment.transitions import restart_attitude
+from .alignment.modes import ATTITUDE_LOST, change_mode
 from .alignment.velocity_pairs import reset_pairs
 from .ekf import add_variance, decorrelate, variance
 from .mechanization import body_to_ned, clear_biases
@@ -65,7 +65,7 @@ def check_attitude(p: Parameters, c: Core, gap_s: float) -> None:
     if tilt2 > p.tuning.power_on_tilt_gate * (
         variance(c, ATTITUDE) + variance(c, ATTITUDE + 1) + p.tuning.power_on_force_sigma**2
     ):
-        restart_attitude(p, c)
+        change_mode(p, c, ATTITUDE_LOST)
         return
     for i in range(3):
         add_variance(c, ATTITUDE + i, tilt2)

@@ -13,7 +13,7 @@ from ..tuning import Tunable
 from .aiding.non_holonomic import find_forward_axis, fuse_nhc, is_due, reset_nhc
 from .aiding.zero_velocity import fuse_rest
 from .alignment.levelling import level_from_window
-from .alignment.transitions import abort_navigation, restart_attitude, start_navigation
+from .alignment.modes import ATTITUDE_LOST, HEADING_KNOWN, HEADING_LOST, change_mode
 from .alignment.velocity_pairs import flag_heading, is_levelled, reset_pairs
 from .ekf import add_covariance, add_variance, variance
 from .fusion import propagate_errors
@@ -162,7 +162,7 @@ def end_window(p: Parameters, c: Core) -> None:
         flag_heading(p, c)
     if c.alignment.mode == COARSE_ALIGNMENT:
         if c.gnss.fix_count > 0 and c.alignment.heading_sigma > 0.0 and is_levelled(p, c):
-            start_navigation(p, c)
+            change_mode(p, c, HEADING_KNOWN)
     else:
         find_forward_axis(p, c)
     clear_window(c)
@@ -195,10 +195,10 @@ def inflate_attitude(p: Parameters, c: Core, sample: StoredSample, fastest: floa
                     add_covariance(c, ATTITUDE + i, ATTITUDE + k, q * m[3 * i + axis] * m[3 * k + axis])
     reset_pairs(c)
     if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > p.tuning.max_heading_sigma**2:
-        abort_navigation(p, c)  # neither fixes nor the vehicle's constraint can correct such a heading
+        change_mode(p, c, HEADING_LOST)  # neither fixes nor the vehicle's constraint can correct such a heading
         reset_nhc(c)
     if max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1)) > p.tuning.lost_tilt**2:
-        restart_attitude(p, c)
+        change_mode(p, c, ATTITUDE_LOST)
 
 
 @kernel
@@ -261,7 +261,7 @@ def process_sample(p: Parameters, c: Core, sample: StoredSample) -> None:
     if incomplete:
         clear_window(c)
     if c.imu.outage_s[0] > p.tuning.max_gyro_outage_s and sample.flags & NO_RATE:
-        restart_attitude(p, c)
+        change_mode(p, c, ATTITUDE_LOST)
     share = min(dt * (1.0 / p.tuning.smoothing_s), 1.0)
     for i in range(3):
         c.imu.rate_b[i] += share * (c.imu.w[i] - c.nav.bg[i] - c.imu.rate_b[i])

@@ -150,8 +150,8 @@ class Tuning:
     max_start_heading_positions: float
     max_start_heading: float
     heading_horizon_s: float
-    min_heading_sigma: float
     moving_tilt: float
+    min_heading_sigma: float
     lost_tilt: float
     level_rest_sigma: float
     level_gnss_sigma: float

@@ -10,7 +10,8 @@ from ..aiding.heading import sigma_of
 from ..ekf import decorrelate
 from ..mechanization import body_to_ned, wrap_angle
 from ..state import ATTITUDE
-from .transitions import rotate_to_heading, start_navigation
+from .heading_acceptance import rotate_to_heading
+from .modes import HEADING_KNOWN, change_mode
 from .velocity_pairs import is_levelled
 
 if TYPE_CHECKING:
@@ -28,4 +29,4 @@ def align_with_heading(p: Parameters, c: Core, m: Measurement) -> None:
     rotate_to_heading(p, c, wrap_angle(m.value[0] - math.atan2(y, x)), sigma)
     decorrelate(c, ATTITUDE + 2, sigma * sigma)
     if c.gnss.fix_count > 0:
-        start_navigation(p, c)
+        change_mode(p, c, HEADING_KNOWN)

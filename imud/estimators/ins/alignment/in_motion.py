@@ -1,6 +1,6 @@
 """Coarse alignment in motion, one fix at a time.
 
-Position and velocity are those of the antenna at the epoch of the fix (`transitions.transfer_lever_arm`), estimated by
+Position and velocity are those of the antenna at the epoch of the fix (`modes.transfer_lever_arm`), estimated by
 the same filter that navigates later. Every fix is matched with the integrals of specific force to find the heading.
 """
 
@@ -21,7 +21,8 @@ from ..mechanization import ned_difference, set_position, set_velocity
 from ..observers.heading_integrals import DELTA_V, TIME, multiply, phasor
 from ..state import ATTITUDE, GNSS_BIAS, POSITION, VELOCITY
 from .drift_hypotheses import frame_rotation, nearest_hypothesis
-from .transitions import find_heading, start_navigation
+from .heading_acceptance import find_heading
+from .modes import HEADING_KNOWN, change_mode
 from .velocity_pairs import is_levelled, match_pair, vertical_bias_jacobian
 from .whitening import VELOCITY_STATE, unobserved_velocity
 
@@ -155,4 +156,4 @@ def align_with_fix(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> None:
                 decorrelate(c, VELOCITY + i, p.tuning.max_start_velocity_sigma**2)
         elif c.alignment.last_match_ns == c.nav.t_ns:
             initialize_velocity(p, c, b)
-        start_navigation(p, c)
+        change_mode(p, c, HEADING_KNOWN)

@@ -13,8 +13,9 @@ from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..aiding.gnss_velocity import low_speed_variance, velocity_of
 from ..aiding.non_holonomic import reset_nhc
+from ..alignment.heading_acceptance import accept_heading, rotate_to_heading
 from ..alignment.heading_posterior import set_wide_prior, solve_heading
-from ..alignment.transitions import accept_heading, rotate_to_heading, start_navigation
+from ..alignment.modes import HEADING_KNOWN, change_mode
 from ..alignment.velocity_pairs import count_heading_fault, match_pair, vertical_bias_jacobian
 from ..ekf import add_variance, decorrelate, innovation_variance, variance
 from ..error_model import reset_turn_scale
@@ -79,4 +80,4 @@ def realign(p: Parameters, c: Core) -> None:
         if c.alignment.heading_bias_gain == 0.0:
             decorrelate(c, GYRO_BIAS + i, p.gyro_bias_sigma**2)
     reset_turn_scale(p, c)
-    start_navigation(p, c)
+    change_mode(p, c, HEADING_KNOWN)

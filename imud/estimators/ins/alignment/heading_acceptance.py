@@ -1,0 +1,102 @@
+"""A heading is found or given: the level frame is rotated to it."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from ....compile.jit import kernel
+from ...tuning import Tunable
+from ..aiding.non_holonomic import rotate_scatter
+from ..ekf import (
+    add_variance,
+    cancel_correction,
+    innovation_variance,
+    rotate_tilt_covariance,
+)
+from ..fusion import correct_state, gated_update
+from ..mechanization import rotate_attitude
+from ..observers.heading_integrals import rotate_level_frame
+from ..state import (
+    ATTITUDE,
+)
+from .heading_posterior import set_prior, solve_heading
+from .modes import set_heading_accuracy
+from .velocity_pairs import vertical_bias_jacobian
+
+if TYPE_CHECKING:
+    from ..types import Core, HypothesisBank, Parameters
+
+
+TUNABLES = (
+    Tunable(
+        "max_start_heading_positions",
+        math.radians(11.0),
+        "rad",
+        "Heading sigma to start with, without a receiver's velocity.",
+        "Simulated and recorded starts.",
+    ),
+    Tunable(
+        "max_start_heading",
+        math.radians(10.0),
+        "rad",
+        "Heading sigma to start navigation with.",
+        "Simulated and recorded starts.",
+    ),
+    Tunable("heading_horizon_s", 10.0, "s", "Time for which the heading has to stay known.", "Choice."),
+    Tunable(
+        "moving_tilt",
+        math.radians(1.0),
+        "rad",
+        "Tilt error found while the level frame turned by an unknown angle.",
+        "Choice.",
+    ),
+)
+
+
+@kernel
+def rotate_to_north(c: Core, psi: float) -> None:
+    """Rotate the level frame by psi (rad, about down), with the tilt errors and the velocity scatter given in it."""
+    rotate_scatter(c, psi)
+    rotate_attitude(c, 0.0, 0.0, psi)
+    rotate_level_frame(c, psi)
+    rotate_tilt_covariance(c, psi)
+
+
+@kernel
+def find_heading(p: Parameters, c: Core, b: HypothesisBank) -> bool:
+    """Rotate the level frame to north if its heading is known well enough; its sigma: alignment.heading_sigma."""
+    bias_variance = innovation_variance(c, vertical_bias_jacobian(c))
+    rotation2 = bias_variance * (1e-9 * (c.nav.t_ns - c.alignment.origin_ns)) ** 2
+    set_prior(c, b)
+    if not accept_heading(p, c, solve_heading(p, c, b, bias_variance)):
+        return False
+    for i in range(2):
+        add_variance(c, ATTITUDE + i, p.tuning.moving_tilt**2 * min(rotation2, 1.0))
+    return True
+
+
+@kernel
+def accept_heading(p: Parameters, c: Core, found: Any) -> bool:
+    """Rotate to the heading that `solve_heading` found, if its sigma is small enough; fuse its drift rate, too."""
+    psi, sigma, rate, rate_variance, covariance = found
+    ready = p.tuning.max_start_heading_positions if c.alignment.mean_velocity[2] > 0.0 else p.tuning.max_start_heading
+    if sigma * sigma + rate_variance * p.tuning.heading_horizon_s**2 > ready**2:
+        return False
+    n = vertical_bias_jacobian(c)
+    # the posterior contains the filter's own variance as its prior: only the information beyond it is fused
+    information = 1.0 / rate_variance - 1.0 / innovation_variance(c, n)
+    if information > 0.0:
+        gated_update(c, n, -rate / (rate_variance * information), 1.0 / information, 0.0)
+    cancel_correction(c, ATTITUDE + 2)
+    correct_state(p, c)
+    rotate_to_north(c, psi)
+    set_heading_accuracy(p, c, sigma, covariance / rate_variance)
+    return True
+
+
+@kernel
+def rotate_to_heading(p: Parameters, c: Core, psi: float, sigma: float) -> None:
+    """Rotate by psi (rad) to a given heading; its sigma is at least min_heading_sigma."""
+    set_heading_accuracy(p, c, sigma, 0.0)
+    rotate_to_north(c, psi)

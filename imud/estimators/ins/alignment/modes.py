@@ -1,0 +1,169 @@
+"""The modes of the filter as one table: which event leads from one to another, and what is done on the way.
+
+| mode                | event         | mode afterwards  | what is done |
+|---------------------|---------------|------------------|--------------|
+| COARSE_ALIGNMENT    | HEADING_KNOWN | NAVIGATING       | the heading's variance is set; position and velocity: from the antenna to the IMU |
+| COARSE_ALIGNMENT    | HEADING_LOST  | COARSE_ALIGNMENT | the heading is unknown |
+| NAVIGATING          | HEADING_KNOWN | NAVIGATING       | the heading's variance is set |
+| NAVIGATING          | HEADING_LOST  | COARSE_ALIGNMENT | position and velocity: from the IMU to the antenna; the heading is unknown |
+| any                 | ATTITUDE_LOST | COARSE_ALIGNMENT | as HEADING_LOST; roll and pitch from gravity, the vehicle's axis is unknown |
+| any                 | HEADING_WRONG | COARSE_ALIGNMENT | as ATTITUDE_LOST; sensor errors are cleared, because they were learned with it |
+
+The filter begins in COARSE_ALIGNMENT.
+"""  # noqa: E501 a table's row is one line
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ....compile.jit import kernel
+from ....math.rotation import quat_of_gravity
+from ...tuning import Tunable
+from ..aiding.non_holonomic import reset_nhc
+from ..ekf import add_variance, combine, combine3, decorrelate, innovation_variance, variance
+from ..error_model import reset_turn_scale
+from ..fusion import propagate_errors
+from ..lever_arm import antenna_position, antenna_velocity, attitude_row, gyro_bias_row
+from ..mechanization import clear_sensor_errors, displace, set_attitude, set_velocity
+from ..observers.gnss_drift import reset_drift
+from ..observers.process_noise import clear_learning
+from ..state import (
+    ACCEL_BIAS,
+    ATTITUDE,
+    COARSE_ALIGNMENT,
+    GYRO_BIAS,
+    NAVIGATING,
+    NEVER_NS,
+    POSITION,
+    TIME_OFFSET,
+    VELOCITY,
+)
+from .velocity_pairs import reset_pairs, vertical_bias_jacobian
+
+if TYPE_CHECKING:
+    from ..types import Core, Parameters
+
+
+TUNABLES = (
+    Tunable(
+        "min_heading_sigma",
+        math.radians(3.0),
+        "rad",
+        "Smallest heading sigma to start with.",
+        "Linearization errors of alignment.",
+    ),
+    Tunable(
+        "lost_tilt", math.radians(20.0), "rad", "Tilt sigma from which the alignment starts again.", "Linearization."
+    ),
+)
+HEADING_KNOWN, HEADING_LOST, ATTITUDE_LOST, HEADING_WRONG = range(4)  # events
+SET_HEADING, TO_IMU, TO_ANTENNA, FORGET_HEADING, FORGET_TILT, FORGET_ERRORS = 1, 2, 4, 8, 16, 32  # what is done
+TRANSITIONS = {  # mode: for each event the mode afterwards, and what is done
+    COARSE_ALIGNMENT: {
+        HEADING_KNOWN: (NAVIGATING, SET_HEADING | TO_IMU),
+        HEADING_LOST: (COARSE_ALIGNMENT, FORGET_HEADING),
+        ATTITUDE_LOST: (COARSE_ALIGNMENT, FORGET_HEADING | FORGET_TILT),
+        HEADING_WRONG: (COARSE_ALIGNMENT, FORGET_HEADING | FORGET_TILT | FORGET_ERRORS),
+    },
+    NAVIGATING: {
+        HEADING_KNOWN: (NAVIGATING, SET_HEADING),
+        HEADING_LOST: (COARSE_ALIGNMENT, TO_ANTENNA | FORGET_HEADING),
+        ATTITUDE_LOST: (COARSE_ALIGNMENT, TO_ANTENNA | FORGET_HEADING | FORGET_TILT),
+        HEADING_WRONG: (COARSE_ALIGNMENT, TO_ANTENNA | FORGET_HEADING | FORGET_TILT | FORGET_ERRORS),
+    },
+}
+EVENTS = 4
+NEXT_MODE, ACTIONS = np.array([TRANSITIONS[mode][event] for mode in TRANSITIONS for event in range(EVENTS)]).T.copy()
+
+
+@kernel
+def change_mode(p: Parameters, c: Core, event: int) -> None:
+    """Follow the table above after an event."""
+    row = EVENTS * c.alignment.mode + event
+    actions = ACTIONS[row]
+    if actions & SET_HEADING:
+        set_heading_covariance(p, c)
+    if actions & TO_IMU:
+        transfer_lever_arm(p, c, 1.0)
+    if actions & TO_ANTENNA:
+        transfer_lever_arm(p, c, -1.0)
+    c.alignment.mode = NEXT_MODE[row]
+    reset_drift(c)
+    if actions & FORGET_HEADING:
+        c.alignment.heading_sigma = 0.0
+        decorrelate(c, ATTITUDE + 2, math.pi**2)
+    if actions & FORGET_TILT:
+        forget_tilt(p, c)
+    if actions & SET_HEADING:
+        clear_learning(c)
+        reset_pairs(c)
+    if actions & FORGET_ERRORS:
+        forget_sensor_errors(p, c)
+
+
+@kernel
+def set_heading_accuracy(p: Parameters, c: Core, sigma: float, bias_gain: float) -> None:
+    """Store sigma (rad) of a heading that was found or given; bias_gain: s, its error per vertical gyro bias."""
+    c.alignment.heading_sigma = max(sigma, p.tuning.min_heading_sigma)
+    c.alignment.heading_bias_gain = bias_gain
+
+
+@kernel
+def set_heading_covariance(p: Parameters, c: Core) -> None:
+    """P of the heading from alignment.heading_sigma.
+
+    An error of the vertical gyro bias has turned the heading by heading_bias_gain times itself: the two are correlated.
+    """
+    propagate_errors(p, c)
+    bias_part = c.alignment.heading_bias_gain**2 * innovation_variance(c, vertical_bias_jacobian(c))
+    decorrelate(c, ATTITUDE + 2, max(c.alignment.heading_sigma**2 - bias_part, p.tuning.min_heading_sigma**2))
+    for k in range(vertical_bias_jacobian(c)):
+        combine(c, ATTITUDE + 2, c.scratch.columns[k], -c.alignment.heading_bias_gain * c.scratch.values[k])
+    c.alignment.heading_bias_gain = 0.0
+
+
+@kernel
+def forget_tilt(p: Parameters, c: Core) -> None:
+    """Roll and pitch from the newest force, the vehicle's axis in the body unknown."""
+    reset_nhc(c)
+    reset_pairs(c)
+    set_attitude(c, quat_of_gravity(c.imu.f[0], c.imu.f[1], c.imu.f[2] - 1e-3))
+    for i in range(2):
+        decorrelate(c, ATTITUDE + i, p.tuning.lost_tilt**2)
+
+
+@kernel
+def forget_sensor_errors(p: Parameters, c: Core) -> None:
+    """Biases and turn_scale as before the first sample."""
+    clear_sensor_errors(c)
+    for i in range(3):
+        decorrelate(c, GYRO_BIAS + i, p.gyro_bias_sigma**2)
+        decorrelate(c, ACCEL_BIAS + i, p.accel_bias_sigma**2)
+    reset_turn_scale(p, c)
+
+
+@kernel
+def transfer_lever_arm(p: Parameters, c: Core, sign: float) -> None:
+    """Move position and velocity from the antenna at the epoch of the fixes to the IMU now (sign 1), or back (-1).
+
+    During coarse alignment they are the antenna's and the time offset is no error of it, because all of it comes
+    from fixes. A position given by the user, before any fix, is that of the IMU.
+    """
+    if c.gnss.last_used_ns == NEVER_NS:
+        return
+    arm, antenna, late2 = antenna_position(p, c), antenna_velocity(p, c), variance(c, TIME_OFFSET)
+    displace(c, -sign * arm[0], -sign * arm[1], -sign * arm[2])
+    for i in range(3):
+        of_imu = c.nav.v_n[i] - (antenna[i] if sign > 0.0 else 0.0)
+        set_velocity(c, i, c.nav.v_n[i] - sign * antenna[i])
+        row = attitude_row(arm, i)
+        combine3(c, POSITION + i, ATTITUDE, -sign * row[0], -sign * row[1], -sign * row[2])
+        row = attitude_row(antenna, i)
+        combine3(c, VELOCITY + i, ATTITUDE, -sign * row[0], -sign * row[1], -sign * row[2])
+        row = gyro_bias_row(p, c, i)
+        combine3(c, VELOCITY + i, GYRO_BIAS, -sign * row[0], -sign * row[1], -sign * row[2])
+        combine(c, POSITION + i, TIME_OFFSET, sign * of_imu)
+        add_variance(c, VELOCITY + i, late2 * c.imu.accel_n[i] ** 2)

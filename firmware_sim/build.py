@@ -201,7 +201,7 @@ def _nmea(options: _DeviceOptions) -> Device:
 
 def _ublox(model: Model) -> Callable[[_DeviceOptions], Device]:
     def build(options: _DeviceOptions) -> Device:
-        rate, mixed = options.args.rate, options.args.mixed or options.scene.ports is not None
+        rate, mixed = options.args.rate, options.args.streaming or options.scene.ports is not None
         return Ublox(_fixes(options), options.utc, options.baud, rate, options.search_s, model, mixed=mixed)
 
     return build

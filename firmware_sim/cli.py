@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     scenarios = ", ".join(SCENARIO_NAMES)
     add("--scenario", choices=SCENARIO_NAMES, default="rest", metavar="NAME", help=f"{scenarios} (default rest)")
     add("--replay", nargs="+", type=Path, metavar="FILE", help="instead: a recording's bytes, or its samples")
-    add("--loop", action="store_true", help="repeat the recording for ever; else the devices are silent after its end")
+    add("--loop", action="store_true", help="repeat the recording; else silence after its end")
     add("--link", action="append", type=Path, default=[], metavar="PATH", help="stable name; one per device, in order")
     add("--seed", type=int, default=1, metavar="N", help="of noise and biases (default 1)")
     add("--seconds", type=_span, default=math.inf, metavar="N", help="end after that")
@@ -58,8 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="gravity, raw, binary: seraccel",
     )
-    add("--streaming", action="store_true", help="a seraccel that streams already; else it waits in its menu")
-    add("--mixed", action="store_true", help="a u-blox receiver that sends UBX beside NMEA already; else NMEA alone")
+    add("--streaming", action="store_true", help="a seraccel that streams, a u-blox that sends UBX")
     add("--roll-deg", type=float, default=0.0, metavar="X", help="attitude at rest and on the turntable")
     add("--pitch-deg", type=float, default=0.0, metavar="X")
     add("--yaw-deg", type=float, default=0.0, metavar="X")
@@ -71,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--gyro-slope-dps-per-k", type=_triple, metavar="X,Y,Z", help="biases follow the temperature (first minutes)")
     add("--mount-deg", type=_triple, metavar="R,P,Y", help="how the sensors sit in the vehicle: imu.mount_rpy_deg")
     add("--clock-ppm", type=float, default=0.0, metavar="X", help="error of the IMU's clock")
-    add("--count-step", type=int, metavar="N", help="COUNT per sample (default: the 2 kHz ticks of a sample)")
+    add("--count-step", type=int, metavar="N", help="COUNT per sample (default: of 2 kHz ticks)")
     add("--no-identity", action="store_true", help="an IMU without product name and serial number")
     add("--truth", type=Path, metavar="FILE", help="write the true motion there, CSV at 100 Hz")
     add_faults(parser)
@@ -81,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     speed.add_argument("--speed", type=float, default=1.0, metavar="X", help="so many times as fast as real time")
     speed.add_argument("--fast", action="store_true", help="as fast as read; a host that stamps arrivals is misled")
     parser.set_defaults(fast=False)
-    add("--patient", action="store_true", help="bytes wait until the host reads them; a real line would lose them")
+    add("--patient", action="store_true", help="bytes wait until the host reads them, and none is lost")
     add("--parent", type=int, metavar="PID", help="end with that process, which started this one")
 
 

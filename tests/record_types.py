@@ -12,7 +12,7 @@ from imud.estimators.ahrs import state as ahrs
 from imud.estimators.ins import parameters, state
 from imud.estimators.papers import gps_track, stationary, suh
 from imud.estimators.papers.ins9 import state as ins9
-from imud.sensor_monitor import clipping, health
+from imud.sensor_monitor import clipping, health, spikes
 
 IMUD = Path(__file__).resolve().parents[1] / "imud"
 ESTIMATORS = {
@@ -76,7 +76,7 @@ PAPERS = {
     "Ins9Parameters": ins9.PARAMETERS,
     "Ins9State": ins9.STATE,
 }
-MONITOR = {"Clipping": clipping.CLIPPING, "Health": health.HEALTH}
+MONITOR = {"Clipping": clipping.CLIPPING, "Spikes": spikes.SPIKES, "Health": health.HEALTH}
 FILES = {  # file: (what its records are, its records, those of other files by the module that they are imported from)
     IMUD / "clocks" / "types.py": ("record of a clock", {"Clock": counter.CLOCK}, {}),
     IMUD / "sensor_monitor" / "types.py": ("records of the sensor monitor", MONITOR, {}),

@@ -9,7 +9,8 @@ from replay_in_process import new_filter, replay
 from imud.configuration.settings import Imu, Settings
 from imud.drivers.sample import LIMITED_FORCE, LIMITED_RATE
 from imud.estimators.records import SATURATED, SOLUTION
-from imud.sensor_monitor.health import shown, words
+from imud.sensor_monitor.findings import words
+from imud.sensor_monitor.health import shown
 
 RATE, RANGE = 100, 7.4  # Hz, rad/s
 

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from imud.drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, SAMPLE, SATURATED, SUSPECT
 from imud.sensor_errors.profiles import PROFILES
-from imud.sensor_monitor.health import examine, new_health, shown, words
+from imud.sensor_monitor.findings import words
+from imud.sensor_monitor.health import examine, new_health, shown
 
 G = 9.80665
 G350 = PROFILES["m-g350"]

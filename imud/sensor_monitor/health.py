@@ -29,6 +29,8 @@ from ..compile.jit import kernel
 from ..math.earth import STANDARD_GRAVITY
 from ..sensor_errors.profiles import Profile
 from .clipping import CLIPPING, is_clipped, new_clipping
+from .findings import FINDINGS, FROZEN, INVALID, LIMITED, SPIKE, TEMPERATURE, WEIGHT, ZERO
+from .spikes import SPIKES, new_spikes, replace_spikes
 
 if TYPE_CHECKING:
     from .types import Health
@@ -49,8 +51,6 @@ TURNING = 0.1  # rad/s, beyond the biases of most gyros; an aircraft of 2 g at 1
 COLDEST, HOTTEST = -60.0, 130.0  # degC; one damaged word among good ones is none of the sensor's
 SHOWN_NS = 2_000_000_000  # so long a finding is reported after it was last made
 
-FROZEN, LIMITED, INVALID, ZERO, WEIGHT, TEMPERATURE = 0, 6, 12, 18, 19, 20  # findings; the first three per axis
-FINDINGS = 21
 _RATES, _FORCES = 0b000111, 0b111000
 _NO_RATE = _RATES << FROZEN | _RATES << INVALID
 _NO_FORCE = _FORCES << FROZEN | _FORCES << INVALID | 1 << ZERO | 1 << WEIGHT
@@ -58,6 +58,7 @@ _NO_FORCE = _FORCES << FROZEN | _FORCES << INVALID | 1 << ZERO | 1 << WEIGHT
 HEALTH = np.dtype(
     [
         ("clipping", CLIPPING),
+        ("spikes", SPIKES),
         ("range", "<f8", (6,)),  # rad/s about x y z, m/s^2 along x y z; the sensor's axes
         ("promised", "<f8", (6,)),  # noise of a sample by the profile, same units
         ("least_run", "<i8"),
@@ -96,7 +97,7 @@ def new_health(profile: Profile, rate_hz: float) -> NDArray[np.void]:
     """A record (array of one HEALTH) for a sensor of this profile at `rate_hz`."""
     h = np.zeros(1, HEALTH)
     h["range"] = np.repeat((LATITUDE * profile.gyro_range, LATITUDE * profile.accel_range), 3)
-    h["clipping"] = new_clipping()
+    h["clipping"], h["spikes"] = new_clipping(), new_spikes(rate_hz)
     h["clipping"]["floor"] = np.minimum(h["clipping"]["floor"], h["range"])
     h["promised"] = np.repeat((profile.gyro_noise, profile.accel_noise), 3) * math.sqrt(0.5 * rate_hz)
     h["least_run"] = max(LEAST_RUN, round(LEAST_RUN_S * rate_hz))
@@ -257,6 +258,7 @@ def examine(h: Health, sample: Any) -> None:
         for i in range(6):
             findings |= judge_axis(h, i, sample.t_ns)
     findings |= judge_force(h, sample.t_ns)
+    findings |= replace_spikes(h.spikes, sample, findings >> LIMITED | findings >> INVALID) << SPIKE
     h.fever = h.fever + 1 if sample.temperature < COLDEST or sample.temperature > HOTTEST else 0
     if h.fever >= LEAST_RUN:
         findings |= 1 << TEMPERATURE
@@ -279,14 +281,6 @@ def examine_all(health: NDArray[np.void], samples: NDArray[np.void]) -> None:
         examine(health[0], samples[k])
 
 
-_PER_AXIS = ((FROZEN, "frozen"), (LIMITED, "at the end of its range"), (INVALID, "impossible"))
-_WHOLE = (
-    (ZERO, "accelerometer shows nothing, not even gravity"),
-    (WEIGHT, "accelerometer shows a steady force far from gravity"),
-    (TEMPERATURE, "temperature is impossible"),
-)
-
-
 @entry
 def shown(health: NDArray[np.void]) -> int:
     """The findings of the last `SHOWN_NS`, bit by bit, of a HEALTH record array: one that comes and goes stays."""
@@ -299,17 +293,3 @@ def shown(health: NDArray[np.void]) -> int:
         if h.found[i] > 0 and now_ns - h.found_ns[i] < SHOWN_NS:
             findings |= 1 << i
     return findings
-
-
-def words(findings: int) -> tuple[str, ...]:
-    """Findings in words; none: the sensor is well."""
-    if not findings:
-        return ()
-    texts = []
-    for kind, what in _PER_AXIS:
-        for first, name in ((0, "gyro"), (3, "accelerometer")):
-            axes = "".join("xyz"[i] for i in range(3) if findings >> (kind + first + i) & 1)
-            if axes:
-                texts.append(f"{name} {axes} {what}")
-    texts += [text for bit, text in _WHOLE if findings >> bit & 1]
-    return tuple(texts)

@@ -12,8 +12,22 @@ class Clipping:
     flat: Integers
 
 
+class Spikes:
+    floor: float
+    keep: float
+    gap_ns: int
+    t_ns: int
+    good: Reals
+    recent: Reals
+    withheld: Reals
+    force: Reals
+    push: float
+    recent_push: float
+
+
 class Health:
     clipping: Clipping
+    spikes: Spikes
     range: Reals
     promised: Reals
     least_run: int

@@ -9,7 +9,8 @@ from imud.drivers.driver import ImuConfigured, ImuDriver
 from imud.drivers.transport.line import Known, Line
 
 from ..pipeline import InertialPipeline
-from ..sensor_monitor.health import shown, words
+from ..sensor_monitor.findings import words
+from ..sensor_monitor.health import shown
 from .byte_sink import READ_BYTES, ByteSink
 from .loss import HIGH, LossMonitor
 from .rate import RateMeter, SampleRateMonitor

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from imud.estimators.records import HEADING_VALID
 from imud.sensor_errors.profiles import PROFILES
-from imud.sensor_monitor.health import examine_all, new_health, words
+from imud.sensor_monitor.findings import words
+from imud.sensor_monitor.health import examine_all, new_health
 from imud.tables.estimates import ESTIMATE_COLUMNS
 
 from ...math.arrays import Floats, Records

@@ -1,0 +1,26 @@
+"""What the sensor monitor finds: the bits of its findings, and what they are in words."""
+
+FROZEN, LIMITED, INVALID, ZERO, WEIGHT, TEMPERATURE = 0, 6, 12, 18, 19, 20  # the first three per axis
+SPIKE = 21  # per axis of the gyro
+FINDINGS = 24
+
+_PER_AXIS = ((FROZEN, "frozen"), (LIMITED, "at the end of its range"), (INVALID, "impossible"), (SPIKE, "shows spikes"))
+_WHOLE = (
+    (ZERO, "accelerometer shows nothing, not even gravity"),
+    (WEIGHT, "accelerometer shows a steady force far from gravity"),
+    (TEMPERATURE, "temperature is impossible"),
+)
+
+
+def words(findings: int) -> tuple[str, ...]:
+    """Findings in words; none: the sensor is well."""
+    if not findings:
+        return ()
+    texts = []
+    for kind, what in _PER_AXIS:
+        for first, name in ((0, "gyro"), (3, "accelerometer"))[: 1 if kind == SPIKE else 2]:
+            axes = "".join("xyz"[i] for i in range(3) if findings >> (kind + first + i) & 1)
+            if axes:
+                texts.append(f"{name} {axes} {what}")
+    texts += [text for bit, text in _WHOLE if findings >> bit & 1]
+    return tuple(texts)

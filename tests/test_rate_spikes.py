@@ -1,0 +1,63 @@
+"""Single rates that no motion makes are not integrated, and said; taps and motion are no spikes."""
+
+import numpy as np
+import pytest
+from attitude_simulation import DEG, Flaws, errors_deg, measure, simulate, wobble
+from broad import samples_of
+from replay_in_process import new_filter, replay
+
+from imud.estimators.records import SOLUTION
+from imud.sensor_monitor.findings import words
+from imud.sensor_monitor.health import shown
+
+
+def in_a_hand(rate_hz, seed, turning=1.0, seconds=30.0):
+    truth = simulate(seconds, rate_hz, wobble(seed, turning), wobble(seed + 50, 2.0, 3.0, 9.0))
+    w, f = measure(truth, Flaws(gyro_bias=(0.2 * DEG,) * 3), np.random.default_rng(seed))
+    return truth, samples_of(truth.t, w, f)
+
+
+def replaced(samples):
+    """(which rates are replaced, what the monitor says)."""
+    filter_, seen = new_filter("attitude", samples), samples.copy()
+    filter_.run(seen, np.zeros(len(seen), SOLUTION))
+    return np.flatnonzero((seen["w"] != samples["w"]).any(axis=1)), words(shown(filter_.health))
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 285.0, 1000.0])
+def test_spikes_are_found_and_cost_little(rate_hz):
+    truth, samples = in_a_hand(rate_hz, 1)
+    rng = np.random.default_rng(2)
+    at = 50 + 100 * np.arange((len(samples) - 100) // 100)
+    for k in at:
+        samples["w"][k, rng.integers(3)] += rng.choice([-1.0, 1.0]) * rng.uniform(5.0, 30.0)
+    found, said = replaced(samples)
+    assert np.array_equal(found, at)
+    assert said[-1].startswith("gyro") and said[-1].endswith("shows spikes")
+    tilt, _ = errors_deg(replay(new_filter("attitude", samples), samples)[0]["q_nb"], truth.attitude)
+    assert tilt[len(tilt) // 5 :].max() < 3.0
+
+
+def test_motion_has_no_spikes():
+    for seed in range(10):
+        for rate_hz in (100.0, 500.0):
+            _, samples = in_a_hand(rate_hz, seed, turning=10.0 ** (seed / 9.0 - 0.5))
+            assert len(replaced(samples)[0]) == 0, (seed, rate_hz)
+
+
+def test_a_tap_that_turns_the_sensor_is_no_spike():
+    _, samples = in_a_hand(285.0, 3)
+    for k in range(500, 8000, 300):
+        samples["w"][k : k + 2, 1] += (4.0, -3.0)
+        samples["f"][k : k + 2, 2] += (60.0, -40.0)
+    assert len(replaced(samples)[0]) == 0
+
+
+def test_a_rate_that_stays_was_motion_and_no_rotation_is_lost():
+    _, samples = in_a_hand(200.0, 4)
+    samples["w"][3000:, 2] += 6.0
+    filter_, seen = new_filter("attitude", samples), samples.copy()
+    filter_.run(seen, np.zeros(len(seen), SOLUTION))
+    changed = seen["w"] - samples["w"]
+    assert np.array_equal(np.flatnonzero(changed.any(axis=1)), [3000, 3001])
+    np.testing.assert_allclose(changed.sum(axis=0), 0.0, atol=1e-12)

@@ -26,6 +26,7 @@ COMMANDS = {
     "export": "a recording as CSV files, or for ROS 2",
     "report": "a run as a page: its estimates, and what looks wrong",
     "reproduce": "a paper's experiment: its numbers and figures beside ours",
+    "soak": "the daemon for hours with all that goes wrong, and what it lost",
     "bench": "how fast this machine is with imud, against C and numpy",
     "warmup": "compile everything now, so that the first start need not",
     "allan": "a sensor's noise, from a recording at rest",

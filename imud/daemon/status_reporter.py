@@ -78,6 +78,7 @@ class StatusReporter:
                 "internal_errors": {"count": self._errors.count, "last": self._errors.last},
                 "load": status_tables.of_load(publisher.load),
                 "filter": status_tables.of_filter(devices.selection.inertial, devices.selection.estimator.name),
+                "totals": status_tables.of_all_connections(devices.selection.inertial),
                 "innovations": publisher.innovations.table(),
                 "aiding": aiding.properties(now_ns) if aiding else {},
                 "corrections": devices.corrections.properties(now_ns) if devices.corrections else {},

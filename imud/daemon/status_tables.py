@@ -109,6 +109,11 @@ def of_port(
     return table | part.properties(now_ns)
 
 
+def of_all_connections(inertial: "Inertial | None") -> Table:
+    """What was counted of the inertial sensor in all its connections together."""
+    return {} if inertial is None else {"samples": inertial.samples, **inertial.totals()}
+
+
 def of_filter(inertial: "Inertial | None", estimator: str) -> Table:
     """The newest solution: state in words, values and their standard deviations, biases."""
     solution = inertial.newest if inertial else None

@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 @contextlib.contextmanager
-def _process(*arguments: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
+def process(*arguments: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
     """An imud process, ended with the block."""
     process = subprocess.Popen([sys.executable, "-m", "imud", *arguments], text=True, **options)
     try:
@@ -67,7 +67,7 @@ def _process(*arguments: str, **options: Any) -> Iterator[subprocess.Popen[str]]
             process.wait()
 
 
-def _wait_until_ready(notifications: socket.socket, daemon: subprocess.Popen[str], log: Path) -> None:
+def wait_until_ready(notifications: socket.socket, daemon: subprocess.Popen[str], log: Path) -> None:
     """Wait for the daemon's READY=1, as a service manager does."""
     deadline = time.monotonic() + _START_S
     while time.monotonic() < deadline:
@@ -78,7 +78,7 @@ def _wait_until_ready(notifications: socket.socket, daemon: subprocess.Popen[str
     raise ImudError(f"demo: the daemon was not ready within {_START_S:.0f} s:\n{log.read_text()}")
 
 
-def _subscribe(path: Path) -> socket.socket:
+def subscribe(path: Path) -> socket.socket:
     client = socket.socket(socket.AF_UNIX)
     client.connect(str(path))
     watch = {"enable": True, "json": True, "rate": _RATE_HZ, "class": "EST"}
@@ -124,7 +124,7 @@ def run(args: argparse.Namespace) -> int:
         notifications = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
         notifications.bind(str(base / "notify"))
         daemon = stack.enter_context(
-            _process(
+            process(
                 *("run", *(f"--port={link}" for link in links), f"--listen={listen}"),
                 *((f"--config={args.config.absolute()}",) if args.config else ()),
                 *(("--set", f"record.folder={json.dumps(str(recordings))}") if recordings else ()),
@@ -133,10 +133,10 @@ def run(args: argparse.Namespace) -> int:
                 env={**os.environ, "NOTIFY_SOCKET": str(base / "notify")},
             )
         )
-        _wait_until_ready(notifications, daemon, log)
-        client = stack.enter_context(_subscribe(listen))
+        wait_until_ready(notifications, daemon, log)
+        client = stack.enter_context(subscribe(listen))
         stack.enter_context(
-            _process(
+            process(
                 *("sim", *devices, "--scenario", args.scenario, "--seed", str(args.seed), "--truth", str(truth_file)),
                 *("--faults", args.faults),
                 *(item for link in links for item in ("--link", str(link))),
@@ -146,7 +146,7 @@ def run(args: argparse.Namespace) -> int:
         )
         if args.web:
             page = ("web", "--listen=127.0.0.1:0", str(listen))
-            page_process = stack.enter_context(_process(*page, stdout=subprocess.PIPE, stderr=log_file))
+            page_process = stack.enter_context(process(*page, stdout=subprocess.PIPE, stderr=log_file))
             _show_in_browser(page_process, log)
             if recordings:
                 print(f"imud demo: its record button writes to {recordings}/imud-TIME.mcap", flush=True)
@@ -173,13 +173,13 @@ def _show_in_browser(page: subprocess.Popen[str], log: Path) -> None:
 class LiveComparison:
     """The comparison so far: receives estimates, and compares each with the truth once that is written."""
 
-    def __init__(self, truth_file: Path) -> None:
+    def __init__(self, truth_file: Path, display: Display | None = None) -> None:
         self.comparison, self.estimates = Comparison(), 0
         self.first_s = self.last_s = math.nan
         self._truth_file = truth_file
         self._truth: Truth | None = None
         self._pending: list[dict[str, Any]] = []
-        self._display = Display()
+        self._display = display
 
     @property
     def elapsed_s(self) -> float:
@@ -196,11 +196,12 @@ class LiveComparison:
             old = self._pending.pop(0)
             if truth := self._truth.at(old["t_mono_ns"] * 1e-9):
                 self.comparison.add(old, truth)
-                self._display.show(old, truth, self.comparison, old["t_mono_ns"] * 1e-9 - self.first_s)
+                if self._display:
+                    self._display.show(old, truth, self.comparison, old["t_mono_ns"] * 1e-9 - self.first_s)
 
 
 def _compare(client: socket.socket, truth_file: Path, seconds: float | None, log: Path) -> int:
-    live = LiveComparison(truth_file)
+    live = LiveComparison(truth_file, Display())
     received_s = time.monotonic()
     try:
         for est in _estimates(client):

@@ -1,0 +1,151 @@
+"""`imud soak`: for minutes, emulated devices and the daemon, with everything that goes wrong in a long run.
+
+The sensor is unplugged and restarts, the receiver loses its fix, clients stall, the disk of the recording is full, the
+configuration is read again, the wall clock jumps. The table shows what the sensor delivered and who lost it. Exit code
+1 if anything that was delivered is lost.
+"""
+
+import argparse
+import contextlib
+import json
+import os
+import re
+import select
+import signal
+import socket
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from imud.commands.arguments import above_zero, seed
+from imud.errors import ImudError, UsageError
+from imud.firmware_sim.cli import SCENARIO_NAMES
+from imud.firmware_sim.faults import spec
+
+if TYPE_CHECKING:
+    from .received import EstimateReader, StreamReader
+    from .troubles import Troubles
+
+FAULTS = "imu:unplug@40-43/150,reset@100/150;gnss:unplug@70-75/150,loss@120-130/150"
+_DEVICES = ("g350", "nmea")
+_STATUS_S, _ROW_S = 5.0, 60.0
+_SETTLE_S = 2.0  # after the end, for what is under way
+_DAMAGED = re.compile(r"g350: \d+ messages sent, (\d+) of them damaged")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--minutes", type=above_zero, default=10.0, metavar="N", help="how long (default: 10)")
+    parser.add_argument(
+        "--faults",
+        default=FAULTS,
+        metavar="SPEC",
+        help=f"of the devices: see `imud sim --faults-help` (default: {FAULTS})",
+    )
+    parser.add_argument(
+        "--scenario",
+        choices=SCENARIO_NAMES,
+        default="car",
+        metavar="NAME",
+        help=f"{', '.join(SCENARIO_NAMES)} (default car)",
+    )
+    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="of the sensors' errors (default: 1)")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a setting of the daemon")
+
+
+def run(args: argparse.Namespace) -> int:
+    try:
+        spec.parse(args.faults, _DEVICES)
+    except spec.SpecError as error:
+        raise UsageError(f"--faults: {error}") from error
+    with tempfile.TemporaryDirectory(prefix="imud-soak-") as folder, contextlib.ExitStack() as stack:
+        return _soak(args, Path(folder), stack)
+
+
+def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> int:
+    from ..demo import process, subscribe, wait_until_ready
+    from . import table
+    from .received import EstimateReader, StreamReader, status_of
+    from .troubles import CONFIGURATION, StalledClients, Troubles, WallClock, require_ended_well
+
+    links = [base / name for name in _DEVICES]
+    gpsd, stream, log = base / "gpsd.sock", base / "stream", base / "daemon.log"
+    settings, truth_file, emulator_log = base / "soak.toml", base / "truth.csv", base / "emulator.log"
+    settings.write_text(CONFIGURATION.format(10))
+    chosen = [f"stream.listen={json.dumps(str(stream))}", f"record.path={json.dumps(str(base / 'soak.mcap'))}"]
+    chosen += ["record.budget_mb=500", "record.file_mb=100", *args.set]
+    clock = WallClock(base)
+    print(f"imud soak: {args.minutes:g} min, faults {args.faults or 'none'}", flush=True)
+    if clock.missing:
+        print(f"imud soak: no clock steps: {clock.missing}", flush=True)
+    notifications = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+    notifications.bind(str(base / "notify"))
+    own = {"NOTIFY_SOCKET": str(base / "notify"), "XDG_RUNTIME_DIR": str(base), "XDG_STATE_HOME": str(base)}
+    daemon = stack.enter_context(
+        process(
+            *("run", *(f"--port={link}" for link in links), f"--listen={gpsd}", f"--config={settings}"),
+            *(f"--set={assignment}" for assignment in chosen),
+            stderr=stack.enter_context(log.open("w")),
+            env={**os.environ, **own, **clock.environment},
+        )
+    )
+    wait_until_ready(notifications, daemon, log)
+    reader = stack.enter_context(contextlib.closing(StreamReader(stream)))
+    estimates = EstimateReader(stack.enter_context(subscribe(gpsd)), truth_file)
+    emulator = stack.enter_context(
+        process(
+            *("sim", *_DEVICES, "--scenario", args.scenario, "--seed", str(args.seed), "--truth", str(truth_file)),
+            *("--faults", args.faults, *(item for link in links for item in ("--link", str(link)))),
+            stdout=subprocess.DEVNULL,
+            stderr=stack.enter_context(emulator_log.open("w")),
+        )
+    )
+    clients = stack.enter_context(contextlib.closing(StalledClients(gpsd, stream)))
+    troubles = Troubles(daemon, clients, clock, settings)
+    print(table.HEAD, flush=True)
+    status: dict[str, Any] = {}
+    memory: list[int] = []
+    row_s = _ROW_S
+    with contextlib.suppress(KeyboardInterrupt):
+        for elapsed_s in _turns(60.0 * args.minutes, reader, estimates, troubles):
+            clients.flood()
+            require_ended_well(daemon, log)
+            status = status_of(gpsd)
+            memory.append(status["memory_bytes"])
+            if elapsed_s >= row_s:
+                row_s += _ROW_S
+                print(table.row(elapsed_s, status, reader.states), flush=True)
+    emulator.send_signal(signal.SIGTERM)
+    emulator.wait(10.0)
+    end_s = time.monotonic() + _SETTLE_S
+    while time.monotonic() < end_s:
+        _wait(reader, estimates, 0.1)
+    if not memory or not reader.states.count:
+        raise ImudError(f"soak: no state came; the daemon's log:\n{log.read_text()[-3000:]}")
+    damaged = _DAMAGED.search(emulator_log.read_text())
+    made = table.account(status, reader.states, int(damaged[1]) if damaged else 0)
+    print(table.summary(made, reader.states, estimates.comparison, troubles.counts, memory))
+    return 1 if made.lost or made.internal_errors else 0
+
+
+def _turns(seconds: float, reader: "StreamReader", estimates: "EstimateReader", troubles: "Troubles") -> Any:
+    """Receive, and let the troubles happen; yields the time since the start each time a look at the status is due."""
+    begin_s = time.monotonic()
+    look_s = _STATUS_S
+    while (elapsed_s := time.monotonic() - begin_s) < seconds:
+        troubles.on_time(elapsed_s)
+        if elapsed_s >= look_s:
+            look_s += _STATUS_S
+            yield elapsed_s
+        _wait(reader, estimates, min(look_s, troubles.due_s, seconds) - elapsed_s)
+
+
+def _wait(reader: "StreamReader", estimates: "EstimateReader", seconds: float) -> None:
+    ready = select.select([reader, estimates], [], [], max(seconds, 0.0))[0]
+    if reader in ready:
+        reader.read()
+    if estimates in ready:
+        estimates.read()
+    if reader.ended:
+        raise ImudError("soak: the daemon has closed the stream to a client that keeps up")

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 FAULTS = "imu:unplug@40-43/150,reset@100/150;gnss:unplug@70-75/150,loss@120-130/150"
 _DEVICES = ("g350", "nmea")
 _STATUS_S, _ROW_S = 5.0, 60.0
+_FIRST_STATE_S = 60.0
 _SETTLE_S = 2.0  # after the end, for what is under way
 _DAMAGED = re.compile(r"g350: \d+ messages sent, (\d+) of them damaged")
 
@@ -41,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--faults",
         default=FAULTS,
         metavar="SPEC",
-        help=f"of the devices: see `imud sim --faults-help` (default: {FAULTS})",
+        help="of the devices: see `imud sim --faults-help` (default: unplugs, restarts, no fix)",
     )
     parser.add_argument(
         "--scenario",
@@ -104,7 +105,6 @@ def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> 
     clients = stack.enter_context(contextlib.closing(StalledClients(gpsd, stream)))
     troubles = Troubles(daemon, clients, clock, settings)
     print(table.HEAD, flush=True)
-    status: dict[str, Any] = {}
     memory: list[int] = []
     row_s = _ROW_S
     with contextlib.suppress(KeyboardInterrupt):
@@ -121,18 +121,21 @@ def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> 
     end_s = time.monotonic() + _SETTLE_S
     while time.monotonic() < end_s:
         _wait(reader, estimates, 0.1)
-    if not memory or not reader.states.count:
+    if not reader.states.count:
         raise ImudError(f"soak: no state came; the daemon's log:\n{log.read_text()[-3000:]}")
     damaged = _DAMAGED.search(emulator_log.read_text())
-    made = table.account(status, reader.states, int(damaged[1]) if damaged else 0)
+    made = table.account(status_of(gpsd), reader.states, int(damaged[1]) if damaged else 0)
     print(table.summary(made, reader.states, estimates.comparison, troubles.counts, memory))
     return 1 if made.lost or made.internal_errors else 0
 
 
 def _turns(seconds: float, reader: "StreamReader", estimates: "EstimateReader", troubles: "Troubles") -> Any:
-    """Receive, and let the troubles happen; yields the time since the start each time a look at the status is due."""
+    """Receive, and let the troubles happen; yields the time since the first state when a look at the status is due."""
     begin_s = time.monotonic()
-    look_s = _STATUS_S
+    while not reader.states.count and time.monotonic() - begin_s < _FIRST_STATE_S:
+        _wait(reader, estimates, 0.1)
+    begin_s = time.monotonic()
+    look_s = 0.0
     while (elapsed_s := time.monotonic() - begin_s) < seconds:
         troubles.on_time(elapsed_s)
         if elapsed_s >= look_s:
@@ -142,10 +145,10 @@ def _turns(seconds: float, reader: "StreamReader", estimates: "EstimateReader", 
 
 
 def _wait(reader: "StreamReader", estimates: "EstimateReader", seconds: float) -> None:
-    ready = select.select([reader, estimates], [], [], max(seconds, 0.0))[0]
-    if reader in ready:
+    ready = select.select([reader.fileno(), estimates.fileno()], [], [], max(seconds, 0.0))[0]
+    if reader.fileno() in ready:
         reader.read()
-    if estimates in ready:
+    if estimates.fileno() in ready:
         estimates.read()
     if reader.ended:
         raise ImudError("soak: the daemon has closed the stream to a client that keeps up")

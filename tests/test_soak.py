@@ -1,0 +1,95 @@
+"""`imud soak`: its account of losses on numbers made by hand, its clock, and the whole of it once."""
+
+import struct
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from processes import process
+
+from imud.client import RECORD
+from imud.commands.soak import table
+from imud.commands.soak.received import States
+from imud.commands.soak.troubles import Troubles, WallClock
+
+MS = 1_000_000
+
+
+def record(seq, t_ns):
+    return struct.pack("<8xQqq", seq, 0, t_ns).ljust(RECORD.size, b"\0")
+
+
+def test_missing_states_and_lateness():
+    states = States()
+    for seq in (5, 6, 9, 10, 20):
+        states.add(record(seq, seq * MS), seq * MS + seq * 100_000)
+    assert (states.count, states.missing, states.gaps) == (5, 11, 2)
+    assert states.longest_gap_s == pytest.approx(0.010)
+    late = np.array([5, 6, 9, 10, 20]) * 1e-4
+    assert states.take_lateness() == pytest.approx([np.median(late), np.percentile(late, 99.0), 2e-3])
+    assert np.isnan(states.take_lateness()).all()
+    states.add(record(21, 21 * MS), 22 * MS)
+    assert states.lateness()[2] == pytest.approx(2e-3)
+
+
+@pytest.mark.parametrize(
+    ("lost", "damaged", "missing", "expected"),
+    [
+        (0, 0, 0, (0, 0, 0)),
+        (30, 0, 0, (0, 30, 30)),
+        (30, 15, 0, (30, 0, 0)),  # each damaged message costs the one after it, too
+        (30, 10, 4, (20, 10, 14)),
+        (3, 10, 0, (3, 0, 0)),
+    ],
+)
+def test_whose_loss_it_was(lost, damaged, missing, expected):
+    made = table.account({"totals.frames": 1000, "totals.lost": lost}, States(missing=missing), damaged)
+    assert (made.damaged, made.unread, made.lost) == expected
+    assert made.delivered == 1000 + lost
+
+
+def test_the_wall_clock_of_one_process_steps_and_no_other(tmp_path):
+    clock = WallClock(tmp_path)
+    if clock.missing:
+        pytest.skip(clock.missing)
+    code = "import time; print(time.time() - time.clock_gettime(time.CLOCK_BOOTTIME))"
+    apart_s = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME)
+    for seconds in (3600.0, -86400.0):
+        clock.step(seconds)
+        seen = subprocess.run([sys.executable, "-c", code], env=clock.environment, capture_output=True, check=True)
+        assert float(seen.stdout) - apart_s == pytest.approx(clock.ahead_s, abs=1.0)
+
+
+def test_troubles_happen_by_the_clock(tmp_path):
+    class Clients:
+        connected = 17
+
+        def replace(self):
+            pass
+
+    waits = [sys.executable, "-c", "input()"]
+    with subprocess.Popen(waits, stdin=subprocess.PIPE, text=True) as daemon:
+        troubles = Troubles(daemon, Clients(), WallClock(tmp_path), tmp_path / "toml")
+        troubles._daemon.send_signal = lambda number: None
+        for elapsed_s in np.arange(0.0, 121.0, 0.5):
+            troubles.on_time(elapsed_s)
+        daemon.communicate("\n")
+    assert troubles.counts["reloads"] == 7 and troubles.counts["full disks"] == 2
+    assert troubles.due_s > 121.0 - 0.5
+
+
+def test_a_short_soak(tmp_path):
+    with process(
+        *("imud", "soak", "--minutes", "0.1", "--faults", "gnss:loss@4-5"),
+        *("--set", "imu.rate_hz=125"),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as soak:
+        out, errors = soak.communicate()
+    words = [line.split() for line in out.splitlines()]
+    delivered = next(int(line[-1]) for line in words if line[:2] == ["delivered", "by"])
+    assert delivered > 200, out + errors
+    assert soak.returncode == (0 if "nothing that was delivered is lost" in out else 1)
+    assert any(line[:1] == ["roll"] for line in words)

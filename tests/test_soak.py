@@ -11,7 +11,7 @@ from processes import process
 
 from imud.client import RECORD
 from imud.commands.soak import table
-from imud.commands.soak.received import States
+from imud.commands.soak.received import Counts, States
 from imud.commands.soak.troubles import Troubles, WallClock
 
 MS = 1_000_000
@@ -25,13 +25,15 @@ def test_missing_states_and_lateness():
     states = States()
     for seq in (5, 6, 9, 10, 20):
         states.add(record(seq, seq * MS), seq * MS + seq * 100_000)
-    assert (states.count, states.missing, states.gaps) == (5, 11, 2)
-    assert states.longest_gap_s == pytest.approx(0.010)
+    counts = states.counts()
+    assert (counts.count, counts.missing, counts.gaps) == (5, 11, 2)
+    assert counts.longest_gap_s == pytest.approx(0.010)
     late = np.array([5, 6, 9, 10, 20]) * 1e-4
-    assert states.take_lateness() == pytest.approx([np.median(late), np.percentile(late, 99.0), 2e-3])
-    assert np.isnan(states.take_lateness()).all()
+    assert counts.recent_s == pytest.approx([np.median(late), np.percentile(late, 99.0), 2e-3])
+    assert np.isnan(states.counts().recent_s).all()
     states.add(record(21, 21 * MS), 22 * MS)
-    assert states.lateness()[2] == pytest.approx(2e-3)
+    counts = states.counts()
+    assert (counts.recent_s[2], counts.late_s[2]) == pytest.approx((1e-3, 2e-3))
 
 
 @pytest.mark.parametrize(
@@ -44,8 +46,8 @@ def test_missing_states_and_lateness():
         (3, 10, 0, (3, 0, 0)),
     ],
 )
-def test_whose_loss_it_was(lost, damaged, missing, expected):
-    made = table.account({"totals.frames": 1000, "totals.lost": lost}, States(missing=missing), damaged)
+def test_who_lost_what(lost, damaged, missing, expected):
+    made = table.losses({"totals.frames": 1000, "totals.lost": lost}, Counts(missing=missing), damaged)
     assert (made.damaged, made.unread, made.lost) == expected
     assert made.delivered == 1000 + lost
 
@@ -93,3 +95,7 @@ def test_a_short_soak(tmp_path):
     assert delivered > 200, out + errors
     assert soak.returncode == (0 if "nothing that was delivered is lost" in out else 1)
     assert any(line[:1] == ["roll"] for line in words)
+    troubles = next(line for line in out.splitlines() if line.startswith("troubles"))
+    assert " 0 " not in troubles.replace("0 clock steps", ""), (
+        troubles
+    )  # all of them happened; without a compiler no steps

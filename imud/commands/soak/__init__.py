@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 FAULTS = "imu:unplug@40-43/150,reset@100/150;gnss:unplug@70-75/150,loss@120-130/150"
 _DEVICES = ("g350", "nmea")
 _STATUS_S, _ROW_S = 5.0, 60.0
+_CALM_MINUTES = 3.0  # a shorter run has its troubles in quicker succession
 _FIRST_STATE_S = 60.0
 _SETTLE_S = 2.0  # after the end, for what is under way
 _DAMAGED = re.compile(r"g350: \d+ messages sent, (\d+) of them damaged")
@@ -103,7 +104,7 @@ def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> 
         )
     )
     clients = stack.enter_context(contextlib.closing(StalledClients(gpsd, stream)))
-    troubles = Troubles(daemon, clients, clock, settings)
+    troubles = Troubles(daemon, clients, clock, settings, min(args.minutes / _CALM_MINUTES, 1.0))
     print(table.HEAD, flush=True)
     memory: list[int] = []
     row_s = _ROW_S
@@ -115,25 +116,26 @@ def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> 
             memory.append(status["memory_bytes"])
             if elapsed_s >= row_s:
                 row_s += _ROW_S
-                print(table.row(elapsed_s, status, reader.states), flush=True)
+                print(table.row(elapsed_s, status, reader.counts()), flush=True)
     emulator.send_signal(signal.SIGTERM)
     emulator.wait(10.0)
     end_s = time.monotonic() + _SETTLE_S
     while time.monotonic() < end_s:
-        _wait(reader, estimates, 0.1)
-    if not reader.states.count:
+        _wait(estimates, 0.1)
+    states = reader.counts()
+    if not states.count:
         raise ImudError(f"soak: no state came; the daemon's log:\n{log.read_text()[-3000:]}")
     damaged = _DAMAGED.search(emulator_log.read_text())
-    made = table.account(status_of(gpsd), reader.states, int(damaged[1]) if damaged else 0)
-    print(table.summary(made, reader.states, estimates.comparison, troubles.counts, memory))
+    made = table.losses(status_of(gpsd), states, int(damaged[1]) if damaged else 0)
+    print(table.summary(made, states, estimates.comparison, troubles.counts, memory))
     return 1 if made.lost or made.internal_errors else 0
 
 
 def _turns(seconds: float, reader: "StreamReader", estimates: "EstimateReader", troubles: "Troubles") -> Any:
     """Receive, and let the troubles happen; yields the time since the first state when a look at the status is due."""
     begin_s = time.monotonic()
-    while not reader.states.count and time.monotonic() - begin_s < _FIRST_STATE_S:
-        _wait(reader, estimates, 0.1)
+    while not reader.counts().count and time.monotonic() - begin_s < _FIRST_STATE_S:
+        _wait(estimates, 0.1)
     begin_s = time.monotonic()
     look_s = 0.0
     while (elapsed_s := time.monotonic() - begin_s) < seconds:
@@ -141,14 +143,9 @@ def _turns(seconds: float, reader: "StreamReader", estimates: "EstimateReader", 
         if elapsed_s >= look_s:
             look_s += _STATUS_S
             yield elapsed_s
-        _wait(reader, estimates, min(look_s, troubles.due_s, seconds) - elapsed_s)
+        _wait(estimates, min(look_s, troubles.due_s, seconds) - elapsed_s)
 
 
-def _wait(reader: "StreamReader", estimates: "EstimateReader", seconds: float) -> None:
-    ready = select.select([reader.fileno(), estimates.fileno()], [], [], max(seconds, 0.0))[0]
-    if reader.fileno() in ready:
-        reader.read()
-    if estimates.fileno() in ready:
+def _wait(estimates: "EstimateReader", seconds: float) -> None:
+    if select.select([estimates.fileno()], [], [], max(seconds, 0.0))[0]:
         estimates.read()
-    if reader.ended:
-        raise ImudError("soak: the daemon has closed the stream to a client that keeps up")

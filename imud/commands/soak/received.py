@@ -1,94 +1,124 @@
-"""What a client of the daemon received: states by number and lateness; and the daemon's own account of its samples."""
+"""What clients of the daemon received: states by number and lateness, estimates beside the truth, its status.
+
+`python -m imud.commands.soak.received STREAM` is the client of the stream: a process of its own that does nothing but
+read, so that what it misses is the daemon's or the machine's loss. Each line on stdin is answered by its counts.
+"""
 
 import contextlib
+import gc
 import json
+import math
 import select
 import socket
 import struct
+import subprocess
+import sys
 import time
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from imud.client import RECORD
+from imud.errors import ImudError
 
 from ..demo import LiveComparison
 from ..demo.comparison import Comparison
 
 _NUMBERS = struct.Struct("<8xQqq")  # of a record: seq, utc_offset_ns, t_ns
 _TIMEOUT_S = 10.0
+NO_LATENESS = (math.nan, math.nan, math.nan)
 
 
-@dataclass
-class States:
-    """States of the stream as they came: how many, which are missing, how late."""
+@dataclass(frozen=True)
+class Counts:
+    """States that came: how many, how many are missing between them, how late the others."""
 
     count: int = 0
     missing: int = 0
     gaps: int = 0
     longest_gap_s: float = 0.0  # between two states, by the time of their samples
-    late_s: list[float] = field(default_factory=list)  # since the last `take_lateness`
-    all_late_s: list[np.ndarray] = field(default_factory=list)
-    _last: tuple[int, int] | None = None
+    recent_s: tuple[float, float, float] = NO_LATENESS  # median, 99th percentile, most since the last counts
+    late_s: tuple[float, float, float] = NO_LATENESS  # of all
+
+
+class States:
+    """Counts states as they come."""
+
+    def __init__(self) -> None:
+        self._count = self._missing = self._gaps = 0
+        self._longest_ns = 0
+        self._last: tuple[int, int] | None = None
+        self._recent: list[float] = []
+        self._before: list[NDArray[np.float64]] = []
 
     def add(self, record: bytes, now_ns: int) -> None:
         seq, _, t_ns = _NUMBERS.unpack_from(record)
         if self._last is not None:
-            self.missing += seq - self._last[0] - 1
-            self.gaps += seq > self._last[0] + 1
-            self.longest_gap_s = max(self.longest_gap_s, (t_ns - self._last[1]) * 1e-9)
+            self._missing += seq - self._last[0] - 1
+            self._gaps += seq > self._last[0] + 1
+            self._longest_ns = max(self._longest_ns, t_ns - self._last[1])
         self._last = seq, t_ns
-        self.count += 1
-        self.late_s.append((now_ns - t_ns) * 1e-9)
+        self._count += 1
+        self._recent.append((now_ns - t_ns) * 1e-9)
 
-    def take_lateness(self) -> tuple[float, float, float]:
-        """Median, 99th percentile and maximum in s since the last call; NaN without a state."""
-        late, self.late_s = np.array(self.late_s), []
-        self.all_late_s.append(late)
-        return percentiles(late)
-
-    def lateness(self) -> tuple[float, float, float]:
-        """The same of all."""
-        self.take_lateness()
-        return percentiles(np.concatenate(self.all_late_s))
+    def counts(self) -> Counts:
+        """Until now."""
+        recent, self._recent = np.array(self._recent), []
+        self._before.append(recent)
+        lateness = percentiles(recent), percentiles(np.concatenate(self._before))
+        return Counts(self._count, self._missing, self._gaps, self._longest_ns * 1e-9, *lateness)
 
 
-def percentiles(late: np.ndarray) -> tuple[float, float, float]:
+def percentiles(late: NDArray[np.float64]) -> tuple[float, float, float]:
     """Median, 99th percentile, maximum; NaN of nothing."""
     if not len(late):
-        return (np.nan, np.nan, np.nan)
+        return NO_LATENESS
     median, most, longest = np.percentile(late, (50.0, 99.0, 100.0))
     return float(median), float(most), float(longest)
 
 
 class StreamReader:
-    """A client of the binary stream that keeps up."""
+    """The client of the stream, from the outside."""
 
     def __init__(self, path: Path) -> None:
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._socket.connect(str(path))
-        self._socket.setblocking(False)
-        self.states = States()
-        self.ended = False
+        command = [sys.executable, "-m", __name__, str(path)]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.counts()
 
-    def fileno(self) -> int:
-        return self._socket.fileno()
-
-    def read(self) -> None:
-        """Take what has come."""
-        try:
-            while record := self._socket.recv(2 * RECORD.size):
-                self.states.add(record, time.monotonic_ns())
-            self.ended = True
-        except BlockingIOError:
-            pass
-        except OSError:
-            self.ended = True
+    def counts(self) -> Counts:
+        """What it has received until now. Raises ImudError when it has ended."""
+        assert self._process.stdin and self._process.stdout
+        with contextlib.suppress(BrokenPipeError):
+            print(file=self._process.stdin, flush=True)
+        if not (line := self._process.stdout.readline()):
+            raise ImudError("soak: the daemon has closed the stream to a client that keeps up")
+        return Counts(**json.loads(line))
 
     def close(self) -> None:
-        self._socket.close()
+        self._process.communicate()
+
+
+def _read(path: Path) -> None:
+    """Read the stream until stdin ends."""
+    gc.disable()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as stream:
+        stream.connect(str(path))
+        stream.setblocking(False)
+        states = States()
+        while True:
+            ready = select.select([stream, sys.stdin], [], [])[0]
+            if stream in ready:
+                with contextlib.suppress(BlockingIOError):
+                    while record := stream.recv(2 * RECORD.size):
+                        states.add(record, time.monotonic_ns())
+                    return
+            if sys.stdin in ready:
+                if not sys.stdin.readline():
+                    return
+                print(json.dumps(asdict(states.counts())), flush=True)
 
 
 class EstimateReader:
@@ -130,3 +160,7 @@ def status_of(path: Path) -> dict[str, Any]:
         message for line in text.splitlines() if (message := json.loads(line))["class"] == "STATUS"
     )
     return found
+
+
+if __name__ == "__main__":
+    _read(Path(sys.argv[1]))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..demo.comparison import Comparison
-from .received import States
+from .received import Counts
 
 HEAD = (
     f"{'min':>6}{'samples':>10}{'lost':>6}{'missing':>8}{'late p50':>10}{'p99':>8}{'max ms':>9}{'MB':>7}{'files':>6}"
@@ -15,8 +15,8 @@ _UNITS = {"roll": "deg", "pitch": "deg", "heading": "deg", "position": "m", "vel
 
 
 @dataclass(frozen=True)
-class Account:
-    """Whose loss each sample was. delivered: by the sensor to the port, while the daemon had it open."""
+class Losses:
+    """Who lost which samples. delivered: by the sensor to the port, while the daemon had it open."""
 
     delivered: int
     damaged: int  # by injected faults of the line
@@ -30,19 +30,19 @@ class Account:
         return self.unread + self.missing
 
 
-def account(status: Mapping[str, Any], states: States, damaged: int) -> Account:
+def losses(status: Mapping[str, Any], states: Counts, damaged: int) -> Losses:
     """From the daemon's last status and the messages that the emulator damaged on the inertial sensor's line.
 
     A damaged message may cost the one after it as well: what begins in the middle is no frame.
     """
     frames, lost = status.get("totals.frames", 0), status.get("totals.lost", 0)
     by_damage = min(lost, 2 * damaged)
-    return Account(frames + lost, by_damage, lost - by_damage, states.missing, status.get("internal_errors.count", 0))
+    return Losses(frames + lost, by_damage, lost - by_damage, states.missing, status.get("internal_errors.count", 0))
 
 
-def row(elapsed_s: float, status: Mapping[str, Any], states: States) -> str:
+def row(elapsed_s: float, status: Mapping[str, Any], states: Counts) -> str:
     """One interval."""
-    p50, p99, longest = (1e3 * late for late in states.take_lateness())
+    p50, p99, longest = (1e3 * late for late in states.recent_s)
     return (
         f"{elapsed_s / 60.0:6.1f}{status.get('totals.samples', 0):10}{status.get('totals.lost', 0):6}{states.missing:8}"
         f"{p50:10.2f}{p99:8.2f}{longest:9.1f}{status['memory_bytes'] / 1e6:7.1f}{status['open_files']:6}"
@@ -51,10 +51,10 @@ def row(elapsed_s: float, status: Mapping[str, Any], states: States) -> str:
 
 
 def summary(
-    made: Account, states: States, comparison: Comparison, troubles: Mapping[str, int], memory: list[int]
+    made: Losses, states: Counts, comparison: Comparison, troubles: Mapping[str, int], memory: list[int]
 ) -> str:
     """The end: who lost what; lateness; memory; troubles; estimate against truth."""
-    p50, p99, longest = (1e3 * late for late in states.lateness())
+    p50, p99, longest = (1e3 * late for late in states.late_s)
     lines = [
         "",
         f"{'delivered by the sensor':42}{made.delivered:10}",

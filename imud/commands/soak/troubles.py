@@ -89,8 +89,14 @@ class Troubles:
     """All of them, by the clock. `counts`: how often each happened."""
 
     def __init__(
-        self, daemon: subprocess.Popen[str], clients: StalledClients, clock: WallClock, settings: Path
+        self,
+        daemon: subprocess.Popen[str],
+        clients: StalledClients,
+        clock: WallClock,
+        settings: Path,
+        pace: float = 1.0,
     ) -> None:
+        """pace: factor of all periods."""
         self._daemon, self._clients, self._clock, self._settings = daemon, clients, clock, settings
         self.counts = dict.fromkeys(("stalled clients", "reloads", "full disks", "clock steps"), 0)
         self._due: list[tuple[float, float, Callable[[], None]]] = [
@@ -101,6 +107,7 @@ class Troubles:
         ]
         if not clock.missing:
             self._due.append((_STEP_S, _STEP_S, self._step_clock))
+        self._due = [(pace * at, pace * period, act) for at, period, act in self._due]
 
     @property
     def due_s(self) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .dialogue import Dialogue
-from .fix import Fix, ReceiverStatus, Sky
+from .fix import Fix, Heading, ReceiverStatus, Sky
 
 
 @dataclass(frozen=True)
@@ -178,6 +178,14 @@ class GnssDecoder(Protocol):
 
     def flush(self, now_ns: int) -> list[Fix]:
         """The fix of an epoch whose end did not arrive, once the line has been silent."""
+
+
+@runtime_checkable
+class HeadingDecoder(Protocol):
+    """A decoder of receivers, or compasses, that report headings beside their fixes, too."""
+
+    def take_headings(self) -> list[Heading]:
+        """Those that came since the last call."""
 
 
 class GnssDriver(Driver, Protocol):

@@ -41,6 +41,16 @@ class Fix:
 
 
 @dataclass(frozen=True)
+class Heading:
+    """A heading from true north that a receiver or a compass reports beside its fixes."""
+
+    arrival_ns: int  # monotonic, of its message
+    utc_s: float | None  # seconds of the UTC day; None: its time is not known
+    degrees: float
+    sigma_deg: float | None = None
+
+
+@dataclass(frozen=True)
 class Satellite:
     """A satellite in view. None: the receiver did not report it."""
 

@@ -40,6 +40,7 @@ INS = {
     "ProcessNoise": state.PROCESS_NOISE,
     "Drift": state.DRIFT,
     "Alignment": state.ALIGNMENT,
+    "HeadingAid": state.HEADING_AID,
     "Odometer": state.ODOMETER,
     "WheelCheck": state.WHEEL_CHECK,
     "Transition": state.TRANSITION,

@@ -75,7 +75,7 @@ def recorder(monkeypatch):
     made = Recorder()
     monkeypatch.setattr(gnss_position, "fuse", made.fuse)
     monkeypatch.setattr(gnss_velocity, "gated_fix_update", made.gated_fix_update)
-    monkeypatch.setattr(heading, "gated_update", made.gated_update)
+    monkeypatch.setattr(heading, "fuse", made.fuse)
     monkeypatch.setattr(odometer, "fuse", made.fuse)
     monkeypatch.setattr(non_holonomic, "pseudo_measurement", made.pseudo_measurement)
     return made

@@ -8,9 +8,11 @@ their time is ahead.
 
 from collections import Counter
 
-from ..fix import Fix, ReceiverStatus, Sky
+from ..fix import Fix, Heading, ReceiverStatus, Sky
 from .content import READERS, Content, GsaMode
 from .epochs import Epoch, same_time
+from .heading import READERS as HEADINGS
+from .heading import HeadingCollector
 from .sentences import RefusedError, Sentence, Splitter
 from .sky import SkyCollector
 
@@ -72,7 +74,7 @@ class GsaHistory:
 class NmeaDecoder:
     """Bytes of one receiver to fixes. Not thread-safe.
 
-    Counters: `fixes`; epochs without one: `no fix`, `repeated` (also repeated sentences), `contradictory`; `other`,
+    Counters: `fixes`; `heading`, and sentences without one, `no heading`; epochs without one: `no fix`, `repeated` (also repeated sentences), `contradictory`; `other`,
     sentences of unused kinds; `late`, those of an epoch that is complete; `noise bytes`; and rejected sentences by
     reason.
     """
@@ -89,6 +91,7 @@ class NmeaDecoder:
         self._interval_ns = INTERVAL_MAX_NS  # between epochs
         self._gsa = GsaHistory()
         self._sky = SkyCollector()
+        self._headings = HeadingCollector()
         self._waiting: dict[str, tuple[Content, int]] = {}  # companions of an epoch to come, with their arrival
         self._last_fix_utc_ns: int | None = None
         self._last_arrival_ns: int | None = None
@@ -121,8 +124,25 @@ class NmeaDecoder:
             return []
         return self._close()
 
+    def take_headings(self) -> list[Heading]:
+        """See `HeadingDecoder`."""
+        return self._headings.take()
+
+    def _read_heading(self, sentence: Sentence) -> None:
+        try:
+            heading = HEADINGS[sentence.kind](sentence)
+        except RefusedError as reason:
+            self.counters[f"{sentence.kind} {reason}"] += 1
+        else:
+            self.counters["heading" if heading else "no heading"] += 1
+            if heading:
+                self._headings.add(heading, self._epoch)
+
     def _process(self, sentence: Sentence) -> list[Fix]:
         self._sky.add(sentence)
+        if sentence.kind in HEADINGS:
+            self._read_heading(sentence)
+            return []
         content = self._read(sentence)
         after_pause = self._pause_ns is not None and sentence.arrival_ns >= self._pause_ns
         if after_pause and self._epoch and content and same_time(content.utc_ns, self._epoch.utc_ns):
@@ -187,6 +207,7 @@ class NmeaDecoder:
                 epoch.arrival_ns = min(epoch.arrival_ns, arrival_ns)
         self._waiting.clear()
         epoch.add(kind, content)
+        self._headings.begin(epoch)
 
     def _close(self) -> list[Fix]:
         """The epoch is over."""

@@ -133,6 +133,14 @@ class Gnss(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         ),
     ] = (1, 2, 3, 4, 5)
     require_checksum: Annotated[bool, Meta(description="Sentences without a checksum are not used.")] = True
+    heading: Annotated[
+        bool,
+        Meta(
+            description="Use headings from true north that it reports: HDT, THS, PASHR, a baseline. "
+            "Not where they are courses.",
+            extra=HOT,
+        ),
+    ] = True
     configure: Annotated[
         bool,
         Meta(
@@ -190,6 +198,12 @@ class Aiding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             "Where other programs send them: /path/of/a/unix/socket, or HOST:PORT (UDP, this machine); empty: nowhere."
         ),
     ] = ""
+    heading_boresight_deg: Annotated[
+        float,
+        number(
+            -360.0, 360.0, "deg", "What the compass, or the baseline, shows when the vehicle heads north.", hot=True
+        ),
+    ] = 0.0
     odometer_lever_arm_m: Annotated[
         tuple[Length, Length, Length],
         Meta(

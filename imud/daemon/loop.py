@@ -160,6 +160,7 @@ class Daemon:
                     self._publisher.on_solutions(self._devices.imu[1], n, now_ns)
             with self._errors.contain("the use of a fix"):
                 self._publisher.on_fixes(fixes, self._settings.gnss.latency_s)
+                self._publisher.on_measured()
         elif fd == self._wakeup:
             os.read(fd, 64)  # its handler has run
         elif self._aiding is not None and fd in self._aiding:

@@ -133,6 +133,7 @@ class Player:
             for fix in fixes:
                 self._on_fix(fix)
                 self._update(fix)
+            self._measured(sensor)
         elif sensor is not None:
             self._line.data, self._line.arrival_ns = raw.data, raw.t_ns
             if n := sensor.read(raw.t_ns):
@@ -143,6 +144,15 @@ class Player:
         if self._selection.inertial is not None:
             self.fixes += 1
             self._on_update(fix, self._selection.inertial.stream.filter.update(fix))
+
+    def _measured(self, receiver: Receiver) -> None:
+        """The headings of a receiver, as `daemon.publisher` uses them."""
+        if (inertial := self._selection.inertial) is not None and receiver.settings.heading:
+            filter_ = inertial.stream.filter
+            for each in receiver.measured:
+                if (row := each.row(filter_.estimator.sources)) is not None:
+                    self._on_aid(row, filter_.aid(row))
+        receiver.measured.clear()
 
     def _aid(self, said: dict[str, Any]) -> None:
         """A measurement of an aiding source; one that this estimator does not take is left out."""

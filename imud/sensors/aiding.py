@@ -1,6 +1,6 @@
-"""Measurements of other programs as the daemon sees them: datagrams of JSON lines in, measurements out. No waiting.
+"""Measurements beside fixes as the daemon sees them: of receivers, and of other programs as datagrams of JSON lines.
 
-A line is an object such as `{"class": "HDG", "heading": 123.4, "sigma": 0.3, "t": 1700000000.25}`: the class says which
+A line of a datagram is an object such as `{"class": "HDG", "heading": 123.4, "sigma": 0.3, "t": 1700000000.25}`: the class says which
 aiding source it is, the other names are those of its columns without their units, and `t` is the epoch in Unix time;
 without it the epoch is the arrival. A line that cannot be used is counted, and costs nothing else.
 """
@@ -8,6 +8,7 @@ without it the epoch is the arrival. A line that cannot be used is counted, and 
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import msgspec
@@ -17,6 +18,27 @@ from ..estimators.aiding_source import AidingSource
 from ..estimators.records import MEASUREMENT
 from ..math.arrays import Records
 from .rate import RateMeter
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A measurement by names and columns, as in a table."""
+
+    source: str
+    values: dict[str, float]
+    t_ns: int
+    arrival_ns: int
+
+    def row(self, known: Iterable[AidingSource]) -> Records | None:
+        """As an array of one MEASUREMENT; None: the estimator does not take it. known: the sources that it takes."""
+        for source in known:
+            if source.name == self.source:
+                row = np.zeros(1, MEASUREMENT)
+                source.fill(row[0], self.values)
+                row["t_ns"], row["arrival_ns"] = self.t_ns, self.arrival_ns
+                return row
+        return None
+
 
 RATE_HZ_MAX = 100  # measurements of a source per second: the fusion horizon has room for so many
 _OLDEST_S, _NEWEST_S = -10.0, 1.0  # of an epoch, from the arrival

@@ -4,13 +4,14 @@ import math
 from collections import Counter
 from typing import Protocol
 
-from imud.drivers.driver import GnssDriver
-from imud.drivers.fix import Fix
+from imud.drivers.driver import GnssDriver, HeadingDecoder
+from imud.drivers.fix import Fix, Heading
 from imud.drivers.transport.line import Line
 
 from ..clocks.epochs import EpochClock
 from ..configuration.settings import Gnss as GnssSettings
 from ..math.arrays import Records
+from .aiding import Measured
 from .byte_sink import READ_BYTES, ByteSink
 from .gnss import Refusal, record, refusal
 from .loss import HIGH, LossMonitor
@@ -24,6 +25,8 @@ EARTH_RADIUS_M = 6.371e6
 JUMP_M, JUMP_MPS = 100.0, 100.0  # a jump goes farther than that, plus what JUMP_MPS above its own speed would make
 JUMPED_NS = 5_000_000_000  # for which a jump is shown
 _DAMAGED = f"receiver: more than {HIGH:.0%} of its messages do not arrive whole"
+_LEAST_SIGMA_DEG = 0.05  # of a heading: some round theirs to zero
+_MEASURED_MAX = 64  # that are kept until they are used
 _JAMMED = {1: "receiver: reports interference", 2: "receiver: reports interference so strong that it has no fix"}
 _SPOOFED = {1: "receiver: reports signs of spoofing", 2: "receiver: reports spoofing, so its fixes are refused"}
 
@@ -57,6 +60,7 @@ class Receiver:
         self._row: Records | None = None  # the same for the filter
         self._jumped_ns: int | None = None
         self._connected_ns = now_ns
+        self.measured: list[Measured] = []  # of its headings; who uses them empties it
 
     def read(self, line: Line, now_ns: int) -> list[Records]:
         """Fixes (arrays of one FIX) that the new bytes complete. Raises PortLostError."""
@@ -103,8 +107,24 @@ class Receiver:
                 self._used_last = fix
                 rows.append(record(fix, self._epochs.epoch_ns(fix.utc_s, fix.arrival_ns, pulse_ns), now_ns))
                 self._row = rows[-1]
+                if fix.heading_deg is not None:
+                    self._keep(Heading(fix.arrival_ns, fix.utc_s, fix.heading_deg, fix.heading_sigma_deg), pulse_ns)
         self.used += len(rows)
+        if isinstance(self.decoder, HeadingDecoder):
+            for heading in self.decoder.take_headings():
+                self._keep(heading, pulse_ns)
         return rows
+
+    def _keep(self, heading: Heading, pulse_ns: int | None) -> None:
+        """A heading on its way to the filter. Without a time it is as old as the settings say."""
+        if heading.utc_s is None:
+            t_ns = heading.arrival_ns - round(self.settings.latency_s * 1e9)
+        else:
+            t_ns = self._epochs.epoch_ns(heading.utc_s, heading.arrival_ns, pulse_ns)
+        sigma_deg = math.nan if heading.sigma_deg is None else max(heading.sigma_deg, _LEAST_SIGMA_DEG)
+        values = {"heading_deg": heading.degrees, "sigma_deg": sigma_deg}
+        self.measured.append(Measured("heading", values, t_ns, heading.arrival_ns))
+        del self.measured[:-_MEASURED_MAX]
 
     @property
     def used_last(self) -> Fix:

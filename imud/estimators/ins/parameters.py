@@ -5,6 +5,8 @@ which kernels read as `p.tuning.NAME` and users set as `--set navigation.tuning.
 them.
 """
 
+import math
+
 import numpy as np
 
 from imud.configuration.settings import Settings
@@ -97,6 +99,7 @@ PARAMETERS = np.dtype(
     [
         ("period", "<f8"),  # s, nominal time between samples
         ("gnss_lever_arm", "<f8", (3,)),  # m, antenna from IMU, body
+        ("heading_boresight", "<f8"),  # rad, heading of the compass less that of the body
         ("odometer_lever_arm", "<f8", (3,)),  # m, wheel from IMU, body
         ("vehicle", "<i8"),
         ("assumed_latency", "<f8"),  # s, from epoch to arrival where the epoch is only assumed
@@ -124,6 +127,7 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     p["tuning"] = values_of(TUNABLES, settings.navigation.tuning)
     r["period"] = 1.0 / rate_hz
     r["gnss_lever_arm"] = settings.navigation.lever_arm_m
+    r["heading_boresight"] = math.radians(settings.aiding.heading_boresight_deg)
     r["odometer_lever_arm"] = settings.aiding.odometer_lever_arm_m
     r["vehicle"] = VEHICLES[settings.navigation.vehicle]
     r["assumed_latency"] = settings.gnss.latency_s

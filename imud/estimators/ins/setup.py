@@ -83,6 +83,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     c["alignment"]["heading_phasor"] = (1.0, 0.0)
     c["drift"]["noise_scale"] = t["first_drift_noise_scale"]
     c["drift"]["onset_ns"] = NEVER_NS
+    c["heading_aid"]["last_ns"] = NEVER_NS
     c["odometer"]["last_ns"] = c["odometer"]["last_used_ns"] = NEVER_NS
     c["gnss"]["velocity_noise_var"] = t["first_velocity_noise"] ** 2
     psd = np.array((t["vibration_vrw"], t["vibration_arw"])) ** 2

@@ -236,6 +236,8 @@ DRIFT = np.dtype(  # the test for a receiver that drifts (GLR)
     align=True,
 )
 
+HEADING_AID = np.dtype([("last_ns", "<i8")], align=True)  # epoch of the last heading
+
 ODOMETER = np.dtype(
     [
         ("last_ns", "<i8"),  # epoch of the last reading
@@ -341,6 +343,7 @@ REWOUND = [  # what a rewind restores
     ("process_noise", PROCESS_NOISE),
     ("drift", DRIFT),
     ("alignment", ALIGNMENT),
+    ("heading_aid", HEADING_AID),
     ("odometer", ODOMETER),
     ("wheel_check", WHEEL_CHECK),
 ]

@@ -211,6 +211,8 @@ class Tuning:
     max_age_s: float
     max_rewind_miss_s: float
     heading_sigma: float
+    heading_correlation_s: float
+    heading_time_sigma: float
     heading_gate: float
     heading_min_level: float
     odometer_sigma: float

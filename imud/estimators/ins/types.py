@@ -16,6 +16,7 @@ class StoredSample:
 class Parameters:
     period: float
     gnss_lever_arm: Reals
+    heading_boresight: float
     odometer_lever_arm: Reals
     vehicle: int
     assumed_latency: float
@@ -203,6 +204,10 @@ class Alignment:
     heading_fault_count: int
 
 
+class HeadingAid:
+    last_ns: int
+
+
 class Odometer:
     last_ns: int
     last_used_ns: int
@@ -260,6 +265,7 @@ class Snapshot:
     process_noise: ProcessNoise
     drift: Drift
     alignment: Alignment
+    heading_aid: HeadingAid
     odometer: Odometer
     wheel_check: WheelCheck
 
@@ -277,6 +283,7 @@ class Core:
     process_noise: ProcessNoise
     drift: Drift
     alignment: Alignment
+    heading_aid: HeadingAid
     odometer: Odometer
     wheel_check: WheelCheck
     scratch: Scratch

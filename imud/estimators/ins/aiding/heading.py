@@ -1,7 +1,8 @@
 """Heading from true north: dual-antenna receivers, gyro compasses (HDT, THS).
 
-z = heading - yaw, with yaw = atan2(y, x) of the body's x axis in NED, extrapolated where the epoch is after the newest
-sample. A measurement has value[0]: heading, rad, and sigma[0]: rad, NaN where it is not reported. During coarse
+z = heading - boresight - yaw, with yaw = atan2(y, x) of the body's x axis in NED, extrapolated where the epoch is after
+the newest sample. The errors of a compass last, those of two antennas as long as reflections do: the gate has the
+variance of a single heading, the update that of what all those know that share an error. A measurement has value[0]: heading, rad, and sigma[0]: rad, NaN where it is not reported. During coarse
 alignment `alignment.given_heading` takes it.
 """
 
@@ -15,10 +16,10 @@ from ...aiding_source import DEGREE, AidingSource, Column
 from ...innovation_kinds import KINDS
 from ...records import HEADING, HEADING_SOURCE
 from ...tuning import Tunable
-from ..ekf import set_jacobian
-from ..fusion import correct_state, gated_update, write_innovation
+from ..ekf import innovation, innovation_variance, set_jacobian
+from ..fusion import correct_state, fuse, write_innovation
 from ..mechanization import body_to_ned, wrap_angle
-from ..state import ATTITUDE
+from ..state import ATTITUDE, NEVER_NS
 
 if TYPE_CHECKING:
     from ...types import Innovation, Measurement
@@ -34,6 +35,10 @@ SOURCE = AidingSource(
 )
 TUNABLES = (
     Tunable("heading_sigma", math.radians(1.0), "rad", "Sigma of a heading that reports none.", "Choice."),
+    Tunable(
+        "heading_correlation_s", 10.0, "s", "Correlation time of the error of a heading.", "Multipath of a baseline."
+    ),
+    Tunable("heading_time_sigma", 0.03, "s", "Unknown age of a heading.", "Choice: half a period of 20 Hz."),
     Tunable("heading_gate", 25.0, "NIS", "Gate of a heading.", "Five sigma."),
     Tunable("heading_min_level", 0.2, "", "Level part of the body's x axis below which it has no heading.", "Choice."),
 )
@@ -43,6 +48,15 @@ TUNABLES = (
 def sigma_of(p: Parameters, m: Measurement) -> float:
     """Sigma of a heading, rad: the reported one, else the tunable heading_sigma."""
     return m.sigma[0] if m.sigma[0] > 0.0 else p.tuning.heading_sigma
+
+
+@kernel
+def headings_per_error(p: Parameters, c: Core, m: Measurement) -> float:
+    """How many headings, as often as they come, share one error; 1 where they come seldom."""
+    g = c.heading_aid
+    dt = 1e-9 * (m.t_ns - g.last_ns) if g.last_ns != NEVER_NS else 2.0 * p.tuning.heading_correlation_s
+    g.last_ns = m.t_ns
+    return max(2.0 * p.tuning.heading_correlation_s / max(dt, 1e-3), 1.0)
 
 
 @kernel
@@ -58,7 +72,13 @@ def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innov
     k = set_jacobian(c, k, ATTITUDE + 2, 1.0)
     rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2]
     ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
-    residual, r = wrap_angle(m.value[0] - math.atan2(y, x) - rate * ahead_s), sigma_of(p, m) ** 2
-    value, s, nis = gated_update(c, k, residual, r, p.tuning.heading_gate)
-    correct_state(p, c)
-    return write_innovation(innovations, 0, m.t_ns, HEADING, value, s, nis >= 0.0)
+    residual = wrap_angle(m.value[0] - p.heading_boresight - math.atan2(y, x) - rate * ahead_s)
+    r = sigma_of(p, m) ** 2
+    s = innovation_variance(c, k) + r + (rate * p.tuning.heading_time_sigma) ** 2
+    z = innovation(c, k, residual)
+    used = z * z <= p.tuning.heading_gate * s
+    shared = headings_per_error(p, c, m)
+    if used:
+        fuse(c, k, z, s + (shared - 1.0) * r, -1)
+        correct_state(p, c)
+    return write_innovation(innovations, 0, m.t_ns, HEADING, z, s, used)

@@ -26,7 +26,7 @@ def align_with_heading(p: Parameters, c: Core, m: Measurement) -> None:
     if not is_levelled(p, c) or x * x + y * y < p.tuning.heading_min_level**2:
         return
     sigma = sigma_of(p, m)
-    rotate_to_heading(p, c, wrap_angle(m.value[0] - math.atan2(y, x)), sigma)
+    rotate_to_heading(p, c, wrap_angle(m.value[0] - p.heading_boresight - math.atan2(y, x)), sigma)
     decorrelate(c, ATTITUDE + 2, sigma * sigma)
     if c.gnss.fix_count > 0:
         change_mode(p, c, HEADING_KNOWN)

@@ -213,7 +213,9 @@ def _fixes(options: _DeviceOptions) -> FixSource:
         source = options.scene.fixes
     else:
         assert options.scene.trajectory is not None, "`scene` refuses a receiver without fixes"
-        source = SimulatedFixes(options.scene.trajectory, options.rng, options.utc, options.args.ideal)
+        source = SimulatedFixes(
+            options.scene.trajectory, options.rng, options.utc, options.args.ideal, options.args.heading_sigma_deg
+        )
     return FaultyFixes(source, of_layer("fixes", options.faults))
 
 

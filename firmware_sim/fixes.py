@@ -18,6 +18,7 @@ _CORRELATION_S = 30.0
 _SLOW = np.array([1.5, 1.5, 2.5])  # m, 1 sigma north, east, down, at HDOP 1
 _WHITE = np.array([0.2, 0.2, 0.4])  # m
 _VELOCITY = np.array([0.05, 0.05, 0.1])  # m/s
+_HEADING_CORRELATION_S = 10.0  # of reflections
 _STANDSTILL = 0.2  # m/s; below it the receiver reports course 0.00
 
 
@@ -38,6 +39,7 @@ class Fix:
     sigma_m: tuple[float, float, float] | None = None  # north, east, down; None: not known
     velocity_mps: tuple[float, float, float] | None = None  # NED
     velocity_sigma_mps: tuple[float, float, float] | None = None
+    heading_deg: float | None = None  # true, of two antennas in line with the vehicle; None: it has one antenna
 
 
 class FixSource(Protocol):
@@ -49,10 +51,20 @@ class FixSource(Protocol):
 class SimulatedFixes:
     """Fixes of a receiver carried along a trajectory, at whole multiples of the interval in UTC.
 
-    utc: UTC of time 0 in s since 1970. ideal: without errors, and with constant latency.
+    utc: UTC of time 0 in s since 1970. ideal: without errors, and with constant latency. heading_sigma_deg: error of
+    the heading of two antennas, which lasts some seconds; None: there is one antenna.
     """
 
-    def __init__(self, trajectory: Trajectory, rng: np.random.Generator, utc: float, ideal: bool = False) -> None:
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        rng: np.random.Generator,
+        utc: float,
+        ideal: bool = False,
+        heading_sigma_deg: float | None = None,
+    ) -> None:
+        self._heading_sigma, self._heading_rng = heading_sigma_deg, np.random.default_rng(1)
+        self._heading_error = self._heading_rng.standard_normal()
         self._trajectory, self._rng, self._utc = trajectory, rng, utc
         self._size = 0.0 if ideal else 1.0
         self._slow = _SLOW * rng.standard_normal(3)
@@ -80,7 +92,16 @@ class SimulatedFixes:
             sigma_m=(sigma[0], sigma[1], sigma[2]),
             velocity_mps=(velocity[0], velocity[1], velocity[2]),
             velocity_sigma_mps=(_VELOCITY[0], _VELOCITY[1], _VELOCITY[2]),
+            heading_deg=self._heading(float(truth.rpy[0, 2]), interval),
         )
+
+    def _heading(self, yaw: float, interval: float) -> float | None:
+        if self._heading_sigma is None:
+            return None
+        decay = math.exp(-interval / _HEADING_CORRELATION_S)
+        fresh = math.sqrt(1.0 - decay**2) * self._heading_rng.standard_normal()
+        self._heading_error = decay * self._heading_error + fresh
+        return (math.degrees(yaw) + self._size * self._heading_sigma * self._heading_error) % 360.0
 
     def _position_error(self, epoch: float) -> Array:
         decay = math.exp(-(epoch - self._last) / _CORRELATION_S)

@@ -133,6 +133,8 @@ class FvM11:
                     self._count_lost()
                 else:
                     self.uart.send(with_checksum(body), t)
+        for body in sentences.hdt(epoch):
+            self.uart.send(with_checksum(body), t)
 
     def _count_lost(self) -> None:
         if not self.lost:

@@ -91,6 +91,11 @@ def vtg(e: Epoch) -> list[str]:
     return [f"GPVTG,{e.course},T,,M,{_number(e.speed, 3, _KNOT)},N,{_number(e.speed, 3, 1.0 / 3.6)},K,{e.mode}"]
 
 
+def hdt(e: Epoch) -> list[str]:
+    """Of a receiver with two antennas."""
+    return [f"GPHDT,{e.fix.heading_deg:.2f},T"] if e.fix and e.fix.heading_deg is not None else []
+
+
 def gsa(e: Epoch) -> list[str]:
     if e.fix is None or not e.valid:
         return ["GPGSA,A,1" + "," * 15]

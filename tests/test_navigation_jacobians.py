@@ -137,6 +137,7 @@ def measure_heading(p, c, fix):
     rows = np.zeros(4, INNOVATION).view(np.recarray)
     m = record(np.zeros(1, MEASUREMENT))
     m.t_ns, m.kind, m.value, m.sigma = c.nav.t_ns, HEADING_SOURCE, 1.0, 0.02
+    p.tuning.heading_gate = 1e9
     interpreted(heading.fuse_heading)(p, c, m, rows)
 
 

@@ -74,9 +74,9 @@ class GsaHistory:
 class NmeaDecoder:
     """Bytes of one receiver to fixes. Not thread-safe.
 
-    Counters: `fixes`; `heading`, and sentences without one, `no heading`; epochs without one: `no fix`, `repeated` (also repeated sentences), `contradictory`; `other`,
-    sentences of unused kinds; `late`, those of an epoch that is complete; `noise bytes`; and rejected sentences by
-    reason.
+    Counters: `fixes`; `heading`, and sentences without one, `no heading`; epochs without a fix: `no fix`, `repeated`
+    (also repeated sentences), `contradictory`; `other`, sentences of unused kinds; `late`, those of an epoch that is
+    complete; `noise bytes`; and rejected sentences by reason.
     """
 
     def __init__(self, unchecked: bool = False) -> None:

@@ -31,7 +31,7 @@ def pashr(s: Sentence) -> Heading | None:
     return _heading(s, 2, time_ns, sigma or None) if s.field(3) == "T" else None
 
 
-READERS: dict[str, Callable[[Sentence], Heading | None]] = {"HDT": hdt, "THS": ths, "PASHR": pashr}
+READERS: dict[str, Callable[[Sentence], Heading | None]] = {"HDT": hdt, "THS": ths, "ASHR": pashr}
 
 
 def _heading(s: Sentence, i: int, time_ns: int | None = None, sigma: float | None = None) -> Heading | None:

@@ -1,8 +1,8 @@
 """Measurements beside fixes as the daemon sees them: of receivers, and of other programs as datagrams of JSON lines.
 
-A line of a datagram is an object such as `{"class": "HDG", "heading": 123.4, "sigma": 0.3, "t": 1700000000.25}`: the class says which
-aiding source it is, the other names are those of its columns without their units, and `t` is the epoch in Unix time;
-without it the epoch is the arrival. A line that cannot be used is counted, and costs nothing else.
+A line of a datagram is an object such as `{"class": "HDG", "heading": 123.4, "sigma": 0.3, "t": 1700000000.25}`: the
+class says which aiding source it is, the other names are those of its columns without their units, and `t` is the epoch
+in Unix time; without it the epoch is the arrival. A line that cannot be used is counted, and costs nothing else.
 """
 
 import math

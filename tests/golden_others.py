@@ -1,13 +1,16 @@
 """Recordings for the golden traces of the other estimators: tilt, and those of papers."""
 
+from dataclasses import replace
+
 import numpy as np
 from attitude_simulation import DEG, MG, Flaws, G, simulate, steady
 from golden_attitude import HEADED, judged, lively, shown, spoilt
 from golden_run import Recording
 from simulated import G350, motion, received, sensed
 
-from imud.configuration.settings import Initial
-from imud.drivers.sample import SUSPECT
+from imud.configuration.settings import Imu, Initial, Navigation, Settings
+from imud.drivers.sample import NO_FORCE, NO_RATE, POWER_ON, SUSPECT
+from imud.firmware_sim.rga300 import RGA300
 
 GIVEN = Initial(roll_deg=2.0, pitch_deg=-3.0, yaw_deg=86.0, lat_deg=48.0, lon_deg=11.0, height_m=500.0)
 
@@ -74,6 +77,56 @@ def ins9_on_a_device_that_tells_its_tilt():
     return recording
 
 
+def one_gyro(seconds, scenario="car"):
+    """A Crossbow DMU and a receiver: (t of samples, recording)."""
+    rng = np.random.RandomState(12)
+    m = motion(scenario, seconds, 100.0, rpy=(0.1, -0.05, 1.0) if scenario == "rest" else (0.0, 0.0, 0.0))
+    samples, fixes = sensed(m, rng, RGA300)[0], received(m, rng)
+    samples["w"][:, :2] = 0.0
+    return m.t, Recording("riss", samples, fixes, Settings(imu=Imu(profile="crossbow-dmu")), rows=12)
+
+
+def riss_with_faults():
+    """Forces and rates fail, fixes are far off, of no use, old, without velocity, and then of another place."""
+    t, recording = one_gyro(150.0)
+    samples, fixes, at = recording.samples, recording.fixes, recording.fixes["t_ns"] * 1e-9 - 1.0
+    for flag, name, begin in ((NO_RATE, "w", 40.0), (NO_FORCE, "f", 60.0)):
+        gone = (t > begin) & (t < begin + 8.0)
+        samples["flags"][gone], samples["outage_s"][gone], samples[name][gone] = flag, t[gone] - begin, np.nan
+        samples["down"][gone] = -0.02, 0.01, 0.99975
+    samples["flags"][3000:3010], samples["flags"][8000] = SUSPECT, POWER_ON
+    fixes["quality"][30], fixes["t_ns"][33] = 0, fixes["t_ns"][33] - 5_000_000_000
+    fixes["lat"][50] += 1e-4
+    fixes["height"][52] += 300.0
+    fixes["speed"][54:57] = 40.0
+    fixes["course"][70:73] += 1.0
+    for name in ("speed", "course"):
+        fixes[name][80:90] = np.nan
+    fixes["sigma"][20:30], fixes["hdop"][90:95] = 1.0, np.nan
+    fixes["lat"][at > 105.0] += 2e-4
+    kept = (t < 120.0) | (t > 123.0)
+    return replace(recording, samples=samples[kept], fixes=fixes[(at < 94.0) | (at > 104.0)])
+
+
+def riss_with_a_lever_arm():
+    """And a receiver that gives its velocity north and east, some of it late, and no height at first."""
+    _, recording = one_gyro(100.0, "figure8")
+    fixes = recording.fixes
+    fixes["v"][:, 0], fixes["v"][:, 1] = (fixes["speed"] * part(fixes["course"]) for part in (np.cos, np.sin))
+    fixes["height"][:20] = np.nan
+    fixes["arrival_ns"][::3] += 700_000_000
+    navigation = Navigation(lever_arm_m=(1.0, 0.5, -1.2))
+    return replace(recording, settings=Settings(imu=Imu(profile="crossbow-dmu"), navigation=navigation))
+
+
+def riss_at_rest():
+    """With a heading that the user gives, shaken from the middle on."""
+    t, recording = one_gyro(60.0, "rest")
+    shaken = t > 30.0
+    recording.samples["f"][shaken] += 0.5 * np.random.RandomState(1).standard_normal((shaken.sum(), 3))
+    return replace(recording, initial=Initial(yaw_deg=57.0, lat_deg=48.0))
+
+
 def stationary_with_faults():
     """It is moved after all, first slowly, then by a knock. The receiver reports no height."""
     recording = driven("stationary", scenario="rest")
@@ -112,8 +165,8 @@ def suh_two_step_turned_over():
 
 
 CLASSES = (
-    tilt_in_a_hand, tilt_without_gyros, tilt_with_faults, gps_track_with_faults, ins9_with_faults,
-    ins9_without_height, stationary_without_height,
+    tilt_in_a_hand, tilt_without_gyros, tilt_with_faults, riss_with_faults, riss_with_a_lever_arm, riss_at_rest,
+    gps_track_with_faults, ins9_with_faults, ins9_without_height, stationary_without_height,
     ins9_on_a_device_that_tells_its_tilt, ins9_damaged_at_the_start, stationary_with_faults,
     stationary_damaged_at_the_start, suh_standard_turned_over, suh_adaptive_turned_over, suh_two_step_turned_over,
 )  # fmt: skip

@@ -12,6 +12,7 @@ from imud.estimators.ahrs import state as ahrs
 from imud.estimators.ins import parameters, state
 from imud.estimators.papers import gps_track, stationary, suh
 from imud.estimators.papers.ins9 import state as ins9
+from imud.estimators.riss import state as riss
 from imud.sensor_monitor import clipping, health, spikes
 
 IMUD = Path(__file__).resolve().parents[1] / "imud"
@@ -77,12 +78,14 @@ PAPERS = {
     "Ins9Parameters": ins9.PARAMETERS,
     "Ins9State": ins9.STATE,
 }
+RISS = {"Tuning": riss.PARAMETERS["tuning"], "RissParameters": riss.PARAMETERS, "RissState": riss.STATE}
 MONITOR = {"Clipping": clipping.CLIPPING, "Spikes": spikes.SPIKES, "Health": health.HEALTH}
 FILES = {  # file: (what its records are, its records, those of other files by the module that they are imported from)
     IMUD / "clocks" / "types.py": ("record of a clock", {"Clock": counter.CLOCK}, {}),
     IMUD / "sensor_monitor" / "types.py": ("records of the sensor monitor", MONITOR, {}),
     IMUD / "estimators" / "types.py": ("records of all estimators, and of `tilt`", ESTIMATORS, {}),
     IMUD / "estimators" / "papers" / "types.py": ("records of the papers' estimators", PAPERS, {}),
+    IMUD / "estimators" / "riss" / "types.py": ("records of the reduced inertial estimator", RISS, {}),
     IMUD / "estimators" / "ahrs" / "types.py": ("records of the attitude filter", AHRS, {}),
     IMUD / "estimators" / "ins" / "tuning_types.py": ("tunables of the navigation filter", TUNING, {}),
     IMUD / "estimators" / "ins" / "types.py": (
@@ -93,7 +96,7 @@ FILES = {  # file: (what its records are, its records, those of other files by t
 }
 OF_LEARNING = ("learning_values", "learning_d")
 TO_KALMAN = dict.fromkeys(("columns", "column", "learning_columns"), "Indices") | dict.fromkeys(
-    ("P", "predicted_P", "x", "d", "ph", "values", "jacobian", "one", *OF_LEARNING), "Floats"
+    ("P", "predicted_P", "x", "d", "ph", "values", "jacobian", "one", "dx", "row", *OF_LEARNING), "Floats"
 )
 HEAD = '"""The {} as types for mypy, written by tests/record_types.py."""\n'
 

@@ -93,7 +93,7 @@ class Rga(Line):
 @pytest.mark.parametrize("deaf_s", [0.0, 1.5])
 def test_a_polled_unit_is_asked(deaf_s):
     found, seconds = run(detect(), Rga(deaf_s=deaf_s))
-    assert found == Identity("crossbow", "DMU RGA300CA", "30042", "RGA300CA", 38400, "consumer-mems")
+    assert found == Identity("crossbow", "DMU RGA300CA", "30042", "RGA300CA", 38400, "crossbow-dmu")
     assert seconds < 2.0 + 2.5 * deaf_s
 
 

@@ -40,7 +40,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     ("imud/math", "imud/figures.py"),
     ("imud/configuration", "imud/process"),
     ("imud/clocks", "imud/sensor_errors", "imud/sensor_monitor"),
-    ("imud/estimators", "imud/estimators/ahrs", "imud/estimators/papers"),
+    ("imud/estimators", "imud/estimators/ahrs", "imud/estimators/papers", "imud/estimators/riss"),
     ("imud/estimators/ins/state.py", "imud/estimators/ins/types.py"),
     ("imud/estimators/ins/mechanization.py",),
     ("imud/estimators/ins/ekf.py",),

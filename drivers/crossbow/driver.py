@@ -62,7 +62,7 @@ class Crossbow:
     def recognise(self, received: bytes) -> Identity | Unsupported | None:
         """A continuous stream."""
         if is_stream(received):
-            return Identity(self.name, "DMU RGA300CA", profile="consumer-mems")
+            return Identity(self.name, "DMU RGA300CA", profile="crossbow-dmu")
         model = relative(received)
         return unsupported(self.name, model) if model else None
 

@@ -113,7 +113,7 @@ def describe(name: str) -> Dialogue[Identity | Unsupported | None]:
     serial = yield from serial_number()
     firmware = yield from version()
     if is_stream(received) or any(is_packet(packet, convention) for convention in range(len(CONVENTIONS))):
-        return Identity(name, "DMU RGA300CA", serial, firmware, profile="consumer-mems")  # no noise figures published
+        return Identity(name, "DMU RGA300CA", serial, firmware, profile="crossbow-dmu")
     for kind in RELATIVES:
         if kind.is_packet(packet):
             return unsupported(name, f"{kind.name}: {firmware}" if firmware else kind.name)

@@ -157,6 +157,12 @@ class Attitude(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     tuning: Tuning = {}
 
 
+class Riss(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The estimator `riss`; the lever arm is navigation.lever_arm_m."""
+
+    tuning: Tuning = {}
+
+
 class Navigation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The estimator `navigation`."""
 
@@ -322,6 +328,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     gnss: Gnss = Gnss()
     attitude: Attitude = Attitude()
     navigation: Navigation = Navigation()
+    riss: Riss = Riss()
     gps_track: GpsTrack = GpsTrack()
     ins9: Ins9 = Ins9()
     aiding: Aiding = Aiding()

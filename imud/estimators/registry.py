@@ -11,6 +11,7 @@ from . import Estimator
 _WHERE = {
     "attitude": ("ahrs", "ESTIMATOR"),
     "navigation": ("ins", "ESTIMATOR"),
+    "riss": ("riss", "ESTIMATOR"),
     "tilt": ("tilt", "ESTIMATOR"),
     "stationary": ("papers.stationary", "ESTIMATOR"),
     "suh-standard": ("papers.suh", "SUH_STANDARD"),

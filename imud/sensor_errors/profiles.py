@@ -66,6 +66,21 @@ PROFILES["mma7260"] = replace(
     accel_scale=0.03,
     accel_range=6.0 * STANDARD_GRAVITY,
 )
+# Crossbow DMU RGA300CA: its own figures are not published; the data sheet of the maker's AHRS400 of the same years has
+# ARW < 2.25 deg/sqrt(h), VRW < 0.1 (m/s)/sqrt(h), gyro bias < 1 deg/s, in-run 0.05 deg/s, accelerometers 8.5 mg,
+# scale factors < 1 %
+PROFILES["crossbow-dmu"] = Profile(
+    gyro_noise=2.25 * _DEG / math.sqrt(_HOUR),
+    gyro_bias_instability=0.05 * _DEG,
+    gyro_bias_initial=1.0 * _DEG,
+    gyro_scale=0.01,
+    gyro_range=100.0 * _DEG,
+    accel_noise=0.1 / math.sqrt(_HOUR),
+    accel_bias_instability=0.5 * _MG,
+    accel_bias_initial=8.5 * _MG,
+    accel_scale=0.01,
+    accel_range=2.0 * STANDARD_GRAVITY,
+)
 # Epson M-G320, M-G354, M-G362 and later: no data sheet of their noise at hand, only that they succeeded the M-G350; so
 # its noise, with the widest ranges among them
 PROFILES["epson-windowed"] = replace(PROFILES["m-g350"], gyro_range=450.0 * _DEG, accel_range=10.0 * STANDARD_GRAVITY)

@@ -18,6 +18,8 @@ from ..sensor_errors.profiles import PROFILES
 
 RECORDED = "replay:"  # several ports may play one file
 WITHOUT_GYROS = "tilt"  # the estimator for sensors that lack them
+WITH_ONE_GYRO = "riss"  # for those that have the one about z, beside a receiver
+ONE_GYRO = (False, False, True)
 
 
 def ports(settings: Settings) -> list[tuple[PortSpec, Options]]:
@@ -73,14 +75,18 @@ def pulse(settings: Settings) -> PulsePerSecond | None:
 
 @dataclass(frozen=True)
 class Choice:
-    """The estimator that is wanted, and those that may take its place if the user left the choice to us."""
+    """The estimator that is wanted, and those that may take its place if the user left the choice to us.
+
+    with_one_gyro: for a sensor that has the one about z; None: as for one without any.
+    """
 
     wanted: Estimator
     fallback: Estimator | None
+    with_one_gyro: Estimator | None = None
 
     @property
     def possible(self) -> list[Estimator]:
-        return [self.wanted] if self.fallback is None else [self.wanted, self.fallback]
+        return [each for each in (self.wanted, self.fallback, self.with_one_gyro) if each]
 
     def estimator_for(self, sensor: ImuConfigured) -> tuple[Estimator, str]:
         """The estimator for which this sensor suffices; if it is not the wanted one, also why. Raises UsageError."""
@@ -89,22 +95,23 @@ class Choice:
         missing = ", ".join(axis for axis, there in zip("xyz", sensor.gyro_axes, strict=True) if not there)
         device = sensor.identity.model or sensor.identity.driver
         if self.fallback is None:
+            other = f" or {WITH_ONE_GYRO}" if sensor.gyro_axes == ONE_GYRO else ""
             raise UsageError(
                 f"the estimator {self.wanted.name!r} needs all gyros, and {device} has none about {missing}: "
-                f"choose --estimator {WITHOUT_GYROS}, or leave the choice to imud"
+                f"choose --estimator {WITHOUT_GYROS}{other}, or leave the choice to imud"
             )
-        return (
-            self.fallback,
-            f"{device} has no gyro about {missing}: {self.fallback.name} instead of {self.wanted.name}",
-        )
+        instead = (self.with_one_gyro if sensor.gyro_axes == ONE_GYRO else None) or self.fallback
+        return instead, f"{device} has no gyro about {missing}: {instead.name} instead of {self.wanted.name}"
 
 
 def estimators(settings: Settings) -> Choice:
     """What the user asked for; else by whether a receiver may be there. Raises UsageError."""
     if settings.estimator != "auto":
         return Choice(registry.by_name(settings.estimator), None)
-    name = "navigation" if len(settings.ports) > 1 else "attitude"
-    return Choice(registry.by_name(name), registry.by_name(WITHOUT_GYROS))
+    without = registry.by_name(WITHOUT_GYROS)
+    if len(settings.ports) > 1:
+        return Choice(registry.by_name("navigation"), without, registry.by_name(WITH_ONE_GYRO))
+    return Choice(registry.by_name("attitude"), without)
 
 
 def settings_for(settings: Settings, identity: Identity) -> Settings:

@@ -1,0 +1,207 @@
+"""Scalar updates of the reduced inertial estimator, and the process between its steps."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from ...compile.jit import kernel
+from ...math.earth import displaced
+from ...math.kalman import measure, packed_index, scale, shear, update
+from .state import (
+    ACCEL,
+    ACCEL_BIAS_X,
+    ACCEL_BIAS_Y,
+    DOWN,
+    EAST,
+    FIX_NORTH,
+    GYRO_BIAS,
+    GYRO_SCALE,
+    LEAN,
+    NORTH,
+    PITCH,
+    RING,
+    ROLL,
+    SINK,
+    SPEED,
+    SQUAT,
+    STATES,
+    UNKNOWN_ANGLE,
+    UNKNOWN_SPEED,
+    YAW,
+)
+
+if TYPE_CHECKING:
+    from .types import RissParameters, RissState
+
+FAULT_RATE = 0.3  # rad/s, error of the rate while the gyro fails
+MIN_COS_PITCH = 0.1
+
+
+@kernel
+def variance(s: RissState, i: int) -> float:
+    """P[i, i]."""
+    return float(s.P[packed_index(STATES, i, i)])
+
+
+@kernel
+def add_variance(s: RissState, i: int, more: float) -> None:
+    """P[i, i] += more."""
+    s.P[packed_index(STATES, i, i)] += more
+
+
+@kernel
+def roll_of(s: RissState) -> float:
+    """The body's: it leans outwards in a curve."""
+    return float(s.x[ROLL] - s.x[LEAN] * s.x[SPEED] * s.yaw_rate)
+
+
+@kernel
+def pitch_of(s: RissState) -> float:
+    """The body's: it squats when it gains speed, and dives when it brakes."""
+    return float(s.x[PITCH] + s.x[SQUAT] * s.x[ACCEL])
+
+
+@kernel
+def wrapped(angle: float) -> float:
+    """In [-pi, pi)."""
+    return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
+
+
+@kernel
+def put(s: RissState, k: int, column: int, value: float) -> int:
+    """Element k of the Jacobian's row; returns k + 1."""
+    s.columns[k], s.row[k] = column, value
+    return k + 1
+
+
+@kernel
+def innovation_variance(s: RissState, n: int, r: float) -> float:
+    """S of the row of n elements; leaves P h in s.d."""
+    return measure(s.P, STATES, s.columns, s.row, n, s.d) + r
+
+
+@kernel
+def fuse(s: RissState, n: int, z: float, r: float) -> float:
+    """Fuse innovation z with the row of n elements and noise r; the correction is in s.dx until `correct`.
+
+    Returns S.
+    """
+    for i in range(n):
+        z -= s.row[i] * s.dx[s.columns[i]]
+    total = innovation_variance(s, n, r)
+    update(s.P, STATES, s.dx, s.d, total, z)
+    return total
+
+
+@kernel
+def correct(s: RissState) -> None:
+    """The nominal state takes the correction."""
+    s.lat, s.lon = displaced(s.lat, s.lon, s.height, s.dx[NORTH], s.dx[EAST])
+    s.height -= s.dx[DOWN]
+    for i in range(SPEED, STATES):
+        s.x[i] += s.dx[i]
+    for i in range(STATES):
+        s.dx[i] = 0.0
+    s.x[YAW], s.x[ROLL] = wrapped(s.x[YAW]), wrapped(s.x[ROLL])
+    s.x[PITCH] = min(max(s.x[PITCH], -1.5), 1.5)
+
+
+@kernel
+def remember(s: RissState) -> None:
+    """Keep the present sums of what was integrated, for fixes that come late."""
+    s.ring_at = (s.ring_at + 1) % RING
+    s.ring_ns[s.ring_at] = s.step_ns
+    for i in range(5):
+        s.ring[s.ring_at, i] = s.travel[i]
+
+
+@kernel
+def since(s: RissState, t_ns: int, i: int) -> float:
+    """By how much `travel[i]` has grown since then, interpolated; before the oldest step kept: since that."""
+    at, after, after_ns = s.ring_at, s.travel[i], s.step_ns
+    for _ in range(RING - 1):
+        if s.ring_ns[at] > t_ns:
+            after, after_ns = s.ring[at, i], s.ring_ns[at]
+            at = (at + RING - 1) % RING
+    share = (t_ns - s.ring_ns[at]) / max(after_ns - s.ring_ns[at], 1)
+    before = s.ring[at, i]
+    return float(s.travel[i] - before - min(max(share, 0.0), 1.0) * (after - before))
+
+
+@kernel
+def propagate(p: RissParameters, s: RissState, rate: float, outage_s: float, T: float) -> None:
+    """The process over T s with the measured mean yaw rate; outage_s: since when it is none."""
+    x, P, tuning = s.x, s.P, p.tuning
+    cos_pitch = max(math.cos(pitch_of(s)), MIN_COS_PITCH)
+    c = math.cos(roll_of(s)) / cos_pitch
+    s.yaw_rate = c * (rate * (1.0 - x[GYRO_SCALE]) - x[GYRO_BIAS])
+    middle = x[YAW] + 0.5 * T * s.yaw_rate
+    cy, sy = math.cos(middle), math.sin(middle)
+    distance = T * (x[SPEED] + 0.5 * T * x[ACCEL])
+    north, east = (distance * cy, distance * sy) if s.aligned == 1 else (T * s.v[0], T * s.v[1])
+    s.lat, s.lon = displaced(s.lat, s.lon, s.height, north, east)
+    s.height -= T * x[SINK]
+    decay = math.exp(-T / tuning.accel_time_s)
+    faster = T * x[ACCEL]
+    s.travel[0] += north
+    s.travel[1] += east
+    s.travel[2] += T * x[SINK]
+    s.travel[3] += faster
+    s.travel[4] += T * s.yaw_rate
+    if s.aligned == 1:
+        shear(P, STATES, NORTH, SPEED, T * cy)
+        shear(P, STATES, NORTH, YAW, -distance * sy)
+        shear(P, STATES, EAST, SPEED, T * sy)
+        shear(P, STATES, EAST, YAW, distance * cy)
+    shear(P, STATES, DOWN, SINK, T)
+    shear(P, STATES, SPEED, ACCEL, T)
+    shear(P, STATES, YAW, GYRO_BIAS, -c * T)
+    shear(P, STATES, YAW, GYRO_SCALE, -c * rate * T)
+    scale(P, STATES, ACCEL, decay)
+    x[SPEED] += faster
+    x[ACCEL] *= decay
+    x[YAW] = wrapped(x[YAW] + T * s.yaw_rate)
+    walk = tuning.tilt_walk**2 * T
+    add_variance(s, ACCEL, (1.0 - decay * decay) * tuning.accel_sigma**2)
+    add_variance(s, ROLL, walk)
+    add_variance(s, PITCH, walk)
+    # a pitch rate, which is not measured, turns a rolled vehicle about the vertical
+    add_variance(s, YAW, c * c * p.gyro_psd * T + math.sin(roll_of(s)) ** 2 / cos_pitch**2 * walk)
+    if outage_s > 0.0:
+        add_variance(s, YAW, FAULT_RATE**2 * (outage_s**2 - max(outage_s - T, 0.0) ** 2))
+    add_variance(s, SINK, tuning.sink_walk**2 * T)
+    add_variance(s, ACCEL_BIAS_X, p.accel_bias_psd * T)
+    add_variance(s, ACCEL_BIAS_Y, p.accel_bias_psd * T)
+    add_variance(s, GYRO_BIAS, p.gyro_bias_psd * T)
+    lateral_var = tuning.lateral_sigma**2 * T
+    if s.aligned == 1:
+        add_variance(s, NORTH, lateral_var * (T + sy * sy))
+        add_variance(s, EAST, lateral_var * (T + cy * cy))
+    else:
+        lost = tuning.accel_sigma**2 * T
+        add_variance(s, NORTH, lost)
+        add_variance(s, EAST, lost)
+    kept = math.exp(-T / tuning.fix_time_s)
+    for i in range(3):
+        scale(P, STATES, FIX_NORTH + i, kept)
+        x[FIX_NORTH + i] *= kept
+        add_variance(s, FIX_NORTH + i, (1.0 - kept * kept) * s.fix_var[i])
+    bound(s)
+
+
+@kernel
+def bound(s: RissState) -> None:
+    """What nothing measures does not grow beyond what it can be."""
+    limit(s, SPEED, UNKNOWN_SPEED)
+    limit(s, YAW, UNKNOWN_ANGLE)
+    limit(s, ROLL, UNKNOWN_ANGLE)
+    limit(s, PITCH, UNKNOWN_ANGLE)
+
+
+@kernel
+def limit(s: RissState, i: int, most: float) -> None:
+    """The sigma of state i is at most that."""
+    excess = variance(s, i) / (most * most)
+    if excess > 1.0:
+        scale(s.P, STATES, i, 1.0 / math.sqrt(excess))

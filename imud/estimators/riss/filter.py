@@ -1,0 +1,109 @@
+"""The two entries of the reduced inertial estimator, and the order of things."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from imud.drivers.sample import NO_FORCE, NO_RATE, POWER_ON, SUSPECT
+
+from ...compile.jit import kernel
+from ...math.kalman import reset
+from .ekf import propagate, remember
+from .fixes import take_fix
+from .forces import fuse_device_tilt, fuse_forces, fuse_rest, level, look_for_rest
+from .solution import write_solution
+from .state import ACCEL_BIAS_X, ACCEL_BIAS_Y, GYRO_BIAS, STATES
+
+if TYPE_CHECKING:
+    from ..types import Fix, Innovation, Sample, Solution
+    from .types import RissParameters, RissState
+
+LONGEST_S = 1.0  # of one propagation
+
+
+@kernel
+def gather(s: RissState, sample: Sample) -> None:
+    """Add a sample to the step's sums."""
+    w, f, down = sample.w[2], sample.f, sample.down
+    if sample.flags & (SUSPECT | NO_RATE) == 0 and math.isfinite(w):
+        s.w_sum += w
+        s.rates += 1
+    if sample.flags & (SUSPECT | NO_FORCE) == 0 and math.isfinite(f[0] + f[1] + f[2]):
+        change = 0.0
+        for i in range(3):
+            s.f_sum[i] += f[i]
+            if i < 2:
+                change += 0.25 * (f[i] - s.f_last[i]) ** 2  # the mean variance of x and y, of differences
+            s.f_last[i] = f[i]
+        s.forces += 1
+        s.scatter += 0.02 * (change - s.scatter)
+    s.count += 1
+    for i in range(3):
+        s.down_sum[i] += down[i]
+    s.outage_s = sample.outage_s if sample.flags & NO_RATE != 0 else 0.0
+
+
+@kernel
+def reopen_biases(p: RissParameters, s: RissState) -> None:
+    """The sensor may have been switched on."""
+    reset(s.P, STATES, ACCEL_BIAS_X, p.accel_bias_var)
+    reset(s.P, STATES, ACCEL_BIAS_Y, p.accel_bias_var)
+    reset(s.P, STATES, GYRO_BIAS, p.gyro_bias_var)
+
+
+@kernel
+def advance(p: RissParameters, s: RissState) -> None:
+    """A step with what was gathered."""
+    T = (s.t_ns - s.step_ns) * 1e-9
+    rate = s.w_sum / s.rates if s.rates > 0 else s.x[GYRO_BIAS]
+    unmeasured_s = max(s.outage_s, T) if s.rates == 0 else 0.0
+    left = T
+    while left > 0.0:
+        part = min(left, LONGEST_S)
+        propagate(p, s, rate, max(unmeasured_s - left + part, 0.0), part)
+        left -= part
+    s.step_ns = s.t_ns
+    if s.forces > 0:
+        f = (s.f_sum[0] / s.forces, s.f_sum[1] / s.forces, s.f_sum[2] / s.forces)
+        if s.levelled == 0 and f[0] * f[0] + f[1] * f[1] + f[2] * f[2] > 1.0:
+            level(s, f)
+        fuse_forces(p, s, f, rate, min(T, p.tuning.step_s))
+        look_for_rest(p, s, f, min(T, p.tuning.step_s))
+    else:
+        s.rest_since_ns = s.resting = 0
+        down = (s.down_sum[0] / s.count, s.down_sum[1] / s.count, s.down_sum[2] / s.count)
+        if down[2] > 0.1:
+            fuse_device_tilt(p, s, down, T)
+    if s.resting == 1 and s.rates > 0:
+        fuse_rest(p, s, rate, T)
+    remember(s)
+    s.count = s.forces = s.rates = 0
+    s.w_sum = 0.0
+    for i in range(3):
+        s.f_sum[i] = s.down_sum[i] = 0.0
+
+
+@kernel
+def step(p: RissParameters, s: RissState, sample: Sample, solution: Solution) -> None:
+    """Take one sample (SAMPLE), write one row (SOLUTION). A sample that is not newer than the last is ignored."""
+    if s.started == 0:
+        s.started = 1
+        s.t_ns = s.step_ns = sample.t_ns
+        remember(s)
+        for i in range(3):
+            s.f_last[i] = sample.f[i] if math.isfinite(sample.f[i]) else 0.0
+    elif sample.t_ns > s.t_ns:
+        if sample.flags & POWER_ON != 0:
+            reopen_biases(p, s)
+        s.t_ns = sample.t_ns
+        gather(s, sample)
+        if (s.t_ns - s.step_ns) * 1e-9 >= 0.99 * p.tuning.step_s:
+            advance(p, s)
+    write_solution(p, s, sample, solution)
+
+
+@kernel
+def update(p: RissParameters, s: RissState, fix: Fix, innovations: list[Innovation]) -> int:
+    """Take a fix (FIX); returns the rows of `innovations` (INNOVATION) written."""
+    return take_fix(p, s, fix, innovations)

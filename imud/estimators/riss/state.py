@@ -1,0 +1,167 @@
+"""The states and constants of the reduced inertial estimator."""
+
+import math
+
+import numpy as np
+
+from imud.configuration.settings import Initial, Settings
+from imud.sensor_errors.profiles import profile_of
+
+from ...math.arrays import Records
+from ...math.earth import STANDARD_GRAVITY, gravity
+from ..tuning import Tunable, dtype_of, values_of
+
+(
+    NORTH,  # m, error of the position
+    EAST,
+    DOWN,
+    SPEED,  # m/s, along the heading, negative in reverse
+    SINK,  # m/s, down
+    ACCEL,  # m/s^2, along the heading
+    YAW,  # rad
+    ROLL,
+    PITCH,
+    ACCEL_BIAS_X,  # m/s^2
+    ACCEL_BIAS_Y,
+    GYRO_BIAS,  # rad/s
+    GYRO_SCALE,
+    FIX_NORTH,  # m, error of the receiver that lasts from fix to fix
+    FIX_EAST,
+    FIX_DOWN,
+    LEAN,  # rad/(m/s^2), of roll by the acceleration sideways
+    SQUAT,  # of pitch by that along
+    STATES,
+) = range(19)
+PACKED = STATES * (STATES + 1) // 2
+RING = 64  # steps of which the past is kept
+LONGEST_ROW = 7  # elements of a Jacobian
+
+TUNABLES = (
+    Tunable("step_s", 0.05, "s", "Samples are averaged over this time.", "Well below what a vehicle's motion takes."),
+    Tunable("lean", 0.008, "rad/(m/s^2)", "Roll outwards in a curve.", "Cars: 2 to 7 deg/g."),
+    Tunable("lean_sigma", 0.004, "rad/(m/s^2)", "Its spread.", "As above."),
+    Tunable("squat", 0.006, "rad/(m/s^2)", "Pitch up when gaining speed.", "Cars: 1.5 to 5 deg/g."),
+    Tunable("squat_sigma", 0.003, "rad/(m/s^2)", "Its spread.", "As above."),
+    Tunable("accel_sigma", 1.5, "m/s^2", "Of the acceleration along the heading.", "City traffic: 1 to 2."),
+    Tunable("accel_time_s", 3.0, "s", "Correlation time of the acceleration.", "City traffic: 2 to 5."),
+    Tunable("tilt_walk", 0.006, "rad/sqrt(s)", "Random walk of roll and pitch.", "Grades change by 1 deg in 10 s."),
+    Tunable("lateral_sigma", 0.1, "m/s", "Velocity sideways, of a vehicle on wheels.", "Tyres, antenna."),
+    Tunable("force_sigma", 0.1, "m/s^2", "Force of a step that no state explains.", "Unevenness of roads."),
+    Tunable("sink_walk", 0.1, "m/s^2/sqrt(Hz)", "Random walk of the vertical velocity.", "tilt_walk at 15 m/s."),
+    Tunable("fix_sigma", 1.5, "m", "Lasting error of a fix at HDOP 1 without a sigma of its own.", "GPS: 1 to 2.5."),
+    Tunable("fix_time_s", 60.0, "s", "Correlation time of that error.", "Atmosphere, multipath: 30 s to minutes."),
+    Tunable("fix_white_sigma", 0.5, "m", "White error of a fix, at first.", "Is learned."),
+    Tunable("velocity_sigma", 0.1, "m/s", "White error of a fix's velocity, at first.", "Doppler; is learned."),
+    Tunable("learning_fixes", 50.0, "", "Fixes over which white errors are learned.", "A minute at 1 Hz."),
+    Tunable("align_speed", 3.0, "m/s", "From this speed on the course is the heading.", "Nobody reverses as fast."),
+    Tunable("course_speed", 1.0, "m/s", "Below it, velocity sideways says nothing of the heading.", "Receivers."),
+    Tunable("rest_speed", 0.3, "m/s", "Receiver's speed below which the vehicle may rest.", "Receivers at rest: 0.1."),
+    Tunable("rest_rate", 0.02, "rad/s", "Yaw rate below which it may.", "1 deg/s."),
+    Tunable("rest_force", 0.05, "m/s^2", "Change of a force below which it may.", "Half a percent of g."),
+    Tunable("rest_s", 3.0, "s", "For so long, to be at rest.", "Longer than a turning point."),
+    Tunable("gate", 30.0, "NIS", "Against outliers, of two measurements.", "Chi-square, 3e-7."),
+    Tunable("rejected_limit", 10, "", "So many fixes in a row are believed against the estimate.", "10 s at 1 Hz."),
+    Tunable("max_late_s", 2.5, "s", "Older fixes are rejected.", "Shorter than the past that is kept."),
+    Tunable("max_heading_sigma", math.radians(20.0), "rad", "Above, the heading is not claimed.", "As navigation."),
+    Tunable("max_tilt_sigma", math.radians(10.0), "rad", "Above, roll and pitch are not claimed.", "As tilt."),
+    Tunable("coasting_s", 2.5, "s", "Without a fix for so long it coasts.", "As navigation."),
+)
+
+PARAMETERS = np.dtype(
+    [
+        ("tuning", dtype_of(TUNABLES)),
+        ("gyro_psd", "<f8"),  # rad^2/s
+        ("gyro_bias_var", "<f8"),  # (rad/s)^2
+        ("gyro_bias_psd", "<f8"),  # rad^2/s^3
+        ("gyro_scale_var", "<f8"),
+        ("accel_psd", "<f8"),  # (m/s^2)^2/Hz
+        ("accel_bias_var", "<f8"),  # (m/s^2)^2
+        ("accel_bias_psd", "<f8"),
+        ("lever", "<f8", (3,)),  # m, antenna from the sensor, body
+    ],
+    align=True,
+)
+
+STATE = np.dtype(
+    [
+        ("t_ns", "<i8"),  # of the newest sample
+        ("step_ns", "<i8"),  # of the newest step: of all that follows
+        ("started", "<i8"),  # samples came
+        ("levelled", "<i8"),  # roll and pitch have begun
+        ("aligned", "<i8"),  # the heading is known, the position is the vehicle's
+        ("fixes", "<i8"),  # used
+        ("fix_ns", "<i8"),  # epoch of the newest
+        ("rejected", "<i8"),  # in a row
+        ("resting", "<i8"),
+        ("rest_since_ns", "<i8"),  # since when nothing speaks against rest; 0: something does
+        ("rest_f", "<f8", (2,)),  # m/s^2, forces along and across, averaged while nothing speaks against rest
+        ("slow_ns", "<i8"),  # when the receiver was last slow
+        ("gravity", "<f8"),  # m/s^2
+        ("lat", "<f8"),  # rad
+        ("lon", "<f8"),
+        ("height", "<f8"),
+        ("has_height", "<i8"),
+        ("v", "<f8", (2,)),  # m/s, north and east, before the heading is known
+        ("yaw_rate", "<f8"),  # rad/s, without its errors
+        ("given_yaw", "<f8"),  # rad, the user's; NaN: none
+        ("count", "<i8"),  # samples since the step
+        ("w_sum", "<f8"),
+        ("f_sum", "<f8", (3,)),
+        ("down_sum", "<f8", (3,)),
+        ("forces", "<i8"),  # samples of f_sum
+        ("rates", "<i8"),  # of w_sum
+        ("outage_s", "<f8"),  # of the rate
+        ("f_last", "<f8", (3,)),  # m/s^2, of the sample before
+        ("scatter", "<f8"),  # (m/s^2)^2, of neighbouring samples
+        ("white", "<f8", (3,)),  # m^2, (m/s)^2, m^2: horizontal, velocity, height
+        ("fix_var", "<f8", (3,)),  # m^2, of the receiver's lasting error
+        ("x", "<f8", (STATES,)),
+        ("P", "<f8", (PACKED,)),
+        ("dx", "<f8", (STATES,)),
+        ("d", "<f8", (STATES,)),
+        ("columns", "<i8", (LONGEST_ROW,)),
+        ("row", "<f8", (LONGEST_ROW,)),
+        ("travel", "<f8", (5,)),  # north, east, down, speed, yaw: sums of what was integrated
+        ("ring", "<f8", (RING, 5)),  # the same at past steps
+        ("ring_ns", "<i8", (RING,)),
+        ("ring_at", "<i8"),  # the newest
+    ],
+    align=True,
+)
+UNKNOWN_SPEED = 20.0  # m/s, 1 sigma
+UNKNOWN_ANGLE = math.pi / math.sqrt(3.0)  # rad, sigma of an angle of which nothing is known
+BIAS_WALK_S = 100.0  # time in which a bias walks by its instability
+
+
+def configure(settings: Settings, rate_hz: float) -> Records:
+    """Parameters (PARAMETERS) from the sensor's noise profile."""
+    profile = profile_of(settings)
+    p = np.zeros(1, PARAMETERS)
+    p["tuning"] = values_of(TUNABLES, settings.riss.tuning)
+    p["gyro_psd"], p["gyro_bias_var"] = profile.gyro_noise**2, profile.gyro_bias_initial**2
+    p["gyro_bias_psd"] = profile.gyro_bias_instability**2 / BIAS_WALK_S
+    p["gyro_scale_var"] = profile.gyro_scale**2
+    p["accel_psd"], p["accel_bias_var"] = profile.accel_noise**2, profile.accel_bias_initial**2
+    p["accel_bias_psd"] = profile.accel_bias_instability**2 / BIAS_WALK_S
+    p["lever"] = settings.navigation.lever_arm_m
+    return p
+
+
+def start(parameters: Records, initial: Initial) -> Records:
+    """A state (STATE) that waits for its first sample."""
+    s, tuning = np.zeros(1, STATE), parameters["tuning"][0]
+    s["gravity"] = STANDARD_GRAVITY
+    if initial.lat_deg is not None:
+        s["gravity"] = gravity(math.radians(initial.lat_deg), initial.height_m or 0.0)
+    s["given_yaw"] = math.nan if initial.yaw_deg is None else math.radians(initial.yaw_deg)
+    s["white"] = tuning["fix_white_sigma"] ** 2, tuning["velocity_sigma"] ** 2, 4.0 * tuning["fix_white_sigma"] ** 2
+    diagonal = np.zeros(STATES)
+    diagonal[[SPEED, YAW]] = UNKNOWN_SPEED**2, UNKNOWN_ANGLE**2
+    diagonal[[ROLL, PITCH]] = UNKNOWN_ANGLE**2
+    diagonal[ACCEL] = tuning["accel_sigma"] ** 2
+    diagonal[[ACCEL_BIAS_X, ACCEL_BIAS_Y]] = parameters["accel_bias_var"][0]
+    diagonal[[GYRO_BIAS, GYRO_SCALE]] = parameters["gyro_bias_var"][0], parameters["gyro_scale_var"][0]
+    diagonal[[LEAN, SQUAT]] = tuning["lean_sigma"] ** 2, tuning["squat_sigma"] ** 2
+    s["x"][0, LEAN], s["x"][0, SQUAT] = tuning["lean"], tuning["squat"]
+    s["P"][0] = np.diag(diagonal)[np.triu_indices(STATES)]
+    return s

@@ -30,5 +30,6 @@ NO_FORCE = 16  # the forces are invalid
 LIMITED_RATE = 32  # a gyro is saturated
 LIMITED_FORCE = 64  # an accelerometer is saturated
 POWER_ON = 128  # the sensor may have been switched on since the sample before: its biases may have changed
+LIMITED_AXES = 512  # the x axis of the gyro is saturated; y and z: shifted left by 1 and 2
 RECONNECTED = 256  # the first sample of a later connection: the sensor may have been moved since the one before
 UNUSABLE = SUSPECT | NO_RATE | NO_FORCE  # a part of the sample is invalid

@@ -64,6 +64,7 @@ AHRS = {
     "Stationarity": ahrs.STATIONARITY,
     "Divergence": ahrs.DIVERGENCE,
     "AttitudeStep": ahrs.ATTITUDE_STEP,
+    "Clipping": ahrs.CLIPPING,
     "Quantization": ahrs.QUANTIZATION,
     "Scratch": ahrs.SCRATCH,
     "State": ahrs.STATE,

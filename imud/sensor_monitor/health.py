@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from imud.drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, SATURATED, SUSPECT
+from imud.drivers.sample import LIMITED_AXES, LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, SATURATED, SUSPECT
 
 from ..compile.entry import entry
 from ..compile.jit import kernel
@@ -229,6 +229,7 @@ def mark(h: Health, sample: Any, findings: int) -> None:
     if findings & (0b111111 << LIMITED):
         sample.flags |= SATURATED
         sample.flags |= LIMITED_RATE if findings & (_RATES << LIMITED) else 0
+        sample.flags |= (findings >> LIMITED & _RATES) * LIMITED_AXES
         sample.flags |= LIMITED_FORCE if findings & (_FORCES << LIMITED) else 0
     since = t_ns
     for i in range(6):

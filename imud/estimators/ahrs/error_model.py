@@ -38,6 +38,14 @@ def add_variance(s: State, i: int, q: float) -> None:
 
 
 @kernel
+def add_attitude_variance(s: State, axis: Vector, q: float) -> None:
+    """Add the variance q, rad^2, about a unit vector in NED."""
+    for i in range(3):
+        for j in range(i, 3):
+            s.cov.P[packed_index(STATES, ATTITUDE + i, ATTITUDE + j)] += q * axis[i] * axis[j]
+
+
+@kernel
 def reset_variance(s: State, i: int, variance: float) -> None:
     """Make error state i independent of the others, with this variance."""
     reset(s.cov.P, STATES, i, variance)

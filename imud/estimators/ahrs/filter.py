@@ -9,6 +9,7 @@ from imud.drivers.sample import NO_FORCE, NO_RATE, POWER_ON, SATURATED, SUSPECT
 
 from ...compile.jit import kernel
 from .attitude_step import correct_attitude_step, turn_gain
+from .clipping import bridge_clipping
 from .divergence import tilt_is_lost
 from .ekf import inject_error, update_sigmas
 from .error_model import propagate_covariance
@@ -75,7 +76,7 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
         if dt > p.gap_s:
             mechanize(p, s, mean_reading(s.imu.w, w), mean_reading(s.imu.f, f), dt)
         else:
-            mechanize(p, s, w, f, dt)
+            mechanize(p, s, bridge_clipping(p, s, w, dt, sample.flags), f, dt)
         update_scatter(p, s, dt)
         if has_rate and has_force:
             update_means(p, s, w, f, dt)

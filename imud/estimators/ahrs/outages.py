@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from imud.drivers.sample import LIMITED_FORCE, LIMITED_RATE, SATURATED
+from imud.drivers.sample import LIMITED_AXES, LIMITED_FORCE, LIMITED_RATE, SATURATED
 
 from ...compile.jit import kernel
 from ...math.rotation import Vector, quat_rotate_back
@@ -69,7 +69,7 @@ def add_outage_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float, f
         add_noise(s, c.gap_rate_psd * held2 * dt, c.gap_force_psd * held2 * dt)
     if flags & SATURATED:
         limited = flags & (LIMITED_RATE | LIMITED_FORCE)
-        if limited != LIMITED_FORCE:
+        if limited != LIMITED_FORCE and flags & (7 * LIMITED_AXES) == 0:  # else `clipping` adds it
             add_noise(s, c.saturation_noise**2 * w2 * dt, 0.0)
         if limited != LIMITED_RATE:
             add_noise(s, 0.0, c.saturation_noise**2 * f2 * dt)

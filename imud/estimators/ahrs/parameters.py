@@ -75,6 +75,7 @@ _OUTAGES = (
     Tunable("gap_force_psd", 3.0**2, "(m/s^2)^2/s", "Random walk of the specific force in a gap.", UNRECORDED),
     Tunable("fault_rate_radps", 0.3, "rad/s", "Error of the last rate that is held while the gyro fails.", UNRECORDED),
     Tunable("fault_force_psd", 10.0**2, "(m/s)^2/s", "Velocity noise while the accelerometer fails.", UNRECORDED),
+    Tunable("clipping_error", 0.5, "", "Error of a rotation beyond the gyro's range, over its estimate.", HANDS),
     Tunable("saturation_noise", 0.2, "sqrt(s)", "Noise density of a saturated sensor, over its reading.", UNRECORDED),
 )
 

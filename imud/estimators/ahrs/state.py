@@ -169,6 +169,16 @@ ATTITUDE_STEP = np.dtype(  # what is gained of velocity, and since it began to g
     align=True,
 )
 
+CLIPPING = np.dtype(  # of the gyro, by axes
+    [
+        ("time", "<f8", (3,)),  # s, at the end of the range
+        ("slope", "<f8", (3,)),  # rad/s^2, with which the rate came there
+        ("last_slope", "<f8", (3,)),  # rad/s^2, to the newest sample
+        ("bridge", "<f8", (3,)),  # rad/s, the newest sample's with what those before lack
+    ],
+    align=True,
+)
+
 QUANTIZATION = np.dtype(
     [
         ("last_reading", "<f8", (3,)),  # rad/s; NaN: none yet
@@ -215,6 +225,7 @@ STATE = np.dtype(
         ("stationarity", STATIONARITY),
         ("divergence", DIVERGENCE),
         ("attitude_step", ATTITUDE_STEP),
+        ("clipping", CLIPPING),
         ("quantization", QUANTIZATION),
         ("scratch", SCRATCH),
     ],

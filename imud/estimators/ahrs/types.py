@@ -21,6 +21,7 @@ class Tuning:
     gap_force_psd: float
     fault_rate_radps: float
     fault_force_psd: float
+    clipping_error: float
     saturation_noise: float
     initial_tilt_rad: float
     given_angle_rad: float
@@ -208,6 +209,13 @@ class AttitudeStep:
     possible_error: float
 
 
+class Clipping:
+    time: Reals
+    slope: Reals
+    last_slope: Reals
+    bridge: Reals
+
+
 class Quantization:
     last_reading: Reals
     lsb: Reals
@@ -247,5 +255,6 @@ class State:
     stationarity: Stationarity
     divergence: Divergence
     attitude_step: AttitudeStep
+    clipping: Clipping
     quantization: Quantization
     scratch: Scratch

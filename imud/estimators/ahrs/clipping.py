@@ -1,0 +1,51 @@
+"""Rates beyond the gyro's range: what was cut off is bridged, and adds noise about that axis alone.
+
+A rate that rises by a slope to the end of the range and falls again by another after the time T has, as a parabola
+through both ends, turned by the mean slope times T^2 / 6 more than the gyro shows. That is added when the rate is back
+in the range; it is wrong by a part of itself. While the rate stays at the end, the rotation that may be missing is
+taken from the first slope.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from imud.drivers.sample import LIMITED_AXES
+
+from ...compile.jit import kernel
+from ...math.rotation import Vector, dcm_of_quat
+from .error_model import add_attitude_variance
+
+if TYPE_CHECKING:
+    from .types import Parameters, State
+
+
+@kernel
+def cut_off_angle(slope: float, rate: float, time: float) -> float:
+    """Rotation, rad, beyond a range of `rate` rad/s; no more than the gyro shows."""
+    return min(slope * time / 6.0, rate) * time
+
+
+@kernel
+def bridge_clipping(p: Parameters, s: State, w: Vector, dt: float, flags: int) -> Vector:
+    """Rates w of the sample with what the samples before lack, and noise for it."""
+    clip, q = s.clipping, s.nav.q_nb
+    C = dcm_of_quat((q[0], q[1], q[2], q[3]))
+    for i in range(3):
+        last = s.imu.w[i]
+        slope = abs(w[i] - last) / dt
+        clip.bridge[i] = w[i]
+        if flags & (LIMITED_AXES << i):
+            if clip.time[i] == 0.0:
+                clip.slope[i] = max(slope, clip.last_slope[i])
+            before = cut_off_angle(clip.slope[i], abs(w[i]), clip.time[i])
+            clip.time[i] += dt
+            angle = cut_off_angle(clip.slope[i], abs(w[i]), clip.time[i])
+            variance = p.tuning.clipping_error**2 * (angle * angle - before * before)
+            add_attitude_variance(s, (C[i], C[3 + i], C[6 + i]), variance)
+        else:
+            if clip.time[i] > 0.0:
+                angle = cut_off_angle(0.5 * (clip.slope[i] + slope), abs(last), clip.time[i])
+                clip.bridge[i] += (angle if last > 0.0 else -angle) / dt
+            clip.time[i], clip.last_slope[i] = 0.0, slope
+    return clip.bridge[0], clip.bridge[1], clip.bridge[2]

@@ -105,5 +105,6 @@ def _gnss(fixes: Records) -> dict[str, Floats]:
     }
     columns |= {name: fixes["sigma"][:, i] for i, name in enumerate(("sn_m", "se_m", "sd_m"))}
     columns |= {name: fixes["v"][:, i] for i, name in enumerate(("vn_mps", "ve_mps", "vd_mps"))}
+    columns |= {name: fixes["sigma_v"][:, i] for i, name in enumerate(("svn_mps", "sve_mps", "svd_mps"))}
     columns |= {"hdop": fixes["hdop"], "speed_mps": fixes["speed"], "course_deg": np.degrees(fixes["course"])}
     return columns | {"quality": fixes["quality"].astype(float), "satellites": fixes["satellites"].astype(float)}

@@ -84,13 +84,14 @@ class CsvFolder:
             _seconds(row["arrival_ns"]),
         ]
         cells += [*row["sigma"].tolist(), float(row["hdop"]), *row["v"].tolist(), float(row["speed"])]
-        cells += [math.degrees(row["course"]), int(row["quality"]), int(row["satellites"])]
+        cells += [math.degrees(row["course"]), int(row["quality"]), int(row["satellites"]), *row["sigma_v"].tolist()]
         self._gnss.write(_row(int(row["t_ns"]), cells))
 
 
 _FIX_COLUMNS = (
     *("t_s", "lat_deg", "lon_deg", "height_m", "arrival_s", "sn_m", "se_m", "sd_m", "hdop"),
     *("vn_mps", "ve_mps", "vd_mps", "speed_mps", "course_deg", "quality", "satellites"),
+    *("svn_mps", "sve_mps", "svd_mps"),
 )
 
 

@@ -16,6 +16,7 @@ FIX = np.dtype(
         ("course", "<f8"),  # rad from true north; NaN: unknown
         ("quality", "<i8"),  # as NMEA GGA: 1 GPS, 2 differential, 4 RTK fixed, 5 RTK float, 6 dead reckoning
         ("satellites", "<i8"),  # in use; -1: unknown
+        ("sigma_v", "<f8", (3,)),  # m/s, 1 sigma of v; NaN or 0: unknown
     ],
     align=True,
 )

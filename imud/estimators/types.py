@@ -27,6 +27,7 @@ class Fix:
     course: float
     quality: int
     satellites: int
+    sigma_v: Reals
 
 
 class Measurement:

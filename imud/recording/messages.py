@@ -132,6 +132,7 @@ FIX_TABLE = Table(
         "course": ("course_rad", "from true north, rad"),
         "quality": ("quality", "as NMEA GGA"),
         "satellites": ("satellites", "in use; -1: unknown"),
+        "sigma_v": ("sigma_v_mps", "1 sigma of v_mps, m/s"),
     },
 )
 INNOVATION_TABLE = Table(

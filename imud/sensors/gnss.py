@@ -76,6 +76,7 @@ def record(fix: Fix, t_ns: int, arrival_ns: int) -> Records:
     row["lat"], row["lon"], row["height"] = math.radians(fix.lat_deg), math.radians(fix.lon_deg), _or_nan(height)
     row["sigma"] = [_or_nan(fix.sigma_n_m), _or_nan(fix.sigma_e_m), _or_nan(fix.sigma_d_m)]
     row["v"] = [_or_nan(component) for component in fix.velocity_mps or (None, None, None)]
+    row["sigma_v"] = fix.velocity_sigma_mps or math.nan
     row["hdop"], row["speed"] = _or_nan(fix.hdop), _or_nan(fix.speed_mps)
     row["course"] = math.radians(_or_nan(fix.course_deg))
     row["quality"] = fix.quality

@@ -28,7 +28,16 @@ _LONGEST_S = 9e9  # from the origin: in ns it fits 64 bits
 _EARLY_S = 1.0  # before its epoch no fix arrives, but clocks differ
 _FARTHEST_S = 2.0  # between samples
 _LIMITS = {"lat_deg": (-90.0, 90.0), "lon_deg": (-360.0, 360.0), "quality": (-1.0, 99.0), "satellites": (-1.0, 999.0)}
-_BELOW_ZERO_UNKNOWN = {"sn_m", "se_m", "sd_m", "hdop", "speed_mps"}  # phones write -1 for what they do not know
+_BELOW_ZERO_UNKNOWN = {
+    "sn_m",
+    "se_m",
+    "sd_m",
+    "svn_mps",
+    "sve_mps",
+    "svd_mps",
+    "hdop",
+    "speed_mps",
+}  # phones write -1 for what they do not know
 _LONGEST_HEADER = 1 << 16  # bytes
 _MCAP = b"\x89MCAP0\r\n"
 IMU_COLUMNS = ("t_s", "gx_radps", "gy_radps", "gz_radps", "ax_mps2", "ay_mps2", "az_mps2")
@@ -36,7 +45,7 @@ TEMPERATURE = "temperature_c"  # may stand beside them; an empty cell is not kno
 _FIX_REQUIRED = ("t_s", "lat_deg", "lon_deg", "height_m")
 _FIX_OPTIONAL = (
     *("arrival_s", "sn_m", "se_m", "sd_m", "hdop", "vn_mps", "ve_mps", "vd_mps", "speed_mps", "course_deg"),
-    *("quality", "satellites"),
+    *("svn_mps", "sve_mps", "svd_mps", "quality", "satellites"),
 )
 
 FIX_COLUMNS = (*_FIX_REQUIRED, *_FIX_OPTIONAL)
@@ -249,6 +258,7 @@ def fixes_of(rows: Sequence[dict[str, float]], origin: int) -> NDArray[np.void]:
         fix["height"] = row["height_m"]
         fix["sigma"] = [row.get(name, math.nan) for name in ("sn_m", "se_m", "sd_m")]
         fix["v"] = [row.get(name, math.nan) for name in ("vn_mps", "ve_mps", "vd_mps")]
+        fix["sigma_v"] = [row.get(name, math.nan) for name in ("svn_mps", "sve_mps", "svd_mps")]
         fix["hdop"], fix["speed"] = row.get("hdop", math.nan), row.get("speed_mps", math.nan)
         fix["course"] = math.radians(row.get("course_deg", math.nan))
         quality, satellites = row.get("quality", math.nan), row.get("satellites", math.nan)

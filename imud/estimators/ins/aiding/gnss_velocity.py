@@ -52,13 +52,16 @@ def low_speed_variance(p: Parameters, fix: Fix) -> float:
 
 
 @kernel
-def velocity_variance(p: Parameters, c: Core, slow: float, ratio2: float) -> float:
+def velocity_variance(p: Parameters, c: Core, slow: float, ratio2: float, reported: float) -> float:
     """Variance, m^2/s^2, of a velocity component, but for what the acceleration adds.
 
-    slow: m/s, speed taken as zero; ratio2: variance over that of a horizontal component.
+    slow: m/s, speed taken as zero; ratio2: variance over that of a horizontal component; reported: sigma
+    that the receiver reports of it, m/s, NaN or 0 if unknown: the larger one of it and the learned one counts.
     """
-    learned, second = ratio2 * c.gnss.velocity_noise_var, second_order_error(p, c)
-    return float(learned + second**2 + slow * slow + lever_arm_rate_variance(p, c))
+    noise, second = ratio2 * c.gnss.velocity_noise_var, second_order_error(p, c)
+    if reported > 0.0:
+        noise = max(noise, reported * reported)
+    return float(noise + second**2 + slow * slow + lever_arm_rate_variance(p, c))
 
 
 @kernel
@@ -91,7 +94,7 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, late: float, innovation
         a, e = c.scratch.accel_fit, c.scratch.accel_fit_error
         z_n = velocity_of(p, fix, 0) - c.nav.v_n[0] - antenna[0] + timed * age * a[0]
         z_e = velocity_of(p, fix, 1) - c.nav.v_n[1] - antenna[1] + timed * age * a[1]
-        r = velocity_variance(p, c, slow, 1.0) + timed * (e[0] ** 2 + e[1] ** 2)
+        r = velocity_variance(p, c, slow, 1.0, max(fix.sigma_v[0], fix.sigma_v[1])) + timed * (e[0] ** 2 + e[1] ** 2)
         check_receiver(p, c, z_n, z_e, a[0], a[1], r)
     gate = NEVER if wheels_reject(p, c) else p.tuning.gnss_velocity_gate
     for i in range(3):
@@ -101,7 +104,7 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, late: float, innovation
         accel, fit_error = timed * c.scratch.accel_fit[i], timed * c.scratch.accel_fit_error[i]
         z = received - c.nav.v_n[i] - antenna[i] + age * accel
         ratio2 = p.tuning.vertical_ratio**2 if i == 2 else 1.0  # of the variances, as for the position
-        r = velocity_variance(p, c, slow, ratio2) + fit_error**2
+        r = velocity_variance(p, c, slow, ratio2, fix.sigma_v[i]) + fit_error**2
         m = velocity_jacobian(p, c, antenna, accel, i)
         value, s, nis = gated_fix_update(p, c, m, z, r, gate)
         used = nis >= 0.0

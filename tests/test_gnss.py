@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from nmea_lines import decode, gga, line, rmc, vtg
 
+from imud.api import navigate
 from imud.configuration.settings import Gnss
 from imud.daemon.receiver_solution import solution
 from imud.drivers.registry import by_name
@@ -233,3 +234,22 @@ def test_fixes_of_a_table_obey_the_same_settings(tmp_path):
     assert len(without_refused(table, fixes, Gnss(min_satellites=4, max_hdop=30.0), notes.append)) == 4
     with pytest.raises(BadDataError, match=r"none of its fixes is used: quality 1, .* gnss\.qualities = \[4\]"):
         without_refused(table, fixes[:3], Gnss(qualities=(4,)), notes.append)
+
+
+def test_a_receivers_sigma_of_the_velocity_counts_where_it_is_larger_than_the_learned_one():
+    known = replace(FIX, velocity_mps=(1.0, 2.0, None), velocity_sigma_mps=(0.1, 0.2, 0.3))
+    row = record(known, 0, 0)[0]
+    assert (list(row["v"][:2]), list(row["sigma_v"])) == ([1.0, 2.0], [0.1, 0.2, 0.3])
+    assert all(math.isnan(value) for value in record(FIX, 0, 0)["sigma_v"][0])
+    t, seconds = np.arange(0.0, 12.0, 0.01), np.arange(1.0, 11.0)
+    imu = {"t": t, "gyro": np.zeros((len(t), 3)), "accel": np.tile([0.0, 0.0, -9.8], (len(t), 1))}
+    fixes = {"t_s": seconds} | {name: np.zeros(10) for name in ("lat_deg", "lon_deg", "height_m", "vn_mps", "ve_mps")}
+
+    def sigmas(**reported):
+        told = navigate(imu, fixes | {name: np.full(10, value) for name, value in reported.items()}).innovations
+        return told.sigma[np.isin(told.kind, ["vn_mps", "ve_mps"])]
+
+    learned = sigmas()
+    assert len(learned) >= 10 and learned.max() < 1.0
+    assert sigmas(svn_mps=2.0, sve_mps=2.0).min() >= 2.0
+    assert np.array_equal(sigmas(svn_mps=0.01, sve_mps=math.nan), learned)

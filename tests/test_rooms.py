@@ -47,7 +47,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     tuple(f"imud/estimators/ins/{name}.py" for name in ("checkpoint", "error_model", "lever_arm", "setup", "solution")),
     ("imud/estimators/ins/observers",),
     ("imud/estimators/ins/fusion.py",),
-    ("imud/estimators/ins/stationarity.py",),
+    ("imud/estimators/ins/stationarity.py", "imud/estimators/ins/rest.py"),
     ("imud/estimators/ins/aiding",),
     ("imud/estimators/ins/alignment",),
     ("imud/estimators/ins/integrity", "imud/estimators/ins/power_on.py"),

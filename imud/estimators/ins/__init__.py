@@ -6,11 +6,13 @@ An error-state Kalman filter around a strapdown mechanization. In the order of t
 |---|---|
 | `filter` | the entries: an inertial sample, a GNSS fix, a measurement of another source |
 | `fusion_horizon` | rings of samples, snapshots and measurements: each measurement is fused at its epoch |
-| `propagation` | one sample further; `mechanization`: the nominal state; `error_model`: F and Q; `stationarity`: rest |
+| `propagation` | one sample further; `mechanization`: the nominal state; `error_model`: F and Q |
+| `stationarity`, `rest` | windows of samples; is the sensor at rest? |
 | `gnss_fix`, `sources` | the order of things for a fix; the table of the other sources |
 | `aiding/` | one file a source: its Jacobian, noise and gate |
 | `fusion`, `ekf` | one update of the Kalman filter; `observers/` watch every one |
-| `alignment/` | roll, pitch and heading before navigation; `integrity/`: is the heading right? |
+| `alignment/` | roll, pitch and heading before navigation, and the modes |
+| `integrity/` | are heading and gyro bias right? |
 | `state`, `parameters` | the records, a concern each; the tunables |
 | `solution` | what comes out; `checkpoint`: what outlasts a restart of the program |
 """

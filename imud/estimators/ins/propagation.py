@@ -20,16 +20,9 @@ from .fusion import propagate_errors
 from .integrity.gravity_monitor import monitor_gravity
 from .mechanization import integrate_strapdown, ned_to_body, rotation_matrix, set_velocity
 from .power_on import check_attitude, reopen_biases
+from .rest import detect_rest, withdraw_rest
 from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, POSITION, VELOCITY
-from .stationarity import (
-    accumulate_force,
-    accumulate_window,
-    classify_window,
-    clear_window,
-    detect_rest,
-    interrupt_rest,
-    withdraw_rest,
-)
+from .stationarity import accumulate_force, accumulate_window, classify_window, clear_window, interrupt_rest
 
 if TYPE_CHECKING:
     from ...math.arrays import Reals

@@ -1,11 +1,9 @@
-"""Stationarity detection: windows of half a second over the inertial data, with vibration level and rest decision.
+"""Windows of half a second over the inertial data: vibration level, noise floor, low motion, and classes of motion.
 
-A window of low motion is not yet rest: at constant speed a smooth car vibrates hardly more than a parked one. Rest
-requires a gyro deviation near the smallest one measured so far, a mean rate equal to the gyro bias, and a speed near
-zero, from a recent fix or from the filter. Where no speed is known, as after a start in motion, the smallest deviation
-may itself be one of motion: then a deviation of the force is required that no moving vehicle has. In a GNSS outage the
-speed becomes uncertain: then the gyro deviation is compared with those of this vehicle at rest and in slow motion,
-learned while the speed was known (a sequential likelihood ratio).
+Low motion is a gyro deviation near the smallest one measured so far, and means that do not change. At constant speed a
+smooth car vibrates hardly more than a parked one, so the gyro deviations of this vehicle at rest and in slow motion are
+learned while the speed is known; where it is not, a sequential likelihood ratio compares the windows with both. The
+decision is in `rest`.
 """
 
 from __future__ import annotations
@@ -14,12 +12,9 @@ import math
 from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
-from ...math.earth import STANDARD_GRAVITY
 from ...math.rotation import Vector
 from ..tuning import Tunable
-from .ekf import innovation_variance, set_jacobian, variance
-from .mechanization import rotation_matrix
-from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, VELOCITY
+from .state import NAVIGATING
 
 if TYPE_CHECKING:
     from ...math.arrays import Reals
@@ -69,23 +64,6 @@ TUNABLES = (
     ),
     Tunable("fresh_fix_s", 2.0, "s", "Age up to which a fix gives the present speed.", "Two fixes of a 1 Hz receiver."),
     Tunable("rest_speed", 0.3, "m/s", "Largest speed of a receiver at rest.", "Three sigma of real receivers."),
-    Tunable(
-        "long_rest_windows",
-        10,
-        "windows",
-        "Low motion for so long is rest even where no speed is known.",
-        "Five seconds.",
-    ),
-    Tunable(
-        "long_rest_variance", 10.0, "m^2/s^2", "Largest variance of a velocity that allows a long rest.", "Choice."
-    ),
-    Tunable(
-        "rest_variance",
-        0.5,
-        "m^2/s^2",
-        "Largest variance of a velocity that allows a rest.",
-        "A prototype on recorded drives.",
-    ),
     Tunable("rest_rate", 0.003, "rad/s", "Mean rate at rest, beyond the uncertainty of the bias.", "Recorded drives."),
     Tunable(
         "rest_accel",
@@ -110,7 +88,6 @@ TUNABLES = (
         "Weight of a window: neighbouring ones are not independent.",
         "One independent window in four.",
     ),
-    Tunable("rest_log_likelihood", 3.0, "", "Log likelihood ratio that proves rest.", "Odds of 20 to 1."),
 )
 
 
@@ -140,13 +117,6 @@ def accumulate_force(c: Core, delta_v: Vector, dt: float) -> None:
 def interrupt_rest(c: Core) -> None:
     """Restart the counts of low-motion windows: there may have been motion that was not measured."""
     c.stationarity.low_motion_count = c.stationarity.stationary_count = 0
-
-
-@kernel
-def withdraw_rest(c: Core) -> None:
-    """End a rest: the sensor does not measure enough to detect it."""
-    interrupt_rest(c)
-    c.stationarity.at_rest = 0
 
 
 @kernel
@@ -248,99 +218,3 @@ def log_likelihood(p: Parameters, motion_class: Reals, x: float) -> float:
     """Logarithm of the normal density of x in a class, without its constant."""
     variance = max(motion_class[2], p.tuning.class_min_sigma**2)
     return float(-0.5 * ((x - motion_class[1]) ** 2 / variance + math.log(variance)))
-
-
-@kernel
-def speed_allows_rest(p: Parameters, c: Core) -> bool:
-    """Whether the speed, as far as it is known, allows rest."""
-    s = c.stationarity
-    fresh = c.gnss.fix_count > 0 and 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns) < p.tuning.fresh_fix_s
-    known = fresh and c.gnss.speed >= 0.0
-    if known and c.gnss.speed > p.tuning.rest_speed:
-        return False
-    if c.alignment.mode != NAVIGATING:
-        return bool(known or s.stationary_count > p.tuning.long_rest_windows)
-    speed2 = c.nav.v_n[0] ** 2 + c.nav.v_n[1] ** 2 + c.nav.v_n[2] ** 2
-    s2 = max(variance(c, VELOCITY), variance(c, VELOCITY + 1))
-    return bool(
-        (known and speed2 < 1.0 + 9.0 * s2)
-        or (
-            speed2 < p.tuning.rest_speed**2
-            and s2
-            < (
-                p.tuning.long_rest_variance
-                if s.low_motion_count > p.tuning.long_rest_windows
-                else p.tuning.rest_variance
-            )
-        )
-        or (
-            fresh
-            and not known
-            and s.stationary_count > p.tuning.long_rest_windows
-            and speed2 < p.tuning.rest_speed**2 + 9.0 * s2
-        )
-        or (
-            s.log_likelihood_ratio > p.tuning.rest_log_likelihood
-            and speed2 < p.tuning.rest_speed**2 + 9.0 * s2
-            and s2 < p.tuning.long_rest_variance
-        )
-    )
-
-
-@kernel
-def gnss_confirms_rest(p: Parameters, c: Core) -> bool:
-    """Whether the speed that the receiver reports is that of rest, and recent."""
-    return bool(
-        c.gnss.speed <= p.tuning.rest_speed and 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns) < p.tuning.fresh_fix_s
-    )
-
-
-@kernel
-def max_rest_rate(p: Parameters, c: Core, i: int) -> float:
-    """Largest mean rate about body axis i at rest, beyond the estimated bias, rad/s."""
-    return p.tuning.rest_rate + 3.0 * math.sqrt(variance(c, GYRO_BIAS + i))
-
-
-@kernel
-def level_force_variance(c: Core, axis: int) -> float:
-    """Variance, m^2/s^4, of the level specific force at rest along an axis (0 north, 1 east), by tilt and bias errors.
-
-    The two errors are correlated after a rest: their sum is known better than each of them.
-    """
-    m = rotation_matrix(c)
-    k = set_jacobian(c, 0, ATTITUDE + 1 - axis, STANDARD_GRAVITY if axis == 1 else -STANDARD_GRAVITY)
-    for j in range(3):
-        k = set_jacobian(c, k, ACCEL_BIAS + j, -m[3 * axis + j])
-    return innovation_variance(c, k)
-
-
-@kernel
-def is_unaccelerated(p: Parameters, c: Core) -> bool:
-    """Whether the mean level specific force of the window is zero, within the errors of tilt and bias."""
-    s = c.stationarity
-    most = p.tuning.rest_accel + 3.0 * math.sqrt(max(level_force_variance(c, 0), level_force_variance(c, 1)))
-    return bool(math.hypot(s.delta_v[0], s.delta_v[1]) < most * s.duration)
-
-
-@kernel
-def is_resting(p: Parameters, c: Core) -> bool:
-    """Whether the last two windows, at least, were at rest."""
-    s = c.stationarity
-    if s.low_motion_count < 2 or not speed_allows_rest(p, c):
-        return False
-    if s.stationary_count > p.tuning.long_rest_windows and gnss_confirms_rest(p, c):
-        return True  # regardless of tilt and biases: if they contradict, they are wrong
-    if not is_unaccelerated(p, c):
-        return False
-    for i in range(3):
-        if abs(s.mean_w[i] - c.nav.bg[i]) > max_rest_rate(p, c, i):
-            return False
-    return True
-
-
-@kernel
-def detect_rest(p: Parameters, c: Core) -> bool:
-    """Decide whether the sensor is at rest, and store the decision."""
-    at_rest = is_resting(p, c)
-    c.stationarity.at_rest = 1 if at_rest else 0
-    return at_rest

@@ -45,9 +45,6 @@ class Tuning:
     moving_vibration_accel: float
     fresh_fix_s: float
     rest_speed: float
-    long_rest_windows: int
-    long_rest_variance: float
-    rest_variance: float
     rest_rate: float
     rest_accel: float
     slow_motion_min_speed: float
@@ -56,6 +53,9 @@ class Tuning:
     class_min_windows: float
     class_min_sigma: float
     evidence_weight: float
+    long_rest_windows: int
+    long_rest_variance: float
+    rest_variance: float
     rest_log_likelihood: float
     uere: float
     vertical_ratio: float

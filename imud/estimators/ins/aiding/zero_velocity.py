@@ -17,8 +17,8 @@ from ..ekf import decorrelate, set_jacobian
 from ..fusion import correct_state, pseudo_measurement
 from ..mechanization import ned_to_body, set_velocity
 from ..observers.gnss_drift import clear_velocity_sensitivity
+from ..rest import gnss_confirms_rest, max_rest_rate
 from ..state import GYRO_BIAS, NAVIGATING, VELOCITY
-from ..stationarity import gnss_confirms_rest, max_rest_rate
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters

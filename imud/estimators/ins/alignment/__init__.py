@@ -1,1 +1,1 @@
-"""Roll, pitch and heading from the start on: levelling, in-motion alignment, and the transitions to navigation."""
+"""Roll, pitch and heading from the start on: levelling, in-motion alignment, and the modes of the filter."""

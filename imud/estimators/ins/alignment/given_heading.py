@@ -1,4 +1,4 @@
-"""A heading measured during coarse alignment: the level frame is rotated to it."""
+"""A heading measured during coarse alignment, by two antennas or a gyro compass, is accepted once the tilt is known."""
 
 from __future__ import annotations
 

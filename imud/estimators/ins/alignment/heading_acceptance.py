@@ -1,4 +1,4 @@
-"""A heading is found or given: the level frame is rotated to it."""
+"""Acceptance of a heading that was found in motion or given: the level frame is rotated to north."""
 
 from __future__ import annotations
 

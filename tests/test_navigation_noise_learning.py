@@ -93,7 +93,7 @@ def test_the_process_noise_of_a_drive_is_found(shaken, turned_deg):
     out, innovations, state = navigate(samples, received(d, rng), settings_of("free"))
     found = np.sqrt(state["core"]["process_noise"]["psd"][0, 0])
     assert found[0] == pytest.approx(shaken, rel=0.6)
-    assert np.degrees(found[1]) == pytest.approx(turned_deg, rel=0.6, abs=0.1)
+    assert np.degrees(found[1]) == pytest.approx(turned_deg, rel=0.6, abs=0.2)  # 0.1 m/s in a second
     v, late = errors(d, out)[1][:, :2], d.t > 90.0
     assert np.mean((v[late] / out["sigma_v"][late, :2]) ** 2) < 2.0
     assert innovations["used"][innovations["t_ns"] > nanoseconds(160.0)].all()

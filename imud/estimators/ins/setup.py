@@ -87,7 +87,8 @@ def start(parameters: Records, initial: Initial) -> Records:
     c["odometer"]["last_ns"] = c["odometer"]["last_used_ns"] = NEVER_NS
     c["gnss"]["velocity_noise_var"] = t["first_velocity_noise"] ** 2
     psd = np.array((t["vibration_vrw"], t["vibration_arw"])) ** 2
-    c["process_noise"]["psd"], c["process_noise"]["log_psd"] = psd, np.log(psd)
+    scale = np.array((t["velocity_noise_scale"], t["attitude_noise_scale"]))
+    c["process_noise"]["psd"], c["process_noise"]["log_psd"] = psd, np.log(psd + scale**2)
     c["process_noise"]["log_psd_covariance"] = np.array((1.0, 0.0, 1.0)) * t["process_noise_prior"] ** 2
     c["nhc"]["noise_scale"] = math.sqrt(t["nhc_min_noise_scale"] * t["nhc_max_noise_scale"])
     c["gnss"]["last_used_ns"] = s["last_epoch_ns"] = s["last_fusion_ns"] = NEVER_NS

@@ -180,6 +180,7 @@ class Tuning:
     heading_fault_angle: float
     heading_fault_gate: float
     heading_faults: int
+    heading_doubt: float
     realigned_tilt: float
     max_heading_sigma: float
     gravity_memory_s: float
@@ -202,6 +203,8 @@ class Tuning:
     process_noise_prior: float
     process_noise_walk: float
     max_learned_nis: float
+    velocity_noise_scale: float
+    attitude_noise_scale: float
     max_velocity_noise: float
     min_velocity_noise: float
     max_attitude_noise: float
@@ -238,4 +241,5 @@ class Tuning:
     first_velocity_noise: float
     coasting_s: float
     max_valid_tilt_sigma: float
+    doubted_heading_pairs: int
     max_valid_heading_sigma: float

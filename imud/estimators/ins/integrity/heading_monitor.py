@@ -32,6 +32,13 @@ TUNABLES = (
     Tunable(
         "heading_faults", 3, "pairs", "Contradicting pairs of fixes in a row that mean a wrong heading.", "Choice."
     ),
+    Tunable(
+        "heading_doubt",
+        math.radians(20.0),
+        "rad",
+        "Sigma added to a contradicted heading where the alignment knows none that it would start with.",
+        "Choice.",
+    ),
     Tunable("realigned_tilt", math.radians(1.0), "rad", "Tilt error learned with a wrong heading.", "Choice."),
     Tunable(
         "max_heading_sigma",
@@ -62,11 +69,24 @@ def monitor_heading(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> bool
     )
     count_heading_fault(c, wrong)
     if c.alignment.heading_fault_count >= p.tuning.heading_faults:
-        rotate_to_heading(p, c, psi, sigma)
-        realign(p, c)
+        if sigma < p.tuning.max_start_heading:
+            rotate_to_heading(p, c, psi, sigma)
+            realign(p, c)
+        else:
+            doubt_heading(p, c)
     elif known > p.tuning.max_heading_sigma**2 and accept_heading(p, c, found):
         realign(p, c)
     return True
+
+
+@kernel
+def doubt_heading(p: Parameters, c: Core) -> None:
+    """The heading is contradicted, but no better one is known: inflate its variance, and let the next fixes decide.
+
+    They confirm a right heading within seconds; a wrong one is contradicted again, until its sigma is too large.
+    """
+    add_variance(c, ATTITUDE + 2, p.tuning.heading_doubt**2)
+    count_heading_fault(c, False)
 
 
 @kernel

@@ -14,8 +14,9 @@ for each of the two noises. Each innovation z of variance s adds to the derivati
     information = 1/2 (h D h' / s) (h D h' / s)' + (h x) (h x)' / s      of the vectors of both
 
 A noise of the attitude shows as an error of the velocity that grows, and returns after a fix; one of the velocity is
-gone after it. The logarithms are random walks with a prior; their estimate is a Kalman filter of two states with these.
-What few or poor fixes cannot show stays at the prior.
+gone after it. The unknown is the logarithm of the noise plus a scale, because below some scale the derivative by a
+logarithm vanishes with the noise. Both are random walks with a prior, estimated by a Kalman filter of two states. What
+few or poor fixes cannot show stays at the prior.
 
 Source: Ljung and Soderstrom, Theory and practice of recursive identification (1983), sec. 3.8: recursive maximum
 likelihood; Gupta and Mehra, Computational aspects of maximum likelihood estimation (1974): the sensitivity equations.
@@ -29,7 +30,6 @@ from typing import TYPE_CHECKING, Any
 from ....compile.jit import kernel
 from ....math.kalman import measure, packed_index, shear, shear3
 from ...tuning import Tunable
-from ..error_model import learned_attitude_psd, learned_velocity_psd
 from ..state import ATTITUDE, LEARNING_STATES, POSITION, VELOCITY
 
 if TYPE_CHECKING:
@@ -46,13 +46,23 @@ TUNABLES = (
     ),
     Tunable(
         "process_noise_walk",
-        0.1,
+        0.03,
         "per sqrt(s)",
         "Random walk of this logarithm: road, speed and rotors change.",
-        "A factor of 2.7 in 100 s.",
+        "A factor of 2.7 in 1000 s.",
     ),
     Tunable(
         "max_learned_nis", 9.0, "NIS", "Largest normalised innovation squared that is learned from.", "Three sigma."
+    ),
+    Tunable(
+        "velocity_noise_scale",
+        0.02,
+        "(m/s)/sqrt(s)",
+        "Process noise below which it is learned as it is, above as a logarithm.",
+        "It adds 0.02 m/s in a second: less than a receiver shows.",
+    ),
+    Tunable(
+        "attitude_noise_scale", math.radians(0.03), "rad/sqrt(s)", "The same of the attitude.", "A gyro of a phone."
     ),
     Tunable("max_velocity_noise", 1.0, "(m/s)/sqrt(s)", "Largest process noise that is learned.", "A multicopter."),
     Tunable("min_velocity_noise", 5e-3, "(m/s)/sqrt(s)", "Least process noise that is learned.", "A smooth car."),
@@ -93,10 +103,10 @@ def propagate_learning(p: Parameters, c: Core, phi: Transition) -> None:
         D = g.covariance_sensitivity[k]
         propagate_one(D, g.estimate_sensitivity[k], phi)
         first = VELOCITY if k == 0 else ATTITUDE
-        q = learned_velocity_psd(c) if k == 0 else learned_attitude_psd(c)
+        slope = math.exp(g.log_psd[k]) * c.stationarity.vibration_level  # dq / dx
         for i in range(3):
-            D[packed_index(LEARNING_STATES, first + i, first + i)] += q * phi.interval
-        if q > 0.0 and g.log_psd_covariance[2 * k] < p.tuning.process_noise_prior**2:
+            D[packed_index(LEARNING_STATES, first + i, first + i)] += slope * phi.interval
+        if slope > 0.0 and g.log_psd_covariance[2 * k] < p.tuning.process_noise_prior**2:
             g.log_psd_covariance[2 * k] += p.tuning.process_noise_walk**2 * phi.interval
 
 
@@ -129,11 +139,12 @@ def set_psd(p: Parameters, c: Core) -> None:
     """Bound the logarithms and store what they are of."""
     g, t = c.process_noise, p.tuning
     for k in range(2):
-        least, most = t.min_velocity_noise, t.max_velocity_noise
+        least, most, scale = t.min_velocity_noise, t.max_velocity_noise, t.velocity_noise_scale
         if k == 1:
-            least, most = t.min_attitude_noise, t.max_attitude_noise
-        g.log_psd[k] = min(max(g.log_psd[k], 2.0 * math.log(least)), 2.0 * math.log(most))
-        g.psd[k] = math.exp(g.log_psd[k])
+            least, most, scale = t.min_attitude_noise, t.max_attitude_noise, t.attitude_noise_scale
+        q = min(max(math.exp(g.log_psd[k]) - scale * scale, least * least), most * most)
+        g.psd[k] = q
+        g.log_psd[k] = math.log(q + scale * scale)
 
 
 @kernel

@@ -53,8 +53,7 @@ class Filter:
     """
 
     def __init__(self, estimator: Estimator, settings: Settings, initial: Initial, rate_hz: float) -> None:
-        self.estimator = estimator
-        self._rate_hz = rate_hz
+        self.estimator, self.settings, self.rate_hz = estimator, settings, rate_hz
         self.parameters = estimator.configure(settings, rate_hz)
         self.state = estimator.start(self.parameters, initial)
         self._mount_rpy_deg = settings.imu.mount_rpy_deg
@@ -114,7 +113,8 @@ class Filter:
 
     def configure(self, settings: Settings) -> None:
         """Take other settings; the state stays."""
-        self.parameters[:] = self.estimator.configure(settings, self._rate_hz)
+        self.settings = settings
+        self.parameters[:] = self.estimator.configure(settings, self.rate_hz)
 
     def feed(self, samples: Records, out: Records, fixes: Records, places: Records, innovations: Records) -> Records:
         """Step through `samples` (SAMPLE, turned to body axes in place), one solution each into `out` (SOLUTION).

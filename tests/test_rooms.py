@@ -61,7 +61,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     ("imud/pipeline.py",),
     ("imud/sensors",),
     ("imud/outputs", "imud/tables"),
-    ("imud/recording", "imud/batch.py"),
+    ("imud/recording", "imud/batch.py", "imud/smoothing"),
     ("imud/daemon/fast_loop.py",),
     ("imud/compilation.py",),
     ("imud/daemon",),

@@ -40,13 +40,15 @@ def attitude(
     initial: Mapping[str, float] | None = None,
     frames: Frames = "ned-frd",
     estimator: str = "attitude",
+    smooth: bool = False,
 ) -> Solution:
     """Attitude and gyro bias from gyro and accelerometer, causal, with sigmas; the bits of `imud replay --imu`.
 
     t: [n] s, increasing. gyro: [n, 3] rad/s. accel: [n, 3] specific force, m/s^2: at rest and level (0, 0, -g) in FRD,
     (0, 0, g) in FLU. temperature: [n] degC. settings: keys and values as in `--set`, or a configuration file; initial:
-    as in `--initial`. frames: `ned-frd` or `enu-flu`, of what goes in and of what comes out. Raises ValueError for what
-    is wrong in arrays, ConfigError for what is wrong in settings, BadDataError if the settings forbid every fix.
+    as in `--initial`. smooth: estimates from the data before and after each sample, as of `imud replay --smooth`.
+    frames: `ned-frd` or `enu-flu`, of what goes in and of what comes out. Raises ValueError for what is wrong in
+    arrays, ConfigError for what is wrong in settings, BadDataError if the settings forbid every fix.
 
     >>> import numpy as np, imud
     >>> t = np.arange(300) / 100.0
@@ -54,7 +56,7 @@ def attitude(
     >>> print(round(np.radians(imud.attitude(t, np.zeros((300, 3)), accel).roll_deg[-1]), 2))
     0.1
     """
-    return _run(t, gyro, accel, temperature, None, {}, settings, initial, frames, estimator)
+    return _run(t, gyro, accel, temperature, None, {}, settings, initial, frames, estimator, smooth)
 
 
 def navigate(
@@ -66,6 +68,7 @@ def navigate(
     initial: Mapping[str, float] | None = None,
     frames: Frames = "ned-frd",
     estimator: str = "navigation",
+    smooth: bool = False,
 ) -> Solution:
     """Attitude, velocity and position from inertial samples and fixes; the bits of `imud replay --imu --gnss`.
 
@@ -82,7 +85,7 @@ def navigate(
     >>> bool(imud.navigate(imu, gnss).position_valid[-1])
     True
     """
-    return _run(*split_imu(imu), gnss, aiding or {}, settings, initial, frames, estimator)
+    return _run(*split_imu(imu), gnss, aiding or {}, settings, initial, frames, estimator, smooth)
 
 
 def _run(
@@ -96,6 +99,7 @@ def _run(
     initial: Mapping[str, float] | None,
     frames: Frames,
     name: str,
+    smooth: bool,
 ) -> Solution:
     check_frames(frames)
     try:
@@ -114,14 +118,20 @@ def _run(
     filter_ = Filter(estimator, chosen, initial_of(initial), rate_hz)
     rows: list[Records] = []
     innovations: list[Records] = [np.zeros(0, INNOVATION)]
-    play(
-        filter_,
-        samples,
-        fixes,
-        lambda block: rows.append(block.copy()),
-        note=innovations.append,
-        aiding=_in_order(measured) if measured else None,
-    )
+    aided = _in_order(measured) if measured else None
+
+    def take(block: Records) -> None:
+        rows.append(block.copy())
+
+    if smooth:
+        from ..smoothing import Forward
+        from ..smoothing import smooth as smooth_all
+
+        forward = Forward(filter_)
+        play(filter_, samples, fixes, forward.take, note=innovations.append, aiding=aided)
+        smooth_all(forward, samples, fixes, aided, take)
+    else:
+        play(filter_, samples, fixes, take, note=innovations.append, aiding=aided)
     return Solution(np.concatenate(rows), np.concatenate(innovations), origin, frames)
 
 

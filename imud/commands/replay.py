@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ..estimators import Estimator
     from ..estimators.aiding_source import AidingSource
     from ..math.arrays import Records
+    from ..pipeline import Filter
     from ..tables.inputs import SkippedRows
 
 _PERIOD_MAX_S, _FORCE_MPS2 = 0.2, (4.0, 25.0)  # beyond them the units of the file are probably wrong
@@ -54,6 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--estimator", metavar="NAME", help="default: navigation with --gnss, else attitude")
     parser.add_argument("--initial", default="", metavar="KEY=V,…", help="known start: lat_deg=…,lon_deg=…,yaw_deg=…")
     parser.add_argument("--rate", type=above_zero, metavar="HZ", help="thin the output (default: every sample)")
+    parser.add_argument("--smooth", action="store_true", help="estimates from the data before and after each sample")
     parser.add_argument("--calibration", type=Path, metavar="TOML", help="of the sensor, as `imud calibrate` keeps it")
     add_settings(parser)
 
@@ -106,7 +108,10 @@ def run(args: argparse.Namespace) -> int:
         aiding = _read_aiding(sources, origin)
         mask = _output_mask(samples["t_ns"], args.rate)
         progress = Progress(len(samples))
-        fed = play(filter_, samples, fixes, writer.write, mask, innovations.append, aiding, progress.at)
+        if args.smooth:
+            fed = _smooth(filter_, samples, fixes, aiding, mask, writer.write, innovations.append, progress.at)
+        else:
+            fed = play(filter_, samples, fixes, writer.write, mask, innovations.append, aiding, progress.at)
     if args.innovations is not None:
         _write_innovations(args.innovations, origin, innovations)
     _summary(samples, fixes, fed, skipped, time.perf_counter() - begin)
@@ -115,6 +120,39 @@ def run(args: argparse.Namespace) -> int:
     left_out[0].judge(len(samples))
     left_out[1].judge(len(fixes))
     return 0
+
+
+def _smooth(
+    filter_: "Filter",
+    samples: "Records",
+    fixes: "Records",
+    aiding: "Records | None",
+    mask: Any,
+    write: Any,
+    note: Any,
+    advance: Any,
+) -> int:
+    """As `play`, and then backward in time."""
+    from ..batch import play
+    from ..smoothing import Forward, smooth
+
+    forward = Forward(filter_)
+    fed = play(filter_, samples, fixes, forward.take, note=note, aiding=aiding, advance=advance)
+    kept = Kept(mask)
+    smooth(forward, samples, fixes, aiding, lambda solutions: write(kept.of(solutions)))
+    return fed
+
+
+class Kept:
+    """The rows of a mask, in blocks that follow each other; mask None: all."""
+
+    def __init__(self, mask: Any) -> None:
+        self._mask, self._done = mask, 0
+
+    def of(self, rows: "Records") -> "Records":
+        """Of the next block."""
+        start, self._done = self._done, self._done + len(rows)
+        return rows if self._mask is None else rows[self._mask[start : self._done]]
 
 
 def _write_innovations(path: Path, origin: int, innovations: "list[Records]") -> None:

@@ -91,6 +91,7 @@ def _jobs(args: argparse.Namespace, recordings: list[tuple[Path, ...]], into_fol
             estimator=args.estimator,
             initial=args.initial,
             rate_hz=args.rate,
+            smooth=args.smooth,
         )
         for paths, name in zip(recordings, names, strict=True)
     ]

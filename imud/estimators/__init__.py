@@ -33,6 +33,10 @@ class Estimator:
     restore_biases(state, biases): begin with these instead of unknown ones. None: it cannot.
     checkpoint(state) -> record (1 element) with which resume(state, record) lets a state before its first sample go on
     after a restart of the program. None: it cannot.
+    backward_tuning(solution, factor) -> tunables, by name, with which a filter begins at that solution with sigmas
+    `factor` times as large, and takes epochs as known; for smoothing. None: it cannot run backward in time.
+    fix_delay_s(state) -> by how much a fix is older than its epoch says, s. None: it does not estimate it.
+    rates_of_interval: it takes a reading for that of the interval before its time; else for that of the instant.
     survives_power_on: a sample with POWER_ON reopens its biases, or it estimates none; else it is started anew then.
     """
 
@@ -43,9 +47,12 @@ class Estimator:
     update: Callable[[Any, Any, Any, Any], int] | None
     needs_gyros: bool = True
     survives_power_on: bool = False
+    rates_of_interval: bool = False
     restore_biases: Callable[[Records, Biases], None] | None = None
     checkpoint: Callable[[Records], Records] | None = None
     resume: Callable[[Records, Records], None] | None = None
+    backward_tuning: Callable[[Any, float], dict[str, float]] | None = None
+    fix_delay_s: Callable[[Records], float] | None = None
     pending_innovations: Callable[[Any, Any], int] | None = None
     tunables: tuple[Tunable, ...] = ()
     aid: Callable[[Any, Any, Any, Any], int] | None = None

@@ -25,7 +25,8 @@ class AidingSource:
     name: what the user calls it. kind: its code in MEASUREMENT. message: the class of its datagrams. columns: those of
     a table that become `value`, in this order; sigmas: those that become `sigma`, which may be absent. In a datagram
     they are called the same, without the unit: `heading_deg` is `heading`. innovations: kind in INNOVATION to its
-    names; the first stands for a measurement that came too late.
+    names; the first stands for a measurement that came too late. reversed_sign: -1.0 for what changes its sign if time
+    runs backward, as a speed does.
 
         degrees = Column(DEGREE, -360.0, 360.0)
         AidingSource("heading", HEADING_SOURCE, "HDG", {"heading_deg": degrees}, …, {HEADING: KINDS[HEADING]})
@@ -37,6 +38,7 @@ class AidingSource:
     columns: dict[str, Column]
     sigmas: dict[str, Column] = field(default_factory=dict)
     innovations: dict[int, InnovationKind] = field(default_factory=dict)
+    reversed_sign: float = 1.0
 
     def fill(self, measurement: Any, row: Mapping[str, float]) -> None:
         """Write kind, values and sigmas to a row of MEASUREMENT; row: numbers by column, absent or NaN if not known.

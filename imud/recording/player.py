@@ -15,7 +15,7 @@ from imud.drivers.registry import by_name
 from ..configuration.settings import Initial, Settings
 from ..errors import BadDataError
 from ..math.arrays import Records
-from ..pipeline import Stored
+from ..pipeline import Filter, Stored
 from ..sensor_errors.calibration import Calibration
 from ..sensor_errors.stored_biases import Biases
 from ..sensors.byte_sink import READ_BYTES
@@ -73,8 +73,8 @@ class ReplayedPulse:
         return self.pulse_ns
 
 
-def _ignore(*_: Any) -> None:
-    pass
+def ignore(*_: Any) -> None:
+    """Take no notice."""
 
 
 class Player:
@@ -93,11 +93,11 @@ class Player:
         adapt: Callable[[Any], Settings],
         initial: Initial,
         on_step: Callable[[Records, Records], None],
-        on_update: Callable[[Records, Records], None] = _ignore,
-        warn: Callable[[str], None] = _ignore,
+        on_update: Callable[[Records, Records], None] = ignore,
+        warn: Callable[[str], None] = ignore,
         calibrated: bool = True,
-        on_fix: Callable[[Records], None] = _ignore,
-        on_aid: Callable[[Records, Records], None] = _ignore,
+        on_fix: Callable[[Records], None] = ignore,
+        on_aid: Callable[[Records, Records], None] = ignore,
     ) -> None:
         self.samples = self.fixes = 0
         self._settings = settings
@@ -110,6 +110,12 @@ class Player:
         self._pulse = ReplayedPulse()
         self._ports: dict[int, Inertial | Receiver] = {}
         self._imu: Connection | None = None
+
+    @property
+    def filter(self) -> Filter:
+        """Of the inertial sensor that streams, which must be there."""
+        assert self._selection.inertial is not None
+        return self._selection.inertial.stream.filter
 
     def take(self, entry: Entry) -> None:
         """The next message. Raises BadDataError if it is not what its topic promises."""

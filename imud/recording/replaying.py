@@ -23,6 +23,7 @@ class Job:
     estimator: str | None
     initial: str
     rate_hz: float | None
+    smooth: bool = False
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
     """Replay one recording into its file. progress: called with the bytes done and all bytes. Raises ImudError."""
     from ..math.arrays import Records
     from ..tables.estimates import EstimateWriter
-    from .player import Player
+    from .player import Player, ignore
     from .writer import Thinner
 
     begin = time.perf_counter()
@@ -61,16 +62,31 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
     with open_output(job.output) as file:
         writer = EstimateWriter(file, 0, 256)
 
-        def write(samples: Records, solutions: Records) -> None:
-            times[1:] = [int(solutions[-1]["t_ns"])] if times else [int(solutions[0]["t_ns"])] * 2
+        def write(solutions: Records) -> None:
             if len(kept := thinner.kept(solutions)):
                 writer.write(kept)
 
+        def step(samples: Records, solutions: Records) -> None:
+            times[1:] = [int(solutions[-1]["t_ns"])] if times else [int(solutions[0]["t_ns"])] * 2
+            if smoother is None:
+                write(solutions)
+            else:
+                smoother.step(player.filter, samples, solutions)
+
+        smoother = None
+        if job.smooth:
+            from ..smoothing import Segments
+
+            smoother = Segments(write)
         initial = config.parse_assignments(job.initial, Initial, "--initial")
-        player = Player(settings, adapt, initial, write, warn=notes.append)
+        on_update = smoother.take_fix if smoother else ignore
+        on_aid = smoother.take_measurement if smoother else ignore
+        player = Player(settings, adapt, initial, step, on_update, notes.append, on_aid=on_aid)
         for entry in recording:
             player.take(entry)
             progress(recording.read_bytes, recording.bytes)
+        if smoother is not None:
+            smoother.finish()
     if not player.samples:
         raise BadDataError("; ".join([f"{recording.path}: no samples of an inertial sensor in it", *recording.notes]))
     span_s = (times[1] - times[0]) * 1e-9

@@ -12,7 +12,7 @@ Source: Solà, Quaternion kinematics for the error-state Kalman filter (2017), s
 from .. import Estimator
 from .filter import step
 from .parameters import TUNABLES
-from .setup import checkpoint, configure, restore_biases, resume, start
+from .setup import backward_tuning, checkpoint, configure, restore_biases, resume, start
 
 __all__ = ["ESTIMATOR"]
 
@@ -26,5 +26,7 @@ ESTIMATOR = Estimator(
     restore_biases=restore_biases,
     checkpoint=checkpoint,
     resume=resume,
+    backward_tuning=backward_tuning,
+    rates_of_interval=True,
     tunables=TUNABLES,
 )

@@ -97,6 +97,11 @@ def _covariance(parameters: Records, gravity_known: bool) -> NDArray[np.float64]
     return P
 
 
+def backward_tuning(solution: np.void, factor: float) -> dict[str, float]:
+    """See `Estimator`: of a SOLUTION."""
+    return {"given_angle_rad": factor * float(np.max(solution["sigma_rpy"][:2]))}
+
+
 def restore_biases(state: Records, biases: Biases) -> None:
     """Before the first sample: begin with these biases."""
     s = state[0]

@@ -21,7 +21,7 @@ from .. import Estimator
 from .checkpoint import checkpoint, resume
 from .filter import aid, step, take_innovations, update
 from .parameters import TUNABLES, configure
-from .setup import restore_biases, start
+from .setup import backward_tuning, fix_delay_s, restore_biases, start
 from .sources import SOURCES
 
 ESTIMATOR = Estimator(
@@ -38,4 +38,6 @@ ESTIMATOR = Estimator(
     restore_biases=restore_biases,
     checkpoint=checkpoint,
     resume=resume,
+    backward_tuning=backward_tuning,
+    fix_delay_s=fix_delay_s,
 )

@@ -28,6 +28,7 @@ from .state import (
     VELOCITY_TIME_OFFSET,
 )
 
+KNOWN_EPOCH_S = 0.005  # sigma of epochs that a run over all data has corrected
 TUNABLES = (
     Tunable(
         "first_tilt_sigma",
@@ -114,6 +115,24 @@ def start(parameters: Records, initial: Initial) -> Records:
             sigmas[VELOCITY + i] = t["given_velocity_sigma"]
     c["cov"]["P"] = np.diag(sigmas**2)[np.triu_indices(STATES)]
     return s
+
+
+def backward_tuning(solution: np.void, factor: float) -> dict[str, float]:
+    """See `Estimator`: of a SOLUTION. The forward run has found by how much the fixes are late."""
+    return {
+        "given_tilt_sigma": factor * float(np.max(solution["sigma_rpy"][:2])),
+        "given_heading_sigma": factor * float(solution["sigma_rpy"][2]),
+        "given_position_sigma": factor * float(np.max(solution["sigma_p"])),
+        "given_velocity_sigma": factor * float(np.max(solution["sigma_v"])),
+        "time_offset_sigma": KNOWN_EPOCH_S,
+        "reported_epoch_sigma": KNOWN_EPOCH_S,
+        "survey_epoch_sigma": KNOWN_EPOCH_S,
+    }
+
+
+def fix_delay_s(state: Records) -> float:
+    """See `Estimator`."""
+    return float(state["core"][0, 0]["nav"]["time_offset"])
 
 
 def restore_biases(state: Records, biases: Biases) -> None:

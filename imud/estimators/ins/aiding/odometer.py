@@ -37,6 +37,7 @@ SOURCE = AidingSource(
     {"speed_mps": Column(1.0, -200.0, 200.0)},
     {"sigma_mps": Column(1.0, 1e-3, 10.0)},
     {ODOMETER: KINDS[ODOMETER]},
+    reversed_sign=-1.0,
 )
 TUNABLES = (
     Tunable("odometer_sigma", 0.05, "m/s", "Sigma of a reading that reports none.", "Pulses of an ABS ring at 10 Hz."),

@@ -1,0 +1,90 @@
+"""Samples, fixes and measurements as they would be if time ran backward, so that a filter can run from end to start.
+
+Positions, attitudes and specific forces stay, velocities, rates and gyro biases change their sign. The filter's earth
+goes on turning forward, so two corrections make its equations of motion hold, with the earth's rate W and the velocity
+v of the forward estimate:
+
+    w' = -w + 2 W                         the filter subtracts W
+    f' = f - 4 W x v                      it subtracts the Coriolis acceleration 2 W x v', with v' = -v
+
+Both are in body axes. 0.2 deg of heading make an error of 0.05 deg/h in w', far less than a bias, which is estimated.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from imud.drivers.sample import POWER_ON, RECONNECTED
+
+from ..estimators.aiding_source import AidingSource
+from ..estimators.records import HEADING_VALID, POSITION_VALID
+from ..math.arrays import Floats, Records
+from ..math.earth import EARTH_RATE_RADPS
+
+BLOCK = 65536  # rows
+
+
+def matrices(q: Floats) -> Floats:
+    """Direction cosine matrices [n, 3, 3], body to navigation frame, of unit quaternions [n, 4]."""
+    w, x, y, z = np.moveaxis(q, 1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def reversed_samples(samples: Records, solutions: Records, of_interval: bool) -> Iterator[Records]:
+    """Samples (SAMPLE, in body axes) in reverse order, in blocks; their times count from 0, the last one's.
+
+    solutions: the forward estimates (SOLUTION), for the two corrections, which need position, velocity and heading.
+    of_interval: the filter takes a reading for that of the interval which ends at its time. Backward that interval ends
+    at the time of the sample before.
+    """
+    end_ns, last_tick = int(samples["t_ns"][-1]), int(samples["tick"][-1])
+    after = 0  # an interruption is marked on the first sample behind it, seen from the other side on another one
+    for stop in range(len(samples), 0, -BLOCK):
+        part = slice(max(stop - BLOCK, 0), stop)
+        times = samples[["t_ns", "tick"]][part][::-1]
+        readings = np.minimum(np.arange(part.start, part.stop) + of_interval, len(samples) - 1)
+        rows, s = samples[readings][::-1].copy(), solutions[part][::-1]
+        known = np.all([s["status"] & bit != 0 for bit in (POSITION_VALID, HEADING_VALID)], axis=0)[:, None]
+        lat = np.where(known[:, 0], s["lat"], 0.0)
+        earth = np.stack([np.cos(lat), np.zeros(len(lat)), -np.sin(lat)], axis=1) * EARTH_RATE_RADPS * known
+        to_body = np.swapaxes(matrices(np.where(known, s["q_nb"], (1.0, 0.0, 0.0, 0.0))), 1, 2)
+        coriolis = np.cross(earth, np.where(known, s["v"], 0.0))
+        rows["t_ns"] = end_ns - times["t_ns"]
+        rows["tick"] = last_tick - times["tick"]
+        rows["w"] = 2.0 * np.einsum("nij,nj->ni", to_body, earth) - rows["w"]
+        rows["f"] -= 4.0 * np.einsum("nij,nj->ni", to_body, coriolis)
+        interrupted = rows["flags"] & (POWER_ON | RECONNECTED)
+        rows["flags"] += np.append(after, interrupted[:-1]) - interrupted
+        after = int(interrupted[-1])
+        yield rows
+
+
+def reversed_fixes(fixes: Records, end_ns: int, delays_s: Floats) -> Records:
+    """Fixes (FIX) in reverse order, known at once. delays_s: by how much each is older than its epoch says."""
+    rows = fixes.copy()
+    rows["t_ns"] = end_ns - rows["t_ns"] + np.round(1e9 * delays_s).astype(np.int64)
+    rows["v"] = -rows["v"]
+    rows["course"] = np.mod(rows["course"] + math.pi, 2.0 * math.pi)
+    return _known_at_once(rows)
+
+
+def reversed_measurements(measurements: Records, sources: Sequence[AidingSource], end_ns: int) -> Records:
+    """Measurements (MEASUREMENT) of these aiding sources in reverse order, known at once."""
+    rows = measurements.copy()
+    rows["t_ns"] = end_ns - rows["t_ns"]
+    for source in sources:
+        rows["value"][rows["kind"] == source.kind] *= source.reversed_sign
+    return _known_at_once(rows)
+
+
+def _known_at_once(rows: Any) -> Records:
+    rows["arrival_ns"] = rows["t_ns"]
+    ordered: Records = rows[np.argsort(rows["t_ns"], kind="stable")]
+    return ordered

@@ -1,0 +1,202 @@
+"""The whole of smoothing: collect the forward run, run backward, average.
+
+    forward = Forward(filter_)                  # play with forward.take as `write`
+    smooth(forward, samples, fixes, aiding, write)
+
+A whole drive need not fit into memory: rows are in temporary files (456 bytes a sample; `TMPDIR` chooses the disk).
+"""
+
+import math
+import tempfile
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from imud.drivers.sample import SAMPLE
+
+from ..batch import play
+from ..configuration.settings import Initial
+from ..errors import UsageError
+from ..estimators.records import (
+    ATTITUDE_VALID,
+    FIX,
+    HEADING_VALID,
+    HEIGHT_VALID,
+    MEASUREMENT,
+    POSITION_VALID,
+    SOLUTION,
+)
+from ..math.arrays import Records
+from ..pipeline import Filter
+from ..sensor_errors.stored_biases import Biases
+from .average import combined
+from .reversal import BLOCK, matrices, reversed_fixes, reversed_measurements, reversed_samples
+
+WIDER = 5.0  # the sigmas with which the backward filter begins, over those with which the forward one ended
+
+
+class Rows:
+    """Rows of one dtype in a temporary file without a name; written first, then read."""
+
+    def __init__(self, kind: "np.dtype[Any]") -> None:
+        self._file, self._kind = tempfile.TemporaryFile(), kind  # noqa: SIM115
+
+    def append(self, rows: Records) -> None:
+        """Write copies of the rows."""
+        self._file.write(np.ascontiguousarray(rows).tobytes())
+
+    def array(self) -> Records:
+        """All rows, in the file; so are changes of them."""
+        self._file.flush()
+        count = self._file.tell() // self._kind.itemsize
+        return np.memmap(self._file, self._kind, "r+", shape=(count,)) if count else np.zeros(0, self._kind)
+
+
+class Forward:
+    """The run of the filter forward in time: its solutions, and by how much fixes are older than their epochs."""
+
+    def __init__(self, filter_: Filter) -> None:
+        """Raises UsageError if the estimator cannot run backward."""
+        if filter_.estimator.backward_tuning is None:
+            raise UsageError(f"the estimator {filter_.estimator.name} cannot be smoothed; attitude and navigation can")
+        self.filter = filter_
+        self._solutions = Rows(SOLUTION)
+        self._delays: list[tuple[int, float]] = [(0, 0.0)]
+
+    def take(self, solutions: Records) -> None:
+        """The solutions of the next samples."""
+        self._solutions.append(solutions)
+        if len(solutions) and (delay := self.filter.estimator.fix_delay_s) is not None:
+            self._delays.append((int(solutions["t_ns"][-1]), delay(self.filter.state)))
+
+    def solutions(self) -> Records:
+        """All of them."""
+        return self._solutions.array()
+
+    def delays_s(self, fixes: Records) -> Any:
+        """By how much each of the fixes is older than its epoch says, as the filter found."""
+        times, delays = zip(*self._delays[1:] or self._delays, strict=True)
+        return np.interp(fixes["t_ns"], times, delays)
+
+
+def smooth(
+    forward: Forward,
+    samples: Records,
+    fixes: Records,
+    measurements: Records | None,
+    write: Callable[[Records], None],
+) -> None:
+    """Write the smoothed solutions (SOLUTION) in blocks, first to last.
+
+    samples: all of the forward run, in body axes. fixes, measurements: as given to it.
+    """
+    solutions = forward.solutions()
+    if not len(solutions):
+        return
+    end_ns = int(samples["t_ns"][-1])
+    turned, past = Rows(SAMPLE), Rows(SOLUTION)
+    for block in reversed_samples(samples, solutions, forward.filter.estimator.rates_of_interval):
+        turned.append(block)
+    filter_ = _backward_filter(forward.filter, solutions[-1])
+    aiding = None if measurements is None else reversed_measurements(measurements, filter_.estimator.sources, end_ns)
+    play(filter_, turned.array(), reversed_fixes(fixes, end_ns, forward.delays_s(fixes)), past.append, aiding=aiding)
+    backward = past.array()[::-1]
+    for start in range(0, len(solutions), BLOCK):
+        part = slice(start, start + BLOCK)
+        write(combined(solutions[part], backward[part]))
+
+
+class Segments:
+    """Smooths what a recording holds, a segment for each filter: another sensor begins a new one. Not thread-safe."""
+
+    def __init__(self, write: Callable[[Records], None]) -> None:
+        """write: given the smoothed solutions in blocks."""
+        self._write = write
+        self._forward: Forward | None = None
+
+    def step(self, filter_: Filter, samples: Records, solutions: Records) -> None:
+        """The filter's next samples (SAMPLE, in body axes) and solutions."""
+        if self._forward is None or self._forward.filter is not filter_:
+            self.finish()
+            self._forward = Forward(filter_)
+            self._samples, self._fixes, self._measurements = Rows(SAMPLE), Rows(FIX), Rows(MEASUREMENT)
+        self._forward.take(solutions)
+        self._samples.append(samples)
+
+    def take_fix(self, fix: Records, innovations: Records) -> None:
+        """A fix (array of one FIX) that the filter was given."""
+        if self._forward is not None:
+            self._fixes.append(fix)
+
+    def take_measurement(self, measurement: Records, innovations: Records) -> None:
+        """A measurement (array of one MEASUREMENT) of an aiding source that it was given."""
+        if self._forward is not None:
+            self._measurements.append(measurement)
+
+    def finish(self) -> None:
+        """No more samples: smooth the last segment."""
+        if self._forward is not None:
+            measurements = self._measurements.array()
+            smooth(
+                self._forward,
+                self._samples.array(),
+                self._fixes.array(),
+                measurements if len(measurements) else None,
+                self._write,
+            )
+            self._forward = None
+
+
+def _backward_filter(forward: Filter, last: Any) -> Filter:
+    """A filter that begins at `last` (a SOLUTION), the end of the forward run, with sigmas so wide that what both have
+    in common weighs little. Its samples were mounted and calibrated on the way forward.
+    """
+    estimator, settings = forward.estimator, forward.settings
+    assert estimator.backward_tuning is not None
+    table = getattr(settings, estimator.table)
+    tuning = table.tuning | _within_range(estimator.tunables, estimator.backward_tuning(last, WIDER))
+    settings = msgspec.structs.replace(
+        settings,
+        imu=msgspec.structs.replace(settings.imu, mount_rpy_deg=(0.0, 0.0, 0.0)),
+        **{estimator.table: msgspec.structs.replace(table, tuning=tuning)},
+    )
+    filter_ = Filter(estimator, settings, _state_of(last), forward.rate_hz)
+    filter_.health["range"] = forward.health["range"]  # of this sensor
+    biases = Biases(
+        tuple((-last["bg"]).tolist()),
+        tuple((WIDER * last["sigma_bg"]).tolist()),
+        tuple(last["ba"].tolist()),
+        tuple((WIDER * last["sigma_ba"]).tolist()),
+    )
+    if biases.is_plausible:
+        filter_.restore_biases(biases)
+    return filter_
+
+
+def _within_range(tunables: Any, wanted: dict[str, float]) -> dict[str, float]:
+    known = {tunable.name: tunable for tunable in tunables}
+    return {
+        name: min(max(value, known[name].least), known[name].most)
+        for name, value in wanted.items()
+        if math.isfinite(value)
+    }
+
+
+def _state_of(last: Any) -> Initial:
+    """What is valid of a solution, seen backward."""
+    status = int(last["status"])
+    known: dict[str, float] = {}
+    if status & ATTITUDE_VALID:
+        m = matrices(last["q_nb"][None])[0]
+        known["roll_deg"] = math.degrees(math.atan2(m[2, 1], m[2, 2]))
+        known["pitch_deg"] = math.degrees(math.asin(max(-1.0, min(1.0, -m[2, 0]))))
+        if status & HEADING_VALID:
+            known["yaw_deg"] = math.degrees(math.atan2(m[1, 0], m[0, 0]))
+    if status & POSITION_VALID:
+        known |= {"lat_deg": math.degrees(last["lat"]), "lon_deg": math.degrees(last["lon"])}
+        known |= {f"v{axis}_mps": -float(v) for axis, v in zip("ned", last["v"], strict=True)}
+        if status & HEIGHT_VALID:
+            known["height_m"] = float(last["height"])
+    return Initial(**known)

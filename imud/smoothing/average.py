@@ -1,7 +1,7 @@
 """Two estimates of one state, averaged by their variances: `combined`.
 
 The errors of the two are taken as independent, and each component stands for itself: with variances a and b the mean
-has the variance a b / (a + b). Two that differ by more than their sigmas allow are both doubted: the sigma grows with
+has the variance a b / (a + b). Two that differ by more than their sigmas allow contradict each other: the sigma grows with
 their distance (the Birge ratio). What only one of them knows is taken from it.
 """
 
@@ -14,7 +14,7 @@ from ..math.arrays import Floats, Records
 from .reversal import matrices
 
 _EARTH_M = 6.371e6  # of small differences of latitude and longitude
-_DOUBTED = 4.0  # squared difference over its variance beyond which the sigma grows
+_CONTRADICTION = 4.0  # squared difference over its variance beyond which the sigma grows
 _ALL_VALID = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID | HEIGHT_VALID
 
 
@@ -47,8 +47,8 @@ def average(a: Floats, b: Floats, sigma_a: Floats, sigma_b: Floats) -> tuple[Flo
     only_a, only_b = np.isnan(b + var_b), np.isnan(a + var_a)
     with np.errstate(invalid="ignore", divide="ignore"):
         weight = np.where(only_a, 0.0, np.where(only_b, 1.0, var_a / (var_a + var_b)))
-        doubt = np.maximum(1.0, np.square(b - a) / (var_a + var_b) / _DOUBTED)
-        variance = np.where(only_a, var_a, np.where(only_b, var_b, weight * var_b * doubt))
+        inflation = np.maximum(1.0, np.square(b - a) / (var_a + var_b) / _CONTRADICTION)
+        variance = np.where(only_a, var_a, np.where(only_b, var_b, weight * var_b * inflation))
     mean = np.where(only_a, a, np.where(only_b, b, a + weight * (b - a)))
     return mean, np.sqrt(variance), weight
 

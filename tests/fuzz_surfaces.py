@@ -9,8 +9,10 @@ import os
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
+import fuzz_decoders
 import msgspec
 
 from imud import client
@@ -220,4 +222,9 @@ SURFACES = {
     "web": Surface(
         web, (b"127.0.0.1:8080\nhttp://127.0.0.1:8080", b"[::1]\nnull"), (b"[", b"]", b"@", b"#", b"http://", b":")
     ),
+    "stream-request": Surface(fuzz_decoders.stream_request, (client.DIVISOR.pack(10), b"")),
+    **{
+        name: Surface(partial(fuzz_decoders.decode, name), fuzz_decoders.examples(name))
+        for name in fuzz_decoders.SENSORS
+    },
 }

@@ -1,0 +1,108 @@
+"""What a release is checked for: `python tests/release.py FOLDER` writes wheel and parts list there, and checks both.
+
+The wheel is built twice, in two folders, and must be the same bytes. The parts list is CycloneDX 1.5: imud and every
+package that it needs, as they are installed here, with version and licence. pip-audit, where it is installed, looks
+for known vulnerabilities in them.
+"""
+
+import argparse
+import contextlib
+import email
+import hashlib
+import importlib.metadata
+import importlib.util
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import zipfile
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+_NAME = re.compile(r"[A-Za-z0-9._-]+")
+
+
+def copied(folder: Path) -> Path:
+    """The files under version control as they are in the working tree, in a folder of their own."""
+    names = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True).stdout.split(b"\0")
+    for name in filter(None, map(bytes.decode, names)):
+        if (ROOT / name).exists():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, folder / name, follow_symlinks=False)
+    return folder
+
+
+def wheel(into: Path) -> Path:
+    """Build the wheel from a copy of the sources; returns its path."""
+    with tempfile.TemporaryDirectory() as folder:
+        source = copied(Path(folder) / "imud")
+        command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(into)]
+        subprocess.run(command, cwd=source, check=True, stdout=subprocess.DEVNULL)
+    return next(into.glob("*.whl"))
+
+
+def add_needed(requirements: list[str], found: dict[str, importlib.metadata.Distribution]) -> None:
+    """Add the installed packages that these lines require, and what those require; extras are not required."""
+    for requirement in requirements:
+        match = _NAME.match(requirement)
+        if match is None or "extra ==" in requirement:
+            continue
+        key = match[0].lower().replace("_", "-")
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):  # for other platforms
+            if key not in found:
+                found[key] = importlib.metadata.distribution(match[0])
+                add_needed(found[key].requires or [], found)
+
+
+def part(name: str, version: str, licence: str) -> dict[str, object]:
+    """One component of the parts list."""
+    purl = f"pkg:pypi/{name}@{version}"
+    return {
+        "type": "library", "name": name, "version": version, "purl": purl, "licenses": [{"license": {"name": licence}}]
+    }  # fmt: skip
+
+
+def parts_list(built: Path) -> dict[str, object]:
+    """The software bill of materials of a wheel."""
+    with zipfile.ZipFile(built) as archive:
+        name = next(name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        own = email.message_from_bytes(archive.read(name))
+    found: dict[str, importlib.metadata.Distribution] = {}
+    add_needed(own.get_all("Requires-Dist", []), found)
+    parts = [part("imud", own["Version"], own["License-Expression"])]
+    for key, distribution in sorted(found.items()):
+        meta = distribution.metadata
+        licence = meta.get("License-Expression") or (meta.get("License") or "see the package").splitlines()[0]
+        parts.append(part(key, distribution.version, licence))
+    return {"bomFormat": "CycloneDX", "specVersion": "1.5", "version": 1, "components": parts}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("folder", type=Path)
+    folder = parser.parse_args().folder
+    digests = set()
+    for number in (1, 2):
+        with tempfile.TemporaryDirectory() as again:
+            into = folder if number == 1 else Path(again)
+            into.mkdir(parents=True, exist_ok=True)
+            built = wheel(into)
+            digests.add(hashlib.sha256(built.read_bytes()).hexdigest())
+    print(f"{built.name}: {'the same bytes twice' if len(digests) == 1 else 'DIFFERS'}, sha256 {sorted(digests)}")
+    parts = parts_list(next(folder.glob("*.whl")))
+    (folder / "imud.cdx.json").write_text(json.dumps(parts, indent=1))
+    print(f"parts list: {len(parts['components'])} packages")  # type: ignore[arg-type]
+    audited = 0
+    if importlib.util.find_spec("pip_audit"):
+        audited = subprocess.run(
+            [sys.executable, "-m", "pip_audit", "--local", "--skip-editable"], check=False
+        ).returncode
+    else:
+        print("NOT audited: pip install pip-audit")
+    return 1 if len(digests) > 1 or audited else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -120,13 +120,14 @@ def gnss_csv(data: bytes) -> None:
     _file(data, ".csv", lambda path: read_fixes(path, 0))
 
 
-client._WRITE_NS = 2_000_000  # for reading the shared memory: no writer is at work here, for which one would wait
-
-
 def shared(data: bytes) -> None:
     def read(path: Path) -> None:
-        with contextlib.suppress(client.ProtocolError):
-            client.latest(path)
+        usual, client._WRITE_NS = client._WRITE_NS, 2_000_000  # no writer is at work here, for which one would wait
+        try:
+            with contextlib.suppress(client.ProtocolError):
+                client.latest(path)
+        finally:
+            client._WRITE_NS = usual
 
     _file(data, ".state", read)
 

@@ -21,7 +21,7 @@ from .connection import SECOND_NS
 from .listeners import Listeners, Poller, RejectedError
 
 _STALL_TIMEOUT_NS = 60_000_000_000
-_SEND_BUFFER = 256 * 1024
+_SEND_BUFFER = 1 << 20  # 1.6 s of states at 1 kHz; where net.core.wmem_max is at its default, a third of a second
 _FLAGS = int(socket.MSG_NOSIGNAL | socket.MSG_DONTWAIT)
 CLIENT = np.dtype(
     [

@@ -146,6 +146,25 @@ def test_a_sensor_that_was_turned_while_unplugged_is_levelled_anew_and_has_no_he
 LINES = b"\n" + b"0512 0512 0717\n" * 3
 
 
+@pytest.mark.parametrize("name", ["S2", "/dev/ttyUSB1"])
+def test_a_spare_has_a_mounting_of_its_own(name):
+    """The same board, upside down: its filter sees the vehicle level as the first one's does."""
+    chosen = Settings(
+        estimator="tilt", ports=("/dev/ttyUSB0", "/dev/ttyUSB1"), imu=Imu(mounts={name: (180.0, 0.0, 0.0)})
+    )
+    selection, driver = EstimatorSelection(chosen, str), by_name("seraccel")
+    tilts = []
+    for port, (serial, lines) in enumerate(
+        (("S1", b"\n" + b"0512 0512 0717\n" * 3), ("S2", b"\n" + b"0512 0512 0307\n" * 3))
+    ):
+        configured = ImuConfigured(Identity("seraccel", "", serial), 100.0, 10_000_000, 0, 0)
+        sensor = selection.connect(None, driver, configured, Calibration(serial), chosen, 0, port)
+        sensor.stream.rx[: len(lines)] = bytearray(lines)
+        sensor.stream.ingest(len(lines), 0)
+        tilts.append(sensor.newest["q_nb"].copy())
+    assert np.allclose(*np.abs(tilts), atol=1e-3)
+
+
 @pytest.fixture
 def connect():
     """Connect a sensor, by serial number, port and time in s, and read LINES of it; returns the sensor."""

@@ -33,6 +33,13 @@ Name = Annotated[str, text()]
 MESSAGE_RATE_HZ = (0.001, 1000.0)
 HOT = {"hot": True}
 _MB_MAX, _YEAR_S = 100_000_000, 31_622_400.0
+Mounts = Annotated[
+    dict[str, tuple[Angle, Angle, Angle]],
+    Meta(
+        max_length=64,
+        description="The same of sensors that sit otherwise, as a spare may: by serial number, or DEV of `ports`.",
+    ),
+]
 Tuning = Annotated[
     dict[str, float],
     Meta(description="Constants of the filter, by name; `imud reference tuning` lists them, their units and defaults."),
@@ -58,6 +65,7 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         tuple[Angle, Angle, Angle],
         Meta(description="Roll, pitch, yaw (ZYX) of the sensor's axes in the vehicle's (x forward, y right, z down)."),
     ] = (0.0, 0.0, 0.0)
+    mounts: Mounts = {}
     filter_taps: Annotated[
         int,
         number(0, 128, "taps", "Of the sensor's own filter; 0: as few as its rate allows, least delay."),

@@ -81,7 +81,7 @@ class Devices:
         if self.gnss:
             self.gnss[1].settings = settings.gnss
         if self.imu and self.imu[0].configured:
-            own = choices.settings_for(settings, self.imu[0].configured.identity)
+            own = choices.settings_for(settings, self.imu[0].configured.identity, self.ports.index(self.imu[0]))
             self.imu[1].stream.filter.configure(own)
 
     @property
@@ -275,7 +275,9 @@ class Devices:
 
     def _load(self, configured: ImuConfigured, path: str, known: calibration.Calibration) -> Stored:
         """What an earlier run of the daemon knew; a checkpoint only for the first filter of this run."""
-        stored = self._store.load(configured, path, known, self._settings)
+        number = [port.spec.path for port in self.ports].index(path)
+        own = choices.settings_for(self._settings, configured.identity, number)
+        stored = self._store.load(configured, path, known, own)
         return stored if self.selection.inertial is None else replace(stored, checkpoint=b"")
 
     def _read_directly(self) -> None:

@@ -17,7 +17,6 @@ from ..sensor_errors.calibration import Calibration, correction
 from ..sensor_errors.profiles import profile_of
 from ..sensors.estimator_selection import AWAY_NS
 from ..sensors.inertial import Inertial
-from ..setup import choices
 from . import checkpoint_file
 
 _CHECKPOINT_NS, _BIASES_NS = 1_000_000_000, 5_000_000_000  # between two writings
@@ -32,14 +31,16 @@ class StateStore:
         self._warned = False
 
     def load(self, configured: ImuConfigured, port: str, calibration: Calibration, settings: Settings) -> Stored:
-        """What an earlier run knew of this very sensor on this port; biases only if it surely was not switched off."""
+        """What an earlier run knew of this very sensor on this port; biases only if it surely was not switched off.
+
+        settings: with the sensor's own profile and mounting.
+        """
         serial = configured.identity.serial
         checkpoint = checkpoint_file.take(_sensor(configured), port, AWAY_NS)
         if not configured.still_powered or not serial:
             return Stored(None, checkpoint)
-        own = choices.settings_for(settings, configured.identity)
-        corrected = correction(calibration, own.imu.mount_rpy_deg)
-        biases = stored_biases.load(serial, corrected, time.monotonic_ns(), profile_of(own))
+        corrected = correction(calibration, settings.imu.mount_rpy_deg)
+        biases = stored_biases.load(serial, corrected, time.monotonic_ns(), profile_of(settings))
         return Stored(biases, checkpoint)
 
     def save_when_due(self, configured: ImuConfigured, port: str, sensor: Inertial, now_ns: int) -> None:

@@ -195,7 +195,8 @@ class Player:
             if isinstance(sensor, Receiver):
                 sensor.settings = settings.gnss
         if self._imu is not None and self._selection.inertial is not None:
-            self._selection.inertial.stream.filter.configure(settings_for(settings, self._imu.imu().identity))
+            own = settings_for(settings, self._imu.imu().identity, self._imu.port)
+            self._selection.inertial.stream.filter.configure(own)
 
 
 def _known(calibration: dict[str, Any]) -> dict[str, Any]:

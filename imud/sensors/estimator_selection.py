@@ -48,12 +48,12 @@ class EstimatorSelection:
         an earlier run has `stored`. Raises UsageError if the sensor does not suffice for the estimator that the user
         asked for.
         """
-        settings = choices.settings_for(settings, configured.identity)
+        settings = choices.settings_for(settings, configured.identity, port)
         self.estimator, why = self.choice.estimator_for(configured)
         if why:
             self._warn(why)
         about_hz = round(math.log(configured.rate_hz) / RATE_STEP)  # a rate that was heard varies a little
-        made_for = (driver.name, self.estimator.name, settings.imu.profile, about_hz)
+        made_for = (driver.name, self.estimator.name, settings.imu.profile, settings.imu.mount_rpy_deg, about_hz)
         same = made_for == self._made_for and self._is_same(configured.identity.serial, port)
         serial = configured.identity.serial
         same_power = configured.still_powered and bool(serial)  # no twin of it

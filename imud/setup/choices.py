@@ -114,8 +114,17 @@ def estimators(settings: Settings) -> Choice:
     return Choice(registry.by_name("attitude"), without)
 
 
-def settings_for(settings: Settings, identity: Identity) -> Settings:
-    """Settings with the noise profile of the sensor that was found, unless the user chose one."""
-    if settings.imu.profile != "auto" or identity.profile not in PROFILES:
-        return settings
-    return msgspec.structs.replace(settings, imu=msgspec.structs.replace(settings.imu, profile=identity.profile))
+def settings_for(settings: Settings, identity: Identity, port: int) -> Settings:
+    """Settings with profile and mounting of the sensor that was found on the port of that number.
+
+    The profile is the sensor's own unless the user chose one.
+    """
+    imu = settings.imu
+    if imu.profile == "auto" and identity.profile in PROFILES:
+        imu = msgspec.structs.replace(imu, profile=identity.profile)
+    path = _spec(settings.ports[port], settings).path if imu.mounts and port < len(settings.ports) else ""
+    for name in (identity.serial, path):
+        if name in imu.mounts:
+            imu = msgspec.structs.replace(imu, mount_rpy_deg=imu.mounts[name])
+            break
+    return msgspec.structs.replace(settings, imu=imu)

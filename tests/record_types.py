@@ -13,7 +13,7 @@ from imud.estimators.ins import parameters, state
 from imud.estimators.papers import gps_track, stationary, suh
 from imud.estimators.papers.ins9 import state as ins9
 from imud.estimators.riss import state as riss
-from imud.sensor_monitor import clipping, health, spikes
+from imud.sensor_monitor import clipping, health, spikes, units
 
 IMUD = Path(__file__).resolve().parents[1] / "imud"
 ESTIMATORS = {
@@ -80,7 +80,12 @@ PAPERS = {
     "Ins9State": ins9.STATE,
 }
 RISS = {"Tuning": riss.PARAMETERS["tuning"], "RissParameters": riss.PARAMETERS, "RissState": riss.STATE}
-MONITOR = {"Clipping": clipping.CLIPPING, "Spikes": spikes.SPIKES, "Health": health.HEALTH}
+MONITOR = {
+    "Clipping": clipping.CLIPPING,
+    "Spikes": spikes.SPIKES,
+    "RateUnits": units.RATE_UNITS,
+    "Health": health.HEALTH,
+}
 FILES = {  # file: (what its records are, its records, those of other files by the module that they are imported from)
     IMUD / "clocks" / "types.py": ("record of a clock", {"Clock": counter.CLOCK}, {}),
     IMUD / "sensor_monitor" / "types.py": ("records of the sensor monitor", MONITOR, {}),

@@ -2,12 +2,14 @@
 
 FROZEN, LIMITED, INVALID, ZERO, WEIGHT, TEMPERATURE = 0, 6, 12, 18, 19, 20  # the first three per axis
 SPIKE = 21  # per axis of the gyro
-FINDINGS = 24
+UNITS = 24
+FINDINGS = 25
 
 _PER_AXIS = ((FROZEN, "frozen"), (LIMITED, "at the end of its range"), (INVALID, "impossible"), (SPIKE, "shows spikes"))
 _WHOLE = (
     (ZERO, "accelerometer shows nothing, not even gravity"),
     (WEIGHT, "accelerometer shows a steady force far from gravity"),
+    (UNITS, "rates are in deg/s instead of rad/s: gravity turns 57 times less than they say"),
     (TEMPERATURE, "temperature is impossible"),
 )
 

@@ -29,8 +29,9 @@ from ..compile.jit import kernel
 from ..math.earth import STANDARD_GRAVITY
 from ..sensor_errors.profiles import Profile
 from .clipping import CLIPPING, is_clipped, new_clipping
-from .findings import FINDINGS, FROZEN, INVALID, LIMITED, SPIKE, TEMPERATURE, WEIGHT, ZERO
+from .findings import FINDINGS, FROZEN, INVALID, LIMITED, SPIKE, TEMPERATURE, UNITS, WEIGHT, ZERO
 from .spikes import SPIKES, new_spikes, replace_spikes
+from .units import RATE_UNITS, new_units, rates_are_in_degrees
 
 if TYPE_CHECKING:
     from .types import Health
@@ -52,13 +53,14 @@ COLDEST, HOTTEST = -60.0, 130.0  # degC; one damaged word among good ones is non
 SHOWN_NS = 2_000_000_000  # so long a finding is reported after it was last made
 
 _RATES, _FORCES = 0b000111, 0b111000
-_NO_RATE = _RATES << FROZEN | _RATES << INVALID
+_NO_RATE = _RATES << FROZEN | _RATES << INVALID | 1 << UNITS
 _NO_FORCE = _FORCES << FROZEN | _FORCES << INVALID | 1 << ZERO | 1 << WEIGHT
 
 HEALTH = np.dtype(
     [
         ("clipping", CLIPPING),
         ("spikes", SPIKES),
+        ("units", RATE_UNITS),
         ("range", "<f8", (6,)),  # rad/s about x y z, m/s^2 along x y z; the sensor's axes
         ("promised", "<f8", (6,)),  # noise of a sample by the profile, same units
         ("least_run", "<i8"),
@@ -98,6 +100,7 @@ def new_health(profile: Profile, rate_hz: float) -> NDArray[np.void]:
     h = np.zeros(1, HEALTH)
     h["range"] = np.repeat((LATITUDE * profile.gyro_range, LATITUDE * profile.accel_range), 3)
     h["clipping"], h["spikes"] = new_clipping(), new_spikes(rate_hz)
+    h["units"] = new_units(rate_hz)
     h["clipping"]["floor"] = np.minimum(h["clipping"]["floor"], h["range"])
     h["promised"] = np.repeat((profile.gyro_noise, profile.accel_noise), 3) * math.sqrt(0.5 * rate_hz)
     h["least_run"] = max(LEAST_RUN, round(LEAST_RUN_S * rate_hz))
@@ -259,6 +262,7 @@ def examine(h: Health, sample: Any) -> None:
         for i in range(6):
             findings |= judge_axis(h, i, sample.t_ns)
     findings |= judge_force(h, sample.t_ns)
+    findings |= 1 << UNITS if rates_are_in_degrees(h.units, sample) else 0
     findings |= replace_spikes(h.spikes, sample, findings >> LIMITED | findings >> INVALID) << SPIKE
     h.fever = h.fever + 1 if sample.temperature < COLDEST or sample.temperature > HOTTEST else 0
     if h.fever >= LEAST_RUN:

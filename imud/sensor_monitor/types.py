@@ -25,9 +25,21 @@ class Spikes:
     recent_push: float
 
 
+class RateUnits:
+    period: float
+    window: int
+    samples: int
+    force: Reals
+    covariance: float
+    expected2: float
+    seen2: float
+    degrees: int
+
+
 class Health:
     clipping: Clipping
     spikes: Spikes
+    units: RateUnits
     range: Reals
     promised: Reals
     least_run: int

@@ -1,0 +1,39 @@
+"""Rates given in deg/s: gravity in the sensor turns 57 times less than they say. It is said, and ends the attitude."""
+
+import numpy as np
+import pytest
+from attitude_simulation import DEG, Flaws, measure, simulate, wobble
+from broad import samples_of
+from replay_in_process import new_filter
+
+from imud.drivers.sample import NO_RATE
+from imud.estimators.records import ATTITUDE_VALID, SOLUTION
+from imud.sensor_monitor.findings import words
+from imud.sensor_monitor.health import shown
+
+
+def seen(rate_hz, seed, turning, moving, factor):
+    """(samples as the monitor leaves them, solutions, its findings in words) of a sensor in a hand."""
+    truth = simulate(40.0, rate_hz, wobble(seed, turning), wobble(seed + 50, moving, 2.0 + moving, 9.0 + moving))
+    w, f = measure(truth, Flaws(gyro_bias=(0.2 * DEG,) * 3), np.random.default_rng(seed))
+    samples = samples_of(truth.t, factor * w, f)
+    filter_, out = new_filter("attitude", samples), np.zeros(len(samples), SOLUTION)
+    filter_.run(samples, out)
+    return samples, out, words(shown(filter_.health))
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 100.0, 400.0])
+def test_rates_in_degrees_end_the_attitude_and_are_said(rate_hz):
+    for seed in range(3):
+        _, out, said = seen(rate_hz, seed, 0.4, 0.3, 180.0 / np.pi)
+        assert any("deg/s" in text for text in said), (seed, said)
+        late = out["status"][round(20.0 * rate_hz) :]
+        assert not (late & ATTITUDE_VALID).any()
+
+
+def test_rates_in_radians_never_are():
+    for seed in range(24):
+        turning, moving = 10.0 ** (seed % 6 / 3.0 - 0.7), 10.0 ** (seed // 6 / 1.5 - 1.0)
+        samples, _, said = seen((50.0, 200.0)[seed % 2], seed, turning, moving, 1.0)
+        assert not (samples["flags"] & NO_RATE).any(), seed
+        assert not any("deg/s" in text for text in said), seed

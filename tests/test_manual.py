@@ -40,13 +40,14 @@ def commands(page):
     for line in "\n".join(blocks(page, "sh")).splitlines():
         lexer = shlex.shlex(line, posix=True, punctuation_chars="();<>|&")
         lexer.whitespace_split = True
-        words = [*lexer, ";"]
+        words, before = [*lexer, ";"], ""
         while words:
             end = next(i for i, word in enumerate(words) if set(word) <= set("();<>|&"))
-            call, words = words[:end], words[end + 1 :]
+            call, written = words[:end], before in (">", "<")
+            before, words = words[end], words[end + 1 :]
             while call and (call[0] in ("sudo", "PYTHONPATH") or "=" in call[0]):
                 call = call[1:]
-            if call and Path(call[0]).name == "imud":
+            if call and not written and Path(call[0]).name == "imud":
                 yield call[1:]
 
 

@@ -5,6 +5,7 @@ import importlib
 import io
 import os
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
 from typing import NoReturn
@@ -32,10 +33,17 @@ COMMANDS = {
     "allan": "a sensor's noise, from a recording at rest",
     "calibrate": "a sensor's biases, scale and mounting, from recordings",
     "reference": "every setting: a sample configuration; the man pages",
+    "completion": "a script with which bash or zsh completes imud's arguments",
     "install-service": "imud under systemd: shows what it would do, then does it",
 }
 _USAGE, _INTERRUPTED = 64, 130
-_EXTRAS = {"mcap": "record", "plotly": "plots", "aiohttp": "web", "distributed": "cluster"}  # package: extra
+_EXTRAS = {  # package: extra
+    "mcap": "record",
+    "plotly": "plots",
+    "aiohttp": "web",
+    "distributed": "cluster",
+    "shtab": "completion",
+}
 
 
 class _Parser(argparse.ArgumentParser):
@@ -46,8 +54,8 @@ class _Parser(argparse.ArgumentParser):
         self.exit(_USAGE, f"{self.prog}: {message}\n")
 
 
-def _parser(command: str | None) -> argparse.ArgumentParser:
-    """The whole parser; only the named command's module is imported for its arguments."""
+def _parser(*filled: str) -> tuple[argparse.ArgumentParser, list[argparse.ArgumentParser]]:
+    """The whole parser, and those of the commands; only the modules of `filled` are imported for their arguments."""
     parser = _Parser(
         prog="imud",
         description="Inertial sensor daemon: attitude, velocity and position from an IMU and a GNSS receiver.",
@@ -57,9 +65,16 @@ def _parser(command: str | None) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, summary in COMMANDS.items():
         sub = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
-        if name == command:
+        if name in filled:
             _module(name).add_arguments(sub)
-    return parser
+    return parser, list(commands.choices.values())
+
+
+def completed_parser() -> tuple[argparse.ArgumentParser, list[argparse.ArgumentParser]]:
+    """The parser with all arguments, for their completion: those of `run` may also stand without a command."""
+    parser, commands = _parser(*COMMANDS)
+    _module("run").add_arguments(parser)
+    return parser, commands
 
 
 def _module(command: str) -> ModuleType:
@@ -76,6 +91,28 @@ def arguments_of(command: str) -> argparse.ArgumentParser:
 def _with_default_command(arguments: list[str]) -> list[str]:
     first = arguments[0] if arguments else ""
     return ["run", *arguments] if first.startswith("-") and first not in ("-h", "--help", "--version") else arguments
+
+
+def _did_you_mean(word: str, known: Iterable[str]) -> str:
+    import difflib
+
+    near = difflib.get_close_matches(word, list(known), n=1)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
+def _parsed(arguments: list[str]) -> argparse.Namespace:
+    """The arguments; exits with 64 for what imud does not know, and says what may have been meant."""
+    name = arguments[0]
+    parser, _ = _parser(name)
+    if not name.startswith("-") and name not in COMMANDS:
+        near = _did_you_mean(name, COMMANDS) or f"; there are {', '.join(COMMANDS)}"
+        parser.error(f"there is no command {name!r}{near}")
+    args, unknown = parser.parse_known_args(arguments)
+    if unknown:
+        command = arguments_of(args.command)
+        near = _did_you_mean(unknown[0].partition("=")[0], command._option_string_actions)
+        command.error(f"unrecognized arguments: {' '.join(unknown)}{near}")
+    return args
 
 
 def _open_standard_streams() -> None:
@@ -102,11 +139,9 @@ def main(arguments: list[str] | None = None) -> int:
     arguments = _with_default_command(sys.argv[1:] if arguments is None else arguments)
     try:
         if not arguments:
-            _parser(None).print_help(sys.stderr)
+            _parser()[0].print_help(sys.stderr)
             return _USAGE
-        args, unknown = _parser(arguments[0]).parse_known_args(arguments)
-        if unknown:
-            arguments_of(args.command).error(f"unrecognized arguments: {' '.join(unknown)}")
+        args = _parsed(arguments)
         code = int(_module(args.command).run(args))
         sys.stdout.flush()
         return code

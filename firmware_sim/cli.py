@@ -33,11 +33,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of the emulator."""
     parser.usage = "%(prog)s DEVICE [DEVICE ...] [OPTION ...]"
     parser.epilog = (
-        "--replay takes a recording (MCAP, of `imud run --record` or `imud record`): its bytes are sent as recorded, "
-        "from the host's start of the stream on. Or imu.csv and gnss.csv as `imud export --csv` writes them: each "
-        "sample is sent as it is. Or a receiver's sentences. Epson's sensors on SPI need no process: "
+        "--replay takes a recording (MCAP): its bytes are sent as recorded, from the stream's start on; imu.csv and "
+        "gnss.csv of `imud export --csv`: each sample as it is; or a receiver's sentences. Epson on SPI: "
         f"PYTHONPATH={STAND_IN} IMUD_SIM='g350 --scenario car' imud --port spi:0.0 --set "
-        "spi.data_ready=gpiochip0:24. The next DEVICE is spi:0.1, with line 25."
+        "spi.data_ready=gpiochip0:24."
     )
     add = parser.add_argument
     kinds = ", ".join(DEFAULT_BAUD)

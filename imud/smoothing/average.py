@@ -1,8 +1,8 @@
 """Two estimates of one state, averaged by their variances: `combined`.
 
 The errors of the two are taken as independent, and each component stands for itself: with variances a and b the mean
-has the variance a b / (a + b). Two that differ by more than their sigmas allow contradict each other: the sigma grows with
-their distance (the Birge ratio). What only one of them knows is taken from it.
+has the variance a b / (a + b). Where two differ by more than their sigmas allow, the sigma grows with their distance
+(the Birge ratio). What only one of them knows is taken from it.
 """
 
 import math

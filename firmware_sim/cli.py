@@ -61,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--roll-deg", type=float, default=0.0, metavar="X", help="attitude at rest and on the turntable")
     add("--pitch-deg", type=float, default=0.0, metavar="X")
     add("--yaw-deg", type=float, default=0.0, metavar="X")
-    add("--heading-sigma-deg", type=float, metavar="X", help="nmea: with two antennas, HDT; error of its heading")
+    add("--heading-sigma-deg", type=float, metavar="X", help="receiver with two antennas: error of its heading")
     add("--start-delay", type=_span, default=0.0, metavar="S", help="rest before the scenario begins")
     add("--no-fix", type=_span, default=2.5, metavar="S", help="how long the receiver searches (default 2.5)")
     add("--ideal", action="store_true", help="no noise, no biases, no GNSS errors")

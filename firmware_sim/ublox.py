@@ -118,7 +118,6 @@ class Ublox:
         self.uart = Uart(baud or model.baud)
         self.lost = 0  # messages
         self.jamming = self.spoofing = 1
-        self.heading_deg: float | None = None
         self._model, self._source, self._utc, self._no_fix_s = model, source, utc, no_fix_s
         self._baud, self._interval_ms, self._mixed, self._answers = self.uart.baud, round(1e3 / rate_hz), mixed, answers
         self.restart(0.0)
@@ -181,7 +180,7 @@ class Ublox:
 
     def _report(self, utc: float, fix: Fix | None, t: float) -> None:
         self._epochs += 1
-        report = Report(utc, fix, self.jamming, self.spoofing, self.heading_deg)
+        report = Report(utc, fix, self.jamming, self.spoofing, fix.heading_deg if fix else None)
         epoch = Epoch(utc, fix, fix is not None)
         if self.ubx_out:
             for kind, form in _FORMS.items():

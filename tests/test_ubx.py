@@ -450,3 +450,16 @@ def test_unknown_speeds_and_torn_commands_are_refused():
     change = struct.pack("<BBHIIHHHH", 1, 0, 0, 0x8D0, 12345, 7, 3, 0, 0)
     device.receive_from(frame((6, 0), change)[:-1] + b"\0" + frame((6, 0), change))
     assert [one.kind for one in setup.frames(device.stream(0.2)) if one.kind[0] == 5] == [(5, 0)]
+
+
+@pytest.mark.parametrize("sigma_deg", [None, 0.3])
+def test_a_receiver_with_two_antennas_tells_the_heading(sigma_deg):
+    source = SimulatedFixes(REST, np.random.default_rng(1), UTC, heading_sigma_deg=sigma_deg)
+    device = Emulated(Ublox(source, UTC, no_fix_s=0.0))
+    fixes, _ = fixes_of(device, set_up(device))
+    headings = [fix.heading_deg for fix in fixes]
+    assert len(headings) >= 13
+    if sigma_deg is None:
+        assert set(headings) == {None}
+    else:
+        assert all(abs((heading + 180.0) % 360.0 - 180.0) < 5.0 * sigma_deg for heading in headings)

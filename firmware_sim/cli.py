@@ -76,12 +76,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_faults(parser)
     add("--wire-log", type=Path, metavar="FILE", help="write every message there, as sent and as damaged, CSV")
     speed = parser.add_mutually_exclusive_group()
-    speed.add_argument("--realtime", dest="fast", action="store_false", help="in real time (default)")
+    speed.add_argument("--realtime", dest="fast", action="store_false", help=argparse.SUPPRESS)
     speed.add_argument("--speed", type=float, default=1.0, metavar="X", help="so many times as fast as real time")
     speed.add_argument("--fast", action="store_true", help="as fast as read; a host that stamps arrivals is misled")
     parser.set_defaults(fast=False)
     add("--patient", action="store_true", help="bytes wait until the host reads them, and none is lost")
-    add("--parent", type=int, metavar="PID", help="end with that process, which started this one")
+    add("--parent", type=int, metavar="PID", help=argparse.SUPPRESS)
 
 
 class _FaultsHelp(argparse.Action):

@@ -19,3 +19,18 @@ def test_tilt_of_a_still_dmu(tmp_path):
         assert imud.process.wait(TIMEOUT_S) == 0
         assert "serial=30042" in imud.log
         assert "lost=0" in imud.log
+
+
+def test_a_dmu_beside_a_receiver_gives_position_and_attitude(tmp_path):
+    links = [tmp_path / "imu", tmp_path / "gnss"]
+    ports = [word for link in links for word in ("--port", str(link))]
+    with (
+        emulator("rga300", "nmea", "--scenario", "car", "--no-fix", "0", "--patient", links=links),
+        daemon(tmp_path, *ports) as imud,
+    ):
+        imud.says("riss instead of navigation")
+        est = imud.until(lambda m: m["class"] == "EST" and "position" in m["state"])
+        assert est["estimator"] == "riss" and "attitude" in est["state"]
+        assert est["lat_deg"] == pytest.approx(35.6586, abs=0.005)
+        assert 0.1 < est["sroll_deg"] < 10.0
+        imud.until(lambda m: m["class"] == "TPV" and m["mode"] == 3)

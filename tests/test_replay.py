@@ -161,3 +161,14 @@ def test_errors_are_reported(drive, arguments, code, says):
     assert ended.returncode == code, ended.stderr
     assert says in ended.stderr
     assert b"Traceback" not in ended.stderr
+
+
+def test_what_the_sensor_monitor_finds_is_said(drive, tmp_path):
+    folder, _ = drive
+    samples = np.loadtxt(folder / "imu.csv", delimiter=",", skiprows=1)
+    header = "t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2"
+    samples[3000:3100, 4] = 1e6
+    np.savetxt(tmp_path / "imu.csv", samples, delimiter=",", header=header, comments="", fmt="%.9f")
+    ended = replay("--imu", tmp_path / "imu.csv", "-o", tmp_path / "est.csv")
+    assert ended.returncode == 0
+    assert "accelerometer x impossible (100 samples)" in ended.stderr

@@ -89,6 +89,7 @@ def run(args: argparse.Namespace) -> int:
     from ..estimators import registry
     from ..pipeline import Filter
     from ..sensor_errors import calibration
+    from ..sensor_monitor.findings import counted
     from ..tables.estimates import EstimateWriter
     from ..tables.inputs import SkippedRows, read_imu
 
@@ -115,6 +116,8 @@ def run(args: argparse.Namespace) -> int:
     if args.innovations is not None:
         _write_innovations(args.innovations, origin, innovations)
     _summary(samples, fixes, fed, skipped, time.perf_counter() - begin)
+    for finding in counted(filter_.health):
+        print(f"imud replay: {args.imu}: {finding}", file=sys.stderr)
     if args.gnss is not None and not len(fixes):
         print(f"imud replay: {args.gnss}: no fix in it", file=sys.stderr)
     left_out[0].judge(len(samples))

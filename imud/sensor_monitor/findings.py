@@ -1,5 +1,8 @@
 """What the sensor monitor finds: the bits of its findings, and what they are in words."""
 
+import numpy as np
+from numpy.typing import NDArray
+
 FROZEN, LIMITED, INVALID, ZERO, WEIGHT, TEMPERATURE = 0, 6, 12, 18, 19, 20  # the first three per axis
 SPIKE = 21  # per axis of the gyro
 UNITS = 24
@@ -26,3 +29,9 @@ def words(findings: int) -> tuple[str, ...]:
                 texts.append(f"{name} {axes} {what}")
     texts += [text for bit, text in _WHOLE if findings >> bit & 1]
     return tuple(texts)
+
+
+def counted(health: NDArray[np.void]) -> list[str]:
+    """All that was ever found, of a HEALTH record array, with the number of samples."""
+    counts = health["found"][0].tolist()
+    return [f"{text} ({count} samples)" for bit, count in enumerate(counts) if count for text in words(1 << bit)]

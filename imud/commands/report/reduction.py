@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from imud.estimators.records import HEADING_VALID
 from imud.sensor_errors.profiles import PROFILES
-from imud.sensor_monitor.findings import words
+from imud.sensor_monitor.findings import counted
 from imud.sensor_monitor.health import examine_all, new_health
 from imud.tables.estimates import ESTIMATE_COLUMNS
 
@@ -133,10 +133,7 @@ class SensorReduction:
 
     def _findings(self) -> list[str]:
         assert self._health is not None
-        counts = self._health["found"][0].tolist()
-        findings = [
-            f"{text} ({count} samples)" for bit, count in enumerate(counts) if count for text in words(1 << bit)
-        ]
+        findings = counted(self._health)
         if self._gaps:
             findings.append(
                 f"{self._gaps} gaps between samples, the longest {self._longest_s:.3g} s at {self._longest_at_s:.1f} s"

@@ -55,6 +55,17 @@ def test_lasting_lateness_sheds_publishing_and_is_reported_once():
     assert sum("keeps up again" in line for line in messages) == 1
 
 
+def test_lateness_that_publishing_does_not_cause_sheds_nothing():
+    load = Load()
+    load.published(186, 1e-3, 10 * MS)
+    published, messages = feed(load, [(1, 1)] * 100 + [(186, 186)] * 50)
+    assert all(published)
+    assert sum("cannot keep up" in line for line in messages) == 1
+    load.published(186, 1e-3, 100 * MS)
+    published, _ = feed(load, [(186, 186)] * 50, start_ms=30000)
+    assert not all(published)
+
+
 def test_batches_that_take_seconds_each_are_lateness_and_standstills():
     _, messages = feed(Load(), [(1900, 186)] * 5)
     assert sum("cannot keep up" in line for line in messages) == 1

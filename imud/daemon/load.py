@@ -1,13 +1,15 @@
 """Whether the machine keeps up with the sensor: by the number of samples that wait when the daemon reads.
 
 A single late batch is processed and published whole. While batches keep coming late (an overload), only some of them
-are published, so that estimation gets the processor.
+are published, so that estimation gets the processor; unless publishing takes so little of it that nothing is gained,
+as when another program or the sensor's own line delays them.
 """
 
 LATE_S, LATE_SAMPLES = 0.1, 5  # a batch is late if it holds more time than that, and at least so many samples
 OVERLOAD_NS = 1_000_000_000  # lateness that lasts longer is an overload
 RECOVERY_NS = 500_000_000  # without a late batch, after which lateness is over
 OVERLOAD_PERIOD_NS = 500_000_000  # between batches published during an overload
+CHEAP = 0.2  # share of the processor below which publishing never waits
 STALL_NS = 1_000_000_000  # between two ticks: the process did not run
 
 
@@ -20,6 +22,7 @@ class Load:
         self._since_ns: int | None = None  # of the first late batch in a row
         self._late_ns = 0  # of the last one
         self._published_ns = 0
+        self._share = 1.0  # of a batch's time that publishing it took of the processor, the last time
         self._ticked_ns = 0
         self._reported = False
         self._lost_before = 0
@@ -36,11 +39,15 @@ class Load:
         elif self._since_ns is not None and now_ns - self._late_ns > RECOVERY_NS:
             self._since_ns = None
         self.overloaded = self._since_ns is not None and self._late_ns - self._since_ns > OVERLOAD_NS
-        if self.overloaded and now_ns - self._published_ns < OVERLOAD_PERIOD_NS:
+        if self.overloaded and self._share > CHEAP and now_ns - self._published_ns < OVERLOAD_PERIOD_NS:
             self.shed += 1
             return False
         self._published_ns = now_ns
         return True
+
+    def published(self, n: int, period_s: float, processor_ns: int) -> None:
+        """Publishing a batch of n samples took so much time of the processor."""
+        self._share = processor_ns * 1e-9 / (n * period_s)
 
     def messages(self, lost: int, now_ns: int) -> list[str]:
         """Lines for the log since the last call; call it several times a second. lost: samples lost so far."""
@@ -60,6 +67,6 @@ class Load:
         """The line with which an overload begins or ends."""
         if self.overloaded:
             self._lost_before, self.shed = lost, 0
-            return "the machine cannot keep up with the sensor: publishing waits, estimation goes on"
+            return "the machine cannot keep up with the sensor: estimation goes on, publishing may wait"
         lost -= self._lost_before if lost >= self._lost_before else 0  # counted anew after a reconnect
         return f"the machine keeps up again; {lost} samples lost, {self.shed} batches not published"

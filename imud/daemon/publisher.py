@@ -38,8 +38,10 @@ class Publisher:
         if recorder := self._recordings.current:
             recorder.record_solutions(stream.samples[:n], stream.solutions[:n])
         if self.load.leaves_time_to_publish(n, inertial.period_s, now_ns):
+            begin_ns = time.thread_time_ns()
             self._outputs.binary.publish(stream.solutions, n, inertial.samples, now_ns)
             self.publish(inertial, now_ns)
+            self.load.published(n, inertial.period_s, time.thread_time_ns() - begin_ns)
 
     def on_fixes(self, fixes: list[Records], latency_s: float) -> None:
         """The receiver brought fixes, each `latency_s` old on arrival."""

@@ -110,7 +110,7 @@ def nested(status: Table) -> dict[str, Any]:
 
 def screen(status: Table) -> Iterator[tuple[str, str]]:
     """Lines for people, each with its name."""
-    load = "OVERLOADED, publishing waits" if status["load"]["overloaded"] else "keeps up"
+    load = "OVERLOADED" if status["load"]["overloaded"] else "keeps up"
     yield "imud", f"{status['version']}, pid {status['pid']}, up {_duration(status['uptime_s'])}, {load}"
     yield from _filter(status["filter"])
     if by_kind := status.get("innovations"):

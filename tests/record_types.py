@@ -41,6 +41,7 @@ INS = {
     "ProcessNoise": state.PROCESS_NOISE,
     "Drift": state.DRIFT,
     "Alignment": state.ALIGNMENT,
+    "Barometer": state.BAROMETER,
     "HeadingAid": state.HEADING_AID,
     "Odometer": state.ODOMETER,
     "WheelCheck": state.WHEEL_CHECK,

@@ -116,7 +116,7 @@ def measurements_from(name: str, table: Any, known: Iterable[AidingSource], orig
     if name not in sources:
         raise ValueError(f"there is no aiding source {name!r}; there are: {', '.join(sources) or 'none'}")
     columns = table_of(table)
-    if missing := [column for column in ("t_s", *sources[name].columns) if column not in columns]:
+    if missing := [*(() if "t_s" in columns else ("t_s",)), *sources[name].missing(columns)]:
         raise ValueError(f"{name} has no column {', '.join(missing)}")
-    wanted = ("t_s", *sources[name].columns, *sources[name].sigmas, "arrival_s")
+    wanted = ("t_s", *sources[name].names, "arrival_s")
     return measurements_of(sources[name], rows_of({k: v for k, v in columns.items() if k in wanted}), origin)

@@ -1,7 +1,7 @@
 """What the outside knows of an aiding source: its name, its columns in a table, the names of its innovations."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -26,7 +26,8 @@ class AidingSource:
     a table that become `value`, in this order; sigmas: those that become `sigma`, which may be absent. In a datagram
     they are called the same, without the unit: `heading_deg` is `heading`. innovations: kind in INNOVATION to its
     names; the first stands for a measurement that came too late. reversed_sign: -1.0 for what changes its sign if time
-    runs backward, as a speed does.
+    runs backward, as a speed does. alternatives: what may stand instead of a column: its name to the column, the
+    conversion, and what is possible.
 
         degrees = Column(DEGREE, -360.0, 360.0)
         AidingSource("heading", HEADING_SOURCE, "HDG", {"heading_deg": degrees}, …, {HEADING: KINDS[HEADING]})
@@ -39,6 +40,30 @@ class AidingSource:
     sigmas: dict[str, Column] = field(default_factory=dict)
     innovations: dict[int, InnovationKind] = field(default_factory=dict)
     reversed_sign: float = 1.0
+    alternatives: dict[str, tuple[str, Callable[[float], float], float, float]] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All columns that a table may have of it."""
+        return (*self.columns, *self.alternatives, *self.sigmas)
+
+    def missing(self, names: Iterable[str]) -> list[str]:
+        """The columns that are missing among these, and have no alternative among them."""
+        there = set(names)
+        there |= {column for name, (column, *_) in self.alternatives.items() if name in there}
+        return [column for column in self.columns if column not in there]
+
+    def _converted(self, row: Mapping[str, float]) -> Mapping[str, float]:
+        """The row with its columns made of alternatives. Raises ValueError for an impossible one."""
+        found = dict(row)
+        for name, (column, convert, low, high) in self.alternatives.items():
+            number = row.get(name, math.nan)
+            if math.isnan(number) or not math.isnan(row.get(column, math.nan)):
+                continue
+            if not low <= number <= high:
+                raise ValueError(f"{name} is {number:g}, outside {low:g} to {high:g}")
+            found[column] = convert(number)
+        return found
 
     def fill(self, measurement: Any, row: Mapping[str, float]) -> None:
         """Write kind, values and sigmas to a row of MEASUREMENT; row: numbers by column, absent or NaN if not known.
@@ -46,6 +71,7 @@ class AidingSource:
         Raises ValueError for an impossible one.
         """
         measurement["kind"] = self.kind
+        row = self._converted(row)
         for target, columns in (("value", self.columns), ("sigma", self.sigmas)):
             numbers = [math.nan] * 3
             for i, (name, column) in enumerate(columns.items()):

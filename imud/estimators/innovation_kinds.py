@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 from .records import (
+    BAROMETER,
     HEADING,
     NHC_LATERAL,
     NHC_VERTICAL,
@@ -47,4 +48,5 @@ KINDS = {
     NHC_LATERAL: InnovationKind("slip", "slip_mps", "no velocity across the vehicle, m/s"),
     NHC_VERTICAL: InnovationKind("hop", "hop_mps", "no velocity off its floor, m/s"),
     ODOMETER: InnovationKind("odometer", "odometer_mps", "speed by the wheels, m/s"),
+    BAROMETER: InnovationKind("barometer", "barometer_m", "height by air pressure, m"),
 }

@@ -32,7 +32,7 @@ MEASUREMENT = np.dtype(  # of an aiding source other than GNSS
     align=True,
 )
 
-GNSS_FIX, HEADING_SOURCE, ODOMETER_SOURCE = range(3)  # aiding sources
+GNSS_FIX, HEADING_SOURCE, ODOMETER_SOURCE, BAROMETER_SOURCE = range(4)  # aiding sources
 
 SOLUTION = np.dtype(
     [
@@ -80,4 +80,4 @@ POSITION_N, POSITION_E, POSITION_D, VELOCITY_N, VELOCITY_E, VELOCITY_D, HEADING 
 # of what is assumed instead of measured: at rest, and of a vehicle that neither slips nor jumps; a new kind is behind
 REST_N, REST_E, REST_D, REST_X, REST_Y, REST_Z, NHC_LATERAL, NHC_VERTICAL = range(7, 15)
 ASSUMED = range(REST_N, NHC_VERTICAL + 1)
-ODOMETER = 15
+ODOMETER, BAROMETER = 15, 16

@@ -273,10 +273,9 @@ def read_aiding(source: AidingSource, path: Path, origin: int, left_out: Skipped
     Columns: t_s, those of the source, and optionally its sigmas and arrival_s. Raises InputMissingError, BadDataError
     (with line).
     """
-    needed = ("t_s", *source.columns)
-    table = table_of(path, needed)
-    table.column_numbers(needed)
-    known = {name: i for i, name in enumerate(table.names) if name in (*needed, *source.sigmas, "arrival_s")}
+    table = table_of(path, ("t_s",))
+    table.column_numbers(("t_s", *source.missing(table.names)))
+    known = {name: i for i, name in enumerate(table.names) if name in ("t_s", *source.names, "arrival_s")}
 
     def read(number: int, cells: list[str]) -> dict[str, float]:
         row = {name: _number_or_none(number, cells, i, name) for name, i in known.items()}

@@ -20,6 +20,7 @@ from .mechanization import displace, rotate_attitude
 from .state import (
     ACCEL_BIAS,
     ATTITUDE,
+    BARO_OFFSET,
     GNSS_BIAS,
     GYRO_BIAS,
     MOUNT_PITCH,
@@ -221,5 +222,6 @@ def inject_error(p: Parameters, c: Core) -> None:
     n.time_offset += x[TIME_OFFSET]
     n.velocity_time_offset += x[VELOCITY_TIME_OFFSET]
     n.odometer_scale += x[ODOMETER_SCALE]
+    n.baro_offset += x[BARO_OFFSET]
     for i in range(STATES):
         x[i] = 0.0

@@ -14,6 +14,7 @@ from ..tuning import Tunable
 from .state import (
     ACCEL_BIAS,
     ATTITUDE,
+    BARO_OFFSET,
     COARSE_ALIGNMENT,
     GNSS_BIAS,
     GYRO_BIAS,
@@ -75,6 +76,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     sigmas[GNSS_BIAS : GNSS_BIAS + 3] = 2.0
     sigmas[TIME_OFFSET] = t["time_offset_sigma"]
     sigmas[VELOCITY_TIME_OFFSET] = t["velocity_time_offset_sigma"]
+    sigmas[BARO_OFFSET] = t["baro_offset_sigma"]
     sigmas[ODOMETER_SCALE] = t["odometer_scale_sigma"]
     sigmas[TURN_SCALE : TURN_SCALE + 3] = p["gyro_scale"]
     c["alignment"]["mode"] = COARSE_ALIGNMENT
@@ -84,7 +86,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     c["alignment"]["heading_phasor"] = (1.0, 0.0)
     c["drift"]["noise_scale"] = t["first_drift_noise_scale"]
     c["drift"]["onset_ns"] = NEVER_NS
-    c["heading_aid"]["last_ns"] = NEVER_NS
+    c["heading_aid"]["last_ns"] = c["barometer"]["last_ns"] = c["barometer"]["last_used_ns"] = NEVER_NS
     c["odometer"]["last_ns"] = c["odometer"]["last_used_ns"] = NEVER_NS
     c["gnss"]["velocity_noise_var"] = t["first_velocity_noise"] ** 2
     psd = np.array((t["vibration_vrw"], t["vibration_arw"])) ** 2

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...compile.jit import kernel
-from ..records import HEADING_SOURCE, ODOMETER_SOURCE
-from .aiding import heading, odometer
+from ..records import BAROMETER_SOURCE, HEADING_SOURCE, ODOMETER_SOURCE
+from .aiding import barometer, heading, odometer
+from .aiding.barometer import fuse_barometer
 from .aiding.heading import fuse_heading
 from .aiding.odometer import fuse_odometer
 from .alignment.given_heading import align_with_heading
@@ -18,8 +19,8 @@ if TYPE_CHECKING:
     from ..types import Innovation, Measurement
     from .types import Core, Parameters
 
-SOURCES = (heading.SOURCE, odometer.SOURCE)
-TUNABLES = (*heading.TUNABLES, *odometer.TUNABLES)
+SOURCES = (heading.SOURCE, odometer.SOURCE, barometer.SOURCE)
+TUNABLES = (*heading.TUNABLES, *odometer.TUNABLES, *barometer.TUNABLES)
 # by source: the kind of innovation under which a measurement beyond the fusion horizon is reported as rejected
 REJECTED_KIND = np.zeros(1 + max(source.kind for source in SOURCES), np.int64)
 for _source in SOURCES:
@@ -33,6 +34,8 @@ def fuse_source(p: Parameters, c: Core, m: Measurement, innovations: list[Innova
         return fuse_heading(p, c, m, innovations)
     if m.kind == HEADING_SOURCE:  # coarse alignment: the heading has an arbitrary origin, which this replaces
         align_with_heading(p, c, m)
+    if m.kind == BAROMETER_SOURCE:
+        return fuse_barometer(p, c, m, innovations)
     if m.kind == ODOMETER_SOURCE and c.alignment.mode == NAVIGATING:
         return fuse_odometer(p, c, m, innovations)
     return 0

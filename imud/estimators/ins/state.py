@@ -1,6 +1,6 @@
 """The records of the navigation filter: one for each concern, and what a rewind restores.
 
-Error states are "true minus estimate", 27 of them, in the order of the table below. The attitude error is a small
+Error states are "true minus estimate", 28 of them, in the order of the table below. The attitude error is a small
 rotation phi in navigation axes, C_true = exp(phi) C.
 
 | error state            | unit    | what it is |
@@ -17,16 +17,17 @@ rotation phi in navigation axes, C_true = exp(phi) C.
 | NHC_LEVER_ARM          | m       | of the sensor ahead of the point about which the vehicle turns |
 | VELOCITY_TIME_OFFSET   | s       | by which the receiver's velocity is older than its position |
 | ODOMETER_SCALE         |         | by which the odometer's reading is too large, as a share of the speed |
+| BARO_OFFSET            | m       | by which the barometer's height is too large |
 """  # noqa: E501 a table's row is one line
 
 import numpy as np
 
 from ..records import FIX, INNOVATION, MEASUREMENT
 
-STATES = 27
+STATES = 28
 POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS, GNSS_BIAS = 0, 3, 6, 9, 12, 15
 MOUNT_PITCH, MOUNT_YAW, TIME_OFFSET, TURN_SCALE, NHC_LEVER_ARM, VELOCITY_TIME_OFFSET = 18, 19, 20, 21, 24, 25
-ODOMETER_SCALE = 26
+ODOMETER_SCALE, BARO_OFFSET = 26, 27
 
 COARSE_ALIGNMENT, NAVIGATING = 0, 1  # modes: roll and pitch only, position from GNSS; everything
 FREE, AUTO, LAND = 0, 1, 2  # vehicle
@@ -63,6 +64,7 @@ NAV = np.dtype(  # the nominal state: time, and one value for each error state
         ("nhc_lever_arm", "<f8"),  # m, by which the sensor is ahead of the axle without sideslip
         ("velocity_time_offset", "<f8"),  # s, the receiver's velocity is older than its position by this
         ("odometer_scale", "<f8"),  # the odometer's reading is too large by this share of the speed
+        ("baro_offset", "<f8"),  # m, the barometer's height is too large by this
     ],
     align=True,
 )
@@ -236,6 +238,16 @@ DRIFT = np.dtype(  # the test for a receiver that drifts (GLR)
     align=True,
 )
 
+BAROMETER = np.dtype(  # at the last reading
+    [
+        ("last_ns", "<i8"),  # its epoch
+        ("last_used_ns", "<i8"),  # that of the last that was used
+        ("height", "<f8"),  # m
+        ("speed2", "<f8"),  # m^2/s^2, square of the speed
+    ],
+    align=True,
+)
+
 HEADING_AID = np.dtype([("last_ns", "<i8")], align=True)  # epoch of the last heading
 
 ODOMETER = np.dtype(
@@ -343,6 +355,7 @@ REWOUND = [  # what a rewind restores
     ("process_noise", PROCESS_NOISE),
     ("drift", DRIFT),
     ("alignment", ALIGNMENT),
+    ("barometer", BAROMETER),
     ("heading_aid", HEADING_AID),
     ("odometer", ODOMETER),
     ("wheel_check", WHEEL_CHECK),

@@ -231,6 +231,15 @@ class Tuning:
     odometer_doubt_psd: float
     odometer_max_doubt_s: float
     odometer_sign_sigmas: float
+    baro_sigma: float
+    baro_correlation_s: float
+    baro_offset_sigma: float
+    baro_offset_psd: float
+    baro_offset_per_height: float
+    baro_offset_per_speed2: float
+    baro_gate: float
+    baro_reopen_s: float
+    baro_known_height: float
     first_tilt_sigma: float
     given_tilt_sigma: float
     given_heading_sigma: float

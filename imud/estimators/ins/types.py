@@ -51,6 +51,7 @@ class Nav:
     nhc_lever_arm: float
     velocity_time_offset: float
     odometer_scale: float
+    baro_offset: float
 
 
 class Earth:
@@ -204,6 +205,13 @@ class Alignment:
     heading_fault_count: int
 
 
+class Barometer:
+    last_ns: int
+    last_used_ns: int
+    height: float
+    speed2: float
+
+
 class HeadingAid:
     last_ns: int
 
@@ -265,6 +273,7 @@ class Snapshot:
     process_noise: ProcessNoise
     drift: Drift
     alignment: Alignment
+    barometer: Barometer
     heading_aid: HeadingAid
     odometer: Odometer
     wheel_check: WheelCheck
@@ -283,6 +292,7 @@ class Core:
     process_noise: ProcessNoise
     drift: Drift
     alignment: Alignment
+    barometer: Barometer
     heading_aid: HeadingAid
     odometer: Odometer
     wheel_check: WheelCheck

@@ -1,0 +1,87 @@
+"""Height by air pressure: precise over minutes, with an unknown offset that weather, wind and windows change.
+
+z = reading - h - offset. A measurement has value[0]: height in the standard atmosphere, m, and sigma[0]: m, NaN where it
+is not reported. The offset is an error state: a random walk in time (weather), in height (the atmosphere is warmer or
+colder than the standard one) and in squared speed (the wind of the vehicle's own motion). Readings that jump, as by a
+door or a gust, are rejected; if they stay, the offset begins anew. Used once a fix has given a height.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ....compile.jit import kernel
+from ...aiding_source import AidingSource, Column
+from ...innovation_kinds import KINDS
+from ...records import BAROMETER, BAROMETER_SOURCE
+from ...tuning import Tunable
+from ..ekf import add_variance, decorrelate, innovation, innovation_variance, set_jacobian, variance
+from ..fusion import correct_state, fuse, write_innovation
+from ..state import BARO_OFFSET, NEVER_NS, POSITION
+
+if TYPE_CHECKING:
+    from ...types import Innovation, Measurement
+    from ..types import Core, Parameters
+
+
+def standard_height(pressure_pa: float) -> float:
+    """Height, m, in the standard atmosphere below 11 km. Source: ISO 2533 (ICAO Doc 7488)."""
+    return float(44330.77 * (1.0 - (pressure_pa / 101325.0) ** 0.190263))
+
+
+SOURCE = AidingSource(
+    "barometer",
+    BAROMETER_SOURCE,
+    "BARO",
+    {"height_m": Column(1.0, -2000.0, 12000.0)},
+    {"sigma_m": Column(1.0, 0.01, 100.0)},
+    {BAROMETER: KINDS[BAROMETER]},
+    alternatives={"pressure_pa": ("height_m", standard_height, 19000.0, 130000.0)},
+)
+TUNABLES = (
+    Tunable("baro_sigma", 0.3, "m", "Sigma of a reading that reports none.", "4 Pa: MEMS barometers and light wind."),
+    Tunable("baro_correlation_s", 1.0, "s", "Correlation time of its error.", "Gusts."),
+    Tunable("baro_offset_sigma", 500.0, "m", "Offset at the start.", "60 hPa: the deepest low."),
+    Tunable("baro_offset_psd", 0.02, "m^2/s", "Random walk of the offset by the weather.", "1 hPa in an hour."),
+    Tunable("baro_offset_per_height", 0.16, "m", "Its variance per height.", "Scale error of 4 %, over 100 m."),
+    Tunable("baro_offset_per_speed2", 0.01, "s^2", "Its variance per squared speed.", "2 m from 0 to 20 m/s."),
+    Tunable("baro_gate", 16.0, "NIS", "Gate of a reading.", "Four sigma: doors and gusts are common."),
+    Tunable("baro_reopen_s", 5.0, "s", "After so long a rejection the offset begins anew.", "Choice."),
+    Tunable("baro_known_height", 50.0, "m", "Sigma of the height from which readings are used.", "A first fix."),
+)
+
+
+@kernel
+def walk_offset(p: Parameters, c: Core, m: Measurement) -> float:
+    """Add the variance of the offset since the last reading; returns the time since then, s."""
+    g = c.barometer
+    speed2 = c.nav.v_n[0] ** 2 + c.nav.v_n[1] ** 2
+    first = g.last_ns == NEVER_NS
+    dt = p.tuning.baro_correlation_s if first else max(1e-9 * (m.t_ns - g.last_ns), 1e-3)
+    if not first:
+        q = p.tuning.baro_offset_psd * dt + p.tuning.baro_offset_per_height * abs(c.nav.height - g.height)
+        add_variance(c, BARO_OFFSET, q + p.tuning.baro_offset_per_speed2 * abs(speed2 - g.speed2))
+    g.last_ns, g.height, g.speed2 = m.t_ns, c.nav.height, speed2
+    return dt
+
+
+@kernel
+def fuse_barometer(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
+    """Gate and fuse a reading; returns the rows of innovations."""
+    if variance(c, POSITION + 2) > p.tuning.baro_known_height**2:
+        return 0
+    dt = walk_offset(p, c, m)
+    k = set_jacobian(c, set_jacobian(c, 0, POSITION + 2, -1.0), BARO_OFFSET, 1.0)
+    sigma = m.sigma[0] if m.sigma[0] > 0.0 else p.tuning.baro_sigma
+    s = innovation_variance(c, k) + sigma * sigma
+    climb = -c.nav.v_n[2] * 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
+    z = innovation(c, k, m.value[0] - c.nav.height - c.nav.baro_offset - climb)
+    used = z * z <= p.tuning.baro_gate * s
+    if used:
+        shared = max(2.0 * p.tuning.baro_correlation_s / dt, 1.0)  # readings that share one error
+        fuse(c, k, z, s + (shared - 1.0) * sigma * sigma, -1)
+        correct_state(p, c)
+        c.barometer.last_used_ns = m.t_ns
+    elif 1e-9 * (m.t_ns - c.barometer.last_used_ns) > p.tuning.baro_reopen_s:
+        decorrelate(c, BARO_OFFSET, p.tuning.baro_offset_sigma**2)
+    return write_innovation(innovations, 0, m.t_ns, BAROMETER, z, s, used)

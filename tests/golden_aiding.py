@@ -6,7 +6,7 @@ import numpy as np
 from golden_data import RATE, data, navigated, random, road
 
 from imud.configuration.settings import Aiding, Settings
-from imud.estimators.records import HEADING_SOURCE, MEASUREMENT, ODOMETER_SOURCE
+from imud.estimators.records import BAROMETER_SOURCE, HEADING_SOURCE, MEASUREMENT, ODOMETER_SOURCE
 
 
 def headings(d, seed, every_s=0.2, late_s=0.05, spread_s=0.0):
@@ -97,3 +97,17 @@ def odometer_against_a_drift():
     v = fixes["speed"] * np.exp(1j * fixes["course"]) + (dt > 0.0)
     fixes["speed"], fixes["course"] = np.abs(v), np.angle(v)
     return replace(navigated(samples, fixes), measurements=readings(d, seed=66))
+
+
+def barometer():
+    """A door is opened and closed, then a window stays open; every other reading tells its sigma."""
+    d, rng = road(120.0), random(67)
+    rows = np.zeros(1199, MEASUREMENT)
+    t, height = d.t[10::10][:1199], d.height[10::10][:1199]
+    rows["t_ns"] = np.round(1e9 * (100.0 + t))
+    rows["arrival_ns"] = rows["t_ns"] + np.round(1e9 * (0.02 + 0.5 * rng.rand(len(t)))).astype(np.int64)
+    rows["kind"], rows["sigma"] = BAROMETER_SOURCE, np.nan
+    rows["value"][:, 0], rows["sigma"][::2, 0] = height - 37.0 + 0.2 * rng.standard_normal(len(t)), 0.25
+    rows["value"][(t > 50.0) & (t < 52.0), 0] -= 8.0
+    rows["value"][t > 80.0, 0] += 12.0
+    return replace(navigated(*data(d, seed=68)), measurements=rows)

@@ -1,6 +1,7 @@
 """The goldens of the navigation filter, in the order of their files."""
 
 from golden_aiding import (
+    barometer,
     compass,
     compass_behind_many_fixes,
     compass_in_any_order,
@@ -110,4 +111,5 @@ CLASSES = (
     ferry, disturbed_rest, disturbed_rest_without_velocity, disturbed_rest_before_heading, rest_in_an_outage,
     heading_a_little_wrong, heading_just_wrong, force_that_creeps, moored, step_of_the_bias_at_rest, lift, pole,
     date_line, rtk_on_a_rough_road, odometer, odometer_without_sign, odometer_against_a_drift,
+    barometer,
 )  # fmt: skip

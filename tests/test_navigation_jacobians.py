@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Navigation, Settings
-from imud.estimators.ins.aiding import gnss_position, gnss_velocity, heading, non_holonomic, odometer
+from imud.estimators.ins.aiding import barometer, gnss_position, gnss_velocity, heading, non_holonomic, odometer
 from imud.estimators.ins.alignment.modes import transfer_lever_arm
 from imud.estimators.ins.ekf import inject_error
 from imud.estimators.ins.mechanization import ned_difference
@@ -19,6 +19,7 @@ from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import (
     ATTITUDE,
+    BARO_OFFSET,
     GNSS_BIAS,
     GYRO_BIAS,
     MOUNT_PITCH,
@@ -32,7 +33,7 @@ from imud.estimators.ins.state import (
     VELOCITY,
     VELOCITY_TIME_OFFSET,
 )
-from imud.estimators.records import FIX, HEADING_SOURCE, INNOVATION, MEASUREMENT, ODOMETER_SOURCE
+from imud.estimators.records import BAROMETER_SOURCE, FIX, HEADING_SOURCE, INNOVATION, MEASUREMENT, ODOMETER_SOURCE
 
 STEP = 1e-5  # m, m/s, rad, ...: small against every curvature, large against the rounding of a latitude (1e-9 m)
 LEVER_ARM = (1.2, -0.7, -1.9)
@@ -77,6 +78,7 @@ def recorder(monkeypatch):
     monkeypatch.setattr(gnss_velocity, "gated_fix_update", made.gated_fix_update)
     monkeypatch.setattr(heading, "fuse", made.fuse)
     monkeypatch.setattr(odometer, "fuse", made.fuse)
+    monkeypatch.setattr(barometer, "fuse", made.fuse)
     monkeypatch.setattr(non_holonomic, "pseudo_measurement", made.pseudo_measurement)
     return made
 
@@ -150,6 +152,13 @@ def measure_odometer(p, c, fix):
     interpreted(odometer.fuse_odometer)(p, c, m, rows)
 
 
+def measure_barometer(p, c, fix):
+    rows = np.zeros(4, INNOVATION).view(np.recarray)
+    m = record(np.zeros(1, MEASUREMENT))
+    m.t_ns, m.kind, m.value, m.sigma = c.nav.t_ns, BAROMETER_SOURCE, 130.0, 100.0
+    interpreted(barometer.fuse_barometer)(p, c, m, rows)
+
+
 MEASUREMENTS = {  # measurement: rows, and the error states by which its Jacobian has elements
     measure_position: (
         3,
@@ -164,6 +173,7 @@ MEASUREMENTS = {  # measurement: rows, and the error states by which its Jacobia
         (*range(VELOCITY, VELOCITY + 3), *range(ATTITUDE, ATTITUDE + 3), MOUNT_PITCH, MOUNT_YAW, NHC_LEVER_ARM),
     ),
     measure_heading: (1, tuple(range(ATTITUDE, ATTITUDE + 3))),
+    measure_barometer: (1, (POSITION + 2, BARO_OFFSET)),
     measure_odometer: (
         1,
         (

@@ -1,9 +1,9 @@
 """Height by air pressure: precise over minutes, with an unknown offset that weather, wind and windows change.
 
-z = reading - h - offset. A measurement has value[0]: height in the standard atmosphere, m, and sigma[0]: m, NaN where it
-is not reported. The offset is an error state: a random walk in time (weather), in height (the atmosphere is warmer or
-colder than the standard one) and in squared speed (the wind of the vehicle's own motion). Readings that jump, as by a
-door or a gust, are rejected; if they stay, the offset begins anew. Used once a fix has given a height.
+z = reading - h - offset. A measurement has value[0]: height in the standard atmosphere, m, and sigma[0]: m, NaN where
+it is not reported. The offset is an error state: a random walk in time (weather), in height (the atmosphere is warmer
+or colder than the standard one) and in squared speed (the wind of the vehicle's own motion). Readings that jump, as by
+a door or a gust, are rejected; if they stay, the offset begins anew. Used once a fix has given a height.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ TUNABLES = (
     Tunable("baro_sigma", 0.3, "m", "Sigma of a reading that reports none.", "4 Pa: MEMS barometers and light wind."),
     Tunable("baro_correlation_s", 1.0, "s", "Correlation time of its error.", "Gusts."),
     Tunable("baro_offset_sigma", 500.0, "m", "Offset at the start.", "60 hPa: the deepest low."),
-    Tunable("baro_offset_psd", 0.02, "m^2/s", "Random walk of the offset by the weather.", "1 hPa in an hour."),
+    Tunable("baro_offset_psd", 0.01, "m^2/s", "Random walk of the offset by the weather.", "0.7 hPa in an hour."),
     Tunable("baro_offset_per_height", 0.16, "m", "Its variance per height.", "Scale error of 4 %, over 100 m."),
-    Tunable("baro_offset_per_speed2", 0.01, "s^2", "Its variance per squared speed.", "2 m from 0 to 20 m/s."),
+    Tunable("baro_offset_per_speed2", 0.0025, "s^2", "Its variance per squared speed.", "1 m from 0 to 20 m/s."),
     Tunable("baro_gate", 16.0, "NIS", "Gate of a reading.", "Four sigma: doors and gusts are common."),
     Tunable("baro_reopen_s", 5.0, "s", "After so long a rejection the offset begins anew.", "Choice."),
     Tunable("baro_known_height", 50.0, "m", "Sigma of the height from which readings are used.", "A first fix."),

@@ -1,0 +1,90 @@
+"""A barometer in the navigation filter: the height between fixes, weather, doors, wrong units."""
+
+import numpy as np
+import pytest
+from navigation_simulation import drive, errors, received, sensed
+from test_navigation_aiding import estimated
+
+from imud.estimators import registry
+from imud.estimators.ins.aiding.barometer import SOURCE, standard_height
+from imud.estimators.records import BAROMETER_SOURCE, HEIGHT_VALID, MEASUREMENT, REJECTING
+from imud.sensors.aiding import AidingReceiver
+from imud.tables.inputs import read_aiding
+
+
+def pressures(d, rng, every_s=0.1, offset=-37.0, weather=0.002, scale=0.03):
+    """MEASUREMENT rows of a barometer: an offset that the weather changes (m/s), an atmosphere warmer by `scale`."""
+    step = round(every_s / (d.t[1] - d.t[0]))
+    t, height = d.t[step::step], d.height[step::step]
+    rows = np.zeros(len(t), MEASUREMENT)
+    rows["t_ns"] = np.round(1e9 * (100.0 + t))
+    rows["arrival_ns"] = rows["t_ns"] + 20_000_000
+    rows["kind"], rows["sigma"] = BAROMETER_SOURCE, np.nan
+    reading = offset + weather * t + height + scale * (height - height[0]) + 0.15 * rng.standard_normal(len(t))
+    rows["value"][:, 0] = reading
+    return rows
+
+
+def recorded(seed, seconds=150.0):
+    rng = np.random.default_rng(seed)
+    d = drive(seconds)
+    return d, sensed(d, rng), received(d, rng, sigma=2.0, white=1.0), rng  # of the height: 1.8 times as much
+
+
+def height_nees(d, out):
+    k = slice(6000, None, 100)
+    return errors(d, out)[0][k, 2] / out["sigma_p"][k, 2]
+
+
+def changes(d, out, over_s=20):
+    """RMS error of the change of the height over that time."""
+    error = errors(d, out)[0][6000:, 2]
+    return np.sqrt(np.mean((error[100 * over_s :] - error[: -100 * over_s]) ** 2))
+
+
+def test_the_change_of_height_is_better_than_the_receivers_and_the_height_within_sigma():
+    with_it, without, normalised = [], [], []
+    for seed in range(6):
+        d, samples, fixes, rng = recorded(seed)
+        rows = pressures(d, rng)
+        out, innovations = estimated(samples, fixes, rows)
+        alone, _ = estimated(samples, fixes, rows[:0])
+        with_it.append(changes(d, out))
+        without.append(changes(d, alone))
+        normalised.append(height_nees(d, out))
+        assert innovations["used"].mean() > 0.99 and (out["status"][d.t > 5.0] & HEIGHT_VALID).all()
+    assert np.mean(with_it) < 0.8 * np.mean(without) and np.mean(with_it) < 1.0
+    assert np.mean(np.square(normalised)) < 2.0
+
+
+def test_a_door_and_a_gust_are_rejected_and_a_change_that_stays_is_learned():
+    d, samples, fixes, rng = recorded(7)
+    rows = pressures(d, rng)
+    t = rows["t_ns"] * 1e-9 - 100.0
+    rows["value"][(t > 70.0) & (t < 72.0), 0] -= 8.0
+    rows["value"][t > 100.0, 0] += 12.0
+    out, innovations = estimated(samples, fixes, rows)
+    at = innovations["t_ns"] * 1e-9 - 100.0
+    assert not innovations["used"][(at > 70.05) & (at < 71.95)].any()
+    assert innovations["used"][(at > 72.05) & (at < 99.9)].all() and innovations["used"][at > 107.0].all()
+    assert np.mean(height_nees(d, out) ** 2) < 2.5
+    assert not (out["status"][d.t > 20.0] & REJECTING).any()
+
+
+def test_pressure_is_converted_by_the_standard_atmosphere():
+    """The table of ISO 2533: 0 m, 1000 m, 5000 m."""
+    for pressure, height in ((101325.0, 0.0), (89874.6, 1000.0), (54019.9, 5000.0)):
+        assert standard_height(pressure) == pytest.approx(height, abs=1.5)
+
+
+def test_pressure_or_height_in_a_datagram_and_in_a_table(tmp_path):
+    sources = registry.by_name("navigation").sources
+    receiver = AidingReceiver()
+    data = b'{"class":"BARO","pressure":89874.6}\n{"class":"BARO","height":1000}\n{"class":"BARO","pressure":1013.25}\n'
+    found = list(receiver.decode(data + b'{"class":"BARO","sigma":1}', sources, 5, 5))
+    assert [row["value"][0, 0] for _, row in found] == pytest.approx([1000.0, 1000.0], abs=1.5)
+    assert receiver.properties(5)["refused"] == {"value": 2}
+    assert any("pressure_pa is 1013.25, outside 19000 to 130000" in text for text in receiver.messages)
+    table = tmp_path / "baro.csv"
+    table.write_text("t_s,pressure_pa\n1.0,89874.6\n")
+    assert read_aiding(SOURCE, table, 0)["value"][0, 0] == pytest.approx(1000.0, abs=1.5)

@@ -171,4 +171,4 @@ def test_what_the_sensor_monitor_finds_is_said(drive, tmp_path):
     np.savetxt(tmp_path / "imu.csv", samples, delimiter=",", header=header, comments="", fmt="%.9f")
     ended = replay("--imu", tmp_path / "imu.csv", "-o", tmp_path / "est.csv")
     assert ended.returncode == 0
-    assert "accelerometer x impossible (100 samples)" in ended.stderr
+    assert b"accelerometer x impossible (100 samples)" in ended.stderr

@@ -224,7 +224,7 @@ def test_all_kernels_of_imud_have_a_translation():
     for name in (
         "feed_imud_estimators",
         "advance_stream",
-        "decode_stream_drivers_epson",
+        "decode_stream_imud_drivers_epson",
         "stages_ingest",
         "fast_loop_run_until_event",
     ):

@@ -43,7 +43,9 @@ def made(seed):
     p = configure(Settings(), 100.0)
     s = start(p, Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=10.0))
     c = s["core"][0, 0]
-    scale = np.repeat([2.0, 0.3, 0.02, 1e-3, 0.1, 2.0, 0.03, 0.1, 0.01, 0.5, 0.1], [3, 3, 3, 3, 3, 3, 2, 1, 3, 1, 1])
+    scale = np.repeat(
+        [2.0, 0.3, 0.02, 1e-3, 0.1, 2.0, 0.03, 0.1, 0.01, 0.5, 0.1, 0.02, 5.0], [3, 3, 3, 3, 3, 3, 2, 1, 3, 1, 1, 1, 1]
+    )
     root = rng.standard_normal((STATES, STATES)) * scale[:, None]
     P = root @ root.T / STATES
     c["alignment"]["mode"] = NAVIGATING

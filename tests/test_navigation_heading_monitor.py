@@ -7,12 +7,12 @@ from test_navigation_jacobians import fix_near, nominal, record
 from imud.compile.jit import interpreted
 from imud.estimators.ins.integrity import heading_monitor
 from imud.estimators.ins.solution import write_solution
-from imud.estimators.ins.state import ATTITUDE
+from imud.estimators.ins.state import ATTITUDE, STATES
 from imud.estimators.records import HEADING_VALID, SOLUTION
 from imud.math.kalman import packed_index
 from imud.math.rotation import euler_of_quat
 
-OFF, YAW = 1.7, packed_index(26, ATTITUDE + 2, ATTITUDE + 2)
+OFF, YAW = 1.7, packed_index(STATES, ATTITUDE + 2, ATTITUDE + 2)
 
 
 @pytest.fixture

@@ -4,8 +4,14 @@ import numpy as np
 import pytest
 from navigation_runner import navigate
 from navigation_simulation import drive, errors, received, sensed
+from test_navigation_jacobians import record
 
-from imud.configuration.settings import Settings
+from imud.compile.jit import interpreted
+from imud.configuration.settings import Initial, Settings
+from imud.estimators.ins.fusion_horizon import restore_snapshot, store_snapshot
+from imud.estimators.ins.parameters import configure
+from imud.estimators.ins.setup import start
+from imud.estimators.ins.state import SNAPSHOT
 from imud.estimators.records import HEADING_VALID, INNOVATION
 
 RATE = 100
@@ -121,3 +127,20 @@ def test_fixes_of_the_future_are_refused():
     out, rows, _ = navigate(samples, fixes)
     assert not rows["used"][rows["t_ns"] >= fixes["t_ns"][70]].any()
     assert np.isfinite(out["v"][-1]).all()
+
+
+def test_a_rewind_restores_every_record():
+    """Random bytes in each field of the core are stored, changed and restored."""
+    s = start(configure(Settings(), 100.0), Initial())
+    core, rng = s["core"][0], np.random.default_rng(3)
+    filled = {name: rng.bytes(core[name].nbytes) for name in SNAPSHOT.names}
+    for name, data in filled.items():
+        core[name].view(np.uint8)[:] = np.frombuffer(data, np.uint8)
+    state = record(s)
+    interpreted(store_snapshot)(state)
+    kept = s["snapshots"][0, 0]
+    assert {name: kept[name].tobytes() for name in SNAPSHOT.names} == filled
+    for name in SNAPSHOT.names:
+        core[name].view(np.uint8)[:] = 0
+    interpreted(restore_snapshot)(state.core[0], state.snapshots[0])
+    assert {name: core[name].tobytes() for name in SNAPSHOT.names} == filled

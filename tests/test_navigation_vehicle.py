@@ -7,7 +7,7 @@ from navigation_simulation import drive, errors, received, sensed
 from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Initial, Navigation, Settings
-from imud.estimators.ins import stationarity
+from imud.estimators.ins import rest, stationarity
 from imud.estimators.ins.aiding import non_holonomic
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
@@ -51,7 +51,7 @@ def travelled(heading_deg, velocity, speed_sigma=0.1, vehicle="auto", every_s=0.
     settings = Settings(navigation=Navigation(vehicle=vehicle))
     p = configure(settings, 100.0)
     c = start(p, Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=10.0))["core"][0, 0]
-    P = np.diag([1.0] * 3 + [speed_sigma**2] * 3 + [1e-4] * 2 + [np.radians(5.0) ** 2] + [1e-4] * 17)
+    P = np.diag([1.0] * 3 + [speed_sigma**2] * 3 + [1e-4] * 2 + [np.radians(5.0) ** 2] + [1e-4] * (STATES - 9))
     c["cov"]["P"], c["alignment"]["mode"] = P[np.triu_indices(STATES)], NAVIGATING
     for k, (heading, v) in enumerate(zip(heading_deg, velocity, strict=True)):
         attitude = Rotation.from_euler("z", heading, degrees=True)
@@ -126,7 +126,7 @@ def core():
         60_000_000_000,
     )
     c["nav"]["v_n"], c["stationarity"]["low_motion_count"], c["stationarity"]["sample_count"] = (1.2, 0.0, 0.0), 12, 50
-    P = np.diag([25.0] * 2 + [1.0] + [0.36] * 3 + [1e-6] * 3 + [1e-10] * 3 + [1e-4] * 3 + [1.0] * 11)
+    P = np.diag([25.0] * 2 + [1.0] + [0.36] * 3 + [1e-6] * 3 + [1e-10] * 3 + [1e-4] * 3 + [1.0] * (STATES - 15))
     c["cov"]["P"] = P[np.triu_indices(STATES)]
     c["stationarity"]["duration"], c["stationarity"]["delta_v"] = 0.5, 0.5 * np.array([0.02, 0.0, -9.81])
     return s, c
@@ -145,14 +145,14 @@ def learned(c, at_rest, in_motion, spread):
 
 def test_rest_is_detected_in_an_outage_though_the_velocity_has_drifted():
     _, c = core()
-    assert not stationarity.detect_rest(PARAMETERS, c)
+    assert not rest.detect_rest(PARAMETERS, c)
     learned(c, LN_REST, LN_MOTION, 0.4)
     for _ in range(5):
         stationarity.update_evidence(PARAMETERS, c, LN_REST)
-    assert not stationarity.detect_rest(PARAMETERS, c)  # too soon to be sure
+    assert not rest.detect_rest(PARAMETERS, c)  # too soon to be sure
     for _ in range(5):
         stationarity.update_evidence(PARAMETERS, c, LN_REST)
-    assert stationarity.detect_rest(PARAMETERS, c)
+    assert rest.detect_rest(PARAMETERS, c)
 
 
 def test_motion_braking_and_speed_are_no_rest():
@@ -165,7 +165,7 @@ def test_motion_braking_and_speed_are_no_rest():
             c["stationarity"]["delta_v"][0] = 0.5 * 0.8
         if spoil == "speed":
             c["nav"]["v_n"][0] = 5.0
-        assert not stationarity.detect_rest(PARAMETERS, c), spoil
+        assert not rest.detect_rest(PARAMETERS, c), spoil
 
 
 def test_a_car_as_smooth_in_motion_as_at_rest_is_never_taken_for_resting():
@@ -173,4 +173,4 @@ def test_a_car_as_smooth_in_motion_as_at_rest_is_never_taken_for_resting():
     learned(c, LN_REST, LN_REST + 0.1, 0.4)
     for _ in range(60):
         stationarity.update_evidence(PARAMETERS, c, LN_REST)
-    assert not stationarity.detect_rest(PARAMETERS, c)
+    assert not rest.detect_rest(PARAMETERS, c)

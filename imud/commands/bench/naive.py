@@ -15,7 +15,7 @@ from ...math.arrays import Floats
 from .signals import ACCEL_LSB, FRAME, GYRO_LSB
 
 _UNPACK = struct.Struct(">B9hHB").unpack
-STATES = 26
+STATES = 28
 
 
 def skew(v: Floats) -> Floats:

@@ -188,6 +188,7 @@ class Tuning:
     fixed_gravity_share: float
     min_rate_across_gravity: float
     max_gravity_excess: float
+    max_speed_of_gravity: float
     recent_rest_s: float
     wrong_bias_gate: float
     onset_interval_s: float

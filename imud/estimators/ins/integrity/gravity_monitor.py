@@ -3,8 +3,9 @@
 While the means of the windows hardly change, the rate less the known bias, integrated, says by how much gravity must
 have turned in the body. If it has not turned, there was no rotation, and the bias is another than the filter knows: a
 sensor that restarted without notice, or one that warms up. Whatever the history, it is found as soon as the turn is
-larger than the noise, within a second for 0.2 deg/s. A rate about the vertical turns no gravity and shows nothing. In a
-coordinated turn the force stays in the body as well, but it is more than gravity.
+larger than the noise, within a second for 0.2 deg/s. A rate about the vertical turns no gravity and shows nothing. In
+coordinated flight the force stays in the body while it rolls, so the receiver must have shown no speed when it was last
+heard.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ TUNABLES = (
     Tunable(
         "max_gravity_excess", 0.3, "m/s^2", "Force beyond gravity and bias that is no coordinated turn.", "14 deg bank."
     ),
+    Tunable("max_speed_of_gravity", 2.0, "m/s", "Speed above which a body may fly coordinated turns.", "Choice."),
     Tunable("recent_rest_s", 10.0, "s", "A bias found wrong was right until the last rest, if so recent.", "Choice."),
     Tunable("wrong_bias_gate", 16.0, "NIS", "Gate of the bias that fixed gravity shows.", "Four sigma."),
 )
@@ -96,6 +98,15 @@ def is_gravity_alone(p: Parameters, c: Core) -> bool:
 
 
 @kernel
+def may_fly(p: Parameters, c: Core) -> bool:
+    """Whether the body may be in coordinated flight: by the receiver's last speed, else by the filter's."""
+    v, speed = c.nav.v_n, c.gnss.speed
+    if math.isnan(speed):
+        speed = math.sqrt(v[0] * v[0] + v[1] * v[1])
+    return bool(speed > p.tuning.max_speed_of_gravity)
+
+
+@kernel
 def bias_error(p: Parameters, c: Core) -> Vector:
     """The error of the gyro bias across gravity, rad/s, if gravity stayed where it was in the body; else zero."""
     g, f = c.gravity_monitor, (c.stationarity.mean_f[0], c.stationarity.mean_f[1], c.stationarity.mean_f[2])
@@ -112,7 +123,7 @@ def bias_error(p: Parameters, c: Core) -> Vector:
     across = turn2 > p.tuning.min_rate_across_gravity**2 * dot(angle, angle) * f2
     seen = turn2 > p.tuning.fixed_gravity_gate**2 * 2.0 * g.variance
     fixed = dot(change, change) < p.tuning.fixed_gravity_share**2 * turn2
-    if not (across and seen and fixed and is_gravity_alone(p, c)):
+    if may_fly(p, c) or not (across and seen and fixed and is_gravity_alone(p, c)):
         return (0.0, 0.0, 0.0)
     error = cross((turn[0] - change[0], turn[1] - change[1], turn[2] - change[2]), f)
     scale = 1.0 / (f2 * g.time)

@@ -1,4 +1,4 @@
-"""The error-state Kalman filter itself: Jacobian, innovation, scalar update, injection. It knows no sensor.
+"""The error-state Kalman filter itself: Jacobian, innovation, scalar update, injection.
 
 A measurement is one scalar. `set_jacobian` sets the elements of its Jacobian h, a sparse row; `innovation_variance`
 returns h P h' and stores P h; `kalman_update` corrects P and adds K z to the error estimate in scratch.x, which

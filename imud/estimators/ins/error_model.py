@@ -1,17 +1,20 @@
 """The error model: how the errors of the nominal state propagate (F), and the process noise (Q).
 
+Errors are true minus estimated values (Groves' are the other way round); phi is that of the attitude, in navigation
+axes; f is the specific force in body axes, C turns it into navigation axes.
+
     p' = v
-    v' = phi x f - C ba
+    v' = phi x C f - C ba
     phi' = -C (bg + turn_scale w_down)
-    bg', ba', turn_scale', mounting' = noise
+    bg', ba', turn_scale', mount_yaw', mount_pitch', nhc_lever_arm', odometer_scale', baro_offset' = noise
     gnss_bias' = -gnss_bias / T + noise
 
 Omitted, being below a hundredth of the errors that a MEMS sensor causes in minutes: Coriolis and frame rotation of the
 errors, and the change of gravity and of transport rate with them. Scale factors and misalignments have states
 (turn_scale) for turns about the vertical only; otherwise they are noise that grows with rate and acceleration.
 
-`linearize` evaluates F over the interval; `propagate_covariance` applies it to P and adds Q; `apply_phi` applies it to
-columns of error states.
+`linearize` evaluates the blocks of Phi, I + F over the interval; `propagate_covariance` applies it to P and adds Q (the
+odometer's and the barometer's are in their files); `apply_phi` applies it to columns of error states.
 
 Source: Groves (2013), sec. 14.2.
 """

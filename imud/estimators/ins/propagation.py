@@ -1,4 +1,10 @@
-"""Propagation by one sample: the same code for new samples and for those replayed after a late measurement."""
+"""Propagation by one sample: the same code for new samples and for those replayed after a late measurement.
+
+In this order: a gap in the samples is bridged, or ends the estimate; damaged, missing and clipped readings are
+replaced, with noise for what they hide; the nominal state and the covariance propagate. At the end of a window of half
+a second the body is found at rest or not, the gyro bias is checked against gravity, and the assumed measurements that
+are due (no velocity, no turn, no slip) are fused.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The gravity monitor: gravity that does not turn in the body contradicts a rate across it, and so the gyro bias.
+"""The gravity monitor: a rate that the direction of gravity in the body does not confirm is an error of the gyro bias.
 
 While the means of the windows hardly change, the rate less the known bias, integrated, says by how much gravity must
 have turned in the body. If it has not turned, there was no rotation, and the bias is another than the filter knows: a

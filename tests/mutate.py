@@ -51,6 +51,7 @@ NOT_NOTICED = {
     "navigation.min_drift_s": OLDER,
     "navigation.min_drift_fixes": OLDER,
     "navigation.max_rewind_miss_s": "what is too old for a rewind is older than that",
+    "navigation.max_gravity_excess": "no recording turns in a circle so slow that it is no flight",
     "navigation.heading_min_level": BETWEEN + "level part of a compass's axis",
 }
 

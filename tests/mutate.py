@@ -51,6 +51,10 @@ NOT_NOTICED = {
     "navigation.min_drift_s": OLDER,
     "navigation.min_drift_fixes": OLDER,
     "navigation.max_rewind_miss_s": "what is too old for a rewind is older than that",
+    "navigation.wheel_check_gate": BETWEEN + "evidence of a receiver that drifts",
+    "navigation.gravity_memory_s": "each wrong bias in the recordings is found sooner",
+    "navigation.max_speed_of_gravity": BETWEEN + "speed of a body with a wrong bias",
+    "navigation.baro_known_height": BETWEEN + "sigma of the height when the barometer begins",
     "navigation.max_gravity_excess": "no recording turns in a circle so slow that it is no flight",
     "navigation.heading_min_level": BETWEEN + "level part of a compass's axis",
 }

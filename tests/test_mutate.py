@@ -1,10 +1,12 @@
 """The golden traces notice when a tunable changes: some of them here, all of them by `python tests/mutate.py`."""
 
+import zlib
+
 import pytest
 from mutate import NOT_NOTICED, Search, mutants
 
-EVERY = 12
-SOME = [mutant for mutant in mutants() if mutant.reason is None][::EVERY]
+EVERY = 12  # by their names, so that a new tunable does not change which of the others are tried
+SOME = [mutant for mutant in mutants() if mutant.reason is None and zlib.crc32(mutant.name.encode()) % EVERY == 0]
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,6 @@
 """`sim:SCENARIO` ports: emulated devices as processes of their own, which the daemon opens as if they were hardware.
 
-Ports of the same scenario share one emulator, so that they feel the same motion from the same instant. It ends with
+Ports of the same scenario share one emulator, so that they measure the same motion from the same instant. It ends with
 the block, and also when this process dies.
 """
 

@@ -85,6 +85,6 @@ class StateStore:
 
 
 def _sensor(configured: ImuConfigured) -> str:
-    """Which sensor it is; those without a serial number are told apart by their ports."""
+    """Which sensor it is; those without a serial number are distinguished by their ports."""
     identity = configured.identity
     return f"{identity.driver} {identity.model} {identity.serial}"

@@ -87,7 +87,7 @@ HEALTH = np.dtype(
         ("near", "<i8"),  # samples in sequence whose force was near gravity
         ("far_ns", "<i8"),  # when the first of `far` came
         ("far_force", "<f8", (3,)),  # and its force
-        ("told_ns", "<i8", (2,)),  # last sample whose rates, and forces, told something
+        ("informative_ns", "<i8", (2,)),  # last sample whose rates, and forces, were informative
         ("found_ns", "<i8", (FINDINGS,)),  # when last
         ("found", "<i8", (FINDINGS,)),  # samples
     ],
@@ -240,10 +240,10 @@ def mark(h: Health, sample: Any, findings: int) -> None:
             since = min(since, h.run_ns[i])
     if findings & _NO_RATE:
         sample.flags |= NO_RATE
-        since = min(since, h.told_ns[0])
+        since = min(since, h.informative_ns[0])
     if findings & _NO_FORCE:
         sample.flags |= NO_FORCE
-        since = min(since, h.told_ns[1])
+        since = min(since, h.informative_ns[1])
     if findings >> WEIGHT & 1:
         since = min(since, h.far_ns)
     sample.outage_s = (t_ns - since) * 1e-9
@@ -256,7 +256,7 @@ def examine(h: Health, sample: Any) -> None:
     if sample.flags & SUSPECT:
         return
     if h.samples == 0:
-        h.told_ns[0] = h.told_ns[1] = sample.t_ns
+        h.informative_ns[0] = h.informative_ns[1] = sample.t_ns
     findings = 0
     if take(h, sample) or h.samples == 0:
         for i in range(6):
@@ -274,9 +274,9 @@ def examine(h: Health, sample: Any) -> None:
         mark(h, sample, findings)
     h.last_ns = sample.t_ns
     if findings & _NO_RATE == 0:
-        h.told_ns[0] = sample.t_ns
+        h.informative_ns[0] = sample.t_ns
     if findings & _NO_FORCE == 0:
-        h.told_ns[1] = sample.t_ns
+        h.informative_ns[1] = sample.t_ns
 
 
 @entry
@@ -290,7 +290,7 @@ def examine_all(health: NDArray[np.void], samples: NDArray[np.void]) -> None:
 def shown(health: NDArray[np.void]) -> int:
     """The findings of the last `SHOWN_NS`, bit by bit, of a HEALTH record array: one that comes and goes stays."""
     h = health[0]
-    now_ns = max(h.told_ns[0], h.told_ns[1])
+    now_ns = max(h.informative_ns[0], h.informative_ns[1])
     for i in range(FINDINGS):
         now_ns = max(now_ns, h.found_ns[i])
     findings = 0

@@ -66,6 +66,6 @@ class Health:
     near: int
     far_ns: int
     far_force: Reals
-    told_ns: Integers
+    informative_ns: Integers
     found_ns: Integers
     found: Integers

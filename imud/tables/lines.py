@@ -85,7 +85,7 @@ class Table:
 def table_of(path: Path, wanted: Sequence[str]) -> Table:
     """The table in a file: its header is the first line that names a column of `wanted`, or else the first.
 
-    A line below it with as many cells and no number tells the units, which the names have told.
+    A line below it with as many cells and no number has the units, which are in the names, too.
 
     Raises InputMissingError, BadDataError if the file is empty.
     """

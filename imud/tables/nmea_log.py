@@ -31,7 +31,7 @@ def fixes_of_log(
 ) -> Records:
     """The fixes of an NMEA log, placed by their UTC time of day near the samples that start `first_ns` after `origin`.
 
-    A log holds no arrival times: each fix is known `latency_s` after its epoch. tell: is told if the settings refuse
+    A log holds no arrival times: each fix is known `latency_s` after its epoch. tell: called if the settings refuse
     some. Raises BadDataError without any fix, or if the settings refuse all.
     """
     driver = by_name("nmea")

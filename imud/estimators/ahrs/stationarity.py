@@ -10,7 +10,7 @@ have moved on, zero but for the errors of the integral if it stands. The longer 
 
 What seems to accelerate and yet stands, or does so evenly for longer than vehicles do, rests in a wrong attitude.
 
-Steady slow rotation about the vertical looks just like a bias; it is told from one by what is known already. A mean
+Steady slow rotation about the vertical looks just like a bias; only what is known already distinguishes the two. A mean
 rate that contradicts the known bias is not fused until the growing variance of the bias allows it; unless it is the
 smaller and so the likelier bias: then the body turned before and rests now. That is believed soon if the force is the
 one at which the bias was measured, as on a turntable; in an even curve the force is another, and then only what lasts

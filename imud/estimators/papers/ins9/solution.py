@@ -34,7 +34,7 @@ def tilt_variance(p: Ins9Parameters, s: Ins9State, by: Reals) -> float:
 def reckoning_variance(p: Ins9Parameters, s: Ins9State, axis: int) -> tuple[float, float]:
     """What dead reckoning does not know of one axis (NED): variances of distance and velocity.
 
-    The mean force at rest, white noise, bias walk, the rotated bias; and what tilts, which only the level axes feel.
+    The mean force at rest, white noise, bias walk, the rotated bias; and what tilts, which only the level axes measure.
     """
     t = s.moving_s
     force = p.accel_psd / max(s.rest_s, 1e-3)

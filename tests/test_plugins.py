@@ -101,6 +101,12 @@ def test_a_plug_in_that_cannot_be_imported_is_left_out(tmp_path):
     assert said.returncode != 0 and "plug-in broken (no_such_module:DRIVER) is left out" in said.stderr
 
 
+def test_a_list_that_cannot_be_read_ends_nothing(tmp_path):
+    (tmp_path / "odd-1.0.dist-info" / "entry_points.txt").mkdir(parents=True)
+    said = imud("run", "--port", "/dev/absent", "--check", path=tmp_path)
+    assert said.returncode == 0, said.stderr
+
+
 def test_an_output_that_is_not_there_or_does_not_open_is_named(monkeypatch):
     with pytest.raises(ConfigError, match="no plug-in 'absent'"):
         opened("absent:x")

@@ -7,10 +7,10 @@ from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Initial, Settings
 from imud.estimators.ins import fusion, mechanization
-from imud.estimators.ins.alignment import drift_hypotheses as hypotheses
+from imud.estimators.ins.alignment import force_integrals as matching
 from imud.estimators.ins.alignment import heading_posterior as posterior
+from imud.estimators.ins.alignment import hypothesis_bank as hypotheses
 from imud.estimators.ins.alignment import whitening
-from imud.estimators.ins.observers import heading_integrals as matching
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, HYPOTHESES, STATES
@@ -62,18 +62,18 @@ def carried(corrections, seconds=20.0, at_s=8.0):
 def test_what_the_filter_corrects_leaves_the_integrals_as_they_were(corrections):
     untouched, _ = carried({})
     running, s = carried(corrections)
-    assert s["core"][0, 0]["alignment"]["corrections"].any() or s["core"][0, 0]["alignment"]["wander_azimuth"] != 0.0
+    assert s["core"][0, 0]["alignment"]["corrections"].any() or s["core"][0, 0]["alignment"]["frame_azimuth"] != 0.0
     assert running[matching.DELTA_V] == pytest.approx(
         untouched[matching.DELTA_V], abs=0.12
     )  # second order in 0.3 m/s^2
     assert running[matching.HEADING_INTEGRAL] == pytest.approx(untouched[matching.HEADING_INTEGRAL], abs=0.05)
 
 
-def test_a_drift_found_is_one_from_then_on():
+def test_a_gyro_bias_found_is_corrected_from_then_on():
     _, s = carried({GYRO_BIAS + 2: 0.004})
     c = s["core"][0, 0]
-    assert c["alignment"]["vertical_bias"] == pytest.approx(0.004, rel=1e-3)
-    assert c["alignment"]["wander_azimuth_drift"] == pytest.approx(0.004 * 12.0, abs=2e-4)
+    assert c["alignment"]["bias_correction"] == pytest.approx(0.004, rel=1e-3)
+    assert c["alignment"]["corrected_rotation"] == pytest.approx(0.004 * 12.0, abs=2e-4)
 
 
 def complex_(a):
@@ -94,7 +94,7 @@ def match(b, z, u, seen, ages):
     """As if they had been followed: each hypothesis turns back what was felt in its frame."""
     for i in range(len(z)):
         for k in range(HYPOTHESES):
-            turn = np.exp(1j * hypotheses.drift_rate(PARAMETERS, k) * ages[i])
+            turn = np.exp(1j * hypotheses.frame_rate(PARAMETERS, k) * ages[i])
             for j, value in enumerate([seen[i], turn * z[i], *(turn * u[i])]):
                 b["innovations"][j] = value.real, value.imag
             hypotheses.accumulate_products(b, k, 1.0 / VARIANCE)
@@ -116,12 +116,12 @@ def test_corrections_taken_over_are_as_if_made_before():
     assert taken == pytest.approx(b["products"], rel=1e-7, abs=1e-6)
 
 
-def test_in_the_frame_of_the_right_drift_forces_add_up_to_the_velocity_for_as_long_as_one_likes():
+def test_in_the_frame_of_the_right_rate_forces_add_up_to_the_velocity_for_as_long_as_one_likes():
     """A drive of 40 s, tilted by half a degree, with a gyro bias about the vertical of 2.45 deg/s."""
     p, s, c = core()
     b = s["bank"][0, 0]
     d = drive(40.0, rest=0.0, fast_start=True)
-    bias = np.array([0.0, 0.0, 7 * TUNING["drift_rate_step"]])
+    bias = np.array([0.0, 0.0, 7 * TUNING["frame_rate_step"]])
     c["nav"]["q_nb"] = np.roll((Rotation.from_rotvec([0.006, -0.006, 0.0]) * d.attitude[0]).as_quat(), 1)
     c["nav"]["v_n"], c["nav"]["lat"], c["imu"]["w"], c["imu"]["f"] = d.v[0], d.lat[0], d.w[0] + bias, d.f[0]
     hypotheses.clear_hypotheses(b)
@@ -179,7 +179,7 @@ def test_innovations_are_those_of_the_dense_covariance_of_the_fixes():
 def test_the_heading_is_that_of_a_least_squares_with_the_nuisance_marginalized(seed):
     rng = np.random.default_rng(seed)
     psi, k_true = rng.uniform(-np.pi, np.pi), rng.integers(10, 23)
-    rate = hypotheses.drift_rate(PARAMETERS, k_true)
+    rate = hypotheses.frame_rate(PARAMETERS, k_true)
     half = rng.standard_normal((3, 3)) + 1j * rng.standard_normal((3, 3))
     prior = 0.02 * half @ half.conj().T + 0.01 * np.eye(3)
     z, u, seen, ages = pairs(rng, psi, rate, prior)
@@ -190,19 +190,19 @@ def test_the_heading_is_that_of_a_least_squares_with_the_nuisance_marginalized(s
     b["prior"][:, :, 0], b["prior"][:, :, 1] = prior.real, prior.imag
     found, sigma, found_rate, _, _ = posterior.solve_heading(PARAMETERS, c, b, 0.1**2)
     inverse = np.linalg.inv(VARIANCE * np.eye(len(z)) + u @ prior @ u.conj().T)
-    drifts = (np.arange(HYPOTHESES) - HYPOTHESES // 2) * TUNING["drift_rate_step"]
+    rates = (np.arange(HYPOTHESES) - HYPOTHESES // 2) * TUNING["frame_rate_step"]
     angles = np.linspace(-np.pi, np.pi, 1441)
     costs = np.empty((HYPOTHESES, len(angles)))
-    for k, drift in enumerate(drifts):
-        e = z[:, None] - seen[:, None] * np.exp(-1j * (angles + drift * ages[:, None]))
+    for k, frame_rate in enumerate(rates):
+        e = z[:, None] - seen[:, None] * np.exp(-1j * (angles + frame_rate * ages[:, None]))
         costs[k] = np.einsum("ia,ij,ja->a", e.conj(), inverse, e).real
     k, a = np.unravel_index(costs.argmin(), costs.shape)
-    now = angles[a] + drifts[k] * ages[-1]
+    now = angles[a] + rates[k] * ages[-1]
     assert k == k_true
     assert abs(np.angle(np.exp(1j * (found - now)))) < 0.5 * sigma
     assert abs(np.angle(np.exp(1j * (found - psi - rate * ages[-1])))) < 4.0 * sigma
     assert sigma < np.radians(12.0)
-    assert found_rate == pytest.approx(rate, abs=TUNING["drift_rate_step"])
+    assert found_rate == pytest.approx(rate, abs=TUNING["frame_rate_step"])
 
 
 def test_the_prior_is_the_filters_covariance_of_the_force_that_tilt_and_biases_make():

@@ -6,8 +6,8 @@ from navigation_runner import nanoseconds, navigate, settings_of
 from navigation_simulation import drive, errors, received, sensed
 
 from imud.configuration.settings import Initial, Navigation, Settings
-from imud.estimators.ins.observers.process_noise import learn_process_noise, propagate_learning, update_learning
 from imud.estimators.ins.parameters import configure
+from imud.estimators.ins.process_noise import learn_process_noise, propagate_learning, update_learning
 from imud.estimators.ins.setup import start
 from imud.estimators.records import REJECTING
 
@@ -66,11 +66,11 @@ def test_the_scores_are_the_derivatives_of_the_log_likelihood(seed):
     c = start(p, Initial())["core"][0, 0]
     g, scratch = c["process_noise"], c["scratch"]
     g["log_psd"], g["psd"], g["log_psd_covariance"] = log_psd, np.exp(log_psd), (sigma2, 0.0, sigma2)
-    c["stationarity"]["vibration_level"], scratch["phi"]["interval"] = 1.0, DT
+    c["stationarity"]["vibration_level"], scratch["transition"]["interval"] = 1.0, DT
     for k in range(FIXES):
         for force in forces[k]:
-            scratch["phi"]["force"] = force
-            propagate_learning(p[0], c, scratch["phi"])
+            scratch["transition"]["force"] = force
+            propagate_learning(p[0], c, scratch["transition"])
         for i in range(4):
             v, s, d = used[4 * k + i]
             columns = np.flatnonzero(h[k, i])

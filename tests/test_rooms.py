@@ -46,13 +46,17 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     ("imud/estimators/ins/mechanization.py",),
     ("imud/estimators/ins/ekf.py",),
     tuple(f"imud/estimators/ins/{name}.py" for name in ("checkpoint", "error_model", "lever_arm", "setup", "solution")),
-    ("imud/estimators/ins/observers",),
+    tuple(  # what has to see every step of the Kalman filter
+        f"imud/estimators/ins/{name}.py"
+        for name in ("process_noise", "integrity/gnss_drift", "integrity/reset_inflation", "alignment/force_integrals")
+    ),
     ("imud/estimators/ins/fusion.py",),
     ("imud/estimators/ins/stationarity.py", "imud/estimators/ins/rest.py"),
     ("imud/estimators/ins/aiding",),
     ("imud/estimators/ins/alignment",),
     ("imud/estimators/ins/integrity", "imud/estimators/ins/power_on.py"),
-    ("imud/estimators/ins/propagation.py",),
+    ("imud/estimators/ins/propagation.py", "imud/estimators/ins/damaged_readings.py"),
+    ("imud/estimators/ins/imu_sample.py",),
     ("imud/estimators/ins/fusion_horizon.py",),
     ("imud/estimators/ins/gnss_fix.py", "imud/estimators/ins/sources.py"),
     ("imud/estimators/ins/filter.py",),

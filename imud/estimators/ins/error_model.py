@@ -1,7 +1,7 @@
 """The error model: how the errors of the nominal state propagate (F), and the process noise (Q).
 
-Errors are true minus estimated values (Groves' are the other way round); phi is that of the attitude, in navigation
-axes; f is the specific force in body axes, C turns it into navigation axes.
+Errors are true minus estimated values (Groves' are the other way round). phi is the attitude error, a small rotation in
+navigation axes; f is the specific force in body axes, C turns it into navigation axes.
 
     p' = v
     v' = phi x C f - C ba
@@ -13,8 +13,8 @@ Omitted, being below a hundredth of the errors that a MEMS sensor causes in minu
 errors, and the change of gravity and of transport rate with them. Scale factors and misalignments have states
 (turn_scale) for turns about the vertical only; otherwise they are noise that grows with rate and acceleration.
 
-`linearize` evaluates the blocks of Phi, I + F over the interval; `propagate_covariance` applies it to P and adds Q (the
-odometer's and the barometer's are in their files); `apply_phi` applies it to columns of error states.
+`linearize` evaluates the blocks of the transition matrix, I + F over the interval; `propagate_covariance` applies it to
+P and adds Q (the odometer's and the barometer's are in their files); `apply_transition` applies it to error states.
 
 Source: Groves (2013), sec. 14.2.
 """
@@ -113,26 +113,26 @@ TUNABLES = (
 
 
 @kernel
-def linearize(p: Parameters, c: Core, phi: Transition) -> None:
-    """phi <- F over the interval since the covariance was propagated, at the attitude now; see state.TRANSITION."""
+def linearize(p: Parameters, c: Core, transition: Transition) -> None:
+    """transition <- F over the interval since P was propagated, at the attitude now; see state.TRANSITION."""
     m, dt = rotation_matrix(c), c.imu.integration_time
     fx, fy, fz = c.imu.delta_v[0], c.imu.delta_v[1], c.imu.delta_v[2]
     if (
         c.stationarity.at_rest
     ):  # gravity is known exactly; measured noise in fx, fy would make the heading falsely observable
         fx, fy, fz = 0.0, 0.0, -STANDARD_GRAVITY * dt
-    phi.interval = dt
-    phi.force[0], phi.force[1], phi.force[2] = fx, fy, fz
+    transition.interval = dt
+    transition.force[0], transition.force[1], transition.force[2] = fx, fy, fz
     for k in range(9):
-        phi.rotation[k] = m[k]
-    phi.turn = m[6] * c.imu.delta_theta[0] + m[7] * c.imu.delta_theta[1] + m[8] * c.imu.delta_theta[2]
-    phi.gnss_bias = math.exp(-dt / p.tuning.gnss_bias_time_s)
+        transition.rotation[k] = m[k]
+    transition.turn = m[6] * c.imu.delta_theta[0] + m[7] * c.imu.delta_theta[1] + m[8] * c.imu.delta_theta[2]
+    transition.gnss_bias = math.exp(-dt / p.tuning.gnss_bias_time_s)
 
 
 @kernel
-def apply_phi(u: Tensor, columns: int, phi: Transition) -> None:
-    """u <- Phi u, for `columns` columns of error states (STATES x columns)."""
-    m, f, dt = phi.rotation, phi.force, phi.interval
+def apply_transition(u: Tensor, columns: int, transition: Transition) -> None:
+    """u <- transition u, for `columns` columns of error states (STATES x columns)."""
+    m, f, dt = transition.rotation, transition.force, transition.interval
     for j in range(columns):
         for i in range(3):
             u[POSITION + i, j] += dt * u[VELOCITY + i, j]
@@ -144,9 +144,10 @@ def apply_phi(u: Tensor, columns: int, phi: Transition) -> None:
             for k in range(3):
                 u[VELOCITY + i, j] -= m[3 * i + k] * dt * u[ACCEL_BIAS + k, j]
                 u[ATTITUDE + i, j] -= (
-                    m[3 * i + k] * dt * u[GYRO_BIAS + k, j] + m[3 * i + k] * phi.scaled_turn * u[TURN_SCALE + k, j]
+                    m[3 * i + k] * dt * u[GYRO_BIAS + k, j]
+                    + m[3 * i + k] * transition.scaled_turn * u[TURN_SCALE + k, j]
                 )
-            u[GNSS_BIAS + i, j] *= phi.gnss_bias
+            u[GNSS_BIAS + i, j] *= transition.gnss_bias
 
 
 @kernel
@@ -162,18 +163,18 @@ def reset_turn_scale(p: Parameters, c: Core) -> None:
 
 
 @kernel
-def apply_turn_scale(p: Parameters, c: Core, phi: Transition) -> None:
+def apply_turn_scale(p: Parameters, c: Core, transition: Transition) -> None:
     """Correct the attitude by the gyro's error in a turn about the vertical, once the turn is large enough.
 
     The turn is the integral of the rate itself, not of a smoothed one: a wrong axis has the effect of a tilt and of an
     accelerometer bias, all fixed in the body, and a delayed turn would make them falsely distinguishable.
     """
-    c.imu.deferred_rotation += phi.turn
-    angle, m, k = c.imu.deferred_rotation, phi.rotation, c.nav.turn_scale
-    phi.scaled_turn = 0.0
+    c.imu.deferred_rotation += transition.turn
+    angle, m, k = c.imu.deferred_rotation, transition.rotation, c.nav.turn_scale
+    transition.scaled_turn = 0.0
     if abs(angle) < p.tuning.min_scaled_turn:
         return
-    phi.scaled_turn = angle
+    transition.scaled_turn = angle
     x, y, z = k[0] * angle, k[1] * angle, k[2] * angle
     rotate_attitude(
         c, -m[0] * x - m[1] * y - m[2] * z, -m[3] * x - m[4] * y - m[5] * z, -m[6] * x - m[7] * y - m[8] * z
@@ -240,12 +241,12 @@ def attitude_psd(p: Parameters, c: Core, turn: float) -> float:
 
 
 @kernel
-def propagate_covariance(p: Parameters, c: Core, phi: Transition) -> None:
-    """P <- Phi P Phi' + Q, and the decay of the nominal GNSS bias; call with `phi` from `linearize`.
+def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None:
+    """P <- transition P transition' + Q, and the decay of the nominal GNSS bias; transition: from `linearize`.
 
     Before the heading is known the velocity is the receiver's, to which neither tilt nor accelerometer bias adds.
     """
-    P, m, f, dt = c.cov.P, phi.rotation, phi.force, phi.interval
+    P, m, f, dt = c.cov.P, transition.rotation, transition.force, transition.interval
     for i in range(3):
         shear(P, STATES, POSITION + i, VELOCITY + i, dt)
     qv = velocity_psd(p, c)
@@ -259,13 +260,13 @@ def propagate_covariance(p: Parameters, c: Core, phi: Transition) -> None:
     for i in range(3):
         k = 3 * i
         shear3(P, STATES, ATTITUDE + i, GYRO_BIAS, -m[k] * dt, -m[k + 1] * dt, -m[k + 2] * dt)
-    apply_turn_scale(p, c, phi)
-    if phi.scaled_turn != 0.0:
+    apply_turn_scale(p, c, transition)
+    if transition.scaled_turn != 0.0:
         for i in range(3):
-            k, angle = 3 * i, phi.scaled_turn
+            k, angle = 3 * i, transition.scaled_turn
             combine3(c, ATTITUDE + i, TURN_SCALE, -m[k] * angle, -m[k + 1] * angle, -m[k + 2] * angle)
     turn = m[6] * c.imu.rate_b[0] + m[7] * c.imu.rate_b[1] + m[8] * c.imu.rate_b[2]
-    qa, decay = attitude_psd(p, c, turn), phi.gnss_bias
+    qa, decay = attitude_psd(p, c, turn), transition.gnss_bias
     for i in range(3):
         scale(P, STATES, GNSS_BIAS + i, decay)
         c.nav.gnss_bias[i] *= decay

@@ -1,7 +1,7 @@
-"""One step of the Kalman filter together with its observers: the drift test and the integrals of the alignment.
+"""One step of the Kalman filter, and what has to follow every one: drift test, process noise, integrals of force.
 
-The drift test needs every gain, the alignment every correction. `ekf` and `error_model` know neither of them; aiding
-sources and propagation call the functions of this file.
+The test for a drifting receiver and the learned process noise need every gain, the alignment every correction. `ekf`
+and `error_model` know none of them; aiding sources and propagation call the functions of this file.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ import math
 from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
+from .alignment.force_integrals import accumulate_integrals, retain_integrals
 from .ekf import inject_error, innovation, innovation_variance, kalman_update
 from .error_model import linearize, propagate_covariance
+from .integrity.gnss_drift import BY_WHEELS, propagate_sensitivity, update_sensitivity
+from .integrity.reset_inflation import fade_inflation
 from .mechanization import start_integration
-from .observers.gnss_drift import BY_WHEELS, propagate_sensitivity, update_sensitivity
-from .observers.heading_integrals import accumulate_integrals, retain_integrals
-from .observers.process_noise import learn_process_noise, propagate_learning, update_learning
-from .observers.reset_inflation import fade_inflation
+from .process_noise import learn_process_noise, propagate_learning, update_learning
 from .state import NAVIGATING
 
 if TYPE_CHECKING:
@@ -29,16 +29,16 @@ NEVER = 1e-12  # a gate that nothing passes
 
 @kernel
 def propagate_errors(p: Parameters, c: Core) -> None:
-    """Propagate P and its observers over the covariance interval, and start a new interval."""
+    """Propagate P, and what follows it, over the covariance interval, and start a new interval."""
     if c.imu.integration_time <= 0.0:
         return
-    phi = c.scratch.phi
-    linearize(p, c, phi)
-    accumulate_integrals(c, phi.turn, phi.interval)
-    propagate_covariance(p, c, phi)
-    propagate_sensitivity(c, phi)
-    propagate_learning(p, c, phi)
-    fade_inflation(c, phi.gnss_bias)
+    transition = c.scratch.transition
+    linearize(p, c, transition)
+    accumulate_integrals(c, transition.turn, transition.interval)
+    propagate_covariance(p, c, transition)
+    propagate_sensitivity(c, transition)
+    propagate_learning(p, c, transition)
+    fade_inflation(c, transition.gnss_bias)
     start_integration(c)
 
 

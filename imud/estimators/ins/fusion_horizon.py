@@ -18,7 +18,8 @@ from ...compile.jit import kernel
 from ..records import GNSS_FIX
 from ..tuning import Tunable
 from .ekf import covariance, variance
-from .propagation import process_sample, propagate_to
+from .imu_sample import process_sample
+from .propagation import propagate_to
 from .state import (
     AIDING_RING,
     BANKS,

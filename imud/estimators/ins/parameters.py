@@ -15,12 +15,15 @@ from imud.sensor_errors.profiles import profile_of
 from ...math.arrays import Records
 from ..tuning import Tunable, dtype_of, values_of
 from . import (
+    damaged_readings,
     ekf,
     error_model,
     filter,
     fusion_horizon,
     gnss_fix,
+    imu_sample,
     power_on,
+    process_noise,
     propagation,
     rest,
     setup,
@@ -40,17 +43,16 @@ from .aiding import (
     zero_velocity,
 )
 from .alignment import (
-    drift_hypotheses,
     heading_acceptance,
     heading_posterior,
+    hypothesis_bank,
     in_motion,
     levelling,
     modes,
     velocity_pairs,
     whitening,
 )
-from .integrity import gravity_monitor, heading_monitor
-from .observers import gnss_drift, process_noise
+from .integrity import gnss_drift, gravity_monitor, heading_monitor
 from .state import AUTO, FREE, LAND
 
 VEHICLES = {"free": FREE, "auto": AUTO, "land": LAND}
@@ -65,6 +67,8 @@ TUNABLES = (
     *error_model.TUNABLES,
     *ekf.TUNABLES,
     *propagation.TUNABLES,
+    *damaged_readings.TUNABLES,
+    *imu_sample.TUNABLES,
     *power_on.TUNABLES,
     *stationarity.TUNABLES,
     *rest.TUNABLES,
@@ -83,7 +87,7 @@ TUNABLES = (
     *levelling.TUNABLES,
     *velocity_pairs.TUNABLES,
     *whitening.TUNABLES,
-    *drift_hypotheses.TUNABLES,
+    *hypothesis_bank.TUNABLES,
     *heading_posterior.TUNABLES,
     *heading_monitor.TUNABLES,
     *gravity_monitor.TUNABLES,

@@ -16,8 +16,8 @@ from ..tuning import Tunable
 from .alignment.modes import ATTITUDE_LOST, change_mode
 from .alignment.velocity_pairs import reset_pairs
 from .ekf import add_variance, decorrelate, variance
+from .integrity.gnss_drift import reset_drift
 from .mechanization import body_to_ned, clear_biases
-from .observers.gnss_drift import reset_drift
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 from .stationarity import clear_window, interrupt_rest
 

@@ -1,38 +1,25 @@
-"""Propagation by one sample: the same code for new samples and for those replayed after a late measurement.
+"""Propagation of the core to a later time: the nominal state, and P once per covariance interval; gaps add variance.
 
-In this order: a gap in the samples is bridged, or ends the estimate; damaged, missing and clipped readings are
-replaced, with noise for what they hide; the nominal state and the covariance propagate. At the end of a window of half
-a second the body is found at rest or not, the gyro bias is checked against gravity, and the assumed measurements that
-are due (no velocity, no turn, no slip) are fused.
+A gap between two samples is integrated with the mean of the samples at its ends; what the body may have done meanwhile
+is added to P, and rest and alignment, which need every sample, start again.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from imud.drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, POWER_ON, RECONNECTED
-from imud.drivers.sample import SATURATED as BEYOND_RANGE
-
 from ...compile.jit import kernel
-from ...math.earth import gravity
 from ..tuning import Tunable
-from .aiding.non_holonomic import find_forward_axis, fuse_nhc, is_due, reset_nhc
-from .aiding.zero_velocity import fuse_rest
-from .alignment.levelling import level_from_window
-from .alignment.modes import ATTITUDE_LOST, HEADING_KNOWN, HEADING_LOST, change_mode
-from .alignment.velocity_pairs import flag_heading, is_levelled, reset_pairs
-from .ekf import add_covariance, add_variance, variance
+from .alignment.velocity_pairs import reset_pairs
+from .ekf import add_variance
 from .fusion import propagate_errors
-from .integrity.gravity_monitor import monitor_gravity
-from .mechanization import integrate_strapdown, ned_to_body, rotation_matrix, set_velocity
-from .power_on import check_attitude, reopen_biases
-from .rest import detect_rest, withdraw_rest
-from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, POSITION, VELOCITY
-from .stationarity import accumulate_force, accumulate_window, classify_window, clear_window, interrupt_rest
+from .mechanization import integrate_strapdown, set_velocity
+from .state import ATTITUDE, COARSE_ALIGNMENT, POSITION, VELOCITY
+from .stationarity import accumulate_force, clear_window, interrupt_rest
 
 if TYPE_CHECKING:
     from ...math.arrays import Reals
-    from .types import Core, Parameters, StoredSample
+    from .types import Core, Parameters
 
 
 TUNABLES = (
@@ -47,12 +34,6 @@ TUNABLES = (
         "rate_of_change_time_s", 1.0, "s", "Longest time over which the rate of change is extrapolated.", "Choice."
     ),
     Tunable("longest_gap_s", 30.0, "s", "Longest gap that is integrated.", "Choice."),
-    Tunable("rate_hold_s", 0.5, "s", "The last rate is held so long.", "Choice."),
-    Tunable(
-        "max_gyro_outage_s", 1.0, "s", "After a longer time without rates the alignment starts again.", "Linearization."
-    ),
-    Tunable("near_range", 0.9, "", "Share of the largest rate from which an axis counts as saturated, too.", "Choice."),
-    Tunable("over_range", 0.5, "", "Share of a clipped reading that may be beyond it.", "Choice."),
     Tunable("smoothing_s", 0.2, "s", "Time constant of the smoothed rate and acceleration.", "Choice."),
 )
 
@@ -146,126 +127,3 @@ def propagate_to(p: Parameters, c: Core, t_ns: int, w: Reals, f: Reals) -> None:
             add_variance(c, VELOCITY + i, accel2 * dt**2)
             add_variance(c, ATTITUDE + i, turn2 * dt**2)
     store_last_sample(c, t_ns, w, f)
-
-
-@kernel
-def end_window(p: Parameters, c: Core) -> None:
-    """At the end of a stationarity window: detect rest, level, fuse rest, look for the forward axis."""
-    propagate_errors(p, c)
-    classify_window(p, c)
-    monitor_gravity(p, c)
-    at_rest = detect_rest(p, c)
-    if c.alignment.mode == COARSE_ALIGNMENT:
-        level_from_window(p, c, at_rest)  # before the update at rest changes the attitude of the mean force
-    if at_rest and fuse_rest(p, c):
-        flag_heading(p, c)
-    if c.alignment.mode == COARSE_ALIGNMENT:
-        if c.gnss.fix_count > 0 and c.alignment.heading_sigma > 0.0 and is_levelled(p, c):
-            change_mode(p, c, HEADING_KNOWN)
-    else:
-        find_forward_axis(p, c)
-    clear_window(c)
-
-
-@kernel
-def substitute_missing(p: Parameters, c: Core, sample: StoredSample) -> None:
-    """Replace missing rates (held, later zero) and forces (no acceleration) of a sample; such a sample ends a rest."""
-    if sample.flags & NO_RATE and sample.outage_s > p.tuning.rate_hold_s:
-        for i in range(3):
-            sample.w[i] = c.nav.bg[i]
-    if sample.flags & NO_FORCE:
-        weight = ned_to_body(c, (0.0, 0.0, -gravity(c.nav.lat, c.nav.height)))
-        for i in range(3):
-            sample.f[i] = weight[i] + c.nav.ba[i]
-    withdraw_rest(c)
-
-
-@kernel
-def inflate_attitude(p: Parameters, c: Core, sample: StoredSample, fastest: float, q: float) -> None:
-    """Add the variance q (rad^2) to the attitude about the body axes whose rate is missing or saturated.
-
-    fastest: rad/s, largest rate of the three axes. An attitude that is too uncertain starts the alignment again.
-    """
-    m = rotation_matrix(c)
-    for axis in range(3):
-        if sample.flags & NO_RATE or abs(c.imu.w[axis]) > p.tuning.near_range * fastest:
-            for i in range(3):
-                for k in range(i, 3):
-                    add_covariance(c, ATTITUDE + i, ATTITUDE + k, q * m[3 * i + axis] * m[3 * k + axis])
-    reset_pairs(c)
-    if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > p.tuning.max_heading_sigma**2:
-        change_mode(p, c, HEADING_LOST)  # neither fixes nor the vehicle's constraint can correct such a heading
-        reset_nhc(c)
-    if max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1)) > p.tuning.lost_tilt**2:
-        change_mode(p, c, ATTITUDE_LOST)
-
-
-@kernel
-def inflate_covariance(p: Parameters, c: Core, sample: StoredSample, dt: float) -> None:
-    """Add variance for missing and clipped rates and forces, for the duration of the outage; dt: s of this sample."""
-    c.imu.saturated = 1 if sample.flags & BEYOND_RANGE else 0
-    if sample.flags == 0:
-        c.imu.outage_s[0] = c.imu.outage_s[1] = 0.0
-        return
-    fastest = max(abs(c.imu.w[0]), abs(c.imu.w[1]), abs(c.imu.w[2]))
-    largest = max(abs(c.imu.f[0]), abs(c.imu.f[1]), abs(c.imu.f[2]))
-    turn = (
-        p.tuning.gap_turn
-        if sample.flags & NO_RATE
-        else p.tuning.over_range * fastest
-        if sample.flags & LIMITED_RATE
-        else 0.0
-    )
-    accel = (
-        p.tuning.gap_accel
-        if sample.flags & NO_FORCE
-        else p.tuning.over_range * largest
-        if sample.flags & LIMITED_FORCE
-        else 0.0
-    )
-    for k in range(2):
-        before, most = c.imu.outage_s[k], turn if k == 0 else accel
-        now = max(before + dt, sample.outage_s) if most > 0.0 else 0.0
-        c.imu.outage_s[k] = now
-        if most > 0.0 and k == 0:
-            inflate_attitude(p, c, sample, fastest, most**2 * (now**2 - before**2))
-        for i in range(3):
-            if most > 0.0 and k == 1:
-                add_variance(c, VELOCITY + i, most**2 * (now**2 - before**2))
-                add_variance(c, POSITION + i, 0.25 * most**2 * (now**4 - before**4))
-
-
-@kernel
-def process_sample(p: Parameters, c: Core, sample: StoredSample) -> None:
-    """Process one stored sample (body axes): propagate, then window end and constraint where they are due."""
-    dt = 1e-9 * (sample.t_ns - c.nav.t_ns)
-    gap_s = 1e-9 * (sample.t_ns - c.imu.sample_ns)
-    c.imu.sample_ns = sample.t_ns
-    c.imu.sample_count += 1
-    if dt <= 0.0:
-        return
-    incomplete = sample.flags & (NO_RATE | NO_FORCE) != 0
-    if incomplete:
-        substitute_missing(p, c, sample)
-    if sample.flags & POWER_ON:
-        for i in range(3):
-            c.imu.w[i] -= c.nav.bg[i]  # the last sample without the old biases, for the gap that follows it
-            c.imu.f[i] -= c.nav.ba[i]
-        reopen_biases(p, c)
-    accumulate_window(c, sample.w, sample.f)
-    propagate_to(p, c, sample.t_ns, sample.w, sample.f)
-    if sample.flags & (POWER_ON | RECONNECTED) and gap_s > p.tuning.max_gyro_outage_s:
-        check_attitude(p, c, gap_s)
-    inflate_covariance(p, c, sample, dt)
-    if incomplete:
-        clear_window(c)
-    if c.imu.outage_s[0] > p.tuning.max_gyro_outage_s and sample.flags & NO_RATE:
-        change_mode(p, c, ATTITUDE_LOST)
-    share = min(dt * (1.0 / p.tuning.smoothing_s), 1.0)
-    for i in range(3):
-        c.imu.rate_b[i] += share * (c.imu.w[i] - c.nav.bg[i] - c.imu.rate_b[i])
-    if c.stationarity.duration >= p.tuning.rest_window_s and c.stationarity.sample_count > 3:
-        end_window(p, c)
-    if is_due(p, c, dt) and c.alignment.mode == NAVIGATING and c.imu.outage_s[0] == 0.0:
-        propagate_errors(p, c)
-        fuse_nhc(p, c)

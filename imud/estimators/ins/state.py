@@ -32,7 +32,7 @@ ODOMETER_SCALE, BARO_OFFSET = 26, 27
 COARSE_ALIGNMENT, NAVIGATING = 0, 1  # modes: roll and pitch only, position from GNSS; everything
 FREE, AUTO, LAND = 0, 1, 2  # vehicle
 
-HYPOTHESES = 33  # of the heading's drift rate during alignment
+HYPOTHESES = 33  # of the rate at which the level frame rotates during alignment
 NEVER_NS = -(1 << 62)  # a time before all others
 IMU_RING = 4096  # samples kept: 2 s at the highest rate
 SNAPSHOTS = 64
@@ -285,9 +285,9 @@ ALIGNMENT = np.dtype(  # in a level frame of arbitrary heading; complex numbers 
         ("integrals", "<f8", (4, 2)),  # since the origin, of: level specific force, 1, G, exp(i y)
         ("double_integrals", "<f8", (4, 2)),  # integrals of these
         ("heading_phasor", "<f8", (2,)),  # exp(i y), y: heading of the body in the integrals' frame, rad
-        ("wander_azimuth", "<f8"),  # rad, from the level frame of q_nb to that of the integrals
-        ("wander_azimuth_drift", "<f8"),  # rad, integral of vertical_bias
-        ("vertical_bias", "<f8"),  # rad/s, corrections of the vertical gyro bias since the origin
+        ("frame_azimuth", "<f8"),  # rad, azimuth of the level frame of q_nb in that of the integrals
+        ("corrected_rotation", "<f8"),  # rad, integral of bias_correction: the frame would have rotated by it
+        ("bias_correction", "<f8"),  # rad/s, corrections of the vertical gyro bias since the origin
         (
             "corrections",
             "<f8",
@@ -328,7 +328,7 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
         ("d", "<f8", (STATES,)),  # P h
         ("columns", "<i8", (JACOBIAN_LENGTH,)),  # h
         ("values", "<f8", (JACOBIAN_LENGTH,)),
-        ("phi", TRANSITION),
+        ("transition", TRANSITION),
         ("learning_columns", "<i8", (JACOBIAN_LENGTH,)),  # the part of h, and D h, that learns process noise
         ("learning_values", "<f8", (JACOBIAN_LENGTH,)),
         ("learning_d", "<f8", (LEARNING_STATES,)),

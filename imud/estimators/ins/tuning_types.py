@@ -27,11 +27,11 @@ class Tuning:
     gap_turn: float
     rate_of_change_time_s: float
     longest_gap_s: float
-    rate_hold_s: float
-    max_gyro_outage_s: float
+    smoothing_s: float
     near_range: float
     over_range: float
-    smoothing_s: float
+    rate_hold_s: float
+    max_gyro_outage_s: float
     power_on_force_sigma: float
     reconnect_turn_rate: float
     power_on_tilt_gate: float
@@ -171,10 +171,10 @@ class Tuning:
     unmodelled_accel_psd: float
     whitening_position_sigma: float
     whitening_speed_sigma: float
-    drift_rate_step: float
+    frame_rate_step: float
     max_corrected_tilt: float
     min_events: float
-    min_events_unknown_drift: float
+    min_events_unknown_rate: float
     correlation_factor: float
     unknown_tilt_accel: float
     heading_fault_angle: float

@@ -186,9 +186,9 @@ class Alignment:
     integrals: Tensor
     double_integrals: Tensor
     heading_phasor: Reals
-    wander_azimuth: float
-    wander_azimuth_drift: float
-    vertical_bias: float
+    frame_azimuth: float
+    corrected_rotation: float
+    bias_correction: float
     corrections: Tensor
     pair_start_ns: int
     pair_start: Reals
@@ -248,7 +248,7 @@ class Scratch:
     d: Floats
     columns: Indices
     values: Floats
-    phi: Transition
+    transition: Transition
     learning_columns: Indices
     learning_values: Floats
     learning_d: Floats

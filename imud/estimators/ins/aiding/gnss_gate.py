@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_covariance, add_variance, clear_gnss_bias, decorrelate, variance
+from ..integrity.gnss_drift import all_onsets_open, clear_detection, reset_drift
+from ..integrity.reset_inflation import inflate_position
 from ..mechanization import displace
-from ..observers.gnss_drift import all_onsets_open, clear_detection, reset_drift
-from ..observers.reset_inflation import inflate_position
 from ..state import ATTITUDE, NAVIGATING, POSITION, VELOCITY
 from .wheel_check import wheels_reject, wheels_support
 

@@ -16,9 +16,9 @@ from ...records import POSITION_N
 from ...tuning import Tunable
 from ..ekf import innovation, innovation_variance, set_jacobian, set_jacobian3, variance
 from ..fusion import correct_state, fuse, learn_from, write_innovation
+from ..integrity.gnss_drift import detect_drift
 from ..lever_arm import antenna_position, attitude_row
 from ..mechanization import bounded_cosine, wrap_angle
-from ..observers.gnss_drift import detect_drift
 from ..state import ATTITUDE, GNSS_BIAS, NAVIGATING, POSITION, TIME_OFFSET
 from .gnss_gate import gate_height, gate_position, set_rejecting, share_blame
 from .gnss_noise import (

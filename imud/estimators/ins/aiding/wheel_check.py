@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_variance, innovation_variance, set_jacobian
-from ..observers.gnss_drift import BY_WHEELS, clear_detection, declare_drift
+from ..integrity.gnss_drift import BY_WHEELS, clear_detection, declare_drift
 from ..state import NAVIGATING, NEVER_NS, POSITION, TIME_OFFSET, VELOCITY, VELOCITY_TIME_OFFSET
 
 if TYPE_CHECKING:

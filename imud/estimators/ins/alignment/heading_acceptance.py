@@ -16,10 +16,10 @@ from ..ekf import (
 )
 from ..fusion import correct_state, gated_update
 from ..mechanization import rotate_attitude
-from ..observers.heading_integrals import rotate_level_frame
 from ..state import (
     ATTITUDE,
 )
+from .force_integrals import rotate_level_frame
 from .heading_posterior import set_prior, solve_heading
 from .modes import set_heading_accuracy
 from .velocity_pairs import vertical_bias_jacobian
@@ -78,7 +78,7 @@ def find_heading(p: Parameters, c: Core, b: HypothesisBank) -> bool:
 
 @kernel
 def accept_heading(p: Parameters, c: Core, found: Any) -> bool:
-    """Rotate to the heading that `solve_heading` found, if its sigma is small enough; fuse its drift rate, too."""
+    """Rotate to the heading that `solve_heading` found, if its sigma is small enough; fuse its frame rate, too."""
     psi, sigma, rate, rate_variance, covariance = found
     ready = p.tuning.max_start_heading_positions if c.alignment.mean_velocity[2] > 0.0 else p.tuning.max_start_heading
     if sigma * sigma + rate_variance * p.tuning.heading_horizon_s**2 > ready**2:

@@ -1,6 +1,6 @@
 """The posterior of the heading: the products of the hypothesis bank, with tilt and biases marginalized under a prior.
 
-For each drift rate the nuisance parameters are eliminated by least squares with the prior's information. The argument
+For each frame rate the nuisance parameters are eliminated by least squares with the prior's information. The argument
 of the remaining cross product of GNSS and inertial innovations is the heading; the residual energy is minus twice the
 log likelihood. The hypotheses are averaged with their likelihoods (a Gaussian sum).
 """
@@ -15,7 +15,8 @@ from ....math.earth import STANDARD_GRAVITY
 from ...tuning import Tunable
 from ..ekf import innovation_variance, set_jacobian
 from ..mechanization import rotation_matrix, wrap_angle
-from ..observers.heading_integrals import (
+from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, HYPOTHESES
+from .force_integrals import (
     HEADING_INTEGRAL,
     Complex,
     add_scaled,
@@ -24,13 +25,12 @@ from ..observers.heading_integrals import (
     multiply,
     phasor,
 )
-from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, HYPOTHESES
-from .drift_hypotheses import (
+from .hypothesis_bank import (
     GNSS_COLUMN,
     INERTIAL_COLUMN,
     REGRESSOR_COLUMN,
     apply_corrections,
-    drift_rate,
+    frame_rate,
 )
 
 if TYPE_CHECKING:
@@ -41,10 +41,10 @@ if TYPE_CHECKING:
 TUNABLES = (
     Tunable("min_events", 3.0, "", "Least number of innovations with motion.", "Simulated starts."),
     Tunable(
-        "min_events_unknown_drift",
+        "min_events_unknown_rate",
         2.0,
         "",
-        "So many more where the gyro's drift is not known at all.",
+        "So many more where the vertical gyro bias is not known at all.",
         "Simulated starts.",
     ),
     Tunable(
@@ -114,7 +114,7 @@ def set_wide_prior(p: Parameters, c: Core, b: HypothesisBank, accel_initial: flo
 def move_prior_to_origin(c: Core, b: HypothesisBank) -> None:
     """Transform b.prior from tilt and biases now, in level axes, to those at the origin of the integrals."""
     a, s = c.alignment, b.prior
-    frame, heading_integral = phasor(a.wander_azimuth), element(a.integrals, HEADING_INTEGRAL)
+    frame, heading_integral = phasor(a.frame_azimuth), element(a.integrals, HEADING_INTEGRAL)
     body = multiply(frame, (a.heading_phasor[0], -a.heading_phasor[1]))
     for k in range(3):  # rows
         for j in range(3):
@@ -200,14 +200,14 @@ def evaluate_hypothesis(b: HypothesisBank, k: int) -> tuple[float, float]:
 def solve_heading(
     p: Parameters, c: Core, b: HypothesisBank, bias_variance: float
 ) -> tuple[float, float, float, float, float]:
-    """Posterior mean of the level frame's heading now (rad), and of its drift rate that the filter does not predict.
+    """Posterior mean of the level frame's heading now (rad), and of its rate that the filter does not predict.
 
     bias_variance: of the vertical gyro bias, rad^2/s^2. Call with the nuisance parameters' prior in b.prior. Returns
-    heading, its sigma (pi: not observable yet), drift rate, its variance, covariance of heading and drift rate.
+    heading, its sigma (pi: not observable yet), frame rate, its variance, covariance of heading and frame rate.
     """
     unknown = (0.0, math.pi, 0.0, 0.0, 0.0)
     age = 1e-9 * (c.nav.t_ns - c.alignment.origin_ns)
-    events = p.tuning.min_events + p.tuning.min_events_unknown_drift * min(bias_variance * age * age, 1.0)
+    events = p.tuning.min_events + p.tuning.min_events_unknown_rate * min(bias_variance * age * age, 1.0)
     energy = b.products[0, GNSS_COLUMN, GNSS_COLUMN, 0]
     if b.weight <= FITTED_PARAMETERS or energy**2 < events * b.energy2:
         return unknown
@@ -221,19 +221,24 @@ def solve_heading(
     if power < 1.0:
         return unknown
     r = p.tuning.correlation_factor * max(least / (2.0 * b.weight - FITTED_PARAMETERS), 1.0)
-    frame = c.alignment.wander_azimuth + c.alignment.wander_azimuth_drift
+    frame = c.alignment.frame_azimuth + c.alignment.corrected_rotation
     mean = (
         b.energy_age / energy
     )  # mean time of the velocity changes, s after the origin: the heading is known best then
-    between = p.tuning.drift_rate_step**2 / 12.0  # variance of a rate uniform between two hypotheses
+    between = p.tuning.frame_rate_step**2 / 12.0  # variance of a rate uniform between two hypotheses
     inside = bias_variance * between / (bias_variance + between)  # of the rate within one hypothesis, with its prior
     weight, sr, si, rate, rate2 = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(HYPOTHESES):
-        drift, energy_difference = drift_rate(p, k), b.headings[k, 1] - least
-        apart = drift + c.alignment.vertical_bias
+        frame_rate_k, energy_difference = frame_rate(p, k), b.headings[k, 1] - least
+        apart = frame_rate_k + c.alignment.bias_correction
         w = math.exp(-0.5 * energy_difference / r - 0.5 * apart**2 / (bias_variance + between))
         unpredicted_rate = apart * inside / between
-        psi = b.headings[k, 0] + drift * mean + (unpredicted_rate - c.alignment.vertical_bias) * (age - mean) + frame
+        psi = (
+            b.headings[k, 0]
+            + frame_rate_k * mean
+            + (unpredicted_rate - c.alignment.bias_correction) * (age - mean)
+            + frame
+        )
         b.headings[k, 0], b.headings[k, 1], b.headings[k, 2] = psi, w, unpredicted_rate
         weight += w
         sr += w * math.cos(psi)

@@ -18,10 +18,10 @@ from ..aiding.non_holonomic import accumulate_scatter
 from ..ekf import clear_gnss_bias, combine, decorrelate, innovation_variance, standard_deviation, variance
 from ..lever_arm import antenna_velocity
 from ..mechanization import ned_difference, set_position, set_velocity
-from ..observers.heading_integrals import DELTA_V, TIME, multiply, phasor
 from ..state import ATTITUDE, GNSS_BIAS, POSITION, VELOCITY
-from .drift_hypotheses import frame_rotation, nearest_hypothesis
+from .force_integrals import DELTA_V, TIME, multiply, phasor
 from .heading_acceptance import find_heading
+from .hypothesis_bank import frame_rotation, nearest_hypothesis
 from .modes import HEADING_KNOWN, change_mode
 from .velocity_pairs import is_levelled, match_pair, vertical_bias_jacobian
 from .whitening import VELOCITY_STATE, unobserved_velocity
@@ -91,8 +91,8 @@ def observe_forward_axis(p: Parameters, c: Core, vn: float, ve: float) -> None:
             return
         turned = 0.5 * dt * (abs(c.imu.rate_b[0]) + abs(c.imu.rate_b[1]) + abs(c.imu.rate_b[2]))
         noise = 2.0 * c.gnss.noise_var[0] / dt**2 + turned**2 * (vn**2 + ve**2)
-    drift2 = innovation_variance(c, vertical_bias_jacobian(c)) * p.tuning.heading_horizon_s**2
-    accumulate_scatter(p, c, (vn, ve, 0.0), noise, drift2)
+    rotation2 = innovation_variance(c, vertical_bias_jacobian(c)) * p.tuning.heading_horizon_s**2
+    accumulate_scatter(p, c, (vn, ve, 0.0), noise, rotation2)
 
 
 @kernel
@@ -100,7 +100,7 @@ def initialize_velocity(p: Parameters, c: Core, b: HypothesisBank) -> None:
     """Once the heading is found from positions alone: the antenna's velocity by whitening filter and force since."""
     k = nearest_hypothesis(p, c)
     delta_v = multiply(
-        phasor(-c.alignment.wander_azimuth - frame_rotation(p, c, k, 0.0)),
+        phasor(-c.alignment.frame_azimuth - frame_rotation(p, c, k, 0.0)),
         (unobserved_velocity(b, k, 0, DELTA_V), unobserved_velocity(b, k, 1, DELTA_V)),
     )
     tilt2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))

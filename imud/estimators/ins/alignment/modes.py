@@ -26,10 +26,10 @@ from ..aiding.non_holonomic import reset_nhc
 from ..ekf import add_variance, combine, combine3, decorrelate, innovation_variance, variance
 from ..error_model import reset_turn_scale
 from ..fusion import propagate_errors
+from ..integrity.gnss_drift import reset_drift
 from ..lever_arm import antenna_position, antenna_velocity, attitude_row, gyro_bias_row
 from ..mechanization import clear_sensor_errors, displace, set_attitude, set_velocity
-from ..observers.gnss_drift import reset_drift
-from ..observers.process_noise import clear_learning
+from ..process_noise import clear_learning
 from ..state import (
     ACCEL_BIAS,
     ATTITUDE,

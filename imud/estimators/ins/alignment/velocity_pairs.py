@@ -1,6 +1,6 @@
 """Fixes for the alignment: each fix is matched with the integrals of specific force, pairs of fixes level the frame.
 
-The equation is in `observers.heading_integrals`. This file decides which velocity or position of a fix is matched, with
+The equation is in `force_integrals`. This file decides which velocity or position of a fix is matched, with
 which variance, and for how long matched fixes are compared.
 """
 
@@ -14,9 +14,9 @@ from ....math.earth import STANDARD_GRAVITY
 from ...tuning import Tunable
 from ..ekf import innovation_variance, set_jacobian, variance
 from ..mechanization import ned_difference, rotation_matrix
-from ..observers.heading_integrals import DELTA_V, TIME, Complex, clear_integrals, element, multiply, phasor
 from ..state import ATTITUDE, COARSE_ALIGNMENT, GYRO_BIAS, NAVIGATING, NEVER_NS, TIME_OFFSET
-from .drift_hypotheses import (
+from .force_integrals import DELTA_V, TIME, Complex, clear_integrals, element, multiply, phasor
+from .hypothesis_bank import (
     antenna_offset,
     apply_corrections,
     clear_hypotheses,
@@ -78,7 +78,7 @@ def is_levelled(p: Parameters, c: Core) -> bool:
 @kernel
 def level_with_pair(p: Parameters, c: Core, vn: float, ve: float, dt: float) -> None:
     """Level with the force in scratch.integral_change over `dt` s, in which the velocity changed by (vn, ve) m/s."""
-    zn, ze = multiply(phasor(-c.alignment.wander_azimuth), element(c.scratch.integral_change, DELTA_V))
+    zn, ze = multiply(phasor(-c.alignment.frame_azimuth), element(c.scratch.integral_change, DELTA_V))
     if c.alignment.mode == COARSE_ALIGNMENT:
         level_from_velocity_change(p, c, zn / dt, ze / dt, dt, math.hypot(vn, ve) / dt)
 
@@ -117,14 +117,14 @@ def pair_duration(p: Parameters, c: Core) -> float:
 
 @kernel
 def match_duration(p: Parameters, c: Core) -> float:
-    """Time, s, for which matched fixes are compared: in it an unknown drift turns the frame by match_rotation.
+    """Time, s, for which matched fixes are compared: in it the unknown gyro bias turns the frame by match_rotation.
 
     While navigating it is the least, because the estimate of the gyro's scale factor changes, too.
     """
     if c.alignment.mode == NAVIGATING:
         return p.tuning.match_min_duration_s
-    drift = math.sqrt(innovation_variance(c, vertical_bias_jacobian(c)))
-    return min(max(p.tuning.match_rotation / drift, p.tuning.match_min_duration_s), p.tuning.match_max_duration_s)
+    rate_sigma = math.sqrt(innovation_variance(c, vertical_bias_jacobian(c)))
+    return min(max(p.tuning.match_rotation / rate_sigma, p.tuning.match_min_duration_s), p.tuning.match_max_duration_s)
 
 
 @kernel

@@ -19,8 +19,8 @@ from ...tuning import Tunable
 from ..state import HYPOTHESES
 
 if TYPE_CHECKING:
-    from ..observers.heading_integrals import Complex
     from ..types import HypothesisBank, Parameters
+    from .force_integrals import Complex
 
 
 TUNABLES = (

@@ -1,1 +1,1 @@
-"""Monitors above aiding and alignment. The test for a drifting receiver is in `observers`: it needs every gain."""
+"""Fault detection: does the receiver drift, are heading and gyro bias right? `fusion` calls the drift test."""

@@ -21,8 +21,8 @@ from ..alignment.velocity_pairs import flag_heading, reset_pairs
 from ..ekf import add_variance, decorrelate, innovation_variance, set_jacobian3, variance
 from ..fusion import correct_state, gated_update
 from ..mechanization import ned_to_body
-from ..observers.gnss_drift import reset_drift
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
+from .gnss_drift import reset_drift
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters

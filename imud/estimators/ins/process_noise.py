@@ -5,7 +5,7 @@ it does for the receiver's noise; what tells the two apart is whether innovation
 the likelihood of the innovations. Its derivative by the logarithm of a process noise needs two more recursions, in the
 steps of the Kalman filter's own: D = dP and x = d(estimate), of position, velocity and attitude,
 
-    D <- Phi D Phi' + dQ                     x <- Phi x
+    D <- T D T' + dQ                         x <- T x         (T: the transition matrix)
     D <- (I - K h) D (I - K h)'              x <- x - K h x + (D h' - K h D h') z / s
 
 for each of the two noises. Each innovation z of variance s adds to the derivatives, and to their Fisher information,
@@ -27,13 +27,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from ....compile.jit import kernel
-from ....math.kalman import measure, packed_index, shear, shear3
-from ...tuning import Tunable
-from ..state import ATTITUDE, LEARNING_STATES, POSITION, VELOCITY
+from ...compile.jit import kernel
+from ...math.kalman import measure, packed_index, shear, shear3
+from ..tuning import Tunable
+from .state import ATTITUDE, LEARNING_STATES, POSITION, VELOCITY
 
 if TYPE_CHECKING:
-    from ..types import Core, Parameters, Transition
+    from .types import Core, Parameters, Transition
 
 
 TUNABLES = (
@@ -80,9 +80,9 @@ def clear_learning(c: Core) -> None:
 
 
 @kernel
-def propagate_one(D: Any, x: Any, phi: Transition) -> None:
-    """D <- Phi D Phi' and x <- Phi x, of one of the noises."""
-    f, dt, n = phi.force, phi.interval, LEARNING_STATES
+def propagate_one(D: Any, x: Any, transition: Transition) -> None:
+    """D <- T D T' and x <- T x with the transition T, of one of the noises."""
+    f, dt, n = transition.force, transition.interval, LEARNING_STATES
     for i in range(3):
         shear(D, n, POSITION + i, VELOCITY + i, dt)
         x[POSITION + i] += dt * x[VELOCITY + i]
@@ -96,18 +96,18 @@ def propagate_one(D: Any, x: Any, phi: Transition) -> None:
 
 
 @kernel
-def propagate_learning(p: Parameters, c: Core, phi: Transition) -> None:
-    """D <- Phi D Phi' + dQ, x <- Phi x, and the random walk of the logarithms."""
+def propagate_learning(p: Parameters, c: Core, transition: Transition) -> None:
+    """D <- T D T' + dQ, x <- T x, and the random walk of the logarithms."""
     g = c.process_noise
     for k in range(2):
         D = g.covariance_sensitivity[k]
-        propagate_one(D, g.estimate_sensitivity[k], phi)
+        propagate_one(D, g.estimate_sensitivity[k], transition)
         first = VELOCITY if k == 0 else ATTITUDE
         slope = math.exp(g.log_psd[k]) * c.stationarity.vibration_level  # dq / dx
         for i in range(3):
-            D[packed_index(LEARNING_STATES, first + i, first + i)] += slope * phi.interval
+            D[packed_index(LEARNING_STATES, first + i, first + i)] += slope * transition.interval
         if slope > 0.0 and g.log_psd_covariance[2 * k] < p.tuning.process_noise_prior**2:
-            g.log_psd_covariance[2 * k] += p.tuning.process_noise_walk**2 * phi.interval
+            g.log_psd_covariance[2 * k] += p.tuning.process_noise_walk**2 * transition.interval
 
 
 @kernel

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_correction, add_covariance
-from ..error_model import apply_phi
+from ..error_model import apply_transition
 from ..state import NEVER_NS, ONSETS, STATES, VELOCITY
 
 BY_POSITIONS, BY_WHEELS = 1, 2  # what has detected a drift
@@ -69,7 +69,7 @@ def all_onsets_open(c: Core) -> bool:
 
 
 @kernel
-def open_hypothesis(c: Core, j: int) -> None:
+def open_onset(c: Core, j: int) -> None:
     """Open onset j at the core's time: its sensitivity and its information are zero."""
     g = c.drift
     g.onset_ns[j] = c.nav.t_ns
@@ -105,9 +105,9 @@ def clear_velocity_sensitivity(c: Core) -> None:
 
 
 @kernel
-def propagate_sensitivity(c: Core, phi: Transition) -> None:
-    """Propagate the sensitivities as error states are propagated: V <- Phi V."""
-    apply_phi(c.drift.bias_sensitivity, 2 * ONSETS, phi)
+def propagate_sensitivity(c: Core, transition: Transition) -> None:
+    """Propagate the sensitivities as error states are propagated: V <- transition V."""
+    apply_transition(c.drift.bias_sensitivity, 2 * ONSETS, transition)
 
 
 @kernel
@@ -221,5 +221,5 @@ def detect_drift(p: Parameters, c: Core) -> bool:
     if youngest_s >= p.tuning.onset_interval_s:
         if g.onset_ns[oldest] != NEVER_NS:
             learn_gnss_noise_scale(p, c, 0.5 * estimate_drift(p, c, oldest, 1.0)[5])
-        open_hypothesis(c, oldest)
+        open_onset(c, oldest)
     return False

@@ -8,13 +8,13 @@ measures the velocity change dV. As complex numbers, north + i east,
 psi is the heading of the level frame, which is estimated. The nuisance parameters are x1, a tilt times gravity; x2, a
 level gyro bias times gravity, whose tilt grows with time; x3, an accelerometer bias. The biases are fixed in the body,
 whose heading in the level frame is y. The velocity of the antenna relative to the IMU is added to dz where it is
-compared (`alignment.drift_hypotheses.antenna_offset`). The prior of the three is the filter's covariance. The filter
+compared (`hypothesis_bank.antenna_offset`). The prior of the three is the filter's covariance. The filter
 corrects attitude and biases between fixes; dz is kept as if it had not (`retain_integrals`), and the corrections are
 the prior's mean.
 
 This file accumulates the integrals. The vertical gyro bias turns the level frame, so fixes are matched in a bank of
-frames, each turned back at its own drift rate (`alignment.drift_hypotheses`); the posterior of the heading is in
-`alignment.heading_posterior`.
+frames, each turned back at its own rate (`hypothesis_bank`); the posterior of the heading is in
+`heading_posterior`.
 
 Source: Wu and Pan, Velocity/position integration formula, part I (2013), in the plane; Schweppe, Uncertain Dynamic
 Systems (1973), ch. 6, for nuisance parameters with a prior; matched-filter bank.
@@ -65,7 +65,7 @@ def accumulate_integrals(c: Core, turn: float, dt: float) -> None:
     integrals, double_integrals, d = a.integrals, a.double_integrals, a.corrections
     y = (a.heading_phasor[0], a.heading_phasor[1])
     heading_integral = element(integrals, HEADING_INTEGRAL)
-    force = multiply(phasor(a.wander_azimuth), (c.imu.delta_v[0], c.imu.delta_v[1]))
+    force = multiply(phasor(a.frame_azimuth), (c.imu.delta_v[0], c.imu.delta_v[1]))
     tilt_change, bias = multiply(element(d, 1), heading_integral), multiply(element(d, 2), y)
     after = multiply(phasor(turn), y)
     zn, ze = force[0] - (d[0, 0] + tilt_change[0] + bias[0]) * dt, force[1] - (d[0, 1] + tilt_change[1] + bias[1]) * dt
@@ -75,7 +75,7 @@ def accumulate_integrals(c: Core, turn: float, dt: float) -> None:
             double_integrals[k, i] += (integrals[k, i] + 0.5 * new[k][i]) * dt
             integrals[k, i] += new[k][i]
     a.heading_phasor[0], a.heading_phasor[1] = after
-    a.wander_azimuth_drift += a.vertical_bias * dt
+    a.corrected_rotation += a.bias_correction * dt
 
 
 @kernel
@@ -85,24 +85,24 @@ def retain_integrals(c: Core) -> None:
     m = rotation_matrix(c)
     gyro = (x[GYRO_BIAS], x[GYRO_BIAS + 1], x[GYRO_BIAS + 2])
     accel = (x[ACCEL_BIAS], x[ACCEL_BIAS + 1], x[ACCEL_BIAS + 2])
-    frame = phasor(a.wander_azimuth)
+    frame = phasor(a.frame_azimuth)
     body = multiply(frame, (a.heading_phasor[0], -a.heading_phasor[1]))
     tilt = multiply(frame, (-STANDARD_GRAVITY * x[ATTITUDE + 1], STANDARD_GRAVITY * x[ATTITUDE]))
-    drift = multiply(body, (STANDARD_GRAVITY * component(m, 1, gyro), -STANDARD_GRAVITY * component(m, 0, gyro)))
+    tilt_rate = multiply(body, (STANDARD_GRAVITY * component(m, 1, gyro), -STANDARD_GRAVITY * component(m, 0, gyro)))
     bias = multiply(body, (-component(m, 0, accel), -component(m, 1, accel)))
-    tilt_since_origin = multiply(drift, element(a.integrals, HEADING_INTEGRAL))
+    tilt_since_origin = multiply(tilt_rate, element(a.integrals, HEADING_INTEGRAL))
     for i in range(2):
         d[0, i] += tilt[i] - tilt_since_origin[i]
-        d[1, i] += drift[i]
+        d[1, i] += tilt_rate[i]
         d[2, i] += bias[i]
-    a.wander_azimuth -= x[ATTITUDE + 2]
-    a.vertical_bias += component(m, 2, gyro)
+    a.frame_azimuth -= x[ATTITUDE + 2]
+    a.bias_correction += component(m, 2, gyro)
 
 
 @kernel
 def rotate_level_frame(c: Core, psi: float) -> None:
     """Before the level frame of q_nb is rotated by psi (rad, about down): the frame of the integrals stays."""
-    c.alignment.wander_azimuth -= psi
+    c.alignment.frame_azimuth -= psi
 
 
 @kernel
@@ -121,7 +121,7 @@ def clear_corrections(c: Core) -> None:
 def clear_integrals(c: Core) -> None:
     """Start the integrals at the core's time, in the level frame of q_nb."""
     a = c.alignment
-    a.wander_azimuth = a.vertical_bias = a.wander_azimuth_drift = 0.0
+    a.frame_azimuth = a.bias_correction = a.corrected_rotation = 0.0
     a.integrals[:] = 0.0
     a.double_integrals[:] = 0.0
     a.corrections[:] = 0.0

@@ -1,7 +1,7 @@
-"""A bank of hypotheses of the level frame's drift rate: for each, the integrals turned back and matched with the fixes.
+"""A bank of hypotheses of the rate at which the level frame rotates: for each, integrals in the frame turned back.
 
 The vertical gyro bias turns the level frame. In the frame of a correct hypothesis that rotation is removed, and the
-equation of `observers.heading_integrals` holds over any duration. Each interval between two fixes is turned as a
+equation of `force_integrals` holds over any duration. Each interval between two fixes is turned as a
 whole, because the rotation within it is small.
 """
 
@@ -14,7 +14,8 @@ from ....compile.jit import kernel
 from ....math.earth import STANDARD_GRAVITY
 from ...tuning import Tunable
 from ..lever_arm import antenna_position, antenna_velocity
-from ..observers.heading_integrals import (
+from ..state import HYPOTHESES
+from .force_integrals import (
     DELTA_V,
     HEADING_INTEGRAL,
     Complex,
@@ -26,7 +27,6 @@ from ..observers.heading_integrals import (
     multiply,
     phasor,
 )
-from ..state import HYPOTHESES
 from .whitening import update_hypothesis, update_whitening, whitened_innovations
 
 if TYPE_CHECKING:
@@ -36,10 +36,10 @@ if TYPE_CHECKING:
 
 TUNABLES = (
     Tunable(
-        "drift_rate_step",
+        "frame_rate_step",
         math.radians(0.35),
         "rad/s",
-        "Distance between the hypotheses of the heading's drift rate.",
+        "Distance between the hypotheses of the rate at which the level frame rotates.",
         "33 of them span 11 deg/s.",
     ),
     Tunable(
@@ -51,16 +51,16 @@ GNSS_COLUMN, INERTIAL_COLUMN, REGRESSOR_COLUMN = 0, 1, 2
 
 
 @kernel
-def drift_rate(p: Parameters, k: int) -> float:
-    """Drift rate of hypothesis k, rad/s."""
-    return (k - HYPOTHESES // 2) * p.tuning.drift_rate_step
+def frame_rate(p: Parameters, k: int) -> float:
+    """Rate of the level frame about down under hypothesis k, rad/s: minus the error of the vertical gyro bias."""
+    return (k - HYPOTHESES // 2) * p.tuning.frame_rate_step
 
 
 @kernel
 def nearest_hypothesis(p: Parameters, c: Core) -> int:
-    """Number of the hypothesis nearest to the drift rate that the filter's vertical gyro bias predicts."""
+    """Number of the hypothesis nearest to the frame rate that the filter's vertical gyro bias predicts."""
     return int(
-        min(max(HYPOTHESES // 2 + 0.5 - c.alignment.vertical_bias / p.tuning.drift_rate_step, 0.0), HYPOTHESES - 0.5)
+        min(max(HYPOTHESES // 2 + 0.5 - c.alignment.bias_correction / p.tuning.frame_rate_step, 0.0), HYPOTHESES - 0.5)
     )
 
 
@@ -68,9 +68,9 @@ def nearest_hypothesis(p: Parameters, c: Core) -> int:
 def frame_rotation(p: Parameters, c: Core, k: int, ago: float) -> float:
     """Angle, rad, from the origin to `ago` s before now, by which the level frame turned under hypothesis k."""
     return float(
-        drift_rate(p, k) * (1e-9 * (c.nav.t_ns - c.alignment.origin_ns) - ago)
-        + c.alignment.wander_azimuth_drift
-        - c.alignment.vertical_bias * ago
+        frame_rate(p, k) * (1e-9 * (c.nav.t_ns - c.alignment.origin_ns) - ago)
+        + c.alignment.corrected_rotation
+        - c.alignment.bias_correction * ago
     )
 
 
@@ -78,7 +78,7 @@ def frame_rotation(p: Parameters, c: Core, k: int, ago: float) -> float:
 def antenna_offset(p: Parameters, c: Core, k: int, is_position: bool) -> Complex:
     """Level position (m; else velocity, m/s) of the antenna relative to the IMU, in the frame of hypothesis k."""
     offset = antenna_position(p, c) if is_position else antenna_velocity(p, c)
-    return multiply(phasor(c.alignment.wander_azimuth + frame_rotation(p, c, k, 0.0)), (offset[0], offset[1]))
+    return multiply(phasor(c.alignment.frame_azimuth + frame_rotation(p, c, k, 0.0)), (offset[0], offset[1]))
 
 
 @kernel

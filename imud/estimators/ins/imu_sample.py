@@ -1,0 +1,93 @@
+"""One IMU sample: the order of its steps, the same for new samples and for those replayed after a late measurement.
+
+Damaged readings are replaced; nominal state and covariance propagate, with noise for what damaged readings hide. At the
+end of a window of half a second the body is found at rest or not, the gyro bias is checked against gravity, and the
+pseudo-measurements that are due (no velocity, no turn, no slip) are fused.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from imud.drivers.sample import NO_FORCE, NO_RATE, POWER_ON, RECONNECTED
+
+from ...compile.jit import kernel
+from ..tuning import Tunable
+from .aiding.non_holonomic import find_forward_axis, fuse_nhc, is_due
+from .aiding.zero_velocity import fuse_rest
+from .alignment.levelling import level_from_window
+from .alignment.modes import ATTITUDE_LOST, HEADING_KNOWN, change_mode
+from .alignment.velocity_pairs import flag_heading, is_levelled
+from .damaged_readings import inflate_covariance, substitute_missing
+from .fusion import propagate_errors
+from .integrity.gravity_monitor import monitor_gravity
+from .power_on import check_attitude, reopen_biases
+from .propagation import propagate_to
+from .rest import detect_rest
+from .state import COARSE_ALIGNMENT, NAVIGATING
+from .stationarity import accumulate_window, classify_window, clear_window
+
+if TYPE_CHECKING:
+    from .types import Core, Parameters, StoredSample
+
+
+TUNABLES = (
+    Tunable(
+        "max_gyro_outage_s", 1.0, "s", "After a longer time without rates the alignment starts again.", "Linearization."
+    ),
+)
+
+
+@kernel
+def end_window(p: Parameters, c: Core) -> None:
+    """At the end of a stationarity window: detect rest, level, fuse rest, look for the forward axis."""
+    propagate_errors(p, c)
+    classify_window(p, c)
+    monitor_gravity(p, c)
+    at_rest = detect_rest(p, c)
+    if c.alignment.mode == COARSE_ALIGNMENT:
+        level_from_window(p, c, at_rest)  # before the update at rest changes the attitude of the mean force
+    if at_rest and fuse_rest(p, c):
+        flag_heading(p, c)
+    if c.alignment.mode == COARSE_ALIGNMENT:
+        if c.gnss.fix_count > 0 and c.alignment.heading_sigma > 0.0 and is_levelled(p, c):
+            change_mode(p, c, HEADING_KNOWN)
+    else:
+        find_forward_axis(p, c)
+    clear_window(c)
+
+
+@kernel
+def process_sample(p: Parameters, c: Core, sample: StoredSample) -> None:
+    """Process one stored sample (body axes): propagate, then window end and constraint where they are due."""
+    dt = 1e-9 * (sample.t_ns - c.nav.t_ns)
+    gap_s = 1e-9 * (sample.t_ns - c.imu.sample_ns)
+    c.imu.sample_ns = sample.t_ns
+    c.imu.sample_count += 1
+    if dt <= 0.0:
+        return
+    incomplete = sample.flags & (NO_RATE | NO_FORCE) != 0
+    if incomplete:
+        substitute_missing(p, c, sample)
+    if sample.flags & POWER_ON:
+        for i in range(3):
+            c.imu.w[i] -= c.nav.bg[i]  # the last sample without the old biases, for the gap that follows it
+            c.imu.f[i] -= c.nav.ba[i]
+        reopen_biases(p, c)
+    accumulate_window(c, sample.w, sample.f)
+    propagate_to(p, c, sample.t_ns, sample.w, sample.f)
+    if sample.flags & (POWER_ON | RECONNECTED) and gap_s > p.tuning.max_gyro_outage_s:
+        check_attitude(p, c, gap_s)
+    inflate_covariance(p, c, sample, dt)
+    if incomplete:
+        clear_window(c)
+    if c.imu.outage_s[0] > p.tuning.max_gyro_outage_s and sample.flags & NO_RATE:
+        change_mode(p, c, ATTITUDE_LOST)
+    share = min(dt * (1.0 / p.tuning.smoothing_s), 1.0)
+    for i in range(3):
+        c.imu.rate_b[i] += share * (c.imu.w[i] - c.nav.bg[i] - c.imu.rate_b[i])
+    if c.stationarity.duration >= p.tuning.rest_window_s and c.stationarity.sample_count > 3:
+        end_window(p, c)
+    if is_due(p, c, dt) and c.alignment.mode == NAVIGATING and c.imu.outage_s[0] == 0.0:
+        propagate_errors(p, c)
+        fuse_nhc(p, c)

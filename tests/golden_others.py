@@ -66,7 +66,10 @@ def ins9_without_height():
 
 
 def stationary_without_height():
-    return without_height("stationary", "rest")
+    """And the last ten seconds come after half an hour without samples."""
+    recording = without_height("stationary", "rest")
+    recording.samples["t_ns"][-1000:] += 1_800_000_000_000
+    return recording
 
 
 def ins9_on_a_device_that_tells_its_tilt():

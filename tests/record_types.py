@@ -91,7 +91,11 @@ FILES = {  # file: (what its records are, its records, those of other files by t
     IMUD / "clocks" / "types.py": ("record of a clock", {"Clock": counter.CLOCK}, {}),
     IMUD / "sensor_monitor" / "types.py": ("records of the sensor monitor", MONITOR, {}),
     IMUD / "estimators" / "types.py": ("records of all estimators, and of `tilt`", ESTIMATORS, {}),
-    IMUD / "estimators" / "papers" / "types.py": ("records of the papers' estimators", PAPERS, {}),
+    IMUD / "estimators" / "papers" / "types.py": (
+        "records of the papers' estimators",
+        PAPERS,
+        {"..types": ESTIMATORS},
+    ),
     IMUD / "estimators" / "riss" / "types.py": ("records of the reduced inertial estimator", RISS, {}),
     IMUD / "estimators" / "ahrs" / "types.py": ("records of the attitude filter", AHRS, {}),
     IMUD / "estimators" / "ins" / "tuning_types.py": ("tunables of the navigation filter", TUNING, {}),

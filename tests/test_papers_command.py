@@ -9,9 +9,8 @@ import pytest
 
 from imud import figures
 from imud.commands import main
-from imud.configuration.settings import GpsTrack, Ins9, Settings
+from imud.configuration.settings import GpsTrack, Ins9, Settings, Stationary
 from imud.estimators import registry
-from imud.estimators.papers import stationary
 from imud.experiments import farrell, prasanna, simulate, suh
 from imud.experiments.report import Report, Row, at_most, within
 from imud.figures import Figure, Panel, Trace
@@ -63,8 +62,13 @@ def test_the_order_of_the_filters_can_fail(monkeypatch):
     assert "carts with the order of roll largest error, 0.2 of the bias left" in failed
 
 
+def other_design(**design):
+    """Settings whose `stationary` is another than Farrell's."""
+    return lambda **more: Settings(stationary=Stationary(**design), **more)
+
+
 def test_another_bias_model_is_not_farrell_s(monkeypatch, capsys):
-    monkeypatch.setattr(stationary, "BIAS_PSD", 9e-6)
+    monkeypatch.setattr(farrell, "Settings", other_design(bias_psd=9e-6))
     monkeypatch.setattr(farrell, "SECONDS", 60)
     assert main(["reproduce", "farrell"]) == 1
     said = capsys.readouterr().err
@@ -74,8 +78,8 @@ def test_another_bias_model_is_not_farrell_s(monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("module", "name", "value", "rows_of", "quantity"),
     [
-        (stationary, "POSITION_SIGMA", 1e-4, farrell.design_rows, "√R"),
-        (stationary, "INTERVAL_S", 2.0, farrell.design_rows, "time between measurements"),
+        (farrell, "Settings", other_design(position_var=1e-8), farrell.design_rows, "√R"),
+        (farrell, "Settings", other_design(interval_s=2.0), farrell.design_rows, "time between measurements"),
         (suh.filters, "R3", 2.0, suh._parameter_rows, "r3"),
         (suh.filters, "R_LARGE", 50.0, suh._parameter_rows, "r1, r2 of the simple adaptive filter"),
         (suh.filters, "ALPHA2", 10.0, suh._parameter_rows, "α2 of e (ours: of e², times √δ)"),

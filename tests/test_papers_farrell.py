@@ -5,13 +5,26 @@ import pytest
 from scipy.linalg import expm
 from scipy.stats import chi2, kstest, norm
 
+from imud.batch import play
 from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators import registry
 from imud.estimators.papers import stationary
-from imud.estimators.records import AT_REST, FIX, HEIGHT_VALID, INNOVATION, POSITION_VALID, REJECTING, SOLUTION
+from imud.estimators.records import (
+    AT_REST,
+    FIX,
+    HEIGHT_VALID,
+    INNOVATION,
+    POSITION_VALID,
+    REJECTING,
+    REST_POSITION_X,
+    REST_POSITION_Y,
+    REST_POSITION_Z,
+    SOLUTION,
+)
 from imud.experiments import farrell, whiteness
 from imud.experiments.simulate import level_at_rest, m_g350, samples_of
 from imud.pipeline import Filter
+from imud.setup import config
 
 SETTINGS = Settings(imu=Imu(profile="m-g350"))
 LEVEL = Initial(roll_deg=0.0, pitch_deg=0.0, yaw_deg=0.0)
@@ -47,11 +60,11 @@ def test_one_step_against_van_loan(T):
     np.testing.assert_allclose(packed, q_d[np.triu_indices(3)], rtol=1e-9 if T < 10 else 1e-6)
 
 
-def dense(u, T, p, every):
+def dense(u, T, p, every, start=None):
     """Solution 7 in full matrices, Joseph form, u constant over each step; returns states and covariances."""
     phi, q_d = van_loan(T, p["bias_rate"][0], p["accel_psd"][0], p["bias_psd"][0])
     H, R = np.array([[1.0, 0.0, 0.0]]), np.array([[p["position_var"][0]]])
-    x, P = np.zeros(3), np.diag([0.0, 0.0, p["bias_var"][0]])
+    x, P = start or (np.zeros(3), np.diag([0.0, 0.0, p["bias_var"][0]]))
     states, covariances = [x], [P]
     for k in range(1, len(u)):
         x = phi @ x + u[k] * np.array([0.5 * T * T, T, 0.0])
@@ -129,6 +142,79 @@ def test_a_tilted_sensor_rests_where_it_is():
     np.testing.assert_allclose(out["f"] - (f[-1] - out["ba"]), 0.0, atol=1e-12)
     assert np.isnan(out["bg"]).all()
     assert out["sigma_rpy"][2] > 1.5
+
+
+@pytest.mark.parametrize("roll_deg", [0.0, 40.0])
+def test_what_the_tilt_absorbs_of_the_bias_is_in_its_sigma(roll_deg):
+    """Drawn sensors, their tilt not given: error over sigma of `ba` is standard normal across gravity."""
+    t, angle = np.arange(1000) / 100.0, np.radians(roll_deg)
+    w, f = level_at_rest(len(t))
+    f = np.column_stack([f[:, 0], f[:, 2] * np.sin(angle), f[:, 2] * np.cos(angle)])
+    rng, ratios, tilts = np.random.default_rng(4), [], []
+    for _ in range(100):
+        samples = m_g350(rng, t, w, f)
+        bias = samples["f"][-100:].mean(axis=0) - f[-1]
+        end = rows(samples, Initial())[-1]
+        ratios.append((end["ba"] - bias) / end["sigma_ba"])
+        roll = np.arctan2(2 * end["q_nb"][0] * end["q_nb"][1], 1 - 2 * end["q_nb"][1] ** 2)
+        tilts.append((roll - angle) / end["sigma_rpy"][0])
+    x, y, z = np.mean(np.square(ratios), axis=0)
+    low, high = chi2.ppf([1e-4, 1 - 1e-4], 100) / 100
+    assert low < x < high and low < np.mean(np.square(tilts)) < high
+    if roll_deg == 0.0:
+        assert low < y < high and z < 0.5  # along gravity there is no tilt, and Q_omega is larger than a sensor's
+    else:
+        assert 0.2 < y < high and 0.2 < z < high
+
+
+def test_design_parameters_are_settings():
+    """Another Q_omega, lambda, R, T, P0 and b(0) give the dense filter's numbers with them."""
+    settings = config.loads(
+        "", ["stationary.bias_rate=0.05", "stationary.bias_psd=1e-4", "stationary.position_var=1e-6",
+             "stationary.interval_s=0.5", "stationary.initial_position_sigma_m=0.1",
+             "stationary.initial_velocity_sigma_mps=0.2", "stationary.initial_bias_mps2=[0.05,0,0]",
+             "noise.accel_bias_initial_mg=20", "imu.profile=m-g350"]
+    )  # fmt: skip
+    t = np.arange(301) / 100.0
+    samples = m_g350(np.random.default_rng(3), t, *level_at_rest(len(t)))
+    p = stationary.configure(settings, 100.0)
+    expected = (0.05, 1e-4, 1e-6, 500_000_000, (0.02 * 9.80665) ** 2)
+    for name, value in zip(("bias_rate", "bias_psd", "position_var", "interval_ns", "bias_var"), expected, strict=True):
+        assert p[name][0] == pytest.approx(value)
+    start = (np.array([0.0, 0.0, 0.05]), np.diag([0.01, 0.04, p["bias_var"][0]]))
+    states, covariances = dense(samples["f"][:, 0], 0.01, p, 50, start)
+    s = stationary.start(p, LEVEL)
+    out = np.zeros(1, SOLUTION)
+    for sample in samples:
+        stationary.step(p[0], s[0], sample, out[0])
+    got = [s["p"][0, 0], s["v"][0, 0], s["b"][0, 0]]
+    np.testing.assert_allclose(got, states[-1], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(s["P"][0, [0, 3, 5]], np.diagonal(covariances[-1]), rtol=1e-6)
+
+
+def test_residuals_are_written_as_innovations():
+    samples = m_g350(np.random.default_rng(6), np.arange(1001) / 100.0, *level_at_rest(1001))
+    filter_ = Filter(registry.by_name("stationary"), SETTINGS, LEVEL, 100.0)
+    noted = []
+    play(filter_, samples, np.zeros(0, FIX), lambda solutions: None, note=noted.append)
+    noted = np.concatenate(noted)
+    assert [list(noted["kind"]).count(kind) for kind in (REST_POSITION_X, REST_POSITION_Y, REST_POSITION_Z)] == [10] * 3
+    along_x = noted[noted["kind"] == REST_POSITION_X]
+    p, u = stationary.configure(SETTINGS, 100.0), samples["f"][:, 0]
+    states, covariances = dense(u, 0.01, p, 100)
+    phi, q_d = van_loan(0.01, 1e-3, p["accel_psd"][0], 8e-6)
+    before = np.arange(99, 1000, 100)
+    predicted = [phi[0] @ states[k] + 0.5 * 0.01**2 * u[k + 1] for k in before]
+    variances = [(phi @ covariances[k] @ phi.T + q_d)[0, 0] + 1e-10 for k in before]
+    np.testing.assert_allclose(along_x["value"], np.negative(predicted), rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(along_x["variance"], variances, rtol=1e-6)
+
+
+def test_long_gaps_are_bridged_in_closed_form():
+    for x in (0.5, 1.5, 30.0):
+        T = x / 1e-3
+        phi = expm(np.array([[0, 1, 0], [0, 0, 1], [0, 0, -1e-3]]) * T)
+        np.testing.assert_allclose(stationary.transition(1e-3, T), [phi[0, 2], phi[1, 2], phi[2, 2]], rtol=1e-9)
 
 
 @pytest.mark.parametrize("height", [100.0, np.nan])

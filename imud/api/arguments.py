@@ -32,10 +32,10 @@ def settings_of(settings: Mapping[str, Any] | Path | str | None) -> Settings:
     return config.load(Path(settings))
 
 
-def initial_of(initial: Mapping[str, float] | None) -> Initial:
-    """What is known at the start, by names as in `--initial`. Raises ConfigError."""
+def initial_of(settings: Settings, initial: Mapping[str, float] | None) -> Initial:
+    """What is known at the start, by the settings and by names as in `--initial`. Raises ConfigError."""
     text = ",".join(f"{name}={float(value)!r}" for name, value in (initial or {}).items())
-    return config.parse_assignments(text, Initial, "initial")
+    return config.initial_of(settings, text)
 
 
 def check_frames(frames: str) -> None:

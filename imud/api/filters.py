@@ -59,7 +59,7 @@ class AttitudeFilter:
             raise ValueError(str(error)) from error
         self.frames = frames
         self._settings = settings_of(settings)
-        self._filter = Filter(chosen, self._settings, initial_of(initial), rate_hz)
+        self._filter = Filter(chosen, self._settings, initial_of(self._settings, initial), rate_hz)
         self._origin: int | None = None
         self._last_ns = np.iinfo(np.int64).min
         self._waiting: list[Records] = []

@@ -115,7 +115,7 @@ def _run(
     fixes = without_refused(Path("gnss"), fixes, chosen.gnss, warnings.warn)
     measured = [measurements_from(source, table, estimator.sources, origin) for source, table in aiding.items()]
     rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
-    filter_ = Filter(estimator, chosen, initial_of(initial), rate_hz)
+    filter_ = Filter(estimator, chosen, initial_of(chosen, initial), rate_hz)
     rows: list[Records] = []
     innovations: list[Records] = [np.zeros(0, INNOVATION)]
     aided = _in_order(measured) if measured else None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..configuration.settings import Initial, Settings
+from ..configuration.settings import Settings
 from ..errors import BadDataError, CannotCreateError, UsageError
 from ..progress import Progress
 from ..setup import config
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
             raise UsageError("replay: --imu, --gnss, --calibration and --innovations are for tables, not recordings")
         return replay_recordings.run(args)
     settings = config.load(args.config, args.set)
-    initial = config.parse_assignments(args.initial, Initial, "--initial")
+    initial = config.initial_of(settings, args.initial)
     if args.imu is None:
         raise UsageError("replay: name the recording: FILE.mcap, or --imu imu.csv [--gnss gnss.csv]")
     from ..batch import play

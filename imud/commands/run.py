@@ -22,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", type=seed, default=1, metavar="N", help="of the errors of sim: devices (default 1)")
     parser.add_argument("--estimator", metavar="NAME", help="default: navigation with two ports, else attitude")
+    parser.add_argument("--initial", metavar="KEY=V,…", help="known start: lat_deg=…,lon_deg=…,yaw_deg=…")
     parser.add_argument("--listen", metavar="ADDR", help="gpsd JSON: HOST:PORT or /path (default 127.0.0.1:2947)")
     parser.add_argument("--rtcm", metavar="SOURCE", help="data of an RTK base for the receiver: HOST:PORT or a path")
     parser.add_argument("--record", metavar="MCAP", help="record everything: raw bytes, estimates, innovations, events")
@@ -83,6 +84,12 @@ def _check(settings: Settings) -> None:
 
 def _settings(args: argparse.Namespace) -> Settings:
     """The configuration file and what overrides it. Raises ConfigError."""
-    given = {"ports": args.port, "gpsd.listen": args.listen, "record.path": args.record, "gnss.rtcm": args.rtcm}
+    given = {
+        "ports": args.port,
+        "gpsd.listen": args.listen,
+        "record.path": args.record,
+        "gnss.rtcm": args.rtcm,
+        "initial": args.initial,
+    }
     settings = config.load(args.config, args.set, {key: value for key, value in given.items() if value})
     return msgspec.structs.replace(settings, estimator=args.estimator) if args.estimator else settings

@@ -28,6 +28,7 @@ def text(what: str = "", *, form: str = r"^[^\x00-\x1f\x7f\ud800-\udfff]*\Z", lo
 Quality = Annotated[int, number(1, 8, "")]
 Angle = Annotated[float, number(-360.0, 360.0, "deg")]
 Length = Annotated[float, number(-1000.0, 1000.0, "m")]
+Acceleration = Annotated[float, number(-100.0, 100.0, "m/s^2")]
 Processor = Annotated[int, number(0, 8191, "")]
 Name = Annotated[str, text()]
 MESSAGE_RATE_HZ = (0.001, 1000.0)
@@ -194,6 +195,31 @@ class GpsTrack(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     position_var: Annotated[float, number(1e-6, 1e8, "m^2", "Of fixes without a sigma of their own.", hot=True)] = 0.5
 
 
+class Stationary(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The estimator `stationary`: Farrell's design parameters. His Q_n and σ_b are `[noise]`'s, or the profile's."""
+
+    bias_rate: Annotated[
+        float, number(1e-9, 0.1, "1/s", "λ: the bias's rate of decay; 0: a random walk.", hot=True, or_zero=True)
+    ] = 1e-3
+    bias_psd: Annotated[
+        float, number(1e-18, 1.0, "(m/s^2)^2/s", "Q_ω: power spectral density of the bias's random walk.", hot=True)
+    ] = 8e-6
+    position_var: Annotated[
+        float, number(1e-14, 1e4, "m^2", "R: of the position, by the table's vibration.", hot=True)
+    ] = 1e-10
+    interval_s: Annotated[
+        float, number(1e-3, 1000.0, "s", "T: from one measurement of the position to the next.", hot=True)
+    ] = 1.0
+    initial_position_sigma_m: Annotated[float, number(1e-9, 1000.0, "m", "Of the position in P0.", or_zero=True)] = 0.0
+    initial_velocity_sigma_mps: Annotated[
+        float, number(1e-9, 1000.0, "m/s", "Of the velocity in P0.", or_zero=True)
+    ] = 0.0
+    initial_bias_mps2: Annotated[
+        tuple[Acceleration, Acceleration, Acceleration],
+        Meta(description="b(0) along x, y, z in his sign: what is added to the readings."),
+    ] = (0.0, 0.0, 0.0)
+
+
 class Ins9(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The estimator `ins9`: Prasanna's Q and R."""
 
@@ -319,6 +345,12 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     estimator: Annotated[str, text("Estimator by name; `auto`: `navigation` with a second port, else `attitude`.")] = (
         "auto"
     )
+    initial: Annotated[
+        str,
+        text(
+            "What is known of the start, as `yaw_deg=57,lat_deg=48.1`; the keys are those of `imud replay --initial`."
+        ),
+    ] = ""
     ports: Annotated[
         tuple[Name, ...],
         Meta(
@@ -338,6 +370,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     navigation: Navigation = Navigation()
     riss: Riss = Riss()
     gps_track: GpsTrack = GpsTrack()
+    stationary: Stationary = Stationary()
     ins9: Ins9 = Ins9()
     aiding: Aiding = Aiding()
     gpsd: Gpsd = Gpsd()
@@ -370,3 +403,9 @@ class Initial(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     roll_deg: Angle | None = None
     pitch_deg: RightAngle | None = None
     yaw_deg: Angle | None = None
+
+    def over(self, other: "Initial") -> "Initial":
+        """What this one knows, and of the rest what the other does."""
+        return msgspec.structs.replace(
+            other, **{k: v for k, v in msgspec.structs.asdict(self).items() if v is not None}
+        )

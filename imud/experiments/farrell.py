@@ -103,8 +103,8 @@ def filtered(samples: Any, bias: Floats, measured: bool = True) -> Run:
 def model_samples(rng: np.random.Generator) -> tuple[Any, Floats]:
     """Samples whose x axis obeys (3) and (4): u = a - b - n, b' = -lambda b + omega; and b."""
     n, T = int(SECONDS * RATE_HZ) + 1, 1.0 / RATE_HZ
-    decay = math.exp(-stationary.LAMBDA * T)
-    walk = np.sqrt(stationary.BIAS_PSD * T) * rng.standard_normal(n)
+    decay = math.exp(-parameters()["bias_rate"][0] * T)
+    walk = np.sqrt(parameters()["bias_psd"][0] * T) * rng.standard_normal(n)
     walk[0] = math.sqrt(parameters()["bias_var"][0]) * rng.standard_normal()
     powers = decay ** np.arange(n)
     bias = powers * np.cumsum(walk / powers)
@@ -166,7 +166,7 @@ def _unit_rows() -> list[Row]:
 
 def _observability_rows() -> list[Row]:
     """Questions 1 and 2: of (H, F) in continuous time, of (H, Phi) after each measurement."""
-    F = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -stationary.LAMBDA]])
+    F = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -parameters()["bias_rate"][0]]])
     phi, _ = discrete(1)
     ranks = []
     for transition in (F, phi):

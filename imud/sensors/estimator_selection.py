@@ -12,7 +12,7 @@ from imud.drivers.transport.line import Line
 from ..configuration.settings import Initial, Settings
 from ..pipeline import NOTHING_STORED, Filter, InertialPipeline, Stored
 from ..sensor_errors.calibration import Calibration
-from ..setup import choices
+from ..setup import choices, config
 from .inertial import Inertial
 
 RATE_STEP = 0.1  # logarithmic: sensors within that are the same to a filter
@@ -28,6 +28,7 @@ class EstimatorSelection:
         self.estimator = self.choice.wanted
         self.inertial: Inertial | None = None
         self._warn, self._initial = warn, initial
+        self._at_start = True
         self._serial, self._port = "", 0  # another sensor has other biases
         self.resumed = False  # the filter goes on from an earlier run of the program
         self._made_for: tuple[Any, ...] = ()
@@ -63,10 +64,10 @@ class EstimatorSelection:
         goes_on = self.inertial is not None and same and self.estimator.survives_power_on
         fresh = self.inertial is None or not goes_on or now_ns - self.inertial.last_data_ns > AWAY_NS
         if self.inertial is None or fresh:
-            filter_ = Filter(self.estimator, settings, self._initial, configured.rate_hz)
+            filter_ = Filter(self.estimator, settings, self._start(settings), configured.rate_hz)
             if self._initial != _UNKNOWN:
                 stored = replace(stored, checkpoint=b"")
-            self._initial = _UNKNOWN  # it was of the start
+            self._initial = _UNKNOWN
             stream = InertialPipeline(driver, driver.new_state(configured), filter_)
             stream.record["count"] = self.inertial.samples if self.inertial else 0
             self.inertial = Inertial(stream)
@@ -80,6 +81,13 @@ class EstimatorSelection:
         flags = RECONNECTED if same_power else POWER_ON
         self.inertial.connect(line, driver, configured, now_ns, flags if again else 0)
         return self.inertial
+
+    def _start(self, settings: Settings) -> Initial:
+        """What is known of the start, at the start only. What an earlier run has stored is newer than the settings."""
+        if not self._at_start:
+            return _UNKNOWN
+        self._at_start = False
+        return self._initial.over(config.initial_of(settings))
 
     def _is_same(self, serial: str, port: int) -> bool:
         """Whether it is the sensor before: by its serial number, or if one of them tells none, by the port."""

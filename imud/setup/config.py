@@ -14,7 +14,7 @@ from typing import Any, TypeVar, get_type_hints
 import msgspec
 
 from ..configuration.schema import is_table, is_valid, keys, kind_of
-from ..configuration.settings import Settings
+from ..configuration.settings import Initial, Settings
 from ..errors import ConfigError
 
 Struct = TypeVar("Struct", bound=msgspec.Struct)
@@ -129,7 +129,7 @@ def from_table(
         _merge(table, key.split("."), value)
     lines = _lines_of(text)
     problems = []
-    for path, what in (*_problems(table, Settings), *_unknown_names(table), *_tuning_problems(table)):
+    for path, what in (*_problems(table, Settings), *_unknown_names(table), *_more_problems(table)):
         where = f"{name}:{lines[path]}: " if path in lines else ""
         problems.append(f"{where}{path[:80]}: {what}")
     if problems:
@@ -153,8 +153,13 @@ def _unknown_names(table: dict[str, Any]) -> Iterable[tuple[str, str]]:
                 yield path, f"there is no {name!r}; known are auto, {', '.join(known)}"
 
 
-def _tuning_problems(table: dict[str, Any]) -> Iterable[tuple[str, str]]:
-    """(key path, what is wrong) where a tunable does not exist, or does not take the value."""
+def _more_problems(table: dict[str, Any]) -> Iterable[tuple[str, str]]:
+    """(key path, what is wrong) where a tunable or a value of the start does not exist, or does not take the value."""
+    if isinstance(start := table.get("initial"), str):
+        try:
+            parse_assignments(start, Initial, "it")
+        except ConfigError as error:
+            yield "initial", str(error)
     tuned = {name: inner["tuning"] for name, inner in table.items() if isinstance(inner, dict) and "tuning" in inner}
     if tuned:
         from ..estimators import registry
@@ -165,6 +170,11 @@ def _tuning_problems(table: dict[str, Any]) -> Iterable[tuple[str, str]]:
             if isinstance(given, dict) and all(isinstance(value, int | float) for value in given.values()):
                 for name, what in problems(estimator.tunables, given):
                     yield f"{estimator.table}.tuning.{name}", what
+
+
+def initial_of(settings: Settings, more: str = "") -> Initial:
+    """What is known of the start by the settings, and by `--initial`, which wins. Raises ConfigError."""
+    return parse_assignments(f"{settings.initial},{more}", Initial, "--initial")
 
 
 def adopt(running: Settings, fresh: Settings) -> tuple[Settings, list[str], list[str]]:

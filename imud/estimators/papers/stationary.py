@@ -13,10 +13,15 @@ What is built instead of the print:
 - sigma_b = 8 mg is 7.845e-2 m/s^2, not 7.2e-2; the data sheet's VRW is in (m/s)/sqrt(h), not (m/s)/sqrt(Hz);
 - P = (I - KH) P is symmetric only on paper; here it is the packed triangle of `math.kalman`.
 
-The three axes have the same parameters and therefore one covariance, which turning the axes does not change. Tilt is
-given by the user or taken from the first sample, and then fixed: in the second case the estimated bias is what the
-accelerometer's bias differs from that tilt's gravity. `ba` of a solution is -b. Position needs an origin: the user's,
-or the first fix; further fixes say nothing that the filter does not claim to know.
+The three axes have the same parameters and therefore one covariance, which turning the axes does not change. `ba` of a
+solution is -b. Position needs an origin: the user's, or the first fix; further fixes say nothing that the filter does
+not claim to know.
+
+Tilt is the user's, and then taken for exact, or that of the first sample, and then fixed. At rest nothing
+distinguishes a level bias from a tilt: with states for the tilt, whose error is constant, what is estimated is their
+sum b + g x tilt, which begins at the first sample's noise; the tilt keeps the variance (sigma_b^2 + sigma_n^2) / g^2,
+and b that of the sum plus sigma_b^2 + sigma_n^2 in each direction across gravity. So these states need not be carried:
+the filter's b is the sum, and the sigmas of `ba` have the tilt's part.
 """
 
 from __future__ import annotations
@@ -31,12 +36,22 @@ from imud.drivers.sample import NO_FORCE, SUSPECT
 from ...compile.jit import kernel
 from ...configuration.settings import Initial, Settings
 from ...math.arrays import Records
-from ...math.earth import STANDARD_GRAVITY, displaced, gravity
+from ...math.earth import MIN_COS, STANDARD_GRAVITY, displaced, gravity
 from ...math.kalman import measure, scale, shear, update
 from ...math.rotation import euler_of_quat, quat_of_euler, quat_of_gravity, quat_rotate, quat_rotate_back
 from ...sensor_errors.profiles import profile_of
 from .. import Estimator
-from ..records import AT_REST, ATTITUDE_VALID, HEIGHT_VALID, POSITION_VALID, REJECTING
+from ..records import (
+    AT_REST,
+    ATTITUDE_VALID,
+    HEIGHT_VALID,
+    INNOVATION,
+    POSITION_VALID,
+    REJECTING,
+    REST_POSITION_X,
+    REST_POSITION_Y,
+    REST_POSITION_Z,
+)
 from .blank_solution import blank
 
 if TYPE_CHECKING:
@@ -44,16 +59,15 @@ if TYPE_CHECKING:
     from ..types import Fix, Innovation, Sample, Solution
     from .types import StationaryParameters, StationaryState
 
-LAMBDA = 1e-3  # 1/s
-BIAS_PSD = 8e-6  # (m/s^2)^2/s, his Q_omega
-POSITION_SIGMA = 1e-5  # m
-INTERVAL_S = 1.0  # his T
 GATE = 5.0
 ORIGIN_SIGMA = 5.0  # m, of an origin whose source does not say
 TERMS = 12  # of the series below: the next one is under 1e-16 for lambda T < 1
 NODES = ((-0.8611363115940526, 0.3478548451374538), (-0.3399810435848563, 0.6521451548625461))  # Gauss-Legendre, 4
 UNKNOWN_ANGLE = math.pi / math.sqrt(3.0)  # rad, of a yaw that nothing measures
 POSITION, VELOCITY, BIAS, STATES = 0, 1, 2, 3
+
+AXES = (REST_POSITION_X, REST_POSITION_Y, REST_POSITION_Z)
+PENDING_INNOVATIONS = 1023  # kept until they are asked for
 
 PARAMETERS = np.dtype(
     [
@@ -64,6 +78,8 @@ PARAMETERS = np.dtype(
         ("position_var", "<f8"),  # m^2, R
         ("interval_ns", "<i8"),
         ("sample_var", "<f8"),  # (m/s^2)^2, white noise of one sample
+        ("P0", "<f8", (2,)),  # m^2, (m/s)^2, of position and velocity
+        ("initial_bias", "<f8", (3,)),  # m/s^2, b(0)
     ],
     align=True,
 )
@@ -75,6 +91,7 @@ STATE = np.dtype(
         ("gravity", "<f8"),  # m/s^2
         ("initial_rpy", "<f8", (3,)),  # rad, roll, pitch, yaw that the user knows; NaN: unknown
         ("q", "<f8", (4,)),
+        ("tilt_var", "<f8"),  # (m/s^2)^2, of gravity times the tilt's error
         ("u", "<f8", (3,)),  # m/s^2, newest measured acceleration, body
         ("p", "<f8", (3,)),  # m, body axes, from the origin
         ("v", "<f8", (3,)),
@@ -91,24 +108,28 @@ STATE = np.dtype(
         ("rejected", "<i8"),
         ("origin", "<f8", (3,)),  # rad, rad, m; NaN: none
         ("origin_var", "<f8", (3,)),  # m^2
+        ("pending_innovations", INNOVATION, (PENDING_INNOVATIONS,)),
+        ("pending_count", "<i8"),
     ],
     align=True,
 )
 
 
 def configure(settings: Settings, rate_hz: float) -> Records:
-    """Parameters (PARAMETERS): noise and bias from the sensor's profile, the rest Farrell's."""
-    profile = profile_of(settings)
+    """Parameters (PARAMETERS): Q_n and sigma_b from the sensor's profile, the rest from `stationary`'s settings."""
+    profile, design = profile_of(settings), settings.stationary
     p = np.zeros(1, PARAMETERS)
-    p["bias_rate"], p["bias_psd"] = LAMBDA, BIAS_PSD
+    p["bias_rate"], p["bias_psd"] = design.bias_rate, design.bias_psd
     p["accel_psd"], p["bias_var"] = profile.accel_noise**2, profile.accel_bias_initial**2
-    p["position_var"], p["interval_ns"] = POSITION_SIGMA**2, round(INTERVAL_S * 1e9)
+    p["position_var"], p["interval_ns"] = design.position_var, round(design.interval_s * 1e9)
     p["sample_var"] = profile.accel_noise**2 * rate_hz
+    p["P0"] = design.initial_position_sigma_m**2, design.initial_velocity_sigma_mps**2
+    p["initial_bias"] = design.initial_bias_mps2
     return p
 
 
 def start(parameters: Records, initial: Initial) -> Records:
-    """A state (STATE) that waits for its first sample: P0 = diag(0, 0, sigma_b^2) (Solution 7)."""
+    """A state (STATE) that waits for its first sample: P0 is diagonal (Solution 7)."""
     s = np.zeros(1, STATE)
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)
     s["initial_rpy"] = [math.nan if angle is None else math.radians(angle) for angle in angles]
@@ -118,7 +139,8 @@ def start(parameters: Records, initial: Initial) -> Records:
         if initial.lon_deg is not None:
             s["origin"] = math.radians(initial.lat_deg), math.radians(initial.lon_deg), initial.height_m or 0.0
             s["origin_var"][0, 2] = math.nan if initial.height_m is None else 0.0
-    s["P"][0, 5] = parameters["bias_var"][0]
+    s["P"][0, [0, 3]], s["P"][0, 5] = parameters["P0"][0], parameters["bias_var"][0]
+    s["b"] = parameters["initial_bias"]
     return s
 
 
@@ -127,9 +149,11 @@ def transition(rate: float, T: float) -> tuple[float, float, float]:
     """Phi[0, 2], Phi[1, 2], Phi[2, 2] over T s for lambda = rate, of F in (16); Phi[0, 1] is T, the rest is I.
 
     They are T^2 phi_2(x), T phi_1(x), exp(-x) with x = lambda T and phi_k(x) = sum of (-x)^j / (j + k)!; the closed
-    forms (exp(-x) - 1 + x) / lambda^2 lose all digits at 1 kHz. Meant for x < 1.
+    forms (exp(-x) - 1 + x) / lambda^2 lose all digits at 1 kHz, and are for long gaps.
     """
     x = rate * T
+    if x > 1.0:
+        return (math.exp(-x) - 1.0 + x) / (rate * rate), (1.0 - math.exp(-x)) / rate, math.exp(-x)
     phi1 = phi2 = 0.0
     term = 1.0
     for j in range(TERMS):
@@ -176,12 +200,16 @@ def predict(p: StationaryParameters, s: StationaryState, T: float) -> None:
 
 @kernel
 def fuse_zero_position(p: StationaryParameters, s: StationaryState) -> None:
-    """Solution 7, step 3b: the position is 0. The gain is the same for all axes, and so is P."""
+    """Solution 7, step 3b: the position is 0. The gain is the same for all axes, and so is P. Nothing is rejected."""
     s.variance = measure(s.P, STATES, s.column, s.one, 1, s.d) + p.position_var
     s.rejected = 0
     for i in range(3):
         r = -s.p[i]
         s.residual[i] = r
+        if s.pending_count < PENDING_INNOVATIONS:
+            row = s.pending_innovations[s.pending_count]
+            row.t_ns, row.kind, row.value, row.variance, row.used = s.t_ns, AXES[i], r, s.variance, 1
+            s.pending_count += 1
         if r * r > GATE * GATE * s.variance:
             s.rejected = 1
         s.p[i] += s.d[POSITION] / s.variance * r
@@ -192,11 +220,24 @@ def fuse_zero_position(p: StationaryParameters, s: StationaryState) -> None:
 
 
 @kernel
-def initialise_tilt(s: StationaryState, f: Reals) -> None:
+def take_innovations(s: StationaryState, innovations: list[Innovation]) -> int:
+    """Move the pending innovations to `innovations`; returns how many. Those beyond its end are lost."""
+    n: int = min(s.pending_count, len(innovations))
+    for k in range(n):
+        innovations[k] = s.pending_innovations[k]
+    s.pending_count = 0
+    return n
+
+
+@kernel
+def initialise_tilt(p: StationaryParameters, s: StationaryState, f: Reals) -> None:
     """Fix the tilt: the user's, or that of the first force."""
-    roll, pitch, _ = euler_of_quat(quat_of_gravity(f[0], f[1], f[2] if f[2] != 0.0 else -1e-12))
+    x, y, z = f[0] + s.b[0], f[1] + s.b[1], f[2] + s.b[2]
+    roll, pitch, _ = euler_of_quat(quat_of_gravity(x, y, z if z != 0.0 else -1e-12))
+    s.tilt_var = p.bias_var + p.sample_var
     if math.isfinite(s.initial_rpy[0]) and math.isfinite(s.initial_rpy[1]):
         roll, pitch = s.initial_rpy[0], s.initial_rpy[1]
+        s.tilt_var = 0.0
     yaw = s.initial_rpy[2] if math.isfinite(s.initial_rpy[2]) else 0.0
     s.q[0], s.q[1], s.q[2], s.q[3] = quat_of_euler(roll, pitch, yaw)
 
@@ -211,13 +252,16 @@ def write_solution(p: StationaryParameters, s: StationaryState, sample: Sample, 
     out.status |= ATTITUDE_VALID | (REJECTING if s.rejected == 1 else AT_REST)
     for i in range(4):
         out.q_nb[i] = s.q[i]
-    tilt_var = (p.bias_var + p.sample_var) / (s.gravity * s.gravity)
-    out.sigma_rpy[0] = out.sigma_rpy[1] = math.sqrt(tilt_var)
+    down = quat_rotate_back(q, (0.0, 0.0, 1.0))
+    tilt_sigma = math.sqrt(p.bias_var + p.sample_var) / s.gravity  # also of a given tilt: it is not used for more
+    cos_pitch = math.sqrt(down[1] * down[1] + down[2] * down[2])
+    out.sigma_rpy[0] = min(tilt_sigma / max(cos_pitch, MIN_COS), UNKNOWN_ANGLE)
+    out.sigma_rpy[1] = tilt_sigma
     out.sigma_rpy[2] = UNKNOWN_ANGLE
     for i in range(3):
         out.f[i] = sample.f[i] + s.b[i]
         out.ba[i] = -s.b[i]
-        out.sigma_ba[i] = math.sqrt(s.P[5])
+        out.sigma_ba[i] = math.sqrt(s.P[5] + s.tilt_var * max(1.0 - down[i] * down[i], 0.0))
     if not math.isfinite(s.origin[0]):
         return
     out.status |= POSITION_VALID
@@ -239,7 +283,7 @@ def step(p: StationaryParameters, s: StationaryState, sample: Sample, solution: 
     f = sample.f
     good = sample.flags & (SUSPECT | NO_FORCE) == 0 and math.isfinite(f[0] + f[1] + f[2])
     if s.samples == 0 and good:
-        initialise_tilt(s, f)
+        initialise_tilt(p, s, f)
         s.samples = 1
         s.t_ns = s.measurement_ns = sample.t_ns
     elif s.samples > 0 and sample.t_ns > s.t_ns:
@@ -270,4 +314,6 @@ def set_origin(p: StationaryParameters, s: StationaryState, fix: Fix, innovation
     return 0
 
 
-ESTIMATOR = Estimator("stationary", configure, start, step, set_origin, needs_gyros=False)
+ESTIMATOR = Estimator(
+    "stationary", configure, start, step, set_origin, needs_gyros=False, pending_innovations=take_innovations
+)

@@ -1,6 +1,7 @@
 """The records of the papers' estimators as types for mypy, written by tests/record_types.py."""
 
 from ...math.arrays import Floats, Indices, Reals
+from ..types import Innovation
 
 
 class StationaryParameters:
@@ -11,6 +12,8 @@ class StationaryParameters:
     position_var: float
     interval_ns: int
     sample_var: float
+    P0: Reals
+    initial_bias: Reals
 
 
 class StationaryState:
@@ -19,6 +22,7 @@ class StationaryState:
     gravity: float
     initial_rpy: Reals
     q: Reals
+    tilt_var: float
     u: Reals
     p: Reals
     v: Reals
@@ -35,6 +39,8 @@ class StationaryState:
     rejected: int
     origin: Reals
     origin_var: Reals
+    pending_innovations: list[Innovation]
+    pending_count: int
 
 
 class SuhParameters:

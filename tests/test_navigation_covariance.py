@@ -14,6 +14,7 @@ from imud.estimators.ins.state import (
     ACCEL_BIAS,
     ATTITUDE,
     GNSS_BIAS,
+    GNSS_VELOCITY_BIAS,
     GYRO_BIAS,
     MOUNT_PITCH,
     MOUNT_YAW,
@@ -44,7 +45,8 @@ def made(seed):
     s = start(p, Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=10.0))
     c = s["core"][0, 0]
     scale = np.repeat(
-        [2.0, 0.3, 0.02, 1e-3, 0.1, 2.0, 0.03, 0.1, 0.01, 0.5, 0.1, 0.02, 5.0], [3, 3, 3, 3, 3, 3, 2, 1, 3, 1, 1, 1, 1]
+        [2.0, 0.3, 0.02, 1e-3, 0.1, 2.0, 0.03, 0.1, 0.01, 0.5, 0.1, 0.02, 5.0, 0.05],
+        [3, 3, 3, 3, 3, 3, 2, 1, 3, 1, 1, 1, 1, 3],
     )
     root = rng.standard_normal((STATES, STATES)) * scale[:, None]
     P = root @ root.T / STATES
@@ -75,6 +77,8 @@ def test_one_interval_is_that_of_the_matrix_exponential(seed):
     F[block(ATTITUDE), block(GYRO_BIAS)] = -C
     F[block(ATTITUDE), block(TURN_SCALE)] = -C * (C[2] @ c["imu"]["rate_b"])
     F[block(GNSS_BIAS), block(GNSS_BIAS)] = -np.eye(3) / tuning.gnss_bias_time_s
+    velocity_bias = block(GNSS_VELOCITY_BIAS)
+    F[velocity_bias, velocity_bias] = -np.eye(3) / tuning.gnss_velocity_bias_time_s
     q = np.zeros(STATES)
     tilt2, heading2 = np.mean(np.diag(P)[block(ATTITUDE, 2)]), P[ATTITUDE + 2, ATTITUDE + 2]
     r = p[0]
@@ -92,6 +96,8 @@ def test_one_interval_is_that_of_the_matrix_exponential(seed):
     q[block(GYRO_BIAS)] = r["gyro_bias_psd"]
     q[block(ACCEL_BIAS)] = r["accel_bias_psd"] + tuning.vibration_bias_walk**2 * 0.4
     q[block(GNSS_BIAS)] = 2.0 / tuning.gnss_bias_time_s * np.array([1.5, 1.5, 3.0]) ** 2
+    q[velocity_bias] = 2.0 / tuning.gnss_velocity_bias_time_s * tuning.gnss_velocity_bias_sigma**2
+    q[GNSS_VELOCITY_BIAS + 2] *= tuning.vertical_ratio**2
     q[[MOUNT_PITCH, MOUNT_YAW]] = tuning.mount_psd
     q[block(TURN_SCALE)] = tuning.turn_scale_psd
     q[NHC_LEVER_ARM] = tuning.nhc_lever_arm_psd

@@ -21,6 +21,7 @@ from imud.estimators.ins.state import (
     ATTITUDE,
     BARO_OFFSET,
     GNSS_BIAS,
+    GNSS_VELOCITY_BIAS,
     GYRO_BIAS,
     MOUNT_PITCH,
     MOUNT_YAW,
@@ -166,7 +167,10 @@ MEASUREMENTS = {  # measurement: rows, and the error states by which its Jacobia
     ),
     measure_velocity: (
         3,
-        (*range(VELOCITY, ATTITUDE + 3), *range(GYRO_BIAS, GYRO_BIAS + 3), TIME_OFFSET, VELOCITY_TIME_OFFSET),
+        (
+            *(*range(VELOCITY, ATTITUDE + 3), *range(GYRO_BIAS, GYRO_BIAS + 3), TIME_OFFSET, VELOCITY_TIME_OFFSET),
+            *range(GNSS_VELOCITY_BIAS, GNSS_VELOCITY_BIAS + 3),
+        ),
     ),
     measure_nhc: (
         2,

@@ -22,6 +22,7 @@ from .state import (
     ATTITUDE,
     BARO_OFFSET,
     GNSS_BIAS,
+    GNSS_VELOCITY_BIAS,
     GYRO_BIAS,
     MOUNT_PITCH,
     MOUNT_YAW,
@@ -209,6 +210,7 @@ def inject_error(p: Parameters, c: Core) -> None:
         add_variance(c, ATTITUDE + i, second_order2)
     displace(c, x[POSITION], x[POSITION + 1], x[POSITION + 2])
     for i in range(3):
+        n.gnss_velocity_bias[i] += x[GNSS_VELOCITY_BIAS + i]
         n.v_n[i] += x[VELOCITY + i]
         n.bg[i] += x[GYRO_BIAS + i]
         n.ba[i] += x[ACCEL_BIAS + i]

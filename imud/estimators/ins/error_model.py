@@ -7,7 +7,7 @@ navigation axes; f is the specific force in body axes, C turns it into navigatio
     v' = phi x C f - C ba
     phi' = -C (bg + turn_scale w_down)
     bg', ba', turn_scale', mount_yaw', mount_pitch', nhc_lever_arm', odometer_scale', baro_offset' = noise
-    gnss_bias' = -gnss_bias / T + noise
+    gnss_bias' = -gnss_bias / T + noise, gnss_velocity_bias' likewise
 
 Omitted, being below a hundredth of the errors that a MEMS sensor causes in minutes: Coriolis and frame rotation of the
 errors, and the change of gravity and of transport rate with them. Scale factors and misalignments have states
@@ -35,6 +35,7 @@ from .state import (
     ATTITUDE,
     COARSE_ALIGNMENT,
     GNSS_BIAS,
+    GNSS_VELOCITY_BIAS,
     GYRO_BIAS,
     MOUNT_PITCH,
     MOUNT_YAW,
@@ -55,6 +56,14 @@ TUNABLES = (
     Tunable(
         "gnss_bias_time_s", 40.0, "s", "Time constant of the GNSS position error.", "Four real receivers: 20 to 60 s."
     ),
+    Tunable(
+        "gnss_velocity_bias_sigma",
+        0.05,
+        "m/s",
+        "Sigma of the correlated error of a GNSS velocity, north and east.",
+        "Two real receivers in flight: means over a minute.",
+    ),
+    Tunable("gnss_velocity_bias_time_s", 100.0, "s", "Its time constant.", "The same receivers."),
     Tunable(
         "accel_scale_time_s", 0.2, "s", "How long an accelerometer's scale error acts in one direction.", "Choice."
     ),
@@ -127,6 +136,7 @@ def linearize(p: Parameters, c: Core, transition: Transition) -> None:
         transition.rotation[k] = m[k]
     transition.turn = m[6] * c.imu.delta_theta[0] + m[7] * c.imu.delta_theta[1] + m[8] * c.imu.delta_theta[2]
     transition.gnss_bias = math.exp(-dt / p.tuning.gnss_bias_time_s)
+    transition.gnss_velocity_bias = math.exp(-dt / p.tuning.gnss_velocity_bias_time_s)
 
 
 @kernel
@@ -148,6 +158,7 @@ def apply_transition(u: Tensor, columns: int, transition: Transition) -> None:
                     + m[3 * i + k] * transition.scaled_turn * u[TURN_SCALE + k, j]
                 )
             u[GNSS_BIAS + i, j] *= transition.gnss_bias
+            u[GNSS_VELOCITY_BIAS + i, j] *= transition.gnss_velocity_bias
 
 
 @kernel
@@ -241,8 +252,21 @@ def attitude_psd(p: Parameters, c: Core, turn: float) -> float:
 
 
 @kernel
+def velocity_bias_sigma(p: Parameters, axis: int) -> float:
+    """Sigma, m/s, of the correlated error of a GNSS velocity along an axis."""
+    return p.tuning.gnss_velocity_bias_sigma * (p.tuning.vertical_ratio if axis == 2 else 1.0)
+
+
+@kernel
+def decay_bias(c: Core, i: int, decay: float, sigma: float) -> None:
+    """Covariance of a first-order Gauss-Markov error state of stationary `sigma`, over an interval of this decay."""
+    scale(c.cov.P, STATES, i, decay)
+    add_variance(c, i, sigma * sigma * (1.0 - decay * decay))
+
+
+@kernel
 def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None:
-    """P <- transition P transition' + Q, and the decay of the nominal GNSS bias; transition: from `linearize`.
+    """P <- transition P transition' + Q, and the decay of the nominal GNSS biases; transition: from `linearize`.
 
     Before the heading is known the velocity is the receiver's, to which neither tilt nor accelerometer bias adds.
     """
@@ -268,10 +292,11 @@ def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None
     turn = m[6] * c.imu.rate_b[0] + m[7] * c.imu.rate_b[1] + m[8] * c.imu.rate_b[2]
     qa, decay = attitude_psd(p, c, turn), transition.gnss_bias
     for i in range(3):
-        scale(P, STATES, GNSS_BIAS + i, decay)
-        c.nav.gnss_bias[i] *= decay
         sigma = c.gnss.bias_sigma[0] if i < 2 else c.gnss.bias_sigma[1]
-        add_variance(c, GNSS_BIAS + i, sigma * sigma * (1.0 - decay * decay))
+        c.nav.gnss_bias[i] *= decay
+        decay_bias(c, GNSS_BIAS + i, decay, sigma)
+        c.nav.gnss_velocity_bias[i] *= transition.gnss_velocity_bias
+        decay_bias(c, GNSS_VELOCITY_BIAS + i, transition.gnss_velocity_bias, velocity_bias_sigma(p, i))
         add_variance(c, VELOCITY + i, qv * dt)
         add_variance(c, ATTITUDE + i, qa * dt)
         add_variance(c, GYRO_BIAS + i, p.gyro_bias_psd * dt)

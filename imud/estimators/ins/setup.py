@@ -17,6 +17,7 @@ from .state import (
     BARO_OFFSET,
     COARSE_ALIGNMENT,
     GNSS_BIAS,
+    GNSS_VELOCITY_BIAS,
     GYRO_BIAS,
     NEVER_NS,
     ODOMETER_SCALE,
@@ -74,6 +75,8 @@ def start(parameters: Records, initial: Initial) -> Records:
     sigmas[GYRO_BIAS : GYRO_BIAS + 3] = p["gyro_bias_sigma"]
     sigmas[ACCEL_BIAS : ACCEL_BIAS + 3] = p["accel_bias_sigma"]
     sigmas[GNSS_BIAS : GNSS_BIAS + 3] = 2.0
+    sigmas[GNSS_VELOCITY_BIAS : GNSS_VELOCITY_BIAS + 3] = t["gnss_velocity_bias_sigma"]
+    sigmas[GNSS_VELOCITY_BIAS + 2] *= t["vertical_ratio"]
     sigmas[TIME_OFFSET] = t["time_offset_sigma"]
     sigmas[VELOCITY_TIME_OFFSET] = t["velocity_time_offset_sigma"]
     sigmas[BARO_OFFSET] = t["baro_offset_sigma"]

@@ -1,6 +1,6 @@
 """The records of the navigation filter: one for each concern, and what a rewind restores.
 
-Error states are "true minus estimate", 28 of them, in the order of the table below. The attitude error is a small
+Error states are "true minus estimate", 31 of them, in the order of the table below. The attitude error is a small
 rotation phi in navigation axes, C_true = exp(phi) C.
 
 | error state            | unit    | what it is |
@@ -18,16 +18,17 @@ rotation phi in navigation axes, C_true = exp(phi) C.
 | VELOCITY_TIME_OFFSET   | s       | by which the receiver's velocity is older than its position |
 | ODOMETER_SCALE         |         | by which the odometer's reading is too large, as a share of the speed |
 | BARO_OFFSET            | m       | by which the barometer's height is too large |
+| GNSS_VELOCITY_BIAS (3) | m/s     | correlated error of the receiver's velocity, first-order Gauss-Markov, NED |
 """  # noqa: E501 a table's row is one line
 
 import numpy as np
 
 from ..records import FIX, INNOVATION, MEASUREMENT
 
-STATES = 28
+STATES = 31
 POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS, GNSS_BIAS = 0, 3, 6, 9, 12, 15
 MOUNT_PITCH, MOUNT_YAW, TIME_OFFSET, TURN_SCALE, NHC_LEVER_ARM, VELOCITY_TIME_OFFSET = 18, 19, 20, 21, 24, 25
-ODOMETER_SCALE, BARO_OFFSET = 26, 27
+ODOMETER_SCALE, BARO_OFFSET, GNSS_VELOCITY_BIAS = 26, 27, 28
 
 COARSE_ALIGNMENT, NAVIGATING = 0, 1  # modes: roll and pitch only, position from GNSS; everything
 FREE, AUTO, LAND = 0, 1, 2  # vehicle
@@ -65,6 +66,7 @@ NAV = np.dtype(  # the nominal state: time, and one value for each error state
         ("velocity_time_offset", "<f8"),  # s, the receiver's velocity is older than its position by this
         ("odometer_scale", "<f8"),  # the odometer's reading is too large by this share of the speed
         ("baro_offset", "<f8"),  # m, the barometer's height is too large by this
+        ("gnss_velocity_bias", "<f8", (3,)),  # m/s, NED, fix minus truth: the correlated error of its velocity
     ],
     align=True,
 )
@@ -318,6 +320,7 @@ TRANSITION = np.dtype(  # F over one interval of the covariance: the blocks that
         ("turn", "<f8"),  # rad, about the vertical
         ("scaled_turn", "<f8"),  # rad, the part of it that is applied now: attitude from turn_scale
         ("gnss_bias", "<f8"),  # decay of the GNSS bias
+        ("gnss_velocity_bias", "<f8"),  # and of that of the velocity
     ],
     align=True,
 )

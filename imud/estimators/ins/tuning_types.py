@@ -5,6 +5,8 @@ class Tuning:
     bias_walk_time_s: float
     covariance_interval_s: float
     gnss_bias_time_s: float
+    gnss_velocity_bias_sigma: float
+    gnss_velocity_bias_time_s: float
     accel_scale_time_s: float
     gyro_scale_time_s: float
     vibration_vrw: float

@@ -52,6 +52,7 @@ class Nav:
     velocity_time_offset: float
     odometer_scale: float
     baro_offset: float
+    gnss_velocity_bias: Reals
 
 
 class Earth:
@@ -241,6 +242,7 @@ class Transition:
     turn: float
     scaled_turn: float
     gnss_bias: float
+    gnss_velocity_bias: float
 
 
 class Scratch:

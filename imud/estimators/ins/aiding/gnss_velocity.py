@@ -1,6 +1,6 @@
 """The GNSS velocity, component by component: reported as three components, two, or speed and course.
 
-z = v_fix - v - C_nb (w x lever_arm) + a (late + velocity_time_offset), in m/s, NED; a: acceleration around the epoch;
+z = v_fix - v - gnss_velocity_bias - C_nb (w x lever_arm) + a (late + velocity_time_offset), in m/s, NED; a: acceleration around the epoch;
 `late`: as in `gnss_position`. The attitude error phi changes C_nb (w x lever_arm) by phi x C_nb (w x lever_arm), the
 error of the gyro bias by C_nb (lever_arm x bias).
 """
@@ -17,7 +17,16 @@ from ...tuning import Tunable
 from ..ekf import set_jacobian, set_jacobian3
 from ..fusion import NEVER, correct_state, gated_fix_update, write_innovation
 from ..lever_arm import antenna_velocity, attitude_row, gyro_bias_row
-from ..state import ATTITUDE, GYRO_BIAS, NAVIGATING, NEVER_NS, TIME_OFFSET, VELOCITY, VELOCITY_TIME_OFFSET
+from ..state import (
+    ATTITUDE,
+    GNSS_VELOCITY_BIAS,
+    GYRO_BIAS,
+    NAVIGATING,
+    NEVER_NS,
+    TIME_OFFSET,
+    VELOCITY,
+    VELOCITY_TIME_OFFSET,
+)
 from .gnss_gate import count_velocity_rejects
 from .gnss_noise import learn_velocity_noise, lever_arm_rate_variance, second_order_error
 from .wheel_check import check_receiver, wheels_reject
@@ -71,6 +80,7 @@ def velocity_jacobian(p: Parameters, c: Core, antenna: Vector, accel: float, i: 
     antenna: C_nb (w x lever_arm), m/s, NED; accel: m/s^2 along the axis. Returns the Jacobian's length.
     """
     k = set_jacobian(c, 0, VELOCITY + i, 1.0)
+    k = set_jacobian(c, k, GNSS_VELOCITY_BIAS + i, 1.0)
     k = set_jacobian(c, k, TIME_OFFSET, -accel)
     k = set_jacobian(c, k, VELOCITY_TIME_OFFSET, -accel)
     if c.alignment.mode != NAVIGATING:
@@ -92,8 +102,8 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, late: float, innovation
     age = late + c.nav.velocity_time_offset
     if c.odometer.last_used_ns != NEVER_NS:
         a, e = c.scratch.accel_fit, c.scratch.accel_fit_error
-        z_n = velocity_of(p, fix, 0) - c.nav.v_n[0] - antenna[0] + timed * age * a[0]
-        z_e = velocity_of(p, fix, 1) - c.nav.v_n[1] - antenna[1] + timed * age * a[1]
+        z_n = velocity_of(p, fix, 0) - c.nav.gnss_velocity_bias[0] - c.nav.v_n[0] - antenna[0] + timed * age * a[0]
+        z_e = velocity_of(p, fix, 1) - c.nav.gnss_velocity_bias[1] - c.nav.v_n[1] - antenna[1] + timed * age * a[1]
         r = velocity_variance(p, c, slow, 1.0, max(fix.sigma_v[0], fix.sigma_v[1])) + timed * (e[0] ** 2 + e[1] ** 2)
         check_receiver(p, c, z_n, z_e, a[0], a[1], r)
     gate = NEVER if wheels_reject(p, c) else p.tuning.gnss_velocity_gate
@@ -102,7 +112,7 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, late: float, innovation
         if not math.isfinite(received):
             continue
         accel, fit_error = timed * c.scratch.accel_fit[i], timed * c.scratch.accel_fit_error[i]
-        z = received - c.nav.v_n[i] - antenna[i] + age * accel
+        z = received - c.nav.gnss_velocity_bias[i] - c.nav.v_n[i] - antenna[i] + age * accel
         ratio2 = p.tuning.vertical_ratio**2 if i == 2 else 1.0  # of the variances, as for the position
         r = velocity_variance(p, c, slow, ratio2, fix.sigma_v[i]) + fit_error**2
         m = velocity_jacobian(p, c, antenna, accel, i)

@@ -1,8 +1,9 @@
 """The GNSS velocity, component by component: reported as three components, two, or speed and course.
 
-z = v_fix - v - gnss_velocity_bias - C_nb (w x lever_arm) + a (late + velocity_time_offset), in m/s, NED; a: acceleration
-around the epoch; `late`: as in `gnss_position`. The attitude error phi changes C_nb (w x lever_arm) by phi x C_nb (w x lever_arm), the
-error of the gyro bias by C_nb (lever_arm x bias).
+z = v_fix - v - gnss_velocity_bias - C_nb (w x lever_arm) + a (late + velocity_time_offset), in m/s, NED
+
+a: acceleration around the epoch; `late`: as in `gnss_position`. The attitude error phi changes C_nb (w x lever_arm) by
+phi x C_nb (w x lever_arm), the error of the gyro bias by C_nb (lever_arm x bias).
 """
 
 from __future__ import annotations

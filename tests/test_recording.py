@@ -193,9 +193,34 @@ def test_the_export_is_what_replay_takes_and_what_ros_reads(recorded, tmp_path):
     assert again.returncode == 0, again.stderr
     with AnyReader([ros], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
         counts = {connection.topic: connection.msgcount for connection in reader.connections}
-        assert counts == {"/imu/data": len(estimates), "/fix": len(positioned), "/odometry": len(positioned)}
-        fixes = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages() if c.topic == "/fix"]
-    assert [fix.latitude for fix in fixes] == np.degrees(positioned["lat"]).tolist()
+        read = {topic: [] for topic in counts}
+        for connection, log_ns, raw in reader.messages():
+            message = reader.deserialize(raw, connection.msgtype)
+            read[connection.topic].append(message)
+            first = message.transforms[0] if connection.topic.startswith("/tf") else message
+            assert first.header.stamp.sec * 10**9 + first.header.stamp.nanosec == log_ns
+        latched = next(c for c in reader.connections if c.topic == "/tf_static").ext.offered_qos_profiles
+    seconds = np.ptp(estimates["t_ns"]) * 1e-9
+    assert len(read["/diagnostics"]) == pytest.approx(seconds, abs=3)
+    assert counts | {"/diagnostics": 0} == {
+        **{topic: len(estimates) for topic in ("/imu/data_raw", "/imu/data")},
+        **{topic: len(positioned) for topic in ("/odometry", "/fix/filtered")},
+        **{topic: len(gnss) for topic in ("/fix", "/time_reference")},
+        **{"/tf": ((estimates["status"] & 1) > 0).sum(), "/tf_static": 1, "/diagnostics": 0},
+    }
+    assert [(policy.durability.name, policy.depth) for policy in latched] == [("TRANSIENT_LOCAL", 1)]
+    assert [fix.latitude for fix in read["/fix/filtered"]] == np.degrees(positioned["lat"]).tolist()
+    assert [fix.latitude for fix in read["/fix"]] == [float(row["lat_deg"]) for row in gnss]
+    samples = stored(recorded, SAMPLE_TABLE)
+    assert [m.angular_velocity.x for m in read["/imu/data_raw"]] == samples["w"][:, 0].tolist()
+    assert all(m.angular_velocity_covariance[0] > 0.0 for m in read["/imu/data_raw"] + read["/imu/data"])
+    for fix, reference in zip(read["/fix"], read["/time_reference"], strict=True):  # the emulator has the host's time
+        assert fix.header.stamp == reference.header.stamp
+        times = [stamp.sec + 1e-9 * stamp.nanosec for stamp in (reference.time_ref, fix.header.stamp)]
+        assert times[0] == pytest.approx(times[1], abs=0.5)
+    parts = {status.name: status for status in read["/diagnostics"][-1].status}
+    assert list(parts) == ["imud: filter", "imud: inertial sensor", "imud: receiver"]
+    assert parts["imud: inertial sensor"].hardware_id.startswith("M-G350")
 
 
 def test_a_recording_is_an_ordinary_port(recorded, tmp_path):

@@ -14,7 +14,7 @@ RUN_TIME = {"numpy", "numba", "llvmlite", "serial", "structlog", "msgspec", "spi
 RECORDING = (
     "drivers/capture.py",
     "imud/recording/file.py",
-    "imud/commands/export.py",
+    "imud/ros2/bag.py",
     "firmware_sim/recorded_bytes.py",
 )
 EXTRAS = {  # file: what it may import that an extra brings
@@ -67,7 +67,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     ("imud/sensors",),
     ("imud/outputs", "imud/tables"),
     ("imud/recording", "imud/batch.py", "imud/smoothing"),
-    ("imud/daemon/fast_loop.py",),
+    ("imud/daemon/fast_loop.py", "imud/ros2"),
     ("imud/compilation.py",),
     ("imud/daemon",),
     ("imud/experiments", "imud/api"),

@@ -3,9 +3,9 @@
 import argparse
 import math
 from collections.abc import Iterable
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
+from typing import TYPE_CHECKING, BinaryIO, Protocol
 
 from ..configuration.settings import Initial
 from ..errors import BadDataError, CannotCreateError, UsageError
@@ -14,7 +14,7 @@ from .arguments import above_zero
 from .files import refuse_overwriting
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
     from typing import TextIO
 
     from ..math.arrays import Records
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", type=Path, nargs="+", metavar="MCAP", help="the files of one recording")
     parser.add_argument("--csv", type=Path, metavar="DIR", help="imu.csv, gnss.csv and est.csv")
-    parser.add_argument("--ros2", type=Path, metavar="MCAP", help="Imu, NavSatFix and Odometry, in ENU and FLU")
+    parser.add_argument("--ros2", type=Path, metavar="MCAP", help="the messages of `imud ros2`, in ENU and FLU")
     for name in FORMATS:
         parser.add_argument(f"--{name}", type=Path, metavar="FILE", help="tracks of the estimates and of the receiver")
     parser.add_argument(
@@ -104,51 +104,6 @@ def _row(t_ns: int, cells: Iterable[float | str]) -> bytes:
     return f"{_seconds(t_ns)},{','.join(texts)}\n".encode()
 
 
-class Ros2File:
-    """An MCAP of ROS 2 messages."""
-
-    def __init__(self, path: Path, rate_hz: float, offset_ns: int, stack: ExitStack) -> None:
-        from mcap.writer import Writer
-
-        from ..recording.enu import LocalMap
-        from ..recording.ros import definition
-        from ..recording.writer import Thinner
-
-        try:
-            file = stack.enter_context(path.open("wb"))
-        except OSError as error:
-            raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error
-        self._writer: Any = Writer(file)
-        self._writer.start(profile="ros2", library="imud")
-        stack.callback(self._writer.finish)
-        self._channels = {}
-        for topic, name in _ROS_TOPICS.items():
-            schema = self._writer.register_schema(name, "ros2msg", definition(name).encode())
-            metadata = {"offered_qos_profiles": ""}
-            self._channels[topic] = self._writer.register_channel(topic, "cdr", schema, metadata)
-        self._plane = LocalMap()
-        self._thinner = Thinner(rate_hz)
-        self._offset_ns = offset_ns
-        self.fixes = 0
-
-    def step(self, samples: "Records", solutions: "Records") -> None:
-        """Rows of SAMPLE and SOLUTION."""
-        from ..recording.ros import imu, nav_sat_fix, odometry
-
-        for solution in self._thinner.kept(solutions):
-            unix_ns = int(solution["t_ns"]) + self._offset_ns
-            self._add("/imu/data", unix_ns, imu(solution, unix_ns))
-            if (message := odometry(solution, unix_ns, self._plane)) is not None:
-                self._add("/odometry", unix_ns, message)
-                self._add("/fix", unix_ns, nav_sat_fix(solution, unix_ns))
-
-    def write_fix(self, fix: "Records") -> None:
-        """Nothing is written: /fix holds the estimate."""
-
-    def _add(self, topic: str, unix_ns: int, message: bytes) -> None:
-        self._writer.add_message(self._channels[topic], unix_ns, message, unix_ns)
-
-
 class TrackFiles:
     """The files of the tracks, written at the end."""
 
@@ -185,13 +140,6 @@ class TrackFiles:
         write(file, [track for track in (self._estimates, self._fixes) if track.segments])
 
 
-_ROS_TOPICS = {
-    "/imu/data": "sensor_msgs/msg/Imu",
-    "/fix": "sensor_msgs/msg/NavSatFix",
-    "/odometry": "nav_msgs/msg/Odometry",
-}
-
-
 def run(args: argparse.Namespace) -> int:
     tracks = {name: path for name in FORMATS if (path := getattr(args, name))}
     if not (args.csv or args.ros2 or tracks):
@@ -202,20 +150,28 @@ def run(args: argparse.Namespace) -> int:
 
     recording = Recording(args.recording)
     adapt = adapter(None, (), None)
-    progress = Progress(1000)
-    with _targets(args, tracks, recording) as targets:
+    settings, progress = recording.settings(adapt), Progress(1000)
+    targets: list[Target] = []
 
-        def step(samples: "Records", solutions: "Records") -> None:
-            for target in targets:
-                target.step(samples, solutions)
+    def step(samples: "Records", solutions: "Records") -> None:
+        for target in targets:
+            target.step(samples, solutions)
 
-        def write_fix(fix: "Records") -> None:
-            for target in targets:
-                target.write_fix(fix)
+    def write_fix(fix: "Records") -> None:
+        for target in targets:
+            target.write_fix(fix)
 
-        player = Player(
-            recording.settings(adapt), adapt, Initial(), step, warn=recording.notes.append, on_fix=write_fix
-        )
+    player = Player(settings, adapt, Initial(), step, warn=recording.notes.append, on_fix=write_fix)
+    with ExitStack() as stack:
+        offset_ns = recording.unix_less_monotonic_ns
+        if args.csv:
+            targets.append(CsvFolder(args.csv, args.rate, stack))
+        if args.ros2:
+            from ..ros2.bag import Bag
+
+            targets.append(Bag(args.ros2, args.rate, offset_ns, player, settings.navigation.lever_arm_m, stack))
+        if tracks:
+            targets.append(TrackFiles(tracks, args.rate, offset_ns, stack))
         for entry in recording:
             player.take(entry)
             progress.at(1000 * recording.read_bytes // max(recording.bytes, 1))
@@ -226,16 +182,3 @@ def run(args: argparse.Namespace) -> int:
         recording.notes.append(f"{problem}: there are fixes only")
     tell("export", recording.notes)
     return 0
-
-
-@contextmanager
-def _targets(args: argparse.Namespace, tracks: dict[str, Path], recording: Any) -> "Iterator[list[Target]]":
-    with ExitStack() as stack:
-        targets: list[Target] = []
-        if args.csv:
-            targets.append(CsvFolder(args.csv, args.rate, stack))
-        if args.ros2:
-            targets.append(Ros2File(args.ros2, args.rate, recording.unix_less_monotonic_ns, stack))
-        if tracks:
-            targets.append(TrackFiles(tracks, args.rate, recording.unix_less_monotonic_ns, stack))
-        yield targets

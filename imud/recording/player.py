@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 
 from imud.drivers.capture import CONNECTIONS, Connection, Entry, Raw
+from imud.drivers.fix import Fix
 from imud.drivers.registry import by_name
 
 from ..configuration.settings import Initial, Settings
@@ -109,13 +110,25 @@ class Player:
         self._line = Replayed()
         self._pulse = ReplayedPulse()
         self._ports: dict[int, Inertial | Receiver] = {}
+        self._connections: dict[int, Connection] = {}
         self._imu: Connection | None = None
+        self.reported: Fix | None = None  # the fix that on_fix gets, as its receiver reported it; None: not known
+        self.now_ns = 0  # of the newest bytes
 
     @property
     def filter(self) -> Filter:
         """Of the inertial sensor that streams, which must be there."""
         assert self._selection.inertial is not None
         return self._selection.inertial.stream.filter
+
+    @property
+    def inertial(self) -> Inertial | None:
+        """The inertial sensor; None before the first."""
+        return self._selection.inertial
+
+    def sensors(self) -> list[tuple[Connection, Inertial | Receiver]]:
+        """Those that stream, with what their connections told."""
+        return [(self._connections[port], sensor) for port, sensor in self._ports.items()]
 
     def take(self, entry: Entry) -> None:
         """The next message. Raises BadDataError if it is not what its topic promises."""
@@ -132,11 +145,12 @@ class Player:
             raise BadDataError(f"a message on {entry.topic} cannot be understood: {error}") from error
 
     def _raw(self, port: int, raw: Raw) -> None:
-        sensor = self._ports.get(port)
+        sensor, self.now_ns = self._ports.get(port), raw.t_ns
         if isinstance(sensor, Receiver):
             self._pulse.pulse_ns = raw.pulse_ns
             fixes = sensor.take(raw.data, raw.t_ns) if raw.data else sensor.flush(raw.t_ns)
             for fix in fixes:
+                self.reported = sensor.used_last if fix is fixes[-1] else None
                 self._on_fix(fix)
                 self._update(fix)
             self._measured(sensor)
@@ -177,6 +191,7 @@ class Player:
                 self._imu = None
             return
         driver = by_name(said.driver)
+        self._connections[said.port] = said
         if driver.kind == "imu":
             known = msgspec.convert(_known(said.calibration if self._calibrated else {}), Calibration)
             biases = msgspec.convert(said.biases, Biases) if said.biases else None

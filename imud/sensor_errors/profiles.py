@@ -116,3 +116,21 @@ def ranges_of(settings: Settings) -> dict[str, float]:
         "accel_range": settings.imu.accel_range_g * STANDARD_GRAVITY,
     }
     return {name: value for name, value in given.items() if value > 0.0}
+
+
+@dataclass(frozen=True)
+class SampleSigma:
+    """What one sample of a sensor's three axes is worth, 1 sigma, SI."""
+
+    white: float  # noise of a single sample
+    bias: float  # at switch-on
+    scale: float  # share of the value: scale factor and misalignment
+
+
+def sample_sigmas(profile: Profile, rate_hz: float) -> tuple[SampleSigma, SampleSigma]:
+    """Of the gyros and of the accelerometers; white noise fills half of `rate_hz`."""
+    root = math.sqrt(rate_hz)
+    return (
+        SampleSigma(profile.gyro_noise * root, profile.gyro_bias_initial, profile.gyro_scale),
+        SampleSigma(profile.accel_noise * root, profile.accel_bias_initial, profile.accel_scale),
+    )

@@ -1,7 +1,9 @@
 """A receiver's fixes on their way to the filter: which of them are used, and their time and units in the filter."""
 
+import functools
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -82,3 +84,24 @@ def record(fix: Fix, t_ns: int, arrival_ns: int) -> Records:
     row["quality"] = fix.quality
     row["satellites"] = -1 if fix.satellites is None else fix.satellites
     return row
+
+
+def position_sigma(fix: np.void) -> tuple[float, float, float]:
+    """1 sigma north, east, down of a row of FIX; what the receiver does not report, as `navigation` takes it."""
+    from ..compile.jit import interpreted  # all of the navigation filter: not at every start
+    from ..estimators.ins.aiding.gnss_noise import horizontal_sigma
+
+    parameters = navigation_parameters()
+    row = np.array([fix], FIX).view(np.recarray)[0]
+    horizontal = float(interpreted(horizontal_sigma)(parameters, row))
+    down = float(row.sigma[2]) if math.isfinite(row.sigma[2]) else parameters.tuning.vertical_ratio * horizontal
+    return horizontal, horizontal, down
+
+
+@functools.cache
+def navigation_parameters() -> Any:
+    """The parameters of `navigation` with its own settings."""
+    from ..configuration.settings import Settings
+    from ..estimators.ins.parameters import configure
+
+    return configure(Settings(), 1.0).view(np.recarray)[0]

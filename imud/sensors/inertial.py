@@ -9,6 +9,7 @@ from imud.drivers.driver import ImuConfigured, ImuDriver
 from imud.drivers.transport.line import Known, Line
 
 from ..pipeline import InertialPipeline
+from ..sensor_errors.profiles import SampleSigma, profile_of, sample_sigmas
 from ..sensor_monitor.findings import words
 from ..sensor_monitor.health import shown
 from .byte_sink import READ_BYTES, ByteSink
@@ -99,6 +100,13 @@ class Inertial:
         sample = self.stream.samples[self._newest]
         rates = sample["w"].tolist() if self._has_gyros else NO_VECTOR
         return (*rates, *sample["f"].tolist())
+
+    @property
+    def sample_sigmas(self) -> tuple[SampleSigma | None, SampleSigma]:
+        """What a sample's rates and forces are worth by the noise profile; None without a whole set of gyros."""
+        filter_ = self.stream.filter
+        gyro, accel = sample_sigmas(profile_of(filter_.settings), filter_.rate_hz)
+        return gyro if self._has_gyros else None, accel
 
     def look(self, now_ns: int) -> None:
         """Call now and then: how fast samples come, and how many of them do not."""

@@ -1,0 +1,116 @@
+"""An MCAP file of the messages that `imud ros2` publishes live, made of a recording that is replayed."""
+
+from collections.abc import Iterable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import CannotCreateError
+from ..math.arrays import Records
+from ..outputs.gpsd_json import status_text
+from ..pipeline import Filter
+from ..recording.enu import Vector
+from ..recording.player import Player
+from ..recording.writer import Thinner
+from ..sensors.inertial import Inertial
+from .converter import Converter, Message
+from .definitions import STATIC, TOPICS, definition
+from .messages import Diagnosis, Sigmas, filter_diagnosis
+
+_DIAGNOSES_NS = 1_000_000_000  # from one to the next
+_NAMES = {"imu": "inertial sensor", "gnss": "receiver"}
+# rosbag2's numbers of the policies: keep the last 1, reliable, transient local; for subscribers that come later
+_FOREVER = "{sec: 9223372036, nsec: 854775807}"
+_LATCHED = (
+    f"- history: 1\n  depth: 1\n  reliability: 1\n  durability: 1\n  deadline: {_FOREVER}\n  lifespan: {_FOREVER}\n"
+    f"  liveliness: 1\n  liveliness_lease_duration: {_FOREVER}\n  avoid_ros_namespace_conventions: false\n"
+)
+
+
+class Bag:
+    """The file of one recording."""
+
+    def __init__(
+        self, path: Path, rate_hz: float, offset_ns: int, player: Player, antenna_m: Vector, stack: ExitStack
+    ) -> None:
+        """rate_hz: of samples and solutions, 0: all; offset_ns: Unix time less the recording's; antenna_m: from the
+        inertial sensor, FRD. Raises ImudError.
+        """
+        from mcap.writer import Writer
+
+        try:
+            file = stack.enter_context(path.open("wb"))
+        except OSError as error:
+            raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error
+        self._writer: Any = Writer(file)
+        self._writer.start(profile="ros2", library="imud")
+        stack.callback(self._writer.finish)
+        self._channels: dict[str, int] = {}
+        self._converter = Converter()
+        self._samples, self._solutions = Thinner(rate_hz), Thinner(rate_hz)
+        self._offset_ns = offset_ns
+        self._player, self._antenna_m = player, antenna_m
+        self._filter: Filter | None = None
+        self._status = 0
+        self._diagnosed_ns = -_DIAGNOSES_NS
+        self.fixes = 0
+
+    def step(self, samples: Records, solutions: Records) -> None:
+        """Rows of SAMPLE and SOLUTION."""
+        inertial = self._player.inertial
+        assert inertial is not None
+        if inertial.stream.filter is not self._filter:
+            self._filter = inertial.stream.filter
+            self._converter.sigmas = Sigmas(*inertial.sample_sigmas)
+        for sample in self._samples.kept(samples):
+            self._add(self._converter.of_sample(sample, self._unix_ns(sample)))
+        for solution in self._solutions.kept(solutions):
+            self._status = int(solution["status"])
+            self._add(self._converter.of_solution(solution, self._unix_ns(solution)))
+        self._diagnose()
+
+    def write_fix(self, fix: Records) -> None:
+        """An array of one FIX."""
+        self.fixes += 1
+        self._add(self._converter.of_fix(fix[0], self._unix_ns(fix[0]), self._player.reported))
+        self._diagnose()
+
+    def _unix_ns(self, row: np.void) -> int:
+        return int(row["t_ns"]) + self._offset_ns
+
+    def _diagnose(self) -> None:
+        """Once a second, as the daemon would have said it then."""
+        now_ns = self._player.now_ns
+        if now_ns - self._diagnosed_ns < _DIAGNOSES_NS:
+            return
+        self._diagnosed_ns = now_ns
+        parts = []
+        if self._filter is not None:
+            parts.append(filter_diagnosis(self._filter.estimator.name, status_text(self._status)))
+        for said, sensor in self._player.sensors():
+            values = {"path": said.path, "driver": said.driver, **sensor.properties(now_ns)}
+            identity = said.imu().identity if isinstance(sensor, Inertial) else said.gnss().identity
+            hardware = " ".join(filter(None, (identity.model or identity.driver, identity.serial)))
+            parts.append(Diagnosis(_NAMES[said.kind], sensor.faults(now_ns), hardware, values))
+            sensor.look(now_ns)
+        self._add(self._converter.of_diagnoses(parts, now_ns + self._offset_ns))
+
+    def _add(self, messages: Iterable[Message]) -> None:
+        for message in messages:
+            if not self._channels:
+                self._write(self._converter.static(self._antenna_m, message.unix_ns))
+            self._write(message)
+
+    def _write(self, message: Message) -> None:
+        topic, unix_ns, data = message
+        if topic not in self._channels:
+            self._channels[topic] = self._channel(topic)
+        self._writer.add_message(self._channels[topic], unix_ns, data, unix_ns)
+
+    def _channel(self, topic: str) -> int:
+        kind = TOPICS[topic]
+        schema = self._writer.register_schema(kind, "ros2msg", definition(kind).encode())
+        profiles = {"offered_qos_profiles": _LATCHED if topic == STATIC else ""}
+        return int(self._writer.register_channel(f"/{topic.lstrip('/')}", "cdr", schema, profiles))

@@ -64,7 +64,7 @@ class Frames:
         return self._t_ns is not None
 
     def _reckon(self, solution: np.void) -> None:
-        """The body in odom: half the way with the twist before, half with the new one."""
+        """The body in odom: half the time with the twist before, half with the new one."""
         t_ns, q = int(solution["t_ns"]), attitude(solution["q_nb"].tolist())
         v, w = world(solution["v"].tolist()), body(solution["w"].tolist())
         v = turned(inverse(q), v) if math.isfinite(sum(v)) else (0.0, 0.0, 0.0)
@@ -75,9 +75,9 @@ class Frames:
         elif 0 < t_ns - self._t_ns <= GAP_NS:
             half_s = 0.5e-9 * (t_ns - self._t_ns)
             angle = _sum(_sum((0.0, 0.0, 0.0), self._rate, half_s), w, half_s)
-            way = _sum(_sum((0.0, 0.0, 0.0), self._velocity, half_s), v, half_s)
+            path = _sum(_sum((0.0, 0.0, 0.0), self._velocity, half_s), v, half_s)
             middle = product(direction, _rotation(_sum((0.0, 0.0, 0.0), angle, 0.5)))
-            place = _sum(place, turned(middle, way))
+            place = _sum(place, turned(middle, path))
             direction = product(direction, _rotation(angle))
             size = math.hypot(*direction)
             direction = direction[0] / size, direction[1] / size, direction[2] / size, direction[3] / size

@@ -136,13 +136,13 @@ def body_velocity(solution: np.void) -> tuple[list[float], Floats]:
     """The velocity in the body (FLU) and its covariance (3 x 3): that of the velocity in NED, and what the errors of
     the attitude make of it.
     """
-    r_nb = _matrix(solution["q_nb"].tolist())
-    v = solution["v"]
+    r_nb, v = _matrix(solution["q_nb"].tolist()), solution["v"]
+    north, east, down = v.tolist()
+    cross = np.array([[0.0, down, -east], [-down, 0.0, north], [east, -north, 0.0]])  # axis @ cross: v x axis
     yaw = math.atan2(r_nb[1, 0], r_nb[0, 0])
-    axes = (r_nb[:, 0], np.array([-math.sin(yaw), math.cos(yaw), 0.0]), np.array([0.0, 0.0, 1.0]))  # roll, pitch, yaw
-    errors = [s * axis for s, axis in zip(solution["sigma_v"], np.eye(3), strict=True)]
-    errors += [s * np.cross(v, axis) for s, axis in zip(solution["sigma_rpy"], axes, strict=True)]
-    turned = np.array([v, *errors]) @ r_nb * (1.0, -1.0, -1.0)
+    axes = np.array([r_nb[:, 0], (-math.sin(yaw), math.cos(yaw), 0.0), (0.0, 0.0, 1.0)])  # of roll, pitch, yaw
+    errors = np.diag(solution["sigma_v"]), solution["sigma_rpy"][:, np.newaxis] * (axes @ cross)
+    turned = np.vstack([v, *errors]) @ r_nb * (1.0, -1.0, -1.0)
     return turned[0].tolist(), turned[1:].T @ turned[1:]
 
 

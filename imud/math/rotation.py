@@ -13,6 +13,18 @@ GIMBAL_LOCK_SINE = 1.0 - 1e-13  # sine of a pitch at which rounding decides what
 
 
 @kernel
+def cross(a: Vector, b: Vector) -> Vector:
+    """a x b."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+@kernel
+def dot(a: Vector, b: Vector) -> float:
+    """a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
 def quat_product(a: Quaternion, b: Quaternion) -> Quaternion:
     """Hamilton product a*b."""
     return (

@@ -10,7 +10,7 @@ Source: Groves (2013), sec. 3.2 and 14.2; Sola, Quaternion kinematics for the er
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from ...math.kalman import measure, packed_index, reset, shear, shear3, update
@@ -35,6 +35,7 @@ from .state import (
     VELOCITY,
     VELOCITY_TIME_OFFSET,
 )
+from .vehicle_axes import rotate_vehicle_axes
 
 if TYPE_CHECKING:
     from .types import Core, Parameters
@@ -148,45 +149,6 @@ def cancel_correction(c: Core, i: int) -> None:
 
 
 @kernel
-def rotate_forward_axis(c: Core, pitch: float, yaw: float) -> None:
-    """Rotate forward and lateral axes of the vehicle by small angles, rad, about lateral and vertical axis."""
-    f, l = c.nav.forward, c.nav.lateral  # noqa: E741
-    fx, fy, fz = f[0], f[1], f[2]
-    lx, ly, lz = l[0], l[1], l[2]
-    ux, uy, uz = fy * lz - fz * ly, fz * lx - fx * lz, fx * ly - fy * lx
-    fx, fy, fz = fx + yaw * lx - pitch * ux, fy + yaw * ly - pitch * uy, fz + yaw * lz - pitch * uz
-    n = math.sqrt(fx * fx + fy * fy + fz * fz)
-    fx, fy, fz = fx / n, fy / n, fz / n
-    s = lx * fx + ly * fy + lz * fz
-    lx, ly, lz = lx - s * fx, ly - s * fy, lz - s * fz
-    n = math.sqrt(lx * lx + ly * ly + lz * lz)
-    f[0], f[1], f[2] = fx, fy, fz
-    l[0], l[1], l[2] = lx / n, ly / n, lz / n
-
-
-@kernel
-def set_forward_axis(c: Core, forward: Any, lateral: Any) -> None:
-    """Set forward and lateral axis of the vehicle (unit vectors, body) and a zero lever arm of the constraint."""
-    for i in range(3):
-        c.nav.forward[i], c.nav.lateral[i] = forward[i], lateral[i]
-    c.nav.nhc_lever_arm = 0.0
-
-
-@kernel
-def clear_gnss_bias(c: Core, axis: int, variance: float) -> None:
-    """Set the GNSS bias along an axis to zero, with `variance` (m^2)."""
-    decorrelate(c, GNSS_BIAS + axis, variance)
-    c.nav.gnss_bias[axis] = 0.0
-
-
-@kernel
-def clear_time_offset(c: Core, variance: float) -> None:
-    """Set the time offset to zero, with `variance` (s^2)."""
-    c.nav.time_offset = 0.0
-    decorrelate(c, TIME_OFFSET, variance)
-
-
-@kernel
 def rotate_tilt_covariance(c: Core, psi: float) -> None:
     """Rotate the covariance of the tilt errors (NED) by a heading correction `psi`, rad (as three shears, twice).
 
@@ -219,7 +181,7 @@ def inject_error(p: Parameters, c: Core) -> None:
     rotate_attitude(c, x[ATTITUDE], x[ATTITUDE + 1], 0.0)  # in the axes of the old heading, which may be far off
     rotate_attitude(c, 0.0, 0.0, x[ATTITUDE + 2])
     if c.nhc.enabled:
-        rotate_forward_axis(c, x[MOUNT_PITCH], x[MOUNT_YAW])
+        rotate_vehicle_axes(c, x[MOUNT_PITCH], x[MOUNT_YAW])
         n.nhc_lever_arm += x[NHC_LEVER_ARM]
     n.time_offset += x[TIME_OFFSET]
     n.velocity_time_offset += x[VELOCITY_TIME_OFFSET]

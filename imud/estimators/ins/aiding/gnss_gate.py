@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..ekf import add_covariance, add_variance, clear_gnss_bias, decorrelate, variance
+from ..ekf import add_covariance, add_variance, decorrelate, variance
 from ..integrity.gnss_drift import all_onsets_open, clear_detection, reset_drift
 from ..integrity.reset_inflation import inflate_position
 from ..mechanization import displace
 from ..state import ATTITUDE, NAVIGATING, POSITION, VELOCITY
+from .gnss_noise import clear_gnss_bias
 from .wheel_check import wheels_reject, wheels_support
 
 if TYPE_CHECKING:
@@ -121,8 +122,8 @@ def share_blame(p: Parameters, c: Core, excess: float) -> float:
 
 
 @kernel
-def position_residual(c: Core, axis: int) -> float:
-    """Position of the fix minus the estimate along an axis, m, without the estimated GNSS bias."""
+def bias_free_innovation(c: Core, axis: int) -> float:
+    """Innovation of the position along an axis, m, without the estimated GNSS bias."""
     return float(c.scratch.position_innovation[axis] + c.nav.gnss_bias[axis])
 
 
@@ -132,7 +133,7 @@ def drift_is_plausible(p: Parameters, c: Core, fix: Fix, outage_s: float) -> boo
 
     Not where the estimate is new, or was without fixes before: then the estimate is as likely to be wrong.
     """
-    distance = math.hypot(position_residual(c, 0), position_residual(c, 1))
+    distance = math.hypot(bias_free_innovation(c, 0), bias_free_innovation(c, 1))
     recent = c.integrity.outage_at_reject_s < p.tuning.fresh_fix_s
     return bool(
         not reports_velocity(fix) and all_onsets_open(c) and recent and distance < p.tuning.max_drift_speed * outage_s
@@ -153,11 +154,11 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
     for i in range(2):
         bias2 = c.gnss.reported_sigma[0] ** 2 * (1.0 - math.exp(-dt / p.tuning.gnss_bias_time_s))
         allowed = 2.0 * (bias2 + c.gnss.noise_var[0]) + (variance(c, VELOCITY + i) + inertial2) * dt * dt
-        leaves = leaves or (position_residual(c, i) - g.reject_offset[i]) ** 2 > p.tuning.consistency_gate * allowed
+        leaves = leaves or (bias_free_innovation(c, i) - g.reject_offset[i]) ** 2 > p.tuning.consistency_gate * allowed
     if g.reject_count[0] == 1 or leaves:
         g.reject_start_ns[0] = c.nav.t_ns
         for i in range(2):
-            g.reject_offset[i] = position_residual(c, i)
+            g.reject_offset[i] = bias_free_innovation(c, i)
         return 0.0
     return float(dt)
 
@@ -171,7 +172,7 @@ def reset_to_gnss(c: Core, first: int, last: int, supported: bool) -> None:
     Unless the velocity is supported, the variances of velocity and heading are increased, too.
     """
     for i in range(first, last):
-        z, sigma = position_residual(c, i), c.gnss.reported_sigma[i // 2]
+        z, sigma = bias_free_innovation(c, i), c.gnss.reported_sigma[i // 2]
         displace(c, z if i == 0 else 0.0, z if i == 1 else 0.0, z if i == 2 else 0.0)
         decorrelate(c, POSITION + i, 4.0 * sigma * sigma + 1.0)
         clear_gnss_bias(c, i, sigma * sigma)

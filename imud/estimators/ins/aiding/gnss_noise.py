@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..ekf import add_covariance, add_variance, clear_gnss_bias, variance
+from ..ekf import add_covariance, add_variance, decorrelate, variance
 from ..integrity.gnss_drift import reset_drift
-from ..state import ATTITUDE, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY_TIME_OFFSET
+from ..state import ATTITUDE, GNSS_BIAS, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY_TIME_OFFSET
 
 if TYPE_CHECKING:
     from ...types import Fix
@@ -73,6 +73,13 @@ def horizontal_sigma(p: Parameters, fix: Fix) -> float:
     hdop = fix.hdop if fix.hdop > 0.0 else p.tuning.unknown_hdop
     unit = p.tuning.rtk_fixed if fix.quality == 4 else (p.tuning.rtk_float if fix.quality == 5 else p.tuning.uere)
     return unit * hdop
+
+
+@kernel
+def clear_gnss_bias(c: Core, axis: int, variance: float) -> None:
+    """Set the GNSS bias along an axis to zero, with `variance` (m^2)."""
+    decorrelate(c, GNSS_BIAS + axis, variance)
+    c.nav.gnss_bias[axis] = 0.0
 
 
 @kernel

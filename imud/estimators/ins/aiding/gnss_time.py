@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..ekf import clear_time_offset, decorrelate, standard_deviation
+from ..ekf import decorrelate, standard_deviation
 from ..state import TIME_OFFSET
 
 if TYPE_CHECKING:
@@ -45,6 +45,13 @@ TUNABLES = (
         "Half of the step in which they are counted.",
     ),
 )
+
+
+@kernel
+def clear_time_offset(c: Core, variance: float) -> None:
+    """Set the time offset to zero, with `variance` (s^2)."""
+    c.nav.time_offset = 0.0
+    decorrelate(c, TIME_OFFSET, variance)
 
 
 @kernel

@@ -17,10 +17,10 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from ....compile.jit import kernel
-from ....math.rotation import quat_exp, quat_rotate, quat_rotate_back
+from ....math.rotation import cross, dot, quat_exp, quat_rotate, quat_rotate_back
 from ...records import NHC_LATERAL, NHC_VERTICAL
 from ...tuning import Tunable
-from ..ekf import add_variance, decorrelate, set_forward_axis, set_jacobian, variance
+from ..ekf import add_variance, decorrelate, set_jacobian, set_jacobian3, variance
 from ..fusion import correct_state, pseudo_measurement
 from ..mechanization import ned_to_body, quaternion
 from ..state import (
@@ -36,6 +36,7 @@ from ..state import (
     TURN_SCALE,
     VELOCITY,
 )
+from ..vehicle_axes import forward_axis, lateral_axis, set_vehicle_axes, vertical_axis
 from .nhc_noise import add_innovation, clear_sums, learn_noise_scale, reset_noise_scale
 
 if TYPE_CHECKING:
@@ -127,7 +128,7 @@ def find_forward_axis(p: Parameters, c: Core) -> None:
     if land:
         found = n >= t.axis_windows_land and across < t.axis_across_land * n
     else:
-        turned = ground_residual(c) - across > t.axis_ground
+        turned = scatter_across_ground_line(c) - across > t.axis_ground
         found = n >= t.axis_windows and across < (t.axis_across + t.axis_across_growth * n) * n and turned
     if found:
         enable_nhc(p, c)
@@ -199,7 +200,7 @@ def rotate_scatter(c: Core, psi: float) -> None:
 
 
 @kernel
-def ground_residual(c: Core) -> float:
+def scatter_across_ground_line(c: Core) -> float:
     """Smaller eigenvalue of the scatter over ground: sum of squares across its principal line."""
     h = c.nhc
     half = 0.5 * (h.ground_scatter[0] + h.ground_scatter[2])
@@ -233,12 +234,12 @@ def enable_nhc(p: Parameters, c: Core) -> None:
     h = c.nhc
     n = math.sqrt(h.down_sum[0] ** 2 + h.down_sum[1] ** 2 + h.down_sum[2] ** 2)
     down = (h.down_sum[0] / n, h.down_sum[1] / n, h.down_sum[2] / n)
-    fx, fy, fz = h.principal_axis[0], h.principal_axis[1], h.principal_axis[2]
-    lx, ly, lz = down[1] * fz - down[2] * fy, down[2] * fx - down[0] * fz, down[0] * fy - down[1] * fx
+    forward = (h.principal_axis[0], h.principal_axis[1], h.principal_axis[2])
+    lx, ly, lz = cross(down, forward)
     s = math.sqrt(lx * lx + ly * ly + lz * lz)
     if s < 0.5:  # vertical motion: no land vehicle
         return
-    set_forward_axis(c, (fx, fy, fz), (lx / s, ly / s, lz / s))
+    set_vehicle_axes(c, forward, (lx / s, ly / s, lz / s))
     decorrelate(c, MOUNT_PITCH, p.tuning.mount_sigma**2)
     decorrelate(c, MOUNT_YAW, p.tuning.mount_sigma**2 + variance(c, ATTITUDE + 2))
     decorrelate(c, NHC_LEVER_ARM, p.tuning.nhc_lever_arm_sigma**2)
@@ -288,12 +289,8 @@ def nhc_jacobian(c: Core, q: Any, e: Any, along: float, mount: int) -> int:
     forward speed, m/s. The change of a vector with the attitude is phi x C e, so that of the velocity C e x v.
     """
     en = quat_rotate(q, e)
-    k = 0
-    for i in range(3):
-        k = set_jacobian(c, k, VELOCITY + i, en[i])
-    k = set_jacobian(c, k, ATTITUDE, en[1] * c.nav.v_n[2] - en[2] * c.nav.v_n[1])
-    k = set_jacobian(c, k, ATTITUDE + 1, en[2] * c.nav.v_n[0] - en[0] * c.nav.v_n[2])
-    k = set_jacobian(c, k, ATTITUDE + 2, en[0] * c.nav.v_n[1] - en[1] * c.nav.v_n[0])
+    k = set_jacobian3(c, 0, VELOCITY, en)
+    k = set_jacobian3(c, k, ATTITUDE, cross(en, (c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2])))
     return set_jacobian(c, k, mount, -along if mount == MOUNT_YAW else along)
 
 
@@ -306,27 +303,21 @@ def fuse_nhc(p: Parameters, c: Core) -> None:
     h = c.nhc
     q = quaternion(c)
     vb = quat_rotate_back(q, (c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2]))
-    f = (c.nav.forward[0], c.nav.forward[1], c.nav.forward[2])
-    lateral = (c.nav.lateral[0], c.nav.lateral[1], c.nav.lateral[2])
-    vertical = (
-        f[1] * lateral[2] - f[2] * lateral[1],
-        f[2] * lateral[0] - f[0] * lateral[2],
-        f[0] * lateral[1] - f[1] * lateral[0],
-    )
-    along = f[0] * vb[0] + f[1] * vb[1] + f[2] * vb[2]
+    forward, lateral, vertical = forward_axis(c), lateral_axis(c), vertical_axis(c)
+    along = dot(forward, vb)
     h.since_update = 0.0
     if abs(along) < p.tuning.nhc_min_speed:
         return
-    turn = vertical[0] * c.imu.rate_b[0] + vertical[1] * c.imu.rate_b[1] + vertical[2] * c.imu.rate_b[2]
+    turn = dot(vertical, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))
     rate = math.sqrt(c.imu.rate_b[0] ** 2 + c.imu.rate_b[1] ** 2 + c.imu.rate_b[2] ** 2)
     r = (p.tuning.nhc_sigma + (p.tuning.turn_sideslip + p.tuning.tyre_sideslip * along * along) * rate) ** 2
     suspension2 = (p.tuning.suspension_pitch * along) ** 2 * 2.0 * p.tuning.suspension_time_s / p.tuning.nhc_interval_s
     k = set_jacobian(c, nhc_jacobian(c, q, lateral, along, MOUNT_YAW), NHC_LEVER_ARM, -turn)
-    z = c.nav.nhc_lever_arm * turn - (lateral[0] * vb[0] + lateral[1] * vb[1] + lateral[2] * vb[2])
+    z = c.nav.nhc_lever_arm * turn - dot(lateral, vb)
     value, s, lateral_nis = pseudo_measurement(c, NHC_LATERAL, k, z, h.noise_scale[0] * r, p.tuning.nhc_gate)
     add_innovation(c, 0, value, s)
     k = nhc_jacobian(c, q, vertical, along, MOUNT_PITCH)
-    z = -(vertical[0] * vb[0] + vertical[1] * vb[1] + vertical[2] * vb[2])
+    z = -dot(vertical, vb)
     value, s, vertical_nis = pseudo_measurement(
         c, NHC_VERTICAL, k, z, h.noise_scale[1] * r + suspension2, p.tuning.nhc_gate
     )

@@ -13,10 +13,10 @@ left out. *Time.* The reading may be late by an unknown time, an error in propor
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
-from ....math.rotation import quat_rotate, quat_rotate_back
+from ....math.rotation import Vector, dot, quat_rotate, quat_rotate_back
 from ...aiding_source import AidingSource, Column
 from ...innovation_kinds import KINDS
 from ...records import ODOMETER, ODOMETER_SOURCE
@@ -25,6 +25,7 @@ from ..ekf import add_covariance, add_variance, innovation, innovation_variance,
 from ..fusion import correct_state, fuse, write_innovation
 from ..mechanization import quaternion
 from ..state import ATTITUDE, MOUNT_PITCH, MOUNT_YAW, NEVER_NS, ODOMETER_SCALE, VELOCITY
+from ..vehicle_axes import forward_axis, lateral_axis, vertical_axis
 
 if TYPE_CHECKING:
     from ...types import Innovation, Measurement
@@ -94,7 +95,7 @@ def signed_reading(p: Parameters, c: Core, reading: float, along: float, sigma: 
 
 
 @kernel
-def odometer_jacobian(c: Core, forward: Any, v_b: Any, along: float) -> int:
+def odometer_jacobian(c: Core, forward: Vector, v_b: Vector, along: float) -> int:
     """Jacobian of a reading; returns its length. v_b: velocity of the wheel in the body; along: its forward part."""
     gain = 1.0 + c.nav.odometer_scale
     f, v = quat_rotate(quaternion(c), forward), c.nav.v_n
@@ -106,12 +107,8 @@ def odometer_jacobian(c: Core, forward: Any, v_b: Any, along: float) -> int:
     k = set_jacobian(c, k, ATTITUDE + 2, gain * (f[0] * v[1] - f[1] * v[0]))
     k = set_jacobian(c, k, ODOMETER_SCALE, along)
     if c.nhc.enabled:  # the forward axis is estimated: e_x <- e_x + yaw e_y - pitch e_z
-        e = c.nav.lateral
-        x = forward[1] * e[2] - forward[2] * e[1]
-        y = forward[2] * e[0] - forward[0] * e[2]
-        z = forward[0] * e[1] - forward[1] * e[0]
-        k = set_jacobian(c, k, MOUNT_YAW, gain * (e[0] * v_b[0] + e[1] * v_b[1] + e[2] * v_b[2]))
-        k = set_jacobian(c, k, MOUNT_PITCH, -gain * (x * v_b[0] + y * v_b[1] + z * v_b[2]))
+        k = set_jacobian(c, k, MOUNT_YAW, gain * dot(lateral_axis(c), v_b))
+        k = set_jacobian(c, k, MOUNT_PITCH, -gain * dot(vertical_axis(c), v_b))
     return k
 
 
@@ -133,7 +130,7 @@ def time_since_last(p: Parameters, c: Core, m: Measurement) -> float:
 
 
 @kernel
-def doubt_velocity(p: Parameters, c: Core, forward: Any, z: float, dt: float) -> None:
+def doubt_velocity(p: Parameters, c: Core, forward: Vector, z: float, dt: float) -> None:
     """After a rejection: the wheels slip, or the velocity is wrong. The longer it lasts, the more is added to P.
 
     z: innovation, m/s; dt: time since the last reading, s.
@@ -152,8 +149,7 @@ def doubt_velocity(p: Parameters, c: Core, forward: Any, z: float, dt: float) ->
 @kernel
 def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
     """Gate and fuse a reading; returns the rows of innovations."""
-    e, arm = c.nav.forward, p.odometer_lever_arm
-    forward = (e[0], e[1], e[2])
+    forward, arm = forward_axis(c), p.odometer_lever_arm
     v_b = quat_rotate_back(quaternion(c), (c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2]))
     w = (c.imu.w[0] - c.nav.bg[0], c.imu.w[1] - c.nav.bg[1], c.imu.w[2] - c.nav.bg[2])
     wheel = (
@@ -162,8 +158,7 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
         v_b[2] + w[0] * arm[1] - w[1] * arm[0],
     )
     a = quat_rotate_back(quaternion(c), (c.imu.accel_n[0], c.imu.accel_n[1], c.imu.accel_n[2]))
-    accel = e[0] * a[0] + e[1] * a[1] + e[2] * a[2]
-    along = e[0] * wheel[0] + e[1] * wheel[1] + e[2] * wheel[2]
+    accel, along = dot(forward, a), dot(forward, wheel)
     k = odometer_jacobian(c, forward, wheel, along)
     variance = innovation_variance(c, k)
     reading = signed_reading(p, c, m.value[0], along, math.sqrt(max(variance, 0.0)))

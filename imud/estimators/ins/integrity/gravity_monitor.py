@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ....math.earth import EARTH_RATE_RADPS, gravity
-from ....math.rotation import Vector
+from ....math.rotation import Vector, cross, dot
 from ...tuning import Tunable
 from ..alignment.velocity_pairs import flag_heading, reset_pairs
 from ..ekf import add_variance, decorrelate, innovation_variance, set_jacobian3, variance
@@ -40,18 +40,6 @@ TUNABLES = (
     Tunable("recent_rest_s", 10.0, "s", "A bias found wrong was right until the last rest, if so recent.", "Choice."),
     Tunable("wrong_bias_gate", 16.0, "NIS", "Gate of the bias that fixed gravity shows.", "Four sigma."),
 )
-
-
-@kernel
-def cross(a: Vector, b: Vector) -> Vector:
-    """a x b."""
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-
-
-@kernel
-def dot(a: Vector, b: Vector) -> float:
-    """a . b."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @kernel

@@ -1,8 +1,8 @@
 """Jacobians of position, velocity, non-holonomic constraint, heading and odometer against finite differences.
 
-Each measurement is evaluated by the filter's own code, as plain Python, which hands its Jacobian and its residual to a
-recorder instead of the Kalman filter. The nominal state is displaced along one error state by `inject_error`. A
-residual is measured minus predicted, so that its derivative is minus the Jacobian.
+Each measurement is evaluated by the filter's own code, as plain Python, which hands its Jacobian and its innovation to
+a recorder instead of the Kalman filter. The nominal state is displaced along one error state by `inject_error`. An
+innovation is measured minus predicted, so that its derivative is minus the Jacobian.
 """
 
 import numpy as np
@@ -47,7 +47,7 @@ def record(array):
 
 
 class Recorder:
-    """Stands for the Kalman filter: keeps the Jacobian (STATES) and the residual of every measurement."""
+    """Stands for the Kalman filter: keeps the Jacobian (STATES) and the innovation of every measurement."""
 
     def __init__(self):
         self.rows = []
@@ -56,14 +56,14 @@ class Recorder:
         self._keep(c, m, z)
         return z, r, 1.0
 
-    def gated_fix_update(self, p, c, m, z, r, gate):
+    def correlated_update(self, c, m, z, r, shared, gate):
+        return self.gated_update(c, m, z, r, gate)
+
+    def fix_update(self, p, c, m, z, r, gate, axis):
         return self.gated_update(c, m, z, r, gate)
 
     def pseudo_measurement(self, c, kind, m, z, r, gate):
         return self.gated_update(c, m, z, r, gate)
-
-    def fuse(self, c, m, z, s, axis):
-        self._keep(c, m, z)
 
     def _keep(self, c, m, z):
         jacobian = np.zeros(STATES)
@@ -75,11 +75,11 @@ class Recorder:
 @pytest.fixture
 def recorder(monkeypatch):
     made = Recorder()
-    monkeypatch.setattr(gnss_position, "fuse", made.fuse)
-    monkeypatch.setattr(gnss_velocity, "gated_fix_update", made.gated_fix_update)
-    monkeypatch.setattr(heading, "fuse", made.fuse)
-    monkeypatch.setattr(odometer, "fuse", made.fuse)
-    monkeypatch.setattr(barometer, "fuse", made.fuse)
+    monkeypatch.setattr(gnss_position, "fix_update", made.fix_update)
+    monkeypatch.setattr(gnss_velocity, "fix_update", made.fix_update)
+    monkeypatch.setattr(heading, "correlated_update", made.correlated_update)
+    monkeypatch.setattr(odometer, "correlated_update", made.correlated_update)
+    monkeypatch.setattr(barometer, "correlated_update", made.correlated_update)
     monkeypatch.setattr(non_holonomic, "pseudo_measurement", made.pseudo_measurement)
     return made
 
@@ -188,8 +188,8 @@ MEASUREMENTS = {  # measurement: rows, and the error states by which its Jacobia
 }
 
 
-def residuals(recorder, measure, seed, state, step, rolling=False):
-    """Jacobians (rows, STATES) and residuals (rows) with the nominal state displaced by `step` along an error state."""
+def innovations(recorder, measure, seed, state, step, rolling=False):
+    """Jacobians (rows, STATES) and innovations (rows), the nominal state displaced by `step` along an error state."""
     p, s = nominal(seed, rolling)
     parameters, c = record(p), record(s).core[0]
     fix = fix_near(c, np.random.default_rng(seed))
@@ -201,9 +201,9 @@ def residuals(recorder, measure, seed, state, step, rolling=False):
 
 
 def differenced(recorder, measure, seed, state, rolling=False):
-    """Derivative of the residuals with respect to an error state, by central differences."""
-    _, ahead = residuals(recorder, measure, seed, state, STEP, rolling)
-    _, behind = residuals(recorder, measure, seed, state, -STEP, rolling)
+    """Derivative of the innovations with respect to an error state, by central differences."""
+    _, ahead = innovations(recorder, measure, seed, state, STEP, rolling)
+    _, behind = innovations(recorder, measure, seed, state, -STEP, rolling)
     return (ahead - behind) / (2.0 * STEP)
 
 
@@ -211,7 +211,7 @@ def differenced(recorder, measure, seed, state, rolling=False):
 @pytest.mark.parametrize("measure", MEASUREMENTS)
 def test_jacobian_is_the_derivative_of_the_prediction(recorder, measure, seed):
     rows, states = MEASUREMENTS[measure]
-    H, _ = residuals(recorder, measure, seed, 0, 0.0)
+    H, _ = innovations(recorder, measure, seed, 0, 0.0)
     assert H.shape == (rows, STATES)
     assert set(np.flatnonzero(np.any(H != 0.0, axis=0))) == set(states)
     for state in states:
@@ -225,7 +225,7 @@ def test_term_omitted_from_the_jacobian_of_the_constraint_is_that_of_the_derivat
     _, s = nominal(seed, rolling=True)
     c = record(s).core[0]
     omitted = (-c.nav.nhc_lever_arm * (c.nav.forward @ c.imu.rate_b), 0.0)
-    H, _ = residuals(recorder, measure_nhc, seed, MOUNT_PITCH, 0.0, rolling=True)
+    H, _ = innovations(recorder, measure_nhc, seed, MOUNT_PITCH, 0.0, rolling=True)
     derivative = differenced(recorder, measure_nhc, seed, MOUNT_PITCH, rolling=True)
     np.testing.assert_allclose(-derivative - H[:, MOUNT_PITCH], omitted, rtol=0.0, atol=1e-4)
 

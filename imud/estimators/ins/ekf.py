@@ -1,8 +1,8 @@
 """The error-state Kalman filter itself: Jacobian, innovation, scalar update, injection.
 
 A measurement is one scalar. `set_jacobian` sets the elements of its Jacobian h, a sparse row; `innovation_variance`
-returns h P h' and stores P h; `kalman_update` corrects P and adds K z to the error estimate in scratch.x, which
-`inject_error` adds to the nominal state. In between, `innovation` subtracts h x from a residual.
+returns h P h' and stores P h; `math.kalman.update` corrects P and adds K z to the error estimate x in scratch, which
+`inject_error` adds to the nominal state. Where x is not injected after each scalar, `innovation` subtracts h x.
 
 Source: Groves (2013), sec. 3.2 and 14.2; Sola, Quaternion kinematics for the error-state Kalman filter (2017).
 """
@@ -13,7 +13,7 @@ import math
 from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
-from ...math.kalman import measure, packed_index, reset, shear, shear3, update
+from ...math.kalman import measure, packed_index, reset, shear, shear3
 from ...math.rotation import Vector
 from ..tuning import Tunable
 from .mechanization import displace, rotate_attitude
@@ -124,16 +124,10 @@ def innovation_variance(c: Core, m: int) -> float:
 
 @kernel
 def innovation(c: Core, m: int, z: float) -> float:
-    """Innovation: residual z against the nominal state, less h x of the error estimate that is not injected yet."""
+    """Innovation: z, that against the nominal state, less h x of the error estimate that is not injected yet."""
     for k in range(m):
         z -= c.scratch.values[k] * c.scratch.x[c.scratch.columns[k]]
     return z
-
-
-@kernel
-def kalman_update(c: Core, z: float, s: float) -> None:
-    """Scalar Kalman update with innovation z of variance s; P h is in scratch.d."""
-    update(c.cov.P, STATES, c.scratch.x, c.scratch.d, s, z)
 
 
 @kernel

@@ -1,8 +1,17 @@
 """One step of the Kalman filter, and what has to follow every one: drift test, process noise, integrals of force.
 
 The test for a drifting receiver and the learned process noise need every gain, the alignment every correction. `ekf`
-and `error_model` know none of them; aiding sources and propagation call the functions of this file.
-"""
+and `error_model` know none of them; aiding sources and propagation call the functions of this file:
+
+| update               | of what                                                              | used by |
+|----------------------|----------------------------------------------------------------------|---------|
+| `gated_update`       | white noise, with a gate or without                                  | levelling, alignment, gravity monitor |
+| `correlated_update`  | one of many that share an error: the gate has the variance of one, the update that of what all know | heading, odometer, barometer |
+| `fix_update`         | a receiver's position or velocity: process noise is learned from it  | GNSS    |
+| `pseudo_measurement` | what is assumed, not measured; its innovation is stored              | ZUPT, ZARU, NHC |
+
+All end in `fuse`, and `correct_state` injects what they found.
+"""  # noqa: E501 a table's row is one line
 
 from __future__ import annotations
 
@@ -10,21 +19,22 @@ import math
 from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
+from ...math.kalman import update
 from .alignment.force_integrals import accumulate_integrals, retain_integrals
-from .ekf import inject_error, innovation, innovation_variance, kalman_update
+from .ekf import inject_error, innovation, innovation_variance
 from .error_model import linearize, propagate_covariance
 from .integrity.gnss_drift import BY_WHEELS, propagate_sensitivity, update_sensitivity
 from .integrity.reset_inflation import fade_inflation
 from .mechanization import start_integration
 from .process_noise import learn_process_noise, propagate_learning, update_learning
-from .state import NAVIGATING
+from .state import NAVIGATING, STATES
 
 if TYPE_CHECKING:
     from ..types import Innovation
     from .types import Core, Parameters
 
 
-NEVER = 1e-12  # a gate that nothing passes
+NO_GATE, REJECT = 0.0, -1.0  # gates: everything passes, nothing does
 
 
 @kernel
@@ -43,49 +53,62 @@ def propagate_errors(p: Parameters, c: Core) -> None:
 
 
 @kernel
-def fuse(c: Core, m: int, z: float, s: float, axis: int) -> None:
-    """Scalar Kalman update with innovation z of variance s; the Jacobian has `m` elements and P h is in scratch.d.
+def fuse(c: Core, length: int, z: float, s: float, axis: int) -> None:
+    """Scalar Kalman update with innovation z of variance s; the Jacobian has `length` elements, P h is in scratch.d.
 
     axis: 0 for a GNSS position north, 1 east; -1: any other measurement.
     """
-    update_sensitivity(c, m, s, z, axis)
-    update_learning(c, m, z, s)
-    kalman_update(c, z, s)
+    update_sensitivity(c, length, s, z, axis)
+    update_learning(c, length, z, s)
+    update(c.cov.P, STATES, c.scratch.x, c.scratch.d, s, z)
 
 
 @kernel
-def gated_update(c: Core, m: int, z: float, r: float, gate: float) -> tuple[float, float, float]:
-    """Fuse a measurement with residual z (against the nominal state) and variance r, unless NIS > gate; gate 0: none,
-    gate NEVER: it is rejected.
+def gated_update(c: Core, length: int, z: float, r: float, gate: float) -> tuple[float, float, float]:
+    """Fuse a measurement of white noise: innovation z against the nominal state, variance r; rejected if NIS > gate.
 
-    The Jacobian has `m` elements. Returns the innovation, its variance, and its normalised square (NIS), negative when
-    rejected.
+    gate 0: none, REJECT: rejected. The Jacobian has `length` elements. Returns the innovation against the error
+    estimate as well, its variance, and its normalised square (NIS), negative when rejected.
     """
-    s = innovation_variance(c, m) + r
-    z = innovation(c, m, z)
-    nis = z * z / s
-    if 0.0 < gate < nis or not nis < math.inf:
-        return z, s, -nis
-    fuse(c, m, z, s, -1)
-    return z, s, nis
+    return correlated_update(c, length, z, r, 0.0, gate)
 
 
 @kernel
-def learn_from(p: Parameters, c: Core, m: int, z: float, s: float) -> None:
-    """While navigating, learn the process noise from a fix's innovation z of variance s, before it is fused.
+def correlated_update(
+    c: Core, length: int, z: float, r: float, shared: float, gate: float
+) -> tuple[float, float, float]:
+    """`gated_update` of one of many measurements that share an error: the gate has r, the update r + shared.
 
-    From a receiver that contradicts the wheels nothing is learned.
+    n measurements that share an error of variance e know together what one of them does: shared = (n - 1) e.
     """
+    z, s = innovation(c, length, z), innovation_variance(c, length) + r
+    return test_and_fuse(c, length, z, s, shared, gate, -1)
+
+
+@kernel
+def fix_update(
+    p: Parameters, c: Core, length: int, z: float, r: float, gate: float, axis: int
+) -> tuple[float, float, float]:
+    """`gated_update` of a receiver's measurement; while navigating, process noise is learned from it first.
+
+    Also from a rejected one, but not from a receiver that contradicts the wheels. axis: see `fuse`.
+    """
+    z, s = innovation(c, length, z), innovation_variance(c, length) + r
     if c.alignment.mode == NAVIGATING and c.drift.detected != BY_WHEELS:
-        learn_process_noise(p, c, m, z, s)
+        learn_process_noise(p, c, length, z, s)
+    return test_and_fuse(c, length, z, s, 0.0, gate, axis)
 
 
 @kernel
-def gated_fix_update(p: Parameters, c: Core, m: int, z: float, r: float, gate: float) -> tuple[float, float, float]:
-    """`gated_update` with a measurement of a receiver, from which the process noise is learned first."""
-    s = innovation_variance(c, m) + r
-    learn_from(p, c, m, innovation(c, m, z), s)
-    return gated_update(c, m, z, r, gate)
+def test_and_fuse(
+    c: Core, length: int, z: float, s: float, shared: float, gate: float, axis: int
+) -> tuple[float, float, float]:
+    """Fuse an innovation z of variance s + shared unless z^2 / s > gate; arguments and result as above."""
+    nis = z * z / s
+    if (gate != NO_GATE and nis > gate) or not nis < math.inf:
+        return z, s, -nis
+    fuse(c, length, z, s + shared, axis)
+    return z, s, nis
 
 
 @kernel
@@ -101,12 +124,12 @@ def write_innovation(
 
 
 @kernel
-def pseudo_measurement(c: Core, kind: int, m: int, z: float, r: float, gate: float) -> tuple[float, float, float]:
-    """Fuse a pseudo-measurement as `gated_update` does, and write its innovation."""
-    value, s, nis = gated_update(c, m, z, r, gate)
-    x = c.scratch
-    x.innovation_count = write_innovation(x.innovations, x.innovation_count, c.nav.t_ns, kind, value, s, nis >= 0.0)
-    return value, s, nis
+def pseudo_measurement(c: Core, kind: int, length: int, z: float, r: float, gate: float) -> tuple[float, float, float]:
+    """`gated_update` of what is assumed instead of measured; its innovation is stored until it is asked for."""
+    z, s, nis = gated_update(c, length, z, r, gate)
+    scratch, n = c.scratch, c.scratch.innovation_count
+    scratch.innovation_count = write_innovation(scratch.innovations, n, c.nav.t_ns, kind, z, s, nis >= 0.0)
+    return z, s, nis
 
 
 @kernel

@@ -15,8 +15,8 @@ from ...aiding_source import AidingSource, Column
 from ...innovation_kinds import KINDS
 from ...records import BAROMETER, BAROMETER_SOURCE
 from ...tuning import Tunable
-from ..ekf import add_variance, decorrelate, innovation, innovation_variance, set_jacobian, variance
-from ..fusion import correct_state, fuse, write_innovation
+from ..ekf import add_variance, decorrelate, set_jacobian, variance
+from ..fusion import correct_state, correlated_update, write_innovation
 from ..state import BARO_OFFSET, NEVER_NS, POSITION
 
 if TYPE_CHECKING:
@@ -73,13 +73,12 @@ def fuse_barometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inn
     dt = walk_offset(p, c, m)
     k = set_jacobian(c, set_jacobian(c, 0, POSITION + 2, -1.0), BARO_OFFSET, 1.0)
     sigma = m.sigma[0] if m.sigma[0] > 0.0 else p.tuning.baro_sigma
-    s = innovation_variance(c, k) + sigma * sigma
     climb = -c.nav.v_n[2] * 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
-    z = innovation(c, k, m.value[0] - c.nav.height - c.nav.baro_offset - climb)
-    used = z * z <= p.tuning.baro_gate * s
+    z = m.value[0] - c.nav.height - c.nav.baro_offset - climb
+    others = max(2.0 * p.tuning.baro_correlation_s / dt, 1.0) - 1.0  # readings that share one error with this one
+    z, s, nis = correlated_update(c, k, z, sigma * sigma, others * sigma * sigma, p.tuning.baro_gate)
+    used = nis >= 0.0
     if used:
-        shared = max(2.0 * p.tuning.baro_correlation_s / dt, 1.0)  # readings that share one error
-        fuse(c, k, z, s + (shared - 1.0) * sigma * sigma, -1)
         correct_state(p, c)
         c.barometer.last_used_ns = m.t_ns
     elif 1e-9 * (m.t_ns - c.barometer.last_used_ns) > p.tuning.baro_reopen_s:

@@ -14,8 +14,8 @@ from ....math.earth import radii
 from ....math.rotation import Vector
 from ...records import POSITION_N
 from ...tuning import Tunable
-from ..ekf import innovation, innovation_variance, set_jacobian, set_jacobian3, variance
-from ..fusion import correct_state, fuse, learn_from, write_innovation
+from ..ekf import innovation_variance, set_jacobian, set_jacobian3, variance
+from ..fusion import NO_GATE, REJECT, correct_state, fix_update, write_innovation
 from ..integrity.gnss_drift import detect_drift
 from ..lever_arm import antenna_position, attitude_row
 from ..mechanization import bounded_cosine, wrap_angle
@@ -120,15 +120,11 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, late: float, innovation
             continue
         accepted = horizontal if i < 2 else height
         r = c.gnss.noise_var[i // 2] + extra + (blamed if i < 2 else 0.0)
-        m = position_jacobian(c, lever, i)
-        s = innovation_variance(c, m) + r
-        value = innovation(c, m, z[i])
-        learn_from(p, c, m, value, s)
+        m, gate = position_jacobian(c, lever, i), NO_GATE if accepted else REJECT
+        value, s, nis = fix_update(p, c, m, z[i], r, gate, i if i < 2 else -1)
         n = write_innovation(innovations, n, fix.t_ns, POSITION_N + i, value, s, accepted)
-        if accepted:
-            fuse(c, m, value, s, i if i < 2 else -1)
-            if c.alignment.mode == NAVIGATING or c.stationarity.at_rest:  # otherwise innovations contain accelerations
-                learn_position_noise(p, c, i, value * value / s, s)
+        if accepted and (c.alignment.mode == NAVIGATING or c.stationarity.at_rest):  # else it contains accelerations
+            learn_position_noise(p, c, i, nis, s)
     if horizontal:
         correct_state(p, c)
         mark_used(c)

@@ -16,7 +16,7 @@ from ....math.rotation import Vector
 from ...records import VELOCITY_N
 from ...tuning import Tunable
 from ..ekf import set_jacobian, set_jacobian3
-from ..fusion import NEVER, correct_state, gated_fix_update, write_innovation
+from ..fusion import REJECT, correct_state, fix_update, write_innovation
 from ..lever_arm import antenna_velocity, attitude_row, gyro_bias_row
 from ..state import (
     ATTITUDE,
@@ -107,7 +107,7 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, late: float, innovation
         z_e = velocity_of(p, fix, 1) - c.nav.gnss_velocity_bias[1] - c.nav.v_n[1] - antenna[1] + timed * age * a[1]
         r = velocity_variance(p, c, slow, 1.0, max(fix.sigma_v[0], fix.sigma_v[1])) + timed * (e[0] ** 2 + e[1] ** 2)
         check_receiver(p, c, z_n, z_e, a[0], a[1], r)
-    gate = NEVER if wheels_reject(p, c) else p.tuning.gnss_velocity_gate
+    gate = REJECT if wheels_reject(p, c) else p.tuning.gnss_velocity_gate
     for i in range(3):
         received = velocity_of(p, fix, i)
         if not math.isfinite(received):
@@ -117,12 +117,12 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, late: float, innovation
         ratio2 = p.tuning.vertical_ratio**2 if i == 2 else 1.0  # of the variances, as for the position
         r = velocity_variance(p, c, slow, ratio2, fix.sigma_v[i]) + fit_error**2
         m = velocity_jacobian(p, c, antenna, accel, i)
-        value, s, nis = gated_fix_update(p, c, m, z, r, gate)
+        z, s, nis = fix_update(p, c, m, z, r, gate, -1)
         used = nis >= 0.0
         if used and slow == 0.0:
             learn_velocity_noise(p, c, nis, s / ratio2)
-        n = write_innovation(innovations, n, fix.t_ns, VELOCITY_N + i, value, s, used)
+        n = write_innovation(innovations, n, fix.t_ns, VELOCITY_N + i, z, s, used)
         rejected += 0 if used else 1
-    count_velocity_rejects(c, 0 if gate == NEVER else rejected)
+    count_velocity_rejects(c, 0 if gate == REJECT else rejected)
     correct_state(p, c)
     return n

@@ -17,8 +17,8 @@ from ...aiding_source import DEGREE, AidingSource, Column
 from ...innovation_kinds import KINDS
 from ...records import HEADING, HEADING_SOURCE
 from ...tuning import Tunable
-from ..ekf import innovation, innovation_variance, set_jacobian
-from ..fusion import correct_state, fuse, write_innovation
+from ..ekf import set_jacobian
+from ..fusion import correct_state, correlated_update, write_innovation
 from ..mechanization import body_to_ned, wrap_angle
 from ..state import ATTITUDE, NEVER_NS
 
@@ -73,13 +73,12 @@ def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innov
     k = set_jacobian(c, k, ATTITUDE + 2, 1.0)
     rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2]
     ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
-    residual = wrap_angle(m.value[0] - p.heading_boresight - math.atan2(y, x) - rate * ahead_s)
+    z = wrap_angle(m.value[0] - p.heading_boresight - math.atan2(y, x) - rate * ahead_s)
     r = sigma_of(p, m) ** 2
-    s = innovation_variance(c, k) + r + (rate * p.tuning.heading_time_sigma) ** 2
-    z = innovation(c, k, residual)
-    used = z * z <= p.tuning.heading_gate * s
-    shared = headings_per_error(p, c, m)
+    others = headings_per_error(p, c, m) - 1.0
+    timing = (rate * p.tuning.heading_time_sigma) ** 2
+    z, s, nis = correlated_update(c, k, z, r + timing, others * r, p.tuning.heading_gate)
+    used = nis >= 0.0
     if used:
-        fuse(c, k, z, s + (shared - 1.0) * r, -1)
         correct_state(p, c)
     return write_innovation(innovations, 0, m.t_ns, HEADING, z, s, used)

@@ -21,8 +21,8 @@ from ...aiding_source import AidingSource, Column
 from ...innovation_kinds import KINDS
 from ...records import ODOMETER, ODOMETER_SOURCE
 from ...tuning import Tunable
-from ..ekf import add_covariance, add_variance, innovation, innovation_variance, set_jacobian
-from ..fusion import correct_state, fuse, write_innovation
+from ..ekf import add_covariance, add_variance, innovation_variance, set_jacobian
+from ..fusion import correct_state, correlated_update, write_innovation
 from ..mechanization import quaternion
 from ..state import ATTITUDE, MOUNT_PITCH, MOUNT_YAW, NEVER_NS, ODOMETER_SCALE, VELOCITY
 from ..vehicle_axes import forward_axis, lateral_axis, vertical_axis
@@ -130,7 +130,7 @@ def time_since_last(p: Parameters, c: Core, m: Measurement) -> float:
 
 
 @kernel
-def doubt_velocity(p: Parameters, c: Core, forward: Vector, z: float, dt: float) -> None:
+def inflate_velocity(p: Parameters, c: Core, forward: Vector, z: float, dt: float) -> None:
     """After a rejection: the wheels slip, or the velocity is wrong. The longer it lasts, the more is added to P.
 
     z: innovation, m/s; dt: time since the last reading, s.
@@ -160,24 +160,24 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
     a = quat_rotate_back(quaternion(c), (c.imu.accel_n[0], c.imu.accel_n[1], c.imu.accel_n[2]))
     accel, along = dot(forward, a), dot(forward, wheel)
     k = odometer_jacobian(c, forward, wheel, along)
-    variance = innovation_variance(c, k)
-    reading = signed_reading(p, c, m.value[0], along, math.sqrt(max(variance, 0.0)))
+    predicted_sigma = math.sqrt(max(innovation_variance(c, k), 0.0))
+    reading = signed_reading(p, c, m.value[0], along, predicted_sigma)
     dt = time_since_last(p, c, m)
-    add_variance(c, ODOMETER_SCALE, p.tuning.odometer_scale_psd * dt)
     if not math.isfinite(reading):
+        add_variance(c, ODOMETER_SCALE, p.tuning.odometer_scale_psd * dt)
         return 0
     ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
-    residual = reading - (1.0 + c.nav.odometer_scale) * (along + accel * ahead_s)
+    z = reading - (1.0 + c.nav.odometer_scale) * (along + accel * ahead_s)
     slip_sigma = (p.tuning.odometer_slip + p.tuning.odometer_slip_per_accel * abs(accel)) * abs(reading)
     r = single_variance(p, m, reading, slip_sigma, accel)
     correlated = slip_sigma * slip_sigma + (accel * p.tuning.odometer_time_sigma) ** 2
-    z, s = innovation(c, k, residual), variance + r
-    used = z * z <= p.tuning.odometer_gate * s
+    others = max(2.0 * p.tuning.odometer_slip_time_s / dt, 1.0) - 1.0  # readings while the error of slip is the same
+    z, s, nis = correlated_update(c, k, z, r, others * correlated, p.tuning.odometer_gate)
+    add_variance(c, ODOMETER_SCALE, p.tuning.odometer_scale_psd * dt)
+    used = nis >= 0.0
     if not used:
-        doubt_velocity(p, c, forward, z, dt)
+        inflate_velocity(p, c, forward, z, dt)
     else:
-        shared = max(2.0 * p.tuning.odometer_slip_time_s / dt, 1.0)  # readings while the error of slip is the same
-        fuse(c, k, z, s + (shared - 1.0) * correlated, -1)
         correct_state(p, c)
         c.odometer.last_used_ns = m.t_ns
     return write_innovation(innovations, 0, m.t_ns, ODOMETER, z, s, used)

@@ -63,7 +63,7 @@ def wheels_reject(p: Parameters, c: Core) -> bool:
 
 @kernel
 def contradicts(p: Parameters, c: Core, axis: int, z: float, accel: float, r: float) -> bool:
-    """Whether the velocity along an axis contradicts the estimate. z: residual, m/s; accel: m/s^2; r: variance."""
+    """Whether the velocity along an axis contradicts the estimate. z: innovation, m/s; accel: m/s^2; r: variance."""
     k = set_jacobian(c, 0, VELOCITY + axis, 1.0)
     k = set_jacobian(c, k, TIME_OFFSET, -accel)
     k = set_jacobian(c, k, VELOCITY_TIME_OFFSET, -accel)
@@ -74,7 +74,7 @@ def contradicts(p: Parameters, c: Core, axis: int, z: float, accel: float, r: fl
 
 @kernel
 def check_receiver(p: Parameters, c: Core, z_n: float, z_e: float, accel_n: float, accel_e: float, r: float) -> None:
-    """Test the velocity of a fix before it is fused. z: its residual, m/s; accel: m/s^2; r: variance of a component."""
+    """Test the velocity of a fix before it is fused. z: its innovation, m/s; accel: m/s^2; r: variance."""
     if not wheels_support(p, c) or c.alignment.mode != NAVIGATING or not math.isfinite(z_n + z_e):
         return
     wrong = contradicts(p, c, 0, z_n, accel_n, r) or contradicts(p, c, 1, z_e, accel_e, r)
@@ -130,7 +130,7 @@ def sum_contradictions(c: Core, z_n: float, z_e: float, wrong: bool) -> None:
 def drift_speed(p: Parameters, c: Core, r: float) -> float:
     """Speed of the drift, m/s, if the contradictions are those of one and not of a wrong heading; else 0.
 
-    r: variance of a residual, (m/s)^2.
+    r: variance of an innovation, (m/s)^2.
     """
     g = c.wheel_check
     if g.count < p.tuning.wheel_contradictions:

@@ -14,7 +14,7 @@ from ..ekf import (
     innovation_variance,
     rotate_tilt_covariance,
 )
-from ..fusion import correct_state, gated_update
+from ..fusion import NO_GATE, correct_state, gated_update
 from ..mechanization import rotate_attitude
 from ..state import (
     ATTITUDE,
@@ -87,7 +87,7 @@ def accept_heading(p: Parameters, c: Core, found: Any) -> bool:
     # the posterior contains the filter's own variance as its prior: only the information beyond it is fused
     information = 1.0 / rate_variance - 1.0 / innovation_variance(c, n)
     if information > 0.0:
-        gated_update(c, n, -rate / (rate_variance * information), 1.0 / information, 0.0)
+        gated_update(c, n, -rate / (rate_variance * information), 1.0 / information, NO_GATE)
     cancel_correction(c, ATTITUDE + 2)
     correct_state(p, c)
     rotate_to_north(c, psi)

@@ -14,7 +14,7 @@ from ....compile.jit import kernel
 from ....math.earth import gravity
 from ...tuning import Tunable
 from ..ekf import innovation_variance, set_jacobian
-from ..fusion import correct_state, gated_update
+from ..fusion import NO_GATE, correct_state, gated_update
 from ..mechanization import ned_to_body, rotation_matrix
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 
@@ -88,7 +88,7 @@ def fuse_gravity(p: Parameters, c: Core, fx: float, fy: float, fz: float, ago: f
             z = -gravity(c.nav.lat, c.nav.height) - fz
             if innovation_variance(c, k) < p.tuning.level_vertical_sigma**2:
                 continue
-        gated_update(c, k, z, sigma * sigma, 0.0)
+        gated_update(c, k, z, sigma * sigma, NO_GATE)
     correct_state(p, c)
 
 

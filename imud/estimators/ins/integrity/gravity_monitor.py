@@ -19,7 +19,7 @@ from ....math.rotation import Vector, cross, dot
 from ...tuning import Tunable
 from ..alignment.velocity_pairs import flag_heading, reset_pairs
 from ..ekf import add_variance, decorrelate, innovation_variance, set_jacobian3, variance
-from ..fusion import correct_state, gated_update
+from ..fusion import NO_GATE, correct_state, gated_update
 from ..mechanization import ned_to_body
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 from .gnss_drift import reset_drift
@@ -169,7 +169,7 @@ def monitor_gravity(p: Parameters, c: Core) -> None:
             add_variance(c, ATTITUDE + i, turned)
         for k in range(2):
             e = across_gravity(c, k)
-            gated_update(c, set_jacobian3(c, 0, GYRO_BIAS, e), dot(e, error), r, 0.0)
+            gated_update(c, set_jacobian3(c, 0, GYRO_BIAS, e), dot(e, error), r, NO_GATE)
         correct_state(p, c)
         reset_pairs(c)
         reset_drift(c)

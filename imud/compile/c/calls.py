@@ -13,7 +13,7 @@ _CASTS = {"float": FLOAT, "int": INT, "bool": BOOL, "np.int64": INT, "np.uint64"
 _ROUNDED = {"math.floor": "floor", "math.ceil": "ceil"}  # to an int, as Python has it
 _TESTS = ("isfinite", "isnan", "isinf")
 _LIBRARY = (
-    *("sqrt", "fabs", "floor", "ceil", "rint", "copysign", "hypot"),
+    *("sqrt", "fabs", "floor", "ceil", "rint", "copysign", "fmod", "hypot"),
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "erf"),
 )
 
@@ -119,5 +119,20 @@ def _fence(of: "Expressions", node: ast.Call) -> Value:
     return "__atomic_thread_fence(__ATOMIC_SEQ_CST)", VOID
 
 
+def _float_bits(of: "Expressions", node: ast.Call) -> Value:
+    return f"float_bits({of.text(node.args[0])})", INT
+
+
+def _float_of_bits(of: "Expressions", node: ast.Call) -> Value:
+    return f"float_of_bits({of.text(node.args[0])})", FLOAT
+
+
 _BUILT_IN = {"len": _length, "abs": _absolute, "max": _extremum, "min": _extremum}
-_INTRINSIC = {"records": _records, "carray": _records, "call": _call, "fence": _fence}
+_INTRINSIC = {
+    "records": _records,
+    "carray": _records,
+    "call": _call,
+    "fence": _fence,
+    "float_bits": _float_bits,
+    "float_of_bits": _float_of_bits,
+}

@@ -33,6 +33,8 @@ static inline int64_t max_i(int64_t a, int64_t b) { return b > a ? b : a; }
 static inline int64_t min_i(int64_t a, int64_t b) { return b < a ? b : a; }
 static inline double max_f(double a, double b) { return b > a ? b : a; }
 static inline double min_f(double a, double b) { return b < a ? b : a; }
+static inline int64_t float_bits(double a) { union { double f; int64_t i; } u = {.f = a}; return u.i; }
+static inline double float_of_bits(int64_t a) { union { int64_t i; double f; } u = {.i = a}; return u.f; }
 static inline double root(double a) { return a == -INFINITY ? INFINITY : fabs(sqrt(a)); }  // a ** 0.5
 """
 

@@ -13,6 +13,7 @@ import pytest
 
 from imud.compile import build
 from imud.compile.c import Translation, UnsupportedError
+from imud.drivers import elementary
 from imud.drivers.jit import kernel
 
 PLACE = np.dtype([("v", "<f8", (3,)), ("n", "<i4")], align=True)
@@ -91,7 +92,7 @@ def arithmetic(x, y, out):
     a, b = x[0], x[1]
     a, b = b, a
     out[0] = a**3 - b**2 / (1.0 + abs(a)) + b**0.5
-    out[1] = math.atan2(a, b) if a > 0.0 else math.sin(b)
+    out[1] = elementary.atan2(a, b) if a > 0.0 else elementary.sin(b)
     out[2] = -7 // y + (-7 % y) + (5 if y in (1, 2, 3) else 9)
     out[3] = max(a, b, 0.5) - min(a, b)
     p, q, r = TABLE[1]
@@ -167,6 +168,14 @@ def named(n):
     return math.fma(n, y=n)
 
 
+def of_the_c_library(x):
+    return math.sin(x[0])
+
+
+def fractional(x):
+    return x[0] ** 1.5
+
+
 def unknown(n):
     return print(n)
 
@@ -188,6 +197,8 @@ def several(n):
         (raising, r"statement: raise ValueError"),
         (allocating, r"function of a library: np\.zeros\(n\)"),
         (named, r"call with keywords or \*: math"),
+        (of_the_c_library, r"use imud\.drivers\.elementary\.sin for this: math\.sin"),
+        (fractional, r"power, whose exponent is no positive integer constant: x\[0\] \*\* 1\.5"),
         (unknown, r"call: print\(n\)"),
         (from_the_end, r"index from the end: values\[-1\]"),
         (several, r"variable that is both double and t2_double"),
@@ -196,7 +207,9 @@ def several(n):
 def test_what_has_no_translation_is_named_with_file_and_line(function, what):
     unit = Translation()
     with pytest.raises(UnsupportedError, match=rf"test_compile_c\.py:\d+: .*{what}"):
-        unit.export(function, [np.dtype(float) if function is from_the_end else None], "entry")
+        unit.export(
+            function, [np.dtype(float) if function in (from_the_end, of_the_c_library, fractional) else None], "entry"
+        )
 
 
 def test_a_kernel_that_calls_itself_is_refused():

@@ -11,7 +11,7 @@ from imud.compile.build import compile_c
 from imud.compile.c import Translation
 from imud.compile.c.kinds import FLOAT
 from imud.compile.jit import interpreted
-from imud.math import elementary
+from imud.drivers import elementary
 
 RANGES = {  # of the arguments, and how many ulp the result may be off
     "sin": ([(-7.0, 7.0), (-1e6, 1e6), (-1e-3, 1e-3)], 1.0),

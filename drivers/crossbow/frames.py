@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import elementary
 from ..jit import kernel
 from ..sample import DEVICE_ERROR, SATURATED, SUSPECT
 from ..spikes import SPIKES, is_spike
@@ -125,9 +126,9 @@ def reset_conventions(s: Any) -> None:
 @kernel
 def set_down(roll: float, pitch: float, down: Any) -> None:
     """The vertical in the sensor's axes from its own tilt, rad: the third column of the matrix of ZYX angles."""
-    down[0] = -math.sin(pitch)
-    down[1] = math.cos(pitch) * math.sin(roll)
-    down[2] = math.cos(pitch) * math.cos(roll)
+    down[0] = -elementary.sin(pitch)
+    down[1] = elementary.cos(pitch) * elementary.sin(roll)
+    down[2] = elementary.cos(pitch) * elementary.cos(roll)
 
 
 @kernel

@@ -22,6 +22,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from imud.drivers import elementary
+
 from ..compile.jit import kernel
 
 if TYPE_CHECKING:
@@ -102,7 +104,7 @@ def _heights(clock: Clock, slope: float) -> tuple[float, float, float]:
             k -= 1
         heights[k] = height
     n = clock.count
-    depth = LEAST / n ** (1.0 / SHAPE) * (heights[n // 2] - heights[n // 4])
+    depth = LEAST / elementary.exp(elementary.log(float(n)) / SHAPE) * (heights[n // 2] - heights[n // 4])
     return heights[0], heights[n // 2] - heights[0], depth
 
 

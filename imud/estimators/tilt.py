@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from imud.drivers import elementary
 from imud.drivers.sample import NO_FORCE, NO_RATE, SUSPECT
 from imud.drivers.sample import SATURATED as BEYOND_RANGE
 
@@ -127,7 +128,7 @@ def update_tilt(p: TiltParameters, s: TiltState) -> None:
     """Roll and pitch of the averaged force, and what they are worth."""
     f = s.f_mean
     force2 = max(f[0] * f[0] + f[1] * f[1] + f[2] * f[2], 1e-12)
-    roll, pitch = math.atan2(-f[1], -f[2]), math.atan2(f[0], math.sqrt(f[1] * f[1] + f[2] * f[2]))
+    roll, pitch = elementary.atan2(-f[1], -f[2]), elementary.atan2(f[0], math.sqrt(f[1] * f[1] + f[2] * f[2]))
     s.roll_pitch[0], s.roll_pitch[1] = roll, pitch
     sensor_var = s.noise_var + p.bias_var
     excess = math.sqrt(force2) - s.gravity
@@ -138,8 +139,8 @@ def update_tilt(p: TiltParameters, s: TiltState) -> None:
     if excess > 0.0:
         motion_var += s.gravity * unexplained_excess
     isotropic = sensor_var + motion_var
-    cos_pitch = max(math.cos(pitch), 1e-6)
-    sr, cr, sp = math.sin(roll), math.cos(roll), math.sin(pitch)
+    cos_pitch = max(elementary.cos(pitch), 1e-6)
+    sr, cr, sp = elementary.sin(roll), elementary.cos(roll), elementary.sin(pitch)
     across = p.scale_var * ((f[1] * cr) ** 2 + (f[2] * sr) ** 2)
     along = p.scale_var * ((f[0] * cos_pitch) ** 2 + (f[1] * sr * sp) ** 2 + (f[2] * cr * sp) ** 2)
     s.tilt_var = min((isotropic + max(across, along)) / force2, UNKNOWN_ANGLE**2)
@@ -154,8 +155,8 @@ def integrate_yaw(p: TiltParameters, s: TiltState, sample: Sample, dt: float) ->
         if sample.w[i] != 0.0:
             s.has_gyro[i] = 1
     if s.has_gyro[2] == 1:
-        cos_pitch = max(math.cos(s.roll_pitch[1]), 0.1)
-        sr, cr = math.sin(s.roll_pitch[0]), math.cos(s.roll_pitch[0])
+        cos_pitch = max(elementary.cos(s.roll_pitch[1]), 0.1)
+        sr, cr = elementary.sin(s.roll_pitch[0]), elementary.cos(s.roll_pitch[0])
         middle_y, middle_z = 0.5 * (s.w[1] + sample.w[1]), 0.5 * (s.w[2] + sample.w[2])
         yaw = s.yaw + (middle_y * sr + middle_z * cr) / cos_pitch * dt
         s.yaw = yaw - 2.0 * math.pi * math.floor(yaw / (2.0 * math.pi) + 0.5)

@@ -5,6 +5,8 @@ Source: NIMA TR8350.2 (2000), Somigliana's formula (eq. 4-1) and its second-orde
 
 import math
 
+from imud.drivers import elementary
+
 from ..compile.jit import kernel
 
 SEMI_MAJOR_M = 6378137.0
@@ -21,7 +23,7 @@ MIN_COS = 1e-9  # of a latitude: at the poles east is not defined
 @kernel
 def radii(lat: float) -> tuple[float, float]:
     """Meridian and prime-vertical radii of curvature in m at latitude `lat` (rad)."""
-    return radii_by_sine(math.sin(lat))
+    return radii_by_sine(elementary.sin(lat))
 
 
 @kernel
@@ -35,7 +37,7 @@ def radii_by_sine(sine: float) -> tuple[float, float]:
 @kernel
 def gravity(lat: float, height: float) -> float:
     """Normal gravity in m/s^2 at latitude (rad) and ellipsoidal height (m), positive down."""
-    sine = math.sin(lat)
+    sine = elementary.sin(lat)
     return gravity_above(surface_gravity(sine), sine, height)
 
 
@@ -57,6 +59,6 @@ def displaced(lat: float, lon: float, height: float, north: float, east: float) 
     """Latitude within +-pi/2 and longitude in [-pi, pi) of the point `north` and `east` m from (lat, lon), both small
     against the earth."""
     meridian, prime_vertical = radii(lat)
-    lon += east / ((prime_vertical + height) * max(math.cos(lat), MIN_COS))
+    lon += east / ((prime_vertical + height) * max(elementary.cos(lat), MIN_COS))
     lon -= 2.0 * math.pi * math.floor(lon / (2.0 * math.pi) + 0.5)
     return min(max(lat + north / (meridian + height), -0.5 * math.pi), 0.5 * math.pi), lon

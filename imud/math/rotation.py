@@ -5,6 +5,8 @@ Source: Solà, Quaternion kinematics for the error-state Kalman filter (2017); T
 
 import math
 
+from imud.drivers import elementary
+
 from ..compile.jit import kernel
 
 Quaternion = tuple[float, float, float, float]
@@ -58,8 +60,8 @@ def quat_exp(x: float, y: float, z: float) -> Quaternion:
         s = 0.5 - angle2 * (1.0 / 48.0 - angle2 * (1.0 / 3840.0 - angle2 * (1.0 / 645120.0)))
     else:
         angle = math.sqrt(angle2)
-        c = math.cos(0.5 * angle)
-        s = math.sin(0.5 * angle) / angle
+        c = elementary.cos(0.5 * angle)
+        s = elementary.sin(0.5 * angle) / angle
     return c, s * x, s * y, s * z
 
 
@@ -102,9 +104,9 @@ def dcm_of_quat(q: Quaternion) -> tuple[float, float, float, float, float, float
 @kernel
 def quat_of_euler(roll: float, pitch: float, yaw: float) -> Quaternion:
     """q_nb of ZYX Euler angles, rad."""
-    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
-    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
-    cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+    cr, sr = elementary.cos(0.5 * roll), elementary.sin(0.5 * roll)
+    cp, sp = elementary.cos(0.5 * pitch), elementary.sin(0.5 * pitch)
+    cy, sy = elementary.cos(0.5 * yaw), elementary.sin(0.5 * yaw)
     return (
         cr * cp * cy + sr * sp * sy,
         sr * cp * cy - cr * sp * sy,
@@ -120,23 +122,23 @@ def euler_of_quat(q: Quaternion) -> Vector:
     With the nose straight up or down, where only roll and yaw together mean something, roll is 0.
     """
     w, x, y, z = q
-    roll = math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
+    roll = elementary.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
     sine = 2.0 * (w * y - x * z)
     if abs(sine) > 1.0:  # by rounding; an unknown attitude stays NaN
         sine = math.copysign(1.0, sine)
-    pitch = math.asin(sine)
+    pitch = elementary.asin(sine)
     if abs(sine) > GIMBAL_LOCK_SINE:
-        yaw = 2.0 * math.atan2(z, w)
+        yaw = 2.0 * elementary.atan2(z, w)
         return 0.0, pitch, yaw - math.copysign(2.0 * math.pi, yaw) if abs(yaw) > math.pi else yaw
-    yaw = math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
+    yaw = elementary.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
     return roll, pitch, yaw
 
 
 @kernel
 def quat_of_gravity(fx: float, fy: float, fz: float) -> Quaternion:
     """q_nb with yaw 0 of a body at rest that measures specific force (fx, fy, fz) != 0."""
-    roll = math.atan2(-fy, -fz)
-    pitch = math.atan2(fx, math.sqrt(fy * fy + fz * fz))
+    roll = elementary.atan2(-fy, -fz)
+    pitch = elementary.atan2(fx, math.sqrt(fy * fy + fz * fz))
     return quat_of_euler(roll, pitch, 0.0)
 
 

@@ -12,10 +12,8 @@ if TYPE_CHECKING:
 _CASTS = {"float": FLOAT, "int": INT, "bool": BOOL, "np.int64": INT, "np.uint64": INT}
 _ROUNDED = {"math.floor": "floor", "math.ceil": "ceil"}  # to an int, as Python has it
 _TESTS = ("isfinite", "isnan", "isinf")
-_LIBRARY = (
-    *("sqrt", "fabs", "floor", "ceil", "rint", "copysign", "fmod", "hypot"),
-    *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "erf"),
-)
+_LIBRARY = ("sqrt", "fabs", "floor", "ceil", "rint", "copysign", "fmod")  # the same bits in every C library
+_OWN = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "hypot", "erf")
 
 
 def call(of: "Expressions", node: ast.Call) -> Value:
@@ -68,6 +66,8 @@ def _library(of: "Expressions", node: ast.Call, name: str) -> Value:
     texts = ", ".join(of.text(a) for a in node.args)
     if name in _TESTS:
         return f"({name}({texts}) != 0)", BOOL
+    if name in _OWN:
+        of.fail(node, f"function, which differs from machine to machine; use imud.drivers.elementary.{name} for this")
     if name not in _LIBRARY:
         of.fail(node, "function of a library")
     return f"{name}({texts})", FLOAT

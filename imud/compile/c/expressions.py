@@ -147,7 +147,7 @@ class Expressions:
         if isinstance(op, ast.Div):
             return f"((double)({a}) / ({b}))", FLOAT
         if isinstance(op, ast.Pow):
-            return self._power(a, b, kind, self.constant(right))
+            return self._power(node, a, kind, self.constant(right))
         if isinstance(op, ast.FloorDiv | ast.Mod):
             if kind != INT:
                 self.fail(node, "operation on floats")
@@ -156,13 +156,13 @@ class Expressions:
             self.fail(node, "operator")
         return f"({a} {_OPERATORS[type(op)]} {b})", kind
 
-    def _power(self, a: str, b: str, kind: Kind, exponent: Any) -> Value:
+    def _power(self, node: ast.AST, a: str, kind: Kind, exponent: Any) -> Value:
         """numba multiplies for a constant integer exponent, and LLVM takes the root for 0.5."""
         if isinstance(exponent, int) and exponent > 0:
             return f"{self.unit.power(exponent, kind)}({a})", kind
         if exponent == 0.5:
             return f"root({a})", FLOAT
-        return f"pow({a}, {b})", FLOAT
+        return self.fail(node, "power, whose exponent is no positive integer constant")
 
     def _compare(self, node: ast.Compare) -> Value:
         parts, left = [], node.left

@@ -14,8 +14,9 @@ velocity that the body may have gained. Until the gain is large enough to tell, 
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
+
+from imud.drivers import elementary
 
 from ...compile.jit import kernel
 from ...math.rotation import quat_exp, quat_normalised, quat_product, quat_rotate
@@ -90,7 +91,7 @@ def update_hand_held(p: Parameters, s: State) -> None:
 def window_angle(s: State) -> float:
     """The angle from the vertical to the mean force of the window, rad."""
     f = s.attitude_step.window_force
-    return math.atan2(math.hypot(f[0], f[1]), -f[2])
+    return elementary.atan2(elementary.hypot(f[0], f[1]), -f[2])
 
 
 @kernel
@@ -114,7 +115,7 @@ def restart_gain(s: State) -> None:
 def level_by_window(p: Parameters, s: State, angle: float) -> None:
     """Put the mean force of the window upright; yaw may have slipped by as much."""
     c, f, q = p.tuning, s.attitude_step.window_force, s.nav.q_nb
-    k = angle / max(math.hypot(f[0], f[1]), 1e-9)
+    k = angle / max(elementary.hypot(f[0], f[1]), 1e-9)
     turn = quat_exp(-k * f[1], k * f[0], 0.0)
     turned = quat_product(turn, (q[0], q[1], q[2], q[3]))
     set_attitude(s, quat_normalised(turned))

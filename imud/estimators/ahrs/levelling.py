@@ -13,6 +13,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ...compile.jit import kernel
 from ...math.rotation import (
     Vector,
@@ -136,9 +138,9 @@ def align_with_vertical(s: State) -> None:
     """Rotate the attitude about a level axis so that the integral of the force points upward."""
     v, q = s.levelling.delta_v, s.nav.q_nb
     x, y, z = v[0], v[1], v[2]
-    level = math.hypot(x, y)
-    angle = math.atan2(level, -z)
+    level = elementary.hypot(x, y)
+    angle = elementary.atan2(level, -z)
     k = angle / level if level > 0.0 else 0.0
     turned = quat_product(quat_exp(-k * y, k * x, 0.0), (q[0], q[1], q[2], q[3]))
     set_attitude(s, quat_normalised(turned))
-    v[0], v[1], v[2] = 0.0, 0.0, -math.hypot(level, z)
+    v[0], v[1], v[2] = 0.0, 0.0, -elementary.hypot(level, z)

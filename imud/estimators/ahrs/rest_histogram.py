@@ -12,6 +12,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ...compile.jit import kernel
 from .state import BINS
 from .truncation import add_evidence, first_candidate, last_candidate
@@ -131,9 +133,9 @@ def log_likelihood(p: Parameters, histogram: Reals, middle: int, reach: int, wid
     mean, variance = fit_gaussian(p, histogram, middle - reach, middle + reach + 1, wide)
     scale = 1.0 / math.sqrt(2.0 * variance)
     total = 0.0
-    below = math.erf((bin_edges(middle - reach, wide)[0] - mean) * scale)
+    below = elementary.erf((bin_edges(middle - reach, wide)[0] - mean) * scale)
     for k in range(middle - reach, middle + reach + 1):
-        above = math.erf((bin_edges(k, wide)[1] - mean) * scale)
-        total += histogram[k] * math.log((1.0 - outliers) * 0.5 * (above - below) + outliers / BINS)
+        above = elementary.erf((bin_edges(k, wide)[1] - mean) * scale)
+        total += histogram[k] * elementary.log((1.0 - outliers) * 0.5 * (above - below) + outliers / BINS)
         below = above
     return total

@@ -22,6 +22,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ...compile.jit import kernel
 from ...math.kalman import measure
 from ...math.rotation import Vector, dcm_of_quat, quat_rotate
@@ -133,7 +135,7 @@ def is_standing(p: Parameters, s: State) -> bool:
         standing = variance(s, VELOCITY + i)
         moving = standing + travel2
         v = s.nav.v_n[i]
-        log_odds = 0.5 * (math.log(moving / standing) - v * v * (1.0 / standing - 1.0 / moving))
+        log_odds = 0.5 * (elementary.log(moving / standing) - v * v * (1.0 / standing - 1.0 / moving))
         if log_odds + s.stationarity.low_motion_s / c.travel_time_s < c.moving_log_odds:
             return False
     return True

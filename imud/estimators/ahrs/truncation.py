@@ -17,6 +17,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ...compile.jit import kernel
 from .mechanization import shift_gyro_bias
 from .state import BINS, WINDOW
@@ -78,7 +80,7 @@ def update_truncation(p: Parameters, s: State) -> None:
     for i in range(3):
         odds += mean_likelihood_ratio(p, s, i)
     z.truncation_log_odds = min(max(odds, -c.max_log_odds), c.max_log_odds)
-    share = 0.5 / (1.0 + math.exp(-z.truncation_log_odds))
+    share = 0.5 / (1.0 + elementary.exp(-z.truncation_log_odds))
     for i in range(3):
         z.max_error[i] = share * z.lsb[i]
         shift_gyro_bias(s, i, update_errors(p, s, i))
@@ -93,8 +95,8 @@ def mean_likelihood_ratio(p: Parameters, s: State, i: int) -> float:
     for k in range(first, end):
         top = max(top, ratio[k])
     for k in range(first, end):
-        total += math.exp(ratio[k] - top)
-    return float(top + math.log(total / (end - first)))
+        total += elementary.exp(ratio[k] - top)
+    return float(top + elementary.log(total / (end - first)))
 
 
 @kernel
@@ -111,7 +113,7 @@ def update_errors(p: Parameters, s: State, i: int) -> float:
         rest_count += z.rest_histogram[k]
     below, rest_below, change, side_mean, side_square = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(i * BINS, (i + 1) * BINS):
-        here = math.exp(z.log_likelihood_ratio[k] - mean) / (end - first) if first <= k < end else 0.0
+        here = elementary.exp(z.log_likelihood_ratio[k] - mean) / (end - first) if first <= k < end else 0.0
         error = z.max_error[i] * (2.0 * below + here - 1.0)
         change += z.rest_histogram[k] * (error - z.error[k])
         z.error[k] = error

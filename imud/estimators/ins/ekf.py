@@ -12,6 +12,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ...compile.jit import kernel
 from ...math.kalman import measure, packed_index, reset, shear, shear3
 from ...math.rotation import Vector
@@ -149,9 +151,9 @@ def rotate_tilt_covariance(c: Core, psi: float) -> None:
     The correlation of tilt and accelerometer bias is fixed in the body, and was linearized about the old heading.
     """
     for _ in range(2):
-        combine(c, ATTITUDE, ATTITUDE + 1, -math.tan(0.25 * psi))
-        combine(c, ATTITUDE + 1, ATTITUDE, math.sin(0.5 * psi))
-        combine(c, ATTITUDE, ATTITUDE + 1, -math.tan(0.25 * psi))
+        combine(c, ATTITUDE, ATTITUDE + 1, -elementary.tan(0.25 * psi))
+        combine(c, ATTITUDE + 1, ATTITUDE, elementary.sin(0.5 * psi))
+        combine(c, ATTITUDE, ATTITUDE + 1, -elementary.tan(0.25 * psi))
 
 
 @kernel

@@ -24,6 +24,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ...compile.jit import kernel
 from ...math.earth import STANDARD_GRAVITY
 from ...math.kalman import packed_index, reset, scale, shear, shear3
@@ -135,8 +137,8 @@ def linearize(p: Parameters, c: Core, transition: Transition) -> None:
     for k in range(9):
         transition.rotation[k] = m[k]
     transition.turn = m[6] * c.imu.delta_theta[0] + m[7] * c.imu.delta_theta[1] + m[8] * c.imu.delta_theta[2]
-    transition.gnss_bias = math.exp(-dt / p.tuning.gnss_bias_time_s)
-    transition.gnss_velocity_bias = math.exp(-dt / p.tuning.gnss_velocity_bias_time_s)
+    transition.gnss_bias = elementary.exp(-dt / p.tuning.gnss_bias_time_s)
+    transition.gnss_velocity_bias = elementary.exp(-dt / p.tuning.gnss_velocity_bias_time_s)
 
 
 @kernel

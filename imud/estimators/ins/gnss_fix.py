@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ...compile.jit import kernel
 from ..records import POSITION_N
 from ..tuning import Tunable
@@ -51,7 +53,7 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, 
     if is_frozen(p, c, fix):
         reject_frozen(c)
         return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
-    set_speed(c, math.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed)
+    set_speed(c, elementary.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed)
     if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > p.tuning.max_valid_heading_sigma**2:
         change_mode(p, c, HEADING_LOST)
     if c.alignment.mode == NAVIGATING and not math.isfinite(c.gnss.speed):

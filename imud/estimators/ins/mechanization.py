@@ -13,6 +13,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from imud.drivers import elementary
+
 from ...compile.jit import kernel
 from ...math.earth import EARTH_RATE_RADPS, SEMI_MAJOR_M, gravity_above, radii, radii_by_sine, surface_gravity
 from ...math.rotation import (
@@ -46,7 +48,7 @@ def wrap_angle(angle: float) -> float:
 @kernel
 def bounded_cosine(lat: float) -> float:
     """cos(lat), kept away from zero."""
-    return max(math.cos(lat), MIN_COS_LAT)
+    return max(elementary.cos(lat), MIN_COS_LAT)
 
 
 @kernel
@@ -82,7 +84,7 @@ def update_earth(c: Core) -> None:
     if near and abs(n.height - e.position[1]) < EARTH_TOLERANCE * SEMI_MAJOR_M:
         return
     e.position[0], e.position[1] = n.lat, n.height
-    e.sin_lat, e.cos_lat = math.sin(n.lat), bounded_cosine(n.lat)
+    e.sin_lat, e.cos_lat = elementary.sin(n.lat), bounded_cosine(n.lat)
     e.tan_lat = e.sin_lat / e.cos_lat
     meridian, prime_vertical = radii_by_sine(e.sin_lat)
     e.lat_per_m, e.transverse_per_m = 1.0 / (meridian + n.height), 1.0 / (prime_vertical + n.height)

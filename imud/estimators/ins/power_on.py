@@ -11,6 +11,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ...compile.jit import kernel
 from ..tuning import Tunable
 from .alignment.modes import ATTITUDE_LOST, change_mode
@@ -60,7 +62,7 @@ def reopen_biases(p: Parameters, c: Core) -> None:
 def check_attitude(p: Parameters, c: Core, gap_s: float) -> None:
     """Keep the attitude, with more variance, if the specific force is vertical in it; else restart the alignment."""
     x, y, z = body_to_ned(c, (c.imu.f[0], c.imu.f[1], c.imu.f[2]))
-    tilt = math.atan2(math.hypot(x, y), -z)
+    tilt = elementary.atan2(elementary.hypot(x, y), -z)
     tilt2 = tilt * tilt
     if tilt2 > p.tuning.power_on_tilt_gate * (
         variance(c, ATTITUDE) + variance(c, ATTITUDE + 1) + p.tuning.power_on_force_sigma**2

@@ -27,6 +27,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from imud.drivers import elementary
+
 from ...compile.jit import kernel
 from ...math.kalman import measure, packed_index, shear, shear3
 from ..tuning import Tunable
@@ -103,7 +105,7 @@ def propagate_learning(p: Parameters, c: Core, transition: Transition) -> None:
         D = g.covariance_sensitivity[k]
         propagate_one(D, g.estimate_sensitivity[k], transition)
         first = VELOCITY if k == 0 else ATTITUDE
-        slope = math.exp(g.log_psd[k]) * c.stationarity.vibration_level  # dq / dx
+        slope = elementary.exp(g.log_psd[k]) * c.stationarity.vibration_level  # dq / dx
         for i in range(3):
             D[packed_index(LEARNING_STATES, first + i, first + i)] += slope * transition.interval
         if slope > 0.0 and g.log_psd_covariance[2 * k] < p.tuning.process_noise_prior**2:
@@ -142,9 +144,9 @@ def set_psd(p: Parameters, c: Core) -> None:
         least, most, scale = t.min_velocity_noise, t.max_velocity_noise, t.velocity_noise_scale
         if k == 1:
             least, most, scale = t.min_attitude_noise, t.max_attitude_noise, t.attitude_noise_scale
-        q = min(max(math.exp(g.log_psd[k]) - scale * scale, least * least), most * most)
+        q = min(max(elementary.exp(g.log_psd[k]) - scale * scale, least * least), most * most)
         g.psd[k] = q
-        g.log_psd[k] = math.log(q + scale * scale)
+        g.log_psd[k] = elementary.log(q + scale * scale)
 
 
 @kernel

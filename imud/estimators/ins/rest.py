@@ -11,6 +11,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ...compile.jit import kernel
 from ...math.earth import STANDARD_GRAVITY
 from ..tuning import Tunable
@@ -121,7 +123,7 @@ def is_unaccelerated(p: Parameters, c: Core) -> bool:
     """Whether the mean level specific force of the window is zero, within the errors of tilt and bias."""
     s = c.stationarity
     most = p.tuning.rest_accel + 3.0 * math.sqrt(max(level_force_variance(c, 0), level_force_variance(c, 1)))
-    return bool(math.hypot(s.delta_v[0], s.delta_v[1]) < most * s.duration)
+    return bool(elementary.hypot(s.delta_v[0], s.delta_v[1]) < most * s.duration)
 
 
 @kernel

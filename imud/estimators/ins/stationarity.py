@@ -11,6 +11,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ...compile.jit import kernel
 from ...math.rotation import Vector
 from ..tuning import Tunable
@@ -175,7 +177,7 @@ def classify_window(p: Parameters, c: Core) -> None:
     s.low_motion_count = s.low_motion_count + 1 if low_motion else 0
     stationary = low_motion and f2 < p.tuning.stationary_accel**2
     s.stationary_count = s.stationary_count + 1 if stationary else 0
-    update_evidence(p, c, math.log(max(deviation, least)))
+    update_evidence(p, c, elementary.log(max(deviation, least)))
 
 
 @kernel
@@ -184,7 +186,7 @@ def update_evidence(p: Parameters, c: Core, x: float) -> None:
     s = c.stationarity
     known = c.gnss.fix_count > 0 and 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns) < p.tuning.fresh_fix_s
     speed = (
-        math.hypot(c.nav.v_n[0], c.nav.v_n[1])
+        elementary.hypot(c.nav.v_n[0], c.nav.v_n[1])
         if c.alignment.mode == NAVIGATING and not c.gnss.speed >= 0.0
         else c.gnss.speed
     )
@@ -217,4 +219,4 @@ def learn_class(p: Parameters, motion_class: Reals, x: float) -> None:
 def log_likelihood(p: Parameters, motion_class: Reals, x: float) -> float:
     """Logarithm of the normal density of x in a class, without its constant."""
     variance = max(motion_class[2], p.tuning.class_min_sigma**2)
-    return float(-0.5 * ((x - motion_class[1]) ** 2 / variance + math.log(variance)))
+    return float(-0.5 * ((x - motion_class[1]) ** 2 / variance + elementary.log(variance)))

@@ -21,6 +21,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from imud.drivers import elementary
+
 from ...compile.jit import kernel
 from ...configuration.settings import Initial, Settings
 from ...math.arrays import Records
@@ -95,7 +97,7 @@ def ned_difference(s: TrackState, fix: Fix) -> tuple[float, float]:
     meridian, prime_vertical = radii(s.lat)
     turn = fix.lon - s.lon
     turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
-    return (fix.lat - s.lat) * meridian, turn * prime_vertical * max(math.cos(s.lat), MIN_COS)
+    return (fix.lat - s.lat) * meridian, turn * prime_vertical * max(elementary.cos(s.lat), MIN_COS)
 
 
 @kernel

@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from imud.drivers import elementary
 from imud.drivers.sample import NO_FORCE, SUSPECT
 
 from ...compile.jit import kernel
@@ -153,14 +154,14 @@ def transition(rate: float, T: float) -> tuple[float, float, float]:
     """
     x = rate * T
     if x > 1.0:
-        return (math.exp(-x) - 1.0 + x) / (rate * rate), (1.0 - math.exp(-x)) / rate, math.exp(-x)
+        return (elementary.exp(-x) - 1.0 + x) / (rate * rate), (1.0 - elementary.exp(-x)) / rate, elementary.exp(-x)
     phi1 = phi2 = 0.0
     term = 1.0
     for j in range(TERMS):
         phi1 += term / (j + 1)
         phi2 += term / ((j + 1) * (j + 2))
         term *= -x / (j + 1)
-    return T * T * phi2, T * phi1, math.exp(-x)
+    return T * T * phi2, T * phi1, elementary.exp(-x)
 
 
 @kernel

@@ -36,6 +36,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from imud.drivers import elementary
 from imud.drivers.sample import UNUSABLE
 
 from ...compile.jit import kernel
@@ -116,8 +117,8 @@ def start(parameters: Records, initial: Initial) -> Records:
 def initialise(s: SuhState, w: Vector, a: Vector) -> None:
     """The first attitude, (1) made valid for all angles, or the user's."""
     given = s.initial_rpy
-    s.x[PITCH] = given[1] if math.isfinite(given[1]) else math.atan2(a[0], math.sqrt(a[1] * a[1] + a[2] * a[2]))
-    s.x[ROLL] = given[0] if math.isfinite(given[0]) else math.atan2(a[1], -a[2])
+    s.x[PITCH] = given[1] if math.isfinite(given[1]) else elementary.atan2(a[0], math.sqrt(a[1] * a[1] + a[2] * a[2]))
+    s.x[ROLL] = given[0] if math.isfinite(given[0]) else elementary.atan2(a[1], -a[2])
     if math.isfinite(given[2]):
         s.yaw = given[2]
     for i in range(3):
@@ -133,9 +134,9 @@ def initialise(s: SuhState, w: Vector, a: Vector) -> None:
 def predict(s: SuhState, T: float) -> None:
     """Time update (4): x <- Phi x, P <- Phi P Phi' + Q with Phi = [[I, W T], [0, I]]."""
     x, P = s.x, s.P
-    sr, cr = math.sin(x[ROLL]), math.cos(x[ROLL])
-    cp = max(math.cos(x[PITCH]), MIN_COS_PITCH)
-    tp = math.sin(x[PITCH]) / cp
+    sr, cr = elementary.sin(x[ROLL]), elementary.cos(x[ROLL])
+    cp = max(elementary.cos(x[PITCH]), MIN_COS_PITCH)
+    tp = elementary.sin(x[PITCH]) / cp
     s.yaw += T * (sr * x[RATE + 1] + cr * x[RATE + 2]) / cp
     W = ((0.0, cr, -sr), (1.0, sr * tp, cr * tp))
     for i in range(2):
@@ -190,7 +191,7 @@ def update_measurements(p: SuhParameters, s: SuhState, w: Vector, a: Vector) -> 
         fuse_scalar(s, 1, w[i] - x[RATE + i], R3)
     if p.mode == TWO_STEP and p.literal == 0:
         pitch, roll = x[PITCH], x[ROLL]
-    sp, cp, sr, cr = math.sin(pitch), math.cos(pitch), math.sin(roll), math.cos(roll)
+    sp, cp, sr, cr = elementary.sin(pitch), elementary.cos(pitch), elementary.sin(roll), elementary.cos(roll)
     by_pitch, expected = -sr * sp, (sp, sr * cp)
     if p.literal == 1:
         pitch, roll = x[PITCH], x[ROLL]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ...compile.jit import kernel
 from ...math.earth import displaced
 from ...math.kalman import measure, packed_index, scale, shear, update
@@ -133,16 +135,16 @@ def since(s: RissState, t_ns: int, i: int) -> float:
 def propagate(p: RissParameters, s: RissState, rate: float, outage_s: float, T: float) -> None:
     """The process over T s with the measured mean yaw rate; outage_s: since when it is none."""
     x, P, tuning = s.x, s.P, p.tuning
-    cos_pitch = max(math.cos(pitch_of(s)), MIN_COS_PITCH)
-    c = math.cos(roll_of(s)) / cos_pitch
+    cos_pitch = max(elementary.cos(pitch_of(s)), MIN_COS_PITCH)
+    c = elementary.cos(roll_of(s)) / cos_pitch
     s.yaw_rate = c * (rate * (1.0 - x[GYRO_SCALE]) - x[GYRO_BIAS])
     middle = x[YAW] + 0.5 * T * s.yaw_rate
-    cy, sy = math.cos(middle), math.sin(middle)
+    cy, sy = elementary.cos(middle), elementary.sin(middle)
     distance = T * (x[SPEED] + 0.5 * T * x[ACCEL])
     north, east = (distance * cy, distance * sy) if s.aligned == 1 else (T * s.v[0], T * s.v[1])
     s.lat, s.lon = displaced(s.lat, s.lon, s.height, north, east)
     s.height -= T * x[SINK]
-    decay = math.exp(-T / tuning.accel_time_s)
+    decay = elementary.exp(-T / tuning.accel_time_s)
     faster = T * x[ACCEL]
     s.travel[0] += north
     s.travel[1] += east
@@ -167,7 +169,7 @@ def propagate(p: RissParameters, s: RissState, rate: float, outage_s: float, T: 
     add_variance(s, ROLL, walk)
     add_variance(s, PITCH, walk)
     # a pitch rate, which is not measured, turns a rolled vehicle about the vertical
-    add_variance(s, YAW, c * c * p.gyro_psd * T + math.sin(roll_of(s)) ** 2 / cos_pitch**2 * walk)
+    add_variance(s, YAW, c * c * p.gyro_psd * T + elementary.sin(roll_of(s)) ** 2 / cos_pitch**2 * walk)
     if outage_s > 0.0:
         add_variance(s, YAW, FAULT_RATE**2 * (outage_s**2 - max(outage_s - T, 0.0) ** 2))
     add_variance(s, SINK, tuning.sink_walk**2 * T)
@@ -182,7 +184,7 @@ def propagate(p: RissParameters, s: RissState, rate: float, outage_s: float, T: 
         lost = tuning.accel_sigma**2 * T
         add_variance(s, NORTH, lost)
         add_variance(s, EAST, lost)
-    kept = math.exp(-T / tuning.fix_time_s)
+    kept = elementary.exp(-T / tuning.fix_time_s)
     for i in range(3):
         scale(P, STATES, FIX_NORTH + i, kept)
         x[FIX_NORTH + i] *= kept

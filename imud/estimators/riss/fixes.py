@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ...compile.jit import kernel
 from ...math.earth import MIN_COS, displaced, gravity, radii
 from ...math.kalman import reset, shear
@@ -36,7 +38,7 @@ def velocity_of(fix: Fix) -> tuple[float, float]:
     if math.isfinite(fix.v[0] + fix.v[1]):
         return fix.v[0], fix.v[1]
     course = fix.course if math.isfinite(fix.course) or fix.speed > 0.0 else 0.0
-    return fix.speed * math.cos(course), fix.speed * math.sin(course)
+    return fix.speed * elementary.cos(course), fix.speed * elementary.sin(course)
 
 
 @kernel
@@ -80,7 +82,7 @@ def align(p: RissParameters, s: RissState, fix: Fix, vn: float, ve: float) -> No
     given = math.isfinite(s.given_yaw)
     if not (speed > p.tuning.align_speed or given):
         return
-    yaw = s.given_yaw if given else math.atan2(ve, vn)
+    yaw = s.given_yaw if given else elementary.atan2(ve, vn)
     sigma2 = GIVEN_YAW**2 if given else (s.white[1] + p.tuning.lateral_sigma**2) / speed**2
     s.x[YAW] = wrapped(yaw + (0.0 if given else since(s, fix.t_ns, 4)))
     reset(s.P, STATES, YAW, sigma2)
@@ -88,7 +90,7 @@ def align(p: RissParameters, s: RissState, fix: Fix, vn: float, ve: float) -> No
     s.aligned = 1
     place_all(p, s, fix)
     if given:
-        speed = vn * math.cos(yaw) + ve * math.sin(yaw)
+        speed = vn * elementary.cos(yaw) + ve * elementary.sin(yaw)
     if math.isfinite(speed):
         s.x[SPEED] = speed + since(s, fix.t_ns, 3)
         reset(s.P, STATES, SPEED, s.white[1] + (0.5 * p.tuning.accel_sigma) ** 2)
@@ -114,10 +116,10 @@ def learn(p: RissParameters, s: RissState, i: int, z: float, total: float) -> No
 def fuse_position(p: RissParameters, s: RissState, fix: Fix, innovations: list[Innovation]) -> int:
     """Position, gated as a whole; returns the rows written."""
     meridian, prime_vertical = radii(s.lat)
-    cy, sy = math.cos(s.x[YAW]), math.sin(s.x[YAW])
+    cy, sy = elementary.cos(s.x[YAW]), elementary.sin(s.x[YAW])
     lever_n, lever_e = p.lever[0] * cy - p.lever[1] * sy, p.lever[0] * sy + p.lever[1] * cy
     z_n = (fix.lat - s.lat) * (meridian + s.height) + since(s, fix.t_ns, 0) - lever_n - s.x[FIX_NORTH]
-    radius = (prime_vertical + s.height) * max(math.cos(s.lat), MIN_COS)
+    radius = (prime_vertical + s.height) * max(elementary.cos(s.lat), MIN_COS)
     z_e = wrapped(fix.lon - s.lon) * radius + since(s, fix.t_ns, 1) - lever_e - s.x[FIX_NORTH + 1]
     nis = 0.0
     for i in range(2):
@@ -163,7 +165,7 @@ def fuse_velocity(
     """
     yaw = s.x[YAW] - since(s, fix.t_ns, 4)
     u = s.x[SPEED] - since(s, fix.t_ns, 3)
-    cy, sy = math.cos(yaw), math.sin(yaw)
+    cy, sy = elementary.cos(yaw), elementary.sin(yaw)
     along, across = vn * cy + ve * sy, ve * cy - vn * sy
     if s.aligned == 0:
         along = math.sqrt(vn * vn + ve * ve)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ...compile.jit import kernel
 from .ekf import correct, fuse, pitch_of, put, roll_of, variance
 from .state import (
@@ -31,8 +33,8 @@ COARSE_TILT = 0.1  # rad, of the first roll and pitch, whose acceleration is not
 @kernel
 def level(s: RissState, f: tuple[float, float, float]) -> None:
     """Begin roll and pitch with a force."""
-    s.x[ROLL] = math.atan2(-f[1], -f[2])
-    s.x[PITCH] = math.atan2(f[0], math.sqrt(f[1] * f[1] + f[2] * f[2]))
+    s.x[ROLL] = elementary.atan2(-f[1], -f[2])
+    s.x[PITCH] = elementary.atan2(f[0], math.sqrt(f[1] * f[1] + f[2] * f[2]))
     s.levelled = 1
 
 
@@ -42,7 +44,7 @@ def fuse_forces(p: RissParameters, s: RissState, f: tuple[float, float, float], 
     x = s.x
     noise = p.accel_psd / T + p.tuning.force_sigma**2 + s.scatter
     roll, pitch = roll_of(s), pitch_of(s)
-    sr, cr, sp, cp = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
+    sr, cr, sp, cp = elementary.sin(roll), elementary.cos(roll), elementary.sin(pitch), elementary.cos(pitch)
     g, a, across = s.gravity, x[ACCEL], x[SPEED] * s.yaw_rate
     by_pitch = g * cp - a * sp
     n = put(s, 0, ACCEL, cp + by_pitch * x[SQUAT])
@@ -77,11 +79,11 @@ def fuse_device_tilt(p: RissParameters, s: RissState, down: tuple[float, float, 
     x = s.x
     often = max(p.tuning.accel_time_s / T, 1.0)
     along_var = (p.tuning.accel_sigma**2 + p.accel_bias_var) / s.gravity**2
-    pitch = math.atan2(-down[0], math.sqrt(down[1] ** 2 + down[2] ** 2))
+    pitch = elementary.atan2(-down[0], math.sqrt(down[1] ** 2 + down[2] ** 2))
     fuse(s, put(s, 0, PITCH, 1.0), pitch - x[PITCH], along_var * often)
     across = x[SPEED] * s.yaw_rate
     across_var = variance(s, SPEED) * s.yaw_rate**2 + 0.25 * across * across + p.accel_bias_var
-    roll = math.atan2(down[1], down[2]) + across / s.gravity
+    roll = elementary.atan2(down[1], down[2]) + across / s.gravity
     fuse(s, put(s, 0, ROLL, 1.0), roll - x[ROLL], (across_var + p.tuning.force_sigma**2) / s.gravity**2 * often)
     correct(s)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
 from imud.drivers.sample import SATURATED as BEYOND_RANGE
 
 from ...compile.jit import kernel
@@ -100,7 +101,7 @@ def write_solution(p: RissParameters, s: RissState, sample: Sample, out: Solutio
     out.lat = out.lon = out.height = math.nan
     if bits & POSITION_VALID == 0:
         return
-    cy, sy = math.cos(x[YAW]), math.sin(x[YAW])
+    cy, sy = elementary.cos(x[YAW]), elementary.sin(x[YAW])
     vn, ve = (x[SPEED] * cy, x[SPEED] * sy) if s.aligned == 1 else (s.v[0], s.v[1])
     T = (s.t_ns - s.step_ns) * 1e-9
     out.lat, out.lon = displaced(s.lat, s.lon, s.height, T * vn, T * ve)

@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_covariance, add_variance, decorrelate, variance
@@ -79,7 +81,7 @@ def is_frozen(p: Parameters, c: Core, fix: Fix) -> bool:
         return False
     frozen_s = 1e-9 * (c.nav.t_ns - g.frozen_since_ns)
     sigma = math.sqrt(max(variance(c, VELOCITY), variance(c, VELOCITY + 1)))
-    least = math.hypot(c.nav.v_n[0], c.nav.v_n[1]) - 3.0 * sigma
+    least = elementary.hypot(c.nav.v_n[0], c.nav.v_n[1]) - 3.0 * sigma
     return bool(
         c.alignment.mode == NAVIGATING
         and least > p.tuning.frozen_min_speed
@@ -133,7 +135,7 @@ def drift_is_plausible(p: Parameters, c: Core, fix: Fix, outage_s: float) -> boo
 
     Not where the estimate is new, or was without fixes before: then the estimate is as likely to be wrong.
     """
-    distance = math.hypot(bias_free_innovation(c, 0), bias_free_innovation(c, 1))
+    distance = elementary.hypot(bias_free_innovation(c, 0), bias_free_innovation(c, 1))
     recent = c.integrity.outage_at_reject_s < p.tuning.fresh_fix_s
     return bool(
         not reports_velocity(fix) and all_onsets_open(c) and recent and distance < p.tuning.max_drift_speed * outage_s
@@ -152,7 +154,7 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
     inertial2 = 0.0 if supported else p.tuning.inertial_velocity_error**2 + p.tuning.inertial_heading_error**2 * v2
     leaves = False
     for i in range(2):
-        bias2 = c.gnss.reported_sigma[0] ** 2 * (1.0 - math.exp(-dt / p.tuning.gnss_bias_time_s))
+        bias2 = c.gnss.reported_sigma[0] ** 2 * (1.0 - elementary.exp(-dt / p.tuning.gnss_bias_time_s))
         allowed = 2.0 * (bias2 + c.gnss.noise_var[0]) + (variance(c, VELOCITY + i) + inertial2) * dt * dt
         leaves = leaves or (bias_free_innovation(c, i) - g.reject_offset[i]) ** 2 > p.tuning.consistency_gate * allowed
     if g.reject_count[0] == 1 or leaves:

@@ -11,6 +11,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ....compile.jit import kernel
 from ....math.rotation import Vector
 from ...records import VELOCITY_N
@@ -52,7 +54,7 @@ def velocity_of(p: Parameters, fix: Fix, axis: int) -> float:
         return math.nan
     if fix.speed < p.tuning.min_course_speed:
         return 0.0
-    return float(fix.speed) * (math.cos(fix.course) if axis == 0 else math.sin(fix.course))
+    return float(fix.speed) * (elementary.cos(fix.course) if axis == 0 else elementary.sin(fix.course))
 
 
 @kernel

@@ -12,6 +12,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ....compile.jit import kernel
 from ...aiding_source import DEGREE, AidingSource, Column
 from ...innovation_kinds import KINDS
@@ -73,7 +75,7 @@ def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innov
     k = set_jacobian(c, k, ATTITUDE + 2, 1.0)
     rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2]
     ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
-    z = wrap_angle(m.value[0] - p.heading_boresight - math.atan2(y, x) - rate * ahead_s)
+    z = wrap_angle(m.value[0] - p.heading_boresight - elementary.atan2(y, x) - rate * ahead_s)
     r = sigma_of(p, m) ** 2
     others = headings_per_error(p, c, m) - 1.0
     timing = (rate * p.tuning.heading_time_sigma) ** 2

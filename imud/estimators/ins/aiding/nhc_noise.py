@@ -11,6 +11,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ....compile.jit import kernel
 from ...tuning import Tunable
 
@@ -78,7 +80,7 @@ def learn_noise_scale(p: Parameters, c: Core) -> bool:
             if nis > 1.0
             else max(p.tuning.nhc_sum_gain, p.tuning.nhc_first_sums / (p.tuning.nhc_first_sums + h.sum_count))
         )
-        noise_scale_new = h.noise_scale[k] * math.exp(gain * (nis - 1.0))
+        noise_scale_new = h.noise_scale[k] * elementary.exp(gain * (nis - 1.0))
         h.noise_scale[k] = min(max(noise_scale_new, p.tuning.nhc_min_noise_scale), p.tuning.nhc_max_noise_scale)
     h.sum_count += 1
     clear_sums(c)

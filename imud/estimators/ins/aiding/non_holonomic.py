@@ -16,6 +16,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from imud.drivers import elementary
+
 from ....compile.jit import kernel
 from ....math.rotation import cross, dot, quat_exp, quat_rotate, quat_rotate_back
 from ...records import NHC_LATERAL, NHC_VERTICAL
@@ -123,7 +125,7 @@ def find_forward_axis(p: Parameters, c: Core) -> None:
     across = h.velocity_scatter[0] + h.velocity_scatter[3] + h.velocity_scatter[5] - principal_direction(p, c)
     n, land, t = h.scatter_weight, p.vehicle == LAND, p.tuning
     disabled_s = 1e-9 * (c.nav.t_ns - h.disabled_ns)
-    if h.disable_count > 0 and not land and disabled_s < p.tuning.nhc_retry_s * 2.0**h.disable_count:
+    if h.disable_count > 0 and not land and disabled_s < p.tuning.nhc_retry_s * (1 << min(h.disable_count, 62)):
         return
     if land:
         found = n >= t.axis_windows_land and across < t.axis_across_land * n
@@ -204,7 +206,7 @@ def scatter_across_ground_line(c: Core) -> float:
     """Smaller eigenvalue of the scatter over ground: sum of squares across its principal line."""
     h = c.nhc
     half = 0.5 * (h.ground_scatter[0] + h.ground_scatter[2])
-    return float(half - math.hypot(0.5 * (h.ground_scatter[0] - h.ground_scatter[2]), h.ground_scatter[1]))
+    return float(half - elementary.hypot(0.5 * (h.ground_scatter[0] - h.ground_scatter[2]), h.ground_scatter[1]))
 
 
 @kernel

@@ -13,6 +13,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_variance, innovation_variance, set_jacobian
@@ -82,7 +84,7 @@ def check_receiver(p: Parameters, c: Core, z_n: float, z_e: float, accel_n: floa
         count_agreement(c, wrong)
         if c.wheel_check.agreements >= p.tuning.wheel_agreements:
             clear_detection(c)
-    elif math.hypot(c.nav.v_n[0], c.nav.v_n[1]) > p.tuning.wheel_check_speed:
+    elif elementary.hypot(c.nav.v_n[0], c.nav.v_n[1]) > p.tuning.wheel_check_speed:
         sum_contradictions(c, z_n, z_e, wrong)
         speed = drift_speed(p, c, 2.0 * r)
         if speed > 0.0:
@@ -139,4 +141,4 @@ def drift_speed(p: Parameters, c: Core, r: float) -> float:
     of_heading = g.z2 - g.turned**2 / g.v2
     if of_heading - of_drift < p.tuning.wheel_evidence * r:
         return 0.0
-    return math.hypot(g.z_n, g.z_e) / g.count
+    return elementary.hypot(g.z_n, g.z_e) / g.count

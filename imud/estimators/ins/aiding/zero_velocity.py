@@ -6,8 +6,9 @@ then reset to zero.
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
+
+from imud.drivers import elementary
 
 from ....compile.jit import kernel
 from ....math.earth import EARTH_RATE_RADPS
@@ -61,7 +62,7 @@ def fuse_rest(p: Parameters, c: Core) -> bool:
         for i in range(3):
             m = set_jacobian(c, 0, VELOCITY + i, 1.0)
             pseudo_measurement(c, REST_N + i, m, -c.nav.v_n[i], sigma * sigma, 4.0 * p.tuning.rest_gate)
-    north, down = EARTH_RATE_RADPS * math.cos(c.nav.lat), -EARTH_RATE_RADPS * math.sin(c.nav.lat)
+    north, down = EARTH_RATE_RADPS * elementary.cos(c.nav.lat), -EARTH_RATE_RADPS * elementary.sin(c.nav.lat)
     earth = ned_to_body(c, (north, 0.0, down))
     s, contradicted = c.stationarity, False
     r = p.gyro_psd / s.duration + s.gyro_noise_floor**2 / s.sample_count + p.tuning.zaru_sigma**2

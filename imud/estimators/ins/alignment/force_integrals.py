@@ -22,8 +22,9 @@ Systems (1973), ch. 6, for nuisance parameters with a prior; matched-filter bank
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
+
+from imud.drivers import elementary
 
 from ....compile.jit import kernel
 from ....math.earth import STANDARD_GRAVITY
@@ -55,7 +56,7 @@ def conjugate_product(a: Complex, b: Complex) -> Complex:
 @kernel
 def phasor(angle: float) -> Complex:
     """exp(i angle); angle: rad."""
-    return math.cos(angle), math.sin(angle)
+    return elementary.cos(angle), elementary.sin(angle)
 
 
 @kernel

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
+
+from imud.drivers import elementary
 
 from ....compile.jit import kernel
 from ..aiding.heading import sigma_of
@@ -26,7 +27,7 @@ def align_with_heading(p: Parameters, c: Core, m: Measurement) -> None:
     if not is_levelled(p, c) or x * x + y * y < p.tuning.heading_min_level**2:
         return
     sigma = sigma_of(p, m)
-    rotate_to_heading(p, c, wrap_angle(m.value[0] - p.heading_boresight - math.atan2(y, x)), sigma)
+    rotate_to_heading(p, c, wrap_angle(m.value[0] - p.heading_boresight - elementary.atan2(y, x)), sigma)
     decorrelate(c, ATTITUDE + 2, sigma * sigma)
     if c.gnss.fix_count > 0:
         change_mode(p, c, HEADING_KNOWN)

@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from imud.drivers import elementary
+
 from ....compile.jit import kernel
 from ....math.earth import STANDARD_GRAVITY
 from ...tuning import Tunable
@@ -191,8 +193,8 @@ def evaluate_hypothesis(b: HypothesisBank, k: int) -> tuple[float, float]:
         residual_product(b, b.products[k], INERTIAL_COLUMN, INERTIAL_COLUMN)[0],
         residual_product(b, b.products[k], GNSS_COLUMN, GNSS_COLUMN)[0],
     )
-    both = math.hypot(re, im)
-    b.headings[k, 0], b.headings[k, 1] = math.atan2(im, re), z2 + v2 - 2.0 * both
+    both = elementary.hypot(re, im)
+    b.headings[k, 0], b.headings[k, 1] = elementary.atan2(im, re), z2 + v2 - 2.0 * both
     return z2 + v2 - 2.0 * both, min(z2, both)
 
 
@@ -231,7 +233,7 @@ def solve_heading(
     for k in range(HYPOTHESES):
         frame_rate_k, energy_difference = frame_rate(p, k), b.headings[k, 1] - least
         apart = frame_rate_k + c.alignment.bias_correction
-        w = math.exp(-0.5 * energy_difference / r - 0.5 * apart**2 / (bias_variance + between))
+        w = elementary.exp(-0.5 * energy_difference / r - 0.5 * apart**2 / (bias_variance + between))
         unpredicted_rate = apart * inside / between
         psi = (
             b.headings[k, 0]
@@ -241,16 +243,16 @@ def solve_heading(
         )
         b.headings[k, 0], b.headings[k, 1], b.headings[k, 2] = psi, w, unpredicted_rate
         weight += w
-        sr += w * math.cos(psi)
-        si += w * math.sin(psi)
+        sr += w * elementary.cos(psi)
+        si += w * elementary.sin(psi)
         rate += w * unpredicted_rate
         rate2 += w * unpredicted_rate**2
     if not weight > 0.0:
         return unknown
     rate /= weight
-    length = min(math.hypot(sr, si) / weight, 1.0)
-    spread2 = -2.0 * math.log(max(length, 1e-9)) + (age - mean) ** 2 * inside
-    psi, covariance = math.atan2(si, sr), 0.0
+    length = min(elementary.hypot(sr, si) / weight, 1.0)
+    spread2 = -2.0 * elementary.log(max(length, 1e-9)) + (age - mean) ** 2 * inside
+    psi, covariance = elementary.atan2(si, sr), 0.0
     for k in range(HYPOTHESES):
         covariance += b.headings[k, 1] * wrap_angle(b.headings[k, 0] - psi) * (b.headings[k, 2] - rate)
     variance = max(rate2 / weight - rate * rate, 0.0) + inside

@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ....compile.jit import kernel
 from ....math.earth import STANDARD_GRAVITY
 from ...tuning import Tunable
@@ -129,7 +131,7 @@ def apply_corrections(p: Parameters, c: Core, b: HypothesisBank) -> None:
     a, d = c.alignment, c.alignment.corrections
     change = multiply(element(d, 1), element(a.integrals, HEADING_INTEGRAL))
     at_origin, now = d[0, 0] ** 2 + d[0, 1] ** 2, (d[0, 0] + change[0]) ** 2 + (d[0, 1] + change[1]) ** 2
-    discount(b, math.exp(-max(at_origin, now) / (STANDARD_GRAVITY * p.tuning.max_corrected_tilt) ** 2))
+    discount(b, elementary.exp(-max(at_origin, now) / (STANDARD_GRAVITY * p.tuning.max_corrected_tilt) ** 2))
     for k in range(HYPOTHESES):
         correct_products(b.products[k], d)
         add_corrections(d, b.integrals[k], DELTA_V)

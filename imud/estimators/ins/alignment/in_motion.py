@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ....compile.jit import kernel
 from ....math.earth import STANDARD_GRAVITY
 from ...tuning import Tunable
@@ -46,7 +48,7 @@ TUNABLES = (
 @kernel
 def differenced_velocity_variance(p: Parameters, c: Core, dt: float) -> float:
     """Variance, m^2/s^2, of a velocity component differenced from two positions `dt` s apart."""
-    bias2 = c.gnss.reported_sigma[0] ** 2 * (1.0 - math.exp(-dt / p.tuning.gnss_bias_time_s))
+    bias2 = c.gnss.reported_sigma[0] ** 2 * (1.0 - elementary.exp(-dt / p.tuning.gnss_bias_time_s))
     return float(2.0 * (c.gnss.noise_var[0] + bias2) / dt**2)
 
 
@@ -62,7 +64,7 @@ def low_motion_speed(p: Parameters, c: Core, lat: float, lon: float) -> float:
     if dt <= 0.0 or p.tuning.speed_sigmas**2 * differenced_velocity_variance(p, c, dt) > p.tuning.rest_speed**2:
         return math.nan
     north, east = ned_difference(c, a.low_motion_position[0], a.low_motion_position[1], lat, lon)
-    return float(math.hypot(north, east) / dt)
+    return float(elementary.hypot(north, east) / dt)
 
 
 @kernel
@@ -70,7 +72,7 @@ def speed_from_positions(p: Parameters, c: Core, lat: float, lon: float) -> floa
     """Speed differenced from positions, m/s: of the last pair, or since low motion began; NaN where it may be noise."""
     speed_since_low_motion, mean = low_motion_speed(p, c, lat, lon), c.alignment.mean_velocity
     if mean[2] > 0.0:
-        speed = math.hypot(mean[0], mean[1])
+        speed = elementary.hypot(mean[0], mean[1])
         # the GNSS bias hardly changes within a pair
         sigma = math.sqrt(2.0 * c.gnss.noise_var[0]) / mean[2]
         if speed > p.tuning.speed_sigmas * sigma or p.tuning.speed_sigmas * sigma < p.tuning.rest_speed:

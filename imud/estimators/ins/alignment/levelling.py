@@ -7,8 +7,9 @@ gyro bias is estimated at the same time.
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
+
+from imud.drivers import elementary
 
 from ....compile.jit import kernel
 from ....math.earth import gravity
@@ -104,7 +105,7 @@ def level_from_window(p: Parameters, c: Core, resting: bool) -> None:
     if not resting:
         down, w = ned_to_body(c, (0.0, 0.0, 1.0)), c.imu.rate_b
         turn = down[0] * w[0] + down[1] * w[1] + down[2] * w[2]
-        sigma = math.hypot(p.tuning.level_motion_sigma, p.tuning.level_turn_speed * turn)
+        sigma = elementary.hypot(p.tuning.level_motion_sigma, p.tuning.level_turn_speed * turn)
     dv, dt = c.stationarity.delta_v, c.stationarity.duration
     fuse_gravity(p, c, dv[0] / dt, dv[1] / dt, dv[2] / dt, 0.5 * dt, sigma, 3)
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ....compile.jit import kernel
 from ....math.earth import STANDARD_GRAVITY
 from ...tuning import Tunable
@@ -80,7 +82,7 @@ def level_with_pair(p: Parameters, c: Core, vn: float, ve: float, dt: float) -> 
     """Level with the force in scratch.integral_change over `dt` s, in which the velocity changed by (vn, ve) m/s."""
     zn, ze = multiply(phasor(-c.alignment.frame_azimuth), element(c.scratch.integral_change, DELTA_V))
     if c.alignment.mode == COARSE_ALIGNMENT:
-        level_from_velocity_change(p, c, zn / dt, ze / dt, dt, math.hypot(vn, ve) / dt)
+        level_from_velocity_change(p, c, zn / dt, ze / dt, dt, elementary.hypot(vn, ve) / dt)
 
 
 @kernel
@@ -163,10 +165,11 @@ def match_pair(
 @kernel
 def contradicts_force(p: Parameters, c: Core, b: HypothesisBank, s: float) -> bool:
     """Whether GNSS and inertial innovations (variance s) differ in magnitude by more than noise and tilt explain."""
-    inertial = math.hypot(b.innovations[1 + DELTA_V, 0], b.innovations[1 + DELTA_V, 1])
+    inertial = elementary.hypot(b.innovations[1 + DELTA_V, 0], b.innovations[1 + DELTA_V, 1])
     tilt2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
     allowed = s + tilt2 * (b.innovations[1 + TIME, 0] ** 2 + b.innovations[1 + TIME, 1] ** 2)
-    return bool((inertial - math.hypot(b.innovations[0, 0], b.innovations[0, 1])) ** 2 > p.tuning.match_gate * allowed)
+    apart = inertial - elementary.hypot(b.innovations[0, 0], b.innovations[0, 1])
+    return bool(apart**2 > p.tuning.match_gate * allowed)
 
 
 @kernel
@@ -193,7 +196,7 @@ def match_fix(
     else:
         propagate_hypotheses(p, c, b, dt)
         predict_whitening(p, b, c.gnss.reported_sigma[0], c.process_noise.psd[0], dt)
-        discount(b, math.exp(-2.0 * dt / duration))
+        discount(b, elementary.exp(-2.0 * dt / duration))
     if math.isfinite(vn) and math.isfinite(ve):
         match_if_consistent(p, c, b, False, (vn, ve), c.gnss.velocity_noise_var + timing_velocity_variance(c) + noise2)
     else:
@@ -257,11 +260,11 @@ def pair_mean_velocities(p: Parameters, c: Core, vn: float, ve: float, dt: float
 def exceeds_force(p: Parameters, c: Core, vn: float, ve: float, dt: float) -> bool:
     """Whether this change of mean velocity (m/s, over `dt` s) is more than force, tilt errors and noise explain."""
     change = c.scratch.integral_change
-    inertial = math.hypot(change[DELTA_V, 0], change[DELTA_V, 1])
+    inertial = elementary.hypot(change[DELTA_V, 0], change[DELTA_V, 1])
     tilt2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
     noise2 = 6.0 * (c.gnss.noise_var[0] + c.gnss.reported_sigma[0] ** 2) / dt**2
     allowed = noise2 + tilt2 * change[TIME, 0] ** 2
-    return bool(max(math.hypot(vn, ve) - inertial, 0.0) ** 2 > p.tuning.match_gate * allowed)
+    return bool(max(elementary.hypot(vn, ve) - inertial, 0.0) ** 2 > p.tuning.match_gate * allowed)
 
 
 @kernel

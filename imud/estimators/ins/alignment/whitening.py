@@ -11,8 +11,9 @@ Source: Kailath, An innovations approach to least-squares estimation, part I (19
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
+
+from imud.drivers import elementary
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
@@ -58,7 +59,7 @@ def predict_whitening(p: Parameters, b: HypothesisBank, bias_sigma: float, learn
     """
     psd = p.tuning.unmodelled_accel_psd + learned_psd
     P, x = b.whitening_P, b.whitening_state
-    decay = math.exp(-dt / p.tuning.gnss_bias_time_s)
+    decay = elementary.exp(-dt / p.tuning.gnss_bias_time_s)
     for k in range(HYPOTHESES):
         for j in range(5):
             for i in range(2):

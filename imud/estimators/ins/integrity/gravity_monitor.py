@@ -13,6 +13,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ....compile.jit import kernel
 from ....math.earth import EARTH_RATE_RADPS, gravity
 from ....math.rotation import Vector, cross, dot
@@ -98,7 +100,7 @@ def may_fly(p: Parameters, c: Core) -> bool:
 def bias_error(p: Parameters, c: Core) -> Vector:
     """The error of the gyro bias across gravity, rad/s, if gravity stayed where it was in the body; else zero."""
     g, f = c.gravity_monitor, (c.stationarity.mean_f[0], c.stationarity.mean_f[1], c.stationarity.mean_f[2])
-    north, down = EARTH_RATE_RADPS * math.cos(c.nav.lat), -EARTH_RATE_RADPS * math.sin(c.nav.lat)
+    north, down = EARTH_RATE_RADPS * elementary.cos(c.nav.lat), -EARTH_RATE_RADPS * elementary.sin(c.nav.lat)
     earth, bg = ned_to_body(c, (north, 0.0, down)), c.nav.bg
     angle = (
         g.angle[0] - (bg[0] + earth[0]) * g.time,

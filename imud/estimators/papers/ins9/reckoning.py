@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ....compile.jit import kernel
 from ....math.rotation import (
     dcm_of_quat,
@@ -85,7 +87,7 @@ def propagate_errors(s: Ins9State, sample: Sample, T: float) -> None:
         trace += C[i] * s.C_rest[i]
         s.distance_by_bias[i] += T * s.velocity_by_bias[i]
         s.velocity_by_bias[i] += T * (C[i] - s.C_rest[i])
-    s.rotation_from_rest = math.acos(min(max(0.5 * (trace - 1.0), -1.0), 1.0))
+    s.rotation_from_rest = elementary.acos(min(max(0.5 * (trace - 1.0), -1.0), 1.0))
     for k in range(SOURCES):
         s.distance_by[k] += T * s.velocity_by[k]
         s.velocity_by[k] += T * s.gravity * s.tilt_by[k]
@@ -94,7 +96,7 @@ def propagate_errors(s: Ins9State, sample: Sample, T: float) -> None:
     else:
         s.tilt_by[RATE_ERROR] += T
         s.tilt_by[SCALE_ERROR] = s.rotation_from_rest
-        s.tilt_by[EARTH] += T * 2.0 * math.sin(0.5 * s.rotation_from_rest)
+        s.tilt_by[EARTH] += T * 2.0 * elementary.sin(0.5 * s.rotation_from_rest)
 
 
 @kernel

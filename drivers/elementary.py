@@ -17,8 +17,8 @@ import math
 
 import numpy as np
 
-from ..compile.bits import float_bits, float_of_bits
-from ..compile.jit import kernel
+from .bits import float_bits, float_of_bits
+from .jit import kernel
 
 _MANTISSA_BITS, _BIAS = 52, 1023
 _FRACTION = (1 << _MANTISSA_BITS) - 1

@@ -16,7 +16,7 @@ from .dialogue import Dialogue, Exchange
 from .driver import AnyDriver, Identity, NativeProtocol, SpiDriver, Unsupported
 from .findings import DATA_MIN, Echo, Finding, NoAnswer, NoGreeting, Silence, UnrecognisedData, is_garbage
 from .registry import by_name, drivers
-from .transport.portspec import SERVER_DRIVER, PortSpec
+from .transport.portspec import IIO_DRIVER, SERVER_DRIVER, PortSpec
 
 ROUNDS = 3  # and a fourth on a line with activity
 LATE_SPEEDS = (1, 0, 1, 99)  # for each round, at how many of a driver's speeds late answers are waited for
@@ -40,6 +40,8 @@ def search(spec: PortSpec, readonly: bool = False, last_baud: int = 0) -> Dialog
     """The device on the port as the user named it, or why there is none; `last_baud` as in `detect`."""
     if spec.server:
         return detect_server()
+    if spec.iio:
+        return detect_iio()
     if spec.spi:
         return detect_spi(spec.driver, readonly)
     return detect(spec.driver, spec.baud, readonly, last_baud)
@@ -50,6 +52,11 @@ def detect_server() -> Dialogue[Found | Finding]:
     driver = by_name(SERVER_DRIVER)
     received = yield Exchange(listen_s=GREETING_S, enough=lambda received: driver.recognise(received) is not None)
     return driver.recognise(received) or NoGreeting()
+
+
+def detect_iio() -> Dialogue[Found | Finding]:
+    """The device that the kernel has; it is known by name."""
+    return (yield from by_name(IIO_DRIVER).identify()) or NoAnswer(readonly=False)
 
 
 def detect_spi(driver: str | None = None, readonly: bool = False) -> Dialogue[Found | Finding]:

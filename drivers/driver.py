@@ -83,6 +83,7 @@ class ImuConfigured:
     gyro_range: float = math.inf  # rad/s, where readings end; infinite: not known
     accel_range: float = math.inf  # m/s^2
     request: Request | None = None  # None: it sends by itself
+    layout: str = ""  # what `new_state` needs besides, as the driver wrote it
     still_powered: bool = False  # its stream shows that it has not been switched off since somebody set it up
 
 

@@ -20,6 +20,9 @@ from .faults.wire import Wire, WireLog
 from .fixes import FixSource, SimulatedFixes
 from .g350 import G350
 from .g370 import VARIANTS, Windowed
+from .iio import Device as IioDevice
+from .iio import IioChip
+from .iio_chips import CHIPS
 from .motion import Mounted, Trajectory, rotation
 from .nmea import FvM11
 from .noise import DEG, IDEAL, M_G350, MILLI_G, Grade, ImuErrors, Signal
@@ -162,6 +165,29 @@ def device(
         built = BytePlayback(built, scene.ports[index], scene.playback, leads)
     device_faults = of_layer("device", faults)
     return FaultyDevice(built, device_faults) if device_faults else built
+
+
+def iio_chip(args: argparse.Namespace, scene: Scene, index: int, faults: Sequence[Fault], start: float) -> IioChip:
+    """Chip number `index` of the command line, behind the kernel. start: CLOCK_MONOTONIC of time 0, in s."""
+    name, _ = args.devices[index]
+    chip = CHIPS[name]
+    before = sum(len(CHIPS[other].parts) for other, _ in args.devices[:index] if other in CHIPS)
+    grade = Grade(
+        random_walk=(chip.noise[0] * DEG, chip.noise[1] * MILLI_G),
+        turn_on=(chip.turn_on[0] * DEG, chip.turn_on[1] * MILLI_G),
+        in_run=(10.0 * DEG / 3600.0, 0.1 * MILLI_G),
+        scale=(0.005, 0.005),
+        misalignment=(0.1 * DEG, 0.1 * DEG),
+        limit=chip.limit,
+    )
+
+    def errors(rate_hz: float) -> ImuErrors:
+        rng = np.random.default_rng([args.seed, index])
+        return _DeviceOptions(args, scene, 0.0, name, 0, rng, list(faults)).errors(grade, rate_hz)
+
+    signal = _DeviceOptions(args, scene, 0.0, name, 0, np.random.default_rng(), []).signal
+    devices = [IioDevice(before + i, chip, part, signal, errors, args.iio_root) for i, part in enumerate(chip.parts)]
+    return IioChip(name, devices, start, [*of_layer("plug", faults), *of_layer("buffer", faults)])
 
 
 def _g350(options: _DeviceOptions) -> Device:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from .device import RECEIVERS
 from .faults import spec
 from .faults.spec import Fault
+from .iio_chips import CHIPS
 
 if TYPE_CHECKING:
     from .build import Scene
@@ -39,8 +40,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "spi.data_ready=gpiochip0:24."
     )
     add = parser.add_argument
-    kinds = ", ".join(DEFAULT_BAUD)
-    add("devices", nargs="+", type=_device, metavar="DEVICE", help=f"{kinds}; optionally @BAUD; on one motion")
+    kinds, chips = ", ".join(DEFAULT_BAUD), ", ".join(CHIPS)
+    add(
+        "devices",
+        nargs="+",
+        type=_device,
+        metavar="DEVICE",
+        help=f"{kinds}; optionally @BAUD; on one motion. Behind the kernel's Industrial I/O, with --iio-root: {chips}",
+    )
+    add("--iio-root", type=Path, metavar="DIR", help="folder that gets sys/ and dev/ as the kernel has them")
     scenarios = ", ".join(SCENARIO_NAMES)
     add("--scenario", choices=SCENARIO_NAMES, default="rest", metavar="NAME", help=f"{scenarios} (default rest)")
     add("--replay", nargs="+", type=Path, metavar="FILE", help="instead: a recording's bytes, or its samples")
@@ -129,6 +137,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _device(text: str) -> tuple[str, int]:
     name, _, baud = text.partition("@")
+    if text in CHIPS:
+        return text, 0
     if name not in DEFAULT_BAUD or (baud and baud not in map(str, BAUDS)):
         raise argparse.ArgumentTypeError(
             f"{text!r}: a device is {' or '.join(DEFAULT_BAUD)}, optionally @ and one of {', '.join(map(str, BAUDS))}"
@@ -154,7 +164,13 @@ def _triple(text: str) -> Triple:
 def _usage_error(args: argparse.Namespace) -> str:
     """The error in the combination of the arguments; empty: none."""
     names = [name for name, _ in args.devices]
+    chips = [name for name in names if name in CHIPS]
     checks = [
+        (bool(chips) and args.iio_root is None, f"{', '.join(chips)}: say where sysfs is imitated: --iio-root DIR"),
+        (
+            bool(chips) and (args.replay or args.fast or args.speed != 1.0),
+            f"{', '.join(chips)}: in real time only, no --replay",
+        ),
         (len(args.link) > len(names), "more --link than devices"),
         (len(set(args.link)) < len(args.link), "two devices cannot have the same --link"),
         (not 1.0 <= args.rate <= 5.0, "--rate: the receiver gives 1 to 5 fixes per second"),
@@ -174,8 +190,8 @@ def _fail(code: int, message: str) -> int:
 
 
 def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]) -> int:
-    from .build import device
-    from .emulator import AsFastAsRead, EmulatedPort, RealTime, TruthLog, end_with_parent, serve
+    from .build import device, iio_chip
+    from .emulator import AsFastAsRead, EmulatedPort, RealTime, Task, TruthLog, end_with_parent, serve
     from .faults.wire import WireLog
 
     signals: list[int] = []
@@ -189,20 +205,25 @@ def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]
         wires = stack.enter_context(closing(WireLog(args.wire_log, start))) if args.wire_log else None
         links = [*args.link, *[None] * len(args.devices)]
         ports: list[EmulatedPort] = []
+        tasks: list[Task] = []
         for i, (name, _) in enumerate(args.devices):
+            if name in CHIPS:
+                chip = stack.enter_context(iio_chip(args, scene, i, faults[i], start))
+                tasks.append(chip)
+                print(name, chip.path, flush=True)
+                continue
             built = device(args, scene, utc, i, faults[i], wires)
             outages = [fault.span for fault in spec.of_layer("plug", faults[i])]
             ports.append(
                 stack.enter_context(EmulatedPort(name, built, links[i], outages, patient=args.fast or args.patient))
             )
-        logs: list[TruthLog] = []
         if args.truth is not None and scene.trajectory is not None:
-            logs.append(stack.enter_context(closing(TruthLog(args.truth, scene.trajectory, start))))
+            tasks.append(stack.enter_context(closing(TruthLog(args.truth, scene.trajectory, start))))
         for port in ports:
             print(port.name, port.path, flush=True)
         leaders = [port for port in ports if port.name not in RECEIVERS] or ports
         clock = AsFastAsRead(leaders) if args.fast else RealTime(start, args.speed)
-        serve(ports, logs, clock, args.seconds, lambda: bool(signals))
+        serve(ports, tasks, clock, args.seconds, lambda: bool(signals))
         for port in ports:
             _log_summary(port)
     return EXIT_INTERRUPTED if signal.SIGINT in signals else 0

@@ -15,15 +15,19 @@ from imud.client import DIVISOR
 from imud.configuration.settings import Settings
 from imud.configuration.settings import Stream as StreamSettings
 from imud.drivers.driver import Identity, ImuConfigured
+from imud.drivers.iio.layout import Channel, Layout
 from imud.drivers.registry import by_name
 from imud.outputs.binary import BinaryOutputs
 
 _NO_GYROS = (False, False, False)
+_AXIS = [Channel(0, 2 * i, 2, 16, 0, True, i % 2 == 1, 0.001) for i in range(6)]
+_SCANS = Layout((24, 16), (16, 8), True, (1_000_000, 1_000_000), tuple(_AXIS[:3]), tuple(_AXIS[:3]))
 SENSORS = {  # a connection of each kind of frame
     "epson": ImuConfigured(Identity("epson", "M-G350"), 1000.0, 1_000_000, 0, 22),
     "epson-windowed": ImuConfigured(Identity("epson", "M-G365"), 1000.0, 500_000, 0, 20),
     "crossbow": ImuConfigured(Identity("crossbow", "DMU RGA300CA"), 100.0, 790, 0, 24, gyro_axes=(False, False, True)),
     "seraccel": ImuConfigured(Identity("seraccel", "SerAccel (±1.5 g)"), 50.0, 20_000_000, 0, 28, gyro_axes=_NO_GYROS),
+    "iio": ImuConfigured(Identity("iio", "two"), 1000.0, 1, 0, 17, layout=_SCANS.to_text()),
 }
 
 
@@ -69,5 +73,7 @@ def examples(name: str) -> tuple[bytes, ...]:
         return (packet() + packet(clock=12_658) * 2,)
     if name == "seraccel":
         return (GOLDEN * 3, SUCCESSOR * 3, RAW * 3, BINARY * 3)
+    if name == "iio":
+        return ((b"\1" + bytes(16)) * 2 + b"\0" + bytes(24),)
     frame = {"epson": b"\x20" + bytes(20) + b"\r", "epson-windowed": b"\x80" + bytes(18) + b"\r"}[name]
     return (frame * 4,)

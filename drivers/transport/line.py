@@ -53,7 +53,13 @@ def _server(spec: PortSpec) -> Line:
     return TcpPort(spec)
 
 
-_OPENERS: dict[str, Callable[[PortSpec], Line]] = {"spi": SpiPort, "replay": _replay, "gpsd": _server}
+def _iio(spec: PortSpec) -> Line:
+    from .iio import IioPort
+
+    return IioPort(spec)
+
+
+_OPENERS: dict[str, Callable[[PortSpec], Line]] = {"spi": SpiPort, "replay": _replay, "gpsd": _server, "iio": _iio}
 
 
 def check_port(spec: PortSpec) -> None:

@@ -1,4 +1,4 @@
-"""Parses `DEV[:DRIVER[@BAUD]]` and `gpsd://HOST[:PORT][/DEVICE]`.
+"""Parses `DEV[:DRIVER[@BAUD]]`, `gpsd://HOST[:PORT][/DEVICE]` and `iio:NAME`.
 
 Paths such as /dev/serial/by-path/…-usb-0:1.0-port0 have colons of their own.
 """
@@ -16,6 +16,8 @@ SCHEME = re.compile(r"(?:spi|replay|sim):")
 KINDS = ("imu", "gnss")  # a device in a recording may also be named by its kind
 SERVER_DRIVER, SERVER_PORT = "gpsd", 2947
 ADDRESS = re.compile(r"gpsd://(?P<host>\[[0-9a-fA-F:.%]+\]|[\w.-]+)(?::(?P<port>\d{1,5}))?(?P<device>/.+)?")
+IIO_DRIVER = "iio"
+IIO = re.compile(r"iio:(.+)")
 SPI = re.compile(r"spi:(\d+)\.(\d+)")
 BAUDS = range(50, 4_000_001)
 
@@ -24,13 +26,13 @@ BAUDS = range(50, 4_000_001)
 class PortSpec:
     """A port as the user named it."""
 
-    path: str  # or spi:BUS.DEV, replay:FILE, sim:SCENARIO, gpsd://HOST
+    path: str  # or spi:BUS.DEV, replay:FILE, sim:SCENARIO, gpsd://HOST, iio:NAME
     driver: str | None = None
     baud: int | None = None
     data_ready: str | None = None  # CHIP:LINE of the line on which an SPI device says that a sample is there
 
     def __str__(self) -> str:
-        if self.server:
+        if self.server or self.iio:
             return self.path
         baud = "" if self.baud is None else f"@{self.baud}"
         return f"{self.path}:{self.driver or ''}{baud}" if self.driver or baud else self.path
@@ -49,14 +51,24 @@ class PortSpec:
             return None
         return parts["host"].strip("[]"), int(parts["port"] or SERVER_PORT), parts["device"] or ""
 
+    @property
+    def iio(self) -> str | None:
+        """Name of a device of Linux's Industrial I/O, if this port is one."""
+        name = IIO.fullmatch(self.path)
+        return name[1] if name else None
+
     @classmethod
     def parse(cls, text: str, drivers: Collection[str] | None = None) -> "PortSpec":
         """The parts of `text`; `drivers` are the names that count, by default all. Raises SpecError."""
         if text.startswith(f"{SERVER_DRIVER}:"):
             return _server(text)
+        if text.startswith(f"{IIO_DRIVER}:"):
+            return _iio(text)
         spec = cls._split(text, drivers)
         if spec.driver == SERVER_DRIVER and not spec.path.startswith("replay:"):
             raise SpecError(f"port {text!r}: a gpsd is no driver of a line; write gpsd://HOST:PORT")
+        if spec.driver == IIO_DRIVER and not spec.path.startswith("replay:"):
+            raise SpecError(f"port {text!r}: iio is no driver of a line; write iio:NAME")
         if spec.path.startswith("spi:") and (spec.spi is None or spec.baud is not None):
             raise SpecError(f"port {text!r}: write spi:BUS.DEVICE[:DRIVER], for example spi:0.0 for /dev/spidev0.0")
         return spec
@@ -84,6 +96,15 @@ def _server(text: str) -> PortSpec:
     spec = PortSpec(text, SERVER_DRIVER)
     if spec.server is None or not 0 < spec.server[1] < 65536:
         raise SpecError(f"port {text!r}: write gpsd://HOST[:PORT][/DEVICE], for example gpsd://localhost:2947")
+    return spec
+
+
+def _iio(text: str) -> PortSpec:
+    spec = PortSpec(text, IIO_DRIVER)
+    if spec.iio is None or "/" in spec.iio:
+        raise SpecError(
+            f"port {text!r}: write iio:NAME, for example iio:bmi160 or iio:device0 (`imud probe` lists them)"
+        )
     return spec
 
 

@@ -12,10 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..device import RECEIVERS
+from ..iio_chips import CHIPS
 
 AXES = ("gx", "gy", "gz", "ax", "ay", "az")
-IMU, GNSS = "imu", "gnss"
-BOTH = (IMU, GNSS)
+IMU, GNSS, IIO = "imu", "gnss", "iio"  # IIO: an inertial sensor behind the kernel
+BOTH, SENSORS = (IMU, GNSS), (IMU, IIO)
 _FAULT = re.compile(r"(?P<name>[a-z]+)(?:=(?P<value>[^@]*))?(?:@(?P<span>.*))?")
 _SPAN = re.compile(r"(?P<begin>[\d.]+)(?P<dash>-(?P<end>[\d.]+)?)?(?:/(?P<period>[\d.]+))?")
 
@@ -98,13 +99,15 @@ KINDS: dict[str, FaultKind] = {
         "wire", BOTH, f"{SHARE} delayed by the second value in s (0.1), with all later ones", second=0.1
     ),
     "backlog": FaultKind("wire", BOTH, "messages are delayed and arrive together at the end", 1.0, closed=True),
-    "frozen": FaultKind("sensor", (IMU,), "axes (gx+gy+gz+ax+ay+az, or all) keep their value", 0.0, axes=True),
-    "saturated": FaultKind("sensor", (IMU,), "axes at the end of their range", 0.0, axes=True),
-    "zero": FaultKind("sensor", (IMU,), "axes show 0", 0.0, axes=True),
-    "bias": FaultKind("sensor", (IMU,), "deg/s on top of each gyro's bias, as after another power-on", needs=True),
+    "frozen": FaultKind("sensor", SENSORS, "axes (gx+gy+gz+ax+ay+az, or all) keep their value", 0.0, axes=True),
+    "saturated": FaultKind("sensor", SENSORS, "axes at the end of their range", 0.0, axes=True),
+    "zero": FaultKind("sensor", SENSORS, "axes show 0", 0.0, axes=True),
+    "bias": FaultKind("sensor", SENSORS, "deg/s on top of each gyro's bias, as after another power-on", needs=True),
     "reset": FaultKind("device", BOTH, "restarts, settings lost", 0.0, needs=True),
     "count": FaultKind("device", (IMU,), "its counter jumps by so many (not seraccel)", needs=True),
-    "unplug": FaultKind("plug", BOTH, "the port is removed, and returns at the end", 0.0, closed=True),
+    "unplug": FaultKind("plug", (*BOTH, IIO), "the port is removed, and returns at the end", 0.0, closed=True),
+    "trigger": FaultKind("buffer", (IIO,), "its trigger is gone, and returns at the end", 0.0, closed=True),
+    "overflow": FaultKind("buffer", (IIO,), "the kernel's buffer loses so many scans", needs=True),
     "loss": FaultKind("fixes", (GNSS,), "the receiver reports no fix", 0.0),
     "jump": FaultKind("fixes", (GNSS,), "m beside the truth, towards the second value in deg (0)", second=0.0),
     "ramp": FaultKind("fixes", (GNSS,), "m/s away from the truth, towards the second value in deg (0)", second=0.0),
@@ -130,7 +133,7 @@ def parse(spec: str, devices: Sequence[str]) -> list[list[Fault]]:
 
 
 def of_layer(layer: str, faults: Sequence[Fault]) -> list[Fault]:
-    """Those of one layer: wire, sensor, device, plug or fixes."""
+    """Those of one layer: wire, sensor, device, plug, buffer or fixes."""
     return [fault for fault in faults if KINDS[fault.name].layer == layer]
 
 
@@ -141,7 +144,7 @@ def help_text() -> str:
 
 
 def _role(device: str) -> str:
-    return GNSS if device in RECEIVERS else IMU
+    return GNSS if device in RECEIVERS else IIO if device in CHIPS else IMU
 
 
 def _can_have(device: str, name: str) -> bool:
@@ -149,7 +152,8 @@ def _can_have(device: str, name: str) -> bool:
 
 
 def _chosen(target: str | None, devices: Sequence[str], group: str) -> list[int]:
-    chosen = [i for i, device in enumerate(devices) if target in (None, device, _role(device))]
+    also = {IIO: IMU}
+    chosen = [i for i, one in enumerate(devices) if target in (None, one, _role(one), also.get(_role(one), _role(one)))]
     if not chosen:
         raise SpecError(f"{group!r}: no device {target!r} here; there are {', '.join(devices)}, or {IMU}, {GNSS}")
     return chosen

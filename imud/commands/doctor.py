@@ -15,11 +15,23 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
+from imud.drivers.transport import iio_sysfs
+
 from ..compile import build, library
 from .probe import candidates
 
 _MARKS = {"ok": "ok  ", "note": "note", "problem": "FAIL"}
 _LATENCY_MS = 1
+_UDEV = (
+    "in /etc/udev/rules.d/60-imud-iio.rules: "
+    """SUBSYSTEM=="iio", GROUP="dialout", MODE="0660", """
+    """RUN+="/bin/sh -c 'chgrp -R dialout /sys%p; chmod -R g+rwX /sys%p'" """
+    "then: sudo udevadm control --reload && sudo udevadm trigger -s iio; and join group dialout"
+)
+_TRIGGER = (
+    "connect its interrupt line and name it in the device tree; or a timer: sudo modprobe iio-trig-hrtimer && "
+    "sudo mkdir /sys/kernel/config/iio/triggers/hrtimer/imud"
+)
 _UARTS = re.compile(r"console=(serial0|ttyAMA\d+|ttyS\d+|ttyUSB\d+)")
 
 
@@ -98,14 +110,16 @@ def console(root: Path) -> Iterator[Finding]:
 
 def competing_programs(root: Path) -> Iterator[Finding]:
     """Programs that open serial ports without being asked to."""
-    running = _processes(root, {"ModemManager", "gpsd", "brltty"})
+    running = _processes(root, {"ModemManager", "gpsd", "brltty", "iio-sensor-prox", "iiod"})
     mends = {
         "ModemManager": "sudo systemctl disable --now ModemManager, or a udev rule with ID_MM_DEVICE_IGNORE=1",
         "gpsd": 'give imud another address (--listen 127.0.0.1:2948) and keep gpsd off imud\'s ports (USBAUTO="false")',
+        "iio-sensor-prox": "sudo systemctl disable --now iio-sensor-proxy, if imud is to have the kernel's IMU",
+        "iiod": "sudo systemctl disable --now iiod, if imud is to have the kernel's IMU",
         "brltty": "sudo apt remove brltty (it takes USB adapters for Braille displays)",
     }
     for name, pid in running.items():
-        yield Finding("note", f"{name} is running (pid {pid}) and may open serial ports", mends[name])
+        yield Finding("note", f"{name} is running (pid {pid}) and may open imud's ports", mends[name])
 
 
 def latency(root: Path) -> Iterator[Finding]:
@@ -136,6 +150,22 @@ def spi(root: Path) -> Iterator[Finding]:
             yield Finding("note", f"the Python package {package} is missing, for {purpose}", "pip install 'imud[spi]'")
 
 
+def iio(root: Path) -> Iterator[Finding]:
+    """IMUs that the kernel has: may this user open and set them up, and have they triggers?"""
+    for folder, name in iio_sysfs.devices(root).items():
+        device = root / iio_sysfs.DEVICES / folder
+        what = f"IIO device {name or folder} ({folder})"
+        paths = (root / "dev" / folder, device / "buffer/enable")
+        if all(os.access(path, os.R_OK | os.W_OK) for path in paths):
+            yield Finding("ok", f"{what} may be opened")
+        else:
+            yield Finding("problem", f"{what} may not be opened and set up by this user", _UDEV)
+        if _text(device / "buffer/enable").strip() == "1":
+            yield Finding("note", f"{what} is streaming: imud, or another program, has set it up")
+        if (device / "trigger").is_dir() and not list(device.parent.glob("trigger*")):
+            yield Finding("problem", f"{what} needs a trigger, and the kernel has none", _TRIGGER)
+
+
 def kernels(root: Path) -> Iterator[Finding]:
     """Are they compiled, and if not, can they be?"""
     if path := library.current():
@@ -153,7 +183,15 @@ def kernels(root: Path) -> Iterator[Finding]:
         yield Finding("ok", f"the kernels will be compiled by {compiler[0]}, in some 15 s")
 
 
-CHECKS: tuple[Callable[[Path], Iterator[Finding]], ...] = (ports, console, competing_programs, latency, spi, kernels)
+CHECKS: tuple[Callable[[Path], Iterator[Finding]], ...] = (
+    ports,
+    console,
+    competing_programs,
+    latency,
+    spi,
+    iio,
+    kernels,
+)
 
 
 def examine(root: Path = Path("/")) -> list[Finding]:

@@ -10,6 +10,7 @@ from typing import Any
 from imud.drivers.detect import search
 from imud.drivers.driver import Identity
 from imud.drivers.errors import PortError, SpecError
+from imud.drivers.transport import iio_sysfs
 from imud.drivers.transport.dialogue_runner import run_dialogue
 from imud.drivers.transport.line import open_line
 from imud.drivers.transport.portspec import PortSpec
@@ -24,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "port",
         nargs="*",
         metavar="DEV[:DRIVER[@BAUD]]",
-        help="default: every serial port there is; SPI only if named (spi:0.0)",
+        help="default: every serial port there is, and every IMU that the kernel has; SPI only if named (spi:0.0)",
     )
     parser.add_argument("--readonly", action="store_true", help="only listen, write nothing")
     parser.add_argument("--json", action="store_true", help="one JSON object per port")
@@ -57,18 +58,22 @@ def _as_text(result: dict[str, Any]) -> str:
         return f"{result['port']}: {result['problem']}"
     properties = [f"serial {result['serial']}"] * bool(result["serial"])
     properties += [f"firmware {result['firmware']}"] * bool(result["firmware"])
-    port = f"--port {result['port']}:{result['driver']}"
-    properties += [port] if result["spi"] else [f"{result['baud']} baud", f"{port}@{result['baud']}"]
+    if result["baud"]:
+        properties += [f"{result['baud']} baud", f"--port {result['port']}:{result['driver']}@{result['baud']}"]
+    else:
+        properties.append(f"--port {result['port']}" + f":{result['driver']}" * result["spi"])
     return f"{result['port']}: {result['model'] or result['driver']}, {', '.join(properties)}"
 
 
 def run(args: argparse.Namespace) -> int:
     try:
-        specs = [PortSpec.parse(text) for text in args.port or candidates()]
+        specs = [PortSpec.parse(text) for text in args.port or [*candidates(), *iio_sysfs.ports()]]
     except SpecError as error:
         raise UsageError(str(error)) from error
     if not specs:
-        raise DeviceAbsentError("no serial port found (looked for /dev/ttyUSB*, ttyACM*, ttyAMA*, serial*); name one")
+        raise DeviceAbsentError(
+            "no serial port found (looked for /dev/ttyUSB*, ttyACM*, ttyAMA*, serial*, and IIO devices); name one"
+        )
     known = 0
     for spec in specs:
         if sys.stderr.isatty():

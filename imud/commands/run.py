@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="DEV[:DRIVER[@BAUD]]",
-        help="a serial port, spi:BUS.DEVICE, gpsd://HOST, sim:SCENARIO, replay:MCAP; repeat for the receiver",
+        help="a serial port, spi:BUS.DEVICE, iio:NAME, gpsd://HOST, sim:SCENARIO, replay:MCAP; repeat for the receiver",
     )
     parser.add_argument("--seed", type=seed, default=1, metavar="N", help="of the errors of sim: devices (default 1)")
     parser.add_argument("--estimator", metavar="NAME", help="default: navigation with two ports, else attitude")

@@ -130,18 +130,6 @@ def test_position_with_a_receiver_a_stop_and_a_reconnect(tmp_path):
         assert imud.process.poll() is None
 
 
-def test_a_second_sensor_is_a_spare(tmp_path):
-    first, second = tmp_path / "first", tmp_path / "second"
-    with daemon(tmp_path, "--port", str(first), "--port", str(second)) as imud, contextlib.ExitStack() as stack:
-        with emulator("g350", *REST, links=[first]):
-            imud.says(f"streaming port={first}")
-            stack.enter_context(emulator("g350", *REST, links=[second]))
-            imud.says(f"a spare, for when {first}, the inertial sensor, is away")
-        imud.says(f"streaming port={second}")
-        with emulator("g350", *REST, links=[first]):
-            imud.says(f"a spare, for when {second}, the inertial sensor, is away")
-
-
 def run(*arguments):
     return subprocess.run(
         [sys.executable, "-m", "imud", *arguments], capture_output=True, text=True, check=False,

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pyrtcm import calc_crc24q
 
 from imud.daemon.corrections import STALE_NS, Corrections
-from imud.daemon.devices import Devices
+from imud.daemon.ports import Port
 from imud.drivers.driver import Options
 from imud.drivers.errors import PortLostError
 from imud.drivers.rtcm import RtcmFramer, crc24q
@@ -131,8 +131,7 @@ def test_only_receivers_that_may_be_written_to_get_them(path, readonly, written)
     port = SimpleNamespace(
         options=Options(readonly=readonly), spec=PortSpec.parse(path), line=SimpleNamespace(write=sent.append)
     )
-    Devices._forward(SimpleNamespace(gnss=(port, None)), STATION)
-    Devices._forward(SimpleNamespace(gnss=None), STATION)
+    Port.forward(port, STATION)
     assert sent == [STATION] * written
 
 
@@ -146,5 +145,5 @@ def test_a_line_that_is_lost_meanwhile_is_opened_anew():
         options=Options(), spec=PortSpec.parse("/dev/a"), line=SimpleNamespace(write=fail), lost=lost.append
     )
     with contextlib.suppress(AssertionError):
-        Devices._forward(SimpleNamespace(gnss=(port, None)), STATION)
+        Port.forward(port, STATION)
     assert lost == ["it went away"]

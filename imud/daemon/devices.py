@@ -9,12 +9,14 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from imud.drivers.driver import AnyDriver, Identity, ImuConfigured
+from imud.drivers.driver import AnyDriver, ImuConfigured, ImuDriver
 from imud.drivers.errors import PortEndedError, PortLostError
+from imud.drivers.registry import by_name
 from imud.drivers.transport.line import Known
 
 from ..configuration.settings import Settings
 from ..errors import ImudError, UsageError
+from ..estimators import Estimator
 from ..math.arrays import Records
 from ..outputs.view import Device
 from ..pipeline import NOTHING_STORED, Stored
@@ -30,7 +32,8 @@ from ..sensors.receiver import Receiver
 from ..setup import choices
 from .fast_loop import FastLoop
 from .ports import Configured, Port
-from .state_store import StateStore
+from .spares import OF_SPARES, Spares
+from .state_store import StateStore, calibration_of
 
 if TYPE_CHECKING:
     from .corrections import Corrections
@@ -41,7 +44,10 @@ _ABSENCE_S = 5.0  # after which a spare takes over: one that comes back sooner f
 
 
 class Devices:
-    """At most one sensor of each kind streams; any other of that kind is a spare. Not thread-safe."""
+    """One sensor of each kind is in use; any other of that kind is a spare. Not thread-safe.
+
+    A spare receiver is closed; a spare inertial sensor streams, too, and is compared with the one in use.
+    """
 
     def __init__(
         self,
@@ -67,13 +73,18 @@ class Devices:
         self._by_fd: dict[int, Port] = {}
         self._store = StateStore()
         self._looked_ns = self._awake_ns = 0  # of `tick`: when last; since when without a long pause between two
-        self._spares: dict[str, set[Port]] = {kind: set() for kind in _PARTS}
+        self._closed_spares: dict[str, set[Port]] = {kind: set() for kind in _PARTS}
+        self.spares = Spares()  # inertial sensors
         recordings.on_begin, recordings.on_end = self._introduce, self._read_directly
 
     def check(self) -> None:
         """Find out early that there is no point in waiting. Raises ImudError as `on_time`."""
         for port in self.ports:
             port.check()
+
+    def possible_estimators(self) -> list[Estimator]:
+        """Those that may run: for the sensor in use, and for spares."""
+        return [*self.selection.choice.possible, *([OF_SPARES] if len(self.ports) > 1 else [])]
 
     def configure(self, settings: Settings) -> None:
         """Take over the hot keys of new settings."""
@@ -87,10 +98,10 @@ class Devices:
     @property
     def deadline_s(self) -> float:
         """When `on_time` has something to do."""
-        return min([port.deadline_s for port in self.ports])
+        return min([self.spares.takeover_s, *[port.deadline_s for port in self.ports]])
 
     def on_time(self, now_s: float) -> None:
-        """Do what is due on the ports: try again, or end a listening. Raises ImudError as `Port` does."""
+        """Do what is due on the ports: try again, end a listening, take over. Raises ImudError as `Port` does."""
         for port in self.ports:
             try:
                 port.on_time(now_s)
@@ -98,6 +109,8 @@ class Devices:
                 raise
             except Exception as error:
                 self._give_up(port, error)
+        if now_s >= self.spares.takeover_s:
+            self._take_over()
 
     def __contains__(self, fd: int) -> bool:
         return fd in self._by_fd
@@ -107,7 +120,12 @@ class Devices:
         port = self._by_fd[fd]
         try:
             if self.imu and port is self.imu[0]:
-                return self.imu[1].read(now_ns), []
+                n = self.imu[1].read(now_ns)
+                self.spares.take(port, self.imu[1], n)
+                return n, []
+            if spare := self.spares.sensors.get(port):
+                self.spares.take(port, spare, spare.read(now_ns))
+                return 0, []
             if self.gnss and port is self.gnss[0]:
                 return 0, self.gnss[1].read(port.line, now_ns)
             port.on_event()
@@ -129,31 +147,22 @@ class Devices:
         if now_ns - self._looked_ns > _SLEPT_NS:
             self._awake_ns = now_ns
         self._looked_ns = now_ns
-        for port, sensor in self.streaming().values():
+        for port, sensor in [*self.streaming().values(), *self.spares.sensors.items()]:
             silent = now_ns - max(sensor.last_data_ns, self._awake_ns) > sensor.silence_ns
             if silent and not isinstance(port.line, Known):  # a recording may have gaps, and goes on by itself
                 port.lost("the device sends nothing more of use")
         if self.imu and (share := self.imu[1].rate_ratio()):
             self._insist(*self.imu, share)
-        if self.corrections is not None and (data := self.corrections.read(now_ns)):
-            self._forward(data)
+        if self.imu and self.spares.sensors:
+            self._compare(*self.imu, now_ns)
+        if self.corrections is not None and (data := self.corrections.read(now_ns)) and self.gnss:
+            self.gnss[0].forward(data)
         for port in self.ports:
             port.log_line_warning()
         if self._recordings.current and self.imu:
             self._recordings.current.record_clock(self.ports.index(self.imu[0]), self.imu[1], now_ns)
         if self.imu and isinstance(configured := self.imu[0].configured, ImuConfigured):
             self._store.save_when_due(configured, self.imu[0].spec.path, self.imu[1], now_ns)
-
-    def _forward(self, corrections: bytes) -> None:
-        """Write a base's data to the receiver, if it may be written to."""
-        if self.gnss is None:
-            return
-        port = self.gnss[0]
-        if not port.options.readonly and port.spec.server is None:
-            try:
-                port.line.write(corrections)
-            except PortLostError as error:
-                port.lost(str(error))
 
     def _insist(self, port: Port, sensor: Inertial, share: float) -> None:
         """Set up anew a sensor that streams at another rate than agreed; once only, if that does not help."""
@@ -164,8 +173,30 @@ class Devices:
             agreed_hz = 1.0 / sensor.period_s
             port.lost(f"about {share * agreed_hz:.3g} samples/s come, {agreed_hz:g} were agreed: set up anew")
 
+    def _compare(self, port: Port, sensor: Inertial, now_ns: int) -> None:
+        """Compare all inertial sensors. One in use that is wrong is replaced; if nobody knows which one is wrong, the
+        one in use is doubted as after a power-on: its biases may have changed."""
+        disagreed = bool(self.spares.findings(port))
+        self.spares.look(port, sensor, now_ns)
+        findings, successor = self.spares.findings(port), self.spares.successor()
+        if self.spares.is_odd(port) and successor and not self.spares.is_odd(successor):
+            port.lost(findings[0])
+            self._take_over()
+        elif findings and not disagreed and isinstance(configured := port.configured, ImuConfigured):
+            driver = by_name(configured.identity.driver)
+            if driver.kind == "imu":
+                self._use(port, driver, replace(configured, still_powered=False))
+
+    def _take_over(self) -> None:
+        """A spare becomes the sensor in use."""
+        self.spares.takeover_s = math.inf
+        port = self.spares.successor()
+        if self.imu is None and port is not None and port.configured:
+            self.spares.remove(port)
+            self.connected(port, by_name(port.configured.identity.driver), port.configured)
+
     def streaming(self) -> dict[str, tuple[Port, Inertial] | tuple[Port, Receiver]]:
-        """The port and the sensor that stream, by kind."""
+        """The port and the sensor that are in use, by kind."""
         pairs = {"imu": self.imu, "gnss": self.gnss}
         return {kind: pair for kind, pair in pairs.items() if pair}
 
@@ -185,8 +216,7 @@ class Devices:
     def connected(self, port: Port, driver: AnyDriver, configured: Configured) -> None:
         """A device streams."""
         if other := self.streaming().get(driver.kind):
-            self._spares[driver.kind].add(port)
-            port.release(f"a spare, for when {other[0].spec.path}, the {_PARTS[driver.kind]}, is away")
+            self._keep_as_spare(port, driver, configured, other[0])
             return
         identity = configured.identity
         properties: dict[str, Any] = {
@@ -194,33 +224,19 @@ class Devices:
             "device": identity.model or driver.name,
             "baud": identity.baud,
         }
-        now_ns = time.monotonic_ns()
         if isinstance(configured, ImuConfigured) and driver.kind == "imu":
-            known = self._calibration_of(identity)
-            stored = self._load(configured, port.spec.path, known)
-            try:
-                inertial = self.selection.connect(
-                    port.line, driver, configured, known, self._settings, now_ns, self.ports.index(port), stored
-                )
-            except UsageError as error:
-                if self.selection.inertial is None:
-                    raise
-                port.reject(str(error))  # who served once does not end because of what is plugged in later
+            if not self._use(port, driver, configured):
                 return
-            self.imu, self._known = (port, inertial), known
-            if stored.checkpoint and self.selection.resumed:
-                self._log.info("the filter goes on where an earlier run of the daemon ended")
-            self._record(port, inertial, now_ns, stored)
-            self._read_directly()
             properties |= {
                 "serial": identity.serial,
                 "firmware": identity.firmware,
                 "rate_hz": round(configured.rate_hz, 3),
             }
         elif driver.kind == "gnss":
+            now_ns = time.monotonic_ns()
             self.gnss = (port, Receiver(driver, self._settings.gnss, now_ns, self._pulse))
             self._record(*self.gnss, now_ns)
-        self._spares[driver.kind].discard(port)
+        self._closed_spares[driver.kind].discard(port)
         self._wake_spares(driver.kind, math.inf)
         self._log.info("streaming", **{name: value for name, value in properties.items() if value})
         if self.imu is None and all(port.configured for port in self.ports):
@@ -228,9 +244,44 @@ class Devices:
         self._describe()
         garbage.set_aside()
 
+    def _use(self, port: Port, driver: ImuDriver, configured: ImuConfigured) -> bool:
+        """From now on this is the inertial sensor in use; returns whether it suffices for the estimator."""
+        now_ns = time.monotonic_ns()
+        known = calibration_of(configured.identity)
+        stored = self._load(configured, port.spec.path, known)
+        try:
+            inertial = self.selection.connect(
+                port.line, driver, configured, known, self._settings, now_ns, self.ports.index(port), stored
+            )
+        except UsageError as error:
+            if self.selection.inertial is None:
+                raise
+            port.reject(str(error))  # who served once does not end because of what is plugged in later
+            return False
+        self.imu, self._known = (port, inertial), known
+        if stored.checkpoint and self.selection.resumed:
+            self._log.info("the filter goes on where an earlier run of the daemon ended")
+        self._record(port, inertial, now_ns, stored)
+        self._read_directly()
+        return True
+
+    def _keep_as_spare(self, port: Port, driver: AnyDriver, configured: Configured, used: Port) -> None:
+        """A device of a kind of which one is in use: an inertial sensor is compared with it, any other is closed."""
+        what = f"a spare, for when {used.spec.path}, the {_PARTS[driver.kind]}, is away"
+        if driver.kind != "imu" or not isinstance(configured, ImuConfigured) or isinstance(port.line, Known):
+            self._closed_spares[driver.kind].add(port)
+            port.release(what)
+            return
+        known = calibration_of(configured.identity)
+        number, now_ns = self.ports.index(port), time.monotonic_ns()
+        self.spares.add(port, number, driver, configured, known, self._settings, now_ns)
+        self._read_through_python()
+        self._log.info(f"{what}; until then compared with it", port=port.spec.path)
+
     def disconnected(self, port: Port) -> None:
         """A device streams no more."""
-        if self._recordings.current:
+        self.spares.remove(port)
+        if self._recordings.current and port in [used for used, _ in self.streaming().values()]:
             self._recordings.current.disconnected(self.ports.index(port), port.spec.path)
         for kind, (held, _) in self.streaming().items():
             if held is port:
@@ -240,10 +291,15 @@ class Devices:
         if self.gnss and self.gnss[0] is port:
             self._log.info("receiver ended", port=port.spec.path, **self.gnss[1].counters())
             self.gnss = None
+        if self.imu:
+            self._read_directly()  # it was perhaps the last spare
         self._describe()
 
     def _wake_spares(self, kind: str, at_s: float) -> None:
-        for port in self._spares[kind]:
+        """Have the spares of that kind take over at that time; infinite: never."""
+        if kind == "imu":
+            self.spares.takeover_s = at_s
+        for port in self._closed_spares[kind]:
             port.schedule_retry(at_s)
 
     def close(self) -> None:
@@ -262,17 +318,6 @@ class Devices:
             _described(port, port.configured) for port, _ in self.streaming().values() if port.configured
         )
 
-    def _calibration_of(self, identity: Identity) -> calibration.Calibration:
-        """The stored calibration of this very sensor; an empty one if there is none that can be read."""
-        try:
-            found = calibration.of(identity)
-        except ImudError as error:
-            self._log.warning(f"uncalibrated: {error}")
-            return calibration.Calibration("")
-        if parts := found.parts:
-            self._log.info("calibrated", sensor=found.serial, **parts)
-        return found
-
     def _load(self, configured: ImuConfigured, path: str, known: calibration.Calibration) -> Stored:
         """What an earlier run of the daemon knew; a checkpoint only for the first filter of this run."""
         number = [port.spec.path for port in self.ports].index(path)
@@ -281,20 +326,26 @@ class Devices:
         return stored if self.selection.inertial is None else replace(stored, checkpoint=b"")
 
     def _read_directly(self) -> None:
-        """Let the inertial sensor's line be read in compiled code, if nobody else wants to see its bytes."""
+        """Let the inertial sensor's line be read in compiled code, if nobody else wants its bytes or samples."""
         if self._recordings.current is None:
             for _, sensor in self.streaming().values():
                 sensor.byte_sink = None
-        if self.imu and self.imu[0].line.plain and self.imu[1].byte_sink is None and self._fast_loop.fd < 0:
+        if self.spares.sensors or not self.imu or self.imu[1].byte_sink is not None:
+            return
+        if self.imu[0].line.plain and self._fast_loop.fd < 0:
             port, inertial = self.imu
             self._fast_loop.others.unregister(port.fd)
             self._fast_loop.attach(port.fd, inertial.stream)
 
-    def _introduce(self) -> None:
-        """Have a recording that begins take the sensors that stream already: from now on Python reads their bytes."""
+    def _read_through_python(self) -> None:
+        """Somebody wants the inertial sensor's bytes, or its samples."""
         if self.imu and self.imu[0].fd == self._fast_loop.fd:
             self._fast_loop.detach()
             self._fast_loop.others.register(self.imu[0].fd, select.POLLIN)
+
+    def _introduce(self) -> None:
+        """Have a recording that begins take the sensors that stream already."""
+        self._read_through_python()
         for port, sensor in self.streaming().values():
             self._record(port, sensor, time.monotonic_ns())
 

@@ -113,7 +113,7 @@ class Daemon:
             )
             self._notifier.say("STATUS=compiling", "EXTEND_TIMEOUT_USEC=3600000000")
         compilation.warm_decoders()
-        for estimator in self._devices.selection.choice.possible:
+        for estimator in self._devices.possible_estimators():
             compilation.warm(estimator, self._settings)
 
     def _serve(self) -> None:

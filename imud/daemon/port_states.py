@@ -15,7 +15,7 @@ class PortState(Enum):
     PROBING = "open, finds out which device answers"
     CONFIGURING = "open, sets the device up"
     STREAMING = "open, the device streams"
-    RELEASED = "closed, a spare or at the end of its recording; no attempt until its retry is scheduled"
+    RELEASED = "closed, a spare receiver or at the end of its recording; no attempt until its retry is scheduled"
 
 
 class PortEvent(Enum):

@@ -18,6 +18,7 @@ from imud.drivers.errors import (
     PortBusyError,
     PortDeniedError,
     PortError,
+    PortLostError,
     PortSupportError,
 )
 from imud.drivers.findings import Finding, UnrecognisedData
@@ -114,6 +115,15 @@ class Port:
         """Bytes for the dialogue. (A streaming port is read by its owner.)"""
         if self._dialogue is not None:
             self._advance(self._dialogue.on_readable)
+
+    def forward(self, data: bytes) -> None:
+        """Write data of others to the device that streams, if it may be written to."""
+        if self.options.readonly or self.spec.server is not None:
+            return
+        try:
+            self.line.write(data)
+        except PortLostError as error:
+            self.lost(str(error))
 
     def log_line_warning(self) -> None:
         """Log the line's warning, once."""

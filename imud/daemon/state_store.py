@@ -7,13 +7,14 @@ filter, with which it goes on as after a gap in the samples.
 import threading
 import time
 
-from imud.drivers.driver import ImuConfigured
+from imud.drivers.driver import Identity, ImuConfigured
 
 from ..configuration.settings import Settings
+from ..errors import ImudError
 from ..pipeline import Stored
 from ..process.log import get_logger
 from ..sensor_errors import stored_biases
-from ..sensor_errors.calibration import Calibration, correction
+from ..sensor_errors.calibration import Calibration, correction, of
 from ..sensor_errors.profiles import profile_of
 from ..sensors.estimator_selection import AWAY_NS
 from ..sensors.inertial import Inertial
@@ -82,6 +83,18 @@ class StateStore:
 
         self._writer = threading.Thread(target=save, daemon=True)
         self._writer.start()
+
+
+def calibration_of(identity: Identity) -> Calibration:
+    """The stored calibration of this very sensor; an empty one if there is none that can be read."""
+    try:
+        found = of(identity)
+    except ImudError as error:
+        get_logger().warning(f"uncalibrated: {error}")
+        return Calibration("")
+    if parts := found.parts:
+        get_logger().info("calibrated", sensor=found.serial, **parts)
+    return found
 
 
 def _sensor(configured: ImuConfigured) -> str:

@@ -15,6 +15,7 @@ from . import status_tables
 from .change_logger import ChangeLogger
 from .devices import Devices
 from .load import Load
+from .ports import Port
 from .publisher import Publisher
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ class StatusReporter:
         self._log = get_logger()
         self._change_logger = ChangeLogger(self._log)
         self._faults: dict[str, tuple[str, ...] | None] = {"imu": None, "gnss": None}  # None: no such sensor
+        self._spares: dict[Port, tuple[str, ...]] = {}
         self._started_ns = time.monotonic_ns()
 
     def tick(self, load: Load, now_ns: int) -> None:
@@ -45,15 +47,18 @@ class StatusReporter:
             self._devices.gnss[1].message = ""
         streaming = self._devices.streaming()
         for kind in self._faults:
-            pair = streaming.get(kind)
-            self._faults[kind] = self._check(kind, pair[1], now_ns) if pair else None
+            self._faults[kind] = self._check(kind, pair[0], pair[1], now_ns) if (pair := streaming.get(kind)) else None
+        self._spares = {
+            port: self._check(port.spec.path, port, spare, now_ns)
+            for port, spare in self._devices.spares.sensors.items()
+        }
         for text in load.messages(inertial.lost if inertial else 0, now_ns):
             self._log.warning(text)
 
-    def _check(self, kind: str, sensor: Inertial | Receiver, now_ns: int) -> tuple[str, ...]:
-        faults = sensor.faults(now_ns)
+    def _check(self, name: str, port: Port, sensor: Inertial | Receiver, now_ns: int) -> tuple[str, ...]:
+        faults = (*sensor.faults(now_ns), *self._devices.spares.findings(port))
         sensor.look(now_ns)
-        self._change_logger.faults(kind, faults, now_ns)
+        self._change_logger.faults(name, faults, now_ns)
         return faults
 
     def _warn_if_upside_down(self) -> None:
@@ -72,6 +77,7 @@ class StatusReporter:
         now_ns = time.monotonic_ns()
         devices = self._devices
         parts = {port: (sensor, self._faults[kind]) for kind, (port, sensor) in devices.streaming().items()}
+        spares = {port: (spare, self._spares.get(port)) for port, spare in devices.spares.sensors.items()}
         return status_tables.status_object(
             {
                 **status_tables.of_process(self._started_ns),
@@ -83,7 +89,7 @@ class StatusReporter:
                 "aiding": aiding.properties(now_ns) if aiding else {},
                 "corrections": devices.corrections.properties(now_ns) if devices.corrections else {},
                 "ports": {
-                    str(i): status_tables.of_port(port, now_ns, *parts.get(port, (None, None)))
+                    str(i): status_tables.of_port(port, now_ns, *{**parts, **spares}.get(port, (None, None)))
                     for i, port in enumerate(devices.ports)
                 },
                 "outputs": status_tables.of_outputs(outputs.gpsd, outputs.binary),

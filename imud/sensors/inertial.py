@@ -34,7 +34,7 @@ class Inertial:
         self._before = Counter[str]()  # counted in earlier connections
         self.rate_monitor: SampleRateMonitor | None = None  # of a sensor that sends by itself
         self.byte_sink: ByteSink | None = None
-        self._has_gyros = False
+        self.has_gyros = False
         self._room = stream.rx.data
         self._line: Line | None = None
         self._fault_texts: Mapping[int, str] = {}
@@ -54,7 +54,7 @@ class Inertial:
         by_itself = configured.request is None and not isinstance(line, Known)
         self.rate_monitor = SampleRateMonitor(1e9 / configured.period_ns) if by_itself else None
         self.period_s = 1.0 / configured.rate_hz
-        self._has_gyros = all(configured.gyro_axes)
+        self.has_gyros = all(configured.gyro_axes)
         self.silence_ns = max(SILENCE_NS, SILENT_PERIODS * round(1e9 / configured.rate_hz))
 
     def read(self, now_ns: int) -> int:
@@ -98,7 +98,7 @@ class Inertial:
     def sensed(self) -> tuple[float, ...]:
         """Rates (rad/s) and specific force (m/s^2) of the last sample, body axes; NaN without a whole set of gyros."""
         sample = self.stream.samples[self._newest]
-        rates = sample["w"].tolist() if self._has_gyros else NO_VECTOR
+        rates = sample["w"].tolist() if self.has_gyros else NO_VECTOR
         return (*rates, *sample["f"].tolist())
 
     @property
@@ -106,7 +106,7 @@ class Inertial:
         """What a sample's rates and forces are worth by the noise profile; None without a whole set of gyros."""
         filter_ = self.stream.filter
         gyro, accel = sample_sigmas(profile_of(filter_.settings), filter_.rate_hz)
-        return gyro if self._has_gyros else None, accel
+        return gyro if self.has_gyros else None, accel
 
     def look(self, now_ns: int) -> None:
         """Call now and then: how fast samples come, and how many of them do not."""

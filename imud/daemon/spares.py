@@ -1,0 +1,92 @@
+"""Spare inertial sensors: they stream beside the one in use, are compared with it, and one of them takes over.
+
+A spare has no filter but `tilt`, which costs next to nothing: it is here for the sensor monitor, the clock, and the
+turn into body axes. Without a spare nothing of this is there.
+"""
+
+import math
+from typing import TYPE_CHECKING
+
+from imud.drivers.driver import ImuConfigured, ImuDriver
+
+from ..configuration.settings import Initial, Settings
+from ..estimators import registry
+from ..pipeline import Filter, InertialPipeline
+from ..sensor_errors.calibration import Calibration
+from ..sensor_errors.profiles import profile_of
+from ..sensors.comparison import SensorComparison
+from ..sensors.inertial import Inertial
+from ..setup import choices
+
+if TYPE_CHECKING:
+    from .ports import Port
+
+
+OF_SPARES = registry.by_name(choices.WITHOUT_GYROS)
+
+
+class Spares:
+    """Those that stream, and the comparison of all inertial sensors, by the paths of their ports."""
+
+    def __init__(self) -> None:
+        self.sensors: dict[Port, Inertial] = {}
+        self.takeover_s = math.inf  # when one of them takes over
+        self._comparison = SensorComparison()
+        self._compared: set[str] = set()
+
+    def add(
+        self,
+        port: "Port",
+        number: int,
+        driver: ImuDriver,
+        configured: ImuConfigured,
+        calibration: Calibration,
+        settings: Settings,
+        now_ns: int,
+    ) -> None:
+        """A spare streams on the port of that number."""
+        own = choices.settings_for(settings, configured.identity, number)
+        filter_ = Filter(OF_SPARES, own, Initial(), configured.rate_hz)
+        filter_.calibrate(calibration)
+        spare = Inertial(InertialPipeline(driver, driver.new_state(configured), filter_))
+        spare.connect(port.line, driver, configured, now_ns)
+        self.sensors[port] = spare
+        self._compare(port, spare)
+
+    def _compare(self, port: "Port", sensor: Inertial) -> None:
+        self._comparison.join(port.spec.path, profile_of(sensor.stream.filter.settings), sensor.has_gyros)
+        self._compared.add(port.spec.path)
+
+    def remove(self, port: "Port") -> None:
+        """A sensor, spare or in use, streams no more, or becomes the one in use."""
+        self.sensors.pop(port, None)
+        for path in list(self._compared) if not self.sensors else self._compared & {port.spec.path}:
+            self._compared.remove(path)
+            self._comparison.leave(path)
+
+    def take(self, port: "Port", sensor: Inertial, n: int) -> None:
+        """A sensor, spare or in use, has n new samples."""
+        if self.sensors:
+            if port.spec.path not in self._compared:
+                self._compare(port, sensor)
+            self._comparison.take(port.spec.path, sensor.stream.samples[:n])
+
+    def look(self, used_port: "Port", used: Inertial, now_ns: int) -> None:
+        """Call several times a second."""
+        if self.sensors:
+            every = {**self.sensors, used_port: used}
+            self._comparison.look({port.spec.path for port, sensor in every.items() if sensor.faults(now_ns)})
+
+    def findings(self, port: "Port") -> tuple[str, ...]:
+        """How that sensor disagrees with others, in words."""
+        verdict = self._comparison.verdicts.get(port.spec.path)
+        return () if verdict is None else (f"inertial sensor on {port.spec.path}: {verdict.text}",)
+
+    def is_odd(self, port: "Port") -> bool:
+        """Whether it is known that this is the sensor that is wrong."""
+        verdict = self._comparison.verdicts.get(port.spec.path)
+        return verdict is not None and verdict.odd
+
+    def successor(self) -> "Port | None":
+        """The spare that takes over best."""
+        return min(self.sensors, key=self.is_odd, default=None)

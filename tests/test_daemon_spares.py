@@ -1,0 +1,60 @@
+"""Two inertial sensors on one daemon: the second one is compared with the first, and takes over."""
+
+import contextlib
+
+import pytest
+from processes import daemon, emulator
+
+REST = ("--scenario", "rest", "--roll-deg", "10", "--pitch-deg", "-5", "--patient")
+
+
+def level(message):
+    return message["class"] == "EST" and "aligning" not in message["state"] and message.get("sroll_deg", 9.0) < 1.0
+
+
+def test_a_second_sensor_is_a_spare_and_takes_over(tmp_path):
+    """Its attitude begins with its own gravity, whatever the first one's biases were."""
+    first, second = tmp_path / "first", tmp_path / "second"
+    with daemon(tmp_path, "--port", str(first), "--port", str(second)) as imud, contextlib.ExitStack() as stack:
+        with emulator("g350", *REST, "--gyro-bias-dps", "0.6,0.6,-0.6", links=[first]):
+            imud.says(f"streaming port={first}")
+            stack.enter_context(emulator("g350", *REST, "--gyro-bias-dps=-0.6,0.6,0.3", "--seed", "2", links=[second]))
+            imud.says(f"a spare, for when {first}, the inertial sensor, is away")
+            seq = imud.until(level)["seq"]
+            imud.until(lambda message: level(message) and message["seq"] > seq + 6000)
+            assert "disagree" not in imud.log
+        imud.says(f"streaming port={second}")
+        for wait in (0, 1000, 5000):
+            seq = imud.until(lambda message, least=seq + wait: level(message) and message["seq"] > least)["seq"]
+            est = imud.until(level)
+            assert est["roll_deg"] == pytest.approx(10.0, abs=4.0 * est["sroll_deg"])
+            assert est["pitch_deg"] == pytest.approx(-5.0, abs=4.0 * est["spitch_deg"])
+        with emulator("g350", *REST, links=[first]):
+            imud.says(f"a spare, for when {second}, the inertial sensor, is away")
+
+
+def test_one_in_use_whose_rates_gravity_contradicts_is_replaced_by_the_spare(tmp_path):
+    first, second = tmp_path / "first", tmp_path / "second"
+    with daemon(tmp_path, "--port", str(first), "--port", str(second)) as imud, contextlib.ExitStack() as stack:
+        stack.enter_context(emulator("g350", *REST, "--faults", "bias=6@25-", links=[first]))
+        imud.says(f"streaming port={first}")
+        stack.enter_context(emulator("g350", *REST, "--seed", "2", links=[second]))
+        imud.says(f"a spare, for when {first}, the inertial sensor, is away")
+        imud.says(f"rates disagree with those of {second}: it is the one that is wrong")
+        imud.says(f"streaming port={second}")
+        imud.says(f"a spare, for when {second}, the inertial sensor, is away")  # the first one
+        imud.says(f"inertial sensor on {first}: rates disagree with those of {second}: it is the one that is wrong")
+        est = imud.until(level)
+        assert est["roll_deg"] == pytest.approx(10.0, abs=4.0 * est["sroll_deg"])
+
+
+def test_a_spare_that_sits_otherwise_than_the_settings_say_is_reported(tmp_path):
+    first, second = tmp_path / "first", tmp_path / "second"
+    with daemon(tmp_path, "--port", str(first), "--port", str(second)) as imud, contextlib.ExitStack() as stack:
+        stack.enter_context(emulator("g350", *REST, links=[first]))
+        imud.says(f"streaming port={first}")
+        stack.enter_context(emulator("g350", *REST, "--seed", "2", "--mount-deg", "180,0,0", links=[second]))
+        for path, other in ((first, second), (second, first)):
+            imud.says(f"inertial sensor on {path}: forces disagree with those of {other}: one of them is wrong")
+        est = imud.until(level)
+        assert est["roll_deg"] == pytest.approx(10.0, abs=4.0 * est["sroll_deg"])

@@ -149,6 +149,8 @@ def inflate_velocity(p: Parameters, c: Core, forward: Vector, z: float, dt: floa
 @kernel
 def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
     """Gate and fuse a reading; returns the rows of innovations."""
+    dt = time_since_last(p, c, m)
+    add_variance(c, ODOMETER_SCALE, p.tuning.odometer_scale_psd * dt)
     forward, arm = forward_axis(c), p.odometer_lever_arm
     v_b = quat_rotate_back(quaternion(c), (c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2]))
     w = (c.imu.w[0] - c.nav.bg[0], c.imu.w[1] - c.nav.bg[1], c.imu.w[2] - c.nav.bg[2])
@@ -162,9 +164,7 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
     k = odometer_jacobian(c, forward, wheel, along)
     predicted_sigma = math.sqrt(max(innovation_variance(c, k), 0.0))
     reading = signed_reading(p, c, m.value[0], along, predicted_sigma)
-    dt = time_since_last(p, c, m)
     if not math.isfinite(reading):
-        add_variance(c, ODOMETER_SCALE, p.tuning.odometer_scale_psd * dt)
         return 0
     ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
     z = reading - (1.0 + c.nav.odometer_scale) * (along + accel * ahead_s)
@@ -173,7 +173,6 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
     correlated = slip_sigma * slip_sigma + (accel * p.tuning.odometer_time_sigma) ** 2
     others = max(2.0 * p.tuning.odometer_slip_time_s / dt, 1.0) - 1.0  # readings while the error of slip is the same
     z, s, nis = correlated_update(c, k, z, r, others * correlated, p.tuning.odometer_gate)
-    add_variance(c, ODOMETER_SCALE, p.tuning.odometer_scale_psd * dt)
     used = nis >= 0.0
     if not used:
         inflate_velocity(p, c, forward, z, dt)

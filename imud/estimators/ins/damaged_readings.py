@@ -48,12 +48,12 @@ def inflate_attitude(p: Parameters, c: Core, sample: StoredSample, fastest: floa
 
     fastest: rad/s, largest rate of the three axes. An attitude that is too uncertain starts the alignment again.
     """
-    m = rotation_matrix(c)
+    C_nb = rotation_matrix(c)
     for axis in range(3):
         if sample.flags & NO_RATE or abs(c.imu.w[axis]) > p.tuning.near_range * fastest:
             for i in range(3):
                 for k in range(i, 3):
-                    add_covariance(c, ATTITUDE + i, ATTITUDE + k, q * m[3 * i + axis] * m[3 * k + axis])
+                    add_covariance(c, ATTITUDE + i, ATTITUDE + k, q * C_nb[3 * i + axis] * C_nb[3 * k + axis])
     reset_pairs(c)
     if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > p.tuning.max_heading_sigma**2:
         change_mode(p, c, HEADING_LOST)  # neither fixes nor the vehicle's constraint can correct such a heading
@@ -71,14 +71,14 @@ def inflate_covariance(p: Parameters, c: Core, sample: StoredSample, dt: float) 
         return
     fastest = max(abs(c.imu.w[0]), abs(c.imu.w[1]), abs(c.imu.w[2]))
     largest = max(abs(c.imu.f[0]), abs(c.imu.f[1]), abs(c.imu.f[2]))
-    turn = (
+    max_turn_rate = (
         p.tuning.gap_turn
         if sample.flags & NO_RATE
         else p.tuning.over_range * fastest
         if sample.flags & LIMITED_RATE
         else 0.0
     )
-    accel = (
+    max_accel = (
         p.tuning.gap_accel
         if sample.flags & NO_FORCE
         else p.tuning.over_range * largest
@@ -86,7 +86,7 @@ def inflate_covariance(p: Parameters, c: Core, sample: StoredSample, dt: float) 
         else 0.0
     )
     for k in range(2):
-        before, most = c.imu.outage_s[k], turn if k == 0 else accel
+        before, most = c.imu.outage_s[k], max_turn_rate if k == 0 else max_accel
         now = max(before + dt, sample.outage_s) if most > 0.0 else 0.0
         c.imu.outage_s[k] = now
         if most > 0.0 and k == 0:

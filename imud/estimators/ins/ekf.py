@@ -103,31 +103,31 @@ def combine3(c: Core, i: int, k: int, a: float, b: float, d: float) -> None:
 
 
 @kernel
-def set_jacobian(c: Core, k: int, column: int, value: float) -> int:
-    """Append one element to the Jacobian, which has `k` elements; returns k + 1."""
-    c.scratch.columns[k] = column
-    c.scratch.values[k] = value
-    return k + 1
+def set_jacobian(c: Core, length: int, column: int, value: float) -> int:
+    """Append one element to the Jacobian, which has `length` elements; returns length + 1."""
+    c.scratch.columns[length] = column
+    c.scratch.values[length] = value
+    return length + 1
 
 
 @kernel
-def set_jacobian3(c: Core, k: int, column: int, row: Vector) -> int:
-    """Append the elements of three error states from `column` on to the Jacobian of length k; returns k + 3."""
-    k = set_jacobian(c, k, column, row[0])
-    k = set_jacobian(c, k, column + 1, row[1])
-    return set_jacobian(c, k, column + 2, row[2])
+def set_jacobian3(c: Core, length: int, column: int, row: Vector) -> int:
+    """Append the elements of three error states from `column` on to the Jacobian; returns length + 3."""
+    length = set_jacobian(c, length, column, row[0])
+    length = set_jacobian(c, length, column + 1, row[1])
+    return set_jacobian(c, length, column + 2, row[2])
 
 
 @kernel
-def innovation_variance(c: Core, m: int) -> float:
-    """h P h' for the Jacobian's `m` elements; stores P h in scratch.d."""
-    return measure(c.cov.P, STATES, c.scratch.columns, c.scratch.values, m, c.scratch.d)
+def innovation_variance(c: Core, length: int) -> float:
+    """h P h' for the Jacobian's `length` elements; stores P h in scratch.d."""
+    return measure(c.cov.P, STATES, c.scratch.columns, c.scratch.values, length, c.scratch.d)
 
 
 @kernel
-def innovation(c: Core, m: int, z: float) -> float:
+def innovation(c: Core, length: int, z: float) -> float:
     """Innovation: z, that against the nominal state, less h x of the error estimate that is not injected yet."""
-    for k in range(m):
+    for k in range(length):
         z -= c.scratch.values[k] * c.scratch.x[c.scratch.columns[k]]
     return z
 

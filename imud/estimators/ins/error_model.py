@@ -126,7 +126,7 @@ TUNABLES = (
 @kernel
 def linearize(p: Parameters, c: Core, transition: Transition) -> None:
     """transition <- F over the interval since P was propagated, at the attitude now; see state.TRANSITION."""
-    m, dt = rotation_matrix(c), c.imu.integration_time
+    C_nb, dt = rotation_matrix(c), c.imu.integration_time
     fx, fy, fz = c.imu.delta_v[0], c.imu.delta_v[1], c.imu.delta_v[2]
     if (
         c.stationarity.at_rest
@@ -135,8 +135,10 @@ def linearize(p: Parameters, c: Core, transition: Transition) -> None:
     transition.interval = dt
     transition.force[0], transition.force[1], transition.force[2] = fx, fy, fz
     for k in range(9):
-        transition.rotation[k] = m[k]
-    transition.turn = m[6] * c.imu.delta_theta[0] + m[7] * c.imu.delta_theta[1] + m[8] * c.imu.delta_theta[2]
+        transition.rotation[k] = C_nb[k]
+    transition.turn_angle = (
+        C_nb[6] * c.imu.delta_theta[0] + C_nb[7] * c.imu.delta_theta[1] + C_nb[8] * c.imu.delta_theta[2]
+    )
     transition.gnss_bias = elementary.exp(-dt / p.tuning.gnss_bias_time_s)
     transition.gnss_velocity_bias = elementary.exp(-dt / p.tuning.gnss_velocity_bias_time_s)
 
@@ -144,7 +146,7 @@ def linearize(p: Parameters, c: Core, transition: Transition) -> None:
 @kernel
 def apply_transition(u: Tensor, columns: int, transition: Transition) -> None:
     """u <- transition u, for `columns` columns of error states (STATES x columns)."""
-    m, f, dt = transition.rotation, transition.force, transition.interval
+    C_nb, f, dt = transition.rotation, transition.force, transition.interval
     for j in range(columns):
         for i in range(3):
             u[POSITION + i, j] += dt * u[VELOCITY + i, j]
@@ -154,10 +156,10 @@ def apply_transition(u: Tensor, columns: int, transition: Transition) -> None:
         u[VELOCITY + 2, j] += f[1] * x - f[0] * y
         for i in range(3):
             for k in range(3):
-                u[VELOCITY + i, j] -= m[3 * i + k] * dt * u[ACCEL_BIAS + k, j]
+                u[VELOCITY + i, j] -= C_nb[3 * i + k] * dt * u[ACCEL_BIAS + k, j]
                 u[ATTITUDE + i, j] -= (
-                    m[3 * i + k] * dt * u[GYRO_BIAS + k, j]
-                    + m[3 * i + k] * transition.scaled_turn * u[TURN_SCALE + k, j]
+                    C_nb[3 * i + k] * dt * u[GYRO_BIAS + k, j]
+                    + C_nb[3 * i + k] * transition.scaled_angle * u[TURN_SCALE + k, j]
                 )
             u[GNSS_BIAS + i, j] *= transition.gnss_bias
             u[GNSS_VELOCITY_BIAS + i, j] *= transition.gnss_velocity_bias
@@ -182,15 +184,18 @@ def apply_turn_scale(p: Parameters, c: Core, transition: Transition) -> None:
     The turn is the integral of the rate itself, not of a smoothed one: a wrong axis has the effect of a tilt and of an
     accelerometer bias, all fixed in the body, and a delayed turn would make them falsely distinguishable.
     """
-    c.imu.deferred_rotation += transition.turn
-    angle, m, k = c.imu.deferred_rotation, transition.rotation, c.nav.turn_scale
-    transition.scaled_turn = 0.0
+    c.imu.deferred_rotation += transition.turn_angle
+    angle, C_nb, k = c.imu.deferred_rotation, transition.rotation, c.nav.turn_scale
+    transition.scaled_angle = 0.0
     if abs(angle) < p.tuning.min_scaled_turn:
         return
-    transition.scaled_turn = angle
+    transition.scaled_angle = angle
     x, y, z = k[0] * angle, k[1] * angle, k[2] * angle
     rotate_attitude(
-        c, -m[0] * x - m[1] * y - m[2] * z, -m[3] * x - m[4] * y - m[5] * z, -m[6] * x - m[7] * y - m[8] * z
+        c,
+        -C_nb[0] * x - C_nb[1] * y - C_nb[2] * z,
+        -C_nb[3] * x - C_nb[4] * y - C_nb[5] * z,
+        -C_nb[6] * x - C_nb[7] * y - C_nb[8] * z,
     )
     c.imu.deferred_rotation = 0.0
 
@@ -239,10 +244,10 @@ def velocity_psd(p: Parameters, c: Core) -> float:
 
 
 @kernel
-def attitude_psd(p: Parameters, c: Core, turn: float) -> float:
-    """Q of the attitude, rad^2/s, at a smoothed rate `turn` rad/s about the vertical."""
+def attitude_psd(p: Parameters, c: Core, turn_rate: float) -> float:
+    """Q of the attitude, rad^2/s, at a smoothed `turn_rate`, rad/s, about the vertical."""
     w = c.imu.rate_b
-    rate2 = w[0] ** 2 + w[1] ** 2 + w[2] ** 2 - (1.0 - p.tuning.nonlinear_scale_share) * turn * turn
+    rate2 = w[0] ** 2 + w[1] ** 2 + w[2] ** 2 - (1.0 - p.tuning.nonlinear_scale_share) * turn_rate * turn_rate
     floor = c.stationarity.gyro_noise_floor
     gyro_psd = max(p.gyro_psd, floor * floor * p.period / 3.0)  # the smallest deviation is that of noise
     return float(
@@ -272,7 +277,7 @@ def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None
 
     Before the heading is known the velocity is the receiver's, to which neither tilt nor accelerometer bias adds.
     """
-    P, m, f, dt = c.cov.P, transition.rotation, transition.force, transition.interval
+    P, C_nb, f, dt = c.cov.P, transition.rotation, transition.force, transition.interval
     for i in range(3):
         shear(P, STATES, POSITION + i, VELOCITY + i, dt)
     qv = velocity_psd(p, c)
@@ -282,17 +287,17 @@ def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None
         shear3(P, STATES, VELOCITY + 2, ATTITUDE, f[1], -f[0], 0.0)
         for i in range(3):
             k = 3 * i
-            shear3(P, STATES, VELOCITY + i, ACCEL_BIAS, -m[k] * dt, -m[k + 1] * dt, -m[k + 2] * dt)
+            shear3(P, STATES, VELOCITY + i, ACCEL_BIAS, -C_nb[k] * dt, -C_nb[k + 1] * dt, -C_nb[k + 2] * dt)
     for i in range(3):
         k = 3 * i
-        shear3(P, STATES, ATTITUDE + i, GYRO_BIAS, -m[k] * dt, -m[k + 1] * dt, -m[k + 2] * dt)
+        shear3(P, STATES, ATTITUDE + i, GYRO_BIAS, -C_nb[k] * dt, -C_nb[k + 1] * dt, -C_nb[k + 2] * dt)
     apply_turn_scale(p, c, transition)
-    if transition.scaled_turn != 0.0:
+    if transition.scaled_angle != 0.0:
         for i in range(3):
-            k, angle = 3 * i, transition.scaled_turn
-            combine3(c, ATTITUDE + i, TURN_SCALE, -m[k] * angle, -m[k + 1] * angle, -m[k + 2] * angle)
-    turn = m[6] * c.imu.rate_b[0] + m[7] * c.imu.rate_b[1] + m[8] * c.imu.rate_b[2]
-    qa, decay = attitude_psd(p, c, turn), transition.gnss_bias
+            k, angle = 3 * i, transition.scaled_angle
+            combine3(c, ATTITUDE + i, TURN_SCALE, -C_nb[k] * angle, -C_nb[k + 1] * angle, -C_nb[k + 2] * angle)
+    turn_rate = C_nb[6] * c.imu.rate_b[0] + C_nb[7] * c.imu.rate_b[1] + C_nb[8] * c.imu.rate_b[2]
+    qa, decay = attitude_psd(p, c, turn_rate), transition.gnss_bias
     for i in range(3):
         sigma = c.gnss.bias_sigma[0] if i < 2 else c.gnss.bias_sigma[1]
         c.nav.gnss_bias[i] *= decay
@@ -308,7 +313,7 @@ def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None
             (p.accel_bias_psd + p.tuning.vibration_bias_walk**2 * c.stationarity.vibration_level) * dt,
         )
         add_variance(c, TURN_SCALE + i, p.tuning.turn_scale_psd * dt)
-        c.imu.scale_error_rate[i] = c.nav.turn_scale[i] * turn
+        c.imu.scale_error_rate[i] = c.nav.turn_scale[i] * turn_rate
     add_variance(c, MOUNT_PITCH, p.tuning.mount_psd * dt)
     add_variance(c, MOUNT_YAW, p.tuning.mount_psd * dt)
     add_variance(c, NHC_LEVER_ARM, p.tuning.nhc_lever_arm_psd * dt)

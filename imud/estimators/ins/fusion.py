@@ -44,7 +44,7 @@ def propagate_errors(p: Parameters, c: Core) -> None:
         return
     transition = c.scratch.transition
     linearize(p, c, transition)
-    accumulate_integrals(c, transition.turn, transition.interval)
+    accumulate_integrals(c, transition.turn_angle, transition.interval)
     propagate_covariance(p, c, transition)
     propagate_sensitivity(c, transition)
     propagate_learning(p, c, transition)

@@ -40,6 +40,6 @@ def attitude_row(v: Vector, i: int) -> Vector:
 @kernel
 def gyro_bias_row(p: Parameters, c: Core, i: int) -> Vector:
     """Component i of C_nb (l x bias) by the error of the gyro bias: how it changes the antenna's velocity."""
-    m, arm = rotation_matrix(c), p.gnss_lever_arm
-    x, y, z = m[3 * i], m[3 * i + 1], m[3 * i + 2]
+    C_nb, arm = rotation_matrix(c), p.gnss_lever_arm
+    x, y, z = C_nb[3 * i], C_nb[3 * i + 1], C_nb[3 * i + 2]
     return y * arm[2] - z * arm[1], z * arm[0] - x * arm[2], x * arm[1] - y * arm[0]

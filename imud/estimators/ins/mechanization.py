@@ -123,7 +123,7 @@ def integrate_strapdown(c: Core, w: Reals, f: Reals, dt: float) -> Vector:
     ux, uy, uz = 0.5 * (w[0] - u.w[0]), 0.5 * (w[1] - u.w[1]), 0.5 * (w[2] - u.w[2])
     gx, gy, gz = 0.5 * (f[0] - u.f[0]), 0.5 * (f[1] - u.f[1]), 0.5 * (f[2] - u.f[2])
     k = dt * dt / 6.0
-    turn = quat_exp(
+    q_change = quat_exp(
         wx * dt + k * (wy * uz - wz * uy), wy * dt + k * (wz * ux - wx * uz), wz * dt + k * (wx * uy - wy * ux)
     )
     h = 0.5 * dt * dt
@@ -145,7 +145,7 @@ def integrate_strapdown(c: Core, w: Reals, f: Reals, dt: float) -> Vector:
     n.v_n[2] = vd + dv[2] - (on * ve - oe * vn) * dt + e.gravity * dt
     displace(c, 0.5 * (vn + n.v_n[0]) * dt, 0.5 * (ve + n.v_n[1]) * dt, 0.5 * (vd + n.v_n[2]) * dt)
     x, y, z = -0.5 * (north_rate + tn) * dt, -0.5 * te * dt, -0.5 * (down_rate + td) * dt
-    q = quat_product(quaternion(c), turn)
+    q = quat_product(quaternion(c), q_change)
     # of first order: at 300 m/s a sample turns the frame by 1e-7 rad
     n.q_nb[0], n.q_nb[1], n.q_nb[2], n.q_nb[3] = quat_renormalised(
         (

@@ -3,15 +3,15 @@
 How far each innovation is from the variance that the filter expects tells whether its process noise is right, but so
 it does for the receiver's noise; what tells the two apart is whether innovations resemble the ones before. Both are in
 the likelihood of the innovations. Its derivative by the logarithm of a process noise needs two more recursions, in the
-steps of the Kalman filter's own: D = dP and x = d(estimate), of position, velocity and attitude,
+steps of the Kalman filter's own: D = dP and e = d(estimate), of position, velocity and attitude,
 
-    D <- T D T' + dQ                         x <- T x         (T: the transition matrix)
-    D <- (I - K h) D (I - K h)'              x <- x - K h x + (D h' - K h D h') z / s
+    D <- T D T' + dQ                         e <- T e         (T: the transition matrix)
+    D <- (I - K h) D (I - K h)'              e <- e - K h e + (D h' - K h D h') z / s
 
 for each of the two noises. Each innovation z of variance s adds to the derivatives, and to their Fisher information,
 
-    score = 1/2 (h D h' / s) (z^2 / s - 1) + z h x / s
-    information = 1/2 (h D h' / s) (h D h' / s)' + (h x) (h x)' / s      of the vectors of both
+    score = 1/2 (h D h' / s) (z^2 / s - 1) + z h e / s
+    information = 1/2 (h D h' / s) (h D h' / s)' + (h e) (h e)' / s      of the vectors of both
 
 A noise of the attitude shows as an error of the velocity that grows, and returns after a fix; one of the velocity is
 gone after it. The unknown is the logarithm of the noise plus a scale, because below some scale the derivative by a
@@ -82,48 +82,48 @@ def clear_learning(c: Core) -> None:
 
 
 @kernel
-def propagate_one(D: Any, x: Any, transition: Transition) -> None:
-    """D <- T D T' and x <- T x with the transition T, of one of the noises."""
+def propagate_one(D: Any, e: Any, transition: Transition) -> None:
+    """D <- T D T' and e <- T e with the transition T, of one of the noises."""
     f, dt, n = transition.force, transition.interval, LEARNING_STATES
     for i in range(3):
         shear(D, n, POSITION + i, VELOCITY + i, dt)
-        x[POSITION + i] += dt * x[VELOCITY + i]
+        e[POSITION + i] += dt * e[VELOCITY + i]
     shear3(D, n, VELOCITY, ATTITUDE, 0.0, f[2], -f[1])
     shear3(D, n, VELOCITY + 1, ATTITUDE, -f[2], 0.0, f[0])
     shear3(D, n, VELOCITY + 2, ATTITUDE, f[1], -f[0], 0.0)
-    north, east, down = x[ATTITUDE], x[ATTITUDE + 1], x[ATTITUDE + 2]
-    x[VELOCITY] += f[2] * east - f[1] * down
-    x[VELOCITY + 1] += f[0] * down - f[2] * north
-    x[VELOCITY + 2] += f[1] * north - f[0] * east
+    north, east, down = e[ATTITUDE], e[ATTITUDE + 1], e[ATTITUDE + 2]
+    e[VELOCITY] += f[2] * east - f[1] * down
+    e[VELOCITY + 1] += f[0] * down - f[2] * north
+    e[VELOCITY + 2] += f[1] * north - f[0] * east
 
 
 @kernel
 def propagate_learning(p: Parameters, c: Core, transition: Transition) -> None:
-    """D <- T D T' + dQ, x <- T x, and the random walk of the logarithms."""
+    """D <- T D T' + dQ, e <- T e, and the random walk of the logarithms."""
     g = c.process_noise
     for k in range(2):
         D = g.covariance_sensitivity[k]
         propagate_one(D, g.estimate_sensitivity[k], transition)
         first = VELOCITY if k == 0 else ATTITUDE
-        slope = elementary.exp(g.log_psd[k]) * c.stationarity.vibration_level  # dq / dx
+        psd_derivative = elementary.exp(g.log_psd[k]) * c.stationarity.vibration_level  # of q by log_psd
         for i in range(3):
-            D[packed_index(LEARNING_STATES, first + i, first + i)] += slope * transition.interval
-        if slope > 0.0 and g.log_psd_covariance[2 * k] < p.tuning.process_noise_prior**2:
+            D[packed_index(LEARNING_STATES, first + i, first + i)] += psd_derivative * transition.interval
+        if psd_derivative > 0.0 and g.log_psd_covariance[2 * k] < p.tuning.process_noise_prior**2:
             g.log_psd_covariance[2 * k] += p.tuning.process_noise_walk**2 * transition.interval
 
 
 @kernel
-def predict_sensitivity(c: Core, k: int, m: int) -> tuple[float, float]:
-    """h D h' and h x of noise k for the Jacobian, of length m; stores D h in scratch.learning_d."""
-    x, n, slope = c.scratch, 0, 0.0
-    for i in range(m):
-        column, value = x.columns[i], x.values[i]
+def predict_sensitivity(c: Core, k: int, length: int) -> tuple[float, float]:
+    """h D h' and h e of noise k for the Jacobian, of that length; stores D h in scratch.learning_d."""
+    scratch, n, he = c.scratch, 0, 0.0
+    for i in range(length):
+        column, value = scratch.columns[i], scratch.values[i]
         if column < LEARNING_STATES:
-            x.learning_columns[n], x.learning_values[n] = column, value
-            slope += value * c.process_noise.estimate_sensitivity[k, column]
+            scratch.learning_columns[n], scratch.learning_values[n] = column, value
+            he += value * c.process_noise.estimate_sensitivity[k, column]
             n += 1
     D = c.process_noise.covariance_sensitivity[k]
-    return measure(D, LEARNING_STATES, x.learning_columns, x.learning_values, n, x.learning_d), slope
+    return measure(D, LEARNING_STATES, scratch.learning_columns, scratch.learning_values, n, scratch.learning_d), he
 
 
 @kernel
@@ -150,31 +150,31 @@ def set_psd(p: Parameters, c: Core) -> None:
 
 
 @kernel
-def learn_process_noise(p: Parameters, c: Core, m: int, z: float, s: float) -> None:
-    """Learn from an innovation z of variance s; the Jacobian has m elements. Call before its update, or without one."""
+def learn_process_noise(p: Parameters, c: Core, length: int, z: float, s: float) -> None:
+    """Learn from an innovation z of variance s, before its update or without one; `length`: of the Jacobian."""
     V, most, root = c.process_noise.log_psd_covariance, math.sqrt(p.tuning.max_learned_nis * s), math.sqrt(s)
-    velocity, velocity_slope = predict_sensitivity(c, 0, m)
-    attitude, attitude_slope = predict_sensitivity(c, 1, m)
+    hDh_velocity, he_velocity = predict_sensitivity(c, 0, length)
+    hDh_attitude, he_attitude = predict_sensitivity(c, 1, length)
     z = min(max(z, -most), most)
     excess = 0.5 * (z * z / s - 1.0) / s
-    add_information(V, math.sqrt(0.5) * velocity / s, math.sqrt(0.5) * attitude / s)
-    add_information(V, velocity_slope / root, attitude_slope / root)
-    by_velocity, by_attitude = velocity * excess + z * velocity_slope / s, attitude * excess + z * attitude_slope / s
+    add_information(V, math.sqrt(0.5) * hDh_velocity / s, math.sqrt(0.5) * hDh_attitude / s)
+    add_information(V, he_velocity / root, he_attitude / root)
+    by_velocity, by_attitude = hDh_velocity * excess + z * he_velocity / s, hDh_attitude * excess + z * he_attitude / s
     c.process_noise.log_psd[0] += V[0] * by_velocity + V[1] * by_attitude
     c.process_noise.log_psd[1] += V[1] * by_velocity + V[2] * by_attitude
     set_psd(p, c)
 
 
 @kernel
-def update_learning(c: Core, m: int, z: float, s: float) -> None:
-    """D and x after the scalar update that follows; arguments as those of `fuse`."""
+def update_learning(c: Core, length: int, z: float, s: float) -> None:
+    """D and e after the scalar update that follows; arguments as those of `fuse`."""
     d, Dh = c.scratch.d, c.scratch.learning_d
     for k in range(2):
-        D, x, at = c.process_noise.covariance_sensitivity[k], c.process_noise.estimate_sensitivity[k], 0
-        hDh, slope = predict_sensitivity(c, k, m)
+        D, e, at = c.process_noise.covariance_sensitivity[k], c.process_noise.estimate_sensitivity[k], 0
+        hDh, he = predict_sensitivity(c, k, length)
         for i in range(LEARNING_STATES):
             gain = d[i] / s
-            x[i] += (Dh[i] - gain * hDh) * z / s - gain * slope
+            e[i] += (Dh[i] - gain * hDh) * z / s - gain * he
             for j in range(i, LEARNING_STATES):
                 other = d[j] / s
                 D[at] += gain * other * hDh - gain * Dh[j] - Dh[i] * other

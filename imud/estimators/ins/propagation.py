@@ -110,20 +110,22 @@ def propagate_to(p: Parameters, c: Core, t_ns: int, w: Reals, f: Reals) -> None:
     if dt <= 0.0:
         return
     dt = min(dt, p.tuning.longest_gap_s)
-    turn2, accel2 = 0.0, 0.0
+    rate_variance, accel_variance = 0.0, 0.0
     if dt > p.tuning.gap_periods * p.period:
         s, psd = c.stationarity, p.tuning.vibration_noise_share * p.period
-        turn2 = gap_variance(p, c.imu.w, w, dt, s.max_rate_of_change[0], s.vibration_gyro_psd / psd, p.tuning.gap_turn)
-        accel2 = gap_variance(
+        rate_variance = gap_variance(
+            p, c.imu.w, w, dt, s.max_rate_of_change[0], s.vibration_gyro_psd / psd, p.tuning.gap_turn
+        )
+        accel_variance = gap_variance(
             p, c.imu.f, f, dt, s.max_rate_of_change[1], s.vibration_accel_psd / psd, p.tuning.gap_accel
         )
     if dt > max(p.tuning.gap_s, 5.0 * p.period):
         extrapolate_gap(p, c, w, f, dt)
     else:
         mechanize(p, c, w, f, dt)
-    if turn2 > 0.0:
+    if rate_variance > 0.0:
         for i in range(3):
-            add_variance(c, POSITION + i, 0.25 * accel2 * dt**4)
-            add_variance(c, VELOCITY + i, accel2 * dt**2)
-            add_variance(c, ATTITUDE + i, turn2 * dt**2)
+            add_variance(c, POSITION + i, 0.25 * accel_variance * dt**4)
+            add_variance(c, VELOCITY + i, accel_variance * dt**2)
+            add_variance(c, ATTITUDE + i, rate_variance * dt**2)
     store_last_sample(c, t_ns, w, f)

@@ -107,15 +107,15 @@ def max_rest_rate(p: Parameters, c: Core, i: int) -> float:
 
 @kernel
 def level_force_variance(c: Core, axis: int) -> float:
-    """Variance, m^2/s^4, of the level specific force at rest along an axis (0 north, 1 east), by tilt and bias errors.
+    """Variance, m^2/s^4, of the level specific force at rest along north (axis 0) or east (1), by tilt and bias.
 
     The two errors are correlated after a rest: their sum is known better than each of them.
     """
-    m = rotation_matrix(c)
-    k = set_jacobian(c, 0, ATTITUDE + 1 - axis, STANDARD_GRAVITY if axis == 1 else -STANDARD_GRAVITY)
+    C_nb = rotation_matrix(c)
+    length = set_jacobian(c, 0, ATTITUDE + 1 - axis, STANDARD_GRAVITY if axis == 1 else -STANDARD_GRAVITY)
     for j in range(3):
-        k = set_jacobian(c, k, ACCEL_BIAS + j, -m[3 * axis + j])
-    return innovation_variance(c, k)
+        length = set_jacobian(c, length, ACCEL_BIAS + j, -C_nb[3 * axis + j])
+    return innovation_variance(c, length)
 
 
 @kernel

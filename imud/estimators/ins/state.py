@@ -317,8 +317,8 @@ TRANSITION = np.dtype(  # F over one interval of the covariance: the blocks that
         ("interval", "<f8"),  # s; position from velocity
         ("force", "<f8", (3,)),  # m/s, integral of specific force, NED: its cross product is velocity from attitude
         ("rotation", "<f8", (9,)),  # C_nb: velocity from accelerometer bias, attitude from gyro bias
-        ("turn", "<f8"),  # rad, about the vertical
-        ("scaled_turn", "<f8"),  # rad, the part of it that is applied now: attitude from turn_scale
+        ("turn_angle", "<f8"),  # rad, about the vertical
+        ("scaled_angle", "<f8"),  # rad, the part of it that is applied now: attitude from turn_scale
         ("gnss_bias", "<f8"),  # decay of the GNSS bias
         ("gnss_velocity_bias", "<f8"),  # and of that of the velocity
     ],

@@ -181,8 +181,8 @@ def classify_window(p: Parameters, c: Core) -> None:
 
 
 @kernel
-def update_evidence(p: Parameters, c: Core, x: float) -> None:
-    """Update the log likelihood ratio of rest with the log gyro deviation x; where the speed is known, learn from x."""
+def update_evidence(p: Parameters, c: Core, log_deviation: float) -> None:
+    """Update the log likelihood ratio of rest with the gyro's `log_deviation`; at a known speed, learn from it."""
     s = c.stationarity
     known = c.gnss.fix_count > 0 and 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns) < p.tuning.fresh_fix_s
     speed = (
@@ -192,12 +192,14 @@ def update_evidence(p: Parameters, c: Core, x: float) -> None:
     )
     if known and speed < p.tuning.slow_motion_max_speed:
         if speed < p.tuning.rest_speed and s.low_motion_count > 1:
-            learn_class(p, s.motion_class[0], x)
+            learn_class(p, s.motion_class[0], log_deviation)
         elif speed > p.tuning.slow_motion_min_speed:
-            learn_class(p, s.motion_class[1], x)
+            learn_class(p, s.motion_class[1], log_deviation)
     ratio = 0.0
     if min(s.motion_class[0, 0], s.motion_class[1, 0]) >= p.tuning.class_min_windows:
-        ratio = log_likelihood(p, s.motion_class[0], x) - log_likelihood(p, s.motion_class[1], x)
+        ratio = log_likelihood(p, s.motion_class[0], log_deviation) - log_likelihood(
+            p, s.motion_class[1], log_deviation
+        )
     s.log_likelihood_ratio = (
         s.log_likelihood_ratio + p.tuning.evidence_weight * min(max(ratio, -2.0), 2.0)
         if s.low_motion_count > 1
@@ -206,17 +208,17 @@ def update_evidence(p: Parameters, c: Core, x: float) -> None:
 
 
 @kernel
-def learn_class(p: Parameters, motion_class: Reals, x: float) -> None:
-    """Update count, mean and variance of x in a class, with exponential forgetting (class_memory)."""
+def learn_class(p: Parameters, motion_class: Reals, log_deviation: float) -> None:
+    """Update count, mean and variance of `log_deviation` in a class, with exponential forgetting (class_memory)."""
     motion_class[0] += 1.0
     share = max(1.0 / motion_class[0], p.tuning.class_memory)
-    left = x - motion_class[1]
+    left = log_deviation - motion_class[1]
     motion_class[1] += share * left
     motion_class[2] += share * ((1.0 - share) * left * left - motion_class[2])
 
 
 @kernel
-def log_likelihood(p: Parameters, motion_class: Reals, x: float) -> float:
-    """Logarithm of the normal density of x in a class, without its constant."""
+def log_likelihood(p: Parameters, motion_class: Reals, log_deviation: float) -> float:
+    """Logarithm of the normal density of `log_deviation` in a class, without its constant."""
     variance = max(motion_class[2], p.tuning.class_min_sigma**2)
-    return float(-0.5 * ((x - motion_class[1]) ** 2 / variance + elementary.log(variance)))
+    return float(-0.5 * ((log_deviation - motion_class[1]) ** 2 / variance + elementary.log(variance)))

@@ -239,8 +239,8 @@ class Transition:
     interval: float
     force: Reals
     rotation: Reals
-    turn: float
-    scaled_turn: float
+    turn_angle: float
+    scaled_angle: float
     gnss_bias: float
     gnss_velocity_bias: float
 

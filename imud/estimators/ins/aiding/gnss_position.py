@@ -64,10 +64,10 @@ def position_jacobian(c: Core, lever: Vector, i: int) -> int:
 
     lever: lever arm, m, NED.
     """
-    k = set_jacobian(c, 0, POSITION + i, 1.0)
-    k = set_jacobian3(c, k, ATTITUDE, attitude_row(lever, i))
-    k = set_jacobian(c, k, GNSS_BIAS + i, 1.0)
-    return set_jacobian(c, k, TIME_OFFSET, -c.nav.v_n[i] if c.alignment.mode == NAVIGATING else 0.0)
+    length = set_jacobian(c, 0, POSITION + i, 1.0)
+    length = set_jacobian3(c, length, ATTITUDE, attitude_row(lever, i))
+    length = set_jacobian(c, length, GNSS_BIAS + i, 1.0)
+    return set_jacobian(c, length, TIME_OFFSET, -c.nav.v_n[i] if c.alignment.mode == NAVIGATING else 0.0)
 
 
 @kernel
@@ -120,8 +120,8 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, late: float, innovation
             continue
         accepted = horizontal if i < 2 else height
         r = c.gnss.noise_var[i // 2] + extra + (blamed if i < 2 else 0.0)
-        m, gate = position_jacobian(c, lever, i), NO_GATE if accepted else REJECT
-        value, s, nis = fix_update(p, c, m, z[i], r, gate, i if i < 2 else -1)
+        length, gate = position_jacobian(c, lever, i), NO_GATE if accepted else REJECT
+        value, s, nis = fix_update(p, c, length, z[i], r, gate, i if i < 2 else -1)
         n = write_innovation(innovations, n, fix.t_ns, POSITION_N + i, value, s, accepted)
         if accepted and (c.alignment.mode == NAVIGATING or c.stationarity.at_rest):  # else it contains accelerations
             learn_position_noise(p, c, i, nis, s)

@@ -82,14 +82,14 @@ def velocity_jacobian(p: Parameters, c: Core, antenna: Vector, accel: float, i: 
 
     antenna: C_nb (w x lever_arm), m/s, NED; accel: m/s^2 along the axis. Returns the Jacobian's length.
     """
-    k = set_jacobian(c, 0, VELOCITY + i, 1.0)
-    k = set_jacobian(c, k, GNSS_VELOCITY_BIAS + i, 1.0)
-    k = set_jacobian(c, k, TIME_OFFSET, -accel)
-    k = set_jacobian(c, k, VELOCITY_TIME_OFFSET, -accel)
+    length = set_jacobian(c, 0, VELOCITY + i, 1.0)
+    length = set_jacobian(c, length, GNSS_VELOCITY_BIAS + i, 1.0)
+    length = set_jacobian(c, length, TIME_OFFSET, -accel)
+    length = set_jacobian(c, length, VELOCITY_TIME_OFFSET, -accel)
     if c.alignment.mode != NAVIGATING:
-        return k
-    k = set_jacobian3(c, k, ATTITUDE, attitude_row(antenna, i))
-    return set_jacobian3(c, k, GYRO_BIAS, gyro_bias_row(p, c, i))
+        return length
+    length = set_jacobian3(c, length, ATTITUDE, attitude_row(antenna, i))
+    return set_jacobian3(c, length, GYRO_BIAS, gyro_bias_row(p, c, i))
 
 
 @kernel
@@ -118,8 +118,8 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, late: float, innovation
         z = received - c.nav.gnss_velocity_bias[i] - c.nav.v_n[i] - antenna[i] + age * accel
         ratio2 = p.tuning.vertical_ratio**2 if i == 2 else 1.0  # of the variances, as for the position
         r = velocity_variance(p, c, slow, ratio2, fix.sigma_v[i]) + fit_error**2
-        m = velocity_jacobian(p, c, antenna, accel, i)
-        z, s, nis = fix_update(p, c, m, z, r, gate, -1)
+        length = velocity_jacobian(p, c, antenna, accel, i)
+        z, s, nis = fix_update(p, c, length, z, r, gate, -1)
         used = nis >= 0.0
         if used and slow == 0.0:
             learn_velocity_noise(p, c, nis, s / ratio2)

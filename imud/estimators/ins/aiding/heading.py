@@ -70,16 +70,16 @@ def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innov
     if level2 < p.tuning.heading_min_level**2:
         return 0
     # yaw of d = C e_x: its change is (d x (phi x d))_down / (x^2 + y^2)
-    k = set_jacobian(c, 0, ATTITUDE, -x * z / level2)
-    k = set_jacobian(c, k, ATTITUDE + 1, -y * z / level2)
-    k = set_jacobian(c, k, ATTITUDE + 2, 1.0)
+    length = set_jacobian(c, 0, ATTITUDE, -x * z / level2)
+    length = set_jacobian(c, length, ATTITUDE + 1, -y * z / level2)
+    length = set_jacobian(c, length, ATTITUDE + 2, 1.0)
     rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2]
     ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
     z = wrap_angle(m.value[0] - p.heading_boresight - elementary.atan2(y, x) - rate * ahead_s)
     r = sigma_of(p, m) ** 2
     others = headings_per_error(p, c, m) - 1.0
     timing = (rate * p.tuning.heading_time_sigma) ** 2
-    z, s, nis = correlated_update(c, k, z, r + timing, others * r, p.tuning.heading_gate)
+    z, s, nis = correlated_update(c, length, z, r + timing, others * r, p.tuning.heading_gate)
     used = nis >= 0.0
     if used:
         correct_state(p, c)

@@ -1,11 +1,11 @@
 """The non-holonomic constraint (NHC): the lateral and vertical velocities of a land vehicle are nearly zero.
 
-Lateral: z = lever_arm turn - lateral . v_b. Vertical: z = -vertical . v_b, with vertical = forward x lateral and `turn`
-the rate about it. The forward axis, a unit vector of the body, is the principal direction of the velocity in the body
-(the sensor may be mounted in any way). Two error states refine it; a third is the lever arm, by which the sensor is
-ahead of the point about which the vehicle turns. With vehicle = "auto" the constraint is enabled when the velocity has
-turned over ground but not in the body, and disabled when the motion contradicts it; its noise scale is learned
-(`nhc_noise`).
+Lateral: z = lever_arm turn_rate - lateral . v_b. Vertical: z = -vertical . v_b, with vertical = forward x lateral and
+`turn_rate` the rate about it. The forward axis, a unit vector of the body, is the principal direction of the velocity
+in the body (the sensor may be mounted in any way). Two error states refine it; a third is the lever arm, by which the
+sensor is ahead of the point about which the vehicle turns. With vehicle = "auto" the constraint is enabled when the
+velocity has turned over ground but not in the body, and disabled when the motion contradicts it; its noise scale is
+learned (`nhc_noise`).
 
 Source: Dissanayake et al., The aiding of a low-cost strapdown inertial measurement unit using vehicle model
 constraints (2001).
@@ -149,11 +149,11 @@ def accumulate_scatter(p: Parameters, c: Core, v: Any, level2: float, heading2: 
     q = quaternion(c)
     u = quat_rotate_back(q, v)
     speed2 = u[0] ** 2 + u[1] ** 2 + u[2] ** 2
-    turn2 = c.imu.rate_b[0] ** 2 + c.imu.rate_b[1] ** 2 + c.imu.rate_b[2] ** 2
+    rate2 = c.imu.rate_b[0] ** 2 + c.imu.rate_b[1] ** 2 + c.imu.rate_b[2] ** 2
     s2 = (
         level2
         + p.tuning.nhc_sigma**2
-        + p.tuning.typical_lever_arm**2 * turn2
+        + p.tuning.typical_lever_arm**2 * rate2
         + (p.tuning.suspension_pitch**2 + heading2) * speed2
     )
     if speed2 < p.tuning.direction_sigmas**2 * s2:
@@ -180,9 +180,13 @@ def rotate_scatter(c: Core, psi: float) -> None:
     """Rotate the scatter matrix and the principal axis before the level frame is rotated by psi (rad, about down)."""
     h = c.nhc
     down = ned_to_body(c, (0.0, 0.0, 1.0))
-    turn = quat_exp(-psi * down[0], -psi * down[1], -psi * down[2])
-    x, y, z = quat_rotate(turn, (1.0, 0.0, 0.0)), quat_rotate(turn, (0.0, 1.0, 0.0)), quat_rotate(turn, (0.0, 0.0, 1.0))
-    a = quat_rotate(turn, (h.principal_axis[0], h.principal_axis[1], h.principal_axis[2]))
+    q_turn = quat_exp(-psi * down[0], -psi * down[1], -psi * down[2])
+    x, y, z = (
+        quat_rotate(q_turn, (1.0, 0.0, 0.0)),
+        quat_rotate(q_turn, (0.0, 1.0, 0.0)),
+        quat_rotate(q_turn, (0.0, 0.0, 1.0)),
+    )
+    a = quat_rotate(q_turn, (h.principal_axis[0], h.principal_axis[1], h.principal_axis[2]))
     xx, xy, xz, yy, yz, zz = (
         h.velocity_scatter[0],
         h.velocity_scatter[1],
@@ -291,9 +295,9 @@ def nhc_jacobian(c: Core, q: Any, e: Any, along: float, mount: int) -> int:
     forward speed, m/s. The change of a vector with the attitude is phi x C e, so that of the velocity C e x v.
     """
     en = quat_rotate(q, e)
-    k = set_jacobian3(c, 0, VELOCITY, en)
-    k = set_jacobian3(c, k, ATTITUDE, cross(en, (c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2])))
-    return set_jacobian(c, k, mount, -along if mount == MOUNT_YAW else along)
+    length = set_jacobian3(c, 0, VELOCITY, en)
+    length = set_jacobian3(c, length, ATTITUDE, cross(en, (c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2])))
+    return set_jacobian(c, length, mount, -along if mount == MOUNT_YAW else along)
 
 
 @kernel
@@ -310,18 +314,18 @@ def fuse_nhc(p: Parameters, c: Core) -> None:
     h.since_update = 0.0
     if abs(along) < p.tuning.nhc_min_speed:
         return
-    turn = dot(vertical, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))
+    turn_rate = dot(vertical, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))
     rate = math.sqrt(c.imu.rate_b[0] ** 2 + c.imu.rate_b[1] ** 2 + c.imu.rate_b[2] ** 2)
     r = (p.tuning.nhc_sigma + (p.tuning.turn_sideslip + p.tuning.tyre_sideslip * along * along) * rate) ** 2
     suspension2 = (p.tuning.suspension_pitch * along) ** 2 * 2.0 * p.tuning.suspension_time_s / p.tuning.nhc_interval_s
-    k = set_jacobian(c, nhc_jacobian(c, q, lateral, along, MOUNT_YAW), NHC_LEVER_ARM, -turn)
-    z = c.nav.nhc_lever_arm * turn - dot(lateral, vb)
-    value, s, lateral_nis = pseudo_measurement(c, NHC_LATERAL, k, z, h.noise_scale[0] * r, p.tuning.nhc_gate)
+    length = set_jacobian(c, nhc_jacobian(c, q, lateral, along, MOUNT_YAW), NHC_LEVER_ARM, -turn_rate)
+    z = c.nav.nhc_lever_arm * turn_rate - dot(lateral, vb)
+    value, s, lateral_nis = pseudo_measurement(c, NHC_LATERAL, length, z, h.noise_scale[0] * r, p.tuning.nhc_gate)
     add_innovation(c, 0, value, s)
-    k = nhc_jacobian(c, q, vertical, along, MOUNT_PITCH)
+    length = nhc_jacobian(c, q, vertical, along, MOUNT_PITCH)
     z = -dot(vertical, vb)
     value, s, vertical_nis = pseudo_measurement(
-        c, NHC_VERTICAL, k, z, h.noise_scale[1] * r + suspension2, p.tuning.nhc_gate
+        c, NHC_VERTICAL, length, z, h.noise_scale[1] * r + suspension2, p.tuning.nhc_gate
     )
     add_innovation(c, 1, value, s)
     correct_state(p, c)

@@ -99,17 +99,17 @@ def odometer_jacobian(c: Core, forward: Vector, v_b: Vector, along: float) -> in
     """Jacobian of a reading; returns its length. v_b: velocity of the wheel in the body; along: its forward part."""
     gain = 1.0 + c.nav.odometer_scale
     f, v = quat_rotate(quaternion(c), forward), c.nav.v_n
-    k = 0
+    length = 0
     for i in range(3):
-        k = set_jacobian(c, k, VELOCITY + i, gain * f[i])
-    k = set_jacobian(c, k, ATTITUDE, gain * (f[1] * v[2] - f[2] * v[1]))
-    k = set_jacobian(c, k, ATTITUDE + 1, gain * (f[2] * v[0] - f[0] * v[2]))
-    k = set_jacobian(c, k, ATTITUDE + 2, gain * (f[0] * v[1] - f[1] * v[0]))
-    k = set_jacobian(c, k, ODOMETER_SCALE, along)
+        length = set_jacobian(c, length, VELOCITY + i, gain * f[i])
+    length = set_jacobian(c, length, ATTITUDE, gain * (f[1] * v[2] - f[2] * v[1]))
+    length = set_jacobian(c, length, ATTITUDE + 1, gain * (f[2] * v[0] - f[0] * v[2]))
+    length = set_jacobian(c, length, ATTITUDE + 2, gain * (f[0] * v[1] - f[1] * v[0]))
+    length = set_jacobian(c, length, ODOMETER_SCALE, along)
     if c.nhc.enabled:  # the forward axis is estimated: e_x <- e_x + yaw e_y - pitch e_z
-        k = set_jacobian(c, k, MOUNT_YAW, gain * dot(lateral_axis(c), v_b))
-        k = set_jacobian(c, k, MOUNT_PITCH, -gain * dot(vertical_axis(c), v_b))
-    return k
+        length = set_jacobian(c, length, MOUNT_YAW, gain * dot(lateral_axis(c), v_b))
+        length = set_jacobian(c, length, MOUNT_PITCH, -gain * dot(vertical_axis(c), v_b))
+    return length
 
 
 @kernel
@@ -161,8 +161,8 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
     )
     a = quat_rotate_back(quaternion(c), (c.imu.accel_n[0], c.imu.accel_n[1], c.imu.accel_n[2]))
     accel, along = dot(forward, a), dot(forward, wheel)
-    k = odometer_jacobian(c, forward, wheel, along)
-    predicted_sigma = math.sqrt(max(innovation_variance(c, k), 0.0))
+    length = odometer_jacobian(c, forward, wheel, along)
+    predicted_sigma = math.sqrt(max(innovation_variance(c, length), 0.0))
     reading = signed_reading(p, c, m.value[0], along, predicted_sigma)
     if not math.isfinite(reading):
         return 0
@@ -172,7 +172,7 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
     r = single_variance(p, m, reading, slip_sigma, accel)
     correlated = slip_sigma * slip_sigma + (accel * p.tuning.odometer_time_sigma) ** 2
     others = max(2.0 * p.tuning.odometer_slip_time_s / dt, 1.0) - 1.0  # readings while the error of slip is the same
-    z, s, nis = correlated_update(c, k, z, r, others * correlated, p.tuning.odometer_gate)
+    z, s, nis = correlated_update(c, length, z, r, others * correlated, p.tuning.odometer_gate)
     used = nis >= 0.0
     if not used:
         inflate_velocity(p, c, forward, z, dt)

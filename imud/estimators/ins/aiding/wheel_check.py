@@ -66,11 +66,11 @@ def wheels_reject(p: Parameters, c: Core) -> bool:
 @kernel
 def contradicts(p: Parameters, c: Core, axis: int, z: float, accel: float, r: float) -> bool:
     """Whether the velocity along an axis contradicts the estimate. z: innovation, m/s; accel: m/s^2; r: variance."""
-    k = set_jacobian(c, 0, VELOCITY + axis, 1.0)
-    k = set_jacobian(c, k, TIME_OFFSET, -accel)
-    k = set_jacobian(c, k, VELOCITY_TIME_OFFSET, -accel)
+    length = set_jacobian(c, 0, VELOCITY + axis, 1.0)
+    length = set_jacobian(c, length, TIME_OFFSET, -accel)
+    length = set_jacobian(c, length, VELOCITY_TIME_OFFSET, -accel)
     return bool(
-        abs(z) > p.tuning.wheel_check_least and z * z > p.tuning.wheel_check_gate * (innovation_variance(c, k) + r)
+        abs(z) > p.tuning.wheel_check_least and z * z > p.tuning.wheel_check_gate * (innovation_variance(c, length) + r)
     )
 
 

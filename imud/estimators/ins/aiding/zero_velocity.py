@@ -60,8 +60,8 @@ def fuse_rest(p: Parameters, c: Core) -> bool:
     sigma = p.tuning.zupt_sigma if confirmed else p.tuning.zupt_sigma_unconfirmed
     if navigating:
         for i in range(3):
-            m = set_jacobian(c, 0, VELOCITY + i, 1.0)
-            pseudo_measurement(c, REST_N + i, m, -c.nav.v_n[i], sigma * sigma, 4.0 * p.tuning.rest_gate)
+            length = set_jacobian(c, 0, VELOCITY + i, 1.0)
+            pseudo_measurement(c, REST_N + i, length, -c.nav.v_n[i], sigma * sigma, 4.0 * p.tuning.rest_gate)
     north, down = EARTH_RATE_RADPS * elementary.cos(c.nav.lat), -EARTH_RATE_RADPS * elementary.sin(c.nav.lat)
     earth = ned_to_body(c, (north, 0.0, down))
     s, contradicted = c.stationarity, False

@@ -60,15 +60,15 @@ def phasor(angle: float) -> Complex:
 
 
 @kernel
-def accumulate_integrals(c: Core, turn: float, dt: float) -> None:
-    """Add the interval's integral of level specific force, imu.delta_v, over `dt` s; the body turned by `turn` rad."""
+def accumulate_integrals(c: Core, turn_angle: float, dt: float) -> None:
+    """Add the interval's integral of level specific force, imu.delta_v, over `dt` s; turn_angle: of the body, rad."""
     a = c.alignment
     integrals, double_integrals, d = a.integrals, a.double_integrals, a.corrections
     y = (a.heading_phasor[0], a.heading_phasor[1])
     heading_integral = element(integrals, HEADING_INTEGRAL)
     force = multiply(phasor(a.frame_azimuth), (c.imu.delta_v[0], c.imu.delta_v[1]))
     tilt_change, bias = multiply(element(d, 1), heading_integral), multiply(element(d, 2), y)
-    after = multiply(phasor(turn), y)
+    after = multiply(phasor(turn_angle), y)
     zn, ze = force[0] - (d[0, 0] + tilt_change[0] + bias[0]) * dt, force[1] - (d[0, 1] + tilt_change[1] + bias[1]) * dt
     new = ((zn, ze), (dt, 0.0), (heading_integral[0] * dt, heading_integral[1] * dt), (y[0] * dt, y[1] * dt))
     for k in range(4):
@@ -83,21 +83,23 @@ def accumulate_integrals(c: Core, turn: float, dt: float) -> None:
 def retain_integrals(c: Core) -> None:
     """Before the correction in scratch.x is injected: note it, so that the integrals stay those without it."""
     x, a, d = c.scratch.x, c.alignment, c.alignment.corrections
-    m = rotation_matrix(c)
+    C_nb = rotation_matrix(c)
     gyro = (x[GYRO_BIAS], x[GYRO_BIAS + 1], x[GYRO_BIAS + 2])
     accel = (x[ACCEL_BIAS], x[ACCEL_BIAS + 1], x[ACCEL_BIAS + 2])
     frame = phasor(a.frame_azimuth)
     body = multiply(frame, (a.heading_phasor[0], -a.heading_phasor[1]))
     tilt = multiply(frame, (-STANDARD_GRAVITY * x[ATTITUDE + 1], STANDARD_GRAVITY * x[ATTITUDE]))
-    tilt_rate = multiply(body, (STANDARD_GRAVITY * component(m, 1, gyro), -STANDARD_GRAVITY * component(m, 0, gyro)))
-    bias = multiply(body, (-component(m, 0, accel), -component(m, 1, accel)))
+    tilt_rate = multiply(
+        body, (STANDARD_GRAVITY * component(C_nb, 1, gyro), -STANDARD_GRAVITY * component(C_nb, 0, gyro))
+    )
+    bias = multiply(body, (-component(C_nb, 0, accel), -component(C_nb, 1, accel)))
     tilt_since_origin = multiply(tilt_rate, element(a.integrals, HEADING_INTEGRAL))
     for i in range(2):
         d[0, i] += tilt[i] - tilt_since_origin[i]
         d[1, i] += tilt_rate[i]
         d[2, i] += bias[i]
     a.frame_azimuth -= x[ATTITUDE + 2]
-    a.bias_correction += component(m, 2, gyro)
+    a.bias_correction += component(C_nb, 2, gyro)
 
 
 @kernel
@@ -107,9 +109,9 @@ def rotate_level_frame(c: Core, psi: float) -> None:
 
 
 @kernel
-def component(m: Any, axis: int, v: Any) -> float:
-    """Component of the body vector v along an axis of the level frame; m: C_nb, row by row."""
-    return float(m[3 * axis] * v[0] + m[3 * axis + 1] * v[1] + m[3 * axis + 2] * v[2])
+def component(C_nb: Any, axis: int, v: Any) -> float:
+    """Component of the body vector v along an axis of the level frame; C_nb: row by row."""
+    return float(C_nb[3 * axis] * v[0] + C_nb[3 * axis + 1] * v[1] + C_nb[3 * axis + 2] * v[2])
 
 
 @kernel

@@ -83,11 +83,11 @@ def accept_heading(p: Parameters, c: Core, found: Any) -> bool:
     ready = p.tuning.max_start_heading_positions if c.alignment.mean_velocity[2] > 0.0 else p.tuning.max_start_heading
     if sigma * sigma + rate_variance * p.tuning.heading_horizon_s**2 > ready**2:
         return False
-    n = vertical_bias_jacobian(c)
+    length = vertical_bias_jacobian(c)
     # the posterior contains the filter's own variance as its prior: only the information beyond it is fused
-    information = 1.0 / rate_variance - 1.0 / innovation_variance(c, n)
+    information = 1.0 / rate_variance - 1.0 / innovation_variance(c, length)
     if information > 0.0:
-        gated_update(c, n, -rate / (rate_variance * information), 1.0 / information, NO_GATE)
+        gated_update(c, length, -rate / (rate_variance * information), 1.0 / information, NO_GATE)
     cancel_correction(c, ATTITUDE + 2)
     correct_state(p, c)
     rotate_to_north(c, psi)

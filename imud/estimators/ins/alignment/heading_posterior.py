@@ -68,34 +68,36 @@ FITTED_PARAMETERS = 3.0  # the heading, and the degrees of freedom that the nuis
 
 
 @kernel
-def nuisance_jacobian(c: Core, m: Any, i: int) -> int:
+def nuisance_jacobian(c: Core, C_nb: Any, i: int) -> int:
     """Jacobian of component i of the nuisance parameters; 0, 1: tilt; 2, 3: gyro; 4, 5: accelerometer; even: north.
 
-    Each acts as a level specific force, m/s^2 (the gyro bias: m/s^3). m: C_nb, row by row. Returns the row's length.
+    Each acts as a level specific force, m/s^2 (the gyro bias: m/s^3). C_nb: row by row. Returns the row's length.
     """
     axis = i % 2
     if i < 2:
         return set_jacobian(c, 0, ATTITUDE + 1 - axis, (2 * axis - 1) * STANDARD_GRAVITY)
-    k = 0
+    length = 0
     for j in range(3):
         if i < 4:
-            k = set_jacobian(c, k, GYRO_BIAS + j, (1 - 2 * axis) * STANDARD_GRAVITY * m[3 * (1 - axis) + j])
+            length = set_jacobian(
+                c, length, GYRO_BIAS + j, (1 - 2 * axis) * STANDARD_GRAVITY * C_nb[3 * (1 - axis) + j]
+            )
         else:
-            k = set_jacobian(c, k, ACCEL_BIAS + j, -m[3 * axis + j])
-    return k
+            length = set_jacobian(c, length, ACCEL_BIAS + j, -C_nb[3 * axis + j])
+    return length
 
 
 @kernel
 def set_prior(c: Core, b: HypothesisBank) -> None:
     """b.prior <- covariance of the nuisance parameters (3 x 3, complex) from P, averaged over the two level axes."""
-    m = rotation_matrix(c)
+    C_nb = rotation_matrix(c)
     b.prior[:] = 0.0
     for j in range(6):
-        innovation_variance(c, nuisance_jacobian(c, m, j))
+        innovation_variance(c, nuisance_jacobian(c, C_nb, j))
         for i in range(6):
-            n = nuisance_jacobian(c, m, i)
+            length = nuisance_jacobian(c, C_nb, i)
             s = 0.0
-            for k in range(n):
+            for k in range(length):
                 s += c.scratch.values[k] * c.scratch.d[c.scratch.columns[k]]
             if i % 2 == j % 2:
                 b.prior[i // 2, j // 2, 0] += 0.5 * s

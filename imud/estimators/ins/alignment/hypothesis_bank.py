@@ -107,12 +107,12 @@ def propagate_hypotheses(p: Parameters, c: Core, b: HypothesisBank, dt: float) -
     """Add the core's integrals over the last `dt` s, turned back, to those of each hypothesis."""
     a = c.alignment
     for k in range(HYPOTHESES):
-        turn = phasor(frame_rotation(p, c, k, 0.5 * dt))
+        rotation = phasor(frame_rotation(p, c, k, 0.5 * dt))
         for j in range(4):
             old, new = element(b.last_integrals, j), element(a.integrals, j)
             old2, new2 = element(b.last_double_integrals, j), element(a.double_integrals, j)
-            change = multiply(turn, (new[0] - old[0], new[1] - old[1]))
-            change2 = multiply(turn, (new2[0] - old2[0] - old[0] * dt, new2[1] - old2[1] - old[1] * dt))
+            change = multiply(rotation, (new[0] - old[0], new[1] - old[1]))
+            change2 = multiply(rotation, (new2[0] - old2[0] - old[0] * dt, new2[1] - old2[1] - old[1] * dt))
             add_scaled(b.double_integrals[k, j], element(b.integrals[k], j), dt)
             add_scaled(b.double_integrals[k, j], change2, 1.0)
             add_scaled(b.integrals[k, j], change, 1.0)

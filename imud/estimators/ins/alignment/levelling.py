@@ -54,14 +54,14 @@ TUNABLES = (
 
 
 @kernel
-def tilt_jacobian(c: Core, k: int, m: Any, axis: int, gain: float, ago: float) -> int:
+def tilt_jacobian(c: Core, length: int, C_nb: Any, axis: int, gain: float, ago: float) -> int:
     """Append to the Jacobian the tilt about `axis` (0 north, 1 east) `ago` s ago, times `gain`; returns its length.
 
-    The tilt then is the tilt now plus `ago` times the gyro bias error in navigation axes. m: C_nb; k: length so far.
+    The tilt then is the tilt now plus `ago` times the gyro bias error in navigation axes. length: of it so far.
     """
     for j in range(3):
-        k = set_jacobian(c, k, GYRO_BIAS + j, gain * ago * m[3 * axis + j])
-    return set_jacobian(c, k, ATTITUDE + axis, gain)
+        length = set_jacobian(c, length, GYRO_BIAS + j, gain * ago * C_nb[3 * axis + j])
+    return set_jacobian(c, length, ATTITUDE + axis, gain)
 
 
 @kernel
@@ -71,25 +71,25 @@ def fuse_gravity(p: Parameters, c: Core, fx: float, fy: float, fz: float, ago: f
     sigma: m/s^2, of the acceleration. The mean belongs to a time `ago` s in the past; since then the gyro bias error
     has changed the tilt.
     """
-    m = rotation_matrix(c)
+    C_nb = rotation_matrix(c)
     for i in range(axes):
         # C f + phi x C f - C ba = (0, 0, -g); the heading error has no effect on it
-        k = set_jacobian(c, 0, ACCEL_BIAS, -m[3 * i])
-        k = set_jacobian(c, k, ACCEL_BIAS + 1, -m[3 * i + 1])
-        k = set_jacobian(c, k, ACCEL_BIAS + 2, -m[3 * i + 2])
+        length = set_jacobian(c, 0, ACCEL_BIAS, -C_nb[3 * i])
+        length = set_jacobian(c, length, ACCEL_BIAS + 1, -C_nb[3 * i + 1])
+        length = set_jacobian(c, length, ACCEL_BIAS + 2, -C_nb[3 * i + 2])
         if i == 0:
-            k = tilt_jacobian(c, k, m, 1, fz, ago)
+            length = tilt_jacobian(c, length, C_nb, 1, fz, ago)
             z = -fx
         elif i == 1:
-            k = tilt_jacobian(c, k, m, 0, -fz, ago)
+            length = tilt_jacobian(c, length, C_nb, 0, -fz, ago)
             z = -fy
         else:
-            k = set_jacobian(c, k, ATTITUDE, fy)
-            k = set_jacobian(c, k, ATTITUDE + 1, -fx)
+            length = set_jacobian(c, length, ATTITUDE, fy)
+            length = set_jacobian(c, length, ATTITUDE + 1, -fx)
             z = -gravity(c.nav.lat, c.nav.height) - fz
-            if innovation_variance(c, k) < p.tuning.level_vertical_sigma**2:
+            if innovation_variance(c, length) < p.tuning.level_vertical_sigma**2:
                 continue
-        gated_update(c, k, z, sigma * sigma, NO_GATE)
+        gated_update(c, length, z, sigma * sigma, NO_GATE)
     correct_state(p, c)
 
 
@@ -104,8 +104,8 @@ def level_from_window(p: Parameters, c: Core, resting: bool) -> None:
     sigma = p.tuning.level_rest_sigma
     if not resting:
         down, w = ned_to_body(c, (0.0, 0.0, 1.0)), c.imu.rate_b
-        turn = down[0] * w[0] + down[1] * w[1] + down[2] * w[2]
-        sigma = elementary.hypot(p.tuning.level_motion_sigma, p.tuning.level_turn_speed * turn)
+        turn_rate = down[0] * w[0] + down[1] * w[1] + down[2] * w[2]
+        sigma = elementary.hypot(p.tuning.level_motion_sigma, p.tuning.level_turn_speed * turn_rate)
     dv, dt = c.stationarity.delta_v, c.stationarity.duration
     fuse_gravity(p, c, dv[0] / dt, dv[1] / dt, dv[2] / dt, 0.5 * dt, sigma, 3)
 

@@ -67,8 +67,8 @@ def start_pair(c: Core, lat: float, lon: float, vn: float, ve: float) -> None:
     for k in range(4):
         for i in range(2):
             a.pair_integrals[k, i], a.pair_double_integrals[k, i] = a.integrals[k, i], a.double_integrals[k, i]
-    m = a.pair_start
-    m[0], m[1], m[2], m[3], m[4], m[5] = vn, ve, lat, lon, c.imu.accel_n[0], c.imu.accel_n[1]
+    first = a.pair_start
+    first[0], first[1], first[2], first[3], first[4], first[5] = vn, ve, lat, lon, c.imu.accel_n[0], c.imu.accel_n[1]
 
 
 @kernel
@@ -143,8 +143,8 @@ def match_pair(
         apply_corrections(p, c, b)
         match_fix(p, c, b, lat, lon, vn, ve, noise2)
     dt = 1e-9 * (c.nav.t_ns - a.pair_start_ns)
-    m = a.pair_start
-    known = math.isfinite(vn) and math.isfinite(m[0])
+    first = a.pair_start
+    known = math.isfinite(vn) and math.isfinite(first[0])
     if dt < p.tuning.pair_min_s or (not known and dt < pair_duration(p, c)):
         return
     if not matching:
@@ -155,9 +155,9 @@ def match_pair(
         for k in range(4):
             for i in range(2):
                 c.scratch.integral_change[k, i] = a.integrals[k, i] - a.pair_integrals[k, i]
-        level_with_pair(p, c, vn - m[0], ve - m[1], dt)
+        level_with_pair(p, c, vn - first[0], ve - first[1], dt)
     else:
-        north, east = ned_difference(c, m[2], m[3], lat, lon)
+        north, east = ned_difference(c, first[2], first[3], lat, lon)
         pair_mean_velocities(p, c, north / dt, east / dt, dt)
     start_pair(c, lat, lon, vn, ve)
 
@@ -270,11 +270,11 @@ def exceeds_force(p: Parameters, c: Core, vn: float, ve: float, dt: float) -> bo
 @kernel
 def vertical_bias_jacobian(c: Core) -> int:
     """Set the Jacobian of the vertical gyro bias, (C_nb bg)_down; returns its length."""
-    m = rotation_matrix(c)
-    k = 0
+    C_nb = rotation_matrix(c)
+    length = 0
     for i in range(3):
-        k = set_jacobian(c, k, GYRO_BIAS + i, m[6 + i])
-    return k
+        length = set_jacobian(c, length, GYRO_BIAS + i, C_nb[6 + i])
+    return length
 
 
 @kernel

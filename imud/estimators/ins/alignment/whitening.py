@@ -58,13 +58,13 @@ def predict_whitening(p: Parameters, b: HypothesisBank, bias_sigma: float, learn
     learned_psd: m^2/s^3, process noise of the velocity that the drive has shown.
     """
     psd = p.tuning.unmodelled_accel_psd + learned_psd
-    P, x = b.whitening_P, b.whitening_state
+    P, state = b.whitening_P, b.whitening_state
     decay = elementary.exp(-dt / p.tuning.gnss_bias_time_s)
     for k in range(HYPOTHESES):
         for j in range(5):
             for i in range(2):
-                x[k, POSITION_STATE, j, i] += dt * x[k, VELOCITY_STATE, j, i]
-                x[k, BIAS_STATE, j, i] *= decay
+                state[k, POSITION_STATE, j, i] += dt * state[k, VELOCITY_STATE, j, i]
+                state[k, BIAS_STATE, j, i] *= decay
     P[0, 0] += dt * (2.0 * P[0, 1] + dt * P[1, 1]) + psd * dt**3 / 3.0
     P[0, 1] += dt * P[1, 1] + psd * dt * dt / 2.0
     P[0, 2] = decay * (P[0, 2] + dt * P[1, 2])
@@ -87,12 +87,12 @@ def whitened_innovations(b: HypothesisBank, k: int, is_position: bool, measured:
 
     antenna: position or velocity of the antenna relative to the IMU, whose motion the integrals are.
     """
-    x, integrals = b.whitening_state[k], b.double_integrals[k] if is_position else b.integrals[k]
+    state, integrals = b.whitening_state[k], b.double_integrals[k] if is_position else b.integrals[k]
     for j in range(5):
         for i in range(2):
             value = integrals[j - 1, i] + (antenna[i] if j == 1 else 0.0) if j > 0 else measured[i]
             b.innovations[j, i] = value - (
-                x[POSITION_STATE, j, i] + x[BIAS_STATE, j, i] if is_position else x[VELOCITY_STATE, j, i]
+                state[POSITION_STATE, j, i] + state[BIAS_STATE, j, i] if is_position else state[VELOCITY_STATE, j, i]
             )
 
 
@@ -108,13 +108,13 @@ def whitening_gains(b: HypothesisBank, is_position: bool) -> Any:
 @kernel
 def update_hypothesis(b: HypothesisBank, k: int, is_position: bool, s: float) -> None:
     """Update the states of hypothesis k with the innovations in b.innovations, of variance s."""
-    x, d = b.whitening_state[k], whitening_gains(b, is_position)
+    state, d = b.whitening_state[k], whitening_gains(b, is_position)
     for j in range(5):
         for i in range(2):
             gain = b.innovations[j, i] / s
-            x[POSITION_STATE, j, i] += d[0] * gain
-            x[VELOCITY_STATE, j, i] += d[1] * gain
-            x[BIAS_STATE, j, i] += d[2] * gain
+            state[POSITION_STATE, j, i] += d[0] * gain
+            state[VELOCITY_STATE, j, i] += d[1] * gain
+            state[BIAS_STATE, j, i] += d[2] * gain
 
 
 @kernel

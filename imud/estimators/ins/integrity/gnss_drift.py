@@ -111,11 +111,11 @@ def propagate_sensitivity(c: Core, transition: Transition) -> None:
 
 
 @kernel
-def update_sensitivity(c: Core, m: int, s: float, z: float, axis: int) -> None:
+def update_sensitivity(c: Core, length: int, s: float, z: float, axis: int) -> None:
     """Sensitivity of the estimate after the scalar update that follows: V <- V + K (b - h V); call before the update.
 
-    The Jacobian h has m elements, innovation z has variance s, and P h is in scratch.d. axis: 0 for a GNSS position
-    north, 1 east, whose sensitivity b is the time since the onset; -1: any other measurement, b = 0.
+    The Jacobian h has `length` elements, innovation z has variance s, and P h is in scratch.d. axis: 0 for a GNSS
+    position north, 1 east, whose sensitivity b is the time since the onset; -1: any other measurement, b = 0.
     """
     g = c.drift
     for j in range(ONSETS):
@@ -123,7 +123,7 @@ def update_sensitivity(c: Core, m: int, s: float, z: float, axis: int) -> None:
             continue
         first = 2 * j
         north, east = 0.0, 0.0
-        for k in range(m):
+        for k in range(length):
             north -= c.scratch.values[k] * g.bias_sensitivity[c.scratch.columns[k], first]
             east -= c.scratch.values[k] * g.bias_sensitivity[c.scratch.columns[k], first + 1]
         if axis >= 0:

@@ -107,15 +107,15 @@ def bias_error(p: Parameters, c: Core) -> Vector:
         g.angle[1] - (bg[1] + earth[1]) * g.time,
         g.angle[2] - (bg[2] + earth[2]) * g.time,
     )
-    turn, f2 = cross(f, angle), dot(f, f)  # m/s^2: by which the force would have changed
+    expected_change, f2 = cross(f, angle), dot(f, f)  # m/s^2: by which the force would have changed
     change = (f[0] - g.first_f[0], f[1] - g.first_f[1], f[2] - g.first_f[2])
-    turn2 = dot(turn, turn)
-    across = turn2 > p.tuning.min_rate_across_gravity**2 * dot(angle, angle) * f2
-    seen = turn2 > p.tuning.fixed_gravity_gate**2 * 2.0 * g.variance
-    fixed = dot(change, change) < p.tuning.fixed_gravity_share**2 * turn2
+    expected2 = dot(expected_change, expected_change)
+    across = expected2 > p.tuning.min_rate_across_gravity**2 * dot(angle, angle) * f2
+    seen = expected2 > p.tuning.fixed_gravity_gate**2 * 2.0 * g.variance
+    fixed = dot(change, change) < p.tuning.fixed_gravity_share**2 * expected2
     if may_fly(p, c) or not (across and seen and fixed and is_gravity_alone(p, c)):
         return (0.0, 0.0, 0.0)
-    error = cross((turn[0] - change[0], turn[1] - change[1], turn[2] - change[2]), f)
+    error = cross((expected_change[0] - change[0], expected_change[1] - change[1], expected_change[2] - change[2]), f)
     scale = 1.0 / (f2 * g.time)
     return (scale * error[0], scale * error[1], scale * error[2])
 

@@ -79,12 +79,12 @@ class NumbaObject:
         self,
         make: Callable[[Any], Any],
         intrinsic: str | None = None,
-        external: tuple[str, ...] | None = None,
+        external: str | None = None,
         python: Callable[..., Any] | None = None,
     ) -> None:
         """make(numba) -> an intrinsic, an external function, or one that numba has.
 
-        intrinsic: what `compile.c` calls it; external: name, result and arguments of a function of the C library;
+        intrinsic: what `compile.c` calls it; external: its name, if it is a function of the C library;
         python: the same for kernels that are interpreted, if there is such.
         """
         self._make, self.intrinsic, self.external, self._python = make, intrinsic, external, python

@@ -8,6 +8,8 @@
     IMUD_KERNELS=/tmp/k/kernels.so pytest tests/test_x.py    # adds to kernels.gcda beside it at each process's end
     cd /tmp/k && gcov --json-format --stdout kernels.gcda    # or: gcov kernels.gcda, which writes NAME.py.gcov
 
+--target builds for another machine, with the Python package `ziglang`.
+
 A kernel that several others call with different types is several functions of C; gcov adds up their counts.
 """
 
@@ -37,12 +39,13 @@ def main() -> int:
     parser.add_argument("library", type=Path)
     parser.add_argument("--c", type=Path, metavar="FILE", help="where to keep the C (default: nowhere)")
     parser.add_argument("--coverage", action="store_true", help="count the lines that run, for gcov")
+    parser.add_argument("--target", help="another machine, as zig names it: aarch64-linux-gnu.2.28 (default: this one)")
     args = parser.parse_args()
     library = args.library.resolve()
     text = args.c or library.with_suffix(".c")
     try:
         text.write_text(source(with_lines=args.c is not None or args.coverage))
-        compile_c(text, library, _COVERAGE if args.coverage else ())
+        compile_c(text, library, _COVERAGE if args.coverage else (), args.target)
         seal(library, loaded_sources())
     except (UnsupportedError, CannotBuildError, OSError) as error:
         print(f"imud.compile: {error}", file=sys.stderr)

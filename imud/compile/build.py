@@ -23,21 +23,29 @@ class CannotBuildError(Exception):
     """There is no compiler, or it failed; the message says which."""
 
 
-def compiler() -> list[str]:
-    """The command of the C compiler: $CC, else one on the PATH, else Python's `ziglang`. Raises CannotBuildError."""
+def compiler(target: str | None = None) -> list[str]:
+    """The command of the C compiler: $CC, else one on the PATH, else Python's `ziglang`. Raises CannotBuildError.
+
+    target: another machine, as zig names it, for example aarch64-linux-gnu.2.28; then it is `ziglang`.
+    """
+    zig = [sys.executable, "-m", "ziglang", "cc", "-mcpu=baseline"]  # else of this machine, with FMA
+    if target is not None:
+        if importlib.util.find_spec("ziglang") is None:
+            raise CannotBuildError("for another machine the Python package `ziglang` is needed")
+        return [*zig, "-g0", "-target", target]
     if given := os.environ.get("CC", "").split():
         return given
     for name in ("cc", "gcc", "clang"):
         if shutil.which(name):
             return [name]
     if importlib.util.find_spec("ziglang"):
-        return [sys.executable, "-m", "ziglang", "cc", "-mcpu=baseline"]  # else of this machine, with FMA
+        return zig
     raise CannotBuildError("there is no C compiler: install gcc or clang, or the Python package `ziglang`")
 
 
-def compile_c(source: Path, library: Path, options: Sequence[str] = ()) -> None:
+def compile_c(source: Path, library: Path, options: Sequence[str] = (), target: str | None = None) -> None:
     """Compile one file of C, with more options than ours. Raises CannotBuildError with the compiler's message."""
-    command = [*compiler(), *FLAGS, *options, "-o", str(library), str(source), "-lm"]
+    command = [*compiler(target), *FLAGS, *options, "-o", str(library), str(source), "-lm"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError as error:

@@ -1,5 +1,6 @@
-"""The last line of a shared library with kernels: the digests of its sources and of its code, and its machine."""
+"""The last line of a shared library with kernels: the digests of its sources and of its code."""
 
+import functools
 import json
 import os
 import sys
@@ -18,6 +19,20 @@ def digest(files: Sequence[str], root: Path = ROOT) -> str:
     return digest_of(*(f"{name}\0{len(content)}\0".encode() + content for name, content in contents))
 
 
+def processor(program: bytes) -> bytes:
+    """The kind of processor that an ELF file is for: its class, byte order and machine (elf(5)).
+
+    The name of the running kernel does not tell: it may be of 64 bits and this program of 32.
+    """
+    return program[4:6] + program[18:20]
+
+
+@functools.cache
+def _this_program() -> bytes:
+    with Path("/proc/self/exe").open("rb") as file:
+        return file.read(20)
+
+
 def defect(library: Path) -> str | None:
     """Why a library must not be loaded; None: it may."""
     try:
@@ -25,8 +40,8 @@ def defect(library: Path) -> str | None:
         seal = json.loads(line)
         if seal["code"] != digest_of(code):
             return "is damaged"
-        if seal["machine"] != os.uname().machine:
-            return f"is for {seal['machine']}"
+        if processor(code) != processor(_this_program()):
+            return "is for another processor"
         return None if seal["sources"] == digest(seal["files"]) else "is of other sources"
     except FileNotFoundError:
         return "does not exist, or is of sources that do not"
@@ -46,6 +61,6 @@ def loaded_sources(root: Path = ROOT) -> list[str]:
 def seal(library: Path, files: Sequence[str]) -> None:
     """Append the line with the digests of a library's sources and code."""
     code = library.read_bytes()
-    line = {"machine": os.uname().machine, "code": digest_of(code), "sources": digest(files), "files": list(files)}
+    line = {"code": digest_of(code), "sources": digest(files), "files": list(files)}
     with library.open("ab") as file:
         file.write(b"\n" + json.dumps(line).encode())

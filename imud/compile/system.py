@@ -1,4 +1,4 @@
-"""System calls, and memory and functions by their address, for compiled loops. Linux on 64 bits.
+"""System calls, and memory and functions by their address, for compiled loops. Linux; through numba on 64 bits.
 
 All arguments are integers, addresses too. Nothing is checked: the caller is responsible for the contents at an address,
 and for keeping the array there alive.
@@ -21,7 +21,7 @@ def _function(name: str, returns: str, *arguments: str) -> Any:
         types = numba.types
         return types.ExternalFunction(name, getattr(types, returns)(*(getattr(types, a) for a in arguments)))
 
-    return NumbaObject(make, external=(name, returns, *arguments))
+    return NumbaObject(make, external=name)
 
 
 carray: Any = NumbaObject(lambda numba: numba.carray, "carray")

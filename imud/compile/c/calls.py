@@ -32,7 +32,7 @@ def call(of: "Expressions", node: ast.Call) -> Value:
     if (intrinsic := getattr(callee, "intrinsic", None)) is not None:
         return _INTRINSIC[intrinsic](of, node)
     if (external := getattr(callee, "external", None)) is not None:
-        return f"{of.unit.external(*external)}({', '.join(of.text(a) for a in node.args)})", INT
+        return f"{of.unit.system_call(external)}({', '.join(of.text(a) for a in node.args)})", INT
     if not hasattr(callee, "py_func"):
         of.fail(node, "call")
     return _kernel(of, node, callee)

@@ -11,10 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from . import system_calls
 from .kinds import FLOAT, INT, STORAGE, VOID, Array, Kind, Record, Tuple, UnsupportedError, real, stored, unify, working
 from .statements import Body, parameters
 
-_PRELUDE = r"""#include <math.h>
+_PRELUDE = r"""
+#include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -59,11 +61,13 @@ class Translation:
         self._begun: list[Any] = []  # functions that are being translated, each called by the one before
         self._declarations: dict[str, None] = {}  # in the order in which they were needed, each once
         self._bodies: list[str] = []
+        self._system_calls: dict[str, None] = {}
 
     @property
     def source(self) -> str:
         """All of it, as one file of C."""
-        return "\n".join([_PRELUDE, *self._declarations, *self._bodies])
+        calls = system_calls.definitions(list(self._system_calls))
+        return "\n".join([system_calls.PRELUDE + _PRELUDE, *self._declarations, *self._bodies, calls])
 
     def _declare(self, text: str) -> None:
         self._declarations.setdefault(text)
@@ -130,10 +134,11 @@ class Translation:
         self._declare(f"static inline {kind.c} {name}({kind.c} a) {{ {kind.c} r = 1; {' '.join(steps)} return r; }}")
         return name
 
-    def external(self, name: str, returns: str, *arguments: str) -> str:
-        """A function of the C library; types as the kernels declare them."""
-        self._declare(f"extern {returns}_t {name}({', '.join(f'{a}_t' for a in arguments) or 'void'});")
-        return name
+    def system_call(self, name: str) -> str:
+        """The name in C of a function of the C library."""
+        self._system_calls.setdefault(name)
+        self._declare(system_calls.declaration(name))
+        return f"system_{name}"
 
     def function(self, kernel: Callable[..., Any], kinds: Sequence[Kind]) -> Function:
         """A kernel for these kinds of arguments. Raises UnsupportedError."""

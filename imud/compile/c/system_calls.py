@@ -1,0 +1,44 @@
+"""The functions of the C library that kernels call: integers of 64 bits in and out, on processors of 32 bits, too.
+
+Their definitions come last in a file, behind the headers that they need, whose macros may have the names of a kernel's
+variables.
+"""
+
+PRELUDE = """#define _GNU_SOURCE
+#define _FILE_OFFSET_BITS 64
+"""
+
+_HEADERS = ("errno.h", "poll.h", "sys/socket.h", "time.h", "unistd.h")
+_BODIES = {  # name -> parameters, statements
+    "ppoll": (
+        "int64_t files, int64_t n, int64_t timeout, int64_t signals",
+        "const int64_t *t = AT(timeout); struct timespec limit = {t ? t[0] : 0, t ? t[1] : 0};"
+        " return ppoll(AT(files), (nfds_t)n, t ? &limit : 0, AT(signals));",
+    ),
+    "pwrite": ("int32_t file, int64_t from, int64_t n, int64_t to", "return pwrite(file, AT(from), (size_t)n, to);"),
+    "read": ("int32_t file, int64_t to, int64_t n", "return read(file, AT(to), (size_t)n);"),
+    "send": ("int32_t file, int64_t from, int64_t n, int32_t flags", "return send(file, AT(from), (size_t)n, flags);"),
+    "clock_gettime": (
+        "int32_t clock, int64_t to",
+        "struct timespec now; int failed = clock_gettime(clock, &now); int64_t *t = AT(to);"
+        " t[0] = now.tv_sec; t[1] = now.tv_nsec; return failed;",
+    ),
+    "__errno_location": ("void", "return (int64_t)(intptr_t)&errno;"),
+}
+
+
+def declaration(name: str) -> str:
+    """Of the function `system_NAME`. Raises KeyError for a name that has none."""
+    return f"static int64_t system_{name}({_BODIES[name][0]});"
+
+
+def definitions(names: list[str]) -> str:
+    """Of these functions, with what they include."""
+    if not names:
+        return ""
+    lines = [f"#include <{header}>" for header in _HEADERS]
+    lines.append("#define AT(address) ((void *)(intptr_t)(address))")
+    for name in names:
+        parameters, statements = _BODIES[name]
+        lines.append(f"static int64_t system_{name}({parameters}) {{ {statements} }}")
+    return "\n".join(lines) + "\n"

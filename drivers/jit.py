@@ -66,9 +66,14 @@ def interpreted(function: Function) -> Function:
     """
     python = cast(Any, function).py_func
     scope = dict(python.__globals__)
-    for name in python.__code__.co_names:
-        if isinstance(scope.get(name), Kernel):
-            scope[name] = interpreted(scope[name])
+    names = python.__code__.co_names
+    for name in names:
+        value = scope.get(name)
+        if isinstance(value, Kernel):
+            scope[name] = interpreted(value)
+        elif isinstance(value, types.ModuleType):
+            inside = {n: interpreted(vars(value)[n]) for n in names if isinstance(vars(value).get(n), Kernel)}
+            scope[name] = types.SimpleNamespace(**inside) if inside else value  # one of kernels, as `elementary`
     return cast(Function, types.FunctionType(python.__code__, scope, python.__name__, python.__defaults__))
 
 

@@ -58,8 +58,8 @@ def test_the_order_of_the_filters_can_fail(monkeypatch):
     monkeypatch.setattr(suh, "FILTERS", swapped)
     monkeypatch.setattr(suh, "CARTS", 1)
     failed = {row.quantity for row in suh.reproduce(1).failed}
-    assert "roll RMS in deg" in failed
-    assert "carts with the order of roll largest error, 0.2 of the bias left" in failed
+    assert "M-G350, 141 e²: roll RMS in deg" in failed
+    assert "his sensors, 141 e²: carts with the order of roll largest error" in failed
 
 
 def other_design(**design):
@@ -82,7 +82,13 @@ def test_another_bias_model_is_not_farrell_s(monkeypatch, capsys):
         (farrell, "Settings", other_design(interval_s=2.0), farrell.design_rows, "time between measurements"),
         (suh.filters, "R3", 2.0, suh._parameter_rows, "r3"),
         (suh.filters, "R_LARGE", 50.0, suh._parameter_rows, "r1, r2 of the simple adaptive filter"),
-        (suh.filters, "ALPHA2", 10.0, suh._parameter_rows, "α2 of e (ours: of e², times √δ)"),
+        (
+            suh.filters,
+            "ALPHA2",
+            10.0,
+            suh._parameter_rows,
+            "α2 of e; our rule: 141 of e², times √δ",
+        ),
     ],
 )
 def test_another_number_than_the_papers_fails(monkeypatch, module, name, value, rows_of, quantity):

@@ -8,9 +8,9 @@ import pytest
 from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators import registry
 from imud.estimators.papers import suh as suh_filters
-from imud.estimators.papers.suh import ADAPTIVE, STANDARD, TWO_STEP
+from imud.estimators.papers.suh import ABSOLUTE, ADAPTIVE, SIGNED, SQUARE, STANDARD, TWO_STEP
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, SOLUTION
-from imud.experiments import suh
+from imud.experiments import suh, suh_cart
 from imud.experiments.simulate import level_at_rest, m_g350, samples_of
 from imud.pipeline import Filter
 
@@ -50,7 +50,7 @@ def test_a_pitch_beyond_the_vertical_is_the_same_attitude_with_the_same_covarian
     assert s["yaw"][0] == pytest.approx(0.1 - math.pi)
 
 
-def dense(samples, mode, literal):
+def dense(samples, mode, literal, rule):
     """The paper's equations in full matrices with the corrections of the docstring; pitch, roll, diag P, r per step."""
     w, a = samples["w"], samples["f"] / G * [1, -1, 1]
     x = np.array([math.atan2(a[0, 0], math.hypot(a[0, 1], a[0, 2])), math.atan2(a[0, 1], -a[0, 2]), *w[0]])
@@ -80,13 +80,11 @@ def dense(samples, mode, literal):
         if mode == TWO_STEP:
             C1, _ = accelerometer(x)
             x, P = joseph(x, P, C2, R2, w[k] - C2 @ x)
-            if literal:
-                e = a[k, :2] - C1 @ x
-                r = np.maximum(0.4 * r + 10.0 * e, 0.05) if external else 0.4 * r + 0.05
-            else:
+            if not literal:
                 C1, expected = accelerometer(x)
-                e = a[k, :2] - expected
-                r = np.maximum(0.4 * r + 10.0 / math.sqrt(0.005) * e**2, 0.05) if external else 0.4 * r + 0.6 * 0.05
+            e = a[k, :2] - (C1 @ x if literal else expected)
+            more = {SIGNED: 10.0 * e, ABSOLUTE: 10.0 * abs(e), SQUARE: 10.0 / math.sqrt(0.005) * e**2}[rule]
+            r = np.maximum(0.4 * r + more, 0.05) if external else 0.4 * r + (1.0 if literal else 0.6) * 0.05
             x, P = joseph(x, P, C1, np.diag(r), e)
         else:
             r = np.full(2, 5.0 if external and mode == ADAPTIVE else 0.05)
@@ -97,19 +95,16 @@ def dense(samples, mode, literal):
     return np.array(out)
 
 
-@pytest.mark.parametrize(
-    ("name", "literal"),
-    [(name, literal) for name, (_, literal) in suh.FILTERS.items()],
-)
-def test_each_filter_agrees_with_a_dense_one(name, literal):
+@pytest.mark.parametrize("name", suh.FILTERS)
+def test_each_filter_agrees_with_a_dense_one(name):
     samples, truth = tumbling(30.0)
-    estimator, _ = suh.FILTERS[name]
+    estimator, literal, rule = suh.FILTERS[name]
     rows = np.zeros((len(samples), 7))
     p = estimator.configure(Settings(), 20.0)
-    p["literal"] = literal
+    p["literal"], p["rule"] = literal, rule
     out = np.zeros(1, SOLUTION)
     n = suh._record(estimator.step, p, estimator.start(p, Initial()), samples, out, rows)
-    expected = dense(samples, MODES[estimator.name], literal)
+    expected = dense(samples, MODES[estimator.name], literal, rule)
     assert n == len(expected)
     np.testing.assert_allclose(rows[:n, 1:], expected, rtol=0, atol=1e-9)
     assert np.ptp(truth[:, 1]) > 1.5  # the run was not a trivial one
@@ -162,13 +157,22 @@ def test_the_claims_hold(monkeypatch):
     report = suh.reproduce(1)
     assert report.failed == []
     quantities = [row.quantity for row in report.rows if row.holds is not None]
-    assert "roll RMS in deg" in quantities
+    for make in ("his sensors", "M-G350"):
+        assert {f"{make}, {rule}: roll RMS in deg" for rule in ("141 e²", "10 |e|")} <= set(quantities)
+
+
+def test_his_sensors_have_the_variances_that_he_prints():
+    force, rate = suh_cart.averaged(suh_cart.still(np.random.default_rng(2), suh_cart.his))
+    np.testing.assert_allclose(force.var(axis=0)[:2], (1.68e-5, 1.67e-5), rtol=0.15)
+    np.testing.assert_allclose(rate.var(axis=0), (0.0032, 0.0040, 0.0031), rtol=0.15)
+    better, _ = suh_cart.averaged(suh_cart.still(np.random.default_rng(2), suh_cart.zeroed()))
+    assert 150.0 < np.mean(force.var(axis=0)[:2] / better.var(axis=0)[:2]) < 220.0
 
 
 def test_the_attitude_filter_compensates_external_acceleration_better():
     """In the spirit of the two-step filter, it trusts each axis the less the livelier the motion along it."""
     for seed in range(3):
-        samples, push = suh.cart(np.random.default_rng(seed), switch_on=0.0)  # a bias would be tilt to both
+        samples, push = suh.cart(np.random.default_rng(seed), suh_cart.zeroed(0.0))  # a bias would be tilt to both
         assert np.abs(push).max() > 0.5 * G
         settings = Settings(imu=Imu(profile="m-g350"))
         out = np.zeros(len(samples), SOLUTION)

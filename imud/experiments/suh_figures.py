@@ -9,32 +9,33 @@ from ..estimators.papers.suh import DELTA, PITCH, ROLL, STEP_S
 from ..figures import Figure, Panel, Trace
 from ..math.arrays import Floats
 from ..math.earth import STANDARD_GRAVITY
-from .simulate import PROFILE
+from .suh_cart import SIGMAS
 
 if TYPE_CHECKING:
     from .suh import Run
 
 AXES = ("x", "y", "z")
-SIGMA_A = PROFILE.accel_noise / math.sqrt(STEP_S) / STANDARD_GRAVITY  # g, of a mean over a step
-SIGMA_W = math.degrees(PROFILE.gyro_noise / math.sqrt(STEP_S))  # deg/s
 
 
-def _sensor_figures(force: Floats, rate: Floats) -> list[Figure]:
+def _sensor_figures(make: str, force: Floats, rate: Floats) -> list[Figure]:
     """Figs. 1 and 2: what the sensor shows at rest, its noise about its mean, and what (7) makes of it."""
+    sigma_a, sigma_w = SIGMAS[make]
     t: Floats = STEP_S * np.arange(1.0, len(force) + 1.0)
     panels = []
-    for values, sigma, name, unit in ((force, SIGMA_A, "a", "g"), (rate, SIGMA_W, "g", "deg/s")):
+    for values, sigma, name, unit in ((force, sigma_a, "a", "g"), (rate, sigma_w, "g", "deg/s")):
         for i, axis in enumerate(AXES):
             mean = np.full(len(t), values[:, i].mean())
-            trace = Trace(f"{name}_{axis}", t, values[:, i], np.full(len(t), sigma), mean)
+            trace = Trace(f"{name}_{axis}", t, values[:, i], np.full(len(t), sigma[i]), mean)
             panels.append(Panel(f"{name}_{axis}", "time [s]", f"{name}_{axis} [{unit}]", [trace]))
     excess = np.abs(np.sum(force**2, axis=1) - 1.0)
-    band = np.full(len(t), 2.0 * SIGMA_A)  # d|a|^2 = 2 a da
+    band = np.full(len(t), 2.0 * sigma_a[2])  # d|a|^2 = 2 a da
     seen = Trace("f(a)", t, excess, band, np.full(len(t), excess.mean()))
     limit = Trace("δ", t[[0, -1]], np.full(2, DELTA), dashed=True)
     return [
-        Figure("Fig. 1: experiment 1, the sensor is still", panels, columns=3),
-        Figure("Fig. 2: experiment 1, f(a) = | |a|² - 1 |", [Panel("f(a)", "time [s]", "f(a)", [seen, limit])], 1),
+        Figure(f"Fig. 1: experiment 1, {make} at rest", panels, columns=3),
+        Figure(
+            f"Fig. 2: experiment 1, {make}, f(a) = | |a|² - 1 |", [Panel("f(a)", "time [s]", "f(a)", [seen, limit])], 1
+        ),
     ]
 
 
@@ -49,14 +50,14 @@ def _angle_panels(runs: "dict[str, Run]", names: tuple[str, ...]) -> list[Panel]
 
 
 def _cart_figure(
-    runs: "dict[str, Run]", order: tuple[str, ...], samples: Any, push: Floats, vibration: Floats
+    make: str, runs: "dict[str, Run]", order: tuple[str, ...], samples: Any, push: Floats, vibration: Floats
 ) -> Figure:
     t = samples["t_ns"] * 1e-9
-    sample_noise = PROFILE.accel_noise / math.sqrt(t[1] - t[0])
+    sample_noise = SIGMAS[make][0][1] * STANDARD_GRAVITY * math.sqrt(STEP_S / (t[1] - t[0]))
     measured = Trace("measured a_y", t, samples["f"][:, 1], np.hypot(vibration, sample_noise))
     rolls = [Trace(n, runs[n].t, runs[n].angles[:, ROLL], runs[n].sigmas[:, ROLL]) for n in order]
     return Figure(
-        "Experiment 2: the cart",
+        f"Experiment 2: the cart, {make}",
         [
             Panel("acceleration along the rails", "time [s]", "a_y [m/s²]", [measured, Trace("true a_y", t, push)]),
             Panel("roll, all three", "time [s]", "roll error [deg]", rolls),
@@ -65,6 +66,7 @@ def _cart_figure(
 
 
 def figures(
+    make: str,
     at_rest: tuple[Floats, Floats],
     rest: "Run",
     runs: "dict[str, Run]",
@@ -78,14 +80,14 @@ def figures(
     at_rest: force in g and rate in deg/s per step; vibration: m/s^2, 1 sigma per sample.
     """
     covariances = []
-    for name in order[1:]:
+    for name in (*order[1:], "two-step, 10 |e|"):
         run = runs[name]
         traces = [Trace(f"{r}, {name}", run.t, run.r[:, i]) for i, r in enumerate(("r1", "r2"))]
         covariances.append(Panel(name, "time [s]", "r [g²]", traces))
     return [
-        *_sensor_figures(*at_rest),
-        Figure("Fig. 3: experiment 1, the sensor is still", _angle_panels({"two-step": rest}, ("two-step",))),
-        _cart_figure(runs, order, samples, push, vibration),
-        Figure("Fig. 5: experiment 2, ±σ of his covariances", _angle_panels(runs, order), columns=3),
-        Figure("Fig. 6: covariances of the accelerometer", covariances),
+        *_sensor_figures(make, *at_rest),
+        Figure(f"Fig. 3: experiment 1, {make} at rest", _angle_panels({"two-step": rest}, ("two-step",))),
+        _cart_figure(make, runs, order, samples, push, vibration),
+        Figure(f"Fig. 5: experiment 2, {make}, ±σ of his covariances", _angle_panels(runs, order), columns=3),
+        Figure(f"Fig. 6: covariances of the accelerometer, {make}", covariances),
     ]

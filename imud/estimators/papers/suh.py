@@ -13,11 +13,12 @@ What is built instead of the print:
 - (9) adds alpha2 (z - C x), which is negative for pushes to one side, and trusts them; a covariance needs the square,
   element by element. His alpha2 = 10 belongs to the first power: divided by sqrt(delta), the horizontal acceleration
   that (7) just detects, it gives the same covariance there. With 10 e^2 itself a push below 0.55 g is trusted more than
-  by the simple filter, and on simulated carts the two-step filter is the worse of the two; with 10 |e| it is not;
+  by the simple filter, and on simulated carts the two-step filter is the worse of the two; with 10 |e| it is not. So
+  the rule, 141 e^2, is ours; `rule` in the parameters has the print's, with and without its sign;
 - (5) has C at the prediction for (11), too; the two-step filter takes C and f where the gyro (8) has left the state;
 - no initial rate is printed, only an attitude and P0 = 0: it is the gyro's first;
 - (10) r <- alpha1 r + r_nom ends at r_nom / (1 - alpha1); alpha1 r + (1 - alpha1) r_nom ends at r_nom.
-All three are well defined as printed too, (9) by its lower bound r_nom: `literal` in the parameters.
+All three are well defined as printed too, (9) by its lower bound r_nom: `literal` in the parameters, and `rule` SIGNED.
 
 His numbers belong to 20 samples per second: faster samples are averaged over STEP_S, and the answer holds until the
 next step. Yaw is not in the paper; it is integrated aside from an arbitrary origin, only to have a quaternion, with
@@ -63,9 +64,10 @@ VALID_TILT, UNKNOWN_ANGLE = math.radians(20.0), math.pi / math.sqrt(3.0)
 MIN_COS_PITCH = 1e-3  # least |cos(pitch)|: at 90 deg roll and its rate are not defined
 PITCH, ROLL, RATE, STATES = 0, 1, 2, 5
 STANDARD, ADAPTIVE, TWO_STEP = range(3)
+SQUARE, ABSOLUTE, SIGNED = range(3)  # what (9) takes of the residual
 
 PARAMETERS = np.dtype(
-    [("mode", "<i8"), ("literal", "<i8"), ("half_ns", "<i8")],  # half_ns: of a sample period
+    [("mode", "<i8"), ("literal", "<i8"), ("rule", "<i8"), ("half_ns", "<i8")],  # half_ns: of a sample period
     align=True,
 )
 
@@ -170,7 +172,10 @@ def adapt_accel_noise(p: SuhParameters, s: SuhState, a: Vector) -> None:
             s.r[i] = R_LARGE if s.external_acceleration == 1 else R_NOMINAL
         elif p.mode == TWO_STEP and s.external_acceleration == 1:
             e = s.innovation[i]
-            s.r[i] = max(ALPHA1 * s.r[i] + (PRINTED_ALPHA2 * e if p.literal == 1 else ALPHA2 * e * e), R_NOMINAL)
+            more = ALPHA2 * e * e
+            if p.rule != SQUARE:
+                more = PRINTED_ALPHA2 * (abs(e) if p.rule == ABSOLUTE else e)
+            s.r[i] = max(ALPHA1 * s.r[i] + more, R_NOMINAL)
         elif p.mode == TWO_STEP:
             s.r[i] = ALPHA1 * s.r[i] + (1.0 if p.literal == 1 else 1.0 - ALPHA1) * R_NOMINAL
 

@@ -46,6 +46,7 @@ class StationaryState:
 class SuhParameters:
     mode: int
     literal: int
+    rule: int
     half_ns: int
 
 

@@ -23,6 +23,8 @@ STYLE = (
     f"body{{font:15px/1.45 system-ui,sans-serif;color:#1b2530;max-width:{PAGE_REM}rem;margin:0 auto;padding:.6rem}}"
     "h1{font-size:1.3rem}h2{font-size:1.05rem;margin:1.4rem 0 .2rem;border-top:1px solid #d5dce3;padding-top:.6rem}"
     "pre{font:inherit;white-space:pre-wrap;overflow-wrap:anywhere}.grid{display:grid;gap:.3rem}.grid>div{min-width:0}"
+    ".table{overflow-x:auto}table{border-collapse:collapse;font-variant-numeric:tabular-nums}th{text-align:left}"
+    "th,td{padding:.1rem .8rem .1rem 0;vertical-align:top;border-bottom:1px solid #e6ebf0;white-space:pre-wrap}"
 )
 
 
@@ -173,12 +175,22 @@ def _html(figure: Figure) -> str:
     return f"<section><h2>{html.escape(figure.title)}</h2>{grid}</section>"
 
 
-def write(title: str, text: str, figures: Sequence[Figure], path: Path) -> None:
-    """A text and figures as one HTML file that needs nothing else. Raises OSError."""
+def _table(rows: Sequence[Sequence[str]]) -> str:
+    """The first row is the head."""
+    head, *body = (
+        "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in row)
+        for row, tag in zip(rows, ["th", *["td"] * len(rows)], strict=False)
+    )
+    lines = "".join(f"<tr>{row}</tr>" for row in body)
+    return f'<div class="table"><table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table></div>'
+
+
+def write(title: str, text: str, figures: Sequence[Figure], path: Path, table: Sequence[Sequence[str]] = ()) -> None:
+    """A text, a table and figures as one HTML file that needs nothing else. Raises OSError."""
     head = (
         '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
         f'content="width=device-width, initial-scale=1"><title>{html.escape(title)}</title><style>{STYLE}</style>'
         f"<script>{plotly_js()}</script></head>"
     )
-    said = f"<h1>{html.escape(title)}</h1><pre>{html.escape(text)}</pre>"
+    said = f"<h1>{html.escape(title)}</h1><pre>{html.escape(text)}</pre>{_table(table) if table else ''}"
     path.write_text(f"{head}<body>{said}{''.join(map(_html, figures))}</body></html>", encoding="utf-8")

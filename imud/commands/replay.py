@@ -172,20 +172,14 @@ def _read_gnss(
     path: Path | None, origin: int, samples: "Records", settings: Settings, left_out: "SkippedRows"
 ) -> "Records":
     from ..estimators.records import FIX
-    from ..tables.inputs import read_fixes
-    from ..tables.lines import is_nmea
-    from ..tables.refused import without_refused
+    from ..tables.fixes import fixes_of_file
 
     def warn(problem: str) -> None:
         print(f"imud replay: {path}: {problem}", file=sys.stderr)
 
     if path is None:
         return np.zeros(0, FIX)
-    if is_nmea(path):
-        from ..tables.nmea_log import fixes_of_log
-
-        return fixes_of_log(path, origin, int(samples["t_ns"][0]), settings.gnss, warn)
-    return without_refused(path, read_fixes(path, origin, left_out), settings.gnss, warn)
+    return fixes_of_file(path, origin, int(samples["t_ns"][0]), settings.gnss, warn, left_out)
 
 
 def _sources(named: list[str], estimator: "Estimator") -> "list[tuple[AidingSource, Path]]":

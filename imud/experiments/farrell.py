@@ -19,8 +19,9 @@ from ..estimators.papers.stationary import BIAS, POSITION, STATES, VELOCITY
 from ..estimators.records import SOLUTION
 from ..math.arrays import Floats
 from ..math.kalman import scale, shear, unpack
-from ..sensor_errors.profiles import profile_of
+from ..sensor_errors.profiles import Profile, profile_of
 from .farrell_figures import SETTLED, drift_figure, residual_figure, state_figure
+from .farrell_open_ends import drawn_rows, open_end_rows
 from .report import Report, Row, at_most, rms, within
 from .simulate import IN_RUN_S, PROFILE, level_at_rest, m_g350, samples_of
 from .whiteness import CHI2_99, KS_99, ljung_box, normal_distance
@@ -72,29 +73,32 @@ def discrete(steps: int) -> tuple[Floats, Floats]:
 
 
 @kernel
-def _record(p: Any, s: Any, samples: Any, out: Any, states: Any, sigmas: Any, residuals: Any) -> int:
-    """Step through the samples and keep axis x: states, sigmas, and a row (r, sqrt(S)) per measurement."""
+def _record(p: Any, s: Any, samples: Any, out: Any, axis: int, states: Any, sigmas: Any, residuals: Any) -> int:
+    """Step through the samples and keep an axis: states, sigmas, and a row (r, sqrt(S)) per measurement."""
     count = 0
     for k in range(len(samples)):
         stationary.step(p[0], s[0], samples[k], out[0])
-        states[k, 0], states[k, 1], states[k, 2] = s[0].p[0], s[0].v[0], s[0].b[0]
+        states[k, 0], states[k, 1], states[k, 2] = s[0].p[axis], s[0].v[axis], s[0].b[axis]
         for i, diagonal in enumerate((0, 3, 5)):
             sigmas[k, i] = math.sqrt(s[0].P[diagonal])
         if s[0].measurement_count > count and count < len(residuals):
-            residuals[count, 0], residuals[count, 1] = s[0].residual[0], math.sqrt(s[0].variance)
+            residuals[count, 0], residuals[count, 1] = s[0].residual[axis], math.sqrt(s[0].variance)
             count += 1
     return count
 
 
-def filtered(samples: Any, bias: Floats, measured: bool = True) -> Run:
-    """The samples' x axis through his filter, or dead reckoned; `bias` is the truth in his sign."""
-    p = parameters()
+def filtered(samples: Any, bias: Floats, measured: bool = True, axis: int = 0, design: Any = None) -> Run:
+    """An axis of level samples through his filter, or dead reckoned; `bias` is the truth in his sign.
+
+    design: other parameters than his.
+    """
+    p = parameters() if design is None else design.copy()
     if not measured:
         p["interval_ns"] = NEVER_NS
     s = stationary.start(p, Initial(roll_deg=0.0, pitch_deg=0.0, yaw_deg=0.0))
     n = len(samples)
     states, sigmas, residuals = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 2))
-    count = _record(p, s, samples, np.zeros(1, SOLUTION), states, sigmas, residuals)
+    count = _record(p, s, samples, np.zeros(1, SOLUTION), axis, states, sigmas, residuals)
     truth = np.column_stack([np.zeros(n), np.zeros(n), bias])
     t = (samples["t_ns"] - samples["t_ns"][0]) * 1e-9
     return Run(t, states, sigmas, truth, residuals[:count, 0], residuals[:count, 1])
@@ -181,12 +185,13 @@ def _observability_rows() -> list[Row]:
     ]
 
 
-def drift_rows(reckoned: Run, bias: float) -> list[Row]:
+def drift_rows(reckoned: Run, bias: float, profile: Profile = PROFILE) -> list[Row]:
     """Problem 2: a constant bias in the estimated acceleration, integrated once and twice."""
     span = float(reckoned.t[-1])
     slope = float(np.polyfit(reckoned.t, reckoned.states[:, 1], 1)[0])
     curved = 2.0 * float(reckoned.states[-1, 0]) / span**2
-    change = 3.0 * PROFILE.accel_bias_instability * math.sqrt(span / IN_RUN_S)
+    # the bias's own, and the noise of the second that it is taken from
+    change = 3.0 * math.hypot(profile.accel_bias_instability * math.sqrt(span / IN_RUN_S), profile.accel_noise)
     return [
         within("slope of the dead-reckoned velocity", "≈ −b", slope, -bias - change, -bias + change, "m/s²"),
         within("2 p / t² of the dead-reckoned position", "≈ −b", curved, -bias - change, -bias + change, "m/s²"),
@@ -230,7 +235,13 @@ def reproduce(seed: int) -> Report:
     sheet, reckoned = filtered(samples, bias), filtered(samples, bias, measured=False)
     return Report(
         "Farrell, Simple Kalman Filter: Design Example",
-        [*design_rows(), *drift_rows(reckoned, float(bias[-1])), *filter_rows(run, sheet)],
+        [
+            *design_rows(),
+            *drift_rows(reckoned, float(bias[-1])),
+            *filter_rows(run, sheet),
+            *open_end_rows(samples, sheet, parameters()),
+            *drawn_rows(rng),
+        ],
         [
             drift_figure(reckoned),
             residual_figure("Fig. 1: residuals, model data", run),

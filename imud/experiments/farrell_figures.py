@@ -13,13 +13,14 @@ if TYPE_CHECKING:
     from .farrell import Run
 
 SETTLED = 10  # residuals of the transient
+SPAN_S = 10.0
 NAMES = (("position", "m"), ("velocity", "m/s"), ("bias", "m/s²"))
 
 
 def state_figure(title: str, run: "Run") -> Figure:
     panels = []
     for i, (name, unit) in enumerate(NAMES):
-        for part, span in (("first 10 s", slice(0, 10_001)), ("last 10 s", slice(-10_000, None))):
+        for part, span in (("first 10 s", run.t <= SPAN_S), ("last 10 s", run.t > run.t[-1] - SPAN_S)):
             t = run.t[span]
             error = (run.states - run.truth)[span, i]
             trace = Trace(f"{name} error, {part}", t, error, run.sigmas[span, i], np.zeros(len(t)))
@@ -64,10 +65,10 @@ def residual_figure(title: str, run: "Run") -> Figure:
     return Figure(title, panels)
 
 
-def drift_figure(run: "Run") -> Figure:
+def drift_figure(run: "Run", what: str = "M-G350 data") -> Figure:
     panels = []
     for i, (name, unit) in enumerate(NAMES[:2]):
         zero = np.zeros(len(run.t))
         trace = Trace(f"dead-reckoned {name}", run.t, run.states[:, i], run.sigmas[:, i], zero)
         panels.append(Panel(f"{name} without measurements", "time [s]", f"{name} [{unit}]", [trace]))
-    return Figure("Problem 2: drift of dead reckoning, b̂ = 0, M-G350 data", panels)
+    return Figure(f"Problem 2: drift of dead reckoning, b̂ = 0, {what}", panels)

@@ -22,6 +22,7 @@ from ..math.arrays import Floats
 from ..math.earth import STANDARD_GRAVITY
 from ..math.rotation import euler_of_quat
 from ..pipeline import Filter
+from .compensation import compensation_rows
 from .gps_walk import LAT, LON, SIGMA_M, distance_rows, gps_rows, walked
 from .prasanna_figures import gps_figure, loop_figure, tilt_figure
 from .report import Report, Row, at_most
@@ -172,6 +173,13 @@ def reproduce(seed: int) -> Report:
     his, matched = walked(rng)
     run = looped(rng)
     tilts = [tilted(rng, angle) for angle in TILTS_DEG]
-    rows = [*_parameter_rows(), *gps_rows(his, matched), *distance_rows(), *_loop_rows(run), *_tilt_rows(tilts)]
+    rows = [
+        *_parameter_rows(),
+        *gps_rows(his, matched),
+        *distance_rows(),
+        *_loop_rows(run),
+        *_tilt_rows(tilts),
+        *compensation_rows(),
+    ]
     figures = [gps_figure(his, matched, SIGMA_M), loop_figure(run), tilt_figure(TILTS_DEG, tilts)]
     return Report("Prasanna, Vehicle Localisation Using GPS and IMU", rows, figures)

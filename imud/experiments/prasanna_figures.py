@@ -52,6 +52,16 @@ def gps_figure(his: "Track", matched: "Track", sigma_m: float) -> Figure:
     return Figure("GPS Kalman filter (gps-track)", panels)
 
 
+def path_figure(raw: Floats, p: Floats, sigma: Floats) -> Figure:
+    """A recorded track and his filter's, north and east in m."""
+    traces = [
+        Trace("fixes", raw[:, 1], raw[:, 0], style="markers"),
+        Trace("Q, R as printed", p[:, 1], p[:, 0]),
+        Trace("σ, Q, R as printed", *circles(p, sigma[:, 0], max(len(p) // 30, 1))),
+    ]
+    return Figure("GPS Kalman filter", [Panel("track", "east [m]", "north [m]", traces, equal=True)], columns=1)
+
+
 def loop_figure(run: "Loop") -> Figure:
     """His paths, displacements and accelerations; circles are +-sigma."""
     hz = round(1.0 / (run.t[1] - run.t[0]))

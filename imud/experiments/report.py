@@ -27,17 +27,23 @@ class Report:
     title: str
     rows: Sequence[Row]
     figures: Sequence[Figure] = field(default_factory=tuple)
+    ours: bool = True  # of our simulation, where each claim must hold; else of a user's recording
 
     @property
     def failed(self) -> list[Row]:
         """The claims that do not hold."""
         return [row for row in self.rows if row.holds is False]
 
+    @property
+    def table(self) -> list[tuple[str, str, str, str]]:
+        """Head and rows: whether the claim holds, quantity, the paper's number, ours."""
+        marks = {True: "ok", False: "FAIL" if self.ours else "no", None: ""}
+        head = ("", "quantity", "paper", "ours" if self.ours else "data")
+        return [head, *((marks[row.holds], row.quantity, row.paper, row.ours) for row in self.rows)]
+
     def lines(self) -> list[str]:
         """The table as text."""
-        table = [("", "quantity", "paper", "ours")]
-        marks = {True: "ok", False: "FAIL", None: ""}
-        table += [(marks[row.holds], row.quantity, row.paper, row.ours) for row in self.rows]
+        table = self.table
         widths = [max(len(line[i]) for line in table) for i in range(4)]
         text = ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in table]
         return [self.title, "", text[0].rstrip(), "-" * sum(widths, 6), *(line.rstrip() for line in text[1:])]

@@ -157,7 +157,7 @@ def claims(make: str, runs: dict[str, Run]) -> list[Row]:
         pitch, rolls = ([runs[n].rms_deg(axis) for n in order] for axis in (PITCH, ROLL))
         tops = [runs[n].largest_deg(ROLL) for n in order]
         r = two_step.r.mean(axis=0)
-        roll, top = (" > ".join(f"{value:.3f}" for value in values) for values in (rolls, tops))
+        roll, top = (", ".join(f"{value:.3f}" for value in values) for values in (rolls, tops))
         similar = np.ptp(pitch) / np.ptp(rolls)
         rows += [
             Row(f"{said}: roll RMS in deg", " > ".join(ORDER), roll, is_ordered(runs, False, order)),

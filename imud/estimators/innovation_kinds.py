@@ -52,7 +52,7 @@ KINDS = {
     NHC_VERTICAL: InnovationKind("hop", "hop_mps", "no velocity off its floor, m/s"),
     ODOMETER: InnovationKind("odometer", "odometer_mps", "speed by the wheels, m/s"),
     BAROMETER: InnovationKind("barometer", "barometer_m", "height by air pressure, m"),
-    REST_POSITION_X: InnovationKind("rest_position_x", "rest_px_m", "no way along x at rest, m"),
-    REST_POSITION_Y: InnovationKind("rest_position_y", "rest_py_m", "no way along y at rest, m"),
-    REST_POSITION_Z: InnovationKind("rest_position_z", "rest_pz_m", "no way along z at rest, m"),
+    REST_POSITION_X: InnovationKind("rest_position_x", "rest_px_m", "no motion along x at rest, m"),
+    REST_POSITION_Y: InnovationKind("rest_position_y", "rest_py_m", "no motion along y at rest, m"),
+    REST_POSITION_Z: InnovationKind("rest_position_z", "rest_pz_m", "no motion along z at rest, m"),
 }

@@ -40,7 +40,7 @@ def reckoned(a: Floats, T: float) -> Floats:
 
 @dataclass(frozen=True)
 class Compensated:
-    """A unit at rest: what each way leaves of gravity, m/s^2, and how far it seems to move in REST_S, m."""
+    """A unit at rest: what each method leaves of gravity, m/s^2, and how far it seems to move in REST_S, m."""
 
     left: tuple[float, float]
     moved: tuple[float, float]
@@ -52,7 +52,7 @@ def at_rest(roll_deg: float, pitch_deg: float) -> Compensated:
     down = np.array([-math.sin(pitch), math.sin(roll) * math.cos(pitch), math.cos(roll) * math.cos(pitch)])
     n, T = 1000, REST_S / 1000
     f, r, p = np.tile(-STANDARD_GRAVITY * down, (n, 1)), np.full(n, roll), np.full(n, pitch)
-    a = [way(f, r, p) for way in (as_printed, mended)]
+    a = [method(f, r, p) for method in (as_printed, mended)]
     left, moved = ([float(np.linalg.norm(x[-1])) for x in xs] for xs in (a, [reckoned(x, T) for x in a]))
     return Compensated((left[0], left[1]), (moved[0], moved[1]))
 

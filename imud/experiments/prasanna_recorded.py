@@ -95,9 +95,9 @@ def _reckoning_rows(data: Recorded, t: Floats, raw: Floats, at: Floats) -> list[
     begin_p, end_p = (np.array([np.interp(x, at, raw[:, i]) for i in range(2)]) for x in (float(t[0]), end))
     went = float(np.linalg.norm(end_p - begin_p))
     T = 1.0 / data.rate_hz
-    for name, way in (("9.8 sin(angle) as printed", as_printed), ("by the rotation", mended)):
+    for name, method in (("9.8 sin(angle) as printed", as_printed), ("by the rotation", mended)):
         f = data.samples["f"][part]
-        reached = float(np.linalg.norm(reckoned(way(f, roll[part], pitch[part]), T)[-1]))
+        reached = float(np.linalg.norm(reckoned(method(f, roll[part], pitch[part]), T)[-1]))
         ours_text = f"{reached:.4g} m; by the fixes {went:.4g} m"
         claim = bool(abs(reached - went) > HIGH_DRIFT_M)
         rows.append(Row(f"INS: distance in {end - t[0]:.0f} s, {name}", "very high drift", ours_text, claim))

@@ -14,7 +14,8 @@ FOLDERS = ("imud", "drivers", "firmware_sim")
 # Words with no other meaning here: neither a name, nor a comment, nor a message may contain one.
 ANYWHERE = (
     "strangeness", "disown", "give_in", "fitful", "look_after", "restless", "overlong", "let_in", "turn_away",
-    "farewell", "expel", "expelled", "blind_s", "stand_still", "fill_in", "hold_near", "hold_place",
+    "wander_azimuth", "drift_hypotheses", "farewell", "expel", "expelled", "blind_s", "stand_still",
+    "fill_in", "hold_near", "hold_place",
 )  # fmt: skip
 # Words that plain English needs: no name in the code may be one of them.
 NAMES = (

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from datetime import date
 
+_EPOCH, _DAY_S = date(1970, 1, 1).toordinal(), 86_400
+
 
 @dataclass(frozen=True)
 class Fix:
@@ -31,6 +33,13 @@ class Fix:
     heading_deg: float | None = None  # true, of the baseline of two antennas on the vehicle
     heading_sigma_deg: float | None = None
     spoofed: bool = False  # the receiver has several indications that the signals are forged
+
+    def utc_ns(self, near_ns: int) -> int | None:
+        """Unix time by the receiver's own clock. near_ns: about when; without a date it is the nearest day."""
+        if self.utc_s is None:
+            return None
+        day = self.date.toordinal() - _EPOCH if self.date else round((near_ns * 1e-9 - self.utc_s) / _DAY_S)
+        return day * _DAY_S * 1_000_000_000 + round(self.utc_s * 1e9)
 
     @property
     def height_m(self) -> float | None:

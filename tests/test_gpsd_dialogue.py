@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from imud.outputs.gpsd_dialogue import Policy, ReceiveBuffer, answer, devices_object
-from imud.outputs.gpsd_json import CLASSES, Report
+from imud.outputs.gpsd_json import DEFAULT_CLASSES, Report
 from imud.outputs.view import Device, View
 
 
@@ -99,9 +99,9 @@ def test_watch_merges_like_gpsd(arguments, streaming):
 @pytest.mark.parametrize(
     ("argument", "classes", "rate_hz"),
     [
-        (b"{}", CLASSES, 10.0),
+        (b"{}", DEFAULT_CLASSES, 10.0),
         (b'{"class":"att, tpv"}', ("TPV", "ATT"), 10.0),
-        (b'{"class":"WATCH","rate":50}', CLASSES, 50.0),
+        (b'{"class":"WATCH","rate":50}', DEFAULT_CLASSES, 50.0),
         (b'{"class":"EST","rate":0.5}', ("EST",), 0.5),
     ],
 )

@@ -12,10 +12,11 @@ from gpsd_synthetic import IMU, RECEIVER, solution
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imud.drivers.fix import Satellite, Sky
+from imud.drivers.fix import Fix, Satellite, Sky
 from imud.estimators.records import (
     ATTITUDE_VALID,
     COASTING,
+    FIX,
     HEADING_VALID,
     HEIGHT_VALID,
     POSITION_VALID,
@@ -27,7 +28,22 @@ from imud.outputs.view import NO_SOLUTION, Device, View
 from imud.sensors.readings import Gnss
 
 FULL = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID | HEIGHT_VALID
-GNSS = Gnss(satellites=9, hdop=0.9, quality=1, alt_msl=454.0, geoid_sep=46.125, age_s=0.1)
+
+
+def golden_fix() -> bytes:
+    row = np.zeros(1, FIX)
+    row["height"] = row["v"] = row["sigma_v"] = math.nan
+    row["t_ns"], row["arrival_ns"] = 9007199004740993, 9007199104740993
+    row["lat"], row["lon"], row["course"] = map(math.radians, (48.5, -11.25, 90.0))
+    row["sigma"], row["hdop"], row["speed"] = (1.5, 2.5, math.nan), 0.9, 5.0
+    row["quality"], row["satellites"] = 2, 9
+    return row.tobytes()
+
+
+REPORTED = Fix(0, 43220.0, None, 48.5, -11.25, None, None, 2, 9, 0.9, 5.0, 90.0)
+GNSS = Gnss(
+    satellites=9, hdop=0.9, quality=1, alt_msl=454.0, geoid_sep=46.125, age_s=0.1, fix=golden_fix(), reported=REPORTED
+)
 
 
 def golden_solution(status: int = FULL) -> np.ndarray:
@@ -79,6 +95,9 @@ GOLDEN = {
     '"bgx_dps":0.1,"bgy_dps":0.2,"bgz_dps":0.3,"bax_mps2":0.01,"bay_mps2":0.02,"baz_mps2":0.03,'
     '"sbgx_dps":0.01,"sbgy_dps":0.02,"sbgz_dps":0.03,"sbax_mps2":0.001,"sbay_mps2":0.002,"sbaz_mps2":0.003,'
     '"gnss_age_s":0.1,"gnss_quality":1}\r\n',
+    "FIX": '{"class":"FIX","device":"/dev/ttyUSB0","time":"2026-03-23T12:00:20.000000Z","t_mono_ns":9007199004740993,'
+    '"arrival_mono_ns":9007199104740993,"quality":2,"satellites":9,"lat_deg":48.5,"lon_deg":-11.25,"sn_m":1.5,'
+    '"se_m":2.5,"hdop":0.9,"speed_mps":5,"course_deg":90}\r\n',
 }
 
 
@@ -260,7 +279,9 @@ any_double = st.floats(width=64) | st.sampled_from([0.0, -0.0, math.nan, math.in
 
 @given(
     st.integers(0, 127), st.lists(any_double, min_size=37, max_size=37), st.none() | any_double,
-    st.none() | st.builds(Gnss, st.none() | st.integers(-1, 99), *[any_double, st.none()], *[any_double] * 3),
+    st.none() | st.builds(Gnss, st.none() | st.integers(-1, 99), *[any_double, st.none()], *[any_double] * 3,
+                        fix=st.just(b"") | st.binary(min_size=FIX.itemsize, max_size=FIX.itemsize),
+                        reported=st.none() | st.just(REPORTED)),
     any_double, any_double, st.booleans(), st.text(max_size=300),
 )  # fmt: skip
 def test_any_numbers_give_lines_that_all_clients_read(status, numbers, utc_s, gnss, error, temperature, emulated, path):

@@ -18,6 +18,7 @@ COMMANDS = {
     "demo": "emulated sensors and the daemon, estimate against truth",
     "sim": "emulated sensors on pseudo-terminals",
     "web": "a live page of a running daemon, for the browser",
+    "foxglove": "a running daemon in Foxglove, live: plots, map, 3D",
     "probe": "which device is on which port, at which baud rate",
     "sensor": "have a sensor find its zero, or change its baud rate",
     "status": "how a running daemon is; also for Prometheus",
@@ -41,6 +42,7 @@ _EXTRAS = {  # package: extra
     "mcap": "record",
     "plotly": "plots",
     "aiohttp": "web",
+    "foxglove": "foxglove",
     "distributed": "cluster",
     "shtab": "completion",
 }

@@ -4,11 +4,24 @@ import argparse
 import math
 from pathlib import Path
 
+from ..configuration.settings import Gpsd
+
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
     """--config and --set, for `config.load`."""
     parser.add_argument("--config", type=Path, metavar="TOML", help="a file of settings: see `imud reference`")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override one of the settings")
+
+
+def add_live(parser: argparse.ArgumentParser) -> None:
+    """Where a running daemon is, for `live.follow`."""
+    parser.add_argument("stream", metavar="STREAM", help="the daemon's `stream.listen`, such as /run/imud/front.stream")
+    parser.add_argument(
+        "--gpsd",
+        default=Gpsd().listen,
+        metavar="ADDRESS",
+        help="its gpsd socket, for the receiver's fixes: HOST:PORT or /path (default: %(default)s)",
+    )
 
 
 def above_zero(text: str) -> float:

@@ -17,7 +17,7 @@ import msgspec
 from imud import __version__
 from imud.configuration.settings import MESSAGE_RATE_HZ, number
 
-from .gpsd_json import CLASSES, Report
+from .gpsd_json import CLASSES, DEFAULT_CLASSES, Report
 from .gpsd_objects import iso, quoted
 from .view import Device
 
@@ -105,7 +105,7 @@ class Policy:
     json: bool = False
     nmea: bool = False
     device: str | None = None
-    classes: tuple[str, ...] = CLASSES
+    classes: tuple[str, ...] = DEFAULT_CLASSES
 
     @property
     def streaming(self) -> bool:
@@ -133,7 +133,7 @@ def _selected_classes(names: str) -> tuple[str, ...]:
     wanted = {name.strip().upper() for name in names.split(",")} - {"WATCH", ""}
     if unknown := wanted.difference(CLASSES):
         raise RequestError(f"Invalid WATCH: no class {', '.join(sorted(unknown))}; there are {', '.join(CLASSES)}")
-    return tuple(kind for kind in CLASSES if kind in wanted) if wanted else CLASSES
+    return tuple(kind for kind in CLASSES if kind in wanted) if wanted else DEFAULT_CLASSES
 
 
 def _requested_path(argument: bytes | None) -> str | None:

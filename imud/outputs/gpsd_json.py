@@ -24,6 +24,7 @@ from imud.estimators.records import (
 )
 from imud.sensors.readings import NO_VECTOR, Gnss
 
+from .gpsd_fix import fix_object
 from .gpsd_objects import Numbers, head, line, quoted, time_of
 from .gpsd_sky import sky_object
 from .view import NAN, NO_SOLUTION, State, Vector, View, decode, euler
@@ -191,8 +192,10 @@ _ENCODERS: dict[str, Callable[[View, State], str]] = {
     "ATT": _att,
     "IMU": _imu,
     "EST": _est,
+    "FIX": lambda view, _: fix_object(view),
 }
 CLASSES = tuple(_ENCODERS)
+DEFAULT_CLASSES = tuple(kind for kind in CLASSES if kind != "FIX")
 
 
 class Report:
@@ -215,7 +218,7 @@ class Report:
         if kinds not in self._lines:
             empty = set() if self.view.estimator else {"ATT", "IMU", "EST"}
             if self.view.gnss is None:
-                empty.add("SKY")
+                empty |= {"SKY", "FIX"}
             self._lines[kinds] = line(*(self.object(kind) for kind in kinds if kind not in empty))
         return self._lines[kinds]
 

@@ -6,6 +6,7 @@ Quaternions are Hamilton, scalar first.
 import math
 from collections.abc import Sequence
 
+MAP, ODOM, BODY, IMU, ANTENNA = "map", "odom", "base_link", "imu_link", "gnss_link"  # frames
 A, E2 = 6378137.0, 6.69437999014e-3  # WGS-84: semi-major axis, m; first eccentricity squared
 _HALF = math.sqrt(0.5)
 _NED_TO_ENU = (0.0, _HALF, _HALF, 0.0)  # half a turn about the axis midway between north and east

@@ -4,10 +4,9 @@ import math
 from typing import Any
 
 from ..estimators.records import ATTITUDE_VALID, HEIGHT_VALID, POSITION_VALID
-from .enu import LocalMap, attitude, diagonal, world
+from .enu import ANTENNA, BODY, MAP, LocalMap, Vector, attitude, diagonal, world
 
-MAP, BODY = "map", "base_link"
-_DIAGONAL_KNOWN = 2  # LocationFix
+_APPROXIMATED, _DIAGONAL_KNOWN = 1, 2  # LocationFix
 
 
 def _time(unix_ns: int) -> dict[str, int]:
@@ -19,14 +18,27 @@ def location(estimate: dict[str, Any], unix_ns: int) -> dict[str, Any] | None:
     """None while the position is not valid. The altitude is null while the height is not."""
     if not estimate["status"] & POSITION_VALID:
         return None
+    height = estimate["height_m"] if estimate["status"] & HEIGHT_VALID else None
+    return _location_fix(unix_ns, BODY, estimate, height, estimate["sigma_p_m"], _DIAGONAL_KNOWN)
+
+
+def receiver_location(fix: dict[str, Any], sigma: Vector, unix_ns: int) -> dict[str, Any]:
+    """The same of a fix. sigma: north, east, down, m, derived where the receiver reports none."""
+    height = fix["height_m"]
+    return _location_fix(unix_ns, ANTENNA, fix, None if height != height else height, sigma, _APPROXIMATED)  # noqa: PLR0124 - NaN
+
+
+def _location_fix(
+    unix_ns: int, frame: str, position: dict[str, Any], height: float | None, sigma: Vector, kind: int
+) -> dict[str, Any]:
     return {
         "timestamp": _time(unix_ns),
-        "frame_id": MAP,
-        "latitude": math.degrees(estimate["lat_rad"]),
-        "longitude": math.degrees(estimate["lon_rad"]),
-        "altitude": estimate["height_m"] if estimate["status"] & HEIGHT_VALID else None,
-        "position_covariance": diagonal(world(estimate["sigma_p_m"])),
-        "position_covariance_type": _DIAGONAL_KNOWN,
+        "frame_id": frame,
+        "latitude": math.degrees(position["lat_rad"]),
+        "longitude": math.degrees(position["lon_rad"]),
+        "altitude": height,
+        "position_covariance": diagonal(world(sigma)),
+        "position_covariance_type": kind,
     }
 
 

@@ -21,6 +21,7 @@ from .clock_fit import CLOCK_FIT
 
 SAMPLES, ESTIMATES, FIXES, CLOCK = "/imu/samples", "/estimate", "/gnss/fixes", "/imu/clock"
 INNOVATIONS, EVENTS, SETTINGS, LOCATION, POSE = "/innovations", "/events", "/settings", "/location", "/tf"
+RECEIVER_LOCATION = "/gnss/location"  # live only: in a recording the fixes tell it
 AIDING = "/aiding"
 
 
@@ -233,6 +234,7 @@ TOPICS = {
     SETTINGS: "imud.Settings",
     AIDING: "imud.Measurement",
     LOCATION: "foxglove.LocationFix",
+    RECEIVER_LOCATION: "foxglove.LocationFix",
     POSE: "foxglove.FrameTransform",
 }
 

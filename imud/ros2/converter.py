@@ -7,11 +7,11 @@ import numpy as np
 
 from imud.drivers.fix import Fix
 
-from ..recording.enu import Vector, body
+from ..recording.enu import ANTENNA, BODY, IMU, MAP, ODOM, Vector, body
 from ..sensors.gnss import position_sigma
 from . import messages
 from .definitions import STATIC
-from .frames import ANTENNA, BODY, IDENTITY, IMU, MAP, ODOM, Frames
+from .frames import IDENTITY, Frames
 from .messages import Diagnosis, Sigmas
 
 
@@ -47,7 +47,7 @@ class Converter:
     def of_fix(self, fix: np.void, unix_ns: int, reported: Fix | None) -> Iterator[Message]:
         """fix: a row of FIX; reported: the same as the receiver reported it, if that is known."""
         yield Message("fix", unix_ns, messages.receiver_fix(fix, unix_ns, position_sigma(fix)))
-        if reported is not None and (utc_ns := messages.utc_ns(reported, unix_ns)) is not None:
+        if reported is not None and (utc_ns := reported.utc_ns(unix_ns)) is not None:
             yield Message("time_reference", unix_ns, messages.time_reference(unix_ns, utc_ns))
 
     def of_diagnoses(self, parts: Sequence[Diagnosis], unix_ns: int) -> Iterator[Message]:

@@ -11,7 +11,6 @@ import numpy as np
 from ..estimators.records import ATTITUDE_VALID, POSITION_VALID
 from ..recording.enu import LocalMap, attitude, body, product, world
 
-MAP, ODOM, BODY, IMU, ANTENNA = "map", "odom", "base_link", "imu_link", "gnss_link"
 GAP_NS = 1_000_000_000  # an interruption, over which the body's motion is not known
 
 Vector = tuple[float, float, float]

@@ -6,20 +6,18 @@ with -1 says that there is no such estimate. Covariances of an orientation are t
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from datetime import date
 from typing import NamedTuple
 
 import numpy as np
 
-from imud.drivers.fix import Fix
 from imud.drivers.sample import NO_FORCE, NO_RATE, SUSPECT
 
 from ..estimators.records import ATTITUDE_VALID, HEIGHT_VALID, POSITION_VALID
 from ..math.arrays import Floats
-from ..recording.enu import Vector, attitude, body, diagonal, world
+from ..recording.enu import ANTENNA, BODY, IMU, MAP, Vector, attitude, body, diagonal, world
 from ..sensor_errors.profiles import SampleSigma
-from .cdr import NS, Cdr
-from .frames import ANTENNA, BODY, IMU, MAP, Transform
+from .cdr import Cdr
+from .frames import Transform
 
 _NONE = [-1.0, *[0.0] * 8]
 _NO_VECTOR, _NO_ROTATION = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
@@ -29,7 +27,6 @@ _STATUS_OF_QUALITY = {0: _NO_FIX, 2: _SATELLITE_AUGMENTED, 4: _GROUND_AUGMENTED,
 _SERVICE_GPS = 1
 _UNKNOWN, _APPROXIMATED, _DIAGONAL_KNOWN = 0, 1, 2
 _OK, _WARN, _, _STALE = range(4)  # DiagnosticStatus
-_EPOCH, _DAY_S = date(1970, 1, 1).toordinal(), 86_400
 
 
 class Sigmas(NamedTuple):
@@ -169,14 +166,6 @@ def transforms(unix_ns: int, known: Iterable[tuple[str, str, Transform]]) -> byt
 def time_reference(unix_ns: int, utc_ns: int) -> bytes:
     """sensor_msgs/msg/TimeReference: what the receiver calls the instant that the host calls `unix_ns`."""
     return Cdr().header(unix_ns, "").time(utc_ns).text("gnss").bytes()
-
-
-def utc_ns(fix: Fix, near_ns: int) -> int | None:
-    """Unix time of a fix by the receiver's own clock. near_ns: about when; without a date it is the nearest day."""
-    if fix.utc_s is None:
-        return None
-    day = fix.date.toordinal() - _EPOCH if fix.date else round((near_ns * 1e-9 - fix.utc_s) / _DAY_S)
-    return day * _DAY_S * NS + round(fix.utc_s * 1e9)
 
 
 class Diagnosis(NamedTuple):

@@ -3,7 +3,7 @@
 from math import nan
 from typing import NamedTuple
 
-from imud.drivers.fix import Sky
+from imud.drivers.fix import Fix, Sky
 
 NO_VECTOR = (nan, nan, nan)
 
@@ -18,6 +18,8 @@ class Gnss(NamedTuple):
     geoid_sep: float = nan  # m, geoid above ellipsoid
     age_s: float = nan  # since the fix
     sky: Sky = Sky()
+    fix: bytes = b""  # the last one that was used: a row of FIX; empty: there was none
+    reported: Fix | None = None  # the same, as the receiver reported it
 
 
 class ClockFit(NamedTuple):

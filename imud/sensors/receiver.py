@@ -207,6 +207,8 @@ class Receiver:
             geoid_sep=math.nan if fix.geoid_sep_m is None else fix.geoid_sep_m,
             age_s=(now_ns - fix.arrival_ns) * 1e-9,
             sky=self.decoder.sky,
+            fix=b"" if self._row is None else self._row.tobytes(),
+            reported=self._used_last,
         )
 
 

@@ -1,0 +1,265 @@
+"""A running daemon as other programs' servers need it: its states, paced, its receiver's fixes, and its status.
+
+The states are those of the binary stream, fixes and status come from the gpsd socket. The daemon may come and go.
+"""
+
+import argparse
+import json
+import math
+import select
+import socket
+import sys
+import time
+from collections.abc import Callable, Mapping
+from datetime import datetime
+from typing import Any, Protocol
+
+import numpy as np
+
+from imud import client
+
+from ..errors import ConfigError, UsageError
+from ..estimators.records import FIX, SOLUTION
+from ..outputs.addresses import PORT, Address, parse_address
+
+_RETRY_S = 1.0
+_FIX_HZ = 20.0  # receivers are slower
+_RATE_STATES = 50  # from which the sensor's rate follows
+_LINE_MAX = 1 << 20  # bytes
+_RECEIVE_BYTES = 1 << 16
+
+
+class Listener(Protocol):
+    """What is done with the data. Times are Unix time, ns."""
+
+    def on_solution(self, solution: np.void, unix_ns: int) -> None:
+        """A row of SOLUTION."""
+
+    def on_fix(self, fix: np.void, unix_ns: int, utc_ns: int | None) -> None:
+        """A row of FIX; utc_ns: the same instant by the receiver's clock; None: not known."""
+
+    def on_status(self, status: Mapping[str, Any], unix_ns: int) -> None:
+        """The flat table of `imud status --json`, each second."""
+
+
+def gpsd_address(text: str) -> Address:
+    """Raises UsageError."""
+    try:
+        return parse_address(text, PORT)
+    except ConfigError as error:
+        raise UsageError(f"--gpsd: {error}") from error
+
+
+def solution_of(state: client.State) -> np.void:
+    """A row of SOLUTION."""
+    row: np.void = np.array([tuple(state[2:])], SOLUTION)[0]
+    return row
+
+
+def fix_of(message: Mapping[str, Any]) -> np.void:
+    """A row of FIX, of the gpsd socket's class FIX. Raises KeyError, TypeError, ValueError."""
+
+    def numbers(*names: str) -> list[float]:
+        return [float(message.get(name, math.nan)) for name in names]
+
+    row = np.zeros(1, FIX)
+    row["t_ns"], row["arrival_ns"] = message["t_mono_ns"], message["arrival_mono_ns"]
+    row["lat"], row["lon"], row["course"] = map(math.radians, numbers("lat_deg", "lon_deg", "course_deg"))
+    row["height"], row["hdop"], row["speed"] = numbers("height_m", "hdop", "speed_mps")
+    row["sigma"] = numbers("sn_m", "se_m", "sd_m")
+    row["v"] = numbers("vn_mps", "ve_mps", "vd_mps")
+    row["sigma_v"] = numbers("svn_mps", "sve_mps", "svd_mps")
+    row["quality"], row["satellites"] = message["quality"], message["satellites"]
+    fix: np.void = row[0]
+    return fix
+
+
+class Pace:
+    """Lets one state of each period pass, and asks the daemon for no more states than that needs."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._rate_hz = rate_hz
+        self._slot = -1
+        self._first: client.State | None = None
+
+    def passes(self, state: client.State) -> bool:
+        slot = int(state.t_ns * 1e-9 * self._rate_hz)
+        passes, self._slot = slot != self._slot, slot
+        return passes
+
+    def divisor(self, state: client.State) -> int | None:
+        """Once, after the first states: the divisor to ask for."""
+        if self._first is None:
+            self._first = state
+        elif (states := state.seq - self._first.seq) == _RATE_STATES:
+            sensor_hz = states * 1e9 / max(state.t_ns - self._first.t_ns, 1)
+            return max(1, int(sensor_hz / self._rate_hz))
+        return None
+
+
+class _States:
+    """The stream."""
+
+    def __init__(self, path: str, rate_hz: float, listener: Listener) -> None:
+        self._path, self._rate_hz, self._listener = path, rate_hz, listener
+        self._stream: client.Stream | None = None
+        self._pace = Pace(rate_hz)
+        self.offset_ns = time.time_ns() - time.monotonic_ns()
+
+    def connect(self) -> int:
+        self._pace = Pace(self._rate_hz)
+        self._stream = client.connect(self._path, timeout_s=_RETRY_S)
+        return self._stream.fileno()
+
+    def read(self) -> None:
+        """Raises OSError at the daemon's end."""
+        assert self._stream is not None
+        try:
+            state = next(self._stream)
+        except TimeoutError:
+            return
+        except StopIteration:
+            raise ConnectionError("the daemon ended the connection") from None
+        except client.ProtocolError as error:
+            raise ConnectionError(str(error)) from error
+        self.offset_ns = state.utc_offset_ns
+        if (divisor := self._pace.divisor(state)) is not None:
+            self._stream.set_divisor(divisor)
+        if self._pace.passes(state):
+            self._listener.on_solution(solution_of(state), state.t_ns + state.utc_offset_ns)
+
+    def tick(self) -> None:
+        """Once a second."""
+
+    def close(self) -> None:
+        if self._stream is not None:
+            self._stream.close()
+
+
+class _Fixes:
+    """The gpsd socket."""
+
+    def __init__(self, address: Address, states: _States, listener: Listener) -> None:
+        self._address, self._states, self._listener = address, states, listener
+        self._socket: socket.socket | None = None
+        self._received = b""
+        self._t_ns: int | None = None  # of the newest fix
+
+    def connect(self) -> int:
+        self._socket, self._received = socket.socket(self._address.family), b""
+        self._socket.settimeout(_RETRY_S)
+        self._socket.connect(self._address.where)
+        watch = json.dumps({"enable": True, "json": True, "class": "FIX", "rate": _FIX_HZ})
+        self._socket.sendall(f"?WATCH={watch}\n".encode())
+        return self._socket.fileno()
+
+    def read(self) -> None:
+        """Raises OSError at the daemon's end."""
+        assert self._socket is not None
+        data = self._socket.recv(_RECEIVE_BYTES)
+        if not data:
+            raise ConnectionError("the daemon ended the connection")
+        *lines, self._received = (self._received + data).split(b"\n")
+        try:
+            if len(self._received) > _LINE_MAX:
+                raise ValueError
+            for line in lines:
+                self._take(json.loads(line))
+        except (ValueError, TypeError, AttributeError, KeyError, RecursionError):
+            raise ConnectionError("it does not speak imud's protocol") from None
+
+    def _take(self, message: Mapping[str, Any]) -> None:
+        kind = message.get("class")
+        if kind == "STATUS":
+            self._listener.on_status(message, time.time_ns())
+        elif kind == "FIX" and message.get("t_mono_ns", self._t_ns) != self._t_ns:
+            fix = fix_of(message)
+            self._t_ns = int(fix["t_ns"])
+            utc_ns = round(datetime.fromisoformat(message["time"]).timestamp() * 1e9) if "time" in message else None
+            self._listener.on_fix(fix, self._t_ns + self._states.offset_ns, utc_ns)
+
+    def tick(self) -> None:
+        """Once a second."""
+        if self._socket is not None:
+            self._socket.sendall(b"?STATUS;\n")
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+
+
+class _Source:
+    """A connection that is made again after each failure, which is printed when it is another than before."""
+
+    def __init__(self, command: str, what: str, connection: _States | _Fixes, poller: select.poll) -> None:
+        self._command, self._what, self._connection, self._poller = command, what, connection, poller
+        self.fd = -1
+        self._told = ""
+
+    def guard(self, act: Callable[[], object]) -> None:
+        """Run it; a failure ends the connection."""
+        try:
+            act()
+        except OSError as error:
+            self.close()
+            self._tell(f"{self._what}: {(error.strerror or str(error)).lower()}; trying again")
+
+    def connect(self) -> None:
+        def connected() -> None:
+            fd = self._connection.connect()
+            self._poller.register(fd, select.POLLIN)
+            self.fd = fd
+            self._tell(f"{self._what}: connected")
+
+        self.guard(connected)
+
+    def _tell(self, text: str) -> None:
+        if text != self._told:
+            print(f"imud {self._command}: {text}", file=sys.stderr, flush=True)
+        self._told = text
+
+    def tick(self) -> None:
+        """Once a second."""
+        if self.fd < 0:
+            self.connect()
+        else:
+            self.guard(self._connection.tick)
+
+    def read(self) -> None:
+        self.guard(self._connection.read)
+
+    def close(self) -> None:
+        if self.fd >= 0:
+            self._poller.unregister(self.fd)
+            self.fd = -1
+        self._connection.close()
+
+
+def follow(command: str, args: argparse.Namespace, rate_hz: float, listener: Listener, wake: int) -> None:
+    """Pass the daemon's data on until the descriptor `wake` is readable. args: of `arguments.add_live`.
+
+    Raises UsageError.
+    """
+    address, poller = gpsd_address(args.gpsd), select.poll()
+    states = _States(args.stream, rate_hz, listener)
+    sources = (
+        _Source(command, f"the stream {args.stream} (the daemon's stream.listen)", states, poller),
+        _Source(command, f"the gpsd socket {address.text}", _Fixes(address, states, listener), poller),
+    )
+    poller.register(wake, select.POLLIN)
+    due_s = 0.0
+    try:
+        while True:
+            if (now_s := time.monotonic()) >= due_s:
+                due_s = now_s + _RETRY_S
+                for source in sources:
+                    source.tick()
+            ready = [fd for fd, _ in poller.poll(max(0.0, due_s - time.monotonic()) * 1e3)]
+            if wake in ready:
+                return
+            for source in sources:
+                if source.fd in ready:
+                    source.read()
+    finally:
+        for source in sources:
+            source.close()

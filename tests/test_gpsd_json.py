@@ -96,7 +96,7 @@ GOLDEN = {
     '"sbgx_dps":0.01,"sbgy_dps":0.02,"sbgz_dps":0.03,"sbax_mps2":0.001,"sbay_mps2":0.002,"sbaz_mps2":0.003,'
     '"gnss_age_s":0.1,"gnss_quality":1}\r\n',
     "FIX": '{"class":"FIX","device":"/dev/ttyUSB0","time":"2026-03-23T12:00:20.000000Z","t_mono_ns":9007199004740993,'
-    '"arrival_mono_ns":9007199104740993,"quality":2,"satellites":9,"lat_deg":48.5,"lon_deg":-11.25,"sn_m":1.5,'
+    '"arrival_mono_ns":9007199104740993,"quality":2,"uSat":9,"lat_deg":48.5,"lon_deg":-11.25,"sn_m":1.5,'
     '"se_m":2.5,"hdop":0.9,"speed_mps":5,"course_deg":90}\r\n',
 }
 

@@ -25,6 +25,7 @@ from ..outputs.addresses import PORT, Address, parse_address
 _RETRY_S = 1.0
 _FIX_HZ = 20.0  # receivers are slower
 _RATE_STATES = 50  # from which the sensor's rate follows
+_NOT_IMUD = "it does not speak imud's protocol"
 _LINE_MAX = 1 << 20  # bytes
 _RECEIVE_BYTES = 1 << 16
 
@@ -69,12 +70,12 @@ def fix_of(message: Mapping[str, Any]) -> np.void:
     row["sigma"] = numbers("sn_m", "se_m", "sd_m")
     row["v"] = numbers("vn_mps", "ve_mps", "vd_mps")
     row["sigma_v"] = numbers("svn_mps", "sve_mps", "svd_mps")
-    row["quality"], row["satellites"] = message["quality"], message["satellites"]
+    row["quality"], row["satellites"] = message["quality"], message["uSat"]
     fix: np.void = row[0]
     return fix
 
 
-class Pace:
+class Decimator:
     """Lets one state of each period pass, and asks the daemon for no more states than that needs."""
 
     def __init__(self, rate_hz: float) -> None:
@@ -82,10 +83,10 @@ class Pace:
         self._slot = -1
         self._first: client.State | None = None
 
-    def passes(self, state: client.State) -> bool:
+    def accepts(self, state: client.State) -> bool:
         slot = int(state.t_ns * 1e-9 * self._rate_hz)
-        passes, self._slot = slot != self._slot, slot
-        return passes
+        is_new, self._slot = slot != self._slot, slot
+        return is_new
 
     def divisor(self, state: client.State) -> int | None:
         """Once, after the first states: the divisor to ask for."""
@@ -103,11 +104,11 @@ class _States:
     def __init__(self, path: str, rate_hz: float, listener: Listener) -> None:
         self._path, self._rate_hz, self._listener = path, rate_hz, listener
         self._stream: client.Stream | None = None
-        self._pace = Pace(rate_hz)
+        self._decimator = Decimator(rate_hz)
         self.offset_ns = time.time_ns() - time.monotonic_ns()
 
     def connect(self) -> int:
-        self._pace = Pace(self._rate_hz)
+        self._decimator = Decimator(self._rate_hz)
         self._stream = client.connect(self._path, timeout_s=_RETRY_S)
         return self._stream.fileno()
 
@@ -123,9 +124,9 @@ class _States:
         except client.ProtocolError as error:
             raise ConnectionError(str(error)) from error
         self.offset_ns = state.utc_offset_ns
-        if (divisor := self._pace.divisor(state)) is not None:
+        if (divisor := self._decimator.divisor(state)) is not None:
             self._stream.set_divisor(divisor)
-        if self._pace.passes(state):
+        if self._decimator.accepts(state):
             self._listener.on_solution(solution_of(state), state.t_ns + state.utc_offset_ns)
 
     def tick(self) -> None:
@@ -160,23 +161,24 @@ class _Fixes:
         if not data:
             raise ConnectionError("the daemon ended the connection")
         *lines, self._received = (self._received + data).split(b"\n")
-        try:
-            if len(self._received) > _LINE_MAX:
-                raise ValueError
-            for line in lines:
-                self._take(json.loads(line))
-        except (ValueError, TypeError, AttributeError, KeyError, RecursionError):
-            raise ConnectionError("it does not speak imud's protocol") from None
+        if len(self._received) > _LINE_MAX:
+            raise ConnectionError(_NOT_IMUD)
+        for line in lines:
+            self._take(line)
 
-    def _take(self, message: Mapping[str, Any]) -> None:
-        kind = message.get("class")
+    def _take(self, line: bytes) -> None:
+        try:
+            message = json.loads(line)
+            kind, t_ns = message.get("class"), message.get("t_mono_ns", self._t_ns)
+            fix = fix_of(message) if kind == "FIX" and t_ns != self._t_ns else None
+            utc_ns = round(datetime.fromisoformat(message["time"]).timestamp() * 1e9) if "time" in message else None
+        except (ValueError, TypeError, AttributeError, KeyError, RecursionError):
+            raise ConnectionError(_NOT_IMUD) from None
         if kind == "STATUS":
             self._listener.on_status(message, time.time_ns())
-        elif kind == "FIX" and message.get("t_mono_ns", self._t_ns) != self._t_ns:
-            fix = fix_of(message)
-            self._t_ns = int(fix["t_ns"])
-            utc_ns = round(datetime.fromisoformat(message["time"]).timestamp() * 1e9) if "time" in message else None
-            self._listener.on_fix(fix, self._t_ns + self._states.offset_ns, utc_ns)
+        elif fix is not None:
+            self._t_ns = t_ns
+            self._listener.on_fix(fix, t_ns + self._states.offset_ns, utc_ns)
 
     def tick(self) -> None:
         """Once a second."""
@@ -194,7 +196,7 @@ class _Source:
     def __init__(self, command: str, what: str, connection: _States | _Fixes, poller: select.poll) -> None:
         self._command, self._what, self._connection, self._poller = command, what, connection, poller
         self.fd = -1
-        self._told = ""
+        self._printed = ""
 
     def guard(self, act: Callable[[], object]) -> None:
         """Run it; a failure ends the connection."""
@@ -214,9 +216,9 @@ class _Source:
         self.guard(connected)
 
     def _tell(self, text: str) -> None:
-        if text != self._told:
+        if text != self._printed:
             print(f"imud {self._command}: {text}", file=sys.stderr, flush=True)
-        self._told = text
+        self._printed = text
 
     def tick(self) -> None:
         """Once a second."""

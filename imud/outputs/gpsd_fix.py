@@ -1,6 +1,7 @@
 """FIX, a class of our own that a client must ask for: the receiver's last fix that was used, before any filter.
 
-Names and units are those of `imud export`'s gnss.csv; `time` is the receiver's own.
+Names and units are those of `imud export`'s gnss.csv, but `uSat`: libgps expects a list of `satellites`. `time` is the
+receiver's own.
 """
 
 import math
@@ -24,13 +25,14 @@ def fix_object(view: View) -> str:
     if view.gnss is None or not view.gnss.fix:
         return f"{head('FIX', view)}}}"
     fix, reported = np.frombuffer(view.gnss.fix, FIX)[0], view.gnss.reported
-    utc_ns = reported.utc_ns(round(view.utc_s * 1e9)) if reported and view.utc_s else None
-    time = "" if utc_ns is None else f',"time":{iso(utc_ns * 1e-9)}'
+    utc_ns = reported.utc_ns(round(view.utc_s * 1e9)) if reported and view.utc_s and iso(view.utc_s) else None
+    text = iso(None if utc_ns is None else utc_ns * 1e-9)
+    time = f',"time":{text}' if text else ""
     numbers = _FIX(
         math.degrees(fix["lat"]), math.degrees(fix["lon"]), fix["height"], *fix["sigma"], fix["hdop"],
         *fix["v"], fix["speed"], math.degrees(fix["course"]), *fix["sigma_v"],
     )  # fmt: skip
     return (
         f'{head("FIX", view)}{time},"t_mono_ns":{fix["t_ns"]},"arrival_mono_ns":{fix["arrival_ns"]}'
-        f',"quality":{fix["quality"]},"satellites":{fix["satellites"]}{numbers}}}'
+        f',"quality":{fix["quality"]},"uSat":{fix["satellites"]}{numbers}}}'
     )

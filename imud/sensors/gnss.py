@@ -94,7 +94,7 @@ def position_sigma(fix: np.void) -> tuple[float, float, float]:
     parameters = navigation_parameters()
     row = np.array([fix], FIX).view(np.recarray)[0]
     horizontal = float(interpreted(horizontal_sigma)(parameters, row))
-    down = float(row.sigma[2]) if math.isfinite(row.sigma[2]) else parameters.tuning.vertical_ratio * horizontal
+    down = float(row.sigma[2]) if math.isfinite(row.sigma[2]) else float(parameters.tuning.vertical_ratio) * horizontal
     return horizontal, horizontal, down
 
 

@@ -11,7 +11,6 @@ import os
 import pwd
 import stat
 import termios
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NoReturn
@@ -19,20 +18,20 @@ from typing import NoReturn
 import serial
 
 from ..errors import NotSerialError, PortAbsentError, PortBusyError, PortDeniedError, PortError, PortLostError
+from .descriptor import DescriptorPort
 from .holders import holders, is_pty
 from .portspec import PortSpec
 from .reasons import ABSENT, BUSY, DENIED, UNFIT, reason
 
 PATTERNS = ("serial/by-id/*", "ttyUSB*", "ttyACM*", "ttyAMA*")
-CHUNK = 4096
 DEFAULT_BAUD = 460800
 FLUSH_READS = 16  # at most: a device may send without pause
 
 
-class SerialPort:
+class SerialPort(DescriptorPort):
     """An open line. Not thread-safe. Raises the errors of `imud.drivers.errors` on opening and PortLostError in use."""
 
-    plain = True
+    plain, chunk = True, 4096
 
     def __init__(self, spec: PortSpec) -> None:
         path = self.path = spec.path
@@ -94,30 +93,6 @@ class SerialPort:
             self._make_raw()
         except (OSError, ValueError, termios.error) as error:
             raise self._lost(error) from error
-
-    def read(self) -> bytes:
-        """What is waiting, at most a few kilobytes; empty if nothing is."""
-        try:
-            data = os.read(self.fd, CHUNK)
-        except BlockingIOError:
-            return b""
-        except OSError as error:
-            raise self._lost(error) from error
-        if not data:
-            raise self._lost(None)
-        return data
-
-    def receive(self, buffer: memoryview, now_ns: int) -> tuple[int, int]:
-        """Read into `buffer`; returns how many bytes, and the time after that: they may come late, but never early."""
-        try:
-            received = os.readv(self.fd, [buffer])
-        except BlockingIOError:
-            return 0, now_ns
-        except OSError as error:
-            raise self._lost(error) from error
-        if received == 0:
-            raise self._lost(None)
-        return received, time.monotonic_ns()
 
     def write(self, data: bytes) -> None:
         """Send a command. Bytes for which the line has no room are dropped: then the answer is missing."""

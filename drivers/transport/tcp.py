@@ -3,15 +3,13 @@
 import errno
 import os
 import socket
-import time
 from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
 from ..errors import PortAbsentError, PortLostError
+from .descriptor import DescriptorPort
 from .portspec import PortSpec
-
-CHUNK = 65536
 
 
 @cache
@@ -45,14 +43,14 @@ def connect(host: str, port: int) -> socket.socket:
     raise OSError(number, os.strerror(number))
 
 
-class TcpPort:
+class TcpPort(DescriptorPort):
     """An open connection, or one that is being made. Not thread-safe.
 
     Raises PortAbsentError on opening and PortLostError in use. What is written before there is a connection is lost:
     the other side must greet first.
     """
 
-    warning, plain = "", False
+    warning, plain, chunk = "", False, 65536
 
     def __init__(self, spec: PortSpec) -> None:
         assert spec.server is not None
@@ -88,28 +86,9 @@ class TcpPort:
 
     def read(self) -> bytes:
         """What is waiting; empty if nothing is."""
-        try:
-            data = self._socket.recv(CHUNK)
-        except BlockingIOError:
-            return b""
-        except OSError as error:
-            raise self._lost(error) from error
-        if not data:
-            raise self._lost(None)
-        self._connected = True
+        data = super().read()
+        self._connected = self._connected or bool(data)
         return data
-
-    def receive(self, buffer: memoryview, now_ns: int) -> tuple[int, int]:
-        """Read into `buffer`; returns how many bytes, and the time after that."""
-        try:
-            received = self._socket.recv_into(buffer)
-        except BlockingIOError:
-            return 0, now_ns
-        except OSError as error:
-            raise self._lost(error) from error
-        if received == 0:
-            raise self._lost(None)
-        return received, time.monotonic_ns()
 
     def close(self) -> None:
         """Close the connection. May be called twice."""

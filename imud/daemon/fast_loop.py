@@ -11,7 +11,7 @@ import select
 
 import numpy as np
 
-from imud.drivers.transport.serial import CHUNK
+from imud.drivers.transport.serial import SerialPort
 
 from ..compile.entry import waiting_entry
 from ..compile.system import CLOCK_MONOTONIC, clock_ns, ppoll, read
@@ -52,7 +52,7 @@ def _run_until_event(
         c.timeout_s, c.timeout_ns = wait_ns // _SECOND_NS, wait_ns % _SECOND_NS
         if ppoll(c.at, 2, c.timeout_at, 0) <= 0:
             return 0
-        received = read(c.fd, s.rx + s.fill, min(CHUNK, RX - s.fill)) if c.happened != 0 else 0
+        received = read(c.fd, s.rx + s.fill, min(SerialPort.chunk, RX - s.fill)) if c.happened != 0 else 0
         now_ns = clock_ns(CLOCK_MONOTONIC, c.time_at)  # after the read: late bytes must not seem early
         if c.happened != 0:
             if received <= 0:

@@ -3,6 +3,9 @@
 The wheel is built twice, in two folders, and must be the same bytes. The parts list is CycloneDX 1.5: imud and every
 package that it needs, as they are installed here, with version and licence. pip-audit, where it is installed, looks
 for known vulnerabilities in them.
+
+--machines also makes the wheels of other machines, with `ziglang`, and has their processors' bits compared under qemu
+(`other_machines.py`). That takes some minutes.
 """
 
 import argparse
@@ -12,6 +15,7 @@ import hashlib
 import importlib.metadata
 import importlib.util
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -21,6 +25,10 @@ import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
+MACHINES = (  # as zig names them; the version is the oldest glibc
+    *("x86_64-linux-gnu.2.28", "aarch64-linux-gnu.2.28", "arm-linux-gnueabihf.2.31"),
+    *("x86_64-linux-musl", "aarch64-linux-musl", "arm-linux-musleabihf"),
+)
 _NAME = re.compile(r"[A-Za-z0-9._-]+")
 
 
@@ -34,13 +42,25 @@ def copied(folder: Path) -> Path:
     return folder
 
 
-def wheel(into: Path) -> Path:
-    """Build the wheel from a copy of the sources; returns its path."""
+def wheel(into: Path, machine: str | None = None) -> Path:
+    """Build the wheel from a copy of the sources, for this machine or another; returns its path."""
+    there = set(into.glob("*.whl"))
+    environment = {**os.environ, **({"IMUD_TARGET": machine} if machine else {})}
     with tempfile.TemporaryDirectory() as folder:
         source = copied(Path(folder) / "imud")
         command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(into)]
-        subprocess.run(command, cwd=source, check=True, stdout=subprocess.DEVNULL)
-    return next(into.glob("*.whl"))
+        subprocess.run(command, cwd=source, check=True, stdout=subprocess.DEVNULL, env=environment)
+    return next(iter(set(into.glob("*.whl")) - there))
+
+
+def library_of(built: Path) -> str:
+    """What the compiled library in a wheel is, as an ELF header says it; "none" if the compiler failed."""
+    with zipfile.ZipFile(built) as archive:
+        if "imud/compile/kernels.so" not in archive.namelist():
+            return "none"
+        header = archive.read("imud/compile/kernels.so")[:20]
+    kinds = {62: "x86-64", 183: "aarch64", 40: "arm"}  # elf(5), e_machine
+    return kinds.get(int.from_bytes(header[18:20], "little"), "unknown")
 
 
 def add_needed(requirements: list[str], found: dict[str, importlib.metadata.Distribution]) -> None:
@@ -82,7 +102,9 @@ def parts_list(built: Path) -> dict[str, object]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("folder", type=Path)
-    folder = parser.parse_args().folder
+    parser.add_argument("--machines", action="store_true", help="also wheels for other machines; compare their bits")
+    arguments = parser.parse_args()
+    folder = arguments.folder
     digests = set()
     for number in (1, 2):
         with tempfile.TemporaryDirectory() as again:
@@ -91,7 +113,7 @@ def main() -> int:
             built = wheel(into)
             digests.add(hashlib.sha256(built.read_bytes()).hexdigest())
     print(f"{built.name}: {'the same bytes twice' if len(digests) == 1 else 'DIFFERS'}, sha256 {sorted(digests)}")
-    parts = parts_list(next(folder.glob("*.whl")))
+    parts = parts_list(built)
     (folder / "imud.cdx.json").write_text(json.dumps(parts, indent=1))
     print(f"parts list: {len(parts['components'])} packages")  # type: ignore[arg-type]
     audited = 0
@@ -101,7 +123,19 @@ def main() -> int:
         ).returncode
     else:
         print("NOT audited: pip install pip-audit")
-    return 1 if len(digests) > 1 or audited else 0
+    different = arguments.machines and not other_machines(folder)
+    return 1 if len(digests) > 1 or audited or different else 0
+
+
+def other_machines(folder: Path) -> bool:
+    """Write the wheels of other machines; returns whether all have their library and their processors our bits."""
+    complete = True
+    for machine in MACHINES:
+        built = wheel(folder, machine)
+        kind = library_of(built)
+        complete &= kind.startswith(machine[:3])
+        print(f"{built.name}: library for {kind}", flush=True)
+    return subprocess.run([sys.executable, ROOT / "tests/other_machines.py"], check=False).returncode == 0 and complete
 
 
 if __name__ == "__main__":

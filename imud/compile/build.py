@@ -14,9 +14,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 FLAGS = (
-    *("-std=gnu11", "-O2", "-w", "-fPIC", "-shared", "-Wl,-Bsymbolic"),
+    *("-std=gnu11", "-O2", "-w"),
     *("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fwrapv", "-fno-strict-aliasing"),
 )
+_LIBRARY = ("-fPIC", "-shared", "-Wl,-Bsymbolic")
 
 
 class CannotBuildError(Exception):
@@ -43,9 +44,15 @@ def compiler(target: str | None = None) -> list[str]:
     raise CannotBuildError("there is no C compiler: install gcc or clang, or the Python package `ziglang`")
 
 
-def compile_c(source: Path, library: Path, options: Sequence[str] = (), target: str | None = None) -> None:
-    """Compile one file of C, with more options than ours. Raises CannotBuildError with the compiler's message."""
-    command = [*compiler(target), *FLAGS, *options, "-o", str(library), str(source), "-lm"]
+def compile_c(
+    source: Path, output: Path, options: Sequence[str] = (), target: str | None = None, shared: bool = True
+) -> None:
+    """Compile one file of C, with more options than ours. Raises CannotBuildError with the compiler's message.
+
+    target: another machine, see `compiler`; shared: make a shared library, not a program.
+    """
+    kind = _LIBRARY if shared else ()
+    command = [*compiler(target), *FLAGS, *kind, *options, "-o", str(output), str(source), "-lm"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError as error:

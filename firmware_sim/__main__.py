@@ -11,7 +11,9 @@ def main() -> int:
     signal.signal(signal.SIGINT, lambda number, frame: os._exit(130))
     from . import cli
 
-    parser = argparse.ArgumentParser(prog="firmware_sim", description="Emulated sensors on pseudo-terminals.")
+    parser = argparse.ArgumentParser(
+        prog="firmware_sim", description="Emulated sensors on pseudo-terminals.", allow_abbrev=False
+    )
     cli.add_arguments(parser)
     try:
         return cli.run(parser.parse_args())

@@ -88,7 +88,7 @@ class ChipSelect:
 @cache
 def chip_selects() -> tuple[ChipSelect, ...]:
     """The sensors of this process, switched on at the first call."""
-    parser = argparse.ArgumentParser(prog="IMUD_SIM")
+    parser = argparse.ArgumentParser(prog="IMUD_SIM", allow_abbrev=False)
     cli.add_arguments(parser)
     args = parser.parse_args(shlex.split(os.environ.get("IMUD_SIM", "g350")))
     scene = build.scene(args)

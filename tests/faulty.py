@@ -33,7 +33,7 @@ class Log(list):
 
 def emulated(device, *options, faults=""):
     """(device, log) as the command line builds them, and what `--faults` does to it."""
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(allow_abbrev=False)
     cli.add_arguments(parser)
     args = parser.parse_args([device, *map(str, options)])
     log = Log()

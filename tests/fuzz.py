@@ -108,7 +108,7 @@ def guided(name: str, seconds: float) -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0], allow_abbrev=False)
     parser.add_argument("surface", choices=[*SURFACES, "all"])
     parser.add_argument("--minutes", type=float, default=1.0, help="for each surface (default 1)")
     parser.add_argument("--guided", action="store_true", help="by coverage, with the package atheris; one surface")

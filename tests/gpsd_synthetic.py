@@ -114,7 +114,7 @@ def running(*arguments: str) -> Iterator[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
     parser.add_argument("--listen", default="127.0.0.1:0")
     parser.add_argument("--rate", type=float, default=10.0)
     parser.add_argument("--publish-hz", type=float, default=100.0)

@@ -121,7 +121,9 @@ def _golden(name):
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
+    )
     parser.add_argument("names", nargs="*", default=[""], metavar="NAME")
     parser.add_argument("-v", "--verbose", action="store_true", help="say which trace notices each")
     args = parser.parse_args()

@@ -100,7 +100,7 @@ def parts_list(built: Path) -> dict[str, object]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0], allow_abbrev=False)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--machines", action="store_true", help="also wheels for other machines; compare their bits")
     arguments = parser.parse_args()

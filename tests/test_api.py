@@ -3,6 +3,7 @@
 import csv
 import doctest
 import importlib
+import inspect
 import subprocess
 import sys
 
@@ -187,6 +188,59 @@ def test_the_public_names():
     assert set(imud.__all__) <= set(dir(imud))
     with pytest.raises(AttributeError):
         imud.nothing  # noqa: B018
+
+
+_COMMON = "settings=None initial=None frames='ned-frd'"
+_FILTER = f"rate_hz * {_COMMON} estimator=None"
+_PUBLIC = {
+    "attitude": f"t gyro accel temperature=None * {_COMMON} estimator='attitude' smooth=False",
+    "navigate": f"imu gnss aiding=None * {_COMMON} estimator='navigation' smooth=False",
+    "read": "paths",
+    "AttitudeFilter": _FILTER,
+    "AttitudeFilter.estimator": "",
+    "AttitudeFilter.step": "self t gyro accel temperature=None",
+    "NavigationFilter": _FILTER,
+    "NavigationFilter.estimator": "",
+    "NavigationFilter.step": "self t gyro accel temperature=None",
+    "NavigationFilter.aid": "self source **columns",
+    "NavigationFilter.fix": "self **columns",
+    "Solution": "records innovation_records origin frames='ned-frd'",
+    "Solution.frames": "",
+    "Solution.to_pandas": "self",
+    "Recording": "imu gnss estimates settings notes",
+    "Innovations": "t kind value sigma used",
+    **{f"Innovations.{name}": "" for name in ("t", "kind", "value", "sigma", "used", "count", "index")},
+    **{f"Solution.{name}_valid": "" for name in ("attitude", "heading", "position", "height")},
+    **{
+        f"Solution.{name}": ""
+        for name in (
+            *("t", "status", "at_rest", "q", "roll_deg", "pitch_deg", "yaw_deg", "sigma_rpy_deg", "lat_deg", "lon_deg"),
+            *("height_m", "sigma_position_m", "velocity_mps", "sigma_velocity_mps", "rate_radps", "force_mps2"),
+            *("gyro_bias_radps", "sigma_gyro_bias_radps", "accel_bias_mps2", "sigma_accel_bias_mps2", "innovations"),
+        )
+    },
+}
+
+
+def test_the_public_signatures():
+    """Nobody's call breaks by accident: names, parameters with their defaults, what is keyword-only."""
+
+    def parameters(function):
+        found = [str(p.replace(annotation=p.empty)) for p in inspect.signature(function).parameters.values()]
+        kinds = [p.kind for p in inspect.signature(function).parameters.values()]
+        if inspect.Parameter.KEYWORD_ONLY in kinds:
+            found.insert(kinds.index(inspect.Parameter.KEYWORD_ONLY), "*")
+        return " ".join(found)
+
+    found = {}
+    for name in imud.__all__:
+        public = getattr(imud, name)
+        found[name] = parameters(public)
+        if inspect.isclass(public):
+            for member in (member for member in dir(public) if not member.startswith("_")):
+                value = inspect.getattr_static(public, member)
+                found[f"{name}.{member}"] = parameters(value) if inspect.isfunction(value) else ""
+    assert found == _PUBLIC
 
 
 def test_importing_imud_imports_nothing_else():

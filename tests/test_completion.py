@@ -58,6 +58,7 @@ def test_zsh_gets_every_command(capsys):
         (["xyzzy"], "there is no command 'xyzzy'; there are run, demo,"),
         (["replay", "x.mcap", "-o", "y", "--inovations=z"], "did you mean --innovations?"),
         (["--prot", "/dev/ttyUSB0"], "did you mean --port?"),
+        (["replay", "x.mcap", "-o", "y", "--innov", "z"], "did you mean --innovations?"),
         (["run", "--qqq"], "unrecognized arguments: --qqq\n"),
     ],
 )

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from .. import __version__
 from ..errors import ImudError, InputOutputError
@@ -49,7 +49,12 @@ _EXTRAS = {  # package: extra
 
 
 class _Parser(argparse.ArgumentParser):
-    """An argument parser whose usage errors exit with 64 (EX_USAGE)."""
+    """An argument parser whose usage errors exit with 64 (EX_USAGE), and which takes options by their whole names only:
+    an abbreviation would change its meaning with the next option.
+    """
+
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__(**arguments, allow_abbrev=False)
 
     def error(self, message: str) -> NoReturn:
         self.print_usage(sys.stderr)

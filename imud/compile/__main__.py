@@ -35,7 +35,9 @@ def source(with_lines: bool) -> str:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m imud.compile", description="all kernels in one shared library")
+    parser = argparse.ArgumentParser(
+        prog="python -m imud.compile", description="all kernels in one shared library", allow_abbrev=False
+    )
     parser.add_argument("library", type=Path)
     parser.add_argument("--c", type=Path, metavar="FILE", help="where to keep the C (default: nowhere)")
     parser.add_argument("--coverage", action="store_true", help="count the lines that run, for gcov")

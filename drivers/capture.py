@@ -1,29 +1,37 @@
 """Recordings: MCAP files with the bytes of ports exactly as they were read, and the connections of devices.
 
-Topics: `/raw/N` the bytes of port N, `/connections` which device streams on which port. The messages are in the order
-of the events. A truncated recording (a power cut) is read up to its last whole chunk; damaged chunks are left out.
+Topics: `/raw` the bytes of all ports, `/connections` which device streams on which port. The messages are in the order
+of the events. Recordings before version 2 of the format have JSON throughout, and `/raw/N` for each read of port N. A
+truncated recording (a power cut) is read up to its last whole chunk; damaged chunks are left out.
 """
 
+import itertools
 import math
 import mmap
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import msgspec
+import numpy as np
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, DataEnd, Message, Metadata, Schema, Statistics
 from mcap.stream_reader import StreamReader, breakup_chunk
+from numpy.typing import NDArray
 
 from .driver import GnssConfigured, ImuConfigured
 from .errors import CaptureError
+from .protobuf import Field, delimited, fields
 
 MAGIC = b"\x89MCAP0\r\n"
-RAW, CONNECTIONS = "/raw/", "/connections"
+READS, CONNECTIONS = "/raw", "/connections"
+_RAW, _JSON_READS = "/raw/", "imud.Raw"  # and the port, and the schema, in a recording before version 2
+_ORDERED = {CONNECTIONS, "/settings", "/aiding"}  # what was read before these must not come after them
+FORMAT = 2  # version of the messages; that of JSON was 1
 SESSION = "imud"  # name of the metadata record
 CHECKSUM = "crc32"  # in the metadata: of the other entries
 _CHECKSUM_BYTES = 4
@@ -37,6 +45,73 @@ class Raw(msgspec.Struct, frozen=True, omit_defaults=True):
     t_ns: int  # arrival, CLOCK_MONOTONIC
     data: bytes
     pulse_ns: int | None = None  # the receiver's last pulse per second before that, CLOCK_MONOTONIC; None: unknown
+
+
+@dataclass(frozen=True)
+class Reads:
+    """Reads of ports in their order. The arrays have one element for each; data has their bytes in sequence."""
+
+    port: NDArray[np.uint8]
+    t_ns: NDArray[np.int64]
+    size: NDArray[np.uint32]
+    pulse_ns: NDArray[np.int64]  # as in `Raw`; 0: unknown
+    data: bytes
+
+    @classmethod
+    def of(cls, reads: Sequence[tuple[int, Raw]]) -> "Reads":
+        """From ports and what was read from them."""
+        return cls(
+            np.array([port for port, _ in reads], np.uint8),
+            np.array([raw.t_ns for _, raw in reads], np.int64),
+            np.array([len(raw.data) for _, raw in reads], np.uint32),
+            np.array([raw.pulse_ns or 0 for _, raw in reads], np.int64),
+            b"".join(raw.data for _, raw in reads),
+        )
+
+    def encode(self) -> bytes:
+        """As a message of `READS_FIELDS`."""
+        columns = (self.port, self.t_ns, self.size) + ((self.pulse_ns,) if self.pulse_ns.any() else ())
+        numbers = (1, 2, 3, 5)[: len(columns)]
+        packed = (delimited(number, column.tobytes()) for number, column in zip(numbers, columns, strict=True))
+        return b"".join(packed) + delimited(4, self.data)
+
+    @classmethod
+    def decode(cls, message: bytes) -> "Reads":
+        """The other way round. Raises ValueError if it is something else."""
+        parts = {number: value for number, value in fields(message) if isinstance(value, bytes)}
+        port, t_ns, size = (
+            np.frombuffer(parts.get(i + 1, b""), f"<{kind}") for i, kind in enumerate(("u1", "i8", "u4"))
+        )
+        pulse_ns = np.frombuffer(parts[5], "<i8") if 5 in parts else np.zeros(len(port), np.int64)
+        data = parts.get(4, b"")
+        if not len(port) == len(t_ns) == len(size) == len(pulse_ns) or int(size.sum()) != len(data):
+            raise ValueError("its arrays do not fit each other")
+        return cls(port, t_ns, size, pulse_ns, data)
+
+    def runs(self) -> Iterator[tuple[int, "Reads"]]:
+        """The parts in which one port was read several times in sequence, each with that port."""
+        edges = [0, *(np.flatnonzero(np.diff(self.port)) + 1).tolist(), len(self.port)]
+        ends = [0, *np.cumsum(self.size, dtype=np.int64).tolist()]
+        for first, last in itertools.pairwise(edges):
+            if first < last:
+                k, data = slice(first, last), self.data[ends[first] : ends[last]]
+                yield int(self.port[first]), Reads(self.port[k], self.t_ns[k], self.size[k], self.pulse_ns[k], data)
+
+    def __iter__(self) -> Iterator[tuple[int, Raw]]:
+        at = 0
+        columns = (column.tolist() for column in (self.port, self.t_ns, self.size, self.pulse_ns))
+        for port, t_ns, size, pulse_ns in zip(*columns, strict=True):
+            yield port, Raw(t_ns, self.data[at : at + size], pulse_ns or None)
+            at += size
+
+
+READS_FIELDS = (
+    Field(1, "port", "bytes", about="number of the port of each read"),
+    Field(2, "t_ns", "sfixed64", True, "its arrival, CLOCK_MONOTONIC of the host, ns"),
+    Field(3, "size", "fixed32", True, "how many bytes of `data`; 0: the line had become silent"),
+    Field(4, "data", "bytes", about="the bytes of all reads, one behind the other"),
+    Field(5, "pulse_ns", "sfixed64", True, "the receiver's last pulse per second before that; 0: unknown"),
+)
 
 
 class Connection(msgspec.Struct, frozen=True):
@@ -90,18 +165,25 @@ class Entry:
     log_ns: int
     data: bytes
 
-    @property
-    def port(self) -> int | None:
-        """The port whose bytes these are; None: the topic is not `/raw/N`."""
-        return int(self.topic[len(RAW) :]) if self.topic.startswith(RAW) else None
-
-    def raw(self) -> Raw:
-        """The message of a topic `/raw/N`, decoded. Raises ValueError if it is something else."""
-        return msgspec.json.decode(self.data, type=Raw)
+    def reads(self) -> Reads | None:
+        """The bytes of ports in it; None: it is on another topic. Raises ValueError if it is something else."""
+        if self.topic != READS:
+            return None
+        if self.schema == _JSON_READS:
+            return Reads.of(msgspec.json.decode(self.data, type=list[tuple[int, Raw]]))
+        return Reads.decode(self.data)
 
     def connection(self) -> Connection:
         """The message of the topic `CONNECTIONS`, decoded. Raises ValueError if it is something else."""
         return msgspec.json.decode(self.data, type=Connection)
+
+
+def _together(single: list[Entry]) -> Iterator[Entry]:
+    """The reads of a recording before version 2, a message each, in one, as it is today. Empties the list."""
+    if single:
+        texts = [b"[%s,%s]" % (entry.topic[len(_RAW) :].encode(), entry.data) for entry in single]
+        yield Entry(READS, _JSON_READS, single[0].log_ns, b"[%s]" % b",".join(texts))
+        single.clear()
 
 
 def _next_chunk(file: BinaryIO, after: int) -> int | None:
@@ -134,7 +216,8 @@ class Capture:
         for record in self._records():
             if isinstance(record, Metadata) and record.name == SESSION:
                 metadata = record.metadata
-                if metadata.get(CHECKSUM, checksum_of(metadata)) != checksum_of(metadata):
+                unchecked = "" if "format" in metadata else checksum_of(metadata)  # the oldest had no checksum
+                if metadata.get(CHECKSUM, unchecked) != checksum_of(metadata):
                     raise CaptureError(f"{self.path} is damaged: the checksum of its metadata is wrong")
             elif isinstance(record, Attachment):
                 if not self._is_whole(record):
@@ -181,6 +264,7 @@ class Capture:
                 self.broken = f"{self.path} is damaged: {record.message_count - n} messages cannot be read"
             if not isinstance(record, Chunk):
                 continue
+            single: list[Entry] = []
             for part in self._parts(record):
                 if isinstance(part, Schema):
                     schemas[part.id] = part.name
@@ -189,7 +273,14 @@ class Capture:
                 elif isinstance(part, Message) and part.channel_id in channels:
                     channel = channels[part.channel_id]
                     n += 1
-                    yield Entry(channel.topic, schemas.get(channel.schema_id, ""), part.log_time, part.data)
+                    entry = Entry(channel.topic, schemas.get(channel.schema_id, ""), part.log_time, part.data)
+                    if entry.topic.startswith(_RAW):
+                        single.append(entry)
+                        continue
+                    if entry.topic in _ORDERED:
+                        yield from _together(single)
+                    yield entry
+            yield from _together(single)
 
     def _parts(self, chunk: Chunk) -> list[Any]:
         try:

@@ -20,7 +20,7 @@ from .replay import DataError
 from .uart import BITS, Damage
 
 MAGIC = b"\x89MCAP0\r\n"
-_CONNECTIONS, _RAW = "/connections", "/raw/"
+_CONNECTIONS, _READS, _RAW = "/connections", "/raw", "/raw/"
 _LOOP_GAP_S = 0.01  # between the end of a lap and the next one
 _MODELS = {  # by driver: the emulated device for a model that begins like this
     "epson": {"M-G350": "g350", "M-G364": "g364", "M-G365": "g365", "M-G370": "g370"},
@@ -75,9 +75,14 @@ def read(path: Path) -> list[RecordedPort]:
             for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
                 if channel.topic == _CONNECTIONS:
                     _connect(path, ports, json.loads(message.data))
-                elif channel.topic.startswith(_RAW):
-                    _add(ports, int(channel.topic[len(_RAW) :]), json.loads(message.data))
-        except (McapError, struct.error, ValueError, KeyError, TypeError, binascii.Error) as error:
+                elif channel.topic == _READS:
+                    for number, t_ns, data in _reads(message.data):
+                        _add(ports, number, t_ns, data)
+                elif channel.topic.startswith(_RAW):  # before version 2
+                    said = json.loads(message.data)
+                    data = base64.b64decode(said["data"], validate=True)
+                    _add(ports, int(channel.topic[len(_RAW) :]), said["t_ns"], data)
+        except (McapError, struct.error, ValueError, IndexError, KeyError, TypeError, binascii.Error) as error:
             raise DataError(
                 f"{path} is damaged ({type(error).__name__}): what can be read of it plays with "
                 f"`imud run --port replay:{path}`"
@@ -98,9 +103,28 @@ def _connect(path: Path, ports: dict[int, RecordedPort], said: dict[str, Any]) -
         ports[said["port"]] = RecordedPort(path, device, model, polled, configured.get("rate_hz", 0.0))
 
 
-def _add(ports: dict[int, RecordedPort], number: int, said: dict[str, Any]) -> None:
-    if number in ports and said["data"]:
-        ports[number].chunks.append((said["t_ns"], base64.b64decode(said["data"], validate=True)))
+def _add(ports: dict[int, RecordedPort], number: int, t_ns: int, data: bytes) -> None:
+    if number in ports and data:
+        ports[number].chunks.append((t_ns, data))
+
+
+def _reads(message: bytes) -> Iterator[tuple[int, int, bytes]]:
+    """Port, arrival and bytes of each read of a message imud.v2.Reads, all of whose fields are of wire type 2."""
+    parts: dict[int, bytes] = {}
+    at = 0
+    while at < len(message):
+        number, at = message[at] >> 3, at + 1
+        size = shift = 0
+        while message[at] >= 0x80:
+            size, shift, at = size | (message[at] & 0x7F) << shift, shift + 7, at + 1
+        size, at = size | message[at] << shift, at + 1
+        parts[number] = message[at : at + size]
+        at += size
+    times, sizes = (struct.iter_unpack(code, parts.get(i, b"")) for i, code in ((2, "<q"), (3, "<I")))
+    at = 0
+    for port, (t_ns,), (size,) in zip(parts.get(1, b""), times, sizes, strict=True):
+        yield port, t_ns, parts.get(4, b"")[at : at + size]
+        at += size
 
 
 def choose(ports: list[RecordedPort], names: list[str], loop: bool) -> tuple[list[RecordedPort], Playback]:

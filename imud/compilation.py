@@ -62,7 +62,9 @@ def warm_replay(estimator: Estimator, settings: Settings) -> None:
     from .tables.estimates import EstimateWriter, estimate_cells
 
     solutions = np.zeros(1, SOLUTION)
-    Filter(estimator, settings, Initial(), _RATE_HZ).run(np.zeros(1, SAMPLE), solutions)
+    filter_ = Filter(estimator, settings, Initial(), _RATE_HZ)
+    filter_.run(np.zeros(1, SAMPLE), solutions)
+    list(InertialPipeline(*_scratch()[0], filter_).ingest_reads(b"", *np.zeros((2, 0), np.int64)))
     EstimateWriter(io.BytesIO(), 0).write(solutions)
     estimate_cells(solutions)
 

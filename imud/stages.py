@@ -19,7 +19,7 @@ from .compile.jit import inlined, kernel
 from .compile.system import call, records
 from .estimators import Estimator
 from .estimators.records import SOLUTION
-from .math.arrays import Records
+from .math.arrays import Integers, Records
 from .sensor_errors.calibration import CORRECTION, correct
 from .sensor_monitor.health import HEALTH, examine
 
@@ -63,6 +63,33 @@ def ingest(stream: Records, received: int, arrival_ns: int) -> int:
         s.newest = n - 1
         s.last_data_ns = arrival_ns
     return int(n)
+
+
+@entry
+def ingest_reads(
+    stream: Records, data: Integers, size: Integers, t_ns: Integers, place: Integers, samples: Records, out: Records
+) -> int:
+    """`ingest` recorded reads: their bytes one behind the other, how many each has, and when it came.
+
+    place: how many reads, and bytes, are done; is advanced. Samples and solutions are copied to `samples` and `out`, as
+    many as have room. Returns how many.
+    """
+    s = stream[0]
+    rx = records(s.rx, RX, BYTE)
+    new_samples, solutions = records(s.samples, BATCH, SAMPLE), records(s.solutions, BATCH, SOLUTION)
+    total = 0
+    while place[0] < len(size) and total + BATCH <= len(out):
+        received = size[place[0]]
+        for k in range(received):
+            rx[s.fill + k] = data[place[1] + k]
+        n = ingest(stream, received, t_ns[place[0]])
+        for k in range(n):
+            samples[total + k] = new_samples[k]
+            out[total + k] = solutions[k]
+        total += n
+        place[0] += 1
+        place[1] += received
+    return total
 
 
 @kernel

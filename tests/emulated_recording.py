@@ -5,7 +5,7 @@ import numpy as np
 from emulated import Emulated
 from scripted import run
 
-from imud.drivers.capture import Connection, Raw, to_builtins
+from imud.drivers.capture import READS, Connection, Raw, Reads, to_builtins
 from imud.drivers.detect import detect
 from imud.drivers.driver import Options
 from imud.drivers.registry import by_name
@@ -34,7 +34,7 @@ def record(path, signal, seconds, ideal=False, rate_hz=125.0, gap_s=(0.0, 0.0), 
         data = bytes(wire.outgoing)
         wire.outgoing.clear()
         if not gap_s[0] <= wire.now_s - begin < gap_s[1]:
-            file.write("/raw/0", _ns(wire), msgspec.json.encode(Raw(_ns(wire), data)))
+            file.write(READS, _ns(wire), Reads.of([(0, Raw(_ns(wire), data))]).encode())
     file.finish()
     return configured.identity
 

@@ -17,7 +17,7 @@ import msgspec
 
 from imud import client
 from imud.configuration.settings import Initial, Settings
-from imud.drivers.capture import Connection, Raw
+from imud.drivers.capture import READS, Connection, Raw, Reads
 from imud.drivers.registry import by_name
 from imud.errors import ConfigError, ImudError
 from imud.firmware_sim import fixes, ublox
@@ -150,7 +150,7 @@ def _recording() -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         file = RecordingFile(Path(folder) / "a", {"version": "0"}, msgspec.json.encode(Settings()), 0)
         file.write("/connections", 10**9, msgspec.json.encode(said))
-        file.write("/raw/0", 2 * 10**9, msgspec.json.encode(Raw(2 * 10**9, b"$GPGGA,\r\n")))
+        file.write(READS, 2 * 10**9, Reads.of([(0, Raw(2 * 10**9, b"$GPGGA,\r\n"))]).encode())
         file.finish()
         return (Path(folder) / "a").read_bytes()
 

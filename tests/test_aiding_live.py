@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 from processes import TIMEOUT_S, daemon, emulator
-from test_recording import stored
+from recorded import stored
 
 from imud.client import AidingSender
 from imud.configuration.settings import Initial

@@ -12,9 +12,10 @@ import msgspec
 import numpy as np
 import pytest
 from nmea_lines import gga
+from recorded import message
 
 from imud.commands import export
-from imud.drivers.capture import Connection, Raw
+from imud.drivers.capture import READS, Connection
 from imud.errors import BadDataError
 from imud.estimators.records import FIX, HEIGHT_VALID, POSITION_VALID, SOLUTION
 from imud.recording import tracks
@@ -29,7 +30,7 @@ def recorded(path, fixes):
     file.write("/connections", 0, msgspec.json.encode(said))
     for second in range(fixes):
         for t_ns, data in ((second * SECOND, gga(f"12000{second}.000")), (second * SECOND + SECOND // 2, b"")):
-            file.write("/raw/0", t_ns, msgspec.json.encode(Raw(t_ns, data)))
+            file.write(READS, t_ns, message(t_ns, data))
     file.finish()
     return path
 

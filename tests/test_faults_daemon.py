@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from processes import TIMEOUT_S, daemon, emulator
-from test_recording import stored
+from recorded import stored
 
 from imud.configuration.settings import Initial
 from imud.recording.messages import ESTIMATE_TABLE

@@ -7,6 +7,7 @@ import time
 import msgspec
 import pytest
 from processes import TIMEOUT_S
+from recorded import reads_of
 
 from imud.commands import main
 from imud.configuration.settings import Record, Settings
@@ -51,7 +52,7 @@ def test_a_client_begins_and_ends_recordings_in_the_folder(tmp_path):
     capture = Capture(path)
     messages = list(capture)
     assert capture.broken == ""
-    assert [m.raw().data for m in messages if m.port == 0] == [b"abc"]
+    assert [raw.data for raw in reads_of(path, 0)] == [b"abc"]
     assert [msgspec.json.decode(m.data)["text"] for m in messages if m.topic == "/events"] == ["something"]
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from processes import TIMEOUT_S, daemon, emulator
+from recorded import reads_of, stored
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
@@ -26,6 +27,7 @@ from imud.recording.player import Player
 from imud.recording.samples import read_samples
 from imud.recording.source import Recording, adapter, group
 
+EVERY = ("--set", "record.estimate_rate_hz=0", "--set", "record.sample_rate_hz=0")
 SCENARIO = ("--scenario", "car")
 
 
@@ -35,7 +37,7 @@ def recorded(tmp_path_factory):
     folder = tmp_path_factory.mktemp("recording")
     imu, gnss = folder / "imu", folder / "gnss"
     ports = ("--port", str(imu), "--port", str(gnss))
-    record = ("--record", str(folder / "drive.mcap"), "--set", "record.estimate_rate_hz=0")
+    record = ("--record", str(folder / "drive.mcap"), *EVERY)
     with emulator("g350", "nmea", *SCENARIO, links=[imu, gnss]), daemon(folder, *ports, *record) as imud:
         start = imud.until(lambda m: m["class"] == "EST" and "heading" in m["state"])["t_mono_ns"]
         imud.until(lambda m: m["class"] == "EST" and m["t_mono_ns"] > start + 3_000_000_000)
@@ -58,10 +60,6 @@ def replayed(recording, estimator=None):
     for entry in recording:
         player.take(entry)
     return [np.concatenate(rows) for rows in (steps, fixes, innovations)]
-
-
-def stored(path, table):
-    return table.rows([json.loads(entry.data) for entry in Capture(path) if entry.topic == table.topic])
 
 
 def command(*arguments):
@@ -250,7 +248,7 @@ def test_allan_and_its_like_read_the_samples_of_a_recording(recorded):
 def _bytes(path, kind):
     """All that the device of that kind said, and when each byte of it came."""
     port = next(device.port for device in Capture(path).devices() if device.kind == kind)
-    read = [entry.raw() for entry in Capture(path) if entry.port == port]
+    read = reads_of(path, port)
     return b"".join(raw.data for raw in read), np.repeat([raw.t_ns for raw in read], [len(raw.data) for raw in read])
 
 

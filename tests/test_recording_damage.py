@@ -6,10 +6,11 @@ import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from recorded import message
 
 from imud.commands import main
 from imud.configuration.settings import Gnss, Initial, Settings
-from imud.drivers.capture import Connection, Raw
+from imud.drivers.capture import READS, Connection
 from imud.drivers.errors import NotSerialError
 from imud.drivers.transport.portspec import PortSpec
 from imud.drivers.transport.replay import ReplayPort
@@ -39,7 +40,7 @@ def connection(**changes) -> bytes:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    readings = [("/raw/0", 10**9 * (i + 1), msgspec.json.encode(Raw(10**9 * (i + 1), SENTENCE))) for i in range(5)]
+    readings = [(READS, 10**9 * (i + 1), message(10**9 * (i + 1), SENTENCE)) for i in range(5)]
     messages = [("/connections", 10**9, connection()), *readings]
     return write(tmp_path_factory.mktemp("damage") / "whole.mcap", messages)
 

@@ -1,28 +1,38 @@
 """The writing of recordings: nothing is lost but what must be, nobody waits, and other people's readers agree."""
 
+import base64
+import dataclasses
 import json
+import math
 import os
 import re
 import signal
 import time
+import zlib
+from pathlib import Path
 
+import foxglove.messages
 import msgspec
 import numpy as np
 import pytest
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, unknown_fields
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from recorded import reads_of, stored
 
 from imud.configuration.settings import Record, Settings
-from imud.drivers.capture import MAGIC, Capture, Raw
+from imud.drivers.capture import FORMAT, MAGIC, Capture
 from imud.drivers.errors import CaptureError
 from imud.errors import CannotCreateError
 from imud.estimators.records import INNOVATION, SOLUTION
 from imud.recording import parts
-from imud.recording.messages import SCHEMAS, TABLES
+from imud.recording.messages import FIX_TABLE, SCHEMAS, TABLES
 from imud.recording.protocol import MessageKind
 from imud.recording.recorder import Recorder
 from imud.recording.writer import RecordingWriter
+
+OLD = Path(__file__).parent / "corpus/recordings/json.mcap"
 
 
 def settings(path, **record):
@@ -39,12 +49,17 @@ def writer(path, messages=None, **record):
     return RecordingWriter(start, (lambda *line: messages.append(line)) if messages is not None else lambda *line: None)
 
 
-def raws(path):
-    return [msgspec.json.decode(entry.data, type=Raw) for entry in Capture(path) if entry.topic.startswith("/raw")]
+def decoded(schema, message):
+    """By Google's own implementation."""
+    files = descriptor_pb2.FileDescriptorSet.FromString(schema.data)
+    pool = descriptor_pool.DescriptorPool()
+    for file in files.file:
+        pool.Add(file)
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name)).FromString(message)
 
 
 @given(st.data())
-def test_records_come_back_from_json_with_the_same_bits(data):
+def test_records_come_back_with_the_same_bits(data):
     for table in TABLES:
         rows = np.zeros(3, table.dtype)
         for name in table.dtype.names:
@@ -53,8 +68,11 @@ def test_records_come_back_from_json_with_the_same_bits(data):
                 rows[name] = data.draw(st.integers(-(2**62), 2**62))
             else:
                 rows[name] = data.draw(st.one_of(st.just(np.nan), st.floats(allow_nan=False, allow_infinity=False)))
-        read = table.rows([json.loads(msgspec.json.encode(entry)) for entry in table.objects(rows)])
-        assert read.tobytes() == rows.tobytes()
+        messages = table.encode(rows)
+        assert table.decode(messages).tobytes() == rows.tobytes()
+        for message, wanted in zip(messages, table.objects(rows), strict=True):
+            read = decoded(table.schema, message)
+            np.testing.assert_equal({name: _plain(getattr(read, name)) for name in wanted}, wanted)
 
 
 def test_what_is_read_from_ports_reaches_the_file_in_order_and_other_readers_see_it(tmp_path):
@@ -79,26 +97,34 @@ def test_what_is_read_from_ports_reaches_the_file_in_order_and_other_readers_see
             (channel, schema, message) for schema, channel, message in reader.iter_messages(log_time_order=False)
         ]
         assert {name for _, schema, _ in messages for name in [schema.name]} >= {
-            *("imud.Raw", "imud.Sample", "imud.Estimate", "imud.Fix", "imud.Innovation", "imud.Event"),
+            *(f"imud.v2.{name}" for name in ("Reads", "Sample", "Estimate", "Fix", "Innovation")),
+            "imud.Event",
             *("foxglove.LocationFix", "foxglove.FrameTransform"),
         }
         for channel, schema, message in messages:
-            assert channel.message_encoding == "json"
-            assert schema.encoding == "jsonschema"
-            properties = json.loads(schema.data)["properties"]
-            assert set(json.loads(message.data)) >= set(properties) - {"pulse_ns"}, channel.topic
+            if channel.message_encoding == "json":
+                assert schema.encoding == "jsonschema"
+                assert set(json.loads(message.data)) >= set(json.loads(schema.data)["properties"]), channel.topic
+            else:
+                assert channel.message_encoding == schema.encoding == "protobuf"
+                said = decoded(schema, message.data)
+                assert {field.name for field, _ in said.ListFields()} - {"pulse_ns"}, channel.topic
+                assert not unknown_fields.UnknownFieldSet(said)
         assert next(iter(reader.iter_metadata())).metadata["version"]
         attached = next(iter(reader.iter_attachments()))
         assert json.loads(attached.data)["ports"] == ["/dev/a", "/dev/b"]
-    found = [
-        (int(entry.topic[5:]), raw.t_ns, raw.data)
-        for entry in Capture(path)
-        if entry.topic.startswith("/raw")
-        for raw in [msgspec.json.decode(entry.data, type=Raw)]
-    ]
+    found = [(port, raw.t_ns, raw.data) for entry in Capture(path) for port, raw in entry.reads() or ()]
     assert found == wanted
-    verdict = next(json.loads(entry.data) for entry in Capture(path) if entry.topic == "/innovations")
-    assert (verdict["S"], verdict["sigma"], verdict["normalised"], verdict["verdict"]) == (4.0, 2.0, 1.5, "rejected")
+    by_topic = {
+        channel.topic: decoded(schema, message.data)
+        for channel, schema, message in messages
+        if schema.encoding == "protobuf"
+    }
+    verdict = by_topic["/innovations"]
+    assert (verdict.S, verdict.sigma, verdict.normalised, verdict.verdict) == (4.0, 2.0, 1.5, "rejected")
+    assert by_topic["/location"].timestamp.seconds > 1_600_000_000
+    q = by_topic["/tf"].rotation  # level and northward: FLU in ENU is turned by 90 deg about up
+    assert (q.w * q.z, q.x, q.y) == pytest.approx((0.5, 0.0, 0.0))
 
 
 def _samples(n):
@@ -129,7 +155,7 @@ def test_a_stalled_writer_does_not_delay_the_loop_and_its_gap_is_reported_once(t
         time.sleep(0.02)
         messages = [text for level, text in recorder.tick() if "whole again" in text]
     recorder.close()
-    assert len(raws(tmp_path / "drive.mcap")) == 400 - recorder.dropped
+    assert len(reads_of(tmp_path / "drive.mcap")) == 400 - recorder.dropped
 
 
 def test_the_death_of_a_writer_is_reported_and_does_no_harm(tmp_path):
@@ -153,28 +179,28 @@ def test_a_power_cut_and_damage_cost_no_more_than_what_they_hit(tmp_path):
     sizes = path.stat().st_size
     recording.take(MessageKind.RAW, 0, 999, b"never on the disk")
     whole = path.read_bytes()[:sizes]
-    assert [raw.t_ns for raw in raws(path)] == list(range(500))
+    assert [raw.t_ns for raw in reads_of(path)] == list(range(500))
     cut = tmp_path / "cut.mcap"
     before = 0
     for end in range(len(MAGIC), sizes + 1, 97):
         for tail in (b"", bytes(300)):  # a file system may leave zeros
             cut.write_bytes(whole[:end] + tail)
             capture = Capture(cut)
-            n = sum(entry.topic == "/raw/0" for entry in capture)
+            n = count(capture)
             assert n % 100 == 0
             assert "broke off" in capture.broken
         assert n >= before
         before = n
     recording.finish()
     capture = Capture(path)
-    assert sum(entry.topic == "/raw/0" for entry in capture) == 501
+    assert count(capture) == 501
     assert not capture.broken
     sound = path.read_bytes()
     second = sound.find(b"zstd", sound.find(b"zstd") + 1)  # the first chunk knows the channel
     for start in range(second, sizes, 41):
         cut.write_bytes(sound[:start] + bytes(5) + sound[start + 5 :])
         capture = Capture(cut)
-        n = sum(entry.topic == "/raw/0" for entry in capture)
+        n = count(capture)
         assert n == 501 or capture.broken, start
         assert n >= 400, (start, capture.broken)
     chunks = [place.start() for place in re.finditer(b"(?s)\\x06.{36}\\x04\\0\\0\\0zstd", sound)]
@@ -182,7 +208,11 @@ def test_a_power_cut_and_damage_cost_no_more_than_what_they_hit(tmp_path):
     for start in chunks[1:3]:
         lengths[start + 1 : start + 9] = b"\xff" * 8
     cut.write_bytes(lengths)
-    assert sum(entry.topic == "/raw/0" for entry in Capture(cut)) == 301
+    assert count(Capture(cut)) == 301
+
+
+def count(capture):
+    return sum(len(entry.reads().size) for entry in capture if entry.topic == "/raw")
 
 
 def test_a_file_that_is_no_recording_is_reported(tmp_path):
@@ -204,7 +234,7 @@ def test_files_change_at_their_size_and_the_oldest_go_for_the_budget(tmp_path, m
     assert not path.exists()
     assert path.with_name("drive.0001.mcap") not in left
     assert sum(file.stat().st_size for file in left) <= 9 * 2000 + 2 * 3000
-    times = [raw.t_ns for file in left for raw in raws(file)]
+    times = [raw.t_ns for file in left for raw in reads_of(file)]
     assert times == list(range(times[0], 40))
     assert any("removed" in text for _, text in messages)
     numbers = [Capture(file).session()[0]["part"] for file in left]
@@ -228,8 +258,8 @@ def test_a_full_disk_pauses_the_recording_until_there_is_space(tmp_path, monkeyp
     recording.commit()
     recording.take(MessageKind.RAW, 0, 4, b"after")
     recording.finish()
-    assert [raw.data for raw in raws(path)] == [b"before"]
-    assert [raw.data for raw in raws(path.with_name("drive.0001.mcap"))] == [b"after"]
+    assert [raw.data for raw in reads_of(path)] == [b"before"]
+    assert [raw.data for raw in reads_of(path.with_name("drive.0001.mcap"))] == [b"after"]
     assert [level for level, _ in messages] == ["info", "error", "info"]
     assert "No space left" in messages[1][1]
 
@@ -245,10 +275,59 @@ def test_paths_that_cannot_become_recordings_are_refused_at_once(tmp_path):
         Recorder(settings(tmp_path / "no" / "drive.mcap"))
 
 
-def test_the_schemas_are_json_schemas_of_objects():
-    for name, schema in SCHEMAS.items():
-        assert json.loads(schema)["title"] == name
-        assert json.loads(schema)["type"] == "object"
+def fields_of(descriptions):
+    """Names and numbers of the fields of each message in a FileDescriptorSet."""
+    messages = [m for file in descriptor_pb2.FileDescriptorSet.FromString(descriptions).file for m in file.message_type]
+    return {message.name: {field.name: field.number for field in message.field} for message in messages}
+
+
+def test_the_schemas_are_those_that_foxglove_knows():
+    for topic, name in (("/location", "LocationFix"), ("/tf", "FrameTransform")):
+        theirs = fields_of(getattr(foxglove.messages, name).get_schema().data)
+        for message, fields in fields_of(SCHEMAS[topic].data).items():
+            assert fields.items() <= theirs[message].items()
+
+
+def test_the_layouts_are_those_of_their_version():
+    """A table whose fields change needs another FORMAT, and a decoder of this one: there are recordings of it."""
+    assert FORMAT == 2
+    layouts = {
+        table.name: zlib.crc32(" ".join(f"{f.number} {f.name} {f.type} {f.repeated}" for f in table.fields).encode())
+        for table in TABLES
+    }
+    assert layouts == {
+        "Sample": 483166579,
+        "Estimate": 2117145648,
+        "Fix": 4202061429,
+        "Innovation": 3504081692,
+        "Clock": 1622399570,
+    }
+
+
+def test_a_recording_before_version_2_is_read():
+    """Its JSON as another reader sees it: the reads, and the rows of all tables."""
+    with OLD.open("rb") as file:
+        messages = make_reader(file).iter_messages(log_time_order=False)
+        said = [(channel.topic, json.loads(message.data)) for _, channel, message in messages]
+    raws = [(int(topic[5:]), entry) for topic, entry in said if topic.startswith("/raw/")]
+    wanted = [(port, entry["t_ns"], base64.b64decode(entry["data"])) for port, entry in raws]
+    assert [(port, raw.t_ns, raw.data) for entry in Capture(OLD) for port, raw in entry.reads() or ()] == wanted
+    assert len(wanted) > 900
+    for table in TABLES:
+        rows = stored(OLD, table)
+        objects = [m for topic, m in said if topic == table.topic]
+        assert len(rows) == len(objects) > 0
+        for row, entry in zip(table.objects(rows), objects, strict=True):
+            np.testing.assert_equal(row, {name: _plain(entry[name]) for name in row})
+    with pytest.raises(ValueError, match=r"the schema imud\.v9\.Fix on /gnss/fixes is not known"):
+        FIX_TABLE.read("imud.v9.Fix", [b""])
+
+
+def _plain(value):
+    """Lists of numbers; null is NaN."""
+    if isinstance(value, int | float):
+        return value
+    return math.nan if value is None else [_plain(number) for number in value]
 
 
 def test_a_daemon_that_leaves_without_hearing_the_writer_out_still_gets_a_whole_file(tmp_path):
@@ -260,5 +339,5 @@ def test_a_daemon_that_leaves_without_hearing_the_writer_out_still_gets_a_whole_
     time.sleep(0.2)  # "recording to …" waits to be read by then
     recorder.close()
     capture = Capture(path)
-    assert [entry.raw().data for entry in capture if entry.port == 0] == [b"abc"]
+    assert [raw.data for raw in reads_of(path, 0)] == [b"abc"]
     assert capture.broken == ""

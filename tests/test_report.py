@@ -231,8 +231,8 @@ def test_a_recording_gives_the_same_report_as_tables(clock, tmp_path):
         event = {"t_ns": 6_500_000_000, "level": "warning", "text": "the fixes are refused", "facts": {"hdop": "9"}}
         file.write("/events", event["t_ns"], msgspec.json.encode(event))
     for table, rows in tables:
-        for entry in table.objects(rows):
-            file.write(table.topic, entry["t_ns"], msgspec.json.encode(entry))
+        for row, message in zip(rows, table.encode(rows), strict=True):
+            file.write(table.topic, int(row["t_ns"]), message)
     file.finish()
     session = read([tmp_path / "drive.mcap"])
     assert session.estimates[0].columns["t_s"][:2] == pytest.approx([0.25, 0.35])

@@ -1,6 +1,5 @@
 """The emulator sends a recording's own bytes: in memory word for word, to a daemon as `imud replay` has them."""
 
-import base64
 import json
 
 import numpy as np
@@ -9,9 +8,9 @@ from emulated import REST, Emulated, device
 from emulated_recording import record
 from nmea_lines import gga
 from processes import TIMEOUT_S, daemon, emulator
+from recorded import message, reads_of
 from scripted import run
 
-from imud.drivers.capture import Capture
 from imud.drivers.detect import detect
 from imud.drivers.driver import Options
 from imud.drivers.registry import by_name
@@ -24,7 +23,7 @@ RATE_HZ = 125.0
 
 
 def received(path, port=0):
-    return [(entry.raw().t_ns, entry.raw().data) for entry in Capture(path) if entry.port == port]
+    return [(raw.t_ns, raw.data) for raw in reads_of(path, port)]
 
 
 def test_the_host_hears_the_recorded_bytes_when_it_starts_the_stream_each_time_anew(tmp_path):
@@ -97,8 +96,7 @@ def write(path, devices, request=None):
         file.write("/connections", 0, json.dumps(said).encode())
     for number, chunks in enumerate(devices.values()):
         for t_ns, data in chunks:
-            raw = {"t_ns": t_ns, "data": base64.b64encode(data).decode()}
-            file.write(f"/raw/{number}", t_ns, json.dumps(raw).encode())
+            file.write("/raw", t_ns, message(t_ns, data, number))
     file.finish()
 
 

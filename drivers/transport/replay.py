@@ -73,9 +73,8 @@ class ReplayPort:
     def _reads(self, recording: "capture.Capture", port: int, first_ns: int) -> Iterator["capture.Raw"]:
         """The reads of that port from then on."""
         for entry in recording:
-            if entry.port == port:
-                raw = entry.raw()
-                if raw.data and raw.t_ns >= first_ns:
+            for number, raw in entry.reads() or ():
+                if number == port and raw.data and raw.t_ns >= first_ns:
                     yield raw
 
     def _wait(self) -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from mcap.writer import CompressionType, Writer
 
-from imud.drivers.capture import CHECKSUM, SESSION, checksum_of
+from imud.drivers.capture import CHECKSUM, FORMAT, SESSION, checksum_of
 
-from .messages import SCHEMAS, schema_of
+from .messages import SCHEMAS
 
 _CHUNK_BYTES = 1 << 20
 
@@ -23,10 +23,10 @@ class RecordingFile:
         self._committed = 0
         self._writer = Writer(self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._channels: dict[str, int] = {}
-        self._schemas: dict[str, int] = {}
         self._count: dict[int, int] = {}
         try:
             self._writer.start(profile="imud", library=f"imud {facts['version']}")
+            facts = {"format": str(FORMAT), **facts}
             self._writer.add_metadata(SESSION, {**facts, CHECKSUM: checksum_of(facts)})
             self._writer.add_attachment(unix_ns, unix_ns, "settings.json", "application/json", settings)
             self.commit()
@@ -44,10 +44,9 @@ class RecordingFile:
         """A message, at the time by which viewers show it."""
         channel = self._channels.get(topic)
         if channel is None:
-            name = schema_of(topic)
-            if name not in self._schemas:
-                self._schemas[name] = self._writer.register_schema(name, "jsonschema", SCHEMAS[name])
-            channel = self._channels[topic] = self._writer.register_channel(topic, "json", self._schemas[name])
+            schema = SCHEMAS[topic]
+            number = self._writer.register_schema(schema.name, schema.schema_encoding, schema.data)
+            channel = self._channels[topic] = self._writer.register_channel(topic, schema.encoding, number)
         sequence = self._count[channel] = self._count.get(channel, -1) + 1
         self._writer.add_message(channel, unix_ns, data, unix_ns, sequence & 0xFFFFFFFF)
 

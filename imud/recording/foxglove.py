@@ -1,12 +1,39 @@
-"""Estimates for Foxglove's map and 3-D view: LocationFix, and FrameTransform from ENU to body FLU (REP-103)."""
+"""Estimates for Foxglove's map and 3-D view: LocationFix, and FrameTransform from ENU to body FLU (REP-103).
+
+https://github.com/foxglove/foxglove-sdk/tree/main/schemas/proto/foxglove
+"""
 
 import math
+from collections.abc import Sequence
 from typing import Any
+
+from imud.drivers.protobuf import Field, delimited, doubles, integer
 
 from ..estimators.records import ATTITUDE_VALID, HEIGHT_VALID, POSITION_VALID
 from .enu import ANTENNA, BODY, MAP, LocalMap, Vector, attitude, diagonal, world
 
 _APPROXIMATED, _DIAGONAL_KNOWN = 1, 2  # LocationFix
+_TIMESTAMP = {"google.protobuf.Timestamp": (Field(1, "seconds", "int64"), Field(2, "nanos", "int32"))}
+LOCATION_FIX: dict[str, Sequence[Field]] = _TIMESTAMP | {
+    "foxglove.LocationFix": (
+        *(Field(i, name, "double") for i, name in enumerate(("latitude", "longitude", "altitude"), 1)),
+        Field(4, "position_covariance", "double", True, "m^2, east north up, row-major"),
+        Field(5, "position_covariance_type", "int32", about="1: approximated, 2: the diagonal is known"),
+        Field(6, "timestamp", "google.protobuf.Timestamp"),
+        Field(7, "frame_id", "string"),
+    )
+}
+FRAME_TRANSFORM: dict[str, Sequence[Field]] = _TIMESTAMP | {
+    "foxglove.Vector3": tuple(Field(i, name, "double") for i, name in enumerate("xyz", 1)),
+    "foxglove.Quaternion": tuple(Field(i, name, "double") for i, name in enumerate("xyzw", 1)),
+    "foxglove.FrameTransform": (
+        Field(1, "timestamp", "google.protobuf.Timestamp"),
+        Field(2, "parent_frame_id", "string"),
+        Field(3, "child_frame_id", "string"),
+        Field(4, "translation", "foxglove.Vector3"),
+        Field(5, "rotation", "foxglove.Quaternion"),
+    ),
+}
 
 
 def _time(unix_ns: int) -> dict[str, int]:
@@ -57,3 +84,29 @@ def transform(estimate: dict[str, Any], unix_ns: int, plane: LocalMap) -> dict[s
         "translation": dict(zip("xyz", place, strict=True)),
         "rotation": {"x": x, "y": y, "z": z, "w": w},
     }
+
+
+def encoded_location(fix: dict[str, Any] | None) -> bytes | None:
+    """A LocationFix as a message; None: there is none. An altitude that is not known is NaN."""
+    if fix is None:
+        return None
+    altitude = math.nan if fix["altitude"] is None else fix["altitude"]
+    places = doubles(1, fix["latitude"]) + doubles(2, fix["longitude"]) + doubles(3, altitude)
+    covariance = doubles(4, *fix["position_covariance"]) + integer(5, fix["position_covariance_type"])
+    return places + covariance + delimited(6, _encoded_time(fix["timestamp"])) + delimited(7, fix["frame_id"])
+
+
+def encoded_transform(pose: dict[str, Any] | None) -> bytes | None:
+    """A FrameTransform as a message; None: there is none."""
+    if pose is None:
+        return None
+    frames = delimited(2, pose["parent_frame_id"]) + delimited(3, pose["child_frame_id"])
+    translation, rotation = (
+        b"".join(doubles(i, pose[name][axis]) for i, axis in enumerate(axes, 1))
+        for name, axes in (("translation", "xyz"), ("rotation", "xyzw"))
+    )
+    return delimited(1, _encoded_time(pose["timestamp"])) + frames + delimited(4, translation) + delimited(5, rotation)
+
+
+def _encoded_time(time: dict[str, int]) -> bytes:
+    return integer(1, time["sec"]) + integer(2, time["nsec"])

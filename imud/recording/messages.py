@@ -1,23 +1,27 @@
-"""The contents of a recording: topics, JSON schemas, and how records become JSON and back without loss.
+"""The contents of a recording: topics, schemas, and how records become messages and back without loss.
 
-Numbers are in SI units, radians, NED and body FRD; their names say so. NaN is null. Doubles are written so that they
-read back bit for bit.
+Rows of numbers are Protocol Buffers, what is rare is JSON. Numbers are in SI units, radians, NED and body FRD; their
+names say so.
 """
 
+import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 
-from imud.drivers.capture import CONNECTIONS, RAW
+from imud.drivers.capture import CONNECTIONS, FORMAT, READS, READS_FIELDS
+from imud.drivers.protobuf import BYTES, FIXED64, Field, delimited, description, doubles, tag, varint
 from imud.drivers.sample import SAMPLE
 
 from ..estimators.innovation_kinds import KINDS
 from ..estimators.records import FIX, INNOVATION, SOLUTION
 from ..math.arrays import Records
 from .clock_fit import CLOCK_FIT
+from .foxglove import FRAME_TRANSFORM, LOCATION_FIX
 
 SAMPLES, ESTIMATES, FIXES, CLOCK = "/imu/samples", "/estimate", "/gnss/fixes", "/imu/clock"
 INNOVATIONS, EVENTS, SETTINGS, LOCATION, POSE = "/innovations", "/events", "/settings", "/location", "/tf"
@@ -25,22 +29,65 @@ RECEIVER_LOCATION = "/gnss/location"  # live only: in a recording the fixes tell
 AIDING = "/aiding"
 
 
+class Schema(NamedTuple):
+    """Of the messages on a topic. encoding: of the messages; schema_encoding: of `data`, which describes them."""
+
+    name: str
+    encoding: str
+    schema_encoding: str
+    data: bytes
+
+
 @dataclass(frozen=True)
 class Table:
-    """Rows of `dtype` as JSON objects; names: of each field, and what it is."""
+    """Rows of `dtype` as messages; names: of each field, and what it is; more: fields behind them, for viewers only.
+
+    Every field is written, each number in 8 bytes, so that all messages have the same layout, and many rows are encoded
+    or decoded at once. A change of the fields needs another FORMAT.
+    """
 
     topic: str
-    schema: str
+    name: str
     dtype: np.dtype[np.void]
     names: dict[str, tuple[str, str]]
+    more: tuple[Field, ...] = ()
 
     def objects(self, rows: Records) -> list[dict[str, Any]]:
-        """One for each row."""
+        """A dictionary for each row."""
         keys = [name for name, _ in self.names.values()]
         return [dict(zip(keys, _listed(row), strict=True)) for row in rows.tolist()]
 
-    def rows(self, objects: list[dict[str, Any]]) -> Records:
-        """The other way round; null is NaN."""
+    def encode(self, rows: Records) -> list[bytes]:
+        """A message for each row, without `more`."""
+        layout = self._layout
+        messages = np.full(len(rows), layout, layout.dtype)
+        for field in self.names:
+            messages[field] = rows[field]
+        data, size = messages.tobytes(), layout.dtype.itemsize
+        return [data[at : at + size] for at in range(0, len(data), size)]
+
+    def decode(self, messages: Sequence[bytes]) -> Records:
+        """The other way round. Raises ValueError for what is no such message."""
+        layout = self._layout
+        size = layout.dtype.itemsize
+        read = np.frombuffer(b"".join([message[:size] for message in messages]), layout.dtype, len(messages))
+        if not all((read[name] == layout[name]).all() for name in layout.dtype.names or () if name not in self.names):
+            raise ValueError(f"it is no {self.schema.name}")
+        rows = np.zeros(len(read), self.dtype)
+        for field in self.names:
+            rows[field] = read[field]
+        return rows
+
+    def read(self, schema: str, messages: Sequence[bytes]) -> Records:
+        """Rows from the messages of a file, by the name of their schema there. Raises ValueError for another one."""
+        readers = {self.schema.name: self.decode, f"imud.{self.name}": self.decode_json}
+        if schema not in readers:
+            raise ValueError(f"the schema {schema} on {self.topic} is not known")
+        return readers[schema](messages)
+
+    def decode_json(self, messages: Sequence[bytes]) -> Records:
+        """The same of a recording before version 2; null is NaN."""
+        objects = [msgspec.json.decode(message) for message in messages]
         rows = np.zeros(len(objects), self.dtype)
         for field, (name, _) in self.names.items():
             kind = self.dtype[field].base
@@ -48,31 +95,56 @@ class Table:
             rows[field] = values if kind.kind == "i" else np.array(values, float).reshape(rows[field].shape)
         return rows
 
-    def json_schema(self) -> bytes:
-        properties = {name: _property(self.dtype[field], what) for field, (name, what) in self.names.items()}
-        return _schema(self.schema, properties)
+    @property
+    def fields(self) -> list[Field]:
+        """Of the messages."""
+        types = [("sfixed64" if kind.base.kind == "i" else "double", bool(kind.shape)) for kind in self._kinds]
+        named = zip(self.names.values(), types, strict=True)
+        own = [Field(i, name, kind, many, what) for i, ((name, what), (kind, many)) in enumerate(named, 1)]
+        return [*own, *self.more]
+
+    @functools.cached_property
+    def schema(self) -> Schema:
+        """Of its topic."""
+        return _protobuf({f"imud.v{FORMAT}.{self.name}": self.fields})
+
+    @property
+    def _kinds(self) -> list[np.dtype[Any]]:
+        return [self.dtype[field] for field in self.names]
+
+    @functools.cached_property
+    def _layout(self) -> Any:
+        """A message whose numbers are zero; before each of them stand the constant bytes of its field."""
+        parts: list[tuple[str, Any]] = []
+        constant = []
+        for i, (field, kind) in enumerate(zip(self.names, self._kinds, strict=True), 1):
+            before = tag(i, BYTES) + varint(kind.itemsize) if kind.shape else tag(i, FIXED64)
+            parts += [(f"{field} tag", f"V{len(before)}"), (field, kind)]
+            constant.append((f"{field} tag", before))
+        layout = np.zeros((), parts)
+        for name, before in constant:
+            layout[name] = np.void(before)
+        return layout
 
 
 def _listed(row: tuple[Any, ...]) -> list[Any]:
     return [value.tolist() if isinstance(value, np.ndarray) else value for value in row]
 
 
-def _property(kind: np.dtype[Any], what: str) -> dict[str, Any]:
-    number: dict[str, Any] = {"type": "integer" if kind.base.kind == "i" else ["number", "null"]}
-    if kind.shape:
-        n = kind.shape[0]
-        return {"type": "array", "items": number, "minItems": n, "maxItems": n, "description": what}
-    return number | {"description": what}
+def _protobuf(messages: dict[str, Sequence[Field]]) -> Schema:
+    """Of the last of these messages."""
+    return Schema(list(messages)[-1], "protobuf", "protobuf", description(messages))
 
 
-def _schema(title: str, properties: dict[str, Any]) -> bytes:
-    return msgspec.json.encode({"title": title, "type": "object", "properties": properties})
+def _json(name: str, properties: dict[str, Any]) -> Schema:
+    schema = msgspec.json.encode({"title": name, "type": "object", "properties": properties})
+    return Schema(name, "json", "jsonschema", schema)
 
 
 _T = ("t_ns", "CLOCK_MONOTONIC of the host, ns")
 SAMPLE_TABLE = Table(
     SAMPLES,
-    "imud.Sample",
+    "Sample",
     SAMPLE,
     {
         "t_ns": _T,
@@ -91,7 +163,7 @@ SAMPLE_TABLE = Table(
 )
 ESTIMATE_TABLE = Table(
     ESTIMATES,
-    "imud.Estimate",
+    "Estimate",
     SOLUTION,
     {
         "t_ns": _T,
@@ -118,7 +190,7 @@ ESTIMATE_TABLE = Table(
 )
 FIX_TABLE = Table(
     FIXES,
-    "imud.Fix",
+    "Fix",
     FIX,
     {
         "t_ns": ("t_ns", "epoch on CLOCK_MONOTONIC, ns"),
@@ -138,7 +210,7 @@ FIX_TABLE = Table(
 )
 INNOVATION_TABLE = Table(
     INNOVATIONS,
-    "imud.Innovation",
+    "Innovation",
     INNOVATION,
     {
         "t_ns": ("t_ns", "epoch of the measurement on CLOCK_MONOTONIC, ns"),
@@ -147,10 +219,16 @@ INNOVATION_TABLE = Table(
         "variance": ("S", "predicted variance of `value`"),
         "used": ("used", "1 fused, 0 rejected by its gate"),
     },
+    (
+        Field(6, "sigma", "double", about="square root of S; NaN: not known"),
+        Field(7, "normalised", "double", about="value / sigma; of a filter that is right its variance is 1"),
+        Field(8, "what", "string", about="the kind in words, with the unit of value and sigma"),
+        Field(9, "verdict", "string"),
+    ),
 )
 CLOCK_TABLE = Table(
     CLOCK,
-    "imud.Clock",
+    "Clock",
     CLOCK_FIT,
     {
         "t_ns": _T,
@@ -173,20 +251,15 @@ TABLES = (SAMPLE_TABLE, ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE, CLOCK_TABLE
 _ANY = {"type": "object"}
 _TEXT = {"type": "string"}
 _WHEN = {"type": "integer", "description": _T[1]}
-_VECTOR = {"type": "object", "properties": {axis: {"type": "number"} for axis in "xyz"}}
-_QUATERNION = {"type": "object", "properties": {axis: {"type": "number"} for axis in "xyzw"}}
-_TIME = {
-    "type": "object",
-    "title": "time",
-    "properties": {"sec": {"type": "integer", "minimum": 0}, "nsec": {"type": "integer", "minimum": 0}},
-}
 _THREE = {"type": "array", "items": {"type": ["number", "null"]}, "minItems": 3, "maxItems": 3}
-_NINE = {"type": "array", "items": {"type": "number"}, "minItems": 9, "maxItems": 9}
 
-SCHEMAS: dict[str, bytes] = {
-    **{table.schema: table.json_schema() for table in TABLES},
-    "imud.Raw": _schema("imud.Raw", {"t_ns": _WHEN, "data": {**_TEXT, "contentEncoding": "base64"}, "pulse_ns": _WHEN}),
-    "imud.Connection": _schema(
+SCHEMAS: dict[str, Schema] = {  # by topic
+    **{table.topic: table.schema for table in TABLES},
+    READS: _protobuf({f"imud.v{FORMAT}.Reads": READS_FIELDS}),
+    LOCATION: _protobuf(LOCATION_FIX),
+    RECEIVER_LOCATION: _protobuf(LOCATION_FIX),
+    POSE: _protobuf(FRAME_TRANSFORM),
+    CONNECTIONS: _json(
         "imud.Connection",
         {
             **{"t_ns": _WHEN, "port": {"type": "integer"}, "path": _TEXT, "streaming": {"type": "boolean"}},
@@ -194,8 +267,8 @@ SCHEMAS: dict[str, bytes] = {
             "repeated": {"type": "boolean"},
         },
     ),
-    "imud.Event": _schema("imud.Event", {"t_ns": _WHEN, "level": _TEXT, "text": _TEXT, "facts": _ANY}),
-    "imud.Measurement": _schema(
+    EVENTS: _json("imud.Event", {"t_ns": _WHEN, "level": _TEXT, "text": _TEXT, "facts": _ANY}),
+    AIDING: _json(
         "imud.Measurement",
         {
             **{"t_ns": {**_WHEN, "description": "epoch on CLOCK_MONOTONIC, ns"}, "arrival_ns": _WHEN},
@@ -204,54 +277,16 @@ SCHEMAS: dict[str, bytes] = {
             "sigma": {**_THREE, "description": "1 sigma of each; null: not known"},
         },
     ),
-    "imud.Settings": _schema("imud.Settings", {"t_ns": _WHEN, "settings": _ANY}),
-    "foxglove.LocationFix": _schema(
-        "foxglove.LocationFix",
-        {
-            "timestamp": _TIME,
-            "frame_id": _TEXT,
-            **{name: {"type": "number"} for name in ("latitude", "longitude")},
-            "altitude": {"type": ["number", "null"]},
-            "position_covariance": {**_NINE, "description": "m^2, east north up, row-major"},
-            "position_covariance_type": {"type": "integer"},
-        },
-    ),
-    "foxglove.FrameTransform": _schema(
-        "foxglove.FrameTransform",
-        {
-            "timestamp": _TIME,
-            "parent_frame_id": _TEXT,
-            "child_frame_id": _TEXT,
-            "translation": _VECTOR,
-            "rotation": _QUATERNION,
-        },
-    ),
-}
-TOPICS = {
-    **{table.topic: table.schema for table in TABLES},
-    CONNECTIONS: "imud.Connection",
-    EVENTS: "imud.Event",
-    SETTINGS: "imud.Settings",
-    AIDING: "imud.Measurement",
-    LOCATION: "foxglove.LocationFix",
-    RECEIVER_LOCATION: "foxglove.LocationFix",
-    POSE: "foxglove.FrameTransform",
+    SETTINGS: _json("imud.Settings", {"t_ns": _WHEN, "settings": _ANY}),
 }
 
 
-def schema_of(topic: str) -> str:
-    """Name of the schema of what is on the topic."""
-    return "imud.Raw" if topic.startswith(RAW) else TOPICS[topic]
-
-
-def innovation(entry: dict[str, Any]) -> dict[str, Any]:
-    """An innovation with what follows from it."""
-    variance = entry["S"]
-    known = variance is not None and variance > 0.0
-    return {
-        **entry,
-        "what": KINDS[entry["kind"]].words,
-        "sigma": math.sqrt(variance) if known else None,
-        "normalised": entry["value"] / math.sqrt(variance) if known else None,
-        "verdict": "used" if entry["used"] else "rejected",
-    }
+def innovation_messages(rows: Records) -> list[bytes]:
+    """Rows of INNOVATION, each with what follows from it."""
+    messages = []
+    for message, row in zip(INNOVATION_TABLE.encode(rows), rows, strict=True):
+        sigma = math.sqrt(row["variance"]) if row["variance"] > 0.0 else math.nan
+        more = doubles(6, sigma) + doubles(7, float(row["value"]) / sigma)
+        words = delimited(8, KINDS[int(row["kind"])].words) + delimited(9, "used" if row["used"] else "rejected")
+        messages.append(message + more + words)
+    return messages

@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from imud.drivers.capture import CONNECTIONS, Connection, Entry, Raw
+from imud.drivers.capture import CONNECTIONS, Connection, Entry, Raw, Reads
 from imud.drivers.fix import Fix
 from imud.drivers.registry import by_name
 
@@ -30,10 +30,8 @@ from .messages import AIDING, SETTINGS
 
 @dataclass
 class Replayed:
-    """A line in memory that gives the bytes of one read, at their time."""
+    """The line of a recorded sensor, whose bytes go to the pipeline without it."""
 
-    data: bytes = b""
-    arrival_ns: int = 0
     warning: str = ""
     counters: dict[str, int] = field(default_factory=dict)
     fd: int = -1
@@ -41,10 +39,7 @@ class Replayed:
 
     def receive(self, room: memoryview, now_ns: int) -> tuple[int, int]:
         """See `imud.drivers.transport.line.Line`."""
-        if len(self.data) > len(room):
-            raise BadDataError(f"a reading of {len(self.data)} bytes; no line reads more than {READ_BYTES} at once")
-        room[: len(self.data)] = self.data
-        return len(self.data), self.arrival_ns
+        return 0, now_ns
 
     def set_baud(self, baud: int) -> None:
         """Of no meaning here."""
@@ -133,8 +128,9 @@ class Player:
     def take(self, entry: Entry) -> None:
         """The next message. Raises BadDataError if it is not what its topic promises."""
         try:
-            if entry.port is not None:
-                self._raw(entry.port, entry.raw())
+            if (reads := entry.reads()) is not None:
+                for port, run in reads.runs():
+                    self._play(self._ports.get(port), run)
             elif entry.topic == CONNECTIONS:
                 self._connection(entry.connection())
             elif entry.topic == AIDING:
@@ -144,21 +140,26 @@ class Player:
         except (msgspec.DecodeError, ArithmeticError, KeyError, TypeError, ValueError) as error:
             raise BadDataError(f"a message on {entry.topic} cannot be understood: {error}") from error
 
-    def _raw(self, port: int, raw: Raw) -> None:
-        sensor, self.now_ns = self._ports.get(port), raw.t_ns
+    def _play(self, sensor: Inertial | Receiver | None, reads: Reads) -> None:
         if isinstance(sensor, Receiver):
-            self._pulse.pulse_ns = raw.pulse_ns
-            fixes = sensor.take(raw.data, raw.t_ns) if raw.data else sensor.flush(raw.t_ns)
-            for fix in fixes:
-                self.reported = sensor.used_last if fix is fixes[-1] else None
-                self._on_fix(fix)
-                self._update(fix)
-            self._measured(sensor)
+            for _, raw in reads:
+                self._receive(sensor, raw)
         elif sensor is not None:
-            self._line.data, self._line.arrival_ns = raw.data, raw.t_ns
-            if n := sensor.read(raw.t_ns):
-                self.samples += n
-                self._on_step(sensor.stream.samples[:n], sensor.stream.solutions[:n])
+            self.now_ns = int(reads.t_ns[-1])
+            if (reads.size > READ_BYTES).any():
+                raise ValueError(f"a reading of {reads.size.max()} bytes; no line reads more than {READ_BYTES} at once")
+            for samples, solutions in sensor.stream.ingest_reads(reads.data, reads.size, reads.t_ns):
+                self.samples += len(samples)
+                self._on_step(samples, solutions)
+
+    def _receive(self, receiver: Receiver, raw: Raw) -> None:
+        self.now_ns, self._pulse.pulse_ns = raw.t_ns, raw.pulse_ns
+        fixes = receiver.take(raw.data, raw.t_ns) if raw.data else receiver.flush(raw.t_ns)
+        for fix in fixes:
+            self.reported = receiver.used_last if fix is fixes[-1] else None
+            self._on_fix(fix)
+            self._update(fix)
+        self._measured(receiver)
 
     def _update(self, fix: Records) -> None:
         if self._selection.inertial is not None:

@@ -25,7 +25,7 @@ class Recording:
         """Raises UsageError, InputMissingError, BadDataError."""
         if util.find_spec("mcap") is None:
             raise UsageError("recordings need the package mcap: pip install 'imud[record]'")
-        from imud.drivers.capture import Capture
+        from imud.drivers.capture import FORMAT, Capture
         from imud.drivers.errors import CaptureError
 
         self.notes: list[str] = []
@@ -43,6 +43,10 @@ class Recording:
         self.paths = tuple(capture.path for capture in self._captures)
         self.path = self.paths[0]
         self.bytes = sum(path.stat().st_size for path in paths)
+        if (written := self._number(self.facts, "format")) > FORMAT:
+            raise BadDataError(
+                f"{self.path} was made by a newer imud (format {written}, this one knows {FORMAT}): update"
+            )
         numbers = [self._number(facts, "part") for _, facts, _ in known]
         if not self.facts:
             self.notes.append(f"{self.path} was not made by imud: there may be nothing in it that can be replayed")

@@ -16,13 +16,13 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from imud.drivers.capture import CONNECTIONS, RAW, Connection, Raw
+from imud.drivers.capture import CONNECTIONS, READS, Connection, Raw, Reads
 
 from ..configuration.settings import Record
 from . import parts
 from .enu import LocalMap
 from .file import RecordingFile
-from .foxglove import location, transform
+from .foxglove import encoded_location, encoded_transform, location, transform
 from .messages import (
     AIDING,
     CLOCK_TABLE,
@@ -30,12 +30,13 @@ from .messages import (
     EVENTS,
     FIX_TABLE,
     INNOVATION_TABLE,
+    INNOVATIONS,
     LOCATION,
     POSE,
     SAMPLE_TABLE,
     SETTINGS,
     Table,
-    innovation,
+    innovation_messages,
 )
 from .protocol import PACKET, STATE, MessageKind, items
 
@@ -44,6 +45,12 @@ _COMMIT_S = 1.0
 _RETRY_S = 5.0
 _STEP_NS = 500_000_000  # by so much the clock on the wall may differ until its step is followed
 _NICE = 5
+_READS_BYTES = 1 << 16  # of the ports, which become one message at most
+_ORDERED = {
+    MessageKind.CONNECTION,
+    MessageKind.SETTINGS,
+    MessageKind.MEASUREMENT,
+}  # a replay needs what was read before
 _encode = msgspec.json.encode
 
 
@@ -76,6 +83,8 @@ class RecordingWriter:
         self._offset_ns = time.time_ns() - time.monotonic_ns()
         self._connections: dict[int, Connection] = {}
         self._pulses: dict[int, int] = {}
+        self._reads: list[tuple[int, Raw]] = []
+        self._unwritten = 0  # bytes of them
         self._samples = Thinner(self._record.sample_rate_hz)
         self._estimates = Thinner(self._record.estimate_rate_hz)
         self._plane = LocalMap()
@@ -86,8 +95,13 @@ class RecordingWriter:
 
     def take(self, kind: int, port: int, t_ns: int, data: bytes) -> None:
         """An item of a packet."""
+        if kind in _ORDERED:
+            self._write_reads()
         if kind == MessageKind.RAW:
-            self._write(f"{RAW}{port}", t_ns, _encode(Raw(t_ns, data, self._pulses.pop(port, None))))
+            self._reads.append((port, Raw(t_ns, data, self._pulses.pop(port, None))))
+            self._unwritten += len(data)
+            if self._unwritten >= _READS_BYTES:
+                self._write_reads()
         elif kind == MessageKind.PULSE:
             self._pulses[port] = t_ns
         elif kind == MessageKind.SAMPLES:
@@ -99,8 +113,8 @@ class RecordingWriter:
         elif kind == MessageKind.CLOCK:
             self._rows(CLOCK_TABLE, np.frombuffer(data, CLOCK_TABLE.dtype))
         elif kind == MessageKind.INNOVATIONS:
-            for entry in INNOVATION_TABLE.objects(np.frombuffer(data, INNOVATION_TABLE.dtype)):
-                self._write(INNOVATION_TABLE.topic, t_ns, _encode(innovation(entry)))
+            for message in innovation_messages(np.frombuffer(data, INNOVATION_TABLE.dtype)):
+                self._write(INNOVATIONS, t_ns, message)
         elif kind == MessageKind.MEASUREMENT:
             self._write(AIDING, t_ns, data)
         elif kind == MessageKind.CONNECTION:
@@ -115,19 +129,26 @@ class RecordingWriter:
             self._file.discard()
             self._file = None
 
+    def _write_reads(self) -> None:
+        """What was read from the ports, before anything that must come after it."""
+        if self._reads:
+            self._write(READS, self._reads[0][1].t_ns, Reads.of(self._reads).encode())
+            self._reads.clear()
+            self._unwritten = 0
+
     def _rows(self, table: Table, rows: Any, t_ns: int | None = None) -> None:
-        for entry in table.objects(rows):
-            self._write(table.topic, t_ns or entry["t_ns"], _encode(entry))
+        for message, row_ns in zip(table.encode(rows), rows["t_ns"].tolist(), strict=True):
+            self._write(table.topic, t_ns or row_ns, message)
 
     def _solutions(self, rows: Any) -> None:
+        self._rows(ESTIMATE_TABLE, rows)
         for entry in ESTIMATE_TABLE.objects(rows):
             t_ns = entry["t_ns"]
             unix_ns = t_ns + self._offset_ns
-            self._write(ESTIMATE_TABLE.topic, t_ns, _encode(entry))
-            if (where := location(entry, unix_ns)) is not None:
-                self._write(LOCATION, t_ns, _encode(where))
-            if (pose := transform(entry, unix_ns, self._plane)) is not None:
-                self._write(POSE, t_ns, _encode(pose))
+            if (where := encoded_location(location(entry, unix_ns))) is not None:
+                self._write(LOCATION, t_ns, where)
+            if (pose := encoded_transform(transform(entry, unix_ns, self._plane))) is not None:
+                self._write(POSE, t_ns, pose)
 
     def _write(self, topic: str, t_ns: int, data: bytes) -> None:
         if self._file is not None:
@@ -175,6 +196,7 @@ class RecordingWriter:
         offset_ns = time.time_ns() - time.monotonic_ns()
         if abs(offset_ns - self._offset_ns) > _STEP_NS:
             self._offset_ns = offset_ns
+        self._write_reads()
         if self._file is None:
             if time.monotonic() >= self._retry_s:
                 self._open()
@@ -203,6 +225,7 @@ class RecordingWriter:
 
     def finish(self) -> None:
         """The end."""
+        self._write_reads()
         if self._file is not None:
             self._guard(lambda file: file.finish())
 

@@ -1,19 +1,19 @@
 """The server: the topics and schemas are those of a recording, so that a layout made for one shows the other."""
 
 import argparse
+import functools
 import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import foxglove
-import msgspec
 import numpy as np
 
 from imud.errors import CannotCreateError
 from imud.outputs.addresses import Address, is_local, listen
 from imud.process.signals import caught, endings
 from imud.recording.enu import LocalMap
-from imud.recording.foxglove import location, receiver_location, transform
+from imud.recording.foxglove import encoded_location, encoded_transform, location, receiver_location, transform
 from imud.recording.messages import (
     ESTIMATE_TABLE,
     ESTIMATES,
@@ -23,7 +23,6 @@ from imud.recording.messages import (
     POSE,
     RECEIVER_LOCATION,
     SCHEMAS,
-    TOPICS,
 )
 from imud.sensors.gnss import position_sigma
 
@@ -41,30 +40,35 @@ class Channels:
         self._channels = {
             topic: foxglove.Channel(
                 topic,
-                message_encoding="json",
-                schema=foxglove.Schema(name=TOPICS[topic], encoding="jsonschema", data=SCHEMAS[TOPICS[topic]]),
+                message_encoding=SCHEMAS[topic].encoding,
+                schema=foxglove.Schema(
+                    name=SCHEMAS[topic].name, encoding=SCHEMAS[topic].schema_encoding, data=SCHEMAS[topic].data
+                ),
                 context=self.context,
             )
             for topic in (ESTIMATES, LOCATION, POSE, FIXES, RECEIVER_LOCATION)
         }
 
-    def _send(self, topic: str, unix_ns: int, make: Callable[[], dict[str, Any] | None]) -> None:
+    def _send(self, topic: str, unix_ns: int, make: Callable[[], bytes | None]) -> None:
         channel = self._channels[topic]
         if channel.has_sinks() and (message := make()) is not None:
-            channel.log(msgspec.json.encode(message), log_time=unix_ns)
+            channel.log(message, log_time=unix_ns)
 
     def on_solution(self, solution: np.void, unix_ns: int) -> None:
         """A row of SOLUTION."""
-        (estimate,) = ESTIMATE_TABLE.objects(np.array([solution]))
-        self._send(ESTIMATES, unix_ns, lambda: estimate)
-        self._send(LOCATION, unix_ns, lambda: location(estimate, unix_ns))
-        self._send(POSE, unix_ns, lambda: transform(estimate, unix_ns, self._plane))
+        rows = np.array([solution])
+        (estimate,) = ESTIMATE_TABLE.objects(rows)
+        self._send(ESTIMATES, unix_ns, lambda: ESTIMATE_TABLE.encode(rows)[0])
+        self._send(LOCATION, unix_ns, lambda: encoded_location(location(estimate, unix_ns)))
+        self._send(POSE, unix_ns, lambda: encoded_transform(transform(estimate, unix_ns, self._plane)))
 
     def on_fix(self, fix: np.void, unix_ns: int, utc_ns: int | None) -> None:
         """A row of FIX."""
-        (reported,) = FIX_TABLE.objects(np.array([fix]))
-        self._send(FIXES, unix_ns, lambda: reported)
-        self._send(RECEIVER_LOCATION, unix_ns, lambda: receiver_location(reported, position_sigma(fix), unix_ns))
+        rows = np.array([fix])
+        (reported,) = FIX_TABLE.objects(rows)
+        self._send(FIXES, unix_ns, lambda: FIX_TABLE.encode(rows)[0])
+        place = functools.partial(receiver_location, reported, position_sigma(fix), unix_ns)
+        self._send(RECEIVER_LOCATION, unix_ns, lambda: encoded_location(place()))
 
     def on_status(self, status: Mapping[str, Any], unix_ns: int) -> None:
         """Nothing of it is sent."""

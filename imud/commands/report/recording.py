@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from imud.drivers.capture import Entry
 from imud.errors import BadDataError
 from imud.estimators.innovation_kinds import KINDS
 from imud.recording.messages import (
@@ -42,19 +43,20 @@ class _Collector:
         self._name = name
         self.origin_ns: int | None = None
         self.first_ns = self.last_ns = 0
-        self._undecoded: dict[str, list[Any]] = {table.topic: [] for table in _TABLES}
+        self._undecoded: dict[str, list[bytes]] = {table.topic: [] for table in _TABLES}
+        self._schemas: dict[str, str] = {}
         self._rows: dict[str, list[Records]] = {table.topic: [] for table in _TABLES}
         self.estimates, self.sensor = EstimateReduction(name), SensorReduction(name)
         self.events: list[tuple[int, str]] = []
 
-    def take(self, topic: str, data: bytes) -> None:
-        if topic == EVENTS:
-            self._event(msgspec.json.decode(data))
-        elif topic in self._undecoded:
-            undecoded = self._undecoded[topic]
-            undecoded.append(msgspec.json.decode(data))
+    def take(self, entry: Entry) -> None:
+        if entry.topic == EVENTS:
+            self._event(msgspec.json.decode(entry.data))
+        elif (undecoded := self._undecoded.get(entry.topic)) is not None:
+            undecoded.append(entry.data)
+            self._schemas[entry.topic] = entry.schema
             if len(undecoded) >= _BLOCK:
-                self._forward(_TABLES_BY_TOPIC[topic])
+                self._forward(_TABLES_BY_TOPIC[entry.topic])
 
     def finish(self) -> None:
         for table in _TABLES:
@@ -67,7 +69,7 @@ class _Collector:
             self.events.append((event["t_ns"], f"{event['text']} ({fields})" if fields else event["text"]))
 
     def _forward(self, table: Table) -> None:
-        rows = table.rows(self._undecoded[table.topic])
+        rows = table.read(self._schemas[table.topic], self._undecoded[table.topic])
         self._undecoded[table.topic].clear()
         if self.origin_ns is None:
             self.origin_ns = math.floor(rows["t_ns"][0] * 1e-9) * 1_000_000_000
@@ -104,7 +106,7 @@ def read_recording(path: Path, name: str, progress: Progress) -> Part:
     done = 0
     try:
         for entry in recording:
-            found.take(entry.topic, entry.data)
+            found.take(entry)
             if recording.read_bytes != done:
                 progress(recording.read_bytes - done)
                 done = recording.read_bytes

@@ -10,7 +10,17 @@ from dataclasses import dataclass
 VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5  # wire types
 _FIXED = {FIXED64: 8, FIXED32: 4}
 # of a description: type and whether it is repeated, by the words of a .proto file
-_TYPES = {"double": 1, "int64": 3, "int32": 5, "fixed32": 7, "string": 9, "message": 11, "bytes": 12, "sfixed64": 16}
+_TYPES = {
+    "double": 1,
+    "float": 2,
+    "int64": 3,
+    "int32": 5,
+    "fixed32": 7,
+    "string": 9,
+    "message": 11,
+    "bytes": 12,
+    "sfixed64": 16,
+}
 _OPTIONAL, _REPEATED = 1, 3
 
 
@@ -44,6 +54,11 @@ def doubles(number: int, *values: float) -> bytes:
     """A field of doubles: one, or a repeated one of several."""
     data = struct.pack(f"<{len(values)}d", *values)
     return tag(number, FIXED64) + data if len(values) == 1 else delimited(number, data)
+
+
+def single(number: int, value: float) -> bytes:
+    """A field float, in 4 bytes."""
+    return tag(number, FIXED32) + struct.pack("<f", value)
 
 
 def fields(data: bytes) -> Iterator[tuple[int, int | bytes]]:

@@ -1,5 +1,7 @@
 """What recordings hold, for tests of other things than their format."""
 
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+
 from imud.drivers.capture import Capture, Raw, Reads
 
 
@@ -18,3 +20,11 @@ def stored(path, table):
     """The rows of a table in a recording."""
     entries = [entry for entry in Capture(path) if entry.topic == table.topic]
     return table.read(entries[0].schema if entries else table.schema.name, [entry.data for entry in entries])
+
+
+def decoded(name, description, message):
+    """A message in Protocol Buffers, decoded by Google's own implementation. description: a FileDescriptorSet."""
+    pool = descriptor_pool.DescriptorPool()
+    for file in descriptor_pb2.FileDescriptorSet.FromString(description).file:
+        pool.Add(file)
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(name)).FromString(message)

@@ -4,8 +4,8 @@ Oracle of the contents: the daemon's states as `imud.client` reads them from the
 """
 
 import asyncio
+import base64
 import contextlib
-import json
 import math
 import struct
 import subprocess
@@ -18,6 +18,7 @@ aiohttp = pytest.importorskip("aiohttp")
 pytest.importorskip("foxglove", reason="it needs the extra imud[foxglove]")
 
 from processes import TIMEOUT_S, daemon, process  # noqa: E402
+from recorded import decoded  # noqa: E402
 
 from imud import client  # noqa: E402
 from imud.commands.live import Decimator, fix_of, solution_of  # noqa: E402
@@ -59,7 +60,16 @@ class Viewer:
                     if message.type == aiohttp.WSMsgType.BINARY:
                         opcode, subscription, log_ns = MESSAGE.unpack_from(message.data)
                         assert opcode == 1
-                        yield self._topics[subscription], log_ns, json.loads(message.data[MESSAGE.size :])
+                        topic = self._topics[subscription]
+                        yield topic, log_ns, self._content(topic, message.data[MESSAGE.size :])
+
+
+    def _content(self, topic, data):
+        """Its fields by name; those that have fields themselves are messages."""
+        channel = self.channels[topic]
+        message = decoded(channel["schemaName"], base64.b64decode(channel["schema"]), data)
+        values = {field.name: getattr(message, field.name) for field in message.DESCRIPTOR.fields}
+        return {name: value if isinstance(value, int | float | str) or hasattr(value, "DESCRIPTOR") else list(value) for name, value in values.items()}
 
 
 @contextlib.asynccontextmanager
@@ -78,12 +88,12 @@ def test_what_a_viewer_gets_are_the_daemons_states(tmp_path):
     async def watch(url, own):
         async with viewer(url) as one:
             assert {topic: channel["schemaName"] for topic, channel in one.channels.items()} == {
-                **{"/estimate": "imud.Estimate", "/gnss/fixes": "imud.Fix", "/tf": "foxglove.FrameTransform"},
+                **{"/estimate": "imud.v2.Estimate", "/gnss/fixes": "imud.v2.Fix", "/tf": "foxglove.FrameTransform"},
                 **{"/location": "foxglove.LocationFix", "/gnss/location": "foxglove.LocationFix"},
             }
             for channel in one.channels.values():
-                assert (channel["encoding"], channel["schemaEncoding"]) == ("json", "jsonschema")
-                assert json.loads(channel["schema"]) == json.loads(SCHEMAS[channel["schemaName"]])
+                assert (channel["encoding"], channel["schemaEncoding"]) == ("protobuf", "protobuf")
+                assert base64.b64decode(channel["schema"]) == SCHEMAS[channel["topic"]].data
             await one.subscribe(*one.channels)
             got = {topic: [] for topic in one.channels}
             states = {}

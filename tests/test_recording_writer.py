@@ -1,7 +1,6 @@
 """The writing of recordings: nothing is lost but what must be, nobody waits, and other people's readers agree."""
 
 import base64
-import dataclasses
 import json
 import math
 import os
@@ -15,11 +14,11 @@ import foxglove.messages
 import msgspec
 import numpy as np
 import pytest
-from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, unknown_fields
+from google.protobuf import descriptor_pb2, unknown_fields
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from recorded import reads_of, stored
+from recorded import decoded, reads_of, stored
 
 from imud.configuration.settings import Record, Settings
 from imud.drivers.capture import FORMAT, MAGIC, Capture
@@ -49,15 +48,6 @@ def writer(path, messages=None, **record):
     return RecordingWriter(start, (lambda *line: messages.append(line)) if messages is not None else lambda *line: None)
 
 
-def decoded(schema, message):
-    """By Google's own implementation."""
-    files = descriptor_pb2.FileDescriptorSet.FromString(schema.data)
-    pool = descriptor_pool.DescriptorPool()
-    for file in files.file:
-        pool.Add(file)
-    return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name)).FromString(message)
-
-
 @given(st.data())
 def test_records_come_back_with_the_same_bits(data):
     for table in TABLES:
@@ -71,7 +61,7 @@ def test_records_come_back_with_the_same_bits(data):
         messages = table.encode(rows)
         assert table.decode(messages).tobytes() == rows.tobytes()
         for message, wanted in zip(messages, table.objects(rows), strict=True):
-            read = decoded(table.schema, message)
+            read = decoded(table.schema.name, table.schema.data, message)
             np.testing.assert_equal({name: _plain(getattr(read, name)) for name in wanted}, wanted)
 
 
@@ -107,7 +97,7 @@ def test_what_is_read_from_ports_reaches_the_file_in_order_and_other_readers_see
                 assert set(json.loads(message.data)) >= set(json.loads(schema.data)["properties"]), channel.topic
             else:
                 assert channel.message_encoding == schema.encoding == "protobuf"
-                said = decoded(schema, message.data)
+                said = decoded(schema.name, schema.data, message.data)
                 assert {field.name for field, _ in said.ListFields()} - {"pulse_ns"}, channel.topic
                 assert not unknown_fields.UnknownFieldSet(said)
         assert next(iter(reader.iter_metadata())).metadata["version"]
@@ -116,7 +106,7 @@ def test_what_is_read_from_ports_reaches_the_file_in_order_and_other_readers_see
     found = [(port, raw.t_ns, raw.data) for entry in Capture(path) for port, raw in entry.reads() or ()]
     assert found == wanted
     by_topic = {
-        channel.topic: decoded(schema, message.data)
+        channel.topic: decoded(schema.name, schema.data, message.data)
         for channel, schema, message in messages
         if schema.encoding == "protobuf"
     }

@@ -315,10 +315,10 @@ class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     sample_rate_hz: Annotated[
         float,
         number(0.001, 1e4, "Hz", "Decoded samples per second; 0: all. Raw bytes are always complete.", or_zero=True),
-    ] = 10.0
+    ] = 5.0
     estimate_rate_hz: Annotated[
         float, number(0.001, 1e4, "Hz", "Estimates per second; 0: all. A replay computes them all.", or_zero=True)
-    ] = 10.0
+    ] = 5.0
     file_mb: Annotated[int, number(0, _MB_MAX, "MB", "A new file begins after so much; 0: never.")] = 1024
     file_s: Annotated[float, number(1.0, _YEAR_S, "s", "Or after so long; 0: never.", or_zero=True)] = 0.0
     budget_mb: Annotated[

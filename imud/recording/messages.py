@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from imud.drivers.capture import CONNECTIONS, FORMAT, READS, READS_FIELDS
-from imud.drivers.protobuf import BYTES, FIXED64, Field, delimited, description, doubles, tag, varint
+from imud.drivers.protobuf import BYTES, FIXED64, Field, delimited, description, single, tag, varint
 from imud.drivers.sample import SAMPLE
 
 from ..estimators.innovation_kinds import KINDS
@@ -220,8 +220,8 @@ INNOVATION_TABLE = Table(
         "used": ("used", "1 fused, 0 rejected by its gate"),
     },
     (
-        Field(6, "sigma", "double", about="square root of S; NaN: not known"),
-        Field(7, "normalised", "double", about="value / sigma; of a filter that is right its variance is 1"),
+        Field(6, "sigma", "float", about="square root of S; NaN: not known"),
+        Field(7, "normalised", "float", about="value / sigma; of a filter that is right its variance is 1"),
         Field(8, "what", "string", about="the kind in words, with the unit of value and sigma"),
         Field(9, "verdict", "string"),
     ),
@@ -286,7 +286,7 @@ def innovation_messages(rows: Records) -> list[bytes]:
     messages = []
     for message, row in zip(INNOVATION_TABLE.encode(rows), rows, strict=True):
         sigma = math.sqrt(row["variance"]) if row["variance"] > 0.0 else math.nan
-        more = doubles(6, sigma) + doubles(7, float(row["value"]) / sigma)
+        more = single(6, sigma) + single(7, float(row["value"]) / sigma)
         words = delimited(8, KINDS[int(row["kind"])].words) + delimited(9, "used" if row["used"] else "rejected")
         messages.append(message + more + words)
     return messages

@@ -289,7 +289,7 @@ def test_the_layouts_are_those_of_their_version():
         "Sample": 483166579,
         "Estimate": 2117145648,
         "Fix": 4202061429,
-        "Innovation": 3504081692,
+        "Innovation": 3849674721,
         "Clock": 1622399570,
     }
 

@@ -46,11 +46,12 @@ _RETRY_S = 5.0
 _STEP_NS = 500_000_000  # by so much the clock on the wall may differ until its step is followed
 _NICE = 5
 _READS_BYTES = 1 << 16  # of the ports, which become one message at most
-_ORDERED = {
+_ORDERED = {  # what was read from ports before these stays before them
     MessageKind.CONNECTION,
     MessageKind.SETTINGS,
     MessageKind.MEASUREMENT,
-}  # a replay needs what was read before
+    MessageKind.CLOCK,
+}
 _encode = msgspec.json.encode
 
 

@@ -63,13 +63,15 @@ class Viewer:
                         topic = self._topics[subscription]
                         yield topic, log_ns, self._content(topic, message.data[MESSAGE.size :])
 
-
     def _content(self, topic, data):
         """Its fields by name; those that have fields themselves are messages."""
         channel = self.channels[topic]
         message = decoded(channel["schemaName"], base64.b64decode(channel["schema"]), data)
         values = {field.name: getattr(message, field.name) for field in message.DESCRIPTOR.fields}
-        return {name: value if isinstance(value, int | float | str) or hasattr(value, "DESCRIPTOR") else list(value) for name, value in values.items()}
+        return {
+            name: value if isinstance(value, int | float | str) or hasattr(value, "DESCRIPTOR") else list(value)
+            for name, value in values.items()
+        }
 
 
 @contextlib.asynccontextmanager

@@ -21,6 +21,7 @@ EXTRAS = {  # file: what it may import that an extra brings
     "imud/commands/web/server.py": {"aiohttp"},
     "imud/commands/completion.py": {"shtab"},
     "imud/commands/foxglove/server.py": {"foxglove"},
+    "imud/commands/ros2/node.py": {"rclpy"},
     "imud/commands/web/limits.py": {"aiohttp"},
     **{path: {"mcap"} for path in RECORDING},
 }

@@ -193,13 +193,13 @@ def test_the_receivers_time(known, host_error_s):
     moment = datetime.datetime(2024, 2, 29, 0, 0, 2, 250_000, datetime.UTC)
     said = Fix(0, 2.25, moment.date() if known else None, 0.0, 0.0, None, None, 1, None, None, None, None)
     unix_ns = round((moment.timestamp() + host_error_s) * 1e9)
-    made = {topic: read(topic, data) for topic, _, data in Converter().of_fix(a_fix(), unix_ns, said)}
+    made = {topic: read(topic, data) for topic, _, data in Converter().of_fix(a_fix(), unix_ns, said.utc_ns(unix_ns))}
     reference = made["time_reference"]
     assert reference.time_ref.sec + 1e-9 * reference.time_ref.nanosec == moment.timestamp()
     assert reference.header.stamp.sec * SECOND + reference.header.stamp.nanosec == unix_ns
     assert reference.source == "gnss"
     silent = Fix(0, None, None, 0.0, 0.0, None, None, 1, None, None, None, None)
-    assert [topic for topic, _, _ in Converter().of_fix(a_fix(), 0, silent)] == ["fix"]
+    assert [topic for topic, _, _ in Converter().of_fix(a_fix(), 0, silent.utc_ns(0))] == ["fix"]
 
 
 def as_matrix(transform):

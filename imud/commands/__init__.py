@@ -19,6 +19,7 @@ COMMANDS = {
     "sim": "emulated sensors on pseudo-terminals",
     "web": "a live page of a running daemon, for the browser",
     "foxglove": "a running daemon in Foxglove, live: plots, map, 3D",
+    "ros2": "a running daemon as a node of ROS 2",
     "probe": "which device is on which port, at which baud rate",
     "sensor": "have a sensor find its zero, or change its baud rate",
     "status": "how a running daemon is; also for Prometheus",

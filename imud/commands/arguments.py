@@ -20,7 +20,7 @@ def add_live(parser: argparse.ArgumentParser) -> None:
         "--gpsd",
         default=Gpsd().listen,
         metavar="ADDRESS",
-        help="its gpsd socket, for the receiver's fixes: HOST:PORT or /path (default: %(default)s)",
+        help="its gpsd socket, for the receiver's fixes and the status: HOST:PORT or /path (default: %(default)s)",
     )
 
 

@@ -137,7 +137,15 @@ def of_filter(inertial: "Inertial | None", estimator: str) -> Table:
         **_named("sbg{}_dps", "xyz", s.sigma_bg),
         **_named("ba{}_mps2", "xyz", s.ba),
         **_named("sba{}_mps2", "xyz", s.sigma_ba),
+        **_named("antenna_{}_m", "xyz", inertial.stream.filter.settings.navigation.lever_arm_m if inertial else ()),
+        "sample": _sample_sigmas(inertial),
     }
+
+
+def _sample_sigmas(inertial: "Inertial | None") -> Table:
+    """What a sample is worth by the noise profile: `imud ros2` makes covariances of it."""
+    sigmas = inertial.sample_sigmas if inertial else (None, None)
+    return {name: dataclasses.asdict(s) for name, s in zip(("rate_radps", "force_mps2"), sigmas, strict=True) if s}
 
 
 def _named(form: str, names: Any, values: Any) -> Table:

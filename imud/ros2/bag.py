@@ -1,6 +1,6 @@
 """An MCAP file of the messages that `imud ros2` publishes live, made of a recording that is replayed."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -74,7 +74,8 @@ class Bag:
     def write_fix(self, fix: Records) -> None:
         """An array of one FIX."""
         self.fixes += 1
-        self._add(self._converter.of_fix(fix[0], self._unix_ns(fix[0]), self._player.reported))
+        unix_ns, reported = self._unix_ns(fix[0]), self._player.reported
+        self._add(self._converter.of_fix(fix[0], unix_ns, reported.utc_ns(unix_ns) if reported else None))
         self._diagnose()
 
     def _unix_ns(self, row: np.void) -> int:
@@ -90,7 +91,8 @@ class Bag:
         if self._filter is not None:
             parts.append(filter_diagnosis(self._filter.estimator.name, status_text(self._status)))
         for said, sensor in self._player.sensors():
-            values = {"path": said.path, "driver": said.driver, **sensor.properties(now_ns)}
+            said_of = {"path": said.path, "driver": said.driver, **sensor.properties(now_ns)}
+            values = {name: value for name, value in said_of.items() if not isinstance(value, Mapping)}
             identity = said.imu().identity if isinstance(sensor, Inertial) else said.gnss().identity
             hardware = " ".join(filter(None, (identity.model or identity.driver, identity.serial)))
             parts.append(Diagnosis(_NAMES[said.kind], sensor.faults(now_ns), hardware, values))

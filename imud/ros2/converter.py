@@ -5,8 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from imud.drivers.fix import Fix
-
 from ..recording.enu import ANTENNA, BODY, IMU, MAP, ODOM, Vector, body
 from ..sensors.gnss import position_sigma
 from . import messages
@@ -44,17 +42,18 @@ class Converter:
             yield Message("odometry", unix_ns, messages.odometry(solution, unix_ns, place, self.sigmas.gyro))
             yield Message("fix/filtered", unix_ns, messages.filtered_fix(solution, unix_ns))
 
-    def of_fix(self, fix: np.void, unix_ns: int, reported: Fix | None) -> Iterator[Message]:
-        """fix: a row of FIX; reported: the same as the receiver reported it, if that is known."""
+    def of_fix(self, fix: np.void, unix_ns: int, utc_ns: int | None) -> Iterator[Message]:
+        """fix: a row of FIX; utc_ns: the same instant by the receiver's clock; None: not known."""
         yield Message("fix", unix_ns, messages.receiver_fix(fix, unix_ns, position_sigma(fix)))
-        if reported is not None and (utc_ns := reported.utc_ns(unix_ns)) is not None:
+        if utc_ns is not None:
             yield Message("time_reference", unix_ns, messages.time_reference(unix_ns, utc_ns))
 
     def of_diagnoses(self, parts: Sequence[Diagnosis], unix_ns: int) -> Iterator[Message]:
         yield Message("/diagnostics", unix_ns, messages.diagnostics(unix_ns, parts))
 
-    def static(self, antenna_m: Vector, unix_ns: int) -> Message:
-        """antenna_m: from the inertial sensor, FRD."""
-        antenna = body(antenna_m), IDENTITY[1]
-        known = (BODY, IMU, IDENTITY), (BODY, ANTENNA, antenna)
+    def static(self, antenna_m: Vector | None, unix_ns: int) -> Message:
+        """antenna_m: from the inertial sensor, FRD; None: not known."""
+        known = [(BODY, IMU, IDENTITY)]
+        if antenna_m is not None:
+            known.append((BODY, ANTENNA, (body(antenna_m), IDENTITY[1])))
         return Message(STATIC, unix_ns, messages.transforms(unix_ns, known))

@@ -1,0 +1,35 @@
+"""`imud ros2`: a running daemon as a node of ROS 2. A process of its own, as `imud web`, and only a client."""
+
+import argparse
+import importlib.util
+
+from imud.errors import UsageError
+
+from ..arguments import add_live
+
+MISSING = (
+    "imud ros2 needs ROS 2's Python package {}, which is not on PyPI: install ROS 2 for this Python (Jazzy or newer: "
+    "`sudo apt install ros-jazzy-ros-base`, see docs.ros.org), and run `source /opt/ros/jazzy/setup.bash` before imud"
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_live(parser)
+    parser.add_argument(
+        "--ros-args",
+        nargs=argparse.REMAINDER,
+        default=[],
+        metavar="ARGUMENT",
+        help="for ROS 2, last: `-r __ns:=/car`, and parameters: `-p rate:=50.0` (of messages, Hz; default 100.0), "
+        "`-p publish_tf:=false`, `-p wheel_odometry:=TOPIC` (nav_msgs/Odometry whose forward speed aids the filter) "
+        "with `-p aiding:=PATH`, the daemon's `aiding.listen`, and `-p wheel_sigma:=0.1` (m/s; default 0.0: the "
+        "message's own)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    if importlib.util.find_spec("rclpy") is None:
+        raise UsageError(MISSING.format("rclpy"))
+    from .node import publish
+
+    return publish(args)

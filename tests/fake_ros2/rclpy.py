@@ -18,11 +18,11 @@ from rosbags.typesys import Stores, get_typestore
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 
 
-class InvalidParameterTypeException(Exception):
+class InvalidParameterTypeException(Exception):  # noqa: N818
     pass
 
 
-class ExternalShutdownException(Exception):
+class ExternalShutdownException(Exception):  # noqa: N818
     pass
 
 

@@ -1,13 +1,13 @@
 """`imud ros2`: a running daemon as a node of ROS 2. A process of its own, as `imud web`, and only a client."""
 
 import argparse
-import importlib.util
 
 from imud.errors import UsageError
 
 from ..arguments import add_live
 
-MISSING = (
+_PACKAGES = {"rclpy", "sensor_msgs", "nav_msgs", "tf2_msgs", "diagnostic_msgs"}
+_MISSING = (
     "imud ros2 needs ROS 2's Python package {}, which is not on PyPI: install ROS 2 for this Python (Jazzy or newer: "
     "`sudo apt install ros-jazzy-ros-base`, see docs.ros.org), and run `source /opt/ros/jazzy/setup.bash` before imud"
 )
@@ -28,8 +28,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    if importlib.util.find_spec("rclpy") is None:
-        raise UsageError(MISSING.format("rclpy"))
-    from .node import publish
+    try:
+        from .node import publish
 
-    return publish(args)
+        return publish(args)
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package not in _PACKAGES:
+            raise
+        raise UsageError(_MISSING.format(package)) from error

@@ -26,11 +26,10 @@ from imud.recording.enu import Vector
 from imud.ros2.converter import Converter, Message
 from imud.ros2.definitions import STATIC, TOPICS
 from imud.ros2.messages import Diagnosis, Sigmas, filter_diagnosis
-from imud.sensor_errors.profiles import SampleSigma
+from imud.sensor_errors.profiles import DEFAULT, PROFILES, SampleSigma, sample_sigmas
 
 from ..live import follow
 from ..status import nested
-from . import MISSING
 
 _DEPTH = 10  # messages that wait for a slow subscriber
 _PARAMETERS: dict[str, float | bool | str] = {  # and their defaults; `imud ros2 --help` explains them
@@ -40,16 +39,14 @@ _PARAMETERS: dict[str, float | bool | str] = {  # and their defaults; `imud ros2
     "aiding": "",
     "wheel_sigma": 0.0,
 }
+_FASTEST_HZ = 2000.0  # of sensors
 _TF = ("/tf", STATIC)
 
 
 def _class_of(kind: str) -> Any:
-    """The class of a message type, `package/msg/Name`. Raises UsageError."""
+    """The class of a message type, `package/msg/Name`. Raises ModuleNotFoundError."""
     package, _, name = kind.split("/")
-    try:
-        return getattr(importlib.import_module(f"{package}.msg"), name)
-    except ModuleNotFoundError as error:
-        raise UsageError(MISSING.format(package)) from error
+    return getattr(importlib.import_module(f"{package}.msg"), name)
 
 
 def sample_of(solution: np.void) -> np.void:
@@ -61,14 +58,13 @@ def sample_of(solution: np.void) -> np.void:
     return sample
 
 
-def sigmas_of(status: Mapping[str, Any]) -> Sigmas:
-    """What samples are worth, of the daemon's flat status; what it does not tell is not known."""
-
-    def sigma(name: str) -> SampleSigma | None:
-        known = {part: status.get(f"filter.sample.{name}.{part}") for part in ("white", "bias", "scale")}
-        return None if None in known.values() else SampleSigma(**known)
-
-    return Sigmas(sigma("rate_radps"), sigma("force_mps2"))
+def sigmas_of(status: Mapping[str, Any]) -> Sigmas | None:
+    """What samples are worth, of the daemon's flat status; None: it does not tell, as before the first sample."""
+    known = nested(status)["filter"].get("sample")
+    if known is None:
+        return None
+    rate, force = (known.get(name) for name in ("rate_radps", "force_mps2"))
+    return Sigmas(SampleSigma(**rate) if rate else None, SampleSigma(**force) if force else None)
 
 
 def antenna_of(status: Mapping[str, Any]) -> Vector | None:
@@ -94,11 +90,11 @@ def diagnoses_of(status: Mapping[str, Any]) -> list[Diagnosis]:
 
 
 class Publisher:
-    """Publishes the daemon's data. parameters: of the node."""
+    """Publishes the daemon's data on topics of the node; with_tf: also transforms."""
 
     def __init__(self, node: Any, with_tf: bool) -> None:
-        """Raises UsageError."""
         self._converter = Converter()
+        self._converter.sigmas = Sigmas(*sample_sigmas(PROFILES[DEFAULT], _FASTEST_HZ))  # until the daemon tells them
         self._antenna_m: Vector | None = None
         self._publishers: dict[str, Any] = {}
         for topic, kind in TOPICS.items():
@@ -125,7 +121,7 @@ class Publisher:
 
     def on_status(self, status: Mapping[str, Any], unix_ns: int) -> None:
         """The daemon's flat status."""
-        self._converter.sigmas = sigmas_of(status)
+        self._converter.sigmas = sigmas_of(status) or self._converter.sigmas
         if (antenna_m := antenna_of(status)) != self._antenna_m and antenna_m is not None:
             self._antenna_m = antenna_m
             self._publish([self._converter.static(antenna_m, unix_ns)])
@@ -171,7 +167,7 @@ def _spin(executor: Any) -> None:
 
 
 def publish(args: argparse.Namespace) -> int:
-    """Publish until SIGTERM or SIGINT. Raises UsageError."""
+    """Publish until SIGTERM or SIGINT. Raises UsageError, ModuleNotFoundError."""
     given = ["--ros-args", *args.ros_args] if args.ros_args else []
     rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     with ExitStack() as stack:

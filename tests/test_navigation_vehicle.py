@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators.ins import rest, stationarity
-from imud.estimators.ins.aiding import non_holonomic
+from imud.estimators.ins.aiding import forward_axis, non_holonomic
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import NAVIGATING, NHC_LEVER_ARM, STATES, TURN_SCALE
@@ -57,7 +57,8 @@ def travelled(heading_deg, velocity, speed_sigma=0.1, vehicle="auto", every_s=0.
         attitude = Rotation.from_euler("z", heading, degrees=True)
         c["nav"]["q_nb"], c["nav"]["v_n"] = np.roll(attitude.as_quat(), 1), attitude.apply(v)
         c["nav"]["t_ns"] = c["gnss"]["last_used_ns"] = int(1e9 * every_s * k)
-        non_holonomic.find_forward_axis(p[0], c)
+        if forward_axis.find_forward_axis(p[0], c):
+            non_holonomic.enable_nhc(p[0], c)
     return c
 
 
@@ -104,9 +105,9 @@ def test_velocities_from_before_the_heading_was_known_rotate_with_it():
     )
     back = Rotation.from_rotvec([0.0, 0.0, -psi])
     straight["nav"]["q_nb"] = np.roll((back * Rotation.from_quat(np.roll(q, -1))).as_quat(), 1)
-    non_holonomic.rotate_scatter(straight, -psi)  # as if the heading had been wrong by psi all the time
+    forward_axis.rotate_scatter(straight, -psi)  # as if the heading had been wrong by psi all the time
     assert np.abs(straight["nhc"]["velocity_scatter"] - spread).max() > 0.1 * np.abs(spread).max()
-    non_holonomic.rotate_scatter(straight, psi)
+    forward_axis.rotate_scatter(straight, psi)
     assert straight["nhc"]["velocity_scatter"] == pytest.approx(spread)
     turned = Rotation.from_quat(np.roll(q, -1)).inv().apply(v)  # the last velocity, in the body
     matrix = np.zeros((3, 3))

@@ -212,18 +212,6 @@ def second_order_psd(p: Parameters, c: Core, accel2: float) -> float:
 
 
 @kernel
-def learned_velocity_psd(c: Core) -> float:
-    """The learned part of the velocity's Q, m^2/s^3, in proportion to the vibration there is."""
-    return c.process_noise.psd[0] * c.stationarity.vibration_level
-
-
-@kernel
-def learned_attitude_psd(c: Core) -> float:
-    """The learned part of the attitude's Q, rad^2/s, in proportion to the vibration there is."""
-    return c.process_noise.psd[1] * c.stationarity.vibration_level
-
-
-@kernel
 def velocity_psd(p: Parameters, c: Core) -> float:
     """Q of the velocity, m^2/s^3: sensor noise, vibration, scale factors, and second-order effects of the heading."""
     a = c.imu.accel_n
@@ -236,7 +224,7 @@ def velocity_psd(p: Parameters, c: Core) -> float:
         )
     q = (
         p.accel_psd
-        + learned_velocity_psd(c)
+        + c.process_noise.psd[0] * c.stationarity.vibration_level  # learned
         + c.stationarity.vibration_accel_psd
         + p.accel_scale**2 * accel2 * p.tuning.accel_scale_time_s
     )
@@ -252,7 +240,7 @@ def attitude_psd(p: Parameters, c: Core, turn_rate: float) -> float:
     gyro_psd = max(p.gyro_psd, floor * floor * p.period / 3.0)  # the smallest deviation is that of noise
     return float(
         gyro_psd
-        + learned_attitude_psd(c)
+        + c.process_noise.psd[1] * c.stationarity.vibration_level  # learned
         + c.stationarity.vibration_gyro_psd
         + p.gyro_scale**2 * rate2 * p.tuning.gyro_scale_time_s
     )

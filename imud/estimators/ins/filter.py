@@ -19,10 +19,10 @@ from .fusion_horizon import (
     fit_acceleration,
     fusion_time,
     insert_measurement,
-    keep_bank,
     propagate_to_epoch,
     replay_to_newest,
     rewind_to,
+    store_bank,
     store_sample,
     store_snapshot,
     store_snapshot_if_due,
@@ -183,7 +183,7 @@ def fuse_stored(p: Parameters, s: State, e: StoredMeasurement, snapshots: int, i
     c = s.core[0]
     if e.kind != GNSS_FIX:
         return fuse_source(p, c, e.measurement, innovations)
-    keep_bank(s, e)
+    store_bank(s, e)
     set_noise(p, c, e.fix, s.last_epoch_ns == NEVER_NS)
     fit_acceleration(p, s, snapshots)
     late = c.nav.time_offset - 1e-9 * (e.fix.t_ns - c.nav.t_ns)  # s, the part that rewinding did not cover

@@ -82,7 +82,7 @@ def fusion_time(s: State, fix: Fix) -> int:
 
 
 @kernel
-def keep_bank(s: State, e: StoredMeasurement) -> None:
+def store_bank(s: State, e: StoredMeasurement) -> None:
     """Before a fix is fused: store the hypothesis bank, which only fixes change, for a rewind to a time before it."""
     s.banks[e.bank % BANKS] = s.bank[0]
     e.last_epoch_ns, e.last_time_offset, e.last_fusion_ns = s.last_epoch_ns, s.last_time_offset, s.last_fusion_ns

@@ -13,7 +13,8 @@ from imud.drivers.sample import NO_FORCE, NO_RATE, POWER_ON, RECONNECTED
 
 from ...compile.jit import kernel
 from ..tuning import Tunable
-from .aiding.non_holonomic import find_forward_axis, fuse_nhc, is_due
+from .aiding.forward_axis import find_forward_axis
+from .aiding.non_holonomic import enable_nhc, fuse_nhc, is_due
 from .aiding.zero_velocity import fuse_rest
 from .alignment.levelling import level_from_window
 from .alignment.modes import ATTITUDE_LOST, HEADING_KNOWN, change_mode
@@ -52,8 +53,8 @@ def end_window(p: Parameters, c: Core) -> None:
     if c.alignment.mode == COARSE_ALIGNMENT:
         if c.gnss.fix_count > 0 and c.alignment.heading_sigma > 0.0 and is_levelled(p, c):
             change_mode(p, c, HEADING_KNOWN)
-    else:
-        find_forward_axis(p, c)
+    elif find_forward_axis(p, c):
+        enable_nhc(p, c)
     clear_window(c)
 
 

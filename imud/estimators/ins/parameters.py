@@ -32,6 +32,7 @@ from . import (
     stationarity,
 )
 from .aiding import (
+    forward_axis,
     gnss_gate,
     gnss_noise,
     gnss_position,
@@ -80,6 +81,7 @@ TUNABLES = (
     *wheel_check.TUNABLES,
     *zero_velocity.TUNABLES,
     *non_holonomic.TUNABLES,
+    *forward_axis.TUNABLES,
     *nhc_noise.TUNABLES,
     *in_motion.TUNABLES,
     *heading_acceptance.TUNABLES,

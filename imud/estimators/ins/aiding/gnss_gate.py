@@ -103,11 +103,11 @@ def velocity_is_supported(p: Parameters, c: Core, fix: Fix) -> bool:
 
 
 @kernel
-def share_blame(p: Parameters, c: Core, excess: float) -> float:
-    """Inflate P for horizontal positions that are too far off, half of the `excess` variance (m^2) being blamed on it.
+def split_excess(p: Parameters, c: Core, excess: float) -> float:
+    """Inflate P for horizontal positions that are too far off, by half of the `excess` variance, m^2.
 
-    The estimate or the receiver is wrong; each is blamed with half, so that the next fix decides. The estimate may be
-    wrong by a burst of velocity noise since the last fix used, which correlates velocity and position. Returns the
+    The estimate or the receiver is wrong; each gets half of it, so that the next fix decides. The estimate may be wrong
+    by a burst of velocity noise since the last fix used, which correlates velocity and position. Returns the
     other half, m^2, which is the fix's; 0: a burst does not explain that much.
     """
     dt = 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)

@@ -20,7 +20,7 @@ from ..integrity.gnss_drift import detect_drift
 from ..lever_arm import antenna_position, attitude_row
 from ..mechanization import bounded_cosine, wrap_angle
 from ..state import ATTITUDE, GNSS_BIAS, NAVIGATING, POSITION, TIME_OFFSET
-from .gnss_gate import gate_height, gate_position, set_rejecting, share_blame
+from .gnss_gate import gate_height, gate_position, set_rejecting, split_excess
 from .gnss_noise import (
     learn_position_noise,
     lever_arm_rate_variance,
@@ -112,14 +112,16 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, late: float, innovation
     for i in range(3):
         z[i] += late * c.nav.v_n[i] - lever[i] - c.nav.gnss_bias[i]
     nis = max_nis(p, c, lever, extra, 0, 2)
-    blamed = share_blame(p, c, excess_variance(p, c, lever, extra)) if nis > p.tuning.gnss_position_gate else 0.0
-    horizontal = gate_position(p, c, fix, 1.0 if blamed > 0.0 else nis)
+    receiver_share = (
+        split_excess(p, c, excess_variance(p, c, lever, extra)) if nis > p.tuning.gnss_position_gate else 0.0
+    )
+    horizontal = gate_position(p, c, fix, 1.0 if receiver_share > 0.0 else nis)
     height = horizontal and gate_height(p, c, max_nis(p, c, lever, extra, 2, 3))
     for i in range(3):
         if not math.isfinite(z[i]):
             continue
         accepted = horizontal if i < 2 else height
-        r = c.gnss.noise_var[i // 2] + extra + (blamed if i < 2 else 0.0)
+        r = c.gnss.noise_var[i // 2] + extra + (receiver_share if i < 2 else 0.0)
         length, gate = position_jacobian(c, lever, i), NO_GATE if accepted else REJECT
         value, s, nis = fix_update(p, c, length, z[i], r, gate, i if i < 2 else -1)
         n = write_innovation(innovations, n, fix.t_ns, POSITION_N + i, value, s, accepted)

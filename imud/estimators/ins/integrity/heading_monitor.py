@@ -73,14 +73,14 @@ def monitor_heading(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> bool
             rotate_to_heading(p, c, psi, sigma)
             realign(p, c)
         else:
-            doubt_heading(p, c)
+            inflate_heading(p, c)
     elif known > p.tuning.max_heading_sigma**2 and accept_heading(p, c, found):
         realign(p, c)
     return True
 
 
 @kernel
-def doubt_heading(p: Parameters, c: Core) -> None:
+def inflate_heading(p: Parameters, c: Core) -> None:
     """The heading is contradicted, but no better one is known: inflate its variance, and let the next fixes decide.
 
     They confirm a right heading within seconds; a wrong one is contradicted again, until its sigma is too large.

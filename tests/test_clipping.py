@@ -42,6 +42,45 @@ def test_a_range_is_learned_from_two_plateaus_of_each_side():
     assert said == ("gyro x at the end of its range",)
 
 
+def ramped(plateau_s, steps=10):
+    """Samples of a body that begins to turn at RANGE about y in so many steps, and ends it after `plateau_s`."""
+    samples = swung(0.0)
+    begin, end = 500, 500 + round(plateau_s * RATE)
+    shape = np.interp(np.arange(len(samples)), [begin - steps, begin, end, end + steps], [0.0, RANGE, RANGE, 0.0])
+    samples["w"][:, 1] += shape
+    return samples, np.flatnonzero(shape == RANGE)
+
+
+def test_a_first_plateau_counts_as_clipped_while_it_lasts():
+    samples, plateau = ramped(0.3)
+    flagged = np.flatnonzero(flags_of(samples)[0] & LIMITED_RATE)
+    assert set(plateau[5:]) <= set(flagged) <= set(plateau)
+
+
+def test_a_machine_that_begins_to_turn_evenly_is_doubted_for_a_second():
+    samples, plateau = ramped(4.0)
+    flagged = np.flatnonzero(flags_of(samples)[0] & LIMITED_RATE)
+    assert flagged.max() <= plateau[0] + RATE
+    shock, _ = ramped(4.0, steps=1)
+    assert not flags_of(shock)[0].any()
+
+
+def test_hands_beyond_a_range_that_no_data_sheet_declares_are_seldom_wrong_and_sure():
+    """With a range from the second plateau on, and none of slow rises: wrong and sure for 4.6 of the 36 s."""
+    seconds = []
+    for seed in range(8):
+        truth = simulate(
+            40.0, 200.0, after(4.0, wobble(seed, 5.0, 1.0, 9.0)), after(4.0, wobble(seed + 9, 3.0, 1.0, 9.0))
+        )
+        w, f = measure(truth, Flaws(), np.random.default_rng(seed))
+        end = 0.7 * np.abs(w).max()
+        samples = samples_of(truth.t, np.clip(w, -end, end), f)
+        out, _ = replay(filter_of(samples), samples)
+        tilt, _ = errors_deg(out["q_nb"], truth.attitude)
+        seconds.append(((tilt > 5.0) & (tilt**2 > 16.0 * tilt_variance_deg2(out))).sum() / 200.0)
+    assert np.mean(seconds) < 1.5
+
+
 def test_a_reading_beyond_a_learned_range_shows_that_it_was_none():
     samples = swung(13.0, seconds=20.0)
     held = np.arange(len(samples)) < 10 * RATE

@@ -99,7 +99,7 @@ def new_health(profile: Profile, rate_hz: float) -> NDArray[np.void]:
     """A record (array of one HEALTH) for a sensor of this profile at `rate_hz`."""
     h = np.zeros(1, HEALTH)
     h["range"] = np.repeat((LATITUDE * profile.gyro_range, LATITUDE * profile.accel_range), 3)
-    h["clipping"], h["spikes"] = new_clipping(), new_spikes(rate_hz)
+    h["clipping"], h["spikes"] = new_clipping(rate_hz), new_spikes(rate_hz)
     h["units"] = new_units(rate_hz)
     h["clipping"]["floor"] = np.minimum(h["clipping"]["floor"], h["range"])
     h["promised"] = np.repeat((profile.gyro_noise, profile.accel_noise), 3) * math.sqrt(0.5 * rate_hz)

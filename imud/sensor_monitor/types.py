@@ -9,7 +9,11 @@ class Clipping:
     plateau: Tensor
     largest: Reals
     rising: Integers
+    steep: Reals
+    rise: Reals
     flat: Integers
+    single: Integers
+    single_samples: int
 
 
 class Spikes:

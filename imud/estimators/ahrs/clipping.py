@@ -19,6 +19,8 @@ from .error_model import add_attitude_variance
 if TYPE_CHECKING:
     from .types import Parameters, State
 
+SLOPE_KEPT = 0.9  # from one sample to the next: a range that is not known yet is noticed some samples after its end
+
 
 @kernel
 def cut_off_angle(slope: float, rate: float, time: float) -> float:
@@ -47,5 +49,5 @@ def bridge_clipping(p: Parameters, s: State, w: Vector, dt: float, flags: int) -
             if clip.time[i] > 0.0:
                 angle = cut_off_angle(0.5 * (clip.slope[i] + slope), abs(last), clip.time[i])
                 clip.bridge[i] += (angle if last > 0.0 else -angle) / dt
-            clip.time[i], clip.last_slope[i] = 0.0, slope
+            clip.time[i], clip.last_slope[i] = 0.0, max(slope, SLOPE_KEPT * clip.last_slope[i])
     return clip.bridge[0], clip.bridge[1], clip.bridge[2]

@@ -2,7 +2,7 @@
 
 A level sensor at rest shows f = (0, 0, -g): specific force, not gravity. Drivers write rows of a preallocated
 array of `SAMPLE`. `t_ns` is written later by the clock, which fits `tick` (counter wraps removed, lost samples counted)
-to the host's time; `outage_s` and the flags from NO_RATE to LIMITED_FORCE are written by
+to the host's time; `outage_s` and the flags of invalid and saturated axes are written by
 `imud/sensor_monitor/health.py`, POWER_ON and RECONNECTED by the pipeline.
 """
 
@@ -31,5 +31,6 @@ LIMITED_RATE = 32  # a gyro is saturated
 LIMITED_FORCE = 64  # an accelerometer is saturated
 POWER_ON = 128  # the sensor may have been switched on since the sample before: its biases may have changed
 LIMITED_AXES = 512  # the x axis of the gyro is saturated; y and z: shifted left by 1 and 2
+NO_RATE_AXES = 4096  # with NO_RATE: the x axis is invalid; y and z: shifted left by 1 and 2; none: all
 RECONNECTED = 256  # the first sample of a later connection: the sensor may have been moved since the one before
 UNUSABLE = SUSPECT | NO_RATE | NO_FORCE  # a part of the sample is invalid

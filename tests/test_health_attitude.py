@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from attitude_runs import tilt_variance_deg2
 from attitude_simulation import MG, Flaws, G, after, errors_deg, measure, simulate, wobble
 from broad import samples_of, solutions_of
 
@@ -84,3 +85,29 @@ def test_a_hand_that_shakes_the_sensor_by_three_g_does_not_cost_the_acceleromete
     error = errors_deg(out["q_nb"], truth.attitude)[0]
     assert np.sqrt(np.mean(error[at(start_s + 10.0) :] ** 2)) < 2.0  # 13 to 16 when it does
     assert (out["status"][at(start_s + 10.0) :] & ATTITUDE_VALID).all()
+
+
+@pytest.mark.parametrize("axes", [(0,), (1,), (2,), (0, 1, 2)])
+@pytest.mark.parametrize("seconds", [0.3, 1.0, 3.0])
+def test_axes_that_freeze_while_the_body_turns_are_seldom_wrong_and_sure(axes, seconds):
+    """A gyro whose noise is one resolution (BROAD's: 0.061 deg/s); all three: the accelerometer freezes, too."""
+    rate, wrong, tilts = 285.0, [], []
+    for seed in range(4):
+        truth = simulate(
+            40.0, rate, after(4.0, wobble(seed, 3.0, 0.5, 5.0)), after(4.0, wobble(seed + 9, 3.0, 1.0, 9.0))
+        )
+        w, f = measure(truth, Flaws(), np.random.default_rng(seed))
+        lsb = np.radians(0.061)
+        w = np.rint(w / lsb + 1.2 * np.random.default_rng(seed + 50).standard_normal(w.shape)) * lsb
+        samples = samples_of(truth.t, w, f + 0.02 * np.random.default_rng(seed + 70).standard_normal(f.shape))
+        for begin in (12.0, 25.0):
+            first, last = round(begin * rate), round((begin + seconds) * rate)
+            for axis in axes:
+                samples["w"][first:last, axis] = samples["w"][first, axis]
+                samples["f"][first : last if len(axes) == 3 else first, axis] = samples["f"][first, axis]
+        out = solutions_of(samples)
+        tilt, _ = errors_deg(out["q_nb"], truth.attitude)
+        wrong.append(((tilt > 5.0) & (tilt**2 > 16.0 * tilt_variance_deg2(out))).sum() / rate)
+        tilts.append(np.sqrt(np.mean(tilt**2)))
+    print(axes, seconds, np.round(wrong, 2), np.round(tilts, 2))
+    assert np.mean(wrong) < 0.5

@@ -22,7 +22,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from imud.drivers.sample import LIMITED_AXES, LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, SATURATED, SUSPECT
+from imud.drivers.sample import (
+    LIMITED_AXES,
+    LIMITED_FORCE,
+    LIMITED_RATE,
+    NO_FORCE,
+    NO_RATE,
+    NO_RATE_AXES,
+    SATURATED,
+    SUSPECT,
+)
 
 from ..compile.entry import entry
 from ..compile.jit import kernel
@@ -41,7 +50,7 @@ USUAL = 8  # times the longest hold
 BLOCK = 256  # samples from which noise is judged
 HOLD = 8  # equal samples that are worth a look, and spoil a block
 RESTLESS = BLOCK // 4  # bends to and fro in a block: of white noise three quarters of the samples
-FINE = 4.0  # resolutions: mean second difference of white noise of two resolutions, of which 20 equal are impossible
+FINE = 2.0  # resolutions: mean second difference of white noise of one resolution, of which 20 equal are impossible
 ZEROS = 3  # samples whose force is exactly nothing
 IMPOSSIBLE = 2.0  # times the range
 LATITUDE = 0.999  # of the range: scale factors are rounded
@@ -240,6 +249,8 @@ def mark(h: Health, sample: Any, findings: int) -> None:
             since = min(since, h.run_ns[i])
     if findings & _NO_RATE:
         sample.flags |= NO_RATE
+        if findings >> UNITS & 1 == 0:
+            sample.flags |= (findings >> FROZEN & _RATES) * NO_RATE_AXES
         since = min(since, h.informative_ns[0])
     if findings & _NO_FORCE:
         sample.flags |= NO_FORCE

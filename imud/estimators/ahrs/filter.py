@@ -18,7 +18,14 @@ from .last_sample import set_outage, store_sample
 from .levelling import coarse_level, forget_tilt, initialise_attitude, is_coarse, restart_after_gap, restart_imu
 from .mechanization import mechanize
 from .motion import update_scatter, update_travel
-from .outages import add_outage_noise, add_shock_noise, force_without_acceleration, hold_rate, mean_reading
+from .outages import (
+    add_outage_noise,
+    add_shock_noise,
+    force_without_acceleration,
+    hold_invalid_axes,
+    hold_rate,
+    mean_reading,
+)
 from .power_on import reopen_biases
 from .pseudo_measurements import add_truncation_noise, fuse_stationary, fuse_zero_position, fuse_zero_velocity
 from .quantization import examine_readings
@@ -47,7 +54,7 @@ def step(p: Parameters, s: State, sample: Sample, solution: Solution) -> None:
 def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
     """Integrate one sample, dt s after the last one (dt < 0: the first), and update the covariance when it is due.
 
-    Of a sample that the health monitor does not believe, the last rate is held and the force assumed to be gravity.
+    Of a sample that the health monitor does not believe, the last rates are held and the force assumed to be gravity.
     """
     c = p.tuning
     w = (
@@ -61,7 +68,7 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
     has_rate = sample.flags & (SUSPECT | NO_RATE) == 0 and math.isfinite(w[0] + w[1] + w[2])
     has_force = sample.flags & (SUSPECT | NO_FORCE) == 0 and math.isfinite(f[0] + f[1] + f[2])
     if not has_rate:
-        w = (s.imu.w[0], s.imu.w[1], s.imu.w[2])
+        w = hold_invalid_axes(s.imu.w, w, sample.flags)
         hold_rate(p, s, max(dt, 0.0), sample.outage_s)
     if not has_force:
         f = force_without_acceleration(p, s, max(dt, 0.0)) if has_rate else (s.imu.f[0], s.imu.f[1], s.imu.f[2])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from imud.drivers.sample import LIMITED_AXES, LIMITED_FORCE, LIMITED_RATE, SATURATED
+from imud.drivers.sample import LIMITED_AXES, LIMITED_FORCE, LIMITED_RATE, NO_RATE_AXES, SATURATED, SUSPECT
 
 from ...compile.jit import kernel
 from ...math.rotation import Vector, quat_rotate_back
@@ -20,6 +20,19 @@ if TYPE_CHECKING:
 def mean_reading(a: Reals, b: Vector) -> Vector:
     """The mean of the readings on both sides of a gap: the best guess of the values in it."""
     return 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
+
+
+@kernel
+def hold_invalid_axes(last: Reals, w: Vector, flags: int) -> Vector:
+    """The rates w of the axes that are valid, the last ones of the others."""
+    axes = flags // NO_RATE_AXES & 7
+    if flags & SUSPECT or axes == 0:
+        axes = 7
+    return (
+        last[0] if axes & 1 else w[0],
+        last[1] if axes & 2 else w[1],
+        last[2] if axes & 4 else w[2],
+    )
 
 
 @kernel

@@ -14,7 +14,7 @@ from .divergence import tilt_is_lost
 from .ekf import inject_error, update_sigmas
 from .error_model import propagate_covariance
 from .integrals import reset_integrals
-from .last_sample import set_outage, store_sample
+from .last_sample import set_outage, store_sample, update_mean_square_rate
 from .levelling import coarse_level, forget_tilt, initialise_attitude, is_coarse, restart_after_gap, restart_imu
 from .mechanization import mechanize
 from .motion import update_scatter, update_travel
@@ -91,6 +91,7 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
             restart_means(s, w, f)
         store_sample(s, w, f)
     if has_rate:
+        update_mean_square_rate(s, w, max(dt, 0.0) / c.velocity_scatter_time_s)
         set_outage(s, 0.0)
         examine_readings(p, s, (sample.w[0], sample.w[1], sample.w[2]))
     if s.levelling.initialised == 0 and has_force:

@@ -48,6 +48,12 @@ def update_force_change(s: State, f: Vector) -> float:
 
 
 @kernel
+def update_mean_square_rate(s: State, w: Vector, share: float) -> None:
+    """A good rate w is so much of the mean."""
+    s.imu.rate2 += min(share, 1.0) * ((w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) / 3.0 - s.imu.rate2)
+
+
+@kernel
 def set_outage(s: State, seconds: float) -> None:
     """The last rate has been held for so long."""
     s.imu.outage_s = seconds

@@ -40,12 +40,12 @@ def hold_rate(p: Parameters, s: State, dt: float, fault_s: float) -> None:
     """Hold the last rate for dt more.
 
     `fault_s`: for how long the sensor has been at fault, 0: it is not. A fault is detected late, and even the last rate
-    may be wrong.
+    may be wrong; that of a body in motion by as much as its rates lately were.
     """
     c, before = p.tuning, s.imu.outage_s
     held_s = before + dt
     if fault_s > 0.0:
-        add_noise(s, c.fault_rate_radps**2 * max(fault_s**2 - before**2, 0.0), 0.0)
+        add_noise(s, (c.fault_rate_radps**2 + s.imu.rate2) * max(fault_s**2 - before**2, 0.0), 0.0)
     if fault_s > held_s:
         attitude = c.gap_rate_psd * (fault_s**3 - held_s**3) / 3.0
         add_noise(s, attitude, c.fault_force_psd * (fault_s - held_s))

@@ -141,6 +141,7 @@ class Imu:
     f: Reals
     f_change: Reals
     outage_s: float
+    rate2: float
 
 
 class Integrals:

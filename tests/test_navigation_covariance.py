@@ -16,6 +16,7 @@ from imud.estimators.ins.state import (
     GNSS_BIAS,
     GNSS_VELOCITY_BIAS,
     GYRO_BIAS,
+    GYRO_SCALE,
     MOUNT_PITCH,
     MOUNT_YAW,
     NAVIGATING,
@@ -23,7 +24,6 @@ from imud.estimators.ins.state import (
     POSITION,
     STATES,
     TIME_OFFSET,
-    TURN_SCALE,
     VELOCITY,
     VELOCITY_TIME_OFFSET,
 )
@@ -46,7 +46,7 @@ def made(seed):
     c = s["core"][0, 0]
     scale = np.repeat(
         [2.0, 0.3, 0.02, 1e-3, 0.1, 2.0, 0.03, 0.1, 0.01, 0.5, 0.1, 0.02, 5.0, 0.05],
-        [3, 3, 3, 3, 3, 3, 2, 1, 3, 1, 1, 1, 1, 3],
+        [3, 3, 3, 3, 3, 3, 2, 1, 9, 1, 1, 1, 1, 3],
     )
     root = rng.standard_normal((STATES, STATES)) * scale[:, None]
     P = root @ root.T / STATES
@@ -75,7 +75,8 @@ def test_one_interval_is_that_of_the_matrix_exponential(seed):
     F[block(VELOCITY), block(ATTITUDE)] = -skew(force)
     F[block(VELOCITY), block(ACCEL_BIAS)] = -C
     F[block(ATTITUDE), block(GYRO_BIAS)] = -C
-    F[block(ATTITUDE), block(TURN_SCALE)] = -C * (C[2] @ c["imu"]["rate_b"])
+    for j, rate in enumerate(c["imu"]["rate_b"]):
+        F[block(ATTITUDE), block(GYRO_SCALE + 3 * j)] = -C * rate
     F[block(GNSS_BIAS), block(GNSS_BIAS)] = -np.eye(3) / tuning.gnss_bias_time_s
     velocity_bias = block(GNSS_VELOCITY_BIAS)
     F[velocity_bias, velocity_bias] = -np.eye(3) / tuning.gnss_velocity_bias_time_s
@@ -99,7 +100,7 @@ def test_one_interval_is_that_of_the_matrix_exponential(seed):
     q[velocity_bias] = 2.0 / tuning.gnss_velocity_bias_time_s * tuning.gnss_velocity_bias_sigma**2
     q[GNSS_VELOCITY_BIAS + 2] *= tuning.vertical_ratio**2
     q[[MOUNT_PITCH, MOUNT_YAW]] = tuning.mount_psd
-    q[block(TURN_SCALE)] = tuning.turn_scale_psd
+    q[block(GYRO_SCALE, 9)] = tuning.gyro_scale_psd
     q[NHC_LEVER_ARM] = tuning.nhc_lever_arm_psd
     phi = expm(F * dt)
     expected = phi @ P @ phi.T + np.diag(q) * dt

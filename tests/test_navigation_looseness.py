@@ -13,7 +13,7 @@ from imud.estimators.ins.aiding.non_holonomic import disable_nhc, enable_nhc
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.propagation import gap_variance
 from imud.estimators.ins.setup import start
-from imud.estimators.ins.state import ATTITUDE, GNSS_BIAS, STATES, TURN_SCALE
+from imud.estimators.ins.state import ATTITUDE, GNSS_BIAS, GYRO_SCALE, STATES
 from imud.math.kalman import scale, unpack
 
 PARAMETERS = configure(Settings(), 100.0).view(np.recarray)[0]
@@ -93,7 +93,7 @@ def test_a_wrong_constraint_inflates_the_covariance():
         scale(c["cov"]["P"], STATES, i, 0.1)
     disable_nhc(PARAMETERS, c, 4.0)
     doubted = np.diag(unpack(c["cov"]["P"], STATES))
-    bent = [*range(ATTITUDE, GNSS_BIAS), *range(TURN_SCALE, TURN_SCALE + 3)]
+    bent = [*range(ATTITUDE, GNSS_BIAS), *range(GYRO_SCALE, GYRO_SCALE + 9)]
     assert doubted[bent] == pytest.approx(began[bent])
     rest = np.setdiff1d(np.arange(STATES), bent)
     assert doubted[rest] == pytest.approx(0.01 * began[rest])

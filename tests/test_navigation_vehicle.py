@@ -11,7 +11,7 @@ from imud.estimators.ins import rest, stationarity
 from imud.estimators.ins.aiding import forward_axis, non_holonomic
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
-from imud.estimators.ins.state import NAVIGATING, NHC_LEVER_ARM, STATES, TURN_SCALE
+from imud.estimators.ins.state import GYRO_SCALE, NAVIGATING, NHC_LEVER_ARM, STATES
 from imud.math.kalman import unpack
 
 PARAMETERS = configure(Settings(), 100.0)[0]
@@ -25,10 +25,10 @@ def test_what_the_gyro_shows_too_much_in_turns_is_found(scale, cross):
     d.w = d.w + d.w[:, 2:] * (cross, 0.0, scale)
     _, _, s = navigate(sensed(d, rng), received(d, rng, sigma=0.5, late=0.2))
     c = s["core"][0, 0]
-    sigma = np.sqrt(np.diag(unpack(c["cov"]["P"], STATES))[TURN_SCALE : TURN_SCALE + 3])
+    sigma = np.sqrt(np.diag(unpack(c["cov"]["P"], STATES))[GYRO_SCALE + 6 : GYRO_SCALE + 9])
     assert sigma[2] < 0.003
-    assert (np.abs(c["nav"]["turn_scale"] - (cross, 0.0, scale)) < 4.0 * sigma).all()
-    assert c["nav"]["turn_scale"][2] == pytest.approx(scale, abs=0.003)
+    assert (np.abs(c["nav"]["gyro_scale"][6:] - (cross, 0.0, scale)) < 4.0 * sigma).all()
+    assert c["nav"]["gyro_scale"][8] == pytest.approx(scale, abs=0.003)
 
 
 @pytest.mark.parametrize("arm, swing, speed", [(1.6, 0.6, 8.0), (-0.8, 0.6, 8.0), (0.3, 2.0, 1.0), (1.6, 2.0, 4.0)])

@@ -26,6 +26,7 @@ from .state import (
     GNSS_BIAS,
     GNSS_VELOCITY_BIAS,
     GYRO_BIAS,
+    GYRO_SCALE,
     MOUNT_PITCH,
     MOUNT_YAW,
     NHC_LEVER_ARM,
@@ -33,7 +34,6 @@ from .state import (
     POSITION,
     STATES,
     TIME_OFFSET,
-    TURN_SCALE,
     VELOCITY,
     VELOCITY_TIME_OFFSET,
 )
@@ -173,7 +173,8 @@ def inject_error(p: Parameters, c: Core) -> None:
         n.bg[i] += x[GYRO_BIAS + i]
         n.ba[i] += x[ACCEL_BIAS + i]
         n.gnss_bias[i] += x[GNSS_BIAS + i]
-        n.turn_scale[i] += x[TURN_SCALE + i]
+    for k in range(9):
+        n.gyro_scale[k] += x[GYRO_SCALE + k]
     rotate_attitude(c, x[ATTITUDE], x[ATTITUDE + 1], 0.0)  # in the axes of the old heading, which may be far off
     rotate_attitude(c, 0.0, 0.0, x[ATTITUDE + 2])
     if c.nhc.enabled:

@@ -5,13 +5,13 @@ navigation axes; f is the specific force in body axes, C turns it into navigatio
 
     p' = v
     v' = phi x C f - C ba
-    phi' = -C (bg + turn_scale w_down)
-    bg', ba', turn_scale', mount_yaw', mount_pitch', nhc_lever_arm', odometer_scale', baro_offset' = noise
+    phi' = -C (bg + gyro_scale w)
+    bg', ba', gyro_scale', mount_yaw', mount_pitch', nhc_lever_arm', odometer_scale', baro_offset' = noise
     gnss_bias' = -gnss_bias / T + noise, gnss_velocity_bias' likewise
 
 Omitted, being below a hundredth of the errors that a MEMS sensor causes in minutes: Coriolis and frame rotation of the
-errors, and the change of gravity and of transport rate with them. Scale factors and misalignments have states
-(turn_scale) for turns about the vertical only; otherwise they are noise that grows with rate and acceleration.
+errors, and the change of gravity and of transport rate with them. Scale factors and misalignments of the gyros are
+gyro_scale; what changes with the rate beyond them, and those of the accelerometers, are noise that grows with it.
 
 `linearize` evaluates the blocks of the transition matrix, I + F over the interval; `propagate_covariance` applies it to
 P and adds Q (the odometer's and the barometer's are in their files); `apply_transition` applies it to error states.
@@ -28,10 +28,11 @@ from imud.drivers import elementary
 
 from ...compile.jit import kernel
 from ...math.earth import STANDARD_GRAVITY
-from ...math.kalman import packed_index, reset, scale, shear, shear3
+from ...math.kalman import reset, scale, shear, shear3
+from ...math.rotation import Vector
 from ..tuning import Tunable
 from .ekf import add_variance, combine3, variance
-from .mechanization import ned_to_body, rotate_attitude, rotation_matrix
+from .mechanization import rotate_attitude, rotation_matrix
 from .state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -39,12 +40,12 @@ from .state import (
     GNSS_BIAS,
     GNSS_VELOCITY_BIAS,
     GYRO_BIAS,
+    GYRO_SCALE,
     MOUNT_PITCH,
     MOUNT_YAW,
     NHC_LEVER_ARM,
     POSITION,
     STATES,
-    TURN_SCALE,
     VELOCITY,
 )
 
@@ -111,7 +112,7 @@ TUNABLES = (
     Tunable(
         "misalignment_over_scale", 0.35, "", "Misalignment over scale factor.", "M-G350 data sheet: 0.1 deg and 0.5 %."
     ),
-    Tunable("turn_scale_psd", 5e-5**2, "1/s", "Random walk of turn_scale, with temperature.", "0.3 % in an hour."),
+    Tunable("gyro_scale_psd", 5e-5**2, "1/s", "Random walk of gyro_scale, with temperature.", "0.3 % in an hour."),
     Tunable(
         "alignment_accel",
         0.3,
@@ -157,47 +158,60 @@ def apply_transition(u: Tensor, columns: int, transition: Transition) -> None:
         for i in range(3):
             for k in range(3):
                 u[VELOCITY + i, j] -= C_nb[3 * i + k] * dt * u[ACCEL_BIAS + k, j]
-                u[ATTITUDE + i, j] -= (
-                    C_nb[3 * i + k] * dt * u[GYRO_BIAS + k, j]
-                    + C_nb[3 * i + k] * transition.scaled_angle * u[TURN_SCALE + k, j]
-                )
+                rate_error = dt * u[GYRO_BIAS + k, j]
+                for n in range(3):
+                    rate_error += transition.scaled_angle[n] * u[GYRO_SCALE + 3 * n + k, j]
+                u[ATTITUDE + i, j] -= C_nb[3 * i + k] * rate_error
             u[GNSS_BIAS + i, j] *= transition.gnss_bias
             u[GNSS_VELOCITY_BIAS + i, j] *= transition.gnss_velocity_bias
 
 
 @kernel
-def reset_turn_scale(p: Parameters, c: Core) -> None:
-    """Set the covariance of turn_scale to its prior: a scale factor along the vertical, misalignments across it."""
-    down = ned_to_body(c, (0.0, 0.0, 1.0))
-    along, across = p.gyro_scale**2, (p.tuning.misalignment_over_scale * p.gyro_scale) ** 2
-    for i in range(3):
-        reset(c.cov.P, STATES, TURN_SCALE + i, across)
-    for i in range(3):
-        for k in range(i, 3):
-            c.cov.P[packed_index(STATES, TURN_SCALE + i, TURN_SCALE + k)] += (along - across) * down[i] * down[k]
+def reset_gyro_scale(p: Parameters, c: Core) -> None:
+    """Make gyro_scale independent of the other error states, with the sigmas of the profile."""
+    for k in range(9):
+        share = 1.0 if k % 4 == 0 else p.tuning.misalignment_over_scale
+        reset(c.cov.P, STATES, GYRO_SCALE + k, (share * p.gyro_scale) ** 2)
 
 
 @kernel
-def apply_turn_scale(p: Parameters, c: Core, transition: Transition) -> None:
-    """Correct the attitude by the gyro's error in a turn about the vertical, once the turn is large enough.
+def gyro_scale_error(c: Core, rotation: Vector) -> Vector:
+    """What the estimated scale factors and misalignments make of a rotation, or a rate, in body axes."""
+    x, y, z = rotation
+    k = c.nav.gyro_scale
+    return (
+        k[0] * x + k[3] * y + k[6] * z,
+        k[1] * x + k[4] * y + k[7] * z,
+        k[2] * x + k[5] * y + k[8] * z,
+    )
 
-    The turn is the integral of the rate itself, not of a smoothed one: a wrong axis has the effect of a tilt and of an
-    accelerometer bias, all fixed in the body, and a delayed turn would make them falsely distinguishable.
+
+@kernel
+def apply_gyro_scale(p: Parameters, c: Core, transition: Transition) -> None:
+    """Correct the attitude by the gyros' scale factors and misalignments, once the rotation is large enough.
+
+    The rotation is the integral of the rate itself, not of a smoothed one: a wrong axis has the effect of a tilt and of
+    an accelerometer bias, all fixed in the body, and a delayed turn would make them falsely distinguishable.
     """
-    c.imu.deferred_rotation += transition.turn_angle
-    angle, C_nb, k = c.imu.deferred_rotation, transition.rotation, c.nav.turn_scale
-    transition.scaled_angle = 0.0
-    if abs(angle) < p.tuning.min_scaled_turn:
+    angle, C_nb = c.imu.deferred_rotation, transition.rotation
+    for j in range(3):
+        angle[j] += c.imu.delta_theta[j]
+        transition.scaled_angle[j] = 0.0
+    if angle[0] ** 2 + angle[1] ** 2 + angle[2] ** 2 < p.tuning.min_scaled_turn**2:
         return
-    transition.scaled_angle = angle
-    x, y, z = k[0] * angle, k[1] * angle, k[2] * angle
+    x, y, z = gyro_scale_error(c, (angle[0], angle[1], angle[2]))
     rotate_attitude(
         c,
         -C_nb[0] * x - C_nb[1] * y - C_nb[2] * z,
         -C_nb[3] * x - C_nb[4] * y - C_nb[5] * z,
         -C_nb[6] * x - C_nb[7] * y - C_nb[8] * z,
     )
-    c.imu.deferred_rotation = 0.0
+    for j in range(3):
+        transition.scaled_angle[j] = angle[j]
+        for i in range(3):
+            k, turn = 3 * i, angle[j]
+            combine3(c, ATTITUDE + i, GYRO_SCALE + 3 * j, -C_nb[k] * turn, -C_nb[k + 1] * turn, -C_nb[k + 2] * turn)
+        angle[j] = 0.0
 
 
 @kernel
@@ -279,11 +293,7 @@ def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None
     for i in range(3):
         k = 3 * i
         shear3(P, STATES, ATTITUDE + i, GYRO_BIAS, -C_nb[k] * dt, -C_nb[k + 1] * dt, -C_nb[k + 2] * dt)
-    apply_turn_scale(p, c, transition)
-    if transition.scaled_angle != 0.0:
-        for i in range(3):
-            k, angle = 3 * i, transition.scaled_angle
-            combine3(c, ATTITUDE + i, TURN_SCALE, -C_nb[k] * angle, -C_nb[k + 1] * angle, -C_nb[k + 2] * angle)
+    apply_gyro_scale(p, c, transition)
     turn_rate = C_nb[6] * c.imu.rate_b[0] + C_nb[7] * c.imu.rate_b[1] + C_nb[8] * c.imu.rate_b[2]
     qa, decay = attitude_psd(p, c, turn_rate), transition.gnss_bias
     for i in range(3):
@@ -300,8 +310,10 @@ def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None
             ACCEL_BIAS + i,
             (p.accel_bias_psd + p.tuning.vibration_bias_walk**2 * c.stationarity.vibration_level) * dt,
         )
-        add_variance(c, TURN_SCALE + i, p.tuning.turn_scale_psd * dt)
-        c.imu.scale_error_rate[i] = c.nav.turn_scale[i] * turn_rate
+    rate, scale_error = c.imu.rate_b, c.imu.scale_error_rate
+    scale_error[0], scale_error[1], scale_error[2] = gyro_scale_error(c, (rate[0], rate[1], rate[2]))
+    for k in range(9):
+        add_variance(c, GYRO_SCALE + k, p.tuning.gyro_scale_psd * dt)
     add_variance(c, MOUNT_PITCH, p.tuning.mount_psd * dt)
     add_variance(c, MOUNT_YAW, p.tuning.mount_psd * dt)
     add_variance(c, NHC_LEVER_ARM, p.tuning.nhc_lever_arm_psd * dt)

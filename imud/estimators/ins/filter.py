@@ -13,7 +13,7 @@ from ..records import GNSS_FIX, POSITION_N
 from ..tuning import Tunable
 from .alignment.modes import HEADING_KNOWN, change_mode
 from .alignment.velocity_pairs import is_levelled
-from .error_model import reset_turn_scale
+from .error_model import reset_gyro_scale
 from .fusion import clear_innovations, propagate_errors, write_innovation
 from .fusion_horizon import (
     fit_acceleration,
@@ -106,7 +106,7 @@ def initialize(p: Parameters, c: Core, t_ns: int, w: Reals, f: Reals, rpy: Reals
         else:
             roll, pitch = 0.0, 0.0
     set_attitude(c, quat_of_euler(roll, pitch, yaw if math.isfinite(yaw) else 0.0))
-    reset_turn_scale(p, c)
+    reset_gyro_scale(p, c)
     if c.gnss.fix_count > 0 and c.alignment.heading_sigma > 0.0 and is_levelled(p, c):
         change_mode(p, c, HEADING_KNOWN)
 

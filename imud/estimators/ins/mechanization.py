@@ -207,6 +207,8 @@ def clear_biases(c: Core) -> None:
 
 @kernel
 def clear_sensor_errors(c: Core) -> None:
-    """Set nominal biases and turn_scale to zero."""
+    """Set nominal biases and gyro_scale to zero."""
     for i in range(3):
-        c.nav.bg[i] = c.nav.ba[i] = c.nav.turn_scale[i] = 0.0
+        c.nav.bg[i] = c.nav.ba[i] = 0.0
+    for k in range(9):
+        c.nav.gyro_scale[k] = 0.0

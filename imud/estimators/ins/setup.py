@@ -19,13 +19,13 @@ from .state import (
     GNSS_BIAS,
     GNSS_VELOCITY_BIAS,
     GYRO_BIAS,
+    GYRO_SCALE,
     NEVER_NS,
     ODOMETER_SCALE,
     POSITION,
     STATE,
     STATES,
     TIME_OFFSET,
-    TURN_SCALE,
     VELOCITY,
     VELOCITY_TIME_OFFSET,
 )
@@ -81,7 +81,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     sigmas[VELOCITY_TIME_OFFSET] = t["velocity_time_offset_sigma"]
     sigmas[BARO_OFFSET] = t["baro_offset_sigma"]
     sigmas[ODOMETER_SCALE] = t["odometer_scale_sigma"]
-    sigmas[TURN_SCALE : TURN_SCALE + 3] = p["gyro_scale"]
+    sigmas[GYRO_SCALE : GYRO_SCALE + 9] = p["gyro_scale"]
     c["alignment"]["mode"] = COARSE_ALIGNMENT
     c["nav"]["forward"] = (1.0, 0.0, 0.0)
     c["nav"]["lateral"] = (0.0, 1.0, 0.0)

@@ -1,6 +1,6 @@
 """The records of the navigation filter: one for each concern, and what a rewind restores.
 
-Error states are "true minus estimate", 31 of them, in the order of the table below. The attitude error is a small
+Error states are "true minus estimate", 37 of them, in the order of the table below. The attitude error is a small
 rotation phi in navigation axes, C_true = exp(phi) C.
 
 | error state            | unit    | what it is |
@@ -13,7 +13,7 @@ rotation phi in navigation axes, C_true = exp(phi) C.
 | GNSS_BIAS (3)          | m       | correlated error of the receiver's position, first-order Gauss-Markov, NED |
 | MOUNT_PITCH, MOUNT_YAW | rad     | of the vehicle's forward axis in the body |
 | TIME_OFFSET            | s       | by which a fix is older than its epoch says |
-| TURN_SCALE (3)         | rad/rad | gyro error per rate of turn about the vertical: the column of scale factor and misalignments that a vehicle's drive shows |
+| GYRO_SCALE (9)         | rad/rad | scale factors and misalignments of the gyros: error about each body axis per rate about x, then y, then z |
 | NHC_LEVER_ARM          | m       | of the sensor ahead of the point about which the vehicle turns |
 | VELOCITY_TIME_OFFSET   | s       | by which the receiver's velocity is older than its position |
 | ODOMETER_SCALE         |         | by which the odometer's reading is too large, as a share of the speed |
@@ -25,10 +25,10 @@ import numpy as np
 
 from ..records import FIX, INNOVATION, MEASUREMENT
 
-STATES = 31
+STATES = 37
 POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS, GNSS_BIAS = 0, 3, 6, 9, 12, 15
-MOUNT_PITCH, MOUNT_YAW, TIME_OFFSET, TURN_SCALE, NHC_LEVER_ARM, VELOCITY_TIME_OFFSET = 18, 19, 20, 21, 24, 25
-ODOMETER_SCALE, BARO_OFFSET, GNSS_VELOCITY_BIAS = 26, 27, 28
+MOUNT_PITCH, MOUNT_YAW, TIME_OFFSET, GYRO_SCALE, NHC_LEVER_ARM, VELOCITY_TIME_OFFSET = 18, 19, 20, 21, 30, 31
+ODOMETER_SCALE, BARO_OFFSET, GNSS_VELOCITY_BIAS = 32, 33, 34
 
 COARSE_ALIGNMENT, NAVIGATING = 0, 1  # modes: roll and pitch only, position from GNSS; everything
 FREE, AUTO, LAND = 0, 1, 2  # vehicle
@@ -61,7 +61,7 @@ NAV = np.dtype(  # the nominal state: time, and one value for each error state
         ("forward", "<f8", (3,)),  # unit vector of the vehicle's motion in the body
         ("lateral", "<f8", (3,)),  # unit vector across it, level
         ("time_offset", "<f8"),  # s, a fix is older than its epoch says by this
-        ("turn_scale", "<f8", (3,)),  # body, gyro error per rate of turn about the vertical
+        ("gyro_scale", "<f8", (9,)),  # gyro error about each body axis per rate about x, then y, then z
         ("nhc_lever_arm", "<f8"),  # m, by which the sensor is ahead of the axle without sideslip
         ("velocity_time_offset", "<f8"),  # s, the receiver's velocity is older than its position by this
         ("odometer_scale", "<f8"),  # the odometer's reading is too large by this share of the speed
@@ -96,10 +96,10 @@ IMU = np.dtype(  # the last sample, and what was integrated since the covariance
         ("integration_time", "<f8"),  # s
         ("delta_v", "<f8", (3,)),  # m/s, integral of specific force in NED
         ("delta_theta", "<f8", (3,)),  # rad, integral of the body's rate
-        ("deferred_rotation", "<f8"),  # rad, turned about the vertical without turn_scale, until it is notable
+        ("deferred_rotation", "<f8", (3,)),  # rad, body, turned without gyro_scale, until it is notable
         ("accel_n", "<f8", (3,)),  # m/s^2, smoothed acceleration in NED
         ("rate_b", "<f8", (3,)),  # rad/s, smoothed rate of the body
-        ("scale_error_rate", "<f8", (3,)),  # rad/s, turn_scale times the smoothed rate of turn: for the solution
+        ("scale_error_rate", "<f8", (3,)),  # rad/s, gyro_scale times the smoothed rate: for the solution
     ],
     align=True,
 )
@@ -318,7 +318,7 @@ TRANSITION = np.dtype(  # F over one interval of the covariance: the blocks that
         ("force", "<f8", (3,)),  # m/s, integral of specific force, NED: its cross product is velocity from attitude
         ("rotation", "<f8", (9,)),  # C_nb: velocity from accelerometer bias, attitude from gyro bias
         ("turn_angle", "<f8"),  # rad, about the vertical
-        ("scaled_angle", "<f8"),  # rad, the part of it that is applied now: attitude from turn_scale
+        ("scaled_angle", "<f8", (3,)),  # rad, body, the rotation that is applied now: attitude from gyro_scale
         ("gnss_bias", "<f8"),  # decay of the GNSS bias
         ("gnss_velocity_bias", "<f8"),  # and of that of the velocity
     ],

@@ -18,7 +18,7 @@ class Tuning:
     min_scaled_turn: float
     nonlinear_scale_share: float
     misalignment_over_scale: float
-    turn_scale_psd: float
+    gyro_scale_psd: float
     alignment_accel: float
     alignment_accel_time_s: float
     min_rotated_tilt: float

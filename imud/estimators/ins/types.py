@@ -47,7 +47,7 @@ class Nav:
     forward: Reals
     lateral: Reals
     time_offset: float
-    turn_scale: Reals
+    gyro_scale: Reals
     nhc_lever_arm: float
     velocity_time_offset: float
     odometer_scale: float
@@ -76,7 +76,7 @@ class Imu:
     integration_time: float
     delta_v: Reals
     delta_theta: Reals
-    deferred_rotation: float
+    deferred_rotation: Reals
     accel_n: Reals
     rate_b: Reals
     scale_error_rate: Reals
@@ -240,7 +240,7 @@ class Transition:
     force: Reals
     rotation: Reals
     turn_angle: float
-    scaled_angle: float
+    scaled_angle: Reals
     gnss_bias: float
     gnss_velocity_bias: float
 

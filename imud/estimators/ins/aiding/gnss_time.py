@@ -72,8 +72,11 @@ def set_initial_time_offset(p: Parameters, c: Core, fix: Fix, sigma: float) -> N
 
 @kernel
 def confirm_survey_epochs(p: Parameters, c: Core) -> None:
-    """After a fix: take a survey's epochs as exact once the estimated time offset excludes a mistake."""
-    offset, bound = abs(c.nav.time_offset), 3.0 * standard_deviation(c, TIME_OFFSET)
-    if c.integrity.survey_epochs != 0 and offset + bound < p.tuning.epoch_mistake_s and offset < bound:
+    """After a fix: take a survey's epochs as exact once the estimated time offset excludes a mistake and is about zero.
+
+    Within one sigma: three would take half of the epochs that are wrong by 30 ms as exact.
+    """
+    offset, sigma = abs(c.nav.time_offset), standard_deviation(c, TIME_OFFSET)
+    if c.integrity.survey_epochs != 0 and offset + 3.0 * sigma < p.tuning.epoch_mistake_s and offset < sigma:
         clear_time_offset(c, p.tuning.confirmed_epoch_sigma**2)
         c.integrity.survey_epochs = 0

@@ -27,12 +27,12 @@ from ..state import (
     ACCEL_BIAS,
     ATTITUDE,
     GYRO_BIAS,
+    GYRO_SCALE,
     LAND,
     MOUNT_PITCH,
     MOUNT_YAW,
     NHC_LEVER_ARM,
     STATES,
-    TURN_SCALE,
     VELOCITY,
 )
 from ..vehicle_axes import forward_axis, lateral_axis, set_vehicle_axes, vertical_axis
@@ -113,11 +113,11 @@ def disable_nhc(p: Parameters, c: Core, along: float) -> None:
     """Disable the constraint after a contradiction, at a forward speed of `along` m/s.
 
     The assumed zero velocity was wrong and has biased the heading, so the heading variance is increased; the variances
-    of attitude, biases and turn_scale are put back to those at which the constraint was enabled.
+    of attitude, biases and gyro_scale are put back to those at which the constraint was enabled.
     """
     h = c.nhc
     add_variance(c, ATTITUDE + 2, h.noise_scale[0] * (p.tuning.nhc_sigma / along) ** 2)
-    for first in (ATTITUDE, GYRO_BIAS, ACCEL_BIAS, TURN_SCALE):
+    for first in (ATTITUDE, GYRO_BIAS, ACCEL_BIAS, GYRO_SCALE, GYRO_SCALE + 3, GYRO_SCALE + 6):
         for i in range(first, first + 3):
             add_variance(c, i, max(h.start_variance[i] - variance(c, i), 0.0))
     reset_nhc(c)

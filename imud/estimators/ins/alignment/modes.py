@@ -24,7 +24,7 @@ from ....math.rotation import quat_of_gravity
 from ...tuning import Tunable
 from ..aiding.non_holonomic import reset_nhc
 from ..ekf import add_variance, combine, combine3, decorrelate, innovation_variance, variance
-from ..error_model import reset_turn_scale
+from ..error_model import reset_gyro_scale
 from ..fusion import propagate_errors
 from ..integrity.gnss_drift import reset_drift
 from ..lever_arm import antenna_position, antenna_velocity, attitude_row, gyro_bias_row
@@ -137,12 +137,12 @@ def forget_tilt(p: Parameters, c: Core) -> None:
 
 @kernel
 def forget_sensor_errors(p: Parameters, c: Core) -> None:
-    """Biases and turn_scale as before the first sample."""
+    """Biases and gyro_scale as before the first sample."""
     clear_sensor_errors(c)
     for i in range(3):
         decorrelate(c, GYRO_BIAS + i, p.gyro_bias_sigma**2)
         decorrelate(c, ACCEL_BIAS + i, p.accel_bias_sigma**2)
-    reset_turn_scale(p, c)
+    reset_gyro_scale(p, c)
 
 
 @kernel

@@ -18,7 +18,7 @@ from ..alignment.heading_posterior import set_wide_prior, solve_heading
 from ..alignment.modes import HEADING_KNOWN, change_mode
 from ..alignment.velocity_pairs import count_heading_fault, match_pair, vertical_bias_jacobian
 from ..ekf import add_variance, decorrelate, innovation_variance, variance
-from ..error_model import reset_turn_scale
+from ..error_model import reset_gyro_scale
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 
 if TYPE_CHECKING:
@@ -99,5 +99,5 @@ def realign(p: Parameters, c: Core) -> None:
         decorrelate(c, ACCEL_BIAS + i, p.accel_bias_sigma**2)
         if c.alignment.heading_bias_gain == 0.0:
             decorrelate(c, GYRO_BIAS + i, p.gyro_bias_sigma**2)
-    reset_turn_scale(p, c)
+    reset_gyro_scale(p, c)
     change_mode(p, c, HEADING_KNOWN)

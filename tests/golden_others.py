@@ -2,14 +2,16 @@
 
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 from attitude_simulation import DEG, MG, Flaws, G, simulate, steady
 from golden_attitude import HEADED, judged, lively, shown, spoilt
 from golden_run import Recording
 from simulated import G350, motion, received, sensed
 
-from imud.configuration.settings import Imu, Initial, Navigation, Settings
+from imud.configuration.settings import Aiding, Imu, Initial, Navigation, Settings
 from imud.drivers.sample import NO_FORCE, NO_RATE, POWER_ON, SUSPECT
+from imud.estimators.records import MEASUREMENT, ODOMETER_SOURCE
 from imud.firmware_sim.rga300 import RGA300
 
 GIVEN = Initial(roll_deg=2.0, pitch_deg=-3.0, yaw_deg=86.0, lat_deg=48.0, lon_deg=11.0, height_m=500.0)
@@ -122,6 +124,26 @@ def riss_with_a_lever_arm():
     return replace(recording, settings=Settings(imu=Imu(profile="crossbow-dmu"), navigation=navigation))
 
 
+def riss_with_wheels():
+    """From before the heading is known; without a sign, slipping, late, missing; the receiver is away for a while."""
+    _, recording = one_gyro(120.0)
+    m = motion("car", 120.0, 100.0)
+    at, rng = np.arange(5, len(m.t), 10), np.random.RandomState(7)
+    yaw, v = m.truth.rpy[at, 2], m.truth.v_n[at]
+    speed = 1.02 * (v[:, 0] * np.cos(yaw) + v[:, 1] * np.sin(yaw)) + 0.05 * rng.standard_normal(len(at))
+    rows = np.zeros(len(at), MEASUREMENT)
+    rows["t_ns"] = np.round((1.0 + m.t[at]) * 1e9)
+    rows["arrival_ns"] = rows["t_ns"] + np.where(np.arange(len(at)) % 50 == 49, 2_800_000_000, 60_000_000)
+    rows["kind"], rows["sigma"] = ODOMETER_SOURCE, np.nan
+    rows["value"][:, 0], rows["sigma"][::2, 0] = np.abs(speed), 0.1
+    rows["value"][300:360, 0] += np.linspace(0.0, 1.5, 60)
+    rows["value"][400:405, 0] = np.nan
+    rows["value"][::7, 0] *= -1.0
+    gone = np.abs(recording.fixes["t_ns"] * 1e-9 - 76.0) < 20.0
+    settings = msgspec.structs.replace(recording.settings, aiding=Aiding(odometer_lever_arm_m=(0.4, -0.6, 0.3)))
+    return replace(recording, fixes=recording.fixes[~gone], measurements=rows, settings=settings)
+
+
 def riss_at_rest():
     """With a heading that the user gives, shaken from the middle on."""
     t, recording = one_gyro(60.0, "rest")
@@ -168,7 +190,8 @@ def suh_two_step_turned_over():
 
 
 CLASSES = (
-    tilt_in_a_hand, tilt_without_gyros, tilt_with_faults, riss_with_faults, riss_with_a_lever_arm, riss_at_rest,
+    tilt_in_a_hand, tilt_without_gyros, tilt_with_faults, riss_with_faults, riss_with_a_lever_arm, riss_with_wheels,
+    riss_at_rest,
     gps_track_with_faults, ins9_with_faults, ins9_without_height, stationary_without_height,
     ins9_on_a_device_that_tells_its_tilt, ins9_damaged_at_the_start, stationary_with_faults,
     stationary_damaged_at_the_start, suh_standard_turned_over, suh_adaptive_turned_over, suh_two_step_turned_over,

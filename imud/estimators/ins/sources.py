@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...compile.jit import kernel
+from .. import odometer_source
 from ..records import BAROMETER_SOURCE, HEADING_SOURCE, ODOMETER_SOURCE
 from .aiding import barometer, heading, odometer
 from .aiding.barometer import fuse_barometer
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from ..types import Innovation, Measurement
     from .types import Core, Parameters
 
-SOURCES = (heading.SOURCE, odometer.SOURCE, barometer.SOURCE)
+SOURCES = (heading.SOURCE, odometer_source.SOURCE, barometer.SOURCE)
 TUNABLES = (*heading.TUNABLES, *odometer.TUNABLES, *barometer.TUNABLES)
 # by source: the kind of innovation under which a measurement beyond the fusion horizon is reported as rejected
 REJECTED_KIND = np.zeros(1 + max(source.kind for source in SOURCES), np.int64)

@@ -19,9 +19,22 @@ Integration (2013), ch. 8 and 9 (RISS); Prasanna, Vehicle Localisation Using GPS
 """
 
 from .. import Estimator
+from ..odometer_source import SOURCE
 from .filter import step, update
-from .state import TUNABLES, configure, start
+from .state import TUNABLES, checkpoint, configure, resume, start
+from .wheels import fuse_wheel_speed
 
 ESTIMATOR = Estimator(
-    "riss", configure, start, step, update, needs_gyros=False, survives_power_on=True, tunables=TUNABLES
+    "riss",
+    configure,
+    start,
+    step,
+    update,
+    needs_gyros=False,
+    survives_power_on=True,
+    tunables=TUNABLES,
+    checkpoint=checkpoint,
+    resume=resume,
+    aid=fuse_wheel_speed,
+    sources=(SOURCE,),
 )

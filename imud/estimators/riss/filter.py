@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..types import Fix, Innovation, Sample, Solution
     from .types import RissParameters, RissState
 
-LONGEST_S = 1.0  # of one propagation
+LONGEST_S = 1.0  # of one propagation, and of a gap in the rates that is bridged by the next one
 
 
 @kernel
@@ -56,6 +56,8 @@ def reopen_biases(p: RissParameters, s: RissState) -> None:
 def advance(p: RissParameters, s: RissState) -> None:
     """A step with what was gathered."""
     T = (s.t_ns - s.step_ns) * 1e-9
+    if T > LONGEST_S:  # the rate of its end says nothing of the gap
+        s.rates, s.w_sum = 0, 0.0
     rate = s.w_sum / s.rates if s.rates > 0 else s.x[GYRO_BIAS]
     unmeasured_s = max(s.outage_s, T) if s.rates == 0 else 0.0
     left = T

@@ -213,6 +213,9 @@ def take_fix(p: RissParameters, s: RissState, fix: Fix, innovations: list[Innova
         s.aligned = s.rejected = 0
         reset(s.P, STATES, SPEED, UNKNOWN_SPEED**2)
         s.has_height = 0
+    if s.aligned == 1 and variance(s, YAW) > p.tuning.max_heading_sigma**2:
+        s.aligned = 0  # too uncertain for first-order updates, as after a gap: the course is the heading anew
+        reset(s.P, STATES, SPEED, UNKNOWN_SPEED**2)
     if s.aligned == 1:
         rows = fuse_position(p, s, fix, innovations)
     else:

@@ -30,8 +30,9 @@ from ..tuning import Tunable, dtype_of, values_of
     FIX_DOWN,
     LEAN,  # rad/(m/s^2), of roll by the acceleration sideways
     SQUAT,  # of pitch by that along
+    WHEEL_SCALE,
     STATES,
-) = range(19)
+) = range(20)
 PACKED = STATES * (STATES + 1) // 2
 RING = 64  # steps of which the past is kept
 LONGEST_ROW = 7  # elements of a Jacobian
@@ -61,6 +62,13 @@ TUNABLES = (
     Tunable("rest_s", 3.0, "s", "For so long, to be at rest.", "Longer than a turning point."),
     Tunable("gate", 30.0, "NIS", "Against outliers, of two measurements.", "Chi-square, 3e-7."),
     Tunable("rejected_limit", 10, "", "So many fixes in a row are believed against the estimate.", "10 s at 1 Hz."),
+    Tunable("wheel_sigma", 0.05, "m/s", "Wheel speed without a sigma of its own.", "Pulses of an ABS ring at 10 Hz."),
+    Tunable("wheel_scale_sigma", 0.05, "", "Its scale factor at the start, 1 sigma.", "Worn or other tyres: 3 %."),
+    Tunable("wheel_scale_walk", 5e-5, "1/sqrt(s)", "Random walk of the scale factor.", "0.3 % in an hour."),
+    Tunable("wheel_slip", 0.004, "", "Slip at a constant speed, 1 sigma.", "Rolling resistance."),
+    Tunable("wheel_slip_per_accel", 0.004, "1/(m/s^2)", "Slip per acceleration.", "10 % at 1 g: Wong (2008), ch. 1."),
+    Tunable("wheel_dead_speed", 0.3, "m/s", "Below it wheels seem to stand.", "Pulses of an ABS ring."),
+    Tunable("wheel_gate", 12.0, "NIS", "Gate of a reading.", "3.5 sigma: slip is common."),
     Tunable("max_late_s", 2.5, "s", "Older fixes are rejected.", "Shorter than the past that is kept."),
     Tunable("max_heading_sigma", math.radians(20.0), "rad", "Above, the heading is not claimed.", "As navigation."),
     Tunable("max_tilt_sigma", math.radians(10.0), "rad", "Above, roll and pitch are not claimed.", "As tilt."),
@@ -78,6 +86,7 @@ PARAMETERS = np.dtype(
         ("accel_bias_var", "<f8"),  # (m/s^2)^2
         ("accel_bias_psd", "<f8"),
         ("lever", "<f8", (3,)),  # m, antenna from the sensor, body
+        ("wheel", "<f8", (3,)),  # m, wheel from the sensor, body
     ],
     align=True,
 )
@@ -125,6 +134,7 @@ STATE = np.dtype(
         ("ring", "<f8", (RING, 5)),  # the same at past steps
         ("ring_ns", "<i8", (RING,)),
         ("ring_at", "<i8"),  # the newest
+        ("wheel_ns", "<i8"),  # epoch of the newest reading of the wheels; 0: none
     ],
     align=True,
 )
@@ -144,6 +154,7 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     p["accel_psd"], p["accel_bias_var"] = profile.accel_noise**2, profile.accel_bias_initial**2
     p["accel_bias_psd"] = profile.accel_bias_instability**2 / BIAS_WALK_S
     p["lever"] = settings.navigation.lever_arm_m
+    p["wheel"] = settings.aiding.odometer_lever_arm_m
     return p
 
 
@@ -162,6 +173,17 @@ def start(parameters: Records, initial: Initial) -> Records:
     diagonal[[ACCEL_BIAS_X, ACCEL_BIAS_Y]] = parameters["accel_bias_var"][0]
     diagonal[[GYRO_BIAS, GYRO_SCALE]] = parameters["gyro_bias_var"][0], parameters["gyro_scale_var"][0]
     diagonal[[LEAN, SQUAT]] = tuning["lean_sigma"] ** 2, tuning["squat_sigma"] ** 2
+    diagonal[WHEEL_SCALE] = tuning["wheel_scale_sigma"] ** 2
     s["x"][0, LEAN], s["x"][0, SQUAT] = tuning["lean"], tuning["squat"]
     s["P"][0] = np.diag(diagonal)[np.triu_indices(STATES)]
     return s
+
+
+def checkpoint(state: Records) -> Records:
+    """All of the state: what a restart of the program interrupts is to the filter a gap in the samples."""
+    return state.copy()
+
+
+def resume(state: Records, saved: Records) -> None:
+    """Go on from a checkpoint in a state before its first sample."""
+    state[:] = saved

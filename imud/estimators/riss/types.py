@@ -28,6 +28,13 @@ class Tuning:
     rest_s: float
     gate: float
     rejected_limit: int
+    wheel_sigma: float
+    wheel_scale_sigma: float
+    wheel_scale_walk: float
+    wheel_slip: float
+    wheel_slip_per_accel: float
+    wheel_dead_speed: float
+    wheel_gate: float
     max_late_s: float
     max_heading_sigma: float
     max_tilt_sigma: float
@@ -44,6 +51,7 @@ class RissParameters:
     accel_bias_var: float
     accel_bias_psd: float
     lever: Reals
+    wheel: Reals
 
 
 class RissState:
@@ -88,3 +96,4 @@ class RissState:
     ring: Tensor
     ring_ns: Integers
     ring_at: int
+    wheel_ns: int

@@ -17,9 +17,7 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ....math.rotation import Vector, dot, quat_rotate, quat_rotate_back
-from ...aiding_source import AidingSource, Column
-from ...innovation_kinds import KINDS
-from ...records import ODOMETER, ODOMETER_SOURCE
+from ...records import ODOMETER
 from ...tuning import Tunable
 from ..ekf import add_covariance, add_variance, innovation_variance, set_jacobian
 from ..fusion import correct_state, correlated_update, write_innovation
@@ -31,15 +29,6 @@ if TYPE_CHECKING:
     from ...types import Innovation, Measurement
     from ..types import Core, Parameters
 
-SOURCE = AidingSource(
-    "odometer",
-    ODOMETER_SOURCE,
-    "ODO",
-    {"speed_mps": Column(1.0, -200.0, 200.0)},
-    {"sigma_mps": Column(1.0, 1e-3, 10.0)},
-    {ODOMETER: KINDS[ODOMETER]},
-    reversed_sign=-1.0,
-)
 TUNABLES = (
     Tunable("odometer_sigma", 0.05, "m/s", "Sigma of a reading that reports none.", "Pulses of an ABS ring at 10 Hz."),
     Tunable("odometer_scale_sigma", 0.05, "", "Scale factor at the start, 1 sigma.", "Worn or other tyres: 3 %."),

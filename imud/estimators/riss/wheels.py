@@ -1,0 +1,67 @@
+"""Wheel speed: reading = (1 + scale) (u - yaw rate times the wheel's place across), signed or not.
+
+Tyres slip in proportion to the force on them, for about a second, so that readings in that time are not independent:
+the gate has the variance of one reading, the update that of what so many of them know together. A reading without a
+sign takes that of u where u has one. Before the heading is known u is the speed, which is not negative.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from ...compile.jit import kernel
+from ..records import ODOMETER
+from .ekf import add_variance, correct, fuse, innovation_variance, put, since, variance
+from .state import ACCEL, SPEED, WHEEL_SCALE
+
+if TYPE_CHECKING:
+    from ..types import Innovation, Measurement
+    from .types import RissParameters, RissState
+
+SLIP_S = 1.0  # how long slip lasts
+SIGN_SIGMAS = 3.0  # a speed that large has a sign
+
+
+@kernel
+def signed(p: RissParameters, s: RissState, reading: float, u: float) -> float:
+    """The reading with the sign of the motion; NaN where that is not known."""
+    dead, sigma = p.tuning.wheel_dead_speed, math.sqrt(variance(s, SPEED))
+    if s.aligned == 0:
+        return abs(reading)
+    if abs(u) > SIGN_SIGMAS * sigma + dead:
+        return math.copysign(reading, u)
+    if abs(reading) <= dead:
+        return 0.0
+    return reading if reading < 0.0 else math.nan
+
+
+@kernel
+def fuse_wheel_speed(p: RissParameters, s: RissState, m: Measurement, innovations: list[Innovation]) -> int:
+    """Gate and fuse a reading at its epoch; returns the rows of innovations."""
+    late_s = (s.step_ns - m.t_ns) * 1e-9
+    if s.started == 0 or late_s > p.tuning.max_late_s or not math.isfinite(m.value[0]):
+        return 0
+    x, dead = s.x, p.tuning.wheel_dead_speed
+    u = x[SPEED] - since(s, m.t_ns, 3) - min(late_s, 0.0) * x[ACCEL]
+    u -= p.wheel[1] * s.yaw_rate
+    reading = signed(p, s, m.value[0], u)
+    if not math.isfinite(reading):
+        return 0
+    every_s = min(max((m.t_ns - s.wheel_ns) * 1e-9, 1e-3), SLIP_S) if s.wheel_ns > 0 else SLIP_S
+    s.wheel_ns = m.t_ns
+    add_variance(s, WHEEL_SCALE, p.tuning.wheel_scale_walk**2 * every_s)
+    sigma = m.sigma[0] if m.sigma[0] > 0.0 else p.tuning.wheel_sigma
+    still = 0.5 * dead if abs(reading) <= dead else 0.0
+    slip = (p.tuning.wheel_slip + p.tuning.wheel_slip_per_accel * abs(x[ACCEL])) * abs(reading)
+    n = put(s, put(s, 0, SPEED, 1.0 + x[WHEEL_SCALE]), WHEEL_SCALE, u)
+    z = reading - (1.0 + x[WHEEL_SCALE]) * u
+    noise = sigma * sigma + still * still + slip * slip
+    total = innovation_variance(s, n, noise)
+    used = z * z < p.tuning.wheel_gate * total
+    row = innovations[0]
+    row.t_ns, row.kind, row.value, row.variance, row.used = m.t_ns, ODOMETER, z, total, 1 if used else 0
+    if used:
+        fuse(s, n, z, noise + (2.0 * SLIP_S / every_s - 1.0) * slip * slip)
+        correct(s)
+    return 1

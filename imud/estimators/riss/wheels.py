@@ -53,15 +53,15 @@ def fuse_wheel_speed(p: RissParameters, s: RissState, m: Measurement, innovation
     add_variance(s, WHEEL_SCALE, p.tuning.wheel_scale_walk**2 * every_s)
     sigma = m.sigma[0] if m.sigma[0] > 0.0 else p.tuning.wheel_sigma
     still = 0.5 * dead if abs(reading) <= dead else 0.0
-    slip = (p.tuning.wheel_slip + p.tuning.wheel_slip_per_accel * abs(x[ACCEL])) * abs(reading)
+    slip_sigma = (p.tuning.wheel_slip + p.tuning.wheel_slip_per_accel * abs(x[ACCEL])) * abs(reading)
     n = put(s, put(s, 0, SPEED, 1.0 + x[WHEEL_SCALE]), WHEEL_SCALE, u)
     z = reading - (1.0 + x[WHEEL_SCALE]) * u
-    noise = sigma * sigma + still * still + slip * slip
+    noise = sigma * sigma + still * still + slip_sigma * slip_sigma
     total = innovation_variance(s, n, noise)
     used = z * z < p.tuning.wheel_gate * total
     row = innovations[0]
     row.t_ns, row.kind, row.value, row.variance, row.used = m.t_ns, ODOMETER, z, total, 1 if used else 0
     if used:
-        fuse(s, n, z, noise + (2.0 * SLIP_S / every_s - 1.0) * slip * slip)
+        fuse(s, n, z, noise + (2.0 * SLIP_S / every_s - 1.0) * slip_sigma * slip_sigma)
         correct(s)
     return 1

@@ -5,6 +5,7 @@ of the events. Recordings before version 2 of the format have JSON throughout, a
 truncated recording (a power cut) is read up to its last whole chunk; damaged chunks are left out.
 """
 
+import io
 import itertools
 import math
 import mmap
@@ -17,10 +18,11 @@ from typing import Any, BinaryIO
 
 import msgspec
 import numpy as np
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, DataEnd, Message, Metadata, Schema, Statistics
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from numpy.typing import NDArray
 
 from .driver import GnssConfigured, ImuConfigured
@@ -36,6 +38,7 @@ SESSION = "imud"  # name of the metadata record
 CHECKSUM = "crc32"  # in the metadata: of the other entries
 _CHECKSUM_BYTES = 4
 _RECORD_MAX = 1 << 30  # bytes
+_RECORD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")  # opcode, length; channel, sequence, two times
 _COMPRESSION, _BEFORE_COMPRESSION = b"\4\0\0\0zstd", 37  # in a chunk; opcode, length, two times, size, checksum
 
 
@@ -88,21 +91,24 @@ class Reads:
             raise ValueError("its arrays do not fit each other")
         return cls(port, t_ns, size, pulse_ns, data)
 
-    def runs(self) -> Iterator[tuple[int, "Reads"]]:
-        """The parts in which one port was read several times in sequence, each with that port."""
-        edges = [0, *(np.flatnonzero(np.diff(self.port)) + 1).tolist(), len(self.port)]
-        ends = [0, *np.cumsum(self.size, dtype=np.int64).tolist()]
+    def runs(self) -> Iterator[tuple[int, int, int, int]]:
+        """The parts in which one port was read several times in sequence: that port, the first read, the one behind the
+        last, and the first byte.
+        """
+        edges = [0, *(np.flatnonzero(np.diff(self.port)) + 1).tolist(), len(self.port)] if len(self.port) else []
+        before = np.cumsum(self.size, dtype=np.int64) - self.size
         for first, last in itertools.pairwise(edges):
-            if first < last:
-                k, data = slice(first, last), self.data[ends[first] : ends[last]]
-                yield int(self.port[first]), Reads(self.port[k], self.t_ns[k], self.size[k], self.pulse_ns[k], data)
+            yield int(self.port[first]), first, last, int(before[first])
+
+    def part(self, first: int, last: int, first_byte: int) -> Iterator[Raw]:
+        """The reads of a run."""
+        columns = (column[first:last].tolist() for column in (self.t_ns, self.size, self.pulse_ns))
+        for t_ns, size, pulse_ns in zip(*columns, strict=True):
+            yield Raw(t_ns, self.data[first_byte : first_byte + size], pulse_ns or None)
+            first_byte += size
 
     def __iter__(self) -> Iterator[tuple[int, Raw]]:
-        at = 0
-        columns = (column.tolist() for column in (self.port, self.t_ns, self.size, self.pulse_ns))
-        for port, t_ns, size, pulse_ns in zip(*columns, strict=True):
-            yield port, Raw(t_ns, self.data[at : at + size], pulse_ns or None)
-            at += size
+        return zip(self.port.tolist(), self.part(0, len(self.port), 0), strict=True)
 
 
 READS_FIELDS = (
@@ -195,6 +201,26 @@ def _next_chunk(file: BinaryIO, after: int) -> int | None:
     return at - _BEFORE_COMPRESSION if at >= 0 else None
 
 
+def _split(chunk: Chunk) -> list[Any]:
+    """The records of a chunk; as the library's `breakup_chunk`, several times as fast for messages."""
+    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+    data = stream.read(size)
+    found: list[Any] = []
+    at = 0
+    while at < size:
+        opcode, length = _RECORD.unpack_from(data, at)
+        at += _RECORD.size
+        if opcode == Opcode.MESSAGE:
+            channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, at)
+            body = data[at + _MESSAGE.size : at + length]
+            found.append(Message(channel, log_ns, body, publish_ns, sequence))
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            record = Schema if opcode == Opcode.SCHEMA else Channel
+            found.append(record.read(ReadDataStream(io.BytesIO(data[at : at + length]))))
+        at += length
+    return found
+
+
 class Capture:
     """A recording, read from its start by one reader at a time. Raises OSError, CaptureError if it is no recording."""
 
@@ -284,7 +310,7 @@ class Capture:
 
     def _parts(self, chunk: Chunk) -> list[Any]:
         try:
-            return breakup_chunk(chunk, validate_crc=True)
+            return _split(chunk)
         except Exception as error:  # zstandard, lz4 and struct have errors of their own for a damaged chunk
             self.broken = f"{self.path} is damaged: what cannot be read is left out ({error})"
         return []

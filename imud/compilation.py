@@ -22,6 +22,7 @@ from .estimators.records import FIX, MEASUREMENT, SOLUTION
 from .outputs.binary import BinaryOutputs
 from .outputs.shared_memory import WORD, write
 from .pipeline import Filter, InertialPipeline
+from .recording.steps import Steps
 from .sensor_errors.noise import allan_variances
 from .sensor_errors.profiles import profile_of
 from .sensor_monitor.health import examine_all, new_health, shown
@@ -64,7 +65,7 @@ def warm_replay(estimator: Estimator, settings: Settings) -> None:
     solutions = np.zeros(1, SOLUTION)
     filter_ = Filter(estimator, settings, Initial(), _RATE_HZ)
     filter_.run(np.zeros(1, SAMPLE), solutions)
-    list(InertialPipeline(*_scratch()[0], filter_).ingest_reads(b"", *np.zeros((2, 0), np.int64)))
+    Steps(lambda samples, rows: None).run(InertialPipeline(*_scratch()[0], filter_), 0, 0, 0)
     EstimateWriter(io.BytesIO(), 0).write(solutions)
     estimate_cells(solutions)
 

@@ -5,11 +5,9 @@ Live and replay step with the same code (`stages`), whatever the chunks in which
 
 import dataclasses
 import math
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imud.drivers.driver import ImuConfigured, ImuDriver
 from imud.drivers.sample import SAMPLE
@@ -24,7 +22,7 @@ from .sensor_errors.calibration import Calibration, correction
 from .sensor_errors.profiles import profile_of, ranges_of
 from .sensor_errors.stored_biases import Biases
 from .sensor_monitor.health import new_health
-from .stages import BATCH, BYTE, INERTIAL_PIPELINE, RX, Stages, decoding, ingest, ingest_reads
+from .stages import BATCH, BYTE, INERTIAL_PIPELINE, RX, Stages, decoding, ingest
 
 UNREAD, OF_A_FIX = 1024, 16  # innovations, at most: of samples since `pending_innovations` was last called; of one fix
 _NO_SAMPLE, _NO_SOLUTION, _NO_FIX, _AT_ONCE = (
@@ -175,7 +173,6 @@ class InertialPipeline:
         self.record = np.zeros(1, INERTIAL_PIPELINE)
         self.record["decode"], self.record["advance"] = decoding(driver, decoder), filter_.advancing()
         self.record["at"], self.record["newest"] = self.record.ctypes.data, -1
-        self._recorded: tuple[Records, ...] = ()
         for owner, names in ((self, _OURS), (filter_, _THE_FILTERS)):
             for name in names:
                 self.record[name] = getattr(owner, name).ctypes.data
@@ -198,23 +195,6 @@ class InertialPipeline:
     def ingest(self, received: int, arrival_ns: int) -> int:
         """Decode, stamp and step what was written to rx[fill:fill + received]; returns how many solutions are new."""
         return ingest(self.record, received, arrival_ns)
-
-    def ingest_reads(
-        self, data: bytes, size: NDArray[np.uint32], t_ns: NDArray[np.int64]
-    ) -> Iterator[tuple[Records, Records]]:
-        """The same of recorded reads: their bytes one behind the other, how many each has, and when it came.
-
-        Yields samples and solutions, valid until the next ones. Faster by far than one call for each read.
-        """
-        place = np.zeros(2, np.int64)
-        given = np.frombuffer(bytearray(data), BYTE), size.astype(np.int64), t_ns.astype(np.int64)
-        if not self._recorded:
-            self._recorded = np.zeros(8 * BATCH, SAMPLE), np.zeros(8 * BATCH, SOLUTION)
-        while True:
-            if n := ingest_reads(self.record, *given, place, *self._recorded):
-                yield self._recorded[0][:n], self._recorded[1][:n]
-            if place[0] >= len(size):
-                return
 
 
 _OURS = ("rx", "decoder", "samples", "clock", "solutions")

@@ -71,25 +71,26 @@ def ingest_reads(
 ) -> int:
     """`ingest` recorded reads: their bytes one behind the other, how many each has, and when it came.
 
-    place: how many reads, and bytes, are done; is advanced. Samples and solutions are copied to `samples` and `out`, as
-    many as have room. Returns how many.
+    place: the next read and its first byte, which advance; the read before which it ends; how many rows of `samples`
+    and `out` are filled. Ends earlier where these have no more room. Returns the number of reads done.
     """
     s = stream[0]
     rx = records(s.rx, RX, BYTE)
     new_samples, solutions = records(s.samples, BATCH, SAMPLE), records(s.solutions, BATCH, SOLUTION)
-    total = 0
-    while place[0] < len(size) and total + BATCH <= len(out):
+    done = 0
+    while place[0] < place[2] and place[3] + BATCH <= len(out):
         received = size[place[0]]
         for k in range(received):
             rx[s.fill + k] = data[place[1] + k]
         n = ingest(stream, received, t_ns[place[0]])
         for k in range(n):
-            samples[total + k] = new_samples[k]
-            out[total + k] = solutions[k]
-        total += n
+            samples[place[3] + k] = new_samples[k]
+            out[place[3] + k] = solutions[k]
         place[0] += 1
         place[1] += received
-    return total
+        place[3] += n
+        done += 1
+    return done
 
 
 @kernel

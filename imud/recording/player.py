@@ -26,6 +26,7 @@ from ..sensors.receiver import Receiver
 from ..setup.choices import settings_for
 from .measurements import measurement_row
 from .messages import AIDING, SETTINGS
+from .steps import Steps
 
 
 @dataclass
@@ -101,6 +102,7 @@ class Player:
         self._calibrated = calibrated
         self._on_step, self._on_update, self._on_fix, self._warn = on_step, on_update, on_fix, warn
         self._on_aid = on_aid
+        self._steps = Steps(self._step)
         self._selection = EstimatorSelection(settings, warn, initial)
         self._line = Replayed()
         self._pulse = ReplayedPulse()
@@ -129,8 +131,7 @@ class Player:
         """The next message. Raises BadDataError if it is not what its topic promises."""
         try:
             if (reads := entry.reads()) is not None:
-                for port, run in reads.runs():
-                    self._play(self._ports.get(port), run)
+                self._read(reads)
             elif entry.topic == CONNECTIONS:
                 self._connection(entry.connection())
             elif entry.topic == AIDING:
@@ -140,21 +141,29 @@ class Player:
         except (msgspec.DecodeError, ArithmeticError, KeyError, TypeError, ValueError) as error:
             raise BadDataError(f"a message on {entry.topic} cannot be understood: {error}") from error
 
-    def _play(self, sensor: Inertial | Receiver | None, reads: Reads) -> None:
-        if isinstance(sensor, Receiver):
-            for _, raw in reads:
-                self._receive(sensor, raw)
-        elif sensor is not None:
-            self.now_ns = int(reads.t_ns[-1])
-            if (reads.size > READ_BYTES).any():
-                raise ValueError(f"a reading of {reads.size.max()} bytes; no line reads more than {READ_BYTES} at once")
-            for samples, solutions in sensor.stream.ingest_reads(reads.data, reads.size, reads.t_ns):
-                self.samples += len(samples)
-                self._on_step(samples, solutions)
+    def _read(self, reads: Reads) -> None:
+        if (reads.size > READ_BYTES).any():
+            raise ValueError(f"a reading of {reads.size.max()} bytes; no line reads more than {READ_BYTES} at once")
+        self._steps.begin(reads)
+        for port, first, last, first_byte in reads.runs():
+            sensor = self._ports.get(port)
+            if isinstance(sensor, Receiver):
+                for raw in reads.part(first, last, first_byte):
+                    self._receive(sensor, raw)
+            elif sensor is not None:
+                self._steps.run(sensor.stream, first, last, first_byte)
+                self.now_ns = int(reads.t_ns[last - 1])
+        self._steps.flush()
+
+    def _step(self, samples: Records, solutions: Records) -> None:
+        self.samples += len(samples)
+        self._on_step(samples, solutions)
 
     def _receive(self, receiver: Receiver, raw: Raw) -> None:
         self.now_ns, self._pulse.pulse_ns = raw.t_ns, raw.pulse_ns
         fixes = receiver.take(raw.data, raw.t_ns) if raw.data else receiver.flush(raw.t_ns)
+        if fixes or receiver.measured:
+            self._steps.flush()
         for fix in fixes:
             self.reported = receiver.used_last if fix is fixes[-1] else None
             self._on_fix(fix)

@@ -43,6 +43,7 @@ class Receiver:
     def __init__(self, driver: GnssDriver, settings: GnssSettings, now_ns: int, pulse: Pulse | None = None) -> None:
         self._pulse = pulse
         self.decoder = driver.new_decoder(not settings.require_checksum)
+        self._headings = self.decoder if isinstance(self.decoder, HeadingDecoder) else None
         self.rate, self._loss_monitor = RateMeter(), LossMonitor()
         self.last_data_ns = now_ns
         self.silence_ns = SILENCE_NS
@@ -110,8 +111,8 @@ class Receiver:
                 if fix.heading_deg is not None:
                     self._keep(Heading(fix.arrival_ns, fix.utc_s, fix.heading_deg, fix.heading_sigma_deg), pulse_ns)
         self.used += len(rows)
-        if isinstance(self.decoder, HeadingDecoder):
-            for heading in self.decoder.take_headings():
+        if self._headings is not None:
+            for heading in self._headings.take_headings():
                 self._keep(heading, pulse_ns)
         return rows
 

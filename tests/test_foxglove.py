@@ -119,15 +119,17 @@ def test_what_a_viewer_gets_are_the_daemons_states(tmp_path):
     for log_ns, estimate in got["/estimate"]:
         if state := states.get(estimate["t_ns"]):
             compared += 1
-            assert abs(log_ns - state.t_ns - state.utc_offset_ns) < 10_000_000  # the clocks are read for each batch
+            assert log_ns == state.t_ns + state.utc_offset_ns
             assert (estimate["q_nb"], estimate["v_mps"]) == (list(state.q_nb), list(state.v))
             assert (estimate["lat_rad"], estimate["status"]) == (state.lat, state.status)
             assert estimate["sigma_gyro_bias_radps"] == list(state.sigma_bg)
     assert compared >= 3
-    for log_ns, where in got["/location"]:
-        state = min(states.values(), key=lambda s: abs(s.t_ns + s.utc_offset_ns - log_ns))
-        assert where["latitude"] == pytest.approx(math.degrees(state.lat), abs=1e-5)
-        assert where["position_covariance"][0] == pytest.approx(state.sigma_p[1] ** 2, rel=0.05)
+    by_stamp = {state.t_ns + state.utc_offset_ns: state for state in states.values()}
+    found = [(where, by_stamp[log_ns]) for log_ns, where in got["/location"] if log_ns in by_stamp]
+    assert len(found) >= 3
+    for where, state in found:
+        assert where["latitude"] == pytest.approx(math.degrees(state.lat), abs=1e-12)
+        assert where["position_covariance"][0] == pytest.approx(state.sigma_p[1] ** 2)
     for _, fix in got["/gnss/fixes"]:
         assert fix["arrival_ns"] > fix["t_ns"]
         near = min(states.values(), key=lambda s: abs(s.t_ns - fix["t_ns"]))
@@ -161,16 +163,16 @@ def test_a_state_becomes_the_row_that_it_was():
 
 @pytest.mark.parametrize("rate_hz", [1.0, 30.0, 400.0, 5000.0])
 def test_one_state_of_each_period(rate_hz):
-    """1000 states/s for ten seconds, with the divisor that is asked for obeyed at once."""
+    """1000 states/s for ten seconds, a few lost, with the divisor that is asked for obeyed at once."""
     decimator, divisor, sent, kept = Decimator(rate_hz), 1, 0, []
     for seq in range(10_000):
-        if seq % divisor == 0:
+        if seq % divisor == 0 and not 48 <= seq <= 52:
             state = client.decode(record(seq, seq * 1_000_000))
             sent += 1
             divisor = decimator.divisor(state) or divisor
             kept += [seq] if decimator.accepts(state) else []
     assert len(kept) == pytest.approx(10.0 * min(rate_hz, 1000.0), rel=0.05)
-    assert sent <= 51 + 1.25 * 10.0 * max(rate_hz, 0.0) if rate_hz < 400.0 else sent <= 10_000
+    assert sent <= 60 + 10_000 / max(1, int(1000.0 / rate_hz))
 
 
 def test_a_fix_survives_the_gpsd_socket():

@@ -82,6 +82,7 @@ class Decimator:
         self._rate_hz = rate_hz
         self._slot = -1
         self._first: client.State | None = None
+        self._asked = False
 
     def accepts(self, state: client.State) -> bool:
         slot = int(state.t_ns * 1e-9 * self._rate_hz)
@@ -92,7 +93,8 @@ class Decimator:
         """Once, after the first states: the divisor to ask for."""
         if self._first is None:
             self._first = state
-        elif (states := state.seq - self._first.seq) == _RATE_STATES:
+        elif not self._asked and (states := state.seq - self._first.seq) >= _RATE_STATES:
+            self._asked = True
             sensor_hz = states * 1e9 / max(state.t_ns - self._first.t_ns, 1)
             return max(1, int(sensor_hz / self._rate_hz))
         return None

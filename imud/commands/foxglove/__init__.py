@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
     from imud.outputs.addresses import parse_address
 
     if importlib.util.find_spec("foxglove") is None:
-        raise UsageError("imud foxglove needs foxglove-sdk: pip install 'imud[foxglove]'")
+        raise UsageError("the server for Foxglove needs foxglove-sdk: pip install 'imud[foxglove]'")
     from .server import serve
 
     try:

@@ -56,6 +56,8 @@ class Channels:
 
     def on_solution(self, solution: np.void, unix_ns: int) -> None:
         """A row of SOLUTION."""
+        if not any(channel.has_sinks() for channel in self._channels.values()):
+            return
         rows = np.array([solution])
         (estimate,) = ESTIMATE_TABLE.objects(rows)
         self._send(ESTIMATES, unix_ns, lambda: ESTIMATE_TABLE.encode(rows)[0])

@@ -8,7 +8,7 @@ from ..arguments import add_live
 
 _PACKAGES = {"rclpy", "sensor_msgs", "nav_msgs", "tf2_msgs", "diagnostic_msgs"}
 _MISSING = (
-    "imud ros2 needs ROS 2's Python package {}, which is not on PyPI: install ROS 2 for this Python (Jazzy or newer: "
+    "the node needs ROS 2's Python package {}, which is not on PyPI: install ROS 2 for this Python (Jazzy or newer: "
     "`sudo apt install ros-jazzy-ros-base`, see docs.ros.org), and run `source /opt/ros/jazzy/setup.bash` before imud"
 )
 

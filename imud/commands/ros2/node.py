@@ -153,11 +153,11 @@ def _parameters(node: Any) -> dict[str, Any]:
     try:
         values = {name: node.declare_parameter(name, value).value for name, value in _PARAMETERS.items()}
     except InvalidParameterTypeException as error:
-        raise UsageError(f"imud ros2: {error} (write 50.0, not 50)") from error
+        raise UsageError(f"{error} (write 50.0, not 50)") from error
     if not 0.0 < values["rate"] < math.inf:
-        raise UsageError(f"imud ros2: rate:={values['rate']}: a number above 0 is needed")
+        raise UsageError(f"rate:={values['rate']}: a number above 0 is needed")
     if values["wheel_odometry"] and not values["aiding"]:
-        raise UsageError("imud ros2: wheel_odometry needs aiding:=PATH, the daemon's aiding.listen")
+        raise UsageError("wheel_odometry needs aiding:=PATH, the daemon's aiding.listen")
     return values
 
 
@@ -179,7 +179,7 @@ def publish(args: argparse.Namespace) -> int:
             try:
                 sender = stack.enter_context(AidingSender(known["aiding"]))
             except ValueError as error:
-                raise UsageError(f"imud ros2: aiding:={error}") from error
+                raise UsageError(f"aiding:={error}") from error
             wheels = WheelOdometry(sender, known["wheel_sigma"])
             kind = _class_of("nav_msgs/msg/Odometry")
             node.create_subscription(kind, known["wheel_odometry"], wheels.take, QoSProfile(depth=_DEPTH))

@@ -2,10 +2,9 @@
 
 Lateral: z = lever_arm turn_rate - lateral . v_b. Vertical: z = -vertical . v_b, with vertical = forward x lateral and
 `turn_rate` the rate about it. The forward axis, a unit vector of the body, is the principal direction of the velocity
-in the body (`forward_axis`). Two error states refine it; a third is the lever arm, by which the
-sensor is ahead of the point about which the vehicle turns. With vehicle = "auto" the constraint is enabled when the
-velocity has turned over ground but not in the body, and disabled when the motion contradicts it; its noise scale is
-learned (`nhc_noise`).
+in the body (`forward_axis`). Two error states refine it; a third is the lever arm, by which the sensor is ahead of the
+point about which the vehicle turns. With vehicle = "auto" the constraint is enabled when the velocity has turned over
+ground but not in the body, and disabled when the motion contradicts it; its noise scale is learned (`nhc_noise`).
 
 Source: Dissanayake et al., The aiding of a low-cost strapdown inertial measurement unit using vehicle model
 constraints (2001).

@@ -9,7 +9,8 @@ from imud.clocks import counter
 from imud.drivers.sample import SAMPLE
 from imud.estimators import records, tilt
 from imud.estimators.ahrs import state as ahrs
-from imud.estimators.ins import parameters, state
+from imud.estimators.ins import core, parameters
+from imud.estimators.ins.alignment import records as alignment
 from imud.estimators.papers import gps_track, stationary, suh
 from imud.estimators.papers.ins9 import state as ins9
 from imud.estimators.riss import state as riss
@@ -27,31 +28,31 @@ ESTIMATORS = {
 }
 TUNING = {"Tuning": parameters.PARAMETERS["tuning"]}
 INS = {
-    "StoredSample": state.STORED_SAMPLE,
+    "StoredSample": core.STORED_SAMPLE,
     "Parameters": parameters.PARAMETERS,
-    "Nav": state.NAV,
-    "Earth": state.EARTH,
-    "Imu": state.IMU,
-    "Covariance": state.COVARIANCE,
-    "Stationarity": state.STATIONARITY,
-    "GravityMonitor": state.GRAVITY_MONITOR,
-    "Nhc": state.NHC,
-    "Gnss": state.GNSS,
-    "Integrity": state.INTEGRITY,
-    "ProcessNoise": state.PROCESS_NOISE,
-    "Drift": state.DRIFT,
-    "Alignment": state.ALIGNMENT,
-    "Barometer": state.BAROMETER,
-    "HeadingAid": state.HEADING_AID,
-    "Odometer": state.ODOMETER,
-    "WheelCheck": state.WHEEL_CHECK,
-    "Transition": state.TRANSITION,
-    "Scratch": state.SCRATCH,
-    "Snapshot": state.SNAPSHOT,
-    "Core": state.CORE,
-    "HypothesisBank": state.HYPOTHESIS_BANK,
-    "StoredMeasurement": state.STORED_MEASUREMENT,
-    "State": state.STATE,
+    "Nav": core.NAV,
+    "Earth": core.EARTH,
+    "Imu": core.IMU,
+    "Covariance": core.COVARIANCE,
+    "Stationarity": core.STATIONARITY,
+    "GravityMonitor": core.GRAVITY_MONITOR,
+    "Nhc": core.NHC,
+    "Gnss": core.GNSS,
+    "Integrity": core.INTEGRITY,
+    "ProcessNoise": core.PROCESS_NOISE,
+    "Drift": core.DRIFT,
+    "Alignment": alignment.ALIGNMENT,
+    "Barometer": core.BAROMETER,
+    "HeadingAid": core.HEADING_AID,
+    "Odometer": core.ODOMETER,
+    "WheelCheck": core.WHEEL_CHECK,
+    "Transition": core.TRANSITION,
+    "Scratch": core.SCRATCH,
+    "Snapshot": core.SNAPSHOT,
+    "Core": core.CORE,
+    "HypothesisBank": alignment.HYPOTHESIS_BANK,
+    "StoredMeasurement": core.STORED_MEASUREMENT,
+    "State": core.STATE,
 }
 AHRS = {
     "Tuning": ahrs.PARAMETERS["tuning"],

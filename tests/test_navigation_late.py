@@ -8,10 +8,10 @@ from test_navigation_jacobians import record
 
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
+from imud.estimators.ins.core import SNAPSHOT
 from imud.estimators.ins.fusion_horizon import restore_snapshot, store_snapshot
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
-from imud.estimators.ins.state import SNAPSHOT
 from imud.estimators.records import HEADING_VALID, INNOVATION
 
 RATE = 100

@@ -8,8 +8,8 @@ import pytest
 from navigation_simulation import RATE, curvature, drive, normal_gravity
 from scipy.spatial.transform import Rotation
 
+from imud.estimators.ins.core import CORE
 from imud.estimators.ins.mechanization import integrate_strapdown, wrap_angle
-from imud.estimators.ins.state import CORE
 
 
 def core_at(lat, lon, height, v, attitude, w, f):

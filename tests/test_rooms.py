@@ -51,6 +51,8 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     ("imud/clocks", "imud/sensor_errors", "imud/sensor_monitor"),
     ("imud/estimators", "imud/estimators/ahrs", "imud/estimators/papers", "imud/estimators/riss"),
     ("imud/estimators/ins/state.py", "imud/estimators/ins/types.py"),
+    ("imud/estimators/ins/alignment/records.py",),
+    ("imud/estimators/ins/core.py",),
     ("imud/estimators/ins/mechanization.py", "imud/estimators/ins/vehicle_axes.py"),
     ("imud/estimators/ins/ekf.py",),
     tuple(f"imud/estimators/ins/{name}.py" for name in ("checkpoint", "error_model", "lever_arm", "setup", "solution")),

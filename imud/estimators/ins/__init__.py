@@ -14,7 +14,7 @@ An error-state Kalman filter around a strapdown mechanization. In the order of t
 | `fusion`, `ekf` | one update of the Kalman filter; `process_noise`: learned from the innovations |
 | `alignment/` | roll, pitch and heading before navigation, and the modes |
 | `integrity/` | fault detection: a drifting receiver, a wrong heading or gyro bias |
-| `state`, `parameters` | the records, a concern each; the tunables |
+| `state`, `core`, `parameters` | the error states; the records, a concern each; the tunables |
 | `solution` | what comes out; `checkpoint`: what outlasts a restart of the program |
 """
 

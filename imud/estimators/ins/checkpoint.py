@@ -7,7 +7,8 @@ the rings the last sample is.
 import numpy as np
 
 from ...math.arrays import Records
-from .state import IMU_RING, SNAPSHOT
+from .core import SNAPSHOT
+from .state import IMU_RING
 
 _TIMES = ("last_epoch_ns", "last_time_offset", "last_fusion_ns")
 CHECKPOINT = np.dtype([("core", SNAPSHOT), *zip(_TIMES, ("<i8", "<f8", "<i8"), strict=True)], align=True)

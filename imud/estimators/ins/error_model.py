@@ -126,7 +126,7 @@ TUNABLES = (
 
 @kernel
 def linearize(p: Parameters, c: Core, transition: Transition) -> None:
-    """transition <- F over the interval since P was propagated, at the attitude now; see state.TRANSITION."""
+    """transition <- F over the interval since P was propagated, at the attitude now; see core.TRANSITION."""
     C_nb, dt = rotation_matrix(c), c.imu.integration_time
     fx, fy, fz = c.imu.delta_v[0], c.imu.delta_v[1], c.imu.delta_v[2]
     if (

@@ -11,6 +11,7 @@ from imud.sensor_errors.stored_biases import Biases
 
 from ...math.arrays import Records
 from ..tuning import Tunable
+from .core import STATE
 from .state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -23,7 +24,6 @@ from .state import (
     NEVER_NS,
     ODOMETER_SCALE,
     POSITION,
-    STATE,
     STATES,
     TIME_OFFSET,
     VELOCITY,

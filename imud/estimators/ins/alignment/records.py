@@ -1,0 +1,71 @@
+"""The records of the alignment: in the core, and the hypothesis bank, which only fixes change."""
+
+import numpy as np
+
+from ..state import HYPOTHESES
+
+ALIGNMENT = np.dtype(  # in a level frame of arbitrary heading; complex numbers are north + i east
+    [
+        ("mode", "<i8"),
+        ("heading_sigma", "<f8"),  # rad, of a heading given by the user; 0: none
+        (
+            "heading_bias_gain",
+            "<f8",
+        ),  # s, heading error per error of the vertical gyro bias
+        ("integrals", "<f8", (4, 2)),  # since the origin, of: level specific force, 1, G, exp(i y)
+        ("double_integrals", "<f8", (4, 2)),  # integrals of these
+        ("heading_phasor", "<f8", (2,)),  # exp(i y), y: heading of the body in the integrals' frame, rad
+        ("frame_azimuth", "<f8"),  # rad, azimuth of the level frame of q_nb in that of the integrals
+        ("corrected_rotation", "<f8"),  # rad, integral of bias_correction: the frame would have rotated by it
+        ("bias_correction", "<f8"),  # rad/s, corrections of the vertical gyro bias since the origin
+        (
+            "corrections",
+            "<f8",
+            (3, 2),
+        ),  # m/s^2, m/s^3, m/s^2: of tilt, level gyro bias, accelerometer bias, since then
+        ("pair_start_ns", "<i8"),  # last fix used for alignment
+        ("pair_start", "<f8", (6,)),  # its velocity, latitude and longitude, and the acceleration
+        ("pair_integrals", "<f8", (4, 2)),  # integrals then
+        ("pair_double_integrals", "<f8", (4, 2)),
+        ("mean_velocity", "<f8", (3,)),  # m/s north, east, of the last pair of positions; its s, 0: none
+        ("mean_integrals", "<f8", (4, 2)),
+        ("low_motion_position", "<f8", (2,)),  # latitude and longitude of the first fix since motion is low
+        ("low_motion_ns", "<i8"),
+        ("origin_ns", "<i8"),
+        ("position_origin", "<f8", (2,)),  # latitude and longitude from which the positions of fixes are counted
+        ("last_match_ns", "<i8"),  # last fix matched
+        ("reject_count", "<i8"),  # fixes in a row that contradict the specific force
+        ("heading_fault_count", "<i8"),  # pairs in a row that contradict the heading
+    ],
+    align=True,
+)
+
+HYPOTHESIS_BANK = np.dtype(
+    [
+        ("integrals", "<f8", (HYPOTHESES, 4, 2)),  # as the core's, to the last matched fix, turned back
+        ("double_integrals", "<f8", (HYPOTHESES, 4, 2)),
+        (
+            "whitening_state",
+            "<f8",
+            (HYPOTHESES, 3, 5, 2),
+        ),  # position, velocity, GNSS bias of the fixes and of each integral
+        ("whitening_P", "<f8", (3, 3)),  # and their covariance, m, s
+        (
+            "products",
+            "<f8",
+            (HYPOTHESES, 5, 5, 2),
+        ),  # of the innovations of GNSS, force and three regressors
+        ("weight", "<f8"),  # number of matched innovations
+        ("energy2", "<f8"),  # sum of squares of the single energies of the velocity changes
+        ("energy_age", "<f8"),  # s, their energy times its age
+        ("last_integrals", "<f8", (4, 2)),  # the core's then
+        ("last_double_integrals", "<f8", (4, 2)),
+        # scratch
+        ("innovations", "<f8", (5, 2)),
+        ("prior", "<f8", (3, 3, 2)),
+        ("inverse", "<f8", (3, 3, 2)),
+        ("gain", "<f8", (3, 3, 2)),
+        ("headings", "<f8", (HYPOTHESES, 3)),
+    ],
+    align=True,
+)

@@ -175,6 +175,17 @@ def test_an_inertial_sensor_on_a_disturbed_line_is_not_called_well():
     assert set(reported[2000:3000]) == {disturbed}
 
 
+@pytest.mark.parametrize(("late_ms", "reported"), [(0.0, False), (1.0, False), (18.0, True)])
+def test_samples_that_come_irregularly_have_uncertain_times(late_ms, reported):
+    """Each two seconds all of them are late by another time, as when the machine has no time for them."""
+    sensor, late = inertial(by_name("crossbow")), np.random.default_rng(1).random(60)
+    for k in range(12000):
+        late_ns = round(late_ms * 1e6 * late[k // 200])
+        receive_from(sensor, packet((0, 0, 0, 0, 0, 10923), clock=-12_658 * k), k * SECOND // 100 + late_ns)
+    told = [text for text in sensor.faults(120 * SECOND) if "uncertain by more than 5 ms" in text]
+    assert len(told) == reported
+
+
 def test_what_was_counted_in_all_connections_is_added_up():
     driver = by_name("crossbow")
     sensor = inertial(driver)

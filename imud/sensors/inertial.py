@@ -20,6 +20,11 @@ from .readings import NO_VECTOR, ClockFit
 SILENCE_NS = 1_000_000_000  # a stream this long silent is broken
 SILENT_PERIODS = 4  # at least
 STALE_NS, STALE_PERIODS = 200_000_000, 3
+UNCERTAIN_S = 5e-3  # of a sample's time; a vehicle that turns by 30 deg/s turns by 0.15 deg meanwhile
+_UNCERTAIN = (
+    "inertial sensor: its samples come so irregularly that their times are uncertain by more than "
+    f"{UNCERTAIN_S * 1e3:g} ms"
+)
 _DAMAGED = f"inertial sensor: more than {HIGH:.0%} of its samples do not arrive whole"
 
 
@@ -118,7 +123,8 @@ class Inertial:
         if now_ns - self.last_data_ns > max(STALE_NS, STALE_PERIODS * self.period_s * 1e9):
             return ("inertial sensor: stale, nothing new comes",)
         damaged = (_DAMAGED,) if self._loss_monitor.is_high else ()
-        return (*damaged, *words(shown(self.stream.filter.health)), *self._complains())
+        uncertain = (_UNCERTAIN,) if self.clock_fit().residual_s > UNCERTAIN_S else ()
+        return (*damaged, *uncertain, *words(shown(self.stream.filter.health)), *self._complains())
 
     def _complains(self) -> tuple[str, ...]:
         """Faults that the sensor itself has reported since it began to stream."""

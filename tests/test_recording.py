@@ -20,6 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 from imud.commands import replay_recordings
 from imud.configuration.settings import Initial
 from imud.drivers.capture import Capture
+from imud.estimators.innovation_kinds import KINDS
 from imud.recording import many, replaying
 from imud.recording.clock_fit import row_of
 from imud.recording.messages import CLOCK_TABLE, ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE, SAMPLE_TABLE
@@ -243,6 +244,24 @@ def test_allan_and_its_like_read_the_samples_of_a_recording(recorded):
     assert (samples["t_ns"] + origin * 10**9).tolist() == kept["t_ns"].tolist()
     assert samples["w"].tobytes() == kept["w"].tobytes()
     assert samples["f"].tobytes() == kept["f"].tobytes()
+
+
+def test_a_replay_writes_the_recorded_innovations_and_takes_another_calibration(recorded, tmp_path):
+    inn, csv_file, known = tmp_path / "inn.csv", tmp_path / "est.csv", tmp_path / "sensor.toml"
+    done = command("replay", recorded, "-o", csv_file, "--innovations", inn)
+    assert done.returncode == 0, done.stderr
+    rows = [row.split(",") for row in inn.read_text().splitlines()[1:]]
+    found = sorted((int(Decimal(t_s) * 10**9), kind, float(value)) for t_s, kind, value, _, _ in rows)
+    kept = stored(recorded, INNOVATION_TABLE)
+    wanted = {(int(row["t_ns"]), KINDS[int(row["kind"])].column) for row in kept}
+    assert wanted <= {(t_ns, kind) for t_ns, kind, _ in found}
+    known.write_text(
+        'serial = "x"\n[gyro]\ndate = "2026-01-01"\nbias_radps = [0.5, 0.0, 0.0]\nsigma_radps = [0.1, 0.1, 0.1]\n'
+    )
+    done = command("replay", recorded, "-o", tmp_path / "other.csv", "--calibration", known, "--estimator", "tilt")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "other.csv").read_bytes() != csv_file.read_bytes()
+    assert command("replay", recorded, recorded, "-o", tmp_path, "--innovations", inn).returncode == 64
 
 
 def _bytes(path, kind):

@@ -78,8 +78,8 @@ def run(args: argparse.Namespace) -> int:
     if args.recordings:
         from . import replay_recordings
 
-        if args.imu or args.gnss or args.calibration or args.innovations:
-            raise UsageError("replay: --imu, --gnss, --calibration and --innovations are for tables, not recordings")
+        if args.imu or args.gnss:
+            raise UsageError("replay: --imu and --gnss are tables; name these or recordings, not both")
         return replay_recordings.run(args)
     settings = config.load(args.config, args.set)
     initial = config.initial_of(settings, args.initial)

@@ -81,7 +81,7 @@ class Player:
     on_fix(fix): every fix that is used, also before there is an inertial sensor. on_aid(measurement, innovations): rows
     of MEASUREMENT and INNOVATION. adapt: from recorded settings to those
     of the replay. warn: called with warnings for the user. calibrated: whether the stored calibration corrects the
-    samples.
+    samples. calibration: instead of the stored one.
     """
 
     def __init__(
@@ -95,11 +95,12 @@ class Player:
         calibrated: bool = True,
         on_fix: Callable[[Records], None] = ignore,
         on_aid: Callable[[Records, Records], None] = ignore,
+        calibration: Calibration | None = None,
     ) -> None:
         self.samples = self.fixes = 0
         self._settings = settings
         self._adapt = adapt
-        self._calibrated = calibrated
+        self._calibrated, self._calibration = calibrated, calibration
         self._on_step, self._on_update, self._on_fix, self._warn = on_step, on_update, on_fix, warn
         self._on_aid = on_aid
         self._steps = Steps(self._step)
@@ -203,7 +204,8 @@ class Player:
         driver = by_name(said.driver)
         self._connections[said.port] = said
         if driver.kind == "imu":
-            known = msgspec.convert(_known(said.calibration if self._calibrated else {}), Calibration)
+            stored_one = msgspec.convert(_known(said.calibration if self._calibrated else {}), Calibration)
+            known = self._calibration or stored_one
             biases = msgspec.convert(said.biases, Biases) if said.biases else None
             stored = Stored(biases, said.checkpoint)
             self._ports[said.port] = self._selection.connect(

@@ -5,6 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from ..configuration.settings import Initial
 from ..errors import BadDataError
 from ..setup import config
@@ -24,6 +26,8 @@ class Job:
     initial: str
     rate_hz: float | None
     smooth: bool = False
+    innovations: Path | None = None
+    calibration: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -48,8 +52,9 @@ class Outcome:
 def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
     """Replay one recording into its file. progress: called with the bytes done and all bytes. Raises ImudError."""
     from ..math.arrays import Records
-    from ..tables.estimates import EstimateWriter
-    from .player import Player, ignore
+    from ..sensor_errors import calibration
+    from ..tables.estimates import EstimateWriter, write_innovations
+    from .player import Player
     from .writer import Thinner
 
     begin = time.perf_counter()
@@ -59,6 +64,7 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
     notes = recording.doubts()
     thinner = Thinner(job.rate_hz or 0.0)
     times: list[int] = []
+    innovations: list[Records] = []
     with open_output(job.output) as file:
         writer = EstimateWriter(file, 0, 256)
 
@@ -72,6 +78,7 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
                 write(solutions)
             else:
                 smoother.step(player.filter, samples, solutions)
+            innovations.append(player.filter.pending_innovations().copy())
 
         smoother = None
         if job.smooth:
@@ -79,9 +86,19 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
 
             smoother = Segments(write)
         initial = config.parse_assignments(job.initial, Initial, "--initial")
-        on_update = smoother.take_fix if smoother else ignore
-        on_aid = smoother.take_measurement if smoother else ignore
-        player = Player(settings, adapt, initial, step, on_update, notes.append, on_aid=on_aid)
+
+        def update(fix: Records, new: Records) -> None:
+            innovations.append(new.copy())
+            if smoother is not None:
+                smoother.take_fix(fix, new)
+
+        def aid(measurement: Records, new: Records) -> None:
+            innovations.append(new.copy())
+            if smoother is not None:
+                smoother.take_measurement(measurement, new)
+
+        known = None if job.calibration is None else calibration.read(job.calibration)
+        player = Player(settings, adapt, initial, step, update, notes.append, on_aid=aid, calibration=known)
         for entry in recording:
             player.take(entry)
             progress(recording.read_bytes, recording.bytes)
@@ -89,6 +106,8 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
             smoother.finish()
     if not player.samples:
         raise BadDataError("; ".join([f"{recording.path}: no samples of an inertial sensor in it", *recording.notes]))
+    if job.innovations is not None:
+        write_innovations(job.innovations, 0, np.concatenate(innovations))
     span_s = (times[1] - times[0]) * 1e-9
     seconds = time.perf_counter() - begin
     return Outcome(recording.path, player.samples, player.fixes, span_s, seconds, (*notes, *recording.notes))

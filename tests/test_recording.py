@@ -27,6 +27,7 @@ from imud.recording.messages import CLOCK_TABLE, ESTIMATE_TABLE, FIX_TABLE, INNO
 from imud.recording.player import Player
 from imud.recording.samples import read_samples
 from imud.recording.source import Recording, adapter, group
+from imud.sensor_errors.calibration import read as read_calibration
 
 EVERY = ("--set", "record.estimate_rate_hz=0", "--set", "record.sample_rate_hz=0")
 SCENARIO = ("--scenario", "car")
@@ -255,13 +256,24 @@ def test_a_replay_writes_the_recorded_innovations_and_takes_another_calibration(
     kept = stored(recorded, INNOVATION_TABLE)
     wanted = {(int(row["t_ns"]), KINDS[int(row["kind"])].column) for row in kept}
     assert wanted <= {(t_ns, kind) for t_ns, kind, _ in found}
-    known.write_text(
-        'serial = "x"\n[gyro]\ndate = "2026-01-01"\nbias_radps = [0.5, 0.0, 0.0]\nsigma_radps = [0.1, 0.1, 0.1]\n'
-    )
-    done = command("replay", recorded, "-o", tmp_path / "other.csv", "--calibration", known, "--estimator", "tilt")
+    bias = "bias_radps = [0.5, 0.0, -0.25]\nsigma_radps = [0.1, 0.1, 0.1]\n"
+    known.write_text(f'serial = "x"\n[gyro]\ndate = "2026-01-01"\n{bias}')
+    rates = [rates_of(recorded, calibration) for calibration in (None, read_calibration(known))]
+    assert rates[0] - rates[1] == pytest.approx(np.tile([0.5, 0.0, -0.25], (len(rates[0]), 1)), abs=1e-12)
+    done = command("replay", recorded, "-o", tmp_path / "other.csv", "--calibration", known)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "other.csv").read_bytes() != csv_file.read_bytes()
     assert command("replay", recorded, recorded, "-o", tmp_path, "--innovations", inn).returncode == 64
+
+
+def rates_of(path, calibration):
+    """Of every sample of a recording, corrected."""
+    recording, adapt, found = Recording([path]), adapter(None, (), "tilt"), []
+    settings = recording.settings(adapt)
+    player = Player(settings, adapt, Initial(), lambda s, _: found.append(s["w"].copy()), calibration=calibration)
+    for entry in recording:
+        player.take(entry)
+    return np.concatenate(found)
 
 
 def _bytes(path, kind):

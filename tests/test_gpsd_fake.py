@@ -85,11 +85,12 @@ def test_the_fixes_are_those_of_the_log(tmp_path, style):
         fixes, decoder = fixes_of(line, lambda fix: fix.utc_s == pytest.approx(bursts[-3].utc_s))
     said = {round(burst.utc_s, 3): burst for burst in bursts}
     epochs = [bursts.index(said[round(fix.utc_s, 3)]) for fix in fixes]
-    assert len(epochs) >= EPOCHS // 2, decoder.counters
+    assert len(epochs) >= 5, decoder.counters  # gpsd takes the first ones to recognise the receiver
     assert all(b - a == 1 for a, b in itertools.pairwise(epochs)), "each epoch once"
+    assert fixes[-1].dimensions == 3
     for fix, burst in zip(fixes, (bursts[k] for k in epochs), strict=True):
         assert (fix.lat_deg, fix.lon_deg) == pytest.approx((burst.lat, burst.lon), abs=2e-8)
-        assert fix.alt_msl_m == pytest.approx(burst.alt, abs=0.05)
+        assert fix.dimensions == 2 or fix.alt_msl_m == pytest.approx(burst.alt, abs=0.05)  # the first may be
         assert fix.speed_mps is None or fix.speed_mps == pytest.approx(burst.kmh / 3.6, abs=0.01)
 
 

@@ -5,21 +5,30 @@ import csv
 import io
 import json
 import math
+import shutil
+import subprocess
+from contextlib import ExitStack
 from xml.etree import ElementTree
 
 import gpxpy
 import msgspec
 import numpy as np
 import pytest
+from emulated_recording import record
 from nmea_lines import gga
 from recorded import message
+from scipy.spatial.transform import Rotation
 
-from imud.commands import export
+from imud.commands import export, main
 from imud.drivers.capture import READS, Connection
-from imud.errors import BadDataError
+from imud.drivers.sample import SAMPLE
+from imud.errors import BadDataError, UsageError
 from imud.estimators.records import FIX, HEIGHT_VALID, POSITION_VALID, SOLUTION
+from imud.firmware_sim.motion import Trajectory
+from imud.firmware_sim.scenarios import SCENARIOS
 from imud.recording import tracks
 from imud.recording.file import RecordingFile
+from imud.tables.inputs import read_imu
 
 SECOND = 1_000_000_000
 
@@ -39,7 +48,7 @@ NOTHING = dict.fromkeys(("csv", "ros2", "gpx", "kml", "geojson"))
 
 
 def exported(recording, **outputs):
-    return export.run(argparse.Namespace(recording=[recording], rate=0.0, **{**NOTHING, **outputs}))
+    return export.run(argparse.Namespace(recording=[recording], rate=0.0, **{**NOTHING, "smooth": False, **outputs}))
 
 
 def test_fixes_without_an_inertial_sensor_are_exported(tmp_path, capsys):
@@ -133,3 +142,70 @@ def test_the_tracks_of_a_recording(tmp_path):
     assert [point.elevation for point in track.segments[0].points] == pytest.approx([592.3] * 5)
     assert ElementTree.parse(files["kml"]).getroot().tag.endswith("kml")
     assert len(json.loads(files["geojson"].read_text())["features"]) == 6
+
+
+def replayed(folder, seed=3):
+    """A recording with samples of a G350 at rest, and fixes of nobody."""
+    path = folder / "rest.mcap"
+    record(path, Trajectory(SCENARIOS["rest"](0.0, 0.0, 0.0), 35.0, 139.0, 60.0), 12.0)
+    return path
+
+
+def test_a_smoothed_track_stands_beside_the_causal_one(tmp_path, monkeypatch):
+    """Of an estimator that can run backward; the smoother's own output is that of `imud replay --smooth`."""
+    causal, smoothed = [], []
+    monkeypatch.setattr(export.TrackFiles, "write_smoothed", lambda self, rows: smoothed.append(rows.copy()))
+    monkeypatch.setattr(export.TrackFiles, "step", lambda self, samples, rows: causal.append(rows.copy()))
+    path = replayed(tmp_path)
+    assert exported(path, gpx=tmp_path / "a.gpx", smooth=True) == 0
+    assert main(["replay", str(path), "--smooth", "-o", str(tmp_path / "smooth.csv")]) == 0
+    rows = list(csv.DictReader((tmp_path / "smooth.csv").open()))
+    ours = np.concatenate(smoothed)
+    assert len(rows) == len(ours) == len(np.concatenate(causal))
+    np.testing.assert_allclose(
+        [float(row["sroll_deg"]) for row in rows], np.degrees(ours["sigma_rpy"][:, 0]), atol=1e-5
+    )
+    with pytest.raises(UsageError, match="--smooth is for --gpx"):
+        exported(path, csv=tmp_path / "folder", smooth=True)
+
+
+def test_the_tracks_are_named_and_in_order():
+    files = export.TrackFiles({}, 0.0, START_NS, ExitStack())
+    row = np.zeros(1, SOLUTION)
+    row["lat"], row["status"] = 0.9, POSITION_VALID
+    files.step(row, row)
+    files.write_smoothed(row)
+    file = io.StringIO()
+    files._write(tracks.write_gpx, file)
+    assert [track.name for track in gpxpy.parse(file.getvalue()).tracks] == ["imud", "smoothed"]
+
+
+def test_the_device_s_own_tilt_goes_to_csv_and_back(tmp_path):
+    samples = np.zeros(3, SAMPLE)
+    samples["t_ns"], samples["f"] = np.arange(3) * 10_000_000, (0.0, 0.0, -9.8)
+    turn = Rotation.from_euler("ZYX", [[0.3, -0.2, 0.5], [0.1, 0.4, -2.0]])
+    samples["down"][:2] = turn.inv().apply([0.0, 0.0, 1.0])
+    with ExitStack() as stack:
+        export.CsvFolder(tmp_path, 0.0, stack).step(samples, np.zeros(3, SOLUTION))
+    head, first, _, last = (tmp_path / "imu.csv").read_text().splitlines()
+    assert head.endswith("device_roll_deg,device_pitch_deg") and last.endswith(",,")
+    assert [float(cell) for cell in first.split(",")[-2:]] == pytest.approx(np.degrees([0.5, -0.2]))
+    np.testing.assert_allclose(read_imu(tmp_path / "imu.csv")[0]["down"], samples["down"], atol=1e-12)
+
+
+@pytest.mark.skipif(
+    not (shutil.which("gpsbabel") and shutil.which("ogr2ogr")), reason="gpsbabel and ogr2ogr are absent"
+)
+def test_gpsbabel_and_ogr2ogr_open_the_tracks(tmp_path):
+    for name in ("gpx", "kml", "geojson"):
+        (tmp_path / f"t.{name}").write_text(written(name))
+    said = subprocess.run(
+        ["gpsbabel", "-t", "-i", "gpx", "-f", tmp_path / "t.gpx", "-o", "unicsv", "-F", "-"],
+        capture_output=True,
+        check=True,
+    )
+    assert len(said.stdout.decode().strip().splitlines()) == 1 + 7 + 4
+    for name, layer in (("gpx", "track_points"), ("kml", "imud"), ("geojson", "t")):
+        out = tmp_path / f"{name}.csv"
+        subprocess.run(["ogr2ogr", "-f", "CSV", out, tmp_path / f"t.{name}", layer], capture_output=True, check=True)
+        assert len(out.read_text().splitlines()) > 2

@@ -20,14 +20,16 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import TextIO
 
-    from ..math.arrays import Records
+    from ..math.arrays import Floats, Records
     from ..recording.tracks import Track
+    from ..smoothing import Segments
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", type=Path, nargs="+", metavar="MCAP", help="the files of one recording")
     parser.add_argument("--csv", type=Path, metavar="DIR", help="imu.csv, gnss.csv and est.csv")
     parser.add_argument("--ros2", type=Path, metavar="MCAP", help="the messages of `imud ros2`, in ENU and FLU")
+    parser.add_argument("--smooth", action="store_true", help="a track more: from the data before and after each point")
     for name in FORMATS:
         parser.add_argument(f"--{name}", type=Path, metavar="FILE", help="tracks of the estimates and of the receiver")
     parser.add_argument(
@@ -66,16 +68,33 @@ class CsvFolder:
         self._est = EstimateWriter(files["est"], 0, 256)
         self._thinner = Thinner(rate_hz)
         self.fixes = 0
-        self._imu.write(f"{','.join((*IMU_COLUMNS, TEMPERATURE))}\n".encode())
+        self._columns: tuple[str, ...] = (*IMU_COLUMNS, TEMPERATURE)
+        self._begun = self._has_tilt = False
         self._gnss.write(f"{','.join(_FIX_COLUMNS)}\n".encode())
+        stack.callback(self.close)
 
     def step(self, samples: "Records", solutions: "Records") -> None:
         """Rows of SAMPLE and SOLUTION."""
-        cells = np.column_stack([samples["w"], samples["f"], samples["temperature"]])
+        if not self._begun:
+            self._begin(bool(samples["down"].any()))
+        tilt = [_tilt_deg(samples["down"])] if self._has_tilt else []
+        cells = np.column_stack([samples["w"], samples["f"], samples["temperature"], *tilt])
         texts = msgspec.json.encode(cells.tolist())[2:-2].replace(b"null", b"").split(b"],[")  # NaN is null
         times = map(_seconds, samples["t_ns"].tolist())
         self._imu.write(b"".join(b"%s,%s\n" % (t.encode(), text) for t, text in zip(times, texts, strict=True)))
         self._est.write(self._thinner.kept(solutions))
+
+    def _begin(self, has_tilt: bool) -> None:
+        """The head of imu.csv, once it is known whether the device computes its own tilt."""
+        from ..tables.inputs import DEVICE_TILT
+
+        self._begun, self._has_tilt = True, has_tilt
+        self._imu.write(f"{','.join((*self._columns, *(DEVICE_TILT if has_tilt else ())))}\n".encode())
+
+    def close(self) -> None:
+        """Also a table without a row has a head."""
+        if not self._begun:
+            self._begin(False)
 
     def write_fix(self, fix: "Records") -> None:
         """A FIX."""
@@ -108,6 +127,15 @@ def _row(t_ns: int, cells: Iterable[float | str]) -> bytes:
     return f"{_seconds(t_ns)},{','.join(texts)}\n".encode()
 
 
+def _tilt_deg(down: "Records") -> "Floats":
+    """Roll and pitch, (n, 2), of the verticals (n, 3); NaN where the device gives none."""
+    tilt = np.degrees(
+        np.column_stack([np.arctan2(down[:, 1], down[:, 2]), np.arctan2(-down[:, 0], np.hypot(down[:, 1], down[:, 2]))])
+    )
+    tilt[~down.any(axis=1)] = np.nan
+    return tilt
+
+
 class TrackFiles:
     """The files of the tracks, written at the end."""
 
@@ -116,8 +144,10 @@ class TrackFiles:
         from ..recording.writer import Thinner
 
         self._estimates = Track("imud", "the filter's estimates, each from what was known then")
+        self._smoothed = Track("smoothed", "the estimates, each from the data before and after it")
         self._fixes = Track("receiver", "the receiver's fixes")
-        self._thinner, self._offset_ns = Thinner(rate_hz or _TRACK_HZ), offset_ns
+        self._thinner, self._thinner_of_smoothed = Thinner(rate_hz or _TRACK_HZ), Thinner(rate_hz or _TRACK_HZ)
+        self._offset_ns = offset_ns
         self.fixes = 0
         for name, path in paths.items():
             try:
@@ -133,6 +163,13 @@ class TrackFiles:
         for solution in self._thinner.kept(solutions):
             self._estimates.add(point_of_solution(solution, self._offset_ns))
 
+    def write_smoothed(self, solutions: "Records") -> None:
+        """Rows of SOLUTION."""
+        from ..recording.tracks import point_of_solution
+
+        for solution in self._thinner_of_smoothed.kept(solutions):
+            self._smoothed.add(point_of_solution(solution, self._offset_ns))
+
     def write_fix(self, fix: "Records") -> None:
         """A FIX."""
         from ..recording.tracks import point_of_fix
@@ -141,7 +178,22 @@ class TrackFiles:
         self._fixes.add(point_of_fix(fix[0], self._offset_ns))
 
     def _write(self, write: "Callable[[TextIO, list[Track]], None]", file: "TextIO") -> None:
-        write(file, [track for track in (self._estimates, self._fixes) if track.segments])
+        write(file, [track for track in (self._estimates, self._smoothed, self._fixes) if track.segments])
+
+
+def _smoother(targets: "list[Target]", tracks: dict[str, Path]) -> "Segments":
+    """What smooths, for the tracks among the targets. Raises UsageError if none is asked for."""
+    from ..smoothing import Segments
+
+    if not tracks:
+        raise UsageError("export: --smooth is for --gpx, --kml and --geojson; of tables: imud replay --smooth")
+
+    def write(solutions: "Records") -> None:
+        for target in targets:
+            if isinstance(target, TrackFiles):
+                target.write_smoothed(solutions)
+
+    return Segments(write)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -149,15 +201,18 @@ def run(args: argparse.Namespace) -> int:
     if not (args.csv or args.ros2 or tracks):
         raise UsageError("export: name an output: --csv DIR, --ros2 OUT.mcap, --gpx, --kml or --geojson FILE")
     refuse_overwriting([args.ros2, *tracks.values()], args.recording)
-    from ..recording.player import Player
+    from ..recording.player import Player, ignore
     from ..recording.source import Recording, adapter, tell
 
     recording = Recording(args.recording)
     adapt = adapter(None, (), None)
     settings, progress = recording.settings(adapt), Progress(1000)
     targets: list[Target] = []
+    smoother = _smoother(targets, tracks) if args.smooth else None
 
     def step(samples: "Records", solutions: "Records") -> None:
+        if smoother is not None:
+            smoother.step(player.filter, samples, solutions)
         for target in targets:
             target.step(samples, solutions)
 
@@ -165,7 +220,10 @@ def run(args: argparse.Namespace) -> int:
         for target in targets:
             target.write_fix(fix)
 
-    player = Player(settings, adapt, Initial(), step, warn=recording.notes.append, on_fix=write_fix)
+    on_update, on_aid = (smoother.take_fix, smoother.take_measurement) if smoother else (ignore, ignore)
+    player = Player(
+        settings, adapt, Initial(), step, on_update, recording.notes.append, on_fix=write_fix, on_aid=on_aid
+    )
     with ExitStack() as stack:
         offset_ns = recording.unix_less_monotonic_ns
         if args.csv:
@@ -179,6 +237,8 @@ def run(args: argparse.Namespace) -> int:
         for entry in recording:
             player.take(entry)
             progress.at(1000 * recording.read_bytes // max(recording.bytes, 1))
+        if smoother is not None:
+            smoother.finish()
     if not player.samples:
         problem = f"{recording.path}: no samples of an inertial sensor in it"
         if not any(target.fixes for target in targets):

@@ -42,6 +42,8 @@ _LONGEST_HEADER = 1 << 16  # bytes
 _MCAP = b"\x89MCAP0\r\n"
 IMU_COLUMNS = ("t_s", "gx_radps", "gy_radps", "gz_radps", "ax_mps2", "ay_mps2", "az_mps2")
 TEMPERATURE = "temperature_c"  # may stand beside them; an empty cell is not known
+DEVICE_TILT = ("device_roll_deg", "device_pitch_deg")  # so may these: what the device itself computes
+_OPTIONAL = (TEMPERATURE, *DEVICE_TILT)
 _FIX_REQUIRED = ("t_s", "lat_deg", "lon_deg", "height_m")
 _FIX_OPTIONAL = (
     *("arrival_s", "sn_m", "se_m", "sd_m", "hdop", "vn_mps", "ve_mps", "vd_mps", "speed_mps", "course_deg"),
@@ -132,7 +134,8 @@ def read_imu(path: Path, left_out: SkippedRows | None = None) -> tuple[NDArray[n
     BadDataError (with line and column).
     """
     source = table_of(path, IMU_COLUMNS)
-    names = (*IMU_COLUMNS, TEMPERATURE) if TEMPERATURE in source.names else IMU_COLUMNS
+    tilt = DEVICE_TILT if set(DEVICE_TILT) <= set(source.names) else ()
+    names = (*IMU_COLUMNS, *((TEMPERATURE,) if TEMPERATURE in source.names else ()), *tilt)
     table = _numbers(source, source.column_numbers(names), names, left_out)
     if len(table) < 2:
         why = f"{left_out}; " if left_out and left_out.count else f"{path}: "
@@ -148,8 +151,18 @@ def read_imu(path: Path, left_out: SkippedRows | None = None) -> tuple[NDArray[n
     samples["t_ns"] = ns_since(table[:, 0], origin)
     samples["tick"] = np.arange(len(table))
     samples["w"], samples["f"] = table[:, 1:4], table[:, 4:7]
-    samples["temperature"] = table[:, 7] if len(names) > len(IMU_COLUMNS) else np.nan
+    samples["temperature"] = table[:, 7] if TEMPERATURE in names else np.nan
+    if tilt:
+        samples["down"] = _down(*np.radians(table[:, -2:].T))
     return samples, origin, every - len(table)
+
+
+def _down(roll: Floats, pitch: Floats) -> Floats:
+    """The vertical in the body, (n, 3), from angles in rad; zeros where they are not known."""
+    level = np.cos(pitch)
+    down = np.column_stack([-np.sin(pitch), np.sin(roll) * level, np.cos(roll) * level])
+    down[~np.isfinite(down).all(axis=1)] = 0.0
+    return down
 
 
 def ns_since(t_s: float | Floats, origin: int) -> NDArray[np.int64]:
@@ -198,7 +211,7 @@ def _numbers(
 
     def read(number: int, cells: list[str]) -> list[float]:
         wanted = zip(columns, names, strict=True)
-        return [(_number_or_none if name == TEMPERATURE else _number)(number, cells, at, name) for at, name in wanted]
+        return [(_number_or_none if name in _OPTIONAL else _number)(number, cells, at, name) for at, name in wanted]
 
     return np.array(list(_rows(source, read, left_out))).reshape(-1, len(columns))
 

@@ -129,7 +129,7 @@ def _row(t_ns: int, cells: Iterable[float | str]) -> bytes:
 
 def _tilt_deg(down: "Floats") -> "Floats":
     """Roll and pitch, (n, 2), of the verticals (n, 3); NaN where the device gives none."""
-    tilt = np.degrees(
+    tilt: Floats = np.degrees(
         np.column_stack([np.arctan2(down[:, 1], down[:, 2]), np.arctan2(-down[:, 0], np.hypot(down[:, 1], down[:, 2]))])
     )
     tilt[~down.any(axis=1)] = np.nan

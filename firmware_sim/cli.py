@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         type=_device,
         metavar="DEVICE",
-        help=f"{kinds}; optionally @BAUD; on one motion. With --iio-root (the kernel's IIO): {chips}",
+        help=f"{kinds}; optionally @BAUD. With --iio-root: {chips}",
     )
     add("--iio-root", type=Path, metavar="DIR", help="folder that gets sys/ and dev/ as the kernel has them")
     scenarios = ", ".join(SCENARIO_NAMES)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ...compile.jit import kernel
-from ...math.kalman import measure, packed_index, reset, shear, shear3
+from ...math.kalman import measure, packed_index, reset, shear, shear3, update
 from ...math.rotation import Vector
 from ..tuning import Tunable
 from .mechanization import displace, rotate_attitude
@@ -122,6 +122,12 @@ def set_jacobian3(c: Core, length: int, column: int, row: Vector) -> int:
 def innovation_variance(c: Core, length: int) -> float:
     """h P h' for the Jacobian's `length` elements; stores P h in scratch.d."""
     return measure(c.cov.P, STATES, c.scratch.columns, c.scratch.values, length, c.scratch.d)
+
+
+@kernel
+def apply_gain(c: Core, s: float, z: float) -> None:
+    """Correct P and the error estimate by an innovation z of variance s; P h is in scratch.d."""
+    update(c.cov.P, STATES, c.scratch.x, c.scratch.d, s, z)
 
 
 @kernel

@@ -19,15 +19,14 @@ import math
 from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
-from ...math.kalman import update
 from .alignment.force_integrals import accumulate_integrals, retain_integrals
-from .ekf import inject_error, innovation, innovation_variance
+from .ekf import apply_gain, inject_error, innovation, innovation_variance
 from .error_model import linearize, propagate_covariance
 from .integrity.gnss_drift import BY_WHEELS, propagate_sensitivity, update_sensitivity
 from .integrity.reset_inflation import fade_inflation
 from .mechanization import start_integration
 from .process_noise import learn_process_noise, propagate_learning, update_learning
-from .state import NAVIGATING, STATES
+from .state import NAVIGATING
 
 if TYPE_CHECKING:
     from ..types import Innovation
@@ -60,7 +59,7 @@ def fuse(c: Core, length: int, z: float, s: float, axis: int) -> None:
     """
     update_sensitivity(c, length, s, z, axis)
     update_learning(c, length, z, s)
-    update(c.cov.P, STATES, c.scratch.x, c.scratch.d, s, z)
+    apply_gain(c, s, z)
 
 
 @kernel

@@ -23,7 +23,7 @@ from .damaged_readings import inflate_covariance, substitute_missing
 from .fusion import propagate_errors
 from .integrity.gravity_monitor import monitor_gravity
 from .power_on import check_attitude, reopen_biases
-from .propagation import propagate_to
+from .propagation import count_sample, propagate_to, subtract_biases
 from .rest import detect_rest
 from .state import COARSE_ALIGNMENT, NAVIGATING
 from .stationarity import accumulate_window, classify_window, clear_window
@@ -62,18 +62,14 @@ def end_window(p: Parameters, c: Core) -> None:
 def process_sample(p: Parameters, c: Core, sample: StoredSample) -> None:
     """Process one stored sample (body axes): propagate, then window end and constraint where they are due."""
     dt = 1e-9 * (sample.t_ns - c.nav.t_ns)
-    gap_s = 1e-9 * (sample.t_ns - c.imu.sample_ns)
-    c.imu.sample_ns = sample.t_ns
-    c.imu.sample_count += 1
+    gap_s = count_sample(c, sample.t_ns)
     if dt <= 0.0:
         return
     incomplete = sample.flags & (NO_RATE | NO_FORCE) != 0
     if incomplete:
         substitute_missing(p, c, sample)
     if sample.flags & POWER_ON:
-        for i in range(3):
-            c.imu.w[i] -= c.nav.bg[i]  # the last sample without the old biases, for the gap that follows it
-            c.imu.f[i] -= c.nav.ba[i]
+        subtract_biases(c)
         reopen_biases(p, c)
     accumulate_window(c, sample.w, sample.f)
     propagate_to(p, c, sample.t_ns, sample.w, sample.f)

@@ -104,6 +104,23 @@ def store_first_sample(c: Core, t_ns: int, w: Reals, f: Reals) -> None:
 
 
 @kernel
+def count_sample(c: Core, t_ns: int) -> float:
+    """Count the sample of this time; returns how long after the one before it is, s."""
+    interval_s = 1e-9 * (t_ns - c.imu.sample_ns)
+    c.imu.sample_ns = t_ns
+    c.imu.sample_count += 1
+    return interval_s
+
+
+@kernel
+def subtract_biases(c: Core) -> None:
+    """Take the biases from the last sample, for the gap that follows it: they are about to be reopened."""
+    for i in range(3):
+        c.imu.w[i] -= c.nav.bg[i]
+        c.imu.f[i] -= c.nav.ba[i]
+
+
+@kernel
 def propagate_to(p: Parameters, c: Core, t_ns: int, w: Reals, f: Reals) -> None:
     """Propagate the core to t_ns, at which the sample is (w, f; body axes); a gap adds variance."""
     dt = 1e-9 * (t_ns - c.nav.t_ns)

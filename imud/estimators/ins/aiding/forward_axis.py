@@ -67,6 +67,18 @@ TUNABLES = (
 
 
 @kernel
+def clear_scatter(c: Core) -> None:
+    """Forget in which direction the vehicle moved and which way was down."""
+    h = c.nhc
+    h.scatter_weight = 0.0
+    for i in range(6):
+        h.velocity_scatter[i] = 0.0
+    for i in range(3):
+        h.ground_scatter[i] = 0.0
+        h.down_sum[i] = 0.0
+
+
+@kernel
 def find_forward_axis(p: Parameters, c: Core) -> bool:
     """Once per window: accumulate the velocity in the body; True if it has one principal axis, nhc.principal_axis.
 

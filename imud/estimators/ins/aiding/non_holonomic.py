@@ -35,6 +35,7 @@ from ..state import (
     VELOCITY,
 )
 from ..vehicle_axes import forward_axis, lateral_axis, set_vehicle_axes, vertical_axis
+from .forward_axis import clear_scatter
 from .nhc_noise import add_innovation, clear_sums, learn_noise_scale, reset_noise_scale
 
 if TYPE_CHECKING:
@@ -97,14 +98,8 @@ def enable_nhc(p: Parameters, c: Core) -> None:
 @kernel
 def reset_nhc(c: Core) -> None:
     """Disable the constraint and clear the scatter matrices."""
-    h = c.nhc
-    h.enabled = 0
-    h.scatter_weight = 0.0
-    for i in range(6):
-        h.velocity_scatter[i] = 0.0
-    for i in range(3):
-        h.ground_scatter[i] = 0.0
-        h.down_sum[i] = 0.0
+    c.nhc.enabled = 0
+    clear_scatter(c)
 
 
 @kernel

@@ -25,6 +25,7 @@ from imud.figures import kept
 from imud.tables.estimates import EstimateWriter, write_innovations
 
 RNG_SEED = 5
+RECORDED = Path(__file__).parent / "corpus/recordings/json.mcap"
 
 
 @pytest.mark.parametrize("degrees", [3, 20, 200, 5000])
@@ -251,6 +252,39 @@ def test_a_recording_gives_the_same_report_as_tables(clock, tmp_path):
     if clock:
         assert session.clocks[0].rows["drift"][1:] == pytest.approx(2e-5)
         assert session.events[0].t == pytest.approx(1.5) and session.events[0].text == "the fixes are refused (hdop 9)"
+
+
+def test_a_report_sees_every_sample_also_of_a_recording_that_keeps_few(tmp_path):
+    """They are decoded from the bytes, as `imud export` does it."""
+    reader = pytest.importorskip("mcap.reader", reason="recordings need the extra imud[record]")
+    from mcap.writer import Writer
+
+    from imud.recording.samples import samples_of
+
+    path = tmp_path / "thinned.mcap"
+    with RECORDED.open("rb") as source, path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        whole, known = reader.make_reader(source), {}
+        for record in whole.iter_metadata():
+            writer.add_metadata(record.name, record.metadata)
+        for kept_file in whole.iter_attachments():
+            writer.add_attachment(
+                kept_file.create_time, kept_file.log_time, kept_file.name, kept_file.media_type, kept_file.data
+            )
+        for schema, channel, message in whole.iter_messages():
+            if channel.topic == "/imu/samples":
+                continue
+            if channel.topic not in known:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                known[channel.topic] = writer.register_channel(channel.topic, channel.message_encoding, number)
+            writer.add_message(known[channel.topic], message.log_time, message.data, message.publish_time)
+        writer.finish()
+    (sensor,) = read([path]).sensors
+    samples, _, _ = samples_of(RECORDED)
+    assert sensor.rate_hz == pytest.approx(1e9 / np.median(np.diff(samples["t_ns"])))
+    assert sensor.columns["wz"].max() == pytest.approx(samples["w"][:, 2].max())
+    assert sensor.columns["wz"].min() == pytest.approx(samples["w"][:, 2].min())
 
 
 def test_runs_at_the_same_time_share_an_axis_and_those_of_other_days_lie_over_them():

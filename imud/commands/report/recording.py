@@ -1,6 +1,7 @@
-"""A daemon's recording (MCAP) for a report: the estimates that it recorded, not a replay.
+"""A daemon's recording (MCAP) for a report: the estimates that it recorded, not a replay; of the samples, every one.
 
-It is read once from end to end, block by block; data at the full rate are never held as a whole.
+Most samples are not recorded as such: they are decoded anew from the bytes, as a sensor's faults show in single ones.
+The recording is read once from end to end, block by block; data at the full rate are never held as a whole.
 """
 
 import math
@@ -11,6 +12,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from imud.configuration.settings import Initial
 from imud.drivers.capture import Entry
 from imud.errors import BadDataError
 from imud.estimators.innovation_kinds import KINDS
@@ -23,7 +25,8 @@ from imud.recording.messages import (
     SAMPLE_TABLE,
     Table,
 )
-from imud.recording.source import Recording, tell
+from imud.recording.player import Player
+from imud.recording.source import Recording, adapter, tell
 from imud.tables.estimates import estimate_cells
 
 from ...math.arrays import Records
@@ -47,6 +50,7 @@ class _Collector:
         self._schemas: dict[str, str] = {}
         self._rows: dict[str, list[Records]] = {table.topic: [] for table in _TABLES}
         self.estimates, self.sensor = EstimateReduction(name), SensorReduction(name)
+        self.recorded_samples = SensorReduction(name)  # for a recording without the sensor's bytes
         self.events: list[tuple[int, str]] = []
 
     def take(self, entry: Entry) -> None:
@@ -57,6 +61,18 @@ class _Collector:
             self._schemas[entry.topic] = entry.schema
             if len(undecoded) >= _BLOCK:
                 self._forward(_TABLES_BY_TOPIC[entry.topic])
+
+    def decoded(self, samples: Records, solutions: Records) -> None:
+        """Samples, of the sensor's bytes."""
+        self._begin(int(samples["t_ns"][0]))
+        rows = samples.copy()
+        rows["t_ns"] -= self.origin_ns
+        self.sensor.add(rows)
+
+    def _begin(self, t_ns: int) -> None:
+        """Times count from the whole second of the first."""
+        if self.origin_ns is None:
+            self.origin_ns, self.first_ns = math.floor(t_ns * 1e-9) * 1_000_000_000, t_ns
 
     def finish(self) -> None:
         for table in _TABLES:
@@ -71,9 +87,7 @@ class _Collector:
     def _forward(self, table: Table) -> None:
         rows = table.read(self._schemas[table.topic], self._undecoded[table.topic])
         self._undecoded[table.topic].clear()
-        if self.origin_ns is None:
-            self.origin_ns = math.floor(rows["t_ns"][0] * 1e-9) * 1_000_000_000
-            self.first_ns = int(rows["t_ns"][0])
+        self._begin(int(rows["t_ns"][0]))
         self.first_ns, self.last_ns = (
             min(self.first_ns, int(rows["t_ns"].min())),
             max(self.last_ns, int(rows["t_ns"].max())),
@@ -84,7 +98,7 @@ class _Collector:
         if table is ESTIMATE_TABLE:
             self.estimates.add({"t_s": rows["t_ns"] * 1e-9, **estimate_cells(rows)})
         elif table is SAMPLE_TABLE:
-            self.sensor.add(rows)
+            self.recorded_samples.add(rows)
         else:
             self._rows[table.topic].append(rows)
 
@@ -103,9 +117,12 @@ def read_recording(path: Path, name: str, progress: Progress) -> Part:
     Raises BadDataError, InputMissingError, UsageError.
     """
     recording, found = Recording([path]), _Collector(name)
+    adapt = adapter(None, (), "tilt")  # the cheapest estimator: only the samples are wanted
+    player = Player(recording.settings(adapt), adapt, Initial(), found.decoded, warn=recording.notes.append)
     done = 0
     try:
         for entry in recording:
+            player.take(entry)
             found.take(entry)
             if recording.read_bytes != done:
                 progress(recording.read_bytes - done)
@@ -116,7 +133,8 @@ def read_recording(path: Path, name: str, progress: Progress) -> Part:
     tell("report", recording.notes)
     if not found.estimates.rows or found.origin_ns is None:
         raise BadDataError(f"{path}: no estimates in it; `imud replay {path} -o est.csv` makes them of its bytes")
-    sensor, fixes, clock = found.sensor.close(), found.rows_of(FIX_TABLE), found.rows_of(CLOCK_TABLE)
+    sensor = found.sensor.close() or found.recorded_samples.close()
+    fixes, clock = found.rows_of(FIX_TABLE), found.rows_of(CLOCK_TABLE)
     session = Session(
         (found.estimates.close(),),
         tuple(innovations_of(name, found.rows_of(INNOVATION_TABLE))),

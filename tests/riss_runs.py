@@ -9,25 +9,32 @@ import numpy as np
 from simulated import E2, A, estimated, motion, received, rpy, sensed
 
 from imud.configuration.settings import Imu, Settings
-from imud.estimators.records import HEADING_VALID
+from imud.estimators.records import HEADING_VALID, SOLUTION
 from imud.firmware_sim.rga300 import RGA300
 
 SETTINGS = Settings(imu=Imu(profile="crossbow-dmu"))
 RATE_HZ = 100.0
 
 
-def drive(seed, scenario="car", seconds=300.0, outage=None, settings=SETTINGS, vibration=0.0):
-    """(motion, solutions, fixes, innovations) of one specimen; outage: from when to when no fix comes."""
+def drive(seed, scenario="car", seconds=300.0, outage=None, settings=SETTINGS, vibration=0.0, begin=0.0, late=0.0):
+    """(motion, solutions, fixes, innovations) of one specimen; outage: from when to when no fix comes.
+
+    begin: when imud is started, s; the solutions before it are empty. late: by how much more than usual a fix is, s.
+    """
     rng = np.random.default_rng(seed)
     m = motion(scenario, seconds, RATE_HZ)
     samples, _ = sensed(m, rng, RGA300)
     samples["w"][:, :2] = 0.0
     samples["f"] += vibration * rng.standard_normal(samples["f"].shape)
     fixes = received(m, rng)
+    fixes["arrival_ns"] += round(late * 1e9)
     if outage:
         t = fixes["t_ns"] * 1e-9 - 1.0
         fixes = fixes[(t < outage[0]) | (t > outage[1])]
-    out, innovations = estimated("riss", samples, fixes, settings)
+    out, first = np.zeros(len(samples), SOLUTION), int(begin * RATE_HZ)
+    out["q_nb"][:first] = np.nan
+    fixes = fixes[fixes["arrival_ns"] > samples["t_ns"][first]]
+    out[first:], innovations = estimated("riss", samples[first:], fixes, settings)
     return m, out, fixes, innovations
 
 

@@ -51,6 +51,18 @@ def test_innovations_are_as_large_as_they_are_said_to_be():
         assert 0.1 < np.mean(these["value"] ** 2 / these["variance"]) < 1.8
 
 
+@pytest.mark.parametrize("begin", [10.6, 14.5, 24.0])
+def test_a_start_at_speed_is_where_the_vehicle_is_not_where_the_fix_was(begin):
+    for seed in range(3):
+        m, out, _, innovations = drive(seed, seconds=begin + 20.0, begin=begin, late=0.4)
+        assert np.linalg.norm(m.truth.v_n[int(begin * RATE_HZ)]) > 8.0
+        e, sigma = errors(m, out)
+        placed = out["status"] & POSITION_VALID != 0
+        assert placed[int((begin + 3.0) * RATE_HZ) :].all()
+        assert np.max(np.abs(e[placed, :2] / sigma[placed, :2])) < 4.0
+        assert (innovations["used"] == 1).mean() > 0.95
+
+
 def test_thirty_seconds_without_a_fix():
     ends, ratios = [], []
     for seed in range(4):

@@ -63,12 +63,17 @@ def place(s: RissState, fix: Fix, i: int) -> None:
 
 
 @kernel
-def place_all(p: RissParameters, s: RissState, fix: Fix) -> None:
-    """The position is the fix's, and what was travelled since."""
+def place_all(p: RissParameters, s: RissState, fix: Fix, vn: float, ve: float) -> None:
+    """The position is the fix's, and what was travelled since: at its velocity, which until now nothing else tells."""
     north, east, down = since(s, fix.t_ns, 0), since(s, fix.t_ns, 1), since(s, fix.t_ns, 2)
+    late_s, unknown2 = 1e-9 * (s.step_ns - fix.t_ns), 0.0
+    if math.isfinite(vn + ve):
+        north, east = vn * late_s, ve * late_s
+        unknown2 = (0.5 * p.tuning.accel_sigma * late_s * late_s) ** 2
     s.lat, s.lon = displaced(fix.lat, fix.lon, s.height, north, east)
-    place(s, fix, 0)
-    place(s, fix, 1)
+    for i in range(2):
+        place(s, fix, i)
+        add_variance(s, NORTH + i, unknown2)
     if s.has_height == 0 and math.isfinite(fix.height):
         s.height, s.has_height = fix.height - down, 1
         place(s, fix, 2)
@@ -88,7 +93,7 @@ def align(p: RissParameters, s: RissState, fix: Fix, vn: float, ve: float) -> No
     reset(s.P, STATES, YAW, sigma2)
     s.given_yaw = math.nan
     s.aligned = 1
-    place_all(p, s, fix)
+    place_all(p, s, fix, vn, ve)
     if given:
         speed = vn * elementary.cos(yaw) + ve * elementary.sin(yaw)
     if math.isfinite(speed):
@@ -219,7 +224,7 @@ def take_fix(p: RissParameters, s: RissState, fix: Fix, innovations: list[Innova
     if s.aligned == 1:
         rows = fuse_position(p, s, fix, innovations)
     else:
-        place_all(p, s, fix)
+        place_all(p, s, fix, vn, ve)
     if s.has_height == 1 and math.isfinite(fix.height) and s.fixes > 0:
         fuse_height(p, s, fix, innovations[rows])
         rows += 1

@@ -2,13 +2,18 @@
 
 from golden_aiding import (
     barometer,
+    body_velocity,
     compass,
     compass_behind_many_fixes,
     compass_in_any_order,
     compass_too_late,
+    external_velocity,
     odometer,
     odometer_against_a_drift,
     odometer_without_sign,
+    pose,
+    pose_alone,
+    pose_without_yaw,
 )
 from golden_gnss import (
     contrary_velocity,
@@ -111,5 +116,5 @@ CLASSES = (
     ferry, disturbed_rest, disturbed_rest_without_velocity, disturbed_rest_before_heading, rest_in_an_outage,
     heading_a_little_wrong, heading_just_wrong, force_that_creeps, moored, step_of_the_bias_at_rest, lift, pole,
     date_line, rtk_on_a_rough_road, odometer, odometer_without_sign, odometer_against_a_drift,
-    barometer,
+    barometer, pose, pose_alone, pose_without_yaw, external_velocity, body_velocity,
 )  # fmt: skip

@@ -43,6 +43,7 @@ INS = {
     "Drift": core.DRIFT,
     "Alignment": alignment.ALIGNMENT,
     "Barometer": core.BAROMETER,
+    "ExternalAid": core.EXTERNAL_AID,
     "HeadingAid": core.HEADING_AID,
     "Odometer": core.ODOMETER,
     "WheelCheck": core.WHEEL_CHECK,

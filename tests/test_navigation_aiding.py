@@ -25,9 +25,9 @@ def headings(d, rng, every_s=0.2, late_s=0.0, sigma=SIGMA):
     return rows
 
 
-def estimated(samples, fixes, measurements):
+def estimated(samples, fixes, measurements, settings=Settings()):  # noqa: B008 a frozen value
     """(solutions, innovations of the measurements), everything in the order in which it became known."""
-    filter_ = Filter(registry.by_name("navigation"), Settings(), Initial(), 100.0)
+    filter_ = Filter(registry.by_name("navigation"), settings, Initial(), 100.0)
     samples, out = samples.copy(), np.zeros(len(samples), SOLUTION)
     fixes = fixes[np.argsort(fixes["arrival_ns"], kind="stable")]
     measurements = measurements[np.argsort(measurements["arrival_ns"], kind="stable")]

@@ -10,8 +10,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from imud.compile.jit import interpreted
-from imud.configuration.settings import Initial, Navigation, Settings
-from imud.estimators.ins.aiding import barometer, gnss_position, gnss_velocity, heading, non_holonomic, odometer
+from imud.configuration.settings import Aiding, Initial, Navigation, Settings
+from imud.estimators.ins.aiding import (
+    barometer,
+    external_pose,
+    external_velocity,
+    gnss_position,
+    gnss_velocity,
+    heading,
+    non_holonomic,
+    odometer,
+)
 from imud.estimators.ins.alignment.modes import transfer_lever_arm
 from imud.estimators.ins.ekf import inject_error
 from imud.estimators.ins.mechanization import ned_difference
@@ -34,7 +43,17 @@ from imud.estimators.ins.state import (
     VELOCITY,
     VELOCITY_TIME_OFFSET,
 )
-from imud.estimators.records import BAROMETER_SOURCE, FIX, HEADING_SOURCE, INNOVATION, MEASUREMENT, ODOMETER_SOURCE
+from imud.estimators.records import (
+    BAROMETER_SOURCE,
+    BODY_VELOCITY_SOURCE,
+    FIX,
+    HEADING_SOURCE,
+    INNOVATION,
+    MEASUREMENT,
+    ODOMETER_SOURCE,
+    POSE_SOURCE,
+    VELOCITY_SOURCE,
+)
 
 STEP = 1e-5  # m, m/s, rad, ...: small against every curvature, large against the rounding of a latitude (1e-9 m)
 LEVER_ARM = (1.2, -0.7, -1.9)
@@ -80,6 +99,8 @@ def recorder(monkeypatch):
     monkeypatch.setattr(heading, "correlated_update", made.correlated_update)
     monkeypatch.setattr(odometer, "correlated_update", made.correlated_update)
     monkeypatch.setattr(barometer, "correlated_update", made.correlated_update)
+    monkeypatch.setattr(external_pose, "correlated_update", made.correlated_update)
+    monkeypatch.setattr(external_velocity, "correlated_update", made.correlated_update)
     monkeypatch.setattr(non_holonomic, "pseudo_measurement", made.pseudo_measurement)
     return made
 
@@ -90,7 +111,8 @@ def nominal(seed, rolling=False):
     rolling: the smoothed rate has a part about the forward axis, whose effect on the constraint is not in H.
     """
     rng = np.random.default_rng(seed)
-    p = configure(Settings(navigation=Navigation(lever_arm_m=LEVER_ARM)), 100.0)
+    aiding = Aiding(pose_lever_arm_m=(0.4, 0.3, -1.1), velocity_lever_arm_m=(-0.5, 0.6, 0.8))
+    p = configure(Settings(navigation=Navigation(lever_arm_m=LEVER_ARM), aiding=aiding), 100.0)
     s = start(p, Initial(lat_deg=50.0, lon_deg=8.0, height_m=120.0, yaw_deg=10.0))
     c = record(s).core[0]
     attitude = Rotation.random(random_state=seed)
@@ -160,6 +182,28 @@ def measure_barometer(p, c, fix):
     interpreted(barometer.fuse_barometer)(p, c, m, rows)
 
 
+def measure_pose(p, c, fix):
+    rows = np.zeros(4, INNOVATION).view(np.recarray)
+    m = record(np.zeros(1, MEASUREMENT))
+    m.t_ns, m.kind, m.sigma = c.nav.t_ns, POSE_SOURCE, 50.0
+    m.value = fix.lat, fix.lon, fix.height, 1.0
+    interpreted(external_pose.fuse_pose)(p, c, m, rows)
+
+
+def measure_external_velocity(p, c, fix):
+    rows = np.zeros(4, INNOVATION).view(np.recarray)
+    m = record(np.zeros(1, MEASUREMENT))
+    m.t_ns, m.kind, m.sigma, m.value[:3] = c.nav.t_ns, VELOCITY_SOURCE, 50.0, fix.v
+    interpreted(external_velocity.fuse_external_velocity)(p, c, m, rows)
+
+
+def measure_body_velocity(p, c, fix):
+    rows = np.zeros(4, INNOVATION).view(np.recarray)
+    m = record(np.zeros(1, MEASUREMENT))
+    m.t_ns, m.kind, m.sigma, m.value[:3] = c.nav.t_ns, BODY_VELOCITY_SOURCE, 50.0, (9.0, 1.0, -2.0)
+    interpreted(external_velocity.fuse_external_velocity)(p, c, m, rows)
+
+
 MEASUREMENTS = {  # measurement: rows, and the error states by which its Jacobian has elements
     measure_position: (
         3,
@@ -177,6 +221,9 @@ MEASUREMENTS = {  # measurement: rows, and the error states by which its Jacobia
         (*range(VELOCITY, VELOCITY + 3), *range(ATTITUDE, ATTITUDE + 3), MOUNT_PITCH, MOUNT_YAW, NHC_LEVER_ARM),
     ),
     measure_heading: (1, tuple(range(ATTITUDE, ATTITUDE + 3))),
+    measure_pose: (4, (*range(POSITION, POSITION + 3), *range(ATTITUDE, ATTITUDE + 3))),
+    measure_external_velocity: (3, tuple(range(VELOCITY, GYRO_BIAS + 3))),
+    measure_body_velocity: (3, tuple(range(VELOCITY, GYRO_BIAS + 3))),
     measure_barometer: (1, (POSITION + 2, BARO_OFFSET)),
     measure_odometer: (
         1,

@@ -251,6 +251,17 @@ class Aiding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             extra=HOT,
         ),
     ] = (0.0, 0.0, 0.0)
+    pose_lever_arm_m: Annotated[
+        tuple[Length, Length, Length],
+        Meta(description="Point of external poses, from the inertial sensor, in the vehicle's axes (FRD).", extra=HOT),
+    ] = (0.0, 0.0, 0.0)
+    velocity_lever_arm_m: Annotated[
+        tuple[Length, Length, Length],
+        Meta(
+            description="Point of external velocities, from the inertial sensor, in the vehicle's axes (FRD).",
+            extra=HOT,
+        ),
+    ] = (0.0, 0.0, 0.0)
 
 
 class Gpsd(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -27,7 +27,7 @@ class AidingSource:
     they are called the same, without the unit: `heading_deg` is `heading`. innovations: kind in INNOVATION to its
     names; the first stands for a measurement that came too late. reversed_sign: -1.0 for what changes its sign if time
     runs backward, as a speed does. alternatives: what may stand instead of a column: its name to the column, the
-    conversion, and what is possible.
+    conversion, and what is possible. optional: the columns that may be absent.
 
         degrees = Column(DEGREE, -360.0, 360.0)
         AidingSource("heading", HEADING_SOURCE, "HDG", {"heading_deg": degrees}, …, {HEADING: KINDS[HEADING]})
@@ -41,6 +41,7 @@ class AidingSource:
     innovations: dict[int, InnovationKind] = field(default_factory=dict)
     reversed_sign: float = 1.0
     alternatives: dict[str, tuple[str, Callable[[float], float], float, float]] = field(default_factory=dict)
+    optional: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -51,7 +52,7 @@ class AidingSource:
         """The columns that are missing among these, and have no alternative among them."""
         there = set(names)
         there |= {column for name, (column, *_) in self.alternatives.items() if name in there}
-        return [column for column in self.columns if column not in there]
+        return [column for column in self.columns if column not in there and column not in self.optional]
 
     def _converted(self, row: Mapping[str, float]) -> Mapping[str, float]:
         """The row with its columns made of alternatives. Raises ValueError for an impossible one."""
@@ -73,7 +74,7 @@ class AidingSource:
         measurement["kind"] = self.kind
         row = self._converted(row)
         for target, columns in (("value", self.columns), ("sigma", self.sigmas)):
-            numbers = [math.nan] * 3
+            numbers = [math.nan] * measurement.dtype[target].shape[0]
             for i, (name, column) in enumerate(columns.items()):
                 number = row.get(name, math.nan)
                 if not math.isnan(number) and not column.low <= number <= column.high:

@@ -33,5 +33,7 @@ def measurement_row(said: dict[str, Any], known: Iterable[AidingSource]) -> Reco
     row = np.zeros(1, MEASUREMENT)
     row["t_ns"], row["arrival_ns"], row["kind"] = said["t_ns"], said["arrival_ns"], kinds[said["source"]]
     for name in ("value", "sigma"):
-        row[name] = [math.nan if number is None else number for number in said[name]]
+        numbers = [math.nan if number is None else number for number in said[name]]
+        row[name] = math.nan
+        row[name][0, : len(numbers)] = numbers  # older recordings have three
     return row

@@ -221,6 +221,16 @@ BAROMETER = np.dtype(  # at the last reading
     align=True,
 )
 
+EXTERNAL_AID = np.dtype(  # an external pose, or velocity
+    [
+        ("last_ns", "<i8"),  # epoch of the last one
+        ("last_used_ns", "<i8"),  # and of the last that was used
+        ("rejected", "<i8"),  # 1: the last one was rejected
+        ("last_value", "<f8", (4,)),  # its values; NaN before the first
+    ],
+    align=True,
+)
+
 HEADING_AID = np.dtype([("last_ns", "<i8")], align=True)  # epoch of the last heading
 
 ODOMETER = np.dtype(
@@ -295,6 +305,8 @@ REWOUND = [  # what a rewind restores
     ("alignment", ALIGNMENT),
     ("barometer", BAROMETER),
     ("heading_aid", HEADING_AID),
+    ("pose", EXTERNAL_AID),
+    ("external_velocity", EXTERNAL_AID),
     ("odometer", ODOMETER),
     ("wheel_check", WHEEL_CHECK),
 ]

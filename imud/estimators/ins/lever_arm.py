@@ -1,4 +1,4 @@
-"""The lever arm l of the antenna, from the IMU, in the body: C_nb l in position, C_nb (w x l) in velocity."""
+"""A lever arm l, as that of the antenna, from the IMU, in the body: C_nb l in position, C_nb (w x l) in velocity."""
 
 from __future__ import annotations
 
@@ -9,7 +9,15 @@ from ...math.rotation import Vector
 from .mechanization import body_to_ned, rotation_matrix
 
 if TYPE_CHECKING:
+    from ...math.arrays import Reals
     from .types import Core, Parameters
+
+
+@kernel
+def arm_velocity_b(c: Core, arm: Reals) -> Vector:
+    """w x l: velocity of a point relative to the IMU, m/s, body."""
+    x, y, z = c.imu.w[0] - c.nav.bg[0], c.imu.w[1] - c.nav.bg[1], c.imu.w[2] - c.nav.bg[2]
+    return y * arm[2] - z * arm[1], z * arm[0] - x * arm[2], x * arm[1] - y * arm[0]
 
 
 @kernel
@@ -22,9 +30,7 @@ def antenna_position(p: Parameters, c: Core) -> Vector:
 @kernel
 def antenna_velocity(p: Parameters, c: Core) -> Vector:
     """C_nb (w x l): velocity of the antenna relative to the IMU, m/s, NED."""
-    arm = p.gnss_lever_arm
-    x, y, z = c.imu.w[0] - c.nav.bg[0], c.imu.w[1] - c.nav.bg[1], c.imu.w[2] - c.nav.bg[2]
-    return body_to_ned(c, (y * arm[2] - z * arm[1], z * arm[0] - x * arm[2], x * arm[1] - y * arm[0]))
+    return body_to_ned(c, arm_velocity_b(c, p.gnss_lever_arm))
 
 
 @kernel
@@ -38,8 +44,8 @@ def attitude_row(v: Vector, i: int) -> Vector:
 
 
 @kernel
-def gyro_bias_row(p: Parameters, c: Core, i: int) -> Vector:
-    """Component i of C_nb (l x bias) by the error of the gyro bias: how it changes the antenna's velocity."""
-    C_nb, arm = rotation_matrix(c), p.gnss_lever_arm
+def gyro_bias_row(c: Core, arm: Reals, i: int) -> Vector:
+    """Component i of C_nb (l x bias) by the error of the gyro bias: how it changes the velocity of a point."""
+    C_nb = rotation_matrix(c)
     x, y, z = C_nb[3 * i], C_nb[3 * i + 1], C_nb[3 * i + 2]
     return y * arm[2] - z * arm[1], z * arm[0] - x * arm[2], x * arm[1] - y * arm[0]

@@ -109,6 +109,8 @@ PARAMETERS = np.dtype(
         ("gnss_lever_arm", "<f8", (3,)),  # m, antenna from IMU, body
         ("heading_boresight", "<f8"),  # rad, heading of the compass less that of the body
         ("odometer_lever_arm", "<f8", (3,)),  # m, wheel from IMU, body
+        ("pose_lever_arm", "<f8", (3,)),  # m, point of external poses from IMU, body
+        ("velocity_lever_arm", "<f8", (3,)),  # m, point of external velocities from IMU, body
         ("vehicle", "<i8"),
         ("assumed_latency", "<f8"),  # s, from epoch to arrival where the epoch is only assumed
         ("gyro_psd", "<f8"),  # rad^2/s
@@ -137,6 +139,8 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     r["gnss_lever_arm"] = settings.navigation.lever_arm_m
     r["heading_boresight"] = math.radians(settings.aiding.heading_boresight_deg)
     r["odometer_lever_arm"] = settings.aiding.odometer_lever_arm_m
+    r["pose_lever_arm"] = settings.aiding.pose_lever_arm_m
+    r["velocity_lever_arm"] = settings.aiding.velocity_lever_arm_m
     r["vehicle"] = VEHICLES[settings.navigation.vehicle]
     r["assumed_latency"] = settings.gnss.latency_s
     r["gyro_psd"] = profile.gyro_noise**2

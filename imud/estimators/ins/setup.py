@@ -90,6 +90,9 @@ def start(parameters: Records, initial: Initial) -> Records:
     c["drift"]["noise_scale"] = t["first_drift_noise_scale"]
     c["drift"]["onset_ns"] = NEVER_NS
     c["heading_aid"]["last_ns"] = c["barometer"]["last_ns"] = c["barometer"]["last_used_ns"] = NEVER_NS
+    for name in ("pose", "external_velocity"):
+        c[name]["last_ns"] = c[name]["last_used_ns"] = NEVER_NS
+        c[name]["last_value"] = math.nan
     c["odometer"]["last_ns"] = c["odometer"]["last_used_ns"] = NEVER_NS
     c["gnss"]["velocity_noise_var"] = t["first_velocity_noise"] ** 2
     psd = np.array((t["vibration_vrw"], t["vibration_arw"])) ** 2

@@ -79,7 +79,7 @@ def status_bits(p: Parameters, c: Core, sigma_rpy: Reals, sigma_down: float) -> 
         bits |= POSITION_VALID
         if sigma_down < 0.5 * p.tuning.unknown_height:
             bits |= HEIGHT_VALID
-        if c.nav.t_ns - c.gnss.last_used_ns > 1e9 * p.tuning.coasting_s:
+        if c.nav.t_ns - max(c.gnss.last_used_ns, c.pose.last_used_ns) > 1e9 * p.tuning.coasting_s:
             bits |= COASTING
     return bits
 

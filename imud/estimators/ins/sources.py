@@ -8,20 +8,43 @@ import numpy as np
 
 from ...compile.jit import kernel
 from .. import odometer_source
-from ..records import BAROMETER_SOURCE, HEADING_SOURCE, ODOMETER_SOURCE
-from .aiding import barometer, heading, odometer
+from ..records import (
+    BAROMETER_SOURCE,
+    BODY_VELOCITY_SOURCE,
+    HEADING_SOURCE,
+    ODOMETER_SOURCE,
+    POSE_SOURCE,
+    VELOCITY_SOURCE,
+)
+from .aiding import barometer, external_pose, external_velocity, heading, odometer
 from .aiding.barometer import fuse_barometer
-from .aiding.heading import fuse_heading
+from .aiding.external_pose import fuse_pose
+from .aiding.external_velocity import fuse_external_velocity
+from .aiding.heading import fuse_heading, sigma_of
 from .aiding.odometer import fuse_odometer
 from .alignment.given_heading import align_with_heading
+from .alignment.given_pose import align_with_pose
 from .state import NAVIGATING
 
 if TYPE_CHECKING:
     from ..types import Innovation, Measurement
     from .types import Core, Parameters
 
-SOURCES = (heading.SOURCE, odometer_source.SOURCE, barometer.SOURCE)
-TUNABLES = (*heading.TUNABLES, *odometer.TUNABLES, *barometer.TUNABLES)
+SOURCES = (
+    heading.SOURCE,
+    odometer_source.SOURCE,
+    barometer.SOURCE,
+    external_pose.SOURCE,
+    external_velocity.NED_SOURCE,
+    external_velocity.BODY_SOURCE,
+)
+TUNABLES = (
+    *heading.TUNABLES,
+    *odometer.TUNABLES,
+    *barometer.TUNABLES,
+    *external_pose.TUNABLES,
+    *external_velocity.TUNABLES,
+)
 # by source: the kind of innovation under which a measurement beyond the fusion horizon is reported as rejected
 REJECTED_KIND = np.zeros(1 + max(source.kind for source in SOURCES), np.int64)
 for _source in SOURCES:
@@ -34,9 +57,15 @@ def fuse_source(p: Parameters, c: Core, m: Measurement, innovations: list[Innova
     if m.kind == HEADING_SOURCE and c.alignment.mode == NAVIGATING:
         return fuse_heading(p, c, m, innovations)
     if m.kind == HEADING_SOURCE:  # coarse alignment: the heading has an arbitrary origin, which this replaces
-        align_with_heading(p, c, m)
+        align_with_heading(p, c, m.value[0] - p.heading_boresight, sigma_of(p, m))
     if m.kind == BAROMETER_SOURCE:
         return fuse_barometer(p, c, m, innovations)
     if m.kind == ODOMETER_SOURCE and c.alignment.mode == NAVIGATING:
         return fuse_odometer(p, c, m, innovations)
+    if m.kind == POSE_SOURCE and c.alignment.mode == NAVIGATING:
+        return fuse_pose(p, c, m, innovations)
+    if m.kind == POSE_SOURCE:
+        align_with_pose(p, c, m)
+    if (m.kind == VELOCITY_SOURCE or m.kind == BODY_VELOCITY_SOURCE) and c.alignment.mode == NAVIGATING:
+        return fuse_external_velocity(p, c, m, innovations)
     return 0

@@ -243,6 +243,17 @@ class Tuning:
     baro_gate: float
     baro_reopen_s: float
     baro_known_height: float
+    pose_sigma: float
+    pose_yaw_sigma: float
+    pose_correlation_s: float
+    pose_time_sigma: float
+    pose_gate: float
+    external_velocity_sigma: float
+    external_velocity_scale: float
+    external_velocity_correlation_s: float
+    external_velocity_scale_s: float
+    external_velocity_time_sigma: float
+    external_velocity_gate: float
     first_tilt_sigma: float
     given_tilt_sigma: float
     given_heading_sigma: float

@@ -18,6 +18,8 @@ class Parameters:
     gnss_lever_arm: Reals
     heading_boresight: float
     odometer_lever_arm: Reals
+    pose_lever_arm: Reals
+    velocity_lever_arm: Reals
     vehicle: int
     assumed_latency: float
     gyro_psd: float
@@ -213,6 +215,13 @@ class Barometer:
     speed2: float
 
 
+class ExternalAid:
+    last_ns: int
+    last_used_ns: int
+    rejected: int
+    last_value: Reals
+
+
 class HeadingAid:
     last_ns: int
 
@@ -277,6 +286,8 @@ class Snapshot:
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid
+    pose: ExternalAid
+    external_velocity: ExternalAid
     odometer: Odometer
     wheel_check: WheelCheck
 
@@ -296,6 +307,8 @@ class Core:
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid
+    pose: ExternalAid
+    external_velocity: ExternalAid
     odometer: Odometer
     wheel_check: WheelCheck
     scratch: Scratch

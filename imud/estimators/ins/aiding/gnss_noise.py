@@ -144,8 +144,11 @@ def lever_arm_rate_variance(p: Parameters, c: Core) -> float:
 def limit_position_confidence(p: Parameters, c: Core) -> None:
     """Keep the position variance at or above that of the receiver's constant error.
 
-    During coarse alignment the position is the antenna's, so the squared lever arm is added.
+    During coarse alignment the position is the antenna's, so the squared lever arm is added. Not while external poses
+    are used, which know the position better.
     """
+    if 1e-9 * (c.nav.t_ns - c.pose.last_used_ns) < p.tuning.fresh_fix_s:
+        return
     a = p.gnss_lever_arm
     arm2 = a[0] ** 2 + a[1] ** 2 + a[2] ** 2 if c.alignment.mode != NAVIGATING else 0.0
     for i in range(3):

@@ -89,7 +89,7 @@ def velocity_jacobian(p: Parameters, c: Core, antenna: Vector, accel: float, i: 
     if c.alignment.mode != NAVIGATING:
         return length
     length = set_jacobian3(c, length, ATTITUDE, attitude_row(antenna, i))
-    return set_jacobian3(c, length, GYRO_BIAS, gyro_bias_row(p, c, i))
+    return set_jacobian3(c, length, GYRO_BIAS, gyro_bias_row(c, p.gnss_lever_arm, i))
 
 
 @kernel

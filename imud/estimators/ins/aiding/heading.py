@@ -63,16 +63,24 @@ def headings_per_error(p: Parameters, c: Core, m: Measurement) -> float:
 
 
 @kernel
+def yaw_jacobian(c: Core, length: int, x: float, y: float, z: float) -> int:
+    """Append the Jacobian of the yaw of d = (x, y, z), the body's x axis in NED; returns the Jacobian's length.
+
+    It changes by (d x (phi x d))_down / (x^2 + y^2).
+    """
+    level2 = x * x + y * y
+    length = set_jacobian(c, length, ATTITUDE, -x * z / level2)
+    length = set_jacobian(c, length, ATTITUDE + 1, -y * z / level2)
+    return set_jacobian(c, length, ATTITUDE + 2, 1.0)
+
+
+@kernel
 def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
     """Gate and fuse a heading while navigating; returns the rows of innovations (before: `alignment.given_heading`)."""
     x, y, z = body_to_ned(c, (1.0, 0.0, 0.0))
-    level2 = x * x + y * y
-    if level2 < p.tuning.heading_min_level**2:
+    if x * x + y * y < p.tuning.heading_min_level**2:
         return 0
-    # yaw of d = C e_x: its change is (d x (phi x d))_down / (x^2 + y^2)
-    length = set_jacobian(c, 0, ATTITUDE, -x * z / level2)
-    length = set_jacobian(c, length, ATTITUDE + 1, -y * z / level2)
-    length = set_jacobian(c, length, ATTITUDE + 2, 1.0)
+    length = yaw_jacobian(c, 0, x, y, z)
     rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2]
     ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
     z = wrap_angle(m.value[0] - p.heading_boresight - elementary.atan2(y, x) - rate * ahead_s)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ....compile.jit import kernel
-from ..aiding.heading import sigma_of
 from ..ekf import decorrelate
 from ..mechanization import body_to_ned, wrap_angle
 from ..state import ATTITUDE
@@ -16,18 +15,16 @@ from .modes import HEADING_KNOWN, change_mode
 from .velocity_pairs import is_levelled
 
 if TYPE_CHECKING:
-    from ...types import Measurement
     from ..types import Core, Parameters
 
 
 @kernel
-def align_with_heading(p: Parameters, c: Core, m: Measurement) -> None:
-    """Rotate the level frame to the heading once roll and pitch are known; start navigation if there was a fix."""
+def align_with_heading(p: Parameters, c: Core, yaw: float, sigma: float) -> None:
+    """Rotate the level frame to `yaw`, rad, once roll and pitch are known; start navigation if there was a fix."""
     x, y, _ = body_to_ned(c, (1.0, 0.0, 0.0))
     if not is_levelled(p, c) or x * x + y * y < p.tuning.heading_min_level**2:
         return
-    sigma = sigma_of(p, m)
-    rotate_to_heading(p, c, wrap_angle(m.value[0] - p.heading_boresight - elementary.atan2(y, x)), sigma)
+    rotate_to_heading(p, c, wrap_angle(yaw - elementary.atan2(y, x)), sigma)
     decorrelate(c, ATTITUDE + 2, sigma * sigma)
     if c.gnss.fix_count > 0:
         change_mode(p, c, HEADING_KNOWN)

@@ -163,7 +163,7 @@ def transfer_lever_arm(p: Parameters, c: Core, sign: float) -> None:
         combine3(c, POSITION + i, ATTITUDE, -sign * row[0], -sign * row[1], -sign * row[2])
         row = attitude_row(antenna, i)
         combine3(c, VELOCITY + i, ATTITUDE, -sign * row[0], -sign * row[1], -sign * row[2])
-        row = gyro_bias_row(p, c, i)
+        row = gyro_bias_row(c, p.gnss_lever_arm, i)
         combine3(c, VELOCITY + i, GYRO_BIAS, -sign * row[0], -sign * row[1], -sign * row[2])
         combine(c, POSITION + i, TIME_OFFSET, sign * of_imu)
         add_variance(c, VELOCITY + i, late2 * c.imu.accel_n[i] ** 2)

@@ -1,0 +1,131 @@
+"""Position of another system, and its yaw where it has one: lidar or camera on a map, ultra-wideband, tags.
+
+z = p_pose - p - C_nb l, in m, NED, and yaw_pose - yaw; l: the point of the pose, from the IMU, in the body. A
+measurement has value: latitude and longitude, rad, height, m, yaw, rad, the last two NaN where they are not known;
+sigma: north, east, down, m, and yaw, rad, NaN where it is not reported.
+
+*Gate.* A pose is used as a whole or not at all: a system that is lost is wrong in every element. *Repetition.* A pose
+that repeats the last one to the last digit tells nothing new, as of a system that has stopped. *Time.* Its errors last
+for a while: the gate has the variance of a single pose, the update that of what all those know that share an error.
+*Return.* Where poses are accepted again, they or the estimate were wrong: the distance is stated as an error.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from imud.drivers import elementary
+
+from ....compile.jit import kernel
+from ...aiding_source import DEGREE, AidingSource, Column
+from ...innovation_kinds import KINDS
+from ...records import POSE_D, POSE_E, POSE_N, POSE_SOURCE, POSE_YAW
+from ...tuning import Tunable
+from ..ekf import innovation_variance, set_jacobian, set_jacobian3
+from ..fusion import NO_GATE, REJECT, correct_state, correlated_update, write_innovation
+from ..integrity.reset_inflation import inflate_position
+from ..lever_arm import attitude_row
+from ..mechanization import body_to_ned, ned_difference, wrap_angle
+from ..state import ATTITUDE, POSITION
+from .external_aid import is_new, others_of_error, time_since_last
+from .heading import yaw_jacobian
+
+if TYPE_CHECKING:
+    from ....math.rotation import Vector
+    from ...types import Innovation, Measurement
+    from ..types import Core, Parameters
+
+_METRES = Column(1.0, 1e-3, 1e4)
+SOURCE = AidingSource(
+    "pose",
+    POSE_SOURCE,
+    "POSE",
+    {
+        "lat_deg": Column(DEGREE, -90.0, 90.0),
+        "lon_deg": Column(DEGREE, -180.0, 360.0),
+        "height_m": Column(1.0, -2000.0, 20000.0),
+        "yaw_deg": Column(DEGREE, -360.0, 360.0),
+    },
+    {"sn_m": _METRES, "se_m": _METRES, "sd_m": _METRES, "syaw_deg": Column(DEGREE, 0.01, 180.0)},
+    {kind: KINDS[kind] for kind in (POSE_N, POSE_E, POSE_D, POSE_YAW)},
+    optional=("height_m", "yaw_deg"),
+)
+TUNABLES = (
+    Tunable("pose_sigma", 0.5, "m", "Sigma of a position that reports none.", "Ultra-wideband: 0.1 to 0.5 m."),
+    Tunable("pose_yaw_sigma", math.radians(2.0), "rad", "Sigma of a yaw that reports none.", "Choice."),
+    Tunable("pose_correlation_s", 1.0, "s", "Correlation time of the errors of poses.", "Choice: one view, one error."),
+    Tunable("pose_time_sigma", 0.02, "s", "Unknown age of a pose.", "Choice: half a period of 25 Hz."),
+    Tunable("pose_gate", 25.0, "NIS", "Gate of each element of a pose.", "Five sigma."),
+)
+
+
+@kernel
+def element_sigma(p: Parameters, m: Measurement, i: int) -> float:
+    """Sigma of element i: the reported one, else the tunable."""
+    if m.sigma[i] > 0.0:
+        return m.sigma[i]
+    return p.tuning.pose_yaw_sigma if i == 3 else p.tuning.pose_sigma
+
+
+@kernel
+def pose_difference(p: Parameters, c: Core, m: Measurement, arm: Vector, i: int) -> float:
+    """Pose minus prediction: north, east, down, m, or yaw, rad; NaN where it is not known. arm: lever arm, NED."""
+    ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
+    if i == 3:
+        x, y, _ = body_to_ned(c, (1.0, 0.0, 0.0))
+        if not math.isfinite(m.value[3]) or x * x + y * y < p.tuning.heading_min_level**2:
+            return math.nan
+        rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2]
+        return wrap_angle(m.value[3] - elementary.atan2(y, x) - rate * ahead_s)
+    north, east = ned_difference(c, c.nav.lat, c.nav.lon, m.value[0], m.value[1])
+    away = north if i == 0 else east if i == 1 else c.nav.height - m.value[2]
+    return float(away - arm[i] - c.nav.v_n[i] * ahead_s)
+
+
+@kernel
+def pose_jacobian(c: Core, arm: Vector, i: int) -> int:
+    """Jacobian of element i; returns its length."""
+    if i == 3:
+        x, y, z = body_to_ned(c, (1.0, 0.0, 0.0))
+        return yaw_jacobian(c, 0, x, y, z)
+    return set_jacobian3(c, set_jacobian(c, 0, POSITION + i, 1.0), ATTITUDE, attitude_row(arm, i))
+
+
+@kernel
+def timing_variance(p: Parameters, c: Core, i: int) -> float:
+    """Variance of element i by the unknown age of the pose."""
+    rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2] if i == 3 else c.nav.v_n[i]
+    return float(rate * p.tuning.pose_time_sigma) ** 2
+
+
+@kernel
+def fuse_pose(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
+    """Gate and fuse a pose while navigating; returns the rows of innovations (before: `alignment.given_pose`)."""
+    g = c.pose
+    if not math.isfinite(m.value[1]) or not is_new(g, m):
+        return write_innovation(innovations, 0, m.t_ns, POSE_N, math.nan, math.nan, False)
+    l = p.pose_lever_arm  # noqa: E741 as in the literature
+    arm = body_to_ned(c, (l[0], l[1], l[2]))
+    used = True
+    for i in range(4):
+        z = pose_difference(p, c, m, arm, i)
+        r = element_sigma(p, m, i) ** 2 + timing_variance(p, c, i)
+        s = innovation_variance(c, pose_jacobian(c, arm, i)) + r
+        used = used and not z * z > p.tuning.pose_gate * s  # what is not known passes
+    others = others_of_error(time_since_last(g, m), p.tuning.pose_correlation_s)
+    n = 0
+    for i in range(4):
+        z, r = pose_difference(p, c, m, arm, i), element_sigma(p, m, i) ** 2
+        if not math.isfinite(z):
+            continue
+        length, gate = pose_jacobian(c, arm, i), NO_GATE if used else REJECT
+        value, s, _ = correlated_update(c, length, z, r + timing_variance(p, c, i), others * r, gate)
+        if used and g.rejected and i < 3:
+            inflate_position(c, i, z * z)
+        n = write_innovation(innovations, n, m.t_ns, POSE_N + i, value, s, used)
+    if used:
+        correct_state(p, c)
+        g.last_used_ns = c.nav.t_ns
+    g.rejected = 0 if used else 1
+    return n

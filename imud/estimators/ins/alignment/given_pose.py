@@ -1,0 +1,42 @@
+"""Poses of another system during coarse alignment: they start navigation where no receiver has given a fix yet."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from ....compile.jit import kernel
+from ..aiding.external_pose import element_sigma
+from ..aiding.gnss_noise import count_fix
+from ..ekf import decorrelate
+from ..mechanization import body_to_ned, displace, set_position
+from ..state import NEVER_NS, POSITION
+from .given_heading import align_with_heading
+
+if TYPE_CHECKING:
+    from ...types import Measurement
+    from ..types import Core, Parameters
+
+
+@kernel
+def align_with_pose(p: Parameters, c: Core, m: Measurement) -> None:
+    """Set the heading to the pose's, and the position, unless a receiver has one; that starts navigation.
+
+    Where the heading is known from elsewhere, the end of a window of samples starts it.
+    """
+    if not math.isfinite(m.value[1]):
+        return
+    if c.gnss.last_used_ns == NEVER_NS:  # so the position is that of the IMU, as one that the user gives
+        set_position(c, m.value[0], m.value[1], m.value[2])
+        l = p.pose_lever_arm  # noqa: E741 as in the literature
+        arm = body_to_ned(c, (l[0], l[1], l[2]))
+        displace(c, -arm[0], -arm[1], -arm[2])
+        turned2 = 0.0 if math.isfinite(m.value[3]) else l[0] ** 2 + l[1] ** 2 + l[2] ** 2
+        for i in range(3):
+            known = i < 2 or math.isfinite(m.value[2])
+            sigma = element_sigma(p, m, i) if known else p.tuning.unknown_height
+            decorrelate(c, POSITION + i, sigma**2 + turned2)
+        if c.gnss.fix_count == 0:
+            count_fix(c)
+    if math.isfinite(m.value[3]):
+        align_with_heading(p, c, m.value[3], element_sigma(p, m, 3))

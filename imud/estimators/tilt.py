@@ -25,7 +25,7 @@ from imud.drivers import elementary
 from imud.drivers.sample import NO_FORCE, NO_RATE, SUSPECT
 from imud.drivers.sample import SATURATED as BEYOND_RANGE
 
-from ..compile.jit import kernel
+from ..compile.jit import interpreted, kernel
 from ..configuration.settings import Initial, Settings
 from ..math.arrays import Records
 from ..math.earth import STANDARD_GRAVITY, gravity
@@ -101,7 +101,10 @@ def start(parameters: Records, initial: Initial) -> Records:
     s = np.zeros(1, STATE)
     s["gravity"], s["gravity_var"] = STANDARD_GRAVITY, (GRAVITY_SPREAD * STANDARD_GRAVITY) ** 2
     if initial.lat_deg is not None:
-        s["gravity"], s["gravity_var"] = gravity(math.radians(initial.lat_deg), initial.height_m or 0.0), 0.0
+        s["gravity"], s["gravity_var"] = (
+            interpreted(gravity)(math.radians(initial.lat_deg), initial.height_m or 0.0),
+            0.0,
+        )
     if initial.yaw_deg is not None:
         s["yaw"], s["yaw_var"], s["true_heading"] = math.radians(initial.yaw_deg), GIVEN_ANGLE**2, 1
     s["tilt_var"] = s["roll_pitch_var"] = UNKNOWN_ANGLE**2

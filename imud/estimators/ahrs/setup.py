@@ -67,7 +67,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     lat = math.radians(initial.lat_deg or 0.0)
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)
     s = np.zeros(1, STATE)
-    s["nav"]["gravity"] = gravity(lat, initial.height_m or 0.0) if known else STANDARD_GRAVITY
+    s["nav"]["gravity"] = interpreted(gravity)(lat, initial.height_m or 0.0) if known else STANDARD_GRAVITY
     s["nav"]["q_nb"] = (1.0, 0.0, 0.0, 0.0)
     s["quantization"]["last_reading"] = math.nan
     s["quantization"]["lsb"] = tuning["max_lsb_radps"]

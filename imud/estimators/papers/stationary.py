@@ -34,7 +34,7 @@ import numpy as np
 from imud.drivers import elementary
 from imud.drivers.sample import NO_FORCE, SUSPECT
 
-from ...compile.jit import kernel
+from ...compile.jit import interpreted, kernel
 from ...configuration.settings import Initial, Settings
 from ...math.arrays import Records
 from ...math.earth import MIN_COS, STANDARD_GRAVITY, displaced, gravity
@@ -136,7 +136,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     s["initial_rpy"] = [math.nan if angle is None else math.radians(angle) for angle in angles]
     s["gravity"], s["origin"], s["one"] = STANDARD_GRAVITY, math.nan, 1.0
     if initial.lat_deg is not None:
-        s["gravity"] = gravity(math.radians(initial.lat_deg), initial.height_m or 0.0)
+        s["gravity"] = interpreted(gravity)(math.radians(initial.lat_deg), initial.height_m or 0.0)
         if initial.lon_deg is not None:
             s["origin"] = math.radians(initial.lat_deg), math.radians(initial.lon_deg), initial.height_m or 0.0
             s["origin_var"][0, 2] = math.nan if initial.height_m is None else 0.0

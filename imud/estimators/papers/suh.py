@@ -40,7 +40,7 @@ import numpy as np
 from imud.drivers import elementary
 from imud.drivers.sample import UNUSABLE
 
-from ...compile.jit import kernel
+from ...compile.jit import interpreted, kernel
 from ...configuration.settings import Initial, Settings
 from ...math.arrays import Records
 from ...math.earth import STANDARD_GRAVITY, gravity
@@ -110,7 +110,11 @@ def start(parameters: Records, initial: Initial) -> Records:
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)
     s["initial_rpy"] = [math.nan if angle is None else math.radians(angle) for angle in angles]
     known = initial.lat_deg is not None
-    s["gravity"] = gravity(math.radians(initial.lat_deg or 0.0), initial.height_m or 0.0) if known else STANDARD_GRAVITY
+    s["gravity"] = (
+        interpreted(gravity)(math.radians(initial.lat_deg or 0.0), initial.height_m or 0.0)
+        if known
+        else STANDARD_GRAVITY
+    )
     s["r"] = R_NOMINAL
     return s
 

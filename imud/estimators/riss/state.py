@@ -7,6 +7,7 @@ import numpy as np
 from imud.configuration.settings import Initial, Settings
 from imud.sensor_errors.profiles import profile_of
 
+from ...compile.jit import interpreted
 from ...math.arrays import Records
 from ...math.earth import STANDARD_GRAVITY, gravity
 from ..tuning import Tunable, dtype_of, values_of
@@ -163,7 +164,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     s, tuning = np.zeros(1, STATE), parameters["tuning"][0]
     s["gravity"] = STANDARD_GRAVITY
     if initial.lat_deg is not None:
-        s["gravity"] = gravity(math.radians(initial.lat_deg), initial.height_m or 0.0)
+        s["gravity"] = interpreted(gravity)(math.radians(initial.lat_deg), initial.height_m or 0.0)
     s["given_yaw"] = math.nan if initial.yaw_deg is None else math.radians(initial.yaw_deg)
     s["white"] = tuning["fix_white_sigma"] ** 2, tuning["velocity_sigma"] ** 2, 4.0 * tuning["fix_white_sigma"] ** 2
     diagonal = np.zeros(STATES)

@@ -182,8 +182,8 @@ def test_samples_that_come_irregularly_have_uncertain_times(late_ms, reported):
     for k in range(12000):
         late_ns = round(late_ms * 1e6 * late[k // 200])
         receive_from(sensor, packet((0, 0, 0, 0, 0, 10923), clock=-12_658 * k), k * SECOND // 100 + late_ns)
-    told = [text for text in sensor.faults(120 * SECOND) if "uncertain by more than 5 ms" in text]
-    assert len(told) == reported
+    reports = [text for text in sensor.faults(120 * SECOND) if "uncertain by more than 5 ms" in text]
+    assert len(reports) == reported
 
 
 def test_what_was_counted_in_all_connections_is_added_up():

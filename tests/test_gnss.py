@@ -246,8 +246,8 @@ def test_a_receivers_sigma_of_the_velocity_counts_where_it_is_larger_than_the_le
     fixes = {"t_s": seconds} | {name: np.zeros(10) for name in ("lat_deg", "lon_deg", "height_m", "vn_mps", "ve_mps")}
 
     def sigmas(**reported):
-        told = navigate(imu, fixes | {name: np.full(10, value) for name, value in reported.items()}).innovations
-        return told.sigma[np.isin(told.kind, ["vn_mps", "ve_mps"])]
+        found = navigate(imu, fixes | {name: np.full(10, value) for name, value in reported.items()}).innovations
+        return found.sigma[np.isin(found.kind, ["vn_mps", "ve_mps"])]
 
     learned = sigmas()
     assert len(learned) >= 10 and learned.max() < 1.0

@@ -58,7 +58,7 @@ def playing(*logs):
 
 
 def end_of(process):
-    """End gpsfake: it ends its gpsd when it is told to, and itself not always."""
+    """End gpsfake: it ends its gpsd on a signal, and itself not always."""
     process.terminate()
     try:
         process.wait(3.0)

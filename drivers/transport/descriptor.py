@@ -2,19 +2,20 @@
 
 import os
 import time
+from abc import ABC, abstractmethod
 
 from ..errors import PortLostError
 
 
-class DescriptorPort:
+class DescriptorPort(ABC):
     """A port with an open descriptor. An end of file and every error but "nothing is waiting" is the port's loss."""
 
     fd: int
     chunk: int  # bytes of one `read` at most
 
+    @abstractmethod
     def _lost(self, error: OSError | None) -> PortLostError:
         """The error to raise; None: end of file."""
-        raise NotImplementedError
 
     def read(self) -> bytes:
         """What is waiting, at most a chunk; empty if nothing is."""

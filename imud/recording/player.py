@@ -125,7 +125,7 @@ class Player:
         return self._selection.inertial
 
     def sensors(self) -> list[tuple[Connection, Inertial | Receiver]]:
-        """Those that stream, with what their connections told."""
+        """Those that stream, with the messages of their connections."""
         return [(self._connections[port], sensor) for port, sensor in self._ports.items()]
 
     def take(self, entry: Entry) -> None:

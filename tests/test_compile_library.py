@@ -172,3 +172,20 @@ print("numba" in sys.modules, "llvmlite" in sys.modules)
 """
     ended = run(code=code, IMUD_KERNELS=str(built))
     assert (ended.stdout, ended.stderr) == ("False False\n", "")
+
+
+def test_a_start_with_a_given_place_does_not_load_numba(built):
+    """Where there is no numba, as on 32-bit ARM, it would be the end."""
+    code = """
+import sys
+sys.modules["numba"] = None
+from imud.configuration.settings import Initial, Settings
+from imud.estimators import registry
+for name in registry.NAMES:
+    estimator = registry.by_name(name)
+    given = Initial(lat_deg=48.0, lon_deg=11.0, height_m=500.0, yaw_deg=30.0)
+    estimator.start(estimator.configure(Settings(), 1000.0), given)
+print("started")
+"""
+    ended = run(code=code, IMUD_KERNELS=str(built))
+    assert (ended.stdout, ended.stderr) == ("started\n", "")

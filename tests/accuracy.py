@@ -1,0 +1,255 @@
+"""Accuracy and honesty of the navigation filter on the open recordings, as a table in Markdown, also with faults.
+
+    python tests/accuracy.py [RECORDING..] [--faults] [--outages] [--vehicle auto,land] [--profile auto,consumer-mems]
+                             [--fault NAME,..] [--fixes NAME,..] [--jobs 2]
+
+Each row is one replay at the full rate, through what users run. Horizontal errors are RMS from a minute after the first
+solution on (flights: within the times that their `meta.json` says are to be scored), in rows without a fault only while
+fixes are fresh. NEES: mean squared error over variance, per axis. "Wrong and sure": seconds with an error of more than
+4 sigma and 5 m, or 5 degrees, while the status says that position, heading or attitude are valid; `max` is the largest
+horizontal error of these runs. A car's recording has no reference of the attitude: there the yaw is compared with the
+course at more than 5 m/s, less the median of the difference, which is the mounting.
+
+The profile `auto` is `consumer-mems` here, as these tables name no sensor: the rows of the two are equal.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import json
+import os
+from concurrent.futures import ProcessPoolExecutor
+
+import numpy as np
+from navigation_runner import (
+    SHARED,
+    load,
+    navigate,
+    outage_ends,
+    scorer,
+    settings_of,
+    table,
+    truth_of,
+    without,
+)
+
+from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALID
+
+FIXES = {  # recording: its fixes
+    "ixr-0412": ("rtk1", "receiver_like", "nmea_grade"),
+    "rtkx-drive": ("rtk1", "receiver_like", "nmea_grade"),
+    "dtu-ugv4": ("rtk1", "receiver_like", "nmea_grade"),
+    "umn-thor75": ("ned", "nmea"),
+    "apm-quad106": ("ned", "nmea", "nmea_1hz"),
+}
+FAULT_S = 30.0  # how long a passing fault lasts
+RAMP_S = 60.0
+LIMIT_M, LIMIT_DEG, LIMIT_SIGMA = 5.0, 5.0, 4.0
+COURSE_MPS = 5.0  # slowest speed at which the course of a car is its heading
+
+
+def during(rows, begin, seconds):
+    t = rows["t_ns"] * 1e-9
+    return (t >= begin) & (t < begin + seconds)
+
+
+def frozen(samples, fixes, begin, names=("lat", "lon", "height", "speed", "course", "v")):
+    """A receiver that repeats what it said, under new stamps."""
+    k = np.flatnonzero(during(fixes, begin, FAULT_S))
+    for name in names if len(k) else ():
+        fixes[name][k] = fixes[name][k[0]]
+
+
+def frozen_position(samples, fixes, begin):
+    frozen(samples, fixes, begin, ("lat", "lon", "height"))
+
+
+def restamp(fixes, k, seconds):
+    fixes["t_ns"][k] += np.int64(1e9 * seconds) if np.isscalar(seconds) else (1e9 * seconds).astype(np.int64)
+    fixes["arrival_ns"] = np.maximum(fixes["arrival_ns"], fixes["t_ns"])
+
+
+def late(samples, fixes, begin):
+    restamp(fixes, slice(None), 1.0)
+
+
+def late_step(samples, fixes, begin):
+    restamp(fixes, fixes["t_ns"] * 1e-9 >= begin, 1.0)
+
+
+def early_step(samples, fixes, begin):
+    """The stamps fall back by a second; the arrivals stay."""
+    restamp(fixes, fixes["t_ns"] * 1e-9 >= begin, -1.0)
+
+
+def jitter(samples, fixes, begin):
+    restamp(fixes, slice(None), np.random.default_rng(1).uniform(-0.05, 0.05, len(fixes)))
+
+
+def ramp(samples, fixes, begin):
+    k = during(fixes, begin, RAMP_S)
+    fixes["lat"][k] += (fixes["t_ns"][k] * 1e-9 - begin) / 6.37e6
+
+
+def gyro_step(samples, fixes, begin):
+    samples["w"][samples["t_ns"] * 1e-9 >= begin, 2] += np.radians(0.5)
+
+
+def lever_arm(samples, fixes, begin):
+    """The lever arm is told wrong: see `run`."""
+
+
+FAULTS = {
+    "frozen": frozen,
+    "frozen position": frozen_position,
+    "stamps +1 s": late,
+    "stamps step +1 s": late_step,
+    "stamps step -1 s": early_step,
+    "epochs +-50 ms": jitter,
+    "ramp 1 m/s": ramp,
+    "lever arm +1 m": lever_arm,
+    "gyro +0.5 deg/s": gyro_step,
+}
+
+
+@functools.cache
+def recording(name, grade):
+    """(samples, fixes, reference, meta, when a fault begins: in motion, about the middle)."""
+    folder = SHARED / "navigation" / name
+    meta = json.loads((folder / "meta.json").read_text())
+    samples, fixes = load(folder, grade)
+    truth = truth_of(folder)
+    t, speed = truth[:, 0], np.hypot(truth[:, 4], truth[:, 5])
+    start = meta.get("score_from", t[0] + 60.0)
+    end = meta.get("score_to", t[-1])
+    times = np.arange(start + 0.3 * (end - start), start + 0.6 * (end - start), 2.0)
+    slowest = [
+        np.percentile(speed[(t >= x) & (t < x + FAULT_S)], 10) if (np.abs(t - x) < 1).any() else 0 for x in times
+    ]
+    return samples, fixes, truth, meta, float(times[int(np.argmax(slowest))])
+
+
+def horizontal(d, s):
+    """Distance and the same in sigmas."""
+    return np.hypot(d[:, 0], d[:, 1]), np.hypot(d[:, 0] / s[:, 0], d[:, 1] / s[:, 1])
+
+
+def yaw_errors(truth, d, i, est, t):
+    """Errors of the yaw, deg, NaN where there is no reference."""
+    if np.isfinite(truth[i, 9]).any():
+        return d[:, 8]
+    vn, ve = truth[i, 4], truth[i, 5]
+    yaw = np.degrees(np.interp(t, est[:, 0], np.unwrap(np.radians(est[:, 9]))))
+    away = (yaw - np.degrees(np.arctan2(ve, vn)) + 180.0) % 360.0 - 180.0
+    away[np.hypot(vn, ve) < COURSE_MPS] = np.nan
+    middle = np.angle(np.nanmedian(np.exp(1j * np.radians(away)).real) + 1j * np.nanmedian(np.sin(np.radians(away))))
+    return (away - np.degrees(middle) + 180.0) % 360.0 - 180.0
+
+
+def figures(name, grade, fault, vehicle, profile, lengths):
+    """The figures of one row, by name."""
+    samples, fixes, truth, meta, begin = recording(name, grade)
+    samples, fixes = samples.copy(), fixes.copy()
+    if fault:
+        FAULTS[fault](samples, fixes, begin)
+    told = np.array(meta["lever_frd"], float) + (1.0 if fault == "lever arm +1 m" else 0.0) * np.array([0.0, 1.0, 0.0])
+    settings, score = settings_of(vehicle, told, profile), scorer()
+    out = navigate(samples, fixes, settings)[0]
+    est, arm = table(out), meta["lever_frd"] if meta["truth_point"] == "antenna" else None
+    t, d, i = score.errors(est, truth, arm)
+    sigma = np.column_stack([np.interp(t, est[:, 0], est[:, k]) for k in range(10, 19)])
+    status = out["status"][np.searchsorted(out["t_ns"], (t * 1e9).astype(np.int64), "right") - 1]
+    d[:, 8] = yaw_errors(truth, d, i, est, t)
+    flown = (t >= meta.get("score_from", t[0] + 60.0 + 100.0 * (name[:3] == "ixr"))) & (
+        t <= meta.get("score_to", t[-1])
+    )
+    fresh = flown if fault else flown & score.steady(t, str(SHARED / "navigation" / name / f"gnss_{grade}.csv"))
+    away, sigmas = horizontal(d[:, :2], sigma[:, :2])
+    row_s = np.minimum(np.diff(t, prepend=t[0]), 1.1)
+    angle, angle_sigmas = np.abs(d[:, 6:9]), np.abs(d[:, 6:9]) / sigma[:, 6:9]
+    sure = (angle > LIMIT_DEG) & (angle_sigmas > LIMIT_SIGMA)
+    sure &= np.column_stack([status & ATTITUDE_VALID, status & ATTITUDE_VALID, status & HEADING_VALID]) > 0
+    referenced = t <= meta.get("score_to", t[-1])
+    rms = lambda x: float(np.sqrt(np.nanmean(x * x))) if np.isfinite(x).any() else np.nan  # noqa: E731
+    nees = [np.nanmean((d[fresh, k : k + 3] / sigma[fresh, k : k + 3]) ** 2) for k in (0, 3, 6)]
+    found = np.flatnonzero(out["status"] & HEADING_VALID)
+    row = {
+        "position m": rms(away[fresh]),
+        "velocity m/s": rms(np.hypot(d[fresh, 3], d[fresh, 4])),
+        "yaw deg": rms(d[fresh, 8]),
+        "NEES p, v, a": nees,
+        "wrong: position s": float(
+            row_s[(away > LIMIT_M) & (sigmas > LIMIT_SIGMA) & (status & POSITION_VALID > 0)].sum()
+        ),
+        "yaw s": float(row_s[sure[:, 2] & referenced].sum()),
+        "tilt s": float(row_s[(sure[:, 0] | sure[:, 1]) & referenced].sum()),
+        "max m": float(away[flown].max()),
+        "heading after s": 1e-9 * float(out["t_ns"][found[0]] - out["t_ns"][0]) if len(found) else np.nan,
+        "heading valid %": 100.0 * float(np.mean(status[flown] & HEADING_VALID > 0)),
+    }
+    for length in lengths:
+        row[f"outage {length} s m"] = outages(name, grade, settings, truth, arm, length)
+    return row
+
+
+def outages(name, grade, settings, truth, arm, length):
+    """[median, RMS, mean NEES] of the horizontal errors at the ends of outages of one length; [] without any."""
+    samples, fixes = recording(name, grade)[:2]
+    ends = []
+    for windows in json.loads((SHARED / "navigation" / name / "outages.json").read_text()).get(length, []):
+        cut = table(navigate(samples, without(fixes, windows), settings)[0])
+        ends += outage_ends(scorer(), cut, truth, arm, windows)
+    if not ends:
+        return []
+    e = np.array(ends)
+    return [float(np.median(e[:, 0])), float(np.sqrt(np.mean(e[:, 0] ** 2))), float(e[:, 1].mean())]
+
+
+def text_of(value):
+    if isinstance(value, list):
+        return ", ".join(text_of(x) for x in value)
+    if not np.isfinite(value):
+        return ""
+    if value == 0.0:
+        return "0"
+    return f"{value:.3f}" if abs(value) < 0.2 else f"{value:.2f}" if abs(value) < 10.0 else f"{value:.0f}"
+
+
+def arguments():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    names = lambda text: text.split(",")  # noqa: E731
+    parser.add_argument("recordings", nargs="*", default=list(FIXES))
+    parser.add_argument("--faults", action="store_true", help="one row for each fault as well")
+    parser.add_argument("--fault", type=names, help="these faults only: " + ", ".join(FAULTS))
+    parser.add_argument("--fixes", type=names, help="these fixes only")
+    parser.add_argument("--outages", action="store_true", help="withhold fixes as well, for 30 s, 60 s (flights: 15 s)")
+    parser.add_argument("--vehicle", type=names, default=["auto"])
+    parser.add_argument("--profile", type=names, default=["auto"])
+    parser.add_argument("--jobs", type=int, default=os.cpu_count())
+    return parser.parse_args()
+
+
+def main():
+    a = arguments()
+    faults = a.fault or [""] + (list(FAULTS) if a.faults else [])
+    lengths = ("15", "30", "60") if a.outages else ()
+    jobs = [
+        (name, grade, fault, vehicle, profile, () if fault else lengths)
+        for name in a.recordings
+        for grade in FIXES[name]
+        if not a.fixes or grade in a.fixes
+        for vehicle in a.vehicle
+        for profile in a.profile
+        for fault in faults
+    ]
+    with ProcessPoolExecutor(a.jobs) as pool:
+        for n, (job, row) in enumerate(zip(jobs, pool.map(figures, *zip(*jobs, strict=True)), strict=True)):
+            if n == 0:
+                print("| recording | fixes | fault | vehicle, profile |", *(f"{name} |" for name in row))
+                print("|---" * (4 + len(row)) + "|")
+            print("|", " | ".join([*job[:3], ", ".join(job[3:5]), *map(text_of, row.values())]), "|", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -5,7 +5,7 @@ import numpy as np
 from emulated import Emulated
 from scripted import run
 
-from imud.drivers.capture import READS, Connection, Raw, Reads, to_builtins
+from imud.drivers.capture_messages import READS, Connection, Raw, Reads, to_builtins
 from imud.drivers.detect import detect
 from imud.drivers.driver import Options
 from imud.drivers.registry import by_name

@@ -17,7 +17,7 @@ import msgspec
 
 from imud import client
 from imud.configuration.settings import Initial, Settings
-from imud.drivers.capture import READS, Connection, Raw, Reads
+from imud.drivers.capture_messages import READS, Connection, Raw, Reads
 from imud.drivers.registry import by_name
 from imud.errors import ConfigError, ImudError
 from imud.firmware_sim import fixes, ublox

@@ -2,7 +2,8 @@
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
-from imud.drivers.capture import Capture, Raw, Reads
+from imud.drivers.capture import Capture
+from imud.drivers.capture_messages import Raw, Reads
 
 
 def reads_of(path, port=None):

@@ -20,7 +20,7 @@ from recorded import message
 from scipy.spatial.transform import Rotation
 
 from imud.commands import export, main
-from imud.drivers.capture import READS, Connection
+from imud.drivers.capture_messages import READS, Connection
 from imud.drivers.sample import SAMPLE
 from imud.errors import BadDataError, UsageError
 from imud.estimators.records import FIX, HEIGHT_VALID, POSITION_VALID, SOLUTION

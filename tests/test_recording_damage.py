@@ -10,7 +10,7 @@ from recorded import message
 
 from imud.commands import main
 from imud.configuration.settings import Gnss, Initial, Settings
-from imud.drivers.capture import READS, Connection
+from imud.drivers.capture_messages import READS, Connection
 from imud.drivers.errors import NotSerialError
 from imud.drivers.transport.portspec import PortSpec
 from imud.drivers.transport.replay import ReplayPort

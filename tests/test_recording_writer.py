@@ -21,7 +21,8 @@ from mcap.reader import make_reader
 from recorded import decoded, reads_of, stored
 
 from imud.configuration.settings import Record, Settings
-from imud.drivers.capture import FORMAT, MAGIC, Capture
+from imud.drivers.capture import MAGIC, Capture
+from imud.drivers.capture_messages import FORMAT
 from imud.drivers.errors import CaptureError
 from imud.errors import CannotCreateError
 from imud.estimators.records import INNOVATION, SOLUTION

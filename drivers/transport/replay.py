@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from weakref import WeakValueDictionary
 
+from ..capture_messages import Connection, Raw
 from ..driver import GnssConfigured, ImuConfigured
 from ..errors import CaptureError, NotSerialError, PortAbsentError, PortEndedError, PortSupportError
 from .portspec import PortSpec
@@ -61,7 +62,7 @@ class ReplayPort:
         self._next = next(self._pending, None)
         self._wait()
 
-    def _device(self, recording: "capture.Capture", wanted: str) -> tuple[int, "capture.Connection"]:
+    def _device(self, recording: "capture.Capture", wanted: str) -> tuple[int, Connection]:
         """When the last of its devices began to stream, and the device that is wanted."""
         devices = recording.devices()
         for device in devices:
@@ -70,7 +71,7 @@ class ReplayPort:
         there = ", ".join(device.driver for device in devices) or "none"
         raise CaptureError(f"{recording.path}: no {wanted} in it; its devices: {there}")
 
-    def _reads(self, recording: "capture.Capture", port: int, first_ns: int) -> Iterator["capture.Raw"]:
+    def _reads(self, recording: "capture.Capture", port: int, first_ns: int) -> Iterator[Raw]:
         """The reads of that port from then on."""
         for entry in recording:
             for number, raw in entry.reads() or ():
@@ -97,7 +98,7 @@ class ReplayPort:
         data = self._next.data[: len(buffer)]
         buffer[: len(data)] = data
         if len(data) < len(self._next.data):
-            self._next = capture.Raw(self._next.t_ns, self._next.data[len(data) :])
+            self._next = Raw(self._next.t_ns, self._next.data[len(data) :])
         else:
             self._next = next(self._pending, None)
         self._wait()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from imud.drivers.capture import CONNECTIONS
+from imud.drivers.capture_messages import CONNECTIONS
 
 from ..configuration.settings import Initial, Settings
 from ..errors import BadDataError

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mcap.writer import CompressionType, Writer
 
-from imud.drivers.capture import CHECKSUM, FORMAT, SESSION, checksum_of
+from imud.drivers.capture_messages import CHECKSUM, FORMAT, SESSION, checksum_of
 
 from .messages import SCHEMAS
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from imud.drivers.capture import CONNECTIONS, FORMAT, READS, READS_FIELDS
+from imud.drivers.capture_messages import CONNECTIONS, FORMAT, READS, READS_FIELDS
 from imud.drivers.protobuf import BYTES, FIXED64, Field, delimited, description, single, tag, varint
 from imud.drivers.sample import SAMPLE
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from imud.drivers.capture import CONNECTIONS, Connection, Entry, Raw, Reads
+from imud.drivers.capture_messages import CONNECTIONS, Connection, Entry, Raw, Reads
 from imud.drivers.fix import Fix
 from imud.drivers.registry import by_name
 

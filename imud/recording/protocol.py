@@ -14,7 +14,7 @@ class MessageKind(IntEnum):
 
     START = 0  # JSON
     RAW = 1  # as read from the port
-    CONNECTION = 2  # JSON of `imud.drivers.capture.Connection`
+    CONNECTION = 2  # JSON of `imud.drivers.capture_messages.Connection`
     SAMPLES = 3  # rows of SAMPLE
     SOLUTIONS = 4  # rows of SOLUTION
     FIX = 5  # a row of FIX

@@ -106,7 +106,7 @@ class Recorder:
 
         Of an inertial sensor, calibration: what is taken out of its samples; stored: with which its filter begins.
         """
-        from imud.drivers.capture import Connection, to_builtins
+        from imud.drivers.capture_messages import Connection, to_builtins
 
         kind = "imu" if isinstance(configured, ImuConfigured) else "gnss"
         known = {} if calibration is None else msgspec.to_builtins(calibration)
@@ -117,7 +117,7 @@ class Recorder:
 
     def disconnected(self, port: int, path: str) -> None:
         """It streams no more."""
-        from imud.drivers.capture import Connection
+        from imud.drivers.capture_messages import Connection
 
         self._json(MessageKind.CONNECTION, Connection(time.monotonic_ns(), port, path, False), port)
 

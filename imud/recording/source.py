@@ -25,7 +25,8 @@ class Recording:
         """Raises UsageError, InputMissingError, BadDataError."""
         if util.find_spec("mcap") is None:
             raise UsageError("recordings need the package mcap: pip install 'imud[record]'")
-        from imud.drivers.capture import FORMAT, Capture
+        from imud.drivers.capture import Capture
+        from imud.drivers.capture_messages import FORMAT
         from imud.drivers.errors import CaptureError
 
         self.notes: list[str] = []
@@ -71,7 +72,7 @@ class Recording:
         return adapt(recorded)
 
     def __iter__(self) -> Iterator[Any]:
-        """All messages (`imud.drivers.capture.Entry`)."""
+        """All messages (`imud.drivers.capture_messages.Entry`)."""
         for capture in self._captures:
             yield from capture
             if capture.broken:

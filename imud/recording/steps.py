@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from imud.drivers.capture import Reads
+from imud.drivers.capture_messages import Reads
 from imud.drivers.sample import SAMPLE
 
 from ..estimators.records import SOLUTION

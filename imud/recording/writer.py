@@ -16,7 +16,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from imud.drivers.capture import CONNECTIONS, READS, Connection, Raw, Reads
+from imud.drivers.capture_messages import CONNECTIONS, READS, Connection, Raw, Reads
 
 from ..configuration.settings import Record
 from . import parts

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from imud.configuration.settings import Initial
-from imud.drivers.capture import Entry
+from imud.drivers.capture_messages import Entry
 from imud.errors import BadDataError
 from imud.estimators.innovation_kinds import KINDS
 from imud.recording.messages import (

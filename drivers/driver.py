@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .dialogue import Dialogue
-from .fix import Fix, Heading, ReceiverStatus, Sky
+from .fix import Fix, Reading, ReceiverStatus, Sky
 
 
 @dataclass(frozen=True)
@@ -89,10 +89,11 @@ class ImuConfigured:
 
 @dataclass(frozen=True)
 class GnssConfigured:
-    """A receiver that streams."""
+    """A receiver that streams, or another sensor that speaks a receiver's protocol."""
 
     identity: Identity
     warnings: tuple[str, ...] = ()
+    positions: bool = True  # it sends any
 
 
 class Driver(Protocol):
@@ -182,10 +183,10 @@ class GnssDecoder(Protocol):
 
 
 @runtime_checkable
-class HeadingDecoder(Protocol):
-    """A decoder of receivers, or compasses, that report headings beside their fixes, too."""
+class ReadingDecoder(Protocol):
+    """A decoder of receivers, compasses, logs or barometers that report such readings, beside fixes or alone."""
 
-    def take_headings(self) -> list[Heading]:
+    def take_readings(self) -> list[Reading]:
         """Those that came since the last call."""
 
 

@@ -50,13 +50,18 @@ class Fix:
 
 
 @dataclass(frozen=True)
-class Heading:
-    """A heading from true north that a receiver or a compass reports beside its fixes."""
+class Reading:
+    """What a receiver, or another sensor that speaks its protocol, reports beside fixes.
 
+    source: `heading` (deg from true north), `speed` (over ground, along the vehicle, m/s, below zero astern),
+    `water speed` (the same through the water), `pressure` (of the air, Pa).
+    """
+
+    source: str
     arrival_ns: int  # monotonic, of its message
     utc_s: float | None  # seconds of the UTC day; None: its time is not known
-    degrees: float
-    sigma_deg: float | None = None
+    value: float
+    sigma: float | None = None  # in the same unit; None: not known
 
 
 @dataclass(frozen=True)

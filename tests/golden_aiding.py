@@ -107,6 +107,18 @@ def odometer_against_a_drift():
     return replace(navigated(samples, fixes), measurements=readings(d, seed=66))
 
 
+def speed_through_water():
+    """A ship's log in a current, while the receiver is lost; one reading in ten is far off."""
+    d = road(100.0)
+    samples, fixes = data(d, seed=81)
+    rows = readings(d, seed=82, every_s=0.5)
+    rows["value"][:, 0] += 0.6
+    rows["value"][::10, 0] += 5.0
+    rows["sigma"][:, 1] = 0.5
+    gone = (fixes["t_ns"] > 150e9) & (fixes["t_ns"] < 185e9)
+    return replace(navigated(samples, fixes[~gone]), measurements=rows)
+
+
 def barometer():
     """A door is opened and closed, then a window stays open; every other reading tells its sigma."""
     d, rng = road(120.0), random(67)

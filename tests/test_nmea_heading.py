@@ -21,7 +21,7 @@ def of(*pieces):
     decoder = NmeaDecoder()
     for data, t_s in pieces:
         decoder.feed(data, round(t_s * SECOND))
-    return decoder.take_headings(), decoder
+    return decoder.take_readings(), decoder
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,7 @@ def of(*pieces):
 )
 def test_a_heading_and_its_sigma(body, degrees, sigma):
     [heading], decoder = of((line(body) + line("GPHDT,1.0,T"), 1.0))
-    assert (heading.degrees, heading.sigma_deg) == (degrees, sigma)
+    assert (heading.value, heading.sigma) == (degrees, sigma)
     assert decoder.counters["heading"] == 2
 
 

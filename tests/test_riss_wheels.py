@@ -106,7 +106,7 @@ def test_wheels_are_fused_as_a_dense_filter_does_with_numeric_derivatives():
     P = A @ A.T
     s["P"] = P[UPPER]
     m = np.zeros(1, MEASUREMENT)
-    m["t_ns"], m["sigma"] = s["step_ns"], 0.1
+    m["t_ns"], m["sigma"] = s["step_ns"], (0.1, np.nan, np.nan, np.nan)
 
     def predicted(x):
         return (1.0 + x[state.WHEEL_SCALE]) * (x[state.SPEED] + 0.7 * 0.2)
@@ -126,15 +126,16 @@ def test_wheels_are_fused_as_a_dense_filter_does_with_numeric_derivatives():
     np.testing.assert_allclose(s["P"][0], (P - np.outer(K, K) * (S + slip**2))[UPPER], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("value", [np.nan, 50.0])
-def test_a_reading_of_no_use_changes_nothing(value):
+@pytest.mark.parametrize(("value", "current"), [(np.nan, np.nan), (50.0, np.nan), (12.0, 0.5)])
+def test_a_reading_of_no_use_changes_nothing(value, current):
+    """One through the water, in a current, is of no use here."""
     p, s = some_state()
     s["started"], s["fixes"] = 1, 1
     m = np.zeros(1, MEASUREMENT)
-    m["t_ns"], m["sigma"], m["value"] = s["step_ns"], 0.1, value
+    m["t_ns"], m["sigma"], m["value"] = s["step_ns"], (0.1, current, np.nan, np.nan), value
     s["P"] = 1e-4 * np.eye(state.STATES)[UPPER]
     before, rows = s["x"].copy(), np.zeros(1, INNOVATION)
-    assert wheels.fuse_wheel_speed(p, s[0], m[0], rows) == (0 if math.isnan(value) else 1)
+    assert wheels.fuse_wheel_speed(p, s[0], m[0], rows) == (1 if value == 50.0 else 0)
     assert rows["used"][0] == 0
     np.testing.assert_array_equal(s["x"], before)
     m["value"], m["t_ns"] = 12.0, s["step_ns"] - 3_000_000_000

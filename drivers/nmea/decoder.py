@@ -8,11 +8,11 @@ their time is ahead.
 
 from collections import Counter
 
-from ..fix import Fix, Heading, ReceiverStatus, Sky
+from ..fix import Fix, Reading, ReceiverStatus, Sky
 from .content import READERS, Content, GsaMode
 from .epochs import Epoch, same_time
-from .heading import READERS as HEADINGS
-from .heading import HeadingCollector
+from .readings import READERS as READINGS
+from .readings import ReadingCollector
 from .sentences import RefusedError, Sentence, Splitter
 from .sky import SkyCollector
 
@@ -74,7 +74,8 @@ class GsaHistory:
 class NmeaDecoder:
     """Bytes of one receiver to fixes. Not thread-safe.
 
-    Counters: `fixes`; `heading`, and sentences without one, `no heading`; epochs without a fix: `no fix`, `repeated`
+    Counters: `fixes`; `heading`, `speed`, `water speed`, `pressure`, and sentences of such kinds without one, `no
+    reading`; epochs without a fix: `no fix`, `repeated`
     (also repeated sentences), `contradictory`; `other`, sentences of unused kinds; `late`, those of an epoch that is
     complete; `noise bytes`; and rejected sentences by reason.
     """
@@ -91,7 +92,7 @@ class NmeaDecoder:
         self._interval_ns = INTERVAL_MAX_NS  # between epochs
         self._gsa = GsaHistory()
         self._sky = SkyCollector()
-        self._headings = HeadingCollector()
+        self._readings = ReadingCollector()
         self._waiting: dict[str, tuple[Content, int]] = {}  # companions of an epoch to come, with their arrival
         self._last_fix_utc_ns: int | None = None
         self._last_arrival_ns: int | None = None
@@ -124,24 +125,26 @@ class NmeaDecoder:
             return []
         return self._close()
 
-    def take_headings(self) -> list[Heading]:
-        """See `HeadingDecoder`."""
-        return self._headings.take()
+    def take_readings(self) -> list[Reading]:
+        """See `ReadingDecoder`."""
+        return self._readings.take()
 
-    def _read_heading(self, sentence: Sentence) -> None:
+    def _read_other(self, sentence: Sentence) -> None:
         try:
-            heading = HEADINGS[sentence.kind](sentence)
+            found = READINGS[sentence.kind](sentence)
         except RefusedError as reason:
             self.counters[f"{sentence.kind} {reason}"] += 1
         else:
-            self.counters["heading" if heading else "no heading"] += 1
-            if heading:
-                self._headings.add(heading, self._epoch)
+            for reading in found:
+                self.counters[reading.source] += 1
+                self._readings.add(reading, self._epoch)
+            if not found:
+                self.counters["no reading"] += 1
 
     def _process(self, sentence: Sentence) -> list[Fix]:
         self._sky.add(sentence)
-        if sentence.kind in HEADINGS:
-            self._read_heading(sentence)
+        if sentence.kind in READINGS:
+            self._read_other(sentence)
             return []
         content = self._read(sentence)
         after_pause = self._pause_ns is not None and sentence.arrival_ns >= self._pause_ns
@@ -207,7 +210,7 @@ class NmeaDecoder:
                 epoch.arrival_ns = min(epoch.arrival_ns, arrival_ns)
         self._waiting.clear()
         epoch.add(kind, content)
-        self._headings.begin(epoch)
+        self._readings.begin(epoch)
 
     def _close(self) -> list[Fix]:
         """The epoch is over."""

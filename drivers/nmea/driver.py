@@ -9,11 +9,16 @@ from ..driver import GnssConfigured, Identity, Options, Unsupported
 from .content import READERS
 from .decoder import NmeaDecoder
 from .mtk import is_mtk, speaks_mtk, speed_up
+from .readings import READERS as READINGS
 from .sentences import RefusedError, Sentence, Splitter
 
 ENOUGH = 2  # checked sentences; or one of a kind that only receivers send
 MEDIATEK, UNCHECKED = "MediaTek NMEA receiver", "NMEA receiver without checksums"
+RECEIVER, SENSOR = "NMEA receiver", "NMEA sensor without positions"  # a compass, a log, a barometer
+DEVICE = "NMEA device"  # either
 POSITION_KINDS = {"GGA", "GNS", "RMC", "GLL"}
+RECEIVER_KINDS = {*READERS, "GSV"}
+POSITION_S = 2.5  # in which a receiver that also sends what other sensors send sends a position
 WITHOUT = "switch them on in the receiver, or accept sentences without them: --set gnss.require_checksum=false"
 
 
@@ -34,7 +39,8 @@ class Nmea:
         """Sentences with the right checksum; without any, positions that lack it."""
         kinds = [sentence.kind for sentence in Splitter(Counter()).feed(received, 0)]
         if len(kinds) >= ENOUGH or POSITION_KINDS.intersection(kinds):
-            return Identity(self.name, MEDIATEK if speaks_mtk(received) else "NMEA receiver")
+            model = RECEIVER if RECEIVER_KINDS.intersection(kinds) else DEVICE
+            return Identity(self.name, MEDIATEK if speaks_mtk(received) else model)
         sentences = Splitter(Counter(), unchecked=True).feed(received, 0)
         return Identity(self.name, UNCHECKED) if any(map(_has_position, sentences)) else None
 
@@ -48,6 +54,11 @@ class Nmea:
         yield Exchange()
         if identity.model == UNCHECKED and not options.unchecked:
             return Unsupported(self.name, identity.model, WITHOUT, identity.baud)
+        if identity.model == DEVICE:
+            received = yield Exchange(listen_s=POSITION_S, enough=_has_position_kind)
+            if not _has_position_kind(received) and _kinds(received) & READINGS.keys():
+                return GnssConfigured(replace(identity, model=SENSOR), positions=False)
+            identity = replace(identity, model=RECEIVER)
         if options.readonly or not options.fix_rate_hz or not identity.baud:
             return GnssConfigured(identity)
         if identity.model != MEDIATEK and not (yield from is_mtk(identity.baud)):
@@ -61,6 +72,16 @@ class Nmea:
     def new_decoder(self, unchecked: bool = False) -> NmeaDecoder:
         """See `GnssDriver`."""
         return NmeaDecoder(unchecked)
+
+
+def _kinds(received: bytes) -> set[str]:
+    """The kinds of sentence among the bytes."""
+    return {sentence.kind for sentence in Splitter(Counter()).feed(received, 0)}
+
+
+def _has_position_kind(received: bytes) -> bool:
+    """Whether a receiver's sentences are among the bytes, with a fix or not."""
+    return bool(_kinds(received) & POSITION_KINDS)
 
 
 def _has_position(sentence: Sentence) -> bool:

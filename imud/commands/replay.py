@@ -106,7 +106,7 @@ def run(args: argparse.Namespace) -> int:
         if args.calibration is not None:
             filter_.calibrate(calibration.read(args.calibration))
         innovations: list[Records] = []
-        aiding = _read_aiding(sources, origin)
+        aiding = _merged(_read_aiding(sources, origin), _readings(args.gnss, origin, samples, settings, estimator))
         mask = _output_mask(samples["t_ns"], args.rate)
         progress = Progress(len(samples))
         if args.smooth:
@@ -199,9 +199,29 @@ def _read_aiding(sources: "list[tuple[AidingSource, Path]]", origin: int) -> "Re
     """Measurements of all sources in order of arrival; None: there is no source."""
     from ..tables.inputs import SkippedRows, read_aiding
 
-    if not sources:
+    return _merged(*(read_aiding(source, path, origin, SkippedRows(path)) for source, path in sources))
+
+
+def _readings(
+    path: Path | None, origin: int, samples: "Records", settings: Settings, estimator: "Estimator"
+) -> "Records | None":
+    """Measurements in a receiver's log of NMEA sentences; None: it is no such log, or there are none in it."""
+    from ..tables.lines import is_nmea
+
+    if path is None or not estimator.sources or not is_nmea(path):
         return None
-    measurements = np.concatenate([read_aiding(source, path, origin, SkippedRows(path)) for source, path in sources])
+    from ..tables.nmea_readings import readings_of_log
+
+    found = readings_of_log(path, origin, int(samples["t_ns"][0]), settings, estimator.sources)
+    return found if len(found) else None
+
+
+def _merged(*parts: "Records | None") -> "Records | None":
+    """Measurements of all parts in order of arrival; None: there are none."""
+    there = [part for part in parts if part is not None]
+    if not there:
+        return None
+    measurements = np.concatenate(there)
     return measurements[np.argsort(measurements["arrival_ns"], kind="stable")]
 
 

@@ -244,6 +244,17 @@ class Aiding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             -360.0, 360.0, "deg", "What the compass, or the baseline, shows when the vehicle heads north.", hot=True
         ),
     ] = 0.0
+    current_mps: Annotated[
+        float,
+        number(
+            0.0,
+            10.0,
+            "m/s",
+            "Speed of the water itself, 1 sigma, by which a speed through it (NMEA VHW, VBW) differs from that over "
+            "ground; 0: speeds through the water are not used.",
+            hot=True,
+        ),
+    ] = 0.0
     odometer_lever_arm_m: Annotated[
         tuple[Length, Length, Length],
         Meta(

@@ -9,7 +9,7 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from imud.drivers.driver import AnyDriver, ImuConfigured, ImuDriver
+from imud.drivers.driver import AnyDriver, GnssConfigured, GnssDriver, ImuConfigured, ImuDriver
 from imud.drivers.errors import PortEndedError, PortLostError
 from imud.drivers.registry import by_name
 from imud.drivers.transport.line import Known
@@ -75,6 +75,7 @@ class Devices:
         self._looked_ns = self._awake_ns = 0  # of `tick`: when last; since when without a long pause between two
         self._closed_spares: dict[str, set[Port]] = {kind: set() for kind in _PARTS}
         self.spares = Spares()  # inertial sensors
+        self.sensors: dict[Port, Receiver] = {}  # without positions: compasses, logs, barometers
         recordings.on_begin, recordings.on_end = self._introduce, self._read_directly
 
     def check(self) -> None:
@@ -89,8 +90,8 @@ class Devices:
     def configure(self, settings: Settings) -> None:
         """Take over the hot keys of new settings."""
         self._settings = settings
-        if self.gnss:
-            self.gnss[1].settings = settings.gnss
+        for receiver in self.receivers():
+            receiver.settings, receiver.aiding = settings.gnss, settings.aiding
         if self.imu and self.imu[0].configured:
             own = choices.settings_for(settings, self.imu[0].configured.identity, self.ports.index(self.imu[0]))
             self.imu[1].stream.filter.configure(own)
@@ -128,6 +129,9 @@ class Devices:
                 return 0, []
             if self.gnss and port is self.gnss[0]:
                 return 0, self.gnss[1].read(port.line, now_ns)
+            if sensor := self.sensors.get(port):
+                sensor.read(port.line, now_ns)
+                return 0, []
             port.on_event()
         except PortLostError as error:
             (port.release if isinstance(error, PortEndedError) else port.lost)(str(error))
@@ -147,10 +151,12 @@ class Devices:
         if now_ns - self._looked_ns > _SLEPT_NS:
             self._awake_ns = now_ns
         self._looked_ns = now_ns
-        for port, sensor in [*self.streaming().values(), *self.spares.sensors.items()]:
+        for port, sensor in [*self.streaming().values(), *self.spares.sensors.items(), *self.sensors.items()]:
             silent = now_ns - max(sensor.last_data_ns, self._awake_ns) > sensor.silence_ns
             if silent and not isinstance(port.line, Known):  # a recording may have gaps, and goes on by itself
                 port.lost("the device sends nothing more of use")
+        for port in [port for port, sensor in self.sensors.items() if sensor.decoder.status.arrival_ns]:
+            port.lost("it sends positions, too: it is a receiver")
         if self.imu and (share := self.imu[1].rate_ratio()):
             self._insist(*self.imu, share)
         if self.imu and self.spares.sensors:
@@ -200,6 +206,10 @@ class Devices:
         pairs = {"imu": self.imu, "gnss": self.gnss}
         return {kind: pair for kind, pair in pairs.items() if pair}
 
+    def receivers(self) -> list[Receiver]:
+        """The receiver in use, and the sensors with a receiver's protocol."""
+        return [*([self.gnss[1]] if self.gnss else []), *self.sensors.values()]
+
     def watch(self, port: Port, fd: int) -> None:
         """A port opened its device."""
         self._by_fd[fd] = port
@@ -215,6 +225,9 @@ class Devices:
 
     def connected(self, port: Port, driver: AnyDriver, configured: Configured) -> None:
         """A device streams."""
+        if driver.kind == "gnss" and isinstance(configured, GnssConfigured) and not configured.positions:
+            self._use_sensor(port, driver, configured)
+            return
         if other := self.streaming().get(driver.kind):
             self._keep_as_spare(port, driver, configured, other[0])
             return
@@ -234,7 +247,7 @@ class Devices:
             }
         elif driver.kind == "gnss":
             now_ns = time.monotonic_ns()
-            self.gnss = (port, Receiver(driver, self._settings.gnss, now_ns, self._pulse))
+            self.gnss = (port, Receiver(driver, self._settings.gnss, now_ns, self._pulse, self._settings.aiding))
             self._record(*self.gnss, now_ns)
         self._closed_spares[driver.kind].discard(port)
         self._wake_spares(driver.kind, math.inf)
@@ -243,6 +256,14 @@ class Devices:
             self._log.warning("there is no inertial sensor on any port: only the receiver's fixes are passed on")
         self._describe()
         garbage.set_aside()
+
+    def _use_sensor(self, port: Port, driver: GnssDriver, configured: GnssConfigured) -> None:
+        """A sensor streams that has no positions, but perhaps a heading, a speed or a pressure."""
+        now_ns, gnss, aiding = time.monotonic_ns(), self._settings.gnss, self._settings.aiding
+        self.sensors[port] = Receiver(driver, gnss, now_ns, aiding=aiding, positions=False)
+        self._record(port, self.sensors[port], now_ns)
+        identity = configured.identity
+        self._log.info("streaming", port=port.spec.path, device=identity.model, baud=identity.baud)
 
     def _use(self, port: Port, driver: ImuDriver, configured: ImuConfigured) -> bool:
         """From now on this is the inertial sensor in use; returns whether it suffices for the estimator."""
@@ -281,7 +302,7 @@ class Devices:
     def disconnected(self, port: Port) -> None:
         """A device streams no more."""
         self.spares.remove(port)
-        if self._recordings.current and port in [used for used, _ in self.streaming().values()]:
+        if self._recordings.current and port in [*(used for used, _ in self.streaming().values()), *self.sensors]:
             self._recordings.current.disconnected(self.ports.index(port), port.spec.path)
         for kind, (held, _) in self.streaming().items():
             if held is port:
@@ -291,6 +312,8 @@ class Devices:
         if self.gnss and self.gnss[0] is port:
             self._log.info("receiver ended", port=port.spec.path, **self.gnss[1].counters())
             self.gnss = None
+        if sensor := self.sensors.pop(port, None):
+            self._log.info("sensor ended", port=port.spec.path, **sensor.counters())
         if self.imu:
             self._read_directly()  # it was perhaps the last spare
         self._describe()
@@ -328,7 +351,7 @@ class Devices:
     def _read_directly(self) -> None:
         """Let the inertial sensor's line be read in compiled code, if nobody else wants its bytes or samples."""
         if self._recordings.current is None:
-            for _, sensor in self.streaming().values():
+            for sensor in [*(used for _, used in self.streaming().values()), *self.sensors.values()]:
                 sensor.byte_sink = None
         if self.spares.sensors or not self.imu or self.imu[1].byte_sink is not None:
             return
@@ -346,7 +369,7 @@ class Devices:
     def _introduce(self) -> None:
         """Have a recording that begins take the sensors that stream already."""
         self._read_through_python()
-        for port, sensor in self.streaming().values():
+        for port, sensor in [*self.streaming().values(), *self.sensors.items()]:
             self._record(port, sensor, time.monotonic_ns())
 
     def _record(self, port: Port, sensor: Inertial | Receiver, now_ns: int, stored: Stored = NOTHING_STORED) -> None:

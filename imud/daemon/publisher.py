@@ -56,18 +56,17 @@ class Publisher:
                 recorder.record_fix(fix, innovations)
 
     def on_measured(self) -> None:
-        """The receiver may have brought headings."""
-        if self._devices.gnss is None or not (measured := self._devices.gnss[1].measured):
-            return
-        if (inertial := self._devices.selection.inertial) is not None and self._devices.gnss[1].settings.heading:
-            filter_ = inertial.stream.filter
-            for each in measured:
-                if (row := each.row(filter_.estimator.sources)) is not None:
-                    innovations = filter_.aid(row)
-                    self.innovations.add(innovations)
-                    if (recorder := self._recordings.current) and len(innovations):
-                        recorder.record_innovations(innovations)
-        measured.clear()
+        """Receivers and other sensors may have brought readings."""
+        for receiver in self._devices.receivers():
+            if (inertial := self._devices.selection.inertial) is not None and receiver.measured:
+                filter_ = inertial.stream.filter
+                for each in receiver.measured:
+                    if (row := each.row(filter_.estimator.sources)) is not None:
+                        innovations = filter_.aid(row)
+                        self.innovations.add(innovations)
+                        if (recorder := self._recordings.current) and len(innovations):
+                            recorder.record_innovations(innovations)
+            receiver.measured.clear()
 
     def tick(self, latency_s: float, now_ns: int) -> None:
         """Call several times a second: handles fixes whose epoch ended by silence, and innovations without a fix."""

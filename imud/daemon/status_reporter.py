@@ -32,7 +32,7 @@ class StatusReporter:
         self._log = get_logger()
         self._change_logger = ChangeLogger(self._log)
         self._faults: dict[str, tuple[str, ...] | None] = {"imu": None, "gnss": None}  # None: no such sensor
-        self._spares: dict[Port, tuple[str, ...]] = {}
+        self._others: dict[Port, tuple[str, ...]] = {}  # spares, and sensors without positions
         self._started_ns = time.monotonic_ns()
 
     def tick(self, load: Load, now_ns: int) -> None:
@@ -48,10 +48,8 @@ class StatusReporter:
         streaming = self._devices.streaming()
         for kind in self._faults:
             self._faults[kind] = self._check(kind, pair[0], pair[1], now_ns) if (pair := streaming.get(kind)) else None
-        self._spares = {
-            port: self._check(port.spec.path, port, spare, now_ns)
-            for port, spare in self._devices.spares.sensors.items()
-        }
+        others: dict[Port, Inertial | Receiver] = {**self._devices.spares.sensors, **self._devices.sensors}
+        self._others = {port: self._check(port.spec.path, port, sensor, now_ns) for port, sensor in others.items()}
         for text in load.messages(inertial.lost if inertial else 0, now_ns):
             self._log.warning(text)
 
@@ -76,8 +74,10 @@ class StatusReporter:
         """The answer to `imud status`."""
         now_ns = time.monotonic_ns()
         devices = self._devices
+        parts: dict[Port, tuple[Inertial | Receiver, tuple[str, ...] | None]]
         parts = {port: (sensor, self._faults[kind]) for kind, (port, sensor) in devices.streaming().items()}
-        spares = {port: (spare, self._spares.get(port)) for port, spare in devices.spares.sensors.items()}
+        others: dict[Port, Inertial | Receiver] = {**devices.spares.sensors, **devices.sensors}
+        parts |= {port: (sensor, self._others.get(port)) for port, sensor in others.items()}
         return status_tables.status_object(
             {
                 **status_tables.of_process(self._started_ns),
@@ -89,7 +89,7 @@ class StatusReporter:
                 "aiding": aiding.properties(now_ns) if aiding else {},
                 "corrections": devices.corrections.properties(now_ns) if devices.corrections else {},
                 "ports": {
-                    str(i): status_tables.of_port(port, now_ns, *{**parts, **spares}.get(port, (None, None)))
+                    str(i): status_tables.of_port(port, now_ns, *parts.get(port, (None, None)))
                     for i, port in enumerate(devices.ports)
                 },
                 "outputs": status_tables.of_outputs(outputs.gpsd, outputs.binary),

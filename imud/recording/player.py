@@ -177,8 +177,8 @@ class Player:
             self._on_update(fix, self._selection.inertial.stream.filter.update(fix))
 
     def _measured(self, receiver: Receiver) -> None:
-        """The headings of a receiver, as `daemon.publisher` uses them."""
-        if (inertial := self._selection.inertial) is not None and receiver.settings.heading:
+        """The readings of a receiver, as `daemon.publisher` uses them."""
+        if (inertial := self._selection.inertial) is not None:
             filter_ = inertial.stream.filter
             for each in receiver.measured:
                 if (row := each.row(filter_.estimator.sources)) is not None:
@@ -213,14 +213,15 @@ class Player:
             )
             self._imu = said
         else:
-            self._ports[said.port] = Receiver(driver, self._settings.gnss, said.t_ns, self._pulse)
+            gnss, aiding = self._settings.gnss, self._settings.aiding
+            self._ports[said.port] = Receiver(driver, gnss, said.t_ns, self._pulse, aiding, said.gnss().positions)
 
     def _change(self, settings: Settings) -> None:
         """As the daemon does on SIGHUP."""
         self._settings = settings
         for sensor in self._ports.values():
             if isinstance(sensor, Receiver):
-                sensor.settings = settings.gnss
+                sensor.settings, sensor.aiding = settings.gnss, settings.aiding
         if self._imu is not None and self._selection.inertial is not None:
             own = settings_for(settings, self._imu.imu().identity, self._imu.port)
             self._selection.inertial.stream.filter.configure(own)

@@ -4,17 +4,19 @@ import math
 from collections import Counter
 from typing import Protocol
 
-from imud.drivers.driver import GnssDriver, HeadingDecoder
-from imud.drivers.fix import Fix, Heading
+from imud.drivers.driver import GnssDriver, ReadingDecoder
+from imud.drivers.fix import Fix, Reading
 from imud.drivers.transport.line import Line
 
 from ..clocks.epochs import EpochClock
+from ..configuration.settings import Aiding as AidingSettings
 from ..configuration.settings import Gnss as GnssSettings
 from ..math.arrays import Records
 from .aiding import Measured
 from .byte_sink import READ_BYTES, ByteSink
 from .gnss import Refusal, record, refusal
 from .loss import HIGH, LossMonitor
+from .nmea_aiding import measured_of
 from .rate import RateMeter
 from .readings import Gnss
 
@@ -25,8 +27,8 @@ EARTH_RADIUS_M = 6.371e6
 JUMP_M, JUMP_MPS = 100.0, 100.0  # a jump goes farther than that, plus what JUMP_MPS above its own speed would make
 JUMPED_NS = 5_000_000_000  # for which a jump is shown
 _DAMAGED = f"receiver: more than {HIGH:.0%} of its messages do not arrive whole"
-_LEAST_SIGMA_DEG = 0.05  # of a heading: some round theirs to zero
 _MEASURED_MAX = 64  # that are kept until they are used
+_NO_AIDING = AidingSettings()
 _JAMMED = {1: "receiver: reports interference", 2: "receiver: reports interference so strong that it has no fix"}
 _SPOOFED = {1: "receiver: reports signs of spoofing", 2: "receiver: reports spoofing, so its fixes are refused"}
 
@@ -38,12 +40,22 @@ class Pulse(Protocol):
 
 
 class Receiver:
-    """A GNSS receiver whose fixes go to the filter."""
+    """A GNSS receiver whose fixes go to the filter, or a sensor with its protocol that has other readings only."""
 
-    def __init__(self, driver: GnssDriver, settings: GnssSettings, now_ns: int, pulse: Pulse | None = None) -> None:
+    def __init__(
+        self,
+        driver: GnssDriver,
+        settings: GnssSettings,
+        now_ns: int,
+        pulse: Pulse | None = None,
+        aiding: AidingSettings = _NO_AIDING,
+        positions: bool = True,
+    ) -> None:
+        """positions: it sends any. Fixes of one that does not are not used."""
+        self.positions, self.aiding = positions, aiding
         self._pulse = pulse
         self.decoder = driver.new_decoder(not settings.require_checksum)
-        self._headings = self.decoder if isinstance(self.decoder, HeadingDecoder) else None
+        self._readings = self.decoder if isinstance(self.decoder, ReadingDecoder) else None
         self.rate, self._loss_monitor = RateMeter(), LossMonitor()
         self.last_data_ns = now_ns
         self.silence_ns = SILENCE_NS
@@ -61,7 +73,7 @@ class Receiver:
         self._row: Records | None = None  # the same for the filter
         self._jumped_ns: int | None = None
         self._connected_ns = now_ns
-        self.measured: list[Measured] = []  # of its headings; who uses them empties it
+        self.measured: list[Measured] = []  # of its readings; who uses them empties it
 
     def read(self, line: Line, now_ns: int) -> list[Records]:
         """Fixes (arrays of one FIX) that the new bytes complete. Raises PortLostError."""
@@ -96,7 +108,7 @@ class Receiver:
 
     def _accepted(self, fixes: list[Fix], now_ns: int, pulse_ns: int | None) -> list[Records]:
         rows = []
-        for fix in fixes:
+        for fix in fixes if self.positions else ():
             if self._last and jumps(self._last, fix):
                 self._jumped_ns = now_ns
             self._last = fix
@@ -109,22 +121,25 @@ class Receiver:
                 rows.append(record(fix, self._epochs.epoch_ns(fix.utc_s, fix.arrival_ns, pulse_ns), now_ns))
                 self._row = rows[-1]
                 if fix.heading_deg is not None:
-                    self._keep(Heading(fix.arrival_ns, fix.utc_s, fix.heading_deg, fix.heading_sigma_deg), pulse_ns)
+                    reading = Reading("heading", fix.arrival_ns, fix.utc_s, fix.heading_deg, fix.heading_sigma_deg)
+                    self._keep(reading, pulse_ns)
         self.used += len(rows)
-        if self._headings is not None:
-            for heading in self._headings.take_headings():
-                self._keep(heading, pulse_ns)
+        if self._readings is not None:
+            for reading in self._readings.take_readings():
+                self._keep(reading, pulse_ns)
         return rows
 
-    def _keep(self, heading: Heading, pulse_ns: int | None) -> None:
-        """A heading on its way to the filter. Without a time it is as old as the settings say."""
-        if heading.utc_s is None:
-            t_ns = heading.arrival_ns - round(self.settings.latency_s * 1e9)
-        else:
-            t_ns = self._epochs.epoch_ns(heading.utc_s, heading.arrival_ns, pulse_ns)
-        sigma_deg = math.nan if heading.sigma_deg is None else max(heading.sigma_deg, _LEAST_SIGMA_DEG)
-        values = {"heading_deg": heading.degrees, "sigma_deg": sigma_deg}
-        self.measured.append(Measured("heading", values, t_ns, heading.arrival_ns))
+    def _keep(self, reading: Reading, pulse_ns: int | None) -> None:
+        """A reading on its way to the filter. A heading without a time is as old as the settings say, others new."""
+        if (measured := measured_of(reading, self.settings, self.aiding)) is None:
+            return
+        t_ns = reading.arrival_ns
+        if reading.source == "heading" and reading.utc_s is None:
+            t_ns -= round(self.settings.latency_s * 1e9)
+        elif reading.source == "heading" and reading.utc_s is not None:
+            t_ns = self._epochs.epoch_ns(reading.utc_s, reading.arrival_ns, pulse_ns)
+        source, values = measured
+        self.measured.append(Measured(source, values, t_ns, reading.arrival_ns))
         del self.measured[:-_MEASURED_MAX]
 
     @property
@@ -183,6 +198,8 @@ class Receiver:
     def _trouble(self, now_ns: int) -> str:
         """What is wrong with its fixes; empty: nothing."""
         status = self.decoder.status
+        if not self.positions:
+            return "sensor: stale, nothing new comes" if now_ns - self.last_data_ns > STALE_FIX_NS else ""
         if now_ns - max(status.arrival_ns, self._connected_ns) > STALE_FIX_NS:
             talks = now_ns - self.last_data_ns <= STALE_FIX_NS
             said = "what it says tells no position (GGA, RMC, GNS or GLL)" if talks else "stale, nothing new comes"

@@ -1,4 +1,6 @@
-"""The fixes of a receiver's log of NMEA sentences, placed in time near the samples of an inertial sensor."""
+"""A receiver's log of NMEA sentences: its fixes, placed in time near the samples of an inertial sensor, and what other
+sensors say between them.
+"""
 
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -6,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from imud.drivers.fix import Fix
+from imud.drivers.driver import ReadingDecoder
+from imud.drivers.fix import Fix, Reading
 from imud.drivers.registry import by_name
 
 from ..configuration.settings import Gnss
@@ -16,7 +19,7 @@ from ..sensors.gnss import record, refusal
 from .lines import content
 from .refused import say_refused
 
-_DAY_S = 86_400.0
+DAY_S = 86_400.0
 
 
 def _instead(counters: Mapping[str, int]) -> str:
@@ -24,6 +27,19 @@ def _instead(counters: Mapping[str, int]) -> str:
     seen = "".join(f"; {count} x {what}" for what, count in counters.items())
     hint = ": accept them with --set gnss.require_checksum=false" if "no checksum" in counters else ""
     return seen + hint
+
+
+def read_log(path: Path, settings: Gnss) -> tuple[list[Fix], list[Reading], Mapping[str, int]]:
+    """Fixes and readings of an NMEA log in its order, and what its decoder counted. Arrivals are numbers of lines."""
+    driver = by_name("nmea")
+    assert driver.kind == "gnss"
+    decoder = driver.new_decoder(not settings.require_checksum)
+    fixes: list[Fix] = []
+    lines = content(path).splitlines(keepends=True)
+    for number, line in enumerate([*lines, b"$"]):  # the last line may lack its end
+        fixes += decoder.feed(line, number)
+    fixes += decoder.flush(1 << 62)
+    return fixes, decoder.take_readings() if isinstance(decoder, ReadingDecoder) else [], decoder.counters
 
 
 def fixes_of_log(
@@ -34,16 +50,9 @@ def fixes_of_log(
     A log holds no arrival times: each fix is known `latency_s` after its epoch. tell: called if the settings refuse
     some. Raises BadDataError without any fix, or if the settings refuse all.
     """
-    driver = by_name("nmea")
-    assert driver.kind == "gnss"
-    decoder = driver.new_decoder(not settings.require_checksum)
-    fixes: list[Fix] = []
-    lines = content(path).splitlines(keepends=True)
-    for number, line in enumerate([*lines, b"$"]):  # the last line may lack its end
-        fixes += decoder.feed(line, number)
-    fixes += decoder.flush(1 << 62)
+    fixes, _, counters = read_log(path, settings)
     if not fixes:
-        raise BadDataError(f"{path}: no fix in it{_instead(decoder.counters)}")
+        raise BadDataError(f"{path}: no fix in it{_instead(counters)}")
     start_s = origin + first_ns * 1e-9
     rows = []
     day = None
@@ -53,8 +62,8 @@ def fixes_of_log(
             refused[str(why)] += 1
             continue
         near = start_s if day is None else rows[-1]["t_ns"][0] * 1e-9 + origin
-        day = round((near - fix.utc_s) / _DAY_S)
-        t_ns = round((fix.utc_s + day * _DAY_S - origin) * 1e9)
+        day = round((near - fix.utc_s) / DAY_S)
+        t_ns = round((fix.utc_s + day * DAY_S - origin) * 1e9)
         rows.append(record(fix, t_ns, t_ns + round(settings.latency_s * 1e9)))
     say_refused(path, refused, len(fixes), tell)
     return np.concatenate(rows)

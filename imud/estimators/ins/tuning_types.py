@@ -227,6 +227,7 @@ class Tuning:
     odometer_slip: float
     odometer_slip_per_accel: float
     odometer_slip_time_s: float
+    odometer_current_s: float
     odometer_time_sigma: float
     odometer_dead_speed: float
     odometer_gate: float

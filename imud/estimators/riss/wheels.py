@@ -40,8 +40,8 @@ def signed(p: RissParameters, s: RissState, reading: float, u: float) -> float:
 def fuse_wheel_speed(p: RissParameters, s: RissState, m: Measurement, innovations: list[Innovation]) -> int:
     """Gate and fuse a reading at its epoch; returns the rows of innovations."""
     late_s = (s.step_ns - m.t_ns) * 1e-9
-    if s.started == 0 or late_s > p.tuning.max_late_s or not math.isfinite(m.value[0]):
-        return 0
+    if s.started == 0 or late_s > p.tuning.max_late_s or not math.isfinite(m.value[0]) or m.sigma[1] > 0.0:
+        return 0  # also of a speed through the water
     x, dead = s.x, p.tuning.wheel_dead_speed
     u = x[SPEED] - since(s, m.t_ns, 3) - min(late_s, 0.0) * x[ACCEL]
     u -= p.wheel[1] * s.yaw_rate

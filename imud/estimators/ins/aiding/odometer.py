@@ -3,6 +3,9 @@
 z = reading - (1 + scale) u, with u = e_x' (C' v + w x l): e_x is the forward axis, l the wheel's place in the body. A
 measurement has value[0]: speed, m/s, and sigma[0]: m/s, NaN where it is not reported. Used while navigating.
 
+*Current.* A speed through the water differs from that over ground by the water's own speed, sigma[1]: an error that
+lasts. So many readings in its time know no more than one; and none of them tells whether the receiver drifts.
+
 *Scale.* The error of a wheel's radius is an error state. *Slip.* Tyres slip in proportion to the force on them, for
 about a second, so that readings in that time are not independent: the gate has the variance of a single reading, the
 update that of what so many of them know together. More slip than that is rejected. *Sign.* Many sensors do not tell
@@ -48,6 +51,7 @@ TUNABLES = (
         "A tyre that slips by 10 % at 1 g, one axle braking more than its share: Wong (2008), ch. 1.",
     ),
     Tunable("odometer_slip_time_s", 1.0, "s", "How long slip lasts.", "A manoeuvre."),
+    Tunable("odometer_current_s", 600.0, "s", "How long a current of the water lasts.", "Tides: hours; rivers: bends."),
     Tunable("odometer_time_sigma", 0.03, "s", "Unknown age of a reading.", "Choice: half a period of 20 Hz."),
     Tunable("odometer_dead_speed", 0.3, "m/s", "Below it wheels seem to stand.", "Pulses of an ABS ring."),
     Tunable("odometer_gate", 12.0, "NIS", "Gate of a reading.", "3.5 sigma: slip is common."),
@@ -158,14 +162,17 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
     ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
     z = reading - (1.0 + c.nav.odometer_scale) * (along + accel * ahead_s)
     slip_sigma = (p.tuning.odometer_slip + p.tuning.odometer_slip_per_accel * abs(accel)) * abs(reading)
-    r = single_variance(p, m, reading, slip_sigma, accel)
+    current = m.sigma[1] if m.sigma[1] > 0.0 else 0.0
+    r = single_variance(p, m, reading, slip_sigma, accel) + current * current
     correlated = slip_sigma * slip_sigma + (accel * p.tuning.odometer_time_sigma) ** 2
     others = max(2.0 * p.tuning.odometer_slip_time_s / dt, 1.0) - 1.0  # readings while the error of slip is the same
-    z, s, nis = correlated_update(c, length, z, r, others * correlated, p.tuning.odometer_gate)
+    shared = others * correlated + (max(2.0 * p.tuning.odometer_current_s / dt, 1.0) - 1.0) * current * current
+    z, s, nis = correlated_update(c, length, z, r, shared, p.tuning.odometer_gate)
     used = nis >= 0.0
-    if not used:
-        inflate_velocity(p, c, forward, z, dt)
-    else:
+    if used:
         correct_state(p, c)
+    if used and current == 0.0:
         c.odometer.last_used_ns = m.t_ns
+    elif current == 0.0:
+        inflate_velocity(p, c, forward, z, dt)
     return write_innovation(innovations, 0, m.t_ns, ODOMETER, z, s, used)

@@ -32,6 +32,15 @@ def test_fixed_decimals_are_pythons_own(value, decimals):
     assert len(ours.partition(".")[2]) == decimals
 
 
+@given(st.floats(-9e18, 9e18), st.integers(0, 18))
+def test_fixed_decimals_are_the_digits_of_the_rounded_integer(value, decimals):
+    scaled = abs(value) * 10**decimals + 0.5
+    digits = f"{int(scaled):0{decimals + 1}d}" if scaled < 9.2e18 else ""
+    whole, fraction = digits[: len(digits) - decimals], digits[len(digits) - decimals :]
+    sign = "-" if value < 0.0 and digits.strip("0") else ""
+    assert text(value, decimals) == sign + whole + ("." if fraction else "") + fraction
+
+
 @pytest.mark.parametrize(
     ("value", "decimals", "expected"),
     [

@@ -9,20 +9,34 @@ Bytes = NDArray[np.uint8]
 _ZERO, _MINUS, _POINT = ord("0"), ord("-"), ord(".")
 MAX_WIDTH = 22  # sign, 19 digits of an int64, point, separator
 _LARGEST = 9.2e18
+_UNITS = np.array([10**n for n in range(19)])
+_PAIRS = np.frombuffer("".join(f"{n:02d}" for n in range(100)).encode(), np.uint8)
 
 
 @kernel
-def write_integer(buffer: Bytes, at: int, value: int, digits: int) -> int:
-    """Write value >= 0 with at least `digits` digits; returns the position behind it."""
+def _write_digits(buffer: Bytes, end: int, value: int, digits: int) -> None:
+    """Write the last `digits` digits of value >= 0, in pairs, so that they end before `end`."""
+    while digits > 1:
+        rest = value // 100
+        pair = 2 * (value - 100 * rest)
+        buffer[end - 2] = _PAIRS[pair]
+        buffer[end - 1] = _PAIRS[pair + 1]
+        value = rest
+        end -= 2
+        digits -= 2
+    if digits > 0:
+        buffer[end - 1] = _ZERO + value % 10
+
+
+@kernel
+def write_integer(buffer: Bytes, at: int, value: int) -> int:
+    """Write value >= 0; returns the position behind it."""
     n = 1
     rest = value // 10
     while rest > 0:
         n += 1
         rest //= 10
-    n = max(n, digits)
-    for i in range(n - 1, -1, -1):
-        buffer[at + i] = _ZERO + value % 10
-        value //= 10
+    _write_digits(buffer, at + n, value, n)
     return at + n
 
 
@@ -30,11 +44,9 @@ def write_integer(buffer: Bytes, at: int, value: int, digits: int) -> int:
 def write_fixed(buffer: Bytes, at: int, value: float, decimals: int) -> int:
     """Write `value` with `decimals` digits after the point, halves away from zero; returns the position behind it.
 
-    Nothing is written unless |value| 10^decimals fits 63 bits: NaN and infinity become empty cells.
+    decimals: 0 to 18. Nothing is written unless |value| 10^decimals fits 63 bits: NaN and infinity become empty cells.
     """
-    unit = 1
-    for _ in range(decimals):
-        unit *= 10
+    unit = _UNITS[decimals]
     scaled = abs(value) * unit + 0.5
     if not scaled < _LARGEST:
         return at
@@ -42,10 +54,12 @@ def write_fixed(buffer: Bytes, at: int, value: float, decimals: int) -> int:
     if value < 0.0 and digits > 0:
         buffer[at] = _MINUS
         at += 1
-    at = write_integer(buffer, at, digits // unit, 1)
+    whole = digits // unit
+    at = write_integer(buffer, at, whole)
     if decimals > 0:
         buffer[at] = _POINT
-        at = write_integer(buffer, at + 1, digits % unit, decimals)
+        at += 1 + decimals
+        _write_digits(buffer, at, digits - whole * unit, decimals)
     return at
 
 
@@ -56,6 +70,8 @@ def write_seconds(buffer: Bytes, at: int, t_ns: int) -> int:
         buffer[at] = _MINUS
         at += 1
         t_ns = -t_ns
-    at = write_integer(buffer, at, t_ns // 1_000_000_000, 1)
+    whole = t_ns // 1_000_000_000
+    at = write_integer(buffer, at, whole)
     buffer[at] = _POINT
-    return write_integer(buffer, at + 1, t_ns % 1_000_000_000, 9)
+    _write_digits(buffer, at + 10, t_ns - whole * 1_000_000_000, 9)
+    return at + 10

@@ -28,7 +28,8 @@ static inline int64_t floor_mod(int64_t a, int64_t b) {
 }
 static inline int64_t floor_div(int64_t a, int64_t b) {
   if (b == 0 || b == -1) return b ? -a : 0;
-  return (a - floor_mod(a, b)) / b;
+  int64_t r = a % b;
+  return a / b - (r && (r < 0) != (b < 0));
 }
 static inline int64_t abs_i(int64_t a) { return a < 0 ? -a : a; }
 static inline int64_t max_i(int64_t a, int64_t b) { return b > a ? b : a; }

@@ -1,4 +1,7 @@
-"""Which file imports which, read from the import statements: those in functions, too, but not `if TYPE_CHECKING`."""
+"""Which file imports which, read from the import statements: those in functions and for types, too.
+
+An `__init__.py` may hand names on to type checkers (`imud` those of `imud.api`): there, what is for types does not count.
+"""
 
 import ast
 import re
@@ -16,17 +19,17 @@ def _module(path: Path, root: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def _statements(node: ast.AST) -> Iterator[ast.AST]:
-    for child in ast.iter_child_nodes(node):
-        if not (isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test)):
-            yield child
-            yield from _statements(child)
+def _statements(path: Path) -> Iterator[ast.AST]:
+    tree = ast.parse(path.read_text())
+    if path.name == "__init__.py":
+        tree.body = [node for node in tree.body if ast.unparse(node).partition("\n")[0] != "if TYPE_CHECKING:"]
+    return ast.walk(tree)
 
 
 def _imported(path: Path, root: Path) -> Iterator[tuple[str, str]]:
     """(module, name in it or "") for each import, absolute."""
     package = path.relative_to(root).parts[:-1]
-    for node in _statements(ast.parse(path.read_text())):
+    for node in _statements(path):
         if isinstance(node, ast.Import):
             yield from ((in_folders(alias.name), "") for alias in node.names)
         elif isinstance(node, ast.ImportFrom):

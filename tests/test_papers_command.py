@@ -13,6 +13,7 @@ from imud.configuration.settings import GpsTrack, Ins9, Settings, Stationary
 from imud.estimators import registry
 from imud.experiments import farrell, prasanna, simulate, suh
 from imud.experiments.report import Report, Row, at_most, within
+from imud.experiments.runs import AxisRun
 from imud.figures import Figure, Panel, Trace
 
 PAPERS = ("stationary", "suh-standard", "suh-adaptive", "suh-two-step", "gps-track", "ins9")
@@ -114,7 +115,7 @@ def test_dead_reckoning_drifts_by_the_bias(shape, holds):
     t = np.linspace(0.0, 600.0, 601)
     states = shape * 0.078 * np.column_stack([0.5 * t**2, t, 0.0 * t])
     nothing = np.zeros((len(t), 3))
-    run = farrell.Run(t, states, nothing, nothing, np.zeros(0), np.zeros(0))
+    run = AxisRun(t, states, nothing, nothing, np.zeros(0), np.zeros(0))
     assert [row.holds for row in farrell.drift_rows(run, 0.078)] == [holds, holds]
 
 

@@ -221,7 +221,7 @@ def test_no_shipped_file_imports_a_test(package):
 def test_the_graph_of_imports_sees_what_is_there(tmp_path):
     (tmp_path / "p" / "q").mkdir(parents=True)
     for name, text in {
-        "p/__init__.py": "",
+        "p/__init__.py": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from .a import f\n",
         "p/a.py": "from typing import TYPE_CHECKING\nfrom .q import b\nif TYPE_CHECKING:\n    from .q.c import D\n",
         "p/q/__init__.py": "",
         "p/q/b.py": "def f():\n    from .. import a\n",
@@ -229,7 +229,8 @@ def test_the_graph_of_imports_sees_what_is_there(tmp_path):
     }.items():
         (tmp_path / name).write_text(text)
     found = import_graph(tmp_path, ("p",))
-    assert found["p/a.py"] == {"p/q/b.py"}
+    assert found["p/__init__.py"] == set()
+    assert found["p/a.py"] == {"p/q/b.py", "p/q/c.py"}
     assert found["p/q/b.py"] == {"p/a.py"}
     assert found["p/q/c.py"] == {"p/q/b.py", "p/a.py"}
     assert circle(found)

@@ -7,7 +7,6 @@ random walk.
 """
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from ..sensor_errors.profiles import Profile, profile_of
 from .farrell_figures import SETTLED, drift_figure, residual_figure, state_figure
 from .farrell_open_ends import drawn_rows, open_end_rows
 from .report import Report, Row, at_most, rms, within
+from .runs import AxisRun
 from .simulate import IN_RUN_S, PROFILE, level_at_rest, m_g350, samples_of
 from .whiteness import CHI2_99, KS_99, ljung_box, normal_distance
 
@@ -31,22 +31,6 @@ Q_N = 4.4e-7  # (m/s)^2/s
 NEVER_NS = 10**15
 PRINTED_PHI = ((1.0, 1.0, 0.4998), (0.0, 1.0, 0.9995), (0.0, 0.0, 0.9990))
 PRINTED_QD = ((0.5464, 1.2193, 1.3320), (1.2193, 3.1047, 3.9960), (1.3320, 3.9960, 7.9920))  # 1e-6
-
-
-@dataclass(frozen=True)
-class Run:
-    """One axis through the filter: states and sigmas at every sample, residuals once per second."""
-
-    t: Floats  # s
-    states: Floats  # (n, 3) p, v, b
-    sigmas: Floats  # (n, 3)
-    truth: Floats  # (n, 3)
-    residual: Floats  # m, r_k
-    residual_sigma: Floats  # m, sqrt(S_k)
-
-    @property
-    def normalised(self) -> Floats:
-        return self.residual / self.residual_sigma
 
 
 def parameters() -> Any:
@@ -87,7 +71,7 @@ def _record(p: Any, s: Any, samples: Any, out: Any, axis: int, states: Any, sigm
     return count
 
 
-def filtered(samples: Any, bias: Floats, measured: bool = True, axis: int = 0, design: Any = None) -> Run:
+def filtered(samples: Any, bias: Floats, measured: bool = True, axis: int = 0, design: Any = None) -> AxisRun:
     """An axis of level samples through his filter, or dead reckoned; `bias` is the truth in his sign.
 
     design: other parameters than his.
@@ -101,7 +85,7 @@ def filtered(samples: Any, bias: Floats, measured: bool = True, axis: int = 0, d
     count = _record(p, s, samples, np.zeros(1, SOLUTION), axis, states, sigmas, residuals)
     truth = np.column_stack([np.zeros(n), np.zeros(n), bias])
     t = (samples["t_ns"] - samples["t_ns"][0]) * 1e-9
-    return Run(t, states, sigmas, truth, residuals[:count, 0], residuals[:count, 1])
+    return AxisRun(t, states, sigmas, truth, residuals[:count, 0], residuals[:count, 1])
 
 
 def model_samples(rng: np.random.Generator) -> tuple[Any, Floats]:
@@ -185,7 +169,7 @@ def _observability_rows() -> list[Row]:
     ]
 
 
-def drift_rows(reckoned: Run, bias: float, profile: Profile = PROFILE) -> list[Row]:
+def drift_rows(reckoned: AxisRun, bias: float, profile: Profile = PROFILE) -> list[Row]:
     """Problem 2: a constant bias in the estimated acceleration, integrated once and twice."""
     span = float(reckoned.t[-1])
     slope = float(np.polyfit(reckoned.t, reckoned.states[:, 1], 1)[0])
@@ -198,7 +182,7 @@ def drift_rows(reckoned: Run, bias: float, profile: Profile = PROFILE) -> list[R
     ]
 
 
-def filter_rows(run: Run, sheet: Run) -> list[Row]:
+def filter_rows(run: AxisRun, sheet: AxisRun) -> list[Row]:
     """Problem 7 on both data sets."""
     eta, n = run.normalised, len(run.residual)
     error = run.states - run.truth

@@ -1,23 +1,20 @@
 """The figures of Farrell's solutions, each random quantity with its +-sigma."""
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..figures import Figure, Panel, Trace
 from ..math.arrays import Floats
+from .runs import AxisRun
 from .whiteness import LAGS, autocorrelation
-
-if TYPE_CHECKING:
-    from .farrell import Run
 
 SETTLED = 10  # residuals of the transient
 SPAN_S = 10.0
 NAMES = (("position", "m"), ("velocity", "m/s"), ("bias", "m/s²"))
 
 
-def state_figure(title: str, run: "Run") -> Figure:
+def state_figure(title: str, run: AxisRun) -> Figure:
     panels = []
     for i, (name, unit) in enumerate(NAMES):
         for part, span in (("first 10 s", run.t <= SPAN_S), ("last 10 s", run.t > run.t[-1] - SPAN_S)):
@@ -39,7 +36,7 @@ def _histogram(values: Floats, sigma: float, name: str) -> list[Trace]:
     return [bars, Trace("normal density", x, normal), edge]
 
 
-def residual_figure(title: str, run: "Run") -> Figure:
+def residual_figure(title: str, run: AxisRun) -> Figure:
     k = np.arange(1, len(run.residual) + 1, dtype=np.float64)
     zero, one = np.zeros(len(k)), np.ones(len(k))
     tail = slice(SETTLED, None)
@@ -65,7 +62,7 @@ def residual_figure(title: str, run: "Run") -> Figure:
     return Figure(title, panels)
 
 
-def drift_figure(run: "Run", what: str = "M-G350 data") -> Figure:
+def drift_figure(run: AxisRun, what: str = "M-G350 data") -> Figure:
     panels = []
     for i, (name, unit) in enumerate(NAMES[:2]):
         zero = np.zeros(len(run.t))

@@ -6,7 +6,7 @@ the samples of that second add up to: the numbers of his Solution 6 at work.
 
 import math
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,10 +19,8 @@ from ..math.arrays import Floats
 from ..math.kalman import unpack
 from ..pipeline import Filter
 from .report import Row, at_most, rms, within
+from .runs import AxisRun
 from .simulate import level_at_rest, m_g350
-
-if TYPE_CHECKING:
-    from .farrell import Run
 
 H = np.array([1.0, 0.0, 0.0])
 DRAWN, DRAWN_S, DRAWN_HZ = 100, 10.0, 100.0
@@ -140,7 +138,7 @@ def _seconds(u: Floats, T: float, p: Any) -> Iterator[Floats]:
         yield np.array([float(np.sum(part * (T * left + 0.5 * T * T))), T * float(np.sum(part)), 0.0])
 
 
-def implementation_rows(samples: Any, run: "Run", p: Any) -> list[Row]:
+def implementation_rows(samples: Any, run: AxisRun, p: Any) -> list[Row]:
     """Each of them against the kernels, at the measurements, in the kernels' sigmas."""
     T, u = 1e-9 * float(np.median(np.diff(samples["t_ns"]))), samples["f"][:, 0]
     interval = 1e-9 * float(p["interval_ns"][0])
@@ -167,7 +165,7 @@ def implementation_rows(samples: Any, run: "Run", p: Any) -> list[Row]:
     return rows
 
 
-def open_end_rows(samples: Any, run: "Run", p: Any) -> list[Row]:
+def open_end_rows(samples: Any, run: AxisRun, p: Any) -> list[Row]:
     """His open ends on the data-sheet sensor. run: the kernels on its x axis with the parameters p."""
     noise = math.sqrt(float(p["accel_psd"][0]))
     return [

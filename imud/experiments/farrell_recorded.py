@@ -16,10 +16,11 @@ from ..math.earth import STANDARD_GRAVITY, gravity
 from ..math.rotation import quat_of_gravity, quat_rotate
 from ..sensor_errors.profiles import Profile, profile_of
 from ..setup import config
-from .farrell import Run, drift_rows, filtered
+from .farrell import drift_rows, filtered
 from .farrell_figures import SETTLED, drift_figure, residual_figure, state_figure
 from .recorded import Recorded
 from .report import Report, Row, at_most, rms, within
+from .runs import AxisRun
 from .simulate import samples_of
 from .whiteness import CHI2_99, KS_99, LAGS, ljung_box, normal_distance
 
@@ -45,7 +46,7 @@ def _gravity(initial: Initial) -> tuple[float, str]:
     return gravity(math.radians(initial.lat_deg), initial.height_m or 0.0), f"at {initial.lat_deg:g} deg"
 
 
-def axis_rows(name: str, run: Run, reckoned: Run, bias: float, profile: Profile) -> list[Row]:
+def axis_rows(name: str, run: AxisRun, reckoned: AxisRun, bias: float, profile: Profile) -> list[Row]:
     """His claims, on one axis."""
     eta, n = run.normalised, len(run.residual)
     if n <= SETTLED + LAGS:

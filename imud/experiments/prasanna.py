@@ -6,7 +6,6 @@ are the claims.
 """
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,6 +25,7 @@ from .compensation import compensation_rows
 from .gps_walk import LAT, LON, SIGMA_M, distance_rows, gps_rows, walked
 from .prasanna_figures import gps_figure, loop_figure, tilt_figure
 from .report import Report, Row, at_most
+from .runs import LoopRun
 from .simulate import PROFILE, level_at_rest, m_g350
 
 LOOP_HZ, REST_S, SIDE_S, PAUSE_S = 200.0, ins9.REST_S + 1.0, 3.0, 0.5
@@ -67,24 +67,6 @@ def loop(t: Floats) -> tuple[Floats, Floats]:
     return p, a
 
 
-@dataclass(frozen=True)
-class Loop:
-    """The loop as he plots it; m, columns north, east, down."""
-
-    t: Floats
-    truth: Floats
-    measured: Floats
-    predicted: Floats
-    estimated: Floats
-    acceleration: Floats
-    acceleration_sigma: Floats
-    true_acceleration: Floats
-    reckoned_sigma: Floats
-    sigma: Floats
-    literal: Floats
-    literal_sigma: Floats
-
-
 def as_printed(samples: Any, t: Floats) -> Floats:
     """His dead reckoning of a level unit, where 9.8 sin(angle) is 0: sums, and no biases removed."""
     dt = t[1] - t[0]
@@ -92,7 +74,7 @@ def as_printed(samples: Any, t: Floats) -> Floats:
     return p
 
 
-def looped(rng: np.random.Generator) -> Loop:
+def looped(rng: np.random.Generator) -> LoopRun:
     """The table-top loop through `ins9`."""
     t = np.arange(0.0, REST_S + 4.0 * (SIDE_S + PAUSE_S), 1.0 / LOOP_HZ)
     truth, a = loop(t)
@@ -120,10 +102,12 @@ def looped(rng: np.random.Generator) -> Loop:
     r = np.array(rows)
     biased = 0.5 * PROFILE.accel_bias_initial * t**2
     literal = as_printed(samples, t)
-    return Loop(t, truth, r[:, 0:3], r[:, 3:6], r[:, 6:9], r[:, 9:12], r[:, 14], a, r[:, 12], r[:, 13], literal, biased)
+    return LoopRun(
+        t, truth, r[:, 0:3], r[:, 3:6], r[:, 6:9], r[:, 9:12], r[:, 14], a, r[:, 12], r[:, 13], literal, biased
+    )
 
 
-def _loop_rows(run: Loop) -> list[Row]:
+def _loop_rows(run: LoopRun) -> list[Row]:
     level = slice(0, 2)
     off = np.linalg.norm((run.estimated - run.truth)[:, level], axis=1)
     printed = float(np.linalg.norm(run.literal[-1] - run.truth[-1, level]))

@@ -1,20 +1,17 @@
 """The figures of Prasanna's filters, each random quantity with its +-sigma."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..figures import Figure, Panel, Trace
 from ..math.arrays import Floats
+from .gps_walk import Track
 from .report import circles
-
-if TYPE_CHECKING:
-    from .gps_walk import Track
-    from .prasanna import Loop
+from .runs import LoopRun
 
 
-def gps_figure(his: "Track", matched: "Track", sigma_m: float) -> Figure:
+def gps_figure(his: Track, matched: Track, sigma_m: float) -> Figure:
     """His track, its errors, its velocity."""
 
     def path(name: str, p: Floats, style: str = "lines") -> Trace:
@@ -62,7 +59,7 @@ def path_figure(raw: Floats, p: Floats, sigma: Floats) -> Figure:
     return Figure("GPS Kalman filter", [Panel("track", "east [m]", "north [m]", traces, equal=True)], columns=1)
 
 
-def loop_figure(run: "Loop") -> Figure:
+def loop_figure(run: LoopRun) -> Figure:
     """His paths, displacements and accelerations; circles are +-sigma."""
     hz = round(1.0 / (run.t[1] - run.t[0]))
     paths = [

@@ -6,7 +6,6 @@ simple adaptive > two-step, pitch about equal, r2 well above r1. All of it on th
 """
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -28,8 +27,8 @@ from ..estimators.papers.suh import (
     SUH_TWO_STEP,
 )
 from ..estimators.records import SOLUTION
-from ..math.arrays import Floats
-from .report import Report, Row, at_most, rms
+from .report import Report, Row, at_most
+from .runs import AttitudeRun
 from .suh_cart import RATE_HZ, SENSORS, VIBRATION, ZEROED, Sensor, averaged, cart, still, zeroed
 from .suh_figures import figures
 
@@ -48,22 +47,6 @@ WITH_PRINT = ("standard", "simple adaptive", "two-step, 10 |e|")
 PRINTED_VARIANCES = "1.68e-05, 1.67e-05; 0.0032, 0.0040, 0.0031"
 
 
-@dataclass(frozen=True)
-class Run:
-    """One filter on one recording, at its steps: angles and sigmas in deg, columns pitch and roll; r1, r2."""
-
-    t: Floats
-    angles: Floats
-    sigmas: Floats
-    r: Floats
-
-    def rms_deg(self, axis: int) -> float:
-        return rms(self.angles[:, axis])
-
-    def largest_deg(self, axis: int) -> float:
-        return float(np.max(np.abs(self.angles[:, axis])))
-
-
 @kernel
 def _record(step: Any, p: Any, s: Any, samples: Any, out: Any, rows: Any) -> int:
     """Step through the samples; one row t, pitch, roll, their variances, r1, r2 per step of the filter."""
@@ -80,7 +63,7 @@ def _record(step: Any, p: Any, s: Any, samples: Any, out: Any, rows: Any) -> int
     return count
 
 
-def filtered(name: str, samples: Any, rate_hz: float = RATE_HZ) -> Run:
+def filtered(name: str, samples: Any, rate_hz: float = RATE_HZ) -> AttitudeRun:
     """The samples through one of FILTERS."""
     estimator, literal, rule = FILTERS[name]
     p = estimator.configure(Settings(), rate_hz)
@@ -88,7 +71,7 @@ def filtered(name: str, samples: Any, rate_hz: float = RATE_HZ) -> Run:
     rows = np.zeros((len(samples), 7))
     n = _record(estimator.step, p, estimator.start(p, Initial()), samples, np.zeros(1, SOLUTION), rows)
     rows = rows[:n]
-    return Run(rows[:, 0], np.degrees(rows[:, 1:3]), np.degrees(np.sqrt(rows[:, 3:5])), rows[:, 5:7])
+    return AttitudeRun(rows[:, 0], np.degrees(rows[:, 1:3]), np.degrees(np.sqrt(rows[:, 3:5])), rows[:, 5:7])
 
 
 def _parameter_rows() -> list[Row]:
@@ -107,7 +90,7 @@ def _parameter_rows() -> list[Row]:
     return [Row(name, f"{his:g}", f"{ours:g}", math.isclose(his, ours)) for name, his, ours in printed]
 
 
-def _rest_rows(make: str, samples: Any, rest: dict[str, Run]) -> list[Row]:
+def _rest_rows(make: str, samples: Any, rest: dict[str, AttitudeRun]) -> list[Row]:
     """Experiment 1."""
     force, rate = averaged(samples)
     variances = *force.var(axis=0)[:2], *rate.var(axis=0)
@@ -126,7 +109,7 @@ def _rest_rows(make: str, samples: Any, rest: dict[str, Run]) -> list[Row]:
     ]
 
 
-def number_rows(make: str, runs: dict[str, Run]) -> list[Row]:
+def number_rows(make: str, runs: dict[str, AttitudeRun]) -> list[Row]:
     """S, RMS and largest error of each filter; r1 and r2 where they vary."""
     rows = []
     for name, run in runs.items():
@@ -143,13 +126,13 @@ def number_rows(make: str, runs: dict[str, Run]) -> list[Row]:
     return rows
 
 
-def is_ordered(runs: dict[str, Run], largest: bool, order: tuple[str, ...] = ORDER) -> bool:
+def is_ordered(runs: dict[str, AttitudeRun], largest: bool, order: tuple[str, ...] = ORDER) -> bool:
     """Whether the roll errors fall in this order."""
     values = [runs[n].largest_deg(ROLL) if largest else runs[n].rms_deg(ROLL) for n in order]
     return all(a > b for a, b in pairwise(values))
 
 
-def claims(make: str, runs: dict[str, Run]) -> list[Row]:
+def claims(make: str, runs: dict[str, AttitudeRun]) -> list[Row]:
     """What he says of experiment 2, with our rule and with 10 |e|."""
     rows = []
     for rule, order in (("141 e²", ORDER), ("10 |e|", WITH_PRINT)):

@@ -1,7 +1,7 @@
 """The figures of Suh's two experiments, each random quantity with its +-sigma."""
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -9,10 +9,8 @@ from ..estimators.papers.suh import DELTA, PITCH, ROLL, STEP_S
 from ..figures import Figure, Panel, Trace
 from ..math.arrays import Floats
 from ..math.earth import STANDARD_GRAVITY
+from .runs import AttitudeRun
 from .suh_cart import SIGMAS
-
-if TYPE_CHECKING:
-    from .suh import Run
 
 AXES = ("x", "y", "z")
 
@@ -39,7 +37,7 @@ def _sensor_figures(make: str, force: Floats, rate: Floats) -> list[Figure]:
     ]
 
 
-def _angle_panels(runs: "dict[str, Run]", names: tuple[str, ...]) -> list[Panel]:
+def _angle_panels(runs: dict[str, AttitudeRun], names: tuple[str, ...]) -> list[Panel]:
     panels = []
     for axis, label in ((PITCH, "pitch"), (ROLL, "roll")):
         for name in names:
@@ -50,7 +48,7 @@ def _angle_panels(runs: "dict[str, Run]", names: tuple[str, ...]) -> list[Panel]
 
 
 def _cart_figure(
-    make: str, runs: "dict[str, Run]", order: tuple[str, ...], samples: Any, push: Floats, vibration: Floats
+    make: str, runs: dict[str, AttitudeRun], order: tuple[str, ...], samples: Any, push: Floats, vibration: Floats
 ) -> Figure:
     t = samples["t_ns"] * 1e-9
     sample_noise = SIGMAS[make][0][1] * STANDARD_GRAVITY * math.sqrt(STEP_S / (t[1] - t[0]))
@@ -68,8 +66,8 @@ def _cart_figure(
 def figures(
     make: str,
     at_rest: tuple[Floats, Floats],
-    rest: "Run",
-    runs: "dict[str, Run]",
+    rest: AttitudeRun,
+    runs: dict[str, AttitudeRun],
     order: tuple[str, ...],
     samples: Any,
     push: Floats,

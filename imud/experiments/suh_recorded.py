@@ -16,7 +16,8 @@ from ..math.arrays import Floats, Records
 from ..pipeline import Filter
 from .recorded import Recorded
 from .report import Report, Row, at_most
-from .suh import FILTERS, ORDER, PRINTED_VARIANCES, Run, claims, filtered, number_rows
+from .runs import AttitudeRun
+from .suh import FILTERS, ORDER, PRINTED_VARIANCES, claims, filtered, number_rows
 from .suh_cart import averaged
 
 FIXED_DEG = 3.0  # of tilt: within it the attitude was fixed
@@ -34,13 +35,13 @@ def _reference(data: Recorded, samples: Records) -> tuple[Floats, Floats]:
     return np.degrees(np.column_stack([pitch, roll])), np.degrees(out["sigma_rpy"][:, 1::-1])
 
 
-def _counted_from(run: Run, t: Floats, reference: Floats) -> Run:
+def _counted_from(run: AttitudeRun, t: Floats, reference: Floats) -> AttitudeRun:
     """The run with its errors for angles."""
     known = np.column_stack([np.interp(run.t, t, reference[:, i]) for i in range(2)])
-    return Run(run.t, (run.angles - known + 180.0) % 360.0 - 180.0, run.sigmas, run.r)
+    return AttitudeRun(run.t, (run.angles - known + 180.0) % 360.0 - 180.0, run.sigmas, run.r)
 
 
-def _rest_rows(force: Floats, rate: Floats, runs: dict[str, Run]) -> list[Row]:
+def _rest_rows(force: Floats, rate: Floats, runs: dict[str, AttitudeRun]) -> list[Row]:
     """Experiment 1."""
     variances = *force.var(axis=0)[:2], *rate.var(axis=0)
     ours = "{:.2e}, {:.2e}; {:.2g}, {:.2g}, {:.2g}".format(*variances)
@@ -83,7 +84,7 @@ def reproduce(data: Recorded) -> Report:
     return Report(f"Suh et al., Attitude Estimation, on {data.name}", rows, _figures(runs, t, samples), ours=False)
 
 
-def _figures(runs: dict[str, Run], t: Floats, samples: Records) -> list[Figure]:
+def _figures(runs: dict[str, AttitudeRun], t: Floats, samples: Records) -> list[Figure]:
     errors, covariances = [], []
     for axis, label in ((PITCH, "pitch"), (ROLL, "roll")):
         for name in ORDER:

@@ -2,12 +2,10 @@
 
 import ast
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import Any, NoReturn, Protocol
 
 from .kinds import BOOL, FLOAT, INT, VOID, Array, Kind, Scalar, Tuple, Value, unify, working
-
-if TYPE_CHECKING:
-    from .expressions import Expressions
+from .unit import Unit
 
 _CASTS = {"float": FLOAT, "int": INT, "bool": BOOL, "np.int64": INT, "np.uint64": INT}
 _ROUNDED = {"math.floor": "floor", "math.ceil": "ceil"}  # to an int, as Python has it
@@ -16,7 +14,18 @@ _LIBRARY = ("sqrt", "fabs", "floor", "ceil", "rint", "copysign", "fmod")  # the 
 _OWN = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "hypot", "erf")
 
 
-def call(of: "Expressions", node: ast.Call) -> Value:
+class Operands(Protocol):
+    """Translates the arguments of a call: `expressions.Expressions`."""
+
+    unit: Unit
+
+    def value(self, node: ast.expr) -> Value: ...
+    def text(self, node: ast.expr) -> str: ...
+    def constant(self, node: ast.expr) -> Any: ...
+    def fail(self, node: ast.AST, what: str) -> NoReturn: ...
+
+
+def call(of: Operands, node: ast.Call) -> Value:
     """A call, in C. Raises UnsupportedError."""
     if node.keywords or any(isinstance(a, ast.Starred) for a in node.args):
         of.fail(node, "call with keywords or *")
@@ -38,7 +47,7 @@ def call(of: "Expressions", node: ast.Call) -> Value:
     return _kernel(of, node, callee)
 
 
-def _kernel(of: "Expressions", node: ast.Call, callee: Callable[..., object]) -> Value:
+def _kernel(of: Operands, node: ast.Call, callee: Callable[..., object]) -> Value:
     values = [of.value(a) for a in node.args]
     function = of.unit.function(callee, [kind for _, kind in values])
     texts = []
@@ -52,7 +61,7 @@ def is_open(kind: Kind) -> bool:
     return isinstance(kind, Array) and kind.n is None
 
 
-def length(of: "Expressions", node: ast.expr, text: str) -> str:
+def length(of: Operands, node: ast.expr, text: str) -> str:
     """How many elements such an array has: a variable, what a slice leaves of one, or n of `records(address, n, …)`."""
     match node:
         case ast.Call():
@@ -62,7 +71,7 @@ def length(of: "Expressions", node: ast.expr, text: str) -> str:
     return f"{text}_n"
 
 
-def _library(of: "Expressions", node: ast.Call, name: str) -> Value:
+def _library(of: Operands, node: ast.Call, name: str) -> Value:
     texts = ", ".join(of.text(a) for a in node.args)
     if name in _TESTS:
         return f"({name}({texts}) != 0)", BOOL
@@ -73,19 +82,19 @@ def _library(of: "Expressions", node: ast.Call, name: str) -> Value:
     return f"{name}({texts})", FLOAT
 
 
-def _length(of: "Expressions", node: ast.Call) -> Value:
+def _length(of: Operands, node: ast.Call) -> Value:
     text, kind = of.value(node.args[0])
     if not isinstance(kind, Array | Tuple):
         of.fail(node, "length")
     return (f"{text}_n" if kind.n is None else str(kind.n)), INT
 
 
-def _absolute(of: "Expressions", node: ast.Call) -> Value:
+def _absolute(of: Operands, node: ast.Call) -> Value:
     text, kind = of.value(node.args[0])
     return (f"fabs({text})", FLOAT) if kind == FLOAT else (f"abs_i({text})", INT)
 
 
-def _extremum(of: "Expressions", node: ast.Call) -> Value:
+def _extremum(of: Operands, node: ast.Call) -> Value:
     name = ast.unparse(node.func)
     text, kind = of.value(node.args[0])
     for argument in node.args[1:]:
@@ -97,7 +106,7 @@ def _extremum(of: "Expressions", node: ast.Call) -> Value:
     return text, kind
 
 
-def _records(of: "Expressions", node: ast.Call) -> Value:
+def _records(of: Operands, node: ast.Call) -> Value:
     """n records that stand at an address."""
     address = node.args[0]
     if isinstance(address, ast.Call) and ast.unparse(address.func) == "pointer":  # what numba's `carray` wants
@@ -106,7 +115,7 @@ def _records(of: "Expressions", node: ast.Call) -> Value:
     return f"(({kind.c})({of.text(address)}))", kind
 
 
-def _call(of: "Expressions", node: ast.Call) -> Value:
+def _call(of: Operands, node: ast.Call) -> Value:
     """A function at an address, with integers only."""
     address, arguments = node.args
     if not isinstance(arguments, ast.Tuple):
@@ -115,15 +124,15 @@ def _call(of: "Expressions", node: ast.Call) -> Value:
     return f"((int64_t (*)({types}))({of.text(address)}))({', '.join(of.text(a) for a in arguments.elts)})", INT
 
 
-def _fence(of: "Expressions", node: ast.Call) -> Value:
+def _fence(of: Operands, node: ast.Call) -> Value:
     return "__atomic_thread_fence(__ATOMIC_SEQ_CST)", VOID
 
 
-def _float_bits(of: "Expressions", node: ast.Call) -> Value:
+def _float_bits(of: Operands, node: ast.Call) -> Value:
     return f"float_bits({of.text(node.args[0])})", INT
 
 
-def _float_of_bits(of: "Expressions", node: ast.Call) -> Value:
+def _float_of_bits(of: Operands, node: ast.Call) -> Value:
     return f"float_of_bits({of.text(node.args[0])})", FLOAT
 
 

@@ -3,15 +3,13 @@
 import ast
 import inspect
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 
 from .calls import call
 from .kinds import BOOL, FLOAT, INT, Array, Kind, Record, Tuple, UnsupportedError, Value, literal, unify, working
-
-if TYPE_CHECKING:
-    from .translation import Translation
+from .unit import Unit
 
 _OPERATORS: dict[type[ast.AST], str] = {
     ast.Add: "+",
@@ -38,7 +36,7 @@ _OPERATORS: dict[type[ast.AST], str] = {
 class Expressions:
     """Translates the expressions of one function."""
 
-    def __init__(self, unit: "Translation", python: Callable[..., Any], variables: Mapping[str, Kind]) -> None:
+    def __init__(self, unit: Unit, python: Callable[..., Any], variables: Mapping[str, Kind]) -> None:
         """variables: the kinds of the function's arguments and local variables, as far as they are known."""
         self.unit, self._python, self._variables = unit, python, variables
         self._first_line = inspect.getsourcelines(python)[1]

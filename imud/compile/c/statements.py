@@ -4,16 +4,14 @@ import ast
 import inspect
 import textwrap
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .calls import is_open, length
 from .expressions import Expressions
 from .kinds import INT, STORAGE, VOID, Array, ConflictError, Kind, Record, Tuple, Value, stored, unify, working
-
-if TYPE_CHECKING:
-    from .translation import Translation
+from .unit import Unit
 
 _PASSES = 5  # over a function, at most, until the kinds of its variables have settled
 
@@ -21,7 +19,7 @@ _PASSES = 5  # over a function, at most, until the kinds of its variables have s
 class Body:
     """One function for one choice of argument kinds. `returns` and `text` are filled by `translate`."""
 
-    def __init__(self, unit: "Translation", python: Callable[..., Any], kinds: Sequence[Kind]) -> None:
+    def __init__(self, unit: Unit, python: Callable[..., Any], kinds: Sequence[Kind]) -> None:
         tree = ast.parse(textwrap.dedent(inspect.getsource(python)))
         self._tree = next(node for node in tree.body if isinstance(node, ast.FunctionDef))
         self._arguments = dict(zip([a.arg for a in self._tree.args.args], kinds, strict=True))

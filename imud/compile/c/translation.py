@@ -6,14 +6,14 @@ operations in the same order, whoever changes a kernel. What has no translation 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from . import system_calls
-from .kinds import FLOAT, INT, STORAGE, VOID, Array, Kind, Record, Tuple, UnsupportedError, real, stored, unify, working
+from .kinds import INT, VOID, Kind, UnsupportedError, working
 from .statements import Body, parameters
+from .unit import Function, Unit
 
 _PRELUDE = r"""
 #include <math.h>
@@ -42,104 +42,20 @@ static inline double root(double a) { return a == -INFINITY ? INFINITY : fabs(sq
 """
 
 
-@dataclass(frozen=True)
-class Function:
-    """A C function: its name and what it returns."""
-
-    name: str
-    returns: Kind
-
-
-class Translation:
-    """Collects structs and functions; `source` is the whole translation unit."""
+class Translation(Unit):
+    """Collects declarations and functions; `source` is the whole file."""
 
     def __init__(self, with_lines: bool = False) -> None:
-        """with_lines: say of each line of C to which line of Python it belongs, for debuggers, profilers and gcov."""
-        self.with_lines = with_lines
-        self._structs: dict[np.dtype[Any], Record] = {}
-        self._tables: dict[tuple[Kind, str, str], str] = {}
+        super().__init__(with_lines)
         self._functions: dict[tuple[Any, tuple[Kind, ...]], Function] = {}
         self._begun: list[Any] = []  # functions that are being translated, each called by the one before
-        self._declarations: dict[str, None] = {}  # in the order in which they were needed, each once
         self._bodies: list[str] = []
-        self._system_calls: dict[str, None] = {}
 
     @property
     def source(self) -> str:
         """All of it, as one file of C."""
         calls = system_calls.definitions(list(self._system_calls))
         return "\n".join([system_calls.PRELUDE + _PRELUDE, *self._declarations, *self._bodies, calls])
-
-    def _declare(self, text: str) -> None:
-        self._declarations.setdefault(text)
-
-    def record(self, dtype: np.dtype[Any]) -> Record:
-        """The record of a numpy dtype, declared with the same layout on first use."""
-        if dtype not in self._structs:
-            assert dtype.names is not None and dtype.fields is not None
-            fields = []
-            for name in dtype.names:
-                base, shape = dtype[name].subdtype or (dtype[name], ())
-                fields.append(f"  {stored(self.of_dtype(base))} {name}{''.join(f'[{n}]' for n in shape)};")
-            struct = f"struct record_{len(self._structs)}"
-            lines = [f"{struct} {{", *fields, "};"]
-            for name in dtype.names:
-                lines.append(f'_Static_assert(offsetof({struct}, {name}) == {dtype.fields[name][1]}, "layout");')
-            lines.append(f'_Static_assert(sizeof({struct}) == {dtype.itemsize}, "layout");')
-            self._declare("\n".join(lines))
-            self._structs[dtype] = Record(dtype, struct)
-        return self._structs[dtype]
-
-    def of_dtype(self, dtype: np.dtype[Any]) -> Kind:
-        """What an element or a field of this dtype is in an expression."""
-        base, shape = dtype.subdtype or (dtype, ())
-        kind: Kind = self.record(base) if base.names else STORAGE[base.str[1:]]
-        for n in reversed(shape):
-            kind = Array(kind, n)
-        return kind
-
-    def array(self, dtype: Any) -> Array:
-        """A one-dimensional array of unknown length."""
-        return Array(self.of_dtype(np.dtype(dtype)), None)
-
-    def table(self, values: np.ndarray[Any, Any]) -> tuple[str, Array]:
-        """A constant array, and its name."""
-        item = self.of_dtype(values.dtype)
-        numbers = ", ".join(real(v) if item == FLOAT else str(int(v)) for v in values.ravel())
-        sizes = "".join(f"[{n}]" for n in values.shape)
-        name = self._tables.setdefault((item, sizes, numbers), f"table_{len(self._tables)}")
-        self._declare(f"static const {stored(item)} {name}{sizes} = {{{numbers}}};")
-        kind = item
-        for n in reversed(values.shape):
-            kind = Array(kind, n)
-        assert isinstance(kind, Array)
-        return name, kind
-
-    def tuple_of(self, kinds: Sequence[Kind]) -> Tuple:
-        """The tuple of these values."""
-        item = working(kinds[0])
-        for kind in kinds[1:]:
-            item = unify(item, working(kind))
-        made = Tuple(item, len(kinds))
-        self._declare(f"typedef struct {{ {item.c} v[{made.n}]; }} {made.c};")
-        return made
-
-    def power(self, exponent: int, kind: Kind) -> str:
-        """The name of a function that takes this power in the order in which numba multiplies."""
-        name = f"power{exponent}_{'f' if kind == FLOAT else 'i'}"
-        steps = []
-        while exponent:
-            steps += ["r = r * a;"] if exponent & 1 else []
-            exponent >>= 1
-            steps += ["a = a * a;"] if exponent else []
-        self._declare(f"static inline {kind.c} {name}({kind.c} a) {{ {kind.c} r = 1; {' '.join(steps)} return r; }}")
-        return name
-
-    def system_call(self, name: str) -> str:
-        """The name in C of a function of the C library."""
-        self._system_calls.setdefault(name)
-        self._declare(system_calls.declaration(name))
-        return f"system_{name}"
 
     def function(self, kernel: Callable[..., Any], kinds: Sequence[Kind]) -> Function:
         """A kernel for these kinds of arguments. Raises UnsupportedError."""

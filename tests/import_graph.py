@@ -1,6 +1,6 @@
 """Which file imports which, read from the import statements: those in functions and for types, too.
 
-An `__init__.py` may hand names on to type checkers (`imud` those of `imud.api`): there, what is for types does not count.
+An `__init__.py` may hand names on to type checkers, as `imud` does: there, what is for types does not count.
 """
 
 import ast

@@ -59,7 +59,7 @@ def test_a_bad_tunable_in_the_settings_is_reported_with_its_line():
     text = "[attitude.tuning]\ngyro_noise_per_rate = 1e-3\nshock_rotation = -1\nnothing = 2\n"
     with pytest.raises(ConfigError) as caught:
         config.loads(text, name="x.toml")
-    assert "x.toml:3: attitude.tuning.shock_rotation: must be number from 1e-05 to 10 rad/(m/s), not -1" in str(
+    assert "x.toml:3: attitude.tuning.shock_rotation: must be a number from 1e-05 to 10 rad/(m/s), not -1" in str(
         caught.value
     )
     assert "x.toml:4: attitude.tuning.nothing: there is no such tunable" in str(caught.value)

@@ -2,8 +2,8 @@
 
     python tests/tuning_sensitivity.py [NAME..]     NAME: `attitude.KEY` or `navigation.KEY`, or its beginning
 
-Each tunable is made 25 % smaller and 25 % larger. The table has the changes of some figures; tunables that change
-none of them by as much as a limit are left out.
+Each tunable is made 25 % smaller and 25 % larger ("-": beyond its range). The table has the changes of some figures;
+tunables that change none of them by as much as a limit are left out.
 
 attitude: mean RMS tilt error and mean size of the drift, over all trials of ../shared/data/attitude but one whose gyro
 is beyond its range throughout. navigation: over five drives and flights of ../shared/data/navigation, the geometric
@@ -101,7 +101,8 @@ FILTERS = {  # figures, their names with units, and the least change in percent 
 def row(figures, tunable, usual):
     """Changes in percent: all figures with the tunable smaller, then larger."""
     kind = type(tunable.default)
-    changed = [figures({tunable.name: kind(factor * tunable.default)}) for factor in FACTORS]
+    values = [kind(factor * tunable.default) for factor in FACTORS]
+    changed = [figures({tunable.name: v}) if tunable.accepts(v) else np.full(len(usual), np.nan) for v in values]
     return 100.0 * (np.concatenate(changed) / np.tile(usual, len(FACTORS)) - 1.0)
 
 
@@ -114,8 +115,9 @@ def table(estimator, beginnings):
     for tunable in registry.by_name(estimator).tunables:
         if f"{estimator}.{tunable.name}".startswith(beginnings):
             changes = row(figures, tunable, usual)
-            if np.max(np.abs(changes)) >= least:
-                print(f"| `{tunable.name}` | {' | '.join(f'{change:+.1f} %' for change in changes)} |", flush=True)
+            if np.nanmax(np.abs(changes), initial=0.0) >= least:
+                cells = ["-" if np.isnan(change) else f"{change:+.1f} %" for change in changes]
+                print(f"| `{tunable.name}` | {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":

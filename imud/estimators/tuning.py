@@ -74,5 +74,6 @@ def problems(tunables: Iterable[Tunable], changed: Mapping[str, float]) -> Itera
         if name not in known:
             yield name, "there is no such tunable; `imud reference tuning` lists them"
         elif not known[name].accepts(value):
+            article = "an" if isinstance(known[name].default, int) else "a"
             wanted = f"{known[name].kind} {known[name].unit}".strip()
-            yield name, f"must be {wanted}, not {reprlib.repr(value)}"
+            yield name, f"must be {article} {wanted}, not {reprlib.repr(value)}"

@@ -108,6 +108,7 @@ TUNABLES = (
         "",
         "Share of a gyro's error in turns that constant factors do not explain.",
         "Recorded drives.",
+        high=1.0,
     ),
     Tunable(
         "misalignment_over_scale", 0.35, "", "Misalignment over scale factor.", "M-G350 data sheet: 0.1 deg and 0.5 %."

@@ -41,7 +41,12 @@ TUNABLES = (
         "A smooth car at walking pace has 0.06 to 0.1.",
     ),
     Tunable(
-        "rate_of_change_decay", 0.95, "per window", "Decay of the largest change between windows.", "About ten seconds."
+        "rate_of_change_decay",
+        0.95,
+        "per window",
+        "Decay of the largest change between windows.",
+        "About ten seconds.",
+        high=0.9999,
     ),
     Tunable(
         "noise_floor_growth",
@@ -49,6 +54,8 @@ TUNABLES = (
         "per window",
         "Growth of the smallest gyro deviation measured.",
         "About ten minutes.",
+        low=1.0,
+        high=1.1,
     ),
     Tunable(
         "vibration_noise_share",
@@ -56,6 +63,7 @@ TUNABLES = (
         "",
         "Share of the vibration's power that acts as white noise.",
         "Recorded drives.",
+        high=1.0,
     ),
     Tunable(
         "moving_vibration_accel",
@@ -79,7 +87,12 @@ TUNABLES = (
     ),
     Tunable("slow_motion_max_speed", 5.0, "m/s", "Slow motion ends here.", "Choice."),
     Tunable(
-        "class_memory", 0.01, "per window", "Gain of the statistics of rest and of slow motion.", "About fifty seconds."
+        "class_memory",
+        0.01,
+        "per window",
+        "Gain of the statistics of rest and of slow motion.",
+        "About fifty seconds.",
+        high=1.0,
     ),
     Tunable("class_min_windows", 20.0, "windows", "Number of windows from which these are known.", "Choice."),
     Tunable("class_min_sigma", 0.25, "", "Smallest deviation of the logarithm in these.", "Recorded drives."),
@@ -89,6 +102,7 @@ TUNABLES = (
         "",
         "Weight of a window: neighbouring ones are not independent.",
         "One independent window in four.",
+        high=1.0,
     ),
 )
 

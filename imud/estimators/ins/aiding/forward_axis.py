@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 TUNABLES = (
     Tunable("typical_lever_arm", 1.2, "m", "Lever arm assumed while the forward axis is sought.", "Cars."),
     Tunable("direction_sigmas", 2.0, "sigma", "A velocity that large has a direction.", "Two sigma."),
-    Tunable("scatter_decay", 0.98, "per window", "Memory of the velocities in the body.", "25 s."),
+    Tunable("scatter_decay", 0.98, "per window", "Memory of the velocities in the body.", "25 s.", high=0.9999),
     Tunable(
         "axis_windows",
         8.0,

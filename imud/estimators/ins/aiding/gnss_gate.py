@@ -64,7 +64,7 @@ TUNABLES = (
     Tunable("inertial_heading_error", 0.05, "rad", "Error of an inertial heading beyond its sigma.", "Choice."),
     Tunable("max_velocity_rejects", 8, "fixes", "More rejected velocities in a row mean a wrong heading.", "Choice."),
     Tunable("max_reset_score", 1.5, "", "A larger decaying count of resets means a wrong heading.", "Choice."),
-    Tunable("reset_score_decay", 0.98, "per fix", "Decay of the count of resets.", "About fifty fixes."),
+    Tunable("reset_score_decay", 0.98, "per fix", "Decay of the count of resets.", "About fifty fixes.", high=0.9999),
 )
 
 

@@ -32,6 +32,7 @@ TUNABLES = (
         "",
         "Least share of the reported error that is correlated.",
         "Four real receivers: their white part is the smaller.",
+        high=1.0,
     ),
     Tunable(
         "min_velocity_sigma",
@@ -42,7 +43,12 @@ TUNABLES = (
     ),
     Tunable("max_velocity_sigma", 0.3, "m/s", "Largest sigma that is learned of a velocity.", "Real receivers."),
     Tunable(
-        "noise_gain", 0.03, "per fix", "Gain of the learned variances.", "Sage-Husa: fading factors are 0.95 to 0.99."
+        "noise_gain",
+        0.03,
+        "per fix",
+        "Gain of the learned variances.",
+        "Sage-Husa: fading factors are 0.95 to 0.99.",
+        high=1.0,
     ),
     Tunable(
         "second_order_heading",
@@ -60,7 +66,12 @@ TUNABLES = (
         "Recorded drives.",
     ),
     Tunable(
-        "constant_error_share", 0.5, "", "Share of the receiver's error that no averaging removes.", "Real receivers."
+        "constant_error_share",
+        0.5,
+        "",
+        "Share of the receiver's error that no averaging removes.",
+        "Real receivers.",
+        high=1.0,
     ),
 )
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 TUNABLES = (
     Tunable("nhc_sum_length", 100, "innovations", "Innovations of a sum.", "Ten seconds."),
-    Tunable("nhc_sum_gain", 0.2, "", "Gain of the noise scale.", "About five sums."),
+    Tunable("nhc_sum_gain", 0.2, "", "Gain of the noise scale.", "About five sums.", high=1.0),
     Tunable(
         "nhc_first_sums",
         4.0,

@@ -60,7 +60,7 @@ TUNABLES = (
     Tunable("nhc_gate", 12.0, "NIS", "Gate of each of the two constraints.", "3.5 sigma."),
     Tunable("nhc_max_mean_nis", 4.0, "", "Mean NIS beyond which the constraint is disabled.", "Recorded drives."),
     Tunable("nhc_retry_s", 60.0, "s", "Time before it is enabled again, doubled by each contradiction.", "Choice."),
-    Tunable("nhc_mean_nis_gain", 0.02, "", "Gain of the mean NIS.", "Five seconds."),
+    Tunable("nhc_mean_nis_gain", 0.02, "", "Gain of the mean NIS.", "Five seconds.", high=1.0),
     Tunable("mount_sigma", math.radians(4.0), "rad", "Sigma of the forward axis when it is found.", "Recorded drives."),
 )
 

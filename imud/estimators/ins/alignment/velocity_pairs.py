@@ -53,7 +53,12 @@ TUNABLES = (
         "Distance between hypotheses.",
     ),
     Tunable(
-        "match_outage_share", 0.2, "", "Outage, as a share of that time, after which matching starts again.", "Choice."
+        "match_outage_share",
+        0.2,
+        "",
+        "Outage, as a share of that time, after which matching starts again.",
+        "Choice.",
+        high=1.0,
     ),
     Tunable("levelled_sigma", math.radians(6.0), "rad", "Tilt sigma to navigate with.", "Linearization."),
 )

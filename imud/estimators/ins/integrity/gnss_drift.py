@@ -47,7 +47,7 @@ TUNABLES = (
     Tunable("first_drift_noise_scale", 2.0, "", "First scale of it.", "Simulated drifts."),
     Tunable("max_drift_noise_scale", 10.0, "", "Largest scale of it.", "Simulated drifts."),
     Tunable("drift_noise_scale_prior", 5.0, "onsets", "Weight of the first scale.", "Choice."),
-    Tunable("drift_noise_scale_gain", 0.05, "per onset", "Gain of the scale.", "About twenty onsets."),
+    Tunable("drift_noise_scale_gain", 0.05, "per onset", "Gain of the scale.", "About twenty onsets.", high=1.0),
 )
 
 

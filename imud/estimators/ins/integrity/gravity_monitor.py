@@ -33,7 +33,9 @@ if TYPE_CHECKING:
 TUNABLES = (
     Tunable("gravity_memory_s", 5.0, "s", "Longest time over which a turn of gravity is looked for.", "Choice."),
     Tunable("fixed_gravity_gate", 8.0, "sigma", "Turn of gravity that must be seen, or the rate is bias.", "Choice."),
-    Tunable("fixed_gravity_share", 0.5, "", "Of this turn, more must be missing.", "Half: as likely seen as not."),
+    Tunable(
+        "fixed_gravity_share", 0.5, "", "Of this turn, more must be missing.", "Half: as likely seen as not.", high=1.0
+    ),
     Tunable("min_rate_across_gravity", 0.5, "", "Sine of the angle to gravity of a rate that may turn it.", "Choice."),
     Tunable(
         "max_gravity_excess", 0.3, "m/s^2", "Force beyond gravity and bias that is no coordinated turn.", "14 deg bank."

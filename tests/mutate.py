@@ -20,6 +20,7 @@ from imud.estimators.tuning import Tunable
 LEAST_PERCENT = 85.0
 BETWEEN = "no recording has one between the two: "
 CLASSES_SECOND = "the velocity itself tells each rest in the recordings before the motion class does"
+BY_WHEELS = BETWEEN + "contradiction between wheels and a receiver that drifts"
 OLDER = "each drift in the recordings is found from an older onset"
 NOT_NOTICED = {
     "attitude.min_step_radps": "tells equal readings from others: anything between rounding and a count does",
@@ -51,7 +52,25 @@ NOT_NOTICED = {
     "navigation.min_drift_s": OLDER,
     "navigation.min_drift_fixes": OLDER,
     "navigation.max_rewind_miss_s": "what is too old for a rewind is older than that",
-    "navigation.wheel_check_gate": BETWEEN + "evidence of a receiver that drifts",
+    "navigation.wheel_check_gate": BY_WHEELS,
+    "navigation.wheel_check_speed": BY_WHEELS,
+    "navigation.wheel_check_least": BY_WHEELS,
+    "navigation.wheel_evidence": BY_WHEELS,
+    "navigation.wheel_fresh_s": BETWEEN + "time without a reading of the wheels",
+    "navigation.wheel_patience": BETWEEN + "number of rejected velocities with wheels",
+    "navigation.wheel_max_reject_s": "no recording rejects fixes for so long",
+    "navigation.burst_psd": "no fix in the recordings proves more noise",
+    "navigation.burst_s": BETWEEN + "time since the last fix when one is rejected",
+    "navigation.baro_gate": BETWEEN + "NIS of a gust or a door",
+    "navigation.fixed_gravity_share": BETWEEN + "turn by a wrong bias at rest",
+    "navigation.min_rate_across_gravity": BETWEEN + "angle of a rate to gravity at rest",
+    "navigation.wrong_bias_gate": BETWEEN + "NIS of a wrong bias at rest",
+    "attitude.usual_gain_time_s": "each slip in the recordings comes after less time in the hand",
+    "attitude.travel_proof_s": BETWEEN + "time of travel of a body that slips",
+    "attitude.vehicle_time_s": "no body in the recordings travels before it is in a hand",
+    "riss.gate": BETWEEN + "NIS of an outlier",
+    "riss.rest_rate": BETWEEN + "yaw rate at a rest",
+    "riss.max_tilt_sigma": BETWEEN + "sigma of the tilt when roll and pitch are first claimed",
     "navigation.gravity_memory_s": "each wrong bias in the recordings is found sooner",
     "navigation.max_speed_of_gravity": BETWEEN + "speed of a body with a wrong bias",
     "navigation.baro_known_height": BETWEEN + "sigma of the height when the barometer begins",

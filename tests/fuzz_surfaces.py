@@ -5,20 +5,26 @@ What a user or peer did wrong is told by an ImudError or CaptureError, or an ans
 
 import contextlib
 import json
+import math
 import os
+import struct
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import fuzz_clients
 import fuzz_decoders
+import fuzz_dialogues
+import fuzz_files
 import msgspec
 
 from imud import client
 from imud.configuration.settings import Initial, Settings
 from imud.drivers.capture_messages import READS, Connection, Raw, Reads
 from imud.drivers.registry import by_name
+from imud.drivers.rtcm import crc24q
 from imud.errors import ConfigError, ImudError
 from imud.firmware_sim import fixes, ublox
 from imud.outputs.addresses import parse_address
@@ -35,11 +41,12 @@ from imud.tables.inputs import read_fixes
 
 @dataclass(frozen=True)
 class Surface:
-    """take: the function; examples: inputs to begin with; words: what to insert."""
+    """take: the function; examples: inputs to begin with; words: what to insert; tries: in each run of the tests."""
 
     take: Callable[[bytes], None]
     examples: tuple[bytes, ...]
     words: tuple[bytes, ...] = (b"\0", b"\n", b"\xff")
+    tries: int = 300
 
 
 def gpsd(data: bytes) -> None:
@@ -186,6 +193,13 @@ _TOML = (
     b"1979-05-27",
     b".",
 )
+_DOUBLES = (
+    *(struct.pack("<d", number) for number in (math.nan, math.inf, 1e308, 5e-324, -1.0)),
+    *(b"\xff" * 8, b"\0" * 7 + b"\x80"),
+)
+_RTCM = b"\xd3\0\2\x3e\xd0" + crc24q(b"\xd3\0\2\x3e\xd0").to_bytes(3, "big")
+_FEW = 40  # of those that take milliseconds
+_PORT = (b":", b"@", b"gpsd://", b"iio:", b"spi:", b"replay:", b"[", b"]", b"99999999999")
 SURFACES = {
     "gpsd": Surface(
         gpsd,
@@ -222,6 +236,37 @@ SURFACES = {
     "stream": Surface(stream, (client.MAGIC + b"\1\0" + bytes(client.RECORD.size - 6),)),
     "web": Surface(
         web, (b"127.0.0.1:8080\nhttp://127.0.0.1:8080", b"[::1]\nnull"), (b"[", b"]", b"@", b"#", b"http://", b":")
+    ),
+    "web-request": Surface(
+        fuzz_clients.web_request, fuzz_clients.REQUESTS, (b"\r\n", b":", b"%00", b"../", b"\x81\xfe"), tries=_FEW
+    ),
+    "status": Surface(fuzz_clients.answered, fuzz_clients.STATUSES, _JSON),
+    "live-fixes": Surface(fuzz_clients.live_fixes, fuzz_clients.FIXES, (*_JSON, b"\n")),
+    "live-states": Surface(fuzz_clients.live_states, fuzz_clients.STATES, _DOUBLES),
+    "aiding": Surface(
+        fuzz_files.aiding, fuzz_files.DATAGRAMS, (*_JSON, b"\n", b'"t"', b"sigma", b"1e308", b"-1"), tries=_FEW
+    ),
+    "rtcm": Surface(fuzz_files.rtcm, (_RTCM * 2, b"noise" + _RTCM), (b"\xd3\0", b"\xd3\3\xff")),
+    "iio-sysfs": Surface(
+        fuzz_files.iio, fuzz_files.SYSFS, (b"\n", b"=", b"_en=1", b"/", b"nan", b"1e999", b"X9", b"["), tries=_FEW
+    ),
+    "calibration": Surface(fuzz_files.calibrated, fuzz_files.CALIBRATIONS, (*_TOML, b"1e308"), tries=_FEW),
+    "biases": Surface(fuzz_files.biases, fuzz_files.BIASES, (*_JSON, b"1e308", b"-1"), tries=_FEW),
+    "checkpoint": Surface(fuzz_files.checkpoint, fuzz_files.CHECKPOINTS, (*_JSON, b"BOOT", b"NOW", b"UP"), tries=_FEW),
+    **{
+        f"resume-{name}": Surface(fuzz_files.resumed(name), fuzz_files.CHANGES, _DOUBLES, tries=_FEW)
+        for name in ("navigation", "attitude", "riss")
+    },
+    "port": Surface(
+        fuzz_files.port, (b"/dev/ttyUSB0:nmea@9600", b"gpsd://[::1]:2947/dev/a", b"iio:chip", b"spi:0.0"), _PORT
+    ),
+    "nmea-log": Surface(fuzz_files.nmea_log, (b"".join(_SENTENCES),), (b"$", b",", b"*", b"\r\n", b"235959.99")),
+    "aiding-csv": Surface(
+        fuzz_files.aiding_csv, fuzz_files.TABLES, (b",", b"\n", b"nan", b"1e999", b'"', b"sigma_deg"), tries=_FEW
+    ),
+    "dialogue": Surface(fuzz_dialogues.dialogue, fuzz_dialogues.EXAMPLES, fuzz_dialogues.WORDS, tries=_FEW),
+    "recognise": Surface(
+        fuzz_dialogues.recognise, (*_SENTENCES, fuzz_dialogues.GREETING), (b"$", b"\xb5b", b"\x20", b"\r", b"UU")
     ),
     "stream-request": Surface(fuzz_decoders.stream_request, (client.DIVISOR.pack(10), b"")),
     **{

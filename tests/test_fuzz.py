@@ -8,8 +8,6 @@ from fuzz_surfaces import SURFACES, Surface
 from hypothesis import given
 from hypothesis import strategies as st
 
-TRIES = 300
-
 
 @pytest.mark.parametrize("name", SURFACES)
 def test_the_corpus_raises_nothing(name):
@@ -20,7 +18,7 @@ def test_the_corpus_raises_nothing(name):
 @pytest.mark.parametrize("name", SURFACES)
 def test_changed_inputs_raise_nothing(name):
     chance, inputs, surface = random.Random(1), inputs_of(name), SURFACES[name]
-    for _ in range(TRIES):
+    for _ in range(surface.tries):
         data = changed(chance.choice(inputs), inputs, surface.words, chance)
         assert not failure(surface, data), data
 

@@ -11,6 +11,7 @@ iio/mount-matrix.txt of the kernel; `iio_compute_scan_bytes` of its industrialio
 """
 
 import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -21,8 +22,10 @@ from numpy.typing import NDArray
 AXES = ("x", "y", "z")
 GYRO, FORCE = "anglvel", "accel"
 STAMP = "in_timestamp"
-TYPE = re.compile(r"(be|le):([su])(\d+)/(\d+)(?:X(\d+))?(?:>>(\d+))?", re.IGNORECASE)
+TYPE = re.compile(r"(be|le):([su])(\d{1,4})/(\d{1,4})(?:X(\d{1,4}))?(?:>>(\d{1,4}))?", re.IGNORECASE)
 BITS_MAX = 62
+SCAN_MAX = 1024  # bytes
+NUMBER_MAX = float(1 << BITS_MAX)  # scales and offsets
 MILLI = 1e-3
 FRD = np.diag((1.0, -1.0, -1.0))  # from axes x forward, y left, z up
 ROTATION_TOLERANCE = 0.02  # of the products of the matrix with itself: device trees have two or three digits
@@ -120,12 +123,14 @@ def scan_of(device: Attributes, number: int) -> tuple[dict[str, Channel], int]:
         found[name] = Channel(number, at, size, bits, shift, parts[2].lower() == "s", parts[1].lower() == "be")
         at += size
         largest = max(largest, size)
+    if at > SCAN_MAX:
+        raise LayoutError(f"its scans have {at} bytes")
     return found, at + -at % largest
 
 
 def _index(device: Attributes, name: str) -> int:
     text = device.get(f"scan_elements/{name}_index", "")
-    if not text.isdecimal():
+    if not re.fullmatch(r"[0-9]{1,9}", text):
         raise LayoutError(f"its channel {name} has no index")
     return int(text)
 
@@ -139,15 +144,20 @@ def scaled(channel: Channel, device: Attributes, name: str, unit: float = 1.0) -
     offset = device.get(f"{name}_offset", device.get(f"{general}_offset", "0"))
     if channel.bits > BITS_MAX:
         raise LayoutError(f"its channel {name} has {channel.bits} bits")
+    if not _number(scale, name):
+        raise LayoutError(f"the scale of its channel {name} is 0")
     fields = asdict(channel) | {"scale": _number(scale, name) * unit, "offset": _number(offset, name)}
     return Channel(**fields)
 
 
 def _number(text: str, name: str) -> float:
     try:
-        return float(text)
-    except ValueError as error:
-        raise LayoutError(f"{text!r} is no scale or offset of its channel {name}") from error
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not abs(number) <= NUMBER_MAX:
+        raise LayoutError(f"{text!r} is no scale or offset of its channel {name}")
+    return number
 
 
 def turn(device: Attributes, quantity: str) -> tuple[Row, Row, Row]:
@@ -158,7 +168,8 @@ def turn(device: Attributes, quantity: str) -> tuple[Row, Row, Row]:
     if len(numbers) != 9:
         raise LayoutError(f"its mount matrix {text!r} has not nine numbers")
     matrix: NDArray[np.float64] = np.array(numbers, float).reshape(3, 3)
-    if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(matrix) < 0.0:
+    is_small = bool(np.abs(matrix).max() <= 1.0 + ROTATION_TOLERANCE)
+    if not is_small or np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(matrix) < 0.0:
         raise LayoutError(f"its mount matrix {text!r} is no rotation: mend it in the device tree or the ACPI table")
     x, y, z = (tuple(row) for row in (FRD @ matrix).tolist())
     return x, y, z

@@ -4,13 +4,15 @@ The states are those of the binary stream, fixes and status come from the gpsd s
 """
 
 import argparse
+import contextlib
 import json
 import math
 import select
 import socket
+import struct
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from datetime import datetime
 from typing import Any, Protocol
 
@@ -23,9 +25,11 @@ from ..estimators.records import FIX, SOLUTION
 from ..outputs.addresses import PORT, Address, parse_address
 
 _RETRY_S = 1.0
+_DIVISOR_MAX = 2**32 - 1  # what the stream's request has room for
 _FIX_HZ = 20.0  # receivers are slower
 _RATE_STATES = 50  # from which the sensor's rate follows
 _NOT_IMUD = "it does not speak imud's protocol"
+_NOT_CONVERTIBLE = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, struct.error)
 _LINE_MAX = 1 << 20  # bytes
 _RECEIVE_BYTES = 1 << 16
 
@@ -75,6 +79,15 @@ def fix_of(message: Mapping[str, Any]) -> np.void:
     return fix
 
 
+@contextlib.contextmanager
+def _converted(what: str) -> Iterator[None]:
+    """Raises ConnectionError if the listener cannot convert it, as that of another version or with impossible times."""
+    try:
+        yield
+    except _NOT_CONVERTIBLE as error:
+        raise ConnectionError(f"it sends a {what} that this version of imud cannot convert ({error!r})") from error
+
+
 class Decimator:
     """Lets one state of each period pass, and asks the daemon for no more states than that needs."""
 
@@ -96,7 +109,7 @@ class Decimator:
         elif not self._asked and (states := state.seq - self._first.seq) >= _RATE_STATES:
             self._asked = True
             sensor_hz = states * 1e9 / max(state.t_ns - self._first.t_ns, 1)
-            return max(1, int(sensor_hz / self._rate_hz))
+            return min(max(1, int(sensor_hz / self._rate_hz)), _DIVISOR_MAX)
         return None
 
 
@@ -125,11 +138,16 @@ class _States:
             raise ConnectionError("the daemon ended the connection") from None
         except client.ProtocolError as error:
             raise ConnectionError(str(error)) from error
-        self.offset_ns = state.utc_offset_ns
+        self.take(state)
         if (divisor := self._decimator.divisor(state)) is not None:
             self._stream.set_divisor(divisor)
+
+    def take(self, state: client.State) -> None:
+        """Raises ConnectionError for one that cannot be converted."""
+        self.offset_ns = state.utc_offset_ns
         if self._decimator.accepts(state):
-            self._listener.on_solution(solution_of(state), state.t_ns + state.utc_offset_ns)
+            with _converted("state"):
+                self._listener.on_solution(solution_of(state), state.t_ns + state.utc_offset_ns)
 
     def tick(self) -> None:
         """Once a second."""
@@ -166,21 +184,23 @@ class _Fixes:
         if len(self._received) > _LINE_MAX:
             raise ConnectionError(_NOT_IMUD)
         for line in lines:
-            self._take(line)
+            self.take(line)
 
-    def _take(self, line: bytes) -> None:
+    def take(self, line: bytes) -> None:
+        """Raises ConnectionError for what is not imud's."""
         try:
             message = json.loads(line)
             kind, t_ns = message.get("class"), message.get("t_mono_ns", self._t_ns)
             fix = fix_of(message) if kind == "FIX" and t_ns != self._t_ns else None
             utc_ns = round(datetime.fromisoformat(message["time"]).timestamp() * 1e9) if "time" in message else None
-        except (ValueError, TypeError, AttributeError, KeyError, RecursionError):
+        except (ValueError, TypeError, AttributeError, KeyError, OverflowError, RecursionError):
             raise ConnectionError(_NOT_IMUD) from None
-        if kind == "STATUS":
-            self._listener.on_status(message, time.time_ns())
-        elif fix is not None:
-            self._t_ns = t_ns
-            self._listener.on_fix(fix, t_ns + self._states.offset_ns, utc_ns)
+        with _converted(kind):
+            if kind == "STATUS":
+                self._listener.on_status(message, time.time_ns())
+            elif fix is not None:
+                self._t_ns = t_ns
+                self._listener.on_fix(fix, t_ns + self._states.offset_ns, utc_ns)
 
     def tick(self) -> None:
         """Once a second."""

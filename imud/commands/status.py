@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from itertools import zip_longest
 from typing import Any
 
+from .. import __version__
 from ..configuration.settings import Gpsd
 from ..errors import ConfigError, DeviceAbsentError, ImudError, PermissionDeniedError, UsageError
 from ..outputs.addresses import Address, parse_address
@@ -42,14 +43,25 @@ def run(args: argparse.Namespace) -> int:
         address = parse_address(args.address, PORT)
     except ConfigError as error:
         raise UsageError(str(error)) from error
-    status = ask(address)
-    if args.prometheus:
-        sys.stdout.write(metrics.prometheus(status))
-    elif args.json:
-        print(json.dumps(nested(status)))
-    else:
-        print("\n".join(f"{name:<12}{text}" for name, text in screen(nested(status))))
+    form = "prometheus" if args.prometheus else "json" if args.json else "screen"
+    sys.stdout.write(text_of(ask(address), form))
     return 0
+
+
+def text_of(status: Table, form: str) -> str:
+    """The flat status as "prometheus", "json" or "screen". Raises ImudError for one of another version of imud."""
+    try:
+        if form == "prometheus":
+            return metrics.prometheus(status)
+        if form == "json":
+            return json.dumps(nested(status)) + "\n"
+        return "".join(f"{name:<12}{text}\n" for name, text in screen(nested(status)))
+    except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        version = status.get("version", "unknown")
+        raise ImudError(
+            f"this status cannot be shown ({error!r}): the daemon's version is {version}, this one's {__version__}; "
+            "use the same version for both"
+        ) from error
 
 
 def ask(address: Address) -> dict[str, Any]:
@@ -82,7 +94,7 @@ def _answer(sock: socket.socket, address: Address) -> dict[str, Any]:
             try:
                 message = json.loads(text)
                 kind = message.pop("class")
-            except (ValueError, TypeError, AttributeError, KeyError):
+            except (ValueError, TypeError, AttributeError, KeyError, RecursionError):
                 raise not_imud from None
             if kind == "STATUS":
                 return dict(message)

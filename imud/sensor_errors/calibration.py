@@ -27,9 +27,28 @@ Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]
 NOTHING: Triple = (0.0, 0.0, 0.0)
 _COMMON = Path("/var/lib/imud")
+_MOST = {  # beyond any sensor, of what samples are corrected by
+    "bias_radps": 10.0,
+    "slope_radps_per_k": 1.0,
+    "temperature_c": 1000.0,
+    "bias_mps2": 100.0,
+    "matrix": 10.0,
+    "rpy_deg": 360.0,
+}
 
 
-class Gyro(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class _Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Numbers of a sensor that cannot be raise ValueError, wherever they come from."""
+
+    def __post_init__(self) -> None:
+        for name, most in _MOST.items():
+            numbers = np.ravel(getattr(self, name, 0.0))
+            unknown = np.isnan(numbers) & (name == "temperature_c")
+            if not (unknown | (np.abs(numbers) <= most)).all():
+                raise ValueError(f"{name} = {numbers.tolist()} is not between {-most:g} and {most:g}")
+
+
+class Gyro(_Part, frozen=True, forbid_unknown_fields=True):
     """rate = measured - bias - slope * (temperature - temperature_c), in the sensor's axes."""
 
     date: str
@@ -40,7 +59,7 @@ class Gyro(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     slope_sigma_radps_per_k: Triple = NOTHING
 
 
-class Accelerometer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Accelerometer(_Part, frozen=True, forbid_unknown_fields=True):
     """force = matrix (measured - bias), in the sensor's axes."""
 
     date: str
@@ -52,7 +71,7 @@ class Accelerometer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     temperature_c: float = math.nan
 
 
-class Mounting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Mounting(_Part, frozen=True, forbid_unknown_fields=True):
     """The sensor's axes in the vehicle's, as `imu.mount_rpy_deg`."""
 
     date: str

@@ -13,7 +13,7 @@ import re
 import signal
 import socket
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable
 from pathlib import Path
 
 from aiohttp import web
@@ -36,6 +36,7 @@ _COMMANDS = {"record": True, "stop": False}
 _BRIDGE: web.AppKey[Bridge] = web.AppKey("bridge", Bridge)
 _STATUS_LOCK: web.AppKey[asyncio.Lock] = web.AppKey("status_lock", asyncio.Lock)
 _CONNECTIONS: web.AppKey[Connections] = web.AppKey("connections", Connections)
+_PATH_MAX = 100  # characters: a file name that is too long for the system is an error there
 _HOST = re.compile(r"(?:\[(?P<v6>[0-9A-Fa-f:.]+)\]|(?P<name>[A-Za-z0-9._-]+))(?::[0-9]{1,5})?")
 
 
@@ -57,9 +58,18 @@ def is_own_origin(origin: str | None, host: str) -> bool:
     return origin is None or origin.lower() in (f"http://{host.lower()}", f"https://{host.lower()}")
 
 
+def is_plain(path: str, headers: Iterable[str]) -> bool:
+    """Whether they can be of a page that this server has made: ASCII, without control characters, not long."""
+    return (
+        path.isascii() and path.isprintable() and len(path) <= _PATH_MAX and all(value.isascii() for value in headers)
+    )
+
+
 @web.middleware
 async def _reject_foreign_requests(request: web.Request, handler: Handler) -> web.StreamResponse:
     request.app[_CONNECTIONS].has_request(request.protocol)
+    if not is_plain(request.path, request.headers.values()):
+        raise web.HTTPBadRequest(text="this server has no such page\n")
     host = request.headers.get("Host", "")
     if not is_own_name(host) or not is_own_origin(request.headers.get("Origin"), host):
         raise web.HTTPForbidden(text="open the page by this machine's address or name\n")

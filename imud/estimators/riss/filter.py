@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .types import RissParameters, RissState
 
 LONGEST_S = 1.0  # of one propagation, and of a gap in the rates that is bridged by the next one
+MOST_PARTS = 1000  # of a gap, however long
 
 
 @kernel
@@ -60,9 +61,9 @@ def advance(p: RissParameters, s: RissState) -> None:
         s.rates, s.w_sum = 0, 0.0
     rate = s.w_sum / s.rates if s.rates > 0 else s.x[GYRO_BIAS]
     unmeasured_s = max(s.outage_s, T) if s.rates == 0 else 0.0
-    left = T
+    left, longest = T, max(LONGEST_S, T / MOST_PARTS)
     while left > 0.0:
-        part = min(left, LONGEST_S)
+        part = min(left, longest)
         propagate(p, s, rate, max(unmeasured_s - left + part, 0.0), part)
         left -= part
     s.step_ns = s.t_ns

@@ -186,5 +186,6 @@ def checkpoint(state: Records) -> Records:
 
 
 def resume(state: Records, saved: Records) -> None:
-    """Go on from a checkpoint in a state before its first sample."""
+    """Go on from a checkpoint in a state before its first sample. That of a recording may hold any number."""
     state[:] = saved
+    state["ring_at"] %= RING

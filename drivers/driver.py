@@ -84,6 +84,7 @@ class ImuConfigured:
     accel_range: float = math.inf  # m/s^2
     request: Request | None = None  # None: it sends by itself
     layout: str = ""  # what `new_state` needs besides, as the driver wrote it
+    has_quartz: bool = False  # its rate is that of a quartz, so it is near the nominal one
     still_powered: bool = False  # its stream shows that it has not been switched off since somebody set it up
 
 

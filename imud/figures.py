@@ -49,7 +49,7 @@ class Trace:
 class Panel:
     """One pair of axes. equal: one metre is as long on both; logarithmic: both axes are.
 
-    rungs: words that stand at 0, 1, … instead of numbers on y.
+    rungs: words that stand at 0, 1, … instead of numbers on y. y_range: of the axis (default: of all that is drawn).
     """
 
     title: str
@@ -59,6 +59,7 @@ class Panel:
     equal: bool = False
     logarithmic: bool = False
     rungs: Sequence[str] = ()
+    y_range: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -153,6 +154,8 @@ def _draw(panel: Panel) -> Any:
     if panel.rungs:
         ticks = {"tickvals": list(range(len(panel.rungs))), "ticktext": list(panel.rungs)}
         drawn.update_yaxes(range=[-0.5, len(panel.rungs) - 0.5], **ticks)
+    if panel.y_range:
+        drawn.update_yaxes(range=panel.y_range)
     if panel.equal:
         drawn.update_yaxes(scaleanchor="x", scaleratio=1)
     several = sum(bool(trace.name) for trace in panel.traces) > 1 and not panel.rungs

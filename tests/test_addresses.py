@@ -23,6 +23,7 @@ from imud.outputs.gpsd import GpsdServer
         ("localhost:0", "127.0.0.1:0", True),
         ("[::1]:2948", "[::1]:2948", True),
         ("127.8.8.8:1", "127.8.8.8:1", True),
+        ("2948", "127.0.0.1:2948", True),
         (":2947", "0.0.0.0:2947", False),
         ("0.0.0.0:2947", "0.0.0.0:2947", False),
         ("[::]:2947", "[::]:2947", False),
@@ -38,7 +39,7 @@ def test_addresses(text, shown, local):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "::1", "127.0.0.1:x", "127.0.0.1:65536", "[::1", "/" + "x" * 108, "no.such.invalid:1"]
+    "text", ["", "::1", "127.0.0.1:x", "127.0.0.1:65536", "99999", "[::1", "/" + "x" * 108, "no.such.invalid:1"]
 )
 def test_bad_addresses_are_named(text):
     with pytest.raises(ConfigError, match=f"^{re.escape(repr(text))} is no address: "):

@@ -26,11 +26,19 @@ def test_a_machine_without_ports(tmp_path):
     [
         (
             {"proc/cmdline": "console=tty1 console=serial0,115200 root=/dev/x"},
-            "problem: the kernel's console is on serial0",
+            "note: the kernel's console is on serial0",
         ),
         (
             {"etc/systemd/system/getty.target.wants/serial-getty@ttyAMA0.service": ""},
-            "problem: a login prompt waits on ttyAMA0",
+            "note: a login prompt waits on ttyAMA0",
+        ),
+        (
+            {"proc/cmdline": "console=ttyAMA0,115200", "etc/imud/imu.toml": 'ports = ["/dev/ttyAMA0:epson@460800"]'},
+            "problem: the kernel's console is on ttyAMA0",
+        ),
+        (
+            {"proc/cmdline": "console=ttyAMA0,115200", "etc/imud/imu.toml": 'ports = ["/dev/ttyUSB0"]'},
+            "note: the kernel's console is on ttyAMA0",
         ),
         ({"proc/42/comm": "ModemManager\n"}, "note: ModemManager is running (pid 42)"),
         ({"sys/bus/usb-serial/devices/ttyUSB0/latency_timer": "16\n"}, "note: ttyUSB0 delivers bytes up to 16 ms late"),

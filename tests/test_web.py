@@ -172,6 +172,7 @@ def test_the_page_is_whole_and_asks_nothing_of_other_machines(served):
         (["--listen", "/tmp/x"], 64, "HOST:PORT"),
         (["nowhere:at:all"], 64, "gpsd socket"),
         (["--listen", "127.0.0.1:99999"], 64, "65535"),
+        (["--listen", "99999"], 64, "65535"),
     ],
 )
 def test_a_bad_address_is_reported(arguments, code, says):

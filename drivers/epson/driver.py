@@ -180,6 +180,7 @@ def configured(
         gyro_range=gyro_end * model.gyro_scale,
         accel_range=accel_end * model.accel_scale,
         request=request,
+        has_quartz=True,
     )
 
 

@@ -4,12 +4,14 @@ Each check is a function of the file system's root, so that tests can imitate an
 """
 
 import argparse
+import contextlib
 import grp
 import importlib.util
 import json
 import os
 import pwd
 import re
+import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -96,16 +98,32 @@ def _group_of(path: Path) -> str:
 
 
 def console(root: Path) -> Iterator[Finding]:
-    """Does the kernel's console, or a login prompt, use a UART?"""
+    """Does the kernel's console, or a login prompt, use a UART? A problem only where a sensor is to be on it."""
+    ports = _service_ports(root)
+
+    def finding(uart: str, what: str, mend: str) -> Finding:
+        if os.path.realpath(root / "dev" / uart) in ports:
+            return Finding("problem", f"{what} and a service of imud wants that port", mend)
+        return Finding("note", what, f"if a sensor is to be on {uart}: {mend}")
+
     for uart in _UARTS.findall(_text(root / "proc/cmdline")):
-        yield Finding(
-            "problem",
-            f"the kernel's console is on {uart}: it would write to the sensor",
-            f"remove console={uart},… from /boot/firmware/cmdline.txt, reboot (raspi-config: serial login shell off)",
+        remove = (
+            f"remove console={uart},… from /boot/firmware/cmdline.txt, reboot (raspi-config: serial login shell off)"
         )
+        yield finding(uart, f"the kernel's console is on {uart}: it would write to a sensor there", remove)
     for unit in (root / "etc/systemd/system/getty.target.wants").glob("serial-getty@*.service"):
         port = unit.name.partition("@")[2].removesuffix(".service")
-        yield Finding("problem", f"a login prompt waits on {port}", f"sudo systemctl disable --now {unit.name}")
+        yield finding(port, f"a login prompt waits on {port}", f"sudo systemctl disable --now {unit.name}")
+
+
+def _service_ports(root: Path) -> set[str]:
+    """The device files that the settings of imud's services name, links followed; unreadable settings name none."""
+    named = set()
+    for path in (root / "etc/imud").glob("*.toml"):
+        with contextlib.suppress(OSError, ValueError):
+            for port in tomllib.loads(path.read_text()).get("ports", ()):
+                named.add(os.path.realpath(root / str(port).partition(":")[0].lstrip("/")))
+    return named
 
 
 def competing_programs(root: Path) -> Iterator[Finding]:

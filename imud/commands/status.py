@@ -7,7 +7,7 @@ import math
 import socket
 import sys
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from itertools import zip_longest
 from typing import Any
 
@@ -16,6 +16,7 @@ from ..configuration.settings import Gpsd
 from ..errors import ConfigError, DeviceAbsentError, ImudError, PermissionDeniedError, UsageError
 from ..outputs.addresses import Address, parse_address
 from ..outputs.listeners import NO_DESCRIPTORS, TOO_MANY
+from ..sensors.limits import is_beyond
 from . import metrics
 
 PORT = 2947
@@ -147,7 +148,11 @@ def screen(status: Table) -> Iterator[tuple[str, str]]:
 
 def innovations(by_kind: Table) -> list[str]:
     """The mean normalised square of each kind, and the counts of all."""
-    ratios = ", ".join(f"{kind} {entry['ratio']:.2f}" for kind, entry in by_kind.items() if "ratio" in entry)
+    ratios = ", ".join(
+        _marked(f"{kind} {entry['ratio']:.2f}", is_beyond("innovation_ratio", entry["ratio"]))
+        for kind, entry in by_kind.items()
+        if "ratio" in entry
+    )
     used, rejected = (sum(entry[what] for entry in by_kind.values()) for what in ("used", "rejected"))
     counts = f"{used} used, {rejected} rejected"
     return [*textwrap.wrap(ratios, _WIDTH), f"ratio 1 is right; {counts}"] if ratios else [counts]
@@ -206,13 +211,19 @@ def _port(port: Table) -> Iterator[tuple[str, str]]:
     yield "port", f"{port['path']}: {', '.join(facts)}; {port['health']}"
     yield "", f"{_rate(port)}, {_counted(port, _COUNTED)}, connected {_times(port['connects'])}"
     if clock := port.get("clock"):
-        yield "", _clock(clock)
+        yield "", _clock(clock, port.get("out_of_limits", "").split(","))
     if "quality" in port:
         yield "", f"fix: {_fix(port)}"
         if sentences := port.get("sentences"):
             yield "", "sentences: " + ", ".join(f"{count} {what}" for what, count in sentences.items())
 
 
+_FIX = (
+    ("quality", "quality {}", "gnss_quality"),
+    ("satellites", "{} satellites", "satellites"),
+    ("hdop", "HDOP {:g}", "hdop"),
+    ("fix_age_s", "{:.1f} s ago", "gnss_age_s"),
+)
 _COUNTED = ("frames", "lost", "junk", "bad", "suspect", "errors", "overruns", "torn", "unannounced", "used")
 
 
@@ -230,17 +241,25 @@ def _times(count: int) -> str:
     return "once" if count == 1 else f"{count} times"
 
 
-def _clock(clock: Table) -> str:
+def _clock(clock: Table, beyond: Collection[str]) -> str:
     fit = "not fitted yet"
     if "drift_ppm" in clock:
-        fit = f"drift {clock['drift_ppm']:+.1f} ppm, residual {clock['residual_us']:.0f} µs"
-    late = f"samples {1e-3 * clock['late_us']:.2f} ms late in the mean, {1e-3 * clock['latest_us']:.1f} at most"
+        drift = _marked(f"drift {clock['drift_ppm']:+.1f} ppm", "clock_drift_ppm" in beyond)
+        residual = _marked(f"residual {clock['residual_us']:.0f} µs", "clock_residual_us" in beyond)
+        fit = f"{drift}, {residual}"
+    latest = _marked(f"{1e-3 * clock['latest_us']:.1f} at most", is_beyond("samples_late_us", clock["latest_us"]))
+    late = f"samples {1e-3 * clock['late_us']:.2f} ms late in the mean, {latest}"
     return f"clock: {fit}, {clock['corrections']} corrections; {late}"
 
 
+def _marked(text: str, is_bad: bool) -> str:
+    """The text, with a mark if its number is beyond the limit."""
+    return f"{text} (beyond its limit)" if is_bad else text
+
+
 def _fix(port: Table) -> str:
-    facts = [f"quality {port['quality']}"]
-    for key, form in (("satellites", "{} satellites"), ("hdop", "HDOP {:g}"), ("fix_age_s", "{:.1f} s ago")):
+    facts = list[str]()
+    for key, form, limit in _FIX:
         with contextlib.suppress(KeyError):
-            facts.append(form.format(port[key]))
+            facts.append(_marked(form.format(port[key]), limit in port.get("out_of_limits", "").split(",")))
     return ", ".join(facts)

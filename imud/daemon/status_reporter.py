@@ -33,6 +33,7 @@ class StatusReporter:
         self._change_logger = ChangeLogger(self._log)
         self._faults: dict[str, tuple[str, ...] | None] = {"imu": None, "gnss": None}  # None: no such sensor
         self._others: dict[Port, tuple[str, ...]] = {}  # spares, and sensors without positions
+        self._out_of_limits: tuple[str, ...] = ()
         self._started_ns = time.monotonic_ns()
 
     def tick(self, load: Load, now_ns: int) -> None:
@@ -48,6 +49,7 @@ class StatusReporter:
         streaming = self._devices.streaming()
         for kind in self._faults:
             self._faults[kind] = self._check(kind, pair[0], pair[1], now_ns) if (pair := streaming.get(kind)) else None
+        self._out_of_limits = self._beyond(now_ns)
         others: dict[Port, Inertial | Receiver] = {**self._devices.spares.sensors, **self._devices.sensors}
         self._others = {port: self._check(port.spec.path, port, sensor, now_ns) for port, sensor in others.items()}
         for text in load.messages(inertial.lost if inertial else 0, now_ns):
@@ -59,6 +61,10 @@ class StatusReporter:
         self._change_logger.faults(name, faults, now_ns)
         return faults
 
+    def _beyond(self, now_ns: int) -> tuple[str, ...]:
+        imu, gnss = self._devices.imu, self._devices.gnss
+        return (*(imu[1].out_of_limits() if imu else ()), *(gnss[1].out_of_limits(now_ns) if gnss else ()))
+
     def _warn_if_upside_down(self) -> None:
         """Warn of a sensor that seems upside down: perhaps its axes are not FRD, which its protocol does not say."""
         inertial = self._devices.selection.inertial
@@ -68,7 +74,8 @@ class StatusReporter:
     def health(self) -> Health:
         """The faults of the sensors at the last tick."""
         imu = self._devices.imu
-        return Health(**self._faults, clock=imu[1].clock_fit() if imu else ClockFit())
+        clock = imu[1].clock_fit() if imu else ClockFit()
+        return Health(**self._faults, clock=clock, out_of_limits=self._out_of_limits)
 
     def status(self, publisher: Publisher, outputs: Outputs, aiding: "AidingInput | None") -> str:
         """The answer to `imud status`."""

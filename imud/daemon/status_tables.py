@@ -24,7 +24,7 @@ from imud.drivers.driver import ImuConfigured
 from .. import __version__
 from ..compile import library
 from ..estimators.innovation_kinds import KINDS
-from ..estimators.records import ATTITUDE_VALID
+from ..estimators.records import ATTITUDE_VALID, REST_N, REST_Z
 from ..outputs.gpsd_json import STATUS_NAMES, status_text
 from ..outputs.view import decode, euler
 
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from .load import Load
     from .ports import Port
 
+_REST = range(REST_N, REST_Z + 1)  # one that is rejected is of a vehicle that sets off, and says nothing of the sigmas
 RATIO_SAMPLES = 32.0  # fixes over which an innovation ratio is averaged
 Table = dict[str, Any]
 
@@ -52,7 +53,7 @@ class InnovationStatistics:
         for _, kind, value, variance, used in rows.tolist():
             entry = self._table.setdefault(kind, {"used": 0, "rejected": 0, "ratio": 0.0})
             entry["used" if used else "rejected"] += 1
-            if math.isfinite(value):
+            if math.isfinite(value) and (used or kind not in _REST):
                 self._finite[kind] += 1
                 entry["ratio"] += (value * value / variance - entry["ratio"]) / min(RATIO_SAMPLES, self._finite[kind])
 

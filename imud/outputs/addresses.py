@@ -31,7 +31,7 @@ class Address:
 
 
 def parse_address(text: str, default_port: int) -> Address:
-    """`HOST[:PORT]`, `[IPV6][:PORT]`, `/PATH` or `unix:PATH`. An empty host is every address of the machine.
+    """`HOST[:PORT]`, `[IPV6][:PORT]`, `/PATH`, `unix:PATH`, or `PORT` of 127.0.0.1. An empty host is all addresses.
 
     Raises ConfigError for anything else and for names that do not resolve.
     """
@@ -44,10 +44,13 @@ def parse_address(text: str, default_port: int) -> Address:
             f"{text!r} is no address: write it as HOST:PORT, [IPV6]:PORT or /path/of/socket, "
             f"for example 127.0.0.1:{default_port}"
         )
-    port = int(match["port"] or default_port)
+    host, digits = match["v6"] or match["host"] or "0.0.0.0", match["port"]
+    if host.isdecimal() and not digits:
+        host, digits = "127.0.0.1", host
+    port = int(digits or default_port)
     if port > 65535:
         raise ConfigError(f"{text!r} is no address: the highest port is 65535")
-    family, host = _resolve(match["v6"] or match["host"] or "0.0.0.0", text)
+    family, host = _resolve(host, text)
     return Address(_host_port(host, port), family, (host, port))
 
 

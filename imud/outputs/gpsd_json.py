@@ -164,6 +164,7 @@ _EST = Numbers(
     bgx_dps="%.6g", bgy_dps="%.6g", bgz_dps="%.6g", bax_mps2="%.6g", bay_mps2="%.6g", baz_mps2="%.6g",
     sbgx_dps="%.4g", sbgy_dps="%.4g", sbgz_dps="%.4g", sbax_mps2="%.4g", sbay_mps2="%.4g", sbaz_mps2="%.4g",
     gnss_age_s="%.4g", gnss_quality="%.4g", clock_residual_us="%.4g", clock_drift_ppm="%.4g",
+    sclock_drift_ppm="%.4g",
 )  # fmt: skip
 
 
@@ -172,17 +173,22 @@ def _health_of(sensor: str, faults: tuple[str, ...] | None) -> str:
     return "" if faults is None else f',"{sensor}_health":{quoted("; ".join(faults) or "ok")}'
 
 
+def _out_of_limits(names: tuple[str, ...]) -> str:
+    return f',"out_of_limits":"{",".join(names)}"' if names else ""
+
+
 def _est(view: View, s: State) -> str:
     gnss = view.gnss or Gnss()
     numbers = _EST(
         s.lat, s.lon, s.height, *s.v, *euler(s.q_nb), *s.sigma_p, *s.sigma_v, *s.sigma_rpy, *s.q_nb,
         *s.bg, *s.ba, *s.sigma_bg, *s.sigma_ba, gnss.age_s, NAN if gnss.quality is None else gnss.quality,
-        1e6 * view.health.clock.residual_s, 1e6 * view.health.clock.drift,
+        *(1e6 * number for number in view.health.clock),
     )  # fmt: skip
     return (
         f'{head("EST", view)}{time_of(view)},"t_mono_ns":{view.t_mono_ns},"seq":{view.seq}'
         f',"estimator":{quoted(view.estimator)},"status":{s.status},"state":"{status_text(s.status)}"'
-        f"{_health_of('imu', view.health.imu)}{_health_of('gnss', view.health.gnss)}{numbers}}}"
+        f"{_health_of('imu', view.health.imu)}{_health_of('gnss', view.health.gnss)}"
+        f"{_out_of_limits(view.health.out_of_limits)}{numbers}}}"
     )
 
 

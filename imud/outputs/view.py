@@ -47,6 +47,7 @@ class Health(NamedTuple):
     imu: tuple[str, ...] | None = None
     gnss: tuple[str, ...] | None = None
     clock: ClockFit = ClockFit()
+    out_of_limits: tuple[str, ...] = ()  # names of shown quantities, as `sensors/limits.py` has them
 
 
 class View(NamedTuple):

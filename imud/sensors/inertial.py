@@ -1,5 +1,6 @@
 """An inertial sensor as the daemon sees it: bytes in, solutions out. No waiting, no logging."""
 
+import math
 from collections import Counter
 from collections.abc import Mapping
 
@@ -13,6 +14,7 @@ from ..sensor_errors.profiles import SampleSigma, profile_of, sample_sigmas
 from ..sensor_monitor.findings import words
 from ..sensor_monitor.health import shown
 from .byte_sink import READ_BYTES, ByteSink
+from .limits import LIMITS, is_beyond
 from .loss import HIGH, LossMonitor
 from .rate import RateMeter, SampleRateMonitor
 from .readings import NO_VECTOR, ClockFit
@@ -20,11 +22,15 @@ from .readings import NO_VECTOR, ClockFit
 SILENCE_NS = 1_000_000_000  # a stream this long silent is broken
 SILENT_PERIODS = 4  # at least
 STALE_NS, STALE_PERIODS = 200_000_000, 3
-UNCERTAIN_S = 5e-3  # of a sample's time; a vehicle that turns by 30 deg/s turns by 0.15 deg meanwhile
-_UNCERTAIN = (
-    "inertial sensor: its samples come so irregularly that their times are uncertain by more than "
-    f"{UNCERTAIN_S * 1e3:g} ms"
-)
+_BEYOND = {
+    "clock_residual_us": "inertial sensor: its samples come so irregularly that their times are uncertain by more than "
+    f"{LIMITS['clock_residual_us'].most * 1e-3:g} ms",
+    "clock_drift_ppm": "inertial sensor: its clock differs from this machine's by more than "
+    f"{LIMITS['clock_drift_ppm'].most:g} ppm",
+    "temperature_c": "inertial sensor: it is colder than {0.least:g} or hotter than {0.most:g} degC".format(
+        LIMITS["temperature_c"]
+    ),
+}
 _DAMAGED = f"inertial sensor: more than {HIGH:.0%} of its samples do not arrive whole"
 
 
@@ -39,7 +45,7 @@ class Inertial:
         self._before = Counter[str]()  # counted in earlier connections
         self.rate_monitor: SampleRateMonitor | None = None  # of a sensor that sends by itself
         self.byte_sink: ByteSink | None = None
-        self.has_gyros = False
+        self.has_gyros = self.has_quartz = False
         self._room = stream.rx.data
         self._line: Line | None = None
         self._fault_texts: Mapping[int, str] = {}
@@ -59,7 +65,7 @@ class Inertial:
         by_itself = configured.request is None and not isinstance(line, Known)
         self.rate_monitor = SampleRateMonitor(1e9 / configured.period_ns) if by_itself else None
         self.period_s = 1.0 / configured.rate_hz
-        self.has_gyros = all(configured.gyro_axes)
+        self.has_gyros, self.has_quartz = all(configured.gyro_axes), configured.has_quartz
         self.silence_ns = max(SILENCE_NS, SILENT_PERIODS * round(1e9 / configured.rate_hz))
 
     def read(self, now_ns: int) -> int:
@@ -123,8 +129,20 @@ class Inertial:
         if now_ns - self.last_data_ns > max(STALE_NS, STALE_PERIODS * self.period_s * 1e9):
             return ("inertial sensor: stale, nothing new comes",)
         damaged = (_DAMAGED,) if self._loss_monitor.is_high else ()
-        uncertain = (_UNCERTAIN,) if self.clock_fit().residual_s > UNCERTAIN_S else ()
-        return (*damaged, *uncertain, *words(shown(self.stream.filter.health)), *self._complains())
+        beyond = (_BEYOND[name] for name in self.out_of_limits())
+        return (*damaged, *beyond, *words(shown(self.stream.filter.health)), *self._complains())
+
+    def out_of_limits(self) -> tuple[str, ...]:
+        """Which quantities are beyond their limits, by their names in `LIMITS`."""
+        fit = self.clock_fit()
+        drift = 1e6 * fit.drift if self.has_quartz else math.nan
+        temperature = float(self.stream.samples[self._newest]["temperature"]) if self._newest >= 0 else math.nan
+        shown = (
+            ("clock_residual_us", 1e6 * fit.residual_s, 0.0),
+            ("clock_drift_ppm", drift, 1e6 * fit.sigma_drift),
+            ("temperature_c", temperature, 0.0),
+        )
+        return tuple(name for name, value, sigma in shown if is_beyond(name, value, sigma))
 
     def _complains(self) -> tuple[str, ...]:
         """Faults that the sensor itself has reported since it began to stream."""
@@ -154,6 +172,7 @@ class Inertial:
         return {
             **self.counters(),
             "heard_ago_s": (now_ns - self.last_data_ns) * 1e-9,
+            "out_of_limits": ",".join(self.out_of_limits()) or None,
             "clock": {
                 "drift_ppm": 1e6 * fit.drift,
                 "residual_us": 1e6 * fit.residual_s,

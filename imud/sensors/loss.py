@@ -2,9 +2,11 @@
 
 from collections import deque
 
+from .limits import LIMITS
 from .rate import SECOND_NS, WINDOW_S
 
-HIGH, LOW = 0.01, 0.005  # of what was sent in the last ten seconds: begins and ends to be worth a word
+HIGH = LIMITS["damaged_share"].most
+LOW = 0.5 * HIGH  # of what was sent in the last ten seconds: begins and ends to be worth a word
 MIN_DAMAGED = 5  # damaged ones at least: a glitch is none
 
 

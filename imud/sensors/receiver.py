@@ -15,6 +15,7 @@ from ..math.arrays import Records
 from .aiding import Measured
 from .byte_sink import READ_BYTES, ByteSink
 from .gnss import Refusal, record, refusal
+from .limits import BY_SETTING, LIMITS, is_beyond
 from .loss import HIGH, LossMonitor
 from .nmea_aiding import measured_of
 from .rate import RateMeter
@@ -22,7 +23,7 @@ from .readings import Gnss
 
 SILENCE_NS = 5_000_000_000  # a stream this long silent is broken
 STEADY = 3  # fixes
-STALE_FIX_NS = 3_000_000_000
+STALE_FIX_NS = round(LIMITS["gnss_age_s"].most * 1e9)
 EARTH_RADIUS_M = 6.371e6
 JUMP_M, JUMP_MPS = 100.0, 100.0  # a jump goes farther than that, plus what JUMP_MPS above its own speed would make
 JUMPED_NS = 5_000_000_000  # for which a jump is shown
@@ -166,6 +167,7 @@ class Receiver:
         """What `imud status` shows of it: what became of its sentences and fixes, and what it says of itself."""
         said, last = self.decoder.status, self.view(now_ns)
         return {
+            "out_of_limits": ",".join(self.out_of_limits(now_ns)) or None,
             "used": self.used,
             "refused": {rule.removeprefix("gnss."): count for rule, count in self.refused.items()},
             "sentences": dict(self.decoder.counters),
@@ -208,9 +210,17 @@ class Receiver:
             return "receiver: no fix"
         if now_ns - (self._last.arrival_ns if self._last else self._connected_ns) > STALE_FIX_NS:
             return "receiver: says that it has a fix, but tells no new one"
+        if self._verdict in BY_SETTING:
+            return f"receiver: its fixes are refused by {self._verdict}"
         if self._jumped_ns is not None and now_ns - self._jumped_ns < JUMPED_NS:
             return "receiver: implausible, its position jumped"
         return ""
+
+    def out_of_limits(self, now_ns: int) -> tuple[str, ...]:
+        """Which quantities are beyond their limits, or those of the settings."""
+        age_s = (now_ns - self._last.arrival_ns) * 1e-9 if self._last else None
+        stale = ("gnss_age_s",) if is_beyond("gnss_age_s", age_s) else ()
+        return (*stale, *filter(None, (BY_SETTING.get(self._verdict or ""),)))
 
     def view(self, now_ns: int) -> Gnss | None:
         """The last fix, for those who publish it; None before the first."""

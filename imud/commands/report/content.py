@@ -35,6 +35,8 @@ STATUS = {
     "rejecting": REJECTING,
     "saturated": SATURATED,
 }
+SETTLED = 5.0  # of the median of sigma: more is the start, or an outage
+CROWDED, MARGIN = 1.5, 0.05  # of the settled signal's range
 FLAGS = {
     "suspect": flag.SUSPECT,
     "device error": flag.DEVICE_ERROR,
@@ -60,8 +62,34 @@ def _states(session: Session, title: str, unit: str, names: Iterable[str], facto
             y = _wrapped(y) if name == "yaw_deg" else y
             if np.isfinite(y).any():
                 traces.append(Trace(e.name, e.columns["t_s"], y, sigma))
-        panels.append(Panel(name.rpartition("_")[0], TIME, unit, traces))
+        y_range = settled_range(traces)
+        note = ": the start's σ is cut off" if y_range else ""
+        panels.append(Panel(name.rpartition("_")[0] + note, TIME, unit, traces, y_range=y_range))
     return Figure(title, panels, columns=3)
+
+
+def settled_range(traces: Iterable[Trace]) -> tuple[float, float] | None:
+    """The range of y that shows the settled signals; None: an axis of everything shows them as well.
+
+    A trace is settled where its sigma is at most SETTLED times its median. With the sigma of the start on the axis, all
+    that comes later is a flat line.
+    """
+    every, settled = [], []
+    for trace in traces:
+        if trace.sigma is None:
+            continue
+        known = np.isfinite(trace.y) & np.isfinite(trace.sigma)
+        y, sigma = trace.y[known], trace.sigma[known]
+        if len(y):
+            late = sigma <= SETTLED * np.median(sigma)
+            every += [y - sigma, y + sigma]
+            settled += [(y - sigma)[late], (y + sigma)[late]]
+    if not settled:
+        return None
+    low, high = float(np.min(np.concatenate(settled))), float(np.max(np.concatenate(settled)))
+    whole = float(np.max(np.concatenate(every))) - float(np.min(np.concatenate(every)))
+    margin = MARGIN * (high - low)
+    return (low - margin, high + margin) if whole > CROWDED * (high - low) else None
 
 
 def _flag_panel(title: str, t: Floats, bits: NDArray[np.int64], table: dict[str, int]) -> Panel:
@@ -94,12 +122,13 @@ def _sensor(s: Sensor) -> Figure:
 def _clock(c: Clock) -> Figure:
     rows = c.rows
     t = rows["t_ns"] * 1e-9
+    drift = [Trace("drift", t, 1e6 * rows["drift"], 1e6 * rows["sigma_drift"])]
     late = [Trace("mean of late", t, 1e3 * rows["late"]), Trace("at most so far", t, 1e3 * rows["latest"])]
     lost = [Trace(name, t, rows[name].astype(float)) for name in ("bad", "lost", "errors", "corrections")]
     return Figure(
         f"{c.name}: the sensor's clock and line",
         [
-            Panel("Clock drift ± σ", TIME, "ppm", [Trace("drift", t, 1e6 * rows["drift"], 1e6 * rows["sigma_drift"])]),
+            Panel("Clock drift ± σ", TIME, "ppm", drift, y_range=settled_range(drift)),
             Panel("Arrivals about the fitted line", TIME, "µs", [Trace("residual", t, 1e6 * rows["residual"])]),
             Panel("Latency: samples later than at best", TIME, "ms", late),
             Panel("Counted since it connected", TIME, "number", lost),

@@ -4,20 +4,23 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from imud.estimators.innovation_kinds import KINDS
-from imud.estimators.records import ASSUMED, ATTITUDE_VALID, REJECTING, SATURATED
+from imud.estimators.records import ASSUMED, ATTITUDE_VALID, REJECTING, REST_N, REST_Z, SATURATED
+from imud.sensors.limits import LIMITS, is_beyond
 
+from ...math.arrays import Floats
 from .session import Clock, Estimates, Innovations, Session
 from .statistics import COUNT_MIN, autocorrelation, chi2_bounds, effective_number
 
 BIAS_MIN = 0.3  # of a sigma; a smaller bias is harmless
 SIGNIFICANT = 3.3  # sigmas: one false finding in a thousand
 CORRELATION_MAX = 0.5  # of neighbours
-REJECTED_MAX = 0.05  # share
+REJECTED_MAX = LIMITS["rejected_share"].most
 CONSERVATIVE = 0.5  # of the claimed variance
-FIX_LATENCY_MAX_S = 1.0
-SAMPLE_LATENCY_MAX_S = 0.1
+FIX_LATENCY_MAX_S = LIMITS["fix_latency_s"].most
+SAMPLE_LATENCY_MAX_S = LIMITS["samples_late_us"].most * 1e-6
 TIMES_MAX = 5  # in one finding
 LOSSES = {
     "lost": "samples are missing by the sensor's own counter",
@@ -25,17 +28,24 @@ LOSSES = {
     "errors": "frames carry the sensor's own error bit",
     "corrections": "corrections of the sensor's counter: samples were skipped without a trace",
 }
+CLOCK = {
+    "clock_drift_ppm": ("the drift of the sensor's clock", "ppm"),
+    "clock_residual_us": ("the distance of samples from the fitted clock", "µs"),
+}
+AT_REST = {KINDS[kind].column for kind in range(REST_N, REST_Z + 1)}
+SETTING_OFF = 2  # windows of a rest, at its end, in which the vehicle may move already
 ASSUMPTIONS = {KINDS[kind].column for kind in ASSUMED}  # their sigma is large because their errors are correlated
 
 
 def _of_innovations(i: Innovations) -> list[str]:
     z = i.normalised[i.used]
-    rejected = 1.0 - np.count_nonzero(i.used) / len(i.used)
+    gated = i.used[_before_motion(i)]
+    rejected = 1.0 - np.count_nonzero(gated) / max(len(gated), 1)
     where = f"{i.name}: {i.kind}"
     found = []
-    if len(i.used) >= COUNT_MIN and rejected > REJECTED_MAX:
+    if len(gated) >= COUNT_MIN and rejected > REJECTED_MAX:
         found.append(
-            f"{where}: {100 * rejected:.0f} % of {len(i.used)} innovations were rejected: the gate is too tight, the "
+            f"{where}: {100 * rejected:.0f} % of {len(gated)} innovations were rejected: the gate is too tight, the "
             "filter is overconfident, or the receiver is worse than it says"
         )
     if len(z) < COUNT_MIN:
@@ -65,6 +75,20 @@ def _of_innovations(i: Innovations) -> list[str]:
     return found
 
 
+def _before_motion(i: Innovations) -> NDArray[np.bool_]:
+    """Which innovations the share of rejected ones is of: all but those of the last windows of each rest.
+
+    While a vehicle sets off, the receiver's newest speed is still zero; such a window is rejected, as it must be.
+    """
+    counted = np.ones(len(i.t), bool)
+    if i.kind in AT_REST and len(i.t) > 1:
+        apart = np.diff(i.t)
+        ends = np.append(np.flatnonzero(apart > 2.0 * np.median(apart)), len(i.t) - 1)
+        for back in range(SETTING_OFF):
+            counted[np.maximum(ends - back, 0)] = False
+    return counted
+
+
 def _too_few(innovations: Iterable[Innovations]) -> list[str]:
     """The quantities with too few innovations to judge the filter by, a sentence for each file."""
     few: dict[str, list[str]] = {}
@@ -91,6 +115,12 @@ def _of_estimates(e: Estimates) -> list[str]:
     return found
 
 
+def _median(values: Floats) -> float:
+    """Of the known values; NaN: there is none."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else math.nan
+
+
 def _of_clock(c: Clock) -> list[str]:
     """Findings on the sensor's counter and its line; both count anew after a reconnection."""
     rows = c.rows
@@ -99,6 +129,16 @@ def _of_clock(c: Clock) -> list[str]:
         steps = np.diff(np.concatenate([[0], rows[name]]))
         if count := int(np.where(steps < 0, rows[name], steps).sum()):
             found.append(f"{c.name}: {count} {what}")
+    judged = {"clock_residual_us": ("residual", 0.0)} | (
+        {"clock_drift_ppm": ("drift", _median(rows["sigma_drift"]))} if c.has_quartz else {}
+    )
+    for name, (column, sigma) in judged.items():
+        if is_beyond(name, value := 1e6 * _median(rows[column]), 1e6 * sigma):
+            limit, (what, unit) = LIMITS[name], CLOCK[name]
+            found.append(
+                f"{c.name}: {what} is {value:+.0f} {unit} (median), at most {limit.most:g} is healthy: the machine was "
+                "busy, or the sensor's counter is wrong"
+            )
     latest = float(rows["latest"].max())
     if latest > SAMPLE_LATENCY_MAX_S:
         found.append(

@@ -135,12 +135,13 @@ def read_recording(path: Path, name: str, progress: Progress) -> Part:
         raise BadDataError(f"{path}: no estimates in it; `imud replay {path} -o est.csv` makes them of its bytes")
     sensor = found.sensor.close() or found.recorded_samples.close()
     fixes, clock = found.rows_of(FIX_TABLE), found.rows_of(CLOCK_TABLE)
+    has_quartz = player.inertial is not None and player.inertial.has_quartz
     session = Session(
         (found.estimates.close(),),
         tuple(innovations_of(name, found.rows_of(INNOVATION_TABLE))),
         (sensor,) if sensor else (),
         (Fixes(name, fixes),) if len(fixes) else (),
-        (Clock(name, clock),) if len(clock) else (),
+        (Clock(name, clock, has_quartz),) if len(clock) else (),
         tuple(Event(name, (t_ns - found.origin_ns) * 1e-9, text) for t_ns, text in found.events),
     )
     return Part(found.origin_ns // 1_000_000_000, found.first_ns * 1e-9, found.last_ns * 1e-9, session)

@@ -72,10 +72,14 @@ class Fixes:
 
 @dataclass(frozen=True)
 class Clock:
-    """How the sensor's counter fitted the host's time, and what the wire lost. rows: CLOCK_FIT."""
+    """How the sensor's counter fitted the host's time, and what the wire lost. rows: CLOCK_FIT.
+
+    has_quartz: of the sensor; its drift is judged.
+    """
 
     name: str
     rows: Records
+    has_quartz: bool = False
 
 
 @dataclass(frozen=True)

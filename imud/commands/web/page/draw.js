@@ -6,6 +6,12 @@ export function colour(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 }
 
+// What a canvas shows, for those who do not see it: its name and a text.
+export function describe(canvas, text) {
+  const label = `${canvas.dataset.name}: ${text}`;
+  if (canvas.getAttribute("aria-label") !== label) canvas.setAttribute("aria-label", label);
+}
+
 // The context of a canvas, cleared, in CSS pixels with the origin in the middle; and half its width and height.
 export function begin(canvas) {
   const ratio = window.devicePixelRatio || 1;

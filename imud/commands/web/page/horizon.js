@@ -1,6 +1,6 @@
 // Artificial horizon and compass rose. Angles in degrees; undefined or null is unknown.
 
-import { DEG, begin, colour, line } from "./draw.js";
+import { DEG, begin, colour, describe, line } from "./draw.js";
 
 const PX_PER_DEG = 2.6;
 
@@ -32,6 +32,7 @@ function rollScale(c, radius, roll) {
 
 export function drawHorizon(canvas, roll, pitch) {
   const { c, w, h } = begin(canvas);
+  describe(canvas, roll == null ? "unknown" : `roll ${Math.round(roll)}, pitch ${Math.round(pitch)} degrees`);
   if (roll == null || pitch == null) return unknown(c);
   const far = 3 * (w + h);
   c.save();
@@ -58,6 +59,7 @@ export function drawHorizon(canvas, roll, pitch) {
 
 export function drawCompass(canvas, yaw, sigma, isHeading) {
   const { c, w, h } = begin(canvas);
+  describe(canvas, yaw == null ? "unknown" : `${Math.round(yaw)} degrees${isHeading ? " from true north" : ", north not known"}`);
   if (yaw == null) return unknown(c);
   const radius = Math.min(w, h) - 14;
   const ink = colour("ink");

@@ -68,6 +68,7 @@ function take(message) {
   news = message;
   if (news.EST && news.EST.t_mono_ns !== before) {
     heard = performance.now();
+    if (news.ATT?.rot != null) news.ATT.rot_dps = news.ATT.rot / 60; // gpsd's is in deg/min
     if (news.EST.yaw_deg != null) news.EST.heading_deg = (news.EST.yaw_deg + 360) % 360;
     remember(news);
     follow(news.EST);

@@ -32,6 +32,7 @@ function show(plot) {
 
 let next = 0;
 export async function drawInTurn(isNew) {
+  document.getElementById("js-plotly-tester")?.setAttribute("aria-hidden", "true"); // plotly measures text in it
   const waiting = plots.filter((plot) => plot.visible && (isNew() || !plot.drawn));
   let took = 0;
   if (waiting.length && !document.hidden) {

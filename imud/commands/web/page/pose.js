@@ -7,15 +7,26 @@ const view = { azimuth: 30, elevation: 25 }; // deg, from where the eye looks
 const SIZE = [1.0, 0.6, 0.22]; // half edges of the box: forward, right, down
 const FACES = [[0, 1], [0, -1], [1, 1], [1, -1], [2, 1], [2, -1]]; // axis, side
 
+const TURNS = { ArrowLeft: [-10, 0], ArrowRight: [10, 0], ArrowUp: [0, -10], ArrowDown: [0, 10] }; // degrees
+
 export function turnView(canvas, redraw) {
   let from = null;
+  const turn = (azimuth, elevation) => {
+    view.azimuth += azimuth;
+    view.elevation = Math.min(89, Math.max(-30, view.elevation + elevation));
+    redraw();
+  };
   canvas.addEventListener("pointerdown", (e) => { from = [e.clientX, e.clientY]; canvas.setPointerCapture(e.pointerId); });
   canvas.addEventListener("pointermove", (e) => {
     if (!from) return;
-    view.azimuth += (e.clientX - from[0]) * 0.5;
-    view.elevation = Math.min(89, Math.max(-30, view.elevation + (e.clientY - from[1]) * 0.5));
+    turn((e.clientX - from[0]) * 0.5, (e.clientY - from[1]) * 0.5);
     from = [e.clientX, e.clientY];
-    redraw();
+  });
+  canvas.addEventListener("keydown", (e) => {
+    const [azimuth, elevation] = TURNS[e.key] ?? [0, 0];
+    if (!azimuth && !elevation) return;
+    e.preventDefault(); // of scrolling
+    turn(azimuth, elevation);
   });
   for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => { from = null; });
 }

@@ -72,7 +72,7 @@ export function makeStrips(place) {
   for (const strip of STRIPS) {
     const section = place.appendChild(document.createElement("section"));
     const bands = strip.keys[0][2] ? ", ±1σ" : "";
-    section.innerHTML = `<h2>${strip.title}${bands}</h2><div class="chart"></div>`;
+    section.innerHTML = `<h2>${strip.title}${bands}</h2><div class="chart" role="img" aria-label="${strip.title}, the last minute, ${strip.unit}"></div>`;
     addPlot(section.lastChild, () => ({
       traces: strip.keys.flatMap((_, k) => curve(strip, k)),
       layout: { xaxis: axis("time before now, s", { range: [-SPAN_S, 0] }), yaxis: axis(strip.unit) },

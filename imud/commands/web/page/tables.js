@@ -1,15 +1,17 @@
-// The tables: which number stands where, with its standard deviation and unit; health in words.
+// The tables: which number stands where, with its standard deviation and unit; health in words. What is beyond its limit
+// the daemon says (EST.out_of_limits); such a value is marked by colour and a word.
 
-// name, value, sigma, decimals, unit, mark of the value if it has another; of EST unless the value names another message
+// name, value, sigma, decimals, unit, mark of the value if it has another, name of its limit if it is not the value's; of
+// EST unless the value names another message
 const ANGLES = [["roll", "roll_deg", "sroll_deg", 2, "deg"], ["pitch", "pitch_deg", "spitch_deg", 2, "deg"]];
-const MOTION = [["heading", "heading_deg", "syaw_deg", 2, "deg"], ["rate of turn", "ATT.rot", null, 1, "deg/min"]];
+const MOTION = [["heading", "heading_deg", "syaw_deg", 2, "deg"], ["rate of turn", "ATT.rot_dps", null, 1, "deg/s"]];
 const PLACE = [
   ["latitude", "lat_deg", "sn_m", 6, "m", "°"], ["longitude", "lon_deg", "se_m", 6, "m", "°"], ["height", "height_m", "sd_m", 2, "m"],
   ["v north", "vn_mps", "svn_mps", 2, "m/s"], ["v east", "ve_mps", "sve_mps", 2, "m/s"], ["v down", "vd_mps", "svd_mps", 2, "m/s"],
 ];
 const HEALTH = [
-  ["last fix", "gnss_age_s", null, 1, "s ago"], ["satellites in use", "SKY.uSat", null, 0, ""], ["HDOP", "SKY.hdop", null, 1, ""],
-  ["sensor temperature", "ATT.temp", null, 1, "°C"], ["clock residual", "clock_residual_us", null, 0, "µs"], ["clock drift", "clock_drift_ppm", null, 1, "ppm"],
+  ["last fix", "gnss_age_s", null, 1, "s ago"], ["satellites in use", "SKY.uSat", null, 0, "", "", "satellites"], ["HDOP", "SKY.hdop", null, 1, "", "", "hdop"],
+  ["sensor temperature", "ATT.temp", null, 1, "°C", "", "temperature_c"], ["clock residual", "clock_residual_us", null, 0, "µs"], ["clock drift", "clock_drift_ppm", "sclock_drift_ppm", 1, "ppm"],
 ];
 const TABLES = { angles: ANGLES, motion: MOTION, place: PLACE, health: HEALTH };
 
@@ -25,11 +27,18 @@ function cell(text, kind = "") {
   return td;
 }
 
+function heading(text) {
+  const th = document.createElement("th");
+  th.scope = "row";
+  th.textContent = text;
+  return th;
+}
+
 function words(name, text, kind) {
   const row = document.createElement("tr");
   const shown = cell(text ?? "–", `words ${kind}`);
   shown.colSpan = 3;
-  row.append(cell(name), shown);
+  row.append(heading(name), shown);
   return row;
 }
 
@@ -48,12 +57,15 @@ function health(news) {
 }
 
 export function fillTables(news) {
+  const beyond = (news.EST?.out_of_limits ?? "").split(",");
   for (const [id, rows] of Object.entries(TABLES)) {
-    const lines = rows.map(([name, key, sigma, decimals, unit, mark = ""]) => {
+    const lines = rows.map(([name, key, sigma, decimals, unit, mark = "", limit = key]) => {
+      const isBad = beyond.includes(limit);
       const number = value(news, key), spread = sigma && value(news, sigma);
       const row = document.createElement("tr");
-      row.append(cell(name), cell(number == null ? "–" : number.toFixed(decimals) + mark, "number"),
+      row.append(heading(isBad ? `${name}: beyond its limit` : name), cell(number == null ? "–" : number.toFixed(decimals) + mark, "number"),
         cell(spread == null ? "" : `± ${spread.toPrecision(2)}`, "number"), cell(unit, "unit"));
+      row.className = isBad ? "bad" : "";
       return row;
     });
     const said = id === "health" ? [...devices(news), ...health(news)] : [];

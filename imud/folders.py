@@ -24,6 +24,15 @@ def folders_for(kind: str) -> list[Path]:
     return found
 
 
+def replace_file(path: Path, content: bytes) -> None:
+    """Write a file as a whole, in a folder that is made if need be; only the user may read it. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    new = path.with_name(f".{path.name}-{os.getpid()}")
+    with open(new, "wb", opener=lambda name, flags: os.open(name, flags, 0o600)) as file:
+        file.write(content)
+    new.replace(path)
+
+
 def boot_id() -> str:
     """Of the machine, another one after each boot."""
     return Path("/proc/sys/kernel/random/boot_id").read_text().strip()

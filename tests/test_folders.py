@@ -30,3 +30,19 @@ def test_the_users_own(monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", "/elsewhere")
     assert folders.folders_for("cache") == [Path("/home/somebody/.cache/imud")]
     assert folders.folders_for("state") == [Path("/elsewhere/imud")]
+
+
+def test_a_file_is_replaced_as_a_whole_and_nothing_is_left_beside_it(tmp_path):
+    path = tmp_path / "new" / "state"
+    for content in (b"first", b"second"):
+        folders.replace_file(path, content)
+        assert path.read_bytes() == content
+    assert [other.name for other in path.parent.iterdir()] == ["state"]
+    assert path.stat().st_mode & 0o777 == 0o600
+
+
+def test_a_file_that_cannot_be_written_stays_as_it_was(tmp_path):
+    (tmp_path / "file").write_bytes(b"old")
+    with pytest.raises(OSError, match="file"):
+        folders.replace_file(tmp_path / "file" / "state", b"new")
+    assert (tmp_path / "file").read_bytes() == b"old"

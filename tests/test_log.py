@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -19,9 +20,8 @@ import sys
 from imud.process import log
 log.JOURNAL = sys.argv[1]
 log.configure()
-import structlog
-structlog.get_logger().bind(port="/dev/ttyUSB0").warning("two\\nlines", baud=9600)
-structlog.get_logger().debug("not entry")
+log.get_logger().bind(port="/dev/ttyUSB0").warning("two\\nlines", baud=9600)
+log.get_logger().debug("not entry")
 """
 
 
@@ -106,13 +106,42 @@ def test_a_file_is_not_the_journal_of_who_started_us(err):
 
 @given(st.dictionaries(st.from_regex(r"[a-z_][a-z0-9_]{0,9}", fullmatch=True), st.text() | st.integers()), st.text())
 def test_any_event_is_readable(event, text):
-    entry = parsed(log.datagram(6, {"event": text, **{f"x{key}": value for key, value in event.items()}}))
+    entry = parsed(log.datagram(6, text, {f"x{key}": value for key, value in event.items()}))
     assert entry["EVENT"] == text.encode(errors="replace").decode()
     assert all(name and name[0] not in "_0123456789" for name in entry)
 
 
-def test_the_log_does_not_cost_asyncio():
-    code = "import sys, imud.process.log; from structlog import stdlib; print('asyncio.base_events' in sys.modules)"
-    code += "; print(stdlib.asyncio.sleep.__module__)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", "asyncio.tasks"]
+@pytest.mark.parametrize("form", ["text", "json"])
+def test_the_sink_gets_each_line_that_is_written_with_all_its_facts(form, monkeypatch, err):
+    monkeypatch.setattr(log, "_output", None)  # which another test may use
+    monkeypatch.setattr(sys, "stderr", err)
+    lines = []
+    log.configure("warning", lambda *line: lines.append(line), form)
+    logger = log.get_logger().bind(port="a")
+    logger.info("left out")
+    logger.bind(port="b").error("lost", after_s=1.5)
+    logger.warning("late")
+    assert lines == [("error", "lost", {"port": "b", "after_s": 1.5}), ("warning", "late", {"port": "a"})]
+    err.seek(0)
+    assert len(err.read().splitlines()) == 2
+
+
+def test_what_a_device_says_cannot_steer_the_terminal(err):
+    code = SAYS.replace("two\\nlines", "x").replace("/dev/ttyUSB0", "\\33[2J")
+    subprocess.run([sys.executable, "-c", code, ""], stderr=err, check=True)
+    err.seek(0)
+    text = err.read()
+    assert "\33" not in text and "port='\\x1b[2J'" in text
+
+
+def test_a_terminal_gets_colours_unless_they_are_not_wanted():
+    shown = {}
+    for wanted in ("", "1"):
+        ours, theirs = os.openpty()
+        environment = {**os.environ, "NO_COLOR": wanted, "JOURNAL_STREAM": ""}
+        subprocess.run([sys.executable, "-c", SAYS, ""], stderr=theirs, env=environment, check=True)
+        os.close(theirs)
+        shown[wanted] = os.read(ours, 4096)
+        os.close(ours)
+    assert b"\33[33mwarning" in shown[""] and b"\33" not in shown["1"]
+    assert re.sub(rb"\x1b\[\d+m", b"", shown[""])[8:] == shown["1"][8:]

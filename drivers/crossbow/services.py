@@ -1,7 +1,6 @@
 """Services of a Crossbow DMU: find the gyro's zero, change the baud rate. Both last until it is switched off."""
 
 import math
-from statistics import fmean, pstdev
 
 from ..dialogue import Dialogue
 from ..driver import Done, Identity, Service
@@ -27,6 +26,8 @@ def gyro_at_rest() -> Dialogue[float | str]:
     starts = scan(received, summed)
     rates = [math.degrees(RATE_SCALE) * signed(received, p + YAW_RATE) for p in starts]
     forces = [math.hypot(*(ACCEL_SCALE * signed(received, p + ACCEL + axis) for axis in (0, 2, 4))) for p in starts]
+    from statistics import fmean, pstdev  # for this service only
+
     if pstdev(rates) > STILL_DPS or pstdev(forces) > STILL_MPS2 or abs(fmean(rates)) > ZERO_MAX_DPS:
         return "it is not at rest: put it where nothing moves it, and try again"
     return fmean(rates)

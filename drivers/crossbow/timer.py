@@ -6,7 +6,6 @@ packets. Until that is known, and for a timer that contradicts the spacing, a pa
 
 from collections.abc import Sequence
 from itertools import pairwise
-from statistics import median
 from typing import Any
 
 import numpy as np
@@ -70,7 +69,7 @@ def spacing_ns(timers: Sequence[int], rough_ns: float) -> float:
     if not any(steps):
         return rough_ns
     down, up = ([_unwrapped(direction * step, rough) for step in steps] for direction in (-1, 1))
-    best = min(down, up, key=lambda ticks: median(abs(one - rough) for one in ticks))
+    best = min(down, up, key=lambda ticks: sorted(abs(one - rough) for one in ticks)[len(steps) // 2])
     mean = sum(best) / sum(max(1, round(one / rough)) for one in best)
     return mean * TICK_NS if abs(mean / rough - 1.0) < 0.1 else rough_ns
 

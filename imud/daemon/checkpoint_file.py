@@ -5,14 +5,13 @@ the same port, seconds ago, every byte as it was written. Whatever else is in it
 """
 
 import contextlib
-import tempfile
 import time
 from pathlib import Path
 
 import msgspec
 
 from ..compile.hashing import digest_of
-from ..folders import boot_id, folders_for
+from ..folders import boot_id, folders_for, replace_file
 
 _NS = 1_000_000_000
 _SUSPENDED_NS = 100_000_000  # by which the two clocks differ more if the machine slept in between: samples were lost
@@ -34,10 +33,7 @@ def save(sensor: str, port: str, checkpoint: bytes) -> None:
     refused = OSError("there is no folder for state")
     for folder in _folders():
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile(dir=folder, prefix=".filter-", delete=False) as file:
-                file.write(msgspec.json.encode(header) + b"\n" + checkpoint)
-            Path(file.name).replace(folder / _name(sensor, port))
+            replace_file(folder / _name(sensor, port), msgspec.json.encode(header) + b"\n" + checkpoint)
             return
         except OSError as error:
             refused = error

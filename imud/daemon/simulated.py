@@ -6,9 +6,7 @@ the block, and also when this process dies.
 
 import contextlib
 import os
-import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -38,8 +36,13 @@ def ports(texts: Sequence[str], seed: int) -> Iterator[tuple[str, ...]]:
     """
     specs = [_spec(text) for text in texts]
     scenarios = dict.fromkeys(spec.path for spec in specs if spec.path.startswith(SCHEME))
+    if not scenarios:
+        yield tuple(map(str, specs))
+        return
+    import tempfile  # for emulated devices only
+
     with contextlib.ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="imud-sim-"))) if scenarios else Path()
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="imud-sim-")))
         for scenario in scenarios:
             ours = [i for i, spec in enumerate(specs) if spec.path == scenario]
             wanted = [specs[i] for i in ours]
@@ -61,6 +64,8 @@ def _spec(text: str) -> PortSpec:
 @contextlib.contextmanager
 def _emulator(specs: Sequence[PortSpec], links: Sequence[str], seed: int, log: Path) -> Iterator[None]:
     """A process with a device for each of `specs`, all of one scenario, at `links`."""
+    import subprocess
+
     scenario = specs[0].path[len(SCHEME) :]
     command = [sys.executable, "-m", "imud.firmware_sim", f"--scenario={scenario}", f"--seed={seed}"]
     command += [f"--parent={os.getpid()}", *(f"--link={link}" for link in links), "--"]

@@ -9,21 +9,22 @@ would continue to read the old one. A process that may write to the segment can 
 Source: ntpd's refclock 28 (struct shmTime); chrony.conf(5), refclock SHM. The key is "NTP0" and the unit.
 """
 
-import calendar
 import ctypes
 import errno
 import math
 import os
 import time
+from datetime import date
 
 from imud.drivers.fix import Fix
 from imud.errors import CannotCreateError, PermissionDeniedError
 
 KEY = 0x4E545030
 _IPC_CREAT = 0o1000
-_DAY_S = 86_400.0
+_DAY_S = 86_400
 _ROLLOVER_PERIOD_S = 1024 * 7 * 86_400
-_LAST_ROLLOVER_S = calendar.timegm((2019, 4, 7, 0, 0, 0))
+_EPOCH = date(1970, 1, 1)
+_LAST_ROLLOVER_S = (date(2019, 4, 7) - _EPOCH).days * _DAY_S
 _NS = 1_000_000_000
 _JITTER_GAIN = 1.0 / 16.0  # of one sample in the jitter
 _COARSE, _FINE = 0, -10  # precision, log2 s
@@ -66,11 +67,11 @@ def utc_ns(fix: Fix, now_ns: int) -> int | None:
     if fix.utc_s is None:
         return None
     if fix.date is not None:
-        day_s = calendar.timegm(fix.date.timetuple())
+        day_s = (fix.date - _EPOCH).days * _DAY_S
         while day_s < _LAST_ROLLOVER_S:
             day_s += _ROLLOVER_PERIOD_S
     else:
-        day_s = round((now_ns * 1e-9 - fix.utc_s) / _DAY_S) * round(_DAY_S)
+        day_s = round((now_ns * 1e-9 - fix.utc_s) / _DAY_S) * _DAY_S
     return day_s * _NS + round(fix.utc_s * 1e9)
 
 

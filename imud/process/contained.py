@@ -5,7 +5,6 @@ count is part of `imud status`.
 """
 
 import contextlib
-import traceback
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -37,6 +36,8 @@ class ContainedErrors:
 
     def report(self, what: str, error: Exception) -> None:
         """Count an exception that ended `what`; log it unless the same line has raised the same type before."""
+        import traceback  # which a daemon without a defect does not need
+
         frame = traceback.extract_tb(error.__traceback__)[-1]
         file = Path(frame.filename)
         place = f"{file.relative_to(_ROOT) if file.is_relative_to(_ROOT) else file.name}:{frame.lineno}"

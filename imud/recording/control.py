@@ -7,13 +7,15 @@ import os
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import msgspec
 
 from ..configuration.settings import Settings
 from ..errors import ImudError
-from .recorder import Recorder
+
+if TYPE_CHECKING:
+    from .recorder import Recorder
 
 LogLines = list[tuple[str, str]]
 
@@ -30,7 +32,7 @@ class Recordings:
 
     def __init__(self, settings: Settings) -> None:
         """Begins the recording of `settings.record.path`. Raises UsageError, CannotCreateError."""
-        self.current = Recorder(settings) if settings.record.path else None
+        self.current = _recorder(settings) if settings.record.path else None
         self.on_begin: Callable[[], None] = lambda: None
         self.on_end: Callable[[], None] = lambda: None
         self._settings = settings
@@ -102,11 +104,17 @@ class Recordings:
         path = Path(self._settings.record.folder) / time.strftime("imud-%Y%m%d-%H%M%SZ.mcap", time.gmtime())
         record = msgspec.structs.replace(self._settings.record, path=str(path))
         try:
-            self.current = Recorder(msgspec.structs.replace(self._settings, record=record))
+            self.current = _recorder(msgspec.structs.replace(self._settings, record=record))
         except (ImudError, OSError) as error:
             self._trouble = str(error)
         else:
             self.on_begin()
+
+
+def _recorder(settings: Settings) -> "Recorder":
+    from .recorder import Recorder  # which a daemon that records nothing does not need
+
+    return Recorder(settings)
 
 
 def folder_trouble(folder: str) -> str:

@@ -7,7 +7,6 @@ import contextlib
 import math
 import os
 import re
-import tempfile
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -183,6 +182,8 @@ def read(path: Path) -> Calibration:
 
 def save(calibration: Calibration, where: list[Path] | None = None) -> Path:
     """Replace the file as a whole, in the first folder that may be written. Raises CannotCreateError."""
+    import tempfile  # a daemon saves none
+
     candidates = folders() if where is None else where
     for folder in candidates:
         path = folder / _name(calibration.serial)

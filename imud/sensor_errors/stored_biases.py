@@ -7,14 +7,12 @@ ignored: then the filter begins with the profile's biases.
 
 import contextlib
 import math
-import tempfile
-from pathlib import Path
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ..folders import boot_id, folders_for
+from ..folders import boot_id, folders_for, replace_file
 from .calibration import Triple
 from .profiles import Profile
 
@@ -88,10 +86,7 @@ def save(serial: str, correction: NDArray[np.void], now_ns: int, biases: Biases)
     last_error = OSError("there is no folder for state")
     for folder in folders_for("state"):
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile(dir=folder, prefix=".biases-", delete=False) as file:
-                file.write(content)
-            Path(file.name).replace(folder / _name(serial))
+            replace_file(folder / _name(serial), content)
             return
         except OSError as error:
             last_error = error

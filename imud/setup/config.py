@@ -3,7 +3,6 @@
 Whatever the file or an option holds, the result is settings within the schema's ranges, or a ConfigError.
 """
 
-import difflib
 import re
 import reprlib
 import tomllib
@@ -30,6 +29,8 @@ def _problems(table: dict[str, Any], schema: type[msgspec.Struct], prefix: str =
     for key, value in table.items():
         path = prefix + key
         if key not in fields:
+            import difflib  # for typing errors only
+
             near = difflib.get_close_matches(key, fields, n=1, cutoff=0.5)
             hint = f"did you mean {prefix}{near[0]}?" if near else f"known here: {', '.join(fields)}"
             yield path, f"unknown key; {hint}"

@@ -27,12 +27,13 @@ function show(plot) {
     margin: { l: 55, r: 10, t: 8, b: 38 }, uirevision: "kept", hovermode: "closest",
     legend: { orientation: "h", x: 0, y: 1, yanchor: "bottom", traceorder: "normal", font: { size: 11 } },
   };
-  return Plotly.react(plot.element, traces, { ...shared, ...layout }, CONFIG);
+  const shown = Plotly.react(plot.element, traces, { ...shared, ...layout }, CONFIG);
+  document.getElementById("js-plotly-tester")?.setAttribute("aria-hidden", "true"); // plotly measures text in it
+  return shown;
 }
 
 let next = 0;
 export async function drawInTurn(isNew) {
-  document.getElementById("js-plotly-tester")?.setAttribute("aria-hidden", "true"); // plotly measures text in it
   const waiting = plots.filter((plot) => plot.visible && (isNew() || !plot.drawn));
   let took = 0;
   if (waiting.length && !document.hidden) {

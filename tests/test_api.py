@@ -178,6 +178,15 @@ def test_what_is_wrong_with_tables_and_settings_is_said(drive):
         imud.NavigationFilter(100.0).fix(t_s=0.0, lat_deg=0.0, lon_deg=0.0, height_m=0.0)
 
 
+def test_settings_may_be_numbers_and_arrays_of_numpy():
+    t, still = np.arange(300) / 100.0, np.zeros((300, 3))
+    numpys = {"noise.gyro_scale_percent": np.float64(0.5), "imu.mount_rpy_deg": np.array([180.0, 0.0, 0.0])}
+    plain = {"noise.gyro_scale_percent": 0.5, "imu.mount_rpy_deg": [180.0, 0.0, 0.0]}
+    down = np.tile([0.0, 0.0, 9.81], (300, 1))
+    of_numpys, of_plain = (imud.attitude(t, still, down, settings=given) for given in (numpys, plain))
+    assert of_numpys.records.tobytes() == of_plain.records.tobytes()
+
+
 def test_the_public_names():
     """Change them on purpose only: programs of users depend on them."""
     assert set(imud.__all__) == {

@@ -26,9 +26,12 @@ def table_of(columns: Any) -> dict[str, Floats]:
 
 
 def settings_of(settings: Mapping[str, Any] | Path | str | None) -> Settings:
-    """From keys and values as in `--set`, or from a configuration file. Raises ConfigError."""
-    if settings is None or isinstance(settings, Mapping):
-        return config.loads("", given=settings, name="settings")
+    """From keys and values as in `--set` (also numpy's), or from a configuration file. Raises ConfigError."""
+    if isinstance(settings, Mapping):
+        plain = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in settings.items()}
+        return config.loads("", given=plain, name="settings")
+    if settings is None:
+        return config.loads("", given=None, name="settings")
     return config.load(Path(settings))
 
 

@@ -209,11 +209,11 @@ def score(job):
     reference = score_attitude.shifted_ref(trial, score_attitude.SHIFT.get(trial["dataset"], 0.0))
     error = score_attitude.qmul(q, reference * [1.0, -1.0, -1.0, -1.0])
     tilt2 = np.degrees(2.0 * np.arccos(np.clip(np.hypot(error[:, 0], error[:, 3]), 0.0, 1.0))) ** 2
-    known = np.isfinite(tilt2)
+    known = np.isfinite(tilt2) & trial["move"]
     nees = tilt2 / variance
     wrong = known & valid & (tilt2 > WRONG_DEG**2) & (nees > 0.5 * WRONG_SIGMAS**2)
-    seconds = np.sum(wrong) / np.sum(known) * np.ptp(trial["t"][known])
-    return found["incl"], found["drift"], np.mean(nees[known & trial["move"]]), seconds
+    seconds = np.sum(wrong) * np.ptp(trial["t"]) / len(known)
+    return found["incl"], found["drift"], np.mean(nees[known]), seconds
 
 
 def rows_of(trials_):

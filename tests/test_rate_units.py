@@ -31,6 +31,20 @@ def test_rates_in_degrees_end_the_attitude_and_are_said(rate_hz):
         assert not (late & ATTITUDE_VALID).any()
 
 
+def test_a_unit_once_known_stays_known():
+    """Also while the sensor is shaken so hard, or turned so little, that nothing shows it."""
+    samples, _, _ = seen(200.0, 1, 0.4, 0.3, 180.0 / np.pi)
+    known = (samples["flags"] & NO_RATE) != 0
+    first = np.flatnonzero(known)[0]
+    assert first < 200 * 5
+    shaken = simulate(40.0, 200.0, wobble(2, 0.1), wobble(3, 15.0, 5.0, 20.0))
+    w, f = measure(shaken, Flaws(), np.random.default_rng(4))
+    both = samples_of(np.arange(16000) / 200.0, np.zeros((16000, 3)), np.zeros((16000, 3)))
+    both["w"], both["f"] = (np.concatenate(parts) for parts in ((samples["w"], 57.3 * w), (samples["f"], f)))
+    new_filter("attitude", both).run(both, np.zeros(len(both), SOLUTION))
+    assert ((both["flags"] & NO_RATE) != 0)[10 * 200 :].all()
+
+
 def test_rates_in_radians_never_are():
     for seed in range(24):
         turning, moving = 10.0 ** (seed % 6 / 3.0 - 0.7), 10.0 ** (seed // 6 / 1.5 - 1.0)

@@ -274,7 +274,8 @@ def examine(h: Health, sample: Any) -> None:
             findings |= judge_axis(h, i, sample.t_ns)
     findings |= judge_force(h, sample.t_ns)
     findings |= 1 << UNITS if rates_are_in_degrees(h.units, sample) else 0
-    findings |= replace_spikes(h.spikes, sample, findings >> LIMITED | findings >> INVALID) << SPIKE
+    frozen = findings >> FROZEN & _RATES != 0
+    findings |= replace_spikes(h.spikes, sample, findings >> LIMITED | findings >> INVALID, frozen) << SPIKE
     h.fever = h.fever + 1 if sample.temperature < COLDEST or sample.temperature > HOTTEST else 0
     if h.fever >= LEAST_RUN:
         findings |= 1 << TEMPERATURE

@@ -25,8 +25,11 @@ class Spikes:
     recent: Reals
     withheld: Reals
     force: Reals
+    withheld_force: Reals
     push: float
     recent_push: float
+    spike: int
+    shock: int
 
 
 class RateUnits:

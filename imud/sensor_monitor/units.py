@@ -2,7 +2,8 @@
 
 While a sensor turns by w, gravity in it changes by f x w. The part k of the change that is seen in what the rates say
 is 1, and 1/57.3 if they are in deg/s. Accelerations change the force, too: they make k uncertain. So rates are in
-deg/s if, over `WINDOW_S` of fast rates, k is about 1/57.3, and certainly so.
+deg/s if, over up to `WINDOW_S` of fast rates, k is about 1/57.3, and certainly so; and from then on, until k is
+certainly about 1: a unit does not change with the motion.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from .types import RateUnits
 
 DEG = math.pi / 180.0
-WINDOW_S = 5.0  # of rates that count
+WINDOW_S, LOOKS = 5.0, 4  # of rates that count; so often in it k is looked at
 LEAST_RATE = 2.0  # rad/s, that counts; 2 deg/s if it is in deg/s
 NEAR = 2.0  # by this factor k may differ from 1/57.3
 SIGMAS = 6.0  # by so many k must differ from 0
@@ -32,7 +33,7 @@ RATE_UNITS = np.dtype(
         ("covariance", "<f8"),  # (m/s^2)^2, sum of the products of seen and expected changes
         ("expected2", "<f8"),  # sums of their squares
         ("seen2", "<f8"),
-        ("degrees", "<i8"),  # 1: the rates of the last window were in deg/s
+        ("degrees", "<i8"),  # 1: the rates are in deg/s
     ],
     align=True,
 )
@@ -41,13 +42,13 @@ RATE_UNITS = np.dtype(
 def new_units(rate_hz: float) -> Any:
     """A record (array of one RATE_UNITS) for samples at this rate."""
     u = np.zeros(1, RATE_UNITS)
-    u["period"], u["window"], u["force"] = 1.0 / rate_hz, max(100, round(WINDOW_S * rate_hz)), math.nan
+    u["period"], u["window"], u["force"] = 1.0 / rate_hz, max(100, LOOKS * round(WINDOW_S / LOOKS * rate_hz)), math.nan
     return u
 
 
 @kernel
 def rates_are_in_degrees(u: RateUnits, sample: Any) -> bool:
-    """Whether the rates, lately, were in deg/s. Once per sample."""
+    """Whether the rates are in deg/s. Once per sample."""
     w, f = sample.w, sample.f
     expected = (f[1] * w[2] - f[2] * w[1], f[2] * w[0] - f[0] * w[2], f[0] * w[1] - f[1] * w[0])
     covariance = expected2 = seen2 = 0.0
@@ -63,10 +64,20 @@ def rates_are_in_degrees(u: RateUnits, sample: Any) -> bool:
     u.covariance += covariance
     u.expected2 += expected2
     u.seen2 += seen2
+    if u.samples % (u.window // LOOKS) == 0:
+        look(u)
+    return bool(u.degrees == 1)
+
+
+@kernel
+def look(u: RateUnits) -> None:
+    """Decide by what the window has shown so far, if that is certain; at its end, begin another."""
+    k = u.covariance / u.expected2
+    variance = u.seen2 / (3.0 * u.samples * u.expected2)
+    if DEG / NEAR < k < DEG * NEAR and k * k > SIGMAS**2 * variance:
+        u.degrees = 1
+    elif k > 1.0 / NEAR and (k - DEG) ** 2 > SIGMAS**2 * variance:
+        u.degrees = 0
     if u.samples >= u.window:
-        k = u.covariance / u.expected2
-        variance = u.seen2 / (3.0 * u.samples * u.expected2)
-        u.degrees = 1 if DEG / NEAR < k < DEG * NEAR and k * k > SIGMAS**2 * variance else 0
         u.samples = 0
         u.covariance = u.expected2 = u.seen2 = 0.0
-    return bool(u.degrees == 1)

@@ -234,7 +234,7 @@ def run(args: argparse.Namespace) -> int:
             targets.append(Bag(args.ros2, args.rate, offset_ns, player, settings.navigation.lever_arm_m, stack))
         if tracks:
             targets.append(TrackFiles(tracks, args.rate, offset_ns, stack))
-        for entry in recording:
+        for entry in recording.entries(Player.TOPICS):
             player.take(entry)
             progress.at(1000 * recording.read_bytes // max(recording.bytes, 1))
         if smoother is not None:

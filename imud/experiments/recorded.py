@@ -80,7 +80,7 @@ def _mcap(path: Path, file: Path | None, overrides: Sequence[str]) -> Recorded:
         warn=recording.notes.append,
         on_fix=lambda fix: fixes.append(fix.copy()),
     )
-    for entry in recording:
+    for entry in recording.entries(Player.TOPICS):
         player.take(entry)
         if entry.topic == CONNECTIONS and (said := entry.connection()).kind == "imu" and said.streaming:
             axes = said.imu().gyro_axes

@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from imud.drivers.capture_messages import CONNECTIONS, Connection, Entry, Raw, Reads
+from imud.drivers.capture_messages import CONNECTIONS, READS, Connection, Entry, Raw, Reads
 from imud.drivers.fix import Fix
 from imud.drivers.registry import by_name
 
@@ -83,6 +83,8 @@ class Player:
     of the replay. warn: called with warnings for the user. calibrated: whether the stored calibration corrects the
     samples. calibration: instead of the stored one.
     """
+
+    TOPICS = frozenset({READS, CONNECTIONS, AIDING, SETTINGS})  # of the messages that it needs
 
     def __init__(
         self,

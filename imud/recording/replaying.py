@@ -2,10 +2,9 @@
 
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from ..configuration.settings import Initial
 from ..errors import BadDataError
@@ -53,8 +52,8 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
     """Replay one recording into its file. progress: called with the bytes done and all bytes. Raises ImudError."""
     from ..math.arrays import Records
     from ..sensor_errors import calibration
-    from ..tables.estimates import EstimateWriter, write_innovations
-    from .player import Player
+    from ..tables.estimates import EstimateWriter, InnovationWriter
+    from .player import Player, ignore
     from .writer import Thinner
 
     begin = time.perf_counter()
@@ -64,9 +63,11 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
     notes = recording.doubts()
     thinner = Thinner(job.rate_hz or 0.0)
     times: list[int] = []
-    innovations: list[Records] = []
-    with open_output(job.output) as file:
-        writer = EstimateWriter(file, 0, 256)
+    with ExitStack() as stack:
+        writer = EstimateWriter(stack.enter_context(open_output(job.output)), 0, 256)
+        note: Callable[[Records], None] = ignore
+        if job.innovations is not None:
+            note = InnovationWriter(stack.enter_context(open_output(job.innovations)), 0).write
 
         def write(solutions: Records) -> None:
             if len(kept := thinner.kept(solutions)):
@@ -78,7 +79,7 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
                 write(solutions)
             else:
                 smoother.step(player.filter, samples, solutions)
-            innovations.append(player.filter.pending_innovations().copy())
+            note(player.filter.pending_innovations())
 
         smoother = None
         if job.smooth:
@@ -88,26 +89,24 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
         initial = config.parse_assignments(job.initial, Initial, "--initial")
 
         def update(fix: Records, new: Records) -> None:
-            innovations.append(new.copy())
+            note(new)
             if smoother is not None:
                 smoother.take_fix(fix, new)
 
         def aid(measurement: Records, new: Records) -> None:
-            innovations.append(new.copy())
+            note(new)
             if smoother is not None:
                 smoother.take_measurement(measurement, new)
 
         known = None if job.calibration is None else calibration.read(job.calibration)
         player = Player(settings, adapt, initial, step, update, notes.append, on_aid=aid, calibration=known)
-        for entry in recording:
+        for entry in recording.entries(Player.TOPICS):
             player.take(entry)
             progress(recording.read_bytes, recording.bytes)
         if smoother is not None:
             smoother.finish()
     if not player.samples:
         raise BadDataError("; ".join([f"{recording.path}: no samples of an inertial sensor in it", *recording.notes]))
-    if job.innovations is not None:
-        write_innovations(job.innovations, 0, np.concatenate(innovations))
     span_s = (times[1] - times[0]) * 1e-9
     seconds = time.perf_counter() - begin
     return Outcome(recording.path, player.samples, player.fixes, span_s, seconds, (*notes, *recording.notes))

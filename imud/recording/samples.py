@@ -76,7 +76,7 @@ def _samples(path: Path, overrides: tuple[str, ...], calibrated: bool) -> tuple[
     gathered, names = _Gathered(), set[str]()
     notes, settings, progress = recording.notes, recording.settings(adapt), Progress(1000)
     player = Player(settings, adapt, Initial(), gathered.add, warn=notes.append, calibrated=calibrated)
-    for entry in recording:
+    for entry in recording.entries(Player.TOPICS):
         player.take(entry)
         if entry.topic == CONNECTIONS and (said := entry.connection()).kind == "imu":
             names.add(name_of(said.imu().identity))

@@ -3,7 +3,7 @@
 import re
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from importlib import util
 from pathlib import Path
 from typing import Any
@@ -73,8 +73,12 @@ class Recording:
 
     def __iter__(self) -> Iterator[Any]:
         """All messages (`imud.drivers.capture_messages.Entry`)."""
+        return self.entries()
+
+    def entries(self, topics: Collection[str] | None = None) -> Iterator[Any]:
+        """Those on these topics; None: all."""
         for capture in self._captures:
-            yield from capture
+            yield from capture.entries(topics)
             if capture.broken:
                 self.notes.append(capture.broken)
 

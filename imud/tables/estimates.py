@@ -1,6 +1,5 @@
 """The tables that `imud replay` writes: estimates, a row for each solution, and innovations."""
 
-import csv
 import math
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -95,25 +94,28 @@ def estimate_cells(solutions: NDArray[np.void]) -> dict[str, Floats]:
 
 
 INNOVATION_COLUMNS = ("t_s", "kind", "value", "sigma", "used")
+_INNOVATION_FIELDS = ("t_ns", "kind", "value", "variance", "used")
 
 
 def write_innovations(path: Path, origin: int, innovations: NDArray[np.void]) -> None:
-    """An array of INNOVATION as a table: sigma is the predicted one, in the unit of the kind's name. Raises OSError."""
-    with path.open("w", encoding="ascii", newline="") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(INNOVATION_COLUMNS)
-        for i in innovations:
-            t_s, ns = divmod(int(i["t_ns"]), 1_000_000_000)
-            sigma = math.sqrt(i["variance"])
-            rows.writerow(
-                (
-                    f"{origin + t_s}.{ns:09d}",
-                    KINDS[int(i["kind"])].column,
-                    f"{i['value']:.9g}",
-                    f"{sigma:.9g}",
-                    i["used"],
-                )
-            )
+    """An array of INNOVATION as a table. Raises OSError."""
+    with path.open("wb") as file:
+        InnovationWriter(file, origin).write(innovations)
+
+
+class InnovationWriter:
+    """Writes innovations as a table to a binary file; sigma is the predicted one, in the unit of the kind's name."""
+
+    def __init__(self, file: BinaryIO, origin: int) -> None:
+        self._file, self._origin = file, origin
+        file.write(f"{','.join(INNOVATION_COLUMNS)}\n".encode())
+
+    def write(self, innovations: NDArray[np.void]) -> None:
+        """Append one row for each innovation (array of INNOVATION)."""
+        for t_ns, kind, value, variance, used in innovations[list(_INNOVATION_FIELDS)].tolist():
+            t_s, ns = divmod(t_ns, 1_000_000_000)
+            cells = f"{self._origin + t_s}.{ns:09d}", KINDS[kind].column, f"{value:.9g}", f"{math.sqrt(variance):.9g}"
+            self._file.write(f"{','.join(cells)},{used}\n".encode())
 
 
 class EstimateWriter:
@@ -129,4 +131,4 @@ class EstimateWriter:
         """Append one row for each solution (array of SOLUTION)."""
         for start in range(0, len(solutions), self._rows):
             n = _format(solutions[start : start + self._rows], self._origin, _DECIMALS, self._buffer)
-            self._file.write(self._buffer[:n].tobytes())
+            self._file.write(self._buffer[:n].data)

@@ -16,9 +16,9 @@ from .clocks.counter import new_clock
 from .compile.hashing import digest_of
 from .configuration.settings import Initial, Settings
 from .estimators import Estimator
-from .estimators.records import FIX, INNOVATION, SOLUTION
+from .estimators.records import FIX, INNOVATION, MAGNETOMETER_SOURCE, SOLUTION
 from .math.arrays import Records
-from .sensor_errors.calibration import Calibration, correction
+from .sensor_errors.calibration import Calibration, corrected_fields, correction
 from .sensor_errors.profiles import profile_of, ranges_of
 from .sensor_errors.stored_biases import Biases
 from .sensor_monitor.health import new_health
@@ -56,8 +56,8 @@ class Filter:
         self.estimator, self.settings, self.rate_hz = estimator, settings, rate_hz
         self.parameters = estimator.configure(settings, rate_hz)
         self.state = estimator.start(self.parameters, initial)
-        self._mount_rpy_deg = settings.imu.mount_rpy_deg
-        self.correction = correction(Calibration(""), self._mount_rpy_deg)
+        self._mounts = settings.imu.mount_rpy_deg, settings.aiding.magnetometer_mount_rpy_deg
+        self.correction = correction(Calibration(""), *self._mounts)
         self._profile, self._given_ranges = profile_of(settings), ranges_of(settings)
         self.health = new_health(self._profile, rate_hz)
         self.stages = Stages(estimator)
@@ -69,7 +69,7 @@ class Filter:
 
     def calibrate(self, calibration: Calibration) -> None:
         """From now on, correct the samples by this calibration."""
-        self.correction[:] = correction(calibration, self._mount_rpy_deg)
+        self.correction[:] = correction(calibration, *self._mounts)
 
     def restore_biases(self, biases: Biases) -> None:
         """Begin with these biases; before the first sample."""
@@ -140,12 +140,30 @@ class Filter:
     def aid(self, measurements: Records) -> Records:
         """Take measurements (MEASUREMENT) of aiding sources; returns their innovations, valid until the next call.
 
-        Raises ValueError when the estimator takes none.
+        Readings of a magnetometer that is used get the earth's field written to them, once the place is known. Raises
+        ValueError when the estimator takes none, UsageError without the package that has the model of that field.
         """
         if self.stages.aid is None:
             raise ValueError(f"the estimator {self.estimator.name} takes no measurements but fixes")
+        if self.settings.aiding.magnetometer and (measurements["kind"] == MAGNETOMETER_SOURCE).any():
+            self._set_earth_field(measurements)
+            measurements = self._in_body_axes(measurements)
         room = room_for(len(measurements))
         return room[: self.stages.aid(self.parameters, self.state, measurements, room)]
+
+    def _set_earth_field(self, measurements: Records) -> None:
+        from .estimators.earth_field import set_earth_field
+
+        if self.estimator.place is not None and (place := self.estimator.place(self.state)) is not None:
+            set_earth_field(measurements, place, self.settings.aiding.magnetic_year)
+
+    def _in_body_axes(self, measurements: Records) -> Records:
+        """A copy with readings of a magnetometer calibrated, and in body axes; what is recorded is not."""
+        measurements = measurements.copy()
+        of_magnetometer = measurements["kind"] == MAGNETOMETER_SOURCE
+        fields = measurements["value"][of_magnetometer, :3]
+        measurements["value"][of_magnetometer, :3] = corrected_fields(fields, self.correction)
+        return measurements
 
     def pending_innovations(self) -> Records:
         """The innovations (INNOVATION) of the samples since the last call of this; valid until the next one."""

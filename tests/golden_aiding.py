@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 from golden_data import RATE, data, navigated, random, road
 
-from imud.configuration.settings import Aiding, Initial, Settings
+from imud.configuration.settings import Aiding, Initial, Navigation, Noise, Settings
+from imud.drivers.sample import NO_RATE
 from imud.estimators.records import (
     BAROMETER_SOURCE,
     BODY_VELOCITY_SOURCE,
     HEADING_SOURCE,
+    MAGNETOMETER_SOURCE,
     MEASUREMENT,
     ODOMETER_SOURCE,
     POSE_SOURCE,
@@ -219,3 +221,71 @@ def external_velocity():
 def body_velocity():
     """In body axes."""
     return external_velocities(BODY_VELOCITY_SOURCE, 77)
+
+
+EARTH = np.array([20.9e-6, 1.6e-6, 43.4e-6])  # T, NED
+POOR = Noise(gyro_bias_instability_deg_per_h=900.0)
+
+
+def fields(d, seed, every_s=0.1, iron=(0.8e-6, -0.6e-6, 0.5e-6)):
+    """MEASUREMENT rows of a magnetometer with a little iron beside it; every other tells its sigma."""
+    rng, k, rows = external(d, MAGNETOMETER_SOURCE, seed, every_s)
+    noise = 0.3e-6 * rng.standard_normal((len(k), 3))
+    rows["value"][:, :3] = d.attitude[k].inv().apply(EARTH) + np.array(iron) + noise
+    rows["value"][:, 3:], rows["sigma"][::2, 0] = EARTH, 1.2e-6
+    return rows
+
+
+def magnetometer():
+    """It gives the heading at rest, and holds it without fixes; motors, steel and a bridge disturb it."""
+    d = road(240.0, rest=15.0)
+    samples, fixes = data(d, seed=81)
+    samples["w"] += np.cumsum(4e-5 * random(82).standard_normal(samples["w"].shape), axis=0)
+    rows = fields(d, 83)
+    t = rows["t_ns"] * 1e-9 - 100.0
+    rows["value"][(t > 1.0) & (t < 4.0), :3] *= 1.1
+    rows["value"][(t > 100.0) & (t < 103.0), :3] *= np.linspace(1.0, 1.2, 30)[:, None][: ((t > 100) & (t < 103)).sum()]
+    near = (t > 130.0) & (t < 150.0)
+    rows["value"][near, :3] += np.repeat(random(84).standard_normal((near.sum(), 1)), 3, axis=1) * 1.5e-6
+    rows["value"][(t > 170.0) & (t < 174.0), 2] += np.linspace(0.0, 1.2e-5, ((t > 170) & (t < 174)).sum())
+    rows["value"][:, :3] *= 1.0 + 0.14 * np.interp(t, (180.0, 194.0, 208.0), (0.0, 1.0, 0.0))[:, None]
+    rows["value"][:, :2] *= 1.0 - 0.38 * np.interp(t, (210.0, 222.0, 234.0), (0.0, 1.0, 0.0))[:, None]
+    settings = Settings(aiding=Aiding(magnetometer=True), navigation=Navigation(vehicle="land"), noise=POOR)
+    return replace(navigated(samples, fixes[fixes["t_ns"] < 150e9]), settings=settings, measurements=rows)
+
+
+def magnetometer_contradicted():
+    """The field turns while the heading is known: it is not used until it has agreed for a while."""
+    d = road(200.0, rest=15.0)
+    samples, fixes = data(d, seed=85)
+    samples["w"] += np.cumsum(4e-5 * random(86).standard_normal(samples["w"].shape), axis=0)
+    rows = fields(d, 87)
+    t = rows["t_ns"] * 1e-9 - 100.0
+    turn = np.cos(0.6), np.sin(0.6)
+    wrong = (t > 30.0) & (t < 34.0)
+    x, y = rows["value"][wrong, 0].copy(), rows["value"][wrong, 1].copy()
+    rows["value"][wrong, 0], rows["value"][wrong, 1] = turn[0] * x - turn[1] * y, turn[1] * x + turn[0] * y
+    settings = Settings(
+        aiding=Aiding(magnetometer=True),
+        navigation=Navigation(vehicle="land", tuning={"mag_distrust_s": 60.0}),
+        noise=POOR,
+    )
+    return replace(navigated(samples, fixes[fixes["t_ns"] < 160e9]), settings=settings, measurements=rows)
+
+
+def magnetometer_doubted():
+    """It starts with a field that is turned by 50 deg; the fixes contradict it, and the rates are lost for a while.
+
+    Some readings are empty.
+    """
+    d = road(120.0, rest=15.0)
+    rows = fields(d, 88)
+    x, y = rows["value"][:, 0].copy(), rows["value"][:, 1].copy()
+    rows["value"][:, 0], rows["value"][:, 1] = 0.64 * x - 0.77 * y, 0.77 * x + 0.64 * y
+    rows["value"][::9, :3] = 0.0
+    rows["sigma"][:40, 0] = 1e-5
+    settings = Settings(aiding=Aiding(magnetometer=True))
+    samples, fixes = data(d, seed=89)
+    gone = (d.t >= 80.0) & (d.t < 82.5)
+    samples["flags"][gone], samples["outage_s"][gone], samples["w"][gone] = NO_RATE, d.t[gone] - 80.0, np.nan
+    return replace(navigated(samples, fixes), settings=settings, measurements=rows)

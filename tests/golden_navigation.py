@@ -8,6 +8,9 @@ from golden_aiding import (
     compass_in_any_order,
     compass_too_late,
     external_velocity,
+    magnetometer,
+    magnetometer_contradicted,
+    magnetometer_doubted,
     odometer,
     odometer_against_a_drift,
     odometer_without_sign,
@@ -119,4 +122,5 @@ CLASSES = (
     date_line, rtk_on_a_rough_road, odometer, odometer_without_sign, odometer_against_a_drift,
     speed_through_water,
     barometer, pose, pose_alone, pose_without_yaw, external_velocity, body_velocity,
+    magnetometer, magnetometer_contradicted, magnetometer_doubted,
 )  # fmt: skip

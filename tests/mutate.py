@@ -75,6 +75,8 @@ NOT_NOTICED = {
     "navigation.max_speed_of_gravity": BETWEEN + "speed of a body with a wrong bias",
     "navigation.baro_known_height": BETWEEN + "sigma of the height when the barometer begins",
     "navigation.max_gravity_excess": "no recording turns in a circle so slow that it is no flight",
+    "navigation.mag_agreement_gate": BETWEEN + "NIS of a field after a contradiction",
+    "navigation.mag_heading_doubt": "a heading is doubted by 20 deg, or not at all",
     "navigation.heading_min_level": BETWEEN + "level part of a compass's axis",
 }
 

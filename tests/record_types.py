@@ -45,6 +45,7 @@ INS = {
     "Barometer": core.BAROMETER,
     "ExternalAid": core.EXTERNAL_AID,
     "HeadingAid": core.HEADING_AID,
+    "Magnetometer": core.MAGNETOMETER,
     "Odometer": core.ODOMETER,
     "WheelCheck": core.WHEEL_CHECK,
     "Transition": core.TRANSITION,

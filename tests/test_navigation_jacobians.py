@@ -18,11 +18,12 @@ from imud.estimators.ins.aiding import (
     gnss_position,
     gnss_velocity,
     heading,
+    magnetometer,
     non_holonomic,
     odometer,
 )
 from imud.estimators.ins.alignment.modes import transfer_lever_arm
-from imud.estimators.ins.ekf import inject_error
+from imud.estimators.ins.ekf import decorrelate, inject_error
 from imud.estimators.ins.mechanization import ned_difference
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
@@ -49,6 +50,7 @@ from imud.estimators.records import (
     FIX,
     HEADING_SOURCE,
     INNOVATION,
+    MAGNETOMETER_SOURCE,
     MEASUREMENT,
     ODOMETER_SOURCE,
     POSE_SOURCE,
@@ -96,6 +98,7 @@ def recorder(monkeypatch):
     made = Recorder()
     monkeypatch.setattr(gnss_position, "fix_update", made.fix_update)
     monkeypatch.setattr(gnss_velocity, "fix_update", made.fix_update)
+    monkeypatch.setattr(magnetometer, "correlated_update", made.correlated_update)
     monkeypatch.setattr(heading, "correlated_update", made.correlated_update)
     monkeypatch.setattr(odometer, "correlated_update", made.correlated_update)
     monkeypatch.setattr(barometer, "correlated_update", made.correlated_update)
@@ -166,6 +169,18 @@ def measure_heading(p, c, fix):
     interpreted(heading.fuse_heading)(p, c, m, rows)
 
 
+def measure_magnetometer(p, c, fix):
+    rows = np.zeros(4, INNOVATION).view(np.recarray)
+    m = record(np.zeros(1, MEASUREMENT))
+    m.t_ns, m.kind, m.sigma = c.nav.t_ns, MAGNETOMETER_SOURCE, 1e-9
+    m.value = 2e-5, -1e-5, 4e-5, 2.1e-5, 1e-6, 4.3e-5
+    p.magnetometer, p.tuning.mag_yaw_sigma, p.tuning.mag_memory_s = 1, 1e-3, 1e12
+    p.tuning.mag_gate = p.tuning.mag_strength_gate = p.tuning.mag_dip_gate = p.tuning.mag_variation = 1e9
+    c.magnetometer.last_ns, c.magnetometer.since_ns = c.nav.t_ns - 10**8, c.nav.t_ns - 10**11
+    decorrelate(c, ATTITUDE + 2, 1.0)
+    interpreted(magnetometer.fuse_magnetometer)(p, c, m, rows)
+
+
 def measure_odometer(p, c, fix):
     rows = np.zeros(4, INNOVATION).view(np.recarray)
     m = record(np.zeros(1, MEASUREMENT))
@@ -186,7 +201,7 @@ def measure_pose(p, c, fix):
     rows = np.zeros(4, INNOVATION).view(np.recarray)
     m = record(np.zeros(1, MEASUREMENT))
     m.t_ns, m.kind, m.sigma = c.nav.t_ns, POSE_SOURCE, 50.0
-    m.value = fix.lat, fix.lon, fix.height, 1.0
+    m.value[:4] = fix.lat, fix.lon, fix.height, 1.0
     interpreted(external_pose.fuse_pose)(p, c, m, rows)
 
 
@@ -221,6 +236,7 @@ MEASUREMENTS = {  # measurement: rows, and the error states by which its Jacobia
         (*range(VELOCITY, VELOCITY + 3), *range(ATTITUDE, ATTITUDE + 3), MOUNT_PITCH, MOUNT_YAW, NHC_LEVER_ARM),
     ),
     measure_heading: (1, tuple(range(ATTITUDE, ATTITUDE + 3))),
+    measure_magnetometer: (1, tuple(range(ATTITUDE, ATTITUDE + 3))),
     measure_pose: (4, (*range(POSITION, POSITION + 3), *range(ATTITUDE, ATTITUDE + 3))),
     measure_external_velocity: (3, tuple(range(VELOCITY, GYRO_BIAS + 3))),
     measure_body_velocity: (3, tuple(range(VELOCITY, GYRO_BIAS + 3))),

@@ -22,6 +22,7 @@ EXTRAS = {  # file: what it may import that an extra brings
     "imud/commands/completion.py": {"shtab"},
     "imud/commands/foxglove/server.py": {"foxglove"},
     "imud/commands/ros2/node.py": {"rclpy"},
+    "imud/estimators/earth_field.py": {"pygeomag"},
     "imud/commands/web/limits.py": {"aiohttp"},
     **{path: {"mcap"} for path in RECORDING},
 }

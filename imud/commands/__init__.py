@@ -44,6 +44,7 @@ _EXTRAS = {  # package: extra
     "plotly": "plots",
     "aiohttp": "web",
     "foxglove": "foxglove",
+    "pygeomag": "magnetometer",
     "distributed": "cluster",
     "shtab": "completion",
 }

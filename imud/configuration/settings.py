@@ -255,6 +255,17 @@ class Aiding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             hot=True,
         ),
     ] = 0.0
+    magnetometer: Annotated[
+        bool,
+        Meta(description="Use a magnetometer for the heading, where nothing better knows it.", extra=HOT),
+    ] = False
+    magnetometer_mount_rpy_deg: Annotated[
+        tuple[Angle, Angle, Angle],
+        Meta(description="From the magnetometer's axes to the vehicle's (FRD): roll, pitch, yaw."),
+    ] = (0.0, 0.0, 0.0)
+    magnetic_year: Annotated[
+        float, number(2010.0, 2030.0, "year", "For which the World Magnetic Model gives the earth's field.", hot=True)
+    ] = 2027.5
     odometer_lever_arm_m: Annotated[
         tuple[Length, Length, Length],
         Meta(

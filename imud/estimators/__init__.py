@@ -36,6 +36,7 @@ class Estimator:
     backward_tuning(solution, factor) -> tunables, by name, with which a filter begins at that solution with sigmas
     `factor` times as large, and takes epochs as known; for smoothing. None: it cannot run backward in time.
     fix_delay_s(state) -> by how much a fix is older than its epoch says, s. None: it does not estimate it.
+    place(state) -> latitude and longitude, rad, and height, m; None: not known yet. None: it has none.
     rates_of_interval: it takes a reading for that of the interval before its time; else for that of the instant.
     survives_power_on: a sample with POWER_ON reopens its biases, or it estimates none; else it is started anew then.
     """
@@ -53,6 +54,7 @@ class Estimator:
     resume: Callable[[Records, Records], None] | None = None
     backward_tuning: Callable[[Any, float], dict[str, float]] | None = None
     fix_delay_s: Callable[[Records], float] | None = None
+    place: Callable[[Records], tuple[float, float, float] | None] | None = None
     pending_innovations: Callable[[Any, Any], int] | None = None
     tunables: tuple[Tunable, ...] = ()
     aid: Callable[[Any, Any, Any, Any], int] | None = None

@@ -27,7 +27,8 @@ class AidingSource:
     they are called the same, without the unit: `heading_deg` is `heading`. innovations: kind in INNOVATION to its
     names; the first stands for a measurement that came too late. reversed_sign: -1.0 for what changes its sign if time
     runs backward, as a speed does. alternatives: what may stand instead of a column: its name to the column, the
-    conversion, and what is possible. optional: the columns that may be absent.
+    conversion, and what is possible. optional: the columns that may be absent. short_names: of columns that have
+    another name in a datagram.
 
         degrees = Column(DEGREE, -360.0, 360.0)
         AidingSource("heading", HEADING_SOURCE, "HDG", {"heading_deg": degrees}, …, {HEADING: KINDS[HEADING]})
@@ -42,11 +43,16 @@ class AidingSource:
     reversed_sign: float = 1.0
     alternatives: dict[str, tuple[str, Callable[[float], float], float, float]] = field(default_factory=dict)
     optional: tuple[str, ...] = ()
+    short_names: dict[str, str] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
         """All columns that a table may have of it."""
         return (*self.columns, *self.alternatives, *self.sigmas)
+
+    def short_name(self, column: str) -> str:
+        """What a column is called in a datagram."""
+        return self.short_names.get(column, column.rpartition("_")[0])
 
     def missing(self, names: Iterable[str]) -> list[str]:
         """The columns that are missing among these, and have no alternative among them."""

@@ -11,6 +11,7 @@ from .records import (
     EXTERNAL_VY,
     EXTERNAL_VZ,
     HEADING,
+    MAGNETOMETER,
     NHC_LATERAL,
     NHC_VERTICAL,
     ODOMETER,
@@ -75,4 +76,5 @@ KINDS = {
     EXTERNAL_VX: InnovationKind("external_v_x", "external_vx_mps", "external velocity along x, m/s"),
     EXTERNAL_VY: InnovationKind("external_v_y", "external_vy_mps", "external velocity along y, m/s"),
     EXTERNAL_VZ: InnovationKind("external_v_z", "external_vz_mps", "external velocity along z, m/s"),
+    MAGNETOMETER: InnovationKind("magnetometer", "magnetometer_rad", "heading by the earth's magnetic field, rad"),
 }

@@ -26,14 +26,14 @@ MEASUREMENT = np.dtype(  # of an aiding source other than GNSS
         ("t_ns", "<i8"),  # epoch on the estimator's time axis
         ("arrival_ns", "<i8"),  # when it became known: fed then, fused at t_ns
         ("kind", "<i8"),  # which source: a code below
-        ("value", "<f8", (4,)),  # what it says; SI units, the source's file says which
+        ("value", "<f8", (6,)),  # what it says; SI units, the source's file says which
         ("sigma", "<f8", (4,)),  # 1 sigma of each; NaN: unknown
     ],
     align=True,
 )
 
 GNSS_FIX, HEADING_SOURCE, ODOMETER_SOURCE, BAROMETER_SOURCE = range(4)  # aiding sources
-POSE_SOURCE, VELOCITY_SOURCE, BODY_VELOCITY_SOURCE = range(4, 7)
+POSE_SOURCE, VELOCITY_SOURCE, BODY_VELOCITY_SOURCE, MAGNETOMETER_SOURCE = range(4, 8)
 
 SOLUTION = np.dtype(
     [
@@ -85,3 +85,4 @@ ODOMETER, BAROMETER = 15, 16
 REST_POSITION_X, REST_POSITION_Y, REST_POSITION_Z = 17, 18, 19  # of `stationary`, to which they are measurements
 POSE_N, POSE_E, POSE_D, POSE_YAW = range(20, 24)
 EXTERNAL_VN, EXTERNAL_VE, EXTERNAL_VD, EXTERNAL_VX, EXTERNAL_VY, EXTERNAL_VZ = range(24, 30)
+MAGNETOMETER = 30

@@ -251,7 +251,7 @@ TABLES = (SAMPLE_TABLE, ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE, CLOCK_TABLE
 _ANY = {"type": "object"}
 _TEXT = {"type": "string"}
 _WHEN = {"type": "integer", "description": _T[1]}
-_THREE = {"type": "array", "items": {"type": ["number", "null"]}, "minItems": 3, "maxItems": 3}
+_NUMBERS = {"type": "array", "items": {"type": ["number", "null"]}, "minItems": 3, "maxItems": 6}
 
 SCHEMAS: dict[str, Schema] = {  # by topic
     **{table.topic: table.schema for table in TABLES},
@@ -273,8 +273,8 @@ SCHEMAS: dict[str, Schema] = {  # by topic
         {
             **{"t_ns": {**_WHEN, "description": "epoch on CLOCK_MONOTONIC, ns"}, "arrival_ns": _WHEN},
             "source": {**_TEXT, "description": "name of the aiding source"},
-            "value": {**_THREE, "description": "SI units; its columns in their order"},
-            "sigma": {**_THREE, "description": "1 sigma of each; null: not known"},
+            "value": {**_NUMBERS, "description": "SI units; its columns in their order"},
+            "sigma": {**_NUMBERS, "description": "1 sigma of each; null: not known"},
         },
     ),
     SETTINGS: _json("imud.Settings", {"t_ns": _WHEN, "settings": _ANY}),

@@ -102,19 +102,28 @@ CORRECTION = np.dtype(
         ("temperature", "<f8"),  # degC, of gyro_bias
         ("accel_bias", "<f8", (3,)),  # m/s^2
         ("turn", "<f8", (9,)),  # of directions: the mounting alone
+        ("field", "<f8", (9,)),  # row-major, from the magnetometer's to body axes
+        ("field_bias", "<f8", (3,)),  # T, its axes
     ],
     align=True,
 )
 
 
-def correction(calibration: Calibration, mount_rpy_deg: Triple) -> NDArray[np.void]:
+def _rotation(rpy_deg: Triple) -> NDArray[np.float64]:
+    q = interpreted(quat_of_euler)(*(math.radians(angle) for angle in rpy_deg))
+    return np.array(interpreted(dcm_of_quat)(q)).reshape(3, 3)
+
+
+def correction(
+    calibration: Calibration, mount_rpy_deg: Triple, magnetometer_mount_rpy_deg: Triple = NOTHING
+) -> NDArray[np.void]:
     """The parameters of `correct` (array of one CORRECTION). The user's mounting overrides the calibrated one."""
     rpy = mount_rpy_deg
     if rpy == NOTHING and calibration.mounting is not None:
         rpy = calibration.mounting.rpy_deg
-    q = interpreted(quat_of_euler)(*(math.radians(angle) for angle in rpy))
-    turn = np.array(interpreted(dcm_of_quat)(q)).reshape(3, 3)
+    turn = _rotation(rpy)
     c = np.zeros(1, CORRECTION)
+    c["field"] = _rotation(magnetometer_mount_rpy_deg).ravel()
     c["turn"] = c["gyro"] = c["accel"] = turn.ravel()
     if calibration.gyro is not None:
         gyro = calibration.gyro
@@ -141,6 +150,13 @@ def correct(sample: Any, c: Any) -> None:
         w[i] = W[3 * i] * w0 + W[3 * i + 1] * w1 + W[3 * i + 2] * w2
         f[i] = F[3 * i] * f0 + F[3 * i + 1] * f1 + F[3 * i + 2] * f2
         down[i] = D[3 * i] * d0 + D[3 * i + 1] * d1 + D[3 * i + 2] * d2
+
+
+def corrected_fields(fields: NDArray[np.float64], c: NDArray[np.void]) -> NDArray[np.float64]:
+    """Magnetic fields [n, 3], T, corrected and turned from the magnetometer's into body axes; c: one CORRECTION."""
+    x, y, z = (fields - c["field_bias"]).T
+    rows = c["field"].reshape(3, 3)
+    return np.stack([row[0] * x + row[1] * y + row[2] * z for row in rows], axis=1)
 
 
 def folders() -> list[Path]:

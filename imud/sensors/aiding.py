@@ -160,12 +160,12 @@ def _object(line: bytes) -> dict[str, Any]:
 
 def _row(source: AidingSource, values: dict[str, Any]) -> dict[str, float]:
     """The values by column. Raises ValueError for one that is missing, unknown or no number."""
-    names = {column.rpartition("_")[0]: column for column in source.names}
+    names = {source.short_name(column): column for column in source.names}
     if unknown := values.keys() - names.keys():
         raise ValueError(f"{source.message} has no {', '.join(sorted(unknown))}; it has {', '.join(names)}, t")
     row = {names[name]: _number(name, value) for name, value in values.items()}
     for column in source.missing(name for name, number in row.items() if not math.isnan(number)):
-        raise ValueError(f"{source.message} without {column.rpartition('_')[0]}")
+        raise ValueError(f"{source.message} without {source.short_name(column)}")
     return row
 
 

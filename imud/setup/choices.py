@@ -106,6 +106,10 @@ class Choice:
 
 def estimators(settings: Settings) -> Choice:
     """What the user asked for; else by whether a receiver may be there. Raises UsageError."""
+    if settings.aiding.magnetometer:
+        from ..estimators import earth_field
+
+        earth_field.check()
     if settings.estimator != "auto":
         return Choice(registry.by_name(settings.estimator), None)
     without = registry.by_name(WITHOUT_GYROS)

@@ -160,6 +160,7 @@ def _backward_filter(forward: Filter, last: Any) -> Filter:
     settings = msgspec.structs.replace(
         settings,
         imu=msgspec.structs.replace(settings.imu, mount_rpy_deg=(0.0, 0.0, 0.0)),
+        aiding=msgspec.structs.replace(settings.aiding, magnetometer=False),  # its error is the same both ways
         **{estimator.table: msgspec.structs.replace(table, tuning=tuning)},
     )
     filter_ = Filter(estimator, settings, _state_of(last), forward.rate_hz)

@@ -231,6 +231,19 @@ EXTERNAL_AID = np.dtype(  # an external pose, or velocity
     align=True,
 )
 
+MAGNETOMETER = np.dtype(
+    [
+        ("last_ns", "<i8"),  # epoch of the last reading
+        ("since_ns", "<i8"),  # since when the field is that of the earth, and steady
+        ("contradicted_ns", "<i8"),  # when it last contradicted a heading
+        ("strength", "<f8"),  # smoothed: the field's strength over that of the earth, less 1
+        ("dip", "<f8"),  # rad, smoothed: its dip less that of the earth
+        ("variation", "<f8"),  # smoothed square of what both differ from that
+        ("heading_variance", "<f8"),  # rad^2, of the heading after the last reading; 0 while it is not known
+    ],
+    align=True,
+)
+
 HEADING_AID = np.dtype([("last_ns", "<i8")], align=True)  # epoch of the last heading
 
 ODOMETER = np.dtype(
@@ -305,6 +318,7 @@ REWOUND = [  # what a rewind restores
     ("alignment", ALIGNMENT),
     ("barometer", BAROMETER),
     ("heading_aid", HEADING_AID),
+    ("magnetometer", MAGNETOMETER),
     ("pose", EXTERNAL_AID),
     ("external_velocity", EXTERNAL_AID),
     ("odometer", ODOMETER),

@@ -112,7 +112,7 @@ def store_snapshot(s: State) -> None:
     k.nhc, k.gnss, k.integrity, k.drift, k.alignment = c.nhc, c.gnss, c.integrity, c.drift, c.alignment
     k.process_noise, k.gravity_monitor, k.barometer = c.process_noise, c.gravity_monitor, c.barometer
     k.heading_aid, k.odometer, k.wheel_check = c.heading_aid, c.odometer, c.wheel_check
-    k.pose, k.external_velocity = c.pose, c.external_velocity
+    k.pose, k.external_velocity, k.magnetometer = c.pose, c.external_velocity, c.magnetometer
     s.snapshot_count += 1
 
 
@@ -131,7 +131,7 @@ def restore_snapshot(c: Core, k: Snapshot) -> None:
     c.nhc, c.gnss, c.integrity, c.drift, c.alignment = k.nhc, k.gnss, k.integrity, k.drift, k.alignment
     c.process_noise, c.gravity_monitor, c.barometer = k.process_noise, k.gravity_monitor, k.barometer
     c.heading_aid, c.odometer, c.wheel_check = k.heading_aid, k.odometer, k.wheel_check
-    c.pose, c.external_velocity = k.pose, k.external_velocity
+    c.pose, c.external_velocity, c.magnetometer = k.pose, k.external_velocity, k.magnetometer
 
 
 @kernel

@@ -111,6 +111,7 @@ PARAMETERS = np.dtype(
         ("odometer_lever_arm", "<f8", (3,)),  # m, wheel from IMU, body
         ("pose_lever_arm", "<f8", (3,)),  # m, point of external poses from IMU, body
         ("velocity_lever_arm", "<f8", (3,)),  # m, point of external velocities from IMU, body
+        ("magnetometer", "<i8"),  # 1: its readings are used
         ("vehicle", "<i8"),
         ("assumed_latency", "<f8"),  # s, from epoch to arrival where the epoch is only assumed
         ("gyro_psd", "<f8"),  # rad^2/s
@@ -141,6 +142,7 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     r["odometer_lever_arm"] = settings.aiding.odometer_lever_arm_m
     r["pose_lever_arm"] = settings.aiding.pose_lever_arm_m
     r["velocity_lever_arm"] = settings.aiding.velocity_lever_arm_m
+    r["magnetometer"] = settings.aiding.magnetometer
     r["vehicle"] = VEHICLES[settings.navigation.vehicle]
     r["assumed_latency"] = settings.gnss.latency_s
     r["gyro_psd"] = profile.gyro_noise**2

@@ -90,6 +90,8 @@ def start(parameters: Records, initial: Initial) -> Records:
     c["drift"]["noise_scale"] = t["first_drift_noise_scale"]
     c["drift"]["onset_ns"] = NEVER_NS
     c["heading_aid"]["last_ns"] = c["barometer"]["last_ns"] = c["barometer"]["last_used_ns"] = NEVER_NS
+    for name in ("last_ns", "since_ns", "contradicted_ns"):
+        c["magnetometer"][name] = NEVER_NS
     for name in ("pose", "external_velocity"):
         c[name]["last_ns"] = c[name]["last_used_ns"] = NEVER_NS
         c[name]["last_value"] = math.nan
@@ -141,6 +143,13 @@ def backward_tuning(solution: np.void, factor: float) -> dict[str, float]:
 def fix_delay_s(state: Records) -> float:
     """See `Estimator`."""
     return float(state["core"][0, 0]["nav"]["time_offset"])
+
+
+def place(state: Records) -> tuple[float, float, float] | None:
+    """See `Estimator`."""
+    c = state["core"][0, 0]
+    nav = c["nav"]
+    return (float(nav["lat"]), float(nav["lon"]), float(nav["height"])) if c["gnss"]["fix_count"] else None
 
 
 def restore_biases(state: Records, biases: Biases) -> None:

@@ -12,16 +12,19 @@ from ..records import (
     BAROMETER_SOURCE,
     BODY_VELOCITY_SOURCE,
     HEADING_SOURCE,
+    MAGNETOMETER_SOURCE,
     ODOMETER_SOURCE,
     POSE_SOURCE,
     VELOCITY_SOURCE,
 )
-from .aiding import barometer, external_pose, external_velocity, heading, odometer
+from .aiding import barometer, external_pose, external_velocity, heading, magnetometer, odometer
 from .aiding.barometer import fuse_barometer
 from .aiding.external_pose import fuse_pose
 from .aiding.external_velocity import fuse_external_velocity
 from .aiding.heading import fuse_heading, sigma_of
+from .aiding.magnetometer import fuse_magnetometer
 from .aiding.odometer import fuse_odometer
+from .alignment.given_field import align_with_field
 from .alignment.given_heading import align_with_heading
 from .alignment.given_pose import align_with_pose
 from .state import NAVIGATING
@@ -37,6 +40,7 @@ SOURCES = (
     external_pose.SOURCE,
     external_velocity.NED_SOURCE,
     external_velocity.BODY_SOURCE,
+    magnetometer.SOURCE,
 )
 TUNABLES = (
     *heading.TUNABLES,
@@ -44,6 +48,7 @@ TUNABLES = (
     *barometer.TUNABLES,
     *external_pose.TUNABLES,
     *external_velocity.TUNABLES,
+    *magnetometer.TUNABLES,
 )
 # by source: the kind of innovation under which a measurement beyond the fusion horizon is reported as rejected
 REJECTED_KIND = np.zeros(1 + max(source.kind for source in SOURCES), np.int64)
@@ -68,4 +73,8 @@ def fuse_source(p: Parameters, c: Core, m: Measurement, innovations: list[Innova
         align_with_pose(p, c, m)
     if (m.kind == VELOCITY_SOURCE or m.kind == BODY_VELOCITY_SOURCE) and c.alignment.mode == NAVIGATING:
         return fuse_external_velocity(p, c, m, innovations)
+    if m.kind == MAGNETOMETER_SOURCE and c.alignment.mode == NAVIGATING:
+        return fuse_magnetometer(p, c, m, innovations)
+    if m.kind == MAGNETOMETER_SOURCE:
+        align_with_field(p, c, m)
     return 0

@@ -255,6 +255,18 @@ class Tuning:
     external_velocity_scale_s: float
     external_velocity_time_sigma: float
     external_velocity_gate: float
+    mag_sigma: float
+    mag_yaw_sigma: float
+    mag_time_sigma: float
+    mag_gate: float
+    mag_strength_gate: float
+    mag_dip_gate: float
+    mag_variation: float
+    mag_memory_s: float
+    mag_settle_s: float
+    mag_agreement_gate: float
+    mag_distrust_s: float
+    mag_heading_doubt: float
     first_tilt_sigma: float
     given_tilt_sigma: float
     given_heading_sigma: float

@@ -20,6 +20,7 @@ class Parameters:
     odometer_lever_arm: Reals
     pose_lever_arm: Reals
     velocity_lever_arm: Reals
+    magnetometer: int
     vehicle: int
     assumed_latency: float
     gyro_psd: float
@@ -226,6 +227,16 @@ class HeadingAid:
     last_ns: int
 
 
+class Magnetometer:
+    last_ns: int
+    since_ns: int
+    contradicted_ns: int
+    strength: float
+    dip: float
+    variation: float
+    heading_variance: float
+
+
 class Odometer:
     last_ns: int
     last_used_ns: int
@@ -286,6 +297,7 @@ class Snapshot:
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid
+    magnetometer: Magnetometer
     pose: ExternalAid
     external_velocity: ExternalAid
     odometer: Odometer
@@ -307,6 +319,7 @@ class Core:
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid
+    magnetometer: Magnetometer
     pose: ExternalAid
     external_velocity: ExternalAid
     odometer: Odometer

@@ -1,0 +1,162 @@
+"""Heading by the earth's magnetic field: an aid of last resort, where nothing better knows the heading.
+
+z = declination - azimuth of the measured field, turned to north and east by the estimated attitude. A measurement has
+value: the field in the body, T, and the earth's field at the place by the World Magnetic Model, north, east, down, T,
+NaN while the place is not known; sigma[0]: T, of the field's horizontal components, NaN where it is not reported.
+
+*Lasting error.* Iron of the vehicle and of its surroundings turns the field for as long as nothing moves. So all
+readings together know no more than one: they correct the heading while its sigma is larger than that of a reading, and
+never make it smaller than that. A heading that GNSS or a compass knows better is left alone.
+
+*Disturbances.* What differs from the strength and dip of the earth's field is added to the sigma. A field that is much
+stronger, weaker, steeper or flatter is not used, nor one that varies, as near motors, nor one that has done so a moment
+ago. Where the field contradicts the heading, or where the heading is doubted after all, it is not used for minutes.
+
+Source of the model: NOAA NCEI and BGS, The World Magnetic Model for 2025-2030.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from imud.drivers import elementary
+
+from ....compile.jit import kernel
+from ...aiding_source import AidingSource, Column
+from ...innovation_kinds import KINDS
+from ...records import MAGNETOMETER, MAGNETOMETER_SOURCE
+from ...tuning import Tunable
+from ..ekf import innovation_variance, variance
+from ..fusion import NO_GATE, correct_state, correlated_update, write_innovation
+from ..mechanization import body_to_ned, wrap_angle
+from ..state import ATTITUDE, NEVER_NS
+from .heading import yaw_jacobian
+
+if TYPE_CHECKING:
+    from ...types import Innovation, Measurement
+    from ..types import Core, Parameters
+
+LEAST_FIELD = 1e-7  # T, of a reading, and level: the earth's is 2e-5 T and more
+_FIELD = Column(1e-6, -1000.0, 1000.0)
+SOURCE = AidingSource(
+    "magnetometer",
+    MAGNETOMETER_SOURCE,
+    "MAG",
+    dict.fromkeys(("mx_ut", "my_ut", "mz_ut", "north_ut", "east_ut", "down_ut"), _FIELD),
+    {"sigma_ut": Column(1e-6, 0.01, 1000.0)},
+    {MAGNETOMETER: KINDS[MAGNETOMETER]},
+    optional=("north_ut", "east_ut", "down_ut"),
+    short_names={"mx_ut": "x", "my_ut": "y", "mz_ut": "z"},
+)
+TUNABLES = (
+    Tunable("mag_sigma", 1.5e-6, "T", "Sigma of the horizontal field that reports none.", "What a calibration leaves."),
+    Tunable("mag_yaw_sigma", math.radians(4.0), "rad", "Heading error beside that.", "Surroundings, misalignment."),
+    Tunable("mag_time_sigma", 0.05, "s", "Unknown age of a reading.", "Choice: half a period of 10 Hz."),
+    Tunable("mag_gate", 6.25, "NIS", "Gate of a heading by the field.", "2.5 sigma: a last resort."),
+    Tunable("mag_strength_gate", 0.12, "", "Strength, beside the model's.", "Five times its error; weak iron."),
+    Tunable("mag_dip_gate", math.radians(8.0), "rad", "Dip, beside the model's and the tilt error.", "As strength."),
+    Tunable("mag_variation", 0.03, "", "Largest variation of strength, and of dip in rad.", "Noise of cheap sensors."),
+    Tunable("mag_memory_s", 2.0, "s", "Time over which the variation is taken.", "Choice."),
+    Tunable("mag_settle_s", 3.0, "s", "For so long the field has to be the earth's.", "Choice."),
+    Tunable("mag_agreement_gate", 2.25, "NIS", "After a contradiction: largest one that still agrees.", "1.5 sigma."),
+    Tunable("mag_distrust_s", 300.0, "s", "For so long it has to agree after a contradiction.", "Choice."),
+    Tunable("mag_heading_doubt", math.radians(10.0), "rad", "Sudden sigma of a heading that is doubted.", "Choice."),
+)
+
+
+@kernel
+def has_field(p: Parameters, m: Measurement) -> bool:
+    """Whether a reading is to be used at all: asked for, with a field, and that of the earth."""
+    v = m.value
+    known = v[0] ** 2 + v[1] ** 2 + v[2] ** 2 > LEAST_FIELD**2 and v[3] ** 2 + v[4] ** 2 > LEAST_FIELD**2  # no NaN
+    return p.magnetometer != 0 and known and math.isfinite(v[5])
+
+
+@kernel
+def is_earths_field(p: Parameters, c: Core, m: Measurement) -> bool:
+    """Whether strength and dip have been those of the earth, and steady, for a while."""
+    g, r = c.magnetometer, m.value
+    north, east, down = body_to_ned(c, (r[0], r[1], r[2]))
+    level, earth_level = elementary.hypot(north, east), elementary.hypot(r[3], r[4])
+    strength = elementary.hypot(level, down) / elementary.hypot(earth_level, r[5]) - 1.0
+    dip = elementary.atan2(down, level) - elementary.atan2(r[5], earth_level)
+    dt = 1e-9 * (m.t_ns - g.last_ns) if g.last_ns != NEVER_NS else math.inf
+    if dt > p.tuning.mag_settle_s:  # the first, or the first for long
+        g.strength, g.dip, g.variation, g.since_ns, g.heading_variance = strength, dip, 0.0, m.t_ns, 0.0
+    g.last_ns = m.t_ns
+    a, b, share = strength - g.strength, dip - g.dip, min(dt / p.tuning.mag_memory_s, 1.0)
+    g.strength += share * a
+    g.dip += share * b
+    g.variation += share * (a * a + b * b - g.variation)
+    tilt2 = max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
+    is_strange = abs(strength) > p.tuning.mag_strength_gate or dip * dip > p.tuning.mag_dip_gate**2 + 9.0 * tilt2
+    if is_strange or g.variation > p.tuning.mag_variation**2:
+        g.since_ns = m.t_ns
+    return m.t_ns - g.since_ns > 1e9 * p.tuning.mag_settle_s
+
+
+@kernel
+def field_variance(p: Parameters, c: Core, m: Measurement) -> float:
+    """Variance of a heading by the field, rad^2, with the tilt known.
+
+    What disturbs the field along and across its dip disturbs it as much across the heading, where nothing shows it.
+    """
+    g, sigma = c.magnetometer, m.sigma[0] if m.sigma[0] > 0.0 else p.tuning.mag_sigma
+    earth2 = m.value[3] ** 2 + m.value[4] ** 2
+    disturbance2 = (earth2 + m.value[5] ** 2) * (g.strength * g.strength + g.dip * g.dip)
+    return p.tuning.mag_yaw_sigma**2 + (sigma * sigma + disturbance2) / earth2
+
+
+@kernel
+def field_innovation(c: Core, m: Measurement) -> tuple[float, int]:
+    """Declination less the azimuth of the field, rad, at the time of the core; the length of its Jacobian."""
+    north, east, down = body_to_ned(c, (m.value[0], m.value[1], m.value[2]))
+    north = LEAST_FIELD if north == 0.0 else north
+    length = yaw_jacobian(c, 0, north, east, down)
+    return wrap_angle(elementary.atan2(m.value[4], m.value[3]) - elementary.atan2(east, north)), length
+
+
+@kernel
+def doubt_field(p: Parameters, c: Core, m: Measurement, heading_variance: float) -> None:
+    """Note the heading's variance after a reading; one that has grown at once was doubted, and the field with it.
+
+    But not at rest: there it is the gyros that are doubted.
+    """
+    g = c.magnetometer
+    grown = heading_variance > g.heading_variance + p.tuning.mag_heading_doubt**2
+    if g.heading_variance > 0.0 and grown and not c.stationarity.at_rest:
+        g.contradicted_ns = m.t_ns
+    g.heading_variance = heading_variance
+
+
+@kernel
+def is_contradicted(p: Parameters, c: Core, m: Measurement) -> bool:
+    """Whether the field has contradicted a heading lately."""
+    return m.t_ns - c.magnetometer.contradicted_ns < 1e9 * p.tuning.mag_distrust_s
+
+
+@kernel
+def fuse_magnetometer(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
+    """Gate and fuse a reading while navigating; returns the rows of innovations (before: `alignment.given_field`)."""
+    if not has_field(p, m):
+        return 0
+    g, steady, known = c.magnetometer, is_earths_field(p, c, m), variance(c, ATTITUDE + 2)
+    doubt_field(p, c, m, known)
+    z, length = field_innovation(c, m)
+    rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2]
+    z -= rate * 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
+    least, h = field_variance(p, c, m), innovation_variance(c, length)
+    r, shared = least + (rate * p.tuning.mag_time_sigma) ** 2, c.scratch.d[ATTITUDE + 2]
+    contradicted = is_contradicted(p, c, m)
+    largest = p.tuning.mag_agreement_gate * (r + min(h, r)) if contradicted else p.tuning.mag_gate * (r + h)
+    if steady and z * z > largest:
+        g.contradicted_ns = m.t_ns
+    used = steady and not contradicted and z * z <= largest
+    s = h + r
+    if used and known > least:  # with this variance the heading's is not below `least` afterwards
+        others = max(shared * shared / (known - least) - s, 0.0)
+        correlated_update(c, length, z, r, others, NO_GATE)
+        correct_state(p, c)
+    g.heading_variance = variance(c, ATTITUDE + 2)
+    return write_innovation(innovations, 0, m.t_ns, MAGNETOMETER, z, s, used)

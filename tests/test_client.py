@@ -352,7 +352,7 @@ def test_without_clients_no_record_is_made(tmp_path):
 
 
 def test_the_client_needs_only_the_standard_library():
-    code = "import sys, imud.client; print({'numpy', 'numba', 'msgspec'} & set(sys.modules))"
+    code = "import sys, imud.client; print({'numpy', 'numba', 'msgspec', 'structlog'} & set(sys.modules))"
     done = subprocess.run([os.sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert done.stdout.strip() == "set()"
 

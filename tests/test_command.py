@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+import structlog
 from processes import TIMEOUT_S, process
 
 from imud.commands import COMMANDS, main
@@ -94,9 +95,11 @@ class Broken(io.StringIO):
 
 def test_a_log_without_a_reader_does_no_harm(monkeypatch):
     monkeypatch.setattr(sys, "stderr", Broken())
-    monkeypatch.setattr(log, "_output", None)
     log.configure()
-    log.get_logger().warning("lost")
+    try:
+        structlog.get_logger().warning("lost")
+    finally:
+        structlog.reset_defaults()
 
 
 @pytest.mark.parametrize("program", ["imud", "firmware_sim"])

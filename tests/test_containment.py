@@ -6,6 +6,7 @@ import socket
 
 import pytest
 from gpsd_loop import MS, SECOND, WATCH
+from structlog.testing import capture_logs
 
 from imud.client import connect
 from imud.configuration.settings import Gpsd, Nmea, Settings, Stream
@@ -13,7 +14,6 @@ from imud.errors import UsageError
 from imud.outputs.all import Outputs
 from imud.outputs.gpsd_dialogue import Policy
 from imud.outputs.view import View
-from imud.process import log
 from imud.process.contained import ContainedErrors
 
 
@@ -21,20 +21,18 @@ def broken(*_):
     raise OverflowError("int too large")
 
 
-def test_errors_are_counted_and_each_kind_is_logged_once(monkeypatch):
-    lines = []
-    monkeypatch.setattr(log, "_output", None)
-    log.configure(sink=lambda *line: lines.append(line))
-    errors = ContainedErrors()
-    for _ in range(3):
+def test_errors_are_counted_and_each_kind_is_logged_once():
+    with capture_logs() as lines:
+        errors = ContainedErrors()
+        for _ in range(3):
+            with errors.contain("a test"):
+                broken()
         with errors.contain("a test"):
-            broken()
-    with errors.contain("a test"):
-        raise ValueError
+            raise ValueError
     assert errors.count == 4
     assert "a test: ValueError in tests/test_containment.py" in errors.last
-    assert [level for level, _, _ in lines] == ["error", "error"]
-    assert "OverflowError" in lines[0][1] and "int too large" in lines[0][2]["traceback"]
+    assert [line["log_level"] for line in lines] == ["error", "error"]
+    assert "OverflowError" in lines[0]["event"] and "int too large" in lines[0]["traceback"]
 
 
 def test_an_error_with_a_message_of_its_own_is_not_contained():

@@ -10,7 +10,7 @@ from import_graph import import_graph, in_folders
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("imud", "drivers", "firmware_sim")
-RUN_TIME = {"numpy", "numba", "llvmlite", "serial", "msgspec", "spidev", "gpiod"}
+RUN_TIME = {"numpy", "numba", "llvmlite", "serial", "structlog", "msgspec", "spidev", "gpiod"}
 RECORDING = (
     "drivers/capture.py",
     "imud/recording/file.py",

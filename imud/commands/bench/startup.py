@@ -17,7 +17,7 @@ from .table import Section
 from .turns import Turns
 
 _READY = " ready "
-_IMPORTS = "Python and numpy are most of it; then msgspec and the daemon's own modules"
+_IMPORTS = "Python and numpy are most of it; then structlog, msgspec and the daemon's own modules"
 _VERSION = "it needs neither numpy nor a kernel, only Python and argparse"
 
 

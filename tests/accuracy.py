@@ -8,7 +8,8 @@ solution on (flights: within the times that their `meta.json` says are to be sco
 fixes are fresh. NEES: mean squared error over variance, per axis. "Wrong and sure": seconds with an error of more than
 4 sigma and 5 m, or 5 degrees, while the status says that position, heading or attitude are valid; `max` is the largest
 horizontal error of these runs. A car's recording has no reference of the attitude: there the yaw is compared with the
-course at more than 5 m/s, less the median of the difference, which is the mounting.
+course at more than 5 m/s, less the median of the difference, which is the mounting. A flight's reference of the attitude
+is another filter, whose yaw on the ground is its start value: it counts within the times to be scored only.
 
 The profile `auto` is `consumer-mems` here, as these tables name no sensor: the rows of the two are equal.
 """
@@ -147,14 +148,14 @@ def yaw_errors(truth, d, i, est, t):
     return (away - np.degrees(middle) + 180.0) % 360.0 - 180.0
 
 
-def figures(name, grade, fault, vehicle, profile, lengths):
+def figures(name, grade, fault, vehicle, profile, tuning, lengths):
     """The figures of one row, by name."""
     samples, fixes, truth, meta, begin = recording(name, grade)
     samples, fixes = samples.copy(), fixes.copy()
     if fault:
         FAULTS[fault](samples, fixes, begin)
     told = np.array(meta["lever_frd"], float) + (1.0 if fault == "lever arm +1 m" else 0.0) * np.array([0.0, 1.0, 0.0])
-    settings, score = settings_of(vehicle, told, profile), scorer()
+    settings, score = settings_of(vehicle, told, profile, tuning), scorer()
     out = navigate(samples, fixes, settings)[0]
     est, arm = table(out), meta["lever_frd"] if meta["truth_point"] == "antenna" else None
     t, d, i = score.errors(est, truth, arm)
@@ -170,7 +171,7 @@ def figures(name, grade, fault, vehicle, profile, lengths):
     angle, angle_sigmas = np.abs(d[:, 6:9]), np.abs(d[:, 6:9]) / sigma[:, 6:9]
     sure = (angle > LIMIT_DEG) & (angle_sigmas > LIMIT_SIGMA)
     sure &= np.column_stack([status & ATTITUDE_VALID, status & ATTITUDE_VALID, status & HEADING_VALID]) > 0
-    referenced = t <= meta.get("score_to", t[-1])
+    referenced = flown if "score_from" in meta else np.ones(len(t), bool)
     rms = lambda x: float(np.sqrt(np.nanmean(x * x))) if np.isfinite(x).any() else np.nan  # noqa: E731
     nees = [np.nanmean((d[fresh, k : k + 3] / sigma[fresh, k : k + 3]) ** 2) for k in (0, 3, 6)]
     found = np.flatnonzero(out["status"] & HEADING_VALID)
@@ -226,6 +227,7 @@ def arguments():
     parser.add_argument("--outages", action="store_true", help="withhold fixes as well, for 30 s, 60 s (flights: 15 s)")
     parser.add_argument("--vehicle", type=names, default=["auto"])
     parser.add_argument("--profile", type=names, default=["auto"])
+    parser.add_argument("--set", type=names, default=[], help="tunables of the filter: KEY=VALUE,..")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     return parser.parse_args()
 
@@ -233,9 +235,10 @@ def arguments():
 def main():
     a = arguments()
     faults = a.fault or [""] + (list(FAULTS) if a.faults else [])
+    tuning = {key: float(value) for key, value in (text.split("=") for text in a.set)}
     lengths = ("15", "30", "60") if a.outages else ()
     jobs = [
-        (name, grade, fault, vehicle, profile, () if fault else lengths)
+        (name, grade, fault, vehicle, profile, tuning, () if fault else lengths)
         for name in a.recordings
         for grade in FIXES[name]
         if not a.fixes or grade in a.fixes

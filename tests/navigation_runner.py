@@ -145,11 +145,12 @@ def evaluate(name, grade, vehicle="auto", outages=("60", "30"), profile="auto"):
     return figures
 
 
-def settings_of(vehicle="auto", lever=(0.0, 0.0, 0.0), profile="auto"):
+def settings_of(vehicle="auto", lever=(0.0, 0.0, 0.0), profile="auto", tuning=None):
     from imud.configuration.settings import Imu, Navigation
 
+    lever_arm_m = tuple(map(float, lever))
     return Settings(
-        imu=Imu(profile=profile), navigation=Navigation(vehicle=vehicle, lever_arm_m=tuple(map(float, lever)))
+        imu=Imu(profile=profile), navigation=Navigation(vehicle=vehicle, lever_arm_m=lever_arm_m, tuning=tuning or {})
     )
 
 

@@ -8,8 +8,8 @@ solution on (flights: within the times that their `meta.json` says are to be sco
 fixes are fresh. NEES: mean squared error over variance, per axis. "Wrong and sure": seconds with an error of more than
 4 sigma and 5 m, or 5 degrees, while the status says that position, heading or attitude are valid; `max` is the largest
 horizontal error of these runs. A car's recording has no reference of the attitude: there the yaw is compared with the
-course at more than 5 m/s, less the median of the difference, which is the mounting. A flight's reference of the attitude
-is another filter, whose yaw on the ground is its start value: it counts within the times to be scored only.
+course at more than 5 m/s, less the median of the difference, which is the mounting. A flight's reference of the
+attitude is another filter, which does not know its yaw before it flies: it counts within the times to be scored only.
 
 The profile `auto` is `consumer-mems` here, as these tables name no sensor: the rows of the two are equal.
 """

@@ -28,6 +28,14 @@ def jump_without_velocity():
     return navigated(samples, fixes[~between(fixes, 80.0, 95.0)], HEADED)
 
 
+def stamps_that_step():
+    """They fall back by a second, and later by a tenth."""
+    samples, fixes = data(seed=9)
+    fixes["t_ns"][between(fixes, 80.0, 1e9)] -= 1_000_000_000
+    fixes["t_ns"][between(fixes, 110.0, 1e9)] -= 100_000_000
+    return navigated(samples, fixes)
+
+
 def jump_of_height():
     samples, fixes = data(seed=5)
     fixes["height"][between(fixes, 90.0, 1e9)] += 60.0

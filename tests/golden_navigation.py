@@ -52,6 +52,7 @@ from golden_gnss import (
     slow_drift_against_velocity,
     slow_drift_parked,
     sparse_fixes,
+    stamps_that_step,
     survey_of_a_decimetre,
     two_jumps_without_velocity,
 )
@@ -109,7 +110,8 @@ from golden_starts import (
 CLASSES = (
     compass, compass_in_any_order, compass_too_late, compass_behind_many_fixes,
     drift_that_returns, long_drift, restless_receiver, restless_receiver_under_way, short_gaps, power_on,
-    power_on_moved, no_velocity, jump, short_jump, jump_without_velocity, jump_of_height, no_height, slow_drift,
+    power_on_moved, no_velocity, jump, short_jump, stamps_that_step,
+    jump_without_velocity, jump_of_height, no_height, slow_drift,
     slow_drift_against_velocity, slow_drift_parked, drift_that_stays, frozen_receiver, outage, latency, late_fixes,
     rtk, rtk_comes_and_goes, ned_velocity, sparse_fixes, positions_often, few_fixes, contrary_velocity, gaps,
     long_gap, saturation, no_rates, no_rate_for_a_moment, no_forces, no_samples, damaged_samples, wrong_heading,

@@ -41,6 +41,7 @@ INS = {
     "Integrity": core.INTEGRITY,
     "ProcessNoise": core.PROCESS_NOISE,
     "Drift": core.DRIFT,
+    "TimeStep": core.TIME_STEP,
     "Alignment": alignment.ALIGNMENT,
     "Barometer": core.BAROMETER,
     "ExternalAid": core.EXTERNAL_AID,

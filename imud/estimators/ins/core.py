@@ -211,6 +211,19 @@ DRIFT = np.dtype(  # the test for a receiver that drifts (GLR)
     align=True,
 )
 
+TIME_STEP = np.dtype(  # the test for a step of the receiver's stamps (GLR)
+    [
+        ("onset_ns", "<i8"),  # the last fix that was as expected
+        ("information", "<f8"),  # 1/s^2, of the step
+        ("vector", "<f8"),  # 1/s, information times step
+        ("energy", "<f8"),  # sum of the normalised innovations squared
+        ("count", "<i8"),  # number of these
+        ("sensitivity", "<f8", (STATES, 1)),  # error states per second of the step
+        ("jump", "<f8", (2, 3)),  # of positions north, east: sums of 1 / s, of mean / s, of innovation / s
+    ],
+    align=True,
+)
+
 BAROMETER = np.dtype(  # at the last reading
     [
         ("last_ns", "<i8"),  # its epoch
@@ -315,6 +328,7 @@ REWOUND = [  # what a rewind restores
     ("integrity", INTEGRITY),
     ("process_noise", PROCESS_NOISE),
     ("drift", DRIFT),
+    ("time_step", TIME_STEP),
     ("alignment", ALIGNMENT),
     ("barometer", BAROMETER),
     ("heading_aid", HEADING_AID),

@@ -24,6 +24,7 @@ from .ekf import apply_gain, inject_error, innovation, innovation_variance
 from .error_model import linearize, propagate_covariance
 from .integrity.gnss_drift import BY_WHEELS, propagate_sensitivity, update_sensitivity
 from .integrity.reset_inflation import fade_inflation
+from .integrity.time_step import count_innovation, propagate_time_step, update_time_step
 from .mechanization import start_integration
 from .process_noise import learn_process_noise, propagate_learning, update_learning
 from .state import NAVIGATING
@@ -46,6 +47,7 @@ def propagate_errors(p: Parameters, c: Core) -> None:
     accumulate_integrals(c, transition.turn_angle, transition.interval)
     propagate_covariance(p, c, transition)
     propagate_sensitivity(c, transition)
+    propagate_time_step(c, transition)
     propagate_learning(p, c, transition)
     fade_inflation(c, transition.gnss_bias)
     start_integration(c)
@@ -58,6 +60,7 @@ def fuse(c: Core, length: int, z: float, s: float, axis: int) -> None:
     axis: 0 for a GNSS position north, 1 east; -1: any other measurement.
     """
     update_sensitivity(c, length, s, z, axis)
+    update_time_step(c, length, s)
     update_learning(c, length, z, s)
     apply_gain(c, s, z)
 
@@ -95,6 +98,7 @@ def fix_update(
     z, s = innovation(c, length, z), innovation_variance(c, length) + r
     if c.alignment.mode == NAVIGATING and c.drift.detected != BY_WHEELS:
         learn_process_noise(p, c, length, z, s)
+        count_innovation(c, length, z, s, axis)
     return test_and_fuse(c, length, z, s, 0.0, gate, axis)
 
 

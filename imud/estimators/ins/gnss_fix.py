@@ -18,9 +18,11 @@ from .aiding.gnss_velocity import fuse_gnss_velocity
 from .aiding.wheel_check import wheels_reject
 from .alignment.in_motion import align_with_fix, low_motion_speed, reset_to_fix
 from .alignment.modes import HEADING_LOST, HEADING_WRONG, change_mode
+from .alignment.velocity_pairs import reset_pairs
 from .ekf import variance
-from .fusion import write_innovation
+from .fusion import correct_state, write_innovation
 from .integrity.heading_monitor import monitor_heading
+from .integrity.time_step import detect_time_step
 from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS
 
 if TYPE_CHECKING:
@@ -68,6 +70,9 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, 
         rows = fuse_gnss_position(p, c, fix, late, innovations, rows)
     if abs(late) < p.tuning.max_rewind_miss_s:
         rows = fuse_gnss_velocity(p, c, fix, late, innovations, rows)
+    if c.alignment.mode == NAVIGATING and detect_time_step(p, c):
+        correct_state(p, c)
+        reset_pairs(c)
     fade_reset_score(p, c)
     heading_ok = True
     if c.alignment.mode == NAVIGATING and not wheels_reject(p, c):

@@ -53,7 +53,7 @@ from .alignment import (
     velocity_pairs,
     whitening,
 )
-from .integrity import gnss_drift, gravity_monitor, heading_monitor
+from .integrity import gnss_drift, gravity_monitor, heading_monitor, time_step
 from .state import AUTO, FREE, LAND
 
 VEHICLES = {"free": FREE, "auto": AUTO, "land": LAND}
@@ -94,6 +94,7 @@ TUNABLES = (
     *heading_monitor.TUNABLES,
     *gravity_monitor.TUNABLES,
     *gnss_drift.TUNABLES,
+    *time_step.TUNABLES,
     *process_noise.TUNABLES,
     *fusion_horizon.TUNABLES,
     *filter.TUNABLES,

@@ -19,6 +19,7 @@ from .alignment.modes import ATTITUDE_LOST, change_mode
 from .alignment.velocity_pairs import reset_pairs
 from .ekf import add_variance, decorrelate, variance
 from .integrity.gnss_drift import reset_drift
+from .integrity.time_step import reset_time_step
 from .mechanization import body_to_ned, clear_biases
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 from .stationarity import clear_window, interrupt_rest
@@ -56,6 +57,7 @@ def reopen_biases(p: Parameters, c: Core) -> None:
     clear_window(c)
     reset_pairs(c)
     reset_drift(c)
+    reset_time_step(c)
 
 
 @kernel

@@ -85,6 +85,7 @@ class Tuning:
     reset_s: float
     consistency_gate: float
     drift_reset_s: float
+    reset_time_sigma: float
     max_reject_s: float
     max_drift_speed: float
     frozen_min_speed: float
@@ -203,6 +204,11 @@ class Tuning:
     max_drift_noise_scale: float
     drift_noise_scale_prior: float
     drift_noise_scale_gain: float
+    time_step_chi2: float
+    time_step_doubt: float
+    time_step_sigma: float
+    min_time_step_s: float
+    max_time_step_s: float
     process_noise_prior: float
     process_noise_walk: float
     max_learned_nis: float

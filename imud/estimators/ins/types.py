@@ -183,6 +183,16 @@ class Drift:
     bias_sensitivity: Tensor
 
 
+class TimeStep:
+    onset_ns: int
+    information: float
+    vector: float
+    energy: float
+    count: int
+    sensitivity: Tensor
+    jump: Tensor
+
+
 class Alignment:
     mode: int
     heading_sigma: float
@@ -294,6 +304,7 @@ class Snapshot:
     integrity: Integrity
     process_noise: ProcessNoise
     drift: Drift
+    time_step: TimeStep
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid
@@ -316,6 +327,7 @@ class Core:
     integrity: Integrity
     process_noise: ProcessNoise
     drift: Drift
+    time_step: TimeStep
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid

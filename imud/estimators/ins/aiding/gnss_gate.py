@@ -17,8 +17,9 @@ from ...tuning import Tunable
 from ..ekf import add_covariance, add_variance, decorrelate, variance
 from ..integrity.gnss_drift import all_onsets_open, clear_detection, reset_drift
 from ..integrity.reset_inflation import inflate_position
+from ..integrity.time_step import reset_time_step
 from ..mechanization import displace
-from ..state import ATTITUDE, NAVIGATING, POSITION, VELOCITY
+from ..state import ATTITUDE, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY
 from .gnss_noise import clear_gnss_bias
 from .wheel_check import wheels_reject, wheels_support
 
@@ -50,6 +51,7 @@ TUNABLES = (
     Tunable(
         "drift_reset_s", 20.0, "s", "The same time where the receiver has been found to drift.", "Simulated drifts."
     ),
+    Tunable("reset_time_sigma", 0.2, "s", "Sigma of the stamps where that happened.", "Choice."),
     Tunable("max_reject_s", 60.0, "s", "Longest rejection of fixes that drift away.", "Choice."),
     Tunable("max_drift_speed", 5.0, "m/s", "Fastest drift of a receiver.", "Choice."),
     Tunable(
@@ -166,7 +168,7 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
 
 
 @kernel
-def reset_to_gnss(c: Core, first: int, last: int, supported: bool) -> None:
+def reset_to_gnss(c: Core, first: int, last: int, supported: bool, reset_time_sigma: float) -> None:
     """Set position axes first to last - 1 to the fix, and inflate their stated variance by the squared difference.
 
     Either the estimate or the receiver was wrong, so the difference is stated as an error. This inflation decays as the
@@ -185,6 +187,8 @@ def reset_to_gnss(c: Core, first: int, last: int, supported: bool) -> None:
     if first == 0 and not supported:
         add_variance(c, ATTITUDE + 2, math.radians(10.0) ** 2)
         c.integrity.reset_score += 1
+    if first == 0:
+        add_variance(c, TIME_OFFSET, reset_time_sigma * reset_time_sigma)
 
 
 @kernel
@@ -209,8 +213,9 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     longest_s = p.tuning.wheel_max_reject_s if wheels_support(p, c) else p.tuning.max_reject_s
     if (supported or drift_is_plausible(p, c, fix, outage_s)) and not consistent and outage_s < longest_s:
         return False
-    reset_to_gnss(c, 0, 2, supported)
+    reset_to_gnss(c, 0, 2, supported, p.tuning.reset_time_sigma)
     reset_drift(c)
+    reset_time_step(c)
     g.reject_count[0] = 0
     return True
 
@@ -227,7 +232,7 @@ def gate_height(p: Parameters, c: Core, nis: float) -> bool:
         g.reject_start_ns[1] = c.nav.t_ns
     if g.reject_count[1] <= p.tuning.reset_count or 1e-9 * (c.nav.t_ns - g.reject_start_ns[1]) <= p.tuning.reset_s:
         return False
-    reset_to_gnss(c, 2, 3, c.stationarity.at_rest != 0)
+    reset_to_gnss(c, 2, 3, c.stationarity.at_rest != 0, 0.0)
     g.reject_count[1] = 0
     return True
 

@@ -25,6 +25,7 @@ from ..fusion import NO_GATE, correct_state, gated_update
 from ..mechanization import ned_to_body
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 from .gnss_drift import reset_drift
+from .time_step import reset_time_step
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters
@@ -177,6 +178,7 @@ def monitor_gravity(p: Parameters, c: Core) -> None:
         correct_state(p, c)
         reset_pairs(c)
         reset_drift(c)
+        reset_time_step(c)
         restart_gravity_monitor(p, c)
     elif g.time > p.tuning.gravity_memory_s:
         restart_gravity_monitor(p, c)

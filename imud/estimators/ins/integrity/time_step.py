@@ -1,0 +1,154 @@
+"""The time step test: have the receiver's stamps stepped, so that the time offset is another than the filter knows?
+
+The filter, sure of the old offset, would refuse the fixes or bend the trajectory. A step d of the offset since an onset
+is an error like any other: its effect w on all error states, per second, follows the filter's own steps,
+
+    w = 1 at TIME_OFFSET at the onset,    w <- T w (T: the transition matrix),    w <- (I - K h) w at an update,
+
+and an innovation z of variance s has the mean h w d. Least squares over the innovations of positions and velocities
+since the onset, also of those that were rejected, gives d, and its chi-square is compared with a threshold (generalized
+likelihood ratio, GLR). The chi-square is divided by the mean square of what the step leaves unexplained, so that a
+receiver that errs in any direction proves none, and a constant jump of the position is eliminated first: what shows a
+step are changes of the velocity. The onset is the last fix that was as expected.
+
+When a step is detected, x += w d and P += sigma^2 (w w' + u u'), with 1 at TIME_OFFSET and v at POSITION in u: what an
+offset and a place along the track have in common, h u = 0. The fixes that follow say the rest.
+
+Source: Friedland, Treatment of bias in recursive filtering (1969); Willsky and Jones (1976), as `gnss_drift`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ....compile.jit import kernel
+from ...tuning import Tunable
+from ..ekf import add_correction, add_covariance
+from ..error_model import apply_transition
+from ..state import NEVER_NS, POSITION, STATES, TIME_OFFSET
+
+if TYPE_CHECKING:
+    from ..types import Core, Parameters, Transition
+
+TUNABLES = (
+    Tunable("time_step_chi2", 30.0, "", "Chi-square (1 degree of freedom) that proves a step.", "5.5 sigma."),
+    Tunable("time_step_doubt", 4.0, "", "Chi-square from which the onset is kept.", "Two sigma."),
+    Tunable("time_step_sigma", 0.3, "", "Sigma of a step that was detected, as a share of it.", "Choice."),
+    Tunable("min_time_step_s", 0.3, "s", "Least step; the offset's own sigma covers smaller ones.", "Recorded drives."),
+    Tunable("max_time_step_s", 2.5, "s", "Largest step.", "Leap seconds are corrected by one or two."),
+)
+
+
+@kernel
+def reset_time_step(c: Core) -> None:
+    """Forget the onset: the estimate is new."""
+    c.time_step.onset_ns = NEVER_NS
+
+
+@kernel
+def open_time_step(c: Core) -> None:
+    """The onset is now."""
+    g = c.time_step
+    g.onset_ns = c.nav.t_ns
+    g.information = g.vector = g.energy = 0.0
+    g.count = 0
+    for i in range(STATES):
+        g.sensitivity[i, 0] = 0.0
+    g.sensitivity[TIME_OFFSET, 0] = 1.0
+    g.jump[:] = 0.0
+
+
+@kernel
+def propagate_time_step(c: Core, transition: Transition) -> None:
+    """w <- transition w."""
+    if c.time_step.onset_ns != NEVER_NS:
+        apply_transition(c.time_step.sensitivity, 1, transition)
+
+
+@kernel
+def mean_innovation(c: Core, length: int) -> float:
+    """h w, m or m/s per second of the step; the Jacobian has `length` elements."""
+    hw = 0.0
+    for k in range(length):
+        hw += c.scratch.values[k] * c.time_step.sensitivity[c.scratch.columns[k], 0]
+    return hw
+
+
+@kernel
+def count_innovation(c: Core, length: int, z: float, s: float, axis: int) -> None:
+    """Count an innovation z of variance s of a fix, used or not; call before its update; axis: see `fuse`."""
+    g, hw = c.time_step, mean_innovation(c, length)
+    g.information += hw * hw / s
+    g.vector += hw * z / s
+    g.energy += z * z / s
+    g.count += 1
+    if axis < 0:
+        return
+    g.jump[axis, 0] += 1.0 / s
+    g.jump[axis, 1] += hw / s
+    g.jump[axis, 2] += z / s
+
+
+@kernel
+def update_time_step(c: Core, length: int, s: float) -> None:
+    """w <- (I - K h) w before the scalar update that follows, of variance s; P h is in scratch.d."""
+    if c.time_step.onset_ns == NEVER_NS:
+        return
+    share = mean_innovation(c, length) / s
+    for i in range(STATES):
+        c.time_step.sensitivity[i, 0] -= share * c.scratch.d[i]
+
+
+@kernel
+def chi2_beyond(information: float, vector: float, energy: float, count: float) -> float:
+    """Chi-square of a step, over the mean square of what it leaves unexplained where that is above 1."""
+    if not (information > 0.0 and count > 0.0):
+        return 0.0
+    explained = vector * vector / information
+    return float(explained / max((energy - explained) / count, 1.0))
+
+
+@kernel
+def find_time_step(c: Core) -> tuple[float, float]:
+    """The step, s, and its chi-square, beyond what a jump of the position explains."""
+    g = c.time_step
+    information, vector, energy = g.information, g.vector, g.energy
+    for axis in range(2):
+        r = g.jump[axis]
+        if r[0] > 0.0:
+            information -= r[1] * r[1] / r[0]
+            vector -= r[1] * r[2] / r[0]
+            energy -= r[2] * r[2] / r[0]
+    if not information > 1e-9 * g.information:
+        return 0.0, 0.0
+    return vector / information, chi2_beyond(information, vector, energy, g.count - 3.0)
+
+
+@kernel
+def apply_time_step(c: Core, d: float, sigma: float) -> None:
+    """Gather the step d, s, in scratch.x, and add its doubt, of sigma s, to P; see the file's head."""
+    w, v, s2 = c.time_step.sensitivity, c.nav.v_n, sigma * sigma
+    for i in range(STATES):
+        add_correction(c, i, w[i, 0] * d)
+        for k in range(i, STATES):
+            add_covariance(c, i, k, s2 * w[i, 0] * w[k, 0])
+    for i in range(3):
+        for k in range(i, 3):
+            add_covariance(c, POSITION + i, POSITION + k, s2 * v[i] * v[k])
+        add_covariance(c, POSITION + i, TIME_OFFSET, s2 * v[i])
+    add_covariance(c, TIME_OFFSET, TIME_OFFSET, s2)
+
+
+@kernel
+def detect_time_step(p: Parameters, c: Core) -> bool:
+    """After a fix, while navigating: True if a step is detected; then its correction is in scratch.x, not injected."""
+    g = c.time_step
+    if g.onset_ns == NEVER_NS or chi2_beyond(g.information, g.vector, g.energy, g.count) < p.tuning.time_step_doubt:
+        open_time_step(c)
+        return False
+    d, chi2 = find_time_step(c)
+    if chi2 > p.tuning.time_step_chi2 and p.tuning.min_time_step_s < abs(d) < p.tuning.max_time_step_s:
+        apply_time_step(c, d, p.tuning.time_step_sigma * abs(d))
+        open_time_step(c)
+        return True
+    return False

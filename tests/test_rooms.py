@@ -59,7 +59,13 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     tuple(f"imud/estimators/ins/{name}.py" for name in ("checkpoint", "error_model", "lever_arm", "setup", "solution")),
     tuple(  # what has to see every step of the Kalman filter
         f"imud/estimators/ins/{name}.py"
-        for name in ("process_noise", "integrity/gnss_drift", "integrity/reset_inflation", "alignment/force_integrals")
+        for name in (
+            "process_noise",
+            "integrity/gnss_drift",
+            "integrity/reset_inflation",
+            "integrity/time_step",
+            "alignment/force_integrals",
+        )
     ),
     ("imud/estimators/ins/fusion.py",),
     ("imud/estimators/ins/stationarity.py", "imud/estimators/ins/rest.py"),

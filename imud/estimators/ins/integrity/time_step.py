@@ -119,8 +119,7 @@ def find_time_step(c: Core) -> tuple[float, float]:
             information -= r[1] * r[1] / r[0]
             vector -= r[1] * r[2] / r[0]
             energy -= r[2] * r[2] / r[0]
-    if not information > 1e-9 * g.information:
-        return 0.0, 0.0
+    information = max(information, 1e-9 * g.information)  # not 0 by rounding
     return vector / information, chi2_beyond(information, vector, energy, g.count - 3.0)
 
 

@@ -26,6 +26,11 @@ def drivers() -> tuple[AnyDriver, ...]:
     return tuple(sorted(found, key=lambda driver: str(driver.name)))
 
 
+def is_ours(driver: AnyDriver) -> bool:
+    """Whether it is one of this package, and no plug-in's."""
+    return type(driver).__module__.startswith(f"{__package__}.")
+
+
 def names() -> tuple[str, ...]:
     """What a user may write as a driver."""
     return tuple(driver.name for driver in drivers())

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imud.drivers.driver import Identity, ImuConfigured, ImuDriver
-from imud.drivers.registry import drivers
+from imud.drivers.registry import drivers, is_ours
 from imud.drivers.sample import SAMPLE
 
 from .compile.entry import Dtype, Entry, recording_entries
@@ -31,16 +31,20 @@ from .stages import decoding
 _RATE_HZ, _PERIOD_NS = 1000.0, 1_000_000
 
 
-def _scratch() -> list[tuple[ImuDriver, NDArray[np.void]]]:
+def _scratch(plugins_only: bool = False) -> list[tuple[ImuDriver, NDArray[np.void]]]:
     """Every driver of inertial sensors, with a decoder state for it to work on."""
-    sensors = [driver for driver in drivers() if driver.kind == "imu"]
+    sensors = [driver for driver in drivers() if driver.kind == "imu" and not (plugins_only and is_ours(driver))]
     return [(d, d.new_state(ImuConfigured(Identity(d.name, ""), _RATE_HZ, _PERIOD_NS, 0, 0))) for d in sensors]
 
 
-def warm_decoders() -> None:
-    """Compile, or load, the decoder of every inertial sensor, and the daemon's cycle."""
-    for driver, state in _scratch():
+def warm_decoders(plugins_only: bool = False) -> None:
+    """Compile, or load, the decoder of every inertial sensor."""
+    for driver, state in _scratch(plugins_only):
         decoding(driver, state)
+
+
+def warm_loop() -> None:
+    """Compile, or load, the daemon's cycle."""
     with contextlib.closing(FastLoop()) as fast_loop:
         outputs = BinaryOutputs(Settings(), fast_loop.others, 1)
         fast_loop.run_until_event(0, outputs, 0, 0)
@@ -81,6 +85,7 @@ def entries() -> dict[str, tuple[Entry, tuple[Dtype, ...]]]:
     words = np.zeros(4, WORD)
     with recording_entries() as found:
         warm_decoders()
+        warm_loop()
         warm_analysis()
         write(0, 0, words, 0)
         for name in registry.NAMES:

@@ -165,6 +165,7 @@ from imud import compilation
 from imud.configuration.settings import Settings
 from imud.estimators import registry
 compilation.warm_decoders()
+compilation.warm_loop()
 for name in registry.NAMES:
     compilation.warm(registry.by_name(name), Settings())
     compilation.warm_replay(registry.by_name(name), Settings())

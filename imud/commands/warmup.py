@@ -21,6 +21,7 @@ def run(args: argparse.Namespace) -> int:
     cache = numba_cache.required()
     estimators = [registry.by_name(name) for name in args.estimator or registry.NAMES]
     compilation.warm_decoders()
+    compilation.warm_loop()
     for number, estimator in enumerate(estimators, 1):
         print(f"imud: compiling {number}/{len(estimators)}: {estimator.name}", file=sys.stderr, flush=True)
         compilation.warm(estimator, Settings())

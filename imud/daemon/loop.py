@@ -16,6 +16,7 @@ from .. import compilation
 from ..compile import library
 from ..configuration.settings import Settings
 from ..errors import ImudError
+from ..estimators import registry
 from ..outputs.all import Outputs
 from ..process import garbage, realtime
 from ..process.contained import ContainedErrors
@@ -106,15 +107,18 @@ class Daemon:
         return stack.enter_context(contextlib.closing(opened))
 
     def _prepare_kernels(self) -> None:
-        """Call all of them once. Where numba has to compile them, that takes minutes."""
-        if library.library() is None:
+        """Call once those that numba has to compile, which takes minutes: where there is no library, or a plug-in's."""
+        compiled = library.library() is not None
+        if not compiled:
             self._log.info(
                 "numba compiles the kernels, which takes minutes", estimator=self._devices.selection.estimator.name
             )
             self._notifier.say("STATUS=compiling", "EXTEND_TIMEOUT_USEC=3600000000")
-        compilation.warm_decoders()
+        compilation.warm_loop()
+        compilation.warm_decoders(plugins_only=compiled)
         for estimator in self._devices.possible_estimators():
-            compilation.warm(estimator, self._settings)
+            if not compiled or estimator.name not in registry.NAMES:
+                compilation.warm(estimator, self._settings)
 
     def _serve(self) -> None:
         slow_ns = 0

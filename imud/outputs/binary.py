@@ -71,7 +71,7 @@ class BinaryOutputs:
         except BaseException:
             self.stream.close()
             raise
-        self._messages = np.zeros(batch, LAYOUT)
+        self._messages = np.zeros(batch if settings.stream.listen or self._shared else 0, LAYOUT)
         self._messages["magic"], self._messages["version"], self._messages["size"] = MAGIC, VERSION, RECORD.size
         self.record["messages"] = self._messages.ctypes.data
         self.record["time_at"] = self.record["time"].ctypes.data

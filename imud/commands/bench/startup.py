@@ -1,24 +1,36 @@
-"""The time from the command to READY, and the memory then; compared with importing numpy alone, the least there is."""
+"""How long commands take from their start, and the memory of the daemon; beside importing numpy alone, in turns."""
 
+import contextlib
 import math
 import os
 import signal
+import socket
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from imud.errors import ImudError
 
+from . import signals
 from .table import Section
 from .turns import Turns
 
 _READY = " ready "
+_MINUTE_S = 60
+_CLIENT_S, _WAIT_S = 5.0, 30.0  # with a client until the memory is read; for its first report
+_SMALL = ("--version", "--help", "status", "probe")  # commands: status and probe find no daemon, no device
 _IMPORTS = "Python and numpy are most of it; then structlog, msgspec and the daemon's own modules"
-_VERSION = "it needs neither numpy nor a kernel, only Python and argparse"
+_RECEIVER = "with a receiver: the filter's 2 MB of rings, the receivers' drivers, the gpsd protocol"
+_PARSER = "it needs neither numpy nor a kernel, only Python and argparse"
+_DRIVERS = "the drivers of all devices are loaded, whose records are numpy's"
+_TABLE = "most of it is decimal text, in and out, of 60,000 rows"
 
 
 def _ready(memory_mb: list[float], **variables: str) -> float:
@@ -52,29 +64,92 @@ def _resident_mb(pid: int) -> float:
 
 def _python(*arguments: str) -> float:
     begin = time.perf_counter()
-    subprocess.run([sys.executable, *arguments], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run(
+        [sys.executable, *arguments], check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )  # status and probe end with an error where there is nothing
     return time.perf_counter() - begin
 
 
+@contextlib.contextmanager
+def _ended_after(command: list[str], log: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """A command of imud's, until the block ends."""
+    with log.open("wb") as file:
+        process = subprocess.Popen([sys.executable, "-m", "imud", *command], stdout=file, stderr=file)
+    with process:
+        try:
+            yield process
+        finally:
+            process.terminate()
+
+
+def memory_with_receiver(client_s: float = _CLIENT_S) -> float:
+    """MB that the daemon takes with an inertial sensor, a receiver and a client. Raises ImudError."""
+    with tempfile.TemporaryDirectory() as name, contextlib.ExitStack() as stack:
+        folder = Path(name)
+        ports, address = [str(folder / device) for device in ("imu", "gnss")], str(folder / "gpsd")
+        links = [word for port in ports for word in ("--link", port)]
+        stack.enter_context(_ended_after(["sim", "g350", "nmea", "--scenario", "car", *links], folder / "sim.log"))
+        _wait_until(lambda: all(map(os.path.exists, ports)), folder / "sim.log")
+        named = [word for port in ports for word in ("--port", port)]
+        daemon = stack.enter_context(_ended_after(["run", *named, "--listen", address], folder / "run.log"))
+        log = folder / "run.log"
+        _wait_until(lambda: log.read_text().count(" streaming ") == len(ports), log)
+        with socket.socket(socket.AF_UNIX) as client:
+            client.connect(address)
+            client.sendall(b'?WATCH={"enable":true,"json":true};\n')
+            client.settimeout(_WAIT_S)
+            end = time.monotonic() + client_s
+            while time.monotonic() < end:
+                client.recv(1 << 16)
+            return _resident_mb(daemon.pid)
+
+
+def _wait_until(met: Callable[[], bool], log: Path) -> None:
+    end = time.monotonic() + _WAIT_S
+    while not met():
+        if time.monotonic() > end:
+            raise ImudError(f"bench: {log.read_text()[-500:]}")
+        time.sleep(0.05)
+
+
+def _write_minute(file: Path) -> None:
+    """A minute of samples at 1 kHz, as `imud replay` reads them."""
+    rows = signals.samples(_MINUTE_S * signals.RATE_HZ)
+    names = "t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2"
+    np.savetxt(file, np.c_[rows["t_ns"] * 1e-9, rows["w"], rows["f"]], "%.7g", ",", header=names, comments="")
+
+
 def start(rounds: int, cold: bool) -> Section:
-    """cold: also of sources that have changed, so that the kernels are compiled."""
-    section = Section(f"Start, medians of {rounds} turns")
+    """cold: also how long the kernels take to compile, as at the installation."""
+    section = Section(f"Start, medians of {rounds} turns; x: times as long as importing numpy")
     memory_mb: list[float] = []
-    turns = Turns(
-        rounds,
-        partial(_ready, memory_mb),
-        partial(_python, "-c", "import numpy"),
-        partial(_python, "-m", "imud", "--version"),
-    )
-    section.add("import numpy", turns.median(1), "s")
-    section.add("start to READY", turns.median(0), "s")
-    section.add("start against import numpy", turns.ratio(0, 1), "x", most=2.5, reason=_IMPORTS)
-    section.add("imud --version against import numpy", turns.ratio(2, 1), "x", most=1.0, reason=_VERSION)
-    section.add("memory when READY", statistics.median(memory_mb), "MB", most=40, reason=_IMPORTS)
-    if cold:
-        with tempfile.TemporaryDirectory() as folder:
-            library = Path(folder, "kernels.so")
-            section.add("start after a change of the sources", _ready([], IMUD_KERNELS=str(library)), "s")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        minute, library = folder / "imu.csv", folder / "kernels.so"
+        _write_minute(minute)
+        turns = Turns(
+            rounds,
+            partial(_python, "-c", "import numpy"),
+            partial(_ready, memory_mb),
+            partial(_python, "-m", "imud", "replay", "--imu", str(minute), "-o", str(folder / "estimates.csv")),
+            *(partial(_python, "-m", "imud", command) for command in _SMALL),
+        )
+        section.add("import numpy", turns.median(0), "s")
+        section.add("start to READY", turns.ratio(1, 0), "x", most=2.5, reason=_IMPORTS)
+        for place, command in enumerate(_SMALL, 3):
+            most, reason = (1.5, _DRIVERS) if command == "probe" else (1.0, _PARSER)
+            section.add(f"imud {command}", turns.ratio(place, 0), "x", most=most, reason=reason)
+        section.add("imud replay of a minute, 1 kHz, CSV", turns.ratio(2, 0), "x", most=4.0, reason=_TABLE)
+        section.add("memory when READY", statistics.median(memory_mb), "MB", most=40, reason=_IMPORTS)
+        try:
+            section.add("memory with receiver and client", memory_with_receiver(), "MB", most=40, reason=_RECEIVER)
+        except (ImudError, OSError) as error:
+            section.add("memory with receiver and client", math.nan, "MB", most=40, note=str(error))
+        if cold:
+            seconds = _python("-m", "imud.compile", str(library))
             size = library.stat().st_size if library.exists() else math.nan
-            section.add("compiled kernels", size * 1e-6, "MB", note="" if library.exists() else "no C compiler")
+            note = "" if library.exists() else "no C compiler"
+            ratio = math.nan if note else seconds / turns.median(0)
+            section.add("installing: compiling the kernels", ratio, "x", note=note)
+            section.add("compiled kernels", size * 1e-6, "MB", note=note)
     return section

@@ -14,6 +14,21 @@ from imud.client import connect
 from imud.commands.bench.live import traced_calls
 
 FRAMES, SENT = 6000, 3000
+TRACES = 5  # at most: one in which the machine starved daemon or emulator for more than a second says nothing
+BY_TIME = 200  # system calls per second, as 20 looks at everything, 10 views, the threads of the state's files
+
+
+def traced(states, pid, file):
+    """System calls of the process while so many states come, how many came, and how long it took; else nothing."""
+    with subprocess.Popen(["strace", "-c", "-o", file, "-p", str(pid)], stderr=subprocess.PIPE, text=True) as tracer:
+        attached, begin_s = "attached" in tracer.stderr.readline(), time.monotonic()
+        begin = next(states).seq
+        seen = [next(states).seq for _ in range(SENT if attached else 0)]
+        tracer.send_signal(signal.SIGINT)
+        tracer.communicate()
+    if not attached:
+        return {}
+    return traced_calls(file.read_text()) | {"frames": seen[-1] - begin, "seconds": time.monotonic() - begin_s}
 
 
 @pytest.fixture(scope="module")
@@ -25,8 +40,9 @@ def watched(tmp_path_factory):
     outputs = ("--listen", str(folder / "gpsd"), "--set", f"stream.listen={stream}")
     calls = {}
     with (
+        (folder / "log").open("w") as log,
         emulator("g350", "--scenario", "rest", "--patient", links=[port]),
-        process(*command, *outputs, stderr=subprocess.DEVNULL, env={**os.environ, "NO_COLOR": "1"}) as running,
+        process(*command, *outputs, stderr=log, env={**os.environ, "NO_COLOR": "1"}) as running,
     ):
         deadline = time.monotonic() + START_S
         while not stream.exists():
@@ -37,15 +53,11 @@ def watched(tmp_path_factory):
             first = next(states).seq
             while next(states).seq < first + FRAMES:
                 pass
-            if shutil.which("strace"):
-                command = ["strace", "-c", "-o", folder / "calls", "-p", str(running.pid)]
-                with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as tracer:
-                    attached = "attached" in tracer.stderr.readline()
-                    begin = next(states).seq
-                    seen = [next(states).seq for _ in range(SENT if attached else 0)]
-                    tracer.send_signal(signal.SIGINT)
-                if attached:
-                    calls = traced_calls((folder / "calls").read_text()) | {"frames": seen[-1] - begin}
+            for _ in range(TRACES if shutil.which("strace") else 0):
+                calls = traced(states, running.pid, folder / "calls")
+                if "cannot keep up" not in (folder / "log").read_text():
+                    break
+                (folder / "log").write_text("")
         running.send_signal(signal.SIGTERM)
         assert running.wait(TIMEOUT_S) == 0
     return json.loads((folder / "seen.json").read_text()), calls
@@ -69,7 +81,8 @@ def test_a_wake_up_is_a_wait_and_a_read_and_a_send_for_each_subscriber(watched):
     calls = watched[1]
     if not calls:
         pytest.skip("strace is not on this machine, or may not attach")
-    frames, sends, reads = calls.pop("frames"), calls.pop("sendto"), calls["read"]
-    assert sends > SENT / 3  # the others waited to be seen before the tracer came
-    assert calls["ppoll"] <= reads + 0.1 * frames  # what is due by time; a busy machine reads several frames at once
-    assert sum(calls.values()) <= 2 * reads + 0.2 * frames, calls
+    by_time = BY_TIME * calls.pop("seconds")
+    sends, reads = calls.pop("sendto"), calls["read"]
+    assert SENT / 3 < sends <= calls.pop("frames") + SENT  # the others waited to be seen before the tracer came
+    assert calls["ppoll"] <= reads + by_time / 2.0  # a busy machine reads several frames at once
+    assert sum(calls.values()) <= 2 * reads + by_time, calls

@@ -42,6 +42,25 @@ def test_a_short_stall_is_processed_completely():
     assert not messages
 
 
+def test_only_an_overload_makes_each_batch_a_matter_of_python():
+    load = Load()
+    feed(load, [(1, 1)] * 100 + [(186, 186)] * 2)
+    assert load.max_batch(1e-3) == 100
+    feed(load, [(186, 186)] * 10)
+    assert load.max_batch(1e-3) == -1
+    feed(load, [(1, 1)] * 600, start_ms=4000)
+    assert load.max_batch(1e-3) == 100
+
+
+def test_late_batches_now_and_then_are_no_overload():
+    load = Load()
+    for now_ms in range(1000, 20_000, 100):  # what is not late in between does not come here
+        load.messages(0, now_ms * MS)
+        if now_ms % 700 == 0:
+            assert load.leaves_time_to_publish(150, 1e-3, now_ms * MS)
+        assert not load.overloaded
+
+
 def test_lasting_lateness_sheds_publishing_and_is_reported_once():
     load = Load()
     published, messages = feed(load, [(1, 1)] * 100 + [(186, 186)] * 50)

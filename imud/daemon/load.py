@@ -28,22 +28,26 @@ class Load:
         self._lost_before = 0
 
     def max_batch(self, period_s: float) -> int:
-        """The largest batch that may be published without asking; -1: none, while lateness is being watched."""
-        return max(LATE_SAMPLES - 1, int(LATE_S / period_s)) if self._since_ns is None else -1
+        """The largest batch that may be published without asking; -1: none, during an overload."""
+        return -1 if self.overloaded else max(LATE_SAMPLES - 1, int(LATE_S / period_s))
 
     def leaves_time_to_publish(self, n: int, period_s: float, now_ns: int) -> bool:
         """Count a batch of n samples; returns whether to publish it."""
         if n >= LATE_SAMPLES and n * period_s > LATE_S:
             self._since_ns = now_ns if self._since_ns is None else self._since_ns
             self._late_ns = now_ns
-        elif self._since_ns is not None and now_ns - self._late_ns > RECOVERY_NS:
-            self._since_ns = None
+        else:
+            self._look_for_recovery(now_ns)
         self.overloaded = self._since_ns is not None and self._late_ns - self._since_ns > OVERLOAD_NS
         if self.overloaded and self._share > CHEAP and now_ns - self._published_ns < OVERLOAD_PERIOD_NS:
             self.shed += 1
             return False
         self._published_ns = now_ns
         return True
+
+    def _look_for_recovery(self, now_ns: int) -> None:
+        if now_ns - self._late_ns > RECOVERY_NS:
+            self._since_ns = None
 
     def published(self, n: int, period_s: float, processor_ns: int) -> None:
         """Publishing a batch of n samples took so much time of the processor."""
@@ -53,6 +57,8 @@ class Load:
         """Lines for the log since the last call; call it several times a second. lost: samples lost so far."""
         gap_ns = now_ns - self._ticked_ns if self._ticked_ns else 0
         self._ticked_ns = now_ns
+        if not self.overloaded:  # then batches that are not late are published without asking
+            self._look_for_recovery(now_ns)
         texts = []
         if gap_ns > STALL_NS:
             texts += [

@@ -14,6 +14,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 START_S = 900.0  # kernels may have to be compiled first, on a busy machine
+# before a command: permissions hold for it even if we are root, as in a container
+OBEYING = ("setpriv", "--bounding-set=-all", "--inh-caps=-all") if os.geteuid() == 0 else ()
 TIMEOUT_S = 120.0  # like all limits here: against hanging, not to be measured by
 
 

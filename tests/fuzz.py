@@ -89,8 +89,9 @@ def guided(name: str, seconds: float) -> None:
     import atheris
 
     inputs = inputs_of(name)
+    ours = {path.stem for path in Path(__file__).parent.glob("*.py")} - {"fuzz"} | {"imud"}
     for module in list(sys.modules):
-        if module.split(".")[0] in ("imud", "fuzz_surfaces"):
+        if module.split(".")[0] in ours:
             del sys.modules[module]
     with atheris.instrument_imports(include=["imud"]):
         import fuzz_surfaces as instrumented

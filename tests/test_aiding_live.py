@@ -46,6 +46,9 @@ def test_a_heading_with_and_without_a_time():
     [
         ("{", "JSON", "no JSON"),
         ("[1]", "JSON", "no JSON object"),
+        ('{"class":"HDG","heading":1,"heading":2}', "JSON", "a name is there twice"),
+        ('{"class":"HDG","heading":NaN}', "JSON", "NaN is no number of JSON"),
+        ('{"class":"HDG","heading":' + "9" * 4000 + "}", "value", "heading is no number"),
         ("[" * 3000, "JSON", "no JSON"),
         ('{"heading":1}', "class", "None is not one of the estimator's: HDG"),
         ('{"class":["HDG"],"heading":1}', "class", "is not one of"),

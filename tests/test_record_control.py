@@ -14,7 +14,9 @@ from imud.configuration.settings import Record, Settings
 from imud.drivers.capture import Capture
 from imud.drivers.driver import GnssConfigured, Identity
 from imud.outputs.addresses import AddressInUseError, is_from_this_machine
+from imud.recording import control
 from imud.recording.control import Recordings
+from imud.recording.recorder import Recorder
 
 
 def settings(folder="", path=""):
@@ -54,6 +56,25 @@ def test_a_client_begins_and_ends_recordings_in_the_folder(tmp_path):
     assert capture.broken == ""
     assert [raw.data for raw in reads_of(path, 0)] == [b"abc"]
     assert [msgspec.json.decode(m.data)["text"] for m in messages if m.topic == "/events"] == ["something"]
+
+
+def test_a_client_that_begins_and_ends_them_again_and_again_makes_no_processes(tmp_path, monkeypatch):
+    begun = []
+
+    class Counted(Recorder):
+        def __init__(self, settings):
+            begun.append(time.monotonic())
+            super().__init__(settings)
+
+    monkeypatch.setattr(control, "Recorder", Counted)
+    began_s = time.monotonic()
+    with Recordings(settings(tmp_path)) as recordings:
+        for _ in range(100):
+            answers = [json.loads(recordings.handle_command(b'{"enable":%s}' % on)) for on in (b"true", b"false")]
+            recordings.tick()
+        if time.monotonic() - began_s < control._PAUSE_S:
+            assert "try again in" in answers[0]["trouble"]
+    assert len(begun) <= 1 + (time.monotonic() - began_s) / control._PAUSE_S
 
 
 @pytest.mark.parametrize(

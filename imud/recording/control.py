@@ -3,6 +3,7 @@
 A client never names a file: it is made in `record.folder`, if there is one, and named after the time.
 """
 
+import math
 import os
 import time
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from ..errors import ImudError
 if TYPE_CHECKING:
     from .recorder import Recorder
 
+_PAUSE_S = 2.0  # between the beginnings of recordings that clients ask for
 LogLines = list[tuple[str, str]]
 
 
@@ -38,6 +40,7 @@ class Recordings:
         self._settings = settings
         self._configured = self.current is not None
         self._closing: list[Recorder] = []
+        self._begun_s = -math.inf
         self._trouble = folder_trouble(settings.record.folder)
         self._trouble_reported = False
 
@@ -101,6 +104,10 @@ class Recordings:
             self.on_end()
 
     def _begin(self) -> None:
+        if self._closing or time.monotonic() - self._begun_s < _PAUSE_S:  # each is a process, and a file
+            self._trouble = f"the recording before has only just been made: try again in {_PAUSE_S:g} s"
+            return
+        self._begun_s = time.monotonic()
         path = Path(self._settings.record.folder) / time.strftime("imud-%Y%m%d-%H%M%SZ.mcap", time.gmtime())
         record = msgspec.structs.replace(self._settings.record, path=str(path))
         try:

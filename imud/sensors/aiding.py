@@ -5,13 +5,13 @@ class says which aiding source it is, the other names are those of its columns w
 in Unix time; without it the epoch is the arrival. A line that cannot be used is counted, and costs nothing else.
 """
 
+import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from ..estimators.aiding_source import AidingSource
@@ -150,12 +150,25 @@ class AidingReceiver:
 
 def _object(line: bytes) -> dict[str, Any]:
     try:
-        values = msgspec.json.decode(line)
-    except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
+        values = json.loads(line, object_pairs_hook=_once, parse_constant=_refuse)
+    except (ValueError, RecursionError) as error:
         raise _RefusedError("JSON", f"no JSON ({error})") from None
     if not isinstance(values, dict):
         raise _RefusedError("JSON", "no JSON object")
     return values
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object. Raises ValueError for a name that is there twice: which of them was meant?"""
+    values = dict(pairs)
+    if len(values) < len(pairs):
+        raise ValueError("a name is there twice")
+    return values
+
+
+def _refuse(constant: str) -> None:
+    """NaN and the infinite are not JSON."""
+    raise ValueError(f"{constant} is no number of JSON")
 
 
 def _row(source: AidingSource, values: dict[str, Any]) -> dict[str, float]:

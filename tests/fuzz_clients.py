@@ -20,21 +20,20 @@ from imud.commands.foxglove.server import Channels
 from imud.commands.live import _Fixes, _States
 from imud.errors import ImudError
 from imud.outputs.addresses import Address, parse_address
+from imud.recording.enu import LocalMap
 from imud.ros2.converter import Converter
 
 _ANSWER_S = 5.0
 
 
 class Foxglove(Channels):
-    """The topics as if every one were watched."""
+    """The topics as if every one were watched, without a server."""
+
+    def __init__(self) -> None:
+        self._plane, self._channels = LocalMap(), {"all": _Watched()}
 
     def _send(self, topic: str, unix_ns: int, make: Callable[[], bytes | None]) -> None:
         make()
-
-    def on_solution(self, solution: np.void, unix_ns: int) -> None:
-        for channel in self._channels:
-            self._channels[channel] = _Watched()
-        super().on_solution(solution, unix_ns)
 
 
 class _Watched:

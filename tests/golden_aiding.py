@@ -109,6 +109,22 @@ def odometer_against_a_drift():
     return replace(navigated(samples, fixes), measurements=readings(d, seed=66))
 
 
+def two_wheels():
+    """An axle whose left wheel is 0.4 % larger; each wheel slips in turn, then the track is another one."""
+    d = road(110.0, swing=1.3)
+    samples, fixes = data(d, seed=83)
+    rows, rng = readings(d, seed=84), random(85)
+    v, t = rows["value"], rows["t_ns"] * 1e-9 - 100.0
+    v[:, 1] = 1.5 * np.interp(t, d.t, d.w[:, 2]) + 0.004 * v[:, 0] + 0.03 * rng.standard_normal(len(t))
+    for spins, side in (((t > 50.0) & (t < 54.0), 1.0), ((t > 60.0) & (t < 63.0), -1.0)):
+        v[spins, 0] += 1.0
+        v[spins, 1] += side * 2.0
+    v[t > 85.0, 1] *= 2.0
+    gone = (fixes["t_ns"] > 170e9) & (fixes["t_ns"] < 200e9)
+    settings = Settings(aiding=Aiding(track_width_m=1.5))
+    return replace(navigated(samples, fixes[~gone]), settings=settings, measurements=rows)
+
+
 def speed_through_water():
     """A ship's log in a current, while the receiver is lost; one reading in ten is far off."""
     d = road(100.0)

@@ -18,6 +18,7 @@ from golden_aiding import (
     pose_alone,
     pose_without_yaw,
     speed_through_water,
+    two_wheels,
 )
 from golden_gnss import (
     contrary_velocity,
@@ -122,7 +123,7 @@ CLASSES = (
     ferry, disturbed_rest, disturbed_rest_without_velocity, disturbed_rest_before_heading, rest_in_an_outage,
     heading_a_little_wrong, heading_just_wrong, force_that_creeps, moored, step_of_the_bias_at_rest, lift, pole,
     date_line, rtk_on_a_rough_road, odometer, odometer_without_sign, odometer_against_a_drift,
-    speed_through_water,
+    speed_through_water, two_wheels,
     barometer, pose, pose_alone, pose_without_yaw, external_velocity, body_velocity,
     magnetometer, magnetometer_contradicted, magnetometer_doubted,
 )  # fmt: skip

@@ -21,6 +21,7 @@ from imud.estimators.ins.aiding import (
     magnetometer,
     non_holonomic,
     odometer,
+    two_wheels,
 )
 from imud.estimators.ins.alignment.modes import transfer_lever_arm
 from imud.estimators.ins.ekf import decorrelate, inject_error
@@ -101,6 +102,7 @@ def recorder(monkeypatch):
     monkeypatch.setattr(magnetometer, "correlated_update", made.correlated_update)
     monkeypatch.setattr(heading, "correlated_update", made.correlated_update)
     monkeypatch.setattr(odometer, "correlated_update", made.correlated_update)
+    monkeypatch.setattr(two_wheels, "correlated_update", made.correlated_update)
     monkeypatch.setattr(barometer, "correlated_update", made.correlated_update)
     monkeypatch.setattr(external_pose, "correlated_update", made.correlated_update)
     monkeypatch.setattr(external_velocity, "correlated_update", made.correlated_update)
@@ -184,8 +186,24 @@ def measure_magnetometer(p, c, fix):
 def measure_odometer(p, c, fix):
     rows = np.zeros(4, INNOVATION).view(np.recarray)
     m = record(np.zeros(1, MEASUREMENT))
-    m.t_ns, m.kind, m.value, m.sigma = c.nav.t_ns, ODOMETER_SOURCE, 5.0, 9.0
+    m.t_ns, m.kind, m.value, m.sigma = (
+        c.nav.t_ns,
+        ODOMETER_SOURCE,
+        (5.0, np.nan, np.nan, np.nan),
+        (9.0, np.nan, np.nan, np.nan),
+    )
     c.odometer.direction = c.odometer.reverses = 1
+    p.tuning.odometer_gate = p.tuning.odometer_sign_sigmas = 1e6
+    interpreted(odometer.fuse_odometer)(p, c, m, rows)
+
+
+def measure_two_wheels(p, c, fix):
+    rows = np.zeros(4, INNOVATION).view(np.recarray)
+    m = record(np.zeros(1, MEASUREMENT))
+    m.t_ns, m.kind, m.sigma = c.nav.t_ns, ODOMETER_SOURCE, (9.0, np.nan, np.nan, np.nan)
+    m.value = 5.0, 0.4, np.nan, np.nan
+    c.odometer.direction = c.odometer.reverses = 1
+    p.track_width = 1.5
     p.tuning.odometer_gate = p.tuning.odometer_sign_sigmas = 1e6
     interpreted(odometer.fuse_odometer)(p, c, m, rows)
 
@@ -241,6 +259,13 @@ MEASUREMENTS = {  # measurement: rows, and the error states by which its Jacobia
     measure_external_velocity: (3, tuple(range(VELOCITY, GYRO_BIAS + 3))),
     measure_body_velocity: (3, tuple(range(VELOCITY, GYRO_BIAS + 3))),
     measure_barometer: (1, (POSITION + 2, BARO_OFFSET)),
+    measure_two_wheels: (
+        2,
+        (
+            *(*range(VELOCITY, VELOCITY + 3), *range(ATTITUDE, ATTITUDE + 3), *range(GYRO_BIAS, GYRO_BIAS + 3)),
+            *(MOUNT_PITCH, MOUNT_YAW, ODOMETER_SCALE),
+        ),
+    ),
     measure_odometer: (
         1,
         (

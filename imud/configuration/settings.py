@@ -273,6 +273,10 @@ class Aiding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             extra=HOT,
         ),
     ] = (0.0, 0.0, 0.0)
+    track_width_m: Annotated[
+        float,
+        number(0.0, 20.0, "m", "Between left and right wheel: their difference is a yaw rate; 0: not known.", hot=True),
+    ] = 0.0
     pose_lever_arm_m: Annotated[
         tuple[Length, Length, Length],
         Meta(description="Point of external poses, from the inertial sensor, in the vehicle's axes (FRD).", extra=HOT),

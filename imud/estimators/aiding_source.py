@@ -28,7 +28,8 @@ class AidingSource:
     names; the first stands for a measurement that came too late. reversed_sign: -1.0 for what changes its sign if time
     runs backward, as a speed does. alternatives: what may stand instead of a column: its name to the column, the
     conversion, and what is possible. optional: the columns that may be absent. short_names: of columns that have
-    another name in a datagram.
+    another name in a datagram. parts: columns that together may stand for others, which `combine` makes of them, in
+    their order.
 
         degrees = Column(DEGREE, -360.0, 360.0)
         AidingSource("heading", HEADING_SOURCE, "HDG", {"heading_deg": degrees}, …, {HEADING: KINDS[HEADING]})
@@ -44,11 +45,13 @@ class AidingSource:
     alternatives: dict[str, tuple[str, Callable[[float], float], float, float]] = field(default_factory=dict)
     optional: tuple[str, ...] = ()
     short_names: dict[str, str] = field(default_factory=dict)
+    parts: tuple[str, ...] = ()
+    combine: Callable[..., dict[str, float]] | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
         """All columns that a table may have of it."""
-        return (*self.columns, *self.alternatives, *self.sigmas)
+        return (*self.columns, *self.alternatives, *self.parts, *self.sigmas)
 
     def short_name(self, column: str) -> str:
         """What a column is called in a datagram."""
@@ -58,6 +61,8 @@ class AidingSource:
         """The columns that are missing among these, and have no alternative among them."""
         there = set(names)
         there |= {column for name, (column, *_) in self.alternatives.items() if name in there}
+        if self.combine is not None and there.issuperset(self.parts):
+            there |= self.combine(*[0.0] * len(self.parts)).keys()
         return [column for column in self.columns if column not in there and column not in self.optional]
 
     def _converted(self, row: Mapping[str, float]) -> Mapping[str, float]:
@@ -70,6 +75,8 @@ class AidingSource:
             if not low <= number <= high:
                 raise ValueError(f"{name} is {number:g}, outside {low:g} to {high:g}")
             found[column] = convert(number)
+        if self.combine is not None and all(not math.isnan(row.get(part, math.nan)) for part in self.parts):
+            found |= self.combine(*(row[part] for part in self.parts))
         return found
 
     def fill(self, measurement: Any, row: Mapping[str, float]) -> None:

@@ -34,6 +34,7 @@ from .records import (
     VELOCITY_D,
     VELOCITY_E,
     VELOCITY_N,
+    WHEEL_YAW_RATE,
 )
 
 
@@ -77,4 +78,5 @@ KINDS = {
     EXTERNAL_VY: InnovationKind("external_v_y", "external_vy_mps", "external velocity along y, m/s"),
     EXTERNAL_VZ: InnovationKind("external_v_z", "external_vz_mps", "external velocity along z, m/s"),
     MAGNETOMETER: InnovationKind("magnetometer", "magnetometer_rad", "heading by the earth's magnetic field, rad"),
+    WHEEL_YAW_RATE: InnovationKind("wheel_yaw_rate", "wheel_yaw_rate_radps", "yaw rate by two wheels, rad/s"),
 }

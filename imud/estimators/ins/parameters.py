@@ -110,6 +110,7 @@ PARAMETERS = np.dtype(
         ("gnss_lever_arm", "<f8", (3,)),  # m, antenna from IMU, body
         ("heading_boresight", "<f8"),  # rad, heading of the compass less that of the body
         ("odometer_lever_arm", "<f8", (3,)),  # m, wheel from IMU, body
+        ("track_width", "<f8"),  # m, between the two wheels; 0: not known
         ("pose_lever_arm", "<f8", (3,)),  # m, point of external poses from IMU, body
         ("velocity_lever_arm", "<f8", (3,)),  # m, point of external velocities from IMU, body
         ("magnetometer", "<i8"),  # 1: its readings are used
@@ -141,6 +142,7 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     r["gnss_lever_arm"] = settings.navigation.lever_arm_m
     r["heading_boresight"] = math.radians(settings.aiding.heading_boresight_deg)
     r["odometer_lever_arm"] = settings.aiding.odometer_lever_arm_m
+    r["track_width"] = settings.aiding.track_width_m
     r["pose_lever_arm"] = settings.aiding.pose_lever_arm_m
     r["velocity_lever_arm"] = settings.aiding.velocity_lever_arm_m
     r["magnetometer"] = settings.aiding.magnetometer

@@ -241,6 +241,10 @@ class Tuning:
     odometer_doubt_psd: float
     odometer_max_doubt_s: float
     odometer_sign_sigmas: float
+    track_width_error: float
+    wheel_radius_difference: float
+    wheel_difference_s: float
+    wheel_rate_sigma: float
     baro_sigma: float
     baro_correlation_s: float
     baro_offset_sigma: float

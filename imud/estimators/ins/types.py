@@ -18,6 +18,7 @@ class Parameters:
     gnss_lever_arm: Reals
     heading_boresight: float
     odometer_lever_arm: Reals
+    track_width: float
     pose_lever_arm: Reals
     velocity_lever_arm: Reals
     magnetometer: int

@@ -1,7 +1,8 @@
 """Speed of a wheel, an odometer or a log: along the forward axis of the vehicle, signed or not.
 
 z = reading - (1 + scale) u, with u = e_x' (C' v + w x l): e_x is the forward axis, l the wheel's place in the body. A
-measurement has value[0]: speed, m/s, and sigma[0]: m/s, NaN where it is not reported. Used while navigating.
+measurement has value[0]: speed, m/s, value[1]: of two wheels left less right (`two_wheels.py`), else NaN, and sigma[0]:
+m/s, NaN where it is not reported. Used while navigating.
 
 *Current.* A speed through the water differs from that over ground by the water's own speed, sigma[1]: an error that
 lasts. So many readings in its time know no more than one; and none of them tells whether the receiver drifts.
@@ -27,6 +28,7 @@ from ..fusion import correct_state, correlated_update, write_innovation
 from ..mechanization import quaternion
 from ..state import ATTITUDE, MOUNT_PITCH, MOUNT_YAW, NEVER_NS, ODOMETER_SCALE, VELOCITY
 from ..vehicle_axes import forward_axis, lateral_axis, vertical_axis
+from .two_wheels import fuse_yaw_rate
 
 if TYPE_CHECKING:
     from ...types import Innovation, Measurement
@@ -140,6 +142,13 @@ def inflate_velocity(p: Parameters, c: Core, forward: Vector, z: float, dt: floa
 
 
 @kernel
+def least(a: float, b: float, c: float) -> float:
+    """The one of three nearest to zero."""
+    ab = a if abs(a) <= abs(b) else b
+    return ab if abs(ab) <= abs(c) else c
+
+
+@kernel
 def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
     """Gate and fuse a reading; returns the rows of innovations."""
     dt = time_since_last(p, c, m)
@@ -166,13 +175,18 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
     r = single_variance(p, m, reading, slip_sigma, accel) + current * current
     correlated = slip_sigma * slip_sigma + (accel * p.tuning.odometer_time_sigma) ** 2
     others = max(2.0 * p.tuning.odometer_slip_time_s / dt, 1.0) - 1.0  # readings while the error of slip is the same
+    n = 0
+    if math.isfinite(m.value[1]) and p.track_width > 0.0 and c.odometer.direction != 0.0:
+        contradiction = fuse_yaw_rate(p, c, m, w, (r, slip_sigma * slip_sigma, others), dt, innovations)
+        n, z = 1, least(z, z + 0.5 * contradiction, z - 0.5 * contradiction)  # of both, of the left, of the right wheel
+        length = odometer_jacobian(c, forward, wheel, along)
     shared = others * correlated + (max(2.0 * p.tuning.odometer_current_s / dt, 1.0) - 1.0) * current * current
     z, s, nis = correlated_update(c, length, z, r, shared, p.tuning.odometer_gate)
     used = nis >= 0.0
-    if used:
+    if used or n > 0:
         correct_state(p, c)
     if used and current == 0.0:
         c.odometer.last_used_ns = m.t_ns
     elif current == 0.0:
         inflate_velocity(p, c, forward, z, dt)
-    return write_innovation(innovations, 0, m.t_ns, ODOMETER, z, s, used)
+    return write_innovation(innovations, n, m.t_ns, ODOMETER, z, s, used)

@@ -189,7 +189,7 @@ def measure_odometer(p, c, fix):
     m.t_ns, m.kind, m.value, m.sigma = (
         c.nav.t_ns,
         ODOMETER_SOURCE,
-        (5.0, np.nan, np.nan, np.nan),
+        (5.0, *[np.nan] * 5),
         (9.0, np.nan, np.nan, np.nan),
     )
     c.odometer.direction = c.odometer.reverses = 1
@@ -201,7 +201,8 @@ def measure_two_wheels(p, c, fix):
     rows = np.zeros(4, INNOVATION).view(np.recarray)
     m = record(np.zeros(1, MEASUREMENT))
     m.t_ns, m.kind, m.sigma = c.nav.t_ns, ODOMETER_SOURCE, (9.0, np.nan, np.nan, np.nan)
-    m.value = 5.0, 0.4, np.nan, np.nan
+    m.value = 5.0
+    m.value[1] = 0.4
     c.odometer.direction = c.odometer.reverses = 1
     p.track_width = 1.5
     p.tuning.odometer_gate = p.tuning.odometer_sign_sigmas = 1e6

@@ -118,6 +118,6 @@ def test_a_datagram_has_one_speed_or_two():
     lines = ['{"class":"ODO","speed":1}', '{"class":"ODO","left":1,"right":2}', '{"class":"ODO","left":1}']
     receiver = AidingReceiver()
     one, two = (row for _, row in receiver.decode("\n".join(lines).encode(), sources, 10**9, 10**18))
-    np.testing.assert_array_equal(one["value"][0], [1.0, np.nan, np.nan, np.nan])
-    np.testing.assert_array_equal(two["value"][0], [1.5, -1.0, np.nan, np.nan])
+    np.testing.assert_array_equal(one["value"][0, :2], [1.0, np.nan])
+    np.testing.assert_array_equal(two["value"][0, :2], [1.5, -1.0])
     assert "ODO without speed" in " ".join(receiver.messages)

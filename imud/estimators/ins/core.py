@@ -166,8 +166,11 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
         ("reject_start_ns", "<i8", (2,)),  # the first of them, or of those that are consistent with the velocity
         ("outage_at_reject_s", "<f8"),  # since the last fix used, when the first was rejected
         ("reject_offset", "<f8", (2,)),  # m, how far north and east of the estimate that was
-        ("frozen_position", "<f8", (2,)),  # latitude and longitude of the last fix
-        ("frozen_since_ns", "<i8"),  # and since when they are the same
+        ("last_position", "<f8", (2,)),  # latitude and longitude of the last fix
+        ("last_velocity", "<f8", (4,)),  # its velocity north and east, speed and course
+        ("unchanged_since_ns", "<i8"),  # when a fix first had that position
+        ("unchanged_estimate", "<f8", (2,)),  # latitude and longitude of the estimate then
+        ("frozen", "<i8"),  # 1: the vehicle has moved since, so that the receiver is frozen
         ("survey_epochs", "<i8"),  # 1: its epochs are a survey's, not confirmed yet
         ("velocity_reject_count", "<i8"),  # fixes in a row whose velocity was rejected
         (

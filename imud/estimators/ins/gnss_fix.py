@@ -10,7 +10,14 @@ from imud.drivers import elementary
 from ...compile.jit import kernel
 from ..records import POSITION_N
 from ..tuning import Tunable
-from .aiding.gnss_gate import clear_contradictions, contradicts_heading, fade_reset_score, is_frozen, reject_frozen
+from .aiding.gnss_gate import (
+    clear_contradictions,
+    contradicts_heading,
+    fade_reset_score,
+    position_is_frozen,
+    reject_frozen,
+    velocity_is_repeated,
+)
 from .aiding.gnss_noise import count_fix, horizontal_sigma, set_gnss_noise, set_speed
 from .aiding.gnss_position import fuse_gnss_position
 from .aiding.gnss_time import set_initial_time_offset
@@ -52,9 +59,11 @@ def set_noise(p: Parameters, c: Core, fix: Fix, first: bool) -> None:
 @kernel
 def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, innovations: list[Innovation]) -> int:
     """Fuse a fix at the core's time; it was true `late` s before. Returns the rows of innovations written."""
-    if is_frozen(p, c, fix):
+    repeated = velocity_is_repeated(c, fix)
+    if position_is_frozen(p, c, fix):
         reject_frozen(c)
-        return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
+        rows = write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
+        return rows if repeated else fuse_gnss_velocity(p, c, fix, late, innovations, rows)
     set_speed(c, elementary.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed)
     if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > p.tuning.max_valid_heading_sigma**2:
         change_mode(p, c, HEADING_LOST)

@@ -88,8 +88,7 @@ class Tuning:
     reset_time_sigma: float
     max_reject_s: float
     max_drift_speed: float
-    frozen_min_speed: float
-    frozen_min_s: float
+    frozen_min_m: float
     inertial_velocity_error: float
     inertial_heading_error: float
     max_velocity_rejects: int

@@ -156,8 +156,11 @@ class Integrity:
     reject_start_ns: Integers
     outage_at_reject_s: float
     reject_offset: Reals
-    frozen_position: Reals
-    frozen_since_ns: int
+    last_position: Reals
+    last_velocity: Reals
+    unchanged_since_ns: int
+    unchanged_estimate: Reals
+    frozen: int
     survey_epochs: int
     velocity_reject_count: int
     position_inflation: Reals

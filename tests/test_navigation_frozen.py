@@ -1,0 +1,67 @@
+"""A receiver that repeats itself under new stamps while the vehicle moves: no fix, until its digits change."""
+
+import numpy as np
+import pytest
+from navigation_runner import navigate, settings_of
+from navigation_simulation import drive, errors, received, sensed
+
+from imud.estimators.records import COASTING, REJECTING
+
+RATE, BEGIN_S, END_S = 100, 90.0, 120.0
+
+
+def frozen(fixes, names):
+    t = fixes["t_ns"] * 1e-9 - 100.0
+    k = np.flatnonzero((t >= BEGIN_S) & (t < END_S))
+    for name in names:
+        fixes[name][k] = fixes[name][k[0]]
+
+
+def errors_in_sigmas(d, out, begin_s, end_s):
+    k = slice(int(begin_s * RATE), int(end_s * RATE))
+    p = errors(d, out)[0][k, :2]
+    return np.hypot(*p.T), np.abs(p / out["sigma_p"][k, :2])
+
+
+@pytest.mark.parametrize("vehicle", ["free", "auto"])
+@pytest.mark.parametrize("speed", [1.2, 15.0])
+def test_a_frozen_receiver_is_an_outage_however_slow_the_vehicle_and_however_uncertain_the_estimate(speed, vehicle):
+    """30 s without the constraint of a land vehicle make the velocity more uncertain than it is large."""
+    d = drive(150.0, speed=speed)
+    rng = np.random.default_rng(5)
+    samples, fixes = sensed(d, rng, accel_psd=0.02), received(d, rng, late=0.2, sigma=0.5, white=0.05)
+    frozen(fixes, ("lat", "lon", "height", "speed", "course"))
+    out = navigate(samples, fixes, settings_of(vehicle))[0]
+    t = fixes["t_ns"] * 1e-9 - 100.0
+    gap = navigate(samples, fixes[(t < BEGIN_S) | (t >= END_S)], settings_of(vehicle))[0]
+    away, sigmas = errors_in_sigmas(d, out, BEGIN_S, 150.0)
+    assert sigmas.max() < 4.0
+    assert away[int(33 * RATE) :].max() < 4.0
+    assert away.max() < errors_in_sigmas(d, gap, BEGIN_S, 150.0)[0].max() + 4.0  # what the same outage costs
+    assert out["status"][int((END_S - 1.0) * RATE)] & COASTING
+    assert not (out["status"][int((END_S + 3.0) * RATE) :] & REJECTING).any()
+
+
+def test_the_velocity_of_a_frozen_position_is_used_if_it_goes_on():
+    d = drive(150.0, speed=15.0)
+    rng = np.random.default_rng(6)
+    samples, fixes = sensed(d, rng, accel_psd=0.02), received(d, rng, late=0.2, sigma=0.5, white=0.05)
+    frozen(fixes, ("lat", "lon", "height"))
+    out = navigate(samples, fixes, settings_of("free"))[0]
+    away, sigmas = errors_in_sigmas(d, out, BEGIN_S, 150.0)
+    assert away.max() < 6.0
+    assert sigmas.max() < 4.0
+
+
+def test_a_position_that_is_held_at_rest_is_used_and_released_when_it_changes():
+    """Many receivers hold the position at rest and release it some metres after the start."""
+    d = drive(150.0, rest=60.0, speed=8.0)
+    rng = np.random.default_rng(7)
+    samples, fixes = sensed(d, rng), received(d, rng, late=0.2, sigma=0.5, white=0.05)
+    t = fixes["t_ns"] * 1e-9 - 100.0
+    held = np.flatnonzero((t > 5.0) & (t < 63.0))
+    for name in ("lat", "lon", "height"):
+        fixes[name][held] = fixes[name][held[0]]
+    out, rows, _ = navigate(samples, fixes)
+    assert rows["used"][(rows["kind"] == 0) & (rows["t_ns"] < 159 * 10**9)].all()
+    assert errors_in_sigmas(d, out, 90.0, 150.0)[0].max() < 4.0

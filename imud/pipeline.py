@@ -163,6 +163,8 @@ class Filter:
         of_magnetometer = measurements["kind"] == MAGNETOMETER_SOURCE
         fields = measurements["value"][of_magnetometer, :3]
         measurements["value"][of_magnetometer, :3] = corrected_fields(fields, self.correction)
+        unknown = of_magnetometer & ~np.isfinite(measurements["sigma"][:, 0])
+        measurements["sigma"][unknown, 0] = self.correction["field_sigma"]
         return measurements
 
     def pending_innovations(self) -> Records:

@@ -15,8 +15,10 @@ from imud.configuration.settings import Initial
 from imud.daemon.aiding_socket import AidingSocket, address_of
 from imud.errors import ConfigError
 from imud.estimators import registry
+from imud.estimators.records import HEADING, MAGNETOMETER
 from imud.recording.messages import ESTIMATE_TABLE, INNOVATION_TABLE
 from imud.recording.player import Player
+from imud.recording.samples import fields_of
 from imud.recording.source import Recording, adapter
 from imud.sensors.aiding import RATE_HZ_MAX, AidingReceiver
 
@@ -125,15 +127,17 @@ def test_a_daemon_fuses_records_and_replays_the_headings_it_is_sent(tmp_path):
     imu, gnss, aiding = tmp_path / "imu", tmp_path / "gnss", tmp_path / "aiding"
     ports = ("--port", str(imu), "--port", str(gnss))
     record = ("--record", str(tmp_path / "rest.mcap"), "--set", "record.estimate_rate_hz=0")
+    magnetometer = ("--set", "aiding.magnetometer=true", "--set", "aiding.magnetometer_mount_rpy_deg=[0,0,90]")
     with (
         emulator("g350", "nmea", "--scenario", "rest", "--yaw-deg", "123", links=[imu, gnss]),
-        daemon(tmp_path, *ports, *record, "--set", f"aiding.listen={aiding}") as imud,
+        daemon(tmp_path, *ports, *record, *magnetometer, "--set", f"aiding.listen={aiding}") as imud,
         AidingSender(aiding) as sender,
     ):
 
         def is_aligned(message):
             sender.send("HDG", heading=123.2, sigma=0.5, t=time.time() - 0.1)
             sender.send("HDG", heading=400.0)
+            sender.send("MAG", x=15.0, y=-25.0, z=40.0)
             return message["class"] == "EST" and "heading" in message["state"] and message["syaw_deg"] < 0.4
 
         est = imud.until(is_aligned)
@@ -161,5 +165,10 @@ def test_a_daemon_fuses_records_and_replays_the_headings_it_is_sent(tmp_path):
     kept = stored(tmp_path / "rest.mcap", ESTIMATE_TABLE)
     assert len(kept) > 1000 and np.concatenate(rows).tobytes() == kept.tobytes()
     found = stored(tmp_path / "rest.mcap", INNOVATION_TABLE)
-    headings = np.concatenate(innovations)
-    assert len(headings) and headings.tobytes() == found[found["kind"] == headings["kind"][0]].tobytes()
+    aided = np.concatenate(innovations)
+    assert set(aided["kind"]) == {HEADING, MAGNETOMETER}
+    assert aided.tobytes() == found[np.isin(found["kind"], (HEADING, MAGNETOMETER))].tobytes()
+    fields, serial = fields_of(tmp_path / "rest.mcap")
+    assert serial and len(fields) > 5
+    assert fields["value"][:, :3] == pytest.approx(np.tile([15e-6, -25e-6, 40e-6], (len(fields), 1)))  # as they came
+    assert 22e-6 < np.linalg.norm(fields["value"][-1, 3:]) < 67e-6  # the earth's, at the place

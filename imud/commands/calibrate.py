@@ -15,6 +15,7 @@ from ..errors import BadDataError, UsageError
 from .files import input_file
 
 _MG = 1e3 / 9.80665
+MAGNETOMETER = "mag"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,13 +25,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "recording",
         type=input_file,
         metavar="CSV|MCAP",
-        help="inertial samples in the sensor's own axes; or imud's recording",
+        help="inertial samples (mag: a magnetometer's) in the sensor's own axes; or imud's recording",
     )
     parser.add_argument(
         "--serial", metavar="NUMBER", help="of the sensor, as `imud probe` prints it (default: the recording's)"
     )
     parser.add_argument(
         "--latitude", type=float, default=45.0, metavar="DEG", help="for gravity (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--strength",
+        type=float,
+        metavar="UT",
+        help="of the earth's field, for mag (default: as recorded)",
     )
     parser.add_argument(
         "--state", type=Path, metavar="FOLDER", help="save the result there, not where the daemon reads it"
@@ -45,12 +52,15 @@ def run(args: argparse.Namespace) -> int:
     if not -90.0 <= args.latitude <= 90.0:
         raise UsageError(f"--latitude {args.latitude}: write degrees, -90 to 90")
     samples, serial = _read(args)
-    rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
     folders = [args.state] if args.state else None
     known = calibration.load(serial, folders)
     try:
-        refuse_broken(samples)
-        part = _CALIBRATIONS[args.what][0](samples, rate_hz, args)
+        if args.what == MAGNETOMETER:
+            part = _magnetometer(samples, args)
+        else:
+            refuse_broken(samples)
+            rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
+            part = _CALIBRATIONS[args.what][0](samples, rate_hz, args)
     except UnfitError as error:
         raise BadDataError(f"{args.recording}: {error}") from error
     if args.dry_run:
@@ -62,15 +72,23 @@ def run(args: argparse.Namespace) -> int:
 
 def _read(args: argparse.Namespace) -> tuple[Any, str]:
     """The samples, and the name under which their sensor's calibration is saved."""
-    from ..tables.inputs import is_recording, read_imu
+    from ..tables.inputs import is_recording, read_aiding, read_imu
 
     if is_recording(args.recording):
-        from ..recording.samples import own_samples_of
+        from ..recording.samples import fields_of, own_samples_of
 
-        samples, serial = own_samples_of(args.recording)
+        samples, serial = (fields_of if args.what == MAGNETOMETER else own_samples_of)(args.recording)
+        if not (args.serial or serial):
+            raise UsageError(
+                f"{args.recording} has no inertial sensor: give --serial NUMBER, as `imud probe` prints it"
+            )
         return samples, args.serial or serial
     if not args.serial:
         raise UsageError(f"{args.recording} names no sensor: give --serial NUMBER, as `imud probe` prints it")
+    if args.what == MAGNETOMETER:
+        from ..estimators.ins.aiding.magnetometer import SOURCE
+
+        return read_aiding(SOURCE, args.recording, 0), args.serial
     return read_imu(args.recording)[0], args.serial
 
 
@@ -156,7 +174,30 @@ def _mounting(samples: Any, rate_hz: float, args: argparse.Namespace) -> dict[st
     return {"mounting": Mounting(_today(), _triple(rpy), _triple(np.degrees(sigma)))}
 
 
-_CALIBRATIONS: dict[str, tuple[Callable[[Any, float, argparse.Namespace], dict[str, Any]], str]] = {
+def _magnetometer(readings: Any, args: argparse.Namespace) -> dict[str, Any]:
+    """readings: of MEASUREMENT."""
+    from ..sensor_errors.calibration import Magnetometer
+    from ..sensor_errors.magnetometer import iron
+
+    if args.strength is not None and not 15.0 <= args.strength <= 75.0:
+        raise UsageError(f"--strength {args.strength:g}: that of the earth's field is 22 to 67 uT")
+    known = np.linalg.norm(readings["value"][:, 3:], axis=1)
+    known = known[np.isfinite(known)]
+    strength = 1e-6 * args.strength if args.strength else float(np.mean(known)) if len(known) else None
+    bias, matrix, residual, sigma, coverage = iron(readings["value"][:, :3], strength)
+    _print_values("hard iron", bias, np.full(3, math.sqrt(max(sigma**2 - residual**2, 0.0))), 1e6, "uT")
+    for row in matrix:
+        print("soft iron: " + ", ".join(f"{value:+.4f}" for value in row))
+    print(f"readings: {len(readings)}, from {100.0 * coverage:.0f} % of all directions")
+    print(f"residual: {1e6 * residual:.2f} uT of the strength; sigma of the field: {1e6 * sigma:.2f} uT")
+    print(f"sigma of a heading: {math.degrees(sigma / 20e-6):.1f} deg by this at 20 uT level, beside the surroundings'")
+    rows = (_triple(matrix[0]), _triple(matrix[1]), _triple(matrix[2]))
+    found = Magnetometer(_today(), _triple(1e6 * bias), rows, 1e6 * sigma, 1e6 * residual, coverage)
+    return {"magnetometer": found}
+
+
+_CALIBRATIONS: dict[str, tuple[Callable[..., dict[str, Any]], str]] = {
+    MAGNETOMETER: (_magnetometer, "a magnetometer's hard and soft iron, from slow turns about all axes"),
     "still": (_gyro_bias, "the gyro's bias, from ten seconds at rest"),
     "temperature": (_gyro_slope, "its bias and slope, from a warm-up at rest with a column temperature_c"),
     "faces": (_accelerometer, "the accelerometer, from two seconds at rest on each of six sides, or more"),

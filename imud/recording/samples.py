@@ -3,16 +3,21 @@
 import math
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from imud.drivers.capture_messages import CONNECTIONS
 
 from ..configuration.settings import Initial
 from ..errors import BadDataError
+from ..estimators.ins.aiding.magnetometer import SOURCE
+from ..estimators.records import MEASUREMENT
 from ..math.arrays import Records
 from ..progress import Progress
 from ..sensor_errors.calibration import name_of
 from ..tables.inputs import is_recording, read_imu
+from .measurements import measurement_row
+from .messages import AIDING
 from .player import Player
 from .source import Recording, adapter, tell
 
@@ -68,6 +73,28 @@ def own_samples_of(path: Path) -> tuple[Records, str]:
     Raises as `samples_of`.
     """
     return _samples(path, ("imu.mount_rpy_deg=[0,0,0]",), False)
+
+
+def fields_of(path: Path) -> tuple[Records, str]:
+    """Readings of a magnetometer (array of MEASUREMENT), as they came, and the name as of `own_samples_of`.
+
+    Raises UsageError, InputMissingError, BadDataError.
+    """
+    recording, names = Recording([path]), set[str]()
+    rows = [np.zeros(0, MEASUREMENT)]
+    for entry in recording.entries((CONNECTIONS, AIDING)):
+        if entry.topic == AIDING:
+            try:
+                row = measurement_row(msgspec.json.decode(entry.data), (SOURCE,))
+            except (msgspec.DecodeError, KeyError, TypeError, ValueError) as error:
+                raise BadDataError(f"{path}: a message on {AIDING} cannot be understood: {error}") from error
+            rows += [row] if row is not None else []
+        elif (said := entry.connection()).kind == "imu":
+            names.add(name_of(said.imu().identity))
+    tell("", recording.notes)
+    if len(names) > 1:
+        raise BadDataError(f"{path}: several inertial sensors in it: {', '.join(sorted(names))}")
+    return np.concatenate(rows), "".join(names)
 
 
 def _samples(path: Path, overrides: tuple[str, ...], calibrated: bool) -> tuple[Records, str]:

@@ -21,6 +21,7 @@ from ..compile.jit import interpreted, kernel
 from ..errors import BadDataError, CannotCreateError, InputMissingError
 from ..folders import folders_for
 from ..math.rotation import dcm_of_quat, quat_of_euler
+from .magnetometer import REMAINING_T
 
 Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]
@@ -78,6 +79,17 @@ class Mounting(_Part, frozen=True, forbid_unknown_fields=True):
     sigma_deg: Triple
 
 
+class Magnetometer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """field = matrix (measured - bias), in the magnetometer's axes, where it is mounted."""
+
+    date: str
+    bias_ut: Triple
+    matrix: Matrix
+    sigma_ut: float  # 1 sigma of a component of the corrected field
+    residual_ut: float  # root mean square of the strengths
+    coverage: float  # share of all directions from which there were readings
+
+
 class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Of the sensor `serial`; a part that was never calibrated is None."""
 
@@ -85,11 +97,12 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     gyro: Gyro | None = None
     accelerometer: Accelerometer | None = None
     mounting: Mounting | None = None
+    magnetometer: Magnetometer | None = None
 
     @property
     def parts(self) -> dict[str, str]:
         """The parts that are known, and when each was found."""
-        known = {name: getattr(self, name) for name in ("gyro", "accelerometer", "mounting")}
+        known = {name: getattr(self, name) for name in ("gyro", "accelerometer", "mounting", "magnetometer")}
         return {name: part.date for name, part in known.items() if part is not None}
 
 
@@ -104,6 +117,7 @@ CORRECTION = np.dtype(
         ("turn", "<f8", (9,)),  # of directions: the mounting alone
         ("field", "<f8", (9,)),  # row-major, from the magnetometer's to body axes
         ("field_bias", "<f8", (3,)),  # T, its axes
+        ("field_sigma", "<f8"),  # T, of a component of the corrected field; NaN: not known
     ],
     align=True,
 )
@@ -123,7 +137,11 @@ def correction(
         rpy = calibration.mounting.rpy_deg
     turn = _rotation(rpy)
     c = np.zeros(1, CORRECTION)
-    c["field"] = _rotation(magnetometer_mount_rpy_deg).ravel()
+    field, c["field_sigma"] = _rotation(magnetometer_mount_rpy_deg), math.nan
+    if (magnetometer := calibration.magnetometer) is not None:
+        field, c["field_bias"] = field @ np.array(magnetometer.matrix), 1e-6 * np.array(magnetometer.bias_ut)
+        c["field_sigma"] = max(1e-6 * magnetometer.sigma_ut, REMAINING_T)
+    c["field"] = field.ravel()
     c["turn"] = c["gyro"] = c["accel"] = turn.ravel()
     if calibration.gyro is not None:
         gyro = calibration.gyro

@@ -21,6 +21,7 @@ import math
 from typing import TYPE_CHECKING
 
 from imud.drivers import elementary
+from imud.sensor_errors.magnetometer import REMAINING_T
 
 from ....compile.jit import kernel
 from ...aiding_source import AidingSource, Column
@@ -50,7 +51,7 @@ SOURCE = AidingSource(
     short_names={"mx_ut": "x", "my_ut": "y", "mz_ut": "z"},
 )
 TUNABLES = (
-    Tunable("mag_sigma", 1.5e-6, "T", "Sigma of the horizontal field that reports none.", "What a calibration leaves."),
+    Tunable("mag_sigma", REMAINING_T, "T", "Sigma of a field that has none.", "What a calibration leaves."),
     Tunable("mag_yaw_sigma", math.radians(4.0), "rad", "Heading error beside that.", "Surroundings, misalignment."),
     Tunable("mag_time_sigma", 0.05, "s", "Unknown age of a reading.", "Choice: half a period of 10 Hz."),
     Tunable("mag_gate", 6.25, "NIS", "Gate of a heading by the field.", "2.5 sigma: a last resort."),

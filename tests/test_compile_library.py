@@ -143,6 +143,22 @@ def test_without_a_compiler_a_message_explains_the_minutes_of_compilation(tmp_pa
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("variables", [{"CC": "no-such-compiler"}, {"IMUD_JIT": "1"}])
+def test_without_a_library_and_without_numba_a_message_says_what_to_install(variables, tmp_path):
+    code = """
+import importlib.util, sys
+found = importlib.util.find_spec
+importlib.util.find_spec = lambda name: None if name == "numba" else found(name)
+import imud.commands
+sys.exit(imud.commands.main(["warmup"]))
+"""
+    ended = run(code=code, IMUD_KERNELS=str(tmp_path / "kernels.so"), **variables)
+    assert ended.returncode == 64
+    assert (
+        "numba is not installed: pip install numba; or install gcc" in ended.stderr and "Traceback" not in ended.stderr
+    )
+
+
 def test_numba_on_request():
     ended = run(code="from imud.compile import library; print(library.library())", IMUD_JIT="1")
     assert (ended.stdout, ended.stderr) == ("None\n", "")

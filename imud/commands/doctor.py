@@ -192,11 +192,12 @@ def kernels(root: Path) -> Iterator[Finding]:
     try:
         compiler = build.compiler()
     except build.CannotBuildError:
-        yield Finding(
-            "note",
-            "no compiled kernels, no C compiler: numba compiles at the first start, for minutes",
-            "sudo apt install gcc; or pip install ziglang",
-        )
+        mend = "sudo apt install gcc; or pip install ziglang"
+        if importlib.util.find_spec("numba"):
+            text = "no compiled kernels, no C compiler: numba compiles at the first start, for minutes"
+            yield Finding("note", text, mend)
+        else:
+            yield Finding("problem", "no compiled kernels, no C compiler, no numba: nothing can run", mend)
     else:
         yield Finding("ok", f"the kernels will be compiled by {compiler[0]}, in some 15 s")
 

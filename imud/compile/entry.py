@@ -105,6 +105,7 @@ class Entry(Kernel):
 def _prepare_numba() -> None:
     from . import numba_cache  # which most processes do not need
 
+    library.require_numba()
     numba_cache.prepare()
 
 

@@ -8,10 +8,12 @@ the cache folder, if this one cannot be written. IMUD_JIT=1 uses numba.
 
 import ctypes
 import functools
+import importlib.util
 import os
 import sys
 from pathlib import Path
 
+from ..errors import UsageError
 from .hashing import digest_of
 from .seal import ROOT, defect
 
@@ -41,8 +43,12 @@ def origin() -> str:
 
 @functools.cache
 def library() -> ctypes.CDLL | None:
-    """The library of these sources, built if need be; None: numba has to compile. Once per process."""
+    """The library of these sources, built if need be; None: numba has to compile. Once per process.
+
+    Raises UsageError if there is neither.
+    """
     if os.environ.get("IMUD_JIT", "0") not in ("", "0"):
+        require_numba()
         return None
     if path := current():
         return ctypes.CDLL(str(path))
@@ -52,8 +58,15 @@ def library() -> ctypes.CDLL | None:
         return ctypes.CDLL(str(rebuild.rebuild(candidates())))
     except (build.CannotBuildError, OSError) as error:
         print(f"imud: the kernels cannot be compiled ahead of time: {error}", file=sys.stderr)
+        require_numba()
         print("imud: numba compiles them now, which takes minutes", file=sys.stderr, flush=True)
         return None
+
+
+def require_numba() -> None:
+    """Raises UsageError where it is not installed: on 32-bit ARM there is none."""
+    if importlib.util.find_spec("numba") is None:
+        raise UsageError("numba is not installed: pip install numba; or install gcc, and start again without IMUD_JIT")
 
 
 def address(symbol: str) -> int | None:

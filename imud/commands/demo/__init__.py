@@ -116,9 +116,7 @@ def run(args: argparse.Namespace) -> int:
         base = Path(folder)
         links = [base / name for name in devices]
         truth_file, listen, log = base / "truth.csv", base / "gpsd.sock", base / "daemon.log"
-        print(
-            "imud demo: starting the emulator and the daemon (a first start compiles for a minute or two)", flush=True
-        )
+        print("imud demo: starting the emulator and the daemon", flush=True)
         recordings = _recordings_folder() if args.web else None
         log_file = stack.enter_context(log.open("w"))
         notifications = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))

@@ -17,10 +17,11 @@ import traceback
 from collections.abc import Callable
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))
 sys.path.insert(0, str(Path(__file__).parent))
 
-from fuzz_surfaces import SURFACES, Surface
+from fuzz_surfaces import SURFACES, Surface  # noqa: E402
 
 CORPUS = Path(__file__).parent / "corpus"
 _LONGEST = 1 << 14
@@ -84,6 +85,13 @@ def blind(name: str, seconds: float, seed: int) -> tuple[int, int]:
     return tried, len(kinds)
 
 
+def kernel_modules() -> list[str]:
+    """Names of the modules that numba compiles, which cannot be instrumented: it would not know the instructions."""
+    paths = (path for folder in ("imud", "drivers") for path in (ROOT / folder).rglob("*.py"))
+    parts = (path.relative_to(ROOT).with_suffix("").parts for path in paths if "@kernel" in path.read_text())
+    return [".".join(each if each[0] == "imud" else ("imud", *each)) for each in parts]
+
+
 def guided(name: str, seconds: float) -> None:
     """Let atheris look for inputs that reach new lines, beginning with the corpus; it ends the process."""
     import atheris
@@ -93,7 +101,7 @@ def guided(name: str, seconds: float) -> None:
     for module in list(sys.modules):
         if module.split(".")[0] in ours:
             del sys.modules[module]
-    with atheris.instrument_imports(include=["imud"]):
+    with atheris.instrument_imports(include=["imud"], exclude=kernel_modules()):
         import fuzz_surfaces as instrumented
 
         for data in inputs:  # some modules are imported only now

@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
 def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> int:
     from ..demo import process, subscribe, wait_until_ready
     from . import table
-    from .received import EstimateReader, StreamReader, status_of
+    from .received import EstimateReader, StreamReader, status_of, take_priority_of
     from .troubles import CONFIGURATION, StalledClients, Troubles, WallClock, require_ended_well
 
     links = [base / name for name in _DEVICES]
@@ -103,6 +103,8 @@ def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> 
             stderr=stack.enter_context(emulator_log.open("w")),
         )
     )
+    for pid in (emulator.pid, reader.pid):
+        take_priority_of(daemon.pid, pid)
     clients = stack.enter_context(contextlib.closing(StalledClients(gpsd, stream)))
     troubles = Troubles(daemon, clients, clock, settings, min(args.minutes / _CALM_MINUTES, 1.0))
     print(table.HEAD, flush=True)

@@ -8,6 +8,7 @@ import contextlib
 import gc
 import json
 import math
+import os
 import select
 import socket
 import struct
@@ -88,6 +89,11 @@ class StreamReader:
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self.counts()
 
+    @property
+    def pid(self) -> int:
+        """Of the process that reads."""
+        return self._process.pid
+
     def counts(self) -> Counts:
         """What it has received until now. Raises ImudError when it has ended."""
         assert self._process.stdin and self._process.stdout
@@ -143,6 +149,12 @@ class EstimateReader:
             for message in map(json.loads, lines):
                 if message["class"] == "EST":
                     self._live.add(message)
+
+
+def take_priority_of(daemon: int, other: int) -> None:
+    """Give a process the real-time priority of the daemon, if that has one: its lateness would be taken for theirs."""
+    if (policy := os.sched_getscheduler(daemon)) in (os.SCHED_FIFO, os.SCHED_RR):
+        os.sched_setscheduler(other, policy, os.sched_getparam(daemon))
 
 
 def status_of(path: Path) -> dict[str, Any]:

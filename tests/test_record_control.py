@@ -14,7 +14,7 @@ from imud.configuration.settings import Record, Settings
 from imud.drivers.capture import Capture
 from imud.drivers.driver import GnssConfigured, Identity
 from imud.outputs.addresses import AddressInUseError, is_from_this_machine
-from imud.recording import control
+from imud.recording import control, recorder
 from imud.recording.control import Recordings
 from imud.recording.recorder import Recorder
 
@@ -58,6 +58,23 @@ def test_a_client_begins_and_ends_recordings_in_the_folder(tmp_path):
     assert [msgspec.json.decode(m.data)["text"] for m in messages if m.topic == "/events"] == ["something"]
 
 
+def test_a_recording_whose_writer_died_is_none(tmp_path):
+    with Recordings(settings(tmp_path)) as recordings:
+        recordings.handle_command(b'{"enable":true}')
+        until(lambda state: state["path"], recordings)
+        recordings.current._process.kill()
+        recordings.current._process.wait()
+
+        def seen(state):
+            if recordings.current:
+                recordings.event("info", "something to write", {})
+            return not state["recording"]
+
+        state = until(seen, recordings)
+        assert "its writer is gone" in state["trouble"]
+        assert recordings.current is None
+
+
 def test_a_client_that_begins_and_ends_them_again_and_again_makes_no_processes(tmp_path, monkeypatch):
     begun = []
 
@@ -66,7 +83,7 @@ def test_a_client_that_begins_and_ends_them_again_and_again_makes_no_processes(t
             begun.append(time.monotonic())
             super().__init__(settings)
 
-    monkeypatch.setattr(control, "Recorder", Counted)
+    monkeypatch.setattr(recorder, "Recorder", Counted)
     began_s = time.monotonic()
     with Recordings(settings(tmp_path)) as recordings:
         for _ in range(100):

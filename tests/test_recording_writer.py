@@ -5,6 +5,7 @@ import json
 import math
 import os
 import re
+import shutil
 import signal
 import time
 import zlib
@@ -253,6 +254,35 @@ def test_a_full_disk_pauses_the_recording_until_there_is_space(tmp_path, monkeyp
     assert [raw.data for raw in reads_of(path.with_name("drive.0001.mcap"))] == [b"after"]
     assert [level for level, _ in messages] == ["info", "error", "info"]
     assert "No space left" in messages[1][1]
+
+
+def test_a_folder_that_is_gone_pauses_the_recording_until_it_is_back(tmp_path):
+    path, messages = tmp_path / "stick/drive.mcap", []
+    path.parent.mkdir()
+    recording = writer(path, messages, spare_mb=1)
+    recording.commit()
+    shutil.rmtree(path.parent)
+    for _ in range(2):  # found, and tried again
+        recording._retry_s = 0.0
+        recording.commit()
+    path.parent.mkdir()
+    recording._retry_s = 0.0
+    recording.commit()
+    recording.take(MessageKind.RAW, 0, 4, b"after")
+    recording.finish()
+    assert [raw.data for raw in reads_of(path)] == [b"after"]
+    assert [level for level, _ in messages] == ["info", "error", "error", "info"]
+
+
+def test_what_is_no_file_of_ours_does_not_stop_the_budget(tmp_path):
+    base = tmp_path / "drive.mcap"
+    base.write_bytes(bytes(1000))
+    (tmp_path / "drive.0001.mcap").symlink_to(tmp_path / "absent")
+    (tmp_path / "drive.0002.mcap").symlink_to(base)
+    (tmp_path / "drive.0003.mcap").mkdir()
+    (tmp_path / "drive.0004.mcap").write_bytes(bytes(1000))
+    assert parts.make_room(base, 1500, tmp_path / "drive.0004.mcap") == [base]
+    assert len(list(tmp_path.iterdir())) == 4
 
 
 def _no_room():

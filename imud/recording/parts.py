@@ -1,5 +1,6 @@
 """The files of a recording, `drive.mcap`, `drive.0001.mcap`, …: none is overwritten, the oldest make room for new."""
 
+import contextlib
 import os
 import re
 from pathlib import Path
@@ -36,14 +37,17 @@ def free_bytes(base: Path) -> int:
 
 
 def make_room(base: Path, budget: int, current: Path) -> list[Path]:
-    """Remove the oldest parts until all take at most `budget` bytes, but not `current`; returns those removed."""
-    parts = existing(base)
-    sizes = {path: path.stat().st_size for path in parts}
+    """Remove the oldest parts until all take at most `budget` bytes, but not `current`; returns those removed.
+
+    What is no plain file, or may not be removed, is left as it is.
+    """
+    sizes = {path: path.lstat().st_size for path in existing(base) if path.is_file() and not path.is_symlink()}
     removed = []
-    for path in parts:
+    for path in list(sizes):
         if sum(sizes.values()) <= budget or path == current:
             break
-        path.unlink()
+        with contextlib.suppress(OSError):
+            path.unlink()
+            removed.append(path)
         del sizes[path]
-        removed.append(path)
     return removed

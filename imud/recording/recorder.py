@@ -205,7 +205,8 @@ class Recorder:
                     news.append((level, text))
         if self._dead and not self._end_reported:
             self._end_reported = True
-            news.append(("error", "the recording ended: its writer is gone; everything else goes on"))
+            self.state = {"trouble": "the recording ended: its writer is gone"}
+            news.append(("error", f"{self.state['trouble']}; everything else goes on"))
         elif self._full and not (self._gap_reported or self._dead):
             self._gap_reported = True
             news.append(("warning", "the recording has gaps from here: its disk is too slow"))
@@ -213,6 +214,11 @@ class Recorder:
             self._full = self._gap_reported = False
             news.append(("info", f"the recording is whole again; {self.dropped} packets are missing in it so far"))
         return news
+
+    @property
+    def has_lost_its_writer(self) -> bool:
+        """Whether nothing more is recorded; `tick` has said so."""
+        return self._end_reported
 
     def discard_unused(self) -> None:
         """Leave no file behind, if no device has streamed."""

@@ -172,11 +172,11 @@ class RecordingWriter:
 
     def _open(self) -> None:
         """The next file, with what a reader must know first."""
-        if parts.free_bytes(self._base) < self._record.spare_mb * _MB:
-            self._pause(f"less than {self._record.spare_mb} MB are free where {self._base} is (record.spare_mb)")
-            return
         facts = self._facts | {"part": str(self._part), "unix_less_monotonic_ns": str(self._offset_ns)}
         try:
+            if parts.free_bytes(self._base) < self._record.spare_mb * _MB:
+                self._pause(f"less than {self._record.spare_mb} MB are free where {self._base} is (record.spare_mb)")
+                return
             path = parts.next_file(self._base)
             self._file = RecordingFile(path, facts, _encode(self._settings), time.time_ns())
         except OSError as error:
@@ -204,7 +204,7 @@ class RecordingWriter:
             return
         self._guard(lambda file: file.commit())
         if self._file is not None:
-            self._keep_to_limits(self._file)
+            self._guard(self._keep_to_limits)  # its folder may be gone
 
     def publish_state(self) -> None:
         """Send the state of the recording: where it goes, how large the file is, and what keeps it from growing."""

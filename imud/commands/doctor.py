@@ -184,6 +184,19 @@ def iio(root: Path) -> Iterator[Finding]:
             yield Finding("problem", f"{what} needs a trigger, and the kernel has none", _TRIGGER)
 
 
+def iio_polled(root: Path) -> Iterator[Finding]:
+    """Barometers and magnetometers that the kernel has: may this user read them?"""
+    from imud.drivers.transport.iio_polled import SIGNS, polled_sensors
+
+    for sensor in polled_sensors(root):
+        what = f"IIO {sensor.kind} {sensor.name} ({sensor.folder})"
+        paths = [root / iio_sysfs.DEVICES / sensor.folder / name for name in SIGNS[sensor.kind]]
+        if any(os.access(path, os.R_OK) for path in paths):
+            yield Finding("ok", f'{what} may be read: --set aiding.iio=["{sensor.name}"]')
+        else:
+            yield Finding("problem", f"{what} may not be read by this user", _UDEV)
+
+
 def kernels(root: Path) -> Iterator[Finding]:
     """Are they compiled, and if not, can they be?"""
     if path := library.current():
@@ -209,6 +222,7 @@ CHECKS: tuple[Callable[[Path], Iterator[Finding]], ...] = (
     latency,
     spi,
     iio,
+    iio_polled,
     kernels,
 )
 

@@ -12,6 +12,7 @@ from imud.drivers.driver import Identity
 from imud.drivers.errors import PortError, SpecError
 from imud.drivers.transport import iio_sysfs
 from imud.drivers.transport.dialogue_runner import run_dialogue
+from imud.drivers.transport.iio_polled import polled_sensors
 from imud.drivers.transport.line import open_line
 from imud.drivers.transport.portspec import PortSpec
 
@@ -70,11 +71,18 @@ def run(args: argparse.Namespace) -> int:
         specs = [PortSpec.parse(text) for text in args.port or [*candidates(), *iio_sysfs.ports()]]
     except SpecError as error:
         raise UsageError(str(error)) from error
-    if not specs:
+    polled = [] if args.port else polled_sensors()
+    for sensor in polled:
+        setting = f'--set aiding.iio=["{sensor.name}"]'
+        said = {"sensor": sensor.name, "kind": sensor.kind, "folder": sensor.folder, "setting": setting}
+        print(
+            json.dumps(said) if args.json else f"{sensor.folder}: {sensor.name}, {sensor.kind}, {setting}", flush=True
+        )
+    if not specs and not polled:
         raise DeviceAbsentError(
             "no serial port found (looked for /dev/ttyUSB*, ttyACM*, ttyAMA*, serial*, and IIO devices); name one"
         )
-    known = 0
+    known = len(polled)
     for spec in specs:
         if sys.stderr.isatty():
             print(f"{spec.path}: listening …", end="\r", file=sys.stderr, flush=True)

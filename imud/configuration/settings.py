@@ -238,6 +238,11 @@ class Aiding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             "Where other programs send them: /path/of/a/unix/socket, or HOST:PORT (UDP, this machine); empty: nowhere."
         ),
     ] = ""
+    iio: Annotated[
+        tuple[Name, ...],
+        Meta(description="Barometers and magnetometers of the kernel (Industrial I/O) by name, such as `bmp280`."),
+    ] = ()
+    iio_rate_hz: Annotated[float, number(0.1, 50.0, "Hz", "Readings of each of them per second.")] = 10.0
     heading_boresight_deg: Annotated[
         float,
         number(

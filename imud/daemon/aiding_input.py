@@ -14,23 +14,33 @@ from .status_tables import InnovationStatistics
 
 
 class AidingInput:
-    """What `aiding.listen` opens. Not thread-safe; all times are monotonic nanoseconds. Raises as `AidingSocket`."""
+    """What `aiding.listen` and `aiding.iio` open. Not thread-safe; times are monotonic ns. Raises as `AidingSocket`."""
 
     def __init__(
         self, settings: Settings, poller: Poller, selection: EstimatorSelection, recordings: Recordings
     ) -> None:
-        self._socket = AidingSocket(settings.aiding.listen, poller)
+        self._inputs: list[Any] = []
+        if settings.aiding.listen:
+            self._inputs.append(AidingSocket(settings.aiding.listen, poller))
+        if settings.aiding.iio:
+            from .iio_reader import IioReader
+
+            self._inputs.append(IioReader(settings.aiding.iio, settings.aiding.iio_rate_hz, poller))
         self._receiver = AidingReceiver()
         self._selection, self._recordings = selection, recordings
-        self._log = get_logger().bind(aiding=self._socket.address)
+        self._log = get_logger().bind(aiding=self._address)
         self._change_logger = ChangeLogger(self._log)
 
+    @property
+    def _address(self) -> str:
+        return ", ".join(each.address for each in self._inputs)
+
     def __contains__(self, fd: int) -> bool:
-        return fd == self._socket.fd
+        return any(fd == each.fd for each in self._inputs)
 
     def on_event(self, statistics: InnovationStatistics) -> None:
         """Fuse the measurements that have come; statistics: of their innovations."""
-        for data in self._socket.datagrams():
+        for data in (data for each in self._inputs for data in each.datagrams()):
             now_ns, unix_ns = time.monotonic_ns(), time.time_ns()
             if data is None:
                 self._receiver.refuse("length", f"a datagram of more than {LONGEST} bytes")
@@ -50,11 +60,15 @@ class AidingInput:
         for text in self._receiver.messages:
             self._log.info(text)
         self._receiver.messages.clear()
+        for each in self._inputs:
+            while each.messages:
+                self._log.info(each.messages.popleft())
         self._change_logger.faults("aiding", self._receiver.faults(now_ns), now_ns)
 
     def properties(self, now_ns: int) -> dict[str, Any]:
         """What `imud status` shows."""
-        return {"address": self._socket.address, **self._receiver.properties(now_ns)}
+        return {"address": self._address, **self._receiver.properties(now_ns)}
 
     def close(self) -> None:
-        self._socket.close()
+        for each in self._inputs:
+            each.close()

@@ -3,6 +3,7 @@
 import contextlib
 import select
 import socket
+from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
@@ -37,7 +38,7 @@ class AidingSocket:
     """Never blocks; not thread-safe. Raises ConfigError, CannotCreateError and others as `listen`."""
 
     def __init__(self, text: str, poller: Poller) -> None:
-        self._poller = poller
+        self._poller, self.messages = poller, deque[str]()  # it has none
         self._socket = listen(address_of(text), socket.SOCK_DGRAM)
         self.fd = self._socket.fileno()
         self.address = address_text(self._socket)

@@ -99,7 +99,7 @@ class Daemon:
         return Outputs(self._settings, self._fast_loop.others, BATCH, queries, commands, self._errors)
 
     def _open_aiding(self, stack: contextlib.ExitStack) -> "AidingInput | None":
-        if not self._settings.aiding.listen:
+        if not (self._settings.aiding.listen or self._settings.aiding.iio):
             return None
         from .aiding_input import AidingInput  # what few use costs the others no memory
 

@@ -1,0 +1,95 @@
+"""Barometers and magnetometers of the kernel as aiding sources: read by a thread, as each reading takes a while."""
+
+import contextlib
+import json
+import select
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator
+
+from imud.drivers.errors import PortError
+from imud.drivers.transport.iio_polled import BAROMETER, PolledSensor, find_polled
+
+from .aiding_socket import LONGEST, Poller
+
+_AT_ONCE = 32
+_AGAIN_S = 2.0  # until an absent sensor is looked for again
+
+
+class IioReader:
+    """Its datagrams are those that another program would send. Close it: then its thread has ended."""
+
+    def __init__(self, names: tuple[str, ...], rate_hz: float, poller: Poller) -> None:
+        self.messages: deque[str] = deque(maxlen=16)  # what is new, until the daemon has logged it
+        self._names, self._period_s, self._poller = names, 1.0 / rate_hz, poller
+        self._sensors: dict[str, list[PolledSensor]] = {}
+        self._retry_s: dict[str, float] = {}
+        self._said: dict[str, str] = {}
+        self._inside, self._outside = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._inside.setblocking(False)
+        self._outside.setblocking(False)
+        self.fd = self._inside.fileno()
+        poller.register(self.fd, select.POLLIN)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="iio", daemon=True)
+        self._thread.start()
+
+    @property
+    def address(self) -> str:
+        """As `imud status` shows it."""
+        return ", ".join(f"iio:{name}" for name in self._names)
+
+    def datagrams(self) -> Iterator[bytes | None]:
+        """The readings that have come."""
+        for _ in range(_AT_ONCE):
+            try:
+                yield self._inside.recv(LONGEST)
+            except OSError:
+                return
+
+    def _run(self) -> None:
+        due_s = time.monotonic()
+        while not self._ended.wait(max(due_s - time.monotonic(), 0.0)):
+            due_s = max(due_s + self._period_s, time.monotonic())
+            for name in self._names:
+                self._read(name)
+
+    def _read(self, name: str) -> None:
+        if time.monotonic() < self._retry_s.get(name, 0.0):
+            return
+        try:
+            sensors = self._sensors.setdefault(name, []) or find_polled(name)
+            self._sensors[name] = sensors
+            for sensor in sensors:
+                before_s = time.time()
+                values = sensor.read()
+                with contextlib.suppress(OSError):  # no room: the daemon has more urgent work
+                    self._outside.send(datagram(sensor.kind, values, 0.5 * (before_s + time.time())))
+            self._say(name, f"{name}: {' and '.join(sensor.kind for sensor in sensors)} of the kernel")
+        except (PortError, OSError, ValueError) as error:
+            self._sensors.pop(name, None)
+            self._retry_s[name] = time.monotonic() + _AGAIN_S
+            self._say(name, f"iio:{name} cannot be read: {error}")
+
+    def _say(self, name: str, text: str) -> None:
+        if self._said.get(name) != text:
+            self._said[name] = text
+            self.messages.append(text)
+
+    def close(self) -> None:
+        """End the thread, once a reading that it waits for is done."""
+        self._ended.set()
+        self._thread.join(timeout=1.0)
+        self._poller.unregister(self.fd)
+        self._inside.close()
+        self._outside.close()
+
+
+def datagram(kind: str, values: tuple[float, ...], unix_s: float) -> bytes:
+    """A reading, Pa or T, as `AidingReceiver` takes it."""
+    if kind == BAROMETER:
+        return json.dumps({"class": "BARO", "pressure": values[0], "t": unix_s}).encode()
+    x, y, z = (1e6 * value for value in values)
+    return json.dumps({"class": "MAG", "x": x, "y": y, "z": z, "t": unix_s}).encode()

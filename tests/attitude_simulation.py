@@ -71,6 +71,7 @@ class Flaws:
     accel_bias: tuple[float, ...] = (0.0, 0.0, 0.0)
     gyro_matrix: Floats | None = None
     accel_scale: tuple[float, ...] = (0.0, 0.0, 0.0)
+    accel_matrix: Floats | None = None  # misalignment
 
 
 def measure(truth: Truth, flaws: Flaws, rng: np.random.Generator) -> tuple[Floats, Floats]:
@@ -79,6 +80,7 @@ def measure(truth: Truth, flaws: Flaws, rng: np.random.Generator) -> tuple[Float
     matrix = np.zeros((3, 3)) if flaws.gyro_matrix is None else flaws.gyro_matrix
     w = truth.w + truth.w @ matrix.T + flaws.gyro_bias + flaws.gyro_noise * root_rate * rng.normal(size=truth.w.shape)
     f = truth.f * (1.0 + np.array(flaws.accel_scale)) + flaws.accel_bias
+    f = f if flaws.accel_matrix is None else f + truth.f @ flaws.accel_matrix.T
     return w, f + flaws.accel_noise * root_rate * rng.normal(size=truth.f.shape)
 
 

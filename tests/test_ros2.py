@@ -42,6 +42,11 @@ def read(topic, data):
     return STORE.deserialize_cdr(data, TOPICS[topic])
 
 
+def one(make, row, unix_ns, *more):
+    """The message that a function for many makes of one row."""
+    return make(np.array([row]), np.array([unix_ns]), *more).tobytes()
+
+
 def converted(row, converter=None, unix_ns=0):
     """By topic, what a solution becomes."""
     made = (converter or Converter()).of_solution(row, unix_ns)
@@ -52,7 +57,7 @@ def converted(row, converter=None, unix_ns=0):
 def test_the_sign_table(r_nb):
     row = solution(r_nb)
     wanted = NED_IN_ENU @ r_nb @ FRD_IN_FLU.T
-    imu = read("imu/data", messages.imu(row, 1_500_000_000, BOTH))
+    imu = read("imu/data", one(messages.imu, row, 1_500_000_000, BOTH))
     assert matrix(imu.orientation) == pytest.approx(wanted, abs=1e-9)
     assert wanted @ vector(imu.linear_acceleration) == pytest.approx([0, 0, G], abs=1e-9)
     assert wanted @ vector(imu.angular_velocity) == pytest.approx([0, 0, -0.5], abs=1e-9)
@@ -71,7 +76,7 @@ def test_the_sign_table(r_nb):
 def test_a_vehicle_that_heads_east_and_climbs():
     """By scipy's Euler angles: its nose is 90° from north, 10° up, its left side 5° up."""
     row = solution(Rotation.from_euler("ZYX", [90, 10, 5], degrees=True).as_matrix())
-    imu = read("imu/data", messages.imu(row, 0, BOTH))
+    imu = read("imu/data", one(messages.imu, row, 0, BOTH))
     q = [imu.orientation.x, imu.orientation.y, imu.orientation.z, imu.orientation.w]
     assert Rotation.from_quat(q).as_euler("ZYX", degrees=True) == pytest.approx([0, -10, 5], abs=1e-9)
 
@@ -80,13 +85,13 @@ def test_the_covariances_of_rates_and_forces():
     row = solution(np.eye(3))
     row["w"], row["f"] = (0.3, 0.0, 0.4), (0.0, 0.0, -10.0)
     row["sigma_bg"], row["sigma_ba"] = (1e-3, 2e-3, 3e-3), np.nan
-    imu = read("imu/data", messages.imu(row, 0, BOTH))
+    imu = read("imu/data", one(messages.imu, row, 0, BOTH))
     common = 0.002**2 + (0.005 * 0.5) ** 2
     wanted = [common + 1e-6, common + 4e-6, common + 9e-6]
     assert imu.angular_velocity_covariance.reshape(3, 3) == pytest.approx(np.diag(wanted))
     unestimated = 0.02**2 + 0.1**2 + (0.01 * 10.0) ** 2  # the bias is that of the switch-on
     assert imu.linear_acceleration_covariance.reshape(3, 3) == pytest.approx(unestimated * np.eye(3))
-    none = read("imu/data", messages.imu(row, 0, Sigmas(None, ACCEL)))  # a sensor without gyros
+    none = read("imu/data", one(messages.imu, row, 0, Sigmas(None, ACCEL)))  # a sensor without gyros
     assert (none.angular_velocity_covariance[0], vector(none.angular_velocity).any()) == (-1.0, False)
     assert none.linear_acceleration_covariance[0] == pytest.approx(unestimated)
 
@@ -108,7 +113,7 @@ def test_white_noise_of_samples_has_the_random_walk_of_the_profile():
 def test_a_sample_as_measured(flags, rate_known, force_known):
     row = np.zeros(1, SAMPLE)[0]
     row["w"], row["f"], row["flags"] = (0.1, 0.2, 0.3), (1.0, 2.0, -9.0), flags
-    imu = read("imu/data_raw", messages.imu_raw(row, 7, BOTH))
+    imu = read("imu/data_raw", one(messages.imu_raw, row, 7, BOTH))
     assert imu.orientation_covariance[0] == -1.0
     assert (imu.angular_velocity_covariance[0] > 0.0, imu.linear_acceleration_covariance[0] > 0.0) == (
         rate_known,
@@ -130,7 +135,7 @@ def test_the_velocity_in_the_body_has_the_errors_of_velocity_and_attitude():
     n = 200_000
     angles, v = rpy + sigma_rpy * rng.normal(size=(n, 3)), row["v"] + row["sigma_v"] * rng.normal(size=(n, 3))
     drawn = Rotation.from_euler("ZYX", angles[:, ::-1]).inv().apply(v) @ FRD_IN_FLU
-    velocity, covariance = messages.body_velocity(row)
+    (velocity,), (covariance,) = messages.body_velocity(np.array([row]))
     assert velocity == pytest.approx(drawn.mean(axis=0), abs=0.02)
     assert covariance == pytest.approx(np.cov(drawn.T), rel=0.02, abs=2e-3)
     odometry = converted(row)["odometry"].twist
@@ -141,14 +146,14 @@ def test_the_velocity_in_the_body_has_the_errors_of_velocity_and_attitude():
 
 def test_positions_of_the_filter():
     row = solution(np.eye(3))
-    fix = read("fix/filtered", messages.filtered_fix(row, 7))
+    fix = read("fix/filtered", one(messages.filtered_fix, row, 7))
     assert (fix.latitude, fix.longitude, fix.altitude) == (np.degrees(0.6), np.degrees(2.4), 50.0)
     assert fix.position_covariance.reshape(3, 3).diagonal() == pytest.approx([4, 1, 9])
     assert (fix.header.frame_id, fix.status.status, fix.position_covariance_type) == ("base_link", 0, 2)
     where = location(ESTIMATE_TABLE.objects(np.array([row], SOLUTION))[0], 7)
     assert (where["position_covariance"], where["altitude"]) == (fix.position_covariance.tolist(), 50.0)
     row["status"] &= ~HEIGHT_VALID
-    fix = read("fix/filtered", messages.filtered_fix(row, 7))
+    fix = read("fix/filtered", one(messages.filtered_fix, row, 7))
     assert np.isnan(fix.altitude)
     assert (fix.position_covariance[8], fix.position_covariance_type) == (1e6, 1)
     assert converted(row)["odometry"].pose.covariance[14] == 1e6
@@ -263,6 +268,27 @@ def test_odom_goes_on_without_a_position_and_map_to_odom_stays():
     assert "odometry" not in made[200]
     last, then = (made[k]["/tf"].transforms[0].transform for k in (199, 299))
     assert as_matrix(then) == pytest.approx(as_matrix(last), abs=0.02)
+
+
+def test_many_rows_at_once_become_the_messages_that_each_becomes_alone():
+    """Positions and attitudes come and go, a gap, a sensor whose rates are not known for a while."""
+    rows = np.array(drive(400, lambda k: (0, ATTITUDE_VALID, ALL, ALL, ALL & ~HEIGHT_VALID, POSITION_VALID)[k // 70]))
+    rows["t_ns"][200:] += 5 * 10**9
+    rows["w"][150:160] = rows["v"][90:95] = np.nan
+    together, alone, at = Converter(), Converter(), rows["t_ns"] + 7
+    together.sigmas = alone.sigmas = BOTH
+    wanted = [
+        message for row, unix_ns in zip(rows, at, strict=True) for message in alone.of_solution(row, int(unix_ns))
+    ]
+    made = [
+        (topic, int(unix_ns), data.tobytes())
+        for part in (slice(0, 60), slice(60, 61), slice(61, 400))
+        for topic, times, block in together.of_solutions(rows[part], at[part])
+        for unix_ns, data in zip(times, block, strict=True)
+    ]
+    for topic in ("imu/data", "/tf", "odometry", "fix/filtered"):
+        assert [m for m in made if m[0] == topic] == [m for m in wanted if m[0] == topic]
+    assert len(made) == len(wanted) == 400 + 330 + 2 * 260
 
 
 def test_a_gap_is_not_reckoned_over():

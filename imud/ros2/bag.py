@@ -15,7 +15,7 @@ from ..recording.enu import Vector
 from ..recording.player import Player
 from ..recording.writer import Thinner
 from ..sensors.inertial import Inertial
-from .converter import Converter, Message
+from .converter import Block, Converter, Message
 from .definitions import STATIC, TOPICS, definition
 from .messages import Diagnosis, Sigmas, filter_diagnosis
 
@@ -38,13 +38,13 @@ class Bag:
         """rate_hz: of samples and solutions, 0: all; offset_ns: Unix time less the recording's; antenna_m: from the
         inertial sensor, FRD. Raises ImudError.
         """
-        from mcap.writer import Writer
+        from .block_writer import BlockWriter
 
         try:
             file = stack.enter_context(path.open("wb"))
         except OSError as error:
             raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error
-        self._writer: Any = Writer(file)
+        self._writer: Any = BlockWriter(file)
         self._writer.start(profile="ros2", library="imud")
         stack.callback(self._writer.finish)
         self._channels: dict[str, int] = {}
@@ -64,11 +64,11 @@ class Bag:
         if inertial.stream.filter is not self._filter:
             self._filter = inertial.stream.filter
             self._converter.sigmas = Sigmas(*inertial.sample_sigmas)
-        for sample in self._samples.kept(samples):
-            self._add(self._converter.of_sample(sample, self._unix_ns(sample)))
-        for solution in self._solutions.kept(solutions):
-            self._status = int(solution["status"])
-            self._add(self._converter.of_solution(solution, self._unix_ns(solution)))
+        if len(kept := self._samples.kept(samples)):
+            self._add_blocks(self._converter.of_samples(kept, kept["t_ns"] + self._offset_ns))
+        if len(kept := self._solutions.kept(solutions)):
+            self._status = int(kept["status"][-1])
+            self._add_blocks(self._converter.of_solutions(kept, kept["t_ns"] + self._offset_ns))
         self._diagnose()
 
     def write_fix(self, fix: Records) -> None:
@@ -99,19 +99,31 @@ class Bag:
             sensor.look(now_ns)
         self._add(self._converter.of_diagnoses(parts, now_ns + self._offset_ns))
 
+    def _add_blocks(self, blocks: Iterable[Block]) -> None:
+        for topic, unix_ns, data in blocks:
+            self._begin(int(unix_ns[0]))
+            self._writer.add_rows(self._channel_of(topic), unix_ns, data)
+
+    def _begin(self, unix_ns: int) -> None:
+        """The static transforms come first."""
+        if not self._channels:
+            self._write(self._converter.static(self._antenna_m, unix_ns))
+
     def _add(self, messages: Iterable[Message]) -> None:
         for message in messages:
-            if not self._channels:
-                self._write(self._converter.static(self._antenna_m, message.unix_ns))
+            self._begin(message.unix_ns)
             self._write(message)
 
     def _write(self, message: Message) -> None:
         topic, unix_ns, data = message
-        if topic not in self._channels:
-            self._channels[topic] = self._channel(topic)
-        self._writer.add_message(self._channels[topic], unix_ns, data, unix_ns)
+        self._writer.add_message(self._channel_of(topic), unix_ns, data, unix_ns)
 
-    def _channel(self, topic: str) -> int:
+    def _channel_of(self, topic: str) -> int:
+        if topic not in self._channels:
+            self._channels[topic] = self._new_channel(topic)
+        return self._channels[topic]
+
+    def _new_channel(self, topic: str) -> int:
         kind = TOPICS[topic]
         schema = self._writer.register_schema(kind, "ros2msg", definition(kind).encode())
         profiles = {"offered_qos_profiles": _LATCHED if topic == STATIC else ""}

@@ -5,9 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..recording.enu import ANTENNA, BODY, IMU, MAP, ODOM, Vector, body
+from ..math.arrays import Indices, Records
+from ..recording.enu import ANTENNA, BODY, IMU, Vector, body
 from ..sensors.gnss import position_sigma
 from . import messages
+from .cdr import Bytes
 from .definitions import STATIC
 from .frames import IDENTITY, Frames
 from .messages import Diagnosis, Sigmas
@@ -21,6 +23,20 @@ class Message(NamedTuple):
     data: bytes
 
 
+class Block(NamedTuple):
+    """n messages for a topic: their times, and a row of bytes each."""
+
+    topic: str
+    unix_ns: Indices
+    data: Bytes
+
+
+def _single(blocks: Iterator[Block]) -> Iterator[Message]:
+    """Of blocks of one message each."""
+    for topic, unix_ns, data in blocks:
+        yield Message(topic, int(unix_ns[0]), data.tobytes())
+
+
 class Converter:
     """Keeps what messages need of the rows before. sigmas: of the inertial sensor, once it is known."""
 
@@ -30,17 +46,27 @@ class Converter:
 
     def of_sample(self, sample: np.void, unix_ns: int) -> Iterator[Message]:
         """sample: a row of SAMPLE."""
-        yield Message("imu/data_raw", unix_ns, messages.imu_raw(sample, unix_ns, self.sigmas))
+        return _single(self.of_samples(np.array([sample]), np.array([unix_ns])))
 
     def of_solution(self, solution: np.void, unix_ns: int) -> Iterator[Message]:
         """solution: a row of SOLUTION, in order of time."""
-        yield Message("imu/data", unix_ns, messages.imu(solution, unix_ns, self.sigmas))
-        if self._frames.step(solution):
-            known = (MAP, ODOM, self._frames.map_to_odom), (ODOM, BODY, self._frames.odom_to_body)
-            yield Message("/tf", unix_ns, messages.transforms(unix_ns, known))
-        if (place := self._frames.place) is not None:
-            yield Message("odometry", unix_ns, messages.odometry(solution, unix_ns, place, self.sigmas.gyro))
-            yield Message("fix/filtered", unix_ns, messages.filtered_fix(solution, unix_ns))
+        return _single(self.of_solutions(np.array([solution]), np.array([unix_ns])))
+
+    def of_samples(self, samples: Records, unix_ns: Indices) -> Iterator[Block]:
+        """samples: rows of SAMPLE."""
+        yield Block("imu/data_raw", unix_ns, messages.imu_raw(samples, unix_ns, self.sigmas))
+
+    def of_solutions(self, solutions: Records, unix_ns: Indices) -> Iterator[Block]:
+        """solutions: rows of SOLUTION, in order of time, at least one."""
+        yield Block("imu/data", unix_ns, messages.imu(solutions, unix_ns, self.sigmas))
+        motion = self._frames.step(solutions)
+        if (known := motion.is_known).any():
+            transforms = motion.map_to_odom[known], motion.odom_to_body[known]
+            yield Block("/tf", unix_ns[known], messages.motion(unix_ns[known], *transforms))
+        if (placed := motion.is_placed).any():
+            rows, at = solutions[placed], unix_ns[placed]
+            yield Block("odometry", at, messages.odometry(rows, at, motion.place[placed], self.sigmas.gyro))
+            yield Block("fix/filtered", at, messages.filtered_fix(rows, at))
 
     def of_fix(self, fix: np.void, unix_ns: int, utc_ns: int | None) -> Iterator[Message]:
         """fix: a row of FIX; utc_ns: the same instant by the receiver's clock; None: not known."""

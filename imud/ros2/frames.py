@@ -5,39 +5,50 @@ those of the body, as its samples are turned by the mounting, and the filter's p
 """
 
 import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..estimators.records import ATTITUDE_VALID, POSITION_VALID
-from ..recording.enu import LocalMap, attitude, body, product, world
+from ..math.arrays import Floats, Records
+from ..recording.enu import LocalMap, attitude, body, each, product, world
 
 GAP_NS = 1_000_000_000  # an interruption, over which the body's motion is not known
 
+Columns = Any  # of a vector or quaternion: numbers, or an array each
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Transform = tuple[Vector, Quaternion]  # of a child in its parent: place, and the rotation of vectors into the parent
 IDENTITY: Transform = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
 
 
-def inverse(q: Quaternion) -> Quaternion:
+def inverse(q: Columns) -> Columns:
     return q[0], -q[1], -q[2], -q[3]
 
 
-def turned(q: Quaternion, v: Vector) -> Vector:
+def turned(q: Columns, v: Columns) -> Columns:
     """The vector in the parent."""
-    _, x, y, z = product(product(q, (0.0, *v)), inverse(q))
-    return x, y, z
+    return product(product(q, (0.0, *v)), inverse(q))[1:]
 
 
-def _sum(a: Vector, b: Vector, factor: float = 1.0) -> Vector:
-    return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
-
-
-def _rotation(v: Vector) -> Quaternion:
+def _rotation(v: Columns) -> Columns:
     """By a rotation vector, rad."""
-    angle = math.hypot(*v)
-    factor = 0.5 * math.sin(0.5 * angle) / (0.5 * angle) if angle > 1e-9 else 0.5
-    return math.cos(0.5 * angle), factor * v[0], factor * v[1], factor * v[2]
+    angle = each(math.hypot, *v)
+    half = np.where(angle > 1e-9, 0.5 * angle, 1.0)
+    factor = np.where(angle > 1e-9, 0.5 * each(math.sin, half) / half, 0.5)
+    return each(math.cos, 0.5 * angle), factor * v[0], factor * v[1], factor * v[2]
+
+
+class Motion(NamedTuple):
+    """Of the body through n solutions. Places (n x 3), m; transforms (n x 7): place and quaternion, scalar first."""
+
+    is_placed: NDArray[np.bool_]  # whether the place in the map is known
+    place: Floats
+    is_known: NDArray[np.bool_]  # whether the transforms are
+    map_to_odom: Floats
+    odom_to_body: Floats
 
 
 class Frames:
@@ -45,49 +56,70 @@ class Frames:
 
     def __init__(self) -> None:
         self._plane = LocalMap()
-        self.map_to_odom, self.odom_to_body = IDENTITY, IDENTITY
-        self.place: Vector | None = None  # of the body in the map; None: not known
+        self._map_to_odom = self._odom_to_body = np.array([sum(IDENTITY, ())])  # the newest, as one row
         self._t_ns: int | None = None  # of the newest solution with an attitude
-        self._velocity: Vector = (0.0, 0.0, 0.0)  # in the body, like the rate
-        self._rate: Vector = (0.0, 0.0, 0.0)
+        self._twist = np.zeros((1, 6))  # velocity and rate, in the body
 
-    def step(self, solution: np.void) -> bool:
-        """The next row of SOLUTION; returns whether the transforms are known."""
-        status = int(solution["status"])
-        self.place = None
-        if status & POSITION_VALID:
-            self.place = self._plane.place(*(float(solution[name]) for name in ("lat", "lon", "height")))
-        if status & ATTITUDE_VALID:
-            self._reckon(solution)
-            self._correct(solution)
-        return self._t_ns is not None
+    def step(self, solutions: Records) -> Motion:
+        """The next rows of SOLUTION."""
+        is_placed, has_attitude = ((solutions["status"] & bit) != 0 for bit in (POSITION_VALID, ATTITUDE_VALID))
+        place = np.full((len(solutions), 3), np.nan)
+        if is_placed.any():
+            place[is_placed] = self._plane.places(*(solutions[name][is_placed] for name in ("lat", "lon", "height")))
+        newest = np.cumsum(has_attitude)
+        is_known = (newest > 0) | (self._t_ns is not None)
+        to_odom, to_body = self._map_to_odom, self._odom_to_body
+        if newest[-1]:
+            q = attitude(solutions["q_nb"][has_attitude].T)
+            to_body = np.concatenate([to_body, self._reckon(solutions[has_attitude], q)])
+            to_odom = np.concatenate([to_odom, self._correct(q, place[has_attitude], to_body[1:])])
+            self._map_to_odom, self._odom_to_body = to_odom[-1:], to_body[-1:]
+        return Motion(is_placed, place, is_known, to_odom[newest], to_body[newest])
 
-    def _reckon(self, solution: np.void) -> None:
-        """The body in odom: half the time with the twist before, half with the new one."""
-        t_ns, q = int(solution["t_ns"]), attitude(solution["q_nb"].tolist())
-        v, w = world(solution["v"].tolist()), body(solution["w"].tolist())
-        v = turned(inverse(q), v) if math.isfinite(sum(v)) else (0.0, 0.0, 0.0)
-        w = w if math.isfinite(sum(w)) else (0.0, 0.0, 0.0)
-        place, direction = self.odom_to_body
+    def _reckon(self, solutions: Records, q: Columns) -> Floats:
+        """The body in odom: half of each interval with the twist before, half with the new one."""
+        t_ns = solutions["t_ns"]
+        v, w = turned(inverse(q), world(solutions["v"].T)), body(solutions["w"].T)
+        twist = np.concatenate([self._twist, np.hstack([_known(v), _known(w)])])
+        start = self._odom_to_body[0].copy()
         if self._t_ns is None:
-            direction = q
-        elif 0 < t_ns - self._t_ns <= GAP_NS:
-            half_s = 0.5e-9 * (t_ns - self._t_ns)
-            angle = _sum(_sum((0.0, 0.0, 0.0), self._rate, half_s), w, half_s)
-            path = _sum(_sum((0.0, 0.0, 0.0), self._velocity, half_s), v, half_s)
-            middle = product(direction, _rotation(_sum((0.0, 0.0, 0.0), angle, 0.5)))
-            place = _sum(place, turned(middle, path))
-            direction = product(direction, _rotation(angle))
-            size = math.hypot(*direction)
-            direction = direction[0] / size, direction[1] / size, direction[2] / size, direction[3] / size
-        self.odom_to_body = place, direction
-        self._t_ns, self._velocity, self._rate = t_ns, v, w
+            start[3:] = [column[0] for column in q]
+        elapsed_ns = np.diff(t_ns, prepend=t_ns[0] if self._t_ns is None else self._t_ns)
+        goes_on = (elapsed_ns > 0) & (elapsed_ns <= GAP_NS)
+        half_s = 0.5e-9 * elapsed_ns[:, None]
+        path, angle = np.hsplit(half_s * twist[:-1] + half_s * twist[1:], 2)
+        directions = np.array(_directions(start[3:].tolist(), _rotation(angle.T), goes_on))
+        middle = product(directions[:-1].T, _rotation(0.5 * angle.T))
+        paths = np.where(goes_on[:, None], np.stack(turned(middle, path.T), axis=1), 0.0)
+        places = np.cumsum(np.concatenate([start[None, :3], paths]), axis=0)
+        self._t_ns, self._twist = int(t_ns[-1]), twist[-1:]
+        return np.hstack([places, directions])[1:]
 
-    def _correct(self, solution: np.void) -> None:
+    def _correct(self, q: Columns, place: Floats, to_body: Floats) -> Floats:
         """odom in the map, so that the body is where the filter says; without a position it goes on by reckoning."""
-        place, direction = self.odom_to_body
-        at = self.place
-        if at is None:
-            at = _sum(self.map_to_odom[0], turned(self.map_to_odom[1], place))
-        q = product(attitude(solution["q_nb"].tolist()), inverse(direction))
-        self.map_to_odom = _sum(at, turned(q, place), -1.0), q
+        rotation = product(q, inverse(to_body[:, 3:].T))
+        within = np.stack(turned(rotation, to_body[:, :3].T), axis=1)
+        found = np.hstack([place - within, np.stack(rotation, axis=1)])
+        for k in np.flatnonzero(np.isnan(place[:, 0])).tolist():
+            before = found[k - 1] if k else self._map_to_odom[0]
+            found[k, :3] = before[:3] + turned(before[3:].tolist(), to_body[k, :3].tolist()) - within[k]
+        return found
+
+
+def _known(v: Columns) -> Floats:
+    """Vectors, one a row; zeros where one is not known."""
+    rows = np.stack(v, axis=1)
+    rows[~np.isfinite(rows).all(axis=1)] = 0.0
+    return rows
+
+
+def _directions(q: Sequence[float], turns: Columns, goes_on: NDArray[np.bool_]) -> list[Sequence[float]]:
+    """q, and what it becomes by each turn that goes on."""
+    found = [q]
+    for turn, goes in zip(zip(*(column.tolist() for column in turns), strict=True), goes_on.tolist(), strict=True):
+        if goes:
+            w, x, y, z = product(q, turn)
+            size = math.hypot(w, x, y, z)
+            q = w / size, x / size, y / size, z / size
+        found.append(q)
+    return found

@@ -6,21 +6,23 @@ with -1 says that there is no such estimate. Covariances of an orientation are t
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from imud.drivers.sample import NO_FORCE, NO_RATE, SUSPECT
 
 from ..estimators.records import ATTITUDE_VALID, HEIGHT_VALID, POSITION_VALID
-from ..math.arrays import Floats
-from ..recording.enu import ANTENNA, BODY, IMU, MAP, Vector, attitude, body, diagonal, world
+from ..math.arrays import Floats, Indices, Records
+from ..recording.enu import ANTENNA, BODY, IMU, MAP, ODOM, Vector, attitude, each, world
 from ..sensor_errors.profiles import SampleSigma
-from .cdr import Cdr
+from .cdr import Bytes, Cdr
 from .frames import Transform
 
 _NONE = [-1.0, *[0.0] * 8]
-_NO_VECTOR, _NO_ROTATION = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
+_NO_ROTATION = (1.0, 0.0, 0.0, 0.0)
+_FLU = (1.0, -1.0, -1.0)  # of FRD
 UNKNOWN_VAR = 1e6  # of what is not known, where a message has no way to say so: a height, rates
 _NO_FIX, _FIX, _SATELLITE_AUGMENTED, _GROUND_AUGMENTED = -1, 0, 1, 2
 _STATUS_OF_QUALITY = {0: _NO_FIX, 2: _SATELLITE_AUGMENTED, 4: _GROUND_AUGMENTED, 5: _GROUND_AUGMENTED}  # of GGA
@@ -36,67 +38,71 @@ class Sigmas(NamedTuple):
     accel: SampleSigma | None = None
 
 
-def _measured(
-    v: Sequence[float], sensor: SampleSigma | None, bias: Sequence[float] | None = None
-) -> tuple[Sequence[float], list[float]]:
-    """A measured vector (FRD) in FLU, and its covariance (row-major 3 x 3).
+def _measured(v: Floats, sensor: SampleSigma | None, is_known: Any = True, bias: Floats | None = None) -> Floats:
+    """Measured vectors (n x 3, FRD) in FLU, and behind each its covariance (row-major 3 x 3): n x 12.
 
     bias: sigmas of the estimated biases. Where they are None or NaN the bias is that of the switch-on.
     """
-    if sensor is None or not math.isfinite(sum(v)):
-        return _NO_VECTOR, _NONE
-    common = sensor.white**2 + (sensor.scale * math.hypot(*v)) ** 2
-    biases = [s if math.isfinite(s) else sensor.bias for s in bias or [sensor.bias] * 3]
-    return body(v), diagonal([math.sqrt(common + s * s) for s in biases])
+    rows = np.zeros((len(v), 12))
+    rows[:, 3] = -1.0
+    if sensor is not None:
+        known = np.isfinite(v.sum(axis=1)) & is_known
+        size = sensor.scale * each(math.hypot, *v.T)
+        biases = np.full(v.shape, sensor.bias) if bias is None else np.where(np.isfinite(bias), bias, sensor.bias)
+        sigmas = np.sqrt((sensor.white**2 + size * size)[:, None] + biases * biases)
+        rows[known, :3] = (v * _FLU)[known]
+        rows[known, 3::4] = (sigmas * sigmas)[known]
+    return rows
 
 
-def imu_raw(sample: np.void, unix_ns: int, sigmas: Sigmas) -> bytes:
-    """sensor_msgs/msg/Imu, of a row of SAMPLE: as measured, without an orientation (REP-145)."""
-    flags = int(sample["flags"])
-    message = Cdr().header(unix_ns, IMU).quaternion(_NO_ROTATION).add("d", *_NONE)
-    gyro = None if flags & (NO_RATE | SUSPECT) else sigmas.gyro
-    accel = None if flags & (NO_FORCE | SUSPECT) else sigmas.accel
-    for v, sensor in ((sample["w"], gyro), (sample["f"], accel)):
-        vector, covariance = _measured(v.tolist(), sensor)
-        message.add("d", *vector).add("d", *covariance)
-    return message.bytes()
+def imu_raw(samples: Records, unix_ns: Indices, sigmas: Sigmas) -> Bytes:
+    """sensor_msgs/msg/Imu, of rows of SAMPLE: as measured, without an orientation (REP-145)."""
+    n, flags = len(samples), samples["flags"]
+    message = Cdr(n).header(unix_ns, IMU).quaternion(_NO_ROTATION).add("d", *_NONE)
+    rates = _measured(samples["w"], sigmas.gyro, flags & (NO_RATE | SUSPECT) == 0)
+    return message.doubles(rates, _measured(samples["f"], sigmas.accel, flags & (NO_FORCE | SUSPECT) == 0)).rows()
 
 
-def imu(solution: np.void, unix_ns: int, sigmas: Sigmas) -> bytes:
-    """sensor_msgs/msg/Imu, of a row of SOLUTION: without the biases, with gravity (REP-145)."""
-    known = int(solution["status"]) & ATTITUDE_VALID
-    message = Cdr().header(unix_ns, IMU).quaternion(attitude(solution["q_nb"].tolist()))
-    message.add("d", *(diagonal(solution["sigma_rpy"].tolist()) if known else _NONE))
-    for name, bias, sensor in (("w", "sigma_bg", sigmas.gyro), ("f", "sigma_ba", sigmas.accel)):
-        vector, covariance = _measured(solution[name].tolist(), sensor, solution[bias].tolist())
-        message.add("d", *vector).add("d", *covariance)
-    return message.bytes()
+def imu(solutions: Records, unix_ns: Indices, sigmas: Sigmas) -> Bytes:
+    """sensor_msgs/msg/Imu, of rows of SOLUTION: without the biases, with gravity (REP-145)."""
+    known = solutions["status"] & ATTITUDE_VALID != 0
+    covariance = _diagonal(solutions["sigma_rpy"] ** 2)
+    covariance[~known] = _NONE
+    rates = _measured(solutions["w"], sigmas.gyro, bias=solutions["sigma_bg"])
+    forces = _measured(solutions["f"], sigmas.accel, bias=solutions["sigma_ba"])
+    message = Cdr(len(solutions)).header(unix_ns, IMU).quaternion(attitude(solutions["q_nb"].T))
+    return message.doubles(covariance, rates, forces).rows()
+
+
+def _diagonal(variances: Floats) -> Floats:
+    """Row-major covariances (n x k k) of independent components (n x k)."""
+    n, k = variances.shape
+    rows = np.zeros((n, k * k))
+    rows[:, :: k + 1] = variances
+    return rows
 
 
 def _nav_sat_fix(
-    unix_ns: int, frame: str, status: int, position: Sequence[float], sigma: Sequence[float], kind: int
-) -> bytes:
+    unix_ns: Indices, frame: str, status: Any, position: Floats, sigma: Floats, kind: NDArray[np.int64]
+) -> Bytes:
     """position: degrees, m; sigma: m, north east down. A height of NaN is not known."""
-    east, north, up = (s * s for s in world(sigma))
-    if not math.isfinite(position[2]):
-        up, kind = UNKNOWN_VAR, min(kind, _APPROXIMATED)
-    covariance = np.diag([east, north, up]).ravel().tolist() if kind else [0.0] * 9
-    message = Cdr().header(unix_ns, frame).add("b", status).add("H", _SERVICE_GPS).add("d", *position)
-    return message.add("d", *covariance).add("B", kind).bytes()
+    variances = np.stack(world(sigma.T), axis=1) ** 2
+    blind = ~np.isfinite(position[:, 2])
+    variances[blind, 2] = UNKNOWN_VAR
+    kind = np.where(blind, np.minimum(kind, _APPROXIMATED), kind)
+    variances[kind == _UNKNOWN] = 0.0
+    message = Cdr(len(position)).header(unix_ns, frame).add("b", status).add("H", _SERVICE_GPS)
+    return message.doubles(position, _diagonal(variances)).add("B", kind).rows()
 
 
-def filtered_fix(solution: np.void, unix_ns: int) -> bytes:
-    """sensor_msgs/msg/NavSatFix, of a row of SOLUTION: the filter's position of the body."""
-    known = int(solution["status"]) & POSITION_VALID
-    position = _position(solution)
-    if not known:
-        return _nav_sat_fix(unix_ns, BODY, _NO_FIX, [math.nan] * 3, [math.nan] * 3, _UNKNOWN)
-    return _nav_sat_fix(unix_ns, BODY, _FIX, position, solution["sigma_p"].tolist(), _DIAGONAL_KNOWN)
-
-
-def _position(solution: np.void) -> tuple[float, float, float]:
-    height = float(solution["height"]) if int(solution["status"]) & HEIGHT_VALID else math.nan
-    return math.degrees(solution["lat"]), math.degrees(solution["lon"]), height
+def filtered_fix(solutions: Records, unix_ns: Indices) -> Bytes:
+    """sensor_msgs/msg/NavSatFix, of rows of SOLUTION: the filter's position of the body."""
+    known = solutions["status"] & POSITION_VALID != 0
+    height = np.where(solutions["status"] & HEIGHT_VALID != 0, solutions["height"], np.nan)
+    position = np.stack([np.degrees(solutions["lat"]), np.degrees(solutions["lon"]), height], axis=1)
+    position[~known] = np.nan
+    status, kind = np.where(known, _FIX, _NO_FIX), np.where(known, _DIAGONAL_KNOWN, _UNKNOWN)
+    return _nav_sat_fix(unix_ns, BODY, status, position, solutions["sigma_p"], kind)
 
 
 def receiver_fix(fix: np.void, unix_ns: int, derived: Vector) -> bytes:
@@ -104,54 +110,66 @@ def receiver_fix(fix: np.void, unix_ns: int, derived: Vector) -> bytes:
 
     derived: sigma north, east, down that stand for those it does not report.
     """
-    reported = fix["sigma"].tolist()
-    sigma = [s if math.isfinite(s) else d for s, d in zip(reported, derived, strict=True)]
-    kind = _DIAGONAL_KNOWN if math.isfinite(sum(reported)) else _APPROXIMATED
+    sigma = np.where(np.isfinite(fix["sigma"]), fix["sigma"], derived)
+    kind = _DIAGONAL_KNOWN if np.isfinite(fix["sigma"]).all() else _APPROXIMATED
     status = _STATUS_OF_QUALITY.get(int(fix["quality"]), _FIX)
-    position = (math.degrees(fix["lat"]), math.degrees(fix["lon"]), float(fix["height"]))
-    return _nav_sat_fix(unix_ns, ANTENNA, status, position, sigma, kind)
+    position = np.array([[math.degrees(fix["lat"]), math.degrees(fix["lon"]), fix["height"]]])
+    at = np.array([unix_ns])
+    return _nav_sat_fix(at, ANTENNA, status, position, sigma[None], np.array([kind])).tobytes()
 
 
-def odometry(solution: np.void, unix_ns: int, place: Vector, gyro: SampleSigma | None) -> bytes:
-    """nav_msgs/msg/Odometry of the body in the map, of a row of SOLUTION with a position. place: ENU, m."""
-    message = Cdr().header(unix_ns, MAP).text(BODY)
-    message.add("d", *place).quaternion(attitude(solution["q_nb"].tolist()))
-    east, north, up = world(solution["sigma_p"].tolist())
-    if not int(solution["status"]) & HEIGHT_VALID:
-        up = math.sqrt(UNKNOWN_VAR)
-    message.add("d", *np.diag(np.square([east, north, up, *solution["sigma_rpy"]])).ravel().tolist())
-    velocity, spread = body_velocity(solution)
-    rates, variances = _measured(solution["w"].tolist(), gyro, solution["sigma_bg"].tolist())
-    covariance = np.diag([UNKNOWN_VAR] * 6)
-    covariance[:3, :3] = spread
-    if variances is not _NONE:
-        covariance[3:, 3:] = np.reshape(variances, (3, 3))
-    return message.add("d", *velocity).add("d", *rates).add("d", *covariance.ravel().tolist()).bytes()
+def odometry(solutions: Records, unix_ns: Indices, place: Floats, gyro: SampleSigma | None) -> Bytes:
+    """nav_msgs/msg/Odometry of the body in the map, of rows of SOLUTION with a position. place: ENU (n x 3), m."""
+    sigmas = np.hstack([np.stack(world(solutions["sigma_p"].T), axis=1), solutions["sigma_rpy"]])
+    variances = sigmas * sigmas
+    variances[solutions["status"] & HEIGHT_VALID == 0, 2] = UNKNOWN_VAR
+    message = Cdr(len(solutions)).header(unix_ns, MAP).text(BODY).doubles(place)
+    message.quaternion(attitude(solutions["q_nb"].T)).doubles(_diagonal(variances))
+    velocity, spread = body_velocity(solutions)
+    rates = _measured(solutions["w"], gyro, bias=solutions["sigma_bg"])
+    covariance = np.tile(np.diag([UNKNOWN_VAR] * 6), (len(solutions), 1, 1))
+    covariance[:, :3, :3] = spread
+    known = rates[:, 3] >= 0.0
+    covariance[known, 3:, 3:] = rates[known, 3:].reshape(-1, 3, 3)
+    return message.doubles(velocity, rates[:, :3], covariance.reshape(-1, 36)).rows()
 
 
-def body_velocity(solution: np.void) -> tuple[list[float], Floats]:
-    """The velocity in the body (FLU) and its covariance (3 x 3): that of the velocity in NED, and what the errors of
-    the attitude make of it.
+def body_velocity(solutions: Records) -> tuple[Floats, Floats]:
+    """Velocities in the body (FLU, n x 3) and their covariances (n x 3 x 3): that of the velocity in NED, and what the
+    errors of the attitude make of it.
     """
-    r_nb, v = _matrix(solution["q_nb"].tolist()), solution["v"]
-    north, east, down = v.tolist()
-    cross = np.array([[0.0, down, -east], [-down, 0.0, north], [east, -north, 0.0]])  # axis @ cross: v x axis
-    yaw = math.atan2(r_nb[1, 0], r_nb[0, 0])
-    axes = np.array([r_nb[:, 0], (-math.sin(yaw), math.cos(yaw), 0.0), (0.0, 0.0, 1.0)])  # of roll, pitch, yaw
-    errors = np.diag(solution["sigma_v"]), solution["sigma_rpy"][:, np.newaxis] * (axes @ cross)
-    turned = np.vstack([v, *errors]) @ r_nb * (1.0, -1.0, -1.0)
-    return turned[0].tolist(), turned[1:].T @ turned[1:]
+    r_nb, v = _matrices(solutions["q_nb"].T), solutions["v"]
+    (north, east, down), nothing = v.T, np.zeros(len(v))
+    cross = _stacked([nothing, down, -east], [-down, nothing, north], [east, -north, nothing])  # axis @ cross: v x axis
+    yaw = each(math.atan2, r_nb[:, 1, 0], r_nb[:, 0, 0])
+    sine, cosine = each(math.sin, yaw), each(math.cos, yaw)
+    one = nothing + 1.0
+    axes = _stacked(r_nb[:, :, 0].T, [-sine, cosine, nothing], [nothing, nothing, one])  # of roll, pitch, yaw
+    errors = _diagonal(solutions["sigma_v"]).reshape(-1, 3, 3), solutions["sigma_rpy"][:, :, None] * (axes @ cross)
+    turned = np.concatenate([v[:, None], *errors], axis=1) @ r_nb * _FLU
+    return turned[:, 0], turned[:, 1:].transpose(0, 2, 1) @ turned[:, 1:]
 
 
-def _matrix(q: Sequence[float]) -> Floats:
+def _stacked(*rows: Any) -> Floats:
+    """Matrices, n x 3 x 3, of rows whose elements are arrays of n."""
+    return np.array([list(row) for row in rows]).transpose(2, 0, 1).copy()
+
+
+def _matrices(q: Any) -> Floats:
     w, x, y, z = q
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
+    return _stacked(
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     )
+
+
+def motion(unix_ns: Indices, map_to_odom: Floats, odom_to_body: Floats) -> Bytes:
+    """tf2_msgs/msg/TFMessage of both. n x 7 each: place and quaternion, scalar first."""
+    message = Cdr(len(unix_ns)).add("I", 2)
+    for parent, child, rows in ((MAP, ODOM, map_to_odom), (ODOM, BODY, odom_to_body)):
+        message.header(unix_ns, parent).text(child).doubles(rows[:, :3]).quaternion(rows[:, 3:].T)
+    return message.rows()
 
 
 def transforms(unix_ns: int, known: Iterable[tuple[str, str, Transform]]) -> bytes:

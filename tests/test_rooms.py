@@ -14,7 +14,7 @@ RUN_TIME = {"numpy", "numba", "llvmlite", "serial", "structlog", "msgspec", "spi
 RECORDING = (
     "drivers/capture.py",
     "imud/recording/file.py",
-    "imud/ros2/bag.py",
+    "imud/ros2/block_writer.py",
     "firmware_sim/recorded_bytes.py",
 )
 EXTRAS = {  # file: what it may import that an extra brings

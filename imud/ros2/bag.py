@@ -19,6 +19,7 @@ from .converter import Block, Converter, Message
 from .definitions import STATIC, TOPICS, definition
 from .messages import Diagnosis, Sigmas, filter_diagnosis
 
+_TOGETHER = 1024  # rows that become messages at once
 _DIAGNOSES_NS = 1_000_000_000  # from one to the next
 _NAMES = {"imu": "inertial sensor", "gnss": "receiver"}
 # rosbag2's numbers of the policies: keep the last 1, reliable, transient local; for subscribers that come later
@@ -46,13 +47,15 @@ class Bag:
             raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error
         self._writer: Any = BlockWriter(file)
         self._writer.start(profile="ros2", library="imud")
-        stack.callback(self._writer.finish)
+        stack.callback(self._finish)
         self._channels: dict[str, int] = {}
         self._converter = Converter()
         self._samples, self._solutions = Thinner(rate_hz), Thinner(rate_hz)
         self._offset_ns = offset_ns
         self._player, self._antenna_m = player, antenna_m
         self._filter: Filter | None = None
+        self._waiting: list[tuple[Records, Records]] = []  # samples and solutions that are no messages yet
+        self._rows = 0  # of them
         self._status = 0
         self._diagnosed_ns = -_DIAGNOSES_NS
         self.fixes = 0
@@ -62,14 +65,28 @@ class Bag:
         inertial = self._player.inertial
         assert inertial is not None
         if inertial.stream.filter is not self._filter:
+            self._write_waiting()
             self._filter = inertial.stream.filter
             self._converter.sigmas = Sigmas(*inertial.sample_sigmas)
-        if len(kept := self._samples.kept(samples)):
-            self._add_blocks(self._converter.of_samples(kept, kept["t_ns"] + self._offset_ns))
-        if len(kept := self._solutions.kept(solutions)):
-            self._status = int(kept["status"][-1])
-            self._add_blocks(self._converter.of_solutions(kept, kept["t_ns"] + self._offset_ns))
+        kept = self._samples.kept(samples).copy(), self._solutions.kept(solutions).copy()
+        self._waiting.append(kept)
+        self._rows += len(kept[0])
+        self._status = int(solutions["status"][-1])
+        if self._rows >= _TOGETHER:
+            self._write_waiting()
         self._diagnose()
+
+    def _write_waiting(self) -> None:
+        if self._rows:
+            samples, solutions = (np.concatenate(blocks) for blocks in zip(*self._waiting, strict=True))
+            self._add_blocks(self._converter.of_samples(samples, samples["t_ns"] + self._offset_ns))
+            self._add_blocks(self._converter.of_solutions(solutions, solutions["t_ns"] + self._offset_ns))
+        self._waiting.clear()
+        self._rows = 0
+
+    def _finish(self) -> None:
+        self._write_waiting()
+        self._writer.finish()
 
     def write_fix(self, fix: Records) -> None:
         """An array of one FIX."""

@@ -199,6 +199,14 @@ def step_of_the_bias_at_rest():
     return navigated(samples, fixes, HEADED)
 
 
+def step_of_the_bias_under_way():
+    """Of a free craft: its heading turns away."""
+    samples, fixes = data(road(speed=12.0), seed=55, every=0.5)
+    samples["w"][between(samples, 80.0, 1e9), 2] += 0.015
+    samples["w"][between(samples, 110.0, 1e9), 2] -= 0.02
+    return navigated(samples, fixes, vehicle="free")
+
+
 def lift():
     """Straight up and down, with the settings of a land vehicle."""
     t = np.arange(80 * RATE) / RATE

@@ -78,6 +78,7 @@ from golden_motion import (
     rest_in_an_outage,
     scale_factor,
     step_of_the_bias_at_rest,
+    step_of_the_bias_under_way,
     stops,
     turned_at_rest,
 )
@@ -121,7 +122,8 @@ CLASSES = (
     hammered, stops, parked, turned_at_rest, frozen_slow_receiver, two_jumps_without_velocity, graded_jumps,
     graded_drifts, graded_drifts_under_way, survey_of_a_decimetre, outage_before_heading, old_fixes, slipping_start,
     ferry, disturbed_rest, disturbed_rest_without_velocity, disturbed_rest_before_heading, rest_in_an_outage,
-    heading_a_little_wrong, heading_just_wrong, force_that_creeps, moored, step_of_the_bias_at_rest, lift, pole,
+    heading_a_little_wrong, heading_just_wrong, force_that_creeps, moored, step_of_the_bias_at_rest,
+    step_of_the_bias_under_way, lift, pole,
     date_line, rtk_on_a_rough_road, odometer, odometer_without_sign, odometer_against_a_drift,
     speed_through_water, two_wheels,
     barometer, pose, pose_alone, pose_without_yaw, external_velocity, body_velocity,

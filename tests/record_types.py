@@ -42,6 +42,7 @@ INS = {
     "ProcessNoise": core.PROCESS_NOISE,
     "Drift": core.DRIFT,
     "TimeStep": core.TIME_STEP,
+    "TurnStep": core.TURN_STEP,
     "Alignment": alignment.ALIGNMENT,
     "Barometer": core.BAROMETER,
     "ExternalAid": core.EXTERNAL_AID,

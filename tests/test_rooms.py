@@ -64,6 +64,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
             "integrity/gnss_drift",
             "integrity/reset_inflation",
             "integrity/time_step",
+            "integrity/turn_step",
             "alignment/force_integrals",
         )
     ),

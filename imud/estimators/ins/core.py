@@ -15,6 +15,7 @@ from .state import (
     SNAPSHOTS,
     STATES,
     STEP_INNOVATIONS,
+    TURN_ONSETS,
 )
 
 NAV = np.dtype(  # the nominal state: time, and one value for each error state
@@ -227,6 +228,19 @@ TIME_STEP = np.dtype(  # the test for a step of the receiver's stamps (GLR)
     align=True,
 )
 
+TURN_STEP = np.dtype(  # the test for a step of the gyro bias about the vertical (GLR)
+    [
+        ("last_ns", "<i8"),  # the last fix
+        ("onset_ns", "<i8", (TURN_ONSETS,)),
+        ("information", "<f8", (TURN_ONSETS,)),  # s^2/rad^2, of the step
+        ("vector", "<f8", (TURN_ONSETS,)),  # s/rad, information times step
+        ("energy", "<f8", (TURN_ONSETS,)),  # sum of the normalised innovations squared
+        ("count", "<f8", (TURN_ONSETS,)),  # number of these
+        ("sensitivity", "<f8", (STATES, TURN_ONSETS)),  # error states per rad/s of the step
+    ],
+    align=True,
+)
+
 BAROMETER = np.dtype(  # at the last reading
     [
         ("last_ns", "<i8"),  # its epoch
@@ -332,6 +346,7 @@ REWOUND = [  # what a rewind restores
     ("process_noise", PROCESS_NOISE),
     ("drift", DRIFT),
     ("time_step", TIME_STEP),
+    ("turn_step", TURN_STEP),
     ("alignment", ALIGNMENT),
     ("barometer", BAROMETER),
     ("heading_aid", HEADING_AID),

@@ -25,6 +25,7 @@ from .error_model import linearize, propagate_covariance
 from .integrity.gnss_drift import BY_WHEELS, propagate_sensitivity, update_sensitivity
 from .integrity.reset_inflation import fade_inflation
 from .integrity.time_step import count_innovation, propagate_time_step, update_time_step
+from .integrity.turn_step import count_turn_innovation, propagate_turn_step, update_turn_step
 from .mechanization import start_integration
 from .process_noise import learn_process_noise, propagate_learning, update_learning
 from .state import NAVIGATING
@@ -48,6 +49,7 @@ def propagate_errors(p: Parameters, c: Core) -> None:
     propagate_covariance(p, c, transition)
     propagate_sensitivity(c, transition)
     propagate_time_step(c, transition)
+    propagate_turn_step(c, transition)
     propagate_learning(p, c, transition)
     fade_inflation(c, transition.gnss_bias)
     start_integration(c)
@@ -61,6 +63,7 @@ def fuse(c: Core, length: int, z: float, s: float, axis: int) -> None:
     """
     update_sensitivity(c, length, s, z, axis)
     update_time_step(c, length, s)
+    update_turn_step(c, length, s)
     update_learning(c, length, z, s)
     apply_gain(c, s, z)
 
@@ -99,6 +102,7 @@ def fix_update(
     if c.alignment.mode == NAVIGATING and c.drift.detected != BY_WHEELS:
         learn_process_noise(p, c, length, z, s)
         count_innovation(c, length, z, s, axis)
+        count_turn_innovation(p, c, length, z, s)
     return test_and_fuse(c, length, z, s, 0.0, gate, axis)
 
 

@@ -113,7 +113,7 @@ def store_snapshot(s: State) -> None:
     k.process_noise, k.gravity_monitor, k.barometer = c.process_noise, c.gravity_monitor, c.barometer
     k.heading_aid, k.odometer, k.wheel_check = c.heading_aid, c.odometer, c.wheel_check
     k.pose, k.external_velocity, k.magnetometer = c.pose, c.external_velocity, c.magnetometer
-    k.time_step = c.time_step
+    k.time_step, k.turn_step = c.time_step, c.turn_step
     s.snapshot_count += 1
 
 
@@ -133,7 +133,7 @@ def restore_snapshot(c: Core, k: Snapshot) -> None:
     c.process_noise, c.gravity_monitor, c.barometer = k.process_noise, k.gravity_monitor, k.barometer
     c.heading_aid, c.odometer, c.wheel_check = k.heading_aid, k.odometer, k.wheel_check
     c.pose, c.external_velocity, c.magnetometer = k.pose, k.external_velocity, k.magnetometer
-    c.time_step = k.time_step
+    c.time_step, c.turn_step = k.time_step, k.turn_step
 
 
 @kernel

@@ -30,6 +30,7 @@ from .ekf import variance
 from .fusion import correct_state, write_innovation
 from .integrity.heading_monitor import monitor_heading
 from .integrity.time_step import detect_time_step
+from .integrity.turn_step import detect_turn_step
 from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS
 
 if TYPE_CHECKING:
@@ -79,6 +80,8 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, 
         rows = fuse_gnss_position(p, c, fix, late, innovations, rows)
     if abs(late) < p.tuning.max_rewind_miss_s:
         rows = fuse_gnss_velocity(p, c, fix, late, innovations, rows)
+    if c.alignment.mode == NAVIGATING and detect_turn_step(p, c):
+        reset_pairs(c)
     if c.alignment.mode == NAVIGATING and detect_time_step(p, c):
         correct_state(p, c)
         reset_pairs(c)

@@ -53,7 +53,7 @@ from .alignment import (
     velocity_pairs,
     whitening,
 )
-from .integrity import gnss_drift, gravity_monitor, heading_monitor, time_step
+from .integrity import gnss_drift, gravity_monitor, heading_monitor, time_step, turn_step
 from .state import AUTO, FREE, LAND
 
 VEHICLES = {"free": FREE, "auto": AUTO, "land": LAND}
@@ -95,6 +95,7 @@ TUNABLES = (
     *gravity_monitor.TUNABLES,
     *gnss_drift.TUNABLES,
     *time_step.TUNABLES,
+    *turn_step.TUNABLES,
     *process_noise.TUNABLES,
     *fusion_horizon.TUNABLES,
     *filter.TUNABLES,

@@ -20,6 +20,7 @@ from .alignment.velocity_pairs import reset_pairs
 from .ekf import add_variance, decorrelate, variance
 from .integrity.gnss_drift import reset_drift
 from .integrity.time_step import reset_time_step
+from .integrity.turn_step import reset_turn_step
 from .mechanization import body_to_ned, clear_biases
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 from .stationarity import clear_window, interrupt_rest
@@ -58,6 +59,7 @@ def reopen_biases(p: Parameters, c: Core) -> None:
     reset_pairs(c)
     reset_drift(c)
     reset_time_step(c)
+    reset_turn_step(c)
 
 
 @kernel

@@ -34,6 +34,7 @@ NEVER_NS = -(1 << 62)  # a time before all others
 IMU_RING = 4096  # samples kept: 2 s at the highest rate
 SNAPSHOTS = 64
 SNAPSHOT_NS = 50_000_000
+TURN_ONSETS = 2  # times at which the gyro bias may have stepped
 ONSETS = 3  # times at which the receiver may have begun to drift
 AIDING_RING = 256  # measurements kept: 2 s of sources of 100 Hz
 BANKS = 32  # fixes of which the hypothesis bank is kept

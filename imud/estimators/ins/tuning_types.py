@@ -208,6 +208,9 @@ class Tuning:
     time_step_sigma: float
     min_time_step_s: float
     max_time_step_s: float
+    turn_step_chi2: float
+    turn_onset_s: float
+    turn_shared_s: float
     process_noise_prior: float
     process_noise_walk: float
     max_learned_nis: float

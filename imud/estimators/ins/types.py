@@ -197,6 +197,16 @@ class TimeStep:
     jump: Tensor
 
 
+class TurnStep:
+    last_ns: int
+    onset_ns: Integers
+    information: Reals
+    vector: Reals
+    energy: Reals
+    count: Reals
+    sensitivity: Tensor
+
+
 class Alignment:
     mode: int
     heading_sigma: float
@@ -309,6 +319,7 @@ class Snapshot:
     process_noise: ProcessNoise
     drift: Drift
     time_step: TimeStep
+    turn_step: TurnStep
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid
@@ -332,6 +343,7 @@ class Core:
     process_noise: ProcessNoise
     drift: Drift
     time_step: TimeStep
+    turn_step: TurnStep
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid

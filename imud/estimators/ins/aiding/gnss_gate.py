@@ -18,6 +18,7 @@ from ..ekf import add_covariance, add_variance, decorrelate, variance
 from ..integrity.gnss_drift import all_onsets_open, clear_detection, reset_drift
 from ..integrity.reset_inflation import inflate_position
 from ..integrity.time_step import reset_time_step
+from ..integrity.turn_step import reset_turn_step
 from ..mechanization import displace, ned_difference
 from ..state import ATTITUDE, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY
 from .gnss_noise import clear_gnss_bias
@@ -227,6 +228,7 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     reset_to_gnss(c, 0, 2, supported, p.tuning.reset_time_sigma)
     reset_drift(c)
     reset_time_step(c)
+    reset_turn_step(c)
     g.reject_count[0] = 0
     return True
 

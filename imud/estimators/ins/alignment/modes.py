@@ -28,6 +28,7 @@ from ..error_model import reset_gyro_scale
 from ..fusion import propagate_errors
 from ..integrity.gnss_drift import reset_drift
 from ..integrity.time_step import reset_time_step
+from ..integrity.turn_step import reset_turn_step
 from ..lever_arm import antenna_position, antenna_velocity, attitude_row, gyro_bias_row
 from ..mechanization import clear_sensor_errors, displace, set_attitude, set_velocity
 from ..process_noise import clear_learning
@@ -94,6 +95,7 @@ def change_mode(p: Parameters, c: Core, event: int) -> None:
     c.alignment.mode = NEXT_MODE[row]
     reset_drift(c)
     reset_time_step(c)
+    reset_turn_step(c)
     if actions & FORGET_HEADING:
         c.alignment.heading_sigma = 0.0
         decorrelate(c, ATTITUDE + 2, math.pi**2)

@@ -26,6 +26,7 @@ from ..mechanization import ned_to_body
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 from .gnss_drift import reset_drift
 from .time_step import reset_time_step
+from .turn_step import reset_turn_step
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters
@@ -179,6 +180,7 @@ def monitor_gravity(p: Parameters, c: Core) -> None:
         reset_pairs(c)
         reset_drift(c)
         reset_time_step(c)
+        reset_turn_step(c)
         restart_gravity_monitor(p, c)
     elif g.time > p.tuning.gravity_memory_s:
         restart_gravity_monitor(p, c)

@@ -271,7 +271,7 @@ TABLES = (b"t_s,heading_deg,sigma_deg\n0.5,48.0,1.0\n", b"t_s,speed_mps,arrival_
 DATAGRAMS = (
     b'{"class":"POSE","lat":48.0,"lon":11.0,"height":500.0,"yaw":90,"sn":0.1,"se":0.1,"sd":0.1,"syaw":1}\n',
     b'{"class":"VEL","vn":0,"ve":0,"vd":0,"svn":0.1}\n{"class":"BODYVEL","vx":0,"vy":0,"vz":0,"svx":0.1}\n',
-    b'{"class":"HDG","heading":123.4,"sigma":0.3,"t":1800000000.0}\n',
+    b'{"class":"HDG","heading":123.4,"sigma":0.3,"t":1800000000.0}\n{"class":"MAG","x":20,"y":1,"z":40,"sigma":1}\n',
     b'{"class":"ODO","speed":1.5,"sigma":0.1}\n',
     b'{"class":"BARO","pressure":95000.0}\n{"class":"BARO","height":500.0,"sigma":1.0}\n',
 )

@@ -211,7 +211,8 @@ def _port(port: Table) -> Iterator[tuple[str, str]]:
     yield "port", f"{port['path']}: {', '.join(facts)}; {port['health']}"
     yield "", f"{_rate(port)}, {_counted(port, _COUNTED)}, connected {_times(port['connects'])}"
     if clock := port.get("clock"):
-        yield "", _clock(clock, port.get("out_of_limits", "").split(","))
+        fit = _clock(clock, port.get("out_of_limits", "").split(","))
+        yield from (("", line) for line in textwrap.wrap(fit, _WIDTH))
     if "quality" in port:
         yield "", f"fix: {_fix(port)}"
         if sentences := port.get("sentences"):

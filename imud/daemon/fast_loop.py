@@ -38,6 +38,7 @@ FAST_LOOP = np.dtype(
     align=True,
 )
 _SECOND_NS = 1_000_000_000
+_CHUNK = SerialPort.chunk  # numba has no type for the class
 FAILED, PUBLISH_DUE = -1, -2
 
 
@@ -52,7 +53,7 @@ def _run_until_event(
         c.timeout_s, c.timeout_ns = wait_ns // _SECOND_NS, wait_ns % _SECOND_NS
         if ppoll(c.at, 2, c.timeout_at, 0) <= 0:
             return 0
-        received = read(c.fd, s.rx + s.fill, min(SerialPort.chunk, RX - s.fill)) if c.happened != 0 else 0
+        received = read(c.fd, s.rx + s.fill, min(_CHUNK, RX - s.fill)) if c.happened != 0 else 0
         now_ns = clock_ns(CLOCK_MONOTONIC, c.time_at)  # after the read: late bytes must not seem early
         if c.happened != 0:
             if received <= 0:

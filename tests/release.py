@@ -5,7 +5,7 @@ package that it needs, as they are installed here, with version and licence. pip
 for known vulnerabilities in them.
 
 --machines also makes the wheels of other machines, with `ziglang`, and has their processors' bits compared under qemu
-(`other_machines.py`). That takes some minutes.
+(`other_machines.py`). That takes some minutes; `release_roots.py FOLDER ROOTS` then tries the wheels in Debian.
 """
 
 import argparse
@@ -44,13 +44,14 @@ def copied(folder: Path) -> Path:
 
 def wheel(into: Path, machine: str | None = None) -> Path:
     """Build the wheel from a copy of the sources, for this machine or another; returns its path."""
-    there = set(into.glob("*.whl"))
     environment = {**os.environ, **({"IMUD_TARGET": machine} if machine else {})}
     with tempfile.TemporaryDirectory() as folder:
         source = copied(Path(folder) / "imud")
-        command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(into)]
+        made = Path(folder) / "made"
+        command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(made)]
         subprocess.run(command, cwd=source, check=True, stdout=subprocess.DEVNULL, env=environment)
-    return next(iter(set(into.glob("*.whl")) - there))
+        (built,) = made.glob("*.whl")
+        return Path(shutil.copy(built, into))
 
 
 def library_of(built: Path) -> str:
@@ -105,13 +106,10 @@ def main() -> int:
     parser.add_argument("--machines", action="store_true", help="also wheels for other machines; compare their bits")
     arguments = parser.parse_args()
     folder = arguments.folder
-    digests = set()
-    for number in (1, 2):
-        with tempfile.TemporaryDirectory() as again:
-            into = folder if number == 1 else Path(again)
-            into.mkdir(parents=True, exist_ok=True)
-            built = wheel(into)
-            digests.add(hashlib.sha256(built.read_bytes()).hexdigest())
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as again:
+        built, second = wheel(folder), wheel(Path(again))
+        digests = {hashlib.sha256(each.read_bytes()).hexdigest() for each in (built, second)}
     print(f"{built.name}: {'the same bytes twice' if len(digests) == 1 else 'DIFFERS'}, sha256 {sorted(digests)}")
     parts = parts_list(built)
     (folder / "imud.cdx.json").write_text(json.dumps(parts, indent=1))

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from . import recorded_bytes, sentence_playback
-from .device import RECEIVERS, Device
+from .device import OTHERS, RECEIVERS, Device
 from .faults.device import FaultyDevice
 from .faults.fixes import FaultyFixes
 from .faults.sensor import FaultyErrors
@@ -26,6 +26,8 @@ from .iio_chips import CHIPS
 from .motion import Mounted, Trajectory, rotation
 from .nmea import FvM11
 from .noise import DEG, IDEAL, M_G350, MILLI_G, Grade, ImuErrors, Signal
+from .other_sensors import KINDS as OTHER_KINDS
+from .other_sensors import OtherSensor
 from .recorded_bytes import BytePlayback, Playback, RecordedPort
 from .replay import RecordedFixes, RecordedImu, kind
 from .rga300 import RGA300, Rga300
@@ -81,6 +83,8 @@ def _recorded(args: argparse.Namespace) -> Scene:
     if "mcap" in files:
         return _recorded_bytes(args, files)
     names = {name for name, _ in args.devices}
+    if others := sorted(names & set(OTHERS)):
+        raise UsageError(f"--replay: {', '.join(others)} needs a scenario")
     if inertial := sorted(names - set(RECEIVERS)) if "imu" not in files else []:
         raise UsageError(f"--replay: {', '.join(inertial)} needs an imu.csv")
     if names & {"ubx", "m8"}:
@@ -225,6 +229,14 @@ def _nmea(options: _DeviceOptions) -> Device:
     return FvM11(_fixes(options), options.utc, options.baud, options.args.rate, options.search_s)
 
 
+def _other(options: _DeviceOptions) -> Device:
+    assert options.scene.trajectory is not None, "`scene` refuses it without a motion"
+    faults = of_layer("reading", options.faults)
+    return OtherSensor(
+        OTHER_KINDS[options.name], options.scene.trajectory, options.rng, options.baud, options.args.ideal, faults
+    )
+
+
 def _ublox(model: Model) -> Callable[[_DeviceOptions], Device]:
     def build(options: _DeviceOptions) -> Device:
         rate, mixed = options.args.rate, options.args.streaming or options.scene.ports is not None
@@ -250,6 +262,7 @@ def _scaled(values: tuple[float, float, float] | None, unit: float) -> tuple[flo
 
 
 _BUILDERS: dict[str, Callable[[_DeviceOptions], Device]] = {
+    **dict.fromkeys(OTHERS, _other),
     "g350": _g350,
     "m8": _ublox(NEO_M8N),
     "nmea": _nmea,

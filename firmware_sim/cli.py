@@ -9,7 +9,7 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .device import RECEIVERS
+from .device import OTHERS, RECEIVERS
 from .faults import spec
 from .faults.spec import Fault
 from .iio_chips import CHIPS
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 EXIT_USAGE, EXIT_DATA, EXIT_NO_INPUT, EXIT_NO_OUTPUT, EXIT_INTERRUPTED = 64, 65, 66, 73, 130
 DEFAULT_BAUD = {"g350": 460800, "nmea": 9600, "rga300": 38400, "seraccel": 57600, "ubx": 38400, "m8": 9600}
+DEFAULT_BAUD |= dict.fromkeys(OTHERS, 38400)
 DEFAULT_BAUD |= {"g364": 460800, "g365": 460800, "g370": 460800}
 SERACCEL_MODES = ("gravity", "raw", "binary")
 SCENARIO_NAMES = ("rest", "turntable", "car", "figure8")
@@ -221,7 +222,7 @@ def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]
             tasks.append(stack.enter_context(closing(TruthLog(args.truth, scene.trajectory, start))))
         for port in ports:
             print(port.name, port.path, flush=True)
-        leaders = [port for port in ports if port.name not in RECEIVERS] or ports
+        leaders = [port for port in ports if port.name not in (*RECEIVERS, *OTHERS)] or ports
         clock = AsFastAsRead(leaders) if args.fast else RealTime(start, args.speed)
         serve(ports, tasks, clock, args.seconds, lambda: bool(signals))
         for port in ports:

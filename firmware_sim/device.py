@@ -4,7 +4,8 @@ from typing import Protocol
 
 from .uart import Uart
 
-RECEIVERS = ("nmea", "ubx", "m8")  # as `imud sim` calls them; the other devices are inertial sensors
+RECEIVERS = ("nmea", "ubx", "m8")  # as `imud sim` calls them
+OTHERS = ("wheel", "baro", "compass")  # sensors beside them; the other devices are inertial sensors
 
 
 class Device(Protocol):

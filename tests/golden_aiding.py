@@ -40,6 +40,16 @@ def compass():
     return replace(navigated(*data(d, seed=46)), measurements=rows)
 
 
+def compass_in_wrong_units():
+    """Radians taken for degrees, from the start on; after a minute they are degrees."""
+    d = road(140.0, rest=15.0)
+    rows = headings(d, seed=55)
+    early = rows["t_ns"] < 160e9
+    rows["value"][early, 0] = np.radians(np.mod(rows["value"][early, 0], 2.0 * np.pi))
+    rows["value"][520:530, 0] += 1.0
+    return replace(navigated(*data(d, seed=56)), measurements=rows)
+
+
 def compass_in_any_order():
     d = road(60.0)
     return replace(navigated(*data(d, seed=47)), measurements=headings(d, seed=52, spread_s=1.5))

@@ -6,6 +6,7 @@ from golden_aiding import (
     compass,
     compass_behind_many_fixes,
     compass_in_any_order,
+    compass_in_wrong_units,
     compass_too_late,
     external_velocity,
     magnetometer,
@@ -125,7 +126,7 @@ CLASSES = (
     heading_a_little_wrong, heading_just_wrong, force_that_creeps, moored, step_of_the_bias_at_rest,
     step_of_the_bias_under_way, lift, pole,
     date_line, rtk_on_a_rough_road, odometer, odometer_without_sign, odometer_against_a_drift,
-    speed_through_water, two_wheels,
+    compass_in_wrong_units, speed_through_water, two_wheels,
     barometer, pose, pose_alone, pose_without_yaw, external_velocity, body_velocity,
     magnetometer, magnetometer_contradicted, magnetometer_doubted,
 )  # fmt: skip

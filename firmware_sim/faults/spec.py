@@ -11,12 +11,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..device import RECEIVERS
+from ..device import OTHERS, RECEIVERS
 from ..iio_chips import CHIPS
 
 AXES = ("gx", "gy", "gz", "ax", "ay", "az")
-IMU, GNSS, IIO = "imu", "gnss", "iio"  # IIO: an inertial sensor behind the kernel
-BOTH, SENSORS = (IMU, GNSS), (IMU, IIO)
+IMU, GNSS, IIO, OTHER = "imu", "gnss", "iio", "other"  # IIO: an inertial sensor behind the kernel
+BOTH, SENSORS = (IMU, GNSS, OTHER), (IMU, IIO)
 _FAULT = re.compile(r"(?P<name>[a-z]+)(?:=(?P<value>[^@]*))?(?:@(?P<span>.*))?")
 _SPAN = re.compile(r"(?P<begin>[\d.]+)(?P<dash>-(?P<end>[\d.]+)?)?(?:/(?P<period>[\d.]+))?")
 
@@ -108,6 +108,9 @@ KINDS: dict[str, FaultKind] = {
     "unplug": FaultKind("plug", (*BOTH, IIO), "the port is removed, and returns at the end", 0.0, closed=True),
     "trigger": FaultKind("buffer", (IIO,), "its trigger is gone, and returns at the end", 0.0, closed=True),
     "overflow": FaultKind("buffer", (IIO,), "the kernel's buffer loses so many scans", needs=True),
+    "held": FaultKind("reading", (OTHER,), "the reading stays as it is", 0.0),
+    "offset": FaultKind("reading", (OTHER,), "m/s, Pa or deg on top: a jump, a door, a gust"),
+    "scale": FaultKind("reading", (OTHER,), "the reading times so much: a slip, km/h (3.6)"),
     "loss": FaultKind("fixes", (GNSS,), "the receiver reports no fix", 0.0),
     "jump": FaultKind("fixes", (GNSS,), "m beside the truth, towards the second value in deg (0)", second=0.0),
     "ramp": FaultKind("fixes", (GNSS,), "m/s away from the truth, towards the second value in deg (0)", second=0.0),
@@ -144,7 +147,7 @@ def help_text() -> str:
 
 
 def _role(device: str) -> str:
-    return GNSS if device in RECEIVERS else IIO if device in CHIPS else IMU
+    return GNSS if device in RECEIVERS else OTHER if device in OTHERS else IIO if device in CHIPS else IMU
 
 
 def _can_have(device: str, name: str) -> bool:
@@ -155,7 +158,9 @@ def _chosen(target: str | None, devices: Sequence[str], group: str) -> list[int]
     also = {IIO: IMU}
     chosen = [i for i, one in enumerate(devices) if target in (None, one, _role(one), also.get(_role(one), _role(one)))]
     if not chosen:
-        raise SpecError(f"{group!r}: no device {target!r} here; there are {', '.join(devices)}, or {IMU}, {GNSS}")
+        raise SpecError(
+            f"{group!r}: no device {target!r} here; there are {', '.join(devices)}, or {IMU}, {GNSS}, {OTHER}"
+        )
     return chosen
 
 

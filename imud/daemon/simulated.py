@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from imud.drivers.errors import SpecError
+from imud.drivers.registry import names
 from imud.drivers.transport.portspec import PortSpec
 
 from ..errors import ImudError, UsageError
@@ -25,6 +26,7 @@ DEVICES = {
     "nmea": "nmea",
     "ubx": "ubx",
 }  # by driver
+OTHERS = ("wheel", "baro", "compass")  # devices of their own names, all of which speak NMEA
 _MISUSE = 64  # exit code of the emulator
 
 
@@ -47,18 +49,23 @@ def ports(texts: Sequence[str], seed: int) -> Iterator[tuple[str, ...]]:
             ours = [i for i, spec in enumerate(specs) if spec.path == scenario]
             wanted = [specs[i] for i in ours]
             for i in ours:
-                specs[i] = replace(
-                    specs[i], path=str(folder / f"{scenario[len(SCHEME) :]}-{DEVICES[specs[i].driver]}-{i}")
-                )
+                path = folder / f"{scenario[len(SCHEME) :]}-{_device(specs[i])}-{i}"
+                driver = "nmea" if specs[i].driver in OTHERS else specs[i].driver
+                specs[i] = replace(specs[i], path=str(path), driver=driver)
             stack.enter_context(_emulator(wanted, [specs[i].path for i in ours], seed, folder / "log"))
         yield tuple(map(str, specs))
 
 
 def _spec(text: str) -> PortSpec:
     try:
-        return PortSpec.parse(text)
+        return PortSpec.parse(text, (*names(), *OTHERS) if text.startswith(SCHEME) else None)
     except SpecError as error:
         raise UsageError(str(error)) from error
+
+
+def _device(spec: PortSpec) -> str:
+    """What the emulator calls the device of a driver."""
+    return str(spec.driver) if spec.driver in OTHERS else DEVICES[spec.driver]
 
 
 @contextlib.contextmanager
@@ -69,7 +76,7 @@ def _emulator(specs: Sequence[PortSpec], links: Sequence[str], seed: int, log: P
     scenario = specs[0].path[len(SCHEME) :]
     command = [sys.executable, "-m", "imud.firmware_sim", f"--scenario={scenario}", f"--seed={seed}"]
     command += [f"--parent={os.getpid()}", *(f"--link={link}" for link in links), "--"]
-    command += [DEVICES[spec.driver] + (f"@{spec.baud}" if spec.baud else "") for spec in specs]
+    command += [_device(spec) + (f"@{spec.baud}" if spec.baud else "") for spec in specs]
     with log.open("w") as complaints:
         # a session of its own: Ctrl-C is for us, and ends it through us
         process = subprocess.Popen(

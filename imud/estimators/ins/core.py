@@ -274,7 +274,14 @@ MAGNETOMETER = np.dtype(
     align=True,
 )
 
-HEADING_AID = np.dtype([("last_ns", "<i8")], align=True)  # epoch of the last heading
+HEADING_AID = np.dtype(
+    [
+        ("last_ns", "<i8"),  # epoch of the last heading
+        ("distrusted", "<i8"),  # 1: the way the vehicle moves has contradicted a heading that came of it
+        ("agreeing_ns", "<i8"),  # since when it has agreed again, without a contradiction
+    ],
+    align=True,
+)
 
 ODOMETER = np.dtype(
     [

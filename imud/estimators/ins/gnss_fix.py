@@ -22,6 +22,7 @@ from .aiding.gnss_noise import count_fix, horizontal_sigma, set_gnss_noise, set_
 from .aiding.gnss_position import fuse_gnss_position
 from .aiding.gnss_time import set_initial_time_offset
 from .aiding.gnss_velocity import fuse_gnss_velocity
+from .aiding.heading import distrust_compass
 from .aiding.wheel_check import wheels_reject
 from .alignment.in_motion import align_with_fix, low_motion_speed, reset_to_fix
 from .alignment.modes import HEADING_LOST, HEADING_WRONG, change_mode
@@ -92,6 +93,7 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, 
     if contradicts_heading(p, c) or not heading_ok:
         clear_contradictions(c)
         if c.alignment.mode == NAVIGATING:
+            distrust_compass(c)
             change_mode(p, c, HEADING_WRONG)
         reset_to_fix(p, c, fix)
     count_fix(c)

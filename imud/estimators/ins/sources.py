@@ -62,7 +62,9 @@ def fuse_source(p: Parameters, c: Core, m: Measurement, innovations: list[Innova
     """Fuse a measurement by its source's file, in every mode; returns the rows of innovations written."""
     if m.kind == HEADING_SOURCE and c.alignment.mode == NAVIGATING:
         return fuse_heading(p, c, m, innovations)
-    if m.kind == HEADING_SOURCE:  # coarse alignment: the heading has an arbitrary origin, which this replaces
+    if (
+        m.kind == HEADING_SOURCE and not c.heading_aid.distrusted
+    ):  # coarse alignment: the heading has an arbitrary origin, which this replaces
         align_with_heading(p, c, m.value[0] - p.heading_boresight, sigma_of(p, m))
     if m.kind == BAROMETER_SOURCE:
         return fuse_barometer(p, c, m, innovations)

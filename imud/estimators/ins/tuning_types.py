@@ -228,6 +228,7 @@ class Tuning:
     heading_correlation_s: float
     heading_time_sigma: float
     heading_gate: float
+    heading_trust_s: float
     heading_min_level: float
     odometer_sigma: float
     odometer_scale_sigma: float

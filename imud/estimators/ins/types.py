@@ -249,6 +249,8 @@ class ExternalAid:
 
 class HeadingAid:
     last_ns: int
+    distrusted: int
+    agreeing_ns: int
 
 
 class Magnetometer:

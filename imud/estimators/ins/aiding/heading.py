@@ -19,8 +19,8 @@ from ...aiding_source import DEGREE, AidingSource, Column
 from ...innovation_kinds import KINDS
 from ...records import HEADING, HEADING_SOURCE
 from ...tuning import Tunable
-from ..ekf import set_jacobian
-from ..fusion import correct_state, correlated_update, write_innovation
+from ..ekf import innovation_variance, set_jacobian
+from ..fusion import REJECT, correct_state, correlated_update, write_innovation
 from ..mechanization import body_to_ned, wrap_angle
 from ..state import ATTITUDE, NEVER_NS
 
@@ -43,6 +43,7 @@ TUNABLES = (
     ),
     Tunable("heading_time_sigma", 0.03, "s", "Unknown age of a heading.", "Choice: half a period of 20 Hz."),
     Tunable("heading_gate", 25.0, "NIS", "Gate of a heading.", "Five sigma."),
+    Tunable("heading_trust_s", 30.0, "s", "A compass that was wrong must agree so long.", "A turn or two."),
     Tunable("heading_min_level", 0.2, "", "Level part of the body's x axis below which it has no heading.", "Choice."),
 )
 
@@ -60,6 +61,26 @@ def headings_per_error(p: Parameters, c: Core, m: Measurement) -> float:
     dt = 1e-9 * (m.t_ns - g.last_ns) if g.last_ns != NEVER_NS else 2.0 * p.tuning.heading_correlation_s
     g.last_ns = m.t_ns
     return max(2.0 * p.tuning.heading_correlation_s / max(dt, 1e-3), 1.0)
+
+
+@kernel
+def distrust_compass(c: Core) -> None:
+    """The way the vehicle moves contradicts the heading, and a compass gave it: it is not used until it agrees."""
+    if c.heading_aid.last_ns != NEVER_NS:
+        c.heading_aid.distrusted = 1
+        c.heading_aid.agreeing_ns = NEVER_NS
+
+
+@kernel
+def check_trust(p: Parameters, c: Core, t_ns: int, agrees: bool) -> None:
+    """Trust a compass again after a time of agreement."""
+    g = c.heading_aid
+    if not agrees:
+        g.agreeing_ns = NEVER_NS
+    elif g.agreeing_ns == NEVER_NS:
+        g.agreeing_ns = t_ns
+    elif 1e-9 * (t_ns - g.agreeing_ns) > p.tuning.heading_trust_s:
+        g.distrusted = 0
 
 
 @kernel
@@ -87,7 +108,12 @@ def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innov
     r = sigma_of(p, m) ** 2
     others = headings_per_error(p, c, m) - 1.0
     timing = (rate * p.tuning.heading_time_sigma) ** 2
-    z, s, nis = correlated_update(c, length, z, r + timing, others * r, p.tuning.heading_gate)
+    gate = p.tuning.heading_gate
+    if c.heading_aid.distrusted:
+        s = innovation_variance(c, length) + r + timing
+        check_trust(p, c, m.t_ns, z * z < gate * s)
+        gate = REJECT
+    z, s, nis = correlated_update(c, length, z, r + timing, others * r, gate)
     used = nis >= 0.0
     if used:
         correct_state(p, c)

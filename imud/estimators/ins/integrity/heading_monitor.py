@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..aiding.gnss_velocity import low_speed_variance, velocity_of
+from ..aiding.heading import distrust_compass
 from ..aiding.non_holonomic import reset_nhc
 from ..alignment.heading_acceptance import accept_heading, rotate_to_heading
 from ..alignment.heading_posterior import set_wide_prior, solve_heading
@@ -69,6 +70,7 @@ def monitor_heading(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> bool
     )
     count_heading_fault(c, wrong)
     if c.alignment.heading_fault_count >= p.tuning.heading_faults:
+        distrust_compass(c)
         if sigma < p.tuning.max_start_heading:
             rotate_to_heading(p, c, psi, sigma)
             realign(p, c)

@@ -14,6 +14,7 @@ from . import recorded_bytes, sentence_playback
 from .device import OTHERS, RECEIVERS, Device
 from .faults.device import FaultyDevice
 from .faults.fixes import FaultyFixes
+from .faults.readings import FaultyReadings
 from .faults.sensor import FaultyErrors
 from .faults.spec import Fault, of_layer
 from .faults.wire import Wire, WireLog
@@ -231,9 +232,9 @@ def _nmea(options: _DeviceOptions) -> Device:
 
 def _other(options: _DeviceOptions) -> Device:
     assert options.scene.trajectory is not None, "`scene` refuses it without a motion"
-    faults = of_layer("reading", options.faults)
+    fault = FaultyReadings(of_layer("reading", options.faults))
     return OtherSensor(
-        OTHER_KINDS[options.name], options.scene.trajectory, options.rng, options.baud, options.args.ideal, faults
+        OTHER_KINDS[options.name], options.scene.trajectory, options.rng, options.baud, options.args.ideal, fault
     )
 
 

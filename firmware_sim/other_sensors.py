@@ -5,12 +5,11 @@ Source of the atmosphere: ISO 2533, below 11 km.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from .faults.spec import Fault
 from .motion import Trajectory, Truth
 from .sentences import with_checksum
 from .uart import Uart
@@ -68,8 +67,12 @@ KINDS = {
 }
 
 
+def _none(_t: float, value: float) -> float:
+    return value
+
+
 class OtherSensor:
-    """One sensor, switched on at time 0. faults: of the layer "reading"."""
+    """One sensor, switched on at time 0. fault: from a time and a reading to what it says instead."""
 
     def __init__(
         self,
@@ -78,13 +81,12 @@ class OtherSensor:
         rng: np.random.Generator,
         baud: int,
         ideal: bool = False,
-        faults: Sequence[Fault] = (),
+        fault: Callable[[float, float], float] = _none,
     ) -> None:
         self.uart = Uart(baud)
-        self._kind, self._trajectory, self._rng, self._faults = kind, trajectory, rng, faults
+        self._kind, self._trajectory, self._rng, self._fault = kind, trajectory, rng, fault
         self._size = 0.0 if ideal else 1.0
         self._error = rng.standard_normal()
-        self._held = math.nan
         self.restart(0.0)
 
     def restart(self, t: float) -> None:
@@ -115,9 +117,4 @@ class OtherSensor:
         self._error = decay * self._error + math.sqrt(1.0 - decay**2) * self._rng.standard_normal()
         true = kind.value(self._trajectory.at(np.array([t])))
         errors = self._size * np.array([kind.slope - 1.0, kind.offset + kind.sigma * self._error])
-        value = float((1.0 + errors[0]) * true + errors[1])
-        active = {fault.name: fault.value for fault in self._faults if fault.span.holds(t)}
-        value = active.get("scale", 1.0) * value + active.get("offset", 0.0)
-        if "held" not in active or math.isnan(self._held):
-            self._held = value
-        return self._held
+        return self._fault(t, float((1.0 + errors[0]) * true + errors[1]))

@@ -1,6 +1,9 @@
 """Speeds and pressures in NMEA: read as pynmeagps reads them, on a port of their own, recorded, from a log."""
 
+import json
 import os
+import subprocess
+import sys
 import threading
 import time
 from contextlib import contextmanager
@@ -188,6 +191,11 @@ def test_a_sensor_on_a_port_of_its_own_aids_is_recorded_and_replays_to_the_same_
         est = imud.until(lambda m: m["class"] == "EST" and "heading" in m["state"] and m["syaw_deg"] < 1.5)
         assert est["yaw_deg"] == pytest.approx(123.0, abs=5.0)
         time.sleep(3.0)
+        command = [sys.executable, "-m", "imud", "status", "--json", str(tmp_path / "gpsd.sock")]
+        answer = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+        sources = answer["aiding"]["sources"]
+        assert set(sources) == {"heading", "odometer", "barometer"}
+        assert all(each["received"] > 10 and each["used"] > 5 and each["ratio"] < 2.0 for each in sources.values())
         imud.process.terminate()
         assert imud.process.wait(TIMEOUT_S) == 0
         assert "a spare" not in imud.log

@@ -6,6 +6,7 @@ import pytest
 
 from imud.daemon import simulated
 from imud.firmware_sim.faults import spec
+from imud.firmware_sim.faults.readings import FaultyReadings
 from imud.firmware_sim.motion import Trajectory
 from imud.firmware_sim.other_sensors import KINDS, OtherSensor
 from imud.firmware_sim.scenarios import SCENARIOS
@@ -18,7 +19,7 @@ UNITS = {"wheel": 1852.0 / 3600.0, "baro": 1e5, "compass": 1.0}
 def said(name, seconds, faults="", **options):
     """(times, readings in SI units or degrees) of an emulated sensor, every sentence read by pynmeagps."""
     [own] = spec.parse(faults, [name])
-    sensor = OtherSensor(KINDS[name], CAR, np.random.default_rng(1), 38400, faults=own, **options)
+    sensor = OtherSensor(KINDS[name], CAR, np.random.default_rng(1), 38400, fault=FaultyReadings(own), **options)
     sensor.advance(seconds)
     data = sensor.uart.take(1e9, 38400)
     found = [pynmeagps.NMEAReader.parse(line + b"\r\n") for line in data.split(b"\r\n") if line]

@@ -160,12 +160,21 @@ def innovations(by_kind: Table) -> list[str]:
 
 def _aiding(aiding: Table) -> Iterator[str]:
     """What came of each source of measurements, and what could not be used."""
-    yield aiding["address"]
+    if "address" in aiding:
+        yield aiding["address"]
     for name, source in aiding.get("sources", {}).items():
         rate = f"{source['rate_hz']:.4g}" if "rate_hz" in source else "?"
-        yield f"{name}: {source['received']} received, {rate} Hz, the last {source['age_s']:.1f} s ago"
+        yield f"{name}: {source['received']} received, {rate} Hz, the last {source['age_s']:.1f} s ago{_use(source)}"
     if refused := aiding.get("refused"):
         yield "refused: " + ", ".join(f"{count} for {rule}" for rule, count in refused.items())
+
+
+def _use(source: Table) -> str:
+    """What became of a source's measurements."""
+    if "used" not in source:
+        return ""
+    ratio = f", ratio {source['ratio']:.2g}" if "ratio" in source else ""
+    return f"; {source['used']} used, {source['rejected']} rejected{ratio}"
 
 
 def _duration(seconds: float) -> str:

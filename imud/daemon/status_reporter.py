@@ -1,7 +1,7 @@
 """The daemon's state: changes go to the log, faults of the sensors to clients, a table answers `imud status`."""
 
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..estimators.records import ATTITUDE_VALID
 from ..outputs.all import Outputs
@@ -77,6 +77,17 @@ class StatusReporter:
         clock = imu[1].clock_fit() if imu else ClockFit()
         return Health(**self._faults, clock=clock, out_of_limits=self._out_of_limits)
 
+    def _aiding_table(self, publisher: Publisher, aiding: "AidingInput | None", now_ns: int) -> dict[str, Any]:
+        """The sources of measurements beside fixes, on ports and of other programs; empty: there are none."""
+        table = aiding.properties(now_ns) if aiding else {}
+        came = dict(table.get("sources", {}))
+        for receiver in self._devices.receivers():
+            came |= {name: received.table(now_ns) for name, received in receiver.received.items()}
+        if came:
+            known = self._devices.selection.estimator.sources
+            table["sources"] = status_tables.of_sources(came, publisher.innovations, known)
+        return table
+
     def status(self, publisher: Publisher, outputs: Outputs, aiding: "AidingInput | None") -> str:
         """The answer to `imud status`."""
         now_ns = time.monotonic_ns()
@@ -93,7 +104,7 @@ class StatusReporter:
                 "filter": status_tables.of_filter(devices.selection.inertial, devices.selection.estimator.name),
                 "totals": status_tables.of_all_connections(devices.selection.inertial),
                 "innovations": publisher.innovations.table(),
-                "aiding": aiding.properties(now_ns) if aiding else {},
+                "aiding": self._aiding_table(publisher, aiding, now_ns),
                 "corrections": devices.corrections.properties(now_ns) if devices.corrections else {},
                 "ports": {
                     str(i): status_tables.of_port(port, now_ns, *parts.get(port, (None, None)))

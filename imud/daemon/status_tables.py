@@ -12,7 +12,7 @@ import os
 import resource
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,7 @@ from imud.drivers.driver import ImuConfigured
 
 from .. import __version__
 from ..compile import library
+from ..estimators.aiding_source import AidingSource
 from ..estimators.innovation_kinds import KINDS
 from ..estimators.records import ATTITUDE_VALID, REST_N, REST_Z
 from ..outputs.gpsd_json import STATUS_NAMES, status_text
@@ -57,6 +58,13 @@ class InnovationStatistics:
                 self._finite[kind] += 1
                 entry["ratio"] += (value * value / variance - entry["ratio"]) / min(RATIO_SAMPLES, self._finite[kind])
 
+    def sum(self, kinds: Iterable[int]) -> Table:
+        """Of these kinds together: `used` and `rejected`, and the mean of their ratios, if any has one."""
+        entries = {kind: self._table[kind] for kind in kinds if kind in self._table}
+        ratios = [entry["ratio"] for kind, entry in entries.items() if self._finite[kind]]
+        counts = {what: sum(entry[what] for entry in entries.values()) for what in ("used", "rejected")}
+        return counts | ({"ratio": sum(ratios) / len(ratios)} if ratios else {})
+
     def table(self) -> Table:
         """By kind; `ratio` is the mean of innovation^2 / variance over the last fixes, 1 for a consistent filter.
 
@@ -66,6 +74,15 @@ class InnovationStatistics:
             KINDS[kind].key: entry | ({} if self._finite[kind] else {"ratio": math.nan})
             for kind, entry in sorted(self._table.items())
         }
+
+
+def of_sources(tables: Mapping[str, Table], innovations: InnovationStatistics, known: Iterable[AidingSource]) -> Table:
+    """Of each aiding source that was heard: what came, how much of it was used, and whether its sigmas are right.
+
+    tables: what came, by source. known: the sources that the estimator takes.
+    """
+    kinds = {source.name: source.innovations for source in known}
+    return {name: table | innovations.sum(kinds.get(name, ())) for name, table in tables.items()}
 
 
 def of_process(started_ns: int) -> Table:

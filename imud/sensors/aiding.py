@@ -55,7 +55,7 @@ class _RefusedError(ValueError):
         self.rule = rule
 
 
-class _Received:
+class Received:
     """What came of one source."""
 
     def __init__(self) -> None:
@@ -73,13 +73,18 @@ class _Received:
         self.last_ns = now_ns
         return True
 
+    def table(self, now_ns: int) -> dict[str, float | None]:
+        """What `imud status` shows."""
+        age_s = round((now_ns - self.last_ns) * 1e-9, 3)
+        return {"received": self.count, "rate_hz": self.rate.hz, "age_s": age_s}
+
 
 class AidingReceiver:
     """Datagrams to measurements. Not thread-safe; all times are monotonic nanoseconds."""
 
     def __init__(self) -> None:
         self.messages: list[str] = []  # what is new, until the daemon has logged it
-        self._received: dict[str, _Received] = {}
+        self._received: dict[str, Received] = {}
         self._refused = Counter[str]()
 
     def decode(
@@ -118,7 +123,7 @@ class AidingReceiver:
         measurement = np.zeros(1, MEASUREMENT)
         source.fill(measurement[0], row)
         measurement["t_ns"], measurement["arrival_ns"] = _epoch_ns(t_s, now_ns, unix_ns), now_ns
-        received = self._received.setdefault(source.name, _Received())
+        received = self._received.setdefault(source.name, Received())
         if not received.add(now_ns):
             raise _RefusedError("rate", f"{source.name}: more than {RATE_HZ_MAX} per second")
         if received.count == 1:
@@ -137,14 +142,7 @@ class AidingReceiver:
 
     def properties(self, now_ns: int) -> dict[str, object]:
         """What `imud status` shows."""
-        sources = {
-            name: {
-                "received": received.count,
-                "rate_hz": received.rate.hz,
-                "age_s": round((now_ns - received.last_ns) * 1e-9, 3),
-            }
-            for name, received in self._received.items()
-        }
+        sources = {name: received.table(now_ns) for name, received in self._received.items()}
         return {"sources": sources, "refused": dict(self._refused)}
 
 

@@ -12,7 +12,7 @@ from ..clocks.epochs import EpochClock
 from ..configuration.settings import Aiding as AidingSettings
 from ..configuration.settings import Gnss as GnssSettings
 from ..math.arrays import Records
-from .aiding import Measured
+from .aiding import Measured, Received
 from .byte_sink import READ_BYTES, ByteSink
 from .gnss import Refusal, record, refusal
 from .limits import BY_SETTING, LIMITS, is_beyond
@@ -74,6 +74,7 @@ class Receiver:
         self._row: Records | None = None  # the same for the filter
         self._jumped_ns: int | None = None
         self._connected_ns = now_ns
+        self.received: dict[str, Received] = {}  # of its readings, by aiding source
         self.measured: list[Measured] = []  # of its readings; who uses them empties it
 
     def read(self, line: Line, now_ns: int) -> list[Records]:
@@ -140,6 +141,7 @@ class Receiver:
         elif reading.source == "heading" and reading.utc_s is not None:
             t_ns = self._epochs.epoch_ns(reading.utc_s, reading.arrival_ns, pulse_ns)
         source, values = measured
+        self.received.setdefault(source, Received()).add(reading.arrival_ns)
         self.measured.append(Measured(source, values, t_ns, reading.arrival_ns))
         del self.measured[:-_MEASURED_MAX]
 
@@ -188,6 +190,8 @@ class Receiver:
     def look(self, now_ns: int) -> None:
         """Call now and then: how fast fixes come, and how many sentences do not."""
         self.rate.look(self.heard, now_ns)
+        for received in self.received.values():
+            received.rate.look(received.count, now_ns)
         self._loss_monitor.look(self.decoder.whole, self.decoder.counters["wrong checksum"], now_ns)
 
     def faults(self, now_ns: int) -> tuple[str, ...]:

@@ -75,10 +75,8 @@ def distrust_compass(c: Core) -> None:
 def check_trust(p: Parameters, c: Core, t_ns: int, agrees: bool) -> None:
     """Trust a compass again after a time of agreement."""
     g = c.heading_aid
-    if not agrees:
-        g.agreeing_ns = NEVER_NS
-    elif g.agreeing_ns == NEVER_NS:
-        g.agreeing_ns = t_ns
+    if not agrees or g.agreeing_ns == NEVER_NS:
+        g.agreeing_ns = t_ns if agrees else NEVER_NS
     elif 1e-9 * (t_ns - g.agreeing_ns) > p.tuning.heading_trust_s:
         g.distrusted = 0
 

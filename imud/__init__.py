@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .api import AttitudeFilter, Innovations, NavigationFilter, Recording, Solution, attitude, navigate, read
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = [
     "AttitudeFilter",
     "Innovations",

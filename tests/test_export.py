@@ -13,7 +13,9 @@ from xml.etree import ElementTree
 import gpxpy
 import msgspec
 import numpy as np
+import polars
 import pytest
+from emulated import REST
 from emulated_recording import record
 from nmea_lines import gga
 from recorded import message
@@ -44,7 +46,7 @@ def recorded(path, fixes):
     return path
 
 
-NOTHING = dict.fromkeys(("csv", "ros2", "gpx", "kml", "geojson"))
+NOTHING = dict.fromkeys(("csv", "parquet", "ros2", "gpx", "kml", "geojson"))
 
 
 def exported(recording, **outputs):
@@ -61,6 +63,29 @@ def test_fixes_without_an_inertial_sensor_are_exported(tmp_path, capsys):
 def test_a_recording_with_neither_samples_nor_fixes_is_bad_data(tmp_path):
     with pytest.raises(BadDataError, match="no samples of an inertial sensor"):
         exported(recorded(tmp_path / "boat.mcap", 0), csv=tmp_path / "boat")
+
+
+@pytest.mark.parametrize("group_rows", [100, 100_000])
+def test_parquet_files_have_the_numbers_of_the_csv_files(tmp_path, monkeypatch, group_rows):
+    monkeypatch.setattr(export.parquet_folder, "GROUP_ROWS", group_rows)
+    recording, folders = tmp_path / "still.mcap", {"csv": tmp_path / "csv", "parquet": tmp_path / "parquet"}
+    record(recording, REST, 4.0)
+    assert exported(recording, **folders) == 0
+    for name in ("imu", "est"):
+        theirs = polars.read_parquet(folders["parquet"] / f"{name}.parquet")
+        ours = polars.read_csv(folders["csv"] / f"{name}.csv", infer_schema_length=None)
+        assert len(theirs) > 400 and set(ours.columns) <= set(theirs.columns)
+        for column in ours.columns:
+            known = ours[column].is_not_null()
+            assert (known == theirs[column].is_not_null()).all(), column
+            for a, b in zip(ours[column].filter(known), theirs[column].filter(known), strict=True):
+                assert b == pytest.approx(a, rel=1e-12, abs=1e-4 if name == "est" else 1e-12), column
+    boat = recorded(tmp_path / "boat.mcap", 5)
+    assert exported(boat, parquet=tmp_path / "boat") == 0
+    fixes = polars.read_parquet(tmp_path / "boat" / "gnss.parquet")
+    assert fixes["height_m"].to_list() == [592.3] * 5 and fixes["arrival_s"].to_list() == [0.5, 1.5, 2.0, 3.0, 4.0]
+    assert fixes["vn_mps"].null_count() == 5 and fixes["quality"].dtype == polars.Int32
+    assert not (tmp_path / "boat" / "est.parquet").exists()
 
 
 START_NS = 1_700_000_000_123_000_000  # Unix time of time 0

@@ -20,6 +20,7 @@ RECORDING = (
 EXTRAS = {  # file: what it may import that an extra brings
     "imud/commands/web/server.py": {"aiohttp"},
     "imud/commands/completion.py": {"shtab"},
+    "imud/commands/export/parquet_folder.py": {"pyarrow"},
     "imud/commands/foxglove/server.py": {"foxglove"},
     "imud/commands/ros2/node.py": {"rclpy"},
     "imud/estimators/earth_field.py": {"pygeomag"},

@@ -42,6 +42,7 @@ _USAGE, _INTERRUPTED = 64, 130
 _EXTRAS = {  # package: extra
     "mcap": "record",
     "plotly": "plots",
+    "pyarrow": "parquet",
     "aiohttp": "web",
     "foxglove": "foxglove",
     "pygeomag": "magnetometer",

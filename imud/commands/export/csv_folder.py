@@ -1,0 +1,80 @@
+"""A recording as CSV files, which `imud replay` reads."""
+
+from collections.abc import Iterable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+import msgspec
+import numpy as np
+
+from ...errors import CannotCreateError
+from .rows import FIX_COLUMNS, fix_cells, tilt_deg
+
+if TYPE_CHECKING:
+    from ...math.arrays import Records
+
+_ARRIVAL = FIX_COLUMNS.index("arrival_s") - 1  # behind t_s
+
+
+class CsvFolder:
+    """imu.csv and gnss.csv as `imud replay` reads them, est.csv as it writes it; all on the same clock."""
+
+    def __init__(self, folder: Path, rate_hz: float, stack: ExitStack) -> None:
+        from ...recording.writer import Thinner
+        from ...tables.estimates import EstimateWriter
+        from ...tables.inputs import IMU_COLUMNS, TEMPERATURE
+
+        try:
+            folder.mkdir(exist_ok=True)
+            files = {name: stack.enter_context((folder / f"{name}.csv").open("wb")) for name in ("imu", "gnss", "est")}
+        except OSError as error:
+            raise CannotCreateError(f"cannot write in {folder}: {error.strerror}") from error
+        self._imu: BinaryIO = files["imu"]
+        self._gnss: BinaryIO = files["gnss"]
+        self._est = EstimateWriter(files["est"], 0, 256)
+        self._thinner = Thinner(rate_hz)
+        self.fixes = 0
+        self._columns: tuple[str, ...] = (*IMU_COLUMNS, TEMPERATURE)
+        self._begun = self._has_tilt = False
+        self._gnss.write(f"{','.join(FIX_COLUMNS)}\n".encode())
+        stack.callback(self.close)
+
+    def step(self, samples: "Records", solutions: "Records") -> None:
+        """Rows of SAMPLE and SOLUTION."""
+        if not self._begun:
+            self._begin(bool(samples["down"].any()))
+        tilt = [tilt_deg(samples["down"])] if self._has_tilt else []
+        cells = np.column_stack([samples["w"], samples["f"], samples["temperature"], *tilt])
+        texts = msgspec.json.encode(cells.tolist())[2:-2].replace(b"null", b"").split(b"],[")  # NaN is null
+        times = map(_seconds, samples["t_ns"].tolist())
+        self._imu.write(b"".join(b"%s,%s\n" % (t.encode(), text) for t, text in zip(times, texts, strict=True)))
+        self._est.write(self._thinner.kept(solutions))
+
+    def _begin(self, has_tilt: bool) -> None:
+        """The head of imu.csv, once it is known whether the device computes its own tilt."""
+        from ...tables.inputs import DEVICE_TILT
+
+        self._begun, self._has_tilt = True, has_tilt
+        self._imu.write(f"{','.join((*self._columns, *(DEVICE_TILT if has_tilt else ())))}\n".encode())
+
+    def close(self) -> None:
+        """Also a table without a row has a head."""
+        if not self._begun:
+            self._begin(False)
+
+    def write_fix(self, fix: "Records") -> None:
+        """A FIX."""
+        self.fixes += 1
+        cells: list[float | str] = [*fix_cells(fix)]
+        cells[_ARRIVAL] = _seconds(int(cells[_ARRIVAL]))
+        self._gnss.write(_row(int(fix[0]["t_ns"]), cells))
+
+
+def _seconds(t_ns: int) -> str:
+    return f"{int(t_ns) // 1_000_000_000}.{int(t_ns) % 1_000_000_000:09d}"
+
+
+def _row(t_ns: int, cells: Iterable[float | str]) -> bytes:
+    texts = ["" if cell != cell else str(cell) for cell in cells]  # noqa: PLR0124 - NaN is unknown, and left empty
+    return f"{_seconds(t_ns)},{','.join(texts)}\n".encode()

@@ -1,0 +1,94 @@
+"""A recording as Parquet files, with the columns of the CSV files. Needs pyarrow (`pip install 'imud[parquet]'`)."""
+
+import importlib
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...errors import CannotCreateError
+from .rows import FIX_COLUMNS, fix_cells, tilt_deg
+
+if TYPE_CHECKING:
+    from ...math.arrays import Records
+
+GROUP_ROWS = 65536  # of a row group, at least: what readers take at a time
+_INTEGERS = ("quality", "satellites", "status")
+
+
+class _Table:
+    """One file. Rows are collected until they make a row group."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._parts: list[dict[str, Any]] = []
+        self._rows = 0
+        self._writer: Any = None
+
+    def write(self, columns: dict[str, Any]) -> None:
+        """Columns of equal length by name; NaN: not known, null in the file."""
+        self._parts.append(columns)
+        self._rows += len(columns["t_s"])
+        if self._rows >= GROUP_ROWS:
+            self._flush()
+
+    def _flush(self) -> None:
+        import pyarrow
+        from pyarrow import parquet
+
+        if not self._parts:
+            return
+        joined = {name: np.concatenate([part[name] for part in self._parts]) for name in self._parts[0]}
+        types = {name: pyarrow.int32() if name in _INTEGERS else pyarrow.float64() for name in joined}
+        arrays = [pyarrow.array(values, types[name], from_pandas=True) for name, values in joined.items()]
+        table = pyarrow.Table.from_arrays(arrays, names=list(joined))
+        if self._writer is None:
+            self._writer = parquet.ParquetWriter(self._path, table.schema, compression="zstd")
+        self._writer.write_table(table)
+        self._parts, self._rows = [], 0
+
+    def close(self) -> None:
+        """Write what is left. A table without a row makes no file."""
+        self._flush()
+        if self._writer is not None:
+            self._writer.close()
+
+
+class ParquetFolder:
+    """imu.parquet, gnss.parquet and est.parquet; all on the same clock."""
+
+    def __init__(self, folder: Path, rate_hz: float, stack: ExitStack) -> None:
+        from ...recording.writer import Thinner
+
+        importlib.import_module("pyarrow")  # if it is missing, that is said before the recording is replayed
+        try:
+            folder.mkdir(exist_ok=True)
+            for name in ("imu", "gnss", "est"):
+                (folder / f"{name}.parquet").unlink(missing_ok=True)
+        except OSError as error:
+            raise CannotCreateError(f"cannot write in {folder}: {error.strerror}") from error
+        self._imu, self._gnss, self._est = (_Table(folder / f"{name}.parquet") for name in ("imu", "gnss", "est"))
+        self._thinner = Thinner(rate_hz)
+        self.fixes = 0
+        for table in (self._imu, self._gnss, self._est):
+            stack.callback(table.close)
+
+    def step(self, samples: "Records", solutions: "Records") -> None:
+        """Rows of SAMPLE and SOLUTION."""
+        from ...tables.estimates import estimate_cells
+        from ...tables.inputs import DEVICE_TILT, IMU_COLUMNS, TEMPERATURE
+
+        values = np.column_stack([samples["w"], samples["f"], samples["temperature"], tilt_deg(samples["down"])])
+        names = (*IMU_COLUMNS[1:], TEMPERATURE, *DEVICE_TILT)
+        self._imu.write({"t_s": samples["t_ns"] * 1e-9, **dict(zip(names, values.T, strict=True))})
+        kept = self._thinner.kept(solutions)
+        if len(kept):
+            self._est.write({"t_s": kept["t_ns"] * 1e-9, **estimate_cells(kept)})
+
+    def write_fix(self, fix: "Records") -> None:
+        """A FIX."""
+        self.fixes += 1
+        row = dict(zip(FIX_COLUMNS, [fix[0]["t_ns"] * 1e-9, *fix_cells(fix)], strict=True))
+        row["arrival_s"] *= 1e-9
+        self._gnss.write({name: np.array([value]) for name, value in row.items()})

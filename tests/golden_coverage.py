@@ -36,7 +36,6 @@ NOT_RUN = {  # a function and its line, or all of a function: why no trace runs 
     "solve_heading: return unknown": "seen in no simulation: motion that only the receiver shows",
     "fuse_heading: return 0": "no recording of a compass points straight up",
     "rewind_to: return False": "one of its rings forgets first; the lines of the others are not run",
-    "monitor_gravity: flag_heading(p, c)": "seen in no simulation: the bias is uncertain until a first rest",
     "velocity_variance: noise = max(noise, reported * reported)": "no recording reports the sigma of its velocity",
     "drift_speed: return 0.0": "no recording has so few contradictions, or contradictions by a wrong heading",
     "add_outage_noise: add_noise(s, c.saturation_noise**2 * w2 * dt, 0.0)": "in all recordings `clipping` adds it",

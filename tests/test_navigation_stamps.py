@@ -58,7 +58,7 @@ def test_a_jump_of_a_few_seconds_is_no_step_of_the_stamps(metres):
 
 def test_the_effect_of_a_step_is_predicted():
     """Against the difference of two runs of a free vehicle, one with a time offset that is changed by hand."""
-    settings = Settings(navigation=Navigation(vehicle="free", tuning={"time_step_doubt": 0.0}))
+    settings = Settings(navigation=Navigation(vehicle="free", tuning={"time_offset_step_doubt": 0.0}))
     rng = np.random.default_rng(1)
     samples, fixes = sensed(D, rng), received(D, rng, sigma=0.1, white=0.6, speed_sigma=0.5, hdop=0.05)
     first, last, change = int(40.5 * RATE), int(70.5 * RATE), 1e-4
@@ -70,11 +70,11 @@ def test_the_effect_of_a_step_is_predicted():
         core = filter_.state["core"][0, 0]
         core["nav"]["time_offset"] += offset
         filter_.state["last_time_offset"] += offset
-        core["time_step"]["sensitivity"] = 0.0
-        core["time_step"]["sensitivity"][TIME_OFFSET] = 1.0
+        core["time_offset_step"]["sensitivity"] = 0.0
+        core["time_offset_step"]["sensitivity"][TIME_OFFSET] = 1.0
         replay(filter_, samples[first:last], fixes[(t > 40.5) & (t < 70.5)])
         runs.append(filter_.state["core"][0, 0].copy())
-    w = runs[0]["time_step"]["sensitivity"][:, 0]
+    w = runs[0]["time_offset_step"]["sensitivity"][:, 0]
     nav, changed = runs[0]["nav"], runs[1]["nav"]
     assert 0.01 < abs(w[TIME_OFFSET]) < 0.9
     assert w[TIME_OFFSET] == pytest.approx((changed["time_offset"] - nav["time_offset"]) / change, abs=0.03)

@@ -64,8 +64,8 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
             "process_noise",
             "integrity/gnss_drift",
             "integrity/reset_inflation",
-            "integrity/time_step",
-            "integrity/turn_step",
+            "integrity/time_offset_step",
+            "integrity/gyro_bias_step",
             "alignment/force_integrals",
         )
     ),

@@ -215,7 +215,7 @@ DRIFT = np.dtype(  # the test for a receiver that drifts (GLR)
     align=True,
 )
 
-TIME_STEP = np.dtype(  # the test for a step of the receiver's stamps (GLR)
+TIME_OFFSET_STEP = np.dtype(  # the test for a step of the receiver's stamps (GLR)
     [
         ("onset_ns", "<i8"),  # the last fix that was as expected
         ("information", "<f8"),  # 1/s^2, of the step
@@ -228,7 +228,7 @@ TIME_STEP = np.dtype(  # the test for a step of the receiver's stamps (GLR)
     align=True,
 )
 
-TURN_STEP = np.dtype(  # the test for a step of the gyro bias about the vertical (GLR)
+GYRO_BIAS_STEP = np.dtype(  # the test for a step of the gyro bias about the vertical (GLR)
     [
         ("last_ns", "<i8"),  # the last fix
         ("onset_ns", "<i8", (TURN_ONSETS,)),
@@ -352,8 +352,8 @@ REWOUND = [  # what a rewind restores
     ("integrity", INTEGRITY),
     ("process_noise", PROCESS_NOISE),
     ("drift", DRIFT),
-    ("time_step", TIME_STEP),
-    ("turn_step", TURN_STEP),
+    ("time_offset_step", TIME_OFFSET_STEP),
+    ("gyro_bias_step", GYRO_BIAS_STEP),
     ("alignment", ALIGNMENT),
     ("barometer", BAROMETER),
     ("heading_aid", HEADING_AID),

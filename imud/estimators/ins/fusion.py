@@ -23,9 +23,9 @@ from .alignment.force_integrals import accumulate_integrals, retain_integrals
 from .ekf import apply_gain, inject_error, innovation, innovation_variance
 from .error_model import linearize, propagate_covariance
 from .integrity.gnss_drift import BY_WHEELS, propagate_sensitivity, update_sensitivity
+from .integrity.gyro_bias_step import count_turn_innovation, propagate_gyro_bias_step, update_gyro_bias_step
 from .integrity.reset_inflation import fade_inflation
-from .integrity.time_step import count_innovation, propagate_time_step, update_time_step
-from .integrity.turn_step import count_turn_innovation, propagate_turn_step, update_turn_step
+from .integrity.time_offset_step import count_innovation, propagate_time_offset_step, update_time_offset_step
 from .mechanization import start_integration
 from .process_noise import learn_process_noise, propagate_learning, update_learning
 from .state import NAVIGATING
@@ -48,8 +48,8 @@ def propagate_errors(p: Parameters, c: Core) -> None:
     accumulate_integrals(c, transition.turn_angle, transition.interval)
     propagate_covariance(p, c, transition)
     propagate_sensitivity(c, transition)
-    propagate_time_step(c, transition)
-    propagate_turn_step(c, transition)
+    propagate_time_offset_step(c, transition)
+    propagate_gyro_bias_step(c, transition)
     propagate_learning(p, c, transition)
     fade_inflation(c, transition.gnss_bias)
     start_integration(c)
@@ -62,8 +62,8 @@ def fuse(c: Core, length: int, z: float, s: float, axis: int) -> None:
     axis: 0 for a GNSS position north, 1 east; -1: any other measurement.
     """
     update_sensitivity(c, length, s, z, axis)
-    update_time_step(c, length, s)
-    update_turn_step(c, length, s)
+    update_time_offset_step(c, length, s)
+    update_gyro_bias_step(c, length, s)
     update_learning(c, length, z, s)
     apply_gain(c, s, z)
 

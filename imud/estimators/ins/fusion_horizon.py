@@ -1,9 +1,10 @@
-"""The fusion horizon: measurements that arrive late, or in any order, are fused at their own epochs.
+"""The fusion horizon: measurements that arrive late are fused at their own epochs, of aiding sources in any order.
 
-Three rings hold the last two seconds: IMU samples, snapshots of the core, and aiding measurements in the order of their
-times. To fuse a measurement of epoch t the core is rewound to the last snapshot not after t, propagated to t exactly,
-corrected, and replayed to the newest sample with the code that new samples take. Measurements between t and now, which
-had been fused before, are fused again at their own epochs, and the snapshots are renewed.
+Fixes of the receiver come in the order of their epochs; an older one is rejected. Rings hold the last two seconds: IMU
+samples, snapshots of the core and of the hypothesis bank, and measurements in the order of their times. To fuse a
+measurement of epoch t the core is rewound to the last snapshot not after t, propagated to t exactly, corrected, and
+replayed to the newest sample with the code that new samples take. Measurements between t and now, which had been fused
+before, are fused again at their own epochs, and the snapshots are renewed.
 
 Source: a delayed fusion horizon with one buffer for each sensor is that of PX4's EKF2; here the present solution is
 corrected at once instead of predicted from the horizon.
@@ -113,7 +114,7 @@ def store_snapshot(s: State) -> None:
     k.process_noise, k.gravity_monitor, k.barometer = c.process_noise, c.gravity_monitor, c.barometer
     k.heading_aid, k.odometer, k.wheel_check = c.heading_aid, c.odometer, c.wheel_check
     k.pose, k.external_velocity, k.magnetometer = c.pose, c.external_velocity, c.magnetometer
-    k.time_step, k.turn_step = c.time_step, c.turn_step
+    k.time_offset_step, k.gyro_bias_step = c.time_offset_step, c.gyro_bias_step
     s.snapshot_count += 1
 
 
@@ -133,7 +134,7 @@ def restore_snapshot(c: Core, k: Snapshot) -> None:
     c.process_noise, c.gravity_monitor, c.barometer = k.process_noise, k.gravity_monitor, k.barometer
     c.heading_aid, c.odometer, c.wheel_check = k.heading_aid, k.odometer, k.wheel_check
     c.pose, c.external_velocity, c.magnetometer = k.pose, k.external_velocity, k.magnetometer
-    c.time_step, c.turn_step = k.time_step, k.turn_step
+    c.time_offset_step, c.gyro_bias_step = k.time_offset_step, k.gyro_bias_step
 
 
 @kernel

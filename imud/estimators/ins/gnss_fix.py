@@ -29,9 +29,9 @@ from .alignment.modes import HEADING_LOST, HEADING_WRONG, change_mode
 from .alignment.velocity_pairs import reset_pairs
 from .ekf import variance
 from .fusion import correct_state, write_innovation
+from .integrity.gyro_bias_step import detect_gyro_bias_step, reset_gyro_bias_step
 from .integrity.heading_monitor import monitor_heading
-from .integrity.time_step import detect_time_step
-from .integrity.turn_step import detect_turn_step, reset_turn_step
+from .integrity.time_offset_step import detect_time_offset_step
 from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS
 
 if TYPE_CHECKING:
@@ -81,12 +81,12 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, 
         rows = fuse_gnss_position(p, c, fix, late, innovations, rows)
     if abs(late) < p.tuning.max_rewind_miss_s:
         rows = fuse_gnss_velocity(p, c, fix, late, innovations, rows)
-    if c.alignment.mode == NAVIGATING and detect_time_step(p, c):
+    if c.alignment.mode == NAVIGATING and detect_time_offset_step(p, c):
         correct_state(p, c)
         reset_pairs(c)
-    if c.time_step.onset_ns != c.nav.t_ns:
-        reset_turn_step(c)  # the stamps are in doubt: what they do to velocities is no turn
-    elif c.alignment.mode == NAVIGATING and detect_turn_step(p, c):
+    if c.time_offset_step.onset_ns != c.nav.t_ns:
+        reset_gyro_bias_step(c)  # the stamps are in doubt: what they do to velocities is no turn
+    elif c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c):
         reset_pairs(c)
     fade_reset_score(p, c)
     heading_ok = True

@@ -1,7 +1,7 @@
 """One IMU sample: the order of its steps, the same for new samples and for those replayed after a late measurement.
 
 Damaged readings are replaced; nominal state and covariance propagate, with noise for what damaged readings hide. At the
-end of a window of half a second the body is found at rest or not, the gyro bias is checked against gravity, and the
+end of a window of half a second the gyro bias is checked against gravity, the body is found at rest or not, and the
 pseudo-measurements that are due (no velocity, no turn, no slip) are fused.
 """
 
@@ -41,7 +41,9 @@ TUNABLES = (
 
 @kernel
 def end_window(p: Parameters, c: Core) -> None:
-    """At the end of a stationarity window: detect rest, level, fuse rest, look for the forward axis."""
+    """At the end of a stationarity window: monitor gravity, detect rest, level, fuse rest, begin to navigate once the
+    heading is known, look for the forward axis.
+    """
     propagate_errors(p, c)
     classify_window(p, c)
     monitor_gravity(p, c)

@@ -53,7 +53,7 @@ from .alignment import (
     velocity_pairs,
     whitening,
 )
-from .integrity import gnss_drift, gravity_monitor, heading_monitor, time_step, turn_step
+from .integrity import gnss_drift, gravity_monitor, gyro_bias_step, heading_monitor, time_offset_step
 from .state import AUTO, FREE, LAND
 
 VEHICLES = {"free": FREE, "auto": AUTO, "land": LAND}
@@ -94,8 +94,8 @@ TUNABLES = (
     *heading_monitor.TUNABLES,
     *gravity_monitor.TUNABLES,
     *gnss_drift.TUNABLES,
-    *time_step.TUNABLES,
-    *turn_step.TUNABLES,
+    *time_offset_step.TUNABLES,
+    *gyro_bias_step.TUNABLES,
     *process_noise.TUNABLES,
     *fusion_horizon.TUNABLES,
     *filter.TUNABLES,
@@ -121,12 +121,10 @@ PARAMETERS = np.dtype(
         ("gyro_bias_psd", "<f8"),  # rad^2/s^3
         ("gyro_bias_sigma", "<f8"),  # rad/s, at switch-on
         ("gyro_scale", "<f8"),
-        ("gyro_range", "<f8"),  # rad/s
         ("accel_psd", "<f8"),  # m^2/s^3
         ("accel_bias_psd", "<f8"),  # m^2/s^5
         ("accel_bias_sigma", "<f8"),  # m/s^2, at switch-on
         ("accel_scale", "<f8"),
-        ("accel_range", "<f8"),  # m/s^2
         ("tuning", dtype_of(TUNABLES)),
     ],
     align=True,
@@ -153,10 +151,8 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     r["gyro_bias_psd"] = profile.gyro_bias_instability**2 / r["tuning"]["bias_walk_time_s"]
     r["gyro_bias_sigma"] = profile.gyro_bias_initial
     r["gyro_scale"] = profile.gyro_scale
-    r["gyro_range"] = profile.gyro_range
     r["accel_psd"] = profile.accel_noise**2
     r["accel_bias_psd"] = profile.accel_bias_instability**2 / r["tuning"]["bias_walk_time_s"]
     r["accel_bias_sigma"] = profile.accel_bias_initial
     r["accel_scale"] = profile.accel_scale
-    r["accel_range"] = profile.accel_range
     return p

@@ -19,8 +19,8 @@ from .alignment.modes import ATTITUDE_LOST, change_mode
 from .alignment.velocity_pairs import reset_pairs
 from .ekf import add_variance, decorrelate, variance
 from .integrity.gnss_drift import reset_drift
-from .integrity.time_step import reset_time_step
-from .integrity.turn_step import reset_turn_step
+from .integrity.gyro_bias_step import reset_gyro_bias_step
+from .integrity.time_offset_step import reset_time_offset_step
 from .mechanization import body_to_ned, clear_biases
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 from .stationarity import clear_window, interrupt_rest
@@ -58,8 +58,8 @@ def reopen_biases(p: Parameters, c: Core) -> None:
     clear_window(c)
     reset_pairs(c)
     reset_drift(c)
-    reset_time_step(c)
-    reset_turn_step(c)
+    reset_time_offset_step(c)
+    reset_gyro_bias_step(c)
 
 
 @kernel

@@ -203,12 +203,12 @@ class Tuning:
     max_drift_noise_scale: float
     drift_noise_scale_prior: float
     drift_noise_scale_gain: float
-    time_step_chi2: float
-    time_step_doubt: float
-    time_step_sigma: float
-    min_time_step_s: float
-    max_time_step_s: float
-    turn_step_chi2: float
+    time_offset_step_chi2: float
+    time_offset_step_doubt: float
+    time_offset_step_sigma: float
+    min_time_offset_step_s: float
+    max_time_offset_step_s: float
+    gyro_bias_step_chi2: float
     turn_onset_s: float
     turn_shared_s: float
     process_noise_prior: float

@@ -28,12 +28,10 @@ class Parameters:
     gyro_bias_psd: float
     gyro_bias_sigma: float
     gyro_scale: float
-    gyro_range: float
     accel_psd: float
     accel_bias_psd: float
     accel_bias_sigma: float
     accel_scale: float
-    accel_range: float
     tuning: Tuning
 
 
@@ -320,8 +318,8 @@ class Snapshot:
     integrity: Integrity
     process_noise: ProcessNoise
     drift: Drift
-    time_step: TimeStep
-    turn_step: TurnStep
+    time_offset_step: TimeStep
+    gyro_bias_step: TurnStep
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid
@@ -344,8 +342,8 @@ class Core:
     integrity: Integrity
     process_noise: ProcessNoise
     drift: Drift
-    time_step: TimeStep
-    turn_step: TurnStep
+    time_offset_step: TimeStep
+    gyro_bias_step: TurnStep
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid

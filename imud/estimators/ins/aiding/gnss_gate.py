@@ -2,7 +2,7 @@
 
 After a jump the rejected positions are consistent with the estimated velocity; in a drift they contradict it more and
 more. So the filter is reset to rejected positions once they have been consistent with the velocity for some seconds, or
-where nothing but the IMU supports the velocity.
+where nothing but the IMU supports the velocity; after `max_reject_s` (with wheels `wheel_max_reject_s`) in any case.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_covariance, add_variance, decorrelate, variance
 from ..integrity.gnss_drift import all_onsets_open, clear_detection, reset_drift
+from ..integrity.gyro_bias_step import reset_gyro_bias_step
 from ..integrity.reset_inflation import inflate_position
-from ..integrity.time_step import reset_time_step
-from ..integrity.turn_step import reset_turn_step
+from ..integrity.time_offset_step import reset_time_offset_step
 from ..mechanization import displace, ned_difference
 from ..state import ATTITUDE, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY
 from .gnss_noise import clear_gnss_bias
@@ -227,8 +227,8 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
         return False
     reset_to_gnss(c, 0, 2, supported, p.tuning.reset_time_sigma)
     reset_drift(c)
-    reset_time_step(c)
-    reset_turn_step(c)
+    reset_time_offset_step(c)
+    reset_gyro_bias_step(c)
     g.reject_count[0] = 0
     return True
 

@@ -3,8 +3,8 @@
 z = heading - boresight - yaw, with yaw = atan2(y, x) of the body's x axis in NED, extrapolated where the epoch is after
 the newest sample. The errors of a compass last, those of two antennas as long as reflections do: the gate has the
 variance of a single heading, the update that of what all those know that share an error. A measurement has value[0]:
-heading, rad, and sigma[0]: rad, NaN where it is not reported. During coarse alignment `alignment.given_heading` takes
-it.
+heading, rad, and sigma[0]: rad, NaN where it is not reported. A compass that the motion contradicts is left out until
+it has agreed for `heading_trust_s`. During coarse alignment `alignment.given_heading` takes the heading.
 """
 
 from __future__ import annotations

@@ -139,7 +139,10 @@ def is_contradicted(p: Parameters, c: Core, m: Measurement) -> bool:
 
 @kernel
 def fuse_magnetometer(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
-    """Gate and fuse a reading while navigating; returns the rows of innovations (before: `alignment.given_field`)."""
+    """Gate and fuse a reading while navigating; returns the rows of innovations (before: `alignment.given_field`).
+
+    One that agrees with a heading known better counts as used, but leaves it alone.
+    """
     if not has_field(p, m):
         return 0
     g, steady, known = c.magnetometer, is_earths_field(p, c, m), variance(c, ATTITUDE + 2)

@@ -1,7 +1,7 @@
 """Zero-velocity update (ZUPT) and zero-angular-rate update (ZARU), once per stationarity window at rest.
 
-ZUPT: z = -v. ZARU: z = mean rate - earth rate in the body - bg. Where the receiver confirms the rest, the velocity is
-then reset to zero.
+ZUPT: z = -v, while navigating. ZARU: z = mean rate - earth rate in the body - bg. In coarse alignment, and where the
+receiver confirms the rest, the velocity is then reset to zero.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@
 | any                 | ATTITUDE_LOST | COARSE_ALIGNMENT | as HEADING_LOST; roll and pitch from gravity, the vehicle's axis is unknown |
 | any                 | HEADING_WRONG | COARSE_ALIGNMENT | as ATTITUDE_LOST; sensor errors are cleared, because they were learned with it |
 
+Every event also resets the tests of drift and of steps; HEADING_KNOWN clears the learned process noise and the pairs.
 The filter begins in COARSE_ALIGNMENT.
 """  # noqa: E501 a table's row is one line
 
@@ -27,8 +28,8 @@ from ..ekf import add_variance, combine, combine3, decorrelate, innovation_varia
 from ..error_model import reset_gyro_scale
 from ..fusion import propagate_errors
 from ..integrity.gnss_drift import reset_drift
-from ..integrity.time_step import reset_time_step
-from ..integrity.turn_step import reset_turn_step
+from ..integrity.gyro_bias_step import reset_gyro_bias_step
+from ..integrity.time_offset_step import reset_time_offset_step
 from ..lever_arm import antenna_position, antenna_velocity, attitude_row, gyro_bias_row
 from ..mechanization import clear_sensor_errors, displace, set_attitude, set_velocity
 from ..process_noise import clear_learning
@@ -94,8 +95,8 @@ def change_mode(p: Parameters, c: Core, event: int) -> None:
         transfer_lever_arm(p, c, -1.0)
     c.alignment.mode = NEXT_MODE[row]
     reset_drift(c)
-    reset_time_step(c)
-    reset_turn_step(c)
+    reset_time_offset_step(c)
+    reset_gyro_bias_step(c)
     if actions & FORGET_HEADING:
         c.alignment.heading_sigma = 0.0
         decorrelate(c, ATTITUDE + 2, math.pi**2)
@@ -110,7 +111,9 @@ def change_mode(p: Parameters, c: Core, event: int) -> None:
 
 @kernel
 def set_heading_accuracy(p: Parameters, c: Core, sigma: float, bias_gain: float) -> None:
-    """Store sigma (rad) of a heading that was found or given; bias_gain: s, its error per vertical gyro bias."""
+    """Store sigma (rad) of a heading that was found or given; bias_gain: s, its error per frame rate,
+    which is minus that per vertical gyro bias.
+    """
     c.alignment.heading_sigma = max(sigma, p.tuning.min_heading_sigma)
     c.alignment.heading_bias_gain = bias_gain
 
@@ -119,7 +122,8 @@ def set_heading_accuracy(p: Parameters, c: Core, sigma: float, bias_gain: float)
 def set_heading_covariance(p: Parameters, c: Core) -> None:
     """P of the heading from alignment.heading_sigma.
 
-    An error of the vertical gyro bias has turned the heading by heading_bias_gain times itself: the two are correlated.
+    An error of the vertical gyro bias has turned the heading by minus heading_bias_gain times itself: the two are
+    correlated.
     """
     propagate_errors(p, c)
     bias_part = c.alignment.heading_bias_gain**2 * innovation_variance(c, vertical_bias_jacobian(c))

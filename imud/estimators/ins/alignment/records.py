@@ -7,11 +7,11 @@ from ..state import HYPOTHESES
 ALIGNMENT = np.dtype(  # in a level frame of arbitrary heading; complex numbers are north + i east
     [
         ("mode", "<i8"),
-        ("heading_sigma", "<f8"),  # rad, of a heading given by the user; 0: none
+        ("heading_sigma", "<f8"),  # rad, of a heading that was found, measured or given; 0: none
         (
             "heading_bias_gain",
             "<f8",
-        ),  # s, heading error per error of the vertical gyro bias
+        ),  # s, heading error per frame rate: minus that per vertical gyro bias
         ("integrals", "<f8", (4, 2)),  # since the origin, of: level specific force, 1, G, exp(i y)
         ("double_integrals", "<f8", (4, 2)),  # integrals of these
         ("heading_phasor", "<f8", (2,)),  # exp(i y), y: heading of the body in the integrals' frame, rad

@@ -19,14 +19,14 @@ from ....compile.jit import kernel
 from ....math.earth import EARTH_RATE_RADPS, gravity
 from ....math.rotation import Vector, cross, dot
 from ...tuning import Tunable
-from ..alignment.velocity_pairs import flag_heading, reset_pairs
+from ..alignment.velocity_pairs import reset_pairs
 from ..ekf import add_variance, decorrelate, innovation_variance, set_jacobian3, variance
 from ..fusion import NO_GATE, correct_state, gated_update
 from ..mechanization import ned_to_body
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 from .gnss_drift import reset_drift
-from .time_step import reset_time_step
-from .turn_step import reset_turn_step
+from .gyro_bias_step import reset_gyro_bias_step
+from .time_offset_step import reset_time_offset_step
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters
@@ -153,7 +153,6 @@ def monitor_gravity(p: Parameters, c: Core) -> None:
     """At the end of a window, once classified: correct a gyro bias that fixed gravity contradicts.
 
     The attitude has turned by the error since the last rest, and the bias about the vertical may have changed as well.
-    If no rest has checked the bias lately, the heading may be wrong by any angle.
     """
     g = c.gravity_monitor
     if c.stationarity.at_rest:
@@ -167,8 +166,6 @@ def monitor_gravity(p: Parameters, c: Core) -> None:
     r = 2.0 * g.variance / ((f[0] * f[0] + f[1] * f[1] + f[2] * f[2] + 1e-9) * g.time**2)
     if contradicts_bias(p, c, error, r):
         since_rest = 1e-9 * (c.nav.t_ns - g.last_rest_ns)
-        if since_rest > p.tuning.recent_rest_s:
-            flag_heading(p, c)
         turned = min(since_rest, p.tuning.recent_rest_s) ** 2 * dot(error, error)
         for i in range(3):
             decorrelate(c, GYRO_BIAS + i, p.gyro_bias_sigma**2)
@@ -179,8 +176,8 @@ def monitor_gravity(p: Parameters, c: Core) -> None:
         correct_state(p, c)
         reset_pairs(c)
         reset_drift(c)
-        reset_time_step(c)
-        reset_turn_step(c)
+        reset_time_offset_step(c)
+        reset_gyro_bias_step(c)
         restart_gravity_monitor(p, c)
     elif g.time > p.tuning.gravity_memory_s:
         restart_gravity_monitor(p, c)

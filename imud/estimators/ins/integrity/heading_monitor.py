@@ -53,7 +53,10 @@ TUNABLES = (
 
 @kernel
 def monitor_heading(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> bool:
-    """Compare the heading with that of the alignment after a fix; False if it is wrong and no better one is known."""
+    """After a fix, compare the heading with that of the alignment, and correct or inflate it if it is contradicted.
+
+    False: it was flagged as wrong by rest or gravity (`flag_heading`), and has to be found anew.
+    """
     if c.alignment.heading_fault_count >= p.tuning.heading_faults:
         return False
     before = b.weight

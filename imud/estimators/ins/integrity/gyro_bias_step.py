@@ -1,13 +1,16 @@
-"""The turn step test: has the bias of the gyros about the vertical stepped, so that the heading turns away?
+"""GLR test for a step of the gyro bias about the vertical, which turns the heading away.
+
+Not while the receiver's stamps are in doubt (`gnss_fix`): a step of theirs looks alike.
 
 A knock, a shock of temperature, or a wrong scale factor in a long turn change what the filter is sure of. The heading
-shows in no fix by itself, so that it is wrong for many seconds before the velocities say so by much. As in `time_step`,
-the effect w of a step d of the bias since an onset follows the filter's own steps, and its chi-square, over the mean
-square of what it leaves unexplained, decides; there are two onsets, every `turn_onset_s` by turns. Only horizontal
-velocities count, as positions may drift; those of one second share their error. When a step is detected the estimate
-stays, but P += d^2 (w w' + b b'), b being the vertical at GYRO_BIAS: the fixes that follow say what is right.
+shows in no fix by itself, so that it is wrong for many seconds before the velocities say so by much. As in
+`time_offset_step`, the effect w of a step d of the bias since an onset follows the filter's own steps, and its
+chi-square, over the mean square of what it leaves unexplained, decides; there are two onsets, every `turn_onset_s` by
+turns. Only horizontal velocities count, as positions may drift; those of one second share their error. When a step is
+detected the estimate stays, but P += d^2 (w w' + b b'), b being the vertical at GYRO_BIAS: the fixes that follow say
+what is right.
 
-Source: as `time_step`.
+Source: as `time_offset_step`.
 """
 
 from __future__ import annotations
@@ -20,29 +23,29 @@ from ..ekf import add_covariance
 from ..error_model import apply_transition
 from ..mechanization import rotation_matrix
 from ..state import GYRO_BIAS, NEVER_NS, STATES, TURN_ONSETS, VELOCITY
-from .time_step import chi2_beyond
+from .time_offset_step import chi2_beyond
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters, Transition
 
 TUNABLES = (
-    Tunable("turn_step_chi2", 30.0, "", "Chi-square (1 degree of freedom) that proves a step.", "5.5 sigma."),
+    Tunable("gyro_bias_step_chi2", 30.0, "", "Chi-square (1 degree of freedom) that proves a step.", "5.5 sigma."),
     Tunable("turn_onset_s", 6.0, "s", "Time between two onsets.", "In it 0.5 deg/s turn by 3 deg."),
     Tunable("turn_shared_s", 1.0, "s", "Velocities of so long share their error.", "Receivers of 1 Hz are white."),
 )
 
 
 @kernel
-def reset_turn_step(c: Core) -> None:
+def reset_gyro_bias_step(c: Core) -> None:
     """Forget the onsets: the estimate is new."""
     for j in range(TURN_ONSETS):
-        c.turn_step.onset_ns[j] = NEVER_NS
+        c.gyro_bias_step.onset_ns[j] = NEVER_NS
 
 
 @kernel
-def open_turn_step(c: Core, j: int) -> None:
+def open_gyro_bias_step(c: Core, j: int) -> None:
     """Onset j is now."""
-    g, C_nb = c.turn_step, rotation_matrix(c)
+    g, C_nb = c.gyro_bias_step, rotation_matrix(c)
     g.onset_ns[j] = c.nav.t_ns
     g.information[j] = g.vector[j] = g.energy[j] = g.count[j] = 0.0
     for i in range(STATES):
@@ -52,18 +55,18 @@ def open_turn_step(c: Core, j: int) -> None:
 
 
 @kernel
-def propagate_turn_step(c: Core, transition: Transition) -> None:
+def propagate_gyro_bias_step(c: Core, transition: Transition) -> None:
     """w <- transition w."""
-    if c.turn_step.onset_ns[0] != NEVER_NS:
-        apply_transition(c.turn_step.sensitivity, TURN_ONSETS, transition)
+    if c.gyro_bias_step.onset_ns[0] != NEVER_NS:
+        apply_transition(c.gyro_bias_step.sensitivity, TURN_ONSETS, transition)
 
 
 @kernel
-def mean_of_turn(c: Core, length: int, j: int) -> float:
+def mean_innovation(c: Core, length: int, j: int) -> float:
     """h w of onset j, m/s per rad/s; the Jacobian has `length` elements."""
     hw = 0.0
     for k in range(length):
-        hw += c.scratch.values[k] * c.turn_step.sensitivity[c.scratch.columns[k], j]
+        hw += c.scratch.values[k] * c.gyro_bias_step.sensitivity[c.scratch.columns[k], j]
     return hw
 
 
@@ -72,10 +75,10 @@ def count_turn_innovation(p: Parameters, c: Core, length: int, z: float, s: floa
     """Count an innovation z of variance s of a fix if it is a horizontal velocity; call before its update."""
     if not VELOCITY <= c.scratch.columns[0] < VELOCITY + 2:
         return
-    g = c.turn_step
+    g = c.gyro_bias_step
     weight = min(1e-9 * (c.nav.t_ns - g.last_ns) / p.tuning.turn_shared_s, 1.0)
     for j in range(TURN_ONSETS):
-        hw = mean_of_turn(c, length, j)
+        hw = mean_innovation(c, length, j)
         g.information[j] += weight * hw * hw / s
         g.vector[j] += weight * hw * z / s
         g.energy[j] += weight * z * z / s
@@ -83,20 +86,20 @@ def count_turn_innovation(p: Parameters, c: Core, length: int, z: float, s: floa
 
 
 @kernel
-def update_turn_step(c: Core, length: int, s: float) -> None:
+def update_gyro_bias_step(c: Core, length: int, s: float) -> None:
     """w <- (I - K h) w before the scalar update that follows, of variance s; P h is in scratch.d."""
-    if c.turn_step.onset_ns[0] == NEVER_NS:
+    if c.gyro_bias_step.onset_ns[0] == NEVER_NS:
         return
     for j in range(TURN_ONSETS):
-        share = mean_of_turn(c, length, j) / s
+        share = mean_innovation(c, length, j) / s
         for i in range(STATES):
-            c.turn_step.sensitivity[i, j] -= share * c.scratch.d[i]
+            c.gyro_bias_step.sensitivity[i, j] -= share * c.scratch.d[i]
 
 
 @kernel
-def apply_turn_step(c: Core, j: int, d: float) -> None:
+def apply_gyro_bias_step(c: Core, j: int, d: float) -> None:
     """Add the doubt that a step of d rad/s since onset j leaves to P."""
-    w, C_nb, d2 = c.turn_step.sensitivity, rotation_matrix(c), d * d
+    w, C_nb, d2 = c.gyro_bias_step.sensitivity, rotation_matrix(c), d * d
     for i in range(STATES):
         for k in range(i, STATES):
             add_covariance(c, i, k, d2 * w[i, j] * w[k, j])
@@ -106,22 +109,22 @@ def apply_turn_step(c: Core, j: int, d: float) -> None:
 
 
 @kernel
-def detect_turn_step(p: Parameters, c: Core) -> bool:
+def detect_gyro_bias_step(p: Parameters, c: Core) -> bool:
     """After a fix, while navigating: True if a step is detected; P has its doubt."""
-    g, best, most = c.turn_step, -1, p.tuning.turn_step_chi2
+    g, best, most = c.gyro_bias_step, -1, p.tuning.gyro_bias_step_chi2
     for j in range(TURN_ONSETS):
         if g.onset_ns[j] == NEVER_NS:
-            open_turn_step(c, j)
+            open_gyro_bias_step(c, j)
         chi2 = chi2_beyond(g.information[j], g.vector[j], g.energy[j], g.count[j])
         if chi2 > most:
             best, most = j, chi2
     g.last_ns = c.nav.t_ns
     if best >= 0:
-        apply_turn_step(c, best, g.vector[best] / g.information[best])
+        apply_gyro_bias_step(c, best, g.vector[best] / g.information[best])
         for j in range(TURN_ONSETS):
-            open_turn_step(c, j)
+            open_gyro_bias_step(c, j)
         return True
     older = 0 if g.onset_ns[0] <= g.onset_ns[1] else 1
     if 1e-9 * (c.nav.t_ns - g.onset_ns[1 - older]) >= p.tuning.turn_onset_s:
-        open_turn_step(c, older)
+        open_gyro_bias_step(c, older)
     return False

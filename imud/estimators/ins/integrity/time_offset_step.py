@@ -1,4 +1,4 @@
-"""The time step test: have the receiver's stamps stepped, so that the time offset is another than the filter knows?
+"""GLR test for a step of the receiver's stamps: the time offset is then another than the filter knows.
 
 The filter, sure of the old offset, would refuse the fixes or bend the trajectory. A step d of the offset since an onset
 is an error like any other: its effect w on all error states, per second, follows the filter's own steps,
@@ -31,24 +31,30 @@ if TYPE_CHECKING:
     from ..types import Core, Parameters, Transition
 
 TUNABLES = (
-    Tunable("time_step_chi2", 30.0, "", "Chi-square (1 degree of freedom) that proves a step.", "5.5 sigma."),
-    Tunable("time_step_doubt", 4.0, "", "Chi-square from which the onset is kept.", "Two sigma."),
-    Tunable("time_step_sigma", 0.3, "", "Sigma of a step that was detected, as a share of it.", "Choice."),
-    Tunable("min_time_step_s", 0.3, "s", "Least step; the offset's own sigma covers smaller ones.", "Recorded drives."),
-    Tunable("max_time_step_s", 2.5, "s", "Largest step.", "Leap seconds are corrected by one or two."),
+    Tunable("time_offset_step_chi2", 30.0, "", "Chi-square (1 degree of freedom) that proves a step.", "5.5 sigma."),
+    Tunable("time_offset_step_doubt", 4.0, "", "Chi-square from which the onset is kept.", "Two sigma."),
+    Tunable("time_offset_step_sigma", 0.3, "", "Sigma of a step that was detected, as a share of it.", "Choice."),
+    Tunable(
+        "min_time_offset_step_s",
+        0.3,
+        "s",
+        "Least step; the offset's own sigma covers smaller ones.",
+        "Recorded drives.",
+    ),
+    Tunable("max_time_offset_step_s", 2.5, "s", "Largest step.", "Leap seconds are corrected by one or two."),
 )
 
 
 @kernel
-def reset_time_step(c: Core) -> None:
+def reset_time_offset_step(c: Core) -> None:
     """Forget the onset: the estimate is new."""
-    c.time_step.onset_ns = NEVER_NS
+    c.time_offset_step.onset_ns = NEVER_NS
 
 
 @kernel
-def open_time_step(c: Core) -> None:
+def open_time_offset_step(c: Core) -> None:
     """The onset is now."""
-    g = c.time_step
+    g = c.time_offset_step
     g.onset_ns = c.nav.t_ns
     g.information = g.vector = g.energy = 0.0
     g.count = 0
@@ -59,10 +65,10 @@ def open_time_step(c: Core) -> None:
 
 
 @kernel
-def propagate_time_step(c: Core, transition: Transition) -> None:
+def propagate_time_offset_step(c: Core, transition: Transition) -> None:
     """w <- transition w."""
-    if c.time_step.onset_ns != NEVER_NS:
-        apply_transition(c.time_step.sensitivity, 1, transition)
+    if c.time_offset_step.onset_ns != NEVER_NS:
+        apply_transition(c.time_offset_step.sensitivity, 1, transition)
 
 
 @kernel
@@ -70,14 +76,14 @@ def mean_innovation(c: Core, length: int) -> float:
     """h w, m or m/s per second of the step; the Jacobian has `length` elements."""
     hw = 0.0
     for k in range(length):
-        hw += c.scratch.values[k] * c.time_step.sensitivity[c.scratch.columns[k], 0]
+        hw += c.scratch.values[k] * c.time_offset_step.sensitivity[c.scratch.columns[k], 0]
     return hw
 
 
 @kernel
 def count_innovation(c: Core, length: int, z: float, s: float, axis: int) -> None:
     """Count an innovation z of variance s of a fix, used or not; call before its update; axis: see `fuse`."""
-    g, hw = c.time_step, mean_innovation(c, length)
+    g, hw = c.time_offset_step, mean_innovation(c, length)
     g.information += hw * hw / s
     g.vector += hw * z / s
     g.energy += z * z / s
@@ -90,13 +96,13 @@ def count_innovation(c: Core, length: int, z: float, s: float, axis: int) -> Non
 
 
 @kernel
-def update_time_step(c: Core, length: int, s: float) -> None:
+def update_time_offset_step(c: Core, length: int, s: float) -> None:
     """w <- (I - K h) w before the scalar update that follows, of variance s; P h is in scratch.d."""
-    if c.time_step.onset_ns == NEVER_NS:
+    if c.time_offset_step.onset_ns == NEVER_NS:
         return
     share = mean_innovation(c, length) / s
     for i in range(STATES):
-        c.time_step.sensitivity[i, 0] -= share * c.scratch.d[i]
+        c.time_offset_step.sensitivity[i, 0] -= share * c.scratch.d[i]
 
 
 @kernel
@@ -109,9 +115,9 @@ def chi2_beyond(information: float, vector: float, energy: float, count: float) 
 
 
 @kernel
-def find_time_step(c: Core) -> tuple[float, float]:
+def find_time_offset_step(c: Core) -> tuple[float, float]:
     """The step, s, and its chi-square, beyond what a jump of the position explains."""
-    g = c.time_step
+    g = c.time_offset_step
     information, vector, energy = g.information, g.vector, g.energy
     for axis in range(2):
         r = g.jump[axis]
@@ -124,9 +130,9 @@ def find_time_step(c: Core) -> tuple[float, float]:
 
 
 @kernel
-def apply_time_step(c: Core, d: float, sigma: float) -> None:
+def apply_time_offset_step(c: Core, d: float, sigma: float) -> None:
     """Gather the step d, s, in scratch.x, and add its doubt, of sigma s, to P; see the file's head."""
-    w, v, s2 = c.time_step.sensitivity, c.nav.v_n, sigma * sigma
+    w, v, s2 = c.time_offset_step.sensitivity, c.nav.v_n, sigma * sigma
     for i in range(STATES):
         add_correction(c, i, w[i, 0] * d)
         for k in range(i, STATES):
@@ -139,15 +145,21 @@ def apply_time_step(c: Core, d: float, sigma: float) -> None:
 
 
 @kernel
-def detect_time_step(p: Parameters, c: Core) -> bool:
+def detect_time_offset_step(p: Parameters, c: Core) -> bool:
     """After a fix, while navigating: True if a step is detected; then its correction is in scratch.x, not injected."""
-    g = c.time_step
-    if g.onset_ns == NEVER_NS or chi2_beyond(g.information, g.vector, g.energy, g.count) < p.tuning.time_step_doubt:
-        open_time_step(c)
+    g = c.time_offset_step
+    if (
+        g.onset_ns == NEVER_NS
+        or chi2_beyond(g.information, g.vector, g.energy, g.count) < p.tuning.time_offset_step_doubt
+    ):
+        open_time_offset_step(c)
         return False
-    d, chi2 = find_time_step(c)
-    if chi2 > p.tuning.time_step_chi2 and p.tuning.min_time_step_s < abs(d) < p.tuning.max_time_step_s:
-        apply_time_step(c, d, p.tuning.time_step_sigma * abs(d))
-        open_time_step(c)
+    d, chi2 = find_time_offset_step(c)
+    if (
+        chi2 > p.tuning.time_offset_step_chi2
+        and p.tuning.min_time_offset_step_s < abs(d) < p.tuning.max_time_offset_step_s
+    ):
+        apply_time_offset_step(c, d, p.tuning.time_offset_step_sigma * abs(d))
+        open_time_offset_step(c)
         return True
     return False

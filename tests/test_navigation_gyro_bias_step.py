@@ -31,7 +31,7 @@ def test_a_step_of_the_bias_is_found(step_dps):
         sure = (yaw > 5.0) & (sigmas > 4.0) & (status & HEADING_VALID > 0)
         wrong += sure.sum() / RATE
         assert yaw[int(40 * RATE) :].max() < 3.0
-        yaw, sigmas, status = run(seed, step_dps, tuning={"turn_step_chi2": 1e9})
+        yaw, sigmas, status = run(seed, step_dps, tuning={"gyro_bias_step_chi2": 1e9})
         blind += ((yaw > 5.0) & (sigmas > 4.0) & (status & HEADING_VALID > 0)).sum() / RATE
     assert wrong <= 0.5 * blind
     assert wrong < 6.0
@@ -39,5 +39,5 @@ def test_a_step_of_the_bias_is_found(step_dps):
 
 def test_without_a_step_nothing_is_doubted():
     yaw, _, _ = run(4, 0.0)
-    blind, _, _ = run(4, 0.0, tuning={"turn_step_chi2": 1e9})
+    blind, _, _ = run(4, 0.0, tuning={"gyro_bias_step_chi2": 1e9})
     np.testing.assert_array_equal(yaw, blind)

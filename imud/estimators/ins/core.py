@@ -300,7 +300,7 @@ WHEEL_CHECK = np.dtype(  # the receiver's velocity against the wheels: sums over
         ("z_n", "<f8"),  # m/s, velocity of the fix less that of the estimate
         ("z_e", "<f8"),
         ("z2", "<f8"),  # m^2/s^2, its square
-        ("turned", "<f8"),  # m^2/s^2, its product with the velocity, turned to the right
+        ("cross_sum", "<f8"),  # m^2/s^2, of their cross products with the velocity, down
         ("v2", "<f8"),  # m^2/s^2, square of the velocity
         ("agreements", "<i8"),  # fixes in a row that agree, after a drift was detected
     ],

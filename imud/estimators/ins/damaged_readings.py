@@ -12,7 +12,7 @@ from ...math.earth import gravity
 from ..tuning import Tunable
 from .aiding.non_holonomic import reset_nhc
 from .alignment.modes import ATTITUDE_LOST, HEADING_LOST, change_mode
-from .alignment.velocity_pairs import reset_pairs
+from .alignment.velocity_pairs import restart_in_motion_alignment
 from .ekf import add_covariance, add_variance, variance
 from .mechanization import ned_to_body, rotation_matrix
 from .rest import withdraw_rest
@@ -54,7 +54,7 @@ def inflate_attitude(p: Parameters, c: Core, sample: StoredSample, fastest: floa
             for i in range(3):
                 for k in range(i, 3):
                     add_covariance(c, ATTITUDE + i, ATTITUDE + k, q * C_nb[3 * i + axis] * C_nb[3 * k + axis])
-    reset_pairs(c)
+    restart_in_motion_alignment(c)
     if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > p.tuning.max_heading_sigma**2:
         change_mode(p, c, HEADING_LOST)  # neither fixes nor the vehicle's constraint can correct such a heading
         reset_nhc(c)

@@ -19,7 +19,7 @@ import math
 from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
-from .alignment.force_integrals import accumulate_integrals, retain_integrals
+from .alignment.force_integrals import accumulate_integrals, record_corrections
 from .ekf import apply_gain, inject_error, innovation, innovation_variance
 from .error_model import linearize, propagate_covariance
 from .integrity.gnss_drift import BY_WHEELS, propagate_sensitivity, update_sensitivity
@@ -148,5 +148,5 @@ def clear_innovations(c: Core) -> None:
 @kernel
 def correct_state(p: Parameters, c: Core) -> None:
     """Inject the error estimate into the nominal state; the alignment notes it, so that its integrals do not jump."""
-    retain_integrals(c)
+    record_corrections(c)
     inject_error(p, c)

@@ -26,7 +26,7 @@ from .aiding.heading import distrust_compass
 from .aiding.wheel_check import wheels_reject
 from .alignment.in_motion import align_with_fix, low_motion_speed, reset_to_fix
 from .alignment.modes import HEADING_LOST, HEADING_WRONG, change_mode
-from .alignment.velocity_pairs import reset_pairs
+from .alignment.velocity_pairs import restart_in_motion_alignment
 from .ekf import variance
 from .fusion import correct_state, write_innovation
 from .integrity.gyro_bias_step import detect_gyro_bias_step, reset_gyro_bias_step
@@ -83,11 +83,11 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, 
         rows = fuse_gnss_velocity(p, c, fix, late, innovations, rows)
     if c.alignment.mode == NAVIGATING and detect_time_offset_step(p, c):
         correct_state(p, c)
-        reset_pairs(c)
+        restart_in_motion_alignment(c)
     if c.time_offset_step.onset_ns != c.nav.t_ns:
         reset_gyro_bias_step(c)  # the stamps are in doubt: what they do to velocities is no turn
     elif c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c):
-        reset_pairs(c)
+        restart_in_motion_alignment(c)
     fade_reset_score(p, c)
     heading_ok = True
     if c.alignment.mode == NAVIGATING and not wheels_reject(p, c):

@@ -16,7 +16,7 @@ from imud.drivers import elementary
 from ...compile.jit import kernel
 from ..tuning import Tunable
 from .alignment.modes import ATTITUDE_LOST, change_mode
-from .alignment.velocity_pairs import reset_pairs
+from .alignment.velocity_pairs import restart_in_motion_alignment
 from .ekf import add_variance, decorrelate, variance
 from .integrity.gnss_drift import reset_drift
 from .integrity.gyro_bias_step import reset_gyro_bias_step
@@ -56,7 +56,7 @@ def reopen_biases(p: Parameters, c: Core) -> None:
         decorrelate(c, ACCEL_BIAS + i, p.accel_bias_sigma**2)
     interrupt_rest(c)
     clear_window(c)
-    reset_pairs(c)
+    restart_in_motion_alignment(c)
     reset_drift(c)
     reset_time_offset_step(c)
     reset_gyro_bias_step(c)

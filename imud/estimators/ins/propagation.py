@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from ..tuning import Tunable
-from .alignment.velocity_pairs import reset_pairs
+from .alignment.velocity_pairs import restart_in_motion_alignment
 from .ekf import add_variance
 from .fusion import propagate_errors
 from .mechanization import integrate_strapdown, set_velocity
@@ -83,7 +83,7 @@ def extrapolate_gap(p: Parameters, c: Core, w: Reals, f: Reals, dt: float) -> No
     propagate_errors(p, c)
     interrupt_rest(c)
     clear_window(c)
-    reset_pairs(c)
+    restart_in_motion_alignment(c)
 
 
 @kernel

@@ -274,7 +274,7 @@ class WheelCheck:
     z_n: float
     z_e: float
     z2: float
-    turned: float
+    cross_sum: float
     v2: float
     agreements: int
 

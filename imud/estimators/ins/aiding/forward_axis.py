@@ -89,8 +89,8 @@ def find_forward_axis(p: Parameters, c: Core) -> bool:
     if 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns) > p.tuning.fresh_fix_s:
         return False
     level2 = max(variance(c, VELOCITY), variance(c, VELOCITY + 1))
-    climb = c.nav.v_n[2] * math.sqrt(min(level2 / variance(c, VELOCITY + 2), 1.0))  # mostly not measured
-    if not accumulate_scatter(p, c, (c.nav.v_n[0], c.nav.v_n[1], climb), level2, variance(c, ATTITUDE + 2)):
+    down = c.nav.v_n[2] * math.sqrt(min(level2 / variance(c, VELOCITY + 2), 1.0))  # as uncertain as the level ones
+    if not accumulate_scatter(p, c, (c.nav.v_n[0], c.nav.v_n[1], down), level2, variance(c, ATTITUDE + 2)):
         return False
     across = h.velocity_scatter[0] + h.velocity_scatter[3] + h.velocity_scatter[5] - principal_direction(p, c)
     n, land, t = h.scatter_weight, p.vehicle == LAND, p.tuning

@@ -105,7 +105,7 @@ def count_agreement(c: Core, wrong: bool) -> None:
 def clear_sums(c: Core) -> None:
     """Forget the contradictions."""
     g = c.wheel_check
-    g.count, g.z_n, g.z_e, g.z2, g.turned, g.v2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    g.count, g.z_n, g.z_e, g.z2, g.cross_sum, g.v2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     g.agreements = 0
 
 
@@ -115,7 +115,7 @@ def sum_contradictions(c: Core, z_n: float, z_e: float, wrong: bool) -> None:
     g = c.wheel_check
     if not wrong:
         g.count, g.z_n, g.z_e, g.z2 = 0.5 * g.count, 0.5 * g.z_n, 0.5 * g.z_e, 0.5 * g.z2
-        g.turned, g.v2 = 0.5 * g.turned, 0.5 * g.v2
+        g.cross_sum, g.v2 = 0.5 * g.cross_sum, 0.5 * g.v2
         return
     v_n, v_e = c.nav.v_n[0], c.nav.v_n[1]
     if g.count < 0.5:
@@ -124,7 +124,7 @@ def sum_contradictions(c: Core, z_n: float, z_e: float, wrong: bool) -> None:
     g.z_n += z_n
     g.z_e += z_e
     g.z2 += z_n * z_n + z_e * z_e
-    g.turned += z_e * v_n - z_n * v_e
+    g.cross_sum += z_e * v_n - z_n * v_e
     g.v2 += v_n * v_n + v_e * v_e
 
 
@@ -138,7 +138,7 @@ def drift_speed(p: Parameters, c: Core, r: float) -> float:
     if g.count < p.tuning.wheel_contradictions:
         return 0.0
     of_drift = g.z2 - (g.z_n**2 + g.z_e**2) / g.count
-    of_heading = g.z2 - g.turned**2 / g.v2
+    of_heading = g.z2 - g.cross_sum**2 / g.v2
     if of_heading - of_drift < p.tuning.wheel_evidence * r:
         return 0.0
     return elementary.hypot(g.z_n, g.z_e) / g.count

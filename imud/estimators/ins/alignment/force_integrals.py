@@ -9,7 +9,7 @@ psi is the heading of the level frame, which is estimated. The nuisance paramete
 level gyro bias times gravity, whose tilt grows with time; x3, an accelerometer bias. The biases are fixed in the body,
 whose heading in the level frame is y. The velocity of the antenna relative to the IMU is added to dz where it is
 compared (`hypothesis_bank.antenna_offset`). The prior of the three is the filter's covariance. The filter
-corrects attitude and biases between fixes; dz is kept as if it had not (`retain_integrals`), and the corrections are
+corrects attitude and biases between fixes; dz is kept as if it had not (`record_corrections`), and the corrections are
 the prior's mean.
 
 This file accumulates the integrals. The vertical gyro bias turns the level frame, so fixes are matched in a bank of
@@ -80,7 +80,7 @@ def accumulate_integrals(c: Core, turn_angle: float, dt: float) -> None:
 
 
 @kernel
-def retain_integrals(c: Core) -> None:
+def record_corrections(c: Core) -> None:
     """Before the correction in scratch.x is injected: note it, so that the integrals stay those without it."""
     x, a, d = c.scratch.x, c.alignment, c.alignment.corrections
     C_nb = rotation_matrix(c)

@@ -44,7 +44,7 @@ from ..state import (
     TIME_OFFSET,
     VELOCITY,
 )
-from .velocity_pairs import reset_pairs, vertical_bias_jacobian
+from .velocity_pairs import restart_in_motion_alignment, vertical_bias_jacobian
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters
@@ -104,7 +104,7 @@ def change_mode(p: Parameters, c: Core, event: int) -> None:
         forget_tilt(p, c)
     if actions & SET_HEADING:
         clear_learning(c)
-        reset_pairs(c)
+        restart_in_motion_alignment(c)
     if actions & FORGET_ERRORS:
         forget_sensor_errors(p, c)
 
@@ -137,7 +137,7 @@ def set_heading_covariance(p: Parameters, c: Core) -> None:
 def forget_tilt(p: Parameters, c: Core) -> None:
     """Roll and pitch from the newest force, the vehicle's axis in the body unknown."""
     reset_nhc(c)
-    reset_pairs(c)
+    restart_in_motion_alignment(c)
     set_attitude(c, quat_of_gravity(c.imu.f[0], c.imu.f[1], c.imu.f[2] - 1e-3))
     for i in range(2):
         decorrelate(c, ATTITUDE + i, p.tuning.lost_tilt**2)

@@ -189,7 +189,7 @@ def match_fix(
     dt = 1e-9 * (c.nav.t_ns - a.last_match_ns)
     duration = match_duration(p, c)
     if 1e-9 * (c.nav.t_ns - a.origin_ns) > duration or dt > p.tuning.match_outage_share * duration:
-        reset_pairs(c)
+        restart_in_motion_alignment(c)
         dt = math.inf
     a.last_match_ns = c.nav.t_ns
     timing2 = timing_position_variance(c, b)
@@ -283,8 +283,8 @@ def vertical_bias_jacobian(c: Core) -> int:
 
 
 @kernel
-def reset_pairs(c: Core) -> None:
-    """Clear integrals and pairs: the next fix starts a new origin."""
+def restart_in_motion_alignment(c: Core) -> None:
+    """Clear integrals, pairs and the count of contradictions: the next fix starts a new origin."""
     a = c.alignment
     clear_integrals(c)
     a.pair_start_ns = a.last_match_ns = NEVER_NS

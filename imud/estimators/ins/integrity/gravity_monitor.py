@@ -19,7 +19,7 @@ from ....compile.jit import kernel
 from ....math.earth import EARTH_RATE_RADPS, gravity
 from ....math.rotation import Vector, cross, dot
 from ...tuning import Tunable
-from ..alignment.velocity_pairs import reset_pairs
+from ..alignment.velocity_pairs import restart_in_motion_alignment
 from ..ekf import add_variance, decorrelate, innovation_variance, set_jacobian3, variance
 from ..fusion import NO_GATE, correct_state, gated_update
 from ..mechanization import ned_to_body
@@ -174,7 +174,7 @@ def monitor_gravity(p: Parameters, c: Core) -> None:
             e = across_gravity(c, k)
             gated_update(c, set_jacobian3(c, 0, GYRO_BIAS, e), dot(e, error), r, NO_GATE)
         correct_state(p, c)
-        reset_pairs(c)
+        restart_in_motion_alignment(c)
         reset_drift(c)
         reset_time_offset_step(c)
         reset_gyro_bias_step(c)

@@ -108,8 +108,8 @@ class Device:
             self._trigger.mkdir(parents=True, exist_ok=True)
             (self._trigger / "name").write_text(f"{self.part.name}-dev{self._number}\n")
         else:
-            shutil.rmtree(self._trigger, ignore_errors=True)
             (self._folder / "trigger/current_trigger").write_text("\n")
+            shutil.rmtree(self._trigger, ignore_errors=True)
 
     def _read(self, name: str) -> str:
         try:

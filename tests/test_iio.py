@@ -363,6 +363,8 @@ def test_without_a_trigger_nothing_is_begun(kernel):
 
 def test_a_device_that_does_not_deliver_says_why(kernel):
     devices = kernel("bmi160", "--faults", "trigger@0-100")
+    while list(devices.glob("trigger*")):  # the fault begins once the emulator runs
+        time.sleep(0.01)
     (devices / "trigger7").mkdir()
     (devices / "trigger7/name").write_text("bmi160-dev9\n")
     line, found = connect("bmi160")

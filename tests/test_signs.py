@@ -214,7 +214,7 @@ def test_the_sign_table_of_the_live_page(tmp_path):
                 assert r == pytest.approx(r_nb, abs=1e-3)
                 assert [said[f"v {name}"] for name in ("north", "east", "down")] == VELOCITY.tolist()
                 if abs(r_nb[2, 0]) < 0.5:
-                    assert said["rate of turn"] == pytest.approx(60.0 * np.degrees(TURN), abs=0.1)
+                    assert said["rate of turn"] == pytest.approx(np.degrees(TURN), abs=0.1)
                 drawn = f"import('/page/pose.js').then(m => [0, 1, 2].map(i => m.rotate({quaternion(r_nb).tolist()}, "
                 columns = await page.evaluate(f"{drawn}[i === 0, i === 1, i === 2].map(Number))))")
                 assert pytest.approx(r_nb, abs=1e-9) == np.array(columns).T

@@ -69,7 +69,9 @@ def test_a_running_daemon_gives_the_same_status_in_three_forms(tmp_path):
             asked += 1
             assert asked < TIMEOUT_S, first
             list(imud.messages(1.0))
+        list(imud.messages(0.5))
         found = families(ask("--prometheus", address))
+        list(imud.messages(0.5))
         screen = ask(address)
         while not comes_as_agreed(last := json.loads(ask("--json", address))):
             asked += 1

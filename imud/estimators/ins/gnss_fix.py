@@ -23,7 +23,7 @@ from .aiding.gnss_position import fuse_gnss_position
 from .aiding.gnss_time import set_initial_time_offset
 from .aiding.gnss_velocity import fuse_gnss_velocity
 from .aiding.heading import distrust_compass
-from .aiding.wheel_check import wheels_reject
+from .aiding.wheel_check import wheels_contradict, wheels_reject
 from .alignment.in_motion import align_with_fix, low_motion_speed, reset_to_fix
 from .alignment.modes import HEADING_LOST, HEADING_WRONG, change_mode
 from .alignment.velocity_pairs import restart_in_motion_alignment
@@ -31,7 +31,7 @@ from .ekf import variance
 from .fusion import correct_state, write_innovation
 from .integrity.gyro_bias_step import detect_gyro_bias_step, reset_gyro_bias_step
 from .integrity.heading_monitor import monitor_heading
-from .integrity.time_offset_step import detect_time_offset_step
+from .integrity.time_offset_step import detect_time_offset_step, reset_time_offset_step
 from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS
 
 if TYPE_CHECKING:
@@ -81,11 +81,13 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, 
         rows = fuse_gnss_position(p, c, fix, late, innovations, rows)
     if abs(late) < p.tuning.max_rewind_miss_s:
         rows = fuse_gnss_velocity(p, c, fix, late, innovations, rows)
-    if c.alignment.mode == NAVIGATING and detect_time_offset_step(p, c):
+    if wheels_contradict(p, c) or variance(c, ATTITUDE + 2) > p.tuning.max_step_heading_sigma**2:
+        reset_time_offset_step(c)  # what a drift of the receiver or a wrong heading does looks like a step
+    elif c.alignment.mode == NAVIGATING and detect_time_offset_step(p, c):
         correct_state(p, c)
         restart_in_motion_alignment(c)
     if c.time_offset_step.onset_ns != c.nav.t_ns:
-        reset_gyro_bias_step(c)  # the stamps are in doubt: what they do to velocities is no turn
+        reset_gyro_bias_step(c)  # nor while the stamps are in doubt
     elif c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c):
         restart_in_motion_alignment(c)
     fade_reset_score(p, c)

@@ -206,6 +206,7 @@ class Tuning:
     time_offset_step_chi2: float
     time_offset_step_doubt: float
     time_offset_step_sigma: float
+    max_step_heading_sigma: float
     min_time_offset_step_s: float
     max_time_offset_step_s: float
     gyro_bias_step_chi2: float

@@ -24,6 +24,7 @@ from ..state import NAVIGATING, NEVER_NS, POSITION, TIME_OFFSET, VELOCITY, VELOC
 if TYPE_CHECKING:
     from ..types import Core, Parameters
 
+RECENT_CONTRADICTION = 0.5  # of the count: one contradiction, and at most one agreement since
 TUNABLES = (
     Tunable(
         "wheel_fresh_s", 10.0, "s", "Age of the last used reading up to which wheels support the velocity.", "Slips."
@@ -61,6 +62,12 @@ def wheels_reject(p: Parameters, c: Core) -> bool:
         return False
     outage_s = 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
     return bool(wheels_support(p, c) and outage_s < p.tuning.wheel_max_reject_s)
+
+
+@kernel
+def wheels_contradict(p: Parameters, c: Core) -> bool:
+    """Whether the receiver drifts by the wheels, or one of its last velocities contradicts them."""
+    return bool(wheels_reject(p, c) or (wheels_support(p, c) and c.wheel_check.count >= RECENT_CONTRADICTION))
 
 
 @kernel

@@ -19,6 +19,7 @@ Source: Friedland, Treatment of bias in recursive filtering (1969); Willsky and 
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
@@ -34,6 +35,13 @@ TUNABLES = (
     Tunable("time_offset_step_chi2", 30.0, "", "Chi-square (1 degree of freedom) that proves a step.", "5.5 sigma."),
     Tunable("time_offset_step_doubt", 4.0, "", "Chi-square from which the onset is kept.", "Two sigma."),
     Tunable("time_offset_step_sigma", 0.3, "", "Sigma of a step that was detected, as a share of it.", "Choice."),
+    Tunable(
+        "max_step_heading_sigma",
+        math.radians(5.0),
+        "rad",
+        "Heading sigma up to which steps of time offset and gyro bias are looked for: a wrong heading looks like both.",
+        "Simulated wrong headings.",
+    ),
     Tunable(
         "min_time_offset_step_s",
         0.3,

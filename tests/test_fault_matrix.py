@@ -17,7 +17,6 @@ def alone(seed):
 
 # a speed that is late and says no time is believed in turn and rejected in turn, so that in an outage it misleads
 KNOWN = {(name, fault) for name in ("odometer", "two wheels") for fault in ("late", "clock of its own")}
-KNOWN |= {("heading", "wrong units")}  # wrong from the start: what is learned with it, the detection of steps keeps
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from .aiding.gnss_noise import count_fix, horizontal_sigma, set_gnss_noise, set_
 from .aiding.gnss_position import fuse_gnss_position
 from .aiding.gnss_time import set_initial_time_offset
 from .aiding.gnss_velocity import fuse_gnss_velocity
-from .aiding.heading import distrust_compass
+from .aiding.heading import distrust_compass, has_compass
 from .aiding.wheel_check import wheels_contradict, wheels_reject
 from .alignment.in_motion import align_with_fix, low_motion_speed, reset_to_fix
 from .alignment.modes import HEADING_LOST, HEADING_WRONG, change_mode
@@ -86,8 +86,8 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, 
     elif c.alignment.mode == NAVIGATING and detect_time_offset_step(p, c):
         correct_state(p, c)
         restart_in_motion_alignment(c)
-    if c.time_offset_step.onset_ns != c.nav.t_ns:
-        reset_gyro_bias_step(c)  # nor while the stamps are in doubt
+    if c.time_offset_step.onset_ns != c.nav.t_ns or has_compass(p, c):
+        reset_gyro_bias_step(c)  # nor while the stamps are in doubt; a compass shows a turn by itself
     elif c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c):
         restart_in_motion_alignment(c)
     fade_reset_score(p, c)

@@ -72,6 +72,13 @@ def distrust_compass(c: Core) -> None:
 
 
 @kernel
+def has_compass(p: Parameters, c: Core) -> bool:
+    """Whether headings come, used or not."""
+    last_ns = c.heading_aid.last_ns
+    return bool(last_ns != NEVER_NS and 1e-9 * (c.nav.t_ns - last_ns) < p.tuning.heading_trust_s)
+
+
+@kernel
 def check_trust(p: Parameters, c: Core, t_ns: int, agrees: bool) -> None:
     """Trust a compass again after a time of agreement."""
     g = c.heading_aid

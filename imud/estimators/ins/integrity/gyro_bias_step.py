@@ -1,6 +1,7 @@
 """GLR test for a step of the gyro bias about the vertical, which turns the heading away.
 
-Not while the receiver's stamps are in doubt, or wheels contradict its velocities (`gnss_fix`): that looks alike.
+Not while the receiver's stamps or the heading are in doubt, wheels contradict its velocities, or there is a compass
+(`gnss_fix`): what those do looks alike.
 
 A knock, a shock of temperature, or a wrong scale factor in a long turn change what the filter is sure of. The heading
 shows in no fix by itself, so that it is wrong for many seconds before the velocities say so by much. As in

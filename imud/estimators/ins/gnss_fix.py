@@ -87,7 +87,7 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, 
         correct_state(p, c)
         restart_in_motion_alignment(c)
     if c.time_offset_step.onset_ns != c.nav.t_ns or has_compass(p, c):
-        reset_gyro_bias_step(c)  # nor while the stamps are in doubt; a compass shows a turn by itself
+        reset_gyro_bias_step(c)  # nor while the stamps may have stepped; a compass shows a turn by itself
     elif c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c):
         restart_in_motion_alignment(c)
     fade_reset_score(p, c)

@@ -1,7 +1,7 @@
 """GLR test for a step of the gyro bias about the vertical, which turns the heading away.
 
-Not while the receiver's stamps or the heading are in doubt, wheels contradict its velocities, or there is a compass
-(`gnss_fix`): what those do looks alike.
+Not while the stamps may have stepped or the heading is uncertain, wheels contradict the receiver, or a compass is
+there (`gnss_fix`): what those do looks alike.
 
 A knock, a shock of temperature, or a wrong scale factor in a long turn change what the filter is sure of. The heading
 shows in no fix by itself, so that it is wrong for many seconds before the velocities say so by much. As in
@@ -99,7 +99,7 @@ def update_gyro_bias_step(c: Core, length: int, s: float) -> None:
 
 @kernel
 def apply_gyro_bias_step(c: Core, j: int, d: float) -> None:
-    """Add the doubt that a step of d rad/s since onset j leaves to P."""
+    """Add to P the covariance that a step of d rad/s since onset j leaves."""
     w, C_nb, d2 = c.gyro_bias_step.sensitivity, rotation_matrix(c), d * d
     for i in range(STATES):
         for k in range(i, STATES):
@@ -111,7 +111,7 @@ def apply_gyro_bias_step(c: Core, j: int, d: float) -> None:
 
 @kernel
 def detect_gyro_bias_step(p: Parameters, c: Core) -> bool:
-    """After a fix, while navigating: True if a step is detected; P has its doubt."""
+    """After a fix, while navigating: True if a step is detected; P is inflated then."""
     g, best, most = c.gyro_bias_step, -1, p.tuning.gyro_bias_step_chi2
     for j in range(TURN_ONSETS):
         if g.onset_ns[j] == NEVER_NS:

@@ -139,7 +139,7 @@ def find_time_offset_step(c: Core) -> tuple[float, float]:
 
 @kernel
 def apply_time_offset_step(c: Core, d: float, sigma: float) -> None:
-    """Gather the step d, s, in scratch.x, and add its doubt, of sigma s, to P; see the file's head."""
+    """Gather the step d, s, in scratch.x, and add its variance, of sigma s, to P; see the file's head."""
     w, v, s2 = c.time_offset_step.sensitivity, c.nav.v_n, sigma * sigma
     for i in range(STATES):
         add_correction(c, i, w[i, 0] * d)

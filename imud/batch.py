@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from .estimators.records import SOLUTION
+from .estimators.records import MEASUREMENT, SOLUTION
 from .math.arrays import Records
 from .pipeline import Filter, room_for
 
 BLOCK = 1024
+_NO_MEASUREMENT = np.zeros(0, MEASUREMENT)
 
 
 def _ignore(_: int) -> None:
@@ -36,20 +37,21 @@ def play(
     the number of fixes fed.
     """
     out = np.zeros(BLOCK, SOLUTION)
-    places = np.maximum.accumulate(np.searchsorted(samples["t_ns"], fixes["arrival_ns"], side="left"))
-    among = (places > 0) & (places < len(samples))
-    fixes, places = fixes[among], places[among]
-    aided = np.zeros(0, np.int64) if aiding is None else np.searchsorted(samples["t_ns"], aiding["arrival_ns"])
-    edges = np.unique(np.concatenate([np.arange(0, len(samples), BLOCK), aided[aided < len(samples)], [len(samples)]]))
+    fixes, places = _placed(samples, fixes, first=1)
+    aiding, aided = _placed(samples, _NO_MEASUREMENT if aiding is None else aiding, first=0)
+    alone = aided[filter_.needing_place(aiding)]
+    edges = np.unique(np.concatenate([np.arange(0, len(samples), BLOCK), alone, [len(samples)]]))
     for start, stop in itertools.pairwise(edges):
-        if aiding is not None and (aided == start).any():
-            measured = filter_.aid(aiding[aided == start])
-            if note is not None:
-                note(measured.copy())
-        due = slice(*np.searchsorted(places, [start, stop]))
-        rows = out[: stop - start]
+        due, taken = (slice(*np.searchsorted(at, [start, stop])) for at in (places, aided))
+        rows, room = out[: stop - start], room_for(len(fixes[due]) + len(aiding[taken]))
         innovations = filter_.feed(
-            samples[start:stop], rows, fixes[due], places[due] - start, room_for(len(fixes[due]))
+            samples[start:stop],
+            rows,
+            fixes[due],
+            places[due] - start,
+            room,
+            aiding[taken],
+            aided[taken] - start,
         )
         write(rows if keep is None else rows[keep[start:stop]])
         advance(stop)
@@ -57,3 +59,10 @@ def play(
             note(innovations.copy())  # a view would keep all the room
             note(filter_.pending_innovations().copy())
     return len(fixes)
+
+
+def _placed(samples: Records, rows: Records, first: int) -> tuple[Records, Records]:
+    """Fixes or measurements with the index of the sample before which each goes in: of those from `first` on."""
+    places = np.maximum.accumulate(np.searchsorted(samples["t_ns"], rows["arrival_ns"], side="left"))
+    among = (places >= first) & (places < len(samples))
+    return rows[among], places[among]

@@ -16,7 +16,7 @@ from .clocks.counter import new_clock
 from .compile.hashing import digest_of
 from .configuration.settings import Initial, Settings
 from .estimators import Estimator
-from .estimators.records import FIX, INNOVATION, MAGNETOMETER_SOURCE, SOLUTION
+from .estimators.records import FIX, INNOVATION, MAGNETOMETER_SOURCE, MEASUREMENT, SOLUTION
 from .math.arrays import Records
 from .sensor_errors.calibration import Calibration, corrected_fields, correction
 from .sensor_errors.profiles import profile_of, ranges_of
@@ -24,9 +24,10 @@ from .sensor_errors.stored_biases import Biases
 from .sensor_monitor.health import new_health
 from .stages import BATCH, BYTE, INERTIAL_PIPELINE, RX, Stages, decoding, ingest
 
-UNREAD, OF_A_FIX = 1024, 16  # innovations, at most: of samples since `pending_innovations` was last called; of one fix
-_NO_SAMPLE, _NO_SOLUTION, _NO_FIX, _AT_ONCE = (
-    np.zeros(n, kind) for n, kind in ((0, SAMPLE), (0, SOLUTION), (0, FIX), (1, np.int64))
+UNREAD, OF_ONE = 1024, 16  # innovations, at most: of samples since `pending_innovations` was last called; of one fix
+_NO_SAMPLE, _NO_SOLUTION, _NO_FIX, _NO_MEASUREMENT, _NOWHERE, _AT_ONCE = (
+    np.zeros(n, kind)
+    for n, kind in ((0, SAMPLE), (0, SOLUTION), (0, FIX), (0, MEASUREMENT), (0, np.int64), (1, np.int64))
 )
 
 
@@ -41,9 +42,9 @@ class Stored:
 NOTHING_STORED = Stored()
 
 
-def room_for(fixes: int) -> Records:
-    """Room for the innovations that `Filter.feed` makes of so many fixes."""
-    return np.zeros(UNREAD + OF_A_FIX * fixes, INNOVATION)
+def room_for(taken: int) -> Records:
+    """Room for the innovations that `Filter.feed` makes of so many fixes and measurements."""
+    return np.zeros(UNREAD + OF_ONE * taken, INNOVATION)
 
 
 class Filter:
@@ -116,14 +117,37 @@ class Filter:
         self.settings = settings
         self.parameters[:] = self.estimator.configure(settings, self.rate_hz)
 
-    def feed(self, samples: Records, out: Records, fixes: Records, places: Records, innovations: Records) -> Records:
+    def feed(
+        self,
+        samples: Records,
+        out: Records,
+        fixes: Records,
+        places: Records,
+        innovations: Records,
+        measurements: Records = _NO_MEASUREMENT,
+        aided: Records = _NOWHERE,
+    ) -> Records:
         """Step through `samples` (SAMPLE, turned to body axes in place), one solution each into `out` (SOLUTION).
 
-        Fix i of `fixes` (FIX) goes in before sample places[i] (int64, ascending). Fills `innovations`, which must have
-        `room_for` these fixes: for each fix those pending until then, and its own. Returns the filled part.
+        Fix i of `fixes` (FIX) goes in before sample places[i] (int64, ascending), measurement i of `measurements`
+        (MEASUREMENT) before sample aided[i] and before the fixes of that place; where it is `needing_place` aided[i] is
+        0. Fills `innovations`, which must have `room_for` them: for each those pending until then, and its own. Returns
+        the filled part. Raises as `aid`.
         """
+        if len(measurements):
+            measurements = self._prepared(measurements)
         n = self.stages.feed(
-            self.health, samples, self.correction, self.parameters, self.state, out, fixes, places, innovations
+            self.health,
+            samples,
+            self.correction,
+            self.parameters,
+            self.state,
+            out,
+            fixes,
+            places,
+            measurements,
+            aided,
+            innovations,
         )
         return innovations[:n]
 
@@ -143,13 +167,23 @@ class Filter:
         Readings of a magnetometer that is used get the earth's field written to them, once the place is known. Raises
         ValueError when the estimator takes none, UsageError without the package that has the model of that field.
         """
+        measurements, room = self._prepared(measurements), room_for(len(measurements))
+        assert self.stages.aid is not None, "_prepared raises"
+        return room[: self.stages.aid(self.parameters, self.state, measurements, room)]
+
+    def needing_place(self, measurements: Records) -> Any:
+        """Mask of the measurements that are prepared from the place estimated when they come."""
+        used = self.settings.aiding.magnetometer
+        return (measurements["kind"] == MAGNETOMETER_SOURCE) & used
+
+    def _prepared(self, measurements: Records) -> Records:
+        """The measurements as the estimator takes them."""
         if self.stages.aid is None:
             raise ValueError(f"the estimator {self.estimator.name} takes no measurements but fixes")
-        if self.settings.aiding.magnetometer and (measurements["kind"] == MAGNETOMETER_SOURCE).any():
+        if self.needing_place(measurements).any():
             self._set_earth_field(measurements)
-            measurements = self._in_body_axes(measurements)
-        room = room_for(len(measurements))
-        return room[: self.stages.aid(self.parameters, self.state, measurements, room)]
+            return self._in_body_axes(measurements)
+        return measurements
 
     def _set_earth_field(self, measurements: Records) -> None:
         from .estimators.earth_field import set_earth_field

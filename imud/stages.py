@@ -94,8 +94,8 @@ def ingest_reads(
 
 
 @kernel
-def _takes_none(parameters: Any, state: Any, fix: Any, innovations: Any) -> int:
-    """The `update` of an estimator that takes no fixes."""
+def _takes_none(parameters: Any, state: Any, row: Any, innovations: Any) -> int:
+    """The `update` of an estimator that takes no fixes, the `aid` of one that takes no other measurements."""
     return 0
 
 
@@ -165,25 +165,39 @@ def _advancer(step: Kernel, parameters: np.dtype[Any], state: np.dtype[Any]) -> 
 
 
 @functools.cache
-def _feeder(step: Kernel, update: Kernel, pending: Kernel) -> Kernel:
+def _feeder(step: Kernel, update: Kernel, aid: Kernel, pending: Kernel) -> Kernel:
     """What `Filter.feed` calls."""
 
     def feed(
-        health: Any, samples: Any, errors: Any, p: Any, s: Any, out: Any, fixes: Any, places: Any, innovations: Any
+        health: Any,
+        samples: Any,
+        errors: Any,
+        p: Any,
+        s: Any,
+        out: Any,
+        fixes: Any,
+        places: Any,
+        measurements: Any,
+        aided: Any,
+        innovations: Any,
     ) -> int:
-        n = fed = 0
+        n = fixed = fused = 0
         for k in range(len(samples) + 1):
-            while fed < len(fixes) and places[fed] <= k:
+            while fused < len(measurements) and aided[fused] <= k:
                 n += pending(s[0], innovations[n:])
-                n += update(p[0], s[0], fixes[fed], innovations[n:])
-                fed += 1
+                n += aid(p[0], s[0], measurements[fused], innovations[n:])
+                fused += 1
+            while fixed < len(fixes) and places[fixed] <= k:
+                n += pending(s[0], innovations[n:])
+                n += update(p[0], s[0], fixes[fixed], innovations[n:])
+                fixed += 1
             if k < len(samples):
                 examine(health[0], samples[k])
                 correct(samples[k], errors[0])
                 step(p[0], s[0], samples[k], out[k])
         return n
 
-    set_unique_name(feed, step, update, pending)
+    set_unique_name(feed, step, update, aid, pending)
     return entry(feed)
 
 
@@ -224,7 +238,7 @@ class Stages:
         update, pending = estimator.update or _takes_none, estimator.pending_innovations or _has_none
         self._step = estimator.step
         self.each = _stepper(estimator.step)
-        self.feed = _feeder(estimator.step, update, pending)
+        self.feed = _feeder(estimator.step, update, estimator.aid or _takes_none, pending)
         self.pending_innovations = _collector(pending)
         self.aid = estimator.aid and _aider(estimator.aid)
 

@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 from navigation_simulation import drive, errors, received, sensed
 
+from imud.batch import play
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.records import HEADING, HEADING_SOURCE, HEADING_VALID, MEASUREMENT, SOLUTION
@@ -41,6 +42,15 @@ def estimated(samples, fixes, measurements, settings=Settings()):  # noqa: B008 
     return out, np.concatenate(innovations)
 
 
+def played(samples, fixes, measurements, settings=Settings()):  # noqa: B008 a frozen value
+    """The same by whole blocks: (solutions, all innovations)."""
+    blocks, innovations = [], []
+    filter_ = Filter(registry.by_name("navigation"), settings, Initial(), 100.0)
+    rows = measurements[np.argsort(measurements["arrival_ns"], kind="stable")]
+    play(filter_, samples.copy(), fixes, lambda block: blocks.append(block.copy()), None, innovations.append, rows)
+    return np.concatenate(blocks), np.concatenate(innovations)
+
+
 def apart(one, other):
     """The largest difference of attitude, velocity and place, in sigmas."""
     turn = 2.0 * np.abs(one["q_nb"] - other["q_nb"]).max(axis=1) / other["sigma_rpy"].min(axis=1)
@@ -52,6 +62,16 @@ def recorded(seed, seconds=60.0, rest=30.0):
     rng = np.random.default_rng(seed)
     d = drive(seconds, rest=rest)
     return d, sensed(d, rng), received(d, rng), rng
+
+
+def test_measurements_of_a_block_are_those_taken_one_by_one():
+    d, samples, fixes, rng = recorded(9, rest=15.0)
+    late = np.concatenate([headings(d, rng, 0.1, late_s) for late_s in (0.0, 0.3, -500.0, 500.0)])
+    fixes = fixes[np.argsort(fixes["arrival_ns"], kind="stable")]
+    one_by_one, theirs = estimated(samples, fixes, late)
+    in_blocks, all_of_them = played(samples, fixes, late)
+    assert one_by_one.tobytes() == in_blocks.tobytes()
+    assert theirs.tobytes() == all_of_them[all_of_them["kind"] == HEADING].tobytes() and len(theirs) > 1000
 
 
 def test_a_compass_gives_a_standing_vehicle_its_heading():

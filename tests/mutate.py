@@ -54,10 +54,10 @@ NOT_NOTICED = {
     "navigation.max_rewind_miss_s": "what is too old for a rewind is older than that",
     "navigation.wheel_check_gate": BY_WHEELS,
     "navigation.wheel_check_speed": BY_WHEELS,
-    "navigation.wheel_check_least": BY_WHEELS,
+    "navigation.wheel_min_contradiction": BY_WHEELS,
     "navigation.wheel_evidence": BY_WHEELS,
     "navigation.wheel_fresh_s": BETWEEN + "time without a reading of the wheels",
-    "navigation.wheel_patience": BETWEEN + "number of rejected velocities with wheels",
+    "navigation.wheel_reject_factor": BETWEEN + "number of rejected velocities with wheels",
     "navigation.wheel_max_reject_s": "no recording rejects fixes for so long",
     "navigation.burst_psd": "no fix in the recordings proves more noise",
     "navigation.burst_s": BETWEEN + "time since the last fix when one is rejected",
@@ -76,7 +76,7 @@ NOT_NOTICED = {
     "navigation.baro_known_height": BETWEEN + "sigma of the height when the barometer begins",
     "navigation.max_gravity_excess": "no recording turns in a circle so slow that it is no flight",
     "navigation.mag_agreement_gate": BETWEEN + "NIS of a field after a contradiction",
-    "navigation.mag_heading_doubt": "a heading is doubted by 20 deg, or not at all",
+    "navigation.mag_heading_inflation": "a heading is inflated by 20 deg, or not at all",
     "navigation.heading_min_level": BETWEEN + "level part of a compass's axis",
 }
 

@@ -6,7 +6,7 @@ import pytest
 from imud.configuration.settings import Initial, Settings
 from imud.estimators.ins.aiding.nhc_noise import (
     add_innovation,
-    clear_sums,
+    clear_innovation_sums,
     learn_noise_scale,
 )
 from imud.estimators.ins.aiding.non_holonomic import disable_nhc, enable_nhc
@@ -34,7 +34,7 @@ def learned(innovations, assumed, fix_age_s=0.0, known=True):
     c["gnss"]["last_used_ns"] = c["nav"]["t_ns"] - int(1e9 * fix_age_s)
     if known:
         c["nhc"]["noise_scale"], c["nhc"]["sum_count"] = 1.0, 100
-    clear_sums(c)
+    clear_innovation_sums(c)
     fits = True
     for pair in innovations:
         for k in range(2):

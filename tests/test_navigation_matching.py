@@ -98,7 +98,7 @@ def match(b, z, u, seen, ages):
             for j, value in enumerate([seen[i], turn * z[i], *(turn * u[i])]):
                 b["innovations"][j] = value.real, value.imag
             hypotheses.accumulate_products(b, k, 1.0 / VARIANCE)
-        hypotheses.count_innovation(b, 1.0 / VARIANCE, ages[i])
+        hypotheses.add_energy(b, 1.0 / VARIANCE, ages[i])
 
 
 def test_corrections_taken_over_are_as_if_made_before():

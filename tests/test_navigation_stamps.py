@@ -58,7 +58,7 @@ def test_a_jump_of_a_few_seconds_is_no_step_of_the_stamps(metres):
 
 def test_the_effect_of_a_step_is_predicted():
     """Against the difference of two runs of a free vehicle, one with a time offset that is changed by hand."""
-    settings = Settings(navigation=Navigation(vehicle="free", tuning={"time_offset_step_doubt": 0.0}))
+    settings = Settings(navigation=Navigation(vehicle="free", tuning={"time_offset_step_onset_chi2": 0.0}))
     rng = np.random.default_rng(1)
     samples, fixes = sensed(D, rng), received(D, rng, sigma=0.1, white=0.6, speed_sigma=0.5, hdop=0.05)
     first, last, change = int(40.5 * RATE), int(70.5 * RATE), 1e-4

@@ -81,10 +81,10 @@ def initialise_attitude(p: Parameters, s: State, f: Vector) -> None:
     heading_var = variance(s, ATTITUDE + 2)
     given = known.initial_rpy
     if math.isfinite(given[0]) and math.isfinite(given[1]):
-        roll, pitch, tilt_var = given[0], given[1], c.given_angle_rad**2
+        roll, pitch, tilt_var = given[0], given[1], c.initial_angle_sigma_rad**2
         known.coarse = 0
     if math.isfinite(given[2]):
-        yaw, heading_var = given[2], c.given_angle_rad**2
+        yaw, heading_var = given[2], c.initial_angle_sigma_rad**2
     set_attitude(s, quat_of_euler(roll, pitch, yaw))
     for i in range(3):
         reset_variance(s, ATTITUDE + i, tilt_var if i < 2 else heading_var)

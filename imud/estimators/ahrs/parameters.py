@@ -81,7 +81,7 @@ _OUTAGES = (
 
 _LEVELLING = (
     Tunable("initial_tilt_rad", 0.1, "rad", "Sigma of tilt from the first specific force.", UNRECORDED),
-    Tunable("given_angle_rad", math.radians(1.0), "rad", "Sigma of an angle that the user gives.", UNRECORDED),
+    Tunable("initial_angle_sigma_rad", math.radians(1.0), "rad", "Sigma of an angle that the user gives.", UNRECORDED),
     Tunable("levelling_time_s", 0.8, "s", "Duration of coarse levelling.", "Starts in the motion of BROAD."),
     Tunable("acceleration_time_s", 1.0, "s", "Correlation time of an acceleration that changes.", UNRECORDED, low=1e-3),
     Tunable(

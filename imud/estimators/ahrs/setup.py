@@ -99,7 +99,7 @@ def _covariance(parameters: Records, gravity_known: bool) -> NDArray[np.float64]
 
 def backward_tuning(solution: np.void, factor: float) -> dict[str, float]:
     """See `Estimator`: of a SOLUTION."""
-    return {"given_angle_rad": factor * float(np.max(solution["sigma_rpy"][:2]))}
+    return {"initial_angle_sigma_rad": factor * float(np.max(solution["sigma_rpy"][:2]))}
 
 
 def restore_biases(state: Records, biases: Biases) -> None:

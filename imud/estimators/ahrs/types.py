@@ -24,7 +24,7 @@ class Tuning:
     clipping_error: float
     saturation_noise: float
     initial_tilt_rad: float
-    given_angle_rad: float
+    initial_angle_sigma_rad: float
     levelling_time_s: float
     acceleration_time_s: float
     initial_velocity_var: float

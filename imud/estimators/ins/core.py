@@ -7,6 +7,7 @@ from .alignment.records import ALIGNMENT, HYPOTHESIS_BANK
 from .state import (
     AIDING_RING,
     BANKS,
+    GYRO_BIAS_ONSETS,
     IMU_RING,
     JACOBIAN_LENGTH,
     LEARNING_STATES,
@@ -15,7 +16,6 @@ from .state import (
     SNAPSHOTS,
     STATES,
     STEP_INNOVATIONS,
-    TURN_ONSETS,
 )
 
 NAV = np.dtype(  # the nominal state: time, and one value for each error state
@@ -231,12 +231,12 @@ TIME_OFFSET_STEP = np.dtype(  # the test for a step of the receiver's stamps (GL
 GYRO_BIAS_STEP = np.dtype(  # the test for a step of the gyro bias about the vertical (GLR)
     [
         ("last_ns", "<i8"),  # the last fix
-        ("onset_ns", "<i8", (TURN_ONSETS,)),
-        ("information", "<f8", (TURN_ONSETS,)),  # s^2/rad^2, of the step
-        ("vector", "<f8", (TURN_ONSETS,)),  # s/rad, information times step
-        ("energy", "<f8", (TURN_ONSETS,)),  # sum of the normalised innovations squared
-        ("count", "<f8", (TURN_ONSETS,)),  # number of these
-        ("sensitivity", "<f8", (STATES, TURN_ONSETS)),  # error states per rad/s of the step
+        ("onset_ns", "<i8", (GYRO_BIAS_ONSETS,)),
+        ("information", "<f8", (GYRO_BIAS_ONSETS,)),  # s^2/rad^2, of the step
+        ("vector", "<f8", (GYRO_BIAS_ONSETS,)),  # s/rad, information times step
+        ("energy", "<f8", (GYRO_BIAS_ONSETS,)),  # sum of the normalised innovations squared
+        ("count", "<f8", (GYRO_BIAS_ONSETS,)),  # number of these
+        ("sensitivity", "<f8", (STATES, GYRO_BIAS_ONSETS)),  # error states per rad/s of the step
     ],
     align=True,
 )
@@ -310,12 +310,12 @@ WHEEL_CHECK = np.dtype(  # the receiver's velocity against the wheels: sums over
 TRANSITION = np.dtype(  # F over one interval of the covariance: the blocks that differ from the identity
     [
         ("interval", "<f8"),  # s; position from velocity
-        ("force", "<f8", (3,)),  # m/s, integral of specific force, NED: its cross product is velocity from attitude
-        ("rotation", "<f8", (9,)),  # C_nb: velocity from accelerometer bias, attitude from gyro bias
+        ("delta_v", "<f8", (3,)),  # m/s, integral of specific force, NED: its cross product is velocity from attitude
+        ("C_nb", "<f8", (9,)),  # body to navigation axes: velocity from accelerometer bias, attitude from gyro bias
         ("turn_angle", "<f8"),  # rad, about the vertical
         ("scaled_angle", "<f8", (3,)),  # rad, body, the rotation that is applied now: attitude from gyro_scale
-        ("gnss_bias", "<f8"),  # decay of the GNSS bias
-        ("gnss_velocity_bias", "<f8"),  # and of that of the velocity
+        ("gnss_bias_decay", "<f8"),  # factor of the GNSS position bias
+        ("gnss_velocity_bias_decay", "<f8"),  # factor of the GNSS velocity bias
     ],
     align=True,
 )

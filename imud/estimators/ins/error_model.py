@@ -135,20 +135,20 @@ def linearize(p: Parameters, c: Core, transition: Transition) -> None:
     ):  # gravity is known exactly; measured noise in fx, fy would make the heading falsely observable
         fx, fy, fz = 0.0, 0.0, -STANDARD_GRAVITY * dt
     transition.interval = dt
-    transition.force[0], transition.force[1], transition.force[2] = fx, fy, fz
+    transition.delta_v[0], transition.delta_v[1], transition.delta_v[2] = fx, fy, fz
     for k in range(9):
-        transition.rotation[k] = C_nb[k]
+        transition.C_nb[k] = C_nb[k]
     transition.turn_angle = (
         C_nb[6] * c.imu.delta_theta[0] + C_nb[7] * c.imu.delta_theta[1] + C_nb[8] * c.imu.delta_theta[2]
     )
-    transition.gnss_bias = elementary.exp(-dt / p.tuning.gnss_bias_time_s)
-    transition.gnss_velocity_bias = elementary.exp(-dt / p.tuning.gnss_velocity_bias_time_s)
+    transition.gnss_bias_decay = elementary.exp(-dt / p.tuning.gnss_bias_time_s)
+    transition.gnss_velocity_bias_decay = elementary.exp(-dt / p.tuning.gnss_velocity_bias_time_s)
 
 
 @kernel
 def apply_transition(u: Tensor, columns: int, transition: Transition) -> None:
     """u <- transition u, for `columns` columns of error states (STATES x columns)."""
-    C_nb, f, dt = transition.rotation, transition.force, transition.interval
+    C_nb, f, dt = transition.C_nb, transition.delta_v, transition.interval
     for j in range(columns):
         for i in range(3):
             u[POSITION + i, j] += dt * u[VELOCITY + i, j]
@@ -163,8 +163,8 @@ def apply_transition(u: Tensor, columns: int, transition: Transition) -> None:
                 for n in range(3):
                     rate_error += transition.scaled_angle[n] * u[GYRO_SCALE + 3 * n + k, j]
                 u[ATTITUDE + i, j] -= C_nb[3 * i + k] * rate_error
-            u[GNSS_BIAS + i, j] *= transition.gnss_bias
-            u[GNSS_VELOCITY_BIAS + i, j] *= transition.gnss_velocity_bias
+            u[GNSS_BIAS + i, j] *= transition.gnss_bias_decay
+            u[GNSS_VELOCITY_BIAS + i, j] *= transition.gnss_velocity_bias_decay
 
 
 @kernel
@@ -194,7 +194,7 @@ def apply_gyro_scale(p: Parameters, c: Core, transition: Transition) -> None:
     The rotation is the integral of the rate itself, not of a smoothed one: a wrong axis has the effect of a tilt and of
     an accelerometer bias, all fixed in the body, and a delayed turn would make them falsely distinguishable.
     """
-    angle, C_nb = c.imu.deferred_rotation, transition.rotation
+    angle, C_nb = c.imu.deferred_rotation, transition.C_nb
     for j in range(3):
         angle[j] += c.imu.delta_theta[j]
         transition.scaled_angle[j] = 0.0
@@ -280,7 +280,7 @@ def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None
 
     Before the heading is known the velocity is the receiver's, to which neither tilt nor accelerometer bias adds.
     """
-    P, C_nb, f, dt = c.cov.P, transition.rotation, transition.force, transition.interval
+    P, C_nb, f, dt = c.cov.P, transition.C_nb, transition.delta_v, transition.interval
     for i in range(3):
         shear(P, STATES, POSITION + i, VELOCITY + i, dt)
     qv = velocity_psd(p, c)
@@ -296,13 +296,13 @@ def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None
         shear3(P, STATES, ATTITUDE + i, GYRO_BIAS, -C_nb[k] * dt, -C_nb[k + 1] * dt, -C_nb[k + 2] * dt)
     apply_gyro_scale(p, c, transition)
     turn_rate = C_nb[6] * c.imu.rate_b[0] + C_nb[7] * c.imu.rate_b[1] + C_nb[8] * c.imu.rate_b[2]
-    qa, decay = attitude_psd(p, c, turn_rate), transition.gnss_bias
+    qa, decay = attitude_psd(p, c, turn_rate), transition.gnss_bias_decay
     for i in range(3):
         sigma = c.gnss.bias_sigma[0] if i < 2 else c.gnss.bias_sigma[1]
         c.nav.gnss_bias[i] *= decay
         decay_bias(c, GNSS_BIAS + i, decay, sigma)
-        c.nav.gnss_velocity_bias[i] *= transition.gnss_velocity_bias
-        decay_bias(c, GNSS_VELOCITY_BIAS + i, transition.gnss_velocity_bias, velocity_bias_sigma(p, i))
+        c.nav.gnss_velocity_bias[i] *= transition.gnss_velocity_bias_decay
+        decay_bias(c, GNSS_VELOCITY_BIAS + i, transition.gnss_velocity_bias_decay, velocity_bias_sigma(p, i))
         add_variance(c, VELOCITY + i, qv * dt)
         add_variance(c, ATTITUDE + i, qa * dt)
         add_variance(c, GYRO_BIAS + i, p.gyro_bias_psd * dt)

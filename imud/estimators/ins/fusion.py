@@ -23,9 +23,9 @@ from .alignment.force_integrals import accumulate_integrals, record_corrections
 from .ekf import apply_gain, inject_error, innovation, innovation_variance
 from .error_model import linearize, propagate_covariance
 from .integrity.gnss_drift import BY_WHEELS, propagate_sensitivity, update_sensitivity
-from .integrity.gyro_bias_step import count_turn_innovation, propagate_gyro_bias_step, update_gyro_bias_step
+from .integrity.gyro_bias_step import add_to_gyro_bias_step, propagate_gyro_bias_step, update_gyro_bias_step
 from .integrity.reset_inflation import fade_inflation
-from .integrity.time_offset_step import count_innovation, propagate_time_offset_step, update_time_offset_step
+from .integrity.time_offset_step import add_to_time_offset_step, propagate_time_offset_step, update_time_offset_step
 from .mechanization import start_integration
 from .process_noise import learn_process_noise, propagate_learning, update_learning
 from .state import NAVIGATING
@@ -51,7 +51,7 @@ def propagate_errors(p: Parameters, c: Core) -> None:
     propagate_time_offset_step(c, transition)
     propagate_gyro_bias_step(c, transition)
     propagate_learning(p, c, transition)
-    fade_inflation(c, transition.gnss_bias)
+    fade_inflation(c, transition.gnss_bias_decay)
     start_integration(c)
 
 
@@ -101,8 +101,8 @@ def fix_update(
     z, s = innovation(c, length, z), innovation_variance(c, length) + r
     if c.alignment.mode == NAVIGATING and c.drift.detected != BY_WHEELS:
         learn_process_noise(p, c, length, z, s)
-        count_innovation(c, length, z, s, axis)
-        count_turn_innovation(p, c, length, z, s)
+        add_to_time_offset_step(c, length, z, s, axis)
+        add_to_gyro_bias_step(p, c, length, z, s)
     return test_and_fuse(c, length, z, s, 0.0, gate, axis)
 
 

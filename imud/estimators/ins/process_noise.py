@@ -84,7 +84,7 @@ def clear_learning(c: Core) -> None:
 @kernel
 def propagate_one(D: Any, e: Any, transition: Transition) -> None:
     """D <- T D T' and e <- T e with the transition T, of one of the noises."""
-    f, dt, n = transition.force, transition.interval, LEARNING_STATES
+    f, dt, n = transition.delta_v, transition.interval, LEARNING_STATES
     for i in range(3):
         shear(D, n, POSITION + i, VELOCITY + i, dt)
         e[POSITION + i] += dt * e[VELOCITY + i]

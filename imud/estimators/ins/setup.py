@@ -39,10 +39,10 @@ TUNABLES = (
         "Tilt error where the force of the first sample is taken as gravity.",
         "Choice.",
     ),
-    Tunable("given_tilt_sigma", math.radians(2.0), "rad", "Roll and pitch that a user gives.", "Choice."),
-    Tunable("given_heading_sigma", math.radians(5.0), "rad", "Heading that a user gives.", "Choice."),
-    Tunable("given_position_sigma", 5.0, "m", "Position that a user gives.", "Choice."),
-    Tunable("given_velocity_sigma", 0.3, "m/s", "Velocity that a user gives.", "Choice."),
+    Tunable("initial_tilt_sigma", math.radians(2.0), "rad", "Roll and pitch that a user gives.", "Choice."),
+    Tunable("initial_heading_sigma", math.radians(5.0), "rad", "Heading that a user gives.", "Choice."),
+    Tunable("initial_position_sigma", 5.0, "m", "Position that a user gives.", "Choice."),
+    Tunable("initial_velocity_sigma", 0.3, "m/s", "Velocity that a user gives.", "Choice."),
     Tunable(
         "velocity_time_offset_sigma",
         0.05,
@@ -110,21 +110,21 @@ def start(parameters: Records, initial: Initial) -> Records:
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)
     s["initial_rpy"] = [math.nan if a is None else math.radians(a) for a in angles]
     if initial.yaw_deg is not None:
-        sigmas[ATTITUDE + 2] = t["given_heading_sigma"]
-        c["alignment"]["heading_sigma"] = t["given_heading_sigma"]
+        sigmas[ATTITUDE + 2] = t["initial_heading_sigma"]
+        c["alignment"]["heading_sigma"] = t["initial_heading_sigma"]
     if initial.roll_deg is not None and initial.pitch_deg is not None:
-        sigmas[ATTITUDE : ATTITUDE + 2] = t["given_tilt_sigma"]
+        sigmas[ATTITUDE : ATTITUDE + 2] = t["initial_tilt_sigma"]
     if initial.lat_deg is not None and initial.lon_deg is not None:
         c["nav"]["lat"], c["nav"]["lon"] = math.radians(initial.lat_deg), math.radians(initial.lon_deg)
         c["nav"]["height"] = initial.height_m or 0.0
         c["gnss"]["fix_count"] = 1
-        sigmas[POSITION : POSITION + 2] = t["given_position_sigma"]
-        sigmas[POSITION + 2] = t["given_position_sigma"] if initial.height_m is not None else t["unknown_height"]
+        sigmas[POSITION : POSITION + 2] = t["initial_position_sigma"]
+        sigmas[POSITION + 2] = t["initial_position_sigma"] if initial.height_m is not None else t["unknown_height"]
     velocity = (initial.vn_mps, initial.ve_mps, initial.vd_mps)
     for i, v in enumerate(velocity):
         if v is not None:
             c["nav"]["v_n"][i] = v
-            sigmas[VELOCITY + i] = t["given_velocity_sigma"]
+            sigmas[VELOCITY + i] = t["initial_velocity_sigma"]
     c["cov"]["P"] = np.diag(sigmas**2)[np.triu_indices(STATES)]
     return s
 
@@ -132,10 +132,10 @@ def start(parameters: Records, initial: Initial) -> Records:
 def backward_tuning(solution: np.void, factor: float) -> dict[str, float]:
     """See `Estimator`: of a SOLUTION. The forward run has found by how much the fixes are late."""
     return {
-        "given_tilt_sigma": factor * float(np.max(solution["sigma_rpy"][:2])),
-        "given_heading_sigma": factor * float(solution["sigma_rpy"][2]),
-        "given_position_sigma": factor * float(np.max(solution["sigma_p"])),
-        "given_velocity_sigma": factor * float(np.max(solution["sigma_v"])),
+        "initial_tilt_sigma": factor * float(np.max(solution["sigma_rpy"][:2])),
+        "initial_heading_sigma": factor * float(solution["sigma_rpy"][2]),
+        "initial_position_sigma": factor * float(np.max(solution["sigma_p"])),
+        "initial_velocity_sigma": factor * float(np.max(solution["sigma_v"])),
         "time_offset_sigma": KNOWN_EPOCH_S,
         "reported_epoch_sigma": KNOWN_EPOCH_S,
         "survey_epoch_sigma": KNOWN_EPOCH_S,

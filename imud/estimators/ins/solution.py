@@ -40,7 +40,7 @@ TUNABLES = (
         "max_valid_tilt_sigma", math.radians(10.0), "rad", "Tilt sigma up to which ATTITUDE_VALID is set.", "Choice."
     ),
     Tunable(
-        "doubted_heading_pairs",
+        "contradicted_heading_pairs",
         2,
         "pairs",
         "So many pairs of fixes in a row that contradict the heading withdraw HEADING_VALID.",
@@ -72,7 +72,7 @@ def status_bits(p: Parameters, c: Core, sigma_rpy: Reals, sigma_down: float) -> 
     if max(sigma_rpy[0], sigma_rpy[1]) < p.tuning.max_valid_tilt_sigma:
         bits |= ATTITUDE_VALID
     known = c.alignment.mode == NAVIGATING or c.alignment.heading_sigma > 0.0
-    contradicted = c.alignment.heading_fault_count >= p.tuning.doubted_heading_pairs
+    contradicted = c.alignment.heading_fault_count >= p.tuning.contradicted_heading_pairs
     if known and not contradicted and sigma_rpy[2] < p.tuning.max_valid_heading_sigma:
         bits |= HEADING_VALID
     if c.gnss.fix_count > 0:

@@ -24,9 +24,9 @@ from .aiding.external_velocity import fuse_external_velocity
 from .aiding.heading import fuse_heading, sigma_of
 from .aiding.magnetometer import fuse_magnetometer
 from .aiding.odometer import fuse_odometer
-from .alignment.given_field import align_with_field
-from .alignment.given_heading import align_with_heading
-from .alignment.given_pose import align_with_pose
+from .alignment.external_heading import align_with_heading
+from .alignment.external_pose import align_with_pose
+from .alignment.magnetic_heading import align_with_field
 from .state import NAVIGATING
 
 if TYPE_CHECKING:

@@ -103,10 +103,10 @@ class Tuning:
     wheel_fresh_s: float
     wheel_check_speed: float
     wheel_check_gate: float
-    wheel_check_least: float
+    wheel_min_contradiction: float
     wheel_contradictions: float
     wheel_evidence: float
-    wheel_patience: float
+    wheel_reject_factor: float
     wheel_agreements: int
     wheel_max_reject_s: float
     zupt_sigma: float
@@ -182,7 +182,7 @@ class Tuning:
     heading_fault_angle: float
     heading_fault_gate: float
     heading_faults: int
-    heading_doubt: float
+    heading_inflation: float
     realigned_tilt: float
     max_heading_sigma: float
     gravity_memory_s: float
@@ -204,14 +204,14 @@ class Tuning:
     drift_noise_scale_prior: float
     drift_noise_scale_gain: float
     time_offset_step_chi2: float
-    time_offset_step_doubt: float
+    time_offset_step_onset_chi2: float
     time_offset_step_sigma: float
     max_step_heading_sigma: float
     min_time_offset_step_s: float
     max_time_offset_step_s: float
     gyro_bias_step_chi2: float
-    turn_onset_s: float
-    turn_shared_s: float
+    gyro_bias_onset_s: float
+    gyro_bias_correlation_s: float
     process_noise_prior: float
     process_noise_walk: float
     max_learned_nis: float
@@ -241,9 +241,9 @@ class Tuning:
     odometer_time_sigma: float
     odometer_dead_speed: float
     odometer_gate: float
-    odometer_doubt_s: float
-    odometer_doubt_psd: float
-    odometer_max_doubt_s: float
+    odometer_inflation_time_s: float
+    odometer_inflation_psd: float
+    odometer_max_inflation_s: float
     odometer_sign_sigmas: float
     track_width_error: float
     wheel_radius_difference: float
@@ -280,16 +280,16 @@ class Tuning:
     mag_settle_s: float
     mag_agreement_gate: float
     mag_distrust_s: float
-    mag_heading_doubt: float
+    mag_heading_inflation: float
     first_tilt_sigma: float
-    given_tilt_sigma: float
-    given_heading_sigma: float
-    given_position_sigma: float
-    given_velocity_sigma: float
+    initial_tilt_sigma: float
+    initial_heading_sigma: float
+    initial_position_sigma: float
+    initial_velocity_sigma: float
     velocity_time_offset_sigma: float
     time_offset_sigma: float
     first_velocity_noise: float
     coasting_s: float
     max_valid_tilt_sigma: float
-    doubted_heading_pairs: int
+    contradicted_heading_pairs: int
     max_valid_heading_sigma: float

@@ -185,7 +185,7 @@ class Drift:
     bias_sensitivity: Tensor
 
 
-class TimeStep:
+class TimeOffsetStep:
     onset_ns: int
     information: float
     vector: float
@@ -195,7 +195,7 @@ class TimeStep:
     jump: Tensor
 
 
-class TurnStep:
+class GyroBiasStep:
     last_ns: int
     onset_ns: Integers
     information: Reals
@@ -281,12 +281,12 @@ class WheelCheck:
 
 class Transition:
     interval: float
-    force: Reals
-    rotation: Reals
+    delta_v: Reals
+    C_nb: Reals
     turn_angle: float
     scaled_angle: Reals
-    gnss_bias: float
-    gnss_velocity_bias: float
+    gnss_bias_decay: float
+    gnss_velocity_bias_decay: float
 
 
 class Scratch:
@@ -318,8 +318,8 @@ class Snapshot:
     integrity: Integrity
     process_noise: ProcessNoise
     drift: Drift
-    time_offset_step: TimeStep
-    gyro_bias_step: TurnStep
+    time_offset_step: TimeOffsetStep
+    gyro_bias_step: GyroBiasStep
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid
@@ -342,8 +342,8 @@ class Core:
     integrity: Integrity
     process_noise: ProcessNoise
     drift: Drift
-    time_offset_step: TimeStep
-    gyro_bias_step: TurnStep
+    time_offset_step: TimeOffsetStep
+    gyro_bias_step: GyroBiasStep
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid

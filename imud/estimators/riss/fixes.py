@@ -84,14 +84,14 @@ def place_all(p: RissParameters, s: RissState, fix: Fix, vn: float, ve: float) -
 def align(p: RissParameters, s: RissState, fix: Fix, vn: float, ve: float) -> None:
     """From here on the heading is known: the course of a vehicle that is fast, or what the user has said."""
     speed = math.sqrt(vn * vn + ve * ve)
-    given = math.isfinite(s.given_yaw)
+    given = math.isfinite(s.initial_yaw)
     if not (speed > p.tuning.align_speed or given):
         return
-    yaw = s.given_yaw if given else elementary.atan2(ve, vn)
+    yaw = s.initial_yaw if given else elementary.atan2(ve, vn)
     sigma2 = GIVEN_YAW**2 if given else (s.white[1] + p.tuning.lateral_sigma**2) / speed**2
     s.x[YAW] = wrapped(yaw + (0.0 if given else since(s, fix.t_ns, 4)))
     reset(s.P, STATES, YAW, sigma2)
-    s.given_yaw = math.nan
+    s.initial_yaw = math.nan
     s.aligned = 1
     place_all(p, s, fix, vn, ve)
     if given:

@@ -113,7 +113,7 @@ STATE = np.dtype(
         ("has_height", "<i8"),
         ("v", "<f8", (2,)),  # m/s, north and east, before the heading is known
         ("yaw_rate", "<f8"),  # rad/s, without its errors
-        ("given_yaw", "<f8"),  # rad, the user's; NaN: none
+        ("initial_yaw", "<f8"),  # rad, the user's; NaN: none
         ("count", "<i8"),  # samples since the step
         ("w_sum", "<f8"),
         ("f_sum", "<f8", (3,)),
@@ -165,7 +165,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     s["gravity"] = STANDARD_GRAVITY
     if initial.lat_deg is not None:
         s["gravity"] = interpreted(gravity)(math.radians(initial.lat_deg), initial.height_m or 0.0)
-    s["given_yaw"] = math.nan if initial.yaw_deg is None else math.radians(initial.yaw_deg)
+    s["initial_yaw"] = math.nan if initial.yaw_deg is None else math.radians(initial.yaw_deg)
     s["white"] = tuning["fix_white_sigma"] ** 2, tuning["velocity_sigma"] ** 2, 4.0 * tuning["fix_white_sigma"] ** 2
     diagonal = np.zeros(STATES)
     diagonal[[SPEED, YAW]] = UNKNOWN_SPEED**2, UNKNOWN_ANGLE**2

@@ -74,7 +74,7 @@ class RissState:
     has_height: int
     v: Reals
     yaw_rate: float
-    given_yaw: float
+    initial_yaw: float
     count: int
     w_sum: float
     f_sum: Reals

@@ -101,7 +101,7 @@ def timing_variance(p: Parameters, c: Core, i: int) -> float:
 
 @kernel
 def fuse_pose(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
-    """Gate and fuse a pose while navigating; returns the rows of innovations (before: `alignment.given_pose`)."""
+    """Gate and fuse a pose while navigating; returns the rows of innovations (before: `alignment.external_pose`)."""
     g = c.pose
     if not math.isfinite(m.value[1]) or not is_new(g, m):
         return write_innovation(innovations, 0, m.t_ns, POSE_N, math.nan, math.nan, False)

@@ -272,9 +272,9 @@ def count_velocity_rejects(c: Core, rejected: int) -> None:
 def contradicts_heading(p: Parameters, c: Core) -> bool:
     """Whether the number of rejected velocities, or of resets, means that the heading is wrong."""
     g = c.integrity
-    patience = p.tuning.wheel_patience if wheels_support(p, c) else 1.0
+    factor = p.tuning.wheel_reject_factor if wheels_support(p, c) else 1.0
     return bool(
-        g.velocity_reject_count > patience * p.tuning.max_velocity_rejects or g.reset_score > p.tuning.max_reset_score
+        g.velocity_reject_count > factor * p.tuning.max_velocity_rejects or g.reset_score > p.tuning.max_reset_score
     )
 
 

@@ -130,11 +130,10 @@ def learn_position_noise(p: Parameters, c: Core, axis: int, nis: float, s: float
 
 
 @kernel
-def learn_velocity_noise(p: Parameters, c: Core, nis: float, s: float) -> None:
-    """Adapt the variance of a velocity component (m^2/s^2) to an innovation of variance s (m^2/s^2) and of this NIS."""
+def learn_velocity_noise(p: Parameters, c: Core, nis: float) -> None:
+    """Adapt the variance of a velocity component (m^2/s^2) to an innovation of this NIS."""
     g = c.gnss
-    share = g.velocity_noise_var / s
-    learned = g.velocity_noise_var + p.tuning.noise_gain * share * (min(nis, 9.0) - 1.0) * s
+    learned = g.velocity_noise_var * (1.0 + p.tuning.noise_gain * (min(nis, 9.0) - 1.0))
     g.velocity_noise_var = min(max(learned, p.tuning.min_velocity_sigma**2), p.tuning.max_velocity_sigma**2)
 
 

@@ -122,7 +122,7 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, late: float, innovation
         z, s, nis = fix_update(p, c, length, z, r, gate, -1)
         used = nis >= 0.0
         if used and slow == 0.0:
-            learn_velocity_noise(p, c, nis, s / ratio2)
+            learn_velocity_noise(p, c, nis)
         n = write_innovation(innovations, n, fix.t_ns, VELOCITY_N + i, z, s, used)
         rejected += 0 if used else 1
     count_velocity_rejects(c, 0 if gate == REJECT else rejected)

@@ -4,7 +4,7 @@ z = heading - boresight - yaw, with yaw = atan2(y, x) of the body's x axis in NE
 the newest sample. The errors of a compass last, those of two antennas as long as reflections do: the gate has the
 variance of a single heading, the update that of what all those know that share an error. A measurement has value[0]:
 heading, rad, and sigma[0]: rad, NaN where it is not reported. A compass that the motion contradicts is left out until
-it has agreed for `heading_trust_s`. During coarse alignment `alignment.given_heading` takes the heading.
+it has agreed for `heading_trust_s`. During coarse alignment `alignment.external_heading` takes the heading.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def yaw_jacobian(c: Core, length: int, x: float, y: float, z: float) -> int:
 
 @kernel
 def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
-    """Gate and fuse a heading while navigating; returns the rows of innovations (before: `alignment.given_heading`)."""
+    """Gate and fuse a heading while navigating; returns the rows of innovations. Before: see `external_heading`."""
     x, y, z = body_to_ned(c, (1.0, 0.0, 0.0))
     if x * x + y * y < p.tuning.heading_min_level**2:
         return 0

@@ -10,7 +10,8 @@ never make it smaller than that. A heading that GNSS or a compass knows better i
 
 *Disturbances.* What differs from the strength and dip of the earth's field is added to the sigma. A field that is much
 stronger, weaker, steeper or flatter is not used, nor one that varies, as near motors, nor one that has done so a moment
-ago. Where the field contradicts the heading, or where the heading is doubted after all, it is not used for minutes.
+ago. Where the field contradicts the heading, or where another test inflates the variance of the heading, it is not used
+for minutes.
 
 Source of the model: NOAA NCEI and BGS, The World Magnetic Model for 2025-2030.
 """
@@ -62,7 +63,13 @@ TUNABLES = (
     Tunable("mag_settle_s", 3.0, "s", "For so long the field has to be the earth's.", "Choice."),
     Tunable("mag_agreement_gate", 2.25, "NIS", "After a contradiction: largest one that still agrees.", "1.5 sigma."),
     Tunable("mag_distrust_s", 300.0, "s", "For so long it has to agree after a contradiction.", "Choice."),
-    Tunable("mag_heading_doubt", math.radians(10.0), "rad", "Sudden sigma of a heading that is doubted.", "Choice."),
+    Tunable(
+        "mag_heading_inflation",
+        math.radians(10.0),
+        "rad",
+        "Sigma added at once that shows an inflated heading.",
+        "Choice.",
+    ),
 )
 
 
@@ -119,13 +126,14 @@ def field_innovation(c: Core, m: Measurement) -> tuple[float, int]:
 
 
 @kernel
-def doubt_field(p: Parameters, c: Core, m: Measurement, heading_variance: float) -> None:
-    """Note the heading's variance after a reading; one that has grown at once was doubted, and the field with it.
+def distrust_after_inflation(p: Parameters, c: Core, m: Measurement, heading_variance: float) -> None:
+    """Do not use the field for a while if the heading's variance was inflated since the last reading.
 
-    But not at rest: there it is the gyros that are doubted.
+    Whatever inflated the variance contradicts the heading, and so the field that the heading may be from. At rest it
+    is the gyros that are contradicted, not the field. Stores the variance for the next reading.
     """
     g = c.magnetometer
-    grown = heading_variance > g.heading_variance + p.tuning.mag_heading_doubt**2
+    grown = heading_variance > g.heading_variance + p.tuning.mag_heading_inflation**2
     if g.heading_variance > 0.0 and grown and not c.stationarity.at_rest:
         g.contradicted_ns = m.t_ns
     g.heading_variance = heading_variance
@@ -139,14 +147,14 @@ def is_contradicted(p: Parameters, c: Core, m: Measurement) -> bool:
 
 @kernel
 def fuse_magnetometer(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
-    """Gate and fuse a reading while navigating; returns the rows of innovations (before: `alignment.given_field`).
+    """Gate and fuse a reading while navigating; returns the rows of innovations (before: `alignment.magnetic_heading`).
 
     One that agrees with a heading known better counts as used, but leaves it alone.
     """
     if not has_field(p, m):
         return 0
     g, steady, known = c.magnetometer, is_earths_field(p, c, m), variance(c, ATTITUDE + 2)
-    doubt_field(p, c, m, known)
+    distrust_after_inflation(p, c, m, known)
     z, length = field_innovation(c, m)
     rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2]
     z -= rate * 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample

@@ -44,7 +44,7 @@ def add_innovation(c: Core, k: int, z: float, s: float) -> None:
 
 
 @kernel
-def clear_sums(c: Core) -> None:
+def clear_innovation_sums(c: Core) -> None:
     """Clear the sums."""
     h = c.nhc
     h.innovation_count = 0
@@ -68,7 +68,7 @@ def learn_noise_scale(p: Parameters, c: Core) -> bool:
     """
     h = c.nhc
     if 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns) > p.tuning.fresh_fix_s:
-        clear_sums(c)
+        clear_innovation_sums(c)
         return False
     h.innovation_count += 1
     if h.innovation_count < p.tuning.nhc_sum_length:
@@ -83,5 +83,5 @@ def learn_noise_scale(p: Parameters, c: Core) -> bool:
         noise_scale_new = h.noise_scale[k] * elementary.exp(gain * (nis - 1.0))
         h.noise_scale[k] = min(max(noise_scale_new, p.tuning.nhc_min_noise_scale), p.tuning.nhc_max_noise_scale)
     h.sum_count += 1
-    clear_sums(c)
+    clear_innovation_sums(c)
     return bool(max(h.noise_scale[0], h.noise_scale[1]) >= p.tuning.nhc_max_noise_scale)

@@ -36,7 +36,7 @@ from ..state import (
 )
 from ..vehicle_axes import forward_axis, lateral_axis, set_vehicle_axes, vertical_axis
 from .forward_axis import clear_scatter
-from .nhc_noise import add_innovation, clear_sums, learn_noise_scale, reset_noise_scale
+from .nhc_noise import add_innovation, clear_innovation_sums, learn_noise_scale, reset_noise_scale
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters
@@ -92,7 +92,7 @@ def enable_nhc(p: Parameters, c: Core) -> None:
         h.start_variance[i] = variance(c, i)
     h.enabled = 1
     h.mean_nis = 1.0
-    clear_sums(c)
+    clear_innovation_sums(c)
 
 
 @kernel

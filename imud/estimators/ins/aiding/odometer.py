@@ -58,14 +58,22 @@ TUNABLES = (
     Tunable("odometer_dead_speed", 0.3, "m/s", "Below it wheels seem to stand.", "Pulses of an ABS ring."),
     Tunable("odometer_gate", 12.0, "NIS", "Gate of a reading.", "3.5 sigma: slip is common."),
     Tunable(
-        "odometer_doubt_s",
+        "odometer_inflation_time_s",
         2.0,
         "s",
-        "After so long a rejection the velocity is as doubtful as the wheels are.",
+        "Length of a rejection after which the inflated velocity passes the gate.",
         "A slip is mostly shorter.",
     ),
-    Tunable("odometer_doubt_psd", 0.5, "m^2/s^3", "Most noise of the velocity by that.", "0.7 m/s in a second."),
-    Tunable("odometer_max_doubt_s", 10.0, "s", "After so long a rejection the wheels are wrong.", "Choice."),
+    Tunable(
+        "odometer_inflation_psd",
+        0.5,
+        "m^2/s^3",
+        "Largest noise density by which a rejection inflates P.",
+        "0.7 m/s in a second.",
+    ),
+    Tunable(
+        "odometer_max_inflation_s", 10.0, "s", "Length of a rejection after which P is inflated no more.", "Choice."
+    ),
     Tunable("odometer_sign_sigmas", 3.0, "sigma", "A velocity that large has a sign.", "Three sigma."),
 )
 
@@ -116,7 +124,7 @@ def single_variance(p: Parameters, m: Measurement, reading: float, slip_sigma: f
 
 
 @kernel
-def time_since_last(p: Parameters, c: Core, m: Measurement) -> float:
+def time_since_reading(p: Parameters, c: Core, m: Measurement) -> float:
     """Time since the last reading, s."""
     g = c.odometer
     dt = 1e-9 * (m.t_ns - g.last_ns) if g.last_ns != NEVER_NS else p.tuning.odometer_slip_time_s
@@ -131,10 +139,10 @@ def inflate_velocity(p: Parameters, c: Core, forward: Vector, z: float, dt: floa
     z: innovation, m/s; dt: time since the last reading, s.
     """
     last_ns = c.odometer.last_used_ns
-    if last_ns == NEVER_NS or 1e-9 * (c.nav.t_ns - last_ns) > p.tuning.odometer_max_doubt_s:
+    if last_ns == NEVER_NS or 1e-9 * (c.nav.t_ns - last_ns) > p.tuning.odometer_max_inflation_s:
         return
-    most = z * z / (p.tuning.odometer_gate * p.tuning.odometer_doubt_s)
-    q = min(most, p.tuning.odometer_doubt_psd) * min(dt, p.tuning.odometer_doubt_s)
+    most = z * z / (p.tuning.odometer_gate * p.tuning.odometer_inflation_time_s)
+    q = min(most, p.tuning.odometer_inflation_psd) * min(dt, p.tuning.odometer_inflation_time_s)
     f = quat_rotate(quaternion(c), forward)
     for i in range(3):
         for k in range(i, 3):
@@ -151,7 +159,7 @@ def least(a: float, b: float, c: float) -> float:
 @kernel
 def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
     """Gate and fuse a reading; returns the rows of innovations."""
-    dt = time_since_last(p, c, m)
+    dt = time_since_reading(p, c, m)
     add_variance(c, ODOMETER_SCALE, p.tuning.odometer_scale_psd * dt)
     forward, arm = forward_axis(c), p.odometer_lever_arm
     v_b = quat_rotate_back(quaternion(c), (c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2]))

@@ -31,14 +31,14 @@ TUNABLES = (
     ),
     Tunable("wheel_check_speed", 2.0, "m/s", "Speed from which the receiver is tested.", "Choice."),
     Tunable("wheel_check_gate", 9.0, "NIS", "A velocity beyond it is a contradiction.", "Three sigma."),
-    Tunable("wheel_check_least", 0.3, "m/s", "Smallest contradiction.", "The scale factor's error at 60 km/h."),
+    Tunable("wheel_min_contradiction", 0.3, "m/s", "Smallest contradiction.", "The scale factor's error at 60 km/h."),
     Tunable("wheel_contradictions", 3.5, "fixes", "So many decide; an agreement halves them.", "Choice."),
     Tunable("wheel_evidence", 25.0, "", "Squares that only a drift explains, over the variance.", "Five sigma."),
     Tunable(
-        "wheel_patience",
+        "wheel_reject_factor",
         3.0,
         "",
-        "With wheels so many times as many rejected velocities mean a wrong heading.",
+        "Factor of max_velocity_rejects where wheels support the velocity.",
         "A turn comes meanwhile.",
     ),
     Tunable("wheel_agreements", 10, "fixes", "So many agreements in a row end a drift.", "Choice."),
@@ -77,7 +77,8 @@ def contradicts(p: Parameters, c: Core, axis: int, z: float, accel: float, r: fl
     length = set_jacobian(c, length, TIME_OFFSET, -accel)
     length = set_jacobian(c, length, VELOCITY_TIME_OFFSET, -accel)
     return bool(
-        abs(z) > p.tuning.wheel_check_least and z * z > p.tuning.wheel_check_gate * (innovation_variance(c, length) + r)
+        abs(z) > p.tuning.wheel_min_contradiction
+        and z * z > p.tuning.wheel_check_gate * (innovation_variance(c, length) + r)
     )
 
 
@@ -99,7 +100,7 @@ def check_receiver(p: Parameters, c: Core, z_n: float, z_e: float, accel_n: floa
             for i in range(2):
                 add_variance(c, POSITION + i, (speed * since_s) ** 2)
             declare_drift(c, BY_WHEELS)
-            clear_sums(c)
+            clear_wheel_contradictions(c)
 
 
 @kernel
@@ -109,8 +110,8 @@ def count_agreement(c: Core, wrong: bool) -> None:
 
 
 @kernel
-def clear_sums(c: Core) -> None:
-    """Forget the contradictions."""
+def clear_wheel_contradictions(c: Core) -> None:
+    """Set the sums and counts to zero."""
     g = c.wheel_check
     g.count, g.z_n, g.z_e, g.z2, g.cross_sum, g.v2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     g.agreements = 0

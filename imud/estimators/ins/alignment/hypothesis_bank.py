@@ -175,8 +175,8 @@ def accumulate_products(b: HypothesisBank, k: int, weight: float) -> None:
 
 
 @kernel
-def count_innovation(b: HypothesisBank, weight: float, age: float) -> None:
-    """Count the innovations in b.innovations, of variance 1 / weight, `age` s after the origin."""
+def add_energy(b: HypothesisBank, weight: float, age: float) -> None:
+    """Add the energy of the innovations in b.innovations, of variance 1 / weight, `age` s after the origin."""
     v2 = weight * (b.innovations[GNSS_COLUMN, 0] ** 2 + b.innovations[GNSS_COLUMN, 1] ** 2)
     b.energy2 += v2 * v2
     b.energy_age += v2 * age
@@ -194,5 +194,5 @@ def match_measurement(
             accumulate_products(b, k, 1.0 / s)
         update_hypothesis(b, k, is_position, s)
     if informative:
-        count_innovation(b, 1.0 / s, 1e-9 * (c.nav.t_ns - c.alignment.origin_ns))
+        add_energy(b, 1.0 / s, 1e-9 * (c.nav.t_ns - c.alignment.origin_ns))
     update_whitening(b, is_position, s)

@@ -1,15 +1,15 @@
 """GLR test for a step of the gyro bias about the vertical, which turns the heading away.
 
-Not while the stamps may have stepped or the heading is uncertain, wheels contradict the receiver, or a compass is
-there (`gnss_fix`): what those do looks alike.
+The test does not run (`gnss_fix`) while the time offset may have stepped, the heading is uncertain, wheels contradict
+the receiver, or there is a compass: the innovations look the same then.
 
-A knock, a shock of temperature, or a wrong scale factor in a long turn change what the filter is sure of. The heading
-shows in no fix by itself, so that it is wrong for many seconds before the velocities say so by much. As in
+A knock, a shock of temperature, or a wrong scale factor in a long turn changes a bias that the filter is sure of. No
+fix measures the heading directly, so it is wrong for many seconds before the velocities contradict it by much. As in
 `time_offset_step`, the effect w of a step d of the bias since an onset follows the filter's own steps, and its
-chi-square, over the mean square of what it leaves unexplained, decides; there are two onsets, every `turn_onset_s` by
-turns. Only horizontal velocities count, as positions may drift; those of one second share their error. When a step is
-detected the estimate stays, but P += d^2 (w w' + b b'), b being the vertical at GYRO_BIAS: the fixes that follow say
-what is right.
+chi-square, over the mean square of the residuals, decides. There are two onsets; the older of them is replaced by a new
+one every `gyro_bias_onset_s`. Only horizontal velocities count, as positions may drift; those of one second share their
+error. When a step is detected the estimate stays, but P += d^2 (w w' + b b'), b being the vertical at GYRO_BIAS, so
+that the next fixes find the bias.
 
 Source: as `time_offset_step`.
 """
@@ -23,7 +23,7 @@ from ...tuning import Tunable
 from ..ekf import add_covariance
 from ..error_model import apply_transition
 from ..mechanization import rotation_matrix
-from ..state import GYRO_BIAS, NEVER_NS, STATES, TURN_ONSETS, VELOCITY
+from ..state import GYRO_BIAS, GYRO_BIAS_ONSETS, NEVER_NS, STATES, VELOCITY
 from .time_offset_step import chi2_beyond
 
 if TYPE_CHECKING:
@@ -31,15 +31,17 @@ if TYPE_CHECKING:
 
 TUNABLES = (
     Tunable("gyro_bias_step_chi2", 30.0, "", "Chi-square (1 degree of freedom) that proves a step.", "5.5 sigma."),
-    Tunable("turn_onset_s", 6.0, "s", "Time between two onsets.", "In it 0.5 deg/s turn by 3 deg."),
-    Tunable("turn_shared_s", 1.0, "s", "Velocities of so long share their error.", "Receivers of 1 Hz are white."),
+    Tunable("gyro_bias_onset_s", 6.0, "s", "Time between two onsets.", "In it 0.5 deg/s turn by 3 deg."),
+    Tunable(
+        "gyro_bias_correlation_s", 1.0, "s", "Velocities of so long share their error.", "Receivers of 1 Hz are white."
+    ),
 )
 
 
 @kernel
 def reset_gyro_bias_step(c: Core) -> None:
     """Forget the onsets: the estimate is new."""
-    for j in range(TURN_ONSETS):
+    for j in range(GYRO_BIAS_ONSETS):
         c.gyro_bias_step.onset_ns[j] = NEVER_NS
 
 
@@ -59,7 +61,7 @@ def open_gyro_bias_step(c: Core, j: int) -> None:
 def propagate_gyro_bias_step(c: Core, transition: Transition) -> None:
     """w <- transition w."""
     if c.gyro_bias_step.onset_ns[0] != NEVER_NS:
-        apply_transition(c.gyro_bias_step.sensitivity, TURN_ONSETS, transition)
+        apply_transition(c.gyro_bias_step.sensitivity, GYRO_BIAS_ONSETS, transition)
 
 
 @kernel
@@ -72,13 +74,13 @@ def mean_innovation(c: Core, length: int, j: int) -> float:
 
 
 @kernel
-def count_turn_innovation(p: Parameters, c: Core, length: int, z: float, s: float) -> None:
-    """Count an innovation z of variance s of a fix if it is a horizontal velocity; call before its update."""
+def add_to_gyro_bias_step(p: Parameters, c: Core, length: int, z: float, s: float) -> None:
+    """Add an innovation z of variance s of a fix to the sums if it is a horizontal velocity; call before its update."""
     if not VELOCITY <= c.scratch.columns[0] < VELOCITY + 2:
         return
     g = c.gyro_bias_step
-    weight = min(1e-9 * (c.nav.t_ns - g.last_ns) / p.tuning.turn_shared_s, 1.0)
-    for j in range(TURN_ONSETS):
+    weight = min(1e-9 * (c.nav.t_ns - g.last_ns) / p.tuning.gyro_bias_correlation_s, 1.0)
+    for j in range(GYRO_BIAS_ONSETS):
         hw = mean_innovation(c, length, j)
         g.information[j] += weight * hw * hw / s
         g.vector[j] += weight * hw * z / s
@@ -91,7 +93,7 @@ def update_gyro_bias_step(c: Core, length: int, s: float) -> None:
     """w <- (I - K h) w before the scalar update that follows, of variance s; P h is in scratch.d."""
     if c.gyro_bias_step.onset_ns[0] == NEVER_NS:
         return
-    for j in range(TURN_ONSETS):
+    for j in range(GYRO_BIAS_ONSETS):
         share = mean_innovation(c, length, j) / s
         for i in range(STATES):
             c.gyro_bias_step.sensitivity[i, j] -= share * c.scratch.d[i]
@@ -113,7 +115,7 @@ def apply_gyro_bias_step(c: Core, j: int, d: float) -> None:
 def detect_gyro_bias_step(p: Parameters, c: Core) -> bool:
     """After a fix, while navigating: True if a step is detected; P is inflated then."""
     g, best, most = c.gyro_bias_step, -1, p.tuning.gyro_bias_step_chi2
-    for j in range(TURN_ONSETS):
+    for j in range(GYRO_BIAS_ONSETS):
         if g.onset_ns[j] == NEVER_NS:
             open_gyro_bias_step(c, j)
         chi2 = chi2_beyond(g.information[j], g.vector[j], g.energy[j], g.count[j])
@@ -122,10 +124,10 @@ def detect_gyro_bias_step(p: Parameters, c: Core) -> bool:
     g.last_ns = c.nav.t_ns
     if best >= 0:
         apply_gyro_bias_step(c, best, g.vector[best] / g.information[best])
-        for j in range(TURN_ONSETS):
+        for j in range(GYRO_BIAS_ONSETS):
             open_gyro_bias_step(c, j)
         return True
     older = 0 if g.onset_ns[0] <= g.onset_ns[1] else 1
-    if 1e-9 * (c.nav.t_ns - g.onset_ns[1 - older]) >= p.tuning.turn_onset_s:
+    if 1e-9 * (c.nav.t_ns - g.onset_ns[1 - older]) >= p.tuning.gyro_bias_onset_s:
         open_gyro_bias_step(c, older)
     return False

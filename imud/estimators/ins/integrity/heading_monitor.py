@@ -34,7 +34,7 @@ TUNABLES = (
         "heading_faults", 3, "pairs", "Contradicting pairs of fixes in a row that mean a wrong heading.", "Choice."
     ),
     Tunable(
-        "heading_doubt",
+        "heading_inflation",
         math.radians(20.0),
         "rad",
         "Sigma added to a contradicted heading where the alignment knows none that it would start with.",
@@ -90,7 +90,7 @@ def inflate_heading(p: Parameters, c: Core) -> None:
 
     They confirm a right heading within seconds; a wrong one is contradicted again, until its sigma is too large.
     """
-    add_variance(c, ATTITUDE + 2, p.tuning.heading_doubt**2)
+    add_variance(c, ATTITUDE + 2, p.tuning.heading_inflation**2)
     count_heading_fault(c, False)
 
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 TUNABLES = (
     Tunable("time_offset_step_chi2", 30.0, "", "Chi-square (1 degree of freedom) that proves a step.", "5.5 sigma."),
-    Tunable("time_offset_step_doubt", 4.0, "", "Chi-square from which the onset is kept.", "Two sigma."),
+    Tunable("time_offset_step_onset_chi2", 4.0, "", "Chi-square from which the onset is kept.", "Two sigma."),
     Tunable("time_offset_step_sigma", 0.3, "", "Sigma of a step that was detected, as a share of it.", "Choice."),
     Tunable(
         "max_step_heading_sigma",
@@ -89,8 +89,8 @@ def mean_innovation(c: Core, length: int) -> float:
 
 
 @kernel
-def count_innovation(c: Core, length: int, z: float, s: float, axis: int) -> None:
-    """Count an innovation z of variance s of a fix, used or not; call before its update; axis: see `fuse`."""
+def add_to_time_offset_step(c: Core, length: int, z: float, s: float, axis: int) -> None:
+    """Add an innovation z of variance s of a fix, used or not; call before its update; axis: see `fuse`."""
     g, hw = c.time_offset_step, mean_innovation(c, length)
     g.information += hw * hw / s
     g.vector += hw * z / s
@@ -158,7 +158,7 @@ def detect_time_offset_step(p: Parameters, c: Core) -> bool:
     g = c.time_offset_step
     if (
         g.onset_ns == NEVER_NS
-        or chi2_beyond(g.information, g.vector, g.energy, g.count) < p.tuning.time_offset_step_doubt
+        or chi2_beyond(g.information, g.vector, g.energy, g.count) < p.tuning.time_offset_step_onset_chi2
     ):
         open_time_offset_step(c)
         return False

@@ -11,7 +11,7 @@ from ..aiding.gnss_noise import count_fix
 from ..ekf import decorrelate
 from ..mechanization import body_to_ned, displace, set_position
 from ..state import NEVER_NS, POSITION
-from .given_heading import align_with_heading
+from .external_heading import align_with_heading
 
 if TYPE_CHECKING:
     from ...types import Measurement

@@ -9,7 +9,7 @@ from imud.drivers import elementary
 
 from ....compile.jit import kernel
 from ..aiding.magnetometer import (
-    doubt_field,
+    distrust_after_inflation,
     field_innovation,
     field_variance,
     has_field,
@@ -19,7 +19,7 @@ from ..aiding.magnetometer import (
 from ..ekf import variance
 from ..mechanization import body_to_ned
 from ..state import ATTITUDE
-from .given_heading import align_with_heading
+from .external_heading import align_with_heading
 
 if TYPE_CHECKING:
     from ...types import Measurement
@@ -32,7 +32,7 @@ def align_with_field(p: Parameters, c: Core, m: Measurement) -> None:
     if not has_field(p, m):
         return
     steady = is_earths_field(p, c, m)
-    doubt_field(p, c, m, variance(c, ATTITUDE + 2))
+    distrust_after_inflation(p, c, m, variance(c, ATTITUDE + 2))
     if not steady or is_contradicted(p, c, m):
         return
     tilt2 = max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 FLAGS = (
-    *("-std=gnu11", "-O2", "-w"),
+    *("-std=gnu11", "-O3", "-w"),
     *("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fwrapv", "-fno-strict-aliasing"),
 )
 _LIBRARY = ("-fPIC", "-shared", "-Wl,-Bsymbolic")

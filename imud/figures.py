@@ -1,8 +1,13 @@
-"""Figures as plain values, and as one self-contained HTML page drawn by plotly (the extra `imud[plots]`)."""
+"""Figures as plain values, and as one self-contained HTML page drawn by plotly (the extra `imud[plots]`).
 
+The page has what plotly's browser library draws from, as JSON. Its Python objects would check each value, and take
+longer for that than a report of an hour does for all else.
+"""
+
+import base64
 import html
-import importlib
 import importlib.util
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,12 +24,24 @@ MOST_POINTS = 4000  # of a curve: a page of some MB, not hundreds
 PANEL_PX = 340
 PAGE_REM = 84
 CONFIG = {"responsive": True, "displayModeBar": False}
+_AXIS = {
+    **{"gridcolor": "#ebf0f8", "linecolor": "#ebf0f8", "zerolinecolor": "#ebf0f8", "zerolinewidth": 2},
+    **{"automargin": True, "ticks": "", "title": {"standoff": 15}},
+}
+TEMPLATE = {  # what all figures of a page share
+    "layout": {
+        **{"font": {"color": "#2a3f5f"}, "paper_bgcolor": "white", "plot_bgcolor": "white", "hovermode": "closest"},
+        **{"hoverlabel": {"align": "left"}, "height": PANEL_PX, "bargap": 0.02, "xaxis": _AXIS, "yaxis": _AXIS},
+    }
+}
 STYLE = (
+    "html{overflow-y:scroll}"  # the width is known before there is more than a screen can show
     f"body{{font:15px/1.45 system-ui,sans-serif;color:#1b2530;max-width:{PAGE_REM}rem;margin:0 auto;padding:.6rem}}"
     "h1{font-size:1.3rem}h2{font-size:1.05rem;margin:1.4rem 0 .2rem;border-top:1px solid #d5dce3;padding-top:.6rem}"
     "pre{font:inherit;white-space:pre-wrap;overflow-wrap:anywhere}.grid{display:grid;gap:.3rem}.grid>div{min-width:0}"
     ".table{overflow-x:auto}table{border-collapse:collapse;font-variant-numeric:tabular-nums}th{text-align:left}"
     "th,td{padding:.1rem .8rem .1rem 0;vertical-align:top;border-bottom:1px solid #e6ebf0;white-space:pre-wrap}"
+    f".plotly-graph-div{{height:{PANEL_PX}px}}"
 )
 
 
@@ -78,8 +95,9 @@ def available() -> bool:
 
 def plotly_js() -> str:
     """plotly's browser library, out of its Python package: no page needs the network."""
-    offline: Any = importlib.import_module("plotly.offline")
-    return str(offline.get_plotlyjs())
+    spec = importlib.util.find_spec("plotly")
+    assert spec is not None and spec.origin is not None
+    return (Path(spec.origin).parent / "package_data/plotly.min.js").read_text(encoding="utf-8")
 
 
 def kept(y: Floats, most: int = MOST_POINTS) -> NDArray[np.int64]:
@@ -99,9 +117,9 @@ def kept(y: Floats, most: int = MOST_POINTS) -> NDArray[np.int64]:
     return np.unique(np.concatenate([first + least.argmin(axis=1), first + greatest.argmax(axis=1)]))
 
 
-def _single(values: Floats) -> NDArray[np.float32]:
-    """In single precision, enough for a screen and half the size."""
-    return np.asarray(values, np.float32)
+def _single(values: Floats) -> dict[str, str]:
+    """In single precision, enough for a screen, as plotly reads arrays in JSON."""
+    return {"dtype": "f4", "bdata": base64.b64encode(np.asarray(values, "<f4").tobytes()).decode()}
 
 
 def _outline(x: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
@@ -125,55 +143,76 @@ def _band(trace: Trace, colour: str) -> list[dict[str, Any]]:
     x, y = _outline(trace.x[take], middle - trace.sigma[take], middle + trace.sigma[take])
     tint = f"rgba{(*(int(colour[i : i + 2], 16) for i in (1, 3, 5)), 0.18)}"
     line = {"color": colour, "width": 0.5}
-    shared = {"mode": "lines", "line": line, "fill": "toself", "fillcolor": tint, "hoverinfo": "skip"}
-    return [{"x": _single(x), "y": _single(y), "name": f"±σ {trace.name}", "legendgroup": trace.name, **shared}]
+    points = {"type": "scatter", "x": _single(x), "y": _single(y), "mode": "lines", "line": line}
+    shared = {"fill": "toself", "fillcolor": tint, "hoverinfo": "skip"}
+    return [{**points, "name": f"±σ {trace.name}", "legendgroup": trace.name, **shared}]
 
 
-def _curve(go: Any, trace: Trace, colour: str) -> Any:
+def _curve(trace: Trace, colour: str) -> dict[str, Any]:
     take = kept(trace.y)
-    x, y = _single(trace.x[take]), _single(trace.y[take])
+    points = {"x": _single(trace.x[take]), "y": _single(trace.y[take])}
     named = {"name": trace.name, "legendgroup": trace.name, "showlegend": bool(trace.name)}
     if trace.style == "bars":
-        return go.Bar(x=x, y=y, **named, marker_color=colour, opacity=0.6)
+        return {"type": "bar", **points, **named, "marker": {"color": colour}, "opacity": 0.6}
     line = {"color": colour, "width": 1.2, "dash": "dash" if trace.dashed else "solid"}
     marker = {"color": colour, "size": 4}
-    return go.Scatter(x=x, y=y, **named, mode=trace.style, line=line, marker=marker)
+    return {"type": "scatter", **points, **named, "mode": trace.style, "line": line, "marker": marker}
 
 
-def _draw(panel: Panel) -> Any:
-    go: Any = importlib.import_module("plotly.graph_objects")
-    drawn = go.Figure()
+def _curves(panel: Panel) -> list[dict[str, Any]]:
+    """plotly's traces: each curve above its band."""
+    curves = []
     for k, trace in enumerate(panel.traces):
         colour = COLOURS[(k if trace.colour is None else trace.colour) % len(COLOURS)]
-        for band in _band(trace, colour):
-            drawn.add_trace(go.Scatter(**band))
-        drawn.add_trace(_curve(go, trace, colour))
-    kind = "log" if panel.logarithmic else None
-    drawn.update_xaxes(title_text=panel.x, type=kind, automargin=True)
-    drawn.update_yaxes(title_text=panel.y, type=kind, automargin=True)
+        curves += [*_band(trace, colour), _curve(trace, colour)]
+    return curves
+
+
+def _axes(panel: Panel) -> dict[str, dict[str, Any]]:
+    """Of plotly's layout."""
+    kind = {"type": "log"} if panel.logarithmic else {}
+    x: dict[str, Any] = {"title": {"text": panel.x}, **kind}
+    y: dict[str, Any] = {"title": {"text": panel.y}, **kind}
     if panel.rungs:
-        ticks = {"tickvals": list(range(len(panel.rungs))), "ticktext": list(panel.rungs)}
-        drawn.update_yaxes(range=[-0.5, len(panel.rungs) - 0.5], **ticks)
+        y |= {"tickvals": list(range(len(panel.rungs))), "ticktext": list(panel.rungs)}
+        y |= {"range": [-0.5, len(panel.rungs) - 0.5]}
     if panel.y_range:
-        drawn.update_yaxes(range=panel.y_range)
+        y |= {"range": panel.y_range}
     if panel.equal:
-        drawn.update_yaxes(scaleanchor="x", scaleratio=1)
+        y |= {"scaleanchor": "x", "scaleratio": 1}
+    return {"xaxis": x, "yaxis": y}
+
+
+def _layout(panel: Panel) -> dict[str, Any]:
     several = sum(bool(trace.name) for trace in panel.traces) > 1 and not panel.rungs
     top_px = 60 if several else 34
-    drawn.update_layout(
-        title={"text": panel.title, "font": {"size": 14}, "x": 0.02, "y": 0.98},
-        template="plotly_white", height=PANEL_PX, bargap=0.02, margin={"l": 50, "r": 10, "t": top_px, "b": 40},
-        showlegend=several,
-        legend={"groupclick": "togglegroup", "font_size": 10, "orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"},
-    )  # fmt: skip
-    return drawn
+    return {
+        "title": {"text": panel.title, "font": {"size": 14}, "x": 0.02, "y": 0.98},
+        "margin": {"l": 50, "r": 10, "t": top_px, "b": 40},
+        "showlegend": several,
+        "legend": {
+            **{"groupclick": "togglegroup", "font": {"size": 10}, "orientation": "h"},
+            **{"x": 0, "y": 1, "yanchor": "bottom"},
+        },
+        **_axes(panel),
+    }
+
+
+def _json(value: Any) -> str:
+    """Inside of a script, which "<" might end."""
+    return json.dumps(value, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _drawn(panel: Panel) -> str:
+    """A place for the panel, and the call that draws it there."""
+    call = f"draw(document.currentScript.previousSibling,{_json(_curves(panel))},{_json(_layout(panel))})"
+    return f'<div><div class="plotly-graph-div"></div><script>{call}</script></div>'
 
 
 def _html(figure: Figure) -> str:
     """Panels in as many columns as the screen has room for, at most the figure's."""
-    options: dict[str, Any] = {"full_html": False, "include_plotlyjs": False, "config": CONFIG}
-    panels = "".join(f"<div>{_draw(panel).to_html(**options)}</div>" for panel in figure.panels)
     least = f"minmax(min(100%, {PAGE_REM // figure.columns - 4}rem), 1fr)"
+    panels = "".join(map(_drawn, figure.panels))
     grid = f'<div class="grid" style="grid-template-columns:repeat(auto-fill, {least})">{panels}</div>'
     return f"<section><h2>{html.escape(figure.title)}</h2>{grid}</section>"
 
@@ -190,10 +229,11 @@ def _table(rows: Sequence[Sequence[str]]) -> str:
 
 def write(title: str, text: str, figures: Sequence[Figure], path: Path, table: Sequence[Sequence[str]] = ()) -> None:
     """A text, a table and figures as one HTML file that needs nothing else. Raises OSError."""
+    draw = f"draw=(at,curves,own)=>Plotly.newPlot(at,curves,{{...own,template:{_json(TEMPLATE)}}},{_json(CONFIG)})"
     head = (
         '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
         f'content="width=device-width, initial-scale=1"><title>{html.escape(title)}</title><style>{STYLE}</style>'
-        f"<script>{plotly_js()}</script></head>"
+        f"<script>{plotly_js()}</script><script>const {draw}</script></head>"
     )
     said = f"<h1>{html.escape(title)}</h1><pre>{html.escape(text)}</pre>{_table(table) if table else ''}"
     path.write_text(f"{head}<body>{said}{''.join(map(_html, figures))}</body></html>", encoding="utf-8")

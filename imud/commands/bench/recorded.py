@@ -17,7 +17,6 @@ from .turns import Turns
 
 _BYTES_A_DAY = 2e9
 _ROS2 = "a sample becomes five messages, 2 kB, mostly covariances: numpy makes them, zstd compresses them"
-_PAGE = "making the page takes most of it, however long the recording"
 _RAW = "most of it are the noise of the samples and of their arrival times, which do not compress"
 
 
@@ -32,7 +31,7 @@ def recordings(seconds: int, rounds: int) -> Section:
             ("replay to a CSV file, every sample", ["replay", "-o", "est.csv"], 300, ""),
             ("export to CSV files", ["export", "--csv", "csv"], 100, ""),
             ("export to ROS 2", ["export", "--ros2", "ros.mcap"], 100, _ROS2),
-            ("report", ["report", "-o", "report.html"], 200, _PAGE),
+            ("report", ["report", "-o", "report.html"], 200, ""),
         ]
         for what, (command, option, output), least, reason in commands:
             if command == "report" and not available():

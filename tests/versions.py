@@ -21,10 +21,10 @@ from pathlib import Path
 
 from release import ROOT, wheel
 
-EXTRAS = ("completion", "plots", "record", "web")
+EXTRAS = ("completion", "parquet", "plots", "record", "web")
 TOOLS = (  # of the tests; always the newest
     *("hypothesis", "mpmath", "pymap3d", "pynmeagps", "pytest", "pytest-timeout", "pytest-xdist", "pyubx2", "rosbags"),
-    *("prometheus-client", "scipy", "allantools", "gpxpy", "protobuf", "hatchling"),
+    *("prometheus-client", "scipy", "allantools", "gpxpy", "polars", "protobuf", "hatchling"),
 )
 CORE = tuple(
     f"test_{name}.py"

@@ -10,7 +10,7 @@ import sys
 from types import FrameType
 from typing import NoReturn
 
-_SERVICES = ("run", "sim", "record", "web")  # go on until they are told to end, which is no failure
+_SERVICES = ("run", "sim", "record", "web")  # run until SIGTERM ends them, which is no failure
 _INTERRUPTED, _TERMINATED = 130, 143
 
 

@@ -162,7 +162,7 @@ FIXES = (
         | {"uSat": 9, "height_m": 500.0, "hdop": 1.0, "sn_m": 1.0, "time": "2026-11-23T01:10:07.000Z"}
     ).encode(),
     b'{"class":"STATUS","filter.estimator":"navigation","filter.sample.rate_radps.x":0.1,"filter.antenna_x_m":1.0,'
-    b'"ports.0.path":"/dev/a","ports.0.streaming":false,"ports.0.story":"waits"}',
+    b'"ports.0.path":"/dev/a","ports.0.streaming":false,"ports.0.description":"waits"}',
 )
 STATES = (client.RECORD.pack(client.MAGIC, client.VERSION, client.RECORD.size, 1, 10**18, 10**9, 135, *[0.5] * 37),)
 STATUSES = (b'{"class":"VERSION"}\n', FIXES[1] + b"\n", b'{"class":"ERROR","message":"x"}\n')

@@ -94,7 +94,7 @@ def aiding(data: bytes) -> None:
     solutions = np.zeros(len(samples), SOLUTION)
     filter_.run(samples, solutions)
     _must_be_sane(solutions)
-    receiver.look(now_ns)
+    receiver.update(now_ns)
     assert msgspec.json.encode([receiver.faults(now_ns), receiver.properties(now_ns), receiver.messages])
 
 

@@ -155,7 +155,7 @@ def test_a_receiver_on_a_disturbed_line_is_not_called_well():
         torn = good.replace(b"545", b"546") * (10 <= second < 30 and second % 2)
         receiver.take(torn + good, second * SECOND)
         receiver.flush(second * SECOND + SECOND // 2)
-        receiver.look(second * SECOND)
+        receiver.update(second * SECOND)
         reported.append(receiver.faults(second * SECOND))
     disturbed = ("receiver: more than 1% of its messages do not arrive whole",)
     assert set(reported[:18]) == set(reported[41:]) == {()}
@@ -168,7 +168,7 @@ def test_an_inertial_sensor_on_a_disturbed_line_is_not_called_well():
     for k in range(6000):
         data = packet((0, 0, 0, 0, 0, 10923), clock=-12_658 * k)
         receive_from(sensor, bytes(24) if 1000 <= k < 3000 and k % 40 == 0 else data, k * SECOND // 100)
-        sensor.look(k * SECOND // 100)
+        sensor.update(k * SECOND // 100)
         reported.append(sensor.faults(k * SECOND // 100))
     disturbed = ("inertial sensor: more than 1% of its samples do not arrive whole",)
     assert set(reported[:1000]) == set(reported[4100:]) == {()}

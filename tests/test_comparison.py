@@ -51,15 +51,15 @@ def compared(*sensors, profiles=("m-g350",) * 3):
     verdicts = []
     for begin in range(0, len(sensors[0]), RATE // 5):
         for name, samples in zip("abc", sensors, strict=False):
-            comparison.take(name, samples[begin : begin + RATE // 5])
-        comparison.look(set())
+            comparison.add_samples(name, samples[begin : begin + RATE // 5])
+        comparison.update(set())
         verdicts.append(comparison.verdicts)
     return verdicts
 
 
 def named(verdicts):
     """Who was said to disagree, and who to be wrong."""
-    return {name for each in verdicts for name in each}, {n for each in verdicts for n, v in each.items() if v.odd}
+    return {name for each in verdicts for name in each}, {n for each in verdicts for n, v in each.items() if v.is_wrong}
 
 
 @pytest.mark.parametrize("profiles", PAIRS, ids="+".join)
@@ -140,10 +140,10 @@ def test_one_whose_own_monitor_finds_a_fault_is_wrong_when_they_disagree():
         samples = sensed(truth, "m-g350", number)
         samples["w"][:, 2] += 0.2 * number
         comparison.join(name, PROFILES["m-g350"], has_gyros=True)
-        comparison.take(name, samples)
-    comparison.look({"b"})
+        comparison.add_samples(name, samples)
+    comparison.update({"b"})
     assert set(comparison.verdicts) == {"b"}
-    assert comparison.verdicts["b"].odd
+    assert comparison.verdicts["b"].is_wrong
 
 
 def test_one_that_left_is_not_compared_any_more():
@@ -153,8 +153,8 @@ def test_one_that_left_is_not_compared_any_more():
         samples = sensed(truth, "m-g350", number)
         samples["w"] += 0.2 * number
         comparison.join(name, PROFILES["m-g350"], has_gyros=True)
-        comparison.take(name, samples)
-    comparison.look(set())
+        comparison.add_samples(name, samples)
+    comparison.update(set())
     assert comparison.verdicts
     comparison.leave("b")
     assert not comparison.verdicts

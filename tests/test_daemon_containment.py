@@ -24,7 +24,7 @@ def test_a_defect_on_one_port_does_not_affect_the_other(tmp_path):
         assert errors.count == 1 and bad.spec.path in errors.last
         assert bad.description == "internal error; trying again" and bad.deadline_s < float("inf")
         assert good.description.endswith("trying again") and good.description != bad.description
-        devices._by_fd[77] = bad
+        devices._descriptors._ports[77] = bad
         bad.on_event = broken
         assert devices.on_event(77, 0) == (0, [])
         assert errors.count == 2

@@ -28,7 +28,7 @@ def received(manager):
 
 
 def test_several_assignments_are_one_datagram(manager):
-    Notifier().say("READY=1", "STATUS=waiting")
+    Notifier().send("READY=1", "STATUS=waiting")
     assert received(manager) == ["READY=1\nSTATUS=waiting"]
 
 
@@ -54,6 +54,6 @@ def test_status_is_sent_when_it_changes(manager):
 
 def test_without_a_manager_nothing_happens(monkeypatch):
     monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
-    Notifier().say("READY=1")
+    Notifier().send("READY=1")
     monkeypatch.setenv("NOTIFY_SOCKET", "/nonexistent/socket")
-    Notifier().say("READY=1")
+    Notifier().send("READY=1")

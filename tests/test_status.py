@@ -88,7 +88,7 @@ def test_a_running_daemon_gives_the_same_status_in_three_forms(tmp_path):
     assert list(ports) == [imu, gnss, absent]
     assert (ports[imu]["model"], ports[imu]["baud"], ports[imu]["rate_asked_hz"]) == ("M-G350", 460800, 1000.0)
     assert ports[gnss]["quality"] == 1 and ports[gnss]["sentences"]["fixes"] >= ports[gnss]["used"] > 0
-    assert not ports[absent]["streaming"] and "trying again" in ports[absent]["story"]
+    assert not ports[absent]["streaming"] and "trying again" in ports[absent]["description"]
     assert first["ports"][0]["frames"] < ports[imu]["frames"] < int(ended[1])
     assert last["filter"]["flags"]["position"] and "position" in last["filter"]["state"]
     assert {"sroll_deg", "sn_m", "bgx_dps", "sbgx_dps", "baz_mps2"} <= last["filter"].keys()
@@ -157,9 +157,9 @@ def test_unknown_values_are_left_out():
 
 
 @given(st.text(st.characters(), max_size=5))
-def test_a_status_with_any_text_is_sent(story):
-    told = json.loads(line(status_object({"ports": {"0": {"state": "…" + story}}})))
-    assert told == {"class": "STATUS", "ports.0.state": "…" + story}
+def test_a_status_with_any_text_is_sent(text):
+    sent = json.loads(line(status_object({"ports": {"0": {"state": "…" + text}}})))
+    assert sent == {"class": "STATUS", "ports.0.state": "…" + text}
 
 
 @pytest.mark.parametrize("hz", [1.0, 125.0, 1000.0])
@@ -168,7 +168,7 @@ def test_the_rate_is_that_of_the_last_ten_seconds(hz):
     assert math.isnan(rate.hz)
     for k in range(40 * 50):
         count += 3.0 * hz / 50 if k < 20 * 50 else hz / 50
-        rate.look(count, k * SECOND_NS // 50)
+        rate.update(count, k * SECOND_NS // 50)
     assert rate.hz == pytest.approx(hz)
 
 
@@ -179,7 +179,7 @@ def test_the_rate_is_that_of_the_last_ten_seconds(hz):
 def test_another_rate_is_distinguished_from_an_uneven_one(shares, found):
     rate_monitor, ticks = SampleRateMonitor(1000.0), 0.0
     for k in range(4 * 20 + 1):
-        rate_monitor.look(int(ticks), k * SECOND_NS // 4)
+        rate_monitor.update(int(ticks), k * SECOND_NS // 4)
         ticks += 250.0 * shares[k // 4 % len(shares)]
     assert rate_monitor.share == (None if found is None else pytest.approx(found, rel=1e-2))
 
@@ -187,7 +187,7 @@ def test_another_rate_is_distinguished_from_an_uneven_one(shares, found):
 def test_a_silence_is_no_other_pace():
     rate_monitor = SampleRateMonitor(1000.0)
     for k in range(40):
-        rate_monitor.look(250 * k, 10 * SECOND_NS * k)
+        rate_monitor.update(250 * k, 10 * SECOND_NS * k)
     assert rate_monitor.share is None
 
 

@@ -30,7 +30,7 @@ METRICS = (
     Metric("imud_batches_shed_total", _COUNTER, "Batches that were not published for lack of time.", r"load\.shed"),
     Metric("imud_port_streaming", _GAUGE, "1: a device sends on this port.", _PORT + "streaming"),
     Metric("imud_port_connects_total", _COUNTER, "Times that a device began to send.", _PORT + "connects"),
-    Metric("imud_port_troubles", _GAUGE, "Things that are wrong with the device.", _PORT + "troubles"),
+    Metric("imud_port_faults", _GAUGE, "Faults of the device at present.", _PORT + "fault_count"),
     Metric("imud_port_rate_hertz", _GAUGE, "Samples or fixes per second over ten seconds.", _PORT + "rate_hz"),
     Metric("imud_port_rate_asked_hertz", _GAUGE, "Samples per second that were asked for.", _PORT + "rate_asked_hz"),
     Metric("imud_port_frames_total", _COUNTER, f"Good frames{_SINCE}.", _PORT + "frames"),

@@ -212,7 +212,7 @@ _ROWS: tuple[tuple[str, _Row], ...] = (
 
 def _port(port: Table) -> Iterator[tuple[str, str]]:
     if not port["streaming"]:
-        yield "port", port["story"] if port["path"] in port["story"] else f"{port['path']}: {port['story']}"
+        yield "port", port["description"] if port["path"] in port["description"] else f"{port['path']}: {port['story']}"
         return
     facts = [port["model"] or port["driver"]]
     facts += [f"{word} {port[key]}" for word, key in (("serial", "serial"), ("firmware", "firmware")) if port[key]]

@@ -1,4 +1,4 @@
-"""Measurements of other programs on their way to the filter: received, decoded, fused, counted, recorded."""
+"""Receives measurements of other programs, and has them decoded, fused, counted and recorded."""
 
 import time
 from typing import Any
@@ -56,7 +56,7 @@ class AidingInput:
 
     def tick(self, now_ns: int) -> None:
         """Call several times a second: logs what is new."""
-        self._receiver.look(now_ns)
+        self._receiver.update(now_ns)
         for text in self._receiver.messages:
             self._log.info(text)
         self._receiver.messages.clear()

@@ -13,7 +13,7 @@ from ..outputs.addresses import Address, address_text, is_local, listen, parse_a
 
 PORT = 2950
 LONGEST = 4096  # bytes of a datagram
-_AT_ONCE = 32  # datagrams: whatever comes, the sensors are read in between
+_AT_ONCE = 32  # datagrams read in one call, so that a flood does not keep the loop from the sensors
 
 
 class Poller(Protocol):
@@ -38,18 +38,18 @@ class AidingSocket:
     """Never blocks; not thread-safe. Raises ConfigError, CannotCreateError and others as `listen`."""
 
     def __init__(self, text: str, poller: Poller) -> None:
-        self._poller, self.messages = poller, deque[str]()  # it has none
+        self._poller, self.messages = poller, deque[str]()  # always empty; as `IioReader.messages`
         self._socket = listen(address_of(text), socket.SOCK_DGRAM)
         self.fd = self._socket.fileno()
         self.address = address_text(self._socket)
         poller.register(self.fd, select.POLLIN)
 
     def datagrams(self) -> Iterator[bytes | None]:
-        """Those that have come, as far as it is fair to the sensors; None for one that is too long."""
+        """The datagrams that have come, at most `_AT_ONCE`; None for one that is too long."""
         for _ in range(_AT_ONCE):
             try:
                 data, _, flags, _ = self._socket.recvmsg(LONGEST)
-            except OSError:  # none is left, or an error of an earlier one
+            except OSError:  # none is left, or the socket reports an error of an earlier datagram
                 return
             yield None if flags & socket.MSG_TRUNC else data
 

@@ -1,7 +1,7 @@
 """A filter's checkpoint as a file: one for each sensor, on a tmpfs where there is one, for the next run of the daemon.
 
-It is used once, by the next run, and only if surely nothing but a gap lies between: the same boot, the same sensor on
-the same port, seconds ago, every byte as it was written. Whatever else is in its place is ignored.
+It is used once, by the next run, and only if nothing but a gap in the samples can lie between: the same boot, the same
+sensor on the same port, seconds ago, and the right digest. Any other file in its place is ignored.
 """
 
 import contextlib
@@ -14,7 +14,7 @@ from ..compile.hashing import digest_of
 from ..folders import boot_id, folders_for, replace_file
 
 _NS = 1_000_000_000
-_SUSPENDED_NS = 100_000_000  # by which the two clocks differ more if the machine slept in between: samples were lost
+_SUSPENDED_NS = 100_000_000  # if the two clocks differ by more, the machine was suspended and samples were lost
 
 
 class _Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -22,7 +22,7 @@ class _Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     port: str
     boot_id: str
     monotonic_ns: int
-    boottime_ns: int  # goes on while the machine sleeps
+    boottime_ns: int  # CLOCK_BOOTTIME, which goes on while the machine is suspended
     digest: str  # of the checkpoint
 
 

@@ -1,4 +1,4 @@
-"""Data of an RTK base on their way to the receiver: from a TCP server or a file, whole RTCM frames alone.
+"""Corrections of an RTK base for the receiver: whole RTCM frames, read from a TCP server or a file.
 
 A file may be a FIFO or a terminal into which another program writes (`str2str`), or a plain one that grows.
 """
@@ -15,7 +15,7 @@ from ..drivers.transport.tcp import connect
 from ..errors import ConfigError
 from ..process.log import get_logger
 
-AT_ONCE = 1024  # bytes for each look: a receiver's line has little room
+AT_ONCE = 1024  # bytes read in one call: a receiver's line has little room
 STALE_NS = 30_000_000_000  # a source that is silent that long is opened anew
 _FIRST_RETRY_NS, _LAST_RETRY_NS = 1_000_000_000, 30_000_000_000
 
@@ -44,7 +44,7 @@ class Corrections:
         self._retry_ns, self._due_ns, self._last_ns = _FIRST_RETRY_NS, 0, 0
 
     def read(self, now_ns: int) -> bytes:
-        """The frames that have come since; opens the source if that is due."""
+        """The frames that have come since the last call; opens the source if that is due."""
         if self._fd < 0 and (now_ns < self._due_ns or not self._open(now_ns)):
             return b""
         try:
@@ -53,15 +53,15 @@ class Corrections:
         except BlockingIOError:
             data, ended = b"", False
         except OSError as error:
-            self._lose(error.strerror or "it failed", now_ns)
+            self._close_and_retry(error.strerror or "it failed", now_ns)
             return b""
         frames = list(self._framer.feed(data))
         if frames:
-            self._tell("data of the base come")
+            self._set_state("data of the base come")
             self._last_ns, self._retry_ns = now_ns, _FIRST_RETRY_NS
             self.counters["frames"] += len(frames)
         elif ended or now_ns - self._last_ns > STALE_NS:
-            self._lose("it ended the connection" if ended else "nothing comes", now_ns)
+            self._close_and_retry("it ended the connection" if ended else "nothing comes", now_ns)
         return b"".join(frames)
 
     def properties(self, now_ns: int) -> dict[str, Any]:
@@ -85,20 +85,20 @@ class Corrections:
                 self._socket = connect(*self._address)
                 self._fd = self._socket.fileno()
         except OSError as error:
-            self._lose(error.strerror or str(error), now_ns)
+            self._close_and_retry(error.strerror or str(error), now_ns)
             return False
         self._last_ns = now_ns
         return True
 
-    def _lose(self, why: str, now_ns: int) -> None:
+    def _close_and_retry(self, why: str, now_ns: int) -> None:
         with contextlib.suppress(OSError):
             self.close()
-        self._tell(f"no data of the base: {why}; trying again")
+        self._set_state(f"no data of the base: {why}; trying again")
         self._due_ns = now_ns + self._retry_ns
         self._retry_ns = min(2 * self._retry_ns, _LAST_RETRY_NS)
 
-    def _tell(self, state: str) -> None:
-        """Log a change, once."""
+    def _set_state(self, state: str) -> None:
+        """Store the state; log it if it is new."""
         if state != self._state:
             self._state = state
             self._log.info(state)

@@ -1,10 +1,9 @@
-"""The daemon's ports and what streams on them: which is the inertial sensor, which the receiver, who reads their bytes.
+"""The daemon's ports and what streams on them: which is the inertial sensor, which the receiver, which a spare.
 
-This is the `PortOwner` of the ports and owns their descriptors; it does not know what becomes of solutions and fixes.
+This is the `PortOwner` of the ports; it does not know what becomes of solutions and fixes.
 """
 
 import math
-import select
 import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -27,20 +26,20 @@ from ..recording.control import Recordings
 from ..sensor_errors import calibration
 from ..sensors.estimator_selection import EstimatorSelection
 from ..sensors.inertial import Inertial
-from ..sensors.rate import ALIKE
 from ..sensors.receiver import Receiver
 from ..setup import choices
+from .descriptors import Descriptors
 from .fast_loop import FastLoop
 from .ports import Configured, Port
 from .spares import OF_SPARES, Spares
 from .state_store import StateStore, calibration_of
+from .stream_check import StreamCheck
 
 if TYPE_CHECKING:
     from .corrections import Corrections
 
 _PARTS = {"imu": "inertial sensor", "gnss": "receiver"}
-_SLEPT_NS = 500_000_000  # between two looks: this process did not run, and silence then says nothing of a device
-_ABSENCE_S = 5.0  # after which a spare takes over: one that comes back sooner finds its filter as it left it
+_ABSENCE_S = 5.0  # after which a spare takes over; a sensor that comes back sooner continues with its filter
 
 
 class Devices:
@@ -59,24 +58,23 @@ class Devices:
     ) -> None:
         """wait: for devices that are absent at the start. Raises UsageError, DeviceAbsentError."""
         self._settings = settings
-        self._fast_loop, self._recordings, self._errors = fast_loop, recordings, errors
+        self._recordings, self._errors = recordings, errors
+        self._descriptors = Descriptors(fast_loop)
+        self._stream_check = StreamCheck()
         self._log = get_logger()
         self.selection = EstimatorSelection(settings, self._log.warning)
         self.ports = [Port(spec, options, self, wait) for spec, options in choices.ports(settings)]
         self.imu: tuple[Port, Inertial] | None = None
         self.gnss: tuple[Port, Receiver] | None = None
-        self.described: tuple[Device, ...] = ()  # those that stream, for the clients
+        self.described: tuple[Device, ...] = ()  # the devices that stream, for the clients
         self._pulse = choices.pulse(settings)
         self.corrections = _corrections(settings.gnss.rtcm) if settings.gnss.rtcm else None
-        self._insisted: float | None = None  # share of the agreed rate for which the sensor was set up anew
-        self._known = calibration.Calibration("")  # of the inertial sensor
-        self._by_fd: dict[int, Port] = {}
+        self._calibration = calibration.Calibration("")  # of the inertial sensor
         self._store = StateStore()
-        self._looked_ns = self._awake_ns = 0  # of `tick`: when last; since when without a long pause between two
         self._closed_spares: dict[str, set[Port]] = {kind: set() for kind in _PARTS}
         self.spares = Spares()  # inertial sensors
         self.sensors: dict[Port, Receiver] = {}  # without positions: compasses, logs, barometers
-        recordings.on_begin, recordings.on_end = self._introduce, self._read_directly
+        recordings.on_begin, recordings.on_end = self._record_all, self._read_directly
 
     def check(self) -> None:
         """Find out early that there is no point in waiting. Raises ImudError as `on_time`."""
@@ -102,30 +100,30 @@ class Devices:
         return min([self.spares.takeover_s, *[port.deadline_s for port in self.ports]])
 
     def on_time(self, now_s: float) -> None:
-        """Do what is due on the ports: try again, end a listening, take over. Raises ImudError as `Port` does."""
+        """Do what is due: open ports, end waits for answers, let a spare take over. Raises ImudError as `Port` does."""
         for port in self.ports:
             try:
                 port.on_time(now_s)
             except ImudError:
                 raise
             except Exception as error:
-                self._give_up(port, error)
+                self._end_connection(port, error)
         if now_s >= self.spares.takeover_s:
             self._take_over()
 
     def __contains__(self, fd: int) -> bool:
-        return fd in self._by_fd
+        return fd in self._descriptors
 
     def on_event(self, fd: int, now_ns: int) -> tuple[int, list[Records]]:
         """Read a port that has bytes; returns the number of new solutions, and the new fixes."""
-        port = self._by_fd[fd]
+        port = self._descriptors[fd]
         try:
             if self.imu and port is self.imu[0]:
                 n = self.imu[1].read(now_ns)
-                self.spares.take(port, self.imu[1], n)
+                self.spares.add_samples(port, self.imu[1], n)
                 return n, []
             if spare := self.spares.sensors.get(port):
-                self.spares.take(port, spare, spare.read(now_ns))
+                self.spares.add_samples(port, spare, spare.read(now_ns))
                 return 0, []
             if self.gnss and port is self.gnss[0]:
                 return 0, self.gnss[1].read(port.line, now_ns)
@@ -138,27 +136,25 @@ class Devices:
         except ImudError:
             raise
         except Exception as error:
-            self._give_up(port, error)
+            self._end_connection(port, error)
         return 0, []
 
-    def _give_up(self, port: Port, error: Exception) -> None:
-        """End the connection in which a defect of imud showed; it is tried again."""
+    def _end_connection(self, port: Port, error: Exception) -> None:
+        """End the connection after a defect of imud in its handling; the port is tried again."""
         self._errors.report(f"the connection on {port.spec.path}", error)
         port.lost("internal error")
 
     def tick(self, now_ns: int) -> None:
-        """Call now and then: looks for streams that fell silent, complaints of lines, and a sensor at a wrong rate."""
-        if now_ns - self._looked_ns > _SLEPT_NS:
-            self._awake_ns = now_ns
-        self._looked_ns = now_ns
+        """Call several times a second: checks streams, compares spares, forwards corrections, saves the state."""
+        self._stream_check.tick(now_ns)
         for port, sensor in [*self.streaming().values(), *self.spares.sensors.items(), *self.sensors.items()]:
-            silent = now_ns - max(sensor.last_data_ns, self._awake_ns) > sensor.silence_ns
-            if silent and not isinstance(port.line, Known):  # a recording may have gaps, and goes on by itself
+            silent = self._stream_check.is_silent(sensor, now_ns)
+            if silent and not isinstance(port.line, Known):  # a recording may have gaps, after which it continues
                 port.lost("the device sends nothing more of use")
         for port in [port for port, sensor in self.sensors.items() if sensor.decoder.status.arrival_ns]:
             port.lost("it sends positions, too: it is a receiver")
-        if self.imu and (share := self.imu[1].rate_ratio()):
-            self._insist(*self.imu, share)
+        if self.imu and (why := self._stream_check.wrong_rate(self.imu[1])):
+            self.imu[0].lost(why)
         if self.imu and self.spares.sensors:
             self._compare(*self.imu, now_ns)
         if self.corrections is not None and (data := self.corrections.read(now_ns)) and self.gnss:
@@ -170,22 +166,16 @@ class Devices:
         if self.imu and isinstance(configured := self.imu[0].configured, ImuConfigured):
             self._store.save_when_due(configured, self.imu[0].spec.path, self.imu[1], now_ns)
 
-    def _insist(self, port: Port, sensor: Inertial, share: float) -> None:
-        """Set up anew a sensor that streams at another rate than agreed; once only, if that does not help."""
-        if share == 1.0:
-            self._insisted = None
-        elif self._insisted is None or abs(share / self._insisted - 1.0) > ALIKE:
-            self._insisted = share
-            agreed_hz = 1.0 / sensor.period_s
-            port.lost(f"about {share * agreed_hz:.3g} samples/s come, {agreed_hz:g} were agreed: set up anew")
-
     def _compare(self, port: Port, sensor: Inertial, now_ns: int) -> None:
-        """Compare all inertial sensors. One in use that is wrong is replaced; if nobody knows which one is wrong, the
-        one in use is doubted as after a power-on: its biases may have changed."""
+        """Compare all inertial sensors, and replace the one in use if it is wrong.
+
+        Where it is not known which one is wrong, the filter continues as after a power-on: the biases of the sensor in
+        use may have changed.
+        """
         disagreed = bool(self.spares.findings(port))
-        self.spares.look(port, sensor, now_ns)
+        self.spares.update(port, sensor, now_ns)
         findings, successor = self.spares.findings(port), self.spares.successor()
-        if self.spares.is_odd(port) and successor and not self.spares.is_odd(successor):
+        if self.spares.is_wrong(port) and successor and not self.spares.is_wrong(successor):
             port.lost(findings[0])
             self._take_over()
         elif findings and not disagreed and isinstance(configured := port.configured, ImuConfigured):
@@ -212,16 +202,11 @@ class Devices:
 
     def watch(self, port: Port, fd: int) -> None:
         """A port opened its device."""
-        self._by_fd[fd] = port
-        self._fast_loop.others.register(fd, select.POLLIN)
+        self._descriptors.add(port, fd)
 
     def unwatch(self, fd: int) -> None:
         """A port closes its device."""
-        del self._by_fd[fd]
-        if fd == self._fast_loop.fd:
-            self._fast_loop.detach()
-        else:
-            self._fast_loop.others.unregister(fd)
+        self._descriptors.remove(fd)
 
     def connected(self, port: Port, driver: AnyDriver, configured: Configured) -> None:
         """A device streams."""
@@ -250,7 +235,7 @@ class Devices:
             self.gnss = (port, Receiver(driver, self._settings.gnss, now_ns, self._pulse, self._settings.aiding))
             self._record(*self.gnss, now_ns)
         self._closed_spares[driver.kind].discard(port)
-        self._wake_spares(driver.kind, math.inf)
+        self._schedule_spares(driver.kind, math.inf)
         self._log.info("streaming", **{name: value for name, value in properties.items() if value})
         if self.imu is None and all(port.configured for port in self.ports):
             self._log.warning("there is no inertial sensor on any port: only the receiver's fixes are passed on")
@@ -266,7 +251,7 @@ class Devices:
         self._log.info("streaming", port=port.spec.path, device=identity.model, baud=identity.baud)
 
     def _use(self, port: Port, driver: ImuDriver, configured: ImuConfigured) -> bool:
-        """From now on this is the inertial sensor in use; returns whether it suffices for the estimator."""
+        """Use this inertial sensor from now on; returns False if the estimator needs more than it measures."""
         now_ns = time.monotonic_ns()
         known = calibration_of(configured.identity)
         stored = self._load(configured, port.spec.path, known)
@@ -277,9 +262,9 @@ class Devices:
         except UsageError as error:
             if self.selection.inertial is None:
                 raise
-            port.reject(str(error))  # who served once does not end because of what is plugged in later
+            port.reject(str(error))  # the daemon has run with another sensor, so it does not end because of this one
             return False
-        self.imu, self._known = (port, inertial), known
+        self.imu, self._calibration = (port, inertial), known
         if stored.checkpoint and self.selection.resumed:
             self._log.info("the filter goes on where an earlier run of the daemon ended")
         self._record(port, inertial, now_ns, stored)
@@ -302,11 +287,12 @@ class Devices:
     def disconnected(self, port: Port) -> None:
         """A device streams no more."""
         self.spares.remove(port)
-        if self._recordings.current and port in [*(used for used, _ in self.streaming().values()), *self.sensors]:
+        recorded = port in [*(used for used, _ in self.streaming().values()), *self.sensors]
+        if self._recordings.current and recorded:
             self._recordings.current.disconnected(self.ports.index(port), port.spec.path)
         for kind, (held, _) in self.streaming().items():
             if held is port:
-                self._wake_spares(kind, time.monotonic() + _ABSENCE_S)
+                self._schedule_spares(kind, time.monotonic() + _ABSENCE_S)
         if self.imu and self.imu[0] is port:
             self.imu = None
         if self.gnss and self.gnss[0] is port:
@@ -315,10 +301,10 @@ class Devices:
         if sensor := self.sensors.pop(port, None):
             self._log.info("sensor ended", port=port.spec.path, **sensor.counters())
         if self.imu:
-            self._read_directly()  # it was perhaps the last spare
+            self._read_directly()  # what disconnected may have been the last spare
         self._describe()
 
-    def _wake_spares(self, kind: str, at_s: float) -> None:
+    def _schedule_spares(self, kind: str, at_s: float) -> None:
         """Have the spares of that kind take over at that time; infinite: never."""
         if kind == "imu":
             self.spares.takeover_s = at_s
@@ -349,25 +335,22 @@ class Devices:
         return stored if self.selection.inertial is None else replace(stored, checkpoint=b"")
 
     def _read_directly(self) -> None:
-        """Let the inertial sensor's line be read in compiled code, if nobody else wants its bytes or samples."""
+        """Let the fast loop read the inertial sensor, if neither a recording nor a comparison needs its data."""
         if self._recordings.current is None:
             for sensor in [*(used for _, used in self.streaming().values()), *self.sensors.values()]:
                 sensor.byte_sink = None
         if self.spares.sensors or not self.imu or self.imu[1].byte_sink is not None:
             return
-        if self.imu[0].line.plain and self._fast_loop.fd < 0:
-            port, inertial = self.imu
-            self._fast_loop.others.unregister(port.fd)
-            self._fast_loop.attach(port.fd, inertial.stream)
+        if self.imu[0].line.plain:
+            self._descriptors.attach(self.imu[0].fd, self.imu[1].stream)
 
     def _read_through_python(self) -> None:
-        """Somebody wants the inertial sensor's bytes, or its samples."""
-        if self.imu and self.imu[0].fd == self._fast_loop.fd:
-            self._fast_loop.detach()
-            self._fast_loop.others.register(self.imu[0].fd, select.POLLIN)
+        """Let Python read the inertial sensor: a recording or a comparison needs its data."""
+        if self.imu:
+            self._descriptors.detach(self.imu[0].fd)
 
-    def _introduce(self) -> None:
-        """Have a recording that begins take the sensors that stream already."""
+    def _record_all(self) -> None:
+        """Record what streams already: a recording has begun."""
         self._read_through_python()
         for port, sensor in [*self.streaming().values(), *self.sensors.items()]:
             self._record(port, sensor, time.monotonic_ns())
@@ -377,13 +360,13 @@ class Devices:
         recorder = self._recordings.current
         if recorder and port.configured:
             number = self.ports.index(port)
-            known = self._known if isinstance(sensor, Inertial) else None
+            known = self._calibration if isinstance(sensor, Inertial) else None
             recorder.connected(number, port.spec.path, port.configured, known, now_ns, stored)
             sensor.byte_sink = recorder.byte_sink(number)
 
 
 def _corrections(source: str) -> "Corrections":
-    from .corrections import Corrections  # what few use costs the others no memory
+    from .corrections import Corrections  # here, as few users need it: it would cost the others memory
 
     return Corrections(source)
 

@@ -1,10 +1,10 @@
 """The daemon's fast loop, which runs without Python: poll, read, decode, stamp, filter, publish.
 
-A line is plain when its bytes come by reading the descriptor and nobody else wants to see them. While the inertial
-sensor's line is plain, a wake-up for its bytes never leaves compiled code. Control returns to Python when anything else
-has happened or is due: another descriptor, a signal, a time, a read that failed, a late batch of which it must be
-decided what is still published, a client whose message is due. So there is one loop, which costs as little as one in
-C, and every fault is handled where it can be seen, in Python.
+A line is plain when its bytes come by reading the descriptor and nothing else in the daemon needs them. While the
+inertial sensor's line is plain, a wake-up for its bytes never leaves compiled code. Control returns to Python when
+anything else has happened or is due: an event of another descriptor, a signal, a deadline, a read that failed, a batch
+so late that publishing it is a decision, a client whose message is due. So there is one loop, which costs as little as
+one in C, and all errors are handled in Python.
 """
 
 import select
@@ -22,18 +22,18 @@ from ..stages import INERTIAL_PIPELINE, RX, ingest
 
 FAST_LOOP = np.dtype(
     [
-        ("fd", "<i4"),  # struct pollfd twice: of the line, -1: there is none that is plain
+        ("fd", "<i4"),  # struct pollfd of the line; -1: no line is plain
         ("events", "<i2"),
-        ("happened", "<i2"),
-        ("others_fd", "<i4"),  # and of the poll object with all other descriptors
+        ("revents", "<i2"),
+        ("others_fd", "<i4"),  # struct pollfd of the poll object with all other descriptors
         ("others_events", "<i2"),
-        ("others_happened", "<i2"),
+        ("others_revents", "<i2"),
         ("timeout_s", "<i8"),  # struct timespec
         ("timeout_ns", "<i8"),
-        ("time", "<i8", (2,)),  # room for another
-        ("at", "<i8"),  # addresses: of this record,
-        ("timeout_at", "<i8"),  # and of parts of it
-        ("time_at", "<i8"),
+        ("time", "<i8", (2,)),  # struct timespec, written by clock_gettime
+        ("poll_address", "<i8"),  # addresses in memory of the two struct pollfd,
+        ("timeout_address", "<i8"),  # and of the two struct timespec
+        ("time_address", "<i8"),
     ],
     align=True,
 )
@@ -47,15 +47,15 @@ def _run_until_event(
     fast_loop: Records, stream: Records, publisher: Records, until_ns: int, publish_ns: int, max_batch: int
 ) -> int:
     c, s = fast_loop[0], stream[0]
-    now_ns = clock_ns(CLOCK_MONOTONIC, c.time_at)
+    now_ns = clock_ns(CLOCK_MONOTONIC, c.time_address)
     while True:
         wait_ns = max(until_ns - now_ns, 0)
         c.timeout_s, c.timeout_ns = wait_ns // _SECOND_NS, wait_ns % _SECOND_NS
-        if ppoll(c.at, 2, c.timeout_at, 0) <= 0:
+        if ppoll(c.poll_address, 2, c.timeout_address, 0) <= 0:
             return 0
-        received = read(c.fd, s.rx + s.fill, min(_CHUNK, RX - s.fill)) if c.happened != 0 else 0
-        now_ns = clock_ns(CLOCK_MONOTONIC, c.time_at)  # after the read: late bytes must not seem early
-        if c.happened != 0:
+        received = read(c.fd, s.rx + s.fill, min(_CHUNK, RX - s.fill)) if c.revents != 0 else 0
+        now_ns = clock_ns(CLOCK_MONOTONIC, c.time_address)  # after the read, so that no stamp is before its bytes
+        if c.revents != 0:
             if received <= 0:
                 return FAILED
             n = ingest(stream, received, now_ns)
@@ -65,7 +65,7 @@ def _run_until_event(
                 publish(publisher, s.solutions, n, s.count, now_ns)
                 if now_ns >= publish_ns:
                     return PUBLISH_DUE
-        if c.others_happened != 0 or now_ns >= until_ns:
+        if c.others_revents != 0 or now_ns >= until_ns:
             return 0
 
 
@@ -76,7 +76,7 @@ class FastLoop:
         self.others = select.epoll()
         self._idle = np.zeros(1, INERTIAL_PIPELINE)
         self._record = np.zeros(1, FAST_LOOP)
-        for name, part in (("at", "fd"), ("timeout_at", "timeout_s"), ("time_at", "time")):
+        for name, part in (("poll_address", "fd"), ("timeout_address", "timeout_s"), ("time_address", "time")):
             self._record[name] = self._record[part].ctypes.data
         self._record["events"] = self._record["others_events"] = select.POLLIN
         self._record["others_fd"] = self.others.fileno()

@@ -1,4 +1,4 @@
-"""Barometers and magnetometers of the kernel as aiding sources: read by a thread, as each reading takes a while."""
+"""Barometers and magnetometers of the kernel as aiding sources. A thread reads them, as a reading blocks."""
 
 import contextlib
 import json
@@ -15,18 +15,18 @@ from imud.drivers.transport.iio_polled import BAROMETER, PolledSensor, find_poll
 from .aiding_socket import LONGEST, Poller
 
 _AT_ONCE = 32
-_AGAIN_S = 2.0  # until an absent sensor is looked for again
+_RETRY_S = 2.0  # until an absent sensor is looked for again
 
 
 class IioReader:
-    """Its datagrams are those that another program would send. Close it: then its thread has ended."""
+    """Gives readings as the datagrams that another program would send. `close` ends the thread."""
 
     def __init__(self, names: tuple[str, ...], rate_hz: float, poller: Poller) -> None:
         self.messages: deque[str] = deque(maxlen=16)  # what is new, until the daemon has logged it
         self._names, self._period_s, self._poller = names, 1.0 / rate_hz, poller
         self._sensors: dict[str, list[PolledSensor]] = {}
         self._retry_s: dict[str, float] = {}
-        self._said: dict[str, str] = {}
+        self._last_message: dict[str, str] = {}
         self._inside, self._outside = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._inside.setblocking(False)
         self._outside.setblocking(False)
@@ -65,21 +65,21 @@ class IioReader:
             for sensor in sensors:
                 before_s = time.time()
                 values = sensor.read()
-                with contextlib.suppress(OSError):  # no room: the daemon has more urgent work
+                with contextlib.suppress(OSError):  # the socket is full: the daemon has more urgent work
                     self._outside.send(datagram(sensor.kind, values, 0.5 * (before_s + time.time())))
-            self._say(name, f"{name}: {' and '.join(sensor.kind for sensor in sensors)} of the kernel")
+            self._report(name, f"{name}: {' and '.join(sensor.kind for sensor in sensors)} of the kernel")
         except (PortError, OSError, ValueError) as error:
             self._sensors.pop(name, None)
-            self._retry_s[name] = time.monotonic() + _AGAIN_S
-            self._say(name, f"iio:{name} cannot be read: {error}")
+            self._retry_s[name] = time.monotonic() + _RETRY_S
+            self._report(name, f"iio:{name} cannot be read: {error}")
 
-    def _say(self, name: str, text: str) -> None:
-        if self._said.get(name) != text:
-            self._said[name] = text
+    def _report(self, name: str, text: str) -> None:
+        if self._last_message.get(name) != text:
+            self._last_message[name] = text
             self.messages.append(text)
 
     def close(self) -> None:
-        """End the thread, once a reading that it waits for is done."""
+        """End the thread; waits up to a second for a reading that has begun."""
         self._ended.set()
         self._thread.join(timeout=1.0)
         self._poller.unregister(self.fd)
@@ -88,7 +88,7 @@ class IioReader:
 
 
 def datagram(kind: str, values: tuple[float, ...], unix_s: float) -> bytes:
-    """A reading, Pa or T, as `AidingReceiver` takes it."""
+    """A reading, Pa or T, in the format of `AidingReceiver`."""
     if kind == BAROMETER:
         return json.dumps({"class": "BARO", "pressure": values[0], "t": unix_s}).encode()
     x, y, z = (1e6 * value for value in values)

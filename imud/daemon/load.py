@@ -1,16 +1,16 @@
 """Whether the machine keeps up with the sensor: by the number of samples that wait when the daemon reads.
 
 A single late batch is processed and published whole. While batches keep coming late (an overload), only some of them
-are published, so that estimation gets the processor; unless publishing takes so little of it that nothing is gained,
-as when another program or the sensor's own line delays them.
+are published, so that estimation gets the processor. All are published where that takes little time, as when another
+program or the sensor's own line delays them.
 """
 
-LATE_S, LATE_SAMPLES = 0.1, 5  # a batch is late if it holds more time than that, and at least so many samples
+LATE_S, LATE_SAMPLES = 0.1, 5  # a batch is late if its samples span more time, and if it has at least so many
 OVERLOAD_NS = 1_000_000_000  # lateness that lasts longer is an overload
-RECOVERY_NS = 500_000_000  # without a late batch, after which lateness is over
+RECOVERY_NS = 500_000_000  # time without a late batch that ends an overload
 OVERLOAD_PERIOD_NS = 500_000_000  # between batches published during an overload
-CHEAP = 0.2  # share of the processor below which publishing never waits
-STALL_NS = 1_000_000_000  # between two ticks: the process did not run
+CHEAP_SHARE = 0.2  # of the processor's time: a publishing that takes less never waits
+STALL_NS = 1_000_000_000  # time between two ticks that means that the process did not run
 
 
 class Load:
@@ -19,10 +19,10 @@ class Load:
     def __init__(self) -> None:
         self.overloaded = False
         self.shed = 0  # batches that were not published during the last overload
-        self._since_ns: int | None = None  # of the first late batch in a row
-        self._late_ns = 0  # of the last one
+        self._since_ns: int | None = None  # time of the first late batch in a row
+        self._late_ns = 0  # time of the last late batch
         self._published_ns = 0
-        self._share = 1.0  # of a batch's time that publishing it took of the processor, the last time
+        self._share = 1.0  # processor time of the last publishing over the time that its batch spans
         self._ticked_ns = 0
         self._reported = False
         self._lost_before = 0
@@ -39,7 +39,7 @@ class Load:
         else:
             self._look_for_recovery(now_ns)
         self.overloaded = self._since_ns is not None and self._late_ns - self._since_ns > OVERLOAD_NS
-        if self.overloaded and self._share > CHEAP and now_ns - self._published_ns < OVERLOAD_PERIOD_NS:
+        if self.overloaded and self._share > CHEAP_SHARE and now_ns - self._published_ns < OVERLOAD_PERIOD_NS:
             self.shed += 1
             return False
         self._published_ns = now_ns
@@ -50,7 +50,7 @@ class Load:
             self._since_ns = None
 
     def published(self, n: int, period_s: float, processor_ns: int) -> None:
-        """Publishing a batch of n samples took so much time of the processor."""
+        """A batch of n samples was published, which took `processor_ns` of processor time."""
         self._share = processor_ns * 1e-9 / (n * period_s)
 
     def messages(self, lost: int, now_ns: int) -> list[str]:
@@ -66,10 +66,10 @@ class Load:
             ]
         if self.overloaded != self._reported:
             self._reported = self.overloaded
-            texts += [self._run_until_event(lost)]
+            texts += [self._overload_message(lost)]
         return texts
 
-    def _run_until_event(self, lost: int) -> str:
+    def _overload_message(self, lost: int) -> str:
         """The line with which an overload begins or ends."""
         if self.overloaded:
             self._lost_before, self.shed = lost, 0

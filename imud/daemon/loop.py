@@ -35,8 +35,8 @@ from .status_reporter import StatusReporter
 if TYPE_CHECKING:
     from .aiding_input import AidingInput
 
-_SLOW_NS = 100_000_000  # what is not urgent is looked after this often
-_SOON_NS = 20_000_000  # while a fix waits for the end of its epoch
+_TICK_NS = 100_000_000  # period of what is not urgent
+_SHORT_TICK_NS = 20_000_000  # its period while a fix waits for the end of its epoch
 _INTERRUPTED, _HUNG_UP = 130, 129
 
 
@@ -82,9 +82,9 @@ class Daemon:
             realtime.apply(self._settings.realtime)
             name = self._devices.selection.estimator.name
             self._log.info("ready", gpsd=" ".join(self._outputs.gpsd.addresses), estimator=name)
-            self._notifier.say("READY=1")
+            self._notifier.send("READY=1")
             stack.callback(self._devices.close)
-            stack.callback(self._notifier.say, "STOPPING=1")
+            stack.callback(self._notifier.send, "STOPPING=1")
             self._serving = True
             self._serve()
         assert self._exit is not None
@@ -101,19 +101,19 @@ class Daemon:
     def _open_aiding(self, stack: contextlib.ExitStack) -> "AidingInput | None":
         if not (self._settings.aiding.listen or self._settings.aiding.iio):
             return None
-        from .aiding_input import AidingInput  # what few use costs the others no memory
+        from .aiding_input import AidingInput  # here, as few users need it: it would cost the others memory
 
         opened = AidingInput(self._settings, self._fast_loop.others, self._devices.selection, self._recordings)
         return stack.enter_context(contextlib.closing(opened))
 
     def _prepare_kernels(self) -> None:
-        """Call once those that numba has to compile, which takes minutes: where there is no library, or a plug-in's."""
+        """Have numba compile kernels, which takes minutes: all where there is no library, else those of plug-ins."""
         compiled = library.library() is not None
         if not compiled:
             self._log.info(
                 "numba compiles the kernels, which takes minutes", estimator=self._devices.selection.estimator.name
             )
-            self._notifier.say("STATUS=compiling", "EXTEND_TIMEOUT_USEC=3600000000")
+            self._notifier.send("STATUS=compiling", "EXTEND_TIMEOUT_USEC=3600000000")
         compilation.warm_loop()
         compilation.warm_decoders(plugins_only=compiled)
         for estimator in self._devices.possible_estimators():
@@ -121,9 +121,9 @@ class Daemon:
                 compilation.warm(estimator, self._settings)
 
     def _serve(self) -> None:
-        slow_ns = 0
+        tick_ns = 0
         while self._exit is None:
-            unpublished = self._run_until_event(slow_ns)
+            unpublished = self._run_until_event(tick_ns)
             now_ns = time.monotonic_ns()
             if self._devices.imu:
                 with self._errors.contain("the publishing of a solution"):
@@ -134,21 +134,21 @@ class Daemon:
             if self._reload_due:
                 with self._errors.contain("the reading of the configuration"):
                     self._reload()
-            if now_ns >= slow_ns:
+            if now_ns >= tick_ns:
                 gnss = self._devices.gnss
-                slow_ns = now_ns + (_SOON_NS if gnss and gnss[1].decoder.pending else _SLOW_NS)
+                tick_ns = now_ns + (_SHORT_TICK_NS if gnss and gnss[1].decoder.pending else _TICK_NS)
                 self._tick_all(now_ns)
 
-    def _run_until_event(self, slow_ns: int) -> int:
-        """Wait until something happens that the cycle does not handle by itself, or until something is due."""
+    def _run_until_event(self, tick_ns: int) -> int:
+        """Wait until something happens that the fast loop does not handle by itself, or until something is due."""
         due_s = self._devices.deadline_s
-        until_ns = round(due_s * 1e9) if due_s < slow_ns * 1e-9 else slow_ns
+        until_ns = round(due_s * 1e9) if due_s < tick_ns * 1e-9 else tick_ns
         return self._fast_loop.run_until_event(
             until_ns, self._outputs.binary, self._outputs.due_ns, self._publisher.max_batch()
         )
 
     def _on_event(self, fd: int, inertial: Inertial, unpublished: int, now_ns: int) -> None:
-        """Do what the cycle left to do: a read that failed, a large batch, a view that is due."""
+        """Handle what the fast loop returned for: a read that failed, a large batch, a message that is due."""
         if unpublished == FAILED:
             self._dispatch(fd, 0, now_ns)
         elif unpublished > 0:
@@ -164,7 +164,7 @@ class Daemon:
                     self._publisher.on_solutions(self._devices.imu[1], n, now_ns)
             with self._errors.contain("the use of a fix"):
                 self._publisher.on_fixes(fixes, self._settings.gnss.latency_s)
-                self._publisher.on_measured()
+                self._publisher.on_readings()
         elif fd == self._wakeup:
             os.read(fd, 64)  # its handler has run
         elif self._aiding is not None and fd in self._aiding:
@@ -174,28 +174,28 @@ class Daemon:
             self._outputs.on_event(fd, mask, now_ns)
 
     def _tick_all(self, now_ns: int) -> None:
-        """Do what is due now and then: unfinished epochs, silence, slow clients, the watchdog, lines for the log."""
+        """Do what is not urgent: unfinished epochs, silence, slow clients, the watchdog, lines for the log."""
         with self._errors.contain("the use of a fix"):
             self._publisher.tick(self._settings.gnss.latency_s, now_ns)
-        with self._errors.contain("a look at the devices"):
+        with self._errors.contain("the check of the devices"):
             self._devices.tick(now_ns)
         with self._errors.contain("the publishing of a fix"):
             if self._devices.imu is None:
                 self._publisher.publish_receiver(now_ns)
         if self._aiding is not None:
-            with self._errors.contain("a look at the measurements"):
+            with self._errors.contain("the check of the measurements"):
                 self._aiding.tick(now_ns)
         self._outputs.tick(now_ns)
-        with self._errors.contain("a look at the state"):
+        with self._errors.contain("the report of the state"):
             self._status_reporter.tick(self._publisher.load, now_ns)
-        with self._errors.contain("a look at the recording"):
+        with self._errors.contain("the check of the recording"):
             for level, text in self._recordings.tick():
                 getattr(self._log, level)(text)
         self._notifier.status("; ".join(f"{port.spec.path}: {port.description}" for port in self._devices.ports))
         self._notifier.alive(now_ns)
 
     def _actions(self) -> dict[signal.Signals, Callable[[], None]]:
-        """What each signal does. Without a configuration file to reread, SIGHUP comes from a terminal, and ends us."""
+        """What each signal does. Without a configuration file to reread, SIGHUP ends the process."""
         codes = {signal.SIGTERM: 0, signal.SIGINT: _INTERRUPTED, signal.SIGHUP: _HUNG_UP}
         actions: dict[signal.Signals, Callable[[], None]] = {n: partial(self._end, codes[n]) for n in endings()}
         if self._reread is not None:
@@ -204,7 +204,7 @@ class Daemon:
 
     def _end(self, code: int) -> None:
         self._exit = code
-        if not self._serving:  # no loop runs yet that would see it
+        if not self._serving:  # the loop that checks _exit does not run yet
             raise SystemExit(code)
 
     def _ask_for_reload(self) -> None:
@@ -214,7 +214,7 @@ class Daemon:
         """Read the configuration again and take over its hot keys; one with an error changes nothing."""
         assert self._reread is not None
         self._reload_due = False
-        self._notifier.say("RELOADING=1", f"MONOTONIC_USEC={time.monotonic_ns() // 1000}")
+        self._notifier.send("RELOADING=1", f"MONOTONIC_USEC={time.monotonic_ns() // 1000}")
         try:
             self._settings, taken, waiting = adopt(self._settings, self._reread())
         except ImudError as error:
@@ -227,4 +227,4 @@ class Daemon:
             self._log.info("read the configuration again", changed=", ".join(taken) or "nothing")
             if waiting:
                 self._log.warning(f"takes effect at the next start: {', '.join(waiting)}")
-        self._notifier.say("READY=1")
+        self._notifier.send("READY=1")

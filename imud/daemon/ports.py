@@ -1,7 +1,7 @@
 """One port, from absent to streaming and back again: the state machine of `port_states.py`, which never waits.
 
-A port without a usable device is tried again at growing intervals; every change is logged once. A port knows when a
-device streams, not what the bytes mean.
+A port without a usable device is tried again at growing intervals; every change is logged once. What the bytes of a
+device that streams mean is not known here.
 """
 
 import math
@@ -37,7 +37,7 @@ _FIRST_RETRY_S, _LAST_RETRY_S = 0.25, 4.0
 _UNTRIED = "not tried yet"
 _FATAL_AT_START: dict[
     type[PortError], type[ImudError]
-] = {  # later another program may close it, or udev set permissions
+] = {  # later they are not: another program may close the port, or udev set its permissions
     PortDeniedError: PermissionDeniedError,
     PortBusyError: InputOutputError,
     NotSerialError: InputOutputError,
@@ -53,7 +53,7 @@ def failure(error: PortError) -> ImudError:
 
 
 class PortOwner(Protocol):
-    """Owns the ports and the poll object; is notified of devices that begin and end to stream."""
+    """Owns the ports and polls their descriptors; is notified when a device begins or ceases to stream."""
 
     def watch(self, port: "Port", fd: int) -> None: ...
     def unwatch(self, fd: int) -> None: ...
@@ -101,7 +101,7 @@ class Port:
         return self._line
 
     def on_time(self, now_s: float) -> None:
-        """Do what is due: open the port, end the wait for an answer, ask for a sample."""
+        """Do what is due: open the port, end the wait for an answer, request a sample."""
         if now_s < self.deadline_s:
             return
         if self._line is None:
@@ -112,12 +112,12 @@ class Port:
             self._request_sample(self.configured.request, now_s)
 
     def on_event(self) -> None:
-        """Bytes for the dialogue. (A streaming port is read by its owner.)"""
+        """Give the dialogue the bytes that have come. The owner reads a port that streams."""
         if self._dialogue is not None:
             self._advance(self._dialogue.on_readable)
 
     def forward(self, data: bytes) -> None:
-        """Write data of others to the device that streams, if it may be written to."""
+        """Write data of another source, such as corrections, to the device that streams, if it may be written to."""
         if self.options.readonly or self.spec.server is not None:
             return
         try:
@@ -150,7 +150,7 @@ class Port:
             self.deadline_s = at_s
 
     def reject(self, why: str) -> None:
-        """Close an unsuitable device; another may be there later."""
+        """Close an unsuitable device, and try again later: another may be there then."""
         self._close(PortEvent.FAILED)
         self._retry_s = _LAST_RETRY_S
         self._schedule_attempt(why, warn=True)
@@ -177,12 +177,12 @@ class Port:
             return
         if self.description == _UNTRIED:
             self._describe("looking for a device")
-        self._converse(search(self.spec, self.options.readonly, self._last_baud), self._on_identified)
+        self._run_dialogue(search(self.spec, self.options.readonly, self._last_baud), self._on_identified)
 
     def _enter(self, event: PortEvent) -> None:
         self.state = next_state(self.state, event)
 
-    def _converse(self, dialogue: Dialogue[Any], on_result: Callable[[Any], None]) -> None:
+    def _run_dialogue(self, dialogue: Dialogue[Any], on_result: Callable[[Any], None]) -> None:
         assert self._line is not None
         self._on_result = on_result
         self._dialogue = DialogueRunner(self._line, dialogue)
@@ -208,7 +208,7 @@ class Port:
             return
         driver = by_name(found.driver)
         self._enter(PortEvent.IDENTIFIED)
-        self._converse(driver.configure(found, self.options), lambda result: self._on_configured(driver, result))
+        self._run_dialogue(driver.configure(found, self.options), lambda result: self._on_configured(driver, result))
 
     def _on_configured(self, driver: AnyDriver, configured: Configured | Unsupported | None) -> None:
         if configured is None:
@@ -223,18 +223,18 @@ class Port:
         self._last_baud = configured.identity.baud
         self.connects += 1
         self._retry_s = _FIRST_RETRY_S
-        asked = isinstance(configured, ImuConfigured) and configured.request is not None
-        self.deadline_s = time.monotonic() if asked else math.inf
+        polled = isinstance(configured, ImuConfigured) and configured.request is not None
+        self.deadline_s = time.monotonic() if polled else math.inf
         for warning in configured.warnings:
             self._log.warning(warning)
-        if driver.kind == "imu" and self.options.polled and not (asked or configured.identity.spi):
-            self._log.warning("this sensor cannot be asked for its samples: it sends them by itself")
+        if driver.kind == "imu" and self.options.polled and not (polled or configured.identity.spi):
+            self._log.warning("this sensor cannot be polled: it sends its samples by itself")
         self._owner.connected(self, driver, configured)
         if self.state is PortState.STREAMING:
             self.description = self._logged = "streaming"
 
     def _request_sample(self, request: Request, now_s: float) -> None:
-        """Ask for a sample. The times to ask are fixed from the start; those that a late wake-up missed are skipped."""
+        """Request a sample. The times of requests are fixed from the start; those missed are skipped."""
         assert self._line is not None
         period_s = request.period_ns * 1e-9
         self.deadline_s += period_s * (1 + math.floor((now_s - self.deadline_s) / period_s))
@@ -244,7 +244,7 @@ class Port:
             self.lost(str(error))
 
     def _fail(self, why: str, same_as: str = "") -> None:
-        """This attempt brought no stream."""
+        """End an attempt that has not made a device stream."""
         self._close(PortEvent.FAILED)
         if not self._wait and not self.connects:
             raise DeviceAbsentError(why)

@@ -18,7 +18,7 @@ def _utc_s(t_ns: int) -> float:
 
 
 class Publisher:
-    """Its only state is counters. All times are monotonic nanoseconds; not thread-safe."""
+    """Has no state but counters. All times are monotonic nanoseconds; not thread-safe."""
 
     def __init__(
         self, devices: Devices, recordings: Recordings, outputs: Outputs, health: Callable[[], Health]
@@ -55,8 +55,8 @@ class Publisher:
             if recorder := self._recordings.current:
                 recorder.record_fix(fix, innovations)
 
-    def on_measured(self) -> None:
-        """Receivers and other sensors may have brought readings."""
+    def on_readings(self) -> None:
+        """Fuse what receivers and other sensors have measured beside positions."""
         for receiver in self._devices.receivers():
             if (inertial := self._devices.selection.inertial) is not None and receiver.measured:
                 filter_ = inertial.stream.filter
@@ -72,7 +72,7 @@ class Publisher:
         """Call several times a second: handles fixes whose epoch ended by silence, and innovations without a fix."""
         if self._devices.gnss:
             self.on_fixes(self._devices.gnss[1].flush(now_ns), latency_s)
-            self.on_measured()
+            self.on_readings()
         inertial = self._devices.selection.inertial
         if inertial is not None and len(innovations := inertial.stream.filter.pending_innovations()):
             self.innovations.add(innovations)
@@ -95,7 +95,7 @@ class Publisher:
         view = view._replace(gnss=receiver.view(now_ns))
         if (fix := receiver.fresh(now_ns)) is None:
             return view
-        from .receiver_solution import solution  # with all of the navigation filter: not at every start
+        from .receiver_solution import solution  # here, as it imports the whole navigation filter
 
         t_ns = int(fix["t_ns"][0])
         return view._replace(solution=solution(fix).tobytes(), utc_s=_utc_s(t_ns), t_mono_ns=t_ns)

@@ -26,8 +26,8 @@ DEVICES = {
     "nmea": "nmea",
     "ubx": "ubx",
 }  # by driver
-OTHERS = ("wheel", "baro", "compass")  # devices of their own names, all of which speak NMEA
-_MISUSE = 64  # exit code of the emulator
+OTHERS = ("wheel", "baro", "compass")  # devices that the user names themselves instead of a driver; all speak NMEA
+_USAGE_ERROR = 64  # exit code of the emulator
 
 
 @contextlib.contextmanager
@@ -46,13 +46,13 @@ def ports(texts: Sequence[str], seed: int) -> Iterator[tuple[str, ...]]:
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="imud-sim-")))
         for scenario in scenarios:
-            ours = [i for i, spec in enumerate(specs) if spec.path == scenario]
-            wanted = [specs[i] for i in ours]
-            for i in ours:
+            own = [i for i, spec in enumerate(specs) if spec.path == scenario]
+            wanted = [specs[i] for i in own]
+            for i in own:
                 path = folder / f"{scenario[len(SCHEME) :]}-{_device(specs[i])}-{i}"
                 driver = "nmea" if specs[i].driver in OTHERS else specs[i].driver
                 specs[i] = replace(specs[i], path=str(path), driver=driver)
-            stack.enter_context(_emulator(wanted, [specs[i].path for i in ours], seed, folder / "log"))
+            stack.enter_context(_emulator(wanted, [specs[i].path for i in own], seed, folder / "log"))
         yield tuple(map(str, specs))
 
 
@@ -77,16 +77,16 @@ def _emulator(specs: Sequence[PortSpec], links: Sequence[str], seed: int, log: P
     command = [sys.executable, "-m", "imud.firmware_sim", f"--scenario={scenario}", f"--seed={seed}"]
     command += [f"--parent={os.getpid()}", *(f"--link={link}" for link in links), "--"]
     command += [_device(spec) + (f"@{spec.baud}" if spec.baud else "") for spec in specs]
-    with log.open("w") as complaints:
-        # a session of its own: Ctrl-C is for us, and ends it through us
+    with log.open("w") as errors:
+        # a session of its own, so that Ctrl-C reaches this process only, which then ends the emulator
         process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=complaints, stdin=subprocess.DEVNULL, start_new_session=True
+            command, stdout=subprocess.PIPE, stderr=errors, stdin=subprocess.DEVNULL, start_new_session=True
         )
     with process:
         try:
             assert process.stdout is not None
             if not all(process.stdout.readline() for _ in specs):
-                kind = UsageError if process.wait() == _MISUSE else ImudError
+                kind = UsageError if process.wait() == _USAGE_ERROR else ImudError
                 why = log.read_text().strip().rpartition("\n")[2].rpartition("error: ")[2]
                 raise kind(f"port {specs[0].path!r}: {why}")
             yield

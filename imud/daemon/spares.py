@@ -1,7 +1,7 @@
 """Spare inertial sensors: they stream beside the one in use, are compared with it, and one of them takes over.
 
-A spare has no filter but `tilt`, which costs next to nothing: it is here for the sensor monitor, the clock, and the
-turn into body axes. Without a spare nothing of this is there.
+A spare has no filter but `tilt`, which costs next to nothing: its pipeline is needed for the sensor monitor, the clock,
+and the rotation into body axes. Without a spare nothing here runs.
 """
 
 import math
@@ -26,7 +26,7 @@ OF_SPARES = registry.by_name(choices.WITHOUT_GYROS)
 
 
 class Spares:
-    """Those that stream, and the comparison of all inertial sensors, by the paths of their ports."""
+    """The spares that stream, and the comparison of all inertial sensors, by the paths of their ports."""
 
     def __init__(self) -> None:
         self.sensors: dict[Port, Inertial] = {}
@@ -64,29 +64,29 @@ class Spares:
             self._compared.remove(path)
             self._comparison.leave(path)
 
-    def take(self, port: "Port", sensor: Inertial, n: int) -> None:
+    def add_samples(self, port: "Port", sensor: Inertial, n: int) -> None:
         """A sensor, spare or in use, has n new samples."""
         if self.sensors:
             if port.spec.path not in self._compared:
                 self._compare(port, sensor)
-            self._comparison.take(port.spec.path, sensor.stream.samples[:n])
+            self._comparison.add_samples(port.spec.path, sensor.stream.samples[:n])
 
-    def look(self, used_port: "Port", used: Inertial, now_ns: int) -> None:
-        """Call several times a second."""
+    def update(self, used_port: "Port", used: Inertial, now_ns: int) -> None:
+        """Call several times a second: compares the sensors."""
         if self.sensors:
             every = {**self.sensors, used_port: used}
-            self._comparison.look({port.spec.path for port, sensor in every.items() if sensor.faults(now_ns)})
+            self._comparison.update({port.spec.path for port, sensor in every.items() if sensor.faults(now_ns)})
 
     def findings(self, port: "Port") -> tuple[str, ...]:
         """How that sensor disagrees with others, in words."""
         verdict = self._comparison.verdicts.get(port.spec.path)
         return () if verdict is None else (f"inertial sensor on {port.spec.path}: {verdict.text}",)
 
-    def is_odd(self, port: "Port") -> bool:
+    def is_wrong(self, port: "Port") -> bool:
         """Whether it is known that this is the sensor that is wrong."""
         verdict = self._comparison.verdicts.get(port.spec.path)
-        return verdict is not None and verdict.odd
+        return verdict is not None and verdict.is_wrong
 
     def successor(self) -> "Port | None":
         """The spare that takes over best."""
-        return min(self.sensors, key=self.is_odd, default=None)
+        return min(self.sensors, key=self.is_wrong, default=None)

@@ -1,4 +1,4 @@
-"""Keeps what the filter knows of the inertial sensor and of the motion for a daemon that is started again in a moment.
+"""Stores what the filter knows of the inertial sensor and of the motion, for the next run of the daemon.
 
 Two files: the biases, which any later version can use while the sensor stays switched on; and a checkpoint of the whole
 filter, with which it goes on as after a gap in the samples.
@@ -20,14 +20,14 @@ from ..sensors.estimator_selection import AWAY_NS
 from ..sensors.inertial import Inertial
 from . import checkpoint_file
 
-_CHECKPOINT_NS, _BIASES_NS = 1_000_000_000, 5_000_000_000  # between two writings
+_CHECKPOINT_NS, _BIASES_NS = 1_000_000_000, 5_000_000_000  # time between two writes
 
 
 class StateStore:
     """Writes in a thread: a disk may stall for seconds."""
 
     def __init__(self) -> None:
-        self._checkpoint_ns = self._biases_ns = 0  # when they are due
+        self._checkpoint_ns = self._biases_ns = 0  # when the next write is due
         self._writer: threading.Thread | None = None
         self._warned = False
 
@@ -45,14 +45,14 @@ class StateStore:
         return Stored(biases, checkpoint)
 
     def save_when_due(self, configured: ImuConfigured, port: str, sensor: Inertial, now_ns: int) -> None:
-        """Call now and then while the sensor streams: writes what is known, every second."""
+        """Call several times a second while the sensor streams: writes the state once a second."""
         busy = self._writer is not None and self._writer.is_alive()
         if not busy and now_ns >= self._checkpoint_ns:
             self._checkpoint_ns = now_ns + _CHECKPOINT_NS
             self._begin_save(configured, port, sensor, now_ns)
 
     def close(self, configured: ImuConfigured, port: str, sensor: Inertial) -> None:
-        """Write what is known at the end of the run."""
+        """Write the state at the end of the run."""
         self._wait()
         self._begin_save(configured, port, sensor, time.monotonic_ns())
         self._wait()

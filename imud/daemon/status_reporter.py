@@ -49,7 +49,7 @@ class StatusReporter:
         streaming = self._devices.streaming()
         for kind in self._faults:
             self._faults[kind] = self._check(kind, pair[0], pair[1], now_ns) if (pair := streaming.get(kind)) else None
-        self._out_of_limits = self._beyond(now_ns)
+        self._out_of_limits = self._beyond_limits(now_ns)
         others: dict[Port, Inertial | Receiver] = {**self._devices.spares.sensors, **self._devices.sensors}
         self._others = {port: self._check(port.spec.path, port, sensor, now_ns) for port, sensor in others.items()}
         for text in load.messages(inertial.lost if inertial else 0, now_ns):
@@ -57,11 +57,11 @@ class StatusReporter:
 
     def _check(self, name: str, port: Port, sensor: Inertial | Receiver, now_ns: int) -> tuple[str, ...]:
         faults = (*sensor.faults(now_ns), *self._devices.spares.findings(port))
-        sensor.look(now_ns)
+        sensor.update(now_ns)
         self._change_logger.faults(name, faults, now_ns)
         return faults
 
-    def _beyond(self, now_ns: int) -> tuple[str, ...]:
+    def _beyond_limits(self, now_ns: int) -> tuple[str, ...]:
         imu, gnss = self._devices.imu, self._devices.gnss
         return (*(imu[1].out_of_limits() if imu else ()), *(gnss[1].out_of_limits(now_ns) if gnss else ()))
 
@@ -80,12 +80,12 @@ class StatusReporter:
     def _aiding_table(self, publisher: Publisher, aiding: "AidingInput | None", now_ns: int) -> dict[str, Any]:
         """The sources of measurements beside fixes, on ports and of other programs; empty: there are none."""
         table = aiding.properties(now_ns) if aiding else {}
-        came = dict(table.get("sources", {}))
+        received_by_source = dict(table.get("sources", {}))
         for receiver in self._devices.receivers():
-            came |= {name: received.table(now_ns) for name, received in receiver.received.items()}
-        if came:
+            received_by_source |= {name: source.table(now_ns) for name, source in receiver.received.items()}
+        if received_by_source:
             known = self._devices.selection.estimator.sources
-            table["sources"] = status_tables.of_sources(came, publisher.innovations, known)
+            table["sources"] = status_tables.of_sources(received_by_source, publisher.innovations, known)
         return table
 
     def status(self, publisher: Publisher, outputs: Outputs, aiding: "AidingInput | None") -> str:

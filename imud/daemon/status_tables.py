@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from .load import Load
     from .ports import Port
 
-_REST = range(REST_N, REST_Z + 1)  # one that is rejected is of a vehicle that sets off, and says nothing of the sigmas
+_REST = range(REST_N, REST_Z + 1)  # these are rejected when a vehicle sets off, which says nothing of the sigmas
 RATIO_SAMPLES = 32.0  # fixes over which an innovation ratio is averaged
 Table = dict[str, Any]
 
@@ -77,9 +77,9 @@ class InnovationStatistics:
 
 
 def of_sources(tables: Mapping[str, Table], innovations: InnovationStatistics, known: Iterable[AidingSource]) -> Table:
-    """Of each aiding source that was heard: what came, how much of it was used, and whether its sigmas are right.
+    """Of each aiding source that has sent something: what came, how much was used, and whether its sigmas are right.
 
-    tables: what came, by source. known: the sources that the estimator takes.
+    tables: what came, by source. known: the sources that the estimator fuses.
     """
     kinds = {source.name: source.innovations for source in known}
     return {name: table | innovations.sum(kinds.get(name, ())) for name, table in tables.items()}
@@ -105,7 +105,7 @@ def of_port(
     port: "Port", now_ns: int, part: "Inertial | Receiver | None" = None, faults: tuple[str, ...] | None = None
 ) -> Table:
     """A port, its device, and what was counted since it began to stream."""
-    table: Table = {"path": port.spec.path, "state": port.state.name.lower(), "story": port.description}
+    table: Table = {"path": port.spec.path, "state": port.state.name.lower(), "description": port.description}
     table |= {"connects": port.connects, "streaming": False}
     configured = port.configured
     if configured is None or part is None:
@@ -119,7 +119,7 @@ def of_port(
         "firmware": identity.firmware,
         "baud": identity.baud or None,
         "health": "; ".join(faults or ()) or "ok",
-        "troubles": len(faults or ()),
+        "fault_count": len(faults or ()),
         "rate_hz": part.rate.hz,
     }
     if isinstance(configured, ImuConfigured):
@@ -161,7 +161,7 @@ def of_filter(inertial: "Inertial | None", estimator: str) -> Table:
 
 
 def _sample_sigmas(inertial: "Inertial | None") -> Table:
-    """What a sample is worth by the noise profile: `imud ros2` makes covariances of it."""
+    """Standard deviations of a sample by the noise profile, from which `imud ros2` makes covariances."""
     sigmas = inertial.sample_sigmas if inertial else (None, None)
     return {name: dataclasses.asdict(s) for name, s in zip(("rate_radps", "force_mps2"), sigmas, strict=True) if s}
 
@@ -171,7 +171,7 @@ def _named(form: str, names: Any, values: Any) -> Table:
 
 
 def of_outputs(gpsd: "GpsdServer", binary: "BinaryOutputs") -> Table:
-    """Clients, and what slow ones lost."""
+    """The number of clients, and what slow ones have lost."""
     counted = dataclasses.asdict(gpsd.counters)
     return {
         "gpsd": {"addresses": " ".join(gpsd.addresses), "clients": gpsd.clients, **counted},
@@ -196,5 +196,5 @@ def flat(table: Mapping[str, Any], prefix: str = "") -> Table:
 
 
 def status_object(table: Table) -> str:
-    """As one flat JSON object with a class of its own: gpsd's clients stumble over anything else."""
+    """The table as one flat JSON object with a class of its own; gpsd's clients do not accept nested ones."""
     return json.dumps({"class": "STATUS", **flat(table)}, separators=(",", ":"))

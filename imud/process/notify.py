@@ -24,7 +24,7 @@ class Notifier:
         self._due_ns = 0
         self._status = ""
 
-    def say(self, *assignments: str) -> None:
+    def send(self, *assignments: str) -> None:
         """Send, for example, "READY=1", "STATUS=waiting". Never blocks, never raises."""
         if self._socket is not None:
             with contextlib.suppress(OSError):
@@ -34,10 +34,10 @@ class Notifier:
         """Feed the watchdog, if there is one; as often as it needs, however often this is called."""
         if self._ping_ns and now_ns >= self._due_ns:
             self._due_ns = now_ns + self._ping_ns
-            self.say("WATCHDOG=1")
+            self.send("WATCHDOG=1")
 
     def status(self, text: str) -> None:
         """What the service is doing, for `systemctl status`; sent when it changes."""
         if text != self._status:
             self._status = text
-            self.say(f"STATUS={text}")
+            self.send(f"STATUS={text}")

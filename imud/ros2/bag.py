@@ -113,7 +113,7 @@ class Bag:
             identity = said.imu().identity if isinstance(sensor, Inertial) else said.gnss().identity
             hardware = " ".join(filter(None, (identity.model or identity.driver, identity.serial)))
             parts.append(Diagnosis(_NAMES[said.kind], sensor.faults(now_ns), hardware, values))
-            sensor.look(now_ns)
+            sensor.update(now_ns)
         self._add(self._converter.of_diagnoses(parts, now_ns + self._offset_ns))
 
     def _add_blocks(self, blocks: Iterable[Block]) -> None:

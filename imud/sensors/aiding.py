@@ -130,10 +130,10 @@ class AidingReceiver:
             self.messages.append(f"measurements come: {source.name}")
         return source, measurement
 
-    def look(self, now_ns: int) -> None:
+    def update(self, now_ns: int) -> None:
         """Call now and then: how fast they come."""
         for received in self._received.values():
-            received.rate.look(received.count, now_ns)
+            received.rate.update(received.count, now_ns)
 
     def faults(self, now_ns: int) -> tuple[str, ...]:
         """The sources that fell silent, in words."""

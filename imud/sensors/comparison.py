@@ -5,9 +5,9 @@ So the means over a second differ by biases, and in proportion to themselves by 
 not quite those of the settings. Both are learned, axis by axis, from the switch-on sigmas on: a Kalman filter whose
 state is a bias and three slopes. A difference that this does not explain for `LASTING` seconds is a disagreement.
 
-Who is wrong is said only on evidence: its own monitor finds a fault; or gravity contradicts one of the two and fits the
-other, since at rest its magnitude is known, and a body that does not accelerate turns as its gravity does; or a third
-sensor agrees with one of them.
+Which sensor is wrong is decided on evidence only: its own monitor finds a fault; or gravity contradicts one of the two
+and agrees with the other, since at rest its magnitude is known, and without acceleration the measured gravity rotates
+at the body's rate; or a third sensor agrees with one of them.
 """
 
 import math
@@ -55,7 +55,7 @@ class Sensor:
     _rows: list[Floats] = field(default_factory=list)
     _times: list[int] = field(default_factory=list)
 
-    def take(self, samples: Records) -> None:
+    def add(self, samples: Records) -> None:
         """Samples (SAMPLE) in body axes, in order."""
         sound = samples[samples["flags"] & SUSPECT == 0]
         numbers = sound["t_ns"] // WINDOW_NS
@@ -124,7 +124,7 @@ class Pair:
         self._cov = np.array([np.diag((bias2, s2, s2, s2)) for bias2, s2 in zip(self._bias2, slope2, strict=True)])
 
     def compare(self) -> None:
-        """Take the windows that both sensors have by now."""
+        """Compare the means over those windows that both sensors have completed."""
         one, other = self.sensors.values()
         for number in sorted(one.means.keys() & other.means.keys()):
             if number > self._compared:
@@ -133,7 +133,7 @@ class Pair:
 
     def _compare(self, number: int) -> None:
         a, b = (each.means[number] for each in self.sensors.values())
-        spread = np.minimum(a.spread, b.spread)  # what one alone has is no motion
+        spread = np.minimum(a.spread, b.spread)  # a spread that only one sensor has is not motion
         swept = min(a.swept, b.swept)
         variance = self._noise2 + UNSTEADY**2 * self._bias2 + 12.0 * (DELAY_S / WINDOW_S * spread) ** 2
         variance[3:] += (LEVER_ARM_M * swept) ** 2 if math.isfinite(swept) else 0.0
@@ -166,7 +166,7 @@ class Pair:
         return list(self.sensors)[found.index((excess, other_sigma))]
 
     def judge(self, faulty: set[str]) -> None:
-        """After `compare`: find who is to blame. faulty: sensors whose own monitors find faults."""
+        """After `compare`: find which sensor is wrong. faulty: sensors whose own monitors find faults."""
         if not self.differing:
             self.blamed = ""
             return
@@ -185,7 +185,7 @@ class Verdict(NamedTuple):
     """What is said of a sensor: in words, and whether it is known that it is the one that is wrong."""
 
     text: str
-    odd: bool
+    is_wrong: bool
 
 
 class SensorComparison:
@@ -206,16 +206,16 @@ class SensorComparison:
         self._sensors[name] = sensor
 
     def leave(self, name: str) -> None:
-        """It streams no more."""
+        """A sensor streams no more."""
         self._sensors.pop(name, None)
         self._pairs = [pair for pair in self._pairs if name not in pair.sensors]
         self._judge(set())
 
-    def take(self, name: str, samples: Records) -> None:
+    def add_samples(self, name: str, samples: Records) -> None:
         """Samples (SAMPLE) of that sensor, in body axes."""
-        self._sensors[name].take(samples)
+        self._sensors[name].add(samples)
 
-    def look(self, faulty: set[str]) -> None:
+    def update(self, faulty: set[str]) -> None:
         """Call several times a second: compares what is complete. faulty: whose own monitors find faults."""
         for pair in self._pairs:
             pair.compare()
@@ -224,20 +224,20 @@ class SensorComparison:
     def _judge(self, faulty: set[str]) -> None:
         for pair in self._pairs:
             pair.judge(faulty)
-        odd = {name for name in self._sensors if self._is_outvoted(name)} | {pair.blamed for pair in self._pairs}
+        wrong = {name for name in self._sensors if self._is_outvoted(name)} | {pair.blamed for pair in self._pairs}
         self.verdicts = {}
         for name in self._sensors:
-            open_ = [p for p in self._of(name) if p.differing and (name in odd or not odd.intersection(p.sensors))]
+            open_ = [p for p in self._of(name) if p.differing and (name in wrong or not wrong.intersection(p.sensors))]
             if open_:
                 others = ", ".join(sorted({other for pair in open_ for other in pair.sensors} - {name}))
                 groups = " and ".join(sorted({group for pair in open_ for group in pair.differing}))
-                end = "it is the one that is wrong" if name in odd else "one of them is wrong; or see imu.mounts"
-                self.verdicts[name] = Verdict(f"{groups} disagree with those of {others}: {end}", name in odd)
+                end = "it is the one that is wrong" if name in wrong else "one of them is wrong; or see imu.mounts"
+                self.verdicts[name] = Verdict(f"{groups} disagree with those of {others}: {end}", name in wrong)
 
     def _of(self, name: str) -> list[Pair]:
         return [pair for pair in self._pairs if name in pair.sensors]
 
     def _is_outvoted(self, name: str) -> bool:
-        """Whether it disagrees with all of several others, of which some agree with one another."""
+        """Whether this sensor disagrees with all of several others, of which some agree with one another."""
         others = [pair for pair in self._pairs if name not in pair.sensors]
         return all(pair.differing for pair in self._of(name)) and any(not pair.differing for pair in others)

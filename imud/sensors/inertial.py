@@ -97,7 +97,7 @@ class Inertial:
         """The samples' rate over the agreed one; None while it is not known. Call it now and then."""
         if self.rate_monitor is None or self._newest < 0:
             return None
-        self.rate_monitor.look(int(self.stream.samples[self._newest]["tick"]), self.last_data_ns)
+        self.rate_monitor.update(int(self.stream.samples[self._newest]["tick"]), self.last_data_ns)
         return self.rate_monitor.share
 
     @property
@@ -119,10 +119,10 @@ class Inertial:
         gyro, accel = sample_sigmas(profile_of(filter_.settings), filter_.rate_hz)
         return gyro if self.has_gyros else None, accel
 
-    def look(self, now_ns: int) -> None:
+    def update(self, now_ns: int) -> None:
         """Call now and then: how fast samples come, and how many of them do not."""
-        self.rate.look(self.samples, now_ns)
-        self._loss_monitor.look(int(self.stream.decoder["frames"][0]), self.lost, now_ns)
+        self.rate.update(self.samples, now_ns)
+        self._loss_monitor.update(int(self.stream.decoder["frames"][0]), self.lost, now_ns)
 
     def faults(self, now_ns: int) -> tuple[str, ...]:
         """What is wrong with the sensor, in words."""

@@ -17,7 +17,7 @@ class LossMonitor:
         self._looks: deque[tuple[int, int, int]] = deque(maxlen=WINDOW_S)
         self.is_high = False
 
-    def look(self, whole: int, damaged: int, now_ns: int) -> None:
+    def update(self, whole: int, damaged: int, now_ns: int) -> None:
         """Take note of how many came whole, and how many did not, as often as is convenient."""
         if self._looks and now_ns - self._looks[-1][0] < SECOND_NS:
             return

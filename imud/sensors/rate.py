@@ -16,7 +16,7 @@ class RateMeter:
     def __init__(self) -> None:
         self._looks: deque[tuple[int, int]] = deque(maxlen=WINDOW_S)
 
-    def look(self, count: int, now_ns: int) -> None:
+    def update(self, count: int, now_ns: int) -> None:
         """Take note of the counter, as often as is convenient."""
         if not self._looks or now_ns - self._looks[-1][0] >= SECOND_NS:
             self._looks.append((now_ns, count))
@@ -42,7 +42,7 @@ class SampleRateMonitor:
         self._last: tuple[int, int] | None = None
         self._seen: deque[float] = deque(maxlen=STEADY)
 
-    def look(self, tick: int, t_ns: int) -> None:
+    def update(self, tick: int, t_ns: int) -> None:
         """Take note of a tick and of when it came, as often as is convenient."""
         if self._last is not None:
             ticks, passed_ns = tick - self._last[0], t_ns - self._last[1]

@@ -187,12 +187,12 @@ class Receiver:
         tables = {name: ", ".join(f"{count} {key}" for key, count in table.items()) for name, table in counters.items()}
         return {"fixes_used": self.used, **{name: text for name, text in tables.items() if text}}
 
-    def look(self, now_ns: int) -> None:
+    def update(self, now_ns: int) -> None:
         """Call now and then: how fast fixes come, and how many sentences do not."""
-        self.rate.look(self.heard, now_ns)
+        self.rate.update(self.heard, now_ns)
         for received in self.received.values():
-            received.rate.look(received.count, now_ns)
-        self._loss_monitor.look(self.decoder.whole, self.decoder.counters["wrong checksum"], now_ns)
+            received.rate.update(received.count, now_ns)
+        self._loss_monitor.update(self.decoder.whole, self.decoder.counters["wrong checksum"], now_ns)
 
     def faults(self, now_ns: int) -> tuple[str, ...]:
         """What is wrong with the receiver, in words."""

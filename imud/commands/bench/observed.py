@@ -29,7 +29,7 @@ class Observer:
         """To be called before the daemon starts."""
         from imud.process.notify import Notifier
 
-        say = Notifier.say
+        say = Notifier.send
 
         def observed(notifier: Notifier, *assignments: str) -> None:
             if "READY=1" in assignments:
@@ -40,7 +40,7 @@ class Observer:
                 self.objects = len(gc.get_objects())
             say(notifier, *assignments)
 
-        Notifier.say = observed  # type: ignore[method-assign, assignment]
+        Notifier.send = observed  # type: ignore[method-assign, assignment]
         set_aside = garbage.set_aside
 
         def unobserved() -> None:

@@ -81,7 +81,7 @@ def diagnoses_of(status: Mapping[str, Any]) -> list[Diagnosis]:
     for port in table["ports"]:
         values = {name: value for name, value in port.items() if not isinstance(value, Mapping)}
         if not port["streaming"]:
-            parts.append(Diagnosis(port["path"], [port["story"]], "", values))
+            parts.append(Diagnosis(port["path"], [port["description"]], "", values))
             continue
         kind = "inertial sensor" if "rate_asked_hz" in port else "receiver"
         hardware = " ".join(filter(None, (port["model"] or port["driver"], port["serial"])))

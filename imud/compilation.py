@@ -25,7 +25,7 @@ from .pipeline import Filter, InertialPipeline
 from .recording.steps import Steps
 from .sensor_errors.noise import allan_variances
 from .sensor_errors.profiles import profile_of
-from .sensor_monitor.health import examine_all, new_health, shown
+from .sensor_monitor.health import check_samples, new_health, recent_findings
 from .stages import decoding
 
 _RATE_HZ, _PERIOD_NS = 1000.0, 1_000_000
@@ -59,7 +59,7 @@ def warm(estimator: Estimator, settings: Settings) -> None:
     filter_.pending_innovations()
     if estimator.aid is not None:
         filter_.aid(np.zeros(1, MEASUREMENT))
-    shown(filter_.health)
+    recent_findings(filter_.health)
 
 
 def warm_replay(estimator: Estimator, settings: Settings) -> None:
@@ -77,7 +77,7 @@ def warm_replay(estimator: Estimator, settings: Settings) -> None:
 def warm_analysis() -> None:
     """Compile, or load, the kernels with which commands look at recordings."""
     allan_variances(np.zeros(4), np.zeros(5), np.ones(1, np.int64), np.zeros(1))
-    examine_all(new_health(profile_of(Settings()), _RATE_HZ), np.zeros(1, SAMPLE))
+    check_samples(new_health(profile_of(Settings()), _RATE_HZ), np.zeros(1, SAMPLE))
 
 
 def entries() -> dict[str, tuple[Entry, tuple[Dtype, ...]]]:

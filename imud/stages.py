@@ -21,7 +21,7 @@ from .estimators import Estimator
 from .estimators.records import SOLUTION
 from .math.arrays import Integers, Records
 from .sensor_errors.calibration import CORRECTION, correct
-from .sensor_monitor.health import HEALTH, examine
+from .sensor_monitor.health import HEALTH, check_sample
 
 Kernel = Callable[..., Any]
 BATCH = 1024  # samples one call may yield: more than a reading can hold of the shortest frames, lines of 6 bytes
@@ -129,7 +129,7 @@ def _stepper(step: Kernel) -> Kernel:
     ) -> None:
         for k in range(n):
             samples[k].t_ns = stamp(clock[0], samples[k].tick, arrival_ns)
-            examine(health[0], samples[k])
+            check_sample(health[0], samples[k])
             correct(samples[k], errors[0])
             step(p[0], s[0], samples[k], out[k])
 
@@ -192,7 +192,7 @@ def _feeder(step: Kernel, update: Kernel, aid: Kernel, pending: Kernel) -> Kerne
                 n += update(p[0], s[0], fixes[fixed], innovations[n:])
                 fixed += 1
             if k < len(samples):
-                examine(health[0], samples[k])
+                check_sample(health[0], samples[k])
                 correct(samples[k], errors[0])
                 step(p[0], s[0], samples[k], out[k])
         return n

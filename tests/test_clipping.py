@@ -11,7 +11,7 @@ from imud.configuration.settings import Imu, Settings
 from imud.drivers.sample import LIMITED_FORCE, LIMITED_RATE
 from imud.estimators.records import SATURATED, SOLUTION
 from imud.sensor_monitor.findings import words
-from imud.sensor_monitor.health import shown
+from imud.sensor_monitor.health import recent_findings
 
 RATE, RANGE = 100, 7.4  # Hz, rad/s
 
@@ -28,7 +28,7 @@ def flags_of(samples, settings=None):
     """(flags that the sensor monitor sets, its findings in words)."""
     filter_, seen = new_filter("attitude", samples, settings), samples.copy()
     filter_.run(seen, np.zeros(len(seen), SOLUTION))
-    return seen["flags"], words(shown(filter_.health))
+    return seen["flags"], words(recent_findings(filter_.health))
 
 
 def test_a_range_is_learned_from_two_plateaus_of_each_side():

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from imud.drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, NO_RATE_AXES, SAMPLE, SATURATED, SUSPECT
 from imud.sensor_errors.profiles import PROFILES
 from imud.sensor_monitor.findings import words
-from imud.sensor_monitor.health import examine, new_health, shown
+from imud.sensor_monitor.health import check_sample, new_health, recent_findings
 
 G = 9.80665
 G350 = PROFILES["m-g350"]
@@ -23,7 +23,7 @@ RATE = 500
 @numba.njit(cache=True)
 def run(health, samples):
     for i in range(len(samples)):
-        examine(health[0], samples[i])
+        check_sample(health[0], samples[i])
 
 
 def noisy(seconds, rng, rate=RATE, gyro_lsbs=4.0, accel_lsbs=10.0, motion=0.0, shaking_lsbs=0.0):
@@ -66,8 +66,10 @@ def test_one_frozen_axis_is_found_within_a_fifth_of_a_second(axis, motion):
     assert not samples["outage_s"][: at(10.0)].any()
     assert not samples["outage_s"][at(15.0) :].any()
     name = "xyz"[axis % 3]
-    assert words(shown(judged(samples[: at(15.0)]))) == (f"{'gyro' if axis < 3 else 'accelerometer'} {name} frozen",)
-    assert shown(health) == 0  # seconds ago
+    assert words(recent_findings(judged(samples[: at(15.0)]))) == (
+        f"{'gyro' if axis < 3 else 'accelerometer'} {name} frozen",
+    )
+    assert recent_findings(health) == 0  # seconds ago
 
 
 @pytest.mark.parametrize("axis", range(3))
@@ -151,7 +153,10 @@ def test_the_ends_of_the_range_are_reported_by_axis():
     assert np.array_equal(limited_force, np.arange(at(4.0), at(4.1)))
     assert (samples["flags"][limited_rate] & SATURATED).all()
     assert not (samples["flags"] & (NO_RATE | NO_FORCE)).any()
-    assert words(shown(health)) == ("gyro y at the end of its range", "accelerometer x at the end of its range")
+    assert words(recent_findings(health)) == (
+        "gyro y at the end of its range",
+        "accelerometer x at the end of its range",
+    )
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf, 1e6])
@@ -163,13 +168,13 @@ def test_what_cannot_be_is_not_taken(wrong):
     assert np.array_equal(np.flatnonzero(samples["flags"] & NO_RATE), np.arange(at(2.5), at(2.6)))
     assert np.array_equal(np.flatnonzero(samples["flags"] & NO_FORCE), np.arange(at(3.0), at(3.1)))
     assert samples["outage_s"][at(2.6) - 1] == pytest.approx(0.1, abs=0.003)
-    assert words(shown(health)) == ("gyro z impossible", "accelerometer z impossible")
+    assert words(recent_findings(health)) == ("gyro z impossible", "accelerometer z impossible")
 
 
 def test_nothing_at_all_is_found_at_once_even_from_the_start():
     samples = noisy(1.0, np.random.default_rng(2))
     samples["w"] = samples["f"] = 0.0
-    assert "shows nothing" in words(shown(judged(samples)))[0]
+    assert "shows nothing" in words(recent_findings(judged(samples)))[0]
     assert np.flatnonzero(samples["flags"] & NO_FORCE)[0] < 10
 
 
@@ -205,12 +210,12 @@ def test_a_sensor_that_is_shaken_without_turning_is_no_fault():
 def test_temperature():
     samples = noisy(1.0, np.random.default_rng(2))
     samples["temperature"] = math.nan  # has none
-    assert shown(judged(samples)) == 0
+    assert recent_findings(judged(samples)) == 0
     samples["temperature"] = 25.0
     samples["temperature"][::30] = -115.0  # words that were damaged on the wire
-    assert shown(judged(samples)) == 0
+    assert recent_findings(judged(samples)) == 0
     samples["temperature"] = 1000.0
-    assert words(shown(judged(samples))) == ("temperature is impossible",)
+    assert words(recent_findings(judged(samples))) == ("temperature is impossible",)
 
 
 def test_an_intermittent_finding_stays():
@@ -221,5 +226,5 @@ def test_an_intermittent_finding_stays():
     seen = set()
     for k in range(at(1.0) + 1, len(samples), 10):
         run(health, samples[k : k + 10])
-        seen.add(shown(health))
+        seen.add(recent_findings(health))
     assert len(seen) == 1

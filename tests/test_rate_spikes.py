@@ -8,7 +8,7 @@ from replay_in_process import new_filter, replay
 
 from imud.estimators.records import SOLUTION
 from imud.sensor_monitor.findings import words
-from imud.sensor_monitor.health import shown
+from imud.sensor_monitor.health import recent_findings
 
 
 def in_a_hand(rate_hz, seed, turning=1.0, seconds=30.0):
@@ -21,7 +21,7 @@ def difference(samples):
     """(what the monitor adds to rates and forces, what it says)."""
     filter_, seen = new_filter("attitude", samples), samples.copy()
     filter_.run(seen, np.zeros(len(seen), SOLUTION))
-    return {name: seen[name] - samples[name] for name in "wf"}, words(shown(filter_.health))
+    return {name: seen[name] - samples[name] for name in "wf"}, words(recent_findings(filter_.health))
 
 
 def replaced(samples):

@@ -9,7 +9,7 @@ from replay_in_process import new_filter
 from imud.drivers.sample import NO_RATE
 from imud.estimators.records import ATTITUDE_VALID, SOLUTION
 from imud.sensor_monitor.findings import words
-from imud.sensor_monitor.health import shown
+from imud.sensor_monitor.health import recent_findings
 
 
 def seen(rate_hz, seed, turning, moving, factor):
@@ -19,7 +19,7 @@ def seen(rate_hz, seed, turning, moving, factor):
     samples = samples_of(truth.t, factor * w, f)
     filter_, out = new_filter("attitude", samples), np.zeros(len(samples), SOLUTION)
     filter_.run(samples, out)
-    return samples, out, words(shown(filter_.health))
+    return samples, out, words(recent_findings(filter_.health))
 
 
 @pytest.mark.parametrize("rate_hz", [50.0, 100.0, 400.0])

@@ -1,12 +1,13 @@
 """Time: a device's counter fitted to the host's monotonic clock.
 
-The line between them is fitted anew after each window (`clock_line`). Stamps follow a changed line by slewing, never by
-stepping back.
+The line that turns ticks into host time is fitted anew after each window (`line.py`). Stamps follow a changed line by
+slewing; they never step back.
 
-A counter may be wrong. One that jumped ahead shows at once: its sample was there before it was taken. (While there is
-no fit that may as well be said of the line: all that it rests on was late. Then everything begins anew.) One that stood
-still while samples were not sent (a sensor may have none, and its samples are counted as they come) makes all that
-follow late, and equally late; bytes that only waited do not, for whoever reads them has caught up with the end of it.
+A counter may be wrong. If it jumped ahead, the next sample arrives before the time that the line gives it, which is
+impossible: the counter is corrected. (Before there is a fit, the line may be wrong instead, because all arrivals so far
+were late: then the clock begins anew.) If the counter stood still for a time (sensors without a counter have their
+samples counted on arrival, so that lost ones are not counted), all later samples are late, and equally late. Bytes that
+only waited in a buffer are late, too, but ever less while the buffer empties.
 """
 
 from __future__ import annotations
@@ -21,14 +22,14 @@ from .line import FAR_NS, POINTS, add_point, refit
 if TYPE_CHECKING:
     from .types import Clock
 
-WINDOW_NS = 0.5e9  # the first ones
+WINDOW_NS = 0.5e9  # length of the first windows
 SLEW = 0.01  # stamps run at most 1 % fast or slow while they catch up with a changed line
-STOP = 0.9  # by how much stamps that are far ahead run slow
-WATCH_NS, WATCHED = 250_000_000.0, 4  # host time, and samples at least, of which not one may be in time
-SAME_NS = 10e6  # as late as before: more is a line that catches up
-UNFITTED_NS = 50e6  # a nominal period may be a few percent off, and the line with it
-PATIENCE = 8  # watches after which lateness is believed, whatever it is
-LATE_SHARE = 1e-3  # of one sample in the mean lateness
+FAST_SLEW = 0.9  # share by which stamps that are far ahead run slow
+WATCH_NS, WATCH_SAMPLES = 250_000_000.0, 4  # least length of a watch, in which it is seen whether any sample is in time
+EQUAL_LATENESS_NS = 10e6  # two watches are equally late within this; otherwise a buffer is emptying
+LATE_UNFITTED_NS = 50e6  # lateness before there is a fit: the nominal period may be wrong by some percent
+MAX_LATE_WATCHES = 8  # after so many late watches in a row the clock begins anew
+MEAN_LATENESS_GAIN = 1e-3  # weight of one sample in the mean lateness
 
 CLOCK = np.dtype(
     [
@@ -38,27 +39,27 @@ CLOCK = np.dtype(
         ("fitted", "<i8"),  # 1: slope comes from arrivals
         ("base_tick", "<i8"),
         ("base_ns", "<i8"),
-        ("missed", "<f8"),  # ticks that passed since base_tick and were not counted
+        ("uncounted_ticks", "<f8"),  # ticks since base_tick that the counter missed
         ("slope", "<f8"),  # fitted period, ns per tick
         ("sigma_slope", "<f8"),  # its standard deviation, once there is a fit
         ("offset", "<f8"),  # ns above base_ns at base_tick
-        ("slew_ns", "<f8"),  # what stamps are still ahead of the line
+        ("slew_ns", "<f8"),  # by how much stamps are still ahead of the line
         ("last_tick", "<i8"),
         ("last_ns", "<i8"),
-        ("window_ns", "<f8"),  # length
-        ("window_start", "<i8"),  # tick
-        ("window_x", "<f8"),
-        ("window_arrival", "<f8"),
-        ("window_residual", "<f8"),
-        ("window_samples", "<i8"),  # not far too late
-        ("window_mean_x", "<f8"),  # of their ticks
-        ("window_mean", "<f8"),  # of their arrivals
-        ("watch_start", "<f8"),  # arrival
+        ("window_ns", "<f8"),  # length of a window
+        ("window_start", "<i8"),  # its first tick
+        ("window_x", "<f8"),  # ticks since base_tick, of its earliest arrival
+        ("window_arrival", "<f8"),  # ns since base_ns, of the same
+        ("window_residual", "<f8"),  # ns above the line, of the same
+        ("window_samples", "<i8"),  # samples in it that are not far too late
+        ("window_mean_x", "<f8"),  # mean of their ticks
+        ("window_mean", "<f8"),  # mean of their arrivals
+        ("watch_start", "<f8"),  # arrival with which the watch began, ns since base_ns
         ("watch_samples", "<i8"),
-        ("watch_least", "<f8"),  # lateness of the earliest
-        ("watch_before", "<f8"),  # and in the watch before
-        ("watches", "<i8"),  # in a row that were late
-        ("count", "<i8"),
+        ("watch_min_lateness", "<f8"),  # ns, least lateness in it
+        ("last_watch_lateness", "<f8"),  # ns, the same of the watch before
+        ("late_watches", "<i8"),  # watches in a row without a sample in time
+        ("count", "<i8"),  # of points that the line is fitted to
         ("ticks", "<f8", (POINTS,)),  # earliest arrival of each window, oldest first
         ("arrivals", "<f8", (POINTS,)),
         ("mean_ticks", "<f8", (POINTS,)),  # mean arrival of each window
@@ -66,16 +67,16 @@ CLOCK = np.dtype(
         ("hull", "<i8", (POINTS,)),  # scratch
         ("heights", "<f8", (POINTS,)),  # scratch
         ("residual_ns", "<f8"),  # median distance of the window minima above the line, once there is a fit
-        ("corrections", "<i8"),  # of the counter
-        ("late_ns", "<f8"),  # how much later than at best samples come, mean of late
-        ("latest_ns", "<f8"),  # and at most
+        ("corrections", "<i8"),  # how often the counter was corrected
+        ("late_ns", "<f8"),  # lateness of samples: moving mean
+        ("latest_ns", "<f8"),  # and largest
     ],
     align=True,
 )
 
 
 def new_clock(period_ns: float, delay_ns: float) -> Any:
-    """A clock (array of one `CLOCK`) for a counter of nominal `period_ns` whose samples are `delay_ns` old at best."""
+    """A clock (array of one `CLOCK`) for a counter of nominal `period_ns`, of samples at least `delay_ns` old."""
     clock = np.zeros(1, CLOCK)
     clock["period_ns"], clock["delay_ns"] = period_ns, delay_ns
     return clock
@@ -89,18 +90,18 @@ def _restart(clock: Clock, tick: int, arrival_ns: int) -> None:
         clock.slope = clock.period_ns
     clock.started = 1
     clock.fitted = 0
-    clock.missed = 0.0
+    clock.uncounted_ticks = 0.0
     clock.offset = 0.0
     clock.slew_ns = 0.0
     clock.count = 0
     clock.window_ns = WINDOW_NS
-    _window_anew(clock, tick)
-    clock.watches = 0
-    _watch_anew(clock, 0.0)
+    _begin_window(clock, tick)
+    clock.late_watches = 0
+    _begin_watch(clock, 0.0)
 
 
 @kernel
-def _window_anew(clock: Clock, tick: int) -> None:
+def _begin_window(clock: Clock, tick: int) -> None:
     clock.window_start = tick
     clock.window_residual = np.inf
     clock.window_samples = 0
@@ -109,15 +110,15 @@ def _window_anew(clock: Clock, tick: int) -> None:
 
 
 @kernel
-def _watch_anew(clock: Clock, y: float) -> None:
+def _begin_watch(clock: Clock, y: float) -> None:
     clock.watch_start = y
     clock.watch_samples = 0
-    clock.watch_least = np.inf
+    clock.watch_min_lateness = np.inf
 
 
 @kernel
-def _gather(clock: Clock, tick: int, x: float, y: float, residual: float) -> None:
-    """Keep the earliest arrival of each window, and the mean, for the fit; what came far too late does not count."""
+def _add_to_window(clock: Clock, tick: int, x: float, y: float, residual: float) -> None:
+    """Keep the earliest and the mean arrival of each window for the fit; ignore arrivals that are far too late."""
     if residual < clock.window_residual:
         clock.window_residual = residual
         clock.window_x = x
@@ -130,49 +131,49 @@ def _gather(clock: Clock, tick: int, x: float, y: float, residual: float) -> Non
         if clock.window_residual < FAR_NS or clock.fitted == 0:
             add_point(clock)
             refit(clock, x)
-        _window_anew(clock, tick)
+        _begin_window(clock, tick)
 
 
 @kernel
 def _correct(clock: Clock, tick: int, ticks: float) -> None:
-    """So many ticks passed that were not counted (negative: were counted and did not pass)."""
-    clock.missed += ticks
+    """Correct the counter by `ticks` that it missed; negative: that it counted too many."""
+    clock.uncounted_ticks += ticks
     clock.corrections += 1
-    _window_anew(clock, tick)
+    _begin_window(clock, tick)
 
 
 @kernel
-def _watch(clock: Clock, tick: int, arrival_ns: int, residual: float) -> None:
-    """Notice samples that are all late, and equally late, for two watches: the counter missed the time before them."""
+def _check_lateness(clock: Clock, tick: int, arrival_ns: int, residual: float) -> None:
+    """Correct the counter if all samples of two watches are late, and equally late: it missed some ticks before."""
     y = float(arrival_ns - clock.base_ns)
     clock.watch_samples += 1
-    clock.watch_least = min(clock.watch_least, residual)
-    if y - clock.watch_start < WATCH_NS or clock.watch_samples < WATCHED:
+    clock.watch_min_lateness = min(clock.watch_min_lateness, residual)
+    if y - clock.watch_start < WATCH_NS or clock.watch_samples < WATCH_SAMPLES:
         return
-    least, before = clock.watch_least, clock.watch_before
-    clock.watch_before = least
-    clock.watches = clock.watches + 1 if least > (FAR_NS if clock.fitted else UNFITTED_NS) else 0
-    _watch_anew(clock, y)
-    if clock.watches < 2:
+    least, before = clock.watch_min_lateness, clock.last_watch_lateness
+    clock.last_watch_lateness = least
+    clock.late_watches = clock.late_watches + 1 if least > (FAR_NS if clock.fitted else LATE_UNFITTED_NS) else 0
+    _begin_watch(clock, y)
+    if clock.late_watches < 2:
         return
-    same = abs(least - before) < SAME_NS
-    if same and clock.fitted:
+    equal = abs(least - before) < EQUAL_LATENESS_NS
+    if equal and clock.fitted:
         _correct(clock, tick, min(least, before) / clock.slope)
-        clock.watches = 0
-    elif same or clock.watches >= PATIENCE:
+        clock.late_watches = 0
+    elif equal or clock.late_watches >= MAX_LATE_WATCHES:
         clock.corrections += 1
         _restart(clock, tick, arrival_ns)
 
 
 @kernel
 def stamp(clock: Clock, tick: int, arrival_ns: int) -> int:
-    """Host time (int64 ns) of the sample with counter `tick`, which was there at `arrival_ns`. Strictly increasing."""
+    """Host time (int64 ns) of the sample with counter `tick`, which arrived at `arrival_ns`. Strictly increasing."""
     if clock.started == 0 or tick <= clock.last_tick:
         _restart(clock, tick, arrival_ns)
         clock.last_tick = tick - 1
     y = float(arrival_ns - clock.base_ns)
-    x = tick - clock.base_tick + clock.missed
-    passed = clock.slope * (tick - clock.last_tick)
+    x = tick - clock.base_tick + clock.uncounted_ticks
+    elapsed = clock.slope * (tick - clock.last_tick)
     residual = y - (clock.offset + clock.slope * x)
     if residual < -FAR_NS and clock.fitted == 0:
         ahead = clock.slew_ns - residual
@@ -180,7 +181,7 @@ def stamp(clock: Clock, tick: int, arrival_ns: int) -> int:
         clock.slew_ns = ahead
         x = y = residual = 0.0
     if residual < -FAR_NS:
-        ahead = min(-residual, passed) / clock.slope
+        ahead = min(-residual, elapsed) / clock.slope
         _correct(clock, tick, -ahead)
         x -= ahead
         residual += ahead * clock.slope
@@ -189,17 +190,17 @@ def stamp(clock: Clock, tick: int, arrival_ns: int) -> int:
         clock.slew_ns -= residual
         residual = 0.0
         clock.window_residual = np.inf
-    _gather(clock, tick, x, y, residual)
+    _add_to_window(clock, tick, x, y, residual)
     if clock.fitted == 1:
-        clock.late_ns += LATE_SHARE * (residual - clock.late_ns)
+        clock.late_ns += MEAN_LATENESS_GAIN * (residual - clock.late_ns)
         clock.latest_ns = max(clock.latest_ns, residual)
     if clock.slew_ns < -FAR_NS:
         clock.slew_ns = 0.0
-    most = (STOP if clock.slew_ns > FAR_NS else SLEW) * passed
-    clock.slew_ns -= max(-most, min(most, clock.slew_ns))
+    max_change = (FAST_SLEW if clock.slew_ns > FAR_NS else SLEW) * elapsed
+    clock.slew_ns -= max(-max_change, min(max_change, clock.slew_ns))
     line = clock.offset + clock.slope * x + clock.slew_ns - clock.delay_ns
     t_ns = max(int(clock.base_ns + int(line + 0.5)), int(clock.last_ns) + 1)
     clock.last_tick = tick
     clock.last_ns = t_ns
-    _watch(clock, tick, arrival_ns, residual)
+    _check_lateness(clock, tick, arrival_ns, residual)
     return t_ns

@@ -1,16 +1,17 @@
-"""The line that turns a counter into host time, from the earliest arrivals that the clock gathered.
+"""The line that turns a counter into host time, fitted to the earliest arrivals.
 
-Nothing arrives before it was sent, and much arrives late: so the line lies below all arrivals and as close to them as
-it can. Over a window the earliest arrival counts, and the windows grow, all alike, until they reach back four
-minutes. The edge of their lower convex hull above the middle (the least sum of distances of all lines below the
-points) shows which of them were in time, and a regression through those gives the slope. Where no arrival is quite in
-time the windows' means scatter less: they give a slope as well, and each of the two counts by the inverse of its
-variance. A slope is believed if half of the points are near its line: in the first seconds most may have been late.
+No sample arrives before it was sent, and many arrive late: so the line lies below all arrivals, as close to them as
+possible. The earliest arrival of each window is a point; all windows grow together, until they reach back four minutes.
+The edge of the points' lower convex hull at the middle of the time (of all lines below the points, that with the least
+sum of distances) shows which points were in time, and a regression through those gives the slope. Where no arrival is
+quite in time the windows' mean arrivals scatter less: they give a second slope, and the two are averaged, weighted by
+the inverse of their variances. A slope is accepted if half of the points are near its line: in the first seconds most
+may have been late.
 
-The line lies below all of the points, and deeper the more they differ and the fewer they are: samples that wait for
-each other are hardly ever in time, and then none of the points may have been. The depth is how far above its end the
-least of so many values from a Weibull distribution is expected, in units of what lies between quartile and median:
-minima tend to that distribution.
+Where samples queue behind each other hardly any is in time, so that perhaps no point was. So the line lies below all
+points by a depth that is greater the more the points scatter and the fewer they are. Minima tend to a Weibull
+distribution; the depth is the expected distance of the least of so many Weibull values from the distribution's end,
+scaled by the distance between the points' quartile and median.
 
 Source: Zhang, Liu and Xia, Clock synchronization algorithms for network measurements, IEEE INFOCOM (2002), sec. III.
 """
@@ -30,18 +31,20 @@ if TYPE_CHECKING:
     from ..math.arrays import Reals
     from .types import Clock
 
-POINTS, LONGEST_NS = 64, 4e9  # windows, and their length at last
+POINTS, MAX_WINDOW_NS = 64, 4e9  # number of windows, and their greatest length
 FIT_SPAN_NS = 3e9  # a slope needs a base line this long; until then the nominal period holds
-FAR_NS = 20e6  # more than jitter: what is this far from the line was counted wrongly, and is not caught up with slowly
-SHAPE = 2.2  # of the Weibull distribution that stands for arrivals hardly ever in time
-LEAST = math.gamma(1.0 + 1.0 / SHAPE) / (math.log(2.0) ** (1.0 / SHAPE) - math.log(4.0 / 3.0) ** (1.0 / SHAPE))
-PERIOD_TOLERANCE = 0.5  # a period further off its nominal value is not believed
+FAR_NS = 20e6  # more than jitter: a sample this far from the line was counted wrongly, which slewing does not mend
+WEIBULL_SHAPE = 2.2  # shape of the Weibull distribution, of arrivals that are hardly ever in time
+WEIBULL_DEPTH = math.gamma(1.0 + 1.0 / WEIBULL_SHAPE) / (
+    math.log(2.0) ** (1.0 / WEIBULL_SHAPE) - math.log(4.0 / 3.0) ** (1.0 / WEIBULL_SHAPE)
+)
+PERIOD_TOLERANCE = 0.5  # a fitted period that differs by a greater share from its nominal value is rejected
 
 
 @kernel
-def _make_room(clock: Clock) -> None:
-    """Join windows two by two, which keeps the points alike; once they are long, forget the oldest."""
-    if clock.window_ns >= LONGEST_NS:
+def _merge_windows(clock: Clock) -> None:
+    """Merge windows in pairs, so that all are of the same length; once they are long, drop the oldest instead."""
+    if clock.window_ns >= MAX_WINDOW_NS:
         for i in range(1, clock.count):
             clock.ticks[i - 1], clock.arrivals[i - 1] = clock.ticks[i], clock.arrivals[i]
             clock.mean_ticks[i - 1], clock.mean_arrivals[i - 1] = clock.mean_ticks[i], clock.mean_arrivals[i]
@@ -60,8 +63,9 @@ def _make_room(clock: Clock) -> None:
 
 @kernel
 def add_point(clock: Clock) -> None:
+    """Append the window that has ended to the points."""
     if clock.count == POINTS:
-        _make_room(clock)
+        _merge_windows(clock)
     clock.ticks[clock.count] = clock.window_x
     clock.arrivals[clock.count] = clock.window_arrival
     clock.mean_ticks[clock.count] = clock.window_mean_x
@@ -71,7 +75,7 @@ def add_point(clock: Clock) -> None:
 
 @kernel
 def _hull_slope(clock: Clock) -> float:
-    """Slope of the lower hull's edge above the middle of the time."""
+    """Slope of the lower hull's edge at the middle of the time."""
     hull = clock.hull
     n = 0
     middle = 0.5 * (clock.ticks[0] + clock.ticks[clock.count - 1])
@@ -94,7 +98,7 @@ def _hull_slope(clock: Clock) -> float:
 
 @kernel
 def _heights(clock: Clock, slope: float) -> tuple[float, float, float]:
-    """Where the line of this slope below all points begins; their median height; how far arrivals in time lie below."""
+    """Of a line of this slope: its offset below all points, their median height above it, and the depth (see above)."""
     heights = clock.heights
     for i in range(clock.count):
         height = clock.arrivals[i] - slope * clock.ticks[i]
@@ -104,7 +108,9 @@ def _heights(clock: Clock, slope: float) -> tuple[float, float, float]:
             k -= 1
         heights[k] = height
     n = clock.count
-    depth = LEAST / elementary.exp(elementary.log(float(n)) / SHAPE) * (heights[n // 2] - heights[n // 4])
+    depth = (
+        WEIBULL_DEPTH / elementary.exp(elementary.log(float(n)) / WEIBULL_SHAPE) * (heights[n // 2] - heights[n // 4])
+    )
     return heights[0], heights[n // 2] - heights[0], depth
 
 
@@ -112,7 +118,7 @@ def _heights(clock: Clock, slope: float) -> tuple[float, float, float]:
 def _regression(
     ticks: Reals, arrivals: Reals, count: int, slope: float, offset: float, scale: float
 ) -> tuple[float, float]:
-    """Slope and its variance; a point so many `scale`s above the line of `slope` and `offset` weighs ever less."""
+    """Slope and its variance; the weight of a point falls with its height above the line, in units of `scale`."""
     origin = ticks[count - 1]
     n = x = y = xx = xy = yy = 0.0
     for i in range(count):
@@ -133,7 +139,7 @@ def _regression(
 
 @kernel
 def _settled_slope(clock: Clock) -> tuple[float, float]:
-    """Slope of the earliest arrivals near the hull's line and of the windows' means, each as it scatters; its sigma."""
+    """Slope, and its sigma: of the earliest arrivals near the hull's line and of the windows' means, averaged."""
     slope = _hull_slope(clock)
     offset, median, _ = _heights(clock, slope)
     n = clock.count
@@ -145,22 +151,22 @@ def _settled_slope(clock: Clock) -> tuple[float, float]:
 
 @kernel
 def _rough_slope(clock: Clock) -> float:
-    """Slope from the first point to the last, if those between agree with it and plainly not with the slope so far."""
+    """Slope from the first point to the last, if those between agree with it but not with the slope so far."""
     last = clock.count - 1
     if last < 2:
         return float(clock.slope)
     span = clock.ticks[last] - clock.ticks[0]
     slope = (clock.arrivals[last] - clock.arrivals[0]) / span
-    believed = abs(slope / clock.period_ns - 1.0) < PERIOD_TOLERANCE and abs(slope - clock.slope) * span > FAR_NS
+    plausible = abs(slope / clock.period_ns - 1.0) < PERIOD_TOLERANCE and abs(slope - clock.slope) * span > FAR_NS
     for i in range(1, last):
         line = clock.arrivals[0] + slope * (clock.ticks[i] - clock.ticks[0])
-        believed = believed and abs(clock.arrivals[i] - line) < FAR_NS
-    return float(slope if believed else clock.slope)
+        plausible = plausible and abs(clock.arrivals[i] - line) < FAR_NS
+    return float(slope if plausible else clock.slope)
 
 
 @kernel
 def refit(clock: Clock, x: float) -> None:
-    """Lay the line anew below the window minima; stamps stay where they are and slew to it."""
+    """Fit the line to the window minima; stamps do not jump, but slew to it from now on. x: ticks since base_tick."""
     before = clock.offset + clock.slope * x
     if (clock.ticks[clock.count - 1] - clock.ticks[0]) * clock.period_ns >= FIT_SPAN_NS:
         slope, sigma = _settled_slope(clock)

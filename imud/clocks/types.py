@@ -10,7 +10,7 @@ class Clock:
     fitted: int
     base_tick: int
     base_ns: int
-    missed: float
+    uncounted_ticks: float
     slope: float
     sigma_slope: float
     offset: float
@@ -27,9 +27,9 @@ class Clock:
     window_mean: float
     watch_start: float
     watch_samples: int
-    watch_least: float
-    watch_before: float
-    watches: int
+    watch_min_lateness: float
+    last_watch_lateness: float
+    late_watches: int
     count: int
     ticks: Reals
     arrivals: Reals

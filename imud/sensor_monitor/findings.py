@@ -1,10 +1,17 @@
-"""What the sensor monitor finds: the bits of its findings, and what they are in words."""
+"""What the sensor monitor can find: a bit for each finding, and its words."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-FROZEN, LIMITED, INVALID, ZERO, WEIGHT, TEMPERATURE = 0, 6, 12, 18, 19, 20  # the first three per axis
-SPIKE = 21  # per axis of the gyro
+FROZEN, LIMITED, INVALID, ZERO, WEIGHT, TEMPERATURE = (
+    0,
+    6,
+    12,
+    18,
+    19,
+    20,
+)  # the first three have six bits, for the axes
+SPIKE = 21  # three bits, for the axes of the gyro
 UNITS = 24
 FINDINGS = 25
 
@@ -18,7 +25,7 @@ _WHOLE = (
 
 
 def words(findings: int) -> tuple[str, ...]:
-    """Findings in words; none: the sensor is well."""
+    """Findings in words; empty where there are none."""
     if not findings:
         return ()
     texts = []
@@ -32,6 +39,6 @@ def words(findings: int) -> tuple[str, ...]:
 
 
 def counted(health: NDArray[np.void]) -> list[str]:
-    """All that was ever found, of a HEALTH record array, with the number of samples."""
-    counts = health["found"][0].tolist()
+    """All findings since the start with their numbers of samples, of a HEALTH record array."""
+    counts = health["found_count"][0].tolist()
     return [f"{text} ({count} samples)" for bit, count in enumerate(counts) if count for text in words(1 << bit)]

@@ -1,17 +1,18 @@
 """Whether an inertial sensor's readings can be true, axis by axis: frozen, at the end of the range, impossible.
 
-`examine` marks a sample whose readings are not credible (flags of `drivers/sample.py`) and says since when they have
-not been; what that means for the estimate is the estimator's business.
+`check_sample` marks a sample whose readings cannot be true (flags of `drivers/sample.py`), and says for how long they
+have not been (`outage_s`); estimators read both.
 
-An axis is frozen when it repeats its value for longer than its noise allows. The noise is learned, because a quiet
-sensor with a coarse resolution, or a simulated one without noise, may well repeat itself for ever. From sample to
-sample noise goes up and down and motion does not, so noise is measured by second differences, in the quietest block
-seen. An axis is judged only if these were at least FINE times its resolution (the smallest change seen) and if its data
-sheet promises noise above the resolution. Some sensors hold a value for a few samples: the longest hold seen is usual.
+An axis is frozen when it repeats its value for longer than its noise allows. The noise is learned, because a sensor
+with little noise and a coarse resolution, or a simulated one without noise, may repeat a value for ever. Noise changes
+its sign from sample to sample and motion does not, so noise is measured by second differences, in the block in which
+they were smallest. An axis can be found frozen only if these were at least MIN_NOISE_STEPS times its resolution (the
+smallest change seen) and if the noise of its data sheet is above the resolution. Some sensors hold each value for a few
+samples: a hold is too long only if it is HOLD_FACTOR times the longest one seen before.
 
 A specific force that differs from gravity is no evidence of a fault: a hand shakes a sensor with 3 g, an aircraft in a
-steep turn pulls as much for a minute. Both turn or change. A force that stays the same and far from gravity for 10 s in
-a sensor that does not turn would be an acceleration along a straight line to more than 50 m/s.
+steep turn has as much for a minute. Both rotate, or the force changes. A constant force far from gravity for 10 s,
+without rotation, would be an acceleration along a straight line to more than 50 m/s.
 """
 
 from __future__ import annotations
@@ -45,21 +46,21 @@ from .units import RATE_UNITS, new_units, rates_are_in_degrees
 if TYPE_CHECKING:
     from .types import Health
 
-LEAST_RUN, LEAST_RUN_S = 20, 0.1  # of equal samples
-USUAL = 8  # times the longest hold
-BLOCK = 256  # samples from which noise is judged
-HOLD = 8  # equal samples that are worth a look, and spoil a block
-RESTLESS = BLOCK // 4  # bends to and fro in a block: of white noise three quarters of the samples
-FINE = 2.0  # resolutions: mean second difference of white noise of one resolution, of which 20 equal are impossible
-ZEROS = 3  # samples whose force is exactly nothing
-IMPOSSIBLE = 2.0  # times the range
-LATITUDE = 0.999  # of the range: scale factors are rounded
-LIGHTEST, HEAVIEST = 0.5, 2.0  # of gravity: a specific force beyond is far from it
-FAR_S, NEAR_S = 10.0, 1.0  # for which it is far while the sensor does not turn, or near, without a break
-STEADY, STEADY_G = 0.25, 0.1  # of the force, and of gravity: by so much a steady one may change
-TURNING = 0.1  # rad/s, beyond the biases of most gyros; an aircraft of 2 g at 170 m/s turns as fast
-COLDEST, HOTTEST = -60.0, 130.0  # degC; one damaged word among good ones is none of the sensor's
-SHOWN_NS = 2_000_000_000  # so long a finding is reported after it was last made
+MIN_REPEATS, MIN_REPEATS_S = 20, 0.1  # least number, and time, of equal samples of a frozen axis
+HOLD_FACTOR = 8  # an axis is frozen from so many times its longest hold on
+BLOCK = 256  # samples over which noise is measured
+LONG_HOLD = 8  # equal samples from which an axis is checked; noise is not measured in their block
+MIN_SIGN_CHANGES = BLOCK // 4  # of second differences in a block of noise; white noise has three times as many
+MIN_NOISE_STEPS = 2.0  # mean second difference, in resolutions, from which 20 equal samples in a row are impossible
+ZERO_SAMPLES = 3  # samples in a row whose specific force is exactly 0
+IMPOSSIBLE_RATIO = 2.0  # a reading beyond so many times the range is impossible
+RANGE_SHARE = 0.999  # a reading from this share of the range on is at its end: scale factors are rounded
+MIN_FORCE_G, MAX_FORCE_G = 0.5, 2.0  # times gravity: a specific force outside is far from gravity
+FAR_S, NEAR_S = 10.0, 1.0  # time far from gravity that is a fault, and near gravity that ends the fault
+STEADY, STEADY_G = 0.25, 0.1  # a constant force changes by less than these shares of itself and of gravity
+TURN_RATE = 0.1  # rad/s of a rotation: more than most gyro biases; an aircraft of 2 g at 170 m/s has as much
+MIN_TEMPERATURE, MAX_TEMPERATURE = -60.0, 130.0  # degC, for MIN_REPEATS samples: one may be a damaged word
+REPORT_NS = 2_000_000_000  # time for which a finding is reported after it was last made
 
 _RATES, _FORCES = 0b000111, 0b111000
 _NO_RATE = _RATES << FROZEN | _RATES << INVALID | 1 << UNITS
@@ -71,34 +72,34 @@ HEALTH = np.dtype(
         ("spikes", SPIKES),
         ("units", RATE_UNITS),
         ("range", "<f8", (6,)),  # rad/s about x y z, m/s^2 along x y z; the sensor's axes
-        ("promised", "<f8", (6,)),  # noise of a sample by the profile, same units
-        ("least_run", "<i8"),
+        ("profile_noise", "<f8", (6,)),  # standard deviation of a sample by the profile, same units
+        ("min_repeats", "<i8"),
         ("far_samples", "<i8"),  # in FAR_S
         ("near_samples", "<i8"),  # in NEAR_S
         ("samples", "<i8"),
         ("last_ns", "<i8"),
-        ("fresh", "<f8", (6,)),  # scratch: the sample at hand
+        ("reading", "<f8", (6,)),  # scratch: rates and forces of the sample
         ("value", "<f8", (6,)),  # of the newest sample
-        ("step", "<f8", (6,)),  # its difference from the one before
-        ("curve", "<f8", (6,)),  # and that one's from the one before
-        ("finest", "<f8", (6,)),  # smallest difference
-        ("turns", "<i8", (6,)),  # changes of the second difference's sign, in the block at hand
-        ("bend", "<f8", (6,)),  # sum of its sizes
-        ("spoilt", "<i8", (6,)),  # 1: the block says nothing
-        ("quietest", "<f8", (6,)),  # mean second difference of the quietest block; infinite: not known
-        ("run", "<i8", (6,)),  # equal samples
-        ("held", "<i8", (6,)),  # as many, once they are worth a look
-        ("run_ns", "<i8", (6,)),  # when that value came
-        ("longest", "<i8", (6,)),
-        ("zeros", "<i8"),
-        ("fever", "<i8"),  # samples in sequence with an impossible temperature
-        ("far", "<i8"),  # samples whose force was far from gravity while the sensor did not turn, without a break
-        ("near", "<i8"),  # samples in sequence whose force was near gravity
-        ("far_ns", "<i8"),  # when the first of `far` came
-        ("far_force", "<f8", (3,)),  # and its force
-        ("informative_ns", "<i8", (2,)),  # last sample whose rates, and forces, were informative
-        ("found_ns", "<i8", (FINDINGS,)),  # when last
-        ("found", "<i8", (FINDINGS,)),  # samples
+        ("difference", "<f8", (6,)),  # its difference from the sample before
+        ("second_difference", "<f8", (6,)),  # the change of that difference
+        ("resolution", "<f8", (6,)),  # smallest difference seen
+        ("sign_changes", "<i8", (6,)),  # of the second difference, in the present block
+        ("second_difference_sum", "<f8", (6,)),  # sum of its magnitudes in the block
+        ("block_invalid", "<i8", (6,)),  # 1: do not measure noise in this block
+        ("noise", "<f8", (6,)),  # least mean second difference of a block; infinite: not known
+        ("repeats", "<i8", (6,)),  # equal samples in a row
+        ("hold", "<i8", (6,)),  # the same from LONG_HOLD on, and until the hold has ended
+        ("repeats_start_ns", "<i8", (6,)),  # time of the first of them
+        ("longest_hold", "<i8", (6,)),  # longest normal hold seen
+        ("zero_count", "<i8"),  # samples in a row with a specific force of exactly 0
+        ("bad_temperature_count", "<i8"),  # samples in a row with an impossible temperature
+        ("far_count", "<i8"),  # samples in a row with a constant force far from gravity
+        ("near_count", "<i8"),  # samples in a row with a force near gravity
+        ("far_start_ns", "<i8"),  # time of the first sample in far_count
+        ("far_force", "<f8", (3,)),  # m/s^2, its specific force
+        ("informative_ns", "<i8", (2,)),  # time of the last sample with credible rates, and with credible forces
+        ("found_ns", "<i8", (FINDINGS,)),  # of each finding, when it was last made
+        ("found_count", "<i8", (FINDINGS,)),  # and in how many samples
     ],
     align=True,
 )
@@ -107,137 +108,138 @@ HEALTH = np.dtype(
 def new_health(profile: Profile, rate_hz: float) -> NDArray[np.void]:
     """A record (array of one HEALTH) for a sensor of this profile at `rate_hz`."""
     h = np.zeros(1, HEALTH)
-    h["range"] = np.repeat((LATITUDE * profile.gyro_range, LATITUDE * profile.accel_range), 3)
+    h["range"] = np.repeat((RANGE_SHARE * profile.gyro_range, RANGE_SHARE * profile.accel_range), 3)
     h["clipping"], h["spikes"] = new_clipping(rate_hz), new_spikes(rate_hz)
     h["units"] = new_units(rate_hz)
     h["clipping"]["floor"] = np.minimum(h["clipping"]["floor"], h["range"])
-    h["promised"] = np.repeat((profile.gyro_noise, profile.accel_noise), 3) * math.sqrt(0.5 * rate_hz)
-    h["least_run"] = max(LEAST_RUN, round(LEAST_RUN_S * rate_hz))
-    h["far_samples"], h["near_samples"] = max(LEAST_RUN, round(FAR_S * rate_hz)), max(1, round(NEAR_S * rate_hz))
-    h["finest"] = h["quietest"] = math.inf
+    h["profile_noise"] = np.repeat((profile.gyro_noise, profile.accel_noise), 3) * math.sqrt(0.5 * rate_hz)
+    h["min_repeats"] = max(MIN_REPEATS, round(MIN_REPEATS_S * rate_hz))
+    h["far_samples"], h["near_samples"] = max(MIN_REPEATS, round(FAR_S * rate_hz)), max(1, round(NEAR_S * rate_hz))
+    h["resolution"] = h["noise"] = math.inf
     h["value"] = math.nan
     return h
 
 
 @kernel
-def take(h: Health, sample: Any) -> bool:
-    """Note the values and what they tell of the noise; returns whether any of them deserves a closer look.
+def update_statistics(h: Health, sample: Any) -> bool:
+    """Update the statistics of all axes with a sample; returns whether any axis may be at fault, for `check_axis`.
 
-    Nearly all of what it costs to judge a sample is here, so there are no branches: this can become vector code.
+    Nearly all of the time that a sample costs is spent here. There are no branches, so that it compiles to vector code.
     """
-    value, step, curve, finest, turns, bend, run = h.value, h.step, h.curve, h.finest, h.turns, h.bend, h.run
+    value, difference, second_difference, resolution = h.value, h.difference, h.second_difference, h.resolution
+    sign_changes, second_difference_sum, repeats = h.sign_changes, h.second_difference_sum, h.repeats
     for i in range(3):
-        h.fresh[i], h.fresh[3 + i] = sample.w[i], sample.f[i]
-    odd = False
-    bends = 0.0
+        h.reading[i], h.reading[3 + i] = sample.w[i], sample.f[i]
+    suspicious = False
+    total = 0.0
     for i in range(6):
-        v = h.fresh[i]
+        v = h.reading[i]
         d = v - value[i]
         size = abs(d)
-        second = d - step[i]
-        turns[i] += second * curve[i] < 0.0
-        bend[i] += abs(second)
-        bends += bend[i]
-        finest[i] = min(finest[i], size if size > 0.0 else math.inf)
-        curve[i], step[i], value[i] = second, d, v
-        odd |= (run[i] >= HOLD - 1) | (not abs(v) < h.clipping.floor[i])
-        run[i] = run[i] + 1 if size == 0.0 else 0
-    return odd | (not bends < math.inf)
+        second = d - difference[i]
+        sign_changes[i] += second * second_difference[i] < 0.0
+        second_difference_sum[i] += abs(second)
+        total += second_difference_sum[i]
+        resolution[i] = min(resolution[i], size if size > 0.0 else math.inf)
+        second_difference[i], difference[i], value[i] = second, d, v
+        suspicious |= (repeats[i] >= LONG_HOLD - 1) | (not abs(v) < h.clipping.floor[i])
+        repeats[i] = repeats[i] + 1 if size == 0.0 else 0
+    return suspicious | (not total < math.inf)
 
 
 @kernel
 def end_block(h: Health) -> None:
-    """At the end of a block, learn the noise of each axis that held no value in it."""
+    """At the end of a block, update the noise of each axis for which the block is valid."""
     for i in range(6):
-        if h.spoilt[i] == 0 and h.turns[i] >= RESTLESS:
-            h.quietest[i] = min(h.quietest[i], h.bend[i] / BLOCK)
-        h.bend[i] = 0.0
-        h.turns[i] = h.spoilt[i] = 0
+        if h.block_invalid[i] == 0 and h.sign_changes[i] >= MIN_SIGN_CHANGES:
+            h.noise[i] = min(h.noise[i], h.second_difference_sum[i] / BLOCK)
+        h.second_difference_sum[i] = 0.0
+        h.sign_changes[i] = h.block_invalid[i] = 0
 
 
 @kernel
 def repeats_itself(h: Health, i: int, t_ns: int) -> bool:
     """Whether axis i has held its value for too long."""
-    most = max(h.least_run, USUAL * h.longest[i])
-    if h.run[i] < HOLD:
-        if h.held[i] < most:
-            h.longest[i] = max(h.longest[i], h.held[i])
-        h.held[i] = 0
+    most = max(h.min_repeats, HOLD_FACTOR * h.longest_hold[i])
+    if h.repeats[i] < LONG_HOLD:
+        if h.hold[i] < most:
+            h.longest_hold[i] = max(h.longest_hold[i], h.hold[i])
+        h.hold[i] = 0
         return False
-    if h.run[i] == HOLD:
-        h.run_ns[i] = t_ns - HOLD * (t_ns - h.last_ns)
-    h.held[i] = h.run[i]
-    h.spoilt[i] = 1
-    fine = FINE * h.finest[i] <= h.quietest[i] < math.inf and h.finest[i] <= h.promised[i]
-    return bool(fine and h.run[i] >= most)
+    if h.repeats[i] == LONG_HOLD:
+        h.repeats_start_ns[i] = t_ns - LONG_HOLD * (t_ns - h.last_ns)
+    h.hold[i] = h.repeats[i]
+    h.block_invalid[i] = 1
+    fine = MIN_NOISE_STEPS * h.resolution[i] <= h.noise[i] < math.inf and h.resolution[i] <= h.profile_noise[i]
+    return bool(fine and h.repeats[i] >= most)
 
 
 @kernel
-def judge_axis(h: Health, i: int, t_ns: int) -> int:
-    """Findings on axis i."""
+def check_axis(h: Health, i: int, t_ns: int) -> int:
+    """Findings on axis i, as bits."""
     size = abs(h.value[i])
     if not math.isfinite(size):
-        h.spoilt[i] = 1
+        h.block_invalid[i] = 1
         return 1 << (INVALID + i)
-    if not math.isfinite(h.curve[i]):  # one of the two values before was not
-        h.step[i] = h.curve[i] = h.bend[i] = 0.0
-        h.spoilt[i] = 1
+    if not math.isfinite(h.second_difference[i]):  # one of the two values before was not finite
+        h.difference[i] = h.second_difference[i] = h.second_difference_sum[i] = 0.0
+        h.block_invalid[i] = 1
     if size >= h.range[i]:
-        h.spoilt[i] = 1
-        return 1 << ((INVALID if size > IMPOSSIBLE * h.range[i] else LIMITED) + i)
-    if size > h.clipping.floor[i] and is_clipped(h.clipping, i, h.value[i], h.step[i]):
-        h.spoilt[i] = 1
+        h.block_invalid[i] = 1
+        return 1 << ((INVALID if size > IMPOSSIBLE_RATIO * h.range[i] else LIMITED) + i)
+    if size > h.clipping.floor[i] and is_clipped(h.clipping, i, h.value[i], h.difference[i]):
+        h.block_invalid[i] = 1
         return 1 << (LIMITED + i)
     return 1 << (FROZEN + i) if repeats_itself(h, i, t_ns) else 0
 
 
 @kernel
 def is_steady(h: Health, square: float) -> bool:
-    """Whether the sensor does not turn, and shows the force of the first far sample."""
+    """Whether the sensor does not rotate, and its specific force is still that of the first far sample."""
     v = h.value
     turn2 = change2 = 0.0
     for i in range(3):
         turn2 += v[i] * v[i]
         change2 += (v[3 + i] - h.far_force[i]) ** 2
-    return bool(turn2 < TURNING**2 and change2 < STEADY**2 * square + (STEADY_G * STANDARD_GRAVITY) ** 2)
+    return bool(turn2 < TURN_RATE**2 and change2 < STEADY**2 * square + (STEADY_G * STANDARD_GRAVITY) ** 2)
 
 
 @kernel
 def is_far_from_gravity(h: Health, square: float, t_ns: int) -> bool:
-    """Whether the specific force (its square in (m/s^2)^2) has been far from gravity for so long that it is false."""
-    if (LIGHTEST * STANDARD_GRAVITY) ** 2 < square < (HEAVIEST * STANDARD_GRAVITY) ** 2:
-        h.near += 1
-        if h.near >= h.near_samples or h.far < h.far_samples:
-            h.far = 0
+    """Whether the specific force has been far from gravity for too long. square: of its magnitude, (m/s^2)^2."""
+    if (MIN_FORCE_G * STANDARD_GRAVITY) ** 2 < square < (MAX_FORCE_G * STANDARD_GRAVITY) ** 2:
+        h.near_count += 1
+        if h.near_count >= h.near_samples or h.far_count < h.far_samples:
+            h.far_count = 0
     elif 0.0 < square < math.inf:
-        h.near = 0
-        if h.far > 0 and (h.far >= h.far_samples or is_steady(h, square)):
-            h.far += 1
+        h.near_count = 0
+        if h.far_count > 0 and (h.far_count >= h.far_samples or is_steady(h, square)):
+            h.far_count += 1
         else:
-            h.far, h.far_ns = 1, t_ns
+            h.far_count, h.far_start_ns = 1, t_ns
             for i in range(3):
                 h.far_force[i] = h.value[3 + i]
-    return bool(h.far >= h.far_samples)
+    return bool(h.far_count >= h.far_samples)
 
 
 @kernel
-def judge_force(h: Health, t_ns: int) -> int:
-    """Findings on the three forces together."""
+def check_force(h: Health, t_ns: int) -> int:
+    """Findings on the specific force as a vector, as bits."""
     f = h.value
     square = f[3] * f[3] + f[4] * f[4] + f[5] * f[5]
-    h.zeros = h.zeros + 1 if square == 0.0 else 0
-    findings = 1 << ZERO if h.zeros >= ZEROS else 0
+    h.zero_count = h.zero_count + 1 if square == 0.0 else 0
+    findings = 1 << ZERO if h.zero_count >= ZERO_SAMPLES else 0
     return findings | 1 << WEIGHT if is_far_from_gravity(h, square, t_ns) else findings
 
 
 @kernel
 def mark(h: Health, sample: Any, findings: int) -> None:
-    """Write what the findings mean into the sample, and when they were made into the record."""
+    """Set the flags of the sample by the findings; count these in the record, with their times."""
     t_ns = sample.t_ns
     for i in range(FINDINGS):
         if findings >> i & 1:
             h.found_ns[i] = t_ns
-            h.found[i] += 1
+            h.found_count[i] += 1
     if findings & (0b111111 << LIMITED):
         sample.flags |= SATURATED
         sample.flags |= LIMITED_RATE if findings & (_RATES << LIMITED) else 0
@@ -246,7 +248,7 @@ def mark(h: Health, sample: Any, findings: int) -> None:
     since = t_ns
     for i in range(6):
         if findings >> (FROZEN + i) & 1:
-            since = min(since, h.run_ns[i])
+            since = min(since, h.repeats_start_ns[i])
     if findings & _NO_RATE:
         sample.flags |= NO_RATE
         if findings >> UNITS & 1 == 0:
@@ -256,28 +258,29 @@ def mark(h: Health, sample: Any, findings: int) -> None:
         sample.flags |= NO_FORCE
         since = min(since, h.informative_ns[1])
     if findings >> WEIGHT & 1:
-        since = min(since, h.far_ns)
+        since = min(since, h.far_start_ns)
     sample.outage_s = (t_ns - since) * 1e-9
 
 
 @kernel
-def examine(h: Health, sample: Any) -> None:
-    """Judge one sample (sensor axes, stamped) and mark it. Damage on the wire says nothing of the sensor."""
+def check_sample(h: Health, sample: Any) -> None:
+    """Check one sample (sensor axes, stamped) and mark it. One that was damaged on the wire is ignored."""
     sample.outage_s = 0.0
     if sample.flags & SUSPECT:
         return
     if h.samples == 0:
         h.informative_ns[0] = h.informative_ns[1] = sample.t_ns
     findings = 0
-    if take(h, sample) or h.samples == 0:
+    if update_statistics(h, sample) or h.samples == 0:
         for i in range(6):
-            findings |= judge_axis(h, i, sample.t_ns)
-    findings |= judge_force(h, sample.t_ns)
+            findings |= check_axis(h, i, sample.t_ns)
+    findings |= check_force(h, sample.t_ns)
     findings |= 1 << UNITS if rates_are_in_degrees(h.units, sample) else 0
     frozen = findings >> FROZEN & _RATES != 0
     findings |= replace_spikes(h.spikes, sample, findings >> LIMITED | findings >> INVALID, frozen) << SPIKE
-    h.fever = h.fever + 1 if sample.temperature < COLDEST or sample.temperature > HOTTEST else 0
-    if h.fever >= LEAST_RUN:
+    impossible = sample.temperature < MIN_TEMPERATURE or sample.temperature > MAX_TEMPERATURE
+    h.bad_temperature_count = h.bad_temperature_count + 1 if impossible else 0
+    if h.bad_temperature_count >= MIN_REPEATS:
         findings |= 1 << TEMPERATURE
     h.samples += 1
     if h.samples % BLOCK == 0:
@@ -292,21 +295,21 @@ def examine(h: Health, sample: Any) -> None:
 
 
 @entry
-def examine_all(health: NDArray[np.void], samples: NDArray[np.void]) -> None:
-    """`examine` each of these samples."""
+def check_samples(health: NDArray[np.void], samples: NDArray[np.void]) -> None:
+    """`check_sample` for each of these samples."""
     for k in range(len(samples)):
-        examine(health[0], samples[k])
+        check_sample(health[0], samples[k])
 
 
 @entry
-def shown(health: NDArray[np.void]) -> int:
-    """The findings of the last `SHOWN_NS`, bit by bit, of a HEALTH record array: one that comes and goes stays."""
+def recent_findings(health: NDArray[np.void]) -> int:
+    """The findings of the last REPORT_NS as bits, of a HEALTH record array; so one that comes and goes stays."""
     h = health[0]
     now_ns = max(h.informative_ns[0], h.informative_ns[1])
     for i in range(FINDINGS):
         now_ns = max(now_ns, h.found_ns[i])
     findings = 0
     for i in range(FINDINGS):
-        if h.found[i] > 0 and now_ns - h.found_ns[i] < SHOWN_NS:
+        if h.found_count[i] > 0 and now_ns - h.found_ns[i] < REPORT_NS:
             findings |= 1 << i
     return findings

@@ -39,7 +39,7 @@ class RateUnits:
     force: Reals
     covariance: float
     expected2: float
-    seen2: float
+    measured2: float
     degrees: int
 
 
@@ -48,31 +48,31 @@ class Health:
     spikes: Spikes
     units: RateUnits
     range: Reals
-    promised: Reals
-    least_run: int
+    profile_noise: Reals
+    min_repeats: int
     far_samples: int
     near_samples: int
     samples: int
     last_ns: int
-    fresh: Reals
+    reading: Reals
     value: Reals
-    step: Reals
-    curve: Reals
-    finest: Reals
-    turns: Integers
-    bend: Reals
-    spoilt: Integers
-    quietest: Reals
-    run: Integers
-    held: Integers
-    run_ns: Integers
-    longest: Integers
-    zeros: int
-    fever: int
-    far: int
-    near: int
-    far_ns: int
+    difference: Reals
+    second_difference: Reals
+    resolution: Reals
+    sign_changes: Integers
+    second_difference_sum: Reals
+    block_invalid: Integers
+    noise: Reals
+    repeats: Integers
+    hold: Integers
+    repeats_start_ns: Integers
+    longest_hold: Integers
+    zero_count: int
+    bad_temperature_count: int
+    far_count: int
+    near_count: int
+    far_start_ns: int
     far_force: Reals
     informative_ns: Integers
     found_ns: Integers
-    found: Integers
+    found_count: Integers

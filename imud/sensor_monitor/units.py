@@ -1,9 +1,9 @@
-"""Rates in degrees per second, where radians are expected: gravity in the sensor does not turn as they say.
+"""Finds rates in degrees per second instead of radians: the measured gravity rotates more slowly than the rates say.
 
-While a sensor turns by w, gravity in it changes by f x w. The part k of the change that is seen in what the rates say
-is 1, and 1/57.3 if they are in deg/s. Accelerations change the force, too: they make k uncertain. So rates are in
-deg/s if, over up to `WINDOW_S` of fast rates, k is about 1/57.3, and certainly so; and from then on, until k is
-certainly about 1: a unit does not change with the motion.
+While a sensor rotates at w, the specific force f of gravity changes at the rate f x w. The regression coefficient k of
+the measured change on this expected change is 1, and 1/57.3 if the rates are in deg/s. Accelerations change the force,
+too, so k has a variance. Rates are in deg/s from when k is significantly near 1/57.3, over up to WINDOW_S of fast
+rates, until it is significantly above: a unit does not change with the motion.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
     from .types import RateUnits
 
 DEG = math.pi / 180.0
-WINDOW_S, LOOKS = 5.0, 4  # of rates that count; so often in it k is looked at
-LEAST_RATE = 2.0  # rad/s, that counts; 2 deg/s if it is in deg/s
-NEAR = 2.0  # by this factor k may differ from 1/57.3
-SIGMAS = 6.0  # by so many k must differ from 0
+WINDOW_S, DECISIONS = 5.0, 4  # time of fast rates over which k is estimated, and how often in it k is tested
+MIN_RATE = 2.0  # rad/s of a fast rate; 2 deg/s if the rates are in deg/s
+MAX_RATIO = 2.0  # factor by which k may differ from 1/57.3
+SIGMAS = 6.0  # sigmas by which k must differ from the other value
 
 RATE_UNITS = np.dtype(
     [
         ("period", "<f8"),  # s
-        ("window", "<i8"),  # samples
-        ("samples", "<i8"),
-        ("force", "<f8", (3,)),  # m/s^2, of the sample before
-        ("covariance", "<f8"),  # (m/s^2)^2, sum of the products of seen and expected changes
-        ("expected2", "<f8"),  # sums of their squares
-        ("seen2", "<f8"),
+        ("window", "<i8"),  # samples in WINDOW_S
+        ("samples", "<i8"),  # with fast rates, in the present window
+        ("force", "<f8", (3,)),  # m/s^2, specific force of the sample before
+        ("covariance", "<f8"),  # (m/s^2)^2, sum of the products of measured and expected changes
+        ("expected2", "<f8"),  # (m/s^2)^2, sums of their squares
+        ("measured2", "<f8"),
         ("degrees", "<i8"),  # 1: the rates are in deg/s
     ],
     align=True,
@@ -42,42 +42,43 @@ RATE_UNITS = np.dtype(
 def new_units(rate_hz: float) -> Any:
     """A record (array of one RATE_UNITS) for samples at this rate."""
     u = np.zeros(1, RATE_UNITS)
-    u["period"], u["window"], u["force"] = 1.0 / rate_hz, max(100, LOOKS * round(WINDOW_S / LOOKS * rate_hz)), math.nan
+    u["period"], u["force"] = 1.0 / rate_hz, math.nan
+    u["window"] = max(100, DECISIONS * round(WINDOW_S / DECISIONS * rate_hz))
     return u
 
 
 @kernel
 def rates_are_in_degrees(u: RateUnits, sample: Any) -> bool:
-    """Whether the rates are in deg/s. Once per sample."""
+    """Whether the rates are in deg/s. Call once for each sample."""
     w, f = sample.w, sample.f
     expected = (f[1] * w[2] - f[2] * w[1], f[2] * w[0] - f[0] * w[2], f[0] * w[1] - f[1] * w[0])
-    covariance = expected2 = seen2 = 0.0
+    covariance = expected2 = measured2 = 0.0
     for i in range(3):
-        seen, turned = f[i] - u.force[i], expected[i] * u.period
-        covariance += seen * turned
-        expected2 += turned * turned
-        seen2 += seen * seen
+        measured, expected_change = f[i] - u.force[i], expected[i] * u.period
+        covariance += measured * expected_change
+        expected2 += expected_change * expected_change
+        measured2 += measured * measured
         u.force[i] = f[i]
-    if w[0] * w[0] + w[1] * w[1] + w[2] * w[2] < LEAST_RATE**2 or not expected2 + seen2 < math.inf:
+    if w[0] * w[0] + w[1] * w[1] + w[2] * w[2] < MIN_RATE**2 or not expected2 + measured2 < math.inf:
         return bool(u.degrees == 1)
     u.samples += 1
     u.covariance += covariance
     u.expected2 += expected2
-    u.seen2 += seen2
-    if u.samples % (u.window // LOOKS) == 0:
-        look(u)
+    u.measured2 += measured2
+    if u.samples % (u.window // DECISIONS) == 0:
+        decide(u)
     return bool(u.degrees == 1)
 
 
 @kernel
-def look(u: RateUnits) -> None:
-    """Decide by what the window has shown so far, if that is certain; at its end, begin another."""
+def decide(u: RateUnits) -> None:
+    """Decide by the sums of the window so far, if they are significant; at its end, begin a new window."""
     k = u.covariance / u.expected2
-    variance = u.seen2 / (3.0 * u.samples * u.expected2)
-    if DEG / NEAR < k < DEG * NEAR and k * k > SIGMAS**2 * variance:
+    variance = u.measured2 / (3.0 * u.samples * u.expected2)
+    if DEG / MAX_RATIO < k < DEG * MAX_RATIO and k * k > SIGMAS**2 * variance:
         u.degrees = 1
-    elif k > 1.0 / NEAR and (k - DEG) ** 2 > SIGMAS**2 * variance:
+    elif k > 1.0 / MAX_RATIO and (k - DEG) ** 2 > SIGMAS**2 * variance:
         u.degrees = 0
     if u.samples >= u.window:
         u.samples = 0
-        u.covariance = u.expected2 = u.seen2 = 0.0
+        u.covariance = u.expected2 = u.measured2 = 0.0

@@ -12,7 +12,7 @@ from imud.drivers.transport.line import Known, Line
 from ..pipeline import InertialPipeline
 from ..sensor_errors.profiles import SampleSigma, profile_of, sample_sigmas
 from ..sensor_monitor.findings import words
-from ..sensor_monitor.health import shown
+from ..sensor_monitor.health import recent_findings
 from .byte_sink import READ_BYTES, ByteSink
 from .limits import LIMITS, is_beyond
 from .loss import HIGH, LossMonitor
@@ -130,7 +130,7 @@ class Inertial:
             return ("inertial sensor: stale, nothing new comes",)
         damaged = (_DAMAGED,) if self._loss_monitor.is_high else ()
         beyond = (_BEYOND[name] for name in self.out_of_limits())
-        return (*damaged, *beyond, *words(shown(self.stream.filter.health)), *self._complains())
+        return (*damaged, *beyond, *words(recent_findings(self.stream.filter.health)), *self._complains())
 
     def out_of_limits(self) -> tuple[str, ...]:
         """Which quantities are beyond their limits, by their names in `LIMITS`."""
@@ -186,7 +186,7 @@ class Inertial:
     def lost(self) -> int:
         """Samples of this connection that never came: by the sensor's counter, as our clock corrected it."""
         clock = self.stream.clock[0]
-        uncounted = float(clock["missed"] * clock["period_ns"]) * 1e-9 / self.period_s
+        uncounted = float(clock["uncounted_ticks"] * clock["period_ns"]) * 1e-9 / self.period_s
         return max(0, int(self.stream.decoder["lost"][0]) + round(uncounted))
 
     def counters(self) -> dict[str, int]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from imud.estimators.records import HEADING_VALID
 from imud.sensor_errors.profiles import PROFILES
 from imud.sensor_monitor.findings import counted
-from imud.sensor_monitor.health import examine_all, new_health
+from imud.sensor_monitor.health import check_samples, new_health
 from imud.tables.estimates import ESTIMATE_COLUMNS
 
 from ...math.arrays import Floats, Records
@@ -102,7 +102,7 @@ class SensorReduction:
 
     def _reduce(self, rows: Records) -> None:
         assert self._health is not None
-        examine_all(self._health, rows)
+        check_samples(self._health, rows)
         t = rows["t_ns"]
         before = t[0] if self._last_ns is None else self._last_ns
         intervals = np.diff(np.concatenate([[before], t])) * 1e-9

@@ -145,6 +145,7 @@ def test_a_daemon_fuses_records_and_replays_the_headings_it_is_sent(tmp_path):
         command = [sys.executable, "-m", "imud", "status", "--json", str(tmp_path / "gpsd.sock")]
         status = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
         assert status["aiding"]["sources"]["heading"]["received"] > 5
+        assert status["aiding"]["sources"]["heading"]["share"]["heading"] > 0.3
         assert status["aiding"]["refused"]["value"] > 5
         assert status["innovations"]["heading"]["used"] > 0
         imud.process.terminate()

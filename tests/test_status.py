@@ -19,6 +19,7 @@ from processes import TIMEOUT_S, daemon, emulator
 from imud.commands import status
 from imud.commands.metrics import METRICS, prometheus
 from imud.commands.status import innovations
+from imud.daemon.sigma_shares import SigmaShares
 from imud.daemon.status_tables import InnovationStatistics, flat, status_object
 from imud.errors import DeviceAbsentError, ImudError
 from imud.estimators.innovation_kinds import KINDS
@@ -206,6 +207,17 @@ def test_innovation_ratios_of_a_consistent_filter_are_one():
     assert statistics.table()["north"] == {"used": 4000, "rejected": 1, "ratio": ratios[-1][0]}
     assert statistics.table()["heading"]["rejected"] == 4000
     assert np.mean(ratios, axis=0) == pytest.approx([1.0, 9.0], rel=0.1)
+
+
+def test_a_sources_share_is_of_the_reductions_of_a_minute():
+    shares = SigmaShares()
+    assert shares.table("odometer") == {}
+    shares.add("gnss", (4.0, 1.0, 1.0, 1.0), (1.0, 1.0, 1.0, 1.0), 0)
+    shares.add(
+        "odometer", (4.0, 1.0, 1.0, 1.0), (1.0, 1.0, 0.5, 1.0), round(60e9 * np.log(3.0))
+    )  # a third of it is left
+    assert shares.table("gnss") == {"share": {"position": 0.25, "velocity": 0.0}}
+    assert shares.table("odometer") == {"share": {"position": 0.75, "velocity": 1.0}}
 
 
 def test_innovations_without_a_value_have_no_ratio_to_show():

@@ -99,6 +99,10 @@ METRICS = (
         "imud_aiding_rate_hertz", _GAUGE, "Measurements per second over ten seconds.",
         r"aiding\.sources\.(?P<source>\w+)\.rate_hz",
     ),
+    Metric(
+        "imud_aiding_share", _GAUGE, "Of what measurements take off a sigma, the part of this source, 0 to 1.",
+        r"aiding\.sources\.(?P<source>\w+)\.share\.(?P<quantity>\w+)",
+    ),
     Metric("imud_aiding_age_seconds", _GAUGE, "Since the last one.", r"aiding\.sources\.(?P<source>\w+)\.age_s"),
     Metric(
         "imud_aiding_refused_total", _COUNTER, "Messages that could not be used.", r"aiding\.refused\.(?P<rule>\w+)",

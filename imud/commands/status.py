@@ -23,6 +23,7 @@ PORT = 2947
 TIMEOUT_S = 5.0
 ANSWER_MAX = 1 << 20  # bytes
 _WIDTH = 100  # of the text to the right of the names
+_LEAST = 0.01  # share of a sigma's reduction that is shown
 Table = Mapping[str, Any]
 
 
@@ -165,6 +166,7 @@ def _aiding(aiding: Table) -> Iterator[str]:
     for name, source in aiding.get("sources", {}).items():
         rate = f"{source['rate_hz']:.4g}" if "rate_hz" in source else "?"
         yield f"{name}: {source['received']} received, {rate} Hz, the last {source['age_s']:.1f} s ago{_use(source)}"
+        yield from _share(source)
     if refused := aiding.get("refused"):
         yield "refused: " + ", ".join(f"{count} for {rule}" for rule, count in refused.items())
 
@@ -175,6 +177,13 @@ def _use(source: Table) -> str:
         return ""
     ratio = f", ratio {source['ratio']:.2g}" if "ratio" in source else ""
     return f"; {source['used']} used, {source['rejected']} rejected{ratio}"
+
+
+def _share(source: Table) -> Iterator[str]:
+    """Its share of what lowers the sigmas, where it is at least a hundredth."""
+    shares = [f"{name} {100.0 * share:.0f} %" for name, share in source.get("share", {}).items() if share >= _LEAST]
+    if "share" in source:
+        yield "  share: " + (", ".join(shares) or f"less than {100.0 * _LEAST:.0f} % of any sigma's reduction")
 
 
 def _duration(seconds: float) -> str:

@@ -10,6 +10,7 @@ from ..sensors.aiding import AidingReceiver
 from ..sensors.estimator_selection import EstimatorSelection
 from .aiding_socket import LONGEST, AidingSocket, Poller
 from .change_logger import ChangeLogger
+from .sigma_shares import SigmaShares
 from .status_tables import InnovationStatistics
 
 
@@ -38,8 +39,8 @@ class AidingInput:
     def __contains__(self, fd: int) -> bool:
         return any(fd == each.fd for each in self._inputs)
 
-    def on_event(self, statistics: InnovationStatistics) -> None:
-        """Fuse the measurements that have come; statistics: of their innovations."""
+    def on_event(self, statistics: InnovationStatistics, shares: SigmaShares) -> None:
+        """Fuse the measurements that have come; statistics: of their innovations; shares: of their sources."""
         for data in (data for each in self._inputs for data in each.datagrams()):
             now_ns, unix_ns = time.monotonic_ns(), time.time_ns()
             if data is None:
@@ -49,7 +50,7 @@ class AidingInput:
             else:
                 filter_ = inertial.stream.filter
                 for source, measurement in self._receiver.decode(data, filter_.estimator.sources, now_ns, unix_ns):
-                    innovations = filter_.aid(measurement)
+                    innovations = shares.fuse(source.name, filter_, filter_.aid, measurement)
                     statistics.add(innovations)
                     if recorder := self._recordings.current:
                         recorder.record_measurement(source.name, measurement, innovations)

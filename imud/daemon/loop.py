@@ -169,7 +169,7 @@ class Daemon:
             os.read(fd, 64)  # its handler has run
         elif self._aiding is not None and fd in self._aiding:
             with self._errors.contain("the use of a measurement"):
-                self._aiding.on_event(self._publisher.innovations)
+                self._aiding.on_event(self._publisher.innovations, self._publisher.shares)
         else:
             self._outputs.on_event(fd, mask, now_ns)
 

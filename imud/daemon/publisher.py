@@ -10,6 +10,7 @@ from ..recording.control import Recordings
 from ..sensors.inertial import Inertial
 from .devices import Devices
 from .load import Load
+from .sigma_shares import RECEIVER, SigmaShares
 from .status_tables import InnovationStatistics
 
 
@@ -26,7 +27,7 @@ class Publisher:
         """health: what is wrong with the sensors, for the clients."""
         self._devices, self._recordings, self._outputs, self._health = devices, recordings, outputs, health
         self.load = Load()
-        self.innovations = InnovationStatistics()
+        self.innovations, self.shares = InnovationStatistics(), SigmaShares()
 
     def max_batch(self) -> int:
         """The largest batch of solutions that the fast loop publishes by itself, without calling `on_solutions`."""
@@ -50,7 +51,8 @@ class Publisher:
         if (inertial := self._devices.selection.inertial) is None:
             return
         for fix in fixes:
-            innovations = inertial.stream.filter.update(fix)
+            filter_ = inertial.stream.filter
+            innovations = self.shares.fuse(RECEIVER, filter_, filter_.update, fix)
             self.innovations.add(innovations)
             if recorder := self._recordings.current:
                 recorder.record_fix(fix, innovations)
@@ -62,7 +64,7 @@ class Publisher:
                 filter_ = inertial.stream.filter
                 for each in receiver.measured:
                     if (row := each.row(filter_.estimator.sources)) is not None:
-                        innovations = filter_.aid(row)
+                        innovations = self.shares.fuse(each.source, filter_, filter_.aid, row)
                         self.innovations.add(innovations)
                         if (recorder := self._recordings.current) and len(innovations):
                             recorder.record_innovations(innovations)

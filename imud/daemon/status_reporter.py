@@ -85,7 +85,9 @@ class StatusReporter:
             received_by_source |= {name: source.table(now_ns) for name, source in receiver.received.items()}
         if received_by_source:
             known = self._devices.selection.estimator.sources
-            table["sources"] = status_tables.of_sources(received_by_source, publisher.innovations, known)
+            table["sources"] = status_tables.of_sources(
+                received_by_source, publisher.innovations, publisher.shares, known
+            )
         return table
 
     def status(self, publisher: Publisher, outputs: Outputs, aiding: "AidingInput | None") -> str:

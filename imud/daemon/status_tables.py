@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from ..sensors.receiver import Receiver
     from .load import Load
     from .ports import Port
+    from .sigma_shares import SigmaShares
 
 _REST = range(REST_N, REST_Z + 1)  # these are rejected when a vehicle sets off, which says nothing of the sigmas
 RATIO_SAMPLES = 32.0  # fixes over which an innovation ratio is averaged
@@ -76,13 +77,16 @@ class InnovationStatistics:
         }
 
 
-def of_sources(tables: Mapping[str, Table], innovations: InnovationStatistics, known: Iterable[AidingSource]) -> Table:
-    """Of each aiding source that has sent something: what came, how much was used, and whether its sigmas are right.
+def of_sources(
+    tables: Mapping[str, Table], innovations: InnovationStatistics, shares: "SigmaShares", known: Iterable[AidingSource]
+) -> Table:
+    """Of each aiding source that has sent something: what came, how much was used, whether its sigmas are right, and
+    its share of what lowers the sigmas.
 
     tables: what came, by source. known: the sources that the estimator fuses.
     """
     kinds = {source.name: source.innovations for source in known}
-    return {name: table | innovations.sum(kinds.get(name, ())) for name, table in tables.items()}
+    return {name: table | innovations.sum(kinds.get(name, ())) | shares.table(name) for name, table in tables.items()}
 
 
 def of_process(started_ns: int) -> Table:

@@ -36,6 +36,8 @@ class Estimator:
     backward_tuning(solution, factor) -> tunables, by name, with which a filter begins at that solution with sigmas
     `factor` times as large, and takes epochs as known; for smoothing. None: it cannot run backward in time.
     fix_delay_s(state) -> by how much a fix is older than its epoch says, s. None: it does not estimate it.
+    variances(state) -> those of the horizontal position and height, m^2, horizontal velocity, (m/s)^2, and heading,
+    rad^2; None: it does not navigate yet. None: it has none.
     place(state) -> latitude and longitude, rad, and height, m; None: not known yet. None: it has none.
     rates_of_interval: it takes a reading for that of the interval before its time; else for that of the instant.
     survives_power_on: a sample with POWER_ON reopens its biases, or it estimates none; else it is started anew then.
@@ -54,6 +56,7 @@ class Estimator:
     resume: Callable[[Records, Records], None] | None = None
     backward_tuning: Callable[[Any, float], dict[str, float]] | None = None
     fix_delay_s: Callable[[Records], float] | None = None
+    variances: Callable[[Records], tuple[float, float, float, float] | None] | None = None
     place: Callable[[Records], tuple[float, float, float] | None] | None = None
     pending_innovations: Callable[[Any, Any], int] | None = None
     tunables: tuple[Tunable, ...] = ()

@@ -79,7 +79,7 @@ class Bridge:
     async def _send_requests(self, writer: asyncio.StreamWriter) -> None:
         writer.write(b"?WATCH=" + json.dumps(_WATCH).encode() + b"\n")
         while True:
-            writer.write(b"?DEVICES\n?RECORD\n")
+            writer.write(b"?DEVICES\n?RECORD\n?STATUS\n")
             await asyncio.sleep(_REQUEST_S)
 
     async def _read(self, reader: asyncio.StreamReader) -> None:
@@ -96,6 +96,9 @@ class Bridge:
     def _store(self, line: bytes) -> None:
         try:
             message = json.loads(line)
+            if message["class"] == "STATUS":  # most of it is for `imud status`
+                message = {key: value for key, value in message.items() if key.startswith("aiding.sources.")}
+                message["class"] = "STATUS"
             self._messages[message["class"]] = message
         except (ValueError, TypeError, KeyError, RecursionError):
             raise NotADaemonError("it does not send gpsd's protocol") from None

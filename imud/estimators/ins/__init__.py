@@ -22,7 +22,7 @@ from .. import Estimator
 from .checkpoint import checkpoint, resume
 from .filter import aid, step, take_innovations, update
 from .parameters import TUNABLES, configure
-from .setup import backward_tuning, fix_delay_s, place, restore_biases, start
+from .setup import backward_tuning, fix_delay_s, place, restore_biases, start, variances
 from .sources import SOURCES
 
 ESTIMATOR = Estimator(
@@ -42,4 +42,5 @@ ESTIMATOR = Estimator(
     backward_tuning=backward_tuning,
     fix_delay_s=fix_delay_s,
     place=place,
+    variances=variances,
 )

@@ -21,6 +21,7 @@ from .state import (
     GNSS_VELOCITY_BIAS,
     GYRO_BIAS,
     GYRO_SCALE,
+    NAVIGATING,
     NEVER_NS,
     ODOMETER_SCALE,
     POSITION,
@@ -152,6 +153,18 @@ def place(state: Records) -> tuple[float, float, float] | None:
     c = state["core"][0, 0]
     nav = c["nav"]
     return (float(nav["lat"]), float(nav["lon"]), float(nav["height"])) if c["gnss"]["fix_count"] else None
+
+
+def variances(state: Records) -> tuple[float, float, float, float] | None:
+    """See `Estimator`."""
+    c = state["core"][0, 0]
+    if c["alignment"]["mode"] != NAVIGATING:
+        return None
+    north, east, down, v_north, v_east, heading = (
+        float(c["cov"]["P"][interpreted(packed_index)(STATES, i, i)])
+        for i in (*range(POSITION, POSITION + 3), VELOCITY, VELOCITY + 1, ATTITUDE + 2)
+    )
+    return north + east, down, v_north + v_east, heading
 
 
 def restore_biases(state: Records, biases: Biases) -> None:

@@ -56,6 +56,25 @@ function health(news) {
   });
 }
 
+const SOURCE = /^aiding\.sources\.(\w+)\.(.+)$/;
+const STALE_S = 3;
+
+// Measurements beside fixes, a row for each source: how fast they come, and its share of what lowers the sigmas.
+function sources(news) {
+  const found = {};
+  for (const [key, value] of Object.entries(news.STATUS ?? {})) {
+    const [, name, what] = SOURCE.exec(key) ?? [];
+    if (name) (found[name] ??= {})[what] = value;
+  }
+  return Object.entries(found).map(([name, its]) => {
+    const shares = Object.entries(its).filter(([what, share]) => what.startsWith("share.") && share >= 0.01)
+      .map(([what, share]) => `${what.slice(6)} ${Math.round(100 * share)} %`).join(", ");
+    const counts = its.used == null ? [] : [`${its.used} used, ${its.rejected} rejected`];
+    const rate = its.age_s > STALE_S ? `silent for ${Math.round(its.age_s)} s` : its.rate_hz == null ? "" : `${its.rate_hz.toFixed(1)} Hz`;
+    return words(name, [rate, ...counts, shares && `share: ${shares}`].filter(Boolean).join("; "), its.age_s > STALE_S ? "bad" : "");
+  });
+}
+
 export function fillTables(news) {
   const beyond = (news.EST?.out_of_limits ?? "").split(",");
   for (const [id, rows] of Object.entries(TABLES)) {
@@ -68,7 +87,7 @@ export function fillTables(news) {
       row.className = isBad ? "bad" : "";
       return row;
     });
-    const said = id === "health" ? [...devices(news), ...health(news)] : [];
+    const said = id === "health" ? [...devices(news), ...health(news), ...sources(news)] : [];
     document.getElementById(id).replaceChildren(...said, ...lines);
   }
 }

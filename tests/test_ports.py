@@ -1,5 +1,6 @@
 """A port's way from absent to streaming: its table of states and events, what ends the program, what is waited for."""
 
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -146,3 +147,20 @@ def test_every_state_is_reached_and_left():
 
 def test_the_text_for_developers_shows_the_table():
     assert table() in (Path(__file__).parents[1] / "imud" / "README.md").read_text()
+
+
+def intervals(port, attempts):
+    """From each attempt to the next one, in s."""
+    found = []
+    for _ in range(attempts):
+        proceed(port)
+        found.append(port.deadline_s - time.monotonic())
+    return found
+
+
+def test_an_absent_port_is_looked_for_at_an_interval_that_does_not_grow(device):
+    device.absent = True
+    port = ports.Port(PortSpec.parse(PATH), Options(), Owner(), wait=True)
+    assert max(intervals(port, 10)) <= 0.5
+    server = ports.Port(PortSpec.parse("gpsd://127.0.0.1:4001"), Options(), Owner(), wait=True)
+    assert intervals(server, 10)[-1] > 2.0  # resolving its name may take long

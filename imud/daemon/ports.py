@@ -1,7 +1,8 @@
 """One port, from absent to streaming and back again: the state machine of `port_states.py`, which never waits.
 
-A port without a usable device is tried again at growing intervals; every change is logged once. What the bytes of a
-device that streams mean is not known here.
+A port that is not there is looked for twice a second; one without a usable device, and a server on the network, is
+tried again at growing intervals. Every change is logged once. What the bytes of a device that streams mean is not known
+here.
 """
 
 import math
@@ -34,6 +35,7 @@ from .port_states import PortEvent, PortState, next_state
 Configured = ImuConfigured | GnssConfigured
 
 _FIRST_RETRY_S, _LAST_RETRY_S = 0.25, 4.0
+_ABSENT_RETRY_S = 0.5  # does not grow: with a loose plug a long interval may miss every moment of contact
 _UNTRIED = "not tried yet"
 _FATAL_AT_START: dict[
     type[PortError], type[ImudError]
@@ -168,6 +170,9 @@ class Port:
             if fatal and self.description == _UNTRIED:
                 raise fatal(str(error)) from error
             self._fail(str(error))
+            if isinstance(error, PortAbsentError) and self.spec.server is None:
+                self.deadline_s = time.monotonic() + _ABSENT_RETRY_S
+                self._retry_s = _FIRST_RETRY_S
             return
         self._enter(PortEvent.OPENED)
         self._owner.watch(self, self._line.fd)

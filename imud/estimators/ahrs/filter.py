@@ -72,9 +72,11 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
         hold_rate(p, s, max(dt, 0.0), sample.outage_s)
     if not has_force:
         f = force_without_acceleration(p, s, max(dt, 0.0)) if has_rate else (s.imu.f[0], s.imu.f[1], s.imu.f[2])
+    last_f = (s.imu.f[0], s.imu.f[1], s.imu.f[2])
+    is_first = dt < 0.0 or dt > c.long_gap_s or (has_rate and s.imu.outage_s > c.long_gap_s)
     if dt < 0.0:
         restart_imu(s, w, f)
-    elif dt > c.long_gap_s or (has_rate and s.imu.outage_s > c.long_gap_s):
+    elif is_first:
         restart_after_gap(p, s, w, f, dt)
     else:
         add_shock_noise(p, s, f, dt)
@@ -95,7 +97,7 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
         set_outage(s, 0.0)
         examine_readings(p, s, (sample.w[0], sample.w[1], sample.w[2]))
     if s.levelling.initialised == 0 and has_force:
-        initialise_attitude(p, s, f)
+        initialise_attitude(p, s, f, last_f, is_first)
     if s.integrals.time >= c.covariance_interval_s:
         update_covariance(p, s)
 

@@ -1,9 +1,11 @@
 """Initialisation: the first sample, roll and pitch from gravity, and the restart after a long gap.
 
-The first specific force is the vertical only if the body does not accelerate. Unless the first moment is one of low
-motion it is but a guess: for `levelling_time_s` (coarse levelling) the mean force, in axes carried by the gyro, is put
-upright, whatever rotation that takes; from then on the filter corrects what is left. The less that force changed, the
-better its mean is known to be the vertical.
+One sample alone may be damaged, and nothing shows it: what the first specific force says of roll and pitch is not valid
+yet. They are taken from the second, and the change since the first is a part of their sigma. A specific force is the
+vertical only if the body does not accelerate. Unless the first moment is one of low motion it is but a guess: for
+`levelling_time_s` (coarse levelling) the mean force, in axes carried by the gyro, is put upright, whatever rotation
+that takes; from then on the filter corrects what is left. The less that force changed, the better its mean is known to
+be the vertical.
 
 Source of the mean force in such axes: Laidig and Seel, VQF: Highly accurate IMU orientation estimation (2023).
 """
@@ -68,21 +70,28 @@ def restart_after_gap(p: Parameters, s: State, w: Vector, f: Vector, dt: float) 
 
 
 @kernel
-def initialise_attitude(p: Parameters, s: State, f: Vector) -> None:
-    """Take roll and pitch from specific force f, or from the user, yaw as it is; forget velocity and position."""
+def initialise_attitude(p: Parameters, s: State, f: Vector, last_f: Vector, is_first: bool) -> None:
+    """Take roll and pitch from specific force f, or from the user, yaw as it is; forget velocity and position.
+
+    last_f: the specific force one sample before. What changed since may be damage of either sample. is_first: there is
+    none before; the next one initialises again.
+    """
     c, known, q = p.tuning, s.levelling, s.nav.q_nb
     ratio = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]) / s.nav.gravity
     if not c.min_gravity_ratio < ratio < c.max_gravity_ratio:
         return
     _, _, yaw = euler_of_quat((q[0], q[1], q[2], q[3]))
     roll, pitch, _ = euler_of_quat(quat_of_gravity(f[0], f[1], f[2]))
-    tilt_var = c.initial_tilt_rad**2 + (ratio - 1.0) ** 2
-    known.coarse, known.force2 = 1, 0.0
+    change2 = (f[0] - last_f[0]) ** 2 + (f[1] - last_f[1]) ** 2 + (f[2] - last_f[2]) ** 2
+    tilt_var = c.initial_tilt_rad**2 + (ratio - 1.0) ** 2 + change2 / s.nav.gravity**2
+    if is_first:
+        tilt_var = UNKNOWN_ANGLE**2
+    known.coarse, known.force2, known.initialised = 1, 0.0, 0 if is_first else 1
     heading_var = variance(s, ATTITUDE + 2)
     given = known.initial_rpy
     if math.isfinite(given[0]) and math.isfinite(given[1]):
         roll, pitch, tilt_var = given[0], given[1], c.initial_angle_sigma_rad**2
-        known.coarse = 0
+        known.coarse, known.initialised = 0, 1
     if math.isfinite(given[2]):
         yaw, heading_var = given[2], c.initial_angle_sigma_rad**2
     set_attitude(s, quat_of_euler(roll, pitch, yaw))
@@ -95,7 +104,6 @@ def initialise_attitude(p: Parameters, s: State, f: Vector) -> None:
     restart_gain(s)
     known.duration = 0.0
     reset_integrals(s)
-    known.initialised = 1
     update_sigmas(s)
 
 

@@ -27,12 +27,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _parts(quick: bool) -> list[tuple[str, "Callable[[], Section]"]]:
-    from . import instructions, live, recorded, startup, throughput
+    from . import aided, instructions, live, recorded, startup, throughput
 
     seconds, rounds = (10, 5) if quick else (60, 9)
     parts: list[tuple[str, Callable[[], Section]]] = [
         ("replay", partial(throughput.replay, seconds, rounds)),
         ("navigation", partial(throughput.navigation, seconds, rounds)),
+        ("aiding sources", partial(aided.aiding, seconds, rounds)),
         ("estimators", partial(throughput.estimators, rounds)),
         ("recordings", partial(recorded.recordings, seconds, 3)),
         ("live", partial(live.live, seconds)),

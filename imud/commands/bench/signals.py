@@ -1,24 +1,35 @@
 """The input of all contestants: a vehicle's motion as samples, as fixes, and as the bytes of an M-G350."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from imud.drivers.sample import SAMPLE
-from imud.estimators.records import FIX
+from imud.estimators.records import (
+    BAROMETER_SOURCE,
+    BODY_VELOCITY_SOURCE,
+    FIX,
+    HEADING_SOURCE,
+    MEASUREMENT,
+    ODOMETER_SOURCE,
+    POSE_SOURCE,
+    VELOCITY_SOURCE,
+)
 from imud.math.earth import STANDARD_GRAVITY
 
 from ...math.arrays import Records
 
 RATE_HZ = 1000
 REST_S = 5.0
-FIX_HZ = 5
+FIX_HZ, AIDING_HZ = 5, 10
 ROW = np.dtype([("head", "u1"), ("words", ">i2", (9,)), ("count", ">u2"), ("tail", "u1")])  # packed: 22 bytes
 FRAME = ROW.itemsize
 GYRO_LSB, ACCEL_LSB = np.radians(0.0125), 0.125e-3 * STANDARD_GRAVITY
 COUNT_STEP = 2
 _SPEED, _TURN = 15.0, 0.1  # m/s, rad/s: round a circle
 _LAT, _LON = np.radians(35.6586), np.radians(139.7454)
-_EARTH_M = 6.37e6
+_HEIGHT_M, _EARTH_M = 60.0, 6.37e6
 
 
 def _motion(n: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -49,19 +60,56 @@ def samples(n: int) -> Records:
     return rows
 
 
-def fixes(seconds: float) -> Records:
-    """Fixes (FIX) of the same journey, 5 a second, known 150 ms late."""
-    t = np.arange(0.5, seconds, 1.0 / FIX_HZ)
+class _Path(NamedTuple):
+    """Where the vehicle is, rad, its speed, m/s, and its course, which is its heading, rad."""
+
+    lat: NDArray[np.float64]
+    lon: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    course: NDArray[np.float64]
+
+
+def _path(t: NDArray[np.float64]) -> _Path:
+    """At these times, s."""
     ramp, circle = np.clip(t - REST_S, 0.0, 5.0), np.maximum(t - REST_S - 5.0, 0.0)
     north = 0.5 * _SPEED / 5.0 * ramp**2 + _SPEED / _TURN * np.sin(_TURN * circle)
     east = _SPEED / _TURN * (1.0 - np.cos(_TURN * circle))
+    lat, lon = _LAT + north / _EARTH_M, _LON + east / (_EARTH_M * np.cos(_LAT))
+    return _Path(lat, lon, _SPEED / 5.0 * ramp, _TURN * circle % (2.0 * np.pi))
+
+
+def fixes(seconds: float) -> Records:
+    """Fixes (FIX) of the same journey, 5 a second, known 150 ms late."""
+    t = np.arange(0.5, seconds, 1.0 / FIX_HZ)
+    path = _path(t)
     rows = np.zeros(len(t), FIX)
     rows["t_ns"] = np.round(t * 1e9)
     rows["arrival_ns"] = rows["t_ns"] + 150_000_000
-    rows["lat"], rows["lon"], rows["height"] = _LAT + north / _EARTH_M, _LON + east / (_EARTH_M * np.cos(_LAT)), 60.0
+    rows["lat"], rows["lon"], rows["height"] = path.lat, path.lon, _HEIGHT_M
     rows["sigma"], rows["hdop"], rows["quality"], rows["satellites"] = 1.5, 1.0, 1, 10
-    rows["speed"], rows["course"] = _SPEED / 5.0 * ramp, _TURN * circle % (2.0 * np.pi)
+    rows["speed"], rows["course"] = path.speed, path.course
     rows["v"] = np.nan
+    return rows
+
+
+def measurements(seconds: float, kind: int) -> Records:
+    """Measurements (MEASUREMENT) of the same journey by a source beside GNSS, 10 a second, known at once."""
+    t = np.arange(0.5, seconds, 1.0 / AIDING_HZ)
+    path, height, nothing = _path(t), np.full(len(t), _HEIGHT_M), np.zeros(len(t))
+    speed = path.speed + 0.01 * np.random.default_rng(3).standard_normal(len(t))  # what never changes is left out
+    values = {
+        HEADING_SOURCE: (path.course,),
+        ODOMETER_SOURCE: (speed,),
+        BAROMETER_SOURCE: (height,),
+        POSE_SOURCE: (path.lat, path.lon, height, path.course),
+        VELOCITY_SOURCE: (speed * np.cos(path.course), speed * np.sin(path.course), nothing),
+        BODY_VELOCITY_SOURCE: (speed, nothing, nothing),
+    }[kind]
+    rows = np.zeros(len(t), MEASUREMENT)
+    rows["t_ns"] = rows["arrival_ns"] = np.round(t * 1e9)
+    rows["kind"], rows["value"], rows["sigma"] = kind, np.nan, np.nan
+    for i, column in enumerate(values):
+        rows["value"][:, i] = column
     return rows
 
 

@@ -1,0 +1,53 @@
+"""What measurements beside GNSS cost the navigation filter: each source, and all of them at once."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from imud.batch import play
+from imud.configuration.settings import Initial, Settings
+from imud.estimators import registry
+from imud.estimators.records import MAGNETOMETER_SOURCE
+from imud.pipeline import Filter
+
+from ...math.arrays import Records
+from . import signals
+from .table import Section
+from .throughput import timed
+from .turns import Turns
+
+_LATE_NS = 100_000_000
+_REWIND = "the samples since each epoch, here all of them, are integrated a second time"
+_UPDATES = "a pose is four updates of 37 states, a velocity three, the others are one"
+
+
+def aiding(seconds: int, rounds: int) -> Section:
+    """The filter's speed with sources of 10 Hz, as a share of its speed without, in turns."""
+    section = Section(f"Navigation filter with sources of {signals.AIDING_HZ} Hz, {seconds} s at 1 kHz")
+    known = [s for s in registry.by_name("navigation").sources if s.kind != MAGNETOMETER_SOURCE]  # off by default
+    each = [signals.measurements(seconds, source.kind) for source in known]
+    late = each[0].copy()
+    late["arrival_ns"] += _LATE_NS
+    together = np.concatenate(each)
+    together = together[np.argsort(together["arrival_ns"], kind="stable")]
+    turns = Turns(rounds, *(_replay(seconds, rows) for rows in (None, *each, late, together)))
+    sample_s = turns.median(0) / (seconds * signals.RATE_HZ)
+    for i, source in enumerate(known, 1):
+        cost = (turns.median(i) - turns.median(0)) / len(each[0]) / sample_s
+        note = f"one measurement costs as much as {cost:.0f} samples"
+        speed = turns.ratio(0, i)
+        section.add(f"speed with {source.name}, against without", speed, "x", least=0.9, note=note, reason=_UPDATES)
+    speed = turns.ratio(0, len(known) + 1)
+    section.add(f"with {known[0].name} that comes 0.1 s late", speed, "x", note=_REWIND)
+    section.add(f"with all {len(known)} of them", turns.ratio(0, len(known) + 2), "x")
+    return section
+
+
+def _replay(seconds: int, measurements: Records | None) -> Callable[[], float]:
+    samples, fixes = signals.samples(seconds * signals.RATE_HZ), signals.fixes(seconds)
+
+    def run_once() -> float:
+        filter_ = Filter(registry.by_name("navigation"), Settings(), Initial(), float(signals.RATE_HZ))
+        return timed(lambda: play(filter_, samples, fixes, lambda rows: None, aiding=measurements))
+
+    return run_once

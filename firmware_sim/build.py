@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from . import recorded_bytes, sentence_playback
-from .device import OTHERS, RECEIVERS, Device
+from .device import OTHERS, POLLED, RECEIVERS, Device
 from .faults.device import FaultyDevice
 from .faults.fixes import FaultyFixes
 from .faults.readings import FaultyReadings
@@ -24,6 +24,7 @@ from .g370 import VARIANTS, Windowed
 from .iio import Device as IioDevice
 from .iio import IioChip
 from .iio_chips import CHIPS
+from .iio_polled import PolledDevice
 from .motion import Mounted, Trajectory, rotation
 from .nmea import FvM11
 from .noise import DEG, IDEAL, M_G350, MILLI_G, Grade, ImuErrors, Signal
@@ -172,11 +173,36 @@ def device(
     return FaultyDevice(built, device_faults) if device_faults else built
 
 
-def iio_chip(args: argparse.Namespace, scene: Scene, index: int, faults: Sequence[Fault], start: float) -> IioChip:
-    """Chip number `index` of the command line, behind the kernel. start: CLOCK_MONOTONIC of time 0, in s."""
+def kernel_device(
+    args: argparse.Namespace,
+    scene: Scene,
+    index: int,
+    faults: Sequence[Fault],
+    start: float,
+    log: WireLog | None = None,
+) -> IioChip | PolledDevice:
+    """Chip number `index` of the command line, behind the kernel. start: CLOCK_MONOTONIC of time 0, in s; log: of the
+    readings of a barometer or magnetometer."""
+    name, _ = args.devices[index]
+    before = sum(_iio_devices(other) for other, _ in args.devices[:index])
+    if name in POLLED:
+        assert scene.trajectory is not None, "`cli` refuses it with a recording"
+        rng, damage = np.random.default_rng([args.seed, index]), np.random.default_rng([args.seed, index, 1])
+        wire = Wire(name, of_layer("wire", faults), damage, log) if of_layer("wire", faults) or log else None
+        return PolledDevice(name, before, scene.trajectory, rng, args.iio_root, faults, ideal=args.ideal, wire=wire)
+    return _iio_chip(args, scene, index, faults, start, before)
+
+
+def _iio_devices(name: str) -> int:
+    """How many `iio:deviceN` the kernel has of it."""
+    return len(CHIPS[name].parts) if name in CHIPS else int(name in POLLED)
+
+
+def _iio_chip(
+    args: argparse.Namespace, scene: Scene, index: int, faults: Sequence[Fault], start: float, first: int
+) -> IioChip:
     name, _ = args.devices[index]
     chip = CHIPS[name]
-    before = sum(len(CHIPS[other].parts) for other, _ in args.devices[:index] if other in CHIPS)
     grade = Grade(
         random_walk=(chip.noise[0] * DEG, chip.noise[1] * MILLI_G),
         turn_on=(chip.turn_on[0] * DEG, chip.turn_on[1] * MILLI_G),
@@ -191,7 +217,7 @@ def iio_chip(args: argparse.Namespace, scene: Scene, index: int, faults: Sequenc
         return _DeviceOptions(args, scene, 0.0, name, 0, rng, list(faults)).errors(grade, rate_hz)
 
     signal = _DeviceOptions(args, scene, 0.0, name, 0, np.random.default_rng(), []).signal
-    devices = [IioDevice(before + i, chip, part, signal, errors, args.iio_root) for i, part in enumerate(chip.parts)]
+    devices = [IioDevice(first + i, chip, part, signal, errors, args.iio_root) for i, part in enumerate(chip.parts)]
     return IioChip(name, devices, start, [*of_layer("plug", faults), *of_layer("buffer", faults)])
 
 

@@ -9,7 +9,7 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .device import OTHERS, RECEIVERS
+from .device import OTHERS, POLLED, RECEIVERS
 from .faults import spec
 from .faults.spec import Fault
 from .iio_chips import CHIPS
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .build import Scene
     from .emulator import EmulatedPort
 
+KERNEL = (*CHIPS, *POLLED)  # devices that a driver of the kernel has
 EXIT_USAGE, EXIT_DATA, EXIT_NO_INPUT, EXIT_NO_OUTPUT, EXIT_INTERRUPTED = 64, 65, 66, 73, 130
 DEFAULT_BAUD = {"g350": 460800, "nmea": 9600, "rga300": 38400, "seraccel": 57600, "ubx": 38400, "m8": 9600}
 DEFAULT_BAUD |= dict.fromkeys(OTHERS, 38400)
@@ -41,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "spi.data_ready=gpiochip0:24."
     )
     add = parser.add_argument
-    kinds, chips = ", ".join(DEFAULT_BAUD), ", ".join(CHIPS)
+    kinds, chips = ", ".join(DEFAULT_BAUD), ", ".join(KERNEL)
     add(
         "devices",
         nargs="+",
@@ -54,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--scenario", choices=SCENARIO_NAMES, default="rest", metavar="NAME", help=f"{scenarios} (default rest)")
     add("--replay", nargs="+", type=Path, metavar="FILE", help="instead: a recording's bytes, or its samples")
     add("--loop", action="store_true", help="repeat the recording; else silence after its end")
-    add("--link", action="append", type=Path, default=[], metavar="PATH", help="stable name; one per device, in order")
+    add("--link", action="append", type=Path, default=[], metavar="PATH", help="stable name; one per line, in order")
     add("--seed", type=int, default=1, metavar="N", help="of noise and biases (default 1)")
     add("--seconds", type=_span, default=math.inf, metavar="N", help="end after that")
     add("--rate", type=float, default=1.0, metavar="HZ", help="fixes per second, 1 to 5; the host sets the IMU's rate")
@@ -138,7 +139,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _device(text: str) -> tuple[str, int]:
     name, _, baud = text.partition("@")
-    if text in CHIPS:
+    if text in KERNEL:
         return text, 0
     if name not in DEFAULT_BAUD or (baud and baud not in map(str, BAUDS)):
         raise argparse.ArgumentTypeError(
@@ -165,14 +166,14 @@ def _triple(text: str) -> Triple:
 def _usage_error(args: argparse.Namespace) -> str:
     """The error in the combination of the arguments; empty: none."""
     names = [name for name, _ in args.devices]
-    chips = [name for name in names if name in CHIPS]
+    chips = [name for name in names if name in KERNEL]
     checks = [
         (bool(chips) and args.iio_root is None, f"{', '.join(chips)}: say where sysfs is imitated: --iio-root DIR"),
         (
             bool(chips) and (args.replay or args.fast or args.speed != 1.0),
             f"{', '.join(chips)}: in real time only, no --replay",
         ),
-        (len(args.link) > len(names), "more --link than devices"),
+        (len(args.link) > len(names) - len(chips), "more --link than devices on lines"),
         (len(set(args.link)) < len(args.link), "two devices cannot have the same --link"),
         (not 1.0 <= args.rate <= 5.0, "--rate: the receiver gives 1 to 5 fixes per second"),
         (not 1.0 <= args.stream_rate <= 160.0, "--stream-rate: 1 to 160 samples per second"),
@@ -191,7 +192,7 @@ def _fail(code: int, message: str) -> int:
 
 
 def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]) -> int:
-    from .build import device, iio_chip
+    from .build import device, kernel_device
     from .emulator import AsFastAsRead, EmulatedPort, RealTime, Task, TruthLog, end_with_parent, serve
     from .faults.wire import WireLog
 
@@ -204,19 +205,20 @@ def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]
             end_with_parent(args.parent)
         start, utc = scene.time_zero()
         wires = stack.enter_context(closing(WireLog(args.wire_log, start))) if args.wire_log else None
-        links = [*args.link, *[None] * len(args.devices)]
+        links = iter([*args.link, *[None] * len(args.devices)])
         ports: list[EmulatedPort] = []
         tasks: list[Task] = []
         for i, (name, _) in enumerate(args.devices):
-            if name in CHIPS:
-                chip = stack.enter_context(iio_chip(args, scene, i, faults[i], start))
+            if name in KERNEL:
+                chip = kernel_device(args, scene, i, faults[i], start, wires)
+                stack.enter_context(chip)
                 tasks.append(chip)
                 print(name, chip.path, flush=True)
                 continue
             built = device(args, scene, utc, i, faults[i], wires)
             outages = [fault.span for fault in spec.of_layer("plug", faults[i])]
             ports.append(
-                stack.enter_context(EmulatedPort(name, built, links[i], outages, patient=args.fast or args.patient))
+                stack.enter_context(EmulatedPort(name, built, next(links), outages, patient=args.fast or args.patient))
             )
         if args.truth is not None and scene.trajectory is not None:
             tasks.append(stack.enter_context(closing(TruthLog(args.truth, scene.trajectory, start))))

@@ -5,7 +5,8 @@ from typing import Protocol
 from .uart import Uart
 
 RECEIVERS = ("nmea", "ubx", "m8")  # as `imud sim` calls them
-OTHERS = ("wheel", "baro", "compass")  # sensors beside them; the other devices are inertial sensors
+OTHERS = ("wheel", "baro", "compass")  # sensors beside them
+POLLED = ("bmp280", "ak8975")  # the same behind the kernel, as `iio_polled` has them; the rest are inertial sensors
 
 
 class Device(Protocol):

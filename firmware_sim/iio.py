@@ -113,7 +113,7 @@ class Device:
 
     def _read(self, name: str) -> str:
         try:
-            return (self._folder / name).read_text().strip()
+            return (self._folder / name).read_text().strip("\0 \n")  # libiio writes the end of a C string, too
         except OSError:
             return ""
 
@@ -151,7 +151,7 @@ class Device:
         rows = []
         for path in (self._folder / "scan_elements").glob("*_en"):
             name = path.name.removesuffix("_en")
-            if path.read_text().strip() == "1":
+            if self._read(f"scan_elements/{path.name}") == "1":
                 rows.append(
                     (int(self._read(f"scan_elements/{name}_index")), name, self._read(f"scan_elements/{name}_type"))
                 )

@@ -27,7 +27,7 @@ def _forward(truth: Truth) -> float:
     return float(truth.v_n[0] @ forward)
 
 
-def _pressure(truth: Truth) -> float:
+def pressure_pa(truth: Truth) -> float:
     """Of the standard atmosphere, Pa."""
     return float(101325.0 * (1.0 - truth.height[0] / 44330.77) ** (1.0 / 0.190263))
 
@@ -53,7 +53,7 @@ class Kind:
 KINDS = {
     "wheel": Kind(10.0, _forward, _WHEEL_SCALE, 0.0, _WHEEL_SIGMA, 0.0, lambda v: f"VDVBW,,,V,{v / _KNOT:.3f},0.0,A"),
     "baro": Kind(
-        10.0, _pressure, 1.0, _WEATHER_PA, _BARO_SIGMA_PA, 0.0, lambda v: f"WIXDR,P,{v * 1e-5:.6f},B,Barometer"
+        10.0, pressure_pa, 1.0, _WEATHER_PA, _BARO_SIGMA_PA, 0.0, lambda v: f"WIXDR,P,{v * 1e-5:.6f},B,Barometer"
     ),
     "compass": Kind(
         10.0,

@@ -39,6 +39,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     ("firmware_sim/faults",),
     (
         "firmware_sim/iio.py",
+        "firmware_sim/iio_polled.py",
         "firmware_sim/build.py",
         "firmware_sim/emulator.py",
         "firmware_sim/cli.py",

@@ -11,12 +11,15 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..device import OTHERS, RECEIVERS
+from ..device import OTHERS, POLLED, RECEIVERS
 from ..iio_chips import CHIPS
 
 AXES = ("gx", "gy", "gz", "ax", "ay", "az")
 IMU, GNSS, IIO, OTHER = "imu", "gnss", "iio", "other"  # IIO: an inertial sensor behind the kernel
+SYSFS = "sysfs"  # a barometer or magnetometer behind the kernel
 BOTH, SENSORS = (IMU, GNSS, OTHER), (IMU, IIO)
+READINGS = (*BOTH, SYSFS)
+ROLES = {GNSS: RECEIVERS, OTHER: OTHERS, IIO: CHIPS, SYSFS: POLLED}
 _FAULT = re.compile(r"(?P<name>[a-z]+)(?:=(?P<value>[^@]*))?(?:@(?P<span>.*))?")
 _SPAN = re.compile(r"(?P<begin>[\d.]+)(?P<dash>-(?P<end>[\d.]+)?)?(?:/(?P<period>[\d.]+))?")
 
@@ -94,9 +97,9 @@ KINDS: dict[str, FaultKind] = {
     "header": FaultKind("wire", BOTH, f"{SHARE} with a byte inside replaced by their first", most=1.0),
     "cr": FaultKind("wire", BOTH, f"{SHARE} with a byte inside replaced by CR", most=1.0),
     "junk": FaultKind("wire", BOTH, f"{SHARE} with 1 to 16 stray bytes before them", most=1.0),
-    "lose": FaultKind("wire", BOTH, f"{SHARE} lost whole; all: lose@FROM-TO", 1.0, most=1.0),
+    "lose": FaultKind("wire", READINGS, f"{SHARE} lost whole (sysfs: not readable); all: lose@FROM-TO", 1.0, most=1.0),
     "delay": FaultKind(
-        "wire", BOTH, f"{SHARE} delayed by the second value in s (0.1), with all later ones", second=0.1
+        "wire", READINGS, f"{SHARE} delayed by the second value in s (0.1), with all later ones", second=0.1
     ),
     "backlog": FaultKind("wire", BOTH, "messages are delayed and arrive together at the end", 1.0, closed=True),
     "frozen": FaultKind("sensor", SENSORS, "axes (gx+gy+gz+ax+ay+az, or all) keep their value", 0.0, axes=True),
@@ -105,12 +108,12 @@ KINDS: dict[str, FaultKind] = {
     "bias": FaultKind("sensor", SENSORS, "deg/s on top of each gyro's bias, as after another power-on", needs=True),
     "reset": FaultKind("device", BOTH, "restarts, settings lost", 0.0, needs=True),
     "count": FaultKind("device", (IMU,), "its counter jumps by so many (not seraccel)", needs=True),
-    "unplug": FaultKind("plug", (*BOTH, IIO), "the port is removed, and returns at the end", 0.0, closed=True),
+    "unplug": FaultKind("plug", (*READINGS, IIO), "the port is removed, and returns at the end", 0.0, closed=True),
     "trigger": FaultKind("buffer", (IIO,), "its trigger is gone, and returns at the end", 0.0, closed=True),
     "overflow": FaultKind("buffer", (IIO,), "the kernel's buffer loses so many scans", needs=True),
-    "held": FaultKind("reading", (OTHER,), "the reading stays as it is", 0.0),
-    "offset": FaultKind("reading", (OTHER,), "m/s, Pa or deg on top: a jump, a door, a gust"),
-    "scale": FaultKind("reading", (OTHER,), "the reading times so much: a slip, km/h (3.6)"),
+    "held": FaultKind("reading", (OTHER, SYSFS), "the reading stays as it is", 0.0),
+    "offset": FaultKind("reading", (OTHER, SYSFS), "m/s, Pa, deg, or uT of each axis on top: a jump, a door, iron"),
+    "scale": FaultKind("reading", (OTHER, SYSFS), "the reading times so much: a slip, wrong units"),
     "loss": FaultKind("fixes", (GNSS,), "the receiver reports no fix", 0.0),
     "jump": FaultKind("fixes", (GNSS,), "m beside the truth, towards the second value in deg (0)", second=0.0),
     "ramp": FaultKind("fixes", (GNSS,), "m/s away from the truth, towards the second value in deg (0)", second=0.0),
@@ -147,7 +150,7 @@ def help_text() -> str:
 
 
 def _role(device: str) -> str:
-    return GNSS if device in RECEIVERS else OTHER if device in OTHERS else IIO if device in CHIPS else IMU
+    return next((role for role, devices in ROLES.items() if device in devices), IMU)
 
 
 def _can_have(device: str, name: str) -> bool:
@@ -155,7 +158,7 @@ def _can_have(device: str, name: str) -> bool:
 
 
 def _chosen(target: str | None, devices: Sequence[str], group: str) -> list[int]:
-    also = {IIO: IMU}
+    also = {IIO: IMU, SYSFS: OTHER}
     chosen = [i for i, one in enumerate(devices) if target in (None, one, _role(one), also.get(_role(one), _role(one)))]
     if not chosen:
         raise SpecError(

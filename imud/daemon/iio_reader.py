@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import math
 import select
 import socket
 import threading
@@ -15,6 +16,7 @@ from imud.drivers.transport.iio_polled import BAROMETER, PolledSensor, find_poll
 from .aiding_socket import LONGEST, Poller
 
 _AT_ONCE = 32
+_FAILING_S = 1.0  # a sensor of which no reading has succeeded for so long is taken for absent
 _RETRY_S = 2.0  # until an absent sensor is looked for again
 
 
@@ -25,6 +27,7 @@ class IioReader:
         self.messages: deque[str] = deque(maxlen=16)  # what is new, until the daemon has logged it
         self._names, self._period_s, self._poller = names, 1.0 / rate_hz, poller
         self._sensors: dict[str, list[PolledSensor]] = {}
+        self._read_s: dict[str, float] = {}  # when a reading last succeeded
         self._retry_s: dict[str, float] = {}
         self._last_message: dict[str, str] = {}
         self._inside, self._outside = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -67,8 +70,11 @@ class IioReader:
                 values = sensor.read()
                 with contextlib.suppress(OSError):  # the socket is full: the daemon has more urgent work
                     self._outside.send(datagram(sensor.kind, values, 0.5 * (before_s + time.time())))
+            self._read_s[name] = time.monotonic()
             self._report(name, f"{name}: {' and '.join(sensor.kind for sensor in sensors)} of the kernel")
         except (PortError, OSError, ValueError) as error:
+            if time.monotonic() - self._read_s.get(name, -math.inf) < _FAILING_S:
+                return  # as a chip that does not answer once; a single reading is lost
             self._sensors.pop(name, None)
             self._retry_s[name] = time.monotonic() + _RETRY_S
             self._report(name, f"iio:{name} cannot be read: {error}")

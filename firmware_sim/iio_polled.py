@@ -9,9 +9,9 @@ for each axis, -4096 to 4095 counts). Noise: data sheet of the BMP280, 1.3 Pa; A
 Model 2025, mid-2027, at the start of all scenarios.
 """
 
-import contextlib
 import logging
 import math
+import os
 import shutil
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -94,6 +94,37 @@ POLLED_CHIPS = {
 }
 
 
+class Attribute:
+    """A file that looks like an attribute of sysfs. It is rewritten in place: a new file for each text would have a
+    disk's file system write it out, which takes milliseconds. A host may read half of a text once in a million."""
+
+    def __init__(self, path: Path, text: str = "") -> None:
+        """text: empty: reading it fails."""
+        self._path, self._aside = path, path.with_name(f".{path.name}")
+        self._fd = os.open(path, os.O_CREAT | os.O_RDWR | os.O_TRUNC | os.O_CLOEXEC, 0o644)
+        self._length, self._readable = 0, True
+        self.write(text)
+
+    def write(self, text: str) -> None:
+        """Set what a host reads."""
+        if bool(text) != self._readable:
+            self._readable = bool(text)
+            if text:
+                self._aside.replace(self._path)
+            else:
+                self._path.rename(self._aside)
+                self._path.symlink_to(FAILS)
+        if text:
+            data = f"{text}\n".encode()
+            os.pwrite(self._fd, data.ljust(self._length, b"\n"), 0)
+            if len(data) < self._length:
+                os.ftruncate(self._fd, len(data))
+            self._length = len(data)
+
+    def close(self) -> None:
+        os.close(self._fd)
+
+
 class PolledDevice:
     """One chip, as a task of the emulator's loop. Context manager: it is there inside."""
 
@@ -113,13 +144,14 @@ class PolledDevice:
         whose messages are the readings: one that is lost cannot be read, one that is late is old."""
         self.name, self.path = name, f"iio:{name}"
         self._chip, self._trajectory, self._rng, self._wire = POLLED_CHIPS[name], trajectory, rng, wire
-        self._folder, self._new = root / f"sys/bus/iio/devices/iio:device{number}", root / f".new{number}"
+        self._folder = root / f"sys/bus/iio/devices/iio:device{number}"
+        self._attributes: dict[str, Attribute] = {}  # none: it is unplugged
         self._outages = [fault.span for fault in of_layer("plug", faults)]
         size = len(self._chip.values(trajectory.at(np.array([0.0]))))
         self._faults = [FaultyReadings(of_layer("reading", faults)) for _ in range(size)]
         self._sigma = 0.0 if ideal else self._chip.sigma
         self._offset = (0.0 if ideal else self._chip.lasting) * rng.standard_normal(size)
-        self._count, self._plugged = 0, False
+        self._count = 0
         self._readings: deque[tuple[float, dict[str, str]]] = deque()  # when each can be read
         self._plug()
 
@@ -132,7 +164,7 @@ class PolledDevice:
     def step(self, t: float) -> None:
         """Measure what was due until time `t`, and let the newest be read."""
         plugged = not any(span.holds(t) for span in self._outages)
-        if plugged != self._plugged:
+        if plugged != bool(self._attributes):
             _log.info("%s: %s", self.name, "plugged in again" if plugged else "unplugged")
             (self._plug if plugged else self._unplug)()
         self._count = max(self._count, math.floor(t * RATE_HZ))  # after a stall only the newest
@@ -156,32 +188,21 @@ class PolledDevice:
         newest = None
         while self._readings and self._readings[0][0] <= t:
             _, newest = self._readings.popleft()
-        if newest and self._plugged:
+        if newest and self._attributes:
             for name, text in newest.items():
-                self._write(name, text)
-
-    def _write(self, name: str, text: str) -> None:
-        """Replace an attribute at once, so that no host reads half of it. text: empty: reading it fails."""
-        with contextlib.suppress(FileNotFoundError):
-            self._new.unlink()
-        if text:
-            self._new.write_text(text + "\n")
-        else:
-            self._new.symlink_to(FAILS)
-        self._new.replace(self._folder / name)
+                self._attributes[name].write(text)
 
     def _plug(self) -> None:
         self._folder.mkdir(parents=True, exist_ok=True)
-        self._plugged = True
-        for name, text in {"name": self.name, **self._chip.attributes}.items():
-            self._write(name, text)
-        for name in self._chip.texts(self._offset):
-            self._write(name, "")  # until the first reading
+        none_yet = dict.fromkeys(self._chip.texts(self._offset), "")
+        texts = {"name": self.name, **self._chip.attributes, **none_yet}
+        self._attributes = {name: Attribute(self._folder / name, text) for name, text in texts.items()}
 
     def _unplug(self) -> None:
-        self._plugged = False
+        for attribute in self._attributes.values():
+            attribute.close()
+        self._attributes = {}
         shutil.rmtree(self._folder, ignore_errors=True)
-        self._new.unlink(missing_ok=True)
 
     def idle(self) -> None:
         """Nothing to compute ahead."""

@@ -67,7 +67,7 @@ class PortSpec:
         spec = cls._split(text, drivers)
         if spec.driver == SERVER_DRIVER and not spec.path.startswith("replay:"):
             raise SpecError(f"port {text!r}: a gpsd is no driver of a line; write gpsd://HOST:PORT")
-        if spec.driver == IIO_DRIVER and not spec.path.startswith("replay:"):
+        if spec.driver == IIO_DRIVER and not spec.path.startswith(("replay:", "sim:")):
             raise SpecError(f"port {text!r}: iio is no driver of a line; write iio:NAME")
         if spec.path.startswith("spi:") and (spec.spi is None or spec.baud is not None):
             raise SpecError(f"port {text!r}: write spi:BUS.DEVICE[:DRIVER], for example spi:0.0 for /dev/spidev0.0")

@@ -14,7 +14,7 @@ from imud.drivers.errors import PortEndedError, PortLostError
 from ..configuration.settings import Settings
 from ..daemon import simulated
 from ..daemon.ports import Configured, Port
-from ..errors import ImudError
+from ..errors import ImudError, UsageError
 from ..process import log
 from ..process.log import get_logger
 from ..process.signals import caught, endings
@@ -122,6 +122,8 @@ def _calibration_of(identity: Identity) -> calibration.Calibration | None:
 def run(args: argparse.Namespace) -> int:
     settings = config.load(args.config, args.set)
     with contextlib.ExitStack() as stack:
+        if names := simulated.polled(args.ports):
+            raise UsageError(f"{', '.join(names)}: not read byte by byte; record it with `imud run --record`")
         ports = stack.enter_context(simulated.ports(args.ports, seed=1))
         target = msgspec.structs.replace(settings.record, path=args.output)
         settings = msgspec.structs.replace(

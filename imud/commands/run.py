@@ -59,9 +59,9 @@ def run(args: argparse.Namespace) -> int:
 
         def reread() -> Settings:
             fresh = _settings(args)
-            return msgspec.structs.replace(fresh, ports=emulated.get(expanded(fresh.ports), fresh.ports))
+            return simulated.on_ports(fresh, emulated.get(expanded(fresh.ports), fresh.ports))
 
-        settings = msgspec.structs.replace(settings, ports=ports)
+        settings = simulated.on_ports(settings, ports)
         hot = None if args.config is None else reread
         return Daemon(settings, wait=args.wait, reread=hot, recordings=recordings).run()
 

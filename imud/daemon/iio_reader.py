@@ -12,6 +12,7 @@ from collections.abc import Iterator
 
 from imud.drivers.errors import PortError
 from imud.drivers.transport.iio_polled import BAROMETER, PolledSensor, find_polled
+from imud.drivers.transport.reasons import reason
 
 from .aiding_socket import LONGEST, Poller
 
@@ -77,7 +78,7 @@ class IioReader:
                 return  # as a chip that does not answer once; a single reading is lost
             self._sensors.pop(name, None)
             self._retry_s[name] = time.monotonic() + _RETRY_S
-            self._report(name, f"iio:{name} cannot be read: {error}")
+            self._report(name, f"iio:{name} cannot be read: {reason(error)}")
 
     def _report(self, name: str, text: str) -> None:
         if self._last_message.get(name) != text:

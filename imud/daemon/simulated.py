@@ -1,7 +1,8 @@
 """`sim:SCENARIO` ports: emulated devices as processes of their own, which the daemon opens as if they were hardware.
 
 Ports of the same scenario share one emulator, so that they measure the same motion from the same instant. It ends with
-the block, and also when this process dies.
+the block, and also when this process dies. Devices of the kernel (`iio`, and barometer and magnetometer by their names)
+are in a folder that stands in for sysfs meanwhile.
 """
 
 import contextlib
@@ -11,10 +12,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
+
 from imud.drivers.errors import SpecError
 from imud.drivers.registry import names
+from imud.drivers.transport.iio_sysfs import ROOT
 from imud.drivers.transport.portspec import PortSpec
 
+from ..configuration.settings import Settings
 from ..errors import ImudError, UsageError
 
 SCHEME = "sim:"
@@ -25,19 +30,23 @@ DEVICES = {
     "seraccel": "seraccel",
     "nmea": "nmea",
     "ubx": "ubx",
+    "iio": "bmi160",
 }  # by driver
 OTHERS = ("wheel", "baro", "compass")  # devices that the user names themselves instead of a driver; all speak NMEA
+POLLED = ("bmp280", "ak8975")  # of the kernel: no ports, but `aiding.iio`
 _USAGE_ERROR = 64  # exit code of the emulator
 
 
 @contextlib.contextmanager
 def ports(texts: Sequence[str], seed: int) -> Iterator[tuple[str, ...]]:
-    """`texts` with those of emulated devices replaced by the pseudo-terminals on which they are now.
+    """`texts` with those of emulated devices replaced by the ports on which they are now, without those of `polled`.
 
     seed: of the sensors' errors. Raises UsageError for a scenario or a speed that the emulator does not know.
     """
     specs = [_spec(text) for text in texts]
     scenarios = dict.fromkeys(spec.path for spec in specs if spec.path.startswith(SCHEME))
+    if specs and all(spec.driver in POLLED for spec in specs):
+        raise UsageError(f"port {texts[0]!r} aids an inertial sensor: name that, too, for example {SCHEME}car")
     if not scenarios:
         yield tuple(map(str, specs))
         return
@@ -45,37 +54,72 @@ def ports(texts: Sequence[str], seed: int) -> Iterator[tuple[str, ...]]:
 
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="imud-sim-")))
+        if any(_in_kernel(spec) for spec in specs):
+            stack.enter_context(_sysfs_in(folder))
         for scenario in scenarios:
             own = [i for i, spec in enumerate(specs) if spec.path == scenario]
             wanted = [specs[i] for i in own]
             for i in own:
-                path = folder / f"{scenario[len(SCHEME) :]}-{_device(specs[i])}-{i}"
-                driver = "nmea" if specs[i].driver in OTHERS else specs[i].driver
-                specs[i] = replace(specs[i], path=str(path), driver=driver)
-            stack.enter_context(_emulator(wanted, [specs[i].path for i in own], seed, folder / "log"))
-        yield tuple(map(str, specs))
+                specs[i] = _on_its_port(specs[i], folder / f"{scenario[len(SCHEME) :]}-{_device(specs[i])}-{i}")
+            links = [specs[i].path for i, spec in zip(own, wanted, strict=True) if not _in_kernel(spec)]
+            stack.enter_context(_emulator(wanted, links, seed, folder))
+        yield tuple(str(spec) for spec in specs if spec.driver not in POLLED)
+
+
+def on_ports(settings: Settings, ports: tuple[str, ...]) -> Settings:
+    """The settings with the ports that `ports` has made of theirs, and with its barometers and magnetometers."""
+    iio = (*settings.aiding.iio, *polled(settings.ports))
+    return msgspec.structs.replace(settings, ports=ports, aiding=msgspec.structs.replace(settings.aiding, iio=iio))
+
+
+def polled(texts: Sequence[str]) -> tuple[str, ...]:
+    """The emulated barometers and magnetometers of the kernel among ports."""
+    return tuple(str(spec.driver) for spec in map(_spec, texts) if spec.driver in POLLED)
+
+
+def _in_kernel(spec: PortSpec) -> bool:
+    return spec.path.startswith(SCHEME) and spec.driver in ("iio", *POLLED)
+
+
+@contextlib.contextmanager
+def _sysfs_in(folder: Path) -> Iterator[None]:
+    before = os.environ.get(ROOT)
+    os.environ[ROOT] = str(folder)
+    try:
+        yield
+    finally:
+        os.environ.pop(ROOT)
+        if before is not None:
+            os.environ[ROOT] = before
+
+
+def _on_its_port(spec: PortSpec, link: Path) -> PortSpec:
+    """Where the emulated device of `spec` is: behind `link`, or in the kernel."""
+    if spec.driver == "iio":
+        return replace(spec, path=f"iio:{_device(spec)}", baud=None)
+    return replace(spec, path=str(link), driver="nmea" if spec.driver in OTHERS else spec.driver)
 
 
 def _spec(text: str) -> PortSpec:
     try:
-        return PortSpec.parse(text, (*names(), *OTHERS) if text.startswith(SCHEME) else None)
+        return PortSpec.parse(text, (*names(), *OTHERS, *POLLED) if text.startswith(SCHEME) else None)
     except SpecError as error:
         raise UsageError(str(error)) from error
 
 
 def _device(spec: PortSpec) -> str:
     """What the emulator calls the device of a driver."""
-    return str(spec.driver) if spec.driver in OTHERS else DEVICES[spec.driver]
+    return str(spec.driver) if spec.driver in (*OTHERS, *POLLED) else DEVICES[spec.driver]
 
 
 @contextlib.contextmanager
-def _emulator(specs: Sequence[PortSpec], links: Sequence[str], seed: int, log: Path) -> Iterator[None]:
-    """A process with a device for each of `specs`, all of one scenario, at `links`."""
+def _emulator(specs: Sequence[PortSpec], links: Sequence[str], seed: int, folder: Path) -> Iterator[None]:
+    """A process with a device for each of `specs`, all of one scenario, at `links`, the kernel's in `folder`."""
     import subprocess
 
-    scenario = specs[0].path[len(SCHEME) :]
+    log, scenario = folder / "log", specs[0].path[len(SCHEME) :]
     command = [sys.executable, "-m", "imud.firmware_sim", f"--scenario={scenario}", f"--seed={seed}"]
-    command += [f"--parent={os.getpid()}", *(f"--link={link}" for link in links), "--"]
+    command += [f"--parent={os.getpid()}", f"--iio-root={folder}", *(f"--link={link}" for link in links), "--"]
     command += [_device(spec) + (f"@{spec.baud}" if spec.baud else "") for spec in specs]
     with log.open("w") as errors:
         # a session of its own, so that Ctrl-C reaches this process only, which then ends the emulator

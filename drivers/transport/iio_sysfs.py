@@ -1,7 +1,7 @@
 """Devices of Linux's Industrial I/O in sysfs: which there are, and their attributes.
 
-Source: Documentation/ABI/testing/sysfs-bus-iio of the kernel. Tests put a folder in place of `/` by the environment
-variable IMUD_IIO_ROOT; it has no other use.
+Source: Documentation/ABI/testing/sysfs-bus-iio of the kernel. The environment variable IMUD_IIO_ROOT names a
+folder in place of `/`: an emulated kernel's.
 """
 
 import os

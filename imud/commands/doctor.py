@@ -168,8 +168,14 @@ def spi(root: Path) -> Iterator[Finding]:
             yield Finding("note", f"the Python package {package} is missing, for {purpose}", "pip install 'imud[spi]'")
 
 
+def _kernels_root(root: Path) -> Path:
+    """On this machine an emulated kernel may stand in for its own."""
+    return iio_sysfs.root() if root == Path("/") else root
+
+
 def iio(root: Path) -> Iterator[Finding]:
     """IMUs that the kernel has: may this user open and set them up, and have they triggers?"""
+    root = _kernels_root(root)
     for folder, name in iio_sysfs.devices(root).items():
         device = root / iio_sysfs.DEVICES / folder
         what = f"IIO device {name or folder} ({folder})"
@@ -188,6 +194,7 @@ def iio_polled(root: Path) -> Iterator[Finding]:
     """Barometers and magnetometers that the kernel has: may this user read them?"""
     from imud.drivers.transport.iio_polled import SIGNS, polled_sensors
 
+    root = _kernels_root(root)
     for sensor in polled_sensors(root):
         what = f"IIO {sensor.kind} {sensor.name} ({sensor.folder})"
         paths = [root / iio_sysfs.DEVICES / sensor.folder / name for name in SIGNS[sensor.kind]]

@@ -42,13 +42,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "spi.data_ready=gpiochip0:24."
     )
     add = parser.add_argument
-    kinds, chips = ", ".join(DEFAULT_BAUD), ", ".join(KERNEL)
+    kinds, chips = ", ".join(DEFAULT_BAUD), ", ".join(name for name in KERNEL if name != "swapped")  # that is for tests
     add(
         "devices",
         nargs="+",
         type=_device,
         metavar="DEVICE",
-        help=f"{kinds}; optionally @BAUD. With --iio-root: {chips}",
+        help=f"{kinds}; also @BAUD. With --iio-root: {chips}",
     )
     add("--iio-root", type=Path, metavar="DIR", help="folder that gets sys/ and dev/ as the kernel has them")
     scenarios = ", ".join(SCENARIO_NAMES)

@@ -219,7 +219,7 @@ def test_the_export_is_what_replay_takes_and_what_ros_reads(recorded, tmp_path):
         times = [stamp.sec + 1e-9 * stamp.nanosec for stamp in (reference.time_ref, fix.header.stamp)]
         assert times[0] == pytest.approx(times[1], abs=0.5)
     parts = {status.name: status for status in read["/diagnostics"][-1].status}
-    assert list(parts) == ["imud: filter", "imud: inertial sensor", "imud: receiver"]
+    assert set(parts) == {"imud: filter", "imud: inertial sensor", "imud: receiver"}
     assert parts["imud: inertial sensor"].hardware_id.startswith("M-G350")
 
 

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from poses import FRD_IN_FLU, NED_IN_ENU, POSES, G, solution
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
@@ -18,6 +19,8 @@ from imud.recording.enu import LocalMap
 from imud.recording.foxglove import location, transform
 from imud.recording.messages import ESTIMATE_TABLE
 from imud.ros2 import messages
+from imud.ros2.block_writer import BlockWriter, Rows
+from imud.ros2.cdr import Cdr
 from imud.ros2.converter import Converter
 from imud.ros2.definitions import TOPICS, definition
 from imud.ros2.messages import Diagnosis, Sigmas
@@ -44,7 +47,7 @@ def read(topic, data):
 
 def one(make, row, unix_ns, *more):
     """The message that a function for many makes of one row."""
-    return make(np.array([row]), np.array([unix_ns]), *more).tobytes()
+    return make(np.array([row]), np.array([unix_ns]), *more).only()
 
 
 def converted(row, converter=None, unix_ns=0):
@@ -284,7 +287,7 @@ def test_many_rows_at_once_become_the_messages_that_each_becomes_alone():
         (topic, int(unix_ns), data.tobytes())
         for part in (slice(0, 60), slice(60, 61), slice(61, 400))
         for topic, times, block in together.of_solutions(rows[part], at[part])
-        for unix_ns, data in zip(times, block, strict=True)
+        for unix_ns, data in zip(times, block.rows(), strict=True)
     ]
     for topic in ("imu/data", "/tf", "odometry", "fix/filtered"):
         assert [m for m in made if m[0] == topic] == [m for m in wanted if m[0] == topic]
@@ -340,3 +343,39 @@ def test_the_definitions_are_those_of_ros(name):
     ours = get_types_from_msg(definition(name), name)
     for kind, (_, fields) in ours.items():
         assert fields == STORE.get_msgdef(kind).fields, kind
+
+
+def test_blocks_are_an_mcap_file_that_its_own_library_reads(tmp_path):
+    """In order of time, and found by topic, with their checksums."""
+    times = {"a": [5, 7, 9], "b": [6], "c": [30, 20]}
+    path = tmp_path / "blocks.mcap"
+    with path.open("wb") as file:
+        writer = BlockWriter(file, "ros2")
+        number = {
+            name: writer.add_channel(f"/{name}", "cdr", (name, "ros2msg", b"int32 x"), {"k": name}) for name in "ab"
+        }
+
+        def block(name):
+            at = np.array(times[name])
+            return Rows(number[name], at, Cdr(len(at)).text(name).add("i", at))
+
+        writer.write_chunk([block("a"), block("b")])
+        number["c"] = writer.add_channel("/c", "cdr", ("c", "ros2msg", b"int32 x"), {})
+        writer.write_chunk([block("c")])
+        writer.finish()
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        assert reader.get_header().profile == "ros2"
+        summary = reader.get_summary()
+        statistics = summary.statistics
+        assert (statistics.message_count, statistics.message_start_time, statistics.message_end_time) == (6, 5, 30)
+        assert [(len(chunk.message_index_offsets), chunk.message_end_time) for chunk in summary.chunk_indexes] == [
+            (2, 9),
+            (1, 30),
+        ]
+        read = [(schema.name, m.log_time, m.data) for schema, _, m in reader.iter_messages()]
+        sought = [m.log_time for _, _, m in reader.iter_messages(topics=["/a", "/c"])]
+        assert summary.channels[number["b"]].metadata == {"k": "b"}
+    assert [time for _, time, _ in read] == [5, 6, 7, 9, 20, 30]
+    assert all(data == Cdr().text(name).add("i", time).only() for name, time, data in read)
+    assert sought == [5, 7, 9, 20, 30]

@@ -1,11 +1,13 @@
 """An MCAP file of the messages that `imud ros2` publishes live, made of a recording that is replayed."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+
+from imud.drivers.sample import SAMPLE
 
 from ..errors import CannotCreateError
 from ..math.arrays import Records
@@ -15,7 +17,8 @@ from ..recording.enu import Vector
 from ..recording.player import Player
 from ..recording.writer import Thinner
 from ..sensors.inertial import Inertial
-from .converter import Block, Converter, Message
+from .block_writer import BlockWriter, Rows
+from .converter import Block, Converter, block_of
 from .definitions import STATIC, TOPICS, definition
 from .messages import Diagnosis, Sigmas, filter_diagnosis
 
@@ -30,6 +33,18 @@ _LATCHED = (
 )
 
 
+@dataclass
+class _Waiting:
+    """What is no message yet, in parts, and diagnoses, whose messages differ in size. rows: how many of all."""
+
+    samples: list[Records] = field(default_factory=list)
+    solutions: list[Records] = field(default_factory=list)
+    fixes: list[Records] = field(default_factory=list)
+    utc_ns: list[int | None] = field(default_factory=list)  # of the fixes, by the receiver
+    diagnoses: list[Block] = field(default_factory=list)
+    rows: int = 0
+
+
 class Bag:
     """The file of one recording."""
 
@@ -39,14 +54,11 @@ class Bag:
         """rate_hz: of samples and solutions, 0: all; offset_ns: Unix time less the recording's; antenna_m: from the
         inertial sensor, FRD. Raises ImudError.
         """
-        from .block_writer import BlockWriter
-
         try:
             file = stack.enter_context(path.open("wb"))
         except OSError as error:
             raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error
-        self._writer: Any = BlockWriter(file)
-        self._writer.start(profile="ros2", library="imud")
+        self._writer = BlockWriter(file, "ros2")
         stack.callback(self._finish)
         self._channels: dict[str, int] = {}
         self._converter = Converter()
@@ -54,8 +66,7 @@ class Bag:
         self._offset_ns = offset_ns
         self._player, self._antenna_m = player, antenna_m
         self._filter: Filter | None = None
-        self._waiting: list[tuple[Records, Records]] = []  # samples and solutions that are no messages yet
-        self._rows = 0  # of them
+        self._waiting = _Waiting()
         self._status = 0
         self._diagnosed_ns = -_DIAGNOSES_NS
         self.fixes = 0
@@ -68,21 +79,29 @@ class Bag:
             self._write_waiting()
             self._filter = inertial.stream.filter
             self._converter.sigmas = Sigmas(*inertial.sample_sigmas)
-        kept = self._samples.kept(samples).copy(), self._solutions.kept(solutions).copy()
-        self._waiting.append(kept)
-        self._rows += len(kept[0])
+        self._waiting.samples.append(self._samples.kept(samples).copy())
+        self._waiting.solutions.append(self._solutions.kept(solutions).copy())
+        self._waiting.rows += len(self._waiting.samples[-1])
         self._status = int(solutions["status"][-1])
-        if self._rows >= _TOGETHER:
-            self._write_waiting()
         self._diagnose()
 
     def _write_waiting(self) -> None:
-        if self._rows:
-            samples, solutions = (np.concatenate(blocks) for blocks in zip(*self._waiting, strict=True))
-            self._add_blocks(self._converter.of_samples(samples, samples["t_ns"] + self._offset_ns))
-            self._add_blocks(self._converter.of_solutions(solutions, solutions["t_ns"] + self._offset_ns))
-        self._waiting.clear()
-        self._rows = 0
+        """As one chunk."""
+        waiting, self._waiting = self._waiting, _Waiting()
+        if not waiting.rows:
+            return
+        blocks = list(waiting.diagnoses)
+        if len(samples := np.concatenate([np.zeros(0, SAMPLE), *waiting.samples])):
+            solutions = np.concatenate(waiting.solutions)
+            blocks += self._converter.of_samples(samples, samples["t_ns"] + self._offset_ns)
+            blocks += self._converter.of_solutions(solutions, solutions["t_ns"] + self._offset_ns)
+        if waiting.fixes:
+            fixes = np.concatenate(waiting.fixes)
+            blocks += self._converter.of_fixes(fixes, fixes["t_ns"] + self._offset_ns, waiting.utc_ns)
+        if not self._channels:
+            first_ns = min(int(block.unix_ns[0]) for block in blocks)
+            blocks.insert(0, block_of(self._converter.static(self._antenna_m, first_ns)))
+        self._writer.write_chunk([Rows(self._channel_of(topic), times, data) for topic, times, data in blocks])
 
     def _finish(self) -> None:
         self._write_waiting()
@@ -91,15 +110,16 @@ class Bag:
     def write_fix(self, fix: Records) -> None:
         """An array of one FIX."""
         self.fixes += 1
-        unix_ns, reported = self._unix_ns(fix[0]), self._player.reported
-        self._add(self._converter.of_fix(fix[0], unix_ns, reported.utc_ns(unix_ns) if reported else None))
+        unix_ns, reported = int(fix[0]["t_ns"]) + self._offset_ns, self._player.reported
+        self._waiting.fixes.append(fix.copy())
+        self._waiting.utc_ns.append(reported.utc_ns(unix_ns) if reported else None)
+        self._waiting.rows += 1
         self._diagnose()
-
-    def _unix_ns(self, row: np.void) -> int:
-        return int(row["t_ns"]) + self._offset_ns
 
     def _diagnose(self) -> None:
         """Once a second, as the daemon would have said it then."""
+        if self._waiting.rows >= _TOGETHER:
+            self._write_waiting()
         now_ns = self._player.now_ns
         if now_ns - self._diagnosed_ns < _DIAGNOSES_NS:
             return
@@ -114,26 +134,9 @@ class Bag:
             hardware = " ".join(filter(None, (identity.model or identity.driver, identity.serial)))
             parts.append(Diagnosis(_NAMES[said.kind], sensor.faults(now_ns), hardware, values))
             sensor.update(now_ns)
-        self._add(self._converter.of_diagnoses(parts, now_ns + self._offset_ns))
-
-    def _add_blocks(self, blocks: Iterable[Block]) -> None:
-        for topic, unix_ns, data in blocks:
-            self._begin(int(unix_ns[0]))
-            self._writer.add_rows(self._channel_of(topic), unix_ns, data)
-
-    def _begin(self, unix_ns: int) -> None:
-        """The static transforms come first."""
-        if not self._channels:
-            self._write(self._converter.static(self._antenna_m, unix_ns))
-
-    def _add(self, messages: Iterable[Message]) -> None:
-        for message in messages:
-            self._begin(message.unix_ns)
-            self._write(message)
-
-    def _write(self, message: Message) -> None:
-        topic, unix_ns, data = message
-        self._writer.add_message(self._channel_of(topic), unix_ns, data, unix_ns)
+        messages = self._converter.of_diagnoses(parts, now_ns + self._offset_ns)
+        self._waiting.diagnoses += map(block_of, messages)
+        self._waiting.rows += 1
 
     def _channel_of(self, topic: str) -> int:
         if topic not in self._channels:
@@ -142,6 +145,6 @@ class Bag:
 
     def _new_channel(self, topic: str) -> int:
         kind = TOPICS[topic]
-        schema = self._writer.register_schema(kind, "ros2msg", definition(kind).encode())
+        schema = kind, "ros2msg", definition(kind).encode()
         profiles = {"offered_qos_profiles": _LATCHED if topic == STATIC else ""}
-        return int(self._writer.register_channel(f"/{topic.lstrip('/')}", "cdr", schema, profiles))
+        return self._writer.add_channel(f"/{topic.lstrip('/')}", "cdr", schema, profiles)

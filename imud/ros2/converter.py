@@ -9,7 +9,7 @@ from ..math.arrays import Indices, Records
 from ..recording.enu import ANTENNA, BODY, IMU, Vector, body
 from ..sensors.gnss import position_sigma
 from . import messages
-from .cdr import Bytes
+from .cdr import Cdr
 from .definitions import STATIC
 from .frames import IDENTITY, Frames
 from .messages import Diagnosis, Sigmas
@@ -24,17 +24,23 @@ class Message(NamedTuple):
 
 
 class Block(NamedTuple):
-    """n messages for a topic: their times, and a row of bytes each."""
+    """n messages for a topic, and their times."""
 
     topic: str
     unix_ns: Indices
-    data: Bytes
+    messages: Cdr
+
+
+def block_of(message: Message) -> Block:
+    """The same as a block of one."""
+    topic, unix_ns, data = message
+    return Block(topic, np.array([unix_ns]), Cdr.of(data))
 
 
 def _single(blocks: Iterator[Block]) -> Iterator[Message]:
     """Of blocks of one message each."""
-    for topic, unix_ns, data in blocks:
-        yield Message(topic, int(unix_ns[0]), data.tobytes())
+    for topic, unix_ns, cdr in blocks:
+        yield Message(topic, int(unix_ns[0]), cdr.only())
 
 
 class Converter:
@@ -70,9 +76,16 @@ class Converter:
 
     def of_fix(self, fix: np.void, unix_ns: int, utc_ns: int | None) -> Iterator[Message]:
         """fix: a row of FIX; utc_ns: the same instant by the receiver's clock; None: not known."""
-        yield Message("fix", unix_ns, messages.receiver_fix(fix, unix_ns, position_sigma(fix)))
-        if utc_ns is not None:
-            yield Message("time_reference", unix_ns, messages.time_reference(unix_ns, utc_ns))
+        return _single(self.of_fixes(np.array([fix]), np.array([unix_ns]), [utc_ns]))
+
+    def of_fixes(self, fixes: Records, unix_ns: Indices, utc_ns: Sequence[int | None]) -> Iterator[Block]:
+        """fixes: rows of FIX; utc_ns: the same instants by the receiver's clock; None: not known."""
+        sigmas = np.array([position_sigma(fix) for fix in fixes])
+        yield Block("fix", unix_ns, messages.receiver_fixes(fixes, unix_ns, sigmas))
+        known = np.array([utc is not None for utc in utc_ns])
+        if known.any():
+            references = np.array([utc for utc in utc_ns if utc is not None])
+            yield Block("time_reference", unix_ns[known], messages.time_references(unix_ns[known], references))
 
     def of_diagnoses(self, parts: Sequence[Diagnosis], unix_ns: int) -> Iterator[Message]:
         yield Message("/diagnostics", unix_ns, messages.diagnostics(unix_ns, parts))

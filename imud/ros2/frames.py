@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..estimators.records import ATTITUDE_VALID, POSITION_VALID
 from ..math.arrays import Floats, Records
-from ..recording.enu import LocalMap, attitude, body, each, product, world
+from ..recording.enu import LocalMap, attitude, body, each, length, product, world
 
 GAP_NS = 1_000_000_000  # an interruption, over which the body's motion is not known
 
@@ -33,12 +33,12 @@ def turned(q: Columns, v: Columns) -> Columns:
     return product(product(q, (0.0, *v)), inverse(q))[1:]
 
 
-def _rotation(v: Columns) -> Columns:
-    """By a rotation vector, rad."""
-    angle = each(math.hypot, *v)
+def _rotation(v: Floats) -> Columns:
+    """By rotation vectors (n x 3), rad."""
+    angle = length(v)
     half = np.where(angle > 1e-9, 0.5 * angle, 1.0)
     factor = np.where(angle > 1e-9, 0.5 * each(math.sin, half) / half, 0.5)
-    return each(math.cos, 0.5 * angle), factor * v[0], factor * v[1], factor * v[2]
+    return each(math.cos, 0.5 * angle), *(factor[:, None] * v).T
 
 
 class Motion(NamedTuple):
@@ -88,8 +88,9 @@ class Frames:
         goes_on = (elapsed_ns > 0) & (elapsed_ns <= GAP_NS)
         half_s = 0.5e-9 * elapsed_ns[:, None]
         path, angle = np.hsplit(half_s * twist[:-1] + half_s * twist[1:], 2)
-        directions = np.array(_directions(start[3:].tolist(), _rotation(angle.T), goes_on))
-        middle = product(directions[:-1].T, _rotation(0.5 * angle.T))
+        half = _rotation(0.5 * angle)
+        directions = np.array(_directions(start[3:].tolist(), product(half, half), goes_on))
+        middle = product(directions[:-1].T, half)
         paths = np.where(goes_on[:, None], np.stack(turned(middle, path.T), axis=1), 0.0)
         places = np.cumsum(np.concatenate([start[None, :3], paths]), axis=0)
         self._t_ns, self._twist = int(t_ns[-1]), twist[-1:]

@@ -4,7 +4,6 @@ World is ENU, body FLU, quaternions x y z w; twists are in the body's axes. A co
 with -1 says that there is no such estimate. Covariances of an orientation are those of its roll, pitch and yaw.
 """
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -15,9 +14,9 @@ from imud.drivers.sample import NO_FORCE, NO_RATE, SUSPECT
 
 from ..estimators.records import ATTITUDE_VALID, HEIGHT_VALID, POSITION_VALID
 from ..math.arrays import Floats, Indices, Records
-from ..recording.enu import ANTENNA, BODY, IMU, MAP, ODOM, Vector, attitude, each, world
+from ..recording.enu import ANTENNA, BODY, IMU, MAP, ODOM, attitude, length, world
 from ..sensor_errors.profiles import SampleSigma
-from .cdr import Bytes, Cdr
+from .cdr import Cdr
 from .frames import Transform
 
 _NONE = [-1.0, *[0.0] * 8]
@@ -47,7 +46,7 @@ def _measured(v: Floats, sensor: SampleSigma | None, is_known: Any = True, bias:
     rows[:, 3] = -1.0
     if sensor is not None:
         known = np.isfinite(v.sum(axis=1)) & is_known
-        size = sensor.scale * each(math.hypot, *v.T)
+        size = sensor.scale * length(v)
         biases = np.full(v.shape, sensor.bias) if bias is None else np.where(np.isfinite(bias), bias, sensor.bias)
         sigmas = np.sqrt((sensor.white**2 + size * size)[:, None] + biases * biases)
         rows[known, :3] = (v * _FLU)[known]
@@ -55,15 +54,15 @@ def _measured(v: Floats, sensor: SampleSigma | None, is_known: Any = True, bias:
     return rows
 
 
-def imu_raw(samples: Records, unix_ns: Indices, sigmas: Sigmas) -> Bytes:
+def imu_raw(samples: Records, unix_ns: Indices, sigmas: Sigmas) -> Cdr:
     """sensor_msgs/msg/Imu, of rows of SAMPLE: as measured, without an orientation (REP-145)."""
     n, flags = len(samples), samples["flags"]
     message = Cdr(n).header(unix_ns, IMU).quaternion(_NO_ROTATION).add("d", *_NONE)
     rates = _measured(samples["w"], sigmas.gyro, flags & (NO_RATE | SUSPECT) == 0)
-    return message.doubles(rates, _measured(samples["f"], sigmas.accel, flags & (NO_FORCE | SUSPECT) == 0)).rows()
+    return message.doubles(rates, _measured(samples["f"], sigmas.accel, flags & (NO_FORCE | SUSPECT) == 0))
 
 
-def imu(solutions: Records, unix_ns: Indices, sigmas: Sigmas) -> Bytes:
+def imu(solutions: Records, unix_ns: Indices, sigmas: Sigmas) -> Cdr:
     """sensor_msgs/msg/Imu, of rows of SOLUTION: without the biases, with gravity (REP-145)."""
     known = solutions["status"] & ATTITUDE_VALID != 0
     covariance = _diagonal(solutions["sigma_rpy"] ** 2)
@@ -71,7 +70,7 @@ def imu(solutions: Records, unix_ns: Indices, sigmas: Sigmas) -> Bytes:
     rates = _measured(solutions["w"], sigmas.gyro, bias=solutions["sigma_bg"])
     forces = _measured(solutions["f"], sigmas.accel, bias=solutions["sigma_ba"])
     message = Cdr(len(solutions)).header(unix_ns, IMU).quaternion(attitude(solutions["q_nb"].T))
-    return message.doubles(covariance, rates, forces).rows()
+    return message.doubles(covariance, rates, forces)
 
 
 def _diagonal(variances: Floats) -> Floats:
@@ -84,7 +83,7 @@ def _diagonal(variances: Floats) -> Floats:
 
 def _nav_sat_fix(
     unix_ns: Indices, frame: str, status: Any, position: Floats, sigma: Floats, kind: NDArray[np.int64]
-) -> Bytes:
+) -> Cdr:
     """position: degrees, m; sigma: m, north east down. A height of NaN is not known."""
     variances = np.stack(world(sigma.T), axis=1) ** 2
     blind = ~np.isfinite(position[:, 2])
@@ -92,10 +91,10 @@ def _nav_sat_fix(
     kind = np.where(blind, np.minimum(kind, _APPROXIMATED), kind)
     variances[kind == _UNKNOWN] = 0.0
     message = Cdr(len(position)).header(unix_ns, frame).add("b", status).add("H", _SERVICE_GPS)
-    return message.doubles(position, _diagonal(variances)).add("B", kind).rows()
+    return message.doubles(position, _diagonal(variances)).add("B", kind)
 
 
-def filtered_fix(solutions: Records, unix_ns: Indices) -> Bytes:
+def filtered_fix(solutions: Records, unix_ns: Indices) -> Cdr:
     """sensor_msgs/msg/NavSatFix, of rows of SOLUTION: the filter's position of the body."""
     known = solutions["status"] & POSITION_VALID != 0
     height = np.where(solutions["status"] & HEIGHT_VALID != 0, solutions["height"], np.nan)
@@ -105,20 +104,20 @@ def filtered_fix(solutions: Records, unix_ns: Indices) -> Bytes:
     return _nav_sat_fix(unix_ns, BODY, status, position, solutions["sigma_p"], kind)
 
 
-def receiver_fix(fix: np.void, unix_ns: int, derived: Vector) -> bytes:
-    """sensor_msgs/msg/NavSatFix, of a row of FIX: the antenna's, as the receiver reports it.
+def receiver_fixes(fixes: Records, unix_ns: Indices, derived: Floats) -> Cdr:
+    """sensor_msgs/msg/NavSatFix, of rows of FIX: the antenna's, as the receiver reports it.
 
-    derived: sigma north, east, down that stand for those it does not report.
+    derived: sigma north, east, down (n x 3) that stand for those it does not report.
     """
-    sigma = np.where(np.isfinite(fix["sigma"]), fix["sigma"], derived)
-    kind = _DIAGONAL_KNOWN if np.isfinite(fix["sigma"]).all() else _APPROXIMATED
-    status = _STATUS_OF_QUALITY.get(int(fix["quality"]), _FIX)
-    position = np.array([[math.degrees(fix["lat"]), math.degrees(fix["lon"]), fix["height"]]])
-    at = np.array([unix_ns])
-    return _nav_sat_fix(at, ANTENNA, status, position, sigma[None], np.array([kind])).tobytes()
+    reported = np.isfinite(fixes["sigma"])
+    sigma = np.where(reported, fixes["sigma"], derived)
+    kind = np.where(reported.all(axis=1), _DIAGONAL_KNOWN, _APPROXIMATED)
+    status = np.array([_STATUS_OF_QUALITY.get(quality, _FIX) for quality in fixes["quality"].tolist()])
+    position = np.stack([np.degrees(fixes["lat"]), np.degrees(fixes["lon"]), fixes["height"]], axis=1)
+    return _nav_sat_fix(unix_ns, ANTENNA, status, position, sigma, kind)
 
 
-def odometry(solutions: Records, unix_ns: Indices, place: Floats, gyro: SampleSigma | None) -> Bytes:
+def odometry(solutions: Records, unix_ns: Indices, place: Floats, gyro: SampleSigma | None) -> Cdr:
     """nav_msgs/msg/Odometry of the body in the map, of rows of SOLUTION with a position. place: ENU (n x 3), m."""
     sigmas = np.hstack([np.stack(world(solutions["sigma_p"].T), axis=1), solutions["sigma_rpy"]])
     variances = sigmas * sigmas
@@ -131,7 +130,7 @@ def odometry(solutions: Records, unix_ns: Indices, place: Floats, gyro: SampleSi
     covariance[:, :3, :3] = spread
     known = rates[:, 3] >= 0.0
     covariance[known, 3:, 3:] = rates[known, 3:].reshape(-1, 3, 3)
-    return message.doubles(velocity, rates[:, :3], covariance.reshape(-1, 36)).rows()
+    return message.doubles(velocity, rates[:, :3], covariance.reshape(-1, 36))
 
 
 def body_velocity(solutions: Records) -> tuple[Floats, Floats]:
@@ -141,8 +140,9 @@ def body_velocity(solutions: Records) -> tuple[Floats, Floats]:
     r_nb, v = _matrices(solutions["q_nb"].T), solutions["v"]
     (north, east, down), nothing = v.T, np.zeros(len(v))
     cross = _stacked([nothing, down, -east], [-down, nothing, north], [east, -north, nothing])  # axis @ cross: v x axis
-    yaw = each(math.atan2, r_nb[:, 1, 0], r_nb[:, 0, 0])
-    sine, cosine = each(math.sin, yaw), each(math.cos, yaw)
+    forward = r_nb[:, :2, 0]  # its horizontal part, which is none straight up or down: the yaw is 0 then
+    across = length(forward)[:, None]
+    cosine, sine = np.where(across > 0.0, forward, (1.0, 0.0)).T / np.where(across > 0.0, across, 1.0).T
     one = nothing + 1.0
     axes = _stacked(r_nb[:, :, 0].T, [-sine, cosine, nothing], [nothing, nothing, one])  # of roll, pitch, yaw
     errors = _diagonal(solutions["sigma_v"]).reshape(-1, 3, 3), solutions["sigma_rpy"][:, :, None] * (axes @ cross)
@@ -164,12 +164,12 @@ def _matrices(q: Any) -> Floats:
     )
 
 
-def motion(unix_ns: Indices, map_to_odom: Floats, odom_to_body: Floats) -> Bytes:
+def motion(unix_ns: Indices, map_to_odom: Floats, odom_to_body: Floats) -> Cdr:
     """tf2_msgs/msg/TFMessage of both. n x 7 each: place and quaternion, scalar first."""
     message = Cdr(len(unix_ns)).add("I", 2)
     for parent, child, rows in ((MAP, ODOM, map_to_odom), (ODOM, BODY, odom_to_body)):
         message.header(unix_ns, parent).text(child).doubles(rows[:, :3]).quaternion(rows[:, 3:].T)
-    return message.rows()
+    return message
 
 
 def transforms(unix_ns: int, known: Iterable[tuple[str, str, Transform]]) -> bytes:
@@ -178,12 +178,12 @@ def transforms(unix_ns: int, known: Iterable[tuple[str, str, Transform]]) -> byt
     message = Cdr().add("I", len(entries))
     for parent, child, (place, q) in entries:
         message.header(unix_ns, parent).text(child).add("d", *place).quaternion(q)
-    return message.bytes()
+    return message.only()
 
 
-def time_reference(unix_ns: int, utc_ns: int) -> bytes:
-    """sensor_msgs/msg/TimeReference: what the receiver calls the instant that the host calls `unix_ns`."""
-    return Cdr().header(unix_ns, "").time(utc_ns).text("gnss").bytes()
+def time_references(unix_ns: Indices, utc_ns: Indices) -> Cdr:
+    """sensor_msgs/msg/TimeReference: what the receiver calls the instants that the host calls `unix_ns`."""
+    return Cdr(len(unix_ns)).header(unix_ns, "").time(utc_ns).text("gnss")
 
 
 class Diagnosis(NamedTuple):
@@ -213,4 +213,4 @@ def diagnostics(unix_ns: int, parts: Sequence[Diagnosis]) -> bytes:
         message.add("I", len(values))
         for key, value in values.items():
             message.text(key).text(str(value))
-    return message.bytes()
+    return message.only()

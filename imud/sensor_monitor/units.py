@@ -51,15 +51,18 @@ def new_units(rate_hz: float) -> Any:
 def rates_are_in_degrees(u: RateUnits, sample: Any) -> bool:
     """Whether the rates are in deg/s. Call once for each sample."""
     w, f = sample.w, sample.f
+    change = (f[0] - u.force[0], f[1] - u.force[1], f[2] - u.force[2])
+    u.force[0], u.force[1], u.force[2] = f[0], f[1], f[2]
+    if w[0] * w[0] + w[1] * w[1] + w[2] * w[2] < MIN_RATE**2:
+        return bool(u.degrees == 1)
     expected = (f[1] * w[2] - f[2] * w[1], f[2] * w[0] - f[0] * w[2], f[0] * w[1] - f[1] * w[0])
     covariance = expected2 = measured2 = 0.0
     for i in range(3):
-        measured, expected_change = f[i] - u.force[i], expected[i] * u.period
+        measured, expected_change = change[i], expected[i] * u.period
         covariance += measured * expected_change
         expected2 += expected_change * expected_change
         measured2 += measured * measured
-        u.force[i] = f[i]
-    if w[0] * w[0] + w[1] * w[1] + w[2] * w[2] < MIN_RATE**2 or not expected2 + measured2 < math.inf:
+    if not expected2 + measured2 < math.inf:
         return bool(u.degrees == 1)
     u.samples += 1
     u.covariance += covariance

@@ -156,13 +156,14 @@ def apply_transition(u: Tensor, columns: int, transition: Transition) -> None:
         u[VELOCITY, j] += f[2] * y - f[1] * z
         u[VELOCITY + 1, j] += f[0] * z - f[2] * x
         u[VELOCITY + 2, j] += f[1] * x - f[0] * y
-        for i in range(3):
-            for k in range(3):
+        for k in range(3):
+            turn_error = dt * u[GYRO_BIAS + k, j]
+            for n in range(3):
+                turn_error += transition.scaled_angle[n] * u[GYRO_SCALE + 3 * n + k, j]
+            for i in range(3):
                 u[VELOCITY + i, j] -= C_nb[3 * i + k] * dt * u[ACCEL_BIAS + k, j]
-                rate_error = dt * u[GYRO_BIAS + k, j]
-                for n in range(3):
-                    rate_error += transition.scaled_angle[n] * u[GYRO_SCALE + 3 * n + k, j]
-                u[ATTITUDE + i, j] -= C_nb[3 * i + k] * rate_error
+                u[ATTITUDE + i, j] -= C_nb[3 * i + k] * turn_error
+        for i in range(3):
             u[GNSS_BIAS + i, j] *= transition.gnss_bias_decay
             u[GNSS_VELOCITY_BIAS + i, j] *= transition.gnss_velocity_bias_decay
 

@@ -93,12 +93,18 @@ def update_earth(c: Core) -> None:
 
 
 @kernel
-def displace(c: Core, north: float, east: float, down: float) -> None:
-    """Move the nominal position by metres north, east and down."""
-    update_earth(c)
+def move_position(c: Core, north: float, east: float, down: float) -> None:
+    """Move the nominal position by metres north, east and down, by the radii of the last `update_earth`."""
     c.nav.lon = wrap_angle(c.nav.lon + east * c.earth.lon_per_m)
     c.nav.lat = min(max(c.nav.lat + north * c.earth.lat_per_m, -MAX_LATITUDE), MAX_LATITUDE)
     c.nav.height -= down
+
+
+@kernel
+def displace(c: Core, north: float, east: float, down: float) -> None:
+    """Move the nominal position by metres north, east and down."""
+    update_earth(c)
+    move_position(c, north, east, down)
 
 
 @kernel
@@ -143,7 +149,7 @@ def integrate_strapdown(c: Core, w: Reals, f: Reals, dt: float) -> Vector:
     n.v_n[0] = vn + dv[0] - (oe * vd - od * ve) * dt
     n.v_n[1] = ve + dv[1] - (od * vn - on * vd) * dt
     n.v_n[2] = vd + dv[2] - (on * ve - oe * vn) * dt + e.gravity * dt
-    displace(c, 0.5 * (vn + n.v_n[0]) * dt, 0.5 * (ve + n.v_n[1]) * dt, 0.5 * (vd + n.v_n[2]) * dt)
+    move_position(c, 0.5 * (vn + n.v_n[0]) * dt, 0.5 * (ve + n.v_n[1]) * dt, 0.5 * (vd + n.v_n[2]) * dt)
     x, y, z = -0.5 * (north_rate + tn) * dt, -0.5 * te * dt, -0.5 * (down_rate + td) * dt
     q = quat_product(quaternion(c), q_change)
     # of first order: at 300 m/s a sample turns the frame by 1e-7 rad

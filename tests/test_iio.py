@@ -17,7 +17,7 @@ from imud.commands.doctor import examine
 from imud.drivers.detect import search
 from imud.drivers.driver import Identity, ImuConfigured, Options, Unsupported
 from imud.drivers.errors import NotSerialError, PortAbsentError, PortBusyError, PortLostError, SpecError
-from imud.drivers.iio.layout import Channel, Layout, LayoutError, layout_of, scan_of, turn
+from imud.drivers.iio.layout import Channel, Layout, LayoutError, layout_of, rotation_of, scan_of
 from imud.drivers.iio.setup import nearest_rate, rate_hz, trigger_of
 from imud.drivers.registry import by_name
 from imud.drivers.sample import SATURATED, SUSPECT
@@ -127,7 +127,7 @@ def test_scale_offset_temperature_and_mount_matrix():
 @pytest.mark.parametrize("text", ["1, 0, 0; 0, 1, 0; 0, 0, -1", "2, 0, 0; 0, 2, 0; 0, 0, 2", "1, 0, 0", ""])
 def test_a_mount_matrix_that_is_no_rotation_is_refused(text):
     with pytest.raises(LayoutError, match="mount matrix"):
-        turn({"mount_matrix": text}, "accel")
+        rotation_of({"mount_matrix": text}, "accel")
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,8 @@
 """Packets of the RGA300CA: bytes to samples.
 
-A packet has the header, and a checksum that fits. Anything else is skipped one byte at a time, so that a good packet
-inside a bad one is found; a packet is delivered as soon as its last byte is there. A sum of bytes is a weak checksum,
-so the values are judged as well. The decoder changes to another convention of the checksum after `SURE` packets in
+A packet has the header and a right checksum. Any other byte is skipped, so that a good packet inside a bad one is
+found; a packet is delivered as soon as its last byte has arrived. A sum of bytes is a weak checksum, so the values are
+tested, too (`drivers/spikes.py`). The decoder changes to another convention of the checksum after `SURE` packets in
 sequence that fit it while none fitted the present one. Decisions depend on the bytes alone, never on the chunks in
 which they came.
 """
@@ -22,8 +22,8 @@ from . import packet
 from .packet import CHECKSUM, CONVENTIONS, HEADER, LENGTH, PITCH, RANGE_LSB, ROLL, SURE, TEMPERATURE, YAW_RATE
 from .timer import TIMER, ticks_since
 
-SPIKE_RADPS2, SPIKE_MPS3 = math.radians(2500.0), 50.0 * packet.STANDARD_GRAVITY  # more than a vehicle's motion makes
-SPIKE_PERIOD_MAX_S = 0.02  # for which that holds
+SPIKE_RADPS2, SPIKE_MPS3 = math.radians(2500.0), 50.0 * packet.STANDARD_GRAVITY  # changes beyond those of a vehicle
+SPIKE_PERIOD_MAX_S = 0.02  # longest time for which these hold
 FAULTS = packet.ACCEL_FAILED | packet.ZERO_INVALID
 ANGLE_SCALE, RATE_SCALE, ACCEL_SCALE = packet.ANGLE_SCALE, packet.RATE_SCALE, packet.ACCEL_SCALE
 DEGC_SCALE = packet.VOLTS * packet.DEGC_PER_VOLT
@@ -61,7 +61,7 @@ def new_state(rate_hz: float) -> NDArray[np.void]:
     state["timer"]["spacing"] = max(1, round(1e9 / rate_hz / packet.TICK_NS))
     dt = min(1.0 / rate_hz, SPIKE_PERIOD_MAX_S)
     floor = [SPIKE_RADPS2 * dt / RATE_SCALE] + [SPIKE_MPS3 * dt / ACCEL_SCALE] * 3
-    state["spikes"]["floor"] = [*floor, 1.0, 1.0]  # the last two stay 0
+    state["spikes"]["floor"] = [*floor, 1.0, 1.0]  # the last two words are always 0
     return state
 
 
@@ -81,7 +81,7 @@ def matching_conventions(rx: Any, p: int) -> int:
 
 @kernel
 def count_convention(s: Any, fit: int) -> None:
-    """Count packets that only another convention explains, and go over to it once there are enough in sequence."""
+    """Count packets that fit only another convention, and change to it once there are enough in sequence."""
     for i in range(len(s.runs)):
         if fit >> i & 1:
             s.runs[i] = s.runs[i] + 1 if s.since[i] == LENGTH else 1
@@ -91,8 +91,8 @@ def count_convention(s: Any, fit: int) -> None:
 
 
 @kernel
-def examine(s: Any, rx: Any, p: int, fill: int) -> int:
-    """What begins at p: GOOD, a packet; BAD, none; WAIT, too early to say."""
+def classify(s: Any, rx: Any, p: int, fill: int) -> int:
+    """What begins at p: GOOD, a packet; BAD, no packet; WAIT: more bytes are needed."""
     if byte(rx, p) != H0 or (p + 1 < fill and byte(rx, p + 1) != H1):
         return BAD
     if p + LENGTH > fill:
@@ -106,7 +106,7 @@ def examine(s: Any, rx: Any, p: int, fill: int) -> int:
 
 @kernel
 def skip(s: Any) -> None:
-    """Leave a byte that begins no packet."""
+    """Skip a byte at which no packet begins."""
     s.bad += s.gap == 0 and s.frames > 0
     s.junk += 1
     s.gap += 1
@@ -170,7 +170,7 @@ def decode(rx: NDArray[np.uint8], fill: int, state: NDArray[np.void], samples: N
     s: Any = state[0]
     p, n = 0, 0
     while n < len(samples) and p < fill:
-        found = examine(s, rx, p, fill)
+        found = classify(s, rx, p, fill)
         if found == WAIT:
             break
         if found == GOOD:

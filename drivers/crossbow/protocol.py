@@ -12,11 +12,11 @@ from .packet import CONVENTIONS, HEADER, LENGTH, is_packet
 from .signatures import RELATIVES, is_stream, without_packets
 
 QUIET_S = 0.05  # after P, until the last packet is through
-FIRST_ANSWER_S, LATE_S = 0.1, 0.15  # most often waited for on a line with no unit at its end
-ANSWER_S = 0.6  # to anything: a unit takes milliseconds, a stand-in or a line through a network longer
-PACE_REQUESTS, PACE_TRIES, SLOWEST_HZ = 8, 2, 1.0  # requests that show whether a unit keeps up
+FIRST_ANSWER_S, LATE_S = 0.1, 0.15  # short, as most lines that are pinged have no unit at their end
+ANSWER_S = 0.6  # for any answer: a unit takes milliseconds; an emulator, or a line through a network, longer
+RATE_REQUESTS, RATE_TRIES, SLOWEST_HZ = 8, 2, 1.0  # requests that show whether a unit keeps up
 TRIES = 3
-EXTRA_S = 0.05  # in which a longer packet than the RGA's would go on
+EXTRA_S = 0.05  # in which a packet longer than the RGA's would continue
 ZERO_S = 0.5  # at most, for a hundred samples: VRPN found 3 to 4 ms each
 ZERO_MARGIN_S, ZERO_MAX_S = 5.0, 120.0
 
@@ -27,7 +27,7 @@ def stop() -> Dialogue[None]:
 
 
 def ping() -> Dialogue[bool]:
-    """Whether something here answers as a DMU does, and is quiet otherwise."""
+    """Whether a device answers as a DMU does, and sends nothing else."""
     for _ in range(TRIES):
         yield from stop()
         received = yield Exchange(b"R", FIRST_ANSWER_S, enough=is_pong, discard=True)
@@ -90,13 +90,13 @@ def sustained_rate(wanted_hz: float) -> Dialogue[float]:
     """
     rate_hz = wanted_hz
     while rate_hz > SLOWEST_HZ:
-        for _ in range(PACE_TRIES):
+        for _ in range(RATE_TRIES):
             received = b""
-            for _ in range(PACE_REQUESTS):
+            for _ in range(RATE_REQUESTS):
                 received += yield Exchange(b"G", 1.0 / rate_hz)
-            if len(received) >= PACE_REQUESTS * LENGTH:
+            if len(received) >= RATE_REQUESTS * LENGTH:
                 return rate_hz
-            yield Exchange(listen_s=ANSWER_S)  # what is late
+            yield Exchange(listen_s=ANSWER_S)  # late answers
         rate_hz *= 0.5
     return rate_hz
 

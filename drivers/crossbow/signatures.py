@@ -41,13 +41,13 @@ def convention(received: bytes, enough: int = SURE) -> int | None:
     """
     if scan(received):
         return 0
-    for odd in range(1, len(CONVENTIONS)):
-        starts = scan(received, odd)
+    for other in range(1, len(CONVENTIONS)):
+        starts = scan(received, other)
         run = 1
         for i in range(1, len(starts)):
             run = run + 1 if starts[i] - starts[i - 1] == LENGTH else 1
             if run >= enough:
-                return odd
+                return other
     return None
 
 

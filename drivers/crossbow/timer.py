@@ -13,7 +13,7 @@ import numpy as np
 from ..jit import kernel
 from .packet import TICK_NS
 
-VOTES = 20  # net, for one direction
+VOTES = 20  # difference of votes that decides for a direction
 TIMER = np.dtype(
     [
         ("spacing", "<i8"),  # nominal ticks from packet to packet

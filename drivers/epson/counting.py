@@ -1,9 +1,9 @@
 """From the device's COUNT word to ticks: sample periods since the first sample, wraps removed, lost samples counted.
 
-What one sample adds to COUNT differs between models and rates (1, 2, 20, …), so the ticks_max frequent difference is
-learned. A jump of COUNT is accepted once `CONFIRMED` frames continue from it: a wrong value may be damage, which a
-16-bit checksum can miss, and two frames in a row may be damaged alike. Until then, and if COUNT does not count at all,
-each frame is one tick, and so is each frame's length of junk before it. If a checksum covers COUNT, a short jump is
+What one sample adds to COUNT differs between models and rates (1, 2, 20, …), so the most frequent difference is
+learned. A jump of COUNT is accepted once `CONFIRMED` frames continue from it: the value may be damaged, which a 16-bit
+checksum can miss, and two frames in a row may be damaged alike. Until then, and if COUNT does not count at all, each
+frame is one tick, and so is the length of a frame of junk before it. If a checksum covers COUNT, a short jump is
 accepted at once.
 """
 
@@ -13,10 +13,10 @@ import numpy as np
 
 from ..jit import kernel
 
-VOTES = 24  # lead over all other differences before the commonest is taken for the step
-CONFIRMED = 2  # frames
-SHORT = 16  # samples
-LOST_MAX = 2048  # samples; a longer jump is a restarted counter
+VOTES = 24  # lead of the most frequent difference over all others before it is taken as the step
+CONFIRMED = 2  # frames that must continue from a jump
+SHORT = 16  # samples of a jump that is accepted at once if a checksum covers COUNT
+LOST_MAX = 2048  # samples; a longer jump means that the counter was restarted
 
 COUNTING = np.dtype(
     [
@@ -26,7 +26,7 @@ COUNTING = np.dtype(
         ("accepted", "<i8"),  # the last COUNT accepted
         ("since", "<i8"),  # ticks returned since then
         ("unaccepted", "<i8"),  # the last COUNT not accepted
-        ("confirmed", "<i8"),  # frames in sequence that went on from there
+        ("confirmed", "<i8"),  # frames in sequence that continued from there
     ],
     align=True,
 )

@@ -1,4 +1,4 @@
-"""Automatic frames of the flat dialect: bytes to samples, without a checksum to lean on.
+"""Automatic frames of the flat dialect, which have no checksum: bytes to samples.
 
     0     1-2   3-4   5-10        11-16        17-18  [19-20]  last
     0x20  FLAG  TEMP  GYRO x y z  ACCL x y z   GPIO   COUNT    0x0D       words big endian; 20 bytes, or 22 with COUNT
@@ -6,9 +6,9 @@
 A frame has header and CR at its ends, and the bits that stay constant (reserved bits of FLAG, GPIO) as they were
 before. Two neighbours that agree with each other begin the lock on a stream, and renew it when those bits have changed.
 Bytes that are not a frame are skipped one at a time, so that a good frame inside a bad one is found; a frame is
-delivered as soon as its last byte is there. If its successor does not confirm it, a loss of bytes may have made it out
-of two: it has been delivered, but is searched again for a frame inside. `counting.py` turns COUNT into ticks,
-`drivers/spikes.py` judges the values.
+delivered as soon as its last byte has arrived. If no frame follows it directly, it may consist of parts of two frames
+with lost bytes between them: it has been delivered, but is searched again for a frame inside. `counting.py` turns COUNT
+into ticks, `drivers/spikes.py` tests the values.
 
 Every decision is a function of the bytes alone, never of the chunks in which they came.
 """
@@ -39,7 +39,7 @@ def constants(rx: Any, p: int) -> int:
 
 @kernel
 def is_framed(rx: Any, p: int, length: int) -> bool:
-    """Whether header and CR stand at the ends."""
+    """Whether header and CR are at the ends."""
     return bool(byte(rx, p) == HEADER and byte(rx, p + length - 1) == CR)
 
 
@@ -55,15 +55,15 @@ def is_pair(rx: Any, p: int, length: int) -> bool:
 
 @kernel
 def lock(s: Any, seen: int, length: int) -> None:
-    """Begin or renew the lock; bits that changed since the last one are not relied on any more."""
+    """Begin or renew the lock; bits that have changed since the last lock are no longer compared."""
     if s.locked:
         s.mask &= ~(s.constants ^ seen)
     s.constants, s.length, s.locked = seen, length, 1
 
 
 @kernel
-def examine(s: Any, rx: Any, p: int, fill: int) -> int:
-    """What begins at p: GOOD, a frame; LOCK, the second of two; BAD, none; WAIT, too early to say."""
+def classify(s: Any, rx: Any, p: int, fill: int) -> int:
+    """What begins at p: GOOD, a frame; LOCK, the second of two; BAD, no frame; WAIT: more bytes are needed."""
     if byte(rx, p) != HEADER:
         return BAD
     length = s.length
@@ -87,7 +87,7 @@ def examine(s: Any, rx: Any, p: int, fill: int) -> int:
 
 @kernel
 def skip(s: Any, p: int) -> int:
-    """Leave a byte that begins no frame, or go back into the unconfirmed frame before it; returns where to go on."""
+    """Skip a byte at which no frame begins, or go back into the unconfirmed frame before; returns the next position."""
     if s.unconfirmed:
         s.unconfirmed = 0
         s.covered = s.length - 1
@@ -124,7 +124,7 @@ def decode_flat(rx: Any, fill: int, s: Any, samples: Any) -> int:
     """The frames of rx[:fill] into `samples`, as `ImuDriver.decode` does it; s is a record of STATE."""
     p, n = s.scanned, 0
     while n < len(samples) and p < fill:
-        found = examine(s, rx, p, fill)
+        found = classify(s, rx, p, fill)
         if found == WAIT:
             break
         if found == BAD:
@@ -132,7 +132,7 @@ def decode_flat(rx: Any, fill: int, s: Any, samples: Any) -> int:
         elif found == GOOD:
             n += emit(s, rx, p, samples[n])
             p += s.length
-        else:  # p itself is examined again, and good
+        else:  # the frame at p is classified again, now as GOOD
             s.gap -= s.length
             s.junk -= s.length
             n += emit(s, rx, p - s.length, samples[n])

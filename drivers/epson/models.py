@@ -30,11 +30,11 @@ class Model:
     # number of taps of the moving average: filter code
     tap_codes: dict[int, int] = field(default_factory=lambda: {1 << code: code for code in range(8)})
     filter_hz: float = 2000.0  # a rate is valid with at least filter_hz / rate taps
-    settings: tuple[Setting, ...] = ()  # without which the row does not hold
+    settings: tuple[Setting, ...] = ()  # registers that must be set for this row to be valid
 
     @property
     def name(self) -> str:
-        """For people."""
+        """As it is shown."""
         return f"M-{self.code}"
 
     @property
@@ -57,12 +57,12 @@ class Model:
 
     @property
     def rates(self) -> dict[int, float]:
-        """Those of the dialect that this model has a valid filter for: samples per second by code."""
+        """The dialect's rates for which this model has a valid filter: samples per second by code."""
         longest = max(self.tap_codes)
         return {code: rate for code, rate in self.dialect.rates.items() if longest * rate >= self.filter_hz}
 
     def possible_taps(self, rate_hz: float) -> list[int]:
-        """Of the filters that are valid at that rate, shortest first; the longest there is if none is."""
+        """Taps of the filters that are valid at that rate, shortest first; those of the longest filter if none is."""
         taps = sorted(self.tap_codes)
         return [count for count in taps if count * rate_hz >= self.filter_hz] or taps[-1:]
 

@@ -17,7 +17,7 @@ from .state import ALL_NEW
 from .windowed import FLAG, READABLE, TEMP
 
 LISTEN_S = 1.0
-PIECE = 2048  # bytes of it, which are looked at in every way: all of them would hold up the other port for seconds
+PIECE = 2048  # bytes that are searched for every layout; to search all would block the other ports for seconds
 PLAUSIBLE_G = 0.7, 1.4  # mean specific force of a second
 ModelLayout = tuple[Model, Layout]
 PassiveIdentity = tuple[Identity, Model, float, Layout]  # rate in 1/s
@@ -68,7 +68,7 @@ def _windowed(identity: Identity, received: bytes, named: str) -> ModelLayout | 
 
 
 def _shape(received: bytes) -> tuple[int, bool]:
-    """Length of most frames in sequence, and whether their sums fit."""
+    """Length of the frames, and whether their checksums are right."""
     header = WINDOWED.header
     for checked in (True, False):
         runs = {length: longest_run(received, header, length, checked) for length in WINDOWED.lengths}
@@ -84,7 +84,7 @@ def _frames(received: bytes, length: int) -> list[bytes]:
 
 
 def _force_g(frames: list[bytes], model: Model) -> float:
-    """Mean specific force, were the words where they are expected."""
+    """Mean specific force, g, if the words are where this driver expects them."""
     size = READABLE[len(frames[0])]
     lsb = model.accel_mg * 1e-3 / (1 << (8 * size - 16))
     offsets = range(TEMP + 4 * size, TEMP + 7 * size, size)

@@ -12,14 +12,14 @@ from .dialects import FLAT, IDENTITY, IDENTITY_VALUE, WINDOWED, Dialect
 from .models import G350, model_of
 from .registers import CONFIGURE, CR, NOT_READY, WIN_CTRL, Register, read, write
 
-ANSWER_S = 0.1  # an answer takes microseconds; adapters and stand-ins take longer
-FIRST_ANSWER_S = 0.06  # to the first question of all, most often put to a line with no sensor at its end
+ANSWER_S = 0.1  # an answer takes microseconds; adapters and emulators take longer
+FIRST_ANSWER_S = 0.06  # to the first query: short, as most lines that are queried have no sensor at their end
 STOP_ATTEMPTS = 5  # attempts to end automatic mode
 LATE_S = 0.5  # in which late answers may arrive
-LATE_MAX = STOP_ATTEMPTS * 3 * 4  # bytes: answers to all that `synchronize` asks
-SLOW_ANSWER_S = 0.8  # for what answers late
+LATE_MAX = STOP_ATTEMPTS * 3 * 4  # bytes of the answers to all queries of `synchronize`
+SLOW_ANSWER_S = 0.8  # for devices that answer late
 PAUSE_S = 0.006  # from one command or answer to the next command: 3.7 ms at 19200 baud, 0.2 ms at 460800
-STOP_S = 0.2  # until its last frames have drained from adapter and driver
+STOP_S = 0.2  # until the last frames have drained from adapter and driver
 ANSWERS = 6  # to one query, of which two must agree
 SILENT_MAX = 3  # queries of a register without an answer, after which there is no such register
 READY_POLLS, READY_S = 30, 0.05  # start-up takes 0.8 s
@@ -110,7 +110,7 @@ def synchronize() -> Dialogue[Dialect | None]:
 
 
 def synchronize_with_retry() -> Dialogue[tuple[Dialect | None, bool]]:
-    """`synchronize`, again where answers come late; the dialect, and whether all dialogues need `with_late_answers`."""
+    """`synchronize`, repeated if answers are late; the dialect, and whether all dialogues need `with_late_answers`."""
     dialect = yield from synchronize()
     if dialect is not None:
         return dialect, False
@@ -126,8 +126,8 @@ def with_late_answers(dialogue: Dialogue[Result]) -> Dialogue[Result]:
     try:
         while True:
             exchange = dialogue.send(received) if received is not None else next(dialogue)
-            question = exchange.send and exchange.enough
-            received = yield replace(exchange, listen_s=max(exchange.listen_s, SLOW_ANSWER_S)) if question else exchange
+            is_query = exchange.send and exchange.enough
+            received = yield replace(exchange, listen_s=max(exchange.listen_s, SLOW_ANSWER_S)) if is_query else exchange
     except StopIteration as finding:
         result: Result = finding.value
         return result

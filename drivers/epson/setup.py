@@ -37,14 +37,14 @@ WIRE_SHARE = 0.96  # of the line's capacity that a stream may take
 REQUESTS_PER_SAMPLE = (
     1.25  # requests per sample in polled mode: no sample is missed although the two clocks are not in step
 )
-COMMAND_BYTES, STALL_S = 3, 90e-6  # of a request; besides its bytes and the answer's (M-G362PDC1 data sheet, timing)
+COMMAND_BYTES, STALL_S = 3, 90e-6  # of a request; its time besides the bytes (M-G362PDC1 data sheet, timing)
 SAMPLE_ANSWERS, POLL_S = 4, 0.05  # polled frames that show the layout; time for each
-WRITES = 3  # of a setting that is not kept: the command may have been damaged
+WRITES = 3  # attempts for a setting that the sensor does not keep: the command may have been damaged
 FILTER_CODE = 0x1F  # of the filter register; the bit above is set while the filter changes
 
 
 def is_configuring(dialect: Dialect) -> Dialogue[bool]:
-    """Whether the sensor says that it is in configuration mode."""
+    """Whether the sensor reports that it is in configuration mode."""
     mode = yield from read_register(dialect.mode)
     return mode is not None and bool(mode & CONFIGURING)
 
@@ -127,7 +127,7 @@ def nearest_rate(model: Model, wanted_hz: float, most_hz: Fastest) -> tuple[floa
 
 
 def possible_rates(model: Model, most_hz: Fastest) -> dict[float, int]:
-    """Those that fit on the line, with their codes; the slowest, if none does."""
+    """The rates that fit on the line, with their codes; the slowest, if none does."""
     limit = max(most_hz(layout) for layout in model.dialect.layouts)
     rates = {hz: code for code, hz in model.rates.items()}
     return {hz: code for hz, code in rates.items() if hz <= limit} or {min(rates): rates[min(rates)]}

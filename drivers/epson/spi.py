@@ -1,7 +1,7 @@
 """Epson's sensors on SPI: the same registers in SPI words, and how a sample is fetched.
 
 A word is 16 bits, mode 3, high byte first. A write is address | 0x80, value; a read is address, 0, and its answer comes
-with the next word, whatever that is. The windowed dialect can send a whole frame after 0x80, 0 (window 0 open). The
+with the next word, whichever that is. The windowed dialect can send a whole frame after 0x80, 0 (window 0 open). The
 flat dialect cannot: its words are read one by one, with COUNT before and after them; if COUNT differs, they belong to
 two samples. What was fetched is put between header and CR, as on a UART, for the same decoders.
 
@@ -58,7 +58,7 @@ def _complete(size: int) -> Callable[[bytes], bool] | None:
 
 
 def _commands(sent: bytes) -> Iterator[tuple[int, int]]:
-    """Address and value of each; a CR before them ended what was left over on a UART."""
+    """Address and value of each command; the CR before them, which ends a partial command on a UART, is dropped."""
     sent = sent.lstrip(b"\r")
     return ((sent[i], sent[i + 1]) for i in range(0, len(sent), COMMAND_BYTES))
 
@@ -100,7 +100,7 @@ _FLAT_CYCLES = (
 
 
 def _flat_frame(answers: bytes) -> bytes:
-    """The answers are one word late: -, FLAG, COUNT, TEMP, GYRO x y z, ACCL x y z, COUNT. GPIO is not asked for."""
+    """The answers are one word late: -, FLAG, COUNT, TEMP, GYRO x y z, ACCL x y z, COUNT. GPIO is not read."""
     flag, count = answers[2:4], answers[4:6]
     return b"\x20" + flag + answers[6:-2] + b"\0\0" + count + b"\r" if count == answers[-2:] else b""
 
@@ -117,7 +117,7 @@ def fetch(dialect: Dialect, layout: Layout, rate_hz: float) -> Fetch:
         return Fetch(CLOCK_HZ, _FLAT_CYCLES, 1, _is_new, 1, _flat_frame, period_ns)
     words = (layout.length - 2) // 2
     data = (*[Cycle(b"\0\0", BURST_STALL_US)] * (words - 1), Cycle(b"\0\0", STALL_US))
-    # COUNT is asked for to have FLAG answered; another reading of FLAG might take a newer sample for known
+    # reading COUNT brings the answer to FLAG; reading FLAG again could clear the new-data bits of a newer sample
     cycles = (_read_cycle(WINDOWED_FLAG), _read_cycle(WINDOWED_COUNT), Cycle(BURST, COMMAND_STALL_US), *data)
     return Fetch(CLOCK_HZ, cycles, 1, _is_new, 2, _burst_frame, period_ns)
 

@@ -24,15 +24,15 @@ STATE = np.dtype(
         ("windowed", "<i8"),  # which dialect; below, fields that only the flat one needs are marked with *
         ("size", "<i8"),  # bytes of a gyro, accelerometer or temperature word
         ("leftover", "<i8"),  # bytes kept at the front of the buffer
-        ("scanned", "<i8"),  # * of which so many are only kept to look back at
+        ("scanned", "<i8"),  # * of these, bytes that were scanned before and are kept to compare with
         ("length", "<i8"),  # of a frame
-        ("locked", "<i8"),  # *
-        ("constants", "<i8"),  # *
+        ("locked", "<i8"),  # * 1: the constant bits are known
+        ("constants", "<i8"),  # * FLAG and GPIO of the last frames
         ("mask", "<i8"),  # * bits of `constants` that never changed
         ("unconfirmed", "<i8"),  # * the bytes before the scan are a delivered frame
-        ("covered", "<i8"),  # * bytes from here on that belong to one
-        ("numbered", "<i8"),  # the word where COUNT stands may be one
-        ("polled", "<i8"),  # frames are answers: one may repeat the sample before
+        ("covered", "<i8"),  # * bytes from here on that belong to a delivered frame
+        ("numbered", "<i8"),  # 1: there is a word that may be COUNT
+        ("polled", "<i8"),  # 1: frames are answers, so that one may repeat the sample before
         ("count", "<i8"),  # of the last frame
         ("gap", "<i8"),  # junk bytes since the last frame
         ("tick", "<i8"),
@@ -44,7 +44,7 @@ STATE = np.dtype(
         ("lost", "<i8"),  # samples that the device took and that did not arrive
         ("suspect", "<i8"),
         ("errors", "<i8"),  # frames in which the device reported a fault
-        ("status", "<i8"),  # 1: in the last one it did
+        ("status", "<i8"),  # 1: the last frame did
     ],
     align=True,
 )
@@ -64,7 +64,7 @@ def new_state(model: Model, size: int) -> NDArray[np.void]:
 
 @kernel
 def is_saturated(s: Any) -> bool:
-    """Whether an axis of the sample at hand is at the end of its range."""
+    """Whether an axis of the sample in s.spikes.raw is at the end of its range."""
     raw = s.spikes.raw
     worst_gyro = max(abs(raw[0]), abs(raw[1]), abs(raw[2]))
     worst_accel = max(abs(raw[3]), abs(raw[4]), abs(raw[5]))
@@ -73,7 +73,7 @@ def is_saturated(s: Any) -> bool:
 
 @kernel
 def is_repeated(s: Any, flag: int, count: int) -> bool:
-    """Whether an answer holds the same sample as the one before: by COUNT, or without one (-1) by FLAG's news."""
+    """Whether an answer holds the same sample as the one before: by COUNT, or without it (-1) by the new-data bits."""
     same = flag & ALL_NEW == 0 if count < 0 else count == s.count
     s.count = count
     return bool(s.polled and s.frames > 0 and same)

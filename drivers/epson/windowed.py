@@ -4,11 +4,11 @@
     16    0x80  FLAG  3-4   5-10        11-16       17-18  19-20     0x0D
     32    0x80  FLAG  3-6   7-18        19-30       31-32  33-34     0x0D       bits of the sensors' words; big endian
 
-This is what the driver asks for. A stream that another host set up may have GPIO before COUNT, or neither of the two.
+This is what the driver sets up. A stream that another host set up may have GPIO before COUNT, or neither of the two.
 
 A frame is good when header and CR are at its ends and the checksum fits: the sum of the 16-bit words between header and
-checksum. Anything else is skipped one byte at a time, so that no good frame after or inside it is lost. Two flipped
-bits can cancel in the sum, high bits too, so the values are judged as well.
+checksum. Any other byte is skipped, so that no good frame after or inside a damaged one is lost. Two flipped
+bits can cancel in the sum, high bits too, so the values are tested as well (`drivers/spikes.py`).
 """
 
 from typing import Any

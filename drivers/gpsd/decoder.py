@@ -1,10 +1,10 @@
 """From a gpsd's reports to fixes: TPV, with the errors of GST and the dilution and satellites of SKY.
 
 gpsd may send several TPV for one epoch, each with more: those of one time are merged. The fix is ready with as many of
-them as the epoch before had; else with the next epoch, or when the line has been quiet. TOFF comes as the epoch begins
-and so says when its first byte arrived. Of several devices one counts, until it has had no fix for some seconds.
-Not used: epx, epy and epv, which are gpsd's own guess from the dilution unless the receiver reported them, and climb
-and velD, which are differences of heights unless the receiver reported them; nothing tells which they are.
+them as the epoch before had; else with the next epoch, or when the line has been silent. TOFF is sent as the epoch
+begins, so its arrival is that of the epoch's first byte. Of several devices only one is used, until it has had no fix
+for some seconds. Not used: epx, epy and epv, which gpsd estimates from the dilution unless the receiver reported them,
+and climb and velD, which are differences of heights unless the receiver reported them; a report does not tell which.
 """
 
 from collections import Counter
@@ -16,9 +16,9 @@ from ..fix import Fix, ReceiverStatus, Sky
 from .reports import Lines, Report, quality, sky
 
 SILENCE_NS = 200_000_000  # longer than any pause between the TPV of an epoch
-AWAY_NS = 3_000_000_000  # without a fix, after which another device counts
-SKY_NS = 10_000_000_000  # after which a SKY is old
-NEAR_NS = 1_500_000_000  # a TOFF is of an epoch at most that long before it
+DEVICE_TIMEOUT_NS = 3_000_000_000  # time without a fix after which another device is used
+SKY_AGE_MAX_NS = 10_000_000_000  # after which a SKY is not used
+TOFF_AGE_MAX_NS = 1_500_000_000  # a TOFF belongs to an epoch that arrives at most that long after it
 EPOCH_0 = datetime(1970, 1, 1)
 
 
@@ -52,8 +52,8 @@ class GpsdDecoder:
         self._fix_ns = 0  # when it last had a fix
         self._hdop: float | None = None
         self._used: int | None = None  # satellites
-        self._sky_ns = -SKY_NS
-        self._begun: tuple[datetime, int] | None = None  # epoch of the last TOFF, and its arrival
+        self._sky_ns = -SKY_AGE_MAX_NS
+        self._epoch_start: tuple[datetime, int] | None = None  # epoch of the last TOFF, and its arrival
         self._errors: tuple[datetime, Report] | None = None  # the last GST
         self._last_arrival_ns: int | None = None
 
@@ -69,7 +69,7 @@ class GpsdDecoder:
         for report in self._lines.feed(data, arrival_ns):
             if report.kind not in ("TPV", "SKY", "GST", "TOFF"):
                 self.counters["other"] += 1
-            elif self._counts(report):
+            elif self._is_of_device(report):
                 self.whole += 1
                 fixes += self._take(report)
         return fixes
@@ -80,13 +80,14 @@ class GpsdDecoder:
             return []
         return self._close()
 
-    def _counts(self, report: Report) -> bool:
-        """Whether the device of a report is the one that counts; a new one begins with a fix."""
+    def _is_of_device(self, report: Report) -> bool:
+        """Whether a report is of the device in use; another device comes into use with a fix."""
         if report.device == self._device or not report.device:
             return True
         has_fix = report.kind == "TPV" and quality(report) > 0
-        if self._device is None or (has_fix and report.arrival_ns - self._fix_ns > AWAY_NS):
-            self._device, self._hdop, self._used, self._begun, self._errors = report.device, None, None, None, None
+        if self._device is None or (has_fix and report.arrival_ns - self._fix_ns > DEVICE_TIMEOUT_NS):
+            self._device, self._hdop, self._used = report.device, None, None
+            self._epoch_start = self._errors = None
             self._fix_ns = report.arrival_ns
             return True
         self.counters["other device"] += 1
@@ -105,7 +106,7 @@ class GpsdDecoder:
         elif report.kind == "TOFF":
             seconds, ns = report.number("real_sec", 0, 1e11), report.number("real_nsec", 0, 1e9) or 0.0
             if seconds is not None:
-                self._begun = EPOCH_0 + timedelta(seconds=seconds, microseconds=ns // 1000), report.arrival_ns
+                self._epoch_start = EPOCH_0 + timedelta(seconds=seconds, microseconds=ns // 1000), report.arrival_ns
         elif (time := report.time()) is not None:
             self._errors = time, report
         return []
@@ -136,12 +137,11 @@ class GpsdDecoder:
         return fixes + (self._finish(epoch) if 0 < self._expected <= epoch.count else [])
 
     def _first_byte_ns(self, time: datetime, arrival_ns: int) -> int:
-        if self._begun and self._begun[0] == time and 0 <= arrival_ns - self._begun[1] < NEAR_NS:
-            return self._begun[1]
-        return arrival_ns
+        epoch, start_ns = self._epoch_start or (None, 0)
+        return start_ns if epoch == time and 0 <= arrival_ns - start_ns < TOFF_AGE_MAX_NS else arrival_ns
 
     def _satellites(self, now_ns: int) -> int | None:
-        return self._used if now_ns - self._sky_ns <= SKY_NS else None
+        return self._used if now_ns - self._sky_ns <= SKY_AGE_MAX_NS else None
 
     def _close(self) -> list[Fix]:
         """The epoch is over."""
@@ -183,7 +183,7 @@ class GpsdDecoder:
             geoid_sep_m=geoid,
             quality=self.status.quality,
             satellites=self.status.satellites,
-            hdop=self._hdop if epoch.arrival_ns - self._sky_ns <= SKY_NS else None,
+            hdop=self._hdop if epoch.arrival_ns - self._sky_ns <= SKY_AGE_MAX_NS else None,
             speed_mps=None if course is None else speed,
             course_deg=None if course is None else course % 360.0,
             sigma_n_m=sigma[0],

@@ -15,12 +15,12 @@ from .decoder import GpsdDecoder
 from .reports import Lines, Report
 
 REPORTS_S = 12.0  # gpsd opens its device for the first client, and finds its speed
-OURSELVES = "it is an imud, whose positions are estimates: name a gpsd that reads the receiver itself"
+IS_IMUD = "it is an imud, whose positions are estimates: name a gpsd that reads the receiver itself"
 SILENT = "it has no device that reports: gpsdctl add DEVICE, or look at the system's log"
 
 
 def reports(received: bytes) -> list[Report]:
-    """The whole lines of it."""
+    """The reports in the complete lines of `received`."""
     return list(Lines(Counter()).feed(received, 0))
 
 
@@ -45,12 +45,12 @@ class Gpsd:
             if report.kind == "VERSION":
                 release, revision = (str(report.values.get(name, "")) for name in ("release", "rev"))
                 if "imud" in revision or "imud" in release:
-                    return Unsupported(self.name, f"imud {release}", OURSELVES)
+                    return Unsupported(self.name, f"imud {release}", IS_IMUD)
                 return Identity(self.name, "gpsd", firmware=release)
         return None
 
     def identify(self) -> Dialogue[None]:
-        """It greets by itself: nothing is sent."""
+        """Sends nothing: gpsd greets by itself."""
         yield Exchange()
         return None
 

@@ -23,7 +23,7 @@ ANSWER_S = 2.0
 RATE_S, ENOUGH_SCANS = 1.0, 64  # of listening for the rate
 LEAST_SCANS = 3
 DENIED, RIGHTS = "Permission denied", "be root, or set the udev rule that `imud doctor` prints"
-ALIKE = 0.02  # by what share the rate may differ from what the kernel says it is
+RATE_TOLERANCE = 0.02  # share by which the measured rate may differ from the one that the kernel reports
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,8 @@ class Iio:
                 found = (yield from _listing()) or found
                 layout = layout_of(list(found.devices.values()))
                 refused |= yield from _set(begin)
-                if began := [f"{name} says: {refused[name]}" for name, _ in begin if name in refused]:
-                    return Unsupported(self.name, identity.model, _cannot_begin(began, refused))
+                if failed := [f"{name} says: {refused[name]}" for name, _ in begin if name in refused]:
+                    return Unsupported(self.name, identity.model, _cannot_begin(failed, refused))
             elif idle := [one for one, device in found.devices.items() if device.get("buffer/enable") != "1"]:
                 return Unsupported(self.name, identity.model, f"its port is readonly, and {idle[0]}/buffer/enable is 0")
             else:
@@ -102,16 +102,16 @@ class Iio:
         )
         scans = scans_in(received, sizes)
         set_hz = [_set_rate(device, found) for device in found.devices.values()]
-        for (folder, device), some in zip(found.devices.items(), scans, strict=True):
-            if len(some) < LEAST_SCANS:
+        for (folder, device), received_scans in zip(found.devices.items(), scans, strict=True):
+            if len(received_scans) < LEAST_SCANS:
                 return Unsupported(self.name, identity.model, _silent(folder, device))
-        periods = [_period_ns(some, at, hz) for some, at, hz in zip(scans, layout.stamps, set_hz, strict=True)]
+        periods = [_period_ns(one, at, hz) for one, at, hz in zip(scans, layout.stamps, set_hz, strict=True)]
         layout = replace(layout, periods_ns=tuple(periods))
         hz, period_ns = 1e9 / periods[0], 1 if layout.stamps[0] >= 0 else periods[0]
         axes = _axes(layout)
         return ImuConfigured(
             identity,
-            hz if not abs(hz / set_hz[0] - 1.0) < ALIKE else set_hz[0],
+            hz if not abs(hz / set_hz[0] - 1.0) < RATE_TOLERANCE else set_hz[0],
             period_ns,
             0,
             1 + sizes[0],
@@ -153,9 +153,9 @@ def _set(attributes: Commands) -> Dialogue[dict[str, str]]:
     return {name: error for (name, _), error in zip(attributes, errors, strict=False) if error}
 
 
-def _cannot_begin(began: list[str], refused: Mapping[str, str]) -> str:
+def _cannot_begin(failed: list[str], refused: Mapping[str, str]) -> str:
     earlier = [f"{name}: {error}" for name, error in refused.items() if not name.endswith("/enable")]
-    return f"its buffer does not begin: {'; '.join(began + earlier)}"
+    return f"its buffer does not begin: {'; '.join(failed + earlier)}"
 
 
 def _silent(folder: str, device: Attributes) -> str:
@@ -194,7 +194,7 @@ def _period_ns(scans: list[bytes], stamp_at: int, set_hz: float) -> int:
 def _axes(layout: Layout) -> tuple[bool, bool, bool]:
     """The axes, FRD, about which there are gyros."""
     there = np.array([one is not None for one in layout.gyros])
-    x, y, z = (bool(there[np.abs(row) > 0.1].all()) for row in np.array(layout.turn_gyros))
+    x, y, z = (bool(there[np.abs(row) > 0.1].all()) for row in np.array(layout.gyro_rotation))
     return x, y, z
 
 

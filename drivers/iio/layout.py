@@ -3,8 +3,8 @@
     TYPE = [be|le]:[s|u]BITS/STORAGEBITS[Xrepeat]>>SHIFT
 
 Enabled channels follow each other by their index, each at a multiple of its own size; a scan is as long as a multiple
-of the largest. Value in SI = (number + offset) * scale, temperatures in 1/1000 degC. A mount matrix turns the chip's
-axes into the device's.
+of the largest. Value in SI = (number + offset) * scale, temperatures in 1/1000 degC. A mount matrix rotates the chip's
+axes to the device's.
 
 Sources: Documentation/iio/iio_devbuf.rst, Documentation/ABI/testing/sysfs-bus-iio, Documentation/devicetree/bindings/
 iio/mount-matrix.txt of the kernel; `iio_compute_scan_bytes` of its industrialio-buffer.c.
@@ -28,11 +28,11 @@ SCAN_MAX = 1024  # bytes
 NUMBER_MAX = float(1 << BITS_MAX)  # scales and offsets
 MILLI = 1e-3
 FRD = np.diag((1.0, -1.0, -1.0))  # from axes x forward, y left, z up
-ROTATION_TOLERANCE = 0.02  # of the products of the matrix with itself: device trees have two or three digits
+ROTATION_TOLERANCE = 0.02  # of M M' from the unit matrix: device trees have two or three digits
 
 Attributes = Mapping[str, str]
 Row = tuple[float, float, float]
-NO_TURN: tuple[Row, Row, Row] = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
+FLU_TO_FRD: tuple[Row, Row, Row] = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
 
 
 class LayoutError(ValueError):
@@ -61,17 +61,17 @@ class Channel:
 
 @dataclass(frozen=True)
 class Layout:
-    """Of the scans of one device, or two: angular rates first, then specific forces."""
+    """The layout of the scans of one device, or of two: angular rates first, then specific forces."""
 
     sizes: tuple[int, ...] = ()  # bytes of a scan, by device
     stamps: tuple[int, ...] = ()  # where its time stamp is; -1: it has none
     monotonic: bool = False  # they are on CLOCK_MONOTONIC
     periods_ns: tuple[int, ...] = ()  # between scans
-    gyros: tuple[Channel | None, ...] = (None, None, None)  # by the chip's axes; None: it has no such
+    gyros: tuple[Channel | None, ...] = (None, None, None)  # by the chip's axes; None: it has no such axis
     forces: tuple[Channel | None, ...] = (None, None, None)
     temperature: Channel | None = None
-    turn_gyros: tuple[Row, Row, Row] = NO_TURN  # from the chip's axes to FRD
-    turn_forces: tuple[Row, Row, Row] = NO_TURN
+    gyro_rotation: tuple[Row, Row, Row] = FLU_TO_FRD  # from the chip's axes to FRD
+    force_rotation: tuple[Row, Row, Row] = FLU_TO_FRD
 
     def to_text(self) -> str:
         """For `ImuConfigured.layout`."""
@@ -98,27 +98,29 @@ def elements(device: Attributes) -> dict[str, str]:
 
 def wanted(device: Attributes, quantities: Sequence[str]) -> list[str]:
     """The channels that are needed, of those that a device has."""
-    there = elements(device)
-    found = [f"in_{quantity}_{axis}" for quantity in quantities for axis in AXES if f"in_{quantity}_{axis}" in there]
-    found += [name for name in there if re.fullmatch(r"in_temp\d*", name)][:1]
-    return found + [STAMP] * (STAMP in there)
+    available = elements(device)
+    found = [
+        f"in_{quantity}_{axis}" for quantity in quantities for axis in AXES if f"in_{quantity}_{axis}" in available
+    ]
+    found += [name for name in available if re.fullmatch(r"in_temp\d*", name)][:1]
+    return found + [STAMP] * (STAMP in available)
 
 
 def scan_of(device: Attributes, number: int) -> tuple[dict[str, Channel], int]:
     """The enabled channels and the size of a scan. Raises LayoutError."""
-    there = elements(device)
-    enabled = [name for name in there if device.get(f"scan_elements/{name}_en") == "1"]
+    available = elements(device)
+    enabled = [name for name in available if device.get(f"scan_elements/{name}_en") == "1"]
     found, at, largest = {}, 0, 1
     for name in sorted(enabled, key=lambda name: _index(device, name)):
-        parts = TYPE.fullmatch(there[name])
+        parts = TYPE.fullmatch(available[name])
         if not parts:
-            raise LayoutError(f"the type {there[name]!r} of its channel {name} is not known")
+            raise LayoutError(f"the type {available[name]!r} of its channel {name} is not known")
         bits, storage, repeat, shift = (
             int(part or default) for part, default in zip(parts.groups()[2:], "0010", strict=True)
         )
         size = storage // 8 * max(repeat, 1)
         if size == 0 or storage % 8 or bits + shift > storage:
-            raise LayoutError(f"the type {there[name]!r} of its channel {name} makes no sense")
+            raise LayoutError(f"the type {available[name]!r} of its channel {name} makes no sense")
         at += -at % size
         found[name] = Channel(number, at, size, bits, shift, parts[2].lower() == "s", parts[1].lower() == "be")
         at += size
@@ -160,7 +162,7 @@ def _number(text: str, name: str) -> float:
     return number
 
 
-def turn(device: Attributes, quantity: str) -> tuple[Row, Row, Row]:
+def rotation_of(device: Attributes, quantity: str) -> tuple[Row, Row, Row]:
     """The matrix from the chip's axes to FRD. Raises LayoutError if the mount matrix is no rotation."""
     names = (f"in_{quantity}_mount_matrix", "in_mount_matrix", "mount_matrix")
     text = next((device[name] for name in names if name in device), "1, 0, 0; 0, 1, 0; 0, 0, 1")
@@ -186,16 +188,16 @@ def layout_of(devices: Sequence[Attributes]) -> Layout:
     stamps = tuple(channels[STAMP].at if STAMP in channels else -1 for channels, _ in scans)
     if last and -1 in stamps:
         raise LayoutError("two devices without time stamps cannot be put together")
-    warm = [(name, one) for name, one in scans[0][0].items() if re.fullmatch(r"in_temp\d*", name)]
+    temperatures = [(name, one) for name, one in scans[0][0].items() if re.fullmatch(r"in_temp\d*", name)]
     return Layout(
         sizes=tuple(size for _, size in scans),
         stamps=stamps,
         monotonic=-1 not in stamps and all(one.get("current_timestamp_clock") == "monotonic" for one in devices),
         gyros=gyros,
         forces=forces,
-        temperature=scaled(warm[0][1], devices[0], warm[0][0], MILLI) if warm else None,
-        turn_gyros=turn(devices[0], GYRO),
-        turn_forces=turn(devices[last], FORCE),
+        temperature=scaled(temperatures[0][1], devices[0], temperatures[0][0], MILLI) if temperatures else None,
+        gyro_rotation=rotation_of(devices[0], GYRO),
+        force_rotation=rotation_of(devices[last], FORCE),
     )
 
 

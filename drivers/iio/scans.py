@@ -1,9 +1,9 @@
 """Scans of IIO devices: bytes to samples.
 
-A scan comes with the number of its device before it. With one device each scan is a sample. With two a scan of the
-gyros is a sample, its force interpolated between the accelerometers' scans before and after; those come first. The
-stamp of the kernel counts ticks of 1 ns; a stamp that does not advance, or none, counts as the nominal period. A
-longer step means that scans are missing.
+The number of its device precedes each scan. With one device each scan is a sample. With two, a scan of the gyros is a
+sample, whose force is interpolated between the accelerometers' scans before and after it, which arrive first. A tick is
+1 ns of the kernel's stamp; without stamps, or if one does not advance, the nominal period is added. A longer step means
+that scans are missing.
 """
 
 import math
@@ -17,9 +17,9 @@ from ..sample import SATURATED, SUSPECT
 from ..words import byte, move_to_front
 from .layout import Channel, Layout
 
-DEVICES, NUMBERS, GYROS, FORCES, TEMPERATURE = 2, 7, 0, 3, 6
-GAP = 3  # periods between two readings of force, beyond which what lies between is not known
-LONGEST_NS = 1 << 40  # 18 minutes: a longer step of the stamp is a clock that was set
+DEVICES, CHANNELS, GYROS, FORCES, TEMPERATURE = 2, 7, 0, 3, 6
+GAP_PERIODS = 3  # longest time between two forces, in periods, over which they are interpolated
+LONGEST_NS = 1 << 40  # 18 minutes; a longer step of the stamp means that the clock was set
 STAMP_BYTES = 8
 
 CHANNEL = np.dtype(
@@ -38,9 +38,9 @@ CHANNEL = np.dtype(
 )
 STATE = np.dtype(
     [
-        ("channels", CHANNEL, (NUMBERS,)),  # gyros, forces, temperature
-        ("turn_gyros", "<f8", (3, 3)),
-        ("turn_forces", "<f8", (3, 3)),
+        ("channels", CHANNEL, (CHANNELS,)),  # gyros, forces, temperature
+        ("gyro_rotation", "<f8", (3, 3)),
+        ("force_rotation", "<f8", (3, 3)),
         ("devices", "<i8"),
         ("sizes", "<i8", (DEVICES,)),  # of scans
         ("stamps", "<i8", (DEVICES,)),  # where they are in a scan; -1: nowhere
@@ -78,7 +78,7 @@ def new_state(layout: Layout) -> NDArray[np.void]:
         if one is not None:
             for name in CHANNEL.names or ():
                 row[name] = getattr(one, name)
-    state["turn_gyros"], state["turn_forces"] = layout.turn_gyros, layout.turn_forces
+    state["gyro_rotation"], state["force_rotation"] = layout.gyro_rotation, layout.force_rotation
     state["devices"], state["ticks"] = len(layout.sizes), 1
     for name in ("sizes", "stamps", "periods"):
         values = getattr(layout, "periods_ns" if name == "periods" else name)
@@ -124,8 +124,8 @@ def stamp_at(rx: Any, p: int) -> int:
 
 
 @kernel
-def keep_force(s: Any, rx: Any, p: int) -> None:
-    """A scan of the second device."""
+def store_force(s: Any, rx: Any, p: int) -> None:
+    """Store the force of a scan of the second device, and keep the one before."""
     s.force_before_ns, s.force_before_flags = s.force_ns, s.force_flags
     s.force_ns = stamp_at(rx, p + s.stamps[1])
     s.force_flags = read_vector(s, rx, p, FORCES)
@@ -133,7 +133,9 @@ def keep_force(s: Any, rx: Any, p: int) -> None:
     for i in range(3):
         s.force_before[i] = s.force[i]
         s.force[i] = (
-            s.turn_forces[i, 0] * s.values[0] + s.turn_forces[i, 1] * s.values[1] + s.turn_forces[i, 2] * s.values[2]
+            s.force_rotation[i, 0] * s.values[0]
+            + s.force_rotation[i, 1] * s.values[1]
+            + s.force_rotation[i, 2] * s.values[2]
         )
 
 
@@ -143,7 +145,7 @@ def interpolate(s: Any, stamp_ns: int, f: Any) -> int:
     span = s.force_ns - s.force_before_ns
     share = 1.0
     flags = s.force_flags | s.force_before_flags
-    if s.forces_known == 2 and 0 < span <= GAP * s.periods[1] and 0 <= s.force_ns - stamp_ns <= span:
+    if s.forces_known == 2 and 0 < span <= GAP_PERIODS * s.periods[1] and 0 <= s.force_ns - stamp_ns <= span:
         share = (stamp_ns - s.force_before_ns) / span
     elif stamp_ns != s.force_ns:
         flags = SUSPECT
@@ -157,9 +159,9 @@ def count(s: Any, stamp_ns: int) -> None:
     """Advance the tick to a sample with this stamp."""
     step = s.periods[0]
     if s.stamps[0] >= 0 and s.frames > 0:
-        passed = stamp_ns - s.stamp_ns
-        if 0 < passed < LONGEST_NS:
-            step = passed
+        elapsed = stamp_ns - s.stamp_ns
+        if 0 < elapsed < LONGEST_NS:
+            step = elapsed
         else:
             s.bad += 1
         s.lost += max(0, (step + s.periods[0] // 2) // s.periods[0] - 1)
@@ -176,15 +178,19 @@ def emit(s: Any, rx: Any, p: int, sample: Any) -> None:
     flags = read_vector(s, rx, p, GYROS)
     w, f, down = sample.w, sample.f, sample.down
     for i in range(3):
-        w[i] = s.turn_gyros[i, 0] * s.values[0] + s.turn_gyros[i, 1] * s.values[1] + s.turn_gyros[i, 2] * s.values[2]
+        w[i] = (
+            s.gyro_rotation[i, 0] * s.values[0]
+            + s.gyro_rotation[i, 1] * s.values[1]
+            + s.gyro_rotation[i, 2] * s.values[2]
+        )
         down[i] = 0.0
     if s.devices == 1:
         flags |= read_vector(s, rx, p, FORCES)
         for i in range(3):
             f[i] = (
-                s.turn_forces[i, 0] * s.values[0]
-                + s.turn_forces[i, 1] * s.values[1]
-                + s.turn_forces[i, 2] * s.values[2]
+                s.force_rotation[i, 0] * s.values[0]
+                + s.force_rotation[i, 1] * s.values[1]
+                + s.force_rotation[i, 2] * s.values[2]
             )
     else:
         flags |= interpolate(s, stamp_ns, f)
@@ -214,7 +220,7 @@ def decode(rx: NDArray[np.uint8], fill: int, state: NDArray[np.void], samples: N
             emit(s, rx, p + 1, samples[n])
             n += 1
         else:
-            keep_force(s, rx, p + 1)
+            store_force(s, rx, p + 1)
         p += 1 + s.sizes[device]
     s.leftover = fill - p
     move_to_front(rx, p, s.leftover)

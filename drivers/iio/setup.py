@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 
 from .layout import FORCE, GYRO, Attributes, elements, wanted
 
-BUFFER_S = 0.5  # the buffer holds the samples of so long
+BUFFER_S = 0.5  # time whose samples the buffer holds
 LEAST_SCANS = 64
-ABOVE = 1.05  # a rate that is above the wanted one by that factor at most is no higher
+RATE_FACTOR = 1.05  # a rate within this factor of the wanted one counts as not higher
 RATES = ("sampling_frequency", f"in_{GYRO}_sampling_frequency", f"in_{FORCE}_sampling_frequency")
 NO_TRIGGER = (
     "it has no trigger, and the kernel has none that fits: `sudo modprobe iio-trig-hrtimer && "
@@ -37,7 +37,7 @@ def nearest_rate(available: str, wanted_hz: float) -> float | None:
         return None
     if available.startswith("["):
         return min(max(wanted_hz, numbers[0]), numbers[-1])
-    fitting = [number for number in numbers if number <= ABOVE * wanted_hz]
+    fitting = [number for number in numbers if number <= RATE_FACTOR * wanted_hz]
     return max(fitting) if fitting else min(numbers)
 
 

@@ -2,7 +2,7 @@
 
 A new burst begins after a pause, with another time, or with a kind of sentence that the epoch already has (VTG carries
 no time). Which kind of sentence ends a burst is learned; then the fix is ready with that sentence. Otherwise it is
-ready when the next burst begins, or when the line has been quiet. GST and ZDA alone make no epoch: in some receivers
+ready when the next burst begins, or when the line has been silent. GST and ZDA alone make no epoch: in some receivers
 their time is ahead.
 """
 
@@ -17,9 +17,9 @@ from .sentences import RefusedError, Sentence, Splitter
 from .sky import SkyCollector
 
 SILENCE_NS = 200_000_000  # longer than any pause within a burst
-ESTABLISHED, CONTRADICTED = 2, -3  # bursts: so many were alike, and so many more must be after one that was not
+ESTABLISHED, CONTRADICTED = 2, -3  # scores of a kind: at this end in two bursts; elsewhere in the last one
 LATE_INTERVALS = 1.1  # intervals after an epoch's first sentence, in which one without a time can be of that epoch
-INTERVAL_MAX_NS = 10_000_000_000  # interval
+INTERVAL_MAX_NS = 10_000_000_000
 COMPANIONS = {"GST", "ZDA"}
 DIMENSIONS_LAST = 30  # epochs without a GSA after which the last one no longer counts
 
@@ -61,12 +61,12 @@ class GsaHistory:
         self._dimensions = best if best > 1 else None
         self._complete, self._age = False, 0
 
-    def other(self) -> None:
-        """Another sentence of the burst."""
+    def end_group(self) -> None:
+        """Another kind of sentence came: the next GSA is of another epoch."""
         self._complete = True
 
-    def now(self) -> int | None:
-        """For a fix."""
+    def dimensions_for_fix(self) -> int | None:
+        """The fix mode for a new fix; None: no GSA came lately. Call once for each fix."""
         self._age += 1
         return self._dimensions if self._age <= DIMENSIONS_LAST else None
 
@@ -74,10 +74,10 @@ class GsaHistory:
 class NmeaDecoder:
     """Bytes of one receiver to fixes. Not thread-safe.
 
-    Counters: `fixes`; `heading`, `speed`, `water speed`, `pressure`, and sentences of such kinds without one, `no
-    reading`; epochs without a fix: `no fix`, `repeated`
-    (also repeated sentences), `contradictory`; `other`, sentences of unused kinds; `late`, those of an epoch that is
-    complete; `noise bytes`; and rejected sentences by reason.
+    Counters: `fixes`; readings by source, `heading`, `speed`, `water speed`, `pressure`; `no reading`, sentences of
+    such kinds without one; epochs without a fix: `no fix`, `repeated` (also repeated sentences), `contradictory`;
+    `other`, sentences of unused kinds; `late`, those of an epoch that is complete; `noise bytes`; and rejected
+    sentences by reason.
     """
 
     def __init__(self, unchecked: bool = False) -> None:
@@ -129,7 +129,7 @@ class NmeaDecoder:
         """See `ReadingDecoder`."""
         return self._readings.take()
 
-    def _read_other(self, sentence: Sentence) -> None:
+    def _add_readings(self, sentence: Sentence) -> None:
         try:
             found = READINGS[sentence.kind](sentence)
         except RefusedError as reason:
@@ -144,7 +144,7 @@ class NmeaDecoder:
     def _process(self, sentence: Sentence) -> list[Fix]:
         self._sky.add(sentence)
         if sentence.kind in READINGS:
-            self._read_other(sentence)
+            self._add_readings(sentence)
             return []
         content = self._read(sentence)
         after_pause = self._pause_ns is not None and sentence.arrival_ns >= self._pause_ns
@@ -156,7 +156,7 @@ class NmeaDecoder:
         if isinstance(content, GsaMode):
             self._gsa.add(content)
             return fixes
-        self._gsa.other()
+        self._gsa.end_group()
         return fixes + self._assign(sentence, content, after_pause)
 
     def _read(self, sentence: Sentence) -> Content | None:
@@ -241,7 +241,7 @@ class NmeaDecoder:
     def _make_fix(self, epoch: Epoch, quality: int) -> list[Fix]:
         agrees = epoch.vtg_agrees()
         self._vtg_agrees = self._vtg_agrees if agrees is None else agrees
-        fix = epoch.fix(quality, self._gsa.now(), self._vtg_agrees)
+        fix = epoch.fix(quality, self._gsa.dimensions_for_fix(), self._vtg_agrees)
         if fix is None:
             return []
         if epoch.utc_ns is not None and self._last_fix_utc_ns is not None:

@@ -18,7 +18,7 @@ DONE = "3"
 ANSWER_S = 1.0
 BACKLOG = 2048  # bytes that the receiver may send before it answers
 BITS = 10  # on the wire per byte
-SETTLE_S = 2.5  # in which a receiver is received at its new speed: one burst a second, and one may be torn
+SETTLE_S = 2.5  # time in which sentences at a new speed must arrive: one burst a second, and one may be torn
 SENTENCES = "314,0,1,1,1,5,0,0,0,0,0,0,0,0,0,0,0,0,0,0"  # RMC VTG GGA at each fix, GSA at every fifth
 DEFAULTS = "314,-1"
 FIX_BYTES = 220  # of those per fix: GGA 82, RMC 76, VTG 40, a fifth of GSA 60, and a little
@@ -64,17 +64,17 @@ def speed_up(baud: int, rate_hz: float) -> Dialogue[Outcome]:
     faster = max(baud, FAST_BAUD)
     if rate_hz * FIX_BYTES * BITS > LOAD_MAX * faster:
         return Outcome(baud, f"{rate_hz:g} fixes a second do not fit through {faster} baud")
-    if not (yield from _do(SENTENCES, baud)):
+    if not (yield from _execute(SENTENCES, baud)):
         return Outcome(baud, "it rejects PMTK314, the choice of sentences")
     actual = yield from _change_baud(baud, faster)
     if actual != faster:
-        yield from _do(DEFAULTS, actual or baud)
+        yield from _execute(DEFAULTS, actual or baud)
         return Outcome(actual, f"it does not change to {faster} baud")
     interval_ms = round(1000.0 / rate_hz)
     if (yield from _set_interval(interval_ms, faster)):
         return Outcome(faster)
     yield from _set_interval(SLOWEST_MS, faster)
-    yield from _do(DEFAULTS, faster)
+    yield from _execute(DEFAULTS, faster)
     back = yield from _change_baud(faster, baud)
     return Outcome(back, f"it rejects {interval_ms} ms between fixes, both by PMTK220 and by PMTK300")
 
@@ -84,7 +84,7 @@ def answer_timeout_s(baud: int) -> float:
     return ANSWER_S + BACKLOG * BITS / baud
 
 
-def _do(text: str, baud: int) -> Dialogue[bool]:
+def _execute(text: str, baud: int) -> Dialogue[bool]:
     """Send a command until it is acknowledged; whether it was done."""
     number = text.partition(",")[0]
     for _ in range(TRIES):
@@ -106,13 +106,13 @@ def _answered(received: bytes, number: str) -> bool:
 
 def _set_interval(interval_ms: int, baud: int) -> Dialogue[bool]:
     for text in (f"220,{interval_ms}", f"300,{interval_ms},0,0,0,0"):
-        if (yield from _do(text, baud)):
+        if (yield from _execute(text, baud)):
             return True
     return False
 
 
 def _change_baud(old: int, new: int) -> Dialogue[int | None]:
-    """Change the receiver's speed and our own; the one at which it is received then, None if at neither.
+    """Change the receiver's speed and that of the line; returns the one at which it is received, None if at neither.
 
     The answer comes at the old speed, if at all, so only what is received at the new one counts.
     """

@@ -1,7 +1,7 @@
-"""What other sensors say in NMEA: headings, speeds, air pressures. They come beside the epochs of fixes, or alone.
+"""What other sensors report in NMEA: heading, speed, air pressure. Such sentences come beside fixes, or alone.
 
-None but PASHR has a time. A reading in the burst of an epoch is of that epoch, as far as its device is the receiver.
-A pressure is that of the air only where the name of its transducer, or a talker of weather instruments, says so.
+Only PASHR has a time. A reading in the burst of an epoch is taken as of that epoch, since the receiver may send both.
+A pressure is that of the air only if the name of its transducer, or a weather instrument as talker, says so.
 Source: NMEA 0183 v4.11 (HDT, THS, VBW, VHW, XDR); Trimble BD9xx, Applanix POS MV (PASHR); Furuno SC-50 (VBW); Vaisala
 WXT530 (units of XDR); names of transducers: Airmar 200WX, Signal K, OpenCPN, Yacht Devices.
 """
@@ -15,14 +15,14 @@ from .content import KMH, KNOTS, course
 from .epochs import Epoch
 from .sentences import NUMBER, RefusedError, Sentence, number, quotient, utc_ns
 
-ALONE = 3  # headings without an epoch of fixes, after which none is waited for
-BURST_NS = 300_000_000  # so long after the beginning of an epoch, or before it, a sentence is of that epoch
+ALONE = 3  # headings without an epoch of fixes after which a heading no longer waits for one
+BURST_NS = 300_000_000  # a sentence that near to the beginning of an epoch is of that epoch
 KNOTS_MAX = 388.0  # 200 m/s
 PASCALS = {"B": (100_000, 1), "P": (1, 1), "H": (100, 1), "M": (1_333_224, 10_000), "I": (3_386_389, 1000)}
 LOWEST_PA, HIGHEST_PA = 19_000.0, 130_000.0  # of the air, where vehicles are
 AIR = re.compile(r"BARO|ATM|STNP|AIRP|^(P|PRESS?(URE)?)$", re.IGNORECASE)
 WEATHER = "WI"  # talker
-FINE_PA, FINE_MPS = 4.0, 0.06  # steps of a last digit up to which the sensor's own error is the larger one
+FINE_PA, FINE_MPS = 4.0, 0.06  # a resolution up to these is smaller than the sensor's own error
 _SECOND = 1e-9
 
 
@@ -95,7 +95,7 @@ def _pressure(s: Sentence, text: str, unit: tuple[int, int]) -> Reading:
 
 
 def _step(text: str, unit: tuple[int, int], fine: float) -> float | None:
-    """What the last digit is worth, as the sigma of a reading; None if that is fine: the sensor's own error counts."""
+    """The resolution of a reading as its sigma; None if it is finer than the sensor's own error."""
     step = unit[0] / unit[1] / 10.0 ** len(text.partition(".")[2])
     return step if step > fine else None
 
@@ -131,7 +131,7 @@ class ReadingCollector:
             self._untimed = None
 
     def take(self) -> list[Reading]:
-        """Those since the last call, but for a heading whose burst may not have begun."""
+        """The readings since the last call, except a heading whose burst may still begin."""
         ready, self._ready = self._ready, []
         return ready
 

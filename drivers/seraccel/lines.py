@@ -7,9 +7,9 @@
 
 A text line ends with any run of CR and LF, or where the next one's X begins. What is no line is skipped; behind
 damage a line begins after a line end or with an X, never in the middle. Lines have a fixed width, so a line of another
-width lost or gained a byte that the grammar does not miss: it is delivered as suspect, unless widths vary anyway, or
-signs have explained such differences before: a board without a column for them has one byte more for each minus.
-There is no counter: a line is one tick, and each line's length of junk before it, or what is left of one, another.
+width has lost or gained a byte without breaking the grammar: it is delivered as suspect. Exceptions: the widths vary
+anyway, or minus signs have explained such differences before (a board without a sign column has one byte more for each
+minus). There is no counter: a line is one tick, and so is the length of a line of junk before it, or a part of it.
 
 The board reports +1 g on the axis that points up: z, when it lies level with its parts up. That is specific force in
 axes x forward, y left, z up, turned to FRD here. For z it is sure: the successor's factory test wants 0.8 to 1.2 g of
@@ -33,10 +33,13 @@ from .text import LETTER_X, MINUS, NO_NUMBER, read_line, skip_blanks
 
 FRAME = 8  # bytes of a binary frame
 LINE_MAX = 64  # bytes of a line
-STRAY = 2  # bytes of junk that need not be what is left of a line
+STRAY_BYTES = 2  # bytes of junk that are not counted as a lost line
 HASH, DOLLAR, CR, LF = ord("#"), ord("$"), 13, 10
-FIXED, DEVIATION = 8, 4  # lines of one width that make it count; how many of them a deviation takes back
-COINCIDENCES = 3  # lines of another width whose signs explained it: from then on, that is how it is
+WIDTH_VOTES_MIN, DEVIATION_VOTES = (
+    8,
+    4,
+)  # lines that establish a width; by how many another width reduces them
+EXPLAINED_MIN = 3  # lines of another width that signs explained, after which signs always explain it
 SPIKE_MG = 500.0  # per sample: a larger step that the next sample does not confirm is damage
 
 STATE = np.dtype(
@@ -48,8 +51,8 @@ STATE = np.dtype(
         ("numbers", "<i8", (3,)),  # of a line
         ("force", "<f8", (3,)),  # m/s^2, x forward, y left, z up
         ("width", "<i8"),  # bytes of a text line
-        ("bare", "<i8"),  # the same without minus signs
-        ("same", "<i8"),  # lines that confirmed it
+        ("unsigned_width", "<i8"),  # the same without minus signs
+        ("width_votes", "<i8"),  # lines of that width, less those of others
         ("explained", "<i8"),  # lines of another width, but as long without minus signs
         ("gap", "<i8"),  # junk bytes since the last sample
         ("tick", "<i8"),
@@ -126,32 +129,32 @@ def force_from_text(s: Any, rx: Any, p: int, end: int) -> bool:
 
 
 @kernel
-def has_odd_width(s: Any, rx: Any, p: int, end: int) -> bool:
-    """Whether the line rx[p:end] has lost or gained a byte: lines have had another width for long."""
-    width = bare = end - p
+def has_wrong_width(s: Any, rx: Any, p: int, end: int) -> bool:
+    """Whether the line rx[p:end] has lost or gained a byte: its width is not the established one."""
+    width = unsigned_width = end - p
     for at in range(p, end):
-        bare -= rx[at] == MINUS
+        unsigned_width -= rx[at] == MINUS
     fits = width == s.width
-    if not fits and bare == s.bare:
+    if not fits and unsigned_width == s.unsigned_width:
         s.explained += 1
-        fits = s.explained > COINCIDENCES
+        fits = s.explained > EXPLAINED_MIN
     if fits:
-        s.same = min(s.same + 1, 2 * FIXED)
+        s.width_votes = min(s.width_votes + 1, 2 * WIDTH_VOTES_MIN)
         return False
-    odd = s.same >= FIXED
-    s.same = max(s.same - DEVIATION, 0)
-    if s.same == 0:
-        s.width, s.bare = width, bare
-    return bool(odd)
+    wrong = s.width_votes >= WIDTH_VOTES_MIN
+    s.width_votes = max(s.width_votes - DEVIATION_VOTES, 0)
+    if s.width_votes == 0:
+        s.width, s.unsigned_width = width, unsigned_width
+    return bool(wrong)
 
 
 @kernel
-def emit(s: Any, sample: Any, size: int, odd: bool) -> None:
+def emit(s: Any, sample: Any, size: int, wrong: bool) -> None:
     """s.force as a sample that took `size` bytes."""
     missing = 0
     if s.frames > 0:
         missing = (s.gap + size // 2) // size
-        if missing == 0 and s.gap > STRAY:
+        if missing == 0 and s.gap > STRAY_BYTES:
             missing = 1
         s.tick += 1 + missing
         s.lost += missing
@@ -160,7 +163,7 @@ def emit(s: Any, sample: Any, size: int, odd: bool) -> None:
     for i in range(3):
         raw[3 + i] = int(np.rint(s.force[i] * (1e3 / STANDARD_GRAVITY)))
         saturated |= abs(s.force[i]) >= end
-    if is_spike(s.spikes, 1 + missing) or odd:
+    if is_spike(s.spikes, 1 + missing) or wrong:
         sample.flags = SUSPECT
         s.suspect += 1
     else:
@@ -183,7 +186,7 @@ def decode_piece(s: Any, rx: Any, p: int, end: int, fill: int, sample: Any) -> b
     last = rx[end] if end < fill else HASH
     ended = last in (CR, LF) or (last == LETTER_X and rx[p] == LETTER_X)
     if (s.synchronous or rx[p] == LETTER_X) and ended and end - p < LINE_MAX and force_from_text(s, rx, p, end):
-        emit(s, sample, end - p, has_odd_width(s, rx, p, end))
+        emit(s, sample, end - p, has_wrong_width(s, rx, p, end))
         return True
     skip(s, end - p)
     s.bad += 1

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import PortAbsentError
-from ..iio.layout import turn
+from ..iio.layout import rotation_of
 from . import iio_sysfs as sysfs
 
 BAROMETER, MAGNETOMETER = "barometer", "magnetometer"
@@ -36,7 +36,7 @@ class PolledSensor:
         if self.kind == BAROMETER:
             return (_KILO * _value(base, "in_pressure", "in_pressure"),)
         x, y, z = (_GAUSS * _value(base, f"in_magn_{axis}", "in_magn") for axis in AXES)
-        rows = turn(sysfs.attributes(self.folder), "magn")
+        rows = rotation_of(sysfs.attributes(self.folder), "magn")
         return tuple(row[0] * x + row[1] * y + row[2] * z for row in rows)
 
 

@@ -24,7 +24,7 @@ TRIES = 3
 ANSWER_S = 0.5
 BACKLOG = 1024  # bytes that the receiver may send before it answers
 BITS = 10  # on the wire per byte
-SETTLE_S = 2.5  # in which a receiver is received after a change
+SETTLE_S = 2.5  # time after a change in which messages of the receiver must arrive
 FAST_BAUD = 115200
 LOAD_MAX = 0.7  # of the line, at most
 EPOCH_BYTES, SKY_BYTES = 312, 500  # all messages of an epoch; NAV-SAT with 40 satellites
@@ -136,36 +136,36 @@ def _with_keys(port: int | None, rate_hz: float, baud: int) -> Dialogue[str]:
     once_a_second = max(1, round(rate_hz))
     rate = [(RATE_MEAS, _interval_ms(rate_hz)), (RATE_NAV, 1)]
     for ports in ((port,),) if port else ((UART1, USB), (UART1,)):  # a key of a port that is not there is rejected
-        needed = [*_sent(messages.NAV_PVT, 1, ports), *((OUT_UBX[one], 1) for one in ports)]
-        if (yield from _do(values([*needed, *rate]), baud)):
+        needed = [*_message_rates(messages.NAV_PVT, 1, ports), *((OUT_UBX[one], 1) for one in ports)]
+        if (yield from _execute(values([*needed, *rate]), baud)):
             break
     else:
         return "it rejects CFG-VALSET for NAV-PVT and the rate"
     for kind in OPTIONAL_EACH_EPOCH:
-        yield from _do(values(_sent(kind, 1, ports)), baud)
+        yield from _execute(values(_message_rates(kind, 1, ports)), baud)
     for kind in EACH_SECOND:
-        yield from _do(values(_sent(kind, once_a_second, ports)), baud)
-    yield from _do(values([(OUT_NMEA[one], 0) for one in ports]), baud)
+        yield from _execute(values(_message_rates(kind, once_a_second, ports)), baud)
+    yield from _execute(values([(OUT_NMEA[one], 0) for one in ports]), baud)
     return ""
 
 
-def _sent(kind: Kind, every: int, ports: Sequence[int]) -> list[tuple[int, int]]:
-    """Keys and values that send a message on these ports at every so manieth epoch."""
+def _message_rates(kind: Kind, every: int, ports: Sequence[int]) -> list[tuple[int, int]]:
+    """Keys and values that send a message on these ports at every n-th epoch, n = `every`."""
     return [(KEY_OF_MESSAGE[kind] + one - UART1, every) for one in ports]
 
 
 def _with_messages(_: int | None, rate_hz: float, baud: int) -> Dialogue[str]:
     """Set up by a message for each setting; they concern the port through which they come."""
-    if not (yield from _do(_message(messages.NAV_PVT, 1), baud)):
+    if not (yield from _execute(_message(messages.NAV_PVT, 1), baud)):
         return "it has no NAV-PVT"
     for kind in OPTIONAL_EACH_EPOCH:
-        yield from _do(_message(kind, 1), baud)
+        yield from _execute(_message(kind, 1), baud)
     for kind in EACH_SECOND_BEFORE_KEYS:
-        yield from _do(_message(kind, max(1, round(rate_hz))), baud)
+        yield from _execute(_message(kind, max(1, round(rate_hz))), baud)
     for sentence in NMEA_SENTENCES:
-        yield from _do(_message(sentence, 0), baud)
+        yield from _execute(_message(sentence, 0), baud)
     rate = struct.pack("<HHH", _interval_ms(rate_hz), 1, GPS_TIME)
-    return "" if (yield from _do(frame(CFG_RATE, rate), baud)) else f"it rejects {rate_hz:g} fixes a second"
+    return "" if (yield from _execute(frame(CFG_RATE, rate), baud)) else f"it rejects {rate_hz:g} fixes a second"
 
 
 def _interval_ms(rate_hz: float) -> int:
@@ -173,7 +173,7 @@ def _interval_ms(rate_hz: float) -> int:
 
 
 def _message(kind: Kind, every: int) -> bytes:
-    """CFG-MSG: send a message at every so manieth epoch; 0: never."""
+    """CFG-MSG: send a message at every n-th epoch, n = `every`; 0: never."""
     return frame(CFG_MSG, bytes((*kind, every)))
 
 
@@ -208,7 +208,7 @@ def _poll(kind: Kind, baud: int, tries: int) -> Dialogue[bytes | None]:
     return None
 
 
-def _do(command: bytes, baud: int) -> Dialogue[bool]:
+def _execute(command: bytes, baud: int) -> Dialogue[bool]:
     """Send a command until it is answered; whether it was done."""
     whose = command[2:4]
 
@@ -223,7 +223,7 @@ def _do(command: bytes, baud: int) -> Dialogue[bool]:
 
 
 def _change_baud(command: bytes, old: int, new: int) -> Dialogue[int | None]:
-    """Change the receiver's speed and ours; the one at which it then answers, None if at neither.
+    """Change the receiver's speed and that of the line; returns the one at which it then answers, None if at neither.
 
     The acknowledgement may come at either speed, so only an answer at the new one counts.
     """

@@ -10,6 +10,7 @@ from imud.drivers.sample import SAMPLE
 from imud.estimators import records, tilt
 from imud.estimators.ahrs import state as ahrs
 from imud.estimators.ins import core, parameters
+from imud.estimators.ins.aiding import records as aiding
 from imud.estimators.ins.alignment import records as alignment
 from imud.estimators.papers import gps_track, stationary, suh
 from imud.estimators.papers.ins9 import state as ins9
@@ -44,12 +45,12 @@ INS = {
     "TimeOffsetStep": core.TIME_OFFSET_STEP,
     "GyroBiasStep": core.GYRO_BIAS_STEP,
     "Alignment": alignment.ALIGNMENT,
-    "Barometer": core.BAROMETER,
-    "ExternalAid": core.EXTERNAL_AID,
-    "HeadingAid": core.HEADING_AID,
-    "Magnetometer": core.MAGNETOMETER,
-    "Odometer": core.ODOMETER,
-    "WheelCheck": core.WHEEL_CHECK,
+    "Barometer": aiding.BAROMETER,
+    "ExternalAid": aiding.EXTERNAL_AID,
+    "HeadingAid": aiding.HEADING_AID,
+    "Magnetometer": aiding.MAGNETOMETER,
+    "Odometer": aiding.ODOMETER,
+    "WheelCheck": aiding.WHEEL_CHECK,
     "Transition": core.TRANSITION,
     "Scratch": core.SCRATCH,
     "Snapshot": core.SNAPSHOT,

@@ -55,7 +55,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     ("imud/clocks", "imud/sensor_errors", "imud/sensor_monitor"),
     ("imud/estimators", "imud/estimators/ahrs", "imud/estimators/papers", "imud/estimators/riss"),
     ("imud/estimators/ins/state.py", "imud/estimators/ins/types.py"),
-    ("imud/estimators/ins/alignment/records.py",),
+    ("imud/estimators/ins/aiding/records.py", "imud/estimators/ins/alignment/records.py"),
     ("imud/estimators/ins/core.py",),
     ("imud/estimators/ins/mechanization.py", "imud/estimators/ins/vehicle_axes.py"),
     ("imud/estimators/ins/ekf.py",),

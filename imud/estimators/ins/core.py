@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..records import FIX, INNOVATION, MEASUREMENT
+from .aiding.records import BAROMETER, EXTERNAL_AID, HEADING_AID, MAGNETOMETER, ODOMETER, WHEEL_CHECK
 from .alignment.records import ALIGNMENT, HYPOTHESIS_BANK
 from .state import (
     AIDING_RING,
@@ -237,72 +238,6 @@ GYRO_BIAS_STEP = np.dtype(  # the test for a step of the gyro bias about the ver
         ("energy", "<f8", (GYRO_BIAS_ONSETS,)),  # sum of the normalised innovations squared
         ("count", "<f8", (GYRO_BIAS_ONSETS,)),  # number of these
         ("sensitivity", "<f8", (STATES, GYRO_BIAS_ONSETS)),  # error states per rad/s of the step
-    ],
-    align=True,
-)
-
-BAROMETER = np.dtype(  # at the last reading
-    [
-        ("last_ns", "<i8"),  # its epoch
-        ("last_used_ns", "<i8"),  # that of the last that was used
-        ("height", "<f8"),  # m
-        ("speed2", "<f8"),  # m^2/s^2, square of the speed
-    ],
-    align=True,
-)
-
-EXTERNAL_AID = np.dtype(  # an external pose, or velocity
-    [
-        ("last_ns", "<i8"),  # epoch of the last one
-        ("last_used_ns", "<i8"),  # and of the last that was used
-        ("rejected", "<i8"),  # 1: the last one was rejected
-        ("last_value", "<f8", (4,)),  # its values; NaN before the first
-    ],
-    align=True,
-)
-
-MAGNETOMETER = np.dtype(
-    [
-        ("last_ns", "<i8"),  # epoch of the last reading
-        ("since_ns", "<i8"),  # since when the field is that of the earth, and steady
-        ("contradicted_ns", "<i8"),  # when it last contradicted a heading
-        ("strength", "<f8"),  # smoothed: the field's strength over that of the earth, less 1
-        ("dip", "<f8"),  # rad, smoothed: its dip less that of the earth
-        ("variation", "<f8"),  # smoothed square of what both differ from that
-        ("heading_variance", "<f8"),  # rad^2, of the heading after the last reading; 0 while it is not known
-    ],
-    align=True,
-)
-
-HEADING_AID = np.dtype(
-    [
-        ("last_ns", "<i8"),  # epoch of the last heading
-        ("distrusted", "<i8"),  # 1: the way the vehicle moves has contradicted a heading that came of it
-        ("agreeing_ns", "<i8"),  # since when it has agreed again, without a contradiction
-    ],
-    align=True,
-)
-
-ODOMETER = np.dtype(
-    [
-        ("last_ns", "<i8"),  # epoch of the last reading
-        ("last_used_ns", "<i8"),  # and of the last that was used
-        ("reverses", "<i8"),  # 1: there was a reading below zero
-        ("direction", "<f8"),  # 1: readings above zero are along the forward axis, -1: against it; 0: not known
-    ],
-    align=True,
-)
-
-WHEEL_CHECK = np.dtype(  # the receiver's velocity against the wheels: sums over the fixes that contradict them
-    [
-        ("onset_ns", "<i8"),  # the first of these fixes
-        ("count", "<f8"),
-        ("z_n", "<f8"),  # m/s, velocity of the fix less that of the estimate
-        ("z_e", "<f8"),
-        ("z2", "<f8"),  # m^2/s^2, its square
-        ("cross_sum", "<f8"),  # m^2/s^2, of their cross products with the velocity, down
-        ("v2", "<f8"),  # m^2/s^2, square of the velocity
-        ("agreements", "<i8"),  # fixes in a row that agree, after a drift was detected
     ],
     align=True,
 )

@@ -23,9 +23,15 @@ if TYPE_CHECKING:
 
 
 TUNABLES = (
-    Tunable("near_range", 0.9, "", "Share of the largest rate from which an axis counts as saturated, too.", "Choice."),
-    Tunable("over_range", 0.5, "", "Share of a clipped reading that may be beyond it.", "Choice."),
-    Tunable("rate_hold_s", 0.5, "s", "The last rate is held so long.", "Choice."),
+    Tunable(
+        "near_range",
+        0.9,
+        "",
+        "Share of the largest rate of the three axes from which an axis counts as saturated, too.",
+        "Choice.",
+    ),
+    Tunable("over_range", 0.5, "", "Largest error of a clipped reading, as a share of the reading.", "Choice."),
+    Tunable("rate_hold_s", 0.5, "s", "Time for which the last rate stands for missing ones.", "Choice."),
 )
 
 

@@ -48,7 +48,7 @@ TUNABLES = (
         "min_rotated_tilt",
         1e-3,
         "rad",
-        "Heading corrections that rotate the covariance of the tilt, from this angle on.",
+        "Least correction of the heading for which the covariance of the tilt is rotated.",
         "Numerics.",
     ),
 )

@@ -66,7 +66,13 @@ TUNABLES = (
         "Sigma of the correlated error of a GNSS velocity, north and east.",
         "Two real receivers in flight: means over a minute.",
     ),
-    Tunable("gnss_velocity_bias_time_s", 100.0, "s", "Its time constant.", "The same receivers."),
+    Tunable(
+        "gnss_velocity_bias_time_s",
+        100.0,
+        "s",
+        "Time constant of the correlated error of a GNSS velocity.",
+        "The same receivers.",
+    ),
     Tunable(
         "accel_scale_time_s", 0.2, "s", "How long an accelerometer's scale error acts in one direction.", "Choice."
     ),
@@ -75,17 +81,23 @@ TUNABLES = (
         "vibration_vrw",
         0.011,
         "(m/s)/sqrt(s)",
-        "Velocity random walk of an accelerometer under way, beyond its own; learned from here on.",
+        "Velocity random walk that vibration adds to an accelerometer's under way; the first value, learned later.",
         "Recorded drives.",
     ),
     Tunable(
         "vibration_arw",
         math.radians(0.005),
         "rad/sqrt(s)",
-        "The same of the gyro, where it begins.",
+        "Angle random walk that vibration adds to a gyro's under way; the first value, learned later.",
         "Recorded drives.",
     ),
-    Tunable("vibration_bias_walk", 2e-3, "(m/s^2)/sqrt(s)", "Vibration rectified into bias.", "Recorded drives."),
+    Tunable(
+        "vibration_bias_walk",
+        2e-3,
+        "(m/s^2)/sqrt(s)",
+        "Random walk of the accelerometer bias by rectified vibration.",
+        "Recorded drives.",
+    ),
     Tunable(
         "mount_psd",
         math.radians(0.02) ** 2,
@@ -101,7 +113,13 @@ TUNABLES = (
         "1 cm in a second, 0.6 m in an hour.",
     ),
     Tunable("second_order_time_s", 1.0, "s", "Correlation time of the errors of the linear model.", "Choice."),
-    Tunable("min_scaled_turn", 1e-3, "rad", "Turns are corrected for scale errors from this angle on.", "Numerics."),
+    Tunable(
+        "min_scaled_turn",
+        1e-3,
+        "rad",
+        "Least rotation that is corrected for scale factors and misalignments.",
+        "Numerics.",
+    ),
     Tunable(
         "nonlinear_scale_share",
         0.5,
@@ -111,17 +129,27 @@ TUNABLES = (
         high=1.0,
     ),
     Tunable(
-        "misalignment_over_scale", 0.35, "", "Misalignment over scale factor.", "M-G350 data sheet: 0.1 deg and 0.5 %."
+        "misalignment_over_scale",
+        0.35,
+        "",
+        "Sigma of a gyro's misalignment over that of its scale factor.",
+        "M-G350 data sheet: 0.1 deg and 0.5 %.",
     ),
     Tunable("gyro_scale_psd", 5e-5**2, "1/s", "Random walk of gyro_scale, with temperature.", "0.3 % in an hour."),
     Tunable(
         "alignment_accel",
         0.3,
         "m/s^2",
-        "Acceleration that is not measured in an unknown direction.",
+        "Acceleration that is not measured while the heading is unknown.",
         "Recorded drives.",
     ),
-    Tunable("alignment_accel_time_s", 1.0, "s", "Its correlation time.", "1 Hz receivers."),
+    Tunable(
+        "alignment_accel_time_s",
+        1.0,
+        "s",
+        "Correlation time of the acceleration that is not measured while the heading is unknown.",
+        "1 Hz receivers.",
+    ),
 )
 
 

@@ -41,8 +41,12 @@ if TYPE_CHECKING:
     from .types import Core, Parameters, State, StoredMeasurement
 
 TUNABLES = (
-    Tunable("max_ahead_s", 1.0, "s", "A measurement may be newer than the newest sample by this.", "Choice."),
-    Tunable("max_age_s", 10.0, "s", "A measurement may be older than the newest sample by this.", "Choice."),
+    Tunable(
+        "max_ahead_s", 1.0, "s", "Largest time by which a measurement may be newer than the newest sample.", "Choice."
+    ),
+    Tunable(
+        "max_age_s", 10.0, "s", "Largest time by which a measurement may be older than the newest sample.", "Choice."
+    ),
 )
 
 

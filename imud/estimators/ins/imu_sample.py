@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 TUNABLES = (
     Tunable(
-        "max_gyro_outage_s", 1.0, "s", "After a longer time without rates the alignment starts again.", "Linearization."
+        "max_gyro_outage_s", 1.0, "s", "Outage of the rates after which the alignment starts again.", "Linearization."
     ),
 )
 

@@ -33,17 +33,23 @@ TUNABLES = (
         "power_on_force_sigma",
         math.radians(3.0),
         "rad",
-        "Tilt of the specific force after a gap, by an acceleration.",
+        "Sigma of the specific force's angle to the vertical, by an acceleration, after a gap.",
         "0.5 m/s^2.",
     ),
     Tunable(
         "reconnect_turn_rate",
         math.radians(3.0),
         "rad/s",
-        "Sigma of the turn of a sensor that was not connected, per duration of the gap.",
+        "Sigma of the rotation of a sensor that was not connected, per second of the gap.",
         "Choice.",
     ),
-    Tunable("power_on_tilt_gate", 9.0, "NIS", "Gate of the tilt after a gap.", "Three sigma."),
+    Tunable(
+        "power_on_tilt_gate",
+        9.0,
+        "NIS",
+        "Gate of the specific force's angle to the vertical after a gap.",
+        "Three sigma.",
+    ),
 )
 
 

@@ -50,7 +50,7 @@ TUNABLES = (
         "process_noise_walk",
         0.03,
         "per sqrt(s)",
-        "Random walk of this logarithm: road, speed and rotors change.",
+        "Random walk of the logarithm of the process noise: road, speed and rotors change.",
         "A factor of 2.7 in 1000 s.",
     ),
     Tunable(
@@ -60,16 +60,36 @@ TUNABLES = (
         "velocity_noise_scale",
         0.02,
         "(m/s)/sqrt(s)",
-        "Process noise below which it is learned as it is, above as a logarithm.",
+        "Velocity process noise from which it is learned as a logarithm.",
         "It adds 0.02 m/s in a second: less than a receiver shows.",
     ),
     Tunable(
-        "attitude_noise_scale", math.radians(0.03), "rad/sqrt(s)", "The same of the attitude.", "A gyro of a phone."
+        "attitude_noise_scale",
+        math.radians(0.03),
+        "rad/sqrt(s)",
+        "Attitude process noise from which it is learned as a logarithm.",
+        "A gyro of a phone.",
     ),
-    Tunable("max_velocity_noise", 1.0, "(m/s)/sqrt(s)", "Largest process noise that is learned.", "A multicopter."),
-    Tunable("min_velocity_noise", 5e-3, "(m/s)/sqrt(s)", "Least process noise that is learned.", "A smooth car."),
-    Tunable("max_attitude_noise", math.radians(1.0), "rad/sqrt(s)", "The same of the attitude.", "A multicopter."),
-    Tunable("min_attitude_noise", math.radians(1e-3), "rad/sqrt(s)", "The same of the attitude.", "A smooth car."),
+    Tunable(
+        "max_velocity_noise", 1.0, "(m/s)/sqrt(s)", "Largest velocity process noise that is learned.", "A multicopter."
+    ),
+    Tunable(
+        "min_velocity_noise", 5e-3, "(m/s)/sqrt(s)", "Least velocity process noise that is learned.", "A smooth car."
+    ),
+    Tunable(
+        "max_attitude_noise",
+        math.radians(1.0),
+        "rad/sqrt(s)",
+        "Largest attitude process noise that is learned.",
+        "A multicopter.",
+    ),
+    Tunable(
+        "min_attitude_noise",
+        math.radians(1e-3),
+        "rad/sqrt(s)",
+        "Least attitude process noise that is learned.",
+        "A smooth car.",
+    ),
 )
 
 

@@ -25,9 +25,13 @@ if TYPE_CHECKING:
 TUNABLES = (
     Tunable("gap_step_s", 0.05, "s", "Integration step over a gap.", "Choice."),
     Tunable(
-        "gap_periods", 2.5, "periods", "A longer gap between samples adds variance.", "One lost sample makes 2 periods."
+        "gap_periods",
+        2.5,
+        "periods",
+        "Gap between samples, in sample periods, beyond which variance is added.",
+        "One lost sample makes 2 periods.",
     ),
-    Tunable("gap_s", 0.1, "s", "A longer gap is extrapolated.", "Choice."),
+    Tunable("gap_s", 0.1, "s", "Gap between samples beyond which the motion is extrapolated.", "Choice."),
     Tunable("gap_accel", 2.0, "m/s^2", "Acceleration that a long gap may hide.", "A vehicle's."),
     Tunable("gap_turn", 0.3, "rad/s", "Rate that a long gap may hide.", "A vehicle's."),
     Tunable(

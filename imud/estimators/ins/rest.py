@@ -30,7 +30,7 @@ TUNABLES = (
         "long_rest_windows",
         10,
         "windows",
-        "Low motion for so long is rest even where no speed is known.",
+        "Low-motion windows in a row after which a body is at rest even if no speed is known.",
         "Five seconds.",
     ),
     Tunable(

@@ -39,15 +39,49 @@ SOURCE = AidingSource(
     alternatives={"pressure_pa": ("height_m", standard_height, 19000.0, 130000.0)},
 )
 TUNABLES = (
-    Tunable("baro_sigma", 0.3, "m", "Sigma of a reading that reports none.", "4 Pa: MEMS barometers and light wind."),
-    Tunable("baro_correlation_s", 1.0, "s", "Correlation time of its error.", "Gusts."),
-    Tunable("baro_offset_sigma", 500.0, "m", "Offset at the start.", "60 hPa: the deepest low."),
-    Tunable("baro_offset_psd", 0.01, "m^2/s", "Random walk of the offset by the weather.", "0.7 hPa in an hour."),
-    Tunable("baro_offset_per_height", 0.16, "m", "Its variance per height.", "Scale error of 4 %, over 100 m."),
-    Tunable("baro_offset_per_speed2", 0.0025, "s^2", "Its variance per squared speed.", "1 m from 0 to 20 m/s."),
-    Tunable("baro_gate", 16.0, "NIS", "Gate of a reading.", "Four sigma: doors and gusts are common."),
-    Tunable("baro_reopen_s", 5.0, "s", "After so long a rejection the offset begins anew.", "Choice."),
-    Tunable("baro_known_height", 50.0, "m", "Sigma of the height from which readings are used.", "A first fix."),
+    Tunable(
+        "baro_sigma", 0.3, "m", "Sigma of a pressure height that reports none.", "4 Pa: MEMS barometers and light wind."
+    ),
+    Tunable("baro_correlation_s", 1.0, "s", "Correlation time of the error of a pressure height.", "Gusts."),
+    Tunable(
+        "baro_offset_sigma",
+        500.0,
+        "m",
+        "Sigma of the offset of the pressure height at the start.",
+        "60 hPa: the deepest low.",
+    ),
+    Tunable(
+        "baro_offset_psd",
+        0.01,
+        "m^2/s",
+        "Random walk of the offset of the pressure height by the weather.",
+        "0.7 hPa in an hour.",
+    ),
+    Tunable(
+        "baro_offset_per_height",
+        0.16,
+        "m",
+        "Variance of the offset per difference of height.",
+        "Scale error of 4 %, over 100 m.",
+    ),
+    Tunable(
+        "baro_offset_per_speed2", 0.0025, "s^2", "Variance of the offset per squared speed.", "1 m from 0 to 20 m/s."
+    ),
+    Tunable("baro_gate", 16.0, "NIS", "Gate of a pressure height.", "Four sigma: doors and gusts are common."),
+    Tunable(
+        "baro_reopen_s",
+        5.0,
+        "s",
+        "Time of rejections after which the offset of the pressure height begins anew.",
+        "Choice.",
+    ),
+    Tunable(
+        "baro_known_height",
+        50.0,
+        "m",
+        "Largest sigma of the height with which pressure heights are used.",
+        "A first fix.",
+    ),
 )
 
 

@@ -62,11 +62,25 @@ BODY_SOURCE = AidingSource(
 )
 TUNABLES = (
     Tunable("external_velocity_sigma", 0.2, "m/s", "Sigma of a velocity that reports none.", "Choice."),
-    Tunable("external_velocity_scale", 0.02, "", "Its error as a share of the speed.", "Calibration and 1 deg."),
-    Tunable("external_velocity_correlation_s", 1.0, "s", "Correlation time of its errors.", "Choice."),
-    Tunable("external_velocity_scale_s", 60.0, "s", "Correlation time of that error.", "It lasts; views change."),
+    Tunable(
+        "external_velocity_scale",
+        0.02,
+        "",
+        "Sigma of an external velocity as a share of the speed.",
+        "Calibration and 1 deg.",
+    ),
+    Tunable(
+        "external_velocity_correlation_s", 1.0, "s", "Correlation time of the error of an external velocity.", "Choice."
+    ),
+    Tunable(
+        "external_velocity_scale_s",
+        60.0,
+        "s",
+        "Correlation time of its error that is a share of the speed.",
+        "It lasts; views change.",
+    ),
     Tunable("external_velocity_time_sigma", 0.02, "s", "Unknown age of a velocity.", "Choice: half of 25 Hz."),
-    Tunable("external_velocity_gate", 25.0, "NIS", "Gate of each component.", "Five sigma."),
+    Tunable("external_velocity_gate", 25.0, "NIS", "Gate of each component of an external velocity.", "Five sigma."),
 )
 
 

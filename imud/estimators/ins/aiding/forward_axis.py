@@ -24,38 +24,59 @@ if TYPE_CHECKING:
 
 TUNABLES = (
     Tunable("typical_lever_arm", 1.2, "m", "Lever arm assumed while the forward axis is sought.", "Cars."),
-    Tunable("direction_sigmas", 2.0, "sigma", "A velocity that large has a direction.", "Two sigma."),
-    Tunable("scatter_decay", 0.98, "per window", "Memory of the velocities in the body.", "25 s.", high=0.9999),
+    Tunable(
+        "direction_sigmas", 2.0, "sigma", "Least speed, in sigmas, of a velocity whose direction is used.", "Two sigma."
+    ),
+    Tunable(
+        "scatter_decay",
+        0.98,
+        "per window",
+        "Decay of the scatter matrix of the velocity in the body.",
+        "25 s.",
+        high=0.9999,
+    ),
     Tunable(
         "axis_windows",
         8.0,
         "windows",
-        "Windows with a direction before the constraint is enabled: auto.",
+        "Windows with a direction before the constraint is enabled; vehicle = auto.",
         "Recorded flights and drives.",
     ),
-    Tunable("axis_across", 0.5, "", "Normalised square across the axis, per window.", "Recorded flights and drives."),
+    Tunable(
+        "axis_across",
+        0.5,
+        "",
+        "Largest normalised square of the velocity across the forward axis, per window; vehicle = auto.",
+        "Recorded flights and drives.",
+    ),
     Tunable(
         "axis_across_growth",
         0.01,
         "",
-        "Growth of it per window: a flight looks like a drive for some seconds.",
+        "Growth of axis_across per window: a flight looks like a drive for some seconds.",
         "Recorded flights.",
     ),
     Tunable(
         "axis_ground",
         12.0,
         "",
-        "Normalised square across any line over ground, beyond that: the vehicle has turned.",
+        "Normalised square of the velocity across any line over ground that proves a turn.",
         "Recorded flights and drives.",
     ),
     Tunable(
         "axis_windows_land",
         6.0,
         "windows",
-        "Windows with a direction before the constraint is enabled: land.",
+        "Windows with a direction before the constraint is enabled; vehicle = land.",
         "Choice.",
     ),
-    Tunable("axis_across_land", 4.0, "", "Normalised square across the axis, per window: land.", "Choice."),
+    Tunable(
+        "axis_across_land",
+        4.0,
+        "",
+        "Largest normalised square of the velocity across the forward axis, per window; vehicle = land.",
+        "Choice.",
+    ),
     Tunable(
         "power_iterations",
         4,

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 TUNABLES = (
-    Tunable("gnss_position_gate", 25.0, "NIS", "Gate of the position.", "Five sigma."),
+    Tunable("gnss_position_gate", 25.0, "NIS", "Gate of the horizontal position, and of the height.", "Five sigma."),
     Tunable(
         "gnss_return_gate",
         9.0,
@@ -42,30 +42,52 @@ TUNABLES = (
         "burst_psd",
         0.5,
         "m^2/s^3",
-        "Most noise of the velocity that a rejected fix may prove, since the last fix used.",
+        "Largest velocity noise since the last used fix that a position beyond its gate may be explained by.",
         "0.7 m/s in a second: a pothole, a gust.",
     ),
-    Tunable("burst_s", 3.0, "s", "Longest time since the last fix used for which it may.", "Choice."),
-    Tunable("reset_count", 5, "fixes", "Rejected fixes before the filter is reset to them.", "Choice."),
-    Tunable("reset_s", 8.0, "s", "Time for which they must have been consistent.", "Recorded multipath."),
-    Tunable("consistency_gate", 9.0, "NIS", "Gate of a rejected position against the velocity.", "Three sigma."),
     Tunable(
-        "drift_reset_s", 20.0, "s", "The same time where the receiver has been found to drift.", "Simulated drifts."
+        "burst_s",
+        3.0,
+        "s",
+        "Longest time since the last used fix for which a position beyond its gate may be explained by velocity noise.",
+        "Choice.",
     ),
-    Tunable("reset_time_sigma", 0.2, "s", "Sigma of the stamps where that happened.", "Choice."),
+    Tunable("reset_count", 5, "fixes", "Number of rejected fixes before the filter is reset to them.", "Choice."),
+    Tunable(
+        "reset_s",
+        8.0,
+        "s",
+        "Time for which rejected positions must be consistent with the velocity before the filter is reset to them.",
+        "Recorded multipath.",
+    ),
+    Tunable("consistency_gate", 9.0, "NIS", "Gate of a rejected position against the velocity.", "Three sigma."),
+    Tunable("drift_reset_s", 20.0, "s", "As reset_s, where the receiver has been found to drift.", "Simulated drifts."),
+    Tunable(
+        "reset_time_sigma",
+        0.2,
+        "s",
+        "Sigma added to the time offset when the filter is reset to rejected positions.",
+        "Choice.",
+    ),
     Tunable("max_reject_s", 60.0, "s", "Longest rejection of fixes that drift away.", "Choice."),
     Tunable("max_drift_speed", 5.0, "m/s", "Fastest drift of a receiver.", "Choice."),
     Tunable(
         "frozen_min_m",
         1.0,
         "m",
-        "Way that shows in the last digit of any receiver.",
+        "Least distance of the estimate that changes the last digit of any receiver's position.",
         "GGA with four decimals of a minute: 0.19 m.",
     ),
     Tunable("inertial_velocity_error", 0.25, "m/s", "Error of an inertial velocity beyond its sigma.", "Choice."),
     Tunable("inertial_heading_error", 0.05, "rad", "Error of an inertial heading beyond its sigma.", "Choice."),
-    Tunable("max_velocity_rejects", 8, "fixes", "More rejected velocities in a row mean a wrong heading.", "Choice."),
-    Tunable("max_reset_score", 1.5, "", "A larger decaying count of resets means a wrong heading.", "Choice."),
+    Tunable(
+        "max_velocity_rejects",
+        8,
+        "fixes",
+        "Largest number of rejected velocities in a row with a right heading.",
+        "Choice.",
+    ),
+    Tunable("max_reset_score", 1.5, "", "Largest decaying count of resets with a right heading.", "Choice."),
     Tunable("reset_score_decay", 0.98, "per fix", "Decay of the count of resets.", "About fifty fixes.", high=0.9999),
 )
 

@@ -41,11 +41,13 @@ TUNABLES = (
         "bias_free_gate",
         20.0,
         "NIS",
-        "Gate against the position alone, whatever the GNSS bias says.",
+        "Gate of a position innovation without the estimated GNSS bias.",
         "A bias drifts, it does not jump.",
     ),
-    Tunable("late_fix_accel", 1.0, "m/s^2", "Acceleration unknown where a fix is too late for rewinding.", "Choice."),
-    Tunable("turn_between_fixes_s", 1.0, "s", "Time for which an error of the lever arm turns.", "1 Hz receivers."),
+    Tunable("late_fix_accel", 1.0, "m/s^2", "Acceleration assumed for a fix that is too late for a rewind.", "Choice."),
+    Tunable(
+        "turn_between_fixes_s", 1.0, "s", "Time over which an error of the lever arm acts in a turn.", "1 Hz receivers."
+    ),
 )
 
 

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 TUNABLES = (
-    Tunable("min_course_speed", 0.5, "m/s", "Below it the course is noise.", "Real receivers."),
+    Tunable("min_course_speed", 0.5, "m/s", "Least speed at which the course is used.", "Real receivers."),
     Tunable("gnss_velocity_gate", 25.0, "NIS", "Gate of each component of the velocity.", "Five sigma."),
 )
 

@@ -43,8 +43,20 @@ TUNABLES = (
     ),
     Tunable("heading_time_sigma", 0.03, "s", "Unknown age of a heading.", "Choice: half a period of 20 Hz."),
     Tunable("heading_gate", 25.0, "NIS", "Gate of a heading.", "Five sigma."),
-    Tunable("heading_trust_s", 30.0, "s", "A compass that was wrong must agree so long.", "A turn or two."),
-    Tunable("heading_min_level", 0.2, "", "Level part of the body's x axis below which it has no heading.", "Choice."),
+    Tunable(
+        "heading_trust_s",
+        30.0,
+        "s",
+        "Time for which a compass that was wrong must agree before it is used again.",
+        "A turn or two.",
+    ),
+    Tunable(
+        "heading_min_level",
+        0.2,
+        "",
+        "Least level component of the body's x axis for which it has a heading.",
+        "Choice.",
+    ),
 )
 
 

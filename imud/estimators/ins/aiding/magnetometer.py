@@ -52,22 +52,50 @@ SOURCE = AidingSource(
     short_names={"mx_ut": "x", "my_ut": "y", "mz_ut": "z"},
 )
 TUNABLES = (
-    Tunable("mag_sigma", REMAINING_T, "T", "Sigma of a field that has none.", "What a calibration leaves."),
-    Tunable("mag_yaw_sigma", math.radians(4.0), "rad", "Heading error beside that.", "Surroundings, misalignment."),
+    Tunable(
+        "mag_sigma", REMAINING_T, "T", "Sigma of a magnetic field that reports none.", "What a calibration leaves."
+    ),
+    Tunable(
+        "mag_yaw_sigma",
+        math.radians(4.0),
+        "rad",
+        "Sigma of the heading by the field, beside that of the field.",
+        "Surroundings, misalignment.",
+    ),
     Tunable("mag_time_sigma", 0.05, "s", "Unknown age of a reading.", "Choice: half a period of 10 Hz."),
     Tunable("mag_gate", 6.25, "NIS", "Gate of a heading by the field.", "2.5 sigma: a last resort."),
-    Tunable("mag_strength_gate", 0.12, "", "Strength, beside the model's.", "Five times its error; weak iron."),
-    Tunable("mag_dip_gate", math.radians(8.0), "rad", "Dip, beside the model's and the tilt error.", "As strength."),
+    Tunable(
+        "mag_strength_gate",
+        0.12,
+        "",
+        "Largest difference of the field's strength from the model's, as a share.",
+        "Five times its error; weak iron.",
+    ),
+    Tunable(
+        "mag_dip_gate",
+        math.radians(8.0),
+        "rad",
+        "Largest difference of the dip from the model's, beside the tilt error.",
+        "As strength.",
+    ),
     Tunable("mag_variation", 0.03, "", "Largest variation of strength, and of dip in rad.", "Noise of cheap sensors."),
     Tunable("mag_memory_s", 2.0, "s", "Time over which the variation is taken.", "Choice."),
-    Tunable("mag_settle_s", 3.0, "s", "For so long the field has to be the earth's.", "Choice."),
-    Tunable("mag_agreement_gate", 2.25, "NIS", "After a contradiction: largest one that still agrees.", "1.5 sigma."),
-    Tunable("mag_distrust_s", 300.0, "s", "For so long it has to agree after a contradiction.", "Choice."),
+    Tunable(
+        "mag_settle_s", 3.0, "s", "Time for which the field must be that of the earth before it is used.", "Choice."
+    ),
+    Tunable(
+        "mag_agreement_gate",
+        2.25,
+        "NIS",
+        "Gate within which the field agrees with the heading after a contradiction.",
+        "1.5 sigma.",
+    ),
+    Tunable("mag_distrust_s", 300.0, "s", "Time for which the field must agree after a contradiction.", "Choice."),
     Tunable(
         "mag_heading_inflation",
         math.radians(10.0),
         "rad",
-        "Sigma added at once that shows an inflated heading.",
+        "Sigma by which a heading that was inflated between two readings has grown at least.",
         "Choice.",
     ),
 )

@@ -21,18 +21,36 @@ if TYPE_CHECKING:
 
 
 TUNABLES = (
-    Tunable("nhc_sum_length", 100, "innovations", "Innovations of a sum.", "Ten seconds."),
-    Tunable("nhc_sum_gain", 0.2, "", "Gain of the noise scale.", "About five sums.", high=1.0),
+    Tunable(
+        "nhc_sum_length",
+        100,
+        "innovations",
+        "Number of innovations in a sum from which the constraint's noise scale is learned.",
+        "Ten seconds.",
+    ),
+    Tunable("nhc_sum_gain", 0.2, "", "Gain of the constraint's noise scale.", "About five sums.", high=1.0),
     Tunable(
         "nhc_first_sums",
         4.0,
         "sums",
-        "Weight of small first sums, beside that of later ones.",
+        "Weight of the first sums that reduce the constraint's noise scale.",
         "A slow UGV and simulated boats.",
     ),
-    Tunable("nhc_max_sum_nis", 9.0, "", "Largest normalised square that counts: a kerb.", "Three sigma."),
-    Tunable("nhc_max_noise_scale", 100.0, "", "Noise scale of what is no land vehicle.", "Simulated boats."),
-    Tunable("nhc_min_noise_scale", 0.3, "", "Least noise scale.", "Recorded drives."),
+    Tunable(
+        "nhc_max_sum_nis",
+        9.0,
+        "",
+        "Largest normalised squared sum of innovations that is learned from.",
+        "Three sigma.",
+    ),
+    Tunable(
+        "nhc_max_noise_scale",
+        100.0,
+        "",
+        "Noise scale of the constraint from which a vehicle is no land vehicle.",
+        "Simulated boats.",
+    ),
+    Tunable("nhc_min_noise_scale", 0.3, "", "Least noise scale of the constraint.", "Recorded drives."),
 )
 
 

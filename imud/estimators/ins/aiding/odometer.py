@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 TUNABLES = (
     Tunable("odometer_sigma", 0.05, "m/s", "Sigma of a reading that reports none.", "Pulses of an ABS ring at 10 Hz."),
-    Tunable("odometer_scale_sigma", 0.05, "", "Scale factor at the start, 1 sigma.", "Worn or other tyres: 3 %."),
+    Tunable("odometer_scale_sigma", 0.05, "", "Sigma of the scale factor at the start.", "Worn or other tyres: 3 %."),
     Tunable(
         "odometer_scale_psd",
         (0.003 / 60.0) ** 2,
@@ -44,19 +44,35 @@ TUNABLES = (
         "Random walk of the scale factor, with pressure, temperature and load.",
         "0.3 % in an hour.",
     ),
-    Tunable("odometer_slip", 0.004, "", "Slip of a driven wheel at a constant speed, 1 sigma.", "Rolling resistance."),
+    Tunable(
+        "odometer_slip",
+        0.004,
+        "",
+        "Sigma of the slip of a driven wheel at a constant speed, as a share of the speed.",
+        "Rolling resistance.",
+    ),
     Tunable(
         "odometer_slip_per_accel",
         0.004,
         "1/(m/s^2)",
-        "Slip per acceleration.",
+        "Sigma of the slip per acceleration.",
         "A tyre that slips by 10 % at 1 g, one axle braking more than its share: Wong (2008), ch. 1.",
     ),
-    Tunable("odometer_slip_time_s", 1.0, "s", "How long slip lasts.", "A manoeuvre."),
-    Tunable("odometer_current_s", 600.0, "s", "How long a current of the water lasts.", "Tides: hours; rivers: bends."),
-    Tunable("odometer_time_sigma", 0.03, "s", "Unknown age of a reading.", "Choice: half a period of 20 Hz."),
-    Tunable("odometer_dead_speed", 0.3, "m/s", "Below it wheels seem to stand.", "Pulses of an ABS ring."),
-    Tunable("odometer_gate", 12.0, "NIS", "Gate of a reading.", "3.5 sigma: slip is common."),
+    Tunable("odometer_slip_time_s", 1.0, "s", "Correlation time of slip.", "A manoeuvre."),
+    Tunable(
+        "odometer_current_s", 600.0, "s", "Correlation time of a current of the water.", "Tides: hours; rivers: bends."
+    ),
+    Tunable(
+        "odometer_time_sigma", 0.03, "s", "Sigma of the unknown age of a reading.", "Choice: half a period of 20 Hz."
+    ),
+    Tunable(
+        "odometer_dead_speed",
+        0.3,
+        "m/s",
+        "Speed below which wheels are reported as standing.",
+        "Pulses of an ABS ring.",
+    ),
+    Tunable("odometer_gate", 12.0, "NIS", "Gate of a wheel speed.", "3.5 sigma: slip is common."),
     Tunable(
         "odometer_inflation_time_s",
         2.0,
@@ -74,7 +90,13 @@ TUNABLES = (
     Tunable(
         "odometer_max_inflation_s", 10.0, "s", "Length of a rejection after which P is inflated no more.", "Choice."
     ),
-    Tunable("odometer_sign_sigmas", 3.0, "sigma", "A velocity that large has a sign.", "Three sigma."),
+    Tunable(
+        "odometer_sign_sigmas",
+        3.0,
+        "sigma",
+        "Least speed, in sigmas, of an estimate that gives an unsigned reading its sign.",
+        "Three sigma.",
+    ),
 )
 
 

@@ -27,10 +27,30 @@ if TYPE_CHECKING:
     from ..types import Core, Parameters
 
 TUNABLES = (
-    Tunable("track_width_error", 0.02, "", "Error of the track width, 1 sigma.", "Where a tyre touches the road."),
-    Tunable("wheel_radius_difference", 0.005, "", "Radii of the two wheels, 1 sigma.", "Pressure and wear: 2 mm."),
-    Tunable("wheel_difference_s", 3600.0, "s", "How long these two errors last.", "For good; loads change."),
-    Tunable("wheel_rate_sigma", 0.02, "rad/s", "White error of the yaw rate.", "Vibration; turns begin within 30 ms."),
+    Tunable(
+        "track_width_error", 0.02, "", "Sigma of the track width, as a share of it.", "Where a tyre touches the road."
+    ),
+    Tunable(
+        "wheel_radius_difference",
+        0.005,
+        "",
+        "Sigma of the difference between the radii of the two wheels, as a share.",
+        "Pressure and wear: 2 mm.",
+    ),
+    Tunable(
+        "wheel_difference_s",
+        3600.0,
+        "s",
+        "Correlation time of the errors of track width and radii.",
+        "For good; loads change.",
+    ),
+    Tunable(
+        "wheel_rate_sigma",
+        0.02,
+        "rad/s",
+        "Sigma of the white error of the yaw rate by two wheels.",
+        "Vibration; turns begin within 30 ms.",
+    ),
 )
 
 

@@ -29,11 +29,37 @@ TUNABLES = (
     Tunable(
         "wheel_fresh_s", 10.0, "s", "Age of the last used reading up to which wheels support the velocity.", "Slips."
     ),
-    Tunable("wheel_check_speed", 2.0, "m/s", "Speed from which the receiver is tested.", "Choice."),
-    Tunable("wheel_check_gate", 9.0, "NIS", "A velocity beyond it is a contradiction.", "Three sigma."),
-    Tunable("wheel_min_contradiction", 0.3, "m/s", "Smallest contradiction.", "The scale factor's error at 60 km/h."),
-    Tunable("wheel_contradictions", 3.5, "fixes", "So many decide; an agreement halves them.", "Choice."),
-    Tunable("wheel_evidence", 25.0, "", "Squares that only a drift explains, over the variance.", "Five sigma."),
+    Tunable(
+        "wheel_check_speed", 2.0, "m/s", "Least speed at which the receiver is compared with the wheels.", "Choice."
+    ),
+    Tunable(
+        "wheel_check_gate",
+        9.0,
+        "NIS",
+        "Gate of a GNSS velocity beyond which it contradicts the wheels.",
+        "Three sigma.",
+    ),
+    Tunable(
+        "wheel_min_contradiction",
+        0.3,
+        "m/s",
+        "Least difference of a GNSS velocity that contradicts the wheels.",
+        "The scale factor's error at 60 km/h.",
+    ),
+    Tunable(
+        "wheel_contradictions",
+        3.5,
+        "fixes",
+        "Number of contradictions by which drift and wrong heading are told apart; an agreement halves it.",
+        "Choice.",
+    ),
+    Tunable(
+        "wheel_evidence",
+        25.0,
+        "",
+        "Difference of the squared residuals of wrong heading and drift, over the variance, that proves a drift.",
+        "Five sigma.",
+    ),
     Tunable(
         "wheel_reject_factor",
         3.0,
@@ -41,7 +67,7 @@ TUNABLES = (
         "Factor of max_velocity_rejects where wheels support the velocity.",
         "A turn comes meanwhile.",
     ),
-    Tunable("wheel_agreements", 10, "fixes", "So many agreements in a row end a drift.", "Choice."),
+    Tunable("wheel_agreements", 10, "fixes", "Number of agreements in a row that end a drift.", "Choice."),
     Tunable(
         "wheel_max_reject_s", 600.0, "s", "Longest rejection of fixes while wheels support the velocity.", "Choice."
     ),

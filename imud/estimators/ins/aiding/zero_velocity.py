@@ -30,17 +30,31 @@ TUNABLES = (
         "zupt_sigma",
         0.06,
         "m/s",
-        "Velocity at rest, confirmed by a receiver's speed. Large: windows are not independent.",
+        "Sigma of zero velocity at rest if the receiver confirms it; large, as windows are not independent.",
         "Recorded drives.",
     ),
     Tunable(
-        "zupt_sigma_unconfirmed", 0.2, "m/s", "The same where nothing confirms the rest.", "Simulated smooth starts."
+        "zupt_sigma_unconfirmed",
+        0.2,
+        "m/s",
+        "Sigma of zero velocity at rest if nothing confirms the rest.",
+        "Simulated smooth starts.",
     ),
     Tunable(
-        "standstill_sigma", 0.01, "m/s", "Velocity of a vehicle that stands, its engine running.", "Recorded drives."
+        "standstill_sigma",
+        0.01,
+        "m/s",
+        "Sigma of the velocity of a vehicle that stands, its engine running.",
+        "Recorded drives.",
     ),
-    Tunable("zaru_sigma", 1e-4, "rad/s", "Rate of a vehicle that stands.", "Choice."),
-    Tunable("rest_gate", 25.0, "NIS", "Gate of rates at rest; velocities have four times that.", "Five sigma."),
+    Tunable("zaru_sigma", 1e-4, "rad/s", "Sigma of the rate of a vehicle that stands.", "Choice."),
+    Tunable(
+        "rest_gate",
+        25.0,
+        "NIS",
+        "Gate of zero rates at rest; that of zero velocity is four times as large.",
+        "Five sigma.",
+    ),
 )
 
 

@@ -33,22 +33,24 @@ TUNABLES = (
         "max_start_heading_positions",
         math.radians(11.0),
         "rad",
-        "Heading sigma to start with, without a receiver's velocity.",
+        "Largest heading sigma to start navigation with, without a receiver's velocity.",
         "Simulated and recorded starts.",
     ),
     Tunable(
         "max_start_heading",
         math.radians(10.0),
         "rad",
-        "Heading sigma to start navigation with.",
+        "Largest heading sigma to start navigation with.",
         "Simulated and recorded starts.",
     ),
-    Tunable("heading_horizon_s", 10.0, "s", "Time for which the heading has to stay known.", "Choice."),
+    Tunable(
+        "heading_horizon_s", 10.0, "s", "Time over which the heading must stay known to start navigation.", "Choice."
+    ),
     Tunable(
         "moving_tilt",
         math.radians(1.0),
         "rad",
-        "Tilt error found while the level frame turned by an unknown angle.",
+        "Sigma of the tilt found while the level frame rotated by an unknown angle.",
         "Choice.",
     ),
 )

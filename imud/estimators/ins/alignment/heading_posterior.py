@@ -41,26 +41,32 @@ if TYPE_CHECKING:
 
 
 TUNABLES = (
-    Tunable("min_events", 3.0, "", "Least number of innovations with motion.", "Simulated starts."),
+    Tunable(
+        "min_events",
+        3.0,
+        "",
+        "Least number of innovations with motion from which a heading is accepted.",
+        "Simulated starts.",
+    ),
     Tunable(
         "min_events_unknown_rate",
         2.0,
         "",
-        "So many more where the vertical gyro bias is not known at all.",
+        "Additional innovations with motion where the vertical gyro bias is not known.",
         "Simulated starts.",
     ),
     Tunable(
         "correlation_factor",
         1.5,
         "",
-        "Variance of neighbouring innovations, not quite independent.",
+        "Factor of the variance of innovations whose neighbours are not quite independent.",
         "Simulated starts.",
     ),
     Tunable(
         "unknown_tilt_accel",
         0.3,
         "m/s^2",
-        "Sigma of gravity's level part where the covariance is not believed.",
+        "Sigma of gravity's level component where the covariance of the tilt is not used.",
         "1.75 deg of tilt.",
     ),
 )

@@ -45,7 +45,7 @@ TUNABLES = (
         "33 of them span 11 deg/s.",
     ),
     Tunable(
-        "max_corrected_tilt", 0.1, "rad", "Tilt corrected afterwards; more is not of first order.", "Linearization."
+        "max_corrected_tilt", 0.1, "rad", "Largest tilt that is corrected afterwards, to first order.", "Linearization."
     ),
 )
 # columns of `products`: innovations of GNSS, of the integrated specific force, of the first of three regressors

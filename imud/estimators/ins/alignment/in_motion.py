@@ -36,11 +36,17 @@ if TYPE_CHECKING:
 TUNABLES = (
     Tunable("unknown_height", 1000.0, "m", "Sigma of a height that is not known.", "Choice."),
     Tunable("unknown_speed", 30.0, "m/s", "Sigma of a velocity that the fix does not give.", "A car on a motorway."),
-    Tunable("unknown_vertical_speed", 1.0, "m/s", "The same of the vertical velocity.", "Choice."),
+    Tunable(
+        "unknown_vertical_speed", 1.0, "m/s", "Sigma of a vertical velocity that the fix does not give.", "Choice."
+    ),
     Tunable("first_velocity_sigma", 0.3, "m/s", "Sigma of the first velocity taken from a fix.", "Real receivers."),
     Tunable("max_start_velocity_sigma", 5.0, "m/s", "Largest sigma of the velocity when navigation starts.", "Choice."),
     Tunable(
-        "speed_sigmas", 3.0, "sigma", "A speed differenced from positions, if larger, is no noise.", "Three sigma."
+        "speed_sigmas",
+        3.0,
+        "sigma",
+        "Least speed, in sigmas, from the difference of positions that is not noise.",
+        "Three sigma.",
     ),
 )
 

@@ -24,7 +24,13 @@ if TYPE_CHECKING:
 
 
 TUNABLES = (
-    Tunable("level_rest_sigma", 0.02, "m/s^2", "Sigma of the mean force at rest against gravity.", "Choice."),
+    Tunable(
+        "level_rest_sigma",
+        0.02,
+        "m/s^2",
+        "Sigma of the mean specific force at rest as a measurement of gravity.",
+        "Choice.",
+    ),
     Tunable(
         "level_gnss_sigma", 0.3, "m/s^2", "Acceleration that a receiver's velocity does not show.", "Recorded drives."
     ),
@@ -46,7 +52,7 @@ TUNABLES = (
         "level_motion_sigma",
         1.5,
         "m/s^2",
-        "Sigma of the mean force in motion; accelerations last several windows.",
+        "Sigma of the mean specific force in motion; accelerations last several windows.",
         "Recorded drives.",
     ),
     Tunable("level_turn_speed", 20.0, "m/s", "Speed assumed for the centripetal force of a turn.", "Choice."),

@@ -55,7 +55,7 @@ TUNABLES = (
         "min_heading_sigma",
         math.radians(3.0),
         "rad",
-        "Smallest heading sigma to start with.",
+        "Least heading sigma to start navigation with.",
         "Linearization errors of alignment.",
     ),
     Tunable(

@@ -38,29 +38,45 @@ TUNABLES = (
     Tunable("pair_min_s", 0.9, "s", "Shortest time between two fixes of a pair.", "1 Hz receivers with jitter."),
     Tunable("pair_max_s", 6.0, "s", "Longest time between two positions of a pair.", "Choice."),
     Tunable("pair_velocity_sigma", 0.4, "m/s", "Sigma of a velocity change differenced from positions.", "Choice."),
-    Tunable("match_gate", 25.0, "NIS", "Gate of fixes that force must explain.", "Five sigma."),
     Tunable(
-        "match_min_duration_s", 100.0, "s", "Least time for which pairs are compared.", "Biases are taken as constant."
+        "match_gate",
+        25.0,
+        "NIS",
+        "Gate of velocity changes that the integrated specific force must explain.",
+        "Five sigma.",
     ),
     Tunable(
-        "match_max_duration_s", 400.0, "s", "Most time for which pairs are compared.", "Biases are taken as constant."
+        "match_min_duration_s",
+        100.0,
+        "s",
+        "Least time over which velocities and integrated specific force are compared.",
+        "Biases are taken as constant.",
+    ),
+    Tunable(
+        "match_max_duration_s",
+        400.0,
+        "s",
+        "Longest time over which velocities and integrated specific force are compared.",
+        "Biases are taken as constant.",
     ),
     Tunable(
         "match_rotation",
         math.radians(20.0),
         "rad",
-        "Unknown rotation up to which pairs are compared.",
+        "Largest unknown rotation of the level frame over which these are compared.",
         "Distance between hypotheses.",
     ),
     Tunable(
         "match_outage_share",
         0.2,
         "",
-        "Outage, as a share of that time, after which matching starts again.",
+        "Outage, as a share of the compared time, after which the comparison starts again.",
         "Choice.",
         high=1.0,
     ),
-    Tunable("levelled_sigma", math.radians(6.0), "rad", "Tilt sigma to navigate with.", "Linearization."),
+    Tunable(
+        "levelled_sigma", math.radians(6.0), "rad", "Largest tilt sigma to start navigation with.", "Linearization."
+    ),
 )
 
 

@@ -32,8 +32,8 @@ TUNABLES = (
         "Acceleration that the IMU does not show: scale factors, sway, vibration.",
         "Recorded drives.",
     ),
-    Tunable("whitening_position_sigma", 1e4, "m", "Position before the first fix.", "Uninformative."),
-    Tunable("whitening_speed_sigma", 1e2, "m/s", "Velocity before the first fix.", "Uninformative."),
+    Tunable("whitening_position_sigma", 1e4, "m", "Sigma of the position before the first fix.", "Uninformative."),
+    Tunable("whitening_speed_sigma", 1e2, "m/s", "Sigma of the velocity before the first fix.", "Uninformative."),
 )
 POSITION_STATE, VELOCITY_STATE, BIAS_STATE = 0, 1, 2  # m, m/s, m; complex numbers, north + i east
 

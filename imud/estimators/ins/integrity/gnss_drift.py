@@ -34,20 +34,45 @@ if TYPE_CHECKING:
 TUNABLES = (
     Tunable("onset_interval_s", 12.0, "s", "Time between two hypothetical onsets of a drift.", "Choice."),
     Tunable("min_drift_s", 5.0, "s", "Shortest drift that is tested.", "Choice."),
-    Tunable("min_drift_fixes", 4, "fixes", "Fewest fixes that are tested.", "Choice."),
+    Tunable("min_drift_fixes", 4, "fixes", "Least number of fixes in a drift that is tested.", "Choice."),
     Tunable(
         "min_drift_speed",
         0.05,
         "m/s",
-        "Error of a velocity that its sigma may not have.",
+        "Error of the estimated velocity that its sigma does not contain.",
         "The least sigma of a receiver's velocity.",
     ),
     Tunable("drift_chi2", 30.0, "", "Chi-square (2 degrees of freedom) that proves a drift.", "Once in three million."),
-    Tunable("min_drift_noise_scale", 1.25, "", "Least scale of the receiver's bias variance.", "Simulated drifts."),
-    Tunable("first_drift_noise_scale", 2.0, "", "First scale of it.", "Simulated drifts."),
-    Tunable("max_drift_noise_scale", 10.0, "", "Largest scale of it.", "Simulated drifts."),
-    Tunable("drift_noise_scale_prior", 5.0, "onsets", "Weight of the first scale.", "Choice."),
-    Tunable("drift_noise_scale_gain", 0.05, "per onset", "Gain of the scale.", "About twenty onsets.", high=1.0),
+    Tunable(
+        "min_drift_noise_scale",
+        1.25,
+        "",
+        "Least ratio of the receiver's bias variance to the reported one.",
+        "Simulated drifts.",
+    ),
+    Tunable(
+        "first_drift_noise_scale",
+        2.0,
+        "",
+        "First ratio of the receiver's bias variance to the reported one.",
+        "Simulated drifts.",
+    ),
+    Tunable(
+        "max_drift_noise_scale",
+        10.0,
+        "",
+        "Largest ratio of the receiver's bias variance to the reported one.",
+        "Simulated drifts.",
+    ),
+    Tunable("drift_noise_scale_prior", 5.0, "onsets", "Weight of first_drift_noise_scale.", "Choice."),
+    Tunable(
+        "drift_noise_scale_gain",
+        0.05,
+        "per onset",
+        "Gain of the learned ratio of the receiver's bias variance to the reported one.",
+        "About twenty onsets.",
+        high=1.0,
+    ),
 )
 
 

@@ -33,18 +33,53 @@ if TYPE_CHECKING:
 
 
 TUNABLES = (
-    Tunable("gravity_memory_s", 5.0, "s", "Longest time over which a turn of gravity is looked for.", "Choice."),
-    Tunable("fixed_gravity_gate", 8.0, "sigma", "Turn of gravity that must be seen, or the rate is bias.", "Choice."),
     Tunable(
-        "fixed_gravity_share", 0.5, "", "Of this turn, more must be missing.", "Half: as likely seen as not.", high=1.0
+        "gravity_memory_s",
+        5.0,
+        "s",
+        "Longest time over which rotation and direction of gravity are compared.",
+        "Choice.",
     ),
-    Tunable("min_rate_across_gravity", 0.5, "", "Sine of the angle to gravity of a rate that may turn it.", "Choice."),
     Tunable(
-        "max_gravity_excess", 0.3, "m/s^2", "Force beyond gravity and bias that is no coordinated turn.", "14 deg bank."
+        "fixed_gravity_gate",
+        8.0,
+        "sigma",
+        "Expected rotation of gravity from which it is compared with the measured one.",
+        "Choice.",
     ),
-    Tunable("max_speed_of_gravity", 2.0, "m/s", "Speed above which a body may fly coordinated turns.", "Choice."),
-    Tunable("recent_rest_s", 10.0, "s", "A bias found wrong was right until the last rest, if so recent.", "Choice."),
-    Tunable("wrong_bias_gate", 16.0, "NIS", "Gate of the bias that fixed gravity shows.", "Four sigma."),
+    Tunable(
+        "fixed_gravity_share",
+        0.5,
+        "",
+        "Share of the expected rotation of gravity that must be missing to prove a wrong bias.",
+        "Half: as likely seen as not.",
+        high=1.0,
+    ),
+    Tunable(
+        "min_rate_across_gravity",
+        0.5,
+        "",
+        "Least sine of the angle between rate and gravity for which gravity rotates in the body.",
+        "Choice.",
+    ),
+    Tunable(
+        "max_gravity_excess",
+        0.3,
+        "m/s^2",
+        "Largest specific force beyond gravity and bias that is not a coordinated turn.",
+        "14 deg bank.",
+    ),
+    Tunable(
+        "max_speed_of_gravity", 2.0, "m/s", "Largest speed of a body that does not fly coordinated turns.", "Choice."
+    ),
+    Tunable(
+        "recent_rest_s",
+        10.0,
+        "s",
+        "Longest time for which a wrong bias is taken to have turned the attitude.",
+        "Choice.",
+    ),
+    Tunable("wrong_bias_gate", 16.0, "NIS", "Gate of the bias that a fixed gravity shows.", "Four sigma."),
 )
 
 

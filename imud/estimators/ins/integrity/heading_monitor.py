@@ -29,23 +29,39 @@ if TYPE_CHECKING:
 
 TUNABLES = (
     Tunable("heading_fault_angle", math.radians(10.0), "rad", "Smallest heading error that is a fault.", "Choice."),
-    Tunable("heading_fault_gate", 16.0, "NIS", "Gate of the difference.", "Four sigma."),
     Tunable(
-        "heading_faults", 3, "pairs", "Contradicting pairs of fixes in a row that mean a wrong heading.", "Choice."
+        "heading_fault_gate",
+        16.0,
+        "NIS",
+        "Gate of the difference between the heading and that of the alignment.",
+        "Four sigma.",
+    ),
+    Tunable(
+        "heading_faults",
+        3,
+        "pairs",
+        "Number of contradicting pairs of fixes in a row that prove a wrong heading.",
+        "Choice.",
     ),
     Tunable(
         "heading_inflation",
         math.radians(20.0),
         "rad",
-        "Sigma added to a contradicted heading where the alignment knows none that it would start with.",
+        "Sigma added to a contradicted heading where the alignment has no better one.",
         "Choice.",
     ),
-    Tunable("realigned_tilt", math.radians(1.0), "rad", "Tilt error learned with a wrong heading.", "Choice."),
+    Tunable(
+        "realigned_tilt",
+        math.radians(1.0),
+        "rad",
+        "Sigma of the tilt error that was learned with a wrong heading.",
+        "Choice.",
+    ),
     Tunable(
         "max_heading_sigma",
         math.radians(14.0),
         "rad",
-        "From this heading sigma on the heading of the alignment is accepted.",
+        "Heading sigma from which the heading of the alignment is accepted instead.",
         "Choice.",
     ),
 )

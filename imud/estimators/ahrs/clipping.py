@@ -3,7 +3,8 @@
 A rate that rises by a slope to the end of the range and falls again by another after the time T has, as a parabola
 through both ends, turned by the mean slope times T^2 / 6 more than the gyro shows. That is added when the rate is back
 in the range; it is wrong by a part of itself. While the rate stays at the end, the rotation that may be missing is
-taken from the first slope.
+taken from the first slope. A range that nobody knows yet is noticed after some flat steps: the time began with these,
+and the slope is the one before them.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from .error_model import add_attitude_variance
 if TYPE_CHECKING:
     from .types import Parameters, State
 
-SLOPE_KEPT = 0.9  # from one sample to the next: a range that is not known yet is noticed some samples after its end
+SLOPE_KEPT = 0.9  # from one sample to the next: a gyro that reaches its end rounds the corner
+FLAT = 0.005  # of the rate: a flat step, as in `sensor_monitor.clipping`
 
 
 @kernel
@@ -38,9 +40,9 @@ def bridge_clipping(p: Parameters, s: State, w: Vector, dt: float, flags: int) -
         slope = abs(w[i] - last) / dt
         clip.bridge[i] = w[i]
         if flags & (LIMITED_AXES << i):
-            if clip.time[i] == 0.0:
-                clip.slope[i] = max(slope, clip.last_slope[i])
             before = cut_off_angle(clip.slope[i], abs(w[i]), clip.time[i])
+            if clip.time[i] == 0.0:
+                clip.slope[i], clip.time[i] = max(slope, clip.last_slope[i]), clip.flat[i]
             clip.time[i] += dt
             angle = cut_off_angle(clip.slope[i], abs(w[i]), clip.time[i])
             variance = p.tuning.clipping_error**2 * (angle * angle - before * before)
@@ -49,5 +51,9 @@ def bridge_clipping(p: Parameters, s: State, w: Vector, dt: float, flags: int) -
             if clip.time[i] > 0.0:
                 angle = cut_off_angle(0.5 * (clip.slope[i] + slope), abs(last), clip.time[i])
                 clip.bridge[i] += (angle if last > 0.0 else -angle) / dt
-            clip.time[i], clip.last_slope[i] = 0.0, max(slope, SLOPE_KEPT * clip.last_slope[i])
+            clip.time[i] = 0.0
+            if abs(w[i] - last) < FLAT * abs(w[i]):
+                clip.flat[i] += dt
+            else:
+                clip.flat[i], clip.last_slope[i] = 0.0, max(slope, SLOPE_KEPT * clip.last_slope[i])
     return clip.bridge[0], clip.bridge[1], clip.bridge[2]

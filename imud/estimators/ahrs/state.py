@@ -174,7 +174,8 @@ CLIPPING = np.dtype(  # of the gyro, by axes
     [
         ("time", "<f8", (3,)),  # s, at the end of the range
         ("slope", "<f8", (3,)),  # rad/s^2, with which the rate came there
-        ("last_slope", "<f8", (3,)),  # rad/s^2, to the newest sample
+        ("last_slope", "<f8", (3,)),  # rad/s^2, of the newest step that was not flat
+        ("flat", "<f8", (3,)),  # s, of flat steps since
         ("bridge", "<f8", (3,)),  # rad/s, the newest sample's with what those before lack
     ],
     align=True,

@@ -214,6 +214,7 @@ class Clipping:
     time: Reals
     slope: Reals
     last_slope: Reals
+    flat: Reals
     bridge: Reals
 
 

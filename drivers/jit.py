@@ -14,14 +14,22 @@ from typing import Any, TypeVar, cast
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
+_OPTIONS = {"error_model": "numpy"}  # IEEE division
+
+
 class Kernel:
     """A function that is compiled when it is called, or when a kernel that calls it is compiled."""
 
     def __init__(self, function: Callable[..., Any], **options: Any) -> None:
         """options: numba's, beside our own."""
-        functools.update_wrapper(self, function)
-        self.py_func = function
-        self.targetoptions = {"error_model": "numpy", **options}  # numba asks for these three by name
+        self.py_func = self.__wrapped__ = function
+        self.__module__, self.__name__, self.__qualname__ = (
+            function.__module__,
+            function.__name__,
+            function.__qualname__,
+        )
+        self.__doc__ = function.__doc__
+        self.targetoptions = {**_OPTIONS, **options} if options else _OPTIONS  # numba asks for it by name
 
     @property
     def name(self) -> str:

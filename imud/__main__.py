@@ -11,6 +11,10 @@ from types import FrameType
 from typing import NoReturn
 
 _SERVICES = ("run", "sim", "record", "web")  # run until SIGTERM ends them, which is no failure
+_SELDOM_USED = (
+    *("ipaddress", "selectors", "tokenize", "linecache"),  # which urllib.parse, socket, inspect, traceback import
+    *("msgspec.inspect", "structlog.stdlib"),  # which msgspec and structlog import
+)
 _INTERRUPTED, _TERMINATED = 130, 143
 
 
@@ -28,11 +32,14 @@ def main() -> int:
 
     signal.signal(signal.SIGTERM, lambda number, frame: os._exit(terminated))
     signal.signal(signal.SIGINT, lambda number, frame: os._exit(_INTERRUPTED))
-    from . import commands
+    from .process.late_imports import imported_late
 
-    signal.signal(signal.SIGTERM, terminate)
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    return commands.main()
+    with imported_late(*_SELDOM_USED):
+        from . import commands
+
+        signal.signal(signal.SIGTERM, terminate)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        return commands.main()
 
 
 if __name__ == "__main__":

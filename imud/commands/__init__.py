@@ -1,11 +1,13 @@
 """The `imud` command: finds the sub-command, and turns its failures into messages and exit codes."""
 
 import argparse
+import contextlib
+import functools
 import importlib
 import io
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn
@@ -51,29 +53,50 @@ _EXTRAS = {  # package: extra
 }
 
 
+class _Formatter(argparse.HelpFormatter):
+    """argparse makes one for each argument. This one asks for the terminal's width once, and without `shutil`, which
+    would cost 0.5 MB.
+    """
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, width=_columns() - 2)
+
+
+@functools.cache
+def _columns() -> int:
+    with contextlib.suppress(ValueError, KeyError):
+        return int(os.environ["COLUMNS"])
+    with contextlib.suppress(ValueError, AttributeError, OSError):
+        return os.get_terminal_size(sys.stdout.fileno()).columns
+    return 80
+
+
 class _Parser(argparse.ArgumentParser):
     """An argument parser whose usage errors exit with 64 (EX_USAGE), and which takes options by their whole names only:
     an abbreviation would change its meaning with the next option.
     """
 
     def __init__(self, **arguments: Any) -> None:
-        super().__init__(**arguments, allow_abbrev=False)
+        super().__init__(**arguments, allow_abbrev=False, formatter_class=_Formatter)
 
     def error(self, message: str) -> NoReturn:
         self.print_usage(sys.stderr)
         self.exit(_USAGE, f"{self.prog}: {message}\n")
 
 
-def _parser(*filled: str) -> tuple[argparse.ArgumentParser, list[argparse.ArgumentParser]]:
-    """The whole parser, and those of the commands; only the modules of `filled` are imported for their arguments."""
+def _parser(
+    filled: Collection[str] = (), listed: Iterable[str] = COMMANDS
+) -> tuple[argparse.ArgumentParser, list[argparse.ArgumentParser]]:
+    """The parser, and those of the listed commands; only the modules of `filled` are imported for their arguments."""
     parser = _Parser(
         prog="imud",
         description="Inertial sensor daemon: attitude, velocity and position from an IMU and a GNSS receiver.",
         epilog="`imud --port /dev/ttyUSB0` alone is `imud run --port /dev/ttyUSB0`. See also `imud COMMAND --help`.",
     )
     parser.add_argument("--version", action="version", version=f"imud {__version__}")
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name, summary in COMMANDS.items():
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, prog="imud")
+    for name in listed:
+        summary = COMMANDS[name]
         sub = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
         if name in filled:
             _module(name).add_arguments(sub)
@@ -82,7 +105,7 @@ def _parser(*filled: str) -> tuple[argparse.ArgumentParser, list[argparse.Argume
 
 def completed_parser() -> tuple[argparse.ArgumentParser, list[argparse.ArgumentParser]]:
     """The parser with all arguments, for their completion: those of `run` may also stand without a command."""
-    parser, commands = _parser(*COMMANDS)
+    parser, commands = _parser(COMMANDS)
     _module("run").add_arguments(parser)
     return parser, commands
 
@@ -113,7 +136,7 @@ def _did_you_mean(word: str, known: Iterable[str]) -> str:
 def _parsed(arguments: list[str]) -> argparse.Namespace:
     """The arguments; exits with 64 for what imud does not know, and says what may have been meant."""
     name = arguments[0]
-    parser, _ = _parser(name)
+    parser, _ = _parser([name], [name]) if name in COMMANDS else _parser()
     if not name.startswith("-") and name not in COMMANDS:
         near = _did_you_mean(name, COMMANDS) or f"; there are {', '.join(COMMANDS)}"
         parser.error(f"there is no command {name!r}{near}")

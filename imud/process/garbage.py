@@ -7,6 +7,7 @@ be part of one.
 
 import ctypes
 import gc
+import sys
 
 
 def set_aside() -> None:
@@ -14,6 +15,7 @@ def set_aside() -> None:
 
     Memory that is free then goes back to the system, 1 MB after the start: its C library must know how (glibc).
     """
+    sys.path_importer_cache.clear()  # the names of all files in Python's folders; a later import lists them again
     gc.collect()
     gc.freeze()
     if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):

@@ -1,0 +1,37 @@
+"""Modules that others import, but seldom or never use: stand-ins of them, which import the module at its first use.
+
+Python's own modules import each other: `urllib.parse` the whole of `ipaddress` for addresses in brackets. In a daemon
+that stays for months such a module costs memory, and each command waits for it.
+"""
+
+import contextlib
+import importlib
+import sys
+from collections.abc import Iterator
+from types import ModuleType
+from typing import Any
+
+
+class _StandIn(ModuleType):
+    def __getattr__(self, name: str) -> Any:
+        _remove(self)
+        return getattr(importlib.import_module(self.__name__), name)
+
+
+def _remove(stand_in: _StandIn) -> None:
+    if sys.modules.get(stand_in.__name__) is stand_in:
+        del sys.modules[stand_in.__name__]
+
+
+@contextlib.contextmanager
+def imported_late(*names: str) -> Iterator[None]:
+    """Within the block, `import NAME` gives a stand-in unless the module was imported before; so who imports it there,
+    keeps one that works whenever it is used.
+    """
+    stand_ins = [_StandIn(name) for name in names if name not in sys.modules]
+    sys.modules.update({each.__name__: each for each in stand_ins})
+    try:
+        yield
+    finally:
+        for each in stand_ins:
+            _remove(each)

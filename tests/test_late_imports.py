@@ -1,0 +1,56 @@
+"""Modules that are imported at their first use: who uses one finds all of it, and nobody pays for it before."""
+
+import subprocess
+import sys
+
+from imud.__main__ import _SELDOM_USED
+from imud.process.late_imports import imported_late
+
+
+def output_of(code):
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "Traceback" not in done.stderr
+    return done.stdout.split()
+
+
+def test_what_was_imported_before_stays():
+    with imported_late("json"):
+        import json
+    assert json is sys.modules["json"] and json.loads("1") == 1
+
+
+def test_a_stand_in_is_gone_after_the_block_and_still_works():
+    code = """
+import sys
+from imud.process.late_imports import imported_late
+with imported_late("colorsys", "wave"):
+    import colorsys
+    from wave import Wave_read
+    print(hasattr(sys.modules["colorsys"], "__file__"), "wave" in sys.modules)
+print(colorsys.rgb_to_hsv(1, 0, 0)[0], Wave_read.__module__)
+import colorsys as again
+print(again.__name__, type(again).__name__)
+"""
+    assert output_of(code) == ["True", "True", "0.0", "wave", "colorsys", "module"]
+
+
+def test_modules_within_a_late_package_can_be_imported():
+    code = """
+from imud.process.late_imports import imported_late
+with imported_late("asyncio", "xml"):
+    import asyncio.events
+    import xml.dom.minidom
+print(asyncio.events.__name__, xml.dom.minidom.parseString("<a/>").documentElement.tagName)
+"""
+    assert output_of(code) == ["asyncio.events", "a"]
+
+
+def test_a_daemon_imports_none_of_them():
+    code = f"""
+import sys
+sys.modules["rich"] = None  # structlog loads it where a test's package needs it; it imports nearly everything
+sys.argv = ["imud", "run", "--port", "/dev/absent", "--no-wait", "--listen", "127.0.0.1:0"]
+from imud.__main__ import main
+print(main(), "imud.daemon.loop" in sys.modules, *(set({_SELDOM_USED}) & set(sys.modules)))
+"""
+    assert output_of(code) == ["69", "True"]

@@ -19,28 +19,45 @@ from numpy.typing import NDArray
 
 from .math.arrays import Floats
 
-COLOURS = ("#0b6fa4", "#d1495b", "#3a7d44", "#8a5a9e", "#b07d12")
+COLOURS = ("#1f83bd", "#d1495b", "#3f8f4d", "#9a68b0", "#b07d12")  # contrast of 3 with white and with BACK_DARK
 MOST_POINTS = 4000  # of a curve: a page of some MB, not hundreds
 PANEL_PX = 340
 PAGE_REM = 84
 CONFIG = {"responsive": True, "displayModeBar": False}
-_AXIS = {
-    **{"gridcolor": "#ebf0f8", "linecolor": "#ebf0f8", "zerolinecolor": "#ebf0f8", "zerolinewidth": 2},
-    **{"automargin": True, "ticks": "", "title": {"standoff": 15}},
-}
-TEMPLATE = {  # what all figures of a page share
-    "layout": {
-        **{"font": {"color": "#2a3f5f"}, "paper_bgcolor": "white", "plot_bgcolor": "white", "hovermode": "closest"},
-        **{"hoverlabel": {"align": "left"}, "height": PANEL_PX, "bargap": 0.02, "xaxis": _AXIS, "yaxis": _AXIS},
+BACK_DARK = "#12171c"
+
+
+def _template(back: str, ink: str, grid: str) -> dict[str, Any]:
+    """What all figures of a page share, in plotly's layout."""
+    axis = {
+        **{"gridcolor": grid, "linecolor": grid, "zerolinecolor": grid, "zerolinewidth": 2},
+        **{"automargin": True, "ticks": "", "title": {"standoff": 15}},
     }
-}
+    return {
+        "layout": {
+            **{"font": {"color": ink}, "paper_bgcolor": back, "plot_bgcolor": back, "hovermode": "closest"},
+            **{"hoverlabel": {"align": "left"}, "height": PANEL_PX, "bargap": 0.02, "xaxis": axis, "yaxis": axis},
+        }
+    }
+
+
+TEMPLATES = _template("white", "#2a3f5f", "#ebf0f8"), _template(BACK_DARK, "#c9d4df", "#2b353f")  # light, dark
+SCRIPT = (  # the figures follow the scheme that the browser asks for, also when it changes
+    'const dark=matchMedia("(prefers-color-scheme: dark)"),template=()=>templates[+dark.matches],'
+    "draw=(at,curves,own)=>Plotly.newPlot(at,curves,{...own,template:template()},config);"
+    'dark.addEventListener("change",()=>document.querySelectorAll(".plotly-graph-div").forEach('
+    "at=>Plotly.relayout(at,{template:template()})));"
+)
 STYLE = (
-    "html{overflow-y:scroll}"  # the width is known before there is more than a screen can show
-    f"body{{font:15px/1.45 system-ui,sans-serif;color:#1b2530;max-width:{PAGE_REM}rem;margin:0 auto;padding:.6rem}}"
-    "h1{font-size:1.3rem}h2{font-size:1.05rem;margin:1.4rem 0 .2rem;border-top:1px solid #d5dce3;padding-top:.6rem}"
+    ":root{color-scheme:light dark;--back:#fff;--ink:#1b2530;--line:#d5dce3}"
+    f"@media(prefers-color-scheme:dark){{:root{{--back:{BACK_DARK};--ink:#e6ebf0;--line:#34404b}}}}"
+    "html{overflow-y:scroll;background:var(--back)}"  # the width is known before there is more than a screen can show
+    f"body{{font:15px/1.45 system-ui,sans-serif;color:var(--ink);max-width:{PAGE_REM}rem;margin:0 auto;padding:.6rem}}"
+    "h1{font-size:1.3rem}"
+    "h2{font-size:1.05rem;margin:1.4rem 0 .2rem;border-top:1px solid var(--line);padding-top:.6rem}"
     "pre{font:inherit;white-space:pre-wrap;overflow-wrap:anywhere}.grid{display:grid;gap:.3rem}.grid>div{min-width:0}"
     ".table{overflow-x:auto}table{border-collapse:collapse;font-variant-numeric:tabular-nums}th{text-align:left}"
-    "th,td{padding:.1rem .8rem .1rem 0;vertical-align:top;border-bottom:1px solid #e6ebf0;white-space:pre-wrap}"
+    "th,td{padding:.1rem .8rem .1rem 0;vertical-align:top;border-bottom:1px solid var(--line);white-space:pre-wrap}"
     f".plotly-graph-div{{height:{PANEL_PX}px}}"
 )
 
@@ -229,11 +246,11 @@ def _table(rows: Sequence[Sequence[str]]) -> str:
 
 def write(title: str, text: str, figures: Sequence[Figure], path: Path, table: Sequence[Sequence[str]] = ()) -> None:
     """A text, a table and figures as one HTML file that needs nothing else. Raises OSError."""
-    draw = f"draw=(at,curves,own)=>Plotly.newPlot(at,curves,{{...own,template:{_json(TEMPLATE)}}},{_json(CONFIG)})"
+    constants = f"const templates={_json(TEMPLATES)},config={_json(CONFIG)};"
     head = (
         '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
         f'content="width=device-width, initial-scale=1"><title>{html.escape(title)}</title><style>{STYLE}</style>'
-        f"<script>{plotly_js()}</script><script>const {draw}</script></head>"
+        f"<script>{plotly_js()}</script><script>{constants}{SCRIPT}</script></head>"
     )
     said = f"<h1>{html.escape(title)}</h1><pre>{html.escape(text)}</pre>{_table(table) if table else ''}"
     path.write_text(f"{head}<body>{said}{''.join(map(_html, figures))}</body></html>", encoding="utf-8")

@@ -325,7 +325,7 @@ def test_the_page_contains_text_and_figures_of_the_files(files, capsys):
 async def _look(page, folder):
     """In a browser, where there is one: every figure is drawn, and nothing is asked of the network."""
     pytest.importorskip("aiohttp", reason="Chromium is driven by aiohttp, of the extra imud[web]")
-    from browser import browser, program
+    from browser import DESKTOP, browser, program
 
     if program() is None:
         pytest.skip("no Chromium here")
@@ -333,6 +333,11 @@ async def _look(page, folder):
         await tab.open(page.as_uri())
         await tab.until("document.querySelectorAll('.plotly-graph-div').length > 8")
         await tab.until("[...document.querySelectorAll('.plotly-graph-div')].every(d => d.querySelector('.main-svg'))")
+        for scheme, back in (("dark", "rgb(18, 23, 28)"), ("light", "rgb(255, 255, 255)")):  # as the browser asks for
+            await tab.size(DESKTOP, scheme)
+            await tab.until(f"getComputedStyle(document.documentElement).backgroundColor === '{back}'")
+            figures = "[...document.querySelectorAll('.plotly-graph-div .main-svg:first-child')]"
+            await tab.until(f"{figures}.every(svg => getComputedStyle(svg).backgroundColor === '{back}')")
         assert tab.errors == []
         assert {url for url in tab.requests if not url.startswith("data:")} == {page.as_uri()}
 

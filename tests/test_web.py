@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import json
+import math
 import subprocess
 import sys
 import urllib.error
@@ -225,6 +226,41 @@ async def records(page, folder):
     return path
 
 
+WATCH_NORTH = """(() => { const plain = CanvasRenderingContext2D.prototype.fillText;
+  CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {
+    if (text === "N" && this.canvas.id === "pose") window.north = [x / this.canvas.height, y / this.canvas.height];
+    plain.call(this, text, x, y); } })()"""
+
+
+async def press(page, key, code):
+    for kind in ("keyDown", "keyUp"):
+        await page.do("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code)
+
+
+async def turns_by_arrow_keys(page):
+    """Keys as of a keyboard: Tab comes to the view, arrows turn it, by 10 deg, and the page does not scroll."""
+    await page.evaluate("scrollTo(0, 0)")
+    await page.evaluate(WATCH_NORTH)
+    for _ in range(30):
+        await press(page, "Tab", 9)
+        if await page.evaluate("document.activeElement.id") == "pose":
+            break
+    assert await page.evaluate("document.activeElement.matches('#pose:focus-visible')")
+    await page.until("window.north")
+    (x, y), scrolled = await page.evaluate("window.north"), await page.evaluate("scrollY")
+    await press(page, "ArrowRight", 39)
+    await page.until(f"Math.abs(window.north[0] - {x}) > 0.01")
+    turned = (await page.evaluate("window.north"))[0] / x
+    assert turned == pytest.approx(math.sin(math.radians(40.0)) / math.sin(math.radians(30.0)), rel=1e-6)
+    await press(page, "ArrowLeft", 37)
+    await page.until(f"Math.abs(window.north[0] - {x}) < 1e-6")
+    await press(page, "ArrowUp", 38)
+    await page.until(f"Math.abs(window.north[1] - {y}) > 0.01")
+    assert await page.evaluate("scrollY") == scrolled
+    await press(page, "ArrowDown", 40)
+    await page.until(f"Math.abs(window.north[1] - {y}) < 1e-6")
+
+
 async def fits(page):
     for size in (DESKTOP, PHONE):
         for scheme in ("light", "dark"):
@@ -245,6 +281,7 @@ def test_in_a_browser_it_renders_moves_records_and_survives_restarts(tmp_path):
         await page.until(f"{LINK}.startsWith('no daemon at')")
         with daemon(tmp_path, *ports, "--set", f"record.folder={folder}") as imud:
             await renders_and_moves(page)
+            await turns_by_arrow_keys(page)
             path = await records(page, folder)
             await page.until("document.getElementById('track').data?.[0].x.length > 5")
             await page.evaluate("document.querySelector('#charts').scrollIntoView()")

@@ -127,7 +127,7 @@ class Bag:
         parts = []
         if self._filter is not None:
             parts.append(filter_diagnosis(self._filter.estimator.name, status_text(self._status)))
-        for said, sensor in self._player.sensors():
+        for said, sensor in sorted(self._player.sensors(), key=lambda pair: list(_NAMES).index(pair[0].kind)):
             said_of = {"path": said.path, "driver": said.driver, **sensor.properties(now_ns)}
             values = {name: value for name, value in said_of.items() if not isinstance(value, Mapping)}
             identity = said.imu().identity if isinstance(sensor, Inertial) else said.gnss().identity

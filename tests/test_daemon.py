@@ -2,13 +2,16 @@
 
 import contextlib
 import itertools
+import json
 import math
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
+from datetime import datetime
 from pathlib import Path
 
 import pytest
@@ -56,6 +59,24 @@ def test_a_daemon_that_was_killed_goes_on_where_it_was(tmp_path):
             imud.says("the filter goes on where an earlier run of the daemon ended")
             est = imud.until(lambda m: m["class"] == "EST" and m["sroll_deg"] < 1.0)
             assert est["roll_deg"] == pytest.approx(10.0, abs=3.0 * est["sroll_deg"])
+
+
+def test_the_first_client_finds_the_present_state(tmp_path):
+    """Without a client nothing is prepared for one: who connects then must not be told an old state."""
+    with (
+        emulator("g350", *REST, "--patient", links=[tmp_path / "imu"]),
+        daemon(tmp_path, "--port", str(tmp_path / "imu")) as imud,
+    ):
+        before = datetime.fromisoformat(imud.until(lambda message: message["class"] == "EST")["time"])
+        imud.client.close()
+        time.sleep(2.0)
+        with socket.socket(socket.AF_UNIX) as late:
+            late.connect(str(tmp_path / "gpsd.sock"))
+            late.sendall(b"?POLL;\n?DEVICES;\n")
+            version, poll, devices = [json.loads(row) for row in itertools.islice(late.makefile("rb"), 3)]
+        assert version["class"] == "VERSION"
+        assert (datetime.fromisoformat(poll["time"]) - before).total_seconds() > 1.0
+        assert [device["path"] for device in devices["devices"]] == [str(tmp_path / "imu")]
 
 
 def test_the_configuration_is_read_again(tmp_path):

@@ -152,7 +152,17 @@ def test_added_and_removed_devices_are_sent_to_watching_clients(loop):
     assert silent.classes() == ["VERSION"]
 
 
+def test_no_view_is_wanted_without_a_client(loop):
+    assert loop.server.due_ns > loop.now + 10**6 * SECOND
+    client = loop.connect()
+    assert loop.now >= loop.server.due_ns
+    client.sock.close()
+    loop.turn()
+    assert loop.server.due_ns > loop.now + 10**6 * SECOND
+
+
 def test_a_view_is_wanted_when_a_message_is_due_and_ten_times_per_second_for_poll(loop):
+    loop.connect()
     assert loop.now >= loop.server.due_ns
     loop.publish()
     assert loop.now + 99 * MS < loop.server.due_ns

@@ -171,7 +171,18 @@ class Daemon:
             with self._errors.contain("the use of a measurement"):
                 self._aiding.on_event(self._publisher.innovations, self._publisher.shares)
         else:
+            without_client = self._outputs.gpsd.clients == 0
             self._outputs.on_event(fd, mask, now_ns)
+            if without_client and self._outputs.gpsd.clients:
+                self._publish_newest(now_ns)  # the server's view is as old as the last client
+
+    def _publish_newest(self, now_ns: int) -> None:
+        """Publish the present state, before any client asks for it."""
+        with self._errors.contain("the publishing of a solution"):
+            if self._devices.imu is None:
+                self._publisher.publish_receiver(now_ns)
+            elif self._devices.imu[1].newest is not None:
+                self._publisher.publish(self._devices.imu[1], now_ns)
 
     def _tick_all(self, now_ns: int) -> None:
         """Do what is not urgent: unfinished epochs, silence, slow clients, the watchdog, lines for the log."""

@@ -107,7 +107,7 @@ class GpsdServer:
     @property
     def due_ns(self) -> int:
         """When the next view is due: a client's message is due, or the view that answers ?POLL is outdated."""
-        return min(self._due_ns, self._published_ns + FRESH_NS)
+        return min(self._due_ns, self._published_ns + FRESH_NS) if self._clients else NEVER_NS
 
     def publish(self, view: View, now_ns: int) -> None:
         """Take the newest view and send it to the clients whose next message is due."""

@@ -1,18 +1,18 @@
 """Position, velocity and attitude of a land vehicle from three accelerometers, one gyro and a satellite receiver.
 
-The reduced inertial sensor system (RISS) of the field, for sensors such as the Crossbow DMU RGA300CA. The vehicle moves
-where it points: its speed u along its heading is one state, and its force across is u times its yaw rate. So the two
-rates that are not measured are not needed. Roll and pitch are random walks; the accelerometers do not drive the
-position: they measure
+A reduced inertial sensor system (RISS), for sensors such as the Crossbow DMU RGA300CA. The vehicle moves in the
+direction of its heading: its speed u is one state, and its lateral acceleration is u times its yaw rate. So the two
+rates that are not measured are not needed. Roll and pitch are random walks. The accelerometers are not integrated; they
+measure
 
     f_x = a cos(pitch) + g sin(pitch) + b_x
     f_y = u yaw_rate cos(roll) + (a sin(pitch) - g cos(pitch)) sin(roll) + b_y
 
-and acceleration a (a Gauss-Markov process) and tilt are distinguished by the receiver's velocity, and by how fast they
-change. Without a receiver that part of the tilt's sigma stays which an unknown acceleration leaves.
+where a is the longitudinal acceleration, a Gauss-Markov process. Acceleration and tilt are distinguished by the
+receiver's velocity, and by how fast they change. Without a receiver the sigma of the tilt contains the acceleration.
 
-A sensor of this kind can have computed its own roll and pitch from nothing but these accelerometers. They are therefore
-no second measurement: they are used where the forces are not valid, with the acceleration in their noise.
+A sensor of this kind computes its own roll and pitch from the same accelerometers, so they are no second measurement:
+they are used where the forces are not valid, with the acceleration in their noise.
 
 Sources: Noureldin, Karamat and Georgy, Fundamentals of Inertial Navigation, Satellite-based Positioning and their
 Integration (2013), ch. 8 and 9 (RISS); Prasanna, Vehicle Localisation Using GPS and IMU (2009), for the sensors.

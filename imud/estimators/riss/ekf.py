@@ -54,40 +54,40 @@ def add_variance(s: RissState, i: int, more: float) -> None:
 
 @kernel
 def roll_of(s: RissState) -> float:
-    """The body's: it leans outwards in a curve."""
+    """Roll of the body, rad: that of the road, and a lean outwards in a curve."""
     return float(s.x[ROLL] - s.x[LEAN] * s.x[SPEED] * s.yaw_rate)
 
 
 @kernel
 def pitch_of(s: RissState) -> float:
-    """The body's: it squats when it gains speed, and dives when it brakes."""
+    """Pitch of the body, rad: that of the road, and squat when the vehicle accelerates, dive when it brakes."""
     return float(s.x[PITCH] + s.x[SQUAT] * s.x[ACCEL])
 
 
 @kernel
-def wrapped(angle: float) -> float:
-    """In [-pi, pi)."""
+def wrap_angle(angle: float) -> float:
+    """The angle in [-pi, pi)."""
     return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
 
 
 @kernel
-def put(s: RissState, k: int, column: int, value: float) -> int:
-    """Element k of the Jacobian's row; returns k + 1."""
+def set_jacobian(s: RissState, k: int, column: int, value: float) -> int:
+    """Set element k of the Jacobian; returns k + 1."""
     s.columns[k], s.row[k] = column, value
     return k + 1
 
 
 @kernel
 def innovation_variance(s: RissState, n: int, r: float) -> float:
-    """S of the row of n elements; leaves P h in s.d."""
+    """Innovation variance h P h' + r of the Jacobian of n elements; stores P h in s.d."""
     return measure(s.P, STATES, s.columns, s.row, n, s.d) + r
 
 
 @kernel
 def fuse(s: RissState, n: int, z: float, r: float) -> float:
-    """Fuse innovation z with the row of n elements and noise r; the correction is in s.dx until `correct`.
+    """Fuse innovation z of noise variance r by the Jacobian of n elements; returns the innovation variance.
 
-    Returns S.
+    The error estimate is in s.dx until `inject_error`.
     """
     for i in range(n):
         z -= s.row[i] * s.dx[s.columns[i]]
@@ -97,21 +97,21 @@ def fuse(s: RissState, n: int, z: float, r: float) -> float:
 
 
 @kernel
-def correct(s: RissState) -> None:
-    """The nominal state takes the correction."""
+def inject_error(s: RissState) -> None:
+    """Add the error estimate in s.dx to the nominal state and clear it."""
     s.lat, s.lon = displaced(s.lat, s.lon, s.height, s.dx[NORTH], s.dx[EAST])
     s.height -= s.dx[DOWN]
     for i in range(SPEED, STATES):
         s.x[i] += s.dx[i]
     for i in range(STATES):
         s.dx[i] = 0.0
-    s.x[YAW], s.x[ROLL] = wrapped(s.x[YAW]), wrapped(s.x[ROLL])
+    s.x[YAW], s.x[ROLL] = wrap_angle(s.x[YAW]), wrap_angle(s.x[ROLL])
     s.x[PITCH] = min(max(s.x[PITCH], -1.5), 1.5)
 
 
 @kernel
-def remember(s: RissState) -> None:
-    """Keep the present sums of what was integrated, for fixes that come late."""
+def store_travel(s: RissState) -> None:
+    """Store the present integrals in the ring, for fixes that arrive late."""
     s.ring_at = (s.ring_at + 1) % RING
     s.ring_ns[s.ring_at] = s.step_ns
     for i in range(5):
@@ -119,8 +119,8 @@ def remember(s: RissState) -> None:
 
 
 @kernel
-def since(s: RissState, t_ns: int, i: int) -> float:
-    """By how much `travel[i]` has grown since then, interpolated; before the oldest step kept: since that."""
+def travelled_since(s: RissState, t_ns: int, i: int) -> float:
+    """Change of the integral travel[i] since t_ns, interpolated; at most since the oldest stored step."""
     at, after, after_ns = s.ring_at, s.travel[i], s.step_ns
     for _ in range(RING - 1):
         if s.ring_ns[at] > t_ns:
@@ -133,7 +133,7 @@ def since(s: RissState, t_ns: int, i: int) -> float:
 
 @kernel
 def propagate(p: RissParameters, s: RissState, rate: float, outage_s: float, T: float) -> None:
-    """The process over T s with the measured mean yaw rate; outage_s: since when it is none."""
+    """Propagate state and P over T s with the measured mean yaw rate; outage_s: time without a rate so far."""
     x, P, tuning = s.x, s.P, p.tuning
     cos_pitch = max(elementary.cos(pitch_of(s)), MIN_COS_PITCH)
     c = elementary.cos(roll_of(s)) / cos_pitch
@@ -145,11 +145,11 @@ def propagate(p: RissParameters, s: RissState, rate: float, outage_s: float, T: 
     s.lat, s.lon = displaced(s.lat, s.lon, s.height, north, east)
     s.height -= T * x[SINK]
     decay = elementary.exp(-T / tuning.accel_time_s)
-    faster = T * x[ACCEL]
+    speed_change = T * x[ACCEL]
     s.travel[0] += north
     s.travel[1] += east
     s.travel[2] += T * x[SINK]
-    s.travel[3] += faster
+    s.travel[3] += speed_change
     s.travel[4] += T * s.yaw_rate
     if s.aligned == 1:
         shear(P, STATES, NORTH, SPEED, T * cy)
@@ -161,9 +161,9 @@ def propagate(p: RissParameters, s: RissState, rate: float, outage_s: float, T: 
     shear(P, STATES, YAW, GYRO_BIAS, -c * T)
     shear(P, STATES, YAW, GYRO_SCALE, -c * rate * T)
     scale(P, STATES, ACCEL, decay)
-    x[SPEED] += faster
+    x[SPEED] += speed_change
     x[ACCEL] *= decay
-    x[YAW] = wrapped(x[YAW] + T * s.yaw_rate)
+    x[YAW] = wrap_angle(x[YAW] + T * s.yaw_rate)
     walk = tuning.tilt_walk**2 * T
     add_variance(s, ACCEL, (1.0 - decay * decay) * tuning.accel_sigma**2)
     add_variance(s, ROLL, walk)
@@ -189,21 +189,21 @@ def propagate(p: RissParameters, s: RissState, rate: float, outage_s: float, T: 
         scale(P, STATES, FIX_NORTH + i, kept)
         x[FIX_NORTH + i] *= kept
         add_variance(s, FIX_NORTH + i, (1.0 - kept * kept) * s.fix_var[i])
-    bound(s)
+    limit_sigmas(s)
 
 
 @kernel
-def bound(s: RissState) -> None:
-    """What nothing measures does not grow beyond what it can be."""
-    limit(s, SPEED, UNKNOWN_SPEED)
-    limit(s, YAW, UNKNOWN_ANGLE)
-    limit(s, ROLL, UNKNOWN_ANGLE)
-    limit(s, PITCH, UNKNOWN_ANGLE)
+def limit_sigmas(s: RissState) -> None:
+    """Keep the sigmas of speed and angles within what these can be, where nothing measures them."""
+    limit_sigma(s, SPEED, UNKNOWN_SPEED)
+    limit_sigma(s, YAW, UNKNOWN_ANGLE)
+    limit_sigma(s, ROLL, UNKNOWN_ANGLE)
+    limit_sigma(s, PITCH, UNKNOWN_ANGLE)
 
 
 @kernel
-def limit(s: RissState, i: int, most: float) -> None:
-    """The sigma of state i is at most that."""
+def limit_sigma(s: RissState, i: int, most: float) -> None:
+    """Limit the sigma of state i to `most`."""
     excess = variance(s, i) / (most * most)
     if excess > 1.0:
         scale(s.P, STATES, i, 1.0 / math.sqrt(excess))

@@ -1,4 +1,4 @@
-"""The receiver's position and velocity: the start, the innovations, the gate, and how good the receiver is."""
+"""Fusion of a fix: its noise, the start, innovations and gates of position, height and velocity."""
 
 from __future__ import annotations
 
@@ -11,7 +11,16 @@ from ...compile.jit import kernel
 from ...math.earth import MIN_COS, displaced, gravity, radii
 from ...math.kalman import reset, shear
 from ..records import POSITION_D, POSITION_E, POSITION_N, VELOCITY_E, VELOCITY_N
-from .ekf import add_variance, correct, fuse, innovation_variance, put, since, variance, wrapped
+from .ekf import (
+    add_variance,
+    fuse,
+    inject_error,
+    innovation_variance,
+    set_jacobian,
+    travelled_since,
+    variance,
+    wrap_angle,
+)
 from .state import (
     DOWN,
     FIX_DOWN,
@@ -28,13 +37,13 @@ if TYPE_CHECKING:
     from ..types import Fix, Innovation
     from .types import RissParameters, RissState
 
-GIVEN_YAW = math.radians(2.0)  # of a heading given by the user
-LEAST_WHITE = (0.05, 0.03, 0.1)  # m, m/s, m: no receiver is believed to be better
+INITIAL_YAW_SIGMA = math.radians(2.0)  # rad, of a heading that the user gives
+MIN_WHITE_SIGMA = (0.05, 0.03, 0.1)  # of horizontal position, velocity and height, m, m/s, m
 
 
 @kernel
 def velocity_of(fix: Fix) -> tuple[float, float]:
-    """North and east, m/s; NaN: unknown."""
+    """Velocity north and east, m/s; NaN: unknown."""
     if math.isfinite(fix.v[0] + fix.v[1]):
         return fix.v[0], fix.v[1]
     course = fix.course if math.isfinite(fix.course) or fix.speed > 0.0 else 0.0
@@ -43,7 +52,7 @@ def velocity_of(fix: Fix) -> tuple[float, float]:
 
 @kernel
 def set_fix_noise(p: RissParameters, s: RissState, fix: Fix) -> None:
-    """The size of the receiver's lasting error: what it reports, else by its HDOP."""
+    """Set the variance of the receiver's correlated error: as it reports, else by its HDOP."""
     dop = fix.hdop if fix.hdop > 0.0 else 1.0
     for i in range(3):
         sigma = p.tuning.fix_sigma * dop * (2.0 if i == 2 else 1.0)
@@ -53,108 +62,109 @@ def set_fix_noise(p: RissParameters, s: RissState, fix: Fix) -> None:
 
 
 @kernel
-def place(s: RissState, fix: Fix, i: int) -> None:
-    """The position along axis i is the fix's, with its errors; they stay correlated with the receiver's."""
+def set_axis(s: RissState, fix: Fix, i: int) -> None:
+    """Set the position error along axis i to that of the fix: white noise, and the receiver's correlated error."""
     reset(s.P, STATES, NORTH + i, 0.0)
     reset(s.P, STATES, FIX_NORTH + i, s.fix_var[i])
     s.x[FIX_NORTH + i] = 0.0
     shear(s.P, STATES, NORTH + i, FIX_NORTH + i, -1.0)
-    add_variance(s, NORTH + i, s.white[2 if i == 2 else 0])
+    add_variance(s, NORTH + i, s.white_var[2 if i == 2 else 0])
 
 
 @kernel
-def place_all(p: RissParameters, s: RissState, fix: Fix, vn: float, ve: float) -> None:
-    """The position is the fix's, and what was travelled since: at its velocity, which until now nothing else tells."""
-    north, east, down = since(s, fix.t_ns, 0), since(s, fix.t_ns, 1), since(s, fix.t_ns, 2)
+def set_position(p: RissParameters, s: RissState, fix: Fix, vn: float, ve: float) -> None:
+    """Set the position to that of the fix plus the distance since, by the fix's velocity if it has one."""
+    north, east = travelled_since(s, fix.t_ns, 0), travelled_since(s, fix.t_ns, 1)
     late_s, unknown2 = 1e-9 * (s.step_ns - fix.t_ns), 0.0
     if math.isfinite(vn + ve):
         north, east = vn * late_s, ve * late_s
         unknown2 = (0.5 * p.tuning.accel_sigma * late_s * late_s) ** 2
     s.lat, s.lon = displaced(fix.lat, fix.lon, s.height, north, east)
     for i in range(2):
-        place(s, fix, i)
+        set_axis(s, fix, i)
         add_variance(s, NORTH + i, unknown2)
     if s.has_height == 0 and math.isfinite(fix.height):
-        s.height, s.has_height = fix.height - down, 1
-        place(s, fix, 2)
+        s.height, s.has_height = fix.height - travelled_since(s, fix.t_ns, 2), 1
+        set_axis(s, fix, 2)
         s.gravity = gravity(fix.lat, fix.height)
 
 
 @kernel
-def align(p: RissParameters, s: RissState, fix: Fix, vn: float, ve: float) -> None:
-    """From here on the heading is known: the course of a vehicle that is fast, or what the user has said."""
+def set_heading(p: RissParameters, s: RissState, fix: Fix, vn: float, ve: float) -> None:
+    """Set the heading to the course of a fast vehicle, or to that which the user gave; position and speed follow."""
     speed = math.sqrt(vn * vn + ve * ve)
     given = math.isfinite(s.initial_yaw)
     if not (speed > p.tuning.align_speed or given):
         return
     yaw = s.initial_yaw if given else elementary.atan2(ve, vn)
-    sigma2 = GIVEN_YAW**2 if given else (s.white[1] + p.tuning.lateral_sigma**2) / speed**2
-    s.x[YAW] = wrapped(yaw + (0.0 if given else since(s, fix.t_ns, 4)))
+    sigma2 = INITIAL_YAW_SIGMA**2 if given else (s.white_var[1] + p.tuning.lateral_sigma**2) / speed**2
+    s.x[YAW] = wrap_angle(yaw + (0.0 if given else travelled_since(s, fix.t_ns, 4)))
     reset(s.P, STATES, YAW, sigma2)
     s.initial_yaw = math.nan
     s.aligned = 1
-    place_all(p, s, fix, vn, ve)
+    set_position(p, s, fix, vn, ve)
     if given:
         speed = vn * elementary.cos(yaw) + ve * elementary.sin(yaw)
     if math.isfinite(speed):
-        s.x[SPEED] = speed + since(s, fix.t_ns, 3)
-        reset(s.P, STATES, SPEED, s.white[1] + (0.5 * p.tuning.accel_sigma) ** 2)
+        s.x[SPEED] = speed + travelled_since(s, fix.t_ns, 3)
+        reset(s.P, STATES, SPEED, s.white_var[1] + (0.5 * p.tuning.accel_sigma) ** 2)
 
 
 @kernel
-def write(row: Innovation, fix: Fix, kind: int, value: float, total: float, used: bool) -> None:
-    """A row of INNOVATION."""
+def write_innovation(row: Innovation, fix: Fix, kind: int, value: float, total: float, used: bool) -> None:
+    """Write a row of INNOVATION."""
     row.t_ns, row.kind, row.value, row.variance = fix.t_ns, kind, value, total
     row.used = 1 if used else 0
 
 
 @kernel
-def learn(p: RissParameters, s: RissState, i: int, z: float, total: float) -> None:
-    """White error i by an innovation z of variance `total`, within a factor of two of what was believed per fix."""
-    explained = total - s.white[i]
-    seen = min(max(z * z - explained, 0.25 * s.white[i]), 4.0 * s.white[i])
-    s.white[i] += (seen - s.white[i]) / p.tuning.learning_fixes
-    s.white[i] = max(s.white[i], LEAST_WHITE[i] ** 2)
+def learn_white_noise(p: RissParameters, s: RissState, i: int, z: float, total: float) -> None:
+    """Adapt white variance i to an innovation z of variance `total`; it counts as half to twice the sigma so far."""
+    explained = total - s.white_var[i]
+    seen = min(max(z * z - explained, 0.25 * s.white_var[i]), 4.0 * s.white_var[i])
+    s.white_var[i] += (seen - s.white_var[i]) / p.tuning.learning_fixes
+    s.white_var[i] = max(s.white_var[i], MIN_WHITE_SIGMA[i] ** 2)
 
 
 @kernel
 def fuse_position(p: RissParameters, s: RissState, fix: Fix, innovations: list[Innovation]) -> int:
-    """Position, gated as a whole; returns the rows written."""
+    """Gate and fuse the horizontal position, both axes together; returns the rows of innovations."""
     meridian, prime_vertical = radii(s.lat)
     cy, sy = elementary.cos(s.x[YAW]), elementary.sin(s.x[YAW])
-    lever_n, lever_e = p.lever[0] * cy - p.lever[1] * sy, p.lever[0] * sy + p.lever[1] * cy
-    z_n = (fix.lat - s.lat) * (meridian + s.height) + since(s, fix.t_ns, 0) - lever_n - s.x[FIX_NORTH]
+    arm = p.gnss_lever_arm
+    lever_n, lever_e = arm[0] * cy - arm[1] * sy, arm[0] * sy + arm[1] * cy
+    z_n = (fix.lat - s.lat) * (meridian + s.height) + travelled_since(s, fix.t_ns, 0) - lever_n - s.x[FIX_NORTH]
     radius = (prime_vertical + s.height) * max(elementary.cos(s.lat), MIN_COS)
-    z_e = wrapped(fix.lon - s.lon) * radius + since(s, fix.t_ns, 1) - lever_e - s.x[FIX_NORTH + 1]
+    z_e = wrap_angle(fix.lon - s.lon) * radius + travelled_since(s, fix.t_ns, 1) - lever_e - s.x[FIX_NORTH + 1]
     nis = 0.0
     for i in range(2):
         z = z_n if i == 0 else z_e
-        n = put(s, put(s, 0, NORTH + i, 1.0), FIX_NORTH + i, 1.0)
-        nis += z * z / innovation_variance(s, n, s.white[0])
+        n = set_jacobian(s, set_jacobian(s, 0, NORTH + i, 1.0), FIX_NORTH + i, 1.0)
+        nis += z * z / innovation_variance(s, n, s.white_var[0])
     used = nis < p.tuning.gate
-    s.rejected = 0 if used else s.rejected + 1
+    s.reject_count = 0 if used else s.reject_count + 1
     for i in range(2):
         z = z_n if i == 0 else z_e
-        n = put(s, put(s, 0, NORTH + i, 1.0), FIX_NORTH + i, 1.0)
+        n = set_jacobian(s, set_jacobian(s, 0, NORTH + i, 1.0), FIX_NORTH + i, 1.0)
         left = z - s.dx[NORTH + i] - s.dx[FIX_NORTH + i]
-        total = fuse(s, n, z, s.white[0]) if used else innovation_variance(s, n, s.white[0])
-        write(innovations[i], fix, POSITION_N if i == 0 else POSITION_E, left, total, used)
+        total = fuse(s, n, z, s.white_var[0]) if used else innovation_variance(s, n, s.white_var[0])
+        write_innovation(innovations[i], fix, POSITION_N if i == 0 else POSITION_E, left, total, used)
         if used:
-            learn(p, s, 0, left, total)
+            learn_white_noise(p, s, 0, left, total)
     return 2
 
 
 @kernel
 def fuse_height(p: RissParameters, s: RissState, fix: Fix, row: Innovation) -> None:
-    """Height, with a gate of its own."""
-    z = s.height - fix.height + since(s, fix.t_ns, 2) - p.lever[2] - s.x[FIX_DOWN]
-    n = put(s, put(s, 0, DOWN, 1.0), FIX_DOWN, 1.0)
-    total = innovation_variance(s, n, s.white[2])
+    """Gate and fuse the height; writes its innovation to `row`."""
+    z = s.height - fix.height + travelled_since(s, fix.t_ns, 2) - p.gnss_lever_arm[2] - s.x[FIX_DOWN]
+    n = set_jacobian(s, set_jacobian(s, 0, DOWN, 1.0), FIX_DOWN, 1.0)
+    total = innovation_variance(s, n, s.white_var[2])
     used = z * z < 0.5 * p.tuning.gate * total
-    write(row, fix, POSITION_D, z - s.dx[DOWN] - s.dx[FIX_DOWN], total, used)
+    write_innovation(row, fix, POSITION_D, z - s.dx[DOWN] - s.dx[FIX_DOWN], total, used)
     if used:
-        fuse(s, n, z, s.white[2])
-        learn(p, s, 2, z, total)
+        fuse(s, n, z, s.white_var[2])
+        learn_white_noise(p, s, 2, z, total)
     else:
         add_variance(s, SINK, 0.1)
         add_variance(s, DOWN, 0.1 * total)
@@ -164,35 +174,35 @@ def fuse_height(p: RissParameters, s: RissState, fix: Fix, row: Innovation) -> N
 def fuse_velocity(
     p: RissParameters, s: RissState, fix: Fix, vn: float, ve: float, innovations: list[Innovation], at: int
 ) -> int:
-    """Velocity along and, if the vehicle is not slow, across; returns the rows written.
+    """Gate and fuse the longitudinal and, above course_speed, the lateral velocity; returns the rows of innovations.
 
-    Along is written as north, across as east.
+    The longitudinal innovation is written as VELOCITY_N, the lateral one as VELOCITY_E.
     """
-    yaw = s.x[YAW] - since(s, fix.t_ns, 4)
-    u = s.x[SPEED] - since(s, fix.t_ns, 3)
+    yaw = s.x[YAW] - travelled_since(s, fix.t_ns, 4)
+    u = s.x[SPEED] - travelled_since(s, fix.t_ns, 3)
     cy, sy = elementary.cos(yaw), elementary.sin(yaw)
     along, across = vn * cy + ve * sy, ve * cy - vn * sy
     if s.aligned == 0:
         along = math.sqrt(vn * vn + ve * ve)
-    z = along - u + p.lever[1] * s.yaw_rate
-    n = put(s, 0, SPEED, 1.0)
-    noise = s.white[1] + (0.5 * p.tuning.lateral_sigma) ** 2
+    z = along - u + p.gnss_lever_arm[1] * s.yaw_rate
+    n = set_jacobian(s, 0, SPEED, 1.0)
+    noise = s.white_var[1] + (0.5 * p.tuning.lateral_sigma) ** 2
     total = innovation_variance(s, n, noise)
     used = z * z < p.tuning.gate * total
-    write(innovations[at], fix, VELOCITY_N, z, total, used)
+    write_innovation(innovations[at], fix, VELOCITY_N, z, total, used)
     if used:
         fuse(s, n, z, noise)
-        learn(p, s, 1, z, total)
+        learn_white_noise(p, s, 1, z, total)
     else:
         add_variance(s, SPEED, total)
     if s.aligned == 0 or abs(u) < p.tuning.course_speed:
         return 1
-    z = across - p.lever[0] * s.yaw_rate
-    n = put(s, 0, YAW, u)
-    noise = s.white[1] + p.tuning.lateral_sigma**2 + variance(s, SPEED) * variance(s, YAW)
+    z = across - p.gnss_lever_arm[0] * s.yaw_rate
+    n = set_jacobian(s, 0, YAW, u)
+    noise = s.white_var[1] + p.tuning.lateral_sigma**2 + variance(s, SPEED) * variance(s, YAW)
     total = innovation_variance(s, n, noise)
     used = z * z < p.tuning.gate * total
-    write(innovations[at + 1], fix, VELOCITY_E, z, total, used)
+    write_innovation(innovations[at + 1], fix, VELOCITY_E, z, total, used)
     if used:
         fuse(s, n, z, noise)
     else:
@@ -201,39 +211,39 @@ def fuse_velocity(
 
 
 @kernel
-def take_fix(p: RissParameters, s: RissState, fix: Fix, innovations: list[Innovation]) -> int:
-    """One fix in; returns the rows of innovations written."""
+def fuse_fix(p: RissParameters, s: RissState, fix: Fix, innovations: list[Innovation]) -> int:
+    """Fuse one fix; returns the rows of innovations written."""
     late_s = (s.step_ns - fix.t_ns) * 1e-9
     usable = math.isfinite(fix.lat + fix.lon) and fix.quality != 0 and fix.quality != 6 and s.started == 1
-    if not usable or late_s > p.tuning.max_late_s or (s.fixes > 0 and fix.t_ns <= s.fix_ns):
+    if not usable or late_s > p.tuning.max_late_s or (s.fix_count > 0 and fix.t_ns <= s.fix_ns):
         return 0
     set_fix_noise(p, s, fix)
     vn, ve = velocity_of(fix)
     moving = math.isfinite(vn + ve)
     if moving:
         slow = vn * vn + ve * ve < p.tuning.rest_speed**2
-        s.slow_ns = fix.t_ns if slow else 0
+        s.last_slow_ns = fix.t_ns if slow else 0
     rows = 0
-    if s.aligned == 1 and s.rejected >= p.tuning.rejected_limit:
-        s.aligned = s.rejected = 0
+    if s.aligned == 1 and s.reject_count >= p.tuning.rejected_limit:
+        s.aligned = s.reject_count = 0
         reset(s.P, STATES, SPEED, UNKNOWN_SPEED**2)
         s.has_height = 0
     if s.aligned == 1 and variance(s, YAW) > p.tuning.max_heading_sigma**2:
-        s.aligned = 0  # too uncertain for first-order updates, as after a gap: the course is the heading anew
+        s.aligned = 0  # too uncertain for first-order updates: the course initializes the heading again
         reset(s.P, STATES, SPEED, UNKNOWN_SPEED**2)
     if s.aligned == 1:
         rows = fuse_position(p, s, fix, innovations)
     else:
-        place_all(p, s, fix, vn, ve)
-    if s.has_height == 1 and math.isfinite(fix.height) and s.fixes > 0:
+        set_position(p, s, fix, vn, ve)
+    if s.has_height == 1 and math.isfinite(fix.height) and s.fix_count > 0:
         fuse_height(p, s, fix, innovations[rows])
         rows += 1
     if moving:
         rows += fuse_velocity(p, s, fix, vn, ve, innovations, rows)
-    correct(s)
+    inject_error(s)
     if s.aligned == 0:
         s.v[0], s.v[1] = (vn, ve) if moving else (0.0, 0.0)
-        align(p, s, fix, vn, ve)
-    s.fixes += 1
+        set_heading(p, s, fix, vn, ve)
+    s.fix_count += 1
     s.fix_ns = fix.t_ns
     return rows

@@ -1,4 +1,4 @@
-"""What is measured at each step: the forces along and across, the device's own tilt in their place, and rest."""
+"""The measurements of each step: longitudinal and lateral specific force, else the device's own tilt; and rest."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ...compile.jit import kernel
-from .ekf import correct, fuse, pitch_of, put, roll_of, variance
+from .ekf import fuse, inject_error, pitch_of, roll_of, set_jacobian, variance
 from .state import (
     ACCEL,
     ACCEL_BIAS_X,
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     from .types import RissParameters, RissState
 
 REST_SPEED, REST_ACCEL = 0.03, 0.03  # m/s, m/s^2, 1 sigma at rest
-COARSE_TILT = 0.1  # rad, of the first roll and pitch, whose acceleration is not known
+COARSE_TILT = 0.1  # rad, sigma of the first roll and pitch: the acceleration is not known
 
 
 @kernel
 def level(s: RissState, f: tuple[float, float, float]) -> None:
-    """Begin roll and pitch with a force."""
+    """Initialize roll and pitch by a specific force."""
     s.x[ROLL] = elementary.atan2(-f[1], -f[2])
     s.x[PITCH] = elementary.atan2(f[0], math.sqrt(f[1] * f[1] + f[2] * f[2]))
     s.levelled = 1
@@ -40,65 +40,68 @@ def level(s: RissState, f: tuple[float, float, float]) -> None:
 
 @kernel
 def fuse_forces(p: RissParameters, s: RissState, f: tuple[float, float, float], rate: float, T: float) -> None:
-    """f_x and f_y of a step of T s, in which the measured rate was `rate`."""
+    """Fuse the mean specific forces f_x and f_y of a step of T s; rate: the mean measured yaw rate."""
     x = s.x
-    noise = p.accel_psd / T + p.tuning.force_sigma**2 + s.scatter
+    noise = p.accel_psd / T + p.tuning.force_sigma**2 + s.force_scatter
     roll, pitch = roll_of(s), pitch_of(s)
     sr, cr, sp, cp = elementary.sin(roll), elementary.cos(roll), elementary.sin(pitch), elementary.cos(pitch)
     g, a, across = s.gravity, x[ACCEL], x[SPEED] * s.yaw_rate
     by_pitch = g * cp - a * sp
-    n = put(s, 0, ACCEL, cp + by_pitch * x[SQUAT])
-    n = put(s, n, PITCH, by_pitch)
-    n = put(s, n, SQUAT, by_pitch * a)
-    n = put(s, n, ACCEL_BIAS_X, 1.0)
+    n = set_jacobian(s, 0, ACCEL, cp + by_pitch * x[SQUAT])
+    n = set_jacobian(s, n, PITCH, by_pitch)
+    n = set_jacobian(s, n, SQUAT, by_pitch * a)
+    n = set_jacobian(s, n, ACCEL_BIAS_X, 1.0)
     fuse(s, n, f[0] - (a * cp + g * sp + x[ACCEL_BIAS_X]), noise)
     by_roll = -across * sr + (a * sp - g * cp) * cr
     by_across = cr - by_roll * x[LEAN]
     by_rate = by_across * x[SPEED] * cr / max(cp, 0.1)
-    n = put(s, 0, SPEED, s.yaw_rate * by_across)
-    n = put(s, n, ROLL, by_roll)
-    n = put(s, n, PITCH, (a * cp + g * sp) * sr)
-    n = put(s, n, LEAN, -by_roll * across)
-    n = put(s, n, ACCEL_BIAS_Y, 1.0)
-    n = put(s, n, GYRO_BIAS, -by_rate)
-    n = put(s, n, GYRO_SCALE, -by_rate * rate)
+    n = set_jacobian(s, 0, SPEED, s.yaw_rate * by_across)
+    n = set_jacobian(s, n, ROLL, by_roll)
+    n = set_jacobian(s, n, PITCH, (a * cp + g * sp) * sr)
+    n = set_jacobian(s, n, LEAN, -by_roll * across)
+    n = set_jacobian(s, n, ACCEL_BIAS_Y, 1.0)
+    n = set_jacobian(s, n, GYRO_BIAS, -by_rate)
+    n = set_jacobian(s, n, GYRO_SCALE, -by_rate * rate)
     predicted = across * cr + (a * sp - g * cp) * sr + x[ACCEL_BIAS_Y]
-    # of the product of two unknowns, speed and yaw rate, the row has only the first order
+    # second-order term of the product of speed and yaw rate, which the Jacobian does not contain
     both = variance(s, SPEED) * (variance(s, GYRO_BIAS) + rate * rate * variance(s, GYRO_SCALE))
     fuse(s, n, f[1] - predicted, noise + both)
-    correct(s)
+    inject_error(s)
 
 
 @kernel
 def fuse_device_tilt(p: RissParameters, s: RissState, down: tuple[float, float, float], T: float) -> None:
-    """The vertical as the device has computed it, where its forces are not valid.
+    """Fuse the vertical that the device has computed itself, where its forces are not valid.
 
-    It is the direction of a force, so the accelerations are in it, and last: each step of T s says as much less as
-    there are steps in that time.
+    It is the direction of a force, so it contains accelerations, which are correlated over several steps: the noise
+    variance of each step of T s is multiplied by their number.
     """
     x = s.x
-    often = max(p.tuning.accel_time_s / T, 1.0)
+    correlated_steps = max(p.tuning.accel_time_s / T, 1.0)
     along_var = (p.tuning.accel_sigma**2 + p.accel_bias_var) / s.gravity**2
     pitch = elementary.atan2(-down[0], math.sqrt(down[1] ** 2 + down[2] ** 2))
-    fuse(s, put(s, 0, PITCH, 1.0), pitch - x[PITCH], along_var * often)
+    fuse(s, set_jacobian(s, 0, PITCH, 1.0), pitch - x[PITCH], along_var * correlated_steps)
     across = x[SPEED] * s.yaw_rate
     across_var = variance(s, SPEED) * s.yaw_rate**2 + 0.25 * across * across + p.accel_bias_var
     roll = elementary.atan2(down[1], down[2]) + across / s.gravity
-    fuse(s, put(s, 0, ROLL, 1.0), roll - x[ROLL], (across_var + p.tuning.force_sigma**2) / s.gravity**2 * often)
-    correct(s)
+    roll_var = (across_var + p.tuning.force_sigma**2) / s.gravity**2
+    fuse(s, set_jacobian(s, 0, ROLL, 1.0), roll - x[ROLL], roll_var * correlated_steps)
+    inject_error(s)
 
 
 @kernel
-def look_for_rest(p: RissParameters, s: RissState, f: tuple[float, float, float], T: float) -> None:
-    """At rest: for a while a receiver was slow, the vehicle did not turn, and the forces along and across did not
-    change. Without a receiver it is not known."""
-    slow = s.slow_ns > 0 and s.step_ns - s.slow_ns < p.tuning.coasting_s * 1e9
+def detect_rest(p: RissParameters, s: RissState, f: tuple[float, float, float], T: float) -> None:
+    """Detect rest: for rest_s the receiver was slow, the vehicle did not turn, and the specific forces did not change.
+
+    Without a receiver no rest is detected.
+    """
+    slow = s.last_slow_ns > 0 and s.step_ns - s.last_slow_ns < p.tuning.coasting_s * 1e9
     turning = abs(s.yaw_rate) > p.tuning.rest_rate + 3.0 * math.sqrt(variance(s, GYRO_BIAS))
-    noise = math.sqrt(p.accel_psd / T + s.scatter / s.forces)
-    pushed = noise > p.tuning.rest_force  # shaken: a start would be noticed too late
+    noise = math.sqrt(p.accel_psd / T + s.force_scatter / s.force_count)
+    accelerated = noise > p.tuning.rest_force  # in vibration the start of the vehicle would be noticed too late
     for i in range(2):
-        pushed = pushed or abs(f[i] - s.rest_f[i]) > p.tuning.rest_force + 3.0 * noise
-    if turning or pushed or not slow:
+        accelerated = accelerated or abs(f[i] - s.rest_f[i]) > p.tuning.rest_force + 3.0 * noise
+    if turning or accelerated or not slow:
         s.rest_since_ns = 0
         s.rest_f[0], s.rest_f[1] = f[0], f[1]
     elif s.rest_since_ns == 0:
@@ -110,17 +113,17 @@ def look_for_rest(p: RissParameters, s: RissState, f: tuple[float, float, float]
 
 @kernel
 def fuse_rest(p: RissParameters, s: RissState, rate: float, T: float) -> None:
-    """No speed, no acceleration, no turn."""
+    """Fuse zero speed, acceleration and yaw rate."""
     x = s.x
-    # what disturbs rest lasts: each step says as much less as there are steps in half a second
-    often = 0.5 / T
-    n = put(s, 0, SPEED, 1.0)
-    fuse(s, n, -x[SPEED], REST_SPEED**2 * often)
-    n = put(s, 0, ACCEL, 1.0)
-    fuse(s, n, -x[ACCEL], REST_ACCEL**2 * often)
-    n = put(s, 0, SINK, 1.0)
-    fuse(s, n, -x[SINK], REST_SPEED**2 * often)
-    n = put(s, 0, GYRO_BIAS, 1.0)
-    n = put(s, n, GYRO_SCALE, rate)
+    # disturbances of a rest are correlated over half a second, so the variance is that of all steps in it
+    correlated_steps = 0.5 / T
+    n = set_jacobian(s, 0, SPEED, 1.0)
+    fuse(s, n, -x[SPEED], REST_SPEED**2 * correlated_steps)
+    n = set_jacobian(s, 0, ACCEL, 1.0)
+    fuse(s, n, -x[ACCEL], REST_ACCEL**2 * correlated_steps)
+    n = set_jacobian(s, 0, SINK, 1.0)
+    fuse(s, n, -x[SINK], REST_SPEED**2 * correlated_steps)
+    n = set_jacobian(s, 0, GYRO_BIAS, 1.0)
+    n = set_jacobian(s, n, GYRO_SCALE, rate)
     fuse(s, n, rate * (1.0 - x[GYRO_SCALE]) - x[GYRO_BIAS], p.gyro_psd / T)
-    correct(s)
+    inject_error(s)

@@ -1,4 +1,4 @@
-"""A row of SOLUTION from the state: between two steps the position moves on with the velocity."""
+"""A row of SOLUTION from the state; between two steps the position is extrapolated with the velocity."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ..records import (
     REJECTING,
     SATURATED,
 )
-from .ekf import innovation_variance, pitch_of, put, roll_of, variance
+from .ekf import innovation_variance, pitch_of, roll_of, set_jacobian, variance
 from .state import (
     ACCEL,
     ACCEL_BIAS_X,
@@ -49,29 +49,29 @@ if TYPE_CHECKING:
 
 @kernel
 def tilt_variances(s: RissState) -> tuple[float, float]:
-    """Of roll and pitch, rad^2."""
-    n = put(s, put(s, 0, ROLL, 1.0), LEAN, -s.x[SPEED] * s.yaw_rate)
-    roll = innovation_variance(s, put(s, n, SPEED, -s.x[LEAN] * s.yaw_rate), 0.0)
-    n = put(s, put(s, 0, PITCH, 1.0), SQUAT, s.x[ACCEL])
-    return roll, innovation_variance(s, put(s, n, ACCEL, s.x[SQUAT]), 0.0)
+    """Variances of roll and pitch of the body, rad^2."""
+    n = set_jacobian(s, set_jacobian(s, 0, ROLL, 1.0), LEAN, -s.x[SPEED] * s.yaw_rate)
+    roll = innovation_variance(s, set_jacobian(s, n, SPEED, -s.x[LEAN] * s.yaw_rate), 0.0)
+    n = set_jacobian(s, set_jacobian(s, 0, PITCH, 1.0), SQUAT, s.x[ACCEL])
+    return roll, innovation_variance(s, set_jacobian(s, n, ACCEL, s.x[SQUAT]), 0.0)
 
 
 @kernel
 def status(p: RissParameters, s: RissState, sample: Sample) -> int:
-    """The bits."""
+    """The status bits."""
     bits = SATURATED if sample.flags & BEYOND_RANGE != 0 else 0
     tilt_sigma = math.sqrt(max(variance(s, ROLL), variance(s, PITCH)))
     if s.levelled == 1 and tilt_sigma < p.tuning.max_tilt_sigma:
         bits |= ATTITUDE_VALID
     if s.aligned == 1 and math.sqrt(variance(s, YAW)) < p.tuning.max_heading_sigma:
         bits |= HEADING_VALID
-    if s.fixes > 0:
+    if s.fix_count > 0:
         bits |= POSITION_VALID
         if s.has_height == 1:
             bits |= HEIGHT_VALID
         if (s.t_ns - s.fix_ns) * 1e-9 > p.tuning.coasting_s:
             bits |= COASTING
-        if s.rejected > 2:
+        if s.reject_count > 2:
             bits |= REJECTING
     return bits | (AT_REST if s.resting == 1 else 0)
 
@@ -114,7 +114,7 @@ def write_solution(p: RissParameters, s: RissState, sample: Sample, out: Solutio
         out.sigma_v[1] = math.sqrt(max(sy * sy * along + cy * cy * across + 2.0 * cy * sy * both, 0.0))
     else:
         since_s = max((s.t_ns - s.fix_ns) * 1e-9, 0.0)
-        out.sigma_v[0] = out.sigma_v[1] = math.sqrt(s.white[1]) + p.tuning.accel_sigma * since_s
+        out.sigma_v[0] = out.sigma_v[1] = math.sqrt(s.white_var[1]) + p.tuning.accel_sigma * since_s
     out.sigma_v[2] = math.sqrt(variance(s, SINK))
     out.sigma_p[0], out.sigma_p[1] = math.sqrt(variance(s, NORTH)), math.sqrt(variance(s, EAST))
     out.sigma_p[2] = math.sqrt(variance(s, DOWN)) if s.has_height == 1 else math.nan

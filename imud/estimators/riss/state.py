@@ -29,14 +29,14 @@ from ..tuning import Tunable, dtype_of, values_of
     FIX_NORTH,  # m, error of the receiver that lasts from fix to fix
     FIX_EAST,
     FIX_DOWN,
-    LEAN,  # rad/(m/s^2), of roll by the acceleration sideways
-    SQUAT,  # of pitch by that along
+    LEAN,  # rad/(m/s^2), roll per lateral acceleration
+    SQUAT,  # rad/(m/s^2), pitch per longitudinal acceleration
     WHEEL_SCALE,
     STATES,
 ) = range(20)
 PACKED = STATES * (STATES + 1) // 2
-RING = 64  # steps of which the past is kept
-LONGEST_ROW = 7  # elements of a Jacobian
+RING = 64  # number of past steps that are stored
+JACOBIAN_LENGTH = 7  # elements of a Jacobian
 
 TUNABLES = (
     Tunable("step_s", 0.05, "s", "Samples are averaged over this time.", "Well below what a vehicle's motion takes."),
@@ -136,8 +136,8 @@ PARAMETERS = np.dtype(
         ("accel_psd", "<f8"),  # (m/s^2)^2/Hz
         ("accel_bias_var", "<f8"),  # (m/s^2)^2
         ("accel_bias_psd", "<f8"),
-        ("lever", "<f8", (3,)),  # m, antenna from the sensor, body
-        ("wheel", "<f8", (3,)),  # m, wheel from the sensor, body
+        ("gnss_lever_arm", "<f8", (3,)),  # m, antenna from the sensor, body
+        ("odometer_lever_arm", "<f8", (3,)),  # m, wheel from the sensor, body
     ],
     align=True,
 )
@@ -145,52 +145,52 @@ PARAMETERS = np.dtype(
 STATE = np.dtype(
     [
         ("t_ns", "<i8"),  # of the newest sample
-        ("step_ns", "<i8"),  # of the newest step: of all that follows
-        ("started", "<i8"),  # samples came
-        ("levelled", "<i8"),  # roll and pitch have begun
-        ("aligned", "<i8"),  # the heading is known, the position is the vehicle's
-        ("fixes", "<i8"),  # used
-        ("fix_ns", "<i8"),  # epoch of the newest
-        ("rejected", "<i8"),  # in a row
+        ("step_ns", "<i8"),  # time of the newest step, and of the fields that follow
+        ("started", "<i8"),  # 1: there was a sample
+        ("levelled", "<i8"),  # 1: roll and pitch are initialized
+        ("aligned", "<i8"),  # 1: the heading is known, and the position is the vehicle's
+        ("fix_count", "<i8"),  # fixes processed
+        ("fix_ns", "<i8"),  # epoch of the newest fix
+        ("reject_count", "<i8"),  # rejected fixes in a row
         ("resting", "<i8"),
-        ("rest_since_ns", "<i8"),  # since when nothing speaks against rest; 0: something does
-        ("rest_f", "<f8", (2,)),  # m/s^2, forces along and across, averaged while nothing speaks against rest
-        ("slow_ns", "<i8"),  # when the receiver was last slow
+        ("rest_since_ns", "<i8"),  # since when all signs are those of rest; 0: they are not
+        ("rest_f", "<f8", (2,)),  # m/s^2, mean longitudinal and lateral specific force
+        ("last_slow_ns", "<i8"),  # when the receiver was last slow
         ("gravity", "<f8"),  # m/s^2
         ("lat", "<f8"),  # rad
         ("lon", "<f8"),
         ("height", "<f8"),
         ("has_height", "<i8"),
         ("v", "<f8", (2,)),  # m/s, north and east, before the heading is known
-        ("yaw_rate", "<f8"),  # rad/s, without its errors
+        ("yaw_rate", "<f8"),  # rad/s, about the vertical, corrected
         ("initial_yaw", "<f8"),  # rad, the user's; NaN: none
         ("count", "<i8"),  # samples since the step
         ("w_sum", "<f8"),
         ("f_sum", "<f8", (3,)),
         ("down_sum", "<f8", (3,)),
-        ("forces", "<i8"),  # samples of f_sum
-        ("rates", "<i8"),  # of w_sum
-        ("outage_s", "<f8"),  # of the rate
+        ("force_count", "<i8"),  # samples in f_sum
+        ("rate_count", "<i8"),  # samples in w_sum
+        ("outage_s", "<f8"),  # s without a rate
         ("f_last", "<f8", (3,)),  # m/s^2, of the sample before
-        ("scatter", "<f8"),  # (m/s^2)^2, of neighbouring samples
-        ("white", "<f8", (3,)),  # m^2, (m/s)^2, m^2: horizontal, velocity, height
-        ("fix_var", "<f8", (3,)),  # m^2, of the receiver's lasting error
+        ("force_scatter", "<f8"),  # (m/s^2)^2, variance of a force between successive samples
+        ("white_var", "<f8", (3,)),  # white variances: horizontal position m^2, velocity (m/s)^2, height m^2
+        ("fix_var", "<f8", (3,)),  # m^2, of the receiver's correlated error
         ("x", "<f8", (STATES,)),
         ("P", "<f8", (PACKED,)),
         ("dx", "<f8", (STATES,)),
         ("d", "<f8", (STATES,)),
-        ("columns", "<i8", (LONGEST_ROW,)),
-        ("row", "<f8", (LONGEST_ROW,)),
-        ("travel", "<f8", (5,)),  # north, east, down, speed, yaw: sums of what was integrated
-        ("ring", "<f8", (RING, 5)),  # the same at past steps
+        ("columns", "<i8", (JACOBIAN_LENGTH,)),
+        ("row", "<f8", (JACOBIAN_LENGTH,)),
+        ("travel", "<f8", (5,)),  # integrals: north, east, down m, speed m/s, yaw rad
+        ("ring", "<f8", (RING, 5)),  # travel at past steps
         ("ring_ns", "<i8", (RING,)),
-        ("ring_at", "<i8"),  # the newest
+        ("ring_at", "<i8"),  # index of the newest
         ("wheel_ns", "<i8"),  # epoch of the newest reading of the wheels; 0: none
     ],
     align=True,
 )
 UNKNOWN_SPEED = 20.0  # m/s, 1 sigma
-UNKNOWN_ANGLE = math.pi / math.sqrt(3.0)  # rad, sigma of an angle of which nothing is known
+UNKNOWN_ANGLE = math.pi / math.sqrt(3.0)  # rad, sigma of an unknown angle
 BIAS_WALK_S = 100.0  # time in which a bias walks by its instability
 
 
@@ -204,8 +204,8 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     p["gyro_scale_var"] = profile.gyro_scale**2
     p["accel_psd"], p["accel_bias_var"] = profile.accel_noise**2, profile.accel_bias_initial**2
     p["accel_bias_psd"] = profile.accel_bias_instability**2 / BIAS_WALK_S
-    p["lever"] = settings.navigation.lever_arm_m
-    p["wheel"] = settings.aiding.odometer_lever_arm_m
+    p["gnss_lever_arm"] = settings.navigation.lever_arm_m
+    p["odometer_lever_arm"] = settings.aiding.odometer_lever_arm_m
     return p
 
 
@@ -216,7 +216,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     if initial.lat_deg is not None:
         s["gravity"] = interpreted(gravity)(math.radians(initial.lat_deg), initial.height_m or 0.0)
     s["initial_yaw"] = math.nan if initial.yaw_deg is None else math.radians(initial.yaw_deg)
-    s["white"] = tuning["fix_white_sigma"] ** 2, tuning["velocity_sigma"] ** 2, 4.0 * tuning["fix_white_sigma"] ** 2
+    s["white_var"] = tuning["fix_white_sigma"] ** 2, tuning["velocity_sigma"] ** 2, 4.0 * tuning["fix_white_sigma"] ** 2
     diagonal = np.zeros(STATES)
     diagonal[[SPEED, YAW]] = UNKNOWN_SPEED**2, UNKNOWN_ANGLE**2
     diagonal[[ROLL, PITCH]] = UNKNOWN_ANGLE**2
@@ -231,11 +231,11 @@ def start(parameters: Records, initial: Initial) -> Records:
 
 
 def checkpoint(state: Records) -> Records:
-    """All of the state: what a restart of the program interrupts is to the filter a gap in the samples."""
+    """A copy of the whole state: a restart of the program is like a gap in the samples."""
     return state.copy()
 
 
 def resume(state: Records, saved: Records) -> None:
-    """Go on from a checkpoint in a state before its first sample. That of a recording may hold any number."""
+    """Continue from a checkpoint in a state before its first sample; one from a recording may hold any numbers."""
     state[:] = saved
     state["ring_at"] %= RING

@@ -50,8 +50,8 @@ class RissParameters:
     accel_psd: float
     accel_bias_var: float
     accel_bias_psd: float
-    lever: Reals
-    wheel: Reals
+    gnss_lever_arm: Reals
+    odometer_lever_arm: Reals
 
 
 class RissState:
@@ -60,13 +60,13 @@ class RissState:
     started: int
     levelled: int
     aligned: int
-    fixes: int
+    fix_count: int
     fix_ns: int
-    rejected: int
+    reject_count: int
     resting: int
     rest_since_ns: int
     rest_f: Reals
-    slow_ns: int
+    last_slow_ns: int
     gravity: float
     lat: float
     lon: float
@@ -79,12 +79,12 @@ class RissState:
     w_sum: float
     f_sum: Reals
     down_sum: Reals
-    forces: int
-    rates: int
+    force_count: int
+    rate_count: int
     outage_s: float
     f_last: Reals
-    scatter: float
-    white: Reals
+    force_scatter: float
+    white_var: Reals
     fix_var: Reals
     x: Floats
     P: Floats

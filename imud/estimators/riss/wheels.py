@@ -1,8 +1,8 @@
-"""Wheel speed: reading = (1 + scale) (u - yaw rate times the wheel's place across), signed or not.
+"""Wheel speed: reading = (1 + scale) (u - yaw_rate y), y being the wheel's lateral position; signed or not.
 
-Tyres slip in proportion to the force on them, for about a second, so that readings in that time are not independent:
-the gate has the variance of one reading, the update that of what so many of them know together. A reading without a
-sign takes that of u where u has one. Before the heading is known u is the speed, which is not negative.
+Tyres slip in proportion to the force on them, for about a second, so that readings in that time share an error: the
+gate has the variance of one reading, the update that of all readings in the correlation time. A reading without a sign
+gets that of u where u is significant. Before the heading is known u is the speed, which is not negative.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from ..records import ODOMETER
-from .ekf import add_variance, correct, fuse, innovation_variance, put, since, variance
+from .ekf import add_variance, fuse, inject_error, innovation_variance, set_jacobian, travelled_since, variance
 from .state import ACCEL, SPEED, WHEEL_SCALE
 
 if TYPE_CHECKING:
     from ..types import Innovation, Measurement
     from .types import RissParameters, RissState
 
-SLIP_S = 1.0  # how long slip lasts
-SIGN_SIGMAS = 3.0  # a speed that large has a sign
+SLIP_S = 1.0  # correlation time of slip
+SIGN_SIGMAS = 3.0  # of u, from which its sign is used
 
 
 @kernel
@@ -41,10 +41,10 @@ def fuse_wheel_speed(p: RissParameters, s: RissState, m: Measurement, innovation
     """Gate and fuse a reading at its epoch; returns the rows of innovations."""
     late_s = (s.step_ns - m.t_ns) * 1e-9
     if s.started == 0 or late_s > p.tuning.max_late_s or not math.isfinite(m.value[0]) or m.sigma[1] > 0.0:
-        return 0  # also of a speed through the water
+        return 0  # m.sigma[1] > 0: a speed through the water
     x, dead = s.x, p.tuning.wheel_dead_speed
-    u = x[SPEED] - since(s, m.t_ns, 3) - min(late_s, 0.0) * x[ACCEL]
-    u -= p.wheel[1] * s.yaw_rate
+    u = x[SPEED] - travelled_since(s, m.t_ns, 3) - min(late_s, 0.0) * x[ACCEL]
+    u -= p.odometer_lever_arm[1] * s.yaw_rate
     reading = signed(p, s, m.value[0], u)
     if not math.isfinite(reading):
         return 0
@@ -54,7 +54,7 @@ def fuse_wheel_speed(p: RissParameters, s: RissState, m: Measurement, innovation
     sigma = m.sigma[0] if m.sigma[0] > 0.0 else p.tuning.wheel_sigma
     still = 0.5 * dead if abs(reading) <= dead else 0.0
     slip_sigma = (p.tuning.wheel_slip + p.tuning.wheel_slip_per_accel * abs(x[ACCEL])) * abs(reading)
-    n = put(s, put(s, 0, SPEED, 1.0 + x[WHEEL_SCALE]), WHEEL_SCALE, u)
+    n = set_jacobian(s, set_jacobian(s, 0, SPEED, 1.0 + x[WHEEL_SCALE]), WHEEL_SCALE, u)
     z = reading - (1.0 + x[WHEEL_SCALE]) * u
     noise = sigma * sigma + still * still + slip_sigma * slip_sigma
     total = innovation_variance(s, n, noise)
@@ -63,5 +63,5 @@ def fuse_wheel_speed(p: RissParameters, s: RissState, m: Measurement, innovation
     row.t_ns, row.kind, row.value, row.variance, row.used = m.t_ns, ODOMETER, z, total, 1 if used else 0
     if used:
         fuse(s, n, z, noise + (2.0 * SLIP_S / every_s - 1.0) * slip_sigma * slip_sigma)
-        correct(s)
+        inject_error(s)
     return 1

@@ -25,6 +25,7 @@ NAMES = (
     "hear", "patience_s", "Chatter", "stir", "gist", "Tape", "spell", "Spell", "neat", "oddities", "rivals", "UNTOLD",
     "complaint", "keep_apart", "Conversation", "noting", "way", "doubt", "strain", "slip", "hop", "owed", "feel",
     "says", "deaf", "nobody", "worth", "quiet", "story", "lively", "rubbish", "stranger",
+    "heading_doubt", "doubt_field", "is_odd", "fever", "quietest", "spoilt", "insist", "looked_ns", "complaints",
 )  # fmt: skip
 
 # What is left. Delete an entry with its word; `test_no_exception_is_outdated` asks for it. Nothing may be added here.

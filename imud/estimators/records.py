@@ -25,8 +25,8 @@ MEASUREMENT = np.dtype(  # of an aiding source other than GNSS
     [
         ("t_ns", "<i8"),  # epoch on the estimator's time axis
         ("arrival_ns", "<i8"),  # when it became known: fed then, fused at t_ns
-        ("kind", "<i8"),  # which source: a code below
-        ("value", "<f8", (6,)),  # what it says; SI units, the source's file says which
+        ("kind", "<i8"),  # code of the source, see below
+        ("value", "<f8", (6,)),  # SI units; the source's file says which
         ("sigma", "<f8", (4,)),  # 1 sigma of each; NaN: unknown
     ],
     align=True,
@@ -78,7 +78,7 @@ INNOVATION = np.dtype(
 )
 
 POSITION_N, POSITION_E, POSITION_D, VELOCITY_N, VELOCITY_E, VELOCITY_D, HEADING = range(7)
-# of what is assumed instead of measured: at rest, and of a vehicle that neither slips nor jumps; a new kind is behind
+# pseudo-measurements, of rest and of the non-holonomic constraint; a new kind goes behind the last one below
 REST_N, REST_E, REST_D, REST_X, REST_Y, REST_Z, NHC_LATERAL, NHC_VERTICAL = range(7, 15)
 ASSUMED = range(REST_N, NHC_VERTICAL + 1)
 ODOMETER, BAROMETER = 15, 16

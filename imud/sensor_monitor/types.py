@@ -18,17 +18,17 @@ class Clipping:
 
 class Spikes:
     floor: float
-    keep: float
+    decay: float
     gap_ns: int
     t_ns: int
-    good: Reals
-    recent: Reals
+    last_good: Reals
+    recent_change: Reals
     withheld: Reals
-    force: Reals
+    last_force: Reals
     withheld_force: Reals
-    push: float
-    recent_push: float
-    spike: int
+    force_change: float
+    recent_force_change: float
+    spike_axes: int
     shock: int
 
 

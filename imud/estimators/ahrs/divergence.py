@@ -1,10 +1,9 @@
 """Detection of a wrong tilt that no sensor reported, and of one that has become too uncertain to be corrected.
 
-The integral of the specific force less gravity shows a gain of velocity that no vehicle has. Then there is none: the
-attitude is wrong, as when the sensor slipped, its gyro failed for a moment, or the user gave a false attitude; gravity
-counts as acceleration, and biases have been learnt from it. All of these become as uncertain as that acceleration says
-they are wrong. A vehicle that did gain so much velocity loses little by it: over the time that it took, its
-acceleration is a small tilt.
+If the integral of the specific force less gravity shows a gain of velocity that no vehicle has, the attitude is wrong:
+the sensor slipped, its gyro failed for a moment, or the user gave a false attitude. Then a part of gravity is taken as
+acceleration, and biases have been learned from it. The variances of tilt and biases are inflated by what would explain
+that acceleration. A vehicle that did gain so much velocity loses little: its mean acceleration is a small tilt.
 
 Where roll and pitch have become very uncertain, corrections, which are linear in small errors, would be far off for
 long; roll and pitch are then initialised as at a start.
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
 
 @kernel
 def tilt_is_lost(p: Parameters, s: State) -> bool:
-    """Must roll and pitch be initialised anew? Once per covariance interval."""
+    """Whether roll and pitch must be initialized anew; inflates P if the velocity gain is too large."""
     c = p.tuning
     gain = update_velocity_gain(p, s)
     if gain > c.max_velocity_gain_mps:
@@ -42,7 +41,7 @@ def tilt_is_lost(p: Parameters, s: State) -> bool:
 
 @kernel
 def update_velocity_gain(p: Parameters, s: State) -> float:
-    """The velocity lately gained, m/s, uncorrected by measurements; the time that most of it took is kept."""
+    """The recent gain of velocity, m/s, not corrected by measurements; stores the time that most of it took."""
     c, d, time = p.tuning, s.divergence, s.integrals.time
     forgetting = time / (c.velocity_gain_time_s + time)
     gain2 = 0.0
@@ -57,14 +56,14 @@ def update_velocity_gain(p: Parameters, s: State) -> float:
 
 @kernel
 def restart_velocity_gain(s: State) -> None:
-    """No velocity has been gained."""
+    """Set the gain of velocity to zero."""
     for i in range(3):
         s.divergence.velocity_gain[i] = 0.0
 
 
 @kernel
 def inflate_covariance(p: Parameters, s: State, acceleration: float) -> None:
-    """Take an acceleration, m/s^2, as gravity seen in a wrong attitude: tilt and biases are that uncertain."""
+    """Inflate the variances of tilt and biases by an acceleration, m/s^2, that is gravity in a wrong attitude."""
     tilt = acceleration / s.nav.gravity
     for i in range(3):
         add_variance(s, ATTITUDE + i, tilt * tilt)
@@ -78,5 +77,5 @@ def inflate_covariance(p: Parameters, s: State, acceleration: float) -> None:
 
 @kernel
 def inflate_variance(s: State, i: int, error: float, largest: float) -> None:
-    """Add the square of an error to variance i, as far as the sum does not exceed `largest`."""
+    """Add the square of an error to variance i, up to `largest`."""
     add_variance(s, i, max(min(error * error, largest - variance(s, i)), 0.0))

@@ -21,7 +21,7 @@ def store_sample(s: State, w: Vector, f: Vector) -> None:
 
 @kernel
 def store_first_sample(s: State, w: Vector, f: Vector) -> None:
-    """The same for the first sample, or the first one after a long gap."""
+    """Make w and f the newest sample, without a sample before: at the start, or after a long gap."""
     store_sample(s, w, f)
     for i in range(3):
         s.imu.f_change[i] = 0.0
@@ -30,7 +30,7 @@ def store_first_sample(s: State, w: Vector, f: Vector) -> None:
 
 @kernel
 def subtract_biases(s: State) -> None:
-    """The newest sample as a sensor without these biases would show it."""
+    """Subtract the biases from the newest sample."""
     for i in range(3):
         s.imu.w[i] -= s.nav.bg[i]
         s.imu.f[i] -= s.nav.ba[i]

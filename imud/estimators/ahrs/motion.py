@@ -1,11 +1,11 @@
-"""How the body moves: scatter of velocity and position, sustained speed of a vehicle, vibration of its way.
+"""How the body moves: scatter of velocity and position, sustained speed of a vehicle, vibration by its road.
 
 A hand or a robot moves to and fro: its velocity scatters about a mean near zero, its position about a place. A vehicle
 sustains a velocity: the mean over a second exceeds `travel_speed_mps` by more than the error of the integral explains.
-A speed counts as soon as it is reached, else the departure itself is learnt as tilt, and fades when it is not kept up.
+The sustained speed rises at once, so that the departure itself is not taken as tilt, and decays afterwards.
 
-Vibration is seen in mean forces over a covariance interval, which leave out most of an engine, and in how unevenly they
-change: manoeuvres are too slow for that.
+Vibration is measured by second differences of the mean forces over covariance intervals: an engine is averaged out of
+the means, and manoeuvres are too slow for second differences.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def update_travel(p: Parameters, s: State) -> None:
 
 @kernel
 def reset_motion(p: Parameters, s: State, i: int) -> None:
-    """Count velocity and position along axis i from zero again, and learn nothing from what they were."""
+    """Reset velocity and position along axis i, and their statistics, to zero."""
     stop(s, i)
     s.motion.v_mean[i] = s.motion.v_scatter[i] = s.motion.p_scatter[i] = 0.0
     reset_variance(s, VELOCITY + i, p.tuning.reset_velocity_var)
@@ -66,7 +66,7 @@ def reset_motion(p: Parameters, s: State, i: int) -> None:
 
 @kernel
 def start_motion(p: Parameters, s: State, i: int) -> None:
-    """The same for a body that may already move."""
+    """Reset velocity and position along axis i, for a body that may already move."""
     reset_motion(p, s, i)
     reset_variance(s, VELOCITY + i, p.tuning.initial_velocity_var)
     s.motion.v_scatter[i] = p.tuning.initial_velocity_scatter
@@ -74,5 +74,5 @@ def start_motion(p: Parameters, s: State, i: int) -> None:
 
 @kernel
 def shift_mean_velocity(s: State, i: int, change: float) -> None:
-    """The velocities averaged so far were wrong by this."""
+    """Correct the mean velocity along axis i, m/s."""
     s.motion.v_mean[i] += change

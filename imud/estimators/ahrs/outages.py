@@ -24,7 +24,7 @@ def mean_reading(a: Reals, b: Vector) -> Vector:
 
 @kernel
 def hold_invalid_axes(last: Reals, w: Vector, flags: int) -> Vector:
-    """The rates w of the axes that are valid, the last ones of the others."""
+    """The rates w, with those of invalid axes replaced by the last ones."""
     axes = flags // NO_RATE_AXES & 7
     if flags & SUSPECT or axes == 0:
         axes = 7
@@ -39,8 +39,8 @@ def hold_invalid_axes(last: Reals, w: Vector, flags: int) -> Vector:
 def hold_rate(p: Parameters, s: State, dt: float, fault_s: float) -> None:
     """Hold the last rate for dt more.
 
-    `fault_s`: for how long the sensor has been at fault, 0: it is not. A fault is detected late, and even the last rate
-    may be wrong; that of a body in motion by as much as its rates lately were.
+    fault_s: duration of the sensor's fault so far, 0: it has none. A fault is detected late, so that even the last rate
+    may be wrong, by as much as the body's recent rates.
     """
     c, before = p.tuning, s.imu.outage_s
     held_s = before + dt
@@ -54,7 +54,7 @@ def hold_rate(p: Parameters, s: State, dt: float, fault_s: float) -> None:
 
 @kernel
 def force_without_acceleration(p: Parameters, s: State, dt: float) -> Vector:
-    """The specific force of a body that does not accelerate, instead of one not measured: it tells nothing of tilt."""
+    """The specific force of a body without acceleration, m/s^2, in place of a missing one; adds its noise to P."""
     nav = s.nav
     add_noise(s, 0.0, p.tuning.fault_force_psd * dt)
     q = (nav.q_nb[0], nav.q_nb[1], nav.q_nb[2], nav.q_nb[3])
@@ -64,7 +64,7 @@ def force_without_acceleration(p: Parameters, s: State, dt: float) -> Vector:
 
 @kernel
 def add_outage_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float, flags: int) -> None:
-    """Noise for what was not measured: between samples far apart, while values are held, beyond the range.
+    """Add noise for motion that was not measured: in gaps, while values are held, and beyond the range.
 
     `flags` (of the sample) may name which sensor is saturated; if not, it may be either.
     """
@@ -92,8 +92,8 @@ def add_outage_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float, f
 def add_shock_noise(p: Parameters, s: State, f: Vector, dt: float) -> None:
     """Attitude noise from the change of the specific force (sample f, dt s after the last) that no trend announced.
 
-    A shock or a vibration is over, or has reversed, before the next sample: what of the force its last change did not
-    announce is a velocity that is not resolved, and rotations come with it that the gyro does not resolve either (a tap
-    turned the BROAD sensor by half a degree unseen).
+    A shock is over, or a vibration has reversed, before the next sample. So a force that differs from the linear trend
+    is a velocity change that is not resolved; with it comes a rotation that the gyro does not resolve (a tap turned the
+    BROAD sensor by half a degree, which the gyro did not show).
     """
     add_noise(s, p.tuning.shock_rotation**2 * update_force_change(s, f) * dt * dt, 0.0)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @kernel
 def reopen_biases(p: Parameters, s: State) -> None:
-    """Put both biases back to what is known of them at switch-on; rest and the force at rest are judged anew."""
+    """Put both biases back to what is known of them at switch-on; rest and the force at rest are determined anew."""
     subtract_biases(s)  # the last sample as this sensor would show it, for the gap that follows it
     clear_biases(s)
     for i in range(3):

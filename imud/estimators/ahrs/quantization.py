@@ -49,7 +49,7 @@ def examine_readings(p: Parameters, s: State, w: Vector) -> None:
 
 @kernel
 def count_reading(p: Parameters, s: State, i: int, w: float, step: float, at_rest: bool) -> bool:
-    """Count the reading w of axis i, `step` from the last one, rad/s. Did it change what is known of truncation?"""
+    """Count the reading w of axis i, `step` from the last one, rad/s; returns whether it was informative."""
     z = s.quantization
     if abs(w) > (WINDOW + 1) * z.lsb[i]:  # far from zero, as most are in motion
         return leave_window(s, i, math.copysign(1.0, w))
@@ -91,7 +91,7 @@ def leave_window(s: State, i: int, side: float) -> bool:
 
 @kernel
 def forget_axis(p: Parameters, s: State, i: int) -> bool:
-    """Start again with axis i. Was anything known of it?"""
+    """Start again with axis i; returns whether anything was known of it."""
     z = s.quantization
     for k in range(i * BINS, (i + 1) * BINS):
         z.crossing_histogram[k] = 0.0

@@ -2,7 +2,7 @@
 
 White noise is Gaussian, and one mean and one deviation must explain how often each code is read. A block is evaluated
 only if its readings differ as much from one to the next as from their mean, so that they are noise and no motion; and
-only some blocks are, because one and the same noise, looked at for hours, would tell more than it knows.
+only some blocks are, because the same noise over hours would otherwise be counted as independent evidence.
 
 Source: von Neumann, Distribution of the ratio of the mean square successive difference to the variance (1941).
 """
@@ -50,14 +50,14 @@ def count_at_rest(s: State, i: int, code: int, step: float) -> None:
 
 @kernel
 def evaluate_full_block(p: Parameters, s: State) -> bool:
-    """After one sample at rest: learn from the histogram if it is full. Is there anything new?"""
+    """After one sample at rest: learn from the histogram if it is full; returns whether anything was learned."""
     s.quantization.rest_samples += 1
     return s.quantization.rest_samples == p.tuning.block_samples and evaluate_block(p, s)
 
 
 @kernel
 def evaluate_block(p: Parameters, s: State) -> bool:
-    """Learn from a full block. Is there anything new?"""
+    """Learn from a full block; returns whether anything was learned."""
     if s.quantization.rest_blocks == p.tuning.max_blocks:
         return False
     s.quantization.rest_blocks += 1

@@ -52,7 +52,7 @@ def add_evidence(s: State, k: int, log_ratio: float) -> None:
 
 @kernel
 def forget_evidence(s: State, i: int) -> bool:
-    """Start again with axis i. Was anything known of it?"""
+    """Start again with axis i; returns whether anything was known of it."""
     known = False
     for k in range(i * BINS, (i + 1) * BINS):
         known |= s.quantization.log_likelihood_ratio[k] != 0.0
@@ -68,7 +68,7 @@ def first_candidate(p: Parameters, s: State, i: int) -> int:
 
 @kernel
 def last_candidate(p: Parameters, s: State, i: int) -> int:
-    """The last one."""
+    """The last bin of axis i that may be the wide one."""
     return i * BINS + WINDOW if abs(s.quantization.offset[i]) < p.tuning.max_code_error else (i + 1) * BINS - 1
 
 

@@ -1,4 +1,4 @@
-"""What of the state is enough to go on after a restart of the program: the core, as after a gap in the samples.
+"""The part of the state with which the filter continues after a restart, as after a gap in the samples: the core.
 
 The first sample after a gap begins the alignment's integrals and pairs anew, so the hypothesis bank is not needed; of
 the rings the last sample is.
@@ -25,7 +25,7 @@ def checkpoint(state: Records) -> Records:
 
 
 def resume(state: Records, saved: Records) -> None:
-    """Go on from a checkpoint in a state before its first sample."""
+    """Continue from a checkpoint in a state before its first sample."""
     s, core = state[0], saved["core"][0]
     for name in SNAPSHOT.names or ():
         s["core"][name] = core[name]

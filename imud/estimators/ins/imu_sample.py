@@ -2,7 +2,7 @@
 
 Damaged readings are replaced; nominal state and covariance propagate, with noise for what damaged readings hide. At the
 end of a window of half a second the gyro bias is checked against gravity, the body is found at rest or not, and the
-pseudo-measurements that are due (no velocity, no turn, no slip) are fused.
+pseudo-measurements that are due (ZUPT, ZARU, NHC) are fused.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 A bias changes from one switch-on to the next by the repeatability in the data sheet, which is the filter's initial
 sigma. A sensor that was not connected may have been moved: after a longer gap its attitude is kept only if the first
-specific force is vertical, within the tilt that a vehicle's acceleration causes. No sensor shows a turn about the
-vertical meanwhile: the heading's sigma grows with the length of the gap.
+specific force is vertical, within the tilt that a vehicle's acceleration causes. No sensor measures a rotation
+about the vertical meanwhile: the heading's sigma grows with the length of the gap.
 """
 
 from __future__ import annotations

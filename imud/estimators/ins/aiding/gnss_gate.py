@@ -96,8 +96,8 @@ TUNABLES = (
 def position_is_frozen(p: Parameters, c: Core, fix: Fix) -> bool:
     """Whether the receiver repeats a position to the last digit although the vehicle has moved; call for each fix.
 
-    Many receivers hold the position at rest, and release it late. What is frozen stays so until it changes, however
-    uncertain the estimate becomes.
+    Many receivers hold the position at rest, and release it late. A frozen position counts as frozen until it changes,
+    even if the estimate becomes uncertain.
     """
     g = c.integrity
     if fix.lat != g.last_position[0] or fix.lon != g.last_position[1]:
@@ -188,12 +188,14 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
     dt = 1e-9 * (c.nav.t_ns - g.reject_start_ns[0])
     v2 = c.nav.v_n[0] ** 2 + c.nav.v_n[1] ** 2
     inertial2 = 0.0 if supported else p.tuning.inertial_velocity_error**2 + p.tuning.inertial_heading_error**2 * v2
-    leaves = False
+    inconsistent = False
     for i in range(2):
         bias2 = c.gnss.reported_sigma[0] ** 2 * (1.0 - elementary.exp(-dt / p.tuning.gnss_bias_time_s))
         allowed = 2.0 * (bias2 + c.gnss.noise_var[0]) + (variance(c, VELOCITY + i) + inertial2) * dt * dt
-        leaves = leaves or (bias_free_innovation(c, i) - g.reject_offset[i]) ** 2 > p.tuning.consistency_gate * allowed
-    if g.reject_count[0] == 1 or leaves:
+        inconsistent = (
+            inconsistent or (bias_free_innovation(c, i) - g.reject_offset[i]) ** 2 > p.tuning.consistency_gate * allowed
+        )
+    if g.reject_count[0] == 1 or inconsistent:
         g.reject_start_ns[0] = c.nav.t_ns
         for i in range(2):
             g.reject_offset[i] = bias_free_innovation(c, i)

@@ -1,11 +1,10 @@
 """The gravity monitor: a rate that the direction of gravity in the body does not confirm is an error of the gyro bias.
 
-While the means of the windows hardly change, the rate less the known bias, integrated, says by how much gravity must
-have turned in the body. If it has not turned, there was no rotation, and the bias is another than the filter knows: a
-sensor that restarted without notice, or one that warms up. Whatever the history, it is found as soon as the turn is
-larger than the noise, within a second for 0.2 deg/s. A rate about the vertical turns no gravity and shows nothing. In
-coordinated flight the force stays in the body while it rolls, so the receiver must have shown no speed when it was last
-heard.
+While the means of the windows hardly change, the integral of the rate less the known bias predicts the rotation of
+gravity in the body. If gravity has not rotated, there was no rotation, and the bias is wrong: the sensor restarted
+without notice, or it warms up. This is found as soon as the predicted rotation exceeds the noise, within a second for
+0.2 deg/s. A rate about the vertical does not rotate gravity and cannot be tested. In coordinated flight the force stays
+fixed in the body while it rolls, so the last speed that the receiver reported must be low.
 """
 
 from __future__ import annotations

@@ -134,7 +134,8 @@ def screen(status: Table) -> Iterator[tuple[str, str]]:
     if aiding := status.get("aiding"):
         yield from zip_longest(["aiding"], _aiding(aiding), fillvalue="")
     if corrections := status.get("corrections"):
-        counts = ", ".join(f"{corrections[name]} {name}" for name in ("frames", "noise bytes") if name in corrections)
+        names = ("frames", "forwarded", "noise bytes")
+        counts = ", ".join(f"{corrections[name]} {name}" for name in names if name in corrections)
         yield "rtcm", f"{corrections['source']}: {'; '.join(filter(None, (corrections['state'], counts)))}"
     for name, output in status["outputs"].items():
         if addresses := output.pop("addresses", ""):

@@ -7,6 +7,7 @@ import contextlib
 import os
 import socket
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -33,15 +34,28 @@ class Corrections:
 
     def __init__(self, source: str) -> None:
         """source: HOST:PORT, or a path (with a slash)."""
-        self.counters = Counter[str]()
+        self.counters = Counter[str](forwarded=0)
         self._source = source
         self._address = None if "/" in source else address_of(source)
         self._log = get_logger().bind(rtcm=source)
         self._framer = RtcmFramer(self.counters)
         self._fd = -1
         self._socket: socket.socket | None = None
-        self._state = ""
+        self._state, self._wanted = "waits for the receiver", False
         self._retry_ns, self._due_ns, self._last_ns = _FIRST_RETRY_NS, 0, 0
+
+    def pass_on(self, now_ns: int, forward: Callable[[bytes], bool] | None) -> None:
+        """Give the receiver what has come. forward: writes it, and says whether it may; None: there is no receiver.
+
+        The source is opened when the first receiver streams, so that a file goes to it as a whole. Later frames that
+        come while there is none are lost: old ones are of no use.
+        """
+        if forward is None and not self._wanted:
+            return
+        self._wanted, before = True, self.counters["frames"]
+        data = self.read(now_ns)
+        if data and forward is not None and forward(data):
+            self.counters["forwarded"] += self.counters["frames"] - before
 
     def read(self, now_ns: int) -> bytes:
         """The frames that have come since the last call; opens the source if that is due."""

@@ -157,8 +157,8 @@ class Devices:
             self.imu[0].lost(why)
         if self.imu and self.spares.sensors:
             self._compare(*self.imu, now_ns)
-        if self.corrections is not None and (data := self.corrections.read(now_ns)) and self.gnss:
-            self.gnss[0].forward(data)
+        if self.corrections is not None:
+            self.corrections.pass_on(now_ns, self.gnss[0].forward if self.gnss else None)
         for port in self.ports:
             port.log_line_warning()
         if self._recordings.current and self.imu:

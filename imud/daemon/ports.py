@@ -118,14 +118,16 @@ class Port:
         if self._dialogue is not None:
             self._advance(self._dialogue.on_readable)
 
-    def forward(self, data: bytes) -> None:
-        """Write data of another source, such as corrections, to the device that streams, if it may be written to."""
+    def forward(self, data: bytes) -> bool:
+        """Write data of another source, as corrections, to the device that streams; False: it may not, or is lost."""
         if self.options.readonly or self.spec.server is not None:
-            return
+            return False
         try:
             self.line.write(data)
         except PortLostError as error:
             self.lost(str(error))
+            return False
+        return True
 
     def log_line_warning(self) -> None:
         """Log the line's warning, once."""

@@ -127,16 +127,16 @@ def test_a_file_waits_for_the_receiver_and_what_may_not_be_written_is_not_counte
     path = tmp_path / "base.rtcm"
     path.write_bytes(3 * STATION)
     corrections, sent = Corrections(str(path)), []
-    corrections.pass_on(SECOND, None)
+    corrections.forward(SECOND, None)
     assert "frames" not in corrections.properties(SECOND)
-    corrections.pass_on(2 * SECOND, lambda data: sent.append(data) is None)
+    corrections.forward(2 * SECOND, lambda data: sent.append(data) is None)
     assert sent == [3 * STATION] and corrections.properties(SECOND)["forwarded"] == 3
     with path.open("ab") as file:
         file.write(2 * STATION)
-    corrections.pass_on(3 * SECOND, None)
+    corrections.forward(3 * SECOND, None)
     with path.open("ab") as file:
         file.write(STATION)
-    corrections.pass_on(4 * SECOND, lambda _: False)
+    corrections.forward(4 * SECOND, lambda _: False)
     found = corrections.properties(4 * SECOND)
     assert (found["frames"], found["forwarded"]) == (6, 3)
     corrections.close()

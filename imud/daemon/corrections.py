@@ -44,17 +44,17 @@ class Corrections:
         self._state, self._wanted = "waits for the receiver", False
         self._retry_ns, self._due_ns, self._last_ns = _FIRST_RETRY_NS, 0, 0
 
-    def pass_on(self, now_ns: int, forward: Callable[[bytes], bool] | None) -> None:
-        """Give the receiver what has come. forward: writes it, and says whether it may; None: there is no receiver.
+    def forward(self, now_ns: int, write: Callable[[bytes], bool] | None) -> None:
+        """Give the receiver what has come. write: to it, and says whether it may; None: there is no receiver.
 
         The source is opened when the first receiver streams, so that a file goes to it as a whole. Later frames that
         come while there is none are lost: old ones are of no use.
         """
-        if forward is None and not self._wanted:
+        if write is None and not self._wanted:
             return
         self._wanted, before = True, self.counters["frames"]
         data = self.read(now_ns)
-        if data and forward is not None and forward(data):
+        if data and write is not None and write(data):
             self.counters["forwarded"] += self.counters["frames"] - before
 
     def read(self, now_ns: int) -> bytes:

@@ -158,7 +158,7 @@ class Devices:
         if self.imu and self.spares.sensors:
             self._compare(*self.imu, now_ns)
         if self.corrections is not None:
-            self.corrections.pass_on(now_ns, self.gnss[0].forward if self.gnss else None)
+            self.corrections.forward(now_ns, self.gnss[0].forward if self.gnss else None)
         for port in self.ports:
             port.log_line_warning()
         if self._recordings.current and self.imu:

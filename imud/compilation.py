@@ -26,6 +26,8 @@ from .recording.steps import Steps
 from .sensor_errors.noise import allan_variances
 from .sensor_errors.profiles import profile_of
 from .sensor_monitor.health import check_samples, new_health, recent_findings
+from .smoothing.fixed_interval import smoothed_estimates
+from .smoothing.intervals import INTERVAL
 from .stages import decoding
 
 _RATE_HZ, _PERIOD_NS = 1000.0, 1_000_000
@@ -78,6 +80,7 @@ def warm_analysis() -> None:
     """Compile, or load, the kernels with which commands look at recordings."""
     allan_variances(np.zeros(4), np.zeros(5), np.ones(1, np.int64), np.zeros(1))
     check_samples(new_health(profile_of(Settings()), _RATE_HZ), np.zeros(1, SAMPLE))
+    smoothed_estimates(np.zeros(1, INTERVAL), 1.0)
 
 
 def entries() -> dict[str, tuple[Entry, tuple[Dtype, ...]]]:

@@ -57,12 +57,22 @@ class Filter:
         self.estimator, self.settings, self.rate_hz = estimator, settings, rate_hz
         self.parameters = estimator.configure(settings, rate_hz)
         self.state = estimator.start(self.parameters, initial)
+        self._keep_beginning()
         self._mounts = settings.imu.mount_rpy_deg, settings.aiding.magnetometer_mount_rpy_deg
         self.correction = correction(Calibration(""), *self._mounts)
         self._profile, self._given_ranges = profile_of(settings), ranges_of(settings)
         self.health = new_health(self._profile, rate_hz)
         self.stages = Stages(estimator)
         self._innovations = room_for(1)
+
+    def _keep_beginning(self) -> None:
+        """Of a filter whose run can be repeated with a record of its errors: the state before the first sample."""
+        self.beginning = self.state.copy() if self.is_recorded else None
+
+    @property
+    def is_recorded(self) -> bool:
+        """Whether the estimator can record what becomes of its errors, for `smoothing`."""
+        return "history" in (self.state.dtype.names or ())
 
     def advancing(self) -> int:
         """Address of the compiled estimator's half of `ingest`; compiles it if need be."""
@@ -76,6 +86,7 @@ class Filter:
         """Begin with these biases; before the first sample."""
         if self.estimator.restore_biases is not None:
             self.estimator.restore_biases(self.state, biases)
+            self._keep_beginning()
 
     def checkpoint(self) -> bytes:
         """What a filter with the same settings and calibration can `restore`; empty: this estimator has none."""
@@ -95,6 +106,7 @@ class Filter:
             digest = self._digest(kind)
             if stored.checkpoint[: len(digest)] == digest and len(stored.checkpoint) == len(digest) + kind.itemsize:
                 self.estimator.resume(self.state, np.frombuffer(stored.checkpoint, kind, offset=len(digest)))
+                self._keep_beginning()
                 return True
         if stored.biases is not None:
             self.restore_biases(stored.biases)

@@ -26,13 +26,11 @@ import numpy as np
 from attitude_runs import tilt_variance_deg2
 from broad import HALF_TURN_ABOUT_X, samples_of
 from navigation_runner import SHARED, read
-from replay_in_process import NO_FIXES, new_filter, replay
+from replay_in_process import new_filter, replay, smoothed_solutions
 from scipy.spatial.transform import Rotation, Slerp
 
-from imud.batch import play
 from imud.estimators.records import ATTITUDE_VALID
 from imud.setup import config
-from imud.smoothing import Forward, smooth
 
 sys.path.append(str(SHARED))
 
@@ -176,13 +174,6 @@ def imud(trial, profile, smoothed, changes):
     else:
         out, _ = replay(filter_, samples)
     return out["q_nb"] * TO_Z_UP, tilt_variance_deg2(out), out["status"] & ATTITUDE_VALID != 0
-
-
-def smoothed_solutions(filter_, samples):
-    forward, rows, turned = Forward(filter_), [], samples.copy()
-    play(filter_, turned, NO_FIXES, forward.take)
-    smooth(forward, turned, NO_FIXES, None, lambda block: rows.append(block.copy()))
-    return np.concatenate(rows)
 
 
 FILTERS = ("VQF", "offlineVQF", *(f"{profile}{kind}" for kind in ("", ", smoothed") for profile in PROFILES))

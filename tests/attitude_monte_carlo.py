@@ -1,6 +1,6 @@
 """How honest the attitude filter is on simulated sensors and motions drawn at random, as a table.
 
-    python tests/attitude_monte_carlo.py [-n RUNS] [-j JOBS] [--set KEY=VALUE]..
+    python tests/attitude_monte_carlo.py [-n RUNS] [-j JOBS] [--smooth] [--set KEY=VALUE]..
 
 For each kind of motion RUNS runs of 60 s, half of which begin in motion, the others with up to 8 s of rest. Everything
 is drawn: 50 to 400 Hz, mounting, how fast and how hard it moves; of the sensor: noise, biases, scale factors,
@@ -22,7 +22,7 @@ import numpy as np
 from attitude_runs import tilt_variance_deg2
 from attitude_simulation import DEG, MG, Flaws, G, after, errors_deg, measure, simulate, wobble
 from broad import samples_of
-from replay_in_process import new_filter, replay
+from replay_in_process import new_filter, replay, smoothed_solutions
 from scipy.spatial.transform import Rotation
 
 from imud.estimators.records import ATTITUDE_VALID
@@ -114,7 +114,7 @@ def sensor(rng, profile):
 
 def run(job):
     """(squared tilt, NEES of tilt, of the gyro bias, part of the time wrong) of one run."""
-    motion, profile, number, changes = job
+    motion, profile, number, smoothed, changes = job
     rng = np.random.default_rng([number, MOTIONS.index(motion), list(ACCEL_BIAS).index(profile)])
     rate_hz = float(rng.choice([50.0, 100.0, 200.0, 400.0]))
     still = rng.uniform(1.0, 8.0) if number % 2 else 0.0
@@ -123,7 +123,8 @@ def run(job):
     flaws = sensor(rng, profile)
     samples = samples_of(truth.t, *measure(truth, flaws, rng))
     settings = config.loads("", (f"imu.profile={profile}", *changes))
-    out, _ = replay(new_filter("attitude", samples, settings), samples)
+    filter_ = new_filter("attitude", samples, settings)
+    out = smoothed_solutions(filter_, samples) if smoothed else replay(filter_, samples)[0]
     begin = round(SETTLED_S * rate_hz)
     out, attitude = out[begin:], truth.attitude[begin:]
     tilt, _ = errors_deg(out["q_nb"], attitude)
@@ -137,13 +138,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-n", "--runs", type=int, default=100)
     parser.add_argument("-j", "--jobs", type=int, default=1)
+    parser.add_argument("--smooth", action="store_true", help="estimates from the data before and after")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     args = parser.parse_args()
     print("| motion | profile | tilt | NEES | bias | wrong |\n|---|---|---|---|---|---|")
     with multiprocessing.Pool(args.jobs) as pool:
         for motion in MOTIONS:
             for profile in ACCEL_BIAS:
-                jobs = [(motion, profile, number, tuple(args.set)) for number in range(args.runs)]
+                jobs = [(motion, profile, number, args.smooth, tuple(args.set)) for number in range(args.runs)]
                 tilt2, *others = np.mean(pool.map(run, jobs, chunksize=1), axis=0)
                 cells = " | ".join(f"{value:.2f}" for value in (np.sqrt(tilt2), *others))
                 print(f"| {motion.__name__.replace('_', ' ')} | {profile} | {cells} |", flush=True)

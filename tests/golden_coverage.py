@@ -39,6 +39,12 @@ NOT_RUN = {  # a function and its line, or all of a function: why no trace runs 
     "velocity_variance: noise = max(noise, reported * reported)": "no recording reports the sigma of its velocity",
     "drift_speed: return 0.0": "no recording has so few contradictions, or contradictions by a wrong heading",
     "add_outage_noise: add_noise(s, c.saturation_noise**2 * w2 * dt, 0.0)": "in all recordings `clipping` adds it",
+    "record_transition": "the smoother's: tests/test_smoothing_attitude.py",
+    "record_measurement": "as above",
+    "record_reset": "as above",
+    "record_age": "as above",
+    "record_restart": "as above",
+    "record_wrong_tilt": "as above",
     "monitor_heading: realign(p, c)": "seen in no simulation: it is surer than its velocity pairs",
 }
 

@@ -73,6 +73,7 @@ AHRS = {
     "AttitudeStep": ahrs.ATTITUDE_STEP,
     "Clipping": ahrs.CLIPPING,
     "Quantization": ahrs.QUANTIZATION,
+    "History": ahrs.HISTORY,
     "Scratch": ahrs.SCRATCH,
     "State": ahrs.STATE,
 }

@@ -14,6 +14,7 @@ from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.records import FIX, INNOVATION
 from imud.pipeline import Filter
+from imud.smoothing import Forward, smooth
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,3 +38,12 @@ def replay(filter_: Filter, samples: Records, fixes: Records = NO_FIXES) -> tupl
     order = np.argsort(fixes["arrival_ns"], kind="stable")
     play(filter_, samples.copy(), fixes[order], lambda rows: solutions.append(rows.copy()), note=innovations.append)
     return np.concatenate(solutions), np.concatenate(innovations)
+
+
+def smoothed_solutions(filter_: Filter, samples: Records) -> Records:
+    """Those of `imud replay --smooth`, without fixes. `samples` stay as they are."""
+    forward, turned = Forward(filter_), samples.copy()
+    rows: list[Records] = []
+    play(filter_, turned, NO_FIXES, forward.take)
+    smooth(forward, turned, NO_FIXES, None, lambda block: rows.append(block.copy()))
+    return np.concatenate(rows)

@@ -7,7 +7,6 @@ A whole drive need not fit into memory: rows are in temporary files (456 bytes a
 """
 
 import math
-import tempfile
 from collections.abc import Callable
 from typing import Any
 
@@ -31,27 +30,12 @@ from ..estimators.records import (
 from ..math.arrays import Records
 from ..pipeline import Filter
 from ..sensor_errors.stored_biases import Biases
+from .attitude import smooth_attitude
 from .average import combined
 from .reversal import BLOCK, matrices, reversed_fixes, reversed_measurements, reversed_samples
+from .rows import Rows
 
 WIDER = 5.0  # the sigmas with which the backward filter begins, over those with which the forward one ended
-
-
-class Rows:
-    """Rows of one dtype in a temporary file without a name; written first, then read."""
-
-    def __init__(self, kind: "np.dtype[Any]") -> None:
-        self._file, self._kind = tempfile.TemporaryFile(), kind  # noqa: SIM115
-
-    def append(self, rows: Records) -> None:
-        """Write copies of the rows."""
-        self._file.write(np.ascontiguousarray(rows).tobytes())
-
-    def array(self) -> Records:
-        """All rows, in the file; so are changes of them."""
-        self._file.flush()
-        count = self._file.tell() // self._kind.itemsize
-        return np.memmap(self._file, self._kind, "r+", shape=(count,)) if count else np.zeros(0, self._kind)
 
 
 class Forward:
@@ -94,6 +78,9 @@ def smooth(
     """
     solutions = forward.solutions()
     if not len(solutions):
+        return
+    if forward.filter.is_recorded:
+        smooth_attitude(_again(forward.filter), samples, write)
         return
     end_ns = int(samples["t_ns"][-1])
     turned, past = Rows(SAMPLE), Rows(SOLUTION)
@@ -147,6 +134,17 @@ class Segments:
                 self._write,
             )
             self._forward = None
+
+
+def _again(forward: Filter) -> Filter:
+    """A filter that begins as this one did, for samples that are mounted and calibrated."""
+    settings = msgspec.structs.replace(
+        forward.settings, imu=msgspec.structs.replace(forward.settings.imu, mount_rpy_deg=(0.0, 0.0, 0.0))
+    )
+    filter_ = Filter(forward.estimator, settings, Initial(), forward.rate_hz)
+    filter_.state[:] = forward.beginning
+    filter_.health["range"] = forward.health["range"]  # of this sensor
+    return filter_
 
 
 def _backward_filter(forward: Filter, last: Any) -> Filter:

@@ -22,6 +22,7 @@ from ...compile.jit import kernel
 from ...math.rotation import quat_exp, quat_normalised, quat_product, quat_rotate
 from .divergence import inflate_variance, restart_velocity_gain
 from .error_model import add_variance, reset_variance
+from .history import record_wrong_tilt
 from .mechanization import set_attitude
 from .motion import start_motion
 from .state import ACCEL_BIAS, ATTITUDE
@@ -115,6 +116,7 @@ def restart_gain(s: State) -> None:
 def level_by_window(p: Parameters, s: State, angle: float) -> None:
     """Put the mean force of the window upright; yaw may have slipped by as much."""
     c, f, q = p.tuning, s.attitude_step.window_force, s.nav.q_nb
+    record_wrong_tilt(s, s.attitude_step.window_s)
     k = angle / max(elementary.hypot(f[0], f[1]), 1e-9)
     turn = quat_exp(-k * f[1], k * f[0], 0.0)
     turned = quat_product(turn, (q[0], q[1], q[2], q[3]))

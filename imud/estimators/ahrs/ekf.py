@@ -8,6 +8,7 @@ from ...compile.jit import kernel
 from ...math.kalman import measure, packed_index, update
 from ...math.rotation import euler_variances, quat_exp, quat_normalised, quat_product
 from .error_model import variance
+from .history import record_measurement
 from .motion import shift_mean_velocity
 from .state import ACCEL_BIAS, ACCEL_DELAY, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, POSITION, STATES, VELOCITY
 
@@ -21,7 +22,9 @@ def fuse_state(s: State, i: int, z: float, r: float) -> None:
     t = s.scratch
     t.columns[0], t.values[0] = i, 1.0
     innovation_variance = measure(s.cov.P, STATES, t.columns, t.values, 1, t.ph) + r
-    update(s.cov.P, STATES, t.x, t.ph, innovation_variance, z - t.x[i])
+    innovation = z - t.x[i]
+    update(s.cov.P, STATES, t.x, t.ph, innovation_variance, innovation)
+    record_measurement(s, i, innovation, innovation_variance)
 
 
 @kernel

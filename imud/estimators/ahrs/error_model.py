@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel, unrolled
 from ...math.kalman import packed_index, reset, scale, shear, shear3
+from .history import record_age, record_reset, record_transition
 from .state import ACCEL_BIAS, ACCEL_DELAY, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, POSITION, STATES, VELOCITY
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ def add_attitude_variance(s: State, axis: Vector, q: float) -> None:
 def reset_variance(s: State, i: int, variance: float) -> None:
     """Make error state i independent of the others, with this variance."""
     reset(s.cov.P, STATES, i, variance)
+    record_reset(s, i)
 
 
 @kernel
@@ -56,6 +58,7 @@ def age_tilt(s: State, i: int, columns_of_c: Vector, time: float) -> None:
     """Tilt i is that of `time` ago: its error has grown with the gyro bias since. `columns_of_c`: row i of C."""
     for j in range(3):
         shear(s.cov.P, STATES, ATTITUDE + i, GYRO_BIAS + j, -time * columns_of_c[j])
+    record_age(s, i, columns_of_c, time)
 
 
 @unrolled
@@ -68,6 +71,7 @@ def couple(s: State, i: int, j: int, integrals: Reals, k: int) -> None:
 def propagate_covariance(p: Parameters, s: State) -> None:
     """P <- Phi P Phi' + Q over the interval since the last call."""
     P, total = s.cov.P, s.integrals
+    record_transition(s)
     for i in range(3):
         scale(P, STATES, POSITION + i, max(1.0 - total.time / p.tuning.position_decay_time_s, 0.0))
         shear(P, STATES, POSITION + i, VELOCITY + i, total.time)

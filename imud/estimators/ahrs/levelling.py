@@ -32,6 +32,7 @@ from .attitude_step import restart_gain
 from .divergence import restart_velocity_gain
 from .ekf import update_sigmas
 from .error_model import add_variance, age_tilt, reset_variance, variance
+from .history import record_coarse, record_restart
 from .integrals import reset_integrals
 from .last_sample import store_first_sample
 from .mechanization import set_attitude
@@ -104,6 +105,7 @@ def initialise_attitude(p: Parameters, s: State, f: Vector, last_f: Vector, is_f
     restart_gain(s)
     known.duration = 0.0
     reset_integrals(s)
+    record_restart(s)
     update_sigmas(s)
 
 
@@ -126,6 +128,7 @@ def coarse_level(p: Parameters, s: State) -> None:
     known.duration += total.time
     known.force2 += delta_v2 / total.time
     align_with_vertical(s)
+    record_coarse(s)
     t = known.duration
     change_var = max(known.force2 / t - (known.delta_v[2] / t) ** 2, 0.0)  # (m/s^2)^2
     rate2 = total.w2 / total.time + (c.initial_tilt_rad * s.nav.gravity) ** 2 / c.initial_velocity_var  # (rad/s)^2

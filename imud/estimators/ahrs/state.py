@@ -24,6 +24,7 @@ from .parameters import TUNABLES
 ATTITUDE, GYRO_BIAS, VELOCITY, ACCEL_BIAS, GYRO_MATRIX, ACCEL_SCALE, ACCEL_DELAY, POSITION = 0, 3, 6, 9, 12, 21, 24, 25
 STATES = 28
 JACOBIAN_LENGTH = 8  # most nonzero elements of a row of H
+FUSED = 9  # most scalar measurements of an interval
 WINDOW = 32  # codes on either side of the reading next to zero, among which zero itself is sought
 BINS = 2 * WINDOW + 1  # of a histogram of readings about zero
 
@@ -202,6 +203,31 @@ QUANTIZATION = np.dtype(
     align=True,
 )
 
+HISTORY = np.dtype(  # what became of the errors in one covariance interval, for the smoother; see `history`
+    [
+        ("enabled", "<i8"),
+        ("intervals", "<i8"),  # that have ended
+        ("coarse", "<i8"),  # 1: roll and pitch were put upright, as at any time since coarse levelling began
+        ("restart_ns", "<i8"),  # when roll and pitch were initialised anew; 0: they were not
+        ("wrong_tilt_s", "<f8"),  # for how long the tilt that has been put upright was wrong; 0: it was not
+        ("q_before", "<f8", (4,)),  # the attitude before the interval's corrections
+        ("time", "<f8"),  # the integrals that make the transition
+        ("c", "<f8", (9,)),
+        ("delta_v", "<f8", (3,)),
+        ("c_outer_w", "<f8", (27,)),
+        ("c_diag_f", "<f8", (9,)),
+        ("c_f_cross_w", "<f8", (3,)),
+        ("count", "<i8"),  # scalar measurements; -1: the interval has not ended
+        ("reset_states", "<i8", (FUSED + 2,)),  # bits: made independent before the transition, before each measurement
+        ("state", "<i8", (FUSED,)),  # which one was measured
+        ("innovation", "<f8", (FUSED,)),
+        ("innovation_var", "<f8", (FUSED,)),
+        ("ph", "<f8", (FUSED * STATES,)),  # P h' of each
+        ("age", "<f8", (6,)),  # elements of the transition from gyro bias to roll and pitch at the end
+    ],
+    align=True,
+)
+
 SCRATCH = np.dtype(  # holds nothing from one call to the next
     [
         ("x", "<f8", (STATES,)),  # the error estimate until it is injected
@@ -229,6 +255,7 @@ STATE = np.dtype(
         ("attitude_step", ATTITUDE_STEP),
         ("clipping", CLIPPING),
         ("quantization", QUANTIZATION),
+        ("history", HISTORY),
         ("scratch", SCRATCH),
     ],
     align=True,

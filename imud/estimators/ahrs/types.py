@@ -1,6 +1,6 @@
 """The records of the attitude filter as types for mypy, written by tests/record_types.py."""
 
-from ...math.arrays import Floats, Indices, Reals
+from ...math.arrays import Floats, Indices, Integers, Reals
 
 
 class Tuning:
@@ -236,6 +236,28 @@ class Quantization:
     rest_blocks: int
 
 
+class History:
+    enabled: int
+    intervals: int
+    coarse: int
+    restart_ns: int
+    wrong_tilt_s: float
+    q_before: Reals
+    time: float
+    c: Reals
+    delta_v: Reals
+    c_outer_w: Reals
+    c_diag_f: Reals
+    c_f_cross_w: Reals
+    count: int
+    reset_states: Integers
+    state: Integers
+    innovation: Reals
+    innovation_var: Reals
+    ph: Floats
+    age: Reals
+
+
 class Scratch:
     x: Floats
     ph: Floats
@@ -259,4 +281,5 @@ class State:
     attitude_step: AttitudeStep
     clipping: Clipping
     quantization: Quantization
+    history: History
     scratch: Scratch

@@ -1,0 +1,135 @@
+"""Smoothing of the attitude filter: `smooth_attitude`.
+
+What the filter forgets about the tilt although the body did not turn is carried back as it is: over coarse levelling,
+and over the time in which the tilt was wrong before the filter noticed it.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from ..estimators.records import ATTITUDE_VALID, HEADING_VALID, SOLUTION
+from ..math.arrays import Floats, Indices, Records
+from ..math.rotation import GIMBAL_LOCK_SINE
+from ..pipeline import Filter
+from .fixed_interval import smoothed_estimates
+from .intervals import INTERVAL, record_intervals
+from .reversal import BLOCK
+from .rows import Rows
+
+_MISALIGNMENT = (
+    0.5  # of the accelerometer's axes, over its scale error: no state, and no average of attitudes removes it
+)
+
+ERROR = np.dtype(  # of the filter's solution, at the end of an interval
+    [
+        ("turn", "<f8", (4,)),  # quaternion: from the filter's attitude to the smoothed one, in NED
+        ("turn_before", "<f8", (4,)),  # the same before the interval's corrections
+        ("var", "<f8", (3, 3)),  # of the attitude, rad^2
+        ("bg", "<f8", (3,)),
+        ("ba", "<f8", (3,)),
+        ("bias_var", "<f8", (6,)),
+    ]
+)
+
+
+def smooth_attitude(filter_: Filter, samples: Records, write: Callable[[Records], None]) -> None:
+    """Write the smoothed solutions (SOLUTION) in blocks. filter_: before the first of the samples (SAMPLE)."""
+    recorded, kept = Rows(SOLUTION), Rows(INTERVAL)
+    record_intervals(filter_, samples, recorded, kept)
+    solutions, intervals = recorded.array(), kept.array()
+    if not len(intervals):
+        write(solutions)
+        return
+    tuning = filter_.parameters["tuning"][0]
+    errors = _errors(intervals, smoothed_estimates(intervals, float(tuning["position_decay_time_s"])))
+    errors["var"][:, [0, 1], [0, 1]] += _MISALIGNMENT**2 * float(filter_.parameters["accel_scale_var"][0])
+    for start in range(0, len(solutions), BLOCK):
+        rows = solutions[start : start + BLOCK]
+        write(_corrected(rows, start + np.arange(len(rows)), intervals, errors, float(tuning["valid_tilt_rad"])))
+
+
+def _errors(intervals: Records, estimates: Records) -> Records:
+    """ERROR of each interval."""
+    errors, history = np.zeros(len(intervals), ERROR), intervals["history"]
+    errors["turn"] = _quaternions(estimates["x"][:, :3])
+    errors["var"] = estimates["attitude_var"].reshape(-1, 3, 3)
+    errors["bg"], errors["ba"] = estimates["x"][:, 3:6], estimates["x"][:, 6:]
+    errors["bias_var"] = estimates["bias_var"]
+    corrections = _products(intervals["q_nb"], history["q_before"] * [1.0, -1.0, -1.0, -1.0])
+    for k in reversed(range(1, len(intervals))):  # back over what was carried
+        errors["turn_before"][k] = _products(errors["turn"][k], corrections[k])
+        if history["coarse"][k]:
+            errors["turn"][k - 1], errors["var"][k - 1] = errors["turn_before"][k], errors["var"][k]
+    errors["turn_before"][0] = _products(errors["turn"][0], corrections[0])
+    for end in np.flatnonzero(history["wrong_tilt_s"]):
+        begin_ns = intervals["t_ns"][end] - np.round(1e9 * history["wrong_tilt_s"][end]).astype(np.int64)
+        for k in range(end, int(np.searchsorted(intervals["t_ns"], begin_ns)), -1):
+            errors["turn"][k - 1], errors["var"][k - 1] = errors["turn_before"][k], errors["var"][k]
+            errors["turn_before"][k - 1] = _products(errors["turn"][k - 1], corrections[k - 1])
+    return errors
+
+
+def _corrected(rows: Records, at: Indices, intervals: Records, errors: Records, valid_tilt_rad: float) -> Records:
+    """Solutions without the errors, which change evenly within an interval. at: their places among all solutions."""
+    out, ends, times = rows.copy(), intervals["sample"], intervals["t_ns"]
+    after = np.minimum(np.searchsorted(ends, at), len(ends) - 1)
+    before = np.maximum(after - 1, 0)
+    part = np.clip((rows["t_ns"] - times[before]) / np.maximum(times[after] - times[before], 1), 0.0, 1.0)
+    restart_ns = intervals["history"]["restart_ns"][after]
+    part = np.where(restart_ns > 0, rows["t_ns"] >= restart_ns, part)
+    part = np.where((at >= ends[after]) | (before == after), 1.0, part)
+
+    def at_rows(name: str) -> Floats:
+        weight = part.reshape((-1,) + (1,) * (errors[name].ndim - 1))
+        mean: Floats = (1.0 - weight) * errors[name][before] + weight * errors[name][after]
+        return mean
+
+    first = errors["turn"][before]
+    then = np.where((at >= ends[after])[:, None], errors["turn"][after], errors["turn_before"][after])
+    first = np.where(np.sum(first * then, axis=1)[:, None] < 0.0, -first, first)
+    turn = first + part[:, None] * (then - first)
+    out["q_nb"] = _products(turn / np.linalg.norm(turn, axis=1)[:, None], rows["q_nb"])
+    var, bias_sigmas = at_rows("var"), np.sqrt(at_rows("bias_var"))
+    for bias, raw, axes in (("bg", "w", slice(0, 3)), ("ba", "f", slice(3, 6))):
+        shift = at_rows(bias)
+        out[bias] += shift
+        out[raw] -= shift
+        out[f"sigma_{bias}"] = bias_sigmas[:, axes]
+    out["sigma_rpy"] = _euler_sigmas(out["q_nb"], var)
+    valid = np.maximum(var[:, 0, 0], var[:, 1, 1]) < valid_tilt_rad**2
+    out["status"] = np.where(valid, out["status"] | ATTITUDE_VALID, out["status"] & ~(ATTITUDE_VALID | HEADING_VALID))
+    return out
+
+
+def _euler_sigmas(q: Floats, var: Floats) -> Floats:
+    """Roots of `math.rotation.euler_variances`, of arrays."""
+    w, x, y, z = np.moveaxis(q, 1, 0)
+    sine = np.clip(2.0 * (w * y - x * z), -1.0, 1.0)
+    north, east = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)
+    locked = np.abs(sine) > GIMBAL_LOCK_SINE
+    north, east = np.where(locked, w * w - z * z, north), np.where(locked, 2.0 * w * z, east)
+    level = 1.0 / (north * north + east * east)
+    steep = 1.0 / np.maximum((1.0 - sine) * (1.0 + sine), 1e-12)
+    p00, p01, p02, p11, p12, p22 = (var[:, i, j] for i in range(3) for j in range(i, 3))
+    along = level * (north * north * p00 + 2.0 * north * east * p01 + east * east * p11)
+    across = level * (east * east * p00 - 2.0 * north * east * p01 + north * north * p11)
+    vertical = p22 + 2.0 * sine * level * (north * p02 + east * p12) + sine * sine * steep * along
+    variances = np.stack([steep * along, across, vertical], axis=1)
+    sigmas: Floats = np.sqrt(np.clip(variances, 0.0, math.pi**2 / 3.0))
+    return sigmas
+
+
+def _quaternions(rotations: Floats) -> Floats:
+    """Of rotation vectors [n, 3]."""
+    angle = np.linalg.norm(rotations, axis=1)[:, None]
+    return np.concatenate([np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * rotations], axis=1)
+
+
+def _products(a: Floats, b: Floats) -> Floats:
+    """Of two quaternions, or of each pair of two arrays of them."""
+    aw, av, bw, bv = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
+    scalar = aw * bw - np.sum(av * bv, axis=-1, keepdims=True)
+    product: Floats = np.concatenate([scalar, aw * bv + bw * av + np.cross(av, bv)], axis=-1)
+    return product

@@ -7,7 +7,7 @@ import itertools
 import math
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import msgspec
@@ -19,8 +19,9 @@ from .protobuf import Field, delimited, fields
 
 READS, CONNECTIONS = "/raw", "/connections"
 JSON_READS = "imud.Raw"  # the schema of reads in a recording before version 2
-FORMAT = 2  # version of the messages; that of JSON was 1
+FORMAT = 3  # version of the messages; that of JSON was 1, of reads in their order 2
 SESSION = "imud"  # name of the metadata record
+_FRAME_MAX, _ALIKE = 64, 0.25  # bytes; share of bytes
 CHECKSUM = "crc32"  # in the metadata: of the other entries
 
 
@@ -55,23 +56,48 @@ class Reads:
 
     def encode(self) -> bytes:
         """As a message of `READS_FIELDS`."""
-        columns = (self.port, self.t_ns, self.size) + ((self.pulse_ns,) if self.pulse_ns.any() else ())
-        numbers = (1, 2, 3, 5)[: len(columns)]
-        packed = (delimited(number, column.tobytes()) for number, column in zip(numbers, columns, strict=True))
-        return b"".join(packed) + delimited(4, self.data)
+        elapsed_ns = np.diff(self.t_ns, prepend=np.int64(0)).astype("<i8")
+        streams = [stream for _, stream in self._streams()]
+        widths = np.array([_frame_size(stream) for stream in streams], "<u4")
+        by_columns = b"".join(map(_columns, streams, widths.tolist()))
+        packed = [(1, self.port.tobytes()), (3, self.size.tobytes())]
+        packed += [(5, self.pulse_ns.tobytes())] if self.pulse_ns.any() else []
+        packed += [(6, _columns(elapsed_ns.view(np.uint8), 8)), (7, widths.tobytes()), (8, by_columns)]
+        return b"".join(delimited(number, value) for number, value in packed)
+
+    def _streams(self) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.uint8]]]:
+        """Of each port, by number: which of the bytes are its own, and these."""
+        data, owners = np.frombuffer(self.data, np.uint8), np.repeat(self.port, self.size)
+        for port in np.unique(self.port):
+            own = owners == port
+            yield own, data[own]
 
     @classmethod
     def decode(cls, message: bytes) -> "Reads":
         """The other way round. Raises ValueError if it is something else."""
         parts = {number: value for number, value in fields(message) if isinstance(value, bytes)}
-        port, t_ns, size = (
-            np.frombuffer(parts.get(i + 1, b""), f"<{kind}") for i, kind in enumerate(("u1", "i8", "u4"))
-        )
+        port, size = (np.frombuffer(parts.get(number, b""), code) for number, code in ((1, "u1"), (3, "<u4")))
+        if 6 in parts:
+            t_ns = np.cumsum(_rows(np.frombuffer(parts[6], np.uint8), 8).view("<i8"))
+        else:  # before version 3
+            t_ns = np.frombuffer(parts.get(2, b""), "<i8")
         pulse_ns = np.frombuffer(parts[5], "<i8") if 5 in parts else np.zeros(len(port), np.int64)
-        data = parts.get(4, b"")
+        data = parts.get(8, b"") if 6 in parts else parts.get(4, b"")
         if not len(port) == len(t_ns) == len(size) == len(pulse_ns) or int(size.sum()) != len(data):
             raise ValueError("its arrays do not fit each other")
-        return cls(port, t_ns, size, pulse_ns, data)
+        reads = cls(port, t_ns, size, pulse_ns, data)
+        return reads._in_sequence(np.frombuffer(parts.get(7, b""), "<u4").tolist()) if 6 in parts else reads
+
+    def _in_sequence(self, widths: list[int]) -> "Reads":
+        """With the data of all ports in the order of the reads, instead of port by port in columns."""
+        data, at = np.empty(len(self.data), np.uint8), 0
+        streams = list(self._streams())
+        if len(widths) != len(streams) or 0 in widths:
+            raise ValueError("its widths do not fit its ports")
+        for (own, stream), width in zip(streams, widths, strict=True):
+            data[own] = _rows(np.frombuffer(self.data, np.uint8, len(stream), at), width)
+            at += len(stream)
+        return replace(self, data=data.tobytes())
 
     def runs(self) -> Iterator[tuple[int, int, int, int]]:
         """The parts in which one port was read several times in sequence: that port, the first read, the one behind the
@@ -93,12 +119,44 @@ class Reads:
         return zip(self.port.tolist(), self.part(0, len(self.port), 0), strict=True)
 
 
-READS_FIELDS = (
+def _frame_size(stream: NDArray[np.uint8]) -> int:
+    """The distance at which bytes are alike most often, as those of frames are; 1 if there are no such frames."""
+    lags = range(2, min(_FRAME_MAX, len(stream) // 2) + 1)
+    alike = [np.count_nonzero(stream[lag:] == stream[:-lag]) for lag in lags]
+    return lags[int(np.argmax(alike))] if alike and max(alike) > _ALIKE * len(stream) else 1
+
+
+def _columns(data: NDArray[np.uint8], width: int) -> bytes:
+    """Rows of `width` bytes column by column, and then what is left: what is alike comes together, and compresses."""
+    whole = len(data) - len(data) % width
+    return data[:whole].reshape(-1, width).T.tobytes() + data[whole:].tobytes()
+
+
+def _rows(data: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    """The other way round."""
+    n = len(data) // width
+    return np.concatenate([data[: n * width].reshape(width, n).T.ravel(), data[n * width :]])
+
+
+READS_FIELDS = (  # before version 3: 2 the arrivals, 4 the bytes of all reads in their order
     Field(1, "port", "bytes", about="number of the port of each read"),
-    Field(2, "t_ns", "sfixed64", True, "its arrival, CLOCK_MONOTONIC of the host, ns"),
-    Field(3, "size", "fixed32", True, "how many bytes of `data`; 0: the line had become silent"),
-    Field(4, "data", "bytes", about="the bytes of all reads, one behind the other"),
+    Field(3, "size", "fixed32", True, "how many bytes; 0: the line had become silent"),
     Field(5, "pulse_ns", "sfixed64", True, "the receiver's last pulse per second before that; 0: unknown"),
+    Field(
+        6,
+        "elapsed_ns",
+        "bytes",
+        about="arrival less that of the read before, CLOCK_MONOTONIC of the host, ns (the first less 0): int64 in "
+        "little-endian order, their first bytes, then their second, ...",
+    ),
+    Field(7, "width", "fixed32", True, "of each port that occurs, in order of its number: columns of its data"),
+    Field(
+        8,
+        "data",
+        "bytes",
+        about="port by port all bytes that were read there, in rows of `width` bytes: the first of each row, then the "
+        "second of each, ..., and last what is no whole row",
+    ),
 )
 
 

@@ -7,6 +7,7 @@ receiver beside an inertial sensor begins with that sensor; until then it says t
 
 import base64
 import binascii
+import io
 import json
 import math
 import struct
@@ -109,7 +110,7 @@ def _add(ports: dict[int, RecordedPort], number: int, t_ns: int, data: bytes) ->
 
 
 def _reads(message: bytes) -> Iterator[tuple[int, int, bytes]]:
-    """Port, arrival and bytes of each read of a message imud.v2.Reads, all of whose fields are of wire type 2."""
+    """Port, arrival and bytes of each read of a message imud.v3.Reads or v2, all of whose fields are of wire type 2."""
     parts: dict[int, bytes] = {}
     at = 0
     while at < len(message):
@@ -120,11 +121,32 @@ def _reads(message: bytes) -> Iterator[tuple[int, int, bytes]]:
         size, at = size | message[at] << shift, at + 1
         parts[number] = message[at : at + size]
         at += size
-    times, sizes = (struct.iter_unpack(code, parts.get(i, b"")) for i, code in ((2, "<q"), (3, "<I")))
-    at = 0
-    for port, (t_ns,), (size,) in zip(parts.get(1, b""), times, sizes, strict=True):
-        yield port, t_ns, parts.get(4, b"")[at : at + size]
-        at += size
+    ports, sizes = parts.get(1, b""), [size for (size,) in struct.iter_unpack("<I", parts.get(3, b""))]
+    if 6 not in parts:  # version 2
+        data, at = parts.get(4, b""), 0
+        for port, (t_ns,), size in zip(ports, struct.iter_unpack("<q", parts.get(2, b"")), sizes, strict=True):
+            yield port, t_ns, data[at : at + size]
+            at += size
+        return
+    streams, at = {}, 0
+    for port, (width,) in zip(sorted(set(ports)), struct.iter_unpack("<I", parts.get(7, b"")), strict=True):
+        end = at + sum(size for owner, size in zip(ports, sizes, strict=True) if owner == port)
+        streams[port] = io.BytesIO(_by_rows(parts.get(8, b"")[at:end], width))
+        at = end
+    t_ns = 0
+    elapsed = struct.iter_unpack("<q", _by_rows(parts[6], 8))
+    for port, (elapsed_ns,), size in zip(ports, elapsed, sizes, strict=True):
+        t_ns += elapsed_ns
+        yield port, t_ns, streams[port].read(size)
+
+
+def _by_rows(data: bytes, width: int) -> bytes:
+    """Of rows of `width` bytes that stand there column by column, with a rest behind them that is no whole row."""
+    rows = len(data) // width
+    turned = bytearray(data)
+    for column in range(width if rows else 0):
+        turned[column : rows * width : width] = data[column * rows : (column + 1) * rows]
+    return bytes(turned)
 
 
 def choose(ports: list[RecordedPort], names: list[str], loop: bool) -> tuple[list[RecordedPort], Playback]:

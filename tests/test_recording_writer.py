@@ -1,6 +1,7 @@
 """The writing of recordings: nothing is lost but what must be, nobody waits, and other people's readers agree."""
 
 import base64
+import contextlib
 import json
 import math
 import os
@@ -15,6 +16,7 @@ import foxglove.messages
 import msgspec
 import numpy as np
 import pytest
+import zstandard
 from google.protobuf import descriptor_pb2, unknown_fields
 from hypothesis import given
 from hypothesis import strategies as st
@@ -23,10 +25,11 @@ from recorded import decoded, reads_of, stored
 
 from imud.configuration.settings import Record, Settings
 from imud.drivers.capture import MAGIC, Capture
-from imud.drivers.capture_messages import FORMAT
+from imud.drivers.capture_messages import FORMAT, READS_FIELDS, Raw, Reads
 from imud.drivers.errors import CaptureError
 from imud.errors import CannotCreateError
 from imud.estimators.records import INNOVATION, SOLUTION
+from imud.firmware_sim import recorded_bytes
 from imud.recording import parts
 from imud.recording.messages import FIX_TABLE, SCHEMAS, TABLES
 from imud.recording.protocol import MessageKind
@@ -34,6 +37,7 @@ from imud.recording.recorder import Recorder
 from imud.recording.writer import RecordingWriter
 
 OLD = Path(__file__).parent / "corpus/recordings/json.mcap"
+FORMAT_2 = OLD.with_name("format2.mcap")  # of an emulated M-G350 with a receiver
 
 
 def settings(path, **record):
@@ -89,8 +93,8 @@ def test_what_is_read_from_ports_reaches_the_file_in_order_and_other_readers_see
             (channel, schema, message) for schema, channel, message in reader.iter_messages(log_time_order=False)
         ]
         assert {name for _, schema, _ in messages for name in [schema.name]} >= {
-            *(f"imud.v2.{name}" for name in ("Reads", "Sample", "Estimate", "Fix", "Innovation")),
-            "imud.Event",
+            *(f"imud.v2.{name}" for name in ("Sample", "Estimate", "Fix", "Innovation")),
+            *("imud.v3.Reads", "imud.Event"),
             *("foxglove.LocationFix", "foxglove.FrameTransform"),
         }
         for channel, schema, message in messages:
@@ -311,7 +315,15 @@ def test_the_schemas_are_those_that_foxglove_knows():
 
 def test_the_layouts_are_those_of_their_version():
     """A table whose fields change needs another FORMAT, and a decoder of this one: there are recordings of it."""
-    assert FORMAT == 2
+    assert FORMAT == 3
+    assert [(f.number, f.name, f.type, f.repeated) for f in READS_FIELDS] == [
+        (1, "port", "bytes", False),
+        (3, "size", "fixed32", True),
+        (5, "pulse_ns", "sfixed64", True),
+        (6, "elapsed_ns", "bytes", False),
+        (7, "width", "fixed32", True),
+        (8, "data", "bytes", False),
+    ]
     layouts = {
         table.name: zlib.crc32(" ".join(f"{f.number} {f.name} {f.type} {f.repeated}" for f in table.fields).encode())
         for table in TABLES
@@ -323,6 +335,55 @@ def test_the_layouts_are_those_of_their_version():
         "Innovation": 3849674721,
         "Clock": 1622399570,
     }
+
+
+READS = st.lists(
+    st.tuples(
+        st.integers(0, 3),
+        st.builds(
+            Raw,
+            st.integers(-(2**62), 2**62),
+            st.binary(max_size=90) | st.integers(0, 9).map(lambda n: bytes(range(22)) * n),
+            st.none() | st.integers(1, 2**62),
+        ),
+    ),
+    max_size=30,
+)
+
+
+@given(READS)
+def test_reads_come_back_as_they_were(reads):
+    message = Reads.of(reads).encode()
+    assert list(Reads.decode(message)) == reads
+    emulators = [(port, raw.t_ns, raw.data) for port, raw in reads]
+    assert list(recorded_bytes._reads(message)) == emulators
+
+
+@given(READS, st.data())
+def test_what_is_no_message_of_reads_is_refused(reads, data):
+    """It is read, or a ValueError; nothing else happens, and no more memory is asked for than there are bytes."""
+    message = bytearray(Reads.of(reads).encode())
+    for _ in range(data.draw(st.integers(1, 4))):
+        message[data.draw(st.integers(0, len(message) - 1))] = data.draw(st.integers(0, 255))
+    with contextlib.suppress(ValueError):
+        Reads.decode(bytes(message))
+
+
+def test_reads_of_version_2_are_read_and_take_more_room():
+    """By the descriptions in the file, as another reader sees them."""
+    found, before, now = [], 0, 0
+    with FORMAT_2.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
+            if channel.topic == "/raw":
+                said, at = decoded(schema.name, schema.data, message.data), 0
+                for port, t_ns, size in zip(said.port, said.t_ns, said.size, strict=True):
+                    found.append((port, t_ns, said.data[at : at + size]))
+                    at += size
+                before += len(zstandard.compress(message.data))
+                now += len(zstandard.compress(Reads.decode(message.data).encode()))
+                assert list(recorded_bytes._reads(message.data)) == found[-len(said.port) :]
+    assert [(port, raw.t_ns, raw.data) for entry in Capture(FORMAT_2) for port, raw in entry.reads() or ()] == found
+    assert len(found) > 4000 and now < 0.65 * before
 
 
 def test_a_recording_before_version_2_is_read():

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from imud.drivers.capture_messages import CONNECTIONS, FORMAT, READS, READS_FIELDS
+from imud.drivers.capture_messages import CONNECTIONS, READS, READS_FIELDS
 from imud.drivers.protobuf import BYTES, FIXED64, Field, delimited, description, single, tag, varint
 from imud.drivers.sample import SAMPLE
 
@@ -43,7 +43,7 @@ class Table:
     """Rows of `dtype` as messages; names: of each field, and what it is; more: fields behind them, for viewers only.
 
     Every field is written, each number in 8 bytes, so that all messages have the same layout, and many rows are encoded
-    or decoded at once. A change of the fields needs another FORMAT.
+    or decoded at once. A change of the fields needs another version, here and in FORMAT.
     """
 
     topic: str
@@ -106,7 +106,7 @@ class Table:
     @functools.cached_property
     def schema(self) -> Schema:
         """Of its topic."""
-        return _protobuf({f"imud.v{FORMAT}.{self.name}": self.fields})
+        return _protobuf({f"imud.v2.{self.name}": self.fields})
 
     @property
     def _kinds(self) -> list[np.dtype[Any]]:
@@ -255,7 +255,7 @@ _NUMBERS = {"type": "array", "items": {"type": ["number", "null"]}, "minItems": 
 
 SCHEMAS: dict[str, Schema] = {  # by topic
     **{table.topic: table.schema for table in TABLES},
-    READS: _protobuf({f"imud.v{FORMAT}.Reads": READS_FIELDS}),
+    READS: _protobuf({"imud.v3.Reads": READS_FIELDS}),
     LOCATION: _protobuf(LOCATION_FIX),
     RECEIVER_LOCATION: _protobuf(LOCATION_FIX),
     POSE: _protobuf(FRAME_TRANSFORM),

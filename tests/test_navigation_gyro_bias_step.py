@@ -8,36 +8,45 @@ from navigation_simulation import drive, errors, received, sensed
 from imud.estimators.records import HEADING_VALID
 
 RATE, BEGIN_S = 100, 90.0
-D = drive(150.0, speed=12.0)
+DRIVES = {speed: drive(150.0, speed=speed) for speed in (12.0, 3.0)}
+OFF = 1e9
 
 
-def run(seed, step_dps, vehicle="free", tuning=None):
-    """(errors of the heading, deg; the same over sigma; status) from the step on."""
-    rng = np.random.default_rng(seed)
-    samples = sensed(D, rng)
-    fixes = received(D, rng, late=0.2, sigma=1.5, white=0.1, speed_sigma=0.05)
+def run(seed, step_dps, tuning=None, speed=12.0):
+    """(errors of the heading, deg; seconds wrong and sure) from the step on."""
+    d, rng = DRIVES[speed], np.random.default_rng(seed)
+    samples = sensed(d, rng)
+    fixes = received(d, rng, late=0.2, sigma=1.5, white=0.1, speed_sigma=0.05)
     begin = int(BEGIN_S * RATE)
     samples["w"][begin:, 2] += np.radians(step_dps)
-    out = navigate(samples, fixes, settings_of(vehicle, tuning=tuning))[0]
-    yaw, out = np.degrees(errors(D, out)[2][begin:, 2]), out[begin:]
-    return np.abs(yaw), np.abs(yaw) / np.degrees(out["sigma_rpy"][:, 2]), out["status"]
+    out = navigate(samples, fixes, settings_of("free", tuning=tuning))[0]
+    yaw, out = np.abs(np.degrees(errors(d, out)[2][begin:, 2])), out[begin:]
+    sure = (yaw > 4.0 * np.degrees(out["sigma_rpy"][:, 2])) & (out["status"] & HEADING_VALID > 0)
+    return yaw, float((sure & (yaw > 5.0)).sum()) / RATE
 
 
 @pytest.mark.parametrize("step_dps", [1.0, -0.5])
-def test_a_step_of_the_bias_is_found(step_dps):
+@pytest.mark.parametrize("speed", DRIVES)
+def test_a_step_of_the_bias_is_found(step_dps, speed):
     wrong = blind = 0.0
     for seed in range(3):
-        yaw, sigmas, status = run(seed, step_dps)
-        sure = (yaw > 5.0) & (sigmas > 4.0) & (status & HEADING_VALID > 0)
-        wrong += sure.sum() / RATE
+        yaw, seconds = run(seed, step_dps, speed=speed)
+        wrong += seconds
         assert yaw[int(40 * RATE) :].max() < 3.0
-        yaw, sigmas, status = run(seed, step_dps, tuning={"gyro_bias_step_chi2": 1e9})
-        blind += ((yaw > 5.0) & (sigmas > 4.0) & (status & HEADING_VALID > 0)).sum() / RATE
-    assert wrong <= 0.5 * blind
-    assert wrong < 6.0
+        blind += run(seed, step_dps, {"gyro_bias_step_chi2": OFF, "likely_gyro_bias_step_chi2": OFF}, speed)[1]
+    assert blind > 30.0
+    assert wrong < 3.0
 
 
-def test_without_a_step_nothing_is_doubted():
-    yaw, _, _ = run(4, 0.0)
-    blind, _, _ = run(4, 0.0, tuning={"gyro_bias_step_chi2": 1e9})
+def test_a_likely_step_is_part_of_the_stated_sigma():
+    stated, silent = (
+        sum(run(seed, 1.0, {"likely_gyro_bias_step_chi2": least}, speed=3.0)[1] for seed in range(3))
+        for least in (4.0, OFF)
+    )
+    assert stated < 0.5 * silent
+
+
+def test_without_a_step_none_is_detected():
+    yaw, _ = run(4, 0.0)
+    blind, _ = run(4, 0.0, tuning={"gyro_bias_step_chi2": OFF})
     np.testing.assert_array_equal(yaw, blind)

@@ -232,6 +232,7 @@ TIME_OFFSET_STEP = np.dtype(  # the test for a step of the receiver's stamps (GL
 GYRO_BIAS_STEP = np.dtype(  # the test for a step of the gyro bias about the vertical (GLR)
     [
         ("last_ns", "<i8"),  # the last fix
+        ("heading_variance", "<f8"),  # rad^2, beyond P: of a step that is likely but not detected
         ("onset_ns", "<i8", (GYRO_BIAS_ONSETS,)),
         ("information", "<f8", (GYRO_BIAS_ONSETS,)),  # s^2/rad^2, of the step
         ("vector", "<f8", (GYRO_BIAS_ONSETS,)),  # s/rad, information times step

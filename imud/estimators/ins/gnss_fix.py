@@ -31,7 +31,11 @@ from .ekf import variance
 from .fusion import correct_state, write_innovation
 from .integrity.gyro_bias_step import detect_gyro_bias_step, reset_gyro_bias_step
 from .integrity.heading_monitor import monitor_heading
-from .integrity.time_offset_step import detect_time_offset_step, reset_time_offset_step
+from .integrity.time_offset_step import (
+    detect_time_offset_step,
+    explained_by_time_offset_step,
+    reset_time_offset_step,
+)
 from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS
 
 if TYPE_CHECKING:
@@ -86,9 +90,10 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, 
     elif c.alignment.mode == NAVIGATING and detect_time_offset_step(p, c):
         correct_state(p, c)
         restart_in_motion_alignment(c)
-    if c.time_offset_step.onset_ns != c.nav.t_ns or has_compass(p, c):
-        reset_gyro_bias_step(c)  # nor while the stamps may have stepped; a compass shows a turn by itself
-    elif c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c):
+        reset_gyro_bias_step(c)
+    if c.time_offset_step.onset_ns == NEVER_NS or has_compass(p, c):
+        reset_gyro_bias_step(c)  # a compass shows a turn by itself
+    elif c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c, explained_by_time_offset_step(c)):
         restart_in_motion_alignment(c)
     fade_reset_score(p, c)
     heading_ok = True

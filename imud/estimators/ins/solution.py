@@ -114,7 +114,7 @@ def write_solution(p: Parameters, c: Core, o: Solution) -> None:
         c.cov.P[packed_index(STATES, a, a + 2)],
         c.cov.P[packed_index(STATES, a + 1, a + 1)],
         c.cov.P[packed_index(STATES, a + 1, a + 2)],
-        c.cov.P[packed_index(STATES, a + 2, a + 2)],
+        c.cov.P[packed_index(STATES, a + 2, a + 2)] + c.gyro_bias_step.heading_variance,
     )
     for i in range(3):
         o.sigma_rpy[i] = math.sqrt(max(rpy[i], 0.0))

@@ -210,6 +210,7 @@ class Tuning:
     min_time_offset_step_s: float
     max_time_offset_step_s: float
     gyro_bias_step_chi2: float
+    likely_gyro_bias_step_chi2: float
     gyro_bias_onset_s: float
     gyro_bias_correlation_s: float
     process_noise_prior: float

@@ -197,6 +197,7 @@ class TimeOffsetStep:
 
 class GyroBiasStep:
     last_ns: int
+    heading_variance: float
     onset_ns: Integers
     information: Reals
     vector: Reals

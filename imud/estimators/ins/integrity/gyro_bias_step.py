@@ -1,15 +1,17 @@
 """GLR test for a step of the gyro bias about the vertical, which turns the heading away.
 
-The test does not run (`gnss_fix`) while the time offset may have stepped, the heading is uncertain, wheels contradict
-the receiver, or there is a compass: the innovations look the same then.
+The test does not run (`gnss_fix`) while the heading is uncertain, wheels contradict the receiver, or there is a
+compass, and a step of the time offset must not explain more: the innovations look the same then.
 
 A knock, a shock of temperature, or a wrong scale factor in a long turn changes a bias that the filter is sure of. No
 fix measures the heading directly, so it is wrong for many seconds before the velocities contradict it by much. As in
 `time_offset_step`, the effect w of a step d of the bias since an onset follows the filter's own steps, and its
-chi-square, over the mean square of the residuals, decides. There are two onsets; the older of them is replaced by a new
-one every `gyro_bias_onset_s`. Only horizontal velocities count, as positions may drift; those of one second share their
-error. When a step is detected the estimate stays, but P += d^2 (w w' + b b'), b being the vertical at GYRO_BIAS, so
-that the next fixes find the bias.
+chi-square, over the mean square of the residuals, decides. Only horizontal velocities count, as positions may drift;
+those of one second share their error. The prior of d is that of the bias at switch-on. A slow vehicle shows a step
+within many seconds, an agile one sooner: each further onset is kept for twice as long as the one before.
+
+When a step is detected the estimate stays, but P += d^2 (w w' + b b'), b being the vertical at GYRO_BIAS, so that the
+next fixes find the bias. While it is likely, but not detected, the solution states w d as an error of the heading.
 
 Source: as `time_offset_step`.
 """
@@ -23,15 +25,28 @@ from ...tuning import Tunable
 from ..ekf import add_covariance
 from ..error_model import apply_transition
 from ..mechanization import rotation_matrix
-from ..state import GYRO_BIAS, GYRO_BIAS_ONSETS, NEVER_NS, STATES, VELOCITY
+from ..state import ATTITUDE, GYRO_BIAS, GYRO_BIAS_ONSETS, NEVER_NS, STATES, VELOCITY
 from .time_offset_step import chi2_beyond
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters, Transition
 
 TUNABLES = (
-    Tunable("gyro_bias_step_chi2", 30.0, "", "Chi-square (1 degree of freedom) that proves a step.", "5.5 sigma."),
-    Tunable("gyro_bias_onset_s", 6.0, "s", "Time between two onsets.", "In it 0.5 deg/s turn by 3 deg."),
+    Tunable("gyro_bias_step_chi2", 20.0, "", "Chi-square (1 degree of freedom) that proves a step.", "4.5 sigma."),
+    Tunable(
+        "likely_gyro_bias_step_chi2",
+        4.0,
+        "",
+        "Chi-square from which the heading error of a step is part of the stated sigma.",
+        "Two sigma.",
+    ),
+    Tunable(
+        "gyro_bias_onset_s",
+        12.0,
+        "s",
+        "Longest age of the first onset; that of each further one is twice as long.",
+        "In it 0.5 deg/s turn by 6 deg.",
+    ),
     Tunable(
         "gyro_bias_correlation_s", 1.0, "s", "Velocities of so long share their error.", "Receivers of 1 Hz are white."
     ),
@@ -41,6 +56,7 @@ TUNABLES = (
 @kernel
 def reset_gyro_bias_step(c: Core) -> None:
     """Forget the onsets: the estimate is new."""
+    c.gyro_bias_step.heading_variance = 0.0
     for j in range(GYRO_BIAS_ONSETS):
         c.gyro_bias_step.onset_ns[j] = NEVER_NS
 
@@ -112,22 +128,65 @@ def apply_gyro_bias_step(c: Core, j: int, d: float) -> None:
 
 
 @kernel
-def detect_gyro_bias_step(p: Parameters, c: Core) -> bool:
-    """After a fix, while navigating: True if a step is detected; P is inflated then."""
-    g, best, most = c.gyro_bias_step, -1, p.tuning.gyro_bias_step_chi2
+def information_of(p: Parameters, c: Core, j: int) -> float:
+    """Information, s^2/rad^2, about the step since onset j, with that of its prior."""
+    return float(c.gyro_bias_step.information[j] + 1.0 / p.gyro_bias_sigma**2)
+
+
+@kernel
+def step_since(p: Parameters, c: Core, j: int) -> float:
+    """The step since onset j, rad/s."""
+    return float(c.gyro_bias_step.vector[j] / information_of(p, c, j))
+
+
+@kernel
+def chi2_of(p: Parameters, c: Core, j: int) -> float:
+    """Chi-square of a step since onset j."""
+    g = c.gyro_bias_step
+    return chi2_beyond(information_of(p, c, j), g.vector[j], g.energy[j], g.count[j])
+
+
+@kernel
+def most_likely_onset(p: Parameters, c: Core) -> int:
+    """The onset whose step has the largest chi-square; stores what the likely steps add to the heading's variance."""
+    g, best, most = c.gyro_bias_step, 0, 0.0
+    g.heading_variance = 0.0
     for j in range(GYRO_BIAS_ONSETS):
-        if g.onset_ns[j] == NEVER_NS:
-            open_gyro_bias_step(c, j)
-        chi2 = chi2_beyond(g.information[j], g.vector[j], g.energy[j], g.count[j])
+        chi2 = chi2_of(p, c, j)
+        if chi2 > p.tuning.likely_gyro_bias_step_chi2:
+            turned = g.sensitivity[ATTITUDE + 2, j] * step_since(p, c, j)
+            g.heading_variance = max(g.heading_variance, turned * turned)
         if chi2 > most:
             best, most = j, chi2
-    g.last_ns = c.nav.t_ns
-    if best >= 0:
-        apply_gyro_bias_step(c, best, g.vector[best] / g.information[best])
-        for j in range(GYRO_BIAS_ONSETS):
+    return best
+
+
+@kernel
+def renew_onsets(p: Parameters, c: Core) -> None:
+    """Open anew the onsets that are too old."""
+    longest_s = p.tuning.gyro_bias_onset_s
+    for j in range(GYRO_BIAS_ONSETS):
+        if 1e-9 * (c.nav.t_ns - c.gyro_bias_step.onset_ns[j]) >= longest_s:
             open_gyro_bias_step(c, j)
-        return True
-    older = 0 if g.onset_ns[0] <= g.onset_ns[1] else 1
-    if 1e-9 * (c.nav.t_ns - g.onset_ns[1 - older]) >= p.tuning.gyro_bias_onset_s:
-        open_gyro_bias_step(c, older)
-    return False
+        longest_s *= 2.0
+
+
+@kernel
+def detect_gyro_bias_step(p: Parameters, c: Core, explained_otherwise: float) -> bool:
+    """After a fix, while navigating: True if a step is detected; P is inflated then.
+
+    explained_otherwise: sum of the normalised innovations squared that another cause explains; a step has to explain
+    more.
+    """
+    g = c.gyro_bias_step
+    renew_onsets(p, c)
+    g.last_ns = c.nav.t_ns
+    best = most_likely_onset(p, c)
+    step = step_since(p, c, best)
+    if step * g.vector[best] <= explained_otherwise or chi2_of(p, c, best) <= p.tuning.gyro_bias_step_chi2:
+        return False
+    apply_gyro_bias_step(c, best, step)
+    g.heading_variance = 0.0
+    for j in range(GYRO_BIAS_ONSETS):
+        open_gyro_bias_step(c, j)
+    return True

@@ -138,6 +138,13 @@ def find_time_offset_step(c: Core) -> tuple[float, float]:
 
 
 @kernel
+def explained_by_time_offset_step(c: Core) -> float:
+    """Sum of the normalised innovations squared that a step since the onset explains."""
+    g = c.time_offset_step
+    return g.vector * g.vector / g.information if g.information > 0.0 else 0.0
+
+
+@kernel
 def apply_time_offset_step(c: Core, d: float, sigma: float) -> None:
     """Gather the step d, s, in scratch.x, and add its variance, of sigma s, to P; see the file's head."""
     w, v, s2 = c.time_offset_step.sensitivity, c.nav.v_n, sigma * sigma

@@ -69,7 +69,7 @@ def test_the_scores_are_the_derivatives_of_the_log_likelihood(seed):
     c["stationarity"]["vibration_level"], scratch["transition"]["interval"] = 1.0, DT
     for k in range(FIXES):
         for force in forces[k]:
-            scratch["transition"]["force"] = force
+            scratch["transition"]["delta_v"] = force
             propagate_learning(p[0], c, scratch["transition"])
         for i in range(4):
             v, s, d = used[4 * k + i]

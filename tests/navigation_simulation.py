@@ -4,6 +4,7 @@ Independent of the kernels: positions and velocities are given in closed form, t
 derivatives (Titterton and Weston, ch. 3), and noise is added afterwards.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,16 +39,21 @@ class Drive:
     f: np.ndarray
 
 
-def drive(seconds, rate=100, rest=10.0, lat_deg=48.0, lon_deg=11.0, speed=8.0, fast_start=False, swing=0.6, arm=0.0):
+def drive(
+    seconds, rate=100, rest=10.0, lat_deg=48.0, lon_deg=11.0, speed=8.0, fast_start=False, swing=0.6, arm=0.0,
+    straight_s=math.inf,
+):  # fmt: skip
     """A car that rests, then drives curves with changing speed; with `fast_start` it is under way at once.
 
     The speed changes by the share `swing`, beyond 1 it also reverses; the sensor is `arm` m ahead of the axle.
+    It drives straight on after `straight_s` of its way.
     """
     t = np.arange(int(seconds * rate)) / rate
     u = np.maximum(t - rest, 0.0)
     ramp = 1.0 if fast_start else 1.0 - np.exp(-((u / 4.0) ** 3))
     along = ramp * speed * (1.0 - swing * np.sin(2 * np.pi * u / 23.0))
-    yaw = 0.7 + 1.3 * ramp * np.sin(2 * np.pi * u / 31.0) + 0.5 * ramp * np.sin(2 * np.pi * u / 13.0)
+    bend = np.minimum(u, straight_s)
+    yaw = 0.7 + 1.3 * ramp * np.sin(2 * np.pi * bend / 31.0) + 0.5 * ramp * np.sin(2 * np.pi * bend / 13.0)
     pitch = 0.02 * ramp * np.sin(0.4 * u)
     roll = 0.03 * ramp * np.sin(0.7 * u)
     v = np.column_stack(

@@ -115,6 +115,18 @@ def test_a_receiver_that_stops_drifting_is_used_again():
     assert np.hypot(*errors(d, out)[0][d.t > 200.0, :2].T).max() < 6.0
 
 
+def test_a_drift_across_a_straight_road_is_not_forgotten_as_the_heading_grows_uncertain():
+    rng = np.random.default_rng(7)
+    d = drive(240.0, speed=10.0, swing=0.2, straight_s=116.0)
+    samples, fixes = sensed(d, rng, gyro_psd=4e-3), received(d, rng, late=0.2, sigma=1.8, speed_sigma=0.1)
+    drifted = ramped(fixes, 120.0, np.arctan2(d.v[-1, 1], d.v[-1, 0]) + np.pi / 2.0)
+    out, _ = estimated(samples, drifted, readings(d, rng))
+    later = d.t > 126.0
+    assert (out["status"][later] & REJECTING).all()
+    errors_m, sigma = np.hypot(*errors(d, out)[0][:, :2].T), np.hypot(*out["sigma_p"][:, :2].T)
+    assert (errors_m < 3.0 * sigma)[later].all() and out["sigma_rpy"][-1, 2] > np.radians(2.0)
+
+
 def test_a_wrong_odometer_does_not_cost_the_receiver():
     """Wheels that show nothing: the receiver stays in use."""
     d, samples, fixes, rng = recorded(6, 120.0)

@@ -277,6 +277,7 @@ class WheelCheck:
     z2: float
     cross_sum: float
     v2: float
+    drift: Reals
     agreements: int
 
 

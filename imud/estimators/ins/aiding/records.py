@@ -63,7 +63,8 @@ WHEEL_CHECK = np.dtype(  # the receiver's velocity against the wheels: sums over
         ("z2", "<f8"),  # m^2/s^2, its square
         ("cross_sum", "<f8"),  # m^2/s^2, of their cross products with the velocity, down
         ("v2", "<f8"),  # m^2/s^2, square of the velocity
-        ("agreements", "<i8"),  # fixes in a row that agree, after a drift was detected
+        ("drift", "<f8", (2,)),  # m/s, north and east, of the drift that was detected
+        ("agreements", "<i8"),  # fixes that refute it, since the last that contradicts the wheels
     ],
     align=True,
 )

@@ -4,8 +4,9 @@ Wheels know the velocity along the vehicle's way, whatever the receiver says. Wh
 estimate at several fixes, there are two explanations: the receiver drifts, by a constant velocity in NED (2 unknowns);
 or the heading is wrong, which rotates the vehicle's velocity (1 unknown). Least squares tell which of them leaves less;
 on a straight road, across the way, neither does, and after some more fixes the rules without wheels apply. A receiver
-that drifts is rejected, positions and velocities, until its velocity agrees again, and the position is as uncertain as
-the drift has made it.
+that drifts is rejected, positions and velocities, until its velocity agrees again and refutes the drift: across the way
+of a vehicle whose heading has become uncertain it may agree with both. The position is as uncertain as the drift has
+made it.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ TUNABLES = (
         "Factor of max_velocity_rejects where wheels support the velocity.",
         "A turn comes meanwhile.",
     ),
-    Tunable("wheel_agreements", 10, "fixes", "Number of agreements in a row that end a drift.", "Choice."),
+    Tunable("wheel_agreements", 10, "fixes", "So many fixes that refute a drift end it.", "Choice."),
     Tunable(
         "wheel_max_reject_s", 600.0, "s", "Longest rejection of fixes while wheels support the velocity.", "Choice."
     ),
@@ -115,7 +116,11 @@ def check_receiver(p: Parameters, c: Core, z_n: float, z_e: float, accel_n: floa
         return
     wrong = contradicts(p, c, 0, z_n, accel_n, r) or contradicts(p, c, 1, z_e, accel_e, r)
     if c.drift.detected == BY_WHEELS:
-        count_agreement(c, wrong)
+        g = c.wheel_check
+        refuted = contradicts(p, c, 0, z_n - g.drift[0], accel_n, r) or contradicts(
+            p, c, 1, z_e - g.drift[1], accel_e, r
+        )
+        count_agreement(c, wrong, refuted)
         if c.wheel_check.agreements >= p.tuning.wheel_agreements:
             clear_detection(c)
     elif elementary.hypot(c.nav.v_n[0], c.nav.v_n[1]) > p.tuning.wheel_check_speed:
@@ -125,14 +130,19 @@ def check_receiver(p: Parameters, c: Core, z_n: float, z_e: float, accel_n: floa
             since_s = 1e-9 * (c.nav.t_ns - c.wheel_check.onset_ns)
             for i in range(2):
                 add_variance(c, POSITION + i, (speed * since_s) ** 2)
+            c.wheel_check.drift[0] = c.wheel_check.z_n / c.wheel_check.count
+            c.wheel_check.drift[1] = c.wheel_check.z_e / c.wheel_check.count
             declare_drift(c, BY_WHEELS)
             clear_wheel_contradictions(c)
 
 
 @kernel
-def count_agreement(c: Core, wrong: bool) -> None:
-    """Count agreements in a row."""
-    c.wheel_check.agreements = 0 if wrong else c.wheel_check.agreements + 1
+def count_agreement(c: Core, wrong: bool, refuted: bool) -> None:
+    """Count fixes that refute the drift, since the last that contradicts the wheels; one may do neither."""
+    if wrong:
+        c.wheel_check.agreements = 0
+    elif refuted:
+        c.wheel_check.agreements += 1
 
 
 @kernel

@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..estimators.ahrs.state import STATES
 from ..estimators.records import ATTITUDE_VALID, HEADING_VALID, SOLUTION
 from ..math.arrays import Floats, Indices, Records
 from ..math.rotation import GIMBAL_LOCK_SINE
@@ -21,6 +22,7 @@ from .rows import Rows
 _MISALIGNMENT = (
     0.5  # of the accelerometer's axes, over its scale error: no state, and no average of attitudes removes it
 )
+_AROUND_S = 2.0
 
 ERROR = np.dtype(  # of the filter's solution, at the end of an interval
     [
@@ -45,6 +47,7 @@ def smooth_attitude(filter_: Filter, samples: Records, write: Callable[[Records]
     tuning = filter_.parameters["tuning"][0]
     errors = _errors(intervals, smoothed_estimates(intervals, float(tuning["position_decay_time_s"])))
     errors["var"][:, [0, 1], [0, 1]] += _MISALIGNMENT**2 * float(filter_.parameters["accel_scale_var"][0])
+    _limit_tilt_confidence(intervals, errors)
     for start in range(0, len(solutions), BLOCK):
         rows = solutions[start : start + BLOCK]
         write(_corrected(rows, start + np.arange(len(rows)), intervals, errors, float(tuning["valid_tilt_rad"])))
@@ -69,6 +72,20 @@ def _errors(intervals: Records, estimates: Records) -> Records:
             errors["turn"][k - 1], errors["var"][k - 1] = errors["turn_before"][k], errors["var"][k]
             errors["turn_before"][k - 1] = _products(errors["turn"][k - 1], corrections[k - 1])
     return errors
+
+
+def _limit_tilt_confidence(intervals: Records, errors: Records) -> None:
+    """The smoothed variances of the tilt become at least half the filter's smallest ones of the seconds around.
+
+    Data before and after a moment tell about equally much of the tilt: together they halve its variance. Where the
+    recursion claims more, it counts on noises of the filter that are too small, as in walks begun in motion.
+    """
+    times_s = 1e-9 * intervals["t_ns"]
+    first, last = (np.searchsorted(times_s, times_s + shift) for shift in (-_AROUND_S, _AROUND_S))
+    diagonal = intervals["P"][:, [0, STATES]]  # packed upper triangle; the attitude comes first
+    least = np.array([diagonal[begin:end].min(axis=0) for begin, end in zip(first, last, strict=True)])
+    for i in range(2):
+        errors["var"][:, i, i] = np.maximum(errors["var"][:, i, i], 0.5 * least[:, i])
 
 
 def _corrected(rows: Records, at: Indices, intervals: Records, errors: Records, valid_tilt_rad: float) -> Records:

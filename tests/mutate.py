@@ -27,6 +27,7 @@ NOT_NOTICED = {
     "attitude.max_blocks": "the odds of no recording are still open after so many blocks",
     "attitude.acceleration_gate": BETWEEN + "mean force at a disturbed rest",
     "attitude.min_force_sigma_mps2": BETWEEN + "mean force at a disturbed rest",
+    "attitude.converged_tilt_rad": BETWEEN + "smallest sigma of the tilt between two starts",
     "attitude.min_rate_across_gravity": BETWEEN + "angle of a steady turn to gravity",
     "attitude.min_whiteness": BETWEEN + "whiteness of a block at rest",
     "navigation.power_on_force_sigma": BETWEEN + "tilt of a sensor that is mounted anew",

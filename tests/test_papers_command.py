@@ -154,7 +154,7 @@ def test_the_page_holds_everything(monkeypatch, capsys, tmp_path):
         assert text in page
     assert "±σ error" in page or "\\u00b1\\u03c3 error" in page
     assert not re.search(r"<script[^>]+src=", page)  # nothing is fetched
-    assert page.count("Plotly.newPlot(") >= 2
+    assert page.count("draw(document.currentScript") >= 2
     assert main(["reproduce", "suh", "-o", str(tmp_path / "new" / "suh.html")]) == 73
     assert "cannot write" in capsys.readouterr().err
 

@@ -98,8 +98,8 @@ def test_wheels_that_spin_are_left_out():
 
 def test_wheels_are_fused_as_a_dense_filter_does_with_numeric_derivatives():
     p, s = some_state()
-    p["wheel"] = 0.3, -0.7, 0.1
-    s["started"], s["fixes"], s["t_ns"] = 1, 1, s["step_ns"]
+    p["odometer_lever_arm"] = 0.3, -0.7, 0.1
+    s["started"], s["fix_count"], s["t_ns"] = 1, 1, s["step_ns"]
     s["x"][0, state.WHEEL_SCALE] = 0.03
     s["yaw_rate"] = 0.2
     A = np.random.default_rng(5).standard_normal((state.STATES, state.STATES)) * 1e-3
@@ -130,7 +130,7 @@ def test_wheels_are_fused_as_a_dense_filter_does_with_numeric_derivatives():
 def test_a_reading_of_no_use_changes_nothing(value, current):
     """One through the water, in a current, is of no use here."""
     p, s = some_state()
-    s["started"], s["fixes"] = 1, 1
+    s["started"], s["fix_count"] = 1, 1
     m = np.zeros(1, MEASUREMENT)
     m["t_ns"], m["sigma"], m["value"] = s["step_ns"], (0.1, current, np.nan, np.nan), value
     s["P"] = 1e-4 * np.eye(state.STATES)[UPPER]

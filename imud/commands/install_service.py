@@ -109,8 +109,6 @@ def run(args: argparse.Namespace) -> int:
         print(step, flush=True)
     if args.dry_run or not (args.yes or _confirmed()):
         return 0
-    if not args.remove and args.root == Path("/"):
-        print("the first start compiles the filter, which takes a minute or two", flush=True)
     try:
         for step in steps:
             step.execute()

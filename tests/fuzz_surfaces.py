@@ -1,6 +1,6 @@
 """The surfaces at which bytes from outside come in, each as a function that takes any bytes and must not raise.
 
-What a user or peer did wrong is told by an ImudError or CaptureError, or an answer; anything else is a defect.
+What a user or peer did wrong is reported by an ImudError or CaptureError, or an answer; anything else is a defect.
 """
 
 import contextlib

@@ -62,7 +62,7 @@ def test_a_daemon_that_was_killed_goes_on_where_it_was(tmp_path):
 
 
 def test_the_first_client_finds_the_present_state(tmp_path):
-    """Without a client nothing is prepared for one: who connects then must not be told an old state."""
+    """Without a client nothing is prepared for one: who connects then must not receive an old state."""
     with (
         emulator("g350", *REST, "--patient", links=[tmp_path / "imu"]),
         daemon(tmp_path, "--port", str(tmp_path / "imu")) as imud,

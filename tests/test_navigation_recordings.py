@@ -11,7 +11,7 @@ from imud.estimators.records import HEADING_VALID
 ROOM = SHARED / "navigation"
 pytestmark = pytest.mark.skipif(not ROOM.exists(), reason=f"no recordings in {ROOM}")
 
-# A filter that is told how these fixes were made, and nearly the velocity, is 2.9 m off with this one, and says 1.8
+# A filter that knows how these fixes were made, and nearly the velocity, is 2.9 m off with this one, and says 1.8
 UNLUCKY = ("dtu-ugv4", "receiver_like")
 # recording, fixes: horizontal position m, horizontal velocity m/s, yaw deg, outage s, its median and RMS m
 BOUNDS = [

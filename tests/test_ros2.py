@@ -320,11 +320,11 @@ def test_diagnostics():
     )
     (made,) = Converter().of_diagnoses(parts, 5)
     statuses = read("/diagnostics", made.data).status
-    told = [
+    listed = [
         (status.name, ord(status.level) if isinstance(status.level, bytes) else status.level) for status in statuses
     ]
     wanted = [("imud: inertial sensor", 0), ("imud: receiver", 1), ("imud: receiver", 3), ("imud: filter", 1)]
-    assert told == wanted
+    assert listed == wanted
     assert [status.message for status in statuses] == ["ok", "receiver: no fix; x", "there is none", "coasting"]
     assert [(value.key, value.value) for value in statuses[0].values] == [("rate_hz", "1000.0"), ("lost", "0")]
     assert (statuses[0].hardware_id, statuses[3].hardware_id) == ("M-G350 7", "navigation")

@@ -12,7 +12,7 @@ ONES = b"\xff\xff"
 
 
 class Host:
-    """Sends words as a careful host does, unless told otherwise."""
+    """Sends words as a careful host does, unless asked otherwise."""
 
     def __init__(self, spi):
         self.spi, self.now_s = spi, READY_S

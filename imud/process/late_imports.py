@@ -25,8 +25,8 @@ def _remove(stand_in: _StandIn) -> None:
 
 @contextlib.contextmanager
 def imported_late(*names: str) -> Iterator[None]:
-    """Within the block, `import NAME` gives a stand-in unless the module was imported before; so who imports it there,
-    keeps one that works whenever it is used.
+    """Within the block, `import NAME` gives a stand-in unless the module was imported before. A module that imports it
+    there keeps the stand-in, which works at any time later.
     """
     stand_ins = [_StandIn(name) for name in names if name not in sys.modules]
     sys.modules.update({each.__name__: each for each in stand_ins})

@@ -149,14 +149,14 @@ def fix_near(c, rng):
 
 def measure_position(p, c, fix):
     rows = np.zeros(4, INNOVATION).view(np.recarray)
-    late = c.nav.time_offset - 1e-9 * (fix.t_ns - c.nav.t_ns)
-    interpreted(gnss_position.fuse_gnss_position)(p, c, fix, late, rows, 0)
+    age = c.nav.time_offset - 1e-9 * (fix.t_ns - c.nav.t_ns)
+    interpreted(gnss_position.fuse_gnss_position)(p, c, fix, age, rows, 0)
 
 
 def measure_velocity(p, c, fix):
     rows = np.zeros(4, INNOVATION).view(np.recarray)
-    late = c.nav.time_offset - 1e-9 * (fix.t_ns - c.nav.t_ns)
-    interpreted(gnss_velocity.fuse_gnss_velocity)(p, c, fix, late, rows, 0)
+    age = c.nav.time_offset - 1e-9 * (fix.t_ns - c.nav.t_ns)
+    interpreted(gnss_velocity.fuse_gnss_velocity)(p, c, fix, age, rows, 0)
 
 
 def measure_nhc(p, c, fix):

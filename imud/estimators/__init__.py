@@ -40,7 +40,7 @@ class Estimator:
     rad^2; None: it does not navigate yet. None: it has none.
     place(state) -> latitude and longitude, rad, and height, m; None: not known yet. None: it has none.
     rates_of_interval: it takes a reading for that of the interval before its time; else for that of the instant.
-    survives_power_on: a sample with POWER_ON reopens its biases, or it estimates none; else it is started anew then.
+    survives_power_on: a sample with POWER_ON resets its biases, or it estimates none; else it is started anew then.
     """
 
     name: str

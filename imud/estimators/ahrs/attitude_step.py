@@ -40,9 +40,9 @@ def correct_attitude_step(p: Parameters, s: State) -> bool:
     step.window_s += time
     gain2 = mean2 = 0.0
     for i in range(3):
-        step.force[i] += total.delta_v[i] - step.force[i] * time / c.gain_time_s
-        step.window_force[i] += total.delta_v[i]
-        gain = step.force[i] + (s.nav.gravity * step.span if i == 2 else 0.0)
+        step.delta_v[i] += total.delta_v[i] - step.delta_v[i] * time / c.gain_time_s
+        step.window_delta_v[i] += total.delta_v[i]
+        gain = step.delta_v[i] + (s.nav.gravity * step.span if i == 2 else 0.0)
         step.mean_gain[i] += time / (c.velocity_scatter_time_s + time) * (gain - step.mean_gain[i])
         gain2 += gain * gain
         mean2 += step.mean_gain[i] ** 2
@@ -51,11 +51,11 @@ def correct_attitude_step(p: Parameters, s: State) -> bool:
         least2 = 0.25 * c.min_gain_mps**2  # what is not usual counts in part: else a slip becomes usual
         step.usual_gain2 += part * (min(gain2, 4.0 * step.usual_gain2 + least2) - step.usual_gain2)
         step.usual_mean2 += part * (min(mean2, 4.0 * step.usual_mean2 + least2) - step.usual_mean2)
-    step.possible_error = 0.0
+    step.possible_tilt_error = 0.0
     if step.hand_held_s < c.hand_time_s or mean2 < c.usual_gain_sigmas**2 * step.usual_mean2 + c.min_gain_mps**2:
         restart_window(s)
         return False
-    step.possible_error = angle = window_angle(s)
+    step.possible_tilt_error = angle = window_angle(s)
     least2 = c.step_gain_sigmas**2 * step.usual_mean2 + c.step_gain_mps**2
     sure = angle * angle > c.usual_gain_sigmas**2 * window_variance(p, s)
     if mean2 < least2 or step.window_s < c.min_step_s or not sure:
@@ -91,7 +91,7 @@ def update_hand_held(p: Parameters, s: State) -> None:
 @kernel
 def window_angle(s: State) -> float:
     """The angle from the vertical to the mean force of the window, rad."""
-    f = s.attitude_step.window_force
+    f = s.attitude_step.window_delta_v
     return elementary.atan2(elementary.hypot(f[0], f[1]), -f[2])
 
 
@@ -100,22 +100,22 @@ def restart_window(s: State) -> None:
     """The gain begins to grow now, if it does."""
     s.attitude_step.window_s = 0.0
     for i in range(3):
-        s.attitude_step.window_force[i] = 0.0
+        s.attitude_step.window_delta_v[i] = 0.0
 
 
 @kernel
 def restart_gain(s: State) -> None:
     """Nothing has been gained: the attitude has just been set."""
     restart_window(s)
-    s.attitude_step.span = s.attitude_step.possible_error = 0.0
+    s.attitude_step.span = s.attitude_step.possible_tilt_error = 0.0
     for i in range(3):
-        s.attitude_step.force[i] = s.attitude_step.mean_gain[i] = 0.0
+        s.attitude_step.delta_v[i] = s.attitude_step.mean_gain[i] = 0.0
 
 
 @kernel
 def level_by_window(p: Parameters, s: State, angle: float) -> None:
-    """Put the mean force of the window upright; yaw may have slipped by as much."""
-    c, f, q = p.tuning, s.attitude_step.window_force, s.nav.q_nb
+    """Rotate the mean force of the window to the vertical; yaw may be wrong by as much."""
+    c, f, q = p.tuning, s.attitude_step.window_delta_v, s.nav.q_nb
     record_wrong_tilt(s, s.attitude_step.window_s)
     k = angle / max(elementary.hypot(f[0], f[1]), 1e-9)
     turn = quat_exp(-k * f[1], k * f[0], 0.0)
@@ -134,10 +134,10 @@ def level_by_window(p: Parameters, s: State, angle: float) -> None:
 
 
 @kernel
-def turn_gain(s: State, x: float, y: float, z: float) -> None:
+def rotate_gain(s: State, x: float, y: float, z: float) -> None:
     """The attitude is corrected by this rotation (rad, NED): so is what was integrated with it."""
     step, turn = s.attitude_step, quat_exp(x, y, z)
-    a = quat_rotate(turn, (step.force[0], step.force[1], step.force[2]))
-    b = quat_rotate(turn, (step.window_force[0], step.window_force[1], step.window_force[2]))
+    a = quat_rotate(turn, (step.delta_v[0], step.delta_v[1], step.delta_v[2]))
+    b = quat_rotate(turn, (step.window_delta_v[0], step.window_delta_v[1], step.window_delta_v[2]))
     for i in range(3):
-        step.force[i], step.window_force[i] = a[i], b[i]
+        step.delta_v[i], step.window_delta_v[i] = a[i], b[i]

@@ -31,14 +31,14 @@ def cut_off_angle(slope: float, rate: float, time: float) -> float:
 
 
 @kernel
-def bridge_clipping(p: Parameters, s: State, w: Vector, dt: float, flags: int) -> Vector:
+def compensate_clipping(p: Parameters, s: State, w: Vector, dt: float, flags: int) -> Vector:
     """Rates w of the sample with what the samples before lack, and noise for it."""
     clip, q = s.clipping, s.nav.q_nb
     C = dcm_of_quat((q[0], q[1], q[2], q[3]))
     for i in range(3):
         last = s.imu.w[i]
         slope = abs(w[i] - last) / dt
-        clip.bridge[i] = w[i]
+        clip.w[i] = w[i]
         if flags & (LIMITED_AXES << i):
             before = cut_off_angle(clip.slope[i], abs(w[i]), clip.time[i])
             if clip.time[i] == 0.0:
@@ -50,10 +50,10 @@ def bridge_clipping(p: Parameters, s: State, w: Vector, dt: float, flags: int) -
         else:
             if clip.time[i] > 0.0:
                 angle = cut_off_angle(0.5 * (clip.slope[i] + slope), abs(last), clip.time[i])
-                clip.bridge[i] += (angle if last > 0.0 else -angle) / dt
+                clip.w[i] += (angle if last > 0.0 else -angle) / dt
             clip.time[i] = 0.0
             if abs(w[i] - last) < FLAT * abs(w[i]):
                 clip.flat[i] += dt
             else:
                 clip.flat[i], clip.last_slope[i] = 0.0, max(slope, SLOPE_KEPT * clip.last_slope[i])
-    return clip.bridge[0], clip.bridge[1], clip.bridge[2]
+    return clip.w[0], clip.w[1], clip.w[2]

@@ -8,14 +8,21 @@ from typing import TYPE_CHECKING
 from imud.drivers.sample import NO_FORCE, NO_RATE, POWER_ON, SATURATED, SUSPECT
 
 from ...compile.jit import kernel
-from .attitude_step import correct_attitude_step, turn_gain
-from .clipping import bridge_clipping
+from .attitude_step import correct_attitude_step, rotate_gain
+from .clipping import compensate_clipping
 from .divergence import tilt_is_lost
 from .ekf import inject_error, update_sigmas
 from .error_model import propagate_covariance
 from .integrals import reset_integrals
 from .last_sample import set_outage, store_sample, update_mean_square_rate
-from .levelling import coarse_level, forget_tilt, initialise_attitude, is_coarse, restart_after_gap, restart_imu
+from .levelling import (
+    coarse_level,
+    initialise_attitude,
+    is_coarse,
+    require_initialisation,
+    restart_after_gap,
+    restart_imu,
+)
 from .mechanization import mechanize
 from .motion import update_scatter, update_travel
 from .outages import (
@@ -26,9 +33,9 @@ from .outages import (
     hold_rate,
     mean_reading,
 )
-from .power_on import reopen_biases
+from .power_on import reset_biases
 from .pseudo_measurements import add_truncation_noise, fuse_stationary, fuse_zero_position, fuse_zero_velocity
-from .quantization import examine_readings
+from .quantization import update_quantization
 from .solution import write_solution
 from .state import ATTITUDE
 from .stationarity import detect_stationary, restart_means, update_means
@@ -64,7 +71,7 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
     )
     f = (sample.f[0], sample.f[1], sample.f[2])
     if sample.flags & POWER_ON and dt >= 0.0:
-        reopen_biases(p, s)
+        reset_biases(p, s)
     has_rate = sample.flags & (SUSPECT | NO_RATE) == 0 and math.isfinite(w[0] + w[1] + w[2])
     has_force = sample.flags & (SUSPECT | NO_FORCE) == 0 and math.isfinite(f[0] + f[1] + f[2])
     if not has_rate:
@@ -85,7 +92,7 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
         if dt > p.gap_s:
             mechanize(p, s, mean_reading(s.imu.w, w), mean_reading(s.imu.f, f), dt)
         else:
-            mechanize(p, s, bridge_clipping(p, s, w, dt, sample.flags), f, dt)
+            mechanize(p, s, compensate_clipping(p, s, w, dt, sample.flags), f, dt)
         update_scatter(p, s, dt)
         if has_rate and has_force:
             update_means(p, s, w, f, dt)
@@ -95,7 +102,7 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
     if has_rate:
         update_mean_square_rate(s, w, max(dt, 0.0) / c.velocity_scatter_time_s)
         set_outage(s, 0.0)
-        examine_readings(p, s, (sample.w[0], sample.w[1], sample.w[2]))
+        update_quantization(p, s, (sample.w[0], sample.w[1], sample.w[2]))
     if s.levelling.initialised == 0 and has_force:
         initialise_attitude(p, s, f, last_f, is_first)
     if s.integrals.time >= c.covariance_interval_s:
@@ -109,10 +116,10 @@ def update_covariance(p: Parameters, s: State) -> None:
     if is_coarse(s):
         coarse_level(p, s)
     elif s.levelling.initialised == 1 and tilt_is_lost(p, s):
-        forget_tilt(s)
+        require_initialisation(s)
     elif s.levelling.initialised == 1 and not correct_attitude_step(p, s):
         fuse_pseudo_measurements(p, s)
-        turn_gain(s, s.scratch.x[ATTITUDE], s.scratch.x[ATTITUDE + 1], s.scratch.x[ATTITUDE + 2])
+        rotate_gain(s, s.scratch.x[ATTITUDE], s.scratch.x[ATTITUDE + 1], s.scratch.x[ATTITUDE + 2])
         inject_error(s)
     reset_integrals(s)
     update_sigmas(s)

@@ -69,7 +69,7 @@ def record_age(s: State, i: int, columns_of_c: Vector, time: float) -> None:
 
 @kernel
 def record_coarse(s: State) -> None:
-    """Roll and pitch have been put upright by the force since coarse levelling began."""
+    """Roll and pitch have been levelled by the force since coarse levelling began."""
     s.history.coarse = s.history.enabled
 
 
@@ -82,6 +82,6 @@ def record_restart(s: State) -> None:
 
 @kernel
 def record_wrong_tilt(s: State, seconds: float) -> None:
-    """The tilt has been put upright after it was wrong for so long."""
+    """The tilt has been levelled after it was wrong for so long."""
     if s.history.enabled == 1:
         s.history.wrong_tilt_s = seconds

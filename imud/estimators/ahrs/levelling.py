@@ -3,9 +3,9 @@
 One sample alone may be damaged, and nothing shows it: what the first specific force says of roll and pitch is not valid
 yet. They are taken from the second, and the change since the first is a part of their sigma. A specific force is the
 vertical only if the body does not accelerate. Unless the first moment is one of low motion it is but a guess: for
-`levelling_time_s` (coarse levelling) the mean force, in axes carried by the gyro, is put upright, whatever rotation
-that takes; from then on the filter corrects what is left. The less that force changed, the better its mean is known to
-be the vertical.
+`levelling_time_s` (coarse levelling) the mean force, in axes carried by the gyro, is rotated to the vertical, whatever
+rotation that takes; from then on the filter corrects what is left. The less that force changed, the better its mean is
+known to be the vertical.
 
 Source of the mean force in such axes: Laidig and Seel, VQF: Highly accurate IMU orientation estimation (2023).
 """
@@ -54,7 +54,7 @@ def restart_imu(s: State, w: Vector, f: Vector) -> None:
 
 
 @kernel
-def forget_tilt(s: State) -> None:
+def require_initialisation(s: State) -> None:
     """Roll and pitch are initialised anew from the next sample."""
     s.levelling.initialised = 0
 
@@ -119,7 +119,7 @@ def is_coarse(s: State) -> bool:
 
 @kernel
 def coarse_level(p: Parameters, s: State) -> None:
-    """Put the mean force since the beginning upright, and start velocity and position again from there."""
+    """Rotate the mean force since the beginning to the vertical, and start velocity and position again from there."""
     c, known, total, q = p.tuning, s.levelling, s.integrals, s.nav.q_nb
     delta_v2 = 0.0
     for i in range(3):

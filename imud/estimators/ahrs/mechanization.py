@@ -71,7 +71,7 @@ def set_attitude(s: State, q: Quaternion) -> None:
 
 
 @kernel
-def stop(s: State, i: int) -> None:
+def clear_motion(s: State, i: int) -> None:
     """Count velocity and position along axis i from zero again."""
     s.nav.v_n[i] = s.nav.p_n[i] = 0.0
 

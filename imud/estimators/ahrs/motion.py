@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from .error_model import reset_variance, variance
-from .mechanization import stop
+from .mechanization import clear_motion
 from .state import POSITION, VELOCITY
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def update_travel(p: Parameters, s: State) -> None:
     """Sustained speed and vibration after one covariance interval."""
     c, motion, time = p.tuning, s.motion, s.integrals.time
     gain = time / (c.travel_time_s + time)
-    sustained2 = jolt2 = 0.0
+    sustained2 = second_difference2 = 0.0
     for i in range(3):
         excess2 = motion.v_mean[i] * motion.v_mean[i] - c.travel_speed_mps**2
         axis2 = max(excess2 - c.travel_evidence * variance(s, VELOCITY + i), 0.0)
@@ -47,18 +47,18 @@ def update_travel(p: Parameters, s: State) -> None:
         sustained2 += axis2
         force = s.integrals.delta_v[i] / time
         change = force - motion.mean_force[i]
-        jolt2 += (change - motion.mean_force_change[i]) ** 2
+        second_difference2 += (change - motion.mean_force_change[i]) ** 2
         motion.mean_force[i], motion.mean_force_change[i] = force, change
-    jolt = math.sqrt(jolt2)
-    motion.vibration_level += time / (c.vibration_time_s + time) * (jolt - motion.vibration_level)
+    second_difference = math.sqrt(second_difference2)
+    motion.vibration_level += time / (c.vibration_time_s + time) * (second_difference - motion.vibration_level)
     if sustained2 > 0.0:
-        motion.travel_vibration_level += gain * (jolt - motion.travel_vibration_level)
+        motion.travel_vibration_level += gain * (second_difference - motion.travel_vibration_level)
 
 
 @kernel
 def reset_motion(p: Parameters, s: State, i: int) -> None:
     """Reset velocity and position along axis i, and their statistics, to zero."""
-    stop(s, i)
+    clear_motion(s, i)
     s.motion.v_mean[i] = s.motion.v_scatter[i] = s.motion.p_scatter[i] = 0.0
     reset_variance(s, VELOCITY + i, p.tuning.reset_velocity_var)
     reset_variance(s, POSITION + i, p.tuning.reset_position_var)

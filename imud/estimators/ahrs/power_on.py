@@ -13,18 +13,18 @@ from .error_model import reset_variance
 from .last_sample import subtract_biases
 from .mechanization import clear_biases
 from .state import ACCEL_BIAS, GYRO_BIAS
-from .stationarity import forget_rest
+from .stationarity import reset_rest
 
 if TYPE_CHECKING:
     from .types import Parameters, State
 
 
 @kernel
-def reopen_biases(p: Parameters, s: State) -> None:
+def reset_biases(p: Parameters, s: State) -> None:
     """Put both biases back to what is known of them at switch-on; rest and the force at rest are determined anew."""
     subtract_biases(s)  # the last sample as this sensor would show it, for the gap that follows it
     clear_biases(s)
     for i in range(3):
         reset_variance(s, GYRO_BIAS + i, p.gyro_bias_var)
         reset_variance(s, ACCEL_BIAS + i, p.accel_bias_var)
-    forget_rest(s)
+    reset_rest(s)

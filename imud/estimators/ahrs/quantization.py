@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from ...math.rotation import Vector
-from .rest_histogram import count_at_rest, evaluate_full_block, forget_blocks, start_block
+from .rest_histogram import count_at_rest, evaluate_full_block, reset_blocks, start_block
 from .state import BINS, WINDOW
-from .truncation import add_evidence, forget_evidence, update_truncation
+from .truncation import add_evidence, reset_evidence, update_truncation
 
 if TYPE_CHECKING:
     from .types import Parameters, State
@@ -26,11 +26,11 @@ NOT_SHOWN = math.log(BINS / (BINS + 1.0))
 
 
 @kernel
-def examine_readings(p: Parameters, s: State, w: Vector) -> None:
+def update_quantization(p: Parameters, s: State, w: Vector) -> None:
     """Learn from one sample of rates as read."""
     c, z = p.tuning, s.quantization
     at_rest = s.stationarity.low_motion_s >= c.stationary_time_s
-    news = False
+    informative = False
     if at_rest and z.rest_samples == c.block_samples:
         start_block(s)
     for i in range(3):
@@ -38,12 +38,12 @@ def examine_readings(p: Parameters, s: State, w: Vector) -> None:
         z.last_reading[i] = w[i]
         if c.min_step_radps < step < 0.99 * lsb:
             z.lsb[i] = step
-            news |= forget_axis(p, s, i)
+            informative |= reset_axis(p, s, i)
         elif c.min_lsb_radps < lsb < c.max_lsb_radps:
-            news |= count_reading(p, s, i, w[i], step, at_rest)
+            informative |= count_reading(p, s, i, w[i], step, at_rest)
     if at_rest:
-        news |= evaluate_full_block(p, s)
-    if news:
+        informative |= evaluate_full_block(p, s)
+    if informative:
         update_truncation(p, s)
 
 
@@ -59,7 +59,7 @@ def count_reading(p: Parameters, s: State, i: int, w: float, step: float, at_res
         return leave_window(s, i, math.copysign(1.0, x))
     if abs(x - z.offset[i] - k) > p.tuning.max_code_error:
         z.offset[i] = x - math.floor(x + 0.5)
-        return forget_axis(p, s, i)
+        return reset_axis(p, s, i)
     code = i * BINS + WINDOW + k
     if at_rest:
         count_at_rest(s, i, code, step / z.lsb[i])
@@ -90,11 +90,11 @@ def leave_window(s: State, i: int, side: float) -> bool:
 
 
 @kernel
-def forget_axis(p: Parameters, s: State, i: int) -> bool:
+def reset_axis(p: Parameters, s: State, i: int) -> bool:
     """Start again with axis i; returns whether anything was known of it."""
     z = s.quantization
     for k in range(i * BINS, (i + 1) * BINS):
         z.crossing_histogram[k] = 0.0
     z.last_side[i] = z.crossing_count[i] = 0.0
-    forget_blocks(p, s)
-    return forget_evidence(s, i)
+    reset_blocks(p, s)
+    return reset_evidence(s, i)

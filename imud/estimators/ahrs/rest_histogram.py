@@ -36,7 +36,7 @@ def start_block(s: State) -> None:
 
 
 @kernel
-def forget_blocks(p: Parameters, s: State) -> None:
+def reset_blocks(p: Parameters, s: State) -> None:
     """Start again with the first histogram."""
     s.quantization.rest_samples, s.quantization.rest_blocks = p.tuning.block_samples, 0
 
@@ -61,10 +61,10 @@ def evaluate_block(p: Parameters, s: State) -> bool:
     if s.quantization.rest_blocks == p.tuning.max_blocks:
         return False
     s.quantization.rest_blocks += 1
-    news = False
+    informative = False
     for i in range(3):
-        news |= evaluate_axis(p, s, i)
-    return news
+        informative |= evaluate_axis(p, s, i)
+    return informative
 
 
 @kernel

@@ -24,7 +24,7 @@ def write_solution(p: Parameters, s: State, flags: int, out: Solution) -> None:
     status = 0
     if (
         s.levelling.initialised == 1
-        and elementary.hypot(cov.sigma_tilt, s.attitude_step.possible_error) < c.valid_tilt_rad
+        and elementary.hypot(cov.sigma_tilt, s.attitude_step.possible_tilt_error) < c.valid_tilt_rad
         and s.imu.outage_s < c.long_gap_s
     ):
         status |= ATTITUDE_VALID
@@ -47,6 +47,6 @@ def write_solution(p: Parameters, s: State, flags: int, out: Solution) -> None:
         out.f[i] = f[i]
         out.bg[i] = nav.bg[i]
         out.ba[i] = nav.ba[i]
-        out.sigma_rpy[i] = elementary.hypot(cov.sigma_rpy[i], s.attitude_step.possible_error if i < 2 else 0.0)
+        out.sigma_rpy[i] = elementary.hypot(cov.sigma_rpy[i], s.attitude_step.possible_tilt_error if i < 2 else 0.0)
         out.sigma_bg[i] = cov.sigma_bg[i]
         out.sigma_ba[i] = cov.sigma_ba[i]

@@ -157,16 +157,16 @@ DIVERGENCE = np.dtype(
 
 ATTITUDE_STEP = np.dtype(  # what is gained of velocity, and since it began to grow (the window)
     [
-        ("force", "<f8", (3,)),  # m/s, NED, integral of the specific force over gain_time_s, fading
+        ("delta_v", "<f8", (3,)),  # m/s, NED, integral of the specific force over gain_time_s, fading
         ("span", "<f8"),  # s, the same integral of 1
         ("mean_gain", "<f8", (3,)),  # m/s, the gain's mean over velocity_scatter_time_s
         ("usual_gain2", "<f8"),  # (m/s)^2
         ("usual_mean2", "<f8"),  # (m/s)^2, of that mean
-        ("window_force", "<f8", (3,)),  # m/s, integral of the specific force
+        ("window_delta_v", "<f8", (3,)),  # m/s, integral of the specific force
         ("window_s", "<f8"),
         ("hand_held_s", "<f8"),  # of lively motion that is no vehicle's
         ("travel_s", "<f8"),  # of travel, fading
-        ("possible_error", "<f8"),  # rad, by which the tilt may be wrong while the gain grows
+        ("possible_tilt_error", "<f8"),  # rad, by which the tilt may be wrong while the gain grows
     ],
     align=True,
 )
@@ -177,7 +177,7 @@ CLIPPING = np.dtype(  # of the gyro, by axes
         ("slope", "<f8", (3,)),  # rad/s^2, with which the rate came there
         ("last_slope", "<f8", (3,)),  # rad/s^2, of the newest step that was not flat
         ("flat", "<f8", (3,)),  # s, of flat steps since
-        ("bridge", "<f8", (3,)),  # rad/s, the newest sample's with what those before lack
+        ("w", "<f8", (3,)),  # rad/s, the newest rates, compensated
     ],
     align=True,
 )
@@ -207,9 +207,9 @@ HISTORY = np.dtype(  # what became of the errors in one covariance interval, for
     [
         ("enabled", "<i8"),
         ("intervals", "<i8"),  # that have ended
-        ("coarse", "<i8"),  # 1: roll and pitch were put upright, as at any time since coarse levelling began
+        ("coarse", "<i8"),  # 1: roll and pitch were levelled, as at any time since coarse levelling began
         ("restart_ns", "<i8"),  # when roll and pitch were initialised anew; 0: they were not
-        ("wrong_tilt_s", "<f8"),  # for how long the tilt that has been put upright was wrong; 0: it was not
+        ("wrong_tilt_s", "<f8"),  # for how long the tilt that has been levelled was wrong; 0: it was not
         ("q_before", "<f8", (4,)),  # the attitude before the interval's corrections
         ("time", "<f8"),  # the integrals that make the transition
         ("c", "<f8", (9,)),

@@ -87,7 +87,7 @@ def restart_stationarity(s: State, w: Vector, f: Vector) -> None:
 
 
 @kernel
-def forget_rest(s: State) -> None:
+def reset_rest(s: State) -> None:
     """After a power-on: whatever was learnt at rest is judged anew."""
     restart_means_at_last(s)
     s.stationarity.bias_mismatch_s = 0.0
@@ -179,8 +179,8 @@ def rate_is_likelier_bias(p: Parameters, s: State) -> bool:
         known2 += s.nav.bg[i] ** 2
         shown2 += m.w_mean[i] ** 2
         moved2 += (m.f_mean[i] - m.f_at_rest[i]) ** 2
-    needed = c.confirmation_time_s if moved2 < c.max_force_change_mps2**2 else c.max_curve_time_s
-    return shown2 < known2 and m.bias_mismatch_s > needed
+    needed_s = c.confirmation_time_s if moved2 < c.max_force_change_mps2**2 else c.max_curve_time_s
+    return shown2 < known2 and m.bias_mismatch_s > needed_s
 
 
 @kernel
@@ -220,13 +220,13 @@ def detect_stationary(p: Parameters, s: State) -> bool:
         check_gravity(p, s)
     contradicts = rate_contradicts_bias(p, s)
     acceleration = unexplained_acceleration(p, s)
-    patience = c.confirmation_time_s if vibrates_less_than_in_travel(p, s) else c.travel_time_s
-    if contradicts and (acceleration == 0.0 or m.low_motion_s > patience) and gravity_is_fixed(p, s):
+    needed_s = c.confirmation_time_s if vibrates_less_than_in_travel(p, s) else c.travel_time_s
+    if contradicts and (acceleration == 0.0 or m.low_motion_s > needed_s) and gravity_is_fixed(p, s):
         for i in range(3):
             reset_variance(s, GYRO_BIAS + i, p.gyro_bias_var)
         contradicts = False
         m.bias_mismatch_s = 0.0
-    if acceleration > 0.0 and not contradicts and m.low_motion_s > patience:
+    if acceleration > 0.0 and not contradicts and m.low_motion_s > needed_s:
         inflate_covariance(p, s, acceleration)
         restart_means_at_last(s)
     if acceleration > 0.0 or not is_standing(p, s):

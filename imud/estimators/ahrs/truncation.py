@@ -51,7 +51,7 @@ def add_evidence(s: State, k: int, log_ratio: float) -> None:
 
 
 @kernel
-def forget_evidence(s: State, i: int) -> bool:
+def reset_evidence(s: State, i: int) -> bool:
     """Start again with axis i; returns whether anything was known of it."""
     known = False
     for k in range(i * BINS, (i + 1) * BINS):

@@ -198,16 +198,16 @@ class Divergence:
 
 
 class AttitudeStep:
-    force: Reals
+    delta_v: Reals
     span: float
     mean_gain: Reals
     usual_gain2: float
     usual_mean2: float
-    window_force: Reals
+    window_delta_v: Reals
     window_s: float
     hand_held_s: float
     travel_s: float
-    possible_error: float
+    possible_tilt_error: float
 
 
 class Clipping:
@@ -215,7 +215,7 @@ class Clipping:
     slope: Reals
     last_slope: Reals
     flat: Reals
-    bridge: Reals
+    w: Reals
 
 
 class Quantization:

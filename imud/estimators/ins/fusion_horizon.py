@@ -199,13 +199,13 @@ def fit_acceleration(p: Parameters, s: State, snapshot_count: int) -> None:
     the core's time are those of the `snapshot_count` snapshots before the rewind.
     """
     c = s.core[0]
-    late2 = (
+    time_offset_var = (
         variance(c, TIME_OFFSET)
         + 2.0 * covariance(c, TIME_OFFSET, VELOCITY_TIME_OFFSET)
         + variance(c, VELOCITY_TIME_OFFSET)
     )
-    span = max(math.sqrt(max(late2, 0.0)), 1e-9 * SNAPSHOT_NS)
-    share = late2 / span**2
+    span = max(math.sqrt(max(time_offset_var, 0.0)), 1e-9 * SNAPSHOT_NS)
+    share = time_offset_var / span**2
     newest_ns = max(
         c.nav.t_ns, s.snapshots[(snapshot_count - 1) % SNAPSHOTS].nav.t_ns if snapshot_count > 0 else c.nav.t_ns
     )

@@ -13,7 +13,7 @@ from ..tuning import Tunable
 from .aiding.gnss_gate import (
     clear_contradictions,
     contradicts_heading,
-    fade_reset_score,
+    decay_reset_score,
     position_is_frozen,
     reject_frozen,
     velocity_is_repeated,
@@ -63,13 +63,13 @@ def set_noise(p: Parameters, c: Core, fix: Fix, first: bool) -> None:
 
 
 @kernel
-def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, innovations: list[Innovation]) -> int:
-    """Fuse a fix at the core's time; it was true `late` s before. Returns the rows of innovations written."""
+def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, innovations: list[Innovation]) -> int:
+    """Fuse a fix at the core's time; it was true `age` s before. Returns the rows of innovations written."""
     repeated = velocity_is_repeated(c, fix)
     if position_is_frozen(p, c, fix):
         reject_frozen(c)
         rows = write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
-        return rows if repeated else fuse_gnss_velocity(p, c, fix, late, innovations, rows)
+        return rows if repeated else fuse_gnss_velocity(p, c, fix, age, innovations, rows)
     set_speed(c, elementary.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed)
     if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > p.tuning.max_valid_heading_sigma**2:
         change_mode(p, c, HEADING_LOST)
@@ -82,9 +82,9 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, 
     if c.alignment.mode == COARSE_ALIGNMENT:
         align_with_fix(p, c, b, fix)
     if not first:
-        rows = fuse_gnss_position(p, c, fix, late, innovations, rows)
-    if abs(late) < p.tuning.max_rewind_miss_s:
-        rows = fuse_gnss_velocity(p, c, fix, late, innovations, rows)
+        rows = fuse_gnss_position(p, c, fix, age, innovations, rows)
+    if abs(age) < p.tuning.max_rewind_miss_s:
+        rows = fuse_gnss_velocity(p, c, fix, age, innovations, rows)
     if wheels_contradict(p, c) or variance(c, ATTITUDE + 2) > p.tuning.max_step_heading_sigma**2:
         reset_time_offset_step(c)  # what a drift of the receiver or a wrong heading does looks like a step
     elif c.alignment.mode == NAVIGATING and detect_time_offset_step(p, c):
@@ -95,7 +95,7 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, late: float, 
         reset_gyro_bias_step(c)  # a compass shows a turn by itself
     elif c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c, explained_by_time_offset_step(c)):
         restart_in_motion_alignment(c)
-    fade_reset_score(p, c)
+    decay_reset_score(p, c)
     heading_ok = True
     if c.alignment.mode == NAVIGATING and not wheels_reject(p, c):
         heading_ok = monitor_heading(p, c, b, fix)

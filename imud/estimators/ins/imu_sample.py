@@ -22,7 +22,7 @@ from .alignment.velocity_pairs import flag_heading, is_levelled
 from .damaged_readings import inflate_covariance, substitute_missing
 from .fusion import propagate_errors
 from .integrity.gravity_monitor import monitor_gravity
-from .power_on import check_attitude, reopen_biases
+from .power_on import check_attitude, reset_biases
 from .propagation import count_sample, propagate_to, subtract_biases
 from .rest import detect_rest
 from .state import COARSE_ALIGNMENT, NAVIGATING
@@ -72,7 +72,7 @@ def process_sample(p: Parameters, c: Core, sample: StoredSample) -> None:
         substitute_missing(p, c, sample)
     if sample.flags & POWER_ON:
         subtract_biases(c)
-        reopen_biases(p, c)
+        reset_biases(p, c)
     accumulate_window(c, sample.w, sample.f)
     propagate_to(p, c, sample.t_ns, sample.w, sample.f)
     if sample.flags & (POWER_ON | RECONNECTED) and gap_s > p.tuning.max_gyro_outage_s:

@@ -54,7 +54,7 @@ TUNABLES = (
 
 
 @kernel
-def reopen_biases(p: Parameters, c: Core) -> None:
+def reset_biases(p: Parameters, c: Core) -> None:
     """Reset both biases to their switch-on variances, and everything accumulated with the old ones."""
     clear_biases(c)
     for i in range(3):

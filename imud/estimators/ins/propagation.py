@@ -118,7 +118,7 @@ def count_sample(c: Core, t_ns: int) -> float:
 
 @kernel
 def subtract_biases(c: Core) -> None:
-    """Take the biases from the last sample, for the gap that follows it: they are about to be reopened."""
+    """Take the biases from the last sample, for the gap that follows it: they are about to be reset."""
     for i in range(3):
         c.imu.w[i] -= c.nav.bg[i]
         c.imu.f[i] -= c.nav.ba[i]

@@ -46,7 +46,7 @@ def accumulate_sample(s: RissState, sample: Sample) -> None:
 
 
 @kernel
-def reopen_biases(p: RissParameters, s: RissState) -> None:
+def reset_biases(p: RissParameters, s: RissState) -> None:
     """Reset the biases to their switch-on variances: the sensor may have been switched on."""
     reset(s.P, STATES, ACCEL_BIAS_X, p.accel_bias_var)
     reset(s.P, STATES, ACCEL_BIAS_Y, p.accel_bias_var)
@@ -98,7 +98,7 @@ def step(p: RissParameters, s: RissState, sample: Sample, solution: Solution) ->
             s.f_last[i] = sample.f[i] if math.isfinite(sample.f[i]) else 0.0
     elif sample.t_ns > s.t_ns:
         if sample.flags & POWER_ON != 0:
-            reopen_biases(p, s)
+            reset_biases(p, s)
         s.t_ns = sample.t_ns
         accumulate_sample(s, sample)
         if (s.t_ns - s.step_ns) * 1e-9 >= 0.99 * p.tuning.step_s:

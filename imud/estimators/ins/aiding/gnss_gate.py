@@ -303,7 +303,7 @@ def contradicts_heading(p: Parameters, c: Core) -> bool:
 
 
 @kernel
-def fade_reset_score(p: Parameters, c: Core) -> None:
+def decay_reset_score(p: Parameters, c: Core) -> None:
     """Let the count of resets decay, once per fix."""
     c.integrity.reset_score *= p.tuning.reset_score_decay
 

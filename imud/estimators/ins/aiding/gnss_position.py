@@ -1,6 +1,6 @@
 """The GNSS position: innovation, Jacobian and gate, axis by axis; the height has a gate of its own.
 
-z = p_fix - p - C_nb lever_arm - gnss_bias + v late, in m, NED; `late`: by which the position was true before the core's
+z = p_fix - p - C_nb lever_arm - gnss_bias + v age, in m, NED; `age`: by which the position was true before the core's
 time, s, whose error is that of the time offset.
 """
 
@@ -100,8 +100,8 @@ def excess_variance(p: Parameters, c: Core, lever: Vector, extra: float) -> floa
 
 
 @kernel
-def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, late: float, innovations: list[Innovation], n: int) -> int:
-    """Gate and fuse the position, which was true `late` s before the core's time; returns the rows of innovations.
+def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, age: float, innovations: list[Innovation], n: int) -> int:
+    """Gate and fuse the position, which was true `age` s before the core's time; returns the rows of innovations.
 
     A rejected height does not reject the horizontal position. n: rows of `innovations` written before.
     """
@@ -109,10 +109,10 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, late: float, innovation
     position_offset(c, fix, z)
     # in coarse alignment the position is the antenna's
     lever = antenna_position(p, c) if c.alignment.mode == NAVIGATING else (0.0, 0.0, 0.0)
-    extra = second_order_error(p, c) ** 2 + (0.5 * p.tuning.late_fix_accel * late * late) ** 2
+    extra = second_order_error(p, c) ** 2 + (0.5 * p.tuning.late_fix_accel * age * age) ** 2
     extra += lever_arm_rate_variance(p, c) * p.tuning.turn_between_fixes_s**2
     for i in range(3):
-        z[i] += late * c.nav.v_n[i] - lever[i] - c.nav.gnss_bias[i]
+        z[i] += age * c.nav.v_n[i] - lever[i] - c.nav.gnss_bias[i]
     nis = max_nis(p, c, lever, extra, 0, 2)
     receiver_share = (
         split_excess(p, c, excess_variance(p, c, lever, extra)) if nis > p.tuning.gnss_position_gate else 0.0

@@ -63,19 +63,19 @@ TUNABLES = (
     ),
 )
 HEADING_KNOWN, HEADING_LOST, ATTITUDE_LOST, HEADING_WRONG = range(4)  # events
-SET_HEADING, TO_IMU, TO_ANTENNA, FORGET_HEADING, FORGET_TILT, FORGET_ERRORS = 1, 2, 4, 8, 16, 32  # what is done
+SET_HEADING, TO_IMU, TO_ANTENNA, RESET_HEADING, RESET_TILT, RESET_ERRORS = 1, 2, 4, 8, 16, 32  # what is done
 TRANSITIONS = {  # mode: for each event the mode afterwards, and what is done
     COARSE_ALIGNMENT: {
         HEADING_KNOWN: (NAVIGATING, SET_HEADING | TO_IMU),
-        HEADING_LOST: (COARSE_ALIGNMENT, FORGET_HEADING),
-        ATTITUDE_LOST: (COARSE_ALIGNMENT, FORGET_HEADING | FORGET_TILT),
-        HEADING_WRONG: (COARSE_ALIGNMENT, FORGET_HEADING | FORGET_TILT | FORGET_ERRORS),
+        HEADING_LOST: (COARSE_ALIGNMENT, RESET_HEADING),
+        ATTITUDE_LOST: (COARSE_ALIGNMENT, RESET_HEADING | RESET_TILT),
+        HEADING_WRONG: (COARSE_ALIGNMENT, RESET_HEADING | RESET_TILT | RESET_ERRORS),
     },
     NAVIGATING: {
         HEADING_KNOWN: (NAVIGATING, SET_HEADING),
-        HEADING_LOST: (COARSE_ALIGNMENT, TO_ANTENNA | FORGET_HEADING),
-        ATTITUDE_LOST: (COARSE_ALIGNMENT, TO_ANTENNA | FORGET_HEADING | FORGET_TILT),
-        HEADING_WRONG: (COARSE_ALIGNMENT, TO_ANTENNA | FORGET_HEADING | FORGET_TILT | FORGET_ERRORS),
+        HEADING_LOST: (COARSE_ALIGNMENT, TO_ANTENNA | RESET_HEADING),
+        ATTITUDE_LOST: (COARSE_ALIGNMENT, TO_ANTENNA | RESET_HEADING | RESET_TILT),
+        HEADING_WRONG: (COARSE_ALIGNMENT, TO_ANTENNA | RESET_HEADING | RESET_TILT | RESET_ERRORS),
     },
 }
 EVENTS = 4
@@ -97,16 +97,16 @@ def change_mode(p: Parameters, c: Core, event: int) -> None:
     reset_drift(c)
     reset_time_offset_step(c)
     reset_gyro_bias_step(c)
-    if actions & FORGET_HEADING:
+    if actions & RESET_HEADING:
         c.alignment.heading_sigma = 0.0
         decorrelate(c, ATTITUDE + 2, math.pi**2)
-    if actions & FORGET_TILT:
-        forget_tilt(p, c)
+    if actions & RESET_TILT:
+        reset_tilt(p, c)
     if actions & SET_HEADING:
         clear_learning(c)
         restart_in_motion_alignment(c)
-    if actions & FORGET_ERRORS:
-        forget_sensor_errors(p, c)
+    if actions & RESET_ERRORS:
+        reset_sensor_errors(p, c)
 
 
 @kernel
@@ -134,7 +134,7 @@ def set_heading_covariance(p: Parameters, c: Core) -> None:
 
 
 @kernel
-def forget_tilt(p: Parameters, c: Core) -> None:
+def reset_tilt(p: Parameters, c: Core) -> None:
     """Roll and pitch from the newest force, the vehicle's axis in the body unknown."""
     reset_nhc(c)
     restart_in_motion_alignment(c)
@@ -144,7 +144,7 @@ def forget_tilt(p: Parameters, c: Core) -> None:
 
 
 @kernel
-def forget_sensor_errors(p: Parameters, c: Core) -> None:
+def reset_sensor_errors(p: Parameters, c: Core) -> None:
     """Biases and gyro_scale as before the first sample."""
     clear_sensor_errors(c)
     for i in range(3):
@@ -162,7 +162,7 @@ def transfer_lever_arm(p: Parameters, c: Core, sign: float) -> None:
     """
     if c.gnss.last_used_ns == NEVER_NS:
         return
-    arm, antenna, late2 = antenna_position(p, c), antenna_velocity(p, c), variance(c, TIME_OFFSET)
+    arm, antenna, time_offset_var = antenna_position(p, c), antenna_velocity(p, c), variance(c, TIME_OFFSET)
     displace(c, -sign * arm[0], -sign * arm[1], -sign * arm[2])
     for i in range(3):
         of_imu = c.nav.v_n[i] - (antenna[i] if sign > 0.0 else 0.0)
@@ -174,4 +174,4 @@ def transfer_lever_arm(p: Parameters, c: Core, sign: float) -> None:
         row = gyro_bias_row(c, p.gnss_lever_arm, i)
         combine3(c, VELOCITY + i, GYRO_BIAS, -sign * row[0], -sign * row[1], -sign * row[2])
         combine(c, POSITION + i, TIME_OFFSET, sign * of_imu)
-        add_variance(c, VELOCITY + i, late2 * c.imu.accel_n[i] ** 2)
+        add_variance(c, VELOCITY + i, time_offset_var * c.imu.accel_n[i] ** 2)

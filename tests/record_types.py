@@ -12,6 +12,7 @@ from imud.estimators.ahrs import state as ahrs
 from imud.estimators.ins import core, parameters
 from imud.estimators.ins.aiding import records as aiding
 from imud.estimators.ins.alignment import records as alignment
+from imud.estimators.ins.integrity import records as integrity
 from imud.estimators.papers import gps_track, stationary, suh
 from imud.estimators.papers.ins9 import state as ins9
 from imud.estimators.riss import state as riss
@@ -36,14 +37,14 @@ INS = {
     "Imu": core.IMU,
     "Covariance": core.COVARIANCE,
     "Stationarity": core.STATIONARITY,
-    "GravityMonitor": core.GRAVITY_MONITOR,
-    "Nhc": core.NHC,
-    "Gnss": core.GNSS,
-    "Integrity": core.INTEGRITY,
+    "GravityMonitor": integrity.GRAVITY_MONITOR,
+    "Nhc": aiding.NHC,
+    "Gnss": aiding.GNSS,
+    "Integrity": integrity.INTEGRITY,
     "ProcessNoise": core.PROCESS_NOISE,
-    "Drift": core.DRIFT,
-    "TimeOffsetStep": core.TIME_OFFSET_STEP,
-    "GyroBiasStep": core.GYRO_BIAS_STEP,
+    "Drift": integrity.DRIFT,
+    "TimeOffsetStep": integrity.TIME_OFFSET_STEP,
+    "GyroBiasStep": integrity.GYRO_BIAS_STEP,
     "Alignment": alignment.ALIGNMENT,
     "Barometer": aiding.BAROMETER,
     "ExternalAid": aiding.EXTERNAL_AID,

@@ -55,10 +55,11 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     ("imud/clocks", "imud/sensor_errors", "imud/sensor_monitor"),
     ("imud/estimators", "imud/estimators/ahrs", "imud/estimators/papers", "imud/estimators/riss"),
     ("imud/estimators/ins/state.py", "imud/estimators/ins/types.py"),
-    ("imud/estimators/ins/aiding/records.py", "imud/estimators/ins/alignment/records.py"),
+    tuple(f"imud/estimators/ins/{folder}/records.py" for folder in ("aiding", "alignment", "integrity")),
     ("imud/estimators/ins/core.py",),
     ("imud/estimators/ins/mechanization.py", "imud/estimators/ins/vehicle_axes.py"),
     ("imud/estimators/ins/ekf.py",),
+    ("imud/estimators/ins/noise_density.py",),
     tuple(f"imud/estimators/ins/{name}.py" for name in ("checkpoint", "error_model", "lever_arm", "setup", "solution")),
     tuple(  # what has to see every step of the Kalman filter
         f"imud/estimators/ins/{name}.py"

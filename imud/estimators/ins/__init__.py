@@ -7,13 +7,13 @@ An error-state Kalman filter around a strapdown mechanization. In the order of t
 | `filter` | the entries: an inertial sample, a GNSS fix, a measurement of another source |
 | `fusion_horizon` | rings of samples, snapshots and measurements: each measurement is fused at its epoch |
 | `imu_sample` | the order of things for a sample; `damaged_readings`: missing and clipped ones |
-| `propagation` | to a later time; `mechanization`: the nominal state; `error_model`: F and Q |
+| `propagation` | to a later time; `mechanization`: the nominal state; `error_model`, `noise_density`: F and Q |
 | `stationarity`, `rest` | windows of samples; is the sensor at rest? |
 | `gnss_fix`, `sources` | the order of things for a fix; the table of the other sources |
 | `aiding/` | one file a source: its Jacobian, noise and gate |
 | `fusion`, `ekf` | one update of the Kalman filter; `process_noise`: learned from the innovations |
 | `alignment/` | roll, pitch and heading before navigation, and the modes |
-| `integrity/` | fault detection: a drifting receiver, a wrong heading or gyro bias |
+| `integrity/` | fault detection: a drifting or frozen receiver, a wrong heading or gyro bias |
 | `state`, `core`, `parameters` | the error states; the records, a concern each; the tunables |
 | `solution` | what comes out; `checkpoint`: what outlasts a restart of the program |
 """

@@ -1,4 +1,4 @@
-"""The error model: how the errors of the nominal state propagate (F), and the process noise (Q).
+"""The error model: how the errors of the nominal state propagate (F), and how P follows, with process noise (Q).
 
 Errors are true minus estimated values (Groves' are the other way round). phi is the attitude error, a small rotation in
 navigation axes; f is the specific force in body axes, C turns it into navigation axes.
@@ -14,7 +14,8 @@ errors, and the change of gravity and of transport rate with them. Scale factors
 gyro_scale; what changes with the rate beyond them, and those of the accelerometers, are noise that grows with it.
 
 `linearize` evaluates the blocks of the transition matrix, I + F over the interval; `propagate_covariance` applies it to
-P and adds Q (the odometer's and the barometer's are in their files); `apply_transition` applies it to error states.
+P and adds Q (`noise_density`; the odometer's and the barometer's are in their files); `apply_transition` applies it to
+error states.
 
 Source: Groves (2013), sec. 14.2.
 """
@@ -31,8 +32,9 @@ from ...math.earth import STANDARD_GRAVITY
 from ...math.kalman import reset, scale, shear, shear3
 from ...math.rotation import Vector
 from ..tuning import Tunable
-from .ekf import add_variance, combine3, variance
+from .ekf import add_variance, combine3
 from .mechanization import rotate_attitude, rotation_matrix
+from .noise_density import attitude_psd, velocity_psd
 from .state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -74,24 +76,6 @@ TUNABLES = (
         "The same receivers.",
     ),
     Tunable(
-        "accel_scale_time_s", 0.2, "s", "How long an accelerometer's scale error acts in one direction.", "Choice."
-    ),
-    Tunable("gyro_scale_time_s", 0.05, "s", "How long a gyro's scale error acts in one direction.", "Choice."),
-    Tunable(
-        "vibration_vrw",
-        0.011,
-        "(m/s)/sqrt(s)",
-        "Velocity random walk that vibration adds to an accelerometer's under way; the first value, learned later.",
-        "Recorded drives.",
-    ),
-    Tunable(
-        "vibration_arw",
-        math.radians(0.005),
-        "rad/sqrt(s)",
-        "Angle random walk that vibration adds to a gyro's under way; the first value, learned later.",
-        "Recorded drives.",
-    ),
-    Tunable(
         "vibration_bias_walk",
         2e-3,
         "(m/s^2)/sqrt(s)",
@@ -112,21 +96,12 @@ TUNABLES = (
         "Random walk of the point about which a vehicle turns.",
         "1 cm in a second, 0.6 m in an hour.",
     ),
-    Tunable("second_order_time_s", 1.0, "s", "Correlation time of the errors of the linear model.", "Choice."),
     Tunable(
         "min_scaled_turn",
         1e-3,
         "rad",
         "Least rotation that is corrected for scale factors and misalignments.",
         "Numerics.",
-    ),
-    Tunable(
-        "nonlinear_scale_share",
-        0.5,
-        "",
-        "Share of a gyro's error in turns that constant factors do not explain.",
-        "Recorded drives.",
-        high=1.0,
     ),
     Tunable(
         "misalignment_over_scale",
@@ -136,20 +111,6 @@ TUNABLES = (
         "M-G350 data sheet: 0.1 deg and 0.5 %.",
     ),
     Tunable("gyro_scale_psd", 5e-5**2, "1/s", "Random walk of gyro_scale, with temperature.", "0.3 % in an hour."),
-    Tunable(
-        "alignment_accel",
-        0.3,
-        "m/s^2",
-        "Acceleration that is not measured while the heading is unknown.",
-        "Recorded drives.",
-    ),
-    Tunable(
-        "alignment_accel_time_s",
-        1.0,
-        "s",
-        "Correlation time of the acceleration that is not measured while the heading is unknown.",
-        "1 Hz receivers.",
-    ),
 )
 
 
@@ -242,52 +203,6 @@ def apply_gyro_scale(p: Parameters, c: Core, transition: Transition) -> None:
             k, turn = 3 * i, angle[j]
             combine3(c, ATTITUDE + i, GYRO_SCALE + 3 * j, -C_nb[k] * turn, -C_nb[k + 1] * turn, -C_nb[k + 2] * turn)
         angle[j] = 0.0
-
-
-@kernel
-def second_order_psd(p: Parameters, c: Core, accel2: float) -> float:
-    """Velocity noise, m^2/s^3, for second-order effects of an uncertain heading; accel2: squared acceleration.
-
-    A heading error reduces the acceleration by half its square, and rotates the acceleration that a tilt error causes.
-    """
-    heading2 = variance(c, ATTITUDE + 2)
-    tilt2 = 0.5 * (variance(c, ATTITUDE) + variance(c, ATTITUDE + 1))
-    return float((0.5 * heading2 * accel2 + STANDARD_GRAVITY**2 * tilt2) * heading2 * p.tuning.second_order_time_s)
-
-
-@kernel
-def velocity_psd(p: Parameters, c: Core) -> float:
-    """Q of the velocity, m^2/s^3: sensor noise, vibration, scale factors, and second-order effects of the heading."""
-    a = c.imu.accel_n
-    accel2 = a[0] ** 2 + a[1] ** 2 + a[2] ** 2
-    if c.alignment.mode == COARSE_ALIGNMENT:
-        return (
-            (p.tuning.alignment_accel**2 + accel2) * p.tuning.alignment_accel_time_s
-            if not c.stationarity.at_rest
-            else 0.0
-        )
-    q = (
-        p.accel_psd
-        + c.process_noise.psd[0] * c.stationarity.vibration_level  # learned
-        + c.stationarity.vibration_accel_psd
-        + p.accel_scale**2 * accel2 * p.tuning.accel_scale_time_s
-    )
-    return float(q + second_order_psd(p, c, accel2))
-
-
-@kernel
-def attitude_psd(p: Parameters, c: Core, turn_rate: float) -> float:
-    """Q of the attitude, rad^2/s, at a smoothed `turn_rate`, rad/s, about the vertical."""
-    w = c.imu.rate_b
-    rate2 = w[0] ** 2 + w[1] ** 2 + w[2] ** 2 - (1.0 - p.tuning.nonlinear_scale_share) * turn_rate * turn_rate
-    floor = c.stationarity.gyro_noise_floor
-    gyro_psd = max(p.gyro_psd, floor * floor * p.period / 3.0)  # the smallest deviation is that of noise
-    return float(
-        gyro_psd
-        + c.process_noise.psd[1] * c.stationarity.vibration_level  # learned
-        + c.stationarity.vibration_gyro_psd
-        + p.gyro_scale**2 * rate2 * p.tuning.gyro_scale_time_s
-    )
 
 
 @kernel

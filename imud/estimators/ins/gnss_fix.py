@@ -14,9 +14,7 @@ from .aiding.gnss_gate import (
     clear_contradictions,
     contradicts_heading,
     decay_reset_score,
-    position_is_frozen,
     reject_frozen,
-    velocity_is_repeated,
 )
 from .aiding.gnss_noise import count_fix, horizontal_sigma, set_gnss_noise, set_speed
 from .aiding.gnss_position import fuse_gnss_position
@@ -29,6 +27,7 @@ from .alignment.modes import HEADING_LOST, HEADING_WRONG, change_mode
 from .alignment.velocity_pairs import restart_in_motion_alignment
 from .ekf import variance
 from .fusion import correct_state, write_innovation
+from .integrity.frozen_receiver import position_is_frozen, velocity_is_repeated
 from .integrity.gyro_bias_step import detect_gyro_bias_step, reset_gyro_bias_step
 from .integrity.heading_monitor import monitor_heading
 from .integrity.time_offset_step import (

@@ -22,6 +22,7 @@ from . import (
     fusion_horizon,
     gnss_fix,
     imu_sample,
+    noise_density,
     power_on,
     process_noise,
     propagation,
@@ -53,7 +54,7 @@ from .alignment import (
     velocity_pairs,
     whitening,
 )
-from .integrity import gnss_drift, gravity_monitor, gyro_bias_step, heading_monitor, time_offset_step
+from .integrity import frozen_receiver, gnss_drift, gravity_monitor, gyro_bias_step, heading_monitor, time_offset_step
 from .state import AUTO, FREE, LAND
 
 VEHICLES = {"free": FREE, "auto": AUTO, "land": LAND}
@@ -66,6 +67,7 @@ TUNABLES = (
         "Allan variance: K^2 tau / 3 = B^2 where it is flat, at 300 s.",
     ),
     *error_model.TUNABLES,
+    *noise_density.TUNABLES,
     *ekf.TUNABLES,
     *propagation.TUNABLES,
     *damaged_readings.TUNABLES,
@@ -93,6 +95,7 @@ TUNABLES = (
     *heading_posterior.TUNABLES,
     *heading_monitor.TUNABLES,
     *gravity_monitor.TUNABLES,
+    *frozen_receiver.TUNABLES,
     *gnss_drift.TUNABLES,
     *time_offset_step.TUNABLES,
     *gyro_bias_step.TUNABLES,

@@ -40,6 +40,20 @@ if TYPE_CHECKING:
 
 TUNABLES = (
     Tunable(
+        "vibration_vrw",
+        0.011,
+        "(m/s)/sqrt(s)",
+        "Velocity random walk that vibration adds to an accelerometer's under way; the first value, learned later.",
+        "Recorded drives.",
+    ),
+    Tunable(
+        "vibration_arw",
+        math.radians(0.005),
+        "rad/sqrt(s)",
+        "Angle random walk that vibration adds to a gyro's under way; the first value, learned later.",
+        "Recorded drives.",
+    ),
+    Tunable(
         "process_noise_prior",
         3.0,
         "",

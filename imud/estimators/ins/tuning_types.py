@@ -7,18 +7,16 @@ class Tuning:
     gnss_bias_time_s: float
     gnss_velocity_bias_sigma: float
     gnss_velocity_bias_time_s: float
-    accel_scale_time_s: float
-    gyro_scale_time_s: float
-    vibration_vrw: float
-    vibration_arw: float
     vibration_bias_walk: float
     mount_psd: float
     nhc_lever_arm_psd: float
-    second_order_time_s: float
     min_scaled_turn: float
-    nonlinear_scale_share: float
     misalignment_over_scale: float
     gyro_scale_psd: float
+    accel_scale_time_s: float
+    gyro_scale_time_s: float
+    second_order_time_s: float
+    nonlinear_scale_share: float
     alignment_accel: float
     alignment_accel_time_s: float
     min_rotated_tilt: float
@@ -88,7 +86,6 @@ class Tuning:
     reset_time_sigma: float
     max_reject_s: float
     max_drift_speed: float
-    frozen_min_m: float
     inertial_velocity_error: float
     inertial_heading_error: float
     max_velocity_rejects: int
@@ -193,6 +190,7 @@ class Tuning:
     max_speed_of_gravity: float
     recent_rest_s: float
     wrong_bias_gate: float
+    frozen_min_m: float
     onset_interval_s: float
     min_drift_s: float
     min_drift_fixes: int
@@ -213,6 +211,8 @@ class Tuning:
     likely_gyro_bias_step_chi2: float
     gyro_bias_onset_s: float
     gyro_bias_correlation_s: float
+    vibration_vrw: float
+    vibration_arw: float
     process_noise_prior: float
     process_noise_walk: float
     max_learned_nis: float

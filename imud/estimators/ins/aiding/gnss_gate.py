@@ -19,7 +19,7 @@ from ..integrity.gnss_drift import all_onsets_open, clear_detection, reset_drift
 from ..integrity.gyro_bias_step import reset_gyro_bias_step
 from ..integrity.reset_inflation import inflate_position
 from ..integrity.time_offset_step import reset_time_offset_step
-from ..mechanization import displace, ned_difference
+from ..mechanization import displace
 from ..state import ATTITUDE, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY
 from .gnss_noise import clear_gnss_bias
 from .wheel_check import wheels_reject, wheels_support
@@ -71,13 +71,6 @@ TUNABLES = (
     ),
     Tunable("max_reject_s", 60.0, "s", "Longest rejection of fixes that drift away.", "Choice."),
     Tunable("max_drift_speed", 5.0, "m/s", "Fastest drift of a receiver.", "Choice."),
-    Tunable(
-        "frozen_min_m",
-        1.0,
-        "m",
-        "Least distance of the estimate that changes the last digit of any receiver's position.",
-        "GGA with four decimals of a minute: 0.19 m.",
-    ),
     Tunable("inertial_velocity_error", 0.25, "m/s", "Error of an inertial velocity beyond its sigma.", "Choice."),
     Tunable("inertial_heading_error", 0.05, "rad", "Error of an inertial heading beyond its sigma.", "Choice."),
     Tunable(
@@ -90,39 +83,6 @@ TUNABLES = (
     Tunable("max_reset_score", 1.5, "", "Largest decaying count of resets with a right heading.", "Choice."),
     Tunable("reset_score_decay", 0.98, "per fix", "Decay of the count of resets.", "About fifty fixes.", high=0.9999),
 )
-
-
-@kernel
-def position_is_frozen(p: Parameters, c: Core, fix: Fix) -> bool:
-    """Whether the receiver repeats a position to the last digit although the vehicle has moved; call for each fix.
-
-    Many receivers hold the position at rest, and release it late. A frozen position counts as frozen until it changes,
-    even if the estimate becomes uncertain.
-    """
-    g = c.integrity
-    if fix.lat != g.last_position[0] or fix.lon != g.last_position[1]:
-        g.last_position[0], g.last_position[1] = fix.lat, fix.lon
-        g.unchanged_estimate[0], g.unchanged_estimate[1] = c.nav.lat, c.nav.lon
-        g.unchanged_since_ns = c.nav.t_ns
-        g.frozen = 0
-        return False
-    unchanged_s = 1e-9 * (c.nav.t_ns - g.unchanged_since_ns)
-    if c.alignment.mode == NAVIGATING and g.frozen == 0:
-        north, east = ned_difference(c, g.unchanged_estimate[0], g.unchanged_estimate[1], c.nav.lat, c.nav.lon)
-        sigma = math.sqrt(max(variance(c, VELOCITY), variance(c, VELOCITY + 1))) * unchanged_s
-        g.frozen = 1 if elementary.hypot(north, east) - 3.0 * sigma > p.tuning.frozen_min_m else 0
-    return bool(g.frozen != 0 and unchanged_s < p.tuning.max_reject_s)
-
-
-@kernel
-def velocity_is_repeated(c: Core, fix: Fix) -> bool:
-    """Whether the velocity is that of the fix before to the last digit, or not reported; call for each fix."""
-    last, repeated = c.integrity.last_velocity, True
-    for i in range(4):
-        now = fix.v[i] if i < 2 else fix.speed if i == 2 else fix.course
-        repeated = repeated and (now == last[i] or not math.isfinite(now))
-        last[i] = now
-    return repeated
 
 
 @kernel

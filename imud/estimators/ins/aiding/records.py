@@ -1,6 +1,42 @@
-"""The records of the aiding sources beside GNSS: what each remembers from one measurement to the next."""
+"""The records of the aiding sources: what each keeps from one measurement to the next."""
 
 import numpy as np
+
+from ..state import STATES
+
+GNSS = np.dtype(
+    [
+        ("last_used_ns", "<i8"),  # epoch of the last fix used
+        ("fix_count", "<i8"),
+        ("speed", "<f8"),  # m/s of the last fix, NaN unknown
+        ("bias_sigma", "<f8", (2,)),  # m, horizontal and vertical
+        ("reported_sigma", "<f8", (2,)),  # m, by the receiver, horizontal and vertical
+        ("noise_var", "<f8", (2,)),  # m^2, learned white variance, horizontal and vertical
+        ("velocity_noise_var", "<f8"),  # m^2/s^2, learned variance of a component of its velocity
+    ],
+    align=True,
+)
+
+NHC = np.dtype(  # the non-holonomic constraint of a land vehicle
+    [
+        ("since_update", "<f8"),  # s
+        ("enabled", "<i8"),
+        ("velocity_scatter", "<f8", (6,)),  # sum of products of the normalised velocity in the body, upper triangle
+        ("principal_axis", "<f8", (3,)),  # unit vector of its main direction
+        ("ground_scatter", "<f8", (3,)),  # the same over ground
+        ("down_sum", "<f8", (3,)),  # sum of the vertical in the body
+        ("scatter_weight", "<f8"),
+        ("mean_nis", "<f8"),  # smoothed normalised innovation squared
+        ("noise_scale", "<f8", (2,)),  # lateral and vertical velocity variance over the assumed one
+        ("innovation_sum", "<f8", (2, 2)),  # lateral and vertical: sums of innovations, and of their variances
+        ("innovation_count", "<i8"),  # innovations in these
+        ("sum_count", "<i8"),  # complete sums since the noise scale was reset
+        ("start_variance", "<f8", (STATES,)),  # variances when the constraint was enabled
+        ("disable_count", "<i8"),  # times that it was disabled by a contradiction
+        ("disabled_ns", "<i8"),  # and the last of them
+    ],
+    align=True,
+)
 
 BAROMETER = np.dtype(  # at the last reading
     [

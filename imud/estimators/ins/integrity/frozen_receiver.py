@@ -1,0 +1,65 @@
+"""A frozen receiver: it repeats a position, or a velocity, to the last digit although the vehicle moves.
+
+Where the position is frozen and the velocity is not, the velocity is still used.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from imud.drivers import elementary
+
+from ....compile.jit import kernel
+from ...tuning import Tunable
+from ..ekf import variance
+from ..mechanization import ned_difference
+from ..state import NAVIGATING, VELOCITY
+
+if TYPE_CHECKING:
+    from ...types import Fix
+    from ..types import Core, Parameters
+
+
+TUNABLES = (
+    Tunable(
+        "frozen_min_m",
+        1.0,
+        "m",
+        "Least distance of the estimate that changes the last digit of any receiver's position.",
+        "GGA with four decimals of a minute: 0.19 m.",
+    ),
+)
+
+
+@kernel
+def position_is_frozen(p: Parameters, c: Core, fix: Fix) -> bool:
+    """Whether the receiver repeats a position to the last digit although the vehicle has moved; call for each fix.
+
+    Many receivers hold the position at rest, and release it late. A frozen position counts as frozen until it changes,
+    even if the estimate becomes uncertain.
+    """
+    g = c.integrity
+    if fix.lat != g.last_position[0] or fix.lon != g.last_position[1]:
+        g.last_position[0], g.last_position[1] = fix.lat, fix.lon
+        g.unchanged_estimate[0], g.unchanged_estimate[1] = c.nav.lat, c.nav.lon
+        g.unchanged_since_ns = c.nav.t_ns
+        g.frozen = 0
+        return False
+    unchanged_s = 1e-9 * (c.nav.t_ns - g.unchanged_since_ns)
+    if c.alignment.mode == NAVIGATING and g.frozen == 0:
+        north, east = ned_difference(c, g.unchanged_estimate[0], g.unchanged_estimate[1], c.nav.lat, c.nav.lon)
+        sigma = math.sqrt(max(variance(c, VELOCITY), variance(c, VELOCITY + 1))) * unchanged_s
+        g.frozen = 1 if elementary.hypot(north, east) - 3.0 * sigma > p.tuning.frozen_min_m else 0
+    return bool(g.frozen != 0 and unchanged_s < p.tuning.max_reject_s)
+
+
+@kernel
+def velocity_is_repeated(c: Core, fix: Fix) -> bool:
+    """Whether the velocity is that of the fix before to the last digit, or not reported; call for each fix."""
+    last, repeated = c.integrity.last_velocity, True
+    for i in range(4):
+        now = fix.v[i] if i < 2 else fix.speed if i == 2 else fix.course
+        repeated = repeated and (now == last[i] or not math.isfinite(now))
+        last[i] = now
+    return repeated

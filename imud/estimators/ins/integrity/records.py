@@ -1,0 +1,87 @@
+"""The records of integrity monitoring: rejected fixes, and the tests for faults of receiver and sensor."""
+
+import numpy as np
+
+from ..state import GYRO_BIAS_ONSETS, ONSETS, STATES
+
+INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
+    [
+        ("rejecting", "<i8"),  # 1: the last fix was rejected
+        ("reject_count", "<i8", (2,)),  # positions in a row, and heights
+        ("reject_start_ns", "<i8", (2,)),  # the first of them, or of those that are consistent with the velocity
+        ("outage_at_reject_s", "<f8"),  # since the last fix used, when the first was rejected
+        ("reject_offset", "<f8", (2,)),  # m, how far north and east of the estimate that was
+        ("last_position", "<f8", (2,)),  # latitude and longitude of the last fix
+        ("last_velocity", "<f8", (4,)),  # its velocity north and east, speed and course
+        ("unchanged_since_ns", "<i8"),  # when a fix first had that position
+        ("unchanged_estimate", "<f8", (2,)),  # latitude and longitude of the estimate then
+        ("frozen", "<i8"),  # 1: the vehicle has moved since, so that the receiver is frozen
+        ("survey_epochs", "<i8"),  # 1: its epochs are a survey's, not confirmed yet
+        ("velocity_reject_count", "<i8"),  # fixes in a row whose velocity was rejected
+        (
+            "position_inflation",
+            "<f8",
+            (3,),
+        ),  # m^2, beyond P: how far the fixes were that the filter was reset to, fading
+        ("reset_score", "<f8"),  # resets to contradicting fixes, fading
+    ],
+    align=True,
+)
+
+GRAVITY_MONITOR = np.dtype(
+    [
+        ("time", "<f8"),  # s, since the first window
+        ("angle", "<f8", (3,)),  # rad, the measured rate integrated since then
+        ("mean_w", "<f8", (3,)),  # of the last window, rad/s
+        ("first_f", "<f8", (3,)),  # mean force of the first window, m/s^2
+        ("variance", "<f8"),  # m^2/s^4, largest of a mean force since then
+        ("last_rest_ns", "<i8"),  # when the body was last at rest
+    ],
+    align=True,
+)
+
+DRIFT = np.dtype(  # the test for a receiver that drifts (GLR)
+    [
+        ("detected", "<i8"),  # by what: BY_POSITIONS, BY_WHEELS; 0: none is detected
+        ("noise_scale", "<f8"),  # variance of the receiver's bias over the reported one
+        ("noise_scale_count", "<i8"),  # onsets from which it was learned
+        ("pending_noise_scale", "<f8"),  # that of the last closed onset, learned at the next
+        ("onset_ns", "<i8", (ONSETS,)),  # start of a hypothetical drift
+        ("innovation_count", "<i8", (ONSETS,)),  # since
+        ("information_vector", "<f8", (ONSETS, 2)),  # s/m, of the drift velocity north and east
+        ("information_matrix", "<f8", (ONSETS, 3)),  # s^2/m^2, upper triangle
+        (
+            "bias_sensitivity",
+            "<f8",
+            (STATES, 2 * ONSETS),
+        ),  # error states per m/s of drift, north and east for each onset
+    ],
+    align=True,
+)
+
+TIME_OFFSET_STEP = np.dtype(  # the test for a step of the receiver's stamps (GLR)
+    [
+        ("onset_ns", "<i8"),  # the last fix that was as expected
+        ("information", "<f8"),  # 1/s^2, of the step
+        ("vector", "<f8"),  # 1/s, information times step
+        ("energy", "<f8"),  # sum of the normalised innovations squared
+        ("count", "<i8"),  # number of these
+        ("sensitivity", "<f8", (STATES, 1)),  # error states per second of the step
+        ("jump", "<f8", (2, 3)),  # of positions north, east: sums of 1 / s, of mean / s, of innovation / s
+    ],
+    align=True,
+)
+
+GYRO_BIAS_STEP = np.dtype(  # the test for a step of the gyro bias about the vertical (GLR)
+    [
+        ("last_ns", "<i8"),  # the last fix
+        ("heading_variance", "<f8"),  # rad^2, beyond P: of a step that is likely but not detected
+        ("onset_ns", "<i8", (GYRO_BIAS_ONSETS,)),
+        ("information", "<f8", (GYRO_BIAS_ONSETS,)),  # s^2/rad^2, of the step
+        ("vector", "<f8", (GYRO_BIAS_ONSETS,)),  # s/rad, information times step
+        ("energy", "<f8", (GYRO_BIAS_ONSETS,)),  # sum of the normalised innovations squared
+        ("count", "<f8", (GYRO_BIAS_ONSETS,)),  # number of these
+        ("sensitivity", "<f8", (STATES, GYRO_BIAS_ONSETS)),  # error states per rad/s of the step
+    ],
+    align=True,
+)

@@ -7,7 +7,6 @@ are in a folder that stands in for sysfs meanwhile.
 
 import contextlib
 import os
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +20,7 @@ from imud.drivers.transport.portspec import PortSpec
 
 from ..configuration.settings import Settings
 from ..errors import ImudError, UsageError
+from ..process.python import python_command
 
 SCHEME = "sim:"
 DEVICES = {
@@ -118,7 +118,7 @@ def _emulator(specs: Sequence[PortSpec], links: Sequence[str], seed: int, folder
     import subprocess
 
     log, scenario = folder / "log", specs[0].path[len(SCHEME) :]
-    command = [sys.executable, "-m", "imud.firmware_sim", f"--scenario={scenario}", f"--seed={seed}"]
+    command = python_command("imud.firmware_sim", f"--scenario={scenario}", f"--seed={seed}")
     command += [f"--parent={os.getpid()}", f"--iio-root={folder}", *(f"--link={link}" for link in links), "--"]
     command += [_device(spec) + (f"@{spec.baud}" if spec.baud else "") for spec in specs]
     with log.open("w") as errors:

@@ -28,6 +28,7 @@ from ..configuration.settings import Settings
 from ..errors import CannotCreateError, ImudError, UsageError
 from ..math.arrays import Records
 from ..pipeline import NOTHING_STORED, Stored
+from ..process.python import python_command
 from ..sensor_errors.calibration import Calibration
 from ..sensors.byte_sink import ByteSink
 from ..sensors.inertial import Inertial
@@ -62,7 +63,7 @@ class Recorder:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SOCKET_BYTES)
         with theirs:  # in a session of its own: Ctrl-C is for us, and ends it by our end
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "imud.recording.writer", str(theirs.fileno())],
+                python_command("imud.recording.writer", str(theirs.fileno())),
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from imud.errors import ImudError
+from imud.process.python import python_command
 
 from . import reference
 from .race import Pacer, match_sequence, race
@@ -49,7 +50,7 @@ def processor() -> dict[str, str]:
 def with_compiled_kernels(environment: dict[str, str]) -> dict[str, str]:
     """The environment, after kernels have been compiled for it into a cache of their own."""
     environment = {name: value for name, value in environment.items() if name != "NUMBA_CACHE_DIR"}
-    command = [sys.executable, "-m", "imud", "warmup", "--estimator", "attitude"]
+    command = python_command("imud", "warmup", "--estimator", "attitude")
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
         raise CountError(f"imud warmup: {done.stderr[-200:]}")
@@ -90,7 +91,7 @@ class Counter:
 
 def _replay(section: Section, environment: dict[str, str], folder: Path) -> None:
     counter = Counter(folder / "replay")
-    command = [*counter.prefix, sys.executable, "-m", "imud.commands.bench.counted", *_OPTIONS]
+    command = [*counter.prefix, *python_command("imud.commands.bench.counted"), *_OPTIONS]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment
     ) as process:

@@ -10,7 +10,6 @@ import select
 import socket
 import struct
 import subprocess
-import sys
 import time
 import tty
 from collections.abc import Callable, Iterator, Sequence
@@ -18,6 +17,7 @@ from pathlib import Path
 
 from imud.client import RECORD
 from imud.errors import ImudError
+from imud.process.python import python_command
 
 from . import reference, signals
 from .throughput import new_stream
@@ -145,7 +145,7 @@ class Pacer:
 def _imud(folder: Path, contestant: Contestant) -> list[str]:
     settings = ("readonly=true", f"stream.listen={contestant.path}")
     return [
-        *(sys.executable, "-m", "imud.commands.bench.observed", str(folder / "observed.json"), "run"),
+        *python_command("imud.commands.bench.observed", str(folder / "observed.json"), "run"),
         *("--port", f"{contestant.tty}:epson@460800", "--estimator", "attitude"),
         *("--listen", str(folder / "gpsd"), *(word for s in settings for word in ("--set", s))),
     ]

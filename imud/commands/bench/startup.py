@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from imud.errors import ImudError
+from imud.process.python import python_command
 
 from . import signals
 from .table import Section
@@ -36,12 +37,10 @@ _TABLE = "most of it is decimal text, in and out, of 60,000 rows"
 def _ready(memory_mb: list[float], **variables: str) -> float:
     """Seconds from the start of `imud run` until it logs that it is ready; appends the memory that it uses then."""
     with tempfile.TemporaryDirectory() as folder:
-        command = ["-m", "imud", "run", "--port", f"{folder}/absent", "--listen", f"{folder}/gpsd"]
+        command = python_command("imud", "run", "--port", f"{folder}/absent", "--listen", f"{folder}/gpsd")
         environment = {**os.environ, "NO_COLOR": "1", **variables}
         begin = time.perf_counter()
-        with subprocess.Popen(
-            [sys.executable, *command], stderr=subprocess.PIPE, text=True, env=environment
-        ) as process:
+        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as process:
             assert process.stderr
             log = ""
             for line in process.stderr:
@@ -62,10 +61,10 @@ def _resident_mb(pid: int) -> float:
     return next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmRSS:")) * 1024e-6
 
 
-def _python(*arguments: str) -> float:
+def _time(command: list[str]) -> float:
     begin = time.perf_counter()
     subprocess.run(
-        [sys.executable, *arguments], check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        command, check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )  # status and probe end with an error where there is nothing
     return time.perf_counter() - begin
 
@@ -74,7 +73,7 @@ def _python(*arguments: str) -> float:
 def _ended_after(command: list[str], log: Path) -> Iterator[subprocess.Popen[bytes]]:
     """A command of imud's, until the block ends."""
     with log.open("wb") as file:
-        process = subprocess.Popen([sys.executable, "-m", "imud", *command], stdout=file, stderr=file)
+        process = subprocess.Popen(python_command("imud", *command), stdout=file, stderr=file)
     with process:
         try:
             yield process
@@ -129,10 +128,10 @@ def start(rounds: int, cold: bool) -> Section:
         _write_minute(minute)
         turns = Turns(
             rounds,
-            partial(_python, "-c", "import numpy"),
+            partial(_time, [sys.executable, "-c", "import numpy"]),
             partial(_ready, memory_mb),
-            partial(_python, "-m", "imud", "replay", "--imu", str(minute), "-o", str(folder / "estimates.csv")),
-            *(partial(_python, "-m", "imud", command) for command in _SMALL),
+            partial(_time, python_command("imud", "replay", f"--imu={minute}", f"-o={folder / 'estimates.csv'}")),
+            *(partial(_time, python_command("imud", command)) for command in _SMALL),
         )
         section.add("import numpy", turns.median(0), "s")
         section.add("start to READY", turns.ratio(1, 0), "x", most=2.5, reason=_IMPORTS)
@@ -146,7 +145,7 @@ def start(rounds: int, cold: bool) -> Section:
         except (ImudError, OSError) as error:
             section.add("memory with receiver and client", math.nan, "MB", most=40, note=str(error))
         if cold:
-            seconds = _python("-m", "imud.compile", str(library))
+            seconds = _time(python_command("imud.compile", str(library)))
             size = library.stat().st_size if library.exists() else math.nan
             note = "" if library.exists() else "no C compiler"
             ratio = math.nan if note else seconds / turns.median(0)

@@ -13,7 +13,6 @@ import select
 import signal
 import socket
 import subprocess
-import sys
 import tempfile
 import time
 import webbrowser
@@ -26,6 +25,7 @@ from imud.commands.arguments import above_zero, add_settings, seed
 from imud.errors import ImudError, UsageError
 from imud.firmware_sim.cli import SCENARIO_NAMES
 from imud.firmware_sim.faults import spec
+from imud.process.python import python_command
 from imud.setup import config
 
 from .comparison import Comparison, Truth
@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @contextlib.contextmanager
 def process(*arguments: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
     """An imud process, ended with the block."""
-    process = subprocess.Popen([sys.executable, "-m", "imud", *arguments], text=True, **options)
+    process = subprocess.Popen(python_command("imud", *arguments), text=True, **options)
     try:
         yield process
     finally:

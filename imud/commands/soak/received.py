@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from imud.client import RECORD
 from imud.errors import ImudError
+from imud.process.python import python_command
 
 from ..demo import LiveComparison
 from ..demo.comparison import Comparison
@@ -85,7 +86,7 @@ class StreamReader:
     """The client of the stream, from the outside."""
 
     def __init__(self, path: Path) -> None:
-        command = [sys.executable, "-m", __name__, str(path)]
+        command = python_command(__name__, str(path))
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self.counts()
 

@@ -16,6 +16,7 @@ import sys
 from pathlib import Path
 
 import golden_attitude
+import golden_attitude_faults
 import golden_navigation
 import golden_others
 import numpy as np
@@ -46,7 +47,7 @@ def classes():
     made = {name: functools.partial(usual, name) for name in NAMES}
     for stem, functions in (
         ("navigation", golden_navigation.CLASSES),
-        ("attitude", golden_attitude.CLASSES),
+        ("attitude", (*golden_attitude.CLASSES, *golden_attitude_faults.CLASSES)),
         ("", golden_others.CLASSES),
     ):
         for function in functions:

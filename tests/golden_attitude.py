@@ -1,13 +1,11 @@
 """Recordings for the golden traces of the attitude filter, one for each class of fault and of motion."""
 
 import numpy as np
-from attitude_simulation import DEG, MG, Flaws, G, after, measure, simulate, steady
+from attitude_simulation import DEG, MG, Flaws, after, measure, simulate, steady
 from golden_run import Recording
-from scipy.spatial.transform import Rotation
 from simulated import samples_of
 
 from imud.configuration.settings import Imu, Initial, Settings
-from imud.drivers.sample import POWER_ON, SUSPECT
 
 UNDRIVEN, HEADED = Initial(), Initial(yaw_deg=20.0)
 BIASES = Flaws(gyro_bias=(0.2 * DEG, -0.1 * DEG, 0.15 * DEG), accel_bias=(2.0 * MG, -3.0 * MG, 1.0 * MG))
@@ -46,16 +44,6 @@ def counted(samples):
     return samples
 
 
-def spoilt(begin, end, faults, truth=None, estimator="attitude", initial=HEADED):
-    """Faults (column, axes, value or None for the last one) from `begin` to `end` s."""
-    truth = truth or lively(50.0, 200.0)
-    samples = counted(shown(truth))
-    k = np.flatnonzero((truth.t >= begin) & (truth.t < end))
-    for name, axes, value in faults:
-        samples[name][k, axes] = samples[name][k[0], axes] if value is None else value
-    return judged(samples, initial, estimator=estimator)
-
-
 def hand():
     return judged(shown(lively()), HEADED)
 
@@ -83,10 +71,6 @@ def start_far_from_gravity():
 def everything_given():
     given = Initial(roll_deg=10.0, pitch_deg=5.0, yaw_deg=20.0, lat_deg=48.0, height_m=500.0, lon_deg=11.0)
     return judged(shown(lively()), given)
-
-
-def false_attitude_given():
-    return judged(shown(lively()), Initial(roll_deg=-50.0, pitch_deg=40.0, yaw_deg=20.0))
 
 
 def rest():
@@ -174,36 +158,9 @@ def counts_that_hardly_tell():
     return cut_off(np.trunc, (0.03, -0.02, 0.04), still=1e3, duration=130.0, count=0.0145 * DEG)
 
 
-def short_gaps():
-    """Of two samples each, about the shortest that count as one."""
-    samples = shown(lively(40.0))
-    keep = np.ones(len(samples), bool)
-    keep[1500::250] = keep[1501::250] = False
-    return judged(samples[keep], HEADED)
-
-
-def power_on():
-    """Of another sensor, with other biases, at rest and in motion."""
-    truth = lively(60.0)
-    samples = shown(truth)
-    for begin in (6.0, 40.0):
-        samples["w"][truth.t >= begin] += np.array([0.3, -0.2, 0.1]) * DEG
-        samples["f"][truth.t >= begin] += np.array([3.0, 5.0, -4.0]) * MG
-        samples["flags"][np.searchsorted(truth.t, begin)] |= POWER_ON
-    return judged(samples[(truth.t < 5.5) | (truth.t > 6.0 - 1e-6)], HEADED)
-
-
 def counts_about_whole():
     """A bias that was taken out left them a little beside whole numbers, by as much as they just may be."""
     return cut_off(np.trunc, (0.08, -0.05, -0.4), 8.11 * COUNT / DEG, still=60.0)
-
-
-def gaps_of_about_a_second():
-    """A little longer than the attitude is carried on for; the same of damage."""
-    truth = lively(60.0)
-    samples = shown(truth)
-    samples["flags"][(truth.t >= 40.0) & (truth.t < 41.1)] = SUSPECT
-    return judged(samples[(truth.t < 25.0) | (truth.t > 26.1)], HEADED)
 
 
 def long_drive_of_the_heading():
@@ -284,90 +241,6 @@ def warped():
     return judged(shown(lively(120.0, turning=1.5, moving=2.0), flaws), HEADED)
 
 
-def clipping():
-    """Beyond the range of the gyro, then of the accelerometer."""
-    truth = lively(50.0, 200.0)
-    samples = shown(truth)
-    samples["w"][4000:4060, 2] += 8.0
-    samples["f"][6000:6060, 0] += 50.0
-    for name, most in (("w", 300.0 * DEG), ("f", 3.0 * G)):
-        samples[name] = np.clip(samples[name], -most, most)
-    return judged(samples, HEADED)
-
-
-def lost_accelerometer():
-    return spoilt(20.0, 30.0, [("f", slice(None), 0.0)])
-
-
-def one_frozen_axis_of_the_accelerometer():
-    return spoilt(20.0, 26.0, [("f", 1, None)])
-
-
-def lost_gyro():
-    return spoilt(20.0, 25.0, [("w", slice(None), None)])
-
-
-def lost_gyro_for_a_moment():
-    return spoilt(20.0, 20.5, [("w", 1, np.nan)])
-
-
-def no_accelerometer_at_the_start():
-    return spoilt(-1.0, 8.0, [("f", slice(None), 0.0)])
-
-
-def gaps():
-    truth = lively(60.0)
-    keep = np.ones(len(truth.t), bool)
-    for begin, end in ((15.0, 15.05), (20.0, 20.3), (25.0, 25.9), (40.0, 43.0)):
-        keep &= (truth.t < begin) | (truth.t > end)
-    return judged(shown(truth)[keep], HEADED)
-
-
-def gap_in_lively_motion():
-    """It leaves the tilt unknown."""
-    truth = simulate(60.0, 100.0, wobble(8, 2.0), wobble(58, 2.0, 1.0, 4.0))
-    return judged(shown(truth)[(truth.t < 30.0) | (truth.t > 30.9)])
-
-
-def damaged_samples():
-    samples = shown(lively(40.0))
-    for first in range(1200, 3600, 200):
-        samples["w"][first : first + 3], samples["f"][first : first + 3] = 1e9, np.nan
-        samples["flags"][first : first + 3] = SUSPECT
-    samples["w"][1300:1303, 1] = np.nan
-    samples["f"][2100:2103, 2] = np.inf
-    samples["t_ns"][3000:3010] -= 1_000_000_000
-    samples["flags"][:20] = SUSPECT
-    return judged(samples, HEADED)
-
-
-def slipped(angle_deg, truth, flaws=BIASES, profile="m-g350", initial=HEADED):
-    """A sensor that slips by this angle after 20 s."""
-    samples = shown(truth, flaws)
-    slip = Rotation.from_rotvec(angle_deg * DEG * np.array([0.6, 0.8, 0.0]))
-    for name in ("w", "f"):
-        samples[name][truth.t >= 20.0] = slip.apply(samples[name][truth.t >= 20.0])
-    return judged(samples, initial, profile)
-
-
-def lost_attitude():
-    return slipped(90.0, lively(70.0))
-
-
-def wrong_tilt_in_motion():
-    truth = simulate(120.0, 50.0, after(5.0, wobble(1, 0.1, 0.5, 4.0)), after(5.0, wobble(2, 0.4, 0.3, 1.5)))
-    return slipped(12.0, truth)
-
-
-def slip_in_a_hand():
-    """Of a body that has proved to be no vehicle."""
-    return slipped(15.0, lively(40.0))
-
-
-def wrong_tilt_at_rest():
-    return slipped(5.0, simulate(80.0, 50.0))
-
-
 def cut_off(cast, bias_degps, taken_out_degps=0.0, still=8.0, duration=100.0, count=COUNT):
     """Rates as integers; a bias was taken out afterwards."""
     truth = simulate(duration, 200.0, after(still, wobble(6, 0.5, 0.3, 1.5)), after(still, wobble(6, 0.5, 1.0, 3.0)))
@@ -401,13 +274,34 @@ def rates_rounded():
 
 
 CLASSES = (
-    slip_in_a_hand,
-    disturbed_rest_of_a_consumer_sensor, counts_that_hardly_tell, short_gaps, power_on, hand, start_in_motion,
-    start_shaken, start_far_from_gravity, everything_given, disturbed_rest, fast_turntable, turntable_that_tilts,
-    weight_just_false, coarse_counts, fine_counts, counts_about_whole, gaps_of_about_a_second,
-    long_drive_of_the_heading, false_attitude_given, rest, rest_with_a_step_of_the_bias, turntable,
-    start_on_a_turntable, even_curve, car, smooth_car, fast_car, unnamed, tapping, warped, clipping,
-    lost_accelerometer, one_frozen_axis_of_the_accelerometer, lost_gyro, lost_gyro_for_a_moment,
-    no_accelerometer_at_the_start, gaps, gap_in_lively_motion, damaged_samples, lost_attitude, wrong_tilt_in_motion,
-    wrong_tilt_at_rest, rates_cut_off, rates_cut_off_about_zero, long_rest_of_counts, rates_rounded,
-)  # fmt: skip
+    disturbed_rest_of_a_consumer_sensor,
+    counts_that_hardly_tell,
+    hand,
+    start_in_motion,
+    start_shaken,
+    start_far_from_gravity,
+    everything_given,
+    disturbed_rest,
+    fast_turntable,
+    turntable_that_tilts,
+    weight_just_false,
+    coarse_counts,
+    fine_counts,
+    counts_about_whole,
+    long_drive_of_the_heading,
+    rest,
+    rest_with_a_step_of_the_bias,
+    turntable,
+    start_on_a_turntable,
+    even_curve,
+    car,
+    smooth_car,
+    fast_car,
+    unnamed,
+    tapping,
+    warped,
+    rates_cut_off,
+    rates_cut_off_about_zero,
+    long_rest_of_counts,
+    rates_rounded,
+)

@@ -5,7 +5,8 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 from attitude_simulation import DEG, MG, Flaws, G, simulate, steady
-from golden_attitude import HEADED, judged, lively, shown, spoilt
+from golden_attitude import HEADED, judged, lively, shown
+from golden_attitude_faults import spoilt
 from golden_run import Recording
 from simulated import G350, motion, received, sensed
 

@@ -18,7 +18,7 @@ from ..errors import ImudError, UsageError
 from ..estimators import Estimator
 from ..math.arrays import Records
 from ..outputs.view import Device
-from ..pipeline import NOTHING_STORED, Stored
+from ..pipeline import Stored
 from ..process import garbage
 from ..process.contained import ContainedErrors
 from ..process.log import get_logger
@@ -28,8 +28,10 @@ from ..sensors.estimator_selection import EstimatorSelection
 from ..sensors.inertial import Inertial
 from ..sensors.receiver import Receiver
 from ..setup import choices
+from .byte_routes import ByteRoutes
 from .descriptors import Descriptors
 from .fast_loop import FastLoop
+from .in_use import SensorsInUse
 from .ports import Configured, Port
 from .spares import OF_SPARES, Spares
 from .state_store import StateStore, calibration_of
@@ -58,23 +60,20 @@ class Devices:
     ) -> None:
         """wait: for devices that are absent at the start. Raises UsageError, DeviceAbsentError."""
         self._settings = settings
-        self._recordings, self._errors = recordings, errors
+        self._errors = errors
         self._descriptors = Descriptors(fast_loop)
         self._stream_check = StreamCheck()
         self._log = get_logger()
         self.selection = EstimatorSelection(settings, self._log.warning)
         self.ports = [Port(spec, options, self, wait) for spec, options in choices.ports(settings)]
-        self.imu: tuple[Port, Inertial] | None = None
-        self.gnss: tuple[Port, Receiver] | None = None
+        self.in_use = SensorsInUse()
         self.described: tuple[Device, ...] = ()  # the devices that stream, for the clients
         self._pulse = choices.pulse(settings)
         self.corrections = _corrections(settings.gnss.rtcm) if settings.gnss.rtcm else None
-        self._calibration = calibration.Calibration("")  # of the inertial sensor
         self._store = StateStore()
         self._closed_spares: dict[str, set[Port]] = {kind: set() for kind in _PARTS}
         self.spares = Spares()  # inertial sensors
-        self.sensors: dict[Port, Receiver] = {}  # without positions: compasses, logs, barometers
-        recordings.on_begin, recordings.on_end = self._record_all, self._read_directly
+        self._routes = ByteRoutes(self.ports, self.in_use, self.spares, recordings, self._descriptors)
 
     def check(self) -> None:
         """Find out early that there is no point in waiting. Raises ImudError as `on_time`."""
@@ -88,11 +87,11 @@ class Devices:
     def configure(self, settings: Settings) -> None:
         """Take over the hot keys of new settings."""
         self._settings = settings
-        for receiver in self.receivers():
+        for receiver in self.in_use.receivers():
             receiver.settings, receiver.aiding = settings.gnss, settings.aiding
-        if self.imu and self.imu[0].configured:
-            own = choices.settings_for(settings, self.imu[0].configured.identity, self.ports.index(self.imu[0]))
-            self.imu[1].stream.filter.configure(own)
+        if (imu := self.in_use.imu) and imu[0].configured:
+            own = choices.settings_for(settings, imu[0].configured.identity, self.ports.index(imu[0]))
+            imu[1].stream.filter.configure(own)
 
     @property
     def deadline_s(self) -> float:
@@ -118,16 +117,16 @@ class Devices:
         """Read a port that has bytes; returns the number of new solutions, and the new fixes."""
         port = self._descriptors[fd]
         try:
-            if self.imu and port is self.imu[0]:
-                n = self.imu[1].read(now_ns)
-                self.spares.add_samples(port, self.imu[1], n)
+            if self.in_use.imu and port is self.in_use.imu[0]:
+                n = self.in_use.imu[1].read(now_ns)
+                self.spares.add_samples(port, self.in_use.imu[1], n)
                 return n, []
             if spare := self.spares.sensors.get(port):
                 self.spares.add_samples(port, spare, spare.read(now_ns))
                 return 0, []
-            if self.gnss and port is self.gnss[0]:
-                return 0, self.gnss[1].read(port.line, now_ns)
-            if sensor := self.sensors.get(port):
+            if self.in_use.gnss and port is self.in_use.gnss[0]:
+                return 0, self.in_use.gnss[1].read(port.line, now_ns)
+            if sensor := self.in_use.sensors.get(port):
                 sensor.read(port.line, now_ns)
                 return 0, []
             port.on_event()
@@ -147,24 +146,23 @@ class Devices:
     def tick(self, now_ns: int) -> None:
         """Call several times a second: checks streams, compares spares, forwards corrections, saves the state."""
         self._stream_check.tick(now_ns)
-        for port, sensor in [*self.streaming().values(), *self.spares.sensors.items(), *self.sensors.items()]:
+        for port, sensor in [*self.in_use.all(), *self.spares.sensors.items()]:
             silent = self._stream_check.is_silent(sensor, now_ns)
             if silent and not isinstance(port.line, Known):  # a recording may have gaps, after which it continues
                 port.lost("the device sends nothing more of use")
-        for port in [port for port, sensor in self.sensors.items() if sensor.decoder.status.arrival_ns]:
+        for port in [port for port, sensor in self.in_use.sensors.items() if sensor.decoder.status.arrival_ns]:
             port.lost("it sends positions, too: it is a receiver")
-        if self.imu and (why := self._stream_check.wrong_rate(self.imu[1])):
-            self.imu[0].lost(why)
-        if self.imu and self.spares.sensors:
-            self._compare(*self.imu, now_ns)
+        if self.in_use.imu and (why := self._stream_check.wrong_rate(self.in_use.imu[1])):
+            self.in_use.imu[0].lost(why)
+        if self.in_use.imu and self.spares.sensors:
+            self._compare(*self.in_use.imu, now_ns)
         if self.corrections is not None:
-            self.corrections.forward(now_ns, self.gnss[0].forward if self.gnss else None)
+            self.corrections.forward(now_ns, self.in_use.gnss[0].forward if self.in_use.gnss else None)
         for port in self.ports:
             port.log_line_warning()
-        if self._recordings.current and self.imu:
-            self._recordings.current.record_clock(self.ports.index(self.imu[0]), self.imu[1], now_ns)
-        if self.imu and isinstance(configured := self.imu[0].configured, ImuConfigured):
-            self._store.save_when_due(configured, self.imu[0].spec.path, self.imu[1], now_ns)
+        self._routes.record_clock(now_ns)
+        if self.in_use.imu and isinstance(configured := self.in_use.imu[0].configured, ImuConfigured):
+            self._store.save_when_due(configured, self.in_use.imu[0].spec.path, self.in_use.imu[1], now_ns)
 
     def _compare(self, port: Port, sensor: Inertial, now_ns: int) -> None:
         """Compare all inertial sensors, and replace the one in use if it is wrong.
@@ -187,18 +185,9 @@ class Devices:
         """A spare becomes the sensor in use."""
         self.spares.takeover_s = math.inf
         port = self.spares.successor()
-        if self.imu is None and port is not None and port.configured:
+        if self.in_use.imu is None and port is not None and port.configured:
             self.spares.remove(port)
             self.connected(port, by_name(port.configured.identity.driver), port.configured)
-
-    def streaming(self) -> dict[str, tuple[Port, Inertial] | tuple[Port, Receiver]]:
-        """The port and the sensor that are in use, by kind."""
-        pairs = {"imu": self.imu, "gnss": self.gnss}
-        return {kind: pair for kind, pair in pairs.items() if pair}
-
-    def receivers(self) -> list[Receiver]:
-        """The receiver in use, and the sensors with a receiver's protocol."""
-        return [*([self.gnss[1]] if self.gnss else []), *self.sensors.values()]
 
     def watch(self, port: Port, fd: int) -> None:
         """A port opened its device."""
@@ -213,7 +202,7 @@ class Devices:
         if driver.kind == "gnss" and isinstance(configured, GnssConfigured) and not configured.positions:
             self._use_sensor(port, driver, configured)
             return
-        if other := self.streaming().get(driver.kind):
+        if other := self.in_use.by_kind().get(driver.kind):
             self._keep_as_spare(port, driver, configured, other[0])
             return
         identity = configured.identity
@@ -232,12 +221,12 @@ class Devices:
             }
         elif driver.kind == "gnss":
             now_ns = time.monotonic_ns()
-            self.gnss = (port, Receiver(driver, self._settings.gnss, now_ns, self._pulse, self._settings.aiding))
-            self._record(*self.gnss, now_ns)
+            self.in_use.gnss = (port, Receiver(driver, self._settings.gnss, now_ns, self._pulse, self._settings.aiding))
+            self._routes.record(*self.in_use.gnss, now_ns)
         self._closed_spares[driver.kind].discard(port)
         self._schedule_spares(driver.kind, math.inf)
         self._log.info("streaming", **{name: value for name, value in properties.items() if value})
-        if self.imu is None and all(port.configured for port in self.ports):
+        if self.in_use.imu is None and all(port.configured for port in self.ports):
             self._log.warning("there is no inertial sensor on any port: only the receiver's fixes are passed on")
         self._describe()
         garbage.set_aside()
@@ -245,8 +234,8 @@ class Devices:
     def _use_sensor(self, port: Port, driver: GnssDriver, configured: GnssConfigured) -> None:
         """A sensor streams that has no positions, but perhaps a heading, a speed or a pressure."""
         now_ns, gnss, aiding = time.monotonic_ns(), self._settings.gnss, self._settings.aiding
-        self.sensors[port] = Receiver(driver, gnss, now_ns, aiding=aiding, positions=False)
-        self._record(port, self.sensors[port], now_ns)
+        self.in_use.sensors[port] = Receiver(driver, gnss, now_ns, aiding=aiding, positions=False)
+        self._routes.record(port, self.in_use.sensors[port], now_ns)
         identity = configured.identity
         self._log.info("streaming", port=port.spec.path, device=identity.model, baud=identity.baud)
 
@@ -264,11 +253,11 @@ class Devices:
                 raise
             port.reject(str(error))  # the daemon has run with another sensor, so it does not end because of this one
             return False
-        self.imu, self._calibration = (port, inertial), known
+        self.in_use.imu, self._routes.calibration = (port, inertial), known
         if stored.checkpoint and self.selection.resumed:
             self._log.info("the filter goes on where an earlier run of the daemon ended")
-        self._record(port, inertial, now_ns, stored)
-        self._read_directly()
+        self._routes.record(port, inertial, now_ns, stored)
+        self._routes.read_directly()
         return True
 
     def _keep_as_spare(self, port: Port, driver: AnyDriver, configured: Configured, used: Port) -> None:
@@ -281,27 +270,25 @@ class Devices:
         known = calibration_of(configured.identity)
         number, now_ns = self.ports.index(port), time.monotonic_ns()
         self.spares.add(port, number, driver, configured, known, self._settings, now_ns)
-        self._read_through_python()
+        self._routes.read_through_python()
         self._log.info(f"{what}; until then compared with it", port=port.spec.path)
 
     def disconnected(self, port: Port) -> None:
         """A device streams no more."""
         self.spares.remove(port)
-        recorded = port in [*(used for used, _ in self.streaming().values()), *self.sensors]
-        if self._recordings.current and recorded:
-            self._recordings.current.disconnected(self.ports.index(port), port.spec.path)
-        for kind, (held, _) in self.streaming().items():
+        self._routes.disconnected(port)
+        for kind, (held, _) in self.in_use.by_kind().items():
             if held is port:
                 self._schedule_spares(kind, time.monotonic() + _ABSENCE_S)
-        if self.imu and self.imu[0] is port:
-            self.imu = None
-        if self.gnss and self.gnss[0] is port:
-            self._log.info("receiver ended", port=port.spec.path, **self.gnss[1].counters())
-            self.gnss = None
-        if sensor := self.sensors.pop(port, None):
+        if self.in_use.imu and self.in_use.imu[0] is port:
+            self.in_use.imu = None
+        if self.in_use.gnss and self.in_use.gnss[0] is port:
+            self._log.info("receiver ended", port=port.spec.path, **self.in_use.gnss[1].counters())
+            self.in_use.gnss = None
+        if sensor := self.in_use.sensors.pop(port, None):
             self._log.info("sensor ended", port=port.spec.path, **sensor.counters())
-        if self.imu:
-            self._read_directly()  # what disconnected may have been the last spare
+        if self.in_use.imu:
+            self._routes.read_directly()  # what disconnected may have been the last spare
         self._describe()
 
     def _schedule_spares(self, kind: str, at_s: float) -> None:
@@ -313,8 +300,8 @@ class Devices:
 
     def close(self) -> None:
         """Close all ports."""
-        if self.imu and isinstance(configured := self.imu[0].configured, ImuConfigured):
-            self._store.close(configured, self.imu[0].spec.path, self.imu[1])
+        if self.in_use.imu and isinstance(configured := self.in_use.imu[0].configured, ImuConfigured):
+            self._store.close(configured, self.in_use.imu[0].spec.path, self.in_use.imu[1])
         for port in self.ports:
             port.close()
         if self.corrections is not None:
@@ -324,7 +311,7 @@ class Devices:
 
     def _describe(self) -> None:
         self.described = tuple(
-            _described(port, port.configured) for port, _ in self.streaming().values() if port.configured
+            _described(port, port.configured) for port, _ in self.in_use.by_kind().values() if port.configured
         )
 
     def _load(self, configured: ImuConfigured, path: str, known: calibration.Calibration) -> Stored:
@@ -333,36 +320,6 @@ class Devices:
         own = choices.settings_for(self._settings, configured.identity, number)
         stored = self._store.load(configured, path, known, own)
         return stored if self.selection.inertial is None else replace(stored, checkpoint=b"")
-
-    def _read_directly(self) -> None:
-        """Let the fast loop read the inertial sensor, if neither a recording nor a comparison needs its data."""
-        if self._recordings.current is None:
-            for sensor in [*(used for _, used in self.streaming().values()), *self.sensors.values()]:
-                sensor.byte_sink = None
-        if self.spares.sensors or not self.imu or self.imu[1].byte_sink is not None:
-            return
-        if self.imu[0].line.plain:
-            self._descriptors.attach(self.imu[0].fd, self.imu[1].stream)
-
-    def _read_through_python(self) -> None:
-        """Let Python read the inertial sensor: a recording or a comparison needs its data."""
-        if self.imu:
-            self._descriptors.detach(self.imu[0].fd)
-
-    def _record_all(self) -> None:
-        """Record what streams already: a recording has begun."""
-        self._read_through_python()
-        for port, sensor in [*self.streaming().values(), *self.sensors.items()]:
-            self._record(port, sensor, time.monotonic_ns())
-
-    def _record(self, port: Port, sensor: Inertial | Receiver, now_ns: int, stored: Stored = NOTHING_STORED) -> None:
-        """Have the sensor's bytes recorded from now on, if a recording is being made."""
-        recorder = self._recordings.current
-        if recorder and port.configured:
-            number = self.ports.index(port)
-            known = self._calibration if isinstance(sensor, Inertial) else None
-            recorder.connected(number, port.spec.path, port.configured, known, now_ns, stored)
-            sensor.byte_sink = recorder.byte_sink(number)
 
 
 def _corrections(source: str) -> "Corrections":

@@ -125,9 +125,9 @@ class Daemon:
         while self._exit is None:
             unpublished = self._run_until_event(tick_ns)
             now_ns = time.monotonic_ns()
-            if self._devices.imu:
+            if self._devices.in_use.imu:
                 with self._errors.contain("the publishing of a solution"):
-                    self._on_event(self._devices.imu[0].fd, self._devices.imu[1], unpublished, now_ns)
+                    self._on_event(self._devices.in_use.imu[0].fd, self._devices.in_use.imu[1], unpublished, now_ns)
             for fd, mask in self._fast_loop.others.poll(0):
                 self._dispatch(fd, mask, now_ns)
             self._devices.on_time(now_ns * 1e-9)
@@ -135,7 +135,7 @@ class Daemon:
                 with self._errors.contain("the reading of the configuration"):
                     self._reload()
             if now_ns >= tick_ns:
-                gnss = self._devices.gnss
+                gnss = self._devices.in_use.gnss
                 tick_ns = now_ns + (_SHORT_TICK_NS if gnss and gnss[1].decoder.pending else _TICK_NS)
                 self._tick_all(now_ns)
 
@@ -160,8 +160,8 @@ class Daemon:
         if fd in self._devices:
             n, fixes = self._devices.on_event(fd, now_ns)
             with self._errors.contain("the publishing of a solution"):
-                if n and self._devices.imu:
-                    self._publisher.on_solutions(self._devices.imu[1], n, now_ns)
+                if n and self._devices.in_use.imu:
+                    self._publisher.on_solutions(self._devices.in_use.imu[1], n, now_ns)
             with self._errors.contain("the use of a fix"):
                 self._publisher.on_fixes(fixes, self._settings.gnss.latency_s)
                 self._publisher.on_readings()
@@ -179,10 +179,10 @@ class Daemon:
     def _publish_newest(self, now_ns: int) -> None:
         """Publish the present state, before any client asks for it."""
         with self._errors.contain("the publishing of a solution"):
-            if self._devices.imu is None:
+            if self._devices.in_use.imu is None:
                 self._publisher.publish_receiver(now_ns)
-            elif self._devices.imu[1].newest is not None:
-                self._publisher.publish(self._devices.imu[1], now_ns)
+            elif self._devices.in_use.imu[1].newest is not None:
+                self._publisher.publish(self._devices.in_use.imu[1], now_ns)
 
     def _tick_all(self, now_ns: int) -> None:
         """Do what is not urgent: unfinished epochs, silence, slow clients, the watchdog, lines for the log."""
@@ -191,7 +191,7 @@ class Daemon:
         with self._errors.contain("the check of the devices"):
             self._devices.tick(now_ns)
         with self._errors.contain("the publishing of a fix"):
-            if self._devices.imu is None:
+            if self._devices.in_use.imu is None:
                 self._publisher.publish_receiver(now_ns)
         if self._aiding is not None:
             with self._errors.contain("the check of the measurements"):

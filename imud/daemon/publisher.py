@@ -31,7 +31,7 @@ class Publisher:
 
     def max_batch(self) -> int:
         """The largest batch of solutions that the fast loop publishes by itself, without calling `on_solutions`."""
-        return self.load.max_batch(self._devices.imu[1].period_s) if self._devices.imu else 0
+        return self.load.max_batch(self._devices.in_use.imu[1].period_s) if self._devices.in_use.imu else 0
 
     def on_solutions(self, inertial: Inertial, n: int, now_ns: int) -> None:
         """The stream has n new solutions: record them, and publish them if there is time."""
@@ -46,8 +46,8 @@ class Publisher:
 
     def on_fixes(self, fixes: list[Records], latency_s: float) -> None:
         """The receiver brought fixes, each `latency_s` old on arrival."""
-        if fixes and self._devices.gnss:
-            self._outputs.publish_fix(self._devices.gnss[1].used_last, latency_s)
+        if fixes and self._devices.in_use.gnss:
+            self._outputs.publish_fix(self._devices.in_use.gnss[1].used_last, latency_s)
         if (inertial := self._devices.selection.inertial) is None:
             return
         for fix in fixes:
@@ -59,7 +59,7 @@ class Publisher:
 
     def on_readings(self) -> None:
         """Fuse what receivers and other sensors have measured beside positions."""
-        for receiver in self._devices.receivers():
+        for receiver in self._devices.in_use.receivers():
             if (inertial := self._devices.selection.inertial) is not None and receiver.measured:
                 filter_ = inertial.stream.filter
                 for each in receiver.measured:
@@ -72,8 +72,8 @@ class Publisher:
 
     def tick(self, latency_s: float, now_ns: int) -> None:
         """Call several times a second: handles fixes whose epoch ended by silence, and innovations without a fix."""
-        if self._devices.gnss:
-            self.on_fixes(self._devices.gnss[1].flush(now_ns), latency_s)
+        if self._devices.in_use.gnss:
+            self.on_fixes(self._devices.in_use.gnss[1].flush(now_ns), latency_s)
             self.on_readings()
         inertial = self._devices.selection.inertial
         if inertial is not None and len(innovations := inertial.stream.filter.pending_innovations()):
@@ -91,9 +91,9 @@ class Publisher:
 
     def _receivers_view(self, now_ns: int) -> View:
         view = View(devices=self._devices.described, health=self._health())
-        if self._devices.gnss is None:
+        if self._devices.in_use.gnss is None:
             return view
-        receiver = self._devices.gnss[1]
+        receiver = self._devices.in_use.gnss[1]
         view = view._replace(gnss=receiver.view(now_ns))
         if (fix := receiver.fresh(now_ns)) is None:
             return view
@@ -113,7 +113,7 @@ class Publisher:
             seq=inertial.samples,
             estimator=self._devices.selection.estimator.name,
             devices=self._devices.described,
-            gnss=self._devices.gnss[1].view(now_ns) if self._devices.gnss else None,
+            gnss=self._devices.in_use.gnss[1].view(now_ns) if self._devices.in_use.gnss else None,
             temperature=float(inertial.stream.samples[0]["temperature"]),
             sensed=inertial.sensed,
             health=self._health(),

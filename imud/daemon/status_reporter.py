@@ -43,14 +43,14 @@ class StatusReporter:
         status = 0 if newest is None else int(newest["status"])
         if self._change_logger.status(status, now_ns) & ATTITUDE_VALID:
             self._warn_if_upside_down()
-        if self._devices.gnss and (message := self._devices.gnss[1].message):
+        if self._devices.in_use.gnss and (message := self._devices.in_use.gnss[1].message):
             self._log.warning(message)
-            self._devices.gnss[1].message = ""
-        streaming = self._devices.streaming()
+            self._devices.in_use.gnss[1].message = ""
+        streaming = self._devices.in_use.by_kind()
         for kind in self._faults:
             self._faults[kind] = self._check(kind, pair[0], pair[1], now_ns) if (pair := streaming.get(kind)) else None
         self._out_of_limits = self._beyond_limits(now_ns)
-        others: dict[Port, Inertial | Receiver] = {**self._devices.spares.sensors, **self._devices.sensors}
+        others: dict[Port, Inertial | Receiver] = {**self._devices.spares.sensors, **self._devices.in_use.sensors}
         self._others = {port: self._check(port.spec.path, port, sensor, now_ns) for port, sensor in others.items()}
         for text in load.messages(inertial.lost if inertial else 0, now_ns):
             self._log.warning(text)
@@ -62,7 +62,7 @@ class StatusReporter:
         return faults
 
     def _beyond_limits(self, now_ns: int) -> tuple[str, ...]:
-        imu, gnss = self._devices.imu, self._devices.gnss
+        imu, gnss = self._devices.in_use.imu, self._devices.in_use.gnss
         return (*(imu[1].out_of_limits() if imu else ()), *(gnss[1].out_of_limits(now_ns) if gnss else ()))
 
     def _warn_if_upside_down(self) -> None:
@@ -73,7 +73,7 @@ class StatusReporter:
 
     def health(self) -> Health:
         """The faults of the sensors at the last tick."""
-        imu = self._devices.imu
+        imu = self._devices.in_use.imu
         clock = imu[1].clock_fit() if imu else ClockFit()
         return Health(**self._faults, clock=clock, out_of_limits=self._out_of_limits)
 
@@ -81,7 +81,7 @@ class StatusReporter:
         """The sources of measurements beside fixes, on ports and of other programs; empty: there are none."""
         table = aiding.properties(now_ns) if aiding else {}
         received_by_source = dict(table.get("sources", {}))
-        for receiver in self._devices.receivers():
+        for receiver in self._devices.in_use.receivers():
             received_by_source |= {name: source.table(now_ns) for name, source in receiver.received.items()}
         if received_by_source:
             known = self._devices.selection.estimator.sources
@@ -95,8 +95,8 @@ class StatusReporter:
         now_ns = time.monotonic_ns()
         devices = self._devices
         parts: dict[Port, tuple[Inertial | Receiver, tuple[str, ...] | None]]
-        parts = {port: (sensor, self._faults[kind]) for kind, (port, sensor) in devices.streaming().items()}
-        others: dict[Port, Inertial | Receiver] = {**devices.spares.sensors, **devices.sensors}
+        parts = {port: (sensor, self._faults[kind]) for kind, (port, sensor) in devices.in_use.by_kind().items()}
+        others: dict[Port, Inertial | Receiver] = {**devices.spares.sensors, **devices.in_use.sensors}
         parts |= {port: (sensor, self._others.get(port)) for port, sensor in others.items()}
         return status_tables.status_object(
             {

@@ -1,6 +1,7 @@
 """Shared by all tests: compiled kernels, Hypothesis without deadlines (kernels compile), the recordings."""
 
 import contextlib
+import importlib.util
 import os
 from pathlib import Path
 
@@ -9,7 +10,8 @@ from hypothesis import settings
 
 from imud.compile import library, numba_cache
 
-numba_cache.prepare()
+if importlib.util.find_spec("numba"):  # some machines have none: there the kernels come compiled
+    numba_cache.prepare()
 # in CI the same examples each time, so that a failure can be repeated; elsewhere chance looks for new ones
 settings.register_profile("imud", deadline=None, derandomize="CI" in os.environ)
 settings.load_profile("imud")

@@ -1,11 +1,14 @@
-"""Overload: said once per change, publishing shed before estimation, hiccups and sleep not mistaken for it."""
+"""Overload: said once per change; messages wait, estimation and stream do not; hiccups and sleep are not taken for it."""
 
 import re
 import signal
+import socket
+import struct
 import time
 
-from processes import daemon, emulator
+from processes import TIMEOUT_S, daemon, emulator
 
+from imud.client import RECORD
 from imud.daemon.load import Load
 
 MS = 1_000_000
@@ -16,7 +19,7 @@ def feed(load, batches, start_ms=1000, period_s=1e-3):
     now, published, messages = start_ms * MS, [], []
     for after_ms, n in batches:
         now += after_ms * MS
-        published.append(load.leaves_time_to_publish(n, period_s, now))
+        published.append(load.leaves_time_for_messages(n, period_s, now))
         messages += load.messages(0, now)
     return published, messages
 
@@ -31,7 +34,7 @@ def test_losses_of_a_new_connection_are_reported_though_its_counter_restarts():
     load, messages = Load(), []
     for k, n in enumerate([1] * 100 + [186] * 50 + [1] * 2000):
         now = (1000 + 186 * k) * MS
-        load.leaves_time_to_publish(n, 1e-3, now)
+        load.leaves_time_for_messages(n, 1e-3, now)
         messages += load.messages(70 if k < 120 else 3, now)
     assert [line for line in messages if "; 3 samples lost" in line]
 
@@ -57,11 +60,11 @@ def test_late_batches_now_and_then_are_no_overload():
     for now_ms in range(1000, 20_000, 100):  # what is not late in between does not come here
         load.messages(0, now_ms * MS)
         if now_ms % 700 == 0:
-            assert load.leaves_time_to_publish(150, 1e-3, now_ms * MS)
+            assert load.leaves_time_for_messages(150, 1e-3, now_ms * MS)
         assert not load.overloaded
 
 
-def test_lasting_lateness_sheds_publishing_and_is_reported_once():
+def test_in_lasting_lateness_messages_wait_and_it_is_reported_once():
     load = Load()
     published, messages = feed(load, [(1, 1)] * 100 + [(186, 186)] * 50)
     assert len(messages) == 1
@@ -74,7 +77,7 @@ def test_lasting_lateness_sheds_publishing_and_is_reported_once():
     assert sum("keeps up again" in line for line in messages) == 1
 
 
-def test_lateness_that_publishing_does_not_cause_sheds_nothing():
+def test_in_lateness_that_messages_do_not_cause_none_waits():
     load = Load()
     load.published(186, 1e-3, 10 * MS)
     published, messages = feed(load, [(1, 1)] * 100 + [(186, 186)] * 50)
@@ -102,25 +105,46 @@ def test_a_stall_is_reported():
     assert "stood still for 6.0 s" in messages[0]
 
 
-def test_an_overloaded_daemon_reports_it_and_catches_up(tmp_path):
+def test_an_overloaded_daemon_reports_it_and_catches_up_and_its_stream_misses_nothing(tmp_path):
     with (
         emulator("g350", "--scenario", "rest", "--patient", links=[tmp_path / "imu"]),
-        daemon(tmp_path, "--port", str(tmp_path / "imu")) as imud,
+        daemon(tmp_path, "--port", str(tmp_path / "imu"), "--set", f"stream.listen='{tmp_path / 'stream'}'") as imud,
+        socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as stream,
     ):
         imud.until(lambda m: m["class"] == "EST" and "aligning" not in m["state"])
+        stream.connect(str(tmp_path / "stream"))
+        stream.setblocking(False)
+        numbers = []
         for _ in range(40):  # some of the time, but never for long: the line's buffer holds 0.7 s
             imud.process.send_signal(signal.SIGSTOP)
             time.sleep(0.2)
             imud.process.send_signal(signal.SIGCONT)
             time.sleep(0.01)
+            numbers += numbers_in(stream)
             if "cannot keep up" in imud.log:
                 break
-        imud.says("keeps up again")
-        seq = imud.until(lambda m: m["class"] == "EST")["seq"]
-        imud.until(lambda m: m["class"] == "EST" and m["seq"] > seq + 500)
+        for message in imud.messages(TIMEOUT_S):
+            numbers += numbers_in(stream)
+            if message["class"] == "EST" and "keeps up again" in imud.log:
+                break
+        seq = message["seq"]
+        imud.until(lambda m: m["class"] == "EST" and m["seq"] > seq + 200)
+        numbers += numbers_in(stream)
+        assert numbers[-1] > seq
+        assert numbers == list(range(numbers[0], numbers[-1] + 1))
         messages = re.findall(r"cannot keep up|keeps up again; \d+ samples lost, (\d+) batches", imud.log)
         assert messages[0] == "" and int(messages[1]) > 0
         assert all(
             bool(shed) == i % 2 for i, shed in enumerate(messages)
         )  # each in its turn; a busy machine adds others
         assert imud.log.count("again; 0 samples lost") == len(messages) // 2
+
+
+def numbers_in(stream):
+    """The numbers of the states that have come."""
+    numbers = []
+    while True:
+        try:
+            numbers.append(struct.unpack_from("<8xQ", stream.recv(2 * RECORD.size))[0])
+        except BlockingIOError:
+            return numbers

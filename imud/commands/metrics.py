@@ -27,7 +27,7 @@ METRICS = (
     Metric("process_resident_memory_bytes", _GAUGE, "Memory in use.", "memory_bytes"),
     Metric("process_open_fds", _GAUGE, "Open descriptors.", "open_files"),
     Metric("imud_overloaded", _GAUGE, "1: the machine cannot keep up with the sensor.", r"load\.overloaded"),
-    Metric("imud_batches_shed_total", _COUNTER, "Batches that were not published for lack of time.", r"load\.shed"),
+    Metric("imud_batches_shed_total", _COUNTER, "Batches after which messages waited for lack of time.", r"load\.shed"),
     Metric("imud_port_streaming", _GAUGE, "1: a device sends on this port.", _PORT + "streaming"),
     Metric("imud_port_connects_total", _COUNTER, "Times that a device began to send.", _PORT + "connects"),
     Metric("imud_port_faults", _GAUGE, "Faults of the device at present.", _PORT + "fault_count"),

@@ -1,15 +1,16 @@
 """Whether the machine keeps up with the sensor: by the number of samples that wait when the daemon reads.
 
-A single late batch is processed and published whole. While batches keep coming late (an overload), only some of them
-are published, so that estimation gets the processor. All are published where that takes little time, as when another
-program or the sensor's own line delays them.
+States go to the stream and the shared memory in any case: that is compiled and takes microseconds. Messages for other
+clients are made in Python. While batches keep coming late (an overload), they are made after some batches only, so that
+estimation gets the processor; after all of them where that takes little time, as when another program or the sensor's
+own line delays the batches.
 """
 
 LATE_S, LATE_SAMPLES = 0.1, 5  # a batch is late if its samples span more time, and if it has at least so many
 OVERLOAD_NS = 1_000_000_000  # lateness that lasts longer is an overload
 RECOVERY_NS = 500_000_000  # time without a late batch that ends an overload
-OVERLOAD_PERIOD_NS = 500_000_000  # between batches published during an overload
-CHEAP_SHARE = 0.2  # of the processor's time: a publishing that takes less never waits
+OVERLOAD_PERIOD_NS = 500_000_000  # between batches with messages during an overload
+CHEAP_SHARE = 0.2  # of the processor's time: messages that take less never wait
 STALL_NS = 1_000_000_000  # time between two ticks that means that the process did not run
 
 
@@ -18,21 +19,21 @@ class Load:
 
     def __init__(self) -> None:
         self.overloaded = False
-        self.shed = 0  # batches that were not published during the last overload
+        self.shed = 0  # batches without messages during the last overload
         self._since_ns: int | None = None  # time of the first late batch in a row
         self._late_ns = 0  # time of the last late batch
         self._published_ns = 0
-        self._share = 1.0  # processor time of the last publishing over the time that its batch spans
+        self._share = 1.0  # processor time of the last messages over the time that their batch spans
         self._ticked_ns = 0
         self._reported = False
         self._lost_before = 0
 
     def max_batch(self, period_s: float) -> int:
-        """The largest batch that may be published without asking; -1: none, during an overload."""
+        """The largest batch after which messages may be sent without asking; -1: none, during an overload."""
         return -1 if self.overloaded else max(LATE_SAMPLES - 1, int(LATE_S / period_s))
 
-    def leaves_time_to_publish(self, n: int, period_s: float, now_ns: int) -> bool:
-        """Count a batch of n samples; returns whether to publish it."""
+    def leaves_time_for_messages(self, n: int, period_s: float, now_ns: int) -> bool:
+        """Count a batch of n samples; returns whether to send messages after it."""
         if n >= LATE_SAMPLES and n * period_s > LATE_S:
             self._since_ns = now_ns if self._since_ns is None else self._since_ns
             self._late_ns = now_ns
@@ -50,14 +51,14 @@ class Load:
             self._since_ns = None
 
     def published(self, n: int, period_s: float, processor_ns: int) -> None:
-        """A batch of n samples was published, which took `processor_ns` of processor time."""
+        """Messages were sent after a batch of n samples, which took `processor_ns` of processor time."""
         self._share = processor_ns * 1e-9 / (n * period_s)
 
     def messages(self, lost: int, now_ns: int) -> list[str]:
         """Lines for the log since the last call; call it several times a second. lost: samples lost so far."""
         gap_ns = now_ns - self._ticked_ns if self._ticked_ns else 0
         self._ticked_ns = now_ns
-        if not self.overloaded:  # then batches that are not late are published without asking
+        if not self.overloaded:  # then batches that are not late do not come here
             self._look_for_recovery(now_ns)
         texts = []
         if gap_ns > STALL_NS:
@@ -73,6 +74,6 @@ class Load:
         """The line with which an overload begins or ends."""
         if self.overloaded:
             self._lost_before, self.shed = lost, 0
-            return "the machine cannot keep up with the sensor: estimation goes on, publishing may wait"
+            return "the machine cannot keep up with the sensor: estimation and stream go on, other messages may wait"
         lost -= self._lost_before if lost >= self._lost_before else 0  # counted anew after a reconnect
-        return f"the machine keeps up again; {lost} samples lost, {self.shed} batches not published"
+        return f"the machine keeps up again; {lost} samples lost, {self.shed} batches without messages"

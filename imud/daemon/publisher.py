@@ -1,4 +1,4 @@
-"""Gives fixes to the filter, and its solutions to the recording and, if there is time, to the outputs."""
+"""Gives fixes to the filter, and its solutions to the recording and the outputs."""
 
 import time
 from collections.abc import Callable
@@ -34,13 +34,13 @@ class Publisher:
         return self.load.max_batch(self._devices.in_use.imu[1].period_s) if self._devices.in_use.imu else 0
 
     def on_solutions(self, inertial: Inertial, n: int, now_ns: int) -> None:
-        """The stream has n new solutions: record them, and publish them if there is time."""
+        """The stream has n new solutions: record and publish them. Messages, which take longer, wait in an overload."""
         stream = inertial.stream
         if recorder := self._recordings.current:
             recorder.record_solutions(stream.samples[:n], stream.solutions[:n])
-        if self.load.leaves_time_to_publish(n, inertial.period_s, now_ns):
+        self._outputs.binary.publish(stream.solutions, n, inertial.samples, now_ns)
+        if self.load.leaves_time_for_messages(n, inertial.period_s, now_ns):
             begin_ns = time.thread_time_ns()
-            self._outputs.binary.publish(stream.solutions, n, inertial.samples, now_ns)
             self.publish(inertial, now_ns)
             self.load.published(n, inertial.period_s, time.thread_time_ns() - begin_ns)
 

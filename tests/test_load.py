@@ -1,4 +1,4 @@
-"""Overload: said once per change; messages wait, estimation and stream do not; hiccups and sleep are not taken for it."""
+"""Overload: said once per change; messages wait, estimation and stream do not; hiccups and sleep are no overload."""
 
 import re
 import signal

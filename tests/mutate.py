@@ -1,12 +1,15 @@
 """Do the golden traces notice when a tunable of an estimator changes? `python tests/mutate.py [NAME..]`
 
 Each tunable is changed alone: by a quarter, whole numbers by one at least. It is noticed if a golden trace differs. Of
-those that no trace notices, NOT_NOTICED says why. NAME: `attitude.KEY`, or its beginning; default: all.
+those that no trace notices, NOT_NOTICED says why. NAME: `attitude.KEY`, or its beginning; default: all. --quick takes
+these for not noticed without trying: every trace runs for each of them, which is most of the time; the percentage is
+then the least that it can be. --jobs: processes, each with its share of the tunables.
 """
 
 import argparse
 import dataclasses
 import functools
+import multiprocessing
 import sys
 from dataclasses import dataclass
 
@@ -142,21 +145,35 @@ def _golden(name):
     return read(name)
 
 
+def not_noticed(share: list[Mutant], verbose: bool) -> list[Mutant]:
+    """Those of the mutants that move no golden trace."""
+    search, alive = Search(), []
+    for mutant in share:
+        name = search.noticed_by(mutant)
+        alive += [mutant] if name is None else []
+        if verbose:
+            print(f"{mutant.name} {mutant.value:g}: {name}", flush=True)
+    return alive
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
     )
     parser.add_argument("names", nargs="*", default=[""], metavar="NAME")
+    parser.add_argument("--quick", action="store_true", help="do not try those with a reason")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N")
     parser.add_argument("-v", "--verbose", action="store_true", help="say which trace notices each")
     args = parser.parse_args()
-    search, alive, every = Search(), [], mutants(args.names)
+    every = mutants(args.names)
     if not every:
         parser.error("no tunable's name begins so; `imud reference tuning` lists them")
-    for mutant in every:
-        name = search.noticed_by(mutant)
-        alive += [mutant] if name is None else []
-        if args.verbose:
-            print(f"{mutant.name} {mutant.value:g}: {name}", flush=True)
+    tried = [mutant for mutant in every if not (args.quick and mutant.reason)]
+    shares = [tried[k * len(tried) // args.jobs : (k + 1) * len(tried) // args.jobs] for k in range(args.jobs)]
+    with multiprocessing.Pool(args.jobs) as pool:
+        found = pool.map(functools.partial(not_noticed, verbose=args.verbose), shares, chunksize=1)
+    left = {mutant for share in found for mutant in share} | set(every).difference(tried)
+    alive = [mutant for mutant in every if mutant in left]
     for mutant in alive:
         print(f"not noticed: {mutant.name} {mutant.tunable.default:g} as {mutant.value:g} ({mutant.reason})")
     percent = 100.0 * (1.0 - len(alive) / len(every))

@@ -22,7 +22,8 @@ def test_a_field_is_a_number_an_array_or_a_record():
 
 def arguments_of_kernels():
     """What is written as the type of each argument of each kernel."""
-    for path in record_types.IMUD.rglob("*.py"):
+    folders = record_types.IMUD, record_types.IMUD.parent / "drivers"
+    for path in {path.resolve() for folder in folders for path in folder.rglob("*.py")}:
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.FunctionDef) and DECORATORS & {ast.unparse(name) for name in node.decorator_list}:
                 yield from (ast.unparse(argument.annotation) for argument in node.args.args)

@@ -17,7 +17,7 @@ from .. import elementary
 from ..jit import kernel
 from ..sample import DEVICE_ERROR, SATURATED, SUSPECT
 from ..spikes import SPIKES, is_spike
-from ..words import byte, move_to_front, signed, word
+from ..words import Bytes, byte, move_to_front, signed, word
 from . import packet
 from .packet import CHECKSUM, CONVENTIONS, HEADER, LENGTH, PITCH, RANGE_LSB, ROLL, SURE, TEMPERATURE, YAW_RATE
 from .timer import TIMER, ticks_since
@@ -66,7 +66,7 @@ def new_state(rate_hz: float) -> NDArray[np.void]:
 
 
 @kernel
-def matching_conventions(rx: Any, p: int) -> int:
+def matching_conventions(rx: Bytes, p: int) -> int:
     """Bit i: the checksum of the packet at p is right by convention i."""
     octets = words = 0
     for i in range(p + 2, p + CHECKSUM, 2):
@@ -91,7 +91,7 @@ def count_convention(s: Any, fit: int) -> None:
 
 
 @kernel
-def classify(s: Any, rx: Any, p: int, fill: int) -> int:
+def classify(s: Any, rx: Bytes, p: int, fill: int) -> int:
     """What begins at p: GOOD, a packet; BAD, no packet; WAIT: more bytes are needed."""
     if byte(rx, p) != H0 or (p + 1 < fill and byte(rx, p + 1) != H1):
         return BAD
@@ -132,7 +132,7 @@ def set_down(roll: float, pitch: float, down: Any) -> None:
 
 
 @kernel
-def emit(s: Any, rx: Any, p: int, sample: Any) -> None:
+def emit(s: Any, rx: Bytes, p: int, sample: Any) -> None:
     """The packet at p as a sample. The device shows gravity, +1 g on z when level: specific force is its negative."""
     missing = (s.gap + LENGTH // 2) // LENGTH
     ticks = ticks_since(s.timer, word(rx, p + packet.TIMER), missing, s.frames == 0)

@@ -16,7 +16,7 @@ Every decision is a function of the bytes alone, never of the chunks in which th
 from typing import Any
 
 from ..jit import kernel
-from ..words import byte, move_to_front, signed, word
+from ..words import Bytes, byte, move_to_front, signed, word
 from .counting import ticks_since
 from .dialects import FLAT
 from .registers import CR
@@ -32,19 +32,19 @@ WAIT, BAD, GOOD, LOCK = range(4)
 
 
 @kernel
-def constants(rx: Any, p: int) -> int:
+def constants(rx: Bytes, p: int) -> int:
     """FLAG and GPIO of the frame at p."""
     return (word(rx, p + 1) << 16) | word(rx, p + GPIO)
 
 
 @kernel
-def is_framed(rx: Any, p: int, length: int) -> bool:
+def is_framed(rx: Bytes, p: int, length: int) -> bool:
     """Whether header and CR are at the ends."""
     return bool(byte(rx, p) == HEADER and byte(rx, p + length - 1) == CR)
 
 
 @kernel
-def is_pair(rx: Any, p: int, length: int) -> bool:
+def is_pair(rx: Bytes, p: int, length: int) -> bool:
     """Whether the bytes before p and those from p on are two frames that agree with each other."""
     return (
         is_framed(rx, p, length)
@@ -62,7 +62,7 @@ def lock(s: Any, seen: int, length: int) -> None:
 
 
 @kernel
-def classify(s: Any, rx: Any, p: int, fill: int) -> int:
+def classify(s: Any, rx: Bytes, p: int, fill: int) -> int:
     """What begins at p: GOOD, a frame; LOCK, the second of two; BAD, no frame; WAIT: more bytes are needed."""
     if byte(rx, p) != HEADER:
         return BAD
@@ -102,7 +102,7 @@ def skip(s: Any, p: int) -> int:
 
 
 @kernel
-def emit(s: Any, rx: Any, p: int, sample: Any) -> int:
+def emit(s: Any, rx: Bytes, p: int, sample: Any) -> int:
     """The frame at p as a sample; returns how many that are."""
     missing = (s.gap + s.length // 2) // s.length if s.gap > 0 else 0
     count = word(rx, p + COUNT) if s.length == LONG else -1
@@ -120,7 +120,7 @@ def emit(s: Any, rx: Any, p: int, sample: Any) -> int:
 
 
 @kernel
-def decode_flat(rx: Any, fill: int, s: Any, samples: Any) -> int:
+def decode_flat(rx: Bytes, fill: int, s: Any, samples: Any) -> int:
     """The frames of rx[:fill] into `samples`, as `ImuDriver.decode` does it; s is a record of STATE."""
     p, n = s.scanned, 0
     while n < len(samples) and p < fill:

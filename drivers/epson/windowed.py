@@ -14,7 +14,7 @@ bits can cancel in the sum, high bits too, so the values are tested as well (`dr
 from typing import Any
 
 from ..jit import kernel
-from ..words import byte, move_to_front, signed, word
+from ..words import Bytes, byte, move_to_front, signed, word
 from .counting import ticks_since
 from .dialects import WINDOWED
 from .registers import CR
@@ -28,7 +28,7 @@ COUNT, CHECKSUM = 5, 3
 
 
 @kernel
-def is_good(rx: Any, p: int, length: int) -> bool:
+def is_good(rx: Bytes, p: int, length: int) -> bool:
     """Whether a frame of `length` is at p and undamaged."""
     if byte(rx, p) != HEADER or byte(rx, p + length - 1) != CR:
         return False
@@ -39,13 +39,13 @@ def is_good(rx: Any, p: int, length: int) -> bool:
 
 
 @kernel
-def number(rx: Any, i: int, size: int) -> int:
+def number(rx: Bytes, i: int, size: int) -> int:
     """Two's complement value of `size` bytes, 2 or 4, at i."""
     return signed(rx, i) if size == 2 else signed(rx, i) * 65536 + word(rx, i + 2)
 
 
 @kernel
-def emit(s: Any, rx: Any, p: int, sample: Any) -> int:
+def emit(s: Any, rx: Bytes, p: int, sample: Any) -> int:
     """The frame at p as a sample; returns how many that are."""
     missing = (s.gap + s.length // 2) // s.length if s.gap > 0 else 0
     count = word(rx, p + s.length - COUNT) if s.numbered else -1
@@ -63,7 +63,7 @@ def emit(s: Any, rx: Any, p: int, sample: Any) -> int:
 
 
 @kernel
-def decode_windowed(rx: Any, fill: int, s: Any, samples: Any) -> int:
+def decode_windowed(rx: Bytes, fill: int, s: Any, samples: Any) -> int:
     """The frames of rx[:fill] into `samples`, as `ImuDriver.decode` does it; s is a record of STATE."""
     p, n = 0, 0
     while n < len(samples) and p < fill:

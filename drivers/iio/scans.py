@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..jit import kernel
 from ..sample import SATURATED, SUSPECT
-from ..words import byte, move_to_front
+from ..words import Bytes, byte, move_to_front
 from .layout import Channel, Layout
 
 DEVICES, CHANNELS, GYROS, FORCES, TEMPERATURE = 2, 7, 0, 3, 6
@@ -87,7 +87,7 @@ def new_state(layout: Layout) -> NDArray[np.void]:
 
 
 @kernel
-def number(rx: Any, p: int, c: Any) -> int:
+def number(rx: Bytes, p: int, c: Any) -> int:
     """The number of a channel in the scan at p."""
     value = 0
     for i in range(c.size):
@@ -100,7 +100,7 @@ def number(rx: Any, p: int, c: Any) -> int:
 
 
 @kernel
-def read_vector(s: Any, rx: Any, p: int, first: int) -> int:
+def read_vector(s: Any, rx: Bytes, p: int, first: int) -> int:
     """The vector whose channels begin at `first`, in the scan at p, into s.values; returns flags."""
     flags = 0
     for i in range(3):
@@ -115,7 +115,7 @@ def read_vector(s: Any, rx: Any, p: int, first: int) -> int:
 
 
 @kernel
-def stamp_at(rx: Any, p: int) -> int:
+def stamp_at(rx: Bytes, p: int) -> int:
     """The 64-bit stamp at p, in this machine's order: that of all machines that imud runs on, lowest byte first."""
     value = 0
     for i in range(STAMP_BYTES):
@@ -124,7 +124,7 @@ def stamp_at(rx: Any, p: int) -> int:
 
 
 @kernel
-def store_force(s: Any, rx: Any, p: int) -> None:
+def store_force(s: Any, rx: Bytes, p: int) -> None:
     """Store the force of a scan of the second device, and keep the one before."""
     s.force_before_ns, s.force_before_flags = s.force_ns, s.force_flags
     s.force_ns = stamp_at(rx, p + s.stamps[1])
@@ -171,7 +171,7 @@ def count(s: Any, stamp_ns: int) -> None:
 
 
 @kernel
-def emit(s: Any, rx: Any, p: int, sample: Any) -> None:
+def emit(s: Any, rx: Bytes, p: int, sample: Any) -> None:
     """The scan of the first device at p as a sample."""
     stamp_ns = stamp_at(rx, p + s.stamps[0]) if s.stamps[0] >= 0 else 0
     count(s, stamp_ns)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from ..jit import kernel
 from ..sample import SATURATED, SUSPECT
 from ..spikes import SPIKES, is_spike
-from ..words import move_to_front, word
+from ..words import Bytes, move_to_front, word
 from .ranges import FULL_COUNT, STANDARD_GRAVITY, Range
 from .text import LETTER_X, MINUS, NO_NUMBER, read_line, skip_blanks
 
@@ -78,14 +78,14 @@ def new_state(row: Range) -> NDArray[np.void]:
 
 
 @kernel
-def is_frame(rx: Any, p: int) -> bool:
+def is_frame(rx: Bytes, p: int) -> bool:
     """Whether the eight bytes at p are a binary frame."""
     ends = rx[p] == HASH and rx[p + FRAME - 1] == DOLLAR
     return bool(ends and rx[p + 1] < 4 and rx[p + 3] < 4 and rx[p + 5] < 4)
 
 
 @kernel
-def piece_end(rx: Any, p: int, fill: int) -> int:
+def piece_end(rx: Bytes, p: int, fill: int) -> int:
     """Where the text at p ends: at CR, LF, the next X or #, or at its longest; -1: not yet."""
     for at in range(p, min(p + LINE_MAX, fill)):
         byte = rx[at]
@@ -113,7 +113,7 @@ def force_from_counts(s: Any, x: int, y: int, z: int) -> bool:
 
 
 @kernel
-def force_from_text(s: Any, rx: Any, p: int, end: int) -> bool:
+def force_from_text(s: Any, rx: Bytes, p: int, end: int) -> bool:
     """The line rx[p:end] as force; False if it is none."""
     decimals = read_line(rx, p, end, s.numbers)
     if decimals == NO_NUMBER:
@@ -129,7 +129,7 @@ def force_from_text(s: Any, rx: Any, p: int, end: int) -> bool:
 
 
 @kernel
-def has_wrong_width(s: Any, rx: Any, p: int, end: int) -> bool:
+def has_wrong_width(s: Any, rx: Bytes, p: int, end: int) -> bool:
     """Whether the line rx[p:end] has lost or gained a byte: its width is not the established one."""
     width = unsigned_width = end - p
     for at in range(p, end):
@@ -179,7 +179,7 @@ def emit(s: Any, sample: Any, size: int, wrong: bool) -> None:
 
 
 @kernel
-def decode_piece(s: Any, rx: Any, p: int, end: int, fill: int, sample: Any) -> bool:
+def decode_piece(s: Any, rx: Bytes, p: int, end: int, fill: int, sample: Any) -> bool:
     """The text rx[p:end] as a sample; False if it is none."""
     if skip_blanks(rx, p, end) == end:
         return False

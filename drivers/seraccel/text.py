@@ -10,6 +10,7 @@ Digits are kept as integers, so that a value is one quotient, correctly rounded.
 from typing import Any
 
 from ..jit import kernel
+from ..words import Bytes
 
 TAB, BLANK, COMMA, SEMICOLON, COLON, EQUALS = 9, 32, 44, 59, 58, 61
 PLUS, MINUS, POINT, ZERO, LETTER_X = 43, 45, 46, 48, 88
@@ -18,7 +19,7 @@ NO_NUMBER = -1
 
 
 @kernel
-def skip_blanks(rx: Any, at: int, end: int) -> int:
+def skip_blanks(rx: Bytes, at: int, end: int) -> int:
     """Where the next byte is that separates nothing."""
     while at < end and (rx[at] == BLANK or rx[at] == TAB or rx[at] == COMMA or rx[at] == SEMICOLON):
         at += 1
@@ -26,7 +27,7 @@ def skip_blanks(rx: Any, at: int, end: int) -> int:
 
 
 @kernel
-def skip_label(rx: Any, at: int, end: int, axis: int) -> int:
+def skip_label(rx: Bytes, at: int, end: int, axis: int) -> int:
     """Behind the label of `axis`, if one stands at `at`; `end` if it is not followed by a value."""
     if at == end or rx[at] & 0xDF != LETTER_X + axis:
         return at
@@ -37,13 +38,13 @@ def skip_label(rx: Any, at: int, end: int, axis: int) -> int:
 
 
 @kernel
-def is_digit(rx: Any, at: int, end: int) -> bool:
+def is_digit(rx: Bytes, at: int, end: int) -> bool:
     """Whether a digit stands at `at`."""
     return bool(at < end and ZERO <= rx[at] < ZERO + 10)
 
 
 @kernel
-def read_number(rx: Any, at: int, end: int) -> tuple[int, int, int]:
+def read_number(rx: Bytes, at: int, end: int) -> tuple[int, int, int]:
     """Digits with sign, decimals (NO_NUMBER: it is none), and where it ends."""
     negative = at < end and rx[at] == MINUS
     if at < end and (negative or rx[at] == PLUS):
@@ -70,7 +71,7 @@ def read_number(rx: Any, at: int, end: int) -> tuple[int, int, int]:
 
 
 @kernel
-def read_line(rx: Any, start: int, end: int, numbers: Any) -> int:
+def read_line(rx: Bytes, start: int, end: int, numbers: Any) -> int:
     """Read rx[start:end] into `numbers` (3); returns their decimals, NO_NUMBER if that is no line."""
     at, common = start, 0
     for axis in range(3):

@@ -11,6 +11,7 @@ from ..compile.jit import kernel
 
 Quaternion = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
+Matrix = tuple[float, float, float, float, float, float, float, float, float]  # row by row
 GIMBAL_LOCK_SINE = 1.0 - 1e-13  # sine of a pitch at which rounding decides what roll and yaw are
 
 
@@ -85,7 +86,7 @@ def quat_rotate_back(q: Quaternion, v: Vector) -> Vector:
 
 
 @kernel
-def dcm_of_quat(q: Quaternion) -> tuple[float, float, float, float, float, float, float, float, float]:
+def dcm_of_quat(q: Quaternion) -> Matrix:
     """Rotation matrix C_nb by rows."""
     w, x, y, z = q
     return (

@@ -11,7 +11,7 @@ Source: Titterton and Weston, Strapdown Inertial Navigation Technology (2004), c
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from imud.drivers import elementary
 
@@ -30,6 +30,7 @@ from ...math.rotation import (
 
 if TYPE_CHECKING:
     from ...math.arrays import Reals
+    from ...math.rotation import Matrix, Quaternion
     from .types import Core
 
 MIN_COS_LAT = 1e-4  # some 600 m from a pole, where east and north are not defined
@@ -59,7 +60,7 @@ def quaternion(c: Core) -> tuple[float, float, float, float]:
 
 
 @kernel
-def rotation_matrix(c: Core) -> Any:
+def rotation_matrix(c: Core) -> Matrix:
     """C_nb, body to navigation axes: nine numbers, row by row."""
     return dcm_of_quat(quaternion(c))
 
@@ -185,7 +186,7 @@ def rotate_attitude(c: Core, x: float, y: float, z: float) -> None:
 
 
 @kernel
-def set_attitude(c: Core, q: Any) -> None:
+def set_attitude(c: Core, q: Quaternion) -> None:
     """q_nb <- q."""
     c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3] = q
 

@@ -25,7 +25,7 @@ likelihood; Gupta and Mehra, Computational aspects of maximum likelihood estimat
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from imud.drivers import elementary
 
@@ -35,6 +35,7 @@ from ..tuning import Tunable
 from .state import ATTITUDE, LEARNING_STATES, POSITION, VELOCITY
 
 if TYPE_CHECKING:
+    from ...math.arrays import Floats, Reals
     from .types import Core, Parameters, Transition
 
 
@@ -116,7 +117,7 @@ def clear_learning(c: Core) -> None:
 
 
 @kernel
-def propagate_one(D: Any, e: Any, transition: Transition) -> None:
+def propagate_one(D: Floats, e: Floats, transition: Transition) -> None:
     """D <- T D T' and e <- T e with the transition T, of one of the noises."""
     f, dt, n = transition.delta_v, transition.interval, LEARNING_STATES
     for i in range(3):
@@ -161,7 +162,7 @@ def predict_sensitivity(c: Core, k: int, length: int) -> tuple[float, float]:
 
 
 @kernel
-def add_information(V: Any, a: float, b: float) -> None:
+def add_information(V: Reals, a: float, b: float) -> None:
     """V <- (V^-1 + u u')^-1 with u = (a, b); V: elements (0, 0), (0, 1), (1, 1)."""
     x, y = V[0] * a + V[1] * b, V[1] * a + V[2] * b
     s = 1.0 + a * x + b * y

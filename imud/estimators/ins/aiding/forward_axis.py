@@ -7,7 +7,7 @@ forward axis when the velocity across it is explained by the uncertainty, while 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from imud.drivers import elementary
 
@@ -19,6 +19,7 @@ from ..mechanization import ned_to_body, quaternion
 from ..state import ATTITUDE, FREE, LAND, VELOCITY
 
 if TYPE_CHECKING:
+    from ....math.rotation import Vector
     from ..types import Core, Parameters
 
 
@@ -127,7 +128,7 @@ def find_forward_axis(p: Parameters, c: Core) -> bool:
 
 
 @kernel
-def accumulate_scatter(p: Parameters, c: Core, v: Any, level2: float, heading2: float) -> bool:
+def accumulate_scatter(p: Parameters, c: Core, v: Vector, level2: float, heading2: float) -> bool:
     """Add velocity v (m/s, NED) in body axes to the scatter matrices; False if it is too small to have a direction.
 
     level2: variance of a level component, m^2/s^2; heading2: of the heading, rad^2. The weight is the inverse variance

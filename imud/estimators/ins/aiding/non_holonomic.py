@@ -13,7 +13,7 @@ constraints (2001).
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ....math.rotation import cross, dot, quat_rotate, quat_rotate_back
@@ -39,6 +39,7 @@ from .forward_axis import clear_scatter
 from .nhc_noise import add_innovation, clear_innovation_sums, learn_noise_scale, reset_noise_scale
 
 if TYPE_CHECKING:
+    from ....math.rotation import Quaternion, Vector
     from ..types import Core, Parameters
 
 
@@ -152,7 +153,7 @@ def disable_nhc(p: Parameters, c: Core, along: float) -> None:
 
 
 @kernel
-def nhc_jacobian(c: Core, q: Any, e: Any, along: float, mount: int) -> int:
+def nhc_jacobian(c: Core, q: Quaternion, e: Vector, along: float, mount: int) -> int:
     """Jacobian of the velocity along body vector e: velocity, attitude and mounting; returns its length.
 
     e: lateral or vertical axis of the vehicle; mount: the error state that turns e (MOUNT_YAW or MOUNT_PITCH); along:

@@ -22,7 +22,7 @@ Systems (1973), ch. 6, for nuisance parameters with a prior; matched-filter bank
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from imud.drivers import elementary
 
@@ -33,6 +33,7 @@ from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 
 if TYPE_CHECKING:
     from ....math.arrays import Reals, Tensor
+    from ....math.rotation import Matrix, Vector
     from ..types import Core
 
 
@@ -109,7 +110,7 @@ def rotate_level_frame(c: Core, psi: float) -> None:
 
 
 @kernel
-def component(C_nb: Any, axis: int, v: Any) -> float:
+def component(C_nb: Matrix, axis: int, v: Vector | Reals) -> float:
     """Component of the body vector v along an axis of the level frame; C_nb: row by row."""
     return float(C_nb[3 * axis] * v[0] + C_nb[3 * axis + 1] * v[1] + C_nb[3 * axis + 2] * v[2])
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
@@ -79,7 +79,7 @@ def find_heading(p: Parameters, c: Core, b: HypothesisBank) -> bool:
 
 
 @kernel
-def accept_heading(p: Parameters, c: Core, found: Any) -> bool:
+def accept_heading(p: Parameters, c: Core, found: tuple[float, float, float, float, float]) -> bool:
     """Rotate to the heading that `solve_heading` found, if its sigma is small enough; fuse its frame rate, too."""
     psi, sigma, rate, rate_variance, covariance = found
     ready = p.tuning.max_start_heading_positions if c.alignment.mean_velocity[2] > 0.0 else p.tuning.max_start_heading

@@ -8,7 +8,7 @@ log likelihood. The hypotheses are averaged with their likelihoods (a Gaussian s
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from imud.drivers import elementary
 
@@ -37,6 +37,7 @@ from .hypothesis_bank import (
 
 if TYPE_CHECKING:
     from ....math.arrays import Tensor
+    from ....math.rotation import Matrix
     from ..types import Core, HypothesisBank, Parameters
 
 
@@ -74,7 +75,7 @@ FITTED_PARAMETERS = 3.0  # the heading, and the degrees of freedom that the nuis
 
 
 @kernel
-def nuisance_jacobian(c: Core, C_nb: Any, i: int) -> int:
+def nuisance_jacobian(c: Core, C_nb: Matrix, i: int) -> int:
     """Jacobian of component i of the nuisance parameters; 0, 1: tilt; 2, 3: gyro; 4, 5: accelerometer; even: north.
 
     Each acts as a level specific force, m/s^2 (the gyro bias: m/s^3). C_nb: row by row. Returns the row's length.

@@ -7,7 +7,7 @@ gyro bias is estimated at the same time.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from imud.drivers import elementary
 
@@ -20,6 +20,7 @@ from ..mechanization import ned_to_body, rotation_matrix
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 
 if TYPE_CHECKING:
+    from ....math.rotation import Matrix
     from ..types import Core, Parameters
 
 
@@ -60,7 +61,7 @@ TUNABLES = (
 
 
 @kernel
-def tilt_jacobian(c: Core, length: int, C_nb: Any, axis: int, gain: float, ago: float) -> int:
+def tilt_jacobian(c: Core, length: int, C_nb: Matrix, axis: int, gain: float, ago: float) -> int:
     """Append to the Jacobian the tilt about `axis` (0 north, 1 east) `ago` s ago, times `gain`; returns its length.
 
     The tilt then is the tilt now plus `ago` times the gyro bias error in navigation axes. length: of it so far.

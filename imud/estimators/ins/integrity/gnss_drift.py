@@ -17,7 +17,7 @@ approach to the detection and estimation of jumps in linear systems (1976).
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
@@ -170,7 +170,9 @@ def update_sensitivity(c: Core, length: int, s: float, z: float, axis: int) -> N
 
 
 @kernel
-def estimate_drift(p: Parameters, c: Core, j: int, noise_scale: float) -> Any:
+def estimate_drift(
+    p: Parameters, c: Core, j: int, noise_scale: float
+) -> tuple[float, float, float, float, float, float]:
     """Drift velocity since onset j: north, east (m/s), covariance nn, ne, ee (m^2/s^2), chi-square.
 
     The covariance is that of the innovations times `noise_scale`, plus min_drift_speed squared.
@@ -194,7 +196,7 @@ def estimate_drift(p: Parameters, c: Core, j: int, noise_scale: float) -> Any:
 
 
 @kernel
-def remove_drift(c: Core, j: int, found: Any) -> None:
+def remove_drift(c: Core, j: int, found: tuple[float, float, float, float, float, float]) -> None:
     """Gather in scratch.x the correction that removes the drift `found` since onset j, and add its covariance to P."""
     vn, ve, pnn, pne, pee = found[0], found[1], found[2], found[3], found[4]
     u, first = c.drift.bias_sensitivity, 2 * j

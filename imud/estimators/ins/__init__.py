@@ -4,7 +4,7 @@ An error-state Kalman filter around a strapdown mechanization. In the order of t
 
 | file or folder | holds |
 |---|---|
-| `filter` | the entries: an inertial sample, a GNSS fix, a measurement of another source |
+| `filter` | the entry points: an inertial sample, a GNSS fix, a measurement of another source |
 | `fusion_horizon` | rings of samples, snapshots and measurements: each measurement is fused at its epoch |
 | `imu_sample` | the order of things for a sample; `damaged_readings`: missing and clipped ones |
 | `propagation` | to a later time; `mechanization`: the nominal state; `error_model`, `noise_density`: F and Q |

@@ -1,7 +1,7 @@
-"""The part of the state with which the filter continues after a restart, as after a gap in the samples: the core.
+"""The checkpoint: the part of the state with which the filter continues after a restart of the program.
 
-The first sample after a gap begins the alignment's integrals and pairs anew, so the hypothesis bank is not needed; of
-the rings the last sample is.
+It is the core, without the hypothesis bank and the rings: to the filter the restart is a gap in the samples, and the
+first sample after a gap begins the alignment's integrals and pairs anew. Of the ring of samples the last is restored.
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """The core of the navigation filter, a record for each concern, and the rings around it; what a rewind restores.
 
-Those of the aiding sources, the alignment and the integrity monitoring are in the files `records` of their folders.
+The records of aiding sources, alignment and integrity monitoring are in the files `records` of their folders.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Missing and clipped readings: what stands for them, and the variance of what they hide."""
+"""Missing and clipped readings: what is integrated instead of them, and the variance that this adds."""
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@ navigation axes; f is the specific force in body axes, C turns it into navigatio
     phi' = -C (bg + gyro_scale w)
     bg', ba', gyro_scale', mount_yaw', mount_pitch', nhc_lever_arm', odometer_scale', baro_offset' = noise
     gnss_bias' = -gnss_bias / T + noise, gnss_velocity_bias' likewise
+    time_offset' = velocity_time_offset' = 0; their variances have a floor (`gnss_noise`)
 
 Omitted, being below a hundredth of the errors that a MEMS sensor causes in minutes: Coriolis and frame rotation of the
 errors, and the change of gravity and of transport rate with them. Scale factors and misalignments of the gyros are

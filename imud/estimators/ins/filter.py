@@ -1,4 +1,4 @@
-"""The entries of the navigation filter: an inertial sample, a GNSS fix, a measurement of another aiding source."""
+"""The entry points of the navigation filter: an inertial sample, a GNSS fix, a measurement of another aiding source."""
 
 from __future__ import annotations
 

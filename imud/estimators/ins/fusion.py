@@ -6,7 +6,7 @@ and `error_model` know none of them; aiding sources and propagation call the fun
 | update               | of what                                                              | used by |
 |----------------------|----------------------------------------------------------------------|---------|
 | `gated_update`       | white noise, with a gate or without                                  | levelling, alignment, gravity monitor |
-| `correlated_update`  | one of many that share an error: the gate has the variance of one, the update that of what all know | heading, odometer, barometer |
+| `correlated_update`  | one of many that share an error: the gate has the variance of one, the update that of what all know | all sources in `sources` |
 | `fix_update`         | a receiver's position or velocity: process noise is learned from it  | GNSS    |
 | `pseudo_measurement` | what is assumed, not measured; its innovation is stored              | ZUPT, ZARU, NHC |
 

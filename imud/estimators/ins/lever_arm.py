@@ -1,4 +1,4 @@
-"""A lever arm l, as that of the antenna, from the IMU, in the body: C_nb l in position, C_nb (w x l) in velocity."""
+"""The lever arm l of another sensor, from the IMU, in the body: C_nb l in position, C_nb (w x l) in velocity."""
 
 from __future__ import annotations
 

@@ -5,9 +5,9 @@
 | velocity | vibration, learned and measured; scale factors times the acceleration; second-order terms of the heading |
 | attitude | vibration, learned and measured; what is left of scale factors times the rate |
 
-In coarse alignment nothing measures the acceleration: its square is the noise of the velocity. Vibration's part is
-learned (`process_noise`). Densities of the other states are constants in `error_model` and in the files of the aiding
-sources that they belong to.
+In coarse alignment the heading is unknown, so the acceleration is not integrated: its square, times a correlation time,
+is the noise of the velocity. The part of vibration is learned (`process_noise`). Densities of the other states are
+constants in `error_model` and in the files of the aiding sources that they belong to.
 
 Source: Groves (2013), sec. 14.2.6.
 """

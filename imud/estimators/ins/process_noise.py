@@ -1,9 +1,9 @@
-"""The process noise of velocity and attitude, learned on each drive: vibration and motion add more than a sheet says.
+"""The process noise of velocity and attitude, learned on each drive: vibration adds to what the data sheet states.
 
-How far each innovation is from the variance that the filter expects tells whether its process noise is right, but so
-it does for the receiver's noise; what tells the two apart is whether innovations resemble the ones before. Both are in
-the likelihood of the innovations. Its derivative by the logarithm of a process noise needs two more recursions, in the
-steps of the Kalman filter's own: D = dP and e = d(estimate), of position, velocity and attitude,
+The size of the innovations, against the variance that the filter expects, depends on the process noise and on the
+receiver's noise; the correlation of successive innovations separates the two. The likelihood of the innovations has
+both. Its derivative by the logarithm of a process noise needs two more recursions, in the steps of the Kalman filter's
+own: D = dP and e = d(estimate), of position, velocity and attitude,
 
     D <- T D T' + dQ                         e <- T e         (T: the transition matrix)
     D <- (I - K h) D (I - K h)'              e <- e - K h e + (D h' - K h D h') z / s

@@ -1,4 +1,4 @@
-"""The initial state and covariance, before the first sample."""
+"""The initial state and covariance, before the first sample; and what a caller may ask of a state (see `Estimator`)."""
 
 import math
 

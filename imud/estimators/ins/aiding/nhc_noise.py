@@ -1,9 +1,9 @@
 """The noise scale of the non-holonomic constraint, learned from sums of its innovations.
 
-Lateral and vertical velocities last for seconds: the innovations, every tenth of a second, are small but of one sign.
-So the innovations of ten seconds are summed. The square of the sum equals the sum of the variances where the assumed
-noise is right; it is smaller on a vehicle with less sideslip, and far larger on a boat in a current. The first noise
-scale is larger than that of any land vehicle; the first sums without sideslip reduce it.
+Lateral and vertical velocities are correlated over seconds: innovations, every tenth of a second, are small but of one
+sign. So the innovations of ten seconds are summed. The square of the sum equals the sum of the variances where the
+assumed noise is right; it is smaller on a vehicle with less sideslip, and far larger on a boat in a current. The first
+noise scale is larger than that of any land vehicle; the first sums without sideslip reduce it.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """Do the wheels contradict the receiver? Only they show a receiver that drifts, and says so in its velocity, too.
 
-Wheels know the velocity along the vehicle's way, whatever the receiver says. Where its velocity contradicts the
-estimate at several fixes, there are two explanations: the receiver drifts, by a constant velocity in NED (2 unknowns);
-or the heading is wrong, which rotates the vehicle's velocity (1 unknown). Least squares tell which of them leaves less;
-on a straight road, across the way, neither does, and after some more fixes the rules without wheels apply. A receiver
-that drifts is rejected, positions and velocities, until its velocity agrees again and refutes the drift: across the way
-of a vehicle whose heading has become uncertain it may agree with both. The position is as uncertain as the drift has
-made it.
+Wheels measure the velocity along the direction of travel, independently of the receiver. Where the receiver's velocity
+contradicts the estimate at several fixes, there are two explanations: the receiver drifts, by a constant velocity in
+NED (2 unknowns); or the heading is wrong, which rotates the vehicle's velocity (1 unknown). Least squares decide for
+the one with the smaller residual. On a straight road a drift across the direction of travel has equal residuals in
+both, and after some more fixes the rules without wheels apply. A receiver that drifts is rejected, positions and
+velocities, until its velocity agrees with the wheels and refutes the drift; across the direction of travel of a vehicle
+whose heading has become uncertain it may agree with both. The position stays as uncertain as the drift has made it.
 """
 
 from __future__ import annotations

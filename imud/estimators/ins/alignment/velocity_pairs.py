@@ -1,7 +1,7 @@
-"""Fixes for the alignment: each fix is matched with the integrals of specific force, pairs of fixes level the frame.
+"""Fixes for the alignment: each is matched with the integrals of specific force; pairs of them level the frame.
 
-The equation is in `force_integrals`. This file decides which velocity or position of a fix is matched, with
-which variance, and for how long matched fixes are compared.
+The equation is in `force_integrals`. This file decides which velocity or position of a fix is matched, with which
+variance, and for how long matched fixes are compared.
 """
 
 from __future__ import annotations

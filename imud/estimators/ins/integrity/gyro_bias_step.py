@@ -3,15 +3,16 @@
 The test does not run (`gnss_fix`) while the heading is uncertain, wheels contradict the receiver, or there is a
 compass, and a step of the time offset must not explain more: the innovations look the same then.
 
-A knock, a shock of temperature, or a wrong scale factor in a long turn changes a bias that the filter is sure of. No
-fix measures the heading directly, so it is wrong for many seconds before the velocities contradict it by much. As in
-`time_offset_step`, the effect w of a step d of the bias since an onset follows the filter's own steps, and its
+A knock, a change of temperature, or a wrong scale factor in a long turn changes a bias whose variance is small. No fix
+measures the heading directly, so the heading is wrong for many seconds before the velocities contradict it by much. As
+in `time_offset_step`, the effect w of a step d of the bias since an onset follows the filter's own steps, and its
 chi-square, over the mean square of the residuals, decides. Only horizontal velocities count, as positions may drift;
 those of one second share their error. The prior of d is that of the bias at switch-on. A slow vehicle shows a step
 within many seconds, an agile one sooner: each further onset is kept for twice as long as the one before.
 
-When a step is detected the estimate stays, but P += d^2 (w w' + b b'), b being the vertical at GYRO_BIAS, so that the
-next fixes find the bias. While it is likely, but not detected, the solution states w d as an error of the heading.
+When a step is detected the estimate stays, but P += d^2 (w w' + b b'), so that the next fixes correct the bias; b has
+the body's vertical axis in its elements GYRO_BIAS. While a step is likely but not detected, the solution adds (w d)^2
+to the stated variance of the heading.
 
 Source: as `time_offset_step`.
 """

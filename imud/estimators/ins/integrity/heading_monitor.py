@@ -1,7 +1,8 @@
 """The heading monitor: the in-motion alignment continues during navigation and is compared with the heading.
 
 A filter whose heading is wrong by much more than its sigma does not converge: it explains the velocity changes of the
-receiver by tilt and biases. The alignment estimates the heading with a wide prior, independent of the filter's P.
+receiver by tilt and biases. The alignment estimates the heading with wide priors of tilt and accelerometer bias, so
+that the filter's P of these cannot make both wrong together.
 """
 
 from __future__ import annotations

@@ -1,18 +1,19 @@
-"""GLR test for a step of the receiver's stamps: the time offset is then another than the filter knows.
+"""GLR test for a step of the receiver's time tags: the time offset then differs from its estimate.
 
-The filter, sure of the old offset, would refuse the fixes or bend the trajectory. A step d of the offset since an onset
-is an error like any other: its effect w on all error states, per second, follows the filter's own steps,
+The variance of the old offset is small, so the filter would reject the fixes or distort the trajectory. A step d of the
+offset since an onset is an error like any other: its effect w on all error states, per second, follows the filter's own
+steps,
 
     w = 1 at TIME_OFFSET at the onset,    w <- T w (T: the transition matrix),    w <- (I - K h) w at an update,
 
 and an innovation z of variance s has the mean h w d. Least squares over the innovations of positions and velocities
 since the onset, also of those that were rejected, gives d, and its chi-square is compared with a threshold (generalized
-likelihood ratio, GLR). The chi-square is divided by the mean square of what the step leaves unexplained, so that a
-receiver that errs in any direction proves none, and a constant jump of the position is eliminated first: what shows a
-step are changes of the velocity. The onset is the last fix that was as expected.
+likelihood ratio, GLR). The chi-square is divided by the mean square of the residuals, so that errors of the receiver in
+any direction are no evidence of a step, and a constant jump of the position is eliminated first: only changes of the
+velocity distinguish the two. The onset is the last fix whose innovations were as expected.
 
-When a step is detected, x += w d and P += sigma^2 (w w' + u u'), with 1 at TIME_OFFSET and v at POSITION in u: what an
-offset and a place along the track have in common, h u = 0. The fixes that follow say the rest.
+When a step is detected, x += w d and P += sigma^2 (w w' + u u'), with 1 at TIME_OFFSET and v at POSITION in u. An
+offset and a displacement along the track cancel in every position (h u = 0); later fixes separate them.
 
 Source: Friedland, Treatment of bias in recursive filtering (1969); Willsky and Jones (1976), as `gnss_drift`.
 """

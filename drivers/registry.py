@@ -4,9 +4,8 @@ A new sensor is a new folder here, or a package of its own.
 """
 
 import importlib
-import importlib.util
-import pkgutil
 from functools import cache
+from pathlib import Path
 
 from .driver import AnyDriver
 from .plugins import plugins
@@ -16,11 +15,8 @@ from .plugins import plugins
 def drivers() -> tuple[AnyDriver, ...]:
     """All drivers, by name."""
     package = importlib.import_module(__package__)
-    found = []
-    for folder in pkgutil.iter_modules(package.__path__, f"{__package__}."):
-        module = f"{folder.name}.driver"
-        if folder.ispkg and importlib.util.find_spec(module):
-            found.append(importlib.import_module(module).DRIVER)
+    folders = {file.parent.name for folder in package.__path__ for file in Path(folder).glob("*/driver.py")}
+    found = [importlib.import_module(f"{__package__}.{folder}.driver").DRIVER for folder in sorted(folders)]
     own = {driver.name for driver in found}
     found += [driver for driver in plugins("imud.drivers").values() if driver.name not in own]
     return tuple(sorted(found, key=lambda driver: str(driver.name)))

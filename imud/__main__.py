@@ -13,7 +13,7 @@ from typing import NoReturn
 _SERVICES = ("run", "sim", "record", "web")  # run until SIGTERM ends them, which is no failure
 _SELDOM_USED = (
     *("ipaddress", "selectors", "tokenize", "linecache"),  # which urllib.parse, socket, inspect, traceback import
-    *("msgspec.inspect", "structlog.stdlib"),  # which msgspec and structlog import
+    *("msgspec.inspect", "structlog.stdlib", "logging"),  # which msgspec and structlog import
 )
 _INTERRUPTED, _TERMINATED = 130, 143
 

@@ -22,12 +22,8 @@ from .estimators.records import FIX, MEASUREMENT, SOLUTION
 from .outputs.binary import BinaryOutputs
 from .outputs.shared_memory import WORD, write
 from .pipeline import Filter, InertialPipeline
-from .recording.steps import Steps
-from .sensor_errors.noise import allan_variances
 from .sensor_errors.profiles import profile_of
 from .sensor_monitor.health import check_samples, new_health, recent_findings
-from .smoothing.fixed_interval import smoothed_estimates
-from .smoothing.intervals import INTERVAL
 from .stages import decoding
 
 _RATE_HZ, _PERIOD_NS = 1000.0, 1_000_000
@@ -66,6 +62,7 @@ def warm(estimator: Estimator, settings: Settings) -> None:
 
 def warm_replay(estimator: Estimator, settings: Settings) -> None:
     """Compile, or load, the kernels of an estimator that a replay calls."""
+    from .recording.steps import Steps
     from .tables.estimates import EstimateWriter, estimate_cells
 
     solutions = np.zeros(1, SOLUTION)
@@ -78,6 +75,10 @@ def warm_replay(estimator: Estimator, settings: Settings) -> None:
 
 def warm_analysis() -> None:
     """Compile, or load, the kernels with which commands look at recordings."""
+    from .sensor_errors.noise import allan_variances
+    from .smoothing.fixed_interval import smoothed_estimates
+    from .smoothing.intervals import INTERVAL
+
     allan_variances(np.zeros(4), np.zeros(5), np.ones(1, np.int64), np.zeros(1))
     check_samples(new_health(profile_of(Settings()), _RATE_HZ), np.zeros(1, SAMPLE))
     smoothed_estimates(np.zeros(1, INTERVAL), 1.0)

@@ -6,7 +6,6 @@ import os
 import sys
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ..compile import library
 from ..configuration.settings import Settings
@@ -14,9 +13,6 @@ from ..errors import BadDataError, CannotCreateError, ImudError, UsageError
 from ..progress import Progress
 from ..recording.replaying import Job, Outcome, play
 from ..recording.source import Recording, adapter, group, tell
-
-if TYPE_CHECKING:
-    from ..estimators import Estimator
 
 
 def run(args: argparse.Namespace) -> int:
@@ -59,14 +55,15 @@ def _compile(jobs: list[Job]) -> None:
     if library.library() is not None:
         return
     from .. import compilation
+    from ..estimators import registry
     from ..setup import choices
 
-    needed: dict[str, Estimator] = {}
+    needed: set[str] = set()
     for job in jobs:
         with contextlib.suppress(ImudError):  # it is reported when the job is replayed
             settings = Recording(job.paths).settings(adapter(job.config, job.overrides, job.estimator))
-            needed |= {estimator.name: estimator for estimator in choices.estimators(settings).possible}
-    for estimator in needed.values():
+            needed.update(choices.estimators(settings).possible)
+    for estimator in map(registry.by_name, sorted(needed)):
         compilation.warm(estimator, Settings())
         compilation.warm_replay(estimator, Settings())
 

@@ -15,7 +15,6 @@ from imud.drivers.transport.line import Known
 
 from ..configuration.settings import Settings
 from ..errors import ImudError, UsageError
-from ..estimators import Estimator
 from ..math.arrays import Records
 from ..outputs.view import Device
 from ..pipeline import Stored
@@ -80,8 +79,8 @@ class Devices:
         for port in self.ports:
             port.check()
 
-    def possible_estimators(self) -> list[Estimator]:
-        """Those that may run: for the sensor in use, and for spares."""
+    def possible_estimators(self) -> list[str]:
+        """The names of those that may run: for the sensor in use, and for spares."""
         return [*self.selection.choice.possible, *([OF_SPARES] if len(self.ports) > 1 else [])]
 
     def configure(self, settings: Settings) -> None:

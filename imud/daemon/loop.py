@@ -116,9 +116,9 @@ class Daemon:
             self._notifier.send("STATUS=compiling", "EXTEND_TIMEOUT_USEC=3600000000")
         compilation.warm_loop()
         compilation.warm_decoders(plugins_only=compiled)
-        for estimator in self._devices.possible_estimators():
-            if not compiled or estimator.name not in registry.NAMES:
-                compilation.warm(estimator, self._settings)
+        for name in self._devices.possible_estimators():
+            if not compiled or name not in registry.NAMES:
+                compilation.warm(registry.by_name(name), self._settings)
 
     def _serve(self) -> None:
         tick_ns = 0

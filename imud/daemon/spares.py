@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from .ports import Port
 
 
-OF_SPARES = registry.by_name(choices.WITHOUT_GYROS)
+OF_SPARES = choices.WITHOUT_GYROS  # their estimator
 
 
 class Spares:
@@ -46,7 +46,7 @@ class Spares:
     ) -> None:
         """A spare streams on the port of that number."""
         own = choices.settings_for(settings, configured.identity, number)
-        filter_ = Filter(OF_SPARES, own, Initial(), configured.rate_hz)
+        filter_ = Filter(registry.by_name(OF_SPARES), own, Initial(), configured.rate_hz)
         filter_.calibrate(calibration)
         spare = Inertial(InertialPipeline(driver, driver.new_state(configured), filter_))
         spare.connect(port.line, driver, configured, now_ns)

@@ -1,4 +1,4 @@
-"""Modules that others import, but seldom or never use: stand-ins of them, which import the module at its first use.
+"""Modules that others import, but seldom or never use: a stand-in imports one at its first use, or it is hidden.
 
 Python's own modules import each other: `urllib.parse` the whole of `ipaddress` for addresses in brackets. In a daemon
 that stays for months such a module costs memory, and each command waits for it.
@@ -21,6 +21,19 @@ class _StandIn(ModuleType):
 def _remove(stand_in: _StandIn) -> None:
     if sys.modules.get(stand_in.__name__) is stand_in:
         del sys.modules[stand_in.__name__]
+
+
+@contextlib.contextmanager
+def hidden(*names: str) -> Iterator[None]:
+    """Within the block, these packages are not there, unless one was imported before: others do without them."""
+    absent = [name for name in names if name not in sys.modules]
+    modules: dict[str, Any] = sys.modules
+    modules.update(dict.fromkeys(absent))  # None: as for a module that is not found
+    try:
+        yield
+    finally:
+        for name in absent:
+            del modules[name]
 
 
 @contextlib.contextmanager

@@ -4,7 +4,6 @@ Source: systemd.io/JOURNAL_NATIVE_PROTOCOL, systemd.exec(5) on JOURNAL_STREAM, s
 """
 
 import contextlib
-import logging
 import os
 import re
 import socket
@@ -12,9 +11,10 @@ import sys
 from collections.abc import Callable, Mapping
 from typing import Any, TextIO, cast
 
-from .late_imports import imported_late
+from .late_imports import hidden, imported_late
 
-with imported_late("asyncio"):  # structlog uses it in coroutines only; it costs 6 MB, 40 ms
+# structlog uses asyncio in coroutines only, and rich, where it is installed, for tracebacks: 6 MB and 40 ms each
+with imported_late("asyncio"), hidden("rich"):
     import structlog
 
 
@@ -133,7 +133,7 @@ def configure(level: str = "info", sink: LogSink | None = None, form: str = "tex
         ]
     structlog.configure(
         processors=processors,
-        wrapper_class=structlog.make_filtering_bound_logger(getattr(logging, level.upper())),
+        wrapper_class=structlog.make_filtering_bound_logger(level),
         logger_factory=structlog.WriteLoggerFactory(cast(TextIO, _Lossy(sys.stderr))),
         cache_logger_on_first_use=True,
     )

@@ -75,18 +75,19 @@ def pulse(settings: Settings) -> PulsePerSecond | None:
 
 @dataclass(frozen=True)
 class Choice:
-    """The estimator that is wanted, and those that may take its place if the user left the choice to us.
+    """The estimator that is wanted, and the names of those that may take its place if the user left the choice to us.
 
     with_one_gyro: for a sensor that has the one about z; None: as for one without any.
     """
 
     wanted: Estimator
-    fallback: Estimator | None
-    with_one_gyro: Estimator | None = None
+    fallback: str | None
+    with_one_gyro: str | None = None
 
     @property
-    def possible(self) -> list[Estimator]:
-        return [each for each in (self.wanted, self.fallback, self.with_one_gyro) if each]
+    def possible(self) -> list[str]:
+        """The names of all."""
+        return [each for each in (self.wanted.name, self.fallback, self.with_one_gyro) if each]
 
     def estimator_for(self, sensor: ImuConfigured) -> tuple[Estimator, str]:
         """The estimator for which this sensor suffices; if it is not the wanted one, also why. Raises UsageError."""
@@ -100,7 +101,7 @@ class Choice:
                 f"the estimator {self.wanted.name!r} needs all gyros, and {device} has none about {missing}: "
                 f"choose --estimator {WITHOUT_GYROS}{other}, or leave the choice to imud"
             )
-        instead = (self.with_one_gyro if sensor.gyro_axes == ONE_GYRO else None) or self.fallback
+        instead = registry.by_name((self.with_one_gyro if sensor.gyro_axes == ONE_GYRO else None) or self.fallback)
         return instead, f"{device} has no gyro about {missing}: {instead.name} instead of {self.wanted.name}"
 
 
@@ -112,10 +113,9 @@ def estimators(settings: Settings) -> Choice:
         earth_field.check()
     if settings.estimator != "auto":
         return Choice(registry.by_name(settings.estimator), None)
-    without = registry.by_name(WITHOUT_GYROS)
     if len(settings.ports) > 1:
-        return Choice(registry.by_name("navigation"), without, registry.by_name(WITH_ONE_GYRO))
-    return Choice(registry.by_name("attitude"), without)
+        return Choice(registry.by_name("navigation"), WITHOUT_GYROS, WITH_ONE_GYRO)
+    return Choice(registry.by_name("attitude"), WITHOUT_GYROS)
 
 
 def settings_for(settings: Settings, identity: Identity, port: int) -> Settings:

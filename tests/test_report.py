@@ -16,6 +16,7 @@ from imud.commands.report.findings import findings
 from imud.commands.report.session import Estimates, Part, Session, merged
 from imud.estimators.records import ATTITUDE_VALID, FIX, INNOVATION, POSITION_N, POSITION_VALID, REJECTING, SOLUTION
 from imud.tables.estimates import EstimateWriter, write_innovations
+from imud.tables.inputs import IMU_COLUMNS
 
 RECORDED = Path(__file__).parent / "corpus/recordings/json.mcap"
 
@@ -215,6 +216,9 @@ async def _look(page, folder):
         ("t_s,kind,value,sigma,used\n", 65, "no rows"),
         ("t_s,kind,value,sigma,used\n0,pn_m,x,1,1\n", 65, "line 2: value is 'x'"),
         ("t_s,kind,value,sigma,used\n0,pn_m,1\n", 65, "line 2: 3 columns instead of 5"),
+        ("t_s,kind,value,sigma,used\n0,pn_m,1,1,1\nnan,pn_m,1,1,1\n", 65, "line 3: t_s is nan"),
+        (f"{','.join(IMU_COLUMNS)}\n{'0,' * 6}0\n{'nan,' * 6}0\n", 65, "line 3: t_s is nan"),
+        (f"{','.join(IMU_COLUMNS)}\n{'1e19,' * 6}0\n", 65, "line 2: t_s is 1e+19, no time in seconds"),
     ],
 )
 def test_bad_files_are_reported(content, code, says, tmp_path, capsys):

@@ -249,11 +249,16 @@ def test_fixes_with_and_without_optional_columns(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("row", "says"), [("1,95,0,0", "lat_deg is 95"), ("1,a,0,0", "line 2"), (",1,1,1", "t_s is empty")]
+    ("row", "says"),
+    [
+        *[("1,95,0,0", "lat_deg is 95"), ("1,a,0,0", "line 2"), (",1,1,1", "t_s is empty")],
+        *[("1,1,1,1e9", "height_m is 1000000000"), ("1,,1,1", "lat_deg is nan"), ("1,1,1,1,3e8", "vn_mps is 3")],
+    ],
 )
 def test_bad_fixes_are_named_by_line(tmp_path, row, says):
+    columns = ("t_s", "lat_deg", "lon_deg", "height_m", "vn_mps")[: len(row.split(","))]
     with pytest.raises(BadDataError, match=says):
-        tables.read_fixes(write(tmp_path, row + "\n", "t_s,lat_deg,lon_deg,height_m\n"), 0)
+        tables.read_fixes(write(tmp_path, row + "\n", ",".join(columns) + "\n"), 0)
 
 
 def test_estimates_are_written_in_the_columns_of_the_contract():

@@ -27,7 +27,11 @@ _LARGEST = 1e20  # of any number; a time in ns since 1970 is 2e18, and what it m
 _LONGEST_S = 9e9  # from the origin: in ns it fits 64 bits
 _EARLY_S = 1.0  # before its epoch no fix arrives, but clocks differ
 _FARTHEST_S = 2.0  # between samples
-_LIMITS = {"lat_deg": (-90.0, 90.0), "lon_deg": (-360.0, 360.0), "quality": (-1.0, 99.0), "satellites": (-1.0, 999.0)}
+_LIMITS = {
+    **{"lat_deg": (-90.0, 90.0), "lon_deg": (-360.0, 360.0), "height_m": (-1e6, 1e6)},
+    **{"quality": (-1.0, 99.0), "satellites": (-1.0, 999.0)},
+    **dict.fromkeys(("vn_mps", "ve_mps", "vd_mps"), (-1e4, 1e4)),
+}
 _BELOW_ZERO_UNKNOWN = {
     "sn_m",
     "se_m",
@@ -243,7 +247,7 @@ def checked_fix(where: str, fix: dict[str, float]) -> dict[str, float]:
     if math.isnan(fix["lat_deg"]) and math.isnan(fix["lon_deg"]):
         return fix
     for name, (low, high) in _LIMITS.items():
-        if not low <= fix.get(name, low) <= high and (name in _FIX_REQUIRED or not math.isnan(fix[name])):
+        if not low <= fix.get(name, low) <= high and (name in ("lat_deg", "lon_deg") or not math.isnan(fix[name])):
             raise ValueError(f"{where}: {name} is {fix[name]}, outside {low} to {high}")
     if math.isnan(fix["t_s"]):
         raise ValueError(f"{where}: t_s is empty")

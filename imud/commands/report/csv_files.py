@@ -19,6 +19,7 @@ from .reduction import EstimateReduction, SensorReduction
 from .session import Fixes, Innovations, Part, Session
 
 _BLOCK_BYTES = 4 << 20
+_LATEST_S = 9e9  # some 285 years after 1970; in ns it fits 64 bits
 Progress = Callable[[int], None]
 
 
@@ -49,11 +50,19 @@ def _blocks(path: Path, names: Sequence[str], progress: Progress) -> Iterator[di
                 rows = [row.decode(errors="replace").rstrip("\n").split(",") for row in lines]
                 _parsed(path, header, rows, line, ())  # says where
                 raise BadDataError(f"{path} lines {line} to {line + len(lines) - 1}: not a table of numbers") from None
+            _check_times(path, block[:, names.index("t_s")], line)
             progress(sum(map(len, lines)))
             line += len(lines)
             yield {name: block[:, i] for i, name in enumerate(names)}
     if line == 2:
         raise BadDataError(f"{path}: a header and no rows")
+
+
+def _check_times(path: Path, t_s: Floats, line: int) -> None:
+    """Raises BadDataError for the first that is no time in seconds; line: number of the first row."""
+    (wrong,) = np.nonzero(~(np.abs(t_s) < _LATEST_S))
+    if len(wrong):
+        raise BadDataError(f"{path} line {line + wrong[0]}: t_s is {t_s[wrong[0]]:g}, no time in seconds")
 
 
 def _number(path: Path, line: int, name: str, text: str) -> float:
@@ -119,6 +128,7 @@ def _innovations(path: Path, name: str, progress: Progress) -> Part:
     table = _parsed(path, header, rows, 2, ("kind",))
     progress(path.stat().st_size)
     kinds, t_s = np.array(table["kind"]), table["t_s"]
+    _check_times(path, t_s, 2)
     first, last = float(t_s.min()), float(t_s.max())
     origin = math.floor(first)
     found = []

@@ -10,7 +10,7 @@ from recorded import message
 
 from imud.commands import main
 from imud.configuration.settings import Gnss, Initial, Settings
-from imud.drivers.capture_messages import READS, Connection
+from imud.drivers.capture_messages import CONNECTIONS, READS, Connection, Entry
 from imud.drivers.errors import NotSerialError
 from imud.drivers.transport.portspec import PortSpec
 from imud.drivers.transport.replay import ReplayPort
@@ -166,3 +166,14 @@ def test_a_message_that_is_not_what_its_topic_promises_is_refused(said, tmp_path
         expanded([f"replay:{path}"])
     with pytest.raises(NotSerialError):
         ReplayPort(PortSpec(f"replay:{path}", "imu"))
+
+
+def test_a_repeated_connection_changes_nothing_unless_it_is_of_a_connection_that_was_lost():
+    player = Player(MADE_WITH, adapter(None, (), None), Initial(), lambda *_: None)
+    sensors = []
+    for changes in ({}, {"repeated": True}, {"t_ns": 3 * 10**9, "repeated": True}):
+        player.take(Entry(CONNECTIONS, "", 10**9, connection(**changes)))
+        ((_, sensor),) = player.sensors()
+        sensors.append(sensor)
+    assert sensors[1] is sensors[0]
+    assert sensors[2] is not sensors[0]

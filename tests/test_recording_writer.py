@@ -16,6 +16,7 @@ from recorded import decoded, reads_of
 
 from imud.configuration.settings import Record, Settings
 from imud.drivers.capture import MAGIC, Capture
+from imud.drivers.capture_messages import Connection
 from imud.drivers.errors import CaptureError
 from imud.errors import CannotCreateError
 from imud.estimators.records import INNOVATION, SOLUTION
@@ -174,6 +175,30 @@ def test_a_power_cut_and_damage_cost_no_more_than_what_they_hit(tmp_path):
         lengths[start + 1 : start + 9] = b"\xff" * 8
     cut.write_bytes(lengths)
     assert count(Capture(cut)) == 301
+
+
+def test_a_damaged_beginning_costs_no_more_than_itself(tmp_path, monkeypatch):
+    monkeypatch.setattr("imud.recording.writer._DESCRIBE_S", 0.0)
+    path, damaged = tmp_path / "drive.mcap", tmp_path / "damaged.mcap"
+    recording = writer(path)
+    opened = Connection(7, 0, "/dev/a", True, "gnss", "nmea")
+    recording.take(MessageKind.CONNECTION, 0, 7, msgspec.json.encode(opened))
+    for second in range(5):
+        for i in range(100):
+            recording.take(MessageKind.RAW, 0, second * 100 + i, b"0123456789" * 3)
+        recording.commit()
+    recording.finish()
+    sound = path.read_bytes()
+    first = sound.find(b"zstd") + 20
+    damaged.write_bytes(sound[:first] + bytes(5) + sound[first + 5 :])
+    for file, repeated, n in ((path, False, 500), (damaged, True, 400)):
+        capture = Capture(file)
+        entries = list(capture)
+        assert bool(capture.broken) == repeated
+        assert sum(len(entry.reads().size) for entry in entries if entry.topic == "/raw") == n
+        assert entries[0].connection() == msgspec.structs.replace(opened, repeated=repeated)
+    with path.open("rb") as file:  # as another reader sees it
+        assert len(list(make_reader(file, validate_crcs=True).iter_messages("/raw"))) == 5
 
 
 def count(capture):

@@ -50,6 +50,14 @@ class RecordingFile:
         sequence = self._count[channel] = self._count.get(channel, -1) + 1
         self._writer.add_message(channel, unix_ns, data, unix_ns, sequence & 0xFFFFFFFF)
 
+    def declare_again(self) -> None:
+        """Write the schemas and channels once more: where the chunk with the first ones is damaged, others are read."""
+        chunk = self._writer._Writer__chunk_builder  # type: ignore[attr-defined]  # the library has no public way
+        for schema in self._writer._Writer__schemas.values():  # type: ignore[attr-defined]
+            chunk.add_schema(schema)
+        for channel in self._writer._Writer__channels.values():  # type: ignore[attr-defined]
+            chunk.add_channel(channel)
+
     def commit(self) -> None:
         """End the chunk, and have it on the disk."""
         self._writer._Writer__finalize_chunk()  # type: ignore[attr-defined]  # the library has no public way

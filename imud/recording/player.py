@@ -196,7 +196,7 @@ class Player:
             self._on_aid(measurement, filter_.aid(measurement))
 
     def _connection(self, said: Connection) -> None:
-        if said.repeated and said.port in self._ports:
+        if said.repeated and said.port in self._ports and self._connections[said.port].t_ns == said.t_ns:
             return
         self._ports.pop(said.port, None)
         if not said.streaming:

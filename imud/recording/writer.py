@@ -42,6 +42,7 @@ from .protocol import PACKET, STATE, MessageKind, items
 
 _MB = 1 << 20
 _COMMIT_S = 1.0
+_DESCRIBE_S = 30.0  # between descriptions of what is recorded
 _RETRY_S = 5.0
 _STEP_NS = 500_000_000  # by so much the clock on the wall may differ until its step is followed
 _NICE = 5
@@ -90,7 +91,7 @@ class RecordingWriter:
         self._estimates = Thinner(self._record.estimate_rate_hz)
         self._plane = LocalMap()
         self._file: RecordingFile | None = None
-        self._opened_s = self._retry_s = 0.0
+        self._opened_s = self._described_s = self._retry_s = 0.0
         self._trouble = ""
         self._open()
 
@@ -182,11 +183,18 @@ class RecordingWriter:
         except OSError as error:
             self._pause(f"cannot write in {self._base.parent}: {error.strerror}")
             return
-        now_ns = time.monotonic_ns()
-        self._opened_s = now_ns * 1e-9
+        self._opened_s = time.monotonic()
         self._part += 1
         self._trouble = ""
         self._log("info", f"recording to {path}")
+        self._describe()
+
+    def _describe(self) -> None:
+        """What a reader must know to use what follows: at the start, and again, as the chunk with it may be damaged."""
+        now_ns = time.monotonic_ns()
+        self._described_s = now_ns * 1e-9
+        if self._file is not None:
+            self._file.declare_again()
         for connection in self._connections.values():
             if connection.streaming:
                 repeated = msgspec.structs.replace(connection, repeated=True)
@@ -205,6 +213,8 @@ class RecordingWriter:
         self._guard(lambda file: file.commit())
         if self._file is not None:
             self._guard(self._keep_to_limits)  # its folder may be gone
+        if self._file is not None and time.monotonic() - self._described_s >= _DESCRIBE_S:
+            self._describe()
 
     def publish_state(self) -> None:
         """Send the state of the recording: where it goes, how large the file is, and what keeps it from growing."""

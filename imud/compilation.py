@@ -75,6 +75,7 @@ def warm_replay(estimator: Estimator, settings: Settings) -> None:
 
 def warm_analysis() -> None:
     """Compile, or load, the kernels with which commands look at recordings."""
+    from .ros2.reckoning import BODY_VELOCITY, MOTION, RECKONING, body_velocities, follow_body
     from .sensor_errors.noise import allan_variances
     from .smoothing.fixed_interval import smoothed_estimates
     from .smoothing.intervals import INTERVAL
@@ -82,6 +83,8 @@ def warm_analysis() -> None:
     allan_variances(np.zeros(4), np.zeros(5), np.ones(1, np.int64), np.zeros(1))
     check_samples(new_health(profile_of(Settings()), _RATE_HZ), np.zeros(1, SAMPLE))
     smoothed_estimates(np.zeros(1, INTERVAL), 1.0)
+    follow_body(np.zeros(1, RECKONING), np.zeros(1, SOLUTION), np.zeros(1, MOTION))
+    body_velocities(np.zeros(1, SOLUTION), np.zeros(1, BODY_VELOCITY))
 
 
 def entries() -> dict[str, tuple[Entry, tuple[Dtype, ...]]]:

@@ -10,6 +10,7 @@ import numpy as np
 from imud.drivers.sample import SAMPLE
 
 from ..errors import CannotCreateError
+from ..estimators.records import FIX, SOLUTION
 from ..math.arrays import Records
 from ..outputs.gpsd_json import status_text
 from ..pipeline import Filter
@@ -22,7 +23,7 @@ from .converter import Block, Converter, block_of
 from .definitions import STATIC, TOPICS, definition
 from .messages import Diagnosis, Sigmas, filter_diagnosis
 
-_TOGETHER = 1024  # rows that become messages at once
+_TOGETHER = 512
 _DIAGNOSES_NS = 1_000_000_000  # from one to the next
 _NAMES = {"imu": "inertial sensor", "gnss": "receiver"}
 # rosbag2's numbers of the policies: keep the last 1, reliable, transient local; for subscribers that come later
@@ -35,11 +36,14 @@ _LATCHED = (
 
 @dataclass
 class _Waiting:
-    """What is no message yet, in parts, and diagnoses, whose messages differ in size. rows: how many of all."""
+    """What is no message yet, as the bytes of its rows, and diagnoses, whose messages differ in size.
 
-    samples: list[Records] = field(default_factory=list)
-    solutions: list[Records] = field(default_factory=list)
-    fixes: list[Records] = field(default_factory=list)
+    rows: how many of all.
+    """
+
+    samples: bytearray = field(default_factory=bytearray)
+    solutions: bytearray = field(default_factory=bytearray)
+    fixes: bytearray = field(default_factory=bytearray)
     utc_ns: list[int | None] = field(default_factory=list)  # of the fixes, by the receiver
     diagnoses: list[Block] = field(default_factory=list)
     rows: int = 0
@@ -79,9 +83,10 @@ class Bag:
             self._write_waiting()
             self._filter = inertial.stream.filter
             self._converter.sigmas = Sigmas(*inertial.sample_sigmas)
-        self._waiting.samples.append(self._samples.kept(samples).copy())
-        self._waiting.solutions.append(self._solutions.kept(solutions).copy())
-        self._waiting.rows += len(self._waiting.samples[-1])
+        kept = self._samples.kept(samples)
+        self._waiting.samples += kept.tobytes()
+        self._waiting.solutions += self._solutions.kept(solutions).tobytes()
+        self._waiting.rows += len(kept)
         self._status = int(solutions["status"][-1])
         self._diagnose()
 
@@ -91,12 +96,12 @@ class Bag:
         if not waiting.rows:
             return
         blocks = list(waiting.diagnoses)
-        if len(samples := np.concatenate([np.zeros(0, SAMPLE), *waiting.samples])):
-            solutions = np.concatenate(waiting.solutions)
+        if waiting.samples:
+            samples, solutions = np.frombuffer(waiting.samples, SAMPLE), np.frombuffer(waiting.solutions, SOLUTION)
             blocks += self._converter.of_samples(samples, samples["t_ns"] + self._offset_ns)
             blocks += self._converter.of_solutions(solutions, solutions["t_ns"] + self._offset_ns)
         if waiting.fixes:
-            fixes = np.concatenate(waiting.fixes)
+            fixes = np.frombuffer(waiting.fixes, FIX)
             blocks += self._converter.of_fixes(fixes, fixes["t_ns"] + self._offset_ns, waiting.utc_ns)
         if not self._channels:
             first_ns = min(int(block.unix_ns[0]) for block in blocks)
@@ -111,7 +116,7 @@ class Bag:
         """An array of one FIX."""
         self.fixes += 1
         unix_ns, reported = int(fix[0]["t_ns"]) + self._offset_ns, self._player.reported
-        self._waiting.fixes.append(fix.copy())
+        self._waiting.fixes += fix.tobytes()
         self._waiting.utc_ns.append(reported.utc_ns(unix_ns) if reported else None)
         self._waiting.rows += 1
         self._diagnose()

@@ -57,7 +57,9 @@ class Cdr:
 
     def doubles(self, *tables: Floats) -> "Cdr":
         """Doubles, the columns of tables (n x any)."""
-        return self._rows(np.concatenate(tables, axis=1, dtype="<f8"))
+        for table in tables:
+            self._rows(np.ascontiguousarray(table, "<f8"))
+        return self
 
     def _rows(self, numbers: NDArray[np.generic]) -> "Cdr":
         self._align(numbers.itemsize)

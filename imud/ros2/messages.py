@@ -18,6 +18,7 @@ from ..recording.enu import ANTENNA, BODY, IMU, MAP, ODOM, attitude, length, wor
 from ..sensor_errors.profiles import SampleSigma
 from .cdr import Cdr
 from .frames import Transform
+from .reckoning import BODY_VELOCITY, body_velocities
 
 _NONE = [-1.0, *[0.0] * 8]
 _NO_ROTATION = (1.0, 0.0, 0.0, 0.0)
@@ -134,34 +135,10 @@ def odometry(solutions: Records, unix_ns: Indices, place: Floats, gyro: SampleSi
 
 
 def body_velocity(solutions: Records) -> tuple[Floats, Floats]:
-    """Velocities in the body (FLU, n x 3) and their covariances (n x 3 x 3): that of the velocity in NED, and what the
-    errors of the attitude make of it.
-    """
-    r_nb, v = _matrices(solutions["q_nb"].T), solutions["v"]
-    (north, east, down), nothing = v.T, np.zeros(len(v))
-    cross = _stacked([nothing, down, -east], [-down, nothing, north], [east, -north, nothing])  # axis @ cross: v x axis
-    forward = r_nb[:, :2, 0]  # its horizontal part, which is none straight up or down: the yaw is 0 then
-    across = length(forward)[:, None]
-    cosine, sine = np.where(across > 0.0, forward, (1.0, 0.0)).T / np.where(across > 0.0, across, 1.0).T
-    one = nothing + 1.0
-    axes = _stacked(r_nb[:, :, 0].T, [-sine, cosine, nothing], [nothing, nothing, one])  # of roll, pitch, yaw
-    errors = _diagonal(solutions["sigma_v"]).reshape(-1, 3, 3), solutions["sigma_rpy"][:, :, None] * (axes @ cross)
-    turned = np.concatenate([v[:, None], *errors], axis=1) @ r_nb * _FLU
-    return turned[:, 0], turned[:, 1:].transpose(0, 2, 1) @ turned[:, 1:]
-
-
-def _stacked(*rows: Any) -> Floats:
-    """Matrices, n x 3 x 3, of rows whose elements are arrays of n."""
-    return np.array([list(row) for row in rows]).transpose(2, 0, 1).copy()
-
-
-def _matrices(q: Any) -> Floats:
-    w, x, y, z = q
-    return _stacked(
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    )
+    """Velocities in the body (FLU, n x 3) and their covariances (n x 3 x 3)."""
+    found = np.empty(len(solutions), BODY_VELOCITY)
+    body_velocities(np.ascontiguousarray(solutions), found)
+    return found["velocity"], found["covariance"].reshape(-1, 3, 3)
 
 
 def motion(unix_ns: Indices, map_to_odom: Floats, odom_to_body: Floats) -> Cdr:

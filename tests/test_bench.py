@@ -1,11 +1,15 @@
 """What `imud bench` makes of figures: verdicts, and a reason beside every goal that is missed. No times."""
 
+import argparse
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from imud.commands import bench
 from imud.commands.bench import table
 
 SOURCES = Path(table.__file__).parent
@@ -42,3 +46,17 @@ def test_so_it_has_in_json():
 def test_no_goal_is_without_a_reason(path):
     calls = re.findall(r"section\.add\((.*(?:most|least)=.*)\)$", path.read_text(), re.MULTILINE)
     assert [call for call in calls if "reason=" not in call and "nan" not in call] == []
+
+
+def test_what_is_started_keeps_its_bytecode(monkeypatch, tmp_path, capsys):
+    """Else each start compiles all modules, which takes longer and leaves holes in the memory."""
+    (tmp_path / "module.py").write_text("")
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+
+    def start():
+        subprocess.run([sys.executable, "-c", "import module"], check=True, cwd=tmp_path)
+        return table.Section("Start")
+
+    monkeypatch.setattr(bench, "_parts", lambda quick: [("start", start)])
+    bench.run(argparse.Namespace(quick=True, json=False))
+    assert list((tmp_path / "__pycache__").glob("module.*.pyc"))

@@ -5,6 +5,7 @@ are printed.
 """
 
 import argparse
+import os
 import platform
 import sys
 from collections.abc import Callable
@@ -45,6 +46,7 @@ def _parts(quick: bool) -> list[tuple[str, "Callable[[], Section]"]]:
 def run(args: argparse.Namespace) -> int:
     from . import table
 
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # what is started finds its bytecode, as where pip installed it
     sections = []
     for name, part in _parts(args.quick):
         if sys.stderr.isatty():

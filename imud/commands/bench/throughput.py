@@ -113,7 +113,7 @@ def navigation(seconds: int, rounds: int) -> Section:
 
     section = Section(f"Navigation filter, {seconds} s at 1 kHz with fixes at {signals.FIX_HZ} Hz")
     speed = seconds / Turns(rounds, run_once).median(0)
-    section.add("replay against real time, with output", speed, "x", least=3000, reason=_NAVIGATION)
+    section.add("replay against real time, with output", speed, "x", least=5000, reason=_NAVIGATION)
     return section
 
 

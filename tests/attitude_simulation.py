@@ -107,3 +107,17 @@ def after(start: float, course: Course) -> Course:
 def steady(vector: tuple[float, float, float], start: float, stop: float) -> Course:
     """A constant vector between two times."""
     return lambda t: np.array(vector) * ((t > start) & (t < stop))[:, None]
+
+
+def car_that_stops(seconds):
+    """A truth of 6 s of speeding up, 20 straight on at an even speed, 5 of braking, 3 of standing, and the phase."""
+    leg, speed = 34.0, 12.0
+    edges = ((10.0, 16.0, speed / 6.0), (36.0, 41.0, -speed / 5.0))
+
+    def acceleration(t):
+        phase = np.where(t > 10.0, (t - 10.0) % leg + 10.0, 0.0)
+        ahead = sum(a * ((phase > begin) & (phase <= end)) for begin, end, a in edges)
+        return np.column_stack([ahead, 0.0 * t, 0.0 * t])
+
+    truth = simulate(seconds, 50.0, acceleration=acceleration)
+    return truth, np.where(truth.t > 10.0, (truth.t - 10.0) % leg, np.nan)

@@ -1,7 +1,7 @@
 """Recordings for the golden traces of the attitude filter, one for each class of fault and of motion."""
 
 import numpy as np
-from attitude_simulation import DEG, MG, Flaws, after, measure, simulate, steady
+from attitude_simulation import DEG, MG, Flaws, after, car_that_stops, measure, simulate, steady
 from golden_run import Recording
 from simulated import samples_of
 
@@ -190,16 +190,7 @@ def even_curve():
 
 def car():
     """Speeds up, cruises on a road that shakes it, brakes, stands with its engine running; again and again."""
-    leg, speed = 34.0, 12.0
-    edges = ((10.0, 16.0, speed / 6.0), (36.0, 41.0, -speed / 5.0))
-
-    def acceleration(t):
-        phase = np.where(t > 10.0, (t - 10.0) % leg + 10.0, 0.0)
-        ahead = sum(a * ((phase > begin) & (phase <= end)) for begin, end, a in edges)
-        return np.column_stack([ahead, 0.0 * t, 0.0 * t])
-
-    truth = simulate(150.0, 50.0, acceleration=acceleration)
-    phase = np.where(truth.t > 10.0, (truth.t - 10.0) % leg, np.nan)
+    truth, phase = car_that_stops(150.0)
     samples = shown(truth)
     samples["f"][:, 2] += 0.1 * np.sin(2.0 * np.pi * 26.0 * truth.t)
     going = ((phase > 0.0) & (phase < 31.0))[:, None]

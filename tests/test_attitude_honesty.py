@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from attitude_runs import PROFILE_NAMES, rpy_deg, samples_from, tilt_variance_deg2, yaw_sigma_deg
-from attitude_simulation import DEG, MG, Flaws, after, errors_deg, measure, simulate, wobble
+from attitude_simulation import DEG, MG, Flaws, after, car_that_stops, errors_deg, measure, simulate, wobble
 from broad import filter_of, samples_of, solutions_of
 from replay_in_process import replay
 
@@ -133,27 +133,13 @@ def test_shocks_and_vibration_cost_certainty_and_smooth_motion_does_not():
     np.testing.assert_allclose(np.sqrt(shaken[-1] ** 2 - sigmas[0][-1] ** 2), expected, rtol=0.1)
 
 
-def stop_and_go():
-    """A truth of 6 s of speeding up, 20 straight on at an even speed, 5 of braking, 3 of standing, and the phase."""
-    leg, speed = 34.0, 12.0
-    edges = ((10.0, 16.0, speed / 6.0), (36.0, 41.0, -speed / 5.0))
-
-    def acceleration(t):
-        phase = np.where(t > 10.0, (t - 10.0) % leg + 10.0, 0.0)
-        ahead = sum(a * ((phase > begin) & (phase <= end)) for begin, end, a in edges)
-        return np.column_stack([ahead, 0.0 * t, 0.0 * t])
-
-    truth = simulate(180.0, 50.0, acceleration=acceleration)
-    return truth, np.where(truth.t > 10.0, (truth.t - 10.0) % leg, np.nan)
-
-
 @pytest.mark.parametrize("road", [0.0, 0.3])  # m/s^2
 @pytest.mark.parametrize("seed", range(2))
 def test_cruising_is_no_rest_and_the_stop_of_a_vehicle_that_its_road_shook_is(seed, road):
     """An engine idles all the time at 26 Hz; where nothing else shakes, a stop may be taken for cruising."""
     p = PROFILES["consumer-mems"]
     rng = np.random.default_rng(seed)
-    truth, phase = stop_and_go()
+    truth, phase = car_that_stops(180.0)
     flaws = Flaws(p.gyro_noise, p.accel_noise, accel_bias=tuple(rng.normal(0.0, p.accel_bias_initial, 3)))
     w, f = measure(truth, flaws, rng)
     f[:, 2] += 0.1 * np.sin(2.0 * np.pi * 26.0 * truth.t)

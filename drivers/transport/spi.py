@@ -226,7 +226,7 @@ def _open(spec: PortSpec) -> Any:
         device.open(bus, chip_select)
     except OSError as error:
         if error.errno in ABSENT:
-            raise PortAbsentError(path, _absent(path, node)) from error
+            raise PortAbsentError(path, _absent(node)) from error
         if error.errno in DENIED:
             remedy = "join group spi (sudo usermod -aG spi $USER) and log in again"
             raise PortDeniedError(path, f"no permission to open {node}: {remedy}") from error
@@ -238,7 +238,7 @@ def _open(spec: PortSpec) -> Any:
     return device
 
 
-def _absent(path: str, node: Path) -> str:
+def _absent(node: Path) -> str:
     present = ", ".join(f"spi:{found.name.removeprefix('spidev')}" for found in sorted(Path("/dev").glob("spidev*")))
     return (
         f"there is no {node}; SPI ports present: {present or 'none'}. On a Raspberry Pi switch SPI on "

@@ -48,7 +48,7 @@ class Ubx:
             return GnssConfigured(identity)
         found = yield from version(identity.baud)
         if found is None:
-            if (yield from streams(identity.baud)):
+            if (yield from streams()):
                 return GnssConfigured(identity, ("the receiver does not answer: left as it is",))
             return None
         identity = replace(identity, model=found.model, firmware=found.firmware)
@@ -56,7 +56,7 @@ class Ubx:
         if outcome.baud is None:
             return None
         identity = replace(identity, baud=outcome.baud)
-        if not (yield from streams(outcome.baud)):
+        if not (yield from streams()):
             return Unsupported(self.name, identity.model, outcome.problem or TOO_OLD, identity.baud)
         warnings = (f"the receiver is not set up as wanted: {outcome.problem}",) if outcome.problem else ()
         return GnssConfigured(identity, warnings)

@@ -240,7 +240,7 @@ def _change_baud(command: bytes, old: int, new: int) -> Dialogue[int | None]:
     return old
 
 
-def streams(baud: int) -> Dialogue[bool]:
+def streams() -> Dialogue[bool]:
     """Whether NAV-PVT comes by itself."""
     is_pvt: Callable[[Frame], bool] = lambda one: one.kind == messages.NAV_PVT  # noqa: E731
     received = yield Exchange(listen_s=SETTLE_S, enough=partial(_has, test=is_pvt))

@@ -20,7 +20,8 @@ Integration (2013), ch. 8 and 9 (RISS); Prasanna, Vehicle Localisation Using GPS
 
 from .. import Estimator
 from ..odometer_source import SOURCE
-from .filter import step, update
+from .filter import step
+from .fixes import fuse_fix
 from .state import TUNABLES, checkpoint, configure, resume, start
 from .wheels import fuse_wheel_speed
 
@@ -29,7 +30,7 @@ ESTIMATOR = Estimator(
     configure,
     start,
     step,
-    update,
+    fuse_fix,
     needs_gyros=False,
     survives_power_on=True,
     tunables=TUNABLES,

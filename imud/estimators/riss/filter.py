@@ -10,13 +10,12 @@ from imud.drivers.sample import NO_FORCE, NO_RATE, POWER_ON, SUSPECT
 from ...compile.jit import kernel
 from ...math.kalman import reset
 from .ekf import propagate, store_travel
-from .fixes import fuse_fix
 from .forces import detect_rest, fuse_device_tilt, fuse_forces, fuse_rest, level
 from .solution import write_solution
 from .state import ACCEL_BIAS_X, ACCEL_BIAS_Y, GYRO_BIAS, STATES
 
 if TYPE_CHECKING:
-    from ..types import Fix, Innovation, Sample, Solution
+    from ..types import Sample, Solution
     from .types import RissParameters, RissState
 
 MAX_INTERVAL_S = 1.0  # s, of one propagation; the rate at the end of a longer gap is not used for the gap
@@ -104,9 +103,3 @@ def step(p: RissParameters, s: RissState, sample: Sample, solution: Solution) ->
         if (s.t_ns - s.step_ns) * 1e-9 >= 0.99 * p.tuning.step_s:
             process_step(p, s)
     write_solution(p, s, sample, solution)
-
-
-@kernel
-def update(p: RissParameters, s: RissState, fix: Fix, innovations: list[Innovation]) -> int:
-    """Fuse a fix (FIX); returns the rows of `innovations` (INNOVATION) written."""
-    return fuse_fix(p, s, fix, innovations)

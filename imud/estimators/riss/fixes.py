@@ -62,7 +62,7 @@ def set_fix_noise(p: RissParameters, s: RissState, fix: Fix) -> None:
 
 
 @kernel
-def set_axis(s: RissState, fix: Fix, i: int) -> None:
+def set_axis(s: RissState, i: int) -> None:
     """Set the position error along axis i to that of the fix: white noise, and the receiver's correlated error."""
     reset(s.P, STATES, NORTH + i, 0.0)
     reset(s.P, STATES, FIX_NORTH + i, s.fix_var[i])
@@ -81,11 +81,11 @@ def set_position(p: RissParameters, s: RissState, fix: Fix, vn: float, ve: float
         unknown2 = (0.5 * p.tuning.accel_sigma * late_s * late_s) ** 2
     s.lat, s.lon = displaced(fix.lat, fix.lon, s.height, north, east)
     for i in range(2):
-        set_axis(s, fix, i)
+        set_axis(s, i)
         add_variance(s, NORTH + i, unknown2)
     if s.has_height == 0 and math.isfinite(fix.height):
         s.height, s.has_height = fix.height - travelled_since(s, fix.t_ns, 2), 1
-        set_axis(s, fix, 2)
+        set_axis(s, 2)
         s.gravity = gravity(fix.lat, fix.height)
 
 

@@ -90,7 +90,7 @@ def max_nis(p: Parameters, c: Core, lever: Vector, extra: float, first: int, las
 
 
 @kernel
-def excess_variance(p: Parameters, c: Core, lever: Vector, extra: float) -> float:
+def excess_variance(c: Core, lever: Vector, extra: float) -> float:
     """Most by which the square of a horizontal innovation exceeds its variance, m^2; arguments: see `max_nis`."""
     most, z = 0.0, c.scratch.position_innovation
     for i in range(2):
@@ -114,9 +114,7 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, age: float, innovations
     for i in range(3):
         z[i] += age * c.nav.v_n[i] - lever[i] - c.nav.gnss_bias[i]
     nis = max_nis(p, c, lever, extra, 0, 2)
-    receiver_share = (
-        split_excess(p, c, excess_variance(p, c, lever, extra)) if nis > p.tuning.gnss_position_gate else 0.0
-    )
+    receiver_share = split_excess(p, c, excess_variance(c, lever, extra)) if nis > p.tuning.gnss_position_gate else 0.0
     horizontal = gate_position(p, c, fix, 1.0 if receiver_share > 0.0 else nis)
     height = horizontal and gate_height(p, c, max_nis(p, c, lever, extra, 2, 3))
     for i in range(3):

@@ -139,6 +139,15 @@ def test_a_recording_is_read_as_arrays_that_the_filters_take(tmp_path):
         imud.read(tmp_path / "absent.mcap")
 
 
+def test_what_is_printed_of_a_solution_is_one_line():
+    t = np.arange(300) / 100.0
+    solution = imud.attitude(t, np.zeros((300, 3)), np.tile([0.0, 0.0, -9.8], (300, 1)))
+    share = 100.0 * solution.attitude_valid.mean()
+    assert 50.0 < share <= 100.0
+    said = f"<Solution: 300 rows in 3.0 s, attitude valid {share:.0f} %, heading valid 0 %, position valid 0 %, "
+    assert repr(solution) == f"{said}{len(solution.innovation_records)} innovations, ned-frd>"
+
+
 def test_heading_as_an_aiding_source(drive):
     imu, fixes = drive
     compass = {"t_s": imu[0][::20], "heading_deg": np.full(N // 20, 123.0), "sigma_deg": np.full(N // 20, 1.0)}

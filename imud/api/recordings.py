@@ -31,6 +31,10 @@ class Recording:
     settings: Settings
     notes: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        columns = "; ".join(f"{name}: {', '.join(getattr(self, name))}" for name in ("imu", "gnss"))
+        return f"<Recording: {columns}; estimates: {self.estimates!r}; notes: {list(self.notes)}>"
+
 
 def read(paths: Any) -> Recording:
     """Read a recording: a path, or the paths of its parts. The samples are decoded from the recorded bytes, and go

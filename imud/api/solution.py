@@ -57,6 +57,14 @@ class Solution:
     def __len__(self) -> int:
         return len(self.records)
 
+    def __repr__(self) -> str:
+        n, shares = len(self), ""
+        if n:
+            valid = {"attitude": self.attitude_valid, "heading": self.heading_valid, "position": self.position_valid}
+            shares = "".join(f", {name} valid {100.0 * flags.mean():.0f} %" for name, flags in valid.items())
+            shares = f" in {(self.records['t_ns'][-1] - self.records['t_ns'][0]) * 1e-9:.1f} s{shares}"
+        return f"<Solution: {n} rows{shares}, {len(self.innovation_records)} innovations, {self.frames}>"
+
     @property
     def t(self) -> Floats:
         """[n] s, on the time axis of the samples."""

@@ -136,6 +136,9 @@ def audit(parts: dict[str, object], folder: Path) -> int:
 
 def other_machines(folder: Path) -> bool:
     """Write the wheels of other machines; returns whether all have their library and their processors our bits."""
+    if not importlib.util.find_spec("ziglang"):
+        print("NO wheels of other machines: pip install ziglang")
+        return False
     complete = True
     for machine in MACHINES:
         built = wheel(folder, machine)

@@ -261,6 +261,18 @@ async def turns_by_arrow_keys(page):
     await page.until(f"Math.abs(window.north[1] - {y}) < 1e-6")
 
 
+async def draws_without_a_size(page):
+    """The first news may come before the page is laid out: canvases have no size then."""
+    drawings = (
+        "const [{ drawHorizon, drawCompass }, { drawPose }] = await Promise.all(['horizon', 'pose'].map((name) => "
+        "import(`/page/${name}.js`)));"
+        "drawHorizon(document.createElement('canvas'), 1, 2);"
+        "drawCompass(document.createElement('canvas'), 30, 2, true);"
+        "drawPose(document.createElement('canvas'), [1, 0, 0, 0]);"
+    )
+    assert await page.evaluate(f"(async () => {{ {drawings} return true; }})()")
+
+
 async def fits(page):
     for size in (DESKTOP, PHONE):
         for scheme in ("light", "dark"):
@@ -279,6 +291,7 @@ def test_in_a_browser_it_renders_moves_records_and_survives_restarts(tmp_path):
         await page.size(DESKTOP)
         await page.open(url)
         await page.until(f"{LINK}.startsWith('no daemon at')")
+        await draws_without_a_size(page)
         with daemon(tmp_path, *ports, "--set", f"record.folder={folder}") as imud:
             await renders_and_moves(page)
             await turns_by_arrow_keys(page)

@@ -61,7 +61,7 @@ export function drawCompass(canvas, yaw, sigma, isHeading) {
   const { c, w, h } = begin(canvas);
   describe(canvas, yaw == null ? "unknown" : `${Math.round(yaw)} degrees${isHeading ? " from true north" : ", north not known"}`);
   if (yaw == null) return unknown(c);
-  const radius = Math.min(w, h) - 14;
+  const radius = Math.max(Math.min(w, h) - 14, 0); // before the page is laid out a canvas has no size
   const ink = colour("ink");
   c.save();
   c.rotate(-yaw * DEG);

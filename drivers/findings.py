@@ -8,9 +8,10 @@ from operator import xor
 DATA_MIN = 16  # bytes; fewer are glitches of a line that is idle, or being plugged
 GARBAGE, TEXT_SHARE = 200, 0.7  # bytes after which, with a smaller share of text, no device will be recognised
 SHOWN, TEXT_SHOWN = 24, 90  # bytes
-HEADERS = {  # of binary protocols
-    b"\xb5\x62\x01": "a u-blox receiver",
-    b"\xa0\xa2\x00": "a SiRF receiver",
+HEADERS = {  # of binary protocols, and what the data are if no driver takes them
+    b"\xb5\x62\x01": "of a u-blox receiver in UBX, but no position for this driver: "
+    "have it send NAV-PVT or NMEA, and name either the driver ubx or none",
+    b"\xa0\xa2\x00": "of a SiRF receiver in its own binary format, which imud does not read: have it send NMEA",
 }
 
 
@@ -92,8 +93,8 @@ def _speeds(bauds: Sequence[int]) -> str:
 
 def _kind(received: bytes) -> str:
     """The kind of data, of no known device."""
-    if sender := _protocol(received):
-        return f"of {sender} in its own binary format, which imud does not read: have it send NMEA"
+    if known := _protocol(received):
+        return known
     if _text_share(received) < TEXT_SHARE:
         return "of no known device: garbage, as of a line at another baud rate, or a device that imud does not know"
     lines = [line for line in received.splitlines() if line.startswith(b"$") and b"*" in line]
@@ -111,8 +112,8 @@ def _is_whole(line: bytes) -> bool:
 
 
 def _protocol(received: bytes) -> str:
-    """The kind of device whose binary messages are in it; empty: none that is known."""
-    return next((sender for header, sender in HEADERS.items() if header in received), "")
+    """What the data are if binary messages of a device are in it; empty: of none that is known."""
+    return next((text for header, text in HEADERS.items() if header in received), "")
 
 
 def _shown(received: bytes) -> str:

@@ -27,7 +27,7 @@ LEAST_PERCENT = 97.0
 NOT_RUN = {  # a function and its line, or all of a function: why no trace runs it
     "update_measurements: pitch, roll = x[PITCH], x[ROLL]": "Suh's filters as printed are the experiments' alone",
     "update_measurements: by_pitch, expected = 0.0, (cp * pitch, cr * cp * roll)": "as above",
-    "adapt_accel_noise: more = PRINTED_ALPHA2 * (abs(e) if p.rule == ABSOLUTE else e)": "as above",
+    "adapt_accel_noise: inflation = PRINTED_ALPHA2 * (abs(e) if p.rule == ABSOLUTE else e)": "as above",
     "evaluate_axis: return False": "seen in no simulation: noise so coloured ends the rest before a block is full",
     "median_bin: return first": "the loop before it always returns; the compiler wants a result",
     "estimate_drift: return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0": "guards a division: fixes inform on both axes",

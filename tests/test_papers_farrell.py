@@ -54,7 +54,7 @@ def test_transition_and_noise_to_the_printed_digits(steps):
 def test_one_step_against_van_loan(T):
     p = farrell.parameters()
     packed = np.zeros(6)
-    stationary.process_noise(p[0], T, packed)
+    stationary.add_process_noise(p[0], T, packed)
     phi, q_d = van_loan(T)
     np.testing.assert_allclose(stationary.transition(1e-3, T), [phi[0, 2], phi[1, 2], phi[2, 2]], rtol=1e-13)
     np.testing.assert_allclose(packed, q_d[np.triu_indices(3)], rtol=1e-9 if T < 10 else 1e-6)

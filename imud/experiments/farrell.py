@@ -52,7 +52,7 @@ def discrete(steps: int) -> tuple[Floats, Floats]:
         shear(packed, STATES, POSITION, BIAS, to_p)
         shear(packed, STATES, VELOCITY, BIAS, to_v)
         scale(packed, STATES, BIAS, to_b)
-        stationary.process_noise(p[0], T, packed)
+        stationary.add_process_noise(p[0], T, packed)
     return phi, np.asarray(unpack(packed, STATES))
 
 

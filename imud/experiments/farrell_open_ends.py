@@ -145,7 +145,7 @@ def implementation_rows(samples: Any, run: AxisRun, p: Any) -> list[Row]:
     to_p, to_v, to_b = stationary.transition(p["bias_rate"][0], interval)
     phi = np.array([[1.0, interval, to_p], [0.0, 1.0, to_v], [0.0, 0.0, to_b]])
     packed = np.zeros(6)
-    stationary.process_noise(p[0], interval, packed)
+    stationary.add_process_noise(p[0], interval, packed)
     q_d, R = np.asarray(unpack(packed, STATES)), float(p["position_var"][0])
     inputs = list(_seconds(u, T, p))
     at = np.round(interval / T * np.arange(1, len(inputs) + 1)).astype(int)

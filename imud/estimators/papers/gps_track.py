@@ -93,11 +93,11 @@ def predict(P: Floats, T: float, acceleration_var: float) -> None:
 
 @kernel
 def ned_difference(s: TrackState, fix: Fix) -> tuple[float, float]:
-    """The way north and east in m from the estimate to the fix."""
+    """The distance north and east, m, from the estimate to the fix."""
     meridian, prime_vertical = radii(s.lat)
-    turn = fix.lon - s.lon
-    turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
-    return (fix.lat - s.lat) * meridian, turn * prime_vertical * max(elementary.cos(s.lat), MIN_COS)
+    dlon = fix.lon - s.lon
+    dlon -= 2.0 * math.pi * math.floor(dlon / (2.0 * math.pi) + 0.5)
+    return (fix.lat - s.lat) * meridian, dlon * prime_vertical * max(elementary.cos(s.lat), MIN_COS)
 
 
 @kernel
@@ -129,10 +129,10 @@ def fuse_fix(p: TrackParameters, s: TrackState, fix: Fix, innovations: list[Inno
     for axis in range(2):
         s.column[0] = 2 * axis
         variance = measure(s.P, STATES, s.column, s.one, 1, s.d) + fix_variance(p, fix, axis)
-        left = z[axis] - s.x[2 * axis]
-        update(s.P, STATES, s.x, s.d, variance, left)
+        innovation = z[axis] - s.x[2 * axis]
+        update(s.P, STATES, s.x, s.d, variance, innovation)
         row = innovations[axis]
-        row.t_ns, row.value, row.variance, row.used = fix.t_ns, left, variance, 1
+        row.t_ns, row.value, row.variance, row.used = fix.t_ns, innovation, variance, 1
         row.kind = POSITION_N if axis == 0 else POSITION_E
     s.lat, s.lon = displaced(s.lat, s.lon, 0.0, s.x[NORTH], s.x[EAST])
     s.v[0] += s.x[VELOCITY_N]

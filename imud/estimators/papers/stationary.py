@@ -165,23 +165,23 @@ def transition(rate: float, T: float) -> tuple[float, float, float]:
 
 
 @kernel
-def process_noise(p: StationaryParameters, T: float, add: Floats) -> None:
-    """add (packed triangle) += Q_d over T s: the integral of Phi(s) G Q G' Phi(s)' by Gauss and Legendre's rule.
+def add_process_noise(p: StationaryParameters, T: float, P: Floats) -> None:
+    """P (packed triangle) += Q_d over T s: the integral of Phi(s) G Q G' Phi(s)' by Gauss and Legendre's rule.
 
     Four nodes are exact to s^7: Q_n's part exactly, Q_omega's to (lambda T)^4 1e-6.
     """
     for node in range(4):
-        place, weight = NODES[node % 2]
-        s = 0.5 * T * (1.0 + (place if node < 2 else -place))
+        abscissa, weight = NODES[node % 2]
+        s = 0.5 * T * (1.0 + (abscissa if node < 2 else -abscissa))
         w = 0.5 * T * weight
         to_p, to_v, to_b = transition(p.bias_rate, s)
         n, b = w * p.accel_psd, w * p.bias_psd
-        add[0] += n * s * s + b * to_p * to_p
-        add[1] += n * s + b * to_p * to_v
-        add[2] += b * to_p * to_b
-        add[3] += n + b * to_v * to_v
-        add[4] += b * to_v * to_b
-        add[5] += b * to_b * to_b
+        P[0] += n * s * s + b * to_p * to_p
+        P[1] += n * s + b * to_p * to_v
+        P[2] += b * to_p * to_b
+        P[3] += n + b * to_v * to_v
+        P[4] += b * to_v * to_b
+        P[5] += b * to_b * to_b
 
 
 @kernel
@@ -196,7 +196,7 @@ def predict(p: StationaryParameters, s: StationaryState, T: float) -> None:
     shear(s.P, STATES, POSITION, BIAS, to_p)
     shear(s.P, STATES, VELOCITY, BIAS, to_v)
     scale(s.P, STATES, BIAS, to_b)
-    process_noise(p, T, s.P)
+    add_process_noise(p, T, s.P)
 
 
 @kernel

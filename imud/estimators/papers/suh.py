@@ -176,10 +176,10 @@ def adapt_accel_noise(p: SuhParameters, s: SuhState, a: Vector) -> None:
             s.r[i] = R_LARGE if s.external_acceleration == 1 else R_NOMINAL
         elif p.mode == TWO_STEP and s.external_acceleration == 1:
             e = s.innovation[i]
-            more = ALPHA2 * e * e
+            inflation = ALPHA2 * e * e
             if p.rule != SQUARE:
-                more = PRINTED_ALPHA2 * (abs(e) if p.rule == ABSOLUTE else e)
-            s.r[i] = max(ALPHA1 * s.r[i] + more, R_NOMINAL)
+                inflation = PRINTED_ALPHA2 * (abs(e) if p.rule == ABSOLUTE else e)
+            s.r[i] = max(ALPHA1 * s.r[i] + inflation, R_NOMINAL)
         elif p.mode == TWO_STEP:
             s.r[i] = ALPHA1 * s.r[i] + (1.0 if p.literal == 1 else 1.0 - ALPHA1) * R_NOMINAL
 

@@ -6,14 +6,15 @@ import os
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from imud.compile import library, numba_cache
 
 if importlib.util.find_spec("numba"):  # some machines have none: there the kernels come compiled
     numba_cache.prepare()
+slow = [HealthCheck.too_slow]  # under emulation it may be
 # in CI the same examples each time, so that a failure can be repeated; elsewhere chance looks for new ones
-settings.register_profile("imud", deadline=None, derandomize="CI" in os.environ)
+settings.register_profile("imud", deadline=None, derandomize="CI" in os.environ, suppress_health_check=slow)
 settings.load_profile("imud")
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"

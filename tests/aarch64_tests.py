@@ -1,0 +1,67 @@
+"""Do the tests pass on aarch64? `python tests/aarch64_tests.py FOLDER [FILE..]` runs them under qemu-user.
+
+In FOLDER a small Debian 13 for arm64 is made, unless it is there (see `debian_roots.py`, also for what it needs), and
+the wheel for it, which needs the package `ziglang`. pip installs the wheel there with the packages of the tests; the
+tests come from the working tree. Without FILE it is a choice: the whole suite would take hours, and tests that call
+kernels one by one need numba, which is not there. Exit 1 if a test fails.
+"""
+
+import argparse
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from debian_roots import PYTHON, inside, make_root, register, run
+from release import copied, wheel
+
+TARGET = "aarch64-linux-gnu.2.28"
+PLATFORMS = ("manylinux2014_aarch64", "manylinux_2_17_aarch64", "manylinux_2_28_aarch64")
+PACKAGES = (  # without those for pages, notebooks, numba
+    *("numpy>=2.0", "msgspec>=0.19", "pyserial>=3.5", "structlog>=25.5", "scipy", "mcap", "protobuf>=5"),
+    *("pytest", "pytest-timeout", "hypothesis", "pynmeagps", "pyubx2", "pymap3d", "mpmath"),
+)
+TESTS = ("test_nmea", "test_ubx", "test_tilt")  # what needs no numba; some 6 minutes of processor time
+TIMEOUT_S = 3000  # of one test
+
+
+def install(folder: Path, root: Path, log: Path) -> None:
+    """Wheel and packages in /opt/imud, the working tree in /opt/source. Raises CalledProcessError."""
+    for name in ("imud", "source"):
+        shutil.rmtree(root / "opt" / name, ignore_errors=True)
+    built = wheel(folder, TARGET)
+    copied(root / "opt/source")
+    platforms = [option for name in (built.stem.rpartition("-")[2], *PLATFORMS) for option in ("--platform", name)]
+    there = [*platforms, "--python-version", PYTHON, "--only-binary=:all:", "--target", f"{root}/opt/imud"]
+    pip = [sys.executable, "-m", "pip", "install", "-q", *there]
+    run([*pip, *PACKAGES], log)
+    run([*pip, "--no-deps", str(built)], log)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0], allow_abbrev=False)
+    parser.add_argument("folder", type=Path, help="for the root, the wheel and the log; it is kept")
+    parser.add_argument("files", nargs="*", metavar="FILE", help=f"of tests (default: {', '.join(TESTS)})")
+    arguments = parser.parse_args()
+    folder = arguments.folder.resolve()
+    folder.mkdir(parents=True, exist_ok=True)
+    root, log = folder / "arm64", folder / "tests.log"
+    log.write_text("")
+    files = [f"{Path(name).stem}.py" for name in arguments.files or TESTS]
+    pytest = f"python3 -m pytest -o addopts= -p no:cacheprovider -q -rfEs --timeout={TIMEOUT_S}"
+    try:
+        register("arm64", log)
+        make_root("arm64", root, log)
+        install(folder, root, log)
+        inside(root, f"cd /opt/source/tests && {pytest} {shlex.join(files)}", log)
+    except (subprocess.CalledProcessError, OSError) as error:
+        print(f"arm64 FAILED: {error}")
+        return 1
+    finally:
+        print("".join(log.read_text(errors="replace").splitlines(keepends=True)[-40:]), f"log: {log}", sep="")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

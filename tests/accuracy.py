@@ -98,7 +98,7 @@ def gyro_step(samples, fixes, begin):
 
 
 def lever_arm(samples, fixes, begin):
-    """The lever arm is given wrong: see `run`."""
+    """The lever arm is given wrong, as exact or with a sigma: see `figures`."""
 
 
 FAULTS = {
@@ -110,6 +110,7 @@ FAULTS = {
     "epochs +-50 ms": jitter,
     "ramp 1 m/s": ramp,
     "lever arm +1 m": lever_arm,
+    "lever arm +1 m as sigma": lever_arm,
     "gyro +0.5 deg/s": gyro_step,
 }
 
@@ -154,8 +155,8 @@ def figures(name, grade, fault, vehicle, profile, tuning, lengths):
     samples, fixes = samples.copy(), fixes.copy()
     if fault:
         FAULTS[fault](samples, fixes, begin)
-    given = np.array(meta["lever_frd"], float) + (1.0 if fault == "lever arm +1 m" else 0.0) * np.array([0.0, 1.0, 0.0])
-    settings, score = settings_of(vehicle, given, profile, tuning), scorer()
+    given = np.array(meta["lever_frd"], float) + np.array([0.0, float(fault.startswith("lever arm")), 0.0])
+    settings, score = settings_of(vehicle, given, profile, tuning, float(fault.endswith("sigma"))), scorer()
     out = navigate(samples, fixes, settings)[0]
     est, arm = table(out), meta["lever_frd"] if meta["truth_point"] == "antenna" else None
     t, d, i = score.errors(est, truth, arm)

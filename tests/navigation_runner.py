@@ -145,13 +145,11 @@ def evaluate(name, grade, vehicle="auto", outages=("60", "30"), profile="auto"):
     return figures
 
 
-def settings_of(vehicle="auto", lever=(0.0, 0.0, 0.0), profile="auto", tuning=None):
+def settings_of(vehicle="auto", lever=(0.0, 0.0, 0.0), profile="auto", tuning=None, lever_arm_sigma_m=0.0):
     from imud.configuration.settings import Imu, Navigation
 
-    lever_arm_m = tuple(map(float, lever))
-    return Settings(
-        imu=Imu(profile=profile), navigation=Navigation(vehicle=vehicle, lever_arm_m=lever_arm_m, tuning=tuning or {})
-    )
+    arm = {"lever_arm_m": tuple(map(float, lever)), "lever_arm_sigma_m": lever_arm_sigma_m}
+    return Settings(imu=Imu(profile=profile), navigation=Navigation(vehicle=vehicle, tuning=tuning or {}, **arm))
 
 
 def line(name, grade, vehicle, figures):

@@ -179,7 +179,7 @@ def test_from_antenna_to_sensor_and_back_changes_nothing():
     c = c["core"][0]
     c["nav"]["q_nb"] = [0.5, 0.5, -0.5, 0.5]
     c["nav"]["v_n"] = [3.0, -4.0, 1.0]
-    c["imu"]["w"] = [0.1, -0.2, 0.3]
+    c["nav"]["gnss_lever_arm"], c["imu"]["w"] = LEVER, [0.1, -0.2, 0.3]
     transfer_lever_arm(p, c, -1.0)
     assert c["nav"]["lat"] == np.radians(48.0)  # given by a user: it is the sensor's
     c["gnss"]["last_used_ns"] = 0

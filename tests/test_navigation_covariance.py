@@ -14,6 +14,7 @@ from imud.estimators.ins.state import (
     ACCEL_BIAS,
     ATTITUDE,
     GNSS_BIAS,
+    GNSS_LEVER_ARM,
     GNSS_VELOCITY_BIAS,
     GYRO_BIAS,
     GYRO_SCALE,
@@ -45,8 +46,8 @@ def made(seed):
     s = start(p, Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=10.0))
     c = s["core"][0, 0]
     scale = np.repeat(
-        [2.0, 0.3, 0.02, 1e-3, 0.1, 2.0, 0.03, 0.1, 0.01, 0.5, 0.1, 0.02, 5.0, 0.05],
-        [3, 3, 3, 3, 3, 3, 2, 1, 9, 1, 1, 1, 1, 3],
+        [2.0, 0.3, 0.02, 1e-3, 0.1, 2.0, 0.03, 0.1, 0.01, 0.5, 0.1, 0.02, 5.0, 0.05, 0.3],
+        [3, 3, 3, 3, 3, 3, 2, 1, 9, 1, 1, 1, 1, 3, 3],
     )
     root = rng.standard_normal((STATES, STATES)) * scale[:, None]
     P = root @ root.T / STATES
@@ -152,9 +153,11 @@ def test_corrections_move_the_nominal_state_by_the_error():
     c["scratch"]["x"][POSITION : POSITION + 3] = 10.0, 0.0, 2.0
     c["scratch"]["x"][VELOCITY] = 0.5
     c["scratch"]["x"][ATTITUDE : ATTITUDE + 3] = 0.01, -0.02, 0.03
+    c["scratch"]["x"][GNSS_LEVER_ARM : GNSS_LEVER_ARM + 3] = 0.4, -0.5, 0.6
     c["scratch"]["x"][TIME_OFFSET], c["scratch"]["x"][VELOCITY_TIME_OFFSET] = 0.1, 0.05
     correct_state(p[0], c)
     assert (c["nav"]["time_offset"], c["nav"]["velocity_time_offset"]) == pytest.approx((0.1, 0.05))
+    assert c["nav"]["gnss_lever_arm"] == pytest.approx([0.4, -0.5, 0.6])
     assert (c["nav"]["lat"] - lat) * 6.3781e6 == pytest.approx(10.0, rel=0.01)
     assert (c["nav"]["height"] - height, c["nav"]["v_n"][0] - v[0]) == pytest.approx((-2.0, 0.5))
     tilted, headed = Rotation.from_rotvec([0.01, -0.02, 0.0]), Rotation.from_rotvec([0.0, 0.0, 0.03])

@@ -32,6 +32,7 @@ from imud.estimators.ins.state import (
     ATTITUDE,
     BARO_OFFSET,
     GNSS_BIAS,
+    GNSS_LEVER_ARM,
     GNSS_VELOCITY_BIAS,
     GYRO_BIAS,
     MOUNT_PITCH,
@@ -125,7 +126,7 @@ def nominal(seed, rolling=False):
     c.cov.P[:] = 0.0
     c.nav.t_ns = c.gnss.last_used_ns = EPOCH_NS
     c.nav.q_nb = np.roll(attitude.as_quat(), 1)
-    c.nav.v_n = rng.standard_normal(3) * 15.0
+    c.nav.v_n, c.nav.gnss_lever_arm = rng.standard_normal(3) * 15.0, LEVER_ARM
     c.nav.forward, c.nav.lateral = Rotation.random(random_state=seed + 100).as_matrix()[:2]
     c.nav.nhc_lever_arm, c.nav.time_offset, c.nav.velocity_time_offset = 0.8, 0.0, 0.04
     c.imu.w, c.imu.rate_b = rng.standard_normal((2, 3)) * 0.5
@@ -241,13 +242,16 @@ def measure_body_velocity(p, c, fix):
 MEASUREMENTS = {  # measurement: rows, and the error states by which its Jacobian has elements
     measure_position: (
         3,
-        (*range(POSITION, POSITION + 3), *range(ATTITUDE, ATTITUDE + 3), *range(GNSS_BIAS, GNSS_BIAS + 3), TIME_OFFSET),
+        (
+            *(*range(POSITION, POSITION + 3), *range(ATTITUDE, ATTITUDE + 3), *range(GNSS_BIAS, GNSS_BIAS + 3)),
+            *(*range(GNSS_LEVER_ARM, GNSS_LEVER_ARM + 3), TIME_OFFSET),
+        ),
     ),
     measure_velocity: (
         3,
         (
             *(*range(VELOCITY, ATTITUDE + 3), *range(GYRO_BIAS, GYRO_BIAS + 3), TIME_OFFSET, VELOCITY_TIME_OFFSET),
-            *range(GNSS_VELOCITY_BIAS, GNSS_VELOCITY_BIAS + 3),
+            *range(GNSS_VELOCITY_BIAS, GNSS_LEVER_ARM + 3),
         ),
     ),
     measure_nhc: (
@@ -335,10 +339,10 @@ def transferred(seed, state, step):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_transfer_of_the_covariance_from_antenna_to_imu_is_the_derivative_of_that_of_the_state(seed):
-    states = [*range(POSITION, GYRO_BIAS + 3)]
+    states = [*range(POSITION, GYRO_BIAS + 3), *range(GNSS_LEVER_ARM, GNSS_LEVER_ARM + 3)]
     ahead, behind = (np.array([transferred(seed, i, step)[0] for i in states]) for step in (STEP, -STEP))
     T = ((ahead - behind) / (2.0 * STEP)).T
     P = np.zeros((STATES, STATES))
     P[np.triu_indices(STATES)] = transferred(seed, 0, 0.0)[1]
     np.testing.assert_allclose(P[:6, :6], np.triu(T @ T.T), rtol=0.0, atol=1e-3)
-    np.testing.assert_allclose(P[:6, 6:12], T[:, 6:], rtol=0.0, atol=1e-4)
+    np.testing.assert_allclose(P[:6, states[6:]], T[:, 6:], rtol=0.0, atol=1e-4)

@@ -14,8 +14,9 @@ SHARED = {
     "nav": {"mechanization.py", "error_model.py", "ekf.py"},
     "cov": {"error_model.py", "ekf.py"},
 }
-BEGUN_ANEW = {  # nominal states of one measurement or constraint, whose file may set them to zero
+BEGUN_ANEW = {  # nominal states of one measurement or constraint, whose file may set them to zero or as given
     ("nav", "gnss_bias"): "aiding/gnss_noise.py",
+    ("nav", "gnss_lever_arm"): "aiding/gnss_noise.py",
     ("nav", "time_offset"): "aiding/gnss_time.py",
     ("nav", "nhc_lever_arm"): "vehicle_axes.py",
 }

@@ -36,6 +36,10 @@ class Navigation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         tuple[Length, Length, Length],
         Meta(description="Antenna from the inertial sensor, in the vehicle's axes (FRD).", extra=HOT),
     ] = (0.0, 0.0, 0.0)
+    lever_arm_sigma_m: Annotated[
+        float,
+        number(0.0, 10.0, "m", "1 sigma of each component of it, which is then estimated; 0: it is exact.", hot=True),
+    ] = 0.0
     tuning: Tuning = {}
 
 

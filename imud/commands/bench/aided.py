@@ -18,7 +18,7 @@ from .turns import Turns
 
 _LATE_NS = 100_000_000
 _REWIND = "the samples since each epoch, here all of them, are integrated a second time"
-_UPDATES = "a pose is four updates of 37 states, a velocity three, the others are one"
+_UPDATES = "a pose is four updates of 40 states, a velocity three, the others are one"
 
 
 def aiding(seconds: int, rounds: int) -> Section:

@@ -42,6 +42,7 @@ NAV = np.dtype(  # the nominal state: time, and one value for each error state
         ("odometer_scale", "<f8"),  # the odometer's reading is too large by this share of the speed
         ("baro_offset", "<f8"),  # m, the barometer's height is too large by this
         ("gnss_velocity_bias", "<f8", (3,)),  # m/s, NED, fix minus truth: the correlated error of its velocity
+        ("gnss_lever_arm", "<f8", (3,)),  # m, antenna from IMU, body
     ],
     align=True,
 )

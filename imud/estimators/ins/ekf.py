@@ -24,6 +24,7 @@ from .state import (
     ATTITUDE,
     BARO_OFFSET,
     GNSS_BIAS,
+    GNSS_LEVER_ARM,
     GNSS_VELOCITY_BIAS,
     GYRO_BIAS,
     GYRO_SCALE,
@@ -179,6 +180,7 @@ def inject_error(p: Parameters, c: Core) -> None:
         n.bg[i] += x[GYRO_BIAS + i]
         n.ba[i] += x[ACCEL_BIAS + i]
         n.gnss_bias[i] += x[GNSS_BIAS + i]
+        n.gnss_lever_arm[i] += x[GNSS_LEVER_ARM + i]
     for k in range(9):
         n.gyro_scale[k] += x[GYRO_SCALE + k]
     rotate_attitude(c, x[ATTITUDE], x[ATTITUDE + 1], 0.0)  # in the axes of the old heading, which may be far off

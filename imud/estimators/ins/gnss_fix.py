@@ -16,7 +16,7 @@ from .aiding.gnss_gate import (
     decay_reset_score,
     reject_frozen,
 )
-from .aiding.gnss_noise import count_fix, horizontal_sigma, set_gnss_noise, set_speed
+from .aiding.gnss_noise import count_fix, horizontal_sigma, set_gnss_lever_arm, set_gnss_noise, set_speed
 from .aiding.gnss_position import fuse_gnss_position
 from .aiding.gnss_time import set_initial_time_offset
 from .aiding.gnss_velocity import fuse_gnss_velocity
@@ -58,6 +58,7 @@ def set_noise(p: Parameters, c: Core, fix: Fix, first: bool) -> None:
     """Before the fix is fused: set its noise; of the first fix also the variance of the time offset."""
     if first:
         set_initial_time_offset(p, c, fix, horizontal_sigma(p, fix))
+    set_gnss_lever_arm(p, c)
     set_gnss_noise(p, c, fix)
 
 

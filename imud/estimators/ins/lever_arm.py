@@ -10,7 +10,7 @@ from .mechanization import body_to_ned, rotation_matrix
 
 if TYPE_CHECKING:
     from ...math.arrays import Reals
-    from .types import Core, Parameters
+    from .types import Core
 
 
 @kernel
@@ -21,16 +21,31 @@ def arm_velocity_b(c: Core, arm: Reals) -> Vector:
 
 
 @kernel
-def antenna_position(p: Parameters, c: Core) -> Vector:
+def antenna_position(c: Core) -> Vector:
     """C_nb l: position of the antenna relative to the IMU, m, NED."""
-    arm = p.gnss_lever_arm
+    arm = c.nav.gnss_lever_arm
     return body_to_ned(c, (arm[0], arm[1], arm[2]))
 
 
 @kernel
-def antenna_velocity(p: Parameters, c: Core) -> Vector:
+def antenna_velocity(c: Core) -> Vector:
     """C_nb (w x l): velocity of the antenna relative to the IMU, m/s, NED."""
-    return body_to_ned(c, arm_velocity_b(c, p.gnss_lever_arm))
+    return body_to_ned(c, arm_velocity_b(c, c.nav.gnss_lever_arm))
+
+
+@kernel
+def arm_position_row(c: Core, i: int) -> Vector:
+    """Component i of C_nb l by l: how the lever arm changes the position of its point."""
+    C_nb = rotation_matrix(c)
+    return C_nb[3 * i], C_nb[3 * i + 1], C_nb[3 * i + 2]
+
+
+@kernel
+def arm_velocity_row(c: Core, i: int) -> Vector:
+    """Component i of C_nb (w x l) by l: how the lever arm changes the velocity of its point."""
+    x, y, z = arm_position_row(c, i)
+    wx, wy, wz = c.imu.w[0] - c.nav.bg[0], c.imu.w[1] - c.nav.bg[1], c.imu.w[2] - c.nav.bg[2]
+    return y * wz - z * wy, z * wx - x * wz, x * wy - y * wx
 
 
 @kernel
@@ -46,6 +61,5 @@ def attitude_row(v: Vector, i: int) -> Vector:
 @kernel
 def gyro_bias_row(c: Core, arm: Reals, i: int) -> Vector:
     """Component i of C_nb (l x bias) by the error of the gyro bias: how it changes the velocity of a point."""
-    C_nb = rotation_matrix(c)
-    x, y, z = C_nb[3 * i], C_nb[3 * i + 1], C_nb[3 * i + 2]
+    x, y, z = arm_position_row(c, i)
     return y * arm[2] - z * arm[1], z * arm[0] - x * arm[2], x * arm[1] - y * arm[0]

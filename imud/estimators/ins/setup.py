@@ -99,6 +99,7 @@ def start(parameters: Records, initial: Initial) -> Records:
         c[name]["last_ns"] = c[name]["last_used_ns"] = NEVER_NS
         c[name]["last_value"] = math.nan
     c["odometer"]["last_ns"] = c["odometer"]["last_used_ns"] = NEVER_NS
+    c["gnss"]["given_lever_arm"] = math.nan
     c["gnss"]["velocity_noise_var"] = t["first_velocity_noise"] ** 2
     psd = np.array((t["vibration_vrw"], t["vibration_arw"])) ** 2
     scale = np.array((t["velocity_noise_scale"], t["attitude_noise_scale"]))

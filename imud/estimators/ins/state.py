@@ -1,6 +1,6 @@
 """The error states of the navigation filter, its modes, and the sizes of its records.
 
-Error states are "true minus estimate", 37 of them, in the order of the table below. The attitude error is a small
+Error states are "true minus estimate", 40 of them, in the order of the table below. The attitude error is a small
 rotation phi in navigation axes, C_true = exp(phi) C.
 
 | error state            | unit    | what it is |
@@ -19,12 +19,13 @@ rotation phi in navigation axes, C_true = exp(phi) C.
 | ODOMETER_SCALE         |         | by which the odometer's reading is too large, as a share of the speed |
 | BARO_OFFSET            | m       | by which the barometer's height is too large |
 | GNSS_VELOCITY_BIAS (3) | m/s     | correlated error of the receiver's velocity, first-order Gauss-Markov, NED |
+| GNSS_LEVER_ARM (3)     | m       | of the antenna from the IMU, body axes |
 """  # noqa: E501 a table's row is one line
 
-STATES = 37
+STATES = 40
 POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS, GNSS_BIAS = 0, 3, 6, 9, 12, 15
 MOUNT_PITCH, MOUNT_YAW, TIME_OFFSET, GYRO_SCALE, NHC_LEVER_ARM, VELOCITY_TIME_OFFSET = 18, 19, 20, 21, 30, 31
-ODOMETER_SCALE, BARO_OFFSET, GNSS_VELOCITY_BIAS = 32, 33, 34
+ODOMETER_SCALE, BARO_OFFSET, GNSS_VELOCITY_BIAS, GNSS_LEVER_ARM = 32, 33, 34, 37
 
 COARSE_ALIGNMENT, NAVIGATING = 0, 1  # modes: roll and pitch only, position from GNSS; everything
 FREE, AUTO, LAND = 0, 1, 2  # vehicle
@@ -39,6 +40,6 @@ ONSETS = 3  # times at which the receiver may have begun to drift
 AIDING_RING = 256  # measurements kept: 2 s of sources of 100 Hz
 BANKS = 32  # fixes of which the hypothesis bank is kept
 LEARNING_STATES = 9  # of which the sensitivity to the process noise is known: position, velocity, attitude
-JACOBIAN_LENGTH = 10  # most nonzero elements of a row of H
+JACOBIAN_LENGTH = 13  # most nonzero elements of a row of H
 STEP_INNOVATIONS = 8  # of one sample: a window of rest and a constraint
 PENDING_INNOVATIONS = 1024  # kept until they are asked for

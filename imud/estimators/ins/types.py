@@ -16,6 +16,7 @@ class StoredSample:
 class Parameters:
     period: float
     gnss_lever_arm: Reals
+    lever_arm_sigma: float
     heading_boresight: float
     odometer_lever_arm: Reals
     track_width: float
@@ -55,6 +56,7 @@ class Nav:
     odometer_scale: float
     baro_offset: float
     gnss_velocity_bias: Reals
+    gnss_lever_arm: Reals
 
 
 class Earth:
@@ -146,6 +148,7 @@ class Gnss:
     reported_sigma: Reals
     noise_var: Reals
     velocity_noise_var: float
+    given_lever_arm: Reals
 
 
 class Integrity:

@@ -13,7 +13,7 @@ from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_covariance, add_variance, decorrelate, variance
 from ..integrity.gnss_drift import reset_drift
-from ..state import ATTITUDE, GNSS_BIAS, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY_TIME_OFFSET
+from ..state import ATTITUDE, GNSS_BIAS, GNSS_LEVER_ARM, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY_TIME_OFFSET
 
 if TYPE_CHECKING:
     from ...types import Fix
@@ -94,6 +94,21 @@ def clear_gnss_bias(c: Core, axis: int, variance: float) -> None:
 
 
 @kernel
+def set_gnss_lever_arm(p: Parameters, c: Core) -> None:
+    """Begin with the lever arm that the user gives, before the first fix and after a change of the setting."""
+    given = c.gnss.given_lever_arm
+    changed = given[3] != p.lever_arm_sigma
+    for i in range(3):
+        changed = changed or given[i] != p.gnss_lever_arm[i]
+    if not changed:
+        return
+    given[3] = p.lever_arm_sigma
+    for i in range(3):
+        given[i] = c.nav.gnss_lever_arm[i] = p.gnss_lever_arm[i]
+        decorrelate(c, GNSS_LEVER_ARM + i, p.lever_arm_sigma**2)
+
+
+@kernel
 def set_gnss_noise(p: Parameters, c: Core, fix: Fix) -> None:
     """Set sigma of the GNSS bias and white variance from the reported quality; a new quality resets bias and noise."""
     g = c.gnss
@@ -159,7 +174,7 @@ def limit_position_confidence(p: Parameters, c: Core) -> None:
     """
     if 1e-9 * (c.nav.t_ns - c.pose.last_used_ns) < p.tuning.fresh_fix_s:
         return
-    a = p.gnss_lever_arm
+    a = c.nav.gnss_lever_arm
     arm2 = a[0] ** 2 + a[1] ** 2 + a[2] ** 2 if c.alignment.mode != NAVIGATING else 0.0
     for i in range(3):
         constant2 = (p.tuning.constant_error_share * c.gnss.reported_sigma[i // 2]) ** 2

@@ -17,9 +17,9 @@ from ...tuning import Tunable
 from ..ekf import innovation_variance, set_jacobian, set_jacobian3, variance
 from ..fusion import NO_GATE, REJECT, correct_state, fix_update, write_innovation
 from ..integrity.gnss_drift import detect_drift
-from ..lever_arm import antenna_position, attitude_row
+from ..lever_arm import antenna_position, arm_position_row, attitude_row
 from ..mechanization import bounded_cosine, wrap_angle
-from ..state import ATTITUDE, GNSS_BIAS, NAVIGATING, POSITION, TIME_OFFSET
+from ..state import ATTITUDE, GNSS_BIAS, GNSS_LEVER_ARM, NAVIGATING, POSITION, TIME_OFFSET
 from .gnss_gate import gate_height, gate_position, set_rejecting, split_excess
 from .gnss_noise import (
     learn_position_noise,
@@ -69,7 +69,10 @@ def position_jacobian(c: Core, lever: Vector, i: int) -> int:
     length = set_jacobian(c, 0, POSITION + i, 1.0)
     length = set_jacobian3(c, length, ATTITUDE, attitude_row(lever, i))
     length = set_jacobian(c, length, GNSS_BIAS + i, 1.0)
-    return set_jacobian(c, length, TIME_OFFSET, -c.nav.v_n[i] if c.alignment.mode == NAVIGATING else 0.0)
+    if c.alignment.mode != NAVIGATING:
+        return length
+    length = set_jacobian3(c, length, GNSS_LEVER_ARM, arm_position_row(c, i))
+    return set_jacobian(c, length, TIME_OFFSET, -c.nav.v_n[i])
 
 
 @kernel
@@ -108,7 +111,7 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, age: float, innovations
     z = c.scratch.position_innovation
     position_offset(c, fix, z)
     # in coarse alignment the position is the antenna's
-    lever = antenna_position(p, c) if c.alignment.mode == NAVIGATING else (0.0, 0.0, 0.0)
+    lever = antenna_position(c) if c.alignment.mode == NAVIGATING else (0.0, 0.0, 0.0)
     extra = second_order_error(p, c) ** 2 + (0.5 * p.tuning.late_fix_accel * age * age) ** 2
     extra += lever_arm_rate_variance(p, c) * p.tuning.turn_between_fixes_s**2
     for i in range(3):

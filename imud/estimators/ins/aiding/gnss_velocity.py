@@ -19,9 +19,10 @@ from ...records import VELOCITY_N
 from ...tuning import Tunable
 from ..ekf import set_jacobian, set_jacobian3
 from ..fusion import REJECT, correct_state, fix_update, write_innovation
-from ..lever_arm import antenna_velocity, attitude_row, gyro_bias_row
+from ..lever_arm import antenna_velocity, arm_velocity_row, attitude_row, gyro_bias_row
 from ..state import (
     ATTITUDE,
+    GNSS_LEVER_ARM,
     GNSS_VELOCITY_BIAS,
     GYRO_BIAS,
     NAVIGATING,
@@ -89,7 +90,8 @@ def velocity_jacobian(p: Parameters, c: Core, antenna: Vector, accel: float, i: 
     if c.alignment.mode != NAVIGATING:
         return length
     length = set_jacobian3(c, length, ATTITUDE, attitude_row(antenna, i))
-    return set_jacobian3(c, length, GYRO_BIAS, gyro_bias_row(c, p.gnss_lever_arm, i))
+    length = set_jacobian3(c, length, GNSS_LEVER_ARM, arm_velocity_row(c, i))
+    return set_jacobian3(c, length, GYRO_BIAS, gyro_bias_row(c, c.nav.gnss_lever_arm, i))
 
 
 @kernel
@@ -98,7 +100,7 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, age: float, innovations
 
     n: rows of `innovations` written before.
     """
-    antenna = antenna_velocity(p, c) if c.alignment.mode == NAVIGATING else (0.0, 0.0, 0.0)
+    antenna = antenna_velocity(c) if c.alignment.mode == NAVIGATING else (0.0, 0.0, 0.0)
     slow = fix.speed if not math.isfinite(fix.v[0]) and fix.speed < p.tuning.min_course_speed else 0.0
     timed = 1.0 if c.alignment.mode == NAVIGATING else 0.0  # in coarse alignment the velocity is that at the epoch
     rejected = 0

@@ -79,7 +79,7 @@ def frame_rotation(p: Parameters, c: Core, k: int, ago: float) -> float:
 @kernel
 def antenna_offset(p: Parameters, c: Core, k: int, is_position: bool) -> Complex:
     """Level position (m; else velocity, m/s) of the antenna relative to the IMU, in the frame of hypothesis k."""
-    offset = antenna_position(p, c) if is_position else antenna_velocity(p, c)
+    offset = antenna_position(c) if is_position else antenna_velocity(c)
     return multiply(phasor(c.alignment.frame_azimuth + frame_rotation(p, c, k, 0.0)), (offset[0], offset[1]))
 
 

@@ -117,7 +117,7 @@ def initialize_velocity(p: Parameters, c: Core, b: HypothesisBank) -> None:
         + c.alignment.heading_sigma**2 * (delta_v[0] ** 2 + delta_v[1] ** 2)
         + tilt2 * unobserved_velocity(b, k, 0, TIME) ** 2
     )
-    antenna = antenna_velocity(p, c)
+    antenna = antenna_velocity(c)
     for i in range(2):
         set_velocity(c, i, b.whitening_state[k, VELOCITY_STATE, 0, i] + delta_v[i] + antenna[i])
         decorrelate(c, VELOCITY + i, min(r, p.tuning.max_start_velocity_sigma**2))

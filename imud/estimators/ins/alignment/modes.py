@@ -30,13 +30,21 @@ from ..fusion import propagate_errors
 from ..integrity.gnss_drift import reset_drift
 from ..integrity.gyro_bias_step import reset_gyro_bias_step
 from ..integrity.time_offset_step import reset_time_offset_step
-from ..lever_arm import antenna_position, antenna_velocity, attitude_row, gyro_bias_row
+from ..lever_arm import (
+    antenna_position,
+    antenna_velocity,
+    arm_position_row,
+    arm_velocity_row,
+    attitude_row,
+    gyro_bias_row,
+)
 from ..mechanization import clear_sensor_errors, displace, set_attitude, set_velocity
 from ..process_noise import clear_learning
 from ..state import (
     ACCEL_BIAS,
     ATTITUDE,
     COARSE_ALIGNMENT,
+    GNSS_LEVER_ARM,
     GYRO_BIAS,
     NAVIGATING,
     NEVER_NS,
@@ -162,7 +170,7 @@ def transfer_lever_arm(p: Parameters, c: Core, sign: float) -> None:
     """
     if c.gnss.last_used_ns == NEVER_NS:
         return
-    arm, antenna, time_offset_var = antenna_position(p, c), antenna_velocity(p, c), variance(c, TIME_OFFSET)
+    arm, antenna, time_offset_var = antenna_position(c), antenna_velocity(c), variance(c, TIME_OFFSET)
     displace(c, -sign * arm[0], -sign * arm[1], -sign * arm[2])
     for i in range(3):
         of_imu = c.nav.v_n[i] - (antenna[i] if sign > 0.0 else 0.0)
@@ -171,7 +179,11 @@ def transfer_lever_arm(p: Parameters, c: Core, sign: float) -> None:
         combine3(c, POSITION + i, ATTITUDE, -sign * row[0], -sign * row[1], -sign * row[2])
         row = attitude_row(antenna, i)
         combine3(c, VELOCITY + i, ATTITUDE, -sign * row[0], -sign * row[1], -sign * row[2])
-        row = gyro_bias_row(c, p.gnss_lever_arm, i)
+        row = gyro_bias_row(c, c.nav.gnss_lever_arm, i)
         combine3(c, VELOCITY + i, GYRO_BIAS, -sign * row[0], -sign * row[1], -sign * row[2])
+        row = arm_position_row(c, i)
+        combine3(c, POSITION + i, GNSS_LEVER_ARM, -sign * row[0], -sign * row[1], -sign * row[2])
+        row = arm_velocity_row(c, i)
+        combine3(c, VELOCITY + i, GNSS_LEVER_ARM, -sign * row[0], -sign * row[1], -sign * row[2])
         combine(c, POSITION + i, TIME_OFFSET, sign * of_imu)
         add_variance(c, VELOCITY + i, time_offset_var * c.imu.accel_n[i] ** 2)

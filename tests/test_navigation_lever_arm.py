@@ -1,0 +1,104 @@
+"""The lever arm of the antenna as error states: found where the vehicle turns, and never surer than it may be."""
+
+import numpy as np
+import pytest
+from navigation_runner import navigate
+from navigation_simulation import drive, errors, received, sensed
+
+from imud.compile.jit import interpreted
+from imud.configuration.settings import Imu, Initial, Navigation, Settings
+from imud.estimators.ins.aiding.gnss_noise import set_gnss_lever_arm
+from imud.estimators.ins.parameters import configure
+from imud.estimators.ins.setup import start
+from imud.estimators.ins.state import GNSS_LEVER_ARM, STATES
+from imud.math.kalman import packed_index, unpack
+from imud.sensor_errors.profiles import PROFILES
+
+SIGMA = 0.7  # m
+TRUE = np.array([1.0, -0.5, -1.4])
+
+
+def at_antenna(d, fixes, arm):
+    """The fixes of an antenna that is `arm` m (body) from the sensor, at which they were simulated."""
+    k = np.searchsorted(100.0 + d.t, fixes["t_ns"] * 1e-9 - 1e-6)
+    north, east, down = d.attitude[k].apply(arm).T
+    fixes["lat"] += north / 6.37e6
+    fixes["lon"] += east / (6.39e6 * np.cos(fixes["lat"]))
+    fixes["height"] -= down
+    v = d.v[k] + d.attitude[k].apply(np.cross(d.w[k], arm))
+    fixes["course"] = np.arctan2(v[:, 1], v[:, 0])
+    fixes["speed"] = np.hypot(v[:, 0], v[:, 1])
+    return fixes
+
+
+def run(seed, survey, sigma=SIGMA, mistake=None):
+    """(error and covariance of the lever arm, errors of position, velocity and attitude, their sigmas) of a drive."""
+    profile, rng = PROFILES["consumer-mems"], np.random.default_rng(seed)
+    d = drive(120.0, speed=float(rng.uniform(4.0, 15.0)))
+    bg = profile.gyro_bias_initial * rng.standard_normal(3)
+    ba = profile.accel_bias_initial * rng.standard_normal(3)
+    samples = sensed(d, rng, profile.gyro_noise, profile.accel_noise, bg, ba)
+    fixes = received(d, rng, late=0.2, sigma=0.0, white=0.02) if survey else received(d, rng, late=0.2)
+    fixes = at_antenna(d, fixes, TRUE)
+    fixes["speed"] += 0.05 * rng.standard_normal(len(fixes))
+    if survey:
+        fixes["sigma"], fixes["hdop"] = (0.02, 0.02, 0.04), np.nan
+    given = TRUE + (SIGMA * rng.standard_normal(3) if mistake is None else mistake)
+    arm = {"lever_arm_m": tuple(map(float, given)), "lever_arm_sigma_m": sigma}
+    out, _, state = navigate(samples, fixes, Settings(imu=Imu(profile="consumer-mems"), navigation=Navigation(**arm)))
+    c = state["core"][0, 0]
+    P = unpack(c["cov"]["P"], STATES)[GNSS_LEVER_ARM:, GNSS_LEVER_ARM:]
+    k = np.arange(6000, len(d.t), 100)
+    of = [e[k] for e in errors(d, out)]
+    return TRUE - c["nav"]["gnss_lever_arm"], P, of, [out[name][k] for name in ("sigma_p", "sigma_v", "sigma_rpy")]
+
+
+def nees(runs):
+    """Mean squared error over variance, per axis: of the lever arm, position, velocity and attitude."""
+    arm = np.mean([e @ np.linalg.solve(P, e) / 3.0 for e, P, _, _ in runs])
+    return [arm, *(np.mean([(of[i] / sigmas[i]) ** 2 for _, _, of, sigmas in runs]) for i in range(3))]
+
+
+@pytest.mark.parametrize("survey", [True, False], ids=["survey", "receiver"])
+def test_the_errors_are_as_large_as_their_sigmas_say(survey):
+    runs = [run(seed, survey) for seed in range(12)]
+    arm, p, v, a = nees(runs)
+    assert 0.2 < arm < 2.0
+    assert 0.2 < p < 2.0
+    assert 0.1 < v < 2.0
+    assert 0.1 < a < 2.0  # as with an exact lever arm: scale factor errors are allowed for, and there are none here
+    level = np.sqrt(np.mean([e[:2] ** 2 for e, _, _, _ in runs]))
+    assert level < 0.1 * SIGMA
+
+
+def test_a_wrong_lever_arm_does_not_turn_the_heading():
+    """Of a survey by a metre: taken as exact it is an error of the attitude, as states it is none."""
+    wrong = np.array([0.0, 1.0, 0.0])
+    exact, estimated = (run(3, True, sigma, wrong)[2] for sigma in (0.0, SIGMA))
+    yaw = [np.degrees(np.sqrt(np.mean(of[2][:, 2] ** 2))) for of in (exact, estimated)]
+    level = [np.sqrt(np.mean(of[0][:, :2] ** 2)) for of in (exact, estimated)]
+    assert level[0] > 0.5
+    assert level[1] < 0.1
+    assert yaw[1] < 0.7 < yaw[0]
+
+
+def test_without_a_sigma_it_stays_as_given():
+    error, P, _, _ = run(5, True, 0.0, np.array([0.3, 0.2, -0.1]))
+    assert error == pytest.approx([-0.3, -0.2, 0.1], abs=1e-12)
+    assert not P.any()
+
+
+def test_a_changed_setting_begins_anew():
+    def parameters(arm, sigma):
+        return configure(Settings(navigation=Navigation(lever_arm_m=arm, lever_arm_sigma_m=sigma)), 100.0)[0]
+
+    settings = [((1.0, 2.0, 3.0), 0.5), ((1.0, 2.0, -3.0), 0.5), ((1.0, 2.0, -3.0), 0.2)]
+    c = start(configure(Settings(), 100.0), Initial())[0]["core"][0]
+    for arm, sigma in settings:
+        interpreted(set_gnss_lever_arm)(parameters(arm, sigma).view(np.recarray), c.view(np.recarray))
+        assert tuple(c["nav"]["gnss_lever_arm"]) == arm
+        variances = [c["cov"]["P"][interpreted(packed_index)(STATES, i, i)] for i in range(GNSS_LEVER_ARM, STATES)]
+        assert variances == pytest.approx([sigma**2] * 3)
+        c["nav"]["gnss_lever_arm"] += 0.1  # found by the filter: kept
+        interpreted(set_gnss_lever_arm)(parameters(arm, sigma).view(np.recarray), c.view(np.recarray))
+        assert tuple(c["nav"]["gnss_lever_arm"]) == pytest.approx(np.add(arm, 0.1))

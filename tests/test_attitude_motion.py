@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from attitude_monte_carlo import flight, run, walking
 from attitude_runs import PROFILE_NAMES, samples_from, tilt_variance_deg2, yaw_sigma_deg
 from attitude_simulation import DEG, MG, Flaws, after, errors_deg, simulate, steady, wobble
 from broad import samples_of, solutions_of
@@ -203,3 +204,11 @@ def test_smooth_hills_and_bends_are_neither_rest_nor_bias(profile):
     tilt, yaw = errors_deg(out["q_nb"], truth.attitude)
     assert np.max(tilt) < 4.0
     assert np.all(np.abs(yaw[500:]) < 3.0 * yaw_sigma_deg(out)[500:])
+
+
+@pytest.mark.parametrize(("motion", "most_deg", "most_wrong"), [(walking, 3.5, 2.0), (flight, 11.0, 8.0)])
+def test_a_slow_velocity_is_not_taken_for_travel_where_there_was_no_rest(motion, most_deg, most_wrong):
+    """It would hide in the tilt: walks and flights that begin in motion were 5 and 15 deg off, for most of a minute."""
+    runs = [run((motion, "auto", number, False, ())) for number in range(0, 24, 2)]
+    squared_tilt, nees, _, wrong = np.mean(runs, axis=0)
+    assert np.sqrt(squared_tilt) < most_deg and nees < 3.0 and wrong < most_wrong

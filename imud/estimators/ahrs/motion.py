@@ -2,7 +2,9 @@
 
 A hand or a robot moves to and fro: its velocity scatters about a mean near zero, its position about a place. A vehicle
 sustains a velocity: the mean over a second exceeds `travel_speed_mps` by more than the error of the integral explains.
-The sustained speed rises at once, so that the departure itself is not taken as tilt, and decays afterwards.
+The sustained speed rises at once, so that the departure itself is not taken as tilt, and decays afterwards. A motion
+that began without a rest leaves tilt and gyro bias too uncertain for that at first: there a mean velocity is travel
+only if it is far beyond its sigma; one that is less far may as well come from a wrong tilt, whose variance grows.
 
 Vibration is measured by second differences of the mean forces over covariance intervals: an engine is averaged out of
 the means, and manoeuvres are too slow for second differences.
@@ -14,9 +16,9 @@ import math
 from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
-from .error_model import reset_variance, variance
+from .error_model import add_variance, reset_variance, variance
 from .mechanization import clear_motion
-from .state import POSITION, VELOCITY
+from .state import ATTITUDE, POSITION, VELOCITY
 
 if TYPE_CHECKING:
     from .types import Parameters, State
@@ -40,9 +42,14 @@ def update_travel(p: Parameters, s: State) -> None:
     c, motion, time = p.tuning, s.motion, s.integrals.time
     gain = time / (c.travel_time_s + time)
     sustained2 = second_difference2 = 0.0
+    in_motion = motion.moving_s / c.travel_time_s
+    unknown = 0.0 if s.stationarity.gravity_checked == 1 else 1.0 / (1.0 + in_motion) ** 2
+    evidence = c.travel_evidence + unknown * c.travel_evidence_at_start
     for i in range(3):
         excess2 = motion.v_mean[i] * motion.v_mean[i] - c.travel_speed_mps**2
-        axis2 = max(excess2 - c.travel_evidence * variance(s, VELOCITY + i), 0.0)
+        axis2 = max(excess2 - evidence * variance(s, VELOCITY + i), 0.0)
+        if i < 2:
+            add_unexplained_tilt(p, s, 1 - i, unknown * (excess2 - c.travel_evidence * variance(s, VELOCITY + i)))
         motion.travel_speed2[i] = max(axis2, motion.travel_speed2[i] - gain * (motion.travel_speed2[i] - axis2))
         sustained2 += axis2
         force = s.integrals.delta_v[i] / time
@@ -53,6 +60,13 @@ def update_travel(p: Parameters, s: State) -> None:
     motion.vibration_level += time / (c.vibration_time_s + time) * (second_difference - motion.vibration_level)
     if sustained2 > 0.0:
         motion.travel_vibration_level += gain * (second_difference - motion.travel_vibration_level)
+
+
+@kernel
+def add_unexplained_tilt(p: Parameters, s: State, i: int, speed2: float) -> None:
+    """The excess of a mean velocity squared over its variance may be travel, or gravity in a wrong tilt i."""
+    tilt2 = max(speed2, 0.0) / (s.nav.gravity * p.tuning.gain_time_s) ** 2
+    add_variance(s, ATTITUDE + i, tilt2 * s.integrals.time / p.tuning.gain_time_s)
 
 
 @kernel

@@ -6,6 +6,8 @@ Sources that recur:
 - Vehicles: chosen on simulated drives, so that the errors stay within their sigmas (tests/test_attitude_motion.py).
 - Hands: chosen on simulated hands, walks and drives (tests/test_attitude_step.py); hands that shake by 15 m/s^2
   gain 4 m/s at most, and 2 to 4 times as much as they usually do (BROAD, RepoIMU).
+- Simulated: chosen on simulated walks and flights that begin in motion (tests/attitude_monte_carlo.py): the least that
+  keeps their errors within their sigmas.
 - Not recorded: a round number whose origin nobody wrote down. docs/ahrs.md has how much each one matters.
 """
 
@@ -13,7 +15,7 @@ import math
 
 from ..tuning import Tunable
 
-BROAD, VEHICLES, HANDS, UNRECORDED = "BROAD.", "Vehicles.", "Hands.", "Not recorded."
+BROAD, VEHICLES, HANDS, SIMULATED, UNRECORDED = "BROAD.", "Vehicles.", "Hands.", "Simulated.", "Not recorded."
 
 _FILTER = (
     Tunable(
@@ -119,6 +121,13 @@ _MOTION = (
     ),
     Tunable("travel_time_s", 30.0, "s", "Correlation time of a vehicle's velocity.", VEHICLES, low=1e-3),
     Tunable("travel_evidence", 2.0, "", "Squared sigmas of velocity that count as error.", "Akaike, one parameter."),
+    Tunable(
+        "travel_evidence_at_start",
+        25.0,
+        "",
+        "So many more where there has been no rest; less with the time in motion.",
+        SIMULATED,
+    ),
     Tunable("vibration_time_s", 0.5, "s", "Time over which the vibration is averaged.", VEHICLES, low=1e-3),
     Tunable("road_slope", 0.03, "", "Sigma of the slope of roads.", UNRECORDED),
     Tunable("reset_velocity_var", 0.1, "(m/s)^2", "Variance of a velocity that is reset.", UNRECORDED),
@@ -129,6 +138,15 @@ _PSEUDO_MEASUREMENTS = (
     Tunable("zero_velocity_noise", 0.023, "m/s sqrt(s)", "Noise density of zero velocity in slow motion.", BROAD),
     Tunable("zero_velocity_noise_per_scatter", 3.0, "sqrt(s)", "In proportion to the scatter of velocity.", BROAD),
     Tunable("shared_scatter", 0.5, "", "Part of the scatter of velocity that all axes share.", UNRECORDED, high=1.0),
+    Tunable(
+        "unseen_velocity_var",
+        0.2,
+        "(m/s)^2",
+        "Scatter of velocity too slow to be seen when the motion begins.",
+        SIMULATED,
+        low=1e-3,
+    ),
+    Tunable("unseen_velocity_time_s", 5.0, "s", "Motion after which half of it is left.", SIMULATED, low=1e-3),
     Tunable("stationary_velocity_noise", 0.09, "m/s sqrt(s)", "Noise density of zero velocity at rest.", BROAD),
     Tunable("velocity_reset_gate", 4.0, "sigma", "A larger velocity is real: it is reset, not fused.", UNRECORDED),
     Tunable("zero_position_noise", 0.5, "m sqrt(s)", "Noise density of zero position.", BROAD),

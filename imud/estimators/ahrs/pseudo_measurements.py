@@ -51,13 +51,24 @@ def add_truncation_noise(s: State) -> None:
 
 
 @kernel
+def unseen_scatter(p: Parameters, s: State) -> float:
+    """Of a velocity that changes slowly, (m/s)^2: until the motion has lasted, it may still be hidden in the tilt."""
+    c, motion = p.tuning, s.motion
+    if motion.moving_s == 0.0 and s.stationarity.low_motion_s > 0.5 * s.integrals.time:
+        return 0.0
+    motion.moving_s += s.integrals.time
+    return float(c.unseen_velocity_var * c.unseen_velocity_time_s / (c.unseen_velocity_time_s + motion.moving_s))
+
+
+@kernel
 def fuse_zero_velocity(p: Parameters, s: State) -> None:
     """In motion velocity is about zero; the noise follows its scatter and the sustained speed."""
     c, motion = p.tuning, s.motion
     level2 = motion.travel_speed2[0] + motion.travel_speed2[1]  # whatever the heading: a vehicle turns
+    unseen2 = unseen_scatter(p, s)
     mean2 = (motion.v_scatter[0] + motion.v_scatter[1] + motion.v_scatter[2]) / 3.0
     for i in range(3):
-        scatter2 = motion.v_scatter[i] + c.shared_scatter * (mean2 - motion.v_scatter[i])
+        scatter2 = unseen2 + motion.v_scatter[i] + c.shared_scatter * (mean2 - motion.v_scatter[i])
         travel2 = level2 if i < 2 else motion.travel_speed2[2] + c.road_slope**2 * level2
         psd = c.zero_velocity_noise**2 + c.zero_velocity_noise_per_scatter**2 * scatter2
         fuse_zero_velocity_axis(p, s, i, psd + 2.0 * c.travel_time_s * travel2)

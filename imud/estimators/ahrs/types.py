@@ -37,6 +37,7 @@ class Tuning:
     travel_speed_mps: float
     travel_time_s: float
     travel_evidence: float
+    travel_evidence_at_start: float
     vibration_time_s: float
     road_slope: float
     reset_velocity_var: float
@@ -44,6 +45,8 @@ class Tuning:
     zero_velocity_noise: float
     zero_velocity_noise_per_scatter: float
     shared_scatter: float
+    unseen_velocity_var: float
+    unseen_velocity_time_s: float
     stationary_velocity_noise: float
     velocity_reset_gate: float
     zero_position_noise: float
@@ -174,6 +177,7 @@ class Motion:
     travel_speed2: Reals
     mean_force: Reals
     mean_force_change: Reals
+    moving_s: float
     vibration_level: float
     travel_vibration_level: float
 

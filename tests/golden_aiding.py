@@ -119,6 +119,19 @@ def odometer_against_a_drift():
     return replace(navigated(samples, fixes), measurements=readings(d, seed=66))
 
 
+def odometer_against_a_drift_across():
+    """On a straight road, at walking pace, the receiver drifts across it, and says so in its velocity, too."""
+    d = road(150.0, speed=2.0, swing=0.2, straight_s=75.0)
+    samples, fixes = data(d, seed=67)
+    dt = np.maximum(fixes["t_ns"] * 1e-9 - 200.0, 0.0) * (fixes["t_ns"] < 230e9)
+    across = np.arctan2(d.v[-1, 1], d.v[-1, 0]) + 0.5 * np.pi
+    fixes["lat"] += 0.6 * dt * np.cos(across) / 6.37e6
+    fixes["lon"] += 0.6 * dt * np.sin(across) / 4.27e6
+    v = fixes["speed"] * np.exp(1j * fixes["course"]) + 0.6 * (dt > 0.0) * np.exp(1j * across)
+    fixes["speed"], fixes["course"] = np.abs(v), np.angle(v)
+    return replace(navigated(samples, fixes), measurements=readings(d, seed=68))
+
+
 def two_wheels():
     """An axle whose left wheel is 0.4 % larger; each wheel slips in turn, then the track is another one."""
     d = road(110.0, swing=1.3)

@@ -25,6 +25,7 @@ BETWEEN = "no recording has one between the two: "
 CLASSES_SECOND = "the velocity itself tells each rest in the recordings before the motion class does"
 BY_WHEELS = BETWEEN + "contradiction between wheels and a receiver that drifts"
 OLDER = "each drift in the recordings is found from an older onset"
+CONFIRMED = "each drift in the recordings begins long after the motion has confirmed the heading"
 NOT_NOTICED = {
     "attitude.min_step_radps": "tells equal readings from others: anything between rounding and a count does",
     "attitude.max_blocks": "the odds of no recording are still open after so many blocks",
@@ -63,6 +64,8 @@ NOT_NOTICED = {
     "navigation.wheel_check_speed": BY_WHEELS,
     "navigation.wheel_min_contradiction": BY_WHEELS,
     "navigation.wheel_evidence": BY_WHEELS,
+    "navigation.heading_confirmations": CONFIRMED,
+    "navigation.unconfirmed_heading_sigma": CONFIRMED,
     "navigation.wheel_fresh_s": BETWEEN + "time without a reading of the wheels",
     "navigation.wheel_reject_factor": BETWEEN + "number of rejected velocities with wheels",
     "navigation.wheel_max_reject_s": "no recording rejects fixes for so long",

@@ -43,6 +43,7 @@ INS = {
     "Integrity": integrity.INTEGRITY,
     "ProcessNoise": core.PROCESS_NOISE,
     "Drift": integrity.DRIFT,
+    "VelocityDrift": integrity.VELOCITY_DRIFT,
     "TimeOffsetStep": integrity.TIME_OFFSET_STEP,
     "GyroBiasStep": integrity.GYRO_BIAS_STEP,
     "Alignment": alignment.ALIGNMENT,

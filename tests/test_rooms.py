@@ -69,6 +69,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
             "integrity/reset_inflation",
             "integrity/time_offset_step",
             "integrity/gyro_bias_step",
+            "integrity/velocity_drift",
             "alignment/force_integrals",
         )
     ),

@@ -8,7 +8,7 @@ import numpy as np
 from ..records import FIX, INNOVATION, MEASUREMENT
 from .aiding.records import BAROMETER, EXTERNAL_AID, GNSS, HEADING_AID, MAGNETOMETER, NHC, ODOMETER, WHEEL_CHECK
 from .alignment.records import ALIGNMENT, HYPOTHESIS_BANK
-from .integrity.records import DRIFT, GRAVITY_MONITOR, GYRO_BIAS_STEP, INTEGRITY, TIME_OFFSET_STEP
+from .integrity.records import DRIFT, GRAVITY_MONITOR, GYRO_BIAS_STEP, INTEGRITY, TIME_OFFSET_STEP, VELOCITY_DRIFT
 from .state import (
     AIDING_RING,
     BANKS,
@@ -177,6 +177,7 @@ REWOUND = [  # what a rewind restores
     ("drift", DRIFT),
     ("time_offset_step", TIME_OFFSET_STEP),
     ("gyro_bias_step", GYRO_BIAS_STEP),
+    ("velocity_drift", VELOCITY_DRIFT),
     ("alignment", ALIGNMENT),
     ("barometer", BAROMETER),
     ("heading_aid", HEADING_AID),

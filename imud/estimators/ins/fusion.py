@@ -26,6 +26,7 @@ from .integrity.gnss_drift import BY_WHEELS, propagate_sensitivity, update_sensi
 from .integrity.gyro_bias_step import add_to_gyro_bias_step, propagate_gyro_bias_step, update_gyro_bias_step
 from .integrity.reset_inflation import fade_inflation
 from .integrity.time_offset_step import add_to_time_offset_step, propagate_time_offset_step, update_time_offset_step
+from .integrity.velocity_drift import add_to_velocity_drift, propagate_velocity_drift, update_velocity_drift
 from .mechanization import start_integration
 from .process_noise import learn_process_noise, propagate_learning, update_learning
 from .state import NAVIGATING
@@ -50,6 +51,7 @@ def propagate_errors(p: Parameters, c: Core) -> None:
     propagate_sensitivity(c, transition)
     propagate_time_offset_step(c, transition)
     propagate_gyro_bias_step(c, transition)
+    propagate_velocity_drift(c, transition)
     propagate_learning(p, c, transition)
     fade_inflation(c, transition.gnss_bias_decay)
     start_integration(c)
@@ -59,11 +61,12 @@ def propagate_errors(p: Parameters, c: Core) -> None:
 def fuse(c: Core, length: int, z: float, s: float, axis: int) -> None:
     """Scalar Kalman update with innovation z of variance s; the Jacobian has `length` elements, P h is in scratch.d.
 
-    axis: 0 for a GNSS position north, 1 east; -1: any other measurement.
+    axis: 0 for a GNSS position north, 1 east; 2 for its velocity north, 3 east; -1: any other measurement.
     """
     update_sensitivity(c, length, s, z, axis)
     update_time_offset_step(c, length, s)
     update_gyro_bias_step(c, length, s)
+    update_velocity_drift(c, length, s, axis)
     update_learning(c, length, z, s)
     apply_gain(c, s, z)
 
@@ -103,6 +106,7 @@ def fix_update(
         learn_process_noise(p, c, length, z, s)
         add_to_time_offset_step(c, length, z, s, axis)
         add_to_gyro_bias_step(p, c, length, z, s)
+        add_to_velocity_drift(p, c, length, z, s, axis)
     return test_and_fuse(c, length, z, s, 0.0, gate, axis)
 
 

@@ -21,20 +21,21 @@ from .aiding.gnss_position import fuse_gnss_position
 from .aiding.gnss_time import set_initial_time_offset
 from .aiding.gnss_velocity import fuse_gnss_velocity
 from .aiding.heading import distrust_compass, has_compass
-from .aiding.wheel_check import wheels_contradict, wheels_reject
+from .aiding.wheel_check import reject_by_wheels, wheels_contradict, wheels_reject, wheels_support
 from .alignment.in_motion import align_with_fix, low_motion_speed, reset_to_fix
 from .alignment.modes import HEADING_LOST, HEADING_WRONG, change_mode
 from .alignment.velocity_pairs import restart_in_motion_alignment
 from .ekf import variance
 from .fusion import correct_state, write_innovation
 from .integrity.frozen_receiver import position_is_frozen, velocity_is_repeated
-from .integrity.gyro_bias_step import detect_gyro_bias_step, reset_gyro_bias_step
+from .integrity.gyro_bias_step import detect_gyro_bias_step, explained_by_gyro_bias_step, reset_gyro_bias_step
 from .integrity.heading_monitor import monitor_heading
 from .integrity.time_offset_step import (
     detect_time_offset_step,
     explained_by_time_offset_step,
     reset_time_offset_step,
 )
+from .integrity.velocity_drift import detect_velocity_drift
 from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS
 
 if TYPE_CHECKING:
@@ -85,6 +86,11 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
         rows = fuse_gnss_position(p, c, fix, age, innovations, rows)
     if abs(age) < p.tuning.max_rewind_miss_s:
         rows = fuse_gnss_velocity(p, c, fix, age, innovations, rows)
+    if c.alignment.mode == NAVIGATING and wheels_support(p, c) and not wheels_reject(p, c):
+        otherwise = max(explained_by_time_offset_step(c), explained_by_gyro_bias_step(p, c))
+        if detect_velocity_drift(p, c, otherwise) > 0.0:
+            correct_state(p, c)
+            reject_by_wheels(c)
     if wheels_contradict(p, c) or variance(c, ATTITUDE + 2) > p.tuning.max_step_heading_sigma**2:
         reset_time_offset_step(c)  # what a drift of the receiver or a wrong heading does looks like a step
     elif c.alignment.mode == NAVIGATING and detect_time_offset_step(p, c):

@@ -54,7 +54,15 @@ from .alignment import (
     velocity_pairs,
     whitening,
 )
-from .integrity import frozen_receiver, gnss_drift, gravity_monitor, gyro_bias_step, heading_monitor, time_offset_step
+from .integrity import (
+    frozen_receiver,
+    gnss_drift,
+    gravity_monitor,
+    gyro_bias_step,
+    heading_monitor,
+    time_offset_step,
+    velocity_drift,
+)
 from .state import AUTO, FREE, LAND
 
 VEHICLES = {"free": FREE, "auto": AUTO, "land": LAND}
@@ -97,6 +105,7 @@ TUNABLES = (
     *gravity_monitor.TUNABLES,
     *frozen_receiver.TUNABLES,
     *gnss_drift.TUNABLES,
+    *velocity_drift.TUNABLES,
     *time_offset_step.TUNABLES,
     *gyro_bias_step.TUNABLES,
     *process_noise.TUNABLES,

@@ -100,10 +100,11 @@ def write_solution(p: Parameters, c: Core, o: Solution) -> None:
         o.f[i] = c.imu.f[i] - c.nav.ba[i]
         o.bg[i] = c.nav.bg[i]
         o.ba[i] = c.nav.ba[i]
-        o.sigma_p[i] = (
-            math.sqrt(max(variance(c, POSITION + i), 0.0) + c.integrity.position_inflation[i]) if known else math.nan
-        )
-        o.sigma_v[i] = standard_deviation(c, VELOCITY + i) if known else math.nan
+        drift_p = c.velocity_drift.position_variance[i] if i < 2 else 0.0
+        drift_v = c.velocity_drift.velocity_variance[i] if i < 2 else 0.0
+        variance_p = max(variance(c, POSITION + i), 0.0) + c.integrity.position_inflation[i] + drift_p
+        o.sigma_p[i] = math.sqrt(variance_p) if known else math.nan
+        o.sigma_v[i] = math.sqrt(max(variance(c, VELOCITY + i), 0.0) + drift_v) if known else math.nan
         o.sigma_bg[i] = standard_deviation(c, GYRO_BIAS + i)
         o.sigma_ba[i] = standard_deviation(c, ACCEL_BIAS + i)
     a = ATTITUDE
@@ -114,7 +115,9 @@ def write_solution(p: Parameters, c: Core, o: Solution) -> None:
         c.cov.P[packed_index(STATES, a, a + 2)],
         c.cov.P[packed_index(STATES, a + 1, a + 1)],
         c.cov.P[packed_index(STATES, a + 1, a + 2)],
-        c.cov.P[packed_index(STATES, a + 2, a + 2)] + c.gyro_bias_step.heading_variance,
+        c.cov.P[packed_index(STATES, a + 2, a + 2)]
+        + c.gyro_bias_step.heading_variance
+        + c.velocity_drift.heading_variance,
     )
     for i in range(3):
         o.sigma_rpy[i] = math.sqrt(max(rpy[i], 0.0))

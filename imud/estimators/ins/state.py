@@ -30,6 +30,7 @@ ODOMETER_SCALE, BARO_OFFSET, GNSS_VELOCITY_BIAS, GNSS_LEVER_ARM = 32, 33, 34, 37
 COARSE_ALIGNMENT, NAVIGATING = 0, 1  # modes: roll and pitch only, position from GNSS; everything
 FREE, AUTO, LAND = 0, 1, 2  # vehicle
 
+VELOCITY_AXIS = 2  # axis of an update: 0 a GNSS position north, 1 east, 2 and 3 its velocity, -1 anything else
 HYPOTHESES = 33  # of the rate at which the level frame rotates during alignment
 NEVER_NS = -(1 << 62)  # a time before all others
 IMU_RING = 4096  # samples kept: 2 s at the highest rate

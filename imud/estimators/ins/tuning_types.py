@@ -201,6 +201,14 @@ class Tuning:
     max_drift_noise_scale: float
     drift_noise_scale_prior: float
     drift_noise_scale_gain: float
+    velocity_drift_onset_s: float
+    velocity_drift_chi2: float
+    likely_velocity_drift_chi2: float
+    min_velocity_drift_s: float
+    min_velocity_drift: float
+    velocity_drift_correlation_s: float
+    heading_confirmations: int
+    unconfirmed_heading_sigma: float
     time_offset_step_chi2: float
     time_offset_step_onset_chi2: float
     time_offset_step_sigma: float

@@ -188,6 +188,21 @@ class Drift:
     bias_sensitivity: Tensor
 
 
+class VelocityDrift:
+    onset_ns: Integers
+    last_ns: int
+    confirmations: int
+    count: Reals
+    energy: Reals
+    vector: Tensor
+    information: Tensor
+    sensitivity: Tensor
+    drift: Reals
+    position_variance: Reals
+    velocity_variance: Reals
+    heading_variance: float
+
+
 class TimeOffsetStep:
     onset_ns: int
     information: float
@@ -280,8 +295,8 @@ class WheelCheck:
     z2: float
     cross_sum: float
     v2: float
-    drift: Reals
     agreements: int
+    rejecting: int
 
 
 class Transition:
@@ -325,6 +340,7 @@ class Snapshot:
     drift: Drift
     time_offset_step: TimeOffsetStep
     gyro_bias_step: GyroBiasStep
+    velocity_drift: VelocityDrift
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid
@@ -349,6 +365,7 @@ class Core:
     drift: Drift
     time_offset_step: TimeOffsetStep
     gyro_bias_step: GyroBiasStep
+    velocity_drift: VelocityDrift
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid

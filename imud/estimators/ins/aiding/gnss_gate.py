@@ -19,6 +19,7 @@ from ..integrity.gnss_drift import all_onsets_open, clear_detection, reset_drift
 from ..integrity.gyro_bias_step import reset_gyro_bias_step
 from ..integrity.reset_inflation import inflate_position
 from ..integrity.time_offset_step import reset_time_offset_step
+from ..integrity.velocity_drift import reset_velocity_drift
 from ..mechanization import displace
 from ..state import ATTITUDE, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY
 from .gnss_noise import clear_gnss_bias
@@ -213,6 +214,7 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     reset_drift(c)
     reset_time_offset_step(c)
     reset_gyro_bias_step(c)
+    reset_velocity_drift(c)
     g.reject_count[0] = 0
     return True
 

@@ -100,8 +100,8 @@ WHEEL_CHECK = np.dtype(  # the receiver's velocity against the wheels: sums over
         ("z2", "<f8"),  # m^2/s^2, its square
         ("cross_sum", "<f8"),  # m^2/s^2, of their cross products with the velocity, down
         ("v2", "<f8"),  # m^2/s^2, square of the velocity
-        ("drift", "<f8", (2,)),  # m/s, north and east, of the drift that was detected
         ("agreements", "<i8"),  # fixes that refute it, since the last that contradicts the wheels
+        ("rejecting", "<i8"),  # 1: the sums are of fixes since a drift was detected
     ],
     align=True,
 )

@@ -4,9 +4,11 @@ Wheels measure the velocity along the direction of travel, independently of the 
 contradicts the estimate at several fixes, there are two explanations: the receiver drifts, by a constant velocity in
 NED (2 unknowns); or the heading is wrong, which rotates the vehicle's velocity (1 unknown). Least squares decide for
 the one with the smaller residual. On a straight road a drift across the direction of travel has equal residuals in
-both, and after some more fixes the rules without wheels apply. A receiver that drifts is rejected, positions and
-velocities, until its velocity agrees with the wheels and refutes the drift; across the direction of travel of a vehicle
-whose heading has become uncertain it may agree with both. The position stays as uncertain as the drift has made it.
+both: there `integrity.velocity_drift` decides by what is known of the heading. A receiver that drifts is rejected,
+positions and velocities, until its velocities refute the drift; across the direction of travel of a vehicle whose
+heading has become uncertain they may agree with both. If meanwhile a wrong heading explains them better than any drift,
+the detection was wrong: it ends, and the heading is as uncertain as that. The position stays as uncertain as the drift
+has made it.
 """
 
 from __future__ import annotations
@@ -20,7 +22,8 @@ from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_variance, innovation_variance, set_jacobian
 from ..integrity.gnss_drift import BY_WHEELS, clear_detection, declare_drift
-from ..state import NAVIGATING, NEVER_NS, POSITION, TIME_OFFSET, VELOCITY, VELOCITY_TIME_OFFSET
+from ..integrity.velocity_drift import count_confirmation, forget_confirmations, reset_velocity_drift, store_drift
+from ..state import ATTITUDE, NAVIGATING, NEVER_NS, POSITION, TIME_OFFSET, VELOCITY, VELOCITY_TIME_OFFSET
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters
@@ -98,15 +101,19 @@ def wheels_contradict(p: Parameters, c: Core) -> bool:
 
 
 @kernel
-def contradicts(p: Parameters, c: Core, axis: int, z: float, accel: float, r: float) -> bool:
-    """Whether the velocity along an axis contradicts the estimate. z: innovation, m/s; accel: m/s^2; r: variance."""
+def velocity_innovation_variance(c: Core, axis: int, accel: float, r: float) -> float:
+    """Variance, (m/s)^2, of the innovation of a velocity along an axis; arguments: see `contradicts`."""
     length = set_jacobian(c, 0, VELOCITY + axis, 1.0)
     length = set_jacobian(c, length, TIME_OFFSET, -accel)
     length = set_jacobian(c, length, VELOCITY_TIME_OFFSET, -accel)
-    return bool(
-        abs(z) > p.tuning.wheel_min_contradiction
-        and z * z > p.tuning.wheel_check_gate * (innovation_variance(c, length) + r)
-    )
+    return innovation_variance(c, length) + r
+
+
+@kernel
+def contradicts(p: Parameters, c: Core, axis: int, z: float, accel: float, r: float) -> bool:
+    """Whether the velocity along an axis contradicts the estimate. z: innovation, m/s; accel: m/s^2; r: variance."""
+    variance = velocity_innovation_variance(c, axis, accel, r)
+    return bool(abs(z) > p.tuning.wheel_min_contradiction and z * z > p.tuning.wheel_check_gate * variance)
 
 
 @kernel
@@ -115,25 +122,47 @@ def check_receiver(p: Parameters, c: Core, z_n: float, z_e: float, accel_n: floa
     if not wheels_support(p, c) or c.alignment.mode != NAVIGATING or not math.isfinite(z_n + z_e):
         return
     wrong = contradicts(p, c, 0, z_n, accel_n, r) or contradicts(p, c, 1, z_e, accel_e, r)
+    separate_sums(c)
     if c.drift.detected == BY_WHEELS:
-        g = c.wheel_check
-        refuted = contradicts(p, c, 0, z_n - g.drift[0], accel_n, r) or contradicts(
-            p, c, 1, z_e - g.drift[1], accel_e, r
-        )
-        count_agreement(c, wrong, refuted)
+        d = c.velocity_drift.drift
+        ratio = log_ratio(c, 0, z_n, d[0], accel_n, r) + log_ratio(c, 1, z_e, d[1], accel_e, r)
+        count_agreement(c, wrong, 2.0 * ratio > p.tuning.wheel_check_gate)
+        fade_contradictions(p, c)
+        sum_contradictions(c, z_n, z_e, True)
+        heading_error = heading_instead(p, c, 2.0 * r)
         if c.wheel_check.agreements >= p.tuning.wheel_agreements:
             clear_detection(c)
+        elif heading_error > 0.0:
+            add_variance(c, ATTITUDE + 2, heading_error * heading_error)
+            clear_detection(c)
+            forget_confirmations(c)
     elif elementary.hypot(c.nav.v_n[0], c.nav.v_n[1]) > p.tuning.wheel_check_speed:
+        count_confirmation(p, c, not wrong)
         sum_contradictions(c, z_n, z_e, wrong)
         speed = drift_speed(p, c, 2.0 * r)
         if speed > 0.0:
             since_s = 1e-9 * (c.nav.t_ns - c.wheel_check.onset_ns)
             for i in range(2):
                 add_variance(c, POSITION + i, (speed * since_s) ** 2)
-            c.wheel_check.drift[0] = c.wheel_check.z_n / c.wheel_check.count
-            c.wheel_check.drift[1] = c.wheel_check.z_e / c.wheel_check.count
-            declare_drift(c, BY_WHEELS)
-            clear_wheel_contradictions(c)
+            store_drift(c, c.wheel_check.z_n / c.wheel_check.count, c.wheel_check.z_e / c.wheel_check.count)
+            reject_by_wheels(c)
+
+
+@kernel
+def reject_by_wheels(c: Core) -> None:
+    """The receiver drifts, by the velocity in `velocity_drift`: from now on its fixes are rejected."""
+    declare_drift(c, BY_WHEELS)
+    reset_velocity_drift(c)
+    clear_wheel_contradictions(c)
+
+
+@kernel
+def separate_sums(c: Core) -> None:
+    """Begin the sums anew after a detection has ended, here or elsewhere: they are those of a receiver that drifted."""
+    rejecting = 1 if c.drift.detected == BY_WHEELS else 0
+    if rejecting < c.wheel_check.rejecting:
+        clear_wheel_contradictions(c)
+    c.wheel_check.rejecting = rejecting
 
 
 @kernel
@@ -143,6 +172,12 @@ def count_agreement(c: Core, wrong: bool, refuted: bool) -> None:
         c.wheel_check.agreements = 0
     elif refuted:
         c.wheel_check.agreements += 1
+
+
+@kernel
+def log_ratio(c: Core, axis: int, z: float, drift: float, accel: float, r: float) -> float:
+    """Log likelihood ratio of no drift to `drift`, m/s, along an axis; arguments: see `contradicts`."""
+    return float(0.5 * ((z - drift) ** 2 - z * z) / velocity_innovation_variance(c, axis, accel, r))
 
 
 @kernel
@@ -170,6 +205,25 @@ def sum_contradictions(c: Core, z_n: float, z_e: float, wrong: bool) -> None:
     g.z2 += z_n * z_n + z_e * z_e
     g.cross_sum += z_e * v_n - z_n * v_e
     g.v2 += v_n * v_n + v_e * v_e
+
+
+@kernel
+def fade_contradictions(p: Parameters, c: Core) -> None:
+    """The sums forget what is older than some `wheel_agreements` fixes."""
+    g, keep = c.wheel_check, 1.0 - 1.0 / p.tuning.wheel_agreements
+    g.count, g.z_n, g.z_e, g.z2 = keep * g.count, keep * g.z_n, keep * g.z_e, keep * g.z2
+    g.cross_sum, g.v2 = keep * g.cross_sum, keep * g.v2
+
+
+@kernel
+def heading_instead(p: Parameters, c: Core, r: float) -> float:
+    """Size of the heading error, rad, if that explains the contradictions and a drift does not; else 0; r: as below."""
+    g = c.wheel_check
+    if g.count < p.tuning.wheel_contradictions or not g.v2 > 0.0:
+        return 0.0
+    of_drift = g.z2 - (g.z_n**2 + g.z_e**2) / g.count
+    of_heading = g.z2 - g.cross_sum**2 / g.v2
+    return abs(g.cross_sum) / g.v2 if of_drift - of_heading > p.tuning.wheel_evidence * r else 0.0
 
 
 @kernel

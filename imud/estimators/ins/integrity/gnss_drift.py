@@ -23,7 +23,7 @@ from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_correction, add_covariance
 from ..error_model import apply_transition
-from ..state import NEVER_NS, ONSETS, STATES, VELOCITY
+from ..state import NEVER_NS, ONSETS, STATES, VELOCITY, VELOCITY_AXIS
 
 BY_POSITIONS, BY_WHEELS = 1, 2  # what has detected a drift
 
@@ -151,7 +151,7 @@ def update_sensitivity(c: Core, length: int, s: float, z: float, axis: int) -> N
         for k in range(length):
             north -= c.scratch.values[k] * g.bias_sensitivity[c.scratch.columns[k], first]
             east -= c.scratch.values[k] * g.bias_sensitivity[c.scratch.columns[k], first + 1]
-        if axis >= 0:
+        if 0 <= axis < VELOCITY_AXIS:
             since = 1e-9 * (c.nav.t_ns - g.onset_ns[j])
             if axis == 0:
                 north += since

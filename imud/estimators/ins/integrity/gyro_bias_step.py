@@ -163,6 +163,16 @@ def most_likely_onset(p: Parameters, c: Core) -> int:
 
 
 @kernel
+def explained_by_gyro_bias_step(p: Parameters, c: Core) -> float:
+    """Most of the sum of the normalised innovations squared that a step since an onset explains."""
+    most = 0.0
+    for j in range(GYRO_BIAS_ONSETS):
+        if c.gyro_bias_step.onset_ns[j] != NEVER_NS:
+            most = max(most, step_since(p, c, j) * c.gyro_bias_step.vector[j])
+    return most
+
+
+@kernel
 def renew_onsets(p: Parameters, c: Core) -> None:
     """Open anew the onsets that are too old."""
     longest_s = p.tuning.gyro_bias_onset_s

@@ -59,6 +59,24 @@ DRIFT = np.dtype(  # the test for a receiver that drifts (GLR)
     align=True,
 )
 
+VELOCITY_DRIFT = np.dtype(  # the test for a receiver that drifts and says so in its velocity (GLR)
+    [
+        ("onset_ns", "<i8", (ONSETS,)),
+        ("last_ns", "<i8"),  # the last fix
+        ("confirmations", "<i8"),  # fixes under way that agreed with the heading since it was found
+        ("count", "<f8", (ONSETS,)),  # velocities
+        ("energy", "<f8", (ONSETS,)),  # sum of their normalised innovations squared
+        ("vector", "<f8", (ONSETS, 3)),  # information times drift north and east, m/s, and heading step, rad
+        ("information", "<f8", (ONSETS, 6)),  # their information: nn, ne, ee, nh, eh, hh
+        ("sensitivity", "<f8", (STATES, 3 * ONSETS)),  # error states per unit of these
+        ("drift", "<f8", (2,)),  # m/s, north and east, of the drift that was detected
+        ("position_variance", "<f8", (2,)),  # m^2, what a likely drift adds to the stated variances
+        ("velocity_variance", "<f8", (2,)),  # m^2/s^2
+        ("heading_variance", "<f8"),  # rad^2
+    ],
+    align=True,
+)
+
 TIME_OFFSET_STEP = np.dtype(  # the test for a step of the receiver's stamps (GLR)
     [
         ("onset_ns", "<i8"),  # the last fix that was as expected

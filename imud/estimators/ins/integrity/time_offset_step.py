@@ -27,7 +27,7 @@ from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_correction, add_covariance
 from ..error_model import apply_transition
-from ..state import NEVER_NS, POSITION, STATES, TIME_OFFSET
+from ..state import NEVER_NS, POSITION, STATES, TIME_OFFSET, VELOCITY_AXIS
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters, Transition
@@ -97,7 +97,7 @@ def add_to_time_offset_step(c: Core, length: int, z: float, s: float, axis: int)
     g.vector += hw * z / s
     g.energy += z * z / s
     g.count += 1
-    if axis < 0:
+    if not 0 <= axis < VELOCITY_AXIS:
         return
     g.jump[axis, 0] += 1.0 / s
     g.jump[axis, 1] += hw / s

@@ -1,0 +1,287 @@
+"""GLR test for a receiver that drifts and says so in its velocity, too; it runs where wheels support the velocity.
+
+Positions and velocities of such a receiver agree with each other, so without wheels the filter follows it. With wheels
+the two contradict each other, and the innovations show it: as in `gnss_drift`, the sensitivity V of the estimate, and
+of every innovation, to a drift of 1 m/s since an onset follows the filter's own steps. b is 1 for a velocity of the
+receiver, the time since the onset for its position, 0 for anything else. On a straight road a drift across it looks
+like a heading error; P says how large that may be. Where the motion has not confirmed the heading yet, a step of it is
+a third unknown, which is eliminated. Velocities count, those of a second together. The first onset is the last fix
+after which no drift is likely; the others are kept for longer.
+
+When a drift is detected its effect is removed from the estimate, its uncertainty is added to P, and the receiver is
+rejected (`aiding.wheel_check`). While it is likely, but not detected, the solution states V d as an error.
+
+Source: as `gnss_drift`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from imud.drivers import elementary
+
+from ....compile.jit import kernel
+from ...tuning import Tunable
+from ..ekf import add_correction, add_covariance
+from ..error_model import apply_transition
+from ..state import ATTITUDE, NEVER_NS, ONSETS, POSITION, STATES, VELOCITY, VELOCITY_AXIS
+
+if TYPE_CHECKING:
+    from ..types import Core, Parameters, Transition
+
+UNKNOWNS = 3  # of an onset: drift velocity north and east, step of the heading
+TUNABLES = (
+    Tunable(
+        "velocity_drift_onset_s",
+        16.0,
+        "s",
+        "Longest age of the first onset of such a drift; that of each further one is twice as long.",
+        "A goal: found within 30 s.",
+    ),
+    Tunable(
+        "velocity_drift_chi2",
+        30.0,
+        "",
+        "Chi-square (2 degrees of freedom) that proves a drift in position and velocity.",
+        "Once in three million.",
+    ),
+    Tunable(
+        "likely_velocity_drift_chi2",
+        6.0,
+        "",
+        "Chi-square (2 degrees of freedom) from which what such a drift does is part of the stated sigma.",
+        "Once in twenty.",
+    ),
+    Tunable(
+        "min_velocity_drift_s",
+        5.0,
+        "s",
+        "Least age of an onset at which such a drift is detected.",
+        "A slip of a wheel, which may be believed for a while, is mostly shorter.",
+    ),
+    Tunable("min_velocity_drift", 0.1, "m/s", "Velocity error of wheels and receiver beyond their sigmas.", "Choice."),
+    Tunable(
+        "velocity_drift_correlation_s",
+        1.0,
+        "s",
+        "Velocities of so long share their error.",
+        "Receivers of 1 Hz are white.",
+    ),
+    Tunable(
+        "heading_confirmations",
+        20,
+        "fixes",
+        "So many fixes under way that agree with it confirm a heading.",
+        "Choice.",
+    ),
+    Tunable(
+        "unconfirmed_heading_sigma",
+        math.radians(30.0),
+        "rad",
+        "Sigma of a heading step where the motion has not confirmed the heading.",
+        "Choice.",
+    ),
+)
+
+
+@kernel
+def reset_velocity_drift(c: Core) -> None:
+    """Close all onsets."""
+    g = c.velocity_drift
+    for j in range(ONSETS):
+        g.onset_ns[j] = NEVER_NS
+    for i in range(2):
+        g.position_variance[i] = 0.0
+        g.velocity_variance[i] = 0.0
+    g.heading_variance = 0.0
+
+
+@kernel
+def forget_confirmations(c: Core) -> None:
+    """The heading is new, or may be wrong."""
+    reset_velocity_drift(c)
+    c.velocity_drift.confirmations = 0
+
+
+@kernel
+def count_confirmation(p: Parameters, c: Core, agrees: bool) -> None:
+    """Count a fix under way that agrees with the heading, or does not."""
+    g = c.velocity_drift
+    if agrees:
+        g.confirmations += 1
+    elif g.confirmations < p.tuning.heading_confirmations:
+        g.confirmations = 0
+
+
+@kernel
+def open_velocity_drift(c: Core, j: int) -> None:
+    """Open onset j at the core's time."""
+    g = c.velocity_drift
+    g.onset_ns[j] = c.nav.t_ns
+    g.energy[j] = 0.0
+    g.count[j] = 0.0
+    for i in range(UNKNOWNS):
+        g.vector[j, i] = 0.0
+        for k in range(STATES):
+            g.sensitivity[k, UNKNOWNS * j + i] = 0.0
+    for i in range(6):
+        g.information[j, i] = 0.0
+    g.sensitivity[ATTITUDE + 2, UNKNOWNS * j + 2] = -1.0
+
+
+@kernel
+def propagate_velocity_drift(c: Core, transition: Transition) -> None:
+    """V <- transition V."""
+    if c.velocity_drift.onset_ns[0] != NEVER_NS:
+        apply_transition(c.velocity_drift.sensitivity, UNKNOWNS * ONSETS, transition)
+
+
+@kernel
+def mean_innovation(c: Core, length: int, axis: int, j: int, i: int) -> float:
+    """Mean of an innovation per unit of unknown i since onset j: b - h V; the Jacobian has `length` elements."""
+    b = 0.0
+    if i < 2 and axis == i:
+        b = 1e-9 * (c.nav.t_ns - c.velocity_drift.onset_ns[j])
+    elif i < 2 and axis == VELOCITY_AXIS + i:
+        b = 1.0
+    for k in range(length):
+        b -= c.scratch.values[k] * c.velocity_drift.sensitivity[c.scratch.columns[k], UNKNOWNS * j + i]
+    return b
+
+
+@kernel
+def add_to_velocity_drift(p: Parameters, c: Core, length: int, z: float, s: float, axis: int) -> None:
+    """Add an innovation z of variance s of a fix, used or not, if it is a horizontal velocity; axis: see `fuse`."""
+    g = c.velocity_drift
+    if axis < VELOCITY_AXIS or g.onset_ns[0] == NEVER_NS:
+        return
+    weight = min(1e-9 * (c.nav.t_ns - g.last_ns) / p.tuning.velocity_drift_correlation_s, 1.0) / s
+    for j in range(ONSETS):
+        north = mean_innovation(c, length, axis, j, 0)
+        east = mean_innovation(c, length, axis, j, 1)
+        turned = mean_innovation(c, length, axis, j, 2)
+        g.vector[j, 0] += weight * north * z
+        g.vector[j, 1] += weight * east * z
+        g.vector[j, 2] += weight * turned * z
+        g.information[j, 0] += weight * north * north
+        g.information[j, 1] += weight * north * east
+        g.information[j, 2] += weight * east * east
+        g.information[j, 3] += weight * north * turned
+        g.information[j, 4] += weight * east * turned
+        g.information[j, 5] += weight * turned * turned
+        g.energy[j] += weight * z * z
+        g.count[j] += weight * s
+
+
+@kernel
+def update_velocity_drift(c: Core, length: int, s: float, axis: int) -> None:
+    """V <- V + K (b - h V) before the scalar update that follows, of variance s; P h is in scratch.d."""
+    g = c.velocity_drift
+    if g.onset_ns[0] == NEVER_NS:
+        return
+    for j in range(ONSETS):
+        for n in range(UNKNOWNS):
+            share = mean_innovation(c, length, axis, j, n) / s
+            for i in range(STATES):
+                g.sensitivity[i, UNKNOWNS * j + n] += share * c.scratch.d[i]
+
+
+@kernel
+def estimate_velocity_drift(p: Parameters, c: Core, j: int) -> Any:
+    """Drift velocity since onset j: north, east (m/s), covariance nn, ne, ee, chi-square, explained sum of squares."""
+    g = c.velocity_drift
+    m, v = g.information[j], g.vector[j]
+    step_sigma = 0.0 if g.confirmations >= p.tuning.heading_confirmations else p.tuning.unconfirmed_heading_sigma
+    share = 1.0 / (m[5] + 1.0 / step_sigma**2) if step_sigma > 0.0 else 0.0
+    nn, ne, ee = m[0] - share * m[3] ** 2, m[1] - share * m[3] * m[4], m[2] - share * m[4] ** 2
+    yn, ye = v[0] - share * m[3] * v[2], v[1] - share * m[4] * v[2]
+    determinant = nn * ee - ne * ne
+    if not determinant > 1e-9 * nn * ee:
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    pnn, pne, pee = ee / determinant, -ne / determinant, nn / determinant
+    north, east = pnn * yn + pne * ye, pne * yn + pee * ye
+    explained = north * yn + east * ye
+    rest = g.energy[j] - share * v[2] ** 2 - explained
+    scale = max(rest / max(g.count[j] - 2.0, 1.0), 1.0)
+    least2 = p.tuning.min_velocity_drift**2
+    pnn, pne, pee = scale * pnn + least2, scale * pne, scale * pee + least2
+    determinant = pnn * pee - pne * pne
+    chi2 = (pee * north * north - 2.0 * pne * north * east + pnn * east * east) / determinant
+    return north, east, pnn, pne, pee, chi2, explained
+
+
+@kernel
+def remove_velocity_drift(c: Core, j: int, found: Any) -> None:
+    """Gather in scratch.x the correction that removes the drift `found` since onset j, and add its covariance to P."""
+    north, east, pnn, pne, pee = found[0], found[1], found[2], found[3], found[4]
+    u, n = c.velocity_drift.sensitivity, UNKNOWNS * j
+    for i in range(STATES):
+        add_correction(c, i, -(u[i, n] * north + u[i, n + 1] * east))
+        a = pnn * u[i, n] + pne * u[i, n + 1]
+        b = pne * u[i, n] + pee * u[i, n + 1]
+        for k in range(i, STATES):
+            add_covariance(c, i, k, a * u[k, n] + b * u[k, n + 1])
+
+
+@kernel
+def state_likely_drift(c: Core, j: int, found: Any) -> None:
+    """Store what the likely drift `found` since onset j adds to the stated variances."""
+    g, n = c.velocity_drift, UNKNOWNS * j
+    for i in range(2):
+        p = g.sensitivity[POSITION + i, n] * found[0] + g.sensitivity[POSITION + i, n + 1] * found[1]
+        v = g.sensitivity[VELOCITY + i, n] * found[0] + g.sensitivity[VELOCITY + i, n + 1] * found[1]
+        g.position_variance[i] = max(g.position_variance[i], p * p)
+        g.velocity_variance[i] = max(g.velocity_variance[i], v * v)
+    turned = g.sensitivity[ATTITUDE + 2, n] * found[0] + g.sensitivity[ATTITUDE + 2, n + 1] * found[1]
+    g.heading_variance = max(g.heading_variance, turned * turned)
+
+
+@kernel
+def store_drift(c: Core, north: float, east: float) -> None:
+    """The velocity, m/s, of the drift that was detected."""
+    c.velocity_drift.drift[0], c.velocity_drift.drift[1] = north, east
+
+
+@kernel
+def detect_velocity_drift(p: Parameters, c: Core, explained_otherwise: float) -> float:
+    """After the velocity of a fix: the speed of a drift that is detected, m/s, else 0.
+
+    Its correction is in scratch.x then, not injected, and its velocity in `drift` of the record. explained_otherwise:
+    sum of the normalised innovations squared that another cause explains; a drift has to explain more.
+    """
+    g, best, most = c.velocity_drift, -1, 0.0
+    g.last_ns = c.nav.t_ns
+    for i in range(2):
+        g.position_variance[i] = 0.0
+        g.velocity_variance[i] = 0.0
+    g.heading_variance = 0.0
+    for j in range(ONSETS):
+        if g.onset_ns[j] != NEVER_NS and g.count[j] >= 3.0:
+            found = estimate_velocity_drift(p, c, j)
+            if found[6] > explained_otherwise and found[5] > p.tuning.likely_velocity_drift_chi2:
+                state_likely_drift(c, j, found)
+            old_enough = 1e-9 * (c.nav.t_ns - g.onset_ns[j]) >= p.tuning.min_velocity_drift_s
+            speed = elementary.hypot(found[0], found[1])
+            proven = old_enough and speed > p.tuning.wheel_min_contradiction and found[6] > explained_otherwise
+            if proven and found[5] > most:
+                best, most = j, found[5]
+    if most > p.tuning.velocity_drift_chi2:
+        found = estimate_velocity_drift(p, c, best)
+        remove_velocity_drift(c, best, found)
+        store_drift(c, found[0], found[1])
+        reset_velocity_drift(c)
+        return float(elementary.hypot(found[0], found[1]))
+    renew_onsets(p, c)
+    return 0.0
+
+
+@kernel
+def renew_onsets(p: Parameters, c: Core) -> None:
+    """Open the first onset anew unless a drift since then explains much; open anew those that are too old."""
+    g, longest_s = c.velocity_drift, p.tuning.velocity_drift_onset_s
+    for j in range(ONSETS):
+        too_old = 1e-9 * (c.nav.t_ns - g.onset_ns[j]) >= longest_s
+        if too_old or (j == 0 and estimate_velocity_drift(p, c, j)[6] < p.tuning.likely_velocity_drift_chi2):
+            open_velocity_drift(c, j)
+        longest_s *= 2.0

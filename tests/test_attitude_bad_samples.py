@@ -78,11 +78,11 @@ def test_only_the_sensor_that_is_named_saturated_costs_certainty():
     _, samples = still_then_moving()
     sigmas = {}
     for named in (0, LIMITED_RATE, LIMITED_FORCE, None):
-        samples["flags"][1200:1800] = 0 if named is None else BEYOND_RANGE | named
-        sigmas[named] = solutions_of(samples, "m-g350")["sigma_rpy"][1805]
+        samples["flags"][1200:1300] = 0 if named is None else BEYOND_RANGE | named
+        sigmas[named] = solutions_of(samples, "m-g350")["sigma_rpy"][1305]
     calm, both = sigmas[None], sigmas[0]
     yaw = np.sqrt([sigma[2] ** 2 - calm[2] ** 2 for sigma in (both, sigmas[LIMITED_RATE])])
-    rate2 = np.sum(samples["w"][1200:1800] ** 2) * 0.01
+    rate2 = np.sum(samples["w"][1200:1300] ** 2) * 0.01
     np.testing.assert_allclose(yaw, 0.2 * np.sqrt(rate2), rtol=0.1)
     assert sigmas[LIMITED_FORCE][2] < calm[2] + 0.02 * yaw[0]
     assert sigmas[LIMITED_FORCE][0] > 1.2 * calm[0]

@@ -142,7 +142,7 @@ _PSEUDO_MEASUREMENTS = (
         "unseen_velocity_var",
         0.2,
         "(m/s)^2",
-        "Scatter of velocity too slow to be seen when the motion begins.",
+        "Scatter of velocity too slow to be seen when a motion begins without rest.",
         SIMULATED,
         low=1e-3,
     ),

@@ -52,8 +52,10 @@ def add_truncation_noise(s: State) -> None:
 
 @kernel
 def unseen_scatter(p: Parameters, s: State) -> float:
-    """Of a velocity that changes slowly, (m/s)^2: until the motion has lasted, it may still be hidden in the tilt."""
+    """Of a velocity that changes slowly, (m/s)^2: where there was no rest, it may for a while be hidden in the tilt."""
     c, motion = p.tuning, s.motion
+    if s.stationarity.gravity_checked == 1:
+        return 0.0
     if motion.moving_s == 0.0 and s.stationarity.low_motion_s > 0.5 * s.integrals.time:
         return 0.0
     motion.moving_s += s.integrals.time

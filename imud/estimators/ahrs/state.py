@@ -124,7 +124,7 @@ MOTION = np.dtype(
         ("travel_speed2", "<f8", (3,)),  # (m/s)^2, NED, of velocities that only vehicles sustain
         ("mean_force", "<f8", (3,)),  # m/s^2, NED, over the interval before
         ("mean_force_change", "<f8", (3,)),  # from the interval before that
-        ("moving_s", "<f8"),  # since the first motion
+        ("moving_s", "<f8"),  # in motion, before the first rest
         ("vibration_level", "<f8"),  # m/s^2, change of that change, averaged
         ("travel_vibration_level", "<f8"),  # the same while the body travelled
     ],

@@ -21,7 +21,7 @@ from .ekf import add_variance, decorrelate, variance
 from .integrity.gnss_drift import reset_drift
 from .integrity.gyro_bias_step import reset_gyro_bias_step
 from .integrity.time_offset_step import reset_time_offset_step
-from .integrity.velocity_drift import forget_confirmations
+from .integrity.velocity_drift import reset_confirmations
 from .mechanization import body_to_ned, clear_biases
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 from .stationarity import clear_window, interrupt_rest
@@ -67,7 +67,7 @@ def reset_biases(p: Parameters, c: Core) -> None:
     reset_drift(c)
     reset_time_offset_step(c)
     reset_gyro_bias_step(c)
-    forget_confirmations(c)
+    reset_confirmations(c)
 
 
 @kernel

@@ -22,7 +22,7 @@ from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_variance, innovation_variance, set_jacobian
 from ..integrity.gnss_drift import BY_WHEELS, clear_detection, declare_drift
-from ..integrity.velocity_drift import count_confirmation, forget_confirmations, reset_velocity_drift, store_drift
+from ..integrity.velocity_drift import count_confirmation, reset_confirmations, reset_velocity_drift, store_drift
 from ..state import ATTITUDE, NAVIGATING, NEVER_NS, POSITION, TIME_OFFSET, VELOCITY, VELOCITY_TIME_OFFSET
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ TUNABLES = (
         "wheel_contradictions",
         3.5,
         "fixes",
-        "Number of contradictions by which drift and wrong heading are told apart; an agreement halves it.",
+        "Number of contradictions by which drift and wrong heading are distinguished; an agreement halves it.",
         "Choice.",
     ),
     Tunable(
@@ -135,7 +135,7 @@ def check_receiver(p: Parameters, c: Core, z_n: float, z_e: float, accel_n: floa
         elif heading_error > 0.0:
             add_variance(c, ATTITUDE + 2, heading_error * heading_error)
             clear_detection(c)
-            forget_confirmations(c)
+            reset_confirmations(c)
     elif elementary.hypot(c.nav.v_n[0], c.nav.v_n[1]) > p.tuning.wheel_check_speed:
         count_confirmation(p, c, not wrong)
         sum_contradictions(c, z_n, z_e, wrong)

@@ -30,7 +30,7 @@ from ..fusion import propagate_errors
 from ..integrity.gnss_drift import reset_drift
 from ..integrity.gyro_bias_step import reset_gyro_bias_step
 from ..integrity.time_offset_step import reset_time_offset_step
-from ..integrity.velocity_drift import forget_confirmations
+from ..integrity.velocity_drift import reset_confirmations
 from ..lever_arm import (
     antenna_position,
     antenna_velocity,
@@ -106,7 +106,7 @@ def change_mode(p: Parameters, c: Core, event: int) -> None:
     reset_drift(c)
     reset_time_offset_step(c)
     reset_gyro_bias_step(c)
-    forget_confirmations(c)
+    reset_confirmations(c)
     if actions & RESET_HEADING:
         c.alignment.heading_sigma = 0.0
         decorrelate(c, ATTITUDE + 2, math.pi**2)

@@ -26,7 +26,7 @@ from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 from .gnss_drift import reset_drift
 from .gyro_bias_step import reset_gyro_bias_step
 from .time_offset_step import reset_time_offset_step
-from .velocity_drift import forget_confirmations
+from .velocity_drift import reset_confirmations
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters
@@ -213,7 +213,7 @@ def monitor_gravity(p: Parameters, c: Core) -> None:
         reset_drift(c)
         reset_time_offset_step(c)
         reset_gyro_bias_step(c)
-        forget_confirmations(c)
+        reset_confirmations(c)
         restart_gravity_monitor(p, c)
     elif g.time > p.tuning.gravity_memory_s:
         restart_gravity_monitor(p, c)

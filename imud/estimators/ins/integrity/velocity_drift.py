@@ -1,4 +1,4 @@
-"""GLR test for a receiver that drifts and says so in its velocity, too; it runs where wheels support the velocity.
+"""GLR test for a receiver whose positions and velocities drift alike; it runs where wheels support the velocity.
 
 Positions and velocities of such a receiver agree with each other, so without wheels the filter follows it. With wheels
 the two contradict each other, and the innovations show it: as in `gnss_drift`, the sensitivity V of the estimate, and
@@ -98,8 +98,8 @@ def reset_velocity_drift(c: Core) -> None:
 
 
 @kernel
-def forget_confirmations(c: Core) -> None:
-    """The heading is new, or may be wrong."""
+def reset_confirmations(c: Core) -> None:
+    """Count confirmations of the heading from zero: it is new, or may be wrong."""
     reset_velocity_drift(c)
     c.velocity_drift.confirmations = 0
 

@@ -1,5 +1,7 @@
 """How fast commands work through a recording: whole, from file to file, as multiples of real time."""
 
+import contextlib
+import io
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -49,8 +51,10 @@ def _timed_command(arguments: Sequence[str]) -> Callable[[], float]:
     """Runs the command; the first run, which imports it, does not count. Raises ImudError."""
 
     def run() -> None:
-        if main(list(arguments)):
-            raise ImudError(f"bench: imud {' '.join(arguments)} failed")
+        with contextlib.redirect_stderr(io.StringIO()) as printed:  # findings about a noiseless recording
+            code = main(list(arguments))
+        if code:
+            raise ImudError(f"bench: imud {' '.join(arguments)} failed: {printed.getvalue().strip()}")
 
     run()
     return lambda: timed(run)

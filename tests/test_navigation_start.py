@@ -51,6 +51,16 @@ def test_before_the_heading_is_known_position_follows_the_receiver_and_roll_and_
     assert (np.abs(p[at(2.0) :]) < 4.0 * out["sigma_p"][at(2.0) :]).all()
 
 
+def test_at_rest_tilt_and_level_bias_are_not_told_apart_whatever_the_vertical_bias():
+    rng = np.random.default_rng(2)
+    d = drive(30.0, rest=30.0)
+    biases = {"bg": (-0.0045, -0.0184, 0.0016), "ba": (0.04, -0.21, -0.45)}
+    out, _, _ = navigate(sensed(d, rng, **biases), received(d, rng, late=0.1))
+    _, _, a = errors(d, out)
+    assert (np.abs(a[at(2.0) :, :2]) < out["sigma_rpy"][at(2.0) :, :2]).all()
+    assert np.abs(out["ba"][at(2.0) :, :2]).max() < 0.03
+
+
 def test_curves_without_a_receiver_are_not_taken_for_level_motion():
     rng = np.random.default_rng(4)
     d = drive(120.0, rest=5.0)

@@ -7,6 +7,7 @@ gyro bias is estimated at the same time.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from imud.drivers import elementary
@@ -78,24 +79,22 @@ def fuse_gravity(p: Parameters, c: Core, fx: float, fy: float, fz: float, ago: f
     sigma: m/s^2, of the acceleration. The mean belongs to a time `ago` s in the past; since then the gyro bias error
     has changed the tilt.
     """
-    C_nb = rotation_matrix(c)
-    for i in range(axes):
-        # C f + phi x C f - C ba = (0, 0, -g); the heading error has no effect on it
-        length = set_jacobian(c, 0, ACCEL_BIAS, -C_nb[3 * i])
-        length = set_jacobian(c, length, ACCEL_BIAS + 1, -C_nb[3 * i + 1])
-        length = set_jacobian(c, length, ACCEL_BIAS + 2, -C_nb[3 * i + 2])
-        if i == 0:
-            length = tilt_jacobian(c, length, C_nb, 1, fz, ago)
-            z = -fx
-        elif i == 1:
-            length = tilt_jacobian(c, length, C_nb, 0, -fz, ago)
-            z = -fy
+    C_nb, g = rotation_matrix(c), gravity(c.nav.lat, c.nav.height)
+    norm = math.sqrt(fx * fx + fy * fy + fz * fz)
+    for i in range(axes if norm > 0.5 * g else 2):
+        # d (C f - C ba) = d (0, 0, -g) along a direction d: north, east, and that of the force, whose magnitude no tilt
+        # changes. The tilt turns the true force, not the measured one: its bias would make the filter inconsistent.
+        if i == 2:
+            dn, de, dd, z = -fx / norm, -fy / norm, -fz / norm, norm - g
         else:
-            length = set_jacobian(c, length, ATTITUDE, fy)
-            length = set_jacobian(c, length, ATTITUDE + 1, -fx)
-            z = -gravity(c.nav.lat, c.nav.height) - fz
-            if innovation_variance(c, length) < p.tuning.level_vertical_sigma**2:
-                continue
+            dn, de, dd, z = 1.0 - i, 0.0 + i, 0.0, -fx if i == 0 else -fy
+        length = 0
+        for j in range(3):
+            length = set_jacobian(c, length, ACCEL_BIAS + j, -(dn * C_nb[j] + de * C_nb[3 + j] + dd * C_nb[6 + j]))
+        if i < 2:
+            length = tilt_jacobian(c, length, C_nb, 1 - i, -g if i == 0 else g, ago)
+        elif innovation_variance(c, length) < p.tuning.level_vertical_sigma**2:
+            continue
         gated_update(c, length, z, sigma * sigma, NO_GATE)
     correct_state(p, c)
 

@@ -1,9 +1,11 @@
 """The navigation filter finds its heading by itself: from rest, in any mounting, under way, or as the user says."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from navigation_runner import navigate
-from navigation_simulation import drive, errors, received, sensed
+from navigation_simulation import drive, errors, ideal_sensor, received, sensed
 from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Initial, Navigation, Settings
@@ -59,6 +61,19 @@ def test_at_rest_tilt_and_level_bias_are_not_told_apart_whatever_the_vertical_bi
     _, _, a = errors(d, out)
     assert (np.abs(a[at(2.0) :, :2]) < out["sigma_rpy"][at(2.0) :, :2]).all()
     assert np.abs(out["ba"][at(2.0) :, :2]).max() < 0.03
+
+
+@pytest.mark.parametrize("seed", [5, 7, 10])
+def test_a_hand_that_turns_the_sensor_slowly_is_hardly_taken_for_the_bias(seed):
+    rng = np.random.default_rng(seed)
+    d = drive(30.0, rest=30.0)
+    periods, phases = rng.uniform(8.0, 25.0, (3, 5)), rng.uniform(0.0, 2.0 * np.pi, (3, 5))
+    sway = np.radians([3.0, 3.0, 6.0]) * np.sin(2.0 * np.pi * d.t[:, None, None] / periods + phases).sum(-1)
+    attitude = d.attitude * Rotation.from_rotvec(sway)
+    w, f = ideal_sensor(d.t, d.lat, d.height, d.v, attitude)
+    d, bg = dataclasses.replace(d, attitude=attitude, w=w, f=f), np.array([0.003, 0.001, 0.003])
+    out, _, _ = navigate(sensed(d, rng, gyro_psd=2e-3, bg=bg), received(d, rng, late=0.1))
+    assert (np.abs(out["bg"] - bg) / out["sigma_bg"])[at(1.0) :].max() < 10.0  # 20 to 30 where its turn is not noticed
 
 
 def test_curves_without_a_receiver_are_not_taken_for_level_motion():

@@ -101,6 +101,7 @@ STATIONARITY = np.dtype(
             "<f8",
             (2,),
         ),  # rad^2/s^3, m^2/s^5: most that the means have changed lately, squared, per s
+        ("turn_rate_var", "<f8"),  # rad^2/s^2, of the mean rate at rest, as the direction of the force has changed
         ("at_rest", "<i8"),
         ("low_motion_count", "<i8"),  # windows of low motion in a row
         ("stationary_count", "<i8"),  # and of none

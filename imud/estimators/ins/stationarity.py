@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ...compile.jit import kernel
+from ...math.earth import STANDARD_GRAVITY
 from ...math.rotation import Vector
 from ..tuning import Tunable
 from .state import NAVIGATING
@@ -87,6 +88,13 @@ TUNABLES = (
         "m/s^2",
         "Mean level force at rest, beyond what tilt and bias explain.",
         "Less is no braking.",
+    ),
+    Tunable(
+        "force_change_significance",
+        9.0,
+        "",
+        "Squared change of the mean force between two windows, over its variance, beyond which the sensor turned.",
+        "Three sigma.",
     ),
     Tunable(
         "slow_motion_min_speed", 0.5, "m/s", "Least speed of slow motion, which could be mistaken for rest.", "Choice."
@@ -199,6 +207,9 @@ def classify_window(p: Parameters, c: Core) -> None:
     if s.gyro_noise_floor > 0.0:  # not the first window
         s.max_rate_of_change[0] = max(p.tuning.rate_of_change_decay * s.max_rate_of_change[0], change_w**2 / s.duration)
         s.max_rate_of_change[1] = max(p.tuning.rate_of_change_decay * s.max_rate_of_change[1], change_f**2 / s.duration)
+    noise2 = 2.0 * max(f2, 0.0) / (3.0 * s.sample_count)
+    excess2 = max(change_f**2 - p.tuning.force_change_significance * noise2, 0.0)
+    s.turn_rate_var = excess2 / (STANDARD_GRAVITY * s.duration) ** 2
     deviation = math.sqrt(max(w2, 0.0))
     dt = s.duration / s.sample_count
     s.vibration_gyro_psd = p.tuning.vibration_noise_share * s.sum_difference2[0] / (6.0 * s.sample_count) * dt

@@ -47,6 +47,7 @@ class Tuning:
     rest_speed: float
     rest_rate: float
     rest_accel: float
+    force_change_significance: float
     slow_motion_min_speed: float
     slow_motion_max_speed: float
     class_memory: float

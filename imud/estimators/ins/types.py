@@ -102,6 +102,7 @@ class Stationarity:
     mean_w: Reals
     mean_f: Reals
     max_rate_of_change: Reals
+    turn_rate_var: float
     at_rest: int
     low_motion_count: int
     stationary_count: int

@@ -79,7 +79,7 @@ def fuse_rest(p: Parameters, c: Core) -> bool:
     north, down = EARTH_RATE_RADPS * elementary.cos(c.nav.lat), -EARTH_RATE_RADPS * elementary.sin(c.nav.lat)
     earth = ned_to_body(c, (north, 0.0, down))
     s, contradicted = c.stationarity, False
-    r = p.gyro_psd / s.duration + s.gyro_noise_floor**2 / s.sample_count + p.tuning.zaru_sigma**2
+    r = p.gyro_psd / s.duration + s.gyro_noise_floor**2 / s.sample_count + p.tuning.zaru_sigma**2 + s.turn_rate_var
     for i in range(3):
         z = s.mean_w[i] - earth[i] - c.nav.bg[i]
         if abs(z) > max_rest_rate(p, c, i):  # only a confirmed rest is detected with such a rate

@@ -89,5 +89,6 @@ class Translation(Unit):
         names = parameters({f"a{i}": kind for i, kind in enumerate(kinds)})
         call = f"{function.name}({', '.join(f'({c}){name}' for c, name in names)})"
         body = f"{call}; return 0;" if function.returns == VOID else f"return {call};"
-        self._bodies.append(f"int64_t EXPORTED({symbol})({', '.join(f'int64_t {n}' for _, n in names) or 'void'}) {{ {body} }}\n")
+        integers = ", ".join(f"int64_t {n}" for _, n in names) or "void"
+        self._bodies.append(f"int64_t EXPORTED({symbol})({integers}) {{ {body} }}\n")
         assert function.returns in (VOID, INT) or function.returns.c == "bool", symbol

@@ -66,7 +66,7 @@ def _compile_levels(kernels: str, library: Path, target: str | None) -> None:
     """Compile the kernels for each level of processors to one library. Raises CannotBuildError, OSError."""
     sources = []
     for level, text in levels.files(kernels).items():
-        sources.append(library.with_name(f"{library.stem}{level}.c"))
+        sources.append(library.with_name(f"{library.name}{level}.c"))
         sources[-1].write_text(text)
     compile_library(sources, library, target)
     for source in sources:

@@ -71,7 +71,7 @@ def _run(commands: list[list[str]]) -> None:
         running = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for command in commands]
     except OSError as error:
         raise CannotBuildError(f"{commands[0][0]}: {error.strerror}") from error
-    errors = [process.communicate()[1] for process in running]
-    for command, process, error in zip(commands, running, errors, strict=True):
+    messages = [process.communicate()[1] for process in running]
+    for command, process, message in zip(commands, running, messages, strict=True):
         if process.returncode:
-            raise CannotBuildError(f"{' '.join(command)}\n{error[:2000]}")
+            raise CannotBuildError(f"{' '.join(command)}\n{message[:2000]}")

@@ -63,7 +63,7 @@ def inlined(function: Function) -> Function:
 
 
 def unrolled(function: Function) -> Function:
-    """A kernel that LLVM inlines at every call; for calls with constant arguments, which make it short and fast."""
+    """A kernel that the compiler inlines at every call; for calls with constant arguments, which make it short."""
     return cast(Function, Kernel(function, forceinline=True))
 
 

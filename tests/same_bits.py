@@ -1,6 +1,7 @@
 """Do the compilers agree? `python tests/same_bits.py [NAME..]` prints a digest of all words of each golden trace's run.
 
-Compare what it prints with IMUD_JIT=1 (numba), or with CC=clang and IMUD_KERNELS=/tmp/clang.so (another compiler).
+Compare what it prints with IMUD_JIT=1 (numba), with CC=clang and IMUD_KERNELS=/tmp/clang.so (another compiler), or with
+--plain (the kernels for any processor, without vectors of AVX2).
 """
 
 import hashlib
@@ -9,7 +10,7 @@ import sys
 from golden import CLASSES, recording
 from golden_run import run
 
-from imud.compile import library
+from imud.compile import levels, library
 
 
 def digest(name):
@@ -22,6 +23,10 @@ def digest(name):
 
 
 if __name__ == "__main__":
+    names = sys.argv[1:]
+    if "--plain" in names:
+        names.remove("--plain")
+        library.level = lambda _: levels.PLAIN
     print(f"kernels of {'numba' if library.library() is None else 'the library'}", file=sys.stderr)
-    for name in sys.argv[1:] or CLASSES:
+    for name in names or CLASSES:
         print(digest(name), name, flush=True)

@@ -241,4 +241,4 @@ def test_all_kernels_of_imud_have_a_translation():
         "stages_ingest",
         "fast_loop_run_until_event",
     ):
-        assert re.search(rf"^int64_t \w*{name}\w*\(int64_t", text, re.MULTILINE), name
+        assert re.search(rf"^int64_t EXPORTED\(\w*{name}\w*\)\(int64_t", text, re.MULTILINE), name

@@ -1,7 +1,10 @@
 """The library of all kernels: one of other sources, or a damaged one, is never loaded, but built anew."""
 
+import ctypes
 import json
 import os
+import platform
+import re
 import signal
 import subprocess
 import sys
@@ -11,7 +14,7 @@ from pathlib import Path
 import pytest
 from processes import OBEYING
 
-from imud.compile import build, seal
+from imud.compile import build, levels, seal
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -111,6 +114,20 @@ def test_what_was_built_is_loaded_and_not_built_again(built):
     assert (ended.returncode, ended.stderr) == (0, "")
     assert built.read_bytes() == before
     assert set(json.loads(before.rpartition(b"\n")[2])) == {"code", "sources", "files"}
+
+
+def test_it_has_each_kernel_for_each_level_of_processors(built):
+    symbols = re.findall(rb"\0(imud_[a-z0-9_]+)(?=\0)", built.read_bytes())
+    plain = {symbol for symbol in symbols if not symbol.endswith(b"_avx2")}
+    assert len(plain) > 20
+    assert {symbol + b"_avx2" for symbol in plain if platform.machine() == "x86_64"} <= set(symbols)
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="other machines have one level")
+def test_the_level_is_that_of_the_processor(built):
+    flags = re.search(r"^flags\s*:(.*)", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
+    expected = levels.AVX2 if "avx2" in flags[1].split() else levels.PLAIN
+    assert levels.level(ctypes.CDLL(str(built))) == expected
 
 
 def test_a_truncated_one_is_built_anew(built, tmp_path):

@@ -66,6 +66,20 @@ def test_shear3_is_a_congruence(seed, n):
     close(kalman.unpack(p, n), E @ P @ E.T, np.abs(E) @ np.abs(P) @ np.abs(E).T)
 
 
+@given(SEEDS, st.integers(6, 12))
+def test_shear33_is_shear3_three_times_to_the_last_bit(seed, n):
+    rng = np.random.default_rng(seed)
+    i = int(rng.integers(0, n - 5))
+    j = int(rng.integers(i + 3, n - 2))
+    A = rng.normal(size=(3, 3))
+    once = packed(random_covariance(rng, n))
+    thrice = once.copy()
+    kalman.shear33(once, n, i, j, tuple(A.ravel()))
+    for k in range(3):
+        kalman.shear3(thrice, n, i + k, j, *A[k])
+    assert np.array_equal(once, thrice)
+
+
 @given(SEEDS, SIZES, st.floats(-2.0, 2.0))
 def test_scale_is_a_congruence(seed, n, a):
     rng = np.random.default_rng(seed)

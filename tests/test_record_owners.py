@@ -21,7 +21,8 @@ BEGUN_ANEW = {  # nominal states of one measurement or constraint, whose file ma
     ("nav", "nhc_lever_arm"): "vehicle_axes.py",
 }
 CORE = "cs"  # what the functions call the state that the records belong to
-MATH = ("reset", "scale", "shear", "shear3", "update")  # kernels of imud.math.kalman that write their first argument
+# kernels of imud.math.kalman that write their first argument
+MATH = ("reset", "scale", "shear", "shear3", "shear33", "update")
 
 
 def chain(node):

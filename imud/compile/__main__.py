@@ -17,7 +17,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from .build import CannotBuildError, compile_c
+from . import levels
+from .build import CannotBuildError, compile_c, compile_library
 from .c import Translation, UnsupportedError
 from .seal import loaded_sources, seal
 
@@ -44,17 +45,32 @@ def main() -> int:
     parser.add_argument("--target", help="another machine, as zig names it: aarch64-linux-gnu.2.28 (default: this one)")
     args = parser.parse_args()
     library = args.library.resolve()
-    text = args.c or library.with_suffix(".c")
     try:
-        text.write_text(source(with_lines=args.c is not None or args.coverage))
-        compile_c(text, library, _COVERAGE if args.coverage else (), args.target)
+        kernels = source(with_lines=args.c is not None or args.coverage)
+        if args.c is not None:
+            args.c.write_text(kernels)
+        if args.coverage:  # of one level: the lines are the same
+            text = library.with_suffix(".c")
+            text.write_text(kernels)
+            compile_c(text, library, _COVERAGE, args.target)
+        else:
+            _compile_levels(kernels, library, args.target)
         seal(library, loaded_sources())
     except (UnsupportedError, CannotBuildError, OSError) as error:
         print(f"imud.compile: {error}", file=sys.stderr)
         return 1
-    if args.c is None and not args.coverage:
-        text.unlink()
     return 0
+
+
+def _compile_levels(kernels: str, library: Path, target: str | None) -> None:
+    """Compile the kernels for each level of processors to one library. Raises CannotBuildError, OSError."""
+    sources = []
+    for level, text in levels.files(kernels).items():
+        sources.append(library.with_name(f"{library.name}{level}.c"))
+        sources[-1].write_text(text)
+    compile_library(sources, library, target)
+    for source in sources:
+        source.unlink()
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 For that the compiler may fuse no multiplication with an addition, and keeps IEEE's rules. -ffp-contract=off alone is
 not enough for gcc before 12.3, which makes vfmaddsub of a subtraction and an addition beside each other (gcc's bug
-106902): so no processor with FMA is ever chosen by -march.
+106902): so no level of processors (`levels`) has FMA.
 """
 
 import importlib.util
@@ -52,10 +52,26 @@ def compile_c(
     target: another machine, see `compiler`; shared: make a shared library, not a program.
     """
     kind = _LIBRARY if shared else ()
-    command = [*compiler(target), *FLAGS, *kind, *options, "-o", str(output), str(source), "-lm"]
+    _run([[*compiler(target), *FLAGS, *kind, *options, "-o", str(output), str(source), "-lm"]])
+
+
+def compile_library(sources: Sequence[Path], output: Path, target: str | None = None) -> None:
+    """Compile files of C, all at the same time, to one shared library. Raises as `compile_c`."""
+    command = [*compiler(target), *FLAGS]
+    objects = {source: source.with_suffix(".o") for source in sources}
+    _run([[*command, "-fPIC", "-c", "-o", str(made), str(source)] for source, made in objects.items()])
+    _run([[*command, *_LIBRARY, "-o", str(output), *map(str, objects.values()), "-lm"]])
+    for made in objects.values():
+        made.unlink()
+
+
+def _run(commands: list[list[str]]) -> None:
+    """Run these commands at the same time."""
     try:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        running = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for command in commands]
     except OSError as error:
-        raise CannotBuildError(f"{command[0]}: {error.strerror}") from error
-    if done.returncode:
-        raise CannotBuildError(f"{' '.join(command)}\n{done.stderr[:2000]}")
+        raise CannotBuildError(f"{commands[0][0]}: {error.strerror}") from error
+    messages = [process.communicate()[1] for process in running]
+    for command, process, message in zip(commands, running, messages, strict=True):
+        if process.returncode:
+            raise CannotBuildError(f"{' '.join(command)}\n{message[:2000]}")

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from ..errors import UsageError
 from .hashing import digest_of
+from .levels import level
 from .seal import ROOT, defect
 
 INSTALLED = Path(__file__).with_name("kernels.so")
@@ -72,5 +73,5 @@ def require_numba() -> None:
 def address(symbol: str) -> int | None:
     """Where the function of this name is; None: the library does not have it, or there is none."""
     loaded = library()
-    function = getattr(loaded, symbol, None) if loaded else None
+    function = getattr(loaded, symbol + level(loaded), None) if loaded else None
     return None if function is None else ctypes.cast(function, ctypes.c_void_p).value

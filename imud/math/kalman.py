@@ -16,6 +16,7 @@ import numpy as np
 
 from ..compile.jit import kernel, unrolled
 from .arrays import Floats, Indices
+from .rotation import Matrix
 
 
 @kernel
@@ -72,6 +73,54 @@ def shear3(P: Floats, n: int, i: int, j: int, a: float, b: float, c: float) -> N
     for k in range(3, n - j):
         P[np.uint64(ij + k)] += a * P[np.uint64(jj + k)] + b * P[np.uint64(kk + k - 1)] + c * P[np.uint64(ll + k - 2)]
     P[ii] += a * P[np.uint64(ij)] + b * P[np.uint64(ij + 1)] + c * P[np.uint64(ij + 2)]
+
+
+@unrolled
+def shear_block(P: Floats, n: int, i: int, j: int, r: int, a: float, b: float, c: float) -> None:
+    """The part of `shear33` in rows i to i + 2 and columns i to i + 2, j to j + 2, by which state i + r gains."""
+    ij, ii = packed_index(n, i + r, j), packed_index(n, i + r, i + r)
+    jj, kk, ll = packed_index(n, j, j), packed_index(n, j + 1, j + 1), packed_index(n, j + 2, j + 2)
+    for k in range(3):
+        at = packed_index(n, i + k, j)
+        P[packed_index(n, i + r, i + k)] += a * P[at] + b * P[at + 1] + c * P[at + 2]
+    P[ij] += a * P[jj] + b * P[jj + 1] + c * P[jj + 2]
+    P[ij + 1] += a * P[jj + 1] + b * P[kk] + c * P[kk + 1]
+    P[ij + 2] += a * P[jj + 2] + b * P[kk + 1] + c * P[ll]
+    P[ii] += a * P[ij] + b * P[ij + 1] + c * P[ij + 2]
+
+
+@unrolled
+def shear33(P: Floats, n: int, i: int, j: int, A: Matrix) -> None:
+    """`shear3` of states i, i + 1 and i + 2, which gain the three rows of A times the states j to j + 2; i + 3 <= j.
+
+    The same as `shear3` three times, to the last bit, in fewer instructions.
+    """
+    a0, b0, c0, a1, b1, c1, a2, b2, c2 = A
+    shear_block(P, n, i, j, 0, a0, b0, c0)
+    shear_block(P, n, i, j, 1, a1, b1, c1)
+    shear_block(P, n, i, j, 2, a2, b2, c2)
+    at_i, at_j = i, j  # of elements (k, i) and (k, j), down the columns
+    for k in range(i):
+        x, y, z = P[np.uint64(at_j)], P[np.uint64(at_j + 1)], P[np.uint64(at_j + 2)]
+        P[np.uint64(at_i)] += a0 * x + b0 * y + c0 * z
+        P[np.uint64(at_i + 1)] += a1 * x + b1 * y + c1 * z
+        P[np.uint64(at_i + 2)] += a2 * x + b2 * y + c2 * z
+        at_i += n - 1 - k
+        at_j += n - 1 - k
+    i0, i1, i2 = packed_index(n, i, i) - i, packed_index(n, i + 1, i + 1) - i - 1, packed_index(n, i + 2, i + 2) - i - 2
+    at_j = packed_index(n, i + 3, j)
+    for k in range(i + 3, j):  # along the rows i, down the columns j
+        x, y, z = P[np.uint64(at_j)], P[np.uint64(at_j + 1)], P[np.uint64(at_j + 2)]
+        P[np.uint64(i0 + k)] += a0 * x + b0 * y + c0 * z
+        P[np.uint64(i1 + k)] += a1 * x + b1 * y + c1 * z
+        P[np.uint64(i2 + k)] += a2 * x + b2 * y + c2 * z
+        at_j += n - 1 - k
+    j0, j1, j2 = packed_index(n, j, j) - j, packed_index(n, j + 1, j + 1) - j - 1, packed_index(n, j + 2, j + 2) - j - 2
+    for k in range(j + 3, n):  # along the rows; unsigned indices: see `update`
+        x, y, z = P[np.uint64(j0 + k)], P[np.uint64(j1 + k)], P[np.uint64(j2 + k)]
+        P[np.uint64(i0 + k)] += a0 * x + b0 * y + c0 * z
+        P[np.uint64(i1 + k)] += a1 * x + b1 * y + c1 * z
+        P[np.uint64(i2 + k)] += a2 * x + b2 * y + c2 * z
 
 
 @kernel

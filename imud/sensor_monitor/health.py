@@ -79,6 +79,7 @@ HEALTH = np.dtype(
         ("samples", "<i8"),
         ("last_ns", "<i8"),
         ("reading", "<f8", (6,)),  # scratch: rates and forces of the sample
+        ("suspicious", "<i8", (6,)),  # scratch: 1: the axis may be at fault
         ("value", "<f8", (6,)),  # of the newest sample
         ("difference", "<f8", (6,)),  # its difference from the sample before
         ("second_difference", "<f8", (6,)),  # the change of that difference
@@ -124,27 +125,28 @@ def new_health(profile: Profile, rate_hz: float) -> NDArray[np.void]:
 def update_statistics(h: Health, sample: Any) -> bool:
     """Update the statistics of all axes with a sample; returns whether any axis may be at fault, for `check_axis`.
 
-    Nearly all of the time that a sample costs is spent here. There are no branches, so that it compiles to vector code.
+    There are no branches, and what the axes have in common comes behind the loop, so that it compiles to vector code.
     """
     value, difference, second_difference, resolution = h.value, h.difference, h.second_difference, h.resolution
     sign_changes, second_difference_sum, repeats = h.sign_changes, h.second_difference_sum, h.repeats
     for i in range(3):
         h.reading[i], h.reading[3 + i] = sample.w[i], sample.f[i]
-    suspicious = False
-    total = 0.0
     for i in range(6):
         v = h.reading[i]
         d = v - value[i]
         size = abs(d)
         second = d - difference[i]
-        sign_changes[i] += second * second_difference[i] < 0.0
+        h.suspicious[i] = 1 if (repeats[i] >= LONG_HOLD - 1) | (not abs(v) < h.clipping.floor[i]) else 0
+        sign_changes[i] += 1 if second * second_difference[i] < 0.0 else 0
         second_difference_sum[i] += abs(second)
-        total += second_difference_sum[i]
         resolution[i] = min(resolution[i], size if size > 0.0 else math.inf)
         second_difference[i], difference[i], value[i] = second, d, v
-        suspicious |= (repeats[i] >= LONG_HOLD - 1) | (not abs(v) < h.clipping.floor[i])
         repeats[i] = repeats[i] + 1 if size == 0.0 else 0
-    return suspicious | (not total < math.inf)
+    suspicious, total = 0, 0.0
+    for i in range(6):
+        suspicious |= h.suspicious[i]
+        total += second_difference_sum[i]
+    return suspicious != 0 or not total < math.inf
 
 
 @kernel

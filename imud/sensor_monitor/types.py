@@ -55,6 +55,7 @@ class Health:
     samples: int
     last_ns: int
     reading: Reals
+    suspicious: Integers
     value: Reals
     difference: Reals
     second_difference: Reals

@@ -20,6 +20,9 @@ _PRELUDE = r"""
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#ifndef EXPORTED
+#define EXPORTED(name) name
+#endif
 // by zero: 0, as in numba; and nothing traps
 static inline int64_t floor_mod(int64_t a, int64_t b) {
   if (b == 0 || b == -1) return 0;
@@ -40,6 +43,7 @@ static inline int64_t float_bits(double a) { union { double f; int64_t i; } u = 
 static inline double float_of_bits(int64_t a) { union { int64_t i; double f; } u = {.i = a}; return u.f; }
 static inline double root(double a) { return a == -INFINITY ? INFINITY : fabs(sqrt(a)); }  // a ** 0.5
 """
+_ALWAYS_INLINE = "inline __attribute__((always_inline))"  # of a kernel that is `unrolled`
 
 
 class Translation(Unit):
@@ -70,7 +74,8 @@ class Translation(Unit):
             self._begun.pop()
             assert body.returns is not None
             done = self._functions[key] = Function(f"{python.__name__}_{len(self._functions)}", body.returns)
-            head = f"{body.line_directive}static inline {done.returns.c} {done.name}({body.parameters})"
+            inline = _ALWAYS_INLINE if getattr(kernel, "targetoptions", {}).get("forceinline") else "inline"
+            head = f"{body.line_directive}static {inline} {done.returns.c} {done.name}({body.parameters})"
             self._bodies.append(f"{head}\n{{\n{body.text}{body.line_directive}}}\n")
         return self._functions[key]
 
@@ -84,5 +89,6 @@ class Translation(Unit):
         names = parameters({f"a{i}": kind for i, kind in enumerate(kinds)})
         call = f"{function.name}({', '.join(f'({c}){name}' for c, name in names)})"
         body = f"{call}; return 0;" if function.returns == VOID else f"return {call};"
-        self._bodies.append(f"int64_t {symbol}({', '.join(f'int64_t {n}' for _, n in names) or 'void'}) {{ {body} }}\n")
+        integers = ", ".join(f"int64_t {n}" for _, n in names) or "void"
+        self._bodies.append(f"int64_t EXPORTED({symbol})({integers}) {{ {body} }}\n")
         assert function.returns in (VOID, INT) or function.returns.c == "bool", symbol

@@ -28,12 +28,12 @@ from typing import TYPE_CHECKING
 
 from imud.drivers import elementary
 
-from ...compile.jit import kernel
+from ...compile.jit import kernel, unrolled
 from ...math.earth import STANDARD_GRAVITY
-from ...math.kalman import reset, scale, shear, shear3
+from ...math.kalman import reset, scale, shear, shear33
 from ...math.rotation import Vector
 from ..tuning import Tunable
-from .ekf import add_variance, combine3
+from .ekf import add_variance
 from .mechanization import rotate_attitude, rotation_matrix
 from .noise_density import attitude_psd, velocity_psd
 from .state import (
@@ -53,7 +53,7 @@ from .state import (
 )
 
 if TYPE_CHECKING:
-    from ...math.arrays import Tensor
+    from ...math.arrays import Reals, Tensor
     from .types import Core, Parameters, Transition
 
 
@@ -178,6 +178,15 @@ def gyro_scale_error(c: Core, rotation: Vector) -> Vector:
     )
 
 
+@unrolled
+def subtract_rotated(c: Core, i: int, j: int, C_nb: Reals, factor: float) -> None:
+    """Error states i to i + 2, in navigation axes, lose `factor` times the states j to j + 2, in body axes."""
+    a, b, d = -C_nb[0] * factor, -C_nb[1] * factor, -C_nb[2] * factor
+    e, f, g = -C_nb[3] * factor, -C_nb[4] * factor, -C_nb[5] * factor
+    h, k, m = -C_nb[6] * factor, -C_nb[7] * factor, -C_nb[8] * factor
+    shear33(c.cov.P, STATES, i, j, (a, b, d, e, f, g, h, k, m))
+
+
 @kernel
 def apply_gyro_scale(p: Parameters, c: Core, transition: Transition) -> None:
     """Correct the attitude by the gyros' scale factors and misalignments, once the rotation is large enough.
@@ -198,11 +207,11 @@ def apply_gyro_scale(p: Parameters, c: Core, transition: Transition) -> None:
         -C_nb[3] * x - C_nb[4] * y - C_nb[5] * z,
         -C_nb[6] * x - C_nb[7] * y - C_nb[8] * z,
     )
+    subtract_rotated(c, ATTITUDE, GYRO_SCALE, C_nb, angle[0])
+    subtract_rotated(c, ATTITUDE, GYRO_SCALE + 3, C_nb, angle[1])
+    subtract_rotated(c, ATTITUDE, GYRO_SCALE + 6, C_nb, angle[2])
     for j in range(3):
         transition.scaled_angle[j] = angle[j]
-        for i in range(3):
-            k, turn = 3 * i, angle[j]
-            combine3(c, ATTITUDE + i, GYRO_SCALE + 3 * j, -C_nb[k] * turn, -C_nb[k + 1] * turn, -C_nb[k + 2] * turn)
         angle[j] = 0.0
 
 
@@ -230,15 +239,9 @@ def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None
         shear(P, STATES, POSITION + i, VELOCITY + i, dt)
     qv = velocity_psd(p, c)
     if c.alignment.mode != COARSE_ALIGNMENT:
-        shear3(P, STATES, VELOCITY, ATTITUDE, 0.0, f[2], -f[1])
-        shear3(P, STATES, VELOCITY + 1, ATTITUDE, -f[2], 0.0, f[0])
-        shear3(P, STATES, VELOCITY + 2, ATTITUDE, f[1], -f[0], 0.0)
-        for i in range(3):
-            k = 3 * i
-            shear3(P, STATES, VELOCITY + i, ACCEL_BIAS, -C_nb[k] * dt, -C_nb[k + 1] * dt, -C_nb[k + 2] * dt)
-    for i in range(3):
-        k = 3 * i
-        shear3(P, STATES, ATTITUDE + i, GYRO_BIAS, -C_nb[k] * dt, -C_nb[k + 1] * dt, -C_nb[k + 2] * dt)
+        shear33(P, STATES, VELOCITY, ATTITUDE, (0.0, f[2], -f[1], -f[2], 0.0, f[0], f[1], -f[0], 0.0))
+        subtract_rotated(c, VELOCITY, ACCEL_BIAS, C_nb, dt)
+    subtract_rotated(c, ATTITUDE, GYRO_BIAS, C_nb, dt)
     apply_gyro_scale(p, c, transition)
     turn_rate = C_nb[6] * c.imu.rate_b[0] + C_nb[7] * c.imu.rate_b[1] + C_nb[8] * c.imu.rate_b[2]
     qa, decay = attitude_psd(p, c, turn_rate), transition.gnss_bias_decay

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ...compile.jit import kernel
-from ...math.kalman import measure, packed_index, shear, shear3
+from ...math.kalman import measure, packed_index, shear, shear33
 from ..tuning import Tunable
 from .state import ATTITUDE, LEARNING_STATES, POSITION, VELOCITY
 
@@ -123,9 +123,7 @@ def propagate_one(D: Floats, e: Floats, transition: Transition) -> None:
     for i in range(3):
         shear(D, n, POSITION + i, VELOCITY + i, dt)
         e[POSITION + i] += dt * e[VELOCITY + i]
-    shear3(D, n, VELOCITY, ATTITUDE, 0.0, f[2], -f[1])
-    shear3(D, n, VELOCITY + 1, ATTITUDE, -f[2], 0.0, f[0])
-    shear3(D, n, VELOCITY + 2, ATTITUDE, f[1], -f[0], 0.0)
+    shear33(D, n, VELOCITY, ATTITUDE, (0.0, f[2], -f[1], -f[2], 0.0, f[0], f[1], -f[0], 0.0))
     north, east, down = e[ATTITUDE], e[ATTITUDE + 1], e[ATTITUDE + 2]
     e[VELOCITY] += f[2] * east - f[1] * down
     e[VELOCITY + 1] += f[0] * down - f[2] * north

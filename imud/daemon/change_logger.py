@@ -16,6 +16,9 @@ _STATUS = (
 )
 
 
+LOGGED = sum(bit for bit, *_ in _STATUS)
+
+
 class Debouncer:
     """A set whose changes count once they have lasted `lasting_ns`."""
 
@@ -23,6 +26,11 @@ class Debouncer:
         self._lasting_ns = lasting_ns
         self._reported: set[Hashable] = set()
         self._since_ns: dict[Hashable, int] = {}
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether there was no change at the last update that has not lasted long enough yet."""
+        return not self._since_ns
 
     def update(self, members: Iterable[Hashable], now_ns: int) -> tuple[list[Any], list[Any]]:
         """The members that were added and those that were removed, given the present ones."""
@@ -35,6 +43,8 @@ class Debouncer:
         added = [member for member in lasted if member not in self._reported]
         removed = [member for member in lasted if member in self._reported]
         self._reported.symmetric_difference_update(lasted)
+        for member in lasted:
+            del self._since_ns[member]
         return added, removed
 
 
@@ -45,6 +55,11 @@ class ChangeLogger:
         self._log = log
         self._status = Debouncer(STATUS_LASTS_NS)
         self._faults: dict[str, Debouncer] = {}
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether no change waits to be logged."""
+        return self._status.is_settled and all(each.is_settled for each in self._faults.values())
 
     def status(self, status: int, now_ns: int) -> int:
         """Log changes of the solution's status bits; returns those that were newly set."""

@@ -71,13 +71,13 @@ class StateStore:
         due = now_ns >= self._biases_ns and bool(configured.identity.serial)
         if due:
             self._biases_ns = now_ns + _BIASES_NS
-        corrected = sensor.stream.filter.correction.copy()
+        corrected = sensor.stream.filter.correction.copy() if due else None
 
         def save() -> None:
             try:
                 if checkpoint:
                     checkpoint_file.save(_sensor(configured), port, checkpoint)
-                if due:
+                if corrected is not None:
                     stored_biases.save(configured.identity.serial, corrected, now_ns, biases)
             except OSError as error:
                 if not self._warned:

@@ -29,7 +29,7 @@ class Debouncer:
 
     @property
     def is_settled(self) -> bool:
-        """Whether there was no change at the last update that has not lasted long enough yet."""
+        """Whether nothing was different at the last update from what counts."""
         return not self._since_ns
 
     def update(self, members: Iterable[Hashable], now_ns: int) -> tuple[list[Any], list[Any]]:
@@ -43,8 +43,6 @@ class Debouncer:
         added = [member for member in lasted if member not in self._reported]
         removed = [member for member in lasted if member in self._reported]
         self._reported.symmetric_difference_update(lasted)
-        for member in lasted:
-            del self._since_ns[member]
         return added, removed
 
 

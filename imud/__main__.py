@@ -14,6 +14,7 @@ _SERVICES = ("run", "sim", "record", "web")  # run until SIGTERM ends them, whic
 _SELDOM_USED = (
     *("ipaddress", "selectors", "tokenize", "linecache"),  # which urllib.parse, socket, inspect, traceback import
     *("msgspec.inspect", "structlog.stdlib", "logging"),  # which msgspec and structlog import
+    *("numpy._core._add_newdocs", "numpy._core._add_newdocs_scalars"),  # docstrings, which numpy imports
 )
 _INTERRUPTED, _TERMINATED = 130, 143
 
@@ -32,7 +33,7 @@ def main() -> int:
 
     signal.signal(signal.SIGTERM, lambda number, frame: os._exit(terminated))
     signal.signal(signal.SIGINT, lambda number, frame: os._exit(_INTERRUPTED))
-    from .process.late_imports import imported_late
+    from .late_imports import imported_late
 
     with imported_late(*_SELDOM_USED):
         from . import commands

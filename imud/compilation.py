@@ -46,6 +46,7 @@ def warm_loop() -> None:
     with contextlib.closing(FastLoop()) as fast_loop:
         outputs = BinaryOutputs(Settings(), fast_loop.others, 1)
         fast_loop.run_until_event(0, outputs, 0, 0)
+        fast_loop.note(0)
         outputs.publish(np.zeros(1, SOLUTION), 1, 0, 0)
 
 

@@ -26,7 +26,8 @@ def folders_for(kind: str) -> list[Path]:
 
 def replace_file(path: Path, content: bytes) -> None:
     """Write a file as a whole, in a folder that is made if need be; only the user may read it. Raises OSError."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.parent.is_dir():
+        path.parent.mkdir(parents=True, exist_ok=True)
     new = path.with_name(f".{path.name}-{os.getpid()}")
     with open(new, "wb", opener=lambda name, flags: os.open(name, flags, 0o600)) as file:
         file.write(content)

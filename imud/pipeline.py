@@ -4,6 +4,7 @@ Live and replay step with the same code (`stages`), whatever the chunks in which
 """
 
 import dataclasses
+import functools
 import math
 from typing import Any
 
@@ -45,6 +46,12 @@ NOTHING_STORED = Stored()
 def room_for(taken: int) -> Records:
     """Room for the innovations that `Filter.feed` makes of so many fixes and measurements."""
     return np.zeros(UNREAD + OF_ONE * taken, INNOVATION)
+
+
+@functools.lru_cache(maxsize=4)
+def _checkpoint_digest(name: str, kind: np.dtype[Any], parameters: bytes, correction: bytes) -> bytes:
+    """Kept, as numpy takes a millisecond to write down a dtype, and the daemon needs it once a second."""
+    return digest_of(name.encode(), str(kind).encode(), parameters, correction).encode()
 
 
 class Filter:
@@ -114,8 +121,7 @@ class Filter:
 
     def _digest(self, kind: np.dtype[Any]) -> bytes:
         """Of all on which the meaning of a checkpoint of this dtype depends."""
-        parts = self.estimator.name.encode(), str(kind).encode(), self.parameters.tobytes(), self.correction.tobytes()
-        return digest_of(*parts).encode()
+        return _checkpoint_digest(self.estimator.name, kind, self.parameters.tobytes(), self.correction.tobytes())
 
     def watch_over(self, sensor: ImuConfigured) -> None:
         """From now on, monitor this sensor, by the ranges that the user gives, else by its own where it tells them."""

@@ -18,10 +18,11 @@ from imud.commands.bench.throughput import new_stream
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
 from imud.configuration.settings import Stream as StreamSettings
-from imud.daemon.fast_loop import FAILED, PUBLISH_DUE, FastLoop, _run_until_event
+from imud.daemon.fast_loop import CHECK_NS, FAILED, PAUSE_NS, PUBLISH_DUE, FastLoop, _run_until_event
 from imud.drivers.driver import Identity, ImuConfigured
 from imud.drivers.registry import by_name
 from imud.estimators import registry
+from imud.estimators.records import AT_REST, ATTITUDE_VALID
 from imud.outputs.binary import BinaryOutputs
 from imud.pipeline import Filter, InertialPipeline
 from imud.sensors.byte_sink import READ_BYTES
@@ -30,6 +31,7 @@ from imud.stages import BATCH
 WIRE = signals.frames(2000).tobytes()
 NEVER_NS = (1 << 63) - 1
 SOON_NS, LONG_NS = 20_000_000, 60_000_000_000
+STALE_NS = LONG_NS
 PARTIAL = 64  # bytes of a frame that has only begun, at most
 
 
@@ -43,7 +45,7 @@ class Rig:
     """A cycle that reads from a pipe, and a subscriber to what it publishes."""
 
     def __init__(self, stack, path):
-        self.fast_loop = stack.enter_context(contextlib.closing(FastLoop()))
+        self.fast_loop = stack.enter_context(contextlib.closing(FastLoop(watched=ATTITUDE_VALID)))
         outputs = Settings(stream=StreamSettings(listen=str(path)))
         self.outputs = stack.enter_context(contextlib.closing(BinaryOutputs(outputs, self.fast_loop.others, 256)))
         self.states = stack.enter_context(client.connect(path, timeout_s=5.0))
@@ -52,7 +54,8 @@ class Rig:
         os.set_blocking(self.reader, False)
         stack.callback(os.close, self.reader)
         self.stream = new_stream("attitude")
-        self.fast_loop.attach(self.reader, self.stream)
+        self.fast_loop.attach(self.reader, self.stream, STALE_NS)
+        self.fast_loop.note(time.monotonic_ns())
         self._at = 0
 
     def begin(self):
@@ -126,7 +129,7 @@ def test_bytes_are_timed_after_they_are_read(monkeypatch):
     fakes = {"ppoll": lambda *_: 1, "clock_ns": lambda *_: now_ns, "read": read_slowly, "ingest": ingest}
     for name, fake in fakes.items():
         monkeypatch.setattr(f"imud.daemon.fast_loop.{name}", fake)
-    fast_loop = SimpleNamespace(fd=0, revents=1, poll_address=0, time_address=0, timeout_address=0)
+    fast_loop = SimpleNamespace(fd=0, revents=1, poll_address=0, time_address=0, timeout_address=0, check_ns=NEVER_NS)
     stream = SimpleNamespace(rx=0, fill=0)
     assert interpreted(_run_until_event)([fast_loop], [stream], None, NEVER_NS, NEVER_NS, 0) == 1
     assert arrivals == [7]
@@ -141,7 +144,7 @@ def test_any_chunks_give_every_sample_once(chunks):
         contextlib.closing(BinaryOutputs(Settings(), fast_loop.others, 256)) as none,
     ):
         reader, writer = os.pipe()
-        fast_loop.attach(reader, stream)
+        fast_loop.attach(reader, stream, STALE_NS)
         at = 0
         for size in chunks:
             os.write(writer, WIRE[at : at + size])
@@ -226,6 +229,50 @@ def test_without_a_line_it_waits_for_the_others(rig):
     assert rig.samples == 0
 
 
+def test_python_gets_a_changed_status_at_the_next_check_and_once(rig):
+    rig.begin()
+    now_ns = time.monotonic_ns()
+    rig.fast_loop.note(now_ns)
+    rig.stream.solutions["status"] ^= ATTITUDE_VALID
+    assert rig.turn(for_ns=LONG_NS) == 0
+    later_ns = time.monotonic_ns()
+    assert now_ns + CHECK_NS <= later_ns < now_ns + LONG_NS
+    assert rig.fast_loop.check_failed(later_ns)
+    rig.fast_loop.note(later_ns)
+    assert not rig.fast_loop.check_failed(later_ns)
+    rig.turn(for_ns=3 * CHECK_NS)
+    assert time.monotonic_ns() >= later_ns + 3 * CHECK_NS
+
+
+def test_bits_that_are_not_watched_do_not_return_to_python(rig):
+    rig.begin()
+    begin_ns = time.monotonic_ns()
+    rig.fast_loop.note(begin_ns)
+    rig.stream.solutions["status"] ^= AT_REST
+    rig.turn(for_ns=3 * CHECK_NS)
+    assert time.monotonic_ns() >= begin_ns + 3 * CHECK_NS
+
+
+def test_python_gets_a_silent_sensor(rig):
+    rig.fast_loop.detach()
+    rig.fast_loop.attach(rig.reader, rig.stream, stale_ns=2 * CHECK_NS)
+    rig.begin()
+    rig.fast_loop.note(time.monotonic_ns())
+    begin_ns = int(rig.stream.record["last_data_ns"][0])
+    assert rig.turn(for_ns=LONG_NS) == 0
+    assert begin_ns + 2 * CHECK_NS < time.monotonic_ns() < begin_ns + LONG_NS
+
+
+def test_python_gets_a_time_in_which_the_process_stood_still(rig):
+    rig.begin()
+    now_ns = time.monotonic_ns()
+    rig.fast_loop.note(now_ns - CHECK_NS - PAUSE_NS)
+    assert rig.turn(for_ns=LONG_NS) == 0
+    later_ns = time.monotonic_ns()
+    assert rig.fast_loop.check_failed(later_ns)
+    assert rig.fast_loop.note(later_ns) == later_ns - (now_ns - CHECK_NS - PAUSE_NS)
+
+
 @pytest.mark.parametrize("frame", [b"#\2\0\2\0\2\xcd$", b"0 0 9\n"], ids=["binary", "shortest line"])
 def test_the_densest_stream_does_not_pile_up_in_the_buffer(frame):
     configured = ImuConfigured(Identity("seraccel", ""), 100.0, 10_000_000, 0, 0)
@@ -238,7 +285,7 @@ def test_the_densest_stream_does_not_pile_up_in_the_buffer(frame):
     ours, device = os.pipe()
     with contextlib.closing(FastLoop()) as fast_loop:
         outputs = BinaryOutputs(standard, fast_loop.others, BATCH)
-        fast_loop.attach(ours, stream)
+        fast_loop.attach(ours, stream, STALE_NS)
         for at in range(0, len(whole), READ_BYTES):
             os.write(device, whole[at : at + READ_BYTES])
             fast_loop.run_until_event(0, outputs, NEVER_NS, BATCH)

@@ -154,19 +154,22 @@ def test_added_and_removed_devices_are_sent_to_watching_clients(loop):
 
 def test_no_view_is_wanted_without_a_client(loop):
     assert loop.server.due_ns > loop.now + 10**6 * SECOND
-    client = loop.connect()
+    client = loop.connect(b'?WATCH={"json":true};')
     assert loop.now >= loop.server.due_ns
     client.sock.close()
     loop.turn()
     assert loop.server.due_ns > loop.now + 10**6 * SECOND
 
 
-def test_a_view_is_wanted_when_a_message_is_due_and_ten_times_per_second_for_poll(loop):
+def test_a_view_is_wanted_when_a_message_is_due_and_for_a_request_if_the_last_is_outdated(loop):
     loop.connect()
-    assert loop.now >= loop.server.due_ns
     loop.publish()
-    assert loop.now + 99 * MS < loop.server.due_ns
+    loop.server.want_newest(loop.now + 99 * MS)
+    assert loop.server.due_ns > loop.now + 10**6 * SECOND
+    loop.server.want_newest(loop.now + 100 * MS)
     assert loop.now + 100 * MS >= loop.server.due_ns
+    loop.publish(100 * MS)
+    assert loop.server.due_ns > loop.now + 10**6 * SECOND
     client = loop.connect(b'?WATCH={"json":true,"rate":1000};')
     assert loop.now >= loop.server.due_ns
     loop.publish(MS)
@@ -174,6 +177,20 @@ def test_a_view_is_wanted_when_a_message_is_due_and_ten_times_per_second_for_pol
     loop.turn()
     loop.publish(MS)
     assert [loop.now + step * MS >= loop.server.due_ns for step in (1, 10, 20)] == [False, False, True]
+
+
+def test_a_view_is_wanted_as_soon_as_clients_do_not_know_the_devices(loop):
+    loop.server.announce((IMU,), loop.now)
+    assert loop.server.due_ns > loop.now  # there is no client
+    loop.connect(b'?WATCH={"json":true,"class":"SKY"};')
+    loop.publish(devices=(IMU,))
+    loop.server.announce((IMU,), loop.now)
+    assert loop.server.due_ns > loop.now
+    loop.server.announce((IMU, RECEIVER), loop.now)
+    assert loop.now >= loop.server.due_ns
+    loop.publish(devices=(IMU, RECEIVER))
+    loop.server.announce((IMU, RECEIVER), loop.now)
+    assert loop.server.due_ns > loop.now
 
 
 def stream(loop: Loop, client: Client, publish_hz: float, seconds: float, jitter: float = 0.0) -> list[dict]:

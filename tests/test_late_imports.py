@@ -4,7 +4,7 @@ import subprocess
 import sys
 
 from imud.__main__ import _SELDOM_USED
-from imud.process.late_imports import imported_late
+from imud.late_imports import imported_late
 
 
 def output_of(code):
@@ -22,7 +22,7 @@ def test_what_was_imported_before_stays():
 def test_a_stand_in_is_gone_after_the_block_and_still_works():
     code = """
 import sys
-from imud.process.late_imports import imported_late
+from imud.late_imports import imported_late
 with imported_late("colorsys", "wave"):
     import colorsys
     from wave import Wave_read
@@ -36,7 +36,7 @@ print(again.__name__, type(again).__name__)
 
 def test_modules_within_a_late_package_can_be_imported():
     code = """
-from imud.process.late_imports import imported_late
+from imud.late_imports import imported_late
 with imported_late("asyncio", "xml"):
     import asyncio.events
     import xml.dom.minidom
@@ -48,7 +48,7 @@ print(asyncio.events.__name__, xml.dom.minidom.parseString("<a/>").documentEleme
 def test_hidden_is_what_was_not_imported_before_and_within_the_block_only():
     code = """
 import json
-from imud.process.late_imports import hidden
+from imud.late_imports import hidden
 with hidden("json", "colorsys", "no_such_package"):
     import json.decoder
     try:
@@ -66,7 +66,7 @@ def test_a_daemon_imports_none_of_them():
 import sys
 sys.argv = ["imud", "run", "--port", "/dev/absent", "--no-wait", "--listen", "127.0.0.1:0"]
 from imud.__main__ import main
-unwanted = {{*{_SELDOM_USED}, "rich", "imud.estimators.tilt"}}
+unwanted = {{*{_SELDOM_USED}, "rich", "typing_extensions", "imud.estimators.tilt"}}
 print(main(), "imud.daemon.loop" in sys.modules, *(unwanted & set(sys.modules)))
 """
     assert output_of(code) == ["69", "True"]

@@ -20,7 +20,7 @@ def feed(load, batches, start_ms=1000, period_s=1e-3):
     for after_ms, n in batches:
         now += after_ms * MS
         published.append(load.leaves_time_for_messages(n, period_s, now))
-        messages += load.messages(0, now)
+        messages += load.messages(0, after_ms * MS, now)
     return published, messages
 
 
@@ -35,7 +35,7 @@ def test_losses_of_a_new_connection_are_reported_though_its_counter_restarts():
     for k, n in enumerate([1] * 100 + [186] * 50 + [1] * 2000):
         now = (1000 + 186 * k) * MS
         load.leaves_time_for_messages(n, 1e-3, now)
-        messages += load.messages(70 if k < 120 else 3, now)
+        messages += load.messages(70 if k < 120 else 3, 186 * MS, now)
     assert [line for line in messages if "; 3 samples lost" in line]
 
 
@@ -58,7 +58,7 @@ def test_only_an_overload_makes_each_batch_a_matter_of_python():
 def test_late_batches_now_and_then_are_no_overload():
     load = Load()
     for now_ms in range(1000, 20_000, 100):  # what is not late in between does not come here
-        load.messages(0, now_ms * MS)
+        load.messages(0, 100 * MS, now_ms * MS)
         if now_ms % 700 == 0:
             assert load.leaves_time_for_messages(150, 1e-3, now_ms * MS)
         assert not load.overloaded
@@ -91,7 +91,7 @@ def test_in_lateness_that_messages_do_not_cause_none_waits():
 def test_batches_that_take_seconds_each_are_lateness_and_standstills():
     _, messages = feed(Load(), [(1900, 186)] * 5)
     assert sum("cannot keep up" in line for line in messages) == 1
-    assert sum("stood still for 1.9 s" in line for line in messages) == 4
+    assert sum("stood still for 1.9 s" in line for line in messages) == 5
 
 
 def test_two_samples_of_a_slow_sensor_are_not_late():

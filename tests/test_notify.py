@@ -45,6 +45,16 @@ def test_the_watchdog_is_fed_three_times_per_period_and_only_when_asked_for(mana
     assert received(manager) == []
 
 
+def test_it_is_known_when_the_watchdog_is_due(manager, monkeypatch):
+    assert Notifier().due_ns > 10**18  # there is none
+    monkeypatch.setenv("WATCHDOG_USEC", "3000000")
+    monkeypatch.setenv("WATCHDOG_PID", str(os.getpid()))
+    notifier = Notifier()
+    assert notifier.due_ns <= 10**12
+    notifier.alive(10**12)
+    assert notifier.due_ns == 10**12 + 1_000_000_000
+
+
 def test_status_is_sent_when_it_changes(manager):
     notifier = Notifier()
     for text in ("waiting", "waiting", "streaming"):

@@ -2,8 +2,7 @@
 
 import argparse
 
-import msgspec
-
+from ..configuration.fields import replace
 from ..configuration.settings import Settings
 from ..daemon import simulated
 from ..errors import CannotCreateError, UsageError
@@ -52,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     from ..recording.control import Recordings
     from ..recording.ports import expanded
 
-    settings = msgspec.structs.replace(settings, ports=expanded(settings.ports))
+    settings = replace(settings, ports=expanded(settings.ports))
     with simulated.ports(settings.ports, args.seed) as ports, Recordings(settings) as recordings:
         log.configure(args.log_level, recordings.event, args.log_format)
         emulated = {settings.ports: ports}
@@ -73,7 +72,7 @@ def _check(settings: Settings) -> None:
     from ..setup import choices
 
     real = tuple(text for text in settings.ports if not text.startswith(simulated.SCHEME))
-    choices.ports(msgspec.structs.replace(settings, ports=real))
+    choices.ports(replace(settings, ports=real))
     choices.estimators(settings)
     if trouble := folder_trouble(settings.record.folder):
         raise CannotCreateError(trouble)
@@ -92,4 +91,4 @@ def _settings(args: argparse.Namespace) -> Settings:
         "initial": args.initial,
     }
     settings = config.load(args.config, args.set, {key: value for key, value in given.items() if value})
-    return msgspec.structs.replace(settings, estimator=args.estimator) if args.estimator else settings
+    return replace(settings, estimator=args.estimator) if args.estimator else settings

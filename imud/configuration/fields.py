@@ -2,7 +2,13 @@
 
 from typing import Annotated
 
-from msgspec import Meta
+from ..late_imports import hidden
+
+with hidden("typing_extensions"):  # which msgspec does without
+    import msgspec
+    from msgspec import Meta
+
+replace = msgspec.structs.replace  # for those who would otherwise be the first to import msgspec
 
 
 def number(least: float, most: float, unit: str, what: str = "", *, hot: bool = False, or_zero: bool = False) -> Meta:

@@ -34,7 +34,7 @@ class ByteRoutes:
                 sensor.byte_sink = None
         imu = self._in_use.imu
         if imu and imu[0].line.plain and imu[1].byte_sink is None and not self._spares.sensors:
-            self._descriptors.attach(imu[0].fd, imu[1].stream)
+            self._descriptors.attach(imu[0].fd, imu[1].stream, imu[1].stale_ns)
 
     def read_through_python(self) -> None:
         """Let Python read the inertial sensor: a recording or a comparison needs its data."""

@@ -16,6 +16,9 @@ _STATUS = (
 )
 
 
+LOGGED = sum(bit for bit, *_ in _STATUS)
+
+
 class Debouncer:
     """A set whose changes count once they have lasted `lasting_ns`."""
 
@@ -23,6 +26,11 @@ class Debouncer:
         self._lasting_ns = lasting_ns
         self._reported: set[Hashable] = set()
         self._since_ns: dict[Hashable, int] = {}
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether nothing was different at the last update from what counts."""
+        return not self._since_ns
 
     def update(self, members: Iterable[Hashable], now_ns: int) -> tuple[list[Any], list[Any]]:
         """The members that were added and those that were removed, given the present ones."""
@@ -45,6 +53,11 @@ class ChangeLogger:
         self._log = log
         self._status = Debouncer(STATUS_LASTS_NS)
         self._faults: dict[str, Debouncer] = {}
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether no change waits to be logged."""
+        return self._status.is_settled and all(each.is_settled for each in self._faults.values())
 
     def status(self, status: int, now_ns: int) -> int:
         """Log changes of the solution's status bits; returns those that were newly set."""

@@ -5,6 +5,7 @@ sensor on the same port, seconds ago, and the right digest. Any other file in it
 """
 
 import contextlib
+import functools
 import time
 from pathlib import Path
 
@@ -62,6 +63,7 @@ def _folders() -> list[Path]:
     return [*folders_for("runtime"), *folders_for("state")]
 
 
+@functools.lru_cache(maxsize=4)
 def _name(sensor: str, port: str) -> str:
     key = digest_of(f"{sensor}\n{port}".encode(errors="surrogateescape"))
     return f"filter-{key[:16]}"

@@ -14,6 +14,11 @@ class Descriptors:
         self._fast_loop = fast_loop
         self._ports: dict[int, Port] = {}
 
+    @property
+    def fast(self) -> bool:
+        """Whether the fast loop reads one of them."""
+        return self._fast_loop.fd >= 0
+
     def __contains__(self, fd: int) -> bool:
         return fd in self._ports
 
@@ -33,11 +38,11 @@ class Descriptors:
         else:
             self._fast_loop.others.unregister(fd)
 
-    def attach(self, fd: int, stream: InertialPipeline) -> None:
-        """Have the fast loop read a descriptor into this stream, if it reads none yet."""
+    def attach(self, fd: int, stream: InertialPipeline, stale_ns: int) -> None:
+        """Have the fast loop read a descriptor into this stream, if it reads none yet; see `FastLoop.attach`."""
         if self._fast_loop.fd < 0:
             self._fast_loop.others.unregister(fd)
-            self._fast_loop.attach(fd, stream)
+            self._fast_loop.attach(fd, stream, stale_ns)
 
     def detach(self, fd: int) -> None:
         """Have Python read a descriptor again, if the fast loop reads it."""

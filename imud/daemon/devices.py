@@ -142,11 +142,19 @@ class Devices:
         self._errors.report(f"the connection on {port.spec.path}", error)
         port.lost("internal error")
 
-    def tick(self, now_ns: int) -> None:
-        """Call several times a second: checks streams, compares spares, forwards corrections, saves the state."""
-        self._stream_check.tick(now_ns)
+    @property
+    def is_settled(self) -> bool:
+        """Whether nothing needs `tick` ten times a second: no line that Python reads, no corrections to forward."""
+        return self._descriptors.fast and self.corrections is None
+
+    def tick(self, gap_ns: int, now_ns: int) -> int:
+        """Check streams, compare spares, forward corrections, save the state.
+
+        gap_ns: time since the fast loop's last check. Returns when a sensor will have been silent for too long.
+        """
+        self._stream_check.tick(gap_ns, now_ns)
         for port, sensor in [*self.in_use.all(), *self.spares.sensors.items()]:
-            silent = self._stream_check.is_silent(sensor, now_ns)
+            silent = now_ns > self._stream_check.silent_from_ns(sensor)
             if silent and not isinstance(port.line, Known):  # a recording may have gaps, after which it continues
                 port.lost("the device sends nothing more of use")
         for port in [port for port, sensor in self.in_use.sensors.items() if sensor.decoder.status.arrival_ns]:
@@ -162,6 +170,7 @@ class Devices:
         self._routes.record_clock(now_ns)
         if self.in_use.imu and isinstance(configured := self.in_use.imu[0].configured, ImuConfigured):
             self._store.save_when_due(configured, self.in_use.imu[0].spec.path, self.in_use.imu[1], now_ns)
+        return min([self._stream_check.silent_from_ns(sensor) + 1 for _, sensor in self.in_use.all()], default=now_ns)
 
     def _compare(self, port: Port, sensor: Inertial, now_ns: int) -> None:
         """Compare all inertial sensors, and replace the one in use if it is wrong.

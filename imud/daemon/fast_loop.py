@@ -3,8 +3,9 @@
 A line is plain when its bytes come by reading the descriptor and nothing else in the daemon needs them. While the
 inertial sensor's line is plain, a wake-up for its bytes never leaves compiled code. Control returns to Python when
 anything else has happened or is due: an event of another descriptor, a signal, a deadline, a read that failed, a batch
-so late that publishing it is a decision, a client whose message is due. So there is one loop, which costs as little as
-one in C, and all errors are handled in Python.
+so late that publishing it is a decision, a client whose message is due. Ten times a second the loop compares what
+Python has to notice soon: the status of the newest solution, its age, and whether this process stood still. So there is
+one loop, which costs as little as one in C, and all errors are handled in Python.
 """
 
 import select
@@ -13,12 +14,14 @@ import numpy as np
 
 from imud.drivers.transport.serial import SerialPort
 
-from ..compile.entry import waiting_entry
-from ..compile.system import CLOCK_MONOTONIC, clock_ns, ppoll, read
+from ..compile.entry import entry, waiting_entry
+from ..compile.jit import kernel
+from ..compile.system import CLOCK_MONOTONIC, clock_ns, ppoll, read, records
+from ..estimators.records import SOLUTION
 from ..math.arrays import Records
 from ..outputs.binary import BinaryOutputs, publish
 from ..pipeline import InertialPipeline
-from ..stages import INERTIAL_PIPELINE, RX, ingest
+from ..stages import BATCH, INERTIAL_PIPELINE, RX, ingest
 
 FAST_LOOP = np.dtype(
     [
@@ -34,12 +37,43 @@ FAST_LOOP = np.dtype(
         ("poll_address", "<i8"),  # addresses in memory of the two struct pollfd,
         ("timeout_address", "<i8"),  # and of the two struct timespec
         ("time_address", "<i8"),
+        ("check_ns", "<i8"),  # when the next check is due
+        ("watched", "<i8"),  # bits of the status whose changes Python has to notice
+        ("status", "<i8"),  # these bits of the newest solution that Python knows
+        ("stale_ns", "<i8"),  # age from which on the newest solution is stale
     ],
     align=True,
 )
 _SECOND_NS = 1_000_000_000
+CHECK_NS = 100_000_000  # between two checks
+PAUSE_NS = 500_000_000  # between two checks: this process did not run
 _CHUNK = SerialPort.chunk  # numba has no type for the class
 FAILED, PUBLISH_DUE = -1, -2
+
+
+@kernel
+def _watched(fast_loop: Records, stream: Records) -> int:
+    """The watched bits of the newest solution; 0 before the first."""
+    c, s = fast_loop[0], stream[0]
+    return int(records(s.solutions, BATCH, SOLUTION)[s.newest].status & c.watched) if s.newest >= 0 else 0
+
+
+@entry
+def _note(fast_loop: Records, stream: Records, now_ns: int) -> None:
+    """Python knows the newest solution: the next check compares with it."""
+    c = fast_loop[0]
+    c.check_ns, c.status = now_ns + CHECK_NS, _watched(fast_loop, stream)
+
+
+@kernel
+def _is_quiet(fast_loop: Records, stream: Records, now_ns: int) -> bool:
+    """The check that is due: whether there is nothing that Python has to notice now."""
+    c, s = fast_loop[0], stream[0]
+    paused = now_ns - c.check_ns > PAUSE_NS - CHECK_NS
+    if paused or now_ns - s.last_data_ns > c.stale_ns or _watched(fast_loop, stream) != c.status:
+        return False
+    c.check_ns = now_ns + CHECK_NS
+    return True
 
 
 @waiting_entry
@@ -49,9 +83,9 @@ def _run_until_event(
     c, s = fast_loop[0], stream[0]
     now_ns = clock_ns(CLOCK_MONOTONIC, c.time_address)
     while True:
-        wait_ns = max(until_ns - now_ns, 0)
+        wait_ns = max((min(until_ns, c.check_ns) if c.fd >= 0 else until_ns) - now_ns, 0)
         c.timeout_s, c.timeout_ns = wait_ns // _SECOND_NS, wait_ns % _SECOND_NS
-        if ppoll(c.poll_address, 2, c.timeout_address, 0) <= 0:
+        if ppoll(c.poll_address, 2, c.timeout_address, 0) < 0:
             return 0
         received = read(c.fd, s.rx + s.fill, min(_CHUNK, RX - s.fill)) if c.revents != 0 else 0
         now_ns = clock_ns(CLOCK_MONOTONIC, c.time_address)  # after the read, so that no stamp is before its bytes
@@ -67,18 +101,23 @@ def _run_until_event(
                     return PUBLISH_DUE
         if c.others_revents != 0 or now_ns >= until_ns:
             return 0
+        if c.fd >= 0 and now_ns >= c.check_ns and not _is_quiet(fast_loop, stream, now_ns):
+            return 0
 
 
 class FastLoop:
     """One line and its stream, and a poll object for everything else. Not thread-safe."""
 
-    def __init__(self) -> None:
+    def __init__(self, watched: int = 0) -> None:
+        """watched: bits of a solution's status whose changes Python has to notice."""
         self.others = select.epoll()
         self._idle = np.zeros(1, INERTIAL_PIPELINE)
+        self._idle["newest"] = -1
         self._record = np.zeros(1, FAST_LOOP)
         for name, part in (("poll_address", "fd"), ("timeout_address", "timeout_s"), ("time_address", "time")):
             self._record[name] = self._record[part].ctypes.data
         self._record["events"] = self._record["others_events"] = select.POLLIN
+        self._record["watched"] = watched
         self._record["others_fd"] = self.others.fileno()
         self.detach()
 
@@ -87,13 +126,23 @@ class FastLoop:
         """The line's descriptor; -1: none is attached."""
         return int(self._record["fd"][0])
 
-    def attach(self, fd: int, stream: InertialPipeline) -> None:
-        """From now on, read this line into this stream."""
-        self._record["fd"], self._stream = fd, stream.record
+    def attach(self, fd: int, stream: InertialPipeline, stale_ns: int) -> None:
+        """From now on, read this line into this stream; return when its newest solution is older than `stale_ns`."""
+        self._record["fd"], self._record["stale_ns"], self._stream = fd, stale_ns, stream.record
 
     def detach(self) -> None:
         """Stop reading the line."""
         self._record["fd"], self._stream = -1, self._idle
+
+    def note(self, now_ns: int) -> int:
+        """Python knows the newest solution, so that only changes count; returns the time since the last check, ns."""
+        gap_ns = now_ns - int(self._record["check_ns"][0]) + CHECK_NS
+        _note(self._record, self._stream, now_ns)
+        return gap_ns
+
+    def check_failed(self, now_ns: int) -> bool:
+        """Whether the loop has returned because something that it checks has changed."""
+        return self.fd >= 0 and now_ns >= int(self._record["check_ns"][0])
 
     def run_until_event(self, until_ns: int, outputs: BinaryOutputs, publish_ns: int, max_batch: int) -> int:
         """Wait until something happens or `until_ns`; meanwhile publish batches of at most `max_batch` solutions.

@@ -11,7 +11,7 @@ OVERLOAD_NS = 1_000_000_000  # lateness that lasts longer is an overload
 RECOVERY_NS = 500_000_000  # time without a late batch that ends an overload
 OVERLOAD_PERIOD_NS = 500_000_000  # between batches with messages during an overload
 CHEAP_SHARE = 0.2  # of the processor's time: messages that take less never wait
-STALL_NS = 1_000_000_000  # time between two ticks that means that the process did not run
+STALL_NS = 1_000_000_000  # time between two checks that means that the process did not run
 
 
 class Load:
@@ -24,7 +24,6 @@ class Load:
         self._late_ns = 0  # time of the last late batch
         self._published_ns = 0
         self._share = 1.0  # processor time of the last messages over the time that their batch spans
-        self._ticked_ns = 0
         self._reported = False
         self._lost_before = 0
 
@@ -54,10 +53,16 @@ class Load:
         """Messages were sent after a batch of n samples, which took `processor_ns` of processor time."""
         self._share = processor_ns * 1e-9 / (n * period_s)
 
-    def messages(self, lost: int, now_ns: int) -> list[str]:
-        """Lines for the log since the last call; call it several times a second. lost: samples lost so far."""
-        gap_ns = now_ns - self._ticked_ns if self._ticked_ns else 0
-        self._ticked_ns = now_ns
+    @property
+    def is_settled(self) -> bool:
+        """Whether no batch was late of late."""
+        return self._since_ns is None and self.overloaded == self._reported
+
+    def messages(self, lost: int, gap_ns: int, now_ns: int) -> list[str]:
+        """Lines for the log since the last call; call it ten times a second while it is not settled.
+
+        lost: samples so far; gap_ns: time since the fast loop's last check.
+        """
         if not self.overloaded:  # then batches that are not late do not come here
             self._look_for_recovery(now_ns)
         texts = []

@@ -27,6 +27,7 @@ from ..recording.control import Recordings
 from ..sensors.inertial import Inertial
 from ..setup.config import adopt
 from ..stages import BATCH
+from .change_logger import LOGGED
 from .devices import Devices
 from .fast_loop import FAILED, PUBLISH_DUE, FastLoop
 from .publisher import Publisher
@@ -35,8 +36,10 @@ from .status_reporter import StatusReporter
 if TYPE_CHECKING:
     from .aiding_input import AidingInput
 
-_TICK_NS = 100_000_000  # period of what is not urgent
-_SHORT_TICK_NS = 20_000_000  # its period while a fix waits for the end of its epoch
+_TICK_NS = 100_000_000  # period of what is not urgent,
+_QUIET_TICK_NS = 500_000_000  # and while all is settled: then the fast loop notices changes
+_FLUSH_NS = 20_000_000  # between two looks whether the epoch of a fix has ended by silence
+_NEVER_NS = (1 << 63) - 1
 _INTERRUPTED, _HUNG_UP = 130, 129
 
 
@@ -58,7 +61,7 @@ class Daemon:
         self._reread = reread
         self._log = get_logger()
         self._recordings = recordings or Recordings(settings)
-        self._fast_loop = FastLoop()
+        self._fast_loop = FastLoop(watched=LOGGED)
         self._errors = ContainedErrors()
         self._devices = Devices(settings, wait, self._fast_loop, self._recordings, self._errors)
         self._status_reporter = StatusReporter(self._devices, self._errors)
@@ -67,6 +70,7 @@ class Daemon:
         self._exit: int | None = None
         self._reload_due = False
         self._serving = False
+        self._soon_ns = self._quiet_ns = 0  # when the next tick is due: at the earliest, and while all is settled
 
     def run(self) -> int:
         """Serve until SIGTERM (returns 0) or Ctrl-C (130). Raises ImudError when there is no point in going on."""
@@ -121,9 +125,10 @@ class Daemon:
                 compilation.warm(registry.by_name(name), self._settings)
 
     def _serve(self) -> None:
-        tick_ns = 0
+        flush_ns = _NEVER_NS
+        self._fast_loop.note(time.monotonic_ns())
         while self._exit is None:
-            unpublished = self._run_until_event(tick_ns)
+            unpublished = self._run_until_event(min(self._tick_ns, flush_ns))
             now_ns = time.monotonic_ns()
             if self._devices.in_use.imu:
                 with self._errors.contain("the publishing of a solution"):
@@ -134,10 +139,22 @@ class Daemon:
             if self._reload_due:
                 with self._errors.contain("the reading of the configuration"):
                     self._reload()
-            if now_ns >= tick_ns:
-                gnss = self._devices.in_use.gnss
-                tick_ns = now_ns + (_SHORT_TICK_NS if gnss and gnss[1].decoder.pending else _TICK_NS)
+            if now_ns >= flush_ns:
+                self._use_ended_epoch(now_ns)
+            if now_ns >= self._tick_ns or self._fast_loop.check_failed(now_ns):
                 self._tick_all(now_ns)
+            gnss = self._devices.in_use.gnss
+            if not (gnss and gnss[1].decoder.pending):
+                flush_ns = _NEVER_NS
+            elif now_ns >= flush_ns or flush_ns == _NEVER_NS:
+                flush_ns = now_ns + _FLUSH_NS
+
+    @property
+    def _tick_ns(self) -> int:
+        """When the next tick is due."""
+        parts = (self._devices, self._status_reporter, self._publisher.load, self._recordings)
+        settled = self._aiding is None and all(part.is_settled for part in parts)
+        return max(self._soon_ns, self._quiet_ns) if settled else self._soon_ns
 
     def _run_until_event(self, tick_ns: int) -> int:
         """Wait until something happens that the fast loop does not handle by itself, or until something is due."""
@@ -171,13 +188,13 @@ class Daemon:
             with self._errors.contain("the use of a measurement"):
                 self._aiding.on_event(self._publisher.innovations, self._publisher.shares)
         else:
-            without_client = self._outputs.gpsd.clients == 0
+            if fd in self._outputs.gpsd:
+                self._publish_newest(now_ns)  # the client may ask for it
             self._outputs.on_event(fd, mask, now_ns)
-            if without_client and self._outputs.gpsd.clients:
-                self._publish_newest(now_ns)  # the server's view is as old as the last client
 
     def _publish_newest(self, now_ns: int) -> None:
-        """Publish the present state, before any client asks for it."""
+        """Publish the present state, unless what was published last is fresh."""
+        self._outputs.gpsd.want_newest(now_ns)
         with self._errors.contain("the publishing of a solution"):
             if self._devices.in_use.imu is None:
                 self._publisher.publish_receiver(now_ns)
@@ -186,24 +203,32 @@ class Daemon:
 
     def _tick_all(self, now_ns: int) -> None:
         """Do what is not urgent: unfinished epochs, silence, slow clients, the watchdog, lines for the log."""
-        with self._errors.contain("the use of a fix"):
-            self._publisher.tick(self._settings.gnss.latency_s, now_ns)
+        gap_ns = self._fast_loop.note(now_ns)
+        self._soon_ns, self._quiet_ns = now_ns + _TICK_NS, now_ns + _QUIET_TICK_NS
+        self._use_ended_epoch(now_ns)
         with self._errors.contain("the check of the devices"):
-            self._devices.tick(now_ns)
+            self._quiet_ns = min(self._quiet_ns, self._devices.tick(gap_ns, now_ns))
         with self._errors.contain("the publishing of a fix"):
             if self._devices.in_use.imu is None:
                 self._publisher.publish_receiver(now_ns)
         if self._aiding is not None:
             with self._errors.contain("the check of the measurements"):
                 self._aiding.tick(now_ns)
+        self._outputs.gpsd.announce(self._devices.described, now_ns)
         self._outputs.tick(now_ns)
         with self._errors.contain("the report of the state"):
-            self._status_reporter.tick(self._publisher.load, now_ns)
+            self._status_reporter.tick(self._publisher.load, gap_ns, now_ns)
         with self._errors.contain("the check of the recording"):
             for level, text in self._recordings.tick():
                 getattr(self._log, level)(text)
         self._notifier.status("; ".join(f"{port.spec.path}: {port.description}" for port in self._devices.ports))
         self._notifier.alive(now_ns)
+        self._quiet_ns = min(self._quiet_ns, self._notifier.due_ns)
+
+    def _use_ended_epoch(self, now_ns: int) -> None:
+        """Fuse the fix whose epoch has ended by silence."""
+        with self._errors.contain("the use of a fix"):
+            self._publisher.tick(self._settings.gnss.latency_s, now_ns)
 
     def _actions(self) -> dict[signal.Signals, Callable[[], None]]:
         """What each signal does. Without a configuration file to reread, SIGHUP ends the process."""

@@ -22,9 +22,9 @@ class Publisher:
     """Has no state but counters. All times are monotonic nanoseconds; not thread-safe."""
 
     def __init__(
-        self, devices: Devices, recordings: Recordings, outputs: Outputs, health: Callable[[], Health]
+        self, devices: Devices, recordings: Recordings, outputs: Outputs, health: Callable[[int], Health]
     ) -> None:
-        """health: what is wrong with the sensors, for the clients."""
+        """health: what is wrong with the sensors at a time, for the clients."""
         self._devices, self._recordings, self._outputs, self._health = devices, recordings, outputs, health
         self.load = Load()
         self.innovations, self.shares = InnovationStatistics(), SigmaShares()
@@ -71,7 +71,7 @@ class Publisher:
             receiver.measured.clear()
 
     def tick(self, latency_s: float, now_ns: int) -> None:
-        """Call several times a second: handles fixes whose epoch ended by silence, and innovations without a fix."""
+        """Handle fixes whose epoch ended by silence, and innovations without a fix."""
         if self._devices.in_use.gnss:
             self.on_fixes(self._devices.in_use.gnss[1].flush(now_ns), latency_s)
             self.on_readings()
@@ -90,7 +90,7 @@ class Publisher:
         self._outputs.publish(lambda: self._receivers_view(now_ns), now_ns)
 
     def _receivers_view(self, now_ns: int) -> View:
-        view = View(devices=self._devices.described, health=self._health())
+        view = View(devices=self._devices.described, health=self._health(now_ns))
         if self._devices.in_use.gnss is None:
             return view
         receiver = self._devices.in_use.gnss[1]
@@ -116,5 +116,5 @@ class Publisher:
             gnss=self._devices.in_use.gnss[1].view(now_ns) if self._devices.in_use.gnss else None,
             temperature=float(inertial.stream.samples[0]["temperature"]),
             sensed=inertial.sensed,
-            health=self._health(),
+            health=self._health(now_ns),
         )

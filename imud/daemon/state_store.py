@@ -4,7 +4,7 @@ Two files: the biases, which any later version can use while the sensor stays sw
 filter, with which it goes on as after a gap in the samples.
 """
 
-import threading
+import _thread
 import time
 
 from imud.drivers.driver import Identity, ImuConfigured
@@ -21,6 +21,7 @@ from ..sensors.inertial import Inertial
 from . import checkpoint_file
 
 _CHECKPOINT_NS, _BIASES_NS = 1_000_000_000, 5_000_000_000  # time between two writes
+_STALL_S = 0.5  # for which the end of the daemon waits for a write
 
 
 class StateStore:
@@ -28,7 +29,7 @@ class StateStore:
 
     def __init__(self) -> None:
         self._checkpoint_ns = self._biases_ns = 0  # when the next write is due
-        self._writer: threading.Thread | None = None
+        self._writing = _thread.allocate_lock()  # held by the thread that writes
         self._warned = False
 
     def load(self, configured: ImuConfigured, port: str, calibration: Calibration, settings: Settings) -> Stored:
@@ -46,20 +47,22 @@ class StateStore:
 
     def save_when_due(self, configured: ImuConfigured, port: str, sensor: Inertial, now_ns: int) -> None:
         """Call several times a second while the sensor streams: writes the state once a second."""
-        busy = self._writer is not None and self._writer.is_alive()
-        if not busy and now_ns >= self._checkpoint_ns:
+        if now_ns >= self._checkpoint_ns and not self._writing.locked():
             self._checkpoint_ns = now_ns + _CHECKPOINT_NS
             self._begin_save(configured, port, sensor, now_ns)
 
     def close(self, configured: ImuConfigured, port: str, sensor: Inertial) -> None:
         """Write the state at the end of the run."""
-        self._wait()
-        self._begin_save(configured, port, sensor, time.monotonic_ns())
-        self._wait()
+        if self._wait():
+            self._begin_save(configured, port, sensor, time.monotonic_ns())
+            self._wait()
 
-    def _wait(self) -> None:
-        if self._writer is not None:
-            self._writer.join(0.5)
+    def _wait(self) -> bool:
+        """Wait for the thread that writes; returns whether it has ended in time."""
+        ended = self._writing.acquire(timeout=_STALL_S)
+        if ended:
+            self._writing.release()
+        return ended
 
     def _begin_save(self, configured: ImuConfigured, port: str, sensor: Inertial, now_ns: int) -> None:
         if sensor.newest is None or not (biases := stored_biases.biases_of(sensor.newest)).is_plausible:
@@ -68,21 +71,23 @@ class StateStore:
         due = now_ns >= self._biases_ns and bool(configured.identity.serial)
         if due:
             self._biases_ns = now_ns + _BIASES_NS
-        corrected = sensor.stream.filter.correction.copy()
+        corrected = sensor.stream.filter.correction.copy() if due else None
 
         def save() -> None:
             try:
                 if checkpoint:
                     checkpoint_file.save(_sensor(configured), port, checkpoint)
-                if due:
+                if corrected is not None:
                     stored_biases.save(configured.identity.serial, corrected, now_ns, biases)
             except OSError as error:
                 if not self._warned:
                     get_logger().warning(f"the filter's state cannot be kept over a restart: {error}")
                 self._warned = True
+            finally:
+                self._writing.release()
 
-        self._writer = threading.Thread(target=save, daemon=True)
-        self._writer.start()
+        self._writing.acquire()
+        _thread.start_new_thread(save, ())  # without `threading`, whose start waits for the thread
 
 
 def calibration_of(identity: Identity) -> Calibration:

@@ -21,6 +21,7 @@ from .publisher import Publisher
 if TYPE_CHECKING:
     from .aiding_input import AidingInput
 
+_FRESH_NS = 100_000_000  # what clients are told of the sensors' health is not older
 _UPSIDE_DOWN = "the sensor is upside down; if it is not, its axes are others: imu.mount_rpy_deg = [180, 0, 0]"
 
 
@@ -34,10 +35,16 @@ class StatusReporter:
         self._faults: dict[str, tuple[str, ...] | None] = {"imu": None, "gnss": None}  # None: no such sensor
         self._others: dict[Port, tuple[str, ...]] = {}  # spares, and sensors without positions
         self._out_of_limits: tuple[str, ...] = ()
+        self._checked_ns = 0
         self._started_ns = time.monotonic_ns()
 
-    def tick(self, load: Load, now_ns: int) -> None:
-        """Call several times a second: logs what has changed."""
+    @property
+    def is_settled(self) -> bool:
+        """Whether no change waits to be logged, for which `tick` has to be called ten times a second."""
+        return self._change_logger.is_settled
+
+    def tick(self, load: Load, gap_ns: int, now_ns: int) -> None:
+        """Log what has changed. gap_ns: time since the fast loop's last check."""
         inertial = self._devices.selection.inertial
         newest = inertial.newest if inertial else None
         status = 0 if newest is None else int(newest["status"])
@@ -46,14 +53,19 @@ class StatusReporter:
         if self._devices.in_use.gnss and (message := self._devices.in_use.gnss[1].message):
             self._log.warning(message)
             self._devices.in_use.gnss[1].message = ""
+        self._check_all(now_ns)
+        for text in load.messages(inertial.lost if inertial else 0, gap_ns, now_ns):
+            self._log.warning(text)
+
+    def _check_all(self, now_ns: int) -> None:
+        """Check the health of everything that streams."""
+        self._checked_ns = now_ns
         streaming = self._devices.in_use.by_kind()
         for kind in self._faults:
             self._faults[kind] = self._check(kind, pair[0], pair[1], now_ns) if (pair := streaming.get(kind)) else None
         self._out_of_limits = self._beyond_limits(now_ns)
         others: dict[Port, Inertial | Receiver] = {**self._devices.spares.sensors, **self._devices.in_use.sensors}
         self._others = {port: self._check(port.spec.path, port, sensor, now_ns) for port, sensor in others.items()}
-        for text in load.messages(inertial.lost if inertial else 0, now_ns):
-            self._log.warning(text)
 
     def _check(self, name: str, port: Port, sensor: Inertial | Receiver, now_ns: int) -> tuple[str, ...]:
         faults = (*sensor.faults(now_ns), *self._devices.spares.findings(port))
@@ -71,8 +83,10 @@ class StatusReporter:
         if inertial is not None and inertial.stream.samples[0]["f"][2] > 0.0:
             self._log.warning(_UPSIDE_DOWN)
 
-    def health(self) -> Health:
-        """The faults of the sensors at the last tick."""
+    def health(self, now_ns: int) -> Health:
+        """The faults of the sensors."""
+        if now_ns - self._checked_ns >= _FRESH_NS:
+            self._check_all(now_ns)
         imu = self._devices.in_use.imu
         clock = imu[1].clock_fit() if imu else ClockFit()
         return Health(**self._faults, clock=clock, out_of_limits=self._out_of_limits)
@@ -93,6 +107,7 @@ class StatusReporter:
     def status(self, publisher: Publisher, outputs: Outputs, aiding: "AidingInput | None") -> str:
         """The answer to `imud status`."""
         now_ns = time.monotonic_ns()
+        self._check_all(now_ns)
         devices = self._devices
         parts: dict[Port, tuple[Inertial | Receiver, tuple[str, ...] | None]]
         parts = {port: (sensor, self._faults[kind]) for kind, (port, sensor) in devices.in_use.by_kind().items()}

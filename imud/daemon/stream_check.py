@@ -3,27 +3,24 @@
 from ..sensors.inertial import Inertial
 from ..sensors.rate import ALIKE
 from ..sensors.receiver import Receiver
-
-_PAUSE_NS = 500_000_000  # between two ticks: this process did not run, so that the silence may be its own
+from .fast_loop import PAUSE_NS
 
 
 class StreamCheck:
     """Call `tick` several times a second, before the checks. Times are monotonic nanoseconds; not thread-safe."""
 
     def __init__(self) -> None:
-        self._ticked_ns = 0
         self._running_since_ns = 0  # the end of the last pause of this process
         self._restarted_at: float | None = None  # ratio to the agreed rate for which the sensor was last set up anew
 
-    def tick(self, now_ns: int) -> None:
-        """Notice pauses of this process."""
-        if now_ns - self._ticked_ns > _PAUSE_NS:
+    def tick(self, gap_ns: int, now_ns: int) -> None:
+        """Notice pauses of this process: a silence may be its own. gap_ns: since the fast loop's last check."""
+        if gap_ns > PAUSE_NS:
             self._running_since_ns = now_ns
-        self._ticked_ns = now_ns
 
-    def is_silent(self, sensor: Inertial | Receiver, now_ns: int) -> bool:
-        """Whether nothing of use has come for too long."""
-        return now_ns - max(sensor.last_data_ns, self._running_since_ns) > sensor.silence_ns
+    def silent_from_ns(self, sensor: Inertial | Receiver) -> int:
+        """From when on nothing of use will have come for too long, if nothing comes."""
+        return max(sensor.last_data_ns, self._running_since_ns) + sensor.silence_ns
 
     def wrong_rate(self, sensor: Inertial) -> str:
         """Why to set up the sensor anew; empty: no reason. One that keeps its wrong rate is set up anew once only."""

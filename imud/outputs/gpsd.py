@@ -1,7 +1,7 @@
 """A server for gpsd's clients inside the daemon's event loop: it never waits, and starts no thread.
 
-The loop polls; for each descriptor that is `in` the server it calls `on_event`, with every new solution `publish`, and
-it wakes up by `next_deadline` to call `tick`. All times are monotonic nanoseconds, one for all events of a wake-up: the
+The loop polls; for each descriptor that is `in` the server it calls `on_event`, when a view is due `publish`, and it
+wakes up by `next_deadline` to call `tick`. All times are monotonic nanoseconds, one for all events of a wake-up: the
 work of one wake-up is limited by it, so that a flood of connections or requests delays the sensors by little and is
 served in the following ones. A slow, stalled or hostile client loses its own messages.
 """
@@ -78,6 +78,7 @@ class GpsdServer:
         self._report: Report | None = None
         self._sentences = b""  # the view as NMEA; empty until a client watches NMEA
         self._due_ns = NEVER_NS  # earliest time that a client wants a message
+        self._wanted_ns = NEVER_NS  # when a newer view was wanted for an answer
         self._tick_ns = 0
         self._published_ns = -FRESH_NS
         self._wakeup_ns, self._events_left = -1, 0
@@ -106,14 +107,25 @@ class GpsdServer:
 
     @property
     def due_ns(self) -> int:
-        """When the next view is due: a client's message is due, or the view that answers ?POLL is outdated."""
-        return min(self._due_ns, self._published_ns + FRESH_NS) if self._clients else NEVER_NS
+        """When the next view is due: a client's message is due, or the view that answers a request is outdated."""
+        return min(self._due_ns, self._wanted_ns) if self._clients else NEVER_NS
+
+    def want_newest(self, now_ns: int) -> None:
+        """Have a view due at once if the last one is outdated. Call it before `on_event`: a client may ask for it."""
+        if now_ns - self._published_ns >= FRESH_NS:
+            self._wanted_ns = now_ns
+
+    def announce(self, devices: tuple[Device, ...], now_ns: int) -> None:
+        """Have a view due at once if clients do not know yet that these are the devices."""
+        if self._clients and devices != self._view.devices:
+            self._wanted_ns = now_ns
 
     def publish(self, view: View, now_ns: int) -> None:
         """Take the newest view and send it to the clients whose next message is due."""
         if view.devices != self._view.devices:
             self._publish_device_changes(self._view.devices, view.devices, now_ns)
-        self._view, self._report, self._sentences, self._published_ns = view, None, b"", now_ns
+        self._view, self._report, self._sentences = view, None, b""
+        self._published_ns, self._wanted_ns = now_ns, NEVER_NS
         self.tick(now_ns)
         if now_ns < self._due_ns:
             return

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Mapping
 from typing import Any, TextIO, cast
 
-from .late_imports import hidden, imported_late
+from ..late_imports import hidden, imported_late
 
 # structlog uses asyncio in coroutines only, and rich, where it is installed, for tracebacks: 6 MB and 40 ms each
 with imported_late("asyncio"), hidden("rich"):

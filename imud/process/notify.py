@@ -7,6 +7,8 @@ import contextlib
 import os
 import socket
 
+_NEVER_NS = (1 << 63) - 1
+
 
 class Notifier:
     """The connection to the service manager. One per process; close it, or let the process end."""
@@ -23,6 +25,11 @@ class Notifier:
         self._ping_ns = microseconds * 1000 // 3
         self._due_ns = 0
         self._status = ""
+
+    @property
+    def due_ns(self) -> int:
+        """When `alive` has something to do."""
+        return self._due_ns if self._ping_ns else _NEVER_NS
 
     def send(self, *assignments: str) -> None:
         """Send, for example, "READY=1", "STATUS=waiting". Never blocks, never raises."""

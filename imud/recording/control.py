@@ -58,6 +58,11 @@ class Recordings:
         if self.current:
             self.current.record_event(level, text, facts)
 
+    @property
+    def is_settled(self) -> bool:
+        """Whether no recording is being made or finished."""
+        return self.current is None and not self._closing
+
     def tick(self) -> LogLines:
         """Call several times per second; returns (level, text) of each new line for the log."""
         self._closing = [recorder for recorder in self._closing if not recorder.is_finished()]

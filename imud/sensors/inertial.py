@@ -39,7 +39,7 @@ class Inertial:
 
     def __init__(self, stream: InertialPipeline) -> None:
         self.stream = stream
-        self.silence_ns = SILENCE_NS
+        self.silence_ns, self.stale_ns = SILENCE_NS, STALE_NS
         self.period_s = 0.0  # nominal, between samples
         self.rate, self._loss_monitor = RateMeter(), LossMonitor()
         self._before = Counter[str]()  # counted in earlier connections
@@ -67,6 +67,7 @@ class Inertial:
         self.period_s = 1.0 / configured.rate_hz
         self.has_gyros, self.has_quartz = all(configured.gyro_axes), configured.has_quartz
         self.silence_ns = max(SILENCE_NS, SILENT_PERIODS * round(1e9 / configured.rate_hz))
+        self.stale_ns = max(STALE_NS, STALE_PERIODS * round(1e9 / configured.rate_hz))
 
     def read(self, now_ns: int) -> int:
         """Read and step; returns how many solutions are new, the newest last. Raises PortLostError."""
@@ -126,7 +127,7 @@ class Inertial:
 
     def faults(self, now_ns: int) -> tuple[str, ...]:
         """What is wrong with the sensor, in words."""
-        if now_ns - self.last_data_ns > max(STALE_NS, STALE_PERIODS * self.period_s * 1e9):
+        if now_ns - self.last_data_ns > self.stale_ns:
             return ("inertial sensor: stale, nothing new comes",)
         damaged = (_DAMAGED,) if self._loss_monitor.is_high else ()
         beyond = (_BEYOND[name] for name in self.out_of_limits())

@@ -7,7 +7,7 @@ SECOND_NS = 1_000_000_000
 WINDOW_S = 11  # a second apart: the rate is that of the last ten seconds
 STEADY, ALIKE = 3, 0.1  # looks in a row that must agree; by what share they may differ
 OFF = 0.25  # share by which the rate must differ from the agreed one to count as another
-TICKS = 20  # at least, between two looks of `SampleRateMonitor`
+LOOK_NS, TICKS = 900_000_000, 20  # at least, between two looks of `SampleRateMonitor`
 
 
 class RateMeter:
@@ -38,7 +38,7 @@ class SampleRateMonitor:
 
     def __init__(self, agreed_hz: float) -> None:
         self.agreed_hz = agreed_hz
-        self._apart_ns = max(SECOND_NS, round(TICKS * 1e9 / agreed_hz))
+        self._apart_ns = max(LOOK_NS, round(TICKS * 1e9 / agreed_hz))
         self._last: tuple[int, int] | None = None
         self._seen: deque[float] = deque(maxlen=STEADY)
 

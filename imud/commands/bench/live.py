@@ -18,7 +18,7 @@ from .table import Section
 
 _WARM_UP = 3000  # frames before the measurement: the detection listens, caches fill
 _TRACED = 2000  # frames
-_PYTHON = "10 times a second Python checks clients, signals and health"
+_PYTHON = "twice a second Python checks silence, clients and health, and once it stores the filter's state"
 _SCHEDULER = "most of it is the scheduler's: two wake-ups, of the tty's worker and of ours; on a loaded machine more"
 _STARVED = "this machine was too busy for a frame each millisecond: see the 99th percentile"
 _MEMORY = "something was compiled in the daemon itself: it is less at the next start"

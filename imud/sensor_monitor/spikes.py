@@ -30,10 +30,11 @@ MEMORY_S = 0.25  # time constant with which recent deviations decay
 RINGING_HZ = 200.0  # at this rate a shock lasts for more than a sample; at lower ones a lone force is damage only if
 # it is larger, and no shock was in a longer time: both in proportion to the period squared
 NEAR = 0.3  # a reading so near to the withheld one, or to one further on, in its deviation, shows that it was motion
-REMAINS = 0.3  # a deviation is over when less of it remains
+REMAINS, LONE_REMAINS = 0.3, 0.1  # a deviation is over when less of it remains; the second: of a lone force
 SHOCK_DECAYS = 0.8  # most share of a shock that remains in the next sample
 MAX_SHOCK_RADPS = 10.0  # no shock turns a sensor faster
 MOST_WITHHELD = 2  # samples in a row
+MIN_BEGUN = 2  # samples after a start or a gap that are not judged: the first itself may be damaged
 GAP_PERIODS = 4.0  # periods between samples from which they are not compared
 RATES, FORCES = 0b000111, 0b111000  # bits of the axes
 
@@ -54,6 +55,7 @@ SPIKES = np.dtype(
         ("recent", "<f8", (3,)),  # rad/s, largest deviation of each rate, decaying
         ("recent_force", "<f8"),  # m/s^2, largest magnitude of the force's deviation, decaying
         ("recent_shock", "<f8"),  # the same, decaying slowly
+        ("begun", "<i8"),  # samples since the first, or since a gap, up to MIN_BEGUN
         ("elapsed", "<i8"),  # samples since the last that was not replaced
         ("count", "<i8"),  # samples in a row that are withheld
         ("axes", "<i8"),  # of them, that were replaced: bits 0 to 5
@@ -122,7 +124,8 @@ def remaining_axes(s: Spikes) -> int:
     remaining = 0
     if s.axes & RATES and magnitude(s.deviation, 0) > REMAINS * magnitude(s.jump, 0):
         remaining |= s.axes & RATES
-    if s.axes & FORCES and magnitude(s.deviation, 3) > REMAINS * magnitude(s.jump, 3):
+    share = REMAINS if s.axes & RATES else LONE_REMAINS
+    if s.axes & FORCES and magnitude(s.deviation, 3) > share * magnitude(s.jump, 3):
         remaining |= FORCES
     return remaining
 
@@ -221,7 +224,8 @@ def replace_spikes(s: Spikes, sample: Any, invalid: int, frozen: bool) -> int:
     neighbours = sample.t_ns - s.t_ns <= s.gap_ns
     s.t_ns = sample.t_ns - (s.gap_ns if frozen else 0)
     read(s, sample)
-    deviating = deviating_axes(s, invalid) if neighbours else 0
+    s.begun = min(s.begun + 1, MIN_BEGUN) if neighbours else 0
+    deviating = deviating_axes(s, invalid) if s.begun == MIN_BEGUN else 0
     damaged = 0
     if s.count > 0 and neighbours:
         remaining = remaining_axes(s)

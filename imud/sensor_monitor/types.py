@@ -32,6 +32,7 @@ class Spikes:
     recent: Reals
     recent_force: float
     recent_shock: float
+    begun: int
     elapsed: int
     count: int
     axes: int

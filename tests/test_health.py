@@ -149,8 +149,8 @@ def test_the_ends_of_the_range_are_reported_by_axis():
     health = judged(samples)
     limited_rate = np.flatnonzero(samples["flags"] & LIMITED_RATE)
     limited_force = np.flatnonzero(samples["flags"] & LIMITED_FORCE)
-    assert np.array_equal(limited_rate, np.arange(at(3.5), at(3.7)))
-    assert np.array_equal(limited_force, np.arange(at(4.0), at(4.1)))
+    assert np.array_equal(limited_rate, np.arange(at(3.5) + 1, at(3.7)))  # the jump itself may be a spike: withheld
+    assert np.array_equal(limited_force, np.arange(at(4.0) + 1, at(4.1)))
     assert (samples["flags"][limited_rate] & SATURATED).all()
     assert not (samples["flags"] & (NO_RATE | NO_FORCE)).any()
     assert words(recent_findings(health)) == (

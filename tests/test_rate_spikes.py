@@ -1,4 +1,4 @@
-"""Single rates that no motion makes are not integrated, and said; taps and motion are no spikes."""
+"""Single readings that no motion makes are not integrated, and said; taps and motion are no spikes."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from attitude_simulation import DEG, Flaws, errors_deg, measure, simulate, wobbl
 from broad import samples_of
 from replay_in_process import new_filter, replay
 
-from imud.estimators.records import SOLUTION
+from imud.estimators.records import AT_REST, SOLUTION
 from imud.sensor_monitor.findings import words
 from imud.sensor_monitor.health import recent_findings
 
@@ -81,3 +81,45 @@ def test_a_rate_that_stays_was_motion_and_no_rotation_is_lost():
     changed = difference(samples)[0]["w"]
     assert np.array_equal(np.flatnonzero(changed.any(axis=1)), [3000, 3001])
     np.testing.assert_allclose(changed.sum(axis=0), 0.0, atol=1e-12)
+
+
+def test_two_damaged_samples_in_a_row_are_both_replaced():
+    """Only if the second were near the first, or the same way further on, would it be motion."""
+    for seed in range(4):
+        truth, samples = in_a_hand(200.0, 7 + seed)
+        at = np.arange(300, 5700, 200)
+        for k in at:
+            samples["w"][k], samples["w"][k + 1] = (20.0, 10.0, -15.0), (-18.0, 14.0, 12.0)
+            samples["f"][k], samples["f"][k + 1] = (90.0, -60.0, 100.0), (-70.0, -80.0, 60.0)
+        found, _ = replaced(samples)
+        assert np.array_equal(found, np.sort(np.concatenate([at, at + 1])))
+        tilt, _ = errors_deg(replay(new_filter("attitude", samples), samples)[0]["q_nb"], truth.attitude)
+        assert tilt[1000:].max() < 3.0, seed
+
+
+@pytest.mark.parametrize("rate_hz", [285.0, 1000.0])
+def test_spikes_of_the_accelerometer_alone_are_found_and_said(rate_hz):
+    _, samples = in_a_hand(rate_hz, 8)
+    at = np.arange(100, len(samples) - 100, 100)
+    rng = np.random.default_rng(9)
+    samples["f"][at, rng.integers(3, size=len(at))] += rng.choice([-1.0, 1.0], len(at)) * rng.uniform(
+        15.0, 150.0, len(at)
+    )
+    changed, said = difference(samples)
+    assert np.array_equal(np.flatnonzero(changed["f"].any(axis=1)), at)
+    assert said == ("accelerometer xyz shows spikes",)
+
+
+def test_spikes_do_not_end_a_rest():
+    """The rest that the gyro bias is learned from lasts, although every fifth of a second a sample is damaged."""
+    truth = simulate(8.0, 1000.0)
+    w, f = measure(truth, Flaws(0.0157 * DEG, 2.5e-3, gyro_bias=(0.5 * DEG,) * 3), np.random.default_rng(1))
+    samples, rng = samples_of(truth.t, w, f), np.random.default_rng(2)
+    at = np.arange(100, 7900, 200)
+    samples["w"][at], samples["f"][at] = (
+        rng.uniform(-35.0, 35.0, (len(at), 3)),
+        rng.uniform(-160.0, 160.0, (len(at), 3)),
+    )
+    out, _ = replay(new_filter("attitude", samples), samples)
+    assert (out["status"][2000:] & AT_REST).mean() > 0.9
+    np.testing.assert_allclose(out["bg"][-1], 0.5 * DEG, atol=0.02 * DEG)

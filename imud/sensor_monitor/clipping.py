@@ -5,7 +5,7 @@ is a shock), then stay constant at once. Smooth motion does not: the steps of a 
 gradually, and if a step becomes KINK_RATIO times smaller within two samples, it does not stay so small for four. One
 such plateau at the largest reading counts as clipped while it lasts, for SINGLE_S at most, since a machine may begin to
 turn at a constant rate. A second plateau at the same reading is a range. Later readings near it are at the end of the
-range; a reading well beyond shows that it was not the range.
+range; two readings well beyond show that it was not the range.
 """
 
 from __future__ import annotations
@@ -59,6 +59,8 @@ def is_clipped(c: Clipping, i: int, value: float, step: float) -> bool:
     """Whether the reading `value` of axis i, `step` more than the one before, is at the end of a learned range."""
     size, side = abs(value), 1 if value > 0.0 else 0
     rise = step if value > 0.0 else -step
+    if size - rise <= c.floor[i]:  # the reading before was not examined: the rise begins here
+        c.steep[i], c.rising[i], c.flat[i], c.single[i] = 0.0, 0, 0, 0
     if abs(step) < min(FLAT * size, c.rise[i] / KINK_RATIO):
         c.flat[i] += 1
         if c.flat[i] == PLATEAU and c.rising[i] > 0 and size >= NEAR_LARGEST * c.largest[i]:
@@ -72,7 +74,8 @@ def is_clipped(c: Clipping, i: int, value: float, step: float) -> bool:
         if min(steep, c.steep[i]) > 0.0:
             c.rising[i], c.rise[i] = KINK, min(steep, c.steep[i])
         c.steep[i] = steep
-    c.largest[i] = max(c.largest[i], size)
-    if size > BEYOND * c.range[i, side]:
+    sustained = min(size, abs(value - step))  # a single larger reading is damage
+    c.largest[i] = max(c.largest[i], sustained)
+    if sustained > BEYOND * c.range[i, side]:
         c.range[i, side] = math.inf
     return bool(size >= RANGE_END * c.range[i, side] or (c.single[i] == 1 and c.flat[i] < c.single_samples))

@@ -11,9 +11,9 @@ FROZEN, LIMITED, INVALID, ZERO, WEIGHT, TEMPERATURE = (
     19,
     20,
 )  # the first three have six bits, for the axes
-SPIKE = 21  # three bits, for the axes of the gyro
-UNITS = 24
-FINDINGS = 25
+SPIKE = 21  # six bits, for the axes
+UNITS = 27
+FINDINGS = 28
 
 _PER_AXIS = ((FROZEN, "frozen"), (LIMITED, "at the end of its range"), (INVALID, "impossible"), (SPIKE, "shows spikes"))
 _WHOLE = (
@@ -30,7 +30,7 @@ def words(findings: int) -> tuple[str, ...]:
         return ()
     texts = []
     for kind, what in _PER_AXIS:
-        for first, name in ((0, "gyro"), (3, "accelerometer"))[: 1 if kind == SPIKE else 2]:
+        for first, name in ((0, "gyro"), (3, "accelerometer")):
             axes = "".join("xyz"[i] for i in range(3) if findings >> (kind + first + i) & 1)
             if axes:
                 texts.append(f"{name} {axes} {what}")

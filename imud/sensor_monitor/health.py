@@ -279,7 +279,8 @@ def check_sample(h: Health, sample: Any) -> None:
     findings |= check_force(h, sample.t_ns)
     findings |= 1 << UNITS if rates_are_in_degrees(h.units, sample) else 0
     frozen = findings >> FROZEN & _RATES != 0
-    findings |= replace_spikes(h.spikes, sample, findings >> LIMITED | findings >> INVALID, frozen) << SPIKE
+    findings |= replace_spikes(h.spikes, sample, findings >> INVALID & (_RATES | _FORCES), frozen) << SPIKE
+    findings &= ~(h.spikes.replaced << LIMITED)  # the sample no longer shows the end of the range
     impossible = sample.temperature < MIN_TEMPERATURE or sample.temperature > MAX_TEMPERATURE
     h.bad_temperature_count = h.bad_temperature_count + 1 if impossible else 0
     if h.bad_temperature_count >= MIN_REPEATS:

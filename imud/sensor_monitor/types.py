@@ -18,18 +18,28 @@ class Clipping:
 
 class Spikes:
     floor: float
+    lone_floor: float
     decay: float
+    shock_decay: float
     gap_ns: int
     t_ns: int
-    last_good: Reals
-    recent_change: Reals
+    last: Reals
+    step: Reals
+    mean_step: Reals
+    mean_bend: Reals
+    reading: Reals
+    deviation: Reals
+    recent: Reals
+    recent_force: float
+    recent_shock: float
+    begun: int
+    elapsed: int
+    count: int
+    axes: int
+    seen: Reals
+    jump: Reals
+    replaced: int
     withheld: Reals
-    last_force: Reals
-    withheld_force: Reals
-    force_change: float
-    recent_force_change: float
-    spike_axes: int
-    shock: int
 
 
 class RateUnits:

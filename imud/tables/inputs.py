@@ -146,7 +146,7 @@ def read_imu(path: Path, left_out: SkippedRows | None = None) -> tuple[NDArray[n
         raise BadDataError(f"{why}{len(table)} samples; at least two are needed")
     every = len(table)
     table = table[_in_order(table[:, 0])]
-    if 2 * len(table) < every:
+    if len(table) < max(2, every / 2):
         raise BadDataError(f"{path}: of {every} samples only {len(table)} are in order; sort them by t_s")
     if (apart_s := float(np.median(np.diff(table[:, 0])))) > _FARTHEST_S:
         raise BadDataError(f"{path}: the samples are {apart_s:g} s apart, if t_s is in s: is it in ms, us or ns?")

@@ -2,6 +2,7 @@
 
 They are made from the packages that debootstrap fetches: unpacked, but not configured, which would take half an hour
 under qemu. Needs root, the packages `debootstrap` and `qemu-user-static`, and a network for Debian's packages.
+In forky, 32-bit programs open terminals by calls that qemu-user 7.2 (Debian 12) does not know; 11.1 does.
 """
 
 import shlex

@@ -13,7 +13,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from debian_roots import PYTHON, inside, make_root, register, run
+from debian_roots import inside, make_root, python_of, register, run
 from release import copied, wheel
 
 TARGET = "aarch64-linux-gnu.2.28"
@@ -33,7 +33,7 @@ def install(folder: Path, root: Path, log: Path) -> None:
     built = wheel(folder, TARGET)
     copied(root / "opt/source")
     platforms = [option for name in (built.stem.rpartition("-")[2], *PLATFORMS) for option in ("--platform", name)]
-    there = [*platforms, "--python-version", PYTHON, "--only-binary=:all:", "--target", f"{root}/opt/imud"]
+    there = [*platforms, "--python-version", python_of(root), "--only-binary=:all:", "--target", f"{root}/opt/imud"]
     pip = [sys.executable, "-m", "pip", "install", "-q", *there]
     run([*pip, *PACKAGES], log)
     run([*pip, "--no-deps", str(built)], log)

@@ -1,7 +1,8 @@
-"""Small Debian 13 roots of other processors, whose programs run under qemu-user.
+"""Small Debian roots of other processors, whose programs run under qemu-user.
 
 They are made from the packages that debootstrap fetches: unpacked, but not configured, which would take half an hour
 under qemu. Needs root, the packages `debootstrap` and `qemu-user-static`, and a network for Debian's packages.
+In forky, 32-bit programs open terminals by calls that qemu-user 7.2 (Debian 12) does not know; 11.1 does.
 """
 
 import shlex
@@ -16,7 +17,7 @@ PACKAGES = (  # what the wheel needs, but not numba; what the goldens need
 )
 BINFMT = Path("/proc/sys/fs/binfmt_misc")
 EMULATORS = {"arm64": "qemu-aarch64", "armhf": "qemu-arm"}  # as binfmt.d(5) knows them
-PYTHON = "3.13"  # Debian 13's
+SUITE = "trixie"  # Debian 13
 
 
 def run(command: list[str], log: Path) -> None:
@@ -45,15 +46,20 @@ def register(architecture: str, log: Path) -> None:
         (BINFMT / "register").write_text(line)
 
 
-def make_root(architecture: str, root: Path, log: Path) -> None:
-    """A Debian 13 with what the wheel needs of it. Raises CalledProcessError."""
+def python_of(root: Path) -> str:
+    """Version of the Python in a root, as pip wants it."""
+    return (root / "usr/bin/python3").readlink().name.removeprefix("python")
+
+
+def make_root(architecture: str, root: Path, log: Path, suite: str = SUITE) -> None:
+    """A Debian with what the wheel needs of it. Raises CalledProcessError."""
     made = root / "made"
     if made.exists():
         return
     shutil.rmtree(root, ignore_errors=True)
     packages = ",".join(PACKAGES)
     fetch = ["debootstrap", "--variant=minbase", "--download-only", f"--arch={architecture}", f"--include={packages}"]
-    run([*fetch, "trixie", str(root), MIRROR], log)
+    run([*fetch, suite, str(root), MIRROR, "sid"], log)  # sid: the script, which is every suite's
     for package in sorted((root / "var/cache/apt/archives").glob("*.deb")):
         unpack = f"dpkg-deb --fsys-tarfile {shlex.quote(str(package))} | tar -x --keep-directory-symlink -C {root}"
         run(["sh", "-ec", unpack], log)

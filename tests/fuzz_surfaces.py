@@ -120,7 +120,11 @@ def mcap(data: bytes) -> None:
 
 
 def imu_csv(data: bytes) -> None:
-    _file(data, ".csv", read_samples)
+    def read(path: Path) -> None:
+        samples, _, _ = read_samples(path)
+        assert len(samples) > 1 and (samples["t_ns"][1:] > samples["t_ns"][:-1]).all()
+
+    _file(data, ".csv", read)
 
 
 def gnss_csv(data: bytes) -> None:

@@ -134,7 +134,8 @@ def riss_with_wheels():
     speed = 1.02 * (v[:, 0] * np.cos(yaw) + v[:, 1] * np.sin(yaw)) + 0.05 * rng.standard_normal(len(at))
     rows = np.zeros(len(at), MEASUREMENT)
     rows["t_ns"] = np.round((1.0 + m.t[at]) * 1e9)
-    rows["arrival_ns"] = rows["t_ns"] + np.where(np.arange(len(at)) % 50 == 49, 2_800_000_000, 60_000_000)
+    late_ns = np.int64(2_800_000_000)  # numpy's own integers have 32 bits on armhf
+    rows["arrival_ns"] = rows["t_ns"] + np.where(np.arange(len(at)) % 50 == 49, late_ns, 60_000_000)
     rows["kind"], rows["sigma"] = ODOMETER_SOURCE, np.nan
     rows["value"][:, 0], rows["sigma"][::2, 0] = np.abs(speed), 0.1
     rows["value"][300:360, 0] += np.linspace(0.0, 1.5, 60)

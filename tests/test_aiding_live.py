@@ -1,6 +1,8 @@
 """Measurements of other programs in a running daemon: datagrams in, recorded, replayed to the same bits."""
 
+import contextlib
 import json
+import socket
 import subprocess
 import sys
 import time
@@ -12,7 +14,7 @@ from recorded import stored
 
 from imud.client import AidingSender
 from imud.configuration.settings import Initial
-from imud.daemon.aiding_socket import AidingSocket, address_of
+from imud.daemon.aiding_socket import LONGEST, AidingSocket, address_of
 from imud.errors import ConfigError
 from imud.estimators import registry
 from imud.estimators.records import HEADING, MAGNETOMETER
@@ -20,7 +22,7 @@ from imud.recording.messages import ESTIMATE_TABLE, INNOVATION_TABLE
 from imud.recording.player import Player
 from imud.recording.samples import fields_of
 from imud.recording.source import Recording, adapter
-from imud.sensors.aiding import RATE_HZ_MAX, AidingReceiver
+from imud.sensors.aiding import LINES_MAX, RATE_HZ_MAX, AidingReceiver
 
 SOURCES = registry.by_name("navigation").sources
 NOW_NS, UNIX_NS = 50_000_000_000, 1_700_000_000_000_000_000
@@ -83,9 +85,15 @@ def test_bytes_of_any_kind_raise_nothing():
 def test_too_many_are_refused_until_the_next_second():
     receiver = AidingReceiver()
     line = '{"class":"HDG","heading":1}'
-    assert len(decoded(receiver, *[line] * 150)) == RATE_HZ_MAX
+    assert sum(len(decoded(receiver, line)) for _ in range(150)) == RATE_HZ_MAX
     assert receiver.properties(NOW_NS)["refused"] == {"rate": 150 - RATE_HZ_MAX}
     assert len(decoded(receiver, line, now_ns=NOW_NS + 1_000_000_000)) == 1
+
+
+def test_of_a_datagram_with_too_many_lines_the_first_are_read():
+    receiver = AidingReceiver()
+    assert len(decoded(receiver, *['{"class":"HDG","heading":1}'] * 40, "", "[]")) == LINES_MAX
+    assert receiver.properties(NOW_NS)["refused"] == {"lines": 1}
 
 
 def test_a_source_that_fell_silent_is_a_fault():
@@ -121,6 +129,17 @@ def test_the_sender_reaches_the_socket_and_survives_without_it(udp, tmp_path):
         listening.close()
         if not udp:
             assert not sender.send("HDG", heading=12.5)
+
+
+def test_a_flood_of_datagrams_full_of_lines_is_read_in_small_pieces(tmp_path):
+    with contextlib.closing(AidingSocket(str(tmp_path / "aiding"), Poller())) as listening:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+            for _ in range(4):
+                sender.sendto(b"[]\n" * (LONGEST // 3), str(tmp_path / "aiding"))
+        assert [len(list(listening.datagrams())) for _ in range(5)] == [1, 1, 1, 1, 0]
+        with AidingSender(listening.address) as sender:
+            sent = sum(sender.send("HDG", heading=1.0) for _ in range(5))
+        assert len(list(listening.datagrams())) == sent  # those of a well-behaved program, at once
 
 
 def test_a_daemon_fuses_records_and_replays_the_headings_it_is_sent(tmp_path):

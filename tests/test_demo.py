@@ -2,11 +2,14 @@
 
 import math
 import subprocess
+import sys
 
 import pytest
 from processes import process
 
+from imud.commands import demo as demo_command
 from imud.commands.demo.comparison import Comparison, Truth
+from imud.errors import ImudError
 
 METRES = 111_320.0  # in a degree of latitude
 FIRST = (100.0, 60.0, 10.0, 50.0, 1.0, 2.0, 3.0, 170.0, -4.0, 179.0)  # in the order of the file's columns
@@ -60,6 +63,20 @@ def test_errors_of_what_is_claimed_and_of_nothing_else():
     assert {name: error.rms for name, error in comparison.errors.items()} == pytest.approx(rms, rel=1e-4)
     claimed = {"roll": 1.0, "pitch": 2.0, "heading": 3.0, "position": 5.0, "velocity": 3.0**0.5}
     assert {name: error.claimed_rms for name, error in comparison.errors.items()} == pytest.approx(claimed)
+
+
+@pytest.mark.parametrize("code", ["import time; time.sleep(0.5); print('g350 /dev/pts/1')", "1 / 0"])
+def test_the_emulator_may_take_its_time_to_start_but_not_end_instead(code, tmp_path):
+    log = tmp_path / "log"
+    with (
+        log.open("w") as file,
+        subprocess.Popen([sys.executable, "-c", code], stdout=-1, stderr=file, text=True) as sim,
+    ):
+        if "print" in code:
+            assert demo_command._first_line(sim, "the emulator", log) == "g350 /dev/pts/1"
+        else:
+            with pytest.raises(ImudError, match=r"(?s)the emulator did not start:.*ZeroDivisionError"):
+                demo_command._first_line(sim, "the emulator", log)
 
 
 def test_it_ends_by_itself_with_errors_against_the_truth(tmp_path):

@@ -10,6 +10,7 @@ from imud.drivers.epson.driver import DRIVER as EPSON
 from imud.drivers.findings import UnrecognisedData
 from imud.drivers.seraccel.driver import DRIVER
 from imud.drivers.seraccel.ranges import RANGES
+from imud.drivers.seraccel.signatures import PIECE, stream_in
 from imud.firmware_sim.uart import garble
 
 MENU = (  # the successor's words, shortened
@@ -178,3 +179,9 @@ def test_an_unknown_menu_is_not_left():
 def test_the_probe_has_no_effect_in_the_menu_at_any_baud_rate():
     heard = {byte for talker in DRIVER.bauds for listener in DRIVER.bauds for byte in garble(b"\xff", talker, listener)}
     assert not heard & set(range(0x20, 0x7F))
+
+
+@pytest.mark.parametrize("received", [bytes(4000), b"x" * 4000, b"1\r\n" * 1000], ids=["zeros", "text", "lines"])
+def test_garbage_without_a_line_end_is_read_once_and_not_from_each_of_its_bytes(received):
+    assert all(PIECE.match(received, at) for at in range(len(received)))  # a search that may fail begins at each anew
+    assert stream_in(received) is None

@@ -23,7 +23,7 @@ from imud.drivers.errors import (
     PortLostError,
     SpecError,
 )
-from imud.drivers.transport.dialogue_runner import DialogueRunner, run_dialogue
+from imud.drivers.transport.dialogue_runner import LONGEST, DialogueRunner, run_dialogue
 from imud.drivers.transport.portspec import PortSpec
 from imud.drivers.transport.serial import SerialPort
 
@@ -278,6 +278,22 @@ def test_a_conversation_steps_through_its_exchanges():
     assert heard == [b"", b"ab.", b"late"]
     assert conversation.finished
     assert conversation.result == "found"
+
+
+def test_a_flood_is_judged_seldom_and_kept_in_part():
+    judged = []
+
+    def dialogue():
+        return (yield Exchange(listen_s=2.0, enough=lambda data: judged.append(len(data))))
+
+    conversation = DialogueRunner(Line(*[bytes(1000)] * 300), dialogue(), lambda: 0.0)
+    conversation.start()
+    for _ in range(300):
+        conversation.on_readable()
+    conversation.on_deadline()
+    assert judged[:4] == [1000, 2000, 3000, 4000]
+    assert len(judged) < 50
+    assert len(conversation.result) == LONGEST
 
 
 BY_PATH = "/dev/serial/by-path/pci-0000:00:14.0-usb-0:1.0-port0"

@@ -101,6 +101,12 @@ def test_time_that_stands_or_runs_back_is_skipped_and_counted(tmp_path):
     assert samples["t_ns"].tolist() == [0, 10_000_000, 20_000_000]
 
 
+@pytest.mark.parametrize("second", ["0", "1e-300", "3e-10"])
+def test_two_samples_of_one_nanosecond_are_too_few(second, tmp_path):
+    with pytest.raises(BadDataError, match="of 2 samples only 1 are in order"):
+        tables.read_imu(write(tmp_path, f"0,0,0,0,0,0,-9.8\n{second},0,0,0,0,0,-9.8\n"))
+
+
 @given(st.lists(st.integers(0, 30), min_size=2, max_size=12))
 def test_of_times_in_disorder_as_many_samples_as_can_be_are_kept(times):
     kept = [times[i] for i in tables._in_order(np.array(times, float))]

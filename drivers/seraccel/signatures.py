@@ -11,7 +11,7 @@ LABELLED = re.compile(
     re.IGNORECASE,
 )
 PLAIN = re.compile(rb"[ \t]*" + (_BETWEEN + rb"+").join([_NUMBER] * 3) + _END)
-PIECE = re.compile(rb"[^\r\n]*[\r\n]+")
+PIECE = re.compile(rb"[^\r\n]*(?:[\r\n]+|\Z)")  # matches everywhere: a search that fails takes the square of the bytes
 PLAIN_LINES = 3  # in sequence; one line with labels is enough
 BINARY = re.compile(rb"(?:#[\0-\3].[\0-\3].[\0-\3].\$){5,}", re.DOTALL)
 FRAME = 8

@@ -9,6 +9,8 @@ from ..dialogue import Dialogue, Exchange, Result
 from ..spi import Bus, Fetch
 
 WAIT_S = 0.25  # at most, between two readings of the clock
+LONGEST = 1 << 17  # bytes of an exchange, more than the fastest line brings; what floods the line is read, not kept
+ALL_JUDGED = 1 << 11  # bytes up to which each reading is judged, whether it is enough; beyond, when an eighth has come
 
 
 class DialoguePort(Protocol):
@@ -56,6 +58,7 @@ class DialogueRunner(Generic[Result]):
         self._dialogue = dialogue
         self._now = now
         self._received = bytearray()
+        self._judged = 0  # bytes that were not enough
         self._exchange = Exchange()
 
     def start(self) -> None:
@@ -64,9 +67,12 @@ class DialogueRunner(Generic[Result]):
 
     def on_readable(self) -> None:
         """Bytes are waiting."""
-        self._received += self._port.read()
-        enough = self._exchange.enough
-        if enough is not None and enough(bytes(self._received)):
+        self._received += self._port.read()[: LONGEST - len(self._received)]
+        enough, length = self._exchange.enough, len(self._received)
+        if enough is None or length - self._judged < (self._judged // 8 if length > ALL_JUDGED else 1):
+            return
+        self._judged = length
+        if enough(bytes(self._received)):
             self._advance(bytes(self._received))
 
     def on_deadline(self) -> None:
@@ -96,6 +102,7 @@ class DialogueRunner(Generic[Result]):
             self._port.write(exchange.send)
         self._exchange = exchange
         self._received.clear()
+        self._judged = 0
         self.deadline_s = self._now() + exchange.listen_s
 
 

@@ -13,7 +13,7 @@ from ..outputs.addresses import Address, address_text, is_local, listen, parse_a
 
 PORT = 2950
 LONGEST = 4096  # bytes of a datagram
-_AT_ONCE = 32  # datagrams read in one call, so that a flood does not keep the loop from the sensors
+_AT_ONCE = 32  # lines read in one call, or little more, so that a flood does not keep the loop from the sensors
 
 
 class Poller(Protocol):
@@ -45,12 +45,14 @@ class AidingSocket:
         poller.register(self.fd, select.POLLIN)
 
     def datagrams(self) -> Iterator[bytes | None]:
-        """The datagrams that have come, at most `_AT_ONCE`; None for one that is too long."""
-        for _ in range(_AT_ONCE):
+        """The datagrams that have come, until they have `_AT_ONCE` lines; None for one that is too long."""
+        lines = 0
+        while lines < _AT_ONCE:
             try:
                 data, _, flags, _ = self._socket.recvmsg(LONGEST)
             except OSError:  # none is left, or the socket reports an error of an earlier datagram
                 return
+            lines += 1 + data.count(b"\n")
             yield None if flags & socket.MSG_TRUNC else data
 
     def close(self) -> None:

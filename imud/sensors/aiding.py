@@ -41,6 +41,7 @@ class Measured:
 
 
 RATE_HZ_MAX = 100  # measurements of a source per second: the fusion horizon has room for so many
+LINES_MAX = 32  # of a datagram: 32 cost some milliseconds
 _OLDEST_S, _NEWEST_S = -10.0, 1.0  # of an epoch, from the arrival
 _STALE_NS = 3_000_000_000
 _SECOND_NS = 1_000_000_000
@@ -95,9 +96,10 @@ class AidingReceiver:
         known: the sources that the estimator takes. unix_ns: Unix time then.
         """
         sources = {source.message: source for source in known}
-        for line in data.splitlines():
-            if not line.strip():
-                continue
+        lines = [line for line in data.split(b"\n") if line.strip()]
+        if len(lines) > LINES_MAX:
+            self.refuse("lines", f"a datagram of more than {LINES_MAX} lines")
+        for line in lines[:LINES_MAX]:
             try:
                 yield self._measurement(line, sources, now_ns, unix_ns)
             except ValueError as error:

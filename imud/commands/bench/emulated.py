@@ -46,7 +46,7 @@ def _reports(seconds: int) -> list[tuple[int, bytes]]:
 def _reads(seconds: int) -> Iterator[list[tuple[int, Raw]]]:
     """What is read from the ports, second by second: a frame at a time, as from a PTY."""
     frames, rate = signals.frames(seconds * signals.RATE_HZ), signals.RATE_HZ
-    arrivals = START_NS + np.arange(len(frames)) * (1_000_000_000 // rate)
+    arrivals = START_NS + np.arange(len(frames), dtype=np.int64) * (1_000_000_000 // rate)
     arrivals += np.random.default_rng(2).exponential(_LATE_NS, len(frames)).astype(np.int64)
     reports = _reports(seconds)
     for first in range(0, len(frames), rate):

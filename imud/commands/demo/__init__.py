@@ -133,15 +133,16 @@ def run(args: argparse.Namespace) -> int:
         )
         wait_until_ready(notifications, daemon, log)
         client = stack.enter_context(subscribe(listen))
-        stack.enter_context(
+        emulator = stack.enter_context(
             process(
                 *("sim", *devices, "--scenario", args.scenario, "--seed", str(args.seed), "--truth", str(truth_file)),
                 *("--faults", args.faults),
                 *(item for link in links for item in ("--link", str(link))),
-                stdout=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
                 stderr=log_file,
             )
         )
+        _first_line(emulator, "the emulator", log)
         if args.web:
             page = ("web", "--listen=127.0.0.1:0", str(listen))
             page_process = stack.enter_context(process(*page, stdout=subprocess.PIPE, stderr=log_file))
@@ -157,12 +158,18 @@ def _recordings_folder() -> Path | None:
     return here if importlib.util.find_spec("mcap") and os.access(here, os.W_OK) else None
 
 
+def _first_line(started: subprocess.Popen[str], what: str, log: Path) -> str:
+    """What a process prints once it runs, however long its start takes. Raises ImudError if it ends instead."""
+    assert started.stdout is not None
+    line = started.stdout.readline().strip()
+    if not line:
+        raise ImudError(f"demo: {what} did not start:\n{log.read_text()}")
+    return line
+
+
 def _show_in_browser(page: subprocess.Popen[str], log: Path) -> None:
     """Print where the page is; open it where there is a screen."""
-    assert page.stdout is not None
-    url = page.stdout.readline().strip()
-    if not url:
-        raise ImudError(f"demo: the live page did not start:\n{log.read_text()}")
+    url = _first_line(page, "the live page", log)
     print(f"imud demo: live page at {url}", flush=True)
     if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         webbrowser.open(url)

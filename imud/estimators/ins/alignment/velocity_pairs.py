@@ -28,6 +28,7 @@ from .hypothesis_bank import (
     propagate_hypotheses,
 )
 from .levelling import level_from_velocity_change
+from .vector_pairs import restart_vectors
 from .whitening import predict_whitening, reset_whitening, whitened_innovations, whitened_variance
 
 if TYPE_CHECKING:
@@ -73,6 +74,13 @@ TUNABLES = (
         "Outage, as a share of the compared time, after which the comparison starts again.",
         "Choice.",
         high=1.0,
+    ),
+    Tunable(
+        "level_max_accel",
+        1.0,
+        "m/s^2",
+        "Largest acceleration that the receiver measures in which a force is taken for gravity.",
+        "levelled_sigma times gravity.",
     ),
     Tunable(
         "levelled_sigma", math.radians(6.0), "rad", "Largest tilt sigma to start navigation with.", "Linearization."
@@ -176,7 +184,8 @@ def match_pair(
         for k in range(4):
             for i in range(2):
                 c.scratch.integral_change[k, i] = a.integrals[k, i] - a.pair_integrals[k, i]
-        level_with_pair(p, c, vn - first[0], ve - first[1], dt)
+        if elementary.hypot(vn - first[0], ve - first[1]) < p.tuning.level_max_accel * dt:
+            level_with_pair(p, c, vn - first[0], ve - first[1], dt)
     else:
         north, east = ned_difference(c, first[2], first[3], lat, lon)
         pair_mean_velocities(p, c, north / dt, east / dt, dt)
@@ -303,6 +312,7 @@ def restart_in_motion_alignment(c: Core) -> None:
     """Clear integrals, pairs and the count of contradictions: the next fix starts a new origin."""
     a = c.alignment
     clear_integrals(c)
+    restart_vectors(c)
     a.pair_start_ns = a.last_match_ns = NEVER_NS
     a.mean_velocity[2] = 0.0
     a.heading_fault_count = 0

@@ -155,6 +155,7 @@ class Tuning:
     lost_tilt: float
     level_rest_sigma: float
     level_gnss_sigma: float
+    level_max_accel: float
     level_pair_age_s: float
     level_vertical_sigma: float
     level_motion_sigma: float
@@ -176,7 +177,6 @@ class Tuning:
     match_max_duration_s: float
     match_rotation: float
     match_outage_share: float
-    level_max_accel: float
     levelled_sigma: float
     unmodelled_accel_psd: float
     whitening_position_sigma: float

@@ -76,13 +76,6 @@ TUNABLES = (
         high=1.0,
     ),
     Tunable(
-        "level_max_accel",
-        1.0,
-        "m/s^2",
-        "Largest acceleration that the receiver measures in which a force is taken for gravity.",
-        "levelled_sigma times gravity.",
-    ),
-    Tunable(
         "levelled_sigma", math.radians(6.0), "rad", "Largest tilt sigma to start navigation with.", "Linearization."
     ),
 )
@@ -184,8 +177,7 @@ def match_pair(
         for k in range(4):
             for i in range(2):
                 c.scratch.integral_change[k, i] = a.integrals[k, i] - a.pair_integrals[k, i]
-        if elementary.hypot(vn - first[0], ve - first[1]) < p.tuning.level_max_accel * dt:
-            level_with_pair(p, c, vn - first[0], ve - first[1], dt)
+        level_with_pair(p, c, vn - first[0], ve - first[1], dt)
     else:
         north, east = ned_difference(c, first[2], first[3], lat, lon)
         pair_mean_velocities(p, c, north / dt, east / dt, dt)

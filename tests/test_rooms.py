@@ -78,6 +78,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
             "integrity/gyro_bias_step",
             "integrity/velocity_drift",
             "alignment/force_integrals",
+            "alignment/vector_pairs",
         )
     ),
     ("imud/estimators/ins/fusion.py",),

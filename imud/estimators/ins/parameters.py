@@ -51,6 +51,8 @@ from .alignment import (
     in_motion,
     levelling,
     modes,
+    vector_levelling,
+    vector_pairs,
     velocity_pairs,
     whitening,
 )
@@ -97,6 +99,8 @@ TUNABLES = (
     *heading_acceptance.TUNABLES,
     *modes.TUNABLES,
     *levelling.TUNABLES,
+    *vector_pairs.TUNABLES,
+    *vector_levelling.TUNABLES,
     *velocity_pairs.TUNABLES,
     *whitening.TUNABLES,
     *hypothesis_bank.TUNABLES,

@@ -108,7 +108,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     c["process_noise"]["log_psd_covariance"] = np.array((1.0, 0.0, 1.0)) * t["process_noise_prior"] ** 2
     c["nhc"]["noise_scale"] = math.sqrt(t["nhc_min_noise_scale"] * t["nhc_max_noise_scale"])
     c["gnss"]["last_used_ns"] = s["last_epoch_ns"] = s["last_fusion_ns"] = NEVER_NS
-    for name in ("pair_start_ns", "last_match_ns", "low_motion_ns"):
+    for name in ("pair_start_ns", "last_match_ns", "low_motion_ns", "vector_start_ns"):
         c["alignment"][name] = NEVER_NS
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)
     s["initial_rpy"] = [math.nan if a is None else math.radians(a) for a in angles]

@@ -32,6 +32,7 @@ FREE, AUTO, LAND = 0, 1, 2  # vehicle
 
 VELOCITY_AXIS = 2  # axis of an update: 0 a GNSS position north, 1 east, 2 and 3 its velocity, -1 anything else
 HYPOTHESES = 33  # of the rate at which the level frame rotates during alignment
+VECTORS = 12  # pairs of vectors kept, from which roll and pitch are found in motion
 NEVER_NS = -(1 << 62)  # a time before all others
 IMU_RING = 4096  # samples kept: 2 s at the highest rate
 SNAPSHOTS = 64

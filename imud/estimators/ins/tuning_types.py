@@ -132,6 +132,7 @@ class Tuning:
     axis_across: float
     axis_across_growth: float
     axis_ground: float
+    max_lean: float
     axis_windows_land: float
     axis_across_land: float
     power_iterations: int
@@ -155,10 +156,20 @@ class Tuning:
     lost_tilt: float
     level_rest_sigma: float
     level_gnss_sigma: float
+    level_max_accel: float
     level_pair_age_s: float
     level_vertical_sigma: float
     level_motion_sigma: float
     level_turn_speed: float
+    vector_pair_s: float
+    vector_pair_max_s: float
+    vector_accel_sigma: float
+    vector_vertical_sigma: float
+    min_vectors: int
+    max_vector_tilt: float
+    max_vector_chi2: float
+    vector_tilt_floor: float
+    vector_tilt_gate: float
     pair_min_s: float
     pair_max_s: float
     pair_velocity_sigma: float

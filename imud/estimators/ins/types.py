@@ -247,6 +247,13 @@ class Alignment:
     origin_ns: int
     position_origin: Reals
     last_match_ns: int
+    vector_start_ns: int
+    vector_start: Reals
+    vector_q: Reals
+    vector_bias: Reals
+    vector_force: Reals
+    vector_rotation: Tensor
+    vector_sensitivity: Tensor
     reject_count: int
     heading_fault_count: int
 
@@ -389,6 +396,10 @@ class HypothesisBank:
     energy_age: float
     last_integrals: Tensor
     last_double_integrals: Tensor
+    vector_count: int
+    vectors: Tensor
+    vector_normal: Tensor
+    vector_product: Tensor
     innovations: Tensor
     prior: Tensor
     inverse: Tensor

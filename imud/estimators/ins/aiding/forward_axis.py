@@ -65,6 +65,14 @@ TUNABLES = (
         "Recorded flights and drives.",
     ),
     Tunable(
+        "max_lean",
+        0.26,
+        "",
+        "Largest sine of the angle by which a land vehicle leans sideways; vehicle = auto.",
+        "15 deg: banked roads and soft springs have less, aircraft in turns more.",
+        high=1.0,
+    ),
+    Tunable(
         "axis_windows_land",
         6.0,
         "windows",
@@ -124,7 +132,16 @@ def find_forward_axis(p: Parameters, c: Core) -> bool:
     else:
         turned = scatter_across_ground_line(c) - across > t.axis_ground
         found = n >= t.axis_windows and across < (t.axis_across + t.axis_across_growth * n) * n and turned
+        found = found and is_upright(p, c)
     return bool(found)
+
+
+@kernel
+def is_upright(p: Parameters, c: Core) -> bool:
+    """Whether the vertical has kept its direction in the body, on average within half of max_lean."""
+    h = c.nhc
+    length2 = h.down_sum[0] ** 2 + h.down_sum[1] ** 2 + h.down_sum[2] ** 2
+    return bool(length2 > (1.0 - 0.25 * p.tuning.max_lean**2) * h.scatter_weight**2)
 
 
 @kernel

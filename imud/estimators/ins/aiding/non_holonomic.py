@@ -166,6 +166,16 @@ def nhc_jacobian(c: Core, q: Quaternion, e: Vector, along: float, mount: int) ->
 
 
 @kernel
+def leans(p: Parameters, c: Core, q: Quaternion) -> bool:
+    """Whether the vehicle leans sideways further than one on wheels, as an aircraft in a turn."""
+    lean, sigma = (
+        dot(lateral_axis(c), quat_rotate_back(q, (0.0, 0.0, 1.0))),
+        math.sqrt(max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))),
+    )
+    return bool(abs(lean) > p.tuning.max_lean + 3.0 * sigma)
+
+
+@kernel
 def fuse_nhc(p: Parameters, c: Core) -> None:
     """Fuse lateral and vertical velocity above a minimum speed; disable the constraint if they contradict it.
 
@@ -194,6 +204,9 @@ def fuse_nhc(p: Parameters, c: Core) -> None:
     )
     add_innovation(c, 1, value, s)
     correct_state(p, c)
+    if p.vehicle != LAND and leans(p, c, q):
+        disable_nhc(p, c, along)
+        return
     h.mean_nis += p.tuning.nhc_mean_nis_gain * (
         min(max(abs(lateral_nis), abs(vertical_nis)), 4.0 * p.tuning.nhc_gate) - h.mean_nis
     )

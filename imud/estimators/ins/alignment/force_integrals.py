@@ -30,6 +30,7 @@ from ....compile.jit import kernel
 from ....math.earth import STANDARD_GRAVITY
 from ..mechanization import rotation_matrix
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
+from .vector_pairs import accumulate_vectors
 
 if TYPE_CHECKING:
     from ....math.arrays import Reals, Tensor
@@ -63,6 +64,7 @@ def phasor(angle: float) -> Complex:
 @kernel
 def accumulate_integrals(c: Core, turn_angle: float, dt: float) -> None:
     """Add the interval's integral of level specific force, imu.delta_v, over `dt` s; turn_angle: of the body, rad."""
+    accumulate_vectors(c, dt)
     a = c.alignment
     integrals, double_integrals, d = a.integrals, a.double_integrals, a.corrections
     y = (a.heading_phasor[0], a.heading_phasor[1])

@@ -25,6 +25,8 @@ from .force_integrals import DELTA_V, TIME, multiply, phasor
 from .heading_acceptance import find_heading
 from .hypothesis_bank import frame_rotation, nearest_hypothesis
 from .modes import HEADING_KNOWN, change_mode
+from .vector_levelling import level_with_vectors
+from .vector_pairs import match_vectors
 from .velocity_pairs import is_levelled, match_pair, vertical_bias_jacobian
 from .whitening import VELOCITY_STATE, unobserved_velocity
 
@@ -154,10 +156,15 @@ def reset_to_fix(p: Parameters, c: Core, fix: Fix) -> None:
 def align_with_fix(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> None:
     """Match a fix before it is fused; start navigation when roll, pitch and heading are known."""
     vn, ve = velocity_of(p, fix, 0), velocity_of(p, fix, 1)
-    match_pair(p, c, b, fix.lat, fix.lon, vn, ve, low_speed_variance(p, fix))
+    slow2 = low_speed_variance(p, fix)
+    match_pair(p, c, b, fix.lat, fix.lon, vn, ve, slow2)
     if not math.isfinite(c.gnss.speed):
         set_speed(c, speed_from_positions(p, c, fix.lat, fix.lon))
     observe_forward_axis(p, c, vn, ve)
+    noise2 = c.gnss.velocity_noise_var + slow2
+    matched = match_vectors(p, c, b, (vn, ve, velocity_of(p, fix, 2)), noise2)
+    if matched and not c.stationarity.at_rest and level_with_vectors(p, c, b):
+        return
     if is_levelled(p, c) and (c.alignment.heading_sigma > 0.0 or find_heading(p, c, b)):
         if math.isfinite(vn) and math.isfinite(ve):  # the velocity is fused next, at the sensor, with the heading known
             for i in range(2):

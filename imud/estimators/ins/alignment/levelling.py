@@ -15,7 +15,7 @@ from imud.drivers import elementary
 from ....compile.jit import kernel
 from ....math.earth import gravity
 from ...tuning import Tunable
-from ..ekf import innovation_variance, set_jacobian
+from ..ekf import innovation_variance, set_jacobian, variance
 from ..fusion import NO_GATE, correct_state, gated_update
 from ..mechanization import ned_to_body, rotation_matrix
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
@@ -35,6 +35,13 @@ TUNABLES = (
     ),
     Tunable(
         "level_gnss_sigma", 0.3, "m/s^2", "Acceleration that a receiver's velocity does not show.", "Recorded drives."
+    ),
+    Tunable(
+        "level_max_accel",
+        1.0,
+        "m/s^2",
+        "Largest acceleration that the receiver measures whose error in one pair is independent of that in the next.",
+        "levelled_sigma times gravity.",
     ),
     Tunable(
         "level_pair_age_s",
@@ -120,7 +127,12 @@ def level_from_window(p: Parameters, c: Core, resting: bool) -> None:
 def level_from_velocity_change(p: Parameters, c: Core, fn: float, fe: float, dt: float, accel: float) -> None:
     """Fuse the mean level specific force (fn, fe; m/s^2, NED) of the last `dt` s as gravity.
 
-    accel: m/s^2, magnitude of the acceleration that the receiver measured; its direction is not known yet.
+    accel: m/s^2, magnitude of the acceleration that the receiver measured; its direction is not known yet. A turn or a
+    climb lasts, so that many of them know no more than one.
     """
+    g, sigma = gravity(c.nav.lat, c.nav.height), accel + p.tuning.level_gnss_sigma
+    tilt2 = max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
+    if accel > p.tuning.level_max_accel and tilt2 * g * g < sigma * sigma:
+        return
     if not c.stationarity.at_rest:
-        fuse_gravity(p, c, fn, fe, -gravity(c.nav.lat, c.nav.height), 0.5 * dt, accel + p.tuning.level_gnss_sigma, 2)
+        fuse_gravity(p, c, fn, fe, -g, 0.5 * dt, sigma, 2)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..state import HYPOTHESES
+from ..state import HYPOTHESES, VECTORS
 
 ALIGNMENT = np.dtype(  # in a level frame of arbitrary heading; complex numbers are north + i east
     [
@@ -34,6 +34,17 @@ ALIGNMENT = np.dtype(  # in a level frame of arbitrary heading; complex numbers 
         ("origin_ns", "<i8"),
         ("position_origin", "<f8", (2,)),  # latitude and longitude from which the positions of fixes are counted
         ("last_match_ns", "<i8"),  # last fix matched
+        ("vector_start_ns", "<i8"),  # last fix at which a pair of vectors ended
+        (
+            "vector_start",
+            "<f8",
+            (6,),
+        ),  # its velocity NED; the antenna's to the IMU, vectors' frame; m/s
+        ("vector_q", "<f8", (4,)),  # body axes to the vectors' frame, which is fixed: the body's at the first fix
+        ("vector_bias", "<f8", (3,)),  # rad/s, gyro bias with which they are integrated
+        ("vector_force", "<f8", (3,)),  # m/s, integral of specific force since that fix, in the vectors' frame
+        ("vector_rotation", "<f8", (3, 3)),  # s, integral of their axes since the first fix: rotation per gyro bias
+        ("vector_sensitivity", "<f8", (3, 3)),  # m, vector_force per gyro bias
         ("reject_count", "<i8"),  # fixes in a row that contradict the specific force
         ("heading_fault_count", "<i8"),  # pairs in a row that contradict the heading
     ],
@@ -60,7 +71,15 @@ HYPOTHESIS_BANK = np.dtype(
         ("energy_age", "<f8"),  # s, their energy times its age
         ("last_integrals", "<f8", (4, 2)),  # the core's then
         ("last_double_integrals", "<f8", (4, 2)),
+        ("vector_count", "<i8"),
+        (
+            "vectors",
+            "<f8",
+            (VECTORS, 17),
+        ),  # receiver, IMU, m/s; IMU per gyro bias, m; variances
         # scratch
+        ("vector_normal", "<f8", (6, 13)),
+        ("vector_product", "<f8", (2, 4, 4)),
         ("innovations", "<f8", (5, 2)),
         ("prior", "<f8", (3, 3, 2)),
         ("inverse", "<f8", (3, 3, 2)),

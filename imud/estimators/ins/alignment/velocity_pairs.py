@@ -28,6 +28,7 @@ from .hypothesis_bank import (
     propagate_hypotheses,
 )
 from .levelling import level_from_velocity_change
+from .vector_pairs import restart_vectors
 from .whitening import predict_whitening, reset_whitening, whitened_innovations, whitened_variance
 
 if TYPE_CHECKING:
@@ -303,6 +304,7 @@ def restart_in_motion_alignment(c: Core) -> None:
     """Clear integrals, pairs and the count of contradictions: the next fix starts a new origin."""
     a = c.alignment
     clear_integrals(c)
+    restart_vectors(c)
     a.pair_start_ns = a.last_match_ns = NEVER_NS
     a.mean_velocity[2] = 0.0
     a.heading_fault_count = 0

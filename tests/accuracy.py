@@ -88,6 +88,22 @@ def jitter(samples, fixes, begin):
     restamp(fixes, slice(None), np.random.default_rng(1).uniform(-0.05, 0.05, len(fixes)))
 
 
+def shift(fixes, seconds):
+    """Another clock stamped the fixes: epochs and arrivals move by `seconds`, which depend on the time."""
+    for name in ("t_ns", "arrival_ns"):
+        fixes[name] += (1e9 * seconds).astype(np.int64)
+
+
+def clock_rate(samples, fixes, begin):
+    """The clocks of IMU and receiver agree at the first fix and run apart by 200 parts in a million."""
+    shift(fixes, 2e-4 * 1e-9 * (fixes["t_ns"] - fixes["t_ns"][0]))
+
+
+def clock_wander(samples, fixes, begin):
+    """The clocks differ by 0.15 s to and fro within 200 s, at most 4.7 ms/s."""
+    shift(fixes, 0.15 * np.sin(2e-9 * np.pi / 200.0 * (fixes["t_ns"] - fixes["t_ns"][0])))
+
+
 def ramp(samples, fixes, begin):
     k = during(fixes, begin, RAMP_S)
     fixes["lat"][k] += (fixes["t_ns"][k] * 1e-9 - begin) / 6.37e6
@@ -108,6 +124,8 @@ FAULTS = {
     "stamps step +1 s": late_step,
     "stamps step -1 s": early_step,
     "epochs +-50 ms": jitter,
+    "clock +200 ppm": clock_rate,
+    "clock +-0.15 s": clock_wander,
     "ramp 1 m/s": ramp,
     "lever arm +1 m": lever_arm,
     "lever arm +1 m as sigma": lever_arm,

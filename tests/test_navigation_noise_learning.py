@@ -5,11 +5,19 @@ import pytest
 from navigation_runner import nanoseconds, navigate, settings_of
 from navigation_simulation import drive, errors, received, sensed
 
+from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators.ins.parameters import configure
-from imud.estimators.ins.process_noise import learn_process_noise, propagate_learning, update_learning
+from imud.estimators.ins.process_noise import (
+    bound_sensitivity,
+    learn_process_noise,
+    propagate_learning,
+    update_learning,
+)
 from imud.estimators.ins.setup import start
+from imud.estimators.ins.state import STATES
 from imud.estimators.records import REJECTING
+from imud.math.kalman import unpack as unpacked
 
 N = 9  # position, velocity, attitude
 FIXES, DT, STEPS, R = 12, 0.25, 4, 0.04**2
@@ -117,3 +125,38 @@ def test_fixes_are_not_refused_after_a_bump():
     late = (d.t > 60.0) & np.isin(samples["t_ns"], nanoseconds(100.0 + np.arange(300)))
     assert np.abs(errors(d, out)[0][late, :2]).max() < 1.3
     assert ((out["status"][d.t > 60.0] & REJECTING) > 0).mean() < 0.02
+
+
+def test_sensitivities_are_bounded_by_the_covariance():
+    """Those of the covariance by the covariance itself, by a congruence; those of the estimate by a sigma."""
+    rng = np.random.default_rng(1)
+    c = start(configure(Settings(), 100.0), Initial())["core"][0, 0]
+    g, upper = c["process_noise"], np.triu_indices(N)
+    sigmas = np.array([unpacked(c["cov"]["P"], STATES)[i, i] for i in range(N)]) ** 0.5
+    root = rng.standard_normal((N, N)) * sigmas[:, None] * np.array([0.1] * 3 + [1e4] * 3 + [2.0] * 3)[:, None]
+    D = root @ root.T
+    for k in range(2):
+        g["covariance_sensitivity"][k] = D[upper]
+        g["estimate_sensitivity"][k] = sigmas * np.array([-0.5, 2.0, 0.0, -1e6, 0.3, 1e6, 1.0, 0.0, -3.0])
+    interpreted(bound_sensitivity)(c.view(np.recarray))
+    for k in range(2):
+        bounded = unpacked(g["covariance_sensitivity"][k], N)
+        share = np.minimum(sigmas / np.sqrt(np.diag(D)), 1.0)
+        assert bounded == pytest.approx(D * np.outer(share, share))
+        assert g["estimate_sensitivity"][k] / sigmas == pytest.approx([-0.5, 1, 0, -1, 0.3, 1, 1, 0, -1])
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_velocities_are_as_good_as_their_sigmas_with_centimetres(seed):
+    """A shaken sensor and a survey's fixes: without the bounds the NEES of the velocity is 2.5 and 2.0."""
+    rng = np.random.default_rng(seed)
+    d = drive(300.0, speed=15.0)
+    samples = sensed(d, rng, bg=0.01 * rng.standard_normal(3), ba=0.1 * rng.standard_normal(3))
+    moving = d.t > 10.0
+    samples["f"][moving] += 0.1 * 10.0 * rng.standard_normal((moving.sum(), 3))  # 100 Hz
+    samples["w"][moving] += np.radians(0.02) * 10.0 * rng.standard_normal((moving.sum(), 3))
+    fixes = received(d, rng, sigma=0.0, white=0.01)
+    fixes["sigma"], fixes["arrival_ns"] = (0.01, 0.01, 0.02), fixes["t_ns"]
+    out = navigate(samples, fixes, settings_of("free"))[0]
+    late = slice(9000, None, 50)
+    assert np.mean((errors(d, out)[1][late] / out["sigma_v"][late]) ** 2) < 1.5

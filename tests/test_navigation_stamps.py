@@ -6,7 +6,11 @@ from navigation_runner import navigate
 from navigation_simulation import drive, errors, received, sensed
 from replay_in_process import new_filter, replay
 
-from imud.configuration.settings import Navigation, Settings
+from imud.compile.jit import interpreted
+from imud.configuration.settings import Initial, Navigation, Settings
+from imud.estimators.ins.integrity.time_offset_step import detect_time_offset_step
+from imud.estimators.ins.parameters import configure
+from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import ATTITUDE, POSITION, TIME_OFFSET, VELOCITY
 from imud.estimators.records import POSITION_VALID
 
@@ -58,7 +62,9 @@ def test_a_jump_of_a_few_seconds_is_no_step_of_the_stamps(metres):
 
 def test_the_effect_of_a_step_is_predicted():
     """Against the difference of two runs of a free vehicle, one with a time offset that is changed by hand."""
-    settings = Settings(navigation=Navigation(vehicle="free", tuning={"time_offset_step_onset_chi2": 0.0}))
+    settings = Settings(
+        navigation=Navigation(vehicle="free", tuning={"time_offset_step_onset_chi2": 0.0, "excluded_step_sigmas": 1e6})
+    )
     rng = np.random.default_rng(1)
     samples, fixes = sensed(D, rng), received(D, rng, sigma=0.1, white=0.6, speed_sigma=0.5, hdop=0.05)
     first, last, change = int(40.5 * RATE), int(70.5 * RATE), 1e-4
@@ -81,3 +87,16 @@ def test_the_effect_of_a_step_is_predicted():
     assert w[POSITION] == pytest.approx((changed["lat"] - nav["lat"]) * 6.37e6 / change, rel=0.15)
     assert w[VELOCITY : VELOCITY + 2] == pytest.approx((changed["v_n"] - nav["v_n"])[:2] / change, abs=0.15)
     assert np.abs(w[ATTITUDE : ATTITUDE + 3]).max() < 0.2
+
+
+@pytest.mark.parametrize(("sigma_s", "renewed"), [(0.02, True), (0.2, False)])
+def test_an_onset_since_which_a_step_is_excluded_is_renewed(sigma_s, renewed):
+    """What it knows of the time before a step would hide the step; 3 sigma of what looks like a small step."""
+    p = configure(Settings(), 100.0).view(np.recarray)[0]
+    c = start(configure(Settings(), 100.0), Initial())["core"][0].view(np.recarray)[0]
+    g, d = c.time_offset_step, 3.0 * sigma_s
+    c.nav.t_ns, g.onset_ns = 400_000_000_000, 16_000_000_000
+    g.information, g.vector, g.count = sigma_s**-2, d * sigma_s**-2, 300
+    g.energy = d * g.vector + 300.0
+    assert not interpreted(detect_time_offset_step)(p, c)
+    assert (g.onset_ns == c.nav.t_ns) == renewed

@@ -32,6 +32,7 @@ from imud.drivers import elementary
 from ...compile.jit import kernel
 from ...math.kalman import measure, packed_index, shear, shear33
 from ..tuning import Tunable
+from .ekf import variance
 from .state import ATTITUDE, LEARNING_STATES, POSITION, VELOCITY
 
 if TYPE_CHECKING:
@@ -146,6 +147,26 @@ def propagate_learning(p: Parameters, c: Core, transition: Transition) -> None:
 
 
 @kernel
+def bound_sensitivity(c: Core) -> None:
+    """D <- at most P, abs(e) <- at most one sigma, of each state, by a congruence.
+
+    P is a concave function of the noises, homogeneous of degree 1, so its derivative by the logarithm of one of them is
+    at most P. The recursions leave the other states out, with whose gains alone they would not be stable.
+    """
+    n = LEARNING_STATES
+    for k in range(2):
+        D, e = c.process_noise.covariance_sensitivity[k], c.process_noise.estimate_sensitivity[k]
+        for i in range(n):
+            most, at = max(variance(c, i), 0.0), packed_index(n, i, i)
+            e[i] = min(max(e[i], -math.sqrt(most)), math.sqrt(most))
+            if D[at] > most:
+                share = math.sqrt(most / D[at])
+                for j in range(n):
+                    D[packed_index(n, min(i, j), max(i, j))] *= share
+                D[at] = most
+
+
+@kernel
 def predict_sensitivity(c: Core, k: int, length: int) -> tuple[float, float]:
     """h D h' and h e of noise k for the Jacobian, of that length; stores D h in scratch.learning_d."""
     scratch, n, he = c.scratch, 0, 0.0
@@ -185,6 +206,7 @@ def set_psd(p: Parameters, c: Core) -> None:
 @kernel
 def learn_process_noise(p: Parameters, c: Core, length: int, z: float, s: float) -> None:
     """Learn from an innovation z of variance s, before its update or without one; `length`: of the Jacobian."""
+    bound_sensitivity(c)
     V, most, root = c.process_noise.log_psd_covariance, math.sqrt(p.tuning.max_learned_nis * s), math.sqrt(s)
     hDh_velocity, he_velocity = predict_sensitivity(c, 0, length)
     hDh_attitude, he_attitude = predict_sensitivity(c, 1, length)

@@ -223,6 +223,7 @@ class Tuning:
     unconfirmed_heading_sigma: float
     time_offset_step_chi2: float
     time_offset_step_onset_chi2: float
+    excluded_step_sigmas: float
     time_offset_step_sigma: float
     max_step_heading_sigma: float
     min_time_offset_step_s: float

@@ -10,7 +10,8 @@ and an innovation z of variance s has the mean h w d. Least squares over the inn
 since the onset, also of those that were rejected, gives d, and its chi-square is compared with a threshold (generalized
 likelihood ratio, GLR). The chi-square is divided by the mean square of the residuals, so that errors of the receiver in
 any direction are no evidence of a step, and a constant jump of the position is eliminated first: only changes of the
-velocity distinguish the two. The onset is the last fix whose innovations were as expected.
+velocity distinguish the two. The onset is the last fix whose innovations were as expected, or after which a step
+could be excluded.
 
 When a step is detected, x += w d and P += sigma^2 (w w' + u u'), with 1 at TIME_OFFSET and v at POSITION in u. An
 offset and a displacement along the track cancel in every position (h u = 0); later fixes separate them.
@@ -35,6 +36,13 @@ if TYPE_CHECKING:
 TUNABLES = (
     Tunable("time_offset_step_chi2", 30.0, "", "Chi-square (1 degree of freedom) that proves a step.", "5.5 sigma."),
     Tunable("time_offset_step_onset_chi2", 4.0, "", "Chi-square from which the onset is kept.", "Two sigma."),
+    Tunable(
+        "excluded_step_sigmas",
+        3.0,
+        "sigma",
+        "The onset is renewed when a step since then, of the least size, is excluded with so many sigmas.",
+        "What an old onset knows hides a new step.",
+    ),
     Tunable("time_offset_step_sigma", 0.3, "", "Sigma of a step that was detected, as a share of it.", "Choice."),
     Tunable(
         "max_step_heading_sigma",
@@ -124,8 +132,8 @@ def chi2_beyond(information: float, vector: float, energy: float, count: float) 
 
 
 @kernel
-def find_time_offset_step(c: Core) -> tuple[float, float]:
-    """The step, s, and its chi-square, beyond what a jump of the position explains."""
+def find_time_offset_step(c: Core) -> tuple[float, float, float]:
+    """The step, s, its sigma, s, and its chi-square, beyond what a jump of the position explains."""
     g = c.time_offset_step
     information, vector, energy = g.information, g.vector, g.energy
     for axis in range(2):
@@ -135,7 +143,8 @@ def find_time_offset_step(c: Core) -> tuple[float, float]:
             vector -= r[1] * r[2] / r[0]
             energy -= r[2] * r[2] / r[0]
     information = max(information, 1e-9 * g.information)  # not 0 by rounding
-    return vector / information, chi2_beyond(information, vector, energy, g.count - 3.0)
+    chi2 = chi2_beyond(information, vector, energy, g.count - 3.0)
+    return vector / information, 1.0 / math.sqrt(information), chi2
 
 
 @kernel
@@ -170,7 +179,10 @@ def detect_time_offset_step(p: Parameters, c: Core) -> bool:
     ):
         open_time_offset_step(c)
         return False
-    d, chi2 = find_time_offset_step(c)
+    d, sigma, chi2 = find_time_offset_step(c)
+    if abs(d) + p.tuning.excluded_step_sigmas * sigma < p.tuning.min_time_offset_step_s:
+        open_time_offset_step(c)
+        return False
     if (
         chi2 > p.tuning.time_offset_step_chi2
         and p.tuning.min_time_offset_step_s < abs(d) < p.tuning.max_time_offset_step_s

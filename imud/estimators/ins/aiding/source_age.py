@@ -159,10 +159,6 @@ def change_ages(p: Parameters, g: SourceAge, dt: float) -> None:
     total = 0.0
     for i in range(AGES):
         total += g.probability[i]
-    if not total > 0.0:
-        for i in range(AGES):
-            g.probability[i] = prior_of_age(p, i)
-        total = 1.0
     drift, change = min(dt / p.tuning.age_drift_s, 0.25), min(dt / p.tuning.age_change_s, 1.0)
     last = g.probability[0] / total
     for i in range(AGES):
@@ -192,6 +188,8 @@ def learn_age(p: Parameters, s: State, m: Measurement) -> None:
     """Learn a source's age from a measurement, before the rewind to its epoch."""
     g, c = s.source_ages[m.kind], s.core[0]
     if m.kind not in (ODOMETER_SOURCE, POSE_SOURCE, VELOCITY_SOURCE, BODY_VELOCITY_SOURCE):
+        return
+    if m.kind in (POSE_SOURCE, VELOCITY_SOURCE) and not math.isfinite(m.value[1]):
         return
     dt = 1e-9 * (m.t_ns - g.last_ns) if g.last_ns != NEVER_NS else 2.0 * GAP_S
     if c.alignment.mode != NAVIGATING or m.t_ns > c.nav.t_ns + AHEAD_NS or dt < p.tuning.age_interval_s:

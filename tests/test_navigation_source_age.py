@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from fault_matrix import BEGIN_S, SOURCES, late, own_clock, scene
+from fault_matrix import BEGIN_S, SOURCES, cell, harm, judged, late, own_clock, scene
 from navigation_simulation import drive, errors, received, sensed
 
 from imud.batch import play
@@ -48,7 +48,7 @@ def faulty(name, fault, seed):
         ("odometer", late, 0.82, 0.1),
         ("odometer", own_clock, -0.35, 0.25),  # the estimate follows wheels that are early by a third of a second
         ("pose", late, 0.97, 0.15),  # 0.02 to 0.32 s of transmission, besides
-        ("pose", own_clock, -0.35, 0.15),
+        ("pose", own_clock, -0.35, 0.25),
         ("body_velocity", late, 0.97, 0.15),
     ],
 )
@@ -57,6 +57,18 @@ def test_an_age_is_found_in_half_a_minute_of_changing_speed(name, fault, age, wi
     before, after = found[found[:, 0] < BEGIN_S], found[-20:]
     assert np.all(before[:, 1] == 0.0)
     assert np.all(after[:, 1] != 0.0) and np.abs(after[:, 1] - age).max() < within
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("name", ["odometer", "pose"])
+def test_one_that_is_late_from_the_first_on_is_found_and_misleads_little(name, seed):
+    d, samples, fixes, rows = faulty(name, None, seed)
+    rows["arrival_ns"] += 800_000_000
+    rows["t_ns"] = rows["arrival_ns"]
+    out, found, _ = ages(d, samples, fixes, rows, 130.0)
+    judgement = judged(d, out)
+    assert found[-1, 1] == pytest.approx(0.82 if name == "odometer" else 0.97, abs=0.2)
+    assert judgement.sure_s == 0.0 and harm(judgement, cell(seed))[0] < 1.5
 
 
 @pytest.mark.parametrize("name", ["odometer", "pose", "velocity", "body_velocity"])

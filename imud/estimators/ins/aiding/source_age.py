@@ -36,12 +36,12 @@ if TYPE_CHECKING:
 
 TUNABLES = (
     Tunable("age_interval_s", 0.19, "s", "Least time between readings that an age is learned from.", "5 Hz suffice."),
-    Tunable("age_mean_s", 2.0, "s", "Time of the mean that is subtracted.", "Choice: a change of speed."),
+    Tunable("age_mean_s", 3.0, "s", "Time of the mean that is subtracted.", "Choice: a change of speed."),
     Tunable("age_correlation_s", 1.0, "s", "Correlation time of what is left.", "A slip, an error of the map."),
     Tunable("age_gate", 9.0, "NIS", "Bound of the square of what is left.", "Three sigma."),
     Tunable("age_speed_noise", 0.05, "m/s", "What is left of a speed of the right age, besides its sigma.", "Choice."),
     Tunable("age_position_noise", 0.3, "m", "What is left of a pose of the right age, besides its sigma.", "Choice."),
-    Tunable("age_prior", 2e-3, "", "Probability that a source is late, or its clock wrong.", "Choice.", high=0.5),
+    Tunable("age_prior", 0.1, "", "Probability that a source is late, or its clock wrong.", "Choice.", high=0.5),
     Tunable("age_change_s", 3600.0, "s", "Mean time between changes of an age.", "Choice: once an hour."),
     Tunable("age_drift_s", 1000.0, "s", "Time in which an age moves by a step of the bank.", "0.1 ms in a second."),
 )

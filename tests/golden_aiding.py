@@ -108,6 +108,18 @@ def odometer_without_sign():
     return replace(navigated(*data(d, seed=64)), measurements=rows)
 
 
+def odometer_late():
+    """Of 0.7 s from the middle on, without a time of its own; the receiver is lost, and comes back."""
+    d = road(120.0, swing=1.3)
+    samples, fixes = data(d, seed=91)
+    rows = readings(d, seed=92)
+    late = rows["t_ns"] > 145e9
+    rows["arrival_ns"][late] = rows["t_ns"][late] + 700_000_000
+    rows["t_ns"][late] = rows["arrival_ns"][late]
+    gone = (fixes["t_ns"] > 185e9) & (fixes["t_ns"] < 205e9)
+    return replace(navigated(samples, fixes[~gone]), measurements=rows)
+
+
 def odometer_against_a_drift():
     """The receiver drifts, and says so in its velocity, too; then it is where it was."""
     d = road(150.0)

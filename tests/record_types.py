@@ -49,6 +49,7 @@ INS = {
     "Alignment": alignment.ALIGNMENT,
     "Barometer": aiding.BAROMETER,
     "ExternalAid": aiding.EXTERNAL_AID,
+    "SourceAge": aiding.SOURCE_AGE,
     "HeadingAid": aiding.HEADING_AID,
     "Magnetometer": aiding.MAGNETOMETER,
     "Odometer": aiding.ODOMETER,

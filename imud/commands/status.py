@@ -177,7 +177,8 @@ def _use(source: Table) -> str:
     if "used" not in source:
         return ""
     ratio = f", ratio {source['ratio']:.2g}" if "ratio" in source else ""
-    return f"; {source['used']} used, {source['rejected']} rejected{ratio}"
+    late = f", late by {source['late_s']:.2f} s" if "late_s" in source else ""
+    return f"; {source['used']} used, {source['rejected']} rejected{ratio}{late}"
 
 
 def _share(source: Table) -> Iterator[str]:

@@ -102,6 +102,9 @@ class StatusReporter:
             table["sources"] = status_tables.of_sources(
                 received_by_source, publisher.innovations, publisher.shares, known
             )
+            inertial = self._devices.selection.inertial
+            if inertial is not None:
+                status_tables.add_ages(table["sources"], inertial.stream.filter)
         return table
 
     def status(self, publisher: Publisher, outputs: Outputs, aiding: "AidingInput | None") -> str:

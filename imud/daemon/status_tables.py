@@ -32,6 +32,7 @@ from ..outputs.view import decode, euler
 if TYPE_CHECKING:
     from ..outputs.binary import BinaryOutputs
     from ..outputs.gpsd import GpsdServer
+    from ..pipeline import Filter
     from ..sensors.inertial import Inertial
     from ..sensors.receiver import Receiver
     from .load import Load
@@ -87,6 +88,16 @@ def of_sources(
     """
     kinds = {source.name: source.innovations for source in known}
     return {name: table | innovations.sum(kinds.get(name, ())) | shares.table(name) for name, table in tables.items()}
+
+
+def add_ages(tables: Mapping[str, Table], filter_: "Filter") -> None:
+    """To the table of each aiding source: by how much it was found to be late, s, its clock being wrong or none."""
+    if filter_.estimator.source_ages_s is None:
+        return
+    ages = filter_.estimator.source_ages_s(filter_.state)
+    for source in filter_.estimator.sources:
+        if source.name in tables and ages[source.kind] != 0.0:
+            tables[source.name]["late_s"] = round(float(ages[source.kind]), 2)
 
 
 def of_process(started_ns: int) -> Table:

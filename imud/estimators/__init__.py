@@ -12,7 +12,7 @@ from typing import Any
 from imud.configuration.settings import Initial, Settings
 from imud.sensor_errors.stored_biases import Biases
 
-from ..math.arrays import Records
+from ..math.arrays import Floats, Records
 from .aiding_source import AidingSource
 from .tuning import Tunable
 
@@ -36,6 +36,8 @@ class Estimator:
     backward_tuning(solution, factor) -> tunables, by name, with which a filter begins at that solution with sigmas
     `factor` times as large, and takes epochs as known; for smoothing. None: it cannot run backward in time.
     fix_delay_s(state) -> by how much a fix is older than its epoch says, s. None: it does not estimate it.
+    source_ages_s(state) -> by how much measurements are older than their epochs say, s, by the code of their source.
+    None: it does not estimate it.
     variances(state) -> those of the horizontal position and height, m^2, horizontal velocity, (m/s)^2, and heading,
     rad^2; None: it does not navigate yet. None: it has none.
     place(state) -> latitude and longitude, rad, and height, m; None: not known yet. None: it has none.
@@ -56,6 +58,7 @@ class Estimator:
     resume: Callable[[Records, Records], None] | None = None
     backward_tuning: Callable[[Any, float], dict[str, float]] | None = None
     fix_delay_s: Callable[[Records], float] | None = None
+    source_ages_s: Callable[[Records], Floats] | None = None
     variances: Callable[[Records], tuple[float, float, float, float] | None] | None = None
     place: Callable[[Records], tuple[float, float, float] | None] | None = None
     pending_innovations: Callable[[Any, Any], int] | None = None

@@ -27,7 +27,7 @@ from ..estimators.records import (
     POSITION_VALID,
     SOLUTION,
 )
-from ..math.arrays import Records
+from ..math.arrays import Floats, Records
 from ..pipeline import Filter
 from ..sensor_errors.stored_biases import Biases
 from .attitude import smooth_attitude
@@ -39,7 +39,7 @@ WIDER = 5.0  # the sigmas with which the backward filter begins, over those with
 
 
 class Forward:
-    """The run of the filter forward in time: its solutions, and by how much fixes are older than their epochs."""
+    """The run of the filter forward in time: its solutions, and how late fixes and other measurements are."""
 
     def __init__(self, filter_: Filter) -> None:
         """Raises UsageError if the estimator cannot run backward."""
@@ -48,12 +48,15 @@ class Forward:
         self.filter = filter_
         self._solutions = Rows(SOLUTION)
         self._delays: list[tuple[int, float]] = [(0, 0.0)]
+        self._ages: list[tuple[int, Floats]] = []
 
     def take(self, solutions: Records) -> None:
         """The solutions of the next samples."""
         self._solutions.append(solutions)
         if len(solutions) and (delay := self.filter.estimator.fix_delay_s) is not None:
             self._delays.append((int(solutions["t_ns"][-1]), delay(self.filter.state)))
+        if len(solutions) and (ages := self.filter.estimator.source_ages_s) is not None:
+            self._ages.append((int(solutions["t_ns"][-1]), ages(self.filter.state).copy()))
 
     def solutions(self) -> Records:
         """All of them."""
@@ -63,6 +66,15 @@ class Forward:
         """By how much each of the fixes is older than its epoch says, as the filter found."""
         times, delays = zip(*self._delays[1:] or self._delays, strict=True)
         return np.interp(fixes["t_ns"], times, delays)
+
+    def at_their_ages(self, measurements: Records) -> Records:
+        """Measurements with the epochs that the filter took them for."""
+        rows = measurements.copy()
+        if self._ages and len(rows):
+            times, ages = zip(*self._ages, strict=True)
+            known = np.minimum(np.searchsorted(times, rows["arrival_ns"]), len(times) - 1)
+            rows["t_ns"] -= np.round(1e9 * np.array(ages)[known, rows["kind"]]).astype(np.int64)
+        return rows
 
 
 def smooth(
@@ -87,7 +99,11 @@ def smooth(
     for block in reversed_samples(samples, solutions, forward.filter.estimator.rates_of_interval):
         turned.append(block)
     filter_ = _backward_filter(forward.filter, solutions[-1])
-    aiding = None if measurements is None else reversed_measurements(measurements, filter_.estimator.sources, end_ns)
+    aiding = (
+        None
+        if measurements is None
+        else reversed_measurements(forward.at_their_ages(measurements), filter_.estimator.sources, end_ns)
+    )
     play(filter_, turned.array(), reversed_fixes(fixes, end_ns, forward.delays_s(fixes)), past.append, aiding=aiding)
     backward = past.array()[::-1]
     for start in range(0, len(solutions), BLOCK):

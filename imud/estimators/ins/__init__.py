@@ -22,7 +22,7 @@ from .. import Estimator
 from .checkpoint import checkpoint, resume
 from .filter import aid, step, take_innovations, update
 from .parameters import TUNABLES, configure
-from .setup import backward_tuning, fix_delay_s, place, restore_biases, start, variances
+from .setup import backward_tuning, fix_delay_s, place, restore_biases, source_ages_s, start, variances
 from .sources import SOURCES
 
 ESTIMATOR = Estimator(
@@ -41,6 +41,7 @@ ESTIMATOR = Estimator(
     resume=resume,
     backward_tuning=backward_tuning,
     fix_delay_s=fix_delay_s,
+    source_ages_s=source_ages_s,
     place=place,
     variances=variances,
 )

@@ -7,11 +7,20 @@ first sample after a gap begins the alignment's integrals and pairs anew. Of the
 import numpy as np
 
 from ...math.arrays import Records
+from .aiding.records import SOURCE_AGE
 from .core import SNAPSHOT
-from .state import IMU_RING
+from .state import IMU_RING, SOURCE_KINDS
 
 _TIMES = ("last_epoch_ns", "last_time_offset", "last_fusion_ns")
-CHECKPOINT = np.dtype([("core", SNAPSHOT), *zip(_TIMES, ("<i8", "<f8", "<i8"), strict=True)], align=True)
+_KEPT = (*_TIMES, "source_ages")
+CHECKPOINT = np.dtype(
+    [
+        ("core", SNAPSHOT),
+        *zip(_TIMES, ("<i8", "<f8", "<i8"), strict=True),
+        ("source_ages", SOURCE_AGE, (SOURCE_KINDS,)),
+    ],
+    align=True,
+)
 
 
 def checkpoint(state: Records) -> Records:
@@ -19,7 +28,7 @@ def checkpoint(state: Records) -> Records:
     s, saved = state[0], np.zeros(1, CHECKPOINT)
     for name in SNAPSHOT.names or ():
         saved["core"][name] = s["core"][name]
-    for name in _TIMES:
+    for name in _KEPT:
         saved[name] = s[name]
     return saved
 
@@ -29,7 +38,7 @@ def resume(state: Records, saved: Records) -> None:
     s, core = state[0], saved["core"][0]
     for name in SNAPSHOT.names or ():
         s["core"][name] = core[name]
-    for name in _TIMES:
+    for name in _KEPT:
         s[name] = saved[name][0]
     s["sample_count"], s["aiding_start"] = core["imu"]["sample_count"], core["nav"]["fused_count"]
     last = s["imu_ring"][(s["sample_count"] - 1) % IMU_RING]

@@ -6,7 +6,17 @@ The records of aiding sources, alignment and integrity monitoring are in the fil
 import numpy as np
 
 from ..records import FIX, INNOVATION, MEASUREMENT
-from .aiding.records import BAROMETER, EXTERNAL_AID, GNSS, HEADING_AID, MAGNETOMETER, NHC, ODOMETER, WHEEL_CHECK
+from .aiding.records import (
+    BAROMETER,
+    EXTERNAL_AID,
+    GNSS,
+    HEADING_AID,
+    MAGNETOMETER,
+    NHC,
+    ODOMETER,
+    SOURCE_AGE,
+    WHEEL_CHECK,
+)
 from .alignment.records import ALIGNMENT, HYPOTHESIS_BANK
 from .integrity.records import DRIFT, GRAVITY_MONITOR, GYRO_BIAS_STEP, INTEGRITY, TIME_OFFSET_STEP, VELOCITY_DRIFT
 from .state import (
@@ -17,6 +27,7 @@ from .state import (
     LEARNING_STATES,
     PENDING_INNOVATIONS,
     SNAPSHOTS,
+    SOURCE_KINDS,
     STATES,
     STEP_INNOVATIONS,
 )
@@ -160,6 +171,7 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
         ("integral_change", "<f8", (4, 2)),
         ("innovations", INNOVATION, (STEP_INNOVATIONS,)),  # of the last sample
         ("innovation_count", "<i8"),
+        ("age_variance", "<f8"),  # s^2, of the measurement that is fused
     ],
     align=True,
 )
@@ -201,6 +213,7 @@ STORED_MEASUREMENT = np.dtype(
         ("kind", "<i8"),
         ("fix", FIX),  # if it is a GNSS fix
         ("measurement", MEASUREMENT),  # if it is from another source
+        ("age_variance", "<f8"),  # s^2, of its epoch less the age of its source
         ("bank", "<i8"),  # number of the hypothesis bank before a fix
         ("too_late", "<i8"),  # 1: its epoch is before the horizon, so that it is fused later
         ("last_epoch_ns", "<i8"),  # these three as in STATE, before a fix
@@ -217,6 +230,7 @@ STATE = np.dtype(
         ("banks", HYPOTHESIS_BANK, (BANKS,)),  # before each of the last fixes
         ("bank_count", "<i8"),  # fixes ever stored
         ("snapshots", SNAPSHOT, (SNAPSHOTS,)),
+        ("source_ages", SOURCE_AGE, (SOURCE_KINDS,)),  # by kind; change with new measurements only
         ("imu_ring", STORED_SAMPLE, (IMU_RING,)),
         ("aiding_ring", STORED_MEASUREMENT, (AIDING_RING,)),  # in the order of their times
         ("aiding_start", "<i8"),  # measurements no longer kept: the number of the oldest that is

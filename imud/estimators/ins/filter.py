@@ -11,6 +11,7 @@ from ...compile.jit import kernel
 from ...math.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
 from ..records import GNSS_FIX, POSITION_N
 from ..tuning import Tunable
+from .aiding.source_age import learn_age
 from .alignment.modes import HEADING_KNOWN, change_mode
 from .alignment.velocity_pairs import is_levelled
 from .error_model import reset_gyro_scale
@@ -135,7 +136,7 @@ def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> 
 
 @kernel
 def aid(p: Parameters, s: State, measurement: Measurement, innovations: list[Innovation]) -> int:
-    """Fuse one measurement of another source at its epoch; returns the rows of innovations written.
+    """Fuse one measurement of another source at its epoch less its age; returns the rows of innovations written.
 
     Measurements may come in any order; one that is older than the fusion horizon is rejected.
     """
@@ -143,12 +144,16 @@ def aid(p: Parameters, s: State, measurement: Measurement, innovations: list[Inn
     age = 1e-9 * (c.nav.t_ns - measurement.t_ns)
     if s.sample_count == 0 or not math.isfinite(measurement.value[0]):
         return 0
-    t_ns, snapshots = min(measurement.t_ns, c.nav.t_ns), s.snapshot_count
+    learn_age(p, s, measurement)
+    source = s.source_ages[measurement.kind]
+    t_ns, snapshots = min(measurement.t_ns - int(1e9 * source.age), c.nav.t_ns), s.snapshot_count
     if age < -p.tuning.max_ahead_s or not rewind_to(s, t_ns):
         kind = REJECTED_KIND[measurement.kind]
         return write_innovation(innovations, 0, measurement.t_ns, kind, math.nan, math.nan, False)
     k = insert_measurement(s, t_ns, measurement.kind)
-    s.aiding_ring[k % AIDING_RING].measurement = measurement
+    e = s.aiding_ring[k % AIDING_RING]
+    e.measurement, e.age_variance = measurement, source.variance
+    e.measurement.t_ns -= int(1e9 * source.age)
     return fuse_from(p, s, k, snapshots, innovations)
 
 
@@ -186,6 +191,7 @@ def fuse_stored(p: Parameters, s: State, e: StoredMeasurement, snapshots: int, i
     """Fuse a stored measurement at the core's time; returns the rows of innovations written."""
     c = s.core[0]
     if e.kind != GNSS_FIX:
+        c.scratch.age_variance = e.age_variance
         return fuse_source(p, c, e.measurement, innovations)
     store_bank(s, e)
     set_noise(p, c, e.fix, s.last_epoch_ns == NEVER_NS)

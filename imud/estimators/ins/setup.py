@@ -9,11 +9,12 @@ from imud.configuration.settings import Initial
 from imud.math.kalman import packed_index
 from imud.sensor_errors.stored_biases import Biases
 
-from ...math.arrays import Records
+from ...math.arrays import Floats, Records
 from ..tuning import Tunable
 from .core import STATE
 from .state import (
     ACCEL_BIAS,
+    AGES,
     ATTITUDE,
     BARO_OFFSET,
     COARSE_ALIGNMENT,
@@ -23,6 +24,7 @@ from .state import (
     GYRO_SCALE,
     NAVIGATING,
     NEVER_NS,
+    NO_AGE,
     ODOMETER_SCALE,
     POSITION,
     STATES,
@@ -99,6 +101,9 @@ def start(parameters: Records, initial: Initial) -> Records:
     for name in ("pose", "external_velocity"):
         c[name]["last_ns"] = c[name]["last_used_ns"] = NEVER_NS
         c[name]["last_value"] = math.nan
+    s["source_ages"]["last_ns"] = NEVER_NS
+    s["source_ages"]["probability"] = t["age_prior"] / (AGES - 1)
+    s["source_ages"]["probability"][..., NO_AGE] = 1.0 - t["age_prior"]
     c["odometer"]["last_ns"] = c["odometer"]["last_used_ns"] = NEVER_NS
     c["gnss"]["given_lever_arm"] = math.nan
     c["gnss"]["velocity_noise_var"] = t["first_velocity_noise"] ** 2
@@ -148,6 +153,12 @@ def backward_tuning(solution: np.void, factor: float) -> dict[str, float]:
 def fix_delay_s(state: Records) -> float:
     """See `Estimator`."""
     return float(state["core"][0, 0]["nav"]["time_offset"])
+
+
+def source_ages_s(state: Records) -> Floats:
+    """See `Estimator`."""
+    ages: Floats = state["source_ages"][0]["age"]
+    return ages
 
 
 def place(state: Records) -> tuple[float, float, float] | None:

@@ -17,7 +17,7 @@ from ..records import (
     POSE_SOURCE,
     VELOCITY_SOURCE,
 )
-from .aiding import barometer, external_pose, external_velocity, heading, magnetometer, odometer, two_wheels
+from .aiding import barometer, external_pose, external_velocity, heading, magnetometer, odometer, source_age, two_wheels
 from .aiding.barometer import fuse_barometer
 from .aiding.external_pose import fuse_pose
 from .aiding.external_velocity import fuse_external_velocity
@@ -44,6 +44,7 @@ SOURCES = (
 )
 TUNABLES = (
     *heading.TUNABLES,
+    *source_age.TUNABLES,
     *odometer.TUNABLES,
     *two_wheels.TUNABLES,
     *barometer.TUNABLES,

@@ -253,6 +253,15 @@ class Tuning:
     heading_gate: float
     heading_trust_s: float
     heading_min_level: float
+    age_interval_s: float
+    age_mean_s: float
+    age_correlation_s: float
+    age_gate: float
+    age_speed_noise: float
+    age_position_noise: float
+    age_prior: float
+    age_change_s: float
+    age_drift_s: float
     odometer_sigma: float
     odometer_scale_sigma: float
     odometer_scale_psd: float

@@ -272,6 +272,15 @@ class ExternalAid:
     last_value: Reals
 
 
+class SourceAge:
+    last_ns: int
+    probability: Reals
+    mean: Tensor
+    known_s: Reals
+    age: float
+    variance: float
+
+
 class HeadingAid:
     last_ns: int
     distrusted: int
@@ -332,6 +341,7 @@ class Scratch:
     integral_change: Tensor
     innovations: list[Innovation]
     innovation_count: int
+    age_variance: float
 
 
 class Snapshot:
@@ -412,6 +422,7 @@ class StoredMeasurement:
     kind: int
     fix: Fix
     measurement: Measurement
+    age_variance: float
     bank: int
     too_late: int
     last_epoch_ns: int
@@ -425,6 +436,7 @@ class State:
     banks: list[HypothesisBank]
     bank_count: int
     snapshots: list[Snapshot]
+    source_ages: list[SourceAge]
     imu_ring: list[StoredSample]
     aiding_ring: list[StoredMeasurement]
     aiding_start: int

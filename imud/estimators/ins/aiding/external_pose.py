@@ -96,7 +96,7 @@ def pose_jacobian(c: Core, arm: Vector, i: int) -> int:
 def timing_variance(p: Parameters, c: Core, i: int) -> float:
     """Variance of element i by the unknown age of the pose."""
     rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2] if i == 3 else c.nav.v_n[i]
-    return float(rate * p.tuning.pose_time_sigma) ** 2
+    return float(rate * rate * (p.tuning.pose_time_sigma**2 + c.scratch.age_variance))
 
 
 @kernel

@@ -131,7 +131,7 @@ def fuse_external_velocity(p: Parameters, c: Core, m: Measurement, innovations: 
     v, a = predicted_velocity(p, c, m), c.imu.accel_n
     speed2, accel2 = v[0] ** 2 + v[1] ** 2 + v[2] ** 2, a[0] ** 2 + a[1] ** 2 + a[2] ** 2
     scale = p.tuning.external_velocity_scale**2 * speed2
-    timing = p.tuning.external_velocity_time_sigma**2 * accel2
+    timing = (p.tuning.external_velocity_time_sigma**2 + c.scratch.age_variance) * accel2
     dt = time_since_last(g, m)
     others = others_of_error(dt, p.tuning.external_velocity_correlation_s)
     lasting = others_of_error(dt, p.tuning.external_velocity_scale_s) * scale

@@ -138,11 +138,11 @@ def odometer_jacobian(c: Core, forward: Vector, v_b: Vector, along: float) -> in
 
 
 @kernel
-def single_variance(p: Parameters, m: Measurement, reading: float, slip_sigma: float, accel: float) -> float:
-    """Variance of a single reading, (m/s)^2. slip_sigma: of slip, m/s; accel: along the forward axis, m/s^2."""
+def single_variance(p: Parameters, m: Measurement, reading: float, slip_sigma: float, timing: float) -> float:
+    """Variance of a single reading, (m/s)^2. slip_sigma: of slip, m/s; timing: by its unknown age, (m/s)^2."""
     r = m.sigma[0] if m.sigma[0] > 0.0 else p.tuning.odometer_sigma
     dead = 0.5 * p.tuning.odometer_dead_speed if abs(reading) <= p.tuning.odometer_dead_speed else 0.0
-    return r * r + dead * dead + slip_sigma * slip_sigma + (accel * p.tuning.odometer_time_sigma) ** 2
+    return r * r + dead * dead + slip_sigma * slip_sigma + timing
 
 
 @kernel
@@ -202,8 +202,9 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
     z = reading - (1.0 + c.nav.odometer_scale) * (along + accel * ahead_s)
     slip_sigma = (p.tuning.odometer_slip + p.tuning.odometer_slip_per_accel * abs(accel)) * abs(reading)
     current = m.sigma[1] if m.sigma[1] > 0.0 else 0.0
-    r = single_variance(p, m, reading, slip_sigma, accel) + current * current
-    correlated = slip_sigma * slip_sigma + (accel * p.tuning.odometer_time_sigma) ** 2
+    timing = accel * accel * (p.tuning.odometer_time_sigma**2 + c.scratch.age_variance)
+    r = single_variance(p, m, reading, slip_sigma, timing) + current * current
+    correlated = slip_sigma * slip_sigma + timing
     others = max(2.0 * p.tuning.odometer_slip_time_s / dt, 1.0) - 1.0  # readings while the error of slip is the same
     n = 0
     if math.isfinite(m.value[1]) and p.track_width > 0.0 and c.odometer.direction != 0.0:

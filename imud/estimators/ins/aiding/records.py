@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..state import STATES
+from ..state import AGES, STATES
 
 GNSS = np.dtype(
     [
@@ -68,6 +68,18 @@ MAGNETOMETER = np.dtype(
         ("dip", "<f8"),  # rad, smoothed: its dip less that of the earth
         ("variation", "<f8"),  # smoothed squares of the differences of both from their smoothed values
         ("heading_variance", "<f8"),  # rad^2, of the heading after the last reading; 0 while it is not known
+    ],
+    align=True,
+)
+
+SOURCE_AGE = np.dtype(  # by how much the measurements of a source are older than their epochs
+    [
+        ("last_ns", "<i8"),  # epoch of the last one that it was learned from
+        ("probability", "<f8", (AGES,)),
+        ("mean", "<f8", (AGES, 2)),  # m/s or m, slow mean of the difference at each age
+        ("known_s", "<f8", (AGES,)),  # s, for how long it has been known
+        ("age", "<f8"),  # s, the estimate
+        ("variance", "<f8"),  # s^2
     ],
     align=True,
 )

@@ -213,7 +213,7 @@ def rtk_on_a_rough_road():
     d, rng = road(120.0), random(17)
     samples, fixes = sensed(d, rng), received(d, rng, sigma=0.01, white=0.01)
     for k in range(7000, 12000, 1500):
-        samples["f"][k, :2] += 40.0  # in 0.01 s
+        samples["f"][k : k + 5, :2] += 8.0  # in 0.05 s; a single sample would be a spike
     fixes["arrival_ns"] = fixes["t_ns"]
     fixes["sigma"], fixes["hdop"], fixes["quality"] = (0.02, 0.02, 0.04), np.nan, 4
     return navigated(samples, silent(fixes))

@@ -52,7 +52,7 @@ def power_on_moved():
     """At a stop, mounted again with a tilt that is too large for the same attitude."""
     samples, fixes = data(stop_and_go(), seed=88)
     another_sensor(samples, 110.0)
-    tilt, after = Rotation.from_euler("Y", 25.0, degrees=True), between(samples, 110.0, 1e9)
+    tilt, after = Rotation.from_euler("Y", 40.0, degrees=True), between(samples, 110.0, 1e9)
     samples["w"][after], samples["f"][after] = tilt.apply(samples["w"][after]), tilt.apply(samples["f"][after])
     return navigated(samples[~between(samples, 106.0, 110.0)], fixes)
 

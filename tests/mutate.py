@@ -87,6 +87,12 @@ NOT_NOTICED = {
     "navigation.max_gravity_excess": "no recording turns in a circle so slow that it is no flight",
     "navigation.mag_agreement_gate": BETWEEN + "NIS of a field after a contradiction",
     "navigation.mag_heading_inflation": "a heading is inflated by 20 deg, or not at all",
+    "navigation.max_lean": BETWEEN + "lean of a body in the recordings",
+    "navigation.vector_pair_max_s": BETWEEN + "time between fixes of a start in motion",
+    "navigation.vector_tilt_gate": BETWEEN + "NIS of a tilt found by vector pairs",
+    "navigation.excluded_step_sigmas": BETWEEN + "sigma of a step of the time tags that is excluded",
+    "navigation.mag_gate": BETWEEN + "NIS of a disturbed field",
+    "navigation.min_events_unknown_rate": BETWEEN + "number of events by which a heading is found",
     "navigation.heading_min_level": BETWEEN + "level part of a compass's axis",
 }
 

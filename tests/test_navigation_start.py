@@ -78,7 +78,7 @@ def test_a_hand_that_turns_the_sensor_slowly_is_hardly_taken_for_the_bias(seed):
 
 def test_curves_without_a_receiver_are_not_taken_for_level_motion():
     rng = np.random.default_rng(4)
-    d = drive(120.0, rest=5.0)
+    d = drive(120.0, rest=6.0)
     out, _, _ = navigate(sensed(d, rng, bg=(0.001, -0.001, 0.002)), received(d, rng)[:0])
     _, _, a = errors(d, out)
     worst = np.abs(a[at(5.0) :, :2]) / out["sigma_rpy"][at(5.0) :, :2]

@@ -12,6 +12,7 @@ _STILL = 3.0  # times the scatter of the tenth of the windows with the least sca
 _NOISE_DPS, _NOISE_MPS2 = 0.05, 0.02  # scatter of a sensor with much noise
 _MOVING_DPS, _MOVING_MPS2 = 3.0, 0.7  # scatter that no sensor at rest has, only one in a hand
 _REST_MIN_S = 2.0  # the shortest that counts
+_SPIKES = 20  # readings beyond the end of the range that are no part of it
 
 
 class UnfitError(Exception):
@@ -49,8 +50,12 @@ def refuse_broken(samples: Records) -> None:
         for axis, column in zip("xyz", values.T, strict=True):
             if (column == column[0]).all():
                 raise UnfitError(f"the {kind}'s {axis} is frozen at {column[0]:g}: check the sensor first")
-            edge = np.abs(column).max()
-            if edge > 0.0 and (np.abs(column) == edge).sum() > max(20, 0.01 * len(column)) and _is_flat(column, edge):
+            edge = np.sort(np.abs(column))[-_SPIKES - 1 :][0]  # single spikes may be beyond it
+            if (
+                edge > 0.0
+                and (np.abs(column) == edge).sum() > max(_SPIKES, 0.01 * len(column))
+                and _is_flat(column, edge)
+            ):
                 raise UnfitError(f"the {kind}'s {axis} is at the end of its range ({edge:.4g})")
 
 

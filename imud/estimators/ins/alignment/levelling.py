@@ -86,21 +86,27 @@ def fuse_gravity(p: Parameters, c: Core, fx: float, fy: float, fz: float, ago: f
     sigma: m/s^2, of the acceleration. The mean belongs to a time `ago` s in the past; since then the gyro bias error
     has changed the tilt.
     """
-    C_nb, g = rotation_matrix(c), gravity(c.nav.lat, c.nav.height)
+    C_nb, g, resting = rotation_matrix(c), gravity(c.nav.lat, c.nav.height), c.stationarity.at_rest != 0
     norm = math.sqrt(fx * fx + fy * fy + fz * fz)
-    for i in range(axes if norm > 0.5 * g else 2):
-        # d (C f - C ba) = d (0, 0, -g) along a direction d: north, east, and that of the force, whose magnitude no tilt
-        # changes. The tilt turns the true force, not the measured one: its bias would make the filter inconsistent.
-        if i == 2:
+    for i in range(axes):
+        # d (C f + phi x C f - C ba) = d (0, 0, -g) along a direction d; the heading error has no effect on it. North
+        # and east: phi turns gravity, not the measured force, whose bias would make the filter inconsistent.
+        dn, de, dd, length = 0.0, 0.0, 0.0, 0
+        if i == 0:
+            dn, z = 1.0, -fx
+            length = tilt_jacobian(c, length, C_nb, 1, -g, ago)
+        elif i == 1:
+            de, z = 1.0, -fy
+            length = tilt_jacobian(c, length, C_nb, 0, g, ago)
+        elif resting and norm > 0.5 * g:  # the magnitude, which no tilt changes
             dn, de, dd, z = -fx / norm, -fy / norm, -fz / norm, norm - g
         else:
-            dn, de, dd, z = 1.0 - i, 0.0 + i, 0.0, -fx if i == 0 else -fy
-        length = 0
+            dd, z = 1.0, -g - fz
+            length = set_jacobian(c, length, ATTITUDE, fy)
+            length = set_jacobian(c, length, ATTITUDE + 1, -fx)
         for j in range(3):
             length = set_jacobian(c, length, ACCEL_BIAS + j, -(dn * C_nb[j] + de * C_nb[3 + j] + dd * C_nb[6 + j]))
-        if i < 2:
-            length = tilt_jacobian(c, length, C_nb, 1 - i, -g if i == 0 else g, ago)
-        elif innovation_variance(c, length) < p.tuning.level_vertical_sigma**2:
+        if i == 2 and innovation_variance(c, length) < p.tuning.level_vertical_sigma**2:
             continue
         gated_update(c, length, z, sigma * sigma, NO_GATE)
     correct_state(p, c)

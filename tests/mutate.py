@@ -72,7 +72,7 @@ NOT_NOTICED = {
     "navigation.burst_psd": "no fix in the recordings proves more noise",
     "navigation.burst_s": BETWEEN + "time since the last fix when one is rejected",
     "navigation.baro_gate": BETWEEN + "NIS of a gust or a door",
-    "navigation.fixed_gravity_gate": BETWEEN + "NIS of a turn by a wrong bias at rest",
+    "navigation.fixed_gravity_gate": BETWEEN + "rotation of gravity by a wrong bias at rest",
     "navigation.fixed_gravity_share": BETWEEN + "turn by a wrong bias at rest",
     "navigation.min_rate_across_gravity": BETWEEN + "angle of a rate to gravity at rest",
     "navigation.wrong_bias_gate": BETWEEN + "NIS of a wrong bias at rest",

@@ -21,7 +21,7 @@ from .publisher import Publisher
 if TYPE_CHECKING:
     from .aiding_input import AidingInput
 
-_FRESH_NS = 100_000_000  # what clients are told of the sensors' health is not older
+_FRESH_NS = 100_000_000  # largest age of the health that clients get
 _UPSIDE_DOWN = "the sensor is upside down; if it is not, its axes are others: imu.mount_rpy_deg = [180, 0, 0]"
 
 

@@ -16,10 +16,12 @@ import math
 from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
+from ...math.rotation import Vector
 from ..records import GNSS_FIX
 from ..tuning import Tunable
 from .ekf import covariance, variance
 from .imu_sample import process_sample
+from .lever_arm import velocity_of_point
 from .propagation import propagate_to
 from .state import (
     AIDING_RING,
@@ -173,29 +175,37 @@ def rewind_to(s: State, t_ns: int) -> bool:
 
 
 @kernel
-def velocity_at(s: State, snapshot_count: int, t_ns: int, axis: int) -> float:
-    """Velocity along an axis at t_ns, m/s, interpolated between snapshots and core; NaN if it is not stored.
+def antenna_velocity_at(s: State, snapshot_count: int, t_ns: int) -> Vector:
+    """Velocity of the antenna at t_ns, m/s, NED, interpolated between snapshots and core; NaN if it is not stored.
 
     snapshot_count: number of snapshots before the rewind. NaN also where the mode was not navigation.
     """
+    c = s.core[0]
     k = snapshot_count - 1
     oldest = max(0, snapshot_count - SNAPSHOTS)
-    after_ns, after = s.core[0].nav.t_ns, s.core[0].nav.v_n[axis]
+    after_ns, after = c.nav.t_ns, velocity_of_point(c.nav, c.imu, c.nav.gnss_lever_arm)
     while k >= oldest and s.snapshots[k % SNAPSHOTS].nav.t_ns > t_ns:
-        after_ns, after = s.snapshots[k % SNAPSHOTS].nav.t_ns, s.snapshots[k % SNAPSHOTS].nav.v_n[axis]
         k -= 1
     if k < oldest or s.snapshots[k % SNAPSHOTS].alignment.mode != NAVIGATING:
-        return math.nan
-    before = s.snapshots[k % SNAPSHOTS]
-    if before.nav.t_ns == t_ns:
-        return float(before.nav.v_n[axis])
-    share = (t_ns - before.nav.t_ns) / (after_ns - before.nav.t_ns)
-    return float(before.nav.v_n[axis] + share * (after - before.nav.v_n[axis]))
+        return math.nan, math.nan, math.nan
+    if k + 1 < snapshot_count:
+        later = s.snapshots[(k + 1) % SNAPSHOTS]
+        after_ns, after = later.nav.t_ns, velocity_of_point(later.nav, later.imu, c.nav.gnss_lever_arm)
+    earlier = s.snapshots[k % SNAPSHOTS]
+    before = velocity_of_point(earlier.nav, earlier.imu, c.nav.gnss_lever_arm)
+    if earlier.nav.t_ns == t_ns:
+        return before
+    share = (t_ns - earlier.nav.t_ns) / (after_ns - earlier.nav.t_ns)
+    return (
+        before[0] + share * (after[0] - before[0]),
+        before[1] + share * (after[1] - before[1]),
+        before[2] + share * (after[2] - before[2]),
+    )
 
 
 @kernel
 def fit_acceleration(p: Parameters, s: State, snapshot_count: int) -> None:
-    """scratch.accel_fit <- acceleration (m/s^2, NED) over the uncertainty of the velocity's time offset, either way.
+    """scratch.accel_fit <- acceleration of the antenna (m/s^2, NED) over the uncertainty of the velocity's time offset.
 
     scratch.accel_fit_error <- m/s, error of that straight line: the second-order term of the velocity. Velocities after
     the core's time are those of the `snapshot_count` snapshots before the rewind.
@@ -213,13 +223,13 @@ def fit_acceleration(p: Parameters, s: State, snapshot_count: int) -> None:
     )
     ahead = min(1e-9 * (newest_ns - c.nav.t_ns), span)
     last_ns, span_ns = c.nav.t_ns + int(1e9 * ahead), int(1e9 * span)
+    v0 = antenna_velocity_at(s, snapshot_count, last_ns)
+    v1 = antenna_velocity_at(s, snapshot_count, last_ns - span_ns)
+    v2 = antenna_velocity_at(s, snapshot_count, last_ns - 2 * span_ns)
     for i in range(3):
-        v0 = velocity_at(s, snapshot_count, last_ns, i)
-        v1 = velocity_at(s, snapshot_count, last_ns - span_ns, i)
-        v2 = velocity_at(s, snapshot_count, last_ns - 2 * span_ns, i)
-        known = math.isfinite(v0) and math.isfinite(v1) and math.isfinite(v2)
-        curve = v0 - 2.0 * v1 + v2
-        c.scratch.accel_fit[i] = (v0 - v2 + (1.0 - ahead / span) * curve) / (2.0 * span) if known else 0.0
+        known = math.isfinite(v0[i]) and math.isfinite(v1[i]) and math.isfinite(v2[i])
+        curve = v0[i] - 2.0 * v1[i] + v2[i]
+        c.scratch.accel_fit[i] = (v0[i] - v2[i] + (1.0 - ahead / span) * curve) / (2.0 * span) if known else 0.0
         c.scratch.accel_fit_error[i] = 0.5 * share * curve if known else p.tuning.unknown_accel * span
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
-from ...math.rotation import Vector
+from ...math.rotation import Vector, quat_rotate
 from .mechanization import body_to_ned, rotation_matrix
 
 if TYPE_CHECKING:
     from ...math.arrays import Reals
-    from .types import Core
+    from .types import Core, Imu, Nav
 
 
 @kernel
@@ -31,6 +31,17 @@ def antenna_position(c: Core) -> Vector:
 def antenna_velocity(c: Core) -> Vector:
     """C_nb (w x l): velocity of the antenna relative to the IMU, m/s, NED."""
     return body_to_ned(c, arm_velocity_b(c, c.nav.gnss_lever_arm))
+
+
+@kernel
+def velocity_of_point(n: Nav, u: Imu, arm: Reals) -> Vector:
+    """v + C_nb (w x l): velocity of a point at a stored state n, with its sample u, m/s, NED."""
+    x, y, z = u.w[0] - n.bg[0], u.w[1] - n.bg[1], u.w[2] - n.bg[2]
+    v = quat_rotate(
+        (n.q_nb[0], n.q_nb[1], n.q_nb[2], n.q_nb[3]),
+        (y * arm[2] - z * arm[1], z * arm[0] - x * arm[2], x * arm[1] - y * arm[0]),
+    )
+    return n.v_n[0] + v[0], n.v_n[1] + v[1], n.v_n[2] + v[2]
 
 
 @kernel

@@ -1,7 +1,7 @@
 """The GNSS position: innovation, Jacobian and gate, axis by axis; the height has a gate of its own.
 
-z = p_fix - p - C_nb lever_arm - gnss_bias + v age, in m, NED; `age`: by which the position was true before the core's
-time, s, whose error is that of the time offset.
+z = p_fix - p - C_nb lever_arm - gnss_bias + v_antenna age, in m, NED; `age`: by which the position was true before the
+core's time, s, whose error is that of the time offset; v_antenna = v + C_nb (w x lever_arm).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ...tuning import Tunable
 from ..ekf import innovation_variance, set_jacobian, set_jacobian3, variance
 from ..fusion import NO_GATE, REJECT, correct_state, fix_update, write_innovation
 from ..integrity.gnss_drift import detect_drift
-from ..lever_arm import antenna_position, arm_position_row, attitude_row
+from ..lever_arm import antenna_position, arm_position_row, attitude_row, velocity_of_point
 from ..mechanization import bounded_cosine, wrap_angle
 from ..state import ATTITUDE, GNSS_BIAS, GNSS_LEVER_ARM, NAVIGATING, POSITION, TIME_OFFSET
 from .gnss_gate import gate_height, gate_position, set_rejecting, split_excess
@@ -61,10 +61,10 @@ def position_offset(c: Core, fix: Fix, out: Reals) -> None:
 
 
 @kernel
-def position_jacobian(c: Core, lever: Vector, i: int) -> int:
+def position_jacobian(c: Core, lever: Vector, velocity: Vector, i: int) -> int:
     """Jacobian of the position along axis i: position, attitude, GNSS bias, time offset; returns its length.
 
-    lever: lever arm, m, NED.
+    lever: lever arm, m, NED; velocity: the antenna's, m/s, NED.
     """
     length = set_jacobian(c, 0, POSITION + i, 1.0)
     length = set_jacobian3(c, length, ATTITUDE, attitude_row(lever, i))
@@ -72,11 +72,11 @@ def position_jacobian(c: Core, lever: Vector, i: int) -> int:
     if c.alignment.mode != NAVIGATING:
         return length
     length = set_jacobian3(c, length, GNSS_LEVER_ARM, arm_position_row(c, i))
-    return set_jacobian(c, length, TIME_OFFSET, -c.nav.v_n[i])
+    return set_jacobian(c, length, TIME_OFFSET, -velocity[i])
 
 
 @kernel
-def max_nis(p: Parameters, c: Core, lever: Vector, extra: float, first: int, last: int) -> float:
+def max_nis(p: Parameters, c: Core, lever: Vector, velocity: Vector, extra: float, first: int, last: int) -> float:
     """Largest NIS of axes first to last - 1, with and without the GNSS bias, on the scale of gnss_position_gate.
 
     extra: m^2, variance of each axis beyond the receiver's white noise. The NIS without the bias rejects positions that
@@ -85,7 +85,7 @@ def max_nis(p: Parameters, c: Core, lever: Vector, extra: float, first: int, las
     largest, z = 0.0, c.scratch.position_innovation
     for i in range(first, last):
         r = c.gnss.noise_var[i // 2] + extra
-        s = innovation_variance(c, position_jacobian(c, lever, i)) + r
+        s = innovation_variance(c, position_jacobian(c, lever, velocity, i)) + r
         without_bias = variance(c, POSITION + i) + c.gnss.reported_sigma[i // 2] ** 2 + r
         nis = (z[i] + c.nav.gnss_bias[i]) ** 2 / without_bias
         largest = max(largest, z[i] ** 2 / s, nis * (p.tuning.gnss_position_gate / p.tuning.bias_free_gate))
@@ -93,11 +93,11 @@ def max_nis(p: Parameters, c: Core, lever: Vector, extra: float, first: int, las
 
 
 @kernel
-def excess_variance(c: Core, lever: Vector, extra: float) -> float:
+def excess_variance(c: Core, lever: Vector, velocity: Vector, extra: float) -> float:
     """Most by which the square of a horizontal innovation exceeds its variance, m^2; arguments: see `max_nis`."""
     most, z = 0.0, c.scratch.position_innovation
     for i in range(2):
-        s = innovation_variance(c, position_jacobian(c, lever, i)) + c.gnss.noise_var[0] + extra
+        s = innovation_variance(c, position_jacobian(c, lever, velocity, i)) + c.gnss.noise_var[0] + extra
         most = max(most, z[i] ** 2 - s)
     return most
 
@@ -110,22 +110,25 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, age: float, innovations
     """
     z = c.scratch.position_innovation
     position_offset(c, fix, z)
-    # in coarse alignment the position is the antenna's
-    lever = antenna_position(c) if c.alignment.mode == NAVIGATING else (0.0, 0.0, 0.0)
+    lever, velocity = (0.0, 0.0, 0.0), (c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2])
+    if c.alignment.mode == NAVIGATING:  # in coarse alignment position and velocity are the antenna's
+        lever, velocity = antenna_position(c), velocity_of_point(c.nav, c.imu, c.nav.gnss_lever_arm)
     extra = second_order_error(p, c) ** 2 + (0.5 * p.tuning.late_fix_accel * age * age) ** 2
     extra += lever_arm_rate_variance(p, c) * p.tuning.turn_between_fixes_s**2
     for i in range(3):
-        z[i] += age * c.nav.v_n[i] - lever[i] - c.nav.gnss_bias[i]
-    nis = max_nis(p, c, lever, extra, 0, 2)
-    receiver_share = split_excess(p, c, excess_variance(c, lever, extra)) if nis > p.tuning.gnss_position_gate else 0.0
+        z[i] += age * velocity[i] - lever[i] - c.nav.gnss_bias[i]
+    nis = max_nis(p, c, lever, velocity, extra, 0, 2)
+    receiver_share = 0.0
+    if nis > p.tuning.gnss_position_gate:
+        receiver_share = split_excess(p, c, excess_variance(c, lever, velocity, extra))
     horizontal = gate_position(p, c, fix, 1.0 if receiver_share > 0.0 else nis)
-    height = horizontal and gate_height(p, c, max_nis(p, c, lever, extra, 2, 3))
+    height = horizontal and gate_height(p, c, max_nis(p, c, lever, velocity, extra, 2, 3))
     for i in range(3):
         if not math.isfinite(z[i]):
             continue
         accepted = horizontal if i < 2 else height
         r = c.gnss.noise_var[i // 2] + extra + (receiver_share if i < 2 else 0.0)
-        length, gate = position_jacobian(c, lever, i), NO_GATE if accepted else REJECT
+        length, gate = position_jacobian(c, lever, velocity, i), NO_GATE if accepted else REJECT
         value, s, nis = fix_update(p, c, length, z[i], r, gate, i if i < 2 else -1)
         n = write_innovation(innovations, n, fix.t_ns, POSITION_N + i, value, s, accepted)
         if accepted and (c.alignment.mode == NAVIGATING or c.stationarity.at_rest):  # else it contains accelerations

@@ -2,8 +2,8 @@
 
 z = v_fix - v - gnss_velocity_bias - C_nb (w x lever_arm) + a (age + velocity_time_offset), in m/s, NED
 
-a: acceleration around the epoch; `age`: as in `gnss_position`. The attitude error phi changes C_nb (w x lever_arm) by
-phi x C_nb (w x lever_arm), the error of the gyro bias by C_nb (lever_arm x bias).
+a: acceleration of the antenna around the epoch; `age`: as in `gnss_position`. The attitude error phi changes
+C_nb (w x lever_arm) by phi x C_nb (w x lever_arm), the error of the gyro bias by C_nb (lever_arm x bias).
 """
 
 from __future__ import annotations

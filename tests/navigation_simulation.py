@@ -61,11 +61,39 @@ def drive(
     )
     attitude = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
     v += np.gradient(attitude.apply([arm, 0.0, 0.0]), t, axis=0)
+    return moved(t, v, attitude, lat_deg, lon_deg)
+
+
+def walk(seconds, rng, rate=100, rest=10.0, sensor_yaw=1.0):
+    """A pedestrian with the sensor in the hand, turned by `sensor_yaw` rad, after a rest.
+
+    Steps of some 1.8 Hz nod and roll the hand by 3 deg and move it up and down, ahead and sideways.
+    """
+    t = np.arange(int(seconds * rate)) / rate
+    u = np.maximum(t - rest, 0.0)
+    ramp = 1.0 - np.exp(-((u / 4.0) ** 3))
+    step = 2 * np.pi * 1.8 * t + 0.6 * np.sin(0.9 * t)
+    course = rng.uniform(-3.0, 3.0) + 0.8 * np.sin(2 * np.pi * u / 23.0) + 0.4 * np.sin(2 * np.pi * u / 9.0)
+    ahead, aside = ramp * (1.3 + 0.15 * np.cos(step + 1.0)), ramp * 0.5 * np.cos(0.5 * step)
+    v = np.column_stack(
+        [
+            ahead * np.cos(course) - aside * np.sin(course),
+            ahead * np.sin(course) + aside * np.cos(course),
+            ramp * 0.28 * np.sin(step),
+        ]
+    )
+    roll = 0.1 * np.sin(0.5 * u) + 0.06 * ramp * np.sin(0.5 * step)
+    pitch = 0.3 + 0.1 * np.sin(0.4 * u) + 0.06 * ramp * np.sin(step)
+    return moved(t, v, Rotation.from_euler("ZYX", np.column_stack([course + sensor_yaw, pitch, roll])))
+
+
+def moved(t, v, attitude, lat_deg=48.0, lon_deg=11.0):
+    """The motion with velocity v (NED) and attitude at the times t, with what an ideal sensor shows."""
     lat, lon, height = (np.empty(len(t)) for _ in range(3))
     lat[0], lon[0], height[0] = np.radians(lat_deg), np.radians(lon_deg), 500.0
     for k in range(1, len(t)):
         m, n = curvature(lat[k - 1])
-        mean = 0.5 * (v[k] + v[k - 1]) / rate
+        mean = 0.5 * (v[k] + v[k - 1]) * (t[k] - t[k - 1])
         lat[k] = lat[k - 1] + mean[0] / (m + height[k - 1])
         lon[k] = lon[k - 1] + mean[1] / ((n + height[k - 1]) * np.cos(0.5 * (lat[k] + lat[k - 1])))
         height[k] = height[k - 1] - mean[2]
@@ -121,6 +149,20 @@ def received(d, rng, every=1.0, late=0.0, sigma=1.0, tau=40.0, white=0.3, speed_
         "course_deg": np.degrees(np.arctan2(v[:, 1], v[:, 0])),
     }
     return fixes_of(columns, len(k))
+
+
+def at_antenna(d, fixes, arm, speed_error=0.0):
+    """The fixes of an antenna that is `arm` m (body) from the sensor, at which they were simulated; m/s, NED."""
+    k = np.searchsorted(100.0 + d.t, fixes["t_ns"] * 1e-9 - 1e-6)
+    north, east, down = d.attitude[k].apply(arm).T
+    m, n = curvature(d.lat[k])
+    fixes["lat"] += north / m
+    fixes["lon"] += east / (n * np.cos(fixes["lat"]))
+    fixes["height"] -= down
+    v = d.v[k] + d.attitude[k].apply(np.cross(d.w[k], arm)) + speed_error
+    fixes["course"] = np.arctan2(v[:, 1], v[:, 0])
+    fixes["speed"] = np.hypot(v[:, 0], v[:, 1])
+    return fixes
 
 
 def errors(d, out, mount=None):

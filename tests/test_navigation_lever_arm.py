@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from navigation_runner import navigate
-from navigation_simulation import drive, errors, received, sensed
+from navigation_simulation import at_antenna, drive, errors, received, sensed, walk
 
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Imu, Initial, Navigation, Settings
@@ -16,19 +16,6 @@ from imud.sensor_errors.profiles import PROFILES
 
 SIGMA = 0.7  # m
 TRUE = np.array([1.0, -0.5, -1.4])
-
-
-def at_antenna(d, fixes, arm):
-    """The fixes of an antenna that is `arm` m (body) from the sensor, at which they were simulated."""
-    k = np.searchsorted(100.0 + d.t, fixes["t_ns"] * 1e-9 - 1e-6)
-    north, east, down = d.attitude[k].apply(arm).T
-    fixes["lat"] += north / 6.37e6
-    fixes["lon"] += east / (6.39e6 * np.cos(fixes["lat"]))
-    fixes["height"] -= down
-    v = d.v[k] + d.attitude[k].apply(np.cross(d.w[k], arm))
-    fixes["course"] = np.arctan2(v[:, 1], v[:, 0])
-    fixes["speed"] = np.hypot(v[:, 0], v[:, 1])
-    return fixes
 
 
 def run(seed, survey, sigma=SIGMA, mistake=None):
@@ -80,6 +67,24 @@ def test_a_wrong_lever_arm_does_not_turn_the_heading():
     assert level[0] > 0.5
     assert level[1] < 0.1
     assert yaw[1] < 0.7 < yaw[0]
+
+
+@pytest.mark.parametrize("stamp", [0.0, 0.03], ids=["exact", "30 ms late"])
+def test_walks_with_an_antenna_away_from_the_hand(stamp):
+    """An error of the time stamp displaces the antenna, which swings about the hand, not the sensor alone."""
+    arm, squares = np.array([0.6, -0.3, -0.7]), []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        d = walk(120.0, rng)
+        samples = sensed(d, rng, bg=0.005 * rng.standard_normal(3), ba=0.1 * rng.standard_normal(3))
+        fixes = received(d, rng, every=0.1, late=0.2, stamp=stamp)
+        fixes = at_antenna(d, fixes, arm, 0.05 * rng.standard_normal((len(fixes), 3)))
+        settings = Settings(imu=Imu(profile="consumer-mems"), navigation=Navigation(lever_arm_m=tuple(arm)))
+        out, _, _ = navigate(samples, fixes, settings)
+        k = np.arange(6000, len(d.t), 100)
+        squares.append(np.mean((errors(d, out)[2][k] / out["sigma_rpy"][k]) ** 2, axis=0))
+    assert np.max(squares) < 4.0
+    assert np.mean(squares) < 2.0
 
 
 def test_without_a_sigma_it_stays_as_given():

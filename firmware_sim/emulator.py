@@ -41,14 +41,17 @@ class Task(Protocol):
 class EmulatedPort:
     """A device and the pseudo-terminal into which it is plugged, but for the outages. Context manager.
 
-    patient: bytes without room in the pseudo-terminal wait for the reader, and are not lost.
+    patient: bytes without room in the pseudo-terminal wait for the reader, and are not lost. Otherwise they wait only
+    for the kernel.
     """
 
     def __init__(
         self, name: str, device: Device, link: Path | None, outages: Sequence[Span] = (), *, patient: bool = False
     ) -> None:
         self.name, self.device = name, device
+        self.longest_wait_s = 0.0  # of bytes without room, which the host did not read or the kernel did not pass on
         self._lost = 0
+        self._behind_since = 0.0
         self._link, self._outages, self._patient = link, outages, patient
         self._next_change = 0.0
         self.pty: Pty | None = self._plug()
@@ -85,8 +88,10 @@ class EmulatedPort:
         self.device.advance(t)
         if self.behind is not None:
             self.behind.flush()
+            self.longest_wait_s = max(self.longest_wait_s, t - self._behind_since)
         elif uart.due() <= t:
             if self.pty is not None:
+                self._behind_since = t
                 self.pty.write(uart.take(t, self.pty.baud()))
             else:
                 self._lost += len(uart.take(t, uart.baud))

@@ -2,16 +2,22 @@
 
 Pitfalls (tried): the line discipline must be raw before anybody can open it; without a slave
 descriptor of our own every close by the host would be a hang-up; the kernel ignores the speed but shows it to us.
+
+The kernel passes bytes on by a worker (`flush_to_ldisc`), which may wait for a processor for more than a second.
+Meanwhile a serial line holds 640 KiB (TTYB_DEFAULT_MEM_LIMIT), a pseudo-terminal 8 KiB; the rest waits here.
 """
 
 import errno
+import fcntl
 import os
+import struct
 import termios
 import tty
 from pathlib import Path
 
 _SPEEDS = {getattr(termios, name): int(name[1:]) for name in dir(termios) if name[0] == "B" and name[1:].isdigit()}
 _CODES = {speed: code for code, speed in _SPEEDS.items()}
+_FULL = 4095 - 128  # bytes unread from which on the line discipline stops a device: its buffer, TTY_THRESHOLD_THROTTLE
 
 
 class Pty:
@@ -22,7 +28,7 @@ class Pty:
 
     def __init__(self, link: Path | None, baud: int, *, patient: bool = False) -> None:
         """patient: keep bytes without room until `flush` writes them."""
-        self.lost = 0  # bytes without room
+        self.lost = 0  # bytes without room, as the host reads too late
         self.waiting = b""  # bytes that wait for room
         self._patient = patient
         self._master, self._slave = os.openpty()
@@ -64,15 +70,21 @@ class Pty:
             return b""
 
     def write(self, data: bytes) -> None:
-        """Send to the host; bytes without room are lost, as on a real line, and counted."""
+        """Send to the host; bytes without room are lost if the host reads too late, as on a real line, and counted."""
         try:
             sent = os.write(self._master, data)
         except BlockingIOError:
             sent = 0
-        if self._patient:
+        if sent == len(data):
+            return
+        if self._patient or self._unread() < _FULL:
             self.waiting = data[sent:]
         else:
             self.lost += len(data) - sent
+
+    def _unread(self) -> int:
+        """Bytes that the host could read."""
+        return int(struct.unpack("i", fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4)))[0])
 
     def flush(self) -> None:
         """Send the waiting bytes."""

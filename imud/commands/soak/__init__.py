@@ -35,6 +35,7 @@ _CALM_MINUTES = 3.0  # a shorter run has its troubles in quicker succession
 _FIRST_STATE_S = 60.0
 _SETTLE_S = 2.0  # after the end, for what is under way
 _DAMAGED = re.compile(r"g350: \d+ messages sent, (\d+) of them damaged")
+_WAITED = re.compile(r"g350: bytes waited for room in the pseudo-terminal for up to ([\d.]+) s")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -127,8 +128,9 @@ def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> 
     states = reader.counts()
     if not states.count:
         raise ImudError(f"soak: no state came; the daemon's log:\n{log.read_text()[-3000:]}")
-    damaged = _DAMAGED.search(emulator_log.read_text())
-    made = table.losses(status_of(gpsd), states, int(damaged[1]) if damaged else 0)
+    emulated = emulator_log.read_text()
+    damaged, waited = _DAMAGED.search(emulated), _WAITED.search(emulated)
+    made = table.losses(status_of(gpsd), states, int(damaged[1]) if damaged else 0, float(waited[1]) if waited else 0.0)
     print(table.summary(made, states, estimates.comparison, troubles.counts, memory))
     return 1 if made.lost or made.internal_errors else 0
 

@@ -35,7 +35,7 @@ _CALM_MINUTES = 3.0  # a shorter run has its troubles in quicker succession
 _FIRST_STATE_S = 60.0
 _SETTLE_S = 2.0  # after the end, for what is under way
 _DAMAGED = re.compile(r"g350: \d+ messages sent, (\d+) of them damaged")
-_WAITED = re.compile(r"g350: bytes waited for room in the pseudo-terminal for up to ([\d.]+) s")
+_WAITED = re.compile(r"g350: bytes waited for the kernel for up to ([\d.]+) s")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

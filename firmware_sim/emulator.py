@@ -97,69 +97,6 @@ class EmulatedPort:
         elif self.behind is not None or uart.due() <= t:
             self.pty.write(uart.take(t, self.pty.baud()))
 
-    def idle(self) -> None: ...
-
-    def deadline(self) -> float: ...
-
-
-class EmulatedPort:
-    """A device and the pseudo-terminal into which it is plugged, but for the outages. Context manager.
-
-    patient: bytes without room in the pseudo-terminal wait for the reader, and are not lost. Otherwise they wait only
-    for the kernel.
-    """
-
-    def __init__(
-        self, name: str, device: Device, link: Path | None, outages: Sequence[Span] = (), *, patient: bool = False
-    ) -> None:
-        self.name, self.device = name, device
-        self.longest_wait_s = 0.0  # until the kernel had passed bytes on
-        self._lost = 0
-        self._behind_since = 0.0
-        self._link, self._outages, self._patient = link, outages, patient
-        self._next_change = 0.0
-        self.pty: Pty | None = self._plug()
-
-    def __enter__(self) -> "EmulatedPort":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._unplug()
-
-    @property
-    def path(self) -> Path | None:
-        """Path of the port; None while it is unplugged."""
-        return None if self.pty is None else self.pty.path
-
-    @property
-    def lost(self) -> int:
-        """Bytes that the host did not read in time."""
-        return self._lost + (self.pty.lost if self.pty else 0)
-
-    @property
-    def behind(self) -> Pty | None:
-        """The pseudo-terminal, if bytes wait there for the reader."""
-        return self.pty if self.pty is not None and self.pty.waiting else None
-
-    def listen(self, t: float) -> None:
-        """The host has sent bytes."""
-        if self.pty is not None:
-            self.device.receive(self.device.uart.receive_from(self.pty.read(), self.pty.baud()), t)
-
-    def step(self, t: float) -> None:
-        self._check_plug(t)
-        uart = self.device.uart
-        self.device.advance(t)
-        if self.behind is not None:
-            self.behind.flush()
-            self.longest_wait_s = max(self.longest_wait_s, t - self._behind_since)
-        elif uart.due() <= t:
-            if self.pty is not None:
-                self._behind_since = t
-                self.pty.write(uart.take(t, self.pty.baud()))
-            else:
-                self._lost += len(uart.take(t, uart.baud))
-
     def idle(self) -> None:
         self.device.prepare()
 

@@ -91,6 +91,7 @@ def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> 
             *(f"--set={assignment}" for assignment in chosen),
             stderr=stack.enter_context(log.open("w")),
             env={**os.environ, **own, **clock.environment},
+            start_new_session=True,  # as a service: the scheduler gives each session its share (sched(7), autogroup)
         )
     )
     wait_until_ready(notifications, daemon, log)
@@ -102,6 +103,7 @@ def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> 
             *("--faults", args.faults, *(item for link in links for item in ("--link", str(link)))),
             stdout=subprocess.DEVNULL,
             stderr=stack.enter_context(emulator_log.open("w")),
+            start_new_session=True,
         )
     )
     for pid in (emulator.pid, reader.pid):

@@ -241,3 +241,5 @@ def _log_summary(port: "EmulatedPort") -> None:
         log.info("%s: %s", port.name, wire.summary())
     if port.lost:
         log.info("%s: %d bytes lost: the host did not read them", port.name, port.lost)
+    if port.longest_wait_s:
+        log.info("%s: bytes waited for the kernel for up to %.3f s", port.name, port.longest_wait_s)

@@ -41,14 +41,17 @@ class Task(Protocol):
 class EmulatedPort:
     """A device and the pseudo-terminal into which it is plugged, but for the outages. Context manager.
 
-    patient: bytes without room in the pseudo-terminal wait for the reader, and are not lost.
+    patient: bytes without room in the pseudo-terminal wait for the reader, and are not lost. Otherwise they wait only
+    for the kernel.
     """
 
     def __init__(
         self, name: str, device: Device, link: Path | None, outages: Sequence[Span] = (), *, patient: bool = False
     ) -> None:
         self.name, self.device = name, device
+        self.longest_wait_s = 0.0  # until the kernel had passed bytes on
         self._lost = 0
+        self._behind_since = 0.0
         self._link, self._outages, self._patient = link, outages, patient
         self._next_change = 0.0
         self.pty: Pty | None = self._plug()
@@ -83,19 +86,22 @@ class EmulatedPort:
         self._check_plug(t)
         uart = self.device.uart
         self.device.advance(t)
-        if self.behind is not None:
-            self.behind.flush()
-        elif uart.due() <= t:
-            if self.pty is not None:
-                self.pty.write(uart.take(t, self.pty.baud()))
-            else:
-                self._lost += len(uart.take(t, uart.baud))
+        if self.pty is not None and self.pty.waits_for_kernel:
+            self.longest_wait_s = max(self.longest_wait_s, t - self._behind_since)
+        else:
+            self._behind_since = t
+        if self.pty is None:
+            self._lost += len(uart.take(t, uart.baud))
+        elif self._patient and self.behind is not None:
+            self.pty.flush()
+        elif self.behind is not None or uart.due() <= t:
+            self.pty.write(uart.take(t, self.pty.baud()))
 
     def idle(self) -> None:
         self.device.prepare()
 
     def deadline(self) -> float:
-        due = self.device.uart.due() if self.behind is None else math.inf
+        due = math.inf if self._patient and self.behind is not None else self.device.uart.due()
         return min(due, self.device.deadline(), self._next_change)
 
     def _check_plug(self, t: float) -> None:

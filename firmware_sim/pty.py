@@ -2,16 +2,24 @@
 
 Pitfalls (tried): the line discipline must be raw before anybody can open it; without a slave
 descriptor of our own every close by the host would be a hang-up; the kernel ignores the speed but shows it to us.
+
+The kernel passes bytes on by a worker (`flush_to_ldisc`), which may wait for a processor for more than a second.
+Meanwhile a serial line holds 640 KiB (TTYB_DEFAULT_MEM_LIMIT), a pseudo-terminal 8 KiB; the rest waits here. Once the
+host has left 4 KiB unread, a USB adapter receives no more (`throttle`), and only its own small buffer is left.
 """
 
 import errno
+import fcntl
 import os
+import struct
 import termios
 import tty
 from pathlib import Path
 
 _SPEEDS = {getattr(termios, name): int(name[1:]) for name in dir(termios) if name[0] == "B" and name[1:].isdigit()}
 _CODES = {speed: code for code, speed in _SPEEDS.items()}
+_FULL = 4095 - 128  # bytes unread from which on the kernel throttles an adapter: N_TTY_BUF_SIZE, TTY_THRESHOLD_THROTTLE
+_ADAPTER = 512  # bytes in an adapter's own buffer; 256 to 4096 are usual
 
 
 class Pty:
@@ -21,9 +29,11 @@ class Pty:
     """
 
     def __init__(self, link: Path | None, baud: int, *, patient: bool = False) -> None:
-        """patient: keep bytes without room until `flush` writes them."""
-        self.lost = 0  # bytes without room
+        """patient: keep all bytes without room until `flush` writes them."""
+        self.lost = 0  # bytes that the host read too late
         self.waiting = b""  # bytes that wait for room
+        self.waits_for_kernel = False  # or, if patient, for the host
+        self._in_adapter = 0  # bytes of them since the host left too many unread
         self._patient = patient
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
@@ -64,20 +74,28 @@ class Pty:
             return b""
 
     def write(self, data: bytes) -> None:
-        """Send to the host; bytes without room are lost, as on a real line, and counted."""
+        """Send to the host, after what waits. What a real line would lose, as the host reads too late, is counted."""
+        before = len(self.waiting)
         try:
-            sent = os.write(self._master, data)
+            sent = os.write(self._master, self.waiting + data)
         except BlockingIOError:
             sent = 0
-        if self._patient:
-            self.waiting = data[sent:]
-        else:
-            self.lost += len(data) - sent
+        self.waiting = (self.waiting + data)[sent:]
+        host_is_late = bool(self.waiting) and not self._patient and self._unread() >= _FULL
+        self.waits_for_kernel = bool(self.waiting) and not host_is_late
+        self._in_adapter = self._in_adapter + max(len(self.waiting) - before, 0) if host_is_late else 0
+        lost = max(self._in_adapter - _ADAPTER, 0)
+        self.waiting = self.waiting[: len(self.waiting) - lost]
+        self._in_adapter -= lost
+        self.lost += lost
+
+    def _unread(self) -> int:
+        """Bytes that the host could read."""
+        return int(struct.unpack("i", fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4)))[0])
 
     def flush(self) -> None:
         """Send the waiting bytes."""
-        data, self.waiting = self.waiting, b""
-        self.write(data)
+        self.write(b"")
 
     def _set_speed(self, baud: int) -> None:
         """Set the device's own speed, so that `cat` understands it until a host sets another."""

@@ -140,6 +140,7 @@ def try_service(machine: Machine) -> None:
     machine.until("samples come from the sensor, through the sandbox", lambda: streams(machine))
     assert machine.property("StatusText"), "STATUS was never said"
     print(f"ok: systemctl status says {machine.property('StatusText')!r}")
+    assert machine.property("CPUWeight") == "1000"
     first = machine.property("MainPID")
 
     machine.run("sed", "-i", r"s/^#* *rate_hz = 10.0.*/rate_hz = 5.0/", "/etc/imud/front.toml")

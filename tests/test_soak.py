@@ -47,7 +47,7 @@ def test_missing_states_and_lateness():
     ],
 )
 def test_who_lost_what(lost, damaged, missing, expected):
-    made = table.losses({"totals.frames": 1000, "totals.lost": lost}, Counts(missing=missing), damaged)
+    made = table.losses({"totals.frames": 1000, "totals.lost": lost}, Counts(missing=missing), damaged, 0.0)
     assert (made.damaged, made.unread, made.lost) == expected
     assert made.delivered == 1000 + lost
 

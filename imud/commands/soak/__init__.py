@@ -35,6 +35,7 @@ _CALM_MINUTES = 3.0  # a shorter run has its troubles in quicker succession
 _FIRST_STATE_S = 60.0
 _SETTLE_S = 2.0  # after the end, for what is under way
 _DAMAGED = re.compile(r"g350: \d+ messages sent, (\d+) of them damaged")
+_WAITED = re.compile(r"g350: bytes waited for the kernel for up to ([\d.]+) s")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -90,6 +91,7 @@ def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> 
             *(f"--set={assignment}" for assignment in chosen),
             stderr=stack.enter_context(log.open("w")),
             env={**os.environ, **own, **clock.environment},
+            start_new_session=True,  # as a service: the scheduler gives each session its share (sched(7), autogroup)
         )
     )
     wait_until_ready(notifications, daemon, log)
@@ -101,6 +103,7 @@ def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> 
             *("--faults", args.faults, *(item for link in links for item in ("--link", str(link)))),
             stdout=subprocess.DEVNULL,
             stderr=stack.enter_context(emulator_log.open("w")),
+            start_new_session=True,
         )
     )
     for pid in (emulator.pid, reader.pid):
@@ -127,8 +130,9 @@ def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> 
     states = reader.counts()
     if not states.count:
         raise ImudError(f"soak: no state came; the daemon's log:\n{log.read_text()[-3000:]}")
-    damaged = _DAMAGED.search(emulator_log.read_text())
-    made = table.losses(status_of(gpsd), states, int(damaged[1]) if damaged else 0)
+    emulated = emulator_log.read_text()
+    damaged, waited = _DAMAGED.search(emulated), _WAITED.search(emulated)
+    made = table.losses(status_of(gpsd), states, int(damaged[1]) if damaged else 0, float(waited[1]) if waited else 0.0)
     print(table.summary(made, states, estimates.comparison, troubles.counts, memory))
     return 1 if made.lost or made.internal_errors else 0
 

@@ -87,7 +87,9 @@ class StreamReader:
 
     def __init__(self, path: Path) -> None:
         command = python_command(__name__, str(path))
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+        )
         self.counts()
 
     @property

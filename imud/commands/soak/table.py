@@ -23,6 +23,7 @@ class Losses:
     unread: int  # the port's buffer was full: the daemon came too late
     missing: int  # processed, but not received by the client of the stream
     internal_errors: int
+    kernel_late_s: float  # most that bytes waited until the kernel had passed earlier ones on to the daemon's side
 
     @property
     def lost(self) -> int:
@@ -30,14 +31,15 @@ class Losses:
         return self.unread + self.missing
 
 
-def losses(status: Mapping[str, Any], states: Counts, damaged: int) -> Losses:
+def losses(status: Mapping[str, Any], states: Counts, damaged: int, kernel_late_s: float) -> Losses:
     """From the daemon's last status and the messages that the emulator damaged on the inertial sensor's line.
 
     A damaged message may cost the one after it as well: what begins in the middle is no frame.
     """
     frames, lost = status.get("totals.frames", 0), status.get("totals.lost", 0)
     by_damage = min(lost, 2 * damaged)
-    return Losses(frames + lost, by_damage, lost - by_damage, states.missing, status.get("internal_errors.count", 0))
+    errors = status.get("internal_errors.count", 0)
+    return Losses(frames + lost, by_damage, lost - by_damage, states.missing, errors, kernel_late_s)
 
 
 def row(elapsed_s: float, status: Mapping[str, Any], states: Counts) -> str:
@@ -63,6 +65,7 @@ def summary(
         f"{'  processed, but not received by a client':42}{made.missing:10}  in {states.gaps} gaps",
         f"{'longest gap between states':42}{states.longest_gap_s:10.3f} s",
         f"{'lateness, median / 99th percentile / most':42}{p50:10.2f} / {p99:.2f} / {longest:.1f} ms",
+        f"{'  of it, most that the kernel held bytes back':42}{1e3 * made.kernel_late_s:8.1f} ms",
         f"{'memory, after a tenth / at the end':42}{memory[len(memory) // 10] / 1e6:10.1f} / {memory[-1] / 1e6:.1f} MB",
         f"{'internal errors':42}{made.internal_errors:10}",
         f"{'troubles':42}{', '.join(f'{count} {name}' for name, count in troubles.items())}",

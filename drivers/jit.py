@@ -3,10 +3,14 @@
 Importing numba takes longer than all the rest of a start, and the kernels that Python calls while samples come do not
 need it (see `entry`). So numba is imported when the first kernel is compiled, if any is. Nothing is cached unless the
 program has named a cache directory for just these sources: numba itself does not detect stale machine code.
+
+A kernel in the library is never run as Python. So the functions are not kept, 1 MB in a daemon: one that is asked for
+is made again from its module's byte code.
 """
 
 import functools
 import os
+import sys
 import types
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
@@ -22,19 +26,33 @@ class Kernel:
 
     def __init__(self, function: Callable[..., Any], **options: Any) -> None:
         """options: numba's, beside our own."""
-        self.py_func = self.__wrapped__ = function
         self.__module__, self.__name__, self.__qualname__ = (
             function.__module__,
             function.__name__,
             function.__qualname__,
         )
-        self.__doc__ = function.__doc__
+        self._line = function.__code__.co_firstlineno
         self.targetoptions = {**_OPTIONS, **options} if options else _OPTIONS  # numba asks for it by name
+        if not _is_restorable(function):
+            self.py_func = function
 
     @property
     def name(self) -> str:
         """Where it is defined, with dots."""
-        return f"{self.py_func.__module__}.{self.py_func.__qualname__}"
+        return f"{self.__module__}.{self.__qualname__}"
+
+    @functools.cached_property
+    def py_func(self) -> Any:
+        """The function itself."""
+        module = sys.modules[self.__module__]
+        for constant in cast(Any, module.__spec__).loader.get_code(self.__module__).co_consts:
+            if isinstance(constant, types.CodeType) and constant.co_firstlineno == self._line:
+                return types.FunctionType(constant, vars(module), self.__name__)
+        raise ImportError(f"{self.name} is no longer in line {self._line}: its file has changed", name=self.__module__)
+
+    @property
+    def __wrapped__(self) -> Any:
+        return self.py_func
 
     @functools.cached_property
     def compiled(self) -> Any:
@@ -50,6 +68,13 @@ class Kernel:
 
     def __call__(self, *arguments: Any) -> Any:
         return self.compiled(*arguments)
+
+
+def _is_restorable(function: Callable[..., Any]) -> bool:
+    """Whether its module's byte code has all of it: a module's function, of ours, not one made by another function."""
+    spec = function.__globals__.get("__spec__")
+    plain = function.__qualname__ == function.__name__ and not function.__defaults__ and not function.__kwdefaults__
+    return plain and spec is not None and spec.name == function.__module__ and hasattr(spec.loader, "get_code")
 
 
 def kernel(function: Function) -> Function:

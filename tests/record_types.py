@@ -117,7 +117,7 @@ FILES = {  # file: (what its records are, its records, those of other files by t
 }
 OF_LEARNING = ("learning_values", "learning_d")
 TO_KALMAN = dict.fromkeys(("columns", "column", "learning_columns"), "Indices") | dict.fromkeys(
-    ("P", "predicted_P", "x", "d", "ph", "values", "jacobian", "one", "dx", "row", *OF_LEARNING), "Floats"
+    ("P", "predicted_P", "x", "d", "gain", "ph", "values", "jacobian", "one", "dx", "row", *OF_LEARNING), "Floats"
 )
 HEAD = '"""The {} as types for mypy, written by tests/record_types.py."""\n'
 

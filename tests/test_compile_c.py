@@ -18,6 +18,9 @@ from imud.drivers.jit import kernel
 
 PLACE = np.dtype([("v", "<f8", (3,)), ("n", "<i4")], align=True)
 PART = np.dtype([("place", PLACE), ("places", PLACE, (2,)), ("P", "<f8", (2, 3))], align=True)
+LONG = np.dtype(
+    [("one", [("v", "<f8", (40,)), ("n", "<i4")]), ("two", [("v", "<f8", (40,)), ("n", "<i4")])], align=True
+)
 WHOLE = np.dtype([("flag", "?"), ("nav", PART), ("parts", PART, (2, 2)), ("k", "<i8")], align=True)
 TABLE = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
 LIMIT = 7
@@ -88,6 +91,13 @@ def nested(rows):
 
 
 @kernel
+def copied(rows):
+    rows[0].one, rows[0].two = rows[1].two, rows[1].one
+    rows[1].two = rows[0].one
+    return rows[0].two.n
+
+
+@kernel
 def arithmetic(x, y, out):
     a, b = x[0], x[1]
     a, b = b, a
@@ -118,6 +128,15 @@ def test_nested_records_and_arrays_of_them(in_c):
     assert (theirs == ours).all()
     assert theirs[1]["parts"][1, 1]["places"][0]["v"].tolist() == [3.25, 0.25, 0.25]
     assert theirs[1]["flag"]
+
+
+def test_long_records_are_copied(in_c):
+    rows = np.zeros(2, LONG)
+    rows[1]["one"]["v"], rows[1]["two"]["v"] = np.arange(40.0), -np.arange(40.0)
+    rows["one"]["n"] = 7
+    assert in_c(copied, rows)(rows) == 7
+    assert rows[0]["two"]["v"].tolist() == np.arange(40.0).tolist()
+    assert rows[0]["one"]["v"].tolist() == rows[1]["two"]["v"].tolist() == (-np.arange(40.0)).tolist()
 
 
 @pytest.mark.parametrize("y", [0, 1, 2, 3, -3, 100])

@@ -142,6 +142,19 @@ def test_update_is_joseph_s_form(seed, n, log_r):
     np.testing.assert_allclose(x, before + K * z, rtol=1e-9, atol=1e-12)
 
 
+@given(SEEDS, SIZES)
+def test_update_by_gain_is_update_to_the_last_bit(seed, n):
+    rng = np.random.default_rng(seed)
+    p, x = packed(random_covariance(rng, n)), rng.normal(size=n)
+    columns, values, _ = random_row(rng, n)
+    d, z = np.empty(n), rng.normal()
+    s = kalman.measure(p, n, columns, values, len(columns), d) + 0.5
+    p2, x2 = p.copy(), x.copy()
+    kalman.update(p, n, x, d, s, z)
+    kalman.update_by_gain(p2, n, x2, d, d / s, z)
+    assert (p2.tobytes(), x2.tobytes()) == (p.tobytes(), x.tobytes())
+
+
 @given(SEEDS, st.integers(1, 10))
 def test_noise_far_below_the_predicted_variance_leaves_a_covariance(seed, n):
     """To the ratio that the module promises, relative to the largest predicted variance that P's diagonal allows."""

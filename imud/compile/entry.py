@@ -8,7 +8,6 @@ address that it had.
 import contextlib
 import ctypes
 import functools
-import inspect
 import os
 import re
 import weakref
@@ -36,6 +35,7 @@ class Entry(Kernel):
     def __init__(self, function: Callable[..., Any], waits: bool = False) -> None:
         """waits: release the GIL during a call, so that other threads run meanwhile."""
         super().__init__(function, nogil=waits)
+        self._parameters = function.__code__.co_argcount
         self._interface = ctypes.CFUNCTYPE if waits else ctypes.PYFUNCTYPE
         self._call: Callable[..., int] | None = None  # in the library
         self._dtypes: tuple[Dtype, ...] = ()
@@ -57,7 +57,7 @@ class Entry(Kernel):
     @property
     def address(self) -> int:
         """Address of the machine code, for callers that are compiled themselves. All arguments must be integers."""
-        integers = (0,) * len(inspect.signature(self.py_func).parameters)
+        integers = (0,) * self._parameters
         if _recorded is not None:
             return self._record_call(integers)
         return library.address(symbol(self, _dtypes(integers))) or cast(int, self._callback.address)
@@ -73,7 +73,7 @@ class Entry(Kernel):
         import numba
 
         long = numba.types.int64
-        signature = long(*[long] * len(inspect.signature(self.py_func).parameters))
+        signature = long(*[long] * self._parameters)
         return numba.cfunc(signature, cache="NUMBA_CACHE_DIR" in os.environ, error_model="numpy")(self.py_func)
 
     def _record_call(self, arguments: tuple[Any, ...]) -> int:

@@ -177,6 +177,19 @@ def update(P: Floats, n: int, x: Floats, d: Floats, s: float, z: float) -> None:
         first += n - i
 
 
+@kernel
+def update_by_gain(P: Floats, n: int, x: Floats, d: Floats, gain: Floats, z: float) -> None:
+    """`update` where the gain d / s is known already: the same bits."""
+    first = 0
+    for i in range(n):
+        g = gain[i]
+        for k in range(n - i):  # unsigned indices: see `update`
+            P[np.uint64(first + k)] -= g * d[np.uint64(i + k)]
+        first += n - i
+    for i in range(n):
+        x[i] += gain[i] * z
+
+
 def unpack(P: Floats, n: int) -> Any:
     """The full symmetric matrix of a packed triangle (not for kernels)."""
     full = np.zeros((n, n))

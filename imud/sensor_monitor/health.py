@@ -129,8 +129,8 @@ def update_statistics(h: Health, sample: Any) -> bool:
     """
     value, difference, second_difference, resolution = h.value, h.difference, h.second_difference, h.resolution
     sign_changes, second_difference_sum, repeats = h.sign_changes, h.second_difference_sum, h.repeats
-    for i in range(3):
-        h.reading[i], h.reading[3 + i] = sample.w[i], sample.f[i]
+    wx, wy, wz, fx, fy, fz = sample.w[0], sample.w[1], sample.w[2], sample.f[0], sample.f[1], sample.f[2]
+    h.reading[0], h.reading[1], h.reading[2], h.reading[3], h.reading[4], h.reading[5] = wx, wy, wz, fx, fy, fz
     for i in range(6):
         v = h.reading[i]
         d = v - value[i]

@@ -83,8 +83,8 @@ def new_spikes(rate_hz: float) -> Any:
 @kernel
 def read(s: Spikes, sample: Any) -> None:
     """The reading, and its deviation from what the samples before let expect."""
-    for i in range(3):
-        s.reading[i], s.reading[3 + i] = sample.w[i], sample.f[i]
+    wx, wy, wz, fx, fy, fz = sample.w[0], sample.w[1], sample.w[2], sample.f[0], sample.f[1], sample.f[2]
+    s.reading[0], s.reading[1], s.reading[2], s.reading[3], s.reading[4], s.reading[5] = wx, wy, wz, fx, fy, fz
     for i in range(6):
         slope = s.step[i] if s.mean_bend[i] < s.mean_step[i] else 0.0
         s.deviation[i] = s.reading[i] - (s.last[i] + slope * (1 + s.elapsed))

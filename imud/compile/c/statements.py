@@ -213,8 +213,10 @@ class Body:
             self._fill(target, row, filled, "=", text, depth)
         elif isinstance(target, ast.Subscript | ast.Attribute):
             assigned, there = self._of.value(target)
-            star = "*" if isinstance(there, Record) else ""  # a record is copied
-            self._put(depth, f"{star}{assigned} = {star}{text};")
+            if isinstance(there, Record):
+                self._put(depth, self._of.unit.record_copy(assigned, text, there))
+            else:
+                self._put(depth, f"{assigned} = {text};")
         else:
             self._of.fail(target, "target")
 

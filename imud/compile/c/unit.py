@@ -10,6 +10,8 @@ import numpy as np
 from . import system_calls
 from .kinds import FLOAT, STORAGE, Array, Kind, Record, Tuple, real, stored, unify, working
 
+_LONG_RECORD = 256  # bytes
+
 
 @dataclass(frozen=True)
 class Function:
@@ -98,6 +100,17 @@ class Unit(ABC):
             steps += ["a = a * a;"] if exponent else []
         self._declare(f"static inline {kind.c} {name}({kind.c} a) {{ {kind.c} r = 1; {' '.join(steps)} return r; }}")
         return name
+
+    def record_copy(self, to: str, source: str, record: Record) -> str:
+        """The statement that copies a record. A long one is copied by the C library, whose vectors are faster than the
+        `rep movsq` of gcc: 40 cycles for each. The assembler line hides the length from the compiler."""
+        if record.dtype.itemsize < _LONG_RECORD:
+            return f"*{to} = *{source};"
+        self._declare(
+            "static inline void copy_record(void *to, const void *from, size_t n) "
+            '{ __asm__("" : "+r"(n)); __builtin_memmove(to, from, n); }'
+        )
+        return f"copy_record({to}, {source}, {record.dtype.itemsize});"
 
     def system_call(self, name: str) -> str:
         """The name in C of a function of the C library."""

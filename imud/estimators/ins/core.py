@@ -159,6 +159,7 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
     [
         ("x", "<f8", (STATES,)),  # error estimate that is not injected yet
         ("d", "<f8", (STATES,)),  # P h
+        ("gain", "<f8", (STATES,)),  # d over the variance of the innovation
         ("columns", "<i8", (JACOBIAN_LENGTH,)),  # h
         ("values", "<f8", (JACOBIAN_LENGTH,)),
         ("transition", TRANSITION),
@@ -172,6 +173,8 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
         ("innovations", INNOVATION, (STEP_INNOVATIONS,)),  # of the last sample
         ("innovation_count", "<i8"),
         ("age_variance", "<f8"),  # s^2, of the measurement that is fused
+        ("stated_variances", "<f8", (12,)),  # of the last solution: position, velocity, gyro bias, accelerometer bias
+        ("stated_sigmas", "<f8", (12,)),  # and their square roots, which most samples need again
     ],
     align=True,
 )

@@ -1,8 +1,8 @@
 """The error-state Kalman filter itself: Jacobian, innovation, scalar update, injection.
 
 A measurement is one scalar. `set_jacobian` sets the elements of its Jacobian h, a sparse row; `innovation_variance`
-returns h P h' and stores P h; `math.kalman.update` corrects P and adds K z to the error estimate x in scratch, which
-`inject_error` adds to the nominal state. Where x is not injected after each scalar, `innovation` subtracts h x.
+returns h P h' and stores P h; `math.kalman.update_by_gain` corrects P and adds K z to the error estimate x in scratch,
+which `inject_error` adds to the nominal state. Where x is not injected after each scalar, `innovation` subtracts h x.
 
 Source: Groves (2013), sec. 3.2 and 14.2; Sola, Quaternion kinematics for the error-state Kalman filter (2017).
 """
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ...compile.jit import kernel
-from ...math.kalman import measure, packed_index, reset, shear, shear3, update
+from ...math.kalman import measure, packed_index, reset, shear, shear3, update_by_gain
 from ...math.rotation import Vector
 from ..tuning import Tunable
 from .mechanization import displace, rotate_attitude
@@ -126,9 +126,16 @@ def innovation_variance(c: Core, length: int) -> float:
 
 
 @kernel
-def apply_gain(c: Core, s: float, z: float) -> None:
-    """Correct P and the error estimate by an innovation z of variance s; P h is in scratch.d."""
-    update(c.cov.P, STATES, c.scratch.x, c.scratch.d, s, z)
+def compute_gain(c: Core, s: float) -> None:
+    """scratch.gain <- P h / s for an innovation of variance s; P h is in scratch.d."""
+    for i in range(STATES):
+        c.scratch.gain[i] = c.scratch.d[i] / s
+
+
+@kernel
+def apply_gain(c: Core, z: float) -> None:
+    """Correct P and the error estimate by an innovation z; P h is in scratch.d, the gain in scratch.gain."""
+    update_by_gain(c.cov.P, STATES, c.scratch.x, c.scratch.d, c.scratch.gain, z)
 
 
 @kernel

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from .alignment.force_integrals import accumulate_integrals, record_corrections
-from .ekf import apply_gain, inject_error, innovation, innovation_variance
+from .ekf import apply_gain, compute_gain, inject_error, innovation, innovation_variance
 from .error_model import linearize, propagate_covariance
 from .integrity.gnss_drift import BY_WHEELS, propagate_sensitivity, update_sensitivity
 from .integrity.gyro_bias_step import add_to_gyro_bias_step, propagate_gyro_bias_step, update_gyro_bias_step
@@ -63,12 +63,13 @@ def fuse(c: Core, length: int, z: float, s: float, axis: int) -> None:
 
     axis: 0 for a GNSS position north, 1 east; 2 for its velocity north, 3 east; -1: any other measurement.
     """
+    compute_gain(c, s)
     update_sensitivity(c, length, s, z, axis)
     update_time_offset_step(c, length, s)
     update_gyro_bias_step(c, length, s)
     update_velocity_drift(c, length, s, axis)
     update_learning(c, length, z, s)
-    apply_gain(c, s, z)
+    apply_gain(c, z)
 
 
 @kernel

@@ -223,14 +223,14 @@ def learn_process_noise(p: Parameters, c: Core, length: int, z: float, s: float)
 @kernel
 def update_learning(c: Core, length: int, z: float, s: float) -> None:
     """D and e after the scalar update that follows; arguments as those of `fuse`."""
-    d, Dh = c.scratch.d, c.scratch.learning_d
+    gains, Dh = c.scratch.gain, c.scratch.learning_d
     for k in range(2):
         D, e, at = c.process_noise.covariance_sensitivity[k], c.process_noise.estimate_sensitivity[k], 0
         hDh, he = predict_sensitivity(c, k, length)
         for i in range(LEARNING_STATES):
-            gain = d[i] / s
+            gain = gains[i]
             e[i] += (Dh[i] - gain * hDh) * z / s - gain * he
             for j in range(i, LEARNING_STATES):
-                other = d[j] / s
+                other = gains[j]
                 D[at] += gain * other * hDh - gain * Dh[j] - Dh[i] * other
                 at += 1

@@ -19,7 +19,7 @@ from ..records import (
     SATURATED,
 )
 from ..tuning import Tunable
-from .ekf import standard_deviation, variance
+from .ekf import variance
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, POSITION, STATES, VELOCITY
 
 if TYPE_CHECKING:
@@ -85,6 +85,24 @@ def status_bits(p: Parameters, c: Core, sigma_rpy: Reals, sigma_down: float) -> 
 
 
 @kernel
+def state_sigmas(c: Core) -> None:
+    """scratch.stated_sigmas <- those of position, velocity and biases; P changes only with every twentieth sample."""
+    stated, drift = c.scratch.stated_variances, c.velocity_drift
+    changed = False
+    for i in range(3):
+        drift_p = drift.position_variance[i] if i < 2 else 0.0
+        drift_v = drift.velocity_variance[i] if i < 2 else 0.0
+        p = max(variance(c, POSITION + i), 0.0) + c.integrity.position_inflation[i] + drift_p
+        v = max(variance(c, VELOCITY + i), 0.0) + drift_v
+        bg, ba = max(variance(c, GYRO_BIAS + i), 0.0), max(variance(c, ACCEL_BIAS + i), 0.0)
+        changed |= (p != stated[i]) | (v != stated[3 + i]) | (bg != stated[6 + i]) | (ba != stated[9 + i])
+        stated[i], stated[3 + i], stated[6 + i], stated[9 + i] = p, v, bg, ba
+    if changed:
+        for i in range(12):
+            c.scratch.stated_sigmas[i] = math.sqrt(stated[i])
+
+
+@kernel
 def write_solution(p: Parameters, c: Core, o: Solution) -> None:
     """Write the solution to row o; values that are not known are NaN."""
     o.t_ns = c.nav.t_ns
@@ -100,13 +118,12 @@ def write_solution(p: Parameters, c: Core, o: Solution) -> None:
         o.f[i] = c.imu.f[i] - c.nav.ba[i]
         o.bg[i] = c.nav.bg[i]
         o.ba[i] = c.nav.ba[i]
-        drift_p = c.velocity_drift.position_variance[i] if i < 2 else 0.0
-        drift_v = c.velocity_drift.velocity_variance[i] if i < 2 else 0.0
-        variance_p = max(variance(c, POSITION + i), 0.0) + c.integrity.position_inflation[i] + drift_p
-        o.sigma_p[i] = math.sqrt(variance_p) if known else math.nan
-        o.sigma_v[i] = math.sqrt(max(variance(c, VELOCITY + i), 0.0) + drift_v) if known else math.nan
-        o.sigma_bg[i] = standard_deviation(c, GYRO_BIAS + i)
-        o.sigma_ba[i] = standard_deviation(c, ACCEL_BIAS + i)
+    state_sigmas(c)
+    sigmas = c.scratch.stated_sigmas
+    for i in range(3):
+        o.sigma_p[i] = sigmas[i] if known else math.nan
+        o.sigma_v[i] = sigmas[3 + i] if known else math.nan
+        o.sigma_bg[i], o.sigma_ba[i] = sigmas[6 + i], sigmas[9 + i]
     a = ATTITUDE
     rpy = euler_variances(
         (c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3]),

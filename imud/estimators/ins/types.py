@@ -329,6 +329,7 @@ class Transition:
 class Scratch:
     x: Floats
     d: Floats
+    gain: Floats
     columns: Indices
     values: Floats
     transition: Transition
@@ -342,6 +343,8 @@ class Scratch:
     innovations: list[Innovation]
     innovation_count: int
     age_variance: float
+    stated_variances: Reals
+    stated_sigmas: Reals
 
 
 class Snapshot:

@@ -19,6 +19,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_correction, add_covariance
@@ -139,19 +141,22 @@ def propagate_sensitivity(c: Core, transition: Transition) -> None:
 def update_sensitivity(c: Core, length: int, s: float, z: float, axis: int) -> None:
     """Sensitivity of the estimate after the scalar update that follows: V <- V + K (b - h V); call before the update.
 
-    The Jacobian h has `length` elements, innovation z has variance s, and P h is in scratch.d. axis: 0 for a GNSS
+    The Jacobian h has `length` elements, innovation z has variance s, the gain is in scratch.gain. axis: 0 for a GNSS
     position north, 1 east, whose sensitivity b is the time since the onset; -1: any other measurement, b = 0.
     """
     g = c.drift
+    unexplained = np.empty(2 * ONSETS)  # b - h V
+    for j in range(2 * ONSETS):
+        unexplained[j] = 0.0
+    for k in range(length):
+        for j in range(2 * ONSETS):
+            unexplained[j] -= c.scratch.values[k] * g.bias_sensitivity[c.scratch.columns[k], j]
     for j in range(ONSETS):
-        if g.onset_ns[j] == NEVER_NS:
-            continue
         first = 2 * j
-        north, east = 0.0, 0.0
-        for k in range(length):
-            north -= c.scratch.values[k] * g.bias_sensitivity[c.scratch.columns[k], first]
-            east -= c.scratch.values[k] * g.bias_sensitivity[c.scratch.columns[k], first + 1]
-        if 0 <= axis < VELOCITY_AXIS:
+        north, east = unexplained[first], unexplained[first + 1]
+        if g.onset_ns[j] == NEVER_NS:
+            north = east = 0.0
+        elif 0 <= axis < VELOCITY_AXIS:
             since = 1e-9 * (c.nav.t_ns - g.onset_ns[j])
             if axis == 0:
                 north += since
@@ -163,10 +168,10 @@ def update_sensitivity(c: Core, length: int, s: float, z: float, axis: int) -> N
             g.information_matrix[j, 1] += north * east / s
             g.information_matrix[j, 2] += east * east / s
             g.innovation_count[j] += 1
-        for i in range(STATES):
-            gain = c.scratch.d[i] / s
-            g.bias_sensitivity[i, first] += gain * north
-            g.bias_sensitivity[i, first + 1] += gain * east
+        unexplained[first], unexplained[first + 1] = north, east
+    for i in range(STATES):
+        for j in range(2 * ONSETS):
+            g.bias_sensitivity[i, j] += c.scratch.gain[i] * unexplained[j]
 
 
 @kernel

@@ -21,6 +21,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_covariance
@@ -110,10 +112,18 @@ def update_gyro_bias_step(c: Core, length: int, s: float) -> None:
     """w <- (I - K h) w before the scalar update that follows, of variance s; P h is in scratch.d."""
     if c.gyro_bias_step.onset_ns[0] == NEVER_NS:
         return
+    w = c.gyro_bias_step.sensitivity
+    share = np.empty(GYRO_BIAS_ONSETS)
     for j in range(GYRO_BIAS_ONSETS):
-        share = mean_innovation(c, length, j) / s
-        for i in range(STATES):
-            c.gyro_bias_step.sensitivity[i, j] -= share * c.scratch.d[i]
+        share[j] = 0.0
+    for k in range(length):
+        for j in range(GYRO_BIAS_ONSETS):
+            share[j] += c.scratch.values[k] * w[c.scratch.columns[k], j]
+    for j in range(GYRO_BIAS_ONSETS):
+        share[j] /= s
+    for i in range(STATES):
+        for j in range(GYRO_BIAS_ONSETS):
+            w[i, j] -= share[j] * c.scratch.d[i]
 
 
 @kernel

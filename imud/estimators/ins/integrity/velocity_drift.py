@@ -19,6 +19,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from imud.drivers import elementary
 
 from ....compile.jit import kernel
@@ -138,13 +140,17 @@ def propagate_velocity_drift(c: Core, transition: Transition) -> None:
 
 
 @kernel
+def direct_share(c: Core, axis: int, j: int, i: int) -> float:
+    """b: what unknown i since onset j adds to a measurement of this axis itself, per unit."""
+    if i < 2 and axis == i:
+        return 1e-9 * (c.nav.t_ns - c.velocity_drift.onset_ns[j])
+    return 1.0 if i < 2 and axis == VELOCITY_AXIS + i else 0.0
+
+
+@kernel
 def mean_innovation(c: Core, length: int, axis: int, j: int, i: int) -> float:
     """Mean of an innovation per unit of unknown i since onset j: b - h V; the Jacobian has `length` elements."""
-    b = 0.0
-    if i < 2 and axis == i:
-        b = 1e-9 * (c.nav.t_ns - c.velocity_drift.onset_ns[j])
-    elif i < 2 and axis == VELOCITY_AXIS + i:
-        b = 1.0
+    b = direct_share(c, axis, j, i)
     for k in range(length):
         b -= c.scratch.values[k] * c.velocity_drift.sensitivity[c.scratch.columns[k], UNKNOWNS * j + i]
     return b
@@ -180,11 +186,18 @@ def update_velocity_drift(c: Core, length: int, s: float, axis: int) -> None:
     g = c.velocity_drift
     if g.onset_ns[0] == NEVER_NS:
         return
+    share = np.empty(UNKNOWNS * ONSETS)
     for j in range(ONSETS):
         for n in range(UNKNOWNS):
-            share = mean_innovation(c, length, axis, j, n) / s
-            for i in range(STATES):
-                g.sensitivity[i, UNKNOWNS * j + n] += share * c.scratch.d[i]
+            share[UNKNOWNS * j + n] = direct_share(c, axis, j, n)
+    for k in range(length):
+        for m in range(UNKNOWNS * ONSETS):
+            share[m] -= c.scratch.values[k] * g.sensitivity[c.scratch.columns[k], m]
+    for m in range(UNKNOWNS * ONSETS):
+        share[m] /= s
+    for i in range(STATES):
+        for m in range(UNKNOWNS * ONSETS):
+            g.sensitivity[i, m] += share[m] * c.scratch.d[i]
 
 
 @kernel

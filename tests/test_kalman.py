@@ -126,6 +126,16 @@ def test_measure_gives_the_cross_covariance_and_the_predicted_variance(seed, n):
     assert v == pytest.approx(h @ P @ h, abs=1e-12 * size**2 + 1e-300)
 
 
+@given(SEEDS, SIZES)
+def test_the_predicted_variance_alone_has_the_bits_of_measure(seed, n):
+    rng = np.random.default_rng(seed)
+    p = packed(random_covariance(rng, n))
+    columns, values, _ = random_row(rng, n)
+    d = np.empty(n)
+    alone = kalman.predicted_variance(p, n, columns, values, len(columns))
+    assert alone == kalman.measure(p, n, columns, values, len(columns), d)
+
+
 @given(SEEDS, SIZES, st.floats(-6.0, 3.0))
 def test_update_is_joseph_s_form(seed, n, log_r):
     rng = np.random.default_rng(seed)

@@ -163,6 +163,18 @@ def measure(P: Floats, n: int, columns: Indices, values: Floats, m: int, d: Floa
 
 
 @kernel
+def predicted_variance(P: Floats, n: int, columns: Indices, values: Floats, m: int) -> float:
+    """h P h' alone, with the bits of `measure`: without P h of all states."""
+    v = 0.0
+    for k in range(m):
+        d = 0.0
+        for j in range(m):
+            d += P[packed_index(n, columns[k], columns[j])] * values[j]
+        v += values[k] * d
+    return v
+
+
+@kernel
 def update(P: Floats, n: int, x: Floats, d: Floats, s: float, z: float) -> None:
     """Fuse one scalar measurement with innovation z (h x already removed), variance s = h P h' + r and d = P h'.
 

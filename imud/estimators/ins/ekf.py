@@ -56,6 +56,15 @@ TUNABLES = (
 
 
 @kernel
+def exponential(c: Core, slot: int, x: float) -> float:
+    """exp(x), remembered in a slot of scratch: the intervals of P are nearly all the same."""
+    scratch = c.scratch
+    if x != scratch.exp_arguments[slot] or scratch.exponentials[slot] == 0.0:
+        scratch.exp_arguments[slot], scratch.exponentials[slot] = x, elementary.exp(x)
+    return float(scratch.exponentials[slot])
+
+
+@kernel
 def covariance(c: Core, i: int, k: int) -> float:
     """P[i, k]."""
     return float(c.cov.P[packed_index(STATES, i, k)])

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .estimators.records import MEASUREMENT, SOLUTION
 from .math.arrays import Records
@@ -37,8 +38,9 @@ def play(
     the number of fixes fed.
     """
     out = np.zeros(min(BLOCK, len(samples)), SOLUTION)
-    fixes, places = _placed(samples, fixes, first=1)
-    aiding, aided = _placed(samples, _NO_MEASUREMENT if aiding is None else aiding, first=0)
+    t_ns = samples["t_ns"].copy()  # one behind the other
+    fixes, places = _placed(t_ns, fixes, first=1)
+    aiding, aided = _placed(t_ns, _NO_MEASUREMENT if aiding is None else aiding, first=0)
     alone = aided[filter_.needing_place(aiding)]
     edges = np.unique(np.concatenate([np.arange(0, len(samples), BLOCK), alone, [len(samples)]]))
     due, taken = np.searchsorted(places, edges), np.searchsorted(aided, edges)  # of all blocks at once
@@ -63,8 +65,8 @@ def play(
     return len(fixes)
 
 
-def _placed(samples: Records, rows: Records, first: int) -> tuple[Records, Records]:
+def _placed(t_ns: NDArray[np.int64], rows: Records, first: int) -> tuple[Records, Records]:
     """Fixes or measurements with the index of the sample before which each goes in: of those from `first` on."""
-    places = np.maximum.accumulate(np.searchsorted(samples["t_ns"], rows["arrival_ns"], side="left"))
-    among = (places >= first) & (places < len(samples))
+    places = np.maximum.accumulate(np.searchsorted(t_ns, rows["arrival_ns"], side="left"))
+    among = (places >= first) & (places < len(t_ns))
     return rows[among], places[among]

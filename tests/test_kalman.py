@@ -126,6 +126,30 @@ def test_measure_gives_the_cross_covariance_and_the_predicted_variance(seed, n):
     assert v == pytest.approx(h @ P @ h, abs=1e-12 * size**2 + 1e-300)
 
 
+@given(SEEDS, st.integers(4, 12))
+def test_measure_adds_columns_in_the_order_of_the_row_to_the_last_bit(seed, n):
+    rng = np.random.default_rng(seed)
+    P = random_covariance(rng, n)
+    first = int(rng.integers(0, n - 3))
+    columns = np.array([n - 1, first, first + 1, first + 2], np.int64)  # with three beside each other
+    values, d, wanted = rng.normal(size=4), np.empty(n), np.zeros(n)
+    full = kalman.unpack(packed(P), n)
+    kalman.measure(packed(P), n, columns, values, 4, d)
+    for column, value in zip(columns, values, strict=True):
+        wanted += full[:, column] * value
+    assert d.tobytes() == wanted.tobytes()
+
+
+@given(SEEDS, SIZES)
+def test_the_predicted_variance_alone_has_the_bits_of_measure(seed, n):
+    rng = np.random.default_rng(seed)
+    p = packed(random_covariance(rng, n))
+    columns, values, _ = random_row(rng, n)
+    d = np.empty(n)
+    alone = kalman.predicted_variance(p, n, columns, values, len(columns))
+    assert alone == kalman.measure(p, n, columns, values, len(columns), d)
+
+
 @given(SEEDS, SIZES, st.floats(-6.0, 3.0))
 def test_update_is_joseph_s_form(seed, n, log_r):
     rng = np.random.default_rng(seed)

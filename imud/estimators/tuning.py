@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Tunable:
     """One constant: its default, its unit ("": a pure number), its meaning, and where the default comes from.
 

@@ -148,17 +148,45 @@ def measure(P: Floats, n: int, columns: Indices, values: Floats, m: int, d: Floa
     """d <- P h for the sparse row h (`values[k]` at `columns[k]`, k < m); returns h P h'."""
     for i in range(n):
         d[i] = 0.0
-    for k in range(m):
-        column, value = columns[k], values[k]
-        at = column  # of element (i, column), down the column to the diagonal, then along the row
-        for i in range(column):
-            d[np.uint64(i)] += P[np.uint64(at)] * value
-            at += n - 1 - i
-        for i in range(n - column):  # unsigned indices: see `update`
-            d[np.uint64(column + i)] += P[np.uint64(at + i)] * value
+    k = 0
+    while k < m:
+        first, run = columns[k], 1
+        at = first  # of element (i, first), down the column to the diagonal
+        if (
+            k + 2 < m and columns[k + 1] == first + 1 and columns[k + 2] == first + 2
+        ):  # three, down their columns at once
+            run, a, b, c = 3, values[k], values[k + 1], values[k + 2]
+            for i in range(first):
+                x = d[np.uint64(i)] + P[np.uint64(at)] * a
+                d[np.uint64(i)] = x + P[np.uint64(at + 1)] * b + P[np.uint64(at + 2)] * c
+                at += n - 1 - i
+        else:
+            for i in range(first):
+                d[np.uint64(i)] += P[np.uint64(at)] * values[k]
+                at += n - 1 - i
+        for column in range(first, first + run):
+            value = values[k]
+            for i in range(first, column):
+                d[i] += P[packed_index(n, i, column)] * value
+            row = packed_index(n, column, column)
+            for i in range(n - column):  # unsigned indices: see `update`
+                d[np.uint64(column + i)] += P[np.uint64(row + i)] * value
+            k += 1
     v = 0.0
     for k in range(m):
         v += values[k] * d[columns[k]]
+    return v
+
+
+@kernel
+def predicted_variance(P: Floats, n: int, columns: Indices, values: Floats, m: int) -> float:
+    """h P h' alone, with the bits of `measure`: without P h of all states."""
+    v = 0.0
+    for k in range(m):
+        d = 0.0
+        for j in range(m):
+            d += P[packed_index(n, columns[k], columns[j])] * values[j]
+        v += values[k] * d
     return v
 
 

@@ -7,7 +7,7 @@ import math
 
 from imud.drivers import elementary
 
-from ..compile.jit import kernel
+from ..compile.jit import kernel, unrolled
 
 Quaternion = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
@@ -52,7 +52,7 @@ def quat_renormalised(q: Quaternion) -> Quaternion:
     return q[0] * s, q[1] * s, q[2] * s, q[3] * s
 
 
-@kernel
+@unrolled
 def quat_exp(x: float, y: float, z: float) -> Quaternion:
     """Quaternion of the rotation vector (x, y, z), rad."""
     angle2 = x * x + y * y + z * z

@@ -103,8 +103,11 @@ def growth(s: Spikes) -> float:
 
 
 @kernel
-def deviating_axes(s: Spikes, invalid: int) -> int:
-    """Axes, bits 0 to 5, that deviate; invalid: axes that are not tested. Where a force deviates, all three do."""
+def deviating_axes(s: Spikes, invalid: int, force: float) -> int:
+    """Axes, bits 0 to 5, that deviate; invalid: axes that are not tested. force: their magnitude.
+
+    Where a force deviates, all three do.
+    """
     deviating, worse = 0, growth(s)
     for i in range(3):
         largest = worse * max(s.floor, RATIO * s.recent[i])
@@ -115,7 +118,7 @@ def deviating_axes(s: Spikes, invalid: int) -> int:
     with_rate = worse * max(MIN_FORCE_MPS2, FORCE_RATIO * s.recent_force)
     alone = worse * max(s.lone_floor, RATIO * s.recent_shock)
     beside = deviating != 0 or s.axes & RATES != 0
-    return deviating | FORCES if magnitude(s.deviation, 3) > (with_rate if beside else alone) else deviating
+    return deviating | FORCES if force > (with_rate if beside else alone) else deviating
 
 
 @kernel
@@ -188,7 +191,7 @@ def discard(s: Spikes) -> None:
 
 
 @kernel
-def accept(s: Spikes, invalid: int, neighbours: bool) -> None:
+def accept(s: Spikes, invalid: int, neighbours: bool, force: float) -> None:
     """The reading is good: the extrapolation goes on from it."""
     worse = growth(s)
     for i in range(6):
@@ -202,7 +205,7 @@ def accept(s: Spikes, invalid: int, neighbours: bool) -> None:
         if i < 3:
             deviation = min(abs(s.deviation[i]) / worse, max(s.floor, RATIO * s.recent[i]))
             s.recent[i] = max(s.recent[i] * s.decay, deviation) if neighbours else 0.0
-    force = magnitude(s.deviation, 3) / worse
+    force = force / worse
     if neighbours and force < math.inf:
         s.recent_force = max(s.recent_force * s.decay, force)
         force = min(force, 0.5 * max(s.lone_floor, RATIO * s.recent_shock))  # one spike does not hide the next
@@ -225,7 +228,8 @@ def replace_spikes(s: Spikes, sample: Any, invalid: int, frozen: bool) -> int:
     s.t_ns = sample.t_ns - (s.gap_ns if frozen else 0)
     read(s, sample)
     s.begun = min(s.begun + 1, MIN_BEGUN) if neighbours else 0
-    deviating = deviating_axes(s, invalid) if s.begun == MIN_BEGUN else 0
+    force = magnitude(s.deviation, 3)
+    deviating = deviating_axes(s, invalid, force) if s.begun == MIN_BEGUN else 0
     damaged = 0
     if s.count > 0 and neighbours:
         remaining = remaining_axes(s)
@@ -240,5 +244,5 @@ def replace_spikes(s: Spikes, sample: Any, invalid: int, frozen: bool) -> int:
     if deviating:
         withhold(s, sample, deviating)
     else:
-        accept(s, invalid, neighbours)
+        accept(s, invalid, neighbours, force)
     return damaged

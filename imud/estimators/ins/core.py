@@ -22,6 +22,7 @@ from .integrity.records import DRIFT, GRAVITY_MONITOR, GYRO_BIAS_STEP, INTEGRITY
 from .state import (
     AIDING_RING,
     BANKS,
+    EXPONENTIALS,
     IMU_RING,
     JACOBIAN_LENGTH,
     LEARNING_STATES,
@@ -174,6 +175,8 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
         ("innovation_count", "<i8"),
         ("age_variance", "<f8"),  # s^2, of the measurement that is fused
         ("stated_variances", "<f8", (12,)),  # of the last solution: position, velocity, gyro bias, accelerometer bias
+        ("exp_arguments", "<f8", (EXPONENTIALS,)),  # of the last exponentials, most of which are needed again
+        ("exponentials", "<f8", (EXPONENTIALS,)),
         ("stated_sigmas", "<f8", (12,)),  # and their square roots, which most samples need again
     ],
     align=True,

@@ -1,6 +1,6 @@
 """The error-state Kalman filter itself: Jacobian, innovation, scalar update, injection.
 
-A measurement is one scalar. `set_jacobian` sets the elements of its Jacobian h, a sparse row; `innovation_variance`
+A measurement is one scalar. `set_jacobian` sets the elements of its Jacobian h, a sparse row; `cross_covariance`
 returns h P h' and stores P h; `math.kalman.update_by_gain` corrects P and adds K z to the error estimate x in scratch,
 which `inject_error` adds to the nominal state. Where x is not injected after each scalar, `innovation` subtracts h x.
 
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ...compile.jit import kernel
-from ...math.kalman import measure, packed_index, reset, shear, shear3, update_by_gain
+from ...math.kalman import measure, packed_index, predicted_variance, reset, shear, shear3, update_by_gain
 from ...math.rotation import Vector
 from ..tuning import Tunable
 from .mechanization import displace, rotate_attitude
@@ -53,6 +53,15 @@ TUNABLES = (
         "Numerics.",
     ),
 )
+
+
+@kernel
+def exponential(c: Core, slot: int, x: float) -> float:
+    """exp(x), remembered in a slot of scratch: the intervals of P are nearly all the same."""
+    scratch = c.scratch
+    if x != scratch.exp_arguments[slot] or scratch.exponentials[slot] == 0.0:
+        scratch.exp_arguments[slot], scratch.exponentials[slot] = x, elementary.exp(x)
+    return float(scratch.exponentials[slot])
 
 
 @kernel
@@ -121,7 +130,13 @@ def set_jacobian3(c: Core, length: int, column: int, row: Vector) -> int:
 
 @kernel
 def innovation_variance(c: Core, length: int) -> float:
-    """h P h' for the Jacobian's `length` elements; stores P h in scratch.d."""
+    """h P h' for the Jacobian's `length` elements."""
+    return predicted_variance(c.cov.P, STATES, c.scratch.columns, c.scratch.values, length)
+
+
+@kernel
+def cross_covariance(c: Core, length: int) -> float:
+    """`innovation_variance`; stores P h in scratch.d, which an update needs."""
     return measure(c.cov.P, STATES, c.scratch.columns, c.scratch.values, length, c.scratch.d)
 
 

@@ -26,14 +26,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from imud.drivers import elementary
-
 from ...compile.jit import kernel, unrolled
 from ...math.earth import STANDARD_GRAVITY
 from ...math.kalman import reset, scale, shear, shear33
 from ...math.rotation import Vector
 from ..tuning import Tunable
-from .ekf import add_variance
+from .ekf import add_variance, exponential
 from .mechanization import rotate_attitude, rotation_matrix
 from .noise_density import attitude_psd, velocity_psd
 from .state import (
@@ -131,8 +129,8 @@ def linearize(p: Parameters, c: Core, transition: Transition) -> None:
     transition.turn_angle = (
         C_nb[6] * c.imu.delta_theta[0] + C_nb[7] * c.imu.delta_theta[1] + C_nb[8] * c.imu.delta_theta[2]
     )
-    transition.gnss_bias_decay = elementary.exp(-dt / p.tuning.gnss_bias_time_s)
-    transition.gnss_velocity_bias_decay = elementary.exp(-dt / p.tuning.gnss_velocity_bias_time_s)
+    transition.gnss_bias_decay = exponential(c, 0, -dt / p.tuning.gnss_bias_time_s)
+    transition.gnss_velocity_bias_decay = exponential(c, 1, -dt / p.tuning.gnss_velocity_bias_time_s)
 
 
 @kernel

@@ -59,11 +59,10 @@ def step(p: Parameters, s: State, sample: Sample, solution: Solution) -> None:
     for i in range(3):
         finite = math.isfinite(sample.w[i]) and math.isfinite(sample.f[i])
         good = good and (finite or (sample.flags & (NO_RATE | NO_FORCE)) != 0)
-    for i in range(3):
-        if good and (sample.flags & NO_RATE) == 0:
-            w[i] = sample.w[i]
-        if good and (sample.flags & NO_FORCE) == 0:
-            f[i] = sample.f[i]
+    with_rate, with_force = good and (sample.flags & NO_RATE) == 0, good and (sample.flags & NO_FORCE) == 0
+    for i in range(3):  # stored in any case: a load cannot be forwarded from a masked store
+        w[i] = sample.w[i] if with_rate else w[i]
+        f[i] = sample.f[i] if with_force else f[i]
     c = s.core[0]
     if s.sample_count == 0:
         if good and (sample.flags & UNUSABLE) == 0:

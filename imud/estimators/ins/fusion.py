@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from .alignment.force_integrals import accumulate_integrals, record_corrections
-from .ekf import apply_gain, compute_gain, inject_error, innovation, innovation_variance
+from .ekf import apply_gain, compute_gain, cross_covariance, inject_error, innovation
 from .error_model import linearize, propagate_covariance
 from .integrity.gnss_drift import BY_WHEELS, propagate_sensitivity, update_sensitivity
 from .integrity.gyro_bias_step import add_to_gyro_bias_step, propagate_gyro_bias_step, update_gyro_bias_step
@@ -90,7 +90,7 @@ def correlated_update(
 
     n measurements that share an error of variance e know together what one of them does: shared = (n - 1) e.
     """
-    z, s = innovation(c, length, z), innovation_variance(c, length) + r
+    z, s = innovation(c, length, z), cross_covariance(c, length) + r
     return test_and_fuse(c, length, z, s, shared, gate, -1)
 
 
@@ -102,7 +102,7 @@ def fix_update(
 
     Also from a rejected one, but not from a receiver that contradicts the wheels. axis: see `fuse`.
     """
-    z, s = innovation(c, length, z), innovation_variance(c, length) + r
+    z, s = innovation(c, length, z), cross_covariance(c, length) + r
     if c.alignment.mode == NAVIGATING and c.drift.detected != BY_WHEELS:
         learn_process_noise(p, c, length, z, s)
         add_to_time_offset_step(c, length, z, s, axis)

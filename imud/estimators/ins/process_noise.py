@@ -32,7 +32,7 @@ from imud.drivers import elementary
 from ...compile.jit import kernel
 from ...math.kalman import measure, packed_index, shear, shear33
 from ..tuning import Tunable
-from .ekf import variance
+from .ekf import exponential, variance
 from .state import ATTITUDE, LEARNING_STATES, POSITION, VELOCITY
 
 if TYPE_CHECKING:
@@ -139,7 +139,7 @@ def propagate_learning(p: Parameters, c: Core, transition: Transition) -> None:
         D = g.covariance_sensitivity[k]
         propagate_one(D, g.estimate_sensitivity[k], transition)
         first = VELOCITY if k == 0 else ATTITUDE
-        psd_derivative = elementary.exp(g.log_psd[k]) * c.stationarity.vibration_level  # of q by log_psd
+        psd_derivative = exponential(c, 2 + k, g.log_psd[k]) * c.stationarity.vibration_level  # of q by log_psd
         for i in range(3):
             D[packed_index(LEARNING_STATES, first + i, first + i)] += psd_derivative * transition.interval
         if psd_derivative > 0.0 and g.log_psd_covariance[2 * k] < p.tuning.process_noise_prior**2:

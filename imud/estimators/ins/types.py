@@ -344,6 +344,8 @@ class Scratch:
     innovation_count: int
     age_variance: float
     stated_variances: Reals
+    exp_arguments: Reals
+    exponentials: Reals
     stated_sigmas: Reals
 
 

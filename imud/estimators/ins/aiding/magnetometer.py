@@ -29,7 +29,7 @@ from ...aiding_source import AidingSource, Column
 from ...innovation_kinds import KINDS
 from ...records import MAGNETOMETER, MAGNETOMETER_SOURCE
 from ...tuning import Tunable
-from ..ekf import innovation_variance, variance
+from ..ekf import cross_covariance, variance
 from ..fusion import NO_GATE, correct_state, correlated_update, write_innovation
 from ..mechanization import body_to_ned, wrap_angle
 from ..state import ATTITUDE, NEVER_NS
@@ -186,7 +186,7 @@ def fuse_magnetometer(p: Parameters, c: Core, m: Measurement, innovations: list[
     z, length = field_innovation(c, m)
     rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2]
     z -= rate * 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
-    least, h = field_variance(p, c, m), innovation_variance(c, length)
+    least, h = field_variance(p, c, m), cross_covariance(c, length)
     r, shared = least + (rate * p.tuning.mag_time_sigma) ** 2, c.scratch.d[ATTITUDE + 2]
     contradicted = is_contradicted(p, c, m)
     largest = p.tuning.mag_agreement_gate * (r + min(h, r)) if contradicted else p.tuning.mag_gate * (r + h)

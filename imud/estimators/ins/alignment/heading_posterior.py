@@ -15,7 +15,7 @@ from imud.drivers import elementary
 from ....compile.jit import kernel
 from ....math.earth import STANDARD_GRAVITY
 from ...tuning import Tunable
-from ..ekf import innovation_variance, set_jacobian
+from ..ekf import cross_covariance, set_jacobian
 from ..mechanization import rotation_matrix, wrap_angle
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, HYPOTHESES
 from .force_integrals import (
@@ -100,7 +100,7 @@ def set_prior(c: Core, b: HypothesisBank) -> None:
     C_nb = rotation_matrix(c)
     b.prior[:] = 0.0
     for j in range(6):
-        innovation_variance(c, nuisance_jacobian(c, C_nb, j))
+        cross_covariance(c, nuisance_jacobian(c, C_nb, j))
         for i in range(6):
             length = nuisance_jacobian(c, C_nb, i)
             s = 0.0

@@ -24,7 +24,7 @@ from .ekf import apply_gain, inject_error, innovation, innovation_variance
 from .error_model import linearize, propagate_covariance
 from .integrity.gnss_drift import BY_WHEELS, propagate_sensitivity, update_sensitivity
 from .integrity.gyro_bias_step import add_to_gyro_bias_step, propagate_gyro_bias_step, update_gyro_bias_step
-from .integrity.reset_inflation import fade_inflation
+from .integrity.reset_inflation import propagate_inflation
 from .integrity.time_offset_step import add_to_time_offset_step, propagate_time_offset_step, update_time_offset_step
 from .integrity.velocity_drift import add_to_velocity_drift, propagate_velocity_drift, update_velocity_drift
 from .mechanization import start_integration
@@ -53,7 +53,7 @@ def propagate_errors(p: Parameters, c: Core) -> None:
     propagate_gyro_bias_step(c, transition)
     propagate_velocity_drift(c, transition)
     propagate_learning(p, c, transition)
-    fade_inflation(c, transition.gnss_bias_decay)
+    propagate_inflation(c, transition.interval, transition.gnss_bias_decay)
     start_integration(c)
 
 

@@ -85,6 +85,16 @@ def status_bits(p: Parameters, c: Core, sigma_rpy: Reals, sigma_down: float) -> 
 
 
 @kernel
+def likely_drift(c: Core, axis: int) -> tuple[float, float]:
+    """What drifts of the receiver that are likely, but not detected, add to the variances, m^2 and m^2/s^2, of an axis."""
+    if axis == 2:
+        return 0.0, 0.0
+    d, w = c.drift, c.velocity_drift
+    of_velocity = w.velocity_variance[axis] + d.velocity_variance[axis] + c.integrity.velocity_inflation[axis]
+    return float(w.position_variance[axis] + d.position_variance[axis]), float(of_velocity)
+
+
+@kernel
 def write_solution(p: Parameters, c: Core, o: Solution) -> None:
     """Write the solution to row o; values that are not known are NaN."""
     o.t_ns = c.nav.t_ns
@@ -100,8 +110,7 @@ def write_solution(p: Parameters, c: Core, o: Solution) -> None:
         o.f[i] = c.imu.f[i] - c.nav.ba[i]
         o.bg[i] = c.nav.bg[i]
         o.ba[i] = c.nav.ba[i]
-        drift_p = c.velocity_drift.position_variance[i] if i < 2 else 0.0
-        drift_v = c.velocity_drift.velocity_variance[i] if i < 2 else 0.0
+        drift_p, drift_v = likely_drift(c, i)
         variance_p = max(variance(c, POSITION + i), 0.0) + c.integrity.position_inflation[i] + drift_p
         o.sigma_p[i] = math.sqrt(variance_p) if known else math.nan
         o.sigma_v[i] = math.sqrt(max(variance(c, VELOCITY + i), 0.0) + drift_v) if known else math.nan

@@ -207,6 +207,7 @@ class Tuning:
     min_drift_s: float
     min_drift_fixes: int
     min_drift_speed: float
+    likely_drift_chi2: float
     drift_chi2: float
     min_drift_noise_scale: float
     first_drift_noise_scale: float

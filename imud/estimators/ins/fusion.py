@@ -103,7 +103,8 @@ def fix_update(
     """
     z, s = innovation(c, length, z), innovation_variance(c, length) + r
     if c.alignment.mode == NAVIGATING and c.drift.detected != BY_WHEELS:
-        learn_process_noise(p, c, length, z, s)
+        if gate != REJECT or max(c.integrity.reject_count[0], c.integrity.reject_count[1]) <= 1:
+            learn_process_noise(p, c, length, z, s)
         add_to_time_offset_step(c, length, z, s, axis)
         add_to_gyro_bias_step(p, c, length, z, s)
         add_to_velocity_drift(p, c, length, z, s, axis)

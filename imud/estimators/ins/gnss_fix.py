@@ -91,7 +91,8 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
         if detect_velocity_drift(p, c, otherwise) > 0.0:
             correct_state(p, c)
             reject_by_wheels(c)
-    if wheels_contradict(p, c) or variance(c, ATTITUDE + 2) > p.tuning.max_step_heading_sigma**2:
+    uncertain = variance(c, ATTITUDE + 2) > p.tuning.max_step_heading_sigma**2
+    if wheels_contradict(p, c) or c.drift.detected != 0 or uncertain:
         reset_time_offset_step(c)  # what a drift of the receiver or a wrong heading does looks like a step
     elif c.alignment.mode == NAVIGATING and detect_time_offset_step(p, c):
         correct_state(p, c)

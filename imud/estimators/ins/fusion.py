@@ -99,14 +99,15 @@ def fix_update(
 ) -> tuple[float, float, float]:
     """`gated_update` of a receiver's measurement; while navigating, process noise is learned from it first.
 
-    Also from a rejected one, but not from a receiver that contradicts the wheels. axis: see `fuse`.
+    Also from the first rejected one, since no update separates the errors of those that follow, but not from a receiver
+    that contradicts the wheels. axis: see `fuse`.
     """
     z, s = innovation(c, length, z), innovation_variance(c, length) + r
     if c.alignment.mode == NAVIGATING and c.drift.detected != BY_WHEELS:
         if gate != REJECT or max(c.integrity.reject_count[0], c.integrity.reject_count[1]) <= 1:
             learn_process_noise(p, c, length, z, s)
         add_to_time_offset_step(c, length, z, s, axis)
-        add_to_gyro_bias_step(p, c, length, z, s)
+        add_to_gyro_bias_step(p, c, length, z, s, r)
         add_to_velocity_drift(p, c, length, z, s, axis)
     return test_and_fuse(c, length, z, s, 0.0, gate, axis)
 

@@ -86,7 +86,7 @@ def status_bits(p: Parameters, c: Core, sigma_rpy: Reals, sigma_down: float) -> 
 
 @kernel
 def likely_drift(c: Core, axis: int) -> tuple[float, float]:
-    """What drifts of the receiver that are likely, but not detected, add to the variances, m^2 and m^2/s^2, of an axis."""
+    """What likely drifts of the receiver add to the stated variances of an axis, m^2 and m^2/s^2."""
     if axis == 2:
         return 0.0, 0.0
     d, w = c.drift, c.velocity_drift

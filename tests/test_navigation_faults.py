@@ -2,11 +2,15 @@
 
 import numpy as np
 import pytest
-from navigation_runner import fixes_of, navigate, samples_of
+from navigation_runner import fixes_of, navigate, samples_of, settings_of
 from navigation_simulation import drive, errors, received, sensed
 
+from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Navigation, Settings
 from imud.drivers.sample import SUSPECT
+from imud.estimators.ins.integrity.reset_inflation import propagate_inflation
+from imud.estimators.ins.parameters import configure
+from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import ACCEL_BIAS, ONSETS, POSITION, VELOCITY
 from imud.estimators.records import AT_REST, COASTING, HEADING_VALID, POSITION_VALID, REJECTING
 
@@ -121,6 +125,45 @@ def test_drifting_positions_of_a_car_are_rejected_without_a_speed_of_the_receive
         assert not (out["status"][at(142.0) :] & REJECTING).any()
     assert np.mean(worst) < 5.0
     assert max(worst) < 9.0
+
+
+def wrong_and_sure_s(d, out):
+    """Seconds with a horizontal error of more than 2.5 m and 4 sigma."""
+    p = np.abs(errors(d, out)[0][:, :2])
+    return float(((p > 2.5) & (p > 4.0 * out["sigma_p"][:, :2])).any(1).sum()) / RATE
+
+
+def test_a_likely_drift_is_part_of_the_stated_sigma():
+    stated = silent = 0.0
+    for seed in range(4):
+        samples, fixes = data(seed)
+        fixes = moved(fixes, 90.0, 150.0, 0.0, per_second=0.5)
+        stated += wrong_and_sure_s(D, navigate(samples, fixes)[0])
+        off = settings_of(tuning={"likely_drift_chi2": 1e9})
+        silent += wrong_and_sure_s(D, navigate(samples, fixes, off)[0])
+    assert silent > 20.0
+    assert stated < 0.1 * silent
+
+
+def test_positions_of_a_survey_that_drift_are_rejected_or_inflate_the_covariance():
+    """Without a velocity the filter is reset to them; the drift goes on. One of six is taken for a gust."""
+    wrong = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        samples, fixes = sensed(D, rng), received(D, rng, late=0.1, sigma=0.0, white=0.01)
+        fixes["sigma"], fixes["speed"], fixes["course"] = (0.02, 0.02, 0.04), np.nan, np.nan
+        out = navigate(samples, moved(fixes, 90.0, 150.0, 0.0, per_second=1.0))[0]
+        wrong.append(wrong_and_sure_s(D, out))
+    assert sorted(wrong)[-2] < 3.0  # silent: 25 s at least
+
+
+def test_the_inflation_of_the_velocity_adds_to_that_of_the_position():
+    c = start(configure(Settings(), 100.0), Initial())["core"][0, 0].view(np.recarray)
+    c.integrity.position_inflation[:], c.integrity.velocity_inflation[:] = (9.0, 0.0, 4.0), (1.0, 0.0)
+    for _ in range(2000):
+        interpreted(propagate_inflation)(c, 0.01, np.exp(-0.01 / 40.0))
+    assert np.sqrt(c.integrity.position_inflation) == pytest.approx(np.exp(-0.5) * np.array([23, 0, 2]), rel=1e-3)
+    assert np.sqrt(c.integrity.velocity_inflation) == pytest.approx([np.exp(-0.5), 0], rel=1e-6)
 
 
 def test_the_effect_of_a_drift_on_the_estimate_is_predicted():

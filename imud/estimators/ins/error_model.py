@@ -75,6 +75,13 @@ TUNABLES = (
         "The same receivers.",
     ),
     Tunable(
+        "vibration_gyro_bias_s",
+        200.0,
+        "s",
+        "Averaging time at which what vibration adds to a gyro is no longer white: it changes the bias, too.",
+        "Multicopters.",
+    ),
+    Tunable(
         "vibration_bias_walk",
         2e-3,
         "(m/s^2)/sqrt(s)",
@@ -243,6 +250,7 @@ def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None
     apply_gyro_scale(p, c, transition)
     turn_rate = C_nb[6] * c.imu.rate_b[0] + C_nb[7] * c.imu.rate_b[1] + C_nb[8] * c.imu.rate_b[2]
     qa, decay = attitude_psd(p, c, turn_rate), transition.gnss_bias_decay
+    qb = p.gyro_bias_psd + c.process_noise.psd[1] * c.stationarity.vibration_level / p.tuning.vibration_gyro_bias_s**2
     for i in range(3):
         sigma = c.gnss.bias_sigma[0] if i < 2 else c.gnss.bias_sigma[1]
         c.nav.gnss_bias[i] *= decay
@@ -251,7 +259,7 @@ def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None
         decay_bias(c, GNSS_VELOCITY_BIAS + i, transition.gnss_velocity_bias_decay, velocity_bias_sigma(p, i))
         add_variance(c, VELOCITY + i, qv * dt)
         add_variance(c, ATTITUDE + i, qa * dt)
-        add_variance(c, GYRO_BIAS + i, p.gyro_bias_psd * dt)
+        add_variance(c, GYRO_BIAS + i, qb * dt)
         add_variance(
             c,
             ACCEL_BIAS + i,

@@ -24,7 +24,7 @@ from .ekf import apply_gain, compute_gain, cross_covariance, inject_error, innov
 from .error_model import linearize, propagate_covariance
 from .integrity.gnss_drift import BY_WHEELS, propagate_sensitivity, update_sensitivity
 from .integrity.gyro_bias_step import add_to_gyro_bias_step, propagate_gyro_bias_step, update_gyro_bias_step
-from .integrity.reset_inflation import fade_inflation
+from .integrity.reset_inflation import propagate_inflation
 from .integrity.time_offset_step import add_to_time_offset_step, propagate_time_offset_step, update_time_offset_step
 from .integrity.velocity_drift import add_to_velocity_drift, propagate_velocity_drift, update_velocity_drift
 from .mechanization import start_integration
@@ -53,7 +53,7 @@ def propagate_errors(p: Parameters, c: Core) -> None:
     propagate_gyro_bias_step(c, transition)
     propagate_velocity_drift(c, transition)
     propagate_learning(p, c, transition)
-    fade_inflation(c, transition.gnss_bias_decay)
+    propagate_inflation(c, transition.interval, transition.gnss_bias_decay)
     start_integration(c)
 
 
@@ -100,13 +100,15 @@ def fix_update(
 ) -> tuple[float, float, float]:
     """`gated_update` of a receiver's measurement; while navigating, process noise is learned from it first.
 
-    Also from a rejected one, but not from a receiver that contradicts the wheels. axis: see `fuse`.
+    Also from the first rejected one, since no update separates the errors of those that follow, but not from a receiver
+    that contradicts the wheels. axis: see `fuse`.
     """
     z, s = innovation(c, length, z), cross_covariance(c, length) + r
     if c.alignment.mode == NAVIGATING and c.drift.detected != BY_WHEELS:
-        learn_process_noise(p, c, length, z, s)
+        if gate != REJECT or max(c.integrity.reject_count[0], c.integrity.reject_count[1]) <= 1:
+            learn_process_noise(p, c, length, z, s)
         add_to_time_offset_step(c, length, z, s, axis)
-        add_to_gyro_bias_step(p, c, length, z, s)
+        add_to_gyro_bias_step(p, c, length, z, s, r)
         add_to_velocity_drift(p, c, length, z, s, axis)
     return test_and_fuse(c, length, z, s, 0.0, gate, axis)
 

@@ -91,8 +91,9 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
         if detect_velocity_drift(p, c, otherwise) > 0.0:
             correct_state(p, c)
             reject_by_wheels(c)
-    if wheels_contradict(p, c) or variance(c, ATTITUDE + 2) > p.tuning.max_step_heading_sigma**2:
-        reset_time_offset_step(c)  # what a drift of the receiver or a wrong heading does looks like a step
+    uncertain = variance(c, ATTITUDE + 2) > p.tuning.max_step_heading_sigma**2
+    if wheels_contradict(p, c) or c.drift.detected != 0 or uncertain:
+        reset_time_offset_step(c)  # a drift or a wrong heading looks like one
     elif c.alignment.mode == NAVIGATING and detect_time_offset_step(p, c):
         correct_state(p, c)
         restart_in_motion_alignment(c)
@@ -100,6 +101,7 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
     if c.time_offset_step.onset_ns == NEVER_NS or has_compass(p, c):
         reset_gyro_bias_step(c)  # a compass shows a turn by itself
     elif c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c, explained_by_time_offset_step(c)):
+        correct_state(p, c)
         restart_in_motion_alignment(c)
     decay_reset_score(p, c)
     heading_ok = True

@@ -85,13 +85,22 @@ def status_bits(p: Parameters, c: Core, sigma_rpy: Reals, sigma_down: float) -> 
 
 
 @kernel
+def likely_drift(c: Core, axis: int) -> tuple[float, float]:
+    """What likely drifts of the receiver add to the stated variances of an axis, m^2 and m^2/s^2."""
+    if axis == 2:
+        return 0.0, 0.0
+    d, w = c.drift, c.velocity_drift
+    of_velocity = w.velocity_variance[axis] + d.velocity_variance[axis] + c.integrity.velocity_inflation[axis]
+    return float(w.position_variance[axis] + d.position_variance[axis]), float(of_velocity)
+
+
+@kernel
 def state_sigmas(c: Core) -> None:
     """scratch.stated_sigmas <- those of position, velocity and biases; P changes only with every twentieth sample."""
-    stated, drift = c.scratch.stated_variances, c.velocity_drift
+    stated = c.scratch.stated_variances
     changed = False
     for i in range(3):
-        drift_p = drift.position_variance[i] if i < 2 else 0.0
-        drift_v = drift.velocity_variance[i] if i < 2 else 0.0
+        drift_p, drift_v = likely_drift(c, i)
         p = max(variance(c, POSITION + i), 0.0) + c.integrity.position_inflation[i] + drift_p
         v = max(variance(c, VELOCITY + i), 0.0) + drift_v
         bg, ba = max(variance(c, GYRO_BIAS + i), 0.0), max(variance(c, ACCEL_BIAS + i), 0.0)

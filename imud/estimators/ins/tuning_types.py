@@ -7,6 +7,7 @@ class Tuning:
     gnss_bias_time_s: float
     gnss_velocity_bias_sigma: float
     gnss_velocity_bias_time_s: float
+    vibration_gyro_bias_s: float
     vibration_bias_walk: float
     mount_psd: float
     nhc_lever_arm_psd: float
@@ -207,6 +208,7 @@ class Tuning:
     min_drift_s: float
     min_drift_fixes: int
     min_drift_speed: float
+    likely_drift_chi2: float
     drift_chi2: float
     min_drift_noise_scale: float
     first_drift_noise_scale: float
@@ -230,6 +232,7 @@ class Tuning:
     max_time_offset_step_s: float
     gyro_bias_step_chi2: float
     likely_gyro_bias_step_chi2: float
+    gyro_bias_step_share: float
     gyro_bias_onset_s: float
     gyro_bias_correlation_s: float
     vibration_vrw: float

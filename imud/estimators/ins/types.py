@@ -166,6 +166,7 @@ class Integrity:
     survey_epochs: int
     velocity_reject_count: int
     position_inflation: Reals
+    velocity_inflation: Reals
     reset_score: float
 
 
@@ -187,6 +188,8 @@ class Drift:
     information_vector: Tensor
     information_matrix: Tensor
     bias_sensitivity: Tensor
+    position_variance: Reals
+    velocity_variance: Reals
 
 
 class VelocityDrift:

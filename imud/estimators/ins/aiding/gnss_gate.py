@@ -17,7 +17,7 @@ from ...tuning import Tunable
 from ..ekf import add_covariance, add_variance, decorrelate, variance
 from ..integrity.gnss_drift import all_onsets_open, clear_detection, reset_drift
 from ..integrity.gyro_bias_step import reset_gyro_bias_step
-from ..integrity.reset_inflation import inflate_position
+from ..integrity.reset_inflation import inflate_position, inflate_velocity
 from ..integrity.time_offset_step import reset_time_offset_step
 from ..integrity.velocity_drift import reset_velocity_drift
 from ..mechanization import displace
@@ -165,12 +165,15 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
 
 
 @kernel
-def reset_to_gnss(c: Core, first: int, last: int, supported: bool, reset_time_sigma: float) -> None:
+def reset_to_gnss(
+    c: Core, first: int, last: int, supported: bool, reset_time_sigma: float, drifted_for_s: float
+) -> None:
     """Set position axes first to last - 1 to the fix, and inflate their stated variance by the squared difference.
 
     Either the estimate or the receiver was wrong, so the difference is stated as an error. This inflation decays as the
     GNSS bias does; it is no state, because every further fix there would contradict a GNSS bias that large.
-    Unless the velocity is supported, the variances of velocity and heading are increased, too.
+    Unless the velocity is supported, the variances of velocity and heading are increased, too, and the velocity with
+    which the horizontal positions drifted away in `drifted_for_s` is stated as an error.
     """
     for i in range(first, last):
         z, sigma = bias_free_innovation(c, i), c.gnss.reported_sigma[i // 2]
@@ -181,6 +184,8 @@ def reset_to_gnss(c: Core, first: int, last: int, supported: bool, reset_time_si
         c.scratch.position_innovation[i] = 0.0
         if not supported:
             add_variance(c, VELOCITY + i, 4.0)
+            if i < 2 and drifted_for_s > 0.0:
+                inflate_velocity(c, i, ((z - c.integrity.reject_offset[i]) / drifted_for_s) ** 2)
     if first == 0 and not supported:
         add_variance(c, ATTITUDE + 2, math.radians(10.0) ** 2)
         c.integrity.reset_score += 1
@@ -210,7 +215,7 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     longest_s = p.tuning.wheel_max_reject_s if wheels_support(p, c) else p.tuning.max_reject_s
     if (supported or drift_is_plausible(p, c, fix, outage_s)) and not consistent and outage_s < longest_s:
         return False
-    reset_to_gnss(c, 0, 2, supported, p.tuning.reset_time_sigma)
+    reset_to_gnss(c, 0, 2, supported, p.tuning.reset_time_sigma, consistent_s)
     reset_drift(c)
     reset_time_offset_step(c)
     reset_gyro_bias_step(c)
@@ -231,7 +236,7 @@ def gate_height(p: Parameters, c: Core, nis: float) -> bool:
         g.reject_start_ns[1] = c.nav.t_ns
     if g.reject_count[1] <= p.tuning.reset_count or 1e-9 * (c.nav.t_ns - g.reject_start_ns[1]) <= p.tuning.reset_s:
         return False
-    reset_to_gnss(c, 2, 3, c.stationarity.at_rest != 0, 0.0)
+    reset_to_gnss(c, 2, 3, c.stationarity.at_rest != 0, 0.0, 0.0)
     g.reject_count[1] = 0
     return True
 

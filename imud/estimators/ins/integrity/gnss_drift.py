@@ -5,7 +5,8 @@ the sensitivity of the estimate, and of every innovation, to a drift of 1 m/s (F
 propagated for three hypothetical onsets of the drift. From the innovations the drift velocity since each onset is
 estimated by least squares, and its chi-square is compared with a threshold (generalized likelihood ratio, GLR). When a
 drift is detected, its effect is removed from the estimate, the uncertainty of the drift velocity is added to P, and
-further positions are rejected (see `aiding.gnss_gate`).
+further positions are rejected (see `aiding.gnss_gate`). While it is likely, but not detected, the solution states its
+effect as an error.
 
 The position error of a receiver is not as large as the receiver reports. `noise_scale` is the ratio of the two
 variances, learned from the drift estimates of onsets at which no drift was detected.
@@ -25,7 +26,7 @@ from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_correction, add_covariance
 from ..error_model import apply_transition
-from ..state import NEVER_NS, ONSETS, STATES, VELOCITY, VELOCITY_AXIS
+from ..state import NEVER_NS, ONSETS, POSITION, STATES, VELOCITY, VELOCITY_AXIS
 
 BY_POSITIONS, BY_WHEELS = 1, 2  # what has detected a drift
 
@@ -43,6 +44,13 @@ TUNABLES = (
         "m/s",
         "Error of the estimated velocity that its sigma does not contain.",
         "The least sigma of a receiver's velocity.",
+    ),
+    Tunable(
+        "likely_drift_chi2",
+        6.0,
+        "",
+        "Chi-square (2 degrees of freedom) from which what a drift does is part of the stated sigma.",
+        "Once in twenty.",
     ),
     Tunable("drift_chi2", 30.0, "", "Chi-square (2 degrees of freedom) that proves a drift.", "Once in three million."),
     Tunable(
@@ -79,6 +87,25 @@ TUNABLES = (
 
 
 @kernel
+def clear_likely_drift(c: Core) -> None:
+    """No drift is likely."""
+    for i in range(2):
+        c.drift.position_variance[i] = 0.0
+        c.drift.velocity_variance[i] = 0.0
+
+
+@kernel
+def state_likely_drift(c: Core, j: int, found: tuple[float, float, float, float, float, float]) -> None:
+    """Store what the likely drift `found` since onset j adds to the stated variances."""
+    g = c.drift
+    for i in range(2):
+        p = g.bias_sensitivity[POSITION + i, 2 * j] * found[0] + g.bias_sensitivity[POSITION + i, 2 * j + 1] * found[1]
+        v = g.bias_sensitivity[VELOCITY + i, 2 * j] * found[0] + g.bias_sensitivity[VELOCITY + i, 2 * j + 1] * found[1]
+        g.position_variance[i] = max(g.position_variance[i], p * p)
+        g.velocity_variance[i] = max(g.velocity_variance[i], v * v)
+
+
+@kernel
 def reset_drift(c: Core) -> None:
     """Close all onsets and clear the detection."""
     g = c.drift
@@ -86,6 +113,7 @@ def reset_drift(c: Core) -> None:
     g.pending_noise_scale = 0.0
     for j in range(ONSETS):
         g.onset_ns[j] = NEVER_NS
+    clear_likely_drift(c)
 
 
 @kernel
@@ -236,15 +264,18 @@ def detect_drift(p: Parameters, c: Core) -> bool:
     """After a position was fused: True if a drift is detected; then its correction is in scratch.x, not injected."""
     g = c.drift
     best, worst, oldest, youngest_s = 0, 0.0, 0, math.inf
+    clear_likely_drift(c)
     for j in range(ONSETS):
         age = math.inf if g.onset_ns[j] == NEVER_NS else 1e-9 * (c.nav.t_ns - g.onset_ns[j])
         if g.onset_ns[j] < g.onset_ns[oldest]:
             oldest = j
         youngest_s = min(youngest_s, age)
         if p.tuning.min_drift_s < age < math.inf and g.innovation_count[j] >= 2 * p.tuning.min_drift_fixes:
-            chi2 = estimate_drift(p, c, j, g.noise_scale)[5]
-            if chi2 > worst:
-                best, worst = j, chi2
+            found = estimate_drift(p, c, j, g.noise_scale)
+            if found[5] > p.tuning.likely_drift_chi2:
+                state_likely_drift(c, j, found)
+            if found[5] > worst:
+                best, worst = j, found[5]
     if worst > p.tuning.drift_chi2 and all_onsets_open(c):
         remove_drift(c, best, estimate_drift(p, c, best, g.noise_scale))
         reset_drift(c)

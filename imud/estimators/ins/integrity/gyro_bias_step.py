@@ -3,15 +3,16 @@
 The test does not run (`gnss_fix`) while the heading is uncertain, wheels contradict the receiver, or there is a
 compass, and a step of the time offset must not explain more: the innovations look the same then.
 
-A knock, a change of temperature, or a wrong scale factor in a long turn changes a bias whose variance is small. No fix
-measures the heading directly, so the heading is wrong for many seconds before the velocities contradict it by much. As
-in `time_offset_step`, the effect w of a step d of the bias since an onset follows the filter's own steps, and its
-chi-square, over the mean square of the residuals, decides. Only horizontal velocities count, as positions may drift;
-those of one second share their error. The prior of d is that of the bias at switch-on. A slow vehicle shows a step
-within many seconds, an agile one sooner: each further onset is kept for twice as long as the one before.
+A knock, a change of temperature, or a wrong scale factor in a long turn changes a bias whose variance is small. No
+fix measures the heading directly, so the heading is wrong for many seconds before the velocities contradict it by
+much. As in `time_offset_step`, the effect w of a step d of the bias since an onset follows the filter's own steps,
+and its chi-square, over the mean square of the residuals, decides. Only horizontal velocities count, as positions may
+drift; those of one second share the receiver's part of their variance. The prior of d is that of the bias at
+switch-on. A slow vehicle shows a step within many seconds, an agile one sooner: each further onset is kept for
+twice as long as the one before.
 
-When a step is detected the estimate stays, but P += d^2 (w w' + b b'), so that the next fixes correct the bias; b has
-the body's vertical axis in its elements GYRO_BIAS. While a step is likely but not detected, the solution adds (w d)^2
+When a step is detected, x += w d and P += sigma^2 (w w' + b b') with sigma = `gyro_bias_step_share` d; b has the body's
+vertical axis in its elements GYRO_BIAS. While a step is likely but not detected, the solution adds (w d)^2
 to the stated variance of the heading.
 
 Source: as `time_offset_step`.
@@ -25,7 +26,7 @@ import numpy as np
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..ekf import add_covariance
+from ..ekf import add_correction, add_covariance
 from ..error_model import apply_transition
 from ..mechanization import rotation_matrix
 from ..state import ATTITUDE, GYRO_BIAS, GYRO_BIAS_ONSETS, NEVER_NS, STATES, VELOCITY
@@ -35,14 +36,15 @@ if TYPE_CHECKING:
     from ..types import Core, Parameters, Transition
 
 TUNABLES = (
-    Tunable("gyro_bias_step_chi2", 20.0, "", "Chi-square (1 degree of freedom) that proves a step.", "4.5 sigma."),
+    Tunable("gyro_bias_step_chi2", 12.0, "", "Chi-square (1 degree of freedom) that proves a step.", "3.5 sigma."),
     Tunable(
         "likely_gyro_bias_step_chi2",
-        4.0,
+        2.0,
         "",
         "Chi-square from which the heading error of a step is part of the stated sigma.",
-        "Two sigma.",
+        "1.4 sigma: a likely step costs more in doubt than in sigma.",
     ),
+    Tunable("gyro_bias_step_share", 0.5, "", "Sigma of a step that was detected, as a share of it.", "Choice."),
     Tunable(
         "gyro_bias_onset_s",
         12.0,
@@ -93,12 +95,16 @@ def mean_innovation(c: Core, length: int, j: int) -> float:
 
 
 @kernel
-def add_to_gyro_bias_step(p: Parameters, c: Core, length: int, z: float, s: float) -> None:
-    """Add an innovation z of variance s of a fix to the sums if it is a horizontal velocity; call before its update."""
+def add_to_gyro_bias_step(p: Parameters, c: Core, length: int, z: float, s: float, r: float) -> None:
+    """Add an innovation z of variance s of a fix to the sums if it is a horizontal velocity; call before its update.
+
+    r: the receiver's part of s, which successive velocities share.
+    """
     if not VELOCITY <= c.scratch.columns[0] < VELOCITY + 2:
         return
     g = c.gyro_bias_step
-    weight = min(1e-9 * (c.nav.t_ns - g.last_ns) / p.tuning.gyro_bias_correlation_s, 1.0)
+    sharing = max(p.tuning.gyro_bias_correlation_s / max(1e-9 * (c.nav.t_ns - g.last_ns), 1e-3), 1.0)
+    weight = s / (s + (sharing - 1.0) * r)
     for j in range(GYRO_BIAS_ONSETS):
         hw = mean_innovation(c, length, j)
         g.information[j] += weight * hw * hw / s
@@ -127,10 +133,11 @@ def update_gyro_bias_step(c: Core, length: int, s: float) -> None:
 
 
 @kernel
-def apply_gyro_bias_step(c: Core, j: int, d: float) -> None:
-    """Add to P the covariance that a step of d rad/s since onset j leaves."""
-    w, C_nb, d2 = c.gyro_bias_step.sensitivity, rotation_matrix(c), d * d
+def apply_gyro_bias_step(p: Parameters, c: Core, j: int, d: float) -> None:
+    """Gather a step of d rad/s since onset j in scratch.x, and add its variance to P; see the file's head."""
+    w, C_nb, d2 = c.gyro_bias_step.sensitivity, rotation_matrix(c), d * d * p.tuning.gyro_bias_step_share**2
     for i in range(STATES):
+        add_correction(c, i, w[i, j] * d)
         for k in range(i, STATES):
             add_covariance(c, i, k, d2 * w[i, j] * w[k, j])
     for i in range(3):
@@ -194,7 +201,8 @@ def renew_onsets(p: Parameters, c: Core) -> None:
 
 @kernel
 def detect_gyro_bias_step(p: Parameters, c: Core, explained_otherwise: float) -> bool:
-    """After a fix, while navigating: True if a step is detected; P is inflated then.
+    """After a fix, while navigating: True if a step is detected; then its correction is in scratch.x, not
+    injected.
 
     explained_otherwise: sum of the normalised innovations squared that another cause explains; a step has to explain
     more.
@@ -206,7 +214,7 @@ def detect_gyro_bias_step(p: Parameters, c: Core, explained_otherwise: float) ->
     step = step_since(p, c, best)
     if step * g.vector[best] <= explained_otherwise or chi2_of(p, c, best) <= p.tuning.gyro_bias_step_chi2:
         return False
-    apply_gyro_bias_step(c, best, step)
+    apply_gyro_bias_step(p, c, best, step)
     g.heading_variance = 0.0
     for j in range(GYRO_BIAS_ONSETS):
         open_gyro_bias_step(c, j)

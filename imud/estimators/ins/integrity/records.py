@@ -23,6 +23,7 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
             "<f8",
             (3,),
         ),  # m^2, beyond P: how far the fixes were that the filter was reset to, fading
+        ("velocity_inflation", "<f8", (2,)),  # m^2/s^2, how fast they drifted away before, fading
         ("reset_score", "<f8"),  # resets to contradicting fixes, fading
     ],
     align=True,
@@ -55,6 +56,8 @@ DRIFT = np.dtype(  # the test for a receiver that drifts (GLR)
             "<f8",
             (STATES, 2 * ONSETS),
         ),  # error states per m/s of drift, north and east for each onset
+        ("position_variance", "<f8", (2,)),  # m^2, what a likely drift adds to the stated variances
+        ("velocity_variance", "<f8", (2,)),  # m^2/s^2
     ],
     align=True,
 )

@@ -1,7 +1,13 @@
-"""The position variance that the solution states beyond P after a reset to fixes that contradicted the estimate."""
+"""The variance that the solution states beyond P after a reset to fixes that contradicted the estimate.
+
+Either the estimate or the receiver was wrong. If it was the receiver, whose positions drifted away before the reset,
+its drift goes on, and the estimate follows it: the inflation of the velocity adds to that of the position. Both decay
+as the GNSS bias does.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
@@ -17,7 +23,17 @@ def inflate_position(c: Core, axis: int, variance: float) -> None:
 
 
 @kernel
-def fade_inflation(c: Core, decay: float) -> None:
-    """Let the position inflation decay as the variance of the GNSS bias does; `decay`: that of the bias itself."""
+def inflate_velocity(c: Core, axis: int, variance: float) -> None:
+    """Add `variance` (m^2/s^2) to the velocity inflation along an axis (0 north, 1 east)."""
+    c.integrity.velocity_inflation[axis] += variance
+
+
+@kernel
+def propagate_inflation(c: Core, dt: float, decay: float) -> None:
+    """Propagate the inflation over dt, s; `decay`: that of the GNSS bias."""
+    position, velocity = c.integrity.position_inflation, c.integrity.velocity_inflation
     for i in range(3):
-        c.integrity.position_inflation[i] *= decay * decay
+        if i < 2 and velocity[i] > 0.0:
+            position[i] = (math.sqrt(position[i]) + math.sqrt(velocity[i]) * dt) ** 2
+            velocity[i] *= decay * decay
+        position[i] *= decay * decay

@@ -42,6 +42,20 @@ def test_the_tilt_is_right_again_six_seconds_after_a_slip(angle_deg, moving):
         assert believed[late].sum() < 1.3 * 100.0, seed
 
 
+def test_a_brisk_hand_does_not_hide_a_slip():
+    """It gains more velocity in every half second than the slip does in two seconds, and gives it back."""
+    slip = Rotation.from_rotvec(10.0 * DEG * np.array([0.6, -0.8, 0.0]))
+    for seed in range(3):
+        truth = simulate(45.0, 100.0, begun(wobble(seed, 0.8)), begun(wobble(seed + 50, 15.0, 6.0, 8.0)))
+        samples = samples_from(truth, FLAWS)
+        late = truth.t >= SLIP_S
+        for name in ("w", "f"):
+            samples[name][late] = slip.apply(samples[name][late])
+        attitude = Rotation.concatenate([truth.attitude[~late], truth.attitude[late] * slip.inv()])
+        tilt, _ = errors_deg(solutions_of(samples)["q_nb"], attitude)
+        assert tilt[truth.t > SLIP_S + 8.0].max() < 5.0, seed
+
+
 def carried_off(speed, seed):
     """Turned in a hand, then carried off at `speed` m/s by a walk that shakes it."""
     angle = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi)

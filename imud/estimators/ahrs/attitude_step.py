@@ -14,6 +14,7 @@ velocity that the body may have gained. Until the gain is large enough to tell, 
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from imud.drivers import elementary
@@ -28,6 +29,7 @@ from .motion import start_motion
 from .state import ACCEL_BIAS, ATTITUDE
 
 if TYPE_CHECKING:
+    from ...math.arrays import Reals
     from .types import Parameters, State
 
 
@@ -41,7 +43,9 @@ def correct_attitude_step(p: Parameters, s: State) -> bool:
     gain2 = mean2 = 0.0
     for i in range(3):
         step.delta_v[i] += total.delta_v[i] - step.delta_v[i] * time / c.gain_time_s
+        step.mean_force[i] += (total.delta_v[i] - step.mean_force[i] * time) / (c.velocity_scatter_time_s + time)
         step.window_delta_v[i] += total.delta_v[i]
+        step.window_mean_v[i] += step.mean_force[i] * time
         gain = step.delta_v[i] + (s.nav.gravity * step.span if i == 2 else 0.0)
         step.mean_gain[i] += time / (c.velocity_scatter_time_s + time) * (gain - step.mean_gain[i])
         gain2 += gain * gain
@@ -55,20 +59,42 @@ def correct_attitude_step(p: Parameters, s: State) -> bool:
     if step.hand_held_s < c.hand_time_s or mean2 < c.usual_gain_sigmas**2 * step.usual_mean2 + c.min_gain_mps**2:
         restart_window(s)
         return False
-    step.possible_tilt_error = angle = window_angle(s)
+    use_mean, angle, var = window_angle(p, s)
+    step.possible_tilt_error = angle
     least2 = c.step_gain_sigmas**2 * step.usual_mean2 + c.step_gain_mps**2
-    sure = angle * angle > c.usual_gain_sigmas**2 * window_variance(p, s)
-    if mean2 < least2 or step.window_s < c.min_step_s or not sure:
+    if mean2 < least2 or step.window_s < c.min_step_s or angle * angle < c.usual_gain_sigmas**2 * var:
         return False
-    level_by_window(p, s, angle)
+    level_by_window(p, s, use_mean, angle, var)
     return True
 
 
 @kernel
-def window_variance(p: Parameters, s: State) -> float:
-    """Of the angle to the mean force of the window, rad^2: what the body may really have gained."""
-    gained2 = 2.0 * s.attitude_step.usual_gain2 + p.tuning.min_gain_mps**2
-    return float(gained2 / (s.nav.gravity * s.attitude_step.window_s) ** 2)
+def window_angle(p: Parameters, s: State) -> tuple[bool, float, float]:
+    """The angle from the vertical to the force of the window, rad, and its variance; first: of the mean force?
+
+    The force itself has the velocity that the body usually gains as its error. Where that hides the angle, the mean
+    force is taken, which has less of it, but follows a step late. Its newest value must show the angle, too: the
+    acceleration of somebody who begins to walk is over.
+    """
+    c, step = p.tuning, s.attitude_step
+    gravity2 = (s.nav.gravity * step.window_s) ** 2
+    angle = angle_to_vertical(step.window_delta_v)
+    var = (2.0 * step.usual_gain2 + c.min_gain_mps**2) / gravity2
+    if angle * angle > c.usual_gain_sigmas**2 * var:
+        return False, angle, var
+    angle, f = angle_to_vertical(step.window_mean_v), step.mean_force
+    newest = (f[0] * step.window_mean_v[0] + f[1] * step.window_mean_v[1]) * step.window_s
+    level2 = step.window_mean_v[0] ** 2 + step.window_mean_v[1] ** 2
+    if step.window_s < c.velocity_scatter_time_s or newest < c.steady_share * level2:
+        return True, angle, math.inf
+    lag = (c.velocity_scatter_time_s / (c.velocity_scatter_time_s + step.window_s)) ** 2
+    return True, angle, (2.0 * step.usual_mean2 + c.min_gain_mps**2) / gravity2 + (lag * angle) ** 2
+
+
+@kernel
+def angle_to_vertical(f: Reals) -> float:
+    """Of a force in NED, rad."""
+    return elementary.atan2(elementary.hypot(f[0], f[1]), -f[2])
 
 
 @kernel
@@ -89,18 +115,11 @@ def update_hand_held(p: Parameters, s: State) -> None:
 
 
 @kernel
-def window_angle(s: State) -> float:
-    """The angle from the vertical to the mean force of the window, rad."""
-    f = s.attitude_step.window_delta_v
-    return elementary.atan2(elementary.hypot(f[0], f[1]), -f[2])
-
-
-@kernel
 def restart_window(s: State) -> None:
     """The gain begins to grow now, if it does."""
     s.attitude_step.window_s = 0.0
     for i in range(3):
-        s.attitude_step.window_delta_v[i] = 0.0
+        s.attitude_step.window_delta_v[i] = s.attitude_step.window_mean_v[i] = 0.0
 
 
 @kernel
@@ -110,26 +129,28 @@ def restart_gain(s: State) -> None:
     s.attitude_step.span = s.attitude_step.possible_tilt_error = 0.0
     for i in range(3):
         s.attitude_step.delta_v[i] = s.attitude_step.mean_gain[i] = 0.0
+        s.attitude_step.mean_force[i] = -s.nav.gravity if i == 2 else 0.0
 
 
 @kernel
-def level_by_window(p: Parameters, s: State, angle: float) -> None:
-    """Rotate the mean force of the window to the vertical; yaw may be wrong by as much."""
-    c, f, q = p.tuning, s.attitude_step.window_delta_v, s.nav.q_nb
-    record_wrong_tilt(s, s.attitude_step.window_s)
+def level_by_window(p: Parameters, s: State, use_mean: bool, angle: float, var: float) -> None:
+    """Rotate the force of the window, or its mean force, to the vertical; yaw may be wrong by as much."""
+    c, step, q = p.tuning, s.attitude_step, s.nav.q_nb
+    f = step.window_mean_v if use_mean else step.window_delta_v
+    record_wrong_tilt(s, step.window_s)
     k = angle / max(elementary.hypot(f[0], f[1]), 1e-9)
     turn = quat_exp(-k * f[1], k * f[0], 0.0)
     turned = quat_product(turn, (q[0], q[1], q[2], q[3]))
     set_attitude(s, quat_normalised(turned))
     for i in range(2):
-        reset_variance(s, ATTITUDE + i, window_variance(p, s))
+        reset_variance(s, ATTITUDE + i, var)
     add_variance(s, ATTITUDE + 2, angle * angle)
     for i in range(3):
         start_motion(p, s, i)
         inflate_variance(s, ACCEL_BIAS + i, c.min_force_sigma_mps2, p.accel_bias_var)
     restart_velocity_gain(s)
     restart_gain(s)
-    step = s.attitude_step
+    step.travel_s = 0.0
     step.hand_held_s = min(step.hand_held_s, 0.5 * c.hand_time_s)  # this may have been a vehicle that leaves
 
 
@@ -139,5 +160,7 @@ def rotate_gain(s: State, x: float, y: float, z: float) -> None:
     step, turn = s.attitude_step, quat_exp(x, y, z)
     a = quat_rotate(turn, (step.delta_v[0], step.delta_v[1], step.delta_v[2]))
     b = quat_rotate(turn, (step.window_delta_v[0], step.window_delta_v[1], step.window_delta_v[2]))
+    m = quat_rotate(turn, (step.window_mean_v[0], step.window_mean_v[1], step.window_mean_v[2]))
+    f = quat_rotate(turn, (step.mean_force[0], step.mean_force[1], step.mean_force[2]))
     for i in range(3):
-        step.delta_v[i], step.window_delta_v[i] = a[i], b[i]
+        step.delta_v[i], step.window_delta_v[i], step.window_mean_v[i], step.mean_force[i] = a[i], b[i], m[i], f[i]

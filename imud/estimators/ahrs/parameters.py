@@ -213,6 +213,9 @@ _ATTITUDE_STEP = (
     Tunable("step_gain_sigmas", 5.0, "sigma", "A gain beyond so many usual ones is a step.", HANDS),
     Tunable("step_gain_mps", 1.2, "m/s", "The least gain that is one: somebody begins to walk.", HANDS),
     Tunable("min_step_s", 0.5, "s", "The shortest time in which a gain tells.", HANDS, low=0.05),
+    Tunable(
+        "steady_share", 0.75, "", "The share of a mean force that its newest value shows if it lasts.", HANDS, high=1.0
+    ),
     Tunable("hand_time_s", 10.0, "s", "Lively motion after which a body is no vehicle.", HANDS),
     Tunable("lively_acceleration_mps2", 0.3, "m/s^2", "RMS acceleration of lively motion.", HANDS),
     Tunable("lively_rate_radps", 0.2, "rad/s", "RMS rate of lively motion.", HANDS),

@@ -161,9 +161,11 @@ ATTITUDE_STEP = np.dtype(  # what is gained of velocity, and since it began to g
         ("delta_v", "<f8", (3,)),  # m/s, NED, integral of the specific force over gain_time_s, fading
         ("span", "<f8"),  # s, the same integral of 1
         ("mean_gain", "<f8", (3,)),  # m/s, the gain's mean over velocity_scatter_time_s
+        ("mean_force", "<f8", (3,)),  # m/s^2, NED, over the same time
         ("usual_gain2", "<f8"),  # (m/s)^2
         ("usual_mean2", "<f8"),  # (m/s)^2, of that mean
         ("window_delta_v", "<f8", (3,)),  # m/s, integral of the specific force
+        ("window_mean_v", "<f8", (3,)),  # m/s, and of the mean force
         ("window_s", "<f8"),
         ("hand_held_s", "<f8"),  # of lively motion that is no vehicle's
         ("travel_s", "<f8"),  # of travel, fading

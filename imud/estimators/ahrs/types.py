@@ -82,6 +82,7 @@ class Tuning:
     step_gain_sigmas: float
     step_gain_mps: float
     min_step_s: float
+    steady_share: float
     hand_time_s: float
     lively_acceleration_mps2: float
     lively_rate_radps: float
@@ -205,9 +206,11 @@ class AttitudeStep:
     delta_v: Reals
     span: float
     mean_gain: Reals
+    mean_force: Reals
     usual_gain2: float
     usual_mean2: float
     window_delta_v: Reals
+    window_mean_v: Reals
     window_s: float
     hand_held_s: float
     travel_s: float

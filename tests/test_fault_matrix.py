@@ -4,6 +4,7 @@ from functools import cache
 
 import pytest
 from fault_matrix import FAULTS, SOURCES, cell, harm
+from vehicle_simulation import LAND
 
 MOST = 2.0  # times the RMS error without the source
 
@@ -26,3 +27,16 @@ def test_a_faulty_source_harms_little_and_is_never_believed_wrongly(name, fault)
 def test_without_a_fault_each_source_is_honest(name):
     found = cell(1, name)
     assert found.sure_s == 0.0 and harm(found, alone(1))[0] < 1.1
+
+
+@pytest.mark.parametrize("where", LAND)
+@pytest.mark.parametrize("fault", ["jumping", "frozen", "wrong units"])
+def test_wheels_that_the_accelerometer_contradicts_are_not_believed(where, fault):
+    """Also without a receiver; they were, and position and velocity were wrong and sure for 25 s."""
+    found = cell(11, "odometer", fault, where)
+    assert found.sure_s == 0.0, found.worst
+    assert harm(found, cell(11, where=where))[0] < 3.0
+
+
+def test_wheels_that_jump_while_there_is_no_receiver_are_not_believed():
+    assert cell(12, "odometer", "jumping").sure_s == 0.0

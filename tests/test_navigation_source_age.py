@@ -9,7 +9,7 @@ from navigation_simulation import drive, errors, received, sensed
 
 from imud.batch import play
 from imud.configuration.settings import Initial, Settings
-from imud.daemon.status_tables import add_ages
+from imud.daemon.status_tables import add_estimates
 from imud.estimators import registry
 from imud.estimators.records import ODOMETER_SOURCE, SOLUTION
 from imud.pipeline import Filter, room_for
@@ -102,8 +102,9 @@ def test_slips_and_jumps_are_no_age():
 def test_status_reports_it():
     _, found, filter_ = ages(*faulty("odometer", late, 1), BEGIN_S + 40.0)
     tables = {"odometer": {}, "barometer": {}}
-    add_ages(tables, filter_)
-    assert tables == {"odometer": {"late_s": round(found[-1, 1], 2)}, "barometer": {}}
+    add_estimates(tables, filter_)
+    assert tables["odometer"]["late_s"] == round(found[-1, 1], 2) and "late_s" not in tables["barometer"]
+    assert abs(tables["odometer"]["scale"] - 1.01) < 3.0 * tables["odometer"]["sscale"] < 0.03
 
 
 def test_smoothing_takes_measurements_at_the_age_that_was_found():

@@ -272,10 +272,15 @@ class Tuning:
     odometer_time_sigma: float
     odometer_dead_speed: float
     odometer_gate: float
+    odometer_sign_sigmas: float
     odometer_inflation_time_s: float
     odometer_inflation_psd: float
     odometer_max_inflation_s: float
-    odometer_sign_sigmas: float
+    odometer_min_used_share: float
+    odometer_share_s: float
+    odometer_max_accel_error: float
+    odometer_frozen_s: float
+    odometer_return: float
     track_width_error: float
     wheel_radius_difference: float
     wheel_difference_s: float

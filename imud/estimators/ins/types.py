@@ -302,6 +302,18 @@ class Odometer:
     last_used_ns: int
     reverses: int
     direction: float
+    residual: float
+    corrections: Reals
+    used_corrections: Reals
+    step: float
+    inflation: float
+    used_share: float
+    reading: float
+    reading_ns: int
+    predicted: float
+    reading_corrections: Reals
+    frozen: int
+    resolution: float
 
 
 class WheelCheck:

@@ -99,6 +99,18 @@ ODOMETER = np.dtype(
         ("last_used_ns", "<i8"),  # epoch of the last that was used
         ("reverses", "<i8"),  # 1: there was a reading below zero
         ("direction", "<f8"),  # 1: readings above zero are along the forward axis, -1: against it; 0: not known
+        ("residual", "<f8"),  # m/s, of the last that was used, after its correction
+        ("corrections", "<f8", (3,)),  # m/s, NED, sum of all corrections of the velocity
+        ("used_corrections", "<f8", (3,)),  # the same at the last reading that was used
+        ("step", "<f8"),  # m/s, size of the innovation with which the readings became wrong at once; 0: they did not
+        ("inflation", "<f8"),  # m^2/s^2, added to P since then
+        ("used_share", "<f8"),  # of the readings lately
+        ("reading", "<f8"),  # m/s, the last that differed from the one before
+        ("reading_ns", "<i8"),  # its epoch
+        ("predicted", "<f8"),  # m/s, what the estimate predicted for it
+        ("reading_corrections", "<f8", (3,)),  # corrections at its epoch
+        ("frozen", "<i8"),  # 1: the sensor has repeated it since, while the speed changed
+        ("resolution", "<f8"),  # m/s, smallest difference of readings so far; infinite before the first
     ],
     align=True,
 )

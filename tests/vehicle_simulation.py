@@ -20,7 +20,7 @@ def smooth(x, seconds):
 
 def levels(rng, t, low, high, every_s):
     """Values between low and high, each held for some `every_s`."""
-    n = int(t[-1] / every_s) + 3
+    n = int(t[-1] / (0.6 * every_s)) + 2
     ends = np.cumsum(rng.uniform(0.6, 1.4, n) * every_s)
     return rng.uniform(low, high, n)[np.searchsorted(ends, t)]
 

@@ -241,19 +241,24 @@ _ROWS: tuple[tuple[str, _Row], ...] = (
 
 def _port(port: Table) -> Iterator[tuple[str, str]]:
     if not port["streaming"]:
-        yield "port", port["description"] if port["path"] in port["description"] else f"{port['path']}: {port['story']}"
+        description = port["description"]
+        yield "port", description if port["path"] in description else f"{port['path']}: {description}"
         return
     facts = [port["model"] or port["driver"]]
     facts += [f"{word} {port[key]}" for word, key in (("serial", "serial"), ("firmware", "firmware")) if port[key]]
     facts += [f"{port['baud']} baud"] if "baud" in port else []
     yield "port", f"{port['path']}: {', '.join(facts)}; {port['health']}"
-    yield "", f"{_rate(port)}, {_counted(port, _COUNTED)}, connected {_times(port['connects'])}"
+    sentences = port.get("sentences", {})
+    has_positions = not sentences or any("fix" in what for what in sentences)
+    counts = f"{_rate(port)}, {_counted(port, _COUNTED)}, " if has_positions else ""
+    yield "", f"{counts}connected {_times(port['connects'])}"
     if clock := port.get("clock"):
         fit = _clock(clock, port.get("out_of_limits", "").split(","))
         yield from (("", line) for line in textwrap.wrap(fit, _WIDTH))
     if "quality" in port:
-        yield "", f"fix: {_fix(port)}"
-        if sentences := port.get("sentences"):
+        if has_positions:
+            yield "", f"fix: {_fix(port)}"
+        if sentences:
             yield "", "sentences: " + ", ".join(f"{count} {what}" for what, count in sentences.items())
 
 

@@ -40,3 +40,20 @@ def test_wheels_that_the_accelerometer_contradicts_are_not_believed(where, fault
 
 def test_wheels_that_jump_while_there_is_no_receiver_are_not_believed():
     assert cell(12, "odometer", "jumping").sure_s == 0.0
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13])
+@pytest.mark.parametrize(
+    ("where", "name", "fault"),
+    [
+        ("robot", "odometer", "frozen"),  # near standstill, where the accelerometer says little
+        ("motorway", "pose", "clock of its own"),  # 8 m along the way
+        ("motorway", "pose", "late"),
+        ("robot", "heading", "late at once"),  # 30 deg in turns
+        ("boat", "heading", "late at once"),
+    ],
+)
+def test_of_other_vehicles_none_is_wrong_and_sure(where, name, fault, seed):
+    found, without_it = cell(seed, name, fault, where), cell(seed, where=where)
+    assert found.sure_s <= without_it.sure_s, found.worst
+    assert harm(found, without_it)[0] < MOST

@@ -259,6 +259,7 @@ class Tuning:
     age_gate: float
     age_speed_noise: float
     age_position_noise: float
+    age_yaw_noise: float
     age_prior: float
     age_change_s: float
     age_drift_s: float
@@ -280,6 +281,7 @@ class Tuning:
     odometer_share_s: float
     odometer_max_accel_error: float
     odometer_frozen_s: float
+    odometer_repetitions: float
     odometer_return: float
     track_width_error: float
     wheel_radius_difference: float
@@ -298,6 +300,10 @@ class Tuning:
     pose_yaw_sigma: float
     pose_correlation_s: float
     pose_time_sigma: float
+    pose_return_gate: float
+    pose_age_s: float
+    pose_offset_s: float
+    pose_agreement_s: float
     pose_gate: float
     external_velocity_sigma: float
     external_velocity_scale: float

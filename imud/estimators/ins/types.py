@@ -269,6 +269,7 @@ class ExternalAid:
     last_ns: int
     last_used_ns: int
     rejected: int
+    offset_variance: Reals
     last_value: Reals
 
 
@@ -312,6 +313,8 @@ class Odometer:
     reading_ns: int
     predicted: float
     reading_corrections: Reals
+    changed_ns: int
+    longest_repetition: float
     frozen: int
     resolution: float
 

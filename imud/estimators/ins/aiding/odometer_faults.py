@@ -4,8 +4,8 @@ A rejected reading has two explanations: the wheels are wrong, or the velocity i
 readings were used lately. The accelerometer decides how a reading may return: where readings have left the integrated
 force faster than its error allows, the wheels became wrong at once, and only their return ends it: a reading near the
 estimate, by P without that inflation. Else the inflated velocity passes the gate, and the wheels correct it. A reading
-that repeats the last one, to the last digit, while by the integrated force the speed has changed, is that of a sensor
-that has stopped: none is used until it changes.
+that repeats the last one, to the last digit, while by the integrated force the speed has changed, or for much longer
+than ever before, is that of a sensor that has stopped: none is used until it changes.
 """
 
 from __future__ import annotations
@@ -67,6 +67,13 @@ TUNABLES = (
         "s",
         "Time over which the integrated force is compared with a reading that repeats itself.",
         "Its error grows with the time.",
+    ),
+    Tunable(
+        "odometer_repetitions",
+        3.0,
+        "",
+        "Ratio to the longest repetition of a reading so far beyond which a sensor has stopped.",
+        "Choice: coarse readings repeat themselves at a constant speed.",
     ),
     Tunable(
         "odometer_return",
@@ -154,13 +161,17 @@ def store_residual(c: Core, residual: float) -> None:
 
 @kernel
 def is_frozen(p: Parameters, c: Core, m: Measurement, forward: Vector, predicted: float, r: float) -> bool:
-    """Whether the sensor has repeated its last reading, to the last digit, while by the integrated force it changed.
+    """Whether the sensor has repeated its last reading, to the last digit, in spite of the force, or for too long.
 
-    predicted: of this reading, m/s; r: its variance. Slow wheels may be reported as standing.
+    predicted: of this reading, m/s; r: its variance. Slow wheels may be reported as standing: as 0, without noise.
     """
     g, reading, same = c.odometer, m.value[0], m.value[0] == c.odometer.reading and c.odometer.reading_ns != NEVER_NS
     if g.reading_ns != NEVER_NS and not same:
-        g.resolution, g.frozen = min(g.resolution, abs(reading - g.reading)), 0
+        g.resolution = min(g.resolution, abs(reading - g.reading))
+        if g.reading != 0.0 and not g.frozen:
+            g.longest_repetition = max(g.longest_repetition, 1e-9 * (m.t_ns - g.changed_ns))
+    if not same:
+        g.frozen, g.changed_ns = 0, m.t_ns
     if not same or 1e-9 * abs(m.t_ns - g.reading_ns) > p.tuning.odometer_frozen_s:
         g.reading, g.reading_ns, g.predicted = reading, m.t_ns, predicted
         for i in range(3):
@@ -168,7 +179,11 @@ def is_frozen(p: Parameters, c: Core, m: Measurement, forward: Vector, predicted
     change = predicted - g.predicted
     change -= (1.0 + c.nav.odometer_scale) * correction_since(c, forward, g.reading_corrections)
     accel_error = p.tuning.odometer_max_accel_error * 1e-9 * abs(m.t_ns - g.reading_ns)
-    coarse = max(g.resolution, p.tuning.odometer_dead_speed if abs(reading) <= p.tuning.odometer_dead_speed else 0.0)
-    if abs(change) > math.sqrt(p.tuning.odometer_gate * r) + accel_error + coarse:
+    coarse = max(g.resolution, p.tuning.odometer_dead_speed if reading == 0.0 else 0.0)
+    noise = r - 0.25 * p.tuning.odometer_dead_speed**2 if abs(reading) <= p.tuning.odometer_dead_speed else r
+    if abs(change) > math.sqrt(p.tuning.odometer_gate * noise) + accel_error + coarse:
+        g.frozen = 1
+    longest = max(p.tuning.odometer_frozen_s, p.tuning.odometer_repetitions * g.longest_repetition)
+    if reading != 0.0 and 1e-9 * (m.t_ns - g.changed_ns) > longest:
         g.frozen = 1
     return bool(g.frozen)

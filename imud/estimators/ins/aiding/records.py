@@ -54,6 +54,7 @@ EXTERNAL_AID = np.dtype(  # an external pose, or velocity
         ("last_ns", "<i8"),  # epoch of the last one
         ("last_used_ns", "<i8"),  # epoch of the last that was used
         ("rejected", "<i8"),  # 1: the last one was rejected
+        ("offset_variance", "<f8", (3,)),  # m^2, of a pose: of a lasting error, NED, by its distance when it returned
         ("last_value", "<f8", (4,)),  # its values; NaN before the first
     ],
     align=True,
@@ -76,7 +77,7 @@ SOURCE_AGE = np.dtype(  # by how much the measurements of a source are older tha
     [
         ("last_ns", "<i8"),  # epoch of the last one that it was learned from
         ("probability", "<f8", (AGES,)),
-        ("mean", "<f8", (AGES, 2)),  # m/s or m, slow mean of the difference at each age
+        ("mean", "<f8", (AGES, 3)),  # m/s or m, and rad, slow mean of the difference at each age
         ("known_s", "<f8", (AGES,)),  # s, for how long it has been known
         ("age", "<f8"),  # s, the estimate
         ("variance", "<f8"),  # s^2
@@ -109,7 +110,9 @@ ODOMETER = np.dtype(
         ("reading_ns", "<i8"),  # its epoch
         ("predicted", "<f8"),  # m/s, what the estimate predicted for it
         ("reading_corrections", "<f8", (3,)),  # corrections at its epoch
-        ("frozen", "<i8"),  # 1: the sensor has repeated it since, while the speed changed
+        ("changed_ns", "<i8"),  # epoch of the first of the readings that are equal to the last one
+        ("longest_repetition", "<f8"),  # s, for which readings other than 0 were equal, and then changed
+        ("frozen", "<i8"),  # 1: the sensor has stopped, and repeats its last reading
         ("resolution", "<f8"),  # m/s, smallest difference of readings so far; infinite before the first
     ],
     align=True,

@@ -30,6 +30,7 @@ from .nmea import FvM11
 from .noise import DEG, IDEAL, M_G350, MILLI_G, Grade, ImuErrors, Signal
 from .other_sensors import KINDS as OTHER_KINDS
 from .other_sensors import OtherSensor
+from .programs import Program
 from .recorded_bytes import BytePlayback, Playback, RecordedPort
 from .replay import RecordedFixes, RecordedImu, kind
 from .rga300 import RGA300, Rga300
@@ -191,6 +192,22 @@ def kernel_device(
         wire = Wire(name, of_layer("wire", faults), damage, log) if of_layer("wire", faults) or log else None
         return PolledDevice(name, before, scene.trajectory, rng, args.iio_root, faults, ideal=args.ideal, wire=wire)
     return _iio_chip(args, scene, index, faults, start, before)
+
+
+def program(
+    args: argparse.Namespace,
+    scene: Scene,
+    utc: float,
+    index: int,
+    faults: Sequence[Fault] = (),
+    log: WireLog | None = None,
+) -> Program:
+    """Device number `index` of the command line, a program that sends datagrams; arguments: see `device`."""
+    assert scene.trajectory is not None, "`cli` refuses it with a recording"
+    name, _ = args.devices[index]
+    rng, damage = np.random.default_rng([args.seed, index]), np.random.default_rng([args.seed, index, 1])
+    wire = Wire(name, of_layer("wire", faults), damage, log) if of_layer("wire", faults) or log else None
+    return Program(name, scene.trajectory, rng, args.send, utc, faults, ideal=args.ideal, wire=wire)
 
 
 def _iio_devices(name: str) -> int:

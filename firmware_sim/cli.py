@@ -9,7 +9,7 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .device import OTHERS, POLLED, RECEIVERS
+from .device import OTHERS, POLLED, PROGRAMS, RECEIVERS
 from .faults import spec
 from .faults.spec import Fault
 from .iio_chips import CHIPS
@@ -42,7 +42,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "spi.data_ready=gpiochip0:24."
     )
     add = parser.add_argument
-    kinds, chips = ", ".join(DEFAULT_BAUD), ", ".join(name for name in KERNEL if name != "swapped")  # that is for tests
+    kinds, chips = (
+        ", ".join((*DEFAULT_BAUD, *PROGRAMS)),
+        ", ".join(name for name in KERNEL if name != "swapped"),
+    )  # that is for tests
     add(
         "devices",
         nargs="+",
@@ -50,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DEVICE",
         help=f"{kinds}; also @BAUD. With --iio-root: {chips}",
     )
+    add("--send", metavar="ADDRESS", help=f"where {', '.join(PROGRAMS)} send: the daemon's aiding.listen")
     add("--iio-root", type=Path, metavar="DIR", help="folder that gets sys/ and dev/ as the kernel has them")
     scenarios = ", ".join(SCENARIO_NAMES)
     add("--scenario", choices=SCENARIO_NAMES, default="rest", metavar="NAME", help=f"{scenarios} (default rest)")
@@ -139,11 +143,12 @@ def run(args: argparse.Namespace) -> int:
 
 def _device(text: str) -> tuple[str, int]:
     name, _, baud = text.partition("@")
-    if text in KERNEL:
+    if text in (*KERNEL, *PROGRAMS):
         return text, 0
     if name not in DEFAULT_BAUD or (baud and baud not in map(str, BAUDS)):
         raise argparse.ArgumentTypeError(
-            f"{text!r}: a device is {' or '.join(DEFAULT_BAUD)}, optionally @ and one of {', '.join(map(str, BAUDS))}"
+            f"{text!r}: a device is {' or '.join((*DEFAULT_BAUD, *PROGRAMS))}, optionally @ and one of "
+            f"{', '.join(map(str, BAUDS))}"
         )
     return name, int(baud or DEFAULT_BAUD[name])
 
@@ -167,13 +172,19 @@ def _usage_error(args: argparse.Namespace) -> str:
     """The error in the combination of the arguments; empty: none."""
     names = [name for name, _ in args.devices]
     chips = [name for name in names if name in KERNEL]
+    programs = [name for name in names if name in PROGRAMS]
     checks = [
         (bool(chips) and args.iio_root is None, f"{', '.join(chips)}: say where sysfs is imitated: --iio-root DIR"),
         (
-            bool(chips) and (args.replay or args.fast or args.speed != 1.0),
-            f"{', '.join(chips)}: in real time only, no --replay",
+            bool(programs) and args.send is None,
+            f"{', '.join(programs)}: say where the daemon listens (aiding.listen): --send ADDRESS",
         ),
-        (len(args.link) > len(names) - len(chips), "more --link than devices on lines"),
+        (bool(args.send) and not _is_address(args.send), "--send: an address is /path or HOST:PORT"),
+        (
+            bool(chips + programs) and (args.replay or args.fast or args.speed != 1.0),
+            f"{', '.join(chips + programs)}: in real time only, no --replay",
+        ),
+        (len(args.link) > len(names) - len(chips + programs), "more --link than devices on lines"),
         (len(set(args.link)) < len(args.link), "two devices cannot have the same --link"),
         (not 1.0 <= args.rate <= 5.0, "--rate: the receiver gives 1 to 5 fixes per second"),
         (not 1.0 <= args.stream_rate <= 160.0, "--stream-rate: 1 to 160 samples per second"),
@@ -186,13 +197,18 @@ def _usage_error(args: argparse.Namespace) -> str:
     return next((text for wrong, text in checks if wrong), "")
 
 
+def _is_address(text: str) -> bool:
+    host, _, port = text.rpartition(":")
+    return "/" in text or (bool(host) and port.isdigit() and int(port) < 65536)
+
+
 def _fail(code: int, message: str) -> int:
     print(f"imud sim: {message}", file=sys.stderr)
     return code
 
 
 def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]) -> int:
-    from .build import device, kernel_device
+    from .build import device, kernel_device, program
     from .emulator import AsFastAsRead, EmulatedPort, RealTime, Task, TruthLog, end_with_parent, serve
     from .faults.wire import WireLog
 
@@ -214,6 +230,11 @@ def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]
                 stack.enter_context(chip)
                 tasks.append(chip)
                 print(name, chip.path, flush=True)
+                continue
+            if name in PROGRAMS:
+                sender = stack.enter_context(program(args, scene, utc, i, faults[i], wires))
+                tasks.append(sender)
+                print(name, sender.path, flush=True)
                 continue
             built = device(args, scene, utc, i, faults[i], wires)
             outages = [fault.span for fault in spec.of_layer("plug", faults[i])]

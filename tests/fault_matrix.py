@@ -2,20 +2,23 @@
 
 `python tests/fault_matrix.py` prints the table of docs/faults.md. Each cell is a simulated drive with a receiver that
 is lost for 20 s at the end; the source is right for 50 s, and then lost, late, frozen and so on until the end.
+`python tests/fault_matrix.py --vehicles 11,12,13` prints, of other vehicles and these seeds, seconds wrong and sure.
 """
 
-import sys
+import argparse
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from golden_aiding import external
+from msgspec.structs import replace
 from navigation_simulation import drive, errors, received, sensed
 from test_navigation_aiding import estimated, headings
 from test_navigation_odometer import without
 from test_navigation_two_wheels import SETTINGS, wheels
+from vehicle_simulation import FREE, LAND, VEHICLES, vehicle
 
-from imud.configuration.settings import Settings
+from imud.configuration.settings import Navigation, Settings
 from imud.estimators.records import (
     ATTITUDE_VALID,
     BAROMETER_SOURCE,
@@ -34,10 +37,10 @@ METRES, MPS, DEGREES = 5.0, 1.0, 5.0  # an error beyond that and beyond SIGMAS i
 
 
 @cache
-def scene(seed):
-    """The drive, samples, and fixes until the outage."""
+def scene(seed, name="drive"):
+    """The drive, samples, and fixes until the outage; name: "drive", or a vehicle's."""
     rng = np.random.default_rng(seed)
-    d = drive(SECONDS, speed=7.0)
+    d = drive(SECONDS, speed=7.0) if name == "drive" else vehicle(name, seed, SECONDS)
     samples = sensed(d, rng, bg=(0.002, -0.001, 0.0015), ba=(0.03, -0.02, 0.02))
     return d, samples, without(received(d, rng, late=0.1, sigma=1.2), OUTAGE_S, SECONDS)
 
@@ -141,6 +144,13 @@ def own_clock(name, rows, t):
     return rows
 
 
+def late_at_once(name, rows, t):
+    """Late from the first one on."""
+    rows["arrival_ns"] += 800_000_000
+    rows["t_ns"] = rows["arrival_ns"]
+    return rows
+
+
 FAULTS = {
     "lost": lost,
     "late": late,
@@ -149,6 +159,7 @@ FAULTS = {
     "wrong units": wrong_units,
     "clock of its own": own_clock,
 }
+OF_VEHICLES = FAULTS | {"late at once": late_at_once}
 
 
 @dataclass(frozen=True)
@@ -163,15 +174,21 @@ class Cell:
     worst: str
 
 
-def cell(seed, name=None, fault=None):
-    """One drive. name None: without the source."""
-    d, samples, fixes = scene(seed)
+def settings_of(name, where="drive"):
+    """The settings of a source on a vehicle."""
+    settings = SETTINGS if name == "two wheels" else Settings()
+    return replace(settings, navigation=Navigation(vehicle="free")) if where in FREE else settings
+
+
+def cell(seed, name=None, fault=None, where="drive"):
+    """One drive. name None: without the source; where: its vehicle."""
+    d, samples, fixes = scene(seed, where)
     rows = np.zeros(0, MEASUREMENT)
     if name is not None:
         rows = SOURCES[name](d, np.random.default_rng(100 + seed)).copy()
         t = rows["t_ns"] * 1e-9 - 100.0
-        rows = rows if fault is None else FAULTS[fault](name, rows, t)
-    out, _ = estimated(samples, fixes, rows, SETTINGS if name == "two wheels" else Settings())
+        rows = rows if fault is None else OF_VEHICLES[fault](name, rows, t)
+    out, _ = estimated(samples, fixes, rows, settings_of(name, where))
     return judged(d, out)
 
 
@@ -223,6 +240,32 @@ def table(seed=1):
         yield f"| {name} | " + " | ".join(texts) + " |"
 
 
-if __name__ == "__main__":
-    for line in table(*(int(text) for text in sys.argv[1:])):
+def vehicles_table(seeds, vehicles=tuple(VEHICLES)):
+    """Seconds wrong and sure over `seeds`, less those without the source, and the largest ratio of an RMS error."""
+    yield "| vehicle | source | right | " + " | ".join(OF_VEHICLES) + " |"
+    yield "|---|---|---|" + "---|" * len(OF_VEHICLES)
+    for where in vehicles:
+        alone = {seed: cell(seed, where=where) for seed in seeds}
+        for name in SOURCES:
+            if where not in LAND and name in ("odometer", "two wheels"):
+                continue
+            texts = []
+            for fault in (None, *OF_VEHICLES):
+                found = {seed: cell(seed, name, fault, where) for seed in seeds}
+                sure = sum(max(found[seed].sure_s - alone[seed].sure_s, 0.0) for seed in seeds)
+                texts.append(f"{sure:.0f} s, {max(harm(found[seed], alone[seed])[0] for seed in seeds):.1f}")
+            yield f"| {where} | {name} | " + " | ".join(texts) + " |"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("seed", nargs="?", type=int, default=1)
+    parser.add_argument("--vehicles", type=lambda text: [int(seed) for seed in text.split(",")], metavar="SEED,..")
+    parser.add_argument("--only", type=lambda text: text.split(","), default=list(VEHICLES), metavar="VEHICLE,..")
+    args = parser.parse_args()
+    for line in vehicles_table(args.vehicles, args.only) if args.vehicles else table(args.seed):
         print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -120,6 +120,20 @@ def odometer_late():
     return replace(navigated(samples, fixes[~gone]), measurements=rows)
 
 
+def odometer_faulty():
+    """It stands still for a while, then reads 3 m/s too much, and so it does without a receiver."""
+    d = road(130.0, swing=1.3)
+    samples, fixes = data(d, seed=93)
+    rows = readings(d, seed=94)
+    t = rows["t_ns"] * 1e-9 - 100.0
+    frozen = (t > 50.0) & (t < 62.0)
+    rows["value"][frozen] = rows["value"][np.argmax(frozen)]
+    for begin in (75.0, 110.0):
+        rows["value"][(t > begin) & (t < begin + 9.0), 0] += 3.0
+    gone = (fixes["t_ns"] > 200e9) & (fixes["t_ns"] < 225e9)
+    return replace(navigated(samples, fixes[~gone]), measurements=rows)
+
+
 def odometer_against_a_drift():
     """The receiver drifts, and says so in its velocity, too; then it is where it was."""
     d = road(150.0)

@@ -15,6 +15,7 @@ from golden_aiding import (
     odometer,
     odometer_against_a_drift,
     odometer_against_a_drift_across,
+    odometer_faulty,
     odometer_late,
     odometer_without_sign,
     pose,
@@ -129,7 +130,7 @@ CLASSES = (
     step_of_the_bias_under_way, lift, pole,
     date_line, rtk_on_a_rough_road, odometer, odometer_without_sign, odometer_against_a_drift,
     odometer_against_a_drift_across,
-    compass_in_wrong_units, speed_through_water, odometer_late, two_wheels,
+    compass_in_wrong_units, speed_through_water, odometer_late, odometer_faulty, two_wheels,
     barometer, pose, pose_alone, pose_without_yaw, external_velocity, body_velocity,
     magnetometer, magnetometer_contradicted, magnetometer_doubted,
 )  # fmt: skip

@@ -4,6 +4,7 @@ from functools import cache
 
 import pytest
 from fault_matrix import FAULTS, SOURCES, cell, harm
+from vehicle_simulation import LAND
 
 MOST = 2.0  # times the RMS error without the source
 
@@ -26,3 +27,33 @@ def test_a_faulty_source_harms_little_and_is_never_believed_wrongly(name, fault)
 def test_without_a_fault_each_source_is_honest(name):
     found = cell(1, name)
     assert found.sure_s == 0.0 and harm(found, alone(1))[0] < 1.1
+
+
+@pytest.mark.parametrize("where", LAND)
+@pytest.mark.parametrize("fault", ["jumping", "frozen", "wrong units"])
+def test_wheels_that_the_accelerometer_contradicts_are_not_believed(where, fault):
+    """Also without a receiver; they were, and position and velocity were wrong and sure for 25 s."""
+    found = cell(11, "odometer", fault, where)
+    assert found.sure_s == 0.0, found.worst
+    assert harm(found, cell(11, where=where))[0] < 3.0
+
+
+def test_wheels_that_jump_while_there_is_no_receiver_are_not_believed():
+    assert cell(12, "odometer", "jumping").sure_s == 0.0
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13])
+@pytest.mark.parametrize(
+    ("where", "name", "fault"),
+    [
+        ("robot", "odometer", "frozen"),  # near standstill, where the accelerometer says little
+        ("motorway", "pose", "clock of its own"),  # 8 m along the way
+        ("motorway", "pose", "late"),
+        ("robot", "heading", "late at once"),  # 30 deg in turns
+        ("boat", "heading", "late at once"),
+    ],
+)
+def test_of_other_vehicles_none_is_wrong_and_sure(where, name, fault, seed):
+    found, without_it = cell(seed, name, fault, where), cell(seed, where=where)
+    assert found.sure_s <= without_it.sure_s, found.worst
+    assert harm(found, without_it)[0] < 2.5

@@ -9,7 +9,7 @@ from navigation_simulation import drive, errors, received, sensed
 
 from imud.batch import play
 from imud.configuration.settings import Initial, Settings
-from imud.daemon.status_tables import add_ages
+from imud.daemon.status_tables import add_estimates
 from imud.estimators import registry
 from imud.estimators.records import ODOMETER_SOURCE, SOLUTION
 from imud.pipeline import Filter, room_for
@@ -50,6 +50,7 @@ def faulty(name, fault, seed):
         ("pose", late, 0.97, 0.15),  # 0.02 to 0.32 s of transmission, besides
         ("pose", own_clock, -0.35, 0.25),
         ("body_velocity", late, 0.97, 0.15),
+        ("heading", late, 0.8, 0.15),
     ],
 )
 def test_an_age_is_found_in_half_a_minute_of_changing_speed(name, fault, age, within, seed):
@@ -71,7 +72,7 @@ def test_one_that_is_late_from_the_first_on_is_found_and_misleads_little(name, s
     assert judgement.sure_s == 0.0 and harm(judgement, cell(seed))[0] < 1.5
 
 
-@pytest.mark.parametrize("name", ["odometer", "pose", "velocity", "body_velocity"])
+@pytest.mark.parametrize("name", ["odometer", "pose", "velocity", "body_velocity", "heading"])
 def test_a_source_that_is_right_has_no_age(name):
     found = ages(*faulty(name, None, 3), BEGIN_S + 70.0)[1]
     assert np.all(found[:, 1] == 0.0) and found[-1, 2] < 0.03
@@ -102,8 +103,9 @@ def test_slips_and_jumps_are_no_age():
 def test_status_reports_it():
     _, found, filter_ = ages(*faulty("odometer", late, 1), BEGIN_S + 40.0)
     tables = {"odometer": {}, "barometer": {}}
-    add_ages(tables, filter_)
-    assert tables == {"odometer": {"late_s": round(found[-1, 1], 2)}, "barometer": {}}
+    add_estimates(tables, filter_)
+    assert tables["odometer"]["late_s"] == round(found[-1, 1], 2) and "late_s" not in tables["barometer"]
+    assert abs(tables["odometer"]["scale"] - 1.01) < 3.0 * tables["odometer"]["sscale"] < 0.03
 
 
 def test_smoothing_takes_measurements_at_the_age_that_was_found():

@@ -41,6 +41,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     (
         "firmware_sim/iio.py",
         "firmware_sim/iio_polled.py",
+        "firmware_sim/programs.py",
         "firmware_sim/build.py",
         "firmware_sim/emulator.py",
         "firmware_sim/cli.py",
@@ -67,7 +68,10 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     ("imud/estimators/ins/mechanization.py", "imud/estimators/ins/vehicle_axes.py"),
     ("imud/estimators/ins/ekf.py",),
     ("imud/estimators/ins/noise_density.py",),
-    tuple(f"imud/estimators/ins/{name}.py" for name in ("checkpoint", "error_model", "lever_arm", "setup", "solution")),
+    tuple(
+        f"imud/estimators/ins/{name}.py"
+        for name in ("checkpoint", "error_model", "lever_arm", "setup", "solution", "source_estimates")
+    ),
     tuple(  # what has to see every step of the Kalman filter
         f"imud/estimators/ins/{name}.py"
         for name in (

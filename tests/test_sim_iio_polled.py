@@ -141,14 +141,15 @@ def test_a_share_of_the_readings_fails_as_a_chip_that_does_not_answer(root):
 def test_emulated_ports_in_the_kernel(monkeypatch):
     monkeypatch.delenv(ROOT, raising=False)
     texts = ("sim:rest:iio", "sim:rest:bmp280", "sim:rest:wheel", "sim:rest:ak8975")
-    with simulated.ports(texts, 1) as ports:
+    with simulated.emulated(texts, 1) as emulated:
+        ports = emulated.ports
         assert ports[0] == "iio:bmi160" and ports[1].endswith(":nmea") and len(ports) == 2
         assert find_polled("bmp280")[0].folder == "iio:device1"
         whats = [finding.what for finding in examine()]
         assert any(what.startswith("IIO device bmi160 (iio:device0) may be opened") for what in whats)
         assert any(what.startswith("IIO magnetometer ak8975") for what in whats)
     assert ROOT not in os.environ and simulated.polled(texts) == ("bmp280", "ak8975")
-    with pytest.raises(UsageError, match="name that, too"), simulated.ports(("sim:rest:bmp280",), 1):
+    with pytest.raises(UsageError, match="name that, too"), simulated.emulated(("sim:rest:bmp280",), 1):
         pass
 
 

@@ -64,6 +64,7 @@ def test_inertial_sensors_and_receivers_have_none_of_these_faults():
 
 
 def test_they_are_ports_of_a_scenario_and_speak_nmea():
-    with simulated.ports(("sim:rest:nmea", "sim:rest:wheel", "sim:rest:baro@9600"), 1) as texts:
+    with simulated.emulated(("sim:rest:nmea", "sim:rest:wheel", "sim:rest:baro@9600"), 1) as emulated:
+        texts = emulated.ports
         assert [text.rpartition(":")[2] for text in texts] == ["nmea", "nmea", "nmea@9600"]
         assert all(name in text for name, text in zip(("nmea", "wheel", "baro"), texts, strict=True))

@@ -11,15 +11,17 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..device import OTHERS, POLLED, RECEIVERS
+from ..device import OTHERS, POLLED, PROGRAMS, RECEIVERS
 from ..iio_chips import CHIPS
 
 AXES = ("gx", "gy", "gz", "ax", "ay", "az")
 IMU, GNSS, IIO, OTHER = "imu", "gnss", "iio", "other"  # IIO: an inertial sensor behind the kernel
 SYSFS = "sysfs"  # a barometer or magnetometer behind the kernel
+PROGRAM = "program"  # of another system, which sends datagrams
 BOTH, SENSORS = (IMU, GNSS, OTHER), (IMU, IIO)
-READINGS = (*BOTH, SYSFS)
-ROLES = {GNSS: RECEIVERS, OTHER: OTHERS, IIO: CHIPS, SYSFS: POLLED}
+MESSAGES = (*BOTH, PROGRAM)
+READINGS, MEASURING = (*MESSAGES, SYSFS), (OTHER, SYSFS, PROGRAM)
+ROLES = {GNSS: RECEIVERS, OTHER: OTHERS, IIO: CHIPS, SYSFS: POLLED, PROGRAM: PROGRAMS}
 _FAULT = re.compile(r"(?P<name>[a-z]+)(?:=(?P<value>[^@]*))?(?:@(?P<span>.*))?")
 _SPAN = re.compile(r"(?P<begin>[\d.]+)(?P<dash>-(?P<end>[\d.]+)?)?(?:/(?P<period>[\d.]+))?")
 
@@ -90,30 +92,32 @@ class FaultKind:
 
 SHARE = "share of the messages"
 KINDS: dict[str, FaultKind] = {
-    "cut": FaultKind("wire", BOTH, f"{SHARE} that lose their end", most=1.0),
-    "flip": FaultKind("wire", BOTH, f"{SHARE} with 1 to 3 bits inverted", most=1.0),
-    "drop": FaultKind("wire", BOTH, f"{SHARE} that lose 1 to 3 bytes inside", most=1.0),
-    "dup": FaultKind("wire", BOTH, f"{SHARE} with 1 to 3 bytes repeated", most=1.0),
-    "header": FaultKind("wire", BOTH, f"{SHARE} with a byte inside replaced by their first", most=1.0),
-    "cr": FaultKind("wire", BOTH, f"{SHARE} with a byte inside replaced by CR", most=1.0),
-    "junk": FaultKind("wire", BOTH, f"{SHARE} with 1 to 16 stray bytes before them", most=1.0),
+    "cut": FaultKind("wire", MESSAGES, f"{SHARE} that lose their end", most=1.0),
+    "flip": FaultKind("wire", MESSAGES, f"{SHARE} with 1 to 3 bits inverted", most=1.0),
+    "drop": FaultKind("wire", MESSAGES, f"{SHARE} that lose 1 to 3 bytes inside", most=1.0),
+    "dup": FaultKind("wire", MESSAGES, f"{SHARE} with 1 to 3 bytes repeated", most=1.0),
+    "header": FaultKind("wire", MESSAGES, f"{SHARE} with a byte inside replaced by their first", most=1.0),
+    "cr": FaultKind("wire", MESSAGES, f"{SHARE} with a byte inside replaced by CR", most=1.0),
+    "junk": FaultKind("wire", MESSAGES, f"{SHARE} with 1 to 16 stray bytes before them", most=1.0),
     "lose": FaultKind("wire", READINGS, f"{SHARE} lost whole (sysfs: not readable); all: lose@FROM-TO", 1.0, most=1.0),
     "delay": FaultKind(
         "wire", READINGS, f"{SHARE} delayed by the second value in s (0.1), with all later ones", second=0.1
     ),
-    "backlog": FaultKind("wire", BOTH, "messages are delayed and arrive together at the end", 1.0, closed=True),
+    "backlog": FaultKind("wire", MESSAGES, "messages are delayed and arrive together at the end", 1.0, closed=True),
     "frozen": FaultKind("sensor", SENSORS, "axes (gx+gy+gz+ax+ay+az, or all) keep their value", 0.0, axes=True),
     "saturated": FaultKind("sensor", SENSORS, "axes at the end of their range", 0.0, axes=True),
     "zero": FaultKind("sensor", SENSORS, "axes show 0", 0.0, axes=True),
     "bias": FaultKind("sensor", SENSORS, "deg/s on top of each gyro's bias, as after another power-on", needs=True),
     "reset": FaultKind("device", BOTH, "restarts, settings lost", 0.0, needs=True),
     "count": FaultKind("device", (IMU,), "its counter jumps by so many (not seraccel)", needs=True),
-    "unplug": FaultKind("plug", (*READINGS, IIO), "the port is removed, and returns at the end", 0.0, closed=True),
+    "unplug": FaultKind("plug", (*BOTH, SYSFS, IIO), "the port is removed, and returns at the end", 0.0, closed=True),
     "trigger": FaultKind("buffer", (IIO,), "its trigger is gone, and returns at the end", 0.0, closed=True),
     "overflow": FaultKind("buffer", (IIO,), "the kernel's buffer loses so many scans", needs=True),
-    "held": FaultKind("reading", (OTHER, SYSFS), "the reading stays as it is", 0.0),
-    "offset": FaultKind("reading", (OTHER, SYSFS), "m/s, Pa, deg, or uT of each axis on top: a jump, a door, iron"),
-    "scale": FaultKind("reading", (OTHER, SYSFS), "the reading times so much: a slip, wrong units"),
+    "held": FaultKind("reading", MEASURING, "the reading stays as it is", 0.0),
+    "offset": FaultKind("reading", MEASURING, "m/s, Pa, deg, uT of each axis, m north on top: a jump, a door, iron"),
+    "scale": FaultKind("reading", MEASURING, "the reading (of a pose: its height) times so much: a slip, wrong units"),
+    "clock": FaultKind("reading", (PROGRAM,), "s by which its clock, from which its messages have their time, is late"),
+    "untimed": FaultKind("reading", (PROGRAM,), "its messages have no time, and count as of their arrival", 0.0),
     "loss": FaultKind("fixes", (GNSS,), "the receiver reports no fix", 0.0),
     "jump": FaultKind("fixes", (GNSS,), "m beside the truth, towards the second value in deg (0)", second=0.0),
     "ramp": FaultKind("fixes", (GNSS,), "m/s away from the truth, towards the second value in deg (0)", second=0.0),
@@ -158,7 +162,7 @@ def _can_have(device: str, name: str) -> bool:
 
 
 def _chosen(target: str | None, devices: Sequence[str], group: str) -> list[int]:
-    also = {IIO: IMU, SYSFS: OTHER}
+    also = {IIO: IMU, SYSFS: OTHER, PROGRAM: OTHER}
     chosen = [i for i, one in enumerate(devices) if target in (None, one, _role(one), also.get(_role(one), _role(one)))]
     if not chosen:
         raise SpecError(

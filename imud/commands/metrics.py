@@ -103,6 +103,15 @@ METRICS = (
         "imud_aiding_share", _GAUGE, "Of what measurements take off a sigma, the part of this source, 0 to 1.",
         r"aiding\.sources\.(?P<source>\w+)\.share\.(?P<quantity>\w+)",
     ),
+    Metric(
+        "imud_aiding_late_seconds", _GAUGE, "Age found beyond its epochs.",
+        r"aiding\.sources\.(?P<source>\w+)\.late_s",
+    ),
+    Metric("imud_aiding_scale", _GAUGE, "Scale found of its readings.", r"aiding\.sources\.(?P<source>\w+)\.scale"),
+    Metric(
+        "imud_aiding_offset_metres", _GAUGE, "Offset found of its heights.",
+        r"aiding\.sources\.(?P<source>\w+)\.offset_m",
+    ),
     Metric("imud_aiding_age_seconds", _GAUGE, "Since the last one.", r"aiding\.sources\.(?P<source>\w+)\.age_s"),
     Metric(
         "imud_aiding_refused_total", _COUNTER, "Messages that could not be used.", r"aiding\.refused\.(?P<rule>\w+)",

@@ -122,9 +122,9 @@ def _calibration_of(identity: Identity) -> calibration.Calibration | None:
 def run(args: argparse.Namespace) -> int:
     settings = config.load(args.config, args.set)
     with contextlib.ExitStack() as stack:
-        if names := simulated.polled(args.ports):
+        if names := simulated.without_port(args.ports):
             raise UsageError(f"{', '.join(names)}: not read byte by byte; record it with `imud run --record`")
-        ports = stack.enter_context(simulated.ports(args.ports, seed=1))
+        ports = stack.enter_context(simulated.emulated(args.ports, seed=1)).ports
         target = msgspec.structs.replace(settings.record, path=args.output)
         settings = msgspec.structs.replace(
             settings, ports=ports, record=target, readonly=args.readonly or settings.readonly

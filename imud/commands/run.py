@@ -52,15 +52,19 @@ def run(args: argparse.Namespace) -> int:
     from ..recording.ports import expanded
 
     settings = replace(settings, ports=expanded(settings.ports))
-    with simulated.ports(settings.ports, args.seed) as ports, Recordings(settings) as recordings:
+    with (
+        simulated.emulated(settings.ports, args.seed, settings.aiding.listen) as emulated,
+        Recordings(settings) as recordings,
+    ):
         log.configure(args.log_level, recordings.event, args.log_format)
-        emulated = {settings.ports: ports}
+        texts = settings.ports
 
         def reread() -> Settings:
             fresh = _settings(args)
-            return simulated.on_ports(fresh, emulated.get(expanded(fresh.ports), fresh.ports))
+            same = expanded(fresh.ports) == texts
+            return simulated.settings_of(fresh, emulated if same else simulated.Emulated(fresh.ports))
 
-        settings = simulated.on_ports(settings, ports)
+        settings = simulated.settings_of(settings, emulated)
         hot = None if args.config is None else reread
         return Daemon(settings, wait=args.wait, reread=hot, recordings=recordings).run()
 

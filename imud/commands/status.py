@@ -148,6 +148,11 @@ def screen(status: Table) -> Iterator[tuple[str, str]]:
     yield "kernels", status["kernels"]
 
 
+def aiding_lines(status: Table) -> list[str]:
+    """What came of the sources of measurements, by the flat status; none if there are none."""
+    return list(_aiding(nested(status).get("aiding", {})))
+
+
 def innovations(by_kind: Table) -> list[str]:
     """The mean normalised square of each kind, and the counts of all."""
     ratios = ", ".join(
@@ -167,6 +172,7 @@ def _aiding(aiding: Table) -> Iterator[str]:
     for name, source in aiding.get("sources", {}).items():
         rate = f"{source['rate_hz']:.4g}" if "rate_hz" in source else "?"
         yield f"{name}: {source['received']} received, {rate} Hz, the last {source['age_s']:.1f} s ago{_use(source)}"
+        yield from _estimates(source)
         yield from _share(source)
     if refused := aiding.get("refused"):
         yield "refused: " + ", ".join(f"{count} for {rule}" for rule, count in refused.items())
@@ -176,9 +182,21 @@ def _use(source: Table) -> str:
     """What became of a source's measurements."""
     if "used" not in source:
         return ""
-    ratio = f", ratio {source['ratio']:.2g}" if "ratio" in source else ""
-    late = f", late by {source['late_s']:.2f} s" if "late_s" in source else ""
-    return f"; {source['used']} used, {source['rejected']} rejected{ratio}{late}"
+    ratio = source.get("ratio")
+    text = "" if ratio is None else _marked(f", ratio {ratio:.2g}", is_beyond("innovation_ratio", ratio))
+    return f"; {source['used']} used, {source['rejected']} rejected{text}"
+
+
+def _estimates(source: Table) -> Iterator[str]:
+    """What the filter has found out of a source."""
+    forms = (("scale", "sscale", "scale {:.4f} ± {:.1g}"), ("offset_m", "soffset_m", "offset {:+.1f} ± {:.1g} m"))
+    texts = [form.format(source[key], source[sigma]) for key, sigma, form in forms if key in source]
+    if "late_s" in source:
+        texts.append(f"late by {source['late_s']:.2f} s")
+    if texts:
+        yield "  found: " + ", ".join(texts)
+    if "finding" in source:
+        yield f"  NOT USED: {source['finding']}"
 
 
 def _share(source: Table) -> Iterator[str]:
@@ -223,19 +241,24 @@ _ROWS: tuple[tuple[str, _Row], ...] = (
 
 def _port(port: Table) -> Iterator[tuple[str, str]]:
     if not port["streaming"]:
-        yield "port", port["description"] if port["path"] in port["description"] else f"{port['path']}: {port['story']}"
+        description = port["description"]
+        yield "port", description if port["path"] in description else f"{port['path']}: {description}"
         return
     facts = [port["model"] or port["driver"]]
     facts += [f"{word} {port[key]}" for word, key in (("serial", "serial"), ("firmware", "firmware")) if port[key]]
     facts += [f"{port['baud']} baud"] if "baud" in port else []
     yield "port", f"{port['path']}: {', '.join(facts)}; {port['health']}"
-    yield "", f"{_rate(port)}, {_counted(port, _COUNTED)}, connected {_times(port['connects'])}"
+    sentences = port.get("sentences", {})
+    has_positions = not sentences or any("fix" in what for what in sentences)
+    counts = f"{_rate(port)}, {_counted(port, _COUNTED)}, " if has_positions else ""
+    yield "", f"{counts}connected {_times(port['connects'])}"
     if clock := port.get("clock"):
         fit = _clock(clock, port.get("out_of_limits", "").split(","))
         yield from (("", line) for line in textwrap.wrap(fit, _WIDTH))
     if "quality" in port:
-        yield "", f"fix: {_fix(port)}"
-        if sentences := port.get("sentences"):
+        if has_positions:
+            yield "", f"fix: {_fix(port)}"
+        if sentences:
             yield "", "sentences: " + ", ".join(f"{count} {what}" for what, count in sentences.items())
 
 

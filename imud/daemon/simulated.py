@@ -2,13 +2,13 @@
 
 Ports of the same scenario share one emulator, so that they measure the same motion from the same instant. It ends with
 the block, and also when this process dies. Devices of the kernel (`iio`, and barometer and magnetometer by their names)
-are in a folder that stands in for sysfs meanwhile.
+are in a folder that stands in for sysfs meanwhile. Programs (`pose`, …) send datagrams to `aiding.listen`.
 """
 
 import contextlib
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
@@ -34,21 +34,32 @@ DEVICES = {
 }  # by driver
 OTHERS = ("wheel", "baro", "compass")  # devices that the user names themselves instead of a driver; all speak NMEA
 POLLED = ("bmp280", "ak8975")  # of the kernel: no ports, but `aiding.iio`
+PROGRAMS = ("pose", "velocity", "body_velocity")  # no ports, but programs that send datagrams
 _USAGE_ERROR = 64  # exit code of the emulator
 
 
-@contextlib.contextmanager
-def ports(texts: Sequence[str], seed: int) -> Iterator[tuple[str, ...]]:
-    """`texts` with those of emulated devices replaced by the ports on which they are now, without those of `polled`.
+@dataclass(frozen=True)
+class Emulated:
+    """ports: those to be opened; listen: where emulated programs send, empty if there are none."""
 
-    seed: of the sensors' errors. Raises UsageError for a scenario or a speed that the emulator does not know.
+    ports: tuple[str, ...]
+    listen: str = ""
+
+
+@contextlib.contextmanager
+def emulated(texts: Sequence[str], seed: int, listen: str = "") -> Iterator[Emulated]:
+    """`texts` with those of emulated devices replaced by the ports on which they are now, without those of `polled`
+    and of programs.
+
+    seed: of the sensors' errors; listen: where programs send, empty: a socket of their own. Raises UsageError for a
+    scenario or a speed that the emulator does not know.
     """
     specs = [_spec(text) for text in texts]
     scenarios = dict.fromkeys(spec.path for spec in specs if spec.path.startswith(SCHEME))
-    if specs and all(spec.driver in POLLED for spec in specs):
+    if specs and all(_without_port(spec) for spec in specs):
         raise UsageError(f"port {texts[0]!r} aids an inertial sensor: name that, too, for example {SCHEME}car")
     if not scenarios:
-        yield tuple(map(str, specs))
+        yield Emulated(tuple(map(str, specs)))
         return
     import tempfile  # for emulated devices only
 
@@ -56,25 +67,38 @@ def ports(texts: Sequence[str], seed: int) -> Iterator[tuple[str, ...]]:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="imud-sim-")))
         if any(_in_kernel(spec) for spec in specs):
             stack.enter_context(_sysfs_in(folder))
+        send_to = listen or str(folder / "aiding")
         for scenario in scenarios:
             own = [i for i, spec in enumerate(specs) if spec.path == scenario]
             wanted = [specs[i] for i in own]
             for i in own:
                 specs[i] = _on_its_port(specs[i], folder / f"{scenario[len(SCHEME) :]}-{_device(specs[i])}-{i}")
-            links = [specs[i].path for i, spec in zip(own, wanted, strict=True) if not _in_kernel(spec)]
-            stack.enter_context(_emulator(wanted, links, seed, folder))
-        yield tuple(str(spec) for spec in specs if spec.driver not in POLLED)
+            without_link = [_in_kernel(spec) or spec.driver in PROGRAMS for spec in wanted]
+            links = [specs[i].path for i, without in zip(own, without_link, strict=True) if not without]
+            stack.enter_context(_emulator(wanted, links, seed, folder, send_to))
+        sending = any(spec.driver in PROGRAMS for spec in specs)
+        yield Emulated(tuple(str(spec) for spec in specs if not _without_port(spec)), send_to if sending else "")
 
 
-def on_ports(settings: Settings, ports: tuple[str, ...]) -> Settings:
-    """The settings with the ports that `ports` has made of theirs, and with its barometers and magnetometers."""
+def settings_of(settings: Settings, emulated: Emulated) -> Settings:
+    """The settings with the ports that `emulated` has made of theirs, its barometers, magnetometers and programs."""
     iio = (*settings.aiding.iio, *polled(settings.ports))
-    return msgspec.structs.replace(settings, ports=ports, aiding=msgspec.structs.replace(settings.aiding, iio=iio))
+    aiding = msgspec.structs.replace(settings.aiding, iio=iio, listen=emulated.listen or settings.aiding.listen)
+    return msgspec.structs.replace(settings, ports=emulated.ports, aiding=aiding)
 
 
 def polled(texts: Sequence[str]) -> tuple[str, ...]:
     """The emulated barometers and magnetometers of the kernel among ports."""
     return tuple(str(spec.driver) for spec in map(_spec, texts) if spec.driver in POLLED)
+
+
+def without_port(texts: Sequence[str]) -> tuple[str, ...]:
+    """The names of emulated devices among ports that have none."""
+    return tuple(str(spec.driver) for spec in map(_spec, texts) if _without_port(spec))
+
+
+def _without_port(spec: PortSpec) -> bool:
+    return spec.driver in (*POLLED, *PROGRAMS)
 
 
 def _in_kernel(spec: PortSpec) -> bool:
@@ -102,24 +126,28 @@ def _on_its_port(spec: PortSpec, link: Path) -> PortSpec:
 
 def _spec(text: str) -> PortSpec:
     try:
-        return PortSpec.parse(text, (*names(), *OTHERS, *POLLED) if text.startswith(SCHEME) else None)
+        return PortSpec.parse(text, (*names(), *OTHERS, *POLLED, *PROGRAMS) if text.startswith(SCHEME) else None)
     except SpecError as error:
         raise UsageError(str(error)) from error
 
 
 def _device(spec: PortSpec) -> str:
     """What the emulator calls the device of a driver."""
-    return str(spec.driver) if spec.driver in (*OTHERS, *POLLED) else DEVICES[spec.driver]
+    return str(spec.driver) if spec.driver in (*OTHERS, *POLLED, *PROGRAMS) else DEVICES[spec.driver]
 
 
 @contextlib.contextmanager
-def _emulator(specs: Sequence[PortSpec], links: Sequence[str], seed: int, folder: Path) -> Iterator[None]:
-    """A process with a device for each of `specs`, all of one scenario, at `links`, the kernel's in `folder`."""
+def _emulator(specs: Sequence[PortSpec], links: Sequence[str], seed: int, folder: Path, send_to: str) -> Iterator[None]:
+    """A process with a device for each of `specs`, all of one scenario, at `links`, the kernel's in `folder`.
+
+    send_to: where its programs send.
+    """
     import subprocess
 
     log, scenario = folder / "log", specs[0].path[len(SCHEME) :]
     command = python_command("imud.firmware_sim", f"--scenario={scenario}", f"--seed={seed}")
-    command += [f"--parent={os.getpid()}", f"--iio-root={folder}", *(f"--link={link}" for link in links), "--"]
+    command += [f"--parent={os.getpid()}", f"--iio-root={folder}", f"--send={send_to}"]
+    command += [*(f"--link={link}" for link in links), "--"]
     command += [_device(spec) + (f"@{spec.baud}" if spec.baud else "") for spec in specs]
     with log.open("w") as errors:
         # a session of its own, so that Ctrl-C reaches this process only, which then ends the emulator

@@ -104,7 +104,7 @@ class StatusReporter:
             )
             inertial = self._devices.selection.inertial
             if inertial is not None:
-                status_tables.add_ages(table["sources"], inertial.stream.filter)
+                status_tables.add_estimates(table["sources"], inertial.stream.filter)
         return table
 
     def status(self, publisher: Publisher, outputs: Outputs, aiding: "AidingInput | None") -> str:

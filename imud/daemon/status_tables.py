@@ -90,13 +90,19 @@ def of_sources(
     return {name: table | innovations.sum(kinds.get(name, ())) | shares.table(name) for name, table in tables.items()}
 
 
-def add_ages(tables: Mapping[str, Table], filter_: "Filter") -> None:
-    """To the table of each aiding source: by how much it was found to be late, s, its clock being wrong or none."""
-    if filter_.estimator.source_ages_s is None:
-        return
-    ages = filter_.estimator.source_ages_s(filter_.state)
-    for source in filter_.estimator.sources:
-        if source.name in tables and ages[source.kind] != 0.0:
+def add_estimates(tables: Mapping[str, Table], filter_: "Filter") -> None:
+    """To the table of each aiding source: what the filter has found out of it (`Estimator.source_estimates`).
+
+    late_s: by how much its measurements are late, s, its clock being wrong or none.
+    """
+    estimator, state = filter_.estimator, filter_.state
+    ages = estimator.source_ages_s(state) if estimator.source_ages_s else None
+    found = estimator.source_estimates(state) if estimator.source_estimates else {}
+    for source in estimator.sources:
+        if source.name not in tables:
+            continue
+        tables[source.name].update(found.get(source.kind, {}))
+        if ages is not None and ages[source.kind] != 0.0:
             tables[source.name]["late_s"] = round(float(ages[source.kind]), 2)
 
 

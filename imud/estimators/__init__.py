@@ -38,6 +38,8 @@ class Estimator:
     fix_delay_s(state) -> by how much a fix is older than its epoch says, s. None: it does not estimate it.
     source_ages_s(state) -> by how much measurements are older than their epochs say, s, by the code of their source.
     None: it does not estimate it.
+    source_estimates(state) -> by the code of a source, what was found out of it: `scale` (that of its readings),
+    `offset_m`, each with its sigma (`s…`), and `finding`, why its measurements are not used. None: it finds nothing.
     variances(state) -> those of the horizontal position and height, m^2, horizontal velocity, (m/s)^2, and heading,
     rad^2; None: it does not navigate yet. None: it has none.
     place(state) -> latitude and longitude, rad, and height, m; None: not known yet. None: it has none.
@@ -59,6 +61,7 @@ class Estimator:
     backward_tuning: Callable[[Any, float], dict[str, float]] | None = None
     fix_delay_s: Callable[[Records], float] | None = None
     source_ages_s: Callable[[Records], Floats] | None = None
+    source_estimates: Callable[[Records], dict[int, dict[str, float | str]]] | None = None
     variances: Callable[[Records], tuple[float, float, float, float] | None] | None = None
     place: Callable[[Records], tuple[float, float, float] | None] | None = None
     pending_innovations: Callable[[Any, Any], int] | None = None

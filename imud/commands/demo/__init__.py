@@ -20,14 +20,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from imud.commands import web
+from imud.commands import status, web
 from imud.commands.arguments import above_zero, add_settings, seed
 from imud.errors import ImudError, UsageError
 from imud.firmware_sim.cli import SCENARIO_NAMES
 from imud.firmware_sim.faults import spec
+from imud.outputs.addresses import parse_address
 from imud.process.python import python_command
 from imud.setup import config
 
+from .aids import DEVICES, WITHOUT_LINE, Aids
 from .comparison import Comparison, Truth
 from .screen import Display, summary
 
@@ -47,6 +49,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", type=seed, default=1, metavar="N", help="of the sensors' errors (default: 1)")
     parser.add_argument("--faults", default="", metavar="SPEC", help="what goes wrong: see `imud sim --faults-help`")
+    parser.add_argument(
+        "--aiding",
+        type=lambda text: text.split(","),
+        default=[],
+        metavar="NAME[,NAME..]",
+        help=f"emulated sensors beside GNSS: {', '.join(DEVICES)}",
+    )
     parser.add_argument("--web", action="store_true", help="show it live in a browser: see `imud web`")
     parser.add_argument("--no-gnss", action="store_true", help="the inertial sensor alone: attitude only")
     add_settings(parser)
@@ -104,17 +113,19 @@ def _estimates(client: socket.socket) -> Iterator[dict[str, Any]]:
 
 
 def run(args: argparse.Namespace) -> int:
-    devices = ["g350"] if args.no_gnss else ["g350", "nmea"]
+    aids = Aids(args.aiding)
+    devices = [*(["g350"] if args.no_gnss else ["g350", "nmea"]), *aids.devices]
     try:
         spec.parse(args.faults, devices)
     except spec.SpecError as error:
         raise UsageError(f"--faults: {error}") from error
-    config.load(args.config, args.set)  # report errors before anything starts
+    settings = config.load(args.config, args.set)  # report errors before anything starts
     if args.web:
         web.require()
     with tempfile.TemporaryDirectory(prefix="imud-demo-") as folder, contextlib.ExitStack() as stack:
         base = Path(folder)
-        links = [base / name for name in devices]
+        links = [base / name for name in devices if name not in WITHOUT_LINE]
+        assignments, emulation = aids.options(base, settings.aiding.listen)
         truth_file, listen, log = base / "truth.csv", base / "gpsd.sock", base / "daemon.log"
         print("imud demo: starting the emulator and the daemon", flush=True)
         recordings = _recordings_folder() if args.web else None
@@ -123,12 +134,13 @@ def run(args: argparse.Namespace) -> int:
         notifications.bind(str(base / "notify"))
         daemon = stack.enter_context(
             process(
-                *("run", *(f"--port={link}" for link in links), f"--listen={listen}"),
+                *("run", *(f"--port={link}{aids.driver(link.name)}" for link in links), f"--listen={listen}"),
+                *(f"--set={assignment}" for assignment in assignments),
                 *((f"--config={args.config.absolute()}",) if args.config else ()),
                 *(("--set", f"record.folder={json.dumps(str(recordings))}") if recordings else ()),
                 *(f"--set={assignment}" for assignment in args.set),
                 stderr=log_file,
-                env={**os.environ, "NOTIFY_SOCKET": str(base / "notify")},
+                env={**os.environ, "NOTIFY_SOCKET": str(base / "notify"), **aids.environment(base)},
             )
         )
         wait_until_ready(notifications, daemon, log)
@@ -136,7 +148,7 @@ def run(args: argparse.Namespace) -> int:
         emulator = stack.enter_context(
             process(
                 *("sim", *devices, "--scenario", args.scenario, "--seed", str(args.seed), "--truth", str(truth_file)),
-                *("--faults", args.faults),
+                *("--faults", args.faults, *emulation),
                 *(item for link in links for item in ("--link", str(link))),
                 stdout=subprocess.PIPE,
                 stderr=log_file,
@@ -149,7 +161,10 @@ def run(args: argparse.Namespace) -> int:
             _show_in_browser(page_process, log)
             if recordings:
                 print(f"imud demo: its record button writes to {recordings}/imud-TIME.mcap", flush=True)
-        return _compare(client, truth_file, args.seconds, log)
+        code = _compare(client, truth_file, args.seconds, log)
+        if aids.devices:
+            print(aids.report(status.ask(parse_address(str(listen), status.PORT))))
+        return code
 
 
 def _recordings_folder() -> Path | None:

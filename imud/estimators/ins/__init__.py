@@ -23,6 +23,7 @@ from .checkpoint import checkpoint, resume
 from .filter import aid, step, take_innovations, update
 from .parameters import TUNABLES, configure
 from .setup import backward_tuning, fix_delay_s, place, restore_biases, source_ages_s, start, variances
+from .source_estimates import source_estimates
 from .sources import SOURCES
 
 ESTIMATOR = Estimator(
@@ -42,6 +43,7 @@ ESTIMATOR = Estimator(
     backward_tuning=backward_tuning,
     fix_delay_s=fix_delay_s,
     source_ages_s=source_ages_s,
+    source_estimates=source_estimates,
     place=place,
     variances=variances,
 )

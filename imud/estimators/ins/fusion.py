@@ -29,7 +29,7 @@ from .integrity.time_offset_step import add_to_time_offset_step, propagate_time_
 from .integrity.velocity_drift import add_to_velocity_drift, propagate_velocity_drift, update_velocity_drift
 from .mechanization import start_integration
 from .process_noise import learn_process_noise, propagate_learning, update_learning
-from .state import NAVIGATING
+from .state import NAVIGATING, VELOCITY
 
 if TYPE_CHECKING:
     from ..types import Innovation
@@ -156,4 +156,6 @@ def clear_innovations(c: Core) -> None:
 def correct_state(p: Parameters, c: Core) -> None:
     """Inject the error estimate into the nominal state; the alignment notes it, so that its integrals do not jump."""
     record_corrections(c)
+    for i in range(3):
+        c.odometer.corrections[i] += c.scratch.x[VELOCITY + i]
     inject_error(p, c)

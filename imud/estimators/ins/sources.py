@@ -17,7 +17,17 @@ from ..records import (
     POSE_SOURCE,
     VELOCITY_SOURCE,
 )
-from .aiding import barometer, external_pose, external_velocity, heading, magnetometer, odometer, source_age, two_wheels
+from .aiding import (
+    barometer,
+    external_pose,
+    external_velocity,
+    heading,
+    magnetometer,
+    odometer,
+    odometer_faults,
+    source_age,
+    two_wheels,
+)
 from .aiding.barometer import fuse_barometer
 from .aiding.external_pose import fuse_pose
 from .aiding.external_velocity import fuse_external_velocity
@@ -46,6 +56,7 @@ TUNABLES = (
     *heading.TUNABLES,
     *source_age.TUNABLES,
     *odometer.TUNABLES,
+    *odometer_faults.TUNABLES,
     *two_wheels.TUNABLES,
     *barometer.TUNABLES,
     *external_pose.TUNABLES,

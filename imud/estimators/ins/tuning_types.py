@@ -262,6 +262,7 @@ class Tuning:
     age_gate: float
     age_speed_noise: float
     age_position_noise: float
+    age_yaw_noise: float
     age_prior: float
     age_change_s: float
     age_drift_s: float
@@ -275,10 +276,16 @@ class Tuning:
     odometer_time_sigma: float
     odometer_dead_speed: float
     odometer_gate: float
+    odometer_sign_sigmas: float
     odometer_inflation_time_s: float
     odometer_inflation_psd: float
     odometer_max_inflation_s: float
-    odometer_sign_sigmas: float
+    odometer_min_used_share: float
+    odometer_share_s: float
+    odometer_max_accel_error: float
+    odometer_frozen_s: float
+    odometer_repetitions: float
+    odometer_return: float
     track_width_error: float
     wheel_radius_difference: float
     wheel_difference_s: float
@@ -296,6 +303,10 @@ class Tuning:
     pose_yaw_sigma: float
     pose_correlation_s: float
     pose_time_sigma: float
+    pose_return_gate: float
+    pose_age_s: float
+    pose_offset_s: float
+    pose_agreement_s: float
     pose_gate: float
     external_velocity_sigma: float
     external_velocity_scale: float

@@ -272,6 +272,7 @@ class ExternalAid:
     last_ns: int
     last_used_ns: int
     rejected: int
+    offset_variance: Reals
     last_value: Reals
 
 
@@ -305,6 +306,20 @@ class Odometer:
     last_used_ns: int
     reverses: int
     direction: float
+    residual: float
+    corrections: Reals
+    used_corrections: Reals
+    step: float
+    inflation: float
+    used_share: float
+    reading: float
+    reading_ns: int
+    predicted: float
+    reading_corrections: Reals
+    changed_ns: int
+    longest_repetition: float
+    frozen: int
+    resolution: float
 
 
 class WheelCheck:

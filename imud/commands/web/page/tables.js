@@ -70,8 +70,13 @@ function sources(news) {
     const shares = Object.entries(its).filter(([what, share]) => what.startsWith("share.") && share >= 0.01)
       .map(([what, share]) => `${what.slice(6)} ${Math.round(100 * share)} %`).join(", ");
     const counts = its.used == null ? [] : [`${its.used} used, ${its.rejected} rejected`];
+    const found = [its.scale && `scale ${its.scale.toFixed(4)} ± ${its.sscale.toPrecision(1)}`,
+      its.offset_m != null && `offset ${its.offset_m.toFixed(1)} ± ${its.soffset_m.toPrecision(2)} m`,
+      its.late_s != null && `late by ${its.late_s.toFixed(2)} s`].filter(Boolean).join(", ");
+    const ratio = its.ratio == null ? "" : `ratio ${its.ratio.toPrecision(2)}`;
     const rate = its.age_s > STALE_S ? `silent for ${Math.round(its.age_s)} s` : its.rate_hz == null ? "" : `${its.rate_hz.toFixed(1)} Hz`;
-    return words(name, [rate, ...counts, shares && `share: ${shares}`].filter(Boolean).join("; "), its.age_s > STALE_S ? "bad" : "");
+    const finding = its.finding && `not used: ${its.finding}`, isBad = finding || its.age_s > STALE_S;
+    return words(name, [finding, rate, ...counts, ratio, found, shares && `share: ${shares}`].filter(Boolean).join("; "), isBad ? "bad" : "");
   });
 }
 

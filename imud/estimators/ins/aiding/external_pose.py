@@ -7,7 +7,8 @@ sigma: north, east, down, m, and yaw, rad, NaN where it is not reported.
 *Gate.* A pose is used as a whole or not at all: a system that is lost is wrong in every element. *Repetition.* A pose
 that repeats the last one to the last digit tells nothing new, as of a system that has stopped. *Time.* Its errors last
 for a while: the gate has the variance of a single pose, the update that of what all those know that share an error.
-*Return.* Where poses are accepted again, they or the estimate were wrong: the distance is stated as an error.
+*Return.* Where poses are accepted again, they or the estimate were wrong: the distance is stated as an error, and from
+then on, if it is large for its sigma, the sigma of a lasting error of the poses, until they have agreed for a while.
 """
 
 from __future__ import annotations
@@ -56,6 +57,10 @@ TUNABLES = (
     Tunable("pose_yaw_sigma", math.radians(2.0), "rad", "Sigma of a yaw that reports none.", "Choice."),
     Tunable("pose_correlation_s", 1.0, "s", "Correlation time of the errors of poses.", "Choice: one view, one error."),
     Tunable("pose_time_sigma", 0.02, "s", "Unknown age of a pose.", "Choice: half a period of 25 Hz."),
+    Tunable("pose_return_gate", 9.0, "NIS", "Beyond it a pose that returns has a lasting error.", "Three sigma."),
+    Tunable("pose_age_s", 10.0, "s", "Time in which the error by an unknown age lasts.", "Until the motion changes."),
+    Tunable("pose_offset_s", 300.0, "s", "Correlation time of the lasting error of poses that return.", "Choice."),
+    Tunable("pose_agreement_s", 30.0, "s", "Time in which agreement lowers the sigma of that error.", "Choice."),
     Tunable("pose_gate", 25.0, "NIS", "Gate of each element of a pose.", "Five sigma."),
 )
 
@@ -93,10 +98,24 @@ def pose_jacobian(c: Core, arm: Vector, i: int) -> int:
 
 
 @kernel
-def timing_variance(p: Parameters, c: Core, i: int) -> float:
-    """Variance of element i by the unknown age of the pose."""
+def lasting_variances(p: Parameters, c: Core, i: int) -> tuple[float, float]:
+    """Variances of element i by the unknown age of the pose, and by its lasting error."""
     rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2] if i == 3 else c.nav.v_n[i]
-    return float(rate * rate * (p.tuning.pose_time_sigma**2 + c.scratch.age_variance))
+    timing = rate * rate * (p.tuning.pose_time_sigma**2 + c.scratch.age_variance)
+    return timing, c.pose.offset_variance[i] if i < 3 else 0.0
+
+
+@kernel
+def update_offset(p: Parameters, c: Core, i: int, z: float, s: float, dt: float) -> None:
+    """Of a used pose, z: its innovation, m, s: its variance. The lasting error begins with its return, unless that is
+    within three sigma, and ends with its agreement."""
+    g = c.pose
+    if g.rejected:
+        inflate_position(c, i, z * z)
+        if z * z > p.tuning.pose_return_gate * s:
+            g.offset_variance[i] = max(g.offset_variance[i], z * z)
+    elif z * z < g.offset_variance[i]:
+        g.offset_variance[i] += (z * z - g.offset_variance[i]) * min(dt / p.tuning.pose_agreement_s, 1.0)
 
 
 @kernel
@@ -110,19 +129,27 @@ def fuse_pose(p: Parameters, c: Core, m: Measurement, innovations: list[Innovati
     used = True
     for i in range(4):
         z = pose_difference(p, c, m, arm, i)
-        r = element_sigma(p, m, i) ** 2 + timing_variance(p, c, i)
+        timing, offset = lasting_variances(p, c, i)
+        r = element_sigma(p, m, i) ** 2 + timing + offset
         s = innovation_variance(c, pose_jacobian(c, arm, i)) + r
         used = used and not z * z > p.tuning.pose_gate * s  # what is not known passes
-    others = others_of_error(time_since_last(g, m), p.tuning.pose_correlation_s)
+    dt = time_since_last(g, m)
+    others = others_of_error(dt, p.tuning.pose_correlation_s)
+    others_of_age, others_of_offset = (
+        others_of_error(dt, p.tuning.pose_age_s),
+        others_of_error(dt, p.tuning.pose_offset_s),
+    )
     n = 0
     for i in range(4):
         z, r = pose_difference(p, c, m, arm, i), element_sigma(p, m, i) ** 2
         if not math.isfinite(z):
             continue
         length, gate = pose_jacobian(c, arm, i), NO_GATE if used else REJECT
-        value, s, _ = correlated_update(c, length, z, r + timing_variance(p, c, i), others * r, gate)
-        if used and g.rejected and i < 3:
-            inflate_position(c, i, z * z)
+        timing, offset = lasting_variances(p, c, i)
+        shared = others * r + others_of_age * timing + others_of_offset * offset
+        value, s, _ = correlated_update(c, length, z, r + timing + offset, shared, gate)
+        if used and i < 3:
+            update_offset(p, c, i, z, s, dt)
         n = write_innovation(innovations, n, m.t_ns, POSE_N + i, value, s, used)
     if used:
         correct_state(p, c)

@@ -124,13 +124,14 @@ def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innov
     z = wrap_angle(m.value[0] - p.heading_boresight - elementary.atan2(y, x) - rate * ahead_s)
     r = sigma_of(p, m) ** 2
     others = headings_per_error(p, c, m) - 1.0
-    timing = (rate * p.tuning.heading_time_sigma) ** 2
+    timing = rate * rate * (p.tuning.heading_time_sigma**2 + c.scratch.age_variance)
     gate = p.tuning.heading_gate
     if c.heading_aid.distrusted:
         s = innovation_variance(c, length) + r + timing
         check_trust(p, c, m.t_ns, z * z < gate * s)
         gate = REJECT
-    z, s, nis = correlated_update(c, length, z, r + timing, others * r, gate)
+    shared = others * (r + rate * rate * c.scratch.age_variance)
+    z, s, nis = correlated_update(c, length, z, r + timing, shared, gate)
     used = nis >= 0.0
     if used:
         correct_state(p, c)

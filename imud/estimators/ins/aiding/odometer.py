@@ -12,6 +12,8 @@ about a second, so that readings in that time are not independent: the gate has 
 update that of what so many of them know together. More slip than that is rejected. *Sign.* Many sensors do not tell
 backward from forward. Where the filter's own velocity does, it decides; where it does not, a reading without a sign is
 left out. *Time.* The reading may be late by an unknown time, an error in proportion to the acceleration.
+
+*Faults.* See `odometer_faults`.
 """
 
 from __future__ import annotations
@@ -23,11 +25,12 @@ from ....compile.jit import kernel
 from ....math.rotation import Vector, dot, quat_rotate, quat_rotate_back
 from ...records import ODOMETER
 from ...tuning import Tunable
-from ..ekf import add_covariance, add_variance, innovation_variance, set_jacobian
-from ..fusion import correct_state, correlated_update, write_innovation
+from ..ekf import add_variance, innovation, innovation_variance, set_jacobian
+from ..fusion import REJECT, correct_state, correlated_update, write_innovation
 from ..mechanization import quaternion
 from ..state import ATTITUDE, MOUNT_PITCH, MOUNT_YAW, NEVER_NS, ODOMETER_SCALE, VELOCITY
 from ..vehicle_axes import forward_axis, lateral_axis, vertical_axis
+from .odometer_faults import check_step, count_use, inflate_velocity, is_frozen, step_gate, store_residual
 from .two_wheels import fuse_yaw_rate
 
 if TYPE_CHECKING:
@@ -73,23 +76,6 @@ TUNABLES = (
         "Pulses of an ABS ring.",
     ),
     Tunable("odometer_gate", 12.0, "NIS", "Gate of a wheel speed.", "3.5 sigma: slip is common."),
-    Tunable(
-        "odometer_inflation_time_s",
-        2.0,
-        "s",
-        "Length of a rejection after which the inflated velocity passes the gate.",
-        "A slip is mostly shorter.",
-    ),
-    Tunable(
-        "odometer_inflation_psd",
-        0.5,
-        "m^2/s^3",
-        "Largest noise density by which a rejection inflates P.",
-        "0.7 m/s in a second.",
-    ),
-    Tunable(
-        "odometer_max_inflation_s", 10.0, "s", "Length of a rejection after which P is inflated no more.", "Choice."
-    ),
     Tunable(
         "odometer_sign_sigmas",
         3.0,
@@ -155,23 +141,6 @@ def time_since_reading(p: Parameters, c: Core, m: Measurement) -> float:
 
 
 @kernel
-def inflate_velocity(p: Parameters, c: Core, forward: Vector, z: float, dt: float) -> None:
-    """After a rejection: the wheels slip, or the velocity is wrong. The longer it lasts, the more is added to P.
-
-    z: innovation, m/s; dt: time since the last reading, s.
-    """
-    last_ns = c.odometer.last_used_ns
-    if last_ns == NEVER_NS or 1e-9 * (c.nav.t_ns - last_ns) > p.tuning.odometer_max_inflation_s:
-        return
-    most = z * z / (p.tuning.odometer_gate * p.tuning.odometer_inflation_time_s)
-    q = min(most, p.tuning.odometer_inflation_psd) * min(dt, p.tuning.odometer_inflation_time_s)
-    f = quat_rotate(quaternion(c), forward)
-    for i in range(3):
-        for k in range(i, 3):
-            add_covariance(c, VELOCITY + i, VELOCITY + k, q * f[i] * f[k])
-
-
-@kernel
 def least(a: float, b: float, c: float) -> float:
     """The one of three nearest to zero."""
     ab = a if abs(a) <= abs(b) else b
@@ -199,7 +168,8 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
     if not math.isfinite(reading):
         return 0
     ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
-    z = reading - (1.0 + c.nav.odometer_scale) * (along + accel * ahead_s)
+    predicted = (1.0 + c.nav.odometer_scale) * (along + accel * ahead_s)
+    z = reading - predicted
     slip_sigma = (p.tuning.odometer_slip + p.tuning.odometer_slip_per_accel * abs(accel)) * abs(reading)
     current = m.sigma[1] if m.sigma[1] > 0.0 else 0.0
     timing = accel * accel * (p.tuning.odometer_time_sigma**2 + c.scratch.age_variance)
@@ -212,12 +182,20 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
         n, z = 1, least(z, z + 0.5 * contradiction, z - 0.5 * contradiction)  # of both, of the left, of the right wheel
         length = odometer_jacobian(c, forward, wheel, along)
     shared = others * correlated + (max(2.0 * p.tuning.odometer_current_s / dt, 1.0) - 1.0) * current * current
-    z, s, nis = correlated_update(c, length, z, r, shared, p.tuning.odometer_gate)
+    frozen = is_frozen(p, c, m, forward, predicted, r)
+    gate = REJECT
+    if not frozen:
+        gate = step_gate(p, c, innovation(c, length, z), innovation_variance(c, length) + r, r)
+    z, s, nis = correlated_update(c, length, z, r, shared, gate)
     used = nis >= 0.0
+    count_use(p, c, used, dt)
     if used or n > 0:
         correct_state(p, c)
+    if used:
+        store_residual(c, z * (r + shared) / (s + shared))
     if used and current == 0.0:
         c.odometer.last_used_ns = m.t_ns
-    elif current == 0.0:
+    elif current == 0.0 and not frozen:
+        check_step(p, c, forward, z, r)
         inflate_velocity(p, c, forward, z, dt)
     return write_innovation(innovations, n, m.t_ns, ODOMETER, z, s, used)

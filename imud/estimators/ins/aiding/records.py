@@ -54,6 +54,7 @@ EXTERNAL_AID = np.dtype(  # an external pose, or velocity
         ("last_ns", "<i8"),  # epoch of the last one
         ("last_used_ns", "<i8"),  # epoch of the last that was used
         ("rejected", "<i8"),  # 1: the last one was rejected
+        ("offset_variance", "<f8", (3,)),  # m^2, of a pose: of a lasting error, NED, by its distance when it returned
         ("last_value", "<f8", (4,)),  # its values; NaN before the first
     ],
     align=True,
@@ -76,7 +77,7 @@ SOURCE_AGE = np.dtype(  # by how much the measurements of a source are older tha
     [
         ("last_ns", "<i8"),  # epoch of the last one that it was learned from
         ("probability", "<f8", (AGES,)),
-        ("mean", "<f8", (AGES, 2)),  # m/s or m, slow mean of the difference at each age
+        ("mean", "<f8", (AGES, 3)),  # m/s or m, and rad, slow mean of the difference at each age
         ("known_s", "<f8", (AGES,)),  # s, for how long it has been known
         ("age", "<f8"),  # s, the estimate
         ("variance", "<f8"),  # s^2
@@ -99,6 +100,20 @@ ODOMETER = np.dtype(
         ("last_used_ns", "<i8"),  # epoch of the last that was used
         ("reverses", "<i8"),  # 1: there was a reading below zero
         ("direction", "<f8"),  # 1: readings above zero are along the forward axis, -1: against it; 0: not known
+        ("residual", "<f8"),  # m/s, of the last that was used, after its correction
+        ("corrections", "<f8", (3,)),  # m/s, NED, sum of all corrections of the velocity
+        ("used_corrections", "<f8", (3,)),  # the same at the last reading that was used
+        ("step", "<f8"),  # m/s, size of the innovation with which the readings became wrong at once; 0: they did not
+        ("inflation", "<f8"),  # m^2/s^2, added to P since then
+        ("used_share", "<f8"),  # of the readings lately
+        ("reading", "<f8"),  # m/s, the last that differed from the one before
+        ("reading_ns", "<i8"),  # its epoch
+        ("predicted", "<f8"),  # m/s, what the estimate predicted for it
+        ("reading_corrections", "<f8", (3,)),  # corrections at its epoch
+        ("changed_ns", "<i8"),  # epoch of the first of the readings that are equal to the last one
+        ("longest_repetition", "<f8"),  # s, for which readings other than 0 were equal, and then changed
+        ("frozen", "<i8"),  # 1: the sensor has stopped, and repeats its last reading
+        ("resolution", "<f8"),  # m/s, smallest difference of readings so far; infinite before the first
     ],
     align=True,
 )

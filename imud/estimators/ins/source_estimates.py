@@ -1,0 +1,48 @@
+"""What the filter has found out of the sources beside GNSS: scale, offset, and why measurements are not used."""
+
+import math
+
+from imud.compile.jit import interpreted
+
+from ...math.arrays import Records
+from ...math.kalman import packed_index
+from ..records import (
+    BAROMETER_SOURCE,
+    BODY_VELOCITY_SOURCE,
+    HEADING_SOURCE,
+    ODOMETER_SOURCE,
+    POSE_SOURCE,
+    VELOCITY_SOURCE,
+)
+from .state import BARO_OFFSET, NAVIGATING, ODOMETER_SCALE, STATES
+
+_FINDINGS = {
+    HEADING_SOURCE: ("heading_aid", "distrusted", 1, "the motion contradicts it"),
+    POSE_SOURCE: ("pose", "rejected", 1, "it contradicts the estimate, or repeats itself"),
+    VELOCITY_SOURCE: ("external_velocity", "rejected", 1, "it contradicts the estimate"),
+    BODY_VELOCITY_SOURCE: ("external_velocity", "rejected", 1, "it contradicts the estimate"),
+}
+
+
+def source_estimates(state: Records) -> dict[int, dict[str, float | str]]:
+    """See `Estimator`. `finding`: why its measurements are not used now."""
+    c = state["core"][0, 0]
+    if c["alignment"]["mode"] != NAVIGATING:
+        return {}
+
+    def sigma(i: int) -> float:
+        return math.sqrt(max(float(c["cov"]["P"][interpreted(packed_index)(STATES, i, i)]), 0.0))
+
+    found: dict[int, dict[str, float | str]] = {
+        ODOMETER_SOURCE: {"scale": round(1.0 + float(c["nav"]["odometer_scale"]), 5), "sscale": sigma(ODOMETER_SCALE)},
+        BAROMETER_SOURCE: {"offset_m": float(c["nav"]["baro_offset"]), "soffset_m": sigma(BARO_OFFSET)},
+    }
+    for kind, (record, key, wrong, text) in _FINDINGS.items():
+        if c[record][key] == wrong:
+            found.setdefault(kind, {})["finding"] = text
+    odometer = c["odometer"]
+    if odometer["frozen"]:
+        found[ODOMETER_SOURCE]["finding"] = "it repeats its last reading while the speed changes"
+    elif odometer["step"] > 0.0:
+        found[ODOMETER_SOURCE]["finding"] = "the accelerometer contradicts it"
+    return found

@@ -52,6 +52,16 @@ def start_in_motion():
     return judged(shown(lively(still=-1.0, rpy_deg=(30.0, -20.0, 0.0))))
 
 
+def start_in_a_steady_turn():
+    """On a roundabout: 2.5 m/s, 0.8 rad/s."""
+
+    def centripetal(t):
+        return 2.0 * np.column_stack([-np.sin(0.8 * t), np.cos(0.8 * t), 0.0 * t])
+
+    truth = simulate(40.0, 100.0, lambda t: wobble(1, 0.1)(t) + np.array([0.0, 0.0, 0.8]), centripetal)
+    return judged(shown(truth))
+
+
 def start_shaken():
     """The first forces are far from gravity."""
     truth = lively(30.0, still=-1.0)
@@ -269,6 +279,7 @@ CLASSES = (
     counts_that_hardly_tell,
     hand,
     start_in_motion,
+    start_in_a_steady_turn,
     start_shaken,
     start_far_from_gravity,
     everything_given,

@@ -8,7 +8,7 @@ from broad import filter_of, samples_of, solutions_of
 from replay_in_process import replay
 
 from imud.configuration.settings import Initial
-from imud.estimators.records import AT_REST
+from imud.estimators.records import AT_REST, ATTITUDE_VALID
 from imud.sensor_errors.profiles import PROFILES
 
 
@@ -154,3 +154,25 @@ def test_cruising_is_no_rest_and_the_stop_of_a_vehicle_that_its_road_shook_is(se
     assert np.mean(rests[(phase > 8.0) & (phase < 26.0)]) < 0.1
     if road > 0.0:
         assert np.mean(rests[(phase > 33.0) & (truth.t > 60.0)]) > 0.9
+
+
+def test_a_tilt_that_a_steady_turn_hides_is_stated():
+    """On a roundabout from the first sample on: the centripetal force looks like a tilt and a gyro bias."""
+    wrong_s = 0.0
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        rate, speed = rng.uniform(0.5, 1.2), rng.uniform(1.5, 3.5)
+
+        def centripetal(t, rate=rate, speed=speed):
+            return speed * rate * np.column_stack([-np.sin(rate * t), np.cos(rate * t), 0.0 * t])
+
+        def rates(t, seed=seed, rate=rate):
+            return wobble(seed, 0.1)(t) + np.array([0.0, 0.0, rate])
+
+        truth = simulate(80.0, 100.0, rates, centripetal)
+        flaws = Flaws(0.01 * DEG, 2e-3, tuple(rng.normal(0.0, 1.5 * DEG, 3)), tuple(rng.normal(0.0, 4.0 * MG, 3)))
+        out = solutions_of(samples_from(truth, flaws, seed))
+        tilt, _ = errors_deg(out["q_nb"], truth.attitude)
+        sure = (out["status"] & ATTITUDE_VALID != 0) & (tilt > 2.0) & (tilt**2 > 8.0 * tilt_variance_deg2(out))
+        wrong_s += 0.01 * np.count_nonzero(sure[500:])
+    assert wrong_s < 2.0

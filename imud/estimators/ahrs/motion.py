@@ -43,6 +43,7 @@ def update_travel(p: Parameters, s: State) -> None:
     gain = time / (c.travel_time_s + time)
     sustained2 = second_difference2 = 0.0
     in_motion = motion.moving_s / c.travel_time_s
+    update_hidden_tilt(p, s)
     unknown = 0.0 if s.stationarity.gravity_checked == 1 else 1.0 / (1.0 + in_motion) ** 2
     evidence = c.travel_evidence + unknown * c.travel_evidence_at_start
     for i in range(3):
@@ -60,6 +61,22 @@ def update_travel(p: Parameters, s: State) -> None:
     motion.vibration_level += time / (c.vibration_time_s + time) * (second_difference - motion.vibration_level)
     if sustained2 > 0.0:
         motion.travel_vibration_level += gain * (second_difference - motion.travel_vibration_level)
+
+
+@kernel
+def update_hidden_tilt(p: Parameters, s: State) -> None:
+    """Before the first rest: the tilt that the centripetal force of a steady turn looks like, with a gyro bias.
+
+    A turn whose rate changes tells them apart.
+    """
+    c, motion, total = p.tuning, s.motion, s.integrals
+    turned = total.c_outer_w[18] + total.c_outer_w[22] + total.c_outer_w[26]  # rad about the vertical
+    remembered_s = min(c.unseen_velocity_time_s + motion.moving_s, c.steady_turn_time_s) + total.time
+    motion.turn_rate += (turned - motion.turn_rate * total.time) / remembered_s
+    motion.turn_rate2 += (turned * turned / total.time - motion.turn_rate2 * total.time) / remembered_s
+    steady2 = max(2.0 * motion.turn_rate**2 - motion.turn_rate2, 0.0)  # the mean squared less the variance
+    known = s.stationarity.gravity_checked == 1
+    motion.hidden_tilt = 0.0 if known else math.sqrt(steady2) * c.hidden_speed_mps / s.nav.gravity
 
 
 @kernel

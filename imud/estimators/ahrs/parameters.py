@@ -128,6 +128,8 @@ _MOTION = (
         "So many more where there has been no rest; less with the time in motion.",
         SIMULATED,
     ),
+    Tunable("hidden_speed_mps", 3.0, "m/s", "Speed in a steady turn that looks like tilt before a rest.", SIMULATED),
+    Tunable("steady_turn_time_s", 30.0, "s", "Time over which turns to and fro cancel.", SIMULATED, low=1.0),
     Tunable("vibration_time_s", 0.5, "s", "Time over which the vibration is averaged.", VEHICLES, low=1e-3),
     Tunable("road_slope", 0.03, "", "Sigma of the slope of roads.", UNRECORDED),
     Tunable("reset_velocity_var", 0.1, "(m/s)^2", "Variance of a velocity that is reset.", UNRECORDED),

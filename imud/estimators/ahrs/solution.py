@@ -22,9 +22,10 @@ def write_solution(p: Parameters, s: State, flags: int, out: Solution) -> None:
     """Write a row of SOLUTION; what this filter does not estimate is NaN."""
     nav, cov, c = s.nav, s.cov, p.tuning
     status = 0
+    unseen = elementary.hypot(s.attitude_step.possible_tilt_error, s.motion.hidden_tilt)  # rad, of roll and pitch
     if (
         s.levelling.initialised == 1
-        and elementary.hypot(cov.sigma_tilt, s.attitude_step.possible_tilt_error) < c.valid_tilt_rad
+        and elementary.hypot(cov.sigma_tilt, unseen) < c.valid_tilt_rad
         and s.imu.outage_s < c.long_gap_s
     ):
         status |= ATTITUDE_VALID
@@ -47,6 +48,6 @@ def write_solution(p: Parameters, s: State, flags: int, out: Solution) -> None:
         out.f[i] = f[i]
         out.bg[i] = nav.bg[i]
         out.ba[i] = nav.ba[i]
-        out.sigma_rpy[i] = elementary.hypot(cov.sigma_rpy[i], s.attitude_step.possible_tilt_error if i < 2 else 0.0)
+        out.sigma_rpy[i] = elementary.hypot(cov.sigma_rpy[i], unseen if i < 2 else 0.0)
         out.sigma_bg[i] = cov.sigma_bg[i]
         out.sigma_ba[i] = cov.sigma_ba[i]

@@ -125,6 +125,9 @@ MOTION = np.dtype(
         ("mean_force", "<f8", (3,)),  # m/s^2, NED, over the interval before
         ("mean_force_change", "<f8", (3,)),  # from the interval before that
         ("moving_s", "<f8"),  # in motion, before the first rest
+        ("turn_rate", "<f8"),  # rad/s about the vertical, mean over steady_turn_time_s
+        ("turn_rate2", "<f8"),  # (rad/s)^2, mean of its square
+        ("hidden_tilt", "<f8"),  # rad, by which the tilt may be wrong before the first rest in a steady turn
         ("vibration_level", "<f8"),  # m/s^2, change of that change, averaged
         ("travel_vibration_level", "<f8"),  # the same while the body travelled
     ],

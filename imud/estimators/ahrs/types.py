@@ -38,6 +38,8 @@ class Tuning:
     travel_time_s: float
     travel_evidence: float
     travel_evidence_at_start: float
+    hidden_speed_mps: float
+    steady_turn_time_s: float
     vibration_time_s: float
     road_slope: float
     reset_velocity_var: float
@@ -179,6 +181,9 @@ class Motion:
     mean_force: Reals
     mean_force_change: Reals
     moving_s: float
+    turn_rate: float
+    turn_rate2: float
+    hidden_tilt: float
     vibration_level: float
     travel_vibration_level: float
 

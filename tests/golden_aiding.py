@@ -251,6 +251,15 @@ def pose_alone():
     return replace(navigated(samples, fixes[:0]), settings=settings, measurements=rows)
 
 
+def pose_elsewhere():
+    """There is no receiver; the poses jump by 3 m for good, are rejected, and return when the estimate is less sure."""
+    d = road(100.0)
+    samples, fixes = data(d, seed=81)
+    rows = poses(d, 82, (0.0, 0.0, 0.0))
+    rows["value"][rows["t_ns"] > 150e9, 0] += 3.0 / 6.37e6
+    return replace(navigated(samples, fixes[:0]), measurements=rows)
+
+
 def pose_without_yaw():
     """There is no receiver; the heading is given, and the poses have none."""
     d = road(60.0)

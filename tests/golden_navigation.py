@@ -20,6 +20,7 @@ from golden_aiding import (
     odometer_without_sign,
     pose,
     pose_alone,
+    pose_elsewhere,
     pose_without_yaw,
     speed_through_water,
     two_wheels,
@@ -131,6 +132,6 @@ CLASSES = (
     date_line, rtk_on_a_rough_road, odometer, odometer_without_sign, odometer_against_a_drift,
     odometer_against_a_drift_across,
     compass_in_wrong_units, speed_through_water, odometer_late, odometer_faulty, two_wheels,
-    barometer, pose, pose_alone, pose_without_yaw, external_velocity, body_velocity,
+    barometer, pose, pose_alone, pose_elsewhere, pose_without_yaw, external_velocity, body_velocity,
     magnetometer, magnetometer_contradicted, magnetometer_doubted,
 )  # fmt: skip

@@ -185,7 +185,7 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
     frozen = is_frozen(p, c, m, forward, predicted, r)
     gate = REJECT
     if not frozen:
-        gate = step_gate(p, c, innovation(c, length, z), innovation_variance(c, length) + r, r)
+        gate = step_gate(p, c, forward, innovation(c, length, z), innovation_variance(c, length) + r, r)
     z, s, nis = correlated_update(c, length, z, r, shared, gate)
     used = nis >= 0.0
     count_use(p, c, used, dt)

@@ -121,6 +121,13 @@ def correction_since(c: Core, forward: Vector, before: Reals) -> float:
 
 
 @kernel
+def error_since_used(c: Core, forward: Vector, z: float) -> float:
+    """What readings and integrated force have come apart by since the last used reading, m/s. z: innovation."""
+    corrected = (1.0 + c.nav.odometer_scale) * correction_since(c, forward, c.odometer.used_corrections)
+    return z + corrected - c.odometer.residual
+
+
+@kernel
 def check_step(p: Parameters, c: Core, forward: Vector, z: float, r: float) -> None:
     """At a rejected reading: did the readings leave the integrated force at once? z: innovation, m/s; r: variance.
 
@@ -130,20 +137,21 @@ def check_step(p: Parameters, c: Core, forward: Vector, z: float, r: float) -> N
     g = c.odometer
     if g.step > 0.0 or g.last_used_ns == NEVER_NS:
         return
-    corrected = (1.0 + c.nav.odometer_scale) * correction_since(c, forward, g.used_corrections)
     most = math.sqrt(2.0 * p.tuning.odometer_gate * r)
     most += p.tuning.odometer_max_accel_error * 1e-9 * abs(c.nav.t_ns - g.last_used_ns)
-    if abs(z + corrected - g.residual) > most:
+    if abs(error_since_used(c, forward, z)) > most:
         g.step, g.inflation = abs(z), 0.0
 
 
 @kernel
-def step_gate(p: Parameters, c: Core, z: float, s: float, r: float) -> float:
+def step_gate(p: Parameters, c: Core, forward: Vector, z: float, s: float, r: float) -> float:
     """Gate of a reading with innovation z of variance s, r of the reading: while they are wrong at once, their return.
 
     Without the inflation P would let any reading pass.
     """
     g = c.odometer
+    if abs(error_since_used(c, forward, z)) < p.tuning.odometer_return * g.step:  # the readings are back at the force
+        g.step = g.inflation = 0.0
     if g.step == 0.0:
         return p.tuning.odometer_gate
     near = abs(z) < p.tuning.odometer_return * g.step and z * z < p.tuning.odometer_gate * max(s - g.inflation, r)

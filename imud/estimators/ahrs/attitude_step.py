@@ -79,7 +79,7 @@ def window_angle(p: Parameters, s: State) -> tuple[bool, float, float]:
     c, step = p.tuning, s.attitude_step
     gravity2 = (s.nav.gravity * step.window_s) ** 2
     angle = angle_to_vertical(step.window_delta_v)
-    var = (2.0 * step.usual_gain2 + c.min_gain_mps**2) / gravity2
+    var = (2.0 * step.usual_gain2 + c.min_gain_mps**2) / gravity2 + step.clipping_variance
     if angle * angle > c.usual_gain_sigmas**2 * var:
         return False, angle, var
     angle, f = angle_to_vertical(step.window_mean_v), step.mean_force
@@ -88,7 +88,8 @@ def window_angle(p: Parameters, s: State) -> tuple[bool, float, float]:
     if step.window_s < c.velocity_scatter_time_s or newest < c.steady_share * level2:
         return True, angle, math.inf
     lag = (c.velocity_scatter_time_s / (c.velocity_scatter_time_s + step.window_s)) ** 2
-    return True, angle, (2.0 * step.usual_mean2 + c.min_gain_mps**2) / gravity2 + (lag * angle) ** 2
+    var = (2.0 * step.usual_mean2 + c.min_gain_mps**2) / gravity2 + step.clipping_variance
+    return True, angle, var + (lag * angle) ** 2
 
 
 @kernel
@@ -117,7 +118,7 @@ def update_hand_held(p: Parameters, s: State) -> None:
 @kernel
 def restart_window(s: State) -> None:
     """The gain begins to grow now, if it does."""
-    s.attitude_step.window_s = 0.0
+    s.attitude_step.window_s = s.attitude_step.clipping_variance = 0.0
     for i in range(3):
         s.attitude_step.window_delta_v[i] = s.attitude_step.window_mean_v[i] = 0.0
 

@@ -47,6 +47,7 @@ def compensate_clipping(p: Parameters, s: State, w: Vector, dt: float, flags: in
             angle = cut_off_angle(clip.slope[i], abs(w[i]), clip.time[i])
             variance = p.tuning.clipping_error**2 * (angle * angle - before * before)
             add_attitude_variance(s, (C[i], C[3 + i], C[6 + i]), variance)
+            s.attitude_step.clipping_variance += variance
         else:
             if clip.time[i] > 0.0:
                 angle = cut_off_angle(0.5 * (clip.slope[i] + slope), abs(last), clip.time[i])

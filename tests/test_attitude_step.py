@@ -7,10 +7,32 @@ from attitude_simulation import DEG, Flaws, errors_deg, simulate, wobble
 from broad import solutions_of
 from scipy.spatial.transform import Rotation
 
+from imud.compile.jit import interpreted
+from imud.configuration.settings import Initial, Settings
+from imud.drivers.sample import LIMITED_AXES
+from imud.estimators.ahrs.attitude_step import window_angle
+from imud.estimators.ahrs.clipping import compensate_clipping
+from imud.estimators.ahrs.setup import configure, start
+from imud.estimators.ahrs.state import ATTITUDE, STATES
 from imud.estimators.records import ATTITUDE_VALID
+from imud.math.kalman import packed_index
 
 SLIP_S = 30.0
 FLAWS = Flaws(gyro_bias=(0.2 * DEG, -0.1 * DEG, 0.15 * DEG))
+
+
+class Fields:
+    """The fields of a record as attributes, also one that is named as an attribute of numpy's."""
+
+    def __init__(self, record):
+        object.__setattr__(self, "record", record)
+
+    def __getattr__(self, name):
+        value = self.record[name]
+        return Fields(value) if value.dtype.names else value
+
+    def __setattr__(self, name, value):
+        self.record[name] = value
 
 
 def begun(course, start=5.0):
@@ -101,3 +123,19 @@ def test_a_vehicle_in_which_a_sensor_is_laid_down_may_gain_any_velocity():
     tilt, _ = errors_deg(out["q_nb"], truth.attitude)
     assert tilt[200:].max() < 3.0
     assert (out["status"][200:] & ATTITUDE_VALID).all()
+
+
+def test_what_a_clipped_gyro_may_hide_is_no_evidence_of_a_slip():
+    """The variance that clipping adds to the attitude, is added to that of the force's angle."""
+    parameters = configure(Settings(), 100.0)
+    p, s = Fields(parameters[0]), Fields(start(parameters, Initial())[0])
+    s.attitude_step.window_s, s.attitude_step.window_delta_v[:] = 3.0, (6.0, 0.0, -29.0)
+    use_mean, angle, variance = interpreted(window_angle)(p, s)
+    assert (use_mean, angle) == (False, pytest.approx(np.arctan2(6.0, 29.0)))
+    i = interpreted(packed_index)(STATES, ATTITUDE, ATTITUDE)
+    s.nav.q_nb[:], before = (1.0, 0.0, 0.0, 0.0), s.cov.P[i]
+    for w in (3.0, 9.0, 9.0, 9.0):
+        s.imu.w[:] = interpreted(compensate_clipping)(p, s, (w, 0.0, 0.0), 0.01, LIMITED_AXES if w > 5.0 else 0)
+    added = s.cov.P[i] - before
+    assert added > 0.0
+    assert interpreted(window_angle)(p, s) == (False, angle, pytest.approx(variance + added))

@@ -36,24 +36,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of the emulator."""
     parser.usage = "%(prog)s DEVICE [DEVICE ...] [OPTION ...]"
     parser.epilog = (
-        "--replay takes a recording (MCAP): its bytes are sent as recorded, from the stream's start on; imu.csv and "
-        "gnss.csv of `imud export --csv`: each sample as it is; or a receiver's sentences. Epson on SPI: "
+        "--replay takes a recording (MCAP), whose bytes are sent; imu.csv and gnss.csv of `imud export --csv`; or a "
+        "receiver's sentences. Epson on SPI: "
         f"PYTHONPATH={STAND_IN} IMUD_SIM='g350 --scenario car' imud --port spi:0.0 --set "
         "spi.data_ready=gpiochip0:24."
     )
     add = parser.add_argument
-    kinds, chips = (
-        ", ".join((*DEFAULT_BAUD, *PROGRAMS)),
-        ", ".join(name for name in KERNEL if name != "swapped"),
-    )  # that is for tests
-    add(
-        "devices",
-        nargs="+",
-        type=_device,
-        metavar="DEVICE",
-        help=f"{kinds}; also @BAUD. With --iio-root: {chips}",
-    )
-    add("--send", metavar="ADDRESS", help=f"where {', '.join(PROGRAMS)} send: the daemon's aiding.listen")
+    chips = ", ".join(name for name in KERNEL if name != "swapped")  # that is for tests
+    help_ = f"{', '.join(DEFAULT_BAUD)}; also @BAUD. With --iio-root: {chips}"
+    add("devices", nargs="+", type=_device, metavar="DEVICE", help=help_)
+    add("--send", metavar="ADDRESS", help=f"where {', '.join(PROGRAMS)} send")
     add("--iio-root", type=Path, metavar="DIR", help="folder that gets sys/ and dev/ as the kernel has them")
     scenarios = ", ".join(SCENARIO_NAMES)
     add("--scenario", choices=SCENARIO_NAMES, default="rest", metavar="NAME", help=f"{scenarios} (default rest)")

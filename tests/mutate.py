@@ -37,6 +37,7 @@ NOT_NOTICED = {
     "navigation.pose_offset_s": BETWEEN + "distance at which rejected poses return",
     "navigation.pose_return_gate": BETWEEN + "distance at which rejected poses return",
     "navigation.odometer_return": BETWEEN + "distance at which a faulty odometer returns",
+    "navigation.odometer_max_inflation_s": BETWEEN + "time for which an odometer is rejected",
     "navigation.odometer_repetitions": BETWEEN + "longest repetition of a coarse reading",
     "navigation.power_on_force_sigma": BETWEEN + "tilt of a sensor that is mounted anew",
     "navigation.power_on_tilt_gate": BETWEEN + "tilt of a sensor that is mounted anew",

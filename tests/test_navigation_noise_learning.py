@@ -83,7 +83,8 @@ def test_the_scores_are_the_derivatives_of_the_log_likelihood(seed):
             v, s, d = used[4 * k + i]
             columns = np.flatnonzero(h[k, i])
             m = len(columns)
-            scratch["columns"][:m], scratch["values"][:m], scratch["d"][:N] = columns, h[k, i, columns], d
+            scratch["columns"][:m], scratch["values"][:m] = columns, h[k, i, columns]
+            scratch["d"][:N], scratch["gain"][:N] = d, d / s
             learn_process_noise(p[0], c, m, v, s)
             update_learning(c, m, v, s)
     assert (g["log_psd"] - log_psd) / sigma2 == pytest.approx(expected, rel=1e-3, abs=1e-3)

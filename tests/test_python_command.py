@@ -8,7 +8,7 @@ import pytest
 
 import imud
 from imud import __version__
-from imud.daemon.simulated import ports
+from imud.daemon.simulated import emulated
 from imud.process.python import python_command
 
 ROOT = Path(imud.__file__).parents[1]
@@ -32,8 +32,8 @@ def test_another_imud_in_the_current_folder_is_not_run():
 
 @pytest.mark.usefixtures("beside_another_imud")
 def test_an_emulated_port_beside_another_imud():
-    with ports(["sim:car"], 1) as (port,):
-        assert Path(port).exists()
+    with emulated(["sim:car"], 1) as made:
+        assert [Path(port).exists() for port in made.ports] == [True]
 
 
 def test_in_a_checkout_its_own_imud_is_run_also_without_an_installation(monkeypatch):

@@ -126,16 +126,18 @@ def test_a_vehicle_in_which_a_sensor_is_laid_down_may_gain_any_velocity():
 
 
 def test_what_a_clipped_gyro_may_hide_is_no_evidence_of_a_slip():
-    """The variance that clipping adds to the attitude, is added to that of the force's angle."""
+    """The variance that clipping adds to the attitude, is added to that of the mean force's angle."""
     parameters = configure(Settings(), 100.0)
     p, s = Fields(parameters[0]), Fields(start(parameters, Initial())[0])
-    s.attitude_step.window_s, s.attitude_step.window_delta_v[:] = 3.0, (6.0, 0.0, -29.0)
+    s.attitude_step.window_s, s.attitude_step.usual_gain2 = 3.0, 100.0
+    s.attitude_step.window_delta_v[:] = s.attitude_step.window_mean_v[:] = 6.0, 0.0, -29.0
+    s.attitude_step.mean_force[:] = 2.0, 0.0, -9.6
     use_mean, angle, variance = interpreted(window_angle)(p, s)
-    assert (use_mean, angle) == (False, pytest.approx(np.arctan2(6.0, 29.0)))
+    assert (use_mean, angle) == (True, pytest.approx(np.arctan2(6.0, 29.0)))
     i = interpreted(packed_index)(STATES, ATTITUDE, ATTITUDE)
     s.nav.q_nb[:], before = (1.0, 0.0, 0.0, 0.0), s.cov.P[i]
     for w in (3.0, 9.0, 9.0, 9.0):
         s.imu.w[:] = interpreted(compensate_clipping)(p, s, (w, 0.0, 0.0), 0.01, LIMITED_AXES if w > 5.0 else 0)
     added = s.cov.P[i] - before
     assert added > 0.0
-    assert interpreted(window_angle)(p, s) == (False, angle, pytest.approx(variance + added))
+    assert interpreted(window_angle)(p, s) == (True, angle, pytest.approx(variance + added))

@@ -79,7 +79,7 @@ def window_angle(p: Parameters, s: State) -> tuple[bool, float, float]:
     c, step = p.tuning, s.attitude_step
     gravity2 = (s.nav.gravity * step.window_s) ** 2
     angle = angle_to_vertical(step.window_delta_v)
-    var = (2.0 * step.usual_gain2 + c.min_gain_mps**2) / gravity2 + step.clipping_variance
+    var = (2.0 * step.usual_gain2 + c.min_gain_mps**2) / gravity2
     if angle * angle > c.usual_gain_sigmas**2 * var:
         return False, angle, var
     angle, f = angle_to_vertical(step.window_mean_v), step.mean_force
@@ -113,6 +113,12 @@ def update_hand_held(p: Parameters, s: State) -> None:
         step.hand_held_s = 0.0
     elif a2 > c.lively_acceleration_mps2**2 * time or total.w2 > c.lively_rate_radps**2 * time:
         step.hand_held_s = min(step.hand_held_s + time, 2.0 * c.hand_time_s)
+
+
+@kernel
+def add_clipping_variance(s: State, variance: float) -> None:
+    """A rate beyond the range has added `variance`, rad^2, to the attitude, and so to the angle of the mean force."""
+    s.attitude_step.clipping_variance += variance
 
 
 @kernel

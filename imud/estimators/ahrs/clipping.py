@@ -15,6 +15,7 @@ from imud.drivers.sample import LIMITED_AXES
 
 from ...compile.jit import kernel
 from ...math.rotation import Vector, dcm_of_quat
+from .attitude_step import add_clipping_variance
 from .error_model import add_attitude_variance
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ def compensate_clipping(p: Parameters, s: State, w: Vector, dt: float, flags: in
             angle = cut_off_angle(clip.slope[i], abs(w[i]), clip.time[i])
             variance = p.tuning.clipping_error**2 * (angle * angle - before * before)
             add_attitude_variance(s, (C[i], C[3 + i], C[6 + i]), variance)
-            s.attitude_step.clipping_variance += variance
+            add_clipping_variance(s, variance)
         else:
             if clip.time[i] > 0.0:
                 angle = cut_off_angle(0.5 * (clip.slope[i] + slope), abs(last), clip.time[i])

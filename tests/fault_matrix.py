@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from golden_aiding import external
+from golden_external import external
 from msgspec.structs import replace
 from navigation_simulation import drive, errors, received, sensed
 from test_navigation_aiding import estimated, headings

@@ -2,13 +2,11 @@
 
 from golden_aiding import (
     barometer,
-    body_velocity,
     compass,
     compass_behind_many_fixes,
     compass_in_any_order,
     compass_in_wrong_units,
     compass_too_late,
-    external_velocity,
     magnetometer,
     magnetometer_contradicted,
     magnetometer_doubted,
@@ -18,13 +16,10 @@ from golden_aiding import (
     odometer_faulty,
     odometer_late,
     odometer_without_sign,
-    pose,
-    pose_alone,
-    pose_elsewhere,
-    pose_without_yaw,
     speed_through_water,
     two_wheels,
 )
+from golden_external import body_velocity, external_velocity, pose, pose_alone, pose_elsewhere, pose_without_yaw
 from golden_gnss import (
     contrary_velocity,
     drift_that_returns,

@@ -42,7 +42,7 @@ TUNABLES = (
         2.0,
         "",
         "Chi-square from which the heading error of a step is part of the stated sigma.",
-        "1.4 sigma: a likely step costs more in doubt than in sigma.",
+        "1.4 sigma: not to state a step that is there costs more than to state one that is not.",
     ),
     Tunable("gyro_bias_step_share", 0.5, "", "Sigma of a step that was detected, as a share of it.", "Choice."),
     Tunable(

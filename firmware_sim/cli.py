@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "spi.data_ready=gpiochip0:24."
     )
     add = parser.add_argument
-    chips = ", ".join(name for name in KERNEL if name != "swapped")  # that is for tests
+    chips = ", ".join(name for name in KERNEL if name != "swapped")  # which is for tests
     help_ = f"{', '.join(DEFAULT_BAUD)}; also @BAUD. With --iio-root: {chips}"
     add("devices", nargs="+", type=_device, metavar="DEVICE", help=help_)
     add("--send", metavar="ADDRESS", help=f"where {', '.join(PROGRAMS)} send")

@@ -23,6 +23,7 @@ def test_given_settings_replace_the_profiles():
         gyro_bias_instability_deg_per_h = 7.2
         gyro_bias_initial_dps = 1.0
         gyro_scale_percent = 0.2
+        gyro_misalignment_percent = 0.1
         accel_random_walk_mps_per_sqrt_h = 0.06
         accel_bias_instability_mg = 0.2
         accel_bias_initial_mg = 4.0
@@ -33,6 +34,7 @@ def test_given_settings_replace_the_profiles():
         "gyro_bias_instability": math.radians(7.2) / 3600.0,
         "gyro_bias_initial": math.radians(1.0),
         "gyro_scale": 0.002,
+        "gyro_misalignment": 0.001,
         "accel_noise": 0.001,
         "accel_bias_instability": 0.2e-3 * 9.80665,
         "accel_bias_initial": 4e-3 * 9.80665,

@@ -74,8 +74,9 @@ class Noise(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     gyro_bias_initial_dps: Annotated[float, number(1e-6, 1e3, "deg/s", "Bias at switch-on, 1 sigma.", or_zero=True)] = (
         0.0
     )
-    gyro_scale_percent: Annotated[
-        float, number(1e-6, 50.0, "%", "Scale factor and misalignment, 1 sigma.", or_zero=True)
+    gyro_scale_percent: Annotated[float, number(1e-6, 50.0, "%", "Scale factor, 1 sigma.", or_zero=True)] = 0.0
+    gyro_misalignment_percent: Annotated[
+        float, number(1e-6, 50.0, "%", "Cross-axis sensitivity (1 % is 0.57 deg), 1 sigma.", or_zero=True)
     ] = 0.0
     accel_random_walk_mps_per_sqrt_h: Annotated[
         float, number(1e-6, 1e3, "m/s/√h", "Velocity random walk N.", or_zero=True)

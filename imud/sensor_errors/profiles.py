@@ -14,7 +14,8 @@ class Profile:
     gyro_noise: float  # angular random walk, (rad/s)/sqrt(Hz)
     gyro_bias_instability: float  # rad/s
     gyro_bias_initial: float  # rad/s, 1 sigma at switch-on
-    gyro_scale: float  # 1 sigma of scale factor and misalignment
+    gyro_scale: float  # 1 sigma
+    gyro_misalignment: float  # rad, 1 sigma: cross-axis sensitivity
     gyro_range: float  # rad/s
     accel_noise: float  # velocity random walk, (m/s^2)/sqrt(Hz)
     accel_bias_instability: float  # m/s^2
@@ -28,12 +29,14 @@ _HOUR = 3600.0
 _MG = 1e-3 * STANDARD_GRAVITY
 
 PROFILES = {
-    # Epson M-G350-PD11 data sheet, in its units: ARW 0.2 deg/sqrt(h), VRW 0.04 (m/s)/sqrt(h), scale factor +-0.5 %
+    # Epson M-G350-PD11 data sheet, in its units: ARW 0.2 deg/sqrt(h), VRW 0.04 (m/s)/sqrt(h), scale factor +-0.5 %,
+    # misalignment 0.1 deg
     "m-g350": Profile(
         gyro_noise=0.2 * _DEG / math.sqrt(_HOUR),
         gyro_bias_instability=6.0 * _DEG / _HOUR,
         gyro_bias_initial=0.5 * _DEG,
         gyro_scale=0.005,
+        gyro_misalignment=0.1 * _DEG,
         gyro_range=300.0 * _DEG,
         accel_noise=0.04 / math.sqrt(_HOUR),
         accel_bias_instability=0.1 * _MG,
@@ -42,12 +45,14 @@ PROFILES = {
         accel_range=3.0 * STANDARD_GRAVITY,
     ),
     # a phone- or drone-class part of unknown make: ten times the noise, and biases that need a wide prior
-    # (one real unit in our recordings had 4.5 deg/s)
+    # (one real unit in our recordings had 4.5 deg/s); scale factor to cross-axis sensitivity as 3 to 2, like their limits
+    # in the data sheet of the MPU-6000
     "consumer-mems": Profile(
         gyro_noise=0.01 * _DEG,
         gyro_bias_instability=20.0 * _DEG / _HOUR,
         gyro_bias_initial=2.0 * _DEG,
         gyro_scale=0.01,
+        gyro_misalignment=0.0067,
         gyro_range=2000.0 * _DEG,
         accel_noise=2e-3,
         accel_bias_instability=0.5 * _MG,
@@ -68,12 +73,13 @@ PROFILES["mma7260"] = replace(
 )
 # Crossbow DMU RGA300CA: its own figures are not published; the data sheet of the maker's AHRS400 of the same years has
 # ARW < 2.25 deg/sqrt(h), VRW < 0.1 (m/s)/sqrt(h), gyro bias < 1 deg/s, in-run 0.05 deg/s, accelerometers 8.5 mg,
-# scale factors < 1 %
+# scale factors < 1 %; misalignment in proportion to the M-G350's
 PROFILES["crossbow-dmu"] = Profile(
     gyro_noise=2.25 * _DEG / math.sqrt(_HOUR),
     gyro_bias_instability=0.05 * _DEG,
     gyro_bias_initial=1.0 * _DEG,
     gyro_scale=0.01,
+    gyro_misalignment=0.2 * _DEG,
     gyro_range=100.0 * _DEG,
     accel_noise=0.1 / math.sqrt(_HOUR),
     accel_bias_instability=0.5 * _MG,
@@ -94,6 +100,7 @@ _OVERRIDES = (
     ("gyro_bias_instability_deg_per_h", "gyro_bias_instability", _DEG / _HOUR),
     ("gyro_bias_initial_dps", "gyro_bias_initial", _DEG),
     ("gyro_scale_percent", "gyro_scale", 0.01),
+    ("gyro_misalignment_percent", "gyro_misalignment", 0.01),
     ("accel_random_walk_mps_per_sqrt_h", "accel_noise", 1.0 / math.sqrt(_HOUR)),
     ("accel_bias_instability_mg", "accel_bias_instability", _MG),
     ("accel_bias_initial_mg", "accel_bias_initial", _MG),

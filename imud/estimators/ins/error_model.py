@@ -109,13 +109,6 @@ TUNABLES = (
         "Least rotation that is corrected for scale factors and misalignments.",
         "Numerics.",
     ),
-    Tunable(
-        "misalignment_over_scale",
-        0.35,
-        "",
-        "Sigma of a gyro's misalignment over that of its scale factor.",
-        "M-G350 data sheet: 0.1 deg and 0.5 %.",
-    ),
     Tunable("gyro_scale_psd", 5e-5**2, "1/s", "Random walk of gyro_scale, with temperature.", "0.3 % in an hour."),
 )
 
@@ -167,8 +160,8 @@ def apply_transition(u: Tensor, columns: int, transition: Transition) -> None:
 def reset_gyro_scale(p: Parameters, c: Core) -> None:
     """Make gyro_scale independent of the other error states, with the sigmas of the profile."""
     for k in range(9):
-        share = 1.0 if k % 4 == 0 else p.tuning.misalignment_over_scale
-        reset(c.cov.P, STATES, GYRO_SCALE + k, (share * p.gyro_scale) ** 2)
+        sigma = p.gyro_scale if k % 4 == 0 else p.gyro_misalignment
+        reset(c.cov.P, STATES, GYRO_SCALE + k, sigma**2)
 
 
 @kernel

@@ -138,6 +138,7 @@ PARAMETERS = np.dtype(
         ("gyro_bias_psd", "<f8"),  # rad^2/s^3
         ("gyro_bias_sigma", "<f8"),  # rad/s, at switch-on
         ("gyro_scale", "<f8"),
+        ("gyro_misalignment", "<f8"),  # rad
         ("accel_psd", "<f8"),  # m^2/s^3
         ("accel_bias_psd", "<f8"),  # m^2/s^5
         ("accel_bias_sigma", "<f8"),  # m/s^2, at switch-on
@@ -169,6 +170,7 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     r["gyro_bias_psd"] = profile.gyro_bias_instability**2 / r["tuning"]["bias_walk_time_s"]
     r["gyro_bias_sigma"] = profile.gyro_bias_initial
     r["gyro_scale"] = profile.gyro_scale
+    r["gyro_misalignment"] = profile.gyro_misalignment
     r["accel_psd"] = profile.accel_noise**2
     r["accel_bias_psd"] = profile.accel_bias_instability**2 / r["tuning"]["bias_walk_time_s"]
     r["accel_bias_sigma"] = profile.accel_bias_initial

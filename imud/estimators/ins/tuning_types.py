@@ -12,7 +12,6 @@ class Tuning:
     mount_psd: float
     nhc_lever_arm_psd: float
     min_scaled_turn: float
-    misalignment_over_scale: float
     gyro_scale_psd: float
     accel_scale_time_s: float
     gyro_scale_time_s: float

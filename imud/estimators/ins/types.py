@@ -29,6 +29,7 @@ class Parameters:
     gyro_bias_psd: float
     gyro_bias_sigma: float
     gyro_scale: float
+    gyro_misalignment: float
     accel_psd: float
     accel_bias_psd: float
     accel_bias_sigma: float

@@ -45,7 +45,7 @@ PROFILES = {
         accel_range=3.0 * STANDARD_GRAVITY,
     ),
     # a phone- or drone-class part of unknown make: ten times the noise, and biases that need a wide prior
-    # (one real unit in our recordings had 4.5 deg/s); scale factor to cross-axis sensitivity as 3 to 2, like their limits
+    # (one real unit in our recordings had 4.5 deg/s); scale factor to misalignment as 3 to 2, like their limits
     # in the data sheet of the MPU-6000
     "consumer-mems": Profile(
         gyro_noise=0.01 * _DEG,

@@ -1,6 +1,7 @@
-"""Finds the drivers: every sub-package with a module `driver` that holds a `DRIVER`, and those of plug-ins.
+"""Finds the drivers: every sub-package with a module `driver` that holds a `DRIVER` of its name, and those of plug-ins.
 
-A new sensor is a new folder here, or a package of its own.
+A new sensor is a new folder here, or a package of its own. A driver is imported when it is asked for: all of them, when
+a device is to be found, so that a start does not wait for that.
 """
 
 import importlib
@@ -12,29 +13,35 @@ from .plugins import plugins
 
 
 @cache
-def drivers() -> tuple[AnyDriver, ...]:
-    """All drivers, by name."""
+def _folders() -> frozenset[str]:
+    """Of the drivers of this package: their names."""
     package = importlib.import_module(__package__)
-    folders = {file.parent.name for folder in package.__path__ for file in Path(folder).glob("*/driver.py")}
-    found = [importlib.import_module(f"{__package__}.{folder}.driver").DRIVER for folder in sorted(folders)]
-    own = {driver.name for driver in found}
-    found += [driver for driver in plugins("imud.drivers").values() if driver.name not in own]
-    return tuple(sorted(found, key=lambda driver: str(driver.name)))
+    return frozenset(file.parent.name for folder in package.__path__ for file in Path(folder).glob("*/driver.py"))
 
 
-def is_ours(driver: AnyDriver) -> bool:
-    """Whether it is one of this package, and no plug-in's."""
-    return type(driver).__module__.startswith(f"{__package__}.")
+@cache
+def plugged_in() -> dict[str, AnyDriver]:
+    """The drivers of plug-ins, by name."""
+    return {driver.name: driver for driver in plugins("imud.drivers").values() if driver.name not in _folders()}
 
 
+@cache
 def names() -> tuple[str, ...]:
     """What a user may write as a driver."""
-    return tuple(driver.name for driver in drivers())
+    return tuple(sorted((*_folders(), *plugged_in())))
 
 
 def by_name(name: str) -> AnyDriver:
     """The driver called `name`. Raises KeyError with the names there are."""
-    for driver in drivers():
-        if driver.name == name:
-            return driver
-    raise KeyError(f"no driver {name!r}; there are: {', '.join(names())}")
+    if name not in names():
+        raise KeyError(f"no driver {name!r}; there are: {', '.join(names())}")
+    if name in plugged_in():
+        return plugged_in()[name]
+    found: AnyDriver = importlib.import_module(f"{__package__}.{name}.driver").DRIVER
+    return found
+
+
+@cache
+def drivers() -> tuple[AnyDriver, ...]:
+    """All drivers, by name."""
+    return tuple(map(by_name, names()))

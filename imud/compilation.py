@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imud.drivers.driver import Identity, ImuConfigured, ImuDriver
-from imud.drivers.registry import drivers, is_ours
+from imud.drivers.registry import drivers, plugged_in
 from imud.drivers.sample import SAMPLE
 
 from .compile.entry import Dtype, Entry, recording_entries
@@ -31,7 +31,7 @@ _RATE_HZ, _PERIOD_NS = 1000.0, 1_000_000
 
 def _scratch(plugins_only: bool = False) -> list[tuple[ImuDriver, NDArray[np.void]]]:
     """Every driver of inertial sensors, with a decoder state for it to work on."""
-    sensors = [driver for driver in drivers() if driver.kind == "imu" and not (plugins_only and is_ours(driver))]
+    sensors = [driver for driver in (plugged_in().values() if plugins_only else drivers()) if driver.kind == "imu"]
     return [(d, d.new_state(ImuConfigured(Identity(d.name, ""), _RATE_HZ, _PERIOD_NS, 0, 0))) for d in sensors]
 
 

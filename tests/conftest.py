@@ -20,6 +20,22 @@ settings.load_profile("imud")
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
+# The files that take longest come first: what begins late is waited for at the end. Those of daemons wait most of their
+# time, the others compute: so the two kinds alternate, and there are more workers than processors.
+FIRST = (
+    *("faults_daemon", "navigation_matching", "daemon_spares", "golden_coverage", "daemon", "recording", "consistency"),
+    *("daemon_seraccel", "mutate", "daemon_iio", "compile_library", "sim_iio_polled", "c_reference", "papers_command"),
+    *("foxglove", "calibrate_recordings", "aiding_live", "riss", "probe", "fuzz", "hot_path", "web", "soak", "clock"),
+    *("demo", "same_bits", "status", "navigation_magnetometer", "sim_ports", "power_on", "ros2_node", "golden"),
+)
+
+
+def pytest_collection_modifyitems(items):
+    """Sort by file: FIRST, then the others as they are found."""
+    places = {f"test_{name}.py": place for place, name in enumerate(FIRST)}
+    items.sort(key=lambda item: places.get(item.path.name, len(FIRST)))
+
+
 def pytest_configure(config):
     """Compile the kernels before the workers start: all of them need them at once."""
     if not hasattr(config, "workerinput"):

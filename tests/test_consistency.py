@@ -15,7 +15,7 @@ the chi-square band, and on the M-G350, where what its paper's numbers make of i
 
 import math
 from dataclasses import replace
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 import pytest
@@ -58,6 +58,19 @@ def assert_in_band(squares):
     assert low < np.mean(squares) < high
 
 
+@lru_cache(maxsize=1)  # tests of the same inputs follow each other
+def inputs(scenario, seconds, rate_hz, rpy, grade, with_fixes):
+    """(motion; samples, fixes, 5 deg of yaw's error of each run)."""
+    m = motion(scenario, seconds, rate_hz, rpy)
+    rows = []
+    for run in range(RUNS):
+        rng = np.random.default_rng([11, run])
+        samples, _ = sensed(m, rng, grade)
+        fixes = received(m, rng) if with_fixes else None
+        rows.append((samples, fixes, 5.0 * rng.standard_normal()))
+    return m, rows
+
+
 @cache
 def normalised(name, scenario, seconds, at, rate_hz=50.0, grade=M_G350, rpy=(0.0, 0.0, 0.0), changed=()):
     """Squared errors over variances, (runs, times `at` in s, 9: position, velocity, roll pitch yaw); NIS per run.
@@ -65,14 +78,11 @@ def normalised(name, scenario, seconds, at, rate_hz=50.0, grade=M_G350, rpy=(0.0
     changed: settings other than those of an M-G350, as of `--set`.
     """
     settings = config.loads("", ("imu.profile=m-g350", *changed))
-    m = motion(scenario, seconds, rate_hz, rpy)
+    m, runs = inputs(scenario, seconds, rate_hz, rpy, grade, name in ("navigation", "gps-track"))
     k = np.array([round(t * rate_hz) for t in at])
     squares, nis = [], []
-    for run in range(RUNS):
-        rng = np.random.default_rng([11, run])
-        samples, _ = sensed(m, rng, grade)
-        fixes = received(m, rng) if name in ("navigation", "gps-track") else None
-        yaw = math.degrees(m.truth.rpy[0, 2]) + 5.0 * rng.standard_normal()  # as well as a user knows it
+    for samples, fixes, yaw_error in runs:
+        yaw = math.degrees(m.truth.rpy[0, 2]) + yaw_error  # as well as a user knows it
         place = {"lat_deg": 48.0, "lon_deg": 11.0, "height_m": 500.0, "yaw_deg": yaw} if name == "ins9" else {}
         out, rows = estimated(name, samples, fixes, settings, Initial(**place))
         out = out[k]

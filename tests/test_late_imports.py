@@ -70,3 +70,21 @@ unwanted = {{*{_SELDOM_USED}, "rich", "typing_extensions", "imud.estimators.tilt
 print(main(), "imud.daemon.loop" in sys.modules, *(unwanted & set(sys.modules)))
 """
     assert output_of(code) == ["69", "True"]
+
+
+def test_a_daemon_is_ready_before_any_driver_is_imported():
+    """None is needed before a device is looked for."""
+    code = """
+import os, sys
+sys.argv = ["imud", "run", "--port", "/dev/absent", "--listen", "127.0.0.1:0"]
+from imud.__main__ import main
+from imud.process.notify import Notifier
+def send(notifier, *assignments):
+    if "READY=1" in assignments:
+        print("ready", *(name for name in sys.modules if name.endswith(".driver") and name != "imud.drivers.driver"))
+        sys.stdout.flush()
+        os._exit(0)
+Notifier.send = send
+main()
+"""
+    assert output_of(code) == ["ready"]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from imud.compile.jit import kernel
 from imud.configuration.settings import Initial, Settings
 from imud.estimators.ins.aiding.nhc_noise import (
     add_innovation,
@@ -23,6 +24,16 @@ NOISE_SCALE_RANGE = TUNING["nhc_min_noise_scale"], TUNING["nhc_max_noise_scale"]
 INITIAL_NOISE_SCALE = np.sqrt(NOISE_SCALE_RANGE[0] * NOISE_SCALE_RANGE[1])
 
 
+@kernel
+def all_fit(p, c, innovations, assumed):
+    fits = True
+    for i in range(len(innovations)):
+        for k in range(2):
+            add_innovation(c, k, innovations[i, k], c.nhc.noise_scale[k] * assumed)
+        fits = not learn_noise_scale(p, c) and fits
+    return fits
+
+
 def learned(innovations, assumed, fix_age_s=0.0, known=True):
     """What is learned of `innovations` (rows of two), of a noise assumed to be `assumed`; whether all fits.
 
@@ -35,11 +46,7 @@ def learned(innovations, assumed, fix_age_s=0.0, known=True):
     if known:
         c["nhc"]["noise_scale"], c["nhc"]["sum_count"] = 1.0, 100
     clear_innovation_sums(c)
-    fits = True
-    for pair in innovations:
-        for k in range(2):
-            add_innovation(c, k, pair[k], c["nhc"]["noise_scale"][k] * assumed)
-        fits = not learn_noise_scale(PARAMETERS, c) and fits
+    fits = all_fit(PARAMETERS, c, innovations, assumed)
     return c["nhc"]["noise_scale"].copy(), fits
 
 

@@ -1,6 +1,7 @@
 """Which package, folder and file may import what, read from the import statements themselves."""
 
 import ast
+import functools
 import sys
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -120,13 +121,19 @@ ONLY = {
 PORTS = {"serial", "termios", "fcntl", "socket", "select", "time"}  # and waiting: not the business of a device's driver
 
 
+@functools.cache
+def import_statements(path):
+    """Those of a file, wherever in it."""
+    return [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Import | ast.ImportFrom)]
+
+
 def imported(path):
-    """Absolute names of the modules that a file imports, wherever in it."""
+    """Absolute names of the modules that a file imports."""
     package = path.relative_to(ROOT).with_suffix("").parts[:-1]
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in import_statements(path):
         if isinstance(node, ast.Import):
             yield from (in_folders(alias.name) for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
+        else:
             stem = package[: len(package) + 1 - node.level] if node.level else ()
             yield in_folders(".".join((*stem, *filter(None, [node.module]))))
 
@@ -223,11 +230,8 @@ def test_no_circle_between_places(graph):
 def test_imud_is_the_only_name_that_is_imported():
     """The wheel has no other; `drivers` is another project's on PyPI."""
     for path in [file for room in (*PACKAGES, "tests") for file in files(room)]:
-        names = {
-            node.module
-            for node in ast.walk(ast.parse(path.read_text()))
-            if isinstance(node, ast.ImportFrom) and not node.level
-        }
+        statements = import_statements(path)
+        names = {node.module for node in statements if isinstance(node, ast.ImportFrom) and not node.level}
         assert not top(names) & {"drivers", "firmware_sim"}, path
 
 

@@ -5,6 +5,7 @@ not enough for gcc before 12.3, which makes vfmaddsub of a subtraction and an ad
 106902): so no level of processors (`levels`) has FMA.
 """
 
+import errno
 import importlib.util
 import os
 import shutil
@@ -35,6 +36,8 @@ def compiler(target: str | None = None) -> list[str]:
             raise CannotBuildError("for another machine the Python package `ziglang` is needed")
         return [*zig, "-g0", "-target", target]
     if given := os.environ.get("CC", "").split():
+        if shutil.which(given[0]) is None:
+            raise CannotBuildError(f"{given[0]}: {os.strerror(errno.ENOENT)}")
         return given
     for name in ("cc", "gcc", "clang"):
         if shutil.which(name):

@@ -67,7 +67,7 @@ def allan_deviation(rate: Floats, rate_hz: float) -> AllanDeviation:
     fitted = [int(np.argmin(np.abs(sizes - 2**k))) for k in range(int(math.log2(sizes[-1])) + 1)]
     values, covariance = _fit(sizes[fitted], variance[fitted], n, rate_hz)
     tau, deviation = sizes / rate_hz, np.sqrt(variance)
-    sigma = np.sqrt(np.diag(_covariance(sizes, values, n, rate_hz))) / (2.0 * deviation)
+    sigma = np.sqrt(np.diag(_covariance(sizes, _gains(sizes, n, rate_hz), values, n, rate_hz))) / (2.0 * deviation)
     n_, b, k = (_coefficient(values[i], math.sqrt(covariance[i, i])) for i in range(3))
     return AllanDeviation(tau, deviation, sigma, n_, b, k, np.sqrt(_terms(tau) @ values))
 
@@ -77,28 +77,35 @@ def _terms(tau: Floats) -> Floats:
     return np.stack([1.0 / tau, np.full_like(tau, _FLICKER), tau / 3.0], axis=1)
 
 
-def _covariance(sizes: NDArray[np.int64], values: Floats, n: int, rate_hz: float) -> Floats:
+def _frequencies(n: int, rate_hz: float) -> Floats:
+    return np.geomspace(0.1 * rate_hz / n, 0.5 * rate_hz, _FREQUENCIES)
+
+
+def _gains(sizes: NDArray[np.int64], n: int, rate_hz: float) -> Floats:
+    """Half the squared gains, at `_frequencies`, of the filters whose mean squares the Allan variances are."""
+    x = math.pi * _frequencies(n, rate_hz) / rate_hz
+    return np.asarray((np.sin(np.outer(sizes, x)) ** 2 / (sizes[:, None] * np.sin(x))) ** 2)
+
+
+def _covariance(sizes: NDArray[np.int64], gains: Floats, values: Floats, n: int, rate_hz: float) -> Floats:
     """Of overlapping Allan variances over clusters of `sizes`, from `n` samples of noise with N^2, B^2, K^2 `values`.
 
     A squared Gaussian process of one-sided spectrum G, averaged over T, has the variance (1/T) integral of G^2 df; here
-    G is the noise's spectrum behind the filter whose mean square the Allan variance is.
+    G is the noise's spectrum behind the filter whose mean square the Allan variance is, of `gains`.
     """
-    f = np.geomspace(0.1 * rate_hz / n, 0.5 * rate_hz, _FREQUENCIES)
+    f = _frequencies(n, rate_hz)
     noise = 2.0 * values[0] + values[1] / (math.pi * f) + values[2] / (2.0 * math.pi**2 * f * f)
-    x = math.pi * f / rate_hz
-    filtered = (
-        noise * np.sqrt(np.gradient(f)) * 2.0 * (np.sin(np.outer(sizes, x)) ** 2 / (sizes[:, None] * np.sin(x))) ** 2
-    )
+    filtered = noise * np.sqrt(np.gradient(f)) * 2.0 * gains
     duration = (n + 1 - 2 * sizes) / rate_hz
     return np.asarray(filtered @ filtered.T / np.sqrt(np.outer(duration, duration)))
 
 
 def _fit(sizes: NDArray[np.int64], variance: Floats, n: int, rate_hz: float) -> tuple[Floats, Floats]:
     """N^2, B^2, K^2, none negative, and their covariance."""
-    terms = _terms(sizes / rate_hz)
+    terms, gains = _terms(sizes / rate_hz), _gains(sizes, n, rate_hz)
     values = np.array([variance[0] * sizes[0] / rate_hz, 0.0, 0.0])  # white, to begin with
     for _ in range(_ROUNDS):
-        whiten = np.linalg.inv(np.linalg.cholesky(_covariance(sizes, values, n, rate_hz)))
+        whiten = np.linalg.inv(np.linalg.cholesky(_covariance(sizes, gains, values, n, rate_hz)))
         values = _not_negative(whiten @ terms, whiten @ variance)
     scaled = whiten @ terms
     size = np.sqrt((scaled * scaled).sum(axis=0))

@@ -1,7 +1,7 @@
 """`python -m imud.commands.bench.observed FILE COMMAND …`: runs a command, and writes its interpreter's counts to FILE.
 
-As JSON, counted from READY on: pauses of the garbage collector in ns (except when a device connects), objects that it
-visits, functions compiled, blocks of memory that stayed allocated.
+As JSON: functions compiled since READY; and since the last device connected, for which drivers are imported, pauses of
+the garbage collector in ns, objects that it visits, blocks of memory that stayed allocated.
 """
 
 import gc
@@ -47,6 +47,8 @@ class Observer:
             ready, self.ready = self.ready, False
             set_aside()
             self.ready = ready
+            self.pauses_ns.clear()
+            self._blocks = sys.getallocatedblocks()
 
         garbage.set_aside = unobserved
 

@@ -185,6 +185,7 @@ CLIPPING = np.dtype(  # of the gyro, by axes
         ("last_slope", "<f8", (3,)),  # rad/s^2, of the newest step that was not flat
         ("flat", "<f8", (3,)),  # s, of flat steps since
         ("w", "<f8", (3,)),  # rad/s, the newest rates, compensated
+        ("missing_angle", "<f8"),  # rad, that the attitude may lack while a rate is at the end of the range
     ],
     align=True,
 )

@@ -229,6 +229,7 @@ class Clipping:
     last_slope: Reals
     flat: Reals
     w: Reals
+    missing_angle: float
 
 
 class Quantization:

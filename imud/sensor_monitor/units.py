@@ -24,7 +24,7 @@ WINDOW_S, DECISIONS = 5.0, 4  # time of fast rates over which k is estimated, an
 FIRST_DECISION = 16  # fast rates
 MIN_RATE = 2.0  # rad/s of a fast rate; 2 deg/s if the rates are in deg/s
 MAX_RATIO = 2.0  # factor by which k may differ from 1/57.3
-SIGMAS = 6.0  # sigmas by which k must differ from the other value
+SIGMAS, SIGMAS_OF_RADIANS = 4.0, 6.0  # by which k must differ from 0, and from 1/57.3 to withdraw the finding
 
 RATE_UNITS = np.dtype(
     [
@@ -83,7 +83,7 @@ def decide(u: RateUnits) -> None:
     variance = u.measured2 / (3.0 * u.samples * u.expected2)
     if DEG / MAX_RATIO < k < DEG * MAX_RATIO and k * k > SIGMAS**2 * variance:
         u.degrees = 1
-    elif k > 1.0 / MAX_RATIO and (k - DEG) ** 2 > SIGMAS**2 * variance:
+    elif k > 1.0 / MAX_RATIO and (k - DEG) ** 2 > SIGMAS_OF_RADIANS**2 * variance:
         u.degrees = 0
     if u.samples >= u.window:
         u.samples = 0

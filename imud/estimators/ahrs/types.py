@@ -217,6 +217,7 @@ class AttitudeStep:
     window_delta_v: Reals
     window_mean_v: Reals
     window_s: float
+    rise_delta_v: Reals
     clipping_variance: float
     hand_held_s: float
     travel_s: float

@@ -71,14 +71,17 @@ def correct_attitude_step(p: Parameters, s: State) -> bool:
 
 @kernel
 def angle_of_rise(p: Parameters, s: State, gain2: float) -> float:
-    """The angle from the vertical to the force since the gain, squared `gain2`, has been far beyond its usual, rad."""
+    """The sigma of a tilt error, rad, that may begin to show: the gain, squared `gain2`, is beyond its usual.
+
+    With the probability of a slip it is the angle from the vertical to the force since, else zero.
+    """
     c, step = p.tuning, s.attitude_step
-    if step.hand_held_s < c.hand_time_s or gain2 < c.usual_gain_sigmas**2 * step.usual_gain2 + c.min_gain_mps**2:
-        clear_rise(s)
+    if step.hand_held_s < c.hand_time_s or gain2 < c.rise_gain_sigmas**2 * step.usual_gain2 + c.rise_gain_mps**2:
+        clear_rise(p, s)
         return 0.0
     for i in range(3):
         step.rise_delta_v[i] += s.integrals.delta_v[i]
-    return angle_to_vertical(step.rise_delta_v)
+    return float(math.sqrt(c.rise_slip_probability) * angle_to_vertical(step.rise_delta_v))
 
 
 @kernel
@@ -143,17 +146,17 @@ def restart_window(s: State) -> None:
 
 
 @kernel
-def clear_rise(s: State) -> None:
-    """The gain is a usual one."""
+def clear_rise(p: Parameters, s: State) -> None:
+    """The gain is a usual one: a rise would begin with a force that has been vertical."""
     for i in range(3):
-        s.attitude_step.rise_delta_v[i] = 0.0
+        s.attitude_step.rise_delta_v[i] = -s.nav.gravity * p.tuning.rise_time_s if i == 2 else 0.0
 
 
 @kernel
-def restart_gain(s: State) -> None:
+def restart_gain(p: Parameters, s: State) -> None:
     """Nothing has been gained: the attitude has just been set."""
     restart_window(s)
-    clear_rise(s)
+    clear_rise(p, s)
     s.attitude_step.span = s.attitude_step.possible_tilt_error = 0.0
     for i in range(3):
         s.attitude_step.delta_v[i] = s.attitude_step.mean_gain[i] = 0.0
@@ -177,7 +180,7 @@ def level_by_window(p: Parameters, s: State, use_mean: bool, angle: float, var: 
         start_motion(p, s, i)
         inflate_variance(s, ACCEL_BIAS + i, c.min_force_sigma_mps2, p.accel_bias_var)
     restart_velocity_gain(s)
-    restart_gain(s)
+    restart_gain(p, s)
     step.travel_s = 0.0
     step.hand_held_s = min(step.hand_held_s, 0.5 * c.hand_time_s)  # this may have been a vehicle that leaves
 

@@ -81,6 +81,10 @@ class Tuning:
     usual_gain_time_s: float
     usual_gain_sigmas: float
     min_gain_mps: float
+    rise_gain_sigmas: float
+    rise_gain_mps: float
+    rise_time_s: float
+    rise_slip_probability: float
     step_gain_sigmas: float
     step_gain_mps: float
     min_step_s: float

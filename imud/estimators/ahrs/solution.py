@@ -10,6 +10,7 @@ from imud.drivers.sample import SATURATED as BEYOND_RANGE
 
 from ...compile.jit import kernel
 from ..records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SATURATED
+from .levelling import UNKNOWN_ANGLE
 from .mechanization import compensate_force, compensate_rate
 
 if TYPE_CHECKING:
@@ -50,6 +51,6 @@ def write_solution(p: Parameters, s: State, flags: int, out: Solution) -> None:
         out.f[i] = f[i]
         out.bg[i] = nav.bg[i]
         out.ba[i] = nav.ba[i]
-        out.sigma_rpy[i] = elementary.hypot(cov.sigma_rpy[i], unseen if i < 2 else cut_off)
+        out.sigma_rpy[i] = min(elementary.hypot(cov.sigma_rpy[i], unseen if i < 2 else cut_off), UNKNOWN_ANGLE)
         out.sigma_bg[i] = cov.sigma_bg[i]
         out.sigma_ba[i] = cov.sigma_ba[i]

@@ -4,8 +4,8 @@ A rate that rises by a slope to the end of the range and falls again by another 
 through both ends, turned by the mean slope times T^2 / 6 more than the gyro shows. That is added when the rate is back
 in the range; it is wrong by a part of itself. While the rate stays at the end, the rotation that may be missing is
 taken from the first slope; until it is added all of it is missing: with the time T unknown, uniform on a logarithmic
-scale, twice the angle that would be if the rate came back now. A range that nobody knows yet is noticed after some flat steps: the time began with these,
-and the slope is the one before them.
+scale, twice the angle that it would be if the rate came back now. A range that nobody knows yet is noticed after some
+flat steps: the time began with these, and the slope is the one before them.
 """
 
 from __future__ import annotations

@@ -64,6 +64,24 @@ def test_the_tilt_is_right_again_six_seconds_after_a_slip(angle_deg, moving):
         assert believed[late].sum() < 1.3 * 100.0, seed
 
 
+def test_in_a_quiet_hand_the_tilt_is_less_sure_within_half_a_second_of_a_slip():
+    """When the mean of the gain is what shows it, after .9 s."""
+    slip = Rotation.from_rotvec(10.0 * DEG * np.array([0.6, -0.8, 0.0]))
+    for seed in range(3):
+        truth = in_a_hand(seed, 0.3)
+        samples = samples_from(truth, FLAWS)
+        late = truth.t >= SLIP_S
+        for name in ("w", "f"):
+            samples[name][late] = slip.apply(samples[name][late])
+        tilt, _ = errors_deg(
+            solutions_of(samples)["q_nb"],
+            Rotation.concatenate([truth.attitude[~late], truth.attitude[late] * slip.inv()]),
+        )
+        out = solutions_of(samples)
+        sure = (tilt > 5.0) & (tilt > 4.0 * np.sqrt(0.5 * tilt_variance_deg2(out)))
+        assert sure.sum() < 0.6 * 100.0, seed
+
+
 def test_a_brisk_hand_does_not_hide_a_slip():
     """It gains more velocity in every half second than the slip does in two seconds, and gives it back."""
     slip = Rotation.from_rotvec(10.0 * DEG * np.array([0.6, -0.8, 0.0]))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from attitude_runs import tilt_variance_deg2
-from attitude_simulation import Flaws, after, errors_deg, measure, simulate, wobble
+from attitude_simulation import DEG, Flaws, after, errors_deg, measure, simulate, wobble
 from broad import filter_of, samples_of
 from replay_in_process import new_filter, replay
 
@@ -169,3 +169,29 @@ def test_what_a_known_range_cuts_off_is_bridged_and_its_sigma_is_true():
         nees.append(np.mean((tilt**2 / tilt_variance_deg2(out))[1600:]))
     assert np.mean(errors) < 6.0
     assert 0.3 < np.mean(nees) < 1.8
+
+
+def test_the_ends_of_a_range_need_not_be_symmetric():
+    """A calibrated bias shifts them: the first plateau at the nearer end is noticed after one at the farther end."""
+    samples = swung(13.0)
+    samples["w"][:, 0] = np.clip(samples["w"][:, 0], -RANGE, 0.95 * RANGE)
+    first = np.flatnonzero(samples["w"][:, 0] == 0.95 * RANGE)
+    samples["w"][first[0] - 30 : first[-1] + 1, 0] = np.clip(
+        samples["w"][first[0] - 30 : first[-1] + 1, 0], -RANGE, 9.0
+    )
+    flags, _ = flags_of(samples)
+    nearer = (samples["w"][:, 0] == 0.95 * RANGE) & (np.arange(len(samples)) > 3.5 * RATE)
+    assert nearer.any() and (flags & LIMITED_RATE > 0)[nearer].all()
+
+
+def test_what_is_cut_off_is_part_of_the_sigma_while_the_rate_is_at_the_end():
+    samples = swung(0.0, seconds=4.0)
+    t = samples["t_ns"] * 1e-9
+    rate = np.clip(11.0 * np.sin(2.0 * np.pi * 1.5 * (t - 3.0)), 0.0, None) * ((t > 3.0) & (t < 3.5))
+    samples["w"][:, 1] = np.minimum(samples["w"][:, 1] + rate, RANGE)
+    out, _ = replay(new_filter("attitude", samples, Settings(imu=Imu(gyro_range_dps=np.degrees(RANGE)))), samples)
+    turned = 2.0 * np.arctan2(out["q_nb"][:, 2], out["q_nb"][:, 0])
+    missing = np.cumsum(rate) / RATE - turned
+    cut = (rate > RANGE) & (missing > 0.02)
+    assert cut.sum() > 5
+    assert (missing < 3.0 * np.sqrt(0.5 * tilt_variance_deg2(out)) * DEG)[cut].all()

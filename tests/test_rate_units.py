@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from attitude_simulation import DEG, Flaws, measure, simulate, wobble
+from attitude_simulation import DEG, Flaws, after, measure, simulate, wobble
 from broad import samples_of
 from replay_in_process import new_filter
 
@@ -51,3 +51,14 @@ def test_rates_in_radians_never_are():
         samples, _, said = seen((50.0, 200.0)[seed % 2], seed, turning, moving, 1.0)
         assert not (samples["flags"] & NO_RATE).any(), seed
         assert not any("deg/s" in text for text in said), seed
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 200.0])
+def test_fast_turns_show_degrees_within_half_a_second(rate_hz):
+    """Of a hand that turns the sensor and moves it little; a decision after each 1.25 s of turning is later."""
+    for seed in range(3):
+        truth = simulate(20.0, rate_hz, after(5.0, wobble(seed, 1.0)), rpy_deg=(10.0, 20.0, 0.0))
+        w, f = measure(truth, Flaws(), np.random.default_rng(seed))
+        samples = samples_of(truth.t, w / DEG, f)
+        new_filter("attitude", samples).run(samples, np.zeros(len(samples), SOLUTION))
+        assert np.flatnonzero(samples["flags"] & NO_RATE)[0] < 5.5 * rate_hz

@@ -33,7 +33,7 @@ CLIPPING = np.dtype(
         ("floor", "<f8", (6,)),  # smaller readings are within the range of every sensor
         ("range", "<f8", (6, 2)),  # learned, of negative and positive readings; infinite: none
         ("plateau", "<f8", (6, 2)),  # reading of the newest plateau
-        ("largest", "<f8", (6,)),  # largest reading seen
+        ("largest", "<f8", (6, 2)),  # largest reading seen of either sign: calibrated, the ends are not symmetric
         ("rising", "<i8", (6,)),  # samples for which a steep rise still counts
         ("steep", "<f8", (6,)),  # the newest step if it is a steep rise, else 0
         ("rise", "<f8", (6,)),  # the smaller of the last two steep steps
@@ -63,7 +63,7 @@ def is_clipped(c: Clipping, i: int, value: float, step: float) -> bool:
         c.steep[i], c.rising[i], c.flat[i], c.single[i] = 0.0, 0, 0, 0
     if abs(step) < min(FLAT * size, c.rise[i] / KINK_RATIO):
         c.flat[i] += 1
-        if c.flat[i] == PLATEAU and c.rising[i] > 0 and size >= NEAR_LARGEST * c.largest[i]:
+        if c.flat[i] == PLATEAU and c.rising[i] > 0 and size >= NEAR_LARGEST * c.largest[i, side]:
             if abs(size - c.plateau[i, side]) < (1.0 - NEAR_LARGEST) * size:
                 c.range[i, side] = size
             c.plateau[i, side], c.rising[i], c.single[i] = size, 0, 1
@@ -75,7 +75,7 @@ def is_clipped(c: Clipping, i: int, value: float, step: float) -> bool:
             c.rising[i], c.rise[i] = KINK, min(steep, c.steep[i])
         c.steep[i] = steep
     sustained = min(size, abs(value - step))  # a single larger reading is damage
-    c.largest[i] = max(c.largest[i], sustained)
+    c.largest[i, side] = max(c.largest[i, side], sustained)
     if sustained > BEYOND * c.range[i, side]:
         c.range[i, side] = math.inf
     return bool(size >= RANGE_END * c.range[i, side] or (c.single[i] == 1 and c.flat[i] < c.single_samples))

@@ -7,7 +7,7 @@ class Clipping:
     floor: Reals
     range: Tensor
     plateau: Tensor
-    largest: Reals
+    largest: Tensor
     rising: Integers
     steep: Reals
     rise: Reals

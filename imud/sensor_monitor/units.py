@@ -3,7 +3,8 @@
 While a sensor rotates at w, the specific force f of gravity changes at the rate f x w. The regression coefficient k of
 the measured change on this expected change is 1, and 1/57.3 if the rates are in deg/s. Accelerations change the force,
 too, so k has a variance. Rates are in deg/s from when k is significantly near 1/57.3, over up to WINDOW_S of fast
-rates, until it is significantly above: a unit does not change with the motion.
+rates, until it is significantly above: a unit does not change with the motion. Each time the number of fast rates has
+doubled the decision is made, so that great rates show it within a tenth of a second.
 """
 
 from __future__ import annotations
@@ -19,10 +20,11 @@ if TYPE_CHECKING:
     from .types import RateUnits
 
 DEG = math.pi / 180.0
-WINDOW_S, DECISIONS = 5.0, 4  # time of fast rates over which k is estimated, and how often in it k is tested
+WINDOW_S, DECISIONS = 5.0, 4  # time of fast rates over which k is estimated, and how often in it k is tested at least
+FIRST_DECISION = 16  # fast rates
 MIN_RATE = 2.0  # rad/s of a fast rate; 2 deg/s if the rates are in deg/s
 MAX_RATIO = 2.0  # factor by which k may differ from 1/57.3
-SIGMAS = 6.0  # sigmas by which k must differ from the other value
+SIGMAS, SIGMAS_OF_RADIANS = 4.0, 6.0  # by which k must differ from 0, and from 1/57.3 to withdraw the finding
 
 RATE_UNITS = np.dtype(
     [
@@ -68,7 +70,8 @@ def rates_are_in_degrees(u: RateUnits, sample: Any) -> bool:
     u.covariance += covariance
     u.expected2 += expected2
     u.measured2 += measured2
-    if u.samples % (u.window // DECISIONS) == 0:
+    doubled = u.samples >= FIRST_DECISION and u.samples & (u.samples - 1) == 0
+    if doubled or u.samples % (u.window // DECISIONS) == 0:
         decide(u)
     return bool(u.degrees == 1)
 
@@ -80,7 +83,7 @@ def decide(u: RateUnits) -> None:
     variance = u.measured2 / (3.0 * u.samples * u.expected2)
     if DEG / MAX_RATIO < k < DEG * MAX_RATIO and k * k > SIGMAS**2 * variance:
         u.degrees = 1
-    elif k > 1.0 / MAX_RATIO and (k - DEG) ** 2 > SIGMAS**2 * variance:
+    elif k > 1.0 / MAX_RATIO and (k - DEG) ** 2 > SIGMAS_OF_RADIANS**2 * variance:
         u.degrees = 0
     if u.samples >= u.window:
         u.samples = 0

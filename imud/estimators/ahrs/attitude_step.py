@@ -9,7 +9,8 @@ travel; before, only `divergence` notices a wrong tilt, later.
 
 The gain is that of `gain_time_s`: the integral of the specific force in NED, corrected by whatever corrects the
 attitude, less gravity. From where it began to grow the mean force shows the vertical; its variance is that of the
-velocity that the body may have gained. Until the gain is large enough to tell, the tilt is that uncertain.
+velocity that the body may have gained. Until the gain is large enough to tell, the tilt is that uncertain: from when
+the gain itself is beyond its usual, which in a quiet hand is long before its mean over a second is.
 """
 
 from __future__ import annotations
@@ -55,17 +56,32 @@ def correct_attitude_step(p: Parameters, s: State) -> bool:
         least2 = 0.25 * c.min_gain_mps**2  # what is not usual counts in part: else a slip becomes usual
         step.usual_gain2 += part * (min(gain2, 4.0 * step.usual_gain2 + least2) - step.usual_gain2)
         step.usual_mean2 += part * (min(mean2, 4.0 * step.usual_mean2 + least2) - step.usual_mean2)
-    step.possible_tilt_error = 0.0
+    step.possible_tilt_error = angle_of_rise(p, s, gain2)
     if step.hand_held_s < c.hand_time_s or mean2 < c.usual_gain_sigmas**2 * step.usual_mean2 + c.min_gain_mps**2:
         restart_window(s)
         return False
     use_mean, angle, var = window_angle(p, s)
-    step.possible_tilt_error = angle
+    step.possible_tilt_error = max(angle, step.possible_tilt_error)
     least2 = c.step_gain_sigmas**2 * step.usual_mean2 + c.step_gain_mps**2
     if mean2 < least2 or step.window_s < c.min_step_s or angle * angle < c.usual_gain_sigmas**2 * var:
         return False
     level_by_window(p, s, use_mean, angle, var)
     return True
+
+
+@kernel
+def angle_of_rise(p: Parameters, s: State, gain2: float) -> float:
+    """The sigma of a tilt error, rad, that may begin to show: the gain, squared `gain2`, is beyond its usual.
+
+    With the probability of a slip it is the angle from the vertical to the force since, else zero.
+    """
+    c, step = p.tuning, s.attitude_step
+    if step.hand_held_s < c.hand_time_s or gain2 < c.rise_gain_sigmas**2 * step.usual_gain2 + c.rise_gain_mps**2:
+        clear_rise(p, s)
+        return 0.0
+    for i in range(3):
+        step.rise_delta_v[i] += s.integrals.delta_v[i]
+    return float(math.sqrt(c.rise_slip_probability) * angle_to_vertical(step.rise_delta_v))
 
 
 @kernel
@@ -130,9 +146,17 @@ def restart_window(s: State) -> None:
 
 
 @kernel
-def restart_gain(s: State) -> None:
+def clear_rise(p: Parameters, s: State) -> None:
+    """The gain is a usual one: a rise would begin with a force that has been vertical."""
+    for i in range(3):
+        s.attitude_step.rise_delta_v[i] = -s.nav.gravity * p.tuning.rise_time_s if i == 2 else 0.0
+
+
+@kernel
+def restart_gain(p: Parameters, s: State) -> None:
     """Nothing has been gained: the attitude has just been set."""
     restart_window(s)
+    clear_rise(p, s)
     s.attitude_step.span = s.attitude_step.possible_tilt_error = 0.0
     for i in range(3):
         s.attitude_step.delta_v[i] = s.attitude_step.mean_gain[i] = 0.0
@@ -156,7 +180,7 @@ def level_by_window(p: Parameters, s: State, use_mean: bool, angle: float, var: 
         start_motion(p, s, i)
         inflate_variance(s, ACCEL_BIAS + i, c.min_force_sigma_mps2, p.accel_bias_var)
     restart_velocity_gain(s)
-    restart_gain(s)
+    restart_gain(p, s)
     step.travel_s = 0.0
     step.hand_held_s = min(step.hand_held_s, 0.5 * c.hand_time_s)  # this may have been a vehicle that leaves
 
@@ -169,5 +193,7 @@ def rotate_gain(s: State, x: float, y: float, z: float) -> None:
     b = quat_rotate(turn, (step.window_delta_v[0], step.window_delta_v[1], step.window_delta_v[2]))
     m = quat_rotate(turn, (step.window_mean_v[0], step.window_mean_v[1], step.window_mean_v[2]))
     f = quat_rotate(turn, (step.mean_force[0], step.mean_force[1], step.mean_force[2]))
+    r = quat_rotate(turn, (step.rise_delta_v[0], step.rise_delta_v[1], step.rise_delta_v[2]))
     for i in range(3):
+        step.rise_delta_v[i] = r[i]
         step.delta_v[i], step.window_delta_v[i], step.window_mean_v[i], step.mean_force[i] = a[i], b[i], m[i], f[i]

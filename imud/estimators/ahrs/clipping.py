@@ -3,8 +3,9 @@
 A rate that rises by a slope to the end of the range and falls again by another after the time T has, as a parabola
 through both ends, turned by the mean slope times T^2 / 6 more than the gyro shows. That is added when the rate is back
 in the range; it is wrong by a part of itself. While the rate stays at the end, the rotation that may be missing is
-taken from the first slope. A range that nobody knows yet is noticed after some flat steps: the time began with these,
-and the slope is the one before them.
+taken from the first slope; until it is added all of it is missing: with the time T unknown, uniform on a logarithmic
+scale, twice the angle that it would be if the rate came back now. A range that nobody knows yet is noticed after some
+flat steps: the time began with these, and the slope is the one before them.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ def cut_off_angle(slope: float, rate: float, time: float) -> float:
 def compensate_clipping(p: Parameters, s: State, w: Vector, dt: float, flags: int) -> Vector:
     """Rates w of the sample with what the samples before lack, and noise for it."""
     clip, q = s.clipping, s.nav.q_nb
+    clip.missing_angle = 0.0
     C = dcm_of_quat((q[0], q[1], q[2], q[3]))
     for i in range(3):
         last = s.imu.w[i]
@@ -49,6 +51,7 @@ def compensate_clipping(p: Parameters, s: State, w: Vector, dt: float, flags: in
             variance = p.tuning.clipping_error**2 * (angle * angle - before * before)
             add_attitude_variance(s, (C[i], C[3 + i], C[6 + i]), variance)
             add_clipping_variance(s, variance)
+            clip.missing_angle += 2.0 * angle
         else:
             if clip.time[i] > 0.0:
                 angle = cut_off_angle(0.5 * (clip.slope[i] + slope), abs(last), clip.time[i])

@@ -102,7 +102,7 @@ def initialise_attitude(p: Parameters, s: State, f: Vector, last_f: Vector, is_f
         known.delta_v[i] = 0.0
         reset_motion(p, s, i)
     restart_velocity_gain(s)
-    restart_gain(s)
+    restart_gain(p, s)
     known.duration = 0.0
     reset_integrals(s)
     record_restart(s)

@@ -10,6 +10,7 @@ from imud.drivers.sample import SATURATED as BEYOND_RANGE
 
 from ...compile.jit import kernel
 from ..records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SATURATED
+from .levelling import UNKNOWN_ANGLE
 from .mechanization import compensate_force, compensate_rate
 
 if TYPE_CHECKING:
@@ -22,7 +23,9 @@ def write_solution(p: Parameters, s: State, flags: int, out: Solution) -> None:
     """Write a row of SOLUTION; what this filter does not estimate is NaN."""
     nav, cov, c = s.nav, s.cov, p.tuning
     status = 0
-    unseen = elementary.hypot(s.attitude_step.possible_tilt_error, s.motion.hidden_tilt)  # rad, of roll and pitch
+    cut_off = s.clipping.missing_angle  # rad, about any axis
+    unseen = elementary.hypot(s.attitude_step.possible_tilt_error, s.motion.hidden_tilt)  # of roll and pitch
+    unseen = elementary.hypot(unseen, cut_off)
     if (
         s.levelling.initialised == 1
         and elementary.hypot(cov.sigma_tilt, unseen) < c.valid_tilt_rad
@@ -48,6 +51,6 @@ def write_solution(p: Parameters, s: State, flags: int, out: Solution) -> None:
         out.f[i] = f[i]
         out.bg[i] = nav.bg[i]
         out.ba[i] = nav.ba[i]
-        out.sigma_rpy[i] = elementary.hypot(cov.sigma_rpy[i], unseen if i < 2 else 0.0)
+        out.sigma_rpy[i] = min(elementary.hypot(cov.sigma_rpy[i], unseen if i < 2 else cut_off), UNKNOWN_ANGLE)
         out.sigma_bg[i] = cov.sigma_bg[i]
         out.sigma_ba[i] = cov.sigma_ba[i]

@@ -170,6 +170,7 @@ ATTITUDE_STEP = np.dtype(  # what is gained of velocity, and since it began to g
         ("window_delta_v", "<f8", (3,)),  # m/s, integral of the specific force
         ("window_mean_v", "<f8", (3,)),  # m/s, and of the mean force
         ("window_s", "<f8"),
+        ("rise_delta_v", "<f8", (3,)),  # m/s, integral of the specific force since the gain is beyond its usual
         ("clipping_variance", "<f8"),  # rad^2, that rates beyond the range have added to the attitude since then
         ("hand_held_s", "<f8"),  # of lively motion that is no vehicle's
         ("travel_s", "<f8"),  # of travel, fading
@@ -185,6 +186,7 @@ CLIPPING = np.dtype(  # of the gyro, by axes
         ("last_slope", "<f8", (3,)),  # rad/s^2, of the newest step that was not flat
         ("flat", "<f8", (3,)),  # s, of flat steps since
         ("w", "<f8", (3,)),  # rad/s, the newest rates, compensated
+        ("missing_angle", "<f8"),  # rad, that the attitude may lack while a rate is at the end of the range
     ],
     align=True,
 )

@@ -81,6 +81,10 @@ class Tuning:
     usual_gain_time_s: float
     usual_gain_sigmas: float
     min_gain_mps: float
+    rise_gain_sigmas: float
+    rise_gain_mps: float
+    rise_time_s: float
+    rise_slip_probability: float
     step_gain_sigmas: float
     step_gain_mps: float
     min_step_s: float
@@ -217,6 +221,7 @@ class AttitudeStep:
     window_delta_v: Reals
     window_mean_v: Reals
     window_s: float
+    rise_delta_v: Reals
     clipping_variance: float
     hand_held_s: float
     travel_s: float
@@ -229,6 +234,7 @@ class Clipping:
     last_slope: Reals
     flat: Reals
     w: Reals
+    missing_angle: float
 
 
 class Quantization:

@@ -23,12 +23,14 @@ from .readings import Gnss
 
 SILENCE_NS = 5_000_000_000  # a stream this long silent is broken
 STEADY = 3  # fixes
+TOO_LATE_NS = 2_000_000_000  # the fusion horizon of `navigation`
 STALE_FIX_NS = round(LIMITS["gnss_age_s"].most * 1e9)
 EARTH_RADIUS_M = 6.371e6
 JUMP_M, JUMP_MPS = 100.0, 100.0  # a jump goes farther than that, plus what JUMP_MPS above its own speed would make
 JUMPED_NS = 5_000_000_000  # for which a jump is shown
 _DAMAGED = f"receiver: more than {HIGH:.0%} of its messages do not arrive whole"
 _MEASURED_MAX = 64  # that are kept until they are used
+_QUEUE = Refusal("age", "their age is not known: they have waited somewhere and come faster than they are made")
 _NO_AIDING = AidingSettings()
 _JAMMED = {1: "receiver: reports interference", 2: "receiver: reports interference so strong that it has no fix"}
 _SPOOFED = {1: "receiver: reports signs of spoofing", 2: "receiver: reports spoofing, so its fixes are refused"}
@@ -114,13 +116,14 @@ class Receiver:
             if self._last and jumps(self._last, fix):
                 self._jumped_ns = now_ns
             self._last = fix
-            refused = refusal(fix, self.settings)
+            t_ns = 0 if fix.utc_s is None else self._epochs.epoch_ns(fix.utc_s, fix.arrival_ns, pulse_ns)
+            refused = refusal(fix, self.settings) or (None if self._epochs.is_known else _QUEUE)
             self._judge(refused)
             if refused:
                 self.refused[refused.rule] += 1
-            elif fix.utc_s is not None:
+            else:
                 self._used_last = fix
-                rows.append(record(fix, self._epochs.epoch_ns(fix.utc_s, fix.arrival_ns, pulse_ns), now_ns))
+                rows.append(record(fix, t_ns, now_ns))
                 self._row = rows[-1]
                 if fix.heading_deg is not None:
                     reading = Reading("heading", fix.arrival_ns, fix.utc_s, fix.heading_deg, fix.heading_sigma_deg)
@@ -140,6 +143,8 @@ class Receiver:
             t_ns -= round(self.settings.latency_s * 1e9)
         elif reading.source == "heading" and reading.utc_s is not None:
             t_ns = self._epochs.epoch_ns(reading.utc_s, reading.arrival_ns, pulse_ns)
+            if not self._epochs.is_known:
+                return
         source, values = measured
         self.received.setdefault(source, Received()).add(reading.arrival_ns)
         self.measured.append(Measured(source, values, t_ns, reading.arrival_ns))
@@ -214,6 +219,8 @@ class Receiver:
             return "receiver: no fix"
         if now_ns - (self._last.arrival_ns if self._last else self._connected_ns) > STALE_FIX_NS:
             return "receiver: says that it has a fix, but tells no new one"
+        if self._row is not None and int(self._row["arrival_ns"][0] - self._row["t_ns"][0]) > TOO_LATE_NS:
+            return "receiver: its fixes come more than two seconds late, too late for the filter"
         if self._verdict in BY_SETTING:
             return f"receiver: its fixes are refused by {self._verdict}"
         if self._jumped_ns is not None and now_ns - self._jumped_ns < JUMPED_NS:

@@ -14,6 +14,7 @@ from ..configuration.settings import Gnss as GnssSettings
 from ..math.arrays import Records
 from .aiding import Measured, Received
 from .byte_sink import READ_BYTES, ByteSink
+from .fix_consistency import FROZEN, FixConsistency
 from .gnss import Refusal, record, refusal
 from .limits import BY_SETTING, LIMITS, is_beyond
 from .loss import HIGH, LossMonitor
@@ -71,6 +72,7 @@ class Receiver:
         self._dissent = 0  # fixes in sequence of another verdict
         self._room = memoryview(bytearray(READ_BYTES))
         self._epochs = EpochClock(settings.latency_s)
+        self._consistency = FixConsistency()
         self._last: Fix | None = None
         self._used_last: Fix | None = None
         self._row: Records | None = None  # the same for the filter
@@ -117,13 +119,14 @@ class Receiver:
                 self._jumped_ns = now_ns
             self._last = fix
             t_ns = 0 if fix.utc_s is None else self._epochs.epoch_ns(fix.utc_s, fix.arrival_ns, pulse_ns)
-            refused = refusal(fix, self.settings) or (None if self._epochs.is_known else _QUEUE)
+            row = record(fix, t_ns, now_ns)
+            refused = refusal(fix, self.settings) or self._contradiction(row)
             self._judge(refused)
             if refused:
                 self.refused[refused.rule] += 1
             else:
                 self._used_last = fix
-                rows.append(record(fix, t_ns, now_ns))
+                rows.append(self._consistency.without_wrong_velocity(row))
                 self._row = rows[-1]
                 if fix.heading_deg is not None:
                     reading = Reading("heading", fix.arrival_ns, fix.utc_s, fix.heading_deg, fix.heading_sigma_deg)
@@ -133,6 +136,13 @@ class Receiver:
             for reading in self._readings.take_readings():
                 self._keep(reading, pulse_ns)
         return rows
+
+    def _contradiction(self, row: Records) -> Refusal | None:
+        """Why a fix that the settings allow cannot be right."""
+        if not self._epochs.is_known:
+            return _QUEUE
+        self._consistency.add(row)
+        return FROZEN if self._consistency.is_frozen else None
 
     def _keep(self, reading: Reading, pulse_ns: int | None) -> None:
         """A reading on its way to the filter. A heading without a time is as old as the settings say, others new."""
@@ -203,8 +213,9 @@ class Receiver:
         """What is wrong with the receiver, in words."""
         damaged = _DAMAGED if self._loss_monitor.is_high else ""
         status = self.decoder.status
+        velocity = f"receiver: {self._consistency.fault}" if self._consistency.fault else ""
         interference = (_JAMMED.get(status.jamming or 0, ""), _SPOOFED.get(status.spoofing or 0, ""))
-        return tuple(text for text in (self._trouble(now_ns), damaged, *interference) if text)
+        return tuple(text for text in (self._trouble(now_ns), velocity, damaged, *interference) if text)
 
     def _trouble(self, now_ns: int) -> str:
         """What is wrong with its fixes; empty: nothing."""
@@ -219,6 +230,8 @@ class Receiver:
             return "receiver: no fix"
         if now_ns - (self._last.arrival_ns if self._last else self._connected_ns) > STALE_FIX_NS:
             return "receiver: says that it has a fix, but tells no new one"
+        if self._consistency.is_frozen:
+            return "receiver: its position has never changed although its velocity says that it moves"
         if self._row is not None and int(self._row["arrival_ns"][0] - self._row["t_ns"][0]) > TOO_LATE_NS:
             return "receiver: its fixes come more than two seconds late, too late for the filter"
         if self._verdict in BY_SETTING:

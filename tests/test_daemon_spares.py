@@ -54,7 +54,7 @@ def test_a_spare_that_sits_otherwise_than_the_settings_say_is_reported_also_once
         used = stack.enter_context(contextlib.ExitStack())
         used.enter_context(emulator("g350", *REST, links=[first]))
         imud.says(f"streaming port={first}")
-        options = ("--seed", "2", "--mount-deg", "35,0,0", "--faults", "frozen=gx@20-")
+        options = ("--seed", "2", "--mount-deg", "35,0,0", "--faults", "frozen=gx@25-")
         stack.enter_context(emulator("g350", *REST, *options, links=[second]))
         for path, other in ((first, second), (second, first)):
             imud.says(f"inertial sensor on {path}: forces disagree with those of {other}: one of them is wrong")
@@ -63,5 +63,4 @@ def test_a_spare_that_sits_otherwise_than_the_settings_say_is_reported_also_once
         imud.says(f"{second}: gyro x frozen")
         used.close()
         imud.says(f"streaming port={second}")
-        est = imud.until(lambda message: level(message) and f"{first} has gone since" in message["imu_health"])
-        assert f"inertial sensor on {second}: forces disagree with those of {first}" in est["imu_health"]
+        imud.says(f"inertial sensor on {second}: disagreed with {first} until that went away: see imu.mounts")

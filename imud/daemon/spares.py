@@ -65,7 +65,10 @@ class Spares:
         self.sensors.pop(port, None)
         for path, verdict in self._comparison.verdicts.items():
             if path != port.spec.path and port.spec.path in verdict.text:
-                self._unresolved[path] = port.spec.path, f"{verdict.text}; {port.spec.path} has gone since"
+                self._unresolved[path] = (
+                    port.spec.path,
+                    f"disagreed with {port.spec.path} until that went away: see imu.mounts",
+                )
         for path in list(self._compared) if not self.sensors else self._compared & {port.spec.path}:
             self._compared.remove(path)
             self._comparison.leave(path)

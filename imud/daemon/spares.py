@@ -33,7 +33,7 @@ class Spares:
         self.takeover_s = math.inf  # when one of them takes over
         self._comparison = SensorComparison()
         self._compared: set[str] = set()
-        self._unresolved: dict[str, tuple[str, str]] = {}  # by path: which sensor went away while they disagreed, words
+        self._unresolved: dict[str, str] = {}  # by path: which sensor went away while they disagreed
 
     def add(
         self,
@@ -47,7 +47,7 @@ class Spares:
     ) -> None:
         """A spare streams on the port of that number."""
         path = port.spec.path
-        self._unresolved = {name: was for name, was in self._unresolved.items() if path not in (name, was[0])}
+        self._unresolved = {name: was for name, was in self._unresolved.items() if path not in (name, was)}
         own = choices.settings_for(settings, configured.identity, number)
         filter_ = Filter(registry.by_name(OF_SPARES), own, Initial(), configured.rate_hz)
         filter_.calibrate(calibration)
@@ -65,10 +65,7 @@ class Spares:
         self.sensors.pop(port, None)
         for path, verdict in self._comparison.verdicts.items():
             if path != port.spec.path and port.spec.path in verdict.text:
-                self._unresolved[path] = (
-                    port.spec.path,
-                    f"disagreed with {port.spec.path} until that went away: see imu.mounts",
-                )
+                self._unresolved[path] = port.spec.path
         for path in list(self._compared) if not self.sensors else self._compared & {port.spec.path}:
             self._compared.remove(path)
             self._comparison.leave(path)
@@ -89,7 +86,8 @@ class Spares:
     def findings(self, port: "Port") -> tuple[str, ...]:
         """How that sensor disagrees with others, or did with one that has gone, in words."""
         path = port.spec.path
-        _, text = self._unresolved.get(path, ("", ""))
+        gone = self._unresolved.get(path)
+        text = f"disagreed with {gone} until that went away: see imu.mounts" if gone else ""
         if (verdict := self._comparison.verdicts.get(path)) is not None:
             text = verdict.text
         return (f"inertial sensor on {path}: {text}",) if text else ()

@@ -246,6 +246,8 @@ def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]
 
 
 def _log_summary(port: "EmulatedPort") -> None:
+    import numpy as np
+
     from .faults.wire import Wire
 
     log = logging.getLogger("firmware_sim")
@@ -254,5 +256,8 @@ def _log_summary(port: "EmulatedPort") -> None:
         log.info("%s: %s", port.name, wire.summary())
     if port.lost:
         log.info("%s: %d bytes lost: the host did not read them", port.name, port.lost)
+    if port.late_s:
+        late = 1e3 * np.percentile(port.late_s, (50.0, 99.0, 100.0))
+        log.info("%s: written late by %.2f / %.2f / %.1f ms (median, 99 %%, most)", port.name, *late)
     if port.longest_wait_s:
         log.info("%s: bytes waited for the kernel for up to %.3f s", port.name, port.longest_wait_s)

@@ -10,6 +10,7 @@ import os
 import select
 import signal
 import time
+from array import array
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
@@ -50,6 +51,7 @@ class EmulatedPort:
     ) -> None:
         self.name, self.device = name, device
         self.longest_wait_s = 0.0  # until the kernel had passed bytes on
+        self.late_s = array("f")  # by how much each write was later than the line would have delivered its first byte
         self._lost = 0
         self._behind_since = 0.0
         self._link, self._outages, self._patient = link, outages, patient
@@ -95,6 +97,7 @@ class EmulatedPort:
         elif self._patient and self.behind is not None:
             self.pty.flush()
         elif self.behind is not None or uart.due() <= t:
+            self.late_s.append(max(t - uart.due(), 0.0))
             self.pty.write(uart.take(t, self.pty.baud()))
 
     def idle(self) -> None:

@@ -64,7 +64,6 @@ NOT_NOTICED = {
     "navigation.min_time_offset_step_s": BETWEEN + "step of the receiver's time tags",
     "navigation.max_time_offset_step_s": BETWEEN + "step of the receiver's time tags",
     "navigation.max_attitude_noise": "no recording has a gyro so noisy under way that the learned noise reaches it",
-    "navigation.max_rewind_miss_s": "what is too old for a rewind is older than that",
     "navigation.wheel_check_gate": BY_WHEELS,
     "navigation.wheel_check_speed": BY_WHEELS,
     "navigation.wheel_min_contradiction": BY_WHEELS,

@@ -3,6 +3,7 @@
 import calendar
 import ctypes
 import math
+import os
 import random
 import shutil
 import subprocess
@@ -174,4 +175,23 @@ def test_a_real_chronyd_takes_the_offset(unit, tmp_path):
     assert len(samples) >= 3, complaint
     # columns: date, time, refclock, number, leap, PPS, raw offset, cooked offset (true less system)
     assert all(float(row[6]) == pytest.approx(-late_s, abs=0.005) for row in samples), samples
+    output.close()
+
+
+def test_a_segment_that_is_there_already_and_open_to_all_is_reported(unit):
+    libc = ctypes.CDLL(None)
+    before = os.umask(0)
+    try:
+        assert libc.shmget(KEY + unit, 96, 0o1666) >= 0
+    finally:
+        os.umask(before)
+    for mode, reported in ((0o600, True), (0o666, False)):
+        output = ChronyOutput(unit, mode)
+        assert output.is_open_to_all is reported
+        output.close()
+
+
+def test_a_segment_of_its_own_is_not_open_to_all(unit):
+    output = ChronyOutput(unit)
+    assert not output.is_open_to_all
     output.close()

@@ -48,13 +48,19 @@ def test_one_in_use_whose_rates_gravity_contradicts_is_replaced_by_the_spare(tmp
         assert est["roll_deg"] == pytest.approx(10.0, abs=4.0 * est["sroll_deg"])
 
 
-def test_a_spare_that_sits_otherwise_than_the_settings_say_is_reported(tmp_path):
+def test_a_spare_that_sits_otherwise_than_the_settings_say_is_reported_also_once_it_is_in_use(tmp_path):
     first, second = tmp_path / "first", tmp_path / "second"
     with daemon(tmp_path, "--port", str(first), "--port", str(second)) as imud, contextlib.ExitStack() as stack:
-        stack.enter_context(emulator("g350", *REST, links=[first]))
+        used = stack.enter_context(contextlib.ExitStack())
+        used.enter_context(emulator("g350", *REST, links=[first]))
         imud.says(f"streaming port={first}")
-        stack.enter_context(emulator("g350", *REST, "--seed", "2", "--mount-deg", "180,0,0", links=[second]))
+        options = ("--seed", "2", "--mount-deg", "35,0,0", "--faults", "frozen=gx@25-")
+        stack.enter_context(emulator("g350", *REST, *options, links=[second]))
         for path, other in ((first, second), (second, first)):
             imud.says(f"inertial sensor on {path}: forces disagree with those of {other}: one of them is wrong")
         est = imud.until(level)
         assert est["roll_deg"] == pytest.approx(10.0, abs=4.0 * est["sroll_deg"])
+        imud.says(f"{second}: gyro x frozen")
+        used.close()
+        imud.says(f"streaming port={second}")
+        imud.says(f"inertial sensor on {second}: disagreed with {first} until that went away: see imu.mounts")

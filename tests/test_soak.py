@@ -13,6 +13,7 @@ from imud.client import RECORD
 from imud.commands.soak import table
 from imud.commands.soak.received import Counts, States
 from imud.commands.soak.troubles import Troubles, WallClock
+from imud.commands.soak.waits import KERNEL, ProcessorWaits
 
 MS = 1_000_000
 
@@ -99,3 +100,28 @@ def test_a_short_soak(tmp_path):
     assert " 0 " not in troubles.replace("0 clock steps", ""), (
         troubles
     )  # all of them happened; without a compiler no steps
+
+
+def test_who_waited_for_a_processor(tmp_path):
+    """A worker that ends and one that is new count with what is known of them; files of the kernel, made by hand."""
+
+    def stat(number, comm, waited_ns, runs):
+        folder = tmp_path / str(number)
+        folder.mkdir(exist_ok=True)
+        (folder / "comm").write_text(f"{comm}\n")
+        (folder / "schedstat").write_text(f"1 {waited_ns} {runs}\n")
+
+    stat(10, "imud", 5_000_000, 3)
+    stat(11, "kworker/0:1", 0, 0)
+    stat(12, "kworker/1:1", 7, 7)
+    waits = ProcessorWaits({"daemon": 10}, tmp_path)
+    stat(10, "imud", 9_000_000, 7)
+    stat(11, "kworker/0:1", 30_000_000, 2)
+    stat(13, "kworker/2:1", 500, 5)
+    (tmp_path / "12" / "schedstat").unlink()
+    waits.update()
+    stat(13, "kworker/2:1", 10_000_500, 6)
+    waits.update()
+    assert (waits.waits["daemon"].waited_s, waits.waits["daemon"].runs) == (pytest.approx(0.004), 4)
+    assert waits.waits["daemon"].mean_ms == pytest.approx(1.0)
+    assert (waits.waits[KERNEL].waited_s, waits.waits[KERNEL].runs) == (pytest.approx(0.04), 3)

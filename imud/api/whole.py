@@ -13,6 +13,7 @@ from ..estimators import registry
 from ..estimators.records import FIX, INNOVATION
 from ..math.arrays import Records
 from ..pipeline import Filter
+from ..sensors.fix_consistency import consistent
 from ..tables.refused import without_refused
 from .arguments import (
     Frames,
@@ -112,7 +113,7 @@ def _run(
     origin = start_of(np.asarray(t, float))
     chosen = settings_of(settings)
     fixes = np.zeros(0, FIX) if gnss is None else fixes_from(gnss, origin)
-    fixes = without_refused(Path("gnss"), fixes, chosen.gnss, warnings.warn)
+    fixes = consistent(without_refused(Path("gnss"), fixes, chosen.gnss, warnings.warn), warnings.warn)
     measured = [measurements_from(source, table, estimator.sources, origin) for source, table in aiding.items()]
     rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
     filter_ = Filter(estimator, chosen, initial_of(chosen, initial), rate_hz)

@@ -33,6 +33,7 @@ class Spares:
         self.takeover_s = math.inf  # when one of them takes over
         self._comparison = SensorComparison()
         self._compared: set[str] = set()
+        self._unresolved: dict[str, str] = {}  # by path: which sensor went away while they disagreed
 
     def add(
         self,
@@ -45,6 +46,8 @@ class Spares:
         now_ns: int,
     ) -> None:
         """A spare streams on the port of that number."""
+        path = port.spec.path
+        self._unresolved = {name: was for name, was in self._unresolved.items() if path not in (name, was)}
         own = choices.settings_for(settings, configured.identity, number)
         filter_ = Filter(registry.by_name(OF_SPARES), own, Initial(), configured.rate_hz)
         filter_.calibrate(calibration)
@@ -60,6 +63,9 @@ class Spares:
     def remove(self, port: "Port") -> None:
         """A sensor, spare or in use, streams no more, or becomes the one in use."""
         self.sensors.pop(port, None)
+        for path, verdict in self._comparison.verdicts.items():
+            if path != port.spec.path and port.spec.path in verdict.text:
+                self._unresolved[path] = port.spec.path
         for path in list(self._compared) if not self.sensors else self._compared & {port.spec.path}:
             self._compared.remove(path)
             self._comparison.leave(path)
@@ -78,9 +84,13 @@ class Spares:
             self._comparison.update({port.spec.path for port, sensor in every.items() if sensor.faults(now_ns)})
 
     def findings(self, port: "Port") -> tuple[str, ...]:
-        """How that sensor disagrees with others, in words."""
-        verdict = self._comparison.verdicts.get(port.spec.path)
-        return () if verdict is None else (f"inertial sensor on {port.spec.path}: {verdict.text}",)
+        """How that sensor disagrees with others, or did with one that has gone, in words."""
+        path = port.spec.path
+        gone = self._unresolved.get(path)
+        text = f"disagreed with {gone} until that went away: see imu.mounts" if gone else ""
+        if (verdict := self._comparison.verdicts.get(path)) is not None:
+            text = verdict.text
+        return (f"inertial sensor on {path}: {text}",) if text else ()
 
     def is_wrong(self, port: "Port") -> bool:
         """Whether it is known that this is the sensor that is wrong."""

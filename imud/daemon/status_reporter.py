@@ -70,7 +70,7 @@ class StatusReporter:
     def _check(self, name: str, port: Port, sensor: Inertial | Receiver, now_ns: int) -> tuple[str, ...]:
         faults = (*sensor.faults(now_ns), *self._devices.spares.findings(port))
         sensor.update(now_ns)
-        self._change_logger.faults(name, faults, now_ns)
+        self._change_logger.faults(name, [_named(name, fault) for fault in faults], now_ns)
         return faults
 
     def _beyond_limits(self, now_ns: int) -> tuple[str, ...]:
@@ -133,3 +133,8 @@ class StatusReporter:
                 "outputs": status_tables.of_outputs(outputs.gpsd, outputs.binary),
             }
         )
+
+
+def _named(name: str, fault: str) -> str:
+    """A fault for the log: of a sensor beside the one in use with its port's name."""
+    return fault if name in ("imu", "gnss") or name in fault else f"{name}: {fault}"

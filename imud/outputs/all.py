@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from imud.configuration.settings import Settings
 from imud.drivers.fix import Fix
 from imud.process.contained import ContainedErrors
+from imud.process.log import get_logger
 
 from .binary import BinaryOutputs
 from .chrony import ChronyOutput
@@ -40,6 +41,11 @@ class Outputs:
             if settings.chrony.shm_unit >= 0:
                 chrony = ChronyOutput(settings.chrony.shm_unit, int(settings.chrony.shm_mode, 8))
                 self._chrony = stack.enter_context(contextlib.closing(chrony))
+                if chrony.is_open_to_all:
+                    get_logger().warning(
+                        f"chrony: the segment of unit {settings.chrony.shm_unit} was there already, and every user of "
+                        "this machine may write to it and set the clock: `refclock SHM ...:perm=0660` in chrony.conf"
+                    )
             others = [stack.enter_context(contextlib.closing(opened(name))) for name in settings.outputs]
             self._view_outputs: tuple[Output, ...] = (self.gpsd, nmea, *others)
             self._opened = stack.pop_all()

@@ -13,6 +13,7 @@ import ctypes
 import errno
 import math
 import os
+import struct
 import time
 from datetime import date
 
@@ -20,7 +21,8 @@ from imud.drivers.fix import Fix
 from imud.errors import CannotCreateError, PermissionDeniedError
 
 KEY = 0x4E545030
-_IPC_CREAT = 0o1000
+_IPC_CREAT, _IPC_STAT = 0o1000, 2
+_OTHERS_WRITE = 0o002
 _DAY_S = 86_400
 _ROLLOVER_PERIOD_S = 1024 * 7 * 86_400
 _EPOCH = date(1970, 1, 1)
@@ -81,6 +83,7 @@ class ChronyOutput:
     def __init__(self, unit: int, mode: int = 0o600) -> None:
         """Attach to the segment; create it with these permissions if chrony has not.
 
+        is_open_to_all: it was there already, and every user may write to it.
         Raises CannotCreateError (73), PermissionDeniedError (77).
         """
         self._offset_s: float | None = None
@@ -95,8 +98,15 @@ class ChronyOutput:
         if address is None or address == ctypes.c_void_p(-1).value:
             raise _attach_error(unit, ctypes.get_errno())
         self._address = address
+        self.is_open_to_all = self._mode(segment) & _OTHERS_WRITE & ~mode != 0
         self._memory = _ShmTime.from_address(address)
         self._memory.valid, self._memory.mode = 0, 1
+
+    def _mode(self, segment: int) -> int:
+        """Permissions of the segment; 0 if the kernel does not say."""
+        status = ctypes.create_string_buffer(256)  # struct shmid_ds: key, four ids, mode
+        failed = self._libc.shmctl(segment, _IPC_STAT, status)
+        return 0 if failed else int(struct.unpack_from("20xI", status)[0])
 
     def publish(self, fix: Fix, latency_s: float) -> None:
         """Publish the time of a fix; its epoch is `latency_s` before its arrival."""

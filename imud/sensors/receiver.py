@@ -14,6 +14,7 @@ from ..configuration.settings import Gnss as GnssSettings
 from ..math.arrays import Records
 from .aiding import Measured, Received
 from .byte_sink import READ_BYTES, ByteSink
+from .fix_consistency import FROZEN, FixConsistency
 from .gnss import Refusal, record, refusal
 from .limits import BY_SETTING, LIMITS, is_beyond
 from .loss import HIGH, LossMonitor
@@ -23,12 +24,14 @@ from .readings import Gnss
 
 SILENCE_NS = 5_000_000_000  # a stream this long silent is broken
 STEADY = 3  # fixes
+TOO_LATE_NS = 2_000_000_000  # the fusion horizon of `navigation`
 STALE_FIX_NS = round(LIMITS["gnss_age_s"].most * 1e9)
 EARTH_RADIUS_M = 6.371e6
 JUMP_M, JUMP_MPS = 100.0, 100.0  # a jump goes farther than that, plus what JUMP_MPS above its own speed would make
 JUMPED_NS = 5_000_000_000  # for which a jump is shown
 _DAMAGED = f"receiver: more than {HIGH:.0%} of its messages do not arrive whole"
 _MEASURED_MAX = 64  # that are kept until they are used
+_QUEUE = Refusal("age", "their age is not known: they have waited somewhere and come faster than they are made")
 _NO_AIDING = AidingSettings()
 _JAMMED = {1: "receiver: reports interference", 2: "receiver: reports interference so strong that it has no fix"}
 _SPOOFED = {1: "receiver: reports signs of spoofing", 2: "receiver: reports spoofing, so its fixes are refused"}
@@ -69,6 +72,7 @@ class Receiver:
         self._dissent = 0  # fixes in sequence of another verdict
         self._room = memoryview(bytearray(READ_BYTES))
         self._epochs = EpochClock(settings.latency_s)
+        self._consistency = FixConsistency()
         self._last: Fix | None = None
         self._used_last: Fix | None = None
         self._row: Records | None = None  # the same for the filter
@@ -114,13 +118,15 @@ class Receiver:
             if self._last and jumps(self._last, fix):
                 self._jumped_ns = now_ns
             self._last = fix
-            refused = refusal(fix, self.settings)
+            t_ns = 0 if fix.utc_s is None else self._epochs.epoch_ns(fix.utc_s, fix.arrival_ns, pulse_ns)
+            row = record(fix, t_ns, now_ns)
+            refused = refusal(fix, self.settings) or self._contradiction(row)
             self._judge(refused)
             if refused:
                 self.refused[refused.rule] += 1
-            elif fix.utc_s is not None:
+            else:
                 self._used_last = fix
-                rows.append(record(fix, self._epochs.epoch_ns(fix.utc_s, fix.arrival_ns, pulse_ns), now_ns))
+                rows.append(self._consistency.without_wrong_velocity(row))
                 self._row = rows[-1]
                 if fix.heading_deg is not None:
                     reading = Reading("heading", fix.arrival_ns, fix.utc_s, fix.heading_deg, fix.heading_sigma_deg)
@@ -131,6 +137,13 @@ class Receiver:
                 self._keep(reading, pulse_ns)
         return rows
 
+    def _contradiction(self, row: Records) -> Refusal | None:
+        """Why a fix that the settings allow cannot be right."""
+        if not self._epochs.is_known:
+            return _QUEUE
+        self._consistency.add(row)
+        return FROZEN if self._consistency.is_frozen else None
+
     def _keep(self, reading: Reading, pulse_ns: int | None) -> None:
         """A reading on its way to the filter. A heading without a time is as old as the settings say, others new."""
         if (measured := measured_of(reading, self.settings, self.aiding)) is None:
@@ -140,6 +153,8 @@ class Receiver:
             t_ns -= round(self.settings.latency_s * 1e9)
         elif reading.source == "heading" and reading.utc_s is not None:
             t_ns = self._epochs.epoch_ns(reading.utc_s, reading.arrival_ns, pulse_ns)
+            if not self._epochs.is_known:
+                return
         source, values = measured
         self.received.setdefault(source, Received()).add(reading.arrival_ns)
         self.measured.append(Measured(source, values, t_ns, reading.arrival_ns))
@@ -198,8 +213,9 @@ class Receiver:
         """What is wrong with the receiver, in words."""
         damaged = _DAMAGED if self._loss_monitor.is_high else ""
         status = self.decoder.status
+        velocity = f"receiver: {self._consistency.fault}" if self._consistency.fault else ""
         interference = (_JAMMED.get(status.jamming or 0, ""), _SPOOFED.get(status.spoofing or 0, ""))
-        return tuple(text for text in (self._trouble(now_ns), damaged, *interference) if text)
+        return tuple(text for text in (self._trouble(now_ns), velocity, damaged, *interference) if text)
 
     def _trouble(self, now_ns: int) -> str:
         """What is wrong with its fixes; empty: nothing."""
@@ -214,6 +230,10 @@ class Receiver:
             return "receiver: no fix"
         if now_ns - (self._last.arrival_ns if self._last else self._connected_ns) > STALE_FIX_NS:
             return "receiver: says that it has a fix, but tells no new one"
+        if self._consistency.is_frozen:
+            return "receiver: its position has never changed although its velocity says that it moves"
+        if self._row is not None and int(self._row["arrival_ns"][0] - self._row["t_ns"][0]) > TOO_LATE_NS:
+            return "receiver: its fixes come more than two seconds late, too late for the filter"
         if self._verdict in BY_SETTING:
             return f"receiver: its fixes are refused by {self._verdict}"
         if self._jumped_ns is not None and now_ns - self._jumped_ns < JUMPED_NS:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from ..configuration.settings import Gnss
 from ..math.arrays import Records
+from ..sensors.fix_consistency import consistent
 from .inputs import SkippedRows, read_fixes
 from .lines import is_nmea
 from .nmea_log import fixes_of_log
@@ -24,5 +25,5 @@ def fixes_of_file(
     Raises BadDataError if there is none, InputMissingError.
     """
     if is_nmea(path):
-        return fixes_of_log(path, origin, first_ns, settings, tell)
-    return without_refused(path, read_fixes(path, origin, left_out), settings, tell)
+        return consistent(fixes_of_log(path, origin, first_ns, settings, tell), tell)
+    return consistent(without_refused(path, read_fixes(path, origin, left_out), settings, tell), tell)

@@ -16,6 +16,7 @@ import socket
 import subprocess
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,7 @@ _CALM_MINUTES = 3.0  # a shorter run has its troubles in quicker succession
 _FIRST_STATE_S = 60.0
 _SETTLE_S = 2.0  # after the end, for what is under way
 _DAMAGED = re.compile(r"g350: \d+ messages sent, (\d+) of them damaged")
+_WRITTEN = re.compile(r"g350: written late by ([\d./ ]+) ms")
 _WAITED = re.compile(r"g350: bytes waited for the kernel for up to ([\d.]+) s")
 
 
@@ -71,6 +73,7 @@ def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> 
     from . import table
     from .received import EstimateReader, StreamReader, status_of, take_priority_of
     from .troubles import CONFIGURATION, StalledClients, Troubles, WallClock, require_ended_well
+    from .waits import ProcessorWaits
 
     links = [base / name for name in _DEVICES]
     gpsd, stream, log = base / "gpsd.sock", base / "stream", base / "daemon.log"
@@ -112,6 +115,7 @@ def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> 
     troubles = Troubles(daemon, clients, clock, settings, min(args.minutes / _CALM_MINUTES, 1.0))
     print(table.HEAD, flush=True)
     memory: list[int] = []
+    waits = ProcessorWaits({"daemon": daemon.pid, "emulator": emulator.pid, "client": reader.pid})
     row_s = _ROW_S
     with contextlib.suppress(KeyboardInterrupt):
         for elapsed_s in _turns(60.0 * args.minutes, reader, estimates, troubles):
@@ -119,6 +123,7 @@ def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> 
             require_ended_well(daemon, log)
             status = status_of(gpsd)
             memory.append(status["memory_bytes"])
+            waits.update()
             if elapsed_s >= row_s:
                 row_s += _ROW_S
                 print(table.row(elapsed_s, status, reader.counts()), flush=True)
@@ -131,9 +136,10 @@ def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> 
     if not states.count:
         raise ImudError(f"soak: no state came; the daemon's log:\n{log.read_text()[-3000:]}")
     emulated = emulator_log.read_text()
-    damaged, waited = _DAMAGED.search(emulated), _WAITED.search(emulated)
+    damaged, waited, written = (each.search(emulated) for each in (_DAMAGED, _WAITED, _WRITTEN))
     made = table.losses(status_of(gpsd), states, int(damaged[1]) if damaged else 0, float(waited[1]) if waited else 0.0)
-    print(table.summary(made, states, estimates.comparison, troubles.counts, memory))
+    made = replace(made, emulator_late_ms=written[1]) if written else made
+    print(table.summary(made, states, estimates.comparison, troubles.counts, memory, waits.waits))
     return 1 if made.lost or made.internal_errors else 0
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from ..demo.comparison import Comparison
 from .received import Counts
+from .waits import Waits
 
 HEAD = (
     f"{'min':>6}{'samples':>10}{'lost':>6}{'missing':>8}{'late p50':>10}{'p99':>8}{'max ms':>9}{'MB':>7}{'files':>6}"
@@ -24,6 +25,7 @@ class Losses:
     missing: int  # processed, but not received by the client of the stream
     internal_errors: int
     kernel_late_s: float  # most that bytes waited until the kernel had passed earlier ones on to the daemon's side
+    emulator_late_ms: str = "unknown"  # of the emulator's writes: median / 99th percentile / most
 
     @property
     def lost(self) -> int:
@@ -53,7 +55,12 @@ def row(elapsed_s: float, status: Mapping[str, Any], states: Counts) -> str:
 
 
 def summary(
-    made: Losses, states: Counts, comparison: Comparison, troubles: Mapping[str, int], memory: list[int]
+    made: Losses,
+    states: Counts,
+    comparison: Comparison,
+    troubles: Mapping[str, int],
+    memory: list[int],
+    waits: Mapping[str, Waits],
 ) -> str:
     """The end: who lost what; lateness; memory; troubles; estimate against truth."""
     p50, p99, longest = (1e3 * late for late in states.late_s)
@@ -66,6 +73,11 @@ def summary(
         f"{'longest gap between states':42}{states.longest_gap_s:10.3f} s",
         f"{'lateness, median / 99th percentile / most':42}{p50:10.2f} / {p99:.2f} / {longest:.1f} ms",
         f"{'  of it, most that the kernel held bytes back':42}{1e3 * made.kernel_late_s:8.1f} ms",
+        f"{'  of it, the emulator wrote late':42}{made.emulator_late_ms:>10} ms",
+        *(
+            f"{f'  waiting for a processor, {name}':48}{each.mean_ms:7.3f} ms a run, {each.waited_s:.1f} s in all"
+            for name, each in waits.items()
+        ),
         f"{'memory, after a tenth / at the end':42}{memory[len(memory) // 10] / 1e6:10.1f} / {memory[-1] / 1e6:.1f} MB",
         f"{'internal errors':42}{made.internal_errors:10}",
         f"{'troubles':42}{', '.join(f'{count} {name}' for name, count in troubles.items())}",

@@ -221,7 +221,6 @@ STORED_MEASUREMENT = np.dtype(
         ("measurement", MEASUREMENT),  # if it is from another source
         ("age_variance", "<f8"),  # s^2, of its epoch less the age of its source
         ("bank", "<i8"),  # number of the hypothesis bank before a fix
-        ("too_late", "<i8"),  # 1: its epoch is before the horizon, so that it is fused later
         ("last_epoch_ns", "<i8"),  # these three as in STATE, before a fix
         ("last_time_offset", "<f8"),
         ("last_fusion_ns", "<i8"),

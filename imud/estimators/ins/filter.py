@@ -45,9 +45,6 @@ TUNABLES = (
     Tunable(
         "max_ahead_s", 1.0, "s", "Largest time by which a measurement may be newer than the newest sample.", "Choice."
     ),
-    Tunable(
-        "max_age_s", 10.0, "s", "Largest time by which a measurement may be older than the newest sample.", "Choice."
-    ),
 )
 
 
@@ -117,19 +114,19 @@ def initialize(p: Parameters, c: Core, t_ns: int, w: Reals, f: Reals, rpy: Reals
 
 @kernel
 def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> int:
-    """Fuse one fix at its epoch less the estimated time offset; returns the rows of innovations written."""
+    """Fuse one fix at its epoch less the estimated time offset; returns the rows of innovations written.
+
+    One that is older than the last one, or than the fusion horizon, is rejected.
+    """
     c = s.core[0]
     if s.sample_count == 0 or not is_usable(fix):
         return 0
-    age = 1e-9 * (c.nav.t_ns - fix.t_ns)
-    if fix.t_ns < s.last_epoch_ns or not -p.tuning.max_ahead_s < age < p.tuning.max_age_s:
-        return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
+    too_new = 1e-9 * (fix.t_ns - c.nav.t_ns) >= p.tuning.max_ahead_s
     t_ns, snapshots = fusion_time(s, fix), s.snapshot_count
-    too_late = not rewind_to(s, t_ns)
-    k = insert_measurement(s, c.nav.t_ns if too_late else t_ns, GNSS_FIX)
-    e = s.aiding_ring[k % AIDING_RING]
-    e.fix = fix
-    e.too_late = 1 if too_late else 0
+    if fix.t_ns < s.last_epoch_ns or too_new or not rewind_to(s, t_ns):
+        return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
+    k = insert_measurement(s, t_ns, GNSS_FIX)
+    s.aiding_ring[k % AIDING_RING].fix = fix
     return fuse_from(p, s, k, snapshots, innovations)
 
 
@@ -167,7 +164,7 @@ def fuse_from(p: Parameters, s: State, new: int, snapshots: int, innovations: li
     rows = 0
     for k in range(c.nav.fused_count, s.aiding_start + s.aiding_count):
         e = s.aiding_ring[k % AIDING_RING]
-        if e.kind == GNSS_FIX and not e.too_late:
+        if e.kind == GNSS_FIX:
             e.t_ns = fusion_time(s, e.fix)
         propagate_to_epoch(p, s, e.t_ns, s.interpolated_w, s.interpolated_f)
         propagate_errors(p, c)

@@ -70,7 +70,7 @@ def insert_measurement(s: State, t_ns: int, kind: int) -> int:
         s.aiding_ring[k % AIDING_RING] = s.aiding_ring[(k - 1) % AIDING_RING]
         k -= 1
     e = s.aiding_ring[k % AIDING_RING]
-    e.t_ns, e.kind, e.too_late = t_ns, kind, 0
+    e.t_ns, e.kind = t_ns, kind
     if kind == GNSS_FIX:
         e.bank = s.bank_count
         s.bank_count += 1

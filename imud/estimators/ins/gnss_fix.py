@@ -9,7 +9,6 @@ from imud.drivers import elementary
 
 from ...compile.jit import kernel
 from ..records import POSITION_N
-from ..tuning import Tunable
 from .aiding.gnss_gate import (
     clear_contradictions,
     contradicts_heading,
@@ -41,10 +40,6 @@ from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS
 if TYPE_CHECKING:
     from ..types import Fix, Innovation
     from .types import Core, HypothesisBank, Parameters
-
-TUNABLES = (
-    Tunable("max_rewind_miss_s", 1.0, "s", "A velocity of a fix that is later than this is not used.", "Choice."),
-)
 
 
 @kernel
@@ -84,8 +79,7 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
         align_with_fix(p, c, b, fix)
     if not first:
         rows = fuse_gnss_position(p, c, fix, age, innovations, rows)
-    if abs(age) < p.tuning.max_rewind_miss_s:
-        rows = fuse_gnss_velocity(p, c, fix, age, innovations, rows)
+    rows = fuse_gnss_velocity(p, c, fix, age, innovations, rows)
     if c.alignment.mode == NAVIGATING and wheels_support(p, c) and not wheels_reject(p, c):
         otherwise = max(explained_by_time_offset_step(c), explained_by_gyro_bias_step(p, c))
         if detect_velocity_drift(p, c, otherwise) > 0.0:

@@ -247,8 +247,6 @@ class Tuning:
     min_attitude_noise: float
     unknown_accel: float
     max_ahead_s: float
-    max_age_s: float
-    max_rewind_miss_s: float
     heading_sigma: float
     heading_correlation_s: float
     heading_time_sigma: float

@@ -448,7 +448,6 @@ class StoredMeasurement:
     measurement: Measurement
     age_variance: float
     bank: int
-    too_late: int
     last_epoch_ns: int
     last_time_offset: float
     last_fusion_ns: int

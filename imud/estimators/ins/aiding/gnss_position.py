@@ -44,7 +44,7 @@ TUNABLES = (
         "Gate of a position innovation without the estimated GNSS bias.",
         "A bias drifts, it does not jump.",
     ),
-    Tunable("late_fix_accel", 1.0, "m/s^2", "Acceleration assumed for a fix that is too late for a rewind.", "Choice."),
+    Tunable("late_fix_accel", 1.0, "m/s^2", "Acceleration assumed from a fix to its fusion.", "Choice."),
     Tunable(
         "turn_between_fixes_s", 1.0, "s", "Time over which an error of the lever arm acts in a turn.", "1 Hz receivers."
     ),

@@ -217,6 +217,18 @@ class TimeOffsetStep:
     jump: Tensor
 
 
+class CompassOffset:
+    onset_ns: int
+    last_ns: int
+    unconfirmed: int
+    information: float
+    vector: float
+    energy: float
+    count: float
+    sensitivity: Tensor
+    heading_variance: float
+
+
 class GyroBiasStep:
     last_ns: int
     heading_variance: float
@@ -287,6 +299,7 @@ class SourceAge:
 
 class HeadingAid:
     last_ns: int
+    last_used_ns: int
     distrusted: int
     agreeing_ns: int
 
@@ -382,6 +395,7 @@ class Snapshot:
     time_offset_step: TimeOffsetStep
     gyro_bias_step: GyroBiasStep
     velocity_drift: VelocityDrift
+    compass_offset: CompassOffset
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid
@@ -407,6 +421,7 @@ class Core:
     time_offset_step: TimeOffsetStep
     gyro_bias_step: GyroBiasStep
     velocity_drift: VelocityDrift
+    compass_offset: CompassOffset
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid

@@ -147,7 +147,7 @@ def fuse_pose(p: Parameters, c: Core, m: Measurement, innovations: list[Innovati
         length, gate = pose_jacobian(c, arm, i), NO_GATE if used else REJECT
         timing, offset = lasting_variances(p, c, i)
         shared = others * r + others_of_age * timing + others_of_offset * offset
-        value, s, _ = correlated_update(c, length, z, r + timing + offset, shared, gate)
+        value, s, _ = correlated_update(c, length, z, r + timing + offset, shared, gate, -1)
         if used and i < 3:
             update_offset(p, c, i, z, s, dt)
         n = write_innovation(innovations, n, m.t_ns, POSE_N + i, value, s, used)

@@ -196,7 +196,7 @@ def fuse_magnetometer(p: Parameters, c: Core, m: Measurement, innovations: list[
     s = h + r
     if used and known > least:  # with this variance the heading's is not below `least` afterwards
         others = max(shared * shared / (known - least) - s, 0.0)
-        correlated_update(c, length, z, r, others, NO_GATE)
+        correlated_update(c, length, z, r, others, NO_GATE, -1)
         correct_state(p, c)
     g.heading_variance = variance(c, ATTITUDE + 2)
     return write_innovation(innovations, 0, m.t_ns, MAGNETOMETER, z, s, used)

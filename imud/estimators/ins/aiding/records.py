@@ -88,6 +88,7 @@ SOURCE_AGE = np.dtype(  # by how much the measurements of a source are older tha
 HEADING_AID = np.dtype(
     [
         ("last_ns", "<i8"),  # epoch of the last heading
+        ("last_used_ns", "<i8"),  # and of the last that was used
         ("distrusted", "<i8"),  # 1: the motion has contradicted a heading that was fused from it
         ("agreeing_ns", "<i8"),  # since when it has agreed again
     ],

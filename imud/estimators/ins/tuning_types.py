@@ -234,6 +234,7 @@ class Tuning:
     compass_offset_share: float
     confirmed_offset: float
     confirmed_residual: float
+    compass_offset_residual: float
     confirming_fixes: float
     time_offset_step_chi2: float
     time_offset_step_onset_chi2: float

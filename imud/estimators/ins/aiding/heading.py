@@ -91,7 +91,7 @@ def distrust_compass(c: Core) -> None:
     if c.heading_aid.last_ns != NEVER_NS:
         c.heading_aid.distrusted = 1
         c.heading_aid.agreeing_ns = NEVER_NS
-        close_compass_offset(c)
+    close_compass_offset(c)
 
 
 @kernel

@@ -8,12 +8,13 @@ and the estimate, which began with them or follows them, by w d:
 
 The innovation z, of variance s, of a fix has the mean h w d. Least squares over the innovations of the last
 `compass_offset_memory_s`, used or not, gives d, and its chi-square is compared with a threshold (generalized likelihood
-ratio, GLR), divided by the mean square of the residuals where that is above 1. A heading is confirmed once d is known to
-be small and the residuals are as expected. Until then a contradiction is the heading's, not the receiver's: no drift or
-step of its time tags is looked for, and few rejected velocities (`unconfirmed_velocity_rejects`) end the heading.
+ratio, GLR), divided by the mean square of the residuals where that is above 1. A heading is confirmed once d is known
+to be small and the residuals are as expected. Until then a contradiction is the heading's, not the receiver's: no
+drift or step of its time tags is looked for, and few rejected velocities (`unconfirmed_velocity_rejects`) end the
+heading.
 
-When an offset is detected, x += w d and P += sigma^2 w w'. Of a large one the effect is not linear: the heading then
-has to be found anew.
+When an offset is detected, x += w d and P += sigma^2 w w'. The effect of a large one is not linear, and that of an
+offset that varies, as near iron, is another: the heading then has to be found anew.
 
 Source: Friedland, Treatment of bias in recursive filtering (1969), whose V is w; Willsky and Jones (1976).
 """
@@ -52,7 +53,7 @@ TUNABLES = (
     ),
     Tunable(
         "max_compass_offset",
-        math.radians(30.0),
+        math.radians(15.0),
         "rad",
         "Largest offset whose effect is corrected; for a larger one the heading is found anew.",
         "Linearization.",
@@ -66,6 +67,13 @@ TUNABLES = (
         "Choice.",
     ),
     Tunable("confirmed_residual", 3.0, "", "Largest mean NIS of the fixes that confirm a heading.", "Choice."),
+    Tunable(
+        "compass_offset_residual",
+        2.0,
+        "",
+        "Largest mean NIS that a detected offset leaves where it is constant.",
+        "Choice.",
+    ),
     Tunable("confirming_fixes", 3.0, "fixes", "Least number of innovations that confirm a heading.", "Choice."),
 )
 
@@ -126,7 +134,10 @@ def add_to_compass_offset(p: Parameters, c: Core, length: int, z: float, s: floa
 
 @kernel
 def update_compass_offset(c: Core, length: int, s: float, axis: int) -> None:
-    """w <- w - K (b + h w) before the scalar update that follows, of variance s; b: 1 for a heading; P h is in scratch.d."""
+    """w <- w - K (b + h w) before the scalar update that follows, of variance s; P h is in scratch.d.
+
+    b: 1 for a heading, else 0.
+    """
     g = c.compass_offset
     if g.onset_ns == NEVER_NS:
         return
@@ -176,10 +187,11 @@ def find_compass_offset(p: Parameters, c: Core) -> float:
 def correct_compass_offset(p: Parameters, c: Core, d: float) -> bool:
     """Gather what an offset d, rad, has done to the estimate in scratch.x, and add its variance to P.
 
-    False: it is too large for that.
+    False: it is too large for that, or not constant.
     """
-    w, d2 = c.compass_offset.sensitivity, (d * p.tuning.compass_offset_share) ** 2
-    if abs(d) > p.tuning.max_compass_offset:
+    g, w, d2 = c.compass_offset, c.compass_offset.sensitivity, (d * p.tuning.compass_offset_share) ** 2
+    residual = g.energy - explained_by_compass_offset(c)
+    if abs(d) > p.tuning.max_compass_offset or residual > p.tuning.compass_offset_residual * g.count:
         return False
     for i in range(STATES):
         add_correction(c, i, w[i, 0] * d)

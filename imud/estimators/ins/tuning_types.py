@@ -313,6 +313,12 @@ class Tuning:
     baro_offset_per_speed2: float
     baro_gate: float
     baro_reopen_s: float
+    baro_ratio_s: float
+    baro_ratio_change: float
+    baro_ratio_noise: float
+    baro_ratio_memory_s: float
+    baro_ratio_tolerance: float
+    baro_ratio_height: float
     baro_known_height: float
     pose_sigma: float
     pose_yaw_sigma: float

@@ -276,8 +276,16 @@ class Alignment:
 class Barometer:
     last_ns: int
     last_used_ns: int
+    rejected_ns: int
     height: float
     speed2: float
+    reading: float
+    changed_ns: int
+    ratio_ns: int
+    ratio_reading: float
+    ratio_height: float
+    reading2: float
+    reading_height: float
 
 
 class ExternalAid:

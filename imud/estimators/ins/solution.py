@@ -20,7 +20,6 @@ from ..records import (
 )
 from ..tuning import Tunable
 from .ekf import variance
-from .integrity.compass_offset import is_unconfirmed
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, POSITION, STATES, VELOCITY
 
 if TYPE_CHECKING:
@@ -74,7 +73,7 @@ def status_bits(p: Parameters, c: Core, sigma_rpy: Reals, sigma_down: float) -> 
         bits |= ATTITUDE_VALID
     known = c.alignment.mode == NAVIGATING or c.alignment.heading_sigma > 0.0
     contradicted = c.alignment.heading_fault_count >= p.tuning.contradicted_heading_pairs
-    contradicted |= is_unconfirmed(c) and c.integrity.velocity_reject_count > 1
+    contradicted |= c.compass_offset.unconfirmed != 0 and c.integrity.velocity_reject_count > 1
     if known and not contradicted and sigma_rpy[2] < p.tuning.max_valid_heading_sigma:
         bits |= HEADING_VALID
     if c.gnss.fix_count > 0:

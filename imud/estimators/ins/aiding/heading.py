@@ -19,7 +19,6 @@ from ...aiding_source import DEGREE, AidingSource, Column
 from ...innovation_kinds import KINDS
 from ...records import HEADING, HEADING_SOURCE
 from ...tuning import Tunable
-from ..alignment.modes import HEADING_LOST, change_mode
 from ..ekf import innovation_variance, set_jacobian
 from ..fusion import REJECT, correct_state, correlated_update, write_innovation
 from ..integrity.compass_offset import close_compass_offset, is_unconfirmed, open_compass_offset
@@ -102,9 +101,10 @@ def has_compass(p: Parameters, c: Core) -> bool:
 
 
 @kernel
-def rejected_s(c: Core, m: Measurement) -> float:
-    """How long a heading that a compass gave has been contradicted by its headings, s."""
-    return 1e-9 * (m.t_ns - max(c.heading_aid.last_used_ns, c.compass_offset.onset_ns))
+def contradicts_itself(p: Parameters, c: Core, m: Measurement) -> bool:
+    """Whether a compass gave the heading, motion has not confirmed it, and its headings have been rejected for long."""
+    rejected_s = 1e-9 * (m.t_ns - max(c.heading_aid.last_used_ns, c.compass_offset.onset_ns))
+    return bool(is_unconfirmed(c) and rejected_s > p.tuning.heading_reject_s)
 
 
 @kernel
@@ -155,7 +155,4 @@ def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innov
     if used:
         correct_state(p, c)
         c.heading_aid.last_used_ns = m.t_ns
-    elif is_unconfirmed(c) and rejected_s(c, m) > p.tuning.heading_reject_s:
-        distrust_compass(c)
-        change_mode(p, c, HEADING_LOST)
     return write_innovation(innovations, 0, m.t_ns, HEADING, z, s, used)
